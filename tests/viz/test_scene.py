@@ -18,6 +18,7 @@ import pytest
 import umsgpack
 from synthetic_record import QUANTITIES, SURROUNDINGS, synthetic_record, without
 
+from uvms_ocp import scenarios
 from uvms_ocp.errors import InvalidInput, OutputError
 from uvms_ocp.record.meta_values import FaultMeta, FloorRelief, FrameMeta, MarkerMeta, ObstacleMeta, SurroundingsMeta
 from uvms_ocp.record.record import Record
@@ -29,7 +30,7 @@ from uvms_ocp.robot.thrusters import thruster_matrix
 from uvms_ocp.viz.scene.page import CommandLog, ScenePage, served
 from uvms_ocp.viz.scene.shapes import draw_shape, tube
 from uvms_ocp.viz.scene.show import show, write_scene
-from uvms_ocp.viz.series import floor_heights
+from uvms_ocp.viz.series import floor_heights, phase_spans
 
 _FPS = 25
 _KINDS = ("set_object", "set_transform")
@@ -432,3 +433,31 @@ def test_the_page_tells_what_went_wrong_and_when(tmp_path: Path) -> None:
     frozen, dead = _details(page)["faults"]
     assert (frozen["name"], frozen["start"], frozen["end"], frozen["ended"]) == ("altimeter_range:frozen", 2.0, 6.0, False)
     assert (dead["name"], dead["start"], dead["end"], dead["ended"]) == ("thruster3:dead", 3.0, 4.0, True)
+
+
+def test_a_goal_that_moves_is_drawn_where_it_is() -> None:
+    X_WG = pin.SE3(pin.rpy.rpyToMatrix(0.0, 0.4, 3.0), np.array([12.2, 37.4, -39.5]))
+
+    def goal(t: float) -> tuple[pin.SE3, np.ndarray]:
+        return X_WG * pin.SE3(pin.rpy.rpyToMatrix(0.0, 0.0, 0.5 * t), np.array([0.3 * np.sin(t), 0.0, 0.1 * t])), np.zeros(6)
+
+    scenario = scenarios.case1(tool_goal=goal, duration=6.0, dt=0.02, plant="kinematic")
+    keys = _tracks(show(scenario.run(), scenario.robot, fps=_FPS).html)
+    for name, number in ((".position", slice(3)), (".quaternion", slice(3, 7))):
+        (track,) = [found for (path, kind), found in keys.items() if kind == name and path.endswith("/goals/frame 1")]
+        assert len(track) > 5 * _FPS
+        for key in track:
+            wanted = pin.SE3ToXYZQUAT(goal(key["time"] / _FPS)[0])[number]
+            sign = np.sign(wanted @ key["value"]) if name == ".quaternion" else 1.0
+            np.testing.assert_allclose(sign * np.array(key["value"]), wanted, atol=1e-3)
+
+
+def test_a_goal_of_a_phase_moves_from_the_beginning_of_each_visit(record: Record, robot: Robot) -> None:
+    span = phase_spans(record)[1]
+    still = (0.0, 0.0, 0.0, 1.0)
+    way = ((0.0, 1.0, 0.0, 0.0, *still), (100.0, 11.0, 0.0, 0.0, *still))
+    goal = FrameMeta(name="goal", pose=(1.0, 0.0, 0.0, *still), phase=span.name, way=way)
+    page = show(_with_surroundings(record, frames=(goal,)), robot, fps=_FPS).html
+    for key in _positions(page, "/goals/frame 0"):
+        t = key["time"] / _FPS
+        assert key["value"][0] == pytest.approx(1.0 + 0.1 * np.clip(t - span.start, 0.0, span.end - span.start), abs=0.01)

@@ -232,7 +232,11 @@ class FrameMeta(MetaValue):
 
     name: str
     pose: tuple[Number, Number, Number, Number, Number, Number, Number]
-    """(7,) X_WF: p_WF [m] and quaternion xyzw."""
+    """(7,) X_WF: p_WF [m] and quaternion xyzw; where it is first, if it moves."""
+    phase: str | None = None
+    """Phase with whose beginning its way begins; `None`: with the run."""
+    way: tuple[tuple[Number, Number, Number, Number, Number, Number, Number, Number], ...] = ()
+    """t [s] since then, and the pose; empty where it stays."""
 
     @model_validator(mode="after")
     def _turns(self) -> FrameMeta:

@@ -43,6 +43,8 @@ class RunOutcome:
 
     q: np.ndarray
     """(n_q,) [m, rad] the true configuration."""
+    t: float
+    """[s] when it ended."""
     quantities: Mapping[str, float]
     """Values by ``task.quantity``, at the true state [m] or [rad]."""
     wall_s: float
@@ -53,6 +55,9 @@ class RunOutcome:
     """(n_v,) [m, rad] standard deviation of the estimated configuration, where the estimator tells."""
     stopped: Literal["", "stopped", "diverged", "cut off"] = ""
     """As that of `RunMeta`."""
+
+
+_WAY_STEP, _MOST_PLACES = 0.1, 3000  # [s] between places of a goal that moves, and how many there are at most
 
 
 def computed_or(instead: _T, name: str, compute: Callable[[], _T]) -> _T:
@@ -100,7 +105,7 @@ def run_meta(
             meta_values.ThresholdMeta(**_condition_fields(one), phase=phase.name) for phase in phases for one in phase.conditions
         ),
         limits=meta_values.LimitsMeta(**{k: tuple(getattr(robot.limits, k).tolist()) for k in limited}),
-        surroundings=_surroundings(setup, markers, ending.q),
+        surroundings=_surroundings(setup, markers, ending),
         packages=packages(),
         **parts,
         floating=bool(robot.n_vehicle),
@@ -143,13 +148,13 @@ def _values(quantities: Mapping[str, float]) -> tuple[meta_values.QuantityMeta, 
     return tuple(meta_values.QuantityMeta(name=name, value=value) for name, value in quantities.items())
 
 
-def _surroundings(setup: Setup, markers: Markers, end: np.ndarray) -> meta_values.SurroundingsMeta:
+def _surroundings(setup: Setup, markers: Markers, ending: RunOutcome) -> meta_values.SurroundingsMeta:
     return meta_values.SurroundingsMeta(
-        frames=tuple(_goal_frames(setup.mission)),
+        frames=tuple(_goal_frames(setup.mission, ending.t)),
         markers=tuple(meta_values.MarkerMeta(name=name, position=point) for name, point in markers.items()),
         obstacles=describe_obstacles(setup.environment.obstacles),
         floor_z=setup.floor_at(*_place(setup, setup.start)),
-        floor=computed_or(None, "the floor around it", lambda: _relief(setup, markers, end)),
+        floor=computed_or(None, "the floor around it", lambda: _relief(setup, markers, ending.q)),
     )
 
 
@@ -158,16 +163,19 @@ def _place(setup: Setup, q: np.ndarray) -> np.ndarray:
     return q[:2] if setup.robot.n_vehicle else np.zeros(2)
 
 
-def _goal_frames(mission: Mission) -> Iterator[meta_values.FrameMeta]:
-    """Goals of all tasks that have a pose for one, those of phases too; where they begin, if they move."""
+def _goal_frames(mission: Mission, end: float) -> Iterator[meta_values.FrameMeta]:
+    """Goals of all tasks that have a pose for one, those of phases too, with their ways until `end` [s], if they move."""
+    t = np.linspace(0.0, end, 2 + min(int(end / _WAY_STEP), _MOST_PLACES))
     for task in mission.hierarchy.tasks:
         if isinstance(task, (PoseTask, ToolPosition)):
-            own = {phase.name: phase.goals[task.name] for phase in mission.all_phases if task.name in phase.goals}
-            named = {f"goal of {task.name}": task.goal}
-            named |= {f"goal of {task.name} in {phase}": goal for phase, goal in own.items()}
-            for name, goal in named.items():
-                X_WF = evaluate_pose(task.name, goal, 0.0)[0]
-                yield meta_values.FrameMeta(name=name, pose=tuple(pin.SE3ToXYZQUAT(X_WF).tolist()))
+            goals = {None: task.goal} | {one.name: one.goals[task.name] for one in mission.all_phases if task.name in one.goals}
+            for phase, goal in goals.items():
+                name = f"goal of {task.name}" + ("" if phase is None else f" in {phase}")
+                places = [
+                    pin.SE3ToXYZQUAT(evaluate_pose(task.name, goal, k)[0]).tolist() for k in (t if callable(goal) else t[:1])
+                ]
+                way = tuple((k, *place) for k, place in zip(t.tolist(), places, strict=True)) if callable(goal) else ()
+                yield meta_values.FrameMeta(name=name, pose=tuple(places[0]), phase=phase, way=way)
 
 
 def _relief(setup: Setup, markers: Markers, end: np.ndarray) -> meta_values.FloorRelief | None:

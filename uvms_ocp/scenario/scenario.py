@@ -356,7 +356,7 @@ class Scenario(FieldTable):
         def news() -> RunMeta | None:
             """Metadata so far, after an event or an alarm."""
             before, seen[:] = seen.copy(), map(len, (kinematic.events, estimator.monitor.alarms, kinematic.watchdog.alarms))
-            ending = RunOutcome(q=plant.state.q, quantities={}, wall_s=perf_counter() - begin, stopped="cut off")
+            ending = RunOutcome(q=plant.state.q, t=self.duration, quantities={}, wall_s=perf_counter() - begin, stopped="cut off")
             return None if seen == before or has_diverged(plant.state) else meta(ending=ending)
 
         recorder = None if folder is None else Recorder(min(512, max(1, round(2.0 / self.dt))), Path(folder), news)
@@ -379,7 +379,15 @@ class Scenario(FieldTable):
             ends.append(quantities(State(q=np.array(flown["q"][row]), v=np.array(flown["v"][row])), event.t, goals))
         stopped: Literal["", "stopped", "diverged"] = "diverged" if diverged else "stopped" if presses else ""
         std = recorder.last("q_std") if "q_std" in recorder else None
-        ending = RunOutcome(q=recorder.last("q"), quantities=truth, at_events=tuple(ends), wall_s=wall, std=std, stopped=stopped)
+        ending = RunOutcome(
+            q=recorder.last("q"),
+            t=recorder.last("t"),
+            quantities=truth,
+            at_events=tuple(ends),
+            wall_s=wall,
+            std=std,
+            stopped=stopped,
+        )
         return recorder.freeze(meta(ending=ending))
 
     def _plant(self) -> Plant:

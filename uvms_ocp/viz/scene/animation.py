@@ -17,7 +17,7 @@ from uvms_ocp.robot.roles import ALTIMETER, TOOL
 from uvms_ocp.viz.scene.page import AnimationClip, AnimationTrack, Visualizer
 from uvms_ocp.viz.scene.page import geometry as mg
 from uvms_ocp.viz.scene.shapes import Y_TO_Z, draw_shape, glow, shifted
-from uvms_ocp.viz.series import require_rows
+from uvms_ocp.viz.series import phase_spans, require_rows
 
 # The robot and its altimeter's beam, and how they move: the record thinned to the frames of an animation.
 
@@ -102,6 +102,23 @@ def _track(name: str, kind: str, time: np.ndarray, values: np.ndarray) -> Animat
     same = np.all(np.isclose(values[1:], values[:-1], rtol=0, atol=1e-7), axis=1)
     keep = ~np.concatenate([[False], same[:-1] & same[1:], [False]])
     return AnimationTrack(name, kind, frames=time[keep].tolist(), values=values[keep].tolist())
+
+
+def goal_clips(record: Record, frames: Frames, fps: float) -> Iterator[tuple[str, AnimationClip]]:
+    """How each goal that moves does at `fps` [Hz], by the name of its node; one of a phase waits there for the next visit."""
+    for i, frame in enumerate(record.meta.surroundings.frames):
+        if frame.way:
+            way, elapsed = np.array(frame.way), frames.t
+            if frame.phase is not None:
+                elapsed = np.zeros(len(frames.t))
+                for span in phase_spans(record):
+                    if span.name == frame.phase:
+                        begun = frames.t >= span.start
+                        elapsed[begun] = np.minimum(frames.t[begun], span.end) - span.start
+            way[1:, 4:] *= np.cumprod(np.sign(np.sum(way[1:, 4:] * way[:-1, 4:], axis=1)))[:, None]  # the short way round
+            poses = np.column_stack([np.interp(elapsed, way[:, 0], column) for column in way[:, 1:].T])
+            poses[:, 3:] /= np.linalg.norm(poses[:, 3:], axis=1, keepdims=True)
+            yield f"frame {i}", _clip(_pose_tracks(frames.t * fps, poses), fps)
 
 
 def draw_beam(node: Visualizer) -> None:

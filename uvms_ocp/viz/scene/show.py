@@ -215,7 +215,7 @@ def _draw(
         draw_robot(root[ghost.node], robot, ghost.rgba)
     draw_goals(root["goals"], record)
     draw_obstacles(root["obstacles"], record)
-    clips: dict[Any, Any] = {}
+    clips: dict[Any, Any] = {root["goals"][name].path: clip for name, clip in animation.goal_clips(record, frames, fps)}
     for node, moved in (("robot", frames), *((ghost.node, ghost.frames) for ghost in ghosts)):
         clips |= {root[node][joint_node(robot.model, j)].path: clip for j, clip in animation.joint_clips(robot, moved, fps)}
     beam = frames.altimeter is not None and "altimeter_range" in record.series

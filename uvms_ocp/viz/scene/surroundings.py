@@ -85,12 +85,12 @@ def draw_goals(node: Visualizer, record: Record) -> None:
 def labels(record: Record, centre: np.ndarray) -> list[dict[str, Any]]:
     """Names of markers, goal frames and obstacles, and where they stand (3,) [m] from centre (3,) [m] in W.
 
-    One name for each place.
+    One name for each place; goals that move have none.
     """
     around = record.meta.surroundings
     found: list[dict[str, Any]] = []
     named = [(item.name, item.position, "marker") for item in around.markers]
-    named += [(item.name, item.pose[:3], "frame") for item in around.frames]
+    named += [(item.name, item.pose[:3], "frame") for item in around.frames if not item.way]
     named += [(item.name, item.position, "obstacle") for item in around.obstacles]
     for text, place, kind in named:
         position = (np.array(place) - centre).round(4).tolist()
