@@ -23,6 +23,11 @@ from uvms_ocp.scenario import case1
 SHORT = replace(case1(), duration=1.0)
 
 
+@pytest.fixture(autouse=True)
+def _wanted(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.delenv("TQDM_DISABLE", raising=False)
+
+
 class Terminal(StringIO):
     def isatty(self) -> bool:
         return True

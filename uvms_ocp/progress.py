@@ -33,6 +33,6 @@ def progress_bar(*, shown: bool = True, **given: Any) -> Any:
         from tqdm.auto import tqdm
     wanted = shown and _wanted[0] and os.environ.get("TQDM_DISABLE", "0") in ("", "0")
     notebook = type(sys.stderr).__module__.startswith("ipykernel")
-    terminal = sys.stderr is not None and sys.stderr.isatty() and not isinstance(sys.stderr, FileProxy)
+    terminal = getattr(sys.stderr, "isatty", bool)() and not isinstance(sys.stderr, FileProxy)
     given |= {"miniters": 0, "smoothing": 0.0}  # time goes on where nothing else does
     return tqdm(disable=not wanted or not (notebook or terminal), leave=False, dynamic_ncols=True, **given)

@@ -34,12 +34,12 @@ def test_the_cache_is_shown_and_cleared(
 ) -> None:
     monkeypatch.setenv("UVMS_OCP_CACHE", str(tmp_path))
     cache()
-    assert capsys.readouterr().out == f"{tmp_path}: 0 libraries, 0.0 MB\n"
+    assert capsys.readouterr().out == f"{tmp_path}: libraries: 0, 0.0 MB\n"
     compile_library("int answer(void) { return 42; }", name="answer")
     cache()
-    assert capsys.readouterr().out == f"{tmp_path}: 1 libraries, 0.0 MB, the oldest used 0.0 days ago\n"
+    assert capsys.readouterr().out == f"{tmp_path}: libraries: 1, 0.0 MB, the oldest used 0.0 days ago\n"
     cache(clear=True)
-    assert capsys.readouterr().out.startswith(f"{tmp_path}: removed 1 libraries")
+    assert capsys.readouterr().out.startswith(f"{tmp_path}: removed libraries: 1")
     assert not list(tmp_path.iterdir())
 
 

@@ -70,8 +70,11 @@ def test_the_cache_keeps_what_was_used_last(monkeypatch: pytest.MonkeyPatch, tmp
         os.utime(path, (1.0, 1.0))
     assert _compile_visible(SOURCE + "/* 0 */") == used
     monkeypatch.setattr(building, "MOST_CACHED", 2.5 * used.stat().st_size)
+    foreign = tmp_path / "cache" / "my_driver.so"
+    foreign.touch()
     last = _compile_visible(SOURCE + "/* 2 */")
-    assert [one.path for one in building.cached_libraries(tmp_path / "cache")] == [last, used]
+    assert foreign.exists()
+    assert list(building.cached_libraries(tmp_path / "cache")) == [last, used]
     assert not other.with_suffix(".sha256").exists()
     assert _answer(_compile_visible(SOURCE + "/* 1 */")) == 42.0
 

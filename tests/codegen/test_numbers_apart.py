@@ -39,12 +39,14 @@ def source_of(function: ca.Function) -> str:
     return str(generator.dump())
 
 
+@needs_compiler
 @pytest.mark.parametrize("function_with", [function_of, of_matrices])
 @pytest.mark.parametrize(("a", "b"), [(0.3, 1.7), (-2.2, 1e-9), (1e6, np.pi), (0.0, 1.0)])
 def test_compiled_functions_have_numbers_of_their_own(function_with: type[ca.Function], a: float, b: float) -> None:
     functions = [function_with(a, b), function_with(0.31, 5.5), function_with(a, b)]
     compiled = [compile_function(function) for function in functions]
     for function, one in zip(functions, compiled, strict=True):
+        assert one is not function
         for value, known in zip(one(X, 0.7), function(X, 0.7), strict=True):
             np.testing.assert_allclose(np.array(value), np.array(known), rtol=1e-13)
 

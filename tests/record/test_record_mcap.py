@@ -7,8 +7,10 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pinocchio as pin
 import pytest
 from same_record import require_same
+from scipy.linalg import block_diag
 
 from uvms_ocp.errors import InvalidInput, NameNotFound
 from uvms_ocp.record.mcap import ROS_MESSAGES, cdr_messages, field_names, ros_definition, values_of
@@ -107,7 +109,9 @@ def test_odometry_has_pose_velocity_and_what_the_filter_says_of_its_error(record
             twist = told.twist.twist
             assert numbers(twist.linear, *"xyz") + numbers(twist.angular, *"xyz") == v[:6].tolist()
     covariance = topics["/odometry_estimated"][-1][2].pose.covariance.reshape(6, 6)
-    np.testing.assert_array_equal(covariance, np.diag(record["q_std"][-1, :6] ** 2))
+    turn = pin.XYZQUATToSE3(record["q_estimated"][-1, :7]).rotation
+    of_turn = turn @ np.diag(record["q_std"][-1, 3:6] ** 2) @ turn.T
+    np.testing.assert_allclose(covariance, block_diag(np.diag(record["q_std"][-1, :3] ** 2), of_turn), rtol=1e-9, atol=1e-15)
 
 
 def test_joints_have_states_by_which_a_urdf_moves(record: Record, topics: dict[str, list[Any]]) -> None:
@@ -146,7 +150,7 @@ def test_channels_say_what_their_columns_are(record: Record, tmp_path: Path) -> 
     record.to_mcap(tmp_path / "run.mcap")
     with (tmp_path / "run.mcap").open("rb") as file:
         channels = make_reader(file).get_summary().channels.values()
-    told = {channel.metadata["series"]: channel.metadata for channel in channels if channel.metadata}
+    told = {channel.metadata["series"]: channel.metadata for channel in channels if "series" in channel.metadata}
     assert told["thrust"]["units"].split("\n") == [unit_of("thrust")] * record["thrust"].shape[1]
     assert told["q"]["units"].split("\n")[2:5] == ["m", "-", "-"]
 

@@ -30,7 +30,6 @@ import tempfile
 import threading
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
-from dataclasses import dataclass
 from functools import cache, lru_cache, partial
 from multiprocessing.pool import ThreadPool
 from pathlib import Path
@@ -64,36 +63,25 @@ def cache_folder() -> tuple[Path | None, str]:
     return None, reason
 
 
-@dataclass(frozen=True, kw_only=True, slots=True)
-class CachedLibrary:
-    """A compiled library in the cache."""
-
-    path: Path
-    size: int
-    """[bytes]"""
-    used: float
-    """[s] since 1970, when it was used last."""
-
-
-def cached_libraries(folder: Path) -> list[CachedLibrary]:
-    """Those of a cache folder, used last first."""
-    found = []
-    for path in folder.glob("*.so"):
+def cached_libraries(folder: Path) -> dict[Path, os.stat_result]:
+    """Those of a cache folder, used last first: when, is their time of modification."""
+    found = dict[Path, os.stat_result]()
+    for path in folder.glob("[0-9a-f]" * 64 + ".so"):
         with suppress(OSError):  # another process removes it
-            status = path.stat()
-            found.append(CachedLibrary(path=path, size=status.st_size, used=status.st_mtime))
-    return sorted(found, key=lambda one: -one.used)
+            found[path] = path.stat()
+    return dict(sorted(found.items(), key=lambda pair: -pair[1].st_mtime))
 
 
-def shrink_cache(folder: Path, most: float) -> list[CachedLibrary]:
+def shrink_cache(folder: Path, most: float) -> dict[Path, os.stat_result]:
     """Remove those used longest ago until at most that many bytes are left; returns what was removed."""
-    left, gone = 0, []
-    for one in cached_libraries(folder):
-        left += one.size
+    left, gone = 0, dict[Path, os.stat_result]()
+    for path, status in cached_libraries(folder).items():
+        left += status.st_size
         if left > most:
-            gone.append(one)
-            for path in (one.path, one.path.with_suffix(".sha256")):
-                path.unlink(missing_ok=True)
+            with suppress(OSError):  # it is in use, or another process removes it
+                path.unlink()
+                gone[path] = status
+                path.with_suffix(".sha256").unlink()
     return gone
 
 
@@ -278,8 +266,12 @@ def compile_library(source: str, flags: Sequence[str] = (), name: str = "C code"
 
 @checked
 def compile_function(function: ca.Function) -> ca.Function:
-    """``function`` in machine code with the same names and sparsities; itself where it cannot be compiled."""
-    compilation, numbers = _BESIDE.pop(function) if function in _BESIDE else _compilation(function)
+    """``function`` in machine code with the same names and sparsities; itself where it cannot be compiled.
+
+    What is returned is of this process: give others ``function``.
+    """
+    begun = _BESIDE.pop(function, None)
+    compilation, numbers = begun or _compilation(function)
     return _function_in(compilation(), function.name(), numbers) or function
 
 
@@ -480,7 +472,7 @@ def _build_in(folder: Path, compiler: str, sources: Sequence[str], flags: Sequen
 # C code of a CasADi function with its numbers as data: another gain, weight or goal is no new code.
 
 _NUMBER = re.compile(r"(?<![\w.])\d+\.(?:\d+e[+-]\d+)?(?![\w.])")
-_ARRAY = re.compile(r"static const casadi_real (casadi_c\d+)\[\d+\] = \{([^}]*)\};")
+_ARRAY = re.compile(r"static const casadi_real (casadi_c\d+)\[\d+\] =\s*\{([^}]*)\};")
 _KNOWN = '__attribute__((visibility("hidden"))) extern const double numbers[{n} + 1];\n'  # they stay while code runs
 _NUMBERS = """__attribute__((visibility("hidden"))) double numbers[{n} + 1];
 void* numbers_address(void) {{ return numbers; }}

@@ -302,6 +302,8 @@ JOLTS = (30.0, 30.0, 0.0, 0.0, 0.0, 0.0, 0.0, 200.0, 0.0)
 
 Gates that grant more find nothing. Linear motion is slow and seen rarely; positions of joints tell their velocities as soon.
 """
+JOLT_TIME = 0.015
+"""[s] for which gates grant that at most: what lasts longer shows in other readings."""
 BIAS_DRIFTS = (1e-5, 1e-5, 1e-4)
 """[rad/s/sqrt(s), m/s/sqrt(s), m/s2/sqrt(s)] of gyro, DVL and accelerometer."""
 ALTITUDE_DRIFT = 0.005

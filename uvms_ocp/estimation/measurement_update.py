@@ -12,6 +12,7 @@ from uvms_ocp.estimation.filter_memory import (
     EARLY,
     EXPOSED,
     GATE_RELAXATION,
+    JOLT_TIME,
     LARGEST,
     LONGEST_LAG,
     MAIN,
@@ -162,7 +163,7 @@ def jolt_allowance(m: FilterMemory, c: int) -> float:
     A jump that is larger is refused for as long as it lasts.
     """
     grown = _OUTGROWN * m.surprise[c] * math.exp(-(m.stamp[c] - m.used[c]) / _FADING)
-    moved = max(grown, _moved(c, m.jolt[c], max(m.dt, m.period[c])))
+    moved = max(grown, _moved(c, m.jolt[c], min(max(m.dt, m.period[c]), JOLT_TIME)))
     return moved * moved / 25.0 if m.jolt[c] > 0.0 else 0.0
 
 

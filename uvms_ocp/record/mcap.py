@@ -13,6 +13,7 @@ from pathlib import Path
 from typing import IO, Any
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 from uvms_ocp.errors import InvalidInput, optional_module
 from uvms_ocp.record.output import whole_file
@@ -195,6 +196,13 @@ _POSE, _SIX = 7, 6
 _INFO, _WARN, _ERROR = 20, 30, 40
 
 
+_ENDLESS = "{sec: 9223372036, nsec: 854775807}"
+_KEPT = f"history: 1, depth: 1, reliability: 1, durability: 1, deadline: {_ENDLESS}, lifespan: {_ENDLESS}"
+_LIVE = f"liveliness: 1, liveliness_lease_duration: {_ENDLESS}, avoid_ros_namespace_conventions: false"
+_LATCHED = {"offered_qos_profiles": f"- {{{_KEPT}, {_LIVE}}}"}
+"""Quality of service of what is published once, for those who listen later too."""
+
+
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Topic:
     """Messages of one type, a tick each, or one alone at the start where no part has rows."""
@@ -222,16 +230,18 @@ def topics(series: Series, meta: Any, t: np.ndarray, urdf: str | None) -> Iterat
     """All topics that a record can fill, at t (n,) [ns]; urdf: text of the robot's description."""
     floating, head = is_floating(series, meta), (stamps(t), WORLD)
     if urdf is not None:
-        yield Topic(name="/robot_description", kind="std_msgs/String", parts=(urdf,))
+        yield Topic(name="/robot_description", kind="std_msgs/String", parts=(urdf,), metadata=_LATCHED)
     poses = {frame: series[name][:, :_POSE] for name, frame in _POSES.items() if name in series and (floating or name == "tool")}
     if poses:
         yield Topic(name="/tf", kind="tf2_msgs/TFMessage", parts=_transforms(stamps(t), poses))
     if meta.surroundings.frames:
-        goals = {frame.name: np.array(frame.pose) for frame in meta.surroundings.frames}
-        yield Topic(name="/tf_static", kind="tf2_msgs/TFMessage", parts=_transforms(stamps(t)[0], goals))
+        goals = {frame.name: np.array(frame.pose) for frame in meta.surroundings.frames if not frame.way}
+        yield Topic(name="/tf_static", kind="tf2_msgs/TFMessage", parts=_transforms(stamps(t)[0], goals), metadata=_LATCHED)
     for name, (q, v, std) in _ODOMETRY.items():
         if floating and q in series and v in series:
-            states = (*head, VEHICLE, series[q][:, :_POSE], _covariance(series.get(std)), series[v][:, :_SIX], _covariance(None))
+            pose, known = series[q][:, :_POSE], series.get(std)
+            spread = np.zeros(_SIX**2) if known is None else _covariance(pose, known)
+            states = (*head, VEHICLE, pose, spread, series[v][:, :_SIX], np.zeros(_SIX**2))
             yield Topic(name=f"/{name}", kind="nav_msgs/Odometry", parts=states)
     if meta.joints and (positions := joint_positions(series, meta)) is not None:
         n, given = len(meta.joints), (positions, series.get("v"), series.get("torque"))
@@ -247,11 +257,11 @@ def _transforms(when: np.ndarray, poses: Mapping[str, np.ndarray]) -> list[Part]
     return [_count(len(poses)), *(part for frame, pose in poses.items() for part in (when, WORLD, frame, pose))]
 
 
-def _covariance(std: np.ndarray | None) -> np.ndarray:
-    """Of errors that have these standard deviations (n, 6...) and nothing in common; zeros where they are not known."""
-    if std is None:
-        return np.zeros(_SIX**2)
-    return (std[:, :_SIX, None] ** 2 * np.eye(_SIX)).reshape(len(std), -1)
+def _covariance(poses: np.ndarray, std: np.ndarray) -> np.ndarray:
+    """(n, 36) along the axes of W, of deviations (n, 6...) along those of W, and for the attitude of B, at poses (n, 7)."""
+    axes = np.tile(np.eye(_SIX), (len(std), 1, 1))
+    axes[:, 3:, 3:] = Rotation.from_quat(poses[:, 3:]).as_matrix()
+    return ((axes * std[:, None, :_SIX] ** 2) @ axes.transpose(0, 2, 1)).reshape(len(std), -1)
 
 
 def log_messages(meta: Any) -> list[tuple[float, bytes]]:

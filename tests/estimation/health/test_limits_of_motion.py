@@ -149,3 +149,19 @@ def test_encoders_are_believed_again_once_brakes_hold_the_arm(robot: Robot) -> N
         measurement = guard(silent, t, Command(v=np.zeros(robot.n_v), brakes=t >= 1.51))
     assert guard.monitor.trust("joint_positions") is Trust.GOOD
     assert np.abs(measurement.q - q)[robot.joint_q].max() < 0.01
+
+
+@pytest.mark.parametrize(("dt", "size"), [(1 / 20, 0.1), (1 / 50, 0.04), (1 / 200, 0.04)])
+def test_spikes_of_an_encoder_are_no_motion(robot: Robot, dt: float, size: float) -> None:
+    """What is granted to a jolt does not grow with a slow tick: the joint was believed to turn at the size over the tick."""
+    rng = np.random.default_rng(2)
+
+    def spoil(readings: Readings, t: float) -> Readings:
+        def add(reading, now):
+            return replace(reading, value=reading.value + size * (np.arange(len(reading.value)) == 2))
+
+        return with_defect(readings, "joint_positions", add, t) if t > 1.0 and rng.uniform() < 0.05 else readings
+
+    run = HealthRun(robot, duration=6.0, dt=dt, spoil=spoil, motion=rest(robot))
+    assert np.abs(run.q_estimated - run.q)[:, robot.joint_q].max() < 0.2 * size
+    assert np.abs(run.v_estimated[:, robot.joint_v]).max() < 0.3

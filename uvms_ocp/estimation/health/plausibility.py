@@ -6,7 +6,7 @@ import math
 from typing import Annotated
 
 from uvms_ocp.codegen.kernel_layout import Layout, Sized, Vector, zeros
-from uvms_ocp.estimation.filter_memory import ChannelIndex, orders_of
+from uvms_ocp.estimation.filter_memory import JOLT_TIME, ChannelIndex, orders_of
 from uvms_ocp.estimation.health.tuning import Complaint, Reason, set_complaint
 from uvms_ocp.estimation.vehicle_model import multiply, normalize
 
@@ -197,7 +197,8 @@ def is_off(g: PlausibilityGate, value: Vector, estimate: PastEstimate, away: flo
     error, rate = _error(g, value, estimate), g.alone
     for i in range(g.rates, len(estimate.v) if g.rates >= 0 else -1):
         rate = max(rate, 2.0 * abs(estimate.v[i]))  # what is known to move faster than it should, and faster yet
-    allowed = g.base + growth + rate * away + g.jolt * (away if orders_of(g.channel) == 1 else away * away / 2.0)
+    short = min(away, JOLT_TIME)
+    allowed = g.base + growth + rate * away + g.jolt * (short if orders_of(g.channel) == 1 else short * short / 2.0)
     if error <= allowed:
         return False
     set_complaint(why, Reason.OFF, error, allowed)
