@@ -58,7 +58,10 @@ def _parse(text: str) -> MetricBound:
 
 
 def judged(table: Any, bounds: Sequence[MetricBound]) -> Any:
-    """The table with `success`, and `outcome` of what finished without it, by these bounds; as it is without any."""
+    """The table with `success`, and `outcome` of what finished without it, by these bounds; as it is without any.
+
+    Raises `NameNotFound` for a bound on what the campaign does not measure.
+    """
     if not bounds:
         return table
     if unknown := next((bound.merit for bound in bounds if bound.merit not in jobs.metrics_among(table)), None):

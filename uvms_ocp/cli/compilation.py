@@ -71,6 +71,7 @@ def cache(clear: Annotated[bool, typer.Option("--clear", help="Remove them all."
     """Show the folder of compiled libraries, how many there are, their size, and how long ago they were used.
 
     It keeps itself below 1 GB: those used longest ago are removed. What is removed is compiled again when it is needed.
+    Raises `InvalidInput` where there is no folder for it.
     """
     from uvms_ocp.codegen.compile import cache_folder, cached_libraries, shrink_cache
 
