@@ -13,7 +13,6 @@ from pathlib import Path
 from typing import IO, Any
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 from uvms_ocp.errors import InvalidInput, optional_module
 from uvms_ocp.record.output import whole_file
@@ -259,6 +258,8 @@ def _transforms(when: np.ndarray, poses: Mapping[str, np.ndarray]) -> list[Part]
 
 def _covariance(poses: np.ndarray, std: np.ndarray) -> np.ndarray:
     """(n, 36) along the axes of W, of deviations (n, 6...) along those of W, and for the attitude of B, at poses (n, 7)."""
+    from scipy.spatial.transform import Rotation
+
     axes = np.tile(np.eye(_SIX), (len(std), 1, 1))
     axes[:, 3:, 3:] = Rotation.from_quat(poses[:, 3:]).as_matrix()
     return ((axes * std[:, None, :_SIX] ** 2) @ axes.transpose(0, 2, 1)).reshape(len(std), -1)
