@@ -202,12 +202,12 @@ def _is_consistent(m: FilterMemory, c: int, j: int, nu: float, S: float) -> bool
 def _inflate_surprised(m: FilterMemory, j: int, c: int, squared: float) -> None:
     """A joint has done what it can and the process model did not expect.
 
-    What is more than an acceleration that is planned came at once, where positions are in time and alone tell of it: it was
-    faster ever since the last reading that was believed.
+    What is more than twice an acceleration that is planned came at once, where positions are in time and alone tell of it: it was
+    faster ever since the last reading that was believed. Less may be a delay that nobody knows of.
     """
     time, since = time_since_accepted(m, c), max(m.stamp[c] - m.used[c], m.dt)
     alone = m.lag[c] <= 0.0 and m.stamp[c] - m.used[ChannelIndex.JOINT_VELOCITIES] > m.recovery[c] / 2.0
-    jolted = c == _FIRST and alone and math.sqrt(squared) > m.agility[c] * time * since
+    jolted = c == _FIRST and alone and math.sqrt(squared) > 2.0 * m.agility[c] * time * since
     _inflate_own(m, j, c, squared)
     if c == _FIRST:
         m.joint_P[j][1][1] += squared / (since * since if jolted else time * time)
