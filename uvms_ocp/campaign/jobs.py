@@ -223,7 +223,7 @@ def run_metrics(scenario: Scenario, record: Record) -> dict[str, float | None]:
 
 
 def _clearance(scenario: Scenario, record: Record, tool: str | None) -> float | None:
-    """Of the whole robot, or of the arm that moves the tool."""
+    """Compute the least distance [m] to obstacles along a run, of the whole robot or of the arm that moves the tool."""
     if not scenario.environment.obstacles:
         return None
     q: Any = record["q"][:: max(1, len(record) // _LOOKS)]

@@ -176,7 +176,7 @@ def _print_plan(console: Console, made: PlanOutput, paths: list[Path]) -> None:
 
 
 def _or_best(search: Callable[[], Any]) -> tuple[Any, bool]:
-    """What a search finds, or has found when Ctrl-C ended it, and whether that was so."""
+    """Return the result of a search, or its best so far where Ctrl-C ended it, and whether it did."""
     try:
         return search(), False
     except Interrupted as stop:

@@ -30,7 +30,7 @@ def console_of(*, stderr: bool = False) -> Console:
 
 @contextmanager
 def busy(console: Console, text: str) -> Iterator[Callable[[str], None]]:
-    """Inside one line on a terminal tells what is done, what is being compiled, and what the function that it gives is told."""
+    """Show a line on a terminal meanwhile: the text, what is being compiled, or what the function yielded is called with."""
     with console.status(text) as status, show_compilation(status.update):
         yield status.update
 

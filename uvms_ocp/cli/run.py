@@ -204,7 +204,7 @@ def _watched(scenario: Scenario, console: Console) -> Iterator[TickObserver]:
 def _simulate(
     scenario: Scenario, plan: MissionPlan | None, console: Console, observer: TickObserver | None, folder: Path
 ) -> Record:
-    """What is compiled before is told."""
+    """Run the scenario, and show what is compiled before; a run that Ctrl-C ends is returned as far as it came."""
     with printing.busy(console, "building the controller"):
         controller = scenario.controller() if plan is None else plan.controller(scenario)
     try:

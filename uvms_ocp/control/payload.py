@@ -285,7 +285,7 @@ def response_function(body: SymbolicDynamics, response: ObserverResponse, tools:
     return ca.Function("response", [*x.values(), before.estimate, before.innovation], outputs)
 
 
-# What the tools carry: learnt tick by tick, told for the record, and carried along with the arm.
+# Loads of the tools: learnt tick by tick, recorded, and fed forward as the arm moves.
 
 _MASS_SHARE = 0.25  # standard error of the mass, share of it, at which this is determined
 _MASS_ERROR = 0.25  # [kg] or that at most: a tool that carries nothing has no share

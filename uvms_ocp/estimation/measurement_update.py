@@ -168,7 +168,7 @@ def jolt_allowance(m: FilterMemory, c: int) -> float:
 
 
 def _moved(c: int, acceleration: float, time: float) -> float:
-    """By how much an acceleration changes what channel c reads in that time."""
+    """Return the change of what channel c reads under a constant acceleration for a time [s]."""
     for _ in range(orders_of(c)):
         acceleration *= time
     return acceleration / max(orders_of(c), 1)

@@ -152,7 +152,7 @@ def _count(n: int) -> np.ndarray:
 # A message for every tick of a series, with a field for every column: what is written is read again to the last digit.
 
 _KINDS = {"f": ("float64", "f8"), "i": ("int64", "i8"), "u": ("uint64", "u8"), "b": ("bool", "?")}
-"""Of fields and of their values, by the kind of an array: wide enough for all of its kind."""
+"""Type of a ROS 2 field and of its values in NumPy, by `dtype.kind` of a series: the widest of each kind."""
 
 
 def field_names(columns: Sequence[str]) -> list[str]:
