@@ -29,7 +29,7 @@ _MEMORY = 8.0  # over the swing's frequency [s]: in which its mean is learnt
 _JOINT_SHARE = 0.5  # of the velocity limits of the joints, for countering a swing
 _SINGULAR = 0.05  # of the largest lever of the joints, below which they meet no row
 _SOFT = 0.1  # of the righting moment upright, below which a lean is not followed any more
-_LARGEST_LEAN = 0.9  # [rad] that joints may bring about
+_LARGEST_LEAN = 0.7  # [rad] that joints may bring about; from 0.9 on heavy loads in a current swing for ever
 _LEAN_GAIN = 0.3  # of the swing's frequency
 _NOTHING = 1e-12  # keeps divisions by nothing finite
 
