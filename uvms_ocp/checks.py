@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import inspect
 from collections.abc import Callable, Mapping
-from dataclasses import MISSING, Field, fields, is_dataclass
+from dataclasses import MISSING, Field, dataclass, field, fields, is_dataclass
 from functools import cache, cached_property, wraps
 from types import MethodType
-from typing import Annotated, Any, ParamSpec, TypeVar, get_args, get_origin
+from typing import Annotated, Any, ParamSpec, TypeVar, dataclass_transform, get_args, get_origin
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -68,6 +68,13 @@ def checked_on_failure(thing: _T) -> _T:
     setattr(thing, _LATE, True)
     is_method = "." in thing.__qualname__.rpartition("<locals>.")[2]
     return thing if is_method else _after(thing, None)
+
+
+@dataclass_transform(kw_only_default=True, frozen_default=True, field_specifiers=(field,))
+def checked_dataclass(**options: bool) -> Callable[[_T], _T]:
+    """Make a frozen dataclass that is `checked`, keyword-only and with slots but where `options` of `dataclass` say otherwise."""
+    shape: Any = dataclass(**{"frozen": True, "kw_only": True, "slots": True, **options})
+    return lambda cls: checked(shape(cls))
 
 
 def _checked_class(cls: Any, *, late_all: bool) -> Any:

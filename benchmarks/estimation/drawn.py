@@ -138,7 +138,7 @@ class Watched:
         self._k += 1
 
     def _biased(self, readings: Readings) -> Readings:
-        values = {name: getattr(readings, name) for name in readings.__slots__}
+        values = {name: getattr(readings, name) for name in readings.__dataclass_fields__}
         for name in _BIASED:
             if values[name] is not None:
                 values[name] = self._with_bias(name, values[name])

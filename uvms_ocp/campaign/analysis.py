@@ -5,14 +5,13 @@ from __future__ import annotations
 import re
 import warnings
 from collections.abc import Sequence
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
 from uvms_ocp.campaign.distributions import problem_of
 from uvms_ocp.campaign.jobs import metric_values, metrics_among
-from uvms_ocp.checks import checked
+from uvms_ocp.checks import checked_dataclass
 from uvms_ocp.errors import InvalidInput, optional_module, plain_line
 from uvms_ocp.record.tables import CAMPAIGN_EXTRA
 from uvms_ocp.types import AtLeastOne, Count
@@ -22,8 +21,7 @@ from uvms_ocp.types import AtLeastOne, Count
 _FEW = 10  # of either kind, below which Wilson's normal approximation is left
 
 
-@checked
-@dataclass(frozen=True, kw_only=True, slots=True)
+@checked_dataclass()
 class Rate:
     """Rate of an event with its confidence interval. Raises `InvalidInput` for more cases than runs."""
 

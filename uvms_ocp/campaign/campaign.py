@@ -17,7 +17,7 @@ from uvms_ocp.campaign.code_source import CodeSource
 from uvms_ocp.campaign.distributions import Design
 from uvms_ocp.campaign.store import MOST_RUNS, SOURCES, CampaignManifest, read_manifest, read_table, types_of
 from uvms_ocp.campaign.variations import Variation, quantiles, require_available, vary
-from uvms_ocp.checks import checked
+from uvms_ocp.checks import checked, checked_dataclass
 from uvms_ocp.errors import InvalidInput, NameNotFound
 from uvms_ocp.record.display import FieldTable
 from uvms_ocp.record.record import Record
@@ -117,8 +117,7 @@ def _packed(record: Record) -> bytes:
 _NUMBERS = ("runs", "seed", "sampler", "records")  # fields of a campaign that its folder keeps as they are
 
 
-@checked
-@dataclass(frozen=True, kw_only=True, slots=True, eq=False, repr=False)
+@checked_dataclass(eq=False, repr=False)
 class Campaign(FieldTable):
     """Runs of one scenario with parameters drawn anew for each.
 

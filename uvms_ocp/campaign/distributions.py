@@ -15,7 +15,7 @@ from typing import Annotated, Any, Protocol
 
 import numpy as np
 
-from uvms_ocp.checks import checked
+from uvms_ocp.checks import checked_dataclass
 from uvms_ocp.errors import InvalidInput, NameNotFound, optional_module
 from uvms_ocp.record.tables import CAMPAIGN_EXTRA
 from uvms_ocp.scenario.scenario import Scenario
@@ -55,8 +55,7 @@ class Distribution(Protocol):
         """The value below which a share u of all values lies."""
 
 
-@checked
-@dataclass(frozen=True, slots=True)
+@checked_dataclass(kw_only=False)
 class Uniform(Distribution):
     """Every value between two is as likely. Raises `InvalidInput` where they are in the wrong order."""
 
@@ -74,8 +73,7 @@ class Uniform(Distribution):
         return self.lower + u * (self.upper - self.lower)
 
 
-@checked
-@dataclass(frozen=True, slots=True)
+@checked_dataclass(kw_only=False)
 class Normal(Distribution):
     """Gauss's bell; it has no bounds, so that a parameter that cannot be below 0 is better a `LogNormal`."""
 
@@ -89,8 +87,7 @@ class Normal(Distribution):
         return self.mean + self.sigma * _standard_normal(u)
 
 
-@checked
-@dataclass(frozen=True, slots=True)
+@checked_dataclass(kw_only=False)
 class LogNormal(Distribution):
     """A factor that is as likely to be twice as large as half as large: the logarithm is normal."""
 
@@ -104,8 +101,7 @@ class LogNormal(Distribution):
         return self.median * math.exp(self.sigma * _standard_normal(u))
 
 
-@checked
-@dataclass(frozen=True, slots=True)
+@checked_dataclass(kw_only=False)
 class Triangular(Distribution):
     """Most likely at a mode, never beyond two bounds. Raises `InvalidInput` where they are in the wrong order."""
 
@@ -129,8 +125,7 @@ class Triangular(Distribution):
         return self.upper - math.sqrt((1.0 - u) * width * (self.upper - self.mode))
 
 
-@checked
-@dataclass(frozen=True, slots=True)
+@checked_dataclass(kw_only=False)
 class Choice(Distribution):
     """One of several numbers, each as likely. Raises `InvalidInput` for none."""
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field, fields, is_dataclass, replace
+from dataclasses import field, fields, is_dataclass, replace
 from functools import partial
 from itertools import chain
 from typing import Any
@@ -14,7 +14,7 @@ import pinocchio as pin
 
 from uvms_ocp.campaign.distributions import Parameter, distribution_of, real_numbers
 from uvms_ocp.campaign.robot_parameters import machine_parameters, sensor_parameters
-from uvms_ocp.checks import checked
+from uvms_ocp.checks import checked, checked_dataclass
 from uvms_ocp.control.force.dynamic import VelocityGains
 from uvms_ocp.errors import InvalidInput, NameNotFound
 from uvms_ocp.mission.mission import Mission
@@ -231,8 +231,7 @@ def available_parameters(scenario: Scenario) -> dict[str, Parameter]:
 # A parameter and its distribution, and a scenario with the values that a run has drawn.
 
 
-@checked
-@dataclass(frozen=True, slots=True)
+@checked_dataclass(kw_only=False)
 class Variation:
     """One uncertain parameter, such as ``Variation("water.drag", LogNormal(1.0, 0.3))``.
 

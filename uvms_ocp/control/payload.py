@@ -11,7 +11,7 @@ from functools import lru_cache
 import casadi as ca
 import numpy as np
 
-from uvms_ocp.checks import checked
+from uvms_ocp.checks import checked_dataclass
 from uvms_ocp.codegen import BufferedFunction, compile_function
 from uvms_ocp.errors import InvalidInput
 from uvms_ocp.robot.robot import Robot
@@ -25,8 +25,7 @@ LOAD_FRAME = "tool"
 """Where the load hangs of a robot with one tool."""
 
 
-@checked
-@dataclass(frozen=True, kw_only=True, slots=True)
+@checked_dataclass()
 class LoadLearning:
     """Tuning of `LoadLearner`. Raises `InvalidInput` for a number that is not finite and > 0, and a share above 1."""
 
@@ -48,7 +47,7 @@ class LoadLearning:
     """to which the forces of thrusters and motors are known: standard errors of weight and mass are no smaller share."""
 
     def __post_init__(self) -> None:
-        for name in (name for name in self.__slots__ if name != "feed_forward"):
+        for name in (name for name in self.__dataclass_fields__ if name != "feed_forward"):
             value = getattr(self, name)
             if not (math.isfinite(value) and value > 0):
                 raise InvalidInput(f"{name} of the load learning = {value}; give a finite number > 0")

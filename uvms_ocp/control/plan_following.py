@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
 
 import numpy as np
 import pinocchio as pin
 
-from uvms_ocp.checks import checked, replace_unchecked, unchecked_constructor
+from uvms_ocp.checks import checked_dataclass, replace_unchecked, unchecked_constructor
 from uvms_ocp.control.force.computed_torque import ComputedTorque, TrackingGains
 from uvms_ocp.control.velocity.abort import ActuationFeedback
 from uvms_ocp.control.velocity.kinematic import GuideOutput
@@ -63,8 +62,7 @@ _CATCH_UP = 1.2  # speed of the plan's clock where a goal that moves has begun b
 _LEFT = GuideOutput(v=None)
 
 
-@checked
-@dataclass(frozen=True, kw_only=True, slots=True)
+@checked_dataclass()
 class PlannedPhase:
     """A phase of the mission on the plan's time."""
 
@@ -78,8 +76,7 @@ class PlannedPhase:
     """It has goals of its own that move: it begins when the mission says so, and the plan waits for that."""
 
 
-@checked
-@dataclass(frozen=True, kw_only=True, slots=True)
+@checked_dataclass()
 class FollowingTuning:
     """How a plan is followed, and when it is left."""
 

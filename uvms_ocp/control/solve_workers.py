@@ -18,7 +18,7 @@ from typing import Any, TypeAlias
 import numpy as np
 import pinocchio as pin
 
-from uvms_ocp.checks import checked, unchecked_constructor
+from uvms_ocp.checks import checked_dataclass, unchecked_constructor
 from uvms_ocp.errors import AdvisedStatus, InvalidInput, UvmsError
 from uvms_ocp.ocp.problem import OcpProblem
 from uvms_ocp.ocp.stagewise.program import program_for, quickest
@@ -277,14 +277,12 @@ class RunningWorker(ABC):
         """End whatever runs beside; may be called twice."""
 
 
-@checked
-@dataclass(frozen=True, kw_only=True, slots=True)
+@checked_dataclass()
 class SynchronousWorker:
     """Within the tick that asks, which lasts as long: simulations are reproducible. Plans are as late as their solves took."""
 
 
-@checked
-@dataclass(frozen=True, kw_only=True, slots=True)
+@checked_dataclass()
 class ProcessWorker:
     """In a process of its own: no tick waits, and a plan takes over when it is ready.
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass
 from functools import partial
 from operator import attrgetter
 from typing import Any
@@ -12,7 +11,7 @@ from typing import Any
 import numpy as np
 import pinocchio as pin
 
-from uvms_ocp.checks import checked, checked_on_failure, unchecked_constructor
+from uvms_ocp.checks import checked, checked_dataclass, checked_on_failure, unchecked_constructor
 from uvms_ocp.codegen.kernel_layout import arrays_of, zeros
 from uvms_ocp.codegen.kernels import bind_kernels
 from uvms_ocp.errors import InvalidInput, NameNotFound
@@ -144,8 +143,7 @@ class AltimeterMount:
 # Estimate the state of the robot from late and noisy readings, by an error-state Kalman filter.
 
 
-@checked
-@dataclass(frozen=True, kw_only=True, slots=True)
+@checked_dataclass()
 class GateOutcome:
     """Outcome of the chi-square gate on the newest reading of a channel."""
 

@@ -9,13 +9,12 @@ has not arrived yet, three rows each. Joints are independent of the vehicle and 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 from enum import IntEnum
 from typing import Annotated, Any
 
 import numpy as np
 
-from uvms_ocp.checks import checked
+from uvms_ocp.checks import checked_dataclass
 from uvms_ocp.codegen.kernel_layout import Layout, Sized, Vector, arrays_of, structure_of
 from uvms_ocp.robot.robot import Robot
 from uvms_ocp.robot.signals import CHANNELS, SensorSpecs
@@ -271,8 +270,7 @@ def filter_memory(n_joints: int) -> FilterMemory:
 # What the estimator expects of the robot, the floor and its sensors.
 
 
-@checked
-@dataclass(frozen=True, kw_only=True, slots=True)
+@checked_dataclass()
 class EstimatorTuning:
     """How fast the robot, the floor and the biases of sensors are expected to change.
 

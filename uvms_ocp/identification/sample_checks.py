@@ -3,19 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
 from itertools import permutations, product
 
 import numpy as np
 
-from uvms_ocp.checks import checked
+from uvms_ocp.checks import checked_dataclass
 from uvms_ocp.identification.recording import CHANNEL_KINDS, SECONDS, Channel, Recording, angular_rate, rotations, smoothed
 
 # One doubt about a recording.
 
 
-@checked
-@dataclass(frozen=True, kw_only=True, slots=True)
+@checked_dataclass()
 class QualityIssue:
     """Of which channel, and what speaks against it."""
 

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import field
 from typing import Annotated, Any
 
 import numpy as np
 import pinocchio as pin
 
-from uvms_ocp.checks import checked, checked_on_failure, unchecked_method
+from uvms_ocp.checks import checked_dataclass, checked_on_failure, unchecked_method
 from uvms_ocp.codegen.kernel_layout import structure_of, view
 from uvms_ocp.errors import InvalidInput, NameNotFound, plain_line
 from uvms_ocp.mission import progress
@@ -93,8 +93,7 @@ def _label(transition: Transition) -> str:
 # Phases over one hierarchy, and how the state of a mission follows from what is measured.
 
 
-@checked
-@dataclass(frozen=True, kw_only=True, slots=True, eq=False, repr=False)
+@checked_dataclass(eq=False, repr=False)
 class Mission(TableDisplay):
     """Phases over one hierarchy; the first phase begins with the first tick.
 

@@ -9,7 +9,7 @@ from typing import Annotated, Any, ClassVar, TypeAlias
 
 import numpy as np
 
-from uvms_ocp.checks import checked, checked_on_failure
+from uvms_ocp.checks import checked_dataclass, checked_on_failure
 from uvms_ocp.errors import InvalidInput, NameNotFound
 from uvms_ocp.record.display import FieldTable
 from uvms_ocp.record.meta_values import ABORT as ABORT
@@ -65,8 +65,7 @@ class _Threshold:
         return f"{self.quantity} = {value:.4g} {sign} {self.limit:g}"
 
 
-@checked
-@dataclass(frozen=True, kw_only=True, slots=True)
+@checked_dataclass()
 class Below(_Threshold):
     """True once a measured quantity, named ``task.quantity``, is below `limit`, until it reaches `release` again.
 
@@ -77,8 +76,7 @@ class Below(_Threshold):
     sign: ClassVar[str] = "<"
 
 
-@checked
-@dataclass(frozen=True, kw_only=True, slots=True)
+@checked_dataclass()
 class Above(_Threshold):
     """True once a measured quantity exceeds `limit`, and until it falls to `release`; mirror of `Below`.
 
@@ -91,8 +89,7 @@ class Above(_Threshold):
 Condition: TypeAlias = Below | Above
 
 
-@checked
-@dataclass(frozen=True, kw_only=True, slots=True)
+@checked_dataclass()
 class Transition:
     """Leads to phase `to` (or `DONE`, or `ABORT`) once every condition has held for `hold` seconds without a gap.
 
@@ -144,8 +141,7 @@ GoalFunctions: TypeAlias = tuple[tuple[Callable[[float], np.ndarray], bool], ...
 time since the start of the phase."""
 
 
-@checked
-@dataclass(frozen=True, kw_only=True, slots=True, eq=False, repr=False)
+@checked_dataclass(eq=False, repr=False)
 class Phase(FieldTable):
     """One action: the external activation of each task, and what ends it.
 
@@ -184,8 +180,7 @@ class Phase(FieldTable):
         return any(condition.quantity.startswith(f"{task}.") for condition in self.conditions)
 
 
-@checked
-@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
+@checked_dataclass(eq=False)
 class MissionState:
     """Where a mission is."""
 
@@ -216,8 +211,7 @@ class MissionState:
         return self.completed or bool(self.aborted)
 
 
-@checked
-@dataclass(frozen=True, kw_only=True, slots=True)
+@checked_dataclass()
 class Event:
     """Why a phase ended."""
 
@@ -236,8 +230,7 @@ class Event:
 # How a mission is given up, and what sends it there.
 
 
-@checked
-@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
+@checked_dataclass(eq=False)
 class Abort:
     """A phase that leads to safety, and what enters it beside the loss of sensors (`uvms_ocp.estimation.degraded_modes`).
 

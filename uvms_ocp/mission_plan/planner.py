@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from uvms_ocp.checks import checked
+from uvms_ocp.checks import checked, checked_dataclass
 from uvms_ocp.control.plan_following import FollowingTuning, PlanGuide, PlannedPhase
 from uvms_ocp.errors import InvalidInput
 from uvms_ocp.interrupts import Interrupted
@@ -136,8 +136,7 @@ def _check(arrays: Arrays) -> None:
 # A plan of a whole mission: a motion, when it takes the phases, and which mission it is of.
 
 
-@checked
-@dataclass(frozen=True, kw_only=True, slots=True, eq=False, repr=False)
+@checked_dataclass(eq=False, repr=False)
 class MissionPlan(TableDisplay):
     """Plan of a whole mission, as `plan_mission` returns it."""
 

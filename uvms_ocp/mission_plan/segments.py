@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from uvms_ocp.checks import checked
+from uvms_ocp.checks import checked_dataclass
 from uvms_ocp.control.velocity.levels import build_levels
 from uvms_ocp.errors import InvalidInput
 from uvms_ocp.mission import Mission, Phase, Transition
@@ -29,8 +29,7 @@ from uvms_ocp.types import Magnitude
 _LEAST = 0.25  # share of a threshold that a plan may use, however large the margin
 
 
-@checked
-@dataclass(frozen=True, kw_only=True, slots=True)
+@checked_dataclass()
 class Margins:
     """Margins of thresholds and limits: of each a quarter is left in any case."""
 

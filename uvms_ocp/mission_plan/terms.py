@@ -11,7 +11,7 @@ import coal
 import numpy as np
 import pinocchio as pin
 
-from uvms_ocp.checks import checked
+from uvms_ocp.checks import checked_dataclass
 from uvms_ocp.errors import InvalidInput
 from uvms_ocp.mission import Below, Condition, Mission, Phase
 from uvms_ocp.mission_plan.segments import (
@@ -44,8 +44,7 @@ from uvms_ocp.types import Bound, Mask
 # Terms that a mission has beside those of its tasks: what conditions ask for, what is liked, and rest.
 
 
-@checked
-@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
+@checked_dataclass(eq=False)
 class BoundedRows(TaskRows):
     """The residual of a task, of which some rows are looked at."""
 

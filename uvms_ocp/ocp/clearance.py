@@ -16,7 +16,7 @@ import casadi as ca
 import numpy as np
 import pinocchio as pin
 
-from uvms_ocp.checks import checked
+from uvms_ocp.checks import checked, checked_dataclass
 from uvms_ocp.errors import InvalidInput, NameNotFound
 from uvms_ocp.ocp.separating_planes import Planes, Poses, planes
 from uvms_ocp.ocp.terms import At, StageSymbols, Term
@@ -35,8 +35,7 @@ from uvms_ocp.types import Array, AtLeastOne, Count, Finite, Indices, Mask, Shap
 # Clearance between balls, for robots and obstacles that a few of them describe, as rows of an optimal control problem.
 
 
-@checked
-@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
+@checked_dataclass(eq=False)
 class Ball:
     """A ball fixed to a frame of the robot or, without a frame, to the world.
 
@@ -69,8 +68,7 @@ class Ball:
         return p + R @ centre
 
 
-@checked
-@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
+@checked_dataclass(eq=False)
 class BallClearance(Term):
     """Every ball of the robot stays `margin` away from every obstacle: one row per pair, signed distance [m] >= 0.
 
@@ -214,8 +212,7 @@ Place = Callable[[float], pin.SE3]
 """X_WO at time t [s]."""
 
 
-@checked
-@dataclass(frozen=True, kw_only=True, eq=False)
+@checked_dataclass(slots=False, eq=False)
 class ShapeClearance(Term):
     """The pairs of a scene stay apart by their margins: rows of signed distance less margin [m] >= 0.
 

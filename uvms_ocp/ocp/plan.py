@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import pinocchio as pin
 
-from uvms_ocp.checks import checked
+from uvms_ocp.checks import checked_dataclass
 from uvms_ocp.errors import AdvisedStatus, InvalidInput
 from uvms_ocp.model_errors import printable
 from uvms_ocp.ocp import plan_file
@@ -174,8 +174,7 @@ class OcpStatus(AdvisedStatus):
         return self in (OcpStatus.SOLVED, OcpStatus.MISSED, OcpStatus.TOO_SHORT, OcpStatus.UNREACHABLE)
 
 
-@checked
-@dataclass(frozen=True, kw_only=True, slots=True, eq=False, repr=False)
+@checked_dataclass(eq=False, repr=False)
 class Plan(TableDisplay):
     """States at nodes, inputs of steps, and how it came about."""
 

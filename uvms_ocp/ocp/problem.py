@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import field
 from enum import Enum
 from typing import Annotated
 
 import numpy as np
 import pinocchio as pin
 
-from uvms_ocp.checks import checked
+from uvms_ocp.checks import checked, checked_dataclass
 from uvms_ocp.errors import InvalidInput, NameNotFound
 from uvms_ocp.ocp.terms import At, AtRest, Effort, Smoothness, TaskTerm, Term
 from uvms_ocp.robot import Robot, State
@@ -50,8 +50,7 @@ class HessianKind(Enum):
     GAUSS_NEWTON = "gauss-newton"
 
 
-@checked
-@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
+@checked_dataclass(eq=False)
 class OcpPhase:
     """A stretch of the horizon. Raises `InvalidInput` without steps, and for durations that are not finite and positive."""
 
@@ -87,8 +86,7 @@ class OcpPhase:
         return 0.5 * sum(self.range)
 
 
-@checked
-@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
+@checked_dataclass(eq=False)
 class OcpLevel:
     """Terms of one priority; their squared distances add up by weight, path terms as a mean over the nominal time.
 
@@ -105,8 +103,7 @@ class OcpLevel:
             raise InvalidInput(f"level {self.name!r} has no terms; give at least one")
 
 
-@checked
-@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
+@checked_dataclass(eq=False)
 class OcpProblem:
     """Levels from the highest priority to the lowest, subject to dynamics, limits of the robot and `constraints`.
 

@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import cached_property
 from typing import Annotated
 
 import numpy as np
 import pinocchio as pin
 
-from uvms_ocp.checks import checked
+from uvms_ocp.checks import checked, checked_dataclass
 from uvms_ocp.errors import InvalidInput
 from uvms_ocp.interrupts import Interrupted
 from uvms_ocp.ocp.clearance import ShapeClearance
@@ -59,8 +59,7 @@ _OF_LINKS, _OF_OBSTACLES = 0.75, 0.99
 """Shares of the distances at start and goal that are kept where more is asked; arms are stowed close by design."""
 
 
-@checked
-@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
+@checked_dataclass(eq=False)
 class OcpRequest:
     """Request for a motion: first the goal, at rest and within all limits, then little effort on smooth paths."""
 
@@ -84,8 +83,7 @@ class OcpRequest:
     """[s] for the solver; by default its iterations end it, however busy the machine is."""
 
 
-@checked
-@dataclass(frozen=True, kw_only=True, eq=False)
+@checked_dataclass(slots=False, eq=False)
 class OcpResult:
     """The plan, and what its true shapes keep from each other; of a plan that is not usable that means nothing."""
 

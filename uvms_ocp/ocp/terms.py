@@ -14,7 +14,7 @@ from typing import Annotated, ClassVar, TypeAlias
 import casadi as ca
 import numpy as np
 
-from uvms_ocp.checks import checked
+from uvms_ocp.checks import checked, checked_dataclass
 from uvms_ocp.errors import InvalidInput
 from uvms_ocp.record.meta_values import ObstacleMeta
 from uvms_ocp.robot.limits import ranged_joints
@@ -49,8 +49,7 @@ class StageSymbols:
     """(n_joints,) """
 
 
-@checked
-@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
+@checked_dataclass(eq=False)
 class Term(ABC):
     """Rows over a horizon. Raises `InvalidInput` for a weight that is not finite and positive."""
 
@@ -121,8 +120,7 @@ class TaskRows(Term):
         return self.task.reference(t)
 
 
-@checked
-@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
+@checked_dataclass(eq=False)
 class TaskTerm(TaskRows):
     """A task of the velocity hierarchy over the horizon, by its `Task.residual`.
 
@@ -143,8 +141,7 @@ class TaskTerm(TaskRows):
         return Residual(value=given.value, lower=given.lower - slack, upper=given.upper + slack)
 
 
-@checked
-@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
+@checked_dataclass(eq=False)
 class AtRest(Term):
     """All velocities are zero, in shares of their limits."""
 
@@ -166,8 +163,7 @@ class _PathCost(Term):
         return type(self).__name__.lower()
 
 
-@checked
-@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
+@checked_dataclass(eq=False)
 class Effort(_PathCost):
     """Thrust and torque, in shares of their limits: the integral of their squares."""
 
@@ -177,8 +173,7 @@ class Effort(_PathCost):
         return zero_residual(ca.vertcat(stage.thrust_share, stage.torque_share))
 
 
-@checked
-@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
+@checked_dataclass(eq=False)
 class Energy(_PathCost):
     """Electrical energy: rows whose squares are the powers of thrusters and joints [kW], smooth at zero.
 
@@ -203,8 +198,7 @@ class Energy(_PathCost):
         return zero_residual(ca.vertcat(ca.SX(0, 1), *rows))
 
 
-@checked
-@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
+@checked_dataclass(eq=False)
 class Smoothness(_PathCost):
     """Accelerations, in shares of their limits: the integral of their squares."""
 
@@ -214,8 +208,7 @@ class Smoothness(_PathCost):
         return zero_residual(stage.acceleration / ca.DM(finite_or(stage.tick.robot.limits.acceleration, 1.0)))
 
 
-@checked
-@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
+@checked_dataclass(eq=False)
 class Duration(_PathCost):
     """Time: a row of ones, whose integral is the duration. Of use where durations are free."""
 
@@ -226,8 +219,7 @@ class Duration(_PathCost):
         return zero_residual(ca.SX(1))
 
 
-@checked
-@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
+@checked_dataclass(eq=False)
 class Posture(_PathCost):
     """Joints away from a preferred posture, in shares of their range, of a turn where they are endless: the squares' integral."""
 
@@ -265,8 +257,7 @@ OwnRows = Callable[..., ca.SX]
 """``stage -> rows``, or ``stage, parameters -> rows`` for a term that has parameters; rows (m,) as CasADi SX."""
 
 
-@checked
-@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
+@checked_dataclass(eq=False)
 class _FunctionTerm(Term):
     """Rows by a function, within bounds."""
 

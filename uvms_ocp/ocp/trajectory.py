@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import Annotated
 
 import numpy as np
 import pinocchio as pin
 
-from uvms_ocp.checks import checked, unchecked_constructor
+from uvms_ocp.checks import checked, checked_dataclass, unchecked_constructor
 from uvms_ocp.errors import InvalidInput
 from uvms_ocp.ocp.problem import Actuation, OcpProblem
 from uvms_ocp.robot import State, Water
@@ -17,8 +17,7 @@ from uvms_ocp.robot.thrusters import thrust_limits, thruster_matrix
 from uvms_ocp.types import Indices, Shape
 
 
-@checked
-@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
+@checked_dataclass(eq=False)
 class Trajectory:
     """States at nodes and inputs of steps."""
 

@@ -10,7 +10,7 @@ from typing import Annotated
 import numpy as np
 import pinocchio as pin
 
-from uvms_ocp.checks import checked, checked_on_failure
+from uvms_ocp.checks import checked_dataclass, checked_on_failure
 from uvms_ocp.planning.scene import CollisionScene
 from uvms_ocp.robot.kinematics import largest_change
 from uvms_ocp.robot.robot import require_normalized
@@ -83,8 +83,7 @@ Configurations = Annotated[Array, Shape("n", "self.scene.coordinates.robot.n_q")
 Samples = Annotated[Array, Shape("n", "self.scene.coordinates.n_axes")]
 
 
-@checked
-@dataclass(frozen=True, slots=True, eq=False)
+@checked_dataclass(kw_only=False, eq=False)
 class CoalDistances:
     """Distances by coal, for any shapes.
 

@@ -8,7 +8,7 @@ from typing import Annotated, NamedTuple, Protocol
 
 import numpy as np
 
-from uvms_ocp.checks import checked
+from uvms_ocp.checks import checked_dataclass
 from uvms_ocp.planning.distances import NearPairs
 from uvms_ocp.planning.scene import CollisionScene
 from uvms_ocp.trajectories.free_derivatives import Pieces, basis, hermite_cost
@@ -235,8 +235,7 @@ class DistanceSource(Protocol):
         ...
 
 
-@checked
-@dataclass(frozen=True, kw_only=True, slots=True)
+@checked_dataclass()
 class CostWeights:
     """L1, l2, l3 and the shape of the penalties.
 

@@ -6,14 +6,14 @@ A goal says itself what it means for a path in planned axes, and for optimal con
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import field
 from typing import Annotated, TypeAlias
 
 import numpy as np
 import pinocchio as pin
 from numpy.typing import ArrayLike
 
-from uvms_ocp.checks import checked, finite_array
+from uvms_ocp.checks import checked, checked_dataclass, finite_array
 from uvms_ocp.errors import InvalidInput, NameNotFound
 from uvms_ocp.planning.conservative_advancement import PairDistances
 from uvms_ocp.planning.distances import CoalDistances
@@ -28,8 +28,7 @@ from uvms_ocp.types import Array, Count, Finite, Magnitude, Range, Shape
 # Coordinates that bring a frame of the robot to a pose: the goal of a plan given by its tool.
 
 
-@checked
-@dataclass(frozen=True, kw_only=True, slots=True)
+@checked_dataclass()
 class ToolGoalOptions:
     """Settings of ``tool_goal``."""
 
@@ -105,8 +104,7 @@ _SAME = 1e-9  # [m or rad] difference between a goal and a start that is none
 _FARTHEST, _MOST_TURN = 1e4, 4 * np.pi  # [m] and [rad]
 
 
-@checked
-@dataclass(frozen=True, kw_only=True, slots=True)
+@checked_dataclass()
 class ToolGoal:
     """A frame of the robot at a place. Raises `InvalidInput` for numbers that are not finite."""
 
@@ -146,8 +144,7 @@ class ToolGoal:
         return (ToolPosition(frame=self.frame, goal=pin.SE3(np.eye(3), self.target)),)
 
 
-@checked
-@dataclass(frozen=True, kw_only=True, slots=True)
+@checked_dataclass()
 class PostureGoal:
     """A posture of the vehicle and joints; what is left out stays as at the start.
 
@@ -242,8 +239,7 @@ AXES = ("level", "all", "joints")
 """Planned axes: all but roll and pitch, all, or the joints alone."""
 
 
-@checked
-@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
+@checked_dataclass(eq=False)
 class PlanRequest:
     """Request for a path: start, goal, obstacles and options."""
 
@@ -258,8 +254,7 @@ class PlanRequest:
     seed: Count = 0
 
 
-@checked
-@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
+@checked_dataclass(eq=False)
 class PlanResult:
     """The scene that was built, and the plan; None where no posture reaches the tool's goal."""
 

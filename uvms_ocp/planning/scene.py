@@ -16,7 +16,7 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import ArrayLike
 
-from uvms_ocp.checks import checked, checked_on_failure
+from uvms_ocp.checks import checked, checked_dataclass, checked_on_failure
 from uvms_ocp.errors import InvalidInput, NameNotFound
 from uvms_ocp.robot.kinematics import shape_reach
 from uvms_ocp.robot.robot import Robot
@@ -29,8 +29,7 @@ from uvms_ocp.types import Array, Indices, Shape
 VEHICLE_AXES = ("x", "y", "z", "roll", "pitch", "yaw")
 
 
-@checked
-@dataclass(frozen=True, kw_only=True, eq=False)
+@checked_dataclass(slots=False, eq=False)
 class Coordinates:
     """Planned axes of a robot, and the places of the others; see ``coordinates``."""
 
@@ -240,8 +239,7 @@ class NearestPair:
     """The two shapes it is between; empty where there are no pairs."""
 
 
-@checked
-@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
+@checked_dataclass(eq=False)
 class CollisionScene:
     """Collision scene of ``collision_scene``: a geometry model whose pairs are the ones checked."""
 

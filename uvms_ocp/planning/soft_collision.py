@@ -11,7 +11,7 @@ from typing import Annotated
 import numpy as np
 from numpy.typing import ArrayLike
 
-from uvms_ocp.checks import checked
+from uvms_ocp.checks import checked, checked_dataclass
 from uvms_ocp.errors import AdvisedStatus, InvalidInput
 from uvms_ocp.planning.conservative_advancement import ClearanceReport, PairDistances, check_clearance
 from uvms_ocp.planning.descent import Descent, DescentProblem, DescentSolver, TrustRegion
@@ -27,8 +27,7 @@ from uvms_ocp.types import Array, AtLeastOne, Count, Indices, Magnitude, Mask, P
 # Sample way points around obstacles by RRT-Connect [Kuffner2000], for paths that no bending frees.
 
 
-@checked
-@dataclass(frozen=True, kw_only=True, slots=True)
+@checked_dataclass()
 class SamplingOptions:
     """Settings of ``sampled_waypoints``. Raises `InvalidInput` for a step or room that is not positive."""
 
@@ -178,8 +177,7 @@ class PlanStatus(AdvisedStatus):
     COLLIDING = ("still in collision", "give way points around the obstacle (see sampled_waypoints), more pieces or restarts.")
 
 
-@checked
-@dataclass(frozen=True, kw_only=True, slots=True)
+@checked_dataclass()
 class SoftCollisionOptions:
     """Settings of ``plan_soft_collision``."""
 
@@ -198,8 +196,7 @@ class SoftCollisionOptions:
     seed: Count = 0
 
 
-@checked
-@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
+@checked_dataclass(eq=False)
 class CollisionPlan:
     """A trajectory of the scene's coordinates and how clear of collision it is."""
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
 from io import BytesIO
 from operator import itemgetter
 from pathlib import Path
@@ -12,7 +11,7 @@ from zipfile import ZIP_DEFLATED, ZIP_STORED, ZipFile
 
 import numpy as np
 
-from uvms_ocp.checks import checked, checked_on_failure
+from uvms_ocp.checks import checked, checked_dataclass, checked_on_failure
 from uvms_ocp.errors import InvalidInput, NameNotFound, OutputError
 from uvms_ocp.model_errors import printable
 from uvms_ocp.record import mcap, tables
@@ -182,8 +181,7 @@ def _check_start_and_events(t: np.ndarray, meta: RunMeta) -> None:
 _META_KEY = "__meta__"
 
 
-@checked
-@dataclass(frozen=True, kw_only=True, slots=True, eq=False, repr=False)
+@checked_dataclass(eq=False, repr=False)
 class Record(TableDisplay):
     """Named time series that share their first axis, and what is needed to read them.
 

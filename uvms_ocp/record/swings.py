@@ -4,11 +4,10 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
 
 import numpy as np
 
-from uvms_ocp.checks import checked
+from uvms_ocp.checks import checked_dataclass
 
 WINDOW = 20.0
 """[s] in which a swing is looked for."""
@@ -18,8 +17,7 @@ _HALVES = 4  # half periods at least
 _EVERY, _ASKED = 0.1, 1.0  # [s] between values, and between searches, while a run lasts
 
 
-@checked
-@dataclass(frozen=True, kw_only=True, slots=True)
+@checked_dataclass()
 class Swing:
     """An oscillation at the end of a run, or of the time so far."""
 

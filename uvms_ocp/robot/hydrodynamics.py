@@ -49,7 +49,7 @@ from itertools import permutations, product
 import numpy as np
 import pinocchio as pin
 
-from uvms_ocp.checks import checked, checked_on_failure, finite_array
+from uvms_ocp.checks import checked_dataclass, checked_on_failure, finite_array
 from uvms_ocp.errors import InvalidInput
 from uvms_ocp.robot.spatial import Array, column, cross, diagonal
 from uvms_ocp.types import read_only
@@ -188,8 +188,7 @@ def _zero6() -> np.ndarray:
     return np.zeros((6, 6))
 
 
-@checked
-@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
+@checked_dataclass(eq=False)
 class LinkHydrodynamics:
     """Hydrodynamic coefficients of one link. Arrays are read-only; a diagonal (6,) is accepted for every matrix.
 

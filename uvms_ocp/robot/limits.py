@@ -9,7 +9,7 @@ import casadi as ca
 import numpy as np
 import pinocchio as pin
 
-from uvms_ocp.checks import checked
+from uvms_ocp.checks import checked_dataclass
 from uvms_ocp.codegen.elementwise import Array, is_symbolic
 from uvms_ocp.errors import InvalidInput
 from uvms_ocp.record.display import FieldTable
@@ -79,8 +79,7 @@ class Joint:
         return [q[i] for i in range(self.idx_q, self.idx_q + self.n_q)]
 
 
-@checked
-@dataclass(frozen=True, kw_only=True, slots=True, eq=False, repr=False)
+@checked_dataclass(eq=False, repr=False)
 class Limits(FieldTable):
     """Actuator and position limits, infinite where there is none; read-only arrays."""
 

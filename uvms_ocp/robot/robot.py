@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 from typing import Annotated
 
@@ -11,7 +11,7 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import ArrayLike
 
-from uvms_ocp.checks import checked, checked_on_failure, finite_array
+from uvms_ocp.checks import checked_dataclass, checked_on_failure, finite_array
 from uvms_ocp.errors import FrameNotFound, InvalidInput, NameNotFound
 from uvms_ocp.record.display import SmallTable
 from uvms_ocp.robot.coefficients import links_in_water
@@ -140,8 +140,7 @@ def shifted_shapes(shapes: pin.GeometryModel, moved: frozenset[int], shift: pin.
 # The robot as a value: mechanism, shapes, limits and the description of the water on it.
 
 
-@checked
-@dataclass(frozen=True, kw_only=True, slots=True, weakref_slot=True, eq=False, repr=False)
+@checked_dataclass(weakref_slot=True, eq=False, repr=False)
 class Robot:
     """A vehicle with an arm, or a fixed-base arm; see `uvms_ocp.robot.loading.load_robot`.
 

@@ -8,12 +8,12 @@ from __future__ import annotations
 import enum
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass, field, fields, replace
+from dataclasses import field, fields, replace
 from typing import Annotated, Any, Generic, TypeAlias, TypeVar
 
 import numpy as np
 
-from uvms_ocp.checks import checked
+from uvms_ocp.checks import checked, checked_dataclass
 from uvms_ocp.errors import InvalidInput
 from uvms_ocp.robot.description import RobotDescription, SensorDescription
 from uvms_ocp.types import Finite, Magnitude, Range, Shape, Vector3
@@ -32,8 +32,7 @@ class Trust(enum.IntEnum):
     """Its readings are not used."""
 
 
-@checked
-@dataclass(frozen=True, kw_only=True, slots=True)
+@checked_dataclass()
 class ChannelHealth:
     """Health of one channel."""
 
@@ -58,8 +57,7 @@ _JointPositions: TypeAlias = Annotated[np.ndarray, Shape("n_joint_q")]
 _JointVelocities: TypeAlias = Annotated[np.ndarray, Shape("n_joints")]
 
 
-@checked
-@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
+@checked_dataclass(eq=False)
 class State:
     """True or estimated state of the robot."""
 
@@ -71,8 +69,7 @@ class State:
     """(n_v,) [m/s2, rad/s2] rate of v, where it is known; an accelerometer needs it."""
 
 
-@checked
-@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
+@checked_dataclass(eq=False)
 class Reading(Generic[Value]):
     """The last value that a sensor delivered."""
 
@@ -81,8 +78,7 @@ class Reading(Generic[Value]):
     """[s] when it was taken, which is earlier than when it arrived if the sensor has a delay."""
 
 
-@checked
-@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
+@checked_dataclass(eq=False)
 class Readings:
     """The last reading of every channel at one tick; `None` before the first and where there is no such sensor."""
 
@@ -106,8 +102,7 @@ class Readings:
     """(3,) [m/s2] in B: acceleration of the origin of B less gravity."""
 
 
-@checked
-@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
+@checked_dataclass(eq=False)
 class StateEstimate:
     """The navigation solution at one tick; the only thing a controller sees."""
 
@@ -131,8 +126,7 @@ class StateEstimate:
     """[m] standard deviation of `altimeter_range`; nan where it is not known."""
 
 
-@checked
-@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
+@checked_dataclass(eq=False)
 class Command:
     """Setpoints for the plant at one tick."""
 
@@ -157,8 +151,7 @@ class Command:
 # What the sensors of a robot are like: rates, noise, delays. The simulated sensors and the estimator read the same.
 
 
-@checked
-@dataclass(frozen=True, kw_only=True, slots=True)
+@checked_dataclass()
 class SensorSpec:
     """One channel. Raises `InvalidInput` for a value outside its range."""
 
@@ -188,8 +181,7 @@ class SensorSpec:
         return self.sigma == 0.0 and not any(self.biases)
 
 
-@checked
-@dataclass(frozen=True, kw_only=True, slots=True)
+@checked_dataclass()
 class SensorSpecs:
     """All channels of `Readings`; `None` where the robot has no such sensor. The noise of the defaults is assumed."""
 

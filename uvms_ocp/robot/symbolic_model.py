@@ -13,7 +13,7 @@ from dataclasses import dataclass, field
 import casadi as ca
 import pinocchio as pin
 
-from uvms_ocp.checks import checked
+from uvms_ocp.checks import checked_dataclass
 from uvms_ocp.errors import FrameNotFound, InvalidInput
 from uvms_ocp.robot import spatial
 from uvms_ocp.robot.symbolic_bodies import SymbolicJoint, SymbolicPose, Twist, TwistToWrench, Wrench, sparse, symbolic_joint
@@ -66,8 +66,7 @@ class SymbolicKinematics:
         return ca.vertcat(linear, angular)
 
 
-@checked
-@dataclass(frozen=True, slots=True, eq=False)
+@checked_dataclass(kw_only=False, eq=False)
 class SymbolicModel:
     """A kinematic tree as CasADi expressions of q (n_q,) [m, rad], v (n_v,) [m/s, rad/s] and a (n_v,) [m/s2, rad/s2].
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, fields, replace
+from dataclasses import field, fields, replace
 from functools import partial
 from typing import Any
 
@@ -11,7 +11,7 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import ArrayLike
 
-from uvms_ocp.checks import checked
+from uvms_ocp.checks import checked_dataclass
 from uvms_ocp.control import LoadLearning, VelocityGains
 from uvms_ocp.control.velocity.kinematic import HierarchySolver
 from uvms_ocp.errors import NameNotFound
@@ -34,8 +34,7 @@ _ROBOT, _SEABED = "girona_maris7_full", -40.0  # [m]
 Markers = Mapping[str, tuple[float, float, float]]
 
 
-@checked
-@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
+@checked_dataclass(eq=False)
 class RunOptions:
     """Options of every scenario. `run_options` makes them from keywords, which may give a robot or a current by less."""
 

@@ -8,13 +8,12 @@ import importlib.util
 import sys
 import traceback
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
 from inspect import Parameter, signature
 from pathlib import Path
 from types import ModuleType
 from typing import Any
 
-from uvms_ocp.checks import checked
+from uvms_ocp.checks import checked, checked_dataclass
 from uvms_ocp.errors import InvalidInput, NameNotFound, UvmsError, plain_line
 from uvms_ocp.robot import Robot, load_robot, robot_folder
 from uvms_ocp.robot.loading import files_of
@@ -28,8 +27,7 @@ _HELPERS: dict[str, Path] = {}  # modules that files of one's own have imported,
 _FOLDERS: set[Path] = set()  # where code of one's own has been loaded from
 
 
-@checked
-@dataclass(frozen=True, kw_only=True, slots=True)
+@checked_dataclass()
 class UserCode:
     """Where it is. Raises `InvalidInput` for neither a file nor a module, or both."""
 

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import TypeAlias
 
 import numpy as np
 
-from uvms_ocp.checks import checked
+from uvms_ocp.checks import checked, checked_dataclass
 from uvms_ocp.control.force.computed_torque import OPEN_LOOP
 from uvms_ocp.control.plan_following import PlanTracker
 from uvms_ocp.errors import InvalidInput
@@ -27,8 +27,7 @@ PlantOrEnvironment: TypeAlias = Plant | Environment
 _DEEP = FlatSeafloor(z=-1e4)  # of plants, whose floor no one tells: the echo of the altimeter is not used
 
 
-@checked
-@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
+@checked_dataclass(eq=False)
 class ReplayResult:
     """Record and errors of a plan carried out on a plant."""
 

@@ -14,7 +14,7 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import ArrayLike
 
-from uvms_ocp.checks import checked, finite_array
+from uvms_ocp.checks import checked, checked_dataclass, finite_array
 from uvms_ocp.control import DynamicController, LoadLearning, VelocityGains
 from uvms_ocp.control.external import SupervisedController
 from uvms_ocp.control.velocity.kinematic import Guide, HierarchySolver, KinematicController
@@ -143,8 +143,7 @@ def our_estimator(scenario: Scenario) -> StateEstimator:
     return Estimator(scenario.robot, scenario.specs, altimeter_frame=scenario.altimeter_frame)
 
 
-@checked
-@dataclass(frozen=True, kw_only=True, slots=True, eq=False, repr=False)
+@checked_dataclass(eq=False, repr=False)
 class Scenario(FieldTable):
     """Everything that one simulation needs.
 

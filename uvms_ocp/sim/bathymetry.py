@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated
 
 import numpy as np
 
-from uvms_ocp.checks import checked, checked_on_failure
+from uvms_ocp.checks import checked_dataclass, checked_on_failure
 from uvms_ocp.errors import InvalidInput
 from uvms_ocp.model_errors import printable
 from uvms_ocp.record.untrusted import read_arrays
@@ -19,8 +18,7 @@ from uvms_ocp.types import Array, Finite, Range, Shape, Vector3
 _FORMS = "give CSV with lines x,y,z [m] of a whole grid, or an .npz with arrays x (n,), y (m,) and z (m, n)"
 
 
-@checked
-@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
+@checked_dataclass(eq=False)
 class Bathymetry(Seafloor):
     """Heights on a grid, bilinear between its points and level with its border beyond it.
 

@@ -9,7 +9,7 @@ from typing import Annotated, Any, Protocol
 import numpy as np
 from numpy.typing import ArrayLike
 
-from uvms_ocp.checks import checked, checked_on_failure, finite_array
+from uvms_ocp.checks import checked_dataclass, checked_on_failure, finite_array
 from uvms_ocp.errors import InvalidInput
 from uvms_ocp.robot.hydrodynamics import Water
 from uvms_ocp.types import DAY, Count, Finite, Positive, Shape
@@ -221,8 +221,7 @@ def cosine_slope(share: float) -> float:
     return 0.5 * math.pi * math.sin(math.pi * share) if 0.0 < share < 1.0 else 0.0
 
 
-@checked
-@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
+@checked_dataclass(eq=False)
 class GustyCurrent(Current):
     """A first-order Gauss-Markov process on top of another current, the same everywhere.
 

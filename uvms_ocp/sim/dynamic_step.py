@@ -18,7 +18,7 @@ from dataclasses import dataclass
 import casadi as ca
 import numpy as np
 
-from uvms_ocp.checks import checked
+from uvms_ocp.checks import checked_dataclass
 from uvms_ocp.codegen.buffered import BoundFunction
 from uvms_ocp.codegen.elementwise import clipped
 from uvms_ocp.errors import InvalidInput
@@ -35,8 +35,7 @@ from uvms_ocp.types import Positive
 # The floor pushes and never pulls; friction is Coulomb's, regularised below a creeping speed.
 
 
-@checked
-@dataclass(frozen=True, kw_only=True, slots=True)
+@checked_dataclass()
 class ContactModel:
     """Stiffness and damping per corner. Raises `InvalidInput` for a number that is not > 0.
 

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import field
 from typing import Annotated
 
 import casadi as ca
 import numpy as np
 
-from uvms_ocp.checks import checked
+from uvms_ocp.checks import checked, checked_dataclass
 from uvms_ocp.codegen import BufferedFunction, compile_function
 from uvms_ocp.robot.robot import Robot, require_normalized
 from uvms_ocp.robot.shapes.collision_model import CollisionModel
@@ -24,8 +24,7 @@ from uvms_ocp.types import Positive, Shape
 # What surrounds the robot: floor, water and obstacles.
 
 
-@checked
-@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
+@checked_dataclass(eq=False)
 class Environment:
     """Everything that is not the robot. Raises `InvalidInput` for two obstacles of the same name."""
 
@@ -122,8 +121,7 @@ def sites_function(dynamics: SymbolicDynamics, points: np.ndarray) -> ca.Functio
 _AROUND = 4.0  # [m] of floor beyond the vehicle's track
 
 
-@checked
-@dataclass(frozen=True, kw_only=True, slots=True)
+@checked_dataclass()
 class ClosestApproach:
     """The smallest distance over a run; 0 or less is contact."""
 

@@ -11,7 +11,7 @@ from importlib.resources import files
 
 import tomllib
 
-from uvms_ocp.checks import checked, checked_on_failure
+from uvms_ocp.checks import checked, checked_dataclass, checked_on_failure
 from uvms_ocp.errors import InvalidInput, NameNotFound, short
 from uvms_ocp.robot.signals import CHANNELS
 from uvms_ocp.types import DAY, Bound
@@ -144,8 +144,7 @@ def kind_of(target: FaultTarget, name: str) -> FaultModel:
 _EARLY = 1e-9  # [s] a tick that rounding puts just before a time counts
 
 
-@checked
-@dataclass(frozen=True, kw_only=True, slots=True)
+@checked_dataclass()
 class Fault:
     """One fault. `uvms_ocp.sim.faults` has the table of targets, kinds and values.
 

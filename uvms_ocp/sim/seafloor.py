@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field
+from dataclasses import field
 from typing import Annotated, Protocol
 
 import coal
 import numpy as np
 import pinocchio as pin
 
-from uvms_ocp.checks import checked, checked_on_failure
+from uvms_ocp.checks import checked, checked_dataclass, checked_on_failure
 from uvms_ocp.errors import InvalidInput, NameNotFound
 from uvms_ocp.record.meta_values import FloorRelief
 from uvms_ocp.robot.shapes.obstacles import Obstacle, mesh_shape
@@ -48,8 +48,7 @@ class Seafloor(Protocol):
         """
 
 
-@checked
-@dataclass(frozen=True, kw_only=True, slots=True)
+@checked_dataclass()
 class FlatSeafloor(Seafloor):
     """A horizontal plane. Raises `InvalidInput` for a height that is none, or very far from the origin."""
 
@@ -151,8 +150,7 @@ _MOST_BUMPS = 1_000_000
 _RANGE_TOLERANCE = 1e-10  # [m]
 
 
-@checked
-@dataclass(frozen=True, kw_only=True, slots=True)
+@checked_dataclass()
 class Relief:
     """How rough a floor is: the ranges from which its protuberances are drawn.
 
@@ -181,8 +179,7 @@ RELIEFS = {
 """The floors of [Gao2022] table 2, which names but does not measure them: the figures are assumed."""
 
 
-@checked
-@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
+@checked_dataclass(eq=False)
 class HeightField(Seafloor):
     """A plane with bumps ``h (1 - (d/r)^2)^3`` where the distance d to the bump's centre is below r.
 

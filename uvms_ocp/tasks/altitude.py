@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import ClassVar
 
 import casadi as ca
 
-from uvms_ocp.checks import checked
+from uvms_ocp.checks import checked_dataclass
 from uvms_ocp.errors import InvalidInput
 from uvms_ocp.robot.kinematics import point_reach
 from uvms_ocp.robot.limits import PositionLimit
@@ -55,8 +54,7 @@ def height_of(robot: Robot, frame: str) -> ca.Function:
     return ca.Function("height", [q], [ca.densify(p_WS[2])])
 
 
-@checked
-@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
+@checked_dataclass(eq=False)
 class MinimumAltitude(Task):
     """MAC: the altimeter stays above `threshold` ([Gao2022] eqs 16-26)."""
 
@@ -113,8 +111,7 @@ class MinimumAltitude(Task):
         )
 
 
-@checked
-@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
+@checked_dataclass(eq=False)
 class LandingAltitude(Task):
     """LA: the altimeter descends to ``landing_distance + safeguard`` ([Gao2022] eqs 34-35)."""
 

@@ -12,7 +12,7 @@ from typing import ClassVar
 import casadi as ca
 import numpy as np
 
-from uvms_ocp.checks import checked, checked_on_failure
+from uvms_ocp.checks import checked_dataclass, checked_on_failure
 from uvms_ocp.errors import InvalidInput
 from uvms_ocp.robot.robot import Robot
 from uvms_ocp.robot.spatial import skew
@@ -136,8 +136,7 @@ class AngleTask(Task):
         )
 
 
-@checked
-@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
+@checked_dataclass(eq=False)
 class HorizontalAttitude(AngleTask):
     """HA: the body z axis stays vertical. Row ``-n . omega`` ([Gao2022], horizontal attitude).
 
@@ -173,8 +172,7 @@ class HorizontalAttitude(AngleTask):
         return 0.0, 0.0, 1.0
 
 
-@checked
-@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
+@checked_dataclass(eq=False)
 class TargetTask(AngleTask):
     """Shared part of tasks that turn an axis towards a point. Raises `InvalidInput` for a goal that is no position."""
 
@@ -213,8 +211,7 @@ class TargetTask(AngleTask):
         return replace(rows, rate=rows.rate - drift, upper=rows.upper - drift)
 
 
-@checked
-@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
+@checked_dataclass(eq=False)
 class Alignment(TargetTask):
     """AT: the body x axis points along the horizontal direction to a target ([Gao2022] eqs 36-58).
 
@@ -246,8 +243,7 @@ class Alignment(TargetTask):
         return self._target_rows(symbols, d, across, ca.SX([0, 0, 1]), parameters[3:], others, "misalignment")
 
 
-@checked
-@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
+@checked_dataclass(eq=False)
 class FieldOfView(TargetTask):
     """FV: a point stays inside the cone that a camera sees.
 

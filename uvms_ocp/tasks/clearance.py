@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import field
 from typing import ClassVar
 
 import casadi as ca
 import numpy as np
 
-from uvms_ocp.checks import checked, checked_on_failure
+from uvms_ocp.checks import checked_dataclass, checked_on_failure
 from uvms_ocp.robot.limits import PositionLimit
 from uvms_ocp.robot.robot import Robot
 from uvms_ocp.robot.shapes.collision_model import CollisionModel
@@ -16,8 +16,7 @@ from uvms_ocp.tasks.activation import SmoothActivation, saturate
 from uvms_ocp.tasks.task import NearestPairs, Rows, Task, TaskClass, TickSymbols, approach, require_positive
 
 
-@checked
-@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
+@checked_dataclass(eq=False)
 class Clearance(Task):
     """CL: the nearest pairs of shapes stay `threshold` apart, one row per pair.
 

@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 from typing import ClassVar
 
 import casadi as ca
 import numpy as np
 
-from uvms_ocp.checks import checked, checked_on_failure
+from uvms_ocp.checks import checked_dataclass, checked_on_failure
 from uvms_ocp.errors import InvalidInput
 from uvms_ocp.robot.limits import Joint, bounded_joints, ranged_joints
 from uvms_ocp.robot.robot import Robot
@@ -33,8 +32,7 @@ from uvms_ocp.tasks.task import (
 _SINGULAR = 1e-12  # keeps the square root of the manipulability differentiable at singular postures
 
 
-@checked
-@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
+@checked_dataclass(eq=False)
 class JointLimits(Task):
     """JL: every bounded joint stays inside its range, one row per joint ([Gao2022] Case 2).
 
@@ -112,8 +110,7 @@ class JointLimits(Task):
         )
 
 
-@checked
-@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
+@checked_dataclass(eq=False)
 class JointTracking(Task):
     """MP: chosen joints follow a trajectory or hold a preferred posture ([Gao2022] Case 2).
 
@@ -159,8 +156,7 @@ class JointTracking(Task):
         return equality_rows(jacobian, rate, {"posture_error": ca.norm_2(error)})
 
 
-@checked
-@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
+@checked_dataclass(eq=False)
 class Manipulability(Task):
     """MU: the manipulability ``mu = sqrt(det(J J'))`` of the arm stays away from 0.
 

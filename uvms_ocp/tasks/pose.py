@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import ClassVar
 
 import casadi as ca
 import numpy as np
 import pinocchio as pin
 
-from uvms_ocp.checks import checked, checked_on_failure
+from uvms_ocp.checks import checked_dataclass, checked_on_failure
 from uvms_ocp.errors import InvalidInput
 from uvms_ocp.robot.robot import Robot
 from uvms_ocp.robot.spatial import log3
@@ -35,8 +34,7 @@ from uvms_ocp.tasks.task import (
 _N_POSE = 12 + 6  # p (3), R column by column (9), rate (6)
 
 
-@checked
-@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
+@checked_dataclass(eq=False)
 class PoseTask(Task):
     """A frame F reaches a pose and follows it ([Gao2022] eqs 28-33, and the tool's CartError).
 
@@ -96,8 +94,7 @@ class PoseTask(Task):
         return equality_rows(jacobian, rate, quantities)
 
 
-@checked
-@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
+@checked_dataclass(eq=False)
 class VehiclePose(PoseTask):
     """PC: the vehicle reaches a way point."""
 
@@ -110,8 +107,7 @@ class VehiclePose(PoseTask):
     """[1/s]"""
 
 
-@checked
-@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
+@checked_dataclass(eq=False)
 class ToolPose(PoseTask):
     """T: the tool reaches a pose."""
 
@@ -124,8 +120,7 @@ class ToolPose(PoseTask):
     """[1/s]"""
 
 
-@checked
-@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
+@checked_dataclass(eq=False)
 class ToolPosition(Task):
     """The origin of a frame reaches a position; its orientation stays free."""
 
@@ -171,8 +166,7 @@ def pose_parameters(pose: pin.SE3, rate: np.ndarray) -> np.ndarray:
 # Tasks on generalized velocities themselves: vehicle null velocity (NR) and under-actuation.
 
 
-@checked
-@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
+@checked_dataclass(eq=False)
 class VehicleVelocity(Task):
     """Shared part of tasks on chosen vehicle axes (0-2 linear, 3-5 angular, in B).
 
@@ -189,8 +183,7 @@ class VehicleVelocity(Task):
             raise InvalidInput(f"{self.name}: axes {self.axes}; give some of 0 to 5")
 
 
-@checked
-@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
+@checked_dataclass(eq=False)
 class NullVelocity(VehicleVelocity):
     """NR: the vehicle stands still."""
 
@@ -205,8 +198,7 @@ class NullVelocity(VehicleVelocity):
         return equality_rows(symbols.velocity_rows(list(self.axes)), ca.SX.zeros(len(self.axes)))
 
 
-@checked
-@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
+@checked_dataclass(eq=False)
 class UnderActuation(VehicleVelocity):
     """Axes without thrust keep their measured velocity, so that the other rows reckon with it.
 

@@ -17,7 +17,7 @@ import casadi as ca
 import numpy as np
 import pinocchio as pin
 
-from uvms_ocp.checks import checked, checked_on_failure
+from uvms_ocp.checks import checked, checked_dataclass, checked_on_failure
 from uvms_ocp.errors import InvalidInput, NameNotFound
 from uvms_ocp.record.display import SmallTable, TableDisplay
 from uvms_ocp.record.meta_values import LARGEST
@@ -204,8 +204,7 @@ class TickSymbols:
         return self.kinematics.joint_poses[1].R
 
 
-@checked
-@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
+@checked_dataclass(eq=False)
 class Rows:
     """Rows that a task sets on v: ``jacobian @ v`` at `rate`, or within ``[lower, upper]``."""
 
@@ -227,8 +226,7 @@ class Rows:
         return int(self.jacobian.shape[0])
 
 
-@checked
-@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
+@checked_dataclass(eq=False)
 class Residual:
     """Rows that a task sets on a state: `value` within ``[lower, upper]``; an equality has lower = upper.
 
@@ -247,8 +245,7 @@ class Residual:
         return int(self.value.shape[0])
 
 
-@checked
-@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
+@checked_dataclass(eq=False)
 class Task(ABC):
     """Base of all tasks. Fields of every task can be changed with `dataclasses.replace`.
 

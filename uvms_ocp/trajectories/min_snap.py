@@ -19,7 +19,7 @@ import casadi as ca
 import numpy as np
 from numpy.typing import ArrayLike
 
-from uvms_ocp.checks import checked
+from uvms_ocp.checks import checked, checked_dataclass
 from uvms_ocp.errors import InvalidInput
 from uvms_ocp.record.display import FieldTable
 from uvms_ocp.trajectories.free_derivatives import (
@@ -39,8 +39,7 @@ from uvms_ocp.types import Array, Count, Finite, Mask, Positive, Range, Shape, r
 # What a minimum-snap curve must obey besides its way points and times, checked and laid out node by node.
 
 
-@checked
-@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
+@checked_dataclass(eq=False)
 class Boundary:
     """Derivatives 1, 2, ... at both ends: a number for all of them (0 is rest), rows (n_given, n_axes), or None (free).
 
@@ -53,8 +52,7 @@ class Boundary:
     """() or (n_given, n_axes) [axis/s^d]"""
 
 
-@checked
-@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
+@checked_dataclass(eq=False)
 class Constraint:
     """One derivative fixed at one way point, for all axes or some of them."""
 
@@ -68,8 +66,7 @@ class Constraint:
     """Axes concerned; None is all of them."""
 
 
-@checked
-@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
+@checked_dataclass(eq=False)
 class CurveSpecification:
     """Order of the derivative that is minimised, and conditions at the way points besides their positions.
 
@@ -220,8 +217,7 @@ class CostGradients:
     """(k, n + 1, n_axes) [axis/s^(2k - 1 - d)] by every derivative at every way point; zero where it is free."""
 
 
-@checked
-@dataclass(frozen=True, kw_only=True, slots=True, eq=False, repr=False)
+@checked_dataclass(eq=False, repr=False)
 class MinSnap(FieldTable):
     """A minimum-derivative trajectory and the data of its nodes."""
 
@@ -412,8 +408,7 @@ class _Qp:
 _LARGEST_WEIGHT = 1e12  # beyond it the optimal durations are lost in rounding
 
 
-@checked
-@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
+@checked_dataclass(eq=False)
 class MotionLimits:
     """Largest absolute derivatives, a number or one per axis; infinity is no limit.
 

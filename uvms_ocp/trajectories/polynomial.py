@@ -8,7 +8,6 @@ derivatives of order d are [axis/s^d].
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from functools import cached_property
 from math import factorial
 from pathlib import Path
@@ -16,7 +15,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import ArrayLike
 
-from uvms_ocp.checks import checked, checked_on_failure
+from uvms_ocp.checks import checked, checked_dataclass, checked_on_failure
 from uvms_ocp.errors import InvalidInput, OutputError
 from uvms_ocp.model_errors import printable
 from uvms_ocp.record.display import FieldTable
@@ -26,8 +25,7 @@ from uvms_ocp.types import Array, Count, Finite, read_only
 _EXTREMUM_GRID = np.linspace(0.0, 1.0, 65)
 
 
-@checked
-@dataclass(frozen=True, kw_only=True, eq=False, repr=False)
+@checked_dataclass(slots=False, eq=False, repr=False)
 class PiecewisePolynomial(FieldTable):
     """A curve ``t -> R^n_axes`` made of polynomials; as a callable it is a ``Reference``, ``t -> (value, rate)``.
 

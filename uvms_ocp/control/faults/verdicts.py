@@ -10,7 +10,7 @@ from typing import Annotated
 
 import numpy as np
 
-from uvms_ocp.checks import checked
+from uvms_ocp.checks import checked_dataclass
 from uvms_ocp.codegen.elementwise import Array, where
 from uvms_ocp.codegen.kernel_layout import Layout, Sized
 from uvms_ocp.errors import InvalidInput
@@ -141,8 +141,7 @@ def faulty_joints(verdicts: Sequence[JointVerdict]) -> list[str]:
 # How much has to be seen before a thruster or a joint is called faulty.
 
 
-@checked
-@dataclass(frozen=True, kw_only=True, slots=True)
+@checked_dataclass()
 class ActuatorHealthTuning:
     """Tuning of `ActuatorMonitor`. Raises `InvalidInput` for a number not > 0, and a share of 1 or more."""
 
@@ -159,7 +158,7 @@ class ActuatorHealthTuning:
     """[s] after a start or a verdict that are not looked at."""
 
     def __post_init__(self) -> None:
-        for name in self.__slots__:
+        for name in self.__dataclass_fields__:
             value = getattr(self, name)
             if not (math.isfinite(value) and value > 0):
                 raise InvalidInput(f"{name} of the actuator health = {value}; give a finite number > 0")

@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from functools import lru_cache
 
 import numpy as np
 
-from uvms_ocp.checks import checked, checked_on_failure, unchecked_constructor
+from uvms_ocp.checks import checked, checked_dataclass, checked_on_failure, unchecked_constructor
 from uvms_ocp.control.faults.monitor import ActuatorMonitor
 from uvms_ocp.control.faults.verdicts import ActuatorHealthTuning, residual_filter_for
 from uvms_ocp.control.force.allocation import thruster_lag
@@ -32,8 +31,7 @@ _ENCODERS = ("joint_positions", "joint_velocities")
 _NEARLY = 0.999  # of a limit of thrust counts as at it
 
 
-@checked
-@dataclass(frozen=True, kw_only=True, slots=True)
+@checked_dataclass()
 class VelocityGains:
     """Gains of the velocity loop, in units of the closed loop: the model takes care of mass and water.
 

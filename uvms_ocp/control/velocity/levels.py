@@ -8,14 +8,14 @@ the jerk of each axis. That level is below the tasks that keep the robot safe: b
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from itertools import takewhile
 from typing import NamedTuple
 
 import casadi as ca
 import numpy as np
 
-from uvms_ocp.checks import checked
+from uvms_ocp.checks import checked, checked_dataclass
 from uvms_ocp.control.velocity.swing import N_PASSIVE, countered_rows, lean_of, lean_rows, mean_attitude, swinging_axes
 from uvms_ocp.record.meta_values import OWN_QUANTITIES
 from uvms_ocp.robot import Robot, SymbolicModel
@@ -170,8 +170,7 @@ _SPEED = "vehicle.speed"
 _INPUTS = ("q", "velocity", "passive", "previous", "change", "altimeter_range", "parameters", "gates")
 
 
-@checked
-@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
+@checked_dataclass(eq=False)
 class LevelsProblem:
     """The levels of a tick, ready for a solver's ``bind``."""
 

@@ -3,11 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
 from enum import IntEnum
 from typing import Any
 
-from uvms_ocp.checks import checked
+from uvms_ocp.checks import checked_dataclass
 from uvms_ocp.codegen.kernel_layout import Layout
 from uvms_ocp.robot.signals import UNITS
 from uvms_ocp.types import Positive
@@ -15,8 +14,7 @@ from uvms_ocp.types import Positive
 # What the health monitor takes for possible, with reasons.
 
 
-@checked
-@dataclass(frozen=True, kw_only=True, slots=True)
+@checked_dataclass()
 class HealthTuning:
     """What robot, water and floor make possible. Raises `InvalidInput` for a number that is not finite and > 0."""
 

@@ -10,7 +10,6 @@ The entries are the fields of `uvms_ocp.record.meta_values.ObstacleMeta`, by whi
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -20,7 +19,7 @@ import pinocchio as pin
 from numpy.typing import ArrayLike
 from pydantic import BaseModel, ConfigDict, ValidationError
 
-from uvms_ocp.checks import checked
+from uvms_ocp.checks import checked, checked_dataclass
 from uvms_ocp.errors import InvalidInput, NameNotFound
 from uvms_ocp.model_errors import printable
 from uvms_ocp.record.meta_values import N_SIZES, ObstacleMeta
@@ -30,8 +29,7 @@ from uvms_ocp.types import Finite, Range, Shape
 # Obstacles: solid shapes that stand in the water.
 
 
-@checked
-@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
+@checked_dataclass(eq=False)
 class Obstacle:
     """A coal shape at a fixed pose in W. Raises `InvalidInput` for an empty name or a pose that is not finite."""
 

@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from itertools import pairwise
 from typing import Any
 
 import numpy as np
 import pinocchio as pin
 
-from uvms_ocp.checks import checked
+from uvms_ocp.checks import checked, checked_dataclass
 from uvms_ocp.control.force.dynamic import VelocityGains
 from uvms_ocp.errors import InvalidInput
 from uvms_ocp.mission.phase import Above, Below, Phase, Transition
@@ -32,8 +32,7 @@ _DISTANCE = 1.4  # [m] of the way point from the target, horizontally
 _REACHING = 0.55  # of its length, by which the arm bridges it
 
 
-@checked
-@dataclass(frozen=True, kw_only=True, slots=True)
+@checked_dataclass()
 class Thresholds:
     """Thresholds that end the phases of Case 1."""
 

@@ -12,7 +12,7 @@ from typing import Annotated, Any, TypeVar
 import numpy as np
 import pinocchio as pin
 
-from uvms_ocp.checks import checked
+from uvms_ocp.checks import checked, checked_dataclass
 from uvms_ocp.control.force.dynamic import VelocityGains
 from uvms_ocp.mission import Below, Mission, Phase
 from uvms_ocp.record.display import WIDTH, SmallTable, TableDisplay
@@ -43,8 +43,7 @@ class Severity(enum.Enum):
         return Finding(severity=self, check=check, phase=phase, text=text, figures=figures)
 
 
-@checked
-@dataclass(frozen=True, kw_only=True, slots=True)
+@checked_dataclass()
 class Finding:
     """One result of one check, in one sentence, with its figures (lengths in m, angles in rad, forces in N)."""
 
@@ -56,8 +55,7 @@ class Finding:
     figures: Mapping[str, Any] = field(default_factory=dict)
 
 
-@checked
-@dataclass(frozen=True, kw_only=True, slots=True, repr=False)
+@checked_dataclass(repr=False)
 class PreflightReport(TableDisplay):
     """All findings of one mission, errors first."""
 
@@ -110,8 +108,7 @@ class PreflightReport(TableDisplay):
 # What the checks look at.
 
 
-@checked
-@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
+@checked_dataclass(eq=False)
 class Setup:
     """A mission before it begins."""
 

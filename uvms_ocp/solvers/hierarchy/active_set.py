@@ -6,7 +6,7 @@ In C where there is a compiler (`core_source` puts its files behind the sizes, t
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict
 from functools import lru_cache, partial
 from importlib.resources import files
 from time import perf_counter
@@ -15,7 +15,7 @@ import casadi as ca
 import numpy as np
 from numpy.typing import ArrayLike
 
-from uvms_ocp.checks import checked, checked_on_failure, unchecked_constructor
+from uvms_ocp.checks import checked_dataclass, checked_on_failure, unchecked_constructor
 from uvms_ocp.codegen.buffered import BufferedFunction
 from uvms_ocp.codegen.compile import c_macros, compile_function, constants_of, external_function
 from uvms_ocp.errors import InvalidInput
@@ -127,8 +127,7 @@ class ActiveSetTick:
         )
 
 
-@checked
-@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
+@checked_dataclass(eq=False)
 class LexicographicActiveSet:
     """Exact lexicographic least squares, warm-started from the active set of the call before.
 

@@ -17,7 +17,7 @@ import casadi as ca
 import numpy as np
 from numpy.typing import ArrayLike
 
-from uvms_ocp.checks import checked, checked_on_failure, unchecked_constructor
+from uvms_ocp.checks import checked_dataclass, checked_on_failure, unchecked_constructor
 from uvms_ocp.codegen.buffered import BufferedFunction
 from uvms_ocp.codegen.elementwise import interval_distance, interval_excess, logical_or, row_sums, where
 from uvms_ocp.errors import InvalidInput, NameNotFound, plain_line
@@ -416,8 +416,7 @@ _DEFAULTS: dict[str, dict[str, object]] = {
 }
 
 
-@checked
-@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
+@checked_dataclass(eq=False)
 class LexicographicQp:
     """Each level minimises its own slack subject to the optimal slack of all levels above it.
 

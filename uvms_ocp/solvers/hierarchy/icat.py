@@ -6,7 +6,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from time import perf_counter
 from typing import Annotated
 
@@ -14,7 +13,7 @@ import casadi as ca
 import numpy as np
 from numpy.typing import ArrayLike
 
-from uvms_ocp.checks import checked, checked_on_failure, unchecked_constructor
+from uvms_ocp.checks import checked_dataclass, checked_on_failure, unchecked_constructor
 from uvms_ocp.codegen.buffered import BufferedFunction
 from uvms_ocp.errors import InvalidInput
 from uvms_ocp.solvers.hierarchy import solution, tolerances
@@ -24,8 +23,7 @@ from uvms_ocp.types import Array, Positive, Shape
 _result = unchecked_constructor(solution.TickResult)
 
 
-@checked
-@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
+@checked_dataclass(eq=False)
 class Icat:
     """[Gao2022] eq. (27): a fold over the levels, reading ``rate`` and ``activation`` only.
 

@@ -8,7 +8,6 @@ from __future__ import annotations
 import math
 import threading
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
 from functools import lru_cache
 from time import perf_counter
 from typing import Annotated, Protocol, runtime_checkable
@@ -17,7 +16,7 @@ import casadi as ca
 import numpy as np
 from numpy.typing import ArrayLike
 
-from uvms_ocp.checks import checked, unchecked_constructor
+from uvms_ocp.checks import checked_dataclass, unchecked_constructor
 from uvms_ocp.errors import AdvisedStatus, InvalidInput
 from uvms_ocp.record.display import FieldTable
 from uvms_ocp.solvers.hierarchy.certificate import certificate
@@ -72,8 +71,7 @@ class Status(AdvisedStatus):
         return self is not Status.INVALID_INPUT
 
 
-@checked
-@dataclass(frozen=True, kw_only=True, slots=True, eq=False, repr=False)
+@checked_dataclass(eq=False, repr=False)
 class Solution(FieldTable):
     """Velocity that solves a hierarchy of levels."""
 
@@ -119,8 +117,7 @@ def read_only(array: Array) -> Array:
 LEVEL_OUTPUTS = ("J", "lower", "upper", "rate", "activation", "gate")
 
 
-@checked
-@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
+@checked_dataclass(eq=False)
 class TickResult:
     """Outcome of one tick; the arrays belong to the caller."""
 

@@ -13,7 +13,7 @@ from typing import Any, TypeAlias
 import casadi as ca
 import numpy as np
 
-from uvms_ocp.checks import checked
+from uvms_ocp.checks import checked_dataclass
 from uvms_ocp.errors import InvalidInput, NameNotFound
 from uvms_ocp.interrupts import on_interrupt
 from uvms_ocp.solvers.nlp.program import LevelNlp, LexicographicProgram, NlpStatus, RowBounds, RowRanges, status_of
@@ -25,8 +25,7 @@ STAGEWISE = "stagewise"
 PLUGINS = ("ipopt", "fatrop", STAGEWISE)
 
 
-@checked
-@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
+@checked_dataclass(eq=False)
 class NlpOptions:
     """Options of the NLP solver. Raises `NameNotFound` for another plugin, `InvalidInput` for a number out of its range."""
 
@@ -109,8 +108,7 @@ SPARSE_PLUGIN = QP_PLUGINS[0]
 """Default QP plugin of programs without stages."""
 
 
-@checked
-@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
+@checked_dataclass(eq=False)
 class SqpOptions:
     """Options of a step, and of the decision for another one.
 

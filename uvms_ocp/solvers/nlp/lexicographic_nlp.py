@@ -13,14 +13,14 @@ levels are solved in order.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from time import perf_counter
 from typing import Protocol, runtime_checkable
 
 import casadi as ca
 import numpy as np
 
-from uvms_ocp.checks import checked, unchecked_constructor
+from uvms_ocp.checks import checked, checked_dataclass, unchecked_constructor
 from uvms_ocp.errors import InvalidInput
 from uvms_ocp.solvers.nlp import level_solver
 from uvms_ocp.solvers.nlp.program import (
@@ -36,8 +36,7 @@ from uvms_ocp.solvers.nlp.program import (
 from uvms_ocp.types import Bound, read_only
 
 
-@checked
-@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
+@checked_dataclass(eq=False)
 class LexicographicResult:
     """Solution of a lexicographic program."""
 

@@ -18,7 +18,7 @@ from typing import Annotated, Any, TypeAlias
 import casadi as ca
 import numpy as np
 
-from uvms_ocp.checks import checked
+from uvms_ocp.checks import checked, checked_dataclass
 from uvms_ocp.codegen.elementwise import interval_distance, interval_excess
 from uvms_ocp.errors import AdvisedStatus, InvalidInput
 from uvms_ocp.types import Bound, Positive, Range, Shape
@@ -82,8 +82,7 @@ Variables = Annotated[np.ndarray, Shape("self.program.n_x")]
 Parameters = Annotated[np.ndarray, Shape("self.program.n_p")]
 
 
-@checked
-@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
+@checked_dataclass(eq=False)
 class NlpLevel:
     """One level of a small program, as expressions: rows `y` within ``[lower, upper]``."""
 
@@ -197,8 +196,7 @@ def nlp_functions(
 _GRADIENTS = ["f", "g", "grad_gamma_x", "grad_gamma_p"]
 
 
-@checked
-@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
+@checked_dataclass(eq=False)
 class RowRanges:
     """Target ranges of the rows of a program; a program that is kept may be solved with others of the same `RowKinds`."""
 
@@ -215,8 +213,7 @@ class RowRanges:
         return max((level.frozen.stop for level in self.levels), default=len(self.lower))
 
 
-@checked
-@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
+@checked_dataclass(eq=False)
 class LexicographicProgram:
     """Everything that is built once."""
 

@@ -21,7 +21,7 @@ from typing import Protocol, runtime_checkable
 import casadi as ca
 import numpy as np
 
-from uvms_ocp.checks import checked, checked_on_failure
+from uvms_ocp.checks import checked, checked_dataclass, checked_on_failure
 from uvms_ocp.errors import InvalidInput
 from uvms_ocp.solvers.nlp.level_solver import SPARSE_PLUGIN, STAGEWISE, SqpOptions
 from uvms_ocp.solvers.nlp.lexicographic_nlp import SelfSolving
@@ -352,8 +352,7 @@ class SparseLevels:
 # Steps of one program: the first whose constraints are kept, as long as there is time.
 
 
-@checked
-@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
+@checked_dataclass(eq=False)
 class SqpResult:
     """The best point of all steps: the first that keeps the constraints, or else the one that breaks them least."""
 

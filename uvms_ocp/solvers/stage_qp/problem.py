@@ -11,7 +11,7 @@ from typing import Annotated
 
 import numpy as np
 
-from uvms_ocp.checks import checked, unchecked_constructor
+from uvms_ocp.checks import checked, checked_dataclass, unchecked_constructor
 from uvms_ocp.errors import AdvisedStatus, InvalidInput
 from uvms_ocp.types import Array, Bound, Mask, Positive, Range
 
@@ -20,8 +20,7 @@ from uvms_ocp.types import Array, Bound, Mask, Positive, Range
 _BEYOND = 4  # numbers that compiled code may read after the end
 
 
-@checked
-@dataclass(frozen=True, kw_only=True, slots=True)
+@checked_dataclass()
 class StageShape:
     """N + 1 stages: N with states and controls, a last one with states only. Sizes may differ from stage to stage.
 
@@ -152,8 +151,7 @@ def is_valid(qp: StageQp) -> bool:
 # How exactly a QP of stages is solved.
 
 
-@checked
-@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
+@checked_dataclass(eq=False)
 class StageQpOptions:
     """Raises `InvalidInput` for numbers that are not positive and finite, and more than 10,000 iterations."""
 
@@ -193,8 +191,7 @@ class StageQpStatus(AdvisedStatus):
         return self in (StageQpStatus.SOLVED, StageQpStatus.INEXACT)
 
 
-@checked
-@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
+@checked_dataclass(eq=False)
 class KktResidual:
     """Residuals of the optimality conditions, in units of the QP."""
 
@@ -206,8 +203,7 @@ class KktResidual:
     """Largest product of a multiplier and what is left to its bound."""
 
 
-@checked
-@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
+@checked_dataclass(eq=False)
 class StageQpSolution:
     """Point and multipliers; tuples have an entry per stage, views of arrays of their own.
 

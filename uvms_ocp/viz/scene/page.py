@@ -23,7 +23,7 @@ from typing import TYPE_CHECKING, Any
 
 import umsgpack  # type: ignore[import-untyped]
 
-from uvms_ocp.checks import checked
+from uvms_ocp.checks import checked, checked_dataclass
 from uvms_ocp.errors import InvalidInput, OutputError, plain_line
 from uvms_ocp.record.output import as_output_errors
 from uvms_ocp.types import AtLeastOne, Positive
@@ -71,8 +71,7 @@ class CommandLog:
         return (umsgpack.unpackb(blob) for blob in self.blobs)
 
 
-@checked
-@dataclass(frozen=True, kw_only=True, slots=True)
+@checked_dataclass()
 class ScenePage:
     """A finished page: write it to a file, or show it as the last value of a notebook cell."""
 
