@@ -53,7 +53,7 @@ def checked(thing: _T) -> _T:
     constructor the value, by its argument `name` or `to`; a name that no argument has raises `ArgumentNotFound`, with the
     nearest.
     """
-    return _checked_class(thing, late_all=False) if isinstance(thing, type) else _before(thing, None)
+    return _checked_class(thing) if isinstance(thing, type) else _before(thing, None)
 
 
 def checked_on_failure(thing: _T) -> _T:
@@ -64,27 +64,35 @@ def checked_on_failure(thing: _T) -> _T:
     wrong the failure is passed on as it is. On a method of a `checked` class it makes this method late.
     """
     if isinstance(thing, type):
-        return _checked_class(thing, late_all=True)
+        return _checked_class(thing, late_constructor=True, late_methods=True)
     setattr(thing, _LATE, True)
     is_method = "." in thing.__qualname__.rpartition("<locals>.")[2]
     return thing if is_method else _after(thing, None)
 
 
+def checked_constructor(cls: _T) -> _T:
+    """A class whose constructor is `checked` and whose methods, which run at every tick, are `checked_on_failure`."""
+    return _checked_class(cls, late_methods=True)
+
+
 @dataclass_transform(kw_only_default=True, frozen_default=True, field_specifiers=(field,))
-def checked_dataclass(**options: bool) -> Callable[[_T], _T]:
-    """Make a frozen dataclass that is `checked`, keyword-only and with slots but where `options` of `dataclass` say otherwise."""
+def checked_dataclass(check: Callable[[Any], Any] = checked, **options: bool) -> Callable[[_T], _T]:
+    """Make a frozen dataclass, keyword-only and with slots but where `options` of `dataclass` say otherwise.
+
+    check: its decorator, another one where its methods or all of it are looked at late.
+    """
     shape: Any = dataclass(**{"frozen": True, "kw_only": True, "slots": True, **options})
-    return lambda cls: checked(shape(cls))
+    return lambda cls: check(shape(cls))
 
 
-def _checked_class(cls: Any, *, late_all: bool) -> Any:
+def _checked_class(cls: Any, *, late_constructor: bool = False, late_methods: bool = False) -> Any:
     for name, member in list(vars(cls).items()):
         if name.startswith("_") and name not in ("__init__", "__call__", "__getitem__"):
             continue
         kind = type(member) if isinstance(member, (staticmethod, classmethod)) else None
         function = member.__func__ if kind else member
         if inspect.isfunction(function) and _takes_arguments(function):
-            after = late_all or getattr(function, _LATE, False)
+            after = late_constructor if name == "__init__" else late_methods or getattr(function, _LATE, False)
             wrapped = (_after if after else _before)(function, cls)
             setattr(cls, name, kind(wrapped) if kind else wrapped)
     return cls

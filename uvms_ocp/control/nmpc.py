@@ -8,7 +8,7 @@ from time import perf_counter
 
 import numpy as np
 
-from uvms_ocp.checks import checked, checked_on_failure, unchecked_constructor
+from uvms_ocp.checks import checked_constructor, unchecked_constructor
 from uvms_ocp.control import solve_workers
 from uvms_ocp.control.force.computed_torque import ComputedTorque, TrackingGains
 from uvms_ocp.control.force.dynamic import VelocityGains, observer_of
@@ -38,7 +38,7 @@ class NmpcStatistics:
     """Solves without a plan that keeps the constraints, so that the last plan went on."""
 
 
-@checked
+@checked_constructor
 class Nmpc(TableDisplay):
     """A callable ``(StateEstimate, t) -> Command``.
 
@@ -138,7 +138,6 @@ class Nmpc(TableDisplay):
     def __exit__(self, *error: object) -> None:
         self.close()
 
-    @checked_on_failure
     def __call__(self, measurement: StateEstimate, t: float) -> Command:
         """The command for the tick at time t [s]."""
         measurement = self._sound(measurement, t)

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 import pinocchio as pin
 
-from uvms_ocp.checks import checked, checked_dataclass, checked_on_failure, unchecked_constructor
+from uvms_ocp.checks import checked, checked_constructor, checked_dataclass, checked_on_failure, unchecked_constructor
 from uvms_ocp.codegen.kernel_layout import arrays_of, zeros
 from uvms_ocp.codegen.kernels import bind_kernels
 from uvms_ocp.errors import InvalidInput, NameNotFound
@@ -403,7 +403,7 @@ def _bias(robot: Robot, specs: SensorSpecs) -> np.ndarray:
     return np.concatenate([np.zeros(n) if spec is None else np.broadcast_to(spec.biases, (n,)) for spec, n in given])
 
 
-@checked
+@checked_constructor
 class PassThrough(TableDisplay):
     """Estimator that takes readings for the truth: for sensors without noise, which it repeats exactly."""
 
@@ -426,7 +426,6 @@ class PassThrough(TableDisplay):
         rows = {"q from": ", ".join(self.q_channels), "v from": ", ".join(self.v_channels)}
         return SmallTable(title=type(self).__name__, rows=rows_of(rows))
 
-    @checked_on_failure
     def __call__(self, readings: Readings, t: float, command: Command | None = None) -> StateEstimate:
         """The last readings at time t [s]; `command` is not read. Raises `InvalidInput` before the first ones."""
         age, oldest = oldest_of(readings, self._needed, t)

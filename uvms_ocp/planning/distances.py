@@ -10,7 +10,7 @@ from typing import Annotated
 import numpy as np
 import pinocchio as pin
 
-from uvms_ocp.checks import checked_dataclass, checked_on_failure
+from uvms_ocp.checks import checked_constructor, checked_dataclass
 from uvms_ocp.planning.scene import CollisionScene
 from uvms_ocp.robot.kinematics import largest_change
 from uvms_ocp.robot.robot import require_normalized
@@ -83,7 +83,7 @@ Configurations = Annotated[Array, Shape("n", "self.scene.coordinates.robot.n_q")
 Samples = Annotated[Array, Shape("n", "self.scene.coordinates.n_axes")]
 
 
-@checked_dataclass(kw_only=False, eq=False)
+@checked_dataclass(check=checked_constructor, kw_only=False, eq=False)
 class CoalDistances:
     """Distances by coal, for any shapes.
 
@@ -107,12 +107,10 @@ class CoalDistances:
         object.__setattr__(self, "_geometry_data", geometry_data)
         object.__setattr__(self, "_bounds", _Bounds(x=np.zeros((0, 0)), lower=np.zeros((0, 0))))
 
-    @checked_on_failure
     def distances(self, x: Samples) -> Array:
         """(n, n_pairs) [m] signed distances at x (n, n_axes) [m, rad]; -inf for an overlap whose depth coal cannot tell."""
         return self.distances_at(self.scene.coordinates.configurations(x))
 
-    @checked_on_failure
     def distances_at(self, q: Configurations) -> Array:
         """The same at configurations q (n, n_q) [m, rad]."""
         result = np.empty((len(q), self.scene.n_pairs))
@@ -123,7 +121,6 @@ class CoalDistances:
         result[result < _FAILED] = -np.inf
         return result
 
-    @checked_on_failure
     def contacts(self, q: Configurations) -> Contacts:
         """Find where all pairs are nearest at configurations q (n, n_q) [m, rad], without those whose depth coal cannot
         compute."""
@@ -140,7 +137,6 @@ class CoalDistances:
         parts = {"distance": rows[:, 0], "normal": rows[:, 1:4], "first": rows[:, 4:7], "second": rows[:, 7:]}
         return Contacts(sample=sample, pair=pair, **parts)
 
-    @checked_on_failure
     def near(self, x: Samples, thresholds: Annotated[Array, Shape("self.scene.n_pairs")]) -> NearPairs:
         """The pairs closer than their thresholds (n_pairs,) [m] at x (n, n_axes) [m, rad].
 

@@ -16,7 +16,7 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import ArrayLike
 
-from uvms_ocp.checks import checked, checked_dataclass, checked_on_failure
+from uvms_ocp.checks import checked, checked_constructor, checked_dataclass, checked_on_failure
 from uvms_ocp.errors import InvalidInput, NameNotFound
 from uvms_ocp.robot.kinematics import shape_reach
 from uvms_ocp.robot.robot import Robot
@@ -29,7 +29,7 @@ from uvms_ocp.types import Array, Indices, Shape
 VEHICLE_AXES = ("x", "y", "z", "roll", "pitch", "yaw")
 
 
-@checked_dataclass(slots=False, eq=False)
+@checked_dataclass(check=checked_constructor, slots=False, eq=False)
 class Coordinates:
     """Planned axes of a robot, and the places of the others; see ``coordinates``."""
 
@@ -49,31 +49,26 @@ class Coordinates:
         names = _axis_names(self.robot)
         return tuple(names[i] for i in self.planned)
 
-    @checked_on_failure
     def all_axes(self, x: Annotated[Array, Shape(..., "self.n_axes")]) -> Array:
         """(..., n_v) [m, rad] values of all axes from x (..., n_axes) [m, rad]."""
         full = np.broadcast_to(self.reference, (*x.shape[:-1], self.reference.size)).copy()
         full[..., self.planned] = x
         return full
 
-    @checked_on_failure
     def configurations(self, x: Annotated[Array, Shape("n", "self.n_axes")]) -> Array:
         """(n, n_q) [m, rad] configurations from x (n, n_axes) [m, rad]."""
         full, n = self.all_axes(x), self.robot.n_vehicle
         vehicle = np.concatenate([full[:, :3], _quaternions(full[:, 3:6])], axis=1) if n else full[:, :0]
         return np.concatenate([vehicle, *_joint_columns(self.robot, full[:, n:].T)], axis=1)
 
-    @checked_on_failure
     def x(self, q: ArrayLike) -> Array:
         """(n_axes,) [m, rad] coordinates of a configuration q (n_q,) [m, rad]. Raises `InvalidInput` for an invalid one."""
         return _axis_values(self.robot, self.robot.check_configuration(q))[self.planned]
 
-    @checked_on_failure
     def velocity_map(self, x: Annotated[Array, Shape("n", "self.n_axes")]) -> Array:
         """(n, n_v, n_axes): generalized velocity v = map @ rate of x, at x (n, n_axes) [m, rad]."""
         return self._map(x, self.robot.n_v)[:, :, self.planned]
 
-    @checked_on_failure
     def column_map(self, x: Annotated[Array, Shape("n", "self.n_axes")]) -> Array:
         """(n, n_jacobian, n_columns): of all columns of Pinocchio's Jacobian by `columns`, at x (n, n_axes) [m, rad]."""
         return self._map(x, self.robot.model.nvExtended)[:, :, self.columns]
@@ -101,7 +96,6 @@ class Coordinates:
         joints = list(self.robot.model.joints)[1:]
         return np.array([joint.idx_v + i for joint in joints for i in range(joint.nvExtended)], dtype=np.intp)
 
-    @checked_on_failure
     def follows(self) -> Array:
         """(n_columns, n_columns) 1 where the column's motion is carried by the row's; the vehicle turns yaw, pitch, roll."""
         model = self.robot.model
@@ -121,7 +115,6 @@ class Coordinates:
         turning = {"roll", "yaw", *(joint_axis(self.robot, name) for name in self.robot.endless_joints)}
         return np.array([k for k, name in enumerate(self.names) if name in turning], dtype=np.intp)
 
-    @checked_on_failure
     def shortest_turn(
         self, x: Annotated[Array, Shape(..., "self.n_axes")], near: Annotated[Array, Shape(..., "self.n_axes")]
     ) -> Array:

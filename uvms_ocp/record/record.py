@@ -271,7 +271,6 @@ class Record(TableDisplay):
         """Read a file of `to_parquet`. Raises `InvalidInput` for another or a damaged one, and `NotInstalled`."""
         return _fitting(*tables.from_parquet(Path(path)))
 
-    @checked
     def to_mcap(
         self,
         path: Path | str,
@@ -313,7 +312,6 @@ class Record(TableDisplay):
         return _fitting(*mcap.from_mcap(Path(path)))
 
     @staticmethod
-    @checked
     def load(path: Path | str, only: Sequence[str] | None = None) -> Record:
         """Read a file written by `save`, of this version or an older one; only: series that are wanted, all by default.
 

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import field
 from functools import lru_cache
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from uvms_ocp.checks import checked, checked_on_failure
+from uvms_ocp.checks import checked, checked_dataclass, checked_on_failure
 from uvms_ocp.codegen.buffered import BufferedFunction
 from uvms_ocp.record.display import FieldTable
 from uvms_ocp.robot.coefficients import links_in_water
@@ -18,8 +18,7 @@ from uvms_ocp.robot.symbolic_dynamics import SymbolicDynamics
 from uvms_ocp.types import Positive
 
 
-@checked_on_failure
-@dataclass(frozen=True, slots=True, eq=False, repr=False)
+@checked_dataclass(check=checked_on_failure, kw_only=False, eq=False, repr=False)
 class Dynamics(FieldTable):
     """Equations of motion ``M a + C v + D v + g = tau``; see `SymbolicDynamics` for the terms.
 

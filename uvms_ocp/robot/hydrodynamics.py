@@ -43,7 +43,7 @@ drag, and no inertia. Of what water does that changes from place to place this i
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import field
 from itertools import permutations, product
 
 import numpy as np
@@ -233,8 +233,7 @@ class LinkHydrodynamics:
         return np.asarray(self.X_FL.actInv(self.centre_of_buoyancy))
 
 
-@checked_on_failure
-@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
+@checked_dataclass(check=checked_on_failure, eq=False)
 class Water:
     """Motion of the undisturbed water in W where the links are: one row for all (3,), or one per link (n_links, 3).
 

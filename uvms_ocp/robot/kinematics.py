@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 import numpy as np
 import pinocchio as pin
 
-from uvms_ocp.checks import checked_on_failure
+from uvms_ocp.checks import checked_dataclass, checked_on_failure
 from uvms_ocp.record.display import FieldTable
 from uvms_ocp.robot.robot import Robot
 
@@ -86,8 +86,7 @@ STEEP = 0.1
 """Cosine of a beam's tilt below which its range says nothing about the height."""
 
 
-@checked_on_failure
-@dataclass(frozen=True, slots=True, eq=False, repr=False)
+@checked_dataclass(check=checked_on_failure, kw_only=False, eq=False, repr=False)
 class Kinematics(FieldTable):
     """A robot at a configuration; its existence proves that q is valid.
 

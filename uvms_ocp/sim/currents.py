@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field
+from dataclasses import field
 from typing import Annotated, Any, Protocol
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from uvms_ocp.checks import checked_dataclass, checked_on_failure, finite_array
+from uvms_ocp.checks import checked_constructor, checked_dataclass, checked_on_failure, finite_array
 from uvms_ocp.errors import InvalidInput
 from uvms_ocp.robot.hydrodynamics import Water
 from uvms_ocp.types import DAY, Count, Finite, Positive, Shape
@@ -99,8 +99,7 @@ class UniformField(Current):
         return np.zeros((len(p_W), 3, 3))
 
 
-@checked_on_failure
-@dataclass(frozen=True, kw_only=True, slots=True)
+@checked_dataclass(check=checked_on_failure)
 class StillWater(UniformField):
     """No current."""
 
@@ -112,8 +111,7 @@ class StillWater(UniformField):
         return np.zeros((2, 3))
 
 
-@checked_on_failure
-@dataclass(frozen=True, slots=True, eq=False)
+@checked_dataclass(check=checked_on_failure, kw_only=False, eq=False)
 class UniformCurrent(UniformField):
     """The same velocity (3,) [m/s] everywhere and always.
 
@@ -134,8 +132,7 @@ class UniformCurrent(UniformField):
         return np.array([self.value, np.zeros(3)])
 
 
-@checked_on_failure
-@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
+@checked_dataclass(check=checked_on_failure, eq=False)
 class ShearedCurrent(Current):
     """A steady current that varies with depth: linear between the given heights, constant beyond them.
 
@@ -181,8 +178,7 @@ class ShearedCurrent(Current):
         return gradient
 
 
-@checked_on_failure
-@dataclass(frozen=True, slots=True, eq=False)
+@checked_dataclass(check=checked_on_failure, kw_only=False, eq=False)
 class OnsetCurrent(UniformField):
     """A uniform current that sets in: from rest to its velocity by a cosine step, as when the tide turns."""
 
@@ -221,7 +217,7 @@ def cosine_slope(share: float) -> float:
     return 0.5 * math.pi * math.sin(math.pi * share) if 0.0 < share < 1.0 else 0.0
 
 
-@checked_dataclass(eq=False)
+@checked_dataclass(check=checked_constructor, eq=False)
 class GustyCurrent(Current):
     """A first-order Gauss-Markov process on top of another current, the same everywhere.
 
@@ -252,24 +248,19 @@ class GustyCurrent(Current):
         decay = math.exp(-self.step / self.correlation_time)
         object.__setattr__(self, "_path", _Path(np.broadcast_to(sigma, (3,)), decay, self.seed))
 
-    @checked_on_failure
     def uniform_flow(self, t: float) -> np.ndarray | None:
         base = self.base.uniform_flow(t)
         return None if base is None else base + self.gust(t)
 
-    @checked_on_failure
     def velocity(self, p_W: Points, t: float) -> np.ndarray:
         return self.base.velocity(p_W, t) + self.gust(t)[0]
 
-    @checked_on_failure
     def rate(self, p_W: Points, t: float) -> np.ndarray:
         return self.base.rate(p_W, t) + self.gust(t)[1]
 
-    @checked_on_failure
     def gradient(self, p_W: Points, t: float) -> np.ndarray:
         return self.base.gradient(p_W, t)
 
-    @checked_on_failure
     def gust(self, t: float) -> np.ndarray:
         """Velocity [m/s] of the gust alone and its rate [m/s2] (2, 3) at time t [s], from the two nodes on either side.
 

@@ -11,7 +11,7 @@ from importlib.resources import files
 
 import tomllib
 
-from uvms_ocp.checks import checked, checked_dataclass, checked_on_failure
+from uvms_ocp.checks import checked, checked_constructor, checked_dataclass
 from uvms_ocp.errors import InvalidInput, NameNotFound, short
 from uvms_ocp.robot.signals import CHANNELS
 from uvms_ocp.types import DAY, Bound
@@ -144,7 +144,7 @@ def kind_of(target: FaultTarget, name: str) -> FaultModel:
 _EARLY = 1e-9  # [s] a tick that rounding puts just before a time counts
 
 
-@checked_dataclass()
+@checked_dataclass(check=checked_constructor)
 class Fault:
     """One fault. `uvms_ocp.sim.faults` has the table of targets, kinds and values.
 
@@ -186,7 +186,6 @@ class Fault:
         """The target, looked up by its name."""
         return target_of(self.target)
 
-    @checked_on_failure
     def active(self, t: float) -> bool:
         """Check that it is there at time t [s]."""
         return is_active(self.onset, self.end, t)

@@ -12,7 +12,7 @@ import casadi as ca
 import numpy as np
 import pinocchio as pin
 
-from uvms_ocp.checks import checked, checked_on_failure, unchecked_constructor
+from uvms_ocp.checks import checked_constructor, unchecked_constructor
 from uvms_ocp.codegen.compile import compile_function
 from uvms_ocp.errors import InvalidInput
 from uvms_ocp.robot import Command, Robot, State
@@ -53,7 +53,7 @@ class Plant(Protocol):
         """
 
 
-@checked
+@checked_constructor
 class KinematicPlant(Plant):
     """The paper's plant: velocities follow the command at once, except those of joints that are jammed."""
 
@@ -63,7 +63,6 @@ class KinematicPlant(Plant):
         self._t = 0.0
         self.state = State(q=robot.check_configuration(q0), v=np.zeros(robot.n_v), a=np.zeros(robot.n_v))
 
-    @checked_on_failure
     def step(self, command: Command, dt: Period) -> None:
         v = command.v
         if self._faults and (jammed := effects.jammed_axes(self._robot, effects.active_of(self._faults, self._t))):
@@ -101,7 +100,7 @@ _PLANT_FAULTS = ("thruster", "joint", "payload")
 BRAKE_FRICTION = 1e6  # [N m s/rad] of a locked joint, which creeps by less than a milliradian in a minute (assumed)
 
 
-@checked
+@checked_constructor
 class DynamicPlant(Plant):
     """Robot, thrusters, water and floor at `max_step` or finer; see `uvms_ocp.sim.dynamic_step` for the equations."""
 
@@ -144,7 +143,6 @@ class DynamicPlant(Plant):
         self._after[self._parts["thruster_energy"]] = 0.0 * self._model.thrusters.factor
         self._begin(max_step)
 
-    @checked_on_failure
     def step(self, command: Command, dt: Period) -> None:
         """Advance by dt [s]. Water and floor are sampled once, thrust and motion in steps of at most `max_step`.
 

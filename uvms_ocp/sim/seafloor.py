@@ -10,7 +10,7 @@ import coal
 import numpy as np
 import pinocchio as pin
 
-from uvms_ocp.checks import checked, checked_dataclass, checked_on_failure
+from uvms_ocp.checks import checked, checked_constructor, checked_dataclass, checked_on_failure
 from uvms_ocp.errors import InvalidInput, NameNotFound
 from uvms_ocp.record.meta_values import FloorRelief
 from uvms_ocp.robot.shapes.obstacles import Obstacle, mesh_shape
@@ -48,7 +48,7 @@ class Seafloor(Protocol):
         """
 
 
-@checked_dataclass()
+@checked_dataclass(check=checked_constructor)
 class FlatSeafloor(Seafloor):
     """A horizontal plane. Raises `InvalidInput` for a height that is none, or very far from the origin."""
 
@@ -60,22 +60,18 @@ class FlatSeafloor(Seafloor):
             text = f"seafloor at z = {self.z}; give a finite height [m] from -{_DEEPEST:g} to {_DEEPEST:g}"
             raise InvalidInput(f"{text}: farther from the origin millimetres are lost")
 
-    @checked_on_failure
     def height(self, x: float, y: float) -> float:
         return self.z
 
-    @checked_on_failure
     def normal(self, x: float, y: float) -> np.ndarray:
         return np.array([0.0, 0.0, 1.0])
 
-    @checked_on_failure
     def ground_at(self, points: Points) -> tuple[np.ndarray, np.ndarray]:
         """Heights (n,) [m] and unit normals (n, 3) of the floor at points (n, 2) [m], x and y in W."""
         normals = np.zeros((len(points), 3))
         normals[:, 2] = 1.0
         return np.full(len(points), self.z), normals
 
-    @checked_on_failure
     def range_along(self, origin: Vector3, direction: Vector3) -> float:
         descent = -direction.item(2)
         return (origin.item(2) - self.z) / descent if descent > LEVEL_RAY else math.nan

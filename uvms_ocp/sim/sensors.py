@@ -13,7 +13,7 @@ import casadi as ca
 import numpy as np
 import pinocchio as pin
 
-from uvms_ocp.checks import checked, checked_on_failure, unchecked_constructor
+from uvms_ocp.checks import checked_constructor, unchecked_constructor
 from uvms_ocp.codegen.buffered import BoundFunction, BufferedFunction
 from uvms_ocp.errors import InvalidInput
 from uvms_ocp.robot import Robot, SymbolicModel
@@ -38,7 +38,7 @@ Truth = Callable[[State], Any]
 Disturb = Callable[[Any, np.ndarray], Any]
 
 
-@checked
+@checked_constructor
 class Altimeter:
     """Range along -z of a frame of the robot to the seafloor, without noise. Holds working memory: not for two threads."""
 
@@ -49,7 +49,6 @@ class Altimeter:
         self._q, self._origin, self._direction = np.zeros(robot.n_q), np.zeros(3), np.zeros(3)
         self._look = BoundFunction(_beam_function(robot, frame), [self._q], [self._origin, self._direction])
 
-    @checked_on_failure
     def measure(self, q: Annotated[np.ndarray, Shape("self.robot.n_q")]) -> float:
         """Range [m] at configuration q (n_q,) [m, rad]; nan without an echo."""
         require_normalized(self.robot.model, q)
@@ -70,7 +69,7 @@ def _beam_function(robot: Robot, frame: str) -> ca.Function:
     return ca.Function("beam", [q], [ca.densify(p_WS), ca.densify(-R_WS[:, 2])], ["q"], ["origin", "direction"])
 
 
-@checked
+@checked_constructor
 class SensorSuite:
     """All sensors of a robot. Holds their last readings: build one per run and read it at increasing times.
 
@@ -111,7 +110,6 @@ class SensorSuite:
         self._seen = -math.inf
         """[s] time of the last readings of the ideal ones."""
 
-    @checked_on_failure
     def read(self, state: State, t: float) -> Readings:
         """The last reading of every channel at time t [s], the time of the true `state`."""
         readings = self._readings

@@ -4,12 +4,11 @@ from __future__ import annotations
 
 import functools
 import math
-from dataclasses import dataclass
 
 import casadi as ca
 import numpy as np
 
-from uvms_ocp.checks import checked_on_failure
+from uvms_ocp.checks import checked_dataclass, checked_on_failure
 from uvms_ocp.codegen.elementwise import is_symbolic
 from uvms_ocp.errors import InvalidInput
 from uvms_ocp.robot.spatial import Array
@@ -17,8 +16,7 @@ from uvms_ocp.robot.spatial import Array
 # SmoothActivation functions: smooth steps between 0 and 1 ([Gao2022] eq. 22).
 
 
-@checked_on_failure
-@dataclass(frozen=True, slots=True)
+@checked_dataclass(check=checked_on_failure, kw_only=False)
 class SmoothActivation:
     """A cosine step over ``start <= x <= end``: C1 everywhere, 0 or 1 outside.
 

@@ -6,7 +6,7 @@ from functools import lru_cache
 
 import numpy as np
 
-from uvms_ocp.checks import checked, checked_dataclass, checked_on_failure, unchecked_constructor
+from uvms_ocp.checks import checked_constructor, checked_dataclass, unchecked_constructor
 from uvms_ocp.control.faults.monitor import ActuatorMonitor
 from uvms_ocp.control.faults.verdicts import ActuatorHealthTuning, residual_filter_for
 from uvms_ocp.control.force.allocation import thruster_lag
@@ -62,7 +62,7 @@ class VelocityGains:
             raise InvalidInput(f"gain lead = {self.lead}; give a factor >= 1")
 
 
-@checked
+@checked_constructor
 class DynamicController(TableDisplay):
     """Tracks the velocities of a kinematic layer: a callable ``(StateEstimate, t) -> Command`` with thrust and torque.
 
@@ -107,7 +107,6 @@ class DynamicController(TableDisplay):
         self.learner = None if load is None else _learner(laws, load)
         """Learner of the tool's load; `None` where nothing is learnt."""
 
-    @checked_on_failure
     def __call__(self, measurement: StateEstimate, t: float) -> Command:
         """The command for the tick at time t [s]."""
         tick = self.kinematic.observe(measurement, t)

@@ -9,7 +9,7 @@ from typing import Protocol, runtime_checkable
 
 import numpy as np
 
-from uvms_ocp.checks import checked, checked_on_failure, replace_unchecked, unchecked_constructor, unchecked_method
+from uvms_ocp.checks import checked_constructor, replace_unchecked, unchecked_constructor, unchecked_method
 from uvms_ocp.estimation.estimator import PassThrough
 from uvms_ocp.estimation.filter_memory import NUMBER
 from uvms_ocp.estimation.health.monitor import (
@@ -46,7 +46,7 @@ class GatedEstimator(Protocol):
         """Take the linear velocity for unknown; rests: and for zero, at a guess."""
 
 
-@checked
+@checked_constructor
 class GuardedEstimator(TableDisplay):
     """Estimator, guarded: a callable ``(Readings, t, command) -> StateEstimate`` around another one. Build one per run.
 
@@ -82,7 +82,6 @@ class GuardedEstimator(TableDisplay):
             q=robot.configuration(), v=np.zeros(robot.n_v), altimeter_range=math.nan, age=math.inf, joint_age=math.inf
         )
 
-    @checked_on_failure
     def __call__(self, readings: Readings, t: float, command: Command | None = None) -> StateEstimate:
         """The measurement at time t [s]; `command` has been acting since the last call. Raises what the estimator raises."""
         if self._started and self._repeated is not None:

@@ -10,7 +10,7 @@ from typing import Annotated, Any, NamedTuple
 
 import numpy as np
 
-from uvms_ocp.checks import checked, checked_on_failure, unchecked_constructor
+from uvms_ocp.checks import checked_constructor, unchecked_constructor
 from uvms_ocp.codegen.kernel_layout import Layout, Sized, Vector, structure_of
 from uvms_ocp.codegen.kernels import bind_kernels
 from uvms_ocp.estimation.estimator import JOINT_CHANNELS, AltimeterMount, PassThrough
@@ -326,7 +326,7 @@ _all = attrgetter(*CHANNELS)
 _JOINTS = ("joint_positions", "joint_velocities")
 
 
-@checked
+@checked_constructor
 class HealthMonitor:
     """Monitor of the health of all channels. Holds their state: build one per run.
 
@@ -379,7 +379,6 @@ class HealthMonitor:
         """The verdicts of the last tick."""
         return self._health
 
-    @checked_on_failure
     def trust(self, channel: str) -> Trust:
         """Return the verdict on a channel."""
         return Trust(self._buffers[channel].memory.trust)
@@ -389,7 +388,6 @@ class HealthMonitor:
         times = {name: buffer.memory.taken for name, buffer in self._buffers.items()}
         return {name: None if math.isnan(t) else t for name, t in times.items()}
 
-    @checked_on_failure
     def screen(self, readings: Readings, t: float, command: Command | None = None) -> Readings:
         """Screen readings at time t [s]: a refused one is replaced by the last of its channel that was used.
 
@@ -407,7 +405,6 @@ class HealthMonitor:
         """`screen_and_finish` can be used: the altimeter is not carried by the arm."""
         return self._beam is None or not self._beam.moves
 
-    @checked_on_failure
     def screen_and_finish(
         self, readings: Readings, support: EstimateSupport, repeated: PassThroughMemory, t: float, command: Command | None = None
     ) -> tuple[Array, Array, float]:
@@ -449,7 +446,6 @@ class HealthMonitor:
             if not behind or not buffer.memory.behind:
                 buffer.used = buffer.seen
 
-    @checked_on_failure
     def judge(self, measurement: StateEstimate, t: float) -> tuple[ChannelHealth, ...]:
         """Judge all channels at time t [s], with the estimate that the filter made of the readings."""
         is_estimated = measurement.age < math.inf
@@ -459,7 +455,6 @@ class HealthMonitor:
             self._publish(t)
         return self._health
 
-    @checked_on_failure
     def finish(
         self, measurement: StateEstimate, support: EstimateSupport, outcomes: ctypes.Array[ctypes.c_double], t: float
     ) -> tuple[ChannelHealth, ...]:

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
-from uvms_ocp.checks import checked_on_failure
+from uvms_ocp.checks import checked_dataclass, checked_on_failure
 from uvms_ocp.codegen.elementwise import Array as ArrayOrExpression
 from uvms_ocp.codegen.elementwise import all_entries, interval_distance, logical_and, row_sums, where
 from uvms_ocp.errors import InvalidInput
@@ -22,8 +22,7 @@ from uvms_ocp.types import Array
 # One priority level of a hierarchy of linear velocity objectives, and the stacking of levels.
 
 
-@checked_on_failure
-@dataclass(frozen=True, slots=True, eq=False, init=False, repr=False)
+@checked_dataclass(check=checked_on_failure, kw_only=False, eq=False, init=False, repr=False)
 class Level(FieldTable):
     """Rows ``lower <= jacobian @ v <= upper`` of one priority; an equality has ``lower == upper``.
 

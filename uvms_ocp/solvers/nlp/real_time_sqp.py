@@ -21,7 +21,7 @@ from typing import Protocol, runtime_checkable
 import casadi as ca
 import numpy as np
 
-from uvms_ocp.checks import checked, checked_dataclass, checked_on_failure
+from uvms_ocp.checks import checked_constructor, checked_dataclass
 from uvms_ocp.errors import InvalidInput
 from uvms_ocp.solvers.nlp.level_solver import SPARSE_PLUGIN, STAGEWISE, SqpOptions
 from uvms_ocp.solvers.nlp.lexicographic_nlp import SelfSolving
@@ -387,7 +387,7 @@ def _model(program: LexicographicProgram | StagedProgram, options: SqpOptions) -
     return program.level_model(options.tolerance)
 
 
-@checked
+@checked_constructor
 class RealTimeSqp:
     """Steps of one program: its QPs are built once, here.
 
@@ -400,7 +400,6 @@ class RealTimeSqp:
         self._model = _model(program, self.options)
         self._turns = LexicographicSqp(self._model, self.options, len(program.ranges.levels))
 
-    @checked_on_failure
     def solve(
         self,
         x: Variables,

@@ -122,7 +122,6 @@ class StageQp:
         self.z_l1, self.z_l2 = self._vectors("z_l1", n_z, np.inf), self._vectors("z_l2", n_z)
         """(n_z,)"""
 
-    @checked
     def fix_initial_state(self, x: Array) -> None:
         """Begin the horizon at x (n,) [unit of x], n the states of the first stage. Raises `InvalidInput` for another shape."""
         if np.shape(x) != (self.shape.n_x[0],):

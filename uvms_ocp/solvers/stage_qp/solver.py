@@ -14,7 +14,7 @@ from dataclasses import fields, replace
 
 import numpy as np
 
-from uvms_ocp.checks import checked, checked_on_failure
+from uvms_ocp.checks import checked_constructor
 from uvms_ocp.codegen.elementwise import interval_distance, interval_excess
 from uvms_ocp.errors import InvalidInput
 from uvms_ocp.solvers.stage_qp import tolerances
@@ -145,7 +145,7 @@ _MISSED = 1e-5  # relative violation that no point does without
 _ROUGH = 1e-6  # tolerance of phase one
 
 
-@checked
+@checked_constructor
 class StageQpSolver:
     """Solves QPs of one shape, one at a time; memory is made once, here.
 
@@ -157,7 +157,6 @@ class StageQpSolver:
         self.shape, self.options = shape, options or StageQpOptions()
         self._core = (compiled_core(shape) if self.options.compiled else None) or SparseCore(shape)
 
-    @checked_on_failure
     def solve(self, qp: StageQp, warm: StageQpSolution | None = None) -> StageQpSolution:
         """The optimum; where there is none, what `StageQpStatus` says. No numbers raise anything.
 
@@ -166,7 +165,6 @@ class StageQpSolver:
         near = None if warm is None else _near(warm)
         return _split(qp, self.solve_flat(qp, near))
 
-    @checked_on_failure
     def solve_flat(
         self, qp: StageQp, near: WarmStart | None = None, *, tolerance: float | None = None, explained: bool = True
     ) -> FlatSolution:
@@ -183,12 +181,10 @@ class StageQpSolver:
             end = self._explain(qp, row_table(qp), end)
         return self._found(qp, end)
 
-    @checked_on_failure
     def steepest(self, qp: StageQp) -> float:
         """Largest entry [1/unit of z] of the gradient of the residuals' half square, at 0."""
         return self._core.steepest(qp)
 
-    @checked_on_failure
     def error(self, qp: StageQp, near: WarmStart) -> float:
         """Compute by how much the multipliers of the QP solved last miss the optimality conditions of another one at 0.
 
