@@ -20,15 +20,17 @@ from uvms_ocp.robot.shapes.obstacles import obstacle
 from uvms_ocp.scenario.cases import case1, case2, obstacle_field, reach
 from uvms_ocp.scenario.options import mission_of, phase_of, run_options
 from uvms_ocp.scenario.preflight import Severity
+from uvms_ocp.scenario.preflight.reachability import ArmReach
 from uvms_ocp.scenario.scenario import Scenario
 from uvms_ocp.tasks import Alignment, MinimumAltitude, ToolPosition, VehiclePose
+from uvms_ocp.types import Point
 
 WET = [name for name in list_robots() if load_robot(name).description.thrusters]
 ARMED = [name for name in WET if load_robot(name).n_joints]
-CLASS = "bluerov2_alpha5"
+CLASS, LEANS = "bluerov2_alpha5", "bluerov2_six_alpha5"
 
 
-@pytest.mark.parametrize("name", ARMED)
+@pytest.mark.parametrize("name", [name for name in ARMED if name != LEANS])
 def test_every_arm_reaches_the_target_of_case_1(name: str) -> None:
     (finding,) = case1(robot=name).check().of_check("reachability")
     assert finding.severity is Severity.NOTE
@@ -44,10 +46,40 @@ def test_the_arm_of_the_paper_has_the_way_point_of_the_paper(name: str) -> None:
 @pytest.mark.slow
 @pytest.mark.parametrize("name", [CLASS, "bluerov2_two_alpha5"])
 @pytest.mark.parametrize("case", [case1, case2])
-def test_the_cases_of_the_paper_fly_on_a_small_vehicle(case: Callable[..., Scenario], name: str) -> None:
-    report = uo.summarize(case(robot=name).run())
+@pytest.mark.parametrize("current", [(0.0, 0.0, 0.0), (0.2, 0.0, 0.0), (-0.2, 0.0, 0.0)])
+def test_the_cases_of_the_paper_fly_on_a_small_vehicle(current: Point, case: Callable[..., Scenario], name: str) -> None:
+    report = uo.summarize(case(robot=name, current=current).run())
     assert report["completed"]
     assert report["tool_position_error_m"] < 1e-3
+
+
+@pytest.mark.slow
+def test_pre_flight_reckons_with_the_pitch_that_the_arm_gives_a_vehicle_which_no_thruster_pitches() -> None:
+    scenario = case1(robot=LEANS)
+    (finding,) = scenario.check().of_check("reachability")
+    assert finding.severity is Severity.ERROR
+    record = scenario.run()
+    missing = record["quantities"][:, record.meta.quantities.index("T.position_error")].min()
+    assert missing == pytest.approx(finding.figures["missing_likely_m"], abs=0.01)
+
+
+def test_the_slope_of_a_reach_holds_where_the_vehicle_leans_after_its_arm() -> None:
+    robot = load_robot(LEANS)
+    arm, goal, stance = (
+        ArmReach(robot, "tool", leans=True),
+        uo.pose_at((0.5, 0.1, -0.3)),
+        uo.pose_at((0.0, 0.0, 0.0), (0.0, 0.0, 0.7)),
+    )
+    joints = np.array([1.0, 1.5, 0.8, 0.3])
+
+    def error(joints: np.ndarray) -> np.ndarray:
+        return arm._error(stance, goal, joints)[0]
+
+    slope = arm._error(stance, goal, joints)[1]
+    measured = np.column_stack([(error(joints + h) - error(joints - h)) / 2e-5 for h in 1e-5 * np.eye(len(joints))])
+    assert slope == pytest.approx(measured, abs=1e-5)
+    rigid = ArmReach(robot, "tool")._error(stance, goal, joints)[1]
+    assert np.abs(slope - rigid).max() > 0.01
 
 
 def test_case_1_asks_an_arm_of_few_joints_for_no_orientation_and_a_pose_is_refused_with_the_way_out() -> None:

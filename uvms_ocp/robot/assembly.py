@@ -1,6 +1,6 @@
 """Make robots from robots: mount an arm on a vehicle, take it off, trim with floats and ballast.
 
-Trim is the static balance of weight and buoyancy; `up_at_rest` is the attitude that a vehicle comes to by itself.
+Trim is the static balance of weight and buoyancy; `rotation_at_rest` the attitude that a vehicle comes to by itself.
 """
 
 from __future__ import annotations
@@ -322,6 +322,13 @@ def up_at_rest(robot: Robot, q: np.ndarray) -> np.ndarray:
         for axis in axes:
             up = _turned(up, axis, righting)
     return up
+
+
+def rotation_at_rest(robot: Robot, q: np.ndarray) -> np.ndarray:
+    """Return R_WB (3, 3) without yaw of the attitude of `up_at_rest`, for q (n_q,) [m, rad]."""
+    up = up_at_rest(robot, q)
+    R: np.ndarray = pin.rpy.rpyToMatrix(float(np.arctan2(up[1], up[2])), float(-np.arcsin(up[0])), 0.0)
+    return R
 
 
 def _turned(up: np.ndarray, axis: int, righting: np.ndarray) -> np.ndarray:

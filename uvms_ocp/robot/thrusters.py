@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from functools import lru_cache
+
 import numpy as np
 import pinocchio as pin
 
@@ -121,6 +123,7 @@ def _curve(thruster: Thruster) -> tuple[tuple[float, float], ...]:
     return thruster.curve or linear
 
 
+@lru_cache(maxsize=8)
 def unactuated_axes(robot: Robot) -> tuple[int, ...]:
     """Return the vehicle axes 0-5 (surge, sway, heave, roll, pitch, yaw) that thrust cannot drive on their own.
 

@@ -17,7 +17,7 @@ from uvms_ocp.mission.phase import Above, Below, Phase, Transition
 from uvms_ocp.record.meta_values import DONE
 from uvms_ocp.robot import Kinematics, Robot
 from uvms_ocp.scenario.options import abort_phase, mission_of, override, phase_of, run_options
-from uvms_ocp.scenario.preflight.reachability import ArmReach
+from uvms_ocp.scenario.preflight.reachability import ArmReach, ReachResult
 from uvms_ocp.scenario.scenario import Scenario, pose_at
 from uvms_ocp.sim.currents import OnsetCurrent
 from uvms_ocp.tasks import Alignment, HorizontalAttitude, JointLimits, JointTracking, LandingAltitude, MinimumAltitude
@@ -30,6 +30,7 @@ from uvms_ocp.types import Finite, Magnitude, Point
 _N_POSTURE_JOINTS = 4  # MP holds the last four joints ([Gao2022] Case 2)
 _DISTANCE = 1.4  # [m] of the way point from the target, horizontally
 _REACHING = 0.55  # of its length, by which the arm bridges it
+_ASIDE = 0.15  # [rad] from the bow to the tool's goal, for an arm that straight ahead is at the end of its first joint
 
 
 @checked_dataclass()
@@ -75,7 +76,8 @@ def case1(
     """Way point, alignment, landing, tool frame ([Gao2022] Case 1, Tables 3 and 4).
 
     An arm that is shorter than the paper's has its way point as much nearer to the target, and one of less than six joints,
-    which meets no pose from where the vehicle stands, brings its tool to the position alone.
+    which meets no pose from where the vehicle stands, brings its tool to the position alone; beside the target, where straight
+    ahead its first joint is at a limit.
 
     start, way_point: X_WB. posture (n_joints,) [rad]: joints at the start, the stowed posture by default. target (3,) [m]
     in W: where AT points. tool_goal: X_WT or a motion of it, at the target with the tool pointing down by default. tasks:
@@ -87,9 +89,9 @@ def case1(
     run = run_options(options)
     origin = start or pose_at((8.5, 38.5, -36.0), (0.0, -0.06, 0.5))
     point, default = np.asarray(target, dtype=float), np.array([10.8, 37.45, -38.0])
-    share, carried = _scaled_to_arm(run.robot)
+    share, carried, aside = _scaled_to_arm(run.robot)
     goal = way_point or pose_at(tuple(default - (1.0 - share) * (default - point)), (0.0, -0.06, 0.5))
-    tool = tool_goal or pose_at(tuple(point), (np.pi, 0.0, 0.0))
+    tool = tool_goal or pose_at(_beside(point, goal, aside), (np.pi, 0.0, 0.0))
     limits = thresholds or Thresholds.suggested(plant=run.plant, noise=run.noise)
     listed = case1_tasks(run.robot, goal, point, tool, carried)
     phases = case1_phases(limits, pose=any(isinstance(task, ToolPose) for task in listed))
@@ -110,11 +112,12 @@ def case1_unreachable(**options: Any) -> Scenario:
     return replace(case1(**{"way_point": pose_at((10.2, 37.5, -38.0), (0.0, -0.06, 0.5)), **options}), name="case1_unreachable")
 
 
-def _scaled_to_arm(robot: Robot) -> tuple[np.ndarray, np.ndarray]:
-    """Shares (3,) of the way from the paper's way point to its target for a robot's own arm, at most 1, and its posture.
+def _scaled_to_arm(robot: Robot) -> tuple[np.ndarray, np.ndarray, float]:
+    """Shares (3,) of the way from the paper's way point to its target for a robot's own arm, its posture and a bearing.
 
-    The posture (n_joints,) [rad or m] is the stowed one, of an arm that is too short one that is carried ahead, where it has
-    nothing in its way from a vehicle on the floor. Raises `InvalidInput` where no joint moves a tool.
+    Shares are at most 1. The posture (n_joints,) [rad or m] is the stowed one, of an arm that is too short one that is carried
+    ahead, where it has nothing in its way from a vehicle on the floor; at the bearing [rad] from the bow at which its first
+    joint is off its limits. Raises `InvalidInput` where no joint moves a tool.
     """
     joints = _tool_joints(robot)
     if not joints:
@@ -123,13 +126,29 @@ def _scaled_to_arm(robot: Robot) -> tuple[np.ndarray, np.ndarray]:
     places = [*(start.pose(joint).translation for joint in joints), start.pose("tool").translation]
     reach = float(sum(np.linalg.norm(end - begin) for begin, end in pairwise(places)))
     share = min(1.0, (places[0][0] + _REACHING * reach) / _DISTANCE)
-    posture = robot.home.copy()
+    posture, bearing, height, near = robot.home.copy(), 0.0, float(places[0][2]), [robot.home]
     if share < 1.0:
-        ahead = pose_at((share * _DISTANCE, 0.0, float(places[0][2])))
-        found = ArmReach(robot, "tool", rotation_weight=0.0).solve(pin.SE3.Identity(), ahead, near=(robot.home,)).joints
-        own = [robot.joint_names.index(joint) for joint in joints]
-        posture[own] = found[own]
-    return np.array([share, share, 1.0]), posture
+        arm, own = ArmReach(robot, "tool", rotation_weight=0.0), [robot.joint_names.index(joint) for joint in joints]
+        found: dict[float, ReachResult] = {}
+        for angle in (0.0, _ASIDE, -_ASIDE):
+            ahead = share * _DISTANCE * np.array([np.cos(angle), np.sin(angle)])
+            found[angle] = arm.solve(pin.SE3.Identity(), pose_at((*ahead, height)), near)
+            near.append(found[angle].joints)
+        bearing = max(found, key=lambda angle: (found[angle].reached, min(_spare(robot, found[angle].joints)[own[0]], _ASIDE)))
+        posture[own] = found[bearing].joints[own]
+    return np.array([share, share, 1.0]), posture, bearing
+
+
+def _spare(robot: Robot, joints: np.ndarray) -> np.ndarray:
+    """(n_joints,) [rad or m] from the nearer limit."""
+    return np.minimum(joints - robot.limits.position_lower, robot.limits.position_upper - joints)
+
+
+def _beside(target: np.ndarray, way_point: pin.SE3, bearing: float) -> Point:
+    """The target (3,) [m], or where it would be if it were at a bearing [rad] from the bow that points to it."""
+    way = target - way_point.translation
+    x, y, z = target + (pin.rpy.rpyToMatrix(0.0, 0.0, bearing) @ way - way)
+    return float(x), float(y), float(z)
 
 
 def _tool_joints(robot: Robot) -> list[str]:
@@ -239,11 +258,9 @@ def two_targets(*, second: Point = (13.6, 36.2, -39.886), second_yaw: Finite = -
     scenario = case1(**{"duration": 240.0, **options})
     target = np.asarray(second, dtype=float)
     turn = pin.rpy.rpyToMatrix(0.0, 0.0, second_yaw)
-    goals = {
-        "PC": pose_at(tuple(target + turn @ (_scaled_to_arm(scenario.robot)[0] * _APPROACH)), (0.0, -0.06, second_yaw)),
-        "AT": target,
-        "T": pose_at(tuple(target), (np.pi, 0.0, second_yaw)),
-    }
+    share, _, aside = _scaled_to_arm(scenario.robot)
+    way_point = pose_at(tuple(target + turn @ (share * _APPROACH)), (0.0, -0.06, second_yaw))
+    goals = {"PC": way_point, "AT": target, "T": pose_at(_beside(target, way_point, aside), (np.pi, 0.0, second_yaw))}
     once = scenario.mission.phases
     again = [replace(phase, goals=goals) for phase in once]
     phases = (*_renamed(once, "1", after="A2"), *_renamed(again, "2", after=DONE))

@@ -13,7 +13,7 @@ from uvms_ocp.control.force.allocation import Allocation, allocation_of
 from uvms_ocp.control.force.velocity_law import CONTROLLER_DEAD_TIME, dead_times, largest_dead_time
 from uvms_ocp.control.payload import require_learnable
 from uvms_ocp.errors import UvmsError
-from uvms_ocp.robot.assembly import static_residual, up_at_rest
+from uvms_ocp.robot.assembly import rotation_at_rest, static_residual
 from uvms_ocp.robot.dynamics import Dynamics, cached_dynamics, robot_dynamics
 from uvms_ocp.robot.thrusters import AXES, free_motions, unactuated_axes, undriven_axes
 from uvms_ocp.scenario.preflight.reachability import ArmReach, goals_of
@@ -213,8 +213,8 @@ def check_rest(setup: Setup, visits: Sequence[Visit]) -> Iterator[Finding]:
     """
     if not (setup.with_forces and setup.robot.description.thrusters):
         return
-    up = up_at_rest(setup.robot, setup.start)
-    tilt, roll, pitch = np.arccos(np.clip(up[2], -1.0, 1.0)), np.arctan2(up[1], up[2]), -np.arcsin(up[0])
+    R = rotation_at_rest(setup.robot, setup.start)
+    tilt, (roll, pitch, _) = np.arccos(np.clip(R[2, 2], -1.0, 1.0)), pin.rpy.matrixToRpy(R)
     on = [(visit.phase, task) for visit in visits if (task := visit.active(HorizontalAttitude)) is not None]
     missed = [(phase, task) for phase, task in on if tilt > task.activation.end]  # in which it lets the vehicle be
     waiting = [(phase, task) for phase, task in missed if (threshold_of(phase, f"{task.name}.tilt") or np.inf) < tilt]
@@ -290,7 +290,7 @@ def _postures(setup: Setup, visits: Sequence[Visit]) -> Iterator[tuple[str, np.n
     for visit in visits:
         task = visit.active(ToolPose) or visit.active(ToolPosition)
         if task is not None and visit.active(NullVelocity) is not None:
-            arm = ArmReach(setup.robot, task.frame, rotation_weight=float(isinstance(task, ToolPose)))
+            arm = ArmReach.of_task(setup, task)
             stance, goal = visit.stances[0], goals_of(setup, task.name, task.goal)[0]
             joints = arm.solve(stance.X_WB, goal, (joints,)).joints
             yield visit.phase.name, setup.robot.with_joint_values(stance.configuration(setup), joints)

@@ -11,6 +11,8 @@ from typing import Any
 import numpy as np
 import pinocchio as pin
 
+from uvms_ocp.control.velocity.swing import swinging_axes
+from uvms_ocp.robot.assembly import rotation_at_rest
 from uvms_ocp.robot.limits import from_joint_values
 from uvms_ocp.robot.robot import Robot
 from uvms_ocp.scenario.preflight.setup import Finding, Setup, Severity, Stance, Visit, forecast
@@ -21,6 +23,7 @@ from uvms_ocp.tasks.task import PoseGoal, evaluate_pose
 
 REACHED = 1e-3  # [m, rad] what counts as reached: the thresholds at which a tool task ends
 _MARGIN = 1e-3  # share of the range by which starts keep away from the limits
+_LEAN_STEP = 1e-5  # [rad or m] of the difference quotients of the attitude at rest
 _STARTS, _ITERATIONS, _DAMPING, _CONVERGED = 12, 60, 1e-3, 1e-9
 
 
@@ -48,16 +51,23 @@ class ArmReach:
     """Searches postures within the joint limits for a frame to meet a pose, from many starts (Levenberg-Marquardt).
 
     The error is that of a tool task: metres and radians count the same. rotation_weight: 0 leaves orientation free.
+    leans: the vehicle comes to rest in the roll and pitch that no thruster drives, with the arm as it is.
     """
 
-    def __init__(self, robot: Robot, frame: str, *, seed: int = 0, rotation_weight: float = 1.0) -> None:
-        self._robot, self._frame, self._weight = robot, robot.frame_id(frame), rotation_weight
+    def __init__(self, robot: Robot, frame: str, *, seed: int = 0, rotation_weight: float = 1.0, leans: bool = False) -> None:
+        self._robot, self._frame, self._weight, self._leans = robot, robot.frame_id(frame), rotation_weight, leans
         self._data = robot.model.createData()
         limits = robot.limits
         self._lower = np.where(np.isfinite(limits.position_lower), limits.position_lower, -np.pi)
         self._upper = np.where(np.isfinite(limits.position_upper), limits.position_upper, np.pi)
         rng = np.random.default_rng(seed)
         self._starts = [self._lower + (self._upper - self._lower) * rng.random(robot.n_joints) for _ in range(_STARTS)]
+
+    @classmethod
+    def of_task(cls, setup: Setup, task: ToolPose | ToolPosition, *, turned: bool = False) -> ArmReach:
+        """For the frame of a task, with its orientation free where the task, or `turned`, leaves it."""
+        leans = setup.with_forces and bool(swinging_axes(setup.robot))
+        return cls(setup.robot, task.frame, rotation_weight=float(isinstance(task, ToolPose) and not turned), leans=leans)
 
     def solve(self, X_WB: pin.SE3, goal: pin.SE3, near: Sequence[np.ndarray] = (), n_random: int | None = None) -> ReachResult:
         """The best posture for the vehicle at X_WB and the goal X_WF.
@@ -107,16 +117,25 @@ class ArmReach:
 
     def _error(self, X_WB: pin.SE3, goal: pin.SE3, joints: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Error (6,) of the frame, frame minus goal, and its derivative (6, n_joints)."""
-        model, data = self._robot.model, self._data
-        q = pin.neutral(self._robot.model)
+        model, data, R_WB = self._robot.model, self._data, X_WB.rotation
+        lean = self._rest(joints) if self._leans else np.eye(3)
+        q = pin.neutral(model)
         if self._robot.n_vehicle:
-            q[:7] = pin.SE3ToXYZQUAT(X_WB)
-        pin.computeJointJacobians(model, data, from_joint_values(self._robot.model, joints, q))
+            q[:7] = pin.SE3ToXYZQUAT(pin.SE3(R_WB @ lean, X_WB.translation))
+        pin.computeJointJacobians(model, data, from_joint_values(model, joints, q))
         X_WF = pin.updateFramePlacement(model, data, self._frame)
-        J = pin.getFrameJacobian(model, data, self._frame, pin.LOCAL_WORLD_ALIGNED)[:, self._robot.joint_v]
+        slope = pin.getFrameJacobian(model, data, self._frame, pin.LOCAL_WORLD_ALIGNED)
+        J = slope[:, self._robot.joint_v]
+        if self._leans:
+            inwards = np.copysign(_LEAN_STEP, 0.5 * (self._lower + self._upper) - joints)
+            moved = (self._rest(np.clip(joints + step, self._lower, self._upper)) for step in np.diag(inwards))
+            J = J + slope[:, 3:6] @ np.column_stack([pin.log3(lean.T @ R) for R in moved]) / inwards
         R = X_WF.rotation @ goal.rotation.T
         error = np.concatenate([X_WF.translation - goal.translation, pin.log3(R)])
         return error, np.vstack([J[:3], pin.Jlog3(R).T @ J[3:]])
+
+    def _rest(self, joints: np.ndarray) -> np.ndarray:
+        return rotation_at_rest(self._robot, self._robot.configuration(joints=joints))
 
     def _reach(self, X_WB: pin.SE3, goal: pin.SE3, joints: np.ndarray) -> ReachResult:
         error, _ = self._error(X_WB, goal, joints)
@@ -181,14 +200,16 @@ _cost = attrgetter("cost")
 
 
 def _finding(setup: Setup, visit: Visit, task: ToolPose | ToolPosition) -> Finding:
-    arm = ArmReach(setup.robot, task.frame, rotation_weight=float(isinstance(task, ToolPose)))
+    arm = ArmReach.of_task(setup, task)
     goals = goals_of(setup, task.name, task.goal)
     distances = distances_missing(arm, visit.stances, goals)
     figures: dict[str, Any] = distances.figures()
     if distances.worst.reached:
         text = f"{task.name}: the goal is reached from all {len(visit.stances)} foreseen vehicle positions"
         return Severity.NOTE.finding(CHECK, text, visit.phase.name, **figures)
-    turned = distances_missing(ArmReach(setup.robot, task.frame, rotation_weight=0.0), visit.stances, goals)
+    turned = distances
+    if isinstance(task, ToolPose):
+        turned = distances_missing(ArmReach.of_task(setup, task, turned=True), visit.stances, goals)
     figures |= {f"missing_{name}_with_free_orientation_m": getattr(turned, name).position for name in ("best", "worst")}
     suggestion = _suggestion(setup, arm, visit, goals)
     advice = "no way point towards it helps: move the goal or use another arm"

@@ -18,6 +18,7 @@ from uvms_ocp.mission import Below, Mission, Phase
 from uvms_ocp.record.display import WIDTH, SmallTable, TableDisplay
 from uvms_ocp.record.meta_values import DONE
 from uvms_ocp.robot import IDEAL_SENSORS, Robot, SensorSpecs
+from uvms_ocp.robot.assembly import rotation_at_rest
 from uvms_ocp.robot.robot import require_normalized
 from uvms_ocp.robot.thrusters import undriven_axes
 from uvms_ocp.sim.environment import Environment
@@ -146,8 +147,9 @@ class Setup:
         return frame_pose(self.robot, q, self.altimeter_frame)
 
     def altimeter_height(self) -> float:
-        """Height [m] of the altimeter above the vehicle's origin while the vehicle is level."""
-        return float(self.altimeter_pose(self.robot.configuration()).translation[2])
+        """Height [m] of the altimeter above the vehicle's origin while the vehicle rests as thrusters and water leave it."""
+        place: np.ndarray = self.altimeter_pose(self.robot.configuration()).translation
+        return float(rotation_at_rest(self.robot, self.start)[2] @ place if self.with_forces else place[2])
 
 
 def frame_pose(robot: Robot, q: np.ndarray, frame: str) -> pin.SE3:
