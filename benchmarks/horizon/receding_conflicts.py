@@ -18,8 +18,9 @@ from uvms_ocp.robot.kinematics import Kinematics
 from uvms_ocp.robot.robot import Robot
 from uvms_ocp.robot.signals import State
 from uvms_ocp.tasks.attitude import HorizontalAttitude
+from uvms_ocp.tasks.goals import PoseReference
 from uvms_ocp.tasks.pose import ToolPose, VehiclePose
-from uvms_ocp.tasks.task import PoseReference, Residual
+from uvms_ocp.tasks.task import Residual
 
 WAY, SPEED = 0.9, 0.3
 """[m], [m/s] of a goal."""

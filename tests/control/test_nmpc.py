@@ -26,8 +26,8 @@ from uvms_ocp.sim.plant import DynamicPlant
 from uvms_ocp.sim.seafloor import FlatSeafloor
 from uvms_ocp.sim.sensors import SensorSuite
 from uvms_ocp.solvers.nlp.level_solver import SqpOptions
+from uvms_ocp.tasks.goals import PoseGoal, PoseReference, evaluate_pose
 from uvms_ocp.tasks.pose import ToolPose
-from uvms_ocp.tasks.task import PoseGoal, PoseReference, evaluate_pose
 
 CURRENT = np.array([0.3, 0.0, 0.0])
 JOINTS = [0.0, -0.6, 0.0, -1.2, 0.0, -0.6, 0.0]

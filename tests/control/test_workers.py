@@ -28,8 +28,8 @@ from uvms_ocp.ocp.terms import At, Effort, TaskTerm
 from uvms_ocp.robot.loading import load_robot
 from uvms_ocp.robot.robot import Robot
 from uvms_ocp.robot.signals import Command, State, StateEstimate
+from uvms_ocp.tasks.goals import PoseGoal
 from uvms_ocp.tasks.pose import ToolPosition
-from uvms_ocp.tasks.task import PoseGoal
 
 PERIOD = 0.05
 PATIENCE = 6000

@@ -29,7 +29,8 @@ from uvms_ocp.robot.robot import Robot
 from uvms_ocp.robot.shapes.collision_model import links_without_shape
 from uvms_ocp.robot.shapes.obstacles import Obstacle, describe_obstacles
 from uvms_ocp.robot.symbolic_bodies import SymbolicPose
-from uvms_ocp.tasks.task import Residual, TickSymbols, VectorReference, bounded_residual, evaluate_vector
+from uvms_ocp.tasks.goals import VectorReference, evaluate_vector
+from uvms_ocp.tasks.task import Residual, TickSymbols, bounded_residual
 from uvms_ocp.types import Array, AtLeastOne, Count, Finite, Indices, Mask, Shape
 
 # Clearance between balls, for robots and obstacles that a few of them describe, as rows of an optimal control problem.

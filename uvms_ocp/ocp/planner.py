@@ -34,8 +34,8 @@ from uvms_ocp.record.meta_values import FrameMeta, SurroundingsMeta
 from uvms_ocp.robot.robot import Robot
 from uvms_ocp.solvers import LexicographicNlp, LexicographicResult, NlpOptions, NlpStatus
 from uvms_ocp.solvers.nlp.level_solver import Progress
+from uvms_ocp.tasks.goals import evaluate_pose
 from uvms_ocp.tasks.pose import PoseTask, ToolPosition
-from uvms_ocp.tasks.task import evaluate_pose
 from uvms_ocp.types import Finite
 
 # Which shapes are nearer at the start than a constraint allows, in words.

@@ -19,7 +19,8 @@ from uvms_ocp.errors import InvalidInput
 from uvms_ocp.record.meta_values import ObstacleMeta
 from uvms_ocp.robot.limits import ranged_joints
 from uvms_ocp.robot.robot import Robot
-from uvms_ocp.tasks.task import Residual, Task, TickSymbols, VectorGoal, evaluate_vector, zero_residual
+from uvms_ocp.tasks.goals import VectorGoal, evaluate_vector
+from uvms_ocp.tasks.task import Residual, Task, TickSymbols, zero_residual
 from uvms_ocp.types import Array, Bound, Range
 
 _ROUNDING = 0.02  # share of the limit below which powers flatten out, so that they can be differentiated at 0

@@ -189,3 +189,15 @@ def free_motions(robot: Robot) -> tuple[np.ndarray, np.ndarray]:
         weighted = found.T * units**2
         motions[:6], measured[:, :6] = found, np.linalg.solve(weighted @ found, weighted)
     return motions, measured
+
+
+def driven_turns(robot: Robot, frame: str) -> tuple[int, ...] | None:
+    """Axes of B (0-2) about which thrusters turn a frame that is fixed to the vehicle; `None` where nothing is missing.
+
+    That is where they drive every axis, and for a frame on an arm, whose joints turn it. Raises `FrameNotFound`.
+    """
+    index = robot.frame_id(frame)
+    undriven = undriven_axes(robot)
+    if not undriven or robot.model.frames[index].parentJoint != 1:
+        return None
+    return tuple(axis for axis in range(3) if 3 + axis not in undriven)

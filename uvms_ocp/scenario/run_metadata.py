@@ -26,8 +26,8 @@ from uvms_ocp.scenario.preflight.checks import quantity_stds
 from uvms_ocp.scenario.preflight.setup import Setup
 from uvms_ocp.sim.seafloor import floor_relief
 from uvms_ocp.solvers.hierarchy.solution import Status
+from uvms_ocp.tasks.goals import evaluate_pose
 from uvms_ocp.tasks.pose import PoseTask, ToolPose, ToolPosition
-from uvms_ocp.tasks.task import evaluate_pose
 
 Markers = Mapping[str, tuple[float, float, float]]
 """Points (3,) [m] in W to draw, by name."""

@@ -13,18 +13,7 @@ from uvms_ocp.robot.limits import PositionLimit
 from uvms_ocp.robot.robot import Robot
 from uvms_ocp.robot.symbolic_model import SymbolicModel
 from uvms_ocp.tasks.activation import SmoothActivation, saturate
-from uvms_ocp.tasks.task import (
-    Residual,
-    Rows,
-    Task,
-    TaskClass,
-    TickSymbols,
-    approach,
-    bounded_residual,
-    equality_rows,
-    require_positive,
-    zero_residual,
-)
+from uvms_ocp.tasks.task import Residual, Rows, Task, TaskClass, TickSymbols, bounded_residual, equality_rows, zero_residual
 from uvms_ocp.types import Finite
 
 
@@ -74,7 +63,7 @@ class MinimumAltitude(Task):
     """[m/s]"""
 
     def __post_init__(self) -> None:
-        require_positive(self, "threshold", "margin", "gain", "saturation")
+        self._require_positive("threshold", "margin", "gain", "saturation")
 
     @property
     def rest_altitude(self) -> float:
@@ -99,7 +88,7 @@ class MinimumAltitude(Task):
     def rows(self, symbols: TickSymbols, parameters: ca.SX) -> Rows:
         frame = altimeter_of(self.name, symbols, self.frame)
         h, row = self.residual(symbols, parameters).value, altitude_row(symbols, frame)
-        sinking = approach(self, symbols, h - self.threshold, row)
+        sinking = symbols.approach(self, h - self.threshold, row)
         bell = SmoothActivation(self.threshold, self.threshold + self.margin)
         return Rows(
             jacobian=row,
@@ -130,7 +119,7 @@ class LandingAltitude(Task):
     """[m/s]"""
 
     def __post_init__(self) -> None:
-        require_positive(self, "safeguard", "gain", "saturation")
+        self._require_positive("safeguard", "gain", "saturation")
 
     @property
     def rest_altitude(self) -> float:

@@ -16,21 +16,10 @@ from uvms_ocp.checks import checked_dataclass, checked_on_failure
 from uvms_ocp.errors import InvalidInput
 from uvms_ocp.robot.robot import Robot
 from uvms_ocp.robot.spatial import skew
-from uvms_ocp.robot.thrusters import undriven_axes
+from uvms_ocp.robot.thrusters import driven_turns, undriven_axes
 from uvms_ocp.tasks.activation import SmoothActivation, saturate
-from uvms_ocp.tasks.task import (
-    Residual,
-    Rows,
-    Task,
-    TaskClass,
-    TickSymbols,
-    VectorGoal,
-    approach,
-    bounded_residual,
-    driven_turns,
-    evaluate_vector,
-    require_positive,
-)
+from uvms_ocp.tasks.goals import VectorGoal, evaluate_vector
+from uvms_ocp.tasks.task import Residual, Rows, Task, TaskClass, TickSymbols, bounded_residual
 
 _SINE_FLOOR = 1e-9  # below this sine of the angle the rotation axis comes from the fallback
 _ROUNDING = 1e-3  # [rad] below which the smooth angle of a residual flattens out
@@ -68,7 +57,7 @@ class AngleTask(Task):
     """[rad] angle at which the strict hierarchy's bound lets theta rest."""
 
     def __post_init__(self) -> None:
-        require_positive(self, "gain", "saturation", "aim")
+        self._require_positive("gain", "saturation", "aim")
 
     @property
     def watched_axis(self) -> tuple[float, float, float]:
@@ -125,7 +114,7 @@ class AngleTask(Task):
             given = row[:, others] @ symbols.velocity[others]
             row = ca.SX(row)
             row[:, others] = 0
-        rising = approach(self, symbols, self.aim - theta, row)
+        rising = symbols.approach(self, self.aim - theta, row)
         return Rows(
             jacobian=row,
             rate=saturate(-self.gain * theta, self.saturation) - given,

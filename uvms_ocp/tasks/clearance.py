@@ -13,7 +13,7 @@ from uvms_ocp.robot.limits import PositionLimit
 from uvms_ocp.robot.robot import Robot
 from uvms_ocp.robot.shapes.collision_model import CollisionModel
 from uvms_ocp.tasks.activation import SmoothActivation, saturate
-from uvms_ocp.tasks.task import NearestPairs, Rows, Task, TaskClass, TickSymbols, approach, require_positive
+from uvms_ocp.tasks.task import NearestPairs, Rows, Task, TaskClass, TickSymbols
 
 
 @checked_dataclass(eq=False)
@@ -43,7 +43,7 @@ class Clearance(Task):
     """See `nearest_pairs`."""
 
     def __post_init__(self) -> None:
-        require_positive(self, "threshold", "margin", "gain", "saturation")
+        self._require_positive("threshold", "margin", "gain", "saturation")
         pairs = NearestPairs(task=self.name, model=self.model, n=self.n_nearest, threshold=self.threshold)
         object.__setattr__(self, "_pairs", pairs)
 
@@ -67,7 +67,7 @@ class Clearance(Task):
 
     def rows(self, symbols: TickSymbols, parameters: ca.SX) -> Rows:
         pairs, n = self._pairs.symbols(parameters), self._pairs.n_rows
-        closing = approach(self, symbols, pairs.distance - self.threshold, pairs.jacobian)
+        closing = symbols.approach(self, pairs.distance - self.threshold, pairs.jacobian)
         bell = SmoothActivation(self.threshold, self.threshold + self.margin)
         rates = [saturate(self.gain * (bell.end - pairs.distance[k]), self.saturation) for k in range(n)]
         return Rows(

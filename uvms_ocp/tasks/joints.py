@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterable
 from typing import ClassVar
 
 import casadi as ca
@@ -14,20 +15,8 @@ from uvms_ocp.robot.limits import Joint, bounded_joints, ranged_joints
 from uvms_ocp.robot.robot import Robot
 from uvms_ocp.robot.symbolic_model import SymbolicModel
 from uvms_ocp.tasks.activation import SmoothActivation, approach_speed, saturate
-from uvms_ocp.tasks.task import (
-    Residual,
-    Rows,
-    Task,
-    TaskClass,
-    TickSymbols,
-    VectorGoal,
-    bounded_residual,
-    column_of,
-    equality_rows,
-    evaluate_vector,
-    require_positive,
-    zero_residual,
-)
+from uvms_ocp.tasks.goals import VectorGoal, evaluate_vector
+from uvms_ocp.tasks.task import Residual, Rows, Task, TaskClass, TickSymbols, bounded_residual, equality_rows, zero_residual
 
 _SINGULAR = 1e-12  # keeps the square root of the manipulability differentiable at singular postures
 
@@ -54,7 +43,7 @@ class JointLimits(Task):
     """[rad/s or m/s]"""
 
     def __post_init__(self) -> None:
-        require_positive(self, "margin", "gain", "saturation")
+        self._require_positive("margin", "gain", "saturation")
         if not (self.guard >= 0 and self.guard + self.margin < 0.5):
             raise InvalidInput(
                 f"{self.name}: margin = {self.margin}, guard = {self.guard}; give shares of the range, together below 0.5"
@@ -64,7 +53,7 @@ class JointLimits(Task):
         """Bounded joints inside their range [rad or m]."""
         joints = bounded_joints(symbols.robot.joints, symbols.robot.limits)
         ranges = np.array([self._kept(low, up) for _, low, up in joints]).reshape(-1, 2)
-        value = column_of(joint.position(symbols.q) for joint, _, _ in joints)
+        value = _column_of(joint.position(symbols.q) for joint, _, _ in joints)
         return Residual(value=value, lower=ranges[:, 0], upper=ranges[:, 1])
 
     def _kept(self, lower: float, upper: float) -> tuple[float, float]:
@@ -75,7 +64,7 @@ class JointLimits(Task):
     def rows(self, symbols: TickSymbols, parameters: ca.SX) -> Rows:
         joints = ranged_joints(symbols.robot.joints, symbols.robot.limits)
         rows = [self._joint_row(symbols, joint, lower, upper) for joint, lower, upper in joints]
-        rate, lower, upper, activation, margin = (column_of(row[k] for row in rows) for k in range(5))
+        rate, lower, upper, activation, margin = (_column_of(row[k] for row in rows) for k in range(5))
         return Rows(
             jacobian=symbols.velocity_rows([joint.idx_v for joint, _, _ in joints]),
             rate=rate,
@@ -130,7 +119,7 @@ class JointTracking(Task):
     """[rad/s or m/s]"""
 
     def __post_init__(self) -> None:
-        require_positive(self, "gain", "saturation")
+        self._require_positive("gain", "saturation")
         value, _ = evaluate_vector(self.name, self.goal, 0.0)
         if value.shape != (len(self.joints),):
             raise InvalidInput(f"{self.name}: goal of shape {value.shape} for {len(self.joints)} joints; give one each")
@@ -146,7 +135,7 @@ class JointTracking(Task):
         """The way of the chosen joints to the goal = 0 [rad or m]."""
         joints = [symbols.robot.joint(name) for name in self.joints]
         goals = ca.vertsplit(parameters[: len(joints)])
-        return zero_residual(column_of(joint.way(symbols.q, goal) for joint, goal in zip(joints, goals, strict=True)))
+        return zero_residual(_column_of(joint.way(symbols.q, goal) for joint, goal in zip(joints, goals, strict=True)))
 
     def rows(self, symbols: TickSymbols, parameters: ca.SX) -> Rows:
         joints = [symbols.robot.joint(name) for name in self.joints]
@@ -177,7 +166,7 @@ class Manipulability(Task):
     """[unit of mu] activation falls over this range."""
 
     def __post_init__(self) -> None:
-        require_positive(self, "gain", "target")
+        self._require_positive("gain", "target")
 
     def residual(self, symbols: TickSymbols, parameters: ca.SX) -> Residual:
         """Manipulability above the end of the activation."""
@@ -212,3 +201,8 @@ def _arm_gradient(symbols: TickSymbols, scalar: ca.SX) -> ca.SX:
     row = ca.jacobian(scalar, q[joints]) @ steps[joints, :]
     row[:, symbols.robot.vehicle_v] = 0
     return row
+
+
+def _column_of(entries: Iterable[ca.SX]) -> ca.SX:
+    """A column (n,) of scalar expressions, also where there are none: (0, 1), and not CasADi's (0, 0)."""
+    return ca.vertcat(ca.SX(0, 1), *entries)

@@ -13,21 +13,10 @@ from uvms_ocp.errors import InvalidInput
 from uvms_ocp.robot.robot import Robot
 from uvms_ocp.robot.spatial import log3
 from uvms_ocp.robot.symbolic_bodies import sparse
-from uvms_ocp.robot.thrusters import free_motions, undriven_axes
+from uvms_ocp.robot.thrusters import driven_turns, free_motions, undriven_axes
 from uvms_ocp.tasks.activation import saturate
-from uvms_ocp.tasks.task import (
-    PoseGoal,
-    Residual,
-    Rows,
-    Task,
-    TaskClass,
-    TickSymbols,
-    driven_turns,
-    equality_rows,
-    evaluate_pose,
-    require_positive,
-    zero_residual,
-)
+from uvms_ocp.tasks.goals import PoseGoal, evaluate_pose
+from uvms_ocp.tasks.task import Residual, Rows, Task, TaskClass, TickSymbols, equality_rows, zero_residual
 
 # Pose tasks: vehicle pose (PC), tool pose (T), tool position.
 
@@ -57,7 +46,7 @@ class PoseTask(Task):
     """[rad/s]"""
 
     def __post_init__(self) -> None:
-        require_positive(self, "gain_linear", "gain_angular", "saturation_linear", "saturation_angular")
+        self._require_positive("gain_linear", "gain_angular", "saturation_linear", "saturation_angular")
         evaluate_pose(self.name, self.goal, 0.0)
 
     def n_parameters(self, robot: Robot) -> int:
@@ -136,7 +125,7 @@ class ToolPosition(Task):
     """[m/s]"""
 
     def __post_init__(self) -> None:
-        require_positive(self, "gain", "saturation")
+        self._require_positive("gain", "saturation")
         evaluate_pose(self.name, self.goal, 0.0)
 
     def n_parameters(self, robot: Robot) -> int:

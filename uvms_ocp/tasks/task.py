@@ -1,81 +1,28 @@
-"""Tasks as rows of the velocity hierarchy, written once as CasADi expressions ([Gao2022] section 3), with goals and order.
+"""Tasks as rows of the velocity hierarchy, written once as CasADi expressions ([Gao2022] section 3), and their order.
 
 The rows serve both kinds of solver: the regularised pseudo-inverse reads ``rate`` and ``activation``, the strict hierarchy
-``lower`` and ``upper`` (`uvms_ocp.solvers.hierarchy.level`). `Residual` is the same task over a horizon. A goal is a constant
-or a `Reference`, any callable ``t -> (value, rate)``.
+``lower`` and ``upper`` (`uvms_ocp.solvers.hierarchy.level`). `Residual` is the same task over a horizon.
 """
 
 from __future__ import annotations
 
 import enum
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, fields, replace
-from typing import Any, ClassVar, Protocol, TypeAlias, runtime_checkable
+from typing import Any, ClassVar
 
 import casadi as ca
 import numpy as np
-import pinocchio as pin
 
 from uvms_ocp.checks import checked, checked_dataclass, checked_on_failure
 from uvms_ocp.errors import InvalidInput, NameNotFound
 from uvms_ocp.record.display import SmallTable, TableDisplay
-from uvms_ocp.record.meta_values import LARGEST
 from uvms_ocp.robot.limits import PositionLimit
 from uvms_ocp.robot.robot import Robot
 from uvms_ocp.robot.shapes.collision_model import CollisionModel
 from uvms_ocp.robot.symbolic_model import SymbolicKinematics
-from uvms_ocp.robot.thrusters import undriven_axes
 from uvms_ocp.tasks.activation import approach_speed, row_acceleration
-
-# Goals: constants or functions of time.
-#
-# A goal is either a constant or a `Reference`, any callable ``t -> (value, rate)``; trajectories are references. Those that
-# tell their `end` need no Python at work.
-
-VectorReference: TypeAlias = Callable[[float], tuple[np.ndarray, np.ndarray]]
-PoseReference: TypeAlias = Callable[[float], tuple[pin.SE3, np.ndarray]]
-VectorGoal: TypeAlias = np.ndarray | VectorReference
-PoseGoal: TypeAlias = pin.SE3 | PoseReference
-
-
-@runtime_checkable
-class EndingReference(Protocol):
-    """A reference that rests in the end: controllers hold it as samples, which run as C."""
-
-    @property
-    def end(self) -> float:
-        """[s] after which it rests."""
-
-    def __call__(self, t: float) -> tuple[Any, np.ndarray]:
-        """Value and rate at t [s]."""
-
-
-def evaluate_vector(name: str, goal: VectorGoal, t: float) -> tuple[np.ndarray, np.ndarray]:
-    """Value (n,) and rate (n,) [its unit / s] of a vector goal at time t [s]; raises `InvalidInput` where not finite."""
-    value, rate = goal(t) if callable(goal) else (np.asarray(goal, dtype=float), np.zeros(np.shape(goal)))
-    if not _finite(value, rate):
-        raise InvalidInput(f"{name}: goal {value} with rate {rate} at t = {t} s; give finite numbers")
-    return np.asarray(value, dtype=float), np.asarray(rate, dtype=float)
-
-
-def evaluate_pose(name: str, goal: PoseGoal, t: float) -> tuple[pin.SE3, np.ndarray]:
-    """Pose [m] in W and its rate (6,) [m/s, rad/s] in W, linear first, at time t [s].
-
-    Raises `InvalidInput` for a goal that is not finite or no pose.
-    """
-    pose, rate = goal(t) if callable(goal) else (goal, np.zeros(6))
-    if not isinstance(pose, pin.SE3):
-        raise InvalidInput(f"{name}: goal of type {type(pose).__name__}; give a pinocchio.SE3 or a function of time")
-    if not _finite(pose.translation, pose.rotation, rate):
-        raise InvalidInput(f"{name}: goal at t = {t} s is not finite; give finite numbers, at most {LARGEST:g}")
-    return pose, np.asarray(rate, dtype=float)
-
-
-def _finite(*values: np.ndarray) -> bool:
-    # One number that is not finite spoils the sum, which is four times faster than to look at each.
-    return all(abs(np.add.reduce(value, axis=None)) <= LARGEST for value in values)
-
 
 # Distances that a task asks to be measured: those of the pairs of shapes that come nearest.
 #
@@ -203,6 +150,11 @@ class TickSymbols:
         """(3, 3) attitude of the vehicle."""
         return self.kinematics.joint_poses[1].R
 
+    def approach(self, task: Any, distance: ca.SX, row: ca.SX) -> ca.SX:
+        """Evaluate `approach_speed` of a task towards a limit whose distance [m or rad] changes by `row` (m, n_v)."""
+        deceleration = row_acceleration(row, self.robot.limits.acceleration)
+        return approach_speed(distance, gain=task.gain, deceleration=deceleration, dt=self.dt, saturation=task.saturation)
+
 
 @checked_dataclass(eq=False)
 class Rows:
@@ -318,6 +270,12 @@ class Task(ABC):
             raise InvalidInput(f"{self.name}: {type(self).__name__} has no goal to replace; drop it from the phase's goals")
         return replace(self, goal=goal)  # type: ignore[call-arg]
 
+    def _require_positive(self, *names: str) -> None:
+        for name in names:
+            value = getattr(self, name)
+            if not (np.isfinite(value) and value > 0):
+                raise InvalidInput(f"{self.name}: {name} = {value}; give a finite value > 0")
+
     @property
     def label(self) -> str:
         """The paper's bracket, such as ``[R,E,AD]``."""
@@ -341,44 +299,10 @@ def zero_residual(value: ca.SX) -> Residual:
     return Residual(value=value, lower=zeros, upper=zeros)
 
 
-def column_of(entries: Iterable[ca.SX]) -> ca.SX:
-    """A column (n,) of scalar expressions, also where there are none: (0, 1), and not CasADi's (0, 0)."""
-    return ca.vertcat(ca.SX(0, 1), *entries)
-
-
 def bounded_residual(value: ca.SX, *, lower: float = -np.inf, upper: float = np.inf) -> Residual:
     """A residual that asks for ``lower <= value <= upper`` [unit of the task], row by row."""
     m = value.shape[0]
     return Residual(value=value, lower=np.full(m, lower), upper=np.full(m, upper))
-
-
-def approach(task: Any, symbols: TickSymbols, distance: ca.SX, row: ca.SX) -> ca.SX:
-    """Evaluate `approach_speed` of a task towards a limit whose distance [m or rad] changes by `row` (m, n_v)."""
-    deceleration = row_acceleration(row, symbols.robot.limits.acceleration)
-    return approach_speed(distance, gain=task.gain, deceleration=deceleration, dt=symbols.dt, saturation=task.saturation)
-
-
-def require_positive(task: Task, *names: str) -> None:
-    """Raise `InvalidInput` unless every field of these names is finite and positive."""
-    for name in names:
-        value = getattr(task, name)
-        if not (np.isfinite(value) and value > 0):
-            raise InvalidInput(f"{task.name}: {name} = {value}; give a finite value > 0")
-
-
-# Axes that nobody drives: what tasks ask for stays within what thrusters and joints can give.
-
-
-def driven_turns(robot: Robot, frame: str) -> tuple[int, ...] | None:
-    """Axes of B (0-2) about which thrusters turn a frame that is fixed to the vehicle; `None` where nothing is missing.
-
-    That is where they drive every axis, and for a frame on an arm, whose joints turn it. Raises `FrameNotFound`.
-    """
-    index = robot.frame_id(frame)
-    undriven = undriven_axes(robot)
-    if not undriven or robot.model.frames[index].parentJoint != 1:
-        return None
-    return tuple(axis for axis in range(3) if 3 + axis not in undriven)
 
 
 # The order of tasks: priority is position in a tuple.

@@ -21,7 +21,8 @@ from uvms_ocp.mission.progress import MissionMemory
 from uvms_ocp.robot import Robot, SymbolicModel
 from uvms_ocp.robot.shapes.collision_model import distance_layout_sizes, in_c
 from uvms_ocp.tasks.activation import ENDLESS
-from uvms_ocp.tasks.task import EndingReference, NearestPairs, Task
+from uvms_ocp.tasks.goals import EndingReference
+from uvms_ocp.tasks.task import NearestPairs, Task
 
 # Goals that move and come to rest, as samples: what a kernel can follow without the function that they came from.
 

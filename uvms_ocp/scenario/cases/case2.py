@@ -21,7 +21,7 @@ from uvms_ocp.scenario.preflight.setup import forecast
 from uvms_ocp.scenario.scenario import Scenario
 from uvms_ocp.sim.seafloor import floor_obstacle
 from uvms_ocp.tasks import JointTracking, NullVelocity, ToolPose, ToolPosition
-from uvms_ocp.tasks.task import evaluate_pose
+from uvms_ocp.tasks.goals import evaluate_pose
 from uvms_ocp.trajectories import MotionLimits, PiecewisePolynomial
 
 ROCK = obstacle("rock", coal.Sphere(0.12), (12.25, 37.1, -39.8))

@@ -14,8 +14,8 @@ from uvms_ocp.scenario.preflight.reachability import goals_of
 from uvms_ocp.scenario.preflight.setup import Finding, Setup, Severity, Visit, main_path, points_on_ball, threshold_of
 from uvms_ocp.sim.environment import closest_approach
 from uvms_ocp.tasks import HorizontalAttitude, LandingAltitude, MinimumAltitude
+from uvms_ocp.tasks.goals import evaluate_pose
 from uvms_ocp.tasks.pose import PoseTask, ToolPosition, VehiclePose
-from uvms_ocp.tasks.task import evaluate_pose
 
 # Checks on heights: way points against the minimum altitude, landing against it, goals, and the start.
 

@@ -15,13 +15,13 @@ from uvms_ocp.control.payload import require_learnable
 from uvms_ocp.errors import UvmsError
 from uvms_ocp.robot.assembly import rotation_at_rest, static_residual
 from uvms_ocp.robot.dynamics import Dynamics, cached_dynamics, robot_dynamics
-from uvms_ocp.robot.thrusters import AXES, free_motions, unactuated_axes, undriven_axes
+from uvms_ocp.robot.thrusters import AXES, driven_turns, free_motions, unactuated_axes, undriven_axes
 from uvms_ocp.scenario.preflight.reachability import ArmReach, goals_of
 from uvms_ocp.scenario.preflight.setup import Finding, Setup, Severity, Visit, threshold_of
 from uvms_ocp.sim.currents import water_at
 from uvms_ocp.tasks.attitude import Alignment, AngleTask, HorizontalAttitude
+from uvms_ocp.tasks.goals import evaluate_vector
 from uvms_ocp.tasks.pose import NullVelocity, PoseTask, ToolPose, ToolPosition, VehiclePose
-from uvms_ocp.tasks.task import driven_turns, evaluate_vector
 
 # Checks: thrusters and motors can hold the robot still in the current and move it against that, and where they cannot
 # hold its attitude, how far it will tilt.

@@ -16,8 +16,8 @@ from uvms_ocp.robot.assembly import rotation_at_rest
 from uvms_ocp.robot.limits import from_joint_values
 from uvms_ocp.robot.robot import Robot
 from uvms_ocp.scenario.preflight.setup import Finding, Setup, Severity, Stance, Visit, forecast
+from uvms_ocp.tasks.goals import PoseGoal, evaluate_pose
 from uvms_ocp.tasks.pose import NullVelocity, ToolPose, ToolPosition, VehiclePose
-from uvms_ocp.tasks.task import PoseGoal, evaluate_pose
 
 # Inverse kinematics of the arm on a vehicle that stands still.
 

@@ -1,0 +1,58 @@
+"""Goals of tasks: a constant or a `Reference`, any callable ``t -> (value, rate)``.
+
+Trajectories are references. Those that tell their `end` need no Python at work.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any, Protocol, TypeAlias, runtime_checkable
+
+import numpy as np
+import pinocchio as pin
+
+from uvms_ocp.errors import InvalidInput
+from uvms_ocp.record.meta_values import LARGEST
+
+VectorReference: TypeAlias = Callable[[float], tuple[np.ndarray, np.ndarray]]
+PoseReference: TypeAlias = Callable[[float], tuple[pin.SE3, np.ndarray]]
+VectorGoal: TypeAlias = np.ndarray | VectorReference
+PoseGoal: TypeAlias = pin.SE3 | PoseReference
+
+
+@runtime_checkable
+class EndingReference(Protocol):
+    """A reference that rests in the end: controllers hold it as samples, which run as C."""
+
+    @property
+    def end(self) -> float:
+        """[s] after which it rests."""
+
+    def __call__(self, t: float) -> tuple[Any, np.ndarray]:
+        """Value and rate at t [s]."""
+
+
+def evaluate_vector(name: str, goal: VectorGoal, t: float) -> tuple[np.ndarray, np.ndarray]:
+    """Value (n,) and rate (n,) [its unit / s] of a vector goal at time t [s]; raises `InvalidInput` where not finite."""
+    value, rate = goal(t) if callable(goal) else (np.asarray(goal, dtype=float), np.zeros(np.shape(goal)))
+    if not _finite(value, rate):
+        raise InvalidInput(f"{name}: goal {value} with rate {rate} at t = {t} s; give finite numbers")
+    return np.asarray(value, dtype=float), np.asarray(rate, dtype=float)
+
+
+def evaluate_pose(name: str, goal: PoseGoal, t: float) -> tuple[pin.SE3, np.ndarray]:
+    """Pose [m] in W and its rate (6,) [m/s, rad/s] in W, linear first, at time t [s].
+
+    Raises `InvalidInput` for a goal that is not finite or no pose.
+    """
+    pose, rate = goal(t) if callable(goal) else (goal, np.zeros(6))
+    if not isinstance(pose, pin.SE3):
+        raise InvalidInput(f"{name}: goal of type {type(pose).__name__}; give a pinocchio.SE3 or a function of time")
+    if not _finite(pose.translation, pose.rotation, rate):
+        raise InvalidInput(f"{name}: goal at t = {t} s is not finite; give finite numbers, at most {LARGEST:g}")
+    return pose, np.asarray(rate, dtype=float)
+
+
+def _finite(*values: np.ndarray) -> bool:
+    # One number that is not finite spoils the sum, which is four times faster than to look at each.
+    return all(abs(np.add.reduce(value, axis=None)) <= LARGEST for value in values)
