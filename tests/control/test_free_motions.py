@@ -91,6 +91,20 @@ def test_tasks_ask_for_nothing_of_what_swings(robot: Robot) -> None:
         assert np.array(read(away, swing * motions, [0.0, swing, 0.0, 0.0])[1]) == pytest.approx(rate, abs=1e-9)
 
 
+def test_a_steady_way_is_told_to_tasks_as_it_is(robot: Robot) -> None:
+    """It has momentum about the free axis, which turns nothing: taken for a swing, tools are carried away from their goals."""
+    symbols, passive = tick_symbols(robot, DT), ca.SX.sym("passive", N_PASSIVE)
+    task, still = ToolPosition(goal=pose_at((1.4, 0.2, -0.5))), mean_attitude(symbols, passive)
+    goal = ca.SX([*task.goal.translation, 0, 0, 0])
+    plain, mean = task.rows(symbols, goal), task.rows(still, goal)
+    rows = countered_rows(plain, mean, symbols, passive, lean_of(still, passive))
+    read = ca.Function("rows", [symbols.q, symbols.velocity, passive], [rows.jacobian, plain.jacobian, rows.rate, mean.rate])
+    v = np.array([0.4, -0.1, 0.3, 0.1, 0.0, 0.2, *np.zeros(robot.n_joints)])
+    J, whole, rate, wanted = map(np.array, read(robot.configuration(joints=(0.2, 0.5, -0.3)), v, np.zeros(N_PASSIVE)))
+    assert pytest.approx(whole @ v) == J @ v
+    assert rate == pytest.approx(wanted)
+
+
 def test_the_motion_that_is_measured_is_kept_as_it_is(robot: Robot) -> None:
     symbols, (motions, measured) = tick_symbols(robot, DT), free_motions(robot)
     rows = UnderActuation(axes=(PITCH,)).rows(symbols, ca.SX())

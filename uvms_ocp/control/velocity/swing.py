@@ -39,11 +39,13 @@ def swinging_axes(robot: Robot) -> list[int]:
     return [axis for axis in undriven_axes(robot) if axis in (3, 4)] if robot.n_vehicle == _FREE else []
 
 
-def _swinging_motions(robot: Robot) -> tuple[ca.DM, ca.DM]:
-    """Return the `free_motions` about the swinging axes (n_v, n), and the rows (n, n_v) that measure them."""
-    motions, measured = free_motions(robot)
+def _swinging_motions(robot: Robot) -> ca.DM:
+    """Return the `free_motions` about the swinging axes (n_v, n), each as quick as its rotation.
+
+    That rotation is what swings, not the momentum in it: of that a vehicle has some that goes on steadily, and does not turn.
+    """
     swinging = [undriven_axes(robot).index(axis) for axis in swinging_axes(robot)]
-    return sparse(motions[:, swinging]), sparse(measured[swinging])
+    return sparse(free_motions(robot)[0][:, swinging])
 
 
 @lru_cache(maxsize=8)
@@ -63,8 +65,8 @@ def memory_time(robot: Robot) -> float:
 def mean_attitude(symbols: TickSymbols, passive: ca.SX) -> TickSymbols:
     """Return the symbols at rest in the motions that swing, at their mean; passive (4,): see `N_PASSIVE`."""
     robot, axes = symbols.robot, swinging_axes(symbols.robot)
-    motions, measured = _swinging_motions(robot)
-    velocity, model = symbols.velocity - motions @ (measured @ symbols.velocity), SymbolicModel(robot.model)
+    motions, model = _swinging_motions(robot), SymbolicModel(robot.model)
+    velocity = symbols.velocity - motions @ symbols.velocity[axes]
     q = model.integrate(symbols.q, -motions @ passive[[axis - 3 for axis in axes]])
     q[robot.joint_q] = symbols.q[robot.joint_q]  # as symbols, which tasks differentiate by, of endless joints too
     return replace(symbols, kinematics=model.forward_kinematics(q), q=q, velocity=velocity)
@@ -77,14 +79,14 @@ def countered_rows(rows: Rows, mean: Rows, symbols: TickSymbols, passive: ca.SX,
     `N_PASSIVE`; lean: of `lean_of`.
     """
     robot, axes = symbols.robot, swinging_axes(symbols.robot)
-    motions, measured = _swinging_motions(robot)
-    free = rows.jacobian @ motions
-    J = rows.jacobian - free @ measured
+    free = rows.jacobian @ _swinging_motions(robot)
+    J = ca.SX(rows.jacobian)
+    J[:, axes] -= free
     if robot.n_joints:
         J[:, robot.n_vehicle :] += free @ lean.slope
     limit = ca.diag(ca.DM(np.minimum(robot.limits.velocity[robot.joint_v], ENDLESS)))
     arm = rows.jacobian[:, robot.n_vehicle :] @ limit
-    ahead = measured @ symbols.velocity - _LEAD * swing_frequency(robot) * passive[[axis - 3 for axis in axes]]
+    ahead = symbols.velocity[axes] - _LEAD * swing_frequency(robot) * passive[[axis - 3 for axis in axes]]
     least = (_SINGULAR * ca.norm_fro(arm)) ** 2 + _NOTHING
     share = -arm.T @ ca.solve(arm @ arm.T + least * ca.SX.eye(rows.n_rows), free @ ahead)
     most = ca.fmax(_JOINT_SHARE, ca.mmax(ca.fabs(share))) if robot.n_joints else 1
