@@ -23,6 +23,7 @@ import pytest
 from compiler import needs_compiler
 
 from uvms_ocp.codegen import compile as building
+from uvms_ocp.codegen.buffered import BoundCalls
 from uvms_ocp.codegen.compile import cache_folder, compile_timeout
 from uvms_ocp.errors import InvalidInput
 
@@ -280,6 +281,45 @@ def test_what_is_begun_is_compiled_once_and_found_by_its_machine_code() -> None:
     address = building.compiled_symbol(function)
     assert address is not None
     assert building.compiled_symbol(function) == address
+
+
+def _made(calls: list[float], number: float, content: str) -> float:
+    """Value at 2 of a function with a number, by its machine code."""
+
+    def make() -> ca.Function:
+        calls.append(number)
+        x = ca.SX.sym("x")
+        return ca.Function("f", [x], [number * x])
+
+    function = building.compiled_from("f", content, make)
+    building.finish_compiling()
+    result, calls_of_it = np.zeros(1), BoundCalls()
+    calls_of_it.add(function, [np.array([2.0])], [result])
+    calls_of_it()
+    return float(result[0])
+
+
+@needs_compiler
+def test_what_was_compiled_before_is_not_made_again_whatever_happened_to_the_cache(tmp_path: Path) -> None:
+    calls = list[float]()
+    assert [_made(calls, number, f"of {number}") for number in (3.5, 0.25, 3.5, 0.25)] == [7.0, 0.5, 7.0, 0.5]
+    assert calls == [3.5, 0.25]
+    cache = tmp_path / "cache"
+    entries = [path for path in cache.iterdir() if path.suffix == ".numbers"]
+    assert len(entries) == 2
+    whole = entries[0].read_bytes()
+    for damaged in (b"", whole[:70], whole[:-8] + bytes(8)):
+        calls.clear()
+        entries[0].write_bytes(damaged)
+        assert [_made(calls, number, f"of {number}") for number in (3.5, 0.25)] == [7.0, 0.5]
+        assert len(calls) == 1
+    for path in building.cached_libraries(cache):
+        if path.suffix == ".so":
+            path.unlink()
+    assert _made(calls, 3.5, "of 3.5") == 7.0
+    assert len(calls) == 2
+    building.shrink_cache(cache, 0.0)
+    assert not [path for path in cache.iterdir() if path.suffix in {".so", ".numbers"}]
 
 
 BEGIN = """

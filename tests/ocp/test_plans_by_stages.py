@@ -119,14 +119,14 @@ def test_derivatives_of_stages_equal_differences_on_the_manifold(robot: Robot, o
 
 def values_of(tangent: Tangent, function: BlockFunctions, z: np.ndarray, s: np.ndarray, u: np.ndarray) -> list[ca.DM]:
     """Rows at z with the forces there."""
-    return list(function.values.call([z, s, u, tangent.forces[0](z, u), np.zeros(tangent.force_slope.numel())]))
+    return list(function.values.call([z, s, u, tangent.forces[0](z, u), np.zeros(tangent.force_slope.shape)]))
 
 
 @pytest.mark.parametrize("options", [{}, {"integrator": Integrator.EULER}], ids=["middle", "euler"])
 def test_curvature_of_stages_is_the_second_difference_on_the_manifold(
     robot: Robot, options: dict[str, object], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("uvms_ocp.ocp.stagewise.functions.start_compiling", lambda function: function)
+    monkeypatch.setattr("uvms_ocp.ocp.stagewise.functions.compiled_from", lambda name, content, make: make())
     tangent = Tangent(model=StageModel(reach(robot, **({"n_steps": 3} | options)), eliminated=True))
     model, rng, e = tangent.model, np.random.default_rng(3), 1e-3
     function = BlockFunctions(block=term_blocks(model)[0], tangent=tangent, forces=force_rows(model), extra=0)
@@ -138,7 +138,7 @@ def test_curvature_of_stages_is_the_second_difference_on_the_manifold(
     y, r = (rng.standard_normal(function.weights.numel_in(i)) for i in (5, 6))
     costates, d = rng.standard_normal(tangent.n_x), rng.standard_normal(step.numel())
     here = (z, s, u, *tangent.forces[1](z, u))
-    bent = tangent.step_curvature[0](z, after, costates, tangent.bend(z, u, function.weights(*here, y, r)))
+    bent = tangent.step_curvature(z, after, costates, tangent.bend(z, u, function.weights(*here, y, r)))
     H = function.curvature(*here, y, r, bent)
     moved = ca.Function("moved", [model.z, step], [tangent.moved(step)])
     motion = ca.Function("motion", [model.z], [tangent.motion(ca.SX(ca.DM(after)))])
@@ -162,7 +162,7 @@ def test_a_current_that_thrusters_cannot_hold_against_is_named_infeasible(robot:
 
 
 def test_it_works_without_a_compiler(robot: Robot, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("uvms_ocp.ocp.stagewise.functions.start_compiling", lambda function: function)
+    monkeypatch.setattr("uvms_ocp.ocp.stagewise.functions.compiled_from", lambda name, content, make: make())
     q = load_robot("planar5")
     problem = single_phase(
         robot=q,

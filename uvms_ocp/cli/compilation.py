@@ -78,7 +78,8 @@ def cache(clear: Annotated[bool, typer.Option("--clear", help="Remove them all."
     folder, reason = cache_folder()
     if folder is None:
         raise InvalidInput(f"{reason}; set UVMS_OCP_CACHE to a folder that can be written")
-    found = (shrink_cache(folder, 0.0) if clear else cached_libraries(folder)).values()
+    paths = shrink_cache(folder, 0.0) if clear else cached_libraries(folder)
+    found, n = paths.values(), sum(path.suffix == ".so" for path in paths)
     days = (time.time() - min((one.st_mtime for one in found), default=time.time())) / 86400.0
-    what = f"{'removed ' if clear else ''}libraries: {len(found)}, {sum(one.st_size for one in found) / 1e6:.1f} MB"
+    what = f"{'removed ' if clear else ''}libraries: {n}, {sum(one.st_size for one in found) / 1e6:.1f} MB"
     typer.echo(f"{folder}: {what}{f', the oldest used {days:.1f} days ago' if found else ''}")

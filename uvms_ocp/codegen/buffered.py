@@ -174,16 +174,17 @@ class BoundCalls:
         self._make: Callable[[], None] | None = None
 
     def add(self, function: ca.Function, arguments: Sequence[Array], results: Sequence[Array | None]) -> None:
-        """One more call; arguments and results, (m,) or (m, n) [any], are contiguous, column by column as CasADi has them.
+        """One more call; arguments and results, (m,) or (m, n) [any], are contiguous, column by column as CasADi has them, of
+        sparse ones the entries.
 
         Raises `InvalidInput` for memory of another size.
         """
         for i, argument in enumerate(arguments):
-            _require(function, argument, function.numel_in(i))
+            _require(function, argument, function.nnz_in(i))
         wanted = [result if result is not None and result.size else None for result in results]
         for i, result in enumerate(wanted):
             if result is not None:
-                _require(function, result, function.numel_out(i))
+                _require(function, result, function.nnz_out(i))
         self._calls.append(_Call(function=function, arguments=tuple(arguments), results=tuple(wanted)))
         self._make = None
 

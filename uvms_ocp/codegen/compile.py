@@ -45,6 +45,7 @@ from uvms_ocp.progress import progress_bar
 
 # The folder that compiled libraries are kept in: the user's own, writable by nobody else, on a disk that runs programs.
 
+_KEPT_NUMBERS = ".numbers"
 MOST_CACHED = 1e9
 """[bytes] beyond which libraries that were used longest ago are removed."""
 
@@ -64,9 +65,9 @@ def cache_folder() -> tuple[Path | None, str]:
 
 
 def cached_libraries(folder: Path) -> dict[Path, os.stat_result]:
-    """Those of a cache folder, used last first: when, is their time of modification."""
+    """Those of a cache folder, and the numbers of functions in them, used last first: when, is their time of modification."""
     found = dict[Path, os.stat_result]()
-    for path in folder.glob("[0-9a-f]" * 64 + ".so"):
+    for path in (path for kind in (".so", _KEPT_NUMBERS) for path in folder.glob("[0-9a-f]" * 64 + kind)):
         with suppress(OSError):  # another process removes it
             found[path] = path.stat()
     return dict(sorted(found.items(), key=lambda pair: -pair[1].st_mtime))
@@ -276,12 +277,57 @@ def compile_function(function: ca.Function) -> ca.Function:
 
 
 @checked
-def start_compiling(function: ca.Function) -> ca.Function:
-    """``function`` itself, which is compiled beside what follows: `compile_function` and `compiled_symbol` wait for the end."""
+def start_compiling(function: ca.Function, entry: Path | None = None) -> ca.Function:
+    """``function`` itself, which is compiled beside what follows: `compile_function` and `compiled_symbol` wait for the end.
+
+    entry: file of the cache in which it is kept what came of it.
+    """
     if has_compiler():
         compilation, numbers = _compilation(function)
-        _BESIDE[function] = _workers(os.getpid()).apply_async(compilation).get, numbers
+        work = compilation if entry is None else partial(_keep, entry, numbers, compilation)
+        _BESIDE[function] = _workers(os.getpid()).apply_async(work).get, numbers
     return function
+
+
+@checked
+def compiled_from(name: str, content: str, make: Callable[[], ca.Function]) -> ca.Function:
+    """The function of that name which `make` makes of a content, as `start_compiling` has it.
+
+    Where that was compiled before it is not made at all: the cache keeps in which library it is, and with which numbers.
+    content: of all that the function depends on but this module, CasADi and the compiler.
+    """
+    compiler, folder = _compiler(), cache_folder()[0]
+    if compiler is None or folder is None:
+        return make()
+    flags = (_digest(Path(__file__).read_bytes()), ca.__version__, os.environ.get("UVMS_OCP_CFLAGS", ""))
+    entry = folder / f"{_key((name, content), flags, compiler)}{_KEPT_NUMBERS}"
+    known = _kept(entry)
+    return (known and _function_in(known[0], name, known[1])) or start_compiling(make(), entry)
+
+
+def _keep(entry: Path, numbers: np.ndarray, compilation: Callable[[], Path | None]) -> Path | None:
+    library = compilation()
+    if library is not None:
+        data = f"{library.name}\n".encode() + numbers.tobytes()
+        with suppress(OSError), tempfile.TemporaryDirectory(prefix="build-", dir=entry.parent) as folder:
+            (Path(folder) / entry.name).write_bytes(_digest(data).encode() + data)
+            os.replace(Path(folder) / entry.name, entry)
+    return library
+
+
+def _kept(entry: Path) -> tuple[Path, np.ndarray] | None:
+    """Library and numbers; None where one of both is not there, or damaged."""
+    with suppress(OSError):
+        whole = entry.read_bytes()
+        if whole[:64] != _digest(whole[64:]).encode():
+            return None
+        name, _, numbers = whole[64:].partition(b"\n")
+        library = entry.with_name(name.decode())
+        if _is_intact(library) and not _load_error(library):
+            for path in (entry, library):
+                os.utime(path)  # used now
+            return library, np.frombuffer(numbers)
+    return None
 
 
 def finish_compiling() -> None:

@@ -9,17 +9,22 @@ constraints first, then each level above), and the residuals whose half square i
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import hashlib
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from pathlib import Path
 
 import casadi as ca
 import numpy as np
 
-from uvms_ocp.codegen.compile import start_compiling
+from uvms_ocp.codegen.compile import compiled_from
 from uvms_ocp.ocp.transcription.stage import StageModel
 from uvms_ocp.ocp.transcription.term_rows import CONSTRAINT, TermBlock, TermRows
 from uvms_ocp.robot.symbolic_model import SymbolicModel
+
+_DERIVED_HERE = hashlib.sha256(Path(__file__).read_bytes()).hexdigest()
+"""Hash of this module: what it makes of an expression depends on these two alone."""
 
 # Derivatives of the expressions of a step along its states and controls.
 
@@ -45,30 +50,32 @@ class Tangent:
         return ca.sparsify(ca.substitute(ca.jacobian(moved, d), d, ca.SX.zeros(self.n_v)))
 
     @cached_property
-    def _required_slope(self) -> ca.SX:
-        return self._along(ca.jacobian(self.model.required_force, self.model.z), controls=True)
+    def content(self) -> str:
+        """Hash of the robot's motion and forces, which stands for all that is derived from them."""
+        z, z_next, x = self.model.z, ca.SX.sym("z_next", self.model.layout.n_z), ca.SX.sym("x", self.n_x + self.n_u)
+        whole = [self.model.required_force, self.model.midpoint, self.motion(z_next), self.moved(x)]
+        return content_of([z, self.model.water, z_next, x], whole, self.model.layout)
 
     @cached_property
     def force_slope(self) -> ca.SX:
-        """Entries of the derivative of forces as symbols: what terms make of forces and slopes is short, whatever the robot."""
-        return ca.SX.sym("slope", self._required_slope.nnz())
+        """(n_v, n_x + n_u) derivative of forces as symbols: what terms make of forces and slopes is short, whatever the robot."""
+        return ca.SX.sym("slope", self.forces[1].sparsity_out(1))
 
     @cached_property
     def forces(self) -> tuple[ca.Function, ca.Function]:
         """``z, water -> forces`` (n_v,) [N, N m], and ``z, water -> forces, force_slope``: of the robot, for all terms."""
-        inputs, force = [self.model.z, self.model.water], self.model.required_force
-        linear = [force, ca.vertcat(*self._required_slope.nonzeros())]
-        return compile_dense("forces", inputs, [force]), compile_dense("forces_linear", inputs, linear)
+        z, inputs, force = self.model.z, [self.model.z, self.model.water], self.model.required_force
+        return (
+            compile_made("forces", self.content, lambda: (inputs, [ca.densify(force)])),
+            compile_made(
+                "forces_linear", self.content, lambda: (inputs, [ca.densify(force), self._along(ca.jacobian(force, z), True)])
+            ),
+        )
 
     def jacobian(self, rows: ca.SX, *, controls: bool = True) -> ca.SX:
         """(m, n_x + n_u) derivative of rows (m,) in z; (m, n_x) without the controls."""
         own, through = self._along(ca.jacobian(rows, self.model.z), controls), ca.jacobian(rows, self.model.force)
-        return own + through @ self._force_jacobian[:, : own.shape[1]] if through.nnz() else own
-
-    @cached_property
-    def _force_jacobian(self) -> ca.SX:
-        """(n_v, n_x + n_u) of `force_slope`."""
-        return ca.SX(self._required_slope.sparsity(), self.force_slope)
+        return own + through @ self.force_slope[:, : own.shape[1]] if through.nnz() else own
 
     def _along(self, slope: ca.SX, controls: bool) -> ca.SX:
         """Project a derivative (m, n_z) in z."""
@@ -86,7 +93,7 @@ class Tangent:
         slope = self._along(ca.jacobian(value, self.model.z), controls).T
         weights, H = self.weights(value), self.jacobian(slope, controls=controls)
         if weights.nnz():
-            forces = self._force_jacobian[:, : H.shape[0]]
+            forces = self.force_slope[:, : H.shape[0]]
             H += forces.T @ self.jacobian(weights, controls=controls)
         return (H + H.T) / 2
 
@@ -95,18 +102,18 @@ class Tangent:
         return ca.jacobian(value, self.model.force).T
 
     @cached_property
-    def bent(self) -> ca.SX:
-        """Symbols for the results of `bend`, which is compiled by itself: code too long for the instruction cache is three
-        times slower.
-        """
-        return ca.SX.sym("bent", self._force_curvature[2].numel() + self._force_curvature[3].nnz())
-
-    @cached_property
     def bend(self) -> ca.Function:
-        """``z, water, weights -> bent``: slope and curvature of a weighted sum of forces by the motion in the middle."""
-        motion, w, slope, H = self._force_curvature
-        found = ca.substitute(ca.vertcat(slope, *H.nonzeros()), motion, self.model.midpoint)
-        return compile_dense("force_curvature", [self.model.z, self.model.water, w], [found])
+        """``z, water, weights -> bent``: slope and curvature of a weighted sum of forces by the motion in the middle.
+
+        Compiled by itself: code too long for the instruction cache is three times slower.
+        """
+
+        def made() -> tuple[list[ca.SX], list[ca.SX]]:
+            motion, w, slope, H = self._force_curvature
+            found = ca.substitute(ca.vertcat(slope, *H.nonzeros()), motion, self.model.midpoint)
+            return [self.model.z, self.model.water, w], [ca.densify(found)]
+
+        return compile_made("force_curvature", self.content, made)
 
     @cached_property
     def _force_curvature(self) -> tuple[ca.SX, ca.SX, ca.SX, ca.SX]:
@@ -120,14 +127,19 @@ class Tangent:
         return motion, w, slope, ca.sparsify(whole)
 
     @cached_property
-    def step_curvature(self) -> tuple[ca.Function, ca.Sparsity]:
-        """``z, z_next, costates, bent -> lower triangle`` of what motion and forces bend, and where its entries (n,) are."""
-        middle, z = self.model.midpoint, self.model.z
-        n, z_next, costates = middle.numel(), ca.SX.sym("z_next", z.shape), ca.SX.sym("costates", self.n_x)
-        D, bent = self.jacobian(middle), ca.SX(self._force_curvature[-1].sparsity(), self.bent[n:])
-        # Derivatives of what is weighted leave the weights as they are, which are symbols.
-        H = ca.tril(D.T @ bent @ D + self.curvature(ca.dot(self.bent[:n], middle) + ca.dot(costates, self.motion(z_next))))
-        return compile_dense("step_curvature", [z, z_next, costates, self.bent], [ca.vertcat(*H.nonzeros())]), H.sparsity()
+    def step_curvature(self) -> ca.Function:
+        """``z, z_next, costates, bent -> lower triangle`` of what motion and forces bend."""
+
+        def made() -> tuple[list[ca.SX], list[ca.SX]]:
+            middle, z, pattern = self.model.midpoint, self.model.z, self._force_curvature[-1].sparsity()
+            n, z_next, costates = middle.numel(), ca.SX.sym("z_next", z.shape), ca.SX.sym("costates", self.n_x)
+            D, bent = self.jacobian(middle), ca.SX.sym("bent", n + pattern.nnz())
+            # Derivatives of what is weighted leave the weights as they are, which are symbols.
+            H = D.T @ ca.SX(pattern, bent[n:]) @ D
+            H += self.curvature(ca.dot(bent[:n], middle) + ca.dot(costates, self.motion(z_next)))
+            return [z, z_next, costates, bent], [ca.tril(H)]
+
+        return compile_made("step_curvature", self.content, made)
 
     def motion(self, z_next: ca.SX) -> ca.SX:
         """Return by how much the state after a step is ahead of that of z_next (n_z,), in its tangent space (n_x,)."""
@@ -193,9 +205,11 @@ class BlockFunctions:
         groups = [group.rows for group in (*self.errors, *self.held)]
         self.forced = ca.depends_on(ca.vertcat(*groups), tangent.model.force)
         """Rows depend on forces."""
-        self.values = self._function("values", groups)
+        sizes = [group.numel() for group in groups]
+        self._content = content_of(self._inputs[:-1], groups, tangent.content, sizes, forces is not None, extra)
+        self.values = self._function("values", lambda: groups)
         """``z, parameters, water, forces, force_slope -> errors..., held...``"""
-        self.linear = self._function("linear", [*groups[:-1], *(self._jacobian(group) for group in groups[:-1])])
+        self.linear = self._function("linear", lambda: [*groups[:-1], *(self._jacobian(group) for group in groups[:-1])])
         """The same without the last, then their Jacobians (n_z, m): columns are rows, so that in memory row follows row."""
 
     @cached_property
@@ -205,17 +219,22 @@ class BlockFunctions:
         None where rows have no forces.
         """
         value, y, e = self._weighted
-        weights = self.tangent.weights(value)
-        return self._function("weights", [weights], y, e) if weights.nnz() else None
+        forced = ca.depends_on(value, self.tangent.model.force)
+        return self._function("weights", lambda: [self.tangent.weights(value)], y, e) if forced else None
 
     @cached_property
     def curvature(self) -> ca.Function:
         """``z, parameters, water, forces, force_slope, multipliers of held rows, of residuals, step curvature -> H``."""
-        (value, y, e), pattern = self._weighted, self.tangent.step_curvature[1]
-        H, bent = self.tangent.curvature(value, controls=self.forces is not None), ca.SX.sym("bent", pattern.nnz())
-        if self.bends:
-            H += ca.tril2symm(ca.SX(pattern, bent))[: H.shape[0], : H.shape[0]]
-        return self._function("curvature", [ca.diagcat(H, ca.SX(self.extra, self.extra))], y, e, bent)
+        value, y, e = self._weighted
+        bent = ca.SX.sym("bent", self.tangent.step_curvature.sparsity_out(0))
+
+        def made() -> list[ca.SX]:
+            H = self.tangent.curvature(value, controls=self.forces is not None)
+            if self.bends:
+                H += ca.tril2symm(bent)[: H.shape[0], : H.shape[0]]
+            return [ca.diagcat(H, ca.SX(self.extra, self.extra))]
+
+        return self._function("curvature", made, y, e, bent)
 
     @property
     def bends(self) -> bool:
@@ -234,10 +253,16 @@ class BlockFunctions:
         J = self.tangent.jacobian(rows, controls=self.forces is not None)
         return ca.horzcat(J, ca.SX(rows.numel(), self.extra)).T
 
-    def _function(self, kind: str, outputs: Sequence[ca.SX], *more: ca.SX) -> ca.Function:
-        rows, model = self.block.rows, self.tangent.model
-        inputs = [model.z, rows.parameters, model.water, model.force, self.tangent.force_slope, *more]
-        return compile_dense(f"{rows.name}_{kind}", inputs, outputs)
+    @property
+    def _inputs(self) -> list[ca.SX]:
+        model = self.tangent.model
+        return [model.z, self.block.rows.parameters, model.water, model.force, self.tangent.force_slope]
+
+    def _function(self, kind: str, outputs: Callable[[], Sequence[ca.SX]], *more: ca.SX) -> ca.Function:
+        def made() -> tuple[list[ca.SX], list[ca.SX]]:
+            return [*self._inputs, *more], [ca.densify(one) for one in outputs()]
+
+        return compile_made(f"{self.block.rows.name}_{kind}", self._content, made)
 
 
 def _group(rows: TermRows, level: int, before: Sequence[ca.SX]) -> HeldRows:
@@ -272,14 +297,20 @@ def motion_functions(tangent: Tangent) -> tuple[ca.Function, ca.Function, ca.Fun
     by that share of a step x (n_x,), u (n_u,)."""
     x, u, share = ca.SX.sym("x", tangent.n_x), ca.SX.sym("u", tangent.n_u), ca.SX.sym("share")
     z, z_next = tangent.model.z, ca.SX.sym("z_next", tangent.model.layout.n_z)
-    ahead = tangent.motion(z_next)
+    ahead, of = tangent.motion(z_next), tangent.content
     return (
-        compile_dense("motion", [z, z_next], [ahead]),
-        compile_dense("motion_linear", [z, z_next], [ahead, tangent.jacobian(ahead).T]),
-        compile_dense("moved", [z, x, u, share], [tangent.moved(share * ca.vertcat(x, u))]),
+        compile_made("motion", of, lambda: ([z, z_next], [ca.densify(ahead)])),
+        compile_made("motion_linear", of, lambda: ([z, z_next], [ca.densify(one) for one in (ahead, tangent.jacobian(ahead).T)])),
+        compile_made("moved", of, lambda: ([z, x, u, share], [tangent.moved(share * ca.vertcat(x, u))])),
     )
 
 
-def compile_dense(name: str, inputs: Sequence[ca.SX], outputs: Sequence[ca.SX]) -> ca.Function:
-    """Dense outputs; it is being compiled where there is a compiler."""
-    return start_compiling(ca.Function(name, list(inputs), [ca.densify(one) for one in outputs], {"cse": True}))
+def compile_made(name: str, content: str, made: Callable[[], tuple[Sequence[ca.SX], Sequence[ca.SX]]]) -> ca.Function:
+    """Compile the function of the inputs and outputs that are made of a content, unless that was done before."""
+    return compiled_from(name, content + _DERIVED_HERE, lambda: ca.Function(name, *made(), {"cse": True}))
+
+
+def content_of(inputs: Sequence[ca.SX], outputs: Sequence[ca.SX], *more: object) -> str:
+    """Hash of expressions, which takes no derivatives, and of whatever else a function is made of."""
+    whole = f"{ca.Function('content', list(inputs), list(outputs)).serialize()} {more}"
+    return hashlib.sha256(whole.encode()).hexdigest()

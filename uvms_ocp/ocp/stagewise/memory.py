@@ -9,6 +9,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from itertools import pairwise
 
+import casadi as ca
 import numpy as np
 
 from uvms_ocp.codegen.buffered import BoundCalls
@@ -70,7 +71,7 @@ class StageMemory:
         self.z, self.z_from = np.zeros((n, layout.n_z)), np.zeros((n, layout.n_z))
         self.x_step, self.u_step = np.zeros((n, self.tangent.n_x)), np.zeros((n, self.tangent.n_u))
         self.share, self.water = np.ones(1), np.zeros((len(self.steps), 3))
-        self.force, self.force_slope = np.zeros((n, layout.n_v)), np.zeros((n, self.tangent.force_slope.numel()))
+        self.force, self.force_slope = np.zeros((n, layout.n_v)), np.zeros((n, self.tangent.force_slope.nnz()))
         self.gaps = np.zeros((n - 1, self.tangent.n_x))
         """Defects: by how much each stage ends ahead of the next."""
         self.parameters = [np.zeros((len(one.block.nodes), one.block.rows.n_parameters)) for one in self.functions]
@@ -156,7 +157,8 @@ class StageMemory:
 
     def _inputs(self) -> BoundCalls:
         calls, model = BoundCalls(), self.tangent.model
-        function = functions.compile_dense("inputs", [model.z, model.force], model.inputs)
+        inputs, outputs = [model.z, model.force], [ca.densify(one) for one in model.inputs]
+        function = functions.compile_made("inputs", functions.content_of(inputs, outputs), lambda: (inputs, outputs))
         for k, i in enumerate(self.steps):
             calls.add(self.tangent.forces[0], [self.z[i], self.water[k]], [self.force[i]])
         for k, i in enumerate(self.steps):

@@ -127,7 +127,8 @@ class StageLevelQp:
         memory, own, calls = self.memory, self.multipliers, BoundCalls()
         found = [(i, function) for i, stage in enumerate(memory.stages) if (function := memory.function(stage)) is not None]
         tangent, n = memory.tangent, len(memory.stages)
-        weights, bent, steps = (np.zeros((n, m)) for m in (tangent.n_v, tangent.bent.numel(), tangent.step_curvature[1].nnz()))
+        sizes = tangent.n_v, tangent.step_curvature.numel_in(3), tangent.step_curvature.nnz_out(0)
+        weights, bent, steps = (np.zeros((n, m)) for m in sizes)
         weighted, none = [(i, function.weights) for i, function in found if function.weights is not None], np.zeros(tangent.n_x)
         for i, function in weighted:
             calls.add(function, [*memory.arguments(i), own.rows[i], own.residuals[i]], [weights[i]])
@@ -135,7 +136,7 @@ class StageLevelQp:
             calls.add(tangent.bend, [memory.z[i], memory.arguments(i)[2], weights[i]], [bent[i]])
         for i in (i for i, function in found if function.bends):
             after, costates = memory.z[min(i + 1, n - 1)], own.costates[i] if memory.stages[i].step else none
-            calls.add(tangent.step_curvature[0], [memory.z[i], after, costates, bent[i]], [steps[i]])
+            calls.add(tangent.step_curvature, [memory.z[i], after, costates, bent[i]], [steps[i]])
         for i, function in found:
             arguments = [*memory.arguments(i), own.rows[i], own.residuals[i], steps[i]]
             calls.add(function.curvature, arguments, [self.qp.H[i]])

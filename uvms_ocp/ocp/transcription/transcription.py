@@ -292,12 +292,11 @@ class Transcription:
         self.variables = VariableLayout(model=self.model)
         self._own_bounds = self.variables.bounds(problem)
         self.parameter_layout = parameter_layout(problem, self.blocks)
-        ends = boundary(self.model)
+        self._ends = ends = boundary(self.model)
         if plugin != "ipopt" and (ends.coupled or problem.limits_total):
             what = "a periodic motion ties its ends" if ends.coupled else "`longest` ties all steps"
             raise InvalidInput(f"{plugin} goes from step to step, {what}: use plugin='ipopt'")
         self.row_layout = row_layout(problem, self.blocks, ends, n_forces=self.model.n_forces)
-        self._horizon = horizon(self.variables, self.parameter_layout, self.row_layout, ends)
         self._own = self._last = term_rows.fit_problem(self.model, self.blocks, problem)
         self.turn = RLock()
         """Lock of the thread that plans."""
@@ -307,6 +306,11 @@ class Transcription:
     def n_x(self) -> int:
         """Number of variables."""
         return self.variables.n_x
+
+    @cached_property
+    def _horizon(self) -> Horizon:
+        """Compiled where it is asked for: a solver that goes from step to step has functions of its own."""
+        return horizon(self.variables, self.parameter_layout, self.row_layout, self._ends)
 
     def _fitted(self, problem: OcpProblem | None) -> term_rows.ReusedProblem:
         """Every method of a plan asks for that of the same problem, and for that of the one that was built in."""
