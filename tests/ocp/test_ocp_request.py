@@ -10,7 +10,7 @@ import pytest
 
 from uvms_ocp.errors import InvalidInput, NameNotFound
 from uvms_ocp.ocp.plan import OcpStatus
-from uvms_ocp.ocp.request import OcpRequest, solve_ocp
+from uvms_ocp.ocp.request import OcpRequest, _margins, solve_ocp
 from uvms_ocp.planning.distances import CoalDistances
 from uvms_ocp.planning.request import PostureGoal, ToolGoal
 from uvms_ocp.report.planned_motion import ocp_record, ocp_report
@@ -53,6 +53,18 @@ def test_the_tool_reaches_its_goal_around_an_obstacle(planar: Robot) -> None:
     at_nodes = np.array([around.scene.coordinates.x(q) for q in around.plan.trajectory.q])
     assert CoalDistances(around.scene).distances(at_nodes)[:, pairs].min() > 0.06 - 1e-6
     assert around.plan.levels[-1].residual > free.plan.levels[-1].residual
+
+
+def test_links_keep_a_clearance_of_their_own(planar: Robot) -> None:
+    goal = PostureGoal(joints={"theta1": 0.3})
+    one, two = (asked(planar, goal, obstacles=(BALL,), clearance=0.05, **other) for other in ({}, {"link_clearance": 0.01}))
+    scene = solve_ocp(one).scene
+    links = scene.groups().get("its own links", [])
+    assert links
+    differ = np.flatnonzero(_margins(one, scene) != _margins(two, scene))
+    assert set(differ) <= set(links)
+    assert len(differ)
+    assert _margins(two, scene)[links].max() <= 0.01
 
 
 @pytest.mark.parametrize(

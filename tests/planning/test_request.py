@@ -56,6 +56,18 @@ def test_the_clearance_of_each_obstacle_is_recorded(robot: Robot) -> None:
     assert record["clearance"].min() == pytest.approx(plan_report(result)["min_clearance_m"], abs=1e-3)
 
 
+def test_links_keep_a_clearance_of_their_own(robot: Robot) -> None:
+    start, goal = robot.configuration(), PostureGoal(joints={"joint2": 0.3})
+    costs = []
+    for other in (0.01, None, 0.06, 0.3):
+        result = plan_path(PlanRequest(robot=robot, start=start, goal=goal, axes="joints", link_clearance=other))
+        assert result.plan is not None
+        costs.append(result.plan.cost.collision)
+    assert costs[0] < costs[1] == costs[2] < costs[3]
+    scene = plan_path(PlanRequest(robot=robot, start=start, goal=goal, axes="joints", obstacles=(BALL,))).scene
+    assert np.flatnonzero(scene.wanted(0.1, 0.02) == 0.02).tolist() == scene.groups()["its own links"]
+
+
 def test_a_robot_without_shapes_is_planned_for_too(robot: Robot) -> None:
     bare = replace(robot, collision_model=pin.GeometryModel())
     goal = PostureGoal(position=(0.0, 0.5, 0.0))

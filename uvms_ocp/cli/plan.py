@@ -30,7 +30,7 @@ from uvms_ocp.solvers.nlp.level_solver import PLUGINS, IterationReport
 
 # Options of every plan: where it starts, where it goes, and what stands in the way.
 
-_Clearance = Annotated[float, typer.Option(metavar="M", help="Distance wanted from everything [m].")]
+_Clearance = Annotated[float, typer.Option(metavar="M", help="Distance wanted from obstacles, and between links [m].")]
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -49,6 +49,7 @@ class MotionOptions:
     obstacles: Annotated[Path | None, typer.Option(metavar="YAML", help="File of obstacles.")] = None
     robot: Annotated[str, typer.Option(help="Robot, see `uvms-ocp list`, a URDF or a folder.")] = "girona_maris7_full"
     clearance: _Clearance = opt.defaults_of(PlanRequest)["clearance"]
+    link_clearance: Annotated[float | None, typer.Option(metavar="M", help="Between links [m]; default: the same.")] = None
 
     def asked(self, files: opt.RobotFiles) -> dict[str, Any]:
         """The fields that requests of all methods have.
@@ -64,6 +65,7 @@ class MotionOptions:
             "goal": self._goal(),
             "obstacles": self._obstacles(),
             "clearance": self.clearance,
+            "link_clearance": self.link_clearance,
         }
 
     def _check_vehicle(self, robot: Robot) -> None:

@@ -69,8 +69,10 @@ class OcpRequest:
     goal: Goal
     obstacles: tuple[Obstacle, ...] = ()
     clearance: Magnitude = 0.06
-    """[m] kept from obstacles and between links. What is nearer at start or goal keeps what it has there, of the robot's
+    """[m] kept from obstacles, and between links. What is nearer at start or goal keeps what it has there, of the robot's
     own links three quarters."""
+    link_clearance: Magnitude | None = None
+    """[m] kept between links instead."""
     seabed: Bound = -np.inf
     """[m] height in W of a level floor to keep clear of; none by default."""
     duration: Positive = 8.0
@@ -178,7 +180,7 @@ def _guesses(request: OcpRequest, problem: OcpProblem) -> Iterator[Trajectory]:
     """Among obstacles a curve around them; then, and without them, the start."""
     if request.obstacles:
         turned = isinstance(request.goal, PostureGoal) and request.goal.rpy is not None
-        names = ("robot", "start", "goal", "obstacles", "clearance")
+        names = ("robot", "start", "goal", "obstacles", "clearance", "link_clearance")
         asked = {name: getattr(request, name) for name in names}
         curve = curve_guess(problem, PlanRequest(**asked, axes="all" if turned else "level"))
         if curve is not None:
@@ -207,8 +209,8 @@ def _problem(request: OcpRequest, scene: CollisionScene) -> OcpProblem:
 def _margins(request: OcpRequest, scene: CollisionScene) -> Array:
     """(n_pairs,) [m] what is asked for, or less where start or goal have less."""
     ends = start_distances(scene, request.start), goal_distances(scene, request.goal, request.start)
-    own = np.array([pair.first_joint != 0 for pair in scene.pairs], dtype=bool)
-    return np.minimum(request.clearance, np.minimum(*ends) * np.where(own, _OF_LINKS, _OF_OBSTACLES))
+    wanted = scene.wanted(request.clearance, request.link_clearance)
+    return np.minimum(wanted, np.minimum(*ends) * scene.wanted(_OF_OBSTACLES, _OF_LINKS))
 
 
 def _within(robot: Robot, q: Array) -> Array:

@@ -250,6 +250,8 @@ class CostWeights:
     """[1/s] Of the penalties of positions, velocities and accelerations beyond limits, per second."""
     clearance: Positive = 0.06
     """[m] distance where the penalty of clearance begins."""
+    link_clearance: Positive | None = None
+    """[m] the same between links, where it is another."""
     speed_floor: Positive = 0.02
     """[m/s] speed at which a link at rest counts."""
     margin: Positive = 0.1
@@ -375,7 +377,8 @@ class PathCost:
     @cached_property
     def _clearances(self) -> Array:
         """(n_pairs,) [m] where each pair's penalty begins: links close by design keep half their distance."""
-        return np.minimum(self.weights.clearance, self.distances.scene.room)
+        scene = self.distances.scene
+        return np.minimum(scene.wanted(self.weights.clearance, self.weights.link_clearance), scene.room)
 
     def _by_derivative(self, variables: Array) -> Array:
         return variables.reshape(len(variables), self.pieces.k, -1).transpose(1, 0, 2)

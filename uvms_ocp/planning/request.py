@@ -250,7 +250,9 @@ class PlanRequest:
     obstacles: tuple[Obstacle, ...] = ()
     axes: str = AXES[0]
     clearance: Magnitude = 0.06
-    """[m] wanted from everything; what is verified is that nothing touches."""
+    """[m] wanted from obstacles, and between links; what is verified is that nothing touches."""
+    link_clearance: Magnitude | None = None
+    """[m] wanted between links instead."""
     seed: Count = 0
 
 
@@ -281,7 +283,10 @@ def plan_path(request: PlanRequest) -> PlanResult:
     if goal is None:
         return PlanResult(request=request, scene=scene, plan=None)
     ends = np.stack([planned.x(request.start), goal])
-    weights, sampling = CostWeights(clearance=request.clearance), SamplingOptions(seed=request.seed)
+    weights, sampling = (
+        CostWeights(clearance=request.clearance, link_clearance=request.link_clearance),
+        SamplingOptions(seed=request.seed),
+    )
     options = SoftCollisionOptions(weights=weights, sampling=sampling, seed=request.seed)
     plan = plan_soft_collision(scene, ends, limits=_limits(planned, ends), options=options)
     return PlanResult(request=request, scene=scene, plan=plan)

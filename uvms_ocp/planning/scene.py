@@ -292,6 +292,11 @@ class CollisionScene:
             groups.setdefault(name, []).append(index)
         return groups
 
+    def wanted(self, of_obstacles: float, of_links: float | None) -> Array:
+        """(n_pairs,) the one number for pairs with an obstacle, the other, where it is given, for those of two links."""
+        links = [of_links is not None and not self.is_obstacle(pair.first) for pair in self.pairs]
+        return np.where(links, of_obstacles if of_links is None else of_links, of_obstacles)
+
     def check_no_overlap(self, distances: Annotated[Array, Shape("self.n_pairs")], place: str) -> None:
         """Raise `InvalidInput` where two shapes touch, by the distances (n_pairs,) [m] at the place of that name."""
         if distances.min(initial=np.inf) <= 0.0:

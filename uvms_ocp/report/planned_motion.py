@@ -81,6 +81,7 @@ def _request_entries(request: PlanRequest | OcpRequest) -> dict[str, Any]:
         "links_without_shape": list(links_without_shape(request.robot)),
         "obstacles": [item.model_dump(mode="json") for item in describe_obstacles(request.obstacles)],
         "clearance_wanted_m": request.clearance,
+        "link_clearance_wanted_m": request.clearance if request.link_clearance is None else request.link_clearance,
         "versions": versions(packages()),
     }
 
