@@ -5,7 +5,7 @@ Each message is one line: what was given, what is allowed, what to do. `plain_li
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Collection, Iterable
 from difflib import get_close_matches
 from enum import Enum
 from importlib import import_module
@@ -60,6 +60,12 @@ class NameNotFound(UvmsError, LookupError):
         near = ", ".join(get_close_matches(str(given), self.allowed, n=_NEAREST, cutoff=0.0))
         where = f"; {listed} lists them" if listed else ""
         super().__init__(f"unknown {kind} {given!r}.{hint} The nearest of {len(self.allowed)}: {near}{where}.")
+
+
+def require_known(kind: str, given: str, known: Collection[str]) -> None:
+    """Raise `NameNotFound` for a name that is not among those that are known."""
+    if given not in known:
+        raise NameNotFound(kind, given, known)
 
 
 class FrameNotFound(NameNotFound):

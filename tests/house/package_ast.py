@@ -103,6 +103,7 @@ def _collect(node: ast.AST, helpers: dict[str, ast.FunctionDef], found: set[str]
             found.add(ast.unparse(item.exc.func).rpartition(".")[2])
         if isinstance(item, ast.Call):
             name = ast.unparse(item.func).rpartition(".")[2]
+            found |= {"NameNotFound"} if name == "require_known" else set()
             # A constructor is that of another class, whose own docstring says what it raises.
             if name.startswith("_") and not name.startswith("__") and name in helpers and name not in seen:
                 seen.add(name)

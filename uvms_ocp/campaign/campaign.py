@@ -18,7 +18,7 @@ from uvms_ocp.campaign.distributions import Design
 from uvms_ocp.campaign.store import MOST_RUNS, SOURCES, CampaignManifest, read_manifest, read_table, types_of
 from uvms_ocp.campaign.variations import Variation, quantiles, require_available, vary
 from uvms_ocp.checks import checked, checked_dataclass
-from uvms_ocp.errors import InvalidInput, NameNotFound
+from uvms_ocp.errors import InvalidInput, require_known
 from uvms_ocp.record.display import FieldTable
 from uvms_ocp.record.record import Record
 from uvms_ocp.report.summary import cause_of_end
@@ -47,8 +47,7 @@ class MissionJob(jobs.CampaignJob):
     """One of `KEPT`."""
 
     def __post_init__(self) -> None:
-        if self.records not in KEPT:
-            raise NameNotFound("choice of records", self.records, KEPT)
+        require_known("choice of records", self.records, KEPT)
 
     @property
     def columns(self) -> Mapping[str, type]:

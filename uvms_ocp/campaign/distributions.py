@@ -16,7 +16,7 @@ from typing import Annotated, Any, Protocol
 import numpy as np
 
 from uvms_ocp.checks import checked_dataclass
-from uvms_ocp.errors import InvalidInput, NameNotFound, optional_module
+from uvms_ocp.errors import InvalidInput, optional_module, require_known
 from uvms_ocp.record.tables import CAMPAIGN_EXTRA
 from uvms_ocp.scenario.scenario import Scenario
 from uvms_ocp.types import Finite, Positive, Range
@@ -193,8 +193,7 @@ class Design:
     seed: int
 
     def __post_init__(self) -> None:
-        if self.sampler not in SAMPLERS:
-            raise NameNotFound("sampler", self.sampler, SAMPLERS)
+        require_known("sampler", self.sampler, SAMPLERS)
         if self.sampler != "indices":
             return
         block = self.parameters + 2

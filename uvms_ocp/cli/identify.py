@@ -11,7 +11,7 @@ import typer
 from uvms_ocp.cli import NOT_COMPLETED
 from uvms_ocp.cli.options import Json, folder
 from uvms_ocp.cli.printing import busy, console_of, print_json, print_line, print_paths, table_of
-from uvms_ocp.errors import InvalidInput, NameNotFound
+from uvms_ocp.errors import InvalidInput, require_known
 from uvms_ocp.identification import ExperimentLimits, Noise, Rollout, check_data_quality, stage_of, write_recording
 from uvms_ocp.identification.calibration import Calibration, calibrate
 from uvms_ocp.identification.experiment_design import DesignSettings, DesignStatus, ExperimentTask, design_experiment
@@ -215,8 +215,7 @@ def thruster_curve(
     \f
     Raises `NameNotFound` for a unit or a column that there is not, `InvalidInput` for a voltage without its column.
     """
-    if unit not in _NEWTONS:
-        raise NameNotFound("unit", unit, _NEWTONS)
+    require_known("unit", unit, _NEWTONS)
     if (voltage is None) != (at is None):
         raise InvalidInput("--voltage and --at belong together: give both, or neither")
     columns = [pwm, thrust, *([voltage] if voltage else [])]

@@ -13,7 +13,7 @@ from typing import Annotated, Any, get_type_hints
 import typer
 
 from uvms_ocp.control.velocity.kinematic import HierarchySolver
-from uvms_ocp.errors import InvalidInput, NameNotFound, OutputError
+from uvms_ocp.errors import InvalidInput, OutputError, require_known
 from uvms_ocp.robot.loading import list_robots
 from uvms_ocp.scenario.cases import SCENARIOS
 from uvms_ocp.scenario.own_code import load_scenario
@@ -234,8 +234,7 @@ def with_solver(options: Mapping[str, Any], solver: str | None) -> Mapping[str, 
     if solver in _OLD_SOLVER_NAMES:
         typer.echo(f"--solver {solver} is now --solver {_OLD_SOLVER_NAMES[solver]}", err=True)
         solver = _OLD_SOLVER_NAMES[solver]
-    if solver not in SOLVERS:
-        raise NameNotFound("solver", solver, SOLVERS)
+    require_known("solver", solver, SOLVERS)
     return {**options, "solver": SOLVERS[solver]()}
 
 

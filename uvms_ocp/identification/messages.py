@@ -21,7 +21,7 @@ from typing import Any
 
 import numpy as np
 
-from uvms_ocp.errors import InvalidInput, NameNotFound, optional_module
+from uvms_ocp.errors import InvalidInput, NameNotFound, optional_module, require_known
 from uvms_ocp.identification.file_kinds import BAG_METADATA, kind_of
 from uvms_ocp.identification.text_tables import LONGEST_LINE, MOST_ROWS
 from uvms_ocp.record.mcap import mcap_messages, mcap_topics, require_mcap
@@ -322,8 +322,7 @@ def _value_at(message: Any, steps: Sequence[str]) -> Any:
 
 def _field(value: Any, name: str) -> Any:
     names = _names_in(value)
-    if name not in names:
-        raise NameNotFound("field", name, names)
+    require_known("field", name, names)
     return value[name] if isinstance(value, Mapping) else getattr(value, name)
 
 
@@ -342,8 +341,7 @@ def _element(parent: Any, value: Any, step: str) -> Any:
             raise NameNotFound("element", step, [f"0 to {len(value) - 1}"])
         return value[int(step)]
     names = list(_names_of_elements(parent, value))
-    if step not in names:
-        raise NameNotFound("element", step, names)
+    require_known("element", step, names)
     return value[names.index(step)]
 
 

@@ -9,7 +9,7 @@ from typing import TypeAlias
 import casadi as ca
 import numpy as np
 
-from uvms_ocp.errors import InvalidInput, NameNotFound
+from uvms_ocp.errors import InvalidInput, require_known
 from uvms_ocp.identification import coordinates
 from uvms_ocp.identification.coordinates import Interval, PositiveDefinite, Positives, QuantityCoordinates, Reals, second_moment
 from uvms_ocp.robot.symbolic_dynamics import SymbolicDynamics
@@ -109,8 +109,7 @@ class Quantity:
         """A copy of which this is known. Raises NameNotFound for a coordinate that there is not, and InvalidInput."""
         names = self.coordinates.names
         for name in status.only or ():
-            if name not in names:
-                raise NameNotFound("coordinate", name, names)
+            require_known("coordinate", name, names)
         chosen = np.array([status.only is None or name in status.only for name in names], dtype=bool)
         if self.begin is not None and not isinstance(status, Fixed):
             return replace(self, x=np.where(chosen, self.begin, self.x), begin=None).with_status(status)
@@ -149,8 +148,7 @@ class Declaration:
         return self._with({name: replace(one, x=one.coordinates.encode(values[name])) for name, one in found.items()})
 
     def _found(self, name: str) -> Quantity:
-        if name not in self.quantities:
-            raise NameNotFound("quantity", name, self.quantities)
+        require_known("quantity", name, self.quantities)
         return self.quantities[name]
 
     def _with(self, changed: Mapping[str, Quantity]) -> Declaration:

@@ -37,7 +37,7 @@ from typing import Annotated, Literal
 import numpy as np
 from pydantic import BaseModel, ConfigDict, Field
 
-from uvms_ocp.errors import InvalidInput, NameNotFound
+from uvms_ocp.errors import InvalidInput, require_known
 from uvms_ocp.identification import tables
 from uvms_ocp.identification.file_kinds import holds_messages, kind_of
 from uvms_ocp.identification.messages import TopicColumns, message_rows, topics_of
@@ -154,8 +154,7 @@ def read_mapping(path: Path) -> RecordingMapping:
 
 def _require_meaning(key: str, one: ChannelMapping) -> None:
     """Raises NameNotFound for no channel, InvalidInput for what means nothing of this one: never ignored."""
-    if key not in CHANNEL_KINDS:
-        raise NameNotFound("channel", key, CHANNEL_KINDS)
+    require_known("channel", key, CHANNEL_KINDS)
     kind = CHANNEL_KINDS[key]
     turned = one.frame == "W"
     means = {

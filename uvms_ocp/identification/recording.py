@@ -13,7 +13,7 @@ from importlib.resources import files
 import numpy as np
 import tomllib
 
-from uvms_ocp.errors import InvalidInput, NameNotFound
+from uvms_ocp.errors import InvalidInput, require_known
 from uvms_ocp.robot.spatial import quaternion_to_matrix
 from uvms_ocp.types import frozen_mapping, read_only
 
@@ -113,8 +113,7 @@ class Recording:
     def __post_init__(self) -> None:
         object.__setattr__(self, "channels", frozen_mapping(self.channels))
         for name, channel in self.channels.items():
-            if name not in CHANNEL_KINDS:
-                raise NameNotFound("channel", name, CHANNEL_KINDS)
+            require_known("channel", name, CHANNEL_KINDS)
             _check_width(f"{self.name}: {name}", CHANNEL_KINDS[name], channel)
         attitude = self.channels.get("attitude")
         if attitude is not None and np.abs(np.linalg.norm(attitude.values, axis=1) - 1.0).max() > _NORM:

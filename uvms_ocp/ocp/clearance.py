@@ -17,7 +17,7 @@ import numpy as np
 import pinocchio as pin
 
 from uvms_ocp.checks import checked, checked_dataclass
-from uvms_ocp.errors import InvalidInput, NameNotFound
+from uvms_ocp.errors import InvalidInput, require_known
 from uvms_ocp.ocp.separating_planes import Planes, Poses, planes
 from uvms_ocp.ocp.terms import At, StageSymbols, Term
 from uvms_ocp.ocp.trajectory import Trajectory, intervals_of
@@ -248,8 +248,7 @@ class ShapeClearance(Term):
             raise InvalidInput(f"{self.name}: the scene plans {scene.coordinates.names}; give one that plans all axes")
         names = [item.name for item in scene.geometry.geometryObjects]
         for name in self.moving:
-            if name not in names:
-                raise NameNotFound("moving obstacle", name, names)
+            require_known("moving obstacle", name, names)
 
     @cached_property
     def _coal(self) -> CoalDistances:

@@ -14,7 +14,7 @@ import pinocchio as pin
 from numpy.typing import ArrayLike
 
 from uvms_ocp.checks import checked, checked_dataclass, finite_array
-from uvms_ocp.errors import InvalidInput, NameNotFound
+from uvms_ocp.errors import InvalidInput, require_known
 from uvms_ocp.planning.conservative_advancement import PairDistances
 from uvms_ocp.planning.distances import CoalDistances
 from uvms_ocp.planning.path_cost import CostWeights
@@ -171,8 +171,7 @@ class PostureGoal:
         every = coordinates(planned.robot)
         goal = planned.reference.copy()
         for name, value in self._axes(planned.robot).items():
-            if name not in every.names:
-                raise NameNotFound("axis", name, every.names)
+            require_known("axis", name, every.names)
             if not np.isfinite(value):
                 raise InvalidInput(f"the goal has {name} = {value}; give a finite number.")
             goal[every.names.index(name)] = value
@@ -305,8 +304,7 @@ def _limits(planned: Coordinates, ends: Array) -> MotionLimits:
 
 
 def _planned_axes(request: PlanRequest) -> Coordinates:
-    if request.axes not in AXES:
-        raise NameNotFound("axes", request.axes, AXES)
+    require_known("axes", request.axes, AXES)
     robot = request.robot
     vehicle = VEHICLE_AXES if robot.n_vehicle else ()
     kept = {"all": vehicle, "joints": (), "level": tuple(axis for axis in vehicle if axis not in ("roll", "pitch"))}

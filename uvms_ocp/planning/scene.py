@@ -17,7 +17,7 @@ import pinocchio as pin
 from numpy.typing import ArrayLike
 
 from uvms_ocp.checks import checked, checked_constructor, checked_dataclass, checked_on_failure
-from uvms_ocp.errors import InvalidInput, NameNotFound
+from uvms_ocp.errors import InvalidInput, require_known
 from uvms_ocp.robot.kinematics import shape_reach
 from uvms_ocp.robot.robot import Robot
 from uvms_ocp.robot.shapes.collision_model import self_pairs, shapes_among
@@ -147,8 +147,7 @@ def coordinates(robot: Robot, *, reference: ArrayLike | None = None, axes: Seque
     names = _axis_names(robot)
     wanted = names if axes is None else tuple(axes)
     for name in wanted:
-        if name not in names:
-            raise NameNotFound("axis", name, names)
+        require_known("axis", name, names)
     q = robot.configuration() if reference is None else robot.check_configuration(reference)
     planned = np.array([names.index(name) for name in wanted], dtype=np.intp)
     return Coordinates(robot=robot, reference=_axis_values(robot, q), planned=planned)

@@ -12,7 +12,7 @@ from zipfile import ZIP_DEFLATED, ZIP_STORED, ZipFile
 import numpy as np
 
 from uvms_ocp.checks import checked, checked_dataclass, checked_on_failure
-from uvms_ocp.errors import InvalidInput, NameNotFound, OutputError
+from uvms_ocp.errors import InvalidInput, NameNotFound, OutputError, require_known
 from uvms_ocp.model_errors import printable
 from uvms_ocp.record import mcap, tables
 from uvms_ocp.record.display import SmallTable, TableDisplay
@@ -291,8 +291,7 @@ class Record(TableDisplay):
         ``/log`` phases, alarms and faults, all by types of ROS 2, and ``/series/...`` every series by a type of its own.
         """
         for name in series or ():
-            if name not in self.series:
-                raise NameNotFound("series", name, self.series)
+            require_known("series", name, self.series)
         t, wanted = self.series["t"], self.series if series is None else ("t", *series)
         due = np.arange(len(t)) if rate is None else np.floor((t - t[:1]) * rate + _ROUNDING)
         rows = np.unique([*np.unique(due, return_index=True)[1], len(t) - 1])  # the last has what the run came to

@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from uvms_ocp.errors import InvalidInput, NameNotFound, optional_module
+from uvms_ocp.errors import InvalidInput, optional_module, require_known
 from uvms_ocp.record.output import whole_file
 from uvms_ocp.record.run_meta import read_meta, write_meta
 from uvms_ocp.record.untrusted import DENSEST, SMALL, as_input_errors, require_regular_file
@@ -168,8 +168,7 @@ def require_numbers(file: Any, path: Path, columns: Sequence[str]) -> None:
 
     schema = file.schema_arrow
     for name in columns:
-        if name not in schema.names:
-            raise NameNotFound(f"column of {path.name}", name, schema.names)
+        require_known(f"column of {path.name}", name, schema.names)
         kind = schema.field(name).type
         if not any(getattr(types, test)(kind) for test in _NUMBERS):
             raise InvalidInput(f"{path}: column {name} holds {str(kind)[:60]}; numbers are read")

@@ -20,7 +20,7 @@ import pinocchio as pin
 from pydantic import ValidationError
 
 from uvms_ocp.checks import checked
-from uvms_ocp.errors import InvalidInput, NameNotFound, RobotDataError, UvmsError
+from uvms_ocp.errors import InvalidInput, RobotDataError, UvmsError, require_known
 from uvms_ocp.model_errors import one_line
 from uvms_ocp.record.meta_values import RobotFilesMeta
 from uvms_ocp.robot.coefficients import links_in_water, placement_of
@@ -49,8 +49,7 @@ def list_robots() -> tuple[str, ...]:
 @checked
 def robot_folder(name: str) -> Path:
     """Return the folder of a robot. Raises ``NameNotFound`` with the alternatives."""
-    if name not in list_robots():
-        raise NameNotFound("robot", name, list_robots())
+    require_known("robot", name, list_robots())
     return robots_folder() / name
 
 
@@ -61,8 +60,7 @@ def list_variants(name: str) -> tuple[str, ...]:
 
 def variant_file(name: str, variant: str) -> Path:
     """Return the file of a variant. Raises ``NameNotFound`` with the alternatives."""
-    if variant not in list_variants(name):
-        raise NameNotFound(f"variant of {name}", variant, list_variants(name))
+    require_known(f"variant of {name}", variant, list_variants(name))
     return robot_folder(name) / "variants" / f"{variant}.yaml"
 
 

@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike
 from uvms_ocp.checks import checked_dataclass
 from uvms_ocp.control import LoadLearning, VelocityGains
 from uvms_ocp.control.velocity.kinematic import HierarchySolver
-from uvms_ocp.errors import NameNotFound
+from uvms_ocp.errors import require_known
 from uvms_ocp.mission import Abort, Below, Condition, Mission, Phase, Transition
 from uvms_ocp.record.meta_values import ABORT
 from uvms_ocp.robot import IDEAL_SENSORS, Obstacle, Robot, SensorSpecs, load_robot, robot_sensors
@@ -118,8 +118,7 @@ def run_options(given: Mapping[str, Any], *, robot: Robot | str = _ROBOT, seabed
     """
     known = [item.name for item in fields(RunOptions)]
     for name in given:
-        if name not in known:
-            raise NameNotFound("option of all scenarios", name, known)
+        require_known("option of all scenarios", name, known)
     options = {"robot": robot, "seabed": seabed, **{name: value for name, value in given.items() if value is not None}}
     machine, current, faults = options.pop("robot"), options.pop("current", None), options.pop("faults", ())
     return RunOptions(
@@ -228,11 +227,9 @@ def override(tasks: list[Task], overrides: Mapping[str, Mapping[str, Any]]) -> l
     """Tasks with fields replaced; raises `NameNotFound` for an unknown task or field."""
     by_name = {task.name: task for task in tasks}
     for name, changes in overrides.items():
-        if name not in by_name:
-            raise NameNotFound("task", name, by_name)
+        require_known("task", name, by_name)
         allowed = [field.name for field in fields(by_name[name])]
         for field_name in changes:
-            if field_name not in allowed:
-                raise NameNotFound(f"field of task {name}", field_name, allowed)
+            require_known(f"field of task {name}", field_name, allowed)
         by_name[name] = replace(by_name[name], **changes)
     return list(by_name.values())

@@ -12,7 +12,7 @@ from importlib.resources import files
 import tomllib
 
 from uvms_ocp.checks import checked, checked_constructor, checked_dataclass
-from uvms_ocp.errors import InvalidInput, NameNotFound, short
+from uvms_ocp.errors import InvalidInput, NameNotFound, require_known, short
 from uvms_ocp.robot.signals import CHANNELS
 from uvms_ocp.types import DAY, Bound
 
@@ -134,8 +134,7 @@ def fault_targets(like: str = "") -> tuple[str, ...]:
 def kind_of(target: FaultTarget, name: str) -> FaultModel:
     """The kind of that name. Raises `NameNotFound` where the target has no such fault."""
     kinds = FAMILIES[target.family]
-    if name not in kinds:
-        raise NameNotFound(f"fault of {target.name}", name, kinds)
+    require_known(f"fault of {target.name}", name, kinds)
     return kinds[name]
 
 

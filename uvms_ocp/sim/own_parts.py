@@ -21,7 +21,7 @@ import pinocchio as pin
 
 from uvms_ocp.checks import unchecked_constructor
 from uvms_ocp.control.external import require_numbers
-from uvms_ocp.errors import InvalidInput, NameNotFound
+from uvms_ocp.errors import InvalidInput, require_known
 from uvms_ocp.estimation.estimator import Estimator, PassThrough
 from uvms_ocp.estimation.filter_memory import NUMBER
 from uvms_ocp.estimation.health.channel_state import sizes_of
@@ -57,8 +57,7 @@ def plant_name(plant: Any) -> str:
 def require_plant(plant: Any) -> None:
     """Raise `NameNotFound` for an unknown name, `InvalidInput` for a maker that does not tell what its plant takes."""
     if isinstance(plant, str):
-        if plant not in PLANTS:
-            raise NameNotFound("plant", plant, PLANTS)
+        require_known("plant", plant, PLANTS)
     elif not isinstance(getattr(plant, "takes_forces", None), bool):
         allowed = "give it True for thrust and torque, False for velocities alone"
         raise InvalidInput(f"plant {part_name(plant)} has no takes_forces; {allowed}")

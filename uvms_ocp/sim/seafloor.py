@@ -11,7 +11,7 @@ import numpy as np
 import pinocchio as pin
 
 from uvms_ocp.checks import checked, checked_constructor, checked_dataclass, checked_on_failure
-from uvms_ocp.errors import InvalidInput, NameNotFound
+from uvms_ocp.errors import InvalidInput, require_known
 from uvms_ocp.record.meta_values import FloorRelief
 from uvms_ocp.robot.shapes.obstacles import Obstacle, mesh_shape
 from uvms_ocp.types import Array, Count, Finite, Positive, Range, Shape, Vector3
@@ -215,8 +215,7 @@ class HeightField(Seafloor):
         an unknown name and `InvalidInput` for an extent that is not > 0.
         """
         if isinstance(relief, str):
-            if relief not in RELIEFS:
-                raise NameNotFound("relief", relief, RELIEFS)
+            require_known("relief", relief, RELIEFS)
             relief = RELIEFS[relief]
         if extent / relief.spacing > math.sqrt(_MOST_BUMPS):
             raise InvalidInput(f"extent of a height field = {extent} m; give less: more than {_MOST_BUMPS:,} protuberances")

@@ -16,7 +16,7 @@ import casadi as ca
 import numpy as np
 
 from uvms_ocp.checks import checked, checked_dataclass, checked_on_failure
-from uvms_ocp.errors import InvalidInput, NameNotFound
+from uvms_ocp.errors import InvalidInput, require_known
 from uvms_ocp.record.display import SmallTable, TableDisplay
 from uvms_ocp.robot.limits import PositionLimit
 from uvms_ocp.robot.robot import Robot
@@ -343,16 +343,14 @@ class Hierarchy(TableDisplay):
 
     def index(self, name: str) -> int:
         """Position of the task `name`; raises `NameNotFound`."""
-        if name not in self.names:
-            raise NameNotFound("task", name, self.names)
+        require_known("task", name, self.names)
         return self.names.index(name)
 
 
 def _ordered(tasks: Sequence[Task], order: Sequence[str]) -> tuple[Task, ...]:
     by_name = {task.name: task for task in tasks}
     for name in order:
-        if name not in by_name:
-            raise NameNotFound("task", name, by_name)
+        require_known("task", name, by_name)
     if sorted(order) != sorted(by_name):
         raise InvalidInput(f"order {tuple(order)} must name each of {tuple(by_name)} once")
     return tuple(by_name[name] for name in order)

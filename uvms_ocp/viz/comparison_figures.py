@@ -8,7 +8,7 @@ import numpy as np
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
-from uvms_ocp.errors import InvalidInput, NameNotFound
+from uvms_ocp.errors import InvalidInput, require_known
 from uvms_ocp.record.record import Record
 from uvms_ocp.record.run_meta import joint_positions
 from uvms_ocp.record.tables import unit_of
@@ -36,8 +36,7 @@ def figure_joint_comparison(records: Mapping[str, Record], phase: str = "D") -> 
     figure, axes = style.stacked(len(joints), 0.6, title)
     for (_, record), color in zip(records.items(), _COLORS, strict=False):
         spans = {span.name: span for span in phase_spans(record)}
-        if phase not in spans:
-            raise NameNotFound("phase", phase, spans)
+        require_known("phase", phase, spans)
         span = spans[phase]
         rows = (record["t"] >= span.start) & (record["t"] <= span.end)
         for axis, column in zip(axes, joint_positions(record.series, record.meta)[rows].T, strict=True):

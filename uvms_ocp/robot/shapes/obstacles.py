@@ -20,7 +20,7 @@ from numpy.typing import ArrayLike
 from pydantic import BaseModel, ConfigDict, ValidationError
 
 from uvms_ocp.checks import checked, checked_dataclass
-from uvms_ocp.errors import InvalidInput, NameNotFound
+from uvms_ocp.errors import InvalidInput, require_known
 from uvms_ocp.model_errors import printable
 from uvms_ocp.record.meta_values import N_SIZES, ObstacleMeta
 from uvms_ocp.record.untrusted import read_yaml
@@ -132,8 +132,7 @@ def parse_obstacle(shape: str, words: str, name: str) -> Obstacle:
     Raises ``NameNotFound`` for an unknown shape, and ``InvalidInput``
     for words that are not numbers, too many or too few, or a size that is not positive.
     """
-    if shape not in N_SIZES:
-        raise NameNotFound("shape", shape, N_SIZES)
+    require_known("shape", shape, N_SIZES)
     given = words.replace(",", " ").split()
     wanted = 3 + N_SIZES[shape]
     try:

@@ -14,7 +14,7 @@ import casadi as ca
 import numpy as np
 
 from uvms_ocp.checks import checked_dataclass
-from uvms_ocp.errors import InvalidInput, NameNotFound
+from uvms_ocp.errors import InvalidInput, NameNotFound, require_known
 from uvms_ocp.interrupts import on_interrupt
 from uvms_ocp.solvers.nlp.program import LevelNlp, LexicographicProgram, NlpStatus, RowBounds, RowRanges, status_of
 from uvms_ocp.types import DAY, AtLeastOne, Positive
@@ -59,8 +59,7 @@ class NlpOptions:
         return 0.0 if self.plugin == "fatrop" else self.tolerance
 
     def __post_init__(self) -> None:
-        if self.plugin not in PLUGINS:
-            raise NameNotFound("NLP solver", self.plugin, PLUGINS)
+        require_known("NLP solver", self.plugin, PLUGINS)
         if self.time_limit > DAY:
             raise InvalidInput(f"time_limit = {self.time_limit:g} s; give at most {DAY:g} s, a day")
         if not (np.isfinite(self.tolerance) and self.tolerance >= 0):
