@@ -133,10 +133,8 @@ def control_force(c: ForceController, inputs: ControllerInputs, outputs: Control
 
 def _read_inputs(m: TickMemory, inputs: ControllerInputs) -> None:
     m.t = inputs.t
-    for i in range(len(m.q)):
-        m.q[i] = inputs.q[i]
-    for i in range(len(m.v)):
-        m.v[i] = inputs.v[i]
+    m.q[:] = inputs.q
+    m.v[:] = inputs.v
     m.altimeter_range = inputs.altimeter_range
     m.age = inputs.age
     m.joint_age = inputs.joint_age
@@ -152,20 +150,16 @@ def _write_outputs(m: TickMemory, outputs: ControllerOutputs) -> None:
     outputs.finished = is_over(m.mission)
     outputs.freshness = m.freshness
     outputs.viable_share = m.share
-    for i in range(len(m.command)):
-        outputs.v[i] = m.command[i]
-    for i in range(len(m.reported)):
-        outputs.quantities[i] = m.reported[i]
+    outputs.v[:] = m.command
+    outputs.quantities[:] = m.reported
 
 
 def _write_force_inputs(f: ForceMemory, m: TickMemory, outputs: ControllerOutputs) -> None:
     """Write the inputs of the force layer from the velocity layer."""
     less = m.restriction
-    for i in range(len(m.q)):
-        f.inputs.q[i] = m.q[i]
-    for i in range(len(m.v)):
-        f.inputs.v[i] = m.v[i]
-        f.inputs.reference[i] = m.command[i]
+    f.inputs.q[:] = m.q
+    f.inputs.v[:] = m.v
+    f.inputs.reference[:] = m.command
     f.inputs.feedback[0] = less.feedback
     f.inputs.joint_feedback[0] = less.joint_feedback
     f.inputs.hold[0] = 1.0 if outputs.hold else 0.0

@@ -202,8 +202,7 @@ def offer_point(s: Simplex, i: int, j: int, k: int, x: float, y: float) -> None:
         s.lot[0] = 1.0 - x - y
         s.lot[1] = x
         s.lot[2] = y
-        for c in range(3):
-            s.v[c] = v[c]
+        s.v[:3] = v[:3]
 
 
 def holds_origin(s: Simplex) -> bool:
@@ -291,8 +290,7 @@ def place_relative(m: RelativePlacement, a: Solid, b: Solid) -> None:
 def begin_search(m: RelativePlacement, a: Solid, b: Solid) -> None:
     """One point of each, which lie near each other: nearest to the other's, in turn. A kernel."""
     x, y, s = zeros(3), zeros(3), m.simplex
-    for i in range(3):
-        x[i] = m.p[i]
+    x[:3] = m.p[:3]
     for _ in range(_TURNS):
         nearest_point(a, x, s.a[0])
         subtract(s.a[0], m.p, x)

@@ -48,8 +48,7 @@ def try_face_and_edges(m: RelativePlacement, a: Solid, b: Solid, i: int) -> None
 def try_outward(m: RelativePlacement, a: Solid, b: Solid) -> None:
     """Try the directions from the z axis of either to the middle of the other. A kernel."""
     out, z = zeros(3), zeros(3)
-    for k in range(2):
-        out[k] = m.p[k]
+    out[:2] = m.p[:2]
     try_axis(m, a, b, out)
     for k in range(3):
         z[k] = m.R[3 * k + 2]
@@ -70,8 +69,7 @@ def try_axis(m: RelativePlacement, a: Solid, b: Solid, d: Vector) -> None:
     distance = distance_along(m, a, b, n)
     if distance > m.distance:
         m.distance = distance
-        for i in range(3):
-            m.normal[i] = n[i]
+        m.normal[:3] = n[:3]
 
 
 def distance_along(m: RelativePlacement, a: Solid, b: Solid, n: Vector) -> float:
@@ -135,8 +133,7 @@ def write_polytope_support(h: Hull, m: RelativePlacement, a: Solid, b: Solid, d:
     m.simplex.n = 0
     add_support(m, a, b, d)
     m.simplex.n = 0
-    for i in range(3):
-        h.w[h.n][i] = m.simplex.w[0][i]
+    h.w[h.n][:3] = m.simplex.w[0][:3]
 
 
 def nearest_face(h: Hull) -> int:
@@ -212,8 +209,7 @@ def toggle_edge(h: Hull, i: int, j: int) -> None:
     for k in range(h.n_edges):
         if (h.edge[k][0] == i and h.edge[k][1] == j) or (h.edge[k][0] == j and h.edge[k][1] == i):
             h.n_edges -= 1
-            for c in range(2):
-                h.edge[k][c] = h.edge[h.n_edges][c]
+            h.edge[k][:2] = h.edge[h.n_edges][:2]
             return
     if h.n_edges < FACES:
         h.edge[h.n_edges][0] = i
