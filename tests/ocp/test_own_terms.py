@@ -33,7 +33,7 @@ from uvms_ocp.sim.seafloor import FlatSeafloor
 from uvms_ocp.solvers.nlp.level_solver import NlpOptions
 from uvms_ocp.tasks.pose import ToolPosition
 from uvms_ocp.viz import plot, show
-from uvms_ocp.viz.plan_figures import plan_figures
+from uvms_ocp.viz.plan_figures import PLAN_FIGURES
 
 pytestmark = pytest.mark.slow
 
@@ -295,7 +295,7 @@ def test_a_planned_wrench_is_recorded_as_one_and_names_no_thruster(planner: Plan
     assert plan.peak_thrust is plan.summary()["peak_thrust"] is None
     steps = intervals_of(plan.trajectory.t, record["t"])
     assert np.array_equal(record["wrench"], plan.trajectory.thrust[steps])
-    figure = plan_figures(record)["efforts"]
+    figure = PLAN_FIGURES["efforts"](record)
     assert [axis.get_ylabel() for axis in figure.axes[:2]] == ["force [N]", "moment [N m]"]
     assert not any("thruster1" in text.get_text() for axis in figure.axes for text in axis.get_legend().get_texts())
 

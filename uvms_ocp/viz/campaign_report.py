@@ -19,6 +19,7 @@ from uvms_ocp.viz import style
 
 # Figures of many runs: how sure the rate is, how runs end, how figures of merit spread, what they depend on.
 
+_Success = Annotated[Mask, Shape("n")]
 _COLUMNS = 3
 _MOST = 12  # bars
 _LONGEST = 60
@@ -28,9 +29,11 @@ _CONSTANT = 1e-9
 
 
 @style.styled
-def figure_rate(success: Annotated[Mask, Shape("n")], interval: tuple[float, float]) -> Figure:
+def figure_rate(
+    success: _Success, interval: tuple[float, float], *, fig: style.Given = None, width: style.Width = "page"
+) -> Figure:
     """Draw the share of successes over the number of runs; success (n,) of all runs in their order, interval of the whole."""
-    figure = style.titled(2.4, "Success rate, and its 95 % interval at the end")
+    figure = style.titled(2.4, "Success rate, and its 95 % interval at the end", fig, width)
     axis = figure.subplots()
     n = np.arange(1, len(success) + 1)
     axis.axhspan(100 * interval[0], 100 * interval[1], color=style.BLUE, alpha=0.15, lw=0)
@@ -65,7 +68,9 @@ def _bin_edges(values: np.ndarray) -> np.ndarray:
 
 
 @style.styled
-def figure_spread(values: Mapping[str, np.ndarray], success: Annotated[Mask, Shape("n")]) -> Figure:
+def figure_spread(
+    values: Mapping[str, np.ndarray], success: _Success, *, fig: style.Given = None, width: style.Width = "page"
+) -> Figure:
     """Draw histograms of figures of merit, values (n,) [unit in the name] by name, NaN where a run has none; success (n,).
 
     Values beyond 1e300 are left out as infinite ones are: their spread is no number.
@@ -76,9 +81,10 @@ def figure_spread(values: Mapping[str, np.ndarray], success: Annotated[Mask, Sha
             given = f"success has shape {success.shape}, values[{name!r}] {column.shape}"
             raise InvalidInput(f"{given}; give one of each per run")
     names = [name for name, column in values.items() if (np.abs(column) <= _LARGEST).any()]
-    n_rows = max(1, -(-len(names) // _COLUMNS))
-    figure = style.RecordFigure(figsize=(style.WIDTH, 1.7 * n_rows))
-    axes = figure.subplots(n_rows, _COLUMNS, squeeze=False).ravel()
+    n_columns = 1 if width == "column" else _COLUMNS
+    n_rows = max(1, -(-len(names) // n_columns))
+    figure = style.titled(1.7 * n_rows, "", fig, width)
+    axes = figure.subplots(n_rows, n_columns, squeeze=False).ravel()
     for axis, name in zip(axes, names, strict=False):
         known = np.abs(values[name]) <= _LARGEST
         edges = _bin_edges(values[name][known])

@@ -25,7 +25,9 @@ _SMOOTHNESS = {
 
 
 @style.styled
-def figure_joint_comparison(records: Mapping[str, Record], phase: str = "D") -> Figure:
+def figure_joint_comparison(
+    records: Mapping[str, Record], phase: str = "D", *, fig: style.Given = None, width: style.Width = "page"
+) -> Figure:
     """Positions of all joints during the last stay in a phase, for runs by name, over time since its start.
 
     Raises `NameNotFound` where a run has no such phase, and `InvalidInput` for no runs, and for runs that do not have the
@@ -33,7 +35,7 @@ def figure_joint_comparison(records: Mapping[str, Record], phase: str = "D") -> 
     """
     joints = _joints_of(records)
     title = f"Joint positions in phase {style.label_text(phase)} [{unit_of('q', 'joints', next(iter(records.values())).meta)}]"
-    figure, axes = style.stacked(len(joints), 0.6, title)
+    figure, axes = style.stacked(len(joints), 0.6, title, fig, width)
     for (_, record), color in zip(records.items(), _COLORS, strict=False):
         spans = {span.name: span for span in phase_spans(record)}
         require_known("phase", phase, spans)
@@ -64,10 +66,10 @@ def _joints_of(records: Mapping[str, Record]) -> tuple[str, ...]:
 
 
 @style.styled
-def figure_paths(paths: Mapping[str, np.ndarray]) -> Figure:
+def figure_paths(paths: Mapping[str, np.ndarray], *, fig: style.Given = None, width: style.Width = "page") -> Figure:
     """Draw from above and from the side `paths` (n, 3) [m] in W by name, such as a tool's planned and tracked one."""
-    figure = style.titled(3.3, "Paths")
-    views = figure.subplots(1, 2)
+    figure = style.titled(3.3, "Paths", fig, width)
+    views = style.abreast(figure)
     for axis, (i, j), title in zip(views, ((0, 1), (0, 2)), ("from above", "from the side"), strict=True):
         for k, (name, path) in enumerate(paths.items()):
             color, label = _COLORS[k % len(_COLORS)], style.label_text(name)
@@ -84,12 +86,14 @@ def figure_paths(paths: Mapping[str, np.ndarray]) -> Figure:
 
 
 @style.styled
-def figure_transitions(runs: Mapping[str, Mapping[str, np.ndarray]]) -> Figure:
+def figure_transitions(
+    runs: Mapping[str, Mapping[str, np.ndarray]], *, fig: style.Given = None, width: style.Width = "page"
+) -> Figure:
     """How smoothly runs change phase; thin lines: changes.
 
     runs: by name, the series (n,) [s, -, m/s3 or rad/s3, m/s or rad/s] that `uvms_ocp.report.transition_series` gives.
     """
-    figure, axes = style.stacked(3, 1.5, "Smoothness of phase changes")
+    figure, axes = style.stacked(3, 1.5, "Smoothness of phase changes", fig, width)
     for (_, run), color in zip(runs.items(), _COLORS, strict=False):
         for axis, name in zip(axes, _SMOOTHNESS, strict=True):
             axis.plot(run["t"], np.maximum(run[name], _SMOOTHNESS[name][1]), color=color, lw=0.8)

@@ -52,7 +52,7 @@ def _correlation(axis: Axes, one: Whiteness) -> None:
     axis.set_ylim(-1.05, 1.05)
     color = style.THRESHOLD if one.white else style.VERMILLION
     p = f"p = {one.p:.2g}" if one.p > LEAST_P else f"p < {LEAST_P:g}"
-    axis.set_title(f"{p}, {one.inflation:.2g} alike", fontsize=7, color=color, pad=2)
+    axis.set_title(f"{p}, {one.inflation:.2g} alike", fontsize=style.points(7), color=color, pad=2)
 
 
 @style.styled
@@ -65,7 +65,7 @@ def figure_profiles(profiles: Sequence[Profile]) -> Figure:
         _profile(axis, one)
     for axis in axes[len(profiles) :]:
         axis.set_axis_off()
-    figure.supxlabel("standard errors from where the search has ended", fontsize=8)
+    figure.supxlabel("standard errors from where the search has ended", fontsize=style.points(8))
     return figure
 
 
@@ -76,7 +76,7 @@ def _profile(axis: Axes, one: Profile) -> None:
     straight, found = ((np.array(ends) - number.value) / number.sigma for ends in (number.interval, one.values))
     axis.plot(straight, (-INTERVAL, INTERVAL), color=style.FADED, lw=2.5)
     axis.plot(found, one.roots, color=color, lw=1.0, marker="o", ms=3)
-    axis.set_title(f"{style.label_text(number.name)}\n{number.value:.4g} ± {number.sigma:.2g}", fontsize=7)
+    axis.set_title(f"{style.label_text(number.name)}\n{number.value:.4g} ± {number.sigma:.2g}", fontsize=style.points(7))
 
 
 @style.styled

@@ -27,13 +27,13 @@ _TRACKED = {"velocity": "linear", "rate": "angular"}
 
 
 @style.styled
-def figure_efforts(record: Record) -> Figure | None:
+def figure_efforts(record: Record, *, fig: style.Given = None, width: style.Width = "page") -> Figure | None:
     """Thrust of every thruster, or the planned wrench, torque of every joint, and the energy taken so far."""
     draw = next((drawn for name, drawn in _PUSHES.items() if name in record.series), None)
     if draw is None or "joint_energy" not in record.series:
         return None
     n_pushes = 1 if draw is _thrust else len(_PARTS)
-    figure, axes = style.stacked(n_pushes + 2, 1.5, "Forces, torque and energy")
+    figure, axes = style.stacked(n_pushes + 2, 1.5, "Forces, torque and energy", fig, width)
     draw(record, axes[:n_pushes])
     _torque(record, axes[-2])
     _energy(record, axes[-1])
@@ -77,12 +77,12 @@ def _energy(record: Record, axis: Axes) -> None:
 
 
 @style.styled
-def figure_tracking(record: Record) -> Figure | None:
+def figure_tracking(record: Record, *, fig: style.Given = None, width: style.Width = "page") -> Figure | None:
     """How well the vehicle follows its reference velocity, and the force that the observer holds responsible."""
     if "disturbance" not in record.series or not has_vehicle(record):
         return None
     t, error = record["t"], record["v"] - record["command"]
-    figure, axes = style.stacked(3, 1.5, "Velocity tracking and estimated disturbance")
+    figure, axes = style.stacked(3, 1.5, "Velocity tracking and estimated disturbance", fig, width)
     for i, (color, names) in enumerate(zip(style.AXES_XYZ, ("surge, roll", "sway, pitch", "heave, yaw"), strict=True)):
         linear, angular = names.split(", ")
         axes[0].plot(t, 1e3 * error[:, i], color=color, lw=0.9, label=linear)
@@ -105,19 +105,20 @@ def figure_tracking(record: Record) -> Figure | None:
 # Figures of how the vehicle and the joints move, with their limits.
 
 _ZOOM = 1.0  # [s] on each side of a transition
-_MAX_ZOOMS = 4
+_ZOOM_WIDTH = 1.7  # [in]
 _SHORT = 10  # letters of a phase above a zoom
 _LEAST_SPAN = 0.02  # [m/s, rad/s] of a velocity panel
 
 
 @style.styled
-def figure_velocities(record: Record) -> Figure | None:
+def figure_velocities(record: Record, *, fig: style.Given = None, width: style.Width = "page") -> Figure | None:
     """Linear and angular velocity of the vehicle in B, whole run and a zoom on every change of phase."""
     if not has_vehicle(record):
         return None
     spans = phase_spans(record)
-    changes = [span.start for span in spans[1:]][:_MAX_ZOOMS]
-    figure = style.titled(3.9 + (2.6 if changes else 0.0), "Vehicle velocity")
+    changes = [span.start for span in spans[1:]]
+    figure = style.titled(3.9 + (2.6 if changes else 0.0), "Vehicle velocity", fig, width)
+    changes = changes[: max(1, int(style.inches(figure) / _ZOOM_WIDTH))]
     parts = figure.subfigures(2, 1, height_ratios=(3.4, 3.0)) if changes else [figure]
     _whole_run(parts[0], record)
     if changes:
@@ -155,7 +156,7 @@ def _zooms(parent: Figure, record: Record, changes: Sequence[float], spans: Sequ
             if column == 0:
                 axis.set_ylabel(label)
         shown = " to ".join(plain_line(span.name, _SHORT) for span in spans[column : column + 2])
-        grid[0, column].set_title(f"{shown} at {change:.2f} s", fontsize=8)
+        grid[0, column].set_title(f"{shown} at {change:.2f} s", fontsize=style.points(8))
         grid[1, column].set_xlabel(axis_label("time", "t"))
 
 
@@ -167,13 +168,13 @@ def _velocity_lines(axis: Axes, record: Record, part: slice, names: Sequence[str
 
 
 @style.styled
-def figure_joints(record: Record) -> Figure | None:
+def figure_joints(record: Record, *, fig: style.Given = None, width: style.Width = "page") -> Figure | None:
     """Joint positions and velocities, with limits where the record gives them; one small panel per joint."""
     names, values = record.meta.joints, joint_positions(record.series, record.meta)
     n = len(names)
     if not names or values is None:
         return None
-    figure = style.titled(0.78 * n + 0.9, "Joints")
+    figure = style.titled(0.78 * n + 0.9, "Joints", fig, width)
     grid = figure.subplots(n, 2, sharex=True, squeeze=False)
     positions, velocities = _joint_bounds(record, n)
     _joint_column(grid[:, 0], record, values, positions)
@@ -181,11 +182,12 @@ def figure_joints(record: Record) -> Figure | None:
     for axis, name in zip(grid[:, 0], names, strict=True):
         axis.set_ylabel(style.label_text(name), rotation=0, ha="right", va="center")
     for axis, what, name in zip(grid[0], ("position", "velocity"), "qv", strict=True):
-        axis.set_title(axis_label(what, name, "joints", meta=record.meta), pad=1 + style.space_above(record))
+        label = axis_label(what, name, "joints", meta=record.meta).replace(" [", "\n[")
+        axis.set_title(label, pad=1 + style.space_above(record))
     for axis in grid[-1]:
         axis.set_xlabel(axis_label("time", "t"))
     for column in grid.T:
-        style.mark_time(column, record, share=0.46)
+        style.mark_time(column, record)
     figure.align_ylabels(grid[:, 0])
     return figure
 
@@ -211,17 +213,17 @@ def _joint_column(axes: Sequence[Axes], record: Record, values: np.ndarray, boun
 
 _SAND = "#8C6D46"
 _OBSTACLE, _OBSTACLE_EDGE = "#D9B48F", "#8A5A2B"
-_MOST_ABREAST = 5  # entries of the legend
+_ENTRY = 1.4  # [in] of the legend
 _DIRECTIONS = 48  # that an outline is found in
 
 
 @style.styled
-def figure_path(record: Record) -> Figure | None:
+def figure_path(record: Record, *, fig: style.Given = None, width: style.Width = "page") -> Figure | None:
     """The vehicle's path from above and from the side, coloured by phase, with the markers and obstacles of the scenario."""
     if not has_vehicle(record):
         return None
-    figure = style.titled(3.3, "Path of the vehicle")
-    above, side = figure.subplots(1, 2)
+    figure = style.titled(3.3, "Path of the vehicle", fig, width)
+    above, side = style.abreast(figure)
     for axis, (i, j) in ((above, (0, 1)), (side, (0, 2))):
         _path_panel(axis, record, i, j)
         axis.set(**{f"{side}label": axis_label("xyz"[k], "q", "position") for side, k in (("x", i), ("y", j))})
@@ -231,8 +233,9 @@ def figure_path(record: Record) -> Figure | None:
     above.set_title("from above")
     side.set_title("from the side")
     named = {line.get_label(): line for line in side.get_lines() if not str(line.get_label()).startswith("_")}
-    figure.legend(handles=list(named.values()), loc="outside lower center", ncols=min(len(named), _MOST_ABREAST))
-    figure.draw_without_rendering()  # equal scales choose the ticks, which have to be there before they are given room
+    abreast = max(1, int(style.inches(figure) / style.points(_ENTRY)))
+    figure.legend(handles=list(named.values()), loc="outside lower center", ncols=min(len(named), abreast))
+    figure.figure.draw_without_rendering()  # equal scales choose the ticks, which have to be there before they are given room
     return figure
 
 
@@ -256,11 +259,11 @@ def _path_panel(axis: Axes, record: Record, i: int, j: int) -> None:
         outline = obstacle_outline(item, i, j)
         axis.fill(*outline.T, facecolor=_OBSTACLE, edgecolor=_OBSTACLE_EDGE, lw=0.8, alpha=0.55, zorder=1)
         below = outline[:, 0].mean(), outline[:, 1].min()
-        style.note(axis, style.label_text(item.name, 16), below, (0, -2), ha="center", va="top", fontsize=6.5)
+        style.note(axis, style.label_text(item.name, 16), below, (0, -2), ha="center", va="top", fontsize=style.points(6.5))
     for marker in record.meta.surroundings.markers:
         place = marker.position[i], marker.position[j]
         axis.plot(*place, "*", color=style.BLACK, ms=7)
-        style.note(axis, style.label_text(marker.name), place, (5, 4), fontsize=7)
+        style.note(axis, style.label_text(marker.name), place, (5, 4), fontsize=style.points(7))
 
 
 def obstacle_outline(data: ObstacleMeta, i: int, j: int) -> np.ndarray:

@@ -28,25 +28,25 @@ _VEHICLE = ("x", "y", "z", "roll", "pitch", "yaw")
 
 
 @style.styled
-def figure_vehicle_motion(record: Record) -> Figure | None:
+def figure_vehicle_motion(record: Record, *, fig: style.Given = None, width: style.Width = "page") -> Figure | None:
     """Planned vehicle axes from position to snap; `None` where none is planned."""
-    return _motion(record, _VEHICLE, ("position", "attitude"), "Planned motion of the vehicle")
+    return _motion(record, _VEHICLE, ("position", "attitude"), "Planned motion of the vehicle", (fig, width))
 
 
 @style.styled
-def figure_joint_motion(record: Record) -> Figure | None:
+def figure_joint_motion(record: Record, *, fig: style.Given = None, width: style.Width = "page") -> Figure | None:
     """Planned joints from position to snap; `None` where none is planned."""
-    return _motion(record, record.meta.joints, ("joints",), "Planned motion of the joints")
+    return _motion(record, record.meta.joints, ("joints",), "Planned motion of the joints", (fig, width))
 
 
 @style.styled
-def figure_clearance(record: Record) -> Figure | None:
+def figure_clearance(record: Record, *, fig: style.Given = None, width: style.Width = "page") -> Figure | None:
     """Distance from each obstacle and between links along the path, and the clearance that was wanted."""
     if "clearance" not in record.series or not record["clearance"].shape[1]:
         return None
     d, meta = record["clearance"], record.plan_meta
     wanted = meta.clearance_wanted
-    figure, (axis,) = style.stacked(1, 2.8, "Clearance along the path")
+    figure, (axis,) = style.stacked(1, 2.8, "Clearance along the path", fig, width)
     for k, name in enumerate(meta.clearance_groups):
         axis.plot(record["t"], d[:, k], **style.line_style(k), label=style.label_text(name, 24))
     style.threshold(axis, wanted, f"wanted {wanted:g} m")
@@ -68,11 +68,11 @@ def _mark_least(axis: Axes, nearest: ClearanceMeta) -> None:
     axis.plot(when, least, "o", color=style.BLACK, ms=4, clip_on=False, zorder=3)
     offset, side = (5 if left else -5, -4), "left" if left else "right"
     text = plain_line(f"{least:.3g} m, {nearest.between}", 80)
-    style.note(axis, text, (when, least), offset, ha=side, va="top", fontsize=7)
+    style.note(axis, text, (when, least), offset, ha=side, va="top", fontsize=style.points(7))
 
 
 _ALL = (figure_vehicle_motion, figure_joint_motion, figure_clearance, figure_efforts)
-PLAN_FIGURES: Mapping[str, Callable[[Record], Figure | None]] = MappingProxyType(
+PLAN_FIGURES: Mapping[str, Callable[..., Figure | None]] = MappingProxyType(
     {draw.__name__.removeprefix("figure_"): draw for draw in _ALL}
 )
 """What draws each figure of a plan, by name."""
@@ -81,16 +81,12 @@ PLAN_FIGURES: Mapping[str, Callable[[Record], Figure | None]] = MappingProxyType
 @checked
 def write_plan_figures(record: Record, folder: Path | str) -> tuple[Path, ...]:
     """Write every figure that the plan can fill as PNG; returns the paths. Raises `OutputError`."""
-    return tuple(style.save_figure(figure, Path(folder) / f"{name}.png") for name, figure in plan_figures(record).items())
-
-
-def plan_figures(record: Record) -> dict[str, Figure]:
-    """Return, by name, every figure that the plan can fill. Raises `InvalidInput` for a record of a run."""
     figures = {name: draw(record) for name, draw in PLAN_FIGURES.items()}
-    return {name: figure for name, figure in figures.items() if figure is not None}
+    drawn = {name: figure for name, figure in figures.items() if figure is not None}
+    return tuple(style.save_figure(figure, Path(folder) / f"{name}.png") for name, figure in drawn.items())
 
 
-def _motion(record: Record, names: Collection[str], parts: Sequence[str], title: str) -> Figure | None:
+def _motion(record: Record, names: Collection[str], parts: Sequence[str], title: str, page: style.Page) -> Figure | None:
     """One row per derivative that is recorded, one line per axis; each with its limit where it has one and comes near it."""
     if "x" not in record.series:
         return None
@@ -99,14 +95,14 @@ def _motion(record: Record, names: Collection[str], parts: Sequence[str], title:
     if not wanted:
         return None
     rows = [(series, label) for series, label in _ROWS if series in record.series]
-    figure, axes = style.stacked(len(rows), 1.25, title)
+    figure, axes = style.stacked(len(rows), 1.25, title, *page)
     for row, (series, label) in zip(axes, rows, strict=True):
         for k, i in enumerate(wanted):
             name = style.label_text(planned[i], 10)
             row.plot(record["t"], record[series][:, i], **style.line_style(k), label=name)
         row.set_ylabel(f"{label}\n[{', '.join(unit_of(series, part, record.meta) for part in parts)}]")
         _draw_limits(row, record, series, wanted)
-    axes[0].legend(ncols=len(wanted), loc="lower center", bbox_to_anchor=(0.5, 1.0), fontsize=7)
+    axes[0].legend(ncols=len(wanted), loc="lower center", bbox_to_anchor=(0.5, 1.0), fontsize=style.points(7))
     _mark_breaks(axes, record)
     return figure
 

@@ -23,7 +23,7 @@ from uvms_ocp.record.run_meta import joint_errors
 from uvms_ocp.viz import style
 from uvms_ocp.viz import task_figures as tasks
 from uvms_ocp.viz.motion_figures import figure_efforts, figure_joints, figure_path, figure_tracking, figure_velocities
-from uvms_ocp.viz.plan_figures import PLAN_FIGURES, plan_figures
+from uvms_ocp.viz.plan_figures import PLAN_FIGURES
 from uvms_ocp.viz.series import axis_label, axis_names, has_vehicle, intervals_of, phase_spans, require_rows, thinned
 
 # How well the estimator knew where the robot was, and how well it said so.
@@ -32,12 +32,12 @@ _SHOWN = 98.0  # [%] of the ticks whose bands fit; before the first readings the
 
 
 @style.styled
-def figure_estimate(record: Record) -> Figure | None:
+def figure_estimate(record: Record, *, fig: style.Given = None, width: style.Width = "page") -> Figure | None:
     """Errors of position, attitude and joints, estimate less truth, within two standard deviations that the filter gives."""
     panels = _panels(record) if {"q", "q_estimated", "q_std"} <= record.series.keys() else []
     if not panels:
         return None
-    figure, axes = style.stacked(len(panels), 1.5, "Estimate less truth, and two standard deviations")
+    figure, axes = style.stacked(len(panels), 1.5, "Estimate less truth, and two standard deviations", fig, width)
     for axis, (label, names, colors, errors, spreads) in zip(axes, panels, strict=True):
         _draw(axis, record["t"], names, colors, errors, spreads)
         axis.set_ylabel(label)
@@ -97,12 +97,12 @@ _LINE = 0.17  # [in] of text
 
 
 @style.styled
-def figure_health(record: Record) -> Figure | None:
+def figure_health(record: Record, *, fig: style.Given = None, width: style.Width = "page") -> Figure | None:
     """One bar over time per channel, green where it was good, and below the bars what was said against channels."""
     if record.meta.kind != "run" or "health" not in record.series or not record.meta.channels:
         return None
     t, names, alarms = record["t"], record.meta.channels, _alarm_lines(record)
-    figure = style.titled(1.0 + 0.26 * len(names) + _LINE * len(alarms), "Health of the sensors")
+    figure = style.titled(1.0 + 0.26 * len(names) + _LINE * len(alarms), "Health of the sensors", fig, width)
     axis = figure.subplots()
     for row, codes in enumerate(record["health"].T):
         # A piece for every stay in one state.
@@ -114,7 +114,7 @@ def figure_health(record: Record) -> Figure | None:
     axis.grid(visible=False, axis="y")
     axis.set_xlabel(axis_label("time", "t"))
     if alarms:
-        figure.supxlabel("\n".join(alarms), x=0.01, ha="left", fontsize=7)
+        figure.supxlabel("\n".join(alarms), x=0.01, ha="left", fontsize=style.points(7))
     style.shade_phases([axis], phase_spans(record), share=0.85)
     patches = [Patch(color=color, label=name) for name, color in _COLORS.items()]
     figure.legend(handles=patches, loc="outside upper right", ncols=len(patches))
@@ -133,12 +133,12 @@ def _alarm_lines(record: Record) -> list[str]:
 
 
 @style.styled
-def figure_tick_time(record: Record) -> Figure | None:
+def figure_tick_time(record: Record, *, fig: style.Given = None, width: style.Width = "page") -> Figure | None:
     """How long one control tick took, over time and as a distribution."""
     if "tick_time" not in record.series:
         return None
     tick = np.maximum(record["tick_time"] * 1e6, 1e-3)
-    figure = style.titled(2.6, "Computation time of one control tick")
+    figure = style.titled(2.6, "Computation time of one control tick", fig, width)
     over_time, spread = figure.subplots(1, 2, sharey=True, width_ratios=(3, 1))
     style.logarithmic(over_time)
     over_time.plot(record["t"], tick, ".", ms=1.4, color=style.BLUE, rasterized=True)
@@ -154,7 +154,7 @@ def figure_tick_time(record: Record) -> Figure | None:
     style.threshold(over_time, period, "control period")
     over_time.set_ylim(top=3.0 * max(period, float(tick.max())))  # room for its name below those of the phases
     style.heading_legend(figure, lines)
-    style.mark_time([over_time], record, share=0.77)
+    style.mark_time([over_time], record)
     return figure
 
 
@@ -165,7 +165,7 @@ def figure_tick_time(record: Record) -> Figure | None:
 _OF_ERRORS = (tasks.figure_errors, tasks.figure_misalignment, tasks.figure_altitude, tasks.figure_tool_error)
 _OF_MOTION = (figure_velocities, figure_joints, figure_path, figure_efforts, figure_tracking, figure_estimate)
 _ALL = (*_OF_ERRORS, tasks.figure_activations, tasks.figure_quantities, *_OF_MOTION, figure_health, figure_tick_time)
-FIGURES: Mapping[str, Callable[[Record], Figure | None]] = MappingProxyType(
+FIGURES: Mapping[str, Callable[..., Figure | None]] = MappingProxyType(
     {draw.__name__.removeprefix("figure_"): draw for draw in _ALL}
 )
 
@@ -174,46 +174,63 @@ Format = Literal["png", "pdf", "svg"]
 
 
 @checked
-def write_figures(record: Record, folder: Path | str, format: Format = "png") -> tuple[Path, ...]:
+def write_figures(record: Record, folder: Path | str, format: Format = "png", *, width: style.Width = "page") -> tuple[Path, ...]:
     """Write every figure that the record can fill as ``folder/<name>.png``, or in another format; returns the paths written.
 
-    Raises `InvalidInput` for a record with fewer than two rows and `OutputError` where the folder cannot be written.
+    width: of a page or a column of a journal, or [in]. Raises `InvalidInput` for a record with fewer than two rows and
+    `OutputError` where the folder cannot be written.
     """
     require_rows(record)
     record = thinned(record)
-    paths = (write_figure(record, name, folder, format) for name in FIGURES)
+    paths = (write_figure(record, name, folder, format, width) for name in FIGURES)
     return tuple(path for path in paths if path is not None)
 
 
-def write_figure(record: Record, name: str, folder: Path | str, format: Format = "png") -> Path | None:
+def write_figure(
+    record: Record, name: str, folder: Path | str, format: Format = "png", width: style.Width = "page"
+) -> Path | None:
     """Write one of `FIGURES`, or of a plan's; `None` where the record cannot fill it. Raises as `write_figures`."""
-    figure = {**PLAN_FIGURES, **FIGURES}[name](record)
+    figure = {**PLAN_FIGURES, **FIGURES}[name](record, width=width)
     return None if figure is None else style.save_figure(figure, Path(folder) / f"{name}.{format}")
 
 
+_Names = str | Sequence[str]
+
+
 @overload
-def plot(what: Plan | Record, name: str | Sequence[str], /, *names: str | Sequence[str]) -> Figure: ...
+def plot(
+    what: Plan | Record,
+    name: _Names,
+    /,
+    *names: _Names,
+    ax: style.Panels = None,
+    fig: style.Given = None,
+    width: style.Width = "page",
+) -> Figure: ...
 @overload
-def plot(what: Plan | Record) -> style.Figures: ...
+def plot(what: Plan | Record, *, width: style.Width = "page") -> style.Figures: ...
 @checked
-def plot(what: Plan | Record, *names: str | Sequence[str]) -> Figure | style.Figures:
+def plot(
+    what: Plan | Record, *names: _Names, ax: style.Panels = None, fig: style.Given = None, width: style.Width = "page"
+) -> Figure | style.Figures:
     """Every figure that a run or a plan can fill, or one with a panel for each of the names.
 
     names: quantities such as ``T.position_error``, series such as ``thrust``, columns such as ``q.z``, or lists of them; see
     `figure_of`, which tells what it raises. Raises `InvalidInput` for what is no name.
+    ax, fig: axes of the caller's, one for each name, or a figure or subfigure, drawn on in the caller's style; by default
+    a figure of our own, of the width of a page or a column of a journal, or [in].
     """
     record = thinned(what if isinstance(what, Record) else what.to_record())
-    if names:
-        return tasks.figure_of(record, *_each(names))
-    if record.meta.kind == "plan":
-        return style.Figures(plan_figures(record).values())
-    return style.Figures(figure for draw in FIGURES.values() if (figure := draw(record)) is not None)
+    if names or ax is not None or fig is not None:
+        return tasks.figure_of(record, *_each(names), ax=ax, fig=fig, width=width)
+    draws = PLAN_FIGURES if record.meta.kind == "plan" else FIGURES
+    return style.Figures(figure for draw in draws.values() if (figure := draw(record, width=width)) is not None)
 
 
-def _each(names: Sequence[str | Sequence[str]]) -> list[str]:
+def _each(names: Sequence[_Names]) -> list[str]:
     """One by one. Raises `InvalidInput` for what is no name."""
     found: list[Any] = [one for name in names for one in (name if isinstance(name, tuple | list) else [name])]
     wrong = [repr(one) for one in found if not isinstance(one, str)]
     if wrong or not found:
-        raise InvalidInput(f"plot of {', '.join(wrong) or 'no names'}; give names such as 'q' and 'T.position_error'")
+        raise InvalidInput(f"plot of {', '.join(wrong) or 'no name on ax or fig'}; give names such as 'q', 'T.position_error'")
     return found

@@ -1,4 +1,8 @@
-"""One look for all figures: colours that colour-blind readers can tell apart, phase bands, marks of faults, no pyplot."""
+"""One look for all figures: colours that colour-blind readers can tell apart, phase bands, marks of faults, no pyplot.
+
+A figure is one of our own, drawn wholly in this look, or, with ``fig`` or ``ax``, part of one of the caller's, with the
+caller's fonts, sizes and papers.
+"""
 
 from __future__ import annotations
 
@@ -9,29 +13,45 @@ from contextlib import contextmanager
 from functools import wraps
 from io import BytesIO
 from pathlib import Path
-from typing import Any, ParamSpec, TypeVar
+from typing import Annotated, Any, Literal, ParamSpec, TypeAlias, TypeVar, cast
 
+import matplotlib as mpl
+import numpy as np
+from matplotlib.artist import Artist
 from matplotlib.axes import Axes
+from matplotlib.axis import Axis
 from matplotlib.backend_bases import RendererBase
 from matplotlib.backends.backend_agg import FigureCanvasAgg
-from matplotlib.figure import Figure
+from matplotlib.colors import to_rgb, to_rgba
+from matplotlib.figure import Figure, SubFigure
 from matplotlib.lines import Line2D
 from matplotlib.style import context
+from matplotlib.text import Text
 from matplotlib.ticker import LogFormatterSciNotation
 
 from uvms_ocp.checks import checked
-from uvms_ocp.errors import plain_line
+from uvms_ocp.errors import InvalidInput, plain_line, short
 from uvms_ocp.record.output import as_output_errors
 from uvms_ocp.record.record import Record
+from uvms_ocp.types import Range
 from uvms_ocp.viz.series import PhaseSpan, axis_label, fault_spans, phase_spans
-
-# One look for all figures: colours that colour-blind readers can tell apart, phase bands, a figure without pyplot.
 
 P = ParamSpec("P")
 R = TypeVar("R")
 
 DPI = 180
 WIDTH = 7.2  # [in] two columns of a journal page
+_WIDTHS = {"page": WIDTH, "column": 3.5}
+_NARROW = 5.0  # [in] below it views stand one below the other
+_FONT = 8.5  # [points] of the style, that sizes are given for
+
+Width: TypeAlias = Literal["page", "column"] | Annotated[float, Range(1.0, 100.0)]
+"""Of a figure of our own: of a page or a column of a journal, or [in]."""
+Given: TypeAlias = Figure | SubFigure | None
+"""A figure of the caller's, or a part of one, to draw on."""
+Page: TypeAlias = tuple[Given, Width]
+Panels: TypeAlias = Any
+"""Axes of the caller's, or several: a sequence, or an array as `matplotlib.pyplot.subplots` gives."""
 
 # [Okabe2008], without the yellow that vanishes on white.
 LINES = ("#0072B2", "#D55E00", "#009E73", "#E69F00", "#CC79A7", "#56B4E9", "#000000")
@@ -42,8 +62,10 @@ FADED = "#AEB4B9"
 DASHES: tuple[Any, ...] = ("-", (0, (5, 1.5)), (0, (4, 1.5, 1, 1.5)))
 _TALLEST = 9  # entries of a column of a legend
 _FEW, _MANY = 12, 60  # stays in phases that are each named, however short; and that no lines part, which were a grey page
+_LEFT = 0.775  # share of a figure's width that one panel has before labels are laid out
 _LETTER = 0.055  # [in] mean width of a letter in a phase's label
-_BANDS = ("#E8F1FA", "#FDF0E1", "#E6F4EC", "#F6EAF2", "#EFEFEF")
+_BANDS = ((BLUE, 0.09), (ORANGE, 0.12), (GREEN, 0.1), (PINK, 0.16), ("#808080", 0.12))  # on light and dark paper
+_TEXT, _LINE_ON_DARK = 4.5, 3.0  # least contrasts to the paper, those of the WCAG
 
 _RAISED = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 
@@ -108,21 +130,106 @@ def png_of(figure: Figure, dpi: int = DPI) -> bytes:
 
 
 def styled(draw: Callable[P, R]) -> Callable[P, R]:
-    """Check the arguments of `draw`, and run it under this module's settings, after which the caller's are back."""
+    """Check the arguments of `draw`, and run it under this module's settings, after which the caller's are back.
+
+    On a figure of the caller's, given as ``fig`` or by its ``ax``, it runs under the caller's settings.
+    """
 
     @wraps(draw)
     def wrapper(*args: P.args, **kwargs: P.kwargs) -> R:
-        with context(_STYLE):
-            return draw(*args, **kwargs)
+        ax, given = kwargs.get("ax"), cast(Given, kwargs.get("fig"))
+        if ax is not None and given is None:
+            given = _flat(ax)[0].figure
+        before = set() if given is None else set(_artists(given))
+        with context(_STYLE if given is None else {}):
+            drawn: Any = draw(*args, **kwargs)
+            if drawn is not None:
+                _make_legible(drawn, before)
+        return drawn if given is None or drawn is None else drawn.figure
 
     return checked(wrapper)
 
 
-def titled(height: float, title: str) -> RecordFigure:
-    """An empty figure of a height [in], with its title on the left."""
-    figure = RecordFigure(figsize=(WIDTH, height))
-    figure.suptitle(title, fontsize=10, fontweight="bold", x=0.01, ha="left")
+def _make_legible(figure: Figure, before: set[Artist]) -> None:
+    """Turn texts, and lines on dark paper, towards black or white as far as they need; names are no formulas."""
+    sheet = _on(to_rgba(figure.figure.get_facecolor()), np.ones(3))
+    for artist in {one for one in _artists(figure) if isinstance(one, Text | Line2D)} - before:
+        paper = sheet if artist.axes is None else _on(to_rgba(artist.axes.get_facecolor()), sheet)
+        if isinstance(artist, Text):
+            artist.set_parse_math(False)
+            papers = (paper,) if artist.get_bbox_patch() else (sheet, paper)
+            artist.set_color(legible(artist.get_color(), papers, _TEXT))
+        elif _luminance(paper) < _MIDDLE:
+            artist.set_color(legible(artist.get_color(), (paper,), _LINE_ON_DARK))
+
+
+def _artists(parent: Artist) -> Iterator[Artist]:
+    """All within it but the ticks of axes, which nobody has asked for yet."""
+    for child in [parent.label] if isinstance(parent, Axis) else parent.get_children():
+        yield child
+        yield from _artists(child)
+
+
+def _on(color: tuple[float, float, float, float], paper: np.ndarray) -> np.ndarray:
+    return color[3] * np.array(color[:3]) + (1.0 - color[3]) * paper
+
+
+_MIDDLE = 0.18  # luminance that is as far from black as from white
+_GREY = 0.06  # most that the parts of a grey differ by
+_TO_LUMINANCE = np.array([0.2126, 0.7152, 0.0722])
+
+
+def _luminance(rgb: np.ndarray) -> float:
+    """Relative luminance [-] of a colour in sRGB (3,), as WCAG 2 defines it."""
+    return float(np.where(rgb <= 0.04045, rgb / 12.92, ((rgb + 0.055) / 1.055) ** 2.4) @ _TO_LUMINANCE)
+
+
+def contrast(one: np.ndarray, other: np.ndarray) -> float:
+    """Contrast of two colours in sRGB (3,), from 1 to 21, as WCAG 2 defines it."""
+    dark, light = sorted((_luminance(one), _luminance(other)))
+    return (light + 0.05) / (dark + 0.05)
+
+
+def legible(color: Any, papers: Sequence[np.ndarray], least: float) -> np.ndarray:
+    """The colour (3,), or the nearest towards black or white whose contrast to papers in sRGB (3,) is at least so much.
+
+    A grey of too little contrast becomes as light as it is dark first, since what is fainter has to stay so.
+    """
+    rgb, end = np.array(to_rgb(color)), np.full(3, float(_luminance(papers[0]) < _MIDDLE))
+    grey = [1.0 - rgb] if np.ptp(rgb) < _GREY else []
+    shades = [rgb, *grey, *((1.0 - share) * rgb + share * end for share in np.linspace(0.05, 0.95, 19))]
+    return next((one for one in shades if min(contrast(one, paper) for paper in papers) >= least), end)
+
+
+def points(size: float) -> float:
+    """A size of letters [points], in proportion to the size that the style in use gives text."""
+    return size * mpl.rcParams["font.size"] / _FONT
+
+
+def inches(figure: Figure) -> float:
+    """[in] width of a figure, or of a part of one."""
+    return float(figure.bbox.width / figure.dpi)
+
+
+def titled(height: float, title: str, fig: Given = None, width: Width = "page") -> Figure:
+    """An empty figure of a height [in], on a page with its title on the left; or the caller's, without."""
+    if fig is not None:
+        if fig.figure.get_layout_engine() is None:
+            fig.figure.set_layout_engine("constrained")
+        return cast(Figure, fig)
+    figure = RecordFigure(figsize=(_WIDTHS[width] if isinstance(width, str) else width, height))
+    if title and inches(figure) > _NARROW:
+        figure.suptitle(title, fontsize=points(10), fontweight="bold", x=0.01, ha="left")
     return figure
+
+
+def abreast(figure: Figure) -> np.ndarray:
+    """Two views (2,) beside each other, in a column one below the other."""
+    if inches(figure) > _NARROW:
+        return np.asarray(figure.subplots(1, 2))
+    if isinstance(figure, RecordFigure):
+        figure.set_figheight(1.6 * figure.get_figheight())
+    return np.asarray(figure.subplots(2, 1))
 
 
 def line_style(k: int) -> dict[str, Any]:
@@ -135,12 +242,31 @@ def note(axis: Axes, text: str, place: Any, offset: tuple[float, float], **look:
     axis.annotate(text, place, xytext=offset, textcoords="offset points", **look)
 
 
-def stacked(n_rows: int, height: float, title: str) -> tuple[RecordFigure, list[Axes]]:
+def stacked(n_rows: int, height: float, title: str, fig: Given = None, width: Width = "page") -> tuple[Figure, list[Axes]]:
     """`n_rows` panels over one time axis; `height` [in] of one panel."""
-    figure = titled(height * n_rows + 0.55, title)
+    figure = titled(height * n_rows + 0.55, title, fig, width)
     axes = figure.subplots(n_rows, 1, sharex=True, squeeze=False)[:, 0]
     axes[-1].set_xlabel(axis_label("time", "t"))
     return figure, list(axes)
+
+
+def _flat(ax: Panels) -> list[Axes]:
+    """All of them. Raises `InvalidInput` where something else is among them."""
+    axes = list(np.ravel(np.array(ax, dtype=object)))
+    if not axes or not all(isinstance(axis, Axes) for axis in axes):
+        raise InvalidInput(f"ax = {short(ax)}; give an Axes of Matplotlib, or several")
+    return axes
+
+
+def panels(ax: Panels, n: int, fig: Given) -> tuple[Figure, list[Axes]]:
+    """The caller's axes and their figure. Raises `InvalidInput` where there are not n, or there is a figure besides."""
+    axes = _flat(ax)
+    if len(axes) != n or fig is not None:
+        both = " and fig" if fig is not None else ""
+        raise InvalidInput(f"ax of {len(axes)} axes{both} for {n} names; give one for each name, or fig alone")
+    for axis in axes:
+        axis.set_xlabel(axis_label("time", "t"))
+    return titled(0.0, "", axes[0].figure), axes
 
 
 def label_text(name: str, longest: int = 32) -> str:
@@ -180,11 +306,11 @@ def legend_beside(axis: Axes) -> None:
     """One entry below the other to the right of the panel, where it covers nothing; none where nothing is named."""
     if not (n := len(axis.get_legend_handles_labels()[0])):
         return
-    axis.legend(loc="center left", bbox_to_anchor=(1.0, 0.5), ncols=1 + (n - 1) // _TALLEST, fontsize=6.5)
+    axis.legend(loc="center left", bbox_to_anchor=(1.0, 0.5), ncols=1 + (n - 1) // _TALLEST, fontsize=points(6.5))
 
 
 def shade_phases(axes: Sequence[Axes], spans: Sequence[PhaseSpan], *, named: bool = True, share: float = 1.0) -> None:
-    """Colour the phases behind every panel and name them above the first; share of the page's width is theirs."""
+    """Colour the phases behind every panel and name them above the first; share of the panel's width is left by a legend."""
     for axis in axes:
         for span in spans:
             axis.axvspan(span.start, span.end, color=_BANDS[span.index % len(_BANDS)], lw=0, zorder=-2)
@@ -192,18 +318,19 @@ def shade_phases(axes: Sequence[Axes], spans: Sequence[PhaseSpan], *, named: boo
             axis.axvline(span.start, color="#9AA3AB", lw=0.6, zorder=-1)
         axis.set_xlim(spans[0].start, spans[-1].end)
     if named:
-        _name_phases(axes[0], spans, 0.88 * WIDTH * share)
+        of_figure = axes[0].get_position().width / _LEFT  # with what is beside it, before all is laid out
+        _name_phases(axes[0], spans, 0.88 * inches(axes[0].figure) * of_figure * share)
 
 
 def _name_phases(axis: Axes, spans: Sequence[PhaseSpan], width: float) -> None:
     """Full labels where they fit, none where no letter does; `width` [in] of the panel."""
     scale = width / (spans[-1].end - spans[0].start)
     for span in spans:
-        room = scale * (span.end - span.start) / _LETTER
+        room = scale * (span.end - span.start) / points(_LETTER)
         if room < 2.0 and len(spans) > _FEW:
             continue
         text = span.label if len(span.label) < room else plain_line(span.name, max(2, int(room)))
-        look = {"ha": "center", "va": "bottom", "fontsize": 7.5, "color": "#333333"}
+        look = {"ha": "center", "va": "bottom", "fontsize": points(7.5), "color": "#333333"}
         note(axis, text, ((span.start + span.end) / 2, 1.0), (0, 3), xycoords=("data", "axes fraction"), **look)
 
 
@@ -217,8 +344,8 @@ def logarithmic(axis: Axes) -> None:
 def threshold(axis: Axes, value: float, text: str) -> None:
     """A dashed line at `value` [unit of the axis], with its meaning written on it."""
     axis.axhline(value, color=THRESHOLD, lw=0.9, ls=(0, (5, 3)), zorder=1.5)
-    paper = {"facecolor": "white", "alpha": 0.8, "lw": 0, "pad": 0.6}  # over curves that run through the text
-    look = {"ha": "left", "va": "bottom", "fontsize": 7, "color": THRESHOLD, "bbox": paper}
+    paper = {"facecolor": axis.get_facecolor(), "alpha": 0.8, "lw": 0, "pad": 0.6}  # over curves that run through the text
+    look = {"ha": "left", "va": "bottom", "fontsize": points(7), "color": THRESHOLD, "bbox": paper}
     note(axis, text, (0.0, value), (4, 2), xycoords=("axes fraction", "data"), **look)
 
 
@@ -229,7 +356,7 @@ _LONGEST = 40  # letters of what one moment is marked with
 
 
 def mark_time(axes: Sequence[Axes], record: Record, *, named: bool = True, share: float = 1.0) -> None:
-    """Phases and faults on every panel, named on the first unless told otherwise; share of the page's width is theirs."""
+    """Phases and faults on every panel, named on the first unless told otherwise; share: as of `shade_phases`."""
     shade_phases(axes, phase_spans(record), named=named, share=share)
     begun: dict[float, list[str]] = {}
     for fault in fault_spans(record):
@@ -252,5 +379,5 @@ def _name(axis: Axes, start: float, text: str, line: int) -> None:
     begin, end = axis.get_xlim()
     late = start - begin > 0.5 * (end - begin)
     offset, side = (-3 if late else 3, _ABOVE_PHASES + _LINE * line), "right" if late else "left"
-    look = {"ha": side, "va": "bottom", "fontsize": 6.5, "color": VERMILLION}
+    look = {"ha": side, "va": "bottom", "fontsize": points(6.5), "color": VERMILLION}
     note(axis, text, (start, 1.0), offset, xycoords=("data", "axes fraction"), **look)

@@ -24,25 +24,29 @@ _ELSEWHERE = (
     *("overhead", "horizontal_error"),  # of less use than those beside them
 )
 """Last words of quantities that have a figure of their own."""
+_Panel = Callable[[Axes, Record, str, str], object]
 _MOST_PANELS = 12
 _A_TABLE = 2  # axes of a series with columns
 _LOG_FLOOR = 1e-9  # [m, rad] below this an error is rounding
 
 
 @style.styled
-def figure_errors(record: Record, task: str = "PC") -> Figure | None:
+def figure_errors(record: Record, task: str = "PC", *, fig: style.Given = None, width: style.Width = "page") -> Figure | None:
     """Position and orientation error of the vehicle to its way point; faded while the task is off."""
-    return _pose_error_figure(record, {task: ""}, "Vehicle: error to the way point")
+    return _pose_error_figure(record, {task: ""}, "Vehicle: error to the way point", (fig, width))
 
 
 @style.styled
-def figure_tool_error(record: Record, task: str | None = None) -> Figure | None:
+def figure_tool_error(
+    record: Record, task: str | None = None, *, fig: style.Given = None, width: style.Width = "page"
+) -> Figure | None:
     """Position and orientation error of the tool, of several by their names; faded while the task is off.
 
     task: one of them; left out: all of the record.
     """
     tools = _tool_tasks(record) if task is None else {task: ""}
-    return _pose_error_figure(record, tools, "Tools: errors to their goals" if len(tools) > 1 else "Tool: error to its goal")
+    title = "Tools: errors to their goals" if len(tools) > 1 else "Tool: error to its goal"
+    return _pose_error_figure(record, tools, title, (fig, width))
 
 
 def _tool_tasks(record: Record) -> dict[str, str]:
@@ -51,24 +55,24 @@ def _tool_tasks(record: Record) -> dict[str, str]:
     return tools if len(tools) > 1 else {} if first is None else {first: ""}
 
 
-def _pose_error_figure(record: Record, tasks: Mapping[str, str], title: str) -> Figure | None:
+def _pose_error_figure(record: Record, tasks: Mapping[str, str], title: str, page: style.Page) -> Figure | None:
     shown = (("position", style.BLUE), ("orientation", style.VERMILLION))
     rows = [
         (f"{task}.{what}_error", f"{style.label_text(tool, 16)}\n{what} error".lstrip(), color)
         for task, tool in tasks.items()
         for what, color in shown
     ]
-    return _quantity_figure(record, rows, title, _logarithmic_panel)
+    return _quantity_figure(record, rows, title, _logarithmic_panel, page)
 
 
 def _quantity_figure(
-    record: Record, rows: Sequence[tuple[str, str, str]], title: str, panel: Callable[[Axes, Record, str, str], object]
+    record: Record, rows: Sequence[tuple[str, str, str]], title: str, panel: _Panel, page: style.Page
 ) -> Figure | None:
     """One panel per row (quantity, label, colour) that the record has."""
     known = [row for row in rows if quantity(record, row[0]) is not None]
     if not known:
         return None
-    figure, axes = style.stacked(len(known), 1.75, title + estimate_suffix(record))
+    figure, axes = style.stacked(len(known), 1.75, title + estimate_suffix(record), *page)
     for axis, (name, label, color) in zip(axes, known, strict=True):
         panel(axis, record, name, color)
         axis.set_ylabel(axis_label(label, name, meta=record.meta))
@@ -117,15 +121,15 @@ def _required(record: Record, name: str) -> np.ndarray:
 
 
 @style.styled
-def figure_misalignment(record: Record) -> Figure | None:
+def figure_misalignment(record: Record, *, fig: style.Given = None, width: style.Width = "page") -> Figure | None:
     """Angle between the vehicle's x axis and the horizontal direction to the target (AT), and tilt (HA)."""
     rows = (("AT.misalignment", "misalignment", style.GREEN), ("HA.tilt", "tilt", style.ORANGE))
     title = "Vehicle: tilt" if quantity(record, "AT.misalignment") is None else "Vehicle: alignment with the target, and tilt"
-    return _quantity_figure(record, rows, title, _linear_panel)
+    return _quantity_figure(record, rows, title, _linear_panel, (fig, width))
 
 
 @style.styled
-def figure_altitude(record: Record) -> Figure | None:
+def figure_altitude(record: Record, *, fig: style.Given = None, width: style.Width = "page") -> Figure | None:
     """Altitude above the floor with the thresholds on it, and a closer view where it comes near; `None` without an echo."""
     name = next((n for n in ("LA.altitude", "MAC.altitude") if np.isfinite(_required(record, n)).any()), None)
     if name is None:
@@ -133,7 +137,8 @@ def figure_altitude(record: Record) -> Figure | None:
     t, altitude = record["t"], _required(record, name)
     altitude = np.where(np.isfinite(altitude), altitude, np.nan)
     near = 2.5 * max([*recorded.thresholds(record, name), float(np.nanmin(altitude))])
-    figure, axes = style.stacked(2 if near < np.nanmax(altitude) else 1, 1.75, "Altitude of the altimeter above the floor")
+    n = 2 if near < np.nanmax(altitude) else 1
+    figure, axes = style.stacked(n, 1.75, "Altitude of the altimeter above the floor", fig, width)
     for axis in axes:
         axis.plot(t, altitude, color=style.BLUE, label="altitude")
         for limit in recorded.thresholds(record, name):
@@ -151,7 +156,7 @@ def figure_altitude(record: Record) -> Figure | None:
 
 
 @style.styled
-def figure_quantities(record: Record) -> Figure | None:
+def figure_quantities(record: Record, *, fig: style.Given = None, width: style.Width = "page") -> Figure | None:
     """Draw what the tasks measure and no other figure shows, own tasks included; `None` where there is nothing."""
     tasks = (*_tool_tasks(record), "PC", "AT", "HA", "LA", "MAC")
     rows = [
@@ -159,20 +164,23 @@ def figure_quantities(record: Record) -> Figure | None:
         for name in record.meta.quantities
         if not (name.rpartition(".")[0] in tasks and name.rpartition(".")[2] in _ELSEWHERE)
     ]
-    return _quantity_figure(record, rows[:_MOST_PANELS], "Quantities of other tasks", _panel)
+    return _quantity_figure(record, rows[:_MOST_PANELS], "Quantities of other tasks", _panel, (fig, width))
 
 
 @style.styled
-def figure_of(record: Record, name: str, *names: str) -> Figure:
+def figure_of(
+    record: Record, name: str, *names: str, ax: style.Panels = None, fig: style.Given = None, width: style.Width = "page"
+) -> Figure:
     """One panel for each of the names: a quantity such as ``T.position_error``, a series such as ``thrust``, or a column ``q.z``.
 
-    Raises `NameNotFound` for what the record has not, and `InvalidInput` where it has nothing to draw.
+    ax: of the caller's, as many as names, instead of fig. Raises `NameNotFound` for what the record has not, and
+    `InvalidInput` where it has nothing to draw, and for another number of axes.
     """
     require_rows(record)
     names = (name, *names)
     curves = [_curves(record, name) for name in names]
     title = ", ".join(style.label_text(name) for name in names[:4]) + estimate_suffix(record)
-    figure, axes = style.stacked(len(names), 1.75, title)
+    figure, axes = style.stacked(len(names), 1.75, title, fig, width) if ax is None else style.panels(ax, len(names), fig)
     for axis, one, (lines, unit) in zip(axes, names, curves, strict=True):
         for k, (label, values) in enumerate(lines.items()):
             axis.plot(record["t"], values, **style.line_style(k), lw=1.1, label=style.label_text(label, 20))
@@ -216,12 +224,12 @@ def _columns(record: Record, names: Sequence[str]) -> dict[str, tuple[str, int, 
 
 
 @style.styled
-def figure_activations(record: Record) -> Figure | None:
+def figure_activations(record: Record, *, fig: style.Given = None, width: style.Width = "page") -> Figure | None:
     """One small panel per task: activation of its rows (internal bell x phase) under the phase's own activation."""
     tasks = [task for task in record.meta.tasks if task_activity(record, task.name) is not None]
     if not tasks:
         return None
-    figure, axes = style.stacked(len(tasks), 0.56, "Activation of the tasks, highest priority on top")
+    figure, axes = style.stacked(len(tasks), 0.56, "Activation of the tasks, highest priority on top", fig, width)
     for axis, task in zip(axes, tasks, strict=True):
         _activation_panel(axis, record, task)
     style.mark_time(axes, record)
@@ -236,18 +244,19 @@ def _activation_panel(axis: Axes, record: Record, task: TaskMeta) -> None:
     _draw_activation(axis, t, rows, gate)
     axis.grid(visible=False, axis="y")
     axis.set_ylabel(style.label_text(task.name), rotation=0, ha="right", va="center", fontweight="bold")
-    axis.annotate(
-        style.label_text(task.label), (1.008, 0.5), xycoords="axes fraction", va="center", fontsize=6.5, annotation_clip=False
-    )
+    look = {"xycoords": "axes fraction", "va": "center", "fontsize": style.points(6.5)}
+    style.note(axis, style.label_text(task.label), (1.008, 0.5), (0, 0), **look)
 
 
 @style.styled
-def figure_row_activations(record: Record, task: str = "JL") -> Figure | None:
+def figure_row_activations(
+    record: Record, task: str = "JL", *, fig: style.Given = None, width: style.Width = "page"
+) -> Figure | None:
     """Activation of every row of a task, such as each joint of JL; `None` where the task has no level."""
     rows = task_activity(record, task)
     if rows is None or not rows.shape[1]:
         return None
-    figure, axes = style.stacked(rows.shape[1], 0.5, f"Activation of the rows of {style.label_text(task)}")
+    figure, axes = style.stacked(rows.shape[1], 0.5, f"Activation of the rows of {style.label_text(task)}", fig, width)
     n = rows.shape[1]
     names = [task] if n == 1 and len(record.meta.joints) != 1 else axis_names(record, n)
     gate = task_gate(record, task)
