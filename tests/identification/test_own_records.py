@@ -157,7 +157,7 @@ def test_a_run_is_recorded_as_its_sensors_saw_it_when_they_did(delay: float) -> 
 
 
 def test_where_sensors_are_ideal_the_estimate_is_what_was_measured() -> None:
-    assert not MEASURED.keys() & run().series.keys()
+    assert not {*MEASURED} & run().series.keys()
 
 
 @pytest.mark.slow

@@ -16,6 +16,7 @@ from uvms_ocp.identification import sample_checks
 from uvms_ocp.identification.recording import CHANNEL_KINDS, Channel, Recording, ZeroOrderHold, angular_rate, rotations, smoothed
 from uvms_ocp.identification.sample_checks import DEAD, EXPLAINED, MOVES, WAYS, WINDOW, correlation, explained, named
 from uvms_ocp.identification.sample_checks import QualityIssue as QualityIssue
+from uvms_ocp.record.row_files import forget
 
 # Whether velocities are the rates of poses: axes, frames, units, clocks.
 
@@ -296,5 +297,7 @@ def check_data_quality(recording: Recording) -> tuple[QualityIssue, ...]:
     others = replace(recording, channels=sound)
     found = [*recording.issues_in_file, *sample_checks.of_samples(recording)]
     kinds = (sample_checks.of_poses, of_rates, of_joints, sample_checks.of_gravity, sample_checks.of_stuck, of_commands)
-    found += [each for kind in kinds for each in kind(others)]
+    for kind in kinds:
+        found += kind(others)
+        forget(one.values for one in others.channels.values())
     return tuple(QualityIssue(channel=name, problem=text) for name, text in found)

@@ -53,7 +53,7 @@ from uvms_ocp.identification.recording import (
 from uvms_ocp.identification.tables import TableColumns
 from uvms_ocp.identification.text_tables import TextFormat
 from uvms_ocp.model_errors import one_line_errors
-from uvms_ocp.record.record import MEASURED, Record
+from uvms_ocp.record.record import Record
 from uvms_ocp.record.run_meta import is_floating
 from uvms_ocp.record.untrusted import read_yaml_as
 from uvms_ocp.robot.spatial import matrix_to_quaternion, quaternion_to_matrix, rpy_to_matrix
@@ -397,6 +397,7 @@ def _rotations(one: ChannelMapping, values: np.ndarray) -> list[np.ndarray]:
 
 _TRUTH = {"joint_torques": "torque", "current": "current"}
 """Channels that are whole series."""
+_MEASURED = tuple(f"measured_{name}" for name in ("position", "attitude", "linear_velocity", "angular_velocity"))
 _POSE, _TWIST = 7, 6
 
 
@@ -427,9 +428,10 @@ def _estimated_rows(record: Record, floating: bool) -> Iterator[tuple[str, np.nd
 
 def _measured(record: Record) -> Iterator[tuple[str, Channel]]:
     """Yield what sensors read: an estimate between slow readings is late, and a fit would take that for less added mass."""
-    for name in [name for name in MEASURED if name in record.series]:
+    for name in [name for name in _MEASURED if name in record.series]:
         channel, (values, t) = name.removeprefix("measured_"), np.split(record[name], [-1], axis=1)
-        known = np.isfinite(record[name]).all(axis=1)
+        taken = np.where(np.isfinite(record[name]).all(axis=1), t[:, 0], -np.inf)
+        known = taken > np.r_[-np.inf, np.maximum.accumulate(taken)[:-1]]  # clocks that fail give times again
         if known.sum() > 1:
             right = continuous_quaternions(values[known]) if channel == "attitude" else values[known]
             yield channel, Channel(t=t[known, 0], values=right)
@@ -477,7 +479,7 @@ def _channel(t: np.ndarray, values: np.ndarray) -> Channel:
 # A recording of any file: one of ours, a record of a run, or one of others with a mapping.
 
 _OWN_MEMBER = b"__meta__.npy"
-_READ = ("q_estimated", "v_estimated", "asked_thrust", "thrust", "wrench", "unreachable", "contact", *MEASURED, *_TRUTH.values())
+_READ = ("q_estimated", "v_estimated", "asked_thrust", "thrust", "wrench", "unreachable", "contact", *_MEASURED, *_TRUTH.values())
 """Series that a recording is made of, a quarter of a record."""
 _RECORDS: Mapping[str, Callable[[Path], Record]] = {
     ".npz": partial(Record.load, only=_READ),

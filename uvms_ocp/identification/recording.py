@@ -159,7 +159,7 @@ class ZeroOrderHold:
 
     def __post_init__(self) -> None:
         t, values = self.channel.undelayed_t, self.channel.values
-        whole = np.vstack([np.zeros(values.shape[1]), np.cumsum(values[:-1] * np.diff(t)[:, None], axis=0)])
+        whole = np.cumsum(np.vstack([np.zeros(values.shape[1]), values[:-1] * np.diff(t)[:, None]]), axis=0)
         object.__setattr__(self, "_t", t)
         object.__setattr__(self, "_whole", whole)
 

@@ -41,7 +41,7 @@ _DRIVEN = frozenset({"added_mass", "volume"}) | _DRAGS | _BODY
 
 def advice(one: uncertainty.UnidentifiableDirection) -> str:
     """Name the motion or knowledge that would determine a combination; as ``drive yaw fast``."""
-    shares = [_parted(name) for name, _ in one.shares[:_SHARES]]
+    shares = [name.partition(" ")[::2] for name, _ in one.shares[:_SHARES]]
     special = _of_all(shares)
     return special or "; ".join(dict.fromkeys(_motion(_PROSE["motions"][quantity], entry) for quantity, entry in shares))
 
@@ -57,11 +57,6 @@ def _of_all(shares: Sequence[tuple[str, str]]) -> str | None:
         return _PROSE["advice"]["scale"]
     name = {frozenset({"mass", "volume"}): "net", frozenset({"lag", "delay"}): "edges"}.get(quantities)
     return _PROSE["advice"][name] if name else None
-
-
-def _parted(name: str) -> tuple[str, str]:
-    quantity, _, entry = name.partition(" ")
-    return quantity, entry
 
 
 def _motion(text: str, entry: str) -> str:

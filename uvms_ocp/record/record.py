@@ -21,7 +21,7 @@ from uvms_ocp.record.meta_values import LARGEST, UNIT_NORM_TOLERANCE, LimitsMeta
 from uvms_ocp.record.output import as_output_errors
 from uvms_ocp.record.row_files import META, append_rows, forget, parts, read_row_files
 from uvms_ocp.record.run_meta import MIN_TICK, VEHICLE_V, PlanMeta, RunMeta, is_floating, read_meta, write_meta
-from uvms_ocp.record.tables import Series, meaning_of, unit_of
+from uvms_ocp.record.tables import SERIES, Series, meaning_of, unit_of
 from uvms_ocp.record.untrusted import SMALL, as_input_errors, read_arrays, read_text
 from uvms_ocp.types import Positive
 
@@ -34,11 +34,8 @@ _COLUMNS = ("altimeter_range", "altimeter_std", "joint_energy", "tick_time", "co
 """(n,) real numbers."""
 _TABLES = ("q", "v", "command", "activations", "activity", "residual", "quantities", "disturbance", "q_std")
 _PLANT_TABLES = ("thrust", "asked_thrust", "torque", "thruster_energy", "clearance", "current")
-MEASURED: Mapping[str, int] = {
-    f"measured_{channel}": width
-    for channel, width in {"position": 4, "attitude": 5, "linear_velocity": 4, "angular_velocity": 4}.items()
-}
-"""Series of readings, each with when it was taken, and how many columns they have; NaN at ticks without a new one."""
+MEASURED = tuple(name for name in SERIES if name.startswith("measured_"))
+"""Series of readings, each with when it was taken; NaN at ticks without a new one."""
 _REAL = (*_COLUMNS, *_LOAD, *_TABLES, *_PLANT_TABLES, *_AXES, *MEASURED)
 _UNKNOWN = ("thruster_energy", "load_mass", *MEASURED)
 """Where NaN means that it is not known."""
@@ -119,7 +116,7 @@ def _widths(series: Series, meta: RunMeta | PlanMeta) -> dict[str, tuple[float, 
     """The fewest and the most columns of each series that has some."""
     rows = sum(level.rows for level in meta.levels)
     exact = {"activations": len(meta.tasks), "activity": rows, "residual": rows, "quantities": len(meta.quantities)}
-    exact |= {"current": 3, **MEASURED}
+    exact |= {"current": 3, **{name: len(SERIES[name].columns) for name in MEASURED if "@" not in "".join(SERIES[name].columns)}}
     if isinstance(meta, PlanMeta):
         exact |= {name: len(meta.axes) for name in _AXES} | {"clearance": len(meta.clearance_groups)}
     if meta.limits is not None:
@@ -296,7 +293,7 @@ class Record(TableDisplay):
         due = np.arange(len(t)) if rate is None else np.floor((t - t[:1]) * rate + _ROUNDING)
         rows = np.unique([*np.unique(due, return_index=True)[1], len(t) - 1])  # the last has what the run came to
         chosen = {name: array[rows] for name, array in self.series.items() if name in wanted}
-        for name in MEASURED.keys() & chosen.keys():
+        for name in chosen.keys() & {*MEASURED}:
             known = np.isfinite(self.series[name][:, -1])
             newest = np.maximum.accumulate(np.where(known, np.arange(len(t)), -1))[rows]
             chosen[name] = np.where((newest > np.r_[-1, rows[:-1]])[:, None], self.series[name][newest], np.nan)

@@ -127,7 +127,7 @@ def _part(column: str, units: Mapping[str, str]) -> str:
     """The part of a series that a column of that name is of."""
     if "" in units:
         return ""
-    family = _FIRST if column in _LINEAR else _SECOND if column in _TURNING else ("joints",)
+    family = _FIRST if column in _LINEAR else _SECOND if column in _TURNING else ("joints", column)
     return next((part for part in units if part in family), [*units][-1])
 
 
@@ -140,7 +140,7 @@ def _circle(name: str) -> tuple[str, str]:
     return f"{name}.cos", f"{name}.sin"
 
 
-_OF_Q = ("q", "q_estimated")
+_OF_Q = ("q", "q_estimated", "measured_joint_positions")
 _LINEAR = {"x", "y", "z", "surge", "sway", "heave"}
 _TURNING = {"qx", "qy", "qz", "qw", "roll", "pitch", "yaw", "roll_rate", "pitch_rate", "yaw_rate"}
 

@@ -129,11 +129,11 @@ def estimate_table(record: Record) -> list[dict[str, Any]]:
         return []
     half = slice(len(record) // 2, None)
     q, measured, spread = (record[name][half] for name in ("q", "q_estimated", "q_std"))
-    floating, errors = record.run_meta.floating, joint_errors(record.series, record.meta)
+    floating, errors = record.run_meta.floating, joint_errors({"q": q, "q_estimated": measured}, record.meta)
     n = 0 if errors is None else errors.shape[1]
     slides = _slides(record.run_meta) if n else np.zeros(0, dtype=bool)
     kinds = {"joints": ~slides, "sliding joints": slides}
-    rows = [_row(name, errors[half][:, of], spread[:, -n:][:, of]) for name, of in kinds.items() if of.any()]
+    rows = [_row(name, errors[:, of], spread[:, -n:][:, of]) for name, of in kinds.items() if of.any()]
     if not floating:
         return rows
     # The distance of two quaternions is half the angle between them; their signs do not matter.
@@ -285,11 +285,11 @@ def _slides(meta: RunMeta) -> np.ndarray:
 def _joint_margins(record: Record, rows: slice) -> np.ndarray:
     """Of each joint (n_joints,) [rad or m] the least, or none where nobody knows."""
     meta = record.run_meta
-    joints = joint_positions(record.series, meta)
-    if meta.limits is None or joints is None:
+    if meta.limits is None or joint_positions({"q": record["q"][:1]}, meta) is None:
         return np.empty(0)
-    lower, upper = np.array(meta.limits.position_lower), np.array(meta.limits.position_upper)
-    return np.minimum(joints[rows] - lower, upper - joints[rows]).min(axis=0, initial=np.inf)
+    lower, upper, q = np.array(meta.limits.position_lower), np.array(meta.limits.position_upper), record["q"][rows]
+    found = (joint_positions({"q": part}, meta) for (part,) in parts(q, rows=len(q) if meta.endless else 0))  # whose turns count
+    return np.min([np.full(lower.shape, np.inf), *(np.minimum(one - lower, upper - one).min(axis=0) for one in found)], axis=0)
 
 
 def _share(record: Record, name: str, limits: tuple[float, ...] | None, rows: slice) -> float | None:

@@ -13,12 +13,11 @@ from uvms_ocp.control.plan_following import PlanTracker
 from uvms_ocp.errors import InvalidInput
 from uvms_ocp.estimation.estimator import PassThrough
 from uvms_ocp.ocp.plan import TOOL, Plan, TrackingError, tool_series, tracking_error
-from uvms_ocp.record.meta_values import AlarmMeta, PhaseMeta
+from uvms_ocp.record.meta_values import AlarmMeta
 from uvms_ocp.record.record import Record
-from uvms_ocp.record.run_meta import RunMeta, packages
 from uvms_ocp.robot import IDEAL_SENSORS, State, Water
 from uvms_ocp.robot.dynamics import Dynamics, robot_dynamics
-from uvms_ocp.robot.loading import robot_meta
+from uvms_ocp.scenario.run_metadata import meta_without_mission
 from uvms_ocp.sim import DynamicPlant, Environment, FlatSeafloor, Plant, SensorSuite, closest_approach, simulate
 from uvms_ocp.types import Period
 
@@ -87,19 +86,8 @@ def _below(plan: Plan, environment: Environment) -> tuple[AlarmMeta, ...]:
 def _record(plan: Plan, series: dict[str, np.ndarray], dt: float, how: str, alarms: tuple[AlarmMeta, ...] = ()) -> Record:
     """One phase, without tasks: no mission is carried out, but a motion."""
     robot = plan.robot
-    meta = RunMeta(
-        scenario=f"plan carried out {how}",
-        **robot_meta(robot),
-        thrusters=robot.thruster_names,
-        phases=(PhaseMeta(name="plan"),),
-        surroundings=plan.surroundings,
-        packages=packages(),
-        plant="dynamic" if "thrust" in series else "kinematic",
-        solver="none",
-        floating=bool(robot.n_vehicle),
-        dt=dt,
-        completed=True,
-        alarms=alarms,
-    )
+    plant = "dynamic" if "thrust" in series else "kinematic"
+    known = {"thrusters": robot.thruster_names, "surroundings": plan.surroundings, "plant": plant, "dt": dt, "alarms": alarms}
+    meta = meta_without_mission(robot, f"plan carried out {how}", "plan", **known)
     tool = {} if not robot.has_frame(TOOL) else {TOOL: tool_series(robot, series["q"])}
     return Record(series=series | tool | {"phase": np.zeros(len(series["t"]), dtype=np.int64)}, meta=meta)

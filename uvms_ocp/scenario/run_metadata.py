@@ -19,6 +19,7 @@ from uvms_ocp.mission import Condition, Mission
 from uvms_ocp.record import meta_values
 from uvms_ocp.record.run_meta import RunMeta, packages
 from uvms_ocp.robot.loading import robot_meta
+from uvms_ocp.robot.robot import Robot
 from uvms_ocp.robot.roles import TOOL
 from uvms_ocp.robot.shapes.obstacles import describe_obstacles
 from uvms_ocp.robot.signals import IDEAL_SENSORS
@@ -67,6 +68,13 @@ def computed_or(instead: _T, name: str, compute: Callable[[], _T]) -> _T:
     except Exception as error:
         _log.warning("%s", plain_line(f"not in the record: {name}, {type(error).__name__}: {error}"))
         return instead
+
+
+def meta_without_mission(robot: Robot, name: str, phase: str, **known: Any) -> RunMeta:
+    """Metadata of a motion of one phase, without tasks. known: other fields of `RunMeta`."""
+    phases, floating = (meta_values.PhaseMeta(name=phase),), bool(robot.n_vehicle)
+    shared: dict[str, Any] = {"packages": packages(), "solver": "none", "floating": floating, "completed": True}
+    return RunMeta(scenario=name, **robot_meta(robot), phases=phases, **shared, **known)
 
 
 def run_meta(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
@@ -20,6 +21,7 @@ from uvms_ocp.control.external import SupervisedController
 from uvms_ocp.control.velocity.kinematic import Guide, HierarchySolver, KinematicController
 from uvms_ocp.errors import InvalidInput, plain_line
 from uvms_ocp.estimation.estimator import Estimator, PassThrough
+from uvms_ocp.estimation.health.channel_state import sizes_of
 from uvms_ocp.estimation.health.guarded_estimator import GuardedEstimator
 from uvms_ocp.estimation.health.monitor import HealthMonitor
 from uvms_ocp.interrupts import Interrupted, on_interrupt, raised_outside_casadi
@@ -359,9 +361,10 @@ class Scenario(FieldTable):
             return None if seen == before or has_diverged(plant.state) else meta(ending=ending)
 
         recorder = None if folder is None else Recorder(min(512, max(1, round(2.0 / self.dt))), Path(folder), news)
-        kept = self.robot.n_vehicle > 0 and not isinstance(estimator.estimator, PassThrough)  # which repeats its readings
+        shapes = {} if isinstance(estimator.estimator, PassThrough) else sizes_of(self.robot)  # which repeats its readings
+        kept = {name: math.prod(shapes[name]) for name in estimator.monitor.channels if name in shapes}
         try:
-            recorder = simulate(**parts, dt=self.dt, duration=self.duration, keep_readings=kept, recorder=recorder)
+            recorder = simulate(**parts, dt=self.dt, duration=self.duration, kept_readings=kept, recorder=recorder)
         except Interrupted as stop:
             recorder = stop.result
         wall = perf_counter() - begin

@@ -18,8 +18,8 @@ from uvms_ocp.checks import checked
 from uvms_ocp.errors import InvalidInput
 from uvms_ocp.interrupts import Interrupted, on_interrupt
 from uvms_ocp.record.meta_values import LARGEST
-from uvms_ocp.record.record import MEASURED, Recorder
-from uvms_ocp.robot.signals import ChannelHealth, Command, Readings, State, StateEstimate
+from uvms_ocp.record.record import Recorder
+from uvms_ocp.robot.signals import ChannelHealth, Command, Reading, Readings, State, StateEstimate
 from uvms_ocp.sim.plant import Plant
 from uvms_ocp.types import Positive
 
@@ -60,14 +60,15 @@ def simulate(
     duration: Positive,
     progress: Progress | None = None,
     observer: TickObserver | None = None,
-    keep_readings: bool = False,
+    kept_readings: Mapping[str, int] | None = None,
     recorder: Recorder | None = None,
 ) -> Recorder:
     """Run until the command says finished or `duration` [s] is over; one row per tick, before its step.
 
-    dt [s] is the control period. keep_readings: record what sensors of a vehicle read beside what is estimated of it. `progress`
-    is called after every tick with the time and the command, `observer` with the true state too. recorder: by default one that
-    keeps all in memory. Where the plant `has_diverged`, the rows before it are what there is.
+    dt [s] is the control period. kept_readings: channels whose new readings are recorded, and how many numbers each has; with
+    them goes whether the brakes were locked, so that an estimator can be run again over the record. `progress` is called after
+    every tick with the time and the command, `observer` with the true state too. recorder: by default one that keeps all in
+    memory. Where the plant `has_diverged`, the rows before it are what there is.
 
     Raises `InvalidInput` for more ticks than ordinary memory holds, and `Interrupted`, whose result is the recorder, after the
     tick in which Ctrl-C is pressed.
@@ -76,7 +77,7 @@ def simulate(
         given = f"duration = {duration:g} s in ticks of dt = {dt:g} s, whose record takes more than 10 GB of memory"
         raise InvalidInput(f"{given}; give a folder for it, or at most {MOST_TICKS:,} ticks, {MOST_TICKS * dt:g} s")
     recorder = recorder or Recorder()
-    trusts, new, stops = _HealthCodes(), _NewReadings(), list[object]()
+    trusts, new, stops = _HealthCodes(), _NewReadings(kept_readings or {}), list[object]()
     command: Command | None = None
     with on_interrupt(stops.append), suppress(Interrupted):  # which a planner within a tick passes on
         for k in range(round(duration / dt) + 1):
@@ -88,7 +89,7 @@ def simulate(
             spent = perf_counter() - begin
             telemetry = plant.telemetry()
             asked = _asked(command, telemetry, recorder)
-            measured = new(readings) if keep_readings else {}
+            measured = new(readings) | {"brakes": command.brakes} if kept_readings else {}
             row = _row(t, plant.state, measurement, command, trusts(measurement.health), asked, measured)
             row.setdefault("controller_time", spent)  # one that measures itself knows better
             row.update(telemetry)
@@ -128,22 +129,22 @@ class _HealthCodes:
 
 
 class _NewReadings:
-    """Readings of a vehicle that are new at a tick, each with when it was taken; NaN where none is."""
+    """Readings that are new at a tick, each with when it was taken; NaN where none is."""
 
-    __slots__ = ("_channels", "_taken")
+    __slots__ = ("_channels", "_seen")
 
-    def __init__(self) -> None:
-        self._taken = dict.fromkeys(MEASURED, -math.inf)
-        self._channels = [(name, name.removeprefix("measured_"), np.full(width, np.nan)) for name, width in MEASURED.items()]
+    def __init__(self, widths: Mapping[str, int]) -> None:
+        self._seen: dict[str, Reading[Any] | None] = dict.fromkeys(widths)
+        self._channels = [(f"measured_{name}", name, np.full(width + 1, np.nan)) for name, width in widths.items()]
 
-    def __call__(self, readings: Readings) -> dict[str, np.ndarray]:
+    def __call__(self, readings: Readings) -> dict[str, Any]:
         found = {}
         for name, channel, none in self._channels:
             one = getattr(readings, channel)
-            if one is None or one.t <= self._taken[name]:
+            if one is None or one is self._seen[channel]:
                 found[name] = none
-            else:
-                self._taken[name], found[name] = one.t, np.array([*one.value.tolist(), one.t])
+            else:  # also with the time of an earlier one, as clocks that fail give them
+                self._seen[channel], found[name] = one, np.array([*np.ravel(one.value).tolist(), one.t])
         return found
 
 
