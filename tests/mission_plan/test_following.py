@@ -13,6 +13,7 @@ from uvms_ocp.control.plan_following import FollowingTuning
 from uvms_ocp.errors import InvalidInput
 from uvms_ocp.mission_plan import MissionPlan
 from uvms_ocp.record.record import Record
+from uvms_ocp.report.summary import summarize
 from uvms_ocp.scenario.cases import reach
 from uvms_ocp.scenario.scenario import Scenario, pose_at
 
@@ -50,6 +51,19 @@ def stopped_short(plan: MissionPlan) -> np.ndarray:
     q = plan.trajectory.q.copy()
     q[:, 0] += 0.05
     return q
+
+
+def test_a_flight_says_what_its_plan_takes_and_what_quick_thrust_adds(
+    mission: Scenario, planned: MissionPlan, flown: Record, greedy: Record
+) -> None:
+    report = summarize(flown)
+    assert report["energy_planned_j"] == planned.energy
+    assert "energy_planned_j" in str(report)
+    assert summarize(greedy)["energy_planned_j"] is None
+    noisy = summarize(planned.fly(reach(seed=3, noise=True)))
+    more = noisy["energy_j"] - report["energy_j"]
+    assert more > 0.0
+    assert noisy["energy_of_quick_thrust_j"] - report["energy_of_quick_thrust_j"] == pytest.approx(more, rel=0.3)
 
 
 def test_on_the_kinematic_plant_the_plan_is_flown_as_it_is(planned: MissionPlan) -> None:

@@ -110,8 +110,10 @@ class PlanGuide:
         *,
         dt: float,
         tuning: FollowingTuning | None = None,
+        energy: float | None = None,
     ) -> None:
-        """phases: on the way, in their order. dt [s]: control period."""
+        """phases: on the way, in their order. dt [s]: control period. energy [J]: what the plan takes, where it is known."""
+        self.energy = energy
         self._trajectory, self._phases, self._mission, self._model = trajectory, tuple(phases), mission, robot.model
         self._tuning, self._dt, n = tuning or FollowingTuning(), dt, robot.n_vehicle
         chosen = self._tuning

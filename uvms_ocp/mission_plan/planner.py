@@ -249,7 +249,7 @@ class MissionPlan(TableDisplay):
         """Return the guide of a scenario's controller along the plan, for one run. Raises `InvalidInput` as `require_of` does."""
         self.require_of(scenario)
         mission, robot = scenario.mission, scenario.robot
-        return PlanGuide(self.trajectory, self.phases, mission, robot, dt=scenario.dt, tuning=tuning)
+        return PlanGuide(self.trajectory, self.phases, mission, robot, dt=scenario.dt, tuning=tuning, energy=self.energy)
 
     def controller(self, scenario: Scenario, tuning: FollowingTuning | None = None) -> MissionController:
         """A fresh one for `Scenario.run`: the hierarchy's, led by `guide`."""

@@ -22,7 +22,7 @@ from uvms_ocp.robot.kinematics import shape_reach
 from uvms_ocp.robot.robot import Robot
 from uvms_ocp.robot.shapes.collision_model import self_pairs, shapes_among
 from uvms_ocp.robot.shapes.obstacles import Obstacle, require_distinct_names
-from uvms_ocp.types import Array, Indices, Magnitude, Shape
+from uvms_ocp.types import Array, Finite, Indices, Shape
 
 # Coordinates of a planned motion: a plain vector x (n_axes,) in place of a configuration on the manifold.
 
@@ -291,7 +291,7 @@ class CollisionScene:
             groups.setdefault(name, []).append(index)
         return groups
 
-    def wanted(self, of_obstacles: Magnitude, of_links: Magnitude | None) -> Array:
+    def wanted(self, of_obstacles: Finite, of_links: Finite | None) -> Array:
         """(n_pairs,) the one number for pairs with an obstacle, the other, where it is given, for those of two links."""
         links = [of_links is not None and not self.is_obstacle(pair.first) for pair in self.pairs]
         return np.where(links, of_obstacles if of_links is None else of_links, of_obstacles)

@@ -127,6 +127,8 @@ class RunMeta(RecordMeta):
     """Words for the numbers of the series ``status``."""
     seed: int = 0
     noise: bool = False
+    planned_energy: meta_values.Number | None = None
+    """[J] that the plan takes which was followed; `None` where none was, or it is not known."""
     wall_s: meta_values.Number = 0.0
     """[s] that the simulation took."""
 

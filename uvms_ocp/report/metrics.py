@@ -215,6 +215,29 @@ def figures_between(record: Record, start: float, end: float) -> dict[str, Any]:
     }
 
 
+_QUICK = 1.0  # [s] within which thrust that changes moves nothing
+
+
+@checked
+def energy_of_quick_thrust(record: Record) -> float | None:
+    """Energy [J] that thrusters took above what their thrust, averaged over a second, would have taken: mostly of noise.
+
+    Power grows faster than thrust. `None` where the record does not tell the energy of the thrusters, or is shorter.
+    """
+    from scipy.ndimage import uniform_filter1d  # a tenth of a second
+
+    dt, width = record.run_meta.dt, round(_QUICK / record.run_meta.dt)
+    if not {"thrust", "thruster_energy"} <= record.series.keys() or not 2 < width < len(record):
+        return None
+    excess = 0.0
+    for thrust, energy in zip(record["thrust"].T, record["thruster_energy"].T, strict=True):
+        power, thrust = np.diff(energy) / dt, (thrust[1:] + thrust[:-1]) / 2.0
+        order = np.argsort(thrust)
+        steady = np.interp(uniform_filter1d(thrust, width, mode="nearest"), thrust[order], power[order])
+        excess += dt * float(np.sum(power - steady))
+    return None if np.isnan(excess) else excess
+
+
 _PASSED, _STRUCK = 1.02, 1.2  # shares of a joint's limit of velocity that are kept, and while a fault is new
 _NEW = 0.5  # [s] that a fault is
 

@@ -234,7 +234,9 @@ class RunSummary(TableDisplay, dict[str, Any]):
         if self["repeated"]:
             columns = tuple(self["repeated"][0])
             rows = [tuple(map(cell, phase.values())) for phase in self["repeated"]]
-        rows += [(k, cell(self[k])) for k in self if k.startswith(("tool_", "largest_", "min_")) and self[k] is not None]
+        rows += [
+            (k, cell(self[k])) for k in self if k.startswith(("energy_", "tool_", "largest_", "min_")) and self[k] is not None
+        ]
         errors = [
             (f"{tool}: {what} error", cell(error)) for tool, all_of in self["tools"].items() for what, error in all_of.items()
         ]
@@ -274,6 +276,9 @@ def _figures(record: Record) -> dict[str, Any]:
         "phases": phase_table(record),
         "resources": (visits := metrics.resources(record)),
         "repeated": metrics.repeated_phases(visits),
+        "energy_j": visits[-1]["energy_j"],
+        "energy_planned_j": meta.planned_energy,
+        "energy_of_quick_thrust_j": metrics.energy_of_quick_thrust(record),
         "seed": meta.seed,
         "noise": meta.noise,
         "faults": [fault.model_dump() for fault in meta.faults],

@@ -134,6 +134,7 @@ def run_meta(
         statuses=tuple(status.value for status in Status),
         seed=seed,
         noise=setup.sensors != IDEAL_SENSORS,
+        planned_energy=getattr(controller.guide, "energy", None),
         wall_s=ending.wall_s,
     )
 

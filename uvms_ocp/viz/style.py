@@ -132,7 +132,8 @@ def png_of(figure: Figure, dpi: int = DPI) -> bytes:
 def styled(draw: Callable[P, R]) -> Callable[P, R]:
     """Check the arguments of `draw`, and run it under this module's settings, after which the caller's are back.
 
-    On a figure of the caller's, given as ``fig`` or by its ``ax``, it runs under the caller's settings.
+    On a figure of the caller's, given as ``fig`` or by its ``ax``, it runs under the caller's settings. What comes of it raises
+    `InvalidInput` for an ``ax`` that is none.
     """
 
     @wraps(draw)
