@@ -291,7 +291,7 @@ def _made(calls: list[float], number: float, content: str) -> float:
         x = ca.SX.sym("x")
         return ca.Function("f", [x], [number * x])
 
-    function = building.compiled_from("f", content, make)
+    function = building.compiled_from("f", content, make, __file__)
     building.finish_compiling()
     result, calls_of_it = np.zeros(1), BoundCalls()
     calls_of_it.add(function, [np.array([2.0])], [result])

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from uvms_ocp.codegen.compile import _compilation
-from uvms_ocp.ocp.problem import Integrator, OcpLevel, OcpProblem, single_phase
+from uvms_ocp.ocp.problem import HessianKind, Integrator, OcpLevel, OcpProblem, single_phase
 from uvms_ocp.ocp.stagewise.program import StagewiseProgram
 from uvms_ocp.ocp.terms import AtRest, Effort, Smoothness, Term
 from uvms_ocp.ocp.transcription.transcription import Transcription
@@ -28,11 +28,13 @@ def _problem(*terms: Term) -> OcpProblem:
     return single_phase(robot=robot, start=start, duration=2.0, n_steps=4, levels=levels, constraints=(AtRest(),), water=False)
 
 
-def _compiled(problem: OcpProblem, monkeypatch: pytest.MonkeyPatch) -> dict[str, tuple[str, str, np.ndarray]]:
+def _compiled(
+    problem: OcpProblem, monkeypatch: pytest.MonkeyPatch, *, sparse: bool = False
+) -> dict[str, tuple[str, str, np.ndarray]]:
     """Content, source and numbers of all functions that are compiled for a problem, by their names."""
     found: dict[str, tuple[str, str, np.ndarray]] = {}
 
-    def take(name: str, content: str, make: Callable[[], ca.Function]) -> ca.Function:
+    def take(name: str, content: str, make: Callable[[], ca.Function], module: str) -> ca.Function:
         assert name not in found, "compiled twice"
         function = make()
         assert function.name() == name
@@ -41,7 +43,10 @@ def _compiled(problem: OcpProblem, monkeypatch: pytest.MonkeyPatch) -> dict[str,
         return function
 
     monkeypatch.setattr("uvms_ocp.ocp.stagewise.functions.compiled_from", take)
-    StagewiseProgram(Transcription(problem, plugin="stagewise"))
+    monkeypatch.setattr("uvms_ocp.ocp.transcription.stage.compiled_from", take)
+    monkeypatch.setattr("uvms_ocp.ocp.transcription.stage.compile_function", lambda function: function)
+    whole = Transcription(problem, plugin="ipopt" if sparse else "stagewise")
+    _ = whole.program if sparse else StagewiseProgram(whole)
     return found
 
 
@@ -49,12 +54,14 @@ def _sources(problem: OcpProblem, monkeypatch: pytest.MonkeyPatch) -> dict[str, 
     return {name: source for name, (_, source, _) in _compiled(problem, monkeypatch).items()}
 
 
-def test_the_same_content_makes_the_same_function(monkeypatch: pytest.MonkeyPatch) -> None:
+@pytest.mark.parametrize("sparse", [False, True])
+def test_the_same_content_makes_the_same_function(sparse: bool, monkeypatch: pytest.MonkeyPatch) -> None:
     plain = _problem(Effort())
     free = replace(plain, phases=(replace(plain.phases[0], duration=(1.0, 3.0)),))
     changed = [plain, replace(plain, integrator=Integrator.EULER), free, _problem(Smoothness()), _problem(Effort(), Smoothness())]
     two_levels = replace(plain, levels=(*plain.levels, OcpLevel(name="smooth", terms=(Smoothness(),))))
-    runs = [_compiled(problem, monkeypatch) for problem in (*changed, two_levels, _problem(Effort()))]
+    changed += [replace(plain, hessian=HessianKind.GAUSS_NEWTON), replace(plain, limited=False), replace(plain, water=True)]
+    runs = [_compiled(problem, monkeypatch, sparse=sparse) for problem in (*changed, two_levels, _problem(Effort()))]
     for one, other in pairwise(sorted((item for run in runs for item in run.items()), key=lambda item: (item[0], item[1][0]))):
         if (one[0], one[1][0]) == (other[0], other[1][0]):
             assert one[1][1] == other[1][1]
@@ -63,10 +70,7 @@ def test_the_same_content_makes_the_same_function(monkeypatch: pytest.MonkeyPatc
 
 
 def test_a_solver_that_goes_from_step_to_step_compiles_nothing_of_a_sparse_program(monkeypatch: pytest.MonkeyPatch) -> None:
-    begun = list[ca.Function]()
-    monkeypatch.setattr("uvms_ocp.ocp.transcription.stage.start_compiling", lambda function: begun.append(function) or function)
-    _sources(_problem(Effort()), monkeypatch)
-    assert begun == []
+    assert _compiled(_problem(Effort()), monkeypatch).keys().isdisjoint(_compiled(_problem(Effort()), monkeypatch, sparse=True))
 
 
 def test_other_terms_and_other_lengths_compile_nothing_of_the_robot(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -271,6 +271,8 @@ def compile_function(function: ca.Function) -> ca.Function:
 
     What is returned is of this process: give others ``function``.
     """
+    if function in _ADDRESSES:
+        return function
     begun = _BESIDE.pop(function, None)
     compilation, numbers = begun or _compilation(function)
     return _function_in(compilation(), function.name(), numbers) or function
@@ -290,19 +292,29 @@ def start_compiling(function: ca.Function, entry: Path | None = None) -> ca.Func
 
 
 @checked
-def compiled_from(name: str, content: str, make: Callable[[], ca.Function]) -> ca.Function:
+def compiled_from(name: str, content: str, make: Callable[[], ca.Function], module: str) -> ca.Function:
     """The function of that name which `make` makes of a content, as `start_compiling` has it.
 
     Where that was compiled before it is not made at all: the cache keeps in which library it is, and with which numbers.
-    content: of all that the function depends on but this module, CasADi and the compiler.
+    content: of all that the function depends on but CasADi, the compiler, and the file `module` in which `make` stands.
     """
     compiler, folder = _compiler(), cache_folder()[0]
     if compiler is None or folder is None:
         return make()
-    flags = (_digest(Path(__file__).read_bytes()), ca.__version__, os.environ.get("UVMS_OCP_CFLAGS", ""))
+    flags = (_code_of(__file__), _code_of(module), ca.__version__, os.environ.get("UVMS_OCP_CFLAGS", ""))
     entry = folder / f"{_key((name, content), flags, compiler)}{_KEPT_NUMBERS}"
     known = _kept(entry)
     return (known and _function_in(known[0], name, known[1])) or start_compiling(make(), entry)
+
+
+def content_of(inputs: Sequence[ca.SX], outputs: Sequence[ca.SX], *more: object) -> str:
+    """Hash of expressions, for which nothing is differentiated, and of whatever else a function is made of."""
+    return _digest(f"{ca.Function('content', list(inputs), list(outputs)).serialize()} {more}".encode())
+
+
+@cache
+def _code_of(module: str) -> str:
+    return _digest(Path(module).read_bytes())
 
 
 def _keep(entry: Path, numbers: np.ndarray, compilation: Callable[[], Path | None]) -> Path | None:

@@ -9,22 +9,17 @@ constraints first, then each level above), and the residuals whose half square i
 
 from __future__ import annotations
 
-import hashlib
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from pathlib import Path
 
 import casadi as ca
 import numpy as np
 
-from uvms_ocp.codegen.compile import compiled_from
+from uvms_ocp.codegen.compile import compiled_from, content_of
 from uvms_ocp.ocp.transcription.stage import StageModel
 from uvms_ocp.ocp.transcription.term_rows import CONSTRAINT, TermBlock, TermRows
 from uvms_ocp.robot.symbolic_model import SymbolicModel
-
-_DERIVED_HERE = hashlib.sha256(Path(__file__).read_bytes()).hexdigest()
-"""Hash of this module: what it makes of an expression depends on these two alone."""
 
 # Derivatives of the expressions of a step along its states and controls.
 
@@ -307,10 +302,4 @@ def motion_functions(tangent: Tangent) -> tuple[ca.Function, ca.Function, ca.Fun
 
 def compile_made(name: str, content: str, made: Callable[[], tuple[Sequence[ca.SX], Sequence[ca.SX]]]) -> ca.Function:
     """Compile the function of the inputs and outputs that are made of a content, unless that was done before."""
-    return compiled_from(name, content + _DERIVED_HERE, lambda: ca.Function(name, *made(), {"cse": True}))
-
-
-def content_of(inputs: Sequence[ca.SX], outputs: Sequence[ca.SX], *more: object) -> str:
-    """Hash of expressions, which takes no derivatives, and of whatever else a function is made of."""
-    whole = f"{ca.Function('content', list(inputs), list(outputs)).serialize()} {more}"
-    return hashlib.sha256(whole.encode()).hexdigest()
+    return compiled_from(name, content, lambda: ca.Function(name, *made(), {"cse": True}), __file__)

@@ -13,6 +13,7 @@ import casadi as ca
 import numpy as np
 
 from uvms_ocp.codegen.buffered import BoundCalls
+from uvms_ocp.codegen.compile import content_of
 from uvms_ocp.codegen.elementwise import interval_excess
 from uvms_ocp.ocp.problem import OcpProblem
 from uvms_ocp.ocp.stagewise import functions
@@ -158,7 +159,7 @@ class StageMemory:
     def _inputs(self) -> BoundCalls:
         calls, model = BoundCalls(), self.tangent.model
         inputs, outputs = [model.z, model.force], [ca.densify(one) for one in model.inputs]
-        function = functions.compile_made("inputs", functions.content_of(inputs, outputs), lambda: (inputs, outputs))
+        function = functions.compile_made("inputs", content_of(inputs, outputs), lambda: (inputs, outputs))
         for k, i in enumerate(self.steps):
             calls.add(self.tangent.forces[0], [self.z[i], self.water[k]], [self.force[i]])
         for k, i in enumerate(self.steps):

@@ -15,13 +15,13 @@ and on top of it what cancels out among redundant thrusters, ``z = [q, v, h, a, 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
-from functools import cached_property
+from dataclasses import dataclass, field
+from functools import cache, cached_property, partial
 
 import casadi as ca
 import numpy as np
 
-from uvms_ocp.codegen.compile import compile_function, start_compiling
+from uvms_ocp.codegen.compile import compile_function, compiled_from, content_of
 from uvms_ocp.ocp.problem import Actuation, HessianKind, Integrator, OcpProblem
 from uvms_ocp.ocp.terms import StageSymbols, finite_or
 from uvms_ocp.robot import Robot, SymbolicModel, robot_dynamics
@@ -210,7 +210,7 @@ class StageModel:
             )
             rows = ca.vertcat(rows, (self.required_force - given) / ca.DM(self.actuators.force_unit))
         exact = self.problem.hessian is HessianKind.EXACT
-        return compile_derivatives(derivatives("dynamics", z, self.water, rows, residuals=None if exact else ()))
+        return compiled_derivatives("dynamics", z, self.water, rows, residuals=None if exact else ())
 
     @cached_property
     def required_force(self) -> ca.SX:
@@ -298,8 +298,29 @@ def _commutator(v: ca.SX, a: ca.SX) -> ca.SX:
     return ca.vertcat(linear, ca.cross(v[3:], a[3:]))
 
 
-def compile_derivatives(given: Derivatives) -> Derivatives:
-    """The functions in machine code where a C compiler exists, as they are otherwise."""
-    names = ["value", "jacobian", "hessian", *(("costs", "gradient") if given.costs.nnz_out() else ())]
-    begun = {name: start_compiling(getattr(given, name)) for name in names}
-    return replace(given, **{name: compile_function(function) for name, function in begun.items()})
+def compiled_derivatives(
+    name: str, z: ca.SX, s: ca.SX, rows: ca.SX, *, costs: ca.SX | None = None, residuals: Sequence[ca.SX] | None = None
+) -> Derivatives:
+    """`derivatives` in machine code where a C compiler exists, not made anew where they were compiled before."""
+    outputs = [rows, *([] if costs is None else [costs]), *(residuals or ())]
+    content = content_of([z, s], outputs, costs is None, residuals is None)
+
+    @cache
+    def made() -> Derivatives:
+        return derivatives(name, z, s, rows, costs=costs, residuals=residuals)
+
+    def of_kind(kind: str) -> ca.Function:
+        return getattr(made(), kind)
+
+    def patterns() -> ca.Function:
+        ones = [ca.SX(pattern, 1) for pattern in (made().jacobian_sparsity, made().hessian_sparsity)]
+        return ca.Function(f"{name}_patterns", [], ones)
+
+    kinds = ("value", "jacobian", "hessian", "costs", "gradient")
+    begun = {kind: compiled_from(f"{name}_{kind}", content, partial(of_kind, kind), __file__) for kind in kinds}
+    known = compile_function(compiled_from(f"{name}_patterns", content, patterns, __file__))
+    return Derivatives(
+        **{kind: compile_function(function) for kind, function in begun.items()},
+        jacobian_sparsity=known.sparsity_out(0),
+        hessian_sparsity=known.sparsity_out(1),
+    )

@@ -18,7 +18,7 @@ import numpy as np
 from uvms_ocp.errors import InvalidInput, UvmsError
 from uvms_ocp.ocp.problem import HessianKind, OcpLevel, OcpPhase, OcpProblem, counts_at_end, counts_on_path
 from uvms_ocp.ocp.terms import Term
-from uvms_ocp.ocp.transcription.stage import Derivatives, StageModel, compile_derivatives, derivatives
+from uvms_ocp.ocp.transcription.stage import Derivatives, StageModel, compiled_derivatives, derivatives
 from uvms_ocp.solvers.nlp.program import RowKinds, half_square, row_kinds, signed_excess
 from uvms_ocp.tasks.task import Residual
 
@@ -123,10 +123,9 @@ class TermRows:
         """Rows and costs with their derivatives in z."""
         exact = self.model.problem.hessian is HessianKind.EXACT
         residuals = None if exact else self.errors
-        z, rows, costs = self.model.z, self.rows, self.costs
-        functions = derivatives(self.name, z, self.parameters, rows, costs=costs, residuals=residuals)
         # Terms of forces hold the equations of motion where forces are no variables.
-        return functions if self.model.has_force_variables else compile_derivatives(functions)
+        make = derivatives if self.model.has_force_variables else compiled_derivatives
+        return make(self.name, self.model.z, self.parameters, self.rows, costs=self.costs, residuals=residuals)
 
     @cached_property
     def value(self) -> ca.Function:
