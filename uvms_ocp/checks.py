@@ -61,7 +61,7 @@ def checked_on_failure(thing: _T) -> _T:
 
     Of numbers, words and arrays the class is looked at before the call, with the range of numbers and the axes of arrays.
     A right call costs a fraction of a microsecond more: leave values that refuse nothing as they are. Where no argument is
-    wrong the failure is passed on as it is. On a method of a `checked` class it makes this method late.
+    wrong the failure is passed on as it is. On a method of a `checked` class it makes this method late, and what overrides it.
     """
     if isinstance(thing, type):
         return _checked_class(thing, late_constructor=True, late_methods=True)
@@ -92,7 +92,8 @@ def _checked_class(cls: Any, *, late_constructor: bool = False, late_methods: bo
         kind = type(member) if isinstance(member, (staticmethod, classmethod)) else None
         function = member.__func__ if kind else member
         if inspect.isfunction(function) and _takes_arguments(function):
-            after = late_constructor if name == "__init__" else late_methods or getattr(function, _LATE, False)
+            late = late_methods or any(getattr(one, _LATE, False) for one in (function, getattr(super(cls, cls), name, None)))
+            after = late_constructor if name == "__init__" else late
             wrapped = (_after if after else _before)(function, cls)
             setattr(cls, name, kind(wrapped) if kind else wrapped)
     return cls

@@ -1,4 +1,4 @@
-"""State what pydantic found wrong in one line: each key with what was given and what is allowed."""
+"""Models of what files hold, and what pydantic found wrong in one line: each key with what was given and what is allowed."""
 
 from __future__ import annotations
 
@@ -8,12 +8,18 @@ from functools import wraps
 from itertools import accumulate
 from typing import Any, TypeVar, get_args
 
-from pydantic import BaseModel, ValidationError
+from pydantic import BaseModel, ConfigDict, ValidationError
 
 from uvms_ocp.errors import InvalidInput, short
 
 _M = TypeVar("_M", bound=BaseModel)
 _SHOWN, _LONGEST = 3, 200  # mistakes, characters of a key
+
+
+class FileModel(BaseModel):
+    """Base of what files hold: values that stay as they are, and no other keys."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True)
 
 
 def one_line(error: ValidationError, model: type[BaseModel]) -> str:

@@ -11,10 +11,10 @@ from functools import lru_cache, partial
 from pathlib import Path
 from typing import Any, Literal
 
-from pydantic import BaseModel, ConfigDict, ValidationError
+from pydantic import ValidationError
 
 from uvms_ocp.errors import InvalidInput
-from uvms_ocp.model_errors import one_line
+from uvms_ocp.model_errors import FileModel, one_line
 from uvms_ocp.record.durable_files import discard
 from uvms_ocp.record.output import Name
 from uvms_ocp.record.untrusted import record_files_read
@@ -26,10 +26,8 @@ _PACKED = "uvms_ocp_robots/"  # names of files of our own robots
 _PLACES = ("robot", "hydrodynamics", "loading")  # options that may be files
 
 
-class _Identity(BaseModel):
+class _Identity(FileModel, strict=True):
     """JSON values of `CodeSource.identity`."""
-
-    model_config = ConfigDict(frozen=True, strict=True, extra="forbid")
 
     words: str
     attribute: Literal["scenario", "variations"]

@@ -11,12 +11,13 @@ from time import monotonic
 from typing import Any, Literal, TypeAlias
 
 import numpy as np
-from pydantic import BaseModel, ConfigDict, Field, model_validator
+from pydantic import Field, model_validator
 
 from uvms_ocp.campaign.distributions import GROWING, Design
 from uvms_ocp.campaign.jobs import COMPLETED, FIRST, LAST, CampaignJob, RunResult, columns_of
 from uvms_ocp.checks import checked
 from uvms_ocp.errors import InvalidInput, UvmsError, plain_line
+from uvms_ocp.model_errors import FileModel
 from uvms_ocp.record.durable_files import discard, locked, sync_folders, write_durably
 from uvms_ocp.record.output import STORE, as_output_errors, read_as, whole_file
 from uvms_ocp.record.tables import arrow as required_arrow
@@ -31,10 +32,8 @@ Kind: TypeAlias = Literal["int", "float", "str", "bool"]
 _KINDS: Mapping[Kind, type] = {"int": int, "float": float, "str": str, "bool": bool}
 
 
-class CampaignManifest(BaseModel):
+class CampaignManifest(FileModel, strict=True):
     """The file `campaign.json`."""
-
-    model_config = ConfigDict(frozen=True, strict=True, extra="forbid")
 
     version: Literal[1] = 1
     """Version of this file and of the table."""

@@ -181,7 +181,7 @@ def predict(m: FilterMemory) -> None:
     """Advance by the time of the tick."""
     if m.has_command:
         _follow(m)
-    dt, angle, E, J = m.dt, zeros(3), zeros(9), zeros(9)
+    dt, angle, E, J, hJ, hhJ = m.dt, zeros(3), zeros(9), zeros(9), zeros(9), zeros(9)
     if not dt > 0.0:
         return
     h, n = min(LONGEST_STEP, dt), active(m)
@@ -191,8 +191,11 @@ def predict(m: FilterMemory) -> None:
     for i in range(1, MAIN):
         for j in range(i):
             m.P[i][j] = m.P[j][i]
-    _move_rows(m, n, h, E, J)
-    _move_columns(m, h, E, J)
+    for i in range(9):
+        hJ[i] = h * J[i]
+        hhJ[i] = h * h / 2.0 * J[i]
+    _move_rows(m, n, h, E, hJ, hhJ)
+    _move_columns(m, h, E, hJ, hhJ)
     _diffuse(m, dt, J)
     _forget_unknown(m, n)
     turn_by(m.turn, angle)
@@ -220,12 +223,9 @@ def _change(m: FilterMemory, i: int, change: float) -> None:
 
 
 @wide
-def _move_rows(m: FilterMemory, n: int, h: float, E: Vector, J: Vector) -> None:
-    """Rows of F P, columns 0 to n."""
-    half, t, hJ, hhJ = h * h / 2.0, zeros(3), zeros(9), zeros(9)
-    for i in range(9):
-        hJ[i] = h * J[i]
-        hhJ[i] = h * h / 2.0 * J[i]
+def _move_rows(m: FilterMemory, n: int, h: float, E: Vector, hJ: Vector, hhJ: Vector) -> None:
+    """Rows of F P, columns 0 to n, in which turns have E and h J and h^2 J / 2."""
+    half, t = h * h / 2.0, zeros(3)
     for j in range(n):
         for i in range(3):
             t[i] = 0.0
@@ -244,12 +244,9 @@ def _move_rows(m: FilterMemory, n: int, h: float, E: Vector, J: Vector) -> None:
             m.P[Part.SPIN + i][j] += h * m.P[Part.SPIN_UP + i][j]
 
 
-def _move_columns(m: FilterMemory, h: float, E: Vector, J: Vector) -> None:
+def _move_columns(m: FilterMemory, h: float, E: Vector, hJ: Vector, hhJ: Vector) -> None:
     """The same on the columns of the vehicle's own block."""
-    half, t, hJ, hhJ = h * h / 2.0, zeros(3), zeros(9), zeros(9)
-    for i in range(9):
-        hJ[i] = h * J[i]
-        hhJ[i] = h * h / 2.0 * J[i]
+    half, t = h * h / 2.0, zeros(3)
     for j in range(MAIN):
         row = m.P[j]
         for i in range(3):

@@ -35,7 +35,7 @@ from pathlib import Path
 from typing import Annotated, Literal
 
 import numpy as np
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import Field
 
 from uvms_ocp.errors import InvalidInput, require_known
 from uvms_ocp.identification import tables
@@ -52,7 +52,7 @@ from uvms_ocp.identification.recording import (
 )
 from uvms_ocp.identification.tables import TableColumns
 from uvms_ocp.identification.text_tables import TextFormat
-from uvms_ocp.model_errors import one_line_errors
+from uvms_ocp.model_errors import FileModel, one_line_errors
 from uvms_ocp.record.record import Record
 from uvms_ocp.record.run_meta import is_floating
 from uvms_ocp.record.untrusted import read_yaml_as
@@ -86,10 +86,8 @@ _AT_ONCE = 0.05  # of the usual interval, within which a message that says the s
 _Numbers = float | tuple[float, ...]
 
 
-class ChannelMapping(BaseModel):
+class ChannelMapping(FileModel, allow_inf_nan=False):
     """Source of one channel: topic or columns, units and frame."""
-
-    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
 
     file: str = Field(default="", description="in the folder of the recording, {name} for its name; empty: the file itself")
     topic: str = Field(default="", description="of the messages, in MCAP files, bags, logs of MAVLink; `type` of JSON lines")
@@ -131,10 +129,8 @@ class ChannelMapping(BaseModel):
 
 
 @one_line_errors
-class RecordingMapping(BaseModel):
+class RecordingMapping(FileModel):
     """Mapping of all channels of a recording, by the names of `CHANNEL_KINDS`."""
-
-    model_config = ConfigDict(extra="forbid", frozen=True)
 
     channels: dict[str, ChannelMapping] = Field(min_length=1)
     table: TextFormat | None = Field(default=None, description="what is known of tables of text")

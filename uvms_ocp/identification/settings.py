@@ -23,7 +23,7 @@ from typing import Annotated, Any, Literal
 
 import numpy as np
 import yaml
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import Field
 
 from uvms_ocp.errors import InvalidInput
 from uvms_ocp.identification import parameters
@@ -31,7 +31,7 @@ from uvms_ocp.identification.fit import Search
 from uvms_ocp.identification.model import Vehicle
 from uvms_ocp.identification.output_error import Noise
 from uvms_ocp.identification.parameters import ActuatorModel, NominalParameters, ParameterStatus, Unknowns
-from uvms_ocp.model_errors import one_line_errors
+from uvms_ocp.model_errors import FileModel, one_line_errors
 from uvms_ocp.record.untrusted import read_yaml_as
 from uvms_ocp.robot.assembly import without_arm
 from uvms_ocp.robot.coefficients import links_in_water
@@ -51,8 +51,8 @@ _Corner = tuple[float, float, float]
 _NOISE, _SEARCH, _ACTUATORS = Noise(), Search(), ActuatorModel()  # whose defaults are those of the file
 
 
-class _SettingsSection(BaseModel):
-    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
+class _SettingsSection(FileModel, allow_inf_nan=False):
+    """Base of the sections of a settings file."""
 
 
 class QuantitySettings(_SettingsSection):

@@ -23,10 +23,10 @@ from typing import IO, Annotated, Literal
 from zipfile import ZipFile
 
 import numpy as np
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import Field
 
 from uvms_ocp.errors import InvalidInput, NameNotFound, optional_module
-from uvms_ocp.model_errors import one_line_errors
+from uvms_ocp.model_errors import FileModel, one_line_errors
 from uvms_ocp.record.untrusted import DENSEST, SMALL, as_input_errors
 
 MOST_ROWS = 5_000_000
@@ -48,10 +48,8 @@ _UNITS = re.compile(r"s|ms|us|µs|ns|sec|m|mm|cm|m/s|mm/s|cm/s|m/s2|m/s\^2|rad|d
 
 
 @one_line_errors
-class TextFormat(BaseModel):
+class TextFormat(FileModel):
     """What is known of a table of text; what is not given is found."""
-
-    model_config = ConfigDict(extra="forbid", frozen=True)
 
     encoding: str | None = Field(default=None, description="such as utf-8, cp1252")
     delimiter: Literal["tab", ";", ",", "|", "blank"] | None = Field(default=None, description="between cells")

@@ -8,9 +8,9 @@ from itertools import pairwise
 from types import MappingProxyType
 from typing import Annotated, Literal
 
-from pydantic import BaseModel, ConfigDict, Field, FiniteFloat, model_validator
+from pydantic import Field, FiniteFloat, model_validator
 
-from uvms_ocp.model_errors import one_line_errors
+from uvms_ocp.model_errors import FileModel, one_line_errors
 
 # An obstacle as plain values, as files and records keep it; `uvms_ocp.robot.shapes.obstacles` builds its shape.
 
@@ -27,10 +27,8 @@ Point = tuple[_Metres, _Metres, _Metres]
 
 
 @one_line_errors
-class ObstacleMeta(BaseModel):
+class ObstacleMeta(FileModel):
     """One obstacle: a primitive shape with its sizes, or a mesh with its triangles."""
-
-    model_config = ConfigDict(extra="forbid", frozen=True)
 
     name: Annotated[str, Field(min_length=1)]
     shape: Literal["sphere", "capsule", "cylinder", "cone", "box", "ellipsoid", "mesh"]
@@ -70,10 +68,8 @@ UNIT_NORM_TOLERANCE = 1e-3
 """By how much the norm of a stored unit quaternion may differ from 1."""
 
 
-class MetaValue(BaseModel):
+class MetaValue(FileModel, ser_json_inf_nan="constants"):
     """Base of all: unknown keys are refused, nothing can be changed, and infinity and NaN survive the way through JSON."""
-
-    model_config = ConfigDict(extra="forbid", frozen=True, ser_json_inf_nan="constants")
 
 
 class RobotFilesMeta(MetaValue):

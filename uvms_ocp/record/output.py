@@ -12,11 +12,11 @@ from dataclasses import dataclass
 from pathlib import Path, PurePosixPath
 from typing import Annotated, BinaryIO, Literal, TypeVar
 
-from pydantic import AfterValidator, BaseModel, ConfigDict, ValidationError
+from pydantic import AfterValidator, BaseModel, Field, ValidationError
 
 from uvms_ocp.checks import checked
 from uvms_ocp.errors import InvalidInput, OutputError, UvmsError
-from uvms_ocp.model_errors import one_line
+from uvms_ocp.model_errors import FileModel, one_line
 from uvms_ocp.record.durable_files import discard, locked, remove_empty, replacing, sync_folders, sync_tree, write_durably
 
 # What a command of ours wrote into a folder, by which it is known again.
@@ -37,23 +37,19 @@ Name = Annotated[str, AfterValidator(_inner)]
 Model = TypeVar("Model", bound=BaseModel)
 
 
-class Fingerprint(BaseModel):
+class Fingerprint(FileModel, strict=True):
     """Digest of a file's contents."""
-
-    model_config = ConfigDict(frozen=True, strict=True, extra="forbid")
 
     size: int
     """[bytes]."""
     sha256: str
 
 
-class Manifest(BaseModel):
+class Manifest(FileModel, strict=True):
     """The files that a command wrote, and the folders that it made for them."""
 
-    model_config = ConfigDict(frozen=True, strict=True, extra="forbid")
-
     version: Literal[1] = 1
-    files: dict[Name, Fingerprint] = {}
+    files: dict[Name, Fingerprint] = Field(default={})
     folders: frozenset[Name] = frozenset()
 
 
@@ -165,10 +161,8 @@ def _status(path: Path) -> os.stat_result | None:
 # The replacement of all files of a folder, in steps that can be completed or undone from wherever they were cut off.
 
 
-class Journal(BaseModel):
+class Journal(FileModel, strict=True):
     """Contents of the folder before and after a replacement."""
-
-    model_config = ConfigDict(frozen=True, strict=True, extra="forbid")
 
     before: Manifest
     after: Manifest

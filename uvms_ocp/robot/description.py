@@ -17,10 +17,10 @@ from typing import Annotated, Any, Literal
 
 import numpy as np
 import yaml
-from pydantic import BaseModel, ConfigDict, Field, ValidationError, field_validator, model_validator
+from pydantic import Field, ValidationError, field_validator, model_validator
 
 from uvms_ocp.errors import InvalidInput, RobotDataError
-from uvms_ocp.model_errors import one_line, problems_of
+from uvms_ocp.model_errors import FileModel, one_line, problems_of
 from uvms_ocp.record.untrusted import BoundedLoader, read_yaml
 from uvms_ocp.robot.hydrodynamics import check_added_mass, check_flow_drag, check_linear_drag, check_quadratic_drag
 
@@ -48,10 +48,8 @@ Channel = Literal[
 Matrix6 = tuple[Vector6, Vector6, Vector6, Vector6, Vector6, Vector6]
 
 
-class _Section(BaseModel):
+class _Section(FileModel, allow_inf_nan=False):
     """A part of the file: unknown keys, NaN and infinity are refused, values cannot be changed."""
-
-    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
 
 
 class Pose(_Section):

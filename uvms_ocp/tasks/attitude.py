@@ -12,7 +12,7 @@ from typing import ClassVar
 import casadi as ca
 import numpy as np
 
-from uvms_ocp.checks import checked_dataclass, checked_on_failure
+from uvms_ocp.checks import checked_dataclass
 from uvms_ocp.errors import InvalidInput
 from uvms_ocp.robot.robot import Robot
 from uvms_ocp.robot.spatial import skew
@@ -177,7 +177,6 @@ class TargetTask(AngleTask):
     def n_parameters(self, robot: Robot) -> int:
         return 6
 
-    @checked_on_failure
     def reference(self, t: float) -> np.ndarray:
         return np.concatenate(evaluate_vector(self.name, self.goal, t))
 

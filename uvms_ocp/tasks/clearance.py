@@ -8,7 +8,7 @@ from typing import ClassVar
 import casadi as ca
 import numpy as np
 
-from uvms_ocp.checks import checked_dataclass, checked_on_failure
+from uvms_ocp.checks import checked_dataclass
 from uvms_ocp.robot.limits import PositionLimit
 from uvms_ocp.robot.robot import Robot
 from uvms_ocp.robot.shapes.collision_model import CollisionModel
@@ -61,7 +61,6 @@ class Clearance(Task):
     def n_parameters(self, robot: Robot) -> int:
         return self._pairs.n_parameters
 
-    @checked_on_failure
     def reference(self, t: float) -> np.ndarray:
         return self._pairs.far_away()
 

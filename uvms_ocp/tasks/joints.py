@@ -9,7 +9,7 @@ from typing import ClassVar
 import casadi as ca
 import numpy as np
 
-from uvms_ocp.checks import checked_dataclass, checked_on_failure
+from uvms_ocp.checks import checked_dataclass
 from uvms_ocp.errors import InvalidInput
 from uvms_ocp.robot.limits import Joint, bounded_joints, ranged_joints
 from uvms_ocp.robot.robot import Robot
@@ -127,7 +127,6 @@ class JointTracking(Task):
     def n_parameters(self, robot: Robot) -> int:
         return 2 * len(self.joints)
 
-    @checked_on_failure
     def reference(self, t: float) -> np.ndarray:
         return np.concatenate(evaluate_vector(self.name, self.goal, t))
 

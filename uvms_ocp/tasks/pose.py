@@ -8,7 +8,7 @@ import casadi as ca
 import numpy as np
 import pinocchio as pin
 
-from uvms_ocp.checks import checked_dataclass, checked_on_failure
+from uvms_ocp.checks import checked_dataclass
 from uvms_ocp.errors import InvalidInput
 from uvms_ocp.robot.robot import Robot
 from uvms_ocp.robot.spatial import log3
@@ -52,7 +52,6 @@ class PoseTask(Task):
     def n_parameters(self, robot: Robot) -> int:
         return _N_POSE
 
-    @checked_on_failure
     def reference(self, t: float) -> np.ndarray:
         pose, rate = evaluate_pose(self.name, self.goal, t)
         return pose_parameters(pose, rate)
@@ -131,7 +130,6 @@ class ToolPosition(Task):
     def n_parameters(self, robot: Robot) -> int:
         return 6
 
-    @checked_on_failure
     def reference(self, t: float) -> np.ndarray:
         pose, rate = evaluate_pose(self.name, self.goal, t)
         return np.concatenate([pose.translation, rate[:3]])

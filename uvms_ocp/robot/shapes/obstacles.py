@@ -17,11 +17,11 @@ import coal
 import numpy as np
 import pinocchio as pin
 from numpy.typing import ArrayLike
-from pydantic import BaseModel, ConfigDict, ValidationError
+from pydantic import ValidationError
 
 from uvms_ocp.checks import checked, checked_dataclass
 from uvms_ocp.errors import InvalidInput, require_known
-from uvms_ocp.model_errors import printable
+from uvms_ocp.model_errors import FileModel, printable
 from uvms_ocp.record.meta_values import N_SIZES, ObstacleMeta
 from uvms_ocp.record.untrusted import read_yaml
 from uvms_ocp.types import Finite, Range, Shape
@@ -101,10 +101,8 @@ _SHAPES: Mapping[str, Callable[..., coal.ShapeBase]] = {
 }
 
 
-class ObstacleFile(BaseModel):
+class ObstacleFile(FileModel):
     """The whole file."""
-
-    model_config = ConfigDict(extra="forbid", frozen=True)
 
     obstacles: tuple[ObstacleMeta, ...]
 
