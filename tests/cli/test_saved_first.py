@@ -15,8 +15,9 @@ from typer.testing import CliRunner
 
 from uvms_ocp.campaign.campaign import MissionJob
 from uvms_ocp.campaign.distributions import Design
-from uvms_ocp.cli import plan, run
+from uvms_ocp.cli import NOT_COMPLETED, plan, run
 from uvms_ocp.cli.commands import app
+from uvms_ocp.errors import NameNotFound
 from uvms_ocp.ocp.plan import OcpStatus, Plan
 from uvms_ocp.planning.request import PlanRequest, PostureGoal
 from uvms_ocp.record.record import Record, Recorder
@@ -32,7 +33,7 @@ def _tiny() -> Scenario:
     return scenario_of(robot_of(TINY["one wet link"]), "kinematic")
 
 
-def _fails(record: Record) -> None:
+def _fails(record: Record, **options: object) -> None:
     raise ValueError("no axes\nleft")
 
 
@@ -48,6 +49,27 @@ def test_a_figure_that_fails_costs_that_figure(tmp_path: Path, monkeypatch: pyte
     said = [line for line in console.export_text().splitlines() if "not drawn" in line]
     assert said == ["figures/errors.png: not drawn, ValueError: no axes left"]
     assert report["completed"] == Record.load(tmp_path / "out" / "record.npz").run_meta.completed
+
+
+@pytest.mark.parametrize(
+    ("asked", "written"),
+    [("none", set()), ("path,scene", {"figures/path.png", "scene.html"}), ("joints", {"figures/joints.png"})],
+)
+def test_only_what_is_asked_for_is_drawn(asked: str, written: set[str], tmp_path: Path) -> None:
+    out = tmp_path / "out"
+    result = CliRunner().invoke(
+        app, ["run", "case1", "--plant", "kinematic", "--duration", "0.2", "--figures", asked, "--out", str(out)]
+    )
+    assert result.exit_code == NOT_COMPLETED
+    found = {path.relative_to(out).as_posix() for path in out.rglob("[!.]*.*")}
+    assert found - {".uvms_ocp/manifest.json"} == {"record.npz", "report.json", *written}
+
+
+def test_figures_that_there_are_not_are_refused_before_the_run(tmp_path: Path) -> None:
+    result = CliRunner().invoke(app, ["run", "case1", "--figures", "path,paths", "--out", str(tmp_path / "out")])
+    assert isinstance(result.exception, NameNotFound)
+    assert "unknown figure 'paths'" in str(result.exception)
+    assert not (tmp_path / "out").exists()
 
 
 def test_a_report_that_fails_leaves_the_record(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -14,7 +14,7 @@ from rich.console import Console
 from uvms_ocp.cli import INTERRUPTED, NOT_COMPLETED
 from uvms_ocp.cli import options as opt
 from uvms_ocp.cli.printing import busy, console_of, print_json, print_paths, table_of
-from uvms_ocp.cli.run import draw_all, drawings_of
+from uvms_ocp.cli.run import SCENE, draw_all, drawings_of
 from uvms_ocp.errors import InvalidInput, plain_line
 from uvms_ocp.interrupts import Interrupted
 from uvms_ocp.mission_plan.planner import OPTIONS, plan_mission
@@ -159,7 +159,7 @@ def make_and_write_plan(make: Callable[[Progress], PlanOutput], out: Path, as_js
             kept = made.write(staging)
         if made.record is not None:
             with claim.staged(keep=kept) as staging:
-                missing = draw_all(drawings_of(made.record, made.robot, staging, _figures()))
+                missing = draw_all(drawings_of(made.record, made.robot, staging, (SCENE, *_figures())))
         written = claim.written()
     _print_plan(console, made, written)
     for line in missing:

@@ -24,7 +24,7 @@ from rich.text import Text
 
 from uvms_ocp.cli import INTERRUPTED, NOT_COMPLETED, printing
 from uvms_ocp.cli import options as opt
-from uvms_ocp.errors import InvalidInput, OutputError, plain_line
+from uvms_ocp.errors import InvalidInput, OutputError, plain_line, require_known
 from uvms_ocp.interrupts import Interrupted
 from uvms_ocp.mission_plan.planner import MissionPlan
 from uvms_ocp.record.durable_files import discard
@@ -112,6 +112,7 @@ def run(
     out: opt.Out = None,
     force: Annotated[bool, typer.Option("--force", help="Run even if pre-flight finds errors.")] = False,
     live: Annotated[bool, typer.Option("--live", help="Show it in the browser meanwhile, no faster than the clock.")] = False,
+    figures: Annotated[str, typer.Option(metavar="NAMES", help="What to draw: all, none, or names such as path,scene.")] = "all",
     as_json: opt.Json = False,
 ) -> None:
     """Run a scenario; write its record, report, figures and 3-D scene.
@@ -121,14 +122,15 @@ def run(
     \f
     Raises `InvalidInput` for what pre-flight refuses, unless forced, and for --follow with another mission's plan.
     """
-    console = printing.console_of(stderr=as_json)
+    console, drawn = printing.console_of(stderr=as_json), _drawn(figures)
     options = changes.chosen | opt.given(noise=noise, seed=seed, duration=duration)
     options |= {"faults": parse_faults(fault)} if fault else {}
     scenario = opt.build_scenario(name, options, solver)
     plan = None if follow is None else _plan_of(scenario, follow)
     parts = (opt.label(name), plant_name(scenario.plant), opt.solver_name(scenario.solver), *(("followed",) if plan else ()))
     others = {key: value for key, value in options.items() if key != "plant"}
-    report = run_and_write(scenario, out or opt.default_folder(parts, others), console, force=force, plan=plan, live=live)
+    folder = out or opt.default_folder(parts, others)
+    report = run_and_write(scenario, folder, console, force=force, plan=plan, live=live, drawn=drawn)
     if as_json:
         printing.print_json(report)
     if not report["completed"]:
@@ -146,12 +148,20 @@ def _keep_cut_off(running: Path, target: Path, console: Console) -> None:
 
 
 def run_and_write(
-    scenario: Scenario, out: Path, console: Console, *, force: bool = True, plan: MissionPlan | None = None, live: bool = False
+    scenario: Scenario,
+    out: Path,
+    console: Console,
+    *,
+    force: bool = True,
+    plan: MissionPlan | None = None,
+    live: bool = False,
+    drawn: Iterable[str] | None = None,
 ) -> dict[str, Any]:
     """Run a scenario, by a plan if given, write all that comes of it into a folder, print a summary; returns its report.
 
     The record grows on the disk, and is safe before anything is made of it; Ctrl-C ends the simulation, and what was flown is
-    written. What a run that was cut off left is kept as ``cut_off.npz``. live: show it in the browser meanwhile.
+    written. What a run that was cut off left is kept as ``cut_off.npz``. live: show it in the browser meanwhile. drawn: names of
+    figures, and ``scene``; all of them by default.
 
     Raises `InvalidInput` for what pre-flight refuses, unless forced.
     """
@@ -172,7 +182,7 @@ def run_and_write(
             (staging / "report.json").write_text(json.dumps(report, indent=2) + "\n")
             (staging / "figures").mkdir()
             ghost = None if plan is None else partial(plan.to_record, scenario)
-            drawings = drawings_of(record, scenario.robot, staging, _figures(), ghost)
+            drawings = drawings_of(record, scenario.robot, staging, (SCENE, *_figures()) if drawn is None else drawn, ghost)
             missing = draw_all(drawings, console.status("writing report, figures and scene"))
         written = claim.written()
     _print_summary(console, report, written)
@@ -213,7 +223,7 @@ def _simulate(
         return cast(Record, stop.result)
 
 
-_RECORD = "record.npz"
+_RECORD, SCENE = "record.npz", "scene"
 
 
 def _figures() -> Iterable[str]:
@@ -222,10 +232,21 @@ def _figures() -> Iterable[str]:
     return FIGURES
 
 
+def _drawn(names: str) -> list[str]:
+    """All of them, none, or those whose names, with commas, are given. Raises `NameNotFound`."""
+    known = [SCENE, *_figures()]
+    chosen = {"all": known, "none": []}.get(names, names.split(","))
+    for name in chosen:
+        require_known("figure", name, known)
+    return chosen
+
+
 def drawings_of(
     record: Record, robot: Robot, folder: Path, figures: Iterable[str], plan: Callable[[], Record] | None = None
 ) -> dict[str, Job]:
-    """Return the function that writes each file, by its name, the slowest first. plan: drawn in the scene, too."""
+    """Return the function that writes each file, by its name, the slowest first. plan: drawn in the scene, too, which is among
+    the figures by its name.
+    """
     from uvms_ocp.viz.run_figures import write_figure
     from uvms_ocp.viz.scene.show import write_scene
     from uvms_ocp.viz.series import thinned
@@ -234,8 +255,10 @@ def drawings_of(
         write_scene(record, robot, folder / "scene.html", ghosts={"plan": plan()} if plan else {})
 
     few = thinned(record)
-    drawn = {f"figures/{name}.png": partial(write_figure, few, name, folder / "figures") for name in figures}
-    return {"scene.html": scene, **drawn}
+    drawn: dict[str, Job] = {"scene.html": scene} if SCENE in figures else {}
+    return drawn | {
+        f"figures/{name}.png": partial(write_figure, few, name, folder / "figures") for name in figures if name != SCENE
+    }
 
 
 def _print_summary(console: Console, report: dict[str, Any], paths: list[Path]) -> None:
