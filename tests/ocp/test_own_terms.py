@@ -26,7 +26,7 @@ from uvms_ocp.robot.kinematics import Kinematics
 from uvms_ocp.robot.loading import load_robot
 from uvms_ocp.robot.robot import Robot
 from uvms_ocp.robot.signals import State
-from uvms_ocp.scenario.replay import replay
+from uvms_ocp.scenario import replay
 from uvms_ocp.sim.environment import Environment
 from uvms_ocp.sim.plant import DynamicPlant, KinematicPlant
 from uvms_ocp.sim.seafloor import FlatSeafloor
