@@ -13,6 +13,7 @@ from math import factorial
 from pathlib import Path
 
 import numpy as np
+from numpy.polynomial.polynomial import polyval
 from numpy.typing import ArrayLike
 
 from uvms_ocp.checks import checked, checked_dataclass, checked_on_failure
@@ -98,7 +99,7 @@ class PiecewisePolynomial(FieldTable):
         piece = np.clip(np.searchsorted(self.breaks, times, side="right") - 1, 0, self.n_pieces - 1)
         u = (times - self.breaks[piece]) / self.durations[piece]
         scaled = _differentiated(self.coefficients, derivative)
-        return _horner(scaled[:, piece], u[..., None]) / self.durations[piece][..., None] ** derivative
+        return polyval(u[..., None], scaled[:, piece], tensor=False) / self.durations[piece][..., None] ** derivative
 
     def derivative(self, order: Count = 1) -> PiecewisePolynomial:
         """The order-th time derivative as a curve of its own."""
@@ -230,13 +231,6 @@ def _check_coefficients(coefficients: Array, n_pieces: int) -> None:
         raise InvalidInput(f"the coefficients of piece {index} are not finite.")
 
 
-def _horner(coefficients: Array, u: Array | float) -> Array:
-    value = coefficients[-1]
-    for row in coefficients[-2::-1]:
-        value = value * u + row
-    return value
-
-
 def _horner_with_rate(coefficients: Array, u: float) -> tuple[Array, Array]:
     value, rate = coefficients[-1], np.zeros(coefficients.shape[1])
     for row in coefficients[-2::-1]:
@@ -257,13 +251,13 @@ def _differentiated(coefficients: Array, order: int) -> Array:
 
 def _unit_peaks(coefficients: Array) -> Array:
     """(n_pieces, n_axes) largest absolute value in the unit interval: best of a grid, then Newton on the slope."""
-    values = np.abs(_horner(coefficients[:, None], _EXTREMUM_GRID[:, None, None]))
+    values = np.abs(polyval(_EXTREMUM_GRID[:, None, None], coefficients[:, None], tensor=False))
     best = np.take_along_axis(values, np.argmax(values, axis=0)[None], axis=0)[0]
     u = _EXTREMUM_GRID[np.argmax(values, axis=0)]
     slope, curvature = _differentiated(coefficients, 1), _differentiated(coefficients, 2)
     for _ in range(3):
-        second = _horner(curvature, u)
-        step = np.divide(_horner(slope, u), second, out=np.zeros_like(u), where=second != 0.0)
+        second = polyval(u, curvature, tensor=False)
+        step = np.divide(polyval(u, slope, tensor=False), second, out=np.zeros_like(u), where=second != 0.0)
         u = np.clip(u - np.clip(step, -1 / 64, 1 / 64), 0.0, 1.0)
-        best = np.maximum(best, np.abs(_horner(coefficients, u)))
+        best = np.maximum(best, np.abs(polyval(u, coefficients, tensor=False)))
     return best

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import dataclass
 from enum import Enum
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -107,16 +108,11 @@ def check_robot(robot: Robot) -> RobotReport:
     return RobotReport(name=robot.name, findings=findings)
 
 
-def _good(subject: str, text: str) -> RobotFinding:
-    return RobotFinding(subject=subject, verdict=RobotVerdict.GOOD, text=text)
+def _finding(verdict: RobotVerdict, subject: str, text: str) -> RobotFinding:
+    return RobotFinding(subject=subject, verdict=verdict, text=text)
 
 
-def _warning(subject: str, text: str) -> RobotFinding:
-    return RobotFinding(subject=subject, verdict=RobotVerdict.WARNING, text=text)
-
-
-def _error(subject: str, text: str) -> RobotFinding:
-    return RobotFinding(subject=subject, verdict=RobotVerdict.ERROR, text=text)
+_good, _warning, _error = (partial(_finding, verdict) for verdict in RobotVerdict)
 
 
 def _inertias(robot: Robot) -> Iterator[RobotFinding]:

@@ -159,19 +159,9 @@ def fixed_rows(y: Any, lower: Any, upper: Any) -> Any:
 
 
 def _level_symbols(n: int, held: int, size: int) -> _LevelSymbols:
-    return _LevelSymbols(
-        held=_Held(
-            J=ca.MX.sym("held_J", held, n),
-            lower=ca.MX.sym("held_lower", held),
-            upper=ca.MX.sym("held_upper", held),
-            fixed=ca.MX.sym("held_fixed", held),
-        ),
-        J=ca.MX.sym("J", size, n),
-        lower=ca.MX.sym("lower", size),
-        upper=ca.MX.sym("upper", size),
-        v=ca.MX.sym("v", n),
-        P=ca.MX.sym("P", n, n),
-    )
+    shapes = {"J": (size, n), "lower": (size, 1), "upper": (size, 1), "v": (n, 1), "P": (n, n)}
+    above = {name: ca.MX.sym(f"held_{name}", held, n if name == "J" else 1) for name in ("J", "lower", "upper", "fixed")}
+    return _LevelSymbols(held=_Held(**above), **{name: ca.MX.sym(name, *shape) for name, shape in shapes.items()})
 
 
 def _case(symbols: _LevelSymbols) -> ca.MX:

@@ -47,13 +47,7 @@ _DATA = {
 }
 _STAGE_WORK = ("fixed", "Q", "q", "L", "inverse", "W", "v", "list")
 _TABLE = ("bound", "side", "elastic", "equal", "target", "l1", "l2", "compliance", "norm")
-_BOUNDS = {
-    "lower": "lower",
-    "upper": "upper",
-    "c_l1": "l1",
-    "c_l2": "l2",
-    **{name: name for name in ("z_lower", "z_upper", "z_l1", "z_l2")},
-}
+_BOUNDS = {name: name.removeprefix("c_") for name in ("lower", "upper", "c_l1", "c_l2", "z_lower", "z_upper", "z_l1", "z_l2")}
 _HELD = ("loose", "active", "no_side", "held_equal", "held_target")
 _WORK = ("elasticity", "point", "best", "step", "affine", "trial")
 _DIRECTION = ("weight", "soft", "left", "gap", "pull", "rhs", "t_side", "t_elastic")
