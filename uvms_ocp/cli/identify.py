@@ -100,6 +100,9 @@ def identify(
     leave_one_out: Annotated[
         bool, typer.Option("--leave-one-out", help="Predict every recording from the others; each takes a search.")
     ] = False,
+    axes: Annotated[
+        list[str] | None, typer.Option(metavar="AXIS", help="Along which alone it moves, as in decay tests; repeat it for each.")
+    ] = None,
 ) -> None:
     """Identify a robot from recordings: calibrated file, report and figures.
 
@@ -107,6 +110,8 @@ def identify(
     their places, for --hydrodynamics of other commands. Where the search does not converge neither is written.
     """
     given = read_settings(settings)
+    if axes:
+        given = CalibrationSettings(**given.model_dump(exclude_unset=True) | {"axes": axes})
     subject = calibrated_robot(given, settings.parent)
     require_coefficients(subject)
     found = split_at_gaps(read_recordings(recordings, mapping))

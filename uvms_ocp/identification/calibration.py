@@ -102,6 +102,7 @@ _FLOWS = 0.01  # [m/s] of a current that is told
 _STRONG = 0.05  # [m/s] of one that spoils a fit without it: added mass and drag take its place
 _SOON = 0.005  # [s] of a delay that is not
 _BEYOND = 1e-3  # of a limit
+_LEVEL = (0.0, 0.0, 0.0, 1.0)
 
 
 def check_settings(subject: CalibratedRobot, settings: CalibrationSettings, recording: Recording) -> Iterator[QualityIssue]:
@@ -109,10 +110,10 @@ def check_settings(subject: CalibratedRobot, settings: CalibrationSettings, reco
     known, channels = subject.vehicle.own.declaration.quantities, recording.channels
     if "current" in channels:
         yield from _of_current(channels["current"], learnt=bool(known["current"].free.all()))
-    if "linear_velocity" not in channels:
-        text = (
-            f"not recorded: means between poses {POSE_INTERVAL:g} s apart or more are taken, in which the pose's noise is large"
-        )
+    if not channels.keys() & {"thrust", "wrench"}:
+        yield QualityIssue(channel=settings.commands, problem="not recorded: a fit along some axes takes nothing to push it")
+    if "linear_velocity" not in channels and "position" in channels:
+        text = f"not recorded: means between poses {POSE_INTERVAL:g} s apart or more take its place, with large noise"
         yield QualityIssue(channel="linear_velocity", problem=text)
     delayed = settings.delay is not None and settings.delay > _SOON and not known["delay"].free.any()
     if recording.at_once and delayed:
@@ -123,6 +124,24 @@ def check_settings(subject: CalibratedRobot, settings: CalibrationSettings, reco
         yield QualityIssue(channel="wrench", problem=text)
     if "thrust" in channels and settings.commands != "wrench":
         yield from _of_thrust(recording, channels["thrust"].of(subject.robot.thruster_names, "thrust"), subject)
+
+
+def along_axes(recording: Recording, settings: CalibrationSettings, n_commands: int) -> Recording:
+    """The recording of a vehicle that moves along some axes alone, with what it need not have.
+
+    It stands level, is at rest along the others, and nothing pushes it where no commands are recorded, as in a decay test.
+    """
+    held, names = frozenset(parameters.AXES).difference(settings.axes), parameters.AXES
+    commands = "wrench" if settings.commands == "wrench" else "thrust"
+    rest: dict[str, tuple[tuple[str, ...], Any]] = {commands: ((), [0.0] * n_commands), "attitude": (names[3:5], _LEVEL)}
+    rest |= {"linear_velocity": (names[:3], [0.0] * 3), "angular_velocity": (names[3:], [0.0] * 3)}
+    longest = max(recording.channels.values(), key=lambda one: len(one.t))
+    assumed = {
+        name: replace(longest, values=np.tile(value, (len(longest.t), 1)), columns=())
+        for name, (axes, value) in rest.items()
+        if held and held.issuperset(axes) and not (name == "linear_velocity" and "position" in recording.channels)
+    }
+    return replace(recording, channels={**assumed, **recording.channels})
 
 
 def require_current(subject: CalibratedRobot, recording: Recording) -> None:
@@ -327,11 +346,12 @@ def calibrate(
     names = [one.name for one in recordings]
     if not names or len(set(names)) < len(names):
         raise InvalidInput(f"recordings {names} given; allowed: one at least, each with a name of its own")
-    if leave_one_out and len(names) < 2:
+    if leave_one_out and len({one.source for one in recordings}) < 2:
         raise InvalidInput(f"recordings {names} given; leave-one-out needs at least 2")
     at_once = all(one.at_once for one in recordings)
     subject = with_delays(subject, settings, at_once=at_once)
-    prepared = tuple(PreparedRecording.of(one, subject.vehicle) for one in recordings)
+    n = subject.vehicle.actuators.allocation.shape[1]
+    prepared = tuple(PreparedRecording.of(along_axes(one, settings, n), subject.vehicle) for one in recordings)
     for one in prepared:
         one.stretches(settings.step, settings.stretch)  # or it is too short
         require_current(subject, one.recording)

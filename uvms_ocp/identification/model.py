@@ -13,6 +13,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 import casadi as ca
+import numpy as np
 
 from uvms_ocp.identification.coordinates import spatial_inertia
 from uvms_ocp.identification.parameters import ActuatorModel, Unknowns
@@ -62,6 +63,8 @@ class Vehicle:
     actuators: ActuatorModel
     link: int = 0
     """Place of the vehicle's own link in ``dynamics.links``."""
+    axes: tuple[int, ...] = tuple(range(N_V))
+    """Places of the axes that it moves along; along the others it is held at rest."""
 
     @property
     def n_p(self) -> int:
@@ -128,7 +131,8 @@ def stage_of(vehicle: Vehicle, *, sharp: bool = False) -> StageFunctions:
 
 def _after(vehicle: Vehicle, values: dict[str, ca.SX], x: ca.SX, u: ca.SX, joints: ca.SX, h: ca.SX, edge: float) -> ca.SX:
     moved = vehicle.dynamics.symbolic.joints[0].kind.integrate
-    q, nu, given = x[:N_Q], x[N_Q : N_Q + N_V], x[N_Q + N_V :]
+    q, given, moves = x[:N_Q], x[N_Q + N_V :], ca.DM(np.isin(np.arange(N_V), vehicle.axes).astype(float))
+    nu = x[N_Q : N_Q + N_V] * moves
     target, left = _target(vehicle, values, u, edge), ca.exp(-h / values["lag"])
     mean = target + (given - target) * (1 - left) * values["lag"] / h
     middle = moved(q, nu * h / 2)
@@ -169,9 +173,11 @@ def _acceleration(vehicle: Vehicle, values: dict[str, ca.SX], q: ca.SX, nu: ca.S
     held = ca.vertcat(ca.SX(N_V, 1), joints[2 * n_j :])
     water = ca.repmat(values["current"], 1, n_links), ca.SX(3, n_links)
     wrench = ca.DM(vehicle.actuators.wrench) @ given + values["bias"] + values["wrench_offset"]
-    force = wrench - dynamics.inverse_dynamics(all_q, all_v, held, *water)[:N_V]
-    D, L_transposed, order = ca.ldl(dynamics.mass_matrix(all_q)[:N_V, :N_V], False)
-    return ca.ldl_solve(force, D, L_transposed, order)
+    force, axes = wrench - dynamics.inverse_dynamics(all_q, all_v, held, *water)[:N_V], list(vehicle.axes)
+    D, L_transposed, order = ca.ldl(dynamics.mass_matrix(all_q)[axes, axes], False)
+    acceleration = ca.SX(N_V, 1)
+    acceleration[axes] = ca.ldl_solve(force[axes], D, L_transposed, order)
+    return acceleration
 
 
 def _outputs(values: dict[str, ca.SX], x: ca.SX) -> ca.SX:

@@ -107,6 +107,8 @@ class Recording:
     """Issues that the file itself reports, as pairs of channel and text."""
     layout: tuple[str, ...] = ()
     """How files were understood."""
+    whole: str = ""
+    """Name of the recording that it is a part of."""
     at_once: bool = False
     """True where commands act from their times on, as in runs of this toolkit."""
 
@@ -119,11 +121,17 @@ class Recording:
         if attitude is not None and np.abs(np.linalg.norm(attitude.values, axis=1) - 1.0).max() > _NORM:
             raise InvalidInput(f"{self.name}: attitude holds no unit quaternions; say what it holds by its format")
 
+    @property
+    def source(self) -> str:
+        """Name of the recording that it is, or is a part of."""
+        return self.whole or self.name
+
     def channel(self, name: str) -> Channel:
         """One of them. Raises InvalidInput with those that there are."""
         if name not in self.channels:
             given = f"{self.name}: no {name} is recorded, only {', '.join(self.channels)}"
             needs = "a fit needs attitude, linear_velocity or position, commands, and positions of joints: map it too"
+            needs += ", or give the axes along which alone it moves"
             raise InvalidInput(f"{given}; {needs}, or see what `uvms-ocp check-recording` says of these alone")
         return self.channels[name]
 
@@ -273,7 +281,7 @@ def _parts(one: Recording) -> tuple[Recording, ...]:
     silence = f"nothing is recorded for {longest:.3g} s at {silences[int(np.argmax(np.diff(silences))), 0]:.3g} s"
     issues = (*one.issues_in_file, ("times", f"{silence}: lost, or a clock that was set? It is cut where it is silent"))
     return tuple(
-        replace(part, name=f"{one.name} part {k}", issues_in_file=issues if k == 1 else one.issues_in_file)
+        replace(part, name=f"{one.name} part {k}", whole=one.name, issues_in_file=issues if k == 1 else one.issues_in_file)
         for k, part in enumerate(found, start=1)
     )
 

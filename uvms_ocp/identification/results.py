@@ -234,7 +234,7 @@ _DECADES = 1e3  # between the ends of an interval that is told of what is positi
 
 def report_text(one: Calibration) -> str:
     """Write the report of a calibration as Markdown: numbers, intervals, what stays open, predictions, doubts."""
-    parts = ["# Calibration", *_number_table(one), *_profiles(one), *_open(one), *_held(one), *_white(one)]
+    parts = ["# Calibration", *_number_table(one), *_own(one), *_profiles(one), *_open(one), *_held(one), *_white(one)]
     parts += fits(one.comparisons)
     parts += [*left_out_tables(one.left_out), "", "## Doubts about the recordings", ""]
     return "\n".join([*parts, *(f"- {doubt}" for doubt in one.issues or ("none",))]) + "\n"
@@ -245,11 +245,25 @@ def _number_table(one: Calibration) -> Iterator[str]:
     yield _PROSE["numbers"].format(**known, below=100 * DETERMINED_BELOW, most=uncertainty.MISSES)
     if missed := [each.channel for each in one.whiteness if each.unexplained]:
         yield _PROSE["unexplained"].format(missed=", ".join(missed))
+    if len(axes := one.subject.vehicle.axes) < len(AXES):
+        yield _PROSE["axes"].format(axes=", ".join(AXES[k] for k in axes))
     yield _PROSE["number_table"]
     for each in one.numbers:
         words = "yes" if each.determined else "no", _in_file(one, each)
         columns = f"{each.value:.4g} | {each.unit} | {each.sigma:.2g} | {_ends(each.interval)}"
         yield f"| {each.name} | {columns} | {words[0]} | {words[1]} |"
+
+
+def _own(one: Calibration) -> Iterator[str]:
+    """What every recording has for itself; nothing where that is known."""
+    own = one.subject.vehicle.own
+    if own.names:
+        units = [own.declaration.quantities[name.partition(" ")[0]].unit for name in own.names]
+        yield _PROSE["own"]
+        yield "| recording | " + " | ".join(f"{name} [{unit}]" for name, unit in zip(own.names, units, strict=True)) + " |"
+        yield "|---" + "|---:" * len(units) + "|"
+        for name, values in one.estimate.own.items():
+            yield f"| {name} | {' | '.join(f'{value:.3g}' for value in values)} |"
 
 
 def _in_file(one: Calibration, each: IdentifiedNumber) -> str:

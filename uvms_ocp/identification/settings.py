@@ -19,7 +19,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, Literal, get_args
 
 import numpy as np
 import yaml
@@ -30,7 +30,7 @@ from uvms_ocp.identification import parameters
 from uvms_ocp.identification.fit import Search
 from uvms_ocp.identification.model import Vehicle
 from uvms_ocp.identification.output_error import Noise
-from uvms_ocp.identification.parameters import ActuatorModel, NominalParameters, ParameterStatus, Unknowns
+from uvms_ocp.identification.parameters import ActuatorModel, Declaration, NominalParameters, ParameterStatus, Unknowns
 from uvms_ocp.model_errors import FileModel, one_line_errors
 from uvms_ocp.record.untrusted import read_yaml_as
 from uvms_ocp.robot.assembly import without_arm
@@ -48,6 +48,7 @@ _Positive = Annotated[float, Field(gt=0.0)]
 _NonNegative = Annotated[float, Field(ge=0.0)]
 _Delay = Annotated[float, Field(ge=0.0, lt=parameters.LONGEST_DELAY)]
 _Corner = tuple[float, float, float]
+_Axis = Literal["surge", "sway", "heave", "roll", "pitch", "yaw"]
 _NOISE, _SEARCH, _ACTUATORS = Noise(), Search(), ActuatorModel()  # whose defaults are those of the file
 
 
@@ -103,6 +104,7 @@ class CalibrationSettings(_SettingsSection):
     dead_zone: _NonNegative | None = Field(
         default=None, description="of actuators [N, N m]; default: of thrusters their mean, or 0.001"
     )
+    axes: tuple[_Axis, ...] = Field(default=get_args(_Axis), min_length=1, description="along which it moves, others at rest")
     learn: dict[str, QuantitySettings] = Field(min_length=1, description="by the names of quantities")
     noise: NoiseSettings = Field(default=NoiseSettings(), description="of sensors")
     step: _Positive = Field(default=_SEARCH.step, description="of the simulation [s]")
@@ -164,28 +166,32 @@ def calibrated_robot(settings: CalibrationSettings, folder: Path) -> CalibratedR
     known = parameters.vehicle_declaration(
         start, np.array(settings.hull), actuators, velocity_delay=settings.velocity_delay or 0.0
     )
-    known = known.with_status(**learnt)
+    known = known.with_status(**{name: _along(settings.axes, known, name, one) for name, one in learnt.items()})
     shared, own = Unknowns(known), Unknowns(known, own=True)
     if not (shared.names or own.names):
         given = f"learn: {', '.join(learnt)} given, and nothing in it is free"
         raise InvalidInput(f"{given}; free some of their coordinates")
-    vehicle = Vehicle(dynamics=dynamics, shared=shared, own=own, actuators=actuators, link=link)
+    axes = tuple(parameters.AXES.index(name) for name in settings.axes)
+    vehicle = Vehicle(dynamics=dynamics, shared=shared, own=own, actuators=actuators, link=link, axes=axes)
     return CalibratedRobot(robot=robot, vehicle=vehicle, start=start, file=file)
+
+
+def _along(axes: Sequence[str], known: Declaration, name: str, status: ParameterStatus) -> ParameterStatus:
+    """Of a quantity with coordinates by axes those of axes along which the vehicle moves: others show nothing."""
+    names, others = known.quantities[name].coordinates.names if name in known.quantities else (), set(parameters.AXES) - set(axes)
+    held = [one for one in names if others.intersection(one.replace(" from ", "-").split("-"))]
+    return replace(status, only=tuple(one for one in status.only or names if one not in held)) if held else status
 
 
 def with_delays(subject: CalibratedRobot, settings: CalibrationSettings, *, at_once: bool) -> CalibratedRobot:
     """The same with delays that settings say nothing of: none where commands act at once, else unknown and learnt."""
-    vehicle, open_ones = (
-        subject.vehicle,
-        [n for n in parameters.DELAYS if getattr(settings, n) is None and n not in settings.learn],
-    )
-    known = vehicle.shared.declaration
+    open_ones = [n for n in parameters.DELAYS if getattr(settings, n) is None and n not in settings.learn]
+    known = subject.vehicle.shared.declaration
     if at_once:
         known = known.with_start(**dict.fromkeys(open_ones, np.array([parameters.AT_ONCE])))
     else:
         known = known.with_status(**dict.fromkeys(open_ones, parameters.Prior(sigma=_DELAY_SPREAD)))
-    vehicle = replace(vehicle, shared=Unknowns(known), own=Unknowns(known, own=True))
-    return replace(subject, vehicle=vehicle)
+    return replace(subject, vehicle=replace(subject.vehicle, shared=Unknowns(known), own=Unknowns(known, own=True)))
 
 
 def _own_link(robot: Robot, dynamics: SymbolicDynamics) -> int:

@@ -81,6 +81,9 @@ def _data(vehicle: Vehicle, estimate: Estimate, inflation: float) -> np.ndarray:
     return np.asarray(estimate.information - np.diag(1.0 / vehicle.shared.sigma**2)) / inflation
 
 
+_MOVED = 0.1  # [noise] less is left of what does not move, as along an axis that is held
+
+
 def variance_inflation(predicted: Predicted, noise: Noise) -> float:
     """Variance inflation: samples of a prediction that miss alike, times their squared miss relative to `noise`; at least 1.
 
@@ -90,10 +93,10 @@ def variance_inflation(predicted: Predicted, noise: Noise) -> float:
     found, sigmas = [], (noise.velocity, noise.rate, noise.vertical)
     for rows, seen, sigma in zip(predicted.rows, predicted.measured, sigmas, strict=True):
         for residual in ((rows - seen) / sigma).T:
-            found.append(float((residual**2).mean()) * bartlett(residual - residual.mean()))
-    return max(
-        1.0, float(np.mean(found)), *(one.size**2 * one.inflation for one in whiteness(predicted, noise) if one.unexplained)
-    )
+            if np.ptp(residual) > _MOVED:
+                found.append(float((residual**2).mean()) * bartlett(residual - residual.mean()))
+    left = (one.size**2 * one.inflation for one in whiteness(predicted, noise) if one.unexplained)
+    return max(1.0, float(np.mean(found or [1.0])), *left)
 
 
 def bartlett(residual: np.ndarray) -> float:

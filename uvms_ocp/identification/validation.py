@@ -303,7 +303,7 @@ def leave_one_out(
     The search on the others begins where the vehicle is declared: nothing of the recording that is left out is known to it.
     Raises `InvalidInput` where there is one recording alone.
     """
-    if len(fitted.prepared) < 2:
+    if len({one.recording.source for one in fitted.prepared}) < 2:
         raise InvalidInput("one recording given; leave-one-out needs at least 2")
     balance = StaticBalance.of(fitted.vehicle)
     for k, held in enumerate(fitted.prepared, start=1):
@@ -320,8 +320,8 @@ def leave_one_out(
 
 
 def without(fitted: FitContext, held: PreparedRecording) -> FitContext:
-    """Fit the other recordings alone, from where the vehicle is declared."""
-    others = tuple(one for one in fitted.prepared if one is not held)
+    """Fit the other recordings alone, without other parts of the same, from where the vehicle is declared."""
+    others = tuple(one for one in fitted.prepared if one.recording.source != held.recording.source)
     found = search_fit(fitted.vehicle, others, fitted.noise, fitted.rollout, fitted.search)
     return replace(fitted, prepared=others, estimate=found)
 
@@ -342,7 +342,7 @@ def _horizons(
 ) -> Iterator[HorizonPrediction]:
     step, predictor, before = others.search.step, others.predictor(), others.predictor(others.vehicle.shared.start)
     left = Predicted.joined(list(others.residuals().values()))
-    C = covariance(others.vehicle, others.estimate, variance_inflation(left, others.noise))
+    seen, C = errors(left), covariance(others.vehicle, others.estimate, variance_inflation(left, others.noise))
     drawn = np.random.default_rng(0).multivariate_normal(predictor.shared, C, _DRAWS, method="eigh", check_valid="ignore")
     known = predictor.start_window
     resting: dict[str, Callable[[Segment], Predicted]] = {
@@ -356,4 +356,4 @@ def _horizons(
             by[name] = Predicted.joined([predict(one).after(float(one.edges[0]) + known) for one in windows])
         apart = [replace(others.predictor(each).over(held, step, length), measured=by[OTHERS].rows) for each in drawn]
         spread = root_mean_square(np.array([errors(each) if each.finite else np.full(len(SCORED), np.inf) for each in apart]))
-        yield HorizonPrediction(asked=horizon, length=length, by=by, open_error=spread, seen_error=errors(left))
+        yield HorizonPrediction(asked=horizon, length=length, by=by, open_error=spread, seen_error=seen)

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Collection, Mapping, Sequence
 from pathlib import Path
-from types import MappingProxyType
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -72,9 +71,7 @@ def _mark_least(axis: Axes, nearest: ClearanceMeta) -> None:
 
 
 _ALL = (figure_vehicle_motion, figure_joint_motion, figure_clearance, figure_efforts)
-PLAN_FIGURES: Mapping[str, Callable[..., Figure | None]] = MappingProxyType(
-    {draw.__name__.removeprefix("figure_"): draw for draw in _ALL}
-)
+PLAN_FIGURES: Mapping[str, Callable[..., Figure | None]] = style.by_name(_ALL)
 """What draws each figure of a plan, by name."""
 
 

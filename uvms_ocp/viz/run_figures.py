@@ -7,7 +7,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
-from types import MappingProxyType
 from typing import Any, Literal, overload
 
 import numpy as np
@@ -165,9 +164,7 @@ def figure_tick_time(record: Record, *, fig: style.Given = None, width: style.Wi
 _OF_ERRORS = (tasks.figure_errors, tasks.figure_misalignment, tasks.figure_altitude, tasks.figure_tool_error)
 _OF_MOTION = (figure_velocities, figure_joints, figure_path, figure_efforts, figure_tracking, figure_estimate)
 _ALL = (*_OF_ERRORS, tasks.figure_activations, tasks.figure_quantities, *_OF_MOTION, figure_health, figure_tick_time)
-FIGURES: Mapping[str, Callable[..., Figure | None]] = MappingProxyType(
-    {draw.__name__.removeprefix("figure_"): draw for draw in _ALL}
-)
+FIGURES: Mapping[str, Callable[..., Figure | None]] = style.by_name(_ALL)
 
 
 Format = Literal["png", "pdf", "svg"]

@@ -8,11 +8,12 @@ from __future__ import annotations
 
 import warnings
 from base64 import b64encode
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from functools import wraps
 from io import BytesIO
 from pathlib import Path
+from types import MappingProxyType
 from typing import Annotated, Any, Literal, ParamSpec, TypeAlias, TypeVar, cast
 
 import matplotlib as mpl
@@ -149,6 +150,11 @@ def styled(draw: Callable[P, R]) -> Callable[P, R]:
         return drawn if given is None or drawn is None else drawn.figure
 
     return checked(wrapper)
+
+
+def by_name(draws: Sequence[Callable[..., R]]) -> Mapping[str, Callable[..., R]]:
+    """Functions ``figure_NAME`` by their names."""
+    return MappingProxyType({draw.__name__.removeprefix("figure_"): draw for draw in draws})
 
 
 def _make_legible(figure: Figure, before: set[Artist]) -> None:
