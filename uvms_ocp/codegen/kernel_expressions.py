@@ -84,22 +84,8 @@ def column_size(kind: CType) -> int:
 _OPERATORS: dict[type, str] = {ast.Add: "+", ast.Sub: "-", ast.Mult: "*", ast.Div: "/"}
 _WHOLE: dict[type, str] = {ast.FloorDiv: "/", ast.Mod: "%"}
 _ORDER: dict[type, str] = {ast.Lt: "<", ast.LtE: "<=", ast.Gt: ">", ast.GtE: ">=", ast.Eq: "==", ast.NotEq: "!="}
-_OF_NUMBERS = {
-    math.sqrt: "sqrt",
-    math.floor: "floor",
-    math.ceil: "ceil",
-    math.sin: "sin",
-    math.cos: "cos",
-    math.exp: "exp",
-    math.log: "log",
-    math.atan2: "atan2",
-    math.asin: "asin",
-    math.acos: "acos",
-    math.copysign: "copysign",
-    math.fabs: "fabs",
-    math.erf: "erf",
-    math.remainder: "remainder",
-}
+_SAME = "sqrt floor ceil sin cos exp log atan2 asin acos copysign fabs erf remainder"
+_OF_NUMBERS = {getattr(math, name): name for name in _SAME.split()}  # C calls them as Python does
 _TESTS = {math.isfinite: "isfinite", math.isnan: "isnan", math.isinf: "isinf"}
 PREFIX = "k_"
 """Prefix of the names of kernels in C, which has names of its own."""

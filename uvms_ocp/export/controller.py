@@ -18,6 +18,7 @@ from uvms_ocp.checks import checked
 from uvms_ocp.codegen.kernel_layout import Layout, structure_of
 from uvms_ocp.codegen.kernels import CLibrary, c_library
 from uvms_ocp.control import DynamicController, KinematicController, build_levels
+from uvms_ocp.control.force.tick_functions import column_sizes
 from uvms_ocp.control.velocity.tick import velocity_controller
 from uvms_ocp.control.velocity.viability import without_c_form
 from uvms_ocp.errors import InvalidInput, plain_line
@@ -119,14 +120,7 @@ def field_docs(layout: type[Layout]) -> Mapping[str, str]:
 
 def interface_sizes(controller: KinematicController, n_thrusters: int) -> dict[str, int]:
     """Return the sizes of `ControllerInputs` and `ControllerOutputs`."""
-    robot = controller.robot
-    return {
-        "n_q": robot.n_q,
-        "n_v": robot.n_v,
-        "n_joints": robot.n_joints,
-        "n_thrusters": n_thrusters,
-        "n_quantities": len(controller.problem.quantity_names),
-    }
+    return {**column_sizes(controller.robot), "n_thrusters": n_thrusters, "n_quantities": len(controller.problem.quantity_names)}
 
 
 def solver_file(controller: KinematicController) -> str:

@@ -235,15 +235,8 @@ def allocation_sizes(n: int) -> dict[str, int]:
     return {"m": 6, "n": room_for(n)}
 
 
-_SHAPES = {
-    "matrix": (6, -1),
-    "lower": (-1,),
-    "upper": (-1,),
-    "power_factor": (-1,),
-    "power_exponent": (-1,),
-    "dead_zone": (-1,),
-    "wrench_weight": (6,),
-}
+_EACH = ("lower", "upper", "power_factor", "power_exponent", "dead_zone")
+_SHAPES = {"matrix": (6, -1), **dict.fromkeys(_EACH, (-1,)), "wrench_weight": (6,)}
 
 
 def allocation_of(robot: Robot, *, force_weight: float = 1.0, moment_weight: float = 1.0, compiled: bool = True) -> Allocation:

@@ -91,14 +91,8 @@ def mesh_shape(
 
 _MESH = "mesh"
 _EXAMPLE = "obstacles: [{name: ball, shape: sphere, size: [0.3], position: [1.0, 0.0, 0.0]}]"
-_SHAPES: Mapping[str, Callable[..., coal.ShapeBase]] = {
-    "sphere": coal.Sphere,
-    "capsule": coal.Capsule,
-    "cylinder": coal.Cylinder,
-    "cone": coal.Cone,
-    "box": coal.Box,
-    "ellipsoid": coal.Ellipsoid,
-}
+_NAMES = ("Sphere", "Capsule", "Cylinder", "Cone", "Box", "Ellipsoid")
+_SHAPES: Mapping[str, Callable[..., coal.ShapeBase]] = {name.lower(): getattr(coal, name) for name in _NAMES}
 
 
 class ObstacleFile(FileModel):

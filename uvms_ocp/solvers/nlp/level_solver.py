@@ -86,16 +86,11 @@ def solver_options(options: NlpOptions, *, warm: bool) -> dict[str, Any]:
     return chosen | dict(options.plugin_options)
 
 
+_PUSHES = [
+    f"warm_start_{what}" for what in ("bound_push", "mult_bound_push", "slack_bound_push", "bound_frac", "slack_bound_frac")
+]
 _WARM: dict[str, dict[str, Any]] = {
-    "ipopt": {
-        "warm_start_init_point": "yes",
-        "mu_init": 1e-6,
-        "warm_start_bound_push": 1e-9,
-        "warm_start_mult_bound_push": 1e-9,
-        "warm_start_slack_bound_push": 1e-9,
-        "warm_start_bound_frac": 1e-9,
-        "warm_start_slack_bound_frac": 1e-9,
-    },
+    "ipopt": {"warm_start_init_point": "yes", "mu_init": 1e-6, **dict.fromkeys(_PUSHES, 1e-9)},
     "fatrop": {"mu_init": 1e-6},
 }
 
