@@ -6,7 +6,7 @@ from functools import lru_cache
 
 import numpy as np
 
-from uvms_ocp.checks import checked_constructor, checked_dataclass, unchecked_constructor
+from uvms_ocp.checks import checked_constructor, checked_dataclass, replace_unchecked, unchecked_constructor
 from uvms_ocp.control.faults.monitor import ActuatorMonitor
 from uvms_ocp.control.faults.verdicts import ActuatorHealthTuning, residual_filter_for
 from uvms_ocp.control.force.allocation import thruster_lag
@@ -23,7 +23,7 @@ from uvms_ocp.robot import Command, Robot, SensorSpecs, StateEstimate
 from uvms_ocp.robot.dynamics import Dynamics
 from uvms_ocp.robot.thrusters import largest_force, largest_wrench
 
-_feedback, _command = unchecked_constructor(ActuationFeedback), unchecked_constructor(Command)
+_feedback = unchecked_constructor(ActuationFeedback)
 
 DEFAULT_FAULT_TUNING = ActuatorHealthTuning()
 """For faulty thrusters and joints, by default."""
@@ -158,16 +158,7 @@ class DynamicController(TableDisplay):
             **({} if self.monitor is None else self.monitor.telemetry()),
             **({} if self.learner is None else self.learner.telemetry()),
         }
-        return _command(
-            v=command.v,
-            thrust=thrust,
-            torque=torque,
-            hold=command.hold,
-            stop=command.stop,
-            brakes=bool(self.memory.locks),
-            finished=command.finished,
-            telemetry=telemetry,
-        )
+        return replace_unchecked(command, thrust=thrust, torque=torque, brakes=bool(self.memory.locks), telemetry=telemetry)
 
     def _update_monitor(self, monitor: ActuatorMonitor, t: float) -> None:
         """Report what fault detection found at time t [s], and leave jammed joints alone."""
