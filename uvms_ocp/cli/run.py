@@ -120,7 +120,8 @@ def run(
     What is left out is as the scenario has it.
 
     \f
-    Raises `InvalidInput` for what pre-flight refuses, unless forced, and for --follow with another mission's plan.
+    Raises `InvalidInput` for what pre-flight refuses, unless forced, and for --follow with another mission's plan, and
+    `NameNotFound` for a figure that there is not.
     """
     console, drawn = printing.console_of(stderr=as_json), _drawn(figures)
     options = changes.chosen | opt.given(noise=noise, seed=seed, duration=duration)
