@@ -138,7 +138,7 @@ def test_curvature_of_stages_is_the_second_difference_on_the_manifold(
     y, r = (rng.standard_normal(function.weights.numel_in(i)) for i in (5, 6))
     costates, d = rng.standard_normal(tangent.n_x), rng.standard_normal(step.numel())
     here = (z, s, u, *tangent.forces[1](z, u))
-    bent = tangent.step_curvature(z, after, costates, tangent.bend(z, u, function.weights(*here, y, r)))
+    bent = tangent.step_curvature(z, after, costates, model.bend(z[: model.n_motion], u, function.weights(*here, y, r)))
     H = function.curvature(*here, y, r, bent)
     moved = ca.Function("moved", [model.z, step], [tangent.moved(step)])
     motion = ca.Function("motion", [model.z], [tangent.motion(ca.SX(ca.DM(after)))])

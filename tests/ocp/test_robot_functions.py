@@ -69,8 +69,13 @@ def test_the_same_content_makes_the_same_function(sparse: bool, monkeypatch: pyt
     assert [entry[0] for entry in runs[0].values()] == [entry[0] for entry in runs[-1].values()]
 
 
-def test_a_solver_that_goes_from_step_to_step_compiles_nothing_of_a_sparse_program(monkeypatch: pytest.MonkeyPatch) -> None:
-    assert _compiled(_problem(Effort()), monkeypatch).keys().isdisjoint(_compiled(_problem(Effort()), monkeypatch, sparse=True))
+def test_a_solver_that_goes_from_step_to_step_shares_what_is_longest_with_a_sparse_program_and_compiles_nothing_else_of_it(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    one, other = (_compiled(_problem(Effort()), monkeypatch, sparse=sparse) for sparse in (False, True))
+    assert one.keys() & other.keys() == {"force_curvature"}
+    assert one["force_curvature"][:2] == other["force_curvature"][:2]
+    np.testing.assert_array_equal(one["force_curvature"][2], other["force_curvature"][2])
 
 
 def test_other_terms_and_other_lengths_compile_nothing_of_the_robot(monkeypatch: pytest.MonkeyPatch) -> None:

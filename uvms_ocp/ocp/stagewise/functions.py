@@ -97,41 +97,14 @@ class Tangent:
         return ca.jacobian(value, self.model.force).T
 
     @cached_property
-    def bend(self) -> ca.Function:
-        """``z, water, weights -> bent``: slope and curvature of a weighted sum of forces by the motion in the middle.
-
-        Compiled by itself: code too long for the instruction cache is three times slower.
-        """
-
-        def made() -> tuple[list[ca.SX], list[ca.SX]]:
-            motion, w, slope, H = self._force_curvature
-            found = ca.substitute(ca.vertcat(slope, *H.nonzeros()), motion, self.model.midpoint)
-            return [self.model.z, self.model.water, w], [ca.densify(found)]
-
-        return compile_made("force_curvature", self.content, made)
-
-    @cached_property
-    def _force_curvature(self) -> tuple[ca.SX, ca.SX, ca.SX, ca.SX]:
-        """Motion, weights, slope and curvature."""
-        n_q, n_v = self.model.layout.n_q, self.n_v
-        motion, w, v = ca.SX.sym("motion", n_q + 2 * n_v), ca.SX.sym("w", n_v), slice(n_q, n_q + n_v)
-        slope = ca.gradient(ca.dot(w, self.model.forces_of(motion)), motion)
-        # Forces are linear in the acceleration, with a factor in which no velocity is.
-        H, fast = ca.jacobian(slope[:n_q], motion), ca.jacobian(slope[v], motion)[:, v]
-        whole = ca.blockcat([[H[:, :n_q], H[:, n_q:]], [H[:, n_q:].T, ca.diagcat(fast, ca.SX(n_v, n_v))]])
-        return motion, w, slope, ca.sparsify(whole)
-
-    @cached_property
     def step_curvature(self) -> ca.Function:
         """``z, z_next, costates, bent -> lower triangle`` of what motion and forces bend."""
 
         def made() -> tuple[list[ca.SX], list[ca.SX]]:
-            middle, z, pattern = self.model.midpoint, self.model.z, self._force_curvature[-1].sparsity()
-            n, z_next, costates = middle.numel(), ca.SX.sym("z_next", z.shape), ca.SX.sym("costates", self.n_x)
-            D, bent = self.jacobian(middle), ca.SX.sym("bent", n + pattern.nnz())
+            middle, z, (bent, slope, H) = self.model.midpoint, self.model.z, self.model.bent
+            z_next, costates, D = ca.SX.sym("z_next", z.shape), ca.SX.sym("costates", self.n_x), self.jacobian(middle)
             # Derivatives of what is weighted leave the weights as they are, which are symbols.
-            H = D.T @ ca.SX(pattern, bent[n:]) @ D
-            H += self.curvature(ca.dot(bent[:n], middle) + ca.dot(costates, self.motion(z_next)))
+            H = D.T @ H @ D + self.curvature(ca.dot(slope, middle) + ca.dot(costates, self.motion(z_next)))
             return [z, z_next, costates, bent], [ca.tril(H)]
 
         return compile_made("step_curvature", self.content, made)

@@ -128,7 +128,7 @@ class StageMemory:
     def compile_curvature(self) -> None:
         """Before any clock runs: it takes longest."""
         for function in self.functions:
-            _ = self.tangent.bend if function.weights else None, function.curvature
+            _ = self.tangent.model.bend if function.weights else None, function.curvature
 
     def groups(self, stage: Stage) -> tuple[functions.HeldRows, ...]:
         """Rows of a stage that may be held."""

@@ -133,7 +133,7 @@ class StageLevelQp:
         for i, function in weighted:
             calls.add(function, [*memory.arguments(i), own.rows[i], own.residuals[i]], [weights[i]])
         for i, _ in weighted:
-            calls.add(tangent.bend, [memory.z[i], memory.arguments(i)[2], weights[i]], [bent[i]])
+            calls.add(tangent.model.bend, [memory.z[i, : tangent.model.n_motion], memory.arguments(i)[2], weights[i]], [bent[i]])
         for i in (i for i, function in found if function.bends):
             after, costates = memory.z[min(i + 1, n - 1)], own.costates[i] if memory.stages[i].step else none
             calls.add(tangent.step_curvature, [memory.z[i], after, costates, bent[i]], [steps[i]])

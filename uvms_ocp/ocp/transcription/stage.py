@@ -15,7 +15,7 @@ and on top of it what cancels out among redundant thrusters, ``z = [q, v, h, a, 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cache, cached_property, partial
 
 import casadi as ca
@@ -210,7 +210,65 @@ class StageModel:
             )
             rows = ca.vertcat(rows, (self.required_force - given) / ca.DM(self.actuators.force_unit))
         exact = self.problem.hessian is HessianKind.EXACT
-        return compiled_derivatives("dynamics", z, self.water, rows, residuals=None if exact else ())
+        if not (exact and self.has_force_variables):
+            return compiled_derivatives("dynamics", z, self.water, rows, residuals=None if exact else ())
+        begun = self.bend, self._curvature(rows)
+        found = compiled_derivatives("dynamics", z, self.water, rows, residuals=())
+        bend, curvature = (compile_function(function) for function in begun)
+        x, s, sigma, lam = (ca.MX.sym("x", size) for size in (layout.n_z, 3, 0, rows.numel()))
+        bent = bend(x[: self.n_motion], s, lam[-self.n_forces :] / ca.DM(self.actuators.force_unit))
+        hessian = ca.Function("dynamics_hessian", [x, s, sigma, lam], [curvature(x, lam, bent).nz[:]])
+        return replace(found, hessian=hessian, hessian_sparsity=curvature.sparsity_out(0))
+
+    @property
+    def n_motion(self) -> int:
+        """First entries of z, up to the acceleration, on which motion and `required_force` depend."""
+        return self.layout.a.stop
+
+    @cached_property
+    def bend(self) -> ca.Function:
+        """``z up to the acceleration, water, weights -> bent``: slope and curvature of a weighted sum of forces by `midpoint`.
+
+        Compiled by itself, for all solvers: code too long for the instruction cache is three times slower.
+        """
+        inputs = [self.z[: self.n_motion], self.water]
+
+        def make() -> ca.Function:
+            motion, w, slope, H = self._force_curvature
+            found = ca.densify(ca.substitute(ca.vertcat(slope, *H.nonzeros()), motion, self.midpoint))
+            return ca.Function("force_curvature", [*inputs, w], [found], {"cse": True})
+
+        return compiled_from("force_curvature", content_of(inputs, [self.required_force]), make, __file__)
+
+    @property
+    def bent(self) -> tuple[ca.SX, ca.SX, ca.SX]:
+        """Symbols for what `bend` gives, and the slope and the curvature in them."""
+        slope, H = self._force_curvature[2:]
+        bent, n = ca.SX.sym("bent", slope.numel() + H.nnz()), slope.numel()
+        return bent, bent[:n], ca.SX(H.sparsity(), bent[n:])
+
+    @cached_property
+    def _force_curvature(self) -> tuple[ca.SX, ca.SX, ca.SX, ca.SX]:
+        """Motion, weights, slope and curvature."""
+        n_q, n_v = self.layout.n_q, self.layout.n_v
+        motion, w, v = ca.SX.sym("motion", n_q + 2 * n_v), ca.SX.sym("w", n_v), slice(n_q, n_q + n_v)
+        slope = ca.gradient(ca.dot(w, self.forces_of(motion)), motion)
+        # Forces are linear in the acceleration, with a factor in which no velocity is.
+        H, fast = ca.jacobian(slope[:n_q], motion), ca.jacobian(slope[v], motion)[:, v]
+        whole = ca.blockcat([[H[:, :n_q], H[:, n_q:]], [H[:, n_q:].T, ca.diagcat(fast, ca.SX(n_v, n_v))]])
+        return motion, w, slope, ca.sparsify(whole)
+
+    def _curvature(self, rows: ca.SX) -> ca.Function:
+        """``z, multipliers of rows, bent -> H`` of the dynamics."""
+        z, lam, middle = self.z, ca.SX.sym("lam", rows.numel()), self.midpoint
+
+        def make() -> ca.Function:
+            bent, slope, H = self.bent
+            D, n = ca.jacobian(middle, z), rows.numel() - self.n_forces
+            H = D.T @ H @ D + ca.hessian(ca.dot(slope, middle) + ca.dot(lam[:n], rows[:n]), z)[0]
+            return ca.Function("dynamics_curvature", [z, lam, bent], [H], {"cse": True})
+
+        return compiled_from("dynamics_curvature", content_of([z, self.water], [rows, middle], self.n_forces), make, __file__)
 
     @cached_property
     def required_force(self) -> ca.SX:
