@@ -37,6 +37,12 @@ def at_noon(rows: list[list[str]], form: str) -> list[list[str]]:
     return [[form.format(int(float(row[0])), round(1e3 * (float(row[0]) % 1.0))), *row[1:]] for row in rows]
 
 
+def past_midnight(rows: list[list[str]]) -> list[list[str]]:
+    """Times of day of a dive that begins ten seconds before midnight."""
+    clock = [divmod(86_390.0 + float(row[0]), 60.0) for row in rows]
+    return [[f"{int(m) // 60 % 24:02d}:{int(m) % 60:02d}:{s:06.3f}", *r[1:]] for (m, s), r in zip(clock, rows, strict=True)]
+
+
 SPELLINGS: dict[str, bytes] = {
     "plain": table().encode(),
     "byte order mark": table().encode("utf-8-sig"),
@@ -66,6 +72,8 @@ SPELLINGS: dict[str, bytes] = {
     "ISO times": table(rows=at_noon(ROWS, "2024-06-01T12:00:{:02d}.{:03d}Z")).encode(),
     "times with a blank": table(rows=at_noon(ROWS, "2024-06-01 12:00:{:02d}.{:03d}+02:00")).encode(),
     "times of day": table(rows=at_noon(ROWS, "12:00:{:02d}.{:03d}")).encode(),
+    "times with a comma": table(cell=";", rows=at_noon(ROWS, "2024-06-01 12:00:{:02d},{:03d}")).encode(),
+    "times of day past midnight": table(rows=past_midnight(ROWS)).encode(),
     "a column of words": table(names=["mode", *NAMES], rows=[["AUTO", *row] for row in ROWS]).encode(),
     "more cells than names": table(rows=[[*row, ""] for row in ROWS]).encode(),
 }
@@ -117,6 +125,10 @@ def test_what_is_given_is_not_looked_for(tmp_path: Path) -> None:
         (b"$GPGGA,1,2,3\n", "NMEA"),
         (b"\xfd7zXZ\x00", "packed by xz"),
         (b"\x00\x01\x02" * 50, "binary"),
+        (b'[{"t": 1.0}]', "a list in JSON.*write it as lines"),
+        (b'[\n {"t": 1.0}]', "a list in JSON.*write it as lines"),
+        (b"\x93NUMPY\x01\x00v\x00", "numpy.savez"),
+        (table(rows=at_noon(ROWS, "01/06/2024 12:00:{:02d}.{:03d}")).encode(), "is no number.*times as 2024-05-31T23:59:59.5"),
         (table(names=["t", "x", "x", "z"]).encode(), r"2 columns are called 'x'; give one by its place: #2, #3"),
         (table(rows=[*ROWS[:5], ["1_0", *ROWS[5][1:]], *ROWS[6:]]).encode(), "row 6, column 't': '1_0' is no number"),
         (table(rows=[*ROWS[:5], ROWS[5][:2], *ROWS[6:]]).encode(), "row 6 has 2 cells; its table has 4 columns"),
@@ -184,6 +196,27 @@ def test_lines_of_json_have_topics_by_their_type(tmp_path: Path) -> None:
     np.testing.assert_allclose(read.values, np.column_stack([XYZ[:, 0], -XYZ[:, 1], 0 * T]))
     with pytest.raises(NameNotFound, match="known: position_local, velocity"):
         recording_of(tmp_path / "dvl.json", {"linear_velocity": {**one, "topic": "speed"}})
+
+
+@pytest.mark.parametrize("end", ["", '\n{"t": 20.0, "x": 0.', "\n"])
+def test_lines_of_json_without_a_type_need_no_topic_and_the_last_may_break_off(end: str, tmp_path: Path) -> None:
+    lines = [f'{{"t": {t}, "x": {x}, "y": {y}, "z": {z}}}' for t, (x, y, z) in zip(T, XYZ, strict=True)]
+    (tmp_path / "dive.jsonl").write_text("\n".join(lines) + end)
+    read = recording_of(tmp_path / "dive.jsonl", {"position": POSITION}).channels["position"]
+    np.testing.assert_allclose(read.values, XYZ)
+    (tmp_path / "dive.jsonl").write_text("\n".join([*lines[:5], '{"t": 0.', *lines[5:]]))
+    with pytest.raises(InvalidInput, match="cannot be read"):
+        recording_of(tmp_path / "dive.jsonl", {"position": POSITION})
+
+
+def test_times_that_are_no_times_of_day_do_not_go_on_after_a_day(tmp_path: Path) -> None:
+    """A clock that was set back by hours, or by a day that is longer than ours, is doubted as before."""
+    for begin, again in ((50_000.0, 0.0), (90_000.0, 3_600.0)):
+        t = np.concatenate([begin + T, again + T])
+        rows = [[f"{x:.3f}", *row[1:]] for x, row in zip(t, [*ROWS, *ROWS], strict=True)]
+        (tmp_path / "dive.csv").write_text(table(rows=rows))
+        read = recording_of(tmp_path / "dive.csv", {"position": POSITION})
+        assert any("times go back" in str(doubt) for doubt in check_data_quality(read))
 
 
 # What a mapping says, and what would be ignored.

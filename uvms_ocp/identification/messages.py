@@ -231,7 +231,12 @@ def _json_messages(path: Path, topics: Collection[str] | None, _: Path | None) -
                 raise InvalidInput(f"{path}: more than {MOST_ROWS} lines, or one of {LONGEST_LINE >> 20} MB")
             if not line.strip():
                 continue
-            message = _loads(line)
+            try:
+                message = _loads(line)
+            except ValueError:
+                if number > 1 and not line.endswith("\n"):
+                    return  # the last line breaks off, as where power was cut
+                raise
             topic = str(message.get("type", "")) if isinstance(message, dict) else ""
             if topics is None or topic in topics:
                 yield topic, number, message

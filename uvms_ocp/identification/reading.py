@@ -76,6 +76,7 @@ def even_send_times(arrived: np.ndarray, period: float) -> np.ndarray:
 
 # How the columns of foreign files become channels: a YAML file, or the same as a value.
 
+_DAY, _AROUND_MIDNIGHT = 86_400.0, 600.0  # [s]
 _DOWN = np.diag([1.0, -1.0, -1.0])  # from axes with z down to axes with z up, and back
 UNITS: Mapping[str, Mapping[str, float]] = CHANNEL_TABLE["units"]
 """By the unit of a channel: units that its values may be given in, and factors."""
@@ -222,7 +223,7 @@ def _mapped_rows(source: Path, mapping: RecordingMapping, name: str) -> dict[str
     for key, one in mapping.channels.items():
         path = source / one.file.replace("{name}", name) if one.file else source
         if holds_messages(path):
-            if not one.topic:
+            if not one.topic and "" not in topics_of(path):  # as messages that name no type are
                 raise InvalidInput(f"{path}: {key} has no topic; give one of {', '.join(topics_of(path))}")
             unit = SECONDS[one.time_unit or "s"]
             by_path[path][key] = TopicColumns(topic=one.topic, columns=(*one.fields, *one.rows), time=one.time, unit=unit)
@@ -343,6 +344,7 @@ def _samples(key: str, one: ChannelMapping, table: TableColumns) -> Channel:
         rows = rows[(rows[:, 1:] != 0.0).any(axis=1)]
     if len(rows) < 2:
         raise InvalidInput(f"fewer than two samples of {key}; leave the channel out")
+    rows[:, 0] = _past_midnight(rows[:, 0])
     back = float((np.maximum.accumulate(rows[:, 0]) - rows[:, 0]).max())
     n, rows = len(rows), _without_echoes(rows)
     given = rows[:, 0]
@@ -355,6 +357,12 @@ def _samples(key: str, one: ChannelMapping, table: TableColumns) -> Channel:
         repeated=len(given) - len(t),
         echoes=n - len(given),
     )
+
+
+def _past_midnight(t: np.ndarray) -> np.ndarray:
+    """Times of day t (n,) [s] that go on from one day to the next; others as they are."""
+    over = np.concatenate([[False], (t[:-1] > _DAY - _AROUND_MIDNIGHT) & (t[1:] < _AROUND_MIDNIGHT)])
+    return t + _DAY * np.cumsum(over) if t.min() >= 0.0 and t.max() < _DAY else t
 
 
 def _without_echoes(rows: np.ndarray) -> np.ndarray:

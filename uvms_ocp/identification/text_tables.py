@@ -42,7 +42,7 @@ _TRUTH = {"true": 1.0, "false": 0.0}
 _NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?|[+-]?inf(inity)?", re.IGNORECASE)
 _DECIMAL_COMMA = re.compile(r"[+-]?\d*,\d+([eE][+-]?\d+)?")
 _GROUPED = re.compile(r"[+-]?\d{1,3}(,\d{3})+(\.\d*)?")
-_TIME = re.compile(r"(\d{4}-\d\d-\d\d[T ])?(\d\d?):(\d\d):(\d\d)(\.\d+)?(Z|[+-]\d\d:?\d\d)?")
+_TIME = re.compile(r"(\d{4}-\d\d-\d\d[T ])?(\d\d?):(\d\d):(\d\d)([.,]\d+)?(Z|[+-]\d\d:?\d\d)?")
 _UNIT = re.compile(r"[\[(]([^\[\]()]*)[\])]\s*$")
 _UNITS = re.compile(r"s|ms|us|µs|ns|sec|m|mm|cm|m/s|mm/s|cm/s|m/s2|m/s\^2|rad|deg|°|rad/s|deg/s|°/s|n|nm|mbar|bar|pa|hz")
 
@@ -283,9 +283,10 @@ def _unusual(cell: str, name: str, number: int) -> float:
         return float(cell.replace(",", ""))
     found = _TIME.fullmatch(cell)
     if not found:
-        raise InvalidInput(f"row {number}, column {name!r}: {cell[:40]!r} is no number; numbers, times and empty cells are read")
+        given = f"row {number}, column {name!r}: {cell[:40]!r} is no number"
+        raise InvalidInput(f"{given}; numbers, empty cells and times as 2024-05-31T23:59:59.5 or 23:59:59.5 are read")
     day, hours, minutes, seconds, fraction, zone = found.groups()
-    time = 3600.0 * int(hours) + 60.0 * int(minutes) + int(seconds) + float(fraction or 0.0)
+    time = 3600.0 * int(hours) + 60.0 * int(minutes) + int(seconds) + float((fraction or "0").replace(",", "."))
     if day:
         time += datetime.fromisoformat(day[:10]).replace(tzinfo=timezone.utc).timestamp()
     if zone and zone != "Z":
