@@ -16,6 +16,7 @@ from uvms_ocp.record.meta_values import DONE, OWN_QUANTITIES, ThresholdMeta
 from uvms_ocp.record.record import Record
 from uvms_ocp.report.metrics import repeated_phases, resources
 from uvms_ocp.report.summary import _trend, summarize
+from uvms_ocp.robot.description import TrimBody
 from uvms_ocp.robot.signals import ChannelHealth, StateEstimate, Trust
 from uvms_ocp.viz.motion_figures import figure_path, figure_velocities
 
@@ -148,10 +149,10 @@ def test_time_beside_an_error_does_not_end_a_phase_and_hides_no_stall() -> None:
 def test_the_phase_of_an_abort_is_visited_once() -> None:
     scenario = patrol(rounds=2, **KINEMATIC)
     memory = scenario.kinematic_controller().memory.mission
-    memory.own[:] = [-1, -1, 0]
+    memory.own[:] = [-1, -1, 0, -1]
     for given_up, phase, visits in ((False, 0, 1.0), (False, 1, 0.0), (True, 2, 1.0)):
         memory.given_up, memory.phase, found = given_up, phase, [np.nan]
-        measure_own(memory, 0.0, found)
+        measure_own(memory, 0.0, 0.0, found)
         assert found == [visits]
 
 
@@ -176,3 +177,21 @@ def test_an_error_that_grows_is_not_still_improving() -> None:
     for sign, gained in (("<", -1.0), (">", 1.0)):
         asked = ThresholdMeta(phase="keep", quantity="PC.position_error", limit=0.1, sign=sign)
         assert np.sign(_trend(spoilt, asked)[1]) in (gained, 0.0)
+
+
+@pytest.mark.parametrize("mass", [2.0, -2.0])
+def test_a_phase_ends_by_what_the_vehicle_carries(mass: float) -> None:
+    """Of either sign, and not while it carries nothing."""
+    weight = mass * 9.81
+    sign = Above if mass > 0.0 else Below
+    carried = Transition(to=DONE, when=(sign(quantity="vehicle.load", limit=0.8 * weight),), hold=0.5)
+    payload = TrimBody(
+        name="load", link="base_link", position=(0.0, 0.0, 0.0), mass=2.0, volume=0.0 if mass > 0.0 else 4.0 / 1025.0
+    )
+    for body in (payload, None):
+        record = lasting(going_to("keep", START, carried), duration=10.0, payload=body).run()
+        load = record["quantities"][:, record.meta.quantities.index("vehicle.load")]
+        assert record.run_meta.completed == (body is not None)
+        assert load[-1] == pytest.approx(weight if body else 0.0, rel=0.25, abs=1.0)
+    with pytest.raises(InvalidInput, match="give a finite value > 0"):
+        Below(quantity="PC.position_error", limit=-1.0)

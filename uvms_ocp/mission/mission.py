@@ -208,7 +208,7 @@ class Mission(TableDisplay):
         if state.over:
             return state, None
         names, phase = progress.quantities_read(self.all_phases), self.all_phases[state.phase]
-        quantities = {**quantities, **self.own_quantities(state, t)}
+        quantities = {**self.own_quantities(state, t), **quantities}
         read = {c.quantity: measured(c.quantity, quantities) for c in phase.conditions}
         memory = self._memory(state)
         due = progress.transition_due(memory, t, [read.get(name, math.nan) for name in names])
@@ -218,10 +218,10 @@ class Mission(TableDisplay):
 
     @checked_on_failure
     def own_quantities(self, state: MissionState, t: float) -> dict[str, float]:
-        """Those of `OWN_QUANTITIES` that conditions read, at t [s]: [s], or a number of times."""
+        """Those of `OWN_QUANTITIES` that conditions read, at t [s]; a load is not known here."""
         names = progress.quantities_read(self.all_phases)
         found = [math.nan] * len(names)
-        progress.measure_own(self._memory(state), t, found)
+        progress.measure_own(self._memory(state), t, math.nan, found)
         return {name: value for name, value in zip(names, found, strict=True) if name in OWN_QUANTITIES}
 
     def _memory(self, state: MissionState) -> Any:

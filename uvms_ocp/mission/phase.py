@@ -30,12 +30,12 @@ class _Threshold:
     quantity: str
     """``task.quantity``, or one that no task measures: `OWN_QUANTITIES`, ``vehicle.depth`` [m] and ``vehicle.speed`` [m/s]."""
     limit: float
-    """[unit of the quantity] more than 0."""
+    """[unit of the quantity] more than 0; of depth, speed and load any."""
     release: float | None = None
     """[unit of the quantity] on the other side of the limit, or the limit."""
 
     def __post_init__(self) -> None:
-        if not 0 < self.limit <= LARGEST:
+        if not (self.limit > 0 or self.quantity.startswith("vehicle.")) or not abs(self.limit) <= LARGEST:
             raise InvalidInput(f"threshold of {self.quantity} = {self.limit}; give a finite value > 0, at most {LARGEST:g}")
         if self.release is None or (math.isfinite(self.release) and not is_met(self.release, self.limit, self.is_below)):
             return
@@ -69,8 +69,8 @@ class _Threshold:
 class Below(_Threshold):
     """True once a measured quantity, named ``task.quantity``, is below `limit`, until it reaches `release` again.
 
-    Without `release` there is no hysteresis: both are the same. Raises `InvalidInput` for a limit that is not > 0 and a
-    release below it.
+    Without `release` there is no hysteresis: both are the same. Raises `InvalidInput` for a limit of a task's that is not > 0 and
+    a release below it.
     """
 
     sign: ClassVar[str] = "<"
@@ -80,7 +80,7 @@ class Below(_Threshold):
 class Above(_Threshold):
     """True once a measured quantity exceeds `limit`, and until it falls to `release`; mirror of `Below`.
 
-    Raises `InvalidInput` for a limit that is not > 0 and a release above it.
+    Raises `InvalidInput` for a limit of a task's that is not > 0 and a release above it.
     """
 
     sign: ClassVar[str] = ">"

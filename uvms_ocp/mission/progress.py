@@ -86,8 +86,8 @@ class MissionMemory(Layout):
     """It has ended otherwise."""
     given_up: bool
     """It is, or was at its end, in the abort phase."""
-    own: Annotated[list[int], Sized(3)]
-    """(3,) index of each of `OWN_QUANTITIES` among the quantities, or `NONE`."""
+    own: Annotated[list[int], Sized(4)]
+    """(4,) index of each of `OWN_QUANTITIES` among the quantities, or `NONE`."""
 
 
 def start_at_first_tick(m: MissionMemory, t: float) -> None:
@@ -108,8 +108,8 @@ def activations_at(m: MissionMemory, t: float, activations: Vector) -> None:
         activations[i] = target[i] if passed >= m.ramp else (1.0 - blend) * m.activations_before[i] + blend * target[i]
 
 
-def measure_own(m: MissionMemory, t: float, quantities: Vector) -> None:
-    """Write those of `OWN_QUANTITIES` that conditions read, at t [s]."""
+def measure_own(m: MissionMemory, t: float, load: float, quantities: Vector) -> None:
+    """Write those of `OWN_QUANTITIES` that conditions read, at t [s], with a load [N]."""
     if m.own[0] != NONE:
         quantities[m.own[0]] = t - m.began
     if m.own[1] != NONE:
@@ -119,6 +119,8 @@ def measure_own(m: MissionMemory, t: float, quantities: Vector) -> None:
         for i in range(len(m.to)):
             visits += m.fired[i] if m.to[i] == m.phase else 0.0
         quantities[m.own[2]] = visits
+    if m.own[3] != NONE:
+        quantities[m.own[3]] = load
 
 
 def transition_due(m: MissionMemory, t: float, quantities: Vector) -> int:

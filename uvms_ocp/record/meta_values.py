@@ -58,9 +58,10 @@ class ObstacleMeta(FileModel):
 
 DONE, ABORT = "done", "abort"
 """Where a mission ends: as wanted, or given up."""
-OWN_QUANTITIES = ("mission.time", "phase.time", "phase.visits")
-"""Quantities of a mission itself, for conditions: time since its start [s], time since the start of the phase [s], and how often
-the phase has begun, this time included."""
+OWN_QUANTITIES = ("mission.time", "phase.time", "phase.visits", "vehicle.load")
+"""Quantities that no task measures, for conditions: time since the start of the mission [s], time since the start of the phase
+[s], how often the phase has begun, this time included, and the net weight [N] that thrusters bear beyond the robot's own, as the
+controller of forces finds it: negative where something lifts, 0 without one."""
 LARGEST = 1e30
 """What reports and figures reckon with: its square is finite, and single precision, which scenes are kept in, holds it."""
 Number = Annotated[FiniteFloat, Field(ge=-LARGEST, le=LARGEST)]
