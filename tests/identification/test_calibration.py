@@ -158,17 +158,33 @@ def test_a_fit_with_a_wrong_delay_says_what_it_does_not_explain_and_claims_no_wr
 def test_constants_are_given_of_the_file_or_assumed_and_what_is_assumed_widens_intervals() -> None:
     found = case()[2]
     known = {one.quantity: one.known for one in found.constants}
-    assert known == {**dict.fromkeys(("gain", "reverse", "velocity_point", "attitude_turn"), "assumed"),
-                     **dict.fromkeys(("lag", "delay", "velocity_delay"), "given")}  # fmt: skip
+    assumed = ("gain", "reverse", "velocity_point", "attitude_turn", "noise process")
+    given = ("lag", "delay", "velocity_delay", "noise velocity", "noise rate", "noise vertical")
+    assert known == {**dict.fromkeys(assumed, "assumed"), **dict.fromkeys(given, "given"), "mass": "robot's file"}
     alone = numbers(found.subject.vehicle, replace(found.estimate, assumed=0.0), found.inflation)
     assert all(one.sigma > before.sigma for one, before in zip(found.numbers, alone, strict=True))
-    assert "| gain | 1 | - | assumed | 0.03 | " in report_text(found)
+    report = report_text(found)
+    assert "| gain | 1 | - | assumed | 0.03 | " in report
+    assert "| noise velocity | 0.02 | m/s | given | 1 | " in report
+    assert "| noise process | 0.05 | m/s, rad/s, rad | assumed | 1 | " in report
     silent = CalibrationSettings.model_validate(_yaml() | {"delay": None, "velocity_delay": None})  # type: ignore[operator]
     for at_once in (False, True):
         one = with_delays(calibrated_robot(silent, Path()), silent, at_once=at_once).vehicle
         assert {"delay", "velocity_delay"} <= set(one.shared.names) or at_once
         none = [one.shared.declaration.quantities[name].value.item() < 1e-5 for name in DELAYS]
         assert none == [at_once] * 2
+
+
+@pytest.mark.slow
+def test_what_twice_the_noise_changes_is_what_a_fit_with_it_finds() -> None:
+    settings, recording, found = case()
+    noise = settings.noise.model_copy(update={"velocity": 2.0 * settings.noise.velocity})
+    other = calibrate(calibrated_robot(settings, Path()), settings.model_copy(update={"noise": noise}), [recording])
+    said = next(one for one in found.constants if one.quantity == "noise velocity")
+    alone = numbers(found.subject.vehicle, replace(found.estimate, assumed=0.0), found.inflation)
+    moved = {one.name: abs(two.value - one.value) / one.sigma for one, two in zip(alone, other.numbers, strict=True)}
+    assert moved[said.most] == pytest.approx(said.change, rel=0.25)  # of errors with what the step of the simulation adds
+    assert max(moved.values()) < 1.3 * said.change
 
 
 @pytest.mark.slow

@@ -236,8 +236,10 @@ def _held(fitted: FitContext, which: np.ndarray) -> Estimate | None:
 # What a fit takes for known: what numbers would be if it were otherwise. What is assumed widens intervals by it.
 
 _SPREADS = {"gain": 0.03, "reverse": 0.03, "lag": 0.1, "delay": 0.01, "velocity_delay": 0.01}
-_SPREADS |= {"velocity_point": 0.02, "attitude_turn": 0.01}
-"""Assumed standard deviations of constants: relative for gains and lags, delays [s], points [m], turns [rad]."""
+_SPREADS |= {"velocity_point": 0.02, "attitude_turn": 0.01, "mass": 0.02}
+"""Assumed standard deviations of constants: relative for gains, lags and masses, delays [s], points [m], turns [rad]."""
+_NOISIER = {"velocity": "m/s", "rate": "rad/s", "vertical": "-", "process": "m/s, rad/s, rad"}
+"""Deviations of noise that weigh samples, and units: what they would change if they were twice as large."""
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -248,11 +250,15 @@ class HeldConstant:
     known: str
     """``given`` by the settings, of the ``robot's file``, or ``assumed``."""
     spread: float
-    """Assumed standard deviation, relative or in [s], [m] or [rad]."""
+    """Assumed standard deviation, relative or in [s], [m] or [rad]; of noise by how much it is larger, relative."""
     most: str
     """Number that it moves farthest by that."""
     change: float
     """[standard errors] of that number."""
+    value: float = 0.0
+    """Of noise, else what the declaration has."""
+    unit: str = ""
+    """Of that value."""
 
 
 def held_constants(
@@ -267,14 +273,24 @@ def held_constants(
     numbered, with_unknowns = uncertainty.slopes_of(fitted.vehicle, fitted.estimate.shared)
     C = uncertainty.covariance(fitted.vehicle, fitted.estimate, inflation)
     errors, found, assumed = np.sqrt(np.einsum("ij,jk,ik->i", with_unknowns, C, with_unknowns)), [], fitted.estimate.assumed
+
+    def most(own: np.ndarray) -> dict[str, Any]:
+        """Number that changes (n, m) of unknowns move farthest, and how far."""
+        change = np.linalg.norm(with_unknowns @ own, axis=1) / errors
+        return {"most": numbered[int(np.argmax(change))][1], "change": float(change.max())}
+
     for name in dict.fromkeys(owners.tolist()):
-        of_file = name == "lag" and settings.commands != "wrench"
+        of_file = name == "mass" or (name == "lag" and settings.commands != "wrench")
         known = "given" if getattr(settings, name, None) is not None else "robot's file" if of_file else "assumed"
         own = moved[:, owners == name]
         assumed = assumed + own @ own.T * (known == "assumed")
-        change = np.linalg.norm(with_unknowns @ own, axis=1) / errors
-        most, by = numbered[int(np.argmax(change))][1], float(change.max())
-        found.append(HeldConstant(quantity=name, known=known, spread=_SPREADS[name], most=most, change=by))
+        found.append(HeldConstant(quantity=name, known=known, spread=_SPREADS[name], **most(own)))
+    for name, unit in _NOISIER.items():
+        sigma, known = getattr(fitted.noise, name), "given" if name in settings.noise.model_fields_set else "assumed"
+        noisier = replace(fitted, noise=replace(fitted.noise, **{name: 2.0 * sigma})).problem()
+        point, _ = noisier.stepped(noisier.expansion(noisier.resumed(fitted.estimate)))
+        moved_by = most((point.shared - fitted.estimate.shared)[:, None])
+        found.append(HeldConstant(quantity=f"noise {name}", known=known, spread=1.0, value=sigma, unit=unit, **moved_by))
     return replace(fitted.estimate, assumed=assumed), tuple(found)
 
 

@@ -306,6 +306,8 @@ def _held(one: Calibration) -> Iterator[str]:
             of, other = effects.get(name), "robot's file" if name in _OF_FILE or not one.constants else "assumed"
             effect = f"{of.known} | {of.spread:g} | {of.most} by {of.change:.2g}" if of else f"{other} | - | -"
             yield f"| {name} | {shown} | {each.unit} | {effect} |"
+    for of in (effects[name] for name in effects if effects[name].unit):
+        yield f"| {of.quantity} | {of.value:g} | {of.unit} | {of.known} | {of.spread:g} | {of.most} by {of.change:.2g} |"
 
 
 def _white(one: Calibration) -> Iterator[str]:
