@@ -135,6 +135,7 @@ def test_a_vehicle_that_is_held_stays_where_it_is() -> None:
 def test_coordinates_of_other_axes_are_not_learnt_and_unknown_ones_are_refused() -> None:
     vehicle = calibrated_robot(_settings("surge", mass={"prior": 0.01}, **LEARN), Path()).vehicle
     assert vehicle.shared.names == ("mass", "added_mass surge", "quadratic_drag surge")
+    assert calibrated_robot(_settings("yaw", "surge", "yaw"), Path()).vehicle.axes == (0, 5)
     with pytest.raises(NameNotFound, match="surgee"):
         calibrated_robot(_settings("surge", added_mass={"free": ["surgee"]}), Path())
     with pytest.raises(InvalidInput, match="nothing in it is free"):

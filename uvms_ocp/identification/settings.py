@@ -171,7 +171,7 @@ def calibrated_robot(settings: CalibrationSettings, folder: Path) -> CalibratedR
     if not (shared.names or own.names):
         given = f"learn: {', '.join(learnt)} given, and nothing in it is free"
         raise InvalidInput(f"{given}; free some of their coordinates")
-    axes = tuple(parameters.AXES.index(name) for name in settings.axes)
+    axes = tuple(k for k, name in enumerate(parameters.AXES) if name in settings.axes)
     vehicle = Vehicle(dynamics=dynamics, shared=shared, own=own, actuators=actuators, link=link, axes=axes)
     return CalibratedRobot(robot=robot, vehicle=vehicle, start=start, file=file)
 
