@@ -10,6 +10,7 @@ from typing import Annotated
 
 import numpy as np
 from numpy.typing import ArrayLike
+from threadpoolctl import threadpool_limits
 
 from uvms_ocp.checks import checked, checked_dataclass
 from uvms_ocp.errors import AdvisedStatus, InvalidInput
@@ -237,7 +238,8 @@ def plan_soft_collision(
     start = straight_guess(waypoints, limits, times)
     attempts = _attempts(distances or exact, exact, start, limits, settings, times_given=times is not None)
     plans = (_verified(problem, problem.solve(guess, settings), exact) for problem, guess in attempts)
-    best, n_attempts = _first_free(plans)
+    with threadpool_limits(limits=1, user_api="blas"):  # of small matrices, on which threads cost eight times what they gain
+        best, n_attempts = _first_free(plans)
     return replace(best, attempts=n_attempts, solve_time=perf_counter() - began)
 
 
