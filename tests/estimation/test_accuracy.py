@@ -95,3 +95,11 @@ def test_a_threshold_below_what_the_sensors_allow_is_a_warning(noise: bool) -> N
         found = with_limit(scenario, max(limit, 1e-6)).check().of_check("accuracy")
         assert [f.phase for f in found] == (["D"] if noise and limit < allowed else [])
         assert all("T.position_error" in f.text for f in found)
+
+
+def test_it_is_computed_once_for_a_robot_and_its_sensors() -> None:
+    robot = load_robot("bluerov2_alpha5")
+    first = std_at_rest(robot, SensorSpecs())
+    assert std_at_rest(robot, SensorSpecs()) is first
+    assert std_at_rest(robot, replace(SensorSpecs(), position=SensorSpec(sigma=0.1))) is not first
+    assert not first.flags.writeable

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from functools import partial
+from functools import lru_cache, partial
 from operator import attrgetter
 from typing import Any
 
@@ -35,7 +35,7 @@ from uvms_ocp.record.display import SmallTable, TableDisplay, rows_of
 from uvms_ocp.robot.kinematics import STEEP
 from uvms_ocp.robot.robot import Robot
 from uvms_ocp.robot.signals import CHANNELS, IDEAL_SENSORS, Command, Reading, Readings, SensorSpec, SensorSpecs, StateEstimate
-from uvms_ocp.types import Array
+from uvms_ocp.types import Array, read_only
 
 # One tick of the Kalman filter, as a kernel: from the inputs in its memory to the outputs there.
 
@@ -363,11 +363,13 @@ _RATE = 100.0  # [Hz] at which the estimator is run
 _SETTLED = 20.0  # [s] after which its covariance no longer changes
 
 
+@lru_cache(maxsize=16)
 def std_at_rest(robot: Robot, specs: SensorSpecs) -> np.ndarray:
     """Compute the standard deviation (n_v,) [m, rad] of the estimated q of a robot at rest, once the filter has settled.
 
     The vehicle's position in W, its attitude in B, the joints. From the filter's own covariance, which rests on the noise,
-    rates and delays of the sensors and on the motion that it expects; constant errors are added as squares.
+    rates and delays of the sensors and on the motion that it expects; constant errors are added as squares. Kept for
+    the next run of the same robot and sensors: it is not to be written to.
     """
     estimator, truth = Estimator(robot, specs), _truth(robot)
     channels = {name: spec for name in truth if (spec := getattr(specs, name)) is not None}
@@ -375,7 +377,7 @@ def std_at_rest(robot: Robot, specs: SensorSpecs) -> np.ndarray:
         t = k / _RATE
         taken = {name: _taken(spec, t) for name, spec in channels.items()}
         estimator(_readings(**{name: _reading(value=truth[name], t=at) for name, at in taken.items() if at >= 0.0}), t)
-    return np.hypot(estimator.std, _bias(robot, specs))
+    return read_only(np.hypot(estimator.std, _bias(robot, specs)))
 
 
 def _truth(robot: Robot) -> dict[str, Any]:
