@@ -423,7 +423,7 @@ def test_a_compiled_function_keeps_names_sparsity_and_values() -> None:
     x = ca.SX.sym("x", 3)
     function = ca.Function("f", [x], [ca.sin(x), ca.diag(x)], ["angle"], ["sine", "spread"])
     compiled = building.compile_function(function)
-    assert compiled.is_a("External")
+    assert compiled.class_name() == "External"
     assert compiled.name_in() == function.name_in()
     assert compiled.name_out() == function.name_out()
     assert compiled.sparsity_out(1) == function.sparsity_out(1)

@@ -103,7 +103,7 @@ class RecordFigure(Figure):
     def draw(self, renderer: RendererBase) -> None:
         """Ticks get their labels only now; letters that the font has not are drawn as boxes."""
         with context(_STYLE), warnings.catch_warnings():
-            warnings.filterwarnings("ignore", message="Glyph .* missing from font")
+            warnings.filterwarnings("ignore", message="Glyph .* missing from")
             super().draw(renderer)
 
     def savefig(self, *args: Any, **options: Any) -> None:
