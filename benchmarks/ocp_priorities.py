@@ -13,8 +13,7 @@ from pathlib import Path
 import numpy as np
 from horizon.condition import condition
 from horizon.conflicts import AHEAD, N_LINKS, Conflict, arm, vehicle
-from horizon.toys import FORMATS as TOY_FORMATS
-from horizon.toys import toy_rows
+from horizon.toys import FORMATS as TOY_FORMATS, toy_rows
 from recording.processes import hide_compiler
 from recording.report import Report, Row, Table, begin, parser_of
 from recording.timing import once

@@ -12,8 +12,7 @@ from pathlib import Path
 
 import numpy as np
 from horizon.problems import REACH, tool_reach
-from horizon.reach import SHIFT, TURN, exact_rows, gauss_newton_rows
-from horizon.reach import rows as rows_of
+from horizon.reach import SHIFT, TURN, exact_rows, gauss_newton_rows, rows as rows_of
 from horizon.tracking import tracked
 from recording.processes import hide_compiler, run_script
 from recording.report import Report, Row, Table, begin, parser_of

@@ -14,8 +14,7 @@ import numpy as np
 import pytest
 from valid_calls import q, run_record, scenario, transition
 
-from uvms_ocp import Phase, Record, Water
-from uvms_ocp import errors as exceptions
+from uvms_ocp import Phase, Record, Water, errors as exceptions
 from uvms_ocp.checks import replace_unchecked, unchecked_constructor
 from uvms_ocp.errors import InvalidInput, NameNotFound, OutputError, UvmsError
 from uvms_ocp.robot.signals import Command, Reading, State, StateEstimate

@@ -19,8 +19,19 @@ import pinocchio as pin
 from compiler import MISSING
 from public_surface import Call
 
-from uvms_ocp import control, mission, ocp, planning, report, sim, solvers, tasks, trajectories, without_arm
-from uvms_ocp import planning as collision
+from uvms_ocp import (
+    control,
+    mission,
+    ocp,
+    planning,
+    planning as collision,
+    report,
+    sim,
+    solvers,
+    tasks,
+    trajectories,
+    without_arm,
+)
 from uvms_ocp.campaign import Campaign, Choice, LogNormal, Normal, Triangular, Uniform
 from uvms_ocp.campaign.jobs import attempt_job
 from uvms_ocp.campaign.store import opened
@@ -49,8 +60,7 @@ from uvms_ocp.scenario.cases import RunOptions, case1, reach
 from uvms_ocp.scenario.preflight import Finding, PreflightReport, Severity
 from uvms_ocp.scenario.scenario import Scenario
 from uvms_ocp.sim import Fault
-from uvms_ocp.solvers import nlp
-from uvms_ocp.solvers import stage_qp as stagewise
+from uvms_ocp.solvers import nlp, stage_qp as stagewise
 from uvms_ocp.tasks.task import TickSymbols
 from uvms_ocp.viz.scene.page import ScenePage
 

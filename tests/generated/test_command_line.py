@@ -13,8 +13,7 @@ from typing import Any
 
 import pytest
 from drawing import chosen, either, floats, integers, texts
-from hypothesis import given, settings
-from hypothesis import strategies as st
+from hypothesis import given, settings, strategies as st
 from promises import Tally
 
 import uvms_ocp.ocp.request

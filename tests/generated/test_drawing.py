@@ -11,8 +11,7 @@ from typing import Any
 
 import pytest
 from drawing import binary, either, floats, integers, letters, shares, texts
-from hypothesis import given, settings
-from hypothesis import strategies as st
+from hypothesis import given, settings, strategies as st
 from promises import CHANGES, DAMAGES, damaged
 
 ALLOWED = {"booleans", "tuples", "lists", "composite", "DrawFn", "SearchStrategy"}

@@ -7,8 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 from drawing import chosen, either, floats, integers
-from hypothesis import given, settings
-from hypothesis import strategies as st
+from hypothesis import given, settings, strategies as st
 from promises import Tally
 
 from uvms_ocp.solvers.hierarchy.active_set import LexicographicActiveSet

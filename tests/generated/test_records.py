@@ -12,8 +12,7 @@ from typing import Any
 import numpy as np
 import pytest
 from drawing import binary, chosen, integers, texts
-from hypothesis import given, settings
-from hypothesis import strategies as st
+from hypothesis import given, settings, strategies as st
 from promises import DAMAGES, Damage, Tally, damaged, damaged_bytes
 
 from uvms_ocp.ocp.plan import Plan

@@ -9,8 +9,7 @@ from xml.etree import ElementTree
 import numpy as np
 import pytest
 from drawing import chosen, either, floats
-from hypothesis import given, settings
-from hypothesis import strategies as st
+from hypothesis import given, settings, strategies as st
 from promises import DAMAGES, Tally, damaged_bytes
 
 from uvms_ocp.robot.urdf import UrdfModels, read_urdf

@@ -12,8 +12,7 @@ import numpy as np
 import pytest
 import yaml
 from drawing import binary, chosen, either, floats, texts
-from hypothesis import given, settings
-from hypothesis import strategies as st
+from hypothesis import given, settings, strategies as st
 from promises import DAMAGES, Tally, damaged, damaged_bytes
 
 from uvms_ocp.robot.description import RobotDescription, as_matrix6, read_description

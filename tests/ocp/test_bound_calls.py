@@ -9,8 +9,7 @@ import numpy as np
 import pytest
 from compiler import needs_compiler
 
-from uvms_ocp.codegen import buffered as bound_calls
-from uvms_ocp.codegen import compile_function
+from uvms_ocp.codegen import buffered as bound_calls, compile_function
 from uvms_ocp.codegen.buffered import BoundCalls
 from uvms_ocp.codegen.compile import compile_library, loaded_library
 from uvms_ocp.errors import InvalidInput

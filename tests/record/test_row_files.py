@@ -20,8 +20,7 @@ from tiny_robots import TINY, robot_of, scenario_of
 from uvms_ocp.cli import run
 from uvms_ocp.cli.show import _file_at
 from uvms_ocp.errors import InvalidInput, OutputError
-from uvms_ocp.record import record as records
-from uvms_ocp.record import row_files, untrusted
+from uvms_ocp.record import record as records, row_files, untrusted
 from uvms_ocp.record.meta_values import PhaseMeta
 from uvms_ocp.record.output import RUNNING
 from uvms_ocp.record.record import Record, Recorder

@@ -13,8 +13,7 @@ from compiler import needs_compiler
 from hierarchies import dependent_hierarchy, random_hierarchy, reference
 
 from uvms_ocp.codegen.compile import compile_library
-from uvms_ocp.solvers.hierarchy import active_set_numpy as fallbacks
-from uvms_ocp.solvers.hierarchy import tolerances
+from uvms_ocp.solvers.hierarchy import active_set_numpy as fallbacks, tolerances
 from uvms_ocp.solvers.hierarchy.active_set import LexicographicActiveSet, core_source
 from uvms_ocp.solvers.hierarchy.active_set_numpy import STATUSES, SolvedRows, solve_levels
 from uvms_ocp.solvers.hierarchy.cascade import LexicographicQp

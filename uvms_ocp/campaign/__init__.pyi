@@ -1,11 +1,11 @@
 from .campaign import Campaign as Campaign
-from .distributions import Choice as Choice
-from .distributions import LogNormal as LogNormal
-from .distributions import Normal as Normal
-from .distributions import Triangular as Triangular
-from .distributions import Uniform as Uniform
-from .report import campaign_report as campaign_report
-from .report import compare_campaigns as compare_campaigns
+from .distributions import (
+    Choice as Choice,
+    LogNormal as LogNormal,
+    Normal as Normal,
+    Triangular as Triangular,
+    Uniform as Uniform,
+)
+from .report import campaign_report as campaign_report, compare_campaigns as compare_campaigns
 from .store import read_table as read_table
-from .variations import Variation as Variation
-from .variations import available_parameters as available_parameters
+from .variations import Variation as Variation, available_parameters as available_parameters

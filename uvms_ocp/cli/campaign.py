@@ -17,8 +17,7 @@ from uvms_ocp.campaign.jobs import metric_values, metrics_among
 from uvms_ocp.campaign.report import MetricBound, compare_campaigns, parse_bounds, report_of, table_with_success
 from uvms_ocp.campaign.store import FILE
 from uvms_ocp.campaign.variations import available_parameters
-from uvms_ocp.cli import INTERRUPTED, printing
-from uvms_ocp.cli import options as opt
+from uvms_ocp.cli import INTERRUPTED, options as opt, printing
 from uvms_ocp.cli.run import run_and_write
 from uvms_ocp.errors import InvalidInput, plain_line
 from uvms_ocp.record.durable_files import write_durably

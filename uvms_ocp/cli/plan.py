@@ -11,8 +11,7 @@ from typing import Annotated, Any
 import typer
 from rich.console import Console
 
-from uvms_ocp.cli import INTERRUPTED, NOT_COMPLETED
-from uvms_ocp.cli import options as opt
+from uvms_ocp.cli import INTERRUPTED, NOT_COMPLETED, options as opt
 from uvms_ocp.cli.printing import busy, console_of, print_json, print_paths, table_of
 from uvms_ocp.cli.run import SCENE, draw_all, drawings_of
 from uvms_ocp.errors import InvalidInput, plain_line

@@ -10,8 +10,7 @@ from typing import Annotated
 import typer
 from rich.table import Table
 
-from uvms_ocp.cli import BAD_INPUT
-from uvms_ocp.cli import options as opt
+from uvms_ocp.cli import BAD_INPUT, options as opt
 from uvms_ocp.cli.new_mission import TEMPLATES, NewMission, loading_line, variations_text
 from uvms_ocp.cli.printing import busy, cell, console_of, print_json, print_line, print_paths
 from uvms_ocp.errors import InvalidInput, plain_line
@@ -23,8 +22,12 @@ from uvms_ocp.robot.proposal import find_urdf, propose
 from uvms_ocp.robot.urdf import with_own_meshes
 from uvms_ocp.scenario.cases import SCENARIOS
 from uvms_ocp.scenario.own_code import robot_of
-from uvms_ocp.scenario.preflight.robot_check import RobotReport, RobotVerdict, check_robot_files
-from uvms_ocp.scenario.preflight.robot_check import check_robot as check_loaded_robot
+from uvms_ocp.scenario.preflight.robot_check import (
+    RobotReport,
+    RobotVerdict,
+    check_robot as check_loaded_robot,
+    check_robot_files,
+)
 from uvms_ocp.sim.own_parts import PLANTS
 
 # ``check-robot`` and ``schema``: robot files.

@@ -22,8 +22,7 @@ from rich.padding import Padding
 from rich.table import Table
 from rich.text import Text
 
-from uvms_ocp.cli import INTERRUPTED, NOT_COMPLETED, printing
-from uvms_ocp.cli import options as opt
+from uvms_ocp.cli import INTERRUPTED, NOT_COMPLETED, options as opt, printing
 from uvms_ocp.errors import InvalidInput, OutputError, plain_line, require_known
 from uvms_ocp.interrupts import Interrupted
 from uvms_ocp.mission_plan.planner import MissionPlan

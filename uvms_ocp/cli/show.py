@@ -14,8 +14,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 from rich.console import Console
 
-from uvms_ocp.cli import BAD_INPUT
-from uvms_ocp.cli import options as opt
+from uvms_ocp.cli import BAD_INPUT, options as opt
 from uvms_ocp.cli.printing import busy, console_of, print_findings, print_json, print_paths, table_of
 from uvms_ocp.errors import InvalidInput, plain_line
 from uvms_ocp.mission_plan.planner import MissionPlan
@@ -159,8 +158,7 @@ def _film(console: Console, page: ScenePage, folder: Path, fps: float) -> None:
 
 
 def _page(what: str, ghosts: tuple[Path, ...], robot: str | None, files: opt.RobotFiles, fps: float) -> ScenePage:
-    from uvms_ocp.viz.scene.show import robot_of as recorded
-    from uvms_ocp.viz.scene.show import show
+    from uvms_ocp.viz.scene.show import robot_of as recorded, show
 
     is_name = what in list_robots() and not Path(what).exists()
     if is_name or (Path(what) / "robot.urdf").is_file() or what.endswith(".urdf"):

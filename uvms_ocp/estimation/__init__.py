@@ -1,5 +1,4 @@
 """State estimation: readings in, a state estimate with its age and the health of every channel out."""
 
-from uvms_ocp.estimation.estimator import Estimator as Estimator
-from uvms_ocp.estimation.estimator import PassThrough as PassThrough
+from uvms_ocp.estimation.estimator import Estimator as Estimator, PassThrough as PassThrough
 from uvms_ocp.estimation.filter_memory import EstimatorTuning as EstimatorTuning

@@ -1,32 +1,34 @@
-from .calibration import Calibration as Calibration
-from .calibration import calibrate as calibrate
+from .calibration import Calibration as Calibration, calibrate as calibrate
 from .data_quality import check_data_quality as check_data_quality
 from .experiment import ExperimentLimits as ExperimentLimits
-from .experiment_design import DesignSettings as DesignSettings
-from .experiment_design import ExperimentTask as ExperimentTask
-from .experiment_design import design_experiment as design_experiment
-from .fit import Predictor as Predictor
-from .fit import fit_percent as fit_percent
-from .model import Vehicle as Vehicle
-from .model import stage_of as stage_of
+from .experiment_design import (
+    DesignSettings as DesignSettings,
+    ExperimentTask as ExperimentTask,
+    design_experiment as design_experiment,
+)
+from .fit import Predictor as Predictor, fit_percent as fit_percent
+from .model import Vehicle as Vehicle, stage_of as stage_of
 from .output_error import Noise as Noise
 from .parameters import AXES as AXES
-from .reading import RecordingMapping as RecordingMapping
-from .reading import mapped_recording as mapped_recording
-from .reading import read_mapping as read_mapping
-from .reading import read_recording as read_recording
-from .recording import Channel as Channel
-from .recording import Recording as Recording
-from .results import excitation_text as excitation_text
-from .results import report_text as report_text
-from .results import variant_text as variant_text
-from .results import whole_text as whole_text
-from .rollout import PreparedRecording as PreparedRecording
-from .rollout import Rollout as Rollout
-from .settings import CalibratedRobot as CalibratedRobot
-from .settings import CalibrationSettings as CalibrationSettings
-from .settings import calibrated_robot as calibrated_robot
-from .settings import read_settings as read_settings
+from .reading import (
+    RecordingMapping as RecordingMapping,
+    mapped_recording as mapped_recording,
+    read_mapping as read_mapping,
+    read_recording as read_recording,
+)
+from .recording import Channel as Channel, Recording as Recording
+from .results import (
+    excitation_text as excitation_text,
+    report_text as report_text,
+    variant_text as variant_text,
+    whole_text as whole_text,
+)
+from .rollout import PreparedRecording as PreparedRecording, Rollout as Rollout
+from .settings import (
+    CalibratedRobot as CalibratedRobot,
+    CalibrationSettings as CalibrationSettings,
+    calibrated_robot as calibrated_robot,
+    read_settings as read_settings,
+)
 from .tables import write_recording as write_recording
-from .uncertainty import IdentifiedNumber as IdentifiedNumber
-from .uncertainty import values_of as values_of
+from .uncertainty import IdentifiedNumber as IdentifiedNumber, values_of as values_of

@@ -24,8 +24,14 @@ from uvms_ocp.identification.recording import Channel, Recording, ZeroOrderHold,
 from uvms_ocp.identification.rollout import POSE_INTERVAL, PreparedRecording, Rollout
 from uvms_ocp.identification.sample_checks import QualityIssue
 from uvms_ocp.identification.settings import CalibratedRobot, CalibrationSettings, with_delays
-from uvms_ocp.identification.validation import HeldOutRecording, Profile, StaticBalance, profiles, static_baseline
-from uvms_ocp.identification.validation import leave_one_out as left_out
+from uvms_ocp.identification.validation import (
+    HeldOutRecording,
+    Profile,
+    StaticBalance,
+    leave_one_out as left_out,
+    profiles,
+    static_baseline,
+)
 from uvms_ocp.progress import progress_bar
 from uvms_ocp.robot.robot import Robot
 from uvms_ocp.robot.thrusters import thrust_limits, thrust_of_signals, thruster_matrix

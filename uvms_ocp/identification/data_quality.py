@@ -11,11 +11,19 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from uvms_ocp.identification import recording as recordings
-from uvms_ocp.identification import sample_checks
+from uvms_ocp.identification import recording as recordings, sample_checks
 from uvms_ocp.identification.recording import CHANNEL_KINDS, Channel, Recording, ZeroOrderHold, angular_rate, rotations, smoothed
-from uvms_ocp.identification.sample_checks import DEAD, EXPLAINED, MOVES, WAYS, WINDOW, correlation, explained, named
-from uvms_ocp.identification.sample_checks import QualityIssue as QualityIssue
+from uvms_ocp.identification.sample_checks import (
+    DEAD,
+    EXPLAINED,
+    MOVES,
+    WAYS,
+    WINDOW,
+    QualityIssue as QualityIssue,
+    correlation,
+    explained,
+    named,
+)
 from uvms_ocp.record.row_files import forget
 
 # Whether velocities are the rates of poses: axes, frames, units, clocks.

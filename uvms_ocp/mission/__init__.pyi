@@ -1,11 +1,11 @@
-from .mission import ABORT as ABORT
-from .mission import DONE as DONE
-from .mission import Mission as Mission
-from .phase import Abort as Abort
-from .phase import Above as Above
-from .phase import Below as Below
-from .phase import Condition as Condition
-from .phase import Event as Event
-from .phase import MissionState as MissionState
-from .phase import Phase as Phase
-from .phase import Transition as Transition
+from .mission import ABORT as ABORT, DONE as DONE, Mission as Mission
+from .phase import (
+    Abort as Abort,
+    Above as Above,
+    Below as Below,
+    Condition as Condition,
+    Event as Event,
+    MissionState as MissionState,
+    Phase as Phase,
+    Transition as Transition,
+)

@@ -12,10 +12,7 @@ import numpy as np
 from uvms_ocp.checks import checked_dataclass, checked_on_failure
 from uvms_ocp.errors import InvalidInput, NameNotFound
 from uvms_ocp.record.display import FieldTable
-from uvms_ocp.record.meta_values import ABORT as ABORT
-from uvms_ocp.record.meta_values import DONE as DONE
-from uvms_ocp.record.meta_values import LARGEST
-from uvms_ocp.record.meta_values import OWN_QUANTITIES as OWN_QUANTITIES
+from uvms_ocp.record.meta_values import ABORT as ABORT, DONE as DONE, LARGEST, OWN_QUANTITIES as OWN_QUANTITIES
 from uvms_ocp.types import Count, Finite, Magnitude, Positive, Shape
 
 # What ends a phase: conditions on measured quantities, and transitions that wait for them.

@@ -1,31 +1,27 @@
-from .clearance import Ball as Ball
-from .clearance import BallClearance as BallClearance
-from .clearance import ShapeClearance as ShapeClearance
-from .plan import OcpStatus as OcpStatus
-from .plan import Plan as Plan
-from .planner import Planner as Planner
-from .planner import plan as plan
-from .problem import Actuation as Actuation
-from .problem import HessianKind as HessianKind
-from .problem import Integrator as Integrator
-from .problem import OcpLevel as OcpLevel
-from .problem import OcpPhase as OcpPhase
-from .problem import OcpProblem as OcpProblem
-from .problem import single_phase as single_phase
-from .problem import tool_reach as tool_reach
-from .request import OcpRequest as OcpRequest
-from .request import OcpResult as OcpResult
-from .request import solve_ocp as solve_ocp
-from .terms import At as At
-from .terms import AtRest as AtRest
-from .terms import Duration as Duration
-from .terms import Effort as Effort
-from .terms import Energy as Energy
-from .terms import Posture as Posture
-from .terms import Smoothness as Smoothness
-from .terms import TaskTerm as TaskTerm
-from .terms import Term as Term
-from .terms import residual_term as residual_term
-from .trajectory import Trajectory as Trajectory
-from .trajectory import guess_through as guess_through
-from .trajectory import hold_guess as hold_guess
+from .clearance import Ball as Ball, BallClearance as BallClearance, ShapeClearance as ShapeClearance
+from .plan import OcpStatus as OcpStatus, Plan as Plan
+from .planner import Planner as Planner, plan as plan
+from .problem import (
+    Actuation as Actuation,
+    HessianKind as HessianKind,
+    Integrator as Integrator,
+    OcpLevel as OcpLevel,
+    OcpPhase as OcpPhase,
+    OcpProblem as OcpProblem,
+    single_phase as single_phase,
+    tool_reach as tool_reach,
+)
+from .request import OcpRequest as OcpRequest, OcpResult as OcpResult, solve_ocp as solve_ocp
+from .terms import (
+    At as At,
+    AtRest as AtRest,
+    Duration as Duration,
+    Effort as Effort,
+    Energy as Energy,
+    Posture as Posture,
+    Smoothness as Smoothness,
+    TaskTerm as TaskTerm,
+    Term as Term,
+    residual_term as residual_term,
+)
+from .trajectory import Trajectory as Trajectory, guess_through as guess_through, hold_guess as hold_guess

@@ -2,13 +2,15 @@
 
 import lazy_loader
 
-from uvms_ocp.robot.shapes.obstacles import Obstacle as Obstacle
-from uvms_ocp.robot.shapes.obstacles import build_obstacle as build_obstacle
-from uvms_ocp.robot.shapes.obstacles import describe_obstacle as describe_obstacle
-from uvms_ocp.robot.shapes.obstacles import mesh_shape as mesh_shape
-from uvms_ocp.robot.shapes.obstacles import obstacle as obstacle
-from uvms_ocp.robot.shapes.obstacles import parse_obstacle as parse_obstacle
-from uvms_ocp.robot.shapes.obstacles import read_obstacles as read_obstacles
+from uvms_ocp.robot.shapes.obstacles import (
+    Obstacle as Obstacle,
+    build_obstacle as build_obstacle,
+    describe_obstacle as describe_obstacle,
+    mesh_shape as mesh_shape,
+    obstacle as obstacle,
+    parse_obstacle as parse_obstacle,
+    read_obstacles as read_obstacles,
+)
 
 __getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)
 __all__ += ["Obstacle", "build_obstacle", "describe_obstacle", "mesh_shape", "obstacle", "parse_obstacle", "read_obstacles"]

@@ -1,14 +1,14 @@
-from .comparison import compare as compare
-from .comparison import transition_series as transition_series
-from .comparison import transition_table as transition_table
-from .metrics import max_velocity_step as max_velocity_step
-from .metrics import quantity as quantity
-from .metrics import resources as resources
-from .planned_motion import motion_record as motion_record
-from .planned_motion import ocp_record as ocp_record
-from .planned_motion import ocp_report as ocp_report
-from .planned_motion import plan_report as plan_report
-from .summary import cause_of_end as cause_of_end
-from .summary import phase_table as phase_table
-from .summary import sensor_health as sensor_health
-from .summary import summarize as summarize
+from .comparison import compare as compare, transition_series as transition_series, transition_table as transition_table
+from .metrics import max_velocity_step as max_velocity_step, quantity as quantity, resources as resources
+from .planned_motion import (
+    motion_record as motion_record,
+    ocp_record as ocp_record,
+    ocp_report as ocp_report,
+    plan_report as plan_report,
+)
+from .summary import (
+    cause_of_end as cause_of_end,
+    phase_table as phase_table,
+    sensor_health as sensor_health,
+    summarize as summarize,
+)

@@ -10,8 +10,7 @@ import numpy as np
 
 from uvms_ocp.checks import checked
 from uvms_ocp.record.meta_values import ABORT, DONE
-from uvms_ocp.record.record import Record
-from uvms_ocp.record.record import quantity as quantity
+from uvms_ocp.record.record import Record, quantity as quantity
 from uvms_ocp.record.row_files import parts
 from uvms_ocp.record.run_meta import RunMeta, joint_errors, joint_positions
 from uvms_ocp.record.swings import WINDOW, Swing, swings_among, tilts_of

@@ -1,25 +1,25 @@
-from .assembly import mount as mount
-from .assembly import trimmed as trimmed
-from .assembly import without_arm as without_arm
+from .assembly import mount as mount, trimmed as trimmed, without_arm as without_arm
 from .dynamics import robot_dynamics as robot_dynamics
 from .hydrodynamics import Water as Water
 from .kinematics import Kinematics as Kinematics
-from .loading import example_robot_data as example_robot_data
-from .loading import list_robots as list_robots
-from .loading import load_robot as load_robot
-from .loading import robot_folder as robot_folder
+from .loading import (
+    example_robot_data as example_robot_data,
+    list_robots as list_robots,
+    load_robot as load_robot,
+    robot_folder as robot_folder,
+)
 from .robot import Robot as Robot
-from .shapes.obstacles import Obstacle as Obstacle
-from .shapes.obstacles import mesh_shape as mesh_shape
-from .shapes.obstacles import obstacle as obstacle
-from .signals import IDEAL_SENSORS as IDEAL_SENSORS
-from .signals import Command as Command
-from .signals import Reading as Reading
-from .signals import Readings as Readings
-from .signals import SensorSpec as SensorSpec
-from .signals import SensorSpecs as SensorSpecs
-from .signals import State as State
-from .signals import StateEstimate as StateEstimate
-from .signals import robot_sensors as robot_sensors
+from .shapes.obstacles import Obstacle as Obstacle, mesh_shape as mesh_shape, obstacle as obstacle
+from .signals import (
+    IDEAL_SENSORS as IDEAL_SENSORS,
+    Command as Command,
+    Reading as Reading,
+    Readings as Readings,
+    SensorSpec as SensorSpec,
+    SensorSpecs as SensorSpecs,
+    State as State,
+    StateEstimate as StateEstimate,
+    robot_sensors as robot_sensors,
+)
 from .symbolic_model import SymbolicModel as SymbolicModel
 from .thrusters import thruster_matrix as thruster_matrix

@@ -1,25 +1,23 @@
-from .cases.bluerov import bluerov_inspection as bluerov_inspection
-from .cases.bluerov import reach as reach
-from .cases.case1 import Thresholds as Thresholds
-from .cases.case1 import case1 as case1
-from .cases.case1 import case1_unreachable as case1_unreachable
-from .cases.case1 import current_drift as current_drift
-from .cases.case1 import priority_swap as priority_swap
-from .cases.case1 import two_targets as two_targets
+from .cases.bluerov import bluerov_inspection as bluerov_inspection, reach as reach
+from .cases.case1 import (
+    Thresholds as Thresholds,
+    case1 as case1,
+    case1_unreachable as case1_unreachable,
+    current_drift as current_drift,
+    priority_swap as priority_swap,
+    two_targets as two_targets,
+)
 from .cases.case2 import case2 as case2
-from .cases.transit import obstacle_field as obstacle_field
-from .cases.transit import transit as transit
-from .options import RunOptions as RunOptions
-from .options import activate as activate
-from .plan_replay import ReplayResult as ReplayResult
-from .plan_replay import replay as replay
+from .cases.transit import obstacle_field as obstacle_field, transit as transit
+from .options import RunOptions as RunOptions, activate as activate
+from .plan_replay import ReplayResult as ReplayResult, replay as replay
 from .preflight.checks import check_mission as check_mission
-from .preflight.robot_check import check_robot as check_robot
-from .preflight.robot_check import check_robot_files as check_robot_files
-from .preflight.setup import Finding as Finding
-from .preflight.setup import PreflightReport as PreflightReport
-from .preflight.setup import Setup as Setup
-from .preflight.setup import Severity as Severity
-from .preflight.setup import forecast as forecast
-from .scenario import Scenario as Scenario
-from .scenario import pose_at as pose_at
+from .preflight.robot_check import check_robot as check_robot, check_robot_files as check_robot_files
+from .preflight.setup import (
+    Finding as Finding,
+    PreflightReport as PreflightReport,
+    Setup as Setup,
+    Severity as Severity,
+    forecast as forecast,
+)
+from .scenario import Scenario as Scenario, pose_at as pose_at

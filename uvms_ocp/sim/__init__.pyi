@@ -1,31 +1,31 @@
 from .bathymetry import Bathymetry as Bathymetry
-from .currents import Current as Current
-from .currents import GustyCurrent as GustyCurrent
-from .currents import OnsetCurrent as OnsetCurrent
-from .currents import ShearedCurrent as ShearedCurrent
-from .currents import StillWater as StillWater
-from .currents import UniformCurrent as UniformCurrent
-from .currents import water_at as water_at
-from .environment import ClosestApproach as ClosestApproach
-from .environment import Environment as Environment
-from .environment import closest_approach as closest_approach
-from .faults import Fault as Fault
-from .faults import parse_fault as parse_fault
+from .currents import (
+    Current as Current,
+    GustyCurrent as GustyCurrent,
+    OnsetCurrent as OnsetCurrent,
+    ShearedCurrent as ShearedCurrent,
+    StillWater as StillWater,
+    UniformCurrent as UniformCurrent,
+    water_at as water_at,
+)
+from .environment import ClosestApproach as ClosestApproach, Environment as Environment, closest_approach as closest_approach
+from .faults import Fault as Fault, parse_fault as parse_fault
 from .loop import simulate as simulate
-from .own_parts import ControllerMaker as ControllerMaker
-from .own_parts import Disturbance as Disturbance
-from .own_parts import EstimatorMaker as EstimatorMaker
-from .own_parts import FaultMaker as FaultMaker
-from .own_parts import PlantMaker as PlantMaker
-from .own_parts import SensorsMaker as SensorsMaker
-from .plant import DynamicPlant as DynamicPlant
-from .plant import KinematicPlant as KinematicPlant
-from .plant import Plant as Plant
-from .seafloor import FlatSeafloor as FlatSeafloor
-from .seafloor import HeightField as HeightField
-from .seafloor import Seafloor as Seafloor
-from .seafloor import floor_mesh as floor_mesh
-from .seafloor import floor_obstacle as floor_obstacle
-from .seafloor import floor_relief as floor_relief
-from .sensors import Altimeter as Altimeter
-from .sensors import SensorSuite as SensorSuite
+from .own_parts import (
+    ControllerMaker as ControllerMaker,
+    Disturbance as Disturbance,
+    EstimatorMaker as EstimatorMaker,
+    FaultMaker as FaultMaker,
+    PlantMaker as PlantMaker,
+    SensorsMaker as SensorsMaker,
+)
+from .plant import DynamicPlant as DynamicPlant, KinematicPlant as KinematicPlant, Plant as Plant
+from .seafloor import (
+    FlatSeafloor as FlatSeafloor,
+    HeightField as HeightField,
+    Seafloor as Seafloor,
+    floor_mesh as floor_mesh,
+    floor_obstacle as floor_obstacle,
+    floor_relief as floor_relief,
+)
+from .sensors import Altimeter as Altimeter, SensorSuite as SensorSuite

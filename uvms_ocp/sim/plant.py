@@ -18,8 +18,7 @@ from uvms_ocp.errors import InvalidInput
 from uvms_ocp.robot import Command, Robot, State
 from uvms_ocp.robot.dynamics import Dynamics, robot_dynamics
 from uvms_ocp.robot.shapes.hull import skid_points
-from uvms_ocp.sim import dynamic_step
-from uvms_ocp.sim import fault_effects as effects
+from uvms_ocp.sim import dynamic_step, fault_effects as effects
 from uvms_ocp.sim.environment import Environment, EnvironmentSampler
 from uvms_ocp.sim.faults import Fault
 from uvms_ocp.sim.thrusters import Thrusters

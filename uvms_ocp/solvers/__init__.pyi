@@ -2,23 +2,21 @@ from .hierarchy.active_set import LexicographicActiveSet as LexicographicActiveS
 from .hierarchy.cascade import LexicographicQp as LexicographicQp
 from .hierarchy.icat import Icat as Icat
 from .hierarchy.level import Level as Level
-from .hierarchy.solution import Solution as Solution
-from .hierarchy.solution import Status as Status
-from .hierarchy.solution import Tick as Tick
-from .hierarchy.solution import TickResult as TickResult
-from .nlp.level_solver import NlpOptions as NlpOptions
-from .nlp.level_solver import SqpOptions as SqpOptions
-from .nlp.lexicographic_nlp import LexicographicNlp as LexicographicNlp
-from .nlp.lexicographic_nlp import LexicographicResult as LexicographicResult
-from .nlp.program import LexicographicProgram as LexicographicProgram
-from .nlp.program import NlpLevel as NlpLevel
-from .nlp.program import NlpStatus as NlpStatus
-from .nlp.program import lexicographic_program as lexicographic_program
-from .nlp.real_time_sqp import RealTimeSqp as RealTimeSqp
-from .nlp.real_time_sqp import SqpResult as SqpResult
-from .stage_qp.problem import StageQp as StageQp
-from .stage_qp.problem import StageQpOptions as StageQpOptions
-from .stage_qp.problem import StageQpSolution as StageQpSolution
-from .stage_qp.problem import StageQpStatus as StageQpStatus
-from .stage_qp.problem import StageShape as StageShape
+from .hierarchy.solution import Solution as Solution, Status as Status, Tick as Tick, TickResult as TickResult
+from .nlp.level_solver import NlpOptions as NlpOptions, SqpOptions as SqpOptions
+from .nlp.lexicographic_nlp import LexicographicNlp as LexicographicNlp, LexicographicResult as LexicographicResult
+from .nlp.program import (
+    LexicographicProgram as LexicographicProgram,
+    NlpLevel as NlpLevel,
+    NlpStatus as NlpStatus,
+    lexicographic_program as lexicographic_program,
+)
+from .nlp.real_time_sqp import RealTimeSqp as RealTimeSqp, SqpResult as SqpResult
+from .stage_qp.problem import (
+    StageQp as StageQp,
+    StageQpOptions as StageQpOptions,
+    StageQpSolution as StageQpSolution,
+    StageQpStatus as StageQpStatus,
+    StageShape as StageShape,
+)
 from .stage_qp.solver import StageQpSolver as StageQpSolver

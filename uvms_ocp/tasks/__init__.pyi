@@ -1,22 +1,21 @@
 from .activation import SmoothActivation as SmoothActivation
-from .altitude import LandingAltitude as LandingAltitude
-from .altitude import MinimumAltitude as MinimumAltitude
-from .attitude import Alignment as Alignment
-from .attitude import FieldOfView as FieldOfView
-from .attitude import HorizontalAttitude as HorizontalAttitude
+from .altitude import LandingAltitude as LandingAltitude, MinimumAltitude as MinimumAltitude
+from .attitude import Alignment as Alignment, FieldOfView as FieldOfView, HorizontalAttitude as HorizontalAttitude
 from .clearance import Clearance as Clearance
-from .joints import JointLimits as JointLimits
-from .joints import JointTracking as JointTracking
-from .joints import Manipulability as Manipulability
-from .pose import NullVelocity as NullVelocity
-from .pose import ToolPose as ToolPose
-from .pose import ToolPosition as ToolPosition
-from .pose import UnderActuation as UnderActuation
-from .pose import VehiclePose as VehiclePose
-from .task import Hierarchy as Hierarchy
-from .task import Residual as Residual
-from .task import Rows as Rows
-from .task import Task as Task
-from .task import TaskClass as TaskClass
-from .task import equality_rows as equality_rows
-from .task import zero_residual as zero_residual
+from .joints import JointLimits as JointLimits, JointTracking as JointTracking, Manipulability as Manipulability
+from .pose import (
+    NullVelocity as NullVelocity,
+    ToolPose as ToolPose,
+    ToolPosition as ToolPosition,
+    UnderActuation as UnderActuation,
+    VehiclePose as VehiclePose,
+)
+from .task import (
+    Hierarchy as Hierarchy,
+    Residual as Residual,
+    Rows as Rows,
+    Task as Task,
+    TaskClass as TaskClass,
+    equality_rows as equality_rows,
+    zero_residual as zero_residual,
+)

@@ -1,32 +1,40 @@
-from .campaign_report import figure_rate as figure_rate
-from .campaign_report import figure_spread as figure_spread
-from .comparison_figures import figure_joint_comparison as figure_joint_comparison
-from .comparison_figures import figure_paths as figure_paths
-from .comparison_figures import figure_transitions as figure_transitions
-from .motion_figures import figure_efforts as figure_efforts
-from .motion_figures import figure_joints as figure_joints
-from .motion_figures import figure_path as figure_path
-from .motion_figures import figure_tracking as figure_tracking
-from .motion_figures import figure_velocities as figure_velocities
-from .plan_figures import figure_clearance as figure_clearance
-from .plan_figures import figure_joint_motion as figure_joint_motion
-from .plan_figures import figure_vehicle_motion as figure_vehicle_motion
-from .plan_figures import write_plan_figures as write_plan_figures
-from .run_figures import figure_estimate as figure_estimate
-from .run_figures import figure_health as figure_health
-from .run_figures import figure_tick_time as figure_tick_time
-from .run_figures import plot as plot
-from .run_figures import write_figures as write_figures
+from .campaign_report import figure_rate as figure_rate, figure_spread as figure_spread
+from .comparison_figures import (
+    figure_joint_comparison as figure_joint_comparison,
+    figure_paths as figure_paths,
+    figure_transitions as figure_transitions,
+)
+from .motion_figures import (
+    figure_efforts as figure_efforts,
+    figure_joints as figure_joints,
+    figure_path as figure_path,
+    figure_tracking as figure_tracking,
+    figure_velocities as figure_velocities,
+)
+from .plan_figures import (
+    figure_clearance as figure_clearance,
+    figure_joint_motion as figure_joint_motion,
+    figure_vehicle_motion as figure_vehicle_motion,
+    write_plan_figures as write_plan_figures,
+)
+from .run_figures import (
+    figure_estimate as figure_estimate,
+    figure_health as figure_health,
+    figure_tick_time as figure_tick_time,
+    plot as plot,
+    write_figures as write_figures,
+)
 from .scene.live import live as live
 from .scene.page import ScenePage as ScenePage
-from .scene.show import show as show
-from .scene.show import write_scene as write_scene
+from .scene.show import show as show, write_scene as write_scene
 from .series import phase_spans as phase_spans
-from .task_figures import figure_activations as figure_activations
-from .task_figures import figure_altitude as figure_altitude
-from .task_figures import figure_errors as figure_errors
-from .task_figures import figure_misalignment as figure_misalignment
-from .task_figures import figure_of as figure_of
-from .task_figures import figure_quantities as figure_quantities
-from .task_figures import figure_row_activations as figure_row_activations
-from .task_figures import figure_tool_error as figure_tool_error
+from .task_figures import (
+    figure_activations as figure_activations,
+    figure_altitude as figure_altitude,
+    figure_errors as figure_errors,
+    figure_misalignment as figure_misalignment,
+    figure_of as figure_of,
+    figure_quantities as figure_quantities,
+    figure_row_activations as figure_row_activations,
+    figure_tool_error as figure_tool_error,
+)

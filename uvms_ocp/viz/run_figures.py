@@ -19,8 +19,7 @@ from uvms_ocp.errors import InvalidInput
 from uvms_ocp.ocp.plan import Plan
 from uvms_ocp.record.record import Record
 from uvms_ocp.record.run_meta import joint_errors
-from uvms_ocp.viz import style
-from uvms_ocp.viz import task_figures as tasks
+from uvms_ocp.viz import style, task_figures as tasks
 from uvms_ocp.viz.motion_figures import figure_efforts, figure_joints, figure_path, figure_tracking, figure_velocities
 from uvms_ocp.viz.plan_figures import PLAN_FIGURES
 from uvms_ocp.viz.series import axis_label, axis_names, has_vehicle, intervals_of, phase_spans, require_rows, thinned

@@ -10,8 +10,7 @@ import numpy as np
 
 from uvms_ocp.checks import checked
 from uvms_ocp.errors import InvalidInput, plain_line
-from uvms_ocp.record.record import Record
-from uvms_ocp.record.record import quantity as quantity
+from uvms_ocp.record.record import Record, quantity as quantity
 from uvms_ocp.record.row_files import parts
 from uvms_ocp.record.run_meta import is_floating
 from uvms_ocp.record.tables import unit_of

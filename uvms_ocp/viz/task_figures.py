@@ -13,8 +13,7 @@ from uvms_ocp.errors import NameNotFound
 from uvms_ocp.record.meta_values import TaskMeta
 from uvms_ocp.record.record import Record, quantity
 from uvms_ocp.record.tables import column_names, column_units, unit_of
-from uvms_ocp.viz import series as recorded
-from uvms_ocp.viz import style
+from uvms_ocp.viz import series as recorded, style
 from uvms_ocp.viz.series import axis_label, axis_names, estimate_suffix, require_rows, task_activity, task_gate
 
 # Figures of what the tasks measure: errors, misalignment, altitude ([Gao2022] figures 5-9).

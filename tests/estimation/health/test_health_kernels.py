@@ -27,8 +27,14 @@ from uvms_ocp.estimation.health.floor import (
 )
 from uvms_ocp.estimation.health.guarded_estimator import GuardedEstimator
 from uvms_ocp.estimation.health.monitor import HealthMonitor
-from uvms_ocp.estimation.health.plausibility import EstimateHistory, angle_between, remember, slot_at, small_rotation
-from uvms_ocp.estimation.health.plausibility import rotate as turn
+from uvms_ocp.estimation.health.plausibility import (
+    EstimateHistory,
+    angle_between,
+    remember,
+    rotate as turn,
+    slot_at,
+    small_rotation,
+)
 from uvms_ocp.estimation.health.redundancy import SampleRing, append_value, mean_time, median_of, value_at
 from uvms_ocp.estimation.vehicle_model import multiply
 from uvms_ocp.robot.loading import load_robot

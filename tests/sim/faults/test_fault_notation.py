@@ -6,8 +6,7 @@ import math
 
 import pytest
 from fault_registry import ALL, listed
-from hypothesis import given, settings
-from hypothesis import strategies as st
+from hypothesis import given, settings, strategies as st
 
 from uvms_ocp.errors import InvalidInput, NameNotFound, UvmsError
 from uvms_ocp.sim import Fault, parse_fault

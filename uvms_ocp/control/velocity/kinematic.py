@@ -14,9 +14,7 @@ import numpy as np
 from uvms_ocp.checks import checked, checked_on_failure, replace_unchecked, unchecked_constructor
 from uvms_ocp.codegen.kernel_layout import arrays_of
 from uvms_ocp.codegen.kernels import bind_memory
-from uvms_ocp.control.velocity import goals as task_goals
-from uvms_ocp.control.velocity import tick as velocity_tick
-from uvms_ocp.control.velocity import viability
+from uvms_ocp.control.velocity import goals as task_goals, tick as velocity_tick, viability
 from uvms_ocp.control.velocity.abort import AbortMonitor, AbortReason, ActuationFeedback, ascent_goal
 from uvms_ocp.control.velocity.levels import LevelsProblem, build_levels
 from uvms_ocp.control.velocity.tick_memory import altimeter_of, inputs_of, tick_memory

@@ -32,8 +32,7 @@ from uvms_ocp.control.velocity.goals import asked_in_phases, distance_tasks, tra
 from uvms_ocp.mission.mission import Mission
 from uvms_ocp.robot.limits import PositionLimit
 from uvms_ocp.robot.robot import Robot
-from uvms_ocp.robot.shapes.collision_model import CollisionModel, in_c
-from uvms_ocp.robot.shapes.collision_model import without_c_form as not_measured
+from uvms_ocp.robot.shapes.collision_model import CollisionModel, in_c, without_c_form as not_measured
 from uvms_ocp.robot.shapes.distance_kernels import DistanceMemory, distance_lower_bound, distance_of, place_solids
 from uvms_ocp.tasks.activation import ENDLESS
 from uvms_ocp.tasks.task import Task

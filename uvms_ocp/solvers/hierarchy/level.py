@@ -12,8 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from uvms_ocp.checks import checked_dataclass, checked_on_failure
-from uvms_ocp.codegen.elementwise import Array as ArrayOrExpression
-from uvms_ocp.codegen.elementwise import all_entries, interval_distance, logical_and, row_sums, where
+from uvms_ocp.codegen.elementwise import Array as ArrayOrExpression, all_entries, interval_distance, logical_and, row_sums, where
 from uvms_ocp.errors import InvalidInput
 from uvms_ocp.record.display import FieldTable
 from uvms_ocp.solvers.hierarchy import tolerances

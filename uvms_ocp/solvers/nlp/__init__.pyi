@@ -1,10 +1,9 @@
-from .level_solver import NlpOptions as NlpOptions
-from .level_solver import SqpOptions as SqpOptions
-from .lexicographic_nlp import LexicographicNlp as LexicographicNlp
-from .lexicographic_nlp import LexicographicResult as LexicographicResult
-from .program import LexicographicProgram as LexicographicProgram
-from .program import NlpLevel as NlpLevel
-from .program import NlpStatus as NlpStatus
-from .program import lexicographic_program as lexicographic_program
-from .real_time_sqp import RealTimeSqp as RealTimeSqp
-from .real_time_sqp import SqpResult as SqpResult
+from .level_solver import NlpOptions as NlpOptions, SqpOptions as SqpOptions
+from .lexicographic_nlp import LexicographicNlp as LexicographicNlp, LexicographicResult as LexicographicResult
+from .program import (
+    LexicographicProgram as LexicographicProgram,
+    NlpLevel as NlpLevel,
+    NlpStatus as NlpStatus,
+    lexicographic_program as lexicographic_program,
+)
+from .real_time_sqp import RealTimeSqp as RealTimeSqp, SqpResult as SqpResult

@@ -1,7 +1,9 @@
-from .problem import KktResidual as KktResidual
-from .problem import StageQp as StageQp
-from .problem import StageQpOptions as StageQpOptions
-from .problem import StageQpSolution as StageQpSolution
-from .problem import StageQpStatus as StageQpStatus
-from .problem import StageShape as StageShape
+from .problem import (
+    KktResidual as KktResidual,
+    StageQp as StageQp,
+    StageQpOptions as StageQpOptions,
+    StageQpSolution as StageQpSolution,
+    StageQpStatus as StageQpStatus,
+    StageShape as StageShape,
+)
 from .solver import StageQpSolver as StageQpSolver

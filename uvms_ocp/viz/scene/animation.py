@@ -14,8 +14,7 @@ from uvms_ocp.errors import InvalidInput
 from uvms_ocp.record.record import Record
 from uvms_ocp.robot.robot import Robot
 from uvms_ocp.robot.roles import ALTIMETER, TOOL
-from uvms_ocp.viz.scene.page import AnimationClip, AnimationTrack, Visualizer
-from uvms_ocp.viz.scene.page import geometry as mg
+from uvms_ocp.viz.scene.page import AnimationClip, AnimationTrack, Visualizer, geometry as mg
 from uvms_ocp.viz.scene.shapes import Y_TO_Z, draw_shape, glow, shifted
 from uvms_ocp.viz.series import phase_spans, require_rows
 

@@ -9,8 +9,7 @@ import coal
 import numpy as np
 from scipy.spatial import ConvexHull
 
-from uvms_ocp.viz.scene.page import Visualizer
-from uvms_ocp.viz.scene.page import geometry as mg
+from uvms_ocp.viz.scene.page import Visualizer, geometry as mg
 
 # three.js draws cylinders along y, coal along z.
 Y_TO_Z = np.array([[1.0, 0, 0, 0], [0, 0, -1.0, 0], [0, 1.0, 0, 0], [0, 0, 0, 1.0]])

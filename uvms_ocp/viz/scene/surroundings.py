@@ -16,8 +16,7 @@ from uvms_ocp.robot.shapes.collision_model import CoalPairs, shapes_among
 from uvms_ocp.robot.shapes.hull import skid_points
 from uvms_ocp.robot.shapes.obstacles import build_obstacle
 from uvms_ocp.viz.scene.animation import Frames, rounded
-from uvms_ocp.viz.scene.page import Visualizer
-from uvms_ocp.viz.scene.page import geometry as mg
+from uvms_ocp.viz.scene.page import Visualizer, geometry as mg
 from uvms_ocp.viz.scene.shapes import draw_shape, draw_triad, glow, hex_of, material, shifted, tube
 from uvms_ocp.viz.series import floor_heights
 
