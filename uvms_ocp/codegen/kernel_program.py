@@ -14,59 +14,41 @@ from dataclasses import dataclass
 from functools import lru_cache
 from typing import Any, get_type_hints
 
+from uvms_ocp.codegen import kernel_expressions as c_code
 from uvms_ocp.codegen.buffered import argument_sizes
-from uvms_ocp.codegen.kernel_expressions import (
-    DOUBLE,
-    INT,
-    NOTHING,
-    PREFIX,
-    VECTOR,
-    CExpression,
-    CType,
-    Scope,
-    Signature,
-    c_name,
-    column_size,
-    constant,
-    expression,
-    kernel_error,
-    length,
-    number,
-    of_ctypes,
-)
 from uvms_ocp.codegen.kernel_layout import WIDE, FunctionStructure, Layout, Vector, work_sizes, zeros
 from uvms_ocp.errors import InvalidInput
 
 # Statements of kernels, from Python to C.
 
 
-def block(nodes: Sequence[ast.stmt], scope: Scope) -> list[str]:
+def block(nodes: Sequence[ast.stmt], scope: c_code.Scope) -> list[str]:
     """Lines of C, indented by two blanks. Raises `InvalidInput` for what kernels cannot do."""
     return [f"  {line}" for node in nodes for line in _statement(node, scope)]
 
 
-def _statement(node: ast.stmt, scope: Scope) -> list[str]:
+def _statement(node: ast.stmt, scope: c_code.Scope) -> list[str]:
     translate = _TRANSLATED.get(type(node))
     if translate is None:
-        raise kernel_error(node, "is nothing that a kernel can do")
+        raise c_code.kernel_error(node, "is nothing that a kernel can do")
     return translate(node, scope)
 
 
-def _assign(node: ast.Assign | ast.AnnAssign, scope: Scope) -> list[str]:
+def _assign(node: ast.Assign | ast.AnnAssign, scope: c_code.Scope) -> list[str]:
     """One after the other, which is the same as at once where no value depends on what the others change."""
     if node.value is None:
-        raise kernel_error(node, "has to give a value")
+        raise c_code.kernel_error(node, "has to give a value")
     pairs: list[tuple[ast.expr, ast.expr]] = []
     for target in [node.target] if isinstance(node, ast.AnnAssign) else node.targets:
         if isinstance(target, ast.Tuple):
             values = node.value.elts if isinstance(node.value, ast.Tuple) else []
             if len(values) != len(target.elts):
-                raise kernel_error(node, "has to give as many values")
+                raise c_code.kernel_error(node, "has to give as many values")
             pairs += zip(target.elts, values, strict=True)
         else:
             pairs.append((target, node.value))
     if len(pairs) > 1 and any(_reads(value, target) for target, _ in pairs for _, value in pairs):
-        raise kernel_error(node, "has to give values that depend on nothing that it changes")
+        raise c_code.kernel_error(node, "has to give values that depend on nothing that it changes")
     return [line for target, value in pairs for line in _to_place(target, value, scope)]
 
 
@@ -87,71 +69,71 @@ def _reads(value: ast.expr, target: ast.expr) -> bool:
 _PURE = ("abs", "bool", "float", "int", "len", "max", "min", *(f"math.{name}" for name in vars(math)))
 
 
-def _to_place(target: ast.expr, value: ast.expr, scope: Scope) -> list[str]:
+def _to_place(target: ast.expr, value: ast.expr, scope: c_code.Scope) -> list[str]:
     if isinstance(target, ast.Name):
         return _to_variable(target, value, scope)
     if isinstance(target, ast.Subscript) and isinstance(target.slice, ast.Slice):
         return _copy(target, target.slice, value, scope)
-    place, found = number(target, scope), number(value, scope)
+    place, found = c_code.number(target, scope), c_code.number(value, scope)
     return [f"{place.text} = {_fitting(target, place.type, found)};"]
 
 
-def _copy(target: ast.Subscript, part: ast.Slice, value: ast.expr, scope: Scope) -> list[str]:
+def _copy(target: ast.Subscript, part: ast.Slice, value: ast.expr, scope: c_code.Scope) -> list[str]:
     """The first n numbers, ``to[:n] = x[:n]``, or all numbers of an array in a layout, ``m.to[:] = x``, as many."""
     n, of = part.upper, value
     if n is not None and isinstance(value, ast.Subscript) and ast.unparse(value.slice) == f":{ast.unparse(n)}":
         of = value.value
-    to, source = expression(target.value, scope), expression(of, scope)
+    to, source = c_code.expression(target.value, scope), c_code.expression(of, scope)
     fits = to.type.name == source.type.name and len(to.type.sizes) == len(source.type.sizes) == 1
     equal = n is not None or len({to.type.sizes, source.type.sizes} - {(0,)}) < 2  # as far as they are known
     if part.lower or part.step or (n is not None) != (of is not value) or not (fits and equal):
-        raise kernel_error(target, "has to become the first numbers of another array, as many")
-    end = length(target, target.value, scope) if n is None else number(n, scope).text
+        raise c_code.kernel_error(target, "has to become the first numbers of another array, as many")
+    end = c_code.length(target, target.value, scope) if n is None else c_code.number(n, scope).text
     k, last = f"at_{target.lineno}", f"end_{target.lineno}"
     return [f"for (int {k} = 0, {last} = {end}; {k} < {last}; ++{k}) {to.text}[{k}] = {source.text}[{k}];"]
 
 
-def _to_variable(target: Any, value: ast.expr, scope: Scope) -> list[str]:
-    name = c_name(target.id)
-    if isinstance(value, ast.Call) and constant(value.func, scope) is zeros:
-        _declare(target, CType("double", (_size(value, scope),)), scope)
+def _to_variable(target: Any, value: ast.expr, scope: c_code.Scope) -> list[str]:
+    name = c_code.c_name(target.id)
+    if isinstance(value, ast.Call) and c_code.constant(value.func, scope) is zeros:
+        _declare(target, c_code.CType("double", (_size(value, scope),)), scope)
         scope.own.add(target.id)
         return [f"memset({name}, 0, sizeof {name});"]
-    found = expression(value, scope)
-    if len(found.type.sizes) > 1 or found.type == NOTHING:
-        raise kernel_error(target, f"would be {found.type.name} of {len(found.type.sizes)} dimensions")
+    found = c_code.expression(value, scope)
+    if len(found.type.sizes) > 1 or found.type == c_code.NOTHING:
+        raise c_code.kernel_error(target, f"would be {found.type.name} of {len(found.type.sizes)} dimensions")
     if target.id in scope.own:
-        raise kernel_error(target, "is an array of its own, and cannot become another one")
+        raise c_code.kernel_error(target, "is an array of its own, and cannot become another one")
     _declare(target, found.type, scope)
     return [f"{name} = {_fitting(target, scope.local[target.id], found)};"]
 
 
-def _size(call: ast.Call, scope: Scope) -> int:
+def _size(call: ast.Call, scope: c_code.Scope) -> int:
     (of,) = call.args
-    if isinstance(of, ast.Call) and constant(of.func, scope) is None and ast.unparse(of.func) == "len":
-        return length(of, of.args[0], scope)
-    value = of.value if isinstance(of, ast.Constant) else constant(of, scope)
+    if isinstance(of, ast.Call) and c_code.constant(of.func, scope) is None and ast.unparse(of.func) == "len":
+        return c_code.length(of, of.args[0], scope)
+    value = of.value if isinstance(of, ast.Constant) else c_code.constant(of, scope)
     if not isinstance(value, int) or value < 1:
-        raise kernel_error(call, "needs a size that is known: a number > 0 or the len of an array in a layout")
+        raise c_code.kernel_error(call, "needs a size that is known: a number > 0 or the len of an array in a layout")
     return int(value)
 
 
-def _declare(target: ast.Name, kind: CType, scope: Scope) -> None:
+def _declare(target: ast.Name, kind: c_code.CType, scope: c_code.Scope) -> None:
     known = scope.local.setdefault(target.id, kind)
-    if known.name != kind.name and not (known == DOUBLE and kind == INT):
-        raise kernel_error(target, f"is {known.name} at first and {kind.name} here")
+    if known.name != kind.name and not (known == c_code.DOUBLE and kind == c_code.INT):
+        raise c_code.kernel_error(target, f"is {known.name} at first and {kind.name} here")
 
 
-def _fitting(node: ast.AST, wanted: CType, value: CExpression) -> str:
-    if wanted == INT and value.type == DOUBLE:
-        raise kernel_error(node, "is a whole number; make the value one by int()")
+def _fitting(node: ast.AST, wanted: c_code.CType, value: c_code.CExpression) -> str:
+    if wanted == c_code.INT and value.type == c_code.DOUBLE:
+        raise c_code.kernel_error(node, "is a whole number; make the value one by int()")
     return value.text
 
 
-def _augmented(node: ast.AugAssign, scope: Scope) -> list[str]:
+def _augmented(node: ast.AugAssign, scope: c_code.Scope) -> list[str]:
     value = ast.BinOp(left=_as_read(node.target), op=node.op, right=node.value)
     ast.copy_location(value, node)
-    place, found = number(_as_read(node.target), scope), number(value, scope)
+    place, found = c_code.number(_as_read(node.target), scope), c_code.number(value, scope)
     return [f"{place.text} = {_fitting(node, place.type, found)};"]
 
 
@@ -159,74 +141,74 @@ def _as_read(target: ast.expr) -> ast.expr:
     return ast.copy_location(ast.parse(ast.unparse(target), mode="eval").body, target)
 
 
-def _if(node: ast.If, scope: Scope) -> list[str]:
-    lines = [f"if ({number(node.test, scope).text}) {{", *block(node.body, scope)]
+def _if(node: ast.If, scope: c_code.Scope) -> list[str]:
+    lines = [f"if ({c_code.number(node.test, scope).text}) {{", *block(node.body, scope)]
     if node.orelse:
         lines += ["} else {", *block(node.orelse, scope)]
     return [*lines, "}"]
 
 
-def _for(node: ast.For, scope: Scope) -> list[str]:
+def _for(node: ast.For, scope: c_code.Scope) -> list[str]:
     over = node.iter
     if not (isinstance(over, ast.Call) and ast.unparse(over.func) == "range" and isinstance(node.target, ast.Name)):
-        raise kernel_error(node, "has to go over a range")
-    bounds = [number(bound, scope) for bound in over.args]
-    if node.orelse or len(bounds) > 2 or any(bound.type != INT for bound in bounds):
-        raise kernel_error(node, "has to go over a range of one or two whole numbers, without else")
+        raise c_code.kernel_error(node, "has to go over a range")
+    bounds = [c_code.number(bound, scope) for bound in over.args]
+    if node.orelse or len(bounds) > 2 or any(bound.type != c_code.INT for bound in bounds):
+        raise c_code.kernel_error(node, "has to go over a range of one or two whole numbers, without else")
     start, end = ("0", bounds[0].text) if len(bounds) == 1 else (bounds[0].text, bounds[1].text)
     k, last = f"at_{node.lineno}", f"end_{node.lineno}"  # as Python, which looks at the bounds once
     head = f"for (int {k} = {start}, {last} = {end}; {k} < {last}; ++{k}) {{"
     return [head, *_counter(node.target, k, scope), *block(node.body, scope), "}"]
 
 
-def _counter(target: ast.Name, k: str, scope: Scope) -> list[str]:
+def _counter(target: ast.Name, k: str, scope: c_code.Scope) -> list[str]:
     """A variable of the kernel's own, as it keeps its value after the loop; none where it is called ``_``."""
     if target.id == "_":
         return []
-    _declare(target, INT, scope)
-    return [f"  {c_name(target.id)} = {k};"]
+    _declare(target, c_code.INT, scope)
+    return [f"  {c_code.c_name(target.id)} = {k};"]
 
 
-def _while(node: ast.While, scope: Scope) -> list[str]:
+def _while(node: ast.While, scope: c_code.Scope) -> list[str]:
     if node.orelse:
-        raise kernel_error(node, "has an else")
-    return [f"while ({number(node.test, scope).text}) {{", *block(node.body, scope), "}"]
+        raise c_code.kernel_error(node, "has an else")
+    return [f"while ({c_code.number(node.test, scope).text}) {{", *block(node.body, scope), "}"]
 
 
-def _return(node: ast.Return, scope: Scope) -> list[str]:
-    if (node.value is None) != (scope.result == NOTHING):
-        raise kernel_error(node, "does not return what the kernel is annotated with")
+def _return(node: ast.Return, scope: c_code.Scope) -> list[str]:
+    if (node.value is None) != (scope.result == c_code.NOTHING):
+        raise c_code.kernel_error(node, "does not return what the kernel is annotated with")
     if node.value is None:
         return ["return;"]
-    return [f"return {_fitting(node, scope.result, number(node.value, scope))};"]
+    return [f"return {_fitting(node, scope.result, c_code.number(node.value, scope))};"]
 
 
-def _alone(node: ast.Expr, scope: Scope) -> list[str]:
+def _alone(node: ast.Expr, scope: c_code.Scope) -> list[str]:
     if isinstance(node.value, ast.Constant) and isinstance(node.value.value, str):
         return []
     if not isinstance(node.value, ast.Call):
-        raise kernel_error(node, "does nothing")
+        raise c_code.kernel_error(node, "does nothing")
     function = _called_function(node.value, scope)
-    return [f"{expression(node.value, scope).text};"] if function is None else _smooth_call(node.value, function, scope)
+    return [f"{c_code.expression(node.value, scope).text};"] if function is None else _smooth_call(node.value, function, scope)
 
 
-def _called_function(call: ast.Call, scope: Scope) -> CExpression | None:
+def _called_function(call: ast.Call, scope: c_code.Scope) -> c_code.CExpression | None:
     """The field that is called, if it is one."""
     owner = call.func
     while isinstance(owner, ast.Attribute):
         owner = owner.value
     if not isinstance(owner, ast.Name) or owner.id not in scope.local:
         return None
-    return expression(call.func, scope)
+    return c_code.expression(call.func, scope)
 
 
-def _smooth_call(call: ast.Call, target: CExpression, scope: Scope) -> list[str]:
+def _smooth_call(call: ast.Call, target: c_code.CExpression, scope: c_code.Scope) -> list[str]:
     if not (isinstance(target.type.structure, type) and issubclass(target.type.structure, FunctionStructure)):
-        raise kernel_error(call, "calls what is no function")
+        raise c_code.kernel_error(call, "calls what is no function")
     function = target.type.structure.function
     n, sizes = function.n_in(), argument_sizes(function)
     if len(call.args) != len(sizes):
-        raise kernel_error(call, f"has to give {n} vectors to read and {len(sizes) - n} to fill")
+        raise c_code.kernel_error(call, f"has to give {n} vectors to read and {len(sizes) - n} to fill")
     given = [_vector(argument, size, k < n, scope) for k, (argument, size) in enumerate(zip(call.args, sizes, strict=True))]
     places = [f"arg[{k}]" if k < n else f"res[{k - n}]" for k in range(len(sizes))]
     filled = [f"  f->{place} = {vector};" for place, vector in zip(places, given, strict=True)]
@@ -234,26 +216,26 @@ def _smooth_call(call: ast.Call, target: CExpression, scope: Scope) -> list[str]
     return ["{", head, *filled, "  f->call(f->arg, f->res, f->iw, f->w, 0);", "}"]
 
 
-def _vector(node: ast.expr, size: int, read: bool, scope: Scope) -> str:
+def _vector(node: ast.expr, size: int, read: bool, scope: c_code.Scope) -> str:
     if isinstance(node, ast.Constant) and node.value is None:
         return "0"
-    found = expression(node, scope)
+    found = c_code.expression(node, scope)
     if found.type.is_number and read and size == 1:
         return f"(const double[]){{{found.text}}}"
-    column = column_size(found.type)
+    column = c_code.column_size(found.type)
     if column >= size and column:
         return f"(double *){found.text}"
     known = found.type.sizes[0] if found.type.sizes else -1
     if found.type.name != "double" or len(found.type.sizes) != 1 or 0 < known < size:
-        raise kernel_error(node, f"is no vector of {size} numbers")
+        raise c_code.kernel_error(node, f"is no vector of {size} numbers")
     return found.text
 
 
-def _word(word: str) -> Callable[[Any, Scope], list[str]]:
+def _word(word: str) -> Callable[[Any, c_code.Scope], list[str]]:
     return lambda node, scope: [word]
 
 
-_TRANSLATED: dict[type, Callable[[Any, Scope], list[str]]] = {
+_TRANSLATED: dict[type, Callable[[Any, c_code.Scope], list[str]]] = {
     ast.Assign: _assign,
     ast.AnnAssign: _assign,
     ast.AugAssign: _augmented,
@@ -284,7 +266,7 @@ _WIDE = """#if defined(__x86_64__) && defined(__linux__) && defined(__GNUC__) &&
 #define WIDE
 #endif
 """
-_PLAIN = {float: DOUBLE, int: INT, bool: INT, Vector: VECTOR, type(None): NOTHING}
+_PLAIN = {float: c_code.DOUBLE, int: c_code.INT, bool: c_code.INT, Vector: c_code.VECTOR, type(None): c_code.NOTHING}
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -329,7 +311,7 @@ class _Program:
 
     def __init__(self, structures: Iterable[type[ctypes.Structure]]) -> None:
         self.declared: list[str] = []
-        self.signatures: dict[Callable[..., Any], Signature] = {}
+        self.signatures: dict[Callable[..., Any], c_code.Signature] = {}
         self.bodies: dict[Callable[..., Any], str] = {}
         self.waiting: list[Callable[..., Any]] = []
         self._names: Counter[str] = Counter()
@@ -337,7 +319,7 @@ class _Program:
         for structure in structures:
             self._declare(structure)
 
-    def signature_of(self, kernel: Any) -> Signature:
+    def signature_of(self, kernel: Any) -> c_code.Signature:
         """Return the signature of a kernel, which is translated later."""
         name = getattr(kernel, "__name__", str(kernel))
         if not inspect.isfunction(kernel):
@@ -348,16 +330,16 @@ class _Program:
             self.waiting.append(kernel)
         return self.signatures[kernel]
 
-    def _read(self, name: str, kernel: Callable[..., Any]) -> Signature:
+    def _read(self, name: str, kernel: Callable[..., Any]) -> c_code.Signature:
         hints = get_type_hints(kernel)
         result = self._type(f"what {name} returns", hints.pop("return", None))
         parameters = {p: self._type(f"{name}: {p}", hints.get(p)) for p in inspect.signature(kernel).parameters}
-        return Signature(name, parameters, result)
+        return c_code.Signature(name, parameters, result)
 
     def translate(self, kernel: Callable[..., Any]) -> None:
         """The body of a kernel."""
         signature = self.signatures[kernel]
-        scope = Scope(
+        scope = c_code.Scope(
             names=vars(sys.modules[kernel.__module__]),
             signature_of=self.signature_of,
             result=signature.result,
@@ -374,11 +356,11 @@ class _Program:
         ]
         self.bodies[kernel] = "".join(f"{line}\n" for line in own + lines)
 
-    def _type(self, what: str, hint: Any) -> CType:
+    def _type(self, what: str, hint: Any) -> c_code.CType:
         if hint is None or hint in _PLAIN:
-            return _PLAIN.get(hint, NOTHING)
+            return _PLAIN.get(hint, c_code.NOTHING)
         if isinstance(hint, type) and issubclass(hint, Layout) and hint.__name__ in self._structures:
-            return CType(hint.__name__, (), self._structures[hint.__name__])
+            return c_code.CType(hint.__name__, (), self._structures[hint.__name__])
         layouts = [name for name, kind in self._structures.items() if not issubclass(kind, FunctionStructure)]
         raise InvalidInput(f"{what} is annotated with {hint}; give float, int, bool, Vector or a layout of {layouts}")
 
@@ -395,7 +377,7 @@ class _Program:
             memory = f"const double *arg[{n_arg}];\n  double *res[{n_res}];\n  long long int iw[{n_iw}];\n  double w[{n_w}];"
             self.declared.append(f"typedef struct {{\n  {call}\n  {memory}\n}} {structure.__name__};\n")
             return
-        kinds = {field: of_ctypes(kind) for field, kind in structure._fields_}  # type: ignore[misc]
+        kinds = {field: c_code.of_ctypes(kind) for field, kind in structure._fields_}  # type: ignore[misc]
         for kind in kinds.values():
             if kind.structure is not None:
                 self._declare(kind.structure)
@@ -404,22 +386,22 @@ class _Program:
         self.declared.append(f"typedef struct {{\n{fields}}} {name};\n")
 
 
-def _head(signature: Signature) -> str:
-    given = ", ".join(kind.declared(c_name(p)) for p, kind in signature.parameters.items()) or "void"
-    return f"{signature.result.name} {PREFIX}{signature.name}({given})"
+def _head(signature: c_code.Signature) -> str:
+    given = ", ".join(kind.declared(c_code.c_name(p)) for p, kind in signature.parameters.items()) or "void"
+    return f"{signature.result.name} {c_code.PREFIX}{signature.name}({given})"
 
 
-def _field(name: str, kind: CType) -> str:
-    return f"{kind.name} {c_name(name)}{''.join(f'[{size}]' for size in kind.sizes)}"
+def _field(name: str, kind: c_code.CType) -> str:
+    return f"{kind.name} {c_code.c_name(name)}{''.join(f'[{size}]' for size in kind.sizes)}"
 
 
-def _variable(name: str, kind: CType, *, own: bool) -> str:
+def _variable(name: str, kind: c_code.CType, *, own: bool) -> str:
     """A declaration: an array of one's own, a pointer to somebody else's, or a number, which is set before it is read."""
     if own:
-        return kind.declared(c_name(name))
+        return kind.declared(c_code.c_name(name))
     if kind.sizes or kind.structure is not None:
-        return f"{kind.name} *{c_name(name)} = 0"
-    return f"{kind.name} {c_name(name)} = 0"
+        return f"{kind.name} *{c_code.c_name(name)} = 0"
+    return f"{kind.name} {c_code.c_name(name)} = 0"
 
 
 @lru_cache(maxsize=1024)
