@@ -22,17 +22,7 @@ from numpy.typing import ArrayLike
 from uvms_ocp.checks import checked, checked_dataclass
 from uvms_ocp.errors import InvalidInput
 from uvms_ocp.record.display import FieldTable
-from uvms_ocp.trajectories.free_derivatives import (
-    Pieces,
-    coefficients,
-    cost_slopes,
-    end_data,
-    monomial_cost,
-    monomial_row,
-    piece_costs,
-    pieces_of,
-    solve_free,
-)
+from uvms_ocp.trajectories import free_derivatives
 from uvms_ocp.trajectories.polynomial import PiecewisePolynomial
 from uvms_ocp.types import Array, Count, Finite, Mask, Positive, Range, Shape, read_only
 
@@ -229,8 +219,8 @@ class MinSnap(FieldTable):
 
     def gradients(self) -> CostGradients:
         """Compute the gradients of the optimal cost in the data; linear in the number of pieces (envelope theorem)."""
-        pieces = pieces_of(self.trajectory.durations, self.node_derivatives.shape[0])
-        by_duration, by_node = cost_slopes(pieces, self.node_derivatives)
+        pieces = free_derivatives.pieces_of(self.trajectory.durations, self.node_derivatives.shape[0])
+        by_duration, by_node = free_derivatives.cost_slopes(pieces, self.node_derivatives)
         by_time = np.concatenate([[0.0], by_duration]) - np.concatenate([by_duration, [0.0]])
         return CostGradients(times=by_time, durations=by_duration, waypoints=by_node[0], node_derivatives=by_node)
 
@@ -248,19 +238,21 @@ def min_snap(waypoints: ArrayLike, times: ArrayLike, specification: CurveSpecifi
     return found
 
 
-def _least(waypoints: ArrayLike, times: ArrayLike, specification: CurveSpecification) -> tuple[MinSnap, NodeProblem, Pieces]:
+def _least(
+    waypoints: ArrayLike, times: ArrayLike, specification: CurveSpecification
+) -> tuple[MinSnap, NodeProblem, free_derivatives.Pieces]:
     problem = node_problem(waypoints, times, specification)
-    pieces = pieces_of(np.diff(problem.times), problem.k)
+    pieces = free_derivatives.pieces_of(np.diff(problem.times), problem.k)
     return solution_of(problem.times, pieces, _solved(problem, pieces)), problem, pieces
 
 
 _ACCURACY = 1e-4  # relative, of the cost
 
 
-def _require_accurate(found: MinSnap, problem: NodeProblem, pieces: Pieces) -> None:
+def _require_accurate(found: MinSnap, problem: NodeProblem, pieces: free_derivatives.Pieces) -> None:
     """Where the slope by all that is free vanishes, the cost is half the sum of slope times value over what is fixed."""
     values, durations = found.node_derivatives, np.diff(problem.times)
-    own = ((cost_slopes(pieces, values)[1] * values)[problem.fixed]).sum() / 2.0
+    own = ((free_derivatives.cost_slopes(pieces, values)[1] * values)[problem.fixed]).sum() / 2.0
     # What an ordinary piece costs by itself stands in for the cost where that is next to nothing.
     usual = np.median((np.diff(values[0], axis=0) ** 2).sum(axis=1) / durations ** (2 * problem.k - 1)) * durations.size
     if not abs(found.cost - own) <= _ACCURACY * max(found.cost, usual):
@@ -271,20 +263,20 @@ def _require_accurate(found: MinSnap, problem: NodeProblem, pieces: Pieces) -> N
         )
 
 
-def solution_of(times: Array, pieces: Pieces, values: Array) -> MinSnap:
+def solution_of(times: Array, pieces: free_derivatives.Pieces, values: Array) -> MinSnap:
     """The trajectory through node derivatives: values (k, n + 1, n_axes) [axis/s^d] at times (n + 1,) [s]."""
-    data = end_data(pieces, values)
-    trajectory = PiecewisePolynomial(breaks=times, coefficients=coefficients(pieces, data, values))
-    cost = float(piece_costs(pieces, data).sum())
+    data = free_derivatives.end_data(pieces, values)
+    trajectory = PiecewisePolynomial(breaks=times, coefficients=free_derivatives.coefficients(pieces, data, values))
+    cost = float(free_derivatives.piece_costs(pieces, data).sum())
     return MinSnap(trajectory=trajectory, node_derivatives=values, cost=cost)
 
 
-def _solved(problem: NodeProblem, pieces: Pieces) -> Array:
+def _solved(problem: NodeProblem, pieces: free_derivatives.Pieces) -> Array:
     if (problem.fixed == problem.fixed[:, :, :1]).all():
-        return solve_free(pieces, problem.values, problem.fixed[:, :, 0])
+        return free_derivatives.solve_free(pieces, problem.values, problem.fixed[:, :, 0])
     values = problem.values.copy()
     for axes in _axes_with_one_pattern(problem.fixed):
-        values[:, :, axes] = solve_free(pieces, values[:, :, axes], problem.fixed[:, :, axes[0]])
+        values[:, :, axes] = free_derivatives.solve_free(pieces, values[:, :, axes], problem.fixed[:, :, axes[0]])
     return values
 
 
@@ -333,7 +325,7 @@ def min_snap_qp(
     problem = node_problem(waypoints, times, specification)
     qp = _Qp(problem.k, np.diff(problem.times), tuple(bounds), plugin, dict(options or _QUIET.get(plugin, {})))
     values = np.stack([qp.solve(problem, axis) for axis in range(problem.values.shape[2])], axis=2)
-    return solution_of(problem.times, pieces_of(np.diff(problem.times), problem.k), values)
+    return solution_of(problem.times, free_derivatives.pieces_of(np.diff(problem.times), problem.k), values)
 
 
 _QUIET: dict[str, dict[str, object]] = {
@@ -350,7 +342,7 @@ class _Qp:
         self.unit = float(np.exp(np.mean(np.log(durations))))
         self.tau = durations / self.unit
         self.bounds = bounds
-        self.H = ca.diagcat(*[ca.DM(2.0 * t ** (1 - 2 * k) * monomial_cost(k)) for t in self.tau])
+        self.H = ca.diagcat(*[ca.DM(2.0 * t ** (1 - 2 * k) * free_derivatives.monomial_cost(k)) for t in self.tau])
         self.A = self._rows()
         structure = {"h": self.H.sparsity(), "a": self.A.sparsity()}
         try:
@@ -371,8 +363,8 @@ class _Qp:
 
     def _rows(self) -> ca.DM:
         """Derivatives 0 .. k - 1 at every node (end of the last piece for the last), then their continuity."""
-        at_start = ca.DM(np.stack([monomial_row(0.0, d, 2 * self.k) for d in range(self.k)]))
-        at_end = ca.DM(np.stack([monomial_row(1.0, d, 2 * self.k) for d in range(self.k)]))
+        at_start = ca.DM(np.stack([free_derivatives.monomial_row(0.0, d, 2 * self.k) for d in range(self.k)]))
+        at_end = ca.DM(np.stack([free_derivatives.monomial_row(1.0, d, 2 * self.k) for d in range(self.k)]))
         starts = [self._per_time(at_start, t) for t in self.tau]
         ends = [self._per_time(at_end, t) for t in self.tau]
         nodes = ca.diagcat(*starts[:-1], ca.vertcat(starts[-1], ends[-1]))
