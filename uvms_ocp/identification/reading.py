@@ -38,18 +38,9 @@ import numpy as np
 from pydantic import Field
 
 from uvms_ocp.errors import InvalidInput, require_known
-from uvms_ocp.identification import tables
+from uvms_ocp.identification import recording as recordings, tables
 from uvms_ocp.identification.file_kinds import holds_messages, kind_of
 from uvms_ocp.identification.messages import TopicColumns, message_rows, topics_of
-from uvms_ocp.identification.recording import (
-    CHANNEL_KINDS,
-    CHANNEL_TABLE,
-    SECONDS,
-    Channel,
-    Recording,
-    continuous_quaternions,
-    rotations,
-)
 from uvms_ocp.identification.tables import TableColumns
 from uvms_ocp.identification.text_tables import TextFormat
 from uvms_ocp.model_errors import FileModel, one_line_errors
@@ -78,9 +69,9 @@ def even_send_times(arrived: np.ndarray, period: float) -> np.ndarray:
 
 _DAY, _AROUND_MIDNIGHT = 86_400.0, 600.0  # [s]
 _DOWN = np.diag([1.0, -1.0, -1.0])  # from axes with z down to axes with z up, and back
-UNITS: Mapping[str, Mapping[str, float]] = CHANNEL_TABLE["units"]
+UNITS: Mapping[str, Mapping[str, float]] = recordings.CHANNEL_TABLE["units"]
 """By the unit of a channel: units that its values may be given in, and factors."""
-_OF_CHANNEL, _SPELLED = CHANNEL_TABLE["of_channel"], CHANNEL_TABLE["spelled"]
+_OF_CHANNEL, _SPELLED = recordings.CHANNEL_TABLE["of_channel"], recordings.CHANNEL_TABLE["spelled"]
 _FOREIGN = 0.5  # of all rows, above which those without any cell are of other channels
 _LARGEST_ANGLE = 2.5 * np.pi  # [rad] of roll, pitch and yaw as files have them, unless yaw is unwound
 _AT_ONCE = 0.05  # of the usual interval, within which a message that says the same again is the same message
@@ -151,8 +142,8 @@ def read_mapping(path: Path) -> RecordingMapping:
 
 def _require_meaning(key: str, one: ChannelMapping) -> None:
     """Raises NameNotFound for no channel, InvalidInput for what means nothing of this one: never ignored."""
-    require_known("channel", key, CHANNEL_KINDS)
-    kind = CHANNEL_KINDS[key]
+    require_known("channel", key, recordings.CHANNEL_KINDS)
+    kind = recordings.CHANNEL_KINDS[key]
     turned = one.frame == "W"
     means = {
         "format": key == "attitude",
@@ -182,10 +173,10 @@ def _bases(key: str, one: ChannelMapping) -> tuple[str, ...]:
     """Units of a channel that others may be given in place of."""
     if key == "attitude" and one.format != "rpy":
         return ()
-    return _OF_CHANNEL.get(key, (CHANNEL_KINDS[key].unit,))
+    return _OF_CHANNEL.get(key, (recordings.CHANNEL_KINDS[key].unit,))
 
 
-def mapped_recording(source: Path, mapping: RecordingMapping, name: str = "") -> Recording:
+def mapped_recording(source: Path, mapping: RecordingMapping, name: str = "") -> recordings.Recording:
     """A recording of a file, or of files in a folder whose names have the name of the recording in them.
 
     Times begin with the first sample of any channel. Rows with NaN are left out, and a doubt says how many.
@@ -200,7 +191,7 @@ def mapped_recording(source: Path, mapping: RecordingMapping, name: str = "") ->
         key: replace(one, values=_in_body(key, read)) if mapping.channels[key].frame == "W" else one for key, one in read.items()
     }
     start = min(channel.t[0] for channel in found.values())
-    return Recording(
+    return recordings.Recording(
         name=name,
         channels={key: replace(one, t=one.t - start) for key, one in found.items()},
         issues_in_file=tuple(doubt for key, one in mapping.channels.items() for doubt in _unknown(key, one, rows[key])),
@@ -208,11 +199,11 @@ def mapped_recording(source: Path, mapping: RecordingMapping, name: str = "") ->
     )
 
 
-def _in_body(key: str, read: Mapping[str, Channel]) -> np.ndarray:
+def _in_body(key: str, read: Mapping[str, recordings.Channel]) -> np.ndarray:
     """Values of a channel that was given in W, turned to B."""
     if "attitude" not in read:
         raise InvalidInput(f"{key}: frame: W given, which needs the attitude; give that channel too")
-    R = rotations(read["attitude"], read[key].undelayed_t)
+    R = recordings.rotations(read["attitude"], read[key].undelayed_t)
     return np.einsum("nji,nkj->nki", R, read[key].values.reshape(len(R), -1, 3)).reshape(len(R), -1)
 
 
@@ -225,7 +216,7 @@ def _mapped_rows(source: Path, mapping: RecordingMapping, name: str) -> dict[str
         if holds_messages(path):
             if not one.topic and "" not in topics_of(path):  # as messages that name no type are
                 raise InvalidInput(f"{path}: {key} has no topic; give one of {', '.join(topics_of(path))}")
-            unit = SECONDS[one.time_unit or "s"]
+            unit = recordings.SECONDS[one.time_unit or "s"]
             by_path[path][key] = TopicColumns(topic=one.topic, columns=(*one.fields, *one.rows), time=one.time, unit=unit)
         else:
             found[key] = _chosen(key, one, _table_rows(key, one, path, mapping.table))
@@ -242,8 +233,8 @@ def _table_rows(key: str, one: ChannelMapping, path: Path, given: TextFormat | N
         raise InvalidInput(f"{path}: {key} is in a table; give its time, and no topic")
     table = tables.read_table(path, [one.time, *one.fields, *one.rows], given)
     said = _SPELLED.get(table.units[0], table.units[0])
-    unit = one.time_unit or (said if said in SECONDS else "s")
-    values = table.values * [SECONDS[unit], *np.ones(len(table.units) - 1)]
+    unit = one.time_unit or (said if said in recordings.SECONDS else "s")
+    values = table.values * [recordings.SECONDS[unit], *np.ones(len(table.units) - 1)]
     return replace(table, values=values, layout=f"{path.name}: {table.layout}" if table.layout else "")
 
 
@@ -307,7 +298,7 @@ def _unknown(key: str, one: ChannelMapping, table: TableColumns) -> Iterator[tup
     n, m = int((lost & ~foreign).sum()), int((~foreign).sum())
     if n:
         text = f"{n} of {m} rows have NaN ({_named(one, open_cells[~foreign].any(axis=0))}) and are left out"
-        command = CHANNEL_KINDS[key].command
+        command = recordings.CHANNEL_KINDS[key].command
         yield key, text + (", and a fit takes the command before them for what was asked" if command else "")
     geographic = [name for name in one.fields if name.rpartition(".")[2].lower().startswith(("lat", "lon", "lng"))]
     if key == "position" and geographic:
@@ -333,7 +324,7 @@ def _named(one: ChannelMapping, chosen: np.ndarray) -> str:
     return ", ".join(name for name, each in zip(names, chosen, strict=True) if each)
 
 
-def _samples(key: str, one: ChannelMapping, table: TableColumns) -> Channel:
+def _samples(key: str, one: ChannelMapping, table: TableColumns) -> recordings.Channel:
     rows = table.values
     known = np.isfinite(rows)
     if len(rows) > 1 and not known.all(axis=1).any():
@@ -349,7 +340,7 @@ def _samples(key: str, one: ChannelMapping, table: TableColumns) -> Channel:
     n, rows = len(rows), _without_echoes(rows)
     given = rows[:, 0]
     t, first = np.unique(given if one.sent_every is None else even_send_times(given, one.sent_every), return_index=True)
-    return Channel(
+    return recordings.Channel(
         t=t,
         values=_converted(key, one, rows[first, 1:]),
         delay=one.delay,
@@ -378,8 +369,10 @@ def _without_echoes(rows: np.ndarray) -> np.ndarray:
 def _converted(key: str, one: ChannelMapping, values: np.ndarray) -> np.ndarray:
     if key == "attitude":
         world, body = (_DOWN if z_down else np.eye(3) for z_down in (one.world == "NED", one.body == "FRD"))
-        return continuous_quaternions(np.array([matrix_to_quaternion(world @ R @ body) for R in _rotations(one, values)]))
-    frame = one.frame or CHANNEL_KINDS[key].frame
+        return recordings.continuous_quaternions(
+            np.array([matrix_to_quaternion(world @ R @ body) for R in _rotations(one, values)])
+        )
+    frame = one.frame or recordings.CHANNEL_KINDS[key].frame
     turned = {"W": one.world == "NED", "B": one.body == "FRD"}.get(frame, False)
     return values * np.tile(np.diag(_DOWN), values.shape[1] // 3) if turned else values
 
@@ -405,7 +398,7 @@ _MEASURED = tuple(f"measured_{name}" for name in ("position", "attitude", "linea
 _POSE, _TWIST = 7, 6
 
 
-def run_recording(record: Record, name: str) -> Recording:
+def run_recording(record: Record, name: str) -> recordings.Recording:
     """Channels of a run. Raises InvalidInput for the record of a plan, which nobody has measured."""
     meta = record.run_meta
     rows = dict(_estimated_rows(record, is_floating(record.series, meta)))
@@ -416,32 +409,32 @@ def run_recording(record: Record, name: str) -> Recording:
         channels[key] = _from_nothing(_channel(record["t"], values), meta.dt)
     named = {"joint_positions": meta.joints, "joint_velocities": meta.joints, "thrust": meta.thrusters}
     channels = {key: _with_names(one, named.get(key, ())) for key, one in channels.items()}
-    return Recording(name=name, channels=channels, issues_in_file=tuple(_spoiled(record)), at_once=True)
+    return recordings.Recording(name=name, channels=channels, issues_in_file=tuple(_spoiled(record)), at_once=True)
 
 
 def _estimated_rows(record: Record, floating: bool) -> Iterator[tuple[str, np.ndarray]]:
     q, v = record["q_estimated"], record["v_estimated"]
     if floating:
         yield "position", q[:, :3]
-        yield "attitude", continuous_quaternions(q[:, 3:_POSE])
+        yield "attitude", recordings.continuous_quaternions(q[:, 3:_POSE])
         yield "linear_velocity", v[:, :3]
         yield "angular_velocity", v[:, 3:_TWIST]
     yield "joint_positions", q[:, _POSE if floating else 0 :]
     yield "joint_velocities", v[:, _TWIST if floating else 0 :]
 
 
-def _measured(record: Record) -> Iterator[tuple[str, Channel]]:
+def _measured(record: Record) -> Iterator[tuple[str, recordings.Channel]]:
     """Yield what sensors read: an estimate between slow readings is late, and a fit would take that for less added mass."""
     for name in [name for name in _MEASURED if name in record.series]:
         channel, (values, t) = name.removeprefix("measured_"), np.split(record[name], [-1], axis=1)
         taken = np.where(np.isfinite(record[name]).all(axis=1), t[:, 0], -np.inf)
         known = taken > np.r_[-np.inf, np.maximum.accumulate(taken)[:-1]]  # clocks that fail give times again
         if known.sum() > 1:
-            right = continuous_quaternions(values[known]) if channel == "attitude" else values[known]
-            yield channel, Channel(t=t[known, 0], values=right)
+            right = recordings.continuous_quaternions(values[known]) if channel == "attitude" else values[known]
+            yield channel, recordings.Channel(t=t[known, 0], values=right)
 
 
-def _with_names(channel: Channel, names: tuple[str, ...]) -> Channel:
+def _with_names(channel: recordings.Channel, names: tuple[str, ...]) -> recordings.Channel:
     """Name its columns where there is one for each: not for joints that turn without end."""
     return replace(channel, columns=names) if len(names) == channel.values.shape[1] else channel
 
@@ -457,7 +450,7 @@ def _asked(record: Record) -> Iterator[tuple[str, np.ndarray]]:
         yield "wrench", found["wrench"] - found.get("unreachable", 0.0)
 
 
-def _from_nothing(channel: Channel, dt: float) -> Channel:
+def _from_nothing(channel: recordings.Channel, dt: float) -> recordings.Channel:
     """A run begins with thrusters at rest; dt [s]."""
     t, values = channel.t, channel.values
     return replace(channel, t=np.r_[t[0] - dt, t], values=np.vstack([np.zeros_like(values[:1]), values]))
@@ -475,9 +468,9 @@ def _spoiled(record: Record) -> Iterator[tuple[str, str]]:
         yield "position", f"on the floor at {t[np.argmax(touches)]:.2f} s first: a fit knows no floor that pushes"
 
 
-def _channel(t: np.ndarray, values: np.ndarray) -> Channel:
+def _channel(t: np.ndarray, values: np.ndarray) -> recordings.Channel:
     known = np.isfinite(values).all(axis=1)
-    return Channel(t=t, values=values) if known.all() else Channel(t=t[known], values=values[known])
+    return recordings.Channel(t=t, values=values) if known.all() else recordings.Channel(t=t[known], values=values[known])
 
 
 # A recording of any file: one of ours, a record of a run, or one of others with a mapping.
@@ -492,7 +485,7 @@ _RECORDS: Mapping[str, Callable[[Path], Record]] = {
 }
 
 
-def read_recording(path: Path, mapping: RecordingMapping | None = None) -> Recording:
+def read_recording(path: Path, mapping: RecordingMapping | None = None) -> recordings.Recording:
     """The recording of a file or a folder; mapping: for what is none of ours.
 
     Raises InvalidInput for one that needs a mapping, NameNotFound and NotInstalled.
@@ -514,7 +507,7 @@ def _is_own_archive(path: Path) -> bool:
         return path.suffix == ".npz" and _OWN_MEMBER in file.read(64)
 
 
-def _own(path: Path) -> Recording:
+def _own(path: Path) -> recordings.Recording:
     if path.is_dir():
         raise _needs_mapping(path)
     kind = kind_of(path)
@@ -525,7 +518,7 @@ def _own(path: Path) -> Recording:
     return tables.stored_recording(path) if kind != "parquet" or tables.is_stored(tables.column_names(path)) else _of_record(path)
 
 
-def _of_record(path: Path) -> Recording:
+def _of_record(path: Path) -> recordings.Recording:
     try:
         record = _RECORDS[path.suffix](path)
     except InvalidInput:

@@ -14,17 +14,8 @@ import numpy as np
 
 from uvms_ocp.codegen.compile import compile_function
 from uvms_ocp.errors import InvalidInput
+from uvms_ocp.identification import recording as recordings
 from uvms_ocp.identification.model import N_Q, N_V, PAST, PAST_STEP, StageFunctions, Vehicle
-from uvms_ocp.identification.recording import (
-    Channel,
-    Recording,
-    ZeroOrderHold,
-    angular_rate,
-    interpolated,
-    pose_velocity,
-    rotations,
-    smoothed,
-)
 from uvms_ocp.robot.limits import joints_of
 from uvms_ocp.robot.spatial import quaternion_exp, quaternion_multiply
 
@@ -46,7 +37,7 @@ class Segment:
     recording: str
     edges: np.ndarray
     """(n + 1,) [s] of its steps."""
-    commands: ZeroOrderHold
+    commands: recordings.ZeroOrderHold
     """Commands of the actuators."""
     joints: np.ndarray
     """(3 n_j, n) [rad, rad/s, rad/s2] in the middle of each step, as `StageFunctions` has them."""
@@ -74,16 +65,16 @@ class Segment:
 class PreparedRecording:
     """A recording with what follows from its channels: a rate of turning, commands of actuators, joints."""
 
-    recording: Recording
-    rate: Channel
-    commands: ZeroOrderHold
-    joints: Channel | None
+    recording: recordings.Recording
+    rate: recordings.Channel
+    commands: recordings.ZeroOrderHold
+    joints: recordings.Channel | None
     """Their positions, where the vehicle has any."""
     vertical: np.ndarray
     """(n, 3) [-] W's vertical in B, of each sample of the attitude."""
 
     @staticmethod
-    def of(recording: Recording, vehicle: Vehicle, window: float = RATE_WINDOW) -> PreparedRecording:
+    def of(recording: recordings.Recording, vehicle: Vehicle, window: float = RATE_WINDOW) -> PreparedRecording:
         """window: [s] over which attitude is smoothed where no angular velocity is recorded.
 
         Without a linear velocity means between positions take its place.
@@ -97,16 +88,16 @@ class PreparedRecording:
             given = f"one channel begins at {begin:.6g} s, and another has ended at {end:.6g} s"
             raise InvalidInput(f"{recording.name}: {given}; give channels of one clock, with times in common")
         if "linear_velocity" not in channels and "position" in channels:
-            velocity = pose_velocity(channels["position"], attitude, POSE_INTERVAL)
+            velocity = recordings.pose_velocity(channels["position"], attitude, POSE_INTERVAL)
             recording = replace(recording, channels={**channels, "linear_velocity": velocity})
         recording.channel("linear_velocity")
         rate = recording.channels.get("angular_velocity")
         if rate is None:
-            t, omega = angular_rate(attitude, window)
+            t, omega = recordings.angular_rate(attitude, window)
             at = attitude.undelayed_t[(attitude.undelayed_t >= t[0]) & (attitude.undelayed_t <= t[-1])]
-            rate = Channel(t=at, values=interpolated(at, t, omega))
-        commands, joints = ZeroOrderHold(_actuator_commands(recording, vehicle)), _moved(recording, vehicle)
-        vertical = rotations(attitude, attitude.undelayed_t)[:, 2, :].copy()
+            rate = recordings.Channel(t=at, values=recordings.interpolated(at, t, omega))
+        commands, joints = recordings.ZeroOrderHold(_actuator_commands(recording, vehicle)), _moved(recording, vehicle)
+        vertical = recordings.rotations(attitude, attitude.undelayed_t)[:, 2, :].copy()
         return PreparedRecording(recording=recording, rate=rate, commands=commands, joints=joints, vertical=vertical)
 
     def stretches(self, step: float, duration: float | None = None) -> tuple[Segment, ...]:
@@ -148,9 +139,9 @@ class PreparedRecording:
     def _parts(self, whole: Segment, begins: np.ndarray, n: int) -> tuple[Segment, ...]:
         """Cut segments of n steps that begin at edges begins (m,)."""
         t, attitude = whole.edges[begins], self.recording.channel("attitude")
-        turns = interpolated(t, attitude.undelayed_t, attitude.values)
+        turns = recordings.interpolated(t, attitude.undelayed_t, attitude.values)
         q = np.hstack([np.zeros((len(t), 3)), turns / np.linalg.norm(turns, axis=1, keepdims=True)])
-        v = np.hstack([interpolated(t, whole.t[k], whole.measured[k]) for k in (0, 1)])
+        v = np.hstack([recordings.interpolated(t, whole.t[k], whole.measured[k]) for k in (0, 1)])
         return tuple(_cut(whole, k, k + n, *at) for k, *at in zip(begins.tolist(), q, v, strict=True))
 
 
@@ -168,7 +159,7 @@ def _cut(whole: Segment, first: int, last: int, q: np.ndarray, v: np.ndarray) ->
     )
 
 
-def _actuator_commands(recording: Recording, vehicle: Vehicle) -> Channel:
+def _actuator_commands(recording: recordings.Recording, vehicle: Vehicle) -> recordings.Channel:
     """Return the command of each actuator."""
     name = vehicle.actuators.commands or _only_commands(recording)
     channel, allocation = recording.channel(name), vehicle.actuators.allocation
@@ -177,17 +168,17 @@ def _actuator_commands(recording: Recording, vehicle: Vehicle) -> Channel:
     if channel.values.shape[1] != allocation.shape[1]:
         given = f"{recording.name}: {name} has {channel.values.shape[1]} columns"
         raise InvalidInput(f"{given}; the actuators' allocation takes {allocation.shape[1]}")
-    return Channel(t=channel.t, values=channel.values @ allocation.T, delay=channel.delay)
+    return recordings.Channel(t=channel.t, values=channel.values @ allocation.T, delay=channel.delay)
 
 
-def _only_commands(recording: Recording) -> str:
+def _only_commands(recording: recordings.Recording) -> str:
     names = [name for name in COMMANDS if name in recording.channels]
     if len(names) != 1:
         raise InvalidInput(f"{recording.name}: commands {names} recorded; allowed: one of {', '.join(COMMANDS)}")
     return names[0]
 
 
-def _moved(recording: Recording, vehicle: Vehicle) -> Channel | None:
+def _moved(recording: recordings.Recording, vehicle: Vehicle) -> recordings.Channel | None:
     """Positions of the vehicle's joints, in its order."""
     names = tuple(joint.name for joint in joints_of(vehicle.dynamics.model, free_flyer=True))
     if not names and "joint_positions" not in recording.channels:
@@ -199,11 +190,11 @@ def _moved(recording: Recording, vehicle: Vehicle) -> Channel | None:
     return channel
 
 
-def _joints(channel: Channel | None, edges: np.ndarray, window: float = 0.4) -> np.ndarray:
+def _joints(channel: recordings.Channel | None, edges: np.ndarray, window: float = 0.4) -> np.ndarray:
     middle = (edges[1:] + edges[:-1]) / 2
     if channel is None:
         return np.zeros((0, len(middle)))
-    parts = [smoothed(channel.undelayed_t, channel.values, window, derivative) for derivative in range(3)]
+    parts = [recordings.smoothed(channel.undelayed_t, channel.values, window, derivative) for derivative in range(3)]
     return np.array([np.interp(middle, t, column) for t, values in parts for column in values.T])
 
 
