@@ -21,21 +21,10 @@ from uvms_ocp.checks import checked_dataclass, checked_on_failure, unchecked_con
 from uvms_ocp.codegen.buffered import BufferedFunction
 from uvms_ocp.codegen.elementwise import interval_distance, interval_excess, logical_or, row_sums, where
 from uvms_ocp.errors import InvalidInput, NameNotFound, plain_line
-from uvms_ocp.solvers.hierarchy import tolerances
+from uvms_ocp.solvers.hierarchy import solution, tolerances
 from uvms_ocp.solvers.hierarchy.active_set_numpy import RowState, solve_levels
 from uvms_ocp.solvers.hierarchy.certificate import normal_certificate, normal_rows
 from uvms_ocp.solvers.hierarchy.level import Level, is_valid, residual, widen_bounds
-from uvms_ocp.solvers.hierarchy.solution import (
-    Solution,
-    Status,
-    Tick,
-    TickResult,
-    check_levels_function,
-    dense_inputs,
-    dense_outputs,
-    solve_stacked,
-    timed_solution,
-)
 from uvms_ocp.types import Array, AtLeastOne, Positive
 
 # Build the cascade of quadratic programs as one CasADi expression.
@@ -300,9 +289,9 @@ def _is_optimal(symbols: _LevelSymbols, v: ca.MX, multipliers: ca.MX) -> ca.MX:
 
 # A bound cascade, which survives a plugin that breaks down in the middle of a tick.
 
-_result = unchecked_constructor(TickResult)
+_result = unchecked_constructor(solution.TickResult)
 
-_STATUS = (Status.SOLVED, Status.INEXACT, Status.INVALID_INPUT)
+_STATUS = (solution.Status.SOLVED, solution.Status.INEXACT, solution.Status.INVALID_INPUT)
 _INEXACT = 1
 
 
@@ -330,7 +319,7 @@ class QpTick:
         with contextlib.redirect_stdout(io.StringIO()):
             self._set_up()
 
-    def __call__(self, *inputs: ArrayLike) -> TickResult:
+    def __call__(self, *inputs: ArrayLike) -> solution.TickResult:
         """Raises `InvalidInput` for a wrong number or shape of inputs."""
         start = perf_counter()
         # Plugins report their troubles through Python's stdout, whatever their options say.
@@ -347,13 +336,13 @@ class QpTick:
         self._fresh = bool(outputs[1][0] == _INEXACT)
         v, said, missed, *extras = outputs
         status = _STATUS[int(said[0])]
-        if self._certified and status is not Status.INVALID_INPUT:
+        if self._certified and status is not solution.Status.INVALID_INPUT:
             v, status, missed = self._certify(v, missed, inputs)
-        elif status is Status.SOLVED:
-            status = Status.INEXACT
+        elif status is solution.Status.SOLVED:
+            status = solution.Status.INEXACT
         return _result(v=v, status=status, residual=missed, extras=tuple(extras), solve_time=perf_counter() - start)
 
-    def _certify(self, v: Array, missed: Array, inputs: Sequence[ArrayLike]) -> tuple[Array, Status, Array]:
+    def _certify(self, v: Array, missed: Array, inputs: Sequence[ArrayLike]) -> tuple[Array, solution.Status, Array]:
         """Exact only if that is certified, whatever the programs say of themselves; else by the rows that they hold.
 
         Those are nearly the active set of the optimum, from which `active_set_numpy.solve_levels` takes an iteration or two.
@@ -362,12 +351,12 @@ class QpTick:
         J, given = J.reshape(-1, len(v)), given.reshape(-1, len(v))
         rows = normal_rows(J, low, up, self._sizes)
         if normal_certificate(rows, v / rows.velocity) <= tolerances.CERTIFIED:
-            return v, Status.SOLVED, missed
+            return v, solution.Status.SOLVED, missed
         near = _HELD * (1.0 + np.abs(J).sum(axis=1))
         held = (J @ v >= up - near) * float(RowState.UPPER) + (J @ v <= low + near) * float(RowState.LOWER)
         polished = solve_levels(given, lower, upper, gate, held, self._sizes)
         exact = polished.status.exact
-        return (polished.v, polished.status, polished.residual) if exact else (v, Status.INEXACT, missed)
+        return (polished.v, polished.status, polished.residual) if exact else (v, solution.Status.INEXACT, missed)
 
     def _set_up(self) -> None:
         for step in self._steps:
@@ -437,15 +426,15 @@ class LexicographicQp:
             raise NameNotFound("conic plugin", self.plugin, conic_plugins())
 
     @checked_on_failure
-    def solve(self, levels: Sequence[Level]) -> Solution:
+    def solve(self, levels: Sequence[Level]) -> solution.Solution:
         """Raises `InvalidInput` where ``levels`` is empty or of mixed width."""
-        return timed_solution(levels, partial(solve_stacked, self.bind))
+        return solution.timed_solution(levels, partial(solution.solve_stacked, self.bind))
 
-    def bind(self, levels_function: ca.Function, sizes: Sequence[int]) -> Tick:
+    def bind(self, levels_function: ca.Function, sizes: Sequence[int]) -> solution.Tick:
         """One Function of ``levels_function`` and the cascade; outputs beyond the six of ``Level`` are extras."""
-        check_levels_function(levels_function, sizes)
-        inputs, names = dense_inputs(levels_function), levels_function.name_in()
-        J, lower, upper, _, _, gate, *extras = dense_outputs(levels_function, inputs)
+        solution.check_levels_function(levels_function, sizes)
+        inputs, names = solution.dense_inputs(levels_function), levels_function.name_in()
+        J, lower, upper, _, _, gate, *extras = solution.dense_outputs(levels_function, inputs)
         # Some plugins print a banner through Python's stdout when they are created.
         with contextlib.redirect_stdout(io.StringIO()):
             above = np.cumsum([0, *sizes])

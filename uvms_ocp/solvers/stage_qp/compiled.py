@@ -11,28 +11,14 @@ from typing import Any
 import numpy as np
 
 from uvms_ocp.codegen.compile import c_macros, compile_library, constants_of, loaded_library
-from uvms_ocp.solvers.stage_qp import tolerances
-from uvms_ocp.solvers.stage_qp.problem import (
-    IterationResult,
-    ResidualProducts,
-    RowTable,
-    StageQp,
-    StageQpOptions,
-    StageQpStatus,
-    StageShape,
-    StartMode,
-    WarmStart,
-    kkt_residual,
-    offsets,
-    undetermined_variables,
-)
+from uvms_ocp.solvers.stage_qp import problem, tolerances
 from uvms_ocp.types import Array
 
 _INCLUDES = "#include <math.h>\n#include <stddef.h>\n#include <string.h>\n"
 _SOURCES = ("blocks.c", "riccati.c", "interior_point.c", "iteration.c")
 # At -O3 the blocks leave the registers again.
 _FLAGS = ("-O2", "-ftree-vectorize", "-std=c99")
-_STATUSES = tuple(StageQpStatus)
+_STATUSES = tuple(problem.StageQpStatus)
 _SIZES = ("n_x", "n_u", "n_r", "n_c")
 _PLACES = ("x", "z", "r", "c", "F", "J", "H", "C", "M")
 _DATA = {
@@ -93,7 +79,7 @@ class _Problem(ctypes.Structure):
 class CompiledCore:
     """The solver of one shape."""
 
-    def __init__(self, library: ctypes.CDLL, shape: StageShape) -> None:
+    def __init__(self, library: ctypes.CDLL, shape: problem.StageShape) -> None:
         self._library, self._n, self._n_x = library, sum(shape.n_z), sum(shape.n_x)
         n, m = self._n, sum(shape.n_c)
         self._problem = _Problem(M=m + n, m=m, n=n, n_x=self._n_x)
@@ -101,8 +87,8 @@ class CompiledCore:
         # What ctypes only knows the address of.
         self._indices, self._stage_work = _indices(shape), _stage_work(shape)
         self._work, self._table = _work(n, m, self._n_x), _table(n, m)
-        self._work["loose"][:] = undetermined_variables(shape)
-        self._loaded: StageQp | None = None
+        self._work["loose"][:] = problem.undetermined_variables(shape)
+        self._loaded: problem.StageQp | None = None
         self._found = np.zeros(3)
         self._found_address = _address(self._found)
         self._now, self._other = (_residuals(n, m, self._n_x) for _ in range(2))
@@ -111,7 +97,9 @@ class CompiledCore:
         _point(self._problem.now, self._now)
         _point(self._problem.other, self._other)
 
-    def run(self, qp: StageQp, table: RowTable, z: Array, options: StageQpOptions, *, phase_one: bool) -> IterationResult:
+    def run(
+        self, qp: problem.StageQp, table: problem.RowTable, z: Array, options: problem.StageQpOptions, *, phase_one: bool
+    ) -> problem.IterationResult:
         """Run from z (n,) [unit of z] with the rows of a table: without the cost in phase one, else with steps that are damped in
         directions without curvature."""
         self._load(qp, options)
@@ -119,11 +107,13 @@ class CompiledCore:
             array[:] = np.ravel(getattr(table, name))
         self._stage_work["fixed"][:], self._work["point"][:] = table.fixed, 0.0
         self._work["point"][: self._n] = z
-        self._problem.start = int(StartMode.EQUALITIES if phase_one else StartMode.COLD)
+        self._problem.start = int(problem.StartMode.EQUALITIES if phase_one else problem.StartMode.COLD)
         self._library.solve_qp(ctypes.byref(self._problem), int(phase_one), int(not phase_one))
         return self._end()
 
-    def solve(self, qp: StageQp, options: StageQpOptions, near: WarmStart | None) -> IterationResult:
+    def solve(
+        self, qp: problem.StageQp, options: problem.StageQpOptions, near: problem.WarmStart | None
+    ) -> problem.IterationResult:
         """Solve as `SparseCore.solve`."""
         self._load(qp, options)
         point = self._work["point"]
@@ -132,50 +122,50 @@ class CompiledCore:
         self._library.solve_whole(ctypes.byref(self._problem), int(near is not None))
         return self._end()
 
-    def products(self, qp: StageQp, z: Array) -> ResidualProducts:
+    def products(self, qp: problem.StageQp, z: Array) -> problem.ResidualProducts:
         """Compute products as `SparseCore.products`; z (n,) [unit of z]."""
         self._load(qp, None)
         self._library.products(ctypes.byref(self._problem.stages), _address(z), self._found_address)
         slope, square, change = self._found.tolist()
-        return ResidualProducts(slope=slope, square=square, change=change)
+        return problem.ResidualProducts(slope=slope, square=square, change=change)
 
-    def steepest(self, qp: StageQp) -> float:
+    def steepest(self, qp: problem.StageQp) -> float:
         """Return the steepest slope as `SparseCore.steepest`."""
         self._load(qp, None)
         return float(self._library.steepest(ctypes.byref(self._problem.stages)))
 
-    def stationarity(self, qp: StageQp, near: WarmStart) -> float:
+    def stationarity(self, qp: problem.StageQp, near: problem.WarmStart) -> float:
         """Return the stationarity error as `SparseCore.stationarity`."""
         self._load(qp, None)
         stages, m = ctypes.byref(self._problem.stages), ctypes.c_int(self._problem.m)
         return float(self._library.stationarity(stages, _address(near.costate), _address(near.y), m))
 
-    def _load(self, qp: StageQp, options: StageQpOptions | None) -> None:
-        problem = self._problem
+    def _load(self, qp: problem.StageQp, options: problem.StageQpOptions | None) -> None:
+        memory = self._problem
         if qp is not self._loaded:
-            _point(problem.stages, {name: qp.flat[own] for name, own in _DATA.items()})
-            _point(problem, {name: qp.flat[own] for name, own in _BOUNDS.items()})
+            _point(memory.stages, {name: qp.flat[own] for name, own in _DATA.items()})
+            _point(memory, {name: qp.flat[own] for name, own in _BOUNDS.items()})
             self._loaded = qp
         if options is not None:
-            problem.tolerance, problem.max_iterations = options.tolerance, options.max_iterations
-            problem.warm_mu, problem.cold_mu = options.warm_mu, options.cold_mu
+            memory.tolerance, memory.max_iterations = options.tolerance, options.max_iterations
+            memory.warm_mu, memory.cold_mu = options.warm_mu, options.cold_mu
 
-    def _end(self) -> IterationResult:
-        problem, now, n = self._problem, self._problem.now, self._n
+    def _end(self) -> problem.IterationResult:
+        memory, now, n = self._problem, self._problem.now, self._n
         end, flat = n + self._n_x, self._work["point"].copy()
         # Of equalities, slacks, multipliers of the sides, and of what is missed.
-        equal, _, _, lower, upper, *_ = flat[end:].reshape(9, problem.M)
+        equal, _, _, lower, upper, *_ = flat[end:].reshape(9, memory.M)
         y = equal + upper - lower
-        y[problem.m :] -= self._now["held"]
-        return IterationResult(
-            status=_STATUSES[problem.status],
+        y[memory.m :] -= self._now["held"]
+        return problem.IterationResult(
+            status=_STATUSES[memory.status],
             z=flat[:n],
             costate=flat[n:end],
             y=y,
             value=self._now["value"].copy(),
-            kkt=kkt_residual(stationarity=now.stationarity, primal=now.primal, complementarity=now.complementarity),
+            kkt=problem.kkt_residual(stationarity=now.stationarity, primal=now.primal, complementarity=now.complementarity),
             worst=now.worst,
-            iterations=problem.iterations,
+            iterations=memory.iterations,
         )
 
 
@@ -188,7 +178,7 @@ def _address(array: Array) -> ctypes.c_void_p:
     return ctypes.c_void_p(array.ctypes.data)
 
 
-def compiled_core(shape: StageShape) -> CompiledCore | None:
+def compiled_core(shape: problem.StageShape) -> CompiledCore | None:
     """None without a compiler."""
     library = _library()
     return None if library is None else CompiledCore(library, shape)
@@ -210,11 +200,11 @@ def core_source() -> str:
     texts = (folder.joinpath(name).read_text(encoding="utf-8") for name in _SOURCES)
     macros = c_macros(constants_of(tolerances))
     codes = ", ".join(f"{status.name} = {code}" for code, status in enumerate(_STATUSES))
-    starts = ", ".join(f"START_{start.name} = {start.value}" for start in StartMode)
+    starts = ", ".join(f"START_{start.name} = {start.value}" for start in problem.StartMode)
     return "\n".join([_INCLUDES, macros, f"enum {{ {codes} }};\nenum {{ {starts} }};", *texts])
 
 
-def _indices(shape: StageShape) -> dict[str, Any]:
+def _indices(shape: problem.StageShape) -> dict[str, Any]:
     n_x, n_z, n_r, n_c = shape.n_x, shape.n_z, shape.n_r, shape.n_c
     sizes = {
         "x": n_x,
@@ -228,7 +218,7 @@ def _indices(shape: StageShape) -> dict[str, Any]:
         "M": [padded(n) ** 2 for n in n_z],
     }
     given = {name: np.array((*getattr(shape, name), 0), dtype=np.int32) for name in _SIZES}
-    return {**given, **{name: np.array(offsets(size), dtype=np.int32) for name, size in sizes.items()}}
+    return {**given, **{name: np.array(problem.offsets(size), dtype=np.int32) for name, size in sizes.items()}}
 
 
 def padded(n: int) -> int:
@@ -236,7 +226,7 @@ def padded(n: int) -> int:
     return (n + 3) // 4 * 4
 
 
-def _stage_work(shape: StageShape) -> dict[str, Array]:
+def _stage_work(shape: problem.StageShape) -> dict[str, Array]:
     n, most, factor = sum(shape.n_z), padded(max(shape.n_z)), sum(padded(n) ** 2 for n in shape.n_z)
     sizes = {
         "fixed": n,

@@ -15,23 +15,7 @@ import casadi as ca
 import numpy as np
 
 from uvms_ocp.errors import InvalidInput
-from uvms_ocp.solvers.stage_qp import tolerances
-from uvms_ocp.solvers.stage_qp.problem import (
-    IterationResult,
-    ResidualProducts,
-    RowTable,
-    StageQp,
-    StageQpOptions,
-    StageQpStatus,
-    StageShape,
-    WarmStart,
-    is_valid,
-    kkt_residual,
-    no_result,
-    offsets,
-    row_table,
-    slices,
-)
+from uvms_ocp.solvers.stage_qp import problem, tolerances
 from uvms_ocp.types import Array, Indices, Mask
 
 _PLUGIN = "piqp"
@@ -57,46 +41,50 @@ class _SparseQp(NamedTuple):
 class SparseCore:
     """The solver of one shape."""
 
-    def __init__(self, shape: StageShape) -> None:
+    def __init__(self, shape: problem.StageShape) -> None:
         """Raises `InvalidInput` where CasADi lacks PIQP."""
         if not ca.has_conic(_PLUGIN):
             raise InvalidInput(f"this CasADi has no QP solver {_PLUGIN!r}; install a C compiler, or CasADi from PyPI")
-        self._shape, first = shape, offsets(shape.n_z)
+        self._shape, first = shape, problem.offsets(shape.n_z)
         after = [start + i for start, n in zip(first[1:-1], shape.n_x[1:], strict=True) for i in range(n)]
         self._after = ca.DM.triplet(list(range(len(after))), after, ca.DM.ones(len(after)), len(after), first[-1])
         """Picks the states that steps lead to."""
         self._solvers: dict[tuple[object, ...], ca.Function] = {}
 
-    def solve(self, qp: StageQp, options: StageQpOptions, near: WarmStart | None) -> IterationResult:
+    def solve(
+        self, qp: problem.StageQp, options: problem.StageQpOptions, near: problem.WarmStart | None
+    ) -> problem.IterationResult:
         """Solve from nothing but the QP, or from z of a QP nearby; NOT_A_NUMBER where entries are none."""
-        table = row_table(qp)
+        table = problem.row_table(qp)
         z = table.rest(qp) if near is None else near.z
-        if not is_valid(qp):
-            return self._nothing(qp, table, StageQpStatus.NOT_A_NUMBER)
+        if not problem.is_valid(qp):
+            return self._nothing(qp, table, problem.StageQpStatus.NOT_A_NUMBER)
         return self.run(qp, table, z, options, phase_one=False)
 
-    def run(self, qp: StageQp, table: RowTable, z: Array, options: StageQpOptions, *, phase_one: bool) -> IterationResult:
+    def run(
+        self, qp: problem.StageQp, table: problem.RowTable, z: Array, options: problem.StageQpOptions, *, phase_one: bool
+    ) -> problem.IterationResult:
         """Run from z (n,) [unit of z] with the rows of a table, without the cost in phase one; PIQP damps all its steps."""
         Q, q = _cost(qp, costless=phase_one)
         if not self._is_convex(qp, table, Q):
-            return self._nothing(qp, table, StageQpStatus.NOT_CONVEX)
+            return self._nothing(qp, table, problem.StageQpStatus.NOT_CONVEX)
         soft = table.elastic.any(axis=0) | (table.compliance > 0.0)
         hard = np.concatenate([(table.side.any(axis=0) | table.equal)[: len(qp.flat["lower"])], table.fixed])
         rows = np.flatnonzero(soft | hard)
-        given, ends = self._assembled(qp, table, Q, q, soft, rows), list[IterationResult]()
+        given, ends = self._assembled(qp, table, Q, q, soft, rows), list[problem.IterationResult]()
         for regularization in _REGULARIZATIONS:
             (x, y_a, y_x), infeasible = self._solved(given, z, options, regularization)
             end = self._judged(qp, table, given, rows, (x, y_a, y_x))
             worst = np.inf if infeasible else end.worst
-            solved = StageQpStatus.SOLVED if worst <= options.tolerance else StageQpStatus.ITERATION_LIMIT
+            solved = problem.StageQpStatus.SOLVED if worst <= options.tolerance else problem.StageQpStatus.ITERATION_LIMIT
             ends.append(replace(end, status=solved, worst=worst))
             if worst <= options.tolerance:
                 break
         return min(ends, key=lambda end: end.worst)
 
     def _judged(
-        self, qp: StageQp, table: RowTable, given: _SparseQp, rows: Indices, found: tuple[Array, Array, Array]
-    ) -> IterationResult:
+        self, qp: problem.StageQp, table: problem.RowTable, given: _SparseQp, rows: Indices, found: tuple[Array, Array, Array]
+    ) -> problem.IterationResult:
         """How far x and the multipliers of rows and of variables are from optimality."""
         x, y_a, y_x = found
         n, m, n_b = len(table.fixed), len(qp.flat["lower"]), len(qp.flat["b"])
@@ -104,7 +92,7 @@ class SparseCore:
         y[rows] = y_a[n_b:]
         value = np.concatenate([*(C @ own for C, own in zip(qp.C, self._stages(z), strict=True)), z])
         values, slope = (given.a @ x).full().ravel(), (given.h @ x).full().ravel() + given.g
-        kkt = kkt_residual(
+        kkt = problem.kkt_residual(
             stationarity=float(np.abs(slope + (given.a.T @ y_a).full().ravel() + y_x).max()),
             primal=float(max(np.abs(values - given.lba)[:n_b].max(initial=0.0), table.violation(value))),
             complementarity=max(_left(y_a, values, given.lba, given.uba), _left(y_x, x, given.lbx, given.ubx)),
@@ -115,8 +103,8 @@ class SparseCore:
         worst = max(kkt.stationarity / gradient, kkt.primal / variable, kkt.complementarity / (gradient * variable))
         # Where there is no point multipliers grow without end, and all else is small beside them.
         least = max(np.abs(given.g).max(), tolerances.LEAST_SIZE * curvature, 1e-300)
-        return IterationResult(
-            status=StageQpStatus.ITERATION_LIMIT,
+        return problem.IterationResult(
+            status=problem.StageQpStatus.ITERATION_LIMIT,
             z=z,
             costate=np.concatenate([np.zeros(self._shape.n_x[0]), y_a[:n_b]]),
             y=y,
@@ -126,13 +114,15 @@ class SparseCore:
             iterations=1,
         )
 
-    def _nothing(self, qp: StageQp, table: RowTable, status: StageQpStatus) -> IterationResult:
-        return no_result(table.rest(qp), sum(self._shape.n_x), len(table.norm), status)
+    def _nothing(self, qp: problem.StageQp, table: problem.RowTable, status: problem.StageQpStatus) -> problem.IterationResult:
+        return problem.no_result(table.rest(qp), sum(self._shape.n_x), len(table.norm), status)
 
     def _stages(self, z: Array) -> list[Array]:
-        return [z[own] for own in slices(self._shape.n_z)]
+        return [z[own] for own in problem.slices(self._shape.n_z)]
 
-    def _assembled(self, qp: StageQp, table: RowTable, Q: list[Array], q: Array, soft: Mask, rows: Indices) -> _SparseQp:
+    def _assembled(
+        self, qp: problem.StageQp, table: problem.RowTable, Q: list[Array], q: Array, soft: Mask, rows: Indices
+    ) -> _SparseQp:
         n, m, k = len(q), len(qp.flat["lower"]), int(soft.sum())
         steps = ca.horzcat(ca.diagcat(*map(ca.DM, qp.dynamics)), ca.DM(len(qp.flat["b"]), self._shape.n_z[-1])) - self._after
         own = ca.vertcat(ca.diagcat(*map(ca.DM, qp.C)), ca.DM.eye(n))[rows.tolist(), :]
@@ -154,7 +144,7 @@ class SparseCore:
             ubx=np.concatenate([up, np.full(2 * k, np.inf)]),
         )
 
-    def _solved(self, given: _SparseQp, z: Array, options: StageQpOptions, least: float) -> tuple[list[Array], bool]:
+    def _solved(self, given: _SparseQp, z: Array, options: problem.StageQpOptions, least: float) -> tuple[list[Array], bool]:
         """X, the multipliers of A x and of x, zeros where any of these is no number; whether PIQP finds the QP infeasible."""
         H, A = given.h.sparsity(), given.a.sparsity()
         key = (H.nnz(), *A.row(), *A.colind(), options.tolerance, options.max_iterations, least)
@@ -169,7 +159,7 @@ class SparseCore:
         infeasible = "infeasible" in solver.stats()["return_status"]
         return parts if finite else [np.zeros_like(part) for part in parts], infeasible
 
-    def _is_convex(self, qp: StageQp, table: RowTable, Q: list[Array]) -> bool:
+    def _is_convex(self, qp: problem.StageQp, table: problem.RowTable, Q: list[Array]) -> bool:
         """Check by a Riccati recursion whether the cost bends upwards along the dynamics and all equalities."""
         if not qp.flat["H"].any() and (qp.flat["damping"] >= 0.0).all():
             return True
@@ -177,8 +167,8 @@ class SparseCore:
         weight = np.where(table.equal, most / (tolerances.ELASTICITY * table.norm**2), 0.0)
         P = np.zeros((0, 0))
         for k in range(self._shape.N, -1, -1):
-            C, z, n = qp.C[k], slices(self._shape.n_z)[k], self._shape.n_x[k] if k else 0
-            M = Q[k] + C.T @ (weight[slices(self._shape.n_c)[k], None] * C) + np.diag(weight[m:][z])
+            C, z, n = qp.C[k], problem.slices(self._shape.n_z)[k], self._shape.n_x[k] if k else 0
+            M = Q[k] + C.T @ (weight[problem.slices(self._shape.n_c)[k], None] * C) + np.diag(weight[m:][z])
             if k < self._shape.N:
                 M += qp.dynamics[k].T @ P @ qp.dynamics[k]
             M[table.fixed[z]], M[:, table.fixed[z]] = 0.0, 0.0
@@ -192,30 +182,32 @@ class SparseCore:
             P = M[:n, :n] - W.T @ W
         return True
 
-    def stationarity(self, qp: StageQp, near: WarmStart) -> float:
+    def stationarity(self, qp: problem.StageQp, near: problem.WarmStart) -> float:
         """Largest entry [1/unit of z] of the gradient of a QP's Lagrangian at 0 with the multipliers of another, but for what
         is fixed."""
         (_, grad), m, N = _cost(qp), len(qp.flat["lower"]), self._shape.N
-        costate, y = [near.costate[own] for own in slices(self._shape.n_x)], near.y[m:]
-        for k, own in enumerate(slices(self._shape.n_z)):
-            grad[own] += near.y[slices(self._shape.n_c)[k]] @ qp.C[k] + y[own]
+        costate, y = [near.costate[own] for own in problem.slices(self._shape.n_x)], near.y[m:]
+        for k, own in enumerate(problem.slices(self._shape.n_z)):
+            grad[own] += near.y[problem.slices(self._shape.n_c)[k]] @ qp.C[k] + y[own]
             grad[own][: len(costate[k])] -= costate[k] if k else 0.0
             grad[own] += costate[k + 1] @ qp.dynamics[k] if k < N else 0.0
-        return float(np.abs(np.where(row_table(qp).fixed, 0.0, grad)).max(initial=0.0))
+        return float(np.abs(np.where(problem.row_table(qp).fixed, 0.0, grad)).max(initial=0.0))
 
-    def steepest(self, qp: StageQp) -> float:
+    def steepest(self, qp: problem.StageQp) -> float:
         """Largest entry [1/unit of z] of the gradient of the residuals' half square, at 0."""
         return float(max(np.abs(r @ J).max(initial=0.0) for J, r in zip(qp.J, qp.r, strict=True)))
 
-    def products(self, qp: StageQp, z: Array) -> ResidualProducts:
+    def products(self, qp: problem.StageQp, z: Array) -> problem.ResidualProducts:
         """At z (n,) [unit of z]."""
         along = [J @ own for J, own in zip(qp.J, self._stages(z), strict=True)]
         changes = [np.abs(own @ J).max(initial=0.0) for J, own in zip(qp.J, along, strict=True)]
         whole = np.concatenate(along)
-        return ResidualProducts(slope=float(qp.flat["r"] @ whole), square=float(whole @ whole), change=float(max(changes)))
+        return problem.ResidualProducts(
+            slope=float(qp.flat["r"] @ whole), square=float(whole @ whole), change=float(max(changes))
+        )
 
 
-def _cost(qp: StageQp, *, costless: bool = False) -> tuple[list[Array], Array]:
+def _cost(qp: problem.StageQp, *, costless: bool = False) -> tuple[list[Array], Array]:
     """Hessian of every stage and gradient (n,) at 0; next to no curvature, and nothing else, for ``costless``."""
     if costless:
         return [tolerances.PHASE_ONE * np.eye(n) for n in qp.shape.n_z], np.zeros(sum(qp.shape.n_z))
