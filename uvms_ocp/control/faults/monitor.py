@@ -9,22 +9,10 @@ import casadi as ca
 import numpy as np
 
 from uvms_ocp.codegen.kernel_layout import assign
+from uvms_ocp.control.faults import verdicts
 from uvms_ocp.control.faults.authority import Authority, authority_in, authority_sizes
 from uvms_ocp.control.faults.detection import FaultDetection, JointFaultMemory
 from uvms_ocp.control.faults.thrusters import EARLY, LATE, ThrusterFaultMemory
-from uvms_ocp.control.faults.verdicts import (
-    ActuatorHealth,
-    ActuatorHealthTuning,
-    FaultKind,
-    JointVerdict,
-    ResidualFilter,
-    ThrusterEffectiveness,
-    ThrusterVerdict,
-    faulty_joints,
-    faulty_thrusters,
-    joint_alarm,
-    thruster_alarm,
-)
 from uvms_ocp.robot.robot import Robot
 from uvms_ocp.robot.symbolic_dynamics import SymbolicDynamics
 from uvms_ocp.robot.thrusters import thrust_limits, thruster_matrix
@@ -33,7 +21,9 @@ _FORCE_SCALE = 0.02  # change of the residual force that counts as one, share of
 _MOMENT_SCALE = 0.005  # of moments, of which water and loads make less for their force than thrusters do
 
 
-def detection_sizes(robot: Robot, symbolic: SymbolicDynamics, tuning: ActuatorHealthTuning, period: float) -> dict[str, Any]:
+def detection_sizes(
+    robot: Robot, symbolic: SymbolicDynamics, tuning: verdicts.ActuatorHealthTuning, period: float
+) -> dict[str, Any]:
     """Return the sizes of a `FaultDetection` and its functions; period [s] of its samples."""
     return {
         "n_q": robot.n_q,
@@ -47,7 +37,7 @@ def detection_sizes(robot: Robot, symbolic: SymbolicDynamics, tuning: ActuatorHe
     }
 
 
-def window_capacity(tuning: ActuatorHealthTuning, period: float) -> int:
+def window_capacity(tuning: verdicts.ActuatorHealthTuning, period: float) -> int:
     """Return how many samples an `IsolationWindow` has room for; period [s] of them."""
     return 2 * _window_length(tuning, period) + LATE + EARLY
 
@@ -55,8 +45,8 @@ def window_capacity(tuning: ActuatorHealthTuning, period: float) -> int:
 def write_detection(
     memory: FaultDetection,
     robot: Robot,
-    tuning: ActuatorHealthTuning,
-    residual_filter: ResidualFilter,
+    tuning: verdicts.ActuatorHealthTuning,
+    residual_filter: verdicts.ResidualFilter,
     *,
     bandwidth: float,
     dt: float,
@@ -76,7 +66,7 @@ def write_thruster_watch(
     lower: np.ndarray,
     upper: np.ndarray,
     *,
-    tuning: ActuatorHealthTuning,
+    tuning: verdicts.ActuatorHealthTuning,
     bandwidth: float,
     period: float,
 ) -> None:
@@ -105,12 +95,14 @@ def write_joint_watch(watch: JointFaultMemory, effort: np.ndarray) -> None:
     assign(watch, count=len(effort), effort=effort, since=math.inf)
 
 
-def thruster_verdicts(watch: ThrusterFaultMemory, effectiveness: ThrusterEffectiveness, n: int) -> list[ThrusterVerdict]:
+def thruster_verdicts(
+    watch: ThrusterFaultMemory, effectiveness: verdicts.ThrusterEffectiveness, n: int
+) -> list[verdicts.ThrusterVerdict]:
     """Return the verdict of a `ThrusterWatch` on each of n thrusters; effectiveness: in memory."""
     return [
-        ThrusterVerdict(
-            health=ActuatorHealth(watch.health[i]),
-            kind=FaultKind(watch.kind[i]),
+        verdicts.ThrusterVerdict(
+            health=verdicts.ActuatorHealth(watch.health[i]),
+            kind=verdicts.FaultKind(watch.kind[i]),
             share=effectiveness.share[i],
             constant=effectiveness.constant[i],
             confidence=watch.confidence[i],
@@ -120,16 +112,18 @@ def thruster_verdicts(watch: ThrusterFaultMemory, effectiveness: ThrusterEffecti
     ]
 
 
-def joint_verdicts(watch: JointFaultMemory) -> list[JointVerdict]:
+def joint_verdicts(watch: JointFaultMemory) -> list[verdicts.JointVerdict]:
     """Return the verdict of a `JointWatch` on each joint."""
-    sound = JointVerdict()
+    sound = verdicts.JointVerdict()
     return [
-        JointVerdict(health=ActuatorHealth.FAULTY, kind=FaultKind.JAMMED, since=watch.since[j]) if watch.jammed[j] else sound
+        verdicts.JointVerdict(health=verdicts.ActuatorHealth.FAULTY, kind=verdicts.FaultKind.JAMMED, since=watch.since[j])
+        if watch.jammed[j]
+        else sound
         for j in range(watch.count)
     ]
 
 
-def _window_length(tuning: ActuatorHealthTuning, period: float) -> int:
+def _window_length(tuning: verdicts.ActuatorHealthTuning, period: float) -> int:
     return max(round(tuning.window / period), 4)
 
 
@@ -152,9 +146,9 @@ class ActuatorMonitor:
     def __init__(self, robot: Robot, memory: FaultDetection, alarms: list[tuple[float, str]]) -> None:
         """memory: the `FaultDetection`; alarms: time [s] and text of each, appended to."""
         self._robot, self._memory, self.alarms = robot, memory, alarms
-        self.thrusters: list[ThrusterVerdict] = []
+        self.thrusters: list[verdicts.ThrusterVerdict] = []
         """Verdicts on each."""
-        self.joints: list[JointVerdict] = []
+        self.joints: list[verdicts.JointVerdict] = []
         """Likewise."""
         self.authority: Authority | None = None
         """Remaining control authority; `None` while all are sound, and until it is computed."""
@@ -164,7 +158,7 @@ class ActuatorMonitor:
     @property
     def faulty(self) -> str:
         """All that is faulty, in a few words; nothing where nothing is."""
-        return ", ".join((*faulty_thrusters(self.thrusters), *faulty_joints(self.joints)))
+        return ", ".join((*verdicts.faulty_thrusters(self.thrusters), *verdicts.faulty_joints(self.joints)))
 
     def update(self, t: float) -> None:
         """Take over what detection at time t [s] has changed, and log alarms."""
@@ -172,9 +166,9 @@ class ActuatorMonitor:
         names, thrusters, i = self._robot.joint_names, self._robot.description.thrusters, self._memory.thruster
         for j in range(len(self.joints)):
             if self._memory.joints.found[j]:
-                self.alarms.append((t, joint_alarm(j + 1, names[j])))
+                self.alarms.append((t, verdicts.joint_alarm(j + 1, names[j])))
         if i >= 0:
-            self.alarms.append((t, thruster_alarm(i + 1, thrusters[i].name, self.thrusters[i])))
+            self.alarms.append((t, verdicts.thruster_alarm(i + 1, thrusters[i].name, self.thrusters[i])))
         if self._memory.judgement:
             self.authority = authority_in(self._memory.authority)
             end = "" if self.authority.can_go_on else "; the mission cannot go on"

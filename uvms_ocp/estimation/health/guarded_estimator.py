@@ -12,13 +12,7 @@ import numpy as np
 from uvms_ocp.checks import checked_constructor, replace_unchecked, unchecked_constructor, unchecked_method
 from uvms_ocp.estimation.estimator import PassThrough
 from uvms_ocp.estimation.filter_memory import NUMBER
-from uvms_ocp.estimation.health.monitor import (
-    HealthMonitor,
-    fallback_sensors,
-    pass_through_memory,
-    support_of,
-    supporting_channels,
-)
+from uvms_ocp.estimation.health import monitor as health_monitor
 from uvms_ocp.record.display import SmallTable, TableDisplay, format_value, rows_of
 from uvms_ocp.robot.robot import Robot
 from uvms_ocp.robot.signals import ChannelHealth, Command, Readings, SensorSpecs, StateEstimate
@@ -59,23 +53,23 @@ class GuardedEstimator(TableDisplay):
         estimator: Callable[[Readings, float, Command | None], StateEstimate],
         robot: Robot,
         specs: SensorSpecs | None = None,
-        monitor: HealthMonitor | None = None,
+        monitor: health_monitor.HealthMonitor | None = None,
     ) -> None:
         """specs: those that the estimator expects. monitor: one for them unless given."""
         specs = specs or SensorSpecs()
-        self.estimator, self.monitor = estimator, monitor or HealthMonitor(robot, specs)
+        self.estimator, self.monitor = estimator, monitor or health_monitor.HealthMonitor(robot, specs)
         self._screen_and_finish = unchecked_method(self.monitor.screen_and_finish)
         exact = isinstance(estimator, PassThrough)
         # One of a class of its own may do more than to repeat.
         plain = estimator if isinstance(estimator, PassThrough) and type(estimator) is PassThrough else None
-        self._repeated = pass_through_memory(plain) if plain is not None and self.monitor.repeats else None
+        self._repeated = health_monitor.pass_through_memory(plain) if plain is not None and self.monitor.repeats else None
         self._started = False
         self._has_all_channels = not exact
         self._gating = estimator if isinstance(estimator, GatedEstimator) else None
         gating = self._gating is not None
-        self._needed = supporting_channels(robot, specs, rates=exact)
-        others = fallback_sensors(gyro_from_attitude=gating)
-        self._support = support_of(self._needed, others, exact=exact, gating=gating)
+        self._needed = health_monitor.supporting_channels(robot, specs, rates=exact)
+        others = health_monitor.fallback_sensors(gyro_from_attitude=gating)
+        self._support = health_monitor.support_of(self._needed, others, exact=exact, gating=gating)
         numbers = np.zeros(_OUTCOMES) if self._gating is None else self._gating.outcomes.reshape(-1)
         self._outcomes = (ctypes.c_double * numbers.size).from_buffer(numbers.data)  # the same memory, as kernels take it
         self._nothing = _measurement(

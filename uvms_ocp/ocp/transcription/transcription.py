@@ -20,17 +20,7 @@ from uvms_ocp.errors import InvalidInput
 from uvms_ocp.ocp.problem import OcpProblem
 from uvms_ocp.ocp.terms import Term
 from uvms_ocp.ocp.trajectory import Trajectory
-from uvms_ocp.ocp.transcription import term_rows
-from uvms_ocp.ocp.transcription.layout import (
-    BoundaryRows,
-    NodeVariables,
-    ParameterLayout,
-    RowLayout,
-    VariableLayout,
-    boundary,
-    parameter_layout,
-    row_layout,
-)
+from uvms_ocp.ocp.transcription import layout as layouts, term_rows
 from uvms_ocp.ocp.transcription.stage import Derivatives, StageModel
 from uvms_ocp.robot.signals import State
 from uvms_ocp.solvers.nlp.program import LevelNlp, LevelRows, LexicographicProgram, RowRanges, nlp_functions
@@ -111,12 +101,12 @@ class Horizon:
     """Values and derivatives of all raw rows; see `uvms_ocp.ocp.transcription.layout`."""
 
     model: StageModel
-    layout: RowLayout
+    layout: layouts.RowLayout
     x: ca.MX
     """(n_x,)"""
     p: ca.MX
     """(n_p,)"""
-    nodes: NodeVariables
+    nodes: layouts.NodeVariables
     columns: np.ndarray
     """(N + 1, n_z) see `VariableLayout.columns`"""
     dynamics: Block
@@ -225,7 +215,9 @@ class Horizon:
         return chosen
 
 
-def horizon(variables: VariableLayout, parameters: ParameterLayout, layout: RowLayout, ends: BoundaryRows) -> Horizon:
+def horizon(
+    variables: layouts.VariableLayout, parameters: layouts.ParameterLayout, layout: layouts.RowLayout, ends: layouts.BoundaryRows
+) -> Horizon:
     """Symbols of the variables and parameters of a problem, and its rows in them."""
     x, p = ca.MX.sym("x", variables.n_x), ca.MX.sym("p", parameters.n)
     nodes, n = variables.nodes(x, p[parameters.steps]), layout.n_state
@@ -289,14 +281,14 @@ class Transcription:
         self.problem, self._plugin = problem, plugin
         self.model: StageModel = StageModel(problem, like=None if like is None else like.model)
         self.blocks = term_rows.term_blocks(self.model)
-        self.variables = VariableLayout(model=self.model)
+        self.variables = layouts.VariableLayout(model=self.model)
         self._own_bounds = self.variables.bounds(problem)
-        self.parameter_layout = parameter_layout(problem, self.blocks)
-        self._ends = ends = boundary(self.model)
+        self.parameter_layout = layouts.parameter_layout(problem, self.blocks)
+        self._ends = ends = layouts.boundary(self.model)
         if plugin != "ipopt" and (ends.coupled or problem.limits_total):
             what = "a periodic motion ties its ends" if ends.coupled else "`longest` ties all steps"
             raise InvalidInput(f"{plugin} goes from step to step, {what}: use plugin='ipopt'")
-        self.row_layout = row_layout(problem, self.blocks, ends, n_forces=self.model.n_forces)
+        self.row_layout = layouts.row_layout(problem, self.blocks, ends, n_forces=self.model.n_forces)
         self._own = self._last = term_rows.fit_problem(self.model, self.blocks, problem)
         self.turn = RLock()
         """Lock of the thread that plans."""
