@@ -22,12 +22,7 @@ from uvms_ocp.robot.proposal import find_urdf, propose
 from uvms_ocp.robot.urdf import with_own_meshes
 from uvms_ocp.scenario.cases import SCENARIOS
 from uvms_ocp.scenario.own_code import robot_of
-from uvms_ocp.scenario.preflight.robot_check import (
-    RobotReport,
-    RobotVerdict,
-    check_robot as check_loaded_robot,
-    check_robot_files,
-)
+from uvms_ocp.scenario.preflight import robot_check
 from uvms_ocp.sim.own_parts import PLANTS
 
 # ``check-robot`` and ``schema``: robot files.
@@ -43,7 +38,7 @@ def check_robot(
     as_json: _Json = False,
 ) -> None:
     """Check a robot: inertias, trim, thruster rank, frames, meshes."""
-    report = check_robot_files(_files(robot), files.hydrodynamics, **files.loading)
+    report = robot_check.check_robot_files(_files(robot), files.hydrodynamics, **files.loading)
     if as_json:
         findings = [{"subject": f.subject, "verdict": f.verdict.value, "text": f.text} for f in report.findings]
         print_json({"usable": report.usable, "findings": findings})
@@ -65,7 +60,7 @@ def _files(robot: str) -> Path:
     return robot_folder(robot) if is_name and not path.exists() else path
 
 
-def _print_robot(report: RobotReport) -> None:
+def _print_robot(report: robot_check.RobotReport) -> None:
     table = Table("", "what", "finding", box=None, title=plain_line(report.name), title_justify="left")
     for finding in report.findings:
         table.add_row(finding.verdict.value, cell(finding.subject), cell(finding.text))
@@ -130,7 +125,7 @@ def new_robot(
     )
     text, meshes = with_own_meshes(urdf, folders)
     _write({out / "robot.urdf": text, out / "hydrodynamics.yaml": found.text}, {out / to: at for to, at in meshes.items()})
-    wrong = (f for f in check_loaded_robot(found.robot).findings if f.verdict is RobotVerdict.ERROR)
+    wrong = (f for f in robot_check.check_robot(found.robot).findings if f.verdict is robot_check.RobotVerdict.ERROR)
     _say([*found.questions, *(f"{finding.subject}: {finding.text}" for finding in wrong)])
 
 

@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from uvms_ocp.errors import InvalidInput
-from uvms_ocp.identification import parameters, uncertainty
+from uvms_ocp.identification import parameters, uncertainty, validation
 from uvms_ocp.identification.data_quality import MAY, SHIFTS, ExplainedMotion, check_data_quality, commanded, motion_of
 from uvms_ocp.identification.fit import FitContext, Predicted, Search, constant_slopes, search_fit
 from uvms_ocp.identification.model import stage_of
@@ -24,14 +24,6 @@ from uvms_ocp.identification.recording import Channel, Recording, ZeroOrderHold,
 from uvms_ocp.identification.rollout import POSE_INTERVAL, PreparedRecording, Rollout
 from uvms_ocp.identification.sample_checks import QualityIssue
 from uvms_ocp.identification.settings import CalibratedRobot, CalibrationSettings, with_delays
-from uvms_ocp.identification.validation import (
-    HeldOutRecording,
-    Profile,
-    StaticBalance,
-    leave_one_out as left_out,
-    profiles,
-    static_baseline,
-)
 from uvms_ocp.progress import progress_bar
 from uvms_ocp.robot.robot import Robot
 from uvms_ocp.robot.thrusters import thrust_limits, thrust_of_signals, thruster_matrix
@@ -340,9 +332,9 @@ class Calibration:
     issues: tuple[str, ...]
     constants: tuple[HeldConstant, ...] = ()
     """Constants that the fit held fixed though they are uncertain; none for runs of this toolkit, whose constants are known."""
-    profiles: tuple[Profile, ...] = ()
+    profiles: tuple[validation.Profile, ...] = ()
     """Profiles of the determined numbers, if asked for."""
-    left_out: tuple[HeldOutRecording, ...] = ()
+    left_out: tuple[validation.HeldOutRecording, ...] = ()
     """Predictions of every recording by a fit to the others, if asked for."""
 
 
@@ -398,7 +390,7 @@ def calibrate(
             fitted = replace(fitted, estimate=estimate)
         white = uncertainty.whiteness(left, fitted.noise)
         identified = uncertainty.explained_by(white, uncertainty.numbers(subject.vehicle, fitted.estimate, inflation))
-        balance = StaticBalance.of(subject.vehicle)
+        balance = validation.StaticBalance.of(subject.vehicle)
         return Calibration(
             subject=subject,
             estimate=fitted.estimate,
@@ -410,8 +402,8 @@ def calibrate(
             comparisons=tuple(_comparison(fitted, balance, one, residuals[one.recording.name]) for one in prepared),
             issues=tuple(doubtful),
             constants=constants,
-            profiles=tuple(profiles(fitted, identified, inflation, progress)) if profiled else (),
-            left_out=tuple(left_out(fitted, progress=progress)) if leave_one_out else (),
+            profiles=tuple(validation.profiles(fitted, identified, inflation, progress)) if profiled else (),
+            left_out=tuple(validation.leave_one_out(fitted, progress=progress)) if leave_one_out else (),
         )
 
 
@@ -429,14 +421,14 @@ def with_thrust(robot: Robot, recording: Recording) -> Recording:
     return replace(recording, channels={**recording.channels, "thrust": thrust})
 
 
-def _comparison(fitted: FitContext, balance: StaticBalance, one: PreparedRecording, left: Predicted) -> Comparison:
+def _comparison(fitted: FitContext, balance: validation.StaticBalance, one: PreparedRecording, left: Predicted) -> Comparison:
     (whole,) = one.stretches(fitted.search.step)
     after, before = fitted.predictor(), fitted.predictor(fitted.vehicle.shared.start)
     return Comparison(
         name=one.recording.name,
         calibrated=after.of(whole),
         before=before.of(whole),
-        static=static_baseline(whole, after.start_window),
+        static=validation.static_baseline(whole, after.start_window),
         balance=balance.of_stretch(whole, fitted.estimate.shared),
         residuals=left,
         whiteness=uncertainty.whiteness(left, fitted.noise),
