@@ -19,7 +19,6 @@ from uvms_ocp.identification.data_quality import MAY, SHIFTS, ExplainedMotion, c
 from uvms_ocp.identification.fit import FitContext, Predicted, Search, constant_slopes, search_fit
 from uvms_ocp.identification.model import stage_of
 from uvms_ocp.identification.output_error import Estimate, FitStatus, Noise
-from uvms_ocp.identification.parameters import Unknowns
 from uvms_ocp.identification.recording import Channel, Recording, ZeroOrderHold, split_at_gaps
 from uvms_ocp.identification.rollout import POSE_INTERVAL, PreparedRecording, Rollout
 from uvms_ocp.identification.sample_checks import QualityIssue
@@ -213,7 +212,7 @@ def exported_estimate(fitted: FitContext, inflation: float) -> ExportedEstimate:
     return ExportedEstimate(estimate=best, kept=tuple(np.array(shared.names)[kept].tolist()))
 
 
-def _chosen(shared: Unknowns, is_open: np.ndarray) -> Iterator[np.ndarray]:
+def _chosen(shared: parameters.Unknowns, is_open: np.ndarray) -> Iterator[np.ndarray]:
     """(n,) bool: all, then quantity by quantity."""
     yield is_open
     quantities = np.array([name.partition(" ")[0] for name in shared.names])

@@ -41,7 +41,6 @@ from uvms_ocp.errors import InvalidInput, require_known
 from uvms_ocp.identification import recording as recordings, tables
 from uvms_ocp.identification.file_kinds import holds_messages, kind_of
 from uvms_ocp.identification.messages import TopicColumns, message_rows, topics_of
-from uvms_ocp.identification.tables import TableColumns
 from uvms_ocp.identification.text_tables import TextFormat
 from uvms_ocp.model_errors import FileModel, one_line_errors
 from uvms_ocp.record.record import Record
@@ -207,9 +206,9 @@ def _in_body(key: str, read: Mapping[str, recordings.Channel]) -> np.ndarray:
     return np.einsum("nji,nkj->nki", R, read[key].values.reshape(len(R), -1, 3)).reshape(len(R), -1)
 
 
-def _mapped_rows(source: Path, mapping: RecordingMapping, name: str) -> dict[str, TableColumns]:
+def _mapped_rows(source: Path, mapping: RecordingMapping, name: str) -> dict[str, tables.TableColumns]:
     """Times [s] and values [as they are] (n, 1 + k) of every channel; of a file of messages all at once."""
-    found: dict[str, TableColumns] = {}
+    found: dict[str, tables.TableColumns] = {}
     by_path: dict[Path, dict[str, TopicColumns]] = defaultdict(dict)
     for key, one in mapping.channels.items():
         path = source / one.file.replace("{name}", name) if one.file else source
@@ -223,12 +222,12 @@ def _mapped_rows(source: Path, mapping: RecordingMapping, name: str) -> dict[str
     for path, wanted in by_path.items():
         definitions = Path(mapping.messages) if mapping.messages else None
         for key, values in message_rows(path, wanted, definitions).items():
-            rows = TableColumns(values=values, units=("",) * values.shape[1])
+            rows = tables.TableColumns(values=values, units=("",) * values.shape[1])
             found[key] = _chosen(key, mapping.channels[key], rows)
     return found
 
 
-def _table_rows(key: str, one: ChannelMapping, path: Path, given: TextFormat | None) -> TableColumns:
+def _table_rows(key: str, one: ChannelMapping, path: Path, given: TextFormat | None) -> tables.TableColumns:
     if one.topic or not one.time:
         raise InvalidInput(f"{path}: {key} is in a table; give its time, and no topic")
     table = tables.read_table(path, [one.time, *one.fields, *one.rows], given)
@@ -238,7 +237,7 @@ def _table_rows(key: str, one: ChannelMapping, path: Path, given: TextFormat | N
     return replace(table, values=values, layout=f"{path.name}: {table.layout}" if table.layout else "")
 
 
-def _chosen(key: str, one: ChannelMapping, table: TableColumns) -> TableColumns:
+def _chosen(key: str, one: ChannelMapping, table: tables.TableColumns) -> tables.TableColumns:
     """Rows that are wanted, with sentinels as NaN, signs and constants, in the unit of the channel."""
     n = len(one.rows)
     values, which = table.values[:, : table.values.shape[1] - n], table.values[:, table.values.shape[1] - n :]
@@ -285,7 +284,7 @@ def _factors(key: str, one: ChannelMapping, said: Sequence[str]) -> tuple[np.nda
     return np.array([known.get(unit, 1.0) for unit in units]), remarks
 
 
-def _unknown(key: str, one: ChannelMapping, table: TableColumns) -> Iterator[tuple[str, str]]:
+def _unknown(key: str, one: ChannelMapping, table: tables.TableColumns) -> Iterator[tuple[str, str]]:
     """Rows that are no numbers; where most have no cell at all, a file has the rows of other channels between them."""
     rows = table.values
     yield from ((key, remark) for remark in table.remarks)
@@ -324,7 +323,7 @@ def _named(one: ChannelMapping, chosen: np.ndarray) -> str:
     return ", ".join(name for name, each in zip(names, chosen, strict=True) if each)
 
 
-def _samples(key: str, one: ChannelMapping, table: TableColumns) -> recordings.Channel:
+def _samples(key: str, one: ChannelMapping, table: tables.TableColumns) -> recordings.Channel:
     rows = table.values
     known = np.isfinite(rows)
     if len(rows) > 1 and not known.all(axis=1).any():

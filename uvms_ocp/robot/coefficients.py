@@ -14,7 +14,6 @@ import numpy as np
 import pinocchio as pin
 
 from uvms_ocp.robot import description as data
-from uvms_ocp.robot.description import forward_left_up
 from uvms_ocp.robot.hydrodynamics import LinkHydrodynamics
 
 
@@ -25,7 +24,7 @@ def links_in_water(description: data.RobotDescription, density: float | None = N
     volume to their link.
     """
     rho = description.water_density if density is None else density
-    description = forward_left_up(description)
+    description = data.forward_left_up(description)
     links = {name: _link(name, link, rho) for name, link in description.links.items()}
     for body in description.trim:
         wet = links.get(body.link, LinkHydrodynamics(frame=body.link))

@@ -20,7 +20,6 @@ import pinocchio as pin
 from uvms_ocp.errors import InvalidInput
 from uvms_ocp.record.display import FieldTable
 from uvms_ocp.robot import hydrodynamics as water
-from uvms_ocp.robot.hydrodynamics import LinkHydrodynamics
 from uvms_ocp.robot.symbolic_bodies import SymbolicPose, Wrench, inertial_wrench, sparse
 from uvms_ocp.robot.symbolic_model import BodyMotions, SymbolicModel, find_frame, function
 
@@ -67,7 +66,7 @@ class WetLink:
         return pose.p + pose.R @ (self.p_JL + self.R_JL @ p_L)
 
 
-def wet_link(model: pin.Model, link: LinkHydrodynamics, density: float) -> WetLink:
+def wet_link(model: pin.Model, link: water.LinkHydrodynamics, density: float) -> WetLink:
     """Read one link, in water of a density [kg/m3]. Raises FrameNotFound."""
     frame = find_frame(model, link.frame)
     X_JL = frame.placement * link.X_FL
@@ -103,7 +102,7 @@ class SymbolicDynamics(FieldTable):
     """
 
     model: pin.Model
-    links: tuple[LinkHydrodynamics, ...] = ()
+    links: tuple[water.LinkHydrodynamics, ...] = ()
     density: float = 998.0
     """Density of the water [kg/m3]."""
     damping: np.ndarray | None = None

@@ -14,7 +14,6 @@ from uvms_ocp.record.meta_values import TaskMeta
 from uvms_ocp.record.record import Record, quantity
 from uvms_ocp.record.tables import column_names, column_units, unit_of
 from uvms_ocp.viz import series as recorded, style
-from uvms_ocp.viz.series import axis_label, axis_names, estimate_suffix, require_rows, task_activity, task_gate
 
 # Figures of what the tasks measure: errors, misalignment, altitude ([Gao2022] figures 5-9).
 
@@ -71,10 +70,10 @@ def _quantity_figure(
     known = [row for row in rows if quantity(record, row[0]) is not None]
     if not known:
         return None
-    figure, axes = style.stacked(len(known), 1.75, title + estimate_suffix(record), *page)
+    figure, axes = style.stacked(len(known), 1.75, title + recorded.estimate_suffix(record), *page)
     for axis, (name, label, color) in zip(axes, known, strict=True):
         panel(axis, record, name, color)
-        axis.set_ylabel(axis_label(label, name, meta=record.meta))
+        axis.set_ylabel(recorded.axis_label(label, name, meta=record.meta))
     style.mark_time(axes, record)
     active = Line2D([], [], color=style.BLACK, label="task active")
     style.heading_legend(figure, [active, Line2D([], [], color=style.FADED, lw=0.9, label="task off")])
@@ -83,7 +82,7 @@ def _quantity_figure(
 
 def _panel(axis: Axes, record: Record, name: str, color: str) -> np.ndarray:
     """Draw a quantity, faded while its task is off; returns its values (k,) while the task is on."""
-    gate = task_gate(record, name.rpartition(".")[0])
+    gate = recorded.task_gate(record, name.rpartition(".")[0])
     values, on = _required(record, name), (np.ones(len(record), dtype=bool) if gate is None else gate > 0)
     axis.plot(record["t"], values, color=color, alpha=0.35, lw=0.9)
     axis.plot(record["t"], np.where(on, values, np.nan), color=color)
@@ -144,7 +143,7 @@ def figure_altitude(record: Record, *, fig: style.Given = None, width: style.Wid
             style.threshold(axis, limit, f"landed below {limit:g} m")
     lowest = int(np.nanargmin(altitude))
     axes[-1].plot(t[lowest], altitude[lowest], "v", color=style.VERMILLION, ms=5, label=f"lowest: {altitude[lowest]:.3f} m")
-    label = axis_label("altitude", name)
+    label = recorded.axis_label("altitude", name)
     axes[0].set(ylabel=label, ylim=(0, None))
     if len(axes) > 1:
         axes[1].set(ylabel=f"{label},\nnear the floor", ylim=(0, near))
@@ -175,10 +174,10 @@ def figure_of(
     ax: of the caller's, as many as names, instead of fig. Raises `NameNotFound` for what the record has not, and
     `InvalidInput` where it has nothing to draw, and for another number of axes.
     """
-    require_rows(record)
+    recorded.require_rows(record)
     names = (name, *names)
     curves = [_curves(record, name) for name in names]
-    title = ", ".join(style.label_text(name) for name in names[:4]) + estimate_suffix(record)
+    title = ", ".join(style.label_text(name) for name in names[:4]) + recorded.estimate_suffix(record)
     figure, axes = style.stacked(len(names), 1.75, title, fig, width) if ax is None else style.panels(ax, len(names), fig)
     for axis, one, (lines, unit) in zip(axes, names, curves, strict=True):
         for k, (label, values) in enumerate(lines.items()):
@@ -225,7 +224,7 @@ def _columns(record: Record, names: Sequence[str]) -> dict[str, tuple[str, int, 
 @style.styled
 def figure_activations(record: Record, *, fig: style.Given = None, width: style.Width = "page") -> Figure | None:
     """One small panel per task: activation of its rows (internal bell x phase) under the phase's own activation."""
-    tasks = [task for task in record.meta.tasks if task_activity(record, task.name) is not None]
+    tasks = [task for task in record.meta.tasks if recorded.task_activity(record, task.name) is not None]
     if not tasks:
         return None
     figure, axes = style.stacked(len(tasks), 0.56, "Activation of the tasks, highest priority on top", fig, width)
@@ -237,7 +236,7 @@ def figure_activations(record: Record, *, fig: style.Given = None, width: style.
 
 
 def _activation_panel(axis: Axes, record: Record, task: TaskMeta) -> None:
-    t, rows, gate = record["t"], task_activity(record, task.name), task_gate(record, task.name)
+    t, rows, gate = record["t"], recorded.task_activity(record, task.name), recorded.task_gate(record, task.name)
     if rows is None or gate is None:
         return
     _draw_activation(axis, t, rows, gate)
@@ -252,13 +251,13 @@ def figure_row_activations(
     record: Record, task: str = "JL", *, fig: style.Given = None, width: style.Width = "page"
 ) -> Figure | None:
     """Activation of every row of a task, such as each joint of JL; `None` where the task has no level."""
-    rows = task_activity(record, task)
+    rows = recorded.task_activity(record, task)
     if rows is None or not rows.shape[1]:
         return None
     figure, axes = style.stacked(rows.shape[1], 0.5, f"Activation of the rows of {style.label_text(task)}", fig, width)
     n = rows.shape[1]
-    names = [task] if n == 1 and len(record.meta.joints) != 1 else axis_names(record, n)
-    gate = task_gate(record, task)
+    names = [task] if n == 1 and len(record.meta.joints) != 1 else recorded.axis_names(record, n)
+    gate = recorded.task_gate(record, task)
     for axis, name, row in zip(axes, names, rows.T, strict=True):
         _draw_activation(axis, record["t"], row[:, None], gate)
         axis.set_ylabel(style.label_text(name), rotation=0, ha="right", va="center")

@@ -22,7 +22,6 @@ from uvms_ocp.errors import InvalidInput
 from uvms_ocp.solvers.hierarchy import solution, tolerances
 from uvms_ocp.solvers.hierarchy.active_set_numpy import STATUSES, RowState, solve_levels
 from uvms_ocp.solvers.hierarchy.level import Level
-from uvms_ocp.solvers.hierarchy.tolerances import iteration_budget
 from uvms_ocp.types import Array
 
 # The C source of the solver: its own files, behind the sizes, tolerances and codes that Python decides.
@@ -45,7 +44,7 @@ def solver_source(n: int, sizes: Sequence[int]) -> str:
         _INCLUDES,
         c_macros({"N": n, "M": sum(filled), "L": len(filled), "LEVEL_SIZES": ", ".join(map(str, filled))}),
         c_macros(constants_of(tolerances)),
-        c_macros(asdict(iteration_budget(sum(filled)))),
+        c_macros(asdict(tolerances.iteration_budget(sum(filled)))),
         _codes({code.name: code.value for code in RowState}),
         _codes({status.name: code for code, status in enumerate(STATUSES)}),
         *_texts(_SOURCES),

@@ -22,7 +22,6 @@ from uvms_ocp.solvers.hierarchy import tolerances
 from uvms_ocp.solvers.hierarchy.certificate import NO_NEGLIGIBLE_ROWS, NormalRows, normal_certificate, normal_rows
 from uvms_ocp.solvers.hierarchy.level import is_valid, residual, row_slices, widen_bounds
 from uvms_ocp.solvers.hierarchy.solution import Status
-from uvms_ocp.solvers.hierarchy.tolerances import iteration_budget
 from uvms_ocp.types import Array, Indices, Mask
 
 STATUSES = tuple(Status)
@@ -100,7 +99,7 @@ class _ActiveSet:
         self.v, dropped, stalled, rule = self.target, -1, 0, _Rule.GREEDY
         above, below = self._violated(self.v)
         self.state[above], self.state[below] = UPPER, LOWER
-        pending, budget = bool((above | below).any()), iteration_budget(len(self.A))
+        pending, budget = bool((above | below).any()), tolerances.iteration_budget(len(self.A))
         most = min(budget.most_iterations, left)
         for iteration in range(1, most + 1):
             if pending:
@@ -244,7 +243,7 @@ def solve_levels(J: Array, lower: Array, upper: Array, gate: Array, active_set: 
         active_set=attempts.active_set,
         status=Status.INEXACT if rows.lost.are_missed(v, rows.velocity) else status,
         residual=residual(J, v, lower, upper, gate),
-        iterations=iteration_budget(len(J)).most_of_all - attempts.left,
+        iterations=tolerances.iteration_budget(len(J)).most_of_all - attempts.left,
     )
 
 
@@ -252,7 +251,7 @@ class _Attempts:
     """All runs of one call, and the best result so far: w (n,) in normal units, and its active set (M,)."""
 
     def __init__(self, rows: NormalRows) -> None:
-        self.rows, self.left = rows, iteration_budget(len(rows.J)).most_of_all
+        self.rows, self.left = rows, tolerances.iteration_budget(len(rows.J)).most_of_all
         self.w, self.active_set = np.zeros(rows.J.shape[1]), np.zeros(len(rows.J))
         self._levels = [own for own in row_slices(rows.sizes) if own.stop > own.start]
         self._missed: Array | None = None
