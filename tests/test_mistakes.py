@@ -22,7 +22,7 @@ from uvms_ocp.scenario.scenario import pose_at
         ({"posture": [0, 0]}, InvalidInput, r"joints has shape \(2,\); allowed: \(7,\)"),
         ({"tasks": {"XX": {}}}, NameNotFound, "unknown task 'XX'"),
         ({"tasks": {"PC": {"gian": 1}}}, NameNotFound, "unknown field of task PC 'gian'; known: name, task_class"),
-        ({"tasks": {"PC": {"gain_linear": 0}}}, InvalidInput, "PC: gain_linear = 0"),
+        ({"tasks": {"PC": {"gain_linear": 0}}}, InvalidInput, "VehiclePose 'PC': gain_linear = 0; give a number > 0"),
         ({"tasks": {"T": {"frame": "tol"}}}, FrameNotFound, "unknown frame 'tol'.*Did you mean 'tool'"),
         ({"order": ("T",)}, InvalidInput, "must name each of"),
         ({"seabed": float("nan")}, InvalidInput, "seabed = nan"),

@@ -47,7 +47,7 @@ class Range:
         if np.isinf(self.low) and np.isinf(self.high):
             return ", finite" if self.open else ", not NaN"
         if np.isinf(self.high):
-            return f" {'>' if self.open else '>='} {self.low:g}"
+            return f" > {self.low:g}, finite" if self.open else f" >= {self.low:g}"
         return f" {'between' if self.open else 'from'} {self.low:g} {'and' if self.open else 'to'} {self.high:g}"
 
 
@@ -118,6 +118,8 @@ Count = Annotated[int, Range(0)]
 AtLeastOne = Annotated[int, Range(1)]
 Magnitude = Annotated[float, Range(0.0, 1e6)]
 """[m], [rad], [s] Never negative, and finite."""
+Lead = Annotated[float, Range(1.0, 1e6)]
+"""How many times faster than its lag a thruster is driven."""
 DAY = 86_400.0
 """[s] Beyond it no run, plan or solution is waited for."""
 Bound = Annotated[float, Range()]

@@ -124,7 +124,7 @@ def test_thrusters_that_are_driven_come_to_the_force_that_was_realized(robot: Ro
 
 
 def test_gains_that_make_no_sense_are_refused() -> None:
-    with pytest.raises(InvalidInput, match="lead >= 1"):
+    with pytest.raises(InvalidInput, match=r"TrackingGains: lead = 0\.5; give a number from 1 "):
         TrackingGains(lead=0.5)
     assert TrackingGains(lead=1.0).lead == 1.0, "not driven faster than they are"
 

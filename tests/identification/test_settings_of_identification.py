@@ -13,7 +13,7 @@ from uvms_ocp.identification.calibration import with_thrust
 from uvms_ocp.identification.recording import Channel, Recording
 from uvms_ocp.identification.settings import CalibrationSettings, calibrated_robot
 from uvms_ocp.robot.loading import robot_folder
-from uvms_ocp.robot.thrusters import signals_of_thrust, thrust_limits
+from uvms_ocp.robot.thrusters import thrust_limits
 
 GIVEN = {"robot": "bluerov2_alpha5", "hull": [[-0.3, -0.2, -0.2], [0.3, 0.2, 0.2]], "learn": {"lag": {}, "delay": {}}}
 
@@ -45,7 +45,7 @@ def test_commands_of_propellers_become_the_thrust_of_the_curves() -> None:
     lower, upper = thrust_limits(subject.robot)
     t = np.arange(0.0, 5.0, 0.1)
     thrust = 0.5 * (upper - lower) * np.sin(t[:, None] + np.arange(len(upper))) + 0.5 * (upper + lower)
-    signals = np.array([signals_of_thrust(subject.robot, row) for row in thrust])
+    signals = np.where(thrust > 0.0, thrust / upper, -thrust / lower)
     recorded = Recording(name="dive", channels={"propeller_commands": Channel(t=t, values=signals)})
     found = with_thrust(subject.robot, recorded).channels["thrust"].values
     beyond = np.abs(thrust) > 0.1 * upper  # of the dead band

@@ -90,26 +90,26 @@ def test_slopes_are_continuous_across_the_rims_of_bumps(name):
 def test_the_same_seed_gives_the_same_floor_and_another_seed_another(name):
     points = np.random.default_rng(0).uniform(-40.0, 40.0, (100, 2))
     same, other = HeightField.random(name, z=-40.0, seed=4), HeightField.random(name, z=-40.0, seed=5)
-    np.testing.assert_array_equal(same.heights_at(points), FLOORS[name].heights_at(points))
-    assert np.abs(other.heights_at(points) - FLOORS[name].heights_at(points)).max() > 0.01
+    np.testing.assert_array_equal(same.ground_at(points)[0], FLOORS[name].ground_at(points)[0])
+    assert np.abs(other.ground_at(points)[0] - FLOORS[name].ground_at(points)[0]).max() > 0.01
 
 
 def test_rougher_reliefs_are_higher():
     points = np.random.default_rng(0).uniform(-40.0, 40.0, (2000, 2))
-    tops = [FLOORS[name].heights_at(points).max() + 40.0 for name in ("flat", "small", "large")]
+    tops = [FLOORS[name].ground_at(points)[0].max() + 40.0 for name in ("flat", "small", "large")]
     assert 0.0 < tops[0] < 0.5 < tops[1] < 3.0 < tops[2]
 
 
 def test_a_height_field_lies_on_its_plane_and_never_below():
     points = np.random.default_rng(0).uniform(-100.0, 100.0, (2000, 2))
-    heights = FLOORS["large"].heights_at(points)
+    heights = FLOORS["large"].ground_at(points)[0]
     assert heights.min() == -40.0
 
 
 def test_many_points_at_once_equal_points_one_by_one():
     floor = FLOORS["small"]
     points = np.random.default_rng(0).uniform(-50.0, 50.0, (20, 2))
-    np.testing.assert_allclose(floor.heights_at(points), [floor.height(*point) for point in points], atol=1e-12)
+    np.testing.assert_allclose(floor.ground_at(points)[0], [floor.height(*point) for point in points], atol=1e-12)
 
 
 def test_a_mesh_lies_on_the_floor_and_faces_up(floor):

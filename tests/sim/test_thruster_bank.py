@@ -12,7 +12,7 @@ from uvms_ocp.errors import InvalidInput
 from uvms_ocp.robot.description import Thruster
 from uvms_ocp.robot.loading import load_robot
 from uvms_ocp.robot.robot import Robot
-from uvms_ocp.robot.thrusters import curve_of_table, signals_of_thrust, thrust_of_signals, unactuated_axes, unreachable_axes
+from uvms_ocp.robot.thrusters import curve_of_table, thrust_of_signals, unactuated_axes, unreachable_axes
 from uvms_ocp.sim.thrusters import N_DECAYS, Thrusters, joint_power
 
 
@@ -122,10 +122,10 @@ def test_a_condition_acts_behind_the_dead_zone_and_within_the_limits() -> None:
 
 
 @pytest.mark.parametrize("minimum", [-40.0, 0.0])
-def test_signals_and_thrust_are_inverse(minimum: float) -> None:
-    robot = robot_with(minimum=minimum, maximum=80.0)
-    thrust = np.linspace(minimum, 80.0, 5)
-    np.testing.assert_allclose(thrust_of_signals(robot, signals_of_thrust(robot, thrust)), thrust, atol=1e-12)
+def test_without_a_curve_signals_are_shares_of_the_limits(minimum: float) -> None:
+    robot, signals = robot_with(minimum=minimum, maximum=80.0), np.array([-2.0, -1.0, -0.25, 0.5, 1.5])
+    thrust = [minimum, minimum, 0.25 * minimum, 40.0, 80.0]
+    np.testing.assert_allclose(thrust_of_signals(robot, signals), thrust, atol=1e-12)
 
 
 @pytest.mark.parametrize("dt", [0.0, -1.0, np.nan, np.inf])
@@ -165,10 +165,8 @@ def test_joint_power_counts_braking_and_losses() -> None:
 
 def test_a_dead_band_is_a_plateau_of_the_curve() -> None:
     robot = robot_with(curve=((-1.0, -40.0), (-0.08, 0.0), (0.0, 0.0), (0.1, 0.0), (1.0, 50.0)))
-    thrust = np.array([-40.0, -20.0, 0.0, 1e-9, 50.0])
-    signals = signals_of_thrust(robot, thrust)
-    assert signals[2] == pytest.approx(0.01)
-    np.testing.assert_allclose(thrust_of_signals(robot, signals), thrust, atol=1e-12)
+    thrust = thrust_of_signals(robot, np.array([-0.54, -0.08, 0.05, 0.1, 0.55]))
+    np.testing.assert_allclose(thrust, [-20.0, 0.0, 0.0, 0.0, 25.0], atol=1e-12)
 
 
 # Tables of a bench: a known curve, measured with noise and at several voltages, is found again.

@@ -188,7 +188,7 @@ def test_a_goal_can_be_a_function_of_time(robot: Robot) -> None:
 @pytest.mark.parametrize(
     ("build", "message"),
     [
-        (lambda: VehiclePose(goal=GOAL, gain_linear=-1.0), "PC: gain_linear = -1.0"),
+        (lambda: VehiclePose(goal=GOAL, gain_linear=-1.0), "VehiclePose: gain_linear = -1.0; give a number > 0"),
         (lambda: ToolPose(goal=np.eye(4)), "ToolPose: goal = array.*; give a pinocchio.SE3"),
         (lambda: Alignment(goal=np.zeros(2)), r"AT: goal of shape \(2,\)"),
         (lambda: JointTracking(joints=("joint1",), goal=np.array([np.nan])), "MP: goal .*nan.* give finite"),

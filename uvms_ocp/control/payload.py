@@ -7,6 +7,7 @@ from collections import deque
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
+from typing import Annotated
 
 import casadi as ca
 import numpy as np
@@ -18,6 +19,7 @@ from uvms_ocp.robot.robot import Robot
 from uvms_ocp.robot.symbolic_bodies import sparse
 from uvms_ocp.robot.symbolic_dynamics import SymbolicDynamics
 from uvms_ocp.robot.thrusters import largest_force
+from uvms_ocp.types import Positive, Range
 
 # How a load at the tool is learnt, and how far the model is trusted meanwhile.
 
@@ -27,33 +29,24 @@ LOAD_FRAME = "tool"
 
 @checked_dataclass()
 class LoadLearning:
-    """Tuning of `LoadLearner`. Raises `InvalidInput` for a number that is not finite and > 0, and a share above 1."""
+    """Tuning of `LoadLearner`. Raises `InvalidInput` for a number that is not finite and > 0, and a share outside 0 to 1."""
 
     feed_forward: bool = True
     """The learnt weight follows the arm's posture at once, and not as fast as the observer."""
-    period: float = 0.1
+    period: Positive = 0.1
     """[s] between two looks at the disturbance."""
-    settling: float = 1.5
+    settling: Positive = 1.5
     """[s] after a start, or after a velocity that was not to be trusted, that are not looked at."""
-    weight: float = 200.0
+    weight: Positive = 200.0
     """[N] standard deviation of the net weight before anything is known of it."""
-    mass: float = 20.0
+    mass: Positive = 20.0
     """[kg] the same of the mass."""
-    current: float = 0.5
+    current: Positive = 0.5
     """[m/s] the same of the current in each direction."""
-    drag: float = 0.1
+    drag: Annotated[float, Range(0.0, 1.0)] = 0.1
     """Share of its slope that the drag of a moving tool's velocity may be wrong by."""
-    scale: float = 0.03
+    scale: Annotated[float, Range(0.0, 1.0)] = 0.03
     """to which the forces of thrusters and motors are known: standard errors of weight and mass are no smaller share."""
-
-    def __post_init__(self) -> None:
-        for name in (name for name in self.__dataclass_fields__ if name != "feed_forward"):
-            value = getattr(self, name)
-            if not (math.isfinite(value) and value > 0):
-                raise InvalidInput(f"{name} of the load learning = {value}; give a finite number > 0")
-        for name in ("drag", "scale"):
-            if getattr(self, name) > 1:
-                raise InvalidInput(f"{name} of the load learning = {getattr(self, name)}; give a share of 1 or less")
 
 
 # Net weight and mass of the load of each tool from disturbances: an extended Kalman filter of what does not change by itself.

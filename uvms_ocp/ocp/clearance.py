@@ -31,7 +31,7 @@ from uvms_ocp.robot.shapes.obstacles import Obstacle, describe_obstacles
 from uvms_ocp.robot.symbolic_bodies import SymbolicPose
 from uvms_ocp.tasks.goals import VectorReference, evaluate_vector
 from uvms_ocp.tasks.task import Residual, TickSymbols, bounded_residual
-from uvms_ocp.types import Array, AtLeastOne, Count, Finite, Indices, Mask, Shape
+from uvms_ocp.types import Array, AtLeastOne, Count, Finite, Indices, Magnitude, Mask, Shape
 
 # Clearance between balls, for robots and obstacles that a few of them describe, as rows of an optimal control problem.
 
@@ -45,13 +45,9 @@ class Ball:
 
     centre: tuple[Finite, Finite, Finite] | VectorReference = (0.0, 0.0, 0.0)
     """[m] in the frame; of an obstacle also a function of time, ``t -> (position, velocity)``."""
-    radius: Finite
+    radius: Magnitude
     """[m]"""
     frame: str | None = None
-
-    def __post_init__(self) -> None:
-        if self.radius < 0:
-            raise InvalidInput(f"ball at {self.centre}: radius = {self.radius} m; give one >= 0")
 
     def centre_at(self, t: float) -> np.ndarray:
         """(3,) [m] in the frame at time t [s]. Raises `InvalidInput` for a reference that is not finite there."""

@@ -15,7 +15,7 @@ from uvms_ocp.errors import InvalidInput, NameNotFound
 from uvms_ocp.ocp.terms import At, AtRest, Effort, Smoothness, TaskTerm, Term
 from uvms_ocp.robot import Robot, State
 from uvms_ocp.tasks.pose import ToolPose
-from uvms_ocp.types import DAY, Bound, Positive, Range
+from uvms_ocp.types import DAY, AtLeastOne, Bound, Positive, Range
 
 # Optimal control problems with strict priorities, as data.
 
@@ -55,7 +55,7 @@ class OcpPhase:
     """A stretch of the horizon. Raises `InvalidInput` without steps, and for durations that are not finite and positive."""
 
     name: str = "horizon"
-    n_steps: int = 40
+    n_steps: AtLeastOne = 40
     duration: float | tuple[float, float]
     """[s] fixed, or a range ``(shortest, longest)`` to choose from."""
 
@@ -64,8 +64,6 @@ class OcpPhase:
         if self.n_steps > MOST_STEPS:
             text = f"phase {self.name!r}: n_steps = {self.n_steps}; give at most {MOST_STEPS}"
             raise InvalidInput(f"{text}: each step takes 0.6 MB and its share of every iteration")
-        if self.n_steps < 1:
-            raise InvalidInput(f"phase {self.name!r}: n_steps = {self.n_steps}; give at least 1")
         if not (np.isfinite([shortest, longest]).all() and 0 < shortest <= longest):
             raise InvalidInput(f"phase {self.name!r}: duration {self.duration} s; give a time > 0, or a range of such")
         if longest > DAY:

@@ -21,7 +21,7 @@ from uvms_ocp.robot.limits import ranged_joints
 from uvms_ocp.robot.robot import Robot
 from uvms_ocp.tasks.goals import VectorGoal, evaluate_vector
 from uvms_ocp.tasks.task import Residual, Task, TickSymbols, zero_residual
-from uvms_ocp.types import Array, Bound, Range
+from uvms_ocp.types import Array, Bound, Magnitude, Range
 
 _ROUNDING = 0.02  # share of the limit below which powers flatten out, so that they can be differentiated at 0
 
@@ -128,13 +128,8 @@ class TaskTerm(TaskRows):
     Raises `InvalidInput` for a tolerance that is negative or not finite.
     """
 
-    tolerance: float = 0.0
+    tolerance: Magnitude = 0.0
     """[unit of the row] By which the range of every row is widened."""
-
-    def __post_init__(self) -> None:
-        Term.__post_init__(self)
-        if not (np.isfinite(self.tolerance) and self.tolerance >= 0):
-            raise InvalidInput(f"{self.name}: tolerance = {self.tolerance}; give a finite value >= 0")
 
     def residual(self, stage: StageSymbols, parameters: ca.SX) -> Residual:
         given = self.task.residual(stage.tick, parameters)

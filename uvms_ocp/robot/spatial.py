@@ -8,7 +8,7 @@ Notation (Drake's monogram, ASCII):
   Adjacent letters match in products: ``X_WT = X_WB @ X_BT``.
 - ``V_WB_B`` twist of B relative to W expressed in B, ``J_WB_B`` its Jacobian. Linear rows first [m/s], then
   angular [rad/s]. A wrench: force [N], then moment about the origin of its frame [N m].
-- Quaternions are xyzw. Roll, pitch, yaw mean ``R = Rz(yaw) Ry(pitch) Rx(roll)`` [Gao2022] eqs. (6)-(9).
+- Quaternions are xyzw. Roll, pitch, yaw mean ``R = Rz(yaw) Ry(pitch) Rx(roll)`` [Gao2022] eq. (6).
 - ``q, v, a, tau``: configuration, velocity, acceleration and generalized force of the whole system, in
   Pinocchio's order. Fossen's ``nu, M_A, C_A, D, g`` appear inside hydrodynamics only. Counts are ``n_...``.
 
@@ -25,13 +25,11 @@ import casadi as ca
 import numpy as np
 
 from uvms_ocp.codegen.elementwise import is_symbolic
-from uvms_ocp.errors import InvalidInput
 
 Array = Any
 """``numpy.ndarray``, ``casadi.SX`` or ``casadi.MX``; scalars of these."""
 
 _SERIES_BELOW = 1e-2  # squared angle [rad^2]: five terms are exact to rounding, the closed forms keep 13 digits
-_GIMBAL_COSINE = 1e-9
 
 _COS = (1.0, -1 / 2, 1 / 24, -1 / 720, 1 / 40320, -1 / 3628800)
 _SINC = (1.0, -1 / 6, 1 / 120, -1 / 5040, 1 / 362880)
@@ -226,11 +224,6 @@ def exp6_translation(twist: Array) -> Array:
     return linear + _cosc_of_squared(x) * once + _sincc_of_squared(x) * cross(angular, once)
 
 
-def exp6(twist: Array) -> tuple[Array, Array]:
-    """Rotation (3, 3) and translation (3,) [m] after one second of a constant body twist (6,) [m/s, rad/s]."""
-    return exp3(twist[3:]), exp6_translation(twist)
-
-
 def log6_translation(rotation_vector: Array, p: Array) -> Array:
     """Linear part (3,) [m/s] of the twist whose exponential has the `rotation_vector` (3,) [rad] and translation p (3,) [m]."""
     once = cross(rotation_vector, p)
@@ -258,31 +251,6 @@ def rpy_to_matrix(rpy: Array) -> Array:
         (sy * cp, sy * sp * sr + cy * cr, sy * sp * cr - cy * sr),
         (-sp, cp * sr, cp * cr),
     )
-
-
-def matrix_to_rpy(R: Array) -> Array:
-    """Roll, pitch, yaw (3,) [rad] of R (3, 3); pitch within +-90 deg, where roll and yaw stop being separable."""
-    pitch = ca.atan2(-R[2, 0], ca.sqrt(R[0, 0] * R[0, 0] + R[1, 0] * R[1, 0]))
-    return column(ca.atan2(R[2, 1], R[2, 2]), pitch, ca.atan2(R[1, 0], R[0, 0]))
-
-
-def rpy_rates(rpy: Array, omega_B: Array) -> Array:
-    """Rates (3,) [rad/s] of rpy (3,) [rad] from the body angular velocity omega_B (3,) [rad/s], [Gao2022] eqs. (7)-(9).
-
-    Raises InvalidInput at pitch = +-90 deg, where the rates do not exist; an expression divides by
-    ``cos(pitch)``.
-    """
-    (sr, sp, _), (cr, cp, _) = _sines_cosines(rpy)
-    if not is_symbolic(cp) and abs(cp) < _GIMBAL_COSINE:
-        raise InvalidInput(f"pitch {float(rpy[1]):.9g} rad: roll and yaw rates need |pitch| < pi/2; integrate a quaternion")
-    turn = (sr * omega_B[1] + cr * omega_B[2]) / cp
-    return column(omega_B[0] + sp * turn, cr * omega_B[1] - sr * omega_B[2], turn)
-
-
-def omega_from_rpy_rates(rpy: Array, rates: Array) -> Array:
-    """Body angular velocity (3,) [rad/s] from the rates (3,) [rad/s] of rpy (3,) [rad]; inverse of `rpy_rates`."""
-    (sr, sp, _), (cr, cp, _) = _sines_cosines(rpy)
-    return column(rates[0] - sp * rates[2], cr * rates[1] + sr * cp * rates[2], cr * cp * rates[2] - sr * rates[1])
 
 
 def _sines_cosines(rpy: Array) -> tuple[list[Array], list[Array]]:

@@ -65,21 +65,6 @@ def thrust_of_signals(robot: Robot, signals: np.ndarray) -> np.ndarray:
     return np.stack([np.interp(signal, *np.transpose(_curve(thruster))) for thruster, signal in pairs], axis=-1)
 
 
-def signals_of_thrust(robot: Robot, thrust: np.ndarray) -> np.ndarray:
-    """Return command signals (n_thrusters,) for steady thrust (n_thrusters,) [N]; `thrust_of_signals` inverted.
-
-    In a dead band, where many signals give the same thrust, the middle of them.
-    """
-    pairs = zip(robot.description.thrusters, thrust, strict=True)
-    return np.array([_signal(np.array(_curve(thruster)), value) for thruster, value in pairs])
-
-
-def _signal(curve: np.ndarray, value: float) -> float:
-    signals, thrust = curve.T
-    alike = signals[thrust == value]
-    return float((alike[0] + alike[-1]) / 2) if len(alike) else float(np.interp(value, thrust, signals))
-
-
 def curve_of_table(
     signals: np.ndarray, thrust: np.ndarray, voltage: np.ndarray | None = None, at: float = 0.0
 ) -> tuple[tuple[tuple[float, float], ...], float]:
@@ -117,10 +102,7 @@ def _mean_thrust(signals: np.ndarray, thrust: np.ndarray) -> tuple[np.ndarray, n
 
 
 def _curve(thruster: Thruster) -> tuple[tuple[float, float], ...]:
-    # A thruster that only pushes has no point at -1: np.interp needs thrust that increases.
-    pushing_only = ((0.0, 0.0), (1.0, thruster.maximum))
-    linear = ((-1.0, thruster.minimum), *pushing_only) if thruster.minimum < 0.0 else pushing_only
-    return thruster.curve or linear
+    return thruster.curve or ((-1.0, thruster.minimum), (0.0, 0.0), (1.0, thruster.maximum))
 
 
 @lru_cache(maxsize=8)

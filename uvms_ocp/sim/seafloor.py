@@ -237,10 +237,6 @@ class HeightField(Seafloor):
     def height(self, x: float, y: float) -> float:
         return self.z + float(_elevation(self._bumps, x, y))
 
-    def heights_at(self, points: Annotated[np.ndarray, Shape("n", 2)]) -> np.ndarray:
-        """Z (m,) [m] of the floor at points (m, 2) [m], x, y in W."""
-        return self.z + _elevation(self._bumps, points[:, :1], points[:, 1:])
-
     def gradient(self, x: float, y: float) -> np.ndarray:
         """Slope (2,) along x and y in W, at the point (x, y) [m]."""
         return _slopes(self._bumps, np.array([[x, y]]))[1][0]

@@ -14,7 +14,7 @@ from uvms_ocp.robot.robot import Robot
 from uvms_ocp.robot.symbolic_model import SymbolicModel
 from uvms_ocp.tasks.activation import SmoothActivation, saturate
 from uvms_ocp.tasks.task import Residual, Rows, Task, TaskClass, TickSymbols, bounded_residual, equality_rows, zero_residual
-from uvms_ocp.types import Finite
+from uvms_ocp.types import Finite, Positive
 
 
 def altitude_of(symbols: TickSymbols, frame: str) -> ca.SX:
@@ -53,17 +53,14 @@ class MinimumAltitude(Task):
     task_class: TaskClass = TaskClass.SAFETY
     frame: str | None = None
     """Frame of the range sensor; by default the altimeter of the robot's file."""
-    threshold: float = 1.0
+    threshold: Positive = 1.0
     """[m] h_min"""
-    margin: float = 0.5
+    margin: Positive = 0.5
     """[m] Delta"""
-    gain: float = 0.4
+    gain: Positive = 0.4
     """[1/s]"""
-    saturation: float = 0.5
+    saturation: Positive = 0.5
     """[m/s]"""
-
-    def __post_init__(self) -> None:
-        self._require_positive("threshold", "margin", "gain", "saturation")
 
     @property
     def rest_altitude(self) -> float:
@@ -111,15 +108,12 @@ class LandingAltitude(Task):
     """Frame of the range sensor; by default the altimeter of the robot's file."""
     landing_distance: Finite = -0.02
     """[m] d_landing; below 0 so that the safeguard's height is crossed."""
-    safeguard: float = 0.17
+    safeguard: Positive = 0.17
     """[m] Delta_safeguard"""
-    gain: float = 0.4
+    gain: Positive = 0.4
     """[1/s]"""
-    saturation: float = 0.2
+    saturation: Positive = 0.2
     """[m/s]"""
-
-    def __post_init__(self) -> None:
-        self._require_positive("safeguard", "gain", "saturation")
 
     @property
     def rest_altitude(self) -> float:

@@ -20,6 +20,7 @@ from uvms_ocp.robot.thrusters import driven_turns, undriven_axes
 from uvms_ocp.tasks.activation import SmoothActivation, saturate
 from uvms_ocp.tasks.goals import VectorGoal, evaluate_vector
 from uvms_ocp.tasks.task import Residual, Rows, Task, TaskClass, TickSymbols, bounded_residual
+from uvms_ocp.types import Positive
 
 _SINE_FLOOR = 1e-9  # below this sine of the angle the rotation axis comes from the fallback
 _ROUNDING = 1e-3  # [rad] below which the smooth angle of a residual flattens out
@@ -47,17 +48,14 @@ class AngleTask(Task):
     equality: ClassVar[bool] = False
     frame: str = "base_link"
     """Whose angle it is."""
-    gain: float
+    gain: Positive
     """[1/s]"""
-    saturation: float
+    saturation: Positive
     """[rad/s]"""
     activation: SmoothActivation
     """[rad] activation rises over this range."""
-    aim: float
+    aim: Positive
     """[rad] angle at which the strict hierarchy's bound lets theta rest."""
-
-    def __post_init__(self) -> None:
-        self._require_positive("gain", "saturation", "aim")
 
     @property
     def watched_axis(self) -> tuple[float, float, float]:
@@ -134,13 +132,13 @@ class HorizontalAttitude(AngleTask):
 
     name: str = "HA"
     task_class: TaskClass = TaskClass.SAFETY
-    gain: float = 0.2
+    gain: Positive = 0.2
     """[1/s]"""
-    saturation: float = 0.5
+    saturation: Positive = 0.5
     """[rad/s]"""
     activation: SmoothActivation = SmoothActivation(0.025, 0.1)
     """[rad]"""
-    aim: float = 0.025
+    aim: Positive = 0.025
     """[rad]"""
 
     def residual(self, symbols: TickSymbols, parameters: ca.SX) -> Residual:
@@ -169,7 +167,6 @@ class TargetTask(AngleTask):
     """(3,) [m] target position in W."""
 
     def __post_init__(self) -> None:
-        AngleTask.__post_init__(self)
         value, _ = evaluate_vector(self.name, self.goal, 0.0)
         if value.shape != (3,):
             raise InvalidInput(f"{self.name}: goal of shape {value.shape}; give a position (3,) in W")
@@ -210,13 +207,13 @@ class Alignment(TargetTask):
 
     name: str = "AT"
     task_class: TaskClass = TaskClass.PREREQUISITE
-    gain: float = 0.6
+    gain: Positive = 0.6
     """[1/s]"""
-    saturation: float = 0.2
+    saturation: Positive = 0.2
     """[rad/s]"""
     activation: SmoothActivation = SmoothActivation(0.0, 0.07)
     """[rad]"""
-    aim: float = 0.035
+    aim: Positive = 0.035
     """[rad]"""
 
     def residual(self, symbols: TickSymbols, parameters: ca.SX) -> Residual:
@@ -245,13 +242,13 @@ class FieldOfView(TargetTask):
     task_class: TaskClass = TaskClass.PREREQUISITE
     axis: tuple[float, float, float] = (1.0, 0.0, 0.0)
     """(3,) optical axis in `frame`, of length 1."""
-    gain: float = 0.6
+    gain: Positive = 0.6
     """[1/s]"""
-    saturation: float = 0.3
+    saturation: Positive = 0.3
     """[rad/s]"""
     activation: SmoothActivation = SmoothActivation(0.3, 0.5)
     """[rad]"""
-    aim: float = 0.4
+    aim: Positive = 0.4
     """[rad]"""
 
     def __post_init__(self) -> None:

@@ -14,6 +14,7 @@ from uvms_ocp.robot.robot import Robot
 from uvms_ocp.robot.shapes.collision_model import CollisionModel
 from uvms_ocp.tasks.activation import SmoothActivation, saturate
 from uvms_ocp.tasks.task import NearestPairs, Rows, Task, TaskClass, TickSymbols
+from uvms_ocp.types import Positive
 
 
 @checked_dataclass(eq=False)
@@ -31,19 +32,18 @@ class Clearance(Task):
     """The pairs."""
     n_nearest: int = 8
     """Rows."""
-    threshold: float = 0.1
+    threshold: Positive = 0.1
     """[m]"""
-    margin: float = 0.2
+    margin: Positive = 0.2
     """[m] range of the activation beyond the threshold."""
-    gain: float = 0.5
+    gain: Positive = 0.5
     """[1/s]"""
-    saturation: float = 0.5
+    saturation: Positive = 0.5
     """[m/s]"""
     _pairs: NearestPairs = field(init=False, repr=False)
     """See `nearest_pairs`."""
 
     def __post_init__(self) -> None:
-        self._require_positive("threshold", "margin", "gain", "saturation")
         pairs = NearestPairs(task=self.name, model=self.model, n=self.n_nearest, threshold=self.threshold)
         object.__setattr__(self, "_pairs", pairs)
 

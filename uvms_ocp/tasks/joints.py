@@ -17,6 +17,7 @@ from uvms_ocp.robot.symbolic_model import SymbolicModel
 from uvms_ocp.tasks.activation import SmoothActivation, approach_speed, saturate
 from uvms_ocp.tasks.goals import VectorGoal, evaluate_vector
 from uvms_ocp.tasks.task import Residual, Rows, Task, TaskClass, TickSymbols, bounded_residual, equality_rows, zero_residual
+from uvms_ocp.types import Positive
 
 _SINGULAR = 1e-12  # keeps the square root of the manipulability differentiable at singular postures
 
@@ -33,17 +34,16 @@ class JointLimits(Task):
     equality: ClassVar[bool] = False
     name: str = "JL"
     task_class: TaskClass = TaskClass.SAFETY
-    margin: float = 0.1
+    margin: Positive = 0.1
     """Share of the robot's range on each side, inside of `guard`."""
     guard: float = 0.0
     """Share of the robot's range on each side that is never used."""
-    gain: float = 0.2
+    gain: Positive = 0.2
     """[1/s]"""
-    saturation: float = 0.5
+    saturation: Positive = 0.5
     """[rad/s or m/s]"""
 
     def __post_init__(self) -> None:
-        self._require_positive("margin", "gain", "saturation")
         if not (self.guard >= 0 and self.guard + self.margin < 0.5):
             raise InvalidInput(
                 f"{self.name}: margin = {self.margin}, guard = {self.guard}; give shares of the range, together below 0.5"
@@ -113,13 +113,12 @@ class JointTracking(Task):
     """Names."""
     goal: VectorGoal
     """(len(joints),) [rad or m]"""
-    gain: float = 0.5
+    gain: Positive = 0.5
     """[1/s]"""
-    saturation: float = 0.5
+    saturation: Positive = 0.5
     """[rad/s or m/s]"""
 
     def __post_init__(self) -> None:
-        self._require_positive("gain", "saturation")
         value, _ = evaluate_vector(self.name, self.goal, 0.0)
         if value.shape != (len(self.joints),):
             raise InvalidInput(f"{self.name}: goal of shape {value.shape} for {len(self.joints)} joints; give one each")
@@ -157,15 +156,12 @@ class Manipulability(Task):
     task_class: TaskClass = TaskClass.PREREQUISITE
     frame: str = "tool"
     """Whose Jacobian counts."""
-    gain: float = 0.1
+    gain: Positive = 0.1
     """[1/s]"""
-    target: float = 0.12
+    target: Positive = 0.12
     """[unit of mu] that the rate leads to."""
     activation: SmoothActivation = SmoothActivation(0.02, 0.05)
     """[unit of mu] activation falls over this range."""
-
-    def __post_init__(self) -> None:
-        self._require_positive("gain", "target")
 
     def residual(self, symbols: TickSymbols, parameters: ca.SX) -> Residual:
         """Manipulability above the end of the activation."""

@@ -17,6 +17,7 @@ from uvms_ocp.robot.thrusters import driven_turns, free_motions, undriven_axes
 from uvms_ocp.tasks.activation import saturate
 from uvms_ocp.tasks.goals import PoseGoal, evaluate_pose
 from uvms_ocp.tasks.task import Residual, Rows, Task, TaskClass, TickSymbols, equality_rows, zero_residual
+from uvms_ocp.types import Positive
 
 # Pose tasks: vehicle pose (PC), tool pose (T), tool position.
 
@@ -36,17 +37,16 @@ class PoseTask(Task):
     """F."""
     goal: PoseGoal
     """X_WF [m]."""
-    gain_linear: float
+    gain_linear: Positive
     """[1/s]"""
-    gain_angular: float
+    gain_angular: Positive
     """[1/s]"""
-    saturation_linear: float = 0.5
+    saturation_linear: Positive = 0.5
     """[m/s]"""
-    saturation_angular: float = 0.5
+    saturation_angular: Positive = 0.5
     """[rad/s]"""
 
     def __post_init__(self) -> None:
-        self._require_positive("gain_linear", "gain_angular", "saturation_linear", "saturation_angular")
         evaluate_pose(self.name, self.goal, 0.0)
 
     def n_parameters(self, robot: Robot) -> int:
@@ -89,9 +89,9 @@ class VehiclePose(PoseTask):
     name: str = "PC"
     task_class: TaskClass = TaskClass.ACTION
     frame: str = "base_link"
-    gain_linear: float = 0.2
+    gain_linear: Positive = 0.2
     """[1/s]"""
-    gain_angular: float = 0.5
+    gain_angular: Positive = 0.5
     """[1/s]"""
 
 
@@ -102,9 +102,9 @@ class ToolPose(PoseTask):
     name: str = "T"
     task_class: TaskClass = TaskClass.ACTION
     frame: str = "tool"
-    gain_linear: float = 0.6
+    gain_linear: Positive = 0.6
     """[1/s]"""
-    gain_angular: float = 0.6
+    gain_angular: Positive = 0.6
     """[1/s]"""
 
 
@@ -118,13 +118,12 @@ class ToolPosition(Task):
     """F."""
     goal: PoseGoal
     """X_WF [m], of which the translation is used."""
-    gain: float = 0.6
+    gain: Positive = 0.6
     """[1/s]"""
-    saturation: float = 0.5
+    saturation: Positive = 0.5
     """[m/s]"""
 
     def __post_init__(self) -> None:
-        self._require_positive("gain", "saturation")
         evaluate_pose(self.name, self.goal, 0.0)
 
     def n_parameters(self, robot: Robot) -> int:

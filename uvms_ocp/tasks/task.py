@@ -270,12 +270,6 @@ class Task(ABC):
             raise InvalidInput(f"{self.name}: {type(self).__name__} has no goal to replace; drop it from the phase's goals")
         return replace(self, goal=goal)  # type: ignore[call-arg]
 
-    def _require_positive(self, *names: str) -> None:
-        for name in names:
-            value = getattr(self, name)
-            if not (np.isfinite(value) and value > 0):
-                raise InvalidInput(f"{self.name}: {name} = {value}; give a finite value > 0")
-
     @property
     def label(self) -> str:
         """The paper's bracket, such as ``[R,E,AD]``."""

@@ -21,7 +21,7 @@ from uvms_ocp.errors import InvalidInput, OutputError
 from uvms_ocp.model_errors import printable
 from uvms_ocp.record.display import FieldTable
 from uvms_ocp.record.untrusted import read_arrays
-from uvms_ocp.types import Array, Count, Finite, read_only
+from uvms_ocp.types import Array, Count, Finite, Positive, read_only
 
 _EXTREMUM_GRID = np.linspace(0.0, 1.0, 65)
 
@@ -89,12 +89,7 @@ class PiecewisePolynomial(FieldTable):
 
     @checked_on_failure
     def evaluate(self, t: ArrayLike, derivative: Count = 0) -> Array:
-        """The derivative-th derivative (..., n_axes) [axis/s^derivative] at times t (...) [s], clipped to the ends.
-
-        Raises `InvalidInput` for a negative derivative.
-        """
-        if derivative < 0:
-            raise InvalidInput(f"derivative is {derivative}; allowed is 0 or more.")
+        """The derivative-th derivative (..., n_axes) [axis/s^derivative] at times t (...) [s], clipped to the ends."""
         times = np.clip(np.asarray(t, dtype=float), self.start, self.end)
         piece = np.clip(np.searchsorted(self.breaks, times, side="right") - 1, 0, self.n_pieces - 1)
         u = (times - self.breaks[piece]) / self.durations[piece]
@@ -106,13 +101,8 @@ class PiecewisePolynomial(FieldTable):
         scale = self.durations[:, None] ** -order
         return PiecewisePolynomial(breaks=self.breaks, coefficients=_differentiated(self.coefficients, order) * scale)
 
-    def sample(self, period: float, derivatives: Count = 0) -> tuple[Array, Array]:
-        """Times (n,) [s] every ``period`` [s], end included, and values (n, derivatives + 1, n_axes) [axis/s^d].
-
-        Raises `InvalidInput` for a period that is not positive.
-        """
-        if not period > 0.0:
-            raise InvalidInput(f"period is {period}; it must be positive [s].")
+    def sample(self, period: Positive, derivatives: Count = 0) -> tuple[Array, Array]:
+        """Times (n,) [s] every ``period`` [s], end included, and values (n, derivatives + 1, n_axes) [axis/s^d]."""
         n = max(int(np.ceil(self.duration / period - 1e-9)), 1) + 1
         times = np.minimum(self.start + period * np.arange(n), self.end)
         return times, np.stack([self.evaluate(times, d) for d in range(derivatives + 1)], axis=1)
@@ -128,10 +118,8 @@ class PiecewisePolynomial(FieldTable):
         scaled = _differentiated(self.coefficients, derivative)
         return np.max(_unit_peaks(scaled) / self.durations[:, None] ** derivative, axis=0)
 
-    def scaled(self, factor: float) -> PiecewisePolynomial:
-        """The same path, ``factor`` times slower, with the same start time. Raises `InvalidInput` unless it is positive."""
-        if not factor > 0.0:
-            raise InvalidInput(f"time factor is {factor}; it must be positive.")
+    def scaled(self, factor: Positive) -> PiecewisePolynomial:
+        """The same path, ``factor`` times slower, with the same start time."""
         breaks = self.start + factor * (self.breaks - self.start)
         return PiecewisePolynomial(breaks=breaks, coefficients=self.coefficients)
 

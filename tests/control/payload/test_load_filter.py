@@ -111,7 +111,7 @@ def test_a_covariance_stays_one() -> None:
 
 @pytest.mark.parametrize(("name", "value"), [("period", 0.0), ("mass", np.inf), ("drag", 1.5), ("weight", -1.0)])
 def test_settings_that_cannot_be_are_refused(name: str, value: float) -> None:
-    with pytest.raises(InvalidInput, match=f"{name} of the load learning"):
+    with pytest.raises(InvalidInput, match=f"LoadLearning: {name} = {value}; give a number "):
         LoadLearning(**{name: value})
 
 

@@ -13,7 +13,7 @@ import numpy as np
 from uvms_ocp.checks import checked_dataclass
 from uvms_ocp.codegen.elementwise import Array, where
 from uvms_ocp.codegen.kernel_layout import Layout, Sized
-from uvms_ocp.errors import InvalidInput
+from uvms_ocp.types import Positive, Range
 
 # What comes of the thrust that is asked for, thruster by thruster, as far as faults are known.
 
@@ -145,25 +145,17 @@ def faulty_joints(verdicts: Sequence[JointVerdict]) -> list[str]:
 class ActuatorHealthTuning:
     """Tuning of `ActuatorMonitor`. Raises `InvalidInput` for a number not > 0, and a share of 1 or more."""
 
-    sample_time: float = 0.1
+    sample_time: Positive = 0.1
     """[s] between two looks at the residual wrench."""
-    window: float = 4.0
+    window: Positive = 4.0
     """[s] of the residual in which a culprit is looked for, and twice that in which its onset is."""
-    explained: float = 0.8
+    explained: Annotated[float, Range(0.0, 1.0, open=True)] = 0.8
     """share of the changes that the fault of a thruster must explain: in Case 1 without one 0.7 was seen at most, 0.9 for
     a while where the model of the water is wrong by a fifth."""
-    lead: float = 4.0
+    lead: Positive = 4.0
     """times as much as it leaves unexplained must be left by the next best: 2.7 and 9.6 were seen there."""
-    settling: float = 1.5
+    settling: Positive = 1.5
     """[s] after a start or a verdict that are not looked at."""
-
-    def __post_init__(self) -> None:
-        for name in self.__dataclass_fields__:
-            value = getattr(self, name)
-            if not (math.isfinite(value) and value > 0):
-                raise InvalidInput(f"{name} of the actuator health = {value}; give a finite number > 0")
-        if not self.explained < 1:
-            raise InvalidInput(f"explained of the actuator health = {self.explained}; give a share below 1")
 
 
 # What is taken in at every tick between two looks: what was asked, as late as the residual tells of it.

@@ -7,12 +7,12 @@ from dataclasses import dataclass
 import numpy as np
 import pinocchio as pin
 
-from uvms_ocp.checks import unchecked_constructor
+from uvms_ocp.checks import checked_dataclass, unchecked_constructor
 from uvms_ocp.control.force.allocation import AllocationResult, allocation_of, thruster_lag
-from uvms_ocp.errors import InvalidInput
 from uvms_ocp.robot import Command, Robot, State
 from uvms_ocp.robot.dynamics import Dynamics
 from uvms_ocp.robot.hydrodynamics import STILL_WATER, Water
+from uvms_ocp.types import Lead, Magnitude
 
 # From a generalized force to what is asked of thrusters and joint motors.
 
@@ -66,25 +66,20 @@ _state = unchecked_constructor(State)
 _command = unchecked_constructor(Command)
 
 
-@dataclass(frozen=True, kw_only=True, slots=True)
+@checked_dataclass()
 class TrackingGains:
     """Gains of the closed loop's position and velocity errors. Raises `InvalidInput` for a gain below 0 or a lead below 1."""
 
-    vehicle_stiffness: float = 1.0
+    vehicle_stiffness: Magnitude = 1.0
     """[1/s^2]"""
-    vehicle_damping: float = 2.0
+    vehicle_damping: Magnitude = 2.0
     """[1/s]"""
-    joints_stiffness: float = 36.0
+    joints_stiffness: Magnitude = 36.0
     """[1/s^2]"""
-    joints_damping: float = 12.0
+    joints_damping: Magnitude = 12.0
     """[1/s]"""
-    lead: float = 4.0
+    lead: Lead = 4.0
     """Thrusters are driven this many times faster than their lag."""
-
-    def __post_init__(self) -> None:
-        values = [getattr(self, name) for name in self.__dataclass_fields__]
-        if not (np.isfinite(values).all() and min(values) >= 0 and self.lead >= 1):
-            raise InvalidInput(f"tracking gains {values}; give finite values >= 0, and lead >= 1")
 
 
 OPEN_LOOP = TrackingGains(vehicle_stiffness=0, vehicle_damping=0, joints_stiffness=0, joints_damping=0)

@@ -22,6 +22,7 @@ from uvms_ocp.record.display import SmallTable, TableDisplay, rows_of
 from uvms_ocp.robot import Command, Robot, SensorSpecs, StateEstimate
 from uvms_ocp.robot.dynamics import Dynamics
 from uvms_ocp.robot.thrusters import largest_force, largest_wrench
+from uvms_ocp.types import Lead, Magnitude
 
 _feedback = unchecked_constructor(ActuationFeedback)
 
@@ -38,28 +39,20 @@ class VelocityGains:
     Raises `InvalidInput` for a gain below 0 or a lead below 1.
     """
 
-    vehicle: float = 3.0
+    vehicle: Magnitude = 3.0
     """[1/s] proportional."""
-    joints: float = 12.0
+    joints: Magnitude = 12.0
     """[1/s]"""
-    vehicle_reset: float = 1.0
+    vehicle_reset: Magnitude = 1.0
     """[1/s] inverse integral time: how fast the integral takes over."""
-    joints_reset: float = 3.0
+    joints_reset: Magnitude = 3.0
     """[1/s]"""
-    observer_vehicle: float = 3.0
+    observer_vehicle: Magnitude = 3.0
     """[rad/s] bandwidth of the disturbance observer; 0 turns it off."""
-    observer_joints: float = 4.0
+    observer_joints: Magnitude = 4.0
     """[rad/s]"""
-    lead: float = 4.0
+    lead: Lead = 4.0
     """Thrusters are driven this many times faster than their lag."""
-
-    def __post_init__(self) -> None:
-        values = {name: getattr(self, name) for name in self.__dataclass_fields__}
-        for name, value in values.items():
-            if not (np.isfinite(value) and value >= 0):
-                raise InvalidInput(f"gain {name} = {value}; give a finite value >= 0")
-        if self.lead < 1:
-            raise InvalidInput(f"gain lead = {self.lead}; give a factor >= 1")
 
 
 @checked_constructor

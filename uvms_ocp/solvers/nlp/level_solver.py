@@ -17,7 +17,7 @@ from uvms_ocp.checks import checked_dataclass
 from uvms_ocp.errors import InvalidInput, NameNotFound, require_known
 from uvms_ocp.interrupts import on_interrupt
 from uvms_ocp.solvers.nlp.program import LevelNlp, LexicographicProgram, NlpStatus, RowBounds, RowRanges, status_of
-from uvms_ocp.types import DAY, AtLeastOne, Positive
+from uvms_ocp.types import DAY, AtLeastOne, Magnitude, Positive
 
 # How the NLPs of a lexicographic program are solved.
 
@@ -31,7 +31,7 @@ class NlpOptions:
 
     plugin: str = "ipopt"
     """``ipopt``, ``fatrop``, or ``stagewise`` for problems over a horizon."""
-    tolerance: float = 1e-6
+    tolerance: Magnitude = 1e-6
     """Allowed rise of the residual of a solved level, as a norm. With 0, and always with fatrop, rows of equalities are frozen
     as equality constraints: not for levels whose rows contradict each other, where no constraint qualification holds."""
     convergence: Positive = 1e-8
@@ -62,8 +62,6 @@ class NlpOptions:
         require_known("NLP solver", self.plugin, PLUGINS)
         if self.time_limit > DAY:
             raise InvalidInput(f"time_limit = {self.time_limit:g} s; give at most {DAY:g} s, a day")
-        if not (np.isfinite(self.tolerance) and self.tolerance >= 0):
-            raise InvalidInput(f"tolerance = {self.tolerance}; give a finite value >= 0")
 
 
 def solver_options(options: NlpOptions, *, warm: bool) -> dict[str, Any]:
