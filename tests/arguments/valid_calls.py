@@ -55,7 +55,7 @@ from uvms_ocp.robot.robot import Robot
 from uvms_ocp.robot.shapes.collision_model import CollisionModel
 from uvms_ocp.robot.signals import IDEAL_SENSORS, Command, Readings, SensorSpec, State, StateEstimate, Trust
 from uvms_ocp.robot.symbolic_model import SymbolicModel
-from uvms_ocp.scenario import replay
+from uvms_ocp.scenario import estimate_recording, replay
 from uvms_ocp.scenario.cases import RunOptions, case1, reach
 from uvms_ocp.scenario.preflight import Finding, PreflightReport, Severity
 from uvms_ocp.scenario.scenario import Scenario
@@ -111,6 +111,11 @@ def curve_record() -> Record:
 @cache
 def run_record() -> Record:
     return Record.load(RECORDS / "run_v0_1.npz")
+
+
+@cache
+def noisy_run() -> Record:
+    return reach(noise=True, duration=0.05).run()
 
 
 @cache
@@ -530,6 +535,8 @@ POOL: dict[str, Callable[[], Any]] = {
     "Plan | Record": plan,
     "Where": lambda: sim.KinematicPlant(arm(), arm().configuration()),
     "ReplayResult": lambda: replay(plan(), from_pool("Where", "where")),
+    "tuple[Mapping[str, Any], ...]": lambda: ({"channel": "depth"},),
+    "RecordedEstimate": lambda: estimate_recording(noisy_run(), reach().robot),
     "TrackingError": lambda: from_pool("ReplayResult", "flight").mismatch,
     "OwnRows": lambda: lambda stage: stage.tick.q[0],
     "Transcription": lambda: Transcription(problem()),
@@ -746,6 +753,7 @@ ARGUMENTS: dict[str, Callable[[], Arguments]] = {
     "figure_of": lambda: {"name": "q"},
     "Plan.load": lambda: {"path": plan().save("plan.npz")},
     "replay": lambda: {"plan": plan(), "where": from_pool("Where", "where")},
+    "estimate_recording": lambda: {"recording": noisy_run(), "robot": reach().robot},
     "Trajectory": lambda: fields_of(plan().trajectory),
     "Trajectory.leaving": lambda: {"model": arm().model},
     "Trajectory.state_at": lambda: {"model": arm().model},

@@ -100,6 +100,7 @@ app = _group(
         "campaign": "campaign.campaign",
         "compare": "show.compare_runs",
         "show": "show.show_scene",
+        "estimate": "show.estimate",
         "excite": "identify.excite",
         "map": "identify.map_recording",
         "check-recording": "identify.check_recording",

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import sys
 import time
 import webbrowser
@@ -15,11 +16,13 @@ import typer
 from rich.console import Console
 
 from uvms_ocp.cli import BAD_INPUT, options as opt
-from uvms_ocp.cli.printing import busy, console_of, print_findings, print_json, print_paths, table_of
+from uvms_ocp.cli.identify import MappingFile, read_recordings
+from uvms_ocp.cli.printing import busy, console_of, print_findings, print_json, print_line, print_paths, table_of
 from uvms_ocp.errors import InvalidInput, plain_line
 from uvms_ocp.mission_plan.planner import MissionPlan
 from uvms_ocp.ocp.plan import Plan
-from uvms_ocp.record.output import RUNNING, recover_folder
+from uvms_ocp.record.durable_files import discard
+from uvms_ocp.record.output import RUNNING, STORE, claim_folder, recover_folder
 from uvms_ocp.record.record import Record
 from uvms_ocp.record.row_files import META
 from uvms_ocp.report.comparison import compare
@@ -27,6 +30,7 @@ from uvms_ocp.robot import Robot, list_robots
 from uvms_ocp.scenario.cases import SCENARIOS
 from uvms_ocp.scenario.own_code import own_code, robot_of, with_robot
 from uvms_ocp.scenario.scenario import Scenario
+from uvms_ocp.sim.faults import parse_faults
 
 if TYPE_CHECKING:
     from uvms_ocp.viz.scene.page import ScenePage
@@ -57,6 +61,7 @@ def mission(
 
 # ``compare``: two runs, or two plans, side by side.
 
+RECORD = "record.npz"
 _WHAT = "Folder of a run or of a plan, its record.npz, or what is run first:"
 
 
@@ -83,7 +88,7 @@ def compare_runs(
 def _given(words: str) -> Record | Scenario:
     """A record of a folder or a file, or a scenario to be run."""
     if (Path(words).exists() and own_code(words) is None) or not (own_code(words) or words in SCENARIOS):
-        return Record.load(_file_at(Path(words), ("record.npz",), "the folder of a run, or of a plan of `plan`"))
+        return Record.load(_file_at(Path(words), (RECORD,), "the folder of a run, or of a plan of `plan`"))
     return opt.build_scenario(words, {})
 
 
@@ -98,6 +103,63 @@ def _percent(change: float | None) -> str | None:
     return None if change is None else f"{round(change, 4) + 0.0:+.4g} %"  # without the noise of sums, and no -0
 
 
+# ``estimate``: what filter and health monitor make of a recording.
+
+_AGREEMENT = ("channel", "readings", "delay_s", "compared", "refused", "ratio", "sigma", "proposed_sigma")
+_DOUBTS = ("channel", "suspect_s", "lost_s", "first_s", "why")
+RobotOfRecord = Annotated[str | None, typer.Option(help="Robot of the record, by name, folder or URDF; default: as it says.")]
+
+
+def estimate(
+    path: Annotated[Path, typer.Argument(metavar="RECORDING", help="Folder of a run, its record, or a recording of others.")],
+    out: Annotated[Path, typer.Option(metavar="DIR", parser=opt.folder, help="Folder for the results.")],
+    robot: RobotOfRecord = None,
+    files: opt.RobotFiles = opt.AS_WRITTEN,
+    mapping: MappingFile = None,
+    fault: opt.Faults = None,
+    as_json: opt.Json = False,
+) -> None:
+    """Run filter and health monitor over a recording, and say how well each sensor agrees with them.
+
+    Of a run the estimate is that of the run, to the last bit. Faults are those of sensors.
+
+    \f
+    Raises `InvalidInput` for a recording of others without a robot, and as `estimate_recording` does.
+    """
+    from uvms_ocp.scenario.recorded_estimate import estimate_recording
+    from uvms_ocp.viz.run_figures import write_figure
+    from uvms_ocp.viz.scene.show import robot_of as recorded
+    from uvms_ocp.viz.series import thinned
+
+    console, own = console_of(stderr=as_json), with_robot(opt.given(robot=robot, **files.options)).get("robot")
+    is_run = mapping is None and (path.is_dir() or path.suffix == ".npz")
+    given = Record.load(_file_at(path, (RECORD,), "the folder of a run")) if is_run else read_recordings([path], mapping)[0]
+    if own is None:
+        if not isinstance(given, Record):
+            raise InvalidInput(f"{path} does not say of which robot it is; give --robot")
+        own = recorded(given, path)
+    names, rows = ("estimate", "health"), out / STORE / "estimate"
+    with claim_folder(out, (RECORD, "report.json", *(f"figures/{name}.png" for name in names))) as claim:
+        discard(rows)
+        with busy(console, "estimating"):
+            found = estimate_recording(given, own, faults=parse_faults(fault or ()), folder=rows)
+        report = {"recording": str(path), "robot": own.name, "same_as_run": found.same, "channels": list(found.channels)}
+        with claim.staged() as staging:
+            found.record.save(staging / RECORD)
+            (staging / "report.json").write_text(json.dumps(report, indent=2) + "\n")
+            for name in names:
+                write_figure(thinned(found.record), name, staging / "figures")
+        discard(rows)
+        written = claim.written()
+    for columns in (_AGREEMENT, _DOUBTS):
+        console.print(table_of(found.record.meta.scenario, found.channels, columns))
+    if found.same is not None:
+        print_line(console, f"the estimate {'is' if found.same else 'differs from'} that of the run")
+    print_paths(console, written)
+    if as_json:
+        print_json(report)
+
+
 # ``show``: a run, a plan or a robot in three dimensions, in the browser or as a file.
 
 
@@ -108,7 +170,7 @@ def show_scene(
     ghost: Annotated[
         list[Path] | None, typer.Option(metavar="PATH", help="Another run or plan, drawn translucent; several times.")
     ] = None,
-    robot: Annotated[str | None, typer.Option(help="Robot of the record, by name, folder or URDF; default: as it says.")] = None,
+    robot: RobotOfRecord = None,
     files: opt.RobotFiles = opt.AS_WRITTEN,
     fps: Annotated[float, typer.Option(metavar="HZ", help="Frames per second.")] = 25.0,
     out: Annotated[Path | None, typer.Option(metavar="HTML", help="Write this file, and serve nothing.")] = None,
@@ -174,7 +236,7 @@ def _page(what: str, ghosts: tuple[Path, ...], robot: str | None, files: opt.Rob
 def _motion(path: Path, robot: Robot | None) -> Record | Plan:
     """The record of a folder or file, or else the plan, of that robot unless it is one of the library."""
     advice = "the folder of a run, a plan or a robot, or a robot's name"
-    file = _file_at(path, ("record.npz", "plan.npz", "plan.json"), advice)
+    file = _file_at(path, (RECORD, "plan.npz", "plan.json"), advice)
     readers: tuple[Callable[[Path], Record | Plan], ...] = (Record.load, partial(Plan.load, robot=robot))
     wrong: list[str] = []
     for read in readers[1:] if file.suffix == ".json" else readers:

@@ -20,4 +20,5 @@ from .preflight.setup import (
     Severity as Severity,
     forecast as forecast,
 )
+from .recorded_estimate import RecordedEstimate as RecordedEstimate, estimate_recording as estimate_recording
 from .scenario import Scenario as Scenario, pose_at as pose_at

@@ -36,6 +36,7 @@ _EARLY = 1e-9  # of a period or a second: a tick that rounding puts just before 
 
 Truth = Callable[[State], Any]
 Disturb = Callable[[Any, np.ndarray], Any]
+Source = tuple[Truth, Disturb, int]
 
 
 @checked_constructor
@@ -92,21 +93,20 @@ class SensorSuite:
         """
         specs = specs or SensorSpecs()
         self._readings: dict[str, Reading[Any] | None] = {}
-        sources = _sources(robot, seafloor, specs, altimeter_frame)
+        sources = sources_of(robot, seafloor, specs, altimeter_frame)
         if robot.description.dvl is not None and "linear_velocity" in sources:
             carried_by = {} if specs.linear_velocity == _IDEAL else self._readings
             sources["linear_velocity"] = _carried_from(robot.model.frames[robot.frame_id(DVL)].placement, carried_by)
         present = {name: spec for name in CHANNELS if (spec := getattr(specs, name)) is not None and name in sources}
         streams = dict(zip(CHANNELS, np.random.SeedSequence(seed).spawn(len(CHANNELS)), strict=True))
-        struck = _by_channel(faults, list(present))
+        struck = faults_of_channels(robot, faults, {name: sources[name] for name in present}, seed)
         self._ideal = [(name, sources[name][0]) for name, spec in present.items() if spec == _IDEAL and name not in struck]
         ideal = dict(self._ideal)
         self._channels = [
             (name, _Channel(name, spec, *sources[name], streams[name])) for name, spec in present.items() if name not in ideal
         ]
         for name, own in struck.items():
-            stream = np.random.SeedSequence([seed, int.from_bytes(name.encode(), "big")])
-            dict(self._channels)[name].apply_faults(ChannelFaults(_struck(robot, name, *sources[name][1:]), own, stream))
+            dict(self._channels)[name].apply_faults(own)
         self._seen = -math.inf
         """[s] time of the last readings of the ideal ones."""
 
@@ -124,12 +124,10 @@ class SensorSuite:
         return _readings(**readings)
 
 
-def _sources(
-    robot: Robot, seafloor: Seafloor, specs: SensorSpecs, altimeter_frame: str | None
-) -> dict[str, tuple[Truth, Disturb, int]]:
-    """Per channel: the true value, how an error acts on it and the number of its components."""
+def sources_of(robot: Robot, seafloor: Seafloor, specs: SensorSpecs, altimeter_frame: str | None) -> dict[str, Source]:
+    """Return, by channel, the true value, how an error acts on it and the number of its components."""
     joint_q, joint_v, n = robot.joint_q, robot.joint_v, robot.n_joints
-    sources: dict[str, tuple[Truth, Disturb, int]] = {
+    sources: dict[str, Source] = {
         "joint_positions": (lambda state: state.q[joint_q], _joint_disturbance(robot), n),
         "joint_velocities": (lambda state: state.v[joint_v], add, n),
     }
@@ -151,7 +149,7 @@ def _sources(
     return sources
 
 
-def _carried_from(X_BD: pin.SE3, readings: Mapping[str, Reading[Any] | None]) -> tuple[Truth, Disturb, int]:
+def _carried_from(X_BD: pin.SE3, readings: Mapping[str, Reading[Any] | None]) -> Source:
     """A Doppler log at X_BD [m]: errors are along its axes, and a gyroscope's reading, if any, carries it to the origin of B."""
     S_BD, R_BD = pin.skew(X_BD.translation), X_BD.rotation.copy()
 
@@ -162,16 +160,22 @@ def _carried_from(X_BD: pin.SE3, readings: Mapping[str, Reading[Any] | None]) ->
     return truth, lambda value, error: value + R_BD @ error, 3
 
 
-def _by_channel(faults: Sequence[Fault], channels: Sequence[str]) -> dict[str, list[Fault]]:
-    """Faults of sensors by channel."""
+def faults_of_channels(
+    robot: Robot, faults: Sequence[Fault], sources: Mapping[str, Source], seed: int = 0
+) -> dict[str, ChannelFaults]:
+    """Return the faults of sensors by channel, fresh for a run. sources: of the channels that there are, of `sources_of`.
+
+    Raises `InvalidInput` for a fault of another channel; those of other things than sensors are left out.
+    """
     found: dict[str, list[Fault]] = {}
     for fault in faults:
         channel = fault.location.channel
-        if channel and channel not in channels:
-            raise InvalidInput(f"{fault}: there is no sensor {channel}; there are {', '.join(channels)}")
+        if channel and channel not in sources:
+            raise InvalidInput(f"{fault}: there is no sensor {channel}; there are {', '.join(sources)}")
         if channel:
             found.setdefault(channel, []).append(fault)
-    return found
+    streams = {name: np.random.SeedSequence([seed, int.from_bytes(name.encode(), "big")]) for name in found}
+    return {name: ChannelFaults(_struck(robot, name, *sources[name][1:]), own, streams[name]) for name, own in found.items()}
 
 
 def _struck(robot: Robot, name: str, disturb: Disturb, n: int) -> FaultyChannel:

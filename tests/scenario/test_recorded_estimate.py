@@ -1,0 +1,158 @@
+"""The estimate over a recording is that of the run, and says how well each sensor agrees with it."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from typer.testing import CliRunner
+
+from uvms_ocp.cli.commands import app
+from uvms_ocp.errors import InvalidInput
+from uvms_ocp.identification.reading import read_recording
+from uvms_ocp.identification.recording import Channel, Recording
+from uvms_ocp.record.record import MEASURED, Record
+from uvms_ocp.robot.signals import robot_sensors
+from uvms_ocp.scenario import Scenario, estimate_recording, reach
+from uvms_ocp.scenario.cases import SCENARIOS
+from uvms_ocp.sim import parse_fault
+
+OF_THE_ESTIMATE = ("q_estimated", "v_estimated", "q_std", "altimeter_range", "altimeter_std", "health")
+FAULTS = ("position:bias=0.5@2-4", "joint_positions:lost@1-4", "attitude:late=0.2@2", "altimeter:frozen@2", "depth:nan@1-3")
+FAULTS_OF_SCENARIOS = {
+    "case1": "thruster3:dead@3",
+    "case2": "altimeter:frozen@2",
+    "bluerov_inspection": "position:bias=0.5@2-4",
+    "transit": "attitude:late=0.2@2",
+    "two_targets": "joint_positions:lost@1-4",
+}
+
+
+def mission(**options: object) -> Scenario:
+    return reach(noise=True, duration=5.0, **options)
+
+
+@pytest.fixture(scope="module")
+def sound() -> Record:
+    return mission().run()
+
+
+def require_the_same(run: Record, found: Record) -> None:
+    for name in OF_THE_ESTIMATE:
+        assert np.array_equal(run[name], found[name], equal_nan=run[name].dtype.kind == "f"), name
+    said = [(alarm.t, alarm.text) for alarm in run.run_meta.alarms if alarm.text.partition(" ")[0] in run.run_meta.channels]
+    assert said == [(alarm.t, alarm.text) for alarm in found.run_meta.alarms]
+
+
+@pytest.mark.parametrize("fault", FAULTS)
+def test_over_the_record_of_a_run_it_is_that_of_the_run(fault: str) -> None:
+    scenario = mission(faults=fault)
+    run = scenario.run()
+    found = estimate_recording(run, scenario.robot)
+    assert found.same
+    require_the_same(run, found.record)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", FAULTS_OF_SCENARIOS)
+def test_over_the_record_of_every_scenario(name: str) -> None:
+    scenario = SCENARIOS[name](noise=True, duration=5.0, faults=FAULTS_OF_SCENARIOS[name])
+    run = scenario.run()
+    require_the_same(run, estimate_recording(run, scenario.robot).record)
+
+
+def test_over_a_record_that_was_saved_with_rows_on_the_disk(sound: Record, tmp_path: Path) -> None:
+    sound.save(tmp_path / "record.npz")
+    found = estimate_recording(Record.load(tmp_path / "record.npz"), mission().robot, folder=tmp_path / "rows")
+    assert found.same
+    found.record.save(tmp_path / "estimate.npz")
+    require_the_same(sound, Record.load(tmp_path / "estimate.npz"))
+
+
+def test_a_fault_on_top_is_what_the_run_with_it_would_have_read(sound: Record) -> None:
+    """Commands are those of the sound run, so that the same holds until the fault has moved the vehicle."""
+    fault = "depth:bias=2@1"
+    faulty = mission(faults=fault).run()
+    found = estimate_recording(sound, mission().robot, faults=(parse_fault(fault),))
+    first = int(np.argmax(faulty["health"].any(axis=1)))
+    assert found.same is False
+    assert first > 0
+    assert np.array_equal(found.record["q_estimated"][:first], faulty["q_estimated"][:first])
+    depth = next(row for row in found.channels if row["channel"] == "depth")
+    assert depth["lost_s"] > 0.0
+    assert depth["first_s"] == pytest.approx(faulty["t"][first])
+
+
+def test_channels_of_others_are_estimated_from_what_they_read(sound: Record) -> None:
+    robot, channels = mission().robot, {}
+    for channel in ("position", "attitude", "linear_velocity", "angular_velocity", "joint_positions"):
+        rows = sound[f"measured_{channel}"]
+        rows = rows[np.isfinite(rows).all(axis=1)]
+        channels[channel] = Channel(t=1.7e9 + rows[:, -1], values=rows[:, :-1])
+    found = estimate_recording(Recording(name="dive", channels=channels), robot).record
+    rows = min(len(found), len(sound))
+    late = slice(200, rows)
+    assert set(found.run_meta.channels) == set(channels)
+    assert "q" not in found.series
+    error = np.abs(found["q_estimated"][late, :3] - sound["q"][late, :3])
+    assert (error <= 5.0 * found["q_std"][late, :3]).all(), error.max(axis=0)
+
+
+def test_noise_that_is_larger_than_expected_is_proposed() -> None:
+    scenario = mission()
+    expected = robot_sensors(scenario.robot.description)
+    real = replace(expected, attitude=replace(expected.attitude, sigma=3.0 * expected.attitude.sigma))
+    louder = estimate_recording(replace(scenario, real_sensors=real).run(), scenario.robot)
+    rows = {row["channel"]: row for row in louder.channels}
+    assert rows["attitude"]["ratio"] == pytest.approx(3.0, rel=0.25)
+    assert rows["attitude"]["proposed_sigma"] == pytest.approx(3.0 * expected.attitude.sigma, rel=0.25)
+    assert all(row["ratio"] < 1.25 for name, row in rows.items() if name != "attitude")
+
+
+def test_the_delay_of_readings_is_told(sound: Record) -> None:
+    expected = robot_sensors(mission().robot.description)
+    for row in estimate_recording(sound, mission().robot).channels:
+        spec = getattr(expected, row["channel"])
+        assert row["delay_s"] == pytest.approx(spec.delay, abs=1.0 / 200)
+
+
+def test_what_cannot_be_estimated_is_refused_in_one_line(sound: Record) -> None:
+    robot = mission().robot
+    for wrong, text in (
+        (lambda: estimate_recording(reach(duration=0.05).run(), robot), "record it anew, with noise"),
+        (lambda: estimate_recording(sound, robot, faults=(parse_fault("thruster1:dead"),)), "give those of sensors"),
+        (lambda: estimate_recording(sound, SCENARIOS["case1"]().robot), "give the robot recorded"),
+    ):
+        with pytest.raises(InvalidInput, match=text) as raised:
+            wrong()
+        assert "\n" not in str(raised.value)
+
+
+def test_the_command_says_that_it_is_the_estimate_of_the_run(sound: Record, tmp_path: Path) -> None:
+    (tmp_path / "run").mkdir()
+    sound.save(tmp_path / "run" / "record.npz")
+    words = ["estimate", str(tmp_path / "run"), "--out", str(tmp_path / "out"), "--robot", sound.meta.robot]
+    said = CliRunner().invoke(app, words)
+    assert said.exit_code == 0, said.output
+    assert "the estimate is that of the run" in said.output
+    written = {path.name for path in (tmp_path / "out").rglob("*") if path.is_file() and ".uvms_ocp" not in path.parts}
+    assert written == {"record.npz", "report.json", "estimate.png", "health.png"}
+    assert Record.load(tmp_path / "out" / "record.npz").run_meta.plant == "recorded"
+
+
+def test_a_table_of_a_run_is_refused_for_it_has_estimates_in_place_of_readings(sound: Record, tmp_path: Path) -> None:
+    sound.save(tmp_path / "record.npz")
+    with pytest.raises(InvalidInput, match=r"record\.npz, which has the readings"):
+        estimate_recording(read_recording(tmp_path / "record.npz"), mission().robot)
+
+
+def test_records_of_noisy_runs_hold_every_reading_and_when_it_was_taken(sound: Record) -> None:
+    for channel in sound.run_meta.channels:
+        rows = sound[f"measured_{channel}"]
+        assert f"measured_{channel}" in MEASURED
+        taken = rows[np.isfinite(rows[:, -1]), -1]
+        assert taken.size
+        assert (np.diff(taken) > 0.0).all()
+        assert (taken <= sound["t"][np.isfinite(rows[:, -1])] + 1e-9).all()
