@@ -232,7 +232,9 @@ def _doubt(function: Callable[..., Any]) -> str:
 
 def _plain(word: str, scope: dict[str, Any]) -> tuple[str, tuple[Any, ...]]:
     """The class that an annotation names, and what it says beyond that where it is, or stands for, an `Annotated`."""
-    thing = eval(word, scope) if word.startswith("Annotated[") and word.endswith("]") else scope.get(word)
+    module, _, name = word.rpartition(".")
+    named = getattr(scope.get(module), name, None) if module else scope.get(word)
+    thing = eval(word, scope) if word.startswith("Annotated[") and word.endswith("]") else named
     if get_origin(thing) is not Annotated:
         return word, ()
     base, *extras = get_args(thing)

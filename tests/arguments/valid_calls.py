@@ -5,6 +5,7 @@ name; `ARGUMENTS` holds what a callable needs beyond that. What is expensive is 
 from __future__ import annotations
 
 import dataclasses
+import re
 from collections.abc import Callable, Mapping
 from functools import cache
 from inspect import Parameter
@@ -66,6 +67,7 @@ from uvms_ocp.viz.scene.page import ScenePage
 
 RECORDS = Path(__file__).parents[1] / "records"
 Arguments = Mapping[str, Any]
+_MODULE = re.compile(r"\b[a-z_]+\.(?=[A-Z])")  # of a name in an annotation
 STARRED = (Parameter.VAR_POSITIONAL, Parameter.VAR_KEYWORD)
 
 
@@ -80,6 +82,7 @@ def right_arguments(call: Call) -> dict[str, Any]:
 
 def from_pool(annotation: str, name: str) -> Any:
     """A right value for a parameter. Raises `KeyError` where there is none."""
+    annotation = annotation if annotation in POOL else _MODULE.sub("", annotation)
     named = name in NAMED and (annotation == "str" or annotation not in POOL)
     return NAMED[name]() if named else POOL[annotation]()
 
