@@ -53,7 +53,7 @@ def test_a_figure_that_fails_costs_that_figure(tmp_path: Path, monkeypatch: pyte
 
 @pytest.mark.parametrize(
     ("asked", "written"),
-    [("none", set()), ("path,scene", {"figures/path.png", "scene.html"}), ("joints", {"figures/joints.png"})],
+    [("none", set()), ("path, scene", {"figures/path.png", "scene.html"}), ("joints", {"figures/joints.png"})],
 )
 def test_only_what_is_asked_for_is_drawn(asked: str, written: set[str], tmp_path: Path) -> None:
     out = tmp_path / "out"

@@ -1,5 +1,6 @@
 """Laws of plan requests and of obstacles as data."""
 
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from pathlib import Path
 
@@ -7,6 +8,7 @@ import coal
 import numpy as np
 import pinocchio as pin
 import pytest
+from threadpoolctl import threadpool_info, threadpool_limits
 from tiny_robots import TINY, robot_of
 
 from uvms_ocp.errors import InvalidInput, NameNotFound
@@ -160,3 +162,15 @@ def test_broken_files_are_refused_by_entry(text: str, message: str, tmp_path: Pa
     with pytest.raises(InvalidInput, match=message) as caught:
         read_obstacles(tmp_path / "a.yaml")
     assert "\n" not in str(caught.value)
+
+
+def test_threads_that_plan_side_by_side_leave_linear_algebra_as_it_was(robot: Robot) -> None:
+    def threads() -> list[int]:
+        return [pool["num_threads"] for pool in threadpool_info() if pool["user_api"] == "blas"]
+
+    request = PlanRequest(robot=robot, start=robot.configuration(), goal=PostureGoal(position=(0.0, 0.5, 0.0)))
+    with threadpool_limits(limits=2, user_api="blas"):
+        before = threads()
+        with ThreadPoolExecutor(3) as pool:
+            assert all(result.collision_free for result in pool.map(plan_path, [request] * 6))
+        assert threads() == before

@@ -5,8 +5,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from uvms_ocp.record.record import MEASURED, Record
+from uvms_ocp.errors import InvalidInput, UvmsError
+from uvms_ocp.record.record import MEASURED, Record, check_series
 from uvms_ocp.scenario import reach
+from uvms_ocp.sim.loop import simulate
 
 
 @pytest.fixture(scope="module")
@@ -42,6 +44,29 @@ def test_locked_brakes_are_in_the_record() -> None:
     run = reach(noise=True, duration=4.0, faults="joint_positions:lost@1").run()
     assert run["brakes"].any()
     assert not run["brakes"][: round(1.0 / run.run_meta.dt)].any()
+
+
+@pytest.mark.parametrize(
+    ("kept", "why"),
+    [
+        ({"foo": 3}, "unknown channel 'foo'"),
+        ({"position": 2}, "position has 3 numbers, 2 are to be kept"),
+        ({"position": 0}, "give a whole number >= 1"),
+    ],
+)
+def test_what_is_to_be_kept_is_asked_for_by_channel_and_size(kept: dict[str, int], why: str) -> None:
+    scenario = reach(noise=True, duration=0.1)
+    parts = {"plant": scenario._plant(), "sensors": scenario._sensors(), "estimator": scenario.estimator()}
+    with pytest.raises(UvmsError, match=why):
+        simulate(**parts, controller=scenario.controller(), dt=scenario.dt, duration=0.1, kept_readings=kept)
+
+
+@pytest.mark.parametrize("name", ["measured_joint_positions", "brakes"])
+def test_readings_of_joints_have_one_column_for_each_and_one_for_the_time(sound: Record, name: str) -> None:
+    wide = np.column_stack([sound[name], sound["t"]])
+    check_series(sound.series, sound.run_meta)
+    with pytest.raises(InvalidInput, match=f"series '{name}'"):
+        check_series({**sound.series, name: wide}, sound.run_meta)
 
 
 def test_records_of_ideal_sensors_have_none() -> None:

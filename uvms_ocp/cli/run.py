@@ -235,9 +235,9 @@ def _figures() -> Iterable[str]:
 def _drawn(names: str) -> list[str]:
     """All of them, none, or those whose names, with commas, are given. Raises `NameNotFound`."""
     known = [SCENE, *_figures()]
-    chosen = {"all": known, "none": []}.get(names, names.split(","))
+    chosen = {"all": known, "none": []}.get(names, [name.strip() for name in names.split(",")])
     for name in chosen:
-        require_known("figure", name, known)
+        require_known("figure", name, ["all", "none", *known] if len(chosen) == 1 else known)
     return chosen
 
 

@@ -84,8 +84,9 @@ def column_size(kind: CType) -> int:
 _OPERATORS: dict[type, str] = {ast.Add: "+", ast.Sub: "-", ast.Mult: "*", ast.Div: "/"}
 _WHOLE: dict[type, str] = {ast.FloorDiv: "/", ast.Mod: "%"}
 _ORDER: dict[type, str] = {ast.Lt: "<", ast.LtE: "<=", ast.Gt: ">", ast.GtE: ">=", ast.Eq: "==", ast.NotEq: "!="}
-_SAME = "sqrt floor ceil sin cos exp log atan2 asin acos copysign fabs erf remainder"
-_OF_NUMBERS = {getattr(math, name): name for name in _SAME.split()}  # C calls them as Python does
+_ROOTS = (math.sqrt, math.exp, math.log, math.erf, math.sin, math.cos, math.asin, math.acos, math.atan2)
+_PARTS = (math.floor, math.ceil, math.copysign, math.fabs, math.remainder)
+_OF_NUMBERS = {function: function.__name__ for function in (*_ROOTS, *_PARTS)}  # C calls them as Python does
 _TESTS = {math.isfinite: "isfinite", math.isnan: "isnan", math.isinf: "isinf"}
 PREFIX = "k_"
 """Prefix of the names of kernels in C, which has names of its own."""

@@ -23,7 +23,7 @@ from uvms_ocp.planning.soft_collision import CollisionPlan, SamplingOptions, Sof
 from uvms_ocp.robot import Kinematics, Obstacle, Robot
 from uvms_ocp.tasks import JointTracking, Task, ToolPose, ToolPosition, VehiclePose
 from uvms_ocp.trajectories.min_snap import MotionLimits
-from uvms_ocp.types import Array, Count, Finite, Magnitude, Range, Shape
+from uvms_ocp.types import Array, Count, Finite, Positive, Range, Shape
 
 # Coordinates that bring a frame of the robot to a pose: the goal of a plan given by its tool.
 
@@ -248,9 +248,9 @@ class PlanRequest:
     goal: Goal
     obstacles: tuple[Obstacle, ...] = ()
     axes: str = AXES[0]
-    clearance: Magnitude = 0.06
+    clearance: Positive = 0.06
     """[m] wanted from obstacles, and between links; what is verified is that nothing touches."""
-    link_clearance: Magnitude | None = None
+    link_clearance: Positive | None = None
     """[m] wanted between links instead."""
     seed: Count = 0
 

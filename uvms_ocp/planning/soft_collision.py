@@ -5,6 +5,7 @@ from __future__ import annotations
 import itertools
 from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
+from threading import RLock
 from time import perf_counter
 from typing import Annotated
 
@@ -79,6 +80,8 @@ def edge_reach(distances: PairDistances, a: Array, b: Array, clearance: float) -
 
 _SHORTCUTS = 60  # attempts at cutting corners of the path found
 _SHORTEST = 1e-3
+_ONE_THREAD = RLock()
+"""Held while linear algebra is on one thread: that limit is of the whole process, and each who sets it restores what it found."""
 
 
 class _SearchTree:
@@ -238,7 +241,8 @@ def plan_soft_collision(
     start = straight_guess(waypoints, limits, times)
     attempts = _attempts(distances or exact, exact, start, limits, settings, times_given=times is not None)
     plans = (_verified(problem, problem.solve(guess, settings), exact) for problem, guess in attempts)
-    with threadpool_limits(limits=1, user_api="blas"):  # of small matrices, on which threads cost eight times what they gain
+    # Of small matrices, on which threads cost eight times what they gain.
+    with _ONE_THREAD, threadpool_limits(limits=1, user_api="blas"):
         best, n_attempts = _first_free(plans)
     return replace(best, attempts=n_attempts, solve_time=perf_counter() - began)
 

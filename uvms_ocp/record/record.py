@@ -87,7 +87,7 @@ def _check_times(t: np.ndarray) -> None:
 
 def _check_kind(name: str, array: np.ndarray, t: np.ndarray) -> None:
     """Raise `InvalidInput` for the wrong shape or type, and for what is not finite but is always known."""
-    allowed = (1,) if name in (*_COLUMNS, "saturated") else (2,) if name in _REAL and name not in _LOAD else (1, 2)
+    allowed = (1,) if name in (*_COLUMNS, "saturated", "brakes") else (2,) if name in _REAL and name not in _LOAD else (1, 2)
     if array.ndim not in allowed or len(array) != len(t) or array.dtype.kind == "U":
         wanted = f"{len(t)} rows of numbers" if allowed == (2,) else f"numbers for {len(t)} times"
         raise InvalidInput(f"series {name!r} is {array.dtype} of shape {array.shape}; allowed: {wanted}")
@@ -134,7 +134,11 @@ def _motion_widths(series: Series, meta: RunMeta | PlanMeta) -> dict[str, tuple[
     elif "v" in series and series["v"].shape[1] >= n_v[0]:
         n_v = (series["v"].shape[1],) * 2
     least = n_v[0] + (_VEHICLE_Q - VEHICLE_V if floating else 0)
-    return {"q": (least, np.inf)} | dict.fromkeys(("v", "command", "disturbance", "q_std"), n_v)
+    found = {"q": (least, np.inf)} | dict.fromkeys(("v", "command", "disturbance", "q_std"), n_v)
+    for rate, name, vehicle in (("v", "joint_velocities", VEHICLE_V), ("q", "joint_positions", _VEHICLE_Q)):
+        if rate in series:  # and the time
+            found[f"measured_{name}"] = (series[rate].shape[1] - (vehicle if floating else 0) + 1,) * 2
+    return found
 
 
 def _check_limits(limits: LimitsMeta, *, floating: bool) -> None:

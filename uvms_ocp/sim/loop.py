@@ -15,13 +15,13 @@ from typing import Any
 import numpy as np
 
 from uvms_ocp.checks import checked
-from uvms_ocp.errors import InvalidInput
+from uvms_ocp.errors import InvalidInput, require_known
 from uvms_ocp.interrupts import Interrupted, on_interrupt
 from uvms_ocp.record.meta_values import LARGEST
 from uvms_ocp.record.record import Recorder
-from uvms_ocp.robot.signals import ChannelHealth, Command, Reading, Readings, State, StateEstimate
+from uvms_ocp.robot.signals import CHANNELS, ChannelHealth, Command, Reading, Readings, State, StateEstimate
 from uvms_ocp.sim.plant import Plant
-from uvms_ocp.types import Positive
+from uvms_ocp.types import AtLeastOne, Positive
 
 _log = logging.getLogger(__name__)
 
@@ -60,7 +60,7 @@ def simulate(
     duration: Positive,
     progress: Progress | None = None,
     observer: TickObserver | None = None,
-    kept_readings: Mapping[str, int] | None = None,
+    kept_readings: Mapping[str, AtLeastOne] | None = None,
     recorder: Recorder | None = None,
 ) -> Recorder:
     """Run until the command says finished or `duration` [s] is over; one row per tick, before its step.
@@ -70,8 +70,8 @@ def simulate(
     every tick with the time and the command, `observer` with the true state too. recorder: by default one that keeps all in
     memory. Where the plant `has_diverged`, the rows before it are what there is.
 
-    Raises `InvalidInput` for more ticks than ordinary memory holds, and `Interrupted`, whose result is the recorder, after the
-    tick in which Ctrl-C is pressed.
+    Raises `NameNotFound` for channels that there are not, `InvalidInput` for readings of other sizes and for more ticks than
+    ordinary memory holds, and `Interrupted`, whose result is the recorder, after the tick in which Ctrl-C is pressed.
     """
     if recorder is None and not duration / dt <= MOST_TICKS:
         given = f"duration = {duration:g} s in ticks of dt = {dt:g} s, whose record takes more than 10 GB of memory"
@@ -134,6 +134,8 @@ class _NewReadings:
     __slots__ = ("_channels", "_seen")
 
     def __init__(self, widths: Mapping[str, int]) -> None:
+        for name in widths:
+            require_known("channel", name, CHANNELS)
         self._seen: dict[str, Reading[Any] | None] = dict.fromkeys(widths)
         self._channels = [(f"measured_{name}", name, np.full(width + 1, np.nan)) for name, width in widths.items()]
 
@@ -145,6 +147,8 @@ class _NewReadings:
                 found[name] = none
             else:  # also with the time of an earlier one, as clocks that fail give them
                 self._seen[channel], found[name] = one, np.array([*np.ravel(one.value).tolist(), one.t])
+                if found[name].size != none.size:
+                    raise InvalidInput(f"{channel} has {found[name].size - 1} numbers, {none.size - 1} are to be kept of it")
         return found
 
 

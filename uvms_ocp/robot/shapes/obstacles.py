@@ -91,8 +91,8 @@ def mesh_shape(
 
 _MESH = "mesh"
 _EXAMPLE = "obstacles: [{name: ball, shape: sphere, size: [0.3], position: [1.0, 0.0, 0.0]}]"
-_NAMES = ("Sphere", "Capsule", "Cylinder", "Cone", "Box", "Ellipsoid")
-_SHAPES: Mapping[str, Callable[..., coal.ShapeBase]] = {name.lower(): getattr(coal, name) for name in _NAMES}
+_KINDS = (coal.Sphere, coal.Capsule, coal.Cylinder, coal.Cone, coal.Box, coal.Ellipsoid)
+_SHAPES: Mapping[str, Callable[..., coal.ShapeBase]] = {kind.__name__.lower(): kind for kind in _KINDS}
 
 
 class ObstacleFile(FileModel):

@@ -112,7 +112,7 @@ def _finding(verdict: RobotVerdict, subject: str, text: str) -> RobotFinding:
     return RobotFinding(subject=subject, verdict=verdict, text=text)
 
 
-_good, _warning, _error = (partial(_finding, verdict) for verdict in RobotVerdict)
+_good, _warning, _error = (partial(_finding, one) for one in (RobotVerdict.GOOD, RobotVerdict.WARNING, RobotVerdict.ERROR))
 
 
 def _inertias(robot: Robot) -> Iterator[RobotFinding]:
