@@ -22,17 +22,7 @@ import numpy as np
 
 from uvms_ocp.checks import checked, checked_dataclass, unchecked_constructor
 from uvms_ocp.errors import InvalidInput
-from uvms_ocp.solvers.nlp import level_solver
-from uvms_ocp.solvers.nlp.program import (
-    LevelRows,
-    LexicographicProgram,
-    NlpStatus,
-    Parameters,
-    RowBounds,
-    RowRanges,
-    Variables,
-    row_bounds,
-)
+from uvms_ocp.solvers.nlp import level_solver, program as nlp
 from uvms_ocp.types import Bound, read_only
 
 
@@ -42,9 +32,9 @@ class LexicographicResult:
 
     x: np.ndarray
     """(n,) [unit of x] always finite; the start where nothing better was found."""
-    status: NlpStatus
+    status: nlp.NlpStatus
     """Status of the worst level."""
-    level_status: tuple[NlpStatus, ...]
+    level_status: tuple[nlp.NlpStatus, ...]
     """One per level."""
     values: tuple[np.ndarray, ...]
     """(m,) [unit of the row] rows y of every level at x."""
@@ -73,7 +63,7 @@ class NlpSolver(Protocol):
     def fits(self, point: level_solver.NlpPoint) -> bool:
         """True for a start of this program."""
 
-    def __call__(self, start: level_solver.NlpPoint, p: np.ndarray, bounds: RowBounds) -> level_solver.NlpOutcome:
+    def __call__(self, start: level_solver.NlpPoint, p: np.ndarray, bounds: nlp.RowBounds) -> level_solver.NlpOutcome:
         """Solve from `start`, warm if it has multipliers, with parameters p (n_p,) [unit of the parameter]."""
 
 
@@ -82,7 +72,7 @@ class SelfSolving(Protocol):
     """A program that brings its own solvers."""
 
     @property
-    def ranges(self) -> RowRanges:
+    def ranges(self) -> nlp.RowRanges:
         """With which it is solved unless others are given."""
 
     @property
@@ -107,14 +97,14 @@ class LexicographicNlp:
     Raises `InvalidInput` for plugin ``stagewise`` and a program that is not one of stages.
     """
 
-    def __init__(self, program: LexicographicProgram | SelfSolving, options: level_solver.NlpOptions | None = None) -> None:
+    def __init__(self, program: nlp.LexicographicProgram | SelfSolving, options: level_solver.NlpOptions | None = None) -> None:
         self.program = program
         self.options = options or level_solver.NlpOptions()
         self.deadline, self.watch = level_solver.Deadline(), level_solver.SolveMonitor()
         self.levels = self._solvers(program)
 
-    def _solvers(self, program: LexicographicProgram | SelfSolving) -> Sequence[NlpSolver]:
-        if isinstance(program, LexicographicProgram):
+    def _solvers(self, program: nlp.LexicographicProgram | SelfSolving) -> Sequence[NlpSolver]:
+        if isinstance(program, nlp.LexicographicProgram):
             if self.options.plugin == level_solver.STAGEWISE:
                 raise InvalidInput("plugin 'stagewise' solves problems over a horizon; give 'ipopt' or 'fatrop'")
             levels = range(len(program.nlps))
@@ -123,12 +113,12 @@ class LexicographicNlp:
 
     def solve(
         self,
-        start: Variables | LexicographicResult,
+        start: nlp.Variables | LexicographicResult,
         *,
-        p: Parameters | None = None,
-        x_lower: Variables | float = -np.inf,
-        x_upper: Variables | float = np.inf,
-        ranges: RowRanges | None = None,
+        p: nlp.Parameters | None = None,
+        x_lower: nlp.Variables | float = -np.inf,
+        x_upper: nlp.Variables | float = np.inf,
+        ranges: nlp.RowRanges | None = None,
         time_limit: Bound | None = None,
         progress: level_solver.Progress | None = None,
     ) -> LexicographicResult:
@@ -146,7 +136,7 @@ class LexicographicNlp:
             raise InvalidInput("parameters have NaN or infinite entries; give finite numbers")
         limit = self.options.time_limit if time_limit is None else min(time_limit, self.options.time_limit)
         given = ranges or self.program.ranges
-        bounds = row_bounds(given, x_lower, x_upper, len(points[0].x))
+        bounds = nlp.row_bounds(given, x_lower, x_upper, len(points[0].x))
         run = _Run(self, given.levels, points, parameters, bounds, begin)
         # An anticipation that fails must leave time for the levels in their order.
         self.deadline.set(limit / 2)
@@ -165,7 +155,7 @@ class LexicographicNlp:
             raise InvalidInput("the guess has NaN or infinite entries; give finite numbers")
         return tuple(level_solver.NlpPoint(x=x) for _ in self.levels)
 
-    def rows_at(self, x: Variables, p: Parameters) -> tuple[np.ndarray, ...]:
+    def rows_at(self, x: nlp.Variables, p: nlp.Parameters) -> tuple[np.ndarray, ...]:
         """Rows y of every level at x (n,) [unit of x], with parameters p (n_p,) [unit of the parameter]."""
         return self.program.rows_at(x, p)
 
@@ -175,16 +165,16 @@ class _Run:
 
     def __init__(
         self,
-        nlp: LexicographicNlp,
-        levels: tuple[LevelRows, ...],
+        solver: LexicographicNlp,
+        levels: tuple[nlp.LevelRows, ...],
         points: tuple[level_solver.NlpPoint, ...],
         p: np.ndarray,
-        bounds: RowBounds,
+        bounds: nlp.RowBounds,
         begin: float,
     ) -> None:
-        self._nlp, self._levels, self._begin = nlp, levels, begin
+        self._nlp, self._levels, self._begin = solver, levels, begin
         self._points, self._p, self._bounds = points, p, bounds
-        self._tolerance = nlp.options.freezing
+        self._tolerance = solver.options.freezing
         self._spent = 0  # iterations of an anticipation that failed
 
     def anticipated(self, start: np.ndarray | LexicographicResult) -> LexicographicResult | None:
@@ -202,7 +192,7 @@ class _Run:
             self._spent = outcome.iterations
             return self._stopped(outcome) if self._nlp.watch.should_stop else None
         zeros = (0,) * len(above)
-        statuses = (NlpStatus.SOLVED,) * len(above)
+        statuses = (nlp.NlpStatus.SOLVED,) * len(above)
         points = (outcome.point,) * len(self._levels)
         return self._result(outcome, (*statuses, outcome.status), (*zeros, outcome.iterations), points, True)
 
@@ -213,7 +203,7 @@ class _Run:
         for index, level in enumerate(self._levels):
             outcome = self._nlp.levels[index](self._start(index, best), self._p, bounds)
             stalled = outcome.status.optimal and not outcome.usable
-            statuses.append(NlpStatus.STALLED if stalled else outcome.status)
+            statuses.append(nlp.NlpStatus.STALLED if stalled else outcome.status)
             iterations.append(outcome.iterations)
             if outcome.usable or best is None:
                 best, points[index] = outcome, outcome.point
@@ -223,7 +213,7 @@ class _Run:
                 y = self._nlp.rows_at(best.point.x, self._p)[index]
                 bounds = bounds.with_rows(level.frozen, level.frozen_bounds(y, best.cost, self._tolerance))
         left = len(self._levels) - len(statuses)
-        statuses += [NlpStatus.TIME_LIMIT if self._nlp.deadline.over else NlpStatus.SKIPPED] * left
+        statuses += [nlp.NlpStatus.TIME_LIMIT if self._nlp.deadline.over else nlp.NlpStatus.SKIPPED] * left
         iterations += [0] * left
         iterations[0] += self._spent
         assert best is not None  # as there is one level at least
@@ -231,12 +221,12 @@ class _Run:
 
     def _stopped(self, outcome: level_solver.NlpOutcome) -> LexicographicResult:
         """Return the result of a solve stopped by hand before the first level was solved: no level is held."""
-        assert isinstance(self._nlp.program, LexicographicProgram)  # which alone is watched
+        assert isinstance(self._nlp.program, nlp.LexicographicProgram)  # which alone is watched
         first = self._nlp.program.nlps[0]
         g = ca.Function("g", [first.nlp["x"], first.nlp["p"]], [first.nlp["g"]])(outcome.point.x, self._p)
         violation = self._bounds.violation(outcome.point.x, np.array(g).ravel(), first.rows)
         left = len(self._levels) - 1
-        statuses = (NlpStatus.INTERRUPTED, *(NlpStatus.SKIPPED,) * left)
+        statuses = (nlp.NlpStatus.INTERRUPTED, *(nlp.NlpStatus.SKIPPED,) * left)
         reached = replace(outcome, violation=violation)
         points = (level_solver.NlpPoint(x=outcome.point.x),) * (left + 1)
         return self._result(reached, statuses, (outcome.iterations, *(0,) * left), points, False)
@@ -250,13 +240,13 @@ class _Run:
     def _result(
         self,
         best: level_solver.NlpOutcome,
-        statuses: tuple[NlpStatus, ...],
+        statuses: tuple[nlp.NlpStatus, ...],
         iterations: tuple[int, ...],
         points: tuple[level_solver.NlpPoint, ...],
         anticipated: bool,
     ) -> LexicographicResult:
         values = self._nlp.rows_at(best.point.x, self._p)
-        pairs: zip[tuple[LevelRows, np.ndarray]] = zip(self._levels, values, strict=True)
+        pairs: zip[tuple[nlp.LevelRows, np.ndarray]] = zip(self._levels, values, strict=True)
         return _made(
             x=read_only(best.point.x),
             status=max(statuses, key=_severity),
@@ -274,9 +264,9 @@ class _Run:
 _made = unchecked_constructor(LexicographicResult)
 
 
-_ORDER = tuple(NlpStatus)
+_ORDER = tuple(nlp.NlpStatus)
 
 
-def _severity(status: NlpStatus) -> int:
+def _severity(status: nlp.NlpStatus) -> int:
     """SKIPPED is only ever the consequence of another status."""
-    return 1 if status is NlpStatus.SKIPPED else _ORDER.index(status)
+    return 1 if status is nlp.NlpStatus.SKIPPED else _ORDER.index(status)

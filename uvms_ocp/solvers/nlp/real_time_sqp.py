@@ -23,18 +23,9 @@ import numpy as np
 
 from uvms_ocp.checks import checked_constructor, checked_dataclass
 from uvms_ocp.errors import InvalidInput
+from uvms_ocp.solvers.nlp import program as nlp
 from uvms_ocp.solvers.nlp.level_solver import SPARSE_PLUGIN, STAGEWISE, SqpOptions
 from uvms_ocp.solvers.nlp.lexicographic_nlp import SelfSolving
-from uvms_ocp.solvers.nlp.program import (
-    LevelNlp,
-    LevelRows,
-    LexicographicProgram,
-    NlpStatus,
-    Parameters,
-    RowBounds,
-    Variables,
-    row_bounds,
-)
 from uvms_ocp.types import Bound
 
 # Which share of a level's step is taken: the rule by which no level loses what it had for the sake of one below.
@@ -69,7 +60,7 @@ class Acceptance:
 
 
 def acceptance(
-    levels: Sequence[LevelRows], reached: Sequence[float], here: LevelMerit, *, accuracy: float, tolerance: float
+    levels: Sequence[nlp.LevelRows], reached: Sequence[float], here: LevelMerit, *, accuracy: float, tolerance: float
 ) -> Acceptance:
     """For the step of the level after those that have `reached` their residuals, from a point with merit `here`.
 
@@ -157,11 +148,11 @@ class LevelModel(Protocol):
     slack: float
     """Allowed rise of the norm of frozen rows in a QP; 0 where it bears dependent equalities."""
 
-    def begin(self, x: np.ndarray, p: np.ndarray, bounds: RowBounds) -> SqpPoint:
+    def begin(self, x: np.ndarray, p: np.ndarray, bounds: nlp.RowBounds) -> SqpPoint:
         """The point of variables x (n_x,) [unit of x]; p (n_p,) [unit of the parameter] holds from now on."""
         ...
 
-    def step(self, level: int, point: SqpPoint, bounds: RowBounds, damping: float) -> NlpStatus | None:
+    def step(self, level: int, point: SqpPoint, bounds: nlp.RowBounds, damping: float) -> nlp.NlpStatus | None:
         """Find the step of a level from a point, and why there is none; damping [1/unit of x^2]: weight of its square."""
         ...
 
@@ -182,8 +173,8 @@ class LexicographicSqp:
         self._weights = ProximalWeights(n_levels, options.proximal)
 
     def step(
-        self, guess: SqpPoint, levels: tuple[LevelRows, ...], bounds: RowBounds, budget: TimeBudget
-    ) -> tuple[SqpPoint, NlpStatus | None]:
+        self, guess: SqpPoint, levels: tuple[nlp.LevelRows, ...], bounds: nlp.RowBounds, budget: TimeBudget
+    ) -> tuple[SqpPoint, nlp.NlpStatus | None]:
         """Make one step from a guess; return the point reached, and why there is none."""
         guess = replace(guess, reached=())
         failure = self._model.step(0, guess, bounds, self._options.damping)
@@ -202,7 +193,7 @@ class LexicographicSqp:
             point = point.after_level()
         return point, None
 
-    def _first_searched(self, guess: SqpPoint, levels: tuple[LevelRows, ...]) -> SqpPoint:
+    def _first_searched(self, guess: SqpPoint, levels: tuple[nlp.LevelRows, ...]) -> SqpPoint:
         """Return the first point that the rule allows, or, because a guess must be left, the one of least violation."""
         rule, tried = self._rule(guess, levels), []
         for share in SHARES:
@@ -211,7 +202,7 @@ class LexicographicSqp:
                 return tried[-1]
         return min(tried, key=lambda point: point.merit.violation)
 
-    def _turn(self, point: SqpPoint, levels: tuple[LevelRows, ...], bounds: RowBounds) -> SqpPoint:
+    def _turn(self, point: SqpPoint, levels: tuple[nlp.LevelRows, ...], bounds: nlp.RowBounds) -> SqpPoint:
         """Move the point by the step of the next level."""
         i = len(point.reached)
         failure = self._model.step(i, point, bounds, self._options.damping + self._weights[i])
@@ -219,7 +210,7 @@ class LexicographicSqp:
         self._weights.adapt(i, share)
         return found
 
-    def _searched(self, point: SqpPoint, levels: tuple[LevelRows, ...], bounds: RowBounds) -> tuple[float, SqpPoint]:
+    def _searched(self, point: SqpPoint, levels: tuple[nlp.LevelRows, ...], bounds: nlp.RowBounds) -> tuple[float, SqpPoint]:
         """The share of the step that is taken, and where it leads: the largest that is allowed, or all of it, mended."""
         rule, i = self._rule(point, levels), len(point.reached)
         tried = [self._model.moved(1.0)]
@@ -232,16 +223,16 @@ class LexicographicSqp:
                 share, found = 1.0, mended
         return share, replace(found, reached=point.reached)
 
-    def _mended(self, whole: SqpPoint, level: int, bounds: RowBounds) -> SqpPoint:
+    def _mended(self, whole: SqpPoint, level: int, bounds: nlp.RowBounds) -> SqpPoint:
         """A whole step, and one more, which brings back what curvature did to the rows above: a second-order correction."""
         failure = self._model.step(level, whole, bounds, self._options.damping + self._weights[level])
         return whole if failure is not None else self._model.moved(1.0)
 
-    def _rule(self, point: SqpPoint, levels: tuple[LevelRows, ...]) -> Acceptance:
+    def _rule(self, point: SqpPoint, levels: tuple[nlp.LevelRows, ...]) -> Acceptance:
         options = self._options
         return acceptance(levels, point.reached, point.merit, accuracy=options.accuracy, tolerance=options.tolerance)
 
-    def _frozen(self, level: LevelRows, point: SqpPoint) -> tuple[slice, tuple[np.ndarray, np.ndarray]]:
+    def _frozen(self, level: nlp.LevelRows, point: SqpPoint) -> tuple[slice, tuple[np.ndarray, np.ndarray]]:
         """Rows that keep the level that had the last turn where that has left it, and their bounds."""
         i = len(point.reached) - 1
         return level.frozen, level.frozen_bounds(point.rows[i], point.reached[i] ** 2 / 2, self._model.slack)
@@ -263,22 +254,24 @@ _OPTIONS: dict[str, dict[str, object]] = {
 class LevelQp:
     """Built once; raises `InvalidInput` for a level without derivative functions."""
 
-    def __init__(self, nlp: LevelNlp, index: int, options: SqpOptions) -> None:
-        missing = [name for name in _FUNCTIONS if name not in nlp.functions]
+    def __init__(self, level: nlp.LevelNlp, index: int, options: SqpOptions) -> None:
+        missing = [name for name in _FUNCTIONS if name not in level.functions]
         if missing:
             raise InvalidInput(f"the program has no derivatives {', '.join(missing)}; transcribe it for IPOPT")
-        self._rows = nlp.rows
-        n, m = nlp.nlp["x"].numel(), len(nlp.rows)
-        x, p, damping = ca.MX.sym("x", n), ca.MX.sym("p", nlp.nlp["p"].numel()), ca.MX.sym("damping")
-        _, gradient = nlp.functions["nlp_grad_f"](x, p)
-        g, A = nlp.functions["nlp_jac_g"](x, p)
-        upper = nlp.functions["nlp_hess_l"](x, p, 1, ca.MX.zeros(m))
+        self._rows = level.rows
+        n, m = level.nlp["x"].numel(), len(level.rows)
+        x, p, damping = ca.MX.sym("x", n), ca.MX.sym("p", level.nlp["p"].numel()), ca.MX.sym("damping")
+        _, gradient = level.functions["nlp_grad_f"](x, p)
+        g, A = level.functions["nlp_jac_g"](x, p)
+        upper = level.functions["nlp_hess_l"](x, p, 1, ca.MX.zeros(m))
         H = ca.triu2symm(upper) + damping * ca.MX.eye(n)
         self._linearize = ca.Function(f"linear_{index}", [x, p, damping], [gradient, H, g, A])
         shape, plugin = {"h": H.sparsity(), "a": A.sparsity()}, options.plugin or SPARSE_PLUGIN
         self._qp = ca.conic(f"qp_{index}", plugin, shape, {"error_on_fail": False, **_OPTIONS[plugin]})
 
-    def step(self, x: np.ndarray, p: np.ndarray, bounds: RowBounds, damping: float) -> tuple[np.ndarray, NlpStatus | None]:
+    def step(
+        self, x: np.ndarray, p: np.ndarray, bounds: nlp.RowBounds, damping: float
+    ) -> tuple[np.ndarray, nlp.NlpStatus | None]:
         """Step (n,) from x (n,) [unit of x], and why there is none.
 
         p (n_p,) [unit of the parameter]. damping [1/unit of x^2]: weight of the square of the step.
@@ -286,7 +279,7 @@ class LevelQp:
         slope, H, g, A = self._linearize.call([x, p, damping])
         gradient, rows = np.array(slope).ravel(), np.array(g).ravel()
         if not (np.isfinite(rows).all() and np.isfinite(gradient).all()):
-            return np.zeros_like(x), NlpStatus.NOT_A_NUMBER
+            return np.zeros_like(x), nlp.NlpStatus.NOT_A_NUMBER
         solution = self._qp(
             h=H,
             g=gradient,
@@ -298,7 +291,7 @@ class LevelQp:
         )
         step = np.array(solution["x"]).ravel()
         if not (self._qp.stats()["success"] and np.isfinite(step).all()):
-            return np.zeros_like(x), NlpStatus.STALLED
+            return np.zeros_like(x), nlp.NlpStatus.STALLED
         return step, None
 
 
@@ -308,19 +301,19 @@ class LevelQp:
 class SparseLevels:
     """A `LevelModel`; its QPs are built once, here. Raises `InvalidInput` for a program without derivative functions."""
 
-    def __init__(self, program: LexicographicProgram, options: SqpOptions) -> None:
+    def __init__(self, program: nlp.LexicographicProgram, options: SqpOptions) -> None:
         self._program, self.slack = program, options.tolerance
-        self._qps = [LevelQp(nlp, i, options) for i, nlp in enumerate(program.nlps)]
+        self._qps = [LevelQp(level, i, options) for i, level in enumerate(program.nlps)]
         self._p, self._from, self._step = np.zeros(program.n_p), np.zeros(program.n_x), np.zeros(program.n_x)
-        self._bounds = row_bounds(program.ranges, -np.inf, np.inf, program.n_x)
+        self._bounds = nlp.row_bounds(program.ranges, -np.inf, np.inf, program.n_x)
 
-    def begin(self, x: np.ndarray, p: np.ndarray, bounds: RowBounds) -> SqpPoint:
+    def begin(self, x: np.ndarray, p: np.ndarray, bounds: nlp.RowBounds) -> SqpPoint:
         """Begin as `LevelModel.begin`; x (n_x,) [unit of x], p (n_p,) [unit of the parameter]."""
         self._p, self._bounds = p, bounds
         self._from, self._step = x, np.zeros_like(x)
         return self.moved(0.0)
 
-    def step(self, level: int, point: SqpPoint, bounds: RowBounds, damping: float) -> NlpStatus | None:
+    def step(self, level: int, point: SqpPoint, bounds: nlp.RowBounds, damping: float) -> nlp.NlpStatus | None:
         """Solve the QP of a level as `LevelModel.step`; damping [1/unit of x^2]."""
         self._from = point.x
         self._step, failure = self._qps[level].step(point.x, self._p, bounds, damping)
@@ -358,7 +351,7 @@ class SqpResult:
 
     x: np.ndarray
     """(n,) [unit of x] finite."""
-    status: NlpStatus
+    status: nlp.NlpStatus
     """SOLVED where x keeps the constraints to `SqpOptions.accuracy`; no word on optimality."""
     violation: float
     """Largest, of scaled rows."""
@@ -379,8 +372,8 @@ class StagedProgram(SelfSolving, Protocol):
         """Slack [unit of the row]: half the width of what frozen rows keep."""
 
 
-def _model(program: LexicographicProgram | StagedProgram, options: SqpOptions) -> LevelModel:
-    if isinstance(program, LexicographicProgram):
+def _model(program: nlp.LexicographicProgram | StagedProgram, options: SqpOptions) -> LevelModel:
+    if isinstance(program, nlp.LexicographicProgram):
         if options.plugin == STAGEWISE:
             raise InvalidInput("the program has no stages; transcribe it stage by stage, or give another plugin")
         return SparseLevels(program, options)
@@ -395,18 +388,18 @@ class RealTimeSqp:
     them. The Hessian must not be indefinite: Gauss-Newton.
     """
 
-    def __init__(self, program: LexicographicProgram | StagedProgram, options: SqpOptions | None = None) -> None:
+    def __init__(self, program: nlp.LexicographicProgram | StagedProgram, options: SqpOptions | None = None) -> None:
         self.program, self.options = program, options or SqpOptions()
         self._model = _model(program, self.options)
         self._turns = LexicographicSqp(self._model, self.options, len(program.ranges.levels))
 
     def solve(
         self,
-        x: Variables,
+        x: nlp.Variables,
         *,
-        p: Parameters,
-        x_lower: Variables | float = -np.inf,
-        x_upper: Variables | float = np.inf,
+        p: nlp.Parameters,
+        x_lower: nlp.Variables | float = -np.inf,
+        x_upper: nlp.Variables | float = np.inf,
         time_limit: Bound = np.inf,
         clock: Callable[[], float] = perf_counter,
     ) -> SqpResult:
@@ -416,9 +409,9 @@ class RealTimeSqp:
         p (n_p,) [unit of the parameter]; x_lower and x_upper (n,), or one for all variables [unit of x].
         """
         budget, ranges = TimeBudget(time_limit, clock), self.program.ranges
-        bounds = row_bounds(ranges, x_lower, x_upper, len(x))
+        bounds = nlp.row_bounds(ranges, x_lower, x_upper, len(x))
         best, violation, reached = None, np.inf, tuple[float, ...]()
-        status, steps, point = NlpStatus.ITERATION_LIMIT, 0, self._model.begin(x, p, bounds)
+        status, steps, point = nlp.NlpStatus.ITERATION_LIMIT, 0, self._model.begin(x, p, bounds)
         while steps < self.options.max_steps:
             point, failure = self._turns.step(point, ranges.levels, bounds, budget)
             steps += 1
@@ -428,10 +421,10 @@ class RealTimeSqp:
             if point.merit.violation < violation:
                 best, violation, reached = point, point.merit.violation, point.reached
             if violation <= self.options.accuracy:
-                status = NlpStatus.SOLVED
+                status = nlp.NlpStatus.SOLVED
                 break
             if budget.over:
-                status = NlpStatus.TIME_LIMIT
+                status = nlp.NlpStatus.TIME_LIMIT
                 break
         return SqpResult(
             x=x if best is None else self._model.variables(best),

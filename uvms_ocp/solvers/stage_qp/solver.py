@@ -17,25 +17,8 @@ import numpy as np
 from uvms_ocp.checks import checked_constructor
 from uvms_ocp.codegen.elementwise import interval_distance, interval_excess
 from uvms_ocp.errors import InvalidInput
-from uvms_ocp.solvers.stage_qp import tolerances
+from uvms_ocp.solvers.stage_qp import problem, tolerances
 from uvms_ocp.solvers.stage_qp.compiled import compiled_core
-from uvms_ocp.solvers.stage_qp.problem import (
-    FlatPoint,
-    FlatSolution,
-    IterationResult,
-    RowTable,
-    StageQp,
-    StageQpOptions,
-    StageQpSolution,
-    StageQpStatus,
-    StageShape,
-    WarmStart,
-    norms,
-    offsets,
-    row_table,
-    slices,
-    stage_qp_solution,
-)
 from uvms_ocp.solvers.stage_qp.sparse_core import SparseCore
 from uvms_ocp.types import Array
 
@@ -45,33 +28,33 @@ _COPIED = ("dynamics", "b", "H", "g", "damping", "z_lower", "z_upper", "z_l1", "
 _ROWS = ("C", "lower", "upper", "l1", "l2")
 
 
-def with_residuals_as_rows(qp: StageQp) -> StageQp:
+def with_residuals_as_rows(qp: problem.StageQp) -> problem.StageQp:
     """The same QP where every residual is a row behind the others that is missed at the same cost."""
     other = with_rows(qp, qp.J)
     for name in _COPIED:
         other.flat[name][:] = qp.flat[name]
     for k, (J, r) in enumerate(zip(qp.J, qp.r, strict=True)):
-        n, norm = qp.shape.n_c[k], norms(J)
+        n, norm = qp.shape.n_c[k], problem.norms(J)
         other.lower[k][n:] = other.upper[k][n:] = -r / norm
         other.l1[k][n:], other.l2[k][n:] = 0.0, norm**2
     return other
 
 
-def original_rows(shape: StageShape, larger: StageShape) -> Array:
+def original_rows(shape: problem.StageShape, larger: problem.StageShape) -> Array:
     """(M,) where the rows and variables of a QP stand among those of one that has more rows behind them in each stage."""
-    firsts, M = offsets(larger.n_c)[:-1], sum(larger.n_c)
+    firsts, M = problem.offsets(larger.n_c)[:-1], sum(larger.n_c)
     rows = [np.arange(first, first + n) for first, n in zip(firsts, shape.n_c, strict=True)]
     return np.concatenate([*rows, np.arange(M, M + sum(shape.n_z))])
 
 
-def with_rows(qp: StageQp, rows: Sequence[Array]) -> StageQp:
+def with_rows(qp: problem.StageQp, rows: Sequence[Array]) -> problem.StageQp:
     """Its constraints and, without a cost, more `rows` (m, n_z) [any], of largest entry 1, that are to be 0."""
     n_c = tuple(n + len(own) for n, own in zip(qp.shape.n_c, rows, strict=True))
-    other = StageQp(replace(qp.shape, n_r=(0,) * len(n_c), n_c=n_c))
+    other = problem.StageQp(replace(qp.shape, n_r=(0,) * len(n_c), n_c=n_c))
     for k, (n, own) in enumerate(zip(qp.shape.n_c, rows, strict=True)):
         for name in _ROWS:
             getattr(other, name)[k][:n] = getattr(qp, name)[k]
-        other.C[k][n:] = own / norms(own)[:, None]
+        other.C[k][n:] = own / problem.norms(own)[:, None]
         other.lower[k][n:] = other.upper[k][n:] = 0.0
     return other
 
@@ -83,13 +66,13 @@ _STEEP = 1e-6  # least descent along a way, relative to the gradient
 _SIDES = (("lower", -np.inf), ("upper", np.inf))
 
 
-def may_be_unbounded(qp: StageQp) -> bool:
+def may_be_unbounded(qp: problem.StageQp) -> bool:
     """Check whether some variable has neither curvature of its own nor two bounds."""
     held = np.isfinite(qp.flat["z_lower"]) & np.isfinite(qp.flat["z_upper"]) & (qp.flat["z_l1"] == np.inf)
     return bool((~held & (qp.flat["damping"] == 0.0)).any())
 
 
-def recession_problem(qp: StageQp) -> StageQp:
+def recession_problem(qp: problem.StageQp) -> problem.StageQp:
     """The QP whose optimum is the steepest of all ways along which no cost but the linear one changes, and no hard row breaks.
 
     Ways are a cone, and the optimum is what of the gradient lies in it: 0 where there is none.
@@ -108,7 +91,7 @@ def recession_problem(qp: StageQp) -> StageQp:
     return other
 
 
-def _make_cone(other: StageQp, z: str, steepest: float) -> None:
+def _make_cone(other: problem.StageQp, z: str, steepest: float) -> None:
     """Bounds of ways; what is missed at a cost that bends is not missed at all."""
     for side, endless in _SIDES:
         bound = other.flat[f"{z}{side}"]
@@ -118,7 +101,7 @@ def _make_cone(other: StageQp, z: str, steepest: float) -> None:
     l1[l2 > 0.0], l2[:] = np.inf, 0.0
 
 
-def is_recession_direction(other: StageQp, z: tuple[Array, ...]) -> bool:
+def is_recession_direction(other: problem.StageQp, z: tuple[Array, ...]) -> bool:
     """Check whether the optimum z (n_z,) [unit of z] of `recession_problem` is a recession direction, by its own numbers."""
     longest = max(np.abs(own).max(initial=0.0) for own in z)
     if not 0.0 < longest < np.inf:
@@ -127,7 +110,7 @@ def is_recession_direction(other: StageQp, z: tuple[Array, ...]) -> bool:
     for k, d in enumerate(way):
         missed = interval_excess(other.C[k] @ d, other.lower[k], other.upper[k])
         beyond = interval_excess(d, other.z_lower[k], other.z_upper[k])
-        for l1, by, norm in ((other.l1[k], missed, norms(other.C[k])), (other.z_l1[k], beyond, 1.0)):
+        for l1, by, norm in ((other.l1[k], missed, problem.norms(other.C[k])), (other.z_l1[k], beyond, 1.0)):
             worst = max(worst, (by / norm)[l1 == np.inf].max(initial=0.0))
             soft = l1 < np.inf
             rise += float(l1[soft] @ by[soft])
@@ -140,7 +123,7 @@ def is_recession_direction(other: StageQp, z: tuple[Array, ...]) -> bool:
 
 # QPs of stages by an interior point: with a factor per iteration, and one only where no bound is reached.
 
-_UNCLEAR = (StageQpStatus.ITERATION_LIMIT, StageQpStatus.UNBOUNDED)
+_UNCLEAR = (problem.StageQpStatus.ITERATION_LIMIT, problem.StageQpStatus.UNBOUNDED)
 _MISSED = 1e-5  # relative violation that no point does without
 _ROUGH = 1e-6  # tolerance of phase one
 
@@ -153,11 +136,11 @@ class StageQpSolver:
     starts every QP anew.
     """
 
-    def __init__(self, shape: StageShape, options: StageQpOptions | None = None) -> None:
-        self.shape, self.options = shape, options or StageQpOptions()
+    def __init__(self, shape: problem.StageShape, options: problem.StageQpOptions | None = None) -> None:
+        self.shape, self.options = shape, options or problem.StageQpOptions()
         self._core = (compiled_core(shape) if self.options.compiled else None) or SparseCore(shape)
 
-    def solve(self, qp: StageQp, warm: StageQpSolution | None = None) -> StageQpSolution:
+    def solve(self, qp: problem.StageQp, warm: problem.StageQpSolution | None = None) -> problem.StageQpSolution:
         """The optimum; where there is none, what `StageQpStatus` says. No numbers raise anything.
 
         warm: the solution of a QP nearby, of the same shape. Raises `InvalidInput` for a QP of another shape.
@@ -166,8 +149,13 @@ class StageQpSolver:
         return _split(qp, self.solve_flat(qp, near))
 
     def solve_flat(
-        self, qp: StageQp, near: WarmStart | None = None, *, tolerance: float | None = None, explained: bool = True
-    ) -> FlatSolution:
+        self,
+        qp: problem.StageQp,
+        near: problem.WarmStart | None = None,
+        *,
+        tolerance: float | None = None,
+        explained: bool = True,
+    ) -> problem.FlatSolution:
         """The same in arrays with stage after stage.
 
         near: the solution of a QP nearby. tolerance: instead of that of the options. explained: False takes less time where
@@ -178,14 +166,14 @@ class StageQpSolver:
         options = self.options if tolerance is None else replace(self.options, tolerance=tolerance)
         end = self._core.solve(qp, options, near)
         if explained and (end.status in _UNCLEAR or _only_rounding(qp, end)):
-            end = self._explain(qp, row_table(qp), end)
+            end = self._explain(qp, problem.row_table(qp), end)
         return self._found(qp, end)
 
-    def steepest(self, qp: StageQp) -> float:
+    def steepest(self, qp: problem.StageQp) -> float:
         """Largest entry [1/unit of z] of the gradient of the residuals' half square, at 0."""
         return self._core.steepest(qp)
 
-    def error(self, qp: StageQp, near: WarmStart) -> float:
+    def error(self, qp: problem.StageQp, near: problem.WarmStart) -> float:
         """Compute by how much the multipliers of the QP solved last miss the optimality conditions of another one at 0.
 
         Largest entry [1/unit of z] of the gradient of its Lagrangian, or product with what is left to a bound.
@@ -196,19 +184,19 @@ class StageQpSolver:
         left = y[counts] * np.where(y > 0.0, upper, lower)[counts]
         return max(self._core.stationarity(qp, near), float(np.abs(left).max(initial=0.0)))
 
-    def _explain(self, qp: StageQp, table: RowTable, failed: IterationResult) -> IterationResult:
+    def _explain(self, qp: problem.StageQp, table: problem.RowTable, failed: problem.IterationResult) -> problem.IterationResult:
         """Explain a failed run: phase one finds whether there is a feasible point at all, and where."""
-        if failed.worst <= self._inexact and failed.status is StageQpStatus.ITERATION_LIMIT:
-            return replace(failed, status=StageQpStatus.INEXACT)
+        if failed.worst <= self._inexact and failed.status is problem.StageQpStatus.ITERATION_LIMIT:
+            return replace(failed, status=problem.StageQpStatus.INEXACT)
         # With next to no curvature phase one loses digits, and needs few.
         rough = replace(self.options, tolerance=max(self.options.tolerance, _ROUGH))
-        least = self._core.run(qp, row_table(qp, phase_one=True), table.rest(qp), rough, phase_one=True)
+        least = self._core.run(qp, problem.row_table(qp, phase_one=True), table.rest(qp), rough, phase_one=True)
         spent = failed.iterations + least.iterations
         missed = table.violation(_values(qp, least.z))
-        if least.status is StageQpStatus.SOLVED and missed > _MISSED * (1.0 + np.abs(least.z).max()):
-            return replace(least, status=StageQpStatus.INFEASIBLE, iterations=spent)
+        if least.status is problem.StageQpStatus.SOLVED and missed > _MISSED * (1.0 + np.abs(least.z).max()):
+            return replace(least, status=problem.StageQpStatus.INFEASIBLE, iterations=spent)
         if self._is_unbounded(qp):
-            return replace(failed, status=StageQpStatus.UNBOUNDED, iterations=spent)
+            return replace(failed, status=problem.StageQpStatus.UNBOUNDED, iterations=spent)
         again = self._run_damped(qp, least.z)
         best = min(failed, again, key=lambda end: end.worst)
         return replace(best, status=self._final_status(best), iterations=spent + again.iterations)
@@ -217,15 +205,15 @@ class StageQpSolver:
     def _inexact(self) -> float:
         return self.options.tolerance * tolerances.INEXACT_TOLERANCES
 
-    def _final_status(self, best: IterationResult) -> StageQpStatus:
+    def _final_status(self, best: problem.IterationResult) -> problem.StageQpStatus:
         """Endless steps, and rounding, prove nothing."""
-        if best.status is StageQpStatus.SOLVED:
+        if best.status is problem.StageQpStatus.SOLVED:
             return best.status
-        known = best.status is StageQpStatus.NOT_A_NUMBER
-        status = best.status if known else StageQpStatus.ITERATION_LIMIT
-        return StageQpStatus.INEXACT if best.worst <= self._inexact else status
+        known = best.status is problem.StageQpStatus.NOT_A_NUMBER
+        status = best.status if known else problem.StageQpStatus.ITERATION_LIMIT
+        return problem.StageQpStatus.INEXACT if best.worst <= self._inexact else status
 
-    def _is_unbounded(self, qp: StageQp) -> bool:
+    def _is_unbounded(self, qp: problem.StageQp) -> bool:
         """Check whether there is a direction along which the cost falls for ever."""
         if not may_be_unbounded(qp):
             return False
@@ -233,34 +221,34 @@ class StageQpSolver:
         way = StageQpSolver(other.shape, self.options).solve(other)
         return way.status.usable and is_recession_direction(other, way.z)
 
-    def _run_damped(self, qp: StageQp, z: Array) -> IterationResult:
+    def _run_damped(self, qp: problem.StageQp, z: Array) -> problem.IterationResult:
         """With residuals as rows, and some curvature for directions that have none, from z."""
         other = with_residuals_as_rows(qp)
-        table, own = row_table(other), original_rows(qp.shape, other.shape)
+        table, own = problem.row_table(other), original_rows(qp.shape, other.shape)
         slow = StageQpSolver(other.shape, self.options)
         end = slow._core.run(other, table, z, self.options, phase_one=False)
         return replace(end, y=end.y[own], value=end.value[own])
 
     @np.errstate(invalid="ignore")  # of what is not a number there is no excess
-    def _found(self, qp: StageQp, end: IterationResult) -> FlatSolution:
+    def _found(self, qp: problem.StageQp, end: problem.IterationResult) -> problem.FlatSolution:
         m, flat = len(qp.flat["lower"]), qp.flat
-        return FlatSolution(
-            **{item.name: getattr(end, item.name) for item in fields(FlatPoint)},
+        return problem.FlatSolution(
+            **{item.name: getattr(end, item.name) for item in fields(problem.FlatPoint)},
             shape=self.shape,
             excess=interval_distance(end.value[:m], flat["lower"], flat["upper"]),
             products=self._core.products(qp, end.z),
         )
 
 
-def _only_rounding(qp: StageQp, end: IterationResult) -> bool:
+def _only_rounding(qp: problem.StageQp, end: problem.IterationResult) -> bool:
     """Check whether a cost that is convex, as a sum of squares, seemed not to be."""
-    return end.status is StageQpStatus.NOT_CONVEX and not qp.flat["H"].any() and bool((qp.flat["damping"] >= 0.0).all())
+    return end.status is problem.StageQpStatus.NOT_CONVEX and not qp.flat["H"].any() and bool((qp.flat["damping"] >= 0.0).all())
 
 
-def _split(qp: StageQp, found: FlatSolution) -> StageQpSolution:
+def _split(qp: problem.StageQp, found: problem.FlatSolution) -> problem.StageQpSolution:
     shape, m = qp.shape, len(found.excess)
     z = _parts(found.z, shape.n_z)
-    return stage_qp_solution(
+    return problem.stage_qp_solution(
         status=found.status,
         z=z,
         x=tuple(own[:n] for own, n in zip(z, shape.n_x, strict=True)),
@@ -276,21 +264,21 @@ def _split(qp: StageQp, found: FlatSolution) -> StageQpSolution:
 
 
 def _parts(flat: Array, sizes: tuple[int, ...]) -> tuple[Array, ...]:
-    return tuple(flat[own] for own in slices(sizes))
+    return tuple(flat[own] for own in problem.slices(sizes))
 
 
-def _values(qp: StageQp, z: Array) -> Array:
+def _values(qp: problem.StageQp, z: Array) -> Array:
     """(M,) of rows and variables."""
     return np.concatenate([*(C @ own for C, own in zip(qp.C, _parts(z, qp.shape.n_z), strict=True)), z])
 
 
-def _near(solution: StageQpSolution) -> WarmStart:
+def _near(solution: problem.StageQpSolution) -> problem.WarmStart:
     y = np.concatenate([*solution.y, *solution.y_z])
-    return WarmStart(z=np.concatenate(solution.z), costate=np.concatenate(solution.costate), y=y)
+    return problem.WarmStart(z=np.concatenate(solution.z), costate=np.concatenate(solution.costate), y=y)
 
 
 @np.errstate(over="ignore", invalid="ignore")  # of what is not a number there is no cost
-def _cost(qp: StageQp, found: FlatSolution) -> float:
+def _cost(qp: problem.StageQp, found: problem.FlatSolution) -> float:
     r, z, flat, products = qp.flat["r"], found.z, qp.flat, found.products
     straight = products.slope + z @ flat["g"]
     bend = sum(own @ H @ own for H, own in zip(qp.H, _parts(z, qp.shape.n_z), strict=True))
