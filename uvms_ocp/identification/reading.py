@@ -227,14 +227,21 @@ def _mapped_rows(source: Path, mapping: RecordingMapping, name: str) -> dict[str
     return found
 
 
+_UNIX_TIME = {"ns": 1e17, "us": 1e14, "ms": 1e11}
+"""What a time since 1970 exceeds in each unit, in which seconds would be some thousand years."""
+
+
 def _table_rows(key: str, one: ChannelMapping, path: Path, given: TextFormat | None) -> tables.TableColumns:
     if one.topic or not one.time:
         raise InvalidInput(f"{path}: {key} is in a table; give its time, and no topic")
     table = tables.read_table(path, [one.time, *one.fields, *one.rows], given)
     said = _SPELLED.get(table.units[0], table.units[0])
-    unit = one.time_unit or (said if said in recordings.SECONDS else "s")
+    largest = np.abs(table.values[:, 0]).max(initial=0.0, where=np.isfinite(table.values[:, 0]))
+    sized = next((unit for unit, least in _UNIX_TIME.items() if largest >= least), "s")
+    unit = one.time_unit or (said if said in recordings.SECONDS else sized)
     values = table.values * [recordings.SECONDS[unit], *np.ones(len(table.units) - 1)]
-    return replace(table, values=values, layout=f"{path.name}: {table.layout}" if table.layout else "")
+    layout = ", ".join(part for part in (table.layout, f"times in {unit}" if unit == sized != "s" else "") if part)
+    return replace(table, values=values, layout=f"{path.name}: {layout}" if layout else "")
 
 
 def _chosen(key: str, one: ChannelMapping, table: tables.TableColumns) -> tables.TableColumns:
