@@ -116,6 +116,47 @@ def test_axes_of_the_caller_keep_their_style(record: Record, look: str) -> None:
         assert _faint(page) == []
 
 
+def _layout(page: Figure) -> tuple[object, list[tuple[float, ...]]]:
+    """The engine, and where the axes stand once they are drawn."""
+    page.canvas.draw()
+    return page.get_layout_engine(), [axis.get_position().bounds for axis in page.axes]
+
+
+@pytest.mark.parametrize("layout", [None, "none", "tight", "constrained"])
+def test_the_layout_of_the_callers_axes_stays_theirs(record: Record, layout: str | None) -> None:
+    page = Figure(figsize=(7.0, 6.0), layout=layout)
+    FigureCanvasAgg(page)
+    first, second = page.subplots(2, 1)
+    if layout in (None, "none"):
+        page.subplots_adjust(left=0.3)
+    engine, places = _layout(page)
+    viz.plot(record, "q.z", ax=second)
+    assert page.get_layout_engine() is engine
+    if engine is None:
+        assert _layout(page) == (None, places)
+        page.subplots_adjust(left=0.4)
+        assert _layout(page)[1][0][0] == pytest.approx(0.4)
+        page.colorbar(first.imshow(np.eye(3)), ax=first)
+        viz.plot(record, "q.x", ax=second)
+        page.tight_layout()
+
+
+def test_a_figure_of_the_callers_is_laid_out_only_where_nobody_has_begun(record: Record) -> None:
+    margins, begun, empty = _page(), _page(), _page()
+    margins.subplots_adjust(left=0.3)
+    left, right = begun.subfigures(1, 2)
+    left.add_axes((0.3, 0.3, 0.5, 0.5))
+    before = _layout(begun)[1][0]
+    viz.plot(record, "q.z", fig=margins)
+    viz.figure_path(record, fig=right)
+    viz.figure_path(record, fig=empty)
+    assert _layout(margins)[0] is None
+    assert margins.axes[0].get_position().x0 == pytest.approx(0.3)
+    assert _layout(begun)[0] is None
+    assert begun.axes[0].get_position().bounds == before
+    assert empty.get_layout_engine() is not None
+
+
 def test_what_is_no_axes_and_another_number_of_them_is_refused(record: Record) -> None:
     page = _page()
     axes = page.subplots(1, 2)

@@ -43,7 +43,7 @@ R = TypeVar("R")
 DPI = 180
 WIDTH = 7.2  # [in] two columns of a journal page
 _WIDTHS = {"page": WIDTH, "column": 3.5}
-_NARROW = 5.0  # [in] below it views stand one below the other
+NARROW = 5.0  # [in] below it views stand one below the other
 _FONT = 8.5  # [points] of the style, that sizes are given for
 
 Width: TypeAlias = Literal["page", "column"] | Annotated[float, Range(1.0, 100.0)]
@@ -219,20 +219,25 @@ def inches(figure: Figure) -> float:
 
 
 def titled(height: float, title: str, fig: Given = None, width: Width = "page") -> Figure:
-    """An empty figure of a height [in], on a page with its title on the left; or the caller's, without."""
+    """An empty figure of a height [in], on a page with its title on the left; or the caller's, without.
+
+    A caller's that is empty too gets the constrained layout, unless it has an engine or margins of its own.
+    """
     if fig is not None:
-        if fig.figure.get_layout_engine() is None:
-            fig.figure.set_layout_engine("constrained")
+        page = fig.figure
+        margins = vars(page.subplotpars) != vars(type(page.subplotpars)())
+        if page.get_layout_engine() is None and not page.axes and not margins:
+            page.set_layout_engine("constrained")
         return cast(Figure, fig)
     figure = RecordFigure(figsize=(_WIDTHS[width] if isinstance(width, str) else width, height))
-    if title and inches(figure) > _NARROW:
+    if title and inches(figure) > NARROW:
         figure.suptitle(title, fontsize=points(10), fontweight="bold", x=0.01, ha="left")
     return figure
 
 
 def abreast(figure: Figure) -> np.ndarray:
     """Two views (2,) beside each other, in a column one below the other."""
-    if inches(figure) > _NARROW:
+    if inches(figure) > NARROW:
         return np.asarray(figure.subplots(1, 2))
     if isinstance(figure, RecordFigure):
         figure.set_figheight(1.6 * figure.get_figheight())
@@ -273,7 +278,7 @@ def panels(ax: Panels, n: int, fig: Given) -> tuple[Figure, list[Axes]]:
         raise InvalidInput(f"ax of {len(axes)} axes{both} for {n} names; give one for each name, or fig alone")
     for axis in axes:
         axis.set_xlabel(axis_label("time", "t"))
-    return titled(0.0, "", axes[0].figure), axes
+    return cast(Figure, axes[0].figure), axes
 
 
 def label_text(name: str, longest: int = 32) -> str:
@@ -348,12 +353,12 @@ def logarithmic(axis: Axes) -> None:
     axis.yaxis.set_minor_formatter(_PlainPowers(labelOnlyBase=False))
 
 
-def threshold(axis: Axes, value: float, text: str) -> None:
-    """A dashed line at `value` [unit of the axis], with its meaning written on it."""
+def threshold(axis: Axes, value: float, text: str, place: float = 0.0) -> None:
+    """A dashed line at `value` [unit of the axis], with its meaning written on it at that share of its length."""
     axis.axhline(value, color=THRESHOLD, lw=0.9, ls=(0, (5, 3)), zorder=1.5)
     paper = {"facecolor": axis.get_facecolor(), "alpha": 0.8, "lw": 0, "pad": 0.6}  # over curves that run through the text
     look = {"ha": "left", "va": "bottom", "fontsize": points(7), "color": THRESHOLD, "bbox": paper}
-    note(axis, text, (0.0, value), (4, 2), xycoords=("axes fraction", "data"), **look)
+    note(axis, text, (place, value), (4, 2), xycoords=("axes fraction", "data"), **look)
 
 
 # What lies behind the curves of every figure over time: the phases of the mission, and what went wrong on purpose.
