@@ -4,6 +4,7 @@ import io
 
 import numpy as np
 import pytest
+from matplotlib.figure import Figure
 
 from uvms_ocp.viz.campaign_report import figure_spread
 
@@ -26,3 +27,15 @@ def test_each_run_with_a_number_is_in_the_histogram(name: str) -> None:
     figure.savefig(io.BytesIO(), format="png")
     counted = sum(patch.get_height() for patch in figure.axes[0].patches)
     assert counted == np.count_nonzero(np.abs(column) <= 1e300)
+
+
+@pytest.mark.parametrize("width", ["column", 3.5, "page", 7.2])
+def test_histograms_stand_below_each_other_where_the_figure_is_narrow(width: str | float) -> None:
+    values = {f"m{i} [s]": np.arange(4.0) for i in range(4)}
+    success = np.ones(4, dtype=bool)
+    inches = {"column": 3.5, "page": 7.2}.get(str(width)) or float(width)
+    own = figure_spread(values, success, width=width)
+    for figure in (own, figure_spread(values, success, fig=Figure(figsize=(inches, 5.0)))):
+        columns = {axis.get_subplotspec().colspan.start for axis in figure.axes}
+        assert len(columns) == (1 if inches < 5.0 else 3)
+    assert own.get_figheight() == pytest.approx(1.7 * (4 if inches < 5.0 else 2))

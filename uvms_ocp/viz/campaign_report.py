@@ -81,9 +81,11 @@ def figure_spread(
             given = f"success has shape {success.shape}, values[{name!r}] {column.shape}"
             raise InvalidInput(f"{given}; give one of each per run")
     names = [name for name, column in values.items() if (np.abs(column) <= _LARGEST).any()]
-    n_columns = 1 if width == "column" else _COLUMNS
+    figure = style.titled(1.7, "", fig, width)
+    n_columns = _COLUMNS if style.inches(figure) > style.NARROW else 1
     n_rows = max(1, -(-len(names) // n_columns))
-    figure = style.titled(1.7 * n_rows, "", fig, width)
+    if fig is None:
+        figure.set_figheight(1.7 * n_rows)
     axes = figure.subplots(n_rows, n_columns, squeeze=False).ravel()
     for axis, name in zip(axes, names, strict=False):
         known = np.abs(values[name]) <= _LARGEST
