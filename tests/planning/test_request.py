@@ -26,6 +26,7 @@ from uvms_ocp.robot.shapes.obstacles import (
     parse_obstacle,
     read_obstacles,
 )
+from uvms_ocp.viz.plan_figures import figure_clearance
 
 BALL = obstacle("ball", coal.Sphere(0.3), (1.6, 0.3, -0.4))
 
@@ -68,6 +69,22 @@ def test_links_keep_a_clearance_of_their_own(robot: Robot) -> None:
     assert costs[0] < costs[1] == costs[2] < costs[3]
     scene = plan_path(PlanRequest(robot=robot, start=start, goal=goal, axes="joints", obstacles=(BALL,))).scene
     assert np.flatnonzero(scene.wanted(0.1, 0.02) == 0.02).tolist() == scene.groups()["its own links"]
+
+
+@pytest.mark.parametrize("other", [None, 0.06, 0.02, 3.0])
+def test_each_clearance_that_was_wanted_is_recorded_and_drawn(robot: Robot, other: float | None) -> None:
+    goal = PostureGoal(joints={"joint2": 0.3})
+    request = PlanRequest(robot=robot, start=robot.configuration(), goal=goal, axes="joints", link_clearance=other)
+    result = plan_path(request)
+    assert result.plan is not None
+    record = motion_record(result, result.plan)
+    assert record.plan_meta.link_clearance_wanted == other
+    figure = figure_clearance(record)
+    assert figure is not None
+    drawn = {text.get_text(): text.xy[1] for text in figure.axes[0].texts if text.get_text().startswith("wanted")}
+    links = {f"wanted {other:g} m between links": other} if other not in (None, request.clearance) else {}
+    assert drawn == {f"wanted {request.clearance:g} m": request.clearance, **links}
+    assert all(value < figure.axes[0].get_ylim()[1] for value in drawn.values())
 
 
 def test_a_robot_without_shapes_is_planned_for_too(robot: Robot) -> None:

@@ -178,6 +178,8 @@ class PlanMeta(RecordMeta):
     """[s] where the pieces of the trajectory meet, both ends included."""
     clearance_wanted: meta_values.Number
     """[m]"""
+    link_clearance_wanted: meta_values.Number | None = None
+    """[m] between two links; `None`: the same."""
     clearance_groups: tuple[str, ...] = ()
     """Obstacles from which the columns of the series ``clearance`` are the distance."""
     min_clearance: meta_values.ClearanceMeta | None = None

@@ -119,6 +119,7 @@ def plan_meta(
         axis_limits=axis_limits,
         breaks=breaks,
         clearance_wanted=request.clearance,
+        link_clearance_wanted=request.link_clearance,
         clearance_groups=tuple(scene.groups()),
         min_clearance=ClearanceMeta(t=nearest.time, distance=nearest.distance, between=nearest.pair) if scene.n_pairs else None,
     )

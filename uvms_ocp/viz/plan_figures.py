@@ -44,14 +44,17 @@ def figure_clearance(record: Record, *, fig: style.Given = None, width: style.Wi
     if "clearance" not in record.series or not record["clearance"].shape[1]:
         return None
     d, meta = record["clearance"], record.plan_meta
-    wanted = meta.clearance_wanted
+    wanted, of_links = meta.clearance_wanted, meta.link_clearance_wanted
     figure, (axis,) = style.stacked(1, 2.8, "Clearance along the path", fig, width)
     for k, name in enumerate(meta.clearance_groups):
         axis.plot(record["t"], d[:, k], **style.line_style(k), label=style.label_text(name, 24))
     style.threshold(axis, wanted, f"wanted {wanted:g} m")
+    if of_links is not None and of_links != wanted:
+        style.threshold(axis, of_links, f"wanted {of_links:g} m between links", 0.5)
     if meta.min_clearance is not None:
         _mark_least(axis, meta.min_clearance)
     top, bottom = min(float(d.max()), max(_FAR, 5.0 * wanted)), min(float(d.min()), 0.0)
+    top = max(top, wanted, of_links or 0.0)
     axis.set_ylim(1.1 * bottom - 0.03 * top, 1.05 * top)
     axis.axhspan(axis.get_ylim()[0], 0.0, color=style.VERMILLION, alpha=0.15, lw=0)
     axis.set_ylabel(axis_label("distance", "clearance"))
