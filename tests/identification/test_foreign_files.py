@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import gzip
 import io
+import json
 from collections.abc import Callable
 from pathlib import Path
 
@@ -198,15 +199,85 @@ def test_lines_of_json_have_topics_by_their_type(tmp_path: Path) -> None:
         recording_of(tmp_path / "dvl.json", {"linear_velocity": {**one, "topic": "speed"}})
 
 
-@pytest.mark.parametrize("end", ["", '\n{"t": 20.0, "x": 0.', "\n"])
+@pytest.mark.parametrize("end", ["", '\n{"t": 20.0, "x": 0.', '\n{"t": 20.0, "p": {"x": 0.0}', "\n"])
 def test_lines_of_json_without_a_type_need_no_topic_and_the_last_may_break_off(end: str, tmp_path: Path) -> None:
     lines = [f'{{"t": {t}, "x": {x}, "y": {y}, "z": {z}}}' for t, (x, y, z) in zip(T, XYZ, strict=True)]
     (tmp_path / "dive.jsonl").write_text("\n".join(lines) + end)
-    read = recording_of(tmp_path / "dive.jsonl", {"position": POSITION}).channels["position"]
-    np.testing.assert_allclose(read.values, XYZ)
+    recording = recording_of(tmp_path / "dive.jsonl", {"position": POSITION})
+    np.testing.assert_allclose(recording.channels["position"].values, XYZ)
+    doubts = (("position", f"the last line, {len(T) + 1}, breaks off and is left out"),) if end.strip() else ()
+    assert recording.issues_in_file == doubts
     (tmp_path / "dive.jsonl").write_text("\n".join([*lines[:5], '{"t": 0.', *lines[5:]]))
-    with pytest.raises(InvalidInput, match="cannot be read"):
+    with pytest.raises(InvalidInput, match="line 6 is no JSON"):
         recording_of(tmp_path / "dive.jsonl", {"position": POSITION})
+
+
+@pytest.mark.parametrize("wrong", ['{"t": 20.0, "x": nan, "y": 0.0, "z": 0.0}', '{"t": 20.0, "x": 0.0}}', "stopped"])
+@pytest.mark.parametrize("end", ["", "\n"])
+def test_a_whole_last_line_that_is_no_json_is_an_error_as_any_other_is(wrong: str, end: str, tmp_path: Path) -> None:
+    (tmp_path / "dive.jsonl").write_text('{"t": 0.0, "x": 0.0, "y": 0.0, "z": 0.0}\n' * 3 + wrong + end)
+    with pytest.raises(InvalidInput, match="line 4 is no JSON"):
+        recording_of(tmp_path / "dive.jsonl", {"position": POSITION})
+
+
+def test_lines_of_json_are_read_as_often_for_many_channels_as_for_one(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    (tmp_path / "dive.jsonl").write_text("".join(f'{{"t": {t}, "x": {t}, "y": 0, "z": 0}}\n' for t in range(50)))
+    read: list[str] = []
+    monkeypatch.setattr("uvms_ocp.identification.messages._loads", lambda line: read.append(line) or json.loads(line))
+    channels: dict[str, object] = {"position": POSITION}
+    recording_of(tmp_path / "dive.jsonl", channels)
+    once = len(read)
+    recording_of(tmp_path / "dive.jsonl", channels | {"linear_velocity": POSITION, "angular_velocity": POSITION})
+    assert len(read) == 2 * once
+
+
+# Times of day past midnight, in all channels of a recording.
+
+DIVE = 86_398.0 + 0.1 * np.arange(200)
+SPEED = {"time": "t", "columns": ["u", 0.0, 0.0]}
+
+
+def clock(t: float) -> str:
+    return f"{int(t) // 3600 % 24:02d}:{int(t) // 60 % 60:02d}:{t % 60.0:06.3f}"
+
+
+def speeds(times: np.ndarray) -> str:
+    return table(names=["t", "u"], rows=[[clock(t), f"{t - DIVE[0]:.3f}"] for t in times])
+
+
+def require_one_clock(recording: Recording) -> None:
+    """Values are the times since the begin of the dive, and so are the times but for their origin."""
+    for channel in recording.channels.values():
+        np.testing.assert_allclose(channel.t - channel.values[:, 0], recording.channels["linear_velocity"].t[0], atol=1e-6)
+    assert max(one.t[-1] for one in recording.channels.values()) < DIVE[-1] - DIVE[0] + 1e-6
+
+
+def test_what_comes_after_midnight_alone_is_on_the_clock_of_what_passed_it_in_the_same_file(tmp_path: Path) -> None:
+    rows = [[clock(t), f"{t - DIVE[0]:.3f}", f"{t - DIVE[0]:.3f}" if t > 86_400.5 else ""] for t in DIVE]
+    (tmp_path / "dive.csv").write_text(table(names=["t", "u", "x"], rows=rows))
+    position = {"time": "t", "columns": ["x", 0.0, 0.0]}
+    require_one_clock(recording_of(tmp_path / "dive.csv", {"linear_velocity": SPEED, "position": position}))
+
+
+@pytest.mark.parametrize("part", [slice(0, 15), slice(30, 200)], ids=["before", "after"])
+def test_other_files_are_on_the_clock_of_the_one_that_passed_midnight(part: slice, tmp_path: Path) -> None:
+    (tmp_path / "speed.csv").write_text(speeds(DIVE))
+    (tmp_path / "position.csv").write_text(speeds(DIVE[part]))
+    mapping = {"position": {**SPEED, "file": "position.csv"}, "linear_velocity": {**SPEED, "file": "speed.csv"}}
+    require_one_clock(recording_of(tmp_path, mapping))
+
+
+@pytest.mark.parametrize("order", [(20, 19), (21, 20, 19), (20, 19, 22, 21)])
+def test_rows_out_of_order_about_midnight_pass_it_once(order: tuple[int, ...], tmp_path: Path) -> None:
+    times = DIVE.copy()
+    times[sorted(order)] = DIVE[list(order)]
+    (tmp_path / "dive.csv").write_text(speeds(times))
+    (tmp_path / "sorted.csv").write_text(speeds(DIVE))
+    mapping = {"linear_velocity": SPEED}
+    read, right = (recording_of(tmp_path / name, mapping).channels["linear_velocity"] for name in ("dive.csv", "sorted.csv"))
+    np.testing.assert_allclose(read.t, right.t, atol=1e-6)
+    np.testing.assert_array_equal(read.values, right.values)
+    assert 0.0 < read.back < 1.0
 
 
 def test_times_that_are_no_times_of_day_do_not_go_on_after_a_day(tmp_path: Path) -> None:

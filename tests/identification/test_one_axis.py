@@ -86,8 +86,10 @@ def test_a_towing_test_of_one_axis_gives_its_numbers() -> None:
     assert f"| towed | {found.estimate.own['towed'][0]:.3g} |" in report
 
 
-def test_a_decay_test_needs_neither_commands_nor_attitude() -> None:
-    settings = _settings("yaw", linear_drag={}, quadratic_drag={})
+@pytest.mark.parametrize("commands", ["wrench", "propeller_commands"])
+def test_a_decay_test_needs_neither_commands_nor_attitude(commands: str) -> None:
+    learn = {"linear_drag": {}, "quadratic_drag": {}}
+    settings = CalibrationSettings(**SETTINGS | {"commands": commands}, axes=("yaw",), learn=learn)
     subject = calibrated_robot(settings, Path())
     level = ca.SX(ca.DM([0.0] * 6 + [1.0]))
     about_z = float(ca.evalf(subject.vehicle.dynamics.mass_matrix(level)[5, 5]))
@@ -98,6 +100,12 @@ def test_a_decay_test_needs_neither_commands_nor_attitude() -> None:
     assert abs(drag.value - 1.5 * subject.start.quadratic_drag[5, 5]) < 3.0 * drag.sigma
     assert drag.determined
     assert any("not recorded: a fit along some axes takes nothing to push it" in issue for issue in found.issues)
+
+
+def test_commands_of_another_kind_than_the_settings_name_are_no_decay_test() -> None:
+    settings = CalibrationSettings(**SETTINGS | {"commands": "propeller_commands"}, axes=("surge",), learn=LEARN)
+    with pytest.raises(InvalidInput, match="no propeller_commands is recorded"):
+        _fitted(_towed()[0], settings)
 
 
 def test_along_all_axes_nothing_is_made_up() -> None:

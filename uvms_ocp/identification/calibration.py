@@ -20,7 +20,7 @@ from uvms_ocp.identification.fit import FitContext, Predicted, Search, constant_
 from uvms_ocp.identification.model import stage_of
 from uvms_ocp.identification.output_error import Estimate, FitStatus, Noise
 from uvms_ocp.identification.recording import Channel, Recording, ZeroOrderHold, split_at_gaps
-from uvms_ocp.identification.rollout import POSE_INTERVAL, PreparedRecording, Rollout
+from uvms_ocp.identification.rollout import COMMANDS, POSE_INTERVAL, PreparedRecording, Rollout
 from uvms_ocp.identification.sample_checks import QualityIssue
 from uvms_ocp.identification.settings import CalibratedRobot, CalibrationSettings, with_delays
 from uvms_ocp.progress import progress_bar
@@ -354,7 +354,8 @@ def calibrate(
     recorded and not learnt.
     """
     if settings.commands == "propeller_commands":
-        recordings = [with_thrust(subject.robot, one) for one in recordings]
+        free = len(subject.vehicle.axes) == len(parameters.AXES)  # others may have no commands, as decay tests
+        recordings = [with_thrust(subject.robot, one) if free or one.channels.keys() & COMMANDS else one for one in recordings]
     recordings = split_at_gaps(recordings)
     names = [one.name for one in recordings]
     if not names or len(set(names)) < len(names):

@@ -23,6 +23,7 @@ import numpy as np
 
 from uvms_ocp.errors import InvalidInput, NameNotFound, optional_module, require_known
 from uvms_ocp.identification.file_kinds import BAG_METADATA, kind_of
+from uvms_ocp.identification.tables import TableColumns
 from uvms_ocp.identification.text_tables import LONGEST_LINE, MOST_ROWS
 from uvms_ocp.record.mcap import mcap_messages, mcap_topics, require_mcap
 from uvms_ocp.record.untrusted import as_input_errors, read_yaml, require_regular_file
@@ -33,14 +34,14 @@ Message = tuple[str, int, Any]
 # All kinds: the files that hold messages, and the topics of each.
 
 
-def messages(path: Path, topics: Collection[str], definitions: Path | None = None) -> Iterator[Message]:
+def messages(path: Path, topics: Collection[str], definitions: Path | None, remarks: list[str]) -> Iterator[Message]:
     """Yield the messages of some topics as logged; definitions: folder with ``.msg`` files that a bag of ROS 2 lacks.
 
-    Raises NotInstalled, and InvalidInput for damaged or too large files.
+    remarks: gets what was left out. Raises NotInstalled, and InvalidInput for damaged or too large files.
     """
     for file in _files(path):
         with as_input_errors(file):
-            yield from _READERS[kind_of(file)].messages(file, topics, definitions)
+            yield from _READERS[kind_of(file)].messages(file, topics, definitions, remarks)
 
 
 def topics_of(path: Path) -> tuple[str, ...]:
@@ -56,7 +57,7 @@ def topics_of(path: Path) -> tuple[str, ...]:
 class _Reader:
     """How messages of one kind of file are read."""
 
-    messages: Callable[[Path, Collection[str], Path | None], Iterator[Message]]
+    messages: Callable[[Path, Collection[str], Path | None, list[str]], Iterator[Message]]
     topics: Callable[[Path], Collection[str]]
 
 
@@ -80,7 +81,7 @@ def _files(path: Path) -> list[Path]:
 # MCAP: JSON, protobuf and messages of ROS 2.
 
 
-def _mcap_messages(path: Path, topics: Collection[str], definitions: Path | None) -> Iterator[Message]:
+def _mcap_messages(path: Path, topics: Collection[str], definitions: Path | None, _: list[str]) -> Iterator[Message]:
     require_mcap()
     decoders: dict[tuple[str, int], Callable[[bytes], Any]] = {}
     for schema, channel, message in mcap_messages(path, topics):
@@ -156,16 +157,14 @@ def _typesystem() -> Any:
     return optional_module("rosbags.typesys", "a recording of ROS", '"uvms-ocp[rosbags]"')
 
 
-@contextmanager
-def _ros1(path: Path) -> Iterator[Any]:
+def _ros1(path: Path) -> Any:
     _typesystem()
     from rosbags.highlevel import AnyReader
 
-    with AnyReader([path]) as reader:
-        yield reader
+    return AnyReader([path])
 
 
-def _ros1_messages(path: Path, topics: Collection[str], _: Path | None) -> Iterator[Message]:
+def _ros1_messages(path: Path, topics: Collection[str], *_: object) -> Iterator[Message]:
     with _ros1(path) as reader:
         chosen = [connection for connection in reader.connections if connection.topic in topics]
         for connection, logged, data in reader.messages(connections=chosen) if chosen else ():
@@ -190,7 +189,7 @@ def _data_base(path: Path) -> Iterator[sqlite3.Connection]:
         yield base
 
 
-def _sqlite_messages(path: Path, topics: Collection[str], definitions: Path | None) -> Iterator[Message]:
+def _sqlite_messages(path: Path, topics: Collection[str], definitions: Path | None, _: list[str]) -> Iterator[Message]:
     with _data_base(path) as base:
         kinds = {k: (topic, kind) for k, topic, kind in base.execute("SELECT id, name, type FROM topics")}
         chosen = {k: (topic, kind) for k, (topic, kind) in kinds.items() if topic in topics}
@@ -224,7 +223,7 @@ def _sqlite_topics(path: Path) -> Collection[str]:
 _loads = partial(json.loads, parse_int=float)  # any number of digits
 
 
-def _json_messages(path: Path, topics: Collection[str] | None, _: Path | None) -> Iterator[Message]:
+def _json_messages(path: Path, topics: Collection[str] | None, _: Path | None, remarks: list[str]) -> Iterator[Message]:
     with path.open(encoding="utf-8") as file:
         for number, line in enumerate(iter(lambda: file.readline(LONGEST_LINE), ""), 1):
             if number > MOST_ROWS or len(line) == LONGEST_LINE:
@@ -233,33 +232,29 @@ def _json_messages(path: Path, topics: Collection[str] | None, _: Path | None) -
                 continue
             try:
                 message = _loads(line)
-            except ValueError:
-                if number > 1 and not line.endswith("\n"):
-                    return  # the last line breaks off, as where power was cut
-                raise
+            except ValueError as error:
+                if number > 1 and not line.endswith("\n") and line.count("{") > line.count("}"):  # as where power was cut
+                    remarks.append(f"the last line, {number}, breaks off and is left out")
+                    return
+                raise InvalidInput(f"{path}: line {number} is no JSON ({error}); mend it, or leave it out") from None
             topic = str(message.get("type", "")) if isinstance(message, dict) else ""
             if topics is None or topic in topics:
                 yield topic, number, message
 
 
 def _json_topics(path: Path) -> Collection[str]:
-    return {topic for topic, _, _ in _json_messages(path, None, None)}
+    return {topic for topic, _, _ in _json_messages(path, None, None, [])}
 
 
 # Logs of MAVLink by pymavlink: dataflash (.BIN) and telemetry (.tlog); topics are the types of messages.
 
 
-@contextmanager
-def _mavlink(path: Path) -> Iterator[Any]:
+def _mavlink(path: Path) -> closing[Any]:
     mavutil = optional_module("pymavlink.mavutil", "a log of MAVLink", '"uvms-ocp[mavlink]"')
-    log = mavutil.mavlink_connection(str(path), dialect="ardupilotmega", robust_parsing=True)
-    try:
-        yield log
-    finally:
-        log.close()
+    return closing(mavutil.mavlink_connection(str(path), dialect="ardupilotmega", robust_parsing=True))
 
 
-def _mavlink_messages(path: Path, topics: Collection[str], _: Path | None) -> Iterator[Message]:
+def _mavlink_messages(path: Path, topics: Collection[str], *_: object) -> Iterator[Message]:
     with _mavlink(path) as log:
         while (message := log.recv_match(type=list(topics))) is not None:
             yield message.get_type(), round(1e9 * message._timestamp), message.to_dict()
@@ -387,20 +382,24 @@ class TopicColumns:
     """[s] of a time that is a plain number."""
 
 
-def message_rows(path: Path, wanted: Mapping[str, TopicColumns], definitions: Path | None = None) -> dict[str, np.ndarray]:
+def message_rows(path: Path, wanted: Mapping[str, TopicColumns], definitions: Path | None = None) -> dict[str, TableColumns]:
     """Times [s] and values [as they are] (n, 1 + k) of all that is wanted, by the same names.
 
     definitions: folder with ``.msg`` files that a bag of ROS 2 lacks. A message without such a field gives no row.
     Raises NameNotFound where none has it, NotInstalled and InvalidInput.
     """
+    remarks: list[str] = []
     found = {name: _Rows(one) for name, one in wanted.items()}
     by_topic: dict[str, list[_Rows]] = defaultdict(list)
     for rows in found.values():
         by_topic[rows.wanted.topic].append(rows)
-    for topic, logged, content in messages(path, by_topic.keys(), definitions):
+    for topic, logged, content in messages(path, by_topic.keys(), definitions, remarks):
         for rows in by_topic[topic]:
             rows.add(logged, content)
-    return {name: rows.whole(path) for name, rows in found.items()}
+    whole = {name: rows.whole(path) for name, rows in found.items()}
+    return {
+        name: TableColumns(values=values, units=("",) * values.shape[1], remarks=tuple(remarks)) for name, values in whole.items()
+    }
 
 
 @dataclass(slots=True, eq=False)

@@ -68,7 +68,7 @@ def _fields(path: Path) -> Iterator[tuple[str, list[str]]]:
     """Topics with the fields of their first message."""
     for topic in topics_of(path):
         with suppress(UvmsError):  # such as one without a definition
-            yield topic, [name for _, _, one in islice(messages(path, [topic]), 1) for name in _leaves("", one)]
+            yield topic, [name for _, _, one in islice(messages(path, [topic], None, []), 1) for name in _leaves("", one)]
 
 
 def _leaves(prefix: str, value: Any) -> Iterator[str]:

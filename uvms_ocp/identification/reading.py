@@ -28,9 +28,9 @@ turned to W with z up and B forward-left-up. A world with z up is taken as it is
 from __future__ import annotations
 
 from collections import defaultdict
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
-from functools import partial
+from functools import cache, partial
 from pathlib import Path
 from typing import Annotated, Literal
 
@@ -66,7 +66,7 @@ def even_send_times(arrived: np.ndarray, period: float) -> np.ndarray:
 
 # How the columns of foreign files become channels: a YAML file, or the same as a value.
 
-_DAY, _AROUND_MIDNIGHT = 86_400.0, 600.0  # [s]
+_DAY, _AROUND_MIDNIGHT = 86_400.0, 600.0  # [s]; the latter on each side
 _DOWN = np.diag([1.0, -1.0, -1.0])  # from axes with z down to axes with z up, and back
 UNITS: Mapping[str, Mapping[str, float]] = recordings.CHANNEL_TABLE["units"]
 """By the unit of a channel: units that its values may be given in, and factors."""
@@ -185,6 +185,7 @@ def mapped_recording(source: Path, mapping: RecordingMapping, name: str = "") ->
         _require_meaning(key, one)
     name = name or source.name.partition(".")[0]
     rows = _mapped_rows(source, mapping, name)
+    _pass_midnight(rows.values())
     read = {key: _samples(key, one, rows[key]) for key, one in mapping.channels.items()}
     found = {
         key: replace(one, values=_in_body(key, read)) if mapping.channels[key].frame == "W" else one for key, one in read.items()
@@ -210,19 +211,19 @@ def _mapped_rows(source: Path, mapping: RecordingMapping, name: str) -> dict[str
     """Times [s] and values [as they are] (n, 1 + k) of every channel; of a file of messages all at once."""
     found: dict[str, tables.TableColumns] = {}
     by_path: dict[Path, dict[str, TopicColumns]] = defaultdict(dict)
+    known_topics = cache(topics_of)  # which may read all of a file
     for key, one in mapping.channels.items():
         path = source / one.file.replace("{name}", name) if one.file else source
         if holds_messages(path):
-            if not one.topic and "" not in topics_of(path):  # as messages that name no type are
-                raise InvalidInput(f"{path}: {key} has no topic; give one of {', '.join(topics_of(path))}")
+            if not one.topic and "" not in known_topics(path):  # as messages that name no type are
+                raise InvalidInput(f"{path}: {key} has no topic; give one of {', '.join(known_topics(path))}")
             unit = recordings.SECONDS[one.time_unit or "s"]
             by_path[path][key] = TopicColumns(topic=one.topic, columns=(*one.fields, *one.rows), time=one.time, unit=unit)
         else:
             found[key] = _chosen(key, one, _table_rows(key, one, path, mapping.table))
     for path, wanted in by_path.items():
         definitions = Path(mapping.messages) if mapping.messages else None
-        for key, values in message_rows(path, wanted, definitions).items():
-            rows = tables.TableColumns(values=values, units=("",) * values.shape[1])
+        for key, rows in message_rows(path, wanted, definitions).items():
             found[key] = _chosen(key, mapping.channels[key], rows)
     return found
 
@@ -341,7 +342,6 @@ def _samples(key: str, one: ChannelMapping, table: tables.TableColumns) -> recor
         rows = rows[(rows[:, 1:] != 0.0).any(axis=1)]
     if len(rows) < 2:
         raise InvalidInput(f"fewer than two samples of {key}; leave the channel out")
-    rows[:, 0] = _past_midnight(rows[:, 0])
     back = float((np.maximum.accumulate(rows[:, 0]) - rows[:, 0]).max())
     n, rows = len(rows), _without_echoes(rows)
     given = rows[:, 0]
@@ -356,10 +356,17 @@ def _samples(key: str, one: ChannelMapping, table: tables.TableColumns) -> recor
     )
 
 
-def _past_midnight(t: np.ndarray) -> np.ndarray:
-    """Times of day t (n,) [s] that go on from one day to the next; others as they are."""
-    over = np.concatenate([[False], (t[:-1] > _DAY - _AROUND_MIDNIGHT) & (t[1:] < _AROUND_MIDNIGHT)])
-    return t + _DAY * np.cumsum(over) if t.min() >= 0.0 and t.max() < _DAY else t
+def _pass_midnight(read: Iterable[tables.TableColumns]) -> None:
+    """Let times of day [s] go on from one day to the next, in all channels where those of any do; other times stay.
+
+    All are then within half a day, from middle to middle, of the first that does.
+    """
+    times = [t for t in (one.values[:, 0] for one in read) if np.isfinite(t).any() and not ((t < 0.0) | (t >= _DAY)).any()]
+    going_on = [np.unwrap(t[np.isfinite(t)], _DAY - 2.0 * _AROUND_MIDNIGHT, period=_DAY) for t in times]
+    middles = [0.5 * (t.min() + t.max()) for t in going_on]
+    passing = [middle for middle, t in zip(middles, going_on, strict=True) if t.min() < 0.0 or t.max() >= _DAY]
+    for given, t, middle in zip(times, going_on, middles, strict=True) if passing else ():
+        given[np.isfinite(given)] = t + _DAY * np.round((passing[0] - middle) / _DAY)
 
 
 def _without_echoes(rows: np.ndarray) -> np.ndarray:
