@@ -126,7 +126,7 @@ def values_of(tangent: Tangent, function: BlockFunctions, z: np.ndarray, s: np.n
 def test_curvature_of_stages_is_the_second_difference_on_the_manifold(
     robot: Robot, options: dict[str, object], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("uvms_ocp.ocp.stagewise.functions.compiled_from", lambda name, content, make, module: make())
+    monkeypatch.setattr("uvms_ocp.ocp.stagewise.functions.compiled_from", lambda name, content, make, *modules: make())
     tangent = Tangent(model=StageModel(reach(robot, **({"n_steps": 3} | options)), eliminated=True))
     model, rng, e = tangent.model, np.random.default_rng(3), 1e-3
     function = BlockFunctions(block=term_blocks(model)[0], tangent=tangent, forces=force_rows(model), extra=0)
@@ -162,7 +162,7 @@ def test_a_current_that_thrusters_cannot_hold_against_is_named_infeasible(robot:
 
 
 def test_it_works_without_a_compiler(robot: Robot, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("uvms_ocp.ocp.stagewise.functions.compiled_from", lambda name, content, make, module: make())
+    monkeypatch.setattr("uvms_ocp.ocp.stagewise.functions.compiled_from", lambda name, content, make, *modules: make())
     q = load_robot("planar5")
     problem = single_phase(
         robot=q,

@@ -5,18 +5,28 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import replace
 from itertools import pairwise
+from pathlib import Path
 
 import casadi as ca
 import numpy as np
 import pytest
 
+from uvms_ocp.codegen import compile as building
 from uvms_ocp.codegen.compile import _compilation
+from uvms_ocp.ocp.plan import OcpStatus
+from uvms_ocp.ocp.planner import Planner
 from uvms_ocp.ocp.problem import HessianKind, Integrator, OcpLevel, OcpProblem, single_phase
+from uvms_ocp.ocp.stagewise import functions
 from uvms_ocp.ocp.stagewise.program import StagewiseProgram
-from uvms_ocp.ocp.terms import AtRest, Effort, Smoothness, Term
+from uvms_ocp.ocp.terms import AtRest, Effort, Smoothness, TaskTerm, Term
+from uvms_ocp.ocp.transcription import stage
+from uvms_ocp.ocp.transcription.term_rows import term_blocks
 from uvms_ocp.ocp.transcription.transcription import Transcription
 from uvms_ocp.robot.loading import load_robot
 from uvms_ocp.robot.signals import State
+from uvms_ocp.scenario import pose_at
+from uvms_ocp.solvers.nlp.level_solver import NlpOptions
+from uvms_ocp.tasks.pose import ToolPosition
 
 ROBOT = {"forces", "forces_linear", "force_curvature", "step_curvature", "motion", "motion_linear", "moved"}
 
@@ -34,7 +44,7 @@ def _compiled(
     """Content, source and numbers of all functions that are compiled for a problem, by their names."""
     found: dict[str, tuple[str, str, np.ndarray]] = {}
 
-    def take(name: str, content: str, make: Callable[[], ca.Function], module: str) -> ca.Function:
+    def take(name: str, content: str, make: Callable[[], ca.Function], *modules: str) -> ca.Function:
         assert name not in found, "compiled twice"
         function = make()
         assert function.name() == name
@@ -94,3 +104,46 @@ def test_functions_of_terms_have_no_dynamics_in_them(monkeypatch: pytest.MonkeyP
     found = _sources(_problem(Effort()), monkeypatch)
     of_terms = sum(len(source) for name, source in found.items() if name.startswith(("path_", "end_")))
     assert of_terms < sum(len(found[name]) for name in ROBOT)
+
+
+@pytest.mark.parametrize("limited", [True, False], ids=["forces are variables", "forces are expressions"])
+def test_a_diagnosis_of_a_plan_by_stages_waits_for_no_compiler(limited: bool, monkeypatch: pytest.MonkeyPatch) -> None:
+    tasks = (ToolPosition(goal=pose_at((x, 0.0, 0.0)), name=name) for x, name in ((1.0, "near"), (3.0, "far")))
+    problem = _problem(Effort())
+    problem = replace(problem, constraints=(*problem.constraints, *(TaskTerm(task=task) for task in tasks)), limited=limited)
+    planner = Planner(problem, NlpOptions(plugin="stagewise", time_limit=60.0))
+    begun: list[str] = []
+
+    def make(name: str, content: str, make: Callable[[], ca.Function], *modules: str) -> ca.Function:
+        begun.append(name)
+        return make()
+
+    monkeypatch.setattr(stage, "compiled_from", make)
+    plan = planner.plan()
+    assert begun == []
+    assert plan.status is OcpStatus.INFEASIBLE
+    assert "for any motion near to keep them all" in plan.reason
+
+
+@pytest.mark.parametrize("module", [building.__file__, stage.__file__])
+def test_another_text_of_the_code_that_makes_functions_makes_them_anew(
+    module: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    code_of, entries = building._code_of, dict[str, set[Path]]()
+
+    def begin(function: ca.Function, entry: Path) -> ca.Function:
+        entries.setdefault(function.name(), set()).add(entry)
+        return function
+
+    monkeypatch.setenv("UVMS_OCP_CACHE", str(tmp_path))
+    monkeypatch.setattr(building, "_compiler", lambda: "cc")
+    monkeypatch.setattr(building, "_version", lambda compiler: "1")
+    monkeypatch.setattr(building, "start_compiling", begin)
+    for text in (code_of(module), "another text"):
+        monkeypatch.setattr(building, "_code_of", lambda path, text=text: text if path == module else code_of(path))
+        model = stage.StageModel(_problem(Effort()), eliminated=True)
+        tangent = functions.Tangent(model=model)
+        blocks = [functions.BlockFunctions(block=block, tangent=tangent, forces=None) for block in term_blocks(model)]
+        _ = model.bend, tangent.step_curvature, functions.motion_functions(tangent), [block.curvature for block in blocks]
+    assert entries.keys() >= ROBOT | {"path_0_curvature"}
+    assert {name for name, found in entries.items() if len(found) != 2} == set()

@@ -292,16 +292,16 @@ def start_compiling(function: ca.Function, entry: Path | None = None) -> ca.Func
 
 
 @checked
-def compiled_from(name: str, content: str, make: Callable[[], ca.Function], module: str) -> ca.Function:
+def compiled_from(name: str, content: str, make: Callable[[], ca.Function], *modules: str) -> ca.Function:
     """The function of that name which `make` makes of a content, as `start_compiling` has it.
 
     Where that was compiled before it is not made at all: the cache keeps in which library it is, and with which numbers.
-    content: of all that the function depends on but CasADi, the compiler, and the file `module` in which `make` stands.
+    content: of all that the function depends on but CasADi, the compiler, and the files `modules` of the code that `make` runs.
     """
     compiler, folder = _compiler(), cache_folder()[0]
     if compiler is None or folder is None:
         return make()
-    flags = (_code_of(__file__), _code_of(module), ca.__version__, os.environ.get("UVMS_OCP_CFLAGS", ""))
+    flags = (_code_of(__file__), *map(_code_of, modules), ca.__version__, os.environ.get("UVMS_OCP_CFLAGS", ""))
     entry = folder / f"{_key((name, content), flags, compiler)}{_KEPT_NUMBERS}"
     known = _kept(entry)
     return (known and _function_in(known[0], name, known[1])) or start_compiling(make(), entry)

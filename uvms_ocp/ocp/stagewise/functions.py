@@ -17,7 +17,7 @@ import casadi as ca
 import numpy as np
 
 from uvms_ocp.codegen.compile import compiled_from, content_of
-from uvms_ocp.ocp.transcription.stage import StageModel
+from uvms_ocp.ocp.transcription import stage
 from uvms_ocp.ocp.transcription.term_rows import CONSTRAINT, TermBlock, TermRows
 from uvms_ocp.robot.symbolic_model import SymbolicModel
 
@@ -27,7 +27,7 @@ from uvms_ocp.robot.symbolic_model import SymbolicModel
 class Tangent:
     """Tangent space of states and controls of a step, and derivatives along it."""
 
-    def __init__(self, *, model: StageModel) -> None:
+    def __init__(self, *, model: stage.StageModel) -> None:
         """model: with forces `eliminated`."""
         self.model = model
         self.free = model.problem.free_time
@@ -243,7 +243,7 @@ def chosen(rows: ca.SX, numbers: np.ndarray) -> ca.SX:
     return ca.vertcat(ca.SX(0, 1), *(rows[i] for i in numbers.tolist()))
 
 
-def force_rows(model: StageModel) -> ForceRows:
+def force_rows(model: stage.StageModel) -> ForceRows:
     """Return the rows of the thrusters and joints that have limits."""
     actuators, limited, n = model.actuators, model.problem.limited, model.robot.n_vehicle
     shares = ca.vertcat(*model.inputs)
@@ -275,4 +275,4 @@ def motion_functions(tangent: Tangent) -> tuple[ca.Function, ca.Function, ca.Fun
 
 def compile_made(name: str, content: str, made: Callable[[], tuple[Sequence[ca.SX], Sequence[ca.SX]]]) -> ca.Function:
     """Compile the function of the inputs and outputs that are made of a content, unless that was done before."""
-    return compiled_from(name, content, lambda: ca.Function(name, *made(), {"cse": True}), __file__)
+    return compiled_from(name, content, lambda: ca.Function(name, *made(), {"cse": True}), __file__, stage.__file__)

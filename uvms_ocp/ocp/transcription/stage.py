@@ -14,7 +14,7 @@ and on top of it what cancels out among redundant thrusters, ``z = [q, v, h, a, 
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cache, cached_property, partial
 
@@ -168,8 +168,12 @@ def _nonzeros(matrix: ca.SX) -> ca.SX:
 class StageModel:
     """Symbols and dynamics of one step of a problem's robot."""
 
-    def __init__(self, problem: OcpProblem, *, eliminated: bool = False, like: StageModel | None = None) -> None:
-        """like: another model, whose dynamics serve here too where they are the same."""
+    def __init__(
+        self, problem: OcpProblem, *, eliminated: bool = False, like: StageModel | None = None, compiled: bool = True
+    ) -> None:
+        """like: another model, whose dynamics serve here too where they are the same. compiled: rows and their derivatives
+        become machine code; else CasADi's virtual machine evaluates them, and nothing waits for a compiler.
+        """
         robot = problem.robot
         self.problem, self.robot, self._like = problem, robot, like
         self.actuators = ActuationModel(robot, problem.actuation)
@@ -184,13 +188,18 @@ class StageModel:
         self.water = ca.SX.sym("u", 3)
         """(3,) [m/s] velocity of the water."""
         self._dynamics = robot_dynamics(robot).symbolic if problem.water else SymbolicDynamics(model=robot.model)
-        self._eliminated = eliminated
+        self._eliminated, self._compiled = eliminated, compiled
+
+    @property
+    def derivatives(self) -> Callable[..., Derivatives]:
+        """Return `compiled_derivatives`, or `derivatives` where nothing is to be compiled."""
+        return compiled_derivatives if self._compiled else derivatives
 
     @property
     def kind(self) -> tuple[object, ...]:
         """Return the key of the dynamics."""
         problem = self.problem
-        return self.robot, problem.integrator, problem.actuation, problem.hessian, problem.water, self.layout
+        return self.robot, problem.integrator, problem.actuation, problem.hessian, problem.water, self.layout, self._compiled
 
     @cached_property
     def dynamics(self) -> Derivatives:
@@ -210,8 +219,8 @@ class StageModel:
             )
             rows = ca.vertcat(rows, (self.required_force - given) / ca.DM(self.actuators.force_unit))
         exact = self.problem.hessian is HessianKind.EXACT
-        if not (exact and self.has_force_variables):
-            return compiled_derivatives("dynamics", z, self.water, rows, residuals=None if exact else ())
+        if not (self._compiled and exact and self.has_force_variables):
+            return self.derivatives("dynamics", z, self.water, rows, residuals=None if exact else ())
         begun = self.bend, self._curvature(rows)
         found = compiled_derivatives("dynamics", z, self.water, rows, residuals=())
         bend, curvature = (compile_function(function) for function in begun)

@@ -18,7 +18,7 @@ import numpy as np
 from uvms_ocp.errors import InvalidInput, UvmsError
 from uvms_ocp.ocp.problem import HessianKind, OcpLevel, OcpPhase, OcpProblem, counts_at_end, counts_on_path
 from uvms_ocp.ocp.terms import Term
-from uvms_ocp.ocp.transcription.stage import Derivatives, StageModel, compiled_derivatives, derivatives
+from uvms_ocp.ocp.transcription.stage import Derivatives, StageModel, derivatives
 from uvms_ocp.solvers.nlp.program import RowKinds, half_square, row_kinds, signed_excess
 from uvms_ocp.tasks.task import Residual
 
@@ -124,7 +124,7 @@ class TermRows:
         exact = self.model.problem.hessian is HessianKind.EXACT
         residuals = None if exact else self.errors
         # Terms of forces hold the equations of motion where forces are no variables.
-        make = derivatives if self.model.has_force_variables else compiled_derivatives
+        make = derivatives if self.model.has_force_variables else self.model.derivatives
         return make(self.name, self.model.z, self.parameters, self.rows, costs=self.costs, residuals=residuals)
 
     @cached_property

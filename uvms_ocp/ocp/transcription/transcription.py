@@ -23,6 +23,7 @@ from uvms_ocp.ocp.trajectory import Trajectory
 from uvms_ocp.ocp.transcription import layout as layouts, term_rows
 from uvms_ocp.ocp.transcription.stage import Derivatives, StageModel
 from uvms_ocp.robot.signals import State
+from uvms_ocp.solvers.nlp.level_solver import STAGEWISE
 from uvms_ocp.solvers.nlp.program import LevelNlp, LevelRows, LexicographicProgram, RowRanges, nlp_functions
 
 # Placing nonzeros into large sparse matrices, as CasADi MX.
@@ -279,7 +280,7 @@ class Transcription:
     def __init__(self, problem: OcpProblem, *, plugin: str = "ipopt", like: Transcription | None = None) -> None:
         """like: of another problem, whose dynamics serve here too where they are the same."""
         self.problem, self._plugin = problem, plugin
-        self.model: StageModel = StageModel(problem, like=None if like is None else like.model)
+        self.model: StageModel = StageModel(problem, like=None if like is None else like.model, compiled=plugin != STAGEWISE)
         self.blocks = term_rows.term_blocks(self.model)
         self.variables = layouts.VariableLayout(model=self.model)
         self._own_bounds = self.variables.bounds(problem)
@@ -301,7 +302,9 @@ class Transcription:
 
     @cached_property
     def _horizon(self) -> Horizon:
-        """Compiled where it is asked for: a solver that goes from step to step has functions of its own."""
+        """Made where it is asked for: a solver that goes from step to step has functions of its own, and only a diagnosis asks
+        for these, uncompiled as its clock runs.
+        """
         return horizon(self.variables, self.parameter_layout, self.row_layout, self._ends)
 
     def _fitted(self, problem: OcpProblem | None) -> term_rows.ReusedProblem:
