@@ -51,7 +51,7 @@ def test_locked_brakes_are_in_the_record() -> None:
     [
         ({"foo": 3}, "unknown channel 'foo'"),
         ({"position": 2}, "position has 3 numbers, 2 are to be kept"),
-        ({"position": 0}, "give a whole number >= 1"),
+        ({"position": -1}, "give a whole number >= 0"),
     ],
 )
 def test_what_is_to_be_kept_is_asked_for_by_channel_and_size(kept: dict[str, int], why: str) -> None:

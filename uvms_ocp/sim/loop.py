@@ -21,7 +21,7 @@ from uvms_ocp.record.meta_values import LARGEST
 from uvms_ocp.record.record import Recorder
 from uvms_ocp.robot.signals import CHANNELS, ChannelHealth, Command, Reading, Readings, State, StateEstimate
 from uvms_ocp.sim.plant import Plant
-from uvms_ocp.types import AtLeastOne, Positive
+from uvms_ocp.types import Count, Positive
 
 _log = logging.getLogger(__name__)
 
@@ -60,7 +60,7 @@ def simulate(
     duration: Positive,
     progress: Progress | None = None,
     observer: TickObserver | None = None,
-    kept_readings: Mapping[str, AtLeastOne] | None = None,
+    kept_readings: Mapping[str, Count] | None = None,
     recorder: Recorder | None = None,
 ) -> Recorder:
     """Run until the command says finished or `duration` [s] is over; one row per tick, before its step.
