@@ -132,7 +132,7 @@ def test_a_plan_is_saved_as_text_and_as_arrays(planner: Planner, tmp_path: Path)
 def test_misuse_is_refused(robot: Robot) -> None:
     with pytest.raises(InvalidInput, match="time > 0"):
         reach(robot, duration=-1.0)
-    with pytest.raises(InvalidInput, match="at least 1"):
+    with pytest.raises(InvalidInput, match="give a whole number >= 1"):
         reach(robot, n_steps=0)
     with pytest.raises(InvalidInput, match="three finite numbers"):
         reach(robot, current=np.array([np.nan, 0, 0]))
