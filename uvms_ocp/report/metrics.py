@@ -228,13 +228,15 @@ def energy_of_quick_thrust(record: Record) -> float | None:
     dt, width = record.run_meta.dt, round(_QUICK / record.run_meta.dt)
     if not {"thrust", "thruster_energy"} <= record.series.keys() or not 2 < width < len(record):
         return None
-    excess = 0.0
-    for thrust, energy in zip(record["thrust"].T, record["thruster_energy"].T, strict=True):
+    thrusts, energies, excess = record["thrust"], record["thruster_energy"], 0.0
+    if thrusts.ndim != 2 or thrusts.shape != energies.shape:  # of another's file
+        return None
+    for thrust, energy in zip(thrusts.T, energies.T, strict=True):
         power, thrust = np.diff(energy) / dt, (thrust[1:] + thrust[:-1]) / 2.0
         order = np.argsort(thrust)
         steady = np.interp(uniform_filter1d(thrust, width, mode="nearest"), thrust[order], power[order])
         excess += dt * float(np.sum(power - steady))
-    return None if np.isnan(excess) else excess
+    return excess if np.isfinite(excess) else None
 
 
 _PASSED, _STRUCK = 1.02, 1.2  # shares of a joint's limit of velocity that are kept, and while a fault is new

@@ -125,7 +125,10 @@ class SensorSuite:
 
 
 def sources_of(robot: Robot, seafloor: Seafloor, specs: SensorSpecs, altimeter_frame: str | None) -> dict[str, Source]:
-    """Return, by channel, the true value, how an error acts on it and the number of its components."""
+    """Return, by channel, the true value, how an error acts on it and the number of its components.
+
+    A true specific force raises `InvalidInput` for a state without its acceleration.
+    """
     joint_q, joint_v, n = robot.joint_q, robot.joint_v, robot.n_joints
     sources: dict[str, Source] = {
         "joint_positions": (lambda state: state.q[joint_q], _joint_disturbance(robot), n),
