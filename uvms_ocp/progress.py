@@ -39,7 +39,7 @@ def progress_bar(*, shown: bool = True, **given: Any) -> Any:
 
 
 class _NoBar:
-    """What is asked of a bar of tqdm where nobody looks, which needs no library."""
+    """Stands in for a bar of tqdm where nobody looks, and does nothing, so that tqdm is not imported."""
 
     disable, n = True, 0.0
     update = set_postfix = set_description_str = __exit__ = staticmethod(lambda *_, **__: None)

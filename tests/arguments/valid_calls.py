@@ -717,7 +717,7 @@ ARGUMENTS: dict[str, Callable[[], Arguments]] = {
     "BufferedFunction.adopt": dict,
     "CoalDistances.near": lambda: {"thresholds": np.full(len(scene().pairs), 0.1)},
     "CollisionScene": lambda: fields_of(scene()),
-    "CollisionScene.wanted": lambda: {"of_obstacles": 0.1, "of_links": 0.02},
+    "CollisionScene.per_pair": lambda: {"of_obstacles": 0.1, "of_links": 0.02},
     "CollisionScene.check_no_overlap": lambda: {"distances": np.ones(len(scene().pairs))},
     "CollisionScene.nearest": lambda: {"t": np.arange(2.0), "distances": np.ones((2, len(scene().pairs)))},
     "CollisionPlan": lambda: fields_of(path_plan()),

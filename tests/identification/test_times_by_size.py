@@ -23,3 +23,8 @@ def test_a_time_since_1970_is_read_in_its_unit(factor: float, unit: str, given: 
     recording = mapped_recording(tmp_path / "log.csv", RecordingMapping.model_validate({"channels": {"position": channel}}))
     read = recording.channels["position"].t
     assert read - read[0] == pytest.approx(t - t[0], abs=1e-3)
+    lines = [f'{{"stamp": {row.split(",")[0]}, "p": [{",".join(row.split(",")[1:])}]}}' for row in rows]
+    (tmp_path / "log.jsonl").write_text("\n".join(lines) + "\n")
+    channel = channel | {"columns": ["p[0]", "p[1]", "p[2]"]}
+    of_lines = mapped_recording(tmp_path / "log.jsonl", RecordingMapping.model_validate({"channels": {"position": channel}}))
+    assert of_lines.channels["position"].t - of_lines.channels["position"].t[0] == pytest.approx(t - t[0], abs=1e-3)

@@ -68,7 +68,7 @@ def test_links_keep_a_clearance_of_their_own(robot: Robot) -> None:
         costs.append(result.plan.cost.collision)
     assert costs[0] < costs[1] == costs[2] < costs[3]
     scene = plan_path(PlanRequest(robot=robot, start=start, goal=goal, axes="joints", obstacles=(BALL,))).scene
-    assert np.flatnonzero(scene.wanted(0.1, 0.02) == 0.02).tolist() == scene.groups()["its own links"]
+    assert np.flatnonzero(scene.per_pair(0.1, 0.02) == 0.02).tolist() == scene.groups()["its own links"]
 
 
 @pytest.mark.parametrize("other", [None, 0.06, 0.02, 3.0])

@@ -16,6 +16,7 @@ from uvms_ocp.scenario.options import RunOptions, abort_phase, activate, current
 from uvms_ocp.scenario.preflight import Severity
 from uvms_ocp.scenario.scenario import Scenario
 from uvms_ocp.tasks import Alignment, HorizontalAttitude, JointLimits, JointTracking, MinimumAltitude, ToolPosition, VehiclePose
+from uvms_ocp.types import Point
 
 WAY_POINT, TARGET = (3.0, 0.0, -8.0), (4.1, 0.0, -8.6)
 
@@ -26,50 +27,38 @@ def loaded(load: float) -> RunOptions:
     return run_options({"robot": six_thrusters(), "payload": body if load else None, "duration": 60.0}, seabed=-12.0)
 
 
-def swim(load: float, *, aligned: bool = True) -> Scenario:
-    """To a way point 3.6 m away with a load [kg] at the tool."""
-    run = loaded(load)
+def scenario_of(
+    run: RunOptions, start: Point, target: Point, on: tuple[str, ...], ends: uo.Transition, tools: tuple[ToolPosition, ...] = ()
+) -> Scenario:
+    """One phase from a start, with its bow on a target, with the tasks that are on."""
     robot = run.robot
     tasks = [
         JointLimits(),
         MinimumAltitude(),
         HorizontalAttitude(),
-        Alignment(goal=TARGET),
+        Alignment(goal=target),
+        *tools,
         VehiclePose(goal=uo.pose_at(WAY_POINT)),
         JointTracking(joints=robot.joint_names, goal=robot.home),
     ]
+    phase = uo.Phase(name="A", activations=activate(*on), transitions=(ends,))
+    mission = mission_of(robot, tasks, (phase,), abort=abort_phase("JL", "MAC", "HA", "MP"))
+    return run.scenario(name="six", mission=mission, start=run.start(uo.pose_at(start)), markers={})
+
+
+def swim(load: float, *, aligned: bool = True) -> Scenario:
+    """To a way point 3.6 m away with a load [kg] at the tool."""
     on = ("JL", "MAC", "HA", *(("AT",) if aligned else ()), "PC", "MP")
     arrived = uo.Below(quantity="PC.position_error", limit=0.1)
     there = (arrived, uo.Below(quantity="AT.misalignment", limit=0.1)) if aligned else (arrived,)
-    phase = uo.Phase(name="A", activations=activate(*on), transitions=(uo.Transition(to=uo.DONE, when=there, hold=1.0),))
-    return run.scenario(
-        name="swim",
-        mission=mission_of(robot, tasks, (phase,), abort=abort_phase("JL", "MAC", "HA", "MP")),
-        start=run.start(uo.pose_at((0.0, 0.0, -6.0))),
-        markers={},
-    )
+    return scenario_of(loaded(load), (0.0, 0.0, -6.0), TARGET, on, uo.Transition(to=uo.DONE, when=there, hold=1.0))
 
 
 def reach(run: RunOptions, limit: float) -> Scenario:
     """With the tool, from rest at the way point, until it is nearer than the limit [m]."""
-    robot, target = run.robot, (4.3, 0.0, -8.6)
-    tasks = [
-        JointLimits(),
-        MinimumAltitude(),
-        HorizontalAttitude(),
-        Alignment(goal=target),
-        ToolPosition(goal=uo.pose_at(target)),
-        VehiclePose(goal=uo.pose_at(WAY_POINT)),
-        JointTracking(joints=robot.joint_names, goal=robot.home),
-    ]
+    target, on = (4.3, 0.0, -8.6), ("JL", "MAC", "HA", "AT", "TP", "PC", "MP")
     there = uo.Transition(to=uo.DONE, when=(uo.Below(quantity="TP.position_error", limit=limit),), hold=1.0)
-    phase = uo.Phase(name="B", activations=activate("JL", "MAC", "HA", "AT", "TP", "PC", "MP"), transitions=(there,))
-    return run.scenario(
-        name="reach",
-        mission=mission_of(robot, tasks, (phase,), abort=abort_phase("JL", "MAC", "HA", "MP")),
-        start=run.start(uo.pose_at(WAY_POINT)),
-        markers={},
-    )
+    return scenario_of(run, WAY_POINT, target, on, there, (ToolPosition(goal=uo.pose_at(target)),))
 
 
 def test_a_pitch_beyond_its_limit_slows_no_other_axis() -> None:

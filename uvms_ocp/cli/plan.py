@@ -19,7 +19,7 @@ from uvms_ocp.interrupts import Interrupted
 from uvms_ocp.mission_plan.planner import OPTIONS, plan_mission
 from uvms_ocp.ocp import OcpRequest, OcpStatus, solve_ocp
 from uvms_ocp.planning.request import AXES, Goal, PlanRequest, PostureGoal, ToolGoal, Triple, plan_path
-from uvms_ocp.record.output import claim_folder
+from uvms_ocp.record.output import RECORD, claim_folder
 from uvms_ocp.record.record import Record
 from uvms_ocp.report.planned_motion import motion_record, ocp_record, ocp_report, plan_report
 from uvms_ocp.robot import Robot
@@ -104,7 +104,7 @@ def _joint_goal(words: str) -> tuple[str, float]:
 
 # What a plan of any method writes and prints.
 
-_FILES = ("report.json", "plan.npz", "plan.csv", "plan.json", "record.npz", "scene.html")
+_FILES = ("report.json", "plan.npz", "plan.csv", "plan.json", RECORD, "scene.html")
 """Files that a plan may write beside its figures; which of them depends on the method and the outcome."""
 
 
@@ -137,7 +137,7 @@ class PlanOutput:
         if self.save is not None:
             self.save(folder)
         if self.record is not None:
-            self.record.save(folder / "record.npz")
+            self.record.save(folder / RECORD)
         return [path.name for path in folder.iterdir()]
 
 

@@ -27,7 +27,7 @@ from uvms_ocp.errors import InvalidInput, OutputError, plain_line, require_known
 from uvms_ocp.interrupts import Interrupted
 from uvms_ocp.mission_plan.planner import MissionPlan
 from uvms_ocp.record.durable_files import discard
-from uvms_ocp.record.output import RUNNING, claim_folder
+from uvms_ocp.record.output import RECORD, RUNNING, claim_folder
 from uvms_ocp.record.record import Record
 from uvms_ocp.record.row_files import META
 from uvms_ocp.report.summary import format_load, summarize
@@ -165,7 +165,7 @@ def run_and_write(
 
     Raises `InvalidInput` for what pre-flight refuses, unless forced.
     """
-    running, names = out / RUNNING, (_RECORD, "report.json", "scene.html", *(f"figures/{name}.png" for name in _figures()))
+    running, names = out / RUNNING, (RECORD, "report.json", "scene.html", *(f"figures/{name}.png" for name in _figures()))
     with claim_folder(out, names) as claim:
         preflight = scenario.check()
         printing.require_accepted(preflight, scenario.name, console, force=force)
@@ -175,10 +175,10 @@ def run_and_write(
         with _watched(scenario, console) if live else nullcontext() as observer:
             record = _simulate(scenario, plan, console, observer, running)
         with claim.staged() as staging:
-            record.save(staging / _RECORD)
+            record.save(staging / RECORD)
         discard(running)
         report = summarize(record) | {"preflight": preflight.to_dict()}
-        with claim.staged(keep=[_RECORD]) as staging:
+        with claim.staged(keep=[RECORD]) as staging:
             (staging / "report.json").write_text(json.dumps(report, indent=2) + "\n")
             (staging / "figures").mkdir()
             ghost = None if plan is None else partial(plan.to_record, scenario)
@@ -223,7 +223,7 @@ def _simulate(
         return cast(Record, stop.result)
 
 
-_RECORD, SCENE = "record.npz", "scene"
+SCENE = "scene"
 
 
 def _figures() -> Iterable[str]:

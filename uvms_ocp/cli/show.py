@@ -22,7 +22,7 @@ from uvms_ocp.errors import InvalidInput, plain_line
 from uvms_ocp.mission_plan.planner import MissionPlan
 from uvms_ocp.ocp.plan import Plan
 from uvms_ocp.record.durable_files import discard
-from uvms_ocp.record.output import RUNNING, STORE, claim_folder, recover_folder
+from uvms_ocp.record.output import RECORD, RUNNING, STORE, claim_folder, recover_folder
 from uvms_ocp.record.record import Record
 from uvms_ocp.record.row_files import META
 from uvms_ocp.report.comparison import compare
@@ -61,7 +61,6 @@ def mission(
 
 # ``compare``: two runs, or two plans, side by side.
 
-RECORD = "record.npz"
 _WHAT = "Folder of a run or of a plan, its record.npz, or what is run first:"
 
 

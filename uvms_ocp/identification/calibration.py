@@ -253,9 +253,9 @@ class HeldConstant:
     change: float
     """[standard errors] of that number."""
     value: float = 0.0
-    """Of noise, else what the declaration has."""
+    """Value that the fit takes for it, of noise; of all others the declaration has it."""
     unit: str = ""
-    """Of that value."""
+    """Unit of `value`."""
 
 
 def held_constants(

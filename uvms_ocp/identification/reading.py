@@ -224,25 +224,36 @@ def _mapped_rows(source: Path, mapping: RecordingMapping, name: str) -> dict[str
     for path, wanted in by_path.items():
         definitions = Path(mapping.messages) if mapping.messages else None
         for key, rows in message_rows(path, wanted, definitions).items():
-            found[key] = _chosen(key, mapping.channels[key], rows)
+            one = mapping.channels[key]
+            found[key] = _chosen(key, one, rows if one.time_unit else _unix_seconds(rows))
     return found
 
 
 _UNIX_TIME = {"ns": 1e17, "us": 1e14, "ms": 1e11}
-"""What a time since 1970 exceeds in each unit, in which seconds would be some thousand years."""
+"""Least number of a time since 1970 in each unit: read as seconds it would be some thousand years."""
+
+
+def _unix_seconds(rows: tables.TableColumns) -> tables.TableColumns:
+    """Convert times whose unit nobody gives, in the first column, to seconds where their size tells it, and say so."""
+    times = rows.values[:, 0]
+    largest = np.abs(times).max(initial=0.0, where=np.isfinite(times))
+    unit = next((unit for unit, least in _UNIX_TIME.items() if largest >= least), "")
+    if not unit:
+        return rows
+    values = rows.values * [recordings.SECONDS[unit], *np.ones(rows.values.shape[1] - 1)]
+    return replace(rows, values=values, layout=", ".join(filter(None, (rows.layout, f"times in {unit}"))))
 
 
 def _table_rows(key: str, one: ChannelMapping, path: Path, given: TextFormat | None) -> tables.TableColumns:
     if one.topic or not one.time:
         raise InvalidInput(f"{path}: {key} is in a table; give its time, and no topic")
     table = tables.read_table(path, [one.time, *one.fields, *one.rows], given)
-    said = _SPELLED.get(table.units[0], table.units[0])
-    largest = np.abs(table.values[:, 0]).max(initial=0.0, where=np.isfinite(table.values[:, 0]))
-    sized = next((unit for unit, least in _UNIX_TIME.items() if largest >= least), "s")
-    unit = one.time_unit or (said if said in recordings.SECONDS else sized)
-    values = table.values * [recordings.SECONDS[unit], *np.ones(len(table.units) - 1)]
-    layout = ", ".join(part for part in (table.layout, f"times in {unit}" if unit == sized != "s" else "") if part)
-    return replace(table, values=values, layout=f"{path.name}: {layout}" if layout else "")
+    unit = one.time_unit or _SPELLED.get(table.units[0], table.units[0])
+    if unit in recordings.SECONDS:
+        table = replace(table, values=table.values * [recordings.SECONDS[unit], *np.ones(len(table.units) - 1)])
+    else:
+        table = _unix_seconds(table)
+    return replace(table, layout=f"{path.name}: {table.layout}" if table.layout else "")
 
 
 def _chosen(key: str, one: ChannelMapping, table: tables.TableColumns) -> tables.TableColumns:

@@ -255,7 +255,7 @@ def _number_table(one: Calibration) -> Iterator[str]:
 
 
 def _own(one: Calibration) -> Iterator[str]:
-    """What every recording has for itself; nothing where that is known."""
+    """Tabulate the numbers that each recording has for itself, such as its current; nothing where none are learnt."""
     own = one.subject.vehicle.own
     if own.names:
         units = [own.declaration.quantities[name.partition(" ")[0]].unit for name in own.names]

@@ -177,7 +177,7 @@ def calibrated_robot(settings: CalibrationSettings, folder: Path) -> CalibratedR
 
 
 def _along(axes: Sequence[str], known: Declaration, name: str, status: ParameterStatus) -> ParameterStatus:
-    """Of a quantity with coordinates by axes those of axes along which the vehicle moves: others show nothing."""
+    """Leave out the coordinates of axes along which the vehicle is held: a recording shows nothing of them."""
     names, others = known.quantities[name].coordinates.names if name in known.quantities else (), set(parameters.AXES) - set(axes)
     held = [one for one in names if others.intersection(one.replace(" from ", "-").split("-"))]
     return replace(status, only=tuple(one for one in status.only or names if one not in held)) if held else status

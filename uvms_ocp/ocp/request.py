@@ -209,8 +209,8 @@ def _problem(request: OcpRequest, scene: CollisionScene) -> OcpProblem:
 def _margins(request: OcpRequest, scene: CollisionScene) -> Array:
     """(n_pairs,) [m] what is asked for, or less where start or goal have less."""
     ends = start_distances(scene, request.start), goal_distances(scene, request.goal, request.start)
-    wanted = scene.wanted(request.clearance, request.link_clearance)
-    return np.minimum(wanted, np.minimum(*ends) * scene.wanted(_OF_OBSTACLES, _OF_LINKS))
+    wanted = scene.per_pair(request.clearance, request.link_clearance)
+    return np.minimum(wanted, np.minimum(*ends) * scene.per_pair(_OF_OBSTACLES, _OF_LINKS))
 
 
 def _within(robot: Robot, q: Array) -> Array:

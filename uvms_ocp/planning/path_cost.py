@@ -378,7 +378,7 @@ class PathCost:
     def _clearances(self) -> Array:
         """(n_pairs,) [m] where each pair's penalty begins: links close by design keep half their distance."""
         scene = self.distances.scene
-        return np.minimum(scene.wanted(self.weights.clearance, self.weights.link_clearance), scene.room)
+        return np.minimum(scene.per_pair(self.weights.clearance, self.weights.link_clearance), scene.room)
 
     def _by_derivative(self, variables: Array) -> Array:
         return variables.reshape(len(variables), self.pieces.k, -1).transpose(1, 0, 2)

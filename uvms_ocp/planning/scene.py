@@ -291,7 +291,7 @@ class CollisionScene:
             groups.setdefault(name, []).append(index)
         return groups
 
-    def wanted(self, of_obstacles: Finite, of_links: Finite | None) -> Array:
+    def per_pair(self, of_obstacles: Finite, of_links: Finite | None) -> Array:
         """(n_pairs,) the one number for pairs with an obstacle, the other, where it is given, for those of two links."""
         links = [of_links is not None and not self.is_obstacle(pair.first) for pair in self.pairs]
         return np.where(links, of_obstacles if of_links is None else of_links, of_obstacles)

@@ -23,6 +23,7 @@ from uvms_ocp.record.durable_files import discard, locked, remove_empty, replaci
 
 STORE = ".uvms_ocp"  # in every folder that we write to
 RUNNING = f"{STORE}/running"  # rows of a run that goes on, or that was cut off
+RECORD = "record.npz"  # of a run or of a plan
 
 
 def _inner(name: str) -> str:

@@ -53,7 +53,7 @@ class RecordedEstimate(TableDisplay):
     channels: tuple[Mapping[str, Any], ...]
     """A row for each, see `estimate_recording`."""
     same: bool | None = None
-    """Whether it is that of the run, to the last bit; `None` where the recording has none."""
+    """The estimate equals that which the run recorded, to the last bit; `None` for a recording without an estimate."""
 
     def _table(self) -> SmallTable:
         rows = tuple(tuple(map(cell, row.values())) for row in self.channels)

@@ -47,7 +47,7 @@ NARROW = 5.0  # [in] below it views stand one below the other
 _FONT = 8.5  # [points] of the style, that sizes are given for
 
 Width: TypeAlias = Literal["page", "column"] | Annotated[float, Range(1.0, 100.0)]
-"""Of a figure of our own: of a page or a column of a journal, or [in]."""
+"""Width of a figure that is not the caller's: of a page or a column of a journal, or a number [in]."""
 Given: TypeAlias = Figure | SubFigure | None
 """A figure of the caller's, or a part of one, to draw on."""
 Page: TypeAlias = tuple[Given, Width]

@@ -271,7 +271,8 @@ def _stances_after(setup: Setup, visit: Visit) -> tuple[Stance, ...]:
     if landing is not None:
         aim = landing.landing_distance + landing.safeguard
         altitude = threshold_of(visit.phase, f"{landing.name}.altitude") or aim
-        places = [(x, y, setup.floor_at(x, y) + altitude - setup.altimeter_height()) for x, y, _ in (s.position for s in stances)]
+        height = setup.altimeter_height()
+        places = [(x, y, setup.floor_at(x, y) + altitude - height) for x, y, _ in (s.position for s in stances)]
         stances = tuple(replace(stance, position=np.array(place)) for stance, place in zip(stances, places, strict=True))
     return stances
 
