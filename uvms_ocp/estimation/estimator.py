@@ -15,19 +15,8 @@ from uvms_ocp.checks import checked, checked_constructor, checked_dataclass, che
 from uvms_ocp.codegen.kernel_layout import arrays_of, zeros
 from uvms_ocp.codegen.kernels import bind_kernels
 from uvms_ocp.errors import InvalidInput, NameNotFound
-from uvms_ocp.estimation.filter_memory import (
-    MAIN,
-    N_CHANNELS,
-    N_VEHICLE,
-    NUMBER,
-    RESPONSE_TIME,
-    ChannelIndex,
-    EstimatorTuning,
-    FilterMemory,
-    Part,
-    filter_memory,
-    initialise,
-)
+from uvms_ocp.estimation import filter_memory as filtering
+from uvms_ocp.estimation.filter_memory import NUMBER, ChannelIndex, EstimatorTuning, Part
 from uvms_ocp.estimation.joint_filters import fuse_joints, predict_joints
 from uvms_ocp.estimation.measurement_update import fuse
 from uvms_ocp.estimation.vehicle_model import inflate_velocity_variance, predict, predict_measurement, rotate_back, rotation
@@ -40,7 +29,7 @@ from uvms_ocp.types import Array, read_only
 # One tick of the Kalman filter, as a kernel: from the inputs in its memory to the outputs there.
 
 
-def advance_filter(m: FilterMemory) -> None:
+def advance_filter(m: filtering.FilterMemory) -> None:
     """Run one tick: predict, fuse what is fresh, and write the outputs."""
     m.dt = m.now - m.before if m.started else 0.0
     m.started = True
@@ -55,13 +44,13 @@ def advance_filter(m: FilterMemory) -> None:
         m.std[6 + j] = math.sqrt(max(m.joint_P[j][0][0], 0.0))
     m.age[0] = 0.0
     m.age[1] = max(m.now - m.used[ChannelIndex.JOINT_POSITIONS], 0.0)
-    for c in range(N_CHANNELS):
+    for c in range(filtering.N_CHANNELS):
         if m.needed[c] > 0.0:
             m.age[0] = max(m.now - m.used[c], m.age[0])
         m.fresh[c] = 0.0
 
 
-def _write_vehicle_outputs(m: FilterMemory) -> None:
+def _write_vehicle_outputs(m: filtering.FilterMemory) -> None:
     R, s = zeros(9), m.predicted
     rotation(m.turn, R)
     rotate_back(R, m.x, Part.SPEED, m.twist)
@@ -69,7 +58,7 @@ def _write_vehicle_outputs(m: FilterMemory) -> None:
         m.twist[3 + i] = m.x[Part.SPIN + i]
         m.std[i] = math.sqrt(max(m.P[Part.PLACE + i][Part.PLACE + i], 0.0))
         m.std[3 + i] = math.sqrt(max(m.P[Part.TURN + i][Part.TURN + i], 0.0))
-    predict_measurement(m, ChannelIndex.ALTIMETER_RANGE, MAIN)
+    predict_measurement(m, ChannelIndex.ALTIMETER_RANGE, filtering.MAIN)
     has_floor = s.h[1] > STEEP and m.now - m.echo <= m.echo_memory
     m.range[0] = s.h[0] / s.h[1] if has_floor else math.nan
     m.range[1] = math.sqrt(max(s.S[0][0], 0.0)) / s.h[1] if has_floor else math.nan
@@ -228,8 +217,8 @@ class Estimator(TableDisplay):
         altimeter_frame = altimeter_frame or robot.description.altimeter
         frame = None if specs.altimeter_range is None or not robot.n_vehicle else altimeter_frame
         self._n_vehicle = robot.n_vehicle
-        self._filter = filter_memory(robot.n_joints)
-        initialise(self._filter, robot, specs, tuning)
+        self._filter = filtering.filter_memory(robot.n_joints)
+        filtering.initialise(self._filter, robot, specs, tuning)
         self.memory = memory = arrays_of(self._filter)
         """All numbers of the filter, for who studies it: the arrays of a `FilterMemory`."""
         for name in needed_channels(robot, specs, altimeter_frame):
@@ -254,7 +243,7 @@ class Estimator(TableDisplay):
         """
         dt = self._elapsed(t)
         if command is not None:
-            self._response = command.v + math.exp(-dt / RESPONSE_TIME) * (self._response - command.v)
+            self._response = command.v + math.exp(-dt / filtering.RESPONSE_TIME) * (self._response - command.v)
             self.memory.commanded[6 - self._n_vehicle :] = self._response
             if command.brakes:
                 self.memory.joint_x[:, 1] = 0.0  # carried on as fast as before, nothing would agree with it again
@@ -309,7 +298,7 @@ class Estimator(TableDisplay):
     @property
     def covariance(self) -> Array:
         """(MAIN, MAIN) [SI] of the vehicle's errors, in the order of `Part`."""
-        upper = np.triu(self.memory.P[:MAIN, :MAIN])
+        upper = np.triu(self.memory.P[: filtering.MAIN, : filtering.MAIN])
         return np.asarray(upper + np.triu(upper, 1).T)
 
     @property
@@ -332,10 +321,10 @@ class Estimator(TableDisplay):
             if reading is None or reading is seen[name] or name in self._refused:
                 continue
             seen[name], c = reading, NUMBER[name]
-            if c < N_VEHICLE:
+            if c < filtering.N_VEHICLE:
                 memory.value[c, : np.size(reading.value)] = reading.value
             else:
-                memory.joint_value[c - N_VEHICLE] = self._chart.values(name, reading.value)
+                memory.joint_value[c - filtering.N_VEHICLE] = self._chart.values(name, reading.value)
             memory.fresh[c], memory.stamp[c] = 1.0, reading.t
 
     def _estimate(self) -> StateEstimate:

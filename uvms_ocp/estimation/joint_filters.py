@@ -5,42 +5,17 @@ from __future__ import annotations
 import math
 
 from uvms_ocp.codegen.kernel_layout import zeros
-from uvms_ocp.estimation.filter_memory import (
-    EARLY,
-    GATE_RELAXATION,
-    JOINT_SLOTS,
-    JOINT_STATES,
-    LARGEST,
-    LONGEST_STEP,
-    N_CHANNELS,
-    UNKNOWN,
-    ChannelIndex,
-    FilterMemory,
-    ProcessNoise,
-)
-from uvms_ocp.estimation.measurement_update import (
-    NONE,
-    free_expired,
-    free_slot,
-    is_due,
-    is_of_now,
-    jolt_allowance,
-    nearest_clone,
-    planned_allowance,
-    record_outcome,
-    space_clones,
-    time_since_accepted,
-    update_lag,
-)
+from uvms_ocp.estimation import filter_memory as filtering, measurement_update as update
+from uvms_ocp.estimation.filter_memory import JOINT_SLOTS, JOINT_STATES, FilterMemory
 from uvms_ocp.estimation.vehicle_model import is_determined, response_variance
 
-_FIRST = int(ChannelIndex.JOINT_POSITIONS)
+_FIRST = int(filtering.ChannelIndex.JOINT_POSITIONS)
 
 
 def predict_joints(m: FilterMemory) -> None:
     """Advance by the time of the tick."""
-    dt, drive = m.dt, m.drive[ProcessNoise.JOINT] * m.drive[ProcessNoise.JOINT]
-    h, n = min(LONGEST_STEP, dt), _active(m)
+    dt, drive = m.dt, m.drive[filtering.ProcessNoise.JOINT] * m.drive[filtering.ProcessNoise.JOINT]
+    h, n = min(filtering.LONGEST_STEP, dt), _active(m)
     for j in range(m.n_joints):
         x = m.joint_x[j]
         if m.has_command:
@@ -98,26 +73,26 @@ def _clear(m: FilterMemory, j: int, i: int, variance: float) -> None:
 
 def fuse_joints(m: FilterMemory) -> None:
     """Use what is fresh, then clone what late channels see now."""
-    space_clones(m, _FIRST, N_CHANNELS, JOINT_SLOTS)
-    for c in range(_FIRST, N_CHANNELS):
+    update.space_clones(m, _FIRST, filtering.N_CHANNELS, JOINT_SLOTS)
+    for c in range(_FIRST, filtering.N_CHANNELS):
         if m.fresh[c] != 0.0:
             _ingest(m, c)
-    for c in range(_FIRST, N_CHANNELS):
+    for c in range(_FIRST, filtering.N_CHANNELS):
         if m.lag[c] > 0.0:
-            free_expired(m, c, m.joint_owner, m.joint_taken, JOINT_SLOTS)
-            if is_due(m, c):
+            update.free_expired(m, c, m.joint_owner, m.joint_taken, JOINT_SLOTS)
+            if update.is_due(m, c):
                 _clone(m, c)
 
 
 def _ingest(m: FilterMemory, c: int) -> None:
-    value, count, limit = m.joint_value[c - _FIRST], 0, UNKNOWN * m.joint_limit[0] * m.joint_limit[0]
-    if not is_of_now(m, c):
+    value, count, limit = m.joint_value[c - _FIRST], 0, filtering.UNKNOWN * m.joint_limit[0] * m.joint_limit[0]
+    if not update.is_of_now(m, c):
         return
     for j in range(m.n_joints):
-        if not abs(value[j]) <= LARGEST:
+        if not abs(value[j]) <= filtering.LARGEST:
             return
     m.last[c] = m.stamp[c]
-    update_lag(m, c)
+    update.update_lag(m, c)
     for j in range(m.n_joints):
         m.joint_unknown[j] = c == _FIRST and m.joint_P[j][0][0] > limit
         if m.joint_unknown[j] != 0.0:
@@ -129,10 +104,10 @@ def _ingest(m: FilterMemory, c: int) -> None:
     for slot in range(JOINT_SLOTS if count > 0 else 0):
         if m.joint_owner[slot] == c:
             m.joint_owner[slot] = -1.0
-    slot = nearest_clone(m, c, m.joint_owner, m.joint_taken, JOINT_SLOTS)
+    slot = update.nearest_clone(m, c, m.joint_owner, m.joint_taken, JOINT_SLOTS)
     if count == m.n_joints:
         m.used[c] = m.stamp[c]
-    elif slot != NONE:
+    elif slot != update.NONE:
         _gate(m, c, slot, m.stamp[c] - (m.now if slot < 0 else m.joint_taken[slot]))
 
 
@@ -157,7 +132,7 @@ def _gate(m: FilterMemory, c: int, slot: int, delta: float) -> None:
     k, n, accepted, degrees, total, walk, surprise = c - _FIRST, _active(m), True, 0, 0.0, 0.0, 0.0
     state = k if slot < 0 else 2 + slot
     if k != 0:
-        walk = m.drive[ProcessNoise.JOINT] * m.drive[ProcessNoise.JOINT]
+        walk = m.drive[filtering.ProcessNoise.JOINT] * m.drive[filtering.ProcessNoise.JOINT]
     for j in range(m.n_joints):
         if m.joint_unknown[j] != 0.0:
             m.joint_since[k][j] = math.nan
@@ -167,9 +142,9 @@ def _gate(m: FilterMemory, c: int, slot: int, delta: float) -> None:
         nu = m.joint_value[k][j] - h - delta * rate
         S = m.joint_P[j][state][state] + own
         # Beside what accelerations can do, a joint with a rate may stop.
-        stop = abs(h if k != 0 else rate) * (time_since_accepted(m, c) if c == _FIRST else 1.0)
-        root = math.sqrt(planned_allowance(m, c)) + stop / 5.0
-        granted = max(root * root, jolt_allowance(m, c))
+        stop = abs(h if k != 0 else rate) * (update.time_since_accepted(m, c) if c == _FIRST else 1.0)
+        root = math.sqrt(update.planned_allowance(m, c)) + stop / 5.0
+        granted = max(root * root, update.jolt_allowance(m, c))
         believed = nu * nu <= m.gate[c] * (S + granted)
         total += nu * nu / S
         degrees += 1
@@ -185,7 +160,7 @@ def _gate(m: FilterMemory, c: int, slot: int, delta: float) -> None:
             _correct(m, j, state, nu, own, n)
         accepted = accepted and believed
     m.surprise[c] = surprise if accepted else m.surprise[c]
-    record_outcome(m, c, total, degrees, accepted)
+    update.record_outcome(m, c, total, degrees, accepted)
 
 
 def _is_consistent(m: FilterMemory, c: int, j: int, nu: float, S: float) -> bool:
@@ -196,7 +171,7 @@ def _is_consistent(m: FilterMemory, c: int, j: int, nu: float, S: float) -> bool
     if not agrees:
         since[j] = m.stamp[c]
     refused[j] = nu
-    return agrees and m.stamp[c] - since[j] >= m.recovery[c] - EARLY
+    return agrees and m.stamp[c] - since[j] >= m.recovery[c] - filtering.EARLY
 
 
 def _inflate_surprised(m: FilterMemory, j: int, c: int, squared: float) -> None:
@@ -205,8 +180,8 @@ def _inflate_surprised(m: FilterMemory, j: int, c: int, squared: float) -> None:
     What is more than twice an acceleration that is planned came at once, where positions are in time and alone tell of it: it was
     faster ever since the last reading that was believed. Less may be a delay that nobody knows of.
     """
-    time, since = time_since_accepted(m, c), max(m.stamp[c] - m.used[c], m.dt)
-    alone = m.lag[c] <= 0.0 and m.stamp[c] - m.used[ChannelIndex.JOINT_VELOCITIES] > m.recovery[c] / 2.0
+    time, since = update.time_since_accepted(m, c), max(m.stamp[c] - m.used[c], m.dt)
+    alone = m.lag[c] <= 0.0 and m.stamp[c] - m.used[filtering.ChannelIndex.JOINT_VELOCITIES] > m.recovery[c] / 2.0
     jolted = c == _FIRST and alone and math.sqrt(squared) > 2.0 * m.agility[c] * time * since
     _inflate_own(m, j, c, squared)
     if c == _FIRST:
@@ -221,7 +196,7 @@ def _relax(m: FilterMemory, j: int, c: int, squared: float) -> None:
     for slot in range(JOINT_SLOTS):
         if m.joint_owner[slot] != c:
             m.joint_owner[slot] = -1.0
-    _inflate_own(m, j, c, GATE_RELAXATION * squared)
+    _inflate_own(m, j, c, filtering.GATE_RELAXATION * squared)
     m.joint_since[c - _FIRST][j] = math.nan
 
 
@@ -254,7 +229,7 @@ def _correct(m: FilterMemory, j: int, state: int, nu: float, own: float, n: int)
 
 
 def _clone(m: FilterMemory, c: int) -> None:
-    slot, k = free_slot(m.joint_owner, JOINT_SLOTS), c - _FIRST
+    slot, k = update.free_slot(m.joint_owner, JOINT_SLOTS), c - _FIRST
     if slot < 0:
         return
     at = 2 + slot

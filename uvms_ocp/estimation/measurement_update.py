@@ -8,39 +8,8 @@ from __future__ import annotations
 import math
 
 from uvms_ocp.codegen.kernel_layout import Vector, wide, zeros
-from uvms_ocp.estimation.filter_memory import (
-    EARLY,
-    EXPOSED,
-    GATE_RELAXATION,
-    JOLT_TIME,
-    LARGEST,
-    LONGEST_LAG,
-    MAIN,
-    N_VEHICLE,
-    SLOTS,
-    UNKNOWN,
-    ChannelIndex,
-    FilterMemory,
-    Part,
-    ProcessNoise,
-    orders_of,
-    rows_of,
-)
-from uvms_ocp.estimation.vehicle_model import (
-    active,
-    clear,
-    divide,
-    factorise,
-    is_unknown,
-    multiply,
-    norm,
-    predict_measurement,
-    process_variance,
-    recall_measurement,
-    rotation,
-    second_derivative,
-    turn_by,
-)
+from uvms_ocp.estimation import filter_memory as filtering, vehicle_model as vehicle
+from uvms_ocp.estimation.filter_memory import EARLY, MAIN, SLOTS, ChannelIndex, FilterMemory, Part, rows_of
 from uvms_ocp.robot.kinematics import STEEP
 
 # When readings are taken that arrive late, and which clone stands for one.
@@ -72,7 +41,7 @@ def space_clones(m: FilterMemory, first: int, last: int, slots: int) -> None:
 
 def _least(c: int) -> float:
     """[s] between two clones at least: motion is smooth enough in between. Joints have no need to save."""
-    return _SPACING * orders_of(c) if c < N_VEHICLE else 0.0
+    return _SPACING * filtering.orders_of(c) if c < filtering.N_VEHICLE else 0.0
 
 
 def is_of_now(m: FilterMemory, c: int) -> bool:
@@ -84,7 +53,7 @@ def update_lag(m: FilterMemory, c: int) -> None:
     """Remember how late the fresh reading of channel c is."""
     age = m.now - m.stamp[c]
     if age > 1.5 * m.dt + EARLY and age > m.lag[c]:
-        m.lag[c] = min(LONGEST_LAG, age)
+        m.lag[c] = min(filtering.LONGEST_LAG, age)
 
 
 def nearest_clone(m: FilterMemory, c: int, owner: Vector, taken: Vector, slots: int) -> int:
@@ -142,7 +111,7 @@ def time_since_accepted(m: FilterMemory, c: int) -> float:
     Of depths, since the last of a fix, too: both tell the height.
     """
     used = max(m.used[c], m.used[ChannelIndex.POSITION]) if c == ChannelIndex.DEPTH else m.used[c]
-    return min(LONGEST_LAG, max(m.stamp[c] - used, 0.0)) + _SURPRISE
+    return min(filtering.LONGEST_LAG, max(m.stamp[c] - used, 0.0)) + _SURPRISE
 
 
 def planned_allowance(m: FilterMemory, c: int) -> float:
@@ -163,15 +132,15 @@ def jolt_allowance(m: FilterMemory, c: int) -> float:
     A jump that is larger is refused for as long as it lasts.
     """
     grown = _OUTGROWN * m.surprise[c] * math.exp(-(m.stamp[c] - m.used[c]) / _FADING)
-    moved = max(grown, _moved(c, m.jolt[c], min(max(m.dt, m.period[c]), JOLT_TIME)))
+    moved = max(grown, _moved(c, m.jolt[c], min(max(m.dt, m.period[c]), filtering.JOLT_TIME)))
     return moved * moved / 25.0 if m.jolt[c] > 0.0 else 0.0
 
 
 def _moved(c: int, acceleration: float, time: float) -> float:
     """Return the change of what channel c reads under a constant acceleration for a time [s]."""
-    for _ in range(orders_of(c)):
+    for _ in range(filtering.orders_of(c)):
         acceleration *= time
-    return acceleration / max(orders_of(c), 1)
+    return acceleration / max(filtering.orders_of(c), 1)
 
 
 def _is_velocity_unseen(m: FilterMemory, c: int) -> bool:
@@ -197,15 +166,15 @@ def record_outcome(m: FilterMemory, c: int, squared: float, degrees: int, believ
 
 def fuse(m: FilterMemory) -> None:
     """Use what is fresh, then clone what late channels see now."""
-    space_clones(m, 0, N_VEHICLE, SLOTS)
+    space_clones(m, 0, filtering.N_VEHICLE, SLOTS)
     velocity = int(ChannelIndex.LINEAR_VELOCITY)
     if m.fresh[velocity] != 0.0 and m.outcome[velocity][1] > m.gate[velocity]:
         # The reading before has made an acceleration, which this one may end: no fix is to blame a bias for it.
         _ingest(m, velocity)
-    for c in range(N_VEHICLE):
+    for c in range(filtering.N_VEHICLE):
         if m.fresh[c] != 0.0:
             _ingest(m, c)
-    for c in range(N_VEHICLE):
+    for c in range(filtering.N_VEHICLE):
         if m.lag[c] > 0.0:
             free_expired(m, c, m.owner, m.taken, SLOTS)
             if is_due(m, c):
@@ -229,14 +198,14 @@ def _corrected_by(c: int) -> int:
 
 def _is_blind(m: FilterMemory, c: int) -> bool:
     """Return whether a channel means nothing as the attitude is unknown."""
-    return c >= ChannelIndex.LINEAR_VELOCITY and is_unknown(m, Part.TURN, 3)
+    return c >= ChannelIndex.LINEAR_VELOCITY and vehicle.is_unknown(m, Part.TURN, 3)
 
 
 def _is_uninitialised(m: FilterMemory, c: int) -> bool:
     """Return whether a channel's next reading is the first."""
     # Channels whose first reading is taken for the truth.
     absolute = c == ChannelIndex.ATTITUDE or c == ChannelIndex.POSITION or c == ChannelIndex.DEPTH
-    return (absolute or c == ChannelIndex.ALTIMETER_RANGE) and is_unknown(m, _corrected_by(c), rows_of(c))
+    return (absolute or c == ChannelIndex.ALTIMETER_RANGE) and vehicle.is_unknown(m, _corrected_by(c), rows_of(c))
 
 
 def _ingest(m: FilterMemory, c: int) -> None:
@@ -263,38 +232,38 @@ def _is_usable(m: FilterMemory, c: int) -> bool:
     if not is_of_now(m, c):
         return False
     if c == ChannelIndex.ALTIMETER_RANGE:
-        return math.isnan(value[0]) or 0.0 <= value[0] <= LARGEST
+        return math.isnan(value[0]) or 0.0 <= value[0] <= filtering.LARGEST
     for i in range(rows_of(c)):
-        if not abs(value[i]) <= LARGEST:
+        if not abs(value[i]) <= filtering.LARGEST:
             return False
-    return c != ChannelIndex.ATTITUDE or abs(norm(value) - 1.0) <= 1e-3
+    return c != ChannelIndex.ATTITUDE or abs(vehicle.norm(value) - 1.0) <= 1e-3
 
 
 def _initialise(m: FilterMemory, c: int) -> None:
     """Take the first reading for the truth, unless it is too old to be. Nothing that was cloned before can be right."""
     s, first, age, value, moved = m.predicted, _corrected_by(c), m.now - m.stamp[c], m.value[c], zeros(3)
     noise = m.sigma[c] * m.sigma[c]
-    predict_measurement(m, c, active(m))
-    if noise + process_variance(m, c, age) > UNKNOWN * m.limit[first] * m.limit[first]:
+    vehicle.predict_measurement(m, c, vehicle.active(m))
+    if noise + vehicle.process_variance(m, c, age) > filtering.UNKNOWN * m.limit[first] * m.limit[first]:
         return
     for slot in range(SLOTS):
         m.owner[slot] = -1.0
-    n = active(m)
-    predict_measurement(m, c, n)
+    n = vehicle.active(m)
+    vehicle.predict_measurement(m, c, n)
     m.used[c] = m.stamp[c]
     if c == ChannelIndex.ALTIMETER_RANGE:
         _set_floor(m, age, n)
         return
-    late = process_variance(m, c, age)
+    late = vehicle.process_variance(m, c, age)
     for i in range(3):
-        moved[i] = age * s.rate[i] - age * age / 2.0 * second_derivative(m, c, i)
+        moved[i] = age * s.rate[i] - age * age / 2.0 * vehicle.second_derivative(m, c, i)
     for i in range(rows_of(c)):
-        clear(m, first + i, n, noise + late)
+        vehicle.clear(m, first + i, n, noise + late)
     if c == ChannelIndex.ATTITUDE:
-        size = norm(value)
+        size = vehicle.norm(value)
         for i in range(4):
             m.turn[i] = value[i] / size
-        turn_by(m.turn, moved)
+        vehicle.turn_by(m.turn, moved)
         return
     for i in range(rows_of(c)):
         m.x[first + i] = value[i] + moved[i]
@@ -306,10 +275,10 @@ def _set_floor(m: FilterMemory, age: float, n: int) -> None:
     if cosine <= STEEP:
         return
     noise = cosine * m.sigma[c]
-    rotation(m.turn, R)
+    vehicle.rotation(m.turn, R)
     for i in range(3):
         arm += R[6 + i] * m.beam_at[i]
-    late, moved = process_variance(m, c, age), age * s.rate[0] - age * age / 2.0 * second_derivative(m, c, 0)
+    late, moved = vehicle.process_variance(m, c, age), age * s.rate[0] - age * age / 2.0 * vehicle.second_derivative(m, c, 0)
     m.x[at] = m.x[Part.PLACE + 2] + arm - (cosine * m.value[c][0] + moved)
     own = s.S[0][0] + 2.0 * row[at] + m.P[at][at]
     for j in range(n):  # of the height of the altimeter
@@ -324,7 +293,7 @@ def _set_floor(m: FilterMemory, age: float, n: int) -> None:
 def _gate(m: FilterMemory, c: int, slot: int, delta: float) -> None:
     """Believe a reading or not, and use it."""
     nu, rows, s = zeros(3), rows_of(c), m.predicted
-    recall_measurement(m, c, slot, active(m))
+    vehicle.recall_measurement(m, c, slot, vehicle.active(m))
     if c == ChannelIndex.ALTIMETER_RANGE and s.h[1] <= STEEP:
         return
     _innovation(m, c, delta, nu)
@@ -338,11 +307,11 @@ def _gate(m: FilterMemory, c: int, slot: int, delta: float) -> None:
         m.surprise[c] = math.sqrt(size) if squared > m.gate[c] else 0.0
         if squared > m.gate[c]:
             _inflate_surprised(m, c, size)
-            recall_measurement(m, c, slot, active(m))
+            vehicle.recall_measurement(m, c, slot, vehicle.active(m))
     elif not_by_fixes and math.isfinite(squared) and math.isfinite(size) and _is_consistent(m, c, 2.0 * own + granted, nu):
         believed = True
         _relax(m, c, size)
-        recall_measurement(m, c, slot, active(m))
+        vehicle.recall_measurement(m, c, slot, vehicle.active(m))
     record_outcome(m, c, squared, rows, believed)
     if believed:
         if c == ChannelIndex.ALTIMETER_RANGE:
@@ -362,11 +331,11 @@ def _innovation(m: FilterMemory, c: int, delta: float, nu: Vector) -> None:
     back[:4] = s.h[:4]
     for i in range(3):
         by[i] = delta * s.rate[i]
-    turn_by(back, by)
+    vehicle.turn_by(back, by)
     for i in range(3):
         back[i] = -back[i]
-    multiply(back, value, error)
-    scale = (-1.0 if error[3] < 0.0 else 1.0) / norm(value)
+    vehicle.multiply(back, value, error)
+    scale = (-1.0 if error[3] < 0.0 else 1.0) / vehicle.norm(value)
     for i in range(4):
         error[i] *= scale
     sine = math.sqrt(error[0] * error[0] + error[1] * error[1] + error[2] * error[2])
@@ -379,15 +348,15 @@ def _noise(m: FilterMemory, c: int, delta: float) -> float:
     """Variance of every entry of the reading."""
     sigma, walk = m.sigma[c] * (m.predicted.h[1] if c == ChannelIndex.ALTIMETER_RANGE else 1.0), 0.0
     if c == ChannelIndex.SPECIFIC_FORCE:
-        walk = m.drive[ProcessNoise.JERK] * m.drive[ProcessNoise.JERK]
+        walk = m.drive[filtering.ProcessNoise.JERK] * m.drive[filtering.ProcessNoise.JERK]
     return sigma * sigma + delta * delta * max(m.predicted.rate_variance, 0.0) + abs(delta) * walk
 
 
 def _squared_innovation(m: FilterMemory, more: float, n: int, nu: Vector) -> float:
     x, total = zeros(3), 0.0
     x[:n] = nu[:n]
-    factorise(m.predicted, more, n)
-    divide(m.predicted, n, x)
+    vehicle.factorise(m.predicted, more, n)
+    vehicle.divide(m.predicted, n, x)
     for i in range(n):
         total += x[i] * x[i]
     return total
@@ -413,12 +382,12 @@ def _relax(m: FilterMemory, c: int, squared: float) -> None:
         if m.owner[slot] != c:
             m.owner[slot] = -1.0
     m.since[c] = math.nan
-    _inflate_own(m, c, GATE_RELAXATION * squared, 0.0)
+    _inflate_own(m, c, filtering.GATE_RELAXATION * squared, 0.0)
     if not _is_place(c):
         return
     # It took the time of recovery to go so far: with a speed that nobody knew of, or an acceleration.
     time = m.recovery[c]
-    speed = min(EXPOSED * EXPOSED, GATE_RELAXATION * squared / (time * time))
+    speed = min(filtering.EXPOSED * filtering.EXPOSED, filtering.GATE_RELAXATION * squared / (time * time))
     for i in range(_corrected_by(c), _corrected_by(c) + rows_of(c)):
         m.P[i + 3][i + 3] += speed
         m.P[i + 6][i + 6] += speed / (time * time)
@@ -429,7 +398,7 @@ def _inflate_surprised(m: FilterMemory, c: int, squared: float) -> None:
 
     The bias of DVLs is not in doubt by their own readings: fixes are too rough to find it again soon.
     """
-    time = time_since_accepted(m, c) if orders_of(c) > 1 else 1.0
+    time = time_since_accepted(m, c) if filtering.orders_of(c) > 1 else 1.0
     bias = int(Part.GYRO_BIAS) if c <= ChannelIndex.ANGULAR_VELOCITY else int(Part.DVL_BIAS)
     if c == ChannelIndex.LINEAR_VELOCITY:
         return  # which tells of accelerations, to go on with
@@ -444,11 +413,11 @@ def _inflate_own(m: FilterMemory, c: int, variance: float, rate: float) -> None:
 
     rate [1/s]: by which it has grown, where nothing but the channel tells of the velocity.
     """
-    rows, n, first, R, s = rows_of(c), active(m), _corrected_by(c), zeros(9), m.predicted
+    rows, n, first, R, s = rows_of(c), vehicle.active(m), _corrected_by(c), zeros(9), m.predicted
     if c == ChannelIndex.ANGULAR_VELOCITY and m.used[ChannelIndex.ATTITUDE] - m.used[c] > m.recovery[c] / 2.0:
         first = int(Part.GYRO_BIAS)  # the angular velocity follows from attitudes by now
     in_body = c == ChannelIndex.LINEAR_VELOCITY or c == ChannelIndex.SPECIFIC_FORCE
-    rotation(m.turn, R)
+    vehicle.rotation(m.turn, R)
     for i in range(3):
         for j in range(n):
             s.HP[i][j] = 0.0
@@ -470,10 +439,10 @@ def _inflate_own(m: FilterMemory, c: int, variance: float, rate: float) -> None:
 
 def _correct(m: FilterMemory, c: int, nu: Vector, own: float) -> None:
     """The Kalman update. Echoes move the floor alone, and its clones: they are no means to tell where the vehicle is."""
-    s, rows, n, dx = m.predicted, rows_of(c), active(m), m.change
+    s, rows, n, dx = m.predicted, rows_of(c), vehicle.active(m), m.change
     u, v, w = s.HP[0], s.HP[1], s.HP[2]
-    factorise(s, own, rows)
-    divide(s, rows, nu)
+    vehicle.factorise(s, own, rows)
+    vehicle.divide(s, rows, nu)
     for j in range(n):
         u[j] /= s.L[0][0]
     if rows == 1:
@@ -517,7 +486,7 @@ def _is_of_floor(m: FilterMemory, i: int) -> bool:
 
 
 def _apply(m: FilterMemory, dx: Vector) -> None:
-    turn_by(m.turn, dx)
+    vehicle.turn_by(m.turn, dx)
     for i in range(int(Part.PLACE), MAIN):
         m.x[i] += dx[i]
     for slot in range(SLOTS):
@@ -526,7 +495,7 @@ def _apply(m: FilterMemory, dx: Vector) -> None:
             for i in range(3):
                 change[i] = dx[MAIN + 3 * slot + i]
             if c == ChannelIndex.ATTITUDE:
-                turn_by(h, change)
+                vehicle.turn_by(h, change)
             else:
                 for i in range(rows_of(c)):
                     h[i] += change[i]
@@ -534,18 +503,18 @@ def _apply(m: FilterMemory, dx: Vector) -> None:
 
 def _clone(m: FilterMemory, c: int) -> None:
     """Keep what channel c sees now, with its covariances, until its reading arrives."""
-    s, slot, before, rows = m.predicted, free_slot(m.owner, SLOTS), active(m), rows_of(c)
+    s, slot, before, rows = m.predicted, free_slot(m.owner, SLOTS), vehicle.active(m), rows_of(c)
     if slot < 0 or _is_blind(m, c) or _is_uninitialised(m, c):
         return
     at = MAIN + 3 * slot
-    predict_measurement(m, c, before)
+    vehicle.predict_measurement(m, c, before)
     m.owner[slot], m.taken[slot] = c, m.now
     m.rate_variance[slot] = s.rate_variance
     m.h[slot][:] = s.h
     m.rate[slot][:] = s.rate
-    n = active(m)
+    n = vehicle.active(m)
     for i in range(3):
-        clear(m, at + i, n, 0.0)
+        vehicle.clear(m, at + i, n, 0.0)
         for j in range(before if i < rows else 0):
             if j < at:
                 m.P[j][at + i] = s.HP[i][j]

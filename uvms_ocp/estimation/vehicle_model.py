@@ -11,20 +11,8 @@ from typing import Any
 import numpy as np
 
 from uvms_ocp.codegen.kernel_layout import Vector, wide, zeros
-from uvms_ocp.estimation.filter_memory import (
-    EXPOSED,
-    EXPOSED_FOR,
-    LONGEST_STEP,
-    MAIN,
-    SLOTS,
-    UNKNOWN,
-    ChannelIndex,
-    FilterMemory,
-    Part,
-    PredictedMeasurement,
-    ProcessNoise,
-    rows_of,
-)
+from uvms_ocp.estimation import filter_memory as filtering
+from uvms_ocp.estimation.filter_memory import MAIN, ChannelIndex, FilterMemory, Part, PredictedMeasurement, ProcessNoise
 from uvms_ocp.robot.kinematics import STEEP
 
 # Rotations: matrices row by row, quaternions xyzw, vectors from an entry of theirs on.
@@ -121,7 +109,7 @@ def turn_maps(angle: Vector, E: Vector, J: Vector) -> None:
 
 def active(m: FilterMemory) -> int:
     """Return the rows of the covariance that are in use."""
-    slot = SLOTS - 1
+    slot = filtering.SLOTS - 1
     while slot >= 0 and m.owner[slot] < 0.0:
         slot -= 1
     return MAIN + 3 * (slot + 1)
@@ -150,7 +138,7 @@ def is_unknown(m: FilterMemory, first: int, n: int) -> bool:
     """Return whether any of n entries of the error state is."""
     found = False
     for i in range(first, first + n):
-        found = found or m.P[i][i] > UNKNOWN * m.limit[i] * m.limit[i]
+        found = found or m.P[i][i] > filtering.UNKNOWN * m.limit[i] * m.limit[i]
     return found
 
 
@@ -184,7 +172,7 @@ def predict(m: FilterMemory) -> None:
     dt, angle, E, J, hJ, hhJ = m.dt, zeros(3), zeros(9), zeros(9), zeros(9), zeros(9)
     if not dt > 0.0:
         return
-    h, n = min(LONGEST_STEP, dt), active(m)
+    h, n = min(filtering.LONGEST_STEP, dt), active(m)
     for i in range(3):
         angle[i] = h * m.x[Part.SPIN + i] + h * h / 2.0 * m.x[Part.SPIN_UP + i]
     turn_maps(angle, E, J)
@@ -330,13 +318,13 @@ def inflate_velocity_variance(memory: Any, *, rests: bool) -> None:
     """
     memory.owner[:] = -1.0
     place, speed, acceleration = (np.arange(first, first + 3) for first in (Part.PLACE, Part.SPEED, Part.ACCELERATION))
-    memory.P[speed, speed] += EXPOSED**2
+    memory.P[speed, speed] += filtering.EXPOSED**2
     if rests:
-        memory.P[acceleration, acceleration] += EXPOSED**2
+        memory.P[acceleration, acceleration] += filtering.EXPOSED**2
         memory.x[speed] = memory.x[acceleration] = 0.0
     else:
-        memory.P[place, speed] += EXPOSED_FOR * EXPOSED**2
-        memory.P[place, place] += (EXPOSED_FOR * EXPOSED) ** 2
+        memory.P[place, speed] += filtering.EXPOSED_FOR * filtering.EXPOSED**2
+        memory.P[place, place] += (filtering.EXPOSED_FOR * filtering.EXPOSED) ** 2
 
 
 # What each channel of the vehicle sees of the estimate.
@@ -344,7 +332,7 @@ def inflate_velocity_variance(memory: Any, *, rests: bool) -> None:
 
 def predict_measurement(m: FilterMemory, c: int, n: int) -> None:
     """Predict the measurement of channel c now, with its covariances with the first n errors."""
-    s, rows = m.predicted, rows_of(c)
+    s, rows = m.predicted, filtering.rows_of(c)
     _model(m, s, c)
     for i in range(rows):
         for j in range(n):
@@ -452,12 +440,12 @@ def recall_measurement(m: FilterMemory, c: int, slot: int, n: int) -> None:
     s.h[:] = m.h[slot]
     s.rate[:] = m.rate[slot]
     s.rate_variance = m.rate_variance[slot]
-    for i in range(rows_of(c)):
+    for i in range(filtering.rows_of(c)):
         for j in range(at + i):
             s.HP[i][j] = m.P[j][at + i]
         for j in range(at + i, n):
             s.HP[i][j] = m.P[at + i][j]
-        for j in range(rows_of(c)):
+        for j in range(filtering.rows_of(c)):
             s.S[i][j] = m.P[min(at + i, at + j)][max(at + i, at + j)]
 
 
@@ -486,7 +474,7 @@ def second_derivative(m: FilterMemory, c: int, i: int) -> float:
     """Entry i of the second derivative of what a channel that sets a part sees."""
     if c == ChannelIndex.ATTITUDE:
         return m.x[Part.SPIN_UP + i]
-    return m.x[Part.ACCELERATION + (i if rows_of(c) == 3 else 2)]
+    return m.x[Part.ACCELERATION + (i if filtering.rows_of(c) == 3 else 2)]
 
 
 def process_variance(m: FilterMemory, c: int, age: float) -> float:

@@ -13,22 +13,12 @@ import numpy as np
 
 from uvms_ocp.identification import recording as recordings, sample_checks
 from uvms_ocp.identification.recording import CHANNEL_KINDS, Channel, Recording, ZeroOrderHold, angular_rate, rotations, smoothed
-from uvms_ocp.identification.sample_checks import (
-    DEAD,
-    EXPLAINED,
-    MOVES,
-    WAYS,
-    WINDOW,
-    QualityIssue as QualityIssue,
-    correlation,
-    explained,
-    named,
-)
+from uvms_ocp.identification.sample_checks import QualityIssue as QualityIssue
 from uvms_ocp.record.row_files import forget
 
 # Whether velocities are the rates of poses: axes, frames, units, clocks.
 
-_INSIDE = slice(round(WINDOW / recordings.GRID), -round(WINDOW / recordings.GRID))
+_INSIDE = slice(round(sample_checks.WINDOW / recordings.GRID), -round(sample_checks.WINDOW / recordings.GRID))
 """Smoothed samples whose window is whole."""
 _HALF = 0.5  # of the motion that a way to read axes must explain
 _PARTNER = {"linear_velocity": "position", "angular_velocity": "attitude"}
@@ -58,10 +48,10 @@ def _references(recording: Recording) -> Iterator[tuple[str, _Reference]]:
     if "attitude" not in channels:
         return
     if "angular_velocity" in channels:
-        t, omega = angular_rate(channels["attitude"], WINDOW)
+        t, omega = angular_rate(channels["attitude"], sample_checks.WINDOW)
         yield "angular_velocity", _Reference(t[_INSIDE], omega[_INSIDE])
     if "linear_velocity" in channels and "position" in channels:
-        t, rate = smoothed(channels["position"].undelayed_t, channels["position"].values, WINDOW, derivative=1)
+        t, rate = smoothed(channels["position"].undelayed_t, channels["position"].values, sample_checks.WINDOW, derivative=1)
         t, rate = t[_INSIDE], rate[_INSIDE]
         R = rotations(channels["attitude"], t)
         yield "linear_velocity", _Reference(t, np.einsum("nji,nj->ni", R, rate), rate, R)
@@ -69,9 +59,9 @@ def _references(recording: Recording) -> Iterator[tuple[str, _Reference]]:
 
 def _rate_issues(recording: Recording, name: str, reference: _Reference) -> Iterator[tuple[str, str]]:
     measured, partner = recording.channels[name], _PARTNER[name]
-    if np.ptp(measured.values, axis=0).max() < DEAD or reference.body.std(axis=0).max() < MOVES[name]:
+    if np.ptp(measured.values, axis=0).max() < sample_checks.DEAD or reference.body.std(axis=0).max() < sample_checks.MOVES[name]:
         return
-    t, values = smoothed(measured.undelayed_t, measured.values, WINDOW)
+    t, values = smoothed(measured.undelayed_t, measured.values, sample_checks.WINDOW)
     late, steady = sample_checks.offset(reference.t, reference.body, t, values)
     seen = recordings.interpolated(reference.t + late, t, values)
     jump = "its clock and that of the {} differ at the end by another time than at the beginning: a jump?"
@@ -83,11 +73,16 @@ def _rate_issues(recording: Recording, name: str, reference: _Reference) -> Iter
 
 def _rate_axes(reference: _Reference, seen: np.ndarray, name: str) -> Iterator[tuple[str, str]]:
     """Other axes that explain more of the motion than the axes as they are."""
-    own, partner = explained(seen, reference.body), _PARTNER[name]
-    ways = {(name, f"its axes fit the rate of the {partner} as {named(Q)}"): explained(seen @ Q.T, reference.body) for Q in WAYS}
+    own, partner = sample_checks.explained(seen, reference.body), _PARTNER[name]
+    ways = {
+        (name, f"its axes fit the rate of the {partner} as {sample_checks.named(Q)}"): sample_checks.explained(
+            seen @ Q.T, reference.body
+        )
+        for Q in sample_checks.WAYS
+    }
     ways |= _in_world(reference, seen, name)
     best = max(ways, key=lambda way: ways[way])
-    if ways[best] > max(own + EXPLAINED, _HALF):
+    if ways[best] > max(own + sample_checks.EXPLAINED, _HALF):
         yield best[0], f"{best[1]} ({100 * ways[best]:.0f} % of it, {100 * own:.0f} % as they are)"
 
 
@@ -98,13 +93,14 @@ def _in_world(reference: _Reference, seen: np.ndarray, name: str) -> Mapping[tup
     partner, world = _PARTNER[name], reference.world
     turned = np.einsum("nij,nj->ni", reference.R, seen)
     found = {
-        (partner, f"its rate fits the velocity with axes {named(Q)}: NED against ENU? give columns so"): explained(
-            turned, world @ Q.T
-        )
-        for Q in WAYS
+        (
+            partner,
+            f"its rate fits the velocity with axes {sample_checks.named(Q)}: NED against ENU? give columns so",
+        ): sample_checks.explained(turned, world @ Q.T)
+        for Q in sample_checks.WAYS
     }
-    found[name, f"its axes fit the rate of the {partner} in W"] = explained(seen, world)
-    return {way: share - EXPLAINED / 2 for way, share in found.items()}
+    found[name, f"its axes fit the rate of the {partner} in W"] = sample_checks.explained(seen, world)
+    return {way: share - sample_checks.EXPLAINED / 2 for way, share in found.items()}
 
 
 # Whether velocities of joints are the rates of their positions: order, sign, units, clocks, and what is dead in one alone.
@@ -123,10 +119,10 @@ def of_joints(recording: Recording) -> Iterator[tuple[str, str]]:
     if positions.values.shape[1] != velocities.values.shape[1]:
         yield _NAMES[1], f"{velocities.values.shape[1]} of them, and {positions.values.shape[1]} positions"
         return
-    t, rate = smoothed(positions.undelayed_t, positions.values, WINDOW, derivative=1)
-    t_seen, seen = smoothed(velocities.undelayed_t, velocities.values, WINDOW)
+    t, rate = smoothed(positions.undelayed_t, positions.values, sample_checks.WINDOW, derivative=1)
+    t_seen, seen = smoothed(velocities.undelayed_t, velocities.values, sample_checks.WINDOW)
     yield from _dead(rate, seen, np.ptp(positions.values, axis=0), np.ptp(velocities.values, axis=0))
-    if rate.std(axis=0).max() < _MOVING_JOINT or seen.std(axis=0).max() < DEAD:
+    if rate.std(axis=0).max() < _MOVING_JOINT or seen.std(axis=0).max() < sample_checks.DEAD:
         return
     late, _ = sample_checks.offset(t, rate, t_seen, seen)
     shifted = recordings.interpolated(t + late, t_seen, seen)
@@ -137,16 +133,16 @@ def of_joints(recording: Recording) -> Iterator[tuple[str, str]]:
 
 def _dead(rate: np.ndarray, seen: np.ndarray, width: np.ndarray, speeds: np.ndarray) -> Iterator[tuple[str, str]]:
     for k in range(len(width)):
-        if width[k] < DEAD and seen[:, k].std() > _MOVING_JOINT:
+        if width[k] < sample_checks.DEAD and seen[:, k].std() > _MOVING_JOINT:
             yield _NAMES[0], f"dead: {k} stays where it is, and its velocity does not"
-        if speeds[k] < DEAD and rate[:, k].std() > _MOVING_JOINT:
+        if speeds[k] < sample_checks.DEAD and rate[:, k].std() > _MOVING_JOINT:
             yield _NAMES[1], f"dead: {k} stays as it is, and its position moves"
 
 
 def _columns(rate: np.ndarray, seen: np.ndarray) -> Iterator[tuple[str, str]]:
     moving = [k for k in range(rate.shape[1]) if min(rate[:, k].std(), seen[:, k].std()) > _MOVING_JOINT]
     for k in moving:
-        fits = {j: correlation(seen[:, k], rate[:, j]) for j in moving}
+        fits = {j: sample_checks.correlation(seen[:, k], rate[:, j]) for j in moving}
         best = max(fits, key=lambda j: abs(fits[j]))
         if fits[k] < _OTHER and abs(fits[best]) > fits[k] + _BETTER:
             sign = "minus " if fits[best] < 0 else ""
@@ -187,14 +183,14 @@ def motion_of(recording: Recording) -> ExplainedMotion | None:
     channels = recording.channels
     if "attitude" not in channels or "linear_velocity" not in channels:
         return None
-    t, _ = smoothed(channels["attitude"].undelayed_t, channels["attitude"].values, WINDOW)
+    t, _ = smoothed(channels["attitude"].undelayed_t, channels["attitude"].values, sample_checks.WINDOW)
     start, end = recording.span
     t = t[(t > start - SHIFTS[0]) & (t < end - SHIFTS[-1])]
     if len(t) < _LEAST:
         return None
     turning = channels.get("angular_velocity")
     if turning is None or np.ptp(turning.values) < 1e-3:
-        when, omega = angular_rate(channels["attitude"], WINDOW)
+        when, omega = angular_rate(channels["attitude"], sample_checks.WINDOW)
         turning = Channel(t=when, values=omega)
     parts = [_at(t, one) for one in (channels["linear_velocity"], turning)]
     v, a = (np.hstack([part[k] for part in parts]) for k in range(2))
@@ -206,8 +202,8 @@ def motion_of(recording: Recording) -> ExplainedMotion | None:
 
 def _at(t: np.ndarray, channel: Channel) -> tuple[np.ndarray, np.ndarray]:
     """Values and rates (m, k) at t (m,)."""
-    grid, values = smoothed(channel.undelayed_t, channel.values, WINDOW)
-    _, rates = smoothed(channel.undelayed_t, channel.values, WINDOW, derivative=1)
+    grid, values = smoothed(channel.undelayed_t, channel.values, sample_checks.WINDOW)
+    _, rates = smoothed(channel.undelayed_t, channel.values, sample_checks.WINDOW, derivative=1)
     return recordings.interpolated(t, grid, values), recordings.interpolated(t, grid, rates)
 
 
@@ -217,7 +213,7 @@ def commanded(held: ZeroOrderHold, motion: ExplainedMotion, shift: float, *, tur
     shift: [s] before the rates. turned: from W, which a wrench would be in, to B.
     """
     edges = motion.t - shift
-    values = (held.total(edges + WINDOW / 2) - held.total(edges - WINDOW / 2)) / WINDOW
+    values = (held.total(edges + sample_checks.WINDOW / 2) - held.total(edges - sample_checks.WINDOW / 2)) / sample_checks.WINDOW
     if turned:
         values = np.einsum("nji,nkj->nki", motion.R, values.reshape(-1, 2, 3)).reshape(-1, 6)
     rest = motion.rest(values)
@@ -263,10 +259,10 @@ def _wrench_axes(held: ZeroOrderHold, motion: ExplainedMotion, late: float) -> I
     """Other axes of a wrench, along which the vehicle accelerates more than along those that it has."""
     inside, outside = (commanded(held, motion, late, turned=turned) for turned in (False, True))
     for part, rows in _PARTS.items():
-        ways = {named(Q): _along(motion.acceleration[:, rows], inside[:, rows], Q) for Q in WAYS}
+        ways = {sample_checks.named(Q): _along(motion.acceleration[:, rows], inside[:, rows], Q) for Q in sample_checks.WAYS}
         ways["in W"] = _along(motion.acceleration[:, rows], outside[:, rows], np.eye(3)) - _MORE / 2
         best = max(ways, key=lambda way: ways[way])
-        if ways[best] > max(ways[named(np.eye(3))], 0.0) + _MORE:
+        if ways[best] > max(ways[sample_checks.named(np.eye(3))], 0.0) + _MORE:
             yield f"its {part} fit the acceleration as {best}"
 
 

@@ -18,17 +18,8 @@ from uvms_ocp.control.plan_following import FollowingTuning, PlanGuide, PlannedP
 from uvms_ocp.errors import InvalidInput
 from uvms_ocp.interrupts import Interrupted
 from uvms_ocp.mission.mission import Mission
-from uvms_ocp.mission_plan import terms as surroundings
-from uvms_ocp.mission_plan.segments import (
-    GreedyRollout,
-    HorizonSegment,
-    Margins,
-    active_tasks,
-    foretold_way,
-    goals_end_time,
-    greedy_rollout,
-    horizon_segments,
-)
+from uvms_ocp.mission_plan import segments as mission_segments, terms as surroundings
+from uvms_ocp.mission_plan.segments import HorizonSegment, Margins
 from uvms_ocp.mission_plan.terms import MissionTerms, MissionWeights, mission_levels, mission_terms
 from uvms_ocp.model_errors import printable
 from uvms_ocp.ocp import OcpProblem, OcpStatus, Plan, Planner, ShapeClearance, Trajectory, guess_through
@@ -335,8 +326,8 @@ class MissionProblem:
 
 def mission_problem(scenario: Scenario, *, margins: Margins, step: float) -> MissionProblem:
     """Step [s] of the horizon. Raises `InvalidInput` as `plan_mission` does."""
-    _stated(scenario, foretold_way(scenario), margins, step)  # or it is refused before anything is compiled
-    way = greedy_rollout(scenario)
+    _stated(scenario, mission_segments.foretold_way(scenario), margins, step)  # or it is refused before anything is compiled
+    way = mission_segments.greedy_rollout(scenario)
     segments, terms, problem = _stated(scenario, way, margins, step)
     shapes = surroundings.clearance(scenario, margins)
     if shapes is not None and scenario.environment.obstacles:
@@ -358,16 +349,20 @@ def mission_problem(scenario: Scenario, *, margins: Margins, step: float) -> Mis
 
 
 def _stated(
-    scenario: Scenario, way: GreedyRollout, margins: Margins, step: float
+    scenario: Scenario, way: mission_segments.GreedyRollout, margins: Margins, step: float
 ) -> tuple[list[HorizonSegment], MissionTerms, OcpProblem]:
     """State the problem along a rollout of the mission, without obstacles."""
-    segments = horizon_segments(scenario.mission, way, margins, step=step)
+    segments = mission_segments.horizon_segments(scenario.mission, way, margins, step=step)
     terms = mission_terms(scenario.robot, scenario.mission, way.phases, segments, margins)
     return segments, terms, _problem(scenario, way, segments, terms, margins)
 
 
 def _problem(
-    scenario: Scenario, way: GreedyRollout, segments: Sequence[HorizonSegment], terms: MissionTerms, margins: Margins
+    scenario: Scenario,
+    way: mission_segments.GreedyRollout,
+    segments: Sequence[HorizonSegment],
+    terms: MissionTerms,
+    margins: Margins,
 ) -> OcpProblem:
     robot, floor = scenario.robot, surroundings.floor_along(scenario, way)
     above = surroundings.floor_terms(scenario, segments, floor, margins)
@@ -550,6 +545,9 @@ def _phases(scenario: Scenario, segments: Sequence[HorizonSegment], times: np.nd
             found[-1] = replace(found[-1], end=end)
             continue
         phase = scenario.mission.phases[segment.phase]
-        moves = goals_end_time(phase, active_tasks(phase, scenario.mission.tasks_of(segment.phase))) > 0
+        moves = (
+            mission_segments.goals_end_time(phase, mission_segments.active_tasks(phase, scenario.mission.tasks_of(segment.phase)))
+            > 0
+        )
         found.append(PlannedPhase(phase=segment.phase, begin=begin, end=end, moves=moves))
     return tuple(found)

@@ -14,18 +14,8 @@ import pinocchio as pin
 from uvms_ocp.checks import checked_dataclass
 from uvms_ocp.errors import InvalidInput
 from uvms_ocp.mission import Below, Condition, Mission, Phase
-from uvms_ocp.mission_plan.segments import (
-    ANGLES,
-    GreedyRollout,
-    HorizonSegment,
-    Margins,
-    active_constraints,
-    active_tasks,
-    delay_task,
-    exit_transition,
-    is_prerequisite,
-    tightened_limit,
-)
+from uvms_ocp.mission_plan import segments as mission_segments
+from uvms_ocp.mission_plan.segments import HorizonSegment, Margins
 from uvms_ocp.ocp import OcpLevel, Trajectory
 from uvms_ocp.ocp.clearance import ShapeClearance, SteppedMotion, certificate, shortfall
 from uvms_ocp.ocp.terms import At, Duration, Effort, Energy, Smoothness, StageSymbols, TaskRows, TaskTerm, Term
@@ -120,8 +110,10 @@ def condition_term(
     if task is None:
         raise _refused(condition, place, isinstance(condition, Below) is met)
     limit, below = condition.limit, isinstance(condition, Below) is met
-    if isinstance(task, AngleTask) and quantity in ANGLES and below:
-        return TaskTerm(task=replace(task, aim=tightened_limit(limit, margins.angle)), at=place.at, phase=place.segment)
+    if isinstance(task, AngleTask) and quantity in mission_segments.ANGLES and below:
+        return TaskTerm(
+            task=replace(task, aim=mission_segments.tightened_limit(limit, margins.angle)), at=place.at, phase=place.segment
+        )
     if isinstance(task, (LandingAltitude, MinimumAltitude)) and quantity == "altitude":
         lower, upper = _heights(task, limit, margins.altitude, below)
         return place.rows(task, (0,), lower, upper)
@@ -130,7 +122,7 @@ def condition_term(
         raise _refused(condition, place, below)
     margin = margins.angle if quantity == "orientation_error" else margins.position
     # A box inside the ball that the condition asks for.
-    most = tightened_limit(limit, margin) / np.sqrt(len(rows))
+    most = mission_segments.tightened_limit(limit, margin) / np.sqrt(len(rows))
     return place.rows(task, rows, -most, most)
 
 
@@ -143,7 +135,7 @@ def _refused(condition: Condition, place: ConditionPlacement, below: bool) -> In
 
 def _heights(task: LandingAltitude | MinimumAltitude, limit: float, margin: float, below: bool) -> tuple[float, float]:
     """Range of the residual [m] for an altitude below the limit [m], or above."""
-    level = tightened_limit(limit, margin) if below else limit + margin
+    level = mission_segments.tightened_limit(limit, margin) if below else limit + margin
     if isinstance(task, LandingAltitude):
         # Its residual is the altitude of rest less the altitude.
         gap = task.rest_altitude - level
@@ -227,12 +219,12 @@ class _Phase:
         self, mission: Mission, way: Sequence[int], k: int, parts: Sequence[HorizonSegment], begin: float, margins: Margins
     ) -> None:
         self._phase: Phase = mission.phases[way[k]]
-        self._out, self._parts, self._margins = exit_transition(mission.phases, way, k), parts, margins
+        self._out, self._parts, self._margins = mission_segments.exit_transition(mission.phases, way, k), parts, margins
         self._last = k + 1 == len(way)
-        self.tasks = tuple(delay_task(task, self._phase, begin) for task in mission.tasks_of(way[k]))
-        self.on = active_tasks(self._phase, self.tasks)
+        self.tasks = tuple(mission_segments.delay_task(task, self._phase, begin) for task in mission.tasks_of(way[k]))
+        self.on = mission_segments.active_tasks(self._phase, self.tasks)
         self._asked = {condition.quantity.rpartition(".")[0] for condition in self._out.when}
-        self.reached = {task.name for task in self.on if is_prerequisite(task)}
+        self.reached = {task.name for task in self.on if mission_segments.is_prerequisite(task)}
 
     def goals(self) -> Iterator[tuple[TaskClass, Term]]:
         """At the end of the phase, or all along what has to be held."""
@@ -248,7 +240,7 @@ class _Phase:
     def kept(self, before: set[str]) -> Iterator[Term]:
         """Yield the constraints of tasks all along the phase. before: names of prerequisites that the phase before has
         established."""
-        for task in active_constraints(self._phase, self.on, self._out, before, self._margins):
+        for task in mission_segments.active_constraints(self._phase, self.on, self._out, before, self._margins):
             for part in self._parts:
                 if task.name not in part.waits_for and not (part.holds and task.name in self._asked):
                     yield TaskTerm(task=task, at=At.PATH, phase=part.ocp.name)
@@ -359,7 +351,7 @@ _NEAR = 0.01  # [m] beyond its margin, within which a pair gets rows
 _PAIR_ROWS = 4  # per node and pair of links
 
 
-def floor_along(scenario: Scenario, way: GreedyRollout) -> float:
+def floor_along(scenario: Scenario, way: mission_segments.GreedyRollout) -> float:
     """Height [m] of the floor below the way; raises `InvalidInput` where it is not level."""
     if not scenario.robot.n_vehicle:
         return -np.inf
@@ -379,7 +371,7 @@ def floor_terms(scenario: Scenario, segments: Sequence[HorizonSegment], floor: f
     rims, found = rims_of(scenario.robot), list[Term]()
     for segment in segments:
         phase = scenario.mission.phases[segment.phase]
-        on = active_tasks(phase, scenario.mission.hierarchy.tasks)
+        on = mission_segments.active_tasks(phase, scenario.mission.hierarchy.tasks)
         if not any(isinstance(task, MinimumAltitude) and task.name not in segment.waits_for for task in on):
             found.append(FloorClearance(rims=rims, height=floor + margins.altitude, phase=segment.ocp.name))
     return found

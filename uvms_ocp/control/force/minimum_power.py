@@ -11,15 +11,7 @@ import math
 from typing import Annotated
 
 from uvms_ocp.codegen.kernel_layout import Layout, Sized, Vector, zeros
-from uvms_ocp.solvers.bounded_least_squares import (
-    BoundedProblem,
-    LeastSquaresRows,
-    dot,
-    least_norm,
-    row_space,
-    solve_bounded,
-    solve_positive,
-)
+from uvms_ocp.solvers import bounded_least_squares
 
 # Thrust of least electrical power among all that give the same wrench, as a kernel.
 
@@ -55,7 +47,7 @@ class PowerMemory(Layout):
     n_spare: int
     stretch: float
     """Size of a step."""
-    inner: LeastSquaresRows
+    inner: bounded_least_squares.LeastSquaresRows
 
 
 def prepare_minimum_power(p: PowerMemory) -> None:
@@ -98,7 +90,7 @@ def _invert(p: PowerMemory, k: int) -> None:
         p.inner.b[row] = 1.0 if row == k else 0.0
         for i in range(p.count):
             p.inner.W[row][i] = p.wrench_weight[row] * p.matrix[row][i] / math.sqrt(p.quadratic[i])
-    least_norm(p.inner, len(p.matrix), p.count)
+    bounded_least_squares.least_norm(p.inner, len(p.matrix), p.count)
     for i in range(p.count):
         value = p.inner.y[i] * p.wrench_weight[k] / math.sqrt(p.quadratic[i])
         p.inverse[i][k] = value if abs(value) > _ROUNDING else 0.0
@@ -108,7 +100,7 @@ def _find_spare(p: PowerMemory) -> None:
     """Choose thrusters one by one, always that of which most is neither in the rows of the matrix nor spare yet."""
     for row in range(len(p.matrix)):
         p.inner.W[row][: p.count] = p.matrix[row][: p.count]
-    rank = row_space(p.inner, len(p.matrix), p.count)
+    rank = bounded_least_squares.row_space(p.inner, len(p.matrix), p.count)
     p.n_spare = 0
     while p.n_spare < p.count - rank:
         best, most = 0, -1.0
@@ -137,14 +129,14 @@ def _add_spare(p: PowerMemory, rank: int, start: int) -> None:
             _take_from(new, p.inner.basis[k], p.count)
         for k in range(p.n_spare):
             _take_from(new, p.spare[k], p.count)
-    size = math.sqrt(dot(new, new, p.count))
+    size = math.sqrt(bounded_least_squares.dot(new, new, p.count))
     for i in range(p.count):
         new[i] = new[i] / size if abs(new[i]) > _ROUNDING else 0.0
     p.n_spare += 1
 
 
 def _take_from(x: Vector, direction: Vector, n: int) -> None:
-    along = dot(x, direction, n)
+    along = bounded_least_squares.dot(x, direction, n)
     for i in range(n):
         x[i] -= along * direction[i]
 
@@ -158,7 +150,7 @@ def _reduce_power(p: PowerMemory, thrust: Vector) -> None:
         p.inner.y[k] = _weighted(p.spare[k], weight, thrust, p.count)
         for j in range(k + 1):
             p.inner.K[k][j] = _weighted(p.spare[k], weight, p.spare[j], p.count)
-    solve_positive(p.inner, p.n_spare)
+    bounded_least_squares.solve_positive(p.inner, p.n_spare)
     for k in range(p.n_spare):
         for i in range(p.count):
             thrust[i] -= p.stretch * p.spare[k][i] * p.inner.y[k]
@@ -182,7 +174,7 @@ class LimitedThrustMemory(Layout):
     """Memory of bounded minimum-power allocation, with the fields of `Allocation`. Room for n thrusters."""
 
     powers: PowerMemory
-    problem: BoundedProblem
+    problem: bounded_least_squares.BoundedProblem
     lower: Annotated[Vector, Sized("n")]
     """(n,) [N]"""
     upper: Annotated[Vector, Sized("n")]
@@ -246,7 +238,7 @@ def _solve(p: LimitedThrustMemory, started: bool) -> None:
             p.problem.A[k][i] = p.powers.wrench_weight[k] * p.powers.matrix[k][i]
     p.problem.x[:n] = p.thrust[:n]
     p.problem.started = started
-    solve_bounded(p.problem)
+    bounded_least_squares.solve_bounded(p.problem)
     p.thrust[:n] = p.problem.x[:n]
 
 

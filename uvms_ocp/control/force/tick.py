@@ -13,15 +13,7 @@ from uvms_ocp.codegen.kernels import make_memory
 from uvms_ocp.control.faults.detection import FaultDetection, detect_faults, pause_detection
 from uvms_ocp.control.faults.monitor import detection_sizes, write_detection
 from uvms_ocp.control.faults.verdicts import ActuatorHealthTuning, ThrusterEffectiveness, effective_thrust
-from uvms_ocp.control.force import tick_functions
-from uvms_ocp.control.force.allocation import (
-    LARGEST_WRENCH,
-    AllocationMemory,
-    allocate_thrust,
-    allocation_of,
-    allocation_sizes,
-    apply_effectiveness,
-)
+from uvms_ocp.control.force import allocation as thrust_allocation, tick_functions
 from uvms_ocp.control.force.velocity_law import BandwidthDerating
 from uvms_ocp.errors import InvalidInput
 from uvms_ocp.robot.signals import Command
@@ -60,7 +52,7 @@ class ForceMemory(Layout):
     """Effectiveness of the thrusters that commands reckon with."""
     state: tick_functions.ForceState
     detection: FaultDetection
-    allocation: AllocationMemory
+    allocation: thrust_allocation.AllocationMemory
     # found
     transferred: tick_functions.ForceState
     """State at another share of the bandwidth, in a tick that changes it."""
@@ -103,7 +95,7 @@ def force_step(m: ForceMemory) -> bool:
     if m.watched:
         _detect_faults(m)
     m.control(m.inputs, m.observed, m.desired)
-    possible = _is_possible(m) and allocate_thrust(m.allocation)
+    possible = _is_possible(m) and thrust_allocation.allocate_thrust(m.allocation)
     if possible:
         n = m.allocation.count
         m.allocated.thrust[:n] = m.allocation.thrust[:n]
@@ -124,7 +116,7 @@ def apply_detected_effectiveness(m: ForceMemory) -> None:
         m.effectiveness.constant[i] = m.detection.effectiveness.constant[i]
         m.allocation.share[i] = m.effectiveness.share[i]
         m.allocation.constant[i] = m.effectiveness.constant[i]
-    apply_effectiveness(m.allocation)
+    thrust_allocation.apply_effectiveness(m.allocation)
     # Jammed joints are left to their brakes: nothing is compensated on axes that do not move.
     for j in range(m.detection.joints.count):
         if m.detection.joints.jammed[j]:
@@ -170,7 +162,7 @@ def _write_observation(m: ForceMemory) -> bool:
 def _is_possible(m: ForceMemory) -> bool:
     possible = True
     for k in range(len(m.desired.force)):
-        possible = possible and abs(m.desired.force[k]) < LARGEST_WRENCH
+        possible = possible and abs(m.desired.force[k]) < thrust_allocation.LARGEST_WRENCH
     m.allocation.wrench[:] = m.desired.wrench
     return possible
 
@@ -225,10 +217,8 @@ class ForceTick:
         memory = self.memory
         memory.t, memory.joint_age, memory.encoders_trusted = t, joint_age, encoders_trusted
         if not self._step(memory):
-            force = np.array(memory.desired.force)
-            raise InvalidInput(
-                f"a motion that needs the force {force} [N, N m]; give one of finite forces below {LARGEST_WRENCH:g}"
-            )
+            force, largest = np.array(memory.desired.force), thrust_allocation.LARGEST_WRENCH
+            raise InvalidInput(f"a motion that needs the force {force} [N, N m]; give one of finite forces below {largest:g}")
         outputs = self._outputs.copy()
         return [outputs[place] for place in self._places]
 
@@ -246,7 +236,7 @@ class ForceTick:
         memory, robot = self.memory, laws.robot
         memory.bandwidth_share, memory.joint_bandwidth_share = derating.vehicle, derating.joints
         memory.joints_late = derating.joints_late
-        allocation_of(robot).write(memory.allocation)
+        thrust_allocation.allocation_of(robot).write(memory.allocation)
         memory.detection.n_vehicle, memory.detection.joints.count = robot.n_vehicle, robot.n_joints
         if laws.search is not None and laws.residual_filter is not None and laws.observer is not None:
             memory.watched, bandwidth = True, float(laws.observer.bandwidth[0])
@@ -260,7 +250,7 @@ def _sizes(laws: tick_functions.ForceLaws) -> dict[str, Any]:
     symbolic, search = laws.velocity.dynamics, laws.search or ActuatorHealthTuning()
     return {
         **detection_sizes(laws.robot, symbolic, search, period),
-        **allocation_sizes(len(laws.robot.description.thrusters)),
+        **thrust_allocation.allocation_sizes(len(laws.robot.description.thrusters)),
         **laws.sizes,
         "transfer": tick_functions.transfer_function(laws),
         "observe": tick_functions.observe_function(laws),

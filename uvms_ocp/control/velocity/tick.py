@@ -20,16 +20,7 @@ from uvms_ocp.control.velocity.tick_memory import TickMemory
 from uvms_ocp.control.velocity.viability import enforce_viability, may_reach_limit
 from uvms_ocp.estimation.degraded_modes import restrict
 from uvms_ocp.estimation.fallbacks import Freshness, echo_range, freshness_of, hold_last_valid, point_altimeter
-from uvms_ocp.mission.progress import (
-    NONE,
-    abort_mission,
-    activations_at,
-    is_over,
-    measure_own,
-    start_at_first_tick,
-    take_transition,
-    transition_due,
-)
+from uvms_ocp.mission import progress
 from uvms_ocp.robot.signals import Trust
 from uvms_ocp.solvers.hierarchy.active_set import LexicographicActiveSet
 from uvms_ocp.solvers.hierarchy.solution import Status, TickResult, dense
@@ -45,8 +36,8 @@ _NOTICED, _FORGOTTEN = 0.04, 5.0  # [s] in which it is learnt that a joint goes 
 
 def _begin(m: TickMemory) -> None:
     """External activations, which tell whether the altitude matters."""
-    start_at_first_tick(m.mission, m.t)
-    activations_at(m.mission, m.t, m.gates)
+    progress.start_at_first_tick(m.mission, m.t)
+    progress.activations_at(m.mission, m.t, m.gates)
     m.altitude_matters = False
     for i in range(len(m.gates)):
         m.altitude_matters = m.altitude_matters or (m.reads_altitude[i] != 0 and m.gates[i] != 0.0)
@@ -115,9 +106,9 @@ def finish_tick(m: TickMemory) -> None:
     else:
         _choose(m)
     m.why = AbortReason.NOTHING
-    m.due = NONE
+    m.due = progress.NONE
     m.eventful = False
-    if not is_over(m.mission):
+    if not progress.is_over(m.mission):
         _check_mission(m)
 
 
@@ -136,12 +127,12 @@ def _check_mission(m: TickMemory) -> None:
         if not m.mission.given_up:
             believed = not (m.distress.pushed or _doubts_altimeter(m))
             aim_ascent(m.ascent, m.q, m.beam.highest if believed else math.nan)
-        abort_mission(m.mission, m.t, not stopped)
+        progress.abort_mission(m.mission, m.t, not stopped)
     elif not m.holds:
-        m.due = transition_due(m.mission, m.t, m.phase_quantities)
-        m.eventful = m.due != NONE or m.mission.changed
-        if m.due != NONE:
-            take_transition(m.mission, m.t, m.due)
+        m.due = progress.transition_due(m.mission, m.t, m.phase_quantities)
+        m.eventful = m.due != progress.NONE or m.mission.changed
+        if m.due != progress.NONE:
+            progress.take_transition(m.mission, m.t, m.due)
 
 
 def _doubts_altimeter(m: TickMemory) -> bool:
@@ -179,7 +170,7 @@ def _report(m: TickMemory) -> None:
 
     Phases are told less: nothing that rests on a channel that is not good, but in the abort phase the best there is.
     """
-    measure_own(m.mission, m.t, 0.0 - m.distress.push * m.lift, m.quantities)
+    progress.measure_own(m.mission, m.t, 0.0 - m.distress.push * m.lift, m.quantities)
     of_altitude = m.rests_on[m.altimeter]
     for i in range(len(m.quantities)):
         unknown = is_unknown(m.age, of_altitude[i] != 0, m.altitude_valid)

@@ -17,17 +17,7 @@ import casadi as ca
 import numpy as np
 
 from uvms_ocp.codegen.kernel_layout import CallbackBinding, CallbackField, FunctionField, Layout, Sized, Vector, assign, view
-from uvms_ocp.control.velocity.braking import (
-    NONE,
-    StopMemory,
-    advance_stop,
-    begin_stop,
-    finite_acceleration,
-    slow_down,
-    step_stop,
-    stop_sizes,
-    time_to_rest,
-)
+from uvms_ocp.control.velocity import braking
 from uvms_ocp.control.velocity.goals import asked_in_phases, distance_tasks, tracks_of
 from uvms_ocp.mission.mission import Mission
 from uvms_ocp.robot.limits import PositionLimit
@@ -45,7 +35,7 @@ _HALVINGS = 5
 class ViabilityMemory(Layout):
     """Limits, and which of them a velocity could come to within its stop."""
 
-    stop: StopMemory
+    stop: braking.StopMemory
     """With the reach of the limits."""
     smooth: FunctionField
     """Q to the positions that have an expression, those of the first limits."""
@@ -100,7 +90,7 @@ def may_reach_limit(m: ViabilityMemory, v: Vector, gates: Vector, quantities: Ve
     gates of tasks, quantities [in their units] as measured. Leaves what each axis moves at most, and which limits it is.
     """
     any_near, n = False, len(m.travel)
-    time = time_to_rest(m.stop.acceleration, v, n)
+    time = braking.time_to_rest(m.stop.acceleration, v, n)
     for i in range(n):
         m.travel[i] = abs(v[i]) * (m.stop.dt + 0.5 * time)
     for k in range(m.n_limits):
@@ -126,7 +116,7 @@ def enforce_viability(
     task is on at all. quantities [in their units]: as measured at q. A position that the stop from `previous` would not keep
     either may fall as far as it does there, no farther.
     """
-    slow_down(m.stop, q, previous, m.slower)
+    braking.slow_down(m.stop, q, previous, m.slower)
     for i in range(len(m.mixed)):
         # Of every mixture of the two: it may be as fast as the one and need as long to rest as the other.
         m.mixed[i] = max(abs(wanted[i]), abs(m.slower[i]))
@@ -167,7 +157,7 @@ def _measure(m: ViabilityMemory, k: int, measured: float) -> None:
 
 def _look_at(m: ViabilityMemory, k: int, q: Vector) -> None:
     """The positions of a limit at q [m, rad], of those that count at least; of distances a bound from below."""
-    if m.pairs[k] != NONE:
+    if m.pairs[k] != braking.NONE:
         _look_at_pairs(m, k, q)
         return
     if m.asks[k] == 0:
@@ -188,7 +178,7 @@ def _look_at_pairs(m: ViabilityMemory, k: int, q: Vector) -> None:
 
 def _height(m: ViabilityMemory, k: int, i: int, enough: float) -> float:
     """[m] of a position over its limit, as last looked at; where that is `enough` [m], no less than that."""
-    if m.pairs[k] != NONE and not m.position[i] - m.base[k] >= enough:
+    if m.pairs[k] != braking.NONE and not m.position[i] - m.base[k] >= enough:
         m.position[i] = distance_of(m.distances[m.pairs[k]], i - m.first[k])
     return m.position[i] - m.base[k]
 
@@ -201,14 +191,14 @@ def _is_clear(m: ViabilityMemory, q: Vector, v: Vector) -> bool:
     """
     for k in range(m.n_limits):
         m.stop.room[k] = m.room[k] if m.near[k] != 0 else math.inf
-    begin_stop(m.stop, q, v)
-    k = advance_stop(m.stop)
-    while k != NONE:
+    braking.begin_stop(m.stop, q, v)
+    k = braking.advance_stop(m.stop)
+    while k != braking.NONE:
         _look_at(m, k, m.stop.q)
         m.stop.room[k] = _slack(m, k)
         if m.stop.room[k] < 0.0:
             return False
-        k = advance_stop(m.stop)
+        k = braking.advance_stop(m.stop)
     return True
 
 
@@ -223,9 +213,9 @@ def _slack(m: ViabilityMemory, k: int) -> float:
 
 def _lower_floors(m: ViabilityMemory, q: Vector) -> None:
     """To where the stop from the slower velocity leads, if that is below the limit."""
-    begin_stop(m.stop, q, m.slower)
+    braking.begin_stop(m.stop, q, m.slower)
     while not m.stop.done:
-        step_stop(m.stop)
+        braking.step_stop(m.stop)
         for k in range(m.n_limits):
             if m.near[k] != 0:
                 _look_at(m, k, m.stop.q)
@@ -340,7 +330,7 @@ def viability_sizes(robot: Robot, guards: Sequence[PositionGuard], dt: float) ->
         "n_limits": len(guards),
         "n_positions": sum(guard.limit.n for guard in guards),
         "smooth": ca.Function("positions", [q], [ca.densify(ca.vertcat(ca.SX(0, 1), *smooth))], {"cse": True}),
-        **stop_sizes(robot, dt),
+        **braking.stop_sizes(robot, dt),
     }
 
 
@@ -354,7 +344,7 @@ class ViabilitySetup:
         self._place, self._position, self._counts = map(view, (memory.place, memory.position, memory.counts))
         self.answer = CallbackBinding(memory.ask, self._look)
         memory.n_limits = len(guards)
-        assign(memory.stop, dt=dt, acceleration=finite_acceleration(robot), n_limits=len(guards))
+        assign(memory.stop, dt=dt, acceleration=braking.finite_acceleration(robot), n_limits=len(guards))
         for k, guard in enumerate(guards):
             self._write(k, guard)
 
@@ -364,13 +354,13 @@ class ViabilitySetup:
         memory.task[k], memory.quantity[k] = guard.task, guard.quantity
         memory.first[k], memory.end[k] = guard.positions.start, guard.positions.stop
         memory.pairs[k] = self._measured_by(guard.model)
-        memory.asks[k] = memory.pairs[k] == NONE and not isinstance(limit.values, ca.Function)
+        memory.asks[k] = memory.pairs[k] == braking.NONE and not isinstance(limit.values, ca.Function)
         view(memory.stop.reach)[k] = np.fmin(limit.reach, ENDLESS)
 
     def _measured_by(self, model: CollisionModel | None) -> int:
         """Which of `distances` it is, or `NONE`."""
         if model is None or not in_c(model, self._robot):
-            return NONE
+            return braking.NONE
         model.write(self._memory.distances[self._n_distances])
         self._n_distances += 1
         return self._n_distances - 1

@@ -14,22 +14,8 @@ import numpy as np
 
 from uvms_ocp.codegen.kernel_layout import Layout, Sized, Vector, structure_of
 from uvms_ocp.estimation.filter_memory import JOLTS, N_CHANNELS, NUMBER
+from uvms_ocp.estimation.health import plausibility, redundancy
 from uvms_ocp.estimation.health.floor import POSITION, FloorMemory, init_floor
-from uvms_ocp.estimation.health.plausibility import (
-    CHANCE,
-    EncoderMemory,
-    EstimateHistory,
-    PastEstimate,
-    PlausibilityGate,
-    RepetitionMemory,
-    init_repetitions,
-)
-from uvms_ocp.estimation.health.redundancy import (
-    DepthAgainstPosition,
-    RateAgainstAttitude,
-    VelocityAgainstPosition,
-    init_comparisons,
-)
 from uvms_ocp.estimation.health.tuning import Complaint, HealthTuning, Reason, copy_complaint, set_complaint
 from uvms_ocp.robot.robot import Robot
 from uvms_ocp.robot.signals import SensorSpec, Trust
@@ -62,7 +48,7 @@ class ChannelMemory(Layout):
     """A channel that may be why the estimate does not agree with this one, -1 for none."""
     other_rival: int
     """Another one."""
-    gate: PlausibilityGate
+    gate: plausibility.PlausibilityGate
     # The newest reading.
     fresh: bool
     """There is one since the last tick."""
@@ -112,7 +98,7 @@ class ChannelMemory(Layout):
     """`Trust`"""
     changed: bool
     """The verdict did, in the last tick."""
-    repeats: RepetitionMemory
+    repeats: plausibility.RepetitionMemory
 
 
 class ScreeningResult(Layout):
@@ -152,16 +138,16 @@ class HealthMemory(Layout):
     """Nothing has told it for too long, by this tick."""
     unobserved_at: float
     """[s] when that was so last, 0 before."""
-    now: PastEstimate
-    history: EstimateHistory
+    now: plausibility.PastEstimate
+    history: plausibility.EstimateHistory
     belief: ScreeningResult
     channels: Annotated[list[ChannelMemory], Sized(N_CHANNELS)]
     """Channels by `ChannelIndex`."""
-    encoders: EncoderMemory
+    encoders: plausibility.EncoderMemory
     floor: FloorMemory
-    velocity: VelocityAgainstPosition
-    rate: RateAgainstAttitude
-    depth: DepthAgainstPosition
+    velocity: redundancy.VelocityAgainstPosition
+    rate: redundancy.RateAgainstAttitude
+    depth: redundancy.DepthAgainstPosition
 
 
 # What is thought of one channel, from complaints, silence and the time without either.
@@ -336,7 +322,7 @@ def health_memory(robot: Robot, specs: Mapping[str, SensorSpec], tuning: HealthT
     made.encoders.n = robot.n_joints if _is_plain(robot) and robot.n_joints == len(robot.joint_names) else 0
     bias = dict.fromkeys(sizes_of(robot), 0.0) | {name: max(map(abs, spec.biases)) for name, spec in specs.items()}
     noise = {name: bias[name] + (specs[name].sigma if name in specs else 0.0) for name in bias}
-    init_comparisons(made.velocity, made.rate, made.depth, noise, bias)
+    redundancy.init_comparisons(made.velocity, made.rate, made.depth, noise, bias)
     init_floor(made.floor, specs["altimeter_range"].sigma if "altimeter_range" in specs else 0.0, tuning)
     return made
 
@@ -360,10 +346,10 @@ def _set_channel(c: ChannelMemory, robot: Robot, name: str, spec: SensorSpec) ->
     c.present, c.size = True, math.prod(sizes_of(robot)[name])
     c.delay, c.period, c.losses = spec.delay, 1.0 / spec.rate, math.inf if spec.dropout >= 1.0 else 0.0
     if 0.0 < spec.dropout < 1.0:  # so many readings in a row such a sensor loses by chance
-        c.losses = math.log(CHANCE) / math.log(spec.dropout)
+        c.losses = math.log(plausibility.CHANCE) / math.log(spec.dropout)
     c.rival, c.other_rival = _two(_RIVALS.get(name, ()))
     plain = not name.startswith("joint") or _is_plain(robot)
-    init_repetitions(c.repeats, spec.sigma, size=c.size, each=plain and name not in _WHOLE)
+    plausibility.init_repetitions(c.repeats, spec.sigma, size=c.size, each=plain and name not in _WHOLE)
 
 
 def _is_plain(robot: Robot) -> bool:

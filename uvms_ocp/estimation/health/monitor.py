@@ -15,20 +15,7 @@ from uvms_ocp.codegen.kernel_layout import Layout, Sized, Vector, structure_of
 from uvms_ocp.codegen.kernels import bind_kernels
 from uvms_ocp.estimation.estimator import JOINT_CHANNELS, AltimeterMount, PassThrough
 from uvms_ocp.estimation.filter_memory import N_CHANNELS, NUMBER, ChannelIndex
-from uvms_ocp.estimation.health.channel_state import (
-    LEAST_TO_SUSPECT,
-    ChannelMemory,
-    HealthMemory,
-    accept,
-    accept_empty,
-    health_memory,
-    is_excluded,
-    reject,
-    sizes_of,
-    suspect,
-    update_gate_outcome,
-    update_trust,
-)
+from uvms_ocp.estimation.health import channel_state
 from uvms_ocp.estimation.health.plausibility import integrate_command, remember, slot_at
 from uvms_ocp.estimation.health.screening import compare, is_empty, is_persistent, screen_reading
 from uvms_ocp.estimation.health.tuning import HealthTuning, Reason, ReasonTexts
@@ -109,7 +96,7 @@ def support_of(needed: tuple[str, ...], fallback: Mapping[str, FallbackSensor], 
     return made
 
 
-def update_age(m: HealthMemory, s: EstimateSupport) -> None:
+def update_age(m: channel_state.HealthMemory, s: EstimateSupport) -> None:
     """Update the age of the least supported channel, and that of the joints.
 
     A channel without readings counts as old as its fallback, and ages from when that falls silent too or has replaced it for
@@ -131,7 +118,7 @@ def update_age(m: HealthMemory, s: EstimateSupport) -> None:
     s.age = m.t - oldest
 
 
-def _supported_until(m: HealthMemory, s: EstimateSupport, number: int) -> float:
+def _supported_until(m: channel_state.HealthMemory, s: EstimateSupport, number: int) -> float:
     """Return until when [s] readings support a channel, nan before its first one."""
     own, other = m.channels[number].taken, s.fallback[number]
     by = m.channels[other].taken if other >= 0 else math.nan
@@ -140,10 +127,10 @@ def _supported_until(m: HealthMemory, s: EstimateSupport, number: int) -> float:
     return max(own, min(by, own + s.max_duration[number]))
 
 
-def update_echo(m: HealthMemory, s: EstimateSupport) -> None:
+def update_echo(m: channel_state.HealthMemory, s: EstimateSupport) -> None:
     """Update whether the altitude is supported: estimators predict it while the altimeter is suspect; a raw echo ages at once."""
     c = m.channels[ChannelIndex.ALTIMETER_RANGE]
-    old = s.exact and m.t - c.taken > LEAST_TO_SUSPECT
+    old = s.exact and m.t - c.taken > channel_state.LEAST_TO_SUSPECT
     s.echo = not c.present or (not old and c.trust != Trust.LOST)
 
 
@@ -168,7 +155,7 @@ def pass_through_memory(estimator: PassThrough) -> PassThroughMemory:
     return made
 
 
-def repeat(m: HealthMemory, r: PassThroughMemory) -> None:
+def repeat(m: channel_state.HealthMemory, r: PassThroughMemory) -> None:
     """Copy the readings in use into `now`. A kernel."""
     at, there = 0, 0
     for k in range(r.n):
@@ -190,7 +177,7 @@ class ChannelBuffer:
 
     __slots__ = ("_scalar", "_shape", "_texts", "_value", "memory", "seen", "used")
 
-    def __init__(self, memory: ChannelMemory, shape: tuple[int, ...], texts: ReasonTexts) -> None:
+    def __init__(self, memory: channel_state.ChannelMemory, shape: tuple[int, ...], texts: ReasonTexts) -> None:
         """memory: a `ChannelMemory`. shape: of a right value."""
         self.memory, self._shape, self._texts = memory, shape, texts
         self._scalar = shape == ()
@@ -223,7 +210,7 @@ _N_OUTCOME = 4  # numbers of an outcome
 _LONGEST_UNOBSERVED = 1.0  # [s] for which a velocity may be carried on by itself
 
 
-def screen(m: HealthMemory, t: float, moving: bool) -> None:
+def screen(m: channel_state.HealthMemory, t: float, moving: bool) -> None:
     """Screen the fresh readings at time t [s]; moving: there was a command, and no brakes."""
     m.dt = max(t - m.t, 0.0) if m.started else 0.0
     m.t, m.started, m.exposed = t, True, False
@@ -241,24 +228,24 @@ def screen(m: HealthMemory, t: float, moving: bool) -> None:
     m.unobserved_at = t if m.velocity_unobserved else m.unobserved_at
 
 
-def _last_observed(c: ChannelMemory) -> float:
+def _last_observed(c: channel_state.ChannelMemory) -> float:
     """Return the time [s] of the last reading in use, -inf before the first and without the channel."""
     return -math.inf if not c.present or math.isnan(c.taken) else c.taken
 
 
-def judge(m: HealthMemory, t: float, is_estimated: bool) -> int:
+def judge(m: channel_state.HealthMemory, t: float, is_estimated: bool) -> int:
     """Update the trust in every channel at time t [s]; is_estimated: `now` is one. Returns how many verdicts changed."""
     m.t, m.now.t = t, t
     if is_estimated:
         remember(m.history, m.now)
     n = 0
     for k in range(m.n):
-        if update_trust(m, m.channels[m.order[k]]):
+        if channel_state.update_trust(m, m.channels[m.order[k]]):
             n += 1
     return n
 
 
-def finish(m: HealthMemory, s: EstimateSupport, outcomes: Vector, t: float) -> int:
+def finish(m: channel_state.HealthMemory, s: EstimateSupport, outcomes: Vector, t: float) -> int:
     """Take the filter's outcomes (36,), four numbers per channel, the support of its estimate `now`, and judge.
 
     t [s] is the time of the tick. Returns how many verdicts changed.
@@ -268,21 +255,21 @@ def finish(m: HealthMemory, s: EstimateSupport, outcomes: Vector, t: float) -> i
     return _update_all_trust(m, s, t)
 
 
-def screen_and_finish(m: HealthMemory, s: EstimateSupport, r: PassThroughMemory, t: float, moving: bool) -> int:
+def screen_and_finish(m: channel_state.HealthMemory, s: EstimateSupport, r: PassThroughMemory, t: float, moving: bool) -> int:
     """`screen` at time t [s], and `finish` of the readings that are used, taken for the truth."""
     screen(m, t, moving)
     repeat(m, r)
     return _update_all_trust(m, s, t)
 
 
-def _update_all_trust(m: HealthMemory, s: EstimateSupport, t: float) -> int:
+def _update_all_trust(m: channel_state.HealthMemory, s: EstimateSupport, t: float) -> int:
     update_age(m, s)
     n = judge(m, t, s.age < math.inf)
     update_echo(m, s)
     return n
 
 
-def _screen_newest(m: HealthMemory, c: ChannelMemory) -> None:
+def _screen_newest(m: channel_state.HealthMemory, c: channel_state.ChannelMemory) -> None:
     c.fresh, c.behind = False, True
     if not c.started or c.stamp != c.seen:
         c.started, c.seen = True, c.stamp
@@ -292,31 +279,31 @@ def _screen_newest(m: HealthMemory, c: ChannelMemory) -> None:
         c.used_value[: c.size] = c.value[: c.size]
 
 
-def _screen_new(m: HealthMemory, c: ChannelMemory) -> None:
-    slot, barred, b = slot_at(m.history, c.stamp), is_excluded(c, m.t), m.belief
+def _screen_new(m: channel_state.HealthMemory, c: channel_state.ChannelMemory) -> None:
+    slot, barred, b = slot_at(m.history, c.stamp), channel_state.is_excluded(c, m.t), m.belief
     screen_reading(m, c, slot)
     if not b.used:
-        reject(c, b.why, m.t)
+        channel_state.reject(c, b.why, m.t)
     elif not barred and is_empty(c):
-        accept_empty(c)
+        channel_state.accept_empty(c)
     elif not barred:
-        accept(c, m.t)
+        channel_state.accept(c, m.t)
     if b.used and b.why.code != Reason.NONE:
-        suspect(c, b.why, m.t)
+        channel_state.suspect(c, b.why, m.t)
     # Fixes are heard even where the estimate contradicts them, as it may err, and so is a DVL that insists.
     is_compared = b.used or (b.sane and (barred or c.number == ChannelIndex.POSITION or is_persistent(c)))
     if is_compared and slot >= 0 and not is_empty(c):
         compare(m, c, m.history.kept[slot])
 
 
-def _update_all_outcomes(m: HealthMemory, outcomes: Vector) -> None:
+def _update_all_outcomes(m: channel_state.HealthMemory, outcomes: Vector) -> None:
     """Use every outcome once."""
     for k in range(m.n):
         number = m.order[k]
         c, at = m.channels[number], _N_OUTCOME * number
         if outcomes[at] > c.compared_at:
             c.compared_at = outcomes[at]
-            update_gate_outcome(m, number, outcomes[at + 1], outcomes[at + 2], outcomes[at + 3] > 0.0, m.t)
+            channel_state.update_gate_outcome(m, number, outcomes[at + 1], outcomes[at + 2], outcomes[at + 3] > 0.0, m.t)
 
 
 _readings = unchecked_constructor(Readings)
@@ -349,13 +336,13 @@ class HealthMonitor:
         specs, self.tuning = specs or SensorSpecs(), tuning or HealthTuning()
         frame = altimeter_frame or robot.description.altimeter
         present = {name: getattr(specs, name) for name in _present(robot, specs, frame)}
-        self.memory = memory = health_memory(robot, present, self.tuning)
+        self.memory = memory = channel_state.health_memory(robot, present, self.tuning)
         """Memory of the kernels, a `HealthMemory`."""
         structures = (type(memory), structure_of(EstimateSupport), structure_of(PassThroughMemory))
         self._screen, self._judge, self._finish, self._screen_and_finish = bind_kernels(
             (screen, judge, finish, screen_and_finish), structures, compiled=compiled
         )
-        shapes, self._texts = sizes_of(robot), ReasonTexts(robot.joint_names)
+        shapes, self._texts = channel_state.sizes_of(robot), ReasonTexts(robot.joint_names)
         self._buffers = {name: ChannelBuffer(memory.channels[NUMBER[name]], shapes[name], self._texts) for name in present}
         self._places = tuple(self._buffers.get(name) for name in CHANNELS)
         self._beam = AltimeterMount(robot, frame, memory.now) if "altimeter_range" in present and frame else None

@@ -6,28 +6,9 @@ import math
 
 from uvms_ocp.codegen.kernel_layout import Vector, zeros
 from uvms_ocp.estimation.filter_memory import ChannelIndex
+from uvms_ocp.estimation.health import plausibility, redundancy
 from uvms_ocp.estimation.health.channel_state import TOO_LATE, ChannelMemory, HealthMemory, ScreeningResult, exclude, suspect
 from uvms_ocp.estimation.health.floor import FloorPoint, accept_echo
-from uvms_ocp.estimation.health.plausibility import (
-    PastEstimate,
-    distance,
-    is_impossible,
-    is_mistimed,
-    is_nonsense,
-    is_off,
-    repeated,
-    rotate,
-    stands_still,
-)
-from uvms_ocp.estimation.health.redundancy import (
-    compare_place,
-    compare_turns,
-    depth_difference,
-    drift_rate,
-    update_depth,
-    update_rate,
-    update_velocity,
-)
 from uvms_ocp.estimation.health.tuning import Complaint, Reason, set_complaint
 from uvms_ocp.robot.kinematics import STEEP
 from uvms_ocp.robot.signals import Trust
@@ -71,7 +52,9 @@ def _means_nothing(m: HealthMemory, c: ChannelMemory, why: Complaint) -> bool:
     if c.misshapen > 0:
         set_complaint(why, Reason.SHAPE, c.misshapen, 0.0)
         return True
-    return is_nonsense(c.number, c.value, c.size, why) or is_mistimed(c.stamp, c.used, m.t, m.clock, why)
+    return plausibility.is_nonsense(c.number, c.value, c.size, why) or plausibility.is_mistimed(
+        c.stamp, c.used, m.t, m.clock, why
+    )
 
 
 def _cannot_be(m: HealthMemory, c: ChannelMemory, why: Complaint) -> bool:
@@ -82,12 +65,12 @@ def _cannot_be(m: HealthMemory, c: ChannelMemory, why: Complaint) -> bool:
         return True
     if is_empty(c):
         return False
-    if c.number == ChannelIndex.JOINT_POSITIONS and stands_still(m.encoders, c.value, why):
+    if c.number == ChannelIndex.JOINT_POSITIONS and plausibility.stands_still(m.encoders, c.value, why):
         return True
-    return repeated(c.repeats, c.value, why) or is_impossible(c.gate, c.value, why)
+    return plausibility.repeated(c.repeats, c.value, why) or plausibility.is_impossible(c.gate, c.value, why)
 
 
-def _compare_with_estimate(m: HealthMemory, c: ChannelMemory, estimate: PastEstimate, b: ScreeningResult) -> None:
+def _compare_with_estimate(m: HealthMemory, c: ChannelMemory, estimate: plausibility.PastEstimate, b: ScreeningResult) -> None:
     if c.number == ChannelIndex.ALTIMETER_RANGE:
         b.used = _is_floor(m, c, estimate, b.why)
     elif c.gate.exists and not _agrees(m, c, estimate, b.why):
@@ -96,14 +79,14 @@ def _compare_with_estimate(m: HealthMemory, c: ChannelMemory, estimate: PastEsti
             c.agreed, b.why.code = 0, Reason.NONE
 
 
-def _agrees(m: HealthMemory, c: ChannelMemory, estimate: PastEstimate, why: Complaint) -> bool:
+def _agrees(m: HealthMemory, c: ChannelMemory, estimate: plausibility.PastEstimate, why: Complaint) -> bool:
     gate = c.gate
     carried = _is_good(m, gate.by) or _is_good(m, gate.or_by)
     rate = gate.supported if carried else gate.alone
     growth = 0.0 if math.isnan(c.taken) else rate * max(c.stamp - c.taken, 0.0)
     if carried and is_persistent(c):
         growth -= 0.5 * gate.base
-    if is_off(gate, c.value, estimate, abs(c.stamp - estimate.t), growth, why):
+    if plausibility.is_off(gate, c.value, estimate, abs(c.stamp - estimate.t), growth, why):
         if not _goes_on(c):
             c.off_in_a_row += 1
             return False
@@ -119,7 +102,7 @@ def _goes_on(c: ChannelMemory) -> bool:
     A step of a velocity is an acceleration to the filter until the next reading ends it.
     """
     recent = c.number == ChannelIndex.LINEAR_VELOCITY and c.stamp - c.taken <= _NEXT * c.period
-    return recent and distance(c.gate, c.value, c.used_value) <= c.gate.base
+    return recent and plausibility.distance(c.gate, c.value, c.used_value) <= c.gate.base
 
 
 def is_persistent(c: ChannelMemory) -> bool:
@@ -135,17 +118,17 @@ def _is_good(m: HealthMemory, channel: int) -> bool:
     return channel >= 0 and m.channels[channel].present and m.channels[channel].trust == Trust.GOOD
 
 
-def _is_floor(m: HealthMemory, c: ChannelMemory, estimate: PastEstimate, why: Complaint) -> bool:
+def _is_floor(m: HealthMemory, c: ChannelMemory, estimate: plausibility.PastEstimate, why: Complaint) -> bool:
     up, at = zeros(3), zeros(3)
-    rotate(estimate.q, estimate.beam_up, up)
-    rotate(estimate.q, estimate.beam_at, at)
+    plausibility.rotate(estimate.q, estimate.beam_up, up)
+    plausibility.rotate(estimate.q, estimate.beam_at, at)
     if up[2] <= STEEP:
         return True
     _place(m.floor.here, c, estimate, up, at)
     return accept_echo(m.floor, why)
 
 
-def _place(here: FloorPoint, c: ChannelMemory, estimate: PastEstimate, up: Vector, at: Vector) -> None:
+def _place(here: FloorPoint, c: ChannelMemory, estimate: plausibility.PastEstimate, up: Vector, at: Vector) -> None:
     """Find the spot of the floor of an echo: up and at [m], axis and place of the altimeter, are in W, seen from the vehicle."""
     here.t, here.sensor_x = c.stamp, estimate.q[0] + at[0]
     here.sensor_y, here.sensor_z = estimate.q[1] + at[1], estimate.q[2] + at[2]
@@ -159,26 +142,26 @@ def _place(here: FloorPoint, c: ChannelMemory, estimate: PastEstimate, up: Vecto
 _RECENT = 10.0  # [s] for which a refused reading speaks against its channel when it comes to blame
 
 
-def compare(m: HealthMemory, c: ChannelMemory, estimate: PastEstimate) -> None:
+def compare(m: HealthMemory, c: ChannelMemory, estimate: plausibility.PastEstimate) -> None:
     """The newest reading of a channel with what others tell of the same; the estimate is that of when it was taken."""
     why = m.belief.why
     if c.number == ChannelIndex.POSITION:
         _compare_fix(m, c, estimate, why)
     elif c.number == ChannelIndex.LINEAR_VELOCITY:
         v_W = zeros(3)
-        rotate(estimate.q, c.value, v_W)
-        update_velocity(m.velocity, v_W, c.stamp)
+        plausibility.rotate(estimate.q, c.value, v_W)
+        redundancy.update_velocity(m.velocity, v_W, c.stamp)
     elif c.number == ChannelIndex.DEPTH:
-        update_depth(m.depth, c.value[0], c.stamp)
+        redundancy.update_depth(m.depth, c.value[0], c.stamp)
         _compare_depth(m, c, why)
     elif c.number == ChannelIndex.ANGULAR_VELOCITY:
-        update_rate(m.rate, c.value, c.stamp)
+        redundancy.update_rate(m.rate, c.value, c.stamp)
     elif c.number == ChannelIndex.ATTITUDE:
         _compare_attitude(m, c, why)
 
 
 def _compare_attitude(m: HealthMemory, c: ChannelMemory, why: Complaint) -> None:
-    compare_turns(m.rate, c.value, c.stamp)
+    redundancy.compare_turns(m.rate, c.value, c.stamp)
     quick, slow = m.rate.quick_rate, m.rate.slow_rate
     if quick > 0.0 or slow > 0.0:
         set_complaint(why, Reason.TURN, max(quick, slow), 0.0)
@@ -186,13 +169,13 @@ def _compare_attitude(m: HealthMemory, c: ChannelMemory, why: Complaint) -> None
         _suspect_likelier(m, ChannelIndex.ATTITUDE, ChannelIndex.ANGULAR_VELOCITY, likely)
 
 
-def _compare_fix(m: HealthMemory, c: ChannelMemory, estimate: PastEstimate, why: Complaint) -> None:
+def _compare_fix(m: HealthMemory, c: ChannelMemory, estimate: plausibility.PastEstimate, why: Complaint) -> None:
     velocity, depth = m.channels[ChannelIndex.LINEAR_VELOCITY], m.channels[ChannelIndex.DEPTH]
     v_W = zeros(3)
-    known = compare_place(m.velocity, c.value, c.stamp, 0)
-    quick, slow = drift_rate(m.velocity.quick, 0), drift_rate(m.velocity.slow, 0)
-    rotate(estimate.q, estimate.v, v_W)
-    by = depth_difference(m.depth, c.value[2], v_W[2], c.stamp)
+    known = redundancy.compare_place(m.velocity, c.value, c.stamp, 0)
+    quick, slow = redundancy.drift_rate(m.velocity.quick, 0), redundancy.drift_rate(m.velocity.slow, 0)
+    plausibility.rotate(estimate.q, estimate.v, v_W)
+    by = redundancy.depth_difference(m.depth, c.value[2], v_W[2], c.stamp)
     if known and quick > 0.0:
         set_complaint(why, Reason.DRIFT, quick, 0.0)
         # The DVL is not used until it agrees again, as the filter cannot find out by itself; unless fixes jumped.
@@ -204,13 +187,13 @@ def _compare_fix(m: HealthMemory, c: ChannelMemory, estimate: PastEstimate, why:
     elif known and slow > 0.0:
         # Nothing tells which of the two drifts, but for depths where it is along z.
         set_complaint(why, Reason.DRIFT, slow, 0.0)
-        if drift_rate(m.velocity.slow, 2) > 0.0 and _agrees_with_velocity(m, depth):
+        if redundancy.drift_rate(m.velocity.slow, 2) > 0.0 and _agrees_with_velocity(m, depth):
             exclude(c, why, m.t, m.clean)
         else:
             _suspect_likelier(m, ChannelIndex.POSITION, ChannelIndex.LINEAR_VELOCITY, -1)
     if by > 0.0:
         set_complaint(why, Reason.DEPTH, by, 0.0)
-        if not _agrees_with_velocity(m, depth) and drift_rate(m.velocity.slow, 2) == 0.0 and known:
+        if not _agrees_with_velocity(m, depth) and redundancy.drift_rate(m.velocity.slow, 2) == 0.0 and known:
             exclude(depth, why, m.t, m.clean)
         else:
             _suspect_likelier(m, ChannelIndex.DEPTH, ChannelIndex.POSITION, -1)
@@ -218,17 +201,17 @@ def _compare_fix(m: HealthMemory, c: ChannelMemory, estimate: PastEstimate, why:
 
 def _compare_depth(m: HealthMemory, c: ChannelMemory, why: Complaint) -> None:
     """Where depths drift from what the DVL tells, and fixes do not, they are not used."""
-    rate = drift_rate(m.velocity.depth, 2) if compare_place(m.velocity, c.value, c.stamp, 2) else 0.0
+    rate = redundancy.drift_rate(m.velocity.depth, 2) if redundancy.compare_place(m.velocity, c.value, c.stamp, 2) else 0.0
     if rate > 0.0:
         set_complaint(why, Reason.DEPTH_DRIFT, rate, 0.0)
-        if m.channels[ChannelIndex.POSITION].present and drift_rate(m.velocity.slow, 2) == 0.0:
+        if m.channels[ChannelIndex.POSITION].present and redundancy.drift_rate(m.velocity.slow, 2) == 0.0:
             exclude(c, why, m.t, m.clean)
         else:
             suspect(c, why, m.t)
 
 
 def _agrees_with_velocity(m: HealthMemory, depth: ChannelMemory) -> bool:
-    return depth.present and drift_rate(m.velocity.depth, 2) == 0.0
+    return depth.present and redundancy.drift_rate(m.velocity.depth, 2) == 0.0
 
 
 def _suspect_likelier(m: HealthMemory, first: int, second: int, likely: int) -> None:

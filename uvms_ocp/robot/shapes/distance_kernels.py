@@ -25,17 +25,7 @@ import numpy as np
 import pinocchio as pin
 
 from uvms_ocp.codegen.kernel_layout import FunctionField, Layout, Sized, Vector, zeros
-from uvms_ocp.robot.shapes.gjk import (
-    RelativePlacement,
-    Solid,
-    dot,
-    height,
-    place_relative,
-    rotated,
-    search_apart,
-    subtract,
-    turned_back,
-)
+from uvms_ocp.robot.shapes import gjk
 from uvms_ocp.robot.shapes.penetration import Hull, expand_polytope, try_axes, try_axis
 from uvms_ocp.robot.spatial import skew
 from uvms_ocp.robot.symbolic_bodies import SymbolicJoint, SymbolicPose
@@ -47,17 +37,17 @@ _SHIFT = 1e-3  # [m] that overlapping solids are taken apart by, for their neare
 _POLISH = 3  # of the direction that a polytope gives to 1e-7 m
 
 
-def measure_solids(m: RelativePlacement, hull: Hull, a: Solid, b: Solid) -> None:
+def measure_solids(m: gjk.RelativePlacement, hull: Hull, a: gjk.Solid, b: gjk.Solid) -> None:
     """Distance, normal and nearest point of A, balls included, in the frame of A. A kernel."""
-    place_relative(m, a, b)
-    if not search_apart(m, a, b):
+    gjk.place_relative(m, a, b)
+    if not gjk.search_apart(m, a, b):
         overlap_solids(m, hull, a, b)
     m.distance -= a.ball + b.ball
     for i in range(3):
         m.at[i] += a.ball * m.normal[i]
 
 
-def overlap_solids(m: RelativePlacement, hull: Hull, a: Solid, b: Solid) -> None:
+def overlap_solids(m: gjk.RelativePlacement, hull: Hull, a: gjk.Solid, b: gjk.Solid) -> None:
     """The shallowest direction, and the points that part last along it. A kernel."""
     try_axes(m, a, b)
     if is_curved(a, b):
@@ -66,24 +56,24 @@ def overlap_solids(m: RelativePlacement, hull: Hull, a: Solid, b: Solid) -> None
         separate_solids(m, a, b)
 
 
-def is_curved(a: Solid, b: Solid) -> bool:
+def is_curved(a: gjk.Solid, b: gjk.Solid) -> bool:
     """Check for faces of the difference that `axes` does not cover. A kernel."""
     return (a.disk > 0.0 and not is_ball(b)) or (b.disk > 0.0 and not is_ball(a))
 
 
-def is_ball(s: Solid) -> bool:
+def is_ball(s: gjk.Solid) -> bool:
     """A kernel."""
     return s.disk == 0.0 and s.half[0] == 0.0 and s.half[1] == 0.0 and s.half[2] == 0.0
 
 
-def separate_solids(m: RelativePlacement, a: Solid, b: Solid) -> None:
+def separate_solids(m: gjk.RelativePlacement, a: gjk.Solid, b: gjk.Solid) -> None:
     """Take B away from A along the normal; what is nearest then parts last, and tells the direction again. A kernel."""
     p, n, distance = zeros(3), zeros(3), m.distance
     for i in range(3):
         p[i] = m.p[i]
         n[i] = m.normal[i]
         m.p[i] += (_SHIFT - distance) * n[i]
-    search_apart(m, a, b)
+    gjk.search_apart(m, a, b)
     for i in range(3):
         m.p[i] = p[i]
         p[i] = m.normal[i]
@@ -135,7 +125,7 @@ class DistanceMemory(Layout):
     axes: Annotated[list[int], Sized("n_axes")]
     """(n_axes,) which velocity turns or shifts the axis: of joints that mimic others it is the same one."""
     n_solids: int
-    solids: Annotated[list[Solid], Sized("n_solids")]
+    solids: Annotated[list[gjk.Solid], Sized("n_solids")]
     """(n_solids,)"""
     moves: Annotated[list[list[int]], Sized("n_solids", "n_axes")]
     """(n_solids, n_axes) whether the axis moves the solid."""
@@ -149,7 +139,7 @@ class DistanceMemory(Layout):
     n_chosen: int
     chosen: Annotated[list[int], Sized("n_pairs")]
     """(n_chosen,) pairs that `chosen_distances` measures."""
-    meeting: RelativePlacement
+    meeting: gjk.RelativePlacement
     """Relative placement of the pair measured last, in the frame of its first solid."""
     hull: Hull
     """Working memory."""
@@ -183,12 +173,12 @@ def place_solids(m: DistanceMemory, q: Vector) -> None:
             place_solid(m.solids[k], m.placements)
 
 
-def place_solid(s: Solid, placements: Vector) -> None:
+def place_solid(s: gjk.Solid, placements: Vector) -> None:
     """One of a joint. A kernel."""
     R, p, first = zeros(9), zeros(3), 12 * s.joint
     for i in range(9):
         R[i] = placements[first + i]
-    rotated(R, s.p_JS, p)
+    gjk.rotated(R, s.p_JS, p)
     for i in range(3):
         s.p[i] = placements[first + 9 + i] + p[i]
         for j in range(3):
@@ -200,8 +190,8 @@ def distance_of(m: DistanceMemory, k: int) -> float:
     pair, meeting = m.pairs[k], m.meeting
     a, b = m.solids[pair.first], m.solids[pair.second]
     measure_solids(meeting, m.hull, a, b)
-    rotated(a.R, meeting.normal, pair.normal)
-    rotated(a.R, meeting.at, pair.at)
+    gjk.rotated(a.R, meeting.normal, pair.normal)
+    gjk.rotated(a.R, meeting.at, pair.at)
     for i in range(3):
         pair.at[i] += a.p[i]
     pair.known = True
@@ -212,13 +202,13 @@ def distance_lower_bound(m: DistanceMemory, k: int) -> float:
     """No more than the distance [m] of pair k: that along the direction found last, or of the balls around. A kernel."""
     pair, way, turned = m.pairs[k], zeros(3), zeros(3)
     a, b = m.solids[pair.first], m.solids[pair.second]
-    subtract(b.p, a.p, way)
-    found = math.sqrt(dot(way, way)) - a.size - b.size
+    gjk.subtract(b.p, a.p, way)
+    found = math.sqrt(gjk.dot(way, way)) - a.size - b.size
     if pair.known:
-        turned_back(a.R, pair.normal, turned)
-        along = dot(pair.normal, way) - height(a, turned) - a.ball
-        turned_back(b.R, pair.normal, turned)
-        found = max(found, along - height(b, turned) - b.ball)
+        gjk.turned_back(a.R, pair.normal, turned)
+        along = gjk.dot(pair.normal, way) - gjk.height(a, turned) - a.ball
+        gjk.turned_back(b.R, pair.normal, turned)
+        found = max(found, along - gjk.height(b, turned) - b.ball)
     return found
 
 
@@ -282,7 +272,7 @@ def write_distances(
         pair.first, pair.second, pair.known = places[first], places[second], False
 
 
-def _write_solid(solid: Solid, shape: pin.GeometryObject) -> None:
+def _write_solid(solid: gjk.Solid, shape: pin.GeometryObject) -> None:
     half, disk, ball = _sums(shape.geometry)
     solid.half[:], solid.disk, solid.ball = half, disk, ball
     solid.size = float(np.hypot(np.hypot(half[0], half[1]) + disk, half[2])) + ball
