@@ -101,8 +101,8 @@ def test_what_cannot_be_identified_is_refused(
 
 
 SHAPES = {
-    "a shape in place of coefficients": {"box": {"size": [0.4, 0.3, 0.2]}},
-    "coefficients in a frame of theirs": {"coefficients": {"pose": {"position": [0.0, 0.0, 0.1]}}},
+    "a shape that is turned": {"box": {"size": [0.4, 0.3, 0.2], "pose": {"rpy": [0.0, 0.0, 0.1]}}},
+    "coefficients along axes of theirs": {"coefficients": {"pose": {"rpy": [0.0, 0.0, 0.1]}}},
 }
 
 
@@ -115,7 +115,7 @@ def test_a_robot_without_coefficients_to_be_replaced_is_refused(link: dict[str, 
     (tmp_path / "water.yaml").write_text(yaml.safe_dump(content))
     _, stopped = identify(tmp_path, SETTINGS + "hydrodynamics: water.yaml", recording())
     assert isinstance(stopped, UvmsError)
-    assert "base_link: give it coefficients in the link frame" in str(stopped)
+    assert "base_link: give it coefficients along the axes of its link" in str(stopped)
 
 
 def test_a_robot_whose_vehicle_is_in_no_water_is_refused(tmp_path: Path) -> None:

@@ -8,6 +8,7 @@ from typing import Any
 import casadi as ca
 import numpy as np
 import pytest
+from towing import moved
 from typer.testing import CliRunner
 
 from uvms_ocp.cli.commands import app
@@ -31,24 +32,11 @@ SETTINGS: dict[str, Any] = {
     "noise": {"velocity": 0.005, "rate": 0.005},
     "step": 0.05,
 }
-NOISE, FINE = 0.005, 1e-3
 LEARN = {"added_mass": {}, "quadratic_drag": {}}
 
 
 def _settings(*axes: str, **learn: Any) -> CalibrationSettings:
     return CalibrationSettings(**SETTINGS, axes=axes, learn=learn or LEARN)
-
-
-def _moved(
-    mass: float, linear: float, quadratic: float, pushes: tuple[float, ...], speed: float
-) -> tuple[np.ndarray, np.ndarray]:
-    """Speeds at 10 Hz under pushes that last 5 s each: ``mass v' = push - linear v - quadratic |v| v``, by small steps."""
-    rng, found = np.random.default_rng(3), []
-    for k in range(int(5.0 * len(pushes) / FINE)):
-        if k % 100 == 0:
-            found.append(speed)
-        speed += FINE * (pushes[int(k * FINE / 5.0)] - linear * speed - quadratic * abs(speed) * speed) / mass
-    return 0.1 * np.arange(len(found)), np.array(found) + NOISE * rng.normal(size=len(found))
 
 
 def _along(column: int, values: np.ndarray, width: int) -> np.ndarray:
@@ -60,7 +48,7 @@ def _towed() -> tuple[Recording, float, float]:
     start = calibrated_robot(_settings("surge"), Path()).start
     mass, drag = start.mass + 1.2 * start.added_mass[0, 0], 1.3 * start.quadratic_drag[0, 0]
     pushes = (0.0, 20.0, -15.0, 35.0, 8.0)
-    t, speed = _moved(mass, start.linear_drag[0, 0], drag, pushes, 0.0)
+    t, speed = moved(mass, start.linear_drag[0, 0], drag, pushes, 0.0)
     channels = {
         "linear_velocity": Channel(t=t, values=_along(0, speed, 3)),
         "wrench": Channel(t=5.0 * np.arange(5), values=_along(0, np.array(pushes), 6)),
@@ -93,7 +81,7 @@ def test_a_decay_test_needs_neither_commands_nor_attitude(commands: str) -> None
     subject = calibrated_robot(settings, Path())
     level = ca.SX(ca.DM([0.0] * 6 + [1.0]))
     about_z = float(ca.evalf(subject.vehicle.dynamics.mass_matrix(level)[5, 5]))
-    t, rate = _moved(about_z, subject.start.linear_drag[5, 5], 1.5 * subject.start.quadratic_drag[5, 5], (0.0, 0.0), 2.0)
+    t, rate = moved(about_z, subject.start.linear_drag[5, 5], 1.5 * subject.start.quadratic_drag[5, 5], (0.0, 0.0), 2.0)
     recording = Recording(name="decay", channels={"angular_velocity": Channel(t=t, values=_along(2, rate, 3))})
     found = _fitted(recording, settings)
     drag = next(one for one in found.numbers if one.name == "quadratic_drag yaw")

@@ -18,8 +18,14 @@ from uvms_ocp.identification.experiment_design import DesignSettings, DesignStat
 from uvms_ocp.identification.proposed_mapping import propose_mapping
 from uvms_ocp.identification.reading import UNITS, read_mapping, read_recording
 from uvms_ocp.identification.recording import CHANNEL_KINDS, Channel, Recording, split_at_gaps
-from uvms_ocp.identification.results import excitation_text, report_text, require_coefficients, variant_text, whole_text
-from uvms_ocp.identification.settings import CalibratedRobot, CalibrationSettings, calibrated_robot, read_settings
+from uvms_ocp.identification.results import excitation_text, report_text, variant_text, whole_text
+from uvms_ocp.identification.settings import (
+    CalibratedRobot,
+    CalibrationSettings,
+    calibrated_robot,
+    read_settings,
+    require_coefficients,
+)
 from uvms_ocp.identification.tables import read_table
 from uvms_ocp.record.output import claim_folder
 from uvms_ocp.robot.thrusters import curve_of_table, thrust_limits

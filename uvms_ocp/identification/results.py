@@ -14,16 +14,15 @@ import numpy as np
 import tomllib
 import yaml
 
-from uvms_ocp.errors import InvalidInput
 from uvms_ocp.identification import uncertainty
 from uvms_ocp.identification.calibration import Calibration, Comparison
 from uvms_ocp.identification.experiment_design import Excitation
 from uvms_ocp.identification.fit import Predicted, fit_percent
 from uvms_ocp.identification.parameters import AXES
-from uvms_ocp.identification.settings import CalibratedRobot, require_no_shape
+from uvms_ocp.identification.settings import SHAPE_SPREADS, require_coefficients, shape_of
 from uvms_ocp.identification.uncertainty import DETERMINED_BELOW, LEAST_P, LEVEL, IdentifiedNumber
 from uvms_ocp.identification.validation import OTHERS, SCORED, HeldOutRecording, HorizonPrediction, errors
-from uvms_ocp.robot.description import LinkCoefficients, read_description
+from uvms_ocp.robot.description import read_description
 
 _PROSE = tomllib.loads((files("uvms_ocp.identification") / "report.toml").read_text(encoding="utf-8"))
 """Texts of the report."""
@@ -74,25 +73,13 @@ IN_FILE = ("added_mass", "linear_drag", "quadratic_drag", "volume", "centre_of_b
 """Quantities that a robot file holds."""
 
 
-def require_coefficients(subject: CalibratedRobot) -> LinkCoefficients:
-    """Return the coefficients of the calibrated link in the robot's file, which the identified ones replace.
-
-    Raises InvalidInput for a robot whose link has none of its own, as `require_no_shape` does for a shape, or a frame of theirs.
-    """
-    require_no_shape(subject)
-    description, frame = subject.robot.description, subject.frame
-    link = description.links.get(frame)
-    found = None if link is None else link.coefficients
-    if found is None or description.convention != "FLU" or found.pose != type(found.pose)():
-        raise InvalidInput(f"{frame}: give it coefficients in the link frame, convention FLU, to have it calibrated")
-    return found
-
-
 def variant_text(one: Calibration, recordings: Sequence[str]) -> str:
     """Write what was learnt as a variant of the robot's file, in YAML. Raises InvalidInput, as `require_coefficients`."""
-    lines, learnt = [f"# Identified from: {', '.join(recordings)}."], list(_lines(one))
+    shape = shape_of(one.subject.robot, one.subject.frame)
+    lines, learnt = [f"# Identified from: {', '.join(recordings)}."], list(_lines(one, shape))
     if learnt:
-        lines += ["links:", f"  {one.subject.frame}:", "    coefficients:", *(f"      {line}" for line in learnt)]
+        lines += ["links:", f"  {one.subject.frame}:", *([f"    {shape}: null"] if shape else [])]
+        lines += ["    coefficients:", *(f"      {line}" for line in learnt)]
     else:  # which is no file of ours without a key
         lines += ["# A robot file holds nothing of what was learnt: see the report.", "links: {}"]
     return "\n".join(lines) + "\n"
@@ -100,32 +87,40 @@ def variant_text(one: Calibration, recordings: Sequence[str]) -> str:
 
 def whole_text(one: Calibration, variant: Path) -> str:
     """The robot's file with what a variant says in its place."""
-    described = read_description(one.subject.file, variant).model_dump(mode="json", exclude_unset=True)
+    described = read_description(one.subject.file, variant).model_dump(mode="json", exclude_unset=True, exclude_none=True)
     head = f"# Of {one.subject.file.name}, with identified coefficients of {one.subject.frame}: see {variant.name}.\n"
     return head + yaml.safe_dump(described, sort_keys=False, width=130)
 
 
-def _lines(one: Calibration) -> Iterator[str]:
+def _lines(one: Calibration, shape: str) -> Iterator[str]:
+    """Lines of coefficients that were learnt; where they take the place of a shape of all that there are."""
     values = _of_file(one)
     learnt = {number.quantity for number in one.numbers}
     if learnt & {"volume", "centre_of_buoyancy"}:
         learnt |= {"volume", "centre_of_buoyancy"}  # with floats beside the hull one follows from the other
-    for name in IN_FILE:
-        if name in learnt:
-            yield f"# {_source(name, one)}"
+    learnt, by_shape = learnt & set(IN_FILE), set(IN_FILE) - learnt if shape else set[str]()
+    if learnt and shape:
+        yield f"pose: {{position: {_row(np.array(require_coefficients(one.subject).pose.position))}}}"
+    for name in IN_FILE if learnt else ():
+        if name in learnt | by_shape:
+            yield f"# {_source(name, one) if name in learnt else f'of its {shape}, as before'}"
             yield f"{name}: {_written(values[name])}"
 
 
 def _of_file(one: Calibration) -> dict[str, np.ndarray]:
-    """Convert to the file's numbers: those of the vehicle hold floats and ballast, those of its link do not."""
+    """Convert to the file's numbers: those of the vehicle hold floats and ballast, those of its link do not.
+
+    A file has the centre of buoyancy in the link's frame, an estimate in that of the coefficients.
+    """
     before = require_coefficients(one.subject)
+    origin = np.array(before.pose.position)
     found = one.subject.vehicle.shared.values(ca.SX(ca.DM(one.exported.estimate.shared)))
     now = {name: np.asarray(ca.DM(value)) for name, value in found.items() if name in IN_FILE}
     start = one.subject.start
     volume = float(now["volume"].item()) + before.volume - start.volume
     centre = np.zeros(3) if before.centre_of_buoyancy is None else np.array(before.centre_of_buoyancy)
-    floats = start.volume * start.centre_of_buoyancy - before.volume * centre
-    first = float(now["volume"].item()) * now["centre_of_buoyancy"].ravel() - floats
+    floats = start.volume * (start.centre_of_buoyancy + origin) - before.volume * centre
+    first = float(now["volume"].item()) * (now["centre_of_buoyancy"].ravel() + origin) - floats
     return {**now, "volume": np.array(volume), "centre_of_buoyancy": first / volume}
 
 
@@ -247,6 +242,8 @@ def _number_table(one: Calibration) -> Iterator[str]:
         yield _PROSE["unexplained"].format(missed=", ".join(missed))
     if len(axes := one.subject.vehicle.axes) < len(AXES):
         yield _PROSE["axes"].format(axes=", ".join(AXES[k] for k in axes))
+    if shape := shape_of(one.subject.robot, one.subject.frame):
+        yield _PROSE["shape"].format(shape=shape, frame=one.subject.frame, **SHAPE_SPREADS)
     yield _PROSE["number_table"]
     for each in one.numbers:
         words = "yes" if each.determined else "no", _in_file(one, each)

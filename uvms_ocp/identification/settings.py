@@ -22,7 +22,7 @@ from pathlib import Path
 from typing import Annotated, Any, Literal, get_args
 
 import numpy as np
-import yaml
+import pinocchio as pin
 from pydantic import Field
 
 from uvms_ocp.errors import InvalidInput
@@ -35,7 +35,7 @@ from uvms_ocp.model_errors import FileModel, one_line_errors
 from uvms_ocp.record.untrusted import read_yaml_as
 from uvms_ocp.robot.assembly import without_arm
 from uvms_ocp.robot.coefficients import links_in_water
-from uvms_ocp.robot.description import LinkCoefficients, LinkDescription, Pose
+from uvms_ocp.robot.description import LinkCoefficients, Pose, RobotDescription
 from uvms_ocp.robot.dynamics import robot_dynamics
 from uvms_ocp.robot.loading import load_robot, robot_folder
 from uvms_ocp.robot.robot import Robot
@@ -122,6 +122,8 @@ _VEHICLE = 1  # joint of Pinocchio's, after the universe
 _DELAY = 0.05  # [s] of commands, where a search of it begins
 _DELAY_SPREAD = 2.0  # of the logarithm of a delay
 _LEAST = 1e-3  # [s], [N] of what is given as 0: logarithms are searched
+SHAPE_SPREADS = {"added_mass": 0.7, "quadratic_drag": 0.7, "volume": 0.7, "linear_drag": 2.0}
+"""Relative deviations of coefficients that a shape gives, priors where settings give none: rules are right to a factor of two."""
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
@@ -142,9 +144,13 @@ class CalibratedRobot:
     def hull_in_body(self, hull: Sequence[Sequence[float]]) -> np.ndarray:
         """(2, 3) [m] box in B that holds one in the link's frame; hull: its lowest and highest corner [m]."""
         model = self.vehicle.dynamics.model
-        X, low_high = model.frames[model.getFrameId(self.frame)].placement, np.array(hull)
-        middle, reach = X.act(low_high.mean(axis=0)), np.abs(X.rotation) @ (np.diff(low_high, axis=0)[0] / 2)
-        return np.array([middle - reach, middle + reach])
+        return _box_around(model.frames[model.getFrameId(self.frame)].placement, hull)
+
+
+def _box_around(X: pin.SE3, box: Sequence[Sequence[float]]) -> np.ndarray:
+    """(2, 3) [m] lowest and highest corner of a box around one of another frame, which X places."""
+    middle, reach = X.act(np.mean(box, axis=0)), np.abs(X.rotation) @ (np.diff(box, axis=0)[0] / 2)
+    return np.array([middle - reach, middle + reach])
 
 
 def calibrated_robot(settings: CalibrationSettings, folder: Path) -> CalibratedRobot:
@@ -163,9 +169,11 @@ def calibrated_robot(settings: CalibrationSettings, folder: Path) -> CalibratedR
     link = _own_link(robot, dynamics)
     start = NominalParameters.of(dynamics, link)
     learnt = {name: one.status() for name, one in settings.learn.items()}
-    known = parameters.vehicle_declaration(
-        start, np.array(settings.hull), actuators, velocity_delay=settings.velocity_delay or 0.0
-    )
+    for name in learnt.keys() & SHAPE_SPREADS.keys() if shape_of(robot, dynamics.links[link].frame) else ():
+        if isinstance(learnt[name], parameters.Free):
+            learnt[name] = parameters.Prior(sigma=SHAPE_SPREADS[name], only=learnt[name].only)
+    hull = _box_around(dynamics.links[link].X_FL.inverse(), settings.hull)
+    known = parameters.vehicle_declaration(start, hull, actuators, velocity_delay=settings.velocity_delay or 0.0)
     known = known.with_status(**{name: _along(settings.axes, known, name, one) for name, one in learnt.items()})
     shared, own = Unknowns(known), Unknowns(known, own=True)
     if not (shared.names or own.names):
@@ -230,40 +238,31 @@ def _actuators(settings: CalibrationSettings, robot: Robot) -> ActuatorModel:
     return replace(known, names=names, wrench=thruster_matrix(robot), **(described | given))
 
 
-# What a shape of a robot file amounts to: coefficients can be learnt, shapes cannot.
+# Coefficients of the calibrated link as a robot file has them: those that it has, or those that its shape amounts to.
 
 
-def require_no_shape(subject: CalibratedRobot) -> None:
-    """Raises InvalidInput for a robot file that has a shape of the link, with the coefficients that may stand in its place."""
+def shape_of(robot: Robot, frame: str) -> str:
+    """Key of the shape by which the robot's file describes a link, such as ``box``; empty for one with coefficients or none."""
+    link = robot.description.links.get(frame)
+    return next((name for name in ("box", "cylinder", "sphere") if getattr(link, name, None) is not None), "")
+
+
+def require_coefficients(subject: CalibratedRobot) -> LinkCoefficients:
+    """Return the coefficients of the calibrated link in the robot's file, or of its shape there, which identified ones replace.
+
+    Raises InvalidInput for a robot whose link has neither, or has them along axes that are not those of the link.
+    """
     description, frame = subject.robot.description, subject.frame
     link = description.links.get(frame)
-    for name in ("box", "cylinder", "sphere") if link is not None else ():
-        shape = getattr(link, name)
-        if shape is None or description.convention != "FLU" or shape.pose != Pose():
-            continue
-        text = "give it coefficients in the link frame in place of its shape; the same are"
-        raise InvalidInput(f"{frame}: {text} {same_coefficients(subject)} instead of {name}")
+    found = None if link is None else link.coefficients or _of_shape(description, frame)
+    if found is None or description.convention != "FLU" or any(found.pose.rpy):
+        raise InvalidInput(f"{frame}: give it coefficients along the axes of its link, convention FLU, to have it calibrated")
+    return found
 
 
-def same_coefficients(subject: CalibratedRobot) -> str:
-    """Write coefficients as a robot file has them, of the link's shape alone, without floats and ballast."""
-    description, frame = subject.robot.description, subject.frame
-    alone = description.model_copy(update={"links": {frame: description.links[frame]}, "trim": ()})
-    (wet,) = links_in_water(alone)
-    given = LinkCoefficients(
-        added_mass=_row(wet.added_mass),
-        linear_drag=_row(wet.linear_drag),
-        quadratic_drag=_row(wet.quadratic_drag),
-        volume=_rounded(wet.volume),
-    )
-    content = LinkDescription(coefficients=given).model_dump(mode="json", exclude_unset=True)
-    return yaml.safe_dump(content, default_flow_style=True, sort_keys=False, width=10_000).strip()
-
-
-def _row(values: np.ndarray) -> tuple[float, float, float, float, float, float]:
-    a, b, c, d, e, f = map(_rounded, np.diag(values) if values.ndim == 2 else values)
-    return a, b, c, d, e, f
-
-
-def _rounded(value: float) -> float:
-    return float(f"{value:.6g}")
+def _of_shape(description: RobotDescription, frame: str) -> LinkCoefficients:
+    """Coefficients of a link's shape alone, without floats and ballast."""
+    (wet,) = links_in_water(description.model_copy(update={"links": {frame: description.links[frame]}, "trim": ()}))
+    rows = {name: np.diag(getattr(wet, name)).tolist() for name in ("added_mass", "linear_drag", "quadratic_drag")}
+    pose = Pose(position=wet.X_FL.translation.tolist(), rpy=pin.rpy.matrixToRpy(wet.X_FL.rotation).round(9).tolist())
+    return LinkCoefficients(pose=pose, volume=wet.volume, centre_of_buoyancy=wet.centre_of_buoyancy.tolist(), **rows)
