@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import types
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Hashable, Mapping, Sequence
+from dataclasses import dataclass, field
 from mmap import mmap
 from typing import Annotated, Any, NoReturn
 
@@ -128,6 +128,17 @@ Period = Annotated[float, Range(0.0, DAY, open=True)]
 """[s] Of control, of a step, of an action: no longer than a day."""
 Vector3 = Annotated[np.ndarray, Shape(3)]
 Point = Annotated[Sequence[float], Shape(3), Range(open=True)]
+
+
+# Values by which what was made of them is found again.
+
+
+@dataclass(frozen=True, slots=True)
+class Keyed:
+    """An argument of what `functools.lru_cache` keeps, equal to others of the same key."""
+
+    key: Hashable
+    value: Any = field(compare=False)
 
 
 # Values that cannot be changed: mappings and arrays.

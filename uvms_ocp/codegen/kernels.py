@@ -29,6 +29,7 @@ from uvms_ocp.codegen.compile import MATH, compile_library, loaded_library
 from uvms_ocp.codegen.kernel_expressions import PREFIX, c_name
 from uvms_ocp.codegen.kernel_layout import NUMBERS, FunctionStructure, Layout, Memory, connect, functions_in
 from uvms_ocp.codegen.kernel_program import c_program, structure_signature
+from uvms_ocp.types import Keyed
 
 # A memory as C text: what initialises another one like it.
 
@@ -100,29 +101,17 @@ def bind_memory(
 
 @lru_cache(maxsize=64)
 def _bound(kernels: tuple[Callable[..., Any], ...], structures: tuple[Any, ...]) -> tuple[Callable[..., Any], ...]:
-    path = _compiled(kernels, _Shapes(structures))
+    # C sees no difference between functions of one name and size.
+    path = _compiled(kernels, Keyed(tuple(map(structure_signature, structures)), structures))
     if path is None:
         return kernels
     library = loaded_library(path)
     return tuple(_function(library, kernel) for kernel in kernels)
 
 
-class _Shapes:
-    """Structures that are equal where C sees no difference between them: functions of one name and size are exchangeable."""
-
-    def __init__(self, structures: tuple[Any, ...]) -> None:
-        self.structures, self._shapes = structures, tuple(map(structure_signature, structures))
-
-    def __hash__(self) -> int:
-        return hash(self._shapes)
-
-    def __eq__(self, other: object) -> bool:
-        return isinstance(other, _Shapes) and self._shapes == other._shapes
-
-
 @lru_cache(maxsize=64)
-def _compiled(kernels: tuple[Callable[..., Any], ...], shapes: _Shapes) -> Path | None:
-    program = c_program(kernels, shapes.structures)
+def _compiled(kernels: tuple[Callable[..., Any], ...], structures: Keyed) -> Path | None:
+    program = c_program(kernels, structures.value)
     return compile_library(program.types + program.code, name=", ".join(kernel.__name__ for kernel in kernels))
 
 

@@ -8,6 +8,7 @@ from __future__ import annotations
 import json
 import platform
 from collections.abc import Mapping
+from functools import cache
 from importlib.metadata import version
 from typing import Annotated, Any, Final, Literal
 
@@ -231,6 +232,7 @@ def joint_errors(series: Mapping[str, Any], meta: RunMeta | PlanMeta) -> Any:
 _KINDS: dict[str, type[RunMeta] | type[PlanMeta]] = {"run": RunMeta, "plan": PlanMeta}
 
 
+@cache
 def packages() -> tuple[meta_values.PackageMeta, ...]:
     """This package, Python and what the numbers depend on."""
     own = {"uvms_ocp": __version__, "python": platform.python_version()}

@@ -11,6 +11,8 @@ from codecs import BOM_UTF16_BE, BOM_UTF16_LE
 from collections.abc import Collection, Iterator, Mapping
 from contextlib import contextmanager
 from contextvars import ContextVar
+from copy import deepcopy
+from functools import lru_cache
 from lzma import LZMAError
 from pathlib import Path
 from tokenize import TokenError
@@ -317,14 +319,19 @@ class BoundedLoader(yaml.SafeLoader):
             raise ComposerError(None, None, text, event.start_mark)
 
 
-def read_yaml(path: Path | str, loader: type[BoundedLoader] = BoundedLoader) -> object:
+def read_yaml(path: Path | str, loader: Any = BoundedLoader) -> object:
     """The content of a file. Raises `OSError`, or `ValueError` in one line for what is no YAML or beyond the bounds."""
     text = read_text(Path(path), LARGEST_YAML)
     try:
-        return yaml.load(text, Loader=loader)
+        return deepcopy(_parsed(text, loader))
     except (yaml.YAMLError, ValueError, TypeError, OverflowError, AttributeError, LookupError) as error:
         # The constructors of PyYAML raise the latter for a date such as 2001-99-99.
         raise ValueError(" ".join(f"not valid YAML: {error}".split())[:400]) from None
+
+
+@lru_cache(maxsize=4)
+def _parsed(text: str, loader: Any) -> object:
+    return yaml.load(text, Loader=loader)
 
 
 def read_yaml_as(path: Path, model: type[_M]) -> _M:

@@ -21,6 +21,11 @@ _WEAK = 0.1  # of the best driven direction: what rights itself and is driven by
 @checked
 def thruster_matrix(robot: Robot) -> np.ndarray:
     """Return (6, n_thrusters) [-, m]: wrench per newton on the vehicle about the origin of B, in B, linear rows first."""
+    return _columns(robot).copy()
+
+
+@lru_cache(maxsize=8)
+def _columns(robot: Robot) -> np.ndarray:
     columns = [_column(robot.model, thruster) for thruster in robot.description.thrusters]
     return np.column_stack(columns) if columns else np.zeros((6, 0))
 

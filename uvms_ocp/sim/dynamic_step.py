@@ -14,6 +14,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from functools import lru_cache
 
 import casadi as ca
 import numpy as np
@@ -218,6 +219,7 @@ def _contact(model: StepModel, q: ca.SX, v: ca.SX, floor_z: ca.SX, normal: ca.SX
 # A control period of the physical plant: several steps as one function, called through memory that is written to in place.
 
 
+@lru_cache(maxsize=16)
 def period_function(step: ca.Function, n_steps: int) -> ca.Function:
     """``n_steps`` calls of `step_function` as one Function, whose dt [s] is that of all of them and whose result is one column.
 

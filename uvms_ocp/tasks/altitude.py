@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import lru_cache
 from typing import ClassVar
 
 import casadi as ca
@@ -36,6 +37,7 @@ def altimeter_of(task: str, symbols: TickSymbols, frame: str | None) -> str:
     return found
 
 
+@lru_cache(maxsize=8)
 def height_of(robot: Robot, frame: str) -> ca.Function:
     """Values of a `PositionLimit`: z [m] of a frame's origin in W. Raises `FrameNotFound`."""
     q = ca.SX.sym("q", robot.n_q)

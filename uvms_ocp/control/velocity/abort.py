@@ -6,6 +6,7 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from enum import IntEnum
+from functools import lru_cache
 from typing import Annotated
 
 import casadi as ca
@@ -67,13 +68,18 @@ def ascent_sizes(robot: Robot, mission: Mission, altimeter: str | None) -> dict[
 
     altimeter: its frame.
     """
+    frame = None if mission.abort is None else mission.ascent_frame
+    return {"pose": _climb_frame(robot, frame), "lowest": lowest_point(robot, UNSEEN_SLOPE, altimeter)}
+
+
+@lru_cache(maxsize=8)
+def _climb_frame(robot: Robot, frame: str | None) -> ca.Function:
+    """Q -> position and rotation of a frame as in `AscentMemory`."""
     q = ca.SX.sym("q", robot.n_q)
     R_WF, p_WF = ca.SX.eye(3), ca.SX.zeros(3)
-    if mission.abort is not None:
-        R_WF, p_WF = SymbolicModel(robot.model).forward_kinematics(q).pose(mission.ascent_frame)
-    outputs = [ca.densify(p_WF), ca.densify(ca.vec(R_WF))]
-    lowest = lowest_point(robot, UNSEEN_SLOPE, altimeter)
-    return {"pose": ca.Function("climb_frame", [q], outputs, {"cse": True}), "lowest": lowest}
+    if frame is not None:
+        R_WF, p_WF = SymbolicModel(robot.model).forward_kinematics(q).pose(frame)
+    return ca.Function("climb_frame", [q], [ca.densify(p_WF), ca.densify(ca.vec(R_WF))], {"cse": True})
 
 
 def ascent_goal(memory: AscentMemory) -> pin.SE3:

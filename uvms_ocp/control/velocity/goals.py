@@ -256,15 +256,19 @@ def nearest_sizes(robot: Robot | None, asking: Sequence[NearestPairs], n_q: int,
 
     Without a robot nothing moves.
     """
-    q, way = ca.SX.sym("q", n_q), ca.SX.sym("way", n_v)
-    stay = ca.Function("stay", [q, way], [q])
     return {
         "n_q": n_q,
         "n_v": n_v,
         "n_asking": len(asking),
         "n_rows": max((pairs.n_rows for pairs in asking), default=0),
-        "integrate": _integrate(robot) if robot is not None and asking else stay,
+        "integrate": _integrate(robot) if robot is not None and asking else _stay(n_q, n_v),
     }
+
+
+@lru_cache(maxsize=8)
+def _stay(n_q: int, n_v: int) -> ca.Function:
+    q = ca.SX.sym("q", n_q)
+    return ca.Function("stay", [q, ca.SX.sym("way", n_v)], [q])
 
 
 @lru_cache(maxsize=8)

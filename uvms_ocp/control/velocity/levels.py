@@ -7,8 +7,9 @@ the jerk of each axis. That level is below the tasks that keep the robot safe: b
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import replace
+from collections.abc import Hashable, Mapping, Sequence
+from dataclasses import fields, replace
+from functools import lru_cache
 from itertools import takewhile
 from typing import NamedTuple
 
@@ -25,7 +26,7 @@ from uvms_ocp.robot.thrusters import undriven_axes
 from uvms_ocp.solvers.hierarchy.level import widen_bounds
 from uvms_ocp.tasks.activation import ENDLESS, row_acceleration, stopping_speed
 from uvms_ocp.tasks.task import Hierarchy, Rows, Task, TaskClass, TickSymbols, equality_rows
-from uvms_ocp.types import Period
+from uvms_ocp.types import Keyed, Period
 
 # Accelerations that rise and fall instead of jumping.
 #
@@ -167,6 +168,8 @@ LIMITS, JERK_LIMIT, REST, LEAN = "limits", "easing", "rest", "lean"
 """Names of levels beside tasks: the first, the one below the tasks that keep the robot safe, the last, and above the second that
 of `lean_rows` where a vehicle swings."""
 _SPEED = "vehicle.speed"
+_AS_PARAMETERS = ("goal", "model")
+"""Fields of tasks that their rows know by numbers only."""
 _INPUTS = ("q", "velocity", "passive", "previous", "change", "altimeter_range", "parameters", "gates")
 
 
@@ -201,7 +204,28 @@ def build_levels(robot: Robot, hierarchy: Hierarchy, dt: Period, beside_tasks: S
 
     Raises `FrameNotFound` or `NameNotFound` where a task names a frame or joint that the robot does not have.
     """
-    symbols = tick_symbols(robot, dt)
+    key = tuple(_expression_key(task, robot) for task in hierarchy.tasks)
+    return _known_levels(robot, Keyed(key, hierarchy), dt, tuple(beside_tasks))
+
+
+def _expression_key(task: Task, robot: Robot) -> Hashable:
+    """All that the rows of a task depend on: its fields, but for goals and shapes, which are parameters.
+
+    Equal to none where that cannot be known, as of a user's code.
+    """
+    names = [item.name for item in fields(task) if item.init and item.name not in _AS_PARAMETERS]
+    key = (type(task), task.n_parameters(robot), *(getattr(task, name) for name in names))
+    try:
+        hash(key)
+    except TypeError:
+        return object()
+    return key if type(task).__module__.startswith("uvms_ocp.") else object()
+
+
+@lru_cache(maxsize=8)
+def _known_levels(robot: Robot, given: Keyed, dt: float, beside_tasks: tuple[str, ...]) -> LevelsProblem:
+    """Make them once for all runs of a robot and its tasks."""
+    hierarchy, symbols = given.value, tick_symbols(robot, dt)
     previous, change = ca.SX.sym("previous", robot.n_v), ca.SX.sym("change", robot.n_v)
     parameters = ca.SX.sym("parameters", sum(task.n_parameters(robot) for task in hierarchy.tasks))
     gates, passive = ca.SX.sym("gates", len(hierarchy.tasks)), ca.SX.sym("passive", N_PASSIVE)

@@ -10,6 +10,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 from types import MethodType
 from typing import Annotated, Any
 
@@ -323,15 +324,22 @@ def models_of(guards: Sequence[PositionGuard]) -> list[CollisionModel]:
 
 def viability_sizes(robot: Robot, guards: Sequence[PositionGuard], dt: float) -> dict[str, Any]:
     """Return the sizes of a `ViabilityMemory` at control period dt [s], but for the `distance_layout_sizes` of its guards."""
-    q = ca.SX.sym("q", robot.n_q)
-    smooth = [guard.limit.values(q) for guard in guards if isinstance(guard.limit.values, ca.Function)]
+    values = (guard.limit.values for guard in guards)
     return {
         "n_distances": sum(in_c(model, robot) for model in models_of(guards)),
         "n_limits": len(guards),
         "n_positions": sum(guard.limit.n for guard in guards),
-        "smooth": ca.Function("positions", [q], [ca.densify(ca.vertcat(ca.SX(0, 1), *smooth))], {"cse": True}),
+        "smooth": _positions(robot, tuple(one for one in values if isinstance(one, ca.Function))),
         **braking.stop_sizes(robot, dt),
     }
+
+
+@lru_cache(maxsize=8)
+def _positions(robot: Robot, values: tuple[ca.Function, ...]) -> ca.Function:
+    """Q to the positions of limits that have an expression."""
+    q = ca.SX.sym("q", robot.n_q)
+    found = ca.vertcat(ca.SX(0, 1), *(one(q) for one in values))
+    return ca.Function("positions", [q], [ca.densify(found)], {"cse": True})
 
 
 class ViabilitySetup:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import ctypes
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
+from functools import cache
 from typing import Any, TypeAlias
 
 import casadi as ca
@@ -332,6 +333,7 @@ def without_c_form(model: CollisionModel, robot: Robot | None) -> str:
     return "" if robot is not None and model.is_of(robot) else "distances of another robot"
 
 
+@cache
 def _nothing() -> ca.Function:
     q = ca.SX.sym("q")
     return ca.Function("places", [q], [ca.SX(ca.DM.zeros(1)), ca.SX(ca.DM.zeros(1))])

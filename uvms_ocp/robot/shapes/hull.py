@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from functools import lru_cache
+
 import casadi as ca
 import numpy as np
 import pinocchio as pin
@@ -41,6 +43,7 @@ def _box_corners(shape: pin.GeometryObject) -> np.ndarray:
     return np.asarray(box_corners(shape.geometry) @ shape.placement.rotation.T + shape.placement.translation)
 
 
+@lru_cache(maxsize=8)
 def lowest_point(robot: Robot, slope: float = 0.0, altimeter: str | None = None) -> ca.Function:
     """Q to the z [m] in W of the lowest of the hull's corners, the joints of the arm and the tools.
 
