@@ -62,6 +62,8 @@ SPELLINGS: dict[str, bytes] = {
     "preamble": table(before="Log of dive 3,,,\nvehicle: BR2,,,\n\n").encode(),
     "comment": table(before="# dive 3\n% by hand\n").encode(),
     "header in a comment": table(names=None, before="# t,x,y,z\n").encode(),
+    "title of asterisks": table(before="*** dive 3 ***,of,4,June\n").encode(),
+    "title of asterisks below the header": table(rows=[["***", "dive", "of", "June"], *ROWS]).encode(),
     "row of units": table(rows=[["s", "m", "m", "m"], *ROWS]).encode(),
     "units in brackets": table(names=[" T (s) ", "X [m]", "Y [m]", "Z [m]"]).encode(),
     "milliseconds by the header": table(
@@ -99,6 +101,14 @@ def test_columns_without_names_have_places(tmp_path: Path) -> None:
         recording_of(tmp_path / "dive.csv", {"position": POSITION})
     places = {"time": "#1", "columns": ["#2", "#3", "#4"]}
     np.testing.assert_array_equal(recording_of(tmp_path / "dive.csv", {"position": places}).channels["position"].values, XYZ)
+
+
+@pytest.mark.parametrize("first", ["***,***,***,***", "***, 0.5,***, 0.25", "*** dive 3 ***,,0,0"])
+def test_a_row_of_asterisks_is_no_header(first: str, tmp_path: Path) -> None:
+    """They stand for numbers that found no room, or frame a title."""
+    (tmp_path / "dive.csv").write_text(table(names=None, before=f"{first}\n"))
+    read = recording_of(tmp_path / "dive.csv", {"position": {"time": "#1", "columns": ["#2", "#3", "#4"]}})
+    np.testing.assert_array_equal(read.channels["position"].values, XYZ)
 
 
 @pytest.mark.parametrize(("head", "time"), [("%t,x,y,z", "%t"), ("# t,x,y,z", "# t"), ("#t,x,y,z", "t"), ("t,x,y,z", "%t")])

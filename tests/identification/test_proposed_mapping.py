@@ -89,6 +89,57 @@ def test_what_values_say_is_cured_and_its_evidence_stands_beside_it(
     assert one.rate == pytest.approx(wanted.rate, rel=0.1)
 
 
+SIX = (1.0, 2.0, 3.0, 4.0, 5.0, 6.0)
+PLAIN: dict[str, dict[str, tuple[float, ...]]] = {
+    "u": {"linear_velocity": (1.0, 0.0, 0.0)},
+    "speed [m/s]": {"linear_velocity": (1.0, 0.0, 0.0)},
+    "w": {"linear_velocity": (0.0, 0.0, 1.0)},
+    "surge_velocity sway_velocity heave_velocity yaw_rate": {
+        "linear_velocity": (1.0, 2.0, 3.0),
+        "angular_velocity": (0.0, 0.0, 4.0),
+    },
+    "u v w p q r": {"linear_velocity": (1.0, 2.0, 3.0), "angular_velocity": (4.0, 5.0, 6.0)},
+    "u v r": {"linear_velocity": (1.0, 2.0, 0.0), "angular_velocity": (0.0, 0.0, 3.0)},
+    "u force": {"linear_velocity": (1.0, 0.0, 0.0), "wrench": (2.0, 0.0, 0.0, 0.0, 0.0, 0.0)},
+    "speed F [N]": {"linear_velocity": (1.0, 0.0, 0.0), "wrench": (2.0, 0.0, 0.0, 0.0, 0.0, 0.0)},
+    "r torque": {"angular_velocity": (0.0, 0.0, 1.0), "wrench": (0.0, 0.0, 0.0, 0.0, 0.0, 2.0)},
+    "u tau": {"linear_velocity": (1.0, 0.0, 0.0), "wrench": (2.0, 0.0, 0.0, 0.0, 0.0, 0.0)},
+    "X Y Z K M N": {"wrench": SIX},
+    "x y z X Y N": {"position": (1.0, 2.0, 3.0), "wrench": (4.0, 5.0, 0.0, 0.0, 0.0, 6.0)},
+    "x y z n": {"position": (1.0, 2.0, 3.0)},
+    "tau_X tau_Y tau_N": {"wrench": (1.0, 2.0, 0.0, 0.0, 0.0, 3.0)},
+    "tau_u tau_v tau_w tau_p tau_q tau_r": {"wrench": SIX},
+    "tau_surge tau_yaw": {"wrench": (1.0, 0.0, 0.0, 0.0, 0.0, 2.0)},
+    "tau1 tau2 tau3 tau4 tau5 tau6": {"wrench": SIX},
+    "fx fy fz tx ty tz": {"wrench": SIX},
+    "force_x force_y force_z torque_x torque_y torque_z": {"wrench": SIX},
+    "u1 u2 u3 u4": {"propeller_commands": (1.0, 2.0, 3.0, 4.0)},
+    "cmd_0 cmd_1 u v": {"propeller_commands": (1.0, 2.0), "linear_velocity": (3.0, 4.0, 0.0)},
+    "depth": {"position": (0.0, 0.0, -1.0)},
+    "heading": {"attitude": (0.0, 0.0, 1.0)},
+}
+"""Names of columns, and the places, from 1, that each number of a channel has among them, negative for the opposite; 0: none."""
+
+
+@pytest.mark.parametrize("names", PLAIN)
+def test_plain_names_of_columns_are_known(names: str, tmp_path: Path) -> None:
+    columns = re.findall(r"\S+(?: \[\S+\])?", names)
+    t = np.arange(0.0, 20.0, 0.1)
+    write_columns(tmp_path / "tow.csv", {"t": t, **{name: np.sin(t + k) for k, name in enumerate(columns)}})
+    proposed = yaml.safe_load(propose_mapping(tmp_path / "tow.csv"))["channels"]
+    signed = {name: k for k, name in enumerate(columns, start=1)} | {f"-{name}": -k for k, name in enumerate(columns, start=1)}
+    assert {name: tuple(signed.get(one, one) for one in each["columns"]) for name, each in proposed.items()} == PLAIN[names]
+
+
+def test_numbers_that_stand_for_nothing_measured_are_said(tmp_path: Path) -> None:
+    t = np.arange(0.0, 20.0, 0.1)
+    write_columns(tmp_path / "tow.csv", {"t": t, "u": np.sin(t), "force": np.cos(t)})
+    text = propose_mapping(tmp_path / "tow.csv")
+    assert text.count("# not measured: what 0.0 stands for") == 2
+    read = read_as_proposed(tmp_path / "tow.csv").channels
+    np.testing.assert_allclose(read["wrench"].values[:, 0], np.cos(t), atol=1e-9)
+
+
 def test_down_axes_and_degrees_are_seen_by_what_channels_say_of_each_other(tmp_path: Path) -> None:
     """Velocity along axes with z down fits the rate of the position in no other way."""
     names = {"position": "x y z", "attitude": "qx qy qz qw"}

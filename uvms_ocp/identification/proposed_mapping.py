@@ -43,7 +43,7 @@ def propose_mapping(path: Path) -> str:
         used = {
             str(column).removeprefix("-") for one in found.values() if one.get("topic", "") == topic for column in one["columns"]
         }
-        columns = _matched(form, [name for name in names if name not in used])
+        columns = _matched(form, [name for name in names if name not in used and (name[:1].isupper() or "capitals" not in form)])
         if columns and form["channel"] not in found:
             given = {key: form[key] for key in ("format", "frame", "world") if key in form}
             found[form["channel"]] = ({"topic": topic} if topic else {}) | _time(names) | {"columns": columns} | given
@@ -57,6 +57,7 @@ def propose_mapping(path: Path) -> str:
         lines.append(f"  {name}: {yaml.safe_dump(one, default_flow_style=True, sort_keys=False, width=10_000).strip()}")
         notes = {
             "by names": [ranges[name]] if name in ranges else [],
+            "not measured": [_TABLE["constant"]] if 0.0 in one["columns"] else [],
             "cured": cured[name],
             "doubtful": [why for key, why in doubts if key == name],
         }
@@ -92,7 +93,8 @@ def _matched(form: Mapping[str, Any], names: Sequence[str]) -> list[str | float]
     for name, (k, axis) in product(names, enumerate(axes)):
         if match := re.fullmatch(form["pattern"].replace("AXIS", axis), _plain(name)):
             groups[match["pre"]].setdefault(k, name)
-    best, signs = max(groups.values(), key=len, default={}), form.get("signs", [""] * len(axes))
+    fitting = [one for one in groups.values() if one.keys() & set(form.get("must", range(len(axes))))]
+    best, signs = max(fitting, key=len, default={}), form.get("signs", [""] * len(axes))
     there = range(len(axes)) if "axes" in form else sorted(best)
     return [signs[k] + best[k] if k in best else 0.0 for k in there] if len(best) >= form.get("least", len(axes)) else []
 

@@ -95,7 +95,7 @@ def text_layout(path: Path, given: TextFormat | None = None) -> TextLayout:
         table = [(k, row) for k, row in cells if len(row) == width]
         decimal = given.decimal or _decimal([row for _, row in table], delimiter)
         first = _first_row(table, decimal)
-        before = [(k, row) for k, row in table if k < first and 2 * sum(map(bool, row)) >= width]
+        before = [(k, row) for k, row in table if k < first and 2 * sum(map(bool, row)) >= width and row[0][:3] != "***"]
         comments = [(k, _split(line.lstrip().lstrip("#%"), delimiter)) for k, line in head if k < first]
         before = before or [(k, row) for k, row in comments if len(row) == width and not _is_row(row, decimal)][-1:]
         units = (
@@ -188,7 +188,7 @@ def _delimiter(lines: Sequence[str]) -> str:
         if width < 2:
             return 0.0
         cells = [cell for row in rows for cell in row if len(row) == width]
-        known = sum(_is_number(cell, "," if name != "," else ".") or cell.lower() in _MISSING for cell in cells)
+        known = sum(_is_number(cell, "," if name != "," else ".") or _is_missing(cell) for cell in cells)
         return n / len(rows) * (0.01 + known / len(cells))
 
     return max(_DELIMITERS, key=share)
@@ -217,7 +217,7 @@ def _first_row(table: Sequence[tuple[int, Sequence[str]]], decimal: str) -> int:
     for line, row in table:
         cells = [row[k] for k in numeric]
         if any(_is_number(cell, decimal) for cell in cells) and all(
-            _is_number(cell, decimal) or cell.lower() in _MISSING for cell in cells
+            _is_number(cell, decimal) or _is_missing(cell) for cell in cells
         ):
             return line
     return (table[-1][0] if table else 0) + 1
@@ -225,6 +225,11 @@ def _first_row(table: Sequence[tuple[int, Sequence[str]]], decimal: str) -> int:
 
 def _is_row(row: Sequence[str], decimal: str) -> bool:
     return 2 * sum(_is_number(cell, decimal) for cell in row) > len(row)
+
+
+def _is_missing(cell: str) -> bool:
+    """Recognise a cell that says nothing, also by asterisks, which stand for a number that found no room."""
+    return cell.strip("*").lower() in _MISSING
 
 
 def _is_number(cell: str, decimal: str) -> bool:
@@ -275,7 +280,7 @@ def _cells(row: Sequence[str], layout: TextLayout, number: int, places: Sequence
 
 def _unusual(cell: str, name: str, number: int) -> float:
     """A cell that is no plain number: nothing, a time, or groups of digits."""
-    if cell.lower() in _MISSING:
+    if _is_missing(cell):
         return float("nan")
     if cell.lower() in _TRUTH:
         return _TRUTH[cell.lower()]
