@@ -13,12 +13,8 @@ import numpy as np
 import pinocchio as pin
 
 from uvms_ocp.record.tables import of_joints
-from uvms_ocp.robot.kinematics import Kinematics
-from uvms_ocp.robot.limits import Joint, bounded_joints
+from uvms_ocp.robot import Kinematics, Robot, limits, roles, thrusters
 from uvms_ocp.robot.loading import files_of
-from uvms_ocp.robot.robot import Robot
-from uvms_ocp.robot.roles import BASE, role_notes
-from uvms_ocp.robot.thrusters import AXES, unactuated_axes
 
 TEMPLATES = Path(str(files("uvms_ocp.scenario"))) / "templates"
 
@@ -80,14 +76,14 @@ class NewMission:
         return self.robot.tools if self.robot.n_joints else ()
 
     @property
-    def held(self) -> Mapping[str, Joint]:
+    def held(self) -> Mapping[str, limits.Joint]:
         """Joints of one degree of freedom, which a posture is of."""
         return {joint.name: joint for joint in self.robot.joints if joint.n_v == 1}
 
     @property
     def level_frame(self) -> str:
         """Argument of tasks of the vehicle where ``base_link`` does not lie as the vehicle does: the root has a frame, too."""
-        R, root = Kinematics(self.robot, self.robot.configuration()).pose(BASE).rotation, self.robot.frame_names[1]
+        R, root = Kinematics(self.robot, self.robot.configuration()).pose(roles.BASE).rotation, self.robot.frame_names[1]
         return "" if np.allclose(R, np.eye(3), atol=1e-6) else f"frame={_quoted(root)}"
 
     @property
@@ -98,7 +94,7 @@ class NewMission:
     @property
     def missing(self) -> tuple[int, ...]:
         """Axes of the vehicle that no thruster drives, where it has thrusters."""
-        axes = unactuated_axes(self.robot) if self.robot.n_vehicle and self.robot.description.thrusters else ()
+        axes = thrusters.unactuated_axes(self.robot) if self.robot.n_vehicle and self.robot.description.thrusters else ()
         return tuple(axes)
 
     @property
@@ -108,13 +104,13 @@ class NewMission:
 
     def notes(self) -> Iterator[str]:
         """Yield what is left out, one line each, with how to have it."""
-        yield from (text for good, text in role_notes(self.robot.model, self.robot.description) if not good)
+        yield from (text for good, text in roles.role_notes(self.robot.model, self.robot.description) if not good)
         if not self.has_forces:
             yield "thrusters: none, so that the mission flies on the kinematic plant; write them into hydrodynamics.yaml"
         if loose := [joint.name for joint in self.robot.joints if joint.name not in self.held]:
             yield f"joint {', '.join(loose)}: has several degrees of freedom, which no posture holds; --lock JOINT fixes it"
         if self.missing:
-            lost = ", ".join(AXES[axis] for axis in self.missing)
+            lost = ", ".join(thrusters.AXES[axis] for axis in self.missing)
             way = "it turns to the way point first" if self.turns_first else "the way point lies where the others lead"
             yield f"thrusters: none for {lost}; {way}, and these axes are left free"
 
@@ -142,7 +138,7 @@ class NewMission:
             ahead = R @ np.array([_FORWARD, 0.0, 0.0 if 2 in self.missing else -_DOWN])
             return [tuple(np.round(pose + ahead, 2).tolist()) for pose in poses]
         values = np.zeros(robot.n_v)
-        for joint, low, up in bounded_joints(robot.joints, robot.limits):
+        for joint, low, up in limits.bounded_joints(robot.joints, robot.limits):
             here = float(goal[joint.idx_q])
             room = (low, up) if np.isfinite([low, up]).all() else (here - 1.0, here + 1.0)
             values[joint.v] = _SMALL * (room[1] - room[0]) * (1.0 if room[1] - here > here - room[0] else -1.0)

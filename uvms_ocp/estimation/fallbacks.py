@@ -14,10 +14,8 @@ import numpy as np
 from uvms_ocp.checks import checked, checked_on_failure, replace_unchecked
 from uvms_ocp.codegen.kernel_layout import FunctionField, Layout, Sized, Vector, assign, doubles, structure_of
 from uvms_ocp.errors import InvalidInput
+from uvms_ocp.robot import Robot, StateEstimate, SymbolicModel
 from uvms_ocp.robot.kinematics import STEEP
-from uvms_ocp.robot.robot import Robot
-from uvms_ocp.robot.signals import StateEstimate
-from uvms_ocp.robot.symbolic_model import SymbolicModel
 
 # What to do about measurements that stop coming.
 

@@ -14,8 +14,7 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
-from uvms_ocp.codegen.buffered import BufferedFunction
-from uvms_ocp.codegen.compile import compile_function
+from uvms_ocp.codegen import BufferedFunction, compile_function
 from uvms_ocp.errors import InvalidInput
 from uvms_ocp.identification.model import N_V, StageFunctions
 from uvms_ocp.identification.output_error import Noise

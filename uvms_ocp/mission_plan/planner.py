@@ -28,8 +28,7 @@ from uvms_ocp.ocp.transcription.transcription import Transcription
 from uvms_ocp.planning.conservative_advancement import ClearanceReport
 from uvms_ocp.record.display import SmallTable, TableDisplay, rows_of
 from uvms_ocp.record.record import Record
-from uvms_ocp.robot.robot import Robot
-from uvms_ocp.robot.signals import State
+from uvms_ocp.robot import Robot, State
 from uvms_ocp.scenario.scenario import MissionController, Scenario
 from uvms_ocp.sim.currents import Current, water_at
 from uvms_ocp.sim.loop import Progress

@@ -19,10 +19,9 @@ from uvms_ocp.record.meta_values import DONE
 from uvms_ocp.robot.signals import IDEAL_SENSORS
 from uvms_ocp.scenario.preflight.setup import forecast, main_path
 from uvms_ocp.scenario.scenario import Scenario, our_controller
-from uvms_ocp.tasks import Clearance, JointLimits, MinimumAltitude, UnderActuation
+from uvms_ocp.tasks import Clearance, JointLimits, MinimumAltitude, Task, TaskClass, UnderActuation
 from uvms_ocp.tasks.attitude import AngleTask
 from uvms_ocp.tasks.goals import EndingReference
-from uvms_ocp.tasks.task import Task, TaskClass
 from uvms_ocp.types import Magnitude
 
 # How much stricter a plan is than the mission asks: what is flown departs from what was planned.

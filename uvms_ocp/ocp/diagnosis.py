@@ -14,8 +14,7 @@ from uvms_ocp.ocp.plan import OcpStatus
 from uvms_ocp.ocp.problem import OcpProblem
 from uvms_ocp.ocp.transcription.layout import FIXED
 from uvms_ocp.ocp.transcription.transcription import Transcription
-from uvms_ocp.solvers import NlpStatus
-from uvms_ocp.solvers.nlp.lexicographic_nlp import LexicographicResult
+from uvms_ocp.solvers import LexicographicResult, NlpStatus
 from uvms_ocp.solvers.nlp.program import nlp_functions
 from uvms_ocp.types import DAY
 

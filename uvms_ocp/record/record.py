@@ -14,11 +14,8 @@ import numpy as np
 from uvms_ocp.checks import checked, checked_dataclass, checked_on_failure
 from uvms_ocp.errors import InvalidInput, NameNotFound, OutputError, require_known
 from uvms_ocp.model_errors import printable
-from uvms_ocp.record import mcap, tables
-from uvms_ocp.record.display import SmallTable, TableDisplay
-from uvms_ocp.record.durable_files import replacing, write_durably
+from uvms_ocp.record import display, durable_files, mcap, output, tables
 from uvms_ocp.record.meta_values import LARGEST, UNIT_NORM_TOLERANCE, LimitsMeta
-from uvms_ocp.record.output import as_output_errors
 from uvms_ocp.record.row_files import META, append_rows, forget, parts, read_row_files
 from uvms_ocp.record.run_meta import MIN_TICK, VEHICLE_V, PlanMeta, RunMeta, is_floating, read_meta, write_meta
 from uvms_ocp.record.tables import SERIES, Series, meaning_of, unit_of
@@ -183,7 +180,7 @@ _META_KEY = "__meta__"
 
 
 @checked_dataclass(eq=False, repr=False)
-class Record(TableDisplay):
+class Record(display.TableDisplay):
     """Named time series that share their first axis, and what is needed to read them.
 
     Plots and reports read nothing else. Raises `InvalidInput` for metadata of any other type.
@@ -196,11 +193,11 @@ class Record(TableDisplay):
     def __len__(self) -> int:
         return len(self.series["t"])
 
-    def _table(self) -> SmallTable:
+    def _table(self) -> display.SmallTable:
         t, meta = self.series["t"], self.meta
         span = f"{t[0]:g} to {t[-1]:g} s" if len(t) else "no time"
         ending = "" if meta.kind != "run" else ", completed" if meta.completed else ", not completed"
-        return SmallTable(
+        return display.SmallTable(
             title=f"Record of a {meta.kind}, {meta.scenario}, {meta.robot}: {len(t)} rows, {span}{ending}",
             head=("series", "shape", "unit", "meaning"),
             rows=tuple(
@@ -244,7 +241,7 @@ class Record(TableDisplay):
         Series that take more than 64 MB together are not packed: `load` maps them, and reads of them what is looked at.
         """
         text, packed = np.array(write_meta(self.meta)), sum(array.nbytes for array in self.series.values()) <= SMALL
-        with replacing(Path(path)) as new, ZipFile(new, "w", ZIP_DEFLATED if packed else ZIP_STORED) as archive:
+        with durable_files.replacing(Path(path)) as new, ZipFile(new, "w", ZIP_DEFLATED if packed else ZIP_STORED) as archive:
             for name, array in {_META_KEY: text, **self.series}.items():
                 with archive.open(f"{name}.npy", "w", force_zip64=True) as file:
                     header = np.lib.format.header_data_from_array_1_0(array) | {"fortran_order": False}
@@ -430,11 +427,11 @@ class Recorder:
         place, n = self._kept % self._capacity, self._n - self._kept
         rows = {name: memory[place : place + n] for name, memory in self._block.items()}
         if self._folder:
-            with as_output_errors(self._folder, "make room; what was written before can be read"):
+            with output.as_output_errors(self._folder, "make room; what was written before can be read"):
                 self._folder.mkdir(parents=True, exist_ok=self._kept > 0)
                 append_rows(self._folder, rows, self._kept)
                 if (meta := self._news()) is not None:
-                    write_durably(self._folder / META, write_meta(meta))
+                    durable_files.write_durably(self._folder / META, write_meta(meta))
         for memory, part in zip(self._memory, rows.values(), strict=False):
             memory.write(part.data)
         self._kept = self._n

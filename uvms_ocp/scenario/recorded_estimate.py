@@ -30,11 +30,7 @@ from uvms_ocp.report.summary import sensor_health
 from uvms_ocp.robot import Command, Robot, SensorSpecs
 from uvms_ocp.robot.signals import CHANNELS, Reading, Readings, robot_sensors
 from uvms_ocp.scenario.run_metadata import meta_without_mission
-from uvms_ocp.sim import FlatSeafloor
-from uvms_ocp.sim.fault_effects import ChannelFaults
-from uvms_ocp.sim.faults import Fault
-from uvms_ocp.sim.own_parts import fault_meta
-from uvms_ocp.sim.sensors import faults_of_channels, sources_of
+from uvms_ocp.sim import Fault, FlatSeafloor, fault_effects, own_parts, sensors
 from uvms_ocp.types import Period
 
 _Arrivals = Iterator[tuple[int, str, Any, float]]
@@ -88,8 +84,8 @@ def estimate_recording(
     expected = replace(expected, **{name: None for name in CHANNELS if name not in arrivals})
     if others := [str(fault) for fault in faults if not fault.location.channel]:
         raise InvalidInput(f"faults {', '.join(others)} of a recording; give those of sensors")
-    sources = sources_of(robot, FlatSeafloor(z=0.0), expected, None)
-    struck = faults_of_channels(robot, faults, {name: sources[name] for name in arrivals})
+    sources = sensors.sources_of(robot, FlatSeafloor(z=0.0), expected, None)
+    struck = sensors.faults_of_channels(robot, faults, {name: sources[name] for name in arrivals})
     arrivals |= {name: _struck(arrivals[name], own, dt) for name, own in struck.items()}
     filtering = Estimator(robot, expected)
     guarded, recorder = GuardedEstimator(filtering, robot, expected), Recorder(folder=None if folder is None else Path(folder))
@@ -126,7 +122,7 @@ def estimate_recording(
     series = recorder.series()
     title = f"estimate of {recording.name if isinstance(recording, Recording) else recording.meta.scenario}"
     alarms = tuple(AlarmMeta(t=t, text=text) for t, text in guarded.monitor.alarms)
-    known: dict[str, Any] = {"dt": dt, "channels": channels, "alarms": alarms, "faults": tuple(map(fault_meta, faults))}
+    known: dict[str, Any] = {"dt": dt, "channels": channels, "alarms": alarms, "faults": tuple(map(own_parts.fault_meta, faults))}
     meta = meta_without_mission(robot, title, "recording", plant="recorded", **known)
     record = Record(series=series if run is None else series | {"q": run["q"], "v": run["v"]}, meta=meta)
     rows = []
@@ -178,7 +174,7 @@ def _arriving(name: str, ticks: np.ndarray, values: np.ndarray, stamps: np.ndarr
     return zip(ticks, repeat(name), values if shape else values[:, 0], stamps, strict=False)
 
 
-def _struck(arrivals: _Arrivals, faults: ChannelFaults, dt: float) -> _Arrivals:
+def _struck(arrivals: _Arrivals, faults: fault_effects.ChannelFaults, dt: float) -> _Arrivals:
     """Readings as faults change them, without those that a newer one has overtaken."""
     found, newest = list[tuple[int, str, Any, float, float]](), -math.inf
     for tick, name, value, taken in arrivals:

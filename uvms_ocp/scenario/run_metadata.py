@@ -19,11 +19,10 @@ from uvms_ocp.estimation.health.monitor import HealthMonitor
 from uvms_ocp.mission import Condition, Mission
 from uvms_ocp.record import meta_values
 from uvms_ocp.record.run_meta import RunMeta, packages
+from uvms_ocp.robot import IDEAL_SENSORS, Robot
 from uvms_ocp.robot.loading import robot_meta
-from uvms_ocp.robot.robot import Robot
 from uvms_ocp.robot.roles import TOOL
 from uvms_ocp.robot.shapes.obstacles import describe_obstacles
-from uvms_ocp.robot.signals import IDEAL_SENSORS
 from uvms_ocp.scenario.preflight.checks import quantity_stds
 from uvms_ocp.scenario.preflight.setup import Setup
 from uvms_ocp.sim.seafloor import floor_relief

@@ -25,8 +25,7 @@ from uvms_ocp.estimation.health.channel_state import sizes_of
 from uvms_ocp.estimation.health.guarded_estimator import GuardedEstimator
 from uvms_ocp.estimation.health.monitor import HealthMonitor
 from uvms_ocp.interrupts import Interrupted, on_interrupt, raised_outside_casadi
-from uvms_ocp.mission.mission import Mission
-from uvms_ocp.mission.phase import MissionState
+from uvms_ocp.mission import Mission, MissionState
 from uvms_ocp.progress import progress_bar
 from uvms_ocp.record.display import FieldTable
 from uvms_ocp.record.record import Record, Recorder
@@ -36,14 +35,10 @@ from uvms_ocp.robot.dynamics import cached_dynamics
 from uvms_ocp.scenario.preflight.checks import check_mission
 from uvms_ocp.scenario.preflight.setup import PreflightReport, Setup
 from uvms_ocp.scenario.run_metadata import RunOutcome, computed_or, run_meta
-from uvms_ocp.sim import own_parts
-from uvms_ocp.sim.environment import Environment
+from uvms_ocp.sim import DynamicPlant, Environment, Fault, KinematicPlant, Plant, SensorSuite, own_parts, parse_fault
 from uvms_ocp.sim.fault_effects import require_possible
-from uvms_ocp.sim.faults import Fault, parse_fault
 from uvms_ocp.sim.loop import Progress, Sensors, StateEstimator, TickObserver, has_diverged, simulate
 from uvms_ocp.sim.own_parts import part_name, plant_name, require_plant, require_simulated, specs_of, takes_forces
-from uvms_ocp.sim.plant import DynamicPlant, KinematicPlant, Plant
-from uvms_ocp.sim.sensors import SensorSuite
 from uvms_ocp.solvers.hierarchy.active_set import LexicographicActiveSet
 from uvms_ocp.types import DAY, Count
 

@@ -23,11 +23,7 @@ from uvms_ocp.checks import checked_dataclass
 from uvms_ocp.codegen.buffered import BoundFunction
 from uvms_ocp.codegen.elementwise import clipped
 from uvms_ocp.errors import InvalidInput
-from uvms_ocp.robot import Robot, thruster_matrix
-from uvms_ocp.robot.limits import bounded_joints
-from uvms_ocp.robot.spatial import skew
-from uvms_ocp.robot.symbolic_bodies import sparse
-from uvms_ocp.robot.symbolic_dynamics import SymbolicDynamics
+from uvms_ocp.robot import Robot, limits, spatial, symbolic_bodies, symbolic_dynamics, thruster_matrix
 from uvms_ocp.sim.thrusters import N_DECAYS, Thrusters, joint_power
 from uvms_ocp.types import Positive
 
@@ -103,7 +99,7 @@ class StepModel:
 
     robot: Robot
     """The robot that moves."""
-    dynamics: SymbolicDynamics
+    dynamics: symbolic_dynamics.SymbolicDynamics
     """Its own, in water."""
     points: np.ndarray
     """(n_points, 3) [m] contact points in B."""
@@ -135,7 +131,7 @@ def step_function(model: StepModel) -> ca.Function:
     torque = clipped(x["asked_torque"], -robot.limits.effort, robot.limits.effort)
     target = model.thrusters.target(x["asked_thrust"], x["share"], x["offset"])
     thrust, taken = model.thrusters.step(x["thrust"], target, x["decay"], x["dt"])
-    wrench = sparse(thruster_matrix(robot)) @ thrust
+    wrench = symbolic_bodies.sparse(thruster_matrix(robot)) @ thrust
     v_next, contact = _velocity(model, x, ca.vertcat(wrench[: robot.n_vehicle], torque))
     q_next = model.dynamics.symbolic.integrate(x["q"], v_next * x["dt"])
     if robot.n_vehicle:  # whose quaternion keeps norm 1, so that rounding does not add up over a run
@@ -188,7 +184,7 @@ def _stops(model: StepModel, q: ca.SX, v: ca.SX, dt: ca.SX) -> tuple[ca.SX, ca.S
     """Generalized force (n_v,) [N, N m] of joints beyond their limits, and what it adds to G (n_v,)."""
     force, slope = ca.SX.zeros(model.robot.n_v), ca.SX.zeros(model.robot.n_v)
     k, d = model.stops.stiffness, model.stops.damping
-    for joint, lower, upper in bounded_joints(model.robot.joints, model.robot.limits):
+    for joint, lower, upper in limits.bounded_joints(model.robot.joints, model.robot.limits):
         at = joint.position(q)
         beyond = ca.fmin(at - lower, 0) + ca.fmax(at - upper, 0)
         touching = beyond != 0
@@ -207,7 +203,7 @@ def _contact(model: StepModel, q: ca.SX, v: ca.SX, floor_z: ca.SX, normal: ca.SX
     vertical = []
     for index, point in enumerate(model.points):
         p_B = ca.DM(point)
-        J = ca.horzcat(pose.R, -pose.R @ skew(ca.SX(p_B)))
+        J = ca.horzcat(pose.R, -pose.R @ spatial.skew(ca.SX(p_B)))
         depth = (floor_z[index] - (pose.p + pose.R @ p_B)[2]) * normal[2, index]
         force_W, slope_W = model.contact.force(depth, J @ v[:6], normal[:, index], dt)
         total[:6] += J.T @ force_W

@@ -9,10 +9,9 @@ import casadi as ca
 
 from uvms_ocp.checks import checked_dataclass
 from uvms_ocp.errors import InvalidInput
+from uvms_ocp.robot import Robot, SymbolicModel
 from uvms_ocp.robot.kinematics import point_reach
 from uvms_ocp.robot.limits import PositionLimit
-from uvms_ocp.robot.robot import Robot
-from uvms_ocp.robot.symbolic_model import SymbolicModel
 from uvms_ocp.tasks.activation import SmoothActivation, saturate
 from uvms_ocp.tasks.task import Residual, Rows, Task, TaskClass, TickSymbols, bounded_residual, equality_rows, zero_residual
 from uvms_ocp.types import Finite, Positive

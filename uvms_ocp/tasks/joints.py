@@ -11,9 +11,8 @@ import numpy as np
 
 from uvms_ocp.checks import checked_dataclass
 from uvms_ocp.errors import InvalidInput
+from uvms_ocp.robot import Robot, SymbolicModel
 from uvms_ocp.robot.limits import Joint, bounded_joints, ranged_joints
-from uvms_ocp.robot.robot import Robot
-from uvms_ocp.robot.symbolic_model import SymbolicModel
 from uvms_ocp.tasks.activation import SmoothActivation, approach_speed, saturate
 from uvms_ocp.tasks.goals import VectorGoal, evaluate_vector
 from uvms_ocp.tasks.task import Residual, Rows, Task, TaskClass, TickSymbols, bounded_residual, equality_rows, zero_residual

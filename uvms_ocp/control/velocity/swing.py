@@ -13,10 +13,7 @@ from functools import lru_cache, partial
 import casadi as ca
 import numpy as np
 
-from uvms_ocp.robot import Robot, SymbolicModel
-from uvms_ocp.robot.dynamics import cached_dynamics
-from uvms_ocp.robot.symbolic_bodies import sparse
-from uvms_ocp.robot.thrusters import free_motions, undriven_axes
+from uvms_ocp.robot import Robot, SymbolicModel, dynamics, symbolic_bodies, thrusters
 from uvms_ocp.tasks.activation import ENDLESS, approach_speed, row_acceleration
 from uvms_ocp.tasks.task import Rows, TickSymbols
 
@@ -36,7 +33,7 @@ _NOTHING = 1e-12  # keeps divisions by nothing finite
 
 def swinging_axes(robot: Robot) -> list[int]:
     """Return roll and pitch (3, 4), as far as no thruster drives them."""
-    return [axis for axis in undriven_axes(robot) if axis in (3, 4)] if robot.n_vehicle == _FREE else []
+    return [axis for axis in thrusters.undriven_axes(robot) if axis in (3, 4)] if robot.n_vehicle == _FREE else []
 
 
 def _swinging_motions(robot: Robot) -> ca.DM:
@@ -44,15 +41,15 @@ def _swinging_motions(robot: Robot) -> ca.DM:
 
     That rotation is what swings, not the momentum in it: of that a vehicle has some that goes on steadily, and does not turn.
     """
-    swinging = [undriven_axes(robot).index(axis) for axis in swinging_axes(robot)]
-    return sparse(free_motions(robot)[0][:, swinging])
+    swinging = [thrusters.undriven_axes(robot).index(axis) for axis in swinging_axes(robot)]
+    return symbolic_bodies.sparse(thrusters.free_motions(robot)[0][:, swinging])
 
 
 @lru_cache(maxsize=8)
 def swing_frequency(robot: Robot) -> float:
     """Return the slowest [rad/s] of the free axes upright with the arm stowed, within what can be countered."""
     axes, q = swinging_axes(robot), robot.configuration()
-    M = cached_dynamics(robot).mass_matrix(q)[np.ix_(axes, axes)]
+    M = dynamics.cached_dynamics(robot).mass_matrix(q)[np.ix_(axes, axes)]
     K = np.array(_balance(robot)(q, 0.0)[0])[:, axes]
     return float(np.clip(np.sqrt(max(np.linalg.eigvals(np.linalg.solve(M, K)).real.min(), 0.0)), _SLOWEST, _QUICKEST))
 
@@ -143,7 +140,7 @@ def _balance(robot: Robot) -> ca.Function:
     model, axes = SymbolicModel(robot.model), swinging_axes(robot)
     q, weight, step = ca.SX.sym("q", robot.n_q), ca.SX.sym("weight"), ca.SX.sym("step", robot.n_v)
     moved = model.integrate(q, step)
-    energy = cached_dynamics(robot).symbolic.potential_energy(moved)
+    energy = dynamics.cached_dynamics(robot).symbolic.potential_energy(moved)
     if robot.tools:
         energy += weight * model.forward_kinematics(moved).pose(robot.tools[0])[1][2]
     moment = ca.jacobian(energy, step).T[axes]

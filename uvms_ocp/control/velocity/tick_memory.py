@@ -9,13 +9,8 @@ from typing import Annotated, Any
 import numpy as np
 
 from uvms_ocp.codegen.kernel_layout import FunctionField, Layout, Sized, Vector, assign, structure_of
-from uvms_ocp.control.velocity.abort import AbortMemory, AscentMemory, ascent_sizes
-from uvms_ocp.control.velocity.braking import SpeedLimitMemory
-from uvms_ocp.control.velocity.distances import NearestMemory
+from uvms_ocp.control.velocity import abort, braking, distances, levels, swing, viability
 from uvms_ocp.control.velocity.goals import GoalsMemory
-from uvms_ocp.control.velocity.levels import LevelsProblem, unlimited_axes
-from uvms_ocp.control.velocity.swing import N_PASSIVE, memory_time, swinging_axes
-from uvms_ocp.control.velocity.viability import ViabilityMemory
 from uvms_ocp.estimation.degraded_modes import ALTIMETER, CHANNELS, RestrictionMemory, write_modes
 from uvms_ocp.estimation.fallbacks import AltimeterMemory, LastValidMemory, Watchdog, echo_sizes
 from uvms_ocp.mission.mission import Mission, write_mission
@@ -32,13 +27,13 @@ class TickMemory(Layout):
 
     mission: MissionMemory
     """Where it is."""
-    distress: AbortMemory
+    distress: abort.AbortMemory
     """It is to be given up."""
-    rule: ViabilityMemory
+    rule: viability.ViabilityMemory
     """Limits on positions."""
     restriction: RestrictionMemory
     """Restriction by channels that cannot be trusted."""
-    speed_limit: SpeedLimitMemory
+    speed_limit: braking.SpeedLimitMemory
     """Limits on the speed."""
     sound: LastValidMemory
     """Replacement of an estimate that is not sound."""
@@ -48,11 +43,11 @@ class TickMemory(Layout):
     """Q to `height`."""
     height: Annotated[Vector, Sized(1)]
     """(1,) [m] z in W of the lowest of hull, joints and tools, over a floor that falls from below the altimeter on."""
-    ascent: AscentMemory
+    ascent: abort.AscentMemory
     """Where the abort phase leads to."""
     goals: GoalsMemory
     """Parameters of the tasks, an input of the levels."""
-    nearest: NearestMemory
+    nearest: distances.NearestMemory
     """Distances among them."""
 
     velocity_limit: Annotated[Vector, Sized("n_v")]
@@ -110,7 +105,7 @@ class TickMemory(Layout):
     """[s] in which their mean is learnt."""
     lift: float
     """[N] of all thrusters at most."""
-    passive: Annotated[Vector, Sized(N_PASSIVE)]
+    passive: Annotated[Vector, Sized(swing.N_PASSIVE)]
     """(4,) [rad, N] as that of `LevelsProblem`."""
     is_joint: Annotated[list[int], Sized("n_v")]
     """(n_v,) which axes are of joints."""
@@ -163,7 +158,7 @@ class TickMemory(Layout):
 
 
 def tick_memory(
-    robot: Robot, mission: Mission, problem: LevelsProblem, watchdog: Watchdog, sizes: Mapping[str, Any]
+    robot: Robot, mission: Mission, problem: levels.LevelsProblem, watchdog: Watchdog, sizes: Mapping[str, Any]
 ) -> TickMemory:
     """A `TickMemory` at rest, before the first measurement; what tells of distress, echoes, limits and goals is not in it yet.
 
@@ -176,7 +171,7 @@ def tick_memory(
         "n_quantities": len(names),
         "n_channels": len(problem.rests_on),
         "n_parameters": problem.function.size1_in("parameters"),
-        **ascent_sizes(robot, mission, altimeter_of(robot, tasks)),
+        **abort.ascent_sizes(robot, mission, altimeter_of(robot, tasks)),
         **echo_sizes(robot, altimeter_of(robot, tasks)),
         **sizes_of(mission.all_phases),
     }
@@ -194,15 +189,15 @@ def tick_memory(
         near=True,
         place=robot.configuration(),
         last_phase_quantities=math.nan,
-        velocity_limit=robot.limits.velocity + unlimited_axes(robot),
+        velocity_limit=robot.limits.velocity + levels.unlimited_axes(robot),
         is_joint=is_joint,
         altimeter=[*problem.rests_on].index(ALTIMETER),
         channel=[CHANNELS.index(channel) for channel in problem.rests_on],
         rests_on=[*problem.rests_on.values()],
         reads_altitude=[task.needs_altimeter for task in tasks],
         rest_altitude=[task.rest_altitude for task in tasks],
-        swings=[axis in swinging_axes(robot) for axis in (3, 4, 5)],
-        swing_memory=memory_time(robot),
+        swings=[axis in swing.swinging_axes(robot) for axis in (3, 4, 5)],
+        swing_memory=swing.memory_time(robot),
         lift=float(largest_wrench(robot)[2]) if robot.description.thrusters else 0.0,
         lands=[task.needs_altimeter and task.equality for task in tasks],
     )

@@ -15,10 +15,9 @@ from uvms_ocp.codegen.buffered import BoundCalls
 from uvms_ocp.codegen.elementwise import interval_excess
 from uvms_ocp.ocp.problem import HessianKind
 from uvms_ocp.ocp.stagewise.memory import StageMemory, StageRanges
-from uvms_ocp.solvers import NlpOptions, NlpStatus
+from uvms_ocp.solvers import NlpOptions, NlpStatus, StageQpSolver
 from uvms_ocp.solvers.nlp.level_solver import Deadline
 from uvms_ocp.solvers.stage_qp.problem import FlatSolution, StageQp, StageQpOptions, StageQpStatus, StageShape, WarmStart
-from uvms_ocp.solvers.stage_qp.solver import StageQpSolver
 from uvms_ocp.types import Array
 
 # Multipliers that bend the QP of the next iteration.

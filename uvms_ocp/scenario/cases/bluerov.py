@@ -15,8 +15,7 @@ from uvms_ocp.record.meta_values import DONE
 from uvms_ocp.robot import Kinematics, load_robot
 from uvms_ocp.scenario.options import abort_phase, approach_phase, mission_of, phase_of, run_options
 from uvms_ocp.scenario.scenario import Scenario, pose_at
-from uvms_ocp.tasks import JointLimits, JointTracking, MinimumAltitude, ToolPosition, VehiclePose
-from uvms_ocp.tasks.attitude import FieldOfView, HorizontalAttitude
+from uvms_ocp.tasks import FieldOfView, HorizontalAttitude, JointLimits, JointTracking, MinimumAltitude, ToolPosition, VehiclePose
 from uvms_ocp.types import Period, Point, Positive, Range
 
 # A small vehicle that reaches with its arm while floating.

@@ -14,11 +14,8 @@ from uvms_ocp.control.velocity.swing import N_PASSIVE
 from uvms_ocp.estimation.estimator import std_at_rest
 from uvms_ocp.mission import Below, Mission
 from uvms_ocp.record.meta_values import DONE
-from uvms_ocp.robot import IDEAL_SENSORS, Kinematics
-from uvms_ocp.robot.assembly import without_trim
+from uvms_ocp.robot import IDEAL_SENSORS, Kinematics, assembly, loading, spatial
 from uvms_ocp.robot.dynamics import cached_dynamics
-from uvms_ocp.robot.loading import joints_without_inertia, unknowns
-from uvms_ocp.robot.spatial import quaternion_to_matrix
 from uvms_ocp.scenario.preflight import forces
 from uvms_ocp.scenario.preflight.altitude import check_altitude, check_echo, check_goals, check_hull, check_obstacles
 from uvms_ocp.scenario.preflight.reachability import check_tool
@@ -77,7 +74,7 @@ def quantity_stds(setup: Setup, q: np.ndarray, std: np.ndarray | None = None) ->
     kinematics = Kinematics(replace(setup.robot, limits=limits), q)
     variance = np.diag((std_at_rest(setup.robot, setup.sensors) if std is None else std) ** 2)
     if setup.robot.n_vehicle:  # Jacobians take the velocity of B in B
-        R_WB = quaternion_to_matrix(q[3:7])
+        R_WB = spatial.quaternion_to_matrix(q[3:7])
         variance[:3, :3] = R_WB.T @ variance[:3, :3] @ R_WB
     return {
         f"{task.name}.{name}": float(np.sqrt(np.trace((J @ variance @ J.T)[rows, rows])))
@@ -154,7 +151,7 @@ def _check_wherever(setup: Setup) -> Iterator[Finding]:
 def check_unspecified(setup: Setup) -> Iterator[Finding]:
     """Find numbers that the robot's files leave open and the plant takes for 0."""
     if setup.with_forces:
-        for subject, text in unknowns(without_trim(setup.robot).model, setup.robot.description):
+        for subject, text in loading.unknowns(assembly.without_trim(setup.robot).model, setup.robot.description):
             yield Severity.WARNING.finding(subject, text)
 
 
@@ -162,7 +159,7 @@ def check_inertia(setup: Setup) -> Iterator[Finding]:
     """Find joints that have nothing to move, whose acceleration under a force is not defined."""
     if setup.with_forces and "plant" not in setup.own_parts:
         dynamics = cached_dynamics(setup.robot)
-        for whose in joints_without_inertia(setup.robot.model, dynamics.mass_matrix(setup.start)):
+        for whose in loading.joints_without_inertia(setup.robot.model, dynamics.mass_matrix(setup.start)):
             text = f"no inertia about its axis: {whose}; give an <inertial>, or make the joint fixed"
             yield Severity.ERROR.finding("inertia", text)
 

@@ -14,13 +14,10 @@ import pinocchio as pin
 
 from uvms_ocp.checks import checked
 from uvms_ocp.errors import RobotDataError
-from uvms_ocp.robot import Robot, thruster_matrix
+from uvms_ocp.robot import Robot, description, roles, thruster_matrix, thrusters
 from uvms_ocp.robot.assembly import box_corners, static_residual, trim_body, without_trim
-from uvms_ocp.robot.description import TrimBody
 from uvms_ocp.robot.loading import files_of, joints_without_inertia, load_robot, unknowns
-from uvms_ocp.robot.roles import role_notes
 from uvms_ocp.robot.shapes.collision_model import links_without_shape
-from uvms_ocp.robot.thrusters import AXES
 
 FORCE_TOLERANCE = 0.5  # [N] residual of a trimmed robot with its arm stowed
 MOMENT_TOLERANCE = 0.5  # [N m]
@@ -100,7 +97,7 @@ def check_robot(robot: Robot) -> RobotReport:
         *_inertias(robot),
         _mass_matrix(robot),
         *_limits(robot),
-        *((_good if good else _warning)("frames", text) for good, text in role_notes(robot.model, robot.description)),
+        *((_good if good else _warning)("frames", text) for good, text in roles.role_notes(robot.model, robot.description)),
         *_shapes(robot),
         *_water(robot),
         *(_warning(*gap) for gap in unknowns(without_trim(robot).model, robot.description)),
@@ -209,7 +206,7 @@ def _trim_advice(robot: Robot, force: float, moment: np.ndarray) -> str:
     return f"{' and '.join(parts)} of {link} would trim it; trim: [{', '.join(entries)}]"
 
 
-def trim_bodies(robot: Robot, force: float, moment: np.ndarray) -> list[tuple[TrimBody, float]]:
+def trim_bodies(robot: Robot, force: float, moment: np.ndarray) -> list[tuple[description.TrimBody, float]]:
     """Return floats and ballast that cancel a force [N] upwards and a moment (3,) [N m] in W, and what each lifts [N].
 
     One where that lies within the hull, else two at its ends in the direction of the moment.
@@ -217,7 +214,7 @@ def trim_bodies(robot: Robot, force: float, moment: np.ndarray) -> list[tuple[Tr
     lift, lever = -force, np.array([moment[1], -moment[0]])
     low, high = _hull(robot)
 
-    def body(name: str, place: np.ndarray, lift: float) -> tuple[TrimBody, float]:
+    def body(name: str, place: np.ndarray, lift: float) -> tuple[description.TrimBody, float]:
         kind = "float" if lift > 0.0 else "ballast"
         x, y = place + 0.0  # no zero with a sign
         return trim_body(f"{kind}{name}", float(x), float(y), lift, robot), lift
@@ -260,5 +257,5 @@ def _thrusters(robot: Robot) -> RobotFinding:
     text = f"{matrix.shape[1]} thrusters, rank {rank}, singular values {' '.join(f'{s:.3g}' for s in singular)}"
     if rank == 6:
         return _good("thrusters", text)
-    lost = [AXES[int(np.argmax(np.abs(column)))] for column in U.T[rank:]]
+    lost = [thrusters.AXES[int(np.argmax(np.abs(column)))] for column in U.T[rank:]]
     return _warning("thrusters", f"{text}; under-actuated mainly in {', '.join(lost)}")

@@ -22,9 +22,8 @@ from uvms_ocp.robot.assembly import rotation_at_rest
 from uvms_ocp.robot.robot import require_normalized
 from uvms_ocp.robot.thrusters import undriven_axes
 from uvms_ocp.sim.environment import Environment
-from uvms_ocp.tasks import Alignment, LandingAltitude, NullVelocity, VehiclePose
+from uvms_ocp.tasks import Alignment, LandingAltitude, NullVelocity, Task, VehiclePose
 from uvms_ocp.tasks.goals import evaluate_pose, evaluate_vector
-from uvms_ocp.tasks.task import Task
 from uvms_ocp.types import Finite, Period, Shape
 
 # What the checks found.
