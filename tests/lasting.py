@@ -31,9 +31,10 @@ def lasting(*phases: Phase, **options: Any) -> Scenario:
     return replace(scenario, mission=replace(scenario.mission, phases=phases))
 
 
-def patrol(*, rounds: int, **options: Any) -> Scenario:
-    """Return so many rounds of a way out, and 2 s at home."""
+def patrol(*, rounds: int, energy: float = 0.0, **options: Any) -> Scenario:
+    """Return so many rounds of a way out, and 2 s at home, or longer where an energy [J] is to be used there."""
     last = Transition(to=DONE, when=(NEAR, Above(quantity="phase.visits", limit=rounds - 0.5)))
-    home = Transition(to="out", when=(Above(quantity="phase.time", limit=2.0),))
+    used = (Above(quantity="phase.energy", limit=energy),) if energy else ()
+    home = Transition(to="out", when=(Above(quantity="phase.time", limit=2.0), *used))
     out = going_to("out", (0.5, 0.0, -5.0), last, Transition(to="home", when=(NEAR,)))
     return lasting(out, going_to("home", START, home), **options)

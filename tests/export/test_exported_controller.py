@@ -34,7 +34,7 @@ def scenario_of(name: str) -> Scenario:
     if name == "kinematic":
         return case1(plant="kinematic", dt=0.02)
     if name == "patrol":
-        return patrol(rounds=2, duration=30.0)
+        return patrol(rounds=2, energy=60.0, duration=30.0)
     return SCENARIOS[name](duration=30.0)
 
 

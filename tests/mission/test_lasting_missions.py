@@ -1,4 +1,4 @@
-"""Missions end, go on and repeat themselves by time, by how often they have been there, and by the vehicle's depth and speed."""
+"""Missions end and go on by time, energy, how often they have been there, and the depth and speed of the vehicle."""
 
 from __future__ import annotations
 
@@ -149,10 +149,10 @@ def test_time_beside_an_error_does_not_end_a_phase_and_hides_no_stall() -> None:
 def test_the_phase_of_an_abort_is_visited_once() -> None:
     scenario = patrol(rounds=2, **KINEMATIC)
     memory = scenario.kinematic_controller().memory.mission
-    memory.own[:] = [-1, -1, 0, -1]
+    memory.own[:] = [-1, -1, 0, -1, -1, -1]
     for given_up, phase, visits in ((False, 0, 1.0), (False, 1, 0.0), (True, 2, 1.0)):
         memory.given_up, memory.phase, found = given_up, phase, [np.nan]
-        measure_own(memory, 0.0, 0.0, found)
+        measure_own(memory, 0.0, 0.0, 0.0, found)
         assert found == [visits]
 
 
@@ -195,3 +195,33 @@ def test_a_phase_ends_by_what_the_vehicle_carries(mass: float) -> None:
         assert load[-1] == pytest.approx(weight if body else 0.0, rel=0.25, abs=1.0)
     with pytest.raises(InvalidInput, match="give a finite value > 0"):
         Below(quantity="PC.position_error", limit=-1.0)
+
+
+def test_phases_end_by_the_energy_that_was_used() -> None:
+    """As the controller finds it, which is that of the plant to what its model of the thrusters leaves out."""
+    away = Transition(to="home", when=(Above(quantity="phase.energy", limit=300.0),))
+    over = Transition(to=DONE, when=(Above(quantity="mission.energy", limit=450.0),))
+    phases = going_to("out", (0.5, 0.0, -5.0), away), going_to("home", START, over)
+    scenario = lasting(*phases, duration=60.0, dt=0.02, current=(0.3, 0.0, 0.0))
+    assert scenario.check().accepted
+    record = scenario.run()
+    assert record.run_meta.completed
+    for event, of_phase, of_all in zip(record.run_meta.events, (300.0, 150.0), (300.0, 450.0), strict=True):
+        assert event.truth["phase.energy"] == pytest.approx(of_phase, abs=3.0)
+        assert event.truth["mission.energy"] == pytest.approx(of_all, abs=3.0)
+    found = record["quantities"][:, record.meta.quantities.index("mission.energy")]
+    used = record["thruster_energy"].sum(axis=1) + record["joint_energy"]
+    np.testing.assert_allclose(found, used, atol=0.01 * used[-1])
+    early = replace(scenario, duration=2.0).run()
+    assert "phase.energy = " in summarize(early)["cause"]["text"]
+
+
+def test_an_energy_that_nobody_knows_is_refused_as_a_condition() -> None:
+    over = going_to("keep", START, Transition(to=DONE, when=(Above(quantity="mission.energy", limit=450.0),)))
+    (kinematic,) = [item.text for item in lasting(over, **KINEMATIC).check().findings if item.check == "energy"]
+    assert kinematic.endswith("waits for mission.energy, but the kinematic plant uses none; use the dynamic plant")
+    scenario = lasting(over)
+    silent = tuple(thruster.model_copy(update={"power": None}) for thruster in scenario.robot.description.thrusters)
+    robot = replace(scenario.robot, description=scenario.robot.description.model_copy(update={"thrusters": silent}))
+    (unknown, *_) = [item.text for item in replace(scenario, robot=robot).check().findings if "waits for" in item.text]
+    assert "no power is given for thruster T1, T2, " in unknown

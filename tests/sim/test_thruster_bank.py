@@ -12,8 +12,8 @@ from uvms_ocp.errors import InvalidInput
 from uvms_ocp.robot.description import Thruster
 from uvms_ocp.robot.loading import load_robot
 from uvms_ocp.robot.robot import Robot
-from uvms_ocp.robot.thrusters import curve_of_table, thrust_of_signals, unactuated_axes, unreachable_axes
-from uvms_ocp.sim.thrusters import N_DECAYS, Thrusters, joint_power
+from uvms_ocp.robot.thrusters import curve_of_table, joint_power, thrust_of_signals, unactuated_axes, unreachable_axes
+from uvms_ocp.sim.thrusters import N_DECAYS, Thrusters
 
 
 def robot_with(**changes: object) -> Robot:

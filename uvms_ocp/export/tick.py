@@ -125,6 +125,7 @@ def control_force(c: ForceController, inputs: ControllerInputs, outputs: Control
     # Feed back to the next velocity tick what the force layer met.
     m.distress.short = f.allocation.saturated
     m.distress.push = f.outputs.push[0]
+    m.distress.spent = f.state.spent[0]
     if f.detection.changed:
         m.distress.fault = f.gives_up
         for j in range(f.detection.joints.count):

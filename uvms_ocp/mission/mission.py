@@ -218,10 +218,10 @@ class Mission(TableDisplay):
 
     @checked_on_failure
     def own_quantities(self, state: MissionState, t: float) -> dict[str, float]:
-        """Those of `OWN_QUANTITIES` that conditions read, at t [s]; a load is not known here."""
+        """Those of `OWN_QUANTITIES` that conditions read, at t [s]; load and energy are not known here."""
         names = progress.quantities_read(self.all_phases)
         found = [math.nan] * len(names)
-        progress.measure_own(self._memory(state), t, math.nan, found)
+        progress.measure_own(self._memory(state), t, math.nan, math.nan, found)
         return {name: value for name, value in zip(names, found, strict=True) if name in OWN_QUANTITIES}
 
     def _memory(self, state: MissionState) -> Any:

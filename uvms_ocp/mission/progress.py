@@ -86,8 +86,12 @@ class MissionMemory(Layout):
     """It has ended otherwise."""
     given_up: bool
     """It is, or was at its end, in the abort phase."""
-    own: Annotated[list[int], Sized(4)]
-    """(4,) index of each of `OWN_QUANTITIES` among the quantities, or `NONE`."""
+    own: Annotated[list[int], Sized(6)]
+    """(6,) index of each of `OWN_QUANTITIES` among the quantities, or `NONE`."""
+    spent: float
+    """[J] energy used so far."""
+    spent_before: float
+    """[J] energy used before the phase."""
 
 
 def start_at_first_tick(m: MissionMemory, t: float) -> None:
@@ -108,8 +112,9 @@ def activations_at(m: MissionMemory, t: float, activations: Vector) -> None:
         activations[i] = target[i] if passed >= m.ramp else (1.0 - blend) * m.activations_before[i] + blend * target[i]
 
 
-def measure_own(m: MissionMemory, t: float, load: float, quantities: Vector) -> None:
-    """Write those of `OWN_QUANTITIES` that conditions read, at t [s], with a load [N]."""
+def measure_own(m: MissionMemory, t: float, load: float, spent: float, quantities: Vector) -> None:
+    """Write those of `OWN_QUANTITIES` that conditions read, at t [s], with a load [N] and energy spent so far [J]."""
+    m.spent = spent
     if m.own[0] != NONE:
         quantities[m.own[0]] = t - m.began
     if m.own[1] != NONE:
@@ -121,6 +126,15 @@ def measure_own(m: MissionMemory, t: float, load: float, quantities: Vector) -> 
         quantities[m.own[2]] = visits
     if m.own[3] != NONE:
         quantities[m.own[3]] = load
+    if m.own[4] != NONE:
+        quantities[m.own[4]] = spent
+    if m.own[5] != NONE:
+        quantities[m.own[5]] = spent - m.spent_before
+
+
+def always_grows(m: MissionMemory, quantity: int) -> bool:
+    """Return whether a quantity, by its index, grows whatever the robot does: time and energy. A kernel."""
+    return quantity == m.own[0] or quantity == m.own[1] or quantity == m.own[4] or quantity == m.own[5]
 
 
 def transition_due(m: MissionMemory, t: float, quantities: Vector) -> int:
@@ -174,6 +188,7 @@ def _enter(m: MissionMemory, phase: int, t: float) -> None:
     activations_at(m, t, m.activations_before)
     m.phase = phase
     m.since = t
+    m.spent_before = m.spent
     for i in range(len(m.held_since)):
         m.held_since[i] = math.nan
 

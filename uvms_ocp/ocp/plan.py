@@ -23,6 +23,7 @@ from uvms_ocp.record.record import Record
 from uvms_ocp.record.run_meta import PlanMeta, packages
 from uvms_ocp.robot import Robot, list_robots, load_robot
 from uvms_ocp.robot.loading import robot_meta
+from uvms_ocp.robot.thrusters import joint_power, power_law
 from uvms_ocp.solvers.nlp.lexicographic_nlp import LexicographicResult
 from uvms_ocp.types import Array
 
@@ -228,16 +229,10 @@ class Plan(TableDisplay):
 
         NaN where it is not known: of thrusters without power data, and of the axes of a wrench (N, n_vehicle).
         """
-        description, thrust = self.robot.description, np.abs(self.trajectory.thrust)
-        thrusters = np.full_like(thrust, np.nan)
-        if not self.trajectory.of_wrench:
-            for i, thruster in enumerate(description.thrusters):
-                if thruster.power is not None:
-                    share = thrust[:, i] / thruster.power.thrust
-                    thrusters[:, i] = thruster.power.watts * share**thruster.power.exponent
+        factor, exponent = (np.nan, 1.0) if self.trajectory.of_wrench else power_law(self.robot)
         rates = self.trajectory.v[:, self.robot.joint_v]
-        middle = (rates[:-1] + rates[1:]) / 2
-        return thrusters, np.abs(self.trajectory.torque * middle) / description.joint_efficiency
+        joints = joint_power(self.trajectory.torque, (rates[:-1] + rates[1:]) / 2, self.robot.description.joint_efficiency)
+        return factor * np.abs(self.trajectory.thrust) ** exponent, joints
 
     @property
     def energy(self) -> float | None:

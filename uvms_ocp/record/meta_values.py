@@ -58,10 +58,12 @@ class ObstacleMeta(FileModel):
 
 DONE, ABORT = "done", "abort"
 """Where a mission ends: as wanted, or given up."""
-OWN_QUANTITIES = ("mission.time", "phase.time", "phase.visits", "vehicle.load")
+OWN_QUANTITIES = ("mission.time", "phase.time", "phase.visits", "vehicle.load", "mission.energy", "phase.energy")
 """Quantities that no task measures, for conditions: time since the start of the mission [s], time since the start of the phase
-[s], how often the phase has begun, this time included, and the net weight [N] that thrusters bear beyond the robot's own, as the
-controller of forces finds it: negative where something lifts, 0 without one."""
+[s], how often the phase has begun, this time included, the net weight [N] that thrusters bear beyond the robot's own, negative
+where something lifts, and the electrical energy [J] of thrusters and joints since the start of the mission and of the phase. Load
+and energy are as the controller of forces finds them, 0 without one."""
+ENERGIES = OWN_QUANTITIES[4:]
 LARGEST = 1e30
 """What reports and figures reckon with: its square is finite, and single precision, which scenes are kept in, holds it."""
 Number = Annotated[FiniteFloat, Field(ge=-LARGEST, le=LARGEST)]

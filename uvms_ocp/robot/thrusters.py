@@ -4,10 +4,12 @@ from __future__ import annotations
 
 from functools import lru_cache
 
+import casadi as ca
 import numpy as np
 import pinocchio as pin
 
 from uvms_ocp.checks import checked
+from uvms_ocp.codegen.elementwise import Array
 from uvms_ocp.errors import InvalidInput
 from uvms_ocp.robot.description import Thruster
 from uvms_ocp.robot.robot import Robot
@@ -48,6 +50,29 @@ def _range(thruster: Thruster) -> tuple[float, float]:
     if not thruster.curve:
         return thruster.minimum, thruster.maximum
     return max(thruster.minimum, thruster.curve[0][1]), min(thruster.maximum, thruster.curve[-1][1])
+
+
+def power_law(robot: Robot) -> tuple[np.ndarray, np.ndarray]:
+    """Return factor (n_thrusters,) [W/N^exponent], NaN where the file gives none, and exponent (n_thrusters,)."""
+    powers = [thruster.power for thruster in robot.description.thrusters]
+    factor = [power.watts / power.thrust**power.exponent if power else np.nan for power in powers]
+    return np.array(factor), np.array([power.exponent if power else 1.0 for power in powers])
+
+
+def electrical_power(thrust: Array, factor: np.ndarray, exponent: np.ndarray) -> ca.SX:
+    """Return the electrical power (n_thrusters,) [W] at a thrust (n_thrusters,) [N], by a `power_law`."""
+    size = ca.fabs(thrust)
+    # A call of pow takes five times as long as the square root of the usual exponent.
+    powers = [size[k] * ca.sqrt(size[k]) if e == 1.5 else size[k] ** e for k, e in enumerate(exponent)]
+    return ca.DM(factor) * ca.vertcat(ca.SX(0, 1), *powers)
+
+
+def joint_power(tau: Array, rate: Array, efficiency: float) -> Array:
+    """Return the electrical power (n_joints,) [W] of drives, of effort tau [N m or N] and rate [rad/s or m/s], both (n_joints,).
+
+    ``|tau rate|`` divided by the efficiency: braking gives nothing back, standing still is free.
+    """
+    return abs(tau * rate) / efficiency
 
 
 def largest_wrench(robot: Robot) -> np.ndarray:

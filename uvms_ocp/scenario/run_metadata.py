@@ -16,7 +16,7 @@ from uvms_ocp.control.plan_following import PlanGuide
 from uvms_ocp.control.velocity.kinematic import KinematicController
 from uvms_ocp.errors import plain_line
 from uvms_ocp.estimation.health.monitor import HealthMonitor
-from uvms_ocp.mission import Condition, Mission
+from uvms_ocp.mission import Condition, Mission, MissionState
 from uvms_ocp.record import meta_values
 from uvms_ocp.record.run_meta import RunMeta, packages
 from uvms_ocp.robot import IDEAL_SENSORS, Robot
@@ -137,6 +137,18 @@ def run_meta(
         planned_energy=controller.guide.energy if isinstance(controller.guide, PlanGuide) else None,
         wall_s=ending.wall_s,
     )
+
+
+def energy_used(series: Mapping[str, np.ndarray], state: MissionState, t: float, dt: float) -> dict[str, float]:
+    """Return the `ENERGIES` [J] at t [s] as the plant has them, in a state of the mission; none where it has none.
+
+    series: of a record with steps of dt [s].
+    """
+    if not {"thruster_energy", "joint_energy"} <= series.keys():
+        return {}
+    rows = [round((at - state.began) / dt) for at in (t, state.since)]
+    now, before = (float(np.sum(series["thruster_energy"][row]) + series["joint_energy"][row]) for row in rows)
+    return dict(zip(meta_values.ENERGIES, (now, now - before), strict=True))
 
 
 def _events(controller: KinematicController, ending: RunOutcome) -> tuple[meta_values.EventMeta, ...]:

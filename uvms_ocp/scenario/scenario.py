@@ -34,7 +34,7 @@ from uvms_ocp.robot import IDEAL_SENSORS, Command, Robot, SensorSpecs, State, St
 from uvms_ocp.robot.dynamics import cached_dynamics
 from uvms_ocp.scenario.preflight.checks import check_mission
 from uvms_ocp.scenario.preflight.setup import PreflightReport, Setup
-from uvms_ocp.scenario.run_metadata import RunOutcome, computed_or, run_meta
+from uvms_ocp.scenario.run_metadata import RunOutcome, computed_or, energy_used, run_meta
 from uvms_ocp.sim import DynamicPlant, Environment, Fault, KinematicPlant, Plant, SensorSuite, own_parts, parse_fault
 from uvms_ocp.sim.fault_effects import require_possible
 from uvms_ocp.sim.loop import Progress, Sensors, StateEstimator, TickObserver, has_diverged, simulate
@@ -364,13 +364,17 @@ class Scenario(FieldTable):
             recorder = stop.result
         wall = perf_counter() - begin
 
-        def quantities(true: State, t: float, *goals: MissionState) -> dict[str, float]:
-            return computed_or({}, "true errors", lambda: kinematic.evaluate(self._true_measurement(true), t, *goals))
+        flown = recorder.series()
+
+        def quantities(true: State, t: float, state: MissionState) -> dict[str, float]:
+            found: dict[str, float] = computed_or(
+                {}, "true errors", lambda: kinematic.evaluate(self._true_measurement(true), t, state)
+            )
+            return found | {name: value for name, value in energy_used(flown, state, t, self.dt).items() if name in found}
 
         diverged = has_diverged(plant.state)
         last = State(q=recorder.last("q"), v=recorder.last("v")) if diverged else plant.state
-        truth, ends = quantities(last, recorder.last("t")), list[Mapping[str, float]]()
-        flown = recorder.series()
+        truth, ends = quantities(last, recorder.last("t"), kinematic.state), list[Mapping[str, float]]()
         for event, goals in zip(kinematic.events, kinematic.left, strict=True):  # those that the phase had when it ended
             row = round(event.t / self.dt)
             ends.append(quantities(State(q=np.array(flown["q"][row]), v=np.array(flown["v"][row])), event.t, goals))

@@ -24,7 +24,8 @@ from uvms_ocp.codegen.buffered import BoundFunction
 from uvms_ocp.codegen.elementwise import clipped
 from uvms_ocp.errors import InvalidInput
 from uvms_ocp.robot import Robot, limits, spatial, symbolic_bodies, symbolic_dynamics, thruster_matrix
-from uvms_ocp.sim.thrusters import N_DECAYS, Thrusters, joint_power
+from uvms_ocp.robot.thrusters import joint_power
+from uvms_ocp.sim.thrusters import N_DECAYS, Thrusters
 from uvms_ocp.types import Positive
 
 # Contact of the vehicle's hull with the seafloor: a spring and damper at each corner of its underside.

@@ -13,9 +13,8 @@ import numpy as np
 
 from uvms_ocp.codegen.elementwise import Array, clipped, where
 from uvms_ocp.errors import InvalidInput
-from uvms_ocp.robot.description import Thruster
 from uvms_ocp.robot.robot import Robot
-from uvms_ocp.robot.thrusters import thrust_limits
+from uvms_ocp.robot.thrusters import electrical_power, power_law, thrust_limits
 
 _NODES, _WEIGHTS = np.polynomial.legendre.leggauss(4)
 N_DECAYS = len(_NODES) + 1
@@ -44,7 +43,7 @@ class Thrusters:
         """The thrusters of the robot's file."""
         thrusters = robot.description.thrusters
         lower, upper = thrust_limits(robot)
-        factor, exponent = _power_law(thrusters)
+        factor, exponent = power_law(robot)
         return Thrusters(
             lower=lower,
             upper=upper,
@@ -75,10 +74,7 @@ class Thrusters:
 
     def power(self, thrust: Array) -> ca.SX:
         """Electrical power (n,) [W] at a thrust (n,) [N]."""
-        size = ca.fabs(thrust)
-        # A call of pow takes five times as long as the square root of the usual exponent.
-        powers = [size[k] * ca.sqrt(size[k]) if e == 1.5 else size[k] ** e for k, e in enumerate(self.exponent)]
-        return ca.DM(self.factor) * ca.vertcat(ca.SX(0, 1), *powers)
+        return electrical_power(thrust, self.factor, self.exponent)
 
     def decay(self, dt: float) -> np.ndarray:
         """Share (n, N_DECAYS) of the distance to the target that is left at the nodes and at the end of dt [s].
@@ -91,18 +87,3 @@ class Thrusters:
         # No lag: the distance to the command is gone at once.
         lagging = self.time_constant[:, None] > 0.0
         return np.where(lagging, np.exp(-times / np.where(lagging, self.time_constant[:, None], 1.0)), 0.0)
-
-
-def joint_power(tau: Array, rate: Array, efficiency: float) -> Array:
-    """Electrical power (n_joints,) [W] of drives with effort tau (n_joints,) [N m or N] at rate (n_joints,) [rad/s or m/s].
-
-    ``|tau rate|`` divided by the efficiency: braking gives nothing back, standing still is free.
-    """
-    return abs(tau * rate) / efficiency
-
-
-def _power_law(thrusters: tuple[Thruster, ...]) -> tuple[np.ndarray, np.ndarray]:
-    """Factor (n,) [W/N^exponent], NaN where the file gives none, and exponent (n,)."""
-    powers = [thruster.power for thruster in thrusters]
-    factor = [power.watts / power.thrust**power.exponent if power else np.nan for power in powers]
-    return np.array(factor), np.array([power.exponent if power else 1.0 for power in powers])

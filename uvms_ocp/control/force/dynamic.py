@@ -140,7 +140,15 @@ class DynamicController(TableDisplay):
             self._at_limits = ", ".join(f"thruster{number}" for number in full)
         fault, known, jammed, limited = self._fault, self._fault_summary, self._jammed, self._at_limits
         self.kinematic.on_actuation_feedback(
-            _feedback(short=short, push=push.item(), fault=fault, fault_summary=known, jammed=jammed, at_limits=limited)
+            _feedback(
+                short=short,
+                push=push.item(),
+                spent=self._tick.state.spent.item(),
+                fault=fault,
+                fault_summary=known,
+                jammed=jammed,
+                at_limits=limited,
+            )
         )
         telemetry = {
             **command.telemetry,

@@ -23,7 +23,7 @@ from uvms_ocp.control.force.observer import ObserverLaw, ObserverState, limited
 from uvms_ocp.control.force.velocity_law import VelocityLaw
 from uvms_ocp.robot import Robot, thruster_matrix
 from uvms_ocp.robot.symbolic_bodies import sparse
-from uvms_ocp.robot.thrusters import free_motions
+from uvms_ocp.robot.thrusters import electrical_power, free_motions, joint_power, power_law
 
 # Inputs, state, desired force and outputs of a tick: named parts of columns of numbers.
 
@@ -93,6 +93,8 @@ class ForceState(Layout):
     """(1,) as `FilteredCommands.ticks`."""
     watch: Annotated[Array, Sized(1)]
     """(1,) a `MonitorStep`."""
+    spent: Annotated[Array, Sized(1)]
+    """(1,) [J] electrical, of thrusters as modelled and of joints as asked; NaN where a thruster's power is not given."""
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
@@ -254,12 +256,16 @@ def command_function(laws: ForceLaws) -> ca.Function:
     n = laws.robot.n_vehicle
     reached = ca.vertcat(allocated.reached[:n], desired.torque)
     command = laws.lag.command(observed.thrust, effectiveness.asked(allocated.thrust), 1.0 - inputs.stop)
+    thrust = laws.lag.after(observed.thrust, command)
+    power = electrical_power((observed.thrust + thrust) / 2.0, *power_law(laws.robot))
+    drives = joint_power(desired.torque, inputs.reference[n:, :], laws.robot.description.joint_efficiency)
     state = replace(
         observed,
-        thrust=laws.lag.after(observed.thrust, command),
+        thrust=thrust,
         torque=desired.torque,
         integral=laws.velocity.integrated(observed.integral, desired.error, desired.force, reached),
         before=inputs.reference,
+        spent=observed.spent + laws.velocity.dt * (ca.sum1(power) + ca.sum1(drives)),
     )
     outputs = ForceOutputs(
         command=command,

@@ -18,7 +18,7 @@ from uvms_ocp.control.velocity.tick_state import TickInputs
 from uvms_ocp.estimation.degraded_modes import describe_channels
 from uvms_ocp.estimation.fallbacks import UNSEEN_SLOPE
 from uvms_ocp.mission import Mission
-from uvms_ocp.mission.progress import MissionMemory
+from uvms_ocp.mission.progress import MissionMemory, always_grows
 from uvms_ocp.robot import Robot, SymbolicModel
 from uvms_ocp.robot.shapes.hull import lowest_point
 from uvms_ocp.robot.signals import ChannelHealth
@@ -105,6 +105,8 @@ class ActuationFeedback:
     """Thrusters that were at their limits when they last did."""
     push: float = 0.0
     """Upward force on the vehicle that the model does not know, as a share of the largest of the thrusters."""
+    spent: float = 0.0
+    """[J] Electrical energy used so far; NaN where it is not known."""
     fault: str = ""
     """Fault of thrusters or joints without which the mission cannot go on."""
     fault_summary: str = ""
@@ -156,6 +158,8 @@ class AbortMemory(Layout):
     """There is one of `ActuationFeedback`."""
     push: float
     """See `ActuationFeedback`."""
+    spent: float
+    """[J] See `ActuationFeedback`."""
     pushed: bool
     """Something under the vehicle bears it where it should be well above the floor."""
     contact_since: float
@@ -247,7 +251,7 @@ def _runs_away(d: AbortMemory, m: MissionMemory, t: float, quantities: Vector) -
 def _progresses(d: AbortMemory, m: MissionMemory, quantities: Vector) -> bool:
     """Return whether something that the phase waits for to fall has come nearer to its limit, or nothing is missing.
 
-    A phase that time alone ends, wherever that leads, does not stall.
+    A phase that time or energy alone ends, wherever that leads, does not stall.
     """
     if m.since != d.began:
         d.began = m.since
@@ -259,8 +263,7 @@ def _progresses(d: AbortMemory, m: MissionMemory, quantities: Vector) -> bool:
         timed = True
         for k in range(m.first_condition[i], m.end_condition[i]):
             gap = quantities[m.quantity[k]] - m.limit[k]
-            by_time = m.quantity[k] == m.own[0] or m.quantity[k] == m.own[1]
-            timed = timed and by_time and m.below[k] == 0
+            timed = timed and m.below[k] == 0 and always_grows(m, m.quantity[k])
             if m.below[k] != 0 and not gap < 0.0:
                 waiting = True
                 if gap < (1.0 - _PROGRESS) * d.best[m.quantity[k]]:
@@ -287,6 +290,7 @@ class AbortMonitor:
         """Take over the feedback of the force layer."""
         memory = self._memory
         memory.short, memory.push, memory.fault = feedback.short, feedback.push, bool(feedback.fault)
+        memory.spent = feedback.spent
 
     def describe(self, why: AbortReason, tick: TickInputs, quantities: Mapping[str, float], feedback: ActuationFeedback) -> str:
         """Describe the reason that the kernel found at a tick, from the quantities [in their units]."""

@@ -170,7 +170,7 @@ def _report(m: TickMemory) -> None:
 
     Phases are told less: nothing that rests on a channel that is not good, but in the abort phase the best there is.
     """
-    progress.measure_own(m.mission, m.t, 0.0 - m.distress.push * m.lift, m.quantities)
+    progress.measure_own(m.mission, m.t, 0.0 - m.distress.push * m.lift, m.distress.spent, m.quantities)
     of_altitude = m.rests_on[m.altimeter]
     for i in range(len(m.quantities)):
         unknown = is_unknown(m.age, of_altitude[i] != 0, m.altitude_valid)

@@ -13,7 +13,7 @@ from uvms_ocp.control.velocity.levels import LevelsProblem, build_levels
 from uvms_ocp.control.velocity.swing import N_PASSIVE
 from uvms_ocp.estimation.estimator import std_at_rest
 from uvms_ocp.mission import Below, Mission
-from uvms_ocp.record.meta_values import DONE
+from uvms_ocp.record.meta_values import DONE, ENERGIES
 from uvms_ocp.robot import IDEAL_SENSORS, Kinematics, assembly, loading, spatial
 from uvms_ocp.robot.dynamics import cached_dynamics
 from uvms_ocp.scenario.preflight import forces
@@ -145,6 +145,7 @@ def _check_wherever(setup: Setup) -> Iterator[Finding]:
     yield from check_unspecified(setup)
     yield from check_inertia(setup)
     yield from check_own_parts(setup)
+    yield from check_energy(setup)
     yield from forces.check_load(setup)
 
 
@@ -153,6 +154,18 @@ def check_unspecified(setup: Setup) -> Iterator[Finding]:
     if setup.with_forces:
         for subject, text in loading.unknowns(assembly.without_trim(setup.robot).model, setup.robot.description):
             yield Severity.WARNING.finding(subject, text)
+
+
+def check_energy(setup: Setup) -> Iterator[Finding]:
+    """Find phases that wait for an energy that nobody knows."""
+    silent = [thruster.name for thruster in setup.robot.description.thrusters if thruster.power is None]
+    why = f"no power is given for thruster {', '.join(silent)}; give it in hydrodynamics.yaml" if silent else ""
+    why = why if setup.with_forces else "the kinematic plant uses none; use the dynamic plant"
+    for phase in setup.mission.all_phases if why else ():
+        for condition in phase.conditions:
+            if condition.quantity in ENERGIES:
+                text = f"phase {phase.name!r} waits for {condition.quantity}, but {why}"
+                yield Severity.ERROR.finding("energy", text, phase.name)
 
 
 def check_inertia(setup: Setup) -> Iterator[Finding]:
