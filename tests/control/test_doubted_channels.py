@@ -60,3 +60,30 @@ def test_no_change_of_trust_kicks(channel: str, defect: str, rate: int) -> None:
     assert shares[:, 6:].max() <= 1.2
     assert errors.max() <= 1.2
     assert change <= 1.5 * flown(rate)[2]
+
+
+ACTUATORS = {  # faults, and what is named
+    "thruster3:reversed": "thruster3 reversed",
+    "thruster5:reversed": "thruster5 reversed",
+    "joint2:jam": "joint2 jammed",
+    "thruster3:reversed joint_positions:late=0.05": "thruster3 reversed",
+    "attitude:lost angular_velocity:lost": "attitude lost",
+}
+
+
+def struck_runs() -> list[object]:
+    """What strikes actuators, alone and with a channel, and blind vehicles, by rates [Hz]."""
+    return [
+        pytest.param(faults, rate, marks=() if rate == 20 else pytest.mark.slow) for faults in ACTUATORS for rate in (20, 50, 200)
+    ]
+
+
+@long_without_compiler
+@pytest.mark.parametrize(("faults", "rate"), struck_runs())
+def test_no_verdict_and_no_mode_kicks_the_arm_and_faults_are_found_at_every_rate(faults: str, rate: int) -> None:
+    """At 20 Hz nobody looked at the thrusters, and a reversed one drove the arm at 17 times its limit."""
+    struck = tuple(parse_fault(f"{fault}@28.6") for fault in faults.split())
+    scenario = case1(noise=True, dt=1 / rate, duration=42.0, faults=struck)
+    record, robot = scenario.run(), scenario.robot
+    assert any(ACTUATORS[faults] in alarm.text for alarm in record.run_meta.alarms)
+    assert (np.abs(record["v"]) / robot.limits.velocity).max() <= 1.2

@@ -132,6 +132,25 @@ def known(tick: ForceTick) -> ForceState:
     return ForceState(**{name: getattr(tick.observed, name).copy() for name in ForceState.__dataclass_fields__})
 
 
+@pytest.mark.parametrize("dt", [1 / 20, 1 / 100, 1 / 200])
+def test_brakes_that_lock_ask_no_acceleration_of_thrusters(dt: float) -> None:
+    """The reference of joints ends at once where brakes lock: taken for an acceleration, the thrusters were to bear it."""
+    usual, (q, v) = laws(), scene(FULL)
+    slower = replace(
+        usual,
+        velocity=replace(usual.velocity, dt=dt),
+        lag=thruster_lag(usual.robot, lead=4.0, dt=dt),
+        observer=None,
+        residual_filter=None,
+    )
+    tick, n = ForceTick(slower), usual.robot.n_vehicle
+    stopped = np.concatenate([v[:n], np.zeros(usual.robot.n_joints)])
+    ticked(tick, q, v, Command(v=v))
+    locked = ticked(tick, q, stopped, Command(v=stopped, brakes=True))
+    wanted = dynamics(FULL).inverse_dynamics(q, stopped, np.zeros(len(v)))
+    np.testing.assert_allclose(locked.vehicle_force, wanted[:n], rtol=1e-9, atol=1e-9)
+
+
 def test_a_velocity_that_is_not_to_be_trusted_is_not_fed_back_and_changes_no_disturbance() -> None:
     commands, kept = [], []
     for wrong in (1.0, -100.0):

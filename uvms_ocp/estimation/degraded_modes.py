@@ -100,7 +100,7 @@ DEGRADED_MODES = (
         for pair in (("position", "linear_velocity"), ("position", "depth"), ("attitude", "angular_velocity"))
     ),
     *(
-        _mode(*pair, substitute="too little", hold=True, blind=True, max_duration=3.0, can_ascend=False)
+        _mode(*pair, substitute="too little", hold=True, joints_held=True, blind=True, max_duration=3.0, can_ascend=False)
         for pair in combinations(_VEHICLE, 2)
     ),
 )

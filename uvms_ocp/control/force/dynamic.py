@@ -13,7 +13,7 @@ from uvms_ocp.control.force.allocation import thruster_lag
 from uvms_ocp.control.force.observer import DisturbanceObserver, ObserverLaw
 from uvms_ocp.control.force.tick import ForceTick
 from uvms_ocp.control.force.tick_functions import ForceLaws
-from uvms_ocp.control.force.velocity_law import DeadTimes, VelocityLaw, bandwidth_derating, dead_times
+from uvms_ocp.control.force.velocity_law import BandwidthDerating, DeadTimes, VelocityLaw, bandwidth_derating, dead_times
 from uvms_ocp.control.payload import LoadLearner, LoadLearning, require_learnable
 from uvms_ocp.control.velocity.abort import ActuationFeedback
 from uvms_ocp.control.velocity.kinematic import KinematicController
@@ -86,9 +86,10 @@ class DynamicController(TableDisplay):
         self.kinematic = kinematic
         gains = gains or VelocityGains()
         self._robot = robot
-        laws = _laws(robot, dynamics, gains, health, kinematic.dt)
         late = DeadTimes() if sensors is None else dead_times(sensors)
-        self._tick = ForceTick(laws, bandwidth_derating(late, vehicle=gains.vehicle, joints=gains.joints, dt=kinematic.dt))
+        derating = bandwidth_derating(late, vehicle=gains.vehicle, joints=gains.joints, dt=kinematic.dt)
+        laws = _laws(robot, dynamics, gains, health, derating, kinematic.dt)
+        self._tick = ForceTick(laws)
         self.memory = memory = self._tick.memory
         """Memory of the force layer, a `ForceMemory`."""
         # Parts of it are made anew whenever they are asked for.
@@ -175,9 +176,16 @@ class DynamicController(TableDisplay):
 
 
 @lru_cache(maxsize=8)
-def _laws(robot: Robot, dynamics: Dynamics, gains: VelocityGains, health: ActuatorHealthTuning | None, dt: float) -> ForceLaws:
+def _laws(
+    robot: Robot,
+    dynamics: Dynamics,
+    gains: VelocityGains,
+    health: ActuatorHealthTuning | None,
+    derating: BandwidthDerating,
+    dt: float,
+) -> ForceLaws:
     """Return the laws of a robot, one object for many runs, so that what is derived from them is made once; dt [s]."""
-    search = health if gains.observer_vehicle and robot.n_vehicle else None
+    search, observed = health if gains.observer_vehicle and robot.n_vehicle else None, derating.vehicle * gains.observer_vehicle
     return ForceLaws(
         robot=robot,
         velocity=VelocityLaw(
@@ -188,8 +196,9 @@ def _laws(robot: Robot, dynamics: Dynamics, gains: VelocityGains, health: Actuat
         ),
         lag=thruster_lag(robot, lead=gains.lead, dt=dt),
         lift=float(largest_wrench(robot)[2]),
+        derating=derating,
         observer=_observer_law(robot, gains, dt),
-        residual_filter=None if search is None else residual_filter_for(search, bandwidth=gains.observer_vehicle, dt=dt),
+        residual_filter=None if search is None else residual_filter_for(search, bandwidth=observed, dt=dt),
         search=search,
     )
 

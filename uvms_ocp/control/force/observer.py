@@ -48,8 +48,9 @@ class ObserverState:
 class ObserverLaw:
     """Luenberger observer of ``M a + h = tau + d`` with d constant, driven by the measured velocity.
 
-    v_hat follows the model, the innovation ``v - v_hat`` corrects it with 2 w and d with w^2 M: both poles at -w. Raises
-    `InvalidInput` for a bandwidth that is not between 0 and 1 / dt.
+    v_hat follows the model, the innovation ``v - v_hat`` corrects it with 2 w and d with w^2 M: both poles at -w. Where axes have
+    other bandwidths, what couples two of them goes by the lower. Raises `InvalidInput` for a bandwidth that is not between 0
+    and 1 / dt.
     """
 
     bandwidth: np.ndarray
@@ -83,12 +84,13 @@ class ObserverLaw:
         w = self.bandwidth * share
         v_hat = ca.if_else(before.follows, before.v_hat, v)
         innovation = v - v_hat
-        push = ca.mtimes(body.mass_matrix(q), w**2 * innovation)
+        M = body.mass_matrix(q)
+        push = _coupled(M, w**2) @ innovation
         estimate = limited(before.estimate + self.dt * push, self.limit)
         still = ca.SX(3, len(body.links))
         water = still if current is None else ca.repmat(ca.SX(current), 1, len(body.links))
-        acceleration = body.forward_dynamics(q, v, tau + estimate, water, still)
-        v_hat = v_hat + self.dt * (acceleration + 2 * w * innovation)
+        corrected = tau + estimate + 2 * _coupled(M, w) @ innovation
+        v_hat = v_hat + self.dt * body.forward_dynamics(q, v, corrected, water, still)
         return ObserverState(estimate=estimate, lead=push / w, v_hat=v_hat, follows=ca.SX(1.0))
 
     def response(self, before: ForceResponse, M: ca.SX, force: ca.SX, share: ca.SX) -> ForceResponse:
@@ -98,10 +100,20 @@ class ObserverLaw:
         """
         w = self.bandwidth * share
         D, L_transposed, order = ca.ldl(M, False)
-        estimate = before.estimate + self.dt * M @ (ca.diag(w**2) @ before.innovation)
-        drift = ca.ldl_solve(force - estimate, D, L_transposed, order) - 2 * ca.diag(w) @ before.innovation
+        estimate = before.estimate + self.dt * _coupled(M, w**2) @ before.innovation
+        drift = ca.ldl_solve(force - estimate - 2 * _coupled(M, w) @ before.innovation, D, L_transposed, order)
         innovation = before.innovation + self.dt * drift
         return ForceResponse(estimate=estimate, innovation=innovation)
+
+
+def _coupled(M: ca.SX, gain: ca.SX) -> ca.SX:
+    """Return M (n, n) with each entry times the lower of the gains (n,) of its two axes.
+
+    What acts on the faster of two axes then shows as no push on the slower one, and a wrong velocity of the slower one drives
+    the faster one by the lower gain alone.
+    """
+    n = gain.numel()
+    return M * ca.fmin(ca.repmat(gain, 1, n), ca.repmat(gain.T, n, 1))
 
 
 def limited(y: ca.SX, limit: np.ndarray) -> ca.SX:

@@ -14,7 +14,6 @@ from uvms_ocp.control.faults.detection import FaultDetection, detect_faults, pau
 from uvms_ocp.control.faults.monitor import detection_sizes, write_detection
 from uvms_ocp.control.faults.verdicts import ActuatorHealthTuning, ThrusterEffectiveness, effective_thrust
 from uvms_ocp.control.force import allocation as thrust_allocation, tick_functions
-from uvms_ocp.control.force.velocity_law import BandwidthDerating
 from uvms_ocp.errors import InvalidInput
 from uvms_ocp.robot.signals import Command
 
@@ -117,11 +116,14 @@ def apply_detected_effectiveness(m: ForceMemory) -> None:
         m.allocation.share[i] = m.effectiveness.share[i]
         m.allocation.constant[i] = m.effectiveness.constant[i]
     thrust_allocation.apply_effectiveness(m.allocation)
-    # Jammed joints are left to their brakes: nothing is compensated on axes that do not move.
+    # Jammed joints are left to their brakes: nothing is compensated on axes that do not move, and they have not been moving.
     for j in range(m.detection.joints.count):
         if m.detection.joints.jammed[j]:
-            m.observed.estimate[m.detection.n_vehicle + j] = 0.0
-            m.observed.integral[m.detection.n_vehicle + j] = 0.0
+            k = m.detection.n_vehicle + j
+            m.observed.estimate[k] = 0.0
+            m.observed.integral[k] = 0.0
+            m.observed.before[k] = 0.0
+            m.inputs.reference[k] = 0.0
 
 
 def _share_changes(m: ForceMemory) -> bool:
@@ -173,10 +175,8 @@ class ForceTick:
     Holds its state: build one per run. Not for use from two threads at once.
     """
 
-    def __init__(
-        self, laws: tick_functions.ForceLaws, derating: BandwidthDerating | None = None, *, compiled: bool = True
-    ) -> None:
-        """derating: for the dead time of the sensors. compiled: in C where there is a compiler."""
+    def __init__(self, laws: tick_functions.ForceLaws, *, compiled: bool = True) -> None:
+        """compiled: in C where there is a compiler."""
         structure = structure_of(ForceMemory, **_sizes(laws))
         self.memory: ForceMemory
         """Of the kernel."""
@@ -193,7 +193,7 @@ class ForceTick:
         """State that the next tick starts from."""
         self._outputs = column_view(self.memory.outputs)
         self._places = tuple(tick_functions.column_places(tick_functions.ForceOutputs, laws.sizes).values())
-        self._write(laws, derating or BandwidthDerating())
+        self._write(laws)
         begin(self.memory)
 
     def give(self, q: np.ndarray, v: np.ndarray, command: Command, feedback: tuple[float, float]) -> None:
@@ -232,14 +232,14 @@ class ForceTick:
         """Adopt the effectiveness in the memory of fault detection, as a tick does that has found a fault."""
         self._adapt(self.memory)
 
-    def _write(self, laws: tick_functions.ForceLaws, derating: BandwidthDerating) -> None:
-        memory, robot = self.memory, laws.robot
+    def _write(self, laws: tick_functions.ForceLaws) -> None:
+        memory, robot, derating = self.memory, laws.robot, laws.derating
         memory.bandwidth_share, memory.joint_bandwidth_share = derating.vehicle, derating.joints
         memory.joints_late = derating.joints_late
         thrust_allocation.allocation_of(robot).write(memory.allocation)
         memory.detection.n_vehicle, memory.detection.joints.count = robot.n_vehicle, robot.n_joints
         if laws.search is not None and laws.residual_filter is not None and laws.observer is not None:
-            memory.watched, bandwidth = True, float(laws.observer.bandwidth[0])
+            memory.watched, bandwidth = True, derating.vehicle * float(laws.observer.bandwidth[0])
             write_detection(memory.detection, robot, laws.search, laws.residual_filter, bandwidth=bandwidth, dt=laws.velocity.dt)
 
 

@@ -8,7 +8,7 @@ tick goes in and comes out; nothing else is remembered.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, field, fields, replace
 from enum import IntEnum
 from functools import partial
 from typing import Annotated, Any, TypeVar
@@ -20,7 +20,7 @@ from uvms_ocp.codegen.kernel_layout import Layout, Sized, declared_sizes
 from uvms_ocp.control.faults.verdicts import ActuatorHealthTuning, FilteredCommands, ResidualFilter, ThrusterEffectiveness
 from uvms_ocp.control.force.allocation import ThrusterLag
 from uvms_ocp.control.force.observer import ObserverLaw, ObserverState, limited
-from uvms_ocp.control.force.velocity_law import VelocityLaw
+from uvms_ocp.control.force.velocity_law import BandwidthDerating, VelocityLaw
 from uvms_ocp.robot import Robot, thruster_matrix
 from uvms_ocp.robot.symbolic_bodies import sparse
 from uvms_ocp.robot.thrusters import electrical_power, free_motions, joint_power, power_law
@@ -168,12 +168,12 @@ def parts_of(parts: type[Parts], sizes: Mapping[str, int], column: Array) -> Par
 
 def column_of(parts: Any) -> ca.SX:
     """Stack all parts, which are expressions, into one column."""
-    columns = [getattr(parts, field.name) for field in fields(parts)]
+    columns = [getattr(parts, part.name) for part in fields(parts)]
     return ca.densify(ca.vertcat(*(column if column.numel() else ca.SX(1, 1) for column in columns)))
 
 
 _EASE = 1.0  # [s] in which the bandwidth of the velocity loop changes
-_FULL = 0.95  # share of its bandwidth that the observer needs for its findings to be judged
+_FULL = 0.95  # share, of the bandwidth that the sensors allow, that the observer needs for its findings to be judged
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
@@ -185,6 +185,8 @@ class ForceLaws:
     lag: ThrusterLag
     lift: float
     """[N] of all thrusters at most; 0 where none lifts, and no push is measured by it."""
+    derating: BandwidthDerating = field(default_factory=BandwidthDerating)
+    """For the dead time of the sensors."""
     observer: ObserverLaw | None = None
     residual_filter: ResidualFilter | None = None
     """Filter of the actuator monitor, where there is one."""
@@ -226,7 +228,8 @@ def control_function(laws: ForceLaws) -> ca.Function:
     """Make ``inputs, observed -> desired``: the force for the reference."""
     x, (inputs, observed) = _symbols(laws, inputs=ForceInputs, observed=ForceState)
     trusted = _by_part(laws, 1.0 - inputs.hold, inputs.joints)
-    error, before = ca.if_else(trusted, inputs.reference - inputs.v, 0.0), observed.before
+    error = ca.if_else(trusted, inputs.reference - inputs.v, 0.0)
+    before = ca.if_else(_by_part(laws, ca.SX(1.0), inputs.joints), observed.before, inputs.reference)  # brakes stop at once
     motions, measured = map(sparse, free_motions(laws.robot))
     error, before = error - motions @ (measured @ error), before + motions @ (measured @ (inputs.reference - before))
     tau = laws.velocity.force(inputs.q, inputs.reference, before, error, observed.integral, observed.share) - observed.estimate
@@ -299,7 +302,7 @@ def _observed(
 def _taken_in(laws: ForceLaws, residual_filter: ResidualFilter, inputs: ForceInputs, observed: ForceState) -> ForceState:
     """Filter the commands for the monitor while everything is fed back with nearly the full bandwidth."""
     joints = inputs.joints if laws.robot.n_joints else 1.0
-    watches = ca.logic_and(ca.logic_and(1.0 - inputs.hold, joints), observed.share[0] >= _FULL)
+    watches = ca.logic_and(ca.logic_and(1.0 - inputs.hold, joints), observed.share[0] >= _FULL * laws.derating.vehicle)
     after = residual_filter.after(
         FilteredCommands(thrust=observed.asked, way=observed.way, ticks=observed.ticks), observed.thrust, observed.before
     )
