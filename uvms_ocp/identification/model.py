@@ -117,11 +117,11 @@ def stage_of(vehicle: Vehicle, *, sharp: bool = False) -> StageFunctions:
     begun, late = _begun(vehicle, values, past, edge), ca.vertcat(values["delay"], values["velocity_delay"])
     given, options = [x, u, joints, p, h], {"cse": True}
     return StageFunctions(
-        step=ca.Function("step", given, [after], options),
+        step=ca.Function("step", given, [ca.densify(after)], options),
         slope=ca.Function("slope", given, [ca.densify(ca.jacobian(after, one)) for one in (x, p, u)], options),
         outputs=ca.Function("seen", [x, p], [ca.densify(outputs), *(ca.densify(ca.jacobian(outputs, one)) for one in (x, p))]),
-        begun=ca.Function("begun", [past, p], [begun, *(ca.densify(ca.jacobian(begun, one)) for one in (p, past))]),
-        delays=ca.Function("delays", [p], [late, ca.densify(ca.jacobian(late, p))]),
+        begun=ca.Function("begun", [past, p], [ca.densify(begun), *(ca.densify(ca.jacobian(begun, one)) for one in (p, past))]),
+        delays=ca.Function("delays", [p], [ca.densify(late), ca.densify(ca.jacobian(late, p))]),
         n_x=x.numel(),
         n_u=n_u,
         n_j=n_j,

@@ -12,6 +12,7 @@ from dataclasses import dataclass, field, replace
 import casadi as ca
 import numpy as np
 
+from uvms_ocp.codegen.buffered import BoundFunction
 from uvms_ocp.codegen.compile import compile_function
 from uvms_ocp.errors import InvalidInput
 from uvms_ocp.identification import recording as recordings
@@ -281,12 +282,12 @@ class _StretchRun:
     ) -> None:
         self._rollout, self._stage, self._stretches, self._n = rollout, rollout.stage, stretches, n
         self._p = p
-        self._delays = [[np.asarray(part) for part in self._stage.delays(row)] for row in p]
+        self._delays = self._each("delays", self._stage.delays, p.T)
         u = [one.commands.mean(one.edges - d[0, 0]) for one, (d, _) in zip(stretches, self._delays, strict=True)]
         self._u = np.vstack(u)
-        past = [one.commands.mean(self._past(k)).T for k, one in enumerate(stretches)]
-        self._begun = first = [[np.asarray(part) for part in self._stage.begun(past[k], p[k])] for k in range(len(p))]
-        x0 = [np.concatenate([s.q, s.v, w.ravel()]) for s, (w, _, _) in zip(starts, first, strict=True)]
+        past = np.hstack([one.commands.mean(self._past(k)).T for k, one in enumerate(stretches)])
+        self._begun = self._each("begun", self._stage.begun, past, p.T)
+        x0 = [np.concatenate([s.q, s.v, w.ravel()]) for s, (w, _, _) in zip(starts, self._begun, strict=True)]
         self._given = (
             self._u.T,
             np.hstack([one.joints for one in stretches]),
@@ -299,8 +300,8 @@ class _StretchRun:
             part = [one.reshape(len(one), len(p), n)[:, :, k : k + _MOST_STEPS] for one in self._given]
             steps = part[0].shape[2]
             given = (one.reshape(len(one), len(p) * steps) for one in part)
-            after = rollout.many("step", rollout.step, steps, len(p))(self._x[:, k].T, *given)
-            self._x[:, k + 1 : k + 1 + steps] = np.asarray(after).T.reshape(len(p), steps, -1)
+            (after,) = _evaluated(rollout.many("step", rollout.step, steps, len(p)), self._x[:, k].T, *given)
+            self._x[:, k + 1 : k + 1 + steps] = after.T.reshape(len(p), steps, -1)
 
     def rows(self) -> list[PredictedOutputs]:
         m, n, _ = self._x.shape
@@ -345,16 +346,21 @@ class _StretchRun:
     def _outputs(self, chosen: np.ndarray) -> list[np.ndarray]:
         """Evaluate the outputs and their derivatives, side by side, at the chosen (l,) of all states."""
         function, n = self._rollout.many("seen", self._stage.outputs, 0, len(chosen)), self._x.shape[1]
-        found = function(self._x.reshape(-1, self._stage.n_x)[chosen].T, self._p[chosen // n].T)
-        return [np.asarray(one) for one in found]
+        return _evaluated(function, self._x.reshape(-1, self._stage.n_x)[chosen].T, self._p[chosen // n].T)
+
+    def _each(self, name: str, function: ca.Function, *given: np.ndarray) -> list[list[np.ndarray]]:
+        """Results of a function for every stretch, whose arguments are side by side."""
+        m = len(self._p)
+        results = _evaluated(self._rollout.many(name, function, 0, m), *given)
+        return [[one[:, k * (w := one.shape[1] // m) : (k + 1) * w] for one in results] for k in range(m)]
 
     def _sensitivities(self) -> np.ndarray:
         """(m, n + 1, n_x, n_p + 9)"""
         m, n, stage = len(self._stretches), self._n, self._stage
         before = self._x[:, :-1].reshape(-1, stage.n_x).T
-        found = self._rollout.many("slope", self._rollout.slope, 0, m * n)(before, *self._given)
+        found = _evaluated(self._rollout.many("slope", self._rollout.slope, 0, m * n), before, *self._given)
         widths = stage.n_x, stage.n_p, stage.n_u
-        A, B, C = (_blocks(np.asarray(one), width, m, n) for one, width in zip(found, widths, strict=True))
+        A, B, C = (_blocks(one, width, m, n) for one, width in zip(found, widths, strict=True))
         for k, one in enumerate(self._stretches):
             d, dd = self._delays[k]
             slope = -one.commands.mean_slope(one.edges - d[0, 0])
@@ -412,6 +418,13 @@ def turn_slope(quaternion: np.ndarray) -> np.ndarray:
     return np.array([[w, -z, y], [z, w, -x], [-y, x, w], [-x, -y, -z]]) / 2
 
 
+def _evaluated(function: ca.Function, *given: np.ndarray) -> list[np.ndarray]:
+    """Results of a function, column by column in memory of their own: in lists of numbers they would take longer than it."""
+    results = [np.empty(function.size_out(k), order="F") for k in range(function.n_out())]
+    BoundFunction(function, [np.asfortranarray(one) for one in given], results)()
+    return results
+
+
 def _blocks(wide: np.ndarray, width: int, m: int, n: int) -> np.ndarray:
-    """(m, n, rows, width) of m n blocks side by side."""
-    return np.ascontiguousarray(wide.reshape(len(wide), m, n, width).transpose(1, 2, 0, 3))
+    """(m, n, rows, width) of m n blocks side by side, in the same memory where that is column by column."""
+    return np.moveaxis(wide.T.reshape(m, n, width, len(wide)), 2, 3)
