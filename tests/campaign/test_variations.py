@@ -14,7 +14,8 @@ from uvms_ocp.campaign.variations import Variation, available_parameters, quanti
 from uvms_ocp.errors import InvalidInput, NameNotFound
 from uvms_ocp.robot.dynamics import robot_dynamics
 from uvms_ocp.robot.hydrodynamics import Water
-from uvms_ocp.scenario.cases.case1 import case1
+from uvms_ocp.robot.kinematics import Kinematics
+from uvms_ocp.scenario.cases.case1 import case1, two_targets
 from uvms_ocp.scenario.scenario import Scenario
 from uvms_ocp.sim.currents import GustyCurrent, UniformCurrent
 
@@ -112,6 +113,17 @@ def test_a_payload_weighs_at_the_tool(scenario: Scenario) -> None:
     loaded, bare = (robot_dynamics(robot).inverse_dynamics(q, still, still) for robot in (run.plant_robot, run.robot))
     R = np.array(run.robot.model.gravity.linear)
     assert np.isclose(np.linalg.norm((loaded - bare)[:3]), 1.5 * np.linalg.norm(R), rtol=1e-9)
+
+
+def test_each_tool_has_a_payload_of_its_own() -> None:
+    scenario = two_targets(robot="bluerov2_two_alpha5")
+    tools, q = scenario.robot.tools, scenario.start
+    still = np.zeros(scenario.robot.n_v)
+    for name, tool in (("payload.mass", tools[0]), ("payload2.mass", tools[1])):
+        run = vary(scenario, [Variation(name, Uniform(0, 3))], {name: 0.5}, 0)
+        loaded, bare = (robot_dynamics(robot).inverse_dynamics(q, still, still) for robot in (run.plant_robot, run.robot))
+        weight = Kinematics(run.robot, q).jacobian(tool)[2] * 0.5 * -run.robot.model.gravity.linear[2]
+        assert np.allclose(loaded - bare, weight, rtol=1e-9, atol=1e-9)
 
 
 def test_speed_and_heading_make_a_current_whatever_their_order(scenario: Scenario) -> None:

@@ -3,6 +3,7 @@
 from dataclasses import replace
 
 import numpy as np
+import pinocchio as pin
 import pytest
 from scipy.linalg import null_space
 from scipy.optimize import LinearConstraint, lsq_linear, minimize
@@ -52,27 +53,38 @@ def test_what_thrust_inside_the_limits_can_give_is_given_exactly(allocation: All
 
 def test_no_thrust_inside_the_limits_comes_closer(allocation: Allocation, wrenches: np.ndarray) -> None:
     for wrench in wrenches:
-        cost = 0.5 * np.sum(allocation.allocate(wrench).unreachable ** 2)
-        oracle = lsq_linear(allocation.matrix, wrench, (allocation.lower, allocation.upper), method="bvls", tol=1e-15)
-        assert cost <= oracle.cost + 1e-9 * (1.0 + wrench @ wrench)
+        weight = allocation.wrench_weight
+        cost = 0.5 * np.sum((weight * allocation.allocate(wrench).unreachable) ** 2)
+        limits = (allocation.lower, allocation.upper)
+        oracle = lsq_linear(weight[:, None] * allocation.matrix, weight * wrench, limits, method="bvls", tol=1e-15)
+        assert cost <= oracle.cost + 1e-9 * (1.0 + np.sum((weight * wrench) ** 2))
+
+
+@pytest.mark.parametrize("name", ROBOTS)
+def test_what_is_given_up_costs_the_least_acceleration_in_the_norm_of_the_kinetic_energy(name: str) -> None:
+    robot = load_robot(name)
+    inertia = np.diag(pin.crba(robot.model, robot.model.createData(), robot.configuration()))[:6]
+    constraint = allocation_of(robot, compiled=False).wrench_weight ** 2 * inertia  # Gauss: (F / m)^2 m, of each axis
+    np.testing.assert_allclose(constraint, constraint[0], rtol=1e-12)
 
 
 def test_optimality_conditions_hold(allocation: Allocation, wrenches: np.ndarray) -> None:
     for wrench in wrenches:
         result = allocation.allocate(wrench)
-        push = allocation.matrix.T @ result.unreachable  # where more thrust would help
-        tolerance = 1e-6 * (1.0 + np.linalg.norm(wrench))
+        push = allocation.matrix.T @ (allocation.wrench_weight**2 * result.unreachable)  # where more thrust would help
+        tolerance = 1e-6 * (1.0 + np.linalg.norm(allocation.wrench_weight**2 * wrench))
         assert (push[result.thrust < allocation.upper - 1e-6] <= tolerance).all()
         assert (push[result.thrust > allocation.lower + 1e-6] >= -tolerance).all()
 
 
 def test_saturated_says_that_limits_cost_wrench(allocation: Allocation, wrenches: np.ndarray) -> None:
-    B = allocation.matrix
+    weight = allocation.wrench_weight
+    B = weight[:, None] * allocation.matrix
     for wrench in wrenches:
-        result = allocation.allocate(wrench)
-        without_limits = wrench - B @ np.linalg.lstsq(B, wrench, rcond=None)[0]
-        lost = np.linalg.norm(result.unreachable) - np.linalg.norm(without_limits)
-        assert result.saturated == (lost > 1e-9 * np.linalg.norm(wrench))
+        result, weighted = allocation.allocate(wrench), weight * wrench
+        without_limits = weighted - B @ np.linalg.lstsq(B, weighted, rcond=None)[0]
+        lost = np.linalg.norm(weight * result.unreachable) - np.linalg.norm(without_limits)
+        assert result.saturated == (lost > 1e-9 * np.linalg.norm(weighted))
 
 
 def test_an_underactuated_vehicle_reports_roll_as_unreachable() -> None:

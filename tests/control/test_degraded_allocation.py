@@ -64,15 +64,16 @@ def test_no_thrust_without_the_faulty_ones_comes_closer(
     degraded = replace(whole, effectiveness=effectiveness)
     left = effectiveness.share != 0.0
     ends = np.array([effectiveness.share * whole.lower, effectiveness.share * whole.upper])[:, left]
-    known = whole.matrix @ effectiveness.constant
+    known, weight = whole.matrix @ effectiveness.constant, whole.wrench_weight
     for wrench in wrenches:
         result = degraded.allocate(wrench)
         np.testing.assert_allclose(result.reached + result.unreachable, wrench, rtol=1e-12, atol=1e-9)
         np.testing.assert_allclose(whole.matrix @ result.thrust, result.reached, atol=1e-9)
-        cost = 0.5 * np.sum(result.unreachable**2)
+        cost = 0.5 * np.sum((weight * result.unreachable) ** 2)
         limits = (ends.min(axis=0), ends.max(axis=0))
-        oracle = lsq_linear(whole.matrix[:, left], wrench - known, limits, method="bvls", tol=1e-15)
-        assert cost <= oracle.cost + 1e-9 * (1.0 + wrench @ wrench)
+        matrix, asked = weight[:, None] * whole.matrix[:, left], weight * (wrench - known)
+        oracle = lsq_linear(matrix, asked, limits, method="bvls", tol=1e-15)
+        assert cost <= oracle.cost + 1e-9 * (1.0 + asked @ asked)
 
 
 def test_fewer_thrusters_never_come_closer_nor_take_less_power_for_the_same_wrench(
@@ -82,7 +83,8 @@ def test_fewer_thrusters_never_come_closer_nor_take_less_power_for_the_same_wren
     degraded = replace(whole, effectiveness=ThrusterEffectiveness(share=np.r_[0.0, np.ones(n - 1)], constant=np.zeros(n)))
     for wrench in wrenches:
         few, all_of_them = degraded.allocate(wrench), whole.allocate(wrench)
-        assert np.linalg.norm(few.unreachable) >= np.linalg.norm(all_of_them.unreachable) - 1e-9
+        lost, least = (np.linalg.norm(whole.wrench_weight * one.unreachable) for one in (few, all_of_them))
+        assert lost >= least - 1e-9 * max(1.0, least)
         same = whole.allocate(few.reached)
         assert power(whole, few.thrust) >= (1.0 - 5e-3) * power(whole, same.thrust)
 
@@ -117,9 +119,10 @@ def test_without_limits_it_is_the_thrust_of_least_squares_and_least_weighted_nor
     square = {"power_exponent": np.full(n, 2.0), "power_factor": factor, "dead_zone": np.zeros(n)}
     free = replace(whole, lower=np.full(n, -1e6), upper=np.full(n, 1e6), effectiveness=effectiveness, **square)
     root = np.sqrt(factor[left]) / np.abs(effectiveness.share[left])
-    oracle = np.linalg.pinv(whole.matrix[:, left] / root, rcond=1e-9) / root[:, None]
+    weight = whole.wrench_weight
+    oracle = np.linalg.pinv(weight[:, None] * whole.matrix[:, left] / root, rcond=1e-9) / root[:, None]
     for wrench in WRENCHES:
-        thrust = oracle @ (wrench - whole.matrix @ effectiveness.constant)
+        thrust = oracle @ (weight * (wrench - whole.matrix @ effectiveness.constant))
         scale = np.abs(thrust).max()
         np.testing.assert_allclose(free.allocate(wrench).thrust[left], thrust, rtol=1e-9, atol=1e-9 * scale)
 

@@ -26,8 +26,6 @@ from uvms_ocp.scenario.scenario import Scenario
 
 # Parameters of what moves in the water: drag, added mass, mass, payload, thrusters. The controller knows the nominal ones.
 
-_HAND = "tool"
-
 
 def machine_parameters(scenario: Scenario) -> Iterator[Parameter]:
     """Yield parameters of the robot on the dynamic plant; the kinematic one has none."""
@@ -41,10 +39,11 @@ def machine_parameters(scenario: Scenario) -> Iterator[Parameter]:
         added = partial(_scaled, "water.added_mass", ("added_mass",))
         yield _of_robot("water.added_mass", "-", "factor of the added mass of all links", added)
     yield _of_robot("robot.mass", "-", "factor of the mass and inertia of all links", _heavier)
-    carrier = _HAND if robot.has_frame(_HAND) else "base_link"
-    yield _of_robot("payload.mass", "kg", f"of a point mass fixed to {carrier}", partial(_carrying, carrier, "mass"))
-    meaning = f"of water that something without mass displaces at {carrier}"
-    yield _of_robot("payload.volume", "m3", meaning, partial(_carrying, carrier, "volume"))
+    for k, carrier in enumerate(robot.tools or ("base_link",), 1):
+        payload = f"payload{k}" if k > 1 else "payload"
+        mass, volume = (partial(_carrying, carrier, payload, what) for what in ("mass", "volume"))
+        yield _of_robot(f"{payload}.mass", "kg", f"of a point mass fixed to {carrier}", mass)
+        yield _of_robot(f"{payload}.volume", "m3", f"of water that something without mass displaces at {carrier}", volume)
     if robot.description.thrusters:
         lag = _driven(lambda thruster, factor: {"time_constant": factor * thruster.time_constant})
         zone = _driven(lambda thruster, value: {"dead_zone": value})
@@ -95,11 +94,11 @@ def _heavier(robot: Robot, factor: float) -> Robot:
     return replace(robot, model=model)
 
 
-def _carrying(carrier: str, what: str, robot: Robot, value: float) -> Robot:
+def _carrying(carrier: str, payload: str, what: str, robot: Robot, value: float) -> Robot:
     if not value >= 0.0:
-        raise InvalidInput(f"payload.{what} = {value:g}; give 0 or more")
+        raise InvalidInput(f"{payload}.{what} = {value:g}; give 0 or more")
     body = {"mass": 0.0, "volume": 0.0} | {what: value}
-    return with_trim(robot, [TrimBody(name=f"payload {what}", link=carrier, position=(0.0, 0.0, 0.0), **body)])
+    return with_trim(robot, [TrimBody(name=f"{payload} {what}", link=carrier, position=(0.0, 0.0, 0.0), **body)])
 
 
 def _limited(thruster: Thruster, factor: float) -> dict[str, object]:

@@ -229,12 +229,15 @@ class VehicleLimits(_Section):
 
 
 class JointDescription(_Section):
-    """Home and acceleration limit of a joint, which the URDF lacks."""
+    """Home, acceleration limit and rotor of a joint, which the URDF lacks."""
 
     home: float | None = Field(
         default=None, description="stowed position [rad or m]; left out: 0, or mid-range where 0 is not allowed"
     )
     acceleration: Positive | None = Field(default=None, description="limit [rad/s2 or m/s2]; none is unlimited")
+    rotor_inertia: NonNegative = Field(
+        default=0.0, description="of the motor, as the joint feels it: times the reduction squared [kg m2 or kg]"
+    )
 
 
 class SensorDescription(_Section):

@@ -24,7 +24,14 @@ from uvms_ocp.errors import InvalidInput, RobotDataError, UvmsError, require_kno
 from uvms_ocp.model_errors import one_line
 from uvms_ocp.record.meta_values import RobotFilesMeta
 from uvms_ocp.robot.coefficients import links_in_water, placement_of
-from uvms_ocp.robot.description import RobotDescription, TrimBody, checked_copy, forward_left_up, read_description
+from uvms_ocp.robot.description import (
+    JointDescription,
+    RobotDescription,
+    TrimBody,
+    checked_copy,
+    forward_left_up,
+    read_description,
+)
 from uvms_ocp.robot.limits import ASSUMED_ACCELERATION, ASSUMED_VELOCITY, held_joints, home_of, joints_of, limits_of, open_joints
 from uvms_ocp.robot.robot import Robot, with_moved_frame
 from uvms_ocp.robot.roles import ALTIMETER, BASE, DVL, TOOL, tools_of, with_roles
@@ -376,9 +383,13 @@ def robot_of(models: UrdfModels, description: RobotDescription, name: str) -> Ro
     """Return the robot of a mechanism that already carries its trim bodies."""
     joints = joints_of(models.model, free_flyer=description.base == "free_flyer")
     limits = limits_of(models.model, description, joints)
+    model, rotors = models.model.copy(), np.zeros(models.model.nv)
+    for joint in joints:
+        rotors[joint.v] = description.joints.get(joint.name, JointDescription()).rotor_inertia
+    model.armature = rotors
     return Robot(
         name=name,
-        model=models.model,
+        model=model,
         visual_model=models.visual,
         collision_model=models.collision,
         description=description,

@@ -35,6 +35,7 @@ _LIFT = 0.03  # [m] of buoyancy above the mass
 _TOO_LARGE = 20.0  # times the mass of a link in water: its shapes are no hull, or in millimetres
 # [N] per root of a kilogram of vehicle, as those of 10 to 160 kg have per thruster, or per kilogram
 _THRUST = (12.0, 0.95)
+_SPIN_UP = 0.03  # [s] mechanical time constants of small motors are 5 to 20 ms of the torque that stalls them, above the limit
 _FINGERS = "fingers that mimic none, held still; <mimic> in the URDF makes them one joint, without `lock` each is its own"
 _EMPTY = "moves nothing that has a mass, and is held still; give its links <inertial>, and take it out of `lock`"
 _DOWN = 0.9  # cosine to straight down, of a range sensor's -z
@@ -257,7 +258,7 @@ class _Draft:
 
     def _content(self, links: dict[str, Any]) -> dict[str, Any]:
         model = self.models.model
-        joints = {joint.name: {"acceleration": _acceleration(model, joint)} for joint in joints_of(model, free_flyer=self.floats)}
+        joints = {joint.name: _motor(model, joint) for joint in joints_of(model, free_flyer=self.floats)}
         content: dict[str, Any] = {"base": "free_flyer" if self.floats else "fixed", "water_density": _WATER}
         content |= {"base_link": self.roles.base} if self.floats and self.roles.base != "base_link" else {}
         content |= {"tool": self.tools if len(self.tools) > 1 else self.tools[0]} if self.tools else {}
@@ -393,10 +394,13 @@ def _as_its_inertia(model: pin.Model, name: str, mass: float) -> np.ndarray:
     return np.array([inertia.lever - size / 2, inertia.lever + size / 2])
 
 
-def _acceleration(model: pin.Model, joint: Joint) -> float:
-    """[rad/s2, m/s2] half a second to full speed."""
-    speed = float(model.upperVelocityLimit[joint.idx_v])
-    return float(f"{2.0 * speed:.3g}") if 0.0 < speed < 10.0 else 1.0
+def _motor(model: pin.Model, joint: Joint) -> dict[str, float]:
+    """Half a second to full speed, and the rotor that full effort brings there in `_SPIN_UP`, whatever the gear."""
+    speed, effort = (float(limit[joint.idx_v]) for limit in (model.upperVelocityLimit, model.upperEffortLimit))
+    if not 0.0 < speed < 10.0:
+        return {"acceleration": 1.0}
+    rotor = {"rotor_inertia": float(f"{_SPIN_UP * effort / speed:.3g}")} if 0.0 < effort < 1e4 else {}
+    return {"acceleration": float(f"{2.0 * speed:.3g}"), **rotor}
 
 
 _HEAD = """# What the URDF does not say: water, thrusters, limits. SI units; vectors in the frame of their link, forward-left-up.
@@ -426,7 +430,8 @@ def _lines(description: RobotDescription, sources: Mapping[str, str], draft: _Dr
         yield "vehicle_limits: # proposed: of a slow vehicle; surge, sway, heave, roll, pitch, yaw"
         yield from (f"  {key}: {_flow(row)}" for key, row in values["vehicle_limits"].items())
     if description.joints:
-        yield "joints: # proposed: half a second to full speed, or 1 where the URDF has no limit of it"
+        rotors = f"rotors that full effort alone brings there in {_SPIN_UP:g} s"
+        yield f"joints: # proposed: half a second to full speed, or 1 where the URDF has no limit of it; {rotors}"
         yield from (f"  {_flow(name)}: {_flow(entry)}" for name, entry in values["joints"].items())
     yield "links: # proposed by shapes: added mass may be 0.5 to 1.5 times as large, drag 0.5 to 2 times"
     for name, link in values["links"].items():

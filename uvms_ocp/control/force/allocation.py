@@ -12,6 +12,7 @@ from dataclasses import dataclass, field
 from typing import Annotated
 
 import numpy as np
+import pinocchio as pin
 from numpy.typing import ArrayLike
 
 from uvms_ocp.codegen.elementwise import Array, clipped, where
@@ -242,8 +243,9 @@ _SHAPES = {"matrix": (6, -1), **dict.fromkeys(_EACH, (-1,)), "wrench_weight": (6
 def allocation_of(robot: Robot, *, force_weight: float = 1.0, moment_weight: float = 1.0, compiled: bool = True) -> Allocation:
     """Return the allocation of a robot's thrusters.
 
-    force_weight [1/N] and moment_weight [1/(N m)] say what to give up first when the limits bind. compiled: as
-    `Allocation` has it.
+    When the limits bind, the acceleration that is given up is least in the norm of the kinetic energy (Gauss's principle of
+    least constraint): a newton metre turns a small hull more than a newton moves it. force_weight and moment_weight [-] say
+    what to give up besides. compiled: as `Allocation` has it.
     """
     thrusters = robot.description.thrusters
     lower, upper = thrust_limits(robot)
@@ -255,9 +257,17 @@ def allocation_of(robot: Robot, *, force_weight: float = 1.0, moment_weight: flo
         power_factor=np.array([power.watts / power.thrust**power.exponent for power in powers]),
         power_exponent=np.array([power.exponent for power in powers]),
         dead_zone=np.array([thruster.dead_zone for thruster in thrusters]),
-        wrench_weight=np.repeat([force_weight, moment_weight], 3),
+        wrench_weight=np.repeat([force_weight, moment_weight], 3) * _least_constraint(robot),
         compiled=compiled,
     )
+
+
+def _least_constraint(robot: Robot) -> np.ndarray:
+    """Weights (6,) [-, 1/m] of forces and moments: 1 over the radius of gyration about each axis, of all bodies at home."""
+    if not robot.n_vehicle:
+        return np.ones(6)
+    inertia = np.diag(pin.crba(robot.model, robot.model.createData(), robot.configuration()))[:6]
+    return np.sqrt(inertia[0] / np.maximum(inertia, 1e-6 * inertia[0]))
 
 
 def _powers(thrusters: tuple[Thruster, ...]) -> list[Power]:
