@@ -15,7 +15,8 @@ from compiler import needs_compiler
 
 from uvms_ocp import scenarios
 from uvms_ocp.codegen import compile as compiling
-from uvms_ocp.codegen.compile import compile_function, compiled_symbol, without_numbers
+from uvms_ocp.codegen.casadi_code import without_numbers
+from uvms_ocp.codegen.compile import compile_function, compiled_symbol
 from uvms_ocp.tasks import Hierarchy
 
 X = np.random.default_rng(4).normal(size=3)

@@ -20,7 +20,6 @@ import hashlib
 import logging
 import os
 import platform
-import re
 import shutil
 import signal
 import stat
@@ -40,6 +39,7 @@ import casadi as ca
 import numpy as np
 
 from uvms_ocp.checks import checked
+from uvms_ocp.codegen.casadi_code import in_parts, without_numbers
 from uvms_ocp.errors import InvalidInput
 from uvms_ocp.progress import progress_bar
 
@@ -202,9 +202,8 @@ def c_macros(values: Mapping[str, object]) -> str:
 # C source to shared library, compiled once and cached, several at once on the cores there are.
 
 _FLAGS = ("-O3", "-shared", "-fPIC", "-ffp-contract=off")
-# Code without loops gains nothing from more optimisation but the time that takes, and that grows faster than the code: long
-# code with the first two takes up to five times as long, and runs no faster.
-_LONG_STRAIGHT, _LONG_CODE = ("-Og", "-finline-small-functions", "-fno-semantic-interposition"), 500_000  # [bytes]
+# Code without loops gains nothing from more optimisation but the time that takes: half of it with the first two for long code.
+_LONG_STRAIGHT, _LONG_CODE = ("-Og", "-finline-small-functions", "-fno-semantic-interposition"), 200_000  # [bytes]
 _STRAIGHT = ("-O1", "-fstrict-aliasing", *_LONG_STRAIGHT[1:])
 # fmax and fmin are calls into libm, hundreds in a tick; like them these return what is a number where one of both is.
 MATH = """#include <math.h>
@@ -214,6 +213,10 @@ static inline double smaller(double x, double y) { return x <= y || y != y ? x :
 #define fmin smaller
 """
 """Before the code of CasADi functions."""
+_KNOWN = '__attribute__((visibility("hidden"))) extern const double numbers[{n} + 1];\n'  # they stay while code runs
+_NUMBERS = """__attribute__((visibility("hidden"))) double numbers[{n} + 1];
+void* numbers_address(void) {{ return numbers; }}
+"""
 PROGRESS = "progress"
 """Attribute of what is logged as a warning to be seen, and warns of nothing."""
 _VERSION_TIMEOUT = 30.0  # [s]
@@ -224,7 +227,7 @@ _ADDRESSES = WeakKeyDictionary[ca.Function, int | None]()  # of compiled functio
 _BESIDE: dict[ca.Function, tuple[Callable[[], Path | None], np.ndarray]] = {}  # that are being compiled
 _NONE = np.zeros(0)
 _MOST_COMPILERS = 4  # at once, of a process: those of a campaign are many
-_PACE, _LONG = 3e-6, 2.0  # [s] a byte of long code takes; [s] of silence that look like a hang
+_PACE, _LONG = 1.2e-6, 2.0  # [s] a byte of long code takes; [s] of silence that look like a hang
 _SLOWER = "everything works, only slower"
 _log = logging.getLogger(__name__)
 
@@ -361,8 +364,8 @@ def _compilation(function: ca.Function) -> tuple[Callable[[], Path | None], np.n
     generator = ca.CodeGenerator("function.c", {"verbose": False})
     generator.add(function)
     form, numbers = without_numbers(generator.dump())
-    source = MATH + _KNOWN.format(n=len(numbers)) + form
-    flags = _STRAIGHT if len(source) < _LONG_CODE else _LONG_STRAIGHT
+    source = MATH + _KNOWN.format(n=len(numbers)) + in_parts(form)
+    flags = _STRAIGHT if len(form) < _LONG_CODE else _LONG_STRAIGHT
     return partial(compile_library, source, flags, function.name(), (_NUMBERS.format(n=len(numbers)),)), numbers
 
 
@@ -525,31 +528,3 @@ def _build_in(folder: Path, compiler: str, sources: Sequence[str], flags: Sequen
     os.replace(built, library)
     os.replace(digest, library.with_suffix(".sha256"))
     return True
-
-
-# C code of a CasADi function with its numbers as data: another gain, weight or goal is no new code.
-
-_NUMBER = re.compile(r"(?<![\w.])\d+\.(?:\d+e[+-]\d+)?(?![\w.])")
-_ARRAY = re.compile(r"static const casadi_real (casadi_c\d+)\[\d+\] =\s*\{([^}]*)\};")
-_KNOWN = '__attribute__((visibility("hidden"))) extern const double numbers[{n} + 1];\n'  # they stay while code runs
-_NUMBERS = """__attribute__((visibility("hidden"))) double numbers[{n} + 1];
-void* numbers_address(void) {{ return numbers; }}
-"""
-_OF_FORM = frozenset(("0.", "1."))
-
-
-def without_numbers(code: str) -> tuple[str, np.ndarray]:
-    """C code as CasADi writes it with its numbers (n,) taken out, which its library has to be given, and these."""
-    found: list[str] = []
-
-    def array(match: re.Match[str]) -> str:
-        found.extend(match[2].replace("casadi_", "").split(","))  # inf, nan
-        return f"#undef {match[1]}\n#define {match[1]} (numbers + {len(found) - match[2].count(',') - 1})"
-
-    def number(match: re.Match[str]) -> str:
-        if match[0] in _OF_FORM:
-            return match[0]
-        found.append(match[0])
-        return f"numbers[{len(found) - 1}]"
-
-    return _NUMBER.sub(number, _ARRAY.sub(array, code)), np.array(found, dtype=float)

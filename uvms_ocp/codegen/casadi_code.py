@@ -1,0 +1,94 @@
+"""C code that CasADi writes, as compilers take it best: numbers apart from it, and long functions in parts."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Sequence, Set
+from itertools import count
+from typing import NamedTuple
+
+import numpy as np
+
+# Numbers are data: another gain, weight or goal is no new code.
+
+_NUMBER = re.compile(r"(?<![\w.])\d+\.(?:\d+e[+-]\d+)?(?![\w.])")
+_ARRAY = re.compile(r"static const casadi_real (casadi_c\d+)\[\d+\] =\s*\{([^}]*)\};")
+_OF_FORM = frozenset(("0.", "1."))
+
+
+def without_numbers(code: str) -> tuple[str, np.ndarray]:
+    """C code as CasADi writes it with its numbers (n,) taken out, which its library has to be given, and these."""
+    found: list[str] = []
+
+    def array(match: re.Match[str]) -> str:
+        found.extend(match[2].replace("casadi_", "").split(","))  # inf, nan
+        return f"#undef {match[1]}\n#define {match[1]} (numbers + {len(found) - match[2].count(',') - 1})"
+
+    def number(match: re.Match[str]) -> str:
+        if match[0] in _OF_FORM:
+            return match[0]
+        found.append(match[0])
+        return f"numbers[{len(found) - 1}]"
+
+    return _NUMBER.sub(number, _ARRAY.sub(array, code)), np.array(found, dtype=float)
+
+
+# Functions of thousands of statements call parts of theirs: compilers share registers out among all variables of a function,
+# which takes longer than all else where these are many, and is no better for it.
+
+_PART = 400  # statements: compiled in the least time, and the code is no slower
+_STRAIGHT = re.compile(
+    r"(static int casadi_f\d+\(.*\) \{\n)(?:  casadi_real a.*;\n)+((?:  (?:a\d+=|if \(res\[\d+\]!=0\) ).*;\n)+)  return 0;\n"
+)
+_STATEMENT, _VARIABLE = re.compile(r"  (?:(a\d+)=)?(.*\n)"), re.compile(r"\ba\d+\b")
+_GIVEN = "const casadi_real** arg, casadi_real** res, casadi_real* kept"
+
+
+class _Statement(NamedTuple):
+    line: str
+    target: str | None
+    """The variable that it sets, `None` for a result."""
+    read: list[str]
+    """Variables that it reads, once each."""
+
+
+def in_parts(code: str) -> str:
+    """C code as CasADi writes it, where long functions without branches call parts of theirs; they give the same bits."""
+    numbers = count()
+    return _STRAIGHT.sub(lambda found: _parted(found, next(numbers)), code)
+
+
+def _parted(found: re.Match[str], number: int) -> str:
+    statements = [
+        _Statement(one[0], one[1], [*dict.fromkeys(_VARIABLE.findall(one[2]))]) for one in _STATEMENT.finditer(found[2])
+    ]
+    if len(statements) < 2 * _PART:
+        return found[0]
+    starts, later, texts = range(0, len(statements), _PART), set[str | None](), list[str]()
+    for first in reversed(starts):
+        part = statements[first : first + _PART]
+        head = f"static __attribute__((noinline)) void part{number}_{first}({_GIVEN})"
+        texts.append(f"{head} {{\n{_part(part, later)}}}\n")
+        for one in reversed(part):
+            later.discard(one.target)
+            later.update(one.read)
+    calls = "".join(f"  part{number}_{first}(arg, res, kept);\n" for first in starts)
+    size = 1 + max(_place(one.target) for one in statements if one.target)
+    return f"{''.join(texts)}{found[1]}  casadi_real kept[{size}];\n{calls}  return 0;\n"
+
+
+def _part(statements: Sequence[_Statement], later: Set[str | None]) -> str:
+    """Statements that read what they need of earlier ones from memory, and leave there what is read `later`."""
+    last = {one.target: k for k, one in enumerate(statements)}
+    known, text = dict[str, None](), list[str]()
+    for k, (line, target, read) in enumerate(statements):
+        text += [f"  {name}=kept[{_place(name)}];\n" for name in read if name not in known]
+        text.append(line)
+        known |= dict.fromkeys([*read, target] if target else read)
+        if target and target in later and last[target] == k:
+            text.append(f"  kept[{_place(target)}]={target};\n")
+    return f"  casadi_real {', '.join(known)};\n{''.join(text)}"
+
+
+def _place(name: str) -> int:
+    return int(name[1:])
