@@ -10,8 +10,9 @@ from pathlib import Path
 import casadi as ca
 import numpy as np
 import pytest
+from compiler import needs_compiler
 
-from uvms_ocp.codegen import compile as building
+from uvms_ocp.codegen import buffered, compile as building
 from uvms_ocp.codegen.compile import _compilation
 from uvms_ocp.ocp.plan import OcpStatus
 from uvms_ocp.ocp.planner import Planner
@@ -26,6 +27,7 @@ from uvms_ocp.robot.loading import load_robot
 from uvms_ocp.robot.signals import State
 from uvms_ocp.scenario import pose_at
 from uvms_ocp.solvers.nlp.level_solver import NlpOptions
+from uvms_ocp.solvers.stage_qp.compiled import qp_library
 from uvms_ocp.tasks.pose import ToolPosition
 
 ROBOT = {"forces", "forces_linear", "force_curvature", "step_curvature", "motion", "motion_linear", "moved"}
@@ -93,6 +95,17 @@ def test_other_terms_and_other_lengths_compile_nothing_of_the_robot(monkeypatch:
     other = _sources(_problem(Effort(weight=2.0), Smoothness()), monkeypatch)
     assert set(one) >= ROBOT
     assert {name for name in one if one[name] != other[name]} <= {name for name in one if name.startswith(("path_", "end_"))}
+
+
+@needs_compiler
+def test_the_first_plan_compiles_nothing_within_its_time(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    monkeypatch.setenv("UVMS_OCP_CACHE", str(tmp_path))
+    for kept in (buffered.calls_library, qp_library):
+        kept.cache_clear()
+    planner = Planner(_problem(Smoothness()), NlpOptions(plugin="stagewise", time_limit=60.0))
+    built = sorted(path.name for path in tmp_path.glob("*.so"))
+    assert planner.plan(diagnose=False).status is OcpStatus.SOLVED
+    assert sorted(path.name for path in tmp_path.glob("*.so")) == built
 
 
 def test_other_numbers_compile_nothing(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -222,7 +222,7 @@ def _by_buffers(calls: Sequence[_Call]) -> Callable[[], None]:
 
 def _in_machine_code(calls: Sequence[_Call]) -> Callable[[], None] | None:
     """None where one of them is none; each function is looked for once, as looking for one that cannot be compiled takes long."""
-    library = _library() if has_compiler() else None
+    library = calls_library() if has_compiler() else None
     if library is None:
         return None
     symbols = {function: compiled_symbol(function) for function in dict.fromkeys(call.function for call in calls)}
@@ -262,7 +262,8 @@ def _addresses(arrays: Sequence[Array | None], size: int) -> np.ndarray:
 
 
 @lru_cache(maxsize=1)
-def _library() -> ctypes.CDLL | None:
+def calls_library() -> ctypes.CDLL | None:
+    """The code that makes `BoundCalls`, compiled at the first call."""
     path = compile_library(_SOURCE, name="calls one after the other")
     if path is None:
         return None

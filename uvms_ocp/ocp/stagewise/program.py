@@ -8,6 +8,7 @@ from functools import cached_property
 
 import numpy as np
 
+from uvms_ocp.codegen.buffered import calls_library
 from uvms_ocp.codegen.compile import finish_compiling, has_compiler
 from uvms_ocp.errors import InvalidInput
 from uvms_ocp.ocp.problem import HessianKind, OcpProblem
@@ -17,6 +18,7 @@ from uvms_ocp.ocp.transcription.transcription import Transcription
 from uvms_ocp.solvers.nlp.level_solver import SPARSE_PLUGIN, STAGEWISE, Deadline, NlpOptions, NlpOutcome, NlpPoint
 from uvms_ocp.solvers.nlp.program import LexicographicProgram, NlpStatus, RowBounds, RowRanges
 from uvms_ocp.solvers.nlp.real_time_sqp import LevelMerit, SqpPoint
+from uvms_ocp.solvers.stage_qp.compiled import qp_library
 from uvms_ocp.solvers.stage_qp.problem import FlatSolution, StageQpOptions, WarmStart
 from uvms_ocp.types import Array
 
@@ -220,7 +222,10 @@ class StagewiseProgram:
         self._whole, self.levels = whole, StagewiseLevels(StageMemory(whole))
         if whole.problem.hessian is HessianKind.EXACT:
             self.levels.memory.compile_curvature()
-        finish_compiling()  # before any clock runs
+        # Before any clock runs: what all programs share, while the functions of this one are compiled.
+        if has_compiler():
+            qp_library(), calls_library()
+        finish_compiling()
 
     @property
     def ranges(self) -> RowRanges:

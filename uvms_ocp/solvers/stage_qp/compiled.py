@@ -180,12 +180,13 @@ def _address(array: Array) -> ctypes.c_void_p:
 
 def compiled_core(shape: problem.StageShape) -> CompiledCore | None:
     """None without a compiler."""
-    library = _library()
+    library = qp_library()
     return None if library is None else CompiledCore(library, shape)
 
 
 @lru_cache(maxsize=1)
-def _library() -> ctypes.CDLL | None:
+def qp_library() -> ctypes.CDLL | None:
+    """The code of `core_source`, compiled at the first call."""
     path = compile_library(core_source(), _FLAGS, "QPs of stages")
     if path is None:
         return None
