@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import ctypes
 import re
 
 import casadi as ca
@@ -10,7 +11,7 @@ import pytest
 from compiler import needs_compiler
 
 from uvms_ocp.codegen.casadi_code import in_parts
-from uvms_ocp.codegen.compile import compile_function
+from uvms_ocp.codegen.compile import compile_function, compiled_symbol
 
 LONG = 1500
 KINDS = (
@@ -45,6 +46,18 @@ def test_parts_give_what_the_whole_gives(seed: int) -> None:
     assert compiled is not function
     for found, known in zip(compiled(X[:5], X[5:]), function(X[:5], X[5:]), strict=True):
         np.testing.assert_allclose(np.array(found), np.array(known), rtol=1e-11, atol=1e-13)
+
+
+@needs_compiler
+def test_parts_take_nothing_for_zeros_and_write_what_is_wanted() -> None:
+    function = long_function(1)
+    address = compiled_symbol(function)
+    assert address is not None
+    call = ctypes.CFUNCTYPE(ctypes.c_int, *(ctypes.c_void_p,) * 4, ctypes.c_int)(address)
+    X, found, known = np.full(5, 0.4), np.zeros(40), np.array(function(np.full(5, 0.4), np.zeros(2))[0]).ravel()
+    arguments, results = (ctypes.c_void_p * 8)(X.ctypes.data, None), (ctypes.c_void_p * 8)(found.ctypes.data, None)
+    assert call(arguments, results, None, None, 0) == 0
+    np.testing.assert_allclose(found, known, rtol=1e-11, atol=1e-13)
 
 
 def test_no_part_has_many_variables_and_short_functions_have_none() -> None:

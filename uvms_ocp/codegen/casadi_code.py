@@ -41,7 +41,14 @@ _STRAIGHT = re.compile(
     r"(static int casadi_f\d+\(.*\) \{\n)(?:  casadi_real a.*;\n)+((?:  (?:a\d+=|if \(res\[\d+\]!=0\) ).*;\n)+)  return 0;\n"
 )
 _STATEMENT, _VARIABLE = re.compile(r"  (?:(a\d+)=)?(.*\n)"), re.compile(r"\ba\d+\b")
+_IF_WANTED, _IF_GIVEN = re.compile(r"if \(res\[\d+\]!=0\) "), re.compile(r"arg\[(\d+)\]\? arg\[\1\]\[(\d+)\] : 0")
 _GIVEN = "const casadi_real** arg, casadi_real** res, casadi_real* kept"
+_MEMORY = """  casadi_real kept[{0}], unwanted[{4}], *wanted[{3}];
+  static const casadi_real zeros[{2}];
+  const casadi_real *given[{1}];
+  for (int k = 0; k < {1}; ++k) given[k] = arg[k] ? arg[k] : zeros;
+  for (int k = 0; k < {3}; ++k) wanted[k] = res[k] ? res[k] : unwanted;
+"""
 
 
 class _Statement(NamedTuple):
@@ -59,9 +66,8 @@ def in_parts(code: str) -> str:
 
 
 def _parted(found: re.Match[str], number: int) -> str:
-    statements = [
-        _Statement(one[0], one[1], [*dict.fromkeys(_VARIABLE.findall(one[2]))]) for one in _STATEMENT.finditer(found[2])
-    ]
+    body = _IF_GIVEN.sub(r"arg[\1][\2]", _IF_WANTED.sub("", found[2]))
+    statements = [_Statement(one[0], one[1], [*dict.fromkeys(_VARIABLE.findall(one[2]))]) for one in _STATEMENT.finditer(body)]
     if len(statements) < 2 * _PART:
         return found[0]
     starts, later, texts = range(0, len(statements), _PART), set[str | None](), list[str]()
@@ -72,9 +78,15 @@ def _parted(found: re.Match[str], number: int) -> str:
         for one in reversed(part):
             later.discard(one.target)
             later.update(one.read)
-    calls = "".join(f"  part{number}_{first}(arg, res, kept);\n" for first in starts)
-    size = 1 + max(_place(one.target) for one in statements if one.target)
-    return f"{''.join(texts)}{found[1]}  casadi_real kept[{size}];\n{calls}  return 0;\n"
+    calls = (f"  part{number}_{first}(given, wanted, kept);\n" for first in starts)
+    sizes = [1 + max(_place(one.target) for one in statements if one.target), *_sizes("arg", body), *_sizes("res", body)]
+    return f"{''.join(texts)}{found[1]}{_MEMORY.format(*sizes)}{''.join(calls)}  return 0;\n"
+
+
+def _sizes(kind: str, body: str) -> tuple[int, int]:
+    """How many vectors are read or written at most, and how many numbers of one."""
+    found = [(int(k), int(i)) for k, i in re.findall(rf"{kind}\[(\d+)\]\[(\d+)\]", body)]
+    return 1 + max((k for k, _ in found), default=0), 1 + max((i for _, i in found), default=0)
 
 
 def _part(statements: Sequence[_Statement], later: Set[str | None]) -> str:
