@@ -106,6 +106,7 @@ def run(
     seed: opt.Seed = None,
     noise: opt.Noise = None,
     duration: opt.Duration = None,
+    record_rate: opt.RecordRate = None,
     fault: opt.Faults = None,
     follow: Follow = None,
     out: opt.Out = None,
@@ -123,7 +124,7 @@ def run(
     `NameNotFound` for a figure that there is not.
     """
     console, drawn = printing.console_of(stderr=as_json), _drawn(figures)
-    options = changes.chosen | opt.given(noise=noise, seed=seed, duration=duration)
+    options = changes.chosen | opt.given(noise=noise, seed=seed, duration=duration, record_rate=record_rate)
     options |= {"faults": parse_faults(fault)} if fault else {}
     scenario = opt.build_scenario(name, options, solver)
     plan = None if follow is None else _plan_of(scenario, follow)

@@ -17,6 +17,7 @@ from uvms_ocp.model_errors import printable
 from uvms_ocp.record import display, durable_files, mcap, output, tables
 from uvms_ocp.record.meta_values import LARGEST, UNIT_NORM_TOLERANCE, LimitsMeta
 from uvms_ocp.record.row_files import META, append_rows, forget, parts, read_row_files
+from uvms_ocp.record.row_rates import newest_readings, thinned_rows
 from uvms_ocp.record.run_meta import MIN_TICK, VEHICLE_V, PlanMeta, RunMeta, is_floating, read_meta, write_meta
 from uvms_ocp.record.tables import SERIES, Series, meaning_of, unit_of
 from uvms_ocp.record.untrusted import SMALL, as_input_errors, read_arrays, read_text
@@ -294,10 +295,7 @@ class Record(display.TableDisplay):
         due = np.arange(len(t)) if rate is None else np.floor((t - t[:1]) * rate + _ROUNDING)
         rows = np.unique([*np.unique(due, return_index=True)[1], len(t) - 1])  # the last has what the run came to
         chosen = {name: array[rows] for name, array in self.series.items() if name in wanted}
-        for name in chosen.keys() & {*MEASURED}:
-            known = np.isfinite(self.series[name][:, -1])
-            newest = np.maximum.accumulate(np.where(known, np.arange(len(t)), -1))[rows]
-            chosen[name] = np.where((newest > np.r_[-1, rows[:-1]])[:, None], self.series[name][newest], np.nan)
+        chosen |= {name: newest_readings(self.series[name], rows) for name in chosen.keys() & {*MEASURED}}
         period = {"dt": float(np.ptp(t)) / (len(rows) - 1)} if self.meta.kind == "run" and 1 < len(rows) < len(t) else {}
         with as_input_errors(Path(urdf or "")):
             text = None if urdf is None else read_text(Path(urdf), SMALL)
@@ -355,30 +353,39 @@ def _text_of(arrays: dict[str, np.ndarray]) -> str:
 
 
 @checked
-def quantity(record: Record, name: str) -> np.ndarray | None:
-    """The series (n,) of a measured quantity such as ``T.position_error``; `None` where no task measures it."""
+def quantity(record: Record, name: str, of: str = "quantities") -> np.ndarray | None:
+    """The series (n,) of a measured quantity such as ``T.position_error``; `None` where no task measures it.
+
+    of: which series of the record has it, such as ``quantities_most``.
+    """
     names = record.meta.quantities
-    return record["quantities"][:, names.index(name)] if name in names else None
+    return record[of][:, names.index(name)] if name in names else None
 
 
 class Recorder:
     """Collects rows of equal structure in a block of memory, and from there, series by series, in memory or in files."""
 
     def __init__(
-        self, capacity: int = 512, folder: Path | None = None, news: Callable[[], RunMeta | PlanMeta | None] = lambda: None
+        self,
+        capacity: int = 512,
+        folder: Path | None = None,
+        news: Callable[[], RunMeta | PlanMeta | None] = lambda: None,
+        every: int = 1,
     ) -> None:
         """capacity: rows of the block. folder: a new one, for the files; raises `OutputError` for one that is there.
 
-        news: gives the metadata that the folder has beside them, `None` where they are as before.
+        news: gives the metadata that the folder has beside them, `None` where they are as before. every: of how many rows that
+        are appended one is kept, as by `thinned_rows`; the first of all, and the last of all and of each phase are.
         """
-        self._capacity, self._folder, self._news = capacity, folder, news
+        self._capacity, self._folder, self._news, self._every = -(-capacity // every) * every, folder, news, every
         if folder is not None and folder.exists():
             raise OutputError(f"{folder} is there already; give a folder that is not there yet")
-        self._n = self._kept = 0
+        self._n = self._kept = self._written = 0
         self._block: dict[str, np.ndarray] = {}
         """(capacity, ...) of every series."""
         self._pick: Callable[[Mapping[str, Any]], tuple[Any, ...]] = lambda row: ()
-        self._memory: list[BytesIO] = []
+        self._memory: dict[str, tuple[np.ndarray, BytesIO]] = {}
+        """An array of each kind, and what was written of it."""
 
     def append(self, row: Mapping[str, Any]) -> None:
         """Add one row.
@@ -394,11 +401,11 @@ class Recorder:
             values = ()
         if len(values) != len(row):
             raise InvalidInput(f"row of {', '.join(row)}; give {', '.join(self._block)}, as in the first one")
-        place = self._n % self._capacity
+        place = self._n - self._kept
         for memory, value in zip(self._block.values(), values, strict=True):
             memory[place] = value
         self._n += 1
-        if place == self._capacity - 1:
+        if place == self._capacity - 1 or (self._n == 1 and self._every > 1):  # rows end spans of ticks, the first its own
             self._keep()
 
     def __contains__(self, name: str) -> bool:
@@ -419,26 +426,29 @@ class Recorder:
         self._keep()
         if self._folder:
             return read_row_files(self._folder)
-        found = zip(self._block.items(), map(BytesIO.getvalue, self._memory), strict=True)
-        return {name: np.frombuffer(data, kind.dtype).reshape(self._n, *kind.shape[1:]) for (name, kind), data in found}
+        found = ((name, kind, memory.getvalue()) for name, (kind, memory) in self._memory.items())
+        return {name: np.frombuffer(data, kind.dtype).reshape(self._written, *kind.shape[1:]) for name, kind, data in found}
 
     def _keep(self) -> None:
         """Bring the rows of the block to where they stay, and then what is new to be said of them."""
-        place, n = self._kept % self._capacity, self._n - self._kept
-        rows = {name: memory[place : place + n] for name, memory in self._block.items()}
+        n = self._n - self._kept
+        rows = {name: memory[:n] for name, memory in self._block.items() if n}
+        if self._every > 1 and n:
+            due = np.flatnonzero(np.arange(self._kept, self._n) % self._every == 0)
+            ends = np.flatnonzero(np.diff(rows.get("phase", np.zeros(n))))
+            rows = thinned_rows(rows, np.unique([*due, *ends, n - 1]))
         if self._folder:
             with output.as_output_errors(self._folder, "make room; what was written before can be read"):
                 self._folder.mkdir(parents=True, exist_ok=self._kept > 0)
-                append_rows(self._folder, rows, self._kept)
+                append_rows(self._folder, rows, self._written)
                 if (meta := self._news()) is not None:
                     durable_files.write_durably(self._folder / META, write_meta(meta))
-        for memory, part in zip(self._memory, rows.values(), strict=False):
-            memory.write(part.data)
-        self._kept = self._n
+        for name, part in rows.items() if self._folder is None else ():
+            self._memory.setdefault(name, (part[:0].copy(), BytesIO()))[1].write(np.ascontiguousarray(part).data)
+        self._kept, self._written = self._n, self._written + len(next(iter(rows.values()), ()))
 
     def _begin(self, row: Mapping[str, Any]) -> None:
         kinds = {name: np.asarray(value) for name, value in row.items()}
         self._block = {name: np.empty((self._capacity, *kind.shape), kind.dtype) for name, kind in kinds.items()}
-        self._memory = [] if self._folder else [BytesIO() for _ in kinds]
         # A getter of one name would give its value in place of a tuple.
         self._pick = itemgetter(*kinds) if len(kinds) > 1 else lambda row: (row[next(iter(kinds))],)

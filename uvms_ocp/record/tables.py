@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import csv
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from importlib.resources import files
 from pathlib import Path
@@ -14,6 +14,7 @@ import numpy as np
 
 from uvms_ocp.errors import InvalidInput, optional_module, require_known
 from uvms_ocp.record.output import whole_file
+from uvms_ocp.record.row_rates import EXTREMES, MEANS
 from uvms_ocp.record.run_meta import read_meta, write_meta
 from uvms_ocp.record.untrusted import DENSEST, SMALL, as_input_errors, require_regular_file
 
@@ -48,10 +49,19 @@ def _units(text: str) -> Mapping[str, str]:
     return MappingProxyType({part: unit for part, _, unit in (one.rpartition(": ") for one in text.split("; "))})
 
 
-_TABLE = (files("uvms_ocp.record") / "series.csv").read_text(encoding="utf-8").splitlines()
+def _described() -> Iterator[list[str]]:
+    """Rows of the table, with those of the series that only records of fewer rows than ticks have."""
+    text = (files("uvms_ocp.record") / "series.csv").read_text(encoding="utf-8")
+    for name, meaning, *rest in [*csv.reader(text.splitlines())][1:]:
+        yield [name, meaning, *rest]
+        whats = {"_least": "least", "_most": "largest"} if name in EXTREMES else {}
+        for suffix, what in (whats | ({"_mean": "mean size"} if name in MEANS else {})).items():
+            yield [name + suffix, f"{what} since the row before, where not every tick has one: {meaning}", *rest]
+
+
 SERIES: Mapping[str, SeriesKind] = {
     name: SeriesKind(meaning=meaning, shape=shape, units=_units(units), frame=frame, columns=tuple(columns.split()))
-    for name, meaning, shape, units, frame, columns in [*csv.reader(_TABLE)][1:]
+    for name, meaning, shape, units, frame, columns in _described()
 }
 """By name. Controllers of one's own may record others."""
 

@@ -20,8 +20,10 @@ from uvms_ocp.record.tables import column_units
 
 
 @checked
-def max_velocity_step(record: Record) -> float:
-    """Largest change of any component of the command in one tick, from rest at the start."""
+def max_velocity_step(record: Record) -> float | None:
+    """Largest change of any component of the command in one tick, from rest at the start; `None` of fewer rows than ticks."""
+    if extremes_of(record, "q") != ("q",):
+        return None
     command = record["command"]
     steps = (np.abs(after - before).max(initial=0.0) for after, before in parts(command[1:], command[:-1]))
     return float(max((np.abs(command[:1]).max(initial=0.0), *steps)))
@@ -43,6 +45,17 @@ def smallest_or_none(values: np.ndarray) -> float | None:
     return float(known.min()) if known.size else None
 
 
+def extremes_of(record: Record, name: str) -> tuple[str, ...]:
+    """Return the names of the series that have the least and largest values of one: its own, where every tick has a row."""
+    both = (f"{name}_least", f"{name}_most")
+    return both if both[0] in record.series else (name,)
+
+
+def _mean_sizes(record: Record, name: str, rows: slice) -> np.ndarray:
+    """Mean sizes of a series since the row before."""
+    return record[f"{name}_mean"][rows] if f"{name}_mean" in record.series else np.abs(record[name][rows] * 1.0)
+
+
 def failed_ticks(record: Record) -> dict[str, int]:
     """Count the ticks that the solver did not solve, by its status."""
     codes, counts = np.unique(record["status"], return_counts=True)
@@ -56,7 +69,8 @@ def largest_tilt(record: Record) -> float | None:
     on = (
         np.where(record["activations"][:, k] > 0.0, tilt, np.nan)
         for k, task in enumerate(meta.tasks)
-        if (tilt := quantity(record, f"{task.name}.tilt")) is not None
+        for name in extremes_of(record, "quantities")[-1:]
+        if (tilt := quantity(record, f"{task.name}.tilt", name)) is not None
     )
     return max((value for series in on if (value := largest_or_none(series)) is not None), default=None)
 
@@ -197,17 +211,17 @@ def figures_between(record: Record, start: float, end: float) -> dict[str, Any]:
     limits = record.meta.limits
     thrusters, joints = _gain(record, "thruster_energy", rows), _gain(record, "joint_energy", rows)
     meta = record.run_meta
-    rates = record["v"][rows, _N_VEHICLE if meta.floating else 0 :]
-    saturated = record["saturated"][rows] if "saturated" in record.series else None
+    rates = _mean_sizes(record, "v", rows)[:, _N_VEHICLE if meta.floating else 0 :]
+    saturated = _mean_sizes(record, "saturated", rows) if "saturated" in record.series else None
     return {
         "duration_s": end - start,
         "path_length_m": path_length(record["q"][rows, :3]) if meta.floating else 0.0,
-        **_by_kind(meta, "joint_path", np.abs(rates[:-1]).sum(axis=0) * meta.dt, np.sum),
+        **_by_kind(meta, "joint_path", rates[:-1].sum(axis=0) * meta.dt, np.sum),
         "thruster_energy_j": thrusters,
         "joint_energy_j": joints,
         "energy_j": None if thrusters is None or joints is None else thrusters + joints,
         "peak_thrust_n": largest_thrust(record, rows),
-        "saturation_time_s": None if saturated is None else float(np.count_nonzero(saturated[:-1]) * meta.dt),
+        "saturation_time_s": None if saturated is None else float(saturated[:-1].sum() * meta.dt),
         **_by_kind(meta, "joint_margin", _joint_margins(record, rows), partial(np.min, initial=np.inf)),
         "velocity_share": _share(record, "v", None if limits is None else limits.velocity, rows),
         "torque_share": _share(record, "torque", None if limits is None else limits.effort, rows),
@@ -221,12 +235,13 @@ _QUICK = 1.0  # [s] within which thrust that changes moves nothing
 def energy_of_quick_thrust(record: Record) -> float | None:
     """Energy [J] that thrusters took above what their thrust, averaged over a second, would have taken: mostly of noise.
 
-    Power grows faster than thrust. `None` where the record does not tell the energy of the thrusters, or is shorter.
+    Power grows faster than thrust. `None` where the record is shorter, has fewer rows than ticks, or no energy of thrusters.
     """
     from scipy.ndimage import uniform_filter1d  # a tenth of a second
 
     dt, width = record.run_meta.dt, round(_QUICK / record.run_meta.dt)
-    if not {"thrust", "thruster_energy"} <= record.series.keys() or not 2 < width < len(record):
+    ticks = {"thrust", "thruster_energy"} <= record.series.keys() and extremes_of(record, "thrust") == ("thrust",)
+    if not ticks or not 2 < width < len(record):
         return None
     thrusts, energies, excess = record["thrust"], record["thruster_energy"], 0.0
     if thrusts.ndim != 2 or thrusts.shape != energies.shape:  # of another's file
@@ -252,7 +267,8 @@ def passed_rates(record: Record) -> list[dict[str, Any]]:
     if limits is None:
         return []
     first = _N_VEHICLE if meta.floating else 0
-    rates, bounds, t = np.abs(record["v"][:, first:]), np.array(limits.velocity[first:]), record["t"]
+    rates = np.max([np.abs(record[name][:, first:]) for name in extremes_of(record, "v")], axis=0)
+    bounds, t = np.array(limits.velocity[first:]), record["t"]
     struck = np.zeros(len(t), dtype=bool)
     for fault in meta.faults:
         for moment in (fault.t, fault.end):
@@ -290,7 +306,9 @@ def path_length(points: np.ndarray) -> float:
 
 def largest_thrust(record: Record, rows: slice = slice(None)) -> float | None:
     """Largest thrust [N] of any thruster in these rows; `None` where there is none."""
-    return float(np.abs(record["thrust"][rows]).max(initial=0.0)) if "thrust" in record.series else None
+    if "thrust" not in record.series:
+        return None
+    return max(float(np.abs(record[name][rows]).max(initial=0.0)) for name in extremes_of(record, "thrust"))
 
 
 def _by_kind(meta: RunMeta, name: str, values: np.ndarray, of: Callable[[np.ndarray], float]) -> dict[str, float | None]:
@@ -311,9 +329,12 @@ def _joint_margins(record: Record, rows: slice) -> np.ndarray:
     meta = record.run_meta
     if meta.limits is None or joint_positions({"q": record["q"][:1]}, meta) is None:
         return np.empty(0)
-    lower, upper, q = np.array(meta.limits.position_lower), np.array(meta.limits.position_upper), record["q"][rows]
-    found = (joint_positions({"q": part}, meta) for (part,) in parts(q, rows=len(q) if meta.endless else 0))  # whose turns count
-    return np.min([np.full(lower.shape, np.inf), *(np.minimum(one - lower, upper - one).min(axis=0) for one in found)], axis=0)
+    lower, upper = np.array(meta.limits.position_lower), np.array(meta.limits.position_upper)
+    least = [np.full(lower.shape, np.inf)]
+    for q in (record[name][rows] for name in extremes_of(record, "q")):
+        found = (joint_positions({"q": part}, meta) for (part,) in parts(q, rows=len(q) if meta.endless else 0))  # turns count
+        least += [np.minimum(one - lower, upper - one).min(axis=0) for one in found]
+    return np.min(least, axis=0)
 
 
 def _share(record: Record, name: str, limits: tuple[float, ...] | None, rows: slice) -> float | None:
@@ -323,5 +344,6 @@ def _share(record: Record, name: str, limits: tuple[float, ...] | None, rows: sl
     bounds = np.array(limits)
     limited = bounds > 0.0
     with np.errstate(over="ignore"):  # a limit may be as small as it likes
-        shares = (np.abs(part[:, limited]) / bounds[limited] for (part,) in parts(record[name][rows]))
+        several = (parts(record[one][rows]) for one in extremes_of(record, name))
+        shares = (np.abs(part[:, limited]) / bounds[limited] for those in several for (part,) in those)
         return float(max((share.max(initial=0.0) for share in shares), default=0.0))

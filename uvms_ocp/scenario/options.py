@@ -26,7 +26,7 @@ from uvms_ocp.sim import Current, Environment, FlatSeafloor, Seafloor, StillWate
 from uvms_ocp.sim.faults import Fault, parse_faults
 from uvms_ocp.solvers.hierarchy.active_set import LexicographicActiveSet
 from uvms_ocp.tasks import Hierarchy, Task, UnderActuation
-from uvms_ocp.types import Bound, Count, Finite
+from uvms_ocp.types import Bound, Count, Finite, Positive
 
 # What every scenario can be told in the same words, and the `Scenario` made of it.
 
@@ -64,6 +64,8 @@ class RunOptions:
     """[s] control period."""
     duration: Bound = 120.0
     """[s] at which an incomplete mission is stopped."""
+    record_rate: Positive | None = None
+    """[Hz] of the rows of the record; by default every tick has one."""
 
     def start(self, X_WB: pin.SE3, joints: ArrayLike | None = None) -> np.ndarray:
         """Configuration (n_q,) with the vehicle at X_WB; joints (n_joints,) [rad or m], stowed by default.
@@ -105,6 +107,7 @@ class RunOptions:
             seed=self.seed,
             dt=self.dt,
             duration=self.duration,
+            record_rate=self.record_rate,
             markers=markers,
             faults=self.faults,
         )
@@ -134,7 +137,7 @@ def current_from(given: Current | Sequence[float] | None) -> Current:
     return StillWater() if given is None else UniformCurrent(given) if isinstance(given, Sequence | np.ndarray) else given
 
 
-CHANGEABLE = ("plant", "solver", "current", "seabed", "seed", "noise", "duration", "dt", "faults")
+CHANGEABLE = ("plant", "solver", "current", "seabed", "seed", "noise", "duration", "dt", "record_rate", "faults")
 """Names of the options that `apply_options` takes."""
 
 
@@ -143,7 +146,7 @@ def apply_options(scenario: Scenario, given: Mapping[str, Any]) -> Scenario:
 
     Raises `InvalidInput` and `NameNotFound` as `run_options` and `Scenario` do.
     """
-    changes = {name: given[name] for name in ("plant", "solver", "seed", "duration", "dt") if name in given}
+    changes = {name: given[name] for name in ("plant", "solver", "seed", "duration", "dt", "record_rate") if name in given}
     around: dict[str, Any] = {"current": current_from(given["current"])} if "current" in given else {}
     if "seabed" in given:
         around["seafloor"] = FlatSeafloor(z=given["seabed"])

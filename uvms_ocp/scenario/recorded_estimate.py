@@ -141,8 +141,8 @@ def estimate_recording(
 
 def _recorded(record: Record, robot: Robot) -> tuple[dict[str, _Arrivals], int, float]:
     """Readings of a run by channel, how many ticks it has, and its period [s]."""
-    if "brakes" not in record.series:
-        raise InvalidInput(f"record of {record.meta.scenario} without all readings; record it anew, with noise")
+    if "brakes" not in record.series or "q_most" in record.series:
+        raise InvalidInput(f"record of {record.meta.scenario} without all readings; record it anew, with noise and every tick")
     found = {}
     for name in [name for name in CHANNELS if f"measured_{name}" in record.series]:
         series = record[f"measured_{name}"]

@@ -81,6 +81,7 @@ def run_meta(
     *,
     name: str,
     setup: Setup,
+    dt: float,
     parts: Mapping[str, Any],
     seed: int,
     markers: Markers,
@@ -117,7 +118,7 @@ def run_meta(
         packages=packages(),
         **parts,
         floating=bool(robot.n_vehicle),
-        dt=setup.dt,
+        dt=dt,
         completed=state.completed,
         stopped=ending.stopped,
         pending="" if state.completed else controller.pending(),
@@ -139,14 +140,11 @@ def run_meta(
     )
 
 
-def energy_used(series: Mapping[str, np.ndarray], state: MissionState, t: float, dt: float) -> dict[str, float]:
-    """Return the `ENERGIES` [J] at t [s] as the plant has them, in a state of the mission; none where it has none.
-
-    series: of a record with steps of dt [s].
-    """
+def energy_used(series: Mapping[str, np.ndarray], state: MissionState, t: float) -> dict[str, float]:
+    """Return the `ENERGIES` [J] at t [s] as the plant has them, in a state of the mission; none where it has none."""
     if not {"thruster_energy", "joint_energy"} <= series.keys():
         return {}
-    rows = [round((at - state.began) / dt) for at in (t, state.since)]
+    rows = np.searchsorted(series["t"], np.array([t, state.since]) - 1e-9).clip(max=len(series["t"]) - 1)
     now, before = (float(np.sum(series["thruster_energy"][row]) + series["joint_energy"][row]) for row in rows)
     return dict(zip(meta_values.ENERGIES, (now, now - before), strict=True))
 

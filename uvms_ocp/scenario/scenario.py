@@ -40,7 +40,7 @@ from uvms_ocp.sim.fault_effects import require_possible
 from uvms_ocp.sim.loop import Progress, Sensors, StateEstimator, TickObserver, has_diverged, simulate
 from uvms_ocp.sim.own_parts import part_name, plant_name, require_plant, require_simulated, specs_of, takes_forces
 from uvms_ocp.solvers.hierarchy.active_set import LexicographicActiveSet
-from uvms_ocp.types import DAY, Count
+from uvms_ocp.types import DAY, Count, Positive
 
 # What makes the parts of one scenario's runs: `scenario.controller()`, `scenario.estimator()`.
 
@@ -187,6 +187,8 @@ class Scenario(FieldTable):
     """[s] control period."""
     duration: float = 120.0
     """[s] at which an incomplete mission is stopped."""
+    record_rate: Positive | None = None
+    """[Hz] of the rows of the record, at least 0.1; by default every tick has one. See `uvms_ocp.record.row_rates`."""
     markers: Mapping[str, tuple[float, float, float]] = field(default_factory=dict)
     """Points (3,) [m] in W to draw, by name."""
     faults: str | tuple[Fault | Callable[..., Any] | str, ...] = ()
@@ -203,6 +205,8 @@ class Scenario(FieldTable):
             raise InvalidInput(f"duration = {self.duration} s; give at least one control period of {self.dt:g} s")
         if self.duration > DAY:
             raise InvalidInput(f"duration = {self.duration:g} s; give at most {DAY:g} s, a day")
+        if self.record_rate is not None and not 0.1 <= self.record_rate < np.inf:
+            raise InvalidInput(f"record_rate = {self.record_rate:g} Hz; give 0.1 or more")
         if isinstance(self.solver, type):
             raise InvalidInput(f"solver = the class {self.solver.__name__}; give a value, {self.solver.__name__}()")
         if not hasattr(self.solver, "bind"):
@@ -308,7 +312,7 @@ class Scenario(FieldTable):
         parts: dict[str, Any] = {"plant": plant, "sensors": sensors, "estimator": estimator, "controller": controller}
         presses: list[object] = []
         with on_interrupt(presses.append), self._bar(progress, controller.kinematic) as progress:
-            record = self._recorded(parts | {"progress": progress, "observer": observer}, presses, folder)
+            record = self._recorded(parts | {"progress": progress}, observer, presses, folder)
         if presses:
             raise Interrupted(f"stopped by hand at t = {record['t'][-1]:g} s", record)
         return record
@@ -328,7 +332,9 @@ class Scenario(FieldTable):
 
             yield progress if bar.disable else show
 
-    def _recorded(self, parts: Mapping[str, Any], presses: Sequence[object], folder: Path | str | None) -> Record:
+    def _recorded(
+        self, parts: Mapping[str, Any], observer: TickObserver | None, presses: Sequence[object], folder: Path | str | None
+    ) -> Record:
         """Simulate with these parts, and sum up; presses: one for each Ctrl-C."""
         begin, plant, controller, estimator = perf_counter(), parts["plant"], parts["controller"], parts["estimator"]
         kinematic, seen, own = controller.kinematic, list[int](), self.own_parts
@@ -347,7 +353,9 @@ class Scenario(FieldTable):
             "faults": faults,
             "controller": kinematic,
         }
-        meta = partial(run_meta, seed=self.seed, markers=self.markers, monitor=estimator.monitor, **known)
+        every = 1 if self.record_rate is None else max(1, round(1.0 / (self.record_rate * self.dt)))
+        known |= {"seed": self.seed, "markers": self.markers, "monitor": estimator.monitor, "dt": every * self.dt}
+        meta, states = partial(run_meta, **known), list[State]()  # true ones at events
 
         def news() -> RunMeta | None:
             """Metadata so far, after an event or an alarm."""
@@ -355,11 +363,20 @@ class Scenario(FieldTable):
             ending = RunOutcome(q=plant.state.q, t=self.duration, quantities={}, wall_s=perf_counter() - begin, stopped="cut off")
             return None if seen == before or has_diverged(plant.state) else meta(ending=ending)
 
-        recorder = None if folder is None else Recorder(min(512, max(1, round(2.0 / self.dt))), Path(folder), news)
+        def observe(t: float, state: State, command: Command) -> None:
+            if len(kinematic.events) > len(states):
+                states.append(state)
+            if observer is not None:
+                observer(t, state, command)
+
+        capacity, place = min(512, max(1, round(2.0 / self.dt))), None if folder is None else Path(folder)
+        recorder = Recorder(capacity, place, news, every) if place or every > 1 else None
         shapes = {} if isinstance(estimator.estimator, PassThrough) else sizes_of(self.robot)  # which repeats its readings
         kept = {name: math.prod(shapes[name]) for name in estimator.monitor.channels if name in shapes}
         try:
-            recorder = simulate(**parts, dt=self.dt, duration=self.duration, kept_readings=kept, recorder=recorder)
+            recorder = simulate(
+                **parts, observer=observe, dt=self.dt, duration=self.duration, kept_readings=kept, recorder=recorder
+            )
         except Interrupted as stop:
             recorder = stop.result
         wall = perf_counter() - begin
@@ -370,14 +387,13 @@ class Scenario(FieldTable):
             found: dict[str, float] = computed_or(
                 {}, "true errors", lambda: kinematic.evaluate(self._true_measurement(true), t, state)
             )
-            return found | {name: value for name, value in energy_used(flown, state, t, self.dt).items() if name in found}
+            return found | {name: value for name, value in energy_used(flown, state, t).items() if name in found}
 
         diverged = has_diverged(plant.state)
         last = State(q=recorder.last("q"), v=recorder.last("v")) if diverged else plant.state
-        truth, ends = quantities(last, recorder.last("t"), kinematic.state), list[Mapping[str, float]]()
-        for event, goals in zip(kinematic.events, kinematic.left, strict=True):  # those that the phase had when it ended
-            row = round(event.t / self.dt)
-            ends.append(quantities(State(q=np.array(flown["q"][row]), v=np.array(flown["v"][row])), event.t, goals))
+        truth = quantities(last, recorder.last("t"), kinematic.state)
+        left = zip(states, kinematic.events, kinematic.left, strict=False)  # with the goals that the phase had when it ended
+        ends = [quantities(state, event.t, goals) for state, event, goals in left]
         stopped: Literal["", "stopped", "diverged"] = "diverged" if diverged else "stopped" if presses else ""
         std = recorder.last("q_std") if "q_std" in recorder else None
         ending = RunOutcome(

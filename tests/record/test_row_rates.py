@@ -1,0 +1,115 @@
+"""Records with fewer rows than ticks lose no peak, no sum and no reading that is the newest."""
+
+from __future__ import annotations
+
+import dataclasses
+from pathlib import Path
+
+import numpy as np
+import pytest
+from tiny_robots import TINY, robot_of, scenario_of
+
+from uvms_ocp.errors import InvalidInput
+from uvms_ocp.record.record import MEASURED, Record, Recorder
+from uvms_ocp.record.row_rates import EXTREMES, MEANS, WORST, thinned_rows
+from uvms_ocp.record.tables import SERIES, column_names
+from uvms_ocp.report.metrics import figures_between, max_velocity_step
+from uvms_ocp.report.summary import summarize
+from uvms_ocp.scenario.cases import case1
+from uvms_ocp.scenario.scenario import Scenario
+
+RATE = 10.0  # [Hz]
+
+
+@pytest.mark.parametrize("every", [1, 2, 7, 100])
+@pytest.mark.parametrize("capacity", [1, 3, 64])
+def test_what_is_kept_of_any_row_is_that_of_its_ticks(every: int, capacity: int, tmp_path: Path) -> None:
+    """Whatever the block, in memory and on the disk."""
+    rng = np.random.default_rng(every)
+    reading = rng.standard_normal((200, 2))
+    reading[rng.random(200) < 0.7] = np.nan
+    series = {
+        "t": 0.01 * np.arange(200),
+        "v": rng.standard_normal((200, 3)),
+        "saturated": rng.random(200) < 0.2,
+        "phase": np.repeat([0, 1, 2], (57, 80, 63)),
+        "measured_depth": reading,
+        "command": rng.standard_normal((200, 3)),
+    }
+    kept = []
+    for folder in (None, tmp_path / "rows"):
+        recorder = Recorder(capacity, folder, every=every)
+        for k in range(200):
+            recorder.append({name: values[k] for name, values in series.items()})
+        recorder.series()  # and once more, when there is nothing new
+        kept.append(recorder.series())
+    few, written = kept
+    assert few.keys() == written.keys()
+    for name, values in few.items():
+        np.testing.assert_array_equal(written[name], values, err_msg=name)
+    if every == 1:
+        assert few.keys() == series.keys()
+        return
+    last = np.round(few["t"] / 0.01).astype(int)
+    assert {0, 56, 136, 199, *range(0, 200, every)} <= set(last)
+    spans = [slice(first, end + 1) for first, end in zip([0, *(last[:-1] + 1)], last, strict=True)]
+    for name, of in (("v_least", np.min), ("v_most", np.max), ("v_mean", lambda x, axis: np.abs(x).mean(axis=axis))):
+        np.testing.assert_allclose(few[name], [of(series["v"][span], axis=0) for span in spans], rtol=1e-12)
+    np.testing.assert_allclose(few["saturated_mean"] @ np.diff(last, prepend=-1), series["saturated"].sum())
+    np.testing.assert_array_equal(few["saturated"], [series["saturated"][span].any() for span in spans])
+    np.testing.assert_array_equal(few["command"], series["command"][last])
+    newest = [np.flatnonzero(np.isfinite(reading[span, -1])) for span in spans]
+    wanted = [reading[span][some[-1]] if some.size else np.full(2, np.nan) for span, some in zip(spans, newest, strict=True)]
+    np.testing.assert_array_equal(few["measured_depth"], wanted)
+
+
+def test_series_that_are_reduced_are_described_and_so_are_those_that_come_of_it() -> None:
+    for name in (*EXTREMES, *MEANS, *WORST):
+        assert name in SERIES
+    rows = {name: np.zeros((3, 2)) for name in (*EXTREMES, *MEANS)}
+    for name in thinned_rows(rows, np.array([0, 2])).keys() - rows.keys():
+        whole = name.rpartition("_")[0]
+        assert SERIES[name].units == SERIES[whole].units
+        assert SERIES[name].meaning.endswith(SERIES[whole].meaning)
+
+
+@pytest.fixture(scope="module")
+def both() -> tuple[Record, Record]:
+    scenario = case1(noise=True, duration=12.0, dt=0.02, current=(0.2, 0.1, 0.0))
+    return scenario.run(), dataclasses.replace(scenario, record_rate=RATE).run()
+
+
+def test_no_peak_and_no_sum_is_lost_between_rows(both: tuple[Record, Record]) -> None:
+    whole, few = both
+    assert len(few) == pytest.approx(len(whole) / 5, abs=5)
+    ours, theirs = (figures_between(record, 0.0, record["t"][-1]) for record in both)
+    for name, figure in theirs.items():
+        assert ours[name] == pytest.approx(figure, rel=1e-2 if name.startswith(("path", "joint_path")) else 1e-9), name
+    report, wanted = summarize(few), summarize(whole)
+    for name in ("largest_tilt_rad", "min_altimeter_m", "passed_rates", "tool_position_error_m", "energy_j", "events"):
+        assert report.get(name) == wanted.get(name), name
+    assert max_velocity_step(few) is None
+    assert report["energy_of_quick_thrust_j"] is None
+    for name in {*MEASURED} & whole.series.keys():
+        found, known = few[name], whole[name]
+        assert set(found[np.isfinite(found[:, -1]), -1]) <= set(known[np.isfinite(known[:, -1]), -1])
+
+
+def test_a_record_of_fewer_rows_is_saved_and_read_as_any(both: tuple[Record, Record], tmp_path: Path) -> None:
+    _, few = both
+    few.save(tmp_path / "few.npz")
+    loaded = Record.load(tmp_path / "few.npz")
+    assert list(loaded.series) == list(few.series)
+    assert loaded.run_meta.dt == pytest.approx(1.0 / RATE)
+    assert column_names("v_most", few["v"].shape[1], few.meta)[0] == "v_most.surge"
+
+
+def _tiny(**options: float) -> Scenario:
+    return dataclasses.replace(scenario_of(robot_of(TINY["one wet link"]), "kinematic", duration=4.0), **options)
+
+
+def test_a_rate_above_that_of_ticks_is_theirs_and_one_without_end_is_refused() -> None:
+    assert len(_tiny(record_rate=1e6).run()) == len(_tiny().run())
+    for rate in (0.0, 0.01, np.inf):
+        with pytest.raises(InvalidInput, match="record_rate"):
+            _tiny(record_rate=rate)
