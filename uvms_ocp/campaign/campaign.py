@@ -11,10 +11,8 @@ from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
-from uvms_ocp.campaign import jobs
-from uvms_ocp.campaign.cluster import Progress, Workers, run_jobs
+from uvms_ocp.campaign import cluster, distributions, jobs
 from uvms_ocp.campaign.code_source import CodeSource
-from uvms_ocp.campaign.distributions import Design
 from uvms_ocp.campaign.store import MOST_RUNS, SOURCES, CampaignManifest, read_manifest, read_table, types_of
 from uvms_ocp.campaign.variations import Variation, quantiles, require_available, vary
 from uvms_ocp.checks import checked, checked_dataclass
@@ -42,7 +40,7 @@ class MissionJob(jobs.CampaignJob):
     """Or the values themselves."""
     names: tuple[str, ...]
     """Names of the parameters, in their order."""
-    design: Design
+    design: distributions.Design
     records: str = "none"
     """One of `KEPT`."""
 
@@ -147,7 +145,7 @@ class Campaign(FieldTable):
         values: Any = built(variations)
         if not isinstance(values, Sequence) or not all(isinstance(value, Variation) for value in values):
             raise InvalidInput(f"variations = {str(values)[:80]}; give a list of Variation values")
-        design = Design(sampler=self.sampler, runs=self.runs, parameters=len(values), seed=self.seed)
+        design = distributions.Design(sampler=self.sampler, runs=self.runs, parameters=len(values), seed=self.seed)
         names = tuple(variation.name for variation in values)
         work = MissionJob(scenario=scenario, variations=variations, names=names, design=design, records=self.records)
         require_available(values, work.base())
@@ -157,10 +155,10 @@ class Campaign(FieldTable):
         self,
         out: Path,
         *,
-        workers: Workers | None = None,
+        workers: cluster.Workers | None = None,
         scheduler: str | None = None,
         time_limit: Period = 3600.0,
-        progress: Progress | None = None,
+        progress: cluster.Progress | None = None,
     ) -> Any:
         """Make all runs that are not finished in the folder `out`, and return the table of all: a pandas.DataFrame.
 
@@ -171,7 +169,7 @@ class Campaign(FieldTable):
         `NotInstalled` without the extra ``uvms-ocp[campaign]``.
         """
         where: dict[str, Any] = {"workers": workers, "scheduler": scheduler}
-        run_jobs(out, self.identity(), self.work, self.sources(), **where, limit=time_limit, progress=progress)
+        cluster.run_jobs(out, self.identity(), self.work, self.sources(), **where, limit=time_limit, progress=progress)
         return read_table(out)
 
     def scenario_of(self, run: Count) -> Scenario:

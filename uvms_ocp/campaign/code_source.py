@@ -15,9 +15,7 @@ from pydantic import ValidationError
 
 from uvms_ocp.errors import InvalidInput
 from uvms_ocp.model_errors import FileModel, one_line
-from uvms_ocp.record.durable_files import discard
-from uvms_ocp.record.output import Name
-from uvms_ocp.record.untrusted import record_files_read
+from uvms_ocp.record import durable_files, output, untrusted
 from uvms_ocp.robot.loading import robots_folder
 from uvms_ocp.scenario.cases import SCENARIOS
 from uvms_ocp.scenario.own_code import forget_user_code, load_scenario, own_code, siblings
@@ -32,7 +30,7 @@ class _Identity(FileModel, strict=True):
     words: str
     attribute: Literal["scenario", "variations"]
     options: dict[str, Any]
-    files: dict[Name, str]
+    files: dict[output.Name, str]
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
@@ -57,7 +55,7 @@ class CodeSource:
         given = {name: _absolute(value) if name in _PLACES else value for name, value in (options or {}).items()}
         bare = CodeSource(words=_placed(words, Path.cwd()), attribute=attribute, options=given)
         forget_user_code()
-        with record_files_read() as found:
+        with untrusted.record_files_read() as found:
             bare.build()
         paths = set(found)
         if code is not None and code.file is not None:
@@ -156,7 +154,7 @@ def _unpacked(digest: str, files: tuple[tuple[str, bytes], ...]) -> Path:
         os.rename(fresh, folder)
     except OSError:  # another process was first
         if _is_intact(folder, dict(files)):
-            discard(fresh)
+            durable_files.discard(fresh)
             return folder
         return fresh
     return folder

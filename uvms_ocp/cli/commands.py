@@ -16,9 +16,7 @@ from typing import Annotated, Any
 import typer
 from typer.core import TyperGroup
 
-from uvms_ocp.cli import BAD_INPUT
-from uvms_ocp.cli.compilation import warned_behind_errors
-from uvms_ocp.cli.json_output import json_alone_on_stdout
+from uvms_ocp.cli import BAD_INPUT, compilation, json_output
 from uvms_ocp.errors import UvmsError, plain_line
 from uvms_ocp.version import __version__
 
@@ -173,7 +171,7 @@ def main() -> None:
         sys.stdout = open(os.devnull, "w")  # noqa: SIM115 - for as long as the process lives
     words = [word for word in sys.argv[1:] if word != _TRACEBACK]
     try:
-        with warned_behind_errors(), json_alone_on_stdout() if "--json" in words else nullcontext():
+        with compilation.warned_behind_errors(), json_output.json_alone_on_stdout() if "--json" in words else nullcontext():
             try:
                 app(expand_vectors(app, words))
             finally:

@@ -204,9 +204,6 @@ AS_IT_IS = ScenarioOptions()
 Seed = Annotated[int | None, typer.Option(help="Seed of everything random.")]
 Noise = Annotated[bool | None, typer.Option("--noise/--no-noise", help="Sensors with noise, rates and delays.")]
 Duration = Annotated[float | None, typer.Option(metavar="S", help="Time limit of the mission [s].")]
-RecordRate = Annotated[
-    float | None, typer.Option(metavar="HZ", help="Rows of the record, with extremes in between; default: every tick.")
-]
 Faults = Annotated[
     list[str] | None,
     typer.Option(

@@ -16,9 +16,7 @@ from uvms_ocp.cli.printing import busy, cell, console_of, print_json, print_line
 from uvms_ocp.errors import InvalidInput, plain_line
 from uvms_ocp.export.controller import export_controller
 from uvms_ocp.record.output import as_output_errors
-from uvms_ocp.robot import list_robots, robot_folder
-from uvms_ocp.robot.description import RobotDescription
-from uvms_ocp.robot.proposal import find_urdf, propose
+from uvms_ocp.robot import description, list_robots, proposal, robot_folder
 from uvms_ocp.robot.urdf import with_own_meshes
 from uvms_ocp.scenario.cases import SCENARIOS
 from uvms_ocp.scenario.own_code import robot_of
@@ -50,7 +48,7 @@ def check_robot(
 
 def schema() -> None:
     """Print the JSON schema of hydrodynamics.yaml."""
-    print_json(RobotDescription.model_json_schema())
+    print_json(description.RobotDescription.model_json_schema())
 
 
 def _files(robot: str) -> Path:
@@ -109,12 +107,12 @@ def new_robot(
         names = ("robot.urdf", "hydrodynamics.yaml")
         _write({out / name: (TEMPLATES / name).read_text(encoding="utf-8") for name in names})
         return
-    urdf = find_urdf(source)
+    urdf = proposal.find_urdf(source)
     folders = [Path(place) for place in files.packages or ()]
     keys = ("mimic", "lock", "drop")
     loading = {key: value for key, value in files.loading.items() if key in keys}
     loading |= {} if files.meshes is None else {"meshes": "yes" if files.meshes else "no"}
-    found = propose(
+    found = proposal.propose(
         urdf,
         base=files.base,
         package_dirs=folders,

@@ -106,7 +106,7 @@ def run(
     seed: opt.Seed = None,
     noise: opt.Noise = None,
     duration: opt.Duration = None,
-    record_rate: opt.RecordRate = None,
+    record_rate: Annotated[float | None, typer.Option(metavar="HZ", help="Rows of the record; default: every tick.")] = None,
     fault: opt.Faults = None,
     follow: Follow = None,
     out: opt.Out = None,

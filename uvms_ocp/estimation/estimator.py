@@ -15,10 +15,8 @@ from uvms_ocp.checks import checked, checked_constructor, checked_dataclass, che
 from uvms_ocp.codegen.kernel_layout import arrays_of, zeros
 from uvms_ocp.codegen.kernels import bind_kernels
 from uvms_ocp.errors import InvalidInput, NameNotFound
-from uvms_ocp.estimation import filter_memory as filtering
+from uvms_ocp.estimation import filter_memory as filtering, joint_filters, measurement_update
 from uvms_ocp.estimation.filter_memory import NUMBER, ChannelIndex, EstimatorTuning, Part
-from uvms_ocp.estimation.joint_filters import fuse_joints, predict_joints
-from uvms_ocp.estimation.measurement_update import fuse
 from uvms_ocp.estimation.vehicle_model import inflate_velocity_variance, predict, predict_measurement, rotate_back, rotation
 from uvms_ocp.record.display import SmallTable, TableDisplay, rows_of
 from uvms_ocp.robot.kinematics import STEEP
@@ -36,10 +34,10 @@ def advance_filter(m: filtering.FilterMemory) -> None:
     m.before = m.now
     if m.floating:
         predict(m)
-        fuse(m)
+        measurement_update.fuse(m)
         _write_vehicle_outputs(m)
-    predict_joints(m)
-    fuse_joints(m)
+    joint_filters.predict_joints(m)
+    joint_filters.fuse_joints(m)
     for j in range(m.n_joints):
         m.std[6 + j] = math.sqrt(max(m.joint_P[j][0][0], 0.0))
     m.age[0] = 0.0

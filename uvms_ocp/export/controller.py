@@ -28,9 +28,7 @@ from uvms_ocp.export.tick import ControllerInputs, ControllerOutputs, ForceContr
 from uvms_ocp.record.output import claim_folder
 from uvms_ocp.robot.shapes.gjk import ROUNDS
 from uvms_ocp.scenario.scenario import Scenario, our_controller
-from uvms_ocp.solvers.hierarchy.active_set import LexicographicActiveSet, core_source
-from uvms_ocp.solvers.hierarchy.solution import Status
-from uvms_ocp.solvers.hierarchy.tolerances import iteration_budget
+from uvms_ocp.solvers.hierarchy import active_set, solution, tolerances
 from uvms_ocp.version import __version__
 
 # The files of a controller in C.
@@ -126,7 +124,7 @@ def interface_sizes(controller: KinematicController, n_thrusters: int) -> dict[s
 def solver_file(controller: KinematicController) -> str:
     """The text of solver.c: the solver of hierarchies, as its CasADi function calls it."""
     problem = controller.problem
-    return core_source(problem.function.size2_out(0), problem.sizes)
+    return active_set.core_source(problem.function.size2_out(0), problem.sizes)
 
 
 def controller_memory(controller: KinematicController | DynamicController) -> Any:
@@ -135,7 +133,7 @@ def controller_memory(controller: KinematicController | DynamicController) -> An
     Raises `InvalidInput` without a C compiler.
     """
     kinematic = controller.kinematic
-    below = velocity_controller(kinematic.memory, kinematic.problem, LexicographicActiveSet())
+    below = velocity_controller(kinematic.memory, kinematic.problem, active_set.LexicographicActiveSet())
     if below is None:
         raise InvalidInput("the controller cannot be written without a C compiler; give one (CC, cc, gcc, clang)")
     if not isinstance(controller, DynamicController):
@@ -199,7 +197,7 @@ def _texts_controller(scenario: Scenario) -> tuple[dict[str, str], bytes]:
     sizes = interface_sizes(kinematic, _n_thrusters(scenario))
     names = ControllerNames(
         phases=tuple(phase.name for phase in scenario.mission.all_phases),
-        statuses=tuple(status.name for status in Status),
+        statuses=tuple(status.name for status in solution.Status),
         quantities=tuple(kinematic.problem.quantity_names),
         channels=CHANNELS,
     )
@@ -213,7 +211,7 @@ def _texts_controller(scenario: Scenario) -> tuple[dict[str, str], bytes]:
         ticks=len(run.ticks),
         size=ctypes.sizeof(memory),
         period=scenario.dt,
-        bound=f"{iteration_budget(rows).most_of_all} iterations of the solver, {ROUNDS} rounds for every distance, "
+        bound=f"{tolerances.iteration_budget(rows).most_of_all} iterations of the solver, {ROUNDS} rounds for every distance, "
         "whatever the numbers",
         channels=table(names.channels),
         phases=table(names.phases),
@@ -250,7 +248,7 @@ def _require_c_form(scenario: Scenario) -> None:
     found = []
     if "controller" in scenario.own_parts:
         found.append(f"controller {scenario.own_parts['controller']}; the toolkit's own has")
-    if not isinstance(solver, LexicographicActiveSet):
+    if not isinstance(solver, active_set.LexicographicActiveSet):
         found.append(f"solver {type(solver).__name__}; LexicographicActiveSet has")
     if scenario.takes_forces and scenario.load is not None:
         found.append("load LoadLearning; a controller that learns none has")

@@ -19,9 +19,7 @@ from uvms_ocp.record.meta_values import DONE
 from uvms_ocp.robot.signals import IDEAL_SENSORS
 from uvms_ocp.scenario.preflight.setup import forecast, main_path
 from uvms_ocp.scenario.scenario import Scenario, our_controller
-from uvms_ocp.tasks import Clearance, JointLimits, MinimumAltitude, Task, TaskClass, UnderActuation
-from uvms_ocp.tasks.attitude import AngleTask
-from uvms_ocp.tasks.goals import EndingReference
+from uvms_ocp.tasks import Clearance, JointLimits, MinimumAltitude, Task, TaskClass, UnderActuation, attitude, goals
 from uvms_ocp.types import Magnitude
 
 # How much stricter a plan is than the mission asks: what is flown departs from what was planned.
@@ -90,7 +88,7 @@ def is_violated(task: Task, quantities: Mapping[str, float]) -> bool:
     given."""
     if isinstance(task, MinimumAltitude):
         return quantities[f"{task.name}.altitude"] < task.threshold
-    if isinstance(task, AngleTask):
+    if isinstance(task, attitude.AngleTask):
         return any(quantities.get(f"{task.name}.{angle}", 0.0) > task.aim for angle in ANGLES)
     return False
 
@@ -108,7 +106,7 @@ def _kept_otherwise(task: Task) -> bool:
 
 
 def _stricter(task: Task, asked: Mapping[str, float], margins: Margins) -> Task:
-    if isinstance(task, AngleTask):
+    if isinstance(task, attitude.AngleTask):
         return replace(task, aim=tightened_limit(asked.get(task.name, task.activation.end), margins.angle))
     if isinstance(task, MinimumAltitude):
         return replace(task, threshold=task.threshold + margins.altitude)
@@ -282,7 +280,7 @@ def goals_end_time(phase: Phase, on: Sequence[Task]) -> float:
     for task in on:
         goal = phase.goals.get(task.name)
         if callable(goal):
-            ends.append(float(goal.end) if isinstance(goal, EndingReference) else 0.0)
+            ends.append(float(goal.end) if isinstance(goal, goals.EndingReference) else 0.0)
     return max(ends)
 
 

@@ -13,9 +13,7 @@ from typing import Any
 import numpy as np
 
 from uvms_ocp.errors import InvalidInput, optional_module, require_known
-from uvms_ocp.record.output import whole_file
-from uvms_ocp.record.row_rates import EXTREMES, MEANS
-from uvms_ocp.record.run_meta import read_meta, write_meta
+from uvms_ocp.record import output, row_rates, run_meta
 from uvms_ocp.record.untrusted import DENSEST, SMALL, as_input_errors, require_regular_file
 
 # The one table of series: what each is, its units and frame, and which columns it has; units in figures are from here.
@@ -54,8 +52,8 @@ def _described() -> Iterator[list[str]]:
     text = (files("uvms_ocp.record") / "series.csv").read_text(encoding="utf-8")
     for name, meaning, *rest in [*csv.reader(text.splitlines())][1:]:
         yield [name, meaning, *rest]
-        whats = {"_least": "least", "_most": "largest"} if name in EXTREMES else {}
-        for suffix, what in (whats | ({"_mean": "mean size"} if name in MEANS else {})).items():
+        whats = {"_least": "least", "_most": "largest"} if name in row_rates.EXTREMES else {}
+        for suffix, what in (whats | ({"_mean": "mean size"} if name in row_rates.MEANS else {})).items():
             yield [name + suffix, f"{what} since the row before, where not every tick has one: {meaning}", *rest]
 
 
@@ -220,7 +218,7 @@ def to_dataframe(series: Series, meta: Any) -> Any:
 def to_csv(series: Series, meta: Any, path: Path) -> None:
     """One line of names, then one per tick, every number in full. Raises `NotInstalled`, and `OutputError` where it cannot."""
     table = to_dataframe(series, meta)
-    with whole_file(path) as file:
+    with output.whole_file(path) as file:
         table.to_csv(file, index=False)
 
 
@@ -238,9 +236,9 @@ def to_parquet(series: Series, meta: Any, path: Path) -> None:
         for column, unit, values in zip(names, units, flat.T, strict=True):
             arrays.append(pa.array(np.ascontiguousarray(values)))
             fields.append(pa.field(column, arrays[-1].type, metadata={**series_description(name, array), "unit": unit}))
-    own = {_KEY: VERSION.encode(), b"meta": write_meta(meta).encode()}
+    own = {_KEY: VERSION.encode(), b"meta": run_meta.write_meta(meta).encode()}
     table = pa.Table.from_arrays(arrays, schema=pa.schema(fields, metadata=own))
-    with whole_file(path) as file:
+    with output.whole_file(path) as file:
         pa.parquet.write_table(table, file)
 
 
@@ -254,7 +252,7 @@ def from_parquet(path: Path) -> tuple[dict[str, np.ndarray], Any]:
             if own.get(_KEY) != VERSION.encode():
                 raise InvalidInput(f"{path}: no record of version {VERSION}; give a file that Record.to_parquet wrote")
             require_numbers(file, path, file.schema_arrow.names)
-            return _series(file.read()), read_meta(own[b"meta"].decode())
+            return _series(file.read()), run_meta.read_meta(own[b"meta"].decode())
 
 
 def _series(table: Any) -> dict[str, np.ndarray]:

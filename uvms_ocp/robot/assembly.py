@@ -16,12 +16,10 @@ import pinocchio as pin
 
 from uvms_ocp.checks import checked
 from uvms_ocp.errors import InvalidInput
-from uvms_ocp.robot.coefficients import links_in_water
+from uvms_ocp.robot import coefficients, roles, thrusters
 from uvms_ocp.robot.description import Cylinder, LinkDescription, Pose, RobotDescription, TrimBody, Vector3, checked_copy
 from uvms_ocp.robot.loading import robot_of, trim_inertia, with_bodies
 from uvms_ocp.robot.robot import Robot
-from uvms_ocp.robot.roles import tools_of
-from uvms_ocp.robot.thrusters import unactuated_axes
 from uvms_ocp.robot.urdf import UrdfModels
 from uvms_ocp.types import Range
 
@@ -181,7 +179,7 @@ def _joined_description(
         joints={**vehicle.joints, **{prefix + name: joint for name, joint in before.joints.items()}},
         links={**vehicle.links, **{prefix + name: link for name, link in water.items()}},
         trim=(*vehicle.trim, *trim),
-        tool=(*tools_of(vehicle), *(prefix + tool for tool in tools_of(before))) or None,
+        tool=(*roles.tools_of(vehicle), *(prefix + tool for tool in roles.tools_of(before))) or None,
     )
 
 
@@ -297,7 +295,7 @@ def trim_body(name: str, x: float, y: float, lift: float, robot: Robot) -> TrimB
 
 def _retrimmed(robot: Robot, model: pin.Model, trim: tuple[TrimBody, ...]) -> Robot:
     description: RobotDescription = checked_copy(robot.description, trim=trim)
-    return replace(robot, model=model, description=description, hydrodynamics=links_in_water(description))
+    return replace(robot, model=model, description=description, hydrodynamics=coefficients.links_in_water(description))
 
 
 # The attitude that a vehicle comes to by itself about the axes that no thruster drives.
@@ -317,7 +315,7 @@ def up_at_rest(robot: Robot, q: np.ndarray) -> np.ndarray:
     arms, lift = lifts(robot, np.asarray(level))
     righting = arms.T @ lift  # [N m] with the vehicle level, when W and B have the same axes
     up = np.array([0.0, 0.0, 1.0])
-    axes = [axis - 3 for axis in unactuated_axes(robot) if axis >= 3]
+    axes = [axis - 3 for axis in thrusters.unactuated_axes(robot) if axis >= 3]
     for _ in range(_SWEEPS if len(axes) > 1 else 1):
         for axis in axes:
             up = _turned(up, axis, righting)

@@ -60,16 +60,12 @@ def matrix(*rows: Sequence[Array]) -> Array:
     """Build a matrix from rows of scalars; a literal integer 0 stays a structural zero of an expression."""
     if not any(is_symbolic(*row) for row in rows):
         return np.array(rows, dtype=float)
-    return ca.vertcat(*[ca.horzcat(*[_entry(x) for x in row]) for row in rows])
+    return ca.vertcat(*[ca.horzcat(*[ca.DM(1, 1) if isinstance(x, int) and x == 0 else x for x in row]) for row in rows])
 
 
 def diagonal(entries: Array) -> Array:
     """Square matrix with the entries (n,) [any] on its diagonal."""
     return ca.diag(entries) if is_symbolic(entries) else np.diag(entries)
-
-
-def _entry(x: Array) -> Array:
-    return ca.DM(1, 1) if isinstance(x, int) and x == 0 else x
 
 
 def dot(a: Array, b: Array) -> Array:
@@ -245,13 +241,9 @@ def log6(R: Array, p: Array) -> Array:
 
 def rpy_to_matrix(rpy: Array) -> Array:
     """``Rz(yaw) Ry(pitch) Rx(roll)`` (3, 3) of rpy (3,) [rad], [Gao2022] eq. (6)."""
-    (sr, sp, sy), (cr, cp, cy) = _sines_cosines(rpy)
+    (sr, sp, sy), (cr, cp, cy) = [ca.sin(rpy[i]) for i in range(3)], [ca.cos(rpy[i]) for i in range(3)]
     return matrix(
         (cy * cp, cy * sp * sr - sy * cr, cy * sp * cr + sy * sr),
         (sy * cp, sy * sp * sr + cy * cr, sy * sp * cr - cy * sr),
         (-sp, cp * sr, cp * cr),
     )
-
-
-def _sines_cosines(rpy: Array) -> tuple[list[Array], list[Array]]:
-    return [ca.sin(rpy[i]) for i in range(3)], [ca.cos(rpy[i]) for i in range(3)]

@@ -19,9 +19,7 @@ from uvms_ocp.estimation.health.monitor import HealthMonitor
 from uvms_ocp.mission import Condition, Mission, MissionState
 from uvms_ocp.record import meta_values
 from uvms_ocp.record.run_meta import RunMeta, packages
-from uvms_ocp.robot import IDEAL_SENSORS, Robot
-from uvms_ocp.robot.loading import robot_meta
-from uvms_ocp.robot.roles import TOOL
+from uvms_ocp.robot import IDEAL_SENSORS, Robot, loading, roles
 from uvms_ocp.robot.shapes.obstacles import describe_obstacles
 from uvms_ocp.scenario.preflight.checks import quantity_stds
 from uvms_ocp.scenario.preflight.setup import Setup
@@ -74,7 +72,7 @@ def meta_without_mission(robot: Robot, name: str, phase: str, **known: Any) -> R
     """Metadata of a motion of one phase, without tasks. known: other fields of `RunMeta`."""
     phases, floating = (meta_values.PhaseMeta(name=phase),), bool(robot.n_vehicle)
     shared: dict[str, Any] = {"packages": packages(), "solver": "none", "floating": floating, "completed": True}
-    return RunMeta(scenario=name, **robot_meta(robot), phases=phases, **shared, **known)
+    return RunMeta(scenario=name, **loading.robot_meta(robot), phases=phases, **shared, **known)
 
 
 def run_meta(
@@ -99,11 +97,11 @@ def run_meta(
     alarms, problem = sorted([*monitor.alarms, *controller.watchdog.alarms]), controller.problem
     rows, limited = zip(problem.names, problem.sizes, strict=True), meta_values.LimitsMeta.model_fields
     allowed = partial(quantity_stds, setup, ending.q)
-    named = {TOOL: robot.tools[0]} if len(robot.tools) > 1 else {}
+    named = {roles.TOOL: robot.tools[0]} if len(robot.tools) > 1 else {}
     tools = {task.name: named.get(task.frame, task.frame) for task in tasks if isinstance(task, (ToolPose, ToolPosition))}
     return RunMeta(
         scenario=name,
-        **robot_meta(robot),
+        **loading.robot_meta(robot),
         thrusters=robot.thruster_names,
         phases=tuple(meta_values.PhaseMeta(name=one.name, title=one.title, tasks=one.on) for one in phases),
         tasks=tuple(meta_values.TaskMeta(name=task.name, label=task.label, tool=tools.get(task.name)) for task in tasks),

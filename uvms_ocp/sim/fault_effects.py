@@ -10,9 +10,7 @@ from typing import Any
 import numpy as np
 
 from uvms_ocp.errors import InvalidInput
-from uvms_ocp.robot.assembly import with_trim
-from uvms_ocp.robot.description import TrimBody
-from uvms_ocp.robot.limits import Joint
+from uvms_ocp.robot import assembly, description, limits
 from uvms_ocp.robot.robot import Robot
 from uvms_ocp.sim.currents import Current, cosine_slope, cosine_step
 from uvms_ocp.sim.environment import Environment
@@ -46,7 +44,7 @@ class FaultyChannel:
     """Components of an error."""
     origin: Any = None
     """Value from which `stuck` counts; zeros unless given."""
-    joints: tuple[Joint, ...] = ()
+    joints: tuple[limits.Joint, ...] = ()
     """Whose readings its parts are, one by one, if any."""
 
 
@@ -212,8 +210,8 @@ def loaded(robot: Robot, carried: Sequence[Fault]) -> Robot:
     for k, fault in enumerate(carried, start=1):
         mass, volume, *_ = *fault.values, 0.0
         where: Any = {"link": robot.tools[max(fault.location.number, 1) - 1], "position": (0.0, 0.0, 0.0)}
-        bodies.append(TrimBody(name=f"payload {k}", mass=mass, volume=volume, **where))
-    return with_trim(robot, bodies)
+        bodies.append(description.TrimBody(name=f"payload {k}", mass=mass, volume=volume, **where))
+    return assembly.with_trim(robot, bodies)
 
 
 def joined_velocity(before: np.ndarray, after: np.ndarray, v: np.ndarray, locked: tuple[int, ...] = ()) -> np.ndarray:

@@ -16,11 +16,9 @@ import pinocchio as pin
 from uvms_ocp.checks import checked_constructor, unchecked_constructor
 from uvms_ocp.codegen.buffered import BoundFunction, BufferedFunction
 from uvms_ocp.errors import InvalidInput
-from uvms_ocp.robot import Robot, SymbolicModel
+from uvms_ocp.robot import Robot, SymbolicModel, roles, spatial
 from uvms_ocp.robot.robot import require_normalized
-from uvms_ocp.robot.roles import DVL
 from uvms_ocp.robot.signals import CHANNELS, Reading, Readings, SensorSpec, SensorSpecs, State
-from uvms_ocp.robot.spatial import quaternion_exp, quaternion_multiply, quaternion_to_matrix
 from uvms_ocp.sim.fault_effects import ChannelFaults, FaultyChannel
 from uvms_ocp.sim.faults import Fault
 from uvms_ocp.sim.seafloor import Seafloor
@@ -96,7 +94,7 @@ class SensorSuite:
         sources = sources_of(robot, seafloor, specs, altimeter_frame)
         if robot.description.dvl is not None and "linear_velocity" in sources:
             carried_by = {} if specs.linear_velocity == _IDEAL else self._readings
-            sources["linear_velocity"] = _carried_from(robot.model.frames[robot.frame_id(DVL)].placement, carried_by)
+            sources["linear_velocity"] = _carried_from(robot.model.frames[robot.frame_id(roles.DVL)].placement, carried_by)
         present = {name: spec for name in CHANNELS if (spec := getattr(specs, name)) is not None and name in sources}
         streams = dict(zip(CHANNELS, np.random.SeedSequence(seed).spawn(len(CHANNELS)), strict=True))
         struck = faults_of_channels(robot, faults, {name: sources[name] for name in present}, seed)
@@ -196,7 +194,7 @@ def _specific_force(gravity: np.ndarray) -> Truth:
         if state.a is None:
             raise InvalidInput("specific_force needs the acceleration of the true state; give State(a=...), as plants do")
         of_axes = np.cross(state.v[3:6], state.v[:3])  # v is that of B in B, whose axes turn
-        return np.asarray(state.a[:3] + of_axes - quaternion_to_matrix(state.q[3:7]).T @ gravity)
+        return np.asarray(state.a[:3] + of_axes - spatial.quaternion_to_matrix(state.q[3:7]).T @ gravity)
 
     return force
 
@@ -208,7 +206,7 @@ def _add_scalar(value: float, error: np.ndarray) -> float:
 @lru_cache(maxsize=1)
 def _turn_function() -> ca.Function:
     quaternion, error = ca.SX.sym("quaternion", 4), ca.SX.sym("error", 3)
-    return ca.Function("turn", [quaternion, error], [quaternion_multiply(quaternion, quaternion_exp(error))])
+    return ca.Function("turn", [quaternion, error], [spatial.quaternion_multiply(quaternion, spatial.quaternion_exp(error))])
 
 
 def _joint_disturbance(robot: Robot) -> Disturb:

@@ -9,9 +9,7 @@ import casadi as ca
 
 from uvms_ocp.checks import checked_dataclass
 from uvms_ocp.errors import InvalidInput
-from uvms_ocp.robot import Robot, SymbolicModel
-from uvms_ocp.robot.kinematics import point_reach
-from uvms_ocp.robot.limits import PositionLimit
+from uvms_ocp.robot import Robot, SymbolicModel, kinematics, limits
 from uvms_ocp.tasks.activation import SmoothActivation, saturate
 from uvms_ocp.tasks.task import Residual, Rows, Task, TaskClass, TickSymbols, bounded_residual, equality_rows, zero_residual
 from uvms_ocp.types import Finite, Positive
@@ -72,15 +70,15 @@ class MinimumAltitude(Task):
         """Altitude >= `threshold` [m]."""
         return bounded_residual(altitude_of(symbols, altimeter_of(self.name, symbols, self.frame)), lower=self.threshold)
 
-    def position_limit(self, robot: Robot) -> PositionLimit:
+    def position_limit(self, robot: Robot) -> limits.PositionLimit:
         """The altimeter stays at `threshold`; the floor is taken as level around the robot."""
         frame = self.frame or robot.description.altimeter or ""
-        return PositionLimit(
+        return limits.PositionLimit(
             quantity="altitude",
             lower=self.threshold,
             values=height_of(robot, frame),
             relative=True,
-            reach=point_reach(robot, frame),
+            reach=kinematics.point_reach(robot, frame),
         )
 
     def rows(self, symbols: TickSymbols, parameters: ca.SX) -> Rows:

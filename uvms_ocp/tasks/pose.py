@@ -10,10 +10,8 @@ import pinocchio as pin
 
 from uvms_ocp.checks import checked_dataclass
 from uvms_ocp.errors import InvalidInput
+from uvms_ocp.robot import spatial, symbolic_bodies, thrusters
 from uvms_ocp.robot.robot import Robot
-from uvms_ocp.robot.spatial import log3
-from uvms_ocp.robot.symbolic_bodies import sparse
-from uvms_ocp.robot.thrusters import driven_turns, free_motions, undriven_axes
 from uvms_ocp.tasks.activation import saturate
 from uvms_ocp.tasks.goals import PoseGoal, evaluate_pose
 from uvms_ocp.tasks.task import Residual, Rows, Task, TaskClass, TickSymbols, equality_rows, zero_residual
@@ -59,13 +57,13 @@ class PoseTask(Task):
     def residual(self, symbols: TickSymbols, parameters: ca.SX) -> Residual:
         """``[p_goal - p; log3(R_goal R')]`` = 0, [m] and [rad]."""
         R_WF, p_WF = symbols.kinematics.pose(self.frame)
-        turn = log3(ca.reshape(parameters[3:12], 3, 3) @ R_WF.T)
+        turn = spatial.log3(ca.reshape(parameters[3:12], 3, 3) @ R_WF.T)
         return zero_residual(ca.vertcat(parameters[:3] - p_WF, turn))
 
     def rows(self, symbols: TickSymbols, parameters: ca.SX) -> Rows:
         error_linear, error_angular = ca.vertsplit(self.residual(symbols, parameters).value, 3)
         jacobian, ahead = symbols.kinematics.jacobian(self.frame), parameters[12:]
-        turns = driven_turns(symbols.robot, self.frame)
+        turns = thrusters.driven_turns(symbols.robot, self.frame)
         if turns is not None:
             about = symbols.R_WB[:, list(turns)].T
             error_angular = about @ error_angular
@@ -197,6 +195,6 @@ class UnderActuation(VehicleVelocity):
     def rows(self, symbols: TickSymbols, parameters: ca.SX) -> Rows:
         axes = list(self.axes)
         rows = symbols.velocity_rows(axes)
-        if self.axes == undriven_axes(symbols.robot):
-            rows = ca.SX(sparse(free_motions(symbols.robot)[1]))
+        if self.axes == thrusters.undriven_axes(symbols.robot):
+            rows = ca.SX(symbolic_bodies.sparse(thrusters.free_motions(symbols.robot)[1]))
         return equality_rows(rows, rows @ symbols.velocity)

@@ -11,10 +11,8 @@ from scipy.spatial import ConvexHull
 
 from uvms_ocp.errors import plain_line
 from uvms_ocp.ocp.separating_planes import support_of
-from uvms_ocp.record.meta_values import ObstacleMeta
+from uvms_ocp.record import meta_values, run_meta, tables
 from uvms_ocp.record.record import Record
-from uvms_ocp.record.run_meta import joint_positions
-from uvms_ocp.record.tables import column_names
 from uvms_ocp.robot.shapes.obstacles import build_obstacle
 from uvms_ocp.viz import style
 from uvms_ocp.viz.series import PhaseSpan, axis_label, axis_names, floor_heights, has_vehicle, phase_spans
@@ -44,7 +42,7 @@ def figure_efforts(record: Record, *, fig: style.Given = None, width: style.Widt
 
 
 def _thrust(record: Record, axes: Sequence[Axes]) -> None:
-    names = column_names("thrust", record["thrust"].shape[1], record.meta)
+    names = tables.column_names("thrust", record["thrust"].shape[1], record.meta)
     for i, (name, thrust) in enumerate(zip(names, record["thrust"].T, strict=True)):
         label = style.label_text(name.partition(".")[2], _LEGEND)
         axes[0].plot(record["t"], thrust, **style.line_style(i), lw=0.8, label=label)
@@ -170,7 +168,7 @@ def _velocity_lines(axis: Axes, record: Record, part: slice, names: Sequence[str
 @style.styled
 def figure_joints(record: Record, *, fig: style.Given = None, width: style.Width = "page") -> Figure | None:
     """Joint positions and velocities, with limits where the record gives them; one small panel per joint."""
-    names, values = record.meta.joints, joint_positions(record.series, record.meta)
+    names, values = record.meta.joints, run_meta.joint_positions(record.series, record.meta)
     n = len(names)
     if not names or values is None:
         return None
@@ -266,13 +264,13 @@ def _path_panel(axis: Axes, record: Record, i: int, j: int) -> None:
         style.note(axis, style.label_text(marker.name), place, (5, 4), fontsize=style.points(7))
 
 
-def obstacle_outline(data: ObstacleMeta, i: int, j: int) -> np.ndarray:
+def obstacle_outline(data: meta_values.ObstacleMeta, i: int, j: int) -> np.ndarray:
     """Corners (n, 2) [m] of what an obstacle covers, seen along the axis of W that is neither i nor j; of a mesh its hull."""
     points = _surface_points(data, i, j)[:, [i, j]]
     return np.asarray(points[ConvexHull(points).vertices])
 
 
-def _surface_points(data: ObstacleMeta, i: int, j: int) -> np.ndarray:
+def _surface_points(data: meta_values.ObstacleMeta, i: int, j: int) -> np.ndarray:
     """Points (n, 3) [m] in W, the farthest of the obstacle in every direction of the plane of axes i and j among them."""
     item = build_obstacle(data)
     R, p = item.X_WO.rotation, item.X_WO.translation

@@ -10,10 +10,8 @@ import numpy as np
 
 from uvms_ocp.checks import checked
 from uvms_ocp.errors import InvalidInput, plain_line
+from uvms_ocp.record import row_files, run_meta, tables
 from uvms_ocp.record.record import Record, quantity as quantity
-from uvms_ocp.record.row_files import parts
-from uvms_ocp.record.run_meta import is_floating
-from uvms_ocp.record.tables import unit_of
 
 _LONGEST = 60  # letters of what is written on a line
 
@@ -64,7 +62,7 @@ def axis_label(text: str, name: str, part: str = "", prefix: str = "", meta: Any
 
     meta: of the record, as in `unit_of`.
     """
-    return f"{text} [{' or '.join(prefix + unit for unit in unit_of(name, part, meta).split(' or '))}]"
+    return f"{text} [{' or '.join(prefix + unit for unit in tables.unit_of(name, part, meta).split(' or '))}]"
 
 
 def estimate_suffix(record: Record) -> str:
@@ -94,7 +92,7 @@ def thinned(record: Record) -> Record:
     starts, series = np.arange(0, len(record), step), dict[str, np.ndarray]()
     rows = np.append(np.stack([starts, starts + step // 2], axis=1).ravel()[:-1], len(record) - 1)
     for name in record.series:
-        ends = ((np.fmin.reduce(part), np.fmax.reduce(part)) for (part,) in parts(record[name], rows=step))
+        ends = ((np.fmin.reduce(part), np.fmax.reduce(part)) for (part,) in row_files.parts(record[name], rows=step))
         series[name] = record[name][rows] if name in _AS_THEY_ARE else np.concatenate([*ends])
     return Record(series=series, meta=record.meta)
 
@@ -157,7 +155,7 @@ def axis_names(record: Record, n: int) -> list[str]:
 
 def has_vehicle(record: Record) -> bool:
     """Tell whether the robot is a free-flyer (q then begins with p_WB and a quaternion)."""
-    return is_floating(record.series, record.meta)
+    return run_meta.is_floating(record.series, record.meta)
 
 
 def floor_heights(record: Record, points: np.ndarray) -> np.ndarray | None:

@@ -139,17 +139,10 @@ class DynamicController(TableDisplay):
         if short:
             full = [i + 1 for i in range(a.count) if not _NEARLY * a.lower[i] < thrust[i] < _NEARLY * a.upper[i]]
             self._at_limits = ", ".join(f"thruster{number}" for number in full)
+        up, spent = push.item(), self._tick.state.spent.item()
         fault, known, jammed, limited = self._fault, self._fault_summary, self._jammed, self._at_limits
         self.kinematic.on_actuation_feedback(
-            _feedback(
-                short=short,
-                push=push.item(),
-                spent=self._tick.state.spent.item(),
-                fault=fault,
-                fault_summary=known,
-                jammed=jammed,
-                at_limits=limited,
-            )
+            _feedback(short=short, push=up, spent=spent, fault=fault, fault_summary=known, jammed=jammed, at_limits=limited)
         )
         telemetry = {
             **command.telemetry,

@@ -25,11 +25,9 @@ import numpy as np
 import pinocchio as pin
 
 from uvms_ocp.codegen.kernel_layout import FunctionField, Layout, Sized, Vector, zeros
+from uvms_ocp.robot import spatial, symbolic_bodies, symbolic_model
 from uvms_ocp.robot.shapes import gjk
 from uvms_ocp.robot.shapes.penetration import Hull, expand_polytope, try_axes, try_axis
-from uvms_ocp.robot.spatial import skew
-from uvms_ocp.robot.symbolic_bodies import SymbolicJoint, SymbolicPose
-from uvms_ocp.robot.symbolic_model import SymbolicModel, function
 
 # The signed distance of two solids: apart, or overlapping.
 
@@ -296,15 +294,15 @@ def _sums(shape: Any) -> tuple[list[float], float, float]:
 @lru_cache(maxsize=8)
 def _places(model: pin.Model) -> ca.Function:
     """Q -> placements of joints, row after row, and twists of axes at the origin of W, column after column."""
-    q, symbolic = ca.SX.sym("q", model.nq), SymbolicModel(model)
+    q, symbolic = ca.SX.sym("q", model.nq), symbolic_model.SymbolicModel(model)
     poses = symbolic.forward_kinematics(q).joint_poses[1:]
     placements = [ca.vertcat(ca.vec(ca.densify(pose.R).T), pose.p) for pose in poses]
     twists = [_twists(joint, pose) for joint, pose in zip(symbolic.joints, poses, strict=True)]
     found = {"placements": ca.vertcat(*placements), "twists": ca.vec(ca.densify(ca.horzcat(*twists)))}
-    return function("places", {"q": q}, found)
+    return symbolic_model.function("places", {"q": q}, found)
 
 
-def _twists(joint: SymbolicJoint, pose: SymbolicPose) -> ca.SX:
+def _twists(joint: symbolic_bodies.SymbolicJoint, pose: symbolic_bodies.SymbolicPose) -> ca.SX:
     """(6, n) of a joint's axes at unit speed."""
     angular = pose.R @ joint.S_angular
-    return ca.vertcat(pose.R @ joint.S_linear + skew(pose.p) @ angular, angular)
+    return ca.vertcat(pose.R @ joint.S_linear + spatial.skew(pose.p) @ angular, angular)

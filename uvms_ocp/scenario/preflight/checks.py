@@ -8,9 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from uvms_ocp.checks import checked
-from uvms_ocp.control.velocity.goals import task_parameters
-from uvms_ocp.control.velocity.levels import LevelsProblem, build_levels
-from uvms_ocp.control.velocity.swing import N_PASSIVE
+from uvms_ocp.control.velocity import goals, levels, swing
 from uvms_ocp.estimation.estimator import std_at_rest
 from uvms_ocp.mission import Below, Mission
 from uvms_ocp.record.meta_values import DONE, ENERGIES
@@ -115,7 +113,7 @@ _ASSUMPTIONS = {
 @checked
 def check_mission(setup: Setup) -> PreflightReport:
     """Every check on a mission; see `PreflightReport`. Raises what `build_levels` raises for unknown names."""
-    problem = build_levels(setup.robot, setup.mission.hierarchy, setup.dt, setup.mission.beside_tasks)
+    problem = levels.build_levels(setup.robot, setup.mission.hierarchy, setup.dt, setup.mission.beside_tasks)
     setup.mission.check_quantities(problem.quantity_names)
     if not setup.robot.n_vehicle:
         findings = [*check_structure(setup.mission), *check_echo(setup), *check_goals(setup), *check_accuracy(setup)]
@@ -183,7 +181,7 @@ def check_own_parts(setup: Setup) -> Iterator[Finding]:
         yield Severity.NOTE.finding("parts", f"{what} {name} is your own: {_ASSUMPTIONS[what]}")
 
 
-def check_freedom(setup: Setup, visits: Sequence[Visit], problem: LevelsProblem) -> Iterator[Finding]:
+def check_freedom(setup: Setup, visits: Sequence[Visit], problem: levels.LevelsProblem) -> Iterator[Finding]:
     """Equality tasks of one phase must leave each other room: one that has no freedom left acts in name only."""
     for visit in visits:
         q = visit.stances[0].configuration(setup)
@@ -205,11 +203,11 @@ def _rank(rows: np.ndarray) -> int:
     return int(np.linalg.matrix_rank(rows, tol=_RANK)) if rows.size else 0
 
 
-def _jacobians(setup: Setup, problem: LevelsProblem, q: np.ndarray) -> dict[str, np.ndarray]:
+def _jacobians(setup: Setup, problem: levels.LevelsProblem, q: np.ndarray) -> dict[str, np.ndarray]:
     """Jacobian of each level at q."""
     n_v, n_tasks = setup.robot.n_v, len(setup.mission.hierarchy.tasks)
-    parameters = np.concatenate([task_parameters(task, task.reference(0.0), q) for task in setup.mission.hierarchy.tasks])
+    parameters = np.concatenate([goals.task_parameters(task, task.reference(0.0), q) for task in setup.mission.hierarchy.tasks])
     zeros = np.zeros(n_v)
-    outputs = problem.function(q, zeros, np.zeros(N_PASSIVE), zeros, zeros, 10.0, parameters, np.ones(n_tasks))
+    outputs = problem.function(q, zeros, np.zeros(swing.N_PASSIVE), zeros, zeros, 10.0, parameters, np.ones(n_tasks))
     J = np.array(outputs[problem.function.index_out("J")])
     return dict(zip(problem.names, np.split(J, np.cumsum(problem.sizes)[:-1]), strict=True))

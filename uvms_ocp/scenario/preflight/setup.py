@@ -17,10 +17,8 @@ from uvms_ocp.control.force.dynamic import VelocityGains
 from uvms_ocp.mission import Below, Mission, Phase
 from uvms_ocp.record.display import WIDTH, SmallTable, TableDisplay
 from uvms_ocp.record.meta_values import DONE
-from uvms_ocp.robot import IDEAL_SENSORS, Robot, SensorSpecs
-from uvms_ocp.robot.assembly import rotation_at_rest
+from uvms_ocp.robot import IDEAL_SENSORS, Robot, SensorSpecs, assembly, thrusters
 from uvms_ocp.robot.robot import require_normalized
-from uvms_ocp.robot.thrusters import undriven_axes
 from uvms_ocp.sim.environment import Environment
 from uvms_ocp.tasks import Alignment, LandingAltitude, NullVelocity, Task, VehiclePose
 from uvms_ocp.tasks.goals import evaluate_pose, evaluate_vector
@@ -149,7 +147,7 @@ class Setup:
     def altimeter_height(self) -> float:
         """Height [m] of the altimeter above the vehicle's origin while the vehicle rests as thrusters and water leave it."""
         place: np.ndarray = self.altimeter_pose(self.robot.configuration()).translation
-        return float(rotation_at_rest(self.robot, self.start)[2] @ place if self.with_forces else place[2])
+        return float(assembly.rotation_at_rest(self.robot, self.start)[2] @ place if self.with_forces else place[2])
 
 
 def frame_pose(robot: Robot, q: np.ndarray, frame: str) -> pin.SE3:
@@ -264,7 +262,7 @@ def _stances_after(setup: Setup, visit: Visit) -> tuple[Stance, ...]:
     alignment = visit.active(Alignment)
     if alignment is not None:
         target, _ = evaluate_vector(alignment.name, alignment.goal, 0.0)
-        walks = not undriven_axes(setup.robot)
+        walks = not thrusters.undriven_axes(setup.robot)
         stances = tuple(_aligned(stance, target, walks=walks) for stance in stances)
     landing = visit.active(LandingAltitude)
     if landing is not None:
