@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import ctypes
 import re
+from pathlib import Path
 
 import casadi as ca
 import numpy as np
@@ -11,7 +12,7 @@ import pytest
 from compiler import needs_compiler
 
 from uvms_ocp.codegen.casadi_code import in_parts
-from uvms_ocp.codegen.compile import compile_function, compiled_symbol
+from uvms_ocp.codegen.compile import compile_function, compile_library, compiled_symbol
 
 LONG = 1500
 KINDS = (
@@ -58,6 +59,22 @@ def test_parts_take_nothing_for_zeros_and_write_what_is_wanted() -> None:
     arguments, results = (ctypes.c_void_p * 8)(X.ctypes.data, None), (ctypes.c_void_p * 8)(found.ctypes.data, None)
     assert call(arguments, results, None, None, 0) == 0
     np.testing.assert_allclose(found, known, rtol=1e-11, atol=1e-13)
+
+
+@needs_compiler
+def test_code_is_taken_apart_only_where_it_is_not_kept(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    monkeypatch.setenv("UVMS_OCP_CACHE", str(tmp_path))
+    calls: list[str] = []
+
+    def prepare(code: str) -> str:
+        calls.append(code)
+        return f"{code} int other(void) {{ return 2; }}"
+
+    one, again = (compile_library("int one(void) { return 1; }", prepare=prepare) for _ in range(2))
+    assert one == again
+    assert one is not None
+    assert ctypes.CDLL(str(one)).other() == 2
+    assert len(calls) == 1
 
 
 def test_no_part_has_many_variables_and_short_functions_have_none() -> None:

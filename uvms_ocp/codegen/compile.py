@@ -39,7 +39,7 @@ import casadi as ca
 import numpy as np
 
 from uvms_ocp.checks import checked
-from uvms_ocp.codegen.casadi_code import in_parts, without_numbers
+from uvms_ocp.codegen import casadi_code
 from uvms_ocp.errors import InvalidInput
 from uvms_ocp.progress import progress_bar
 
@@ -233,11 +233,13 @@ _log = logging.getLogger(__name__)
 
 
 @checked
-def compile_library(source: str, flags: Sequence[str] = (), name: str = "C code", others: Sequence[str] = ()) -> Path | None:
+def compile_library(
+    source: str, flags: Sequence[str] = (), name: str = "C code", others: Sequence[str] = (), prepare: Callable[[str], str] = str
+) -> Path | None:
     """Path of the library of ``source`` (C, linked with libm), which can be loaded; None where there is none (logged once).
 
     name: what it is called where the log tells, at level INFO, that it is being compiled. others: more sources of the same
-    library, each compiled by itself.
+    library, each compiled by itself. prepare: makes of the source what is compiled, where it is not kept already.
 
     The path is inside the user's cache, or inside ``UVMS_OCP_CACHE`` if that is set. A compiler is stopped after
     ``UVMS_OCP_COMPILE_TIMEOUT`` seconds, 300 by default. Raises `InvalidInput` where that is no time. Flags of
@@ -258,7 +260,7 @@ def compile_library(source: str, flags: Sequence[str] = (), name: str = "C code"
             with suppress(OSError):
                 os.utime(library)  # used now
             return library
-        if not _build(compiler, sources, flags, library, name):
+        if not _build(compiler, (prepare(source), *others), flags, library, name):
             return None
         shrink_cache(directory, MOST_CACHED)
         return library
@@ -363,10 +365,11 @@ def _compilation(function: ca.Function) -> tuple[Callable[[], Path | None], np.n
     """Work for any thread, and the numbers of its library; CasADi writes the code here."""
     generator = ca.CodeGenerator("function.c", {"verbose": False})
     generator.add(function)
-    form, numbers = without_numbers(generator.dump())
-    source = MATH + _KNOWN.format(n=len(numbers)) + in_parts(form)
+    form, numbers = casadi_code.without_numbers(generator.dump())
+    source = f"/* {_code_of(casadi_code.__file__)} */\n" + MATH + _KNOWN.format(n=len(numbers)) + form
     flags = _STRAIGHT if len(form) < _LONG_CODE else _LONG_STRAIGHT
-    return partial(compile_library, source, flags, function.name(), (_NUMBERS.format(n=len(numbers)),)), numbers
+    others = (_NUMBERS.format(n=len(numbers)),)
+    return partial(compile_library, source, flags, function.name(), others, casadi_code.in_parts), numbers
 
 
 @checked

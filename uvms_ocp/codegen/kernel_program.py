@@ -5,9 +5,9 @@ from __future__ import annotations
 import ast
 import ctypes
 import inspect
+import linecache
 import math
 import sys
-import textwrap
 from collections import Counter
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
@@ -404,10 +404,16 @@ def _variable(name: str, kind: c_code.CType, *, own: bool) -> str:
     return f"{kind.name} {c_code.c_name(name)} = 0"
 
 
-@lru_cache(maxsize=1024)
 def _syntax(kernel: Callable[..., Any]) -> ast.FunctionDef:
-    found = ast.parse(textwrap.dedent(inspect.getsource(kernel))).body[0]
-    if not isinstance(found, ast.FunctionDef) or len(found.decorator_list) > (kernel in WIDE):
+    place = kernel.__code__
+    found = _functions_in("".join(linecache.getlines(place.co_filename))).get(place.co_firstlineno)
+    if found is None or len(found.decorator_list) > (kernel in WIDE):
         raise InvalidInput(f"{kernel.__name__} is no plain function; kernels have no decorators but `wide`")
-    ast.increment_lineno(found, kernel.__code__.co_firstlineno - 1)
     return found
+
+
+@lru_cache(maxsize=128)
+def _functions_in(text: str) -> dict[int, ast.FunctionDef]:
+    """Functions at the top level of a file, by the line in which each begins: one parse is quicker than a search for each."""
+    functions = (node for node in ast.parse(text).body if isinstance(node, ast.FunctionDef))
+    return {node.decorator_list[0].lineno if node.decorator_list else node.lineno: node for node in functions}
