@@ -243,7 +243,7 @@ def compile_library(
 
     The path is inside the user's cache, or inside ``UVMS_OCP_CACHE`` if that is set. A compiler is stopped after
     ``UVMS_OCP_COMPILE_TIMEOUT`` seconds, 300 by default. Raises `InvalidInput` where that is no time. Flags of
-    ``UVMS_OCP_CFLAGS`` come last: with ``-O0`` compilation takes a quarter of the time, and what runs two to five times as long.
+    ``UVMS_OCP_CFLAGS`` come last: with ``-O0`` compilation takes half the time, and what runs two to five times as long.
     """
     compiler = _compiler()
     if compiler is None or compiler in _HUNG:
