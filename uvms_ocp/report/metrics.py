@@ -51,9 +51,9 @@ def extremes_of(record: Record, name: str) -> tuple[str, ...]:
     return both if both[0] in record.series else (name,)
 
 
-def _mean_sizes(record: Record, name: str, rows: slice) -> np.ndarray:
-    """Mean sizes of a series since the row before."""
-    return record[f"{name}_mean"][rows] if f"{name}_mean" in record.series else np.abs(record[name][rows] * 1.0)
+def _mean_sizes(record: Record, name: str, index: Any) -> np.ndarray:
+    """Mean sizes of a series since the row before, at an index of it."""
+    return np.abs(record[f"{name}_mean" if f"{name}_mean" in record.series else name][index])
 
 
 def failed_ticks(record: Record) -> dict[str, int]:
@@ -211,12 +211,12 @@ def figures_between(record: Record, start: float, end: float) -> dict[str, Any]:
     limits = record.meta.limits
     thrusters, joints = _gain(record, "thruster_energy", rows), _gain(record, "joint_energy", rows)
     meta = record.run_meta
-    rates = _mean_sizes(record, "v", rows)[:, _N_VEHICLE if meta.floating else 0 :]
+    of_joints = rows, slice(_N_VEHICLE if meta.floating else 0, None)
     saturated = _mean_sizes(record, "saturated", rows) if "saturated" in record.series else None
     return {
         "duration_s": end - start,
         "path_length_m": path_length(record["q"][rows, :3]) if meta.floating else 0.0,
-        **_by_kind(meta, "joint_path", rates[:-1].sum(axis=0) * meta.dt, np.sum),
+        **_by_kind(meta, "joint_path", _mean_sizes(record, "v", of_joints)[:-1].sum(axis=0) * meta.dt, np.sum),
         "thruster_energy_j": thrusters,
         "joint_energy_j": joints,
         "energy_j": None if thrusters is None or joints is None else thrusters + joints,
