@@ -11,6 +11,14 @@ from types import FrameType
 from typing import Any
 
 
+class Stopped(KeyboardInterrupt):
+    """Ctrl-C, or the stop of a notebook's cell, before there is anything to keep."""
+
+    def _render_traceback_(self) -> list[str]:
+        """What IPython prints: one line."""
+        return ["stopped by hand, before there was anything to keep"]
+
+
 class Interrupted(KeyboardInterrupt):
     """Ctrl-C, or the stop of a notebook's cell, with the `result` so far: the `Record` of a run, the `Plan` of a planner."""
 
@@ -57,7 +65,7 @@ class _Handler:
 
 @contextmanager
 def raised_outside_casadi() -> Iterator[None]:
-    """Raise the `KeyboardInterrupt` of Ctrl-C once CasADi has returned: what is raised within it is lost."""
+    """Raise `Stopped` for Ctrl-C once CasADi has returned: what is raised within it is lost."""
 
     def once_outside(frame: FrameType | None, *event: object) -> None:
         if _within_casadi(frame):
@@ -65,7 +73,7 @@ def raised_outside_casadi() -> Iterator[None]:
             return
         if sys.getprofile() is once_outside:
             sys.setprofile(None)
-        raise KeyboardInterrupt
+        raise Stopped
 
     try:
         with on_interrupt(once_outside):

@@ -18,7 +18,7 @@ import pytest
 from compiler import long_without_compiler
 
 import uvms_ocp as uo
-from uvms_ocp.interrupts import on_interrupt
+from uvms_ocp.interrupts import Stopped, on_interrupt
 from uvms_ocp.report.summary import cause_of_end
 from uvms_ocp.robot.signals import Command
 
@@ -108,9 +108,10 @@ def test_a_press_while_a_run_is_set_up_ends_it(press: Callable[[], object], monk
         return sensors(self)
 
     monkeypatch.setattr(uo.Scenario, "_sensors", pressed)
-    with default_answer(), pytest.raises(KeyboardInterrupt) as stop:
+    with default_answer(), pytest.raises(Stopped) as stop:
         scenario().run()
     assert not isinstance(stop.value, uo.Interrupted)
+    assert len(stop.value._render_traceback_()) == 1  # in a notebook
     assert sys.getprofile() is profile
 
 

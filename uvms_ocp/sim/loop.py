@@ -16,7 +16,7 @@ import numpy as np
 
 from uvms_ocp.checks import checked
 from uvms_ocp.errors import InvalidInput, require_known
-from uvms_ocp.interrupts import Interrupted, on_interrupt
+from uvms_ocp.interrupts import Interrupted, Stopped, on_interrupt
 from uvms_ocp.record.meta_values import LARGEST
 from uvms_ocp.record.record import Recorder
 from uvms_ocp.robot.signals import CHANNELS, ChannelHealth, Command, Reading, Readings, State, StateEstimate
@@ -105,7 +105,7 @@ def simulate(
                 _log.warning("the run ends at t = %g s: after it the plant's motion grew beyond what a record holds", t)
                 break
     if stops and "t" not in recorder:
-        raise KeyboardInterrupt
+        raise Stopped
     if stops:
         raise Interrupted(f"stopped by hand at t = {recorder.last('t'):g} s", recorder)
     return recorder
