@@ -70,12 +70,11 @@ def test_what_is_no_distribution_is_refused() -> None:
 def test_a_parameter_of_ones_own_is_applied(scenario: Scenario) -> None:
     own = Variation("slowness", Uniform(1.0, 2.0), apply=lambda given, value: replace(given, dt=0.01 * value))
     require_available([own], scenario)
-    assert vary(scenario, [own], {"slowness": 1.5}, 3).dt == 0.015
+    assert vary(scenario, {"slowness": 1.5}, variations=[own]).dt == 0.015
 
 
 def test_the_seed_reaches_sensors_and_gusts(scenario: Scenario) -> None:
-    gusty = Variation("current.gusts", Uniform(0.0, 0.1))
-    run = vary(scenario, [gusty], {"current.gusts": 0.05}, 77)
+    run = vary(scenario, {"current.gusts": 0.05}, seed=77)
     assert run.seed == 77
     assert isinstance(run.environment.current, GustyCurrent)
     assert (run.environment.current.seed, run.environment.current.sigma) == (77, 0.05)
@@ -85,7 +84,7 @@ def test_drag_is_a_factor_that_the_plant_feels_and_the_controller_does_not_know(
     q, still, flow = scenario.start, np.zeros(scenario.robot.n_v), Water(velocity=np.array([0.4, -0.2, 0.1]))
 
     def force(factor: float) -> np.ndarray:
-        run = vary(scenario, [Variation("water.drag", Uniform(0, 3))], {"water.drag": factor}, 0)
+        run = vary(scenario, {"water.drag": factor}, seed=0)
         assert run.robot is scenario.robot
         return robot_dynamics(run.plant_robot).inverse_dynamics(q, still, still, flow)
 
@@ -100,7 +99,7 @@ def test_mass_and_added_mass_scale_what_resists(scenario: Scenario) -> None:
 
     def mass_matrix(**values: float) -> np.ndarray:
         named = {name.replace("_", ".", 1): value for name, value in values.items()}
-        run = vary(scenario, [Variation(name, Uniform(0, 3)) for name in named], named, 0)
+        run = vary(scenario, named, seed=0)
         return robot_dynamics(run.plant_robot or run.robot).mass_matrix(q)
 
     nominal, heavy, dry = mass_matrix(), mass_matrix(robot_mass=2.0), mass_matrix(water_added_mass=0.0)
@@ -108,11 +107,22 @@ def test_mass_and_added_mass_scale_what_resists(scenario: Scenario) -> None:
 
 
 def test_a_payload_weighs_at_the_tool(scenario: Scenario) -> None:
-    run = vary(scenario, [Variation("payload.mass", Uniform(0, 3))], {"payload.mass": 1.5}, 0)
+    run = vary(scenario, {"payload.mass": 1.5}, seed=0)
     q, still = run.start, np.zeros(run.robot.n_v)
     loaded, bare = (robot_dynamics(robot).inverse_dynamics(q, still, still) for robot in (run.plant_robot, run.robot))
     R = np.array(run.robot.model.gravity.linear)
     assert np.isclose(np.linalg.norm((loaded - bare)[:3]), 1.5 * np.linalg.norm(R), rtol=1e-9)
+
+
+def test_a_parameter_that_there_is_not_is_named_with_those_like_it(scenario: Scenario) -> None:
+    with pytest.raises(NameNotFound, match=r"unknown parameter 'tasks.AT.gian'. Did you mean 'tasks.AT.gain'"):
+        vary(scenario, {"tasks.AT.gian": 0.3})
+
+
+def test_another_number_is_the_scenario_that_has_it_and_its_randomness_stays(scenario: Scenario) -> None:
+    changed = vary(replace(scenario, seed=7), {"tasks.AT.gain": 0.3})
+    assert next(task for task in changed.mission.hierarchy.tasks if task.name == "AT").gain == 0.3
+    assert changed.seed == 7
 
 
 def test_each_tool_has_a_payload_of_its_own() -> None:
@@ -120,7 +130,7 @@ def test_each_tool_has_a_payload_of_its_own() -> None:
     tools, q = scenario.robot.tools, scenario.start
     still = np.zeros(scenario.robot.n_v)
     for name, tool in (("payload.mass", tools[0]), ("payload2.mass", tools[1])):
-        run = vary(scenario, [Variation(name, Uniform(0, 3))], {name: 0.5}, 0)
+        run = vary(scenario, {name: 0.5}, seed=0)
         loaded, bare = (robot_dynamics(robot).inverse_dynamics(q, still, still) for robot in (run.plant_robot, run.robot))
         weight = Kinematics(run.robot, q).jacobian(tool)[2] * 0.5 * -run.robot.model.gravity.linear[2]
         assert np.allclose(loaded - bare, weight, rtol=1e-9, atol=1e-9)
@@ -128,7 +138,7 @@ def test_each_tool_has_a_payload_of_its_own() -> None:
 
 def test_speed_and_heading_make_a_current_whatever_their_order(scenario: Scenario) -> None:
     values = {"current.heading": 2.0, "current.speed": 0.25}
-    run = vary(scenario, [Variation(name, Uniform(0, 3)) for name in values], values, 0)
+    run = vary(scenario, values, seed=0)
     current = run.environment.current
     assert isinstance(current, UniformCurrent)
     assert np.allclose(current.value, [0.25 * np.cos(2.0), 0.25 * np.sin(2.0), 0.0])
@@ -136,7 +146,7 @@ def test_speed_and_heading_make_a_current_whatever_their_order(scenario: Scenari
 
 def test_sensors_change_in_truth_and_not_for_the_estimator(scenario: Scenario) -> None:
     values = {"sensors.noise": 3.0, "sensors.unmodelled_delay": 0.05, "sensors.depth.sigma": 0.2}
-    run = vary(scenario, [Variation(name, Uniform(0, 9)) for name in values], values, 0)
+    run = vary(scenario, values, seed=0)
     assert run.sensors == scenario.sensors
     assert run.real_sensors.position.sigma == 3.0 * scenario.sensors.position.sigma
     assert run.real_sensors.position.delay == scenario.sensors.position.delay + 0.05
@@ -145,12 +155,12 @@ def test_sensors_change_in_truth_and_not_for_the_estimator(scenario: Scenario) -
 
 def test_a_delay_is_known_to_the_estimator_and_an_unmodelled_one_comes_on_top(scenario: Scenario) -> None:
     values = {"sensors.delay": 0.05, "sensors.depth.delay": 0.2, "sensors.depth.unmodelled_delay": 0.03}
-    run = vary(scenario, [Variation(name, Uniform(0, 9)) for name in values], values, 0)
+    run = vary(scenario, values, seed=0)
     assert run.specs.position.delay == run.real_sensors.position.delay == scenario.specs.position.delay + 0.05
     assert run.specs.depth.delay == 0.2
     assert run.real_sensors.depth.delay == pytest.approx(0.23)
     known = {"sensors.delay": 0.05}
-    assert vary(scenario, [Variation("sensors.delay", Uniform(0, 1))], known, 0).real_sensors is None
+    assert vary(scenario, known, seed=0).real_sensors is None
 
 
 @pytest.mark.slow
@@ -159,7 +169,7 @@ def test_a_delay_is_known_to_the_estimator_and_an_unmodelled_one_comes_on_top(sc
     ("name", "delay"), [("sensors.delay", 0.05), ("sensors.delay", 0.15), ("sensors.joint_positions.delay", 0.2)]
 )
 def test_a_mission_bears_a_delay_that_is_known(scenario: Scenario, name: str, delay: float) -> None:
-    record = vary(scenario, [Variation(name, Uniform(0, 1))], {name: delay}, 0).run()
+    record = vary(scenario, {name: delay}, seed=0).run()
     assert record.meta.completed
     assert not [alarm.text for alarm in record.meta.alarms if "suspect" in alarm.text]
 
@@ -168,9 +178,7 @@ def test_a_mission_bears_a_delay_that_is_known(scenario: Scenario, name: str, de
 @long_without_compiler
 @pytest.mark.parametrize("dt", [0.02, 0.005])
 def test_a_mission_bears_20_ms_of_unmodelled_delay(scenario: Scenario, dt: float) -> None:
-    late = vary(
-        replace(scenario, dt=dt), [Variation("sensors.unmodelled_delay", Uniform(0, 1))], {"sensors.unmodelled_delay": 0.02}, 0
-    )
+    late = vary(replace(scenario, dt=dt), {"sensors.unmodelled_delay": 0.02}, seed=0)
     record = late.run()
     assert record.meta.completed
     assert not [alarm.text for alarm in record.meta.alarms if "suspect" in alarm.text]
@@ -180,7 +188,7 @@ def test_a_mission_bears_20_ms_of_unmodelled_delay(scenario: Scenario, dt: float
 def test_an_offset_of_zero_and_a_factor_of_one_change_nothing_that_is_measured(scenario: Scenario) -> None:
     neutral = {"start.yaw": 0.0, "floor.z": 0.0, "goals.PC.x": 0.0, "sensors.noise": 1.0, "thrusters.limit": 1.0}
     short = replace(scenario, duration=0.2)
-    run = vary(short, [Variation(name, Uniform(0, 3)) for name in neutral], neutral, short.seed)
+    run = vary(short, neutral, seed=short.seed)
     one, other = short.run(), run.run()
     assert np.allclose(one["q"], other["q"], rtol=0, atol=1e-12)
 
@@ -188,7 +196,7 @@ def test_an_offset_of_zero_and_a_factor_of_one_change_nothing_that_is_measured(s
 @pytest.mark.parametrize("name", ["goals.PC.z", "goals.T.yaw", "goals.AT.x"])
 def test_a_goal_is_moved(scenario: Scenario, name: str) -> None:
     task = name.split(".")[1]
-    run = vary(scenario, [Variation(name, Uniform(0, 1))], {name: 0.3}, 0)
+    run = vary(scenario, {name: 0.3}, seed=0)
     before, after = (s.mission.hierarchy.tasks[s.mission.hierarchy.index(task)].reference(0.0) for s in (scenario, run))
     assert 0.05 < np.abs(after - before).max() <= 0.3 + 1e-9
 

@@ -62,7 +62,7 @@ class MissionJob(jobs.CampaignJob):
 
     def scenario_of(self, run: int) -> Scenario:
         """Build the scenario of a run."""
-        return vary(self.base(), self._variations(), self.values(run), self.design.seed_of(run))
+        return vary(self.base(), self.values(run), variations=self._variations(), seed=self.design.seed_of(run))
 
     def base(self) -> Scenario:
         """The scenario that is varied."""

@@ -16,12 +16,13 @@ from uvms_ocp.campaign.distributions import Parameter, distribution_of, real_num
 from uvms_ocp.campaign.robot_parameters import machine_parameters, sensor_parameters
 from uvms_ocp.checks import checked, checked_dataclass
 from uvms_ocp.control.force.dynamic import VelocityGains
-from uvms_ocp.errors import InvalidInput, NameNotFound
+from uvms_ocp.errors import InvalidInput, NameNotFound, require_known
 from uvms_ocp.mission.mission import Mission
 from uvms_ocp.planning.scene import joint_axis
 from uvms_ocp.scenario.scenario import Scenario, maker_of
 from uvms_ocp.sim import Current, FlatSeafloor, GustyCurrent, HeightField, OnsetCurrent, StillWater, UniformCurrent
 from uvms_ocp.tasks import Hierarchy, JointTracking
+from uvms_ocp.types import Count
 
 # Parameters of the current: uniform parts, heading and gusts.
 
@@ -267,14 +268,20 @@ def require_available(variations: Sequence[Variation], scenario: Scenario) -> No
 
 
 @checked
-def vary(scenario: Scenario, variations: Sequence[Variation], values: Mapping[str, float], seed: int) -> Scenario:
-    """The scenario with these `values` [unit of each] by name of a parameter, and everything else that is random by `seed`.
+def vary(
+    scenario: Scenario, values: Mapping[str, float], *, variations: Sequence[Variation] = (), seed: Count | None = None
+) -> Scenario:
+    """Return the scenario with these values [unit of each] by name of a parameter, which compiles nothing anew.
 
-    Parameters are applied in the order in which `available_parameters` has them, those of one's own last. Raises what a value
-    that is impossible raises.
+    seed: of everything else that is random; left out: the scenario's. variations: parameters of one's own, which come last;
+    others in the order of `available_parameters`. Raises `NameNotFound` for a parameter that the scenario does not have, and
+    what a value that is impossible raises.
     """
     known, own = available_parameters(scenario), {v.name: v.apply for v in variations if v.apply is not None}
-    changed = seeded(scenario, seed)
+    for name in values:
+        if name not in own:
+            require_known("parameter", name, known)
+    changed = scenario if seed is None else seeded(scenario, seed)
     for name, parameter in known.items():
         if name in values and name not in own:
             changed = parameter.apply(changed, values[name])
