@@ -16,10 +16,13 @@ from uvms_ocp import load_robot, without_arm
 from uvms_ocp.cli.commands import app
 from uvms_ocp.errors import InvalidInput
 from uvms_ocp.identification.calibration import Calibration, calibrate
+from uvms_ocp.identification.fit import FitContext, Search, constant_slopes
 from uvms_ocp.identification.model import stage_of
-from uvms_ocp.identification.parameters import DELAYS, NominalParameters
+from uvms_ocp.identification.output_error import Noise
+from uvms_ocp.identification.parameters import DELAYS, NominalParameters, Unknowns
 from uvms_ocp.identification.recording import Recording
 from uvms_ocp.identification.results import report_text, variant_text, whole_text
+from uvms_ocp.identification.rollout import PreparedRecording, Rollout
 from uvms_ocp.identification.settings import CalibrationSettings, NoiseSettings, calibrated_robot, read_settings, with_delays
 from uvms_ocp.identification.tables import write_recording
 from uvms_ocp.identification.uncertainty import MISSES, numbers
@@ -158,14 +161,20 @@ def test_a_fit_with_a_wrong_delay_says_what_it_does_not_explain_and_claims_no_wr
 def test_constants_are_given_of_the_file_or_assumed_and_what_is_assumed_widens_intervals() -> None:
     found = case()[2]
     known = {one.quantity: one.known for one in found.constants}
-    assumed = ("gain", "reverse", "velocity_point", "attitude_turn", "noise process")
+    assumed = ("gain", "reverse", "velocity_point", "attitude_turn", "attitude_offset", "rate_bias", "noise process")
+    seen = ("bias", "wrench_offset", "current")
     given = ("lag", "delay", "velocity_delay", "noise velocity", "noise rate", "noise vertical")
-    assert known == {**dict.fromkeys(assumed, "assumed"), **dict.fromkeys(given, "given"), "mass": "robot's file"}
+    filed = dict.fromkeys(("mass", "centre_of_mass", "second_moment"), "robot's file")
+    assert known == {**dict.fromkeys((*assumed, *seen), "assumed"), **dict.fromkeys(given, "given"), **filed}
+    change = {one.quantity: one.change for one in found.constants}
+    assert change["wrench_offset"] == change["bias"] > 1.0
     alone = numbers(found.subject.vehicle, replace(found.estimate, assumed=0.0), found.inflation)
     assert all(one.sigma > before.sigma for one, before in zip(found.numbers, alone, strict=True))
     report = report_text(found)
     assert "| gain | 1 | - | assumed | 0.03 | " in report
     assert "| noise velocity | 0.02 | m/s | given | 1 | " in report
+    assert "| hull | -0.25 to 0.25 | m | given | - | " in report
+    assert "| wrench_offset | 0 | N, N m | assumed | 0.003 | " in report
     assert "| noise process | 0.05 | m/s, rad/s, rad | assumed | 1 | " in report
     silent = CalibrationSettings.model_validate(_yaml() | {"delay": None, "velocity_delay": None})  # type: ignore[operator]
     for at_once in (False, True):
@@ -173,6 +182,28 @@ def test_constants_are_given_of_the_file_or_assumed_and_what_is_assumed_widens_i
         assert {"delay", "velocity_delay"} <= set(one.shared.names) or at_once
         none = [one.shared.declaration.quantities[name].value.item() < 1e-5 for name in DELAYS]
         assert none == [at_once] * 2
+
+
+def test_what_a_current_would_change_is_what_a_fit_with_it_finds() -> None:
+    """To first order; each recording has one for itself."""
+    settings, recording, found = case()
+    one, noise = found.subject.vehicle, Noise(**settings.noise.model_dump())
+    known = {
+        "vehicle": one,
+        "prepared": (PreparedRecording.of(recording, one),),
+        "noise": noise,
+        "rollout": Rollout(stage_of(one)),
+    }
+    fitted = FitContext(**known, search=Search(step=settings.step, stretch=settings.stretch), estimate=found.estimate)  # type: ignore[arg-type]
+    names, slopes = constant_slopes(fitted, ["current"])
+    ends, size = [], 0.002
+    for way in (-size, size):
+        moved = one.shared.declaration.with_start(current=way * np.eye(3)[0])
+        other = replace(one, shared=Unknowns(moved), own=Unknowns(moved, own=True))
+        problem = replace(fitted, vehicle=other, rollout=Rollout(stage_of(other, sharp=True))).problem()
+        ends.append(problem.solve(problem.resumed(found.estimate), tolerance=1e-9).shared)
+    expected = 2.0 * size * slopes[:, names.index("current x")]
+    assert np.abs(ends[1] - ends[0] - expected).max() < 0.1 * np.abs(expected).max()
 
 
 @pytest.mark.slow

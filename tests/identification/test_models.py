@@ -76,7 +76,7 @@ def built(
     *, n_joints: int = 0, actuators: ActuatorModel | None = None, learnt: tuple[str, ...] = (*LEARNT, *OTHERS)
 ) -> tuple[Vehicle, StageFunctions]:
     known = declaration(actuators=actuators).with_status(**dict.fromkeys(learnt, Free()))
-    known = known.with_status(current=Free(), wrench_offset=Free(), attitude_offset=Free())
+    known = known.with_status(current=Free(), wrench_offset=Free(), attitude_offset=Free(), rate_bias=Free())
     own = Unknowns(known, own=True)
     one = Vehicle(
         dynamics=vehicle(n_joints), shared=Unknowns(known), own=own, actuators=actuators or ActuatorModel(dead_zone=0.5)
@@ -167,5 +167,6 @@ def test_a_sensor_of_attitude_that_sits_turned_sees_the_motion_in_its_own_frame(
     R_BS = pin.exp3(np.asarray(ca.DM(values["attitude_turn"] + values["attitude_offset"])).ravel())
     R_WB = pin.Quaternion(x[3:7]).toRotationMatrix()
     seen = np.asarray(stage.outputs(x, p)[0]).ravel()
-    np.testing.assert_allclose(seen[3:6], R_BS.T @ x[10:13], atol=1e-14)
+    bias = np.asarray(ca.DM(values["rate_bias"])).ravel()
+    np.testing.assert_allclose(seen[3:6], R_BS.T @ x[10:13] + bias, atol=1e-14)
     np.testing.assert_allclose(seen[6:], (R_WB @ R_BS).T @ [0, 0, 1], atol=1e-14)

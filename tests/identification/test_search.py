@@ -55,3 +55,22 @@ def test_a_search_goes_on_by_itself_where_its_iterations_are_too_few() -> None:
     assert found.status is FitStatus.CONVERGED
     assert 1 < found.iterations < 10
     np.testing.assert_allclose(found.shared, wanted.shared, atol=1e-3)
+
+
+def test_long_recordings_are_searched_along_some_minutes_first_and_give_the_same(monkeypatch: pytest.MonkeyPatch) -> None:
+    one = vehicle()
+    rollout = Rollout(stage_of(one))
+    truth, said = one.shared.start + 0.1, list[str]()
+    drives = [drive(rollout.stage, truth, seed=seed, t_end=20.0, noise=0.005) for seed in range(3)]
+    prepared = [PreparedRecording.of(each, one) for each in drives]
+    search = Search(step=0.05, stretch=10.0, progress=said.append)
+    wanted = search_fit(one, prepared, NOISE, rollout, search)
+    assert not any("of 4" in line for line in said)
+    monkeypatch.setattr("uvms_ocp.identification.fit._ENOUGH", 20.0)
+    found = search_fit(one, prepared, NOISE, rollout, search)
+    assert any("search 4 of 4" in line for line in said)
+    errors = 1.0 / np.sqrt(np.diag(wanted.information))
+    assert (np.abs(found.shared - wanted.shared) < 0.1 * errors).all()
+    np.testing.assert_allclose(found.information, wanted.information, rtol=0.01, atol=0.01 * np.abs(wanted.information).max())
+    assert found.own.keys() == wanted.own.keys()
+    assert len(found.starts) == len(wanted.starts)

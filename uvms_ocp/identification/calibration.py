@@ -233,8 +233,14 @@ def _held(fitted: FitContext, which: np.ndarray) -> Estimate | None:
 # What a fit takes for known: what numbers would be if it were otherwise. What is assumed widens intervals by it.
 
 _SPREADS = {"gain": 0.03, "reverse": 0.03, "lag": 0.1, "delay": 0.01, "velocity_delay": 0.01}
-_SPREADS |= {"velocity_point": 0.02, "attitude_turn": 0.01, "mass": 0.02}
-"""Assumed standard deviations of constants: relative for gains, lags and masses, delays [s], points [m], turns [rad]."""
+_SPREADS |= {"mass": 0.02, "centre_of_mass": 0.005, "second_moment": 0.1, "velocity_point": 0.02, "attitude_turn": 0.01}
+_SPREADS |= {"bias": 0.003, "current": 0.01, "rate_bias": 0.002}
+"""Assumed standard deviations of constants: relative for gains, lags and masses, delays [s], points [m], turns [rad], rates
+[rad/s], currents [m/s], biases by shares of the weight, and that at an arm of 1 m."""
+_ALIKE = {"wrench_offset": "bias", "attitude_offset": "attitude_turn"}
+"""What a recording has for itself and what all have, of which a fit takes the sum."""
+_FILED, _SEEN = ("mass", "centre_of_mass", "second_moment"), ("bias", "current")
+"""Constants of the robot's file, and assumed ones that are no part of intervals: recordings show them where they are not 0."""
 _NOISIER = {"velocity": "m/s", "rate": "rad/s", "vertical": "-", "process": "m/s, rad/s, rad"}
 """Deviations of noise that weigh samples, and units: what they would change if they were twice as large."""
 
@@ -265,8 +271,9 @@ def held_constants(
     quantities = fitted.vehicle.shared.declaration.quantities
     names, slopes = constant_slopes(fitted, [name for name in _SPREADS if not quantities[name].free.any()])
     owners = np.array([name.partition(" ")[0] for name in names])
-    units = [max(quantities[name].value.item(), parameters.AT_ONCE) if name in parameters.DELAYS else 1.0 for name in owners]
-    moved = slopes * [_SPREADS[name] / unit for name, unit in zip(owners, units, strict=True)]
+    units = {name: 1.0 / max(quantities[name].value.item(), parameters.AT_ONCE) for name in parameters.DELAYS}
+    units["bias"] = float(np.linalg.norm(fitted.vehicle.dynamics.model.gravity.linear)) * quantities["mass"].value.item()
+    moved = slopes * [_SPREADS[name] * units.get(name, 1.0) for name in owners]
     numbered, with_unknowns = uncertainty.slopes_of(fitted.vehicle, fitted.estimate.shared)
     C = uncertainty.covariance(fitted.vehicle, fitted.estimate, inflation)
     errors, found, assumed = np.sqrt(np.einsum("ij,jk,ik->i", with_unknowns, C, with_unknowns)), [], fitted.estimate.assumed
@@ -277,11 +284,12 @@ def held_constants(
         return {"most": numbered[int(np.argmax(change))][1], "change": float(change.max())}
 
     for name in dict.fromkeys(owners.tolist()):
-        of_file = name == "mass" or (name == "lag" and settings.commands != "wrench")
+        of_file = name in _FILED or (name == "lag" and settings.commands != "wrench")
         known = "given" if getattr(settings, name, None) is not None else "robot's file" if of_file else "assumed"
         own = moved[:, owners == name]
-        assumed = assumed + own @ own.T * (known == "assumed")
-        found.append(HeldConstant(quantity=name, known=known, spread=_SPREADS[name], **most(own)))
+        assumed = assumed + own @ own.T * (known == "assumed" and name not in _SEEN)
+        alike = [name, *(one for one, other in _ALIKE.items() if other == name and not quantities[one].free.any())]
+        found += [HeldConstant(quantity=one, known=known, spread=_SPREADS[name], **most(own)) for one in alike]
     for name, unit in _NOISIER.items():
         sigma, known = getattr(fitted.noise, name), "given" if name in settings.noise.model_fields_set else "assumed"
         noisier = replace(fitted, noise=replace(fitted.noise, **{name: 2.0 * sigma})).problem()

@@ -8,6 +8,7 @@ from __future__ import annotations
 from collections import defaultdict
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from itertools import groupby
 
 import numpy as np
 
@@ -108,6 +109,7 @@ _COARSER_STEP = 1.5  # times the step, at least, with which another search tells
 _ROUGH_STEP, _ROUGH_STRETCH = 0.05, 1.0  # [s]
 _ROUGH_ITERATIONS, _ROUGH_TOLERANCE = 20, 1e-3
 _NOTHING = 1e-9  # of information
+_ENOUGH = 600.0  # [s] of recordings, on which the way is found that the last search goes on along all of them
 _ROUNDS = 10  # of iterations, the first among them, while each of them still lowers the cost
 
 
@@ -129,23 +131,32 @@ def search_fit(
     vehicle: Vehicle, recordings: Sequence[PreparedRecording], noise: Noise, rollout: Rollout, search: Search | None = None
 ) -> Estimate:
     """The unknowns that explain the recordings best, from where the declaration has them."""
-    chosen = search or Search()
-    rough = _error(vehicle, recordings, _rough(noise), rollout, _ROUGH_STEP, _ROUGH_STRETCH)
+    chosen, long = search or Search(), sum(float(np.ptp(one.recording.span)) for one in recordings)
+    some, coarse = max(1, round(long / _ENOUGH)), max(_COARSER_STEP * chosen.step, min(_COARSE * chosen.step, _ROUGH_STEP))
+    steps, found = [(coarse, some), (chosen.step, some), *([(chosen.step, 1)] if some > 1 else [])], list[np.ndarray]()
 
-    def numbered(k: int) -> Callable[[str], None]:
-        return lambda text: chosen.progress(f"search {k} of 3, {text}")
+    def error(number: int, noise: Noise, step: float, stretch: float, every: int) -> OutputErrorProblem:
+        parts = [part for one in recordings for part in one.stretches(step, stretch)]
+        problem = OutputErrorProblem(vehicle, _some(parts, every), noise, rollout)
+        problem.progress = lambda text: chosen.progress(f"search {number} of {len(steps) + 1}, {text}")
+        return problem
 
-    rough.progress = numbered(1)
+    rough = error(1, _rough(noise), _ROUGH_STEP, _ROUGH_STRETCH, some)
     near = rough.solve(rough.start(), iterations=_ROUGH_ITERATIONS, tolerance=_ROUGH_TOLERANCE)
-    coarse, found = max(_COARSER_STEP * chosen.step, min(_COARSE * chosen.step, _ROUGH_STEP)), list[np.ndarray]()
-    for k, step in enumerate((coarse, chosen.step), start=2):
-        error = _error(vehicle, recordings, noise, rollout, step, chosen.stretch)
-        error.progress = numbered(k)
-        near = resumed_search(error, error.solve(error.start(near.shared), iterations=chosen.iterations), chosen.iterations)
+    for k, (step, every) in enumerate(steps, start=2):
+        fine = error(k, noise, step, chosen.stretch, every)
+        near = resumed_search(fine, fine.solve(fine.start(near.shared), iterations=chosen.iterations), chosen.iterations)
         found.append(near.shared)
     # Errors of the simulation grow with the square of its step (Richardson's extrapolation).
     off = (found[1] - found[0]) / ((coarse / chosen.step) ** 2 - 1.0)
     return replace(near, assumed=np.outer(off, off))
+
+
+def _some(stretches: Sequence[Segment], every: int) -> Sequence[Segment]:
+    """Those of one minute of so many, as recordings of their own; for one all, as they are."""
+    minutes = [list(group) for _, group in groupby(stretches, key=lambda one: (one.recording, one.edges[0] // 60.0))]
+    some = [replace(one, recording=f"{one.recording} {k}") for k, minute in enumerate(minutes[::every]) for one in minute]
+    return some if every > 1 else stretches
 
 
 def resumed_search(error: OutputErrorProblem, found: Estimate, iterations: int) -> Estimate:
@@ -161,13 +172,6 @@ def resumed_search(error: OutputErrorProblem, found: Estimate, iterations: int) 
 def _rough(noise: Noise) -> Noise:
     seen = {name: _COARSER * getattr(noise, name) for name in ("velocity", "rate", "vertical")}
     return replace(noise, **seen, process=1.0, start=2.0 * noise.velocity, outliers=1e3)
-
-
-def _error(
-    vehicle: Vehicle, recordings: Sequence[PreparedRecording], noise: Noise, rollout: Rollout, step: float, stretch: float
-) -> OutputErrorProblem:
-    parts = [part for one in recordings for part in one.stretches(step, stretch)]
-    return OutputErrorProblem(vehicle, parts, noise, rollout)
 
 
 # A vehicle, the recordings that it was identified on, and how: what answers are asked of.
@@ -225,14 +229,17 @@ class FitContext:
 
 
 def constant_slopes(fitted: FitContext, held: Sequence[str]) -> tuple[tuple[str, ...], np.ndarray]:
-    """Coordinates of the quantities that a fit held, and slopes (n, m) of its n unknowns with m of these."""
-    known = fitted.vehicle.shared
-    freed = {name: replace(one, free=one.free | (name in held)) for name, one in known.declaration.quantities.items()}
+    """Coordinates of the quantities that a fit held, and slopes (n, m) of its n unknowns with m of these.
+
+    What each recording may have for itself is off in all of them alike.
+    """
+    known, freed = fitted.vehicle.shared, dict(fitted.vehicle.shared.declaration.quantities)
+    freed |= {name: replace(freed[name], free=np.ones_like(freed[name].free), own=False) for name in held}
     wider = Unknowns(Declaration(quantities=freed))
     learnt = np.isin(wider.names, known.names)
     point = wider.start
     point[learnt] = fitted.estimate.shared
-    vehicle = replace(fitted.vehicle, shared=wider)
+    vehicle = replace(fitted.vehicle, shared=wider, own=Unknowns(wider.declaration, own=True))
     problem = replace(fitted, vehicle=vehicle, rollout=Rollout(stage_of(vehicle, sharp=True))).problem()
     H = problem.solve(problem.resumed(replace(fitted.estimate, shared=point)), iterations=0).information
     stiff = H[np.ix_(learnt, learnt)] + _NOTHING * np.eye(int(learnt.sum()))

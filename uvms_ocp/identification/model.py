@@ -184,7 +184,7 @@ def _outputs(values: dict[str, ca.SX], x: ca.SX) -> ca.SX:
     linear, angular = x[N_Q : N_Q + 3], x[N_Q + 3 : N_Q + N_V]
     vertical = quaternion_to_matrix(x[3:N_Q])[2, :].T
     at_point = linear + cross(angular, values["velocity_point"])
-    return ca.vertcat(at_point, as_measured(values, angular), as_measured(values, vertical))
+    return ca.vertcat(at_point, as_measured(values, angular) + values["rate_bias"], as_measured(values, vertical))
 
 
 def as_measured(values: dict[str, ca.SX], vector: ca.SX) -> ca.SX:

@@ -261,8 +261,9 @@ class OutputErrorProblem:
         before = self._total(point, [block.cost for block in blocks])
         for _ in range(8):
             after = self._moved(point, blocks, damping, frozen)
-            cost = self._total(after, self._costs(after))
-            if np.isfinite(cost) and cost < before and finite(blocks_there := self._blocks(after)):
+            blocks_there = self._blocks(after)  # with slopes, as most steps are taken
+            cost = self._total(after, [block.cost for block in blocks_there])
+            if np.isfinite(cost) and cost < before and finite(blocks_there):
                 return after, max(damping / 5.0, _NEARLY_NONE), cost, blocks_there
             damping *= 8.0
         return None

@@ -396,6 +396,7 @@ def _of_recordings() -> dict[str, Quantity]:
         "current": Quantity.fixed("m/s", Reals(names=_XYZ), np.zeros(3), own=True),
         "wrench_offset": Quantity.fixed("N, N m", Reals(names=AXES), np.zeros(6), own=True),
         "attitude_offset": Quantity.fixed("rad", Reals(names=_XYZ), np.zeros(3), own=True),
+        "rate_bias": Quantity.fixed("rad/s", Reals(names=_XYZ), np.zeros(3), own=True),
     }
 
 

@@ -16,6 +16,7 @@ import yaml
 
 from uvms_ocp.identification import uncertainty
 from uvms_ocp.identification.calibration import Calibration, Comparison
+from uvms_ocp.identification.coordinates import Interval
 from uvms_ocp.identification.experiment_design import Excitation
 from uvms_ocp.identification.fit import Predicted, fit_percent
 from uvms_ocp.identification.parameters import AXES
@@ -303,6 +304,10 @@ def _held(one: Calibration) -> Iterator[str]:
             of, other = effects.get(name), "robot's file" if name in _OF_FILE or not one.constants else "assumed"
             effect = f"{of.known} | {of.spread:g} | {of.most} by {of.change:.2g}" if of else f"{other} | - | -"
             yield f"| {name} | {shown} | {each.unit} | {effect} |"
+    box = one.subject.vehicle.shared.declaration.quantities["centre_of_buoyancy"].coordinates
+    if isinstance(box, Interval):
+        ends = f"{box.lower.min():.4g} to {box.upper.max():.4g}"
+        yield f"| hull | {ends} | m | given | - | centre_of_buoyancy where that ends at it |"
     for of in (effects[name] for name in effects if effects[name].unit):
         yield f"| {of.quantity} | {of.value:g} | {of.unit} | {of.known} | {of.spread:g} | {of.most} by {of.change:.2g} |"
 

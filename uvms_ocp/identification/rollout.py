@@ -386,9 +386,8 @@ class _StretchRun:
         found = []
         for sensor in range(3):
             index, share = self._place(k, sensor)
-            rows = values[:, 3 * sensor : 3 * sensor + 3]
-            share = share.reshape(-1, *([1] * (rows.ndim - 1)))
-            found.append((1.0 - share) * rows[index] + share * rows[index + 1])
+            rows, later = values[:, 3 * sensor : 3 * sensor + 3], share[:, None]
+            found.append((1.0 - later) * rows[index] + later * rows[index + 1])
         return tuple(found)
 
     def _place(self, k: int, sensor: int) -> tuple[np.ndarray, np.ndarray]:
