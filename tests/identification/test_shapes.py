@@ -17,13 +17,7 @@ from uvms_ocp.identification.calibration import calibrate
 from uvms_ocp.identification.parameters import AXES
 from uvms_ocp.identification.recording import Channel, Recording
 from uvms_ocp.identification.results import report_text, variant_text, whole_text
-from uvms_ocp.identification.settings import (
-    SHAPE_SPREADS,
-    CalibratedRobot,
-    CalibrationSettings,
-    calibrated_robot,
-    require_coefficients,
-)
+from uvms_ocp.identification.settings import SHAPE_SPREADS, CalibratedRobot, CalibrationSettings, calibrated_robot
 from uvms_ocp.robot.assembly import without_arm
 from uvms_ocp.robot.coefficients import links_in_water
 from uvms_ocp.robot.hydrodynamics import LinkHydrodynamics
@@ -135,14 +129,14 @@ def test_a_turned_shape_is_refused_for_its_axes_are_not_those_of_the_link(tmp_pa
     cylinder = {"radius": 0.2, "length": 0.9, "pose": {"rpy": [0.0, 1.5707963267948966, 0.0]}}
     one, _ = subject_of(shaped(tmp_path, {"cylinder": cylinder}))
     with pytest.raises(InvalidInput, match="base_link: give it coefficients along the axes of its link"):
-        require_coefficients(one)
+        one.coefficients()
 
 
 def test_a_robot_that_is_begun_with_is_one_to_identify(tmp_path: Path) -> None:
     result = CliRunner().invoke(app, ["new-robot", str(tmp_path / "mine")])
     assert result.exit_code == 0, result.output
     one, _ = subject_of(tmp_path, arm="as it is", commands="thrust", axes=[*AXES])
-    found = require_coefficients(one)
+    found = one.coefficients()
     for field in COEFFICIENTS[:3]:
         np.testing.assert_allclose(np.diag(getattr(hull_of(one.robot), field)), getattr(found, field))
     assert "added_mass roll" in one.vehicle.shared.names

@@ -19,13 +19,7 @@ from uvms_ocp.identification.proposed_mapping import propose_mapping
 from uvms_ocp.identification.reading import UNITS, read_mapping, read_recording
 from uvms_ocp.identification.recording import CHANNEL_KINDS, Channel, Recording, split_at_gaps
 from uvms_ocp.identification.results import excitation_text, report_text, variant_text, whole_text
-from uvms_ocp.identification.settings import (
-    CalibratedRobot,
-    CalibrationSettings,
-    calibrated_robot,
-    read_settings,
-    require_coefficients,
-)
+from uvms_ocp.identification.settings import CalibratedRobot, CalibrationSettings, calibrated_robot, read_settings
 from uvms_ocp.identification.tables import read_table
 from uvms_ocp.record.output import claim_folder
 from uvms_ocp.robot.thrusters import curve_of_table, thrust_limits
@@ -119,7 +113,7 @@ def identify(
     if axes:
         given = CalibrationSettings(**given.model_dump(exclude_unset=True) | {"axes": axes})
     subject = calibrated_robot(given, settings.parent)
-    require_coefficients(subject)
+    subject.coefficients()  # or it is refused
     found = split_at_gaps(read_recordings(recordings, mapping))
     console = console_of()
     with claim_folder(out, _names(len(found), profiles, leave_one_out)) as claim:
@@ -176,7 +170,7 @@ def excite(
     """
     given = read_settings(settings)
     subject, console = calibrated_robot(given, settings.parent), console_of()
-    require_coefficients(subject)  # rather than after it was driven
+    subject.coefficients()  # or it is refused, rather than after it was driven
     thrust = thrust_within(subject, given, share)
     limits = ExperimentLimits(thrust=thrust, pool=np.outer([-0.5, 0.5], pool), hull=subject.hull_in_body(given.hull), slew=slew)
     noise, joints = Noise(**given.noise.model_dump()), tuple(subject.robot.home.tolist())

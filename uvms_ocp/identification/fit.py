@@ -49,9 +49,7 @@ class Predicted:
 
     @staticmethod
     def joined(parts: Sequence[Predicted]) -> Predicted:
-        """One after the other; one alone is the same."""
-        if len(parts) == 1:
-            return parts[0]
+        """One after the other."""
         t, rows, measured = (
             tuple(np.concatenate([getattr(one, name)[k] for one in parts]) for k in range(3))
             for name in ("t", "rows", "measured")

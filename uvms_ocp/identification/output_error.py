@@ -227,7 +227,8 @@ class OutputErrorProblem:
     def stepped(self, expansion: Expansion) -> tuple[SearchPoint, float]:
         """After one step of Gauss and Newton, and the cost there."""
         after = self._moved(expansion.point, expansion.blocks, _NEARLY_NONE, frozen=False)
-        return after, self._total(after, self._costs(after))
+        with np.errstate(all="ignore"):
+            return after, self._total(after, [self._cost(k, after, seen) for k, seen in enumerate(self._all_seen(after))])
 
     def solve(
         self, point: SearchPoint, *, iterations: int = 20, frozen: bool = False, tolerance: float = 1e-4, damping: float = 1e-3
@@ -313,10 +314,6 @@ class OutputErrorProblem:
         far = (point.shared - self._vehicle.shared.start) / self._vehicle.shared.sigma
         pulled = 0.0 if self._pull is None else self._pull.cost(point.shared)
         return float(sum(costs) + far @ far / 2 + pulled)
-
-    def _costs(self, point: SearchPoint) -> list[float]:
-        with np.errstate(all="ignore"):
-            return [self._cost(k, point, seen) for k, seen in enumerate(self._all_seen(point))]
 
     def _blocks(self, point: SearchPoint) -> list[NormalEquations]:
         with np.errstate(all="ignore"):

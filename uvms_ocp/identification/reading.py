@@ -430,7 +430,8 @@ def run_recording(record: Record, name: str) -> recordings.Recording:
     channels, t = dict(_measured(record)), record["t"]
     channels |= {key: _channel(t, values) for key, values in rows.items() if values.size and key not in channels}
     for key, values in _asked(record):
-        channels[key] = _from_nothing(_channel(record["t"], values), meta.dt)
+        one = _channel(t, values)  # a run begins with thrusters at rest
+        channels[key] = replace(one, t=np.r_[one.t[0] - meta.dt, one.t], values=np.vstack([0.0 * one.values[:1], one.values]))
     named = {"joint_positions": meta.joints, "joint_velocities": meta.joints, "thrust": meta.thrusters}
     channels = {key: _with_names(one, named.get(key, ())) for key, one in channels.items()}
     return recordings.Recording(name=name, channels=channels, issues_in_file=tuple(_spoiled(record)), at_once=True)
@@ -472,12 +473,6 @@ def _asked(record: Record) -> Iterator[tuple[str, np.ndarray]]:
             break
     if "wrench" in found:
         yield "wrench", found["wrench"] - found.get("unreachable", 0.0)
-
-
-def _from_nothing(channel: recordings.Channel, dt: float) -> recordings.Channel:
-    """A run begins with thrusters at rest; dt [s]."""
-    t, values = channel.t, channel.values
-    return replace(channel, t=np.r_[t[0] - dt, t], values=np.vstack([np.zeros_like(values[:1]), values]))
 
 
 def _spoiled(record: Record) -> Iterator[tuple[str, str]]:

@@ -20,7 +20,7 @@ from uvms_ocp.identification.coordinates import Interval
 from uvms_ocp.identification.experiment_design import Excitation
 from uvms_ocp.identification.fit import Predicted, fit_percent
 from uvms_ocp.identification.parameters import AXES
-from uvms_ocp.identification.settings import SHAPE_SPREADS, require_coefficients, shape_of
+from uvms_ocp.identification.settings import SHAPE_SPREADS, shape_of
 from uvms_ocp.identification.uncertainty import DETERMINED_BELOW, LEAST_P, LEVEL, IdentifiedNumber
 from uvms_ocp.identification.validation import OTHERS, SCORED, HeldOutRecording, HorizonPrediction, errors
 from uvms_ocp.robot.description import read_description
@@ -75,7 +75,7 @@ IN_FILE = ("added_mass", "linear_drag", "quadratic_drag", "volume", "centre_of_b
 
 
 def variant_text(one: Calibration, recordings: Sequence[str]) -> str:
-    """Write what was learnt as a variant of the robot's file, in YAML. Raises InvalidInput, as `require_coefficients`."""
+    """Write what was learnt as a variant of the robot's file, in YAML. Raises InvalidInput, as `CalibratedRobot.coefficients`."""
     shape = shape_of(one.subject.robot, one.subject.frame)
     lines, learnt = [f"# Identified from: {', '.join(recordings)}."], list(_lines(one, shape))
     if learnt:
@@ -101,7 +101,7 @@ def _lines(one: Calibration, shape: str) -> Iterator[str]:
         learnt |= {"volume", "centre_of_buoyancy"}  # with floats beside the hull one follows from the other
     learnt, by_shape = learnt & set(IN_FILE), set(IN_FILE) - learnt if shape else set[str]()
     if learnt and shape:
-        yield f"pose: {{position: {_row(np.array(require_coefficients(one.subject).pose.position))}}}"
+        yield f"pose: {{position: {_row(np.array(one.subject.coefficients().pose.position))}}}"
     for name in IN_FILE if learnt else ():
         if name in learnt | by_shape:
             yield f"# {_source(name, one) if name in learnt else f'of its {shape}, as before'}"
@@ -113,7 +113,7 @@ def _of_file(one: Calibration) -> dict[str, np.ndarray]:
 
     A file has the centre of buoyancy in the link's frame, an estimate in that of the coefficients.
     """
-    before = require_coefficients(one.subject)
+    before = one.subject.coefficients()
     origin = np.array(before.pose.position)
     found = one.subject.vehicle.shared.values(ca.SX(ca.DM(one.exported.estimate.shared)))
     now = {name: np.asarray(ca.DM(value)) for name, value in found.items() if name in IN_FILE}
@@ -306,8 +306,7 @@ def _held(one: Calibration) -> Iterator[str]:
             yield f"| {name} | {shown} | {each.unit} | {effect} |"
     box = one.subject.vehicle.shared.declaration.quantities["centre_of_buoyancy"].coordinates
     if isinstance(box, Interval):
-        ends = f"{box.lower.min():.4g} to {box.upper.max():.4g}"
-        yield f"| hull | {ends} | m | given | - | centre_of_buoyancy where that ends at it |"
+        yield f"| hull | {box.lower.min():.4g} to {box.upper.max():.4g} | m | given | - | centre_of_buoyancy at its ends |"
     for of in (effects[name] for name in effects if effects[name].unit):
         yield f"| {of.quantity} | {of.value:g} | {of.unit} | {of.known} | {of.spread:g} | {of.most} by {of.change:.2g} |"
 

@@ -146,6 +146,17 @@ class CalibratedRobot:
         model = self.vehicle.dynamics.model
         return _box_around(model.frames[model.getFrameId(self.frame)].placement, hull)
 
+    def coefficients(self) -> LinkCoefficients:
+        """Coefficients of the link in the robot's file, or of its shape there, which identified ones replace.
+
+        Raises InvalidInput for a link that has neither, or has them along axes that are not its own.
+        """
+        description, link = self.robot.description, self.robot.description.links.get(self.frame)
+        found = None if link is None else link.coefficients or _of_shape(description, self.frame)
+        if found is None or description.convention != "FLU" or any(found.pose.rpy):
+            raise InvalidInput(f"{self.frame}: give it coefficients along the axes of its link, in FLU, to have it calibrated")
+        return found
+
 
 def _box_around(X: pin.SE3, box: Sequence[Sequence[float]]) -> np.ndarray:
     """(2, 3) [m] lowest and highest corner of a box around one of another frame, which X places."""
@@ -245,19 +256,6 @@ def shape_of(robot: Robot, frame: str) -> str:
     """Key of the shape by which the robot's file describes a link, such as ``box``; empty for one with coefficients or none."""
     link = robot.description.links.get(frame)
     return next((name for name in ("box", "cylinder", "sphere") if getattr(link, name, None) is not None), "")
-
-
-def require_coefficients(subject: CalibratedRobot) -> LinkCoefficients:
-    """Return the coefficients of the calibrated link in the robot's file, or of its shape there, which identified ones replace.
-
-    Raises InvalidInput for a robot whose link has neither, or has them along axes that are not those of the link.
-    """
-    description, frame = subject.robot.description, subject.frame
-    link = description.links.get(frame)
-    found = None if link is None else link.coefficients or _of_shape(description, frame)
-    if found is None or description.convention != "FLU" or any(found.pose.rpy):
-        raise InvalidInput(f"{frame}: give it coefficients along the axes of its link, convention FLU, to have it calibrated")
-    return found
 
 
 def _of_shape(description: RobotDescription, frame: str) -> LinkCoefficients:

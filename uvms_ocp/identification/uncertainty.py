@@ -55,11 +55,6 @@ def covariance(vehicle: Vehicle, estimate: Estimate, inflation: float = 1.0) -> 
     return np.asarray(np.linalg.inv(_data(vehicle, estimate, inflation) + prior) + estimate.assumed)
 
 
-def prior_covariance(vehicle: Vehicle) -> np.ndarray:
-    """(n, n) [unknowns^2] of what is believed without recordings."""
-    return np.diag(1.0 / (1.0 / vehicle.shared.sigma**2 + _NOTHING))
-
-
 def unidentifiable_directions(
     vehicle: Vehicle, estimate: Estimate, inflation: float = 1.0
 ) -> tuple[UnidentifiableDirection, ...]:
@@ -190,7 +185,8 @@ def explained_by(model: Sequence[Whiteness], found: Sequence[IdentifiedNumber]) 
 def numbers_at(vehicle: Vehicle, shared: np.ndarray, C: np.ndarray) -> tuple[IdentifiedNumber, ...]:
     """The same at unknowns shared (n,) [as `Unknowns.start`] with a covariance C (n, n) [unknowns^2]."""
     entries, values, slopes = _entries(vehicle, shared)
-    sigmas, believed = _deviations(slopes, C), _deviations(slopes, prior_covariance(vehicle))
+    alone = np.diag(1.0 / (1.0 / vehicle.shared.sigma**2 + _NOTHING))  # without recordings
+    sigmas, believed = (_deviations(slopes, one) for one in (C, alone))
     return tuple(
         IdentifiedNumber(
             quantity=quantity,
