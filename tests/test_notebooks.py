@@ -1,7 +1,11 @@
-"""Every notebook runs from its first cell to its last, and is stored without output."""
+"""Every notebook runs from first to last cell, of an installed wheel in an empty folder, and is stored without output."""
 
 from __future__ import annotations
 
+import os
+import subprocess
+import sys
+from importlib.util import find_spec
 from pathlib import Path
 
 import nbformat
@@ -9,7 +13,27 @@ import pytest
 from compiler import long_without_compiler
 from nbclient import NotebookClient
 
-NOTEBOOKS = sorted((Path(__file__).parents[1] / "notebooks").glob("*.ipynb"))
+PROJECT = Path(__file__).parents[1]
+NOTEBOOKS = sorted((PROJECT / "notebooks").glob("*.ipynb"))
+WHERE = "import uvms_ocp; print(uvms_ocp.__file__)"
+
+
+@pytest.fixture(scope="module")
+def installed(tmp_path_factory: pytest.TempPathFactory) -> dict[str, str]:
+    """An environment whose package is installed from its wheel, and not the project's folder, where wheels can be built."""
+    if find_spec("hatchling") is None:
+        return dict(os.environ)
+    folder = tmp_path_factory.mktemp("wheel")
+    python = [sys.executable, "-m"]
+    subprocess.run([*python, "hatchling", "build", "-t", "wheel", "-d", folder], cwd=PROJECT, check=True, capture_output=True)
+    (wheel,) = folder.glob("*.whl")
+    site = folder / "site"
+    pip = [*python, "pip", "install", "--quiet", "--no-deps", "--no-index", "--target", site, wheel]
+    subprocess.run(pip, cwd=folder, check=True, capture_output=True)
+    environment = os.environ | {"PYTHONPATH": str(site)}
+    found = subprocess.run([sys.executable, "-c", WHERE], cwd=folder, env=environment, check=True, capture_output=True, text=True)
+    assert Path(found.stdout.strip()).is_relative_to(site)
+    return environment
 
 
 def test_there_are_notebooks() -> None:
@@ -26,8 +50,8 @@ def test_a_notebook_is_stored_without_output(path: Path) -> None:
 @pytest.mark.slow
 @pytest.mark.parametrize("path", NOTEBOOKS, ids=lambda path: path.stem)
 @pytest.mark.filterwarnings("ignore::DeprecationWarning")
-def test_a_notebook_runs(path: Path, tmp_path: Path) -> None:
+def test_a_notebook_runs(path: Path, tmp_path: Path, installed: dict[str, str]) -> None:
     notebook = nbformat.read(path, as_version=4)
     client = NotebookClient(notebook, timeout=300, kernel_name="python3", resources={"metadata": {"path": str(tmp_path)}})
-    client.execute()
+    client.execute(env=installed)
     assert all(cell.execution_count for cell in notebook.cells if cell.cell_type == "code")
