@@ -1,4 +1,4 @@
-"""A notebook in JupyterLab, in a browser: a cell is interrupted, then all run; scene and tables are there, tracebacks are not."""
+"""Notebooks in JupyterLab, in a browser: a cell is interrupted, then all run; scene and tables are there, tracebacks are not."""
 
 from __future__ import annotations
 
@@ -39,7 +39,8 @@ BUSY = "() => window.jupyterapp.shell.currentWidget.content.widgets.map((cell) =
 def lab(tmp_path_factory: pytest.TempPathFactory) -> Iterator[str]:
     """The address of a server in an empty folder, for notebooks that are copied there."""
     folder, home = tmp_path_factory.mktemp("work"), tmp_path_factory.mktemp("home")
-    shutil.copy(NOTEBOOKS / "01_first_mission.ipynb", folder)
+    for name in ("01_first_mission", "05_lexicographic_ocp"):
+        shutil.copy(NOTEBOOKS / f"{name}.ipynb", folder)
     settings = home / "settings" / "@jupyterlab" / "notebook-extension" / "tracker.jupyterlab-settings"
     settings.parent.mkdir(parents=True)
     settings.write_text(json.dumps(ALL_CELLS))
@@ -138,3 +139,11 @@ def test_an_interrupted_mission_stops_and_then_all_of_it_runs(lab: str, page: An
     assert page.locator(".jp-OutputArea-output img").count() >= 4
     frame = page.frame_locator(".jp-OutputArea-output iframe").last
     frame.locator("canvas").first.wait_for(state="visible", timeout=60e3)
+
+
+def test_plans_by_priorities_run_to_the_end(lab: str, page: Any) -> None:
+    notebook = Notebook(page, lab, "05_lexicographic_ocp")
+    notebook.run_all()
+    assert not any(_error(cell) for cell in notebook.cells()), notebook.text()
+    assert all(cell["execution_count"] for cell in notebook.cells())
+    page.frame_locator(".jp-OutputArea-output iframe").last.locator("canvas").first.wait_for(state="visible", timeout=60e3)
