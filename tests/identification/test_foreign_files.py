@@ -13,7 +13,7 @@ import pytest
 
 from uvms_ocp.errors import InvalidInput, NameNotFound
 from uvms_ocp.identification import RecordingMapping, check_data_quality, read_recording
-from uvms_ocp.identification.recording import Recording
+from uvms_ocp.identification.recording import Channel, Recording
 from uvms_ocp.identification.text_tables import text_layout
 
 T = np.arange(0.0, 20.0, 0.1)
@@ -138,7 +138,7 @@ def test_what_is_given_is_not_looked_for(tmp_path: Path) -> None:
         (b"\x00\x01\x02" * 50, "binary"),
         (b'[{"t": 1.0}]', "a list in JSON.*write it as lines"),
         (b'[\n {"t": 1.0}]', "a list in JSON.*write it as lines"),
-        (b"\x93NUMPY\x01\x00v\x00", "numpy.savez"),
+        (b"\x93NUMPY\x01\x00v\x00", "cannot be read"),
         (table(rows=at_noon(ROWS, "01/06/2024 12:00:{:02d}.{:03d}")).encode(), "is no number.*times as 2024-05-31T23:59:59.5"),
         (table(names=["t", "x", "x", "z"]).encode(), r"2 columns are called 'x'; give one by its place: #2, #3"),
         (table(rows=[*ROWS[:5], ["1_0", *ROWS[5][1:]], *ROWS[6:]]).encode(), "row 6, column 't': '1_0' is no number"),
@@ -184,6 +184,52 @@ def test_named_arrays_are_tables(ending: str, write: Callable[[Path], None], tmp
     np.testing.assert_array_equal(read.values, XYZ)
     with pytest.raises(NameNotFound, match=r"known: (t, )?pose\[0\], pose"):
         recording_of(tmp_path / f"dive{ending}", {"position": POSITION | {"columns": ["x", "y", "z"]}})
+
+
+@pytest.mark.parametrize("turned", [False, True])
+def test_an_array_without_a_name_has_columns_by_their_places(turned: bool, tmp_path: Path) -> None:
+    array = np.column_stack([T, XYZ])
+    np.save(tmp_path / "dive.npy", array.T if turned else array)
+    one = {"time": "#1", "columns": ["#2", "#3", "-#4"]}
+    read = recording_of(tmp_path / "dive.npy", {"position": one}).channels["position"]
+    np.testing.assert_array_equal(read.t, T)
+    np.testing.assert_array_equal(read.values, XYZ * [1.0, 1.0, -1.0])
+
+
+@pytest.mark.parametrize("ending", [".csv", ".npy", ".jsonl"])
+def test_rows_without_times_have_those_of_a_period(ending: str, tmp_path: Path) -> None:
+    path = tmp_path / f"dive{ending}"
+    if ending == ".npy":
+        np.save(path, XYZ)
+    elif ending == ".csv":
+        path.write_text("".join(f"{x},{y},{z}\n" for x, y, z in XYZ))
+    else:
+        path.write_text("".join(f'{{"x": {x}, "y": {y}, "z": {z}}}\n' for x, y, z in XYZ))
+    columns = ["x", "y", "z"] if ending == ".jsonl" else ["#1", "#2", "#3"]
+    for period, unit in ((0.04, "s"), (40.0, "ms")):
+        one = {"time": period, "time_unit": unit, "columns": columns}
+        read = recording_of(path, {"position": one}).channels["position"]
+        np.testing.assert_allclose(read.t, 0.04 * np.arange(len(XYZ)), atol=1e-12)
+        np.testing.assert_allclose(read.values, XYZ)
+
+
+def test_what_was_not_measured_is_not_called_dead(tmp_path: Path) -> None:
+    (tmp_path / "tow.csv").write_text("t,u,v\n" + "".join(f"{t},{np.sin(t)},0.25\n" for t in T))
+    one = {"time": "t", "columns": ["u", "v", 0.0]}
+    doubts = check_data_quality(recording_of(tmp_path / "tow.csv", {"linear_velocity": one}))
+    assert [one.problem for one in doubts if "dead" in one.problem] == ["dead: y stay within 1e-05 m/s"]
+
+
+@pytest.mark.parametrize("burst", [2, 3])
+def test_messages_in_bursts_are_not_taken_for_two_sensors(burst: int) -> None:
+    """Of every ten messages some are held up until the last of them: nothing is there twice."""
+    t = 0.05 * np.arange(600)
+    held = t.copy()
+    for k in range(burst - 1):
+        held[8 - k :: 10] = t[9::10] - 1e-5 * (k + 1)
+    values = np.column_stack([np.sin(t), np.cos(0.7 * t), 0.3 * np.sin(1.1 * t)])
+    both = Recording(name="dive", channels={"position": Channel(t=held, values=values)})
+    assert not any("two sensors" in one.problem for one in check_data_quality(both))
 
 
 def test_a_workbook_is_a_table(tmp_path: Path) -> None:

@@ -325,6 +325,22 @@ def test_a_log_of_mavlink_has_topics_by_the_type_of_its_messages(tmp_path: Path)
     assert topics_of(tmp_path / "dive.tlog") == ("LOCAL_POSITION_NED",)
 
 
+def test_messages_of_mavlink_have_the_units_that_their_protocol_says(tmp_path: Path) -> None:
+    mavlink = pytest.importorskip("pymavlink.dialects.v20.ardupilotmega", reason='needs pip install "uvms-ocp[mavlink]"')
+    sender = mavlink.MAVLink(None, srcSystem=1, srcComponent=1)
+    with (tmp_path / "dive.tlog").open("wb") as file:
+        for k, stamp in enumerate(STAMPS.tolist()):
+            sent = sender.global_position_int_encode(100 * k, 0, 0, 0, 0, 10 * k, -20, 30, 0)
+            file.write((stamp // 1000).to_bytes(8, "big") + sent.pack(sender))
+    one = {"topic": "GLOBAL_POSITION_INT", "time": "time_boot_ms", "columns": ["vx", "vy", "vz"]}
+    read = mapped_recording(tmp_path / "dive.tlog", RecordingMapping(channels={"linear_velocity": one})).channels[
+        "linear_velocity"
+    ]
+    k = np.arange(len(STAMPS))
+    np.testing.assert_allclose(read.t, 0.1 * k, atol=1e-9)
+    np.testing.assert_allclose(read.values, np.column_stack([0.1 * k, 0.0 * k - 0.2, 0.0 * k + 0.3]), atol=1e-12)
+
+
 def test_a_packed_bag_says_how_to_unpack_it(tmp_path: Path) -> None:
     (tmp_path / "metadata.yaml").write_text("rosbag2_bagfile_information: {compression_mode: FILE}")
     with pytest.raises(InvalidInput, match="packed by file; unpack it"):

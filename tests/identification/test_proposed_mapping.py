@@ -131,6 +131,37 @@ def test_plain_names_of_columns_are_known(names: str, tmp_path: Path) -> None:
     assert {name: tuple(signed.get(one, one) for one in each["columns"]) for name, each in proposed.items()} == PLAIN[names]
 
 
+def test_of_mavlink_only_messages_are_proposed_whose_meaning_is_laid_down(tmp_path: Path) -> None:
+    """What is sent once, remote control and magnetic fields are no channels of it; axes are those of its protocol."""
+    mavlink = pytest.importorskip("pymavlink.dialects.v20.ardupilotmega", reason='needs pip install "uvms-ocp[mavlink]"')
+    sender = mavlink.MAVLink(None, srcSystem=1, srcComponent=1)
+    with (tmp_path / "dive.tlog").open("wb") as file:
+        for k in range(200):
+            t, ms = 0.1 * k, 100 * k
+            sent = [
+                sender.attitude_encode(ms, 0.1 * np.sin(t), 0.05, 0.3 * t, 0.1 * np.cos(t), 0.0, 0.3),
+                sender.local_position_ned_encode(ms, np.sin(t), 0.2 * t, 3.0 + 0.1 * t, np.cos(t), 0.2, 0.1),
+                sender.servo_output_raw_encode(1000 * ms, 0, *(1500 + 10 * (k % 20) + one for one in range(8))),
+                sender.rc_channels_raw_encode(ms, 0, *(8 * [1500 + k % 7]), 100),
+                *([sender.home_position_encode(0, 0, 0, 0.0, 0.0, 0.0, [1.0, 0.0, 0.0, 0.0], 0.0, 0.0, 0.0)] if k == 3 else []),
+            ]
+            for one in sent:
+                file.write((1_700_000_000_000_000 + 1000 * ms).to_bytes(8, "big") + one.pack(sender))
+    proposed = yaml.safe_load(propose_mapping(tmp_path / "dive.tlog"))["channels"]
+    topics = {name: one["topic"] for name, one in proposed.items()}
+    assert topics == {
+        "attitude": "ATTITUDE",
+        "angular_velocity": "ATTITUDE",
+        "linear_velocity": "LOCAL_POSITION_NED",
+        "position": "LOCAL_POSITION_NED",
+        "propeller_commands": "SERVO_OUTPUT_RAW",
+    }
+    read = read_as_proposed(tmp_path / "dive.tlog").channels
+    assert read["position"].values[-1] == pytest.approx((np.sin(19.9), -3.98, -4.99), abs=1e-4)
+    assert read["angular_velocity"].values[0] == pytest.approx((0.1, 0.0, -0.3), abs=1e-6)
+    assert read["propeller_commands"].values[0] == pytest.approx(0.0025 * np.arange(8), abs=1e-9)
+
+
 def test_numbers_that_stand_for_nothing_measured_are_said(tmp_path: Path) -> None:
     t = np.arange(0.0, 20.0, 0.1)
     write_columns(tmp_path / "tow.csv", {"t": t, "u": np.sin(t), "force": np.cos(t)})

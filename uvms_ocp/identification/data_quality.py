@@ -11,14 +11,14 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from uvms_ocp.identification import recording as recordings, sample_checks
+from uvms_ocp.identification import recording as recordings, sample_checks as checks
 from uvms_ocp.identification.recording import CHANNEL_KINDS, Channel, Recording, ZeroOrderHold, angular_rate, rotations, smoothed
 from uvms_ocp.identification.sample_checks import QualityIssue as QualityIssue
 from uvms_ocp.record.row_files import forget
 
 # Whether velocities are the rates of poses: axes, frames, units, clocks.
 
-_INSIDE = slice(round(sample_checks.WINDOW / recordings.GRID), -round(sample_checks.WINDOW / recordings.GRID))
+_INSIDE = slice(round(checks.WINDOW / recordings.GRID), -round(checks.WINDOW / recordings.GRID))
 """Smoothed samples whose window is whole."""
 _HALF = 0.5  # of the motion that a way to read axes must explain
 _PARTNER = {"linear_velocity": "position", "angular_velocity": "attitude"}
@@ -48,10 +48,10 @@ def _references(recording: Recording) -> Iterator[tuple[str, _Reference]]:
     if "attitude" not in channels:
         return
     if "angular_velocity" in channels:
-        t, omega = angular_rate(channels["attitude"], sample_checks.WINDOW)
+        t, omega = angular_rate(channels["attitude"], checks.WINDOW)
         yield "angular_velocity", _Reference(t[_INSIDE], omega[_INSIDE])
     if "linear_velocity" in channels and "position" in channels:
-        t, rate = smoothed(channels["position"].undelayed_t, channels["position"].values, sample_checks.WINDOW, derivative=1)
+        t, rate = smoothed(channels["position"].undelayed_t, channels["position"].values, checks.WINDOW, derivative=1)
         t, rate = t[_INSIDE], rate[_INSIDE]
         R = rotations(channels["attitude"], t)
         yield "linear_velocity", _Reference(t, np.einsum("nji,nj->ni", R, rate), rate, R)
@@ -59,13 +59,13 @@ def _references(recording: Recording) -> Iterator[tuple[str, _Reference]]:
 
 def _rate_issues(recording: Recording, name: str, reference: _Reference) -> Iterator[tuple[str, str]]:
     measured, partner = recording.channels[name], _PARTNER[name]
-    if np.ptp(measured.values, axis=0).max() < sample_checks.DEAD or reference.body.std(axis=0).max() < sample_checks.MOVES[name]:
+    if np.ptp(measured.values, axis=0).max() < checks.DEAD or reference.body.std(axis=0).max() < checks.MOVES[name]:
         return
-    t, values = smoothed(measured.undelayed_t, measured.values, sample_checks.WINDOW)
-    late, steady = sample_checks.offset(reference.t, reference.body, t, values)
+    t, values = smoothed(measured.undelayed_t, measured.values, checks.WINDOW)
+    late, steady = checks.offset(reference.t, reference.body, t, values)
     seen = recordings.interpolated(reference.t + late, t, values)
     jump = "its clock and that of the {} differ at the end by another time than at the beginning: a jump?"
-    texts = [sample_checks.describe_delay(late) if steady else jump, sample_checks.describe_factor(reference.body, seen)]
+    texts = [checks.describe_delay(late) if steady else jump, checks.describe_factor(reference.body, seen)]
     yield from ((name, text.format(partner)) for text in texts if text)
     factor = float(np.linalg.norm(seen) / np.linalg.norm(reference.body))
     yield from _rate_axes(reference, seen / factor, name)
@@ -73,16 +73,12 @@ def _rate_issues(recording: Recording, name: str, reference: _Reference) -> Iter
 
 def _rate_axes(reference: _Reference, seen: np.ndarray, name: str) -> Iterator[tuple[str, str]]:
     """Other axes that explain more of the motion than the axes as they are."""
-    own, partner = sample_checks.explained(seen, reference.body), _PARTNER[name]
-    ways = {
-        (name, f"its axes fit the rate of the {partner} as {sample_checks.named(Q)}"): sample_checks.explained(
-            seen @ Q.T, reference.body
-        )
-        for Q in sample_checks.WAYS
-    }
+    own, partner = checks.explained(seen, reference.body), _PARTNER[name]
+    fits = f"its axes fit the rate of the {partner} as"
+    ways = {(name, f"{fits} {checks.named(Q)}"): checks.explained(seen @ Q.T, reference.body) for Q in checks.WAYS}
     ways |= _in_world(reference, seen, name)
     best = max(ways, key=lambda way: ways[way])
-    if ways[best] > max(own + sample_checks.EXPLAINED, _HALF):
+    if ways[best] > max(own + checks.EXPLAINED, _HALF):
         yield best[0], f"{best[1]} ({100 * ways[best]:.0f} % of it, {100 * own:.0f} % as they are)"
 
 
@@ -92,15 +88,10 @@ def _in_world(reference: _Reference, seen: np.ndarray, name: str) -> Mapping[tup
         return {}
     partner, world = _PARTNER[name], reference.world
     turned = np.einsum("nij,nj->ni", reference.R, seen)
-    found = {
-        (
-            partner,
-            f"its rate fits the velocity with axes {sample_checks.named(Q)}: NED against ENU? give columns so",
-        ): sample_checks.explained(turned, world @ Q.T)
-        for Q in sample_checks.WAYS
-    }
-    found[name, f"its axes fit the rate of the {partner} in W"] = sample_checks.explained(seen, world)
-    return {way: share - sample_checks.EXPLAINED / 2 for way, share in found.items()}
+    fits = "its rate fits the velocity with axes {}: NED against ENU? give columns so"
+    found = {(partner, fits.format(checks.named(Q))): checks.explained(turned, world @ Q.T) for Q in checks.WAYS}
+    found[name, f"its axes fit the rate of the {partner} in W"] = checks.explained(seen, world)
+    return {way: share - checks.EXPLAINED / 2 for way, share in found.items()}
 
 
 # Whether velocities of joints are the rates of their positions: order, sign, units, clocks, and what is dead in one alone.
@@ -119,30 +110,30 @@ def of_joints(recording: Recording) -> Iterator[tuple[str, str]]:
     if positions.values.shape[1] != velocities.values.shape[1]:
         yield _NAMES[1], f"{velocities.values.shape[1]} of them, and {positions.values.shape[1]} positions"
         return
-    t, rate = smoothed(positions.undelayed_t, positions.values, sample_checks.WINDOW, derivative=1)
-    t_seen, seen = smoothed(velocities.undelayed_t, velocities.values, sample_checks.WINDOW)
+    t, rate = smoothed(positions.undelayed_t, positions.values, checks.WINDOW, derivative=1)
+    t_seen, seen = smoothed(velocities.undelayed_t, velocities.values, checks.WINDOW)
     yield from _dead(rate, seen, np.ptp(positions.values, axis=0), np.ptp(velocities.values, axis=0))
-    if rate.std(axis=0).max() < _MOVING_JOINT or seen.std(axis=0).max() < sample_checks.DEAD:
+    if rate.std(axis=0).max() < _MOVING_JOINT or seen.std(axis=0).max() < checks.DEAD:
         return
-    late, _ = sample_checks.offset(t, rate, t_seen, seen)
+    late, _ = checks.offset(t, rate, t_seen, seen)
     shifted = recordings.interpolated(t + late, t_seen, seen)
-    texts = [sample_checks.describe_delay(late), sample_checks.describe_factor(rate, shifted)]
+    texts = [checks.describe_delay(late), checks.describe_factor(rate, shifted)]
     yield from ((_NAMES[1], text.format("positions")) for text in texts if text)
     yield from _columns(rate, shifted)
 
 
 def _dead(rate: np.ndarray, seen: np.ndarray, width: np.ndarray, speeds: np.ndarray) -> Iterator[tuple[str, str]]:
     for k in range(len(width)):
-        if width[k] < sample_checks.DEAD and seen[:, k].std() > _MOVING_JOINT:
+        if width[k] < checks.DEAD and seen[:, k].std() > _MOVING_JOINT:
             yield _NAMES[0], f"dead: {k} stays where it is, and its velocity does not"
-        if speeds[k] < sample_checks.DEAD and rate[:, k].std() > _MOVING_JOINT:
+        if speeds[k] < checks.DEAD and rate[:, k].std() > _MOVING_JOINT:
             yield _NAMES[1], f"dead: {k} stays as it is, and its position moves"
 
 
 def _columns(rate: np.ndarray, seen: np.ndarray) -> Iterator[tuple[str, str]]:
     moving = [k for k in range(rate.shape[1]) if min(rate[:, k].std(), seen[:, k].std()) > _MOVING_JOINT]
     for k in moving:
-        fits = {j: sample_checks.correlation(seen[:, k], rate[:, j]) for j in moving}
+        fits = {j: checks.correlation(seen[:, k], rate[:, j]) for j in moving}
         best = max(fits, key=lambda j: abs(fits[j]))
         if fits[k] < _OTHER and abs(fits[best]) > fits[k] + _BETTER:
             sign = "minus " if fits[best] < 0 else ""
@@ -183,14 +174,14 @@ def motion_of(recording: Recording) -> ExplainedMotion | None:
     channels = recording.channels
     if "attitude" not in channels or "linear_velocity" not in channels:
         return None
-    t, _ = smoothed(channels["attitude"].undelayed_t, channels["attitude"].values, sample_checks.WINDOW)
+    t, _ = smoothed(channels["attitude"].undelayed_t, channels["attitude"].values, checks.WINDOW)
     start, end = recording.span
     t = t[(t > start - SHIFTS[0]) & (t < end - SHIFTS[-1])]
     if len(t) < _LEAST:
         return None
     turning = channels.get("angular_velocity")
     if turning is None or np.ptp(turning.values) < 1e-3:
-        when, omega = angular_rate(channels["attitude"], sample_checks.WINDOW)
+        when, omega = angular_rate(channels["attitude"], checks.WINDOW)
         turning = Channel(t=when, values=omega)
     parts = [_at(t, one) for one in (channels["linear_velocity"], turning)]
     v, a = (np.hstack([part[k] for part in parts]) for k in range(2))
@@ -202,8 +193,8 @@ def motion_of(recording: Recording) -> ExplainedMotion | None:
 
 def _at(t: np.ndarray, channel: Channel) -> tuple[np.ndarray, np.ndarray]:
     """Values and rates (m, k) at t (m,)."""
-    grid, values = smoothed(channel.undelayed_t, channel.values, sample_checks.WINDOW)
-    _, rates = smoothed(channel.undelayed_t, channel.values, sample_checks.WINDOW, derivative=1)
+    grid, values = smoothed(channel.undelayed_t, channel.values, checks.WINDOW)
+    _, rates = smoothed(channel.undelayed_t, channel.values, checks.WINDOW, derivative=1)
     return recordings.interpolated(t, grid, values), recordings.interpolated(t, grid, rates)
 
 
@@ -213,7 +204,7 @@ def commanded(held: ZeroOrderHold, motion: ExplainedMotion, shift: float, *, tur
     shift: [s] before the rates. turned: from W, which a wrench would be in, to B.
     """
     edges = motion.t - shift
-    values = (held.total(edges + sample_checks.WINDOW / 2) - held.total(edges - sample_checks.WINDOW / 2)) / sample_checks.WINDOW
+    values = (held.total(edges + checks.WINDOW / 2) - held.total(edges - checks.WINDOW / 2)) / checks.WINDOW
     if turned:
         values = np.einsum("nji,nkj->nki", motion.R, values.reshape(-1, 2, 3)).reshape(-1, 6)
     rest = motion.rest(values)
@@ -234,10 +225,9 @@ _PARTS = {"forces": slice(0, 3), "moments": slice(3, 6)}
 def of_commands(recording: Recording) -> Iterator[tuple[str, str]]:
     """Channels and what speaks against them."""
     given = [name for name in _COMMANDS if name in recording.channels]
-    motion = motion_of(recording) if given else None
-    for name in given if motion is not None else ():
-        assert motion is not None
-        yield from ((name, text) for text in _command_issues(name, ZeroOrderHold(recording.channels[name]), motion))
+    if given and (motion := motion_of(recording)) is not None:
+        for name in given:
+            yield from ((name, text) for text in _command_issues(name, ZeroOrderHold(recording.channels[name]), motion))
 
 
 def _command_issues(name: str, held: ZeroOrderHold, motion: ExplainedMotion) -> Iterator[str]:
@@ -259,10 +249,10 @@ def _wrench_axes(held: ZeroOrderHold, motion: ExplainedMotion, late: float) -> I
     """Other axes of a wrench, along which the vehicle accelerates more than along those that it has."""
     inside, outside = (commanded(held, motion, late, turned=turned) for turned in (False, True))
     for part, rows in _PARTS.items():
-        ways = {sample_checks.named(Q): _along(motion.acceleration[:, rows], inside[:, rows], Q) for Q in sample_checks.WAYS}
+        ways = {checks.named(Q): _along(motion.acceleration[:, rows], inside[:, rows], Q) for Q in checks.WAYS}
         ways["in W"] = _along(motion.acceleration[:, rows], outside[:, rows], np.eye(3)) - _MORE / 2
         best = max(ways, key=lambda way: ways[way])
-        if ways[best] > max(ways[sample_checks.named(np.eye(3))], 0.0) + _MORE:
+        if ways[best] > max(ways[checks.named(np.eye(3))], 0.0) + _MORE:
             yield f"its {part} fit the acceleration as {best}"
 
 
@@ -297,11 +287,10 @@ def _correlations(x: np.ndarray, y: np.ndarray) -> np.ndarray:
 
 def check_data_quality(recording: Recording) -> tuple[QualityIssue, ...]:
     """Check a recording for inconsistent clocks, frames, units and thrusters; returns one issue for each."""
-    sound = {name: one for name, one in recording.channels.items() if CHANNEL_KINDS[name].command or sample_checks.has_times(one)}
+    sound = {name: one for name, one in recording.channels.items() if CHANNEL_KINDS[name].command or checks.has_times(one)}
     others = replace(recording, channels=sound)
-    found = [*recording.issues_in_file, *sample_checks.of_samples(recording)]
-    kinds = (sample_checks.of_poses, of_rates, of_joints, sample_checks.of_gravity, sample_checks.of_stuck, of_commands)
-    for kind in kinds:
+    found = [*recording.issues_in_file, *checks.of_samples(recording)]
+    for kind in (checks.of_poses, of_rates, of_joints, checks.of_gravity, checks.of_stuck, of_commands):
         found += kind(others)
         forget(one.values for one in others.channels.values())
     return tuple(QualityIssue(channel=name, problem=text) for name, text in found)

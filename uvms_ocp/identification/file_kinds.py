@@ -12,7 +12,7 @@ from typing import Any, Literal
 from uvms_ocp.errors import InvalidInput
 from uvms_ocp.record.untrusted import as_input_errors, require_regular_file
 
-Kind = Literal["text", "workbook", "parquet", "npz", "mat", "hdf5", "mcap", "bag", "sqlite", "json", "dataflash", "tlog"]
+Kind = Literal["text", "workbook", "parquet", "npz", "mat", "hdf5", "npy", "mcap", "bag", "sqlite", "json", "dataflash", "tlog"]
 MESSAGES: tuple[Kind, ...] = ("mcap", "bag", "sqlite", "json", "dataflash", "tlog")
 """Kinds that hold messages of topics; all others are tables."""
 BAG_METADATA = "metadata.yaml"

@@ -249,6 +249,12 @@ def _json_topics(path: Path) -> Collection[str]:
 # Logs of MAVLink by pymavlink: dataflash (.BIN) and telemetry (.tlog); topics are the types of messages.
 
 
+class _WithUnits(dict[str, Any]):
+    """Fields of a message, and what units they have."""
+
+    units: Mapping[str, str]
+
+
 def _mavlink(path: Path) -> closing[Any]:
     mavutil = optional_module("pymavlink.mavutil", "a log of MAVLink", '"uvms-ocp[mavlink]"')
     return closing(mavutil.mavlink_connection(str(path), dialect="ardupilotmega", robust_parsing=True))
@@ -257,15 +263,15 @@ def _mavlink(path: Path) -> closing[Any]:
 def _mavlink_messages(path: Path, topics: Collection[str], *_: object) -> Iterator[Message]:
     with _mavlink(path) as log:
         while (message := log.recv_match(type=list(topics))) is not None:
-            yield message.get_type(), round(1e9 * message._timestamp), message.to_dict()
+            said = _WithUnits(message.to_dict())
+            layout = getattr(message, "fmt", None)  # of dataflash, whose first messages say it; of telemetry the protocol does
+            said.units = dict(zip(layout.columns, layout.units or (), strict=False)) if layout else message.fieldunits_by_name
+            yield message.get_type(), round(1e9 * message._timestamp), said
 
 
 def _mavlink_topics(path: Path) -> Collection[str]:
     with _mavlink(path) as log:
-        found = set()
-        while (message := log.recv_match()) is not None:
-            found.add(message.get_type())
-        return found - {"BAD_DATA"}
+        return {message.get_type() for message in iter(log.recv_match, None)} - {"BAD_DATA"}
 
 
 _READERS = {
@@ -396,9 +402,8 @@ def message_rows(path: Path, wanted: Mapping[str, TopicColumns], definitions: Pa
     for topic, logged, content in messages(path, by_topic.keys(), definitions, remarks):
         for rows in by_topic[topic]:
             rows.add(logged, content)
-    whole = {name: rows.whole(path) for name, rows in found.items()}
     return {
-        name: TableColumns(values=values, units=("",) * values.shape[1], remarks=tuple(remarks)) for name, values in whole.items()
+        name: TableColumns(values=rows.whole(path), units=rows.units(), remarks=tuple(remarks)) for name, rows in found.items()
     }
 
 
@@ -412,6 +417,7 @@ class _Rows:
     numbers: array[float] = field(default_factory=lambda: array("d"))
     width: int = 0
     missing: NameNotFound | None = None
+    said: Mapping[str, str] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         self.time = steps_of(self.wanted.time) if self.wanted.time else ()
@@ -431,6 +437,12 @@ class _Rows:
         if len(self.numbers) >= self.width * MOST_ROWS:
             raise InvalidInput(f"{self.wanted.topic}: more than {MOST_ROWS} messages; give recordings one by one")
         self.numbers.extend(row)
+        self.said = getattr(content, "units", self.said)
+
+    def units(self) -> tuple[str, ...]:
+        """What the file says of each column; nothing of arrays, which have more columns than paths."""
+        found = tuple(self.said.get(name, "") for name in (self.wanted.time, *self.wanted.columns))
+        return found if len(found) == self.width else ("",) * self.width
 
     def whole(self, path: Path) -> np.ndarray:
         if self.numbers:

@@ -105,14 +105,14 @@ class Quantity:
         wide = {"sigma": endless, "lower": -endless, "upper": endless}
         return Quantity(unit=unit, coordinates=coordinates, x=x, free=none, own=own, **wide)
 
-    def with_status(self, status: ParameterStatus) -> Quantity:
-        """A copy of which this is known. Raises NameNotFound for a coordinate that there is not, and InvalidInput."""
+    def with_status(self, status: ParameterStatus, called: str = "it") -> Quantity:
+        """A copy of which this is known; called: its name. Raises NameNotFound for no coordinate of it, and InvalidInput."""
         names = self.coordinates.names
         for name in status.only or ():
-            require_known("coordinate", name, names)
+            require_known(f"coordinate of {called}, which has none for what is 0 in the robot's file:", name, names)
         chosen = np.array([status.only is None or name in status.only for name in names], dtype=bool)
         if self.begin is not None and not isinstance(status, Fixed):
-            return replace(self, x=np.where(chosen, self.begin, self.x), begin=None).with_status(status)
+            return replace(self, x=np.where(chosen, self.begin, self.x), begin=None).with_status(status, called)
         lower, upper = self._bounds(status)
         return replace(
             self,
@@ -140,7 +140,7 @@ class Declaration:
 
     def with_status(self, **status: ParameterStatus) -> Declaration:
         """A copy in which these quantities are known so. Raises NameNotFound for one that there is not, and InvalidInput."""
-        return self._with({name: self._found(name).with_status(one) for name, one in status.items()})
+        return self._with({name: self._found(name).with_status(one, name) for name, one in status.items()})
 
     def with_start(self, **values: np.ndarray) -> Declaration:
         """A copy whose quantities start at other values (...) [unit of the quantity]. Raises NameNotFound, InvalidInput."""

@@ -21,7 +21,7 @@ import yaml
 
 from uvms_ocp.errors import InvalidInput, UvmsError
 from uvms_ocp.identification.data_quality import check_data_quality
-from uvms_ocp.identification.file_kinds import holds_messages
+from uvms_ocp.identification.file_kinds import holds_messages, kind_of
 from uvms_ocp.identification.messages import messages, topics_of
 from uvms_ocp.identification.reading import RecordingMapping, mapped_recording
 from uvms_ocp.identification.recording import CHANNEL_KINDS
@@ -37,19 +37,23 @@ def propose_mapping(path: Path) -> str:
 
     Raises InvalidInput for a file in which nothing has a name that is known, with the names that there are, and NotInstalled.
     """
-    named = dict(_fields(path)) if holds_messages(path) else {"": list(column_names(path))}
+    known = not path.is_dir() and kind_of(path) in _TABLE["kinds"]
+    forms = [form for form in _TABLE["forms"] if ("topic" in form) == known]
+    named = dict(_fields(path, forms)) if holds_messages(path) else {"": list(column_names(path))}
     found = _Found()
-    for form, (topic, names) in product(_TABLE["forms"], named.items()):
+    for form, (topic, names) in product(forms, named.items()):
         used = {
             str(column).removeprefix("-") for one in found.values() if one.get("topic", "") == topic for column in one["columns"]
         }
         columns = _matched(form, [name for name in names if name not in used and (name[:1].isupper() or "capitals" not in form)])
-        if columns and form["channel"] not in found:
-            given = {key: form[key] for key in ("format", "frame", "world") if key in form}
+        if columns and form["channel"] not in found and re.fullmatch(form.get("topic", ".*"), topic):
+            given = {key: form[key] for key in ("format", "frame", "world", "body", "offset", "scale") if key in form}
+            if rows := {name: value for name, value in form.get("rows", {}).items() if name in names}:
+                given["rows"] = rows
             found[form["channel"]] = ({"topic": topic} if topic else {}) | _time(names) | {"columns": columns} | given
     if not found:
-        known = "; ".join(f"{topic} {', '.join(names[:40])}".strip() for topic, names in named.items())
-        raise InvalidInput(f"{path}: nothing in it has a name that is known: {known}; write a mapping of these")
+        there = "; ".join(f"{topic} {', '.join(names[:40])}".strip() for topic, names in named.items())
+        raise InvalidInput(f"{path}: nothing in it has a name that is known: {there}; write a mapping of these")
     found, cured = _cured(path, found)
     ranges, doubts = _judged(path, found)
     lines = ["channels:"]
@@ -65,11 +69,12 @@ def propose_mapping(path: Path) -> str:
     return "\n".join(lines) + "\n"
 
 
-def _fields(path: Path) -> Iterator[tuple[str, list[str]]]:
-    """Topics with the fields of their first message."""
+def _fields(path: Path, forms: Sequence[Mapping[str, Any]]) -> Iterator[tuple[str, list[str]]]:
+    """Topics that a form may be of, with the fields of their second message: one that is sent once is no measurement."""
     for topic in topics_of(path):
-        with suppress(UvmsError):  # such as one without a definition
-            yield topic, [name for _, _, one in islice(messages(path, [topic], None, []), 1) for name in _leaves("", one)]
+        if any(re.fullmatch(form.get("topic", ".*"), topic) for form in forms):
+            with suppress(UvmsError):  # such as one without a definition
+                yield topic, [name for _, _, one in islice(messages(path, [topic], None, []), 1, 2) for name in _leaves("", one)]
 
 
 def _leaves(prefix: str, value: Any) -> Iterator[str]:

@@ -46,7 +46,6 @@ from uvms_ocp.model_errors import FileModel, one_line_errors
 from uvms_ocp.record.record import Record
 from uvms_ocp.record.run_meta import is_floating
 from uvms_ocp.record.untrusted import read_yaml_as
-from uvms_ocp.robot.spatial import matrix_to_quaternion, quaternion_to_matrix, rpy_to_matrix
 
 # When messages were sent that arrived late, in bursts or with gaps.
 
@@ -82,7 +81,11 @@ class ChannelMapping(FileModel, allow_inf_nan=False):
 
     file: str = Field(default="", description="in the folder of the recording, {name} for its name; empty: the file itself")
     topic: str = Field(default="", description="of the messages, in MCAP files, bags, logs of MAVLink; `type` of JSON lines")
-    time: str = Field(default="", description="column or field of the times; of messages, empty for when they were logged")
+    time: str | Annotated[float, Field(gt=0.0)] = Field(
+        default="",
+        description="column or field of the times; of messages, empty for when they were logged; a number is the period of rows "
+        "that have none",
+    )
     time_unit: Literal["s", "ms", "us", "ns"] | None = Field(
         default=None,
         description="of times that are plain numbers, default: as a header says, or s; stamps and ISO 8601 need none",
@@ -217,15 +220,16 @@ def _mapped_rows(source: Path, mapping: RecordingMapping, name: str) -> dict[str
         if holds_messages(path):
             if not one.topic and "" not in known_topics(path):  # as messages that name no type are
                 raise InvalidInput(f"{path}: {key} has no topic; give one of {', '.join(known_topics(path))}")
+            time = one.time if isinstance(one.time, str) else ""
             unit = recordings.SECONDS[one.time_unit or "s"]
-            by_path[path][key] = TopicColumns(topic=one.topic, columns=(*one.fields, *one.rows), time=one.time, unit=unit)
+            by_path[path][key] = TopicColumns(topic=one.topic, columns=(*one.fields, *one.rows), time=time, unit=unit)
         else:
             found[key] = _chosen(key, one, _table_rows(key, one, path, mapping.table))
     for path, wanted in by_path.items():
         definitions = Path(mapping.messages) if mapping.messages else None
         for key, rows in message_rows(path, wanted, definitions).items():
             one = mapping.channels[key]
-            found[key] = _chosen(key, one, rows if one.time_unit else _unix_seconds(rows))
+            found[key] = _chosen(key, one, rows if one.time_unit and isinstance(one.time, str) else _in_seconds(one, rows))
     return found
 
 
@@ -233,26 +237,25 @@ _UNIX_TIME = {"ns": 1e17, "us": 1e14, "ms": 1e11}
 """Least number of a time since 1970 in each unit: read as seconds it would be some thousand years."""
 
 
-def _unix_seconds(rows: tables.TableColumns) -> tables.TableColumns:
-    """Convert times whose unit nobody gives, in the first column, to seconds where their size tells it, and say so."""
-    times = rows.values[:, 0]
-    largest = np.abs(times).max(initial=0.0, where=np.isfinite(times))
-    unit = next((unit for unit, least in _UNIX_TIME.items() if largest >= least), "")
-    if not unit:
-        return rows
-    values = rows.values * [recordings.SECONDS[unit], *np.ones(rows.values.shape[1] - 1)]
-    return replace(rows, values=values, layout=", ".join(filter(None, (rows.layout, f"times in {unit}"))))
+def _in_seconds(one: ChannelMapping, rows: tables.TableColumns) -> tables.TableColumns:
+    """Convert times, in the first column, to seconds: of a unit that is given or said, or whose size tells it; or even ones."""
+    times, said = rows.values[:, 0], rows.units[0]
+    if not isinstance(one.time, str):
+        times, said = one.time * np.arange(len(times)), "s"
+    unit, layout = _SPELLED.get(said, said) if one.time_unit is None else one.time_unit, rows.layout
+    if unit not in recordings.SECONDS:
+        largest = np.abs(times).max(initial=0.0, where=np.isfinite(times))
+        unit = next((name for name, least in _UNIX_TIME.items() if largest >= least), "s")
+        layout = layout if unit == "s" else ", ".join(filter(None, (layout, f"times in {unit}")))
+    return replace(rows, values=np.column_stack([recordings.SECONDS[unit] * times, rows.values[:, 1:]]), layout=layout)
 
 
 def _table_rows(key: str, one: ChannelMapping, path: Path, given: TextFormat | None) -> tables.TableColumns:
-    if one.topic or not one.time:
-        raise InvalidInput(f"{path}: {key} is in a table; give its time, and no topic")
-    table = tables.read_table(path, [one.time, *one.fields, *one.rows], given)
-    unit = one.time_unit or _SPELLED.get(table.units[0], table.units[0])
-    if unit in recordings.SECONDS:
-        table = replace(table, values=table.values * [recordings.SECONDS[unit], *np.ones(len(table.units) - 1)])
-    else:
-        table = _unix_seconds(table)
+    named = (*one.fields, *one.rows)
+    if one.topic or not one.time or not named:
+        raise InvalidInput(f"{path}: {key} is in a table; give its time, a column or the period [s] of its rows, and no topic")
+    time = one.time if isinstance(one.time, str) else named[0]  # of which there are as many
+    table = _in_seconds(one, tables.read_table(path, [time, *named], given))
     return replace(table, layout=f"{path.name}: {table.layout}" if table.layout else "")
 
 
@@ -268,23 +271,18 @@ def _chosen(key: str, one: ChannelMapping, table: tables.TableColumns) -> tables
     factors, remarks = _factors(key, one, table.units[1 : values.shape[1]])
     numbers = values[:, 1:] * factors
     if len(one.fields) < len(one.columns) or any(str(name).startswith("-") for name in one.columns):
-        numbers = _signed(one, numbers)
+        measured = iter(numbers.T)
+        numbers = np.column_stack(
+            [
+                next(measured) * (-1 if name[:1] == "-" else 1) if isinstance(name, str) else np.full(len(values), name)
+                for name in one.columns
+            ]
+        )
     if key == "attitude" and one.format != "rpy" and one.lost == "never":  # zeros: its sender knows no attitude
         numbers = np.where(np.linalg.norm(numbers, axis=1, keepdims=True) > 0.0, numbers, np.nan)
     shift, scale = np.asarray(one.offset), np.asarray(one.scale)
     return replace(
         table, values=np.column_stack([values[:, 0], (numbers + shift) * scale]), units=(), remarks=(*table.remarks, *remarks)
-    )
-
-
-def _signed(one: ChannelMapping, measured: np.ndarray) -> np.ndarray:
-    """All columns (n, k): measured ones (n, l) with their signs, and constants."""
-    columns = iter(measured.T)
-    return np.column_stack(
-        [
-            np.full(len(measured), name) if not isinstance(name, str) else next(columns) * (-1 if name[:1] == "-" else 1)
-            for name in one.columns
-        ]
     )
 
 
@@ -336,7 +334,7 @@ def _like_degrees(rows: np.ndarray) -> bool:
 
 def _named(one: ChannelMapping, chosen: np.ndarray) -> str:
     """Names of the chosen ones of its time and columns (1 + k,); a path to an array stands for all of its columns."""
-    names = [one.time or "time", *map(str, one.columns)]
+    names = [str(one.time or "time"), *map(str, one.columns)]
     if len(names) != len(chosen):
         return ", ".join(names[1:])
     return ", ".join(name for name, each in zip(names, chosen, strict=True) if each)
@@ -364,6 +362,7 @@ def _samples(key: str, one: ChannelMapping, table: tables.TableColumns) -> recor
         back=back,
         repeated=len(given) - len(t),
         echoes=n - len(given),
+        constants=tuple(k for k, name in enumerate(one.columns) if not isinstance(name, str)),
     )
 
 
@@ -392,25 +391,25 @@ def _without_echoes(rows: np.ndarray) -> np.ndarray:
 
 def _converted(key: str, one: ChannelMapping, values: np.ndarray) -> np.ndarray:
     if key == "attitude":
-        world, body = (_DOWN if z_down else np.eye(3) for z_down in (one.world == "NED", one.body == "FRD"))
-        return recordings.continuous_quaternions(
-            np.array([matrix_to_quaternion(world @ R @ body) for R in _rotations(one, values)])
-        )
+        return recordings.continuous_quaternions(_quaternions(one, values))
     frame = one.frame or recordings.CHANNEL_KINDS[key].frame
     turned = {"W": one.world == "NED", "B": one.body == "FRD"}.get(frame, False)
     return values * np.tile(np.diag(_DOWN), values.shape[1] // 3) if turned else values
 
 
-def _rotations(one: ChannelMapping, values: np.ndarray) -> list[np.ndarray]:
-    if one.format == "rpy":
-        if values.shape[1] != 3 or np.abs(values[:, :2]).max() > _LARGEST_ANGLE:
-            largest = np.abs(values).max()
-            raise InvalidInput(f"attitude: {values.shape[1]} angles up to {largest:.4g} rad given; in deg? give its unit")
-        return [rpy_to_matrix(rpy) for rpy in values]
-    if values.shape[1] != 4:
-        raise InvalidInput(f"attitude: {values.shape[1]} columns given; allowed: 4, or format: rpy")
-    xyzw = values[:, [1, 2, 3, 0]] if one.format == "quaternion wxyz" else values
-    return [quaternion_to_matrix(quaternion / np.linalg.norm(quaternion)) for quaternion in xyzw]
+def _quaternions(one: ChannelMapping, values: np.ndarray) -> np.ndarray:
+    """Attitudes (n, 4) of B in W."""
+    from scipy.spatial.transform import Rotation
+
+    width = 3 if one.format == "rpy" else 4
+    if values.shape[1] != width:
+        raise InvalidInput(f"attitude: {values.shape[1]} columns given; allowed: 4, or 3 with format: rpy")
+    if width == 3 and np.abs(values[:, :2]).max() > _LARGEST_ANGLE:
+        raise InvalidInput(f"attitude: angles up to {np.abs(values).max():.4g} rad given; in deg? give its unit")
+    w_first = one.format == "quaternion wxyz"
+    R = Rotation.from_euler("xyz", values) if width == 3 else Rotation.from_quat(values, scalar_first=w_first)
+    world, body = (Rotation.from_matrix(_DOWN if z_down else np.eye(3)) for z_down in (one.world == "NED", one.body == "FRD"))
+    return np.asarray((world * R * body).as_quat())
 
 
 # Records of the toolkit's own runs as recordings: what the robot measured, what was asked of its thrusters, and the truth of

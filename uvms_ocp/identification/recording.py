@@ -62,6 +62,8 @@ class Channel:
     """Samples left out, for they said again what had just been said."""
     columns: tuple[str, ...] = ()
     """Names of joints or thrusters, where whoever recorded them says so."""
+    constants: tuple[int, ...] = ()
+    """Places of columns that were not measured: their numbers are whoever's gave the mapping."""
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "t", read_only(self.t, np.float64))

@@ -211,7 +211,8 @@ def _dead(name: str, channel: Channel) -> Iterator[str]:
         return
     if not kind.columns or name == "current":  # a joint may rest, and a current be steady
         return
-    dead = [label for label, width in zip(kind.columns, spread, strict=True) if width < DEAD]
+    named = enumerate(zip(kind.columns, spread, strict=True))
+    dead = [label for k, (label, width) in named if width < DEAD and k not in channel.constants]
     if dead and (name != "attitude" or len(dead) == len(kind.columns)):  # whose numbers have no sensor each
         yield f"dead: {', '.join(dead)} stay within {DEAD:g} {kind.unit}"
 
@@ -230,10 +231,15 @@ def _lost(name: str, channel: Channel) -> Iterator[str]:
 
 
 def _pairs(channel: Channel) -> float:
-    """Share of samples that follow another at once and differ from it by more than it moves until the next but one."""
+    """Share of samples that follow another at once, within its own interval, and differ from it as much as that from the last.
+
+    In bursts, of messages that were held up, what follows at once comes after a longer silence.
+    """
     steps, values = np.diff(channel.t), channel.values
-    close = np.flatnonzero(steps < _AT_ONCE * float(np.percentile(steps, 75)))
+    usual = float(np.percentile(steps, 75))
+    close = np.flatnonzero(steps < _AT_ONCE * usual)
     close = close[(close > 0) & (close < len(steps) - 1)]
+    close = close[np.abs((steps[close - 1] + steps[close]) / usual - 1.0) < 0.5]
     if not len(close):
         return 0.0
     apart = np.abs(values[close + 1] - values[close]).max(axis=1)
@@ -258,9 +264,8 @@ def _far_off(name: str, channel: Channel) -> Iterator[str]:
 def _saturated(name: str, channel: Channel) -> Iterator[str]:
     """Ends of a range that are met exactly, again and again, and far more often than the values next to them."""
     kind = CHANNEL_KINDS[name]
-    for label, values in zip(
-        kind.columns if name in _SATURATES and not any(_far_off(name, channel)) else (), channel.values.T, strict=False
-    ):
+    looked_at = kind.columns if name in _SATURATES and not any(_far_off(name, channel)) else ()
+    for label, values in zip(looked_at, channel.values.T, strict=False):
         for way in (1.0, -1.0):
             ends, counts = np.unique(way * values, return_counts=True)
             visits, n = int((np.diff(1 * (way * values == ends[-1])) > 0).sum()), int(counts[-1])

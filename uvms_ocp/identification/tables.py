@@ -1,7 +1,8 @@
 """Tables of numbers in files that anyone may have written, and recordings stored as such.
 
 Text (see `uvms_ocp.identification.text_tables`) and workbooks, Parquet, and named arrays: NumPy's ``.npz``, MATLAB's ``.mat``,
-HDF5. An array of two dimensions has a column ``name[k]``, k from 0, for each of its shorter side.
+HDF5. An array of two dimensions has a column ``name[k]``, k from 0, for each of its shorter side; in
+``.npy``, where it has no name, ``#k``, from 1.
 """
 
 from __future__ import annotations
@@ -9,7 +10,8 @@ from __future__ import annotations
 import csv
 import gzip
 import re
-from collections.abc import Collection, Iterator, Mapping, Sequence
+from collections import defaultdict
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from math import prod
@@ -97,8 +99,8 @@ def _from_arrays(path: Path, wanted: Sequence[str]) -> np.ndarray:
 def _arrays(path: Path) -> dict[str, np.ndarray]:
     """Columns (n,) by name."""
     with as_input_errors(path):
-        read = {"npz": read_arrays, "mat": _mat_arrays, "hdf5": _hdf5_arrays}[kind_of(path)]
-        arrays = {name: np.asarray(array) for name, array in read(path).items()}
+        readers = {"npz": read_arrays, "npy": _npy_arrays, "mat": _mat_arrays, "hdf5": _hdf5_arrays}
+        arrays = {name: np.asarray(array) for name, array in readers[kind_of(path)](path).items()}
     found: dict[str, np.ndarray] = {}
     for name, array in arrays.items():
         numbers = array.astype("datetime64[ns]").astype(np.int64) * 1e-9 if array.dtype.kind == "M" else array
@@ -106,8 +108,15 @@ def _arrays(path: Path) -> dict[str, np.ndarray]:
             continue
         table = numbers.astype(float).reshape(len(numbers), -1)
         table = table.T if table.shape[1] > len(table) else table
-        found |= {name: table[:, 0]} if table.shape[1] == 1 else {f"{name}[{k}]": row for k, row in enumerate(table.T)}
+        places = (f"{name}[{k}]" if name else f"#{k + 1}" for k in range(table.shape[1]))
+        found |= {name: table[:, 0]} if name and table.shape[1] == 1 else dict(zip(places, table.T, strict=True))
     return found
+
+
+def _npy_arrays(path: Path) -> Mapping[str, np.ndarray]:
+    array = np.load(path, mmap_mode="r", allow_pickle=False)
+    _require_few([("array", array.shape)])
+    return dict(_flat("", array))
 
 
 def _mat_arrays(path: Path) -> Mapping[str, np.ndarray]:
@@ -139,7 +148,7 @@ def _hdf5_arrays(path: Path) -> Mapping[str, np.ndarray]:
         return {name: one[()].T if one.ndim == 2 else one[()] for name, one in found.items()}
 
 
-def _require_few(shapes: Iterator[tuple[str, Sequence[int]]]) -> None:
+def _require_few(shapes: Iterable[tuple[str, Sequence[int]]]) -> None:
     """Raise InvalidInput for more numbers than a recording has: a few bytes may declare any."""
     for name, shape in shapes:
         if prod(map(int, shape)) > _MOST_NUMBERS:
@@ -224,12 +233,9 @@ def is_stored(names: Collection[str]) -> bool:
 
 def stored_recording(path: Path) -> Recording:
     """Read what `write_recording` has written. Raises InvalidInput for another file, and NotInstalled."""
-    names = column_names(path)
-    found: dict[str, list[str]] = {}
-    for column in names:
-        match = _COLUMN.match(column)
-        if match:
-            found.setdefault(match[1], []).append(column)
+    names, found = column_names(path), defaultdict[str, list[str]](list)
+    for match in filter(None, map(_COLUMN.match, names)):
+        found[match[1]].append(match[0])
     if not is_stored(names) or not found:
         raise InvalidInput(f"{path}: no recording of ours; give a mapping of its columns")
     return Recording(

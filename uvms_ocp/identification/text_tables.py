@@ -98,24 +98,15 @@ def text_layout(path: Path, given: TextFormat | None = None) -> TextLayout:
         before = [(k, row) for k, row in table if k < first and 2 * sum(map(bool, row)) >= width and row[0][:3] != "***"]
         comments = [(k, _split(line.lstrip().lstrip("#%"), delimiter)) for k, line in head if k < first]
         before = before or [(k, row) for k, row in comments if len(row) == width and not _is_row(row, decimal)][-1:]
-        units = (
-            before.pop()
-            if len(before) > 1 and all(_UNITS.fullmatch(cell.strip("[]()").lower()) for cell in before[-1][1] if cell)
-            else None
-        )
+        of_units = len(before) > 1 and all(_UNITS.fullmatch(cell.strip("[]()").lower()) for cell in before[-1][1] if cell)
+        units = before.pop() if of_units else None
         if given.header is not None:
             before = [(k, row) for k, row in cells + comments if k == given.header]
             first = max(first, given.header + 1)
         line, names = before[-1] if before else (0, [f"#{k + 1}" for k in range(width)])
-        said = [cell.strip("[]() ") for cell in units[1]] if units else [_unit_in(name) for name in names]
+        said = tuple(cell.strip("[]() ") for cell in units[1]) if units else tuple(map(_unit_in, names))
         return TextLayout(
-            encoding=encoding,
-            delimiter=delimiter,
-            decimal=decimal,
-            names=tuple(names),
-            units=tuple(said),
-            header=line,
-            first=first,
+            encoding=encoding, delimiter=delimiter, decimal=decimal, names=tuple(names), units=said, header=line, first=first
         )
 
 
@@ -167,9 +158,8 @@ def _encoding(path: Path) -> str:
         return "utf-8"
     with _damage_in_a_line(path), gzip.open(path) if start.startswith(_GZIP) else path.open("rb") as data:
         head = data.read(_HEAD_BYTES)
-    for mark, encoding in _BYTE_ORDER_MARKS.items():
-        if head.startswith(mark):
-            return encoding
+    if marked := [encoding for mark, encoding in _BYTE_ORDER_MARKS.items() if head.startswith(mark)]:
+        return marked[0]
     if b"\0" in head:
         raise InvalidInput(f"{path}: no table of numbers (it is binary); CSV and other tables of text are read")
     try:
@@ -211,14 +201,11 @@ def _decimal(rows: Sequence[Sequence[str]], delimiter: str) -> str:
 def _first_row(table: Sequence[tuple[int, Sequence[str]]], decimal: str) -> int:
     """Line of the first row of numbers: as the later rows have them, column by column."""
     later = [row for _, row in table[len(table) // 2 :]]
-    numeric = [
-        k for k in range(len(later[0]) if later else 0) if 2 * sum(_is_number(row[k], decimal) for row in later) >= len(later)
-    ]
+    columns = enumerate(zip(*later, strict=True))
+    numeric = [k for k, column in columns if 2 * sum(_is_number(cell, decimal) for cell in column) >= len(later)]
     for line, row in table:
-        cells = [row[k] for k in numeric]
-        if any(_is_number(cell, decimal) for cell in cells) and all(
-            _is_number(cell, decimal) or _is_missing(cell) for cell in cells
-        ):
+        cells = [row[k] for k in numeric if not _is_missing(row[k])]
+        if cells and all(_is_number(cell, decimal) for cell in cells):
             return line
     return (table[-1][0] if table else 0) + 1
 
@@ -249,8 +236,7 @@ def _numbers(file: IO[str], layout: TextLayout, places: Sequence[int], remarks: 
         if layout.delimiter == "blank"
         else csv.reader(lines, delimiter=_DELIMITERS[layout.delimiter], skipinitialspace=True)
     )
-    before: list[str] = []
-    number = 0
+    before, number = list[str](), 0
     for row in rows:
         if not row or row[0].startswith(("#", "%")):
             continue
