@@ -23,6 +23,7 @@
   task-priority framework to inequality task, IEEE Transactions on Robotics 27(4), 2011.
 - [Kuffner2000] J. J. Kuffner, S. M. LaValle, RRT-Connect: an efficient approach to single-query path planning, IEEE
   International Conference on Robotics and Automation, 2000.
+- [Mehra1972] R. K. Mehra, Approaches to adaptive filtering, IEEE Transactions on Automatic Control 17(5), 1972.
 - [Mehrotra1992] S. Mehrotra, On the implementation of a primal-dual interior point method, SIAM Journal on Optimization
   2(4), 1992.
 - [Ng2009] M. Ng, L. Qi, G. Zhou, Finding the largest eigenvalue of a nonnegative tensor, SIAM Journal on Matrix Analysis

@@ -220,7 +220,7 @@ def test_a_verdict_moves_what_a_thruster_fails_to_give_from_the_disturbance_to_t
         effectiveness.share,
         effectiveness.constant,
     )
-    tick.adapt()
+    tick._adapt(tick.memory)
     acting = matrix @ effectiveness.given(before.thrust) + tick.observed.estimate[:6]
     np.testing.assert_allclose(acting, matrix @ before.thrust + before.estimate[:6], rtol=1e-12, atol=1e-9)
     for _ in range(200):

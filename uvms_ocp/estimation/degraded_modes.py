@@ -12,7 +12,6 @@ from uvms_ocp.codegen.kernel_layout import Layout, Sized, Vector, assign
 from uvms_ocp.robot.signals import ChannelHealth, Readings, Trust
 
 ALTIMETER, ENCODERS = "altimeter_range", "joint_positions"
-_GOOD = Trust.GOOD
 _SLOW = 0.5
 _SOFT = 0.25  # of Case 1 without DVL: at 1 it runs away, at 0.5 it swings by 0.4 m, at 0.25 by less than 0.1 m
 
@@ -112,7 +111,7 @@ _N_MODES, _N_CHANNELS = len(DEGRADED_MODES), len(CHANNELS)
 
 def degraded_channels(health: Sequence[ChannelHealth]) -> list[ChannelHealth]:
     """Return the channels that are not good."""
-    return [item for item in health if item.trust is not _GOOD]
+    return [item for item in health if item.trust is not Trust.GOOD]
 
 
 class RestrictionMemory(Layout):

@@ -185,6 +185,10 @@ class FilterMemory(Layout):
     """[s] time of the last tick."""
     dt: float
     """[s]"""
+    least_jerk_share: float
+    """Least `jerk_share`; 1 with an accelerometer, and with an exact DVL, whose innovations are no noise."""
+    jerk_share: float
+    """Share of `ProcessNoise.JERK` that the vehicle shows, by the innovations of its DVL."""
     turn: Annotated[Vector, Sized(4)]
     """(4,) quaternion xyzw of R_WB."""
     x: Annotated[Vector, Sized(MAIN)]
@@ -278,7 +282,7 @@ class EstimatorTuning:
     """
 
     jerk: Positive = 0.1
-    """[m/s3/sqrt(Hz)] of the vehicle."""
+    """[m/s3/sqrt(Hz)] of the vehicle at most; without an accelerometer less, where the innovations of the DVL are smaller."""
     angular_jerk: Positive = 0.5
     """[rad/s3/sqrt(Hz)] of the vehicle."""
     gyro_bias: Positive = 1e-3
@@ -311,6 +315,7 @@ RESPONSE_TIME = 0.1
 _ECHO_MEMORY = 1.0  # [s] for which the altitude is known without an echo
 _RESPONSE_UNCERTAINTY = 0.5  # standard deviation of a velocity after a step of the commanded one, as a share of that step
 _RECOVERY = 1.0  # [s] for which readings that contradict the estimate must agree with each other to be believed
+_LEAST_JERK_SHARE = 0.02
 _SMALLEST_SIGMA = 1e-5  # stands in for the noise of an exact sensor, and keeps covariances regular
 _LIMITS = (3.0, 1e2, 30.0, 10.0, 3.0, 3.0, 1.0, 10.0, 10.0)  # of each `Part` but the floor
 _FIRST = (3.0, 1e2, 1.0, 0.1, 1.0, 0.1)  # of those that are not biases
@@ -336,7 +341,9 @@ def initialise(structure: FilterMemory, robot: Robot, specs: SensorSpecs, tuning
     memory.gravity[:] = robot.model.gravity.linear
     memory.beam_up[2], memory.agility[:], memory.jolt[:] = 1.0, _agility(robot), JOLTS
     structure.floating, structure.guided = robot.n_vehicle > 0, specs.specific_force is None
-    structure.echo_memory, structure.echo = _ECHO_MEMORY, -math.inf
+    structure.echo_memory, structure.echo, structure.jerk_share = _ECHO_MEMORY, -math.inf, 1.0
+    noisy = memory.sigma[ChannelIndex.LINEAR_VELOCITY] > _SMALLEST_SIGMA
+    structure.least_jerk_share = _LEAST_JERK_SHARE if structure.guided and noisy else 1.0
     memory.drive[ProcessNoise.JERK], memory.drive[ProcessNoise.ANGULAR_JERK] = tuning.jerk, tuning.angular_jerk
     memory.drive[ProcessNoise.GYRO], memory.drive[ProcessNoise.DVL], memory.drive[ProcessNoise.FORCE] = BIAS_DRIFTS
     memory.drive[ProcessNoise.ROUGHNESS], memory.drive[ProcessNoise.SETTLING] = tuning.floor_roughness, ALTITUDE_DRIFT

@@ -18,6 +18,7 @@ NOW, NONE = -1, -2  # in place of a clone
 _MOST_CLONES = 24.0  # of one channel; where more are needed they stand further apart
 _SPACING = 0.01  # [s] between two clones at least, for each time that an acceleration is integrated in what they see
 _OUTGROWN, _FADING = 4.0, 0.05  # by which a motion that surprised may surprise more, and [s] for how long
+_ADAPTATION, _MOST_ADAPTED = 0.1, 20.0  # gain of the share of the jerk, and largest squared innovation that counts
 _SURPRISE = 0.05  # [s] for which the robot may have accelerated as it can before the process model notices
 
 
@@ -168,6 +169,8 @@ def fuse(m: FilterMemory) -> None:
     """Use what is fresh, then clone what late channels see now."""
     space_clones(m, 0, filtering.N_VEHICLE, SLOTS)
     velocity = int(ChannelIndex.LINEAR_VELOCITY)
+    if m.now - m.used[velocity] > m.lag[velocity] + m.recovery[velocity]:
+        m.jerk_share = 1.0  # nothing shows it any more
     if m.fresh[velocity] != 0.0 and m.outcome[velocity][1] > m.gate[velocity]:
         # The reading before has made an acceleration, which this one may end: no fix is to blame a bias for it.
         _ingest(m, velocity)
@@ -313,6 +316,11 @@ def _gate(m: FilterMemory, c: int, slot: int, delta: float) -> None:
         _relax(m, c, size)
         vehicle.recall_measurement(m, c, slot, vehicle.active(m))
     record_outcome(m, c, squared, rows, believed)
+    if c == ChannelIndex.LINEAR_VELOCITY:
+        # Innovation-based adaptive estimation ([Mehra1972]): squared innovations per degree of freedom have a mean of one where
+        # the process noise is right, and a vehicle that follows its commands jerks less than vehicles can.
+        change = _ADAPTATION * (min(squared / rows, _MOST_ADAPTED) - 1.0)
+        m.jerk_share = min(max(m.jerk_share * math.exp(change), m.least_jerk_share), 1.0)
     if believed:
         if c == ChannelIndex.ALTIMETER_RANGE:
             m.echo = m.stamp[c]

@@ -254,7 +254,7 @@ def _move_columns(m: FilterMemory, h: float, E: Vector, hJ: Vector, hhJ: Vector)
 
 def _diffuse(m: FilterMemory, dt: float, J: Vector) -> None:
     """Add what the driving noise does in a tick, which J turns with the vehicle."""
-    dt2, jerk, spin = dt * dt, m.drive[ProcessNoise.JERK], m.drive[ProcessNoise.ANGULAR_JERK]
+    dt2, jerk, spin = dt * dt, m.jerk_share * m.drive[ProcessNoise.JERK], m.drive[ProcessNoise.ANGULAR_JERK]
     third = zeros(9)  # covariance (3, 3), row by row, of a value and its derivatives after white noise of the third
     third[0], third[1] = dt2 * dt2 * dt / 20.0, dt2 * dt2 / 8.0
     third[2], third[4], third[5] = dt2 * dt / 6.0, dt2 * dt / 3.0, dt2 / 2.0

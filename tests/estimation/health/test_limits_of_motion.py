@@ -147,7 +147,7 @@ def test_encoders_are_believed_again_once_brakes_hold_the_arm(robot: Robot) -> N
         readings = suite.read(State(q=q, v=share * fallen), t)
         silent = replace(readings, joint_positions=None) if 1.5 <= t < 1.9 else readings
         measurement = guard(silent, t, Command(v=np.zeros(robot.n_v), brakes=t >= 1.51))
-    assert guard.monitor.trust("joint_positions") is Trust.GOOD
+    assert {item.channel: item.trust for item in guard.monitor.health}["joint_positions"] is Trust.GOOD
     assert np.abs(measurement.q - q)[robot.joint_q].max() < 0.01
 
 

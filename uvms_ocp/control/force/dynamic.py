@@ -201,8 +201,7 @@ def _learner(laws: ForceLaws, settings: LoadLearning) -> LoadLearner:
     require_learnable(laws.robot, observed=observer is not None)
     assert observer is not None
     tools, limit, bandwidth, dt = laws.robot.tools, observer.limit, observer.bandwidth, observer.dt
-    body = laws.velocity.dynamics
-    return LoadLearner(body, observer.response, settings, tools=tools, limit=limit, bandwidth=bandwidth, dt=dt)
+    return LoadLearner(laws.velocity.dynamics, observer.response, settings, tools=tools, limit=limit, bandwidth=bandwidth, dt=dt)
 
 
 def _per_axis(robot: Robot, vehicle: float, joints: float) -> np.ndarray:

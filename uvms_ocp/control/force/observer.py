@@ -112,8 +112,7 @@ def _coupled(M: ca.SX, gain: ca.SX) -> ca.SX:
     What acts on the faster of two axes then shows as no push on the slower one, and a wrong velocity of the slower one drives
     the faster one by the lower gain alone.
     """
-    n = gain.numel()
-    return M * ca.fmin(ca.repmat(gain, 1, n), ca.repmat(gain.T, n, 1))
+    return M * ca.fmin(ca.repmat(gain, 1, gain.numel()), ca.repmat(gain.T, gain.numel(), 1))
 
 
 def limited(y: ca.SX, limit: np.ndarray) -> ca.SX:

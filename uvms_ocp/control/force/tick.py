@@ -228,10 +228,6 @@ class ForceTick:
         flags, without_joints = self._flags, not self.memory.detection.joints.count
         return not (flags.hold[0] or flags.stop[0]) and (without_joints or bool(flags.joints[0]))
 
-    def adapt(self) -> None:
-        """Adopt the effectiveness in the memory of fault detection, as a tick does that has found a fault."""
-        self._adapt(self.memory)
-
     def _write(self, laws: tick_functions.ForceLaws) -> None:
         memory, robot, derating = self.memory, laws.robot, laws.derating
         memory.bandwidth_share, memory.joint_bandwidth_share = derating.vehicle, derating.joints

@@ -366,15 +366,6 @@ class HealthMonitor:
         """The verdicts of the last tick."""
         return self._health
 
-    def trust(self, channel: str) -> Trust:
-        """Return the verdict on a channel."""
-        return Trust(self._buffers[channel].memory.trust)
-
-    def taken(self) -> dict[str, float | None]:
-        """Return when [s] the last reading was taken of each channel that the estimate rests on; `None` before the first."""
-        times = {name: buffer.memory.taken for name, buffer in self._buffers.items()}
-        return {name: None if math.isnan(t) else t for name, t in times.items()}
-
     def screen(self, readings: Readings, t: float, command: Command | None = None) -> Readings:
         """Screen readings at time t [s]: a refused one is replaced by the last of its channel that was used.
 
