@@ -858,6 +858,7 @@ ARGUMENTS: dict[str, Callable[[], Arguments]] = {
     "Record.from_mcap": lambda: {"path": _mcap()},
     "Record.from_parquet": lambda: {"path": _parquet()},
     "read_table": lambda: {"folder": _campaign_folder()},
+    "vary": lambda: {"values": {"tasks.HA.gain": 0.5}},
     "Fault": lambda: {"target": "depth", "kind": "lost"},
     "parse_fault": lambda: {"text": "depth:lost@1"},
     "scale_to_limits": dict,
