@@ -115,7 +115,7 @@ def test_a_payload_weighs_at_the_tool(scenario: Scenario) -> None:
 
 
 def test_a_parameter_that_there_is_not_is_named_with_those_like_it(scenario: Scenario) -> None:
-    with pytest.raises(NameNotFound, match=r"unknown parameter 'tasks.AT.gian'. Did you mean 'tasks.AT.gain'"):
+    with pytest.raises(NameNotFound, match=r"unknown parameter in values 'tasks.AT.gian'. Did you mean 'tasks.AT.gain'"):
         vary(scenario, {"tasks.AT.gian": 0.3})
 
 

@@ -280,7 +280,7 @@ def vary(
     known, own = available_parameters(scenario), {v.name: v.apply for v in variations if v.apply is not None}
     for name in values:
         if name not in own:
-            require_known("parameter", name, known)
+            require_known("parameter in values", name, known)
     changed = scenario if seed is None else seeded(scenario, seed)
     for name, parameter in known.items():
         if name in values and name not in own:
