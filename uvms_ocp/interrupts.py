@@ -14,9 +14,12 @@ from typing import Any
 class Stopped(KeyboardInterrupt):
     """Ctrl-C, or the stop of a notebook's cell, before there is anything to keep."""
 
+    def __init__(self) -> None:
+        super().__init__("stopped by hand, before there was anything to keep")
+
     def _render_traceback_(self) -> list[str]:
         """What IPython prints: one line."""
-        return ["stopped by hand, before there was anything to keep"]
+        return [str(self)]
 
 
 class Interrupted(KeyboardInterrupt):

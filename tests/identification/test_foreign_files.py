@@ -10,8 +10,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from pydantic import ValidationError
 
-from uvms_ocp.errors import InvalidInput, NameNotFound
+from uvms_ocp.errors import InvalidInput, NameNotFound, UvmsError
 from uvms_ocp.identification import RecordingMapping, check_data_quality, read_recording
 from uvms_ocp.identification.recording import Channel, Recording
 from uvms_ocp.identification.text_tables import text_layout
@@ -194,6 +195,17 @@ def test_an_array_without_a_name_has_columns_by_their_places(turned: bool, tmp_p
     read = recording_of(tmp_path / "dive.npy", {"position": one}).channels["position"]
     np.testing.assert_array_equal(read.t, T)
     np.testing.assert_array_equal(read.values, XYZ * [1.0, 1.0, -1.0])
+
+
+def test_an_array_without_numbers_has_no_columns(tmp_path: Path) -> None:
+    np.save(tmp_path / "dive.npy", np.zeros((0, 3)))
+    with pytest.raises(UvmsError, match=r"dive\.npy"):
+        recording_of(tmp_path / "dive.npy", {"position": {"time": 0.1, "columns": ["#1", "#2", "#3"]}})
+
+
+def test_a_period_is_a_number(tmp_path: Path) -> None:
+    with pytest.raises(ValidationError):
+        RecordingMapping.model_validate({"channels": {"position": POSITION | {"time": True}}})
 
 
 @pytest.mark.parametrize("ending", [".csv", ".npy", ".jsonl"])

@@ -6,6 +6,7 @@ import json
 import sqlite3
 import sys
 from contextlib import suppress
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -14,7 +15,7 @@ import pytest
 from motions import recorded
 
 from uvms_ocp.errors import InvalidInput, NameNotFound, NotInstalled, UvmsError
-from uvms_ocp.identification.messages import numbers_at, seconds_at, steps_of, topics_of
+from uvms_ocp.identification.messages import TopicColumns, _Rows, numbers_at, seconds_at, steps_of, topics_of
 from uvms_ocp.identification.reading import RecordingMapping, mapped_recording, read_mapping
 from uvms_ocp.identification.recording import Recording
 from uvms_ocp.record import mcap as mcap_records
@@ -370,3 +371,18 @@ def test_stamps_of_all_kinds_are_seconds_and_plain_numbers_have_their_unit() -> 
         assert seconds_at({"t": dict(zip(names, (3, 500_000_000), strict=True))}, ("t",), 1e-9) == 3.5
     assert seconds_at({"t": 3_500}, ("t",), 1e-3) == 3.5
     assert numbers_at({"a": {"b": [1, [2, 3]]}}, steps_of("a.b[1]")) == [2.0, 3.0]
+
+
+@dataclass
+class Range:
+    """A message of others."""
+
+    value: float
+    units: str
+
+
+def test_a_field_called_units_is_one_like_others() -> None:
+    rows = _Rows(TopicColumns(topic="/range", columns=("value",), time="", unit=1.0))
+    for k in range(3):
+        rows.add(k * 10**9, Range(2.0 * k, "m"))
+    assert rows.units() == ("", "")

@@ -10,6 +10,7 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
+import pinocchio as pin
 import pytest
 import yaml
 from motions import DOWN, recorded
@@ -18,7 +19,7 @@ from typer.testing import CliRunner
 from uvms_ocp.cli.commands import app
 from uvms_ocp.errors import InvalidInput
 from uvms_ocp.identification.proposed_mapping import propose_mapping
-from uvms_ocp.identification.reading import RecordingMapping, mapped_recording
+from uvms_ocp.identification.reading import RecordingMapping, mapped_recording, read_mapping, read_recording
 from uvms_ocp.identification.recording import CHANNEL_KINDS, Channel, Recording
 from uvms_ocp.identification.tables import write_columns, write_recording
 
@@ -117,6 +118,9 @@ PLAIN: dict[str, dict[str, tuple[float, ...]]] = {
     "cmd_0 cmd_1 u v": {"propeller_commands": (1.0, 2.0), "linear_velocity": (3.0, 4.0, 0.0)},
     "depth": {"position": (0.0, 0.0, -1.0)},
     "heading": {"attitude": (0.0, 0.0, 1.0)},
+    "east north depth": {"position": (1.0, 2.0, -3.0)},
+    "east north depth heading": {"position": (2.0, 1.0, 3.0), "attitude": (0.0, 0.0, 4.0)},
+    "east north up hdg": {"position": (2.0, 1.0, -3.0), "attitude": (0.0, 0.0, 4.0)},
 }
 """Names of columns, and the places, from 1, that each number of a channel has among them, negative for the opposite; 0: none."""
 
@@ -129,6 +133,19 @@ def test_plain_names_of_columns_are_known(names: str, tmp_path: Path) -> None:
     proposed = yaml.safe_load(propose_mapping(tmp_path / "tow.csv"))["channels"]
     signed = {name: k for k, name in enumerate(columns, start=1)} | {f"-{name}": -k for k, name in enumerate(columns, start=1)}
     assert {name: tuple(signed.get(one, one) for one in each["columns"]) for name, each in proposed.items()} == PLAIN[names]
+
+
+def test_a_heading_is_clockwise_from_north(tmp_path: Path) -> None:
+    t = np.arange(0.0, 60.0, 0.05)
+    heading = 0.6 * np.sin(0.3 * t) + 0.05 * t
+    north, east = (np.cumsum(0.05 * 0.4 * way(heading)) for way in (np.cos, np.sin))
+    columns = {"t": t, "east": east, "north": north, "depth": 5.0 + 0.01 * t, "heading": heading}
+    write_columns(tmp_path / "swim.csv", columns)
+    (tmp_path / "mapping.yaml").write_text(propose_mapping(tmp_path / "swim.csv"), encoding="utf-8")
+    read = read_recording(tmp_path / "swim.csv", read_mapping(tmp_path / "mapping.yaml"))
+    way = np.gradient(read.channels["position"].values, 0.05, axis=0)
+    ahead = np.array([pin.Quaternion(q).toRotationMatrix()[:, 0] for q in read.channels["attitude"].values])
+    np.testing.assert_allclose(np.sum(way * ahead, axis=1)[2:-2], 0.4, rtol=0.01)
 
 
 def test_of_mavlink_only_messages_are_proposed_whose_meaning_is_laid_down(tmp_path: Path) -> None:

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from driven import drive, known, vehicle_of
 
-from uvms_ocp.identification.fit import Search, resumed_search, search_fit
+from uvms_ocp.identification.fit import Search, _some, resumed_search, search_fit
 from uvms_ocp.identification.model import Vehicle, stage_of
 from uvms_ocp.identification.output_error import FitStatus, Noise, OutputErrorProblem
 from uvms_ocp.identification.parameters import Free
@@ -55,6 +57,16 @@ def test_a_search_goes_on_by_itself_where_its_iterations_are_too_few() -> None:
     assert found.status is FitStatus.CONVERGED
     assert 1 < found.iterations < 10
     np.testing.assert_allclose(found.shared, wanted.shared, atol=1e-3)
+
+
+@pytest.mark.parametrize("every", [2, 3, 5])
+def test_motions_that_alternate_are_all_among_some_minutes(every: int) -> None:
+    one = vehicle()
+    tow = PreparedRecording.of(drive(stage_of(one), one.shared.start, seed=1, t_end=5.0), one).stretches(0.05, 10.0)[0]
+    chosen = _some([replace(tow, recording=f"tow {k}") for k in range(30)], every)
+    assert len(chosen) == -(-30 // every)
+    kinds = [int(part.recording.split()[1]) % 2 for part in chosen]
+    assert min(kinds.count(0), kinds.count(1)) >= len(chosen) // 4
 
 
 def test_long_recordings_are_searched_along_some_minutes_first_and_give_the_same(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -111,7 +111,8 @@ def test_a_press_while_a_run_is_set_up_ends_it(press: Callable[[], object], monk
     with default_answer(), pytest.raises(Stopped) as stop:
         scenario().run()
     assert not isinstance(stop.value, uo.Interrupted)
-    assert len(stop.value._render_traceback_()) == 1  # in a notebook
+    assert stop.value._render_traceback_() == [str(stop.value)]  # in a notebook
+    assert "stopped by hand" in str(stop.value)
     assert sys.getprofile() is profile
 
 

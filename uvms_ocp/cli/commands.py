@@ -184,6 +184,8 @@ def main() -> None:
         if isinstance(error, MemoryError):
             text = f"out of memory ({error}): give less at a time, such as shorter recordings or fewer rows"
         if not text:
+            if isinstance(error.__context__, KeyboardInterrupt):
+                print(str(error.__context__) or "stopped by hand", file=sys.stderr)
             raise
         _drop_stdout()
         if _TRACEBACK in sys.argv:

@@ -406,6 +406,7 @@ def _variable(name: str, kind: c_code.CType, *, own: bool) -> str:
 
 def _syntax(kernel: Callable[..., Any]) -> ast.FunctionDef:
     place = kernel.__code__
+    linecache.checkcache(place.co_filename)
     found = _functions_in("".join(linecache.getlines(place.co_filename))).get(place.co_firstlineno)
     if found is None or len(found.decorator_list) > (kernel in WIDE):
         raise InvalidInput(f"{kernel.__name__} is no plain function; kernels have no decorators but `wide`")

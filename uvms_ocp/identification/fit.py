@@ -151,9 +151,10 @@ def search_fit(
 
 
 def _some(stretches: Sequence[Segment], every: int) -> Sequence[Segment]:
-    """Those of one minute of so many, as recordings of their own; for one all, as they are."""
+    """Those of one minute of so many, drawn by lot, as recordings of their own; for one all, as they are."""
     minutes = [list(group) for _, group in groupby(stretches, key=lambda one: (one.recording, one.edges[0] // 60.0))]
-    some = [replace(one, recording=f"{one.recording} {k}") for k, minute in enumerate(minutes[::every]) for one in minute]
+    drawn = sorted(np.random.default_rng(0).permutation(len(minutes))[: -(-len(minutes) // every)])  # motions may alternate
+    some = [replace(one, recording=f"{one.recording} {k}") for k in drawn for one in minutes[k]]
     return some if every > 1 else stretches
 
 

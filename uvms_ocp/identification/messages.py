@@ -437,7 +437,7 @@ class _Rows:
         if len(self.numbers) >= self.width * MOST_ROWS:
             raise InvalidInput(f"{self.wanted.topic}: more than {MOST_ROWS} messages; give recordings one by one")
         self.numbers.extend(row)
-        self.said = getattr(content, "units", self.said)
+        self.said = content.units if isinstance(content, _WithUnits) else self.said
 
     def units(self) -> tuple[str, ...]:
         """What the file says of each column; nothing of arrays, which have more columns than paths."""

@@ -46,6 +46,7 @@ def propose_mapping(path: Path) -> str:
             str(column).removeprefix("-") for one in found.values() if one.get("topic", "") == topic for column in one["columns"]
         }
         columns = _matched(form, [name for name in names if name not in used and (name[:1].isupper() or "capitals" not in form)])
+        columns *= any(re.fullmatch(form.get("beside", ".*"), _plain(name)) for name in names)
         if columns and form["channel"] not in found and re.fullmatch(form.get("topic", ".*"), topic):
             given = {key: form[key] for key in ("format", "frame", "world", "body", "offset", "scale") if key in form}
             if rows := {name: value for name, value in form.get("rows", {}).items() if name in names}:

@@ -81,7 +81,7 @@ class ChannelMapping(FileModel, allow_inf_nan=False):
 
     file: str = Field(default="", description="in the folder of the recording, {name} for its name; empty: the file itself")
     topic: str = Field(default="", description="of the messages, in MCAP files, bags, logs of MAVLink; `type` of JSON lines")
-    time: str | Annotated[float, Field(gt=0.0)] = Field(
+    time: str | Annotated[float, Field(gt=0.0, strict=True)] = Field(
         default="",
         description="column or field of the times; of messages, empty for when they were logged; a number is the period of rows "
         "that have none",

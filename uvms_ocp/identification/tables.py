@@ -104,7 +104,7 @@ def _arrays(path: Path) -> dict[str, np.ndarray]:
     found: dict[str, np.ndarray] = {}
     for name, array in arrays.items():
         numbers = array.astype("datetime64[ns]").astype(np.int64) * 1e-9 if array.dtype.kind == "M" else array
-        if numbers.dtype.kind not in "biuf" or numbers.ndim not in (1, 2):
+        if numbers.dtype.kind not in "biuf" or numbers.ndim not in (1, 2) or not numbers.size:
             continue
         table = numbers.astype(float).reshape(len(numbers), -1)
         table = table.T if table.shape[1] > len(table) else table

@@ -244,8 +244,8 @@ def allocation_of(robot: Robot, *, force_weight: float = 1.0, moment_weight: flo
     """Return the allocation of a robot's thrusters.
 
     When the limits bind, the acceleration that is given up is least in the norm of the kinetic energy (Gauss's principle of
-    least constraint): a newton metre turns a small hull more than a newton moves it. force_weight and moment_weight [-] say
-    what to give up besides. compiled: as `Allocation` has it.
+    least constraint), axis by axis and without added mass: a newton metre turns a small hull more than a newton moves it.
+    force_weight and moment_weight [-] say what to give up besides. compiled: as `Allocation` has it.
     """
     thrusters = robot.description.thrusters
     lower, upper = thrust_limits(robot)
