@@ -16,9 +16,7 @@ import numpy as np
 
 from uvms_ocp.codegen import BufferedFunction, compile_function
 from uvms_ocp.errors import InvalidInput
-from uvms_ocp.identification.model import N_V, StageFunctions
-from uvms_ocp.identification.output_error import Noise
-from uvms_ocp.identification.recording import Channel, ZeroOrderHold
+from uvms_ocp.identification import model, output_error, recording
 from uvms_ocp.identification.rollout import Rollout, chained
 from uvms_ocp.robot.spatial import quaternion_to_matrix
 from uvms_ocp.types import read_only
@@ -173,7 +171,7 @@ class TrajectorySimulator:
 
     def states(self, u: np.ndarray) -> np.ndarray:
         """(n + 1, n_x) [as `StageFunctions`] after commands u (n, n_u) [N, N m] as they act."""
-        x = np.concatenate([_AT_REST, np.zeros(N_V + self._stage.n_u)])
+        x = np.concatenate([_AT_REST, np.zeros(model.N_V + self._stage.n_u)])
         whole = self._rollout.many("step", self._rollout.step, len(u), 1)
         (after,) = self._outputs(("step", len(u)), whole, x, *self._given(u))
         return np.vstack([x, after.T])
@@ -247,14 +245,14 @@ def _backward(A: np.ndarray, direct: np.ndarray) -> np.ndarray:
     return L
 
 
-def _bent_step(stage: StageFunctions) -> ca.Function:
+def _bent_step(stage: model.StageFunctions) -> ca.Function:
     """``x, u, joints, p, h, weights of A, B, C -> slopes of the weighted sum with x and u``"""
     shapes = (stage.n_x, 1), (stage.n_u, 1), (3 * stage.n_j, 1), (stage.n_p, 1), (1, 1)
     given = [ca.SX.sym("given", *shape) for shape in shapes]
     return _weighted_gradient("bent", given, stage.slope(*given), given[:2])
 
 
-def _bent_seen(stage: StageFunctions) -> ca.Function:
+def _bent_seen(stage: model.StageFunctions) -> ca.Function:
     """``x, p, weights of dy/dx, dy/dp -> slope of the weighted sum with x``"""
     given = [ca.SX.sym("given", stage.n_x), ca.SX.sym("given", stage.n_p)]
     return _weighted_gradient("bent_seen", given, stage.outputs(*given)[1:], given[:1])
@@ -280,7 +278,7 @@ class InformationCriterion:
     """(m, n_p) [units of numbers, per unknown] of the numbers that matter."""
     prior_information: np.ndarray
     """(n_p, n_p) [1 / unknowns^2] of priors, and of recordings that there are."""
-    noise: Noise
+    noise: output_error.Noise
     rate: float
     """[Hz] of the sensors."""
 
@@ -348,7 +346,7 @@ class KnotCommands:
         n, inner = round(duration / step), max(1, round(duration / every) - 1)
         sent, t = _lines(n, inner, step * (inner + 1) / duration), step * np.arange(n)
         # A command of one step only: what it does is the same at any time.
-        held, edges = ZeroOrderHold(Channel(t=t, values=np.eye(n, 1, -1))), edges_of(n, step, delay)
+        held, edges = recording.ZeroOrderHold(recording.Channel(t=t, values=np.eye(n, 1, -1))), edges_of(n, step, delay)
         acting, late = _shifted(held.mean(edges)[:, 0]), _shifted(-held.mean_slope(edges)[:, 0])
         return KnotCommands(sent=sent, acting=acting @ sent, late=late @ sent)
 

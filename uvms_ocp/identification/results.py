@@ -14,13 +14,9 @@ import numpy as np
 import tomllib
 import yaml
 
-from uvms_ocp.identification import uncertainty
+from uvms_ocp.identification import coordinates, experiment_design, fit, settings, uncertainty
 from uvms_ocp.identification.calibration import Calibration, Comparison
-from uvms_ocp.identification.coordinates import Interval
-from uvms_ocp.identification.experiment_design import Excitation
-from uvms_ocp.identification.fit import Predicted, fit_percent
 from uvms_ocp.identification.parameters import AXES
-from uvms_ocp.identification.settings import SHAPE_SPREADS, shape_of
 from uvms_ocp.identification.uncertainty import DETERMINED_BELOW, LEAST_P, LEVEL, IdentifiedNumber
 from uvms_ocp.identification.validation import OTHERS, SCORED, HeldOutRecording, HorizonPrediction, errors
 from uvms_ocp.robot.description import read_description
@@ -76,7 +72,7 @@ IN_FILE = ("added_mass", "linear_drag", "quadratic_drag", "volume", "centre_of_b
 
 def variant_text(one: Calibration, recordings: Sequence[str]) -> str:
     """Write what was learnt as a variant of the robot's file, in YAML. Raises InvalidInput, as `CalibratedRobot.coefficients`."""
-    shape = shape_of(one.subject.robot, one.subject.frame)
+    shape = settings.shape_of(one.subject.robot, one.subject.frame)
     lines, learnt = [f"# Identified from: {', '.join(recordings)}."], list(_lines(one, shape))
     if learnt:
         lines += ["links:", f"  {one.subject.frame}:", *([f"    {shape}: null"] if shape else [])]
@@ -167,9 +163,9 @@ def fits(comparisons: Sequence[Comparison]) -> Iterator[str]:
         yield f"| {each.name} | {' | '.join(cells)} | {after:.2g} ({'; '.join(f'{x:.2g}' for x in others)}) |"
 
 
-def _by_axis(predicted: Predicted) -> list[str]:
+def _by_axis(predicted: fit.Predicted) -> list[str]:
     pairs = [(predicted.measured[k][:, i], predicted.rows[k][:, i]) for k in range(2) for i in range(3)]
-    return [f"{fit_percent(*pair):.0f}" if np.std(pair[0]) > _STILL else "-" for pair in pairs]
+    return [f"{fit.fit_percent(*pair):.0f}" if np.std(pair[0]) > _STILL else "-" for pair in pairs]
 
 
 def left_out_tables(one: Sequence[HeldOutRecording]) -> Iterator[str]:
@@ -243,8 +239,8 @@ def _number_table(one: Calibration) -> Iterator[str]:
         yield _PROSE["unexplained"].format(missed=", ".join(missed))
     if len(axes := one.subject.vehicle.axes) < len(AXES):
         yield _PROSE["axes"].format(axes=", ".join(AXES[k] for k in axes))
-    if shape := shape_of(one.subject.robot, one.subject.frame):
-        yield _PROSE["shape"].format(shape=shape, frame=one.subject.frame, **SHAPE_SPREADS)
+    if shape := settings.shape_of(one.subject.robot, one.subject.frame):
+        yield _PROSE["shape"].format(shape=shape, frame=one.subject.frame, **settings.SHAPE_SPREADS)
     yield _PROSE["number_table"]
     for each in one.numbers:
         words = "yes" if each.determined else "no", _in_file(one, each)
@@ -305,7 +301,7 @@ def _held(one: Calibration) -> Iterator[str]:
             effect = f"{of.known} | {of.spread:g} | {of.most} by {of.change:.2g}" if of else f"{other} | - | -"
             yield f"| {name} | {shown} | {each.unit} | {effect} |"
     box = one.subject.vehicle.shared.declaration.quantities["centre_of_buoyancy"].coordinates
-    if isinstance(box, Interval):
+    if isinstance(box, coordinates.Interval):
         yield f"| hull | {box.lower.min():.4g} to {box.upper.max():.4g} | m | given | - | centre_of_buoyancy at its ends |"
     for of in (effects[name] for name in effects if effects[name].unit):
         yield f"| {of.quantity} | {of.value:g} | {of.unit} | {of.known} | {of.spread:g} | {of.most} by {of.change:.2g} |"
@@ -321,12 +317,12 @@ def _white(one: Calibration) -> Iterator[str]:
 # A design in words: where it leads, and what one recording of it is expected to determine.
 
 
-def excitation_text(one: Excitation, actuators: Sequence[str]) -> str:
+def excitation_text(one: experiment_design.Excitation, actuators: Sequence[str]) -> str:
     """Write the report of an excitation as Markdown. actuators: names, in the order of its commands."""
     return "\n".join(["# Excitation", "", *_course(one, actuators)]) + "\n"
 
 
-def _course(one: Excitation, actuators: Sequence[str]) -> Iterator[str]:
+def _course(one: experiment_design.Excitation, actuators: Sequence[str]) -> Iterator[str]:
     spans = [f"{low:+.2f} to {high:+.2f}" for low, high in one.swept.T]
     step = float(one.commands.t[1] - one.commands.t[0])
     tilt = 2.0 * np.arcsin(np.hypot(*one.states[:, 3:5].T).max())

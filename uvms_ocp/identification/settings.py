@@ -26,20 +26,16 @@ import pinocchio as pin
 from pydantic import Field
 
 from uvms_ocp.errors import InvalidInput
-from uvms_ocp.identification import parameters
-from uvms_ocp.identification.fit import Search
+from uvms_ocp.identification import fit, output_error, parameters
 from uvms_ocp.identification.model import Vehicle
-from uvms_ocp.identification.output_error import Noise
 from uvms_ocp.identification.parameters import ActuatorModel, Declaration, NominalParameters, ParameterStatus, Unknowns
 from uvms_ocp.model_errors import FileModel, one_line_errors
 from uvms_ocp.record.untrusted import read_yaml_as
-from uvms_ocp.robot.assembly import without_arm
+from uvms_ocp.robot import assembly, loading, symbolic_dynamics
 from uvms_ocp.robot.coefficients import links_in_water
 from uvms_ocp.robot.description import LinkCoefficients, Pose, RobotDescription
 from uvms_ocp.robot.dynamics import robot_dynamics
-from uvms_ocp.robot.loading import load_robot, robot_folder
 from uvms_ocp.robot.robot import Robot
-from uvms_ocp.robot.symbolic_dynamics import SymbolicDynamics
 from uvms_ocp.robot.thrusters import thruster_matrix
 
 # What of a robot is to be learnt, as a YAML file.
@@ -49,7 +45,7 @@ _NonNegative = Annotated[float, Field(ge=0.0)]
 _Delay = Annotated[float, Field(ge=0.0, lt=parameters.LONGEST_DELAY)]
 _Corner = tuple[float, float, float]
 _Axis = Literal["surge", "sway", "heave", "roll", "pitch", "yaw"]
-_NOISE, _SEARCH, _ACTUATORS = Noise(), Search(), ActuatorModel()  # whose defaults are those of the file
+_NOISE, _SEARCH, _ACTUATORS = output_error.Noise(), fit.Search(), ActuatorModel()  # whose defaults are those of the file
 
 
 class _SettingsSection(FileModel, allow_inf_nan=False):
@@ -170,8 +166,8 @@ def calibrated_robot(settings: CalibrationSettings, folder: Path) -> CalibratedR
     Raises InvalidInput, NameNotFound and RobotDataError.
     """
     urdf, file = _files(settings, folder)
-    robot = load_robot(urdf=urdf, hydrodynamics=file)
-    robot = without_arm(robot) if settings.arm == "taken off" else robot
+    robot = loading.load_robot(urdf=urdf, hydrodynamics=file)
+    robot = assembly.without_arm(robot) if settings.arm == "taken off" else robot
     if not robot.n_vehicle:
         raise InvalidInput(f"robot {robot.name!r} has a fixed base; a vehicle is identified, which must float")
     dynamics, actuators = robot_dynamics(robot).symbolic, _actuators(settings, robot)
@@ -213,7 +209,7 @@ def with_delays(subject: CalibratedRobot, settings: CalibrationSettings, *, at_o
     return replace(subject, vehicle=replace(subject.vehicle, shared=Unknowns(known), own=Unknowns(known, own=True)))
 
 
-def _own_link(robot: Robot, dynamics: SymbolicDynamics) -> int:
+def _own_link(robot: Robot, dynamics: symbolic_dynamics.SymbolicDynamics) -> int:
     """Place in ``dynamics.links`` of the largest that the vehicle itself carries: a file has them in any order."""
     own = [link for link in range(len(dynamics.links)) if dynamics.joint_of(link) == _VEHICLE]
     if not own:
@@ -225,7 +221,9 @@ def _own_link(robot: Robot, dynamics: SymbolicDynamics) -> int:
 def _files(settings: CalibrationSettings, folder: Path) -> tuple[Path, Path | None]:
     """URDF and hydrodynamics."""
     named = folder / settings.robot
-    urdf = named if named.suffix == ".urdf" else (named if named.is_dir() else robot_folder(settings.robot)) / "robot.urdf"
+    urdf = (
+        named if named.suffix == ".urdf" else (named if named.is_dir() else loading.robot_folder(settings.robot)) / "robot.urdf"
+    )
     file = urdf.parent / "hydrodynamics.yaml" if settings.hydrodynamics is None else folder / settings.hydrodynamics
     return urdf, file if settings.hydrodynamics is not None or file.is_file() else None
 

@@ -27,10 +27,8 @@ from uvms_ocp import cli
 from uvms_ocp.checks import checked
 from uvms_ocp.cli.commands import app
 from uvms_ocp.errors import AdvisedStatus, InvalidInput, NameNotFound, OutputError
+from uvms_ocp.identification import reading, recording, settings
 from uvms_ocp.identification.parameters import ActuatorModel, NominalParameters, Quantity, vehicle_declaration
-from uvms_ocp.identification.reading import ChannelMapping
-from uvms_ocp.identification.recording import CHANNEL_KINDS
-from uvms_ocp.identification.settings import CalibrationSettings
 from uvms_ocp.record.tables import series_markdown
 from uvms_ocp.robot.description import RobotDescription
 
@@ -72,9 +70,9 @@ def _channels() -> str:
     taken = {True: "a command, held", False: "measured, interpolated"}
     rows = (
         (f"`{name}`", ", ".join(kind.columns) or "one for each", kind.unit, kind.frame or "-", taken[kind.command])
-        for name, kind in CHANNEL_KINDS.items()
+        for name, kind in recording.CHANNEL_KINDS.items()
     )
-    text = _fields(ChannelMapping.model_json_schema())
+    text = _fields(reading.ChannelMapping.model_json_schema())
     return (
         "# Channels of a recording\n\nWhat a `uvms_ocp.identification.recording.Recording` may have, each with times "
         "of its own.\n\n"
@@ -96,7 +94,7 @@ def _robot_files() -> str:
 
 
 def _settings() -> str:
-    schema = CalibrationSettings.model_json_schema()
+    schema = settings.CalibrationSettings.model_json_schema()
     parts = [f"## {name}\n\n{_fields(part)}" for name, part in sorted(schema["$defs"].items())]
     units = ((f"`{name}`", one.unit, ", ".join(filter(None, one.coordinates.names)) or "-") for name, one in _learnable().items())
     return (
