@@ -9,13 +9,17 @@ import numpy as np
 import pytest
 from tiny_robots import TINY, robot_of, scenario_of
 
+from uvms_ocp.campaign.jobs import run_metrics
 from uvms_ocp.errors import InvalidInput
+from uvms_ocp.identification.reading import run_recording
 from uvms_ocp.record.record import MEASURED, Record, Recorder
 from uvms_ocp.record.row_rates import EXTREMES, MEANS, WORST, thinned_rows
 from uvms_ocp.record.tables import SERIES, column_names
-from uvms_ocp.report.metrics import figures_between, max_velocity_step
+from uvms_ocp.report.comparison import transition_series
+from uvms_ocp.report.metrics import figures_between, max_velocity_step, resources
 from uvms_ocp.report.summary import summarize
 from uvms_ocp.scenario.cases import case1
+from uvms_ocp.scenario.recorded_estimate import estimate_recording
 from uvms_ocp.scenario.scenario import Scenario
 
 RATE = 10.0  # [Hz]
@@ -84,7 +88,7 @@ def test_no_peak_and_no_sum_is_lost_between_rows(both: tuple[Record, Record]) ->
     assert len(few) == pytest.approx(len(whole) / 5, abs=5)
     ours, theirs = (figures_between(record, 0.0, record["t"][-1]) for record in both)
     for name, figure in theirs.items():
-        assert ours[name] == pytest.approx(figure, rel=1e-2 if name.startswith(("path", "joint_path")) else 1e-9), name
+        assert ours[name] == pytest.approx(figure, rel=1e-2 if name.startswith(("path", "joint_path")) else 1e-9, abs=1e-12), name
     report, wanted = summarize(few), summarize(whole)
     for name in ("largest_tilt_rad", "min_altimeter_m", "passed_rates", "tool_position_error_m", "energy_j", "events"):
         assert report.get(name) == wanted.get(name), name
@@ -93,6 +97,44 @@ def test_no_peak_and_no_sum_is_lost_between_rows(both: tuple[Record, Record]) ->
     for name in {*MEASURED} & whole.series.keys():
         found, known = few[name], whole[name]
         assert set(found[np.isfinite(found[:, -1]), -1]) <= set(known[np.isfinite(known[:, -1]), -1])
+
+
+@pytest.mark.slow
+def test_paths_and_times_at_limits_of_every_phase_are_those_of_all_ticks_however_few_the_rows() -> None:
+    scenario = case1(noise=True, duration=60.0, dt=0.02, current=(0.9, 0.3, 0.0), seed=3)
+    whole = resources(record := scenario.run())
+    assert record.run_meta.completed
+    assert max(row["saturation_time_s"] for row in whole) > 0.05
+    for ours, theirs in zip(resources(dataclasses.replace(scenario, record_rate=1.0).run()), whole, strict=True):
+        # A mean covers the ticks up to its row, a sum over ticks those from its row on: one tick lies between them.
+        assert ours["joint_path_rad"] == pytest.approx(theirs["joint_path_rad"], rel=1e-3)
+        assert ours["saturation_time_s"] == pytest.approx(theirs["saturation_time_s"], abs=1.01 * scenario.dt)
+
+
+def test_a_campaign_has_the_peaks_of_all_ticks_and_no_count_of_rows_for_one_of_ticks(both: tuple[Record, Record]) -> None:
+    whole, few = both
+    scenario = case1()
+    ours, theirs = (run_metrics(scenario, record) for record in both)
+    for name in ("min_altimeter_m", "tilt_rad", "failed_ticks", "peak_thrust_n"):
+        assert ours[name] == theirs[name], name
+    assert whole.run_meta.statuses[0] == "solved"
+    failing = dataclasses.replace(few, series=dict(few.series) | {"status": np.ones_like(few["status"])})
+    assert run_metrics(scenario, failing)["failed_ticks"] is summarize(failing)["failed_ticks"] is None
+
+
+def test_a_summary_has_the_largest_times_of_all_ticks_and_no_drift_between_rows(both: tuple[Record, Record]) -> None:
+    whole, few = both
+    report = summarize(few)
+    assert report["tick_us"]["max"] == pytest.approx(1e6 * few["tick_time_most"].max())
+    assert report["controller_us"]["max"] == pytest.approx(1e6 * few["controller_time_most"].max())
+    assert report["vehicle_drift_in_last_phase_m"] is None
+    assert summarize(whole)["vehicle_drift_in_last_phase_m"] > 0.0
+
+
+def test_what_compares_ticks_refuses_a_record_of_fewer_rows(both: tuple[Record, Record]) -> None:
+    for refuses in (transition_series, lambda few: run_recording(few, "few"), lambda few: estimate_recording(few, case1().robot)):
+        with pytest.raises(InvalidInput, match="fewer rows than ticks; record it with every tick"):
+            refuses(both[1])
 
 
 def test_a_record_of_fewer_rows_is_saved_and_read_as_any(both: tuple[Record, Record], tmp_path: Path) -> None:

@@ -43,7 +43,7 @@ from uvms_ocp.identification.file_kinds import holds_messages, kind_of
 from uvms_ocp.identification.messages import TopicColumns, message_rows, topics_of
 from uvms_ocp.identification.text_tables import TextFormat
 from uvms_ocp.model_errors import FileModel, one_line_errors
-from uvms_ocp.record.record import Record
+from uvms_ocp.record.record import Record, require_every_tick
 from uvms_ocp.record.run_meta import is_floating
 from uvms_ocp.record.untrusted import read_yaml_as
 
@@ -422,8 +422,8 @@ _POSE, _TWIST = 7, 6
 
 
 def run_recording(record: Record, name: str) -> recordings.Recording:
-    """Channels of a run. Raises InvalidInput for the record of a plan, which nobody has measured."""
-    meta = record.run_meta
+    """Channels of a run. Raises InvalidInput for a plan, which nobody has measured, and for fewer rows than ticks."""
+    meta = require_every_tick(record)
     rows = dict(_estimated_rows(record, is_floating(record.series, meta)))
     rows |= {channel: record[series] for channel, series in _TRUTH.items() if series in record.series}
     channels, t = dict(_measured(record)), record["t"]

@@ -362,6 +362,18 @@ def quantity(record: Record, name: str, of: str = "quantities") -> np.ndarray | 
     return record[of][:, names.index(name)] if name in names else None
 
 
+def keeps_every_tick(record: Record) -> bool:
+    """Return whether every tick of a run has a row."""
+    return "q_most" not in record.series
+
+
+def require_every_tick(record: Record) -> RunMeta:
+    """Return the metadata of a run whose every tick has a row. Raises `InvalidInput` for other records."""
+    if not keeps_every_tick(record):
+        raise InvalidInput(f"record of {record.meta.scenario} with fewer rows than ticks; record it with every tick")
+    return record.run_meta
+
+
 class Recorder:
     """Collects rows of equal structure in a block of memory, and from there, series by series, in memory or in files."""
 

@@ -9,7 +9,7 @@ import numpy as np
 
 from uvms_ocp.checks import checked
 from uvms_ocp.errors import InvalidInput
-from uvms_ocp.record.record import Record
+from uvms_ocp.record.record import Record, require_every_tick
 from uvms_ocp.report import metrics
 
 # Two runs, or two plans, side by side.
@@ -77,11 +77,12 @@ def transition_series(record: Record) -> dict[str, np.ndarray]:
     ``step`` (n,): largest change of any axis since the tick before, as a share of its acceleration limit times dt.
     ``jerk`` (n,) [m/s3, rad/s3]: largest second difference of any axis. ``lost`` (n,) [m/s, rad/s]: largest norm, over
     the tasks that are fully on and of a class above the actions, of what the task misses of the rate that the
-    acceleration limits let it reach. Raises `InvalidInput` for a plan, or without limits.
+    acceleration limits let it reach. Raises `InvalidInput` for a plan, without limits, or with fewer
+    rows than ticks.
     """
     if record.meta.limits is None:
         raise InvalidInput("this record tells no limits; shares of the acceleration limits need them")
-    dt, limits = record.run_meta.dt, np.array(record.meta.limits.acceleration)
+    dt, limits = require_every_tick(record).dt, np.array(record.meta.limits.acceleration)
     change = np.diff(record["command"], axis=0, prepend=0.0)
     limited = limits > 0.0  # what may not move at all has no share
     second = np.diff(change, axis=0, prepend=0.0)

@@ -10,7 +10,7 @@ import numpy as np
 
 from uvms_ocp.checks import checked
 from uvms_ocp.record.meta_values import ABORT, DONE
-from uvms_ocp.record.record import Record, quantity as quantity
+from uvms_ocp.record.record import Record, keeps_every_tick, quantity as quantity
 from uvms_ocp.record.row_files import parts
 from uvms_ocp.record.run_meta import RunMeta, joint_errors, joint_positions
 from uvms_ocp.record.swings import WINDOW, Swing, swings_among, tilts_of
@@ -22,7 +22,7 @@ from uvms_ocp.record.tables import column_units
 @checked
 def max_velocity_step(record: Record) -> float | None:
     """Largest change of any component of the command in one tick, from rest at the start; `None` of fewer rows than ticks."""
-    if extremes_of(record, "q") != ("q",):
+    if not keeps_every_tick(record):
         return None
     command = record["command"]
     steps = (np.abs(after - before).max(initial=0.0) for after, before in parts(command[1:], command[:-1]))
@@ -51,16 +51,17 @@ def extremes_of(record: Record, name: str) -> tuple[str, ...]:
     return both if both[0] in record.series else (name,)
 
 
-def _mean_sizes(record: Record, name: str, index: Any) -> np.ndarray:
+def mean_sizes(record: Record, name: str, index: Any) -> np.ndarray:
     """Mean sizes of a series since the row before, at an index of it."""
     return np.abs(record[f"{name}_mean" if f"{name}_mean" in record.series else name][index])
 
 
-def failed_ticks(record: Record) -> dict[str, int]:
-    """Count the ticks that the solver did not solve, by its status."""
+def failed_ticks(record: Record) -> dict[str, int] | None:
+    """Count the ticks that the solver did not solve, by its status; `None` where some failed and not every tick has a row."""
     codes, counts = np.unique(record["status"], return_counts=True)
     names = [record.run_meta.statuses[code] for code in codes]
-    return {name: int(count) for name, count in zip(names, counts, strict=True) if name != "solved"}
+    failed = {name: int(count) for name, count in zip(names, counts, strict=True) if name != "solved"}
+    return None if failed and not keeps_every_tick(record) else failed
 
 
 def largest_tilt(record: Record) -> float | None:
@@ -208,20 +209,21 @@ def figures_between(record: Record, start: float, end: float) -> dict[str, Any]:
     """
     first, last = (int(np.searchsorted(record["t"], t - 1e-9)) for t in (start, end))
     rows = slice(first, min(last, len(record) - 1) + 1)
-    limits = record.meta.limits
+    limits, spans = record.meta.limits, np.diff(record["t"][rows])
+    held = slice(None, -1) if keeps_every_tick(record) else slice(1, None)  # means are of the span before their row
     thrusters, joints = _gain(record, "thruster_energy", rows), _gain(record, "joint_energy", rows)
     meta = record.run_meta
     of_joints = rows, slice(_N_VEHICLE if meta.floating else 0, None)
-    saturated = _mean_sizes(record, "saturated", rows) if "saturated" in record.series else None
+    saturated = mean_sizes(record, "saturated", rows) if "saturated" in record.series else None
     return {
         "duration_s": end - start,
         "path_length_m": path_length(record["q"][rows, :3]) if meta.floating else 0.0,
-        **_by_kind(meta, "joint_path", _mean_sizes(record, "v", of_joints)[:-1].sum(axis=0) * meta.dt, np.sum),
+        **_by_kind(meta, "joint_path", spans @ mean_sizes(record, "v", of_joints)[held], np.sum),
         "thruster_energy_j": thrusters,
         "joint_energy_j": joints,
         "energy_j": None if thrusters is None or joints is None else thrusters + joints,
         "peak_thrust_n": largest_thrust(record, rows),
-        "saturation_time_s": None if saturated is None else float(saturated[:-1].sum() * meta.dt),
+        "saturation_time_s": None if saturated is None else float(spans @ saturated[held]),
         **_by_kind(meta, "joint_margin", _joint_margins(record, rows), partial(np.min, initial=np.inf)),
         "velocity_share": _share(record, "v", None if limits is None else limits.velocity, rows),
         "torque_share": _share(record, "torque", None if limits is None else limits.effort, rows),
@@ -240,7 +242,7 @@ def energy_of_quick_thrust(record: Record) -> float | None:
     from scipy.ndimage import uniform_filter1d  # a tenth of a second
 
     dt, width = record.run_meta.dt, round(_QUICK / record.run_meta.dt)
-    ticks = {"thrust", "thruster_energy"} <= record.series.keys() and extremes_of(record, "thrust") == ("thrust",)
+    ticks = {"thrust", "thruster_energy"} <= record.series.keys() and keeps_every_tick(record)
     if not ticks or not 2 < width < len(record):
         return None
     thrusts, energies, excess = record["thrust"], record["thruster_energy"], 0.0

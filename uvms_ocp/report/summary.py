@@ -11,7 +11,7 @@ from uvms_ocp.checks import checked
 from uvms_ocp.errors import InvalidInput, NameNotFound
 from uvms_ocp.record.display import SmallTable, TableDisplay, cell
 from uvms_ocp.record.meta_values import ABORT, DONE, OWN_QUANTITIES, EventMeta, ThresholdMeta
-from uvms_ocp.record.record import Record, quantity
+from uvms_ocp.record.record import Record, keeps_every_tick, quantity
 from uvms_ocp.record.run_meta import RunMeta, versions
 from uvms_ocp.report import metrics
 
@@ -164,8 +164,8 @@ def _obstruction(record: Record, name: str) -> str:
         if level.name in tasks[:own] and activity[end - level.rows : end].max(initial=0.0) > 0:
             active.append(level.name)
     above = f"active above it: {', '.join(active)}" if active else "nothing above it is active"
-    n = round(_WINDOW / record.run_meta.dt)
-    full = float(np.mean(record["saturated"][-n:])) if "saturated" in record.series else 0.0
+    n = max(1, round(_WINDOW / record.run_meta.dt))
+    full = float(np.mean(metrics.mean_sizes(record, "saturated", slice(-n, None)))) if "saturated" in record.series else 0.0
     return above + (f"; thrusters at their limits {100 * full:.0f} % of the time" if full > 0.05 else "")
 
 
@@ -305,8 +305,8 @@ def _figures(record: Record) -> dict[str, Any]:
         "min_altimeter_m": metrics.smallest_or_none(record[metrics.extremes_of(record, "altimeter_range")[0]]),
         "max_velocity_step": metrics.max_velocity_step(record),
         "failed_ticks": metrics.failed_ticks(record),
-        "tick_us": _percentiles_us(record["tick_time"]),
-        "controller_us": _percentiles_us(record["controller_time"]) if "controller_time" in record.series else None,
+        "tick_us": _percentiles_us(record, "tick_time"),
+        "controller_us": _percentiles_us(record, "controller_time") if "controller_time" in record.series else None,
         "wall_s": meta.wall_s,
         "simulated_s": float(record["t"][-1]),
         "versions": versions(meta.packages),
@@ -349,16 +349,16 @@ def _none_if_nan(quantities: dict[str, float]) -> dict[str, float | None]:
 
 
 def _drift_in_last_phase(record: Record) -> float | None:
-    phase = record["phase"]
+    phase, t = record["phase"], record["t"]
     start = len(phase) - int(np.argmax(phase[::-1] != phase[-1])) if (phase != phase[-1]).any() else 0
-    t = record["t"]
     settled = t >= t[start] + _SETTLING
-    if not settled.any() or not record.run_meta.floating:
+    if not settled.any() or not record.run_meta.floating or not keeps_every_tick(record):
         return None
     positions = record["q"][settled, :3]
     return float(np.linalg.norm(positions - positions[0], axis=1).max())
 
 
-def _percentiles_us(seconds: np.ndarray) -> dict[str, float]:
-    p50, p99, top = np.percentile(seconds * 1e6, [50, 99, 100])
-    return {"p50": float(p50), "p99": float(p99), "max": float(top)}
+def _percentiles_us(record: Record, name: str) -> dict[str, float]:
+    """Percentiles of the rows, and the largest of all ticks."""
+    (p50, p99), top = np.percentile(record[name], [50, 99]), record[metrics.extremes_of(record, name)[-1]].max()
+    return {"p50": 1e6 * float(p50), "p99": 1e6 * float(p99), "max": 1e6 * float(top)}

@@ -65,7 +65,7 @@ class RunOptions:
     duration: Bound = 120.0
     """[s] at which an incomplete mission is stopped."""
     record_rate: Positive | None = None
-    """[Hz] of the rows of the record; by default every tick has one."""
+    """[Hz] of the rows of the record, as near to it as whole ticks allow; by default every tick has one."""
 
     def start(self, X_WB: pin.SE3, joints: ArrayLike | None = None) -> np.ndarray:
         """Configuration (n_q,) with the vehicle at X_WB; joints (n_joints,) [rad or m], stowed by default.

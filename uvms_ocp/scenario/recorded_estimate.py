@@ -25,7 +25,7 @@ from uvms_ocp.estimation.health.guarded_estimator import GuardedEstimator
 from uvms_ocp.identification.recording import Recording
 from uvms_ocp.record.display import SmallTable, TableDisplay, cell
 from uvms_ocp.record.meta_values import AlarmMeta
-from uvms_ocp.record.record import Record, Recorder
+from uvms_ocp.record.record import Record, Recorder, require_every_tick
 from uvms_ocp.report.summary import sensor_health
 from uvms_ocp.robot import Command, Robot, SensorSpecs
 from uvms_ocp.robot.signals import CHANNELS, Reading, Readings, robot_sensors
@@ -141,14 +141,15 @@ def estimate_recording(
 
 def _recorded(record: Record, robot: Robot) -> tuple[dict[str, _Arrivals], int, float]:
     """Readings of a run by channel, how many ticks it has, and its period [s]."""
-    if "brakes" not in record.series or "q_most" in record.series:
-        raise InvalidInput(f"record of {record.meta.scenario} without all readings; record it anew, with noise and every tick")
+    meta = require_every_tick(record)
+    if "brakes" not in record.series:
+        raise InvalidInput(f"record of {meta.scenario} without all readings; record it anew, with noise and every tick")
     found = {}
     for name in [name for name in CHANNELS if f"measured_{name}" in record.series]:
         series = record[f"measured_{name}"]
         ticks = np.flatnonzero(np.isfinite(series[:, -1]))
         found[name] = _arriving(name, ticks, series[ticks, :-1], series[ticks, -1], robot)
-    return found, len(record), record.run_meta.dt
+    return found, len(record), meta.dt
 
 
 def _sent(recording: Recording, robot: Robot, specs: SensorSpecs, dt: float) -> tuple[dict[str, _Arrivals], int, float]:

@@ -188,7 +188,8 @@ class Scenario(FieldTable):
     duration: float = 120.0
     """[s] at which an incomplete mission is stopped."""
     record_rate: Positive | None = None
-    """[Hz] of the rows of the record, at least 0.1; by default every tick has one. See `uvms_ocp.record.row_rates`."""
+    """[Hz] of the rows of the record, at least 0.1, as near to it as whole ticks allow; by default every tick has one. See
+    `uvms_ocp.record.row_rates`."""
     markers: Mapping[str, tuple[float, float, float]] = field(default_factory=dict)
     """Points (3,) [m] in W to draw, by name."""
     faults: str | tuple[Fault | Callable[..., Any] | str, ...] = ()
