@@ -18,7 +18,7 @@ class Stopped(KeyboardInterrupt):
         super().__init__("stopped by hand, before there was anything to keep")
 
     def _render_traceback_(self) -> list[str]:
-        """What IPython prints: one line."""
+        """Return the one line that IPython prints in place of a traceback."""
         return [str(self)]
 
 
@@ -30,7 +30,7 @@ class Interrupted(KeyboardInterrupt):
         self.result = result
 
     def _render_traceback_(self) -> list[str]:
-        """What IPython prints: one line."""
+        """Return the one line that IPython prints in place of a traceback."""
         return [f"{self}; sys.last_value.result has what there is so far"]
 
 

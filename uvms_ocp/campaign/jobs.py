@@ -210,7 +210,7 @@ def run_metrics(scenario: Scenario, record: Record) -> dict[str, float | None]:
         "tool_orientation_error_rad": meta.true_quantity(f"{task}.orientation_error"),
         **{name: spent.get(name) for name in _FROM_REPORT},
         "clearance_m": _clearance(scenario, record, None),
-        "min_altimeter_m": metrics.smallest_or_none(record[metrics.extremes_of(record, "altimeter_range")[0]]),
+        "min_altimeter_m": metrics.least_altimeter_range(record),
         "tilt_rad": metrics.largest_or_none(quantity(record, "HA.tilt", metrics.extremes_of(record, "quantities")[-1])),
         "alarms": float(len(meta.alarms)),
         "failed_ticks": None if (failed := metrics.failed_ticks(record)) is None else float(sum(failed.values())),

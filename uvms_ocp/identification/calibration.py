@@ -238,7 +238,7 @@ _SPREADS |= {"bias": 0.003, "current": 0.01, "rate_bias": 0.002}
 """Assumed standard deviations of constants: relative for gains, lags and masses, delays [s], points [m], turns [rad], rates
 [rad/s], currents [m/s], biases by shares of the weight, and that at an arm of 1 m."""
 _ALIKE = {"wrench_offset": "bias", "attitude_offset": "attitude_turn"}
-"""What a recording has for itself and what all have, of which a fit takes the sum."""
+"""Constants that each recording has one of, and the constant of all recordings that a fit adds to it."""
 _FILED, _SEEN = ("mass", "centre_of_mass", "second_moment"), ("bias", "current")
 """Constants of the robot's file, and assumed ones that are no part of intervals: recordings show them where they are not 0."""
 _NOISIER = {"velocity": "m/s", "rate": "rad/s", "vertical": "-", "process": "m/s, rad/s, rad"}

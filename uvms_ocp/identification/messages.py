@@ -440,7 +440,7 @@ class _Rows:
         self.said = content.units if isinstance(content, _WithUnits) else self.said
 
     def units(self) -> tuple[str, ...]:
-        """What the file says of each column; nothing of arrays, which have more columns than paths."""
+        """Return the unit of each column as the file says it, empty where it does not; arrays have more columns than paths."""
         found = tuple(self.said.get(name, "") for name in (self.wanted.time, *self.wanted.columns))
         return found if len(found) == self.width else ("",) * self.width
 

@@ -39,20 +39,21 @@ def largest_or_none(values: np.ndarray | None) -> float | None:
     return None if values is None or np.isnan(values).all() else float(np.nanmax(values))
 
 
-def smallest_or_none(values: np.ndarray) -> float | None:
-    """Return the smallest of the values (n,) [in their unit] that are finite; `None` where none is."""
-    known = values[np.isfinite(values)]
-    return float(known.min()) if known.size else None
-
-
 def extremes_of(record: Record, name: str) -> tuple[str, ...]:
     """Return the names of the series that have the least and largest values of one: its own, where every tick has a row."""
     both = (f"{name}_least", f"{name}_most")
     return both if both[0] in record.series else (name,)
 
 
+def least_altimeter_range(record: Record) -> float | None:
+    """Return the smallest range [m] of the altimeter in any tick; `None` without an echo."""
+    ranges = record[extremes_of(record, "altimeter_range")[0]]
+    known = ranges[np.isfinite(ranges)]
+    return float(known.min()) if known.size else None
+
+
 def mean_sizes(record: Record, name: str, index: Any) -> np.ndarray:
-    """Mean sizes of a series since the row before, at an index of it."""
+    """Return mean sizes of a series since the row before, at an index of it."""
     return np.abs(record[f"{name}_mean" if f"{name}_mean" in record.series else name][index])
 
 
