@@ -54,6 +54,16 @@ def test_a_goal_behind_an_obstacle_is_reached_free_of_collision(around: Run) -> 
     assert report["tool_error"]["position_m"] < 1e-5
 
 
+def test_what_is_kept_from_each_obstacle_and_between_links_are_numbers_of_their_own(around: Run) -> None:
+    """Links that are near each other by design would hide what a plan keeps from a rock."""
+    process, _ = around
+    report = json.loads(process.stdout)
+    kept = report["clearances_m"]
+    assert set(kept) == {*(item["name"] for item in report["obstacles"]), "its own links"}
+    assert min(kept.values()) == pytest.approx(report["min_clearance_m"], abs=1e-3)
+    assert f"{kept['its own links']:.3g} m to its own links" in " ".join(process.stderr.split())
+
+
 def test_every_output_is_written(around: Run) -> None:
     _, folder = around
     files = {str(path.relative_to(folder)) for path in results(folder)}

@@ -9,6 +9,7 @@ import pytest
 from undocumented import undocumented_names
 
 import uvms_ocp
+from uvms_ocp.campaign.jobs import ERROR, KILLED, TIME_LIMIT
 from uvms_ocp.errors import AdvisedStatus
 from uvms_ocp.identification.reading import ChannelMapping
 from uvms_ocp.identification.recording import CHANNEL_KINDS
@@ -16,6 +17,7 @@ from uvms_ocp.identification.settings import CalibrationSettings, NoiseSettings,
 from uvms_ocp.record.tables import SERIES
 from uvms_ocp.reference import build
 from uvms_ocp.reference.build import CITED, broken_links, documented_modules, generated_pages, guide_pages, place_of, theory_pages
+from uvms_ocp.report.summary import ENDS
 
 EQUATION = re.compile(r"\$\$.+?\$\$", re.DOTALL)
 
@@ -54,6 +56,14 @@ def test_no_page_is_written_over_another_and_links_between_them_name_one() -> No
     linked = {link for _, text in pages for link in re.findall(r"\((\w+)\.md\)", text)}
     assert linked
     assert linked <= set(names)
+
+
+def test_every_end_of_a_mission_and_of_a_run_of_a_campaign_stands_with_what_to_do() -> None:
+    table = guide_pages()["faults"].partition("## When a sensor")[0]
+    rows = re.findall(r"^\| `([^`]+)` \| (.+) \| (.+) \|$", table, re.MULTILINE)
+    assert [name for name, _, _ in rows] == [*ENDS, ERROR, KILLED, TIME_LIMIT]
+    assert all(meaning.strip() and cure.strip() for _, meaning, cure in rows)
+    assert "(faults.md)" in generated_pages()["statuses"]
 
 
 def test_every_status_stands_with_what_to_do() -> None:

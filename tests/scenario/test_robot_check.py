@@ -90,9 +90,26 @@ def test_trim_that_is_advised_trims_and_lies_within_the_hull(mass: float, volume
     robot = with_trim(robot, [TrimBody(name="cell", position=(0.2, 0.1, 0.0), mass=1.0, volume=0.0)])
     text = finding(check_robot(robot), "trim").text
     entries = yaml.safe_load(text[text.index("trim: [") :])["trim"]
-    bodies = [TrimBody(**{**entry, "name": f"new_{entry['name']}"}) for entry in entries]
-    assert finding(check_robot(with_trim(robot, bodies)), "trim").verdict is RobotVerdict.GOOD
-    assert all(abs(body.position[0]) < 0.23 and abs(body.position[1]) < 0.29 for body in bodies)
+    bodies = [TrimBody(**entry) for entry in entries]
+    assert [body.name for body in bodies[: len(robot.description.trim)]] == [body.name for body in robot.description.trim]
+    assert finding(check_robot(with_trim(without_trim(robot), bodies)), "trim").verdict is RobotVerdict.GOOD
+    added = bodies[len(robot.description.trim) :]
+    assert all(abs(body.position[0]) < 0.23 and abs(body.position[1]) < 0.29 for body in added)
+
+
+def test_trim_that_is_advised_can_be_pasted_where_the_file_has_some_already(tmp_path: Path) -> None:
+    """In place of it: a second `trim:` would be a repeated key. And once more, when something was added since."""
+    files = {path.name: path.read_text(encoding="utf-8") for path in robot_folder("bluerov2").iterdir() if path.is_file()}
+    water = yaml.safe_load(files["hydrodynamics.yaml"])
+    for lamp in ("lamp", "sonar"):
+        water["trim"].append({"name": lamp, "position": [0.2, 0.1, 0.0], "mass": 0.4, "volume": 0.0001})
+        (tmp_path / "robot.urdf").write_text(files["robot.urdf"], encoding="utf-8")
+        (tmp_path / "hydrodynamics.yaml").write_text(yaml.safe_dump(water), encoding="utf-8")
+        text = finding(check_robot_files(tmp_path), "trim").text
+        assert "would trim it in place of what stands there" in text
+        water |= yaml.safe_load(text[text.index("trim: [") :])
+        (tmp_path / "hydrodynamics.yaml").write_text(yaml.safe_dump(water), encoding="utf-8")
+        assert finding(check_robot_files(tmp_path), "trim").verdict is RobotVerdict.GOOD
 
 
 def test_a_light_vehicle_is_told_to_take_ballast() -> None:

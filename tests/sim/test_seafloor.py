@@ -187,8 +187,20 @@ def test_a_survey_is_read_from_a_file_and_goes_through_its_points(form, tmp_path
     assert floor.height(-100.0, -100.0) == pytest.approx(z[0, 0] + 5.0)
 
 
+def test_a_survey_of_depths_is_not_taken_for_a_floor_above_the_water(tmp_path):
+    (tmp_path / "floor.csv").write_text("East;North;Depth [m]\n0;0;9\n1;0;9\n0;1;8\n1;1;8\n", encoding="utf-8")
+    with pytest.raises(InvalidInput, match=r"'East North Depth \[m\]' are depths, not heights: change their sign"):
+        Bathymetry.read(tmp_path / "floor.csv")
+
+
+@pytest.mark.parametrize("title", ["", "# x y z\n", "x y height\n"])
+def test_a_survey_may_have_blanks_between_its_numbers(title, tmp_path):
+    (tmp_path / "floor.xyz").write_text(title + "0 0 -9\n 1\t0  -9\n0 1 -8\n1 1 -8\n", encoding="utf-8")
+    assert Bathymetry.read(tmp_path / "floor.xyz").height(0.5, 0.5) == pytest.approx(-8.5)
+
+
 @pytest.mark.parametrize(
-    "text", ["", "x,y,z", "0,0,1\n1,0,1\n0,1,1", "0,0,1\n0,0,1\n1,0,1\n1,1,1", "0,0\n1,1", "0,0,1\n1,0,nan\n0,1,1\n1,1,1"]
+    "text", ["", "x,y,z", ",,", "0,0,1\n1,0,1\n0,1,1", "0,0,1\n0,0,1\n1,0,1\n1,1,1", "0,0\n1,1", "0,0,1\n1,0,nan\n0,1,1\n1,1,1"]
 )
 def test_a_survey_with_holes_is_refused_in_one_line(text, tmp_path):
     (tmp_path / "floor.csv").write_text(text, encoding="utf-8")

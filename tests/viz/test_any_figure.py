@@ -32,6 +32,16 @@ def test_any_quantity_series_or_column_has_a_panel_with_its_unit(record: Record)
     assert len(figure.axes[1].get_legend().get_texts()) == record["thrust"].shape[1]
 
 
+def test_every_column_of_a_series_is_drawn_and_called_by_a_name_of_its_own(record: Record) -> None:
+    """Of quantities by task and name: two tasks have errors of one name."""
+    for name in ("quantities", "q", "v"):
+        (axis,) = plot(record, name).axes
+        labels = [text.get_text() for text in axis.get_legend().get_texts()]
+        assert len(set(labels)) == len(labels) == record[name].shape[1]
+    (axis,) = plot(record, "quantities").axes
+    assert [text.get_text() for text in axis.get_legend().get_texts()] == list(record.meta.quantities)
+
+
 def test_several_names_at_once_are_as_good_as_one_after_the_other(record: Record) -> None:
     assert _labels(plot(record, ("q", "v"))) == _labels(plot(record, "q", "v"))
     assert _labels(plot(record, ["q.z"], "thrust")) == ["q.z [m]", "thrust [N]"]

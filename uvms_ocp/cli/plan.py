@@ -190,6 +190,8 @@ def _print_motion(console: Console, made: PlanOutput) -> None:
         least = report["min_clearance_m"]
         near = "" if least is None else f", {least:.3g} m between {report['min_clearance_between']} "
         near += "" if least is None else f"at {report['min_clearance_at_s']:.2f} s"
+        each = [f"{d:.3g} m to {name}" for d, name in sorted((d, name) for name, d in (report["clearances_m"] or {}).items())]
+        near += f" ({', '.join(each[:4])})" if len(each) > 1 else ""
         found = f"{report['duration_s']:.1f} s long{near}; found in {report['solve_time_s']:.2f} s"
         console.print(plain_line(found))
     if unshaped := report["links_without_shape"]:

@@ -385,9 +385,8 @@ _SHARE = 0.975  # of the time allowed that is used: what is flown takes a little
 _ROUNDS = 3  # in which links that come near are looked for, and in which the water is where the plan is
 _SAME_CURRENT = 0.02  # [m/s] by which the water may differ from what a plan was made for
 _HASTE = 150  # iterations from the greedy way, before the easier problem is tried
-_PATIENCE = 60.0  # [s] with a plan that keeps the robot from itself
-OPTIONS = NlpOptions(max_iterations=400, convergence=1e-5, time_limit=120.0, barrier=1e-5)
-"""Default solver options: a barrier as small as what energy costs."""
+OPTIONS = NlpOptions(max_iterations=400, convergence=1e-5, barrier=1e-5)
+"""Default solver options: a barrier as small as what energy costs. Iterations end it, however busy the machine is."""
 
 
 @checked
@@ -501,7 +500,6 @@ class _Search:
         if shapes is None:
             return plan
         kept: Mask = np.zeros(shapes.scene.n_pairs, dtype=bool)
-        options = replace(self._options, time_limit=min(self._options.time_limit, _PATIENCE))
         for _ in range(_ROUNDS):
             missed = surroundings.violated_links(shapes, plan.trajectory)
             if not (missed & ~kept).any():
@@ -509,8 +507,8 @@ class _Search:
             kept |= surroundings.near_links(shapes, plan.trajectory)
             posed = self._posed.keeping(kept)
             problem = posed.at(MissionWeights(), plan.trajectory, limit)
-            shared = Transcription(problem, plugin=options.plugin, like=self._hasty.transcription)
-            planner = Planner(problem, options, transcription=shared)
+            shared = Transcription(problem, plugin=self._options.plugin, like=self._hasty.transcription)
+            planner = Planner(problem, self._options, transcription=shared)
             found = self._plan(planner, posed, MissionWeights(), plan.trajectory, limit)
             if not found.status.usable:
                 break

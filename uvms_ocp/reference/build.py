@@ -59,7 +59,7 @@ def _statuses() -> str:
     for module in pkgutil.walk_packages(uvms_ocp.__path__, "uvms_ocp."):
         if not module.name.endswith("__main__"):
             importlib.import_module(module.name)
-    parts = ["# Statuses\n\nHow solvers, plans and fits end, and what to do then."]
+    parts = ["# Statuses\n\nHow solvers, plans and fits end, and what to do then. Of missions [another page](faults.md) says it."]
     for kind in sorted(AdvisedStatus.__subclasses__(), key=lambda kind: kind.__module__):
         rows = _table(("status", "what to do"), ((f"`{one.value}`", one.advice) for one in kind))
         parts.append(f"## {kind.__name__}\n\nCode: `{kind.__module__}.{kind.__name__}`.\n\n{rows}")

@@ -86,14 +86,15 @@ def _request_entries(request: PlanRequest | OcpRequest) -> dict[str, Any]:
     }
 
 
-def nearest_entries(nearest: NearestPair | None) -> dict[str, Any]:
-    """The smallest distance in a report; `None` where there is no motion to measure, or nothing can meet."""
+def nearest_entries(nearest: NearestPair | None, motion: PlannedMotion | OcpResult) -> dict[str, Any]:
+    """The smallest distance in a report, and that to each obstacle and between links; `None` where nothing is measured."""
     if nearest is None:
-        return dict.fromkeys(("min_clearance_m", "min_clearance_at_s", "min_clearance_between"))
+        return dict.fromkeys(("min_clearance_m", "min_clearance_at_s", "min_clearance_between", "clearances_m"))
     return {
         "min_clearance_m": nearest.distance if np.isfinite(nearest.distance) else None,
         "min_clearance_at_s": nearest.time,
         "min_clearance_between": nearest.pair,
+        "clearances_m": {name: float(motion.distances[:, pairs].min()) for name, pairs in motion.scene.groups().items()},
     }
 
 
@@ -165,7 +166,7 @@ def _of_plan(result: PlanResult, plan: CollisionPlan) -> dict[str, Any]:
             name: dict(zip(planned.names, (curve.peak(order) / limit).tolist(), strict=True))
             for order, (name, limit) in enumerate(zip(_RATES, allowed, strict=True), start=1)
         },
-        **nearest_entries(_nearest(plan, motion)),
+        **nearest_entries(_nearest(plan, motion), motion),
         "n_samples_certified": plan.clearance.n_samples,
         "tool_error": motion.tool_error(),
         "attempts": plan.attempts,
@@ -248,7 +249,7 @@ def ocp_report(result: OcpResult) -> dict[str, Any]:
         "energy_j": summary["energy"] if usable else None,
         "peak_thrust_n": summary["peak_thrust"] if usable else None,
         "levels": levels,
-        **nearest_entries(result.nearest if usable else None),
+        **nearest_entries(result.nearest if usable else None, result),
         "tool_error": _ocp_motion(result).tool_error() if usable else None,
         "current_m_s": list(request.current),
         "solver": request.plugin,

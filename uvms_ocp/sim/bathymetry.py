@@ -15,7 +15,8 @@ from uvms_ocp.record.untrusted import read_arrays
 from uvms_ocp.sim.seafloor import LEVEL_RAY, Points, Seafloor
 from uvms_ocp.types import Array, Finite, Range, Shape, Vector3
 
-_FORMS = "give CSV with lines x,y,z [m] of a whole grid, or an .npz with arrays x (n,), y (m,) and z (m, n)"
+_BEGINS = "+-.0123456789"  # of a number
+_FORMS = "give lines x,y,z [m] of a whole grid, as CSV or with blanks between, or an .npz with arrays x (n,), y (m,) and z (m, n)"
 
 
 @checked_dataclass(eq=False)
@@ -39,10 +40,10 @@ class Bathymetry(Seafloor):
 
     @staticmethod
     def read(path: Path | str, *, origin: tuple[Finite, Finite, Finite] = (0.0, 0.0, 0.0)) -> Bathymetry:
-        """Read a file: CSV with lines ``x,y,z`` in any order, with or without a title, or NumPy's ``.npz`` with x, y and z.
+        """Read a file: lines ``x,y,z`` or ``x y z`` in any order, with or without a title, or NumPy's ``.npz`` with x, y and z.
 
         origin [m]: of W in the coordinates of the file, such as east, north and height of a chart. Raises `InvalidInput` for
-        a file that cannot be read, and for a grid with holes or points twice.
+        a file that cannot be read, depths in place of heights, and a grid with holes or points twice.
         """
         shown = printable(path)
         try:
@@ -128,10 +129,12 @@ def _of_arrays(path: Path) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
 
 
 def _of_lines(path: Path) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    lines = [line for line in path.read_text(encoding="utf-8-sig").splitlines() if line.strip()]
-    rows = [line.replace(";", ",").split(",") for line in lines]
-    if rows and not _is_number(rows[0][0]):
-        rows = rows[1:]
+    lines = path.read_text(encoding="utf-8-sig").splitlines()
+    rows = [words for line in lines if (words := line.replace(";", " ").replace(",", " ").split())]
+    if rows and rows[0][0][0] not in _BEGINS:
+        title, *rows = rows
+        if any("depth" in word.lower() for word in title):
+            raise InvalidInput(f"{' '.join(title)!r} are depths, not heights: change their sign, and call them z")
     table = np.array([[float(word) for word in row] for row in rows])
     if table.ndim != 2 or table.shape[1] != 3:
         raise InvalidInput(f"{len(rows)} lines of numbers, not of three each")
@@ -142,11 +145,3 @@ def _of_lines(path: Path) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     z = np.zeros((len(y), len(x)))
     z[j, i] = table[:, 2]
     return x, y, z
-
-
-def _is_number(word: str) -> bool:
-    try:
-        float(word)
-    except ValueError:
-        return False
-    return True

@@ -196,7 +196,7 @@ def _curves(record: Record, name: str) -> tuple[dict[str, np.ndarray], str]:
     if name in record.meta.quantities or (name in names and record[name].ndim == 1):
         return {name: record[name]}, unit_of(name, meta=record.meta)
     if name in names:
-        labels = (label.partition(".")[2] for label in column_names(name, record[name].shape[1], record.meta))
+        labels = (label.removeprefix(f"{name}.") for label in column_names(name, record[name].shape[1], record.meta))
         return dict(zip(labels, record[name].T, strict=True)), unit_of(name, meta=record.meta)
     found = _columns(record, [key for key in names if record[key].ndim == _A_TABLE])
     if name not in found:

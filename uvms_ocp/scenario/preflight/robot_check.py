@@ -193,17 +193,18 @@ def _trim(robot: Robot) -> RobotFinding:
 
 def _trim_advice(robot: Robot, force: float, moment: np.ndarray) -> str:
     link = next(frame.name for frame in robot.model.frames if frame.type == pin.FrameType.BODY)
-    bodies = trim_bodies(robot, force, moment)
+    bodies, own = trim_bodies(robot, force, moment), robot.description.trim
     parts = [
         f"a {body.name.partition('_')[0]} of {abs(lift):.3g} N at x = {body.position[0]:.3g} m, y = {body.position[1]:.3g} m"
         for body, lift in bodies
     ]
     entries = [
-        f"{{name: {body.name}, link: {link}, position: [{body.position[0]:.3g}, {body.position[1]:.3g}, {body.position[2]:g}], "
-        f"mass: {body.mass:.4g}, volume: {body.volume:.4g}}}"
-        for body, _ in bodies
+        f"{{name: {body.name}, link: {body.link}, position: [{', '.join(f'{x:.4g}' for x in body.position)}], "
+        f"mass: {body.mass:.5g}, volume: {body.volume:.5g}}}"
+        for body in (*own, *(body.model_copy(update={"link": link}) for body, _ in bodies))
     ]
-    return f"{' and '.join(parts)} of {link} would trim it; trim: [{', '.join(entries)}]"
+    more = " in place of what stands there" if own else ""
+    return f"{' and '.join(parts)} of {link} would trim it{more}; trim: [{', '.join(entries)}]"
 
 
 def trim_bodies(robot: Robot, force: float, moment: np.ndarray) -> list[tuple[description.TrimBody, float]]:
@@ -213,11 +214,12 @@ def trim_bodies(robot: Robot, force: float, moment: np.ndarray) -> list[tuple[de
     """
     lift, lever = -force, np.array([moment[1], -moment[0]])
     low, high = _hull(robot)
+    another = f"_{len(robot.description.trim)}" if robot.description.trim else ""  # names are unique
 
     def body(name: str, place: np.ndarray, lift: float) -> tuple[description.TrimBody, float]:
         kind = "float" if lift > 0.0 else "ballast"
         x, y = place + 0.0  # no zero with a sign
-        return trim_body(f"{kind}{name}", float(x), float(y), lift, robot), lift
+        return trim_body(f"{kind}{name}{another}", float(x), float(y), lift, robot), lift
 
     place = lever / lift if abs(lift) >= FORCE_TOLERANCE else np.full(2, np.inf)
     if ((low <= place) & (place <= high)).all():
