@@ -145,6 +145,14 @@ def test_an_unknown_series_is_named_with_the_alternatives() -> None:
         record()["qq"]
 
 
+def test_the_folder_of_a_commands_results_is_as_good_as_the_record_in_it(tmp_path: Path) -> None:
+    record().save(tmp_path / "record.npz")
+    np.testing.assert_array_equal(Record.load(tmp_path)["q"], record()["q"])
+    (tmp_path / "empty").mkdir()
+    with pytest.raises(InvalidInput, match="empty: not a record"):
+        Record.load(tmp_path / "empty")
+
+
 def test_a_file_that_is_no_record_is_refused(tmp_path: Path) -> None:
     path = tmp_path / "r.npz"
     path.write_text("no")

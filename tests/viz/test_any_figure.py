@@ -11,7 +11,7 @@ from matplotlib.figure import Figure
 from synthetic_record import QUANTITIES, synthetic_record
 
 from uvms_ocp.errors import InvalidInput, NameNotFound
-from uvms_ocp.record.meta_values import ObstacleMeta
+from uvms_ocp.record.meta_values import MarkerMeta, ObstacleMeta, SurroundingsMeta
 from uvms_ocp.record.record import Record
 from uvms_ocp.robot.robot import Robot
 from uvms_ocp.viz import figure_of, figure_path, figure_quantities, plot, write_figures
@@ -112,6 +112,16 @@ def test_an_obstacle_covers_what_it_covers(
     outline = obstacle_outline(obstacle, *axes)
     np.testing.assert_allclose(outline.min(axis=0), low, atol=0.01)
     np.testing.assert_allclose(outline.max(axis=0), high, atol=0.01)
+
+
+def test_names_of_two_goals_at_one_place_do_not_hide_each_other(robot: Robot) -> None:
+    """Those of two tools are a hand apart, in a figure of some metres."""
+    markers = tuple(MarkerMeta(name=f"{side}_tool", position=(2.5, 1.0, -39.9)) for side in ("port", "starboard"))
+    figure = figure_path(synthetic_record(robot, surroundings=SurroundingsMeta(markers=markers)))
+    assert figure is not None
+    for axis in figure.axes:
+        port, starboard = (text.get_window_extent() for text in axis.texts if text.get_text().endswith("_tool"))
+        assert not port.overlaps(starboard)
 
 
 def test_obstacles_stand_in_the_figure_of_the_path(record: Record) -> None:

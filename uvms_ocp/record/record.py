@@ -308,11 +308,12 @@ class Record(display.TableDisplay):
 
     @staticmethod
     def load(path: Path | str, only: Sequence[str] | None = None) -> Record:
-        """Read a file written by `save`, of this version or an older one; only: series that are wanted, all by default.
+        """Read a file written by `save`, of this version or an older one, or that in the folder of a command's results.
 
-        It alone is read: `uvms_ocp.record.output.recover_folder` looks after its folder. Or, of a folder, what the rows of a
-        run are written to while it goes on, see `Scenario.run`: of one that was cut off, those that there are. Series of
-        records of more than 64 MB, and those of a folder, are mapped: they are read from the disk as they are looked at.
+        only: series that are wanted, all by default. The file alone is read: `uvms_ocp.record.output.recover_folder` looks
+        after its folder. Or, of a folder, what the rows of a run are written to while it goes on, see `Scenario.run`: of one
+        that was cut off, those that there are. Series of records of more than 64 MB, and those of a folder of rows, are
+        mapped: they are read from the disk as they are looked at.
 
         Raises `InvalidInput`, in one line, for what is no such file, is damaged or too large, and for series that do not fit
         each other, their times or the metadata.
@@ -321,6 +322,7 @@ class Record(display.TableDisplay):
             if (described := Path(path, META)).is_file():
                 with as_input_errors(Path(path)):
                     return _fitting(meta=read_text(described, 16 << 20), series=read_row_files(Path(path)))  # which may grow
+            path = held if (held := Path(path, output.RECORD)).is_file() else path
             wanted = None if only is None else {"t", _META_KEY, *only, *(old for old, new in _RENAMED.items() if new in only)}
             arrays = _renamed(read_arrays(path, wanted))
             return _fitting(arrays, _text_of(arrays))

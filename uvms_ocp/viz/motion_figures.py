@@ -258,10 +258,10 @@ def _path_panel(axis: Axes, record: Record, i: int, j: int) -> None:
         axis.fill(*outline.T, facecolor=_OBSTACLE, edgecolor=_OBSTACLE_EDGE, lw=0.8, alpha=0.55, zorder=1)
         below = outline[:, 0].mean(), outline[:, 1].min()
         style.note(axis, style.label_text(item.name, 16), below, (0, -2), ha="center", va="top", fontsize=style.points(6.5))
-    for marker in record.meta.surroundings.markers:
+    for k, marker in enumerate(record.meta.surroundings.markers):  # above and below in turn: those of two tools are near
         place = marker.position[i], marker.position[j]
         axis.plot(*place, "*", color=style.BLACK, ms=7)
-        style.note(axis, style.label_text(marker.name), place, (5, 4), fontsize=style.points(7))
+        style.note(axis, style.label_text(marker.name), place, (5, 4 - 13 * (k % 2)), fontsize=style.points(7))
 
 
 def obstacle_outline(data: meta_values.ObstacleMeta, i: int, j: int) -> np.ndarray:
