@@ -169,20 +169,15 @@ class Journal(FileModel, strict=True):
     after: Manifest
 
 
-@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class Replacement:
     """Replace the files of `target` as a whole. All methods are for the one process that holds the lock."""
 
-    target: Path
-
-    @property
-    def store(self) -> Path:
-        return self.target / STORE
-
-    @property
-    def new(self) -> Path:
-        """Where the new files wait."""
-        return self.store / "new"
+    def __init__(self, target: Path) -> None:
+        self.target, self.store = target, target / STORE
+        self.new, self._old = self.store / "new", self.store / "old"  # where the new files wait, and the old ones are kept
+        self._manifest, self._journal, self._undoing = (
+            self.store / f"{name}.json" for name in ("manifest", "journal", "undoing")
+        )
 
     def manifest(self) -> Manifest:
         """Return the manifest of what is there. Raises `InvalidInput` for one that cannot be read."""
@@ -306,22 +301,6 @@ class Replacement:
 
     def _is_there(self, name: str) -> bool:
         return os.path.lexists(self.target / name)
-
-    @property
-    def _manifest(self) -> Path:
-        return self.store / "manifest.json"
-
-    @property
-    def _journal(self) -> Path:
-        return self.store / "journal.json"
-
-    @property
-    def _undoing(self) -> Path:
-        return self.store / "undoing.json"
-
-    @property
-    def _old(self) -> Path:
-        return self.store / "old"
 
 
 # A folder for the results of one command: checked and locked before the work, replaced whole after it.
