@@ -37,18 +37,11 @@ class BufferedFunction:
 
     def __init__(self, function: ca.Function) -> None:
         self.function = function
-        self._buffer: Any
-        self.evaluate: Any
-        """The function of no arguments that reads those which were written last, or are adopted, and writes `results`."""
-        self._buffer, self.evaluate = function.buffer()
         self._arguments = [_memory(function.size_in(i)) for i in range(function.n_in())]
         self.results = [_memory(function.size_out(i)) for i in range(function.n_out())]
         """(m,) or (m, n) [any] of the last evaluation, overwritten by the next; matrices in column-major order."""
-        # CasADi reads column-major memory and refuses views that are not C-contiguous.
-        for i, argument in enumerate(self._arguments):
-            self._buffer.set_arg(i, argument.T.data)
-        for i, result in enumerate(self.results):
-            self._buffer.set_res(i, result.T.data)
+        self._buffer, self.evaluate = _buffer_on(function, self._arguments, self.results)
+        """And the function of no arguments that reads those which were written last, or are adopted, and writes `results`."""
 
     def __reduce__(self) -> tuple[Any, ...]:
         return BufferedFunction, (self.function,)
@@ -110,11 +103,7 @@ class BoundFunction:
         if [a.size for a in given] != sizes or not all(a.flags.f_contiguous and a.dtype == np.float64 for a in given):
             shapes = ", ".join(str(a.shape) for a in given)
             raise InvalidInput(f"{function.name()}: memory of shapes {shapes}; give column-major numbers of sizes {sizes}")
-        buffer, self.evaluate = function.buffer()
-        for i, argument in enumerate(arguments):
-            buffer.set_arg(i, argument.T.data)
-        for i, result in enumerate(results):
-            buffer.set_res(i, result.T.data)
+        buffer, self.evaluate = _buffer_on(function, arguments, results)
         self._kept = function, buffer, given
 
     def __call__(self) -> None:
@@ -126,6 +115,17 @@ def argument_sizes(function: ca.Function) -> list[int]:
     """Numbers of every argument, then of every result."""
     taken = [function.numel_in(i) for i in range(function.n_in())]
     return taken + [function.numel_out(i) for i in range(function.n_out())]
+
+
+def _buffer_on(function: ca.Function, arguments: Sequence[Array], results: Sequence[Array | None]) -> tuple[Any, Any]:
+    """Buffer on contiguous memory, and what evaluates it; None for results that nobody wants."""
+    buffer, evaluate = function.buffer()
+    for i, argument in enumerate(arguments):
+        buffer.set_arg(i, argument.ravel("K").data)  # as it lies there: CasADi refuses views that are not C-contiguous
+    for i, result in enumerate(results):
+        if result is not None:
+            buffer.set_res(i, result.ravel("K").data)
+    return buffer, evaluate
 
 
 def _memory(size: tuple[int, int]) -> Array:
@@ -203,12 +203,7 @@ def _require(function: ca.Function, given: Array, size: int) -> None:
 def _by_buffers(calls: Sequence[_Call]) -> Callable[[], None]:
     bound = []
     for call in calls:
-        buffer, evaluate = call.function.buffer()
-        for i, argument in enumerate(call.arguments):
-            buffer.set_arg(i, argument.reshape(-1).data)
-        for i, result in enumerate(call.results):
-            if result is not None:
-                buffer.set_res(i, result.reshape(-1).data)
+        buffer, evaluate = _buffer_on(call.function, call.arguments, call.results)
         bound.append((evaluate, buffer, call))
 
     def make() -> None:
