@@ -247,11 +247,7 @@ class Plan(TableDisplay):
             "reason": self.reason,
             "advice": self.advice,
             "robot": self.robot.name,
-            "duration": self.duration,
-            "energy": self.energy,
-            "peak_thrust": self.peak_thrust,
-            "iterations": self.iterations,
-            "solve_time": self.solve_time,
+            **{name: getattr(self, name) for name in ("duration", "energy", "peak_thrust", "iterations", "solve_time")},
             "levels": [
                 {"name": level.name, "status": level.status, "residual": level.residual, "iterations": level.iterations}
                 for level in self.levels
@@ -273,9 +269,6 @@ class Plan(TableDisplay):
 
         Raises `OutputError` where the file cannot be written.
         """
-        arrays = plan_file.trajectory_arrays(self.trajectory) | (
-            {} if self.result is None else plan_file.result_arrays(self.result)
-        )
         values = self.summary() | {
             "levels": self.levels,
             "of_wrench": self.trajectory.of_wrench,
@@ -284,7 +277,7 @@ class Plan(TableDisplay):
             "solver": None if self.result is None else plan_file.solver_values(self.result),
             "clearance": None if self.clearance is None else plan_file.clearance_values(self.clearance),
         }
-        return plan_file.write_plan(Path(path), plan_file.PlanValues(**values), arrays)
+        return plan_file.write_plan(Path(path), plan_file.PlanValues(**values), _arrays(self.trajectory, self.result))
 
     @staticmethod
     def load(path: Path | str, robot: Robot | None = None) -> Plan:
@@ -300,6 +293,10 @@ class Plan(TableDisplay):
             raise InvalidInput(f"{printable(str(path))}: not a plan written by uvms_ocp: {error}") from error
 
 
+def _arrays(trajectory: Trajectory, result: LexicographicResult | None) -> dict[str, np.ndarray]:
+    return plan_file.trajectory_arrays(trajectory) | ({} if result is None else plan_file.result_arrays(result))
+
+
 def _robot_of(values: plan_file.PlanValues) -> Robot:
     if values.robot not in list_robots():
         raise InvalidInput(f"robot {values.robot[:60]!r} is not in the library; give it: --robot DIR, or Plan.load(path, robot)")
@@ -311,22 +308,13 @@ def _plan_of(values: plan_file.PlanValues, arrays: dict[str, np.ndarray], robot:
         raise InvalidInput(f"a plan of robot {values.robot[:60]!r}, not of {robot.name!r}")
     trajectory = plan_file.stored_trajectory(robot, arrays, of_wrench=values.of_wrench)
     result = None if values.solver is None else plan_file.stored_result(values.solver, arrays)
-    unknown = (
-        arrays.keys()
-        - plan_file.trajectory_arrays(trajectory).keys()
-        - (plan_file.result_arrays(result) if result else {}).keys()
-    )
-    if unknown:
+    if unknown := arrays.keys() - _arrays(trajectory, result).keys():
         raise InvalidInput(f"array {min(unknown)[:60]!r} is none of a plan")
     return Plan(
         robot=robot,
         trajectory=trajectory,
         status=OcpStatus(values.status),  # type: ignore[call-arg]
-        reason=values.reason,
-        levels=values.levels,
-        solve_time=values.solve_time,
+        **{name: getattr(values, name) for name in ("reason", "levels", "solve_time", "surroundings", "current")},
         result=result,
         clearance=None if values.clearance is None else plan_file.stored_clearance(values.clearance),
-        surroundings=values.surroundings,
-        current=values.current,
     )

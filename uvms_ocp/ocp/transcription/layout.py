@@ -20,6 +20,7 @@ from typing import NamedTuple
 
 import casadi as ca
 import numpy as np
+from numpy.typing import ArrayLike
 
 from uvms_ocp.codegen.buffered import BufferedFunction
 from uvms_ocp.errors import InvalidInput
@@ -366,7 +367,7 @@ def row_layout(problem: OcpProblem, blocks: Sequence[TermBlock], ends: BoundaryR
     N, n_state = problem.n_steps, problem.robot.n_q + problem.robot.n_v
     names = N * (*FIXED[:1] * n_state, *FIXED[1:2] * n_forces)
     groups = [
-        _equalities(np.full(len(names), CONSTRAINT), np.repeat(np.arange(N), n_state + n_forces), names),
+        _group(names, np.repeat(np.arange(N), n_state + n_forces)),
         _ends(problem, ends),
         _equal_steps(problem),
         _total(problem),
@@ -386,9 +387,7 @@ def row_layout(problem: OcpProblem, blocks: Sequence[TermBlock], ends: BoundaryR
         terms=tuple(rows.reshape(len(block.nodes), -1) for rows, block in zip(terms, blocks, strict=True)),
         costs=costs,
         n_state=n_state,
-        stage=np.concatenate([group.stage for group in groups]),
-        lower=np.concatenate([group.lower for group in groups]),
-        upper=np.concatenate([group.upper for group in groups]),
+        **{name: np.concatenate([getattr(group, name) for group in groups]) for name in ("stage", "lower", "upper")},
         names=tuple(name for group in groups for name in group.names),
         constraints=np.flatnonzero(level == CONSTRAINT),
         levels=of_levels,
@@ -408,39 +407,34 @@ class _Group:
     names: tuple[str, ...]
 
 
-def _equalities(level: np.ndarray, stage: np.ndarray, names: tuple[str, ...]) -> _Group:
-    zero = np.zeros(len(names))
-    return _Group(level=level, stage=stage, lower=zero, upper=zero, names=names)
+def _group(
+    names: tuple[str, ...], stage: ArrayLike, level: ArrayLike = CONSTRAINT, lower: ArrayLike = 0.0, upper: ArrayLike = 0.0
+) -> _Group:
+    """What is one number holds for all rows."""
+    whole = {"level": level, "stage": stage, "lower": lower, "upper": upper}
+    return _Group(names=names, **{name: np.broadcast_to(value, len(names)) for name, value in whole.items()})
 
 
 def _ends(problem: OcpProblem, ends: BoundaryRows) -> _Group:
     """Rows that tie both ends come last."""
     closed = np.array([name == PERIODIC for name in ends.names], dtype=bool)
-    return _Group(
-        level=np.full(len(closed), CONSTRAINT),
-        stage=np.where(closed, problem.n_steps + _START, _START),
-        lower=ends.lower,
-        upper=ends.upper,
-        names=ends.names,
-    )
+    return _group(ends.names, np.where(closed, problem.n_steps + _START, _START), lower=ends.lower, upper=ends.upper)
 
 
 def _equal_steps(problem: OcpProblem) -> _Group:
     """The first step of a phase may be longer or shorter than the last one of the phase before."""
     n = problem.n_steps - 1 if problem.free_time else 0
     first = np.isin(np.arange(1, n + 1), problem.starts_of_phases())
-    return _equalities(np.where(first, _DROPPED, CONSTRAINT), np.arange(n), FIXED[3:] * n)
+    return _group(FIXED[3:] * n, np.arange(n), np.where(first, _DROPPED, CONSTRAINT))
 
 
 def _total(problem: OcpProblem) -> _Group:
-    n = int(problem.limits_total)
-    level, stage = np.full(n, CONSTRAINT), np.full(n, problem.n_steps + _START)
-    return _Group(level=level, stage=stage, lower=np.full(n, -np.inf), upper=np.full(n, problem.longest), names=(TOTAL,) * n)
+    names = (TOTAL,) * int(problem.limits_total)
+    return _group(names, problem.n_steps + _START, lower=-np.inf, upper=problem.longest)
 
 
 def _costs(problem: OcpProblem) -> _Group:
-    names = tuple(f"cost of {level.name}" for level in problem.levels)
-    return _equalities(np.full(len(names), _DROPPED), np.full(len(names), problem.n_steps + 1), names)
+    return _group(tuple(f"cost of {level.name}" for level in problem.levels), problem.n_steps + 1, _DROPPED)
 
 
 def _terms(block: TermBlock, *, fixed_start: bool) -> _Group:
@@ -449,10 +443,5 @@ def _terms(block: TermBlock, *, fixed_start: bool) -> _Group:
     level = np.tile(rows.level, (n, 1))
     if fixed_start:
         level[(block.nodes == 0)[:, None] & rows.state_only] = _DROPPED
-    return _Group(
-        level=level.ravel(),
-        stage=np.repeat(block.nodes + 0.5, rows.n_rows),
-        lower=np.tile(rows.own.lower, n),
-        upper=np.tile(rows.own.upper, n),
-        names=n * rows.names,
-    )
+    lower, upper = np.tile([rows.own.lower, rows.own.upper], n)
+    return _group(n * rows.names, np.repeat(block.nodes + 0.5, rows.n_rows), level.ravel(), lower, upper)
