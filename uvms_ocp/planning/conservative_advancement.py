@@ -52,24 +52,19 @@ class ClearanceReport:
 
 @checked
 def check_clearance(
-    distances: PairDistances,
-    trajectory: PiecewisePolynomial,
-    *,
-    per_piece: int = 16,
-    shortest: Positive = 1e-5,
-    all_collisions: bool = False,
+    distances: PairDistances, trajectory: PiecewisePolynomial, *, per_piece: int = 16, shortest: Positive = 1e-5
 ) -> ClearanceReport:
-    """Check all pairs of a scene along a trajectory of its coordinates.
+    """Check all pairs of a scene along a trajectory of its coordinates, until the first collision.
 
     `per_piece` intervals of each piece are checked to begin with; shortest is the share of the duration below which an
-    interval is not halved. all_collisions: go on after the first collision, for the true smallest clearance.
+    interval is not halved.
     """
     c = trajectory.derivative(2).coefficients
     n = c.shape[0] - 1
     to_bernstein = np.array([[comb(i, j) / comb(n, j) if j <= i else 0.0 for j in range(n + 1)] for i in range(n + 1)])
     bound = np.abs(np.tensordot(to_bernstein, c, axes=1)).max(axis=0)
     curve = _Curve(trajectory=trajectory, measure=distances, per_piece=per_piece, acceleration=bound)
-    return check_motion(curve, distances.scene, shortest=shortest, all_collisions=all_collisions)
+    return check_motion(curve, distances.scene, shortest=shortest)
 
 
 class BoundedMotion(Protocol):
@@ -93,9 +88,7 @@ class BoundedMotion(Protocol):
         ...
 
 
-def check_motion(
-    motion: BoundedMotion, scene: CollisionScene, *, shortest: float = 1e-5, all_collisions: bool = False
-) -> ClearanceReport:
+def check_motion(motion: BoundedMotion, scene: CollisionScene, *, shortest: float = 1e-5) -> ClearanceReport:
     """Check all pairs of a scene along a motion; see `check_clearance` for shortest."""
     middle, half = motion.intervals()
     worst, n_samples, undecided = NearestPair(distance=np.inf, time=0.0, pair=""), 0, False
@@ -103,7 +96,7 @@ def check_motion(
         d = motion.distances(middle)
         n_samples += middle.size
         worst = min(worst, scene.nearest(middle, d), key=lambda near: (near.distance, near.time))
-        if worst.distance <= 0.0 and not all_collisions:
+        if worst.distance <= 0.0:
             break
         open_ = ~(d - largest_change(scene.reach, motion.bounds(middle, half)) > _TOLERANCE).all(axis=1)
         short = open_ & (half < shortest * motion.duration)

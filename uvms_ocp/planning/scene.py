@@ -188,19 +188,15 @@ def _body_rate_maps(rpy: Array) -> tuple[Array, Array]:
     """R_BW (n, 3, 3), and (n, 3, 3) from Euler rates to the angular velocity in B, [Gao2022] eq. (9)."""
     (cr, cp, cy), (sr, sp, sy) = np.cos(rpy).T, np.sin(rpy).T
     zero, one = np.zeros_like(cr), np.ones_like(cr)
-    R_WB = np.stack(
+    R_WB = np.array(
         [
-            np.stack([cy * cp, cy * sp * sr - sy * cr, cy * sp * cr + sy * sr], axis=1),
-            np.stack([sy * cp, sy * sp * sr + cy * cr, sy * sp * cr - cy * sr], axis=1),
-            np.stack([-sp, cp * sr, cp * cr], axis=1),
-        ],
-        axis=1,
+            [cy * cp, cy * sp * sr - sy * cr, cy * sp * cr + sy * sr],
+            [sy * cp, sy * sp * sr + cy * cr, sy * sp * cr - cy * sr],
+            [-sp, cp * sr, cp * cr],
+        ]
     )
-    rates = np.stack(
-        [np.stack([one, zero, -sp], axis=1), np.stack([zero, cr, cp * sr], axis=1), np.stack([zero, -sr, cp * cr], axis=1)],
-        axis=1,
-    )
-    return R_WB.transpose(0, 2, 1), rates
+    rates = np.array([[one, zero, -sp], [zero, cr, cp * sr], [zero, -sr, cp * cr]])
+    return R_WB.transpose(2, 1, 0), rates.transpose(2, 0, 1)
 
 
 # The robot's shapes, the obstacles, and the pairs of them that must stay apart.
@@ -359,12 +355,9 @@ def _with_moving_pairs(coordinates: Coordinates, geometry: pin.GeometryModel, ca
 def _room(robot: Robot, geometry: pin.GeometryModel, pairs: Sequence[Pair]) -> Array:
     data = geometry.createData()
     pin.computeDistances(robot.model, robot.model.createData(), geometry, data, robot.configuration())
-    return np.array(
-        [
-            data.distanceResults[k].min_distance / 2.0 if pair.first_joint and pair.second_joint else np.inf
-            for k, pair in enumerate(pairs)
-        ]
-    )
+    distances = np.array([found.min_distance for found in data.distanceResults])
+    of_links = [pair.first_joint > 0 and pair.second_joint > 0 for pair in pairs]
+    return np.where(of_links, distances / 2.0, np.inf)
 
 
 def _supports(coordinates: Coordinates) -> Array:
