@@ -42,9 +42,8 @@ class ExperimentLimits:
     """Share of the pool's half width and of the tilt that is kept free: other numbers lead elsewhere."""
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "thrust", read_only(self.thrust, np.float64))
-        object.__setattr__(self, "pool", read_only(self.pool, np.float64))
-        object.__setattr__(self, "hull", read_only(self.hull, np.float64))
+        for name in ("thrust", "pool", "hull"):
+            object.__setattr__(self, name, read_only(getattr(self, name), np.float64))
         if self.thrust.ndim != 2 or self.thrust.shape[1] != 2 or self.pool.shape != (2, 3):
             raise InvalidInput(f"thrust {self.thrust.shape}, pool {self.pool.shape} given; allowed: (n_u, 2) and (2, 3)")
         if not (_are_sizes(self.thrust * [-1, 1]) and _are_sizes(self.pool * [[-1], [1]])):

@@ -8,7 +8,7 @@ say where it leads: by how much they differ is added to the trajectories of the 
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -211,11 +211,7 @@ def both(t: np.ndarray, rng: np.random.Generator) -> np.ndarray:
     return np.asarray(drawn[(t / 3).astype(int)] + chirp)
 
 
-BY_HAND: dict[str, Callable[[np.ndarray, np.random.Generator], np.ndarray]] = {
-    "steps": steps,
-    "chirps": chirps,
-    "steps and chirps": both,
-}
+BY_HAND = {"steps": steps, "chirps": chirps, "steps and chirps": both}
 
 
 def largest(given: ExperimentTask, rollout: Rollout, name: str, seed: int = 0) -> Excitation:

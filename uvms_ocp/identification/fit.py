@@ -9,6 +9,7 @@ from collections import defaultdict
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from itertools import groupby
+from operator import getitem
 
 import numpy as np
 
@@ -36,11 +37,8 @@ class Predicted:
     def after(self, t: float) -> Predicted:
         """Return the part from t [s] on."""
         later = [times > t for times in self.t]
-        parts = [
-            tuple(values[chosen] for values, chosen in zip(all_of_them, later, strict=True))
-            for all_of_them in (self.t, self.rows, self.measured)
-        ]
-        return Predicted(t=parts[0], rows=parts[1], measured=parts[2])
+        times, rows, measured = (tuple(map(getitem, every, later)) for every in (self.t, self.rows, self.measured))
+        return Predicted(t=times, rows=rows, measured=measured)
 
     @property
     def finite(self) -> bool:

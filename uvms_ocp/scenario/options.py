@@ -32,6 +32,8 @@ from uvms_ocp.types import Bound, Count, Finite, Positive
 
 _ROBOT, _SEABED = "girona_maris7_full", -40.0  # [m]
 Markers = Mapping[str, tuple[float, float, float]]
+_OF_SCENARIO = ("robot", "solver", "plant", "seed", "dt", "duration", "record_rate", "faults")
+"""Options that a `Scenario` has under the same names."""
 
 
 @checked_dataclass(eq=False)
@@ -93,23 +95,16 @@ class RunOptions:
         """
         real, floor = plant_robot or self.robot, seafloor or FlatSeafloor(z=self.seabed)
         return Scenario(
+            **{option: getattr(self, option) for option in _OF_SCENARIO},
             name=name,
-            robot=self.robot,
             mission=mission,
             environment=Environment(seafloor=floor, current=self.current, obstacles=tuple(obstacles)),
             start=start,
-            solver=self.solver,
-            plant=self.plant,
             sensors=_sensors(self.robot, self.noise),
             gains=VelocityGains() if self.observer else VelocityGains(observer_vehicle=0.0),
             load=LoadLearning() if self.learn_load else None,
             plant_robot=real if self.payload is None else with_trim(real, [self.payload]),
-            seed=self.seed,
-            dt=self.dt,
-            duration=self.duration,
-            record_rate=self.record_rate,
             markers=markers,
-            faults=self.faults,
         )
 
 
