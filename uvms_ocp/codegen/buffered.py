@@ -10,6 +10,7 @@ import ctypes
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
+from importlib.resources import files
 from typing import Any
 
 import casadi as ca
@@ -137,16 +138,7 @@ def _memory(size: tuple[int, int]) -> Array:
 # Where all of them are machine code they are made by machine code: between two short functions the interpreter takes as long as
 # they do, and holds its lock.
 
-_SOURCE = """
-typedef int Function(const double **, double **, long long *, double *, int);
-typedef struct { Function *function; const double **arguments; double **results; } Call;
-
-/* From one call on; which one failed, n for none. */
-int make_calls(int i, int n, const Call *calls, long long *iw, double *w) {
-  while (i < n && calls[i].function(calls[i].arguments, calls[i].results, iw, w, 0) == 0) ++i;
-  return i;
-}
-"""
+_SOURCE = (files("uvms_ocp.codegen") / "calls.c").read_text(encoding="utf-8")
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)

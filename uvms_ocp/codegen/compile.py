@@ -30,6 +30,7 @@ import threading
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from functools import cache, lru_cache, partial
+from importlib.resources import files
 from multiprocessing.pool import ThreadPool
 from pathlib import Path
 from types import ModuleType
@@ -206,12 +207,7 @@ _FLAGS = ("-O3", "-shared", "-fPIC", "-ffp-contract=off")
 _LONG_STRAIGHT, _LONG_CODE = ("-Og", "-finline-small-functions", "-fno-semantic-interposition"), 200_000  # [bytes]
 _STRAIGHT = ("-O1", "-fstrict-aliasing", *_LONG_STRAIGHT[1:])
 # fmax and fmin are calls into libm, hundreds in a tick; like them these return what is a number where one of both is.
-MATH = """#include <math.h>
-static inline double larger(double x, double y) { return x >= y || y != y ? x : y; }
-static inline double smaller(double x, double y) { return x <= y || y != y ? x : y; }
-#define fmax larger
-#define fmin smaller
-"""
+MATH = (files("uvms_ocp.codegen") / "math.c").read_text(encoding="utf-8")
 """Before the code of CasADi functions."""
 _KNOWN = '__attribute__((visibility("hidden"))) extern const double numbers[{n} + 1];\n'  # they stay while code runs
 _NUMBERS = """__attribute__((visibility("hidden"))) double numbers[{n} + 1];

@@ -12,6 +12,7 @@ from collections import Counter
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
+from importlib.resources import files
 from typing import Any, get_type_hints
 
 from uvms_ocp.codegen import kernel_expressions as c_code
@@ -252,20 +253,7 @@ _TRANSLATED: dict[type, Callable[[Any, c_code.Scope], list[str]]] = {
 
 # A C program of kernels: their structures, then all functions that the first ones call.
 
-_HEAD = """#include <math.h>
-#include <stdlib.h>
-#include <string.h>
-static inline double lesser_of(double x, double y) { return y < x ? y : x; }
-static inline double greater_of(double x, double y) { return y > x ? y : x; }
-static inline int lesser_of_int(int x, int y) { return y < x ? y : x; }
-static inline int greater_of_int(int x, int y) { return y > x ? y : x; }
-"""
-_WIDE = """#if defined(__x86_64__) && defined(__linux__) && defined(__GNUC__) && !defined(__clang__)
-#define WIDE __attribute__((target_clones("avx2", "default")))
-#else
-#define WIDE
-#endif
-"""
+_HEAD, _WIDE = ((files("uvms_ocp.codegen") / name).read_text(encoding="utf-8") for name in ("kernels.c", "wide.c"))
 _PLAIN = {float: c_code.DOUBLE, int: c_code.INT, bool: c_code.INT, Vector: c_code.VECTOR, type(None): c_code.NOTHING}
 
 
