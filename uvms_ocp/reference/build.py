@@ -21,6 +21,7 @@ from urllib.parse import unquote, urlsplit
 
 import numpy as np
 import typer.main
+from pydantic import BaseModel
 
 import uvms_ocp
 from uvms_ocp import cli
@@ -36,9 +37,18 @@ from uvms_ocp.robot.description import RobotDescription
 
 
 def generated_pages() -> dict[str, str]:
-    """Markdown by the name of the page."""
-    made = {"robot_files": _robot_files, "identification_settings": _settings, "series": _series, "channels": _channels}
-    return {name: page() for name, page in (made | {"statuses": _statuses, "commands": _commands}).items()}
+    """Markdown by the name of the page: the texts in ``generated/``, with what the code says in its places."""
+    codes = " ".join((cli.__doc__ or "").partition("Exit codes: ")[2].split())
+    every = _all(("uvms-ocp",), typer.main.get_command(app))
+    said = {
+        "robot_files": {"fields": _schema(RobotDescription)},
+        "identification_settings": {"fields": _schema(settings.CalibrationSettings), "quantities": _quantities()},
+        "series": {"table": series_markdown()},
+        "channels": {"table": _channels(), "mapping": _fields(reading.ChannelMapping.model_json_schema())},
+        "statuses": {"tables": "\n\n".join(_statuses())},
+        "commands": {"codes": codes, "commands": "\n\n".join(_command(path, command) for path, command in every)},
+    }
+    return {name: text.format(**said[name]) for name, text in _pages_of("generated", [*said]).items()}
 
 
 def _table(head: tuple[str, ...], rows: Iterable[tuple[str, ...]]) -> str:
@@ -46,24 +56,14 @@ def _table(head: tuple[str, ...], rows: Iterable[tuple[str, ...]]) -> str:
     return "\n".join("| " + " | ".join(cells) + " |" for cells in (head, ("---",) * len(head), *plain))
 
 
-def _series() -> str:
-    return (
-        "# Series of a record\n\nThe arrays of a `uvms_ocp.record.record.Record`, by name. The first axis of each is time; "
-        "shapes say what follows. Quantities of tasks are there by their names too, such as `T.position_error`.\n\n"
-        f"{series_markdown()}\n"
-    )
-
-
-def _statuses() -> str:
+def _statuses() -> Iterator[str]:
     """Every outcome of a solver, a plan or a fit, whose class is known once all modules are."""
     for module in pkgutil.walk_packages(uvms_ocp.__path__, "uvms_ocp."):
         if not module.name.endswith("__main__"):
             importlib.import_module(module.name)
-    parts = ["# Statuses\n\nHow solvers, plans and fits end, and what to do then. Of missions [another page](faults.md) says it."]
     for kind in sorted(AdvisedStatus.__subclasses__(), key=lambda kind: kind.__module__):
         rows = _table(("status", "what to do"), ((f"`{one.value}`", one.advice) for one in kind))
-        parts.append(f"## {kind.__name__}\n\nCode: `{kind.__module__}.{kind.__name__}`.\n\n{rows}")
-    return "\n\n".join(parts) + "\n"
+        yield f"## {kind.__name__}\n\nCode: `{kind.__module__}.{kind.__name__}`.\n\n{rows}"
 
 
 def _channels() -> str:
@@ -72,39 +72,18 @@ def _channels() -> str:
         (f"`{name}`", ", ".join(kind.columns) or "one for each", kind.unit, kind.frame or "-", taken[kind.command])
         for name, kind in recording.CHANNEL_KINDS.items()
     )
-    text = _fields(reading.ChannelMapping.model_json_schema())
-    return (
-        "# Channels of a recording\n\nWhat a `uvms_ocp.identification.recording.Recording` may have, each with times "
-        "of its own.\n\n"
-        + _table(("channel", "columns", "unit", "frame", "between samples"), rows)
-        + f"\n\n## A channel in a mapping\n\n{text}\n"
-    )
+    return _table(("channel", "columns", "unit", "frame", "between samples"), rows)
 
 
-def _robot_files() -> str:
-    schema = RobotDescription.model_json_schema()
-    parts = [f"## {name}\n\n{_fields(part)}" for name, part in sorted(schema.get("$defs", {}).items())]
-    return (
-        "# Robot files\n\nA robot is a URDF and a YAML file, whose top level is described first; "
-        "`uvms-ocp check-robot` looks over both, `uvms-ocp schema` prints this as JSON schema. "
-        "The code that reads it: `uvms_ocp.robot.description.RobotDescription`.\n\n"
-        + "\n\n".join(["## Top level\n\n" + _fields(schema), *parts])
-        + "\n"
-    )
+def _schema(model: type[BaseModel]) -> str:
+    schema = model.model_json_schema()
+    parts = {"Top level": schema, **dict(sorted(schema.get("$defs", {}).items()))}
+    return "\n\n".join(f"## {name}\n\n{_fields(part)}" for name, part in parts.items())
 
 
-def _settings() -> str:
-    schema = settings.CalibrationSettings.model_json_schema()
-    parts = [f"## {name}\n\n{_fields(part)}" for name, part in sorted(schema["$defs"].items())]
+def _quantities() -> str:
     units = ((f"`{name}`", one.unit, ", ".join(filter(None, one.coordinates.names)) or "-") for name, one in _learnable().items())
-    return (
-        "# Settings of identification\n\nA YAML file that says what of which robot is to be learnt: `uvms-ocp excite` and "
-        "`uvms-ocp identify` take it. The code that reads it: `uvms_ocp.identification.settings.CalibrationSettings`.\n\n"
-        + "\n\n".join(["## Top level\n\n" + _fields(schema), *parts])
-        + "\n\n## What may be learnt\n\n"
-        + _table(("quantity", "unit", "coordinates, for `free`"), units)
-        + "\n"
-    )
+    return _table(("quantity", "unit", "coordinates, for `free`"), units)
 
 
 def _learnable() -> Mapping[str, Quantity]:
@@ -146,13 +125,6 @@ def _type_of(field: dict[str, Any]) -> str:
     signs = {"exclusiveMinimum": ">", "minimum": "≥", "exclusiveMaximum": "<", "maximum": "≤"}
     limits = [f"{sign} {field[key]:g}" for key, sign in signs.items() if key in field]
     return str(field.get("type", "any")) + (f", {' and '.join(limits)}" if limits else "")
-
-
-def _commands() -> str:
-    codes = " ".join((cli.__doc__ or "").partition("Exit codes: ")[2].split())
-    every = _all(("uvms-ocp",), typer.main.get_command(app))
-    text = "\n\n".join(_command(path, command) for path, command in every)
-    return f"# Commands\n\nExit codes: {codes}\n\n{text}\n"
 
 
 def _all(path: tuple[str, ...], command: Any) -> Iterator[tuple[tuple[str, ...], Any]]:
