@@ -11,8 +11,10 @@ holds for all, so that costs, norms and violations are ``.
 
 from __future__ import annotations
 
+import csv
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from importlib.resources import files
 from typing import Annotated, Any, TypeAlias
 
 import casadi as ca
@@ -48,28 +50,15 @@ class NlpStatus(AdvisedStatus):
         return self in (NlpStatus.SOLVED, NlpStatus.INEXACT)
 
 
-_UNIFIED = {
-    "SOLVER_RET_SUCCESS": NlpStatus.SOLVED,
-    "SOLVER_RET_LIMITED": NlpStatus.ITERATION_LIMIT,
-    "SOLVER_RET_INFEASIBLE": NlpStatus.INFEASIBLE,
-    "SOLVER_RET_NAN": NlpStatus.NOT_A_NUMBER,
-}
-_IPOPT = {
-    "Solved_To_Acceptable_Level": NlpStatus.INEXACT,
-    "Search_Direction_Becomes_Too_Small": NlpStatus.INEXACT,
-    "Infeasible_Problem_Detected": NlpStatus.INFEASIBLE,
-    "Restoration_Failed": NlpStatus.STALLED,
-    "User_Requested_Stop": NlpStatus.TIME_LIMIT,
-    "Maximum_CpuTime_Exceeded": NlpStatus.TIME_LIMIT,
-    "Maximum_WallTime_Exceeded": NlpStatus.TIME_LIMIT,
-    "Invalid_Number_Detected": NlpStatus.NOT_A_NUMBER,
-}
+_TABLE = (files("uvms_ocp.solvers.nlp") / "return_statuses.csv").read_text(encoding="utf-8").splitlines()
+_STATUSES = {row["return_status"]: NlpStatus[row["status"]] for row in csv.DictReader(_TABLE)}
+"""What IPOPT calls its ends, and CasADi those of all solvers."""
 
 
 def status_of(stats: Mapping[str, Any]) -> NlpStatus:
     """Status of the last call of a CasADi ``nlpsol``, from its ``stats()``."""
-    named = _IPOPT.get(str(stats.get("return_status")))
-    return named or _UNIFIED.get(str(stats.get("unified_return_status")), NlpStatus.ITERATION_LIMIT)
+    named = _STATUSES.get(str(stats.get("return_status")))
+    return named or _STATUSES.get(str(stats.get("unified_return_status")), NlpStatus.ITERATION_LIMIT)
 
 
 # A lexicographic nonlinear program as data: shared constraints, and levels of least squares in order.
