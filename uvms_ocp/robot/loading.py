@@ -23,15 +23,9 @@ from uvms_ocp.checks import checked
 from uvms_ocp.errors import InvalidInput, RobotDataError, UvmsError, require_known
 from uvms_ocp.model_errors import one_line
 from uvms_ocp.record.meta_values import RobotFilesMeta
+from uvms_ocp.robot import description as descriptions
 from uvms_ocp.robot.coefficients import links_in_water, placement_of
-from uvms_ocp.robot.description import (
-    JointDescription,
-    RobotDescription,
-    TrimBody,
-    checked_copy,
-    forward_left_up,
-    read_description,
-)
+from uvms_ocp.robot.description import RobotDescription
 from uvms_ocp.robot.limits import ASSUMED_ACCELERATION, ASSUMED_VELOCITY, held_joints, home_of, joints_of, limits_of, open_joints
 from uvms_ocp.robot.robot import Robot, with_moved_frame
 from uvms_ocp.robot.roles import ALTIMETER, BASE, DVL, TOOL, tools_of, with_roles
@@ -217,17 +211,13 @@ def load_robot(
         own = ((yaml_path or urdf_path).parent / folder for folder in description.loading.packages)
         folders = (Path(folder).resolve() for folder in (*package_dirs, *own))
         loading["packages"] = tuple(os.path.relpath(folder, place.parent) for folder in folders) or None
-    others = {
-        "base": base,
-        "tool": tool if tool is None or isinstance(tool, str) else tuple(tool),
-        "altimeter": altimeter,
-        "dvl": dvl,
-    }
+    tools = tool if tool is None or isinstance(tool, str) else tuple(tool)
+    others = {"base": base, "tool": tools, "altimeter": altimeter, "dvl": dvl}
     changes: dict[str, Any] = {key: value for key, value in others.items() if value is not None}
     how = description.loading.model_copy(update={key: value for key, value in loading.items() if value is not None})
     if how != description.loading:
         changes["loading"] = how
-    description = checked_copy(description, **changes) if changes else description
+    description = descriptions.checked_copy(description, **changes) if changes else description
     try:
         models = read_urdf(
             urdf_path,
@@ -285,7 +275,7 @@ def robot_meta(robot: Robot) -> dict[str, Any]:
         library = (robots_folder() / robot.name).resolve() / "robot.urdf"
         seen = (urdf or library).parent
         packages = [_shared((seen / folder).resolve(), seen) for folder in loading.packages]
-        known = checked_copy(robot.description, loading=loading.model_dump() | {"packages": packages})
+        known = descriptions.checked_copy(robot.description, loading=loading.model_dump() | {"packages": packages})
         place = None if urdf is None or urdf == library else _shared(urdf, Path.cwd())
         files = RobotFilesMeta(urdf=place, description=known.model_dump_json(exclude_defaults=True))
     kinds = {"endless": robot.endless_joints, "sliding": tuple(joint.name for joint in robot.joints if joint.slides)}
@@ -344,10 +334,10 @@ def _description(name: str | None, path: Path | None, variant: str | None) -> Ro
     if path is None:
         return RobotDescription()
     if variant is None:
-        return read_description(path)
+        return descriptions.read_description(path)
     if name is None:
         raise InvalidInput(f"variant {variant!r} without a robot's name; variants belong to named robots")
-    return read_description(path, variant_file(name, variant))
+    return descriptions.read_description(path, variant_file(name, variant))
 
 
 def assemble(models: UrdfModels, description: RobotDescription, path: Path, name: str | None = None) -> Robot:
@@ -355,7 +345,7 @@ def assemble(models: UrdfModels, description: RobotDescription, path: Path, name
 
     Raises ``RobotDataError``, which blames the file ``path``, for names, thrusters and a home that do not fit.
     """
-    description = _of_what_is_there(forward_left_up(description), models)
+    description = _of_what_is_there(descriptions.forward_left_up(description), models)
     model, description = with_roles(models.model, description, path)
     _check_names(model, description, path)
     robot = robot_of(replace(models, model=with_bodies(model, description.trim)), description, name or models.name)
@@ -385,7 +375,7 @@ def robot_of(models: UrdfModels, description: RobotDescription, name: str) -> Ro
     limits = limits_of(models.model, description, joints)
     model, rotors = models.model.copy(), np.zeros(models.model.nv)
     for joint in joints:
-        rotors[joint.v] = description.joints.get(joint.name, JointDescription()).rotor_inertia
+        rotors[joint.v] = description.joints.get(joint.name, descriptions.JointDescription()).rotor_inertia
     model.armature = rotors
     return Robot(
         name=name,
@@ -431,7 +421,7 @@ def _moving_thrusters(model: pin.Model, description: RobotDescription) -> list[s
     ]
 
 
-def with_bodies(model: pin.Model, bodies: Sequence[TrimBody]) -> pin.Model:
+def with_bodies(model: pin.Model, bodies: Sequence[descriptions.TrimBody]) -> pin.Model:
     """Return a copy of the model that carries these floats and weights too."""
     model = model.copy()
     for body in bodies:
@@ -440,7 +430,7 @@ def with_bodies(model: pin.Model, bodies: Sequence[TrimBody]) -> pin.Model:
     return model
 
 
-def trim_inertia(model: pin.Model, body: TrimBody) -> tuple[int, pin.Inertia]:
+def trim_inertia(model: pin.Model, body: descriptions.TrimBody) -> tuple[int, pin.Inertia]:
     """Return the joint that carries a float or ballast, and its point mass in the frame of that joint."""
     frame = model.frames[model.getFrameId(body.link)]
     point_mass = pin.Inertia(body.mass, np.array(body.position), np.zeros((3, 3)))

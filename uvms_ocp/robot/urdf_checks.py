@@ -102,15 +102,6 @@ def quoted(text: str) -> str:
 
 _JOINT_TYPES = ("revolute", "continuous", "prismatic", "planar", "floating", "fixed")
 _INERTIA = ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")
-_ONCE = {
-    "link": {"inertial"},
-    "inertial": {"origin", "mass", "inertia"},
-    "visual": {"origin", "geometry", "material"},
-    "collision": {"origin", "geometry"},
-    "geometry": set(SHAPES),
-    "joint": {"origin", "parent", "child", "axis", "limit", "dynamics", "mimic", "safety_controller", "calibration"},
-}
-"""Elements that may stand once. Of two, parsers take the first without a word."""
 _SHOWN_NAMES = 10  # names in a message
 _MOST_LINKS = 1000  # a humanoid with hands has 150; Pinocchio's recursion ends the process at some thousands in a row
 _SCALES = (1e-6, 1e6)  # of meshes, from micrometres to metres and back; beyond it numbers get lost
@@ -212,13 +203,13 @@ def _check_repeats(findings: Findings, root: Element) -> None:
 def _drop_twins(findings: Findings, element: Element, where: str) -> None:
     """Take out what stands twice and is equal. Raises ``RobotDataError`` where it is not: of two, parsers take the first."""
     first: dict[str, Element] = {}
-    for child in [child for child in element if child.tag in _ONCE.get(element.tag, ())]:
+    once = _PLACES[element.tag].once if element.tag in _PLACES else ()
+    for child in [child for child in element if child.tag in once]:
         known = first.setdefault(child.tag, child)
         if known is child:
             continue
-        if ElementTree.canonicalize(ElementTree.tostring(known), strip_text=True) != ElementTree.canonicalize(
-            ElementTree.tostring(child), strip_text=True
-        ):
+        texts = {ElementTree.canonicalize(ElementTree.tostring(one), strip_text=True) for one in (known, child)}
+        if len(texts) > 1:
             times = len(element.findall(child.tag))
             raise RobotDataError(findings.path, f"{where}: given <{child.tag}> {times} times; allowed: once")
         element.remove(child)
@@ -450,14 +441,16 @@ class _Place:
     attributes: frozenset[str] = frozenset()
     others: frozenset[str] = frozenset()
     """Elements for other programs, which change nothing here."""
+    once: frozenset[str] = frozenset()
+    """Children that may stand once. Of two, parsers take the first without a word."""
     closed: bool = True
     """True where nobody adds attributes of their own."""
 
 
 def _places() -> dict[str, _Place]:
-    """Read the table ``urdf_words.csv``: attributes and children that each element may have, by its name."""
+    """Read the table ``urdf_words.csv``: attributes and children that each element may have, and how often, by its name."""
     rows = csv.DictReader((files("uvms_ocp.robot") / "urdf_words.csv").read_text(encoding="utf-8").splitlines())
-    words = ("children", "attributes", "others")
+    words = ("children", "attributes", "others", "once")
     return {
         row["element"]: _Place(**{key: frozenset(row[key].split()) for key in words}, closed=row["closed"] == "yes")
         for row in rows
