@@ -6,18 +6,11 @@ from collections.abc import Callable
 from inspect import Signature, signature
 from typing import Any
 
-from uvms_ocp.scenario.cases.bluerov import bluerov_inspection as bluerov_inspection, reach as reach
-from uvms_ocp.scenario.cases.case1 import (
-    Thresholds as Thresholds,
-    case1 as case1,
-    case1_unreachable as case1_unreachable,
-    current_drift as current_drift,
-    priority_swap as priority_swap,
-    two_targets as two_targets,
-)
-from uvms_ocp.scenario.cases.case2 import case2 as case2
-from uvms_ocp.scenario.cases.transit import obstacle_field as obstacle_field, transit as transit
-from uvms_ocp.scenario.options import RunOptions as RunOptions
+from uvms_ocp.scenario.cases.bluerov import bluerov_inspection, reach
+from uvms_ocp.scenario.cases.case1 import case1, case1_unreachable, current_drift, priority_swap, two_targets
+from uvms_ocp.scenario.cases.case2 import case2
+from uvms_ocp.scenario.cases.transit import obstacle_field, transit
+from uvms_ocp.scenario.options import RunOptions
 from uvms_ocp.scenario.scenario import Scenario
 
 _ALL = (
