@@ -278,14 +278,11 @@ def vary(
     what a value that is impossible raises.
     """
     known, own = available_parameters(scenario), {v.name: v.apply for v in variations if v.apply is not None}
-    for name in values:
-        if name not in own:
-            require_known("parameter in values", name, known)
+    for name in [name for name in values if name not in own]:
+        require_known("parameter in values", name, known)
     changed = scenario if seed is None else seeded(scenario, seed)
-    for name, parameter in known.items():
-        if name in values and name not in own:
-            changed = parameter.apply(changed, values[name])
-    for name, apply in own.items():
+    asked = {name: parameter.apply for name, parameter in known.items() if name in values and name not in own}
+    for name, apply in (asked | own).items():
         changed = apply(changed, values[name])
     return changed
 

@@ -17,7 +17,7 @@ import numpy as np
 from uvms_ocp.checks import checked, checked_dataclass
 from uvms_ocp.errors import InvalidInput
 from uvms_ocp.record.meta_values import ObstacleMeta
-from uvms_ocp.robot.limits import ranged_joints
+from uvms_ocp.robot.limits import bounded_joints
 from uvms_ocp.robot.robot import Robot
 from uvms_ocp.tasks.goals import VectorGoal, evaluate_vector
 from uvms_ocp.tasks.task import Residual, Task, TickSymbols, zero_residual
@@ -224,7 +224,7 @@ class Posture(_PathCost):
 
     def residual(self, stage: StageSymbols, parameters: ca.SX) -> Residual:
         robot = stage.tick.robot
-        ranges = [(joint, upper - lower) for joint, lower, upper in ranged_joints(robot.joints, robot.limits)]
+        ranges = [(one, up - low) for one, low, up in bounded_joints(robot.joints, robot.limits) if 0.0 < up - low < np.inf]
         ranges += [(joint, 2 * np.pi) for joint in robot.joints if joint.endless]
         away = [joint.way(parameters, joint.position(stage.tick.q)) / width for joint, width in ranges]
         return zero_residual(ca.vertcat(ca.SX(0, 1), *away))

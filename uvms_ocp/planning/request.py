@@ -21,6 +21,7 @@ from uvms_ocp.planning.path_cost import CostWeights
 from uvms_ocp.planning.scene import VEHICLE_AXES, CollisionScene, Coordinates, collision_scene, coordinates, joint_axis
 from uvms_ocp.planning.soft_collision import CollisionPlan, SamplingOptions, SoftCollisionOptions, plan_soft_collision
 from uvms_ocp.robot import Kinematics, Obstacle, Robot
+from uvms_ocp.robot.limits import held_joints
 from uvms_ocp.tasks import JointTracking, Task, ToolPose, ToolPosition, VehiclePose
 from uvms_ocp.trajectories.min_snap import MotionLimits
 from uvms_ocp.types import Array, Count, Finite, Positive, Range, Shape
@@ -308,5 +309,5 @@ def _planned_axes(request: PlanRequest) -> Coordinates:
     robot = request.robot
     vehicle = VEHICLE_AXES if robot.n_vehicle else ()
     kept = {"all": vehicle, "joints": (), "level": tuple(axis for axis in vehicle if axis not in ("roll", "pitch"))}
-    joints = (joint_axis(robot, name) for name in robot.joint_names)
+    joints = (joint_axis(robot, name) for name in robot.joint_names if name not in held_joints(robot.model, robot.joints))
     return coordinates(robot, reference=request.start, axes=(*kept[request.axes], *joints))

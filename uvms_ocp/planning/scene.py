@@ -141,9 +141,8 @@ def coordinates(robot: Robot, *, reference: ArrayLike | None = None, axes: Seque
     `NameNotFound` for an axis that the robot does not have, and `InvalidInput` for a joint of several axes or a reference that is
     no valid configuration.
     """
-    for joint in robot.joints:
-        if joint.n_v != 1:
-            raise InvalidInput(f"joint {joint.name!r} has {joint.n_v} coordinates; planning needs single-axis joints.")
+    for joint in (joint for joint in robot.joints if joint.n_v != 1):
+        raise InvalidInput(f"joint {joint.name!r} has {joint.n_v} axes; planning needs joints of one; --lock fixes it")
     names = _axis_names(robot)
     wanted = names if axes is None else tuple(axes)
     for name in wanted:

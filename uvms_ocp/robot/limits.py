@@ -231,11 +231,6 @@ def to_joint_values(model: pin.Model, n_joints: int, q: np.ndarray) -> np.ndarra
     return np.asarray(pin.difference(model, pin.neutral(model), np.asarray(q, dtype=float))[model.nv - n_joints :])
 
 
-def ranged_joints(joints: Sequence[Joint], limits: Limits) -> list[tuple[Joint, float, float]]:
-    """Those of `bounded_joints` with room between two limits: what goes by a share of the range has one to go by."""
-    return [entry for entry in bounded_joints(joints, limits) if 0.0 < entry[2] - entry[1] < np.inf]
-
-
 def bounded_joints(joints: Sequence[Joint], limits: Limits) -> list[tuple[Joint, float, float]]:
     """Joints of one degree of freedom with a limit, with their lower and upper position [rad or m], one may be inf."""
     first = joints[0].idx_v if joints else 0

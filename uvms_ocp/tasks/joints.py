@@ -12,7 +12,7 @@ import numpy as np
 from uvms_ocp.checks import checked_dataclass
 from uvms_ocp.errors import InvalidInput
 from uvms_ocp.robot import Robot, SymbolicModel
-from uvms_ocp.robot.limits import Joint, bounded_joints, ranged_joints
+from uvms_ocp.robot.limits import Joint, bounded_joints, held_joints
 from uvms_ocp.tasks.activation import SmoothActivation, approach_speed, saturate
 from uvms_ocp.tasks.goals import VectorGoal, evaluate_vector
 from uvms_ocp.tasks.task import Residual, Rows, Task, TaskClass, TickSymbols, bounded_residual, equality_rows, zero_residual
@@ -61,7 +61,7 @@ class JointLimits(Task):
         return lower + guard, upper - guard
 
     def rows(self, symbols: TickSymbols, parameters: ca.SX) -> Rows:
-        joints = ranged_joints(symbols.robot.joints, symbols.robot.limits)
+        joints = [one for one in bounded_joints(symbols.robot.joints, symbols.robot.limits) if np.isfinite(one[1:]).all()]
         rows = [self._joint_row(symbols, joint, lower, upper) for joint, lower, upper in joints]
         rate, lower, upper, activation, margin = (_column_of(row[k] for row in rows) for k in range(5))
         return Rows(
@@ -70,12 +70,15 @@ class JointLimits(Task):
             lower=lower,
             upper=upper,
             activation=activation,
-            quantities={"margin": ca.mmin(margin)} if joints else {},
+            quantities={"margin": ca.mmin(margin)} if any(lower < upper for _, lower, upper in joints) else {},
         )
 
     def _joint_row(self, symbols: TickSymbols, joint: Joint, lower: float, upper: float) -> tuple[ca.SX, ...]:
         """Rate, lower, upper, activation and distance to the nearer limit of one joint."""
         q, margin = joint.position(symbols.q), self.margin * (upper - lower)
+        if lower == upper:  # it is held there, also by solvers that know no limits of velocity
+            rate = saturate(self.gain * (lower - q), self.saturation)
+            return rate, rate, rate, ca.SX(1), ca.SX.inf()
         low, high = self._kept(lower, upper)
         bell_low, bell_high = SmoothActivation(low, low + margin), SmoothActivation(high - margin, high)
         below, above = bell_low.decreasing(q), bell_high.increasing(q)
@@ -146,7 +149,7 @@ class JointTracking(Task):
 class Manipulability(Task):
     """MU: the manipulability ``mu = sqrt(det(J J'))`` of the arm stays away from 0.
 
-    J is the Jacobian of `frame` with the arm's joints alone. Rate ``gain (target - mu)``. For six revolute joints mu
+    J is the Jacobian of `frame` with the joints alone that move it. Rate ``gain (target - mu)``. For six revolute joints mu
     is in [m^3].
     """
 
@@ -179,8 +182,10 @@ class Manipulability(Task):
 
 
 def manipulability(symbols: TickSymbols, frame: str) -> ca.SX:
-    """sqrt(det(J J')) of the arm's Jacobian (6, n_joints) at `frame`; of J' J where the arm has fewer than 6 joints."""
-    J = symbols.kinematics.jacobian(frame)[:, symbols.robot.joint_v]
+    """sqrt(det(J J')) of the Jacobian (6, n) at `frame` of the joints that move it; of J' J where these are fewer than 6."""
+    robot, J = symbols.robot, symbols.kinematics.jacobian(frame)
+    held = [robot.joint(name).idx_v for name in held_joints(robot.model, robot.joints)]
+    J = J[:, [k for k in range(robot.n_vehicle, robot.n_v) if k not in held and not J[:, k].is_zero()]]
     gram = J @ J.T if J.shape[1] >= 6 else J.T @ J
     pivots, _, _ = ca.ldl(gram + _SINGULAR * ca.SX.eye(gram.shape[0]), False)
     return ca.sqrt(ca.fmax(math.prod(ca.vertsplit(pivots), start=ca.SX(1)), 0) + _SINGULAR**2)

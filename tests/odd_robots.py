@@ -1,0 +1,82 @@
+"""Robots with one joint as few have them, each beside a twin of usual joints that moves alike."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cache
+from pathlib import Path
+
+import numpy as np
+from scipy.linalg import block_diag
+from tiny_robots import ENDLESS, LIMIT, Tiny, robot_of
+
+from uvms_ocp.robot.robot import Robot
+
+_FIRST, _LAST = ("revolute", "0 0 1", LIMIT), ("revolute", "0 1 0", LIMIT)
+_FAST = '<limit lower="-50" upper="50" effort="1e3" velocity="0.8"/>'
+_SLIDES = f"""<link name="aside"/><link name="ahead"/>
+<joint name="slide0" type="prismatic"><parent link="arm0"/><child link="ahead"/><origin xyz="0.3 0 0"/>
+  <axis xyz="1 0 0"/>{_FAST}</joint>
+<joint name="slide1" type="prismatic"><parent link="ahead"/><child link="aside"/><axis xyz="0 1 0"/>{_FAST}</joint>
+<joint name="turn1" type="revolute"><parent link="aside"/><child link="arm1"/><axis xyz="0 0 1"/>{_FAST}</joint>"""
+
+
+class _SlidingTwin(Tiny):
+    """Its second joint is two that slide and one that turns, as fast as a planar joint is taken to be."""
+
+    def write(self, folder: Path) -> Path:
+        super().write(folder)
+        urdf, water = folder / "robot.urdf", folder / "hydrodynamics.yaml"
+        before, _, after = urdf.read_text(encoding="utf-8").partition('<joint name="turn1"')
+        urdf.write_text(before + _SLIDES + after.partition("</joint>")[2], encoding="utf-8")
+        quick = "joints: {slide0: {acceleration: 2.0}, slide1: {acceleration: 2.0}, turn1: {acceleration: 2.0}}\n"
+        water.write_text(water.read_text(encoding="utf-8") + quick, encoding="utf-8")
+        return folder
+
+
+def _with(kind: str, axis: str, limit: str) -> Tiny:
+    return Tiny(joints=(_FIRST, (kind, axis, limit), _LAST))
+
+
+_NO_RANGE = '<limit lower="0" upper="0" effort="8" velocity="0.7"/>'
+_TURN = '<limit lower="-3.1" upper="3.1" effort="8" velocity="0.7"/>'
+ODD = {
+    "continuous": (_with(*ENDLESS), _with("revolute", "0 1 0", _TURN)),
+    "planar": (_with("planar", "0 0 1", ""), _SlidingTwin(joints=(_FIRST, ("revolute", "0 0 1", ""), _LAST))),
+    "zero range": (_with("revolute", "0 1 0", _NO_RANGE), _with("fixed", "0 1 0", "")),
+}
+"""The one with the joint, its second of three, and its twin."""
+
+
+PLANE = slice(8, 12)
+"""Of the configuration, the numbers of the planar joint: along, across, cosine and sine of its turn."""
+
+
+@dataclass(frozen=True)
+class Pair:
+    kind: str
+    odd: Robot
+    twin: Robot
+
+    def of_twin(self, q: np.ndarray) -> np.ndarray:
+        """The configuration (n_q,) of the twin at one of the odd robot."""
+        first, *between, last = self.odd.joint_values(q)
+        if self.kind == "planar":
+            x, y, c, s = q[PLANE]
+            between = [x, y, np.arctan2(s, c)]
+        there = np.concatenate([q[:7], np.zeros(self.twin.n_joints)])
+        return self.twin.with_joint_values(there, np.array([first, *(between if self.kind != "zero range" else ()), last]))
+
+    def velocities(self, q: np.ndarray) -> np.ndarray:
+        """(n_v of the twin, n_v) from velocities of the odd robot at q (n_q,) to those of the twin."""
+        if self.kind == "zero range":
+            return np.delete(np.eye(self.odd.n_v), 7, axis=0)
+        if self.kind == "continuous":
+            return np.eye(self.odd.n_v)
+        c, s = q[PLANE][2:]  # the velocity of a planar joint is along its own axes
+        return block_diag(np.eye(7), [[c, -s], [s, c]], np.eye(2))
+
+
+@cache
+def pair_of(kind: str) -> Pair:
+    return Pair(kind, *map(robot_of, ODD[kind]))

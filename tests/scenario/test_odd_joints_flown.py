@@ -1,0 +1,134 @@
+"""A joint without end, in a plane or without range changes nothing else: what is checked, flown and planned is the twin's."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import coal
+import numpy as np
+import pinocchio as pin
+import pytest
+from odd_robots import ODD, Pair, pair_of
+
+import uvms_ocp as uo
+from uvms_ocp.cli.options import SOLVERS
+from uvms_ocp.errors import InvalidInput
+from uvms_ocp.ocp.plan import OcpStatus
+from uvms_ocp.ocp.request import OcpRequest, solve_ocp
+from uvms_ocp.planning.request import PlanRequest, PostureGoal, ToolGoal, plan_path
+from uvms_ocp.report.planned_motion import motion_record
+from uvms_ocp.robot.robot import Robot
+from uvms_ocp.robot.shapes.obstacles import obstacle
+from uvms_ocp.robot.signals import IDEAL_SENSORS, SensorSpecs
+from uvms_ocp.tasks import HorizontalAttitude, JointLimits, MinimumAltitude, ToolPosition, VehiclePose
+
+BALL = obstacle("ball", coal.Sphere(0.1), (0.6, -0.5, -5.0))
+
+
+def start_of(robot: Robot) -> np.ndarray:
+    return robot.configuration(position=(0.0, 0.0, -5.0), rpy=(0.0, 0.0, 0.2), joints={"turn0": 0.3, "turn2": -0.5})
+
+
+def places(robot: Robot, q: np.ndarray) -> np.ndarray:
+    """(n, 6) [m] of vehicle and tool at configurations (n, n_q)."""
+    data, frames = robot.model.createData(), [robot.frame_id(name) for name in ("base_link", "tool")]
+    rows = []
+    for row in np.atleast_2d(q):
+        pin.framesForwardKinematics(robot.model, data, row)
+        rows.append(np.concatenate([data.oMf[frame].translation for frame in frames]))
+    return np.array(rows)
+
+
+def scenario_of(robot: Robot, **options: Any) -> uo.Scenario:
+    start = start_of(robot)
+    tool = places(robot, start)[0, 3:] + [0.25, 0.15, -0.1]
+    vehicle = VehiclePose(goal=uo.pose_at((0.1, 0.05, -5.0), (0.0, 0.0, 0.3)))
+    tasks = [JointLimits(), MinimumAltitude(), HorizontalAttitude(), ToolPosition(goal=uo.pose_at(tuple(tool))), vehicle]
+    there = uo.Transition(to=uo.DONE, when=(uo.Below(quantity="TP.position_error", limit=0.02),), hold=0.5)
+    phase = uo.Phase(name="reach", activations={task.name: 1.0 for task in tasks}, transitions=(there,))
+    return uo.Scenario(
+        name="odd",
+        robot=robot,
+        mission=uo.Mission(hierarchy=uo.Hierarchy(tasks), phases=(phase,)),
+        environment=uo.Environment(seafloor=uo.FlatSeafloor(z=-10.0)),
+        start=start,
+        dt=0.02,
+        duration=12.0,
+        **options,
+    )
+
+
+def flown_alike(pair: Pair, allowed: float, **options: Any) -> None:
+    """Within [m], and to the same end."""
+    odd, twin = (scenario_of(robot, **options).run() for robot in (pair.odd, pair.twin))
+    assert odd.run_meta.completed
+    assert twin.run_meta.completed
+    n = min(len(odd), len(twin))
+    assert max(len(odd), len(twin)) < 1.02 * n
+    assert np.abs(places(pair.odd, odd["q"][:n]) - places(pair.twin, twin["q"][:n])).max() < allowed
+
+
+@pytest.mark.parametrize("kind", ODD)
+def test_pre_flight_finds_the_same_of_both(kind: str) -> None:
+    pair = pair_of(kind)
+    odd, twin = (scenario_of(robot, sensors=SensorSpecs()).check() for robot in (pair.odd, pair.twin))
+    assert odd.accepted
+    assert twin.accepted
+    own = {"continuous": (), "planar": ("limits",), "zero range": ("joints", "forces")}[kind]  # no speed; no range, a motor
+    told = [[(one.check, one.phase, one.text) for one in report.findings if one.check not in own] for report in (odd, twin)]
+    assert told[0] == told[1]
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("solver", SOLVERS)
+@pytest.mark.parametrize("kind", ODD)
+def test_each_solver_moves_both_alike(kind: str, solver: str) -> None:
+    flown_alike(pair_of(kind), 2e-3, plant="kinematic", sensors=IDEAL_SENSORS, solver=SOLVERS[solver]())
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("kind", ODD)
+def test_in_water_and_noise_both_are_flown_alike(kind: str) -> None:
+    """Estimator, health, controller and plant together; of another number of encoders the noise is another."""
+    flown_alike(pair_of(kind), 0.02, plant="dynamic", sensors=SensorSpecs())
+
+
+GOALS = {
+    "a posture": lambda tool: PostureGoal(position=(1.0, 0.3, -5.0), rpy=(0.0, 0.0, 0.6), joints={"turn2": 0.4}),
+    "a tool": lambda tool: ToolGoal(position=tuple(tool + np.array([0.5, 0.3, -0.1]))),
+}
+
+
+@pytest.mark.parametrize("goal", GOALS)
+@pytest.mark.parametrize("kind", ["continuous", "zero range"])
+def test_a_curve_is_planned_alike(kind: str, goal: str) -> None:
+    found = []
+    for robot in (pair_of(kind).odd, pair_of(kind).twin):
+        start = start_of(robot)
+        wanted = GOALS[goal](places(robot, start)[0, 3:])
+        result = plan_path(PlanRequest(robot=robot, start=start, goal=wanted, obstacles=(BALL,)))
+        assert result.plan is not None
+        assert result.collision_free
+        found.append(places(robot, motion_record(result, result.plan)["q"]))
+    np.testing.assert_allclose(found[0], found[1], atol=1e-6)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("kind", ["continuous", "zero range"])
+def test_optimal_control_plans_alike(kind: str) -> None:
+    """Motors that hold a joint without range take what a weld does not."""
+    costs = []
+    for robot in (pair_of(kind).odd, pair_of(kind).twin):
+        goal = GOALS["a posture"](None)
+        plan = solve_ocp(OcpRequest(robot=robot, start=start_of(robot), goal=goal, obstacles=(BALL,), n_steps=15)).plan
+        assert plan.status is OcpStatus.SOLVED
+        costs.append(plan.levels[-1].residual)
+    assert costs[0] == pytest.approx(costs[1], rel=2e-3) if kind == "continuous" else costs[0] > costs[1]
+
+
+@pytest.mark.parametrize("planned", [plan_path, solve_ocp])
+def test_what_plans_one_number_a_joint_refuses_a_joint_of_three_with_the_way_out(planned: Any) -> None:
+    robot = pair_of("planar").odd
+    request = {plan_path: PlanRequest, solve_ocp: OcpRequest}[planned]
+    with pytest.raises(InvalidInput, match=r"joint 'turn1' has 3 axes; planning needs joints of one; --lock fixes it"):
+        planned(request(robot=robot, start=start_of(robot), goal=PostureGoal(joints={"turn0": 0.4})))
