@@ -372,9 +372,7 @@ def certificate(term: ShapeClearance, trajectory: Trajectory) -> ClearanceReport
     """Check whether the pairs of the term's scene stay apart along a trajectory; never where obstacles move: their speed is
     unknown."""
     motion = SteppedMotion(term=term, trajectory=trajectory)
-    if term.moving:
-        return _unproven(motion)
-    return check_motion(motion, term.scene)
+    return _unproven(motion) if term.moving else check_motion(motion, term.scene)
 
 
 def _unproven(motion: SteppedMotion) -> ClearanceReport:

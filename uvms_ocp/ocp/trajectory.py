@@ -118,13 +118,18 @@ def guess_through(
 ) -> Trajectory:
     """Guess through configurations (n, n_q) [m, rad] at `times` (n,) [s]: a rollout of the hierarchy, or a minimum-snap path.
 
-    Resampled at the nodes on the manifold, with velocities by differences and the forces that the motion takes.
+    Resampled at the nodes on the manifold, with velocities by differences and the forces that the motion takes. Of the two
+    quaternions of an attitude each node has the one nearer to that before it, from the start of the problem on: solvers that
+    work on their four numbers would turn by 360 deg between the two.
     Raises `InvalidInput` for times that do not increase.
     """
     if len(times) < 2 or not (np.diff(times) > 0).all():
         raise InvalidInput("guess: times must increase and number at least two")
     model, t = problem.robot.model, problem.nominal_times()
     q = np.array([_between(model, times, configurations, moment) for moment in t])
+    turn = slice(3, 7) if problem.robot.n_vehicle else slice(0)
+    for before, here in zip([problem.start.q, *q[:-1]], q, strict=True):
+        here[turn] *= -1.0 if before[turn] @ here[turn] < 0.0 else 1.0
     h = np.diff(t)
     mean = np.array([pin.difference(model, q[k], q[k + 1]) / h[k] for k in range(len(h))])
     v = np.vstack([problem.start.v, (mean[:-1] + mean[1:]) / 2, mean[-1]])

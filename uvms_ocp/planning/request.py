@@ -23,7 +23,7 @@ from uvms_ocp.planning.soft_collision import CollisionPlan, SamplingOptions, Sof
 from uvms_ocp.robot import Kinematics, Obstacle, Robot
 from uvms_ocp.robot.limits import held_joints
 from uvms_ocp.tasks import JointTracking, Task, ToolPose, ToolPosition, VehiclePose
-from uvms_ocp.trajectories.min_snap import MotionLimits
+from uvms_ocp.trajectories import MotionLimits, PiecewisePolynomial
 from uvms_ocp.types import Array, Count, Finite, Positive, Range, Shape
 
 # Coordinates that bring a frame of the robot to a pose: the goal of a plan given by its tool.
@@ -288,20 +288,38 @@ def plan_path(request: PlanRequest) -> PlanResult:
         SamplingOptions(seed=request.seed),
     )
     options = SoftCollisionOptions(weights=weights, sampling=sampling, seed=request.seed)
-    plan = plan_soft_collision(scene, ends, limits=_limits(planned, ends), options=options)
+    plan = plan_soft_collision(scene, ends, limits=curve_limits(planned, ends), options=options)
     return PlanResult(request=request, scene=scene, plan=plan)
 
 
-def _limits(planned: Coordinates, ends: Array) -> MotionLimits:
+_SAMPLES = 1000  # of velocities along a curve, whose peak is 1e-4 higher at most
+
+
+@checked_dataclass(eq=False)
+class _RobotLimits(MotionLimits):
+    """Of the vehicle along its own axes, wherever it looks; what a planned axis has at the start is the optimiser's."""
+
+    planned: Coordinates
+
+    def ratios(self, trajectory: PiecewisePolynomial) -> Array:
+        """(3, n_v) peaks of velocities and accelerations as shares of the robot's limits; jerks have none."""
+        t, limits = np.linspace(trajectory.start, trajectory.end, _SAMPLES), self.planned.robot.limits
+        v = (self.planned.velocity_map(trajectory.evaluate(t)) @ trajectory.evaluate(t, 1)[:, :, None])[:, :, 0]
+        peaks = [np.abs(rate).max(axis=0) for rate in (v, np.gradient(v, t, axis=0), 0.0 * v)]
+        return np.stack(peaks) / (limits.velocity, limits.acceleration, np.ones(v.shape[1]))
+
+
+def curve_limits(planned: Coordinates, ends: Array) -> MotionLimits:
     """Those of the robot. Raises `InvalidInput` for axes that differ between the ends (2, n_axes) and have none."""
-    limits = planned.robot.limits
-    velocity, acceleration = limits.velocity[planned.planned], limits.acceleration[planned.planned]
+    limits, along = planned.robot.limits, np.abs(planned.velocity_map(ends[:1])[0])
+    largest = (np.repeat(limit[:, None], planned.n_axes, axis=1) for limit in (limits.velocity, limits.acceleration))
+    velocity, acceleration = (np.where(along > 1e-9, limit / np.maximum(along, 1e-9), np.inf).min(axis=0) for limit in largest)
     endless = (ends[0] != ends[1]) & np.isinf(velocity) & np.isinf(acceleration)
     if endless.any():
         moving = ", ".join(name for name, unlimited in zip(planned.names, endless, strict=True) if unlimited)
         advice = "give vehicle_limits and joints in hydrodynamics.yaml, or velocity in <limit> of the URDF"
         raise InvalidInput(f"{moving}: no limit of velocity or acceleration, which a curve is as fast as; {advice}")
-    return MotionLimits(velocity=velocity, acceleration=acceleration)
+    return _RobotLimits(velocity=velocity, acceleration=acceleration, planned=planned)
 
 
 def _planned_axes(request: PlanRequest) -> Coordinates:

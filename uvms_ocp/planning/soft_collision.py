@@ -239,8 +239,10 @@ def plan_soft_collision(
     exact = CoalDistances(scene)
     _check_ends(scene, exact, np.asarray(waypoints, dtype=float))
     start = straight_guess(waypoints, limits, times)
-    attempts = _attempts(distances or exact, exact, start, limits, settings, times_given=times is not None)
-    plans = (_verified(problem, problem.solve(guess, settings), exact) for problem, guess in attempts)
+    given = _PathProblem.of(distances or exact, start, limits, settings, timed=times is not None)
+    plans = (
+        _verified(problem, problem.solve(guess, settings), exact) for problem, guess in _attempts(given, start, exact, settings)
+    )
     # Of small matrices, on which threads cost eight times what they gain.
     with _ONE_THREAD, threadpool_limits(limits=1, user_api="blas"):
         best, n_attempts = _first_free(plans)
@@ -266,16 +268,9 @@ def straight_guess(waypoints: ArrayLike, limits: MotionLimits, times: ArrayLike 
 
 
 def _attempts(
-    distances: DistanceSource,
-    exact: CoalDistances,
-    start: PiecewisePolynomial,
-    limits: MotionLimits,
-    options: SoftCollisionOptions,
-    *,
-    times_given: bool,
+    problem: _PathProblem, start: PiecewisePolynomial, exact: CoalDistances, options: SoftCollisionOptions
 ) -> Iterator[tuple[_PathProblem, Array]]:
     """Problems and where to start them: as given, bent at random, through sampled way points."""
-    problem = _PathProblem.of(distances, start, limits, options, times_given=times_given)
     yield problem, problem.start
     for bent in problem.bent_starts(options):
         yield problem, bent
@@ -283,7 +278,8 @@ def _attempts(
         ends = start.evaluate([start.start, start.end])
         found = sampled_waypoints(exact, ends[0], ends[1], options.sampling)
         if found is not None:
-            detour = _PathProblem.of(distances, straight_guess(found, limits), limits, options, times_given=False)
+            cost = problem.cost
+            detour = _PathProblem.of(cost.distances, straight_guess(found, cost.limits), cost.limits, options, timed=False)
             yield detour, detour.start
 
 
@@ -298,16 +294,12 @@ class _PathProblem:
     """(n_nodes, k n_axes) [m, rad] variables of the cost."""
     free: Mask
     """(n_nodes, k n_axes)"""
-    times_given: bool
+    timed: bool
+    """Times were given."""
 
     @staticmethod
     def of(
-        distances: DistanceSource,
-        start: PiecewisePolynomial,
-        limits: MotionLimits,
-        options: SoftCollisionOptions,
-        *,
-        times_given: bool,
+        distances: DistanceSource, start: PiecewisePolynomial, limits: MotionLimits, options: SoftCollisionOptions, *, timed: bool
     ) -> _PathProblem:
         breaks, is_waypoint = _refined(start.breaks, options.pieces)
         values = np.stack([start.evaluate(breaks, d) for d in range(4)])
@@ -322,7 +314,7 @@ class _PathProblem:
             breaks=breaks,
             start=cost.variables(values),
             free=free.transpose(1, 0, 2).reshape(len(breaks), -1),
-            times_given=times_given,
+            timed=timed,
         )
 
     def bent_starts(self, options: SoftCollisionOptions) -> Iterator[Array]:
@@ -362,7 +354,7 @@ class _PathProblem:
     def trajectory(self, variables: Array) -> PiecewisePolynomial:
         """At the given times unless they break the limits; as fast as the limits allow where none were given."""
         found = solution_of(self.breaks, self.cost.pieces, self.cost.values(variables)).trajectory
-        keep = self.times_given and self.cost.limits.ratio(found) <= 1.0
+        keep = self.timed and self.cost.limits.ratio(found) <= 1.0
         return found if keep else scale_to_limits(found, self.cost.limits)
 
     def _within_limits(self, variables: Array) -> Array:

@@ -265,9 +265,7 @@ def _leads_somewhere(link: str, path: Path, pages: dict[Path, _Page]) -> bool:
     if parts.scheme:
         return True
     target = (path.parent / unquote(parts.path)).resolve() if parts.path else path
-    if target in pages:
-        return unquote(parts.fragment) in pages[target].anchors
-    return target.is_file()
+    return unquote(parts.fragment) in pages[target].anchors if target in pages else target.is_file()
 
 
 # From Markdown to pages: formulas become MathML, names in full become links to their documentation.

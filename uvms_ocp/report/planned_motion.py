@@ -12,6 +12,7 @@ from uvms_ocp.checks import checked
 from uvms_ocp.ocp.plan import OcpStatus, axis_series, motion_series
 from uvms_ocp.ocp.request import OcpRequest, OcpResult
 from uvms_ocp.planning import CoalDistances, CollisionPlan, PlanRequest, PlanResult, ToolGoal, clearance_along
+from uvms_ocp.planning.request import curve_limits
 from uvms_ocp.planning.scene import CollisionScene, NearestPair
 from uvms_ocp.record.meta_values import AxisLimitsMeta, ClearanceMeta, FrameMeta, PhaseMeta, SurroundingsMeta
 from uvms_ocp.record.record import Record
@@ -20,6 +21,7 @@ from uvms_ocp.robot.kinematics import Kinematics
 from uvms_ocp.robot.loading import robot_meta
 from uvms_ocp.robot.shapes.collision_model import links_without_shape
 from uvms_ocp.robot.shapes.obstacles import describe_obstacles
+from uvms_ocp.robot.thrusters import AXES
 from uvms_ocp.trajectories.polynomial import PiecewisePolynomial
 from uvms_ocp.types import Array
 
@@ -154,17 +156,16 @@ def plan_report(result: PlanResult) -> dict[str, Any]:
 def _of_plan(result: PlanResult, plan: CollisionPlan) -> dict[str, Any]:
     curve, motion = plan.trajectory, _curve_motion(result, plan.trajectory)
     ends = curve.evaluate([curve.start, curve.end])
-    # Largest rate of each axis by its limit; 0 where there is no limit.
-    planned, limits = result.scene.coordinates, result.request.robot.limits
-    allowed = (limits.velocity[planned.planned], limits.acceleration[planned.planned])
+    # Largest velocities and accelerations by their limits; 0 where there is no limit.
+    robot, shares = result.request.robot, curve_limits(result.scene.coordinates, ends).ratios(curve)
+    names = (*AXES[: robot.n_vehicle], *robot.joint_names)
     return {
         "start": ends[0].tolist(),
         "goal": ends[1].tolist(),
         "duration_s": curve.duration,
         "piece_durations_s": curve.durations.tolist(),
         "limit_ratios": {
-            name: dict(zip(planned.names, (curve.peak(order) / limit).tolist(), strict=True))
-            for order, (name, limit) in enumerate(zip(_RATES, allowed, strict=True), start=1)
+            rate: dict(zip(names, share.tolist(), strict=True)) for rate, share in zip(_RATES, shares[:2], strict=True)
         },
         **nearest_entries(_nearest(plan, motion), motion),
         "n_samples_certified": plan.clearance.n_samples,
@@ -182,7 +183,8 @@ def motion_record(result: PlanResult, plan: CollisionPlan) -> Record:
     ``x``, ``x_rate``, ``x_acceleration``, ``x_jerk`` and ``x_snap`` are (n, n_axes); ``clearance`` (n, n_groups) is the
     smallest distance to each obstacle and between links, as `PlanMeta.clearance_groups` names them.
     """
-    curve, planned, limits = plan.trajectory, result.scene.coordinates, result.request.robot.limits
+    curve, planned = plan.trajectory, result.scene.coordinates
+    limits = curve_limits(planned, curve.evaluate([curve.start, curve.end])).rows(planned.n_axes)
     motion = _curve_motion(result, curve)
     x = [curve.evaluate(motion.t, order) for order in range(5)]
     names = ("x", "x_rate", "x_acceleration", "x_jerk", "x_snap")
@@ -196,10 +198,7 @@ def motion_record(result: PlanResult, plan: CollisionPlan) -> Record:
     meta = plan_meta(
         motion,
         scenario=f"plan, {plan.status.value}",
-        axis_limits=AxisLimitsMeta(
-            x_rate=tuple(limits.velocity[planned.planned].tolist()),
-            x_acceleration=tuple(limits.acceleration[planned.planned].tolist()),
-        ),
+        axis_limits=AxisLimitsMeta(x_rate=tuple(limits[0].tolist()), x_acceleration=tuple(limits[1].tolist())),
         breaks=tuple(curve.breaks.tolist()),
         nearest=_nearest(plan, motion),
     )

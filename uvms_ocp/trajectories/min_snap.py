@@ -431,10 +431,13 @@ class MotionLimits:
                 raise InvalidInput(f"the {name} limit has shape {limit.shape}; allowed is () or ({n_axes},).")
         return np.stack([np.broadcast_to(limit, (n_axes,)) for limit in given])
 
+    def ratios(self, trajectory: PiecewisePolynomial) -> Array:
+        """(3, n_axes) peaks of derivatives d = 1, 2, 3 as shares of their limits."""
+        return np.stack([trajectory.peak(d) for d in (1, 2, 3)]) / self.rows(trajectory.n_axes)
+
     def ratio(self, trajectory: PiecewisePolynomial) -> float:
         """Largest ratio of a derivative to its limit; at most 1 when all limits are kept."""
-        peaks = np.stack([trajectory.peak(d) for d in (1, 2, 3)])
-        return float(np.max(peaks / self.rows(trajectory.n_axes)))
+        return float(np.max(self.ratios(trajectory)))
 
 
 @checked
@@ -462,9 +465,8 @@ def scale_to_limits(trajectory: PiecewisePolynomial, limits: MotionLimits) -> Pi
     A trajectory that starts or ends in motion changes its end velocities with it. Raises `InvalidInput`
     where no finite limit concerns an axis that moves.
     """
-    peaks = np.stack([trajectory.peak(d) for d in (1, 2, 3)])
     order = np.array([1.0, 2.0, 3.0])[:, None]
-    factor = float(np.max((peaks / limits.rows(trajectory.n_axes)) ** (1.0 / order)))
+    factor = float(np.max(limits.ratios(trajectory) ** (1.0 / order)))
     if factor == 0.0:
         raise InvalidInput("no finite limit concerns an axis that moves; give a limit, or keep the given times.")
     return trajectory.scaled(factor)
