@@ -5,6 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 import numpy as np
+import pinocchio as pin
 import pytest
 
 from uvms_ocp.record.record import Record, quantity
@@ -29,3 +30,14 @@ def test_the_largest_tilt_is_that_of_the_time_in_which_a_task_on_it_is_on() -> N
     assert largest_tilt(with_gate(record, 1.0 * late)) == pytest.approx(float(tilt[late].max()))
     assert tilt[late].max() < tilt.max()
     assert largest_tilt(with_gate(record, np.zeros(len(record)))) is None
+
+
+def test_without_a_task_on_it_the_largest_tilt_is_the_vehicles() -> None:
+    """As of missions that `new-mission` writes for a vehicle whose pitch nobody drives: there it is the figure to look at."""
+    record = Record.load(STORED)
+    kept = [name for name in record.run_meta.quantities if name != "HA.tilt"]
+    columns = [record.run_meta.quantities.index(name) for name in kept]
+    series = {**record.series, "quantities": record["quantities"][:, columns]}
+    meta = record.run_meta.model_copy(update={"quantities": tuple(kept)})
+    up = [pin.Quaternion(q[3:7]).matrix()[2, 2] for q in record["q"]]
+    assert largest_tilt(Record(series=series, meta=meta)) == pytest.approx(float(np.arccos(min(up))), abs=1e-7)

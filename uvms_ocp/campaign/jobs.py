@@ -204,6 +204,7 @@ def run_metrics(scenario: Scenario, record: Record) -> dict[str, float | None]:
     """Compute the metrics of a run by name, as in `METRICS` and `tool_metrics`; `None` where a run has no such figure."""
     meta, task, end = record.run_meta, record.run_meta.tool_task, float(record["t"][-1])
     spent = metrics.figures_between(record, 0.0, end)
+    tilt = quantity(record, "HA.tilt", metrics.extremes_of(record, "quantities")[-1])
     figures = {
         "duration_s": end,
         "tool_position_error_m": meta.true_quantity(f"{task}.position_error"),
@@ -211,7 +212,7 @@ def run_metrics(scenario: Scenario, record: Record) -> dict[str, float | None]:
         **{name: spent.get(name) for name in _FROM_REPORT},
         "clearance_m": _clearance(scenario, record, None),
         "min_altimeter_m": metrics.least_altimeter_range(record),
-        "tilt_rad": metrics.largest_or_none(quantity(record, "HA.tilt", metrics.extremes_of(record, "quantities")[-1])),
+        "tilt_rad": metrics.largest_tilt(record) if tilt is None else metrics.largest_or_none(tilt),
         "alarms": float(len(meta.alarms)),
         "failed_ticks": None if (failed := metrics.failed_ticks(record)) is None else float(sum(failed.values())),
     }

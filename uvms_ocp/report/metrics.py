@@ -66,14 +66,13 @@ def failed_ticks(record: Record) -> dict[str, int] | None:
 
 
 def largest_tilt(record: Record) -> float | None:
-    """Return the largest tilt [rad] while a task on it is on; `None` where none ever is."""
-    meta = record.run_meta
-    on = (
-        np.where(record["activations"][:, k] > 0.0, tilt, np.nan)
-        for k, task in enumerate(meta.tasks)
-        for name in extremes_of(record, "quantities")[-1:]
-        if (tilt := quantity(record, f"{task.name}.tilt", name)) is not None
-    )
+    """Return the largest tilt [rad] while a task on it is on, `None` where it never is; without such a task the vehicle's."""
+    meta, (*_, most) = record.run_meta, extremes_of(record, "quantities")
+    tilts = [(k, quantity(record, f"{task.name}.tilt", most)) for k, task in enumerate(meta.tasks)]
+    on = [np.where(record["activations"][:, k] > 0.0, tilt, np.nan) for k, tilt in tilts if tilt is not None]
+    if not on and meta.floating:
+        roll, pitch = tilts_of(record["q"]).values()
+        on = [np.arccos(np.cos(roll) * np.cos(pitch))]
     return max((value for series in on if (value := largest_or_none(series)) is not None), default=None)
 
 
