@@ -119,32 +119,18 @@ def check_mission(setup: Setup) -> PreflightReport:
         findings = [*check_structure(setup.mission), *check_echo(setup), *check_goals(setup), *check_accuracy(setup)]
         return PreflightReport(findings=(*findings, *forces.check_delays(setup), *_check_wherever(setup)))
     visits = forecast(setup)
-    findings = [
-        *check_structure(setup.mission),
-        *check_echo(setup),
-        *check_altitude(setup, visits),
-        *check_goals(setup),
-        *check_hull(setup),
-        *check_obstacles(setup, visits),
-        *check_freedom(setup, visits, problem),
-        *forces.check_forces(setup, visits),
-        *forces.check_depth(setup, visits),
-        *forces.check_undriven(setup, visits),
-        *forces.check_rest(setup, visits),
-        *check_accuracy(setup),
-        *forces.check_delays(setup, visits),
-        *_check_wherever(setup),
-    ]
+    findings = [*check_structure(setup.mission), *check_echo(setup), *check_altitude(setup, visits), *check_goals(setup)]
+    findings += [*check_hull(setup), *check_obstacles(setup, visits), *check_freedom(setup, visits, problem)]
+    for check in (forces.check_forces, forces.check_depth, forces.check_undriven, forces.check_rest):
+        findings += check(setup, visits)
+    findings += [*check_accuracy(setup), *forces.check_delays(setup, visits), *_check_wherever(setup)]
     return PreflightReport(findings=(*findings, *check_tool(setup, visits)))
 
 
 def _check_wherever(setup: Setup) -> Iterator[Finding]:
     """Findings that hold wherever the mission leads."""
-    yield from check_unspecified(setup)
-    yield from check_inertia(setup)
-    yield from check_own_parts(setup)
-    yield from check_energy(setup)
-    yield from forces.check_load(setup)
+    for check in (check_unspecified, check_inertia, check_own_parts, check_energy, forces.check_load):
+        yield from check(setup)
 
 
 def check_unspecified(setup: Setup) -> Iterator[Finding]:

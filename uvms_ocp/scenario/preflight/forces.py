@@ -316,17 +316,15 @@ def check_load(setup: Setup) -> Iterator[Finding]:
     """Where it is to be learnt: an error where our controller would refuse, and what comes of it elsewhere."""
     if setup.load_bandwidth is None:
         return
+    learnt = "the load at the tool is learnt: its net weight from forces, its mass once the tool accelerates"
+    severity, text = Severity.NOTE, learnt
     if not setup.with_forces:
-        text = "the kinematic plant carries no load, and none is learnt; use the dynamic plant"
-        yield Severity.WARNING.finding(_CHECK, text)
+        severity, text = Severity.WARNING, "the kinematic plant carries no load, and none is learnt; use the dynamic plant"
     elif "controller" in setup.own_parts:
-        text = "a controller of your own learns no load by itself; the toolkit's does"
-        yield Severity.WARNING.finding(_CHECK, text)
+        severity, text = Severity.WARNING, "a controller of your own learns no load by itself; the toolkit's does"
     else:
         try:
             require_learnable(setup.robot, observed=bool(setup.load_bandwidth))
         except UvmsError as error:
-            yield Severity.ERROR.finding(_CHECK, str(error))
-        else:
-            text = "the load at the tool is learnt: its net weight from forces, its mass once the tool accelerates"
-            yield Severity.NOTE.finding(_CHECK, text)
+            severity, text = Severity.ERROR, str(error)
+    yield severity.finding(_CHECK, text)

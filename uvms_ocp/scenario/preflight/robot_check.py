@@ -69,11 +69,8 @@ class RobotReport:
             return f"not usable: mend what is called error ({errors}), and check again"
         begin = "next: `uvms-ocp new-mission FILE.py --robot DIR` writes a mission of it, `uvms-ocp show` draws it"
         warnings = number[RobotVerdict.WARNING]
-        return (
-            f"usable, with {warnings} to look at: what is called warning says how to mend it; {begin}"
-            if warnings
-            else f"usable; {begin}"
-        )
+        more = f", with {warnings} to look at: what is called warning says how to mend it" if warnings else ""
+        return f"usable{more}; {begin}"
 
 
 @checked
@@ -123,11 +120,8 @@ def _inertias(robot: Robot) -> Iterator[RobotFinding]:
         yield _warning("inertias", f"no mass in link {', '.join(massless)}; give links there an <inertial>")
     for i in impossible:
         moments = " ".join(f"{moment:.4g}" for moment in principal[i])
-        yield _error(
-            "inertias",
-            f"link {_body(robot, i)}: principal moments {moments} kg m2; allowed: none exceeds the sum of the others; "
-            "mend <inertia>",
-        )
+        allowed = "none exceeds the sum of the others; mend <inertia>"
+        yield _error("inertias", f"link {_body(robot, i)}: principal moments {moments} kg m2; allowed: {allowed}")
     if not massless and not impossible:
         yield _good("inertias", f"{robot.model.njoints - 1} moving bodies, {sum(i.mass for i in inertias):.6g} kg")
 
