@@ -185,17 +185,13 @@ def _in_vehicle(vectors: np.ndarray, frames: Frames) -> np.ndarray:
     return np.array([R_WB.T @ vector for R_WB, vector in zip(turns, vectors, strict=True)])
 
 
+_force, _moment = (partial(ArrowKind, series="disturbance", draw=partial(_disturbance, first)) for first in (0, 3))
 _KINDS = (
     ArrowKind(label="thrust", unit="N", colour="#b8f23c", share=0.55, series="thrust", draw=_thrust),
     ArrowKind(label="contact with the floor", unit="N", colour="#ff6b5e", share=0.5, series="contact", draw=_contact),
     ArrowKind(label="current", unit="m/s", colour="#63e6ff", share=0.7, series="current", draw=_current),
-    *(
-        ArrowKind(label=f"disturbance, {what}", unit=unit, colour=colour, share=share, series="disturbance", **more)
-        for what, unit, colour, share, more in (
-            ("force", "N", "#ff7ad9", 0.8, {"draw": partial(_disturbance, 0)}),
-            ("moment", "N m", "#c9a0ff", 0.6, {"draw": partial(_disturbance, 3), "shown": False}),
-        )
-    ),
+    _force(label="disturbance, force", unit="N", colour="#ff7ad9", share=0.8),
+    _moment(label="disturbance, moment", unit="N m", colour="#c9a0ff", share=0.6, shown=False),
 )
 
 
