@@ -280,10 +280,8 @@ def _chosen(key: str, one: ChannelMapping, table: tables.TableColumns) -> tables
         )
     if key == "attitude" and one.format != "rpy" and one.lost == "never":  # zeros: its sender knows no attitude
         numbers = np.where(np.linalg.norm(numbers, axis=1, keepdims=True) > 0.0, numbers, np.nan)
-    shift, scale = np.asarray(one.offset), np.asarray(one.scale)
-    return replace(
-        table, values=np.column_stack([values[:, 0], (numbers + shift) * scale]), units=(), remarks=(*table.remarks, *remarks)
-    )
+    found = np.column_stack([values[:, 0], (numbers + np.asarray(one.offset)) * np.asarray(one.scale)])
+    return replace(table, values=found, units=(), remarks=(*table.remarks, *remarks))
 
 
 def _factors(key: str, one: ChannelMapping, said: Sequence[str]) -> tuple[np.ndarray, list[str]]:

@@ -235,14 +235,11 @@ def angular_rate(attitude: Channel, window: float) -> tuple[np.ndarray, np.ndarr
 def pose_velocity(position: Channel, attitude: Channel, interval: float) -> Channel:
     """Mean velocities in B (m, 3) [m/s] between poses about `interval` [s] apart, in the middle of each."""
     times, span = position.undelayed_t, attitude.undelayed_t[[0, -1]]
-    chosen = np.flatnonzero((times >= span[0]) & (times <= span[1]))[
-        :: max(1, round(interval / float(np.median(np.diff(times)))))
-    ]
-    t, steps = times[chosen], np.diff(times[chosen])[:, None]
+    every = max(1, round(interval / float(np.median(np.diff(times)))))
+    chosen = np.flatnonzero((times >= span[0]) & (times <= span[1]))[::every]
+    t, rates = times[chosen], np.diff(position.values[chosen], axis=0) / np.diff(times[chosen])[:, None]
     at = (t[1:] + t[:-1]) / 2
-    return Channel(
-        t=at, values=np.einsum("nji,nj->ni", rotations(attitude, at), np.diff(position.values[chosen], axis=0) / steps)
-    )
+    return Channel(t=at, values=np.einsum("nji,nj->ni", rotations(attitude, at), rates))
 
 
 def rotations(attitude: Channel, t: np.ndarray) -> np.ndarray:

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from itertools import pairwise
 
 import casadi as ca
@@ -345,10 +346,8 @@ def _horizons(
     seen, C = errors(left), covariance(others.vehicle, others.estimate, variance_inflation(left, others.noise))
     drawn = np.random.default_rng(0).multivariate_normal(predictor.shared, C, _DRAWS, method="eigh", check_valid="ignore")
     known = predictor.start_window
-    resting: dict[str, Callable[[Segment], Predicted]] = {
-        STATIC: lambda one: static_baseline(one, known),
-        BALANCE: lambda one: balance.of_stretch(one, predictor.shared),
-    }
+    balanced = partial(balance.of_stretch, shared=predictor.shared)
+    resting = {STATIC: partial(static_baseline, known=known), BALANCE: balanced}
     for horizon, length in asked:
         windows = held.windows(step, known, length)
         by = {OTHERS: predictor.over(held, step, length), BEFORE: before.over(held, step, length)}

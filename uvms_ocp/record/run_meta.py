@@ -141,12 +141,9 @@ class RunMeta(RecordMeta):
     @model_validator(mode="after")
     def _goes_from_phase_to_phase(self) -> RunMeta:
         known, here, t = {phase.name for phase in self.phases}, self.phases[0].name, -meta_values.LARGEST
+        ended = {meta_values.DONE, meta_values.ABORT}
         for event in self.events:
-            if (
-                event.source != here
-                or here in (meta_values.DONE, meta_values.ABORT)
-                or event.target not in {*known, meta_values.DONE, meta_values.ABORT}
-            ):
+            if event.source != here or here in ended or event.target not in known | ended:
                 way = f"from {event.source[:60]!r} to {event.target[:60]!r}"
                 raise ValueError(f"an event at {event.t:g} s leads {way}; the mission was in {here[:60]!r}")
             if event.t <= t:
