@@ -81,6 +81,12 @@ def _mode(*without: str, **what: object) -> DegradedMode:
 
 
 _VEHICLE = ("position", "attitude", "linear_velocity", "angular_velocity")
+_PAIRS = (
+    ("position", "linear_velocity"),
+    ("position", "depth"),
+    ("attitude", "angular_velocity"),
+    (ENCODERS, "joint_velocities"),
+)
 
 DEGRADED_MODES = (
     _mode(ALTIMETER, trust=Trust.SUSPECT, substitute="the last floor", no_descent=True),
@@ -94,10 +100,7 @@ DEGRADED_MODES = (
     _mode("attitude", substitute="angular velocity, integrated", hold=True, max_duration=10.0, can_ascend=False),
     _mode(ENCODERS, trust=Trust.SUSPECT, substitute="commands, integrated", speed=_SLOW, joint_feedback=_SOFT),
     _mode(ENCODERS, substitute="where the brakes hold the arm", joints_held=True, max_duration=10.0),
-    *(
-        _mode(*pair, trust=Trust.SUSPECT, substitute="either", max_duration=20.0)
-        for pair in (("position", "linear_velocity"), ("position", "depth"), ("attitude", "angular_velocity"))
-    ),
+    *(_mode(*pair, trust=Trust.SUSPECT, substitute="either", max_duration=20.0) for pair in _PAIRS),
     *(
         _mode(*pair, substitute="too little", hold=True, joints_held=True, blind=True, max_duration=3.0, can_ascend=False)
         for pair in combinations(_VEHICLE, 2)

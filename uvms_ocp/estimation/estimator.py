@@ -364,7 +364,7 @@ def std_at_rest(robot: Robot, specs: SensorSpecs) -> np.ndarray:
         t = k / _RATE
         taken = {name: _taken(spec, t) for name, spec in channels.items()}
         estimator(_readings(**{name: _reading(value=truth[name], t=at) for name, at in taken.items() if at >= 0.0}), t)
-    return read_only(np.hypot(estimator.std, _bias(robot, specs)))
+    return read_only(np.hypot(estimator.std, declared_bias(robot, specs)))
 
 
 def _truth(robot: Robot) -> dict[str, Any]:
@@ -383,8 +383,8 @@ def _taken(spec: SensorSpec, t: float) -> float:
     return math.floor((t - spec.delay) * rate + 1e-6) / rate if rate > 0.0 else -math.inf
 
 
-def _bias(robot: Robot, specs: SensorSpecs) -> np.ndarray:
-    """(n_v,) [m, rad]"""
+def declared_bias(robot: Robot, specs: SensorSpecs) -> np.ndarray:
+    """Return the constant errors (n_v,) [m, rad] of position, attitude and joints that the sensors are said to have."""
     channels = [("joint_positions", robot.n_joints)]
     if robot.n_vehicle:
         channels = [("position", 3), ("attitude", 3), *channels]

@@ -15,6 +15,7 @@ import pinocchio as pin
 from uvms_ocp.control.plan_following import PlanGuide
 from uvms_ocp.control.velocity.kinematic import KinematicController
 from uvms_ocp.errors import plain_line
+from uvms_ocp.estimation.estimator import declared_bias
 from uvms_ocp.estimation.health.monitor import HealthMonitor
 from uvms_ocp.mission import Condition, Mission, MissionState
 from uvms_ocp.record import meta_values
@@ -97,6 +98,12 @@ def run_meta(
     alarms, problem = sorted([*monitor.alarms, *controller.watchdog.alarms]), controller.problem
     rows, limited = zip(problem.names, problem.sizes, strict=True), meta_values.LimitsMeta.model_fields
     allowed = partial(quantity_stds, setup, ending.q)
+
+    def spreads() -> dict[str, float]:
+        """With what no reading can tell: declared constant errors, and what a channel came back elsewhere by."""
+        unseen = np.hypot(declared_bias(robot, setup.sensors), monitor.unexplained)
+        return {} if ending.std is None else allowed(np.hypot(ending.std, unseen))
+
     named = {roles.TOOL: robot.tools[0]} if len(robot.tools) > 1 else {}
     tools = {task.name: named.get(task.frame, task.frame) for task in tasks if isinstance(task, (ToolPose, ToolPosition))}
     return RunMeta(
@@ -127,9 +134,7 @@ def run_meta(
         faults=faults,
         true_quantities=_values(ending.quantities),
         sensors_allow=() if ending.stopped == "cut off" else _values(computed_or({}, "what sensors allow", allowed)),
-        spreads=_values(
-            computed_or({}, "spreads", lambda: {} if ending.std is None else quantity_stds(setup, ending.q, ending.std))
-        ),
+        spreads=_values(computed_or({}, "spreads", spreads)),
         statuses=tuple(status.value for status in Status),
         seed=seed,
         noise=setup.sensors != IDEAL_SENSORS,

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from collections import deque
+from dataclasses import replace
+
 import numpy as np
 import pinocchio as pin
 import pytest
@@ -9,7 +12,7 @@ from health_run import HealthRun
 
 from uvms_ocp.robot.loading import load_robot
 from uvms_ocp.robot.robot import Robot
-from uvms_ocp.robot.signals import Reading, Readings, Trust
+from uvms_ocp.robot.signals import Reading, Readings, SensorSpec, SensorSpecs, Trust
 
 ONSET, END = 3.0, 28.0  # [s]
 
@@ -50,6 +53,41 @@ def test_a_slow_drift_is_found(channel: str, rate: np.ndarray | float, within: f
     assert run.first_bad(channel, ONSET) < within
     assert all((run.of(name) == Trust.GOOD).all() for name in others)
     assert run.last_bad(channel) > END - 0.1
+
+
+@pytest.mark.parametrize("sways", [False, True])
+@pytest.mark.parametrize(("channel", "rate", "within"), [("joint_positions", 0.004, 4.0), ("joint_velocities", 4e-4, 16.0)])
+def test_an_encoder_is_checked_by_the_rate_of_its_joint(
+    channel: str, rate: float, within: float, sways: bool, robot: Robot
+) -> None:
+    """Where the robot has sensors of both: an encoder that drifted was the truth, and the tool ended 0.17 m off."""
+    specs, still = replace(SensorSpecs(), joint_velocities=SensorSpec(rate=200.0, sigma=2e-3)), np.zeros(robot.n_v)
+    run = HealthRun(
+        robot,
+        duration=24.0,
+        spoil=drifting(channel, rate * (np.arange(robot.n_joints) == 2)),
+        motion=None if sways else lambda t: still,
+        dt=0.02,
+        specs=specs,
+    )
+    assert all(run.first_bad(name, ONSET) < within for name in ("joint_positions", "joint_velocities"))
+    assert any("encoder and rate of joint3 disagree" in text for _, text in run.guard.monitor.alarms)
+    assert all((run.of(name) == Trust.GOOD).all() for name in ("position", "attitude", "linear_velocity", "depth"))
+
+
+def test_sound_encoders_and_rates_are_believed(robot: Robot) -> None:
+    """Of rates that are 0.02 s late and 2 % off, which nobody said."""
+    specs, before = replace(SensorSpecs(), joint_velocities=SensorSpec(rate=50.0, sigma=0.01)), deque(maxlen=2)
+
+    def spoil(readings: Readings, t: float) -> Readings:
+        rates = readings.joint_velocities
+        if rates is None:
+            return readings
+        before.append(rates.value)
+        return replace(readings, joint_velocities=Reading(value=1.02 * before[0], t=rates.t))
+
+    run = HealthRun(robot, duration=END, dt=0.02, specs=specs, spoil=spoil)
+    assert (run.of("joint_positions") == Trust.GOOD).all()
 
 
 @pytest.mark.parametrize("seed", range(2))

@@ -99,6 +99,15 @@ class ChannelMemory(Layout):
     changed: bool
     """The verdict did, in the last tick."""
     repeats: plausibility.RepetitionMemory
+    # What came back elsewhere.
+    off: float
+    """[unit of the channel] of the newest reading from the estimate."""
+    explained: float
+    """[unit of the channel] of it, by noise and by how far the robot may have moved unforeseen."""
+    jump: float
+    """[unit of the channel] of the first of the readings that were refused, 0 where that is explained."""
+    unexplained: float
+    """[unit of the channel] the largest jump at which readings were used again: they may be wrong since, or were before."""
 
 
 class ScreeningResult(Layout):
@@ -148,6 +157,7 @@ class HealthMemory(Layout):
     velocity: redundancy.VelocityAgainstPosition
     rate: redundancy.RateAgainstAttitude
     depth: redundancy.DepthAgainstPosition
+    encoder: redundancy.RateAgainstEncoder
 
 
 # What is thought of one channel, from complaints, silence and the time without either.
@@ -174,7 +184,8 @@ def accept_empty(c: ChannelMemory) -> None:
 
 def reject(c: ChannelMemory, why: Complaint, t: float) -> None:
     """A reading is not used at time t [s], and why."""
-    c.refused_at, c.impossible_at = t, t
+    _mark_refused(c, t)
+    c.impossible_at = t
     suspect(c, why, t)
 
 
@@ -212,7 +223,7 @@ def update_gate_outcome(m: HealthMemory, channel: int, squared: float, degrees: 
     if accepted:
         _mark_used(c, t)
     else:
-        c.refused_at = t
+        _mark_refused(c, t)
         set_complaint(c.refusal, Reason.REFUSED, math.sqrt(squared / degrees), 0.0)
 
 
@@ -237,7 +248,15 @@ def update_trust(m: HealthMemory, c: ChannelMemory) -> bool:
 
 def _mark_used(c: ChannelMemory, t: float) -> None:
     if c.used > -math.inf:
+        if c.refused_at > c.used_at:
+            c.unexplained = max(c.unexplained, min(c.jump, 2.0 * c.off) if c.off > c.gate.noise else 0.0)
         c.taken, c.used_at = c.used, t
+
+
+def _mark_refused(c: ChannelMemory, t: float) -> None:
+    if not c.refused_at > c.used_at:
+        c.jump = c.off if c.off > c.explained else 0.0
+    c.refused_at = t
 
 
 def _by_silence(c: ChannelMemory, quiet: float, period: float) -> int:
@@ -270,7 +289,7 @@ _SIGMAS = 8.0  # of the channel's noise, which noise passes once in 1e15 reading
 # How wrong an estimate can be beyond noise, of a robot that manoeuvres in gusts.
 _POSITION_DRIFT = 0.05  # [m/s] of a position that a DVL carries, or of a depth that anything does: its bias, and the attitude's
 _ATTITUDE = 0.05  # [rad]
-_ATTITUDE_DRIFT = 0.02  # [rad/s] of an attitude that a gyro carries: ten times the noise of the gyro
+_ATTITUDE_DRIFT = 0.002  # [rad/s] of an attitude that a gyro carries: its bias, once it is estimated
 _VELOCITY = 0.25  # [m/s]: a vehicle that accelerates with 1 m/s2 between two readings of a DVL
 _VELOCITY_DRIFT = 0.02  # [m/s2] of a velocity that position fixes carry
 _RATE = 0.2  # [rad/s] of the vehicle: a blow
@@ -322,7 +341,8 @@ def health_memory(robot: Robot, specs: Mapping[str, SensorSpec], tuning: HealthT
     made.encoders.n = robot.n_joints if _is_plain(robot) and robot.n_joints == len(robot.joint_names) else 0
     bias = dict.fromkeys(sizes_of(robot), 0.0) | {name: max(map(abs, spec.biases)) for name, spec in specs.items()}
     noise = {name: bias[name] + (specs[name].sigma if name in specs else 0.0) for name in bias}
-    redundancy.init_comparisons(made.velocity, made.rate, made.depth, noise, bias)
+    redundancy.init_comparisons(made.velocity, made.rate, made.depth, made.encoder, noise, bias)
+    made.encoder.n = made.encoders.n
     init_floor(made.floor, specs["altimeter_range"].sigma if "altimeter_range" in specs else 0.0, tuning)
     return made
 
@@ -372,7 +392,8 @@ def _set_gates(memory: HealthMemory, robot: Robot, specs: Mapping[str, SensorSpe
         gate, of = memory.channels[NUMBER[name]].gate, allowed[name]
         gate.exists, gate.channel, gate.size = True, int(NUMBER[name]), memory.channels[NUMBER[name]].size
         gate.start, gate.supported, gate.alone, gate.most = of.start, of.supported, of.alone, math.inf
-        gate.base = of.base + _SIGMAS * spec.sigma + max(map(abs, spec.biases)) + _unforeseen(of, spec, specs)
+        gate.noise = _SIGMAS * spec.sigma + max(map(abs, spec.biases))
+        gate.base = of.base + gate.noise + _unforeseen(of, spec, specs)
         gate.by, gate.or_by = _two(of.by)
         gate.jolt, gate.rates = JOLTS[NUMBER[name]], robot.joint_v.start if name == "joint_positions" else -1
     if robot.n_vehicle:

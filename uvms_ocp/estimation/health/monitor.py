@@ -20,7 +20,7 @@ from uvms_ocp.estimation.health.plausibility import integrate_command, remember,
 from uvms_ocp.estimation.health.screening import compare, is_empty, is_persistent, screen_reading
 from uvms_ocp.estimation.health.tuning import HealthTuning, Reason, ReasonTexts
 from uvms_ocp.robot.robot import Robot
-from uvms_ocp.robot.signals import CHANNELS, ChannelHealth, Command, Reading, Readings, SensorSpecs, StateEstimate, Trust
+from uvms_ocp.robot.signals import CHANNELS, UNITS, ChannelHealth, Command, Reading, Readings, SensorSpecs, StateEstimate, Trust
 from uvms_ocp.types import Array
 
 # Which channel stands in for which, how long, and how old that makes a measurement.
@@ -366,6 +366,13 @@ class HealthMonitor:
         """The verdicts of the last tick."""
         return self._health
 
+    @property
+    def unexplained(self) -> Array:
+        """(n_v,) [m, rad] by which q may be off since readings were refused and came back elsewhere."""
+        vehicle = ("position",) * 3 + ("attitude",) * 3 if len(self._v) > len(self._rates) else ()
+        names = (*vehicle, *("joint_positions",) * len(self._rates))
+        return np.array([self.memory.channels[NUMBER[name]].unexplained for name in names])
+
     def screen(self, readings: Readings, t: float, command: Command | None = None) -> Readings:
         """Screen readings at time t [s]: a refused one is replaced by the last of its channel that was used.
 
@@ -459,7 +466,7 @@ class HealthMonitor:
             for name, c in changed.items()
         }
         self._health = tuple(verdicts.get(verdict.channel, verdict) for verdict in self._health)
-        self.alarms += [(t, _describe(verdict)) for verdict in verdicts.values()]
+        self.alarms += [(t, _describe(verdict, changed[name].unexplained)) for name, verdict in verdicts.items()]
 
 
 def _present(robot: Robot, specs: SensorSpecs, altimeter_frame: str | None) -> list[str]:
@@ -469,6 +476,9 @@ def _present(robot: Robot, specs: SensorSpecs, altimeter_frame: str | None) -> l
     return [name for name in names if getattr(specs, name) is not None and name not in absent]
 
 
-def _describe(verdict: ChannelHealth) -> str:
+def _describe(verdict: ChannelHealth, unexplained: float) -> str:
     word = verdict.trust.name.lower()
-    return f"{verdict.channel} {word}: {verdict.why}" if verdict.why else f"{verdict.channel} {word} again"
+    if verdict.why:
+        return f"{verdict.channel} {word}: {verdict.why}"
+    elsewhere = f", {unexplained:.2g} {UNITS[verdict.channel]} from where it was before" if unexplained > 0.0 else ""
+    return f"{verdict.channel} {word} again{elsewhere}"

@@ -176,6 +176,8 @@ class PlausibilityGate(Layout):
     """Where they begin in q or v."""
     base: float
     """[unit of the channel]"""
+    noise: float
+    """[unit of the channel] by which readings differ by themselves, of the base."""
     supported: float
     """[unit of the channel / s] growth while another channel carries the estimate."""
     alone: float
@@ -194,15 +196,19 @@ class PlausibilityGate(Layout):
 
 def is_off(g: PlausibilityGate, value: Vector, estimate: PastEstimate, away: float, growth: float, why: Complaint) -> bool:
     """Return whether a value cannot be, against an estimate made `away` [s] from it; growth [unit of the channel] of the gate."""
-    error, rate = _error(g, value, estimate), g.alone
-    for i in range(g.rates, len(estimate.v) if g.rates >= 0 else -1):
-        rate = max(rate, 2.0 * abs(estimate.v[i]))  # what is known to move faster than it should, and faster yet
-    short = min(away, JOLT_TIME)
-    allowed = g.base + growth + rate * away + g.jolt * (short if orders_of(g.channel) == 1 else short * short / 2.0)
+    error, allowed = error_of(g, value, estimate), g.base + growth + motion_within(g, estimate, away)
     if error <= allowed:
         return False
     set_complaint(why, Reason.OFF, error, allowed)
     return True
+
+
+def motion_within(g: PlausibilityGate, estimate: PastEstimate, time: float) -> float:
+    """Return how far [unit of the channel] the robot may move unforeseen within a time [s]."""
+    rate, short = g.alone, min(time, JOLT_TIME)
+    for i in range(g.rates, len(estimate.v) if g.rates >= 0 else -1):
+        rate = max(rate, 2.0 * abs(estimate.v[i]))  # what is known to move faster than it should, and faster yet
+    return rate * time + g.jolt * (short if orders_of(g.channel) == 1 else short * short / 2.0)
 
 
 def is_impossible(g: PlausibilityGate, value: Vector, why: Complaint) -> bool:
@@ -218,7 +224,8 @@ def is_impossible(g: PlausibilityGate, value: Vector, why: Complaint) -> bool:
     return True
 
 
-def _error(g: PlausibilityGate, value: Vector, estimate: PastEstimate) -> float:
+def error_of(g: PlausibilityGate, value: Vector, estimate: PastEstimate) -> float:
+    """Return how far a value (size,) is from the estimate [unit of the channel]."""
     if g.channel == ChannelIndex.ATTITUDE:
         q = estimate.q
         along = value[0] * q[3] + value[1] * q[4] + value[2] * q[5] + value[3] * q[6]

@@ -1,4 +1,4 @@
-"""Compare redundant channels over a few seconds: DVL and position, gyro and attitude, depth and position."""
+"""Compare redundant channels over a few seconds: DVL and position, gyro and attitude, rates and encoders, and depths."""
 
 from __future__ import annotations
 
@@ -101,6 +101,7 @@ _SLOW_TURN = 0.005  # [rad/s]: a bias that a gyro may have
 _BLIND = 1.2  # [s] without a velocity, in which a vehicle may have gone anywhere
 _TURN_SPAN, _TURN = 1.0, 0.03  # [s], [rad/s]
 _FIRST, _LAST, _DEPTH = 10, 5, 0.05  # fixes, fixes, [m]
+_ENCODER_SPAN, _SLOW_JOINT, _RATE_DELAY = 10.0, 0.001, 0.05  # [s] between marks, [rad/s] a bias, [s] that a rate may be late
 
 
 class DriftWindow(Layout):
@@ -181,14 +182,44 @@ class DepthAgainstPosition(Layout):
     """(5,) [m] of the newest ones, in a ring."""
 
 
+class RateAgainstEncoder(Layout):
+    """The way of each joint by its encoder against its rate, integrated, since one of two marks, 10 to 20 s ago."""
+
+    n: int
+    """Joints, 0 where they are not judged."""
+    tolerance: float
+    """[rad/s or m/s] of a drift."""
+    noise: float
+    """[rad or m] of a difference of two positions."""
+    t: float
+    """[s] of the last rates."""
+    rate: Annotated[Vector, Sized("n_joints")]
+    """(n_joints,) [rad/s or m/s]"""
+    way: Annotated[Vector, Sized("n_joints")]
+    """(n_joints,) [rad or m] integrated rates."""
+    older_t: float
+    """[s] of the mark that is compared with."""
+    newer_t: float
+    """[s] of the next one, -inf before the first."""
+    older: Annotated[list[Vector], Sized("n_joints", 3)]
+    """(n_joints, 3) [rad or m] at the mark: offset of the encoder, way, and what a late rate makes of it."""
+    newer: Annotated[list[Vector], Sized("n_joints", 3)]
+    """(n_joints, 3) [rad or m] at the next one."""
+    worst: int
+    """Joint that drifts the most beyond what is allowed."""
+    drift: float
+    """[rad/s or m/s] of that joint."""
+
+
 def init_comparisons(
     velocity: VelocityAgainstPosition,
     rate: RateAgainstAttitude,
     depth: DepthAgainstPosition,
+    encoder: RateAgainstEncoder,
     noise: dict[str, float],
     bias: dict[str, float],
 ) -> None:
-    """Prepare all three; noise and bias [unit of the channel] of each channel."""
+    """Prepare all four; noise and bias [unit of the channel] of each channel."""
     fix, turn = noise["position"], math.sqrt(2.0) * noise["attitude"]
     quick, slow = velocity.quick, velocity.slow
     quick.span, quick.least, quick.spacing = _DRIFT_SPAN + 0.5, _DRIFT_SPAN, _SPACING
@@ -199,7 +230,8 @@ def init_comparisons(
     rate.tolerance = _TURN + _SIGMAS * turn / _TURN_SPAN
     rate.slow_tolerance = _SLOW_TURN + bias["angular_velocity"] + _SIGMAS * turn / _LONG_SPAN
     depth.tolerance = _DEPTH + _SIGMAS * math.hypot(fix, noise["depth"]) * math.sqrt(1.0 / _FIRST + 1.0 / _LAST)
-    velocity.t = rate.t = depth.t = -math.inf
+    encoder.tolerance, encoder.noise = _SLOW_JOINT + bias["joint_velocities"], _SIGMAS * math.sqrt(2.0) * noise["joint_positions"]
+    velocity.t = rate.t = depth.t = encoder.t = encoder.newer_t = -math.inf
     rate.turn[3] = 1.0
 
 
@@ -341,3 +373,38 @@ def depth_difference(d: DepthAgainstPosition, z: float, climb: float, t: float) 
         total += d.last[(d.count + i) % _LAST]
     by = abs(total / _LAST - d.first / _FIRST)
     return by if d.count >= _FIRST + _LAST and by > d.tolerance else 0.0
+
+
+def update_joint_rates(d: RateAgainstEncoder, rates: Vector, t: float) -> None:
+    """The rates (n_joints,) [rad/s or m/s] of the joints at time t [s]."""
+    dt = t - d.t
+    for i in range(d.n):
+        d.way[i] += 0.5 * dt * (rates[i] + d.rate[i]) if 0.0 <= dt <= _BLIND else 0.0
+        d.rate[i] = rates[i]
+    if not 0.0 <= dt <= _BLIND:
+        d.newer_t = -math.inf
+    d.t = t
+
+
+def is_adrift(d: RateAgainstEncoder, value: Vector, t: float) -> bool:
+    """Return whether the encoder of a joint, `worst`, drifts from its rate, by values (n_joints,) [rad or m] at time t [s]."""
+    if not abs(t - d.t) <= _BLIND:
+        d.newer_t = -math.inf
+        return False
+    first, due, excess = d.newer_t == -math.inf, t - d.newer_t >= _ENCODER_SPAN, 0.0
+    if due:
+        d.older_t = t if first else d.newer_t
+        d.newer_t = t
+    for i in range(d.n):
+        mark, late, offset = d.older[i], _RATE_DELAY * abs(d.rate[i]), value[i] - d.way[i] - (t - d.t) * d.rate[i]
+        if due and not first:
+            mark[:3] = d.newer[i][:3]
+        if due:
+            d.newer[i][0], d.newer[i][1], d.newer[i][2] = offset, d.way[i], late
+        if first:
+            mark[:3] = d.newer[i][:3]
+        change, span = abs(offset - mark[0]), t - d.older_t
+        beyond = change - d.tolerance * span - _OBLIQUE * abs(d.way[i] - mark[1]) - late - mark[2] - d.noise
+        if span >= _LONG_LEAST and beyond > excess:
+            d.worst, d.drift, excess = i, change / span, beyond
+    return excess > 0.0

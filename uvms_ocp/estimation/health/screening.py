@@ -83,10 +83,12 @@ def _agrees(m: HealthMemory, c: ChannelMemory, estimate: plausibility.PastEstima
     gate = c.gate
     carried = _is_good(m, gate.by) or _is_good(m, gate.or_by)
     rate = gate.supported if carried else gate.alone
-    growth = 0.0 if math.isnan(c.taken) else rate * max(c.stamp - c.taken, 0.0)
+    growth, away = 0.0 if math.isnan(c.taken) else rate * max(c.stamp - c.taken, 0.0), abs(c.stamp - estimate.t)
+    c.off = plausibility.error_of(gate, c.value, estimate)
+    c.explained = gate.noise + growth + plausibility.motion_within(gate, estimate, away)
     if carried and is_persistent(c):
         growth -= 0.5 * gate.base
-    if plausibility.is_off(gate, c.value, estimate, abs(c.stamp - estimate.t), growth, why):
+    if plausibility.is_off(gate, c.value, estimate, away, growth, why):
         if not _goes_on(c):
             c.off_in_a_row += 1
             return False
@@ -158,6 +160,11 @@ def compare(m: HealthMemory, c: ChannelMemory, estimate: plausibility.PastEstima
         redundancy.update_rate(m.rate, c.value, c.stamp)
     elif c.number == ChannelIndex.ATTITUDE:
         _compare_attitude(m, c, why)
+    elif c.number == ChannelIndex.JOINT_VELOCITIES:
+        redundancy.update_joint_rates(m.encoder, c.value, c.stamp)
+    elif c.number == ChannelIndex.JOINT_POSITIONS and redundancy.is_adrift(m.encoder, c.value, c.stamp):
+        set_complaint(why, Reason.ENCODER_DRIFT, m.encoder.worst, m.encoder.drift)
+        _suspect_likelier(m, ChannelIndex.JOINT_POSITIONS, ChannelIndex.JOINT_VELOCITIES, -1)
 
 
 def _compare_attitude(m: HealthMemory, c: ChannelMemory, why: Complaint) -> None:

@@ -64,6 +64,7 @@ class Reason(IntEnum):
     NO_ECHO = 21
     REFUSED = 22
     DEPTH_DRIFT = 23
+    ENCODER_DRIFT = 24
 
 
 class Complaint(Layout):
@@ -133,6 +134,8 @@ class ReasonTexts:
             return self._shapes[int(a) - 1]
         if why.code == Reason.STILL:
             return f"{self._joints[int(a)]} does not change while {b:.2g} were asked of it"
+        if why.code == Reason.ENCODER_DRIFT:
+            return f"encoder and rate of {self._joints[int(a)]} disagree by {b:.2g} {UNITS['joint_velocities']}"
         if why.code == Reason.LARGE:
             return f"{a:.3g} {UNITS[channel]}, more than the {b:.2g} that can be"
         if why.code == Reason.OFF:
