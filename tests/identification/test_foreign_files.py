@@ -14,7 +14,9 @@ from pydantic import ValidationError
 
 from uvms_ocp.errors import InvalidInput, NameNotFound, UvmsError
 from uvms_ocp.identification import RecordingMapping, check_data_quality, read_recording
+from uvms_ocp.identification.file_kinds import kind_of
 from uvms_ocp.identification.recording import Channel, Recording
+from uvms_ocp.identification.tables import column_names
 from uvms_ocp.identification.text_tables import text_layout
 
 T = np.arange(0.0, 20.0, 0.1)
@@ -137,8 +139,7 @@ def test_what_is_given_is_not_looked_for(tmp_path: Path) -> None:
         (b"$GPGGA,1,2,3\n", "NMEA"),
         (b"\xfd7zXZ\x00", "packed by xz"),
         (b"\x00\x01\x02" * 50, "binary"),
-        (b'[{"t": 1.0}]', "a list in JSON.*write it as lines"),
-        (b'[\n {"t": 1.0}]', "a list in JSON.*write it as lines"),
+        (b'{"t": [0.0, 1.0}', "cannot be read"),
         (b"\x93NUMPY\x01\x00v\x00", "cannot be read"),
         (table(rows=at_noon(ROWS, "01/06/2024 12:00:{:02d}.{:03d}")).encode(), "is no number.*times as 2024-05-31T23:59:59.5"),
         (table(names=["t", "x", "x", "z"]).encode(), r"2 columns are called 'x'; give one by its place: #2, #3"),
@@ -185,6 +186,29 @@ def test_named_arrays_are_tables(ending: str, write: Callable[[Path], None], tmp
     np.testing.assert_array_equal(read.values, XYZ)
     with pytest.raises(NameNotFound, match=r"known: (t, )?pose\[0\], pose"):
         recording_of(tmp_path / f"dive{ending}", {"position": POSITION | {"columns": ["x", "y", "z"]}})
+
+
+def objects(*, indent: int | None, rows: bool) -> str:
+    """Of JSON: arrays by names, or a list of rows, the last number of which is missing."""
+    poses = [*XYZ[:-1].tolist(), [*XYZ[-1, :-1].tolist(), None]]
+    if rows:
+        return json.dumps(
+            [{"t": t, "pose": dict(zip("xyz", xyz, strict=True))} for t, xyz in zip(T, poses, strict=True)], indent=indent
+        )
+    columns = dict(zip("xyz", np.array(poses, dtype=object).T.tolist(), strict=True))
+    return json.dumps({"vehicle": "dive 3", "t": T.tolist(), "pose": columns, "said": ["a", "b"]}, indent=indent)
+
+
+@pytest.mark.parametrize("rows", [False, True])
+@pytest.mark.parametrize("indent", [None, 1])
+def test_one_object_of_json_is_a_table(indent: int | None, rows: bool, tmp_path: Path) -> None:
+    """It was taken for lines of messages, of which the first was no JSON."""
+    path = tmp_path / "dive.json"
+    path.write_text(objects(indent=indent, rows=rows))
+    read = recording_of(path, {"position": {"time": "t", "columns": [f"pose.{axis}" for axis in "xyz"]}}).channels["position"]
+    np.testing.assert_allclose(read.values, XYZ[:-1])
+    assert kind_of(path) == "arrays"
+    assert {"t", "pose.x", "pose.y", "pose.z"} == set(column_names(path))
 
 
 @pytest.mark.parametrize("turned", [False, True])

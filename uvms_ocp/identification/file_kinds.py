@@ -7,13 +7,16 @@ import gzip
 import zlib
 from importlib.resources import files
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any, Literal, get_args
 
 from uvms_ocp.errors import InvalidInput
+from uvms_ocp.identification.text_tables import LONGEST_LINE
 from uvms_ocp.record.untrusted import as_input_errors, require_regular_file
 
-Kind = Literal["text", "workbook", "parquet", "npz", "mat", "hdf5", "npy", "mcap", "bag", "sqlite", "json", "dataflash", "tlog"]
-MESSAGES: tuple[Kind, ...] = ("mcap", "bag", "sqlite", "json", "dataflash", "tlog")
+Table = Literal["text", "workbook", "parquet", "npz", "mat", "hdf5", "npy", "arrays"]
+Messages = Literal["mcap", "bag", "sqlite", "json", "dataflash", "tlog"]
+Kind = Table | Messages
+MESSAGES: tuple[Kind, ...] = get_args(Messages)
 """Kinds that hold messages of topics; all others are tables."""
 BAG_METADATA = "metadata.yaml"
 """of a folder of ROS 2."""
@@ -36,12 +39,19 @@ def kind_of(path: Path) -> Kind:
     for kind, cure in (said for start, said in _KINDS.items() if head.startswith(start)):
         if cure:
             raise InvalidInput(f"{path}: {kind}, which is not read; {cure}")
-        return kind
+        return _kind_of_json(path) if kind == "json" else kind
     if head.startswith(b"PK\x03\x04"):
         return "npz" if b".npy" in head else _archive(path)
     if path.suffix == ".tlog" and len(head) > _STAMP and head[_STAMP] in _MAVLINK_STARTS:
         return "tlog"
     return _packed_text(path) if head.startswith(b"\x1f\x8b") else "text"
+
+
+def _kind_of_json(path: Path) -> Kind:
+    """Lines of objects are messages; one object, or one list, has arrays."""
+    with path.open(encoding="utf-8", errors="replace") as file:
+        first, more = file.readline(LONGEST_LINE).strip(), file.read(64).strip()
+    return "json" if first.startswith("{") and first.endswith("}") and (more or "[" not in first) else "arrays"
 
 
 def _archive(path: Path) -> Kind:

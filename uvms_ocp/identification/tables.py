@@ -1,7 +1,7 @@
 """Tables of numbers in files that anyone may have written, and recordings stored as such.
 
 Text (see `uvms_ocp.identification.text_tables`) and workbooks, Parquet, and named arrays: NumPy's ``.npz``, MATLAB's ``.mat``,
-HDF5. An array of two dimensions has a column ``name[k]``, k from 0, for each of its shorter side; in
+HDF5, one object or list of JSON. An array of two dimensions has a column ``name[k]``, k from 0, for each of its shorter side; in
 ``.npy``, where it has no name, ``#k``, from 1.
 """
 
@@ -9,11 +9,13 @@ from __future__ import annotations
 
 import csv
 import gzip
+import json
 import re
 from collections import defaultdict
 from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
+from itertools import chain
 from math import prod
 from pathlib import Path
 from typing import Any
@@ -82,7 +84,7 @@ def require_there(path: Path) -> None:
 
 # Named arrays.
 
-_MOST_NUMBERS = 20 * MOST_ROWS
+_MOST_NUMBERS, _LARGEST_JSON = 20 * MOST_ROWS, 1 << 28
 
 
 def _from_arrays(path: Path, wanted: Sequence[str]) -> np.ndarray:
@@ -99,7 +101,7 @@ def _from_arrays(path: Path, wanted: Sequence[str]) -> np.ndarray:
 def _arrays(path: Path) -> dict[str, np.ndarray]:
     """Columns (n,) by name."""
     with as_input_errors(path):
-        readers = {"npz": read_arrays, "npy": _npy_arrays, "mat": _mat_arrays, "hdf5": _hdf5_arrays}
+        readers = {"npz": read_arrays, "npy": _npy_arrays, "mat": _mat_arrays, "hdf5": _hdf5_arrays, "arrays": _json_arrays}
         arrays = {name: np.asarray(array) for name, array in readers[kind_of(path)](path).items()}
     found: dict[str, np.ndarray] = {}
     for name, array in arrays.items():
@@ -126,8 +128,19 @@ def _mat_arrays(path: Path) -> Mapping[str, np.ndarray]:
     return dict(_flat("", {k: v for k, v in loadmat(path, squeeze_me=True).items() if not k.startswith("__")}))
 
 
+def _json_arrays(path: Path) -> Mapping[str, np.ndarray]:
+    if path.stat().st_size > _LARGEST_JSON:
+        raise InvalidInput(f"{path}: {path.stat().st_size >> 20} MB of JSON; at most {_LARGEST_JSON >> 20} are read at once")
+    return dict(_flat("", json.loads(path.read_text(encoding="utf-8"), parse_int=float)))
+
+
 def _flat(prefix: str, value: Any) -> Iterator[tuple[str, np.ndarray]]:
-    """Arrays of a structure and of those within it, by names with dots between them."""
+    """Arrays of a structure and of those within it, by names with dots between them; a list of rows has columns."""
+    if isinstance(value, list) and value and all(isinstance(row, dict) for row in value):
+        value = {name: [row.get(name) for row in value] for name in dict.fromkeys(chain.from_iterable(value))}
+    elif isinstance(value, list):
+        with suppress(TypeError, ValueError):  # words, and rows that are not alike
+            value = np.array(value, dtype=float)
     names = value if isinstance(value, dict) else getattr(getattr(value, "dtype", None), "names", None)
     if names:
         for name in names:
