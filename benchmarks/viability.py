@@ -1,4 +1,4 @@
-"""Limits on positions from random starts: ``python benchmarks/viability.py [--runs N] [--rate HZ] [--jobs N]``.
+"""Limits on positions from random starts: ``python benchmarks/viability.py [--runs N] [--rates HZ ...] [--jobs N]``.
 
 Writes viability.csv, one row per run of the study `random_limits`, and the largest figures to viability.md.
 """
@@ -13,15 +13,15 @@ from recording.report import Report, Row, Table, begin, parser_of
 from studies.random_limits import CLEARANCE, N_OBSTACLES, N_PHASES, SELF_CLEARANCE, TOLERANCE, random_limits
 
 PROSE = """
-{runs} runs of the study `random_limits`, kinematic plant, {rate:g} Hz. {phases} phases with goals and tasks that nobody
-checked, among {obstacles} obstacles and above a floor; each run starts at rest inside all limits, so that braking could
+{runs} runs of the study `random_limits` at each rate of control, kinematic plant. {phases} phases with goals and tasks that
+nobody checked, among {obstacles} obstacles and above a floor; each run starts at rest inside all limits, so that braking could
 always have kept them. Violations are the largest of any tick of any run, from the true configurations.
 """
 
 
-def figures(total: dict[str, Any]) -> list[Row]:
-    """One row per figure of the study's only row."""
-    shown = {
+def figures(total: dict[str, Any]) -> dict[str, str]:
+    """Of the study's only row, by what they are."""
+    return {
         f"runs with any violation above {TOLERANCE:g}": str(total["violated"]),
         "joint limits [rad]": f"{total['joints_rad']:.1e}",
         "minimum altitude [m]": f"{total['MAC_m']:.1e}",
@@ -31,26 +31,27 @@ def figures(total: dict[str, Any]) -> list[Row]:
         "share of ticks at which the viability rule overruled the hierarchy": f"{total['slowed_share']:.1e}",
         "mean path of the vehicle [m]": f"{total['mean_path_m']:.2f}",
     }
-    return [{"figure": name, "value": value} for name, value in shown.items()]
 
 
 def main() -> None:
     """Run the study."""
     parser = parser_of(__doc__)
     parser.add_argument("--runs", type=int, default=1000, metavar="N")
-    parser.add_argument("--rate", type=float, default=50.0, metavar="HZ", help="of control")
+    parser.add_argument("--rates", type=float, nargs="+", default=[50.0, 200.0], metavar="HZ", help="of control")
     parser.add_argument("--jobs", type=int, default=os.cpu_count() or 1, metavar="N", help="processes")
     given, run = begin(parser)
-    runs, jobs = (1, 1) if run.quick else (given.runs, given.jobs)
-    result = random_limits(n=runs, dt=1.0 / given.rate).run(workers=jobs, progress=show_runs)
-    (total,) = result.table
+    runs, jobs, rates = (1, 1, given.rates[:1]) if run.quick else (given.runs, given.jobs, given.rates)
+    found = {rate: random_limits(n=runs, dt=1.0 / rate).run(workers=jobs, progress=show_runs) for rate in rates}
+    columns = {f"{rate:g} Hz": figures(dict(*result.table)) for rate, result in found.items()}
+    names = next(iter(columns.values()))
+    rows: list[Row] = [{"figure": name} | {rate: column[name] for rate, column in columns.items()} for name in names]
     run.write(
         Report(
             name="viability",
             title="Limits on positions from random starts and goals",
-            prose=PROSE.format(runs=runs, rate=given.rate, phases=N_PHASES, obstacles=N_OBSTACLES),
-            tables=[Table(rows=figures(dict(total)))],
-            data={"viability": result.cases},
+            prose=PROSE.format(runs=runs, phases=N_PHASES, obstacles=N_OBSTACLES),
+            tables=[Table(rows=rows)],
+            data={"viability": [{"rate_hz": rate} | dict(row) for rate, result in found.items() for row in result.cases]},
         )
     )
 
