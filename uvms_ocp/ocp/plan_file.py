@@ -21,7 +21,7 @@ from uvms_ocp.ocp.trajectory import Trajectory
 from uvms_ocp.planning.conservative_advancement import ClearanceReport
 from uvms_ocp.planning.scene import NearestPair
 from uvms_ocp.record.meta_values import MetaValue, Number, SurroundingsMeta
-from uvms_ocp.record.untrusted import read_arrays, read_text
+from uvms_ocp.record.untrusted import json_object, read_arrays, read_text
 from uvms_ocp.robot.robot import Robot
 from uvms_ocp.solvers import LexicographicResult, NlpStatus
 from uvms_ocp.solvers.nlp.level_solver import NlpPoint
@@ -156,27 +156,17 @@ def from_arrays(source: Path, key: str, missing: str) -> tuple[dict[str, Any], d
     text = arrays.pop(key, np.zeros(0))
     if text.dtype.kind != "U" or text.shape != ():
         raise InvalidInput(missing)
-    return _object(str(text)), arrays
+    return json_object(str(text)), arrays
 
 
 def _from_text(source: Path) -> tuple[dict[str, Any], dict[str, np.ndarray]]:
     """Lists beside the values are the arrays."""
-    whole = _object(read_text(source, _LARGEST))
+    whole = json_object(read_text(source, _LARGEST))
     values = {name: whole.pop(name) for name in PlanValues.model_fields if name in whole}
     try:
         return values, {name: np.atleast_1d(np.array(item, dtype=float)) for name, item in whole.items()}
     except (ValueError, TypeError, OverflowError) as error:
         raise InvalidInput(f"lists that are no arrays of numbers: {str(error)[:100]}") from error
-
-
-def _object(text: str) -> dict[str, Any]:
-    try:
-        values = json.loads(text)
-    except (ValueError, RecursionError) as error:
-        raise InvalidInput(f"a text that is no JSON: {str(error)[:200]}") from error
-    if not isinstance(values, dict):
-        raise InvalidInput(f"a text that is a {type(values).__name__}; allowed: an object")
-    return values
 
 
 # Arrays of a trajectory and of a solver's result, by names, what is proven of it, and back.

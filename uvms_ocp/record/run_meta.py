@@ -19,6 +19,7 @@ from uvms_ocp.errors import InvalidInput, short
 from uvms_ocp.model_errors import one_line
 from uvms_ocp.record import meta_values
 from uvms_ocp.record.display import SmallTable, TableDisplay, format_value
+from uvms_ocp.record.untrusted import json_object
 from uvms_ocp.version import __version__
 
 MIN_TICK = 1e-9
@@ -252,12 +253,7 @@ def read_meta(text: str) -> RunMeta | PlanMeta:
 
     Raises `InvalidInput`, in one line, for what is neither, and names the keys that are wrong.
     """
-    try:
-        values = json.loads(text)
-    except (ValueError, RecursionError) as error:
-        raise InvalidInput(f"metadata that is no JSON: {str(error)[:200]}") from error
-    if not isinstance(values, dict):
-        raise InvalidInput(f"metadata that is a {type(values).__name__}; allowed: an object with a kind and a version")
+    values = json_object(text, "metadata", "an object with a kind and a version")
     if "version" not in values:
         values = _from_0_1(values)
     model = _model(values)

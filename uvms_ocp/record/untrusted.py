@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import math
 import re
 import struct
@@ -201,6 +202,20 @@ def _array(archive: ZipFile, member: ZipInfo, name: str, whole: np.ndarray | Non
 def _short(shape: tuple[int, ...]) -> str:
     text = str(tuple(shape[:4]))[:60] if all(abs(n) < 1 << 63 for n in shape[:4]) else "(too large)"
     return text if len(shape) <= 4 else f"{text[:-1]}, ...)"
+
+
+# JSON that is an object.
+
+
+def json_object(text: str, what: str = "a text", allowed: str = "an object") -> dict[str, Any]:
+    """The object in a JSON text. Raises `InvalidInput` for any other text, which is told as what it is and what is allowed."""
+    try:
+        values = json.loads(text)
+    except (ValueError, RecursionError) as error:
+        raise InvalidInput(f"{what} that is no JSON: {str(error)[:200]}") from error
+    if not isinstance(values, dict):
+        raise InvalidInput(f"{what} that is a {type(values).__name__}; allowed: {allowed}")
+    return values
 
 
 # XML as a tree of elements: bounded in size, depth and number, without entities that multiply.
