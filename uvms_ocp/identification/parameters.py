@@ -239,6 +239,7 @@ class Unknowns:
 
 Pairs = tuple[tuple[int, int], ...]
 _XYZ = ("x", "y", "z")
+_SPEED = 0.3  # [m/s, rad/s] size that velocities have
 DELAYS = ("delay", "velocity_delay")
 """Quantities of time, from 0 to the longest."""
 LONGEST_DELAY = 1.0
@@ -321,20 +322,18 @@ def vehicle_declaration(
     hull: np.ndarray,
     actuators: ActuatorModel | None = None,
     couplings: AxisCouplings | None = None,
-    speed: np.ndarray | None = None,
     velocity_delay: float = 0.0,
 ) -> Declaration:
     """Declare every quantity of a vehicle as fixed; `Declaration.with_status` frees some.
 
-    hull: (2, 3) [m] lowest and highest corner of a box that holds the hull, in the frame of the coefficients. speed: (6,)
-    [m/s, rad/s] of the size that velocities have, default 0.3. velocity_delay: [s] of measured velocity. Raises InvalidInput for
-    numbers that no vehicle has.
+    hull: (2, 3) [m] lowest and highest corner of a box that holds the hull, in the frame of the coefficients.
+    velocity_delay: [s] of measured velocity. Raises InvalidInput for numbers that no vehicle has.
     """
     driven, coupled = actuators or ActuatorModel(), couplings or AxisCouplings()
     return Declaration(
         quantities={
             **_body(start, hull),
-            **_water(start, coupled, np.full(6, 0.3) if speed is None else np.asarray(speed, dtype=float)),
+            **_water(start, coupled),
             **_actuation(driven),
             **_sensing(velocity_delay),
             **_of_recordings(),
@@ -355,12 +354,12 @@ def _body(start: NominalParameters, hull: np.ndarray) -> dict[str, Quantity]:
     }
 
 
-def _water(start: NominalParameters, coupled: AxisCouplings, speed: np.ndarray) -> dict[str, Quantity]:
+def _water(start: NominalParameters, coupled: AxisCouplings) -> dict[str, Quantity]:
     root = {name: np.sqrt(np.diag(getattr(start, name))) for name in ("added_mass", "linear_drag")}
     added = PositiveDefinite(axes=AXES, scale=root["added_mass"], couplings=coupled.added_mass)
     linear = PositiveDefinite(axes=AXES, scale=root["linear_drag"], couplings=coupled.linear_drag)
     own = np.diag(start.quadratic_drag)
-    quadratic = coordinates.QuadraticDrag(axes=AXES, scale=own, speed=speed, couplings=coupled.quadratic_drag)
+    quadratic = coordinates.QuadraticDrag(axes=AXES, scale=own, speed=np.full(6, _SPEED), couplings=coupled.quadratic_drag)
     return {
         "added_mass": Quantity.fixed("kg, kg m, kg m2", added, start.added_mass),
         "linear_drag": Quantity.fixed("N/(m/s), N m/(rad/s)", coordinates.LinearDrag(symmetric=linear), start.linear_drag),

@@ -79,9 +79,9 @@ def names_below(root: Path) -> list[str]:
     return sorted(path.relative_to(root).as_posix() for path in root.rglob("*") if path.is_file())
 
 
-def manifest_of(root: Path, names: Iterable[str], folders: Iterable[str] = ()) -> Manifest:
+def manifest_of(root: Path, names: Iterable[str]) -> Manifest:
     """Digests of files below `root`. Raises `OSError` for one that cannot be read."""
-    return Manifest(files={name: fingerprint(root / name) for name in names}, folders=frozenset(folders))
+    return Manifest(files={name: fingerprint(root / name) for name in names})
 
 
 def fingerprint(path: Path) -> Fingerprint:

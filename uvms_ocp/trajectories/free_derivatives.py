@@ -123,12 +123,12 @@ def pieces_of(durations: Array, k: int) -> Pieces:
     return Pieces(k=k, unit=unit, durations=tau, node_times=node, scale=scale, weight=weight)
 
 
-def solve_free(pieces: Pieces, values: Array, fixed: Mask, refinements: int = 0) -> Array:
+def solve_free(pieces: Pieces, values: Array, fixed: Mask) -> Array:
     """Fill the free derivatives with their optimal values.
 
     values (k, n + 1, n_axes) [axis/s^d]: derivatives at the nodes, of which those not fixed are a starting guess. fixed
-    (k, n + 1): True where the derivative keeps its value. refinements: steps of iterative refinement, for neighbouring
-    durations of very different length. Raises `InvalidInput` where the fixed derivatives do not determine the curve.
+    (k, n + 1): True where the derivative keeps its value. Raises `InvalidInput` where the fixed derivatives do not determine
+    the curve.
     """
     free_rows = np.flatnonzero(~fixed.all(axis=1))
     if free_rows.size == 0:
@@ -136,9 +136,8 @@ def solve_free(pieces: Pieces, values: Array, fixed: Mask, refinements: int = 0)
     node_scale = _powers(pieces.node_times * pieces.unit, pieces.k)[..., None]
     scaled = values * node_scale
     factor = _factorised(_band(pieces, free_rows, ~fixed[free_rows]), 2 * free_rows.size - 1)
-    for _ in range(1 + refinements):
-        slope = _gradient(pieces, scaled)[free_rows] * ~fixed[free_rows, :, None]
-        scaled[free_rows] -= _back_substituted(factor, slope)
+    slope = _gradient(pieces, scaled)[free_rows] * ~fixed[free_rows, :, None]
+    scaled[free_rows] -= _back_substituted(factor, slope)
     return np.where(fixed[..., None], values, scaled / node_scale)
 
 
