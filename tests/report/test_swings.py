@@ -9,7 +9,7 @@ import pinocchio as pin
 import pytest
 
 from uvms_ocp.record.record import Record
-from uvms_ocp.record.swings import SwingWatch, swing_of
+from uvms_ocp.record.swings import SwingWatch, swing_of, swings_among
 from uvms_ocp.report.metrics import swings
 from uvms_ocp.report.summary import cause_of_end, summarize
 
@@ -62,6 +62,16 @@ def test_a_swing_is_told_of_once_a_phase_within_four_of_its_periods(period: floa
     assert [what for _, what in told].count("PC.position_error") == 2
     assert told[0][0] <= 4 * period
     assert watched(0.01, period) == []
+
+
+@pytest.mark.parametrize(("speed", "swinging"), [(0.0, True), (0.05, True), (0.4, False)])
+@pytest.mark.parametrize("noise", [0.0, 0.01])
+def test_an_error_that_only_falls_does_not_swing(speed: float, swinging: bool, noise: float) -> None:
+    """A vehicle that slows down past each of three rocks on its way comes nearer all the time."""
+    rng = np.random.default_rng(4)
+    values = 11.0 - speed * T + 0.2 * np.sin(2 * np.pi * T / 5.0) + noise * rng.normal(size=len(T))
+    found = list(swings_among({"PC.position_error": (values, 0.1)}, {}, DT))
+    assert bool(found) == swinging
 
 
 @pytest.mark.parametrize("dt", [0.15, 3.0, 50.0])

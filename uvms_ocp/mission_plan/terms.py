@@ -378,14 +378,16 @@ def floor_terms(scenario: Scenario, segments: Sequence[HorizonSegment], floor: f
 
 
 def clearance(scenario: Scenario, margins: Margins) -> ShapeClearance | None:
-    """The robot keeps away from obstacles, by as much as the mission's own tasks on clearance ask for, and from itself.
+    """The robot keeps away from obstacles and from itself, each pair by as much as tasks of the mission ask for it.
 
     Links that are near each other by design keep half of what they have at rest, and at the start what they have there.
     """
     planned = coordinates(scenario.robot, reference=scenario.start)
     scene = collision_scene(planned, scenario.environment.obstacles)
-    asked = [task.threshold for task in scenario.mission.hierarchy.tasks if isinstance(task, Clearance)]
-    kept = np.where(_links(scene), np.minimum(margins.links, scene.room), max([margins.position, *asked]))
+    tasks = sorted((one for one in scenario.mission.hierarchy.tasks if isinstance(one, Clearance)), key=lambda one: one.threshold)
+    asked = {name: task.threshold for task in tasks for name in task.model.pair_names}
+    least = np.where(_links(scene), margins.links, margins.position)
+    kept = np.minimum(np.maximum(least, [asked.get(pair.name, 0.0) for pair in scene.pairs]), scene.room)
     return ShapeClearance(scene=scene, margins=kept) if scene.pairs else None
 
 

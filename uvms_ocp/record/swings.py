@@ -67,12 +67,13 @@ def tilts_of(q: np.ndarray) -> dict[str, np.ndarray]:
 def swings_among(errors: Mapping[str, tuple[np.ndarray, float]], tilts: Mapping[str, np.ndarray], dt: float) -> Iterator[Swing]:
     """Yield what swings among errors (n,) with the limit that each must fall below, and roll and pitch (n,) [rad].
 
-    dt [s]: between values. An error counts where half a regular swing is more than half of its limit, a tilt by more than 2
-    deg, or by more than 9 deg with whatever periods.
+    dt [s]: between values. An error counts where half a regular swing is more than half of its limit and it grows again by half
+    of that, so that one that only falls, now slower and now faster, is none; a tilt by more than 2 deg, or by more than 9 deg
+    with whatever periods.
     """
     for what, (values, limit) in errors.items():
-        swing = swing_of(what, values, dt)
-        if swing is not None and swing.regular and swing.amplitude > limit / 2:
+        swing, grown = swing_of(what, values, dt), np.max(values - np.minimum.accumulate(values), initial=0.0)
+        if swing is not None and swing.regular and swing.amplitude > limit / 2 and grown > swing.amplitude / 2:
             yield swing
     for what, values in tilts.items():
         swing = swing_of(what, values, dt)
