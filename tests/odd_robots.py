@@ -5,12 +5,16 @@ from __future__ import annotations
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
+from typing import Any
 
 import numpy as np
+import pinocchio as pin
 from scipy.linalg import block_diag
 from tiny_robots import ENDLESS, LIMIT, Tiny, robot_of
 
+import uvms_ocp as uo
 from uvms_ocp.robot.robot import Robot
+from uvms_ocp.tasks import HorizontalAttitude, JointLimits, MinimumAltitude, ToolPosition, VehiclePose
 
 _FIRST, _LAST = ("revolute", "0 0 1", LIMIT), ("revolute", "0 1 0", LIMIT)
 _FAST = '<limit lower="-50" upper="50" effort="1e3" velocity="0.8"/>'
@@ -80,3 +84,37 @@ class Pair:
 @cache
 def pair_of(kind: str) -> Pair:
     return Pair(kind, *map(robot_of, ODD[kind]))
+
+
+def start_of(robot: Robot) -> np.ndarray:
+    return robot.configuration(position=(0.0, 0.0, -5.0), rpy=(0.0, 0.0, 0.2), joints={"turn0": 0.3, "turn2": -0.5})
+
+
+def places(robot: Robot, q: np.ndarray) -> np.ndarray:
+    """(n, 6) [m] of vehicle and tool at configurations (n, n_q)."""
+    data, frames = robot.model.createData(), [robot.frame_id(name) for name in ("base_link", "tool")]
+    rows = []
+    for row in np.atleast_2d(q):
+        pin.framesForwardKinematics(robot.model, data, row)
+        rows.append(np.concatenate([data.oMf[frame].translation for frame in frames]))
+    return np.array(rows)
+
+
+def reach_of(robot: Robot, **options: Any) -> uo.Scenario:
+    """A tool to its target, and the vehicle near where it is."""
+    start = start_of(robot)
+    tool = places(robot, start)[0, 3:] + [0.25, 0.15, -0.1]
+    vehicle = VehiclePose(goal=uo.pose_at((0.1, 0.05, -5.0), (0.0, 0.0, 0.3)))
+    tasks = [JointLimits(), MinimumAltitude(), HorizontalAttitude(), ToolPosition(goal=uo.pose_at(tuple(tool))), vehicle]
+    there = uo.Transition(to=uo.DONE, when=(uo.Below(quantity="TP.position_error", limit=0.02),), hold=0.5)
+    phase = uo.Phase(name="reach", activations={task.name: 1.0 for task in tasks}, transitions=(there,))
+    return uo.Scenario(
+        name="odd",
+        robot=robot,
+        mission=uo.Mission(hierarchy=uo.Hierarchy(tasks), phases=(phase,)),
+        environment=uo.Environment(seafloor=uo.FlatSeafloor(z=-10.0)),
+        start=start,
+        dt=0.02,
+        duration=12.0,
+        **options,
+    )

@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import fields, replace
 
-import casadi as ca
 import numpy as np
 import pinocchio as pin
 import pytest
+from more_rows import as_it_is, extended, with_a_row_of_zeros, with_its_last_row_twice
 
 import uvms_ocp as uo
 from uvms_ocp.cli.options import SOLVERS
@@ -17,7 +16,7 @@ from uvms_ocp.robot.loading import list_robots
 from uvms_ocp.robot.signals import StateEstimate
 from uvms_ocp.solvers.hierarchy.solution import Status
 from uvms_ocp.tasks import HorizontalAttitude, JointLimits, MinimumAltitude, ToolPosition, VehiclePose
-from uvms_ocp.tasks.task import Rows, Task, TickSymbols
+from uvms_ocp.tasks.task import Rows, Task
 
 DT, TICKS, STATUSES = 0.02, 25, tuple(Status)
 CASES = {  # X_NW of the new world N, and by how much [s] its clock is ahead
@@ -28,37 +27,6 @@ CASES = {  # X_NW of the new world N, and by how much [s] its clock is ahead
     "Unix time": (pin.SE3.Identity(), 1.76e9),
 }
 START, GOAL = uo.pose_at((0.0, 0.0, -5.0), (0.0, 0.1, 0.7)), uo.pose_at((0.4, -0.3, -5.2), (0.0, 0.0, -2.9))
-
-
-def as_it_is(task: Task) -> Task:
-    return task
-
-
-def extended(task: Task, more: Callable[[Rows, Task], Rows]) -> Task:
-    """The task with more rows."""
-    kind = type(task)
-
-    def rows(self: Task, symbols: TickSymbols, parameters: ca.SX) -> Rows:
-        return more(kind.rows(self, symbols, parameters), self)
-
-    wide = object.__new__(type(kind.__name__, (kind,), {"rows": rows}))
-    for one in fields(task):  # type: ignore[arg-type]
-        object.__setattr__(wide, one.name, getattr(task, one.name))
-    return wide
-
-
-_ROWS = ("jacobian", "rate", "lower", "upper", "activation")
-
-
-def with_a_row_of_zeros(own: Rows, task: Task) -> Rows:
-    """Which no motion changes, and which asks for nothing."""
-    zero = {name: ca.SX(1, getattr(own, name).shape[1]) for name in _ROWS}
-    zero |= {"activation": ca.SX.ones(1)} if task.equality else {"upper": ca.SX.inf(1)}
-    return replace(own, **{name: ca.vertcat(getattr(own, name), added) for name, added in zero.items()})
-
-
-def with_its_last_row_twice(own: Rows, task: Task) -> Rows:
-    return replace(own, **{name: ca.vertcat(getattr(own, name), getattr(own, name)[-1, :]) for name in _ROWS})
 
 
 def mission(robot: uo.Robot, X_NW: pin.SE3, tool: np.ndarray, changed: Callable[[Task], Task]) -> uo.Mission:

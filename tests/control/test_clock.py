@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
 import pinocchio as pin
 import pytest
+from odd_robots import ODD, pair_of
 
 import uvms_ocp as uo
 from uvms_ocp.mission import ABORT, Abort
+from uvms_ocp.robot.loading import list_robots
 from uvms_ocp.robot.signals import CHANNELS, IDEAL_SENSORS, Reading, Readings, SensorSpecs, State
 from uvms_ocp.sim import SensorSuite
 from uvms_ocp.tasks import HorizontalAttitude, JointTracking, VehiclePose
@@ -26,9 +29,9 @@ class Swing:
         return np.array([0.3 * np.sin(t)]), np.array([0.3 * np.cos(t)])
 
 
-def mission_of_moving_goals(robot: uo.Robot) -> uo.Mission:
+def mission_of_moving_goals(joints: Sequence[str]) -> uo.Mission:
     """Two phases: goals of tasks and of phases that move, in tables and asked for, a hold, an abort."""
-    first, second = (joint.name for joint in robot.joints[:2])
+    first, second = joints
     ramp = PiecewisePolynomial(breaks=[0.0, 3.0], coefficients=np.array([[[0.0], [0.1]]]).transpose(1, 0, 2))
     tasks = [
         HorizontalAttitude(),
@@ -47,14 +50,12 @@ def mission_of_moving_goals(robot: uo.Robot) -> uo.Mission:
     return uo.Mission(hierarchy=uo.Hierarchy(tasks), phases=phases, abort=Abort(phase=climb, ascent_task="PC", stall_after=0.61))
 
 
-@pytest.fixture(scope="module")
-def scenario() -> uo.Scenario:
-    robot = uo.load_robot("bluerov2_alpha5")
+def scenario_of(robot: uo.Robot, joints: Sequence[str]) -> uo.Scenario:
     return uo.Scenario(
         name="clock",
         dt=0.02,
         robot=robot,
-        mission=mission_of_moving_goals(robot),
+        mission=mission_of_moving_goals(joints),
         environment=uo.Environment(seafloor=uo.FlatSeafloor(z=-40)),
         start=robot.configuration(position=(0, 0, -5)),
     )
@@ -82,14 +83,36 @@ def _shifted(readings: Readings, began: float) -> Readings:
     return Readings(**{name: None if r is None else Reading(value=r.value, t=r.t + began) for name, r in given.items()})
 
 
+BEGINNINGS = [-64.0, 50.0, 1e3, 1.76e9]
+OTHERS = [name for name in list_robots() if uo.load_robot(name).n_vehicle and uo.load_robot(name).n_joints > 1][1:]
+
+
 @pytest.mark.parametrize("sensors", SENSORS)
-@pytest.mark.parametrize("began", [-64.0, 50.0, 1e3, 1.76e9])
-def test_commands_are_the_same_whatever_the_clock_shows(scenario: uo.Scenario, sensors: str, began: float) -> None:
-    here = replace(scenario, sensors=SENSORS[sensors])
+@pytest.mark.parametrize("began", BEGINNINGS)
+def test_commands_are_the_same_whatever_the_clock_shows(sensors: str, began: float) -> None:
+    _same_commands(uo.load_robot("bluerov2_alpha5"), SENSORS[sensors], began)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("began", BEGINNINGS)
+@pytest.mark.parametrize("name", OTHERS)
+def test_commands_of_every_robot_are_the_same_whatever_the_clock_shows(name: str, began: float) -> None:
+    _same_commands(uo.load_robot(name), SENSORS["noisy"], began, fastest=1e4)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("kind", ODD)
+def test_commands_of_robots_with_an_odd_joint_are_the_same_whatever_the_clock_shows(kind: str) -> None:
+    _same_commands(pair_of(kind).odd, SENSORS["noisy"], 1e3, joints=("turn0", "turn2"))
+
+
+def _same_commands(robot: uo.Robot, specs: SensorSpecs, began: float, joints: Sequence[str] = (), fastest: float = 1e3) -> None:
+    """But for what changes within the resolution of the clock, at most this fast [N/s and the like]."""
+    here = replace(scenario_of(robot, joints or robot.joint_names[:2]), sensors=specs)
     wanted, events = commands(here, 0.0)
     assert [target for target, _ in events][:1] == ["on"]
     found, found_events = commands(here, began)
     resolution = np.spacing(abs(began))  # [s] of times
-    np.testing.assert_allclose(found, wanted, rtol=0, atol=1e-9 + 1e3 * resolution)
+    np.testing.assert_allclose(found, wanted, rtol=0, atol=1e-9 + fastest * resolution)
     assert [target for target, _ in found_events] == [target for target, _ in events]
     np.testing.assert_allclose([t for _, t in found_events], [t for _, t in events], rtol=0, atol=1e-9 + 2 * resolution)

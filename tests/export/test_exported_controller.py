@@ -12,11 +12,13 @@ import numpy as np
 import pytest
 from compiler import COMPILER, needs_compiler
 from lasting import patrol
+from odd_robots import ODD, pair_of, reach_of
 
 import uvms_ocp as uo
 from uvms_ocp.errors import InvalidInput
 from uvms_ocp.estimation.degraded_modes import CHANNELS
 from uvms_ocp.export import export_controller, exported_controller
+from uvms_ocp.robot.signals import SensorSpecs
 from uvms_ocp.scenario.cases import SCENARIOS, case1
 from uvms_ocp.scenario.scenario import Scenario
 
@@ -33,6 +35,8 @@ def scenario_of(name: str) -> Scenario:
         return case1(noise=True, faults=FAULTY, duration=25.0)
     if name == "kinematic":
         return case1(plant="kinematic", dt=0.02)
+    if name in ODD:
+        return reach_of(pair_of(name).odd, plant="dynamic", sensors=SensorSpecs())
     if name == "patrol":
         return patrol(rounds=2, energy=60.0, duration=30.0)
     return SCENARIOS[name](duration=30.0)
@@ -69,7 +73,7 @@ def built(folder: Path, program: str, main: Path, options: Sequence[str] = ("-O0
 
 
 @pytest.mark.parametrize(
-    "name", ["kinematic", "case1", "case2", "current_drift", "obstacle_field", "bluerov_inspection", "faulty", "patrol"]
+    "name", ["kinematic", "case1", "case2", "current_drift", "obstacle_field", "bluerov_inspection", "faulty", "patrol", *ODD]
 )
 def test_fed_with_the_recorded_measurements_it_gives_the_recorded_commands(name: str) -> None:
     folder = exported(name)
@@ -79,6 +83,25 @@ def test_fed_with_the_recorded_measurements_it_gives_the_recorded_commands(name:
     ).stdout
     assert ", 0 apart, " in said
     assert int(said.split()[0]) > 100
+
+
+@pytest.mark.parametrize("began", [1e3, 1.76e9])
+@pytest.mark.parametrize("name", ["kinematic", "faulty", "patrol"])
+def test_in_c_commands_are_the_same_whatever_the_clock_shows(name: str, began: float, tmp_path: Path) -> None:
+    """But for what changes within the resolution of the clock, at most by 2e5 N/s and the like."""
+    folder, told = exported(name), []
+    program = built(folder, "replay", folder / "replay.c")
+    recorded = np.fromfile(folder / "recorded.bin", dtype="<f8")
+    n = int(subprocess.run([program, folder / "recorded.bin"], capture_output=True, text=True).stdout.split()[0])
+    robot = scenario_of(name).robot
+    since = 1 + robot.n_q + robot.n_v + 3 + len(CHANNELS)
+    for start in (0.0, began):
+        rows = recorded.reshape(n, -1).copy()
+        rows[:, [0, *range(since, since + len(CHANNELS))]] += start
+        rows.tofile(tmp_path / "later.bin")
+        subprocess.run([program, tmp_path / "later.bin", tmp_path / "ticks.txt"], capture_output=True)
+        told.append(np.loadtxt(tmp_path / "ticks.txt"))
+    np.testing.assert_allclose(*told, rtol=0, atol=1e-9 + 2e5 * np.spacing(began))
 
 
 def test_a_replay_that_differs_fails(tmp_path: Path) -> None:

@@ -6,61 +6,24 @@ from typing import Any
 
 import coal
 import numpy as np
-import pinocchio as pin
 import pytest
-from odd_robots import ODD, Pair, pair_of
+from odd_robots import ODD, Pair, pair_of, places, reach_of, start_of
 
-import uvms_ocp as uo
 from uvms_ocp.cli.options import SOLVERS
 from uvms_ocp.errors import InvalidInput
 from uvms_ocp.ocp.plan import OcpStatus
 from uvms_ocp.ocp.request import OcpRequest, solve_ocp
 from uvms_ocp.planning.request import PlanRequest, PostureGoal, ToolGoal, plan_path
 from uvms_ocp.report.planned_motion import motion_record
-from uvms_ocp.robot.robot import Robot
 from uvms_ocp.robot.shapes.obstacles import obstacle
 from uvms_ocp.robot.signals import IDEAL_SENSORS, SensorSpecs
-from uvms_ocp.tasks import HorizontalAttitude, JointLimits, MinimumAltitude, ToolPosition, VehiclePose
 
 BALL = obstacle("ball", coal.Sphere(0.1), (0.6, -0.5, -5.0))
 
 
-def start_of(robot: Robot) -> np.ndarray:
-    return robot.configuration(position=(0.0, 0.0, -5.0), rpy=(0.0, 0.0, 0.2), joints={"turn0": 0.3, "turn2": -0.5})
-
-
-def places(robot: Robot, q: np.ndarray) -> np.ndarray:
-    """(n, 6) [m] of vehicle and tool at configurations (n, n_q)."""
-    data, frames = robot.model.createData(), [robot.frame_id(name) for name in ("base_link", "tool")]
-    rows = []
-    for row in np.atleast_2d(q):
-        pin.framesForwardKinematics(robot.model, data, row)
-        rows.append(np.concatenate([data.oMf[frame].translation for frame in frames]))
-    return np.array(rows)
-
-
-def scenario_of(robot: Robot, **options: Any) -> uo.Scenario:
-    start = start_of(robot)
-    tool = places(robot, start)[0, 3:] + [0.25, 0.15, -0.1]
-    vehicle = VehiclePose(goal=uo.pose_at((0.1, 0.05, -5.0), (0.0, 0.0, 0.3)))
-    tasks = [JointLimits(), MinimumAltitude(), HorizontalAttitude(), ToolPosition(goal=uo.pose_at(tuple(tool))), vehicle]
-    there = uo.Transition(to=uo.DONE, when=(uo.Below(quantity="TP.position_error", limit=0.02),), hold=0.5)
-    phase = uo.Phase(name="reach", activations={task.name: 1.0 for task in tasks}, transitions=(there,))
-    return uo.Scenario(
-        name="odd",
-        robot=robot,
-        mission=uo.Mission(hierarchy=uo.Hierarchy(tasks), phases=(phase,)),
-        environment=uo.Environment(seafloor=uo.FlatSeafloor(z=-10.0)),
-        start=start,
-        dt=0.02,
-        duration=12.0,
-        **options,
-    )
-
-
 def flown_alike(pair: Pair, allowed: float, **options: Any) -> None:
     """Within [m], and to the same end."""
-    odd, twin = (scenario_of(robot, **options).run() for robot in (pair.odd, pair.twin))
+    odd, twin = (reach_of(robot, **options).run() for robot in (pair.odd, pair.twin))
     assert odd.run_meta.completed
     assert twin.run_meta.completed
     n = min(len(odd), len(twin))
@@ -71,7 +34,7 @@ def flown_alike(pair: Pair, allowed: float, **options: Any) -> None:
 @pytest.mark.parametrize("kind", ODD)
 def test_pre_flight_finds_the_same_of_both(kind: str) -> None:
     pair = pair_of(kind)
-    odd, twin = (scenario_of(robot, sensors=SensorSpecs()).check() for robot in (pair.odd, pair.twin))
+    odd, twin = (reach_of(robot, sensors=SensorSpecs()).check() for robot in (pair.odd, pair.twin))
     assert odd.accepted
     assert twin.accepted
     own = {"continuous": (), "planar": ("limits",), "zero range": ("joints", "forces")}[kind]  # no speed; no range, a motor

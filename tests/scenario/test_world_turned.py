@@ -60,6 +60,17 @@ def case1(X_NW: pin.SE3) -> uo.Scenario:
 SCENARIOS: Sequence[Callable[[pin.SE3], uo.Scenario]] = (reach, case1)
 
 
+@pytest.mark.parametrize("made", SCENARIOS)
+def test_pre_flight_finds_the_same_in_any_world(made: Callable[[pin.SE3], uo.Scenario]) -> None:
+    here, *there = ([(one.check, one.phase, one.text) for one in made(X_NW).check().findings] for X_NW in _worlds())
+    assert here
+    assert all(findings == here for findings in there)
+
+
+def _worlds() -> list[pin.SE3]:
+    return [pin.SE3.Identity(), *(X_NW for X_NW, _, _ in WORLDS.values())]
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("made", SCENARIOS)
 def test_a_mission_is_flown_the_same_in_any_world(made: Callable[[pin.SE3], uo.Scenario]) -> None:
