@@ -18,7 +18,7 @@ from uvms_ocp.record import display, durable_files, mcap, output, tables
 from uvms_ocp.record.meta_values import LARGEST, UNIT_NORM_TOLERANCE, LimitsMeta
 from uvms_ocp.record.row_files import META, append_rows, forget, parts, read_row_files
 from uvms_ocp.record.row_rates import newest_readings, thinned_rows
-from uvms_ocp.record.run_meta import MIN_TICK, VEHICLE_V, PlanMeta, RunMeta, is_floating, read_meta, write_meta
+from uvms_ocp.record.run_meta import MIN_TICK, VEHICLE_Q, VEHICLE_V, PlanMeta, RunMeta, is_floating, read_meta, write_meta
 from uvms_ocp.record.tables import SERIES, Series, meaning_of, unit_of
 from uvms_ocp.record.untrusted import SMALL, as_input_errors, read_arrays, read_text
 from uvms_ocp.types import Positive
@@ -47,7 +47,6 @@ _RENAMED = {
     "gates": "activations",
 }
 """Names of series in older files."""
-_VEHICLE_Q = 7
 _ROUNDING = 1e-6  # of a period
 _WORST_HEALTH = 2
 """Codes of health: 0 good, 1 suspect, 2 lost."""
@@ -68,7 +67,7 @@ def check_series(series: Series, meta: RunMeta | PlanMeta) -> None:
     _check_counts(series, meta)
     if "q" in series and is_floating(series, meta):
         for q, times in parts(series["q"], series["t"]):
-            right = np.abs(np.linalg.norm(q[:, 3:_VEHICLE_Q], axis=1) - 1.0) <= UNIT_NORM_TOLERANCE
+            right = np.abs(np.linalg.norm(q[:, 3:VEHICLE_Q], axis=1) - 1.0) <= UNIT_NORM_TOLERANCE
             if not right.all():
                 when = _first_wrong(times, right)
                 raise InvalidInput(f"series 'q' has a quaternion, columns 3 to 6, whose norm is not 1 at t = {when:g} s")
@@ -131,9 +130,9 @@ def _motion_widths(series: Series, meta: RunMeta | PlanMeta) -> dict[str, tuple[
         n_v = (max(n_v[0], len(meta.limits.velocity)), len(meta.limits.velocity))
     elif "v" in series and series["v"].shape[1] >= n_v[0]:
         n_v = (series["v"].shape[1],) * 2
-    least = n_v[0] + (_VEHICLE_Q - VEHICLE_V if floating else 0)
+    least = n_v[0] + (VEHICLE_Q - VEHICLE_V if floating else 0)
     found = {"q": (least, np.inf)} | dict.fromkeys(("v", "command", "disturbance", "q_std"), n_v)
-    for rate, name, vehicle in (("v", "joint_velocities", VEHICLE_V), ("q", "joint_positions", _VEHICLE_Q)):
+    for rate, name, vehicle in (("v", "joint_velocities", VEHICLE_V), ("q", "joint_positions", VEHICLE_Q)):
         if rate in series:  # and the time
             found[f"measured_{name}"] = (series[rate].shape[1] - (vehicle if floating else 0) + 1,) * 2
     return found

@@ -12,7 +12,7 @@ from uvms_ocp.checks import checked
 from uvms_ocp.record.meta_values import ABORT, DONE
 from uvms_ocp.record.record import Record, keeps_every_tick, quantity as quantity
 from uvms_ocp.record.row_files import parts
-from uvms_ocp.record.run_meta import RunMeta, joint_errors, joint_positions
+from uvms_ocp.record.run_meta import VEHICLE_V, RunMeta, joint_errors, joint_positions
 from uvms_ocp.record.swings import WINDOW, Swing, swings_among, tilts_of
 from uvms_ocp.record.tables import column_units
 
@@ -163,8 +163,6 @@ def _row(name: str, errors: np.ndarray, spreads: np.ndarray) -> dict[str, Any]:
 
 # Resource allocation: what each phase takes in time, energy, thrust and room to the limits.
 
-_N_VEHICLE = 6  # velocity degrees of freedom of a free-flyer
-
 
 @checked
 def resources(record: Record) -> list[dict[str, Any]]:
@@ -213,7 +211,7 @@ def figures_between(record: Record, start: float, end: float) -> dict[str, Any]:
     held = slice(None, -1) if keeps_every_tick(record) else slice(1, None)  # means are of the span before their row
     thrusters, joints = _gain(record, "thruster_energy", rows), _gain(record, "joint_energy", rows)
     meta = record.run_meta
-    of_joints = rows, slice(_N_VEHICLE if meta.floating else 0, None)
+    of_joints = rows, slice(VEHICLE_V if meta.floating else 0, None)
     saturated = mean_sizes(record, "saturated", rows) if "saturated" in record.series else None
     return {
         "duration_s": end - start,
@@ -268,7 +266,7 @@ def passed_rates(record: Record) -> list[dict[str, Any]]:
     meta, limits = record.run_meta, record.meta.limits
     if limits is None:
         return []
-    first = _N_VEHICLE if meta.floating else 0
+    first = VEHICLE_V if meta.floating else 0
     rates = np.max([np.abs(record[name][:, first:]) for name in extremes_of(record, "v")], axis=0)
     bounds, t = np.array(limits.velocity[first:]), record["t"]
     struck = np.zeros(len(t), dtype=bool)
