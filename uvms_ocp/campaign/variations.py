@@ -102,10 +102,8 @@ def place_parameters(scenario: Scenario) -> Iterator[Parameter]:
         yield Parameter(f"start.{name}", "rad", meaning, partial(_turned, axis))
     for joint in robot.joints:
         if joint.n_v == 1:
-            bend = partial(_bent, joint.idx_v)
-            yield Parameter(
-                f"start.{joint_axis(robot, joint.name)}", "m" if joint.slides else "rad", "added to this joint at the start", bend
-            )
+            name, unit = f"start.{joint_axis(robot, joint.name)}", "m" if joint.slides else "rad"
+            yield Parameter(name, unit, "added to this joint at the start", partial(_bent, joint.idx_v))
     if isinstance(scenario.environment.seafloor, FlatSeafloor | HeightField):
         yield Parameter("floor.z", "m", "added to the height of the floor", _with_floor)
     for obstacle in scenario.environment.obstacles:

@@ -265,11 +265,10 @@ def _call(node: ast.Call, scope: Scope) -> CExpression:
         return CExpression(f"{'abs' if of.type == INT else 'fabs'}({of.text})", of.type)
     if function in (int, float, bool):
         return _converted(number(node.args[0], scope), function)
-    if function in _OF_NUMBERS or function in _TESTS:
-        arguments = ", ".join(number(argument, scope).text for argument in node.args)
-        return CExpression(
-            f"{_OF_NUMBERS.get(function) or _TESTS[function]}({arguments})", DOUBLE if function in _OF_NUMBERS else INT
-        )
+    for known, result in ((_OF_NUMBERS, DOUBLE), (_TESTS, INT)):
+        if function in known:
+            arguments = ", ".join(number(argument, scope).text for argument in node.args)
+            return CExpression(f"{known[function]}({arguments})", result)
     return _kernel_call(node, function, scope)
 
 

@@ -218,9 +218,8 @@ class FitContext:
         root, shared = float(np.sqrt(inflation)), self.estimate.shared
         wider = {name: root * getattr(self.noise, name) for name in seen}
         about = shared - (shared - self.vehicle.shared.start) / inflation
-        vehicle = replace(
-            self.vehicle, shared=self.vehicle.shared.believed(about), own=self.vehicle.own.believed(self.vehicle.own.start, root)
-        )
+        own = self.vehicle.own.believed(self.vehicle.own.start, root)
+        vehicle = replace(self.vehicle, shared=self.vehicle.shared.believed(about), own=own)
         noise = replace(self.noise, **wider, outliers=self.noise.outliers / root)
         return replace(self, vehicle=vehicle, noise=noise)
 

@@ -220,10 +220,9 @@ def _own_link(robot: Robot, dynamics: symbolic_dynamics.SymbolicDynamics) -> int
 
 def _files(settings: CalibrationSettings, folder: Path) -> tuple[Path, Path | None]:
     """URDF and hydrodynamics."""
-    named = folder / settings.robot
-    urdf = (
-        named if named.suffix == ".urdf" else (named if named.is_dir() else loading.robot_folder(settings.robot)) / "robot.urdf"
-    )
+    urdf = folder / settings.robot
+    if urdf.suffix != ".urdf":
+        urdf = (urdf if urdf.is_dir() else loading.robot_folder(settings.robot)) / "robot.urdf"
     file = urdf.parent / "hydrodynamics.yaml" if settings.hydrodynamics is None else folder / settings.hydrodynamics
     return urdf, file if settings.hydrodynamics is not None or file.is_file() else None
 

@@ -541,10 +541,7 @@ def _phases(scenario: Scenario, segments: Sequence[HorizonSegment], times: np.nd
         if found and found[-1].phase == segment.phase:
             found[-1] = replace(found[-1], end=end)
             continue
-        phase = scenario.mission.phases[segment.phase]
-        moves = (
-            mission_segments.goals_end_time(phase, mission_segments.active_tasks(phase, scenario.mission.tasks_of(segment.phase)))
-            > 0
-        )
+        phase, tasks = scenario.mission.phases[segment.phase], scenario.mission.tasks_of(segment.phase)
+        moves = mission_segments.goals_end_time(phase, mission_segments.active_tasks(phase, tasks)) > 0
         found.append(PlannedPhase(phase=segment.phase, begin=begin, end=end, moves=moves))
     return tuple(found)

@@ -111,9 +111,8 @@ def condition_term(
         raise _refused(condition, place, isinstance(condition, Below) is met)
     limit, below = condition.limit, isinstance(condition, Below) is met
     if isinstance(task, AngleTask) and quantity in mission_segments.ANGLES and below:
-        return TaskTerm(
-            task=replace(task, aim=mission_segments.tightened_limit(limit, margins.angle)), at=place.at, phase=place.segment
-        )
+        aim = mission_segments.tightened_limit(limit, margins.angle)
+        return TaskTerm(task=replace(task, aim=aim), at=place.at, phase=place.segment)
     if isinstance(task, (LandingAltitude, MinimumAltitude)) and quantity == "altitude":
         lower, upper = _heights(task, limit, margins.altitude, below)
         return place.rows(task, (0,), lower, upper)

@@ -203,10 +203,8 @@ def link_speeds(scene: CollisionScene, near: NearPairs, rates: Array, floor: flo
 def _twist_slopes(screws: Array, rates: Array, follows: Array) -> Array:
     """(n, 6, n_columns) of the twist by the columns: column j turns the screws of those it carries, d s_k = s_j x s_k."""
     carried = screws @ (rates[:, None, :] * follows).transpose(0, 2, 1)
-    return np.concatenate(
-        [_cross(screws[:, 3:], carried[:, :3]) + _cross(screws[:, :3], carried[:, 3:]), _cross(screws[:, 3:], carried[:, 3:])],
-        axis=1,
-    )
+    moved = _cross(screws[:, 3:], carried[:, :3]) + _cross(screws[:, :3], carried[:, 3:])
+    return np.concatenate([moved, _cross(screws[:, 3:], carried[:, 3:])], axis=1)
 
 
 def _cross(a: Array, b: Array) -> Array:

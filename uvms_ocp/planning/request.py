@@ -283,11 +283,8 @@ def plan_path(request: PlanRequest) -> PlanResult:
     if goal is None:
         return PlanResult(request=request, scene=scene, plan=None)
     ends = np.stack([planned.x(request.start), goal])
-    weights, sampling = (
-        CostWeights(clearance=request.clearance, link_clearance=request.link_clearance),
-        SamplingOptions(seed=request.seed),
-    )
-    options = SoftCollisionOptions(weights=weights, sampling=sampling, seed=request.seed)
+    weights = CostWeights(clearance=request.clearance, link_clearance=request.link_clearance)
+    options = SoftCollisionOptions(weights=weights, sampling=SamplingOptions(seed=request.seed), seed=request.seed)
     plan = plan_soft_collision(scene, ends, limits=curve_limits(planned, ends), options=options)
     return PlanResult(request=request, scene=scene, plan=plan)
 

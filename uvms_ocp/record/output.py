@@ -175,9 +175,8 @@ class Replacement:
     def __init__(self, target: Path) -> None:
         self.target, self.store = target, target / STORE
         self.new, self._old = self.store / "new", self.store / "old"  # where the new files wait, and the old ones are kept
-        self._manifest, self._journal, self._undoing = (
-            self.store / f"{name}.json" for name in ("manifest", "journal", "undoing")
-        )
+        self._manifest, self._journal = self.store / "manifest.json", self.store / "journal.json"
+        self._undoing = self.store / "undoing.json"
 
     def manifest(self) -> Manifest:
         """Return the manifest of what is there. Raises `InvalidInput` for one that cannot be read."""

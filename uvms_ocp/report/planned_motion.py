@@ -59,13 +59,11 @@ class PlannedMotion:
         goal, X_WF = self.request.goal, self.goal_pose()
         if X_WF is None or not isinstance(goal, ToolGoal):
             return None
-        target = goal.target
-        if not isinstance(target, pin.SE3):
-            return {"position_m": float(np.linalg.norm(X_WF.translation - target))}
-        return {
-            "position_m": float(np.linalg.norm(X_WF.translation - target.translation)),
-            "orientation_rad": float(np.linalg.norm(pin.log3(X_WF.rotation.T @ target.rotation))),
-        }
+        posed = goal.target if isinstance(goal.target, pin.SE3) else None
+        error = {"position_m": float(np.linalg.norm(X_WF.translation - (goal.target if posed is None else posed.translation)))}
+        if posed is not None:
+            error["orientation_rad"] = float(np.linalg.norm(pin.log3(X_WF.rotation.T @ posed.rotation)))
+        return error
 
     def clearance_series(self) -> dict[str, Array]:
         """``clearance`` (n, n_groups) [m] and ``quantities`` (n, 1) [m] of a record; none where nothing can meet."""

@@ -54,9 +54,8 @@ class Clearance(Task):
 
     def position_limit(self, robot: Robot) -> PositionLimit:
         """Every pair stays `threshold` apart, also those beyond the `n_nearest`."""
-        return PositionLimit(
-            quantity="clearance", lower=self.threshold, values=self.model.values, n=self.model.n_pairs, reach=self.model.reach
-        )
+        model = self.model
+        return PositionLimit(quantity="clearance", lower=self.threshold, values=model.values, n=model.n_pairs, reach=model.reach)
 
     def n_parameters(self, robot: Robot) -> int:
         return self._pairs.n_parameters

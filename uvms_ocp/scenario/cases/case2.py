@@ -66,9 +66,8 @@ def plan_arm(scenario: Scenario, clearance: float = 0.05) -> soft_collision.Coll
     end = tool_goal(distances, goal.frame, pose if isinstance(goal, ToolPose) else pose.translation, start)
     if end is None:
         raise InvalidInput(f"no posture clear of collision reaches the goal of {goal.name} from where the vehicle lands")
-    limits = MotionLimits(
-        velocity=_SHARE * robot.limits.velocity[robot.joint_v], acceleration=_SHARE * robot.limits.acceleration[robot.joint_v]
-    )
+    velocity, acceleration = (_SHARE * own[robot.joint_v] for own in (robot.limits.velocity, robot.limits.acceleration))
+    limits = MotionLimits(velocity=velocity, acceleration=acceleration)
     options = soft_collision.SoftCollisionOptions(weights=CostWeights(clearance=clearance))
     return soft_collision.plan_soft_collision(distances.scene, np.stack([start, end]), limits=limits, options=options)
 
