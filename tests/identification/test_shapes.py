@@ -41,6 +41,7 @@ AWAY: dict[str, Any] = {"pose": {"position": [0.02, 0.0, 0.01]}}
 LINKS: dict[str, dict[str, Any]] = {
     "box": {"box": BOX},
     "box away": {"box": BOX | AWAY},
+    "box by the flow": {"box": BOX | {"drag_by": "flow"}},
     "sphere": {"sphere": {"radius": 0.3}},
     "coefficients away": {"coefficients": {"added_mass": [9.0] * 6, "quadratic_drag": [60.0] * 6, "volume": 0.02} | AWAY},
 }
@@ -97,6 +98,7 @@ def test_numbers_replace_the_shape_in_the_file_and_all_others_stay_as_it_gave_th
     for field in COEFFICIENTS:
         np.testing.assert_allclose(getattr(hull_of(after), field), expected[field], rtol=1e-5, atol=1e-8)
     np.testing.assert_allclose(hull_of(after).X_FL.homogeneous, hull_of(before).X_FL.homogeneous, atol=1e-9)
+    assert hull_of(after).by_flow == hull_of(before).by_flow == ("flow" in name)
 
 
 @pytest.mark.parametrize("name", LINKS)

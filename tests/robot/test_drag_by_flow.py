@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import Any
 
 import casadi as ca
 import numpy as np
@@ -15,7 +16,7 @@ from uvms_ocp.errors import InvalidInput
 from uvms_ocp.ocp import OcpRequest, OcpStatus, solve_ocp
 from uvms_ocp.planning import PostureGoal
 from uvms_ocp.robot.coefficients import links_in_water
-from uvms_ocp.robot.description import LinkCoefficients, checked_copy
+from uvms_ocp.robot.description import LinkCoefficients, LinkDescription, RobotDescription, checked_copy
 from uvms_ocp.robot.dynamics import robot_dynamics
 from uvms_ocp.robot.hydrodynamics import LinkHydrodynamics, damping_matrix, drag_wrench
 from uvms_ocp.robot.loading import load_robot
@@ -59,6 +60,22 @@ def test_couplings_are_refused() -> None:
     with pytest.raises(ValueError, match="by the flow has couplings"):
         LinkCoefficients(quadratic_drag=rows, drag_by="flow")
     assert LinkCoefficients(quadratic_drag=rows).drag_by == "axes"
+
+
+@pytest.mark.parametrize(
+    "shape", [{"box": {"size": (0.8, 0.5, 0.3)}}, {"cylinder": {"radius": 0.1, "length": 1.0}}, {"sphere": {"radius": 0.2}}]
+)
+def test_shapes_have_it_too_and_a_sphere_is_then_dragged_alike_in_all_directions(shape: dict[str, dict[str, Any]]) -> None:
+    ((name, sizes),) = shape.items()
+    by_axes, by_flow = (
+        links_in_water(RobotDescription(links={"hull": LinkDescription(**{name: sizes | extra})}))[0]
+        for extra in ({}, {"drag_by": "flow"})
+    )
+    assert (by_axes.by_flow, by_flow.by_flow) == (False, True)
+    np.testing.assert_array_equal(by_axes.quadratic_drag, by_flow.quadratic_drag)
+    ahead, askew = np.array([0.6, 0.0, 0.0, 0.0, 0.0, 0.0]), np.array([0.36, 0.48, 0.0, 0.0, 0.0, 0.0])
+    power = {nu is askew: nu @ drag_wrench(NONE, by_flow.quadratic_drag, nu, True) for nu in (ahead, askew)}
+    assert name != "sphere" or power[True] == pytest.approx(power[False])
 
 
 def test_a_robot_of_a_file_has_it_and_keeps_it_where_its_drag_is_varied() -> None:

@@ -98,6 +98,7 @@ def _lines(one: Calibration, shape: str) -> Iterator[str]:
     learnt, by_shape = learnt & set(IN_FILE), set(IN_FILE) - learnt if shape else set[str]()
     if learnt and shape:
         yield f"pose: {{position: {_row(np.array(one.subject.coefficients().pose.position))}}}"
+        yield f"drag_by: {one.subject.coefficients().drag_by}"
     for name in IN_FILE if learnt else ():
         if name in learnt | by_shape:
             yield f"# {_source(name, one) if name in learnt else f'of its {shape}, as before'}"

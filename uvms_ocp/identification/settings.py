@@ -258,6 +258,8 @@ def shape_of(robot: Robot, frame: str) -> str:
 def _of_shape(description: RobotDescription, frame: str) -> LinkCoefficients:
     """Coefficients of a link's shape alone, without floats and ballast."""
     (wet,) = links_in_water(description.model_copy(update={"links": {frame: description.links[frame]}, "trim": ()}))
-    rows = {name: np.diag(getattr(wet, name)).tolist() for name in ("added_mass", "linear_drag", "quadratic_drag")}
+    matrices = ("added_mass", "linear_drag", "quadratic_drag")
+    rows: dict[str, Any] = {name: np.diag(getattr(wet, name)).tolist() for name in matrices}
+    rows |= {"volume": wet.volume, "centre_of_buoyancy": wet.centre_of_buoyancy.tolist()}
     pose = Pose(position=wet.X_FL.translation.tolist(), rpy=pin.rpy.matrixToRpy(wet.X_FL.rotation).round(9).tolist())
-    return LinkCoefficients(pose=pose, volume=wet.volume, centre_of_buoyancy=wet.centre_of_buoyancy.tolist(), **rows)
+    return LinkCoefficients(pose=pose, drag_by="flow" if wet.by_flow else "axes", **rows)

@@ -107,6 +107,7 @@ def _shaped(
         added_mass=np.array(tuple(added_mass)),
         linear_drag=np.array([shape.skin_drag] * 3 + [0.0] * 3),
         quadratic_drag=shape.drag_coefficient * areas,
+        by_flow=shape.drag_by == "flow",
         volume=volume,
         centre_of_buoyancy=np.array(shape.pose.position),
     )

@@ -59,6 +59,14 @@ class Pose(_Section):
     rpy: Vector3 = Field(default=(0.0, 0.0, 0.0), description="roll, pitch, yaw [rad], R = Rz Ry Rx")
 
 
+DragBy = Annotated[
+    Literal["axes", "flow"],
+    Field(
+        description="quadratic drag counts the speed along each axis, or that of the whole flow: right on axes, and between them"
+    ),
+]
+
+
 class LinkCoefficients(_Section):
     """Hydrodynamic coefficients of one link, linear axes before angular ones."""
 
@@ -73,10 +81,7 @@ class LinkCoefficients(_Section):
         default=(0.0,) * 6,
         description="factor of v|v| per axis (6), >= 0, or full matrix (6x6), dissipative [N/(m/s)^2, N m/(rad/s)^2]",
     )
-    drag_by: Literal["axes", "flow"] = Field(
-        default="axes",
-        description="quadratic drag counts the speed along each axis, or that of the whole flow: right on axes, and between them",
-    )
+    drag_by: DragBy = "axes"
     volume: float = Field(default=0.0, ge=0.0, le=1e4, description="displaced volume [m3]")
     centre_of_buoyancy: Point | None = Field(default=None, description="in the link frame [m]; needs a volume")
 
@@ -117,6 +122,7 @@ class _ShapeBase(_Section):
     pose: Pose = Field(default=Pose(), description="centre and axes of the shape, in the link frame")
     skin_drag: NonNegative = Field(default=0.4, description="linear drag of translation [N/(m/s)]")
     drag_coefficient: float = Field(default=0.6, ge=0.0, le=5.0, description="C_D on the frontal area [-]")
+    drag_by: DragBy = "axes"
 
 
 class Cylinder(_ShapeBase):
