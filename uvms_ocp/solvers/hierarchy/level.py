@@ -211,9 +211,8 @@ def is_valid(
     # Comparisons with NaN are false.
     open_outwards = logical_and(lower < np.inf, upper > -np.inf)
     ordered = logical_and(lower <= upper, open_outwards)
-    return logical_and(
-        all_entries(abs(J) < tolerances.LARGEST), all_entries(logical_and(ordered, logical_and(gate >= 0.0, gate <= 1.0)))
-    )
+    gated = logical_and(gate >= 0.0, gate <= 1.0)
+    return logical_and(all_entries(abs(J) < tolerances.LARGEST), all_entries(logical_and(ordered, gated)))
 
 
 def widen_bounds(

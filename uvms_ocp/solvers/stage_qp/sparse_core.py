@@ -172,9 +172,8 @@ class SparseCore:
             if k < self._shape.N:
                 M += qp.dynamics[k].T @ P @ qp.dynamics[k]
             M[table.fixed[z]], M[:, table.fixed[z]] = 0.0, 0.0
-            M += np.diag(
-                np.where(table.fixed[z], 1.0, tolerances.INDEFINITE * (np.abs(np.diag(M)) + tolerances.SMALLEST_CURVATURE * most))
-            )
+            least = tolerances.INDEFINITE * (np.abs(np.diag(M)) + tolerances.SMALLEST_CURVATURE * most)
+            M += np.diag(np.where(table.fixed[z], 1.0, least))
             try:
                 W = np.linalg.solve(np.linalg.cholesky(M[n:, n:]), M[n:, :n])
             except np.linalg.LinAlgError:
