@@ -4,10 +4,12 @@ from __future__ import annotations
 
 from pathlib import Path
 
+import pytest
 from typer.testing import CliRunner
 from yaml import safe_dump, safe_load
 
 from uvms_ocp.cli.commands import app
+from uvms_ocp.report import summarize
 from uvms_ocp.robot.assembly import static_residual, with_trim, without_trim
 from uvms_ocp.robot.description import TrimBody
 from uvms_ocp.robot.kinematics import Kinematics
@@ -34,6 +36,26 @@ def test_a_mission_of_a_robot_with_frames_of_other_names_can_be_made(tmp_path: P
     here = Kinematics(scenario.robot, scenario.start)
     assert here.pose("base_link") == here.pose("hull")
     assert here.pose("tool") == here.pose("gripper")
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("current", [(0.0, 0.0, 0.0), (0.0, 0.2, 0.0)])
+def test_two_arms_on_six_thrusters_reach_both_targets(current: tuple[float, float, float], tmp_path: Path) -> None:
+    """Within 10 mm, on a vehicle whose pitch nobody drives and which both arms, carried ahead, pitch by some 0.4 rad."""
+    folder, six = (robot_folder(name) for name in ("bluerov2_two_alpha5", "bluerov2"))
+    water, driven = (safe_load((place / "hydrodynamics.yaml").read_text(encoding="utf-8")) for place in (folder, six))
+    (tmp_path / "robot.urdf").write_text((folder / "robot.urdf").read_text(encoding="utf-8"), encoding="utf-8")
+    (tmp_path / "hydrodynamics.yaml").write_text(safe_dump(water | {"thrusters": driven["thrusters"]}), encoding="utf-8")
+    assert CliRunner().invoke(app, ["new-mission", str(tmp_path / "m.py"), "--robot", str(tmp_path)]).exit_code == 0
+    mission = tmp_path / "m.py"
+    mission.write_text(mission.read_text(encoding="utf-8").replace("limit=0.02)", "limit=0.01)"), encoding="utf-8")
+    code = own_code(str(mission))
+    assert code is not None
+    report = summarize(code.load()(current=current).run())
+    assert report["completed"], report["cause"]
+    assert report["swings"] == []
+    assert all(tool["position"] < 0.01 for tool in report["tools"].values())
+    assert len(report["tools"]) == 2
 
 
 def test_the_body_that_check_robot_advises_trims_the_robot() -> None:
