@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from pathlib import Path
 from typing import Any
 
 import casadi as ca
@@ -138,3 +139,56 @@ def test_rows_change_in_proportion_and_one_that_is_hardly_moved_by_itself() -> N
     np.testing.assert_array_equal(shares[:2], alone)
     assert alone[0] == alone[1] > 0.0
     assert 0.0 <= shares[2] < 1e-6
+
+
+AXES, LENGTHS = ("0 0 1", "0 1 0", "0 1 0", "1 0 0", "0 1 0"), (0.1, 0.4, 0.3, 0.1, 0.2)
+_TURN = '<limit lower="-2.8" upper="2.8" effort="40" velocity="0.6"/>'
+_BODY = """<link name="l{k}"><inertial><origin xyz="0.1 0 0"/><mass value="1"/>
+<inertia ixx="0.01" iyy="0.01" izz="0.01" ixy="0" ixz="0" iyz="0"/></inertial></link>"""
+
+
+def arm_of(folder: Path, n: int) -> Robot:
+    """A fixed arm of n joints, straight at 0."""
+    names, ends = ["base_link", *(f"l{k}" for k in range(n))], (0.0, *LENGTHS)
+    joints = "".join(
+        f'<joint name="j{k}" type="revolute"><parent link="{names[k]}"/><child link="l{k}"/><origin xyz="{ends[k]} 0 0"/>'
+        f'<axis xyz="{AXES[k]}"/>{_TURN}</joint>{_BODY.format(k=k)}'
+        for k in range(n)
+    )
+    mount = f'<joint name="m" type="fixed"><parent link="{names[n]}"/><child link="tool"/><origin xyz="{ends[n]} 0 0"/></joint>'
+    (folder / "a.urdf").write_text(f'<robot name="arm"><link name="base_link"/>{joints}<link name="tool"/>{mount}</robot>')
+    accelerations = "".join(f"  j{k}: {{acceleration: 2.0}}\n" for k in range(n))
+    (folder / "a.yaml").write_text(f"base: fixed\njoints:\n{accelerations}")
+    return load_robot(urdf=folder / "a.urdf", hydrodynamics=folder / "a.yaml")
+
+
+def damped_least_squares(robot: Robot, q: np.ndarray, goal: np.ndarray) -> float:
+    """Distance [m] from the goal after 30 s."""
+    for _ in range(3000):
+        kinematics = uo.Kinematics(robot, np.clip(q, -2.8, 2.8))
+        J, error = kinematics.jacobian("tool")[:3], goal - kinematics.pose("tool").translation
+        q = q + 0.01 * np.clip(J.T @ np.linalg.solve(J @ J.T + 1e-4 * np.eye(3), 0.6 * error), -0.6, 0.6)
+    return float(np.linalg.norm(error))
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("start", [0.0, 0.3])
+@pytest.mark.parametrize("n", range(1, 6))
+def test_arms_of_few_joints_end_where_damped_least_squares_ends_also_from_a_straight_arm(
+    n: int, start: float, tmp_path: Path
+) -> None:
+    robot = arm_of(tmp_path, n)
+    goal = uo.Kinematics(robot, np.random.default_rng(n).uniform(-1, 1, n)).pose("tool").translation.copy()
+    there = uo.Transition(to=uo.DONE, when=(uo.Below(quantity="TP.position_error", limit=1e-9),))
+    phase = uo.Phase(name="p", activations={"TP": 1.0}, transitions=(there,))
+    record = uo.Scenario(
+        name="arm",
+        robot=robot,
+        mission=uo.Mission(hierarchy=uo.Hierarchy([ToolPosition(goal=uo.pose_at(tuple(goal)))]), phases=(phase,)),
+        environment=uo.Environment(seafloor=uo.FlatSeafloor(z=-100.0)),
+        start=robot.configuration(joints=np.full(n, start)),
+        plant="kinematic",
+        dt=0.02,
+        duration=40.0,
+    ).run()
+    assert record["TP.position_error"][-1] < damped_least_squares(robot, np.full(n, start), goal) + 1e-3
