@@ -140,7 +140,7 @@ class NewMission:
         values = np.zeros(robot.n_v)
         for joint, low, up in limits.bounded_joints(robot.joints, robot.limits):
             here = float(goal[joint.idx_q])
-            room = (low, up) if np.isfinite([low, up]).all() else (here - 1.0, here + 1.0)
+            room = max(low, here - np.pi), min(up, here + np.pi)  # rails may be as long as a tank
             values[joint.v] = _SMALL * (room[1] - room[0]) * (1.0 if room[1] - here > here - room[0] else -1.0)
         moved = pin.integrate(robot.model, goal, values)
         return [tuple(np.round(Kinematics(robot, moved).pose(tool).translation, 3).tolist()) for tool in self.tools]

@@ -105,6 +105,4 @@ def _step(model: LocalModel, free: Mask, metric: BlockTridiagonal, mu: float) ->
 
 def _damping_change(ratio: float) -> float:
     """Factor on mu after an accepted step, by actual over predicted decrease."""
-    if ratio > 0.75:
-        return 0.25
-    return 1.0 if ratio > 0.25 else 4.0
+    return 0.25 if ratio > 0.75 else 1.0 if ratio > 0.25 else 4.0

@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike
 from uvms_ocp.checks import checked_dataclass
 from uvms_ocp.control import LoadLearning, VelocityGains
 from uvms_ocp.control.velocity.kinematic import HierarchySolver
-from uvms_ocp.errors import require_known
+from uvms_ocp.errors import InvalidInput, require_known
 from uvms_ocp.mission import Abort, Below, Condition, Mission, Phase, Transition
 from uvms_ocp.record.meta_values import ABORT
 from uvms_ocp.robot import IDEAL_SENSORS, Obstacle, Robot, SensorSpecs, load_robot, robot_sensors
@@ -72,8 +72,10 @@ class RunOptions:
     def start(self, X_WB: pin.SE3, joints: ArrayLike | None = None) -> np.ndarray:
         """Configuration (n_q,) with the vehicle at X_WB; joints (n_joints,) [rad or m], stowed by default.
 
-        Raises `InvalidInput` outside the joint limits.
+        Raises `InvalidInput` outside the joint limits, and for a robot without a vehicle.
         """
+        if not self.robot.n_vehicle:
+            raise InvalidInput(f"{self.robot.name}: a fixed base; give a vehicle, or run what `uvms-ocp new-mission` writes")
         quaternion = pin.Quaternion(X_WB.rotation).coeffs()
         return self.robot.configuration(position=X_WB.translation, quaternion=quaternion, joints=joints)
 
