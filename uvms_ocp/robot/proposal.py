@@ -372,6 +372,7 @@ def _coefficients(water: LinkHydrodynamics, mass: float) -> dict[str, Any]:
         "added_mass": _rounded(np.diag(water.added_mass)),
         "linear_drag": _rounded(np.diag(water.linear_drag)),
         "quadratic_drag": _rounded(np.diag(water.quadratic_drag)),
+        "drag_by": "flow",
         "volume": float(f"{volume:.4g}"),
         "centre_of_buoyancy": _rounded(water.centre_of_buoyancy),
     }
