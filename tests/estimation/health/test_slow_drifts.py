@@ -56,7 +56,7 @@ def test_a_slow_drift_is_found(channel: str, rate: np.ndarray | float, within: f
 
 
 @pytest.mark.parametrize("sways", [False, True])
-@pytest.mark.parametrize(("channel", "rate", "within"), [("joint_positions", 0.004, 4.0), ("joint_velocities", 4e-4, 16.0)])
+@pytest.mark.parametrize(("channel", "rate", "within"), [("joint_positions", 0.004, 5.0), ("joint_velocities", 4e-4, 16.0)])
 def test_an_encoder_is_checked_by_the_rate_of_its_joint(
     channel: str, rate: float, within: float, sways: bool, robot: Robot
 ) -> None:
@@ -75,19 +75,31 @@ def test_an_encoder_is_checked_by_the_rate_of_its_joint(
     assert all((run.of(name) == Trust.GOOD).all() for name in ("position", "attitude", "linear_velocity", "depth"))
 
 
-def test_sound_encoders_and_rates_are_believed(robot: Robot) -> None:
-    """Of rates that are 0.02 s late and 2 % off, which nobody said."""
-    specs, before = replace(SensorSpecs(), joint_velocities=SensorSpec(rate=50.0, sigma=0.01)), deque(maxlen=2)
+RATES = {
+    "late and 2 % off": SensorSpec(rate=50.0, sigma=0.01),
+    "noisy": SensorSpec(rate=50.0, sigma=0.02),
+    "seldom": SensorSpec(rate=5.0, sigma=0.005),
+    "lost": SensorSpec(rate=10.0, sigma=0.01, dropout=0.5),
+}
+
+
+@pytest.mark.parametrize("sways", [False, True])
+@pytest.mark.parametrize("kind", RATES)
+def test_sound_encoders_and_rates_are_believed(kind: str, sways: bool, robot: Robot) -> None:
+    """What rates integrate to is known as well as they are: noise of 0.02 rad/s alone ended missions."""
+    specs, before, still = replace(SensorSpecs(), joint_velocities=RATES[kind]), deque(maxlen=2), np.zeros(robot.n_v)
 
     def spoil(readings: Readings, t: float) -> Readings:
         rates = readings.joint_velocities
-        if rates is None:
+        if rates is None or kind != "late and 2 % off":
             return readings
         before.append(rates.value)
         return replace(readings, joint_velocities=Reading(value=1.02 * before[0], t=rates.t))
 
-    run = HealthRun(robot, duration=END, dt=0.02, specs=specs, spoil=spoil)
-    assert (run.of("joint_positions") == Trust.GOOD).all()
+    for seed in range(2):
+        motion = None if sways else lambda t: still
+        run = HealthRun(robot, duration=42.0, dt=0.02, specs=specs, spoil=spoil, motion=motion, seed=seed)
+        assert not any("encoder and rate" in text for _, text in run.guard.monitor.alarms)
 
 
 @pytest.mark.parametrize("seed", range(2))

@@ -101,13 +101,17 @@ class ChannelMemory(Layout):
     repeats: plausibility.RepetitionMemory
     # What came back elsewhere.
     off: float
-    """[unit of the channel] of the newest reading from the estimate."""
+    """[unit of the channel] of the newest reading from the estimate, -1 where they were not compared."""
     explained: float
     """[unit of the channel] of it, by noise and by how far the robot may have moved unforeseen."""
+    refused_off: float
+    """[unit of the channel] that of the last refused reading, 0 where it was explained."""
     jump: float
-    """[unit of the channel] of the first of the readings that were refused, 0 where that is explained."""
+    """[unit of the channel] by which two readings in a row were off alike since the last one that was used."""
+    shift: float
+    """[unit of the channel] by which the channel came back elsewhere since it was good last."""
     unexplained: float
-    """[unit of the channel] the largest jump at which readings were used again: they may be wrong since, or were before."""
+    """[unit of the channel] the largest of these: readings may be wrong since, or were before."""
 
 
 class ScreeningResult(Layout):
@@ -242,21 +246,31 @@ def update_trust(m: HealthMemory, c: ChannelMemory) -> bool:
     else:
         c.complaint.code = Reason.NONE
     c.changed = trust != c.trust
+    c.shift = 0.0 if c.trust == Trust.GOOD and c.changed else c.shift
     c.trust = trust
     return c.changed
 
 
 def _mark_used(c: ChannelMemory, t: float) -> None:
     if c.used > -math.inf:
-        if c.refused_at > c.used_at:
-            c.unexplained = max(c.unexplained, min(c.jump, 2.0 * c.off) if c.off > c.gate.noise else 0.0)
+        if c.refused_at > c.used_at and c.off > c.gate.noise:
+            _confirm_jump(c)
+            c.shift = max(c.shift, min(c.jump, 2.0 * c.off))
+            c.unexplained = max(c.unexplained, c.shift)
+        c.refused_off = c.jump = 0.0
         c.taken, c.used_at = c.used, t
 
 
 def _mark_refused(c: ChannelMemory, t: float) -> None:
-    if not c.refused_at > c.used_at:
-        c.jump = c.off if c.off > c.explained else 0.0
+    if c.off >= 0.0:
+        _confirm_jump(c)
+        c.refused_off = c.off if c.off > c.explained else 0.0
     c.refused_at = t
+
+
+def _confirm_jump(c: ChannelMemory) -> None:
+    """Two readings in a row that are off alike tell it; after a spike it begins anew."""
+    c.jump = max(c.jump, min(c.off, c.refused_off)) if c.off > 0.5 * c.refused_off else 0.0
 
 
 def _by_silence(c: ChannelMemory, quiet: float, period: float) -> int:

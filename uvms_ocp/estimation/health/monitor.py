@@ -466,7 +466,7 @@ class HealthMonitor:
             for name, c in changed.items()
         }
         self._health = tuple(verdicts.get(verdict.channel, verdict) for verdict in self._health)
-        self.alarms += [(t, _describe(verdict, changed[name].unexplained)) for name, verdict in verdicts.items()]
+        self.alarms += [(t, _describe(verdict, changed[name].shift)) for name, verdict in verdicts.items()]
 
 
 def _present(robot: Robot, specs: SensorSpecs, altimeter_frame: str | None) -> list[str]:
@@ -476,9 +476,9 @@ def _present(robot: Robot, specs: SensorSpecs, altimeter_frame: str | None) -> l
     return [name for name in names if getattr(specs, name) is not None and name not in absent]
 
 
-def _describe(verdict: ChannelHealth, unexplained: float) -> str:
+def _describe(verdict: ChannelHealth, shift: float) -> str:
     word = verdict.trust.name.lower()
     if verdict.why:
         return f"{verdict.channel} {word}: {verdict.why}"
-    elsewhere = f", {unexplained:.2g} {UNITS[verdict.channel]} from where it was before" if unexplained > 0.0 else ""
+    elsewhere = f", {shift:.2g} {UNITS[verdict.channel]} from where it was before" if shift > 0.0 else ""
     return f"{verdict.channel} {word} again{elsewhere}"

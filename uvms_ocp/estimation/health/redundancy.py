@@ -102,6 +102,7 @@ _BLIND = 1.2  # [s] without a velocity, in which a vehicle may have gone anywher
 _TURN_SPAN, _TURN = 1.0, 0.03  # [s], [rad/s]
 _FIRST, _LAST, _DEPTH = 10, 5, 0.05  # fixes, fixes, [m]
 _ENCODER_SPAN, _SLOW_JOINT, _RATE_DELAY = 10.0, 0.001, 0.05  # [s] between marks, [rad/s] a bias, [s] that a rate may be late
+_RATE_SIGMAS = 5.0  # of the way that rates integrate to, beside what its bias may make of it
 
 
 class DriftWindow(Layout):
@@ -195,16 +196,20 @@ class RateAgainstEncoder(Layout):
     """[s] of the last rates."""
     rate: Annotated[Vector, Sized("n_joints")]
     """(n_joints,) [rad/s or m/s]"""
+    rate_before: Annotated[Vector, Sized("n_joints")]
+    """(n_joints,) [rad/s or m/s]"""
     way: Annotated[Vector, Sized("n_joints")]
     """(n_joints,) [rad or m] integrated rates."""
+    variance: Annotated[Vector, Sized("n_joints")]
+    """(n_joints,) [rad2 or m2] of the way, by how much each rate lies off those before and after it."""
     older_t: float
     """[s] of the mark that is compared with."""
     newer_t: float
     """[s] of the next one, -inf before the first."""
-    older: Annotated[list[Vector], Sized("n_joints", 3)]
-    """(n_joints, 3) [rad or m] at the mark: offset of the encoder, way, and what a late rate makes of it."""
-    newer: Annotated[list[Vector], Sized("n_joints", 3)]
-    """(n_joints, 3) [rad or m] at the next one."""
+    older: Annotated[list[Vector], Sized("n_joints", 4)]
+    """(n_joints, 4) at the mark: offset of the encoder, way, what a late rate makes of it [rad or m], and variance."""
+    newer: Annotated[list[Vector], Sized("n_joints", 4)]
+    """(n_joints, 4) at the next one."""
     worst: int
     """Joint that drifts the most beyond what is allowed."""
     drift: float
@@ -377,11 +382,14 @@ def depth_difference(d: DepthAgainstPosition, z: float, climb: float, t: float) 
 
 def update_joint_rates(d: RateAgainstEncoder, rates: Vector, t: float) -> None:
     """The rates (n_joints,) [rad/s or m/s] of the joints at time t [s]."""
-    dt = t - d.t
+    dt = t - d.t if 0.0 <= t - d.t <= _BLIND else 0.0
     for i in range(d.n):
-        d.way[i] += 0.5 * dt * (rates[i] + d.rate[i]) if 0.0 <= dt <= _BLIND else 0.0
+        bend = dt * (rates[i] - 2.0 * d.rate[i] + d.rate_before[i])
+        d.way[i] += 0.5 * dt * (rates[i] + d.rate[i])
+        d.variance[i] += bend * bend / 6.0
+        d.rate_before[i] = d.rate[i]
         d.rate[i] = rates[i]
-    if not 0.0 <= dt <= _BLIND:
+    if not 0.0 <= t - d.t <= _BLIND:
         d.newer_t = -math.inf
     d.t = t
 
@@ -398,13 +406,14 @@ def is_adrift(d: RateAgainstEncoder, value: Vector, t: float) -> bool:
     for i in range(d.n):
         mark, late, offset = d.older[i], _RATE_DELAY * abs(d.rate[i]), value[i] - d.way[i] - (t - d.t) * d.rate[i]
         if due and not first:
-            mark[:3] = d.newer[i][:3]
+            mark[:4] = d.newer[i][:4]
         if due:
-            d.newer[i][0], d.newer[i][1], d.newer[i][2] = offset, d.way[i], late
+            d.newer[i][0], d.newer[i][1], d.newer[i][2], d.newer[i][3] = offset, d.way[i], late, d.variance[i]
         if first:
-            mark[:3] = d.newer[i][:3]
+            mark[:4] = d.newer[i][:4]
         change, span = abs(offset - mark[0]), t - d.older_t
-        beyond = change - d.tolerance * span - _OBLIQUE * abs(d.way[i] - mark[1]) - late - mark[2] - d.noise
+        allowed = d.tolerance * span + _OBLIQUE * abs(d.way[i] - mark[1]) + late + mark[2] + d.noise
+        beyond = change - allowed - _RATE_SIGMAS * math.sqrt(d.variance[i] - mark[3])
         if span >= _LONG_LEAST and beyond > excess:
             d.worst, d.drift, excess = i, change / span, beyond
     return excess > 0.0

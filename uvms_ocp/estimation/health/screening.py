@@ -28,6 +28,7 @@ _NEXT = 1.5
 def screen_reading(m: HealthMemory, c: ChannelMemory, slot: int) -> None:
     """Screen the newest reading of a channel, into `belief`; slot of the estimate of its time, -1 for none."""
     b = m.belief
+    c.off = -1.0
     b.sane = not (_means_nothing(m, c, b.why) or _cannot_be(m, c, b.why))
     b.used = b.sane
     if not b.sane:
@@ -85,7 +86,7 @@ def _agrees(m: HealthMemory, c: ChannelMemory, estimate: plausibility.PastEstima
     rate = gate.supported if carried else gate.alone
     growth, away = 0.0 if math.isnan(c.taken) else rate * max(c.stamp - c.taken, 0.0), abs(c.stamp - estimate.t)
     c.off = plausibility.error_of(gate, c.value, estimate)
-    c.explained = gate.noise + growth + plausibility.motion_within(gate, estimate, away)
+    c.explained = gate.noise + max(growth, plausibility.motion_within(gate, estimate, away))
     if carried and is_persistent(c):
         growth -= 0.5 * gate.base
     if plausibility.is_off(gate, c.value, estimate, away, growth, why):
