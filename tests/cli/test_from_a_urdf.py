@@ -94,6 +94,7 @@ def test_a_urdf_becomes_a_mission_that_is_accepted(kind: str, tmp_path: Path) ->
     assert (" VehiclePose(" in text) == (kind != "fixed base")
     assert (" Alignment(" in text) == (kind in ("no vertical thrust", "no thrust abeam", "joints called as axes and links"))
     made = load_robot(urdf=robot / "robot.urdf", hydrodynamics=robot / "hydrodynamics.yaml")
+    assert [water.frame for water in made.hydrodynamics if water.by_flow] == [name for name in ("rov/hull",) if made.n_vehicle]
     assert len(made.description.thrusters) == STRANGERS[kind].count("continuous")
     assert ("joint gimbal_joint: turns thrusters" in asked) == (kind == "a gimbal")
     assert ("frame=" in text.partition("VehiclePose(")[2].partition("\n")[0]) == (kind == "base_link turned over")

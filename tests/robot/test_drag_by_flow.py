@@ -9,6 +9,7 @@ import casadi as ca
 import numpy as np
 import pinocchio as pin
 import pytest
+from six_thrusters import six_thrusters
 from tiny_robots import TINY, robot_of
 
 from uvms_ocp.campaign.robot_parameters import _scaled
@@ -76,6 +77,21 @@ def test_shapes_have_it_too_and_a_sphere_is_then_dragged_alike_in_all_directions
     ahead, askew = np.array([0.6, 0.0, 0.0, 0.0, 0.0, 0.0]), np.array([0.36, 0.48, 0.0, 0.0, 0.0, 0.0])
     power = {nu is askew: nu @ drag_wrench(NONE, by_flow.quadratic_drag, nu, True) for nu in (ahead, askew)}
     assert name != "sphere" or power[True] == pytest.approx(power[False])
+
+
+def test_across_a_long_thin_body_each_way_errs_between_other_axes() -> None:
+    """Against the law of cross-flow, ``|v across| v across``; arms of `new-robot` have the smaller error."""
+    hull, *arm = six_thrusters().hydrodynamics
+    assert hull.by_flow
+    assert len(arm) == 3
+    for link in arm:
+        assert not link.by_flow
+        across = link.quadratic_drag[0, 0]
+        for way, by_axes, by_flow in (([1, 0, 1], 1.0, np.sqrt(2.0)), ([1, 1, 0], np.sqrt(0.5), 1.0)):
+            nu = np.array([*way, 0, 0, 0]) * 0.4
+            law = across * np.linalg.norm(nu[:2]) * nu[:2]
+            assert drag_wrench(NONE, link.quadratic_drag, nu)[:2] == pytest.approx(by_axes * law)
+            assert drag_wrench(NONE, link.quadratic_drag, nu, True)[:2] == pytest.approx(by_flow * law, rel=1e-4)
 
 
 def test_a_robot_of_a_file_has_it_and_keeps_it_where_its_drag_is_varied() -> None:

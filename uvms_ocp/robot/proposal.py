@@ -334,7 +334,7 @@ class _Draft:
             corners, source = (_as_its_inertia(model, name, mass), "box with its mass and inertia, as it has no fitting shapes")
         size, centre = np.ptp(corners, axis=0), corners.mean(axis=0)
         cylinder = None if whole else cylinder_in(corners)
-        box = Box(size=tuple(np.maximum(size, 1e-3).tolist()), pose=Pose(position=tuple(centre.tolist())))
+        box = Box(size=tuple(np.maximum(size, 1e-3).tolist()), pose=Pose(position=tuple(centre.tolist())), drag_by="flow")
         way = LinkDescription(box=box) if cylinder is None else LinkDescription(cylinder=cylinder)
         (water,) = links_in_water(RobotDescription(links={name: way}, water_density=_WATER))
         sides = " x ".join(f"{side:.3g}" for side in size)
@@ -372,7 +372,7 @@ def _coefficients(water: LinkHydrodynamics, mass: float) -> dict[str, Any]:
         "added_mass": _rounded(np.diag(water.added_mass)),
         "linear_drag": _rounded(np.diag(water.linear_drag)),
         "quadratic_drag": _rounded(np.diag(water.quadratic_drag)),
-        "drag_by": "flow",
+        "drag_by": "flow" if water.by_flow else "axes",
         "volume": float(f"{volume:.4g}"),
         "centre_of_buoyancy": _rounded(water.centre_of_buoyancy),
     }
