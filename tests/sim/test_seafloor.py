@@ -193,6 +193,37 @@ def test_a_survey_of_depths_is_not_taken_for_a_floor_above_the_water(tmp_path):
         Bathymetry.read(tmp_path / "floor.csv")
 
 
+DEPTHS = (
+    "x,y,depth,",
+    "x y water depth",
+    "# x y depth m",
+    "x,y,depth (m, positive down)",
+    "x,y,(depth)",
+    "1D x; y; depth_m",
+    "x\ty\tDEPTH",
+)
+HEIGHTS = (
+    *(
+        "1D easting,northing,height",
+        "0-based x,y,z",
+        "2D x y z",
+        "x,y,elevation (negative depth)",
+        "x y elevation [negative depth]",
+    ),
+    *("depth to heights x,y,z", "depth to heights x y z", "water depth datum LAT; x; z"),
+)
+
+
+@pytest.mark.parametrize("title", DEPTHS + HEIGHTS)
+def test_depths_are_what_the_last_column_of_a_title_is_called(title, tmp_path):
+    (tmp_path / "floor.csv").write_text(f"{title}\n0,0,-9\n1,0,-9\n0,1,-8\n1,1,-8\n", encoding="utf-8")
+    if title in DEPTHS:
+        with pytest.raises(InvalidInput, match="are depths, not heights"):
+            Bathymetry.read(tmp_path / "floor.csv")
+    else:
+        assert Bathymetry.read(tmp_path / "floor.csv").height(0.5, 0.5) == pytest.approx(-8.5)
+
+
 @pytest.mark.parametrize("title", ["", "# x y z\n", "x y height\n"])
 def test_a_survey_may_have_blanks_between_its_numbers(title, tmp_path):
     (tmp_path / "floor.xyz").write_text(title + "0 0 -9\n 1\t0  -9\n0 1 -8\n1 1 -8\n", encoding="utf-8")

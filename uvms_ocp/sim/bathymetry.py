@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 from pathlib import Path
 from typing import Annotated
 
@@ -15,7 +16,7 @@ from uvms_ocp.record.untrusted import read_arrays
 from uvms_ocp.sim.seafloor import LEVEL_RAY, Points, Seafloor
 from uvms_ocp.types import Array, Finite, Range, Shape, Vector3
 
-_BEGINS = "+-.0123456789"  # of a number
+_WORD, _NUMBER = re.compile(r"[^\s,;]+"), re.compile(r"[-+]?(\d+\.?\d*|\.\d+)(e[-+]?\d+)?", re.IGNORECASE)
 _FORMS = "give lines x,y,z [m] of a whole grid, as CSV or with blanks between, or an .npz with arrays x (n,), y (m,) and z (m, n)"
 
 
@@ -129,12 +130,13 @@ def _of_arrays(path: Path) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
 
 
 def _of_lines(path: Path) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    lines = path.read_text(encoding="utf-8-sig").splitlines()
-    rows = [words for line in lines if (words := line.replace(";", " ").replace(",", " ").split())]
-    if rows and rows[0][0][0] not in _BEGINS:
+    lines = [line for line in path.read_text(encoding="utf-8-sig").splitlines() if _WORD.search(line)]
+    rows = [_WORD.findall(line) for line in lines]
+    if rows and not _NUMBER.fullmatch(rows[0][0]):
         title, *rows = rows
-        if any("depth" in word.lower() for word in title):
-            raise InvalidInput(f"{' '.join(title)!r} are depths, not heights: change their sign, and call them z")
+        if "depth" in _last_column(lines[0].lower()):
+            text = "are depths, not heights: change their sign where they count downwards, and call them z"
+            raise InvalidInput(f"{' '.join(title)!r} {text}")
     table = np.array([[float(word) for word in row] for row in rows])
     if table.ndim != 2 or table.shape[1] != 3:
         raise InvalidInput(f"{len(rows)} lines of numbers, not of three each")
@@ -145,3 +147,12 @@ def _of_lines(path: Path) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     z = np.zeros((len(y), len(x)))
     z[j, i] = table[:, 2]
     return x, y, z
+
+
+def _last_column(title: str) -> str:
+    """Its name, without what stands in brackets; between blanks the last two words, as one may be a unit."""
+    bare = re.sub(r"\(.*?\)|\[.*?\]", " ", title)
+    columns = [name for name in re.split(r"[;,\t]", bare) if name.strip()]
+    words = _WORD.findall(bare)
+    words = words if len(words) > 2 else _WORD.findall(title)
+    return columns[-1] if len(columns) > 2 else " ".join(words[-2:])
