@@ -112,6 +112,19 @@ def test_trim_that_is_advised_can_be_pasted_where_the_file_has_some_already(tmp_
         assert finding(check_robot_files(tmp_path), "trim").verdict is RobotVerdict.GOOD
 
 
+@pytest.mark.parametrize("name", ["a: b, c", "null", "12", "float_1", "float_1_1", "ballast_2"])
+def test_trim_that_is_advised_can_be_pasted_whatever_bodies_are_called(name: str) -> None:
+    """A body of half the float that was advised, or of any name, and the same advice again."""
+    bare = without_trim(load_robot("girona_maris7"))
+    text = finding(check_robot(bare), "trim").text
+    first = TrimBody(**yaml.safe_load(text[text.index("trim: [") :])["trim"][0])
+    half = first.model_copy(update={"name": name, "mass": first.mass / 2, "volume": first.volume / 2})
+    text = finding(check_robot(with_trim(bare, [half])), "trim").text
+    bodies = [TrimBody(**entry) for entry in yaml.safe_load(text[text.index("trim: [") :])["trim"]]
+    assert bodies[0].name == name
+    assert finding(check_robot(with_trim(bare, bodies)), "trim").verdict is RobotVerdict.GOOD
+
+
 def test_a_light_vehicle_is_told_to_take_ballast() -> None:
     trim = finding(check_robot(without_trim(without_arm(load_robot("girona_maris7")))), "trim")
     assert "a ballast of 23.9 N" in trim.text

@@ -2,15 +2,18 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator
 from dataclasses import dataclass
 from enum import Enum
 from functools import partial
+from itertools import chain, count
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pinocchio as pin
+import yaml
 
 from uvms_ocp.checks import checked
 from uvms_ocp.errors import RobotDataError
@@ -193,12 +196,19 @@ def _trim_advice(robot: Robot, force: float, moment: np.ndarray) -> str:
         for body, lift in bodies
     ]
     entries = [
-        f"{{name: {body.name}, link: {body.link}, position: [{', '.join(f'{x:.4g}' for x in body.position)}], "
-        f"mass: {body.mass:.5g}, volume: {body.volume:.5g}}}"
+        {key: _rounded(value) for key, value in body.model_dump().items()}
         for body in (*own, *(body.model_copy(update={"link": link}) for body, _ in bodies))
     ]
+    text = yaml.safe_dump(entries, default_flow_style=True, width=math.inf, sort_keys=False, allow_unicode=True).strip()
     more = " in place of what stands there" if own else ""
-    return f"{' and '.join(parts)} of {link} would trim it{more}; trim: [{', '.join(entries)}]"
+    return f"{' and '.join(parts)} of {link} would trim it{more}; trim: {text}"
+
+
+def _rounded(value: Any) -> Any:
+    """A part of an entry with numbers of five digits."""
+    if isinstance(value, tuple):
+        return [_rounded(one) for one in value]
+    return float(f"{value:.5g}") if isinstance(value, float) else value
 
 
 def trim_bodies(robot: Robot, force: float, moment: np.ndarray) -> list[tuple[description.TrimBody, float]]:
@@ -208,12 +218,13 @@ def trim_bodies(robot: Robot, force: float, moment: np.ndarray) -> list[tuple[de
     """
     lift, lever = -force, np.array([moment[1], -moment[0]])
     low, high = _hull(robot)
-    another = f"_{len(robot.description.trim)}" if robot.description.trim else ""  # names are unique
+    taken = [body.name for body in robot.description.trim]
 
     def body(name: str, place: np.ndarray, lift: float) -> tuple[description.TrimBody, float]:
-        kind = "float" if lift > 0.0 else "ballast"
+        name = f"{'float' if lift > 0.0 else 'ballast'}{name}"
+        name = next(free for free in chain([name], (f"{name}_{k}" for k in count(1))) if free not in taken)
         x, y = place + 0.0  # no zero with a sign
-        return trim_body(f"{kind}{name}{another}", float(x), float(y), lift, robot), lift
+        return trim_body(name, float(x), float(y), lift, robot), lift
 
     place = lever / lift if abs(lift) >= FORCE_TOLERANCE else np.full(2, np.inf)
     if ((low <= place) & (place <= high)).all():
