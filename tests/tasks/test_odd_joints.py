@@ -11,6 +11,7 @@ from odd_robots import ODD, pair_of
 from task_registry import REGISTRY
 from task_values import evaluate
 
+from uvms_ocp.errors import InvalidInput
 from uvms_ocp.robot.loading import load_robot
 from uvms_ocp.tasks import Manipulability
 
@@ -41,3 +42,11 @@ def test_manipulability_is_that_of_the_arm_that_moves_its_frame(tool: str) -> No
     assert found["manipulability"] == pytest.approx(expected["manipulability"])
     columns = [two.joint(f"{tool.removesuffix('tool')}joint{k}").idx_v for k in range(1, 5)]
     np.testing.assert_allclose(found["jacobian"][:, columns], expected["jacobian"][:, one.joint_v], atol=1e-12)
+
+
+@pytest.mark.parametrize("name", ["bluerov2_alpha5", "bluerov2"])
+def test_manipulability_of_a_frame_that_no_joint_moves_is_refused(name: str) -> None:
+    """That of no joints at all would be 1, the best there is, of a frame that was mistaken for the tool."""
+    robot = load_robot(name)
+    with pytest.raises(InvalidInput, match="manipulability of 'base_link': no joint with a range moves it; give one on an arm"):
+        evaluate(robot, Manipulability(frame="base_link"), robot.configuration())

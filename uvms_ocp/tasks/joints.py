@@ -149,8 +149,8 @@ class JointTracking(Task):
 class Manipulability(Task):
     """MU: the manipulability ``mu = sqrt(det(J J'))`` of the arm stays away from 0.
 
-    J is the Jacobian of `frame` with the joints alone that move it. Rate ``gain (target - mu)``. For six revolute joints mu
-    is in [m^3].
+    J is the Jacobian of `frame` with the joints alone that move it; its rows raise `InvalidInput` where none does. Rate
+    ``gain (target - mu)``. For six revolute joints mu is in [m^3].
     """
 
     equality: ClassVar[bool] = False
@@ -182,10 +182,16 @@ class Manipulability(Task):
 
 
 def manipulability(symbols: TickSymbols, frame: str) -> ca.SX:
-    """sqrt(det(J J')) of the Jacobian (6, n) at `frame` of the joints that move it; of J' J where these are fewer than 6."""
+    """sqrt(det(J J')) of the Jacobian (6, n) at `frame` of the joints that move it; of J' J where these are fewer than 6.
+
+    Raises `InvalidInput` where no joint with a range moves it.
+    """
     robot, J = symbols.robot, symbols.kinematics.jacobian(frame)
     held = [robot.joint(name).idx_v for name in held_joints(robot.model, robot.joints)]
-    J = J[:, [k for k in range(robot.n_vehicle, robot.n_v) if k not in held and not J[:, k].is_zero()]]
+    moving = [k for k in range(robot.n_vehicle, robot.n_v) if k not in held and not J[:, k].is_zero()]
+    if not moving:
+        raise InvalidInput(f"manipulability of {frame!r}: no joint with a range moves it; give one on an arm, as its tool")
+    J = J[:, moving]
     gram = J @ J.T if J.shape[1] >= 6 else J.T @ J
     pivots, _, _ = ca.ldl(gram + _SINGULAR * ca.SX.eye(gram.shape[0]), False)
     return ca.sqrt(ca.fmax(math.prod(ca.vertsplit(pivots), start=ca.SX(1)), 0) + _SINGULAR**2)
