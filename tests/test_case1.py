@@ -12,7 +12,7 @@ from uvms_ocp.record.record import Record
 from uvms_ocp.report.comparison import transition_series
 from uvms_ocp.report.summary import summarize
 from uvms_ocp.robot.loading import load_robot
-from uvms_ocp.scenario.cases.case1 import Thresholds, case1
+from uvms_ocp.scenario.cases import Thresholds, case1
 from uvms_ocp.scenario.scenario import Scenario, pose_at
 from uvms_ocp.solvers.hierarchy.active_set import LexicographicActiveSet
 from uvms_ocp.solvers.hierarchy.cascade import LexicographicQp

@@ -7,7 +7,14 @@ from inspect import Signature, signature
 from typing import Any
 
 from uvms_ocp.scenario.cases.bluerov import bluerov_inspection, reach
-from uvms_ocp.scenario.cases.case1 import case1, case1_unreachable, current_drift, priority_swap, two_targets
+from uvms_ocp.scenario.cases.case1 import (
+    Thresholds as Thresholds,
+    case1,
+    case1_unreachable,
+    current_drift,
+    priority_swap,
+    two_targets,
+)
 from uvms_ocp.scenario.cases.case2 import case2
 from uvms_ocp.scenario.cases.transit import obstacle_field, transit
 from uvms_ocp.scenario.options import RunOptions
