@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from compiler import needs_compiler
 
-from uvms_ocp.codegen.buffered import BoundFunction, BufferedFunction
+from uvms_ocp.codegen.buffered import BoundFunction, BufferedFunction, _buffer_on
 from uvms_ocp.codegen.compile import compile_library
 from uvms_ocp.errors import InvalidInput
 
@@ -119,3 +119,11 @@ def test_memory_that_does_not_fit_a_bound_function_is_refused(
 ) -> None:
     with pytest.raises(InvalidInput, match="give column-major numbers of sizes"):
         BoundFunction(buffered.function, (np.zeros(3), np.zeros((3, 2), order="F")), results)
+
+
+def test_memory_with_gaps_is_refused_where_its_address_is_kept(buffered: BufferedFunction) -> None:
+    """Side by side it would be a copy, which is let go while CasADi reads there."""
+    x, A, B, y = np.zeros(6)[::2], np.zeros((3, 2), order="F"), np.zeros((6, 2), order="F")[::2], np.zeros(2)
+    for given in (((x, A), (np.zeros((3, 2), order="F"), y)), ((np.zeros(3), A), (B, y))):
+        with pytest.raises(NotImplementedError):
+            _buffer_on(buffered.function, *given)

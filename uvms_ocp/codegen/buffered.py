@@ -122,11 +122,16 @@ def _buffer_on(function: ca.Function, arguments: Sequence[Array], results: Seque
     """Buffer on contiguous memory, and what evaluates it; None for results that nobody wants."""
     buffer, evaluate = function.buffer()
     for i, argument in enumerate(arguments):
-        buffer.set_arg(i, argument.ravel("K").data)  # as it lies there: CasADi refuses views that are not C-contiguous
+        buffer.set_arg(i, _side_by_side(argument))
     for i, result in enumerate(results):
         if result is not None:
-            buffer.set_res(i, result.ravel("K").data)
+            buffer.set_res(i, _side_by_side(result))
     return buffer, evaluate
+
+
+def _side_by_side(given: Array) -> memoryview:
+    """The numbers as they lie there, never a copy, whose address CasADi would keep: it refuses those with gaps."""
+    return (given.T if given.flags.f_contiguous else given).data
 
 
 def _memory(size: tuple[int, int]) -> Array:
