@@ -239,12 +239,11 @@ def plan_soft_collision(
     exact = CoalDistances(scene)
     _check_ends(scene, exact, np.asarray(waypoints, dtype=float))
     start = straight_guess(waypoints, limits, times)
-    given = _PathProblem.of(distances or exact, start, limits, settings, timed=times is not None)
-    plans = (
-        _verified(problem, problem.solve(guess, settings), exact) for problem, guess in _attempts(given, start, exact, settings)
-    )
     # Of small matrices, on which threads cost eight times what they gain.
     with _ONE_THREAD, threadpool_limits(limits=1, user_api="blas"):
+        given = _PathProblem.of(distances or exact, start, limits, settings, timed=times is not None)
+        attempts = _attempts(given, start, exact, settings)
+        plans = (_verified(problem, problem.solve(guess, settings), exact) for problem, guess in attempts)
         best, n_attempts = _first_free(plans)
     return replace(best, attempts=n_attempts, solve_time=perf_counter() - began)
 
