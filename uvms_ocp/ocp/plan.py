@@ -118,11 +118,13 @@ def plan_record(robot: Robot, trajectory: Trajectory, powers: Powers, *, title: 
     q = np.array([pin.normalize(robot.model, row) for row in trajectory.states_at(robot.model, t)[0]])
     series = motion_series(robot, trajectory, powers, t, q)
     names: tuple[str, ...] = ()
+    limits = AxisLimitsMeta(x_rate=())
     if all(joint.n_v == 1 for joint in robot.joints):
         planned = coordinates(robot, reference=q[0])
         names, x = planned.names, np.array([planned.x(row) for row in q])
         x[:, planned.endless] = np.unwrap(x[:, planned.endless], axis=0)
         series |= axis_series(planned, x, series["v"])
+        limits = AxisLimitsMeta(x_rate=tuple(planned.rate_limits(x)[0].tolist()))
     meta = PlanMeta(
         scenario=title,
         **robot_meta(robot),
@@ -130,7 +132,7 @@ def plan_record(robot: Robot, trajectory: Trajectory, powers: Powers, *, title: 
         surroundings=surroundings,
         packages=packages(),
         axes=names,
-        axis_limits=AxisLimitsMeta(x_rate=tuple(robot.limits.velocity.tolist()) if names else ()),
+        axis_limits=limits,
         breaks=(0.0, float(t[-1])),
         clearance_wanted=0.0,
     )

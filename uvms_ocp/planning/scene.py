@@ -80,6 +80,18 @@ class Coordinates:
             maps[:, :3, :3], maps[:, 3:6, 3:6] = _body_rate_maps(full[:, 3:6])
         return maps
 
+    def rate_limits(self, x: Annotated[Array, Shape("n", "self.n_axes")], *, shared: bool = False) -> Array:
+        """(2, n_axes) [m/s, rad/s; per s] largest rates and accelerations by the robot's limits, at every x (n, n_axes) [m, rad].
+
+        The limits are along the vehicle's own axes: one that several planned axes share, or that turns from one to another, has
+        no number for any of them, and is infinite; ``shared``: what it leaves each where the others rest.
+        """
+        along = np.abs(self.velocity_map(x)).max(axis=0)
+        moves = along > 1e-9
+        alone = ~(moves & (moves.sum(axis=1) > 1)[:, None]).any(axis=0)
+        largest = np.stack([self.robot.limits.velocity, self.robot.limits.acceleration])[:, :, None]
+        return np.where(moves & (alone | shared), largest / np.maximum(along, 1e-9), np.inf).min(axis=1)
+
     @cached_property
     def columns(self) -> Indices:
         """(n_columns,) columns of Pinocchio's Jacobian, axis by axis: one each, and one for each joint that mimics it."""

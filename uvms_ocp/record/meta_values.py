@@ -218,7 +218,10 @@ class LimitsMeta(MetaValue):
 
 
 class AxisLimitsMeta(MetaValue):
-    """Limits of the planned axes, by the series that they bound."""
+    """Limits of the planned axes, by the series that they bound, where they hold all the way.
+
+    The vehicle's limits are along its own axes: infinite for x, y and z where it looks along none of them or turns.
+    """
 
     x_rate: tuple[float, ...]
     """(n_axes,) [m/s, rad/s]"""

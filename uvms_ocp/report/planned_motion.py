@@ -182,9 +182,9 @@ def motion_record(result: PlanResult, plan: CollisionPlan) -> Record:
     smallest distance to each obstacle and between links, as `PlanMeta.clearance_groups` names them.
     """
     curve, planned = plan.trajectory, result.scene.coordinates
-    limits = curve_limits(planned, curve.evaluate([curve.start, curve.end])).rows(planned.n_axes)
     motion = _curve_motion(result, curve)
     x = [curve.evaluate(motion.t, order) for order in range(5)]
+    limits = planned.rate_limits(x[0])
     names = ("x", "x_rate", "x_acceleration", "x_jerk", "x_snap")
     series = {
         "t": motion.t,
@@ -268,7 +268,7 @@ def ocp_record(result: OcpResult) -> Record:
     meta = plan_meta(
         motion,
         scenario=f"plan by optimal control, {result.plan.status.value}",
-        axis_limits=AxisLimitsMeta(x_rate=tuple(result.request.robot.limits.velocity.tolist())),
+        axis_limits=AxisLimitsMeta(x_rate=tuple(result.scene.coordinates.rate_limits(result.coordinates)[0].tolist())),
         breaks=(0.0, result.plan.duration),
         nearest=motion.nearest,
     )

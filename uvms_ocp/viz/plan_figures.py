@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Callable, Collection, Mapping, Sequence
 from pathlib import Path
 
@@ -114,9 +115,12 @@ def _draw_limits(row: Axes, record: Record, series: str, wanted: list[int]) -> N
         return
     low, high = row.get_ylim()
     for limit in sorted({values[i] for i in wanted if np.isfinite(values[i])}):
-        for side in (limit, -limit):
+        # Dashes in turn in the colours of the lines that it bounds.
+        bound = [style.line_style(k)["color"] for k, i in enumerate(wanted) if values[i] == limit]
+        colors = [style.THRESHOLD] if len(bound) == len(wanted) else bound
+        for (n, color), side in itertools.product(enumerate(colors), (limit, -limit)):
             if low * 1.4 <= side <= high * 1.4:
-                row.axhline(side, color=style.THRESHOLD, lw=0.8, ls=(0, (5, 3)))
+                row.axhline(side, color=color, lw=0.8, ls=(8 * n, (5, 8 * len(colors) - 5)))
 
 
 def _mark_breaks(axes: list[Axes], record: Record) -> None:
