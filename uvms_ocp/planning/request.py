@@ -6,7 +6,8 @@ A goal says itself what it means for a path in planned axes, and for optimal con
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import field
+from dataclasses import field, replace
+from math import remainder
 from typing import Annotated, TypeAlias
 
 import numpy as np
@@ -24,7 +25,7 @@ from uvms_ocp.robot import Kinematics, Obstacle, Robot
 from uvms_ocp.robot.limits import held_joints
 from uvms_ocp.tasks import JointTracking, Task, ToolPose, ToolPosition, VehiclePose
 from uvms_ocp.trajectories import MotionLimits, PiecewisePolynomial
-from uvms_ocp.types import Array, Count, Finite, Positive, Range, Shape
+from uvms_ocp.types import Array, Count, Finite, Mask, Positive, Range, Shape
 
 # Coordinates that bring a frame of the robot to a pose: the goal of a plan given by its tool.
 
@@ -278,11 +279,40 @@ def plan_path(request: PlanRequest) -> PlanResult:
     """
     check_goal_distance(request.robot, request.start, request.goal)
     planned = _planned_axes(request)
+    yaw = float(planned.reference[5]) if request.robot.n_vehicle and request.axes != AXES[2] else 0.0
+    if yaw == 0.0:
+        return _planned(request)
+    # The optimiser and its random numbers know the axes of the world: in one that looks ahead with the vehicle, north is nothing.
+    plan = _planned(_turned(request, yaw)).plan
+    scene = collision_scene(planned, request.obstacles)
+    if plan is None:
+        return PlanResult(request=request, scene=scene, plan=None)
+    coefficients = plan.trajectory.coefficients.copy()
+    coefficients[..., :2] @= pin.rpy.rpyToMatrix(0.0, 0.0, -yaw)[:2, :2]
+    coefficients[0, :, planned.names.index("yaw")] += yaw
+    curve = PiecewisePolynomial(breaks=plan.trajectory.breaks, coefficients=coefficients)
+    return PlanResult(request=request, scene=scene, plan=replace(plan, trajectory=curve))
+
+
+def _turned(request: PlanRequest, yaw: float) -> PlanRequest:
+    """The same in a world whose x axis is at that yaw."""
+    X_NW, start, goal = pin.SE3(pin.rpy.rpyToMatrix(0.0, 0.0, -yaw), np.zeros(3)), request.start.copy(), request.goal
+    start[:7] = pin.SE3ToXYZQUAT(X_NW * pin.XYZQUATToSE3(start[:7]))
+    position = None if goal.position is None else X_NW.act(np.array(goal.position)).tolist()
+    rpy = None if goal.rpy is None else (*goal.rpy[:2], remainder(goal.rpy[2] - yaw, 2.0 * np.pi))
+    obstacles = tuple(replace(obstacle, X_WO=X_NW * obstacle.X_WO) for obstacle in request.obstacles)
+    goal = replace(goal, rpy=rpy) if position is None else replace(goal, position=tuple(position), rpy=rpy)
+    return replace(request, start=start, goal=goal, obstacles=obstacles)
+
+
+def _planned(request: PlanRequest) -> PlanResult:
+    planned = _planned_axes(request)
     scene = collision_scene(planned, request.obstacles)
     goal = request.goal.as_coordinates(CoalDistances(scene), seed=request.seed)
     if goal is None:
         return PlanResult(request=request, scene=scene, plan=None)
     ends = np.stack([planned.x(request.start), goal])
+    ends[1] = np.where(_differ(ends), ends[1], ends[0])
     weights = CostWeights(clearance=request.clearance, link_clearance=request.link_clearance)
     options = SoftCollisionOptions(weights=weights, sampling=SamplingOptions(seed=request.seed), seed=request.seed)
     plan = plan_soft_collision(scene, ends, limits=curve_limits(planned, ends), options=options)
@@ -306,12 +336,15 @@ class _RobotLimits(MotionLimits):
         return np.stack(peaks) / (limits.velocity, limits.acceleration, np.ones(v.shape[1]))
 
 
+def _differ(ends: Array) -> Mask:
+    """By more than rounding, which needs no limit."""
+    return np.abs(ends[1] - ends[0]) > _SAME
+
+
 def curve_limits(planned: Coordinates, ends: Array) -> MotionLimits:
     """Those of the robot. Raises `InvalidInput` for axes that differ between the ends (2, n_axes) and have none."""
-    limits, along = planned.robot.limits, np.abs(planned.velocity_map(ends[:1])[0])
-    largest = (np.repeat(limit[:, None], planned.n_axes, axis=1) for limit in (limits.velocity, limits.acceleration))
-    velocity, acceleration = (np.where(along > 1e-9, limit / np.maximum(along, 1e-9), np.inf).min(axis=0) for limit in largest)
-    endless = (ends[0] != ends[1]) & np.isinf(velocity) & np.isinf(acceleration)
+    velocity, acceleration = planned.rate_limits(ends[:1], shared=True)
+    endless = _differ(ends) & np.isinf(velocity) & np.isinf(acceleration)
     if endless.any():
         moving = ", ".join(name for name, unlimited in zip(planned.names, endless, strict=True) if unlimited)
         advice = "give vehicle_limits and joints in hydrodynamics.yaml, or velocity in <limit> of the URDF"
