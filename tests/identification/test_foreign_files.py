@@ -16,7 +16,7 @@ from uvms_ocp.errors import InvalidInput, NameNotFound, UvmsError
 from uvms_ocp.identification import RecordingMapping, check_data_quality, read_recording
 from uvms_ocp.identification.file_kinds import kind_of
 from uvms_ocp.identification.recording import Channel, Recording
-from uvms_ocp.identification.tables import column_names
+from uvms_ocp.identification.tables import column_names, read_columns
 from uvms_ocp.identification.text_tables import text_layout
 
 T = np.arange(0.0, 20.0, 0.1)
@@ -139,7 +139,8 @@ def test_what_is_given_is_not_looked_for(tmp_path: Path) -> None:
         (b"$GPGGA,1,2,3\n", "NMEA"),
         (b"\xfd7zXZ\x00", "packed by xz"),
         (b"\x00\x01\x02" * 50, "binary"),
-        (b'{"t": [0.0, 1.0}', "cannot be read"),
+        (b'{"t": [0.0, 1.0}', "neither lines of JSON nor one object"),
+        (b'{\n "t": 0.0\n}\n{\n "t": 1.0\n}\n', "neither lines of JSON.*jq -c"),
         (b"\x93NUMPY\x01\x00v\x00", "cannot be read"),
         (table(rows=at_noon(ROWS, "01/06/2024 12:00:{:02d}.{:03d}")).encode(), "is no number.*times as 2024-05-31T23:59:59.5"),
         (table(names=["t", "x", "x", "z"]).encode(), r"2 columns are called 'x'; give one by its place: #2, #3"),
@@ -209,6 +210,14 @@ def test_one_object_of_json_is_a_table(indent: int | None, rows: bool, tmp_path:
     np.testing.assert_allclose(read.values, XYZ[:-1])
     assert kind_of(path) == "arrays"
     assert {"t", "pose.x", "pose.y", "pose.z"} == set(column_names(path))
+
+
+@pytest.mark.parametrize("start", ["\ufeff", "\r\n", " "])
+def test_json_is_known_however_it_begins(start: str, tmp_path: Path) -> None:
+    path, rows = tmp_path / "dive.json", [{"t": 0.0, "pose": {"x": 1.0}}, {"t": 1.0}, {"t": 2.0, "pose": {"x": 3.0}}]
+    path.write_text(start + json.dumps(rows, indent=1).replace("\n", "\r\n"), encoding="utf-8", newline="")
+    assert set(column_names(path)) == {"t", "pose.x"}
+    np.testing.assert_array_equal(read_columns(path, ["t", "pose.x"]), [[0.0, 1.0], [1.0, np.nan], [2.0, 3.0]])
 
 
 @pytest.mark.parametrize("turned", [False, True])

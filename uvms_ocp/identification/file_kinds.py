@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import gzip
+import re
 import zlib
 from importlib.resources import files
 from pathlib import Path
@@ -25,6 +26,7 @@ _KINDS: dict[bytes, tuple[Any, str]] = {
     row[0].encode().decode("unicode_escape").encode("latin-1"): (row[1], row[2]) for row in csv.reader(_TABLE[1:])
 }
 """Maps the first bytes of a file to its kind, or for one that is not read to what it is and what to do."""
+_JSON = re.compile(rb"(\xef\xbb\xbf)?\s*(\{|\[\s*[{\[])")
 _MAVLINK_STARTS = (0xFD, 0xFE)
 _STAMP = 8  # [B] before each message of a .tlog
 
@@ -39,7 +41,9 @@ def kind_of(path: Path) -> Kind:
     for kind, cure in (said for start, said in _KINDS.items() if head.startswith(start)):
         if cure:
             raise InvalidInput(f"{path}: {kind}, which is not read; {cure}")
-        return _kind_of_json(path) if kind == "json" else kind
+        return kind
+    if _JSON.match(head):
+        return _kind_of_json(path)
     if head.startswith(b"PK\x03\x04"):
         return "npz" if b".npy" in head else _archive(path)
     if path.suffix == ".tlog" and len(head) > _STAMP and head[_STAMP] in _MAVLINK_STARTS:
@@ -49,7 +53,7 @@ def kind_of(path: Path) -> Kind:
 
 def _kind_of_json(path: Path) -> Kind:
     """Lines of objects are messages; one object, or one list, has arrays."""
-    with path.open(encoding="utf-8", errors="replace") as file:
+    with path.open(encoding="utf-8-sig", errors="replace") as file:
         first, more = file.readline(LONGEST_LINE).strip(), file.read(64).strip()
     return "json" if first.startswith("{") and first.endswith("}") and (more or "[" not in first) else "arrays"
 

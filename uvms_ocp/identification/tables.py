@@ -84,7 +84,7 @@ def require_there(path: Path) -> None:
 
 # Named arrays.
 
-_MOST_NUMBERS, _LARGEST_JSON = 20 * MOST_ROWS, 1 << 28
+_MOST_NUMBERS, _LARGEST_JSON = 20 * MOST_ROWS, 1 << 25
 
 
 def _from_arrays(path: Path, wanted: Sequence[str]) -> np.ndarray:
@@ -131,13 +131,19 @@ def _mat_arrays(path: Path) -> Mapping[str, np.ndarray]:
 def _json_arrays(path: Path) -> Mapping[str, np.ndarray]:
     if path.stat().st_size > _LARGEST_JSON:
         raise InvalidInput(f"{path}: {path.stat().st_size >> 20} MB of JSON; at most {_LARGEST_JSON >> 20} are read at once")
-    return dict(_flat("", json.loads(path.read_text(encoding="utf-8"), parse_int=float)))
+    try:
+        return dict(_flat("", json.loads(path.read_text(encoding="utf-8-sig"), parse_int=float)))
+    except ValueError as error:
+        raise InvalidInput(
+            f"{path}: neither lines of JSON nor one object or list ({error}); try `jq -c .`"
+        ) from None
 
 
 def _flat(prefix: str, value: Any) -> Iterator[tuple[str, np.ndarray]]:
     """Arrays of a structure and of those within it, by names with dots between them; a list of rows has columns."""
-    if isinstance(value, list) and value and all(isinstance(row, dict) for row in value):
-        value = {name: [row.get(name) for row in value] for name in dict.fromkeys(chain.from_iterable(value))}
+    if isinstance(value, list) and any(value) and all(row is None or isinstance(row, dict) for row in value):
+        rows = [row or {} for row in value]
+        value = {name: [row.get(name) for row in rows] for name in dict.fromkeys(chain.from_iterable(rows))}
     elif isinstance(value, list):
         with suppress(TypeError, ValueError):  # words, and rows that are not alike
             value = np.array(value, dtype=float)
