@@ -142,6 +142,7 @@ def test_what_is_given_is_not_looked_for(tmp_path: Path) -> None:
         (b'{"t": [0.0, 1.0}', "neither lines of JSON nor one object"),
         (b'{\n "t": 0.0\n}\n{\n "t": 1.0\n}\n', "neither lines of JSON.*jq -c"),
         (b"\x93NUMPY\x01\x00v\x00", "cannot be read"),
+        (gzip.compress(b'{"t": 0.0}\n{"t": 1.0}\n'), "packed by gzip.*unpack it"),
         (table(rows=at_noon(ROWS, "01/06/2024 12:00:{:02d}.{:03d}")).encode(), "is no number.*times as 2024-05-31T23:59:59.5"),
         (table(names=["t", "x", "x", "z"]).encode(), r"2 columns are called 'x'; give one by its place: #2, #3"),
         (table(rows=[*ROWS[:5], ["1_0", *ROWS[5][1:]], *ROWS[6:]]).encode(), "row 6, column 't': '1_0' is no number"),

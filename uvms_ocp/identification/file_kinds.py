@@ -77,7 +77,7 @@ def _archive(path: Path) -> Kind:
 def _packed_text(path: Path) -> Kind:
     with as_input_errors(path, OSError, EOFError, zlib.error, what="no table of numbers"), gzip.open(path) as file:
         head = file.read(64)
-    if any(head.startswith(start) for start in _KINDS):
+    if _JSON.match(head) or any(head.startswith(start) for start in _KINDS):
         raise InvalidInput(f"{path}: packed by gzip, in which tables of text alone are read; unpack it")
     return "text"
 
