@@ -134,9 +134,7 @@ def _json_arrays(path: Path) -> Mapping[str, np.ndarray]:
     try:
         return dict(_flat("", json.loads(path.read_text(encoding="utf-8-sig"), parse_int=float)))
     except ValueError as error:
-        raise InvalidInput(
-            f"{path}: neither lines of JSON nor one object or list ({error}); try `jq -c .`"
-        ) from None
+        raise InvalidInput(f"{path}: neither lines of JSON nor one object or list ({error}); try `jq -c .`") from None
 
 
 def _flat(prefix: str, value: Any) -> Iterator[tuple[str, np.ndarray]]:

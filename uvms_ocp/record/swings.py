@@ -72,8 +72,10 @@ def swings_among(errors: Mapping[str, tuple[np.ndarray, float]], tilts: Mapping[
     with whatever periods.
     """
     for what, (values, limit) in errors.items():
-        swing, grown = swing_of(what, values, dt), np.max(values - np.minimum.accumulate(values), initial=0.0)
-        if swing is not None and swing.regular and swing.amplitude > limit / 2 and grown > swing.amplitude / 2:
+        swing = swing_of(what, values, dt)
+        if swing is None or not swing.regular or swing.amplitude <= limit / 2:
+            continue
+        if np.max(values - np.minimum.accumulate(values)) > swing.amplitude / 2:
             yield swing
     for what, values in tilts.items():
         swing = swing_of(what, values, dt)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 
 from uvms_ocp.codegen.kernel_layout import Vector, zeros
-from uvms_ocp.estimation.filter_memory import ChannelIndex
+from uvms_ocp.estimation.filter_memory import ChannelIndex, orders_of
 from uvms_ocp.estimation.health import plausibility, redundancy
 from uvms_ocp.estimation.health.channel_state import TOO_LATE, ChannelMemory, HealthMemory, ScreeningResult, exclude, suspect
 from uvms_ocp.estimation.health.floor import FloorPoint, accept_echo
@@ -85,7 +85,7 @@ def _agrees(m: HealthMemory, c: ChannelMemory, estimate: plausibility.PastEstima
     carried = _is_good(m, gate.by) or _is_good(m, gate.or_by)
     rate = gate.supported if carried else gate.alone
     growth, away = 0.0 if math.isnan(c.taken) else rate * max(c.stamp - c.taken, 0.0), abs(c.stamp - estimate.t)
-    c.off = plausibility.error_of(gate, c.value, estimate)
+    c.off = plausibility.error_of(gate, c.value, estimate) if orders_of(c.number) > 1 else -1.0  # rates leave no place behind
     c.explained = gate.noise + max(growth, plausibility.motion_within(gate, estimate, away))
     if carried and is_persistent(c):
         growth -= 0.5 * gate.base
