@@ -381,7 +381,7 @@ def depth_difference(d: DepthAgainstPosition, z: float, climb: float, t: float) 
 
 
 def update_joint_rates(d: RateAgainstEncoder, rates: Vector, t: float) -> None:
-    """The rates (n_joints,) [rad/s or m/s] of the joints at time t [s]."""
+    """Integrate the rates (n_joints,) [rad/s or m/s] of the joints at time t [s]."""
     dt = t - d.t if 0.0 <= t - d.t <= _BLIND else 0.0
     for i in range(d.n):
         bend = dt * (rates[i] - 2.0 * d.rate[i] + d.rate_before[i])
