@@ -194,15 +194,6 @@ class PlausibilityGate(Layout):
     """[unit of the channel] norm that no value exceeds."""
 
 
-def is_off(g: PlausibilityGate, value: Vector, estimate: PastEstimate, away: float, growth: float, why: Complaint) -> bool:
-    """Return whether a value cannot be, against an estimate made `away` [s] from it; growth [unit of the channel] of the gate."""
-    error, allowed = error_of(g, value, estimate), g.base + growth + motion_within(g, estimate, away)
-    if error <= allowed:
-        return False
-    set_complaint(why, Reason.OFF, error, allowed)
-    return True
-
-
 def motion_within(g: PlausibilityGate, estimate: PastEstimate, time: float) -> float:
     """Return how far [unit of the channel] the robot may move unforeseen within a time [s]."""
     rate, short = g.alone, min(time, JOLT_TIME)

@@ -85,15 +85,16 @@ def _agrees(m: HealthMemory, c: ChannelMemory, estimate: plausibility.PastEstima
     carried = _is_good(m, gate.by) or _is_good(m, gate.or_by)
     rate = gate.supported if carried else gate.alone
     growth, away = 0.0 if math.isnan(c.taken) else rate * max(c.stamp - c.taken, 0.0), abs(c.stamp - estimate.t)
-    c.off = plausibility.error_of(gate, c.value, estimate) if orders_of(c.number) > 1 else -1.0  # rates leave no place behind
-    c.explained = gate.noise + max(growth, plausibility.motion_within(gate, estimate, away))
+    error, moved = plausibility.error_of(gate, c.value, estimate), plausibility.motion_within(gate, estimate, away)
+    c.off = error if orders_of(c.number) > 1 else -1.0  # rates leave no place behind
+    c.explained = gate.noise + max(growth, moved)
     if carried and is_persistent(c):
         growth -= 0.5 * gate.base
-    if plausibility.is_off(gate, c.value, estimate, away, growth, why):
-        if not _goes_on(c):
-            c.off_in_a_row += 1
-            return False
-        why.code = Reason.NONE
+    allowed = gate.base + growth + moved
+    if not error <= allowed and not _goes_on(c):
+        set_complaint(why, Reason.OFF, error, allowed)
+        c.off_in_a_row += 1
+        return False
     c.agreed += 1
     c.off_in_a_row = 0
     return True
