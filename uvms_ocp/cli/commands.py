@@ -13,7 +13,6 @@ from pathlib import Path
 from traceback import print_exception
 from typing import Annotated, Any
 
-import tomllib
 import typer
 from typer.core import TyperGroup
 
@@ -89,9 +88,31 @@ def _group(places: Mapping[str, Place], **options: Any) -> typer.Typer:
 # The commands.
 
 _EXAMPLES = (files("uvms_ocp.cli") / "examples.txt").read_text(encoding="utf-8").replace(r"\b", "\b")
-_TABLE: dict[str, Any] = tomllib.loads((files("uvms_ocp.cli") / "commands.toml").read_text(encoding="utf-8"))
+_EXPORT = {"controller": "robots.controller"}
+_PLAN = {"curve": "plan.curve", "ocp": "plan.ocp", "mission": "plan.mission"}
 app = _group(
-    {name: place if isinstance(place, str) else _group(place["commands"], help=place["help"]) for name, place in _TABLE.items()},
+    {
+        "run": "run.run",
+        "check": "show.check",
+        "mission": "show.mission",
+        "campaign": "campaign.campaign",
+        "compare": "show.compare_runs",
+        "show": "show.show_scene",
+        "estimate": "show.estimate",
+        "excite": "identify.excite",
+        "map": "identify.map_recording",
+        "check-recording": "identify.check_recording",
+        "identify": "identify.identify",
+        "thruster-curve": "identify.thruster_curve",
+        "list": "robots.list_all",
+        "check-robot": "robots.check_robot",
+        "schema": "robots.schema",
+        "cache": "compilation.cache",
+        "new-robot": "robots.new_robot",
+        "new-mission": "robots.new_mission",
+        "export": _group(_EXPORT, help="Write what runs without Python."),
+        "plan": _group(_PLAN, help="Plan a motion among obstacles, or a whole mission."),
+    },
     help="Task-priority planning of underwater vehicle-manipulator systems.",
     epilog=_EXAMPLES,
     pretty_exceptions_enable=False,
