@@ -221,6 +221,13 @@ def test_json_is_known_however_it_begins(start: str, tmp_path: Path) -> None:
     np.testing.assert_array_equal(read_columns(path, ["t", "pose.x"]), [[0.0, 1.0], [1.0, np.nan], [2.0, 3.0]])
 
 
+def test_lines_of_json_may_begin_with_a_mark_of_their_order(tmp_path: Path) -> None:
+    lines = [json.dumps({"type": "pose", "t": t, "x": list(xyz)}) for t, xyz in zip(T, XYZ.tolist(), strict=True)]
+    (tmp_path / "dive.jsonl").write_text("\n".join(lines), encoding="utf-8-sig")
+    one = {"topic": "pose", "time": "t", "columns": ["x"]}
+    np.testing.assert_array_equal(recording_of(tmp_path / "dive.jsonl", {"position": one}).channels["position"].values, XYZ)
+
+
 @pytest.mark.parametrize("turned", [False, True])
 def test_an_array_without_a_name_has_columns_by_their_places(turned: bool, tmp_path: Path) -> None:
     array = np.column_stack([T, XYZ])

@@ -224,7 +224,7 @@ _loads = partial(json.loads, parse_int=float)  # any number of digits
 
 
 def _json_messages(path: Path, topics: Collection[str] | None, _: Path | None, remarks: list[str]) -> Iterator[Message]:
-    with path.open(encoding="utf-8") as file:
+    with path.open(encoding="utf-8-sig") as file:
         for number, line in enumerate(iter(lambda: file.readline(LONGEST_LINE), ""), 1):
             if number > MOST_ROWS or len(line) == LONGEST_LINE:
                 raise InvalidInput(f"{path}: more than {MOST_ROWS} lines, or one of {LONGEST_LINE >> 20} MB")

@@ -324,7 +324,7 @@ _SAMPLES = 1000  # of velocities along a curve, whose peak is 1e-4 higher at mos
 
 @checked_dataclass(eq=False)
 class _RobotLimits(MotionLimits):
-    """Of the vehicle along its own axes, wherever it looks; what a planned axis has at the start is the optimiser's."""
+    """Limits of the robot along the vehicle's own axes all of the way; the optimiser takes those of planned axes at the start."""
 
     planned: Coordinates
 
@@ -337,7 +337,7 @@ class _RobotLimits(MotionLimits):
 
 
 def _differ(ends: Array) -> Mask:
-    """By more than rounding, which needs no limit."""
+    """Return which axes differ between the ends (2, n_axes) by more than rounding."""
     return np.abs(ends[1] - ends[0]) > _SAME
 
 

@@ -208,7 +208,7 @@ def _short(shape: tuple[int, ...]) -> str:
 
 
 def json_object(text: str, what: str = "a text", allowed: str = "an object") -> dict[str, Any]:
-    """The object in a JSON text. Raises `InvalidInput` for any other text, which is told as what it is and what is allowed."""
+    """Parse a JSON text that is an object. Raises `InvalidInput` for another; what, allowed: words of the message."""
     try:
         values = json.loads(text)
     except (ValueError, RecursionError) as error:

@@ -410,7 +410,7 @@ class _Group:
 def _group(
     names: tuple[str, ...], stage: ArrayLike, level: ArrayLike = CONSTRAINT, lower: ArrayLike = 0.0, upper: ArrayLike = 0.0
 ) -> _Group:
-    """What is one number holds for all rows."""
+    """Make a group; a single number holds for all of its rows."""
     whole = {"level": level, "stage": stage, "lower": lower, "upper": upper}
     return _Group(names=names, **{name: np.broadcast_to(value, len(names)) for name, value in whole.items()})
 

@@ -52,7 +52,7 @@ class NlpStatus(AdvisedStatus):
 
 _TABLE = (files("uvms_ocp.solvers.nlp") / "return_statuses.csv").read_text(encoding="utf-8").splitlines()
 _STATUSES = {row["return_status"]: NlpStatus[row["status"]] for row in csv.DictReader(_TABLE)}
-"""What IPOPT calls its ends, and CasADi those of all solvers."""
+"""Return statuses of IPOPT, and those that CasADi has for all solvers, with ours."""
 
 
 def status_of(stats: Mapping[str, Any]) -> NlpStatus:
