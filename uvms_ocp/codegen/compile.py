@@ -353,8 +353,10 @@ def finish_compiling() -> None:
 
 @cache
 def _workers(process: int) -> ThreadPool:
-    """One for each process, as a fork has no threads."""
-    return ThreadPool(min(_MOST_COMPILERS, len(os.sched_getaffinity(0)) if sys.platform == "linux" else os.cpu_count() or 1))
+    """One for each process, as a fork has no threads; ended with it, whatever is still being compiled."""
+    pool = ThreadPool(min(_MOST_COMPILERS, len(os.sched_getaffinity(0)) if sys.platform == "linux" else os.cpu_count() or 1))
+    atexit.register(lambda: pool.terminate() if os.getpid() == process else None)
+    return pool
 
 
 def _compilation(function: ca.Function) -> tuple[Callable[[], Path | None], np.ndarray]:
