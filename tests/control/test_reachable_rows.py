@@ -171,24 +171,43 @@ def damped_least_squares(robot: Robot, q: np.ndarray, goal: np.ndarray) -> float
     return float(np.linalg.norm(error))
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("start", [0.0, 0.3])
-@pytest.mark.parametrize("n", range(1, 6))
-def test_arms_of_few_joints_end_where_damped_least_squares_ends_also_from_a_straight_arm(
-    n: int, start: float, tmp_path: Path
-) -> None:
-    robot = arm_of(tmp_path, n)
-    goal = uo.Kinematics(robot, np.random.default_rng(n).uniform(-1, 1, n)).pose("tool").translation.copy()
+def run_of_arm(robot: Robot, start: float, goal: np.ndarray, solver: Any) -> uo.Record:
     there = uo.Transition(to=uo.DONE, when=(uo.Below(quantity="TP.position_error", limit=1e-9),))
     phase = uo.Phase(name="p", activations={"TP": 1.0}, transitions=(there,))
-    record = uo.Scenario(
+    return uo.Scenario(
         name="arm",
         robot=robot,
         mission=uo.Mission(hierarchy=uo.Hierarchy([ToolPosition(goal=uo.pose_at(tuple(goal)))]), phases=(phase,)),
         environment=uo.Environment(seafloor=uo.FlatSeafloor(z=-100.0)),
-        start=robot.configuration(joints=np.full(n, start)),
+        start=robot.configuration(joints=np.full(robot.n_joints, start)),
         plant="kinematic",
+        solver=solver,
         dt=0.02,
         duration=40.0,
     ).run()
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    "solver", [uo.LexicographicActiveSet(), uo.Icat(damping=1e-8, threshold=1e-4)], ids=["active set", "Icat"]
+)
+@pytest.mark.parametrize("start", [0.0, 0.3])
+@pytest.mark.parametrize("n", range(1, 6))
+def test_arms_of_few_joints_end_where_damped_least_squares_ends_also_from_a_straight_arm(
+    n: int, start: float, solver: Any, tmp_path: Path
+) -> None:
+    robot = arm_of(tmp_path, n)
+    goal = uo.Kinematics(robot, np.random.default_rng(n).uniform(-1, 1, n)).pose("tool").translation.copy()
+    record = run_of_arm(robot, start, goal, solver)
     assert record["TP.position_error"][-1] < damped_least_squares(robot, np.full(n, start), goal) + 1e-3
+
+
+@pytest.mark.parametrize("start", [0.0, 0.3])
+def test_icat_says_where_its_published_damping_ends_before_a_singularity(start: float, tmp_path: Path) -> None:
+    robot = arm_of(tmp_path, 3)
+    goal = uo.Kinematics(robot, np.random.default_rng(3).uniform(-1, 1, 3)).pose("tool").translation.copy()
+    record = run_of_arm(robot, start, goal, uo.Icat())
+    assert record["TP.position_error"][-1] > 0.02
+    cause = summarize(record)["cause"]
+    assert cause["kind"] == "stalled"
+    assert cause["text"].endswith("near a singularity Icat goes on with less damping and threshold")

@@ -14,6 +14,7 @@ from uvms_ocp.record.meta_values import ABORT, DONE, OWN_QUANTITIES, EventMeta, 
 from uvms_ocp.record.record import Record, keeps_every_tick, quantity
 from uvms_ocp.record.run_meta import RunMeta, versions
 from uvms_ocp.report import metrics
+from uvms_ocp.solvers.hierarchy.solution import Status
 
 # What phases ended on: the estimate that they went by, the truth, and what the sensors allow to know.
 
@@ -166,7 +167,9 @@ def _obstruction(record: Record, name: str) -> str:
     above = f"active above it: {', '.join(active)}" if active else "nothing above it is active"
     n = max(1, round(_WINDOW / record.run_meta.dt))
     full = float(np.mean(metrics.mean_sizes(record, "saturated", slice(-n, None)))) if "saturated" in record.series else 0.0
-    return above + (f"; thrusters at their limits {100 * full:.0f} % of the time" if full > 0.05 else "")
+    damped = record.run_meta.statuses[int(record["status"][-1])] == Status.REGULARISED.value
+    limits = f"; thrusters at their limits {100 * full:.0f} % of the time" if full > 0.05 else ""
+    return above + limits + ("; near a singularity Icat goes on with less damping and threshold" if damped else "")
 
 
 # What the controller has learnt of the load at a tool.

@@ -27,7 +27,9 @@ _result = unchecked_constructor(solution.TickResult)
 class Icat:
     """[Gao2022] eq. (27): a fold over the levels, reading ``rate`` and ``activation`` only.
 
-    Priorities hold up to the regularisation and while no activation is between 0 and 1; acceleration limits are not kept.
+    Priorities hold up to the regularisation and while no activation is between 0 and 1; acceleration limits are not kept. With
+    the published numbers an arm that is nearly straight stops centimetres short of what it can reach: with a damping of 1e-8 and
+    a threshold of 1e-4 it goes on as far as damped least squares, and joints change their rate three to six times as quickly.
     Raises `InvalidInput` for a number that is not positive and finite.
     """
 
