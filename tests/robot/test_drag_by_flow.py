@@ -41,6 +41,12 @@ def test_a_body_with_the_same_drag_on_all_axes_has_it_in_all_directions() -> Non
         assert wrench[:3] == pytest.approx(30.0 * 0.8 * u, abs=1e-6)
 
 
+def test_rotation_is_dragged_by_axes_either_way() -> None:
+    """What is published of a turn about an axis holds while the body turns about others, and however fast it swims."""
+    for nu in RNG.normal(size=(20, 6)):
+        assert drag_wrench(NONE, Q, nu, True)[3:] == pytest.approx(drag_wrench(NONE, Q, nu)[3:], abs=1e-12)
+
+
 def test_it_takes_power_always_and_never_less_than_by_axes() -> None:
     for nu in RNG.normal(size=(200, 6)):
         power = nu @ drag_wrench(NONE, Q, nu, True)

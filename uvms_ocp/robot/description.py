@@ -61,9 +61,7 @@ class Pose(_Section):
 
 DragBy = Annotated[
     Literal["axes", "flow"],
-    Field(
-        description="quadratic drag counts the speed along each axis, or that of the whole flow: right on axes, and between them"
-    ),
+    Field(description="quadratic drag of translation counts the speed along each axis, or of the whole flow: the same on axes"),
 ]
 
 

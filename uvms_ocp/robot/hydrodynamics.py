@@ -181,7 +181,7 @@ def _units(quadratic_drag: np.ndarray, least: float) -> np.ndarray:
 # - the water's own rotation: ``nu_r`` turns with the link, so that water which turns drags no link along.
 
 _TOLERANCE = 1e-9  # of symmetry and of signs, relative to the largest entry
-_STILL = 1e-6  # [m/s, rad/s] below which the speed of a flow has no corner
+_STILL = 1e-6  # [m/s] below which the speed of a flow has no corner
 
 
 def _zero6() -> np.ndarray:
@@ -207,7 +207,7 @@ class LinkHydrodynamics:
     quadratic_drag: np.ndarray = field(default_factory=_zero6)
     """Wrench per ``|nu_j| nu_j``, column by column, (6, 6) [N/(m/s)^2, N m/(rad/s)^2] in L."""
     by_flow: bool = False
-    """Quadratic drag counts how fast the water flows past in all, see `flow_speeds`, and is a diagonal."""
+    """Quadratic drag of translation counts how fast the water flows past in all, see `flow_speeds`; the matrix is a diagonal."""
     volume: float = 0.0
     """Displaced volume [m3]."""
     centre_of_buoyancy: np.ndarray = field(default_factory=lambda: np.zeros(3))
@@ -283,15 +283,15 @@ def added_mass_wrench(M_A: Array, nu_r: Array, nu_r_dot: Array) -> Array:
 
 
 def flow_speeds(nu_r: Array, by_flow: bool) -> Array:
-    """Speeds (6,) [m/s, rad/s] that quadratic drag counts at nu_r (6,) [m/s, rad/s]: of each axis, or of the whole flow.
+    """Speeds (6,) [m/s, rad/s] that quadratic drag counts at nu_r (6,) [m/s, rad/s]: along each axis, or of the whole flow.
 
     By axes the same body is dragged less along a diagonal of its axes than along an axis, by up to 42 %. By the flow its force is
-    ``-q_i |u| u_i``: the same on the axes, an ellipsoid between them.
+    ``-q_i |u| u_i``: the same on the axes, an ellipsoid between them. Rotation has no flow with a direction: each of its axes
+    has its own rate either way.
     """
     if not by_flow:
         return abs(nu_r)
-    linear, angular = ((part.T @ part + _STILL**2) ** 0.5 for part in (nu_r[:3], nu_r[3:]))
-    return column(linear + 0 * nu_r[:3], angular + 0 * nu_r[3:])
+    return column((nu_r[:3].T @ nu_r[:3] + _STILL**2) ** 0.5 + 0 * nu_r[:3], abs(nu_r[3:]))
 
 
 def damping_matrix(linear_drag: Array, quadratic_drag: Array, nu_r: Array, by_flow: bool = False) -> Array:
