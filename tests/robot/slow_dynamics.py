@@ -13,6 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 import pinocchio as pin
 
+from uvms_ocp.robot.hydrodynamics import LinkHydrodynamics
 from uvms_ocp.robot.symbolic_dynamics import SymbolicDynamics
 
 
@@ -86,7 +87,7 @@ def damping_matrix(dynamics: SymbolicDynamics, q: np.ndarray, v: np.ndarray, u: 
     D = np.zeros((v.size, v.size)) if dynamics.damping is None else np.diag(dynamics.damping)
     for link, motion, u_W in zip(dynamics.links, link_motions(dynamics, q, v), u, strict=True):
         nu_r = motion.J @ v - np.r_[motion.R.T @ u_W, 0, 0, 0]
-        D += motion.J.T @ (link.linear_drag + link.quadratic_drag @ np.diag(np.abs(nu_r))) @ motion.J
+        D += motion.J.T @ (link.linear_drag + link.quadratic_drag @ np.diag(counted(link, nu_r))) @ motion.J
     return (D + D.T) / 2
 
 
@@ -105,8 +106,13 @@ def coriolis(M: np.ndarray, nu: np.ndarray) -> np.ndarray:
     return np.block([[np.zeros((3, 3)), -pin.skew(linear)], [-pin.skew(linear), -pin.skew(angular)]])
 
 
-def drag(link: object, nu_r: np.ndarray) -> np.ndarray:
-    return link.linear_drag @ nu_r + link.quadratic_drag @ (np.abs(nu_r) * nu_r)
+def drag(link: LinkHydrodynamics, nu_r: np.ndarray) -> np.ndarray:
+    return link.linear_drag @ nu_r + link.quadratic_drag @ (counted(link, nu_r) * nu_r)
+
+
+def counted(link: LinkHydrodynamics, nu_r: np.ndarray) -> np.ndarray:
+    """Speeds (6,) that quadratic drag counts: along each axis, or in translation of the whole flow."""
+    return np.r_[[np.linalg.norm(nu_r[:3])] * 3, np.abs(nu_r[3:])] if link.by_flow else np.abs(nu_r)
 
 
 def _add_frame(model: pin.Model, name: str, X_FL: pin.SE3) -> int:

@@ -143,6 +143,6 @@ def water_wrench(link: LinkHydrodynamics, nu: np.ndarray, a: np.ndarray, u_L: np
     nu_r_dot = hydrodynamics.relative_acceleration(a, nu, u_L, w_L)
     return (
         hydrodynamics.added_mass_wrench(link.added_mass, nu_r, nu_r_dot)
-        + hydrodynamics.drag_wrench(link.linear_drag, link.quadratic_drag, nu_r)
+        + hydrodynamics.drag_wrench(link.linear_drag, link.quadratic_drag, nu_r, link.by_flow)
         - hydrodynamics.pressure_wrench(DENSITY * link.volume, link.p_LB, w_L)
     )

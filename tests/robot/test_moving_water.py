@@ -181,4 +181,4 @@ def test_drag_never_feeds_the_motion_relative_to_the_water(name: str, variant: s
     rng = np.random.default_rng(6)
     for link in load_robot(name, variant=variant).hydrodynamics:
         for nu_r in rng.normal(size=(200, 6)) * 10 ** rng.uniform(-3, 1, (200, 1)):
-            assert nu_r @ drag_wrench(link.linear_drag, link.quadratic_drag, nu_r) >= 0.0
+            assert nu_r @ drag_wrench(link.linear_drag, link.quadratic_drag, nu_r, link.by_flow) >= 0.0

@@ -176,6 +176,15 @@ def test_five_published_sets_exist_for_the_bluerov_and_span_its_surge_drag() -> 
     assert balances == pytest.approx([balances[0]] * 5)
 
 
+@pytest.mark.parametrize("name", [name for name in ROBOTS if name.startswith("bluerov2")])
+def test_the_hull_of_a_bluerov_is_dragged_by_the_flow_under_every_set_and_its_arm_by_axes(name: str) -> None:
+    """Nobody published its drag between the axes."""
+    for variant in (None, *list_variants(name)):
+        hull, *arm = load_robot(name, variant=variant).hydrodynamics
+        assert (hull.frame, hull.by_flow) == ("base_link", True)
+        assert not any(link.by_flow for link in arm)
+
+
 def test_an_unknown_variant_names_the_alternatives() -> None:
     with pytest.raises(NameNotFound, match=r"unknown variant of bluerov2_alpha5 'blue'; known: angler, blue_sdf"):
         load_robot("bluerov2_alpha5", variant="blue")
