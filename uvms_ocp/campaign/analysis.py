@@ -9,8 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from uvms_ocp.campaign.distributions import problem_of
-from uvms_ocp.campaign.jobs import metric_values, metrics_among
+from uvms_ocp.campaign import distributions, jobs
 from uvms_ocp.checks import checked_dataclass
 from uvms_ocp.errors import InvalidInput, optional_module, plain_line
 from uvms_ocp.record.tables import CAMPAIGN_EXTRA
@@ -117,8 +116,8 @@ def sensitivity_table(table: Any, parameters: Sequence[str], *, indices: bool) -
     if not parameters:
         return []
     rows = []
-    for name in ("success", *metrics_among(table)):
-        y = table[name].to_numpy(dtype=float, na_value=np.nan) if name == "success" else metric_values(table, name)
+    for name in ("success", *jobs.metrics_among(table)):
+        y = table[name].to_numpy(dtype=float, na_value=np.nan) if name == "success" else jobs.metric_values(table, name)
         known = np.isfinite(y)
         if known.sum() >= _FEWEST and np.ptp(y[known]) > 0.0:
             rows += _of_figure(name, table[list(parameters)].to_numpy(dtype=float), y, parameters, indices)
@@ -155,7 +154,7 @@ def _pawn(X: np.ndarray, y: np.ndarray) -> list[float]:
     """PAWN sensitivity index of every column, and of one more that has no effect."""
     pawn = optional_module("SALib.analyze.pawn", "sensitivities", CAMPAIGN_EXTRA)
     dummy = np.random.default_rng(0).permutation(len(y))[:, None] / len(y)
-    problem = problem_of([*(f"x{k}" for k in range(X.shape[1])), _DUMMY])
+    problem = distributions.problem_of([*(f"x{k}" for k in range(X.shape[1])), _DUMMY])
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # slices of a parameter with few values are empty
         found = pawn.analyze(problem, np.hstack([X, dummy]), y, S=_SLICES, seed=0)
@@ -169,7 +168,7 @@ def _sobol(y: np.ndarray, n: int) -> dict[str, np.ndarray]:
     whole = blocks[np.isfinite(blocks).all(axis=1)]
     if len(whole) < _FEWEST:
         return {}
-    problem = problem_of([f"x{k}" for k in range(n)])
+    problem = distributions.problem_of([f"x{k}" for k in range(n)])
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
         found = sobol.analyze(problem, whole.ravel(), calc_second_order=False, seed=0)

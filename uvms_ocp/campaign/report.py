@@ -11,9 +11,8 @@ from typing import Any
 
 import numpy as np
 
-from uvms_ocp.campaign import jobs
+from uvms_ocp.campaign import jobs, store
 from uvms_ocp.campaign.analysis import SILENT, Rate, cause_table, outcome_table, sensitivity_table
-from uvms_ocp.campaign.store import read_manifest, read_table
 from uvms_ocp.checks import checked
 from uvms_ocp.errors import InvalidInput, NameNotFound
 from uvms_ocp.report.summary import ENDS
@@ -98,7 +97,7 @@ def campaign_report(folder: Path, success: Sequence[MetricBound] = ()) -> dict[s
 
 def report_of(folder: Path, table: Any, success: Sequence[MetricBound]) -> dict[str, Any]:
     """`campaign_report` of the `table_with_success` of that folder."""
-    identity, rate = read_manifest(folder), Rate(number=int(table["success"].sum()), runs=len(table))
+    identity, rate = store.read_manifest(folder), Rate(number=int(table["success"].sum()), runs=len(table))
     return {
         "campaign": identity.name,
         "folder": str(folder),
@@ -123,7 +122,7 @@ def report_of(folder: Path, table: Any, success: Sequence[MetricBound]) -> dict[
 
 def table_with_success(folder: Path, success: Sequence[MetricBound] = ()) -> Any:
     """Return all finished runs with their success. Raises `InvalidInput` where there are none."""
-    table = read_table(folder)
+    table = store.read_table(folder)
     if not len(table):
         raise InvalidInput(f"{folder}: no run of its campaign is finished yet; start it, or wait a few seconds")
     if missing := [name for name in ("seed", "duration_s", "finished") if name not in table]:
@@ -170,7 +169,7 @@ def compare_campaigns(first: Path, second: Path, success: Sequence[MetricBound] 
     """
     folders, tables = (first, second), [table_with_success(folder, success) for folder in (first, second)]
     rates = [Rate(number=int(table["success"].sum()), runs=len(table)) for table in tables]
-    one, other = map(read_manifest, folders)
+    one, other = map(store.read_manifest, folders)
     comparison: dict[str, Any] = {
         "campaigns": [str(folder) for folder in folders],
         "success": [rate.to_dict() for rate in rates],

@@ -16,10 +16,9 @@ import pinocchio as pin
 from uvms_ocp.campaign.distributions import Parameter
 from uvms_ocp.errors import InvalidInput
 from uvms_ocp.record.tables import of_joints
-from uvms_ocp.robot.assembly import with_trim
+from uvms_ocp.robot import assembly, hydrodynamics
 from uvms_ocp.robot.coefficients import links_in_water
 from uvms_ocp.robot.description import LinkCoefficients, LinkDescription, Pose, Thruster, TrimBody, checked_copy
-from uvms_ocp.robot.hydrodynamics import LinkHydrodynamics
 from uvms_ocp.robot.robot import Robot
 from uvms_ocp.robot.signals import CHANNELS, UNITS, SensorSpec, SensorSpecs
 from uvms_ocp.scenario.scenario import Scenario
@@ -69,7 +68,7 @@ def _scaled(parameter: str, names: tuple[str, ...], robot: Robot, factor: float)
     return replace(robot, description=description, hydrodynamics=links_in_water(description))
 
 
-def _described(link: LinkHydrodynamics, factors: dict[str, float]) -> LinkDescription:
+def _described(link: hydrodynamics.LinkHydrodynamics, factors: dict[str, float]) -> LinkDescription:
     own = {name: getattr(link, name) for name in ("added_mass", "linear_drag", "quadratic_drag")}
     matrices = {name: factors[name] * matrix if name in factors else matrix for name, matrix in own.items()}
     rows: dict[str, Any] = {name: tuple(map(tuple, matrix.tolist())) for name, matrix in matrices.items()}
@@ -98,7 +97,7 @@ def _carrying(carrier: str, payload: str, what: str, robot: Robot, value: float)
     if not value >= 0.0:
         raise InvalidInput(f"{payload}.{what} = {value:g}; give 0 or more")
     body = {"mass": 0.0, "volume": 0.0} | {what: value}
-    return with_trim(robot, [TrimBody(name=f"{payload} {what}", link=carrier, position=(0.0, 0.0, 0.0), **body)])
+    return assembly.with_trim(robot, [TrimBody(name=f"{payload} {what}", link=carrier, position=(0.0, 0.0, 0.0), **body)])
 
 
 def _limited(thruster: Thruster, factor: float) -> dict[str, object]:

@@ -20,8 +20,7 @@ from uvms_ocp.campaign.variations import available_parameters
 from uvms_ocp.cli import INTERRUPTED, options as opt, printing
 from uvms_ocp.cli.run import run_and_write
 from uvms_ocp.errors import InvalidInput, plain_line
-from uvms_ocp.record.durable_files import write_durably
-from uvms_ocp.record.output import as_output_errors
+from uvms_ocp.record import durable_files, output
 
 _WHAT = "A scenario as for `run` (your own file is run to load it: give only what you trust), or a campaign's folder."
 _DPI = 110
@@ -145,9 +144,9 @@ def _write_report(folder: Path, success: Sequence[MetricBound], console: Console
     with console.status("drawing"):
         page = report_page(report, _figures(table, report))
     paths = [folder / "report.json", folder / "report.html"]
-    with as_output_errors(folder):
+    with output.as_output_errors(folder):
         for path, text in zip(paths, (json.dumps(report, indent=1) + "\n", page), strict=True):
-            write_durably(path, text)
+            durable_files.write_durably(path, text)
     _print_report(report, console)
     printing.print_paths(console, paths)
     return report

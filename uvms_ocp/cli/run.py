@@ -26,10 +26,9 @@ from uvms_ocp.cli import INTERRUPTED, NOT_COMPLETED, options as opt, printing
 from uvms_ocp.errors import InvalidInput, OutputError, plain_line, require_known
 from uvms_ocp.interrupts import Interrupted
 from uvms_ocp.mission_plan.planner import MissionPlan
-from uvms_ocp.record.durable_files import discard
+from uvms_ocp.record import durable_files, row_files
 from uvms_ocp.record.output import RECORD, RUNNING, claim_folder
 from uvms_ocp.record.record import Record
-from uvms_ocp.record.row_files import META
 from uvms_ocp.report.summary import format_load, summarize
 from uvms_ocp.robot.robot import Robot
 from uvms_ocp.scenario.scenario import Scenario
@@ -143,7 +142,7 @@ def _keep_cut_off(running: Path, target: Path, console: Console) -> None:
         Record.load(running).save(target)
     except InvalidInput as error:
         aside = running.with_name("damaged")
-        discard(aside)
+        durable_files.discard(aside)
         running.rename(aside)
         console.print(f"{error}; moved to {aside}", style="yellow", markup=False)
 
@@ -170,14 +169,14 @@ def run_and_write(
     with claim_folder(out, names) as claim:
         preflight = scenario.check()
         printing.require_accepted(preflight, scenario.name, console, force=force)
-        if (running / META).is_file():
+        if (running / row_files.META).is_file():
             _keep_cut_off(running, out / "cut_off.npz", console)
-        discard(running)
+        durable_files.discard(running)
         with _watched(scenario, console) if live else nullcontext() as observer:
             record = _simulate(scenario, plan, console, observer, running)
         with claim.staged() as staging:
             record.save(staging / RECORD)
-        discard(running)
+        durable_files.discard(running)
         report = summarize(record) | {"preflight": preflight.to_dict()}
         with claim.staged(keep=[RECORD]) as staging:
             (staging / "report.json").write_text(json.dumps(report, indent=2) + "\n")

@@ -21,10 +21,9 @@ from uvms_ocp.cli.printing import busy, console_of, print_findings, print_json, 
 from uvms_ocp.errors import InvalidInput, plain_line
 from uvms_ocp.mission_plan.planner import MissionPlan
 from uvms_ocp.ocp.plan import Plan
-from uvms_ocp.record.durable_files import discard
+from uvms_ocp.record import durable_files, row_files
 from uvms_ocp.record.output import RECORD, RUNNING, STORE, claim_folder, recover_folder
 from uvms_ocp.record.record import Record
-from uvms_ocp.record.row_files import META
 from uvms_ocp.report.comparison import compare
 from uvms_ocp.robot import Robot, list_robots
 from uvms_ocp.scenario.cases import SCENARIOS
@@ -139,7 +138,7 @@ def estimate(
         own = recorded(given, path)
     names, rows = ("estimate", "health"), out / STORE / "estimate"
     with claim_folder(out, (RECORD, "report.json", *(f"figures/{name}.png" for name in names))) as claim:
-        discard(rows)
+        durable_files.discard(rows)
         with busy(console, "estimating"):
             found = estimate_recording(given, own, faults=parse_faults(fault or ()), folder=rows)
         report = {"recording": str(path), "robot": own.name, "same_as_run": found.same, "channels": list(found.channels)}
@@ -148,7 +147,7 @@ def estimate(
             (staging / "report.json").write_text(json.dumps(report, indent=2) + "\n")
             for name in names:
                 write_figure(thinned(found.record), name, staging / "figures")
-        discard(rows)
+        durable_files.discard(rows)
         written = claim.written()
     for columns in (_AGREEMENT, _DOUBTS):
         console.print(table_of(found.record.meta.scenario, found.channels, columns))
@@ -255,7 +254,7 @@ def _file_at(path: Path, names: tuple[str, ...], advice: str) -> Path:
     Of a run that goes on, or that was cut off, the folder of its rows so far.
     """
     recover_folder(path if path.is_dir() else path.parent)
-    if (path / RUNNING / META).is_file():
+    if (path / RUNNING / row_files.META).is_file():
         return path / RUNNING
     found = [path / name for name in names if (path / name).is_file()] if path.is_dir() else [path]
     if not found:

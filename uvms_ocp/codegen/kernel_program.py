@@ -15,8 +15,7 @@ from functools import lru_cache
 from importlib.resources import files
 from typing import Any, get_type_hints
 
-from uvms_ocp.codegen import kernel_expressions as c_code
-from uvms_ocp.codegen.buffered import argument_sizes
+from uvms_ocp.codegen import buffered, kernel_expressions as c_code
 from uvms_ocp.codegen.kernel_layout import WIDE, FunctionStructure, Layout, Vector, work_sizes, zeros
 from uvms_ocp.errors import InvalidInput
 
@@ -207,7 +206,7 @@ def _smooth_call(call: ast.Call, target: c_code.CExpression, scope: c_code.Scope
     if not (isinstance(target.type.structure, type) and issubclass(target.type.structure, FunctionStructure)):
         raise c_code.kernel_error(call, "calls what is no function")
     function = target.type.structure.function
-    n, sizes = function.n_in(), argument_sizes(function)
+    n, sizes = function.n_in(), buffered.argument_sizes(function)
     if len(call.args) != len(sizes):
         raise c_code.kernel_error(call, f"has to give {n} vectors to read and {len(sizes) - n} to fill")
     given = [_vector(argument, size, k < n, scope) for k, (argument, size) in enumerate(zip(call.args, sizes, strict=True))]
@@ -288,7 +287,7 @@ def c_program(kernels: Sequence[Callable[..., Any]], structures: Iterable[type[A
 def structure_signature(kind: Any) -> Any:
     """All that a C program tells of a type of a field, or of a structure."""
     if issubclass(kind, FunctionStructure):
-        return kind.__name__, *argument_sizes(kind.function)
+        return kind.__name__, *buffered.argument_sizes(kind.function)
     if issubclass(kind, ctypes.Structure):
         return kind.__name__, *((name, structure_signature(part)) for name, part in kind._fields_)
     return (kind._length_, structure_signature(kind._type_)) if issubclass(kind, ctypes.Array) else kind

@@ -15,10 +15,9 @@ import numpy as np
 from uvms_ocp.checks import checked_dataclass
 from uvms_ocp.codegen import BufferedFunction, compile_function
 from uvms_ocp.errors import InvalidInput
+from uvms_ocp.robot import symbolic_bodies, thrusters
 from uvms_ocp.robot.robot import Robot
-from uvms_ocp.robot.symbolic_bodies import sparse
 from uvms_ocp.robot.symbolic_dynamics import SymbolicDynamics
-from uvms_ocp.robot.thrusters import largest_force
 from uvms_ocp.types import Positive, Range
 
 # How a load at the tool is learnt, and how far the model is trusted meanwhile.
@@ -202,7 +201,7 @@ def require_learnable(robot: Robot, *, observed: bool) -> None:
     if not observed:
         raise InvalidInput("a load is learnt from the disturbance observer; give it a bandwidth, or load=None")
     robot.frame_id(LOAD_FRAME)
-    require_limits(largest_force(robot))
+    require_limits(thrusters.largest_force(robot))
 
 
 # What a load at the tool, and a current, add to the generalized force that an observer takes for a disturbance.
@@ -233,7 +232,7 @@ def load_force(body: SymbolicDynamics, q: ca.SX, acceleration: ca.SX, tool: str 
     the net weight ``W = (m - rho V) g``: what it has of its mass alone shows only where the tool accelerates.
     """
     J = body.symbolic.forward_kinematics(q).jacobian(tool)[:3, :]
-    gravity = sparse(body.model.gravity.linear)
+    gravity = symbolic_bodies.sparse(body.model.gravity.linear)
     return ca.horzcat(J.T @ (gravity / ca.norm_2(gravity)), -J.T @ acceleration)
 
 

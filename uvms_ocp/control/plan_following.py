@@ -12,8 +12,7 @@ from uvms_ocp.control.force.computed_torque import ComputedTorque, TrackingGains
 from uvms_ocp.control.velocity.abort import ActuationFeedback
 from uvms_ocp.control.velocity.kinematic import GuideOutput
 from uvms_ocp.control.velocity.tick_state import TickInputs
-from uvms_ocp.estimation.degraded_modes import describe_channels
-from uvms_ocp.estimation.fallbacks import LastValidEstimate
+from uvms_ocp.estimation import degraded_modes, fallbacks
 from uvms_ocp.mission.mission import Mission
 from uvms_ocp.ocp.trajectory import Trajectory
 from uvms_ocp.robot import Command, Robot, State, StateEstimate
@@ -46,7 +45,7 @@ class PlanTracker:
         self._trajectory, self._model = trajectory, robot.model
         self._law = ComputedTorque(robot, dynamics, dt=dt, gains=gains, water=water)
         self._end = float(trajectory.t[-1]) - 0.5 * dt
-        self._sound = LastValidEstimate(robot)
+        self._sound = fallbacks.LastValidEstimate(robot)
 
     def __call__(self, measurement: StateEstimate, t: float) -> Command:
         """The command for the tick at time t [s] of the trajectory; finished at its end."""
@@ -147,7 +146,7 @@ class PlanGuide:
     def _why(self, tick: TickInputs, feedback: ActuationFeedback, error: np.ndarray, waiting: Callable[[], str]) -> str:
         """Why the plan is left, or nothing."""
         if tick.restriction.bad or tick.blind:
-            return describe_channels(tick.restriction.bad) or "measurements are too old"
+            return degraded_modes.describe_channels(tick.restriction.bad) or "measurements are too old"
         if feedback.fault or feedback.fault_summary:
             return feedback.fault or feedback.fault_summary
         return self._other_phase(tick) or self._away(error) or self._too_late(waiting)

@@ -12,8 +12,7 @@ import numpy as np
 import pinocchio as pin
 
 from uvms_ocp.checks import checked, checked_constructor, checked_dataclass, checked_on_failure, unchecked_constructor
-from uvms_ocp.codegen.kernel_layout import arrays_of, zeros
-from uvms_ocp.codegen.kernels import bind_kernels
+from uvms_ocp.codegen import kernel_layout, kernels
 from uvms_ocp.errors import InvalidInput, NameNotFound
 from uvms_ocp.estimation import filter_memory as filtering, joint_filters, measurement_update
 from uvms_ocp.estimation.filter_memory import NUMBER, ChannelIndex, EstimatorTuning, Part
@@ -49,7 +48,7 @@ def advance_filter(m: filtering.FilterMemory) -> None:
 
 
 def _write_vehicle_outputs(m: filtering.FilterMemory) -> None:
-    R, s = zeros(9), m.predicted
+    R, s = kernel_layout.zeros(9), m.predicted
     rotation(m.turn, R)
     rotate_back(R, m.x, Part.SPEED, m.twist)
     for i in range(3):
@@ -217,7 +216,7 @@ class Estimator(TableDisplay):
         self._n_vehicle = robot.n_vehicle
         self._filter = filtering.filter_memory(robot.n_joints)
         filtering.initialise(self._filter, robot, specs, tuning)
-        self.memory = memory = arrays_of(self._filter)
+        self.memory = memory = kernel_layout.arrays_of(self._filter)
         """All numbers of the filter, for who studies it: the arrays of a `FilterMemory`."""
         for name in needed_channels(robot, specs, altimeter_frame):
             memory.needed[NUMBER[name]] = 1.0
@@ -225,7 +224,7 @@ class Estimator(TableDisplay):
         self._beam = None if frame is None else AltimeterMount(robot, frame, memory)
         self._chart = JointChart(robot, memory)
         self._joints = self._chart.configuration()
-        (tick,) = bind_kernels((advance_filter,), (type(self._filter),), compiled=compiled)
+        (tick,) = kernels.bind_kernels((advance_filter,), (type(self._filter),), compiled=compiled)
         self.advance: Callable[[], None] = partial(tick, self._filter)
         """The filter alone: from the inputs in `memory` to its outputs."""
         self._seen: dict[str, Reading | None] = dict.fromkeys(CHANNELS)

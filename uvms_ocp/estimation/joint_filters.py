@@ -5,9 +5,8 @@ from __future__ import annotations
 import math
 
 from uvms_ocp.codegen.kernel_layout import zeros
-from uvms_ocp.estimation import filter_memory as filtering, measurement_update as update
+from uvms_ocp.estimation import filter_memory as filtering, measurement_update as update, vehicle_model
 from uvms_ocp.estimation.filter_memory import JOINT_SLOTS, JOINT_STATES, FilterMemory
-from uvms_ocp.estimation.vehicle_model import is_determined, response_variance
 
 _FIRST = int(filtering.ChannelIndex.JOINT_POSITIONS)
 
@@ -21,7 +20,7 @@ def predict_joints(m: FilterMemory) -> None:
         if m.has_command:
             change = m.commanded[6 + j] - m.commanded_rates[j]
             x[1] += change
-            m.joint_P[j][1][1] += response_variance(m, change)
+            m.joint_P[j][1][1] += vehicle_model.response_variance(m, change)
             m.commanded_rates[j] = m.commanded[6 + j]
         if not dt > 0.0:
             continue
@@ -49,7 +48,7 @@ def _active(m: FilterMemory) -> int:
 def _bound(m: FilterMemory, j: int, i: int) -> None:
     """Bound variances by `joint_limit`: what is lost or unknown falls back to it."""
     most, lost, P = m.joint_limit[i] * m.joint_limit[i], not math.isfinite(m.joint_x[j][i]), m.joint_P[j][i][i]
-    if not lost and is_determined(P, most):
+    if not lost and vehicle_model.is_determined(P, most):
         return
     if i == 1 and not lost and P > 0.0 and math.isfinite(P):
         share = math.sqrt(most / P)

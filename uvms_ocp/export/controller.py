@@ -19,8 +19,7 @@ from uvms_ocp.codegen.kernel_layout import Layout, structure_of
 from uvms_ocp.codegen.kernels import CLibrary, c_library
 from uvms_ocp.control import DynamicController, KinematicController, build_levels
 from uvms_ocp.control.force.tick_functions import column_sizes
-from uvms_ocp.control.velocity.tick import velocity_controller
-from uvms_ocp.control.velocity.viability import without_c_form
+from uvms_ocp.control.velocity import tick, viability
 from uvms_ocp.errors import InvalidInput, plain_line
 from uvms_ocp.estimation.degraded_modes import CHANNELS
 from uvms_ocp.export.running import CController, RecordingController, interface_types
@@ -133,7 +132,7 @@ def controller_memory(controller: KinematicController | DynamicController) -> An
     Raises `InvalidInput` without a C compiler.
     """
     kinematic = controller.kinematic
-    below = velocity_controller(kinematic.memory, kinematic.problem, active_set.LexicographicActiveSet())
+    below = tick.velocity_controller(kinematic.memory, kinematic.problem, active_set.LexicographicActiveSet())
     if below is None:
         raise InvalidInput("the controller cannot be written without a C compiler; give one (CC, cc, gcc, clang)")
     if not isinstance(controller, DynamicController):
@@ -252,7 +251,7 @@ def _require_c_form(scenario: Scenario) -> None:
         found.append(f"solver {type(solver).__name__}; LexicographicActiveSet has")
     if scenario.takes_forces and scenario.load is not None:
         found.append("load LoadLearning; a controller that learns none has")
-    tasks = without_c_form(scenario.robot, scenario.mission, scenario.dt, problem.quantity_names)
+    tasks = viability.without_c_form(scenario.robot, scenario.mission, scenario.dt, problem.quantity_names)
     found += [f"task {name}: {why}" for name, why in tasks.items()]
     if found:
         raise InvalidInput(f"no form in C: {'; '.join(found)}")

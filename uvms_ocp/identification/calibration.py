@@ -14,10 +14,9 @@ from typing import Any
 import numpy as np
 
 from uvms_ocp.errors import InvalidInput
-from uvms_ocp.identification import parameters, uncertainty, validation
+from uvms_ocp.identification import model, parameters, uncertainty, validation
 from uvms_ocp.identification.data_quality import MAY, SHIFTS, ExplainedMotion, check_data_quality, commanded, motion_of
 from uvms_ocp.identification.fit import FitContext, Predicted, Search, constant_slopes, search_fit
-from uvms_ocp.identification.model import stage_of
 from uvms_ocp.identification.output_error import Estimate, FitStatus, Noise
 from uvms_ocp.identification.recording import Channel, Recording, ZeroOrderHold, split_at_gaps
 from uvms_ocp.identification.rollout import COMMANDS, POSE_INTERVAL, PreparedRecording, Rollout
@@ -383,7 +382,7 @@ def calibrate(
             doubtful.append(f"{recording.name}: {doubt}")
             warn(doubtful[-1])
     vehicle, noise = subject.vehicle, Noise(**settings.noise.model_dump())
-    rollout = Rollout(stage_of(vehicle, sharp=True))
+    rollout = Rollout(model.stage_of(vehicle, sharp=True))
     with progress_bar(shown=progress is None, bar_format="{elapsed} {desc}") as bar:
         progress = progress or bar.set_description_str
         search = Search(step=settings.step, stretch=settings.stretch, progress=progress)

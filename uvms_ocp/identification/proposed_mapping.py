@@ -20,12 +20,9 @@ import tomllib
 import yaml
 
 from uvms_ocp.errors import InvalidInput, UvmsError
-from uvms_ocp.identification.data_quality import check_data_quality
-from uvms_ocp.identification.file_kinds import holds_messages, kind_of
+from uvms_ocp.identification import data_quality, file_kinds, reading, tables
 from uvms_ocp.identification.messages import messages, topics_of
-from uvms_ocp.identification.reading import RecordingMapping, mapped_recording
 from uvms_ocp.identification.recording import CHANNEL_KINDS
-from uvms_ocp.identification.tables import column_names
 
 _TABLE = tomllib.loads((files("uvms_ocp.identification") / "proposed_mapping.toml").read_text(encoding="utf-8"))
 _ROUNDS = 3  # of cures, one of which may show what another one cures
@@ -37,9 +34,9 @@ def propose_mapping(path: Path) -> str:
 
     Raises InvalidInput for a file in which nothing has a name that is known, with the names that there are, and NotInstalled.
     """
-    known = not path.is_dir() and kind_of(path) in _TABLE["kinds"]
+    known = not path.is_dir() and file_kinds.kind_of(path) in _TABLE["kinds"]
     forms = [form for form in _TABLE["forms"] if ("topic" in form) == known]
-    named = dict(_fields(path, forms)) if holds_messages(path) else {"": list(column_names(path))}
+    named = dict(_fields(path, forms)) if file_kinds.holds_messages(path) else {"": list(tables.column_names(path))}
     found = _Found()
     for form, (topic, names) in product(forms, named.items()):
         used = {
@@ -132,14 +129,16 @@ def _cured(path: Path, found: _Found) -> tuple[_Found, Mapping[str, list[str]]]:
 def _judged(path: Path, found: _Found) -> tuple[dict[str, str], list[tuple[str, str]]]:
     """Ranges of channels that can be read, and what speaks against each; one that cannot be is left out for the others."""
     try:
-        recording = mapped_recording(path, RecordingMapping.model_validate({"channels": found}))
+        recording = reading.mapped_recording(path, reading.RecordingMapping.model_validate({"channels": found}))
     except UvmsError as error:
         text = str(error)
         wrong = min(found, key=lambda name: text.find(name) if name in text else len(text))  # the first that is named
         others = {name: one for name, one in found.items() if name != wrong}
         ranges, doubts = _judged(path, others) if others else ({}, [])
         return ranges, [(wrong, text), *doubts]
-    doubts = [(one.channel, one.problem) for one in check_data_quality(recording) if "are left out" not in one.problem]
+    doubts = [
+        (one.channel, one.problem) for one in data_quality.check_data_quality(recording) if "are left out" not in one.problem
+    ]
     ranges = {
         name: f"{one.values.min():.4g} to {one.values.max():.4g} {CHANNEL_KINDS[name].unit} at {one.rate:.3g} Hz"
         for name, one in recording.channels.items()

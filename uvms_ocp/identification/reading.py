@@ -43,9 +43,8 @@ from uvms_ocp.identification.file_kinds import holds_messages, kind_of
 from uvms_ocp.identification.messages import TopicColumns, message_rows, topics_of
 from uvms_ocp.identification.text_tables import TextFormat
 from uvms_ocp.model_errors import FileModel, one_line_errors
+from uvms_ocp.record import run_meta, untrusted
 from uvms_ocp.record.record import Record, require_every_tick
-from uvms_ocp.record.run_meta import is_floating
-from uvms_ocp.record.untrusted import read_yaml_as
 
 # When messages were sent that arrived late, in bursts or with gaps.
 
@@ -136,7 +135,7 @@ def read_mapping(path: Path) -> RecordingMapping:
 
     Raises InvalidInput in one line for what is none, NameNotFound for a channel that there is not.
     """
-    found = read_yaml_as(path, RecordingMapping)
+    found = untrusted.read_yaml_as(path, RecordingMapping)
     for key, one in found.channels.items():
         _require_meaning(key, one)
     return found.model_copy(update={"messages": str(path.parent / found.messages)}) if found.messages else found
@@ -422,7 +421,7 @@ _POSE, _TWIST = 7, 6
 def run_recording(record: Record, name: str) -> recordings.Recording:
     """Channels of a run. Raises InvalidInput for a plan, which nobody has measured, and for fewer rows than ticks."""
     meta = require_every_tick(record)
-    rows = dict(_estimated_rows(record, is_floating(record.series, meta)))
+    rows = dict(_estimated_rows(record, run_meta.is_floating(record.series, meta)))
     rows |= {channel: record[series] for channel, series in _TRUTH.items() if series in record.series}
     channels, t = dict(_measured(record)), record["t"]
     channels |= {key: _channel(t, values) for key, values in rows.items() if values.size and key not in channels}

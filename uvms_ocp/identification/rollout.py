@@ -17,8 +17,7 @@ from uvms_ocp.codegen.compile import compile_function
 from uvms_ocp.errors import InvalidInput
 from uvms_ocp.identification import recording as recordings
 from uvms_ocp.identification.model import N_Q, N_V, PAST, PAST_STEP, StageFunctions, Vehicle
-from uvms_ocp.robot.limits import joints_of
-from uvms_ocp.robot.spatial import quaternion_exp, quaternion_multiply
+from uvms_ocp.robot import limits, spatial
 
 # A stretch of a recording as a simulation needs it: what was commanded step by step, and what was seen when.
 
@@ -181,7 +180,7 @@ def _only_commands(recording: recordings.Recording) -> str:
 
 def _moved(recording: recordings.Recording, vehicle: Vehicle) -> recordings.Channel | None:
     """Positions of the vehicle's joints, in its order."""
-    names = tuple(joint.name for joint in joints_of(vehicle.dynamics.model, free_flyer=True))
+    names = tuple(joint.name for joint in limits.joints_of(vehicle.dynamics.model, free_flyer=True))
     if not names and "joint_positions" not in recording.channels:
         return None
     channel = recording.channel("joint_positions").of(names, f"{recording.name}: joint_positions")
@@ -219,7 +218,7 @@ class SegmentStart:
 
     def moved(self, change: np.ndarray) -> SegmentStart:
         """Return the start moved by a change (9,) [m/s, rad/s, rad]."""
-        turned = np.asarray(quaternion_multiply(self.q[3:], quaternion_exp(change[N_V:])))
+        turned = np.asarray(spatial.quaternion_multiply(self.q[3:], spatial.quaternion_exp(change[N_V:])))
         return SegmentStart(q=np.concatenate([self.q[:3], turned / np.linalg.norm(turned)]), v=self.v + change[:N_V])
 
 

@@ -16,11 +16,10 @@ import casadi as ca
 import numpy as np
 
 from uvms_ocp.errors import InvalidInput
+from uvms_ocp.identification import parameters, recording
 from uvms_ocp.identification.fit import FitContext, Predicted, Predictor, search_fit
 from uvms_ocp.identification.model import N_Q, Vehicle, as_measured, vehicle_dynamics
 from uvms_ocp.identification.output_error import Estimate, Expansion, ProfilePenalty, SearchPoint
-from uvms_ocp.identification.parameters import AXES
-from uvms_ocp.identification.recording import interpolated
 from uvms_ocp.identification.rollout import PreparedRecording, Segment
 from uvms_ocp.identification.uncertainty import INTERVAL, IdentifiedNumber, covariance, number_of, variance_inflation
 
@@ -211,7 +210,7 @@ class StaticBalance:
         """A vehicle that is where it is in balance and does not move, with unknowns shared (n,) [as `Unknowns.start`]."""
         middle = (stretch.edges[1:] + stretch.edges[:-1]) / 2
         vertical = self.vertical(stretch.joints[: stretch.joints.shape[0] // 3], shared)
-        return _resting(stretch, interpolated(stretch.t[2], middle, vertical.T))
+        return _resting(stretch, recording.interpolated(stretch.t[2], middle, vertical.T))
 
 
 def _resting(stretch: Segment, vertical: np.ndarray) -> Predicted:
@@ -221,7 +220,7 @@ def _resting(stretch: Segment, vertical: np.ndarray) -> Predicted:
 
 # How far predictions are off.
 
-SCORED = (*AXES, "tilt")
+SCORED = (*parameters.AXES, "tilt")
 """[m/s, rad/s, deg] what errors are told of."""
 
 

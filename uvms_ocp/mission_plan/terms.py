@@ -25,8 +25,7 @@ from uvms_ocp.robot.assembly import box_corners
 from uvms_ocp.robot.robot import Robot
 from uvms_ocp.robot.shapes.hull import skid_points
 from uvms_ocp.scenario.scenario import Scenario
-from uvms_ocp.tasks import Clearance, JointTracking, LandingAltitude, MinimumAltitude
-from uvms_ocp.tasks.attitude import AngleTask
+from uvms_ocp.tasks import Clearance, JointTracking, LandingAltitude, MinimumAltitude, attitude
 from uvms_ocp.tasks.pose import NullVelocity, PoseTask, ToolPosition
 from uvms_ocp.tasks.task import Residual, Task, TaskClass, bounded_residual, zero_residual
 from uvms_ocp.types import Bound, Mask
@@ -110,7 +109,7 @@ def condition_term(
     if task is None:
         raise _refused(condition, place, isinstance(condition, Below) is met)
     limit, below = condition.limit, isinstance(condition, Below) is met
-    if isinstance(task, AngleTask) and quantity in mission_segments.ANGLES and below:
+    if isinstance(task, attitude.AngleTask) and quantity in mission_segments.ANGLES and below:
         aim = mission_segments.tightened_limit(limit, margins.angle)
         return TaskTerm(task=replace(task, aim=aim), at=place.at, phase=place.segment)
     if isinstance(task, (LandingAltitude, MinimumAltitude)) and quantity == "altitude":

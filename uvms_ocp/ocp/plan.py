@@ -21,8 +21,7 @@ from uvms_ocp.record.display import SmallTable, TableDisplay, rows_of
 from uvms_ocp.record.meta_values import AxisLimitsMeta, PhaseMeta, SurroundingsMeta
 from uvms_ocp.record.record import Record
 from uvms_ocp.record.run_meta import PlanMeta, packages
-from uvms_ocp.robot import Robot, list_robots, load_robot
-from uvms_ocp.robot.loading import robot_meta
+from uvms_ocp.robot import Robot, list_robots, load_robot, loading
 from uvms_ocp.robot.thrusters import joint_power, power_law
 from uvms_ocp.solvers.nlp.lexicographic_nlp import LexicographicResult
 from uvms_ocp.types import Array
@@ -127,7 +126,7 @@ def plan_record(robot: Robot, trajectory: Trajectory, powers: Powers, *, title: 
         limits = AxisLimitsMeta(x_rate=tuple(planned.rate_limits(x)[0].tolist()))
     meta = PlanMeta(
         scenario=title,
-        **robot_meta(robot),
+        **loading.robot_meta(robot),
         phases=(PhaseMeta(name="plan"),),
         surroundings=surroundings,
         packages=packages(),

@@ -11,9 +11,8 @@ import pinocchio as pin
 from uvms_ocp.checks import checked, checked_dataclass, unchecked_constructor
 from uvms_ocp.errors import InvalidInput
 from uvms_ocp.ocp.problem import Actuation, OcpProblem
-from uvms_ocp.robot import State, Water
+from uvms_ocp.robot import State, Water, thrusters
 from uvms_ocp.robot.dynamics import Dynamics, robot_dynamics
-from uvms_ocp.robot.thrusters import thrust_limits, thruster_matrix
 from uvms_ocp.types import Indices, Shape
 
 
@@ -155,8 +154,8 @@ def _forces(problem: OcpProblem, q: np.ndarray, v: np.ndarray, a: np.ndarray) ->
 def _thrust(problem: OcpProblem, wrench: np.ndarray) -> np.ndarray:
     if not has_thrusters(problem):
         return wrench
-    lower, upper = thrust_limits(problem.robot)
-    return np.clip(wrench @ np.linalg.pinv(thruster_matrix(problem.robot)).T, lower, upper)
+    lower, upper = thrusters.thrust_limits(problem.robot)
+    return np.clip(wrench @ np.linalg.pinv(thrusters.thruster_matrix(problem.robot)).T, lower, upper)
 
 
 def has_thrusters(problem: OcpProblem) -> bool:

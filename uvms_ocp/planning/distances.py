@@ -12,8 +12,7 @@ import pinocchio as pin
 
 from uvms_ocp.checks import checked_constructor, checked_dataclass
 from uvms_ocp.planning.scene import CollisionScene
-from uvms_ocp.robot.kinematics import largest_change
-from uvms_ocp.robot.robot import require_normalized
+from uvms_ocp.robot import kinematics, robot
 from uvms_ocp.types import Array, Indices, Mask, Shape
 
 
@@ -75,7 +74,7 @@ class _Bounds:
         if x.shape != self.x.shape:
             self.lower = np.full((x.shape[0], scene.n_pairs), -np.inf)
         else:
-            self.lower -= largest_change(scene.reach, np.abs(x - self.x))
+            self.lower -= kinematics.largest_change(scene.reach, np.abs(x - self.x))
         self.x = x.copy()
 
 
@@ -163,7 +162,7 @@ class CoalDistances:
 
     def _place(self, q: Array) -> None:
         model = self.scene.coordinates.robot.model
-        require_normalized(model, q)
+        robot.require_normalized(model, q)
         pin.updateGeometryPlacements(model, self._data, self.scene.geometry, self._geometry_data, q)
 
     def _collect(self, sample: int, pairs: list[int], thresholds: list[float], found: list[_Contact]) -> None:

@@ -21,8 +21,7 @@ from uvms_ocp.planning.distances import CoalDistances
 from uvms_ocp.planning.path_cost import CostParts, CostWeights, DistanceSource, PathCost
 from uvms_ocp.planning.scene import CollisionScene
 from uvms_ocp.robot.kinematics import largest_change
-from uvms_ocp.trajectories import MotionLimits, PiecewisePolynomial, scale_to_limits, trapezoidal_times
-from uvms_ocp.trajectories.free_derivatives import pieces_of
+from uvms_ocp.trajectories import MotionLimits, PiecewisePolynomial, free_derivatives, scale_to_limits, trapezoidal_times
 from uvms_ocp.trajectories.min_snap import min_snap, solution_of
 from uvms_ocp.types import Array, AtLeastOne, Count, Indices, Magnitude, Mask, Positive, Range, Shape
 
@@ -302,7 +301,7 @@ class _PathProblem:
     ) -> _PathProblem:
         breaks, is_waypoint = _refined(start.breaks, options.pieces)
         values = np.stack([start.evaluate(breaks, d) for d in range(4)])
-        pieces = pieces_of(np.diff(breaks), 4)
+        pieces = free_derivatives.pieces_of(np.diff(breaks), 4)
         cost = PathCost(distances=distances, pieces=pieces, weights=options.weights, limits=limits)
         free = np.ones(values.shape, dtype=bool)
         free[:, [0, -1]] = False

@@ -14,10 +14,9 @@ import numpy as np
 from uvms_ocp.checks import checked, checked_dataclass, checked_on_failure
 from uvms_ocp.errors import InvalidInput, NameNotFound, OutputError, require_known
 from uvms_ocp.model_errors import printable
-from uvms_ocp.record import display, durable_files, mcap, output, tables
+from uvms_ocp.record import display, durable_files, mcap, output, row_rates, tables
 from uvms_ocp.record.meta_values import LARGEST, UNIT_NORM_TOLERANCE, LimitsMeta
 from uvms_ocp.record.row_files import META, append_rows, forget, parts, read_row_files
-from uvms_ocp.record.row_rates import newest_readings, thinned_rows
 from uvms_ocp.record.run_meta import MIN_TICK, VEHICLE_Q, VEHICLE_V, PlanMeta, RunMeta, is_floating, read_meta, write_meta
 from uvms_ocp.record.tables import SERIES, Series, meaning_of, unit_of
 from uvms_ocp.record.untrusted import SMALL, as_input_errors, read_arrays, read_text
@@ -294,7 +293,7 @@ class Record(display.TableDisplay):
         due = np.arange(len(t)) if rate is None else np.floor((t - t[:1]) * rate + _ROUNDING)
         rows = np.unique([*np.unique(due, return_index=True)[1], len(t) - 1])  # the last has what the run came to
         chosen = {name: array[rows] for name, array in self.series.items() if name in wanted}
-        chosen |= {name: newest_readings(self.series[name], rows) for name in chosen.keys() & {*MEASURED}}
+        chosen |= {name: row_rates.newest_readings(self.series[name], rows) for name in chosen.keys() & {*MEASURED}}
         period = {"dt": float(np.ptp(t)) / (len(rows) - 1)} if self.meta.kind == "run" and 1 < len(rows) < len(t) else {}
         with as_input_errors(Path(urdf or "")):
             text = None if urdf is None else read_text(Path(urdf), SMALL)
@@ -449,7 +448,7 @@ class Recorder:
         if self._every > 1 and n:
             due = np.flatnonzero(np.arange(self._kept, self._n) % self._every == 0)
             ends = np.flatnonzero(np.diff(rows.get("phase", np.zeros(n))))
-            rows = thinned_rows(rows, np.unique([*due, *ends, n - 1]))
+            rows = row_rates.thinned_rows(rows, np.unique([*due, *ends, n - 1]))
         if self._folder:
             with output.as_output_errors(self._folder, "make room; what was written before can be read"):
                 self._folder.mkdir(parents=True, exist_ok=self._kept > 0)

@@ -17,9 +17,8 @@ from pydantic import Field, ValidationError, model_validator
 
 from uvms_ocp.errors import InvalidInput, short
 from uvms_ocp.model_errors import one_line
-from uvms_ocp.record import meta_values
+from uvms_ocp.record import meta_values, untrusted
 from uvms_ocp.record.display import SmallTable, TableDisplay, format_value
-from uvms_ocp.record.untrusted import json_object
 from uvms_ocp.version import __version__
 
 MIN_TICK = 1e-9
@@ -253,7 +252,7 @@ def read_meta(text: str) -> RunMeta | PlanMeta:
 
     Raises `InvalidInput`, in one line, for what is neither, and names the keys that are wrong.
     """
-    values = json_object(text, "metadata", "an object with a kind and a version")
+    values = untrusted.json_object(text, "metadata", "an object with a kind and a version")
     if "version" not in values:
         values = _from_0_1(values)
     model = _model(values)

@@ -17,11 +17,8 @@ from uvms_ocp.planning.scene import CollisionScene, NearestPair
 from uvms_ocp.record.meta_values import AxisLimitsMeta, ClearanceMeta, FrameMeta, PhaseMeta, SurroundingsMeta
 from uvms_ocp.record.record import Record
 from uvms_ocp.record.run_meta import PlanMeta, packages, versions
-from uvms_ocp.robot.kinematics import Kinematics
-from uvms_ocp.robot.loading import robot_meta
-from uvms_ocp.robot.shapes.collision_model import links_without_shape
-from uvms_ocp.robot.shapes.obstacles import describe_obstacles
-from uvms_ocp.robot.thrusters import AXES
+from uvms_ocp.robot import kinematics, loading, thrusters
+from uvms_ocp.robot.shapes import collision_model, obstacles
 from uvms_ocp.trajectories.polynomial import PiecewisePolynomial
 from uvms_ocp.types import Array
 
@@ -52,7 +49,7 @@ class PlannedMotion:
         """X_WF at the end, of the frame that has a goal, else of the tool; `None` without such a frame."""
         robot, goal = self.request.robot, self.request.goal
         frame = goal.frame if isinstance(goal, ToolGoal) else _TOOL
-        return Kinematics(robot, self.q[-1]).pose(frame) if robot.has_frame(frame) else None
+        return kinematics.Kinematics(robot, self.q[-1]).pose(frame) if robot.has_frame(frame) else None
 
     def tool_error(self) -> dict[str, float] | None:
         """Distance [m] and angle [rad] of the frame from its goal at the end; `None` for the goal of a posture."""
@@ -78,8 +75,8 @@ def _request_entries(request: PlanRequest | OcpRequest) -> dict[str, Any]:
     """Robot, surroundings and versions in a report."""
     return {
         "robot": request.robot.name,
-        "links_without_shape": list(links_without_shape(request.robot)),
-        "obstacles": [item.model_dump(mode="json") for item in describe_obstacles(request.obstacles)],
+        "links_without_shape": list(collision_model.links_without_shape(request.robot)),
+        "obstacles": [item.model_dump(mode="json") for item in obstacles.describe_obstacles(request.obstacles)],
         "clearance_wanted_m": request.clearance,
         "link_clearance_wanted_m": request.clearance if request.link_clearance is None else request.link_clearance,
         "versions": versions(packages()),
@@ -108,12 +105,12 @@ def plan_meta(
     request, scene, X_WF = motion.request, motion.scene, motion.goal_pose()
     return PlanMeta(
         scenario=scenario,
-        **robot_meta(request.robot),
+        **loading.robot_meta(request.robot),
         phases=(PhaseMeta(name="plan"),),
         quantities=("plan.clearance",) if scene.n_pairs else (),
         surroundings=SurroundingsMeta(
             frames=() if X_WF is None else (FrameMeta(name="goal", pose=tuple(pin.SE3ToXYZQUAT(X_WF).tolist())),),
-            obstacles=describe_obstacles(request.obstacles),
+            obstacles=obstacles.describe_obstacles(request.obstacles),
         ),
         packages=packages(),
         axes=scene.coordinates.names,
@@ -156,7 +153,7 @@ def _of_plan(result: PlanResult, plan: CollisionPlan) -> dict[str, Any]:
     ends = curve.evaluate([curve.start, curve.end])
     # Largest velocities and accelerations by their limits; 0 where there is no limit.
     robot, shares = result.request.robot, curve_limits(result.scene.coordinates, ends).ratios(curve)
-    names = (*AXES[: robot.n_vehicle], *robot.joint_names)
+    names = (*thrusters.AXES[: robot.n_vehicle], *robot.joint_names)
     return {
         "start": ends[0].tolist(),
         "goal": ends[1].tolist(),

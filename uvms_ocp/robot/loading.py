@@ -23,8 +23,7 @@ from uvms_ocp.checks import checked
 from uvms_ocp.errors import InvalidInput, RobotDataError, UvmsError, require_known
 from uvms_ocp.model_errors import one_line
 from uvms_ocp.record.meta_values import RobotFilesMeta
-from uvms_ocp.robot import description as descriptions
-from uvms_ocp.robot.coefficients import links_in_water, placement_of
+from uvms_ocp.robot import coefficients, description as descriptions
 from uvms_ocp.robot.description import RobotDescription
 from uvms_ocp.robot.limits import ASSUMED_ACCELERATION, ASSUMED_VELOCITY, held_joints, home_of, joints_of, limits_of, open_joints
 from uvms_ocp.robot.robot import Robot, with_moved_frame
@@ -241,7 +240,7 @@ def load_robot(
     robot = assemble(models, description, yaml_path or urdf_path, name)
     for moved in how.frames:
         try:
-            robot = with_moved_frame(robot, moved.frame, placement_of(moved))
+            robot = with_moved_frame(robot, moved.frame, coefficients.placement_of(moved))
         except UvmsError as error:
             raise RobotDataError(yaml_path or urdf_path, f"loading.frames: {error}") from None
     for _, text in unknowns(models.model, description):
@@ -386,7 +385,7 @@ def robot_of(models: UrdfModels, description: RobotDescription, name: str) -> Ro
         joints=joints,
         limits=limits,
         home=home_of(models.model, description, joints, limits),
-        hydrodynamics=links_in_water(description),
+        hydrodynamics=coefficients.links_in_water(description),
     )
 
 

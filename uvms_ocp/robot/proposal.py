@@ -18,11 +18,10 @@ import pinocchio as pin
 import yaml
 
 from uvms_ocp.errors import InvalidInput, RobotDataError
+from uvms_ocp.robot import hydrodynamics, limits
 from uvms_ocp.robot.assembly import box_around, cylinder_in, lifts
 from uvms_ocp.robot.coefficients import links_in_water
 from uvms_ocp.robot.description import Box, LinkDescription, Pose, RobotDescription, checked_copy
-from uvms_ocp.robot.hydrodynamics import LinkHydrodynamics
-from uvms_ocp.robot.limits import Joint, joints_of
 from uvms_ocp.robot.loading import assemble, link_masses
 from uvms_ocp.robot.robot import Robot
 from uvms_ocp.robot.roles import CHOOSE, Roles, find_roles, is_called
@@ -258,7 +257,7 @@ class _Draft:
 
     def _content(self, links: dict[str, Any]) -> dict[str, Any]:
         model = self.models.model
-        joints = {joint.name: _motor(model, joint) for joint in joints_of(model, free_flyer=self.floats)}
+        joints = {joint.name: _motor(model, joint) for joint in limits.joints_of(model, free_flyer=self.floats)}
         content: dict[str, Any] = {"base": "free_flyer" if self.floats else "fixed", "water_density": _WATER}
         content |= {"base_link": self.roles.base} if self.floats and self.roles.base != "base_link" else {}
         content |= {"tool": self.tools if len(self.tools) > 1 else self.tools[0]} if self.tools else {}
@@ -364,7 +363,7 @@ class _Draft:
         return own
 
 
-def _coefficients(water: LinkHydrodynamics, mass: float) -> dict[str, Any]:
+def _coefficients(water: hydrodynamics.LinkHydrodynamics, mass: float) -> dict[str, Any]:
     """As a file has them. No link floats by itself: what its shape holds of air or water is not known."""
     volume = min(water.volume, mass / _WATER)
     return {
@@ -395,7 +394,7 @@ def _as_its_inertia(model: pin.Model, name: str, mass: float) -> np.ndarray:
     return np.array([inertia.lever - size / 2, inertia.lever + size / 2])
 
 
-def _motor(model: pin.Model, joint: Joint) -> dict[str, float]:
+def _motor(model: pin.Model, joint: limits.Joint) -> dict[str, float]:
     """Half a second to full speed, and the rotor that full effort brings there in `_SPIN_UP`, whatever the gear."""
     speed, effort = (float(limit[joint.idx_v]) for limit in (model.upperVelocityLimit, model.upperEffortLimit))
     if not 0.0 < speed < 10.0:

@@ -14,11 +14,10 @@ from numpy.typing import ArrayLike
 from uvms_ocp.checks import checked_dataclass, checked_on_failure, finite_array
 from uvms_ocp.errors import FrameNotFound, InvalidInput, NameNotFound
 from uvms_ocp.record.display import SmallTable
-from uvms_ocp.robot.coefficients import links_in_water
+from uvms_ocp.robot import coefficients, roles
 from uvms_ocp.robot.description import RobotDescription, checked_copy
 from uvms_ocp.robot.hydrodynamics import LinkHydrodynamics
 from uvms_ocp.robot.limits import Joint, Limits, from_joint_values, to_joint_values
-from uvms_ocp.robot.roles import TOOL, tools_of
 from uvms_ocp.types import Range, Shape
 
 # Building and checking the configuration q of a robot.
@@ -223,7 +222,7 @@ class Robot:
     @property
     def tools(self) -> tuple[str, ...]:
         """Frames of the tools, of several arms one each; the first is the frame ``tool``."""
-        return tools_of(self.description) or ((TOOL,) if self.has_frame(TOOL) else ())
+        return roles.tools_of(self.description) or ((roles.TOOL,) if self.has_frame(roles.TOOL) else ())
 
     @checked_on_failure
     def arm_shapes(self, tool: str) -> tuple[str, ...]:
@@ -290,7 +289,7 @@ class Robot:
         Buoyancy and the added mass of shapes follow it, published coefficients and the trim do not.
         """
         description = checked_copy(self.description, water_density=density)
-        return replace(self, description=description, hydrodynamics=links_in_water(description))
+        return replace(self, description=description, hydrodynamics=coefficients.links_in_water(description))
 
     @checked_on_failure
     def configuration(

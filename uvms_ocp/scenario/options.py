@@ -17,10 +17,8 @@ from uvms_ocp.control.velocity.kinematic import HierarchySolver
 from uvms_ocp.errors import InvalidInput, require_known
 from uvms_ocp.mission import Abort, Below, Condition, Mission, Phase, Transition
 from uvms_ocp.record.meta_values import ABORT
-from uvms_ocp.robot import IDEAL_SENSORS, Obstacle, Robot, SensorSpecs, load_robot, robot_sensors
-from uvms_ocp.robot.assembly import with_trim
+from uvms_ocp.robot import IDEAL_SENSORS, Obstacle, Robot, SensorSpecs, assembly, load_robot, robot_sensors, thrusters
 from uvms_ocp.robot.description import TrimBody
-from uvms_ocp.robot.thrusters import unactuated_axes
 from uvms_ocp.scenario.scenario import Scenario
 from uvms_ocp.sim import Current, Environment, FlatSeafloor, Seafloor, StillWater, UniformCurrent
 from uvms_ocp.sim.faults import Fault, parse_faults
@@ -105,7 +103,7 @@ class RunOptions:
             sensors=_sensors(self.robot, self.noise),
             gains=VelocityGains() if self.observer else VelocityGains(observer_vehicle=0.0),
             load=LoadLearning() if self.learn_load else None,
-            plant_robot=real if self.payload is None else with_trim(real, [self.payload]),
+            plant_robot=real if self.payload is None else assembly.with_trim(real, [self.payload]),
             markers=markers,
         )
 
@@ -176,7 +174,7 @@ def mission_of(
     Raises `NameNotFound` for an unknown task or field, and `InvalidInput` for an order that does not name every task.
     """
     # Nothing for a robot without thrusters, whose vehicle moves on the kinematic plant alone, on every axis.
-    axes = unactuated_axes(robot) if robot.description.thrusters else ()
+    axes = thrusters.unactuated_axes(robot) if robot.description.thrusters else ()
     first = [UnderActuation(axes=axes)] if axes else []
     names = tuple(task.name for task in first)
     listed = override([*first, *tasks], overrides) if overrides else [*first, *tasks]

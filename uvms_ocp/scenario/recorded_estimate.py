@@ -18,8 +18,7 @@ import numpy as np
 
 from uvms_ocp.checks import checked, checked_dataclass, unchecked_constructor
 from uvms_ocp.errors import InvalidInput
-from uvms_ocp.estimation.estimator import Estimator
-from uvms_ocp.estimation.filter_memory import NUMBER
+from uvms_ocp.estimation import estimator, filter_memory
 from uvms_ocp.estimation.health.channel_state import sizes_of
 from uvms_ocp.estimation.health.guarded_estimator import GuardedEstimator
 from uvms_ocp.identification.recording import Recording
@@ -87,11 +86,11 @@ def estimate_recording(
     sources = sensors.sources_of(robot, FlatSeafloor(z=0.0), expected, None)
     struck = sensors.faults_of_channels(robot, faults, {name: sources[name] for name in arrivals})
     arrivals |= {name: _struck(arrivals[name], own, dt) for name, own in struck.items()}
-    filtering = Estimator(robot, expected)
+    filtering = estimator.Estimator(robot, expected)
     guarded, recorder = GuardedEstimator(filtering, robot, expected), Recorder(folder=None if folder is None else Path(folder))
     channels, command = guarded.monitor.channels, None
     last, count, late = dict[str, Reading[Any]](), dict.fromkeys(channels, 0), dict.fromkeys(channels, 0.0)
-    numbers, compared = [int(NUMBER[name]) for name in channels], np.full(len(channels), -math.inf)
+    numbers, compared = [int(filter_memory.NUMBER[name]) for name in channels], np.full(len(channels), -math.inf)
     stream = heapq.merge(*arrivals.values(), key=itemgetter(0))
     arrived = next(stream, None)
     for k in range(n):

@@ -16,8 +16,7 @@ import pinocchio as pin
 from numpy.typing import ArrayLike
 
 from uvms_ocp.checks import checked, checked_dataclass, finite_array
-from uvms_ocp.control import DynamicController, LoadLearning, VelocityGains
-from uvms_ocp.control.external import SupervisedController
+from uvms_ocp.control import DynamicController, LoadLearning, VelocityGains, external
 from uvms_ocp.control.velocity.kinematic import Guide, HierarchySolver, KinematicController
 from uvms_ocp.errors import InvalidInput, plain_line
 from uvms_ocp.estimation.estimator import Estimator, PassThrough
@@ -83,7 +82,7 @@ class ControllerFactory(PartFactory):
             raise InvalidInput(f"controller made {type(made).__name__}; make a callable (StateEstimate, t) -> Command")
         n = len(scenario.robot.description.thrusters) if scenario.takes_forces else None
         kinematic = scenario.kinematic_controller()
-        return SupervisedController(controller=made, kinematic=kinematic, n_thrusters=n, name=part_name(self.maker))
+        return external.SupervisedController(controller=made, kinematic=kinematic, n_thrusters=n, name=part_name(self.maker))
 
 
 class EstimatorFactory(PartFactory):

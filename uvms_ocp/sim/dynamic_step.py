@@ -20,8 +20,7 @@ import casadi as ca
 import numpy as np
 
 from uvms_ocp.checks import checked_dataclass
-from uvms_ocp.codegen.buffered import BoundFunction
-from uvms_ocp.codegen.elementwise import clipped
+from uvms_ocp.codegen import buffered, elementwise
 from uvms_ocp.errors import InvalidInput
 from uvms_ocp.robot import Robot, limits, spatial, symbolic_bodies, symbolic_dynamics, thruster_matrix
 from uvms_ocp.robot.thrusters import joint_power
@@ -129,7 +128,7 @@ def step_function(model: StepModel) -> ca.Function:
     vertical force of the floor on each point.
     """
     robot, x = model.robot, _inputs(model)
-    torque = clipped(x["asked_torque"], -robot.limits.effort, robot.limits.effort)
+    torque = elementwise.clipped(x["asked_torque"], -robot.limits.effort, robot.limits.effort)
     target = model.thrusters.target(x["asked_thrust"], x["share"], x["offset"])
     thrust, taken = model.thrusters.step(x["thrust"], target, x["decay"], x["dt"])
     wrench = symbolic_bodies.sparse(thruster_matrix(robot)) @ thrust
@@ -253,7 +252,7 @@ class StepSequence:
         self.carried = memory[: parts_of(step)["torque"].start]
         """(n_carried,) view of the inputs that the first results are: for the next period."""
         self._result = np.zeros(function.numel_out(0))
-        self._period = BoundFunction(function, [view.T for view in self.given.values()], [self._result])
+        self._period = buffered.BoundFunction(function, [view.T for view in self.given.values()], [self._result])
 
     def __call__(self) -> np.ndarray:
         """The column (n,) [units of its parts] after one period of what is `given`."""

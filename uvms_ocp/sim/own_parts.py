@@ -24,8 +24,7 @@ from uvms_ocp.control.external import require_numbers
 from uvms_ocp.errors import InvalidInput, require_known
 from uvms_ocp.estimation.estimator import Estimator, PassThrough
 from uvms_ocp.estimation.filter_memory import NUMBER
-from uvms_ocp.estimation.health.channel_state import sizes_of
-from uvms_ocp.estimation.health.guarded_estimator import GatedEstimator
+from uvms_ocp.estimation.health import channel_state, guarded_estimator
 from uvms_ocp.record.meta_values import UNIT_NORM_TOLERANCE, FaultMeta
 from uvms_ocp.record.tables import SERIES
 from uvms_ocp.robot.robot import Robot
@@ -182,7 +181,7 @@ def watched_estimator(made: Any, robot: Robot, name: str) -> StateEstimator:
     """It, watched unless it is the toolkit's own; one that tells of gates of its own still does."""
     if type(made) in _OURS:
         return made
-    return (WatchedGates if isinstance(made, GatedEstimator) else WatchedEstimator)(made, robot, name)
+    return (WatchedGates if isinstance(made, guarded_estimator.GatedEstimator) else WatchedEstimator)(made, robot, name)
 
 
 class WatchedEstimator:
@@ -302,7 +301,7 @@ class WatchedSensors:
         if not callable(sensors):
             raise InvalidInput(f"sensors {name} made {type(sensors).__name__}; make a callable (State, t) -> Readings")
         self._wrapped: Callable[[State, float], Readings] = sensors
-        self._name, self._sizes = name, sizes_of(robot)
+        self._name, self._sizes = name, channel_state.sizes_of(robot)
         self._expected = {channel for channel in CHANNELS if getattr(specs, channel) is not None}
         self._seen: dict[str, Reading[Any] | None] = dict.fromkeys(CHANNELS)
 

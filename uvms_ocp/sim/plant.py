@@ -18,10 +18,9 @@ from uvms_ocp.errors import InvalidInput
 from uvms_ocp.robot import Command, Robot, State
 from uvms_ocp.robot.dynamics import Dynamics, robot_dynamics
 from uvms_ocp.robot.shapes.hull import skid_points
-from uvms_ocp.sim import dynamic_step, fault_effects as effects
+from uvms_ocp.sim import dynamic_step, fault_effects as effects, thrusters
 from uvms_ocp.sim.environment import Environment, EnvironmentSampler
 from uvms_ocp.sim.faults import Fault
-from uvms_ocp.sim.thrusters import Thrusters
 from uvms_ocp.types import Period, Positive
 
 # Plants: what a command does to the true state.
@@ -90,7 +89,7 @@ def _compiled_step(
         points=skid_points(robot),
         contact=contact,
         stops=stops,
-        thrusters=Thrusters.of(robot),
+        thrusters=thrusters.Thrusters.of(robot),
     )
     return model, compile_function(dynamic_step.step_function(model))
 

@@ -14,9 +14,8 @@ import numpy as np
 
 from uvms_ocp.checks import checked_dataclass
 from uvms_ocp.errors import InvalidInput
+from uvms_ocp.robot import spatial, thrusters
 from uvms_ocp.robot.robot import Robot
-from uvms_ocp.robot.spatial import skew
-from uvms_ocp.robot.thrusters import driven_turns, undriven_axes
 from uvms_ocp.tasks.activation import SmoothActivation, saturate
 from uvms_ocp.tasks.goals import VectorGoal, evaluate_vector
 from uvms_ocp.tasks.task import Residual, Rows, Task, TaskClass, TickSymbols, bounded_residual
@@ -67,7 +66,7 @@ class AngleTask(Task):
 
         Raises `FrameNotFound`.
         """
-        turns = driven_turns(robot, self.frame)
+        turns = thrusters.driven_turns(robot, self.frame)
         if turns is None:
             return None
         axis = _in_vehicle(robot, self.frame, self.watched_axis)
@@ -107,7 +106,7 @@ class AngleTask(Task):
         given, directions = ca.SX(0), self.turning_directions(symbols.robot)
         if directions is not None and not directions.shape[1]:
             theta = ca.SX(0)  # a row that nothing moves asks for nothing
-        if undriven := undriven_axes(symbols.robot):
+        if undriven := thrusters.undriven_axes(symbols.robot):
             others = sorted({0, 1, 2, *undriven})
             given = row[:, others] @ symbols.velocity[others]
             row = ca.SX(row)
@@ -224,7 +223,7 @@ class Alignment(TargetTask):
 
     def rows(self, symbols: TickSymbols, parameters: ca.SX) -> Rows:
         d = ca.vertcat(parameters[:2] - symbols.kinematics.pose(self.frame)[1][:2], 0)
-        across, others = skew(d) @ ca.diag(ca.SX([1, 1, 0])), {"overhead": ca.norm_2(d) < _OVERHEAD}
+        across, others = spatial.skew(d) @ ca.diag(ca.SX([1, 1, 0])), {"overhead": ca.norm_2(d) < _OVERHEAD}
         return self._target_rows(symbols, d, across, ca.SX([0, 0, 1]), parameters[3:], others, "misalignment")
 
 
@@ -269,7 +268,7 @@ class FieldOfView(TargetTask):
     def rows(self, symbols: TickSymbols, parameters: ca.SX) -> Rows:
         R_WC, p_WC = symbols.kinematics.pose(self.frame)
         d, fallback = parameters[:3] - p_WC, _perpendicular(R_WC, self.axis)
-        return self._target_rows(symbols, d, skew(d), fallback, parameters[3:], {"distance": ca.norm_2(d)}, "angle")
+        return self._target_rows(symbols, d, spatial.skew(d), fallback, parameters[3:], {"distance": ca.norm_2(d)}, "angle")
 
 
 def _in_vehicle(robot: Robot, frame: str, axis: tuple[float, float, float]) -> np.ndarray:

@@ -12,8 +12,7 @@ from uvms_ocp.errors import InvalidInput, require_known
 from uvms_ocp.record.record import Record
 from uvms_ocp.record.run_meta import joint_positions
 from uvms_ocp.record.tables import unit_of
-from uvms_ocp.viz import style
-from uvms_ocp.viz.series import axis_label, phase_spans
+from uvms_ocp.viz import series, style
 
 _COLORS = (style.BLUE, style.VERMILLION, style.GREEN, style.ORANGE)
 _SMOOTHNESS = {
@@ -37,7 +36,7 @@ def figure_joint_comparison(
     title = f"Joint positions in phase {style.label_text(phase)} [{unit_of('q', 'joints', next(iter(records.values())).meta)}]"
     figure, axes = style.stacked(len(joints), 0.6, title, fig, width)
     for (_, record), color in zip(records.items(), _COLORS, strict=False):
-        spans = {span.name: span for span in phase_spans(record)}
+        spans = {span.name: span for span in series.phase_spans(record)}
         require_known("phase", phase, spans)
         span = spans[phase]
         rows = (record["t"] >= span.start) & (record["t"] <= span.end)
@@ -45,7 +44,7 @@ def figure_joint_comparison(
             axis.plot(record["t"][rows] - span.start, column, color=color, lw=1.0)
     for axis, name in zip(axes, joints, strict=True):
         axis.set_ylabel(style.label_text(name), rotation=0, ha="right", va="center")
-    axes[-1].set_xlabel(axis_label(f"time since phase {style.label_text(phase)} began", "t"))
+    axes[-1].set_xlabel(series.axis_label(f"time since phase {style.label_text(phase)} began", "t"))
     _name_runs(figure, records)
     return figure
 
@@ -76,7 +75,7 @@ def figure_paths(paths: Mapping[str, np.ndarray], *, fig: style.Given = None, wi
             axis.plot(path[:, i], path[:, j], color=color, ls="-" if k else "--", label=label, zorder=3 - k)
             axis.plot(path[0, i], path[0, j], "o", color=color, ms=4)
             axis.plot(path[-1, i], path[-1, j], "*", color=color, ms=8)
-        x, y = (axis_label("xyz"[k], "q", "position") for k in (i, j))
+        x, y = (series.axis_label("xyz"[k], "q", "position") for k in (i, j))
         axis.set(xlabel=x, ylabel=y, title=title)
         axis.set_aspect("equal", adjustable="datalim")
     marks = (("o", "start"), ("*", "end"))

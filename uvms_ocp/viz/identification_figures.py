@@ -14,8 +14,7 @@ from uvms_ocp.identification.calibration import Calibration, Comparison
 from uvms_ocp.identification.parameters import AXES
 from uvms_ocp.identification.uncertainty import CHANNELS, INTERVAL, LEAST_P, Whiteness
 from uvms_ocp.identification.validation import SCORED, HeldOutRecording, Profile, errors
-from uvms_ocp.viz import style
-from uvms_ocp.viz.series import axis_label
+from uvms_ocp.viz import series, style
 
 # What speaks for and against a calibration: residuals and whether they are white, profiles, recordings that were left out.
 
@@ -40,7 +39,7 @@ def figure_residuals(one: Comparison) -> Figure:
         over_time.set_ylabel(f"{name}\n[{_UNITS[sensor]}]")
         if name in tests:
             _correlation(over_lags, tests[name])
-    grid[-1, 0].set_xlabel(axis_label("time", "t"))
+    grid[-1, 0].set_xlabel(series.axis_label("time", "t"))
     grid[-1, 1].set_xlabel("lag [s]")
     return figure
 
@@ -135,7 +134,7 @@ def figure_predicted(one: Comparison) -> Figure:
     figure, axes = style.stacked(len(AXES) + 2, 1.0, f"{style.label_text(one.name)}: measured and predicted")
     for i, (axis, name) in enumerate(zip(axes, AXES, strict=False)):
         sensor, column = divmod(i, 3)
-        axis.set_ylabel(axis_label(name, "v", _PARTS[sensor]))
+        axis.set_ylabel(series.axis_label(name, "v", _PARTS[sensor]))
         _draw(axis, one, sensor, itemgetter((slice(None), column)))
     roll = ("roll", lambda vertical: np.rad2deg(np.arctan2(vertical[:, 1], vertical[:, 2])))
     pitch = ("pitch", lambda vertical: np.rad2deg(-np.arcsin(np.clip(vertical[:, 0], -1.0, 1.0))))

@@ -12,11 +12,9 @@ from matplotlib.figure import Figure
 
 from uvms_ocp.checks import checked
 from uvms_ocp.errors import plain_line
-from uvms_ocp.record.meta_values import ClearanceMeta
+from uvms_ocp.record import meta_values, tables
 from uvms_ocp.record.record import Record
-from uvms_ocp.record.tables import unit_of
-from uvms_ocp.viz import style
-from uvms_ocp.viz.motion_figures import figure_efforts
+from uvms_ocp.viz import motion_figures, style
 from uvms_ocp.viz.series import axis_label, require_rows
 
 _ROWS = (
@@ -64,7 +62,7 @@ def figure_clearance(record: Record, *, fig: style.Given = None, width: style.Wi
     return figure
 
 
-def _mark_least(axis: Axes, nearest: ClearanceMeta) -> None:
+def _mark_least(axis: Axes, nearest: meta_values.ClearanceMeta) -> None:
     """A dot at the smallest distance, with the two shapes, written towards the middle of the panel."""
     when, least = nearest.t, nearest.distance
     left = when < axis.get_xlim()[1] / 2.0
@@ -74,7 +72,7 @@ def _mark_least(axis: Axes, nearest: ClearanceMeta) -> None:
     style.note(axis, text, (when, least), offset, ha=side, va="top", fontsize=style.points(7))
 
 
-_ALL = (figure_vehicle_motion, figure_joint_motion, figure_clearance, figure_efforts)
+_ALL = (figure_vehicle_motion, figure_joint_motion, figure_clearance, motion_figures.figure_efforts)
 PLAN_FIGURES: Mapping[str, Callable[..., Figure | None]] = style.by_name(_ALL)
 """What draws each figure of a plan, by name."""
 
@@ -101,7 +99,7 @@ def _motion(record: Record, names: Collection[str], parts: Sequence[str], title:
         for k, i in enumerate(wanted):
             name = style.label_text(planned[i], 10)
             row.plot(record["t"], record[series][:, i], **style.line_style(k), label=name)
-        row.set_ylabel(f"{label}\n[{', '.join(unit_of(series, part, record.meta) for part in parts)}]")
+        row.set_ylabel(f"{label}\n[{', '.join(tables.unit_of(series, part, record.meta) for part in parts)}]")
         _draw_limits(row, record, series, wanted)
     axes[0].legend(ncols=len(wanted), loc="lower center", bbox_to_anchor=(0.5, 1.0), fontsize=style.points(7))
     _mark_breaks(axes, record)

@@ -9,8 +9,7 @@ import casadi as ca
 import numpy as np
 
 from uvms_ocp.codegen.kernel_layout import assign
-from uvms_ocp.control.faults import verdicts
-from uvms_ocp.control.faults.authority import Authority, authority_in, authority_sizes
+from uvms_ocp.control.faults import authority, verdicts
 from uvms_ocp.control.faults.detection import FaultDetection, JointFaultMemory
 from uvms_ocp.control.faults.thrusters import EARLY, LATE, ThrusterFaultMemory
 from uvms_ocp.robot.robot import Robot
@@ -31,7 +30,7 @@ def detection_sizes(
         "n_v": robot.n_v,
         "n_joints": robot.n_joints,
         "n_looks": window_capacity(tuning, period),
-        **authority_sizes(len(robot.description.thrusters)),
+        **authority.authority_sizes(len(robot.description.thrusters)),
         "weight": _weight_function(robot, symbolic),
         "joint_way": _joint_way_function(robot, symbolic),
     }
@@ -150,7 +149,7 @@ class ActuatorMonitor:
         """Verdicts on each."""
         self.joints: list[verdicts.JointVerdict] = []
         """Likewise."""
-        self.authority: Authority | None = None
+        self.authority: authority.Authority | None = None
         """Remaining control authority; `None` while all are sound, and until it is computed."""
         self._telemetry: dict[str, Any] = {}
         self._refresh()
@@ -170,7 +169,7 @@ class ActuatorMonitor:
         if i >= 0:
             self.alarms.append((t, verdicts.thruster_alarm(i + 1, thrusters[i].name, self.thrusters[i])))
         if self._memory.judgement:
-            self.authority = authority_in(self._memory.authority)
+            self.authority = authority.authority_in(self._memory.authority)
             end = "" if self.authority.can_go_on else "; the mission cannot go on"
             self.alarms.append((t, f"without {self.faulty}: {self.authority}{end}"))
 

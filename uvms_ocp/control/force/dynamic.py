@@ -9,19 +9,17 @@ import numpy as np
 from uvms_ocp.checks import checked_constructor, checked_dataclass, replace_unchecked, unchecked_constructor
 from uvms_ocp.control.faults.monitor import ActuatorMonitor
 from uvms_ocp.control.faults.verdicts import ActuatorHealthTuning, residual_filter_for
-from uvms_ocp.control.force.allocation import thruster_lag
+from uvms_ocp.control.force import allocation, tick_functions
 from uvms_ocp.control.force.observer import DisturbanceObserver, ObserverLaw
 from uvms_ocp.control.force.tick import ForceTick
-from uvms_ocp.control.force.tick_functions import ForceLaws
 from uvms_ocp.control.force.velocity_law import BandwidthDerating, DeadTimes, VelocityLaw, bandwidth_derating, dead_times
 from uvms_ocp.control.payload import LoadLearner, LoadLearning, require_learnable
 from uvms_ocp.control.velocity.abort import ActuationFeedback
 from uvms_ocp.control.velocity.kinematic import KinematicController
 from uvms_ocp.errors import InvalidInput
 from uvms_ocp.record.display import SmallTable, TableDisplay, rows_of
-from uvms_ocp.robot import Command, Robot, SensorSpecs, StateEstimate
+from uvms_ocp.robot import Command, Robot, SensorSpecs, StateEstimate, thrusters
 from uvms_ocp.robot.dynamics import Dynamics
-from uvms_ocp.robot.thrusters import largest_force, largest_wrench
 from uvms_ocp.types import Lead, Magnitude
 
 _feedback = unchecked_constructor(ActuationFeedback)
@@ -176,10 +174,10 @@ def _laws(
     health: ActuatorHealthTuning | None,
     derating: BandwidthDerating,
     dt: float,
-) -> ForceLaws:
+) -> tick_functions.ForceLaws:
     """Return the laws of a robot, one object for many runs, so that what is derived from them is made once; dt [s]."""
     search, observed = health if gains.observer_vehicle and robot.n_vehicle else None, derating.vehicle * gains.observer_vehicle
-    return ForceLaws(
+    return tick_functions.ForceLaws(
         robot=robot,
         velocity=VelocityLaw(
             dynamics=dynamics.symbolic,
@@ -187,8 +185,8 @@ def _laws(
             reset=_per_axis(robot, gains.vehicle_reset, gains.joints_reset),
             dt=dt,
         ),
-        lag=thruster_lag(robot, lead=gains.lead, dt=dt),
-        lift=float(largest_wrench(robot)[2]),
+        lag=allocation.thruster_lag(robot, lead=gains.lead, dt=dt),
+        lift=float(thrusters.largest_wrench(robot)[2]),
         derating=derating,
         observer=_observer_law(robot, gains, dt),
         residual_filter=None if search is None else residual_filter_for(search, bandwidth=observed, dt=dt),
@@ -196,7 +194,7 @@ def _laws(
     )
 
 
-def _learner(laws: ForceLaws, settings: LoadLearning) -> LoadLearner:
+def _learner(laws: tick_functions.ForceLaws, settings: LoadLearning) -> LoadLearner:
     observer = laws.observer
     require_learnable(laws.robot, observed=observer is not None)
     assert observer is not None
@@ -213,7 +211,7 @@ def _observer_law(robot: Robot, gains: VelocityGains, dt: float) -> ObserverLaw 
         return None
     return ObserverLaw(
         bandwidth=_per_axis(robot, gains.observer_vehicle, gains.observer_joints or gains.observer_vehicle),
-        limit=largest_force(robot),
+        limit=thrusters.largest_force(robot),
         dt=dt,
     )
 

@@ -21,8 +21,7 @@ from uvms_ocp.control.faults.verdicts import ActuatorHealthTuning, FilteredComma
 from uvms_ocp.control.force.allocation import ThrusterLag
 from uvms_ocp.control.force.observer import ObserverLaw, ObserverState, limited
 from uvms_ocp.control.force.velocity_law import BandwidthDerating, VelocityLaw
-from uvms_ocp.robot import Robot, thruster_matrix
-from uvms_ocp.robot.symbolic_bodies import sparse
+from uvms_ocp.robot import Robot, symbolic_bodies, thruster_matrix
 from uvms_ocp.robot.thrusters import electrical_power, free_motions, joint_power, power_law
 
 # Inputs, state, desired force and outputs of a tick: named parts of columns of numbers.
@@ -201,7 +200,7 @@ class ForceLaws:
     @property
     def matrix(self) -> ca.DM:
         """Thruster matrix (6, n_thrusters) [-, m]."""
-        return sparse(thruster_matrix(self.robot))
+        return symbolic_bodies.sparse(thruster_matrix(self.robot))
 
 
 def transfer_function(laws: ForceLaws) -> ca.Function:
@@ -230,7 +229,7 @@ def control_function(laws: ForceLaws) -> ca.Function:
     trusted = _by_part(laws, 1.0 - inputs.hold, inputs.joints)
     error = ca.if_else(trusted, inputs.reference - inputs.v, 0.0)
     before = ca.if_else(_by_part(laws, ca.SX(1.0), inputs.joints), observed.before, inputs.reference)  # brakes stop at once
-    motions, measured = map(sparse, free_motions(laws.robot))
+    motions, measured = map(symbolic_bodies.sparse, free_motions(laws.robot))
     error, before = error - motions @ (measured @ error), before + motions @ (measured @ (inputs.reference - before))
     tau = laws.velocity.force(inputs.q, inputs.reference, before, error, observed.integral, observed.share) - observed.estimate
     if motions.shape[1]:  # they are as all other forces have it, and what that takes of driven axes is fed forward

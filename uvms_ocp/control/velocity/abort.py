@@ -15,13 +15,11 @@ import pinocchio as pin
 
 from uvms_ocp.codegen.kernel_layout import FunctionField, Layout, Sized, Vector, assign
 from uvms_ocp.control.velocity.tick_state import TickInputs
-from uvms_ocp.estimation.degraded_modes import describe_channels
-from uvms_ocp.estimation.fallbacks import UNSEEN_SLOPE
+from uvms_ocp.estimation import degraded_modes, fallbacks
 from uvms_ocp.mission import Mission
 from uvms_ocp.mission.progress import MissionMemory, always_grows
-from uvms_ocp.robot import Robot, SymbolicModel
+from uvms_ocp.robot import Robot, SymbolicModel, signals
 from uvms_ocp.robot.shapes.hull import lowest_point
-from uvms_ocp.robot.signals import ChannelHealth
 from uvms_ocp.tasks.altitude import MinimumAltitude
 
 # Where the abort phase climbs to from where the robot is: straight up, upright.
@@ -69,7 +67,7 @@ def ascent_sizes(robot: Robot, mission: Mission, altimeter: str | None) -> dict[
     altimeter: its frame.
     """
     frame = None if mission.abort is None else mission.ascent_frame
-    return {"pose": _climb_frame(robot, frame), "lowest": lowest_point(robot, UNSEEN_SLOPE, altimeter)}
+    return {"pose": _climb_frame(robot, frame), "lowest": lowest_point(robot, fallbacks.UNSEEN_SLOPE, altimeter)}
 
 
 @lru_cache(maxsize=8)
@@ -303,7 +301,7 @@ class AbortMonitor:
             AbortReason.CONTACT: f"contact or rising water: pushed up by {lift} for {abort.contact_after:g} s",
             AbortReason.FLOOR: f"hull or arm {abort.sunk:g} m in the floor that the altimeter shows, or deeper",
             AbortReason.LATE: f"{abort.time_limit:g} s were not enough for it",
-            AbortReason.HOPELESS: (less.abort or describe_channels(less.lost)) if tick.stopped else "",
+            AbortReason.HOPELESS: (less.abort or degraded_modes.describe_channels(less.lost)) if tick.stopped else "",
             AbortReason.ENDED: less.abort,
             AbortReason.RUNAWAY: f"runaway: {pending}, and farther than"
             f" {abort.runaway_after:g} s ago, with thrusters at their limits{which}",
@@ -313,7 +311,7 @@ class AbortMonitor:
         return f"{words}; {feedback.fault_summary}" if words and feedback.fault_summary not in words else words
 
 
-def _held_back(bad: Sequence[ChannelHealth]) -> str:
+def _held_back(bad: Sequence[signals.ChannelHealth]) -> str:
     """Describe channels that are not good, by reason: many have one in common."""
     whys: dict[str, list[str]] = {}
     for item in sorted(bad, key=lambda item: item.channel):

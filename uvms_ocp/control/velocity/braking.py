@@ -16,8 +16,7 @@ import numpy as np
 from uvms_ocp.codegen.kernel_layout import FunctionField, Layout, Sized, Vector, zeros
 from uvms_ocp.estimation.degraded_modes import RestrictionMemory
 from uvms_ocp.estimation.fallbacks import AltimeterMemory
-from uvms_ocp.robot import Robot, SymbolicModel
-from uvms_ocp.robot.limits import bounded_joints
+from uvms_ocp.robot import Robot, SymbolicModel, limits
 from uvms_ocp.tasks.activation import ENDLESS, stopping_speed
 
 # How a robot comes to rest: all axes slow down in proportion, as fast as the first of them can.
@@ -134,7 +133,7 @@ def _functions(robot: Robot, dt: float) -> tuple[ca.Function, ca.Function]:
 def _slower(robot: Robot, acceleration: np.ndarray, dt: float, q: ca.SX, v: ca.SX, time: ca.SX) -> ca.SX:
     """v one tick nearer to rest: in proportion, where no joint has to brake harder before its limit."""
     slower = ca.if_else(time > dt, v * (1.0 - dt / time), 0.0 * v)
-    for joint, lower, upper in bounded_joints(robot.joints, robot.limits):
+    for joint, lower, upper in limits.bounded_joints(robot.joints, robot.limits):
         i, at = joint.idx_v, joint.position(q)
         down, up = (stopping_speed(room, deceleration=acceleration[i], dt=dt) for room in (at - lower, upper - at))
         slower[i] = ca.fmax(ca.fmin(slower[i], up), -down)

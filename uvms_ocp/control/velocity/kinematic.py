@@ -14,9 +14,8 @@ import numpy as np
 from uvms_ocp.checks import checked, checked_on_failure, replace_unchecked, unchecked_constructor
 from uvms_ocp.codegen.kernel_layout import arrays_of
 from uvms_ocp.codegen.kernels import bind_memory
-from uvms_ocp.control.velocity import goals as task_goals, tick as velocity_tick, viability
+from uvms_ocp.control.velocity import goals as task_goals, levels, tick as velocity_tick, viability
 from uvms_ocp.control.velocity.abort import AbortMonitor, AbortReason, ActuationFeedback, ascent_goal
-from uvms_ocp.control.velocity.levels import LevelsProblem, build_levels
 from uvms_ocp.control.velocity.tick_memory import altimeter_of, inputs_of, tick_memory
 from uvms_ocp.control.velocity.tick_state import TickInputs
 from uvms_ocp.errors import InvalidInput
@@ -92,7 +91,7 @@ class KinematicController(TableDisplay):
         Raises `InvalidInput` where it is not > 0, and what `build_levels` and `Mission.check_quantities` raise.
         """
         self.robot, self.mission, self.dt, self.guide = robot, mission, dt, guide
-        self.problem: LevelsProblem = build_levels(robot, mission.hierarchy, dt, mission.beside_tasks)
+        self.problem: levels.LevelsProblem = levels.build_levels(robot, mission.hierarchy, dt, mission.beside_tasks)
         mission.check_quantities(self.problem.quantity_names)
         self.events: list[Event] = []
         self.left: list[MissionState] = []

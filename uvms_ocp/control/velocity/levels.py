@@ -19,10 +19,8 @@ import numpy as np
 from uvms_ocp.checks import checked, checked_dataclass
 from uvms_ocp.control.velocity.swing import N_PASSIVE, countered_rows, lean_of, lean_rows, mean_attitude, swinging_axes
 from uvms_ocp.record.meta_values import OWN_QUANTITIES
-from uvms_ocp.robot import Robot, SymbolicModel
+from uvms_ocp.robot import Robot, SymbolicModel, symbolic_bodies, thrusters
 from uvms_ocp.robot.limits import bounded_joints
-from uvms_ocp.robot.symbolic_bodies import sparse
-from uvms_ocp.robot.thrusters import undriven_axes
 from uvms_ocp.solvers.hierarchy.level import widen_bounds
 from uvms_ocp.tasks.activation import ENDLESS, row_acceleration, stopping_speed
 from uvms_ocp.tasks.task import Hierarchy, Rows, Task, TaskClass, TickSymbols, equality_rows
@@ -52,7 +50,7 @@ def jerk_limit_rows(symbols: TickSymbols, previous: ca.SX, change: ca.SX) -> Row
     # An axis that was braked to a standstill stays there: what is left of the braking must not push it backwards.
     falling = stopping_speed(ca.fabs(previous), deceleration=jerk, dt=dt) * dt
     most = falling + ca.if_else(change * previous > 0, ca.inf, 0)
-    held, free = previous + ca.fmin(ca.fmax(change, -most), most), sparse(unlimited_axes(symbols.robot))
+    held, free = previous + ca.fmin(ca.fmax(change, -most), most), symbolic_bodies.sparse(unlimited_axes(symbols.robot))
     return Rows(
         jacobian=ca.SX.eye(n_v),
         rate=ca.SX.zeros(n_v),
@@ -65,7 +63,7 @@ def jerk_limit_rows(symbols: TickSymbols, previous: ca.SX, change: ca.SX) -> Row
 def unlimited_axes(robot: Robot) -> np.ndarray:
     """Return (n_v,) infinity for axes that no thruster drives, and that heed no limit; 0 for the others."""
     found = np.zeros(robot.n_v)
-    found[list(undriven_axes(robot))] = np.inf
+    found[list(thrusters.undriven_axes(robot))] = np.inf
     return found
 
 
@@ -361,7 +359,7 @@ def _limit_rows(symbols: TickSymbols, previous: ca.SX) -> Rows:
         braking = {"deceleration": float(robot.limits.acceleration[i]), "dt": symbols.dt}
         lower[i] = ca.fmax(lower[i], -stopping_speed(q - q_lower, **braking))
         upper[i] = ca.fmin(upper[i], stopping_speed(q_upper - q, **braking))
-    zeros, free = ca.SX.zeros(robot.n_v), sparse(unlimited_axes(robot))
+    zeros, free = ca.SX.zeros(robot.n_v), symbolic_bodies.sparse(unlimited_axes(robot))
     return Rows(
         jacobian=ca.SX.eye(robot.n_v),
         rate=zeros,

@@ -11,13 +11,11 @@ import numpy as np
 
 from uvms_ocp.codegen.kernel_layout import FunctionField, Layout, Sized, Vector, structure_of, view
 from uvms_ocp.codegen.kernels import bind_memory
+from uvms_ocp.control.velocity import braking, distances, viability
 from uvms_ocp.control.velocity.abort import AbortReason, abort_reason, aim_ascent
-from uvms_ocp.control.velocity.braking import begin_stop, limit_speed, step_stop
-from uvms_ocp.control.velocity.distances import measure_pairs, place_along_stop
 from uvms_ocp.control.velocity.goals import load_goals
 from uvms_ocp.control.velocity.levels import LevelsProblem
 from uvms_ocp.control.velocity.tick_memory import TickMemory
-from uvms_ocp.control.velocity.viability import enforce_viability, may_reach_limit
 from uvms_ocp.estimation.degraded_modes import restrict
 from uvms_ocp.estimation.fallbacks import Freshness, echo_range, freshness_of, hold_last_valid, point_altimeter
 from uvms_ocp.mission import progress
@@ -93,9 +91,9 @@ def _measure_distances(m: TickMemory) -> None:
         if target[i] != 0.0 or m.gates[i] != 0.0:
             if not looked:
                 least = m.rule.stop.dt if m.near else math.inf
-                place_along_stop(m.nearest, m.q, m.command, m.rule.stop.acceleration, least)
+                distances.place_along_stop(m.nearest, m.q, m.command, m.rule.stop.acceleration, least)
                 looked = True
-            measure_pairs(m.nearest, k, m.goals.values)
+            distances.measure_pairs(m.nearest, k, m.goals.values)
 
 
 def finish_tick(m: TickMemory) -> None:
@@ -189,8 +187,8 @@ def _report(m: TickMemory) -> None:
 def _come_to_rest(m: TickMemory) -> None:
     """Along the stop that the last tick with a measurement has found clear."""
     way = m.rule.stop
-    begin_stop(way, m.place, m.command)
-    step_stop(way)
+    braking.begin_stop(way, m.place, m.command)
+    braking.step_stop(way)
     m.place[:] = way.q
     for i in range(len(m.command)):
         m.change[i] = (way.v[i] - m.command[i]) / m.pace
@@ -202,8 +200,8 @@ def _choose(m: TickMemory) -> None:
     """The velocity that is wanted, as far as the limits on positions let it be taken."""
     m.place[:] = m.q
     _wanted_velocity(m)
-    m.near = may_reach_limit(m.rule, m.wanted, m.gates, m.quantities)
-    m.share = enforce_viability(m.rule, m.q, m.command, m.wanted, m.gates, m.quantities) if m.near else 1.0
+    m.near = viability.may_reach_limit(m.rule, m.wanted, m.gates, m.quantities)
+    m.share = viability.enforce_viability(m.rule, m.q, m.command, m.wanted, m.gates, m.quantities) if m.near else 1.0
     commit_velocity(m)
 
 
@@ -213,7 +211,7 @@ def _wanted_velocity(m: TickMemory) -> None:
     if m.usable:
         _shorten(m)
         if m.restriction.any_bad or m.pace != 1.0:
-            m.wanted_pace = limit_speed(m.speed_limit, m.restriction, m.beam, m.q, m.command, m.pace, m.wanted)
+            m.wanted_pace = braking.limit_speed(m.speed_limit, m.restriction, m.beam, m.q, m.command, m.pace, m.wanted)
     else:
         for i in range(len(m.wanted)):  # one tick nearer to rest
             m.wanted[i] = m.command[i] - min(max(m.command[i], -m.speed_limit.step[i]), m.speed_limit.step[i])

@@ -18,8 +18,7 @@ import casadi as ca
 import numpy as np
 
 from uvms_ocp.codegen.kernel_layout import CallbackBinding, CallbackField, FunctionField, Layout, Sized, Vector, assign, view
-from uvms_ocp.control.velocity import braking
-from uvms_ocp.control.velocity.goals import asked_in_phases, distance_tasks, tracks_of
+from uvms_ocp.control.velocity import braking, goals
 from uvms_ocp.mission.mission import Mission
 from uvms_ocp.robot.limits import PositionLimit
 from uvms_ocp.robot.robot import Robot
@@ -303,9 +302,9 @@ def without_c_form(robot: Robot, mission: Mission, dt: float, quantity_names: Se
     Told without a controller, for which something would have to be compiled.
     """
     tasks = mission.hierarchy.tasks
-    found = {item.name: _MOVES for phase in asked_in_phases(mission, tracks_of(mission, dt)) for item in phase}
+    found = {item.name: _MOVES for phase in goals.asked_in_phases(mission, goals.tracks_of(mission, dt)) for item in phase}
     limits = {guard.task: _refusal(guard, robot) for guard in position_guards(robot, tasks, quantity_names)}
-    distances = {task: not_measured(pairs.model, robot) for task, _, pairs in distance_tasks(mission)}
+    distances = {task: not_measured(pairs.model, robot) for task, _, pairs in goals.distance_tasks(mission)}
     reasons = [(tasks[task].name, why) for known in (limits, distances) for task, why in known.items()]
     return found | {name: why for name, why in reasons if why}
 

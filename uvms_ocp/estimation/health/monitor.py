@@ -15,8 +15,7 @@ from uvms_ocp.codegen.kernel_layout import Layout, Sized, Vector, structure_of
 from uvms_ocp.codegen.kernels import bind_kernels
 from uvms_ocp.estimation.estimator import JOINT_CHANNELS, AltimeterMount, PassThrough
 from uvms_ocp.estimation.filter_memory import N_CHANNELS, NUMBER, ChannelIndex
-from uvms_ocp.estimation.health import channel_state
-from uvms_ocp.estimation.health.plausibility import integrate_command, remember, slot_at
+from uvms_ocp.estimation.health import channel_state, plausibility
 from uvms_ocp.estimation.health.screening import compare, is_empty, is_persistent, screen_reading
 from uvms_ocp.estimation.health.tuning import HealthTuning, Reason, ReasonTexts
 from uvms_ocp.robot.robot import Robot
@@ -214,7 +213,7 @@ def screen(m: channel_state.HealthMemory, t: float, moving: bool) -> None:
     """Screen the fresh readings at time t [s]; moving: there was a command, and no brakes."""
     m.dt = max(t - m.t, 0.0) if m.started else 0.0
     m.t, m.started, m.exposed = t, True, False
-    integrate_command(m.encoders, moving, m.dt)
+    plausibility.integrate_command(m.encoders, moving, m.dt)
     m.n_behind = 0
     for k in range(m.n):
         c = m.channels[m.order[k]]
@@ -237,7 +236,7 @@ def judge(m: channel_state.HealthMemory, t: float, is_estimated: bool) -> int:
     """Update the trust in every channel at time t [s]; is_estimated: `now` is one. Returns how many verdicts changed."""
     m.t, m.now.t = t, t
     if is_estimated:
-        remember(m.history, m.now)
+        plausibility.remember(m.history, m.now)
     n = 0
     for k in range(m.n):
         if channel_state.update_trust(m, m.channels[m.order[k]]):
@@ -280,7 +279,7 @@ def _screen_newest(m: channel_state.HealthMemory, c: channel_state.ChannelMemory
 
 
 def _screen_new(m: channel_state.HealthMemory, c: channel_state.ChannelMemory) -> None:
-    slot, barred, b = slot_at(m.history, c.stamp), channel_state.is_excluded(c, m.t), m.belief
+    slot, barred, b = plausibility.slot_at(m.history, c.stamp), channel_state.is_excluded(c, m.t), m.belief
     screen_reading(m, c, slot)
     if not b.used:
         channel_state.reject(c, b.why, m.t)

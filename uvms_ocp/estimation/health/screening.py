@@ -6,12 +6,10 @@ import math
 
 from uvms_ocp.codegen.kernel_layout import Vector, zeros
 from uvms_ocp.estimation.filter_memory import ChannelIndex, orders_of
-from uvms_ocp.estimation.health import plausibility, redundancy
+from uvms_ocp.estimation.health import floor, plausibility, redundancy
 from uvms_ocp.estimation.health.channel_state import TOO_LATE, ChannelMemory, HealthMemory, ScreeningResult, exclude, suspect
-from uvms_ocp.estimation.health.floor import FloorPoint, accept_echo
 from uvms_ocp.estimation.health.tuning import Complaint, Reason, set_complaint
-from uvms_ocp.robot.kinematics import STEEP
-from uvms_ocp.robot.signals import Trust
+from uvms_ocp.robot import kinematics, signals
 
 # All that can be said against one new reading before the filter sees it.
 #
@@ -119,20 +117,20 @@ def is_persistent(c: ChannelMemory) -> bool:
 
 
 def _is_good(m: HealthMemory, channel: int) -> bool:
-    return channel >= 0 and m.channels[channel].present and m.channels[channel].trust == Trust.GOOD
+    return channel >= 0 and m.channels[channel].present and m.channels[channel].trust == signals.Trust.GOOD
 
 
 def _is_floor(m: HealthMemory, c: ChannelMemory, estimate: plausibility.PastEstimate, why: Complaint) -> bool:
     up, at = zeros(3), zeros(3)
     plausibility.rotate(estimate.q, estimate.beam_up, up)
     plausibility.rotate(estimate.q, estimate.beam_at, at)
-    if up[2] <= STEEP:
+    if up[2] <= kinematics.STEEP:
         return True
     _place(m.floor.here, c, estimate, up, at)
-    return accept_echo(m.floor, why)
+    return floor.accept_echo(m.floor, why)
 
 
-def _place(here: FloorPoint, c: ChannelMemory, estimate: plausibility.PastEstimate, up: Vector, at: Vector) -> None:
+def _place(here: floor.FloorPoint, c: ChannelMemory, estimate: plausibility.PastEstimate, up: Vector, at: Vector) -> None:
     """Find the spot of the floor of an echo: up and at [m], axis and place of the altimeter, are in W, seen from the vehicle."""
     here.t, here.sensor_x = c.stamp, estimate.q[0] + at[0]
     here.sensor_y, here.sensor_z = estimate.q[1] + at[1], estimate.q[2] + at[2]

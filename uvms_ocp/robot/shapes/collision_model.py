@@ -15,8 +15,7 @@ import pinocchio as pin
 from uvms_ocp.codegen.kernel_layout import structure_of, view
 from uvms_ocp.codegen.kernels import make_memory
 from uvms_ocp.errors import InvalidInput
-from uvms_ocp.robot.kinematics import shape_reach
-from uvms_ocp.robot.loading import link_masses
+from uvms_ocp.robot import kinematics, loading
 from uvms_ocp.robot.robot import Robot
 from uvms_ocp.robot.shapes import distance_kernels
 from uvms_ocp.robot.shapes.obstacles import Obstacle
@@ -27,7 +26,7 @@ from uvms_ocp.robot.shapes.obstacles import Obstacle
 def links_without_shape(robot: Robot) -> tuple[str, ...]:
     """Return the names of the links that have a mass and no collision shape, in the order of the robot's frames."""
     shaped = {robot.model.frames[shape.parentFrame].name for shape in robot.collision_model.geometryObjects}
-    return tuple(name for name, mass in link_masses(robot.model).items() if mass > 0.0 and name not in shaped)
+    return tuple(name for name, mass in loading.link_masses(robot.model).items() if mass > 0.0 and name not in shaped)
 
 
 # Distances of pairs of shapes by coal: of any shapes, and the oracle of those in machine code.
@@ -292,7 +291,7 @@ def self_pairs(robot: Robot) -> list[tuple[int, int]]:
 
 def _pair_reach(robot: Robot, geometry: pin.GeometryModel, pairs: Sequence[tuple[int, int]]) -> np.ndarray:
     """(n_v,) largest over all pairs; an axis that carries both shapes of a pair alike does not change its distance."""
-    reaches = [shape_reach(robot, shape) for shape in geometry.geometryObjects]
+    reaches = [kinematics.shape_reach(robot, shape) for shape in geometry.geometryObjects]
     both = [(reaches[a], reaches[b]) for a, b in pairs]
     apart = np.isin(np.arange(robot.n_v), [robot.joint(name).idx_v for name in robot.leading_joints])
     moved = [np.where(apart, a + b, np.where((a > 0) != (b > 0), np.maximum(a, b), 0.0)) for a, b in both]

@@ -8,9 +8,8 @@ import casadi as ca
 import numpy as np
 import pinocchio as pin
 
-from uvms_ocp.robot.assembly import box_corners
+from uvms_ocp.robot import assembly, symbolic_model
 from uvms_ocp.robot.robot import Robot
-from uvms_ocp.robot.symbolic_model import SymbolicModel
 
 
 def skid_points(robot: Robot) -> np.ndarray:
@@ -40,7 +39,7 @@ def _hull(robot: Robot) -> list[pin.GeometryObject]:
 
 def _box_corners(shape: pin.GeometryObject) -> np.ndarray:
     """Corners (8, 3) [m] of a shape's own bounding box, in the frame of the vehicle."""
-    return np.asarray(box_corners(shape.geometry) @ shape.placement.rotation.T + shape.placement.translation)
+    return np.asarray(assembly.box_corners(shape.geometry) @ shape.placement.rotation.T + shape.placement.translation)
 
 
 @lru_cache(maxsize=8)
@@ -50,7 +49,7 @@ def lowest_point(robot: Robot, slope: float = 0.0, altimeter: str | None = None)
     slope: of a floor that falls from below the altimeter, a frame, on, by which those beside it count as higher.
     """
     q = ca.SX.sym("q", robot.n_q)
-    kinematics = SymbolicModel(robot.model).forward_kinematics(q)
+    kinematics = symbolic_model.SymbolicModel(robot.model).forward_kinematics(q)
     points = [pose.p for pose in kinematics.joint_poses[2 if robot.n_vehicle else 1 :]]
     points += [kinematics.pose(frame)[1] for frame in robot.tools]
     if robot.n_vehicle:

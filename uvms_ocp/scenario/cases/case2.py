@@ -13,15 +13,13 @@ import pinocchio as pin
 from uvms_ocp.checks import checked
 from uvms_ocp.errors import InvalidInput
 from uvms_ocp.mission.phase import Phase
-from uvms_ocp.planning import CoalDistances, collision_scene, coordinates, soft_collision, tool_goal
-from uvms_ocp.planning.path_cost import CostWeights
+from uvms_ocp.planning import CoalDistances, collision_scene, coordinates, path_cost, soft_collision, tool_goal
 from uvms_ocp.robot import Kinematics, Obstacle, Robot, obstacle
 from uvms_ocp.scenario.cases.case1 import case1
 from uvms_ocp.scenario.preflight.setup import forecast
 from uvms_ocp.scenario.scenario import Scenario
 from uvms_ocp.sim.seafloor import floor_obstacle
-from uvms_ocp.tasks import JointTracking, NullVelocity, ToolPose, ToolPosition
-from uvms_ocp.tasks.goals import evaluate_pose
+from uvms_ocp.tasks import JointTracking, NullVelocity, ToolPose, ToolPosition, goals
 from uvms_ocp.trajectories import MotionLimits, PiecewisePolynomial
 
 ROCK = obstacle("rock", coal.Sphere(0.12), (12.25, 37.1, -39.8))
@@ -62,13 +60,13 @@ def plan_arm(scenario: Scenario, clearance: float = 0.05) -> soft_collision.Coll
     distances = CoalDistances(collision_scene(planned, around))
     goal = next(task for task in scenario.mission.hierarchy.tasks if isinstance(task, ToolPose | ToolPosition))
     start = planned.x(base)
-    pose, _ = evaluate_pose(goal.name, goal.goal, 0.0)
+    pose, _ = goals.evaluate_pose(goal.name, goal.goal, 0.0)
     end = tool_goal(distances, goal.frame, pose if isinstance(goal, ToolPose) else pose.translation, start)
     if end is None:
         raise InvalidInput(f"no posture clear of collision reaches the goal of {goal.name} from where the vehicle lands")
     velocity, acceleration = (_SHARE * own[robot.joint_v] for own in (robot.limits.velocity, robot.limits.acceleration))
     limits = MotionLimits(velocity=velocity, acceleration=acceleration)
-    options = soft_collision.SoftCollisionOptions(weights=CostWeights(clearance=clearance))
+    options = soft_collision.SoftCollisionOptions(weights=path_cost.CostWeights(clearance=clearance))
     return soft_collision.plan_soft_collision(distances.scene, np.stack([start, end]), limits=limits, options=options)
 
 

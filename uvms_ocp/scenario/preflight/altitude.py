@@ -13,8 +13,7 @@ from uvms_ocp.robot.shapes.hull import lowest_link, skid_points
 from uvms_ocp.scenario.preflight.reachability import goals_of
 from uvms_ocp.scenario.preflight.setup import Finding, Setup, Severity, Visit, main_path, points_on_ball, threshold_of
 from uvms_ocp.sim.environment import closest_approach
-from uvms_ocp.tasks import HorizontalAttitude, LandingAltitude, MinimumAltitude
-from uvms_ocp.tasks.goals import evaluate_pose
+from uvms_ocp.tasks import HorizontalAttitude, LandingAltitude, MinimumAltitude, goals
 from uvms_ocp.tasks.pose import PoseTask, ToolPosition, VehiclePose
 
 # Checks on heights: way points against the minimum altitude, landing against it, goals, and the start.
@@ -104,7 +103,7 @@ def _way_point(setup: Setup, visit: Visit, minimum: MinimumAltitude) -> Iterator
     task = visit.active(VehiclePose)
     if task is None:
         return
-    goal, _ = evaluate_pose(task.name, task.goal, 0.0)
+    goal, _ = goals.evaluate_pose(task.name, task.goal, 0.0)
     radius = threshold_of(visit.phase, f"{task.name}.position_error")
     gap = minimum.threshold - _altitude(setup, goal)
     if gap <= 0:

@@ -14,9 +14,8 @@ from uvms_ocp.mission import Below, Mission
 from uvms_ocp.record.meta_values import DONE, ENERGIES
 from uvms_ocp.robot import IDEAL_SENSORS, Kinematics, assembly, loading, spatial
 from uvms_ocp.robot.dynamics import cached_dynamics
-from uvms_ocp.scenario.preflight import forces
+from uvms_ocp.scenario.preflight import forces, reachability
 from uvms_ocp.scenario.preflight.altitude import check_altitude, check_echo, check_goals, check_hull, check_obstacles
-from uvms_ocp.scenario.preflight.reachability import check_tool
 from uvms_ocp.scenario.preflight.setup import Finding, PreflightReport, Setup, Severity, Visit, forecast
 from uvms_ocp.tasks.pose import PoseTask, ToolPosition
 from uvms_ocp.tasks.task import TaskClass
@@ -124,7 +123,7 @@ def check_mission(setup: Setup) -> PreflightReport:
     for check in (forces.check_forces, forces.check_depth, forces.check_undriven, forces.check_rest):
         findings += check(setup, visits)
     findings += [*check_accuracy(setup), *forces.check_delays(setup, visits), *_check_wherever(setup)]
-    return PreflightReport(findings=(*findings, *check_tool(setup, visits)))
+    return PreflightReport(findings=(*findings, *reachability.check_tool(setup, visits)))
 
 
 def _check_wherever(setup: Setup) -> Iterator[Finding]:

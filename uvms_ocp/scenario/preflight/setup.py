@@ -20,8 +20,7 @@ from uvms_ocp.record.meta_values import DONE
 from uvms_ocp.robot import IDEAL_SENSORS, Robot, SensorSpecs, assembly, thrusters
 from uvms_ocp.robot.robot import require_normalized
 from uvms_ocp.sim.environment import Environment
-from uvms_ocp.tasks import Alignment, LandingAltitude, NullVelocity, Task, VehiclePose
-from uvms_ocp.tasks.goals import evaluate_pose, evaluate_vector
+from uvms_ocp.tasks import Alignment, LandingAltitude, NullVelocity, Task, VehiclePose, goals
 from uvms_ocp.types import Finite, Period, Shape
 
 # What the checks found.
@@ -255,13 +254,13 @@ def _stances_after(setup: Setup, visit: Visit) -> tuple[Stance, ...]:
     stances = visit.stances
     pose = visit.active(VehiclePose)
     if pose is not None:
-        goal, _ = evaluate_pose(pose.name, pose.goal, 0.0)
+        goal, _ = goals.evaluate_pose(pose.name, pose.goal, 0.0)
         radius = threshold_of(visit.phase, f"{pose.name}.position_error") or 0.0
         origin = visit.stances[0].position
         stances = stances_at_way_point(goal, radius, origin=origin, towards=_next_target(setup, visit))
     alignment = visit.active(Alignment)
     if alignment is not None:
-        target, _ = evaluate_vector(alignment.name, alignment.goal, 0.0)
+        target, _ = goals.evaluate_vector(alignment.name, alignment.goal, 0.0)
         walks = not thrusters.undriven_axes(setup.robot)
         stances = tuple(_aligned(stance, target, walks=walks) for stance in stances)
     landing = visit.active(LandingAltitude)
@@ -299,7 +298,7 @@ def stances_at_way_point(
 def _next_target(setup: Setup, visit: Visit) -> np.ndarray | None:
     """Target of the alignment of this mission, towards and away from which reach is best and worst."""
     alignment = next((task for task in setup.mission.tasks_of(visit.index) if isinstance(task, Alignment)), None)
-    return None if alignment is None else evaluate_vector(alignment.name, alignment.goal, 0.0)[0]
+    return None if alignment is None else goals.evaluate_vector(alignment.name, alignment.goal, 0.0)[0]
 
 
 def _aligned(stance: Stance, target: np.ndarray, *, walks: bool) -> Stance:

@@ -17,9 +17,7 @@ import numpy as np
 from uvms_ocp.checks import checked_constructor
 from uvms_ocp.codegen.elementwise import interval_distance, interval_excess
 from uvms_ocp.errors import InvalidInput
-from uvms_ocp.solvers.stage_qp import problem, tolerances
-from uvms_ocp.solvers.stage_qp.compiled import compiled_core
-from uvms_ocp.solvers.stage_qp.sparse_core import SparseCore
+from uvms_ocp.solvers.stage_qp import compiled, problem, sparse_core, tolerances
 from uvms_ocp.types import Array
 
 # A QP with its residuals as rows: where a Hessian is the sum of stiff and weak ones, the weak are lost to rounding.
@@ -138,7 +136,7 @@ class StageQpSolver:
 
     def __init__(self, shape: problem.StageShape, options: problem.StageQpOptions | None = None) -> None:
         self.shape, self.options = shape, options or problem.StageQpOptions()
-        self._core = (compiled_core(shape) if self.options.compiled else None) or SparseCore(shape)
+        self._core = (compiled.compiled_core(shape) if self.options.compiled else None) or sparse_core.SparseCore(shape)
 
     def solve(self, qp: problem.StageQp, warm: problem.StageQpSolution | None = None) -> problem.StageQpSolution:
         """The optimum; where there is none, what `StageQpStatus` says. No numbers raise anything.

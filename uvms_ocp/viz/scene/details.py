@@ -13,9 +13,8 @@ from uvms_ocp.record.run_meta import RecordMeta
 from uvms_ocp.record.tables import unit_of
 from uvms_ocp.robot.robot import Robot
 from uvms_ocp.robot.signals import Trust
+from uvms_ocp.viz.scene import shapes, surroundings
 from uvms_ocp.viz.scene.animation import Frames, Ghost, joint_node, rounded
-from uvms_ocp.viz.scene.shapes import hex_of
-from uvms_ocp.viz.scene.surroundings import extent, labels
 from uvms_ocp.viz.series import estimate_suffix, fault_spans, intervals_of, phase_spans
 
 # What the page's script needs beside the commands of meshcat: where to look from, names of places, the floor.
@@ -29,7 +28,7 @@ _SPEEDS = (0.25, 1, 2, 5, 10, 20, 50, 100)
 
 def page_details(record: Record, robot: Robot, frames: Frames, centre: np.ndarray) -> dict[str, Any]:
     """JSON values for the page; centre (3,) [m] in W is the origin of its frame."""
-    points, of_robot, duration = extent(record, frames), robot_details(robot), float(frames.t[-1])
+    points, of_robot, duration = surroundings.extent(record, frames), robot_details(robot), float(frames.t[-1])
     points = points[:: max(1, len(points) // _MOST_POINTS)] - centre
     fitting = (speed for speed in _SPEEDS if speed >= 1 and duration / speed <= _LONGEST_SHOW)
     far = np.linalg.norm(np.ptp(points, axis=0)) > _FAR * of_robot["size"]
@@ -44,7 +43,7 @@ def page_details(record: Record, robot: Robot, frames: Frames, centre: np.ndarra
         "speeds": _SPEEDS,
         "floor": None if lowest is None else float(lowest - centre[2]),
         "relief": _relief(record, centre),
-        "labels": labels(record, centre),
+        "labels": surroundings.labels(record, centre),
         "points": points.tolist(),
         "start_view": "vehicle" if far and robot.n_vehicle else "mission",
         "direction": _viewing_direction(record, frames, forward=0.4),
@@ -84,7 +83,7 @@ def _robot_size(robot: Robot) -> float:
 
 def _viewing_direction(record: Record, frames: Frames, *, forward: float) -> list[float]:
     """Return the direction to look from: the side of the run's horizontal way, `forward` of it and a little above."""
-    points = extent(record, frames)
+    points = surroundings.extent(record, frames)
     way = (points[-1] - frames.placements[0, 1, :3])[:2]
     length = float(np.linalg.norm(way))
     ahead = way / length if length > _SHORT_WAY else np.array([1.0, 0.0])
@@ -104,7 +103,7 @@ def legend(record: Record, trails: list[dict[str, Any]], ghosts: list[Ghost], *,
         rows.append(_row("altimeter", "#80ffe6", [*_SCENE, "beam"]))
     if record.meta.surroundings.frames or record.meta.surroundings.markers:
         rows.append(_row("goals", "#f24d1a", [*_SCENE, "goals"]))
-    rows += [_row(ghost.name, hex_of(ghost.rgb), [*_SCENE, ghost.node]) for ghost in ghosts]
+    rows += [_row(ghost.name, shapes.hex_of(ghost.rgb), [*_SCENE, ghost.node]) for ghost in ghosts]
     return rows
 
 

@@ -24,11 +24,10 @@ from uvms_ocp.record.record import Record
 from uvms_ocp.robot import Command, Robot, State
 from uvms_ocp.scenario.scenario import Scenario
 from uvms_ocp.types import AtLeastOne, Count, Positive
+from uvms_ocp.viz.scene import show, surroundings
 from uvms_ocp.viz.scene.animation import frames_of, joint_node, require_fit, rounded
 from uvms_ocp.viz.scene.details import legend, page_details, readout
 from uvms_ocp.viz.scene.page import CommandLog, ScenePage, build_page, served
-from uvms_ocp.viz.scene.show import STATIC_DETAILS, draw_still
-from uvms_ocp.viz.scene.surroundings import draw_goals, draw_obstacles, middle
 
 # The page of a run that goes on: the scene as the run begins, and what the page's script needs to move it.
 
@@ -39,12 +38,12 @@ def live_page(record: Record, robot: Robot, height: int) -> ScenePage:
     """record: how a run of `robot` begins. height [px] of its frame in a notebook. Raises `InvalidInput` as `show`."""
     require_fit(record, robot)
     frames = frames_of(record, robot, _FPS)
-    centre, log = middle(record, frames), CommandLog()
-    root = draw_still(log, robot, list(map(pin.XYZQUATToSE3, frames.placements[0])), centre)
-    draw_goals(root["goals"], record)
-    draw_obstacles(root["obstacles"], record)
+    centre, log = surroundings.middle(record, frames), CommandLog()
+    root = show.draw_still(log, robot, list(map(pin.XYZQUATToSE3, frames.placements[0])), centre)
+    surroundings.draw_goals(root["goals"], record)
+    surroundings.draw_obstacles(root["obstacles"], record)
     log.animate({})
-    details = STATIC_DETAILS | page_details(record, robot, frames, centre) | _still(record) | {"live": _moved(record, robot)}
+    details = show.STATIC_DETAILS | page_details(record, robot, frames, centre) | _still(record) | {"live": _moved(record, robot)}
     return build_page(log, title=f"{record.meta.scenario}: {record.meta.robot}", details=details, height=height, live=True)
 
 

@@ -13,13 +13,11 @@ from uvms_ocp.checks import checked
 from uvms_ocp.errors import InvalidInput
 from uvms_ocp.ocp.plan import Plan
 from uvms_ocp.record.record import Record
-from uvms_ocp.robot import Robot, list_robots, load_robot
-from uvms_ocp.robot.loading import recorded_robot
-from uvms_ocp.viz.scene import animation
+from uvms_ocp.robot import Robot, list_robots, load_robot, loading
+from uvms_ocp.viz.scene import animation, shapes
 from uvms_ocp.viz.scene.animation import NO_GHOSTS, Frames, Ghost, draw_robot, joint_node, require_fit
 from uvms_ocp.viz.scene.details import legend, page_details, readouts, robot_details, time_line
 from uvms_ocp.viz.scene.page import CommandLog, ScenePage, Visualizer, build_page
-from uvms_ocp.viz.scene.shapes import shifted
 from uvms_ocp.viz.scene.surroundings import arrow_groups, draw_goals, draw_obstacles, draw_trails, middle, witness_lines
 
 # A robot that stands still in a configuration, and what the page needs to move its joints by sliders.
@@ -47,7 +45,7 @@ def posed_page(robot: Robot, q: np.ndarray, height: int) -> ScenePage:
 def draw_still(log: CommandLog, robot: Robot, placements: Sequence[pin.SE3], centre: np.ndarray) -> Visualizer:
     """Draw the robot by the placements of its joints; return the root of the scene, whose origin is `centre` (3,) [m] in W."""
     root = log.visualizer()["scene"]
-    root.set_transform(shifted(-centre))
+    root.set_transform(shapes.shifted(-centre))
     draw_robot(root["robot"], robot)
     for joint in range(1, robot.model.njoints):
         root["robot"][joint_node(robot.model, joint)].set_transform(placements[joint].homogeneous)
@@ -171,7 +169,7 @@ def robot_of(record: Record, folder: Path | None = None) -> Robot:
     name, files = record.meta.robot, record.meta.robot_files
     if files is None and name in list_robots():
         return load_robot(name)
-    robot = None if files is None else recorded_robot(name, files, folder or Path.cwd())
+    robot = None if files is None else loading.recorded_robot(name, files, folder or Path.cwd())
     if robot is None:
         where = f"which is no longer at {files.urdf}" if files else "which does not hold its robot"
         raise InvalidInput(f"a record of {name}, {where}; give it: --robot DIR, or show(record, robot)")
@@ -188,7 +186,7 @@ def _page(record: Record, robot: Robot, others: Mapping[str, Record], fps: float
     centre = middle(record, frames)
     log = CommandLog()
     root = log.visualizer()["scene"]
-    root.set_transform(shifted(-centre))  # keeps 32-bit floats exact and the lights near
+    root.set_transform(shapes.shifted(-centre))  # keeps 32-bit floats exact and the lights near
     trails, beam = _draw(log, root, record, robot, frames, ghosts, fps)
     of_ghosts: list[dict[str, Any]] = []
     for ghost in ghosts:

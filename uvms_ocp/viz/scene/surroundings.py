@@ -12,8 +12,7 @@ import pinocchio as pin
 
 from uvms_ocp.record.record import Record
 from uvms_ocp.robot import Robot, thruster_matrix
-from uvms_ocp.robot.shapes.collision_model import CoalPairs, shapes_among
-from uvms_ocp.robot.shapes.hull import skid_points
+from uvms_ocp.robot.shapes import collision_model, hull
 from uvms_ocp.robot.shapes.obstacles import build_obstacle
 from uvms_ocp.viz.scene.animation import Frames, rounded
 from uvms_ocp.viz.scene.page import Visualizer, geometry as mg
@@ -167,7 +166,7 @@ def _thrust(thrust: np.ndarray, robot: Robot, frames: Frames, size: float) -> It
 
 def _contact(pressing: np.ndarray, robot: Robot, frames: Frames, size: float) -> Iterator[Arrow]:
     up = _in_vehicle(np.tile([0.0, 0.0, 1.0], (len(pressing), 1)), frames)
-    for point, values in zip(skid_points(robot), pressing.T, strict=False):
+    for point, values in zip(hull.skid_points(robot), pressing.T, strict=False):
         yield point, values[:, None] * up
 
 
@@ -214,7 +213,7 @@ def witness_lines(record: Record, robot: Robot, frames: Frames, centre: np.ndarr
     n = max(2, min(len(frames.t), _MOST_LOOKS // (n_links * len(obstacles))))
     looks = np.unique(np.linspace(0, len(frames.t) - 1, n).round().astype(int))
     pairs = [(link, n_links + k) for k in range(len(obstacles)) for link in range(n_links)]
-    scene = CoalPairs(robot.model, shapes_among(robot, obstacles), pairs)
+    scene = collision_model.CoalPairs(robot.model, collision_model.shapes_among(robot, obstacles), pairs)
     found = np.array([_nearest(scene, q, (len(obstacles), n_links)) for q in record["q"][frames.row[looks]]])
     found[..., 1:] -= np.tile(centre, 2)
     lines = np.where(found[..., :1] < NEAR, found[..., 1:], 0.0)
@@ -231,7 +230,7 @@ def witness_lines(record: Record, robot: Robot, frames: Frames, centre: np.ndarr
     }
 
 
-def _nearest(scene: CoalPairs, q: np.ndarray, shape: tuple[int, int]) -> np.ndarray:
+def _nearest(scene: collision_model.CoalPairs, q: np.ndarray, shape: tuple[int, int]) -> np.ndarray:
     """(n_obstacles, 7) [m] distance and both points in W, the robot's first, at q (n_q,) [m, rad].
 
     shape: numbers of obstacles and links.
