@@ -9,16 +9,15 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 from dataclasses import replace
 from functools import partial
-from typing import Any
 
 import pinocchio as pin
 
 from uvms_ocp.campaign.distributions import Parameter
 from uvms_ocp.errors import InvalidInput
 from uvms_ocp.record.tables import of_joints
-from uvms_ocp.robot import assembly, hydrodynamics
-from uvms_ocp.robot.coefficients import links_in_water
-from uvms_ocp.robot.description import LinkCoefficients, LinkDescription, Pose, Thruster, TrimBody, checked_copy
+from uvms_ocp.robot import assembly
+from uvms_ocp.robot.coefficients import coefficients_of, links_in_water
+from uvms_ocp.robot.description import LinkDescription, Thruster, TrimBody, checked_copy
 from uvms_ocp.robot.robot import Robot
 from uvms_ocp.robot.signals import CHANNELS, UNITS, SensorSpec, SensorSpecs
 from uvms_ocp.scenario.scenario import Scenario
@@ -63,24 +62,10 @@ def _scaled(parameter: str, names: tuple[str, ...], robot: Robot, factor: float)
     if not factor >= 0.0:
         raise InvalidInput(f"{parameter} = {factor:g}; give a factor of 0 or more")
     bare = checked_copy(robot.description, trim=())
-    links = {link.frame: _described(link, dict.fromkeys(names, factor)) for link in links_in_water(bare)}
+    scaled = [replace(link, **{name: factor * getattr(link, name) for name in names}) for link in links_in_water(bare)]
+    links = {link.frame: LinkDescription(coefficients=coefficients_of(link)) for link in scaled}
     description = checked_copy(robot.description, links=links)
     return replace(robot, description=description, hydrodynamics=links_in_water(description))
-
-
-def _described(link: hydrodynamics.LinkHydrodynamics, factors: dict[str, float]) -> LinkDescription:
-    own = {name: getattr(link, name) for name in ("added_mass", "linear_drag", "quadratic_drag")}
-    matrices = {name: factors[name] * matrix if name in factors else matrix for name, matrix in own.items()}
-    rows: dict[str, Any] = {name: tuple(map(tuple, matrix.tolist())) for name, matrix in matrices.items()}
-    position, rpy = link.X_FL.translation, pin.rpy.matrixToRpy(link.X_FL.rotation)
-    coefficients = LinkCoefficients(
-        pose=Pose(position=tuple(position.tolist()), rpy=tuple(rpy.tolist())),
-        **rows,
-        drag_by="flow" if link.by_flow else "axes",
-        volume=link.volume,
-        centre_of_buoyancy=tuple(link.centre_of_buoyancy.tolist()) if link.volume else None,
-    )
-    return LinkDescription(coefficients=coefficients)
 
 
 def _heavier(robot: Robot, factor: float) -> Robot:

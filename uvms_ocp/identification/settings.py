@@ -32,8 +32,8 @@ from uvms_ocp.identification.parameters import ActuatorModel, Declaration, Nomin
 from uvms_ocp.model_errors import FileModel, one_line_errors
 from uvms_ocp.record.untrusted import read_yaml_as
 from uvms_ocp.robot import assembly, loading, symbolic_dynamics
-from uvms_ocp.robot.coefficients import links_in_water
-from uvms_ocp.robot.description import LinkCoefficients, Pose, RobotDescription
+from uvms_ocp.robot.coefficients import coefficients_of, links_in_water
+from uvms_ocp.robot.description import LinkCoefficients, RobotDescription
 from uvms_ocp.robot.dynamics import robot_dynamics
 from uvms_ocp.robot.robot import Robot
 from uvms_ocp.robot.thrusters import thruster_matrix
@@ -149,7 +149,7 @@ class CalibratedRobot:
         """
         description, link = self.robot.description, self.robot.description.links.get(self.frame)
         found = None if link is None else link.coefficients or _of_shape(description, self.frame)
-        if found is None or description.convention != "FLU" or any(found.pose.rpy):
+        if found is None or description.convention != "FLU" or np.round(found.pose.rpy, 9).any():
             raise InvalidInput(f"{self.frame}: give it coefficients along the axes of its link, in FLU, to have it calibrated")
         return found
 
@@ -258,8 +258,4 @@ def shape_of(robot: Robot, frame: str) -> str:
 def _of_shape(description: RobotDescription, frame: str) -> LinkCoefficients:
     """Coefficients of a link's shape alone, without floats and ballast."""
     (wet,) = links_in_water(description.model_copy(update={"links": {frame: description.links[frame]}, "trim": ()}))
-    matrices = ("added_mass", "linear_drag", "quadratic_drag")
-    rows: dict[str, Any] = {name: np.diag(getattr(wet, name)).tolist() for name in matrices}
-    rows |= {"volume": wet.volume, "centre_of_buoyancy": wet.centre_of_buoyancy.tolist()}
-    pose = Pose(position=wet.X_FL.translation.tolist(), rpy=pin.rpy.matrixToRpy(wet.X_FL.rotation).round(9).tolist())
-    return LinkCoefficients(pose=pose, drag_by="flow" if wet.by_flow else "axes", **rows)
+    return coefficients_of(wet)

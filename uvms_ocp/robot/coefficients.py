@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pinocchio as pin
@@ -52,6 +53,19 @@ def _from_coefficients(name: str, given: data.LinkCoefficients) -> LinkHydrodyna
         by_flow=given.drag_by == "flow",
         volume=given.volume,
         centre_of_buoyancy=np.array(given.centre_of_buoyancy or (0.0, 0.0, 0.0)),
+    )
+
+
+def coefficients_of(link: LinkHydrodynamics) -> data.LinkCoefficients:
+    """State the coefficients of a link as a robot file would, its matrices in full."""
+    names, position, R = ("added_mass", "linear_drag", "quadratic_drag"), link.X_FL.translation, link.X_FL.rotation
+    matrices: dict[str, Any] = {name: tuple(map(tuple, getattr(link, name).tolist())) for name in names}
+    return data.LinkCoefficients(
+        pose=data.Pose(position=tuple(position.tolist()), rpy=tuple(pin.rpy.matrixToRpy(R).tolist())),
+        **matrices,
+        drag_by="flow" if link.by_flow else "axes",
+        volume=link.volume,
+        centre_of_buoyancy=tuple(link.centre_of_buoyancy.tolist()) if link.volume else None,
     )
 
 
