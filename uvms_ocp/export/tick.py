@@ -139,9 +139,8 @@ def _read_inputs(m: TickMemory, inputs: ControllerInputs) -> None:
     m.altimeter_range = inputs.altimeter_range
     m.age = inputs.age
     m.joint_age = inputs.joint_age
-    for k in range(len(m.restriction.level)):
-        m.restriction.level[k] = inputs.trust[k]
-        m.restriction.since[k] = inputs.since[k]
+    m.restriction.level[:] = inputs.trust
+    m.restriction.since[:] = inputs.since
 
 
 def _write_outputs(m: TickMemory, outputs: ControllerOutputs) -> None:

@@ -24,7 +24,7 @@ from uvms_ocp.errors import InvalidInput
 from uvms_ocp.robot.description import Power, Thruster
 from uvms_ocp.robot.robot import Robot
 from uvms_ocp.robot.thrusters import thrust_limits, thruster_matrix
-from uvms_ocp.solvers.bounded_least_squares import room_for
+from uvms_ocp.solvers.bounded_least_squares import dot, room_for
 
 # A wrench shared out among the thrusters that follow, as kernels: what is stuck is a known wrench that is made up for.
 #
@@ -90,9 +90,7 @@ def apply_effectiveness(a: AllocationMemory) -> None:
     a.left.problem.columns = n
     for k in range(len(a.matrix)):
         a.left.powers.wrench_weight[k] = a.wrench_weight[k]
-        a.stuck_wrench[k] = 0.0
-        for i in range(a.count):
-            a.stuck_wrench[k] += a.matrix[k][i] * a.constant[i]
+        a.stuck_wrench[k] = dot(a.matrix[k], a.constant, a.count)
     prepare_minimum_power(a.left.powers)
 
 

@@ -66,9 +66,7 @@ def prepare_minimum_power(p: PowerMemory) -> None:
 def minimum_power(p: PowerMemory, wrench: Vector, thrust: Vector) -> None:
     """Find the thrust (n,) [N] for a wrench (6,) [N, N m]: that of the inverse, moved in the null space of the matrix."""
     for i in range(p.count):
-        thrust[i] = 0.0
-        for k in range(len(p.matrix)):
-            thrust[i] += p.inverse[i][k] * wrench[k]
+        thrust[i] = bounded_least_squares.dot(p.inverse[i], wrench, len(p.matrix))
     for _ in range(_STEPS if p.n_spare > 0 else 0):
         _reduce_power(p, thrust)
 

@@ -17,6 +17,7 @@ from uvms_ocp.codegen.kernel_layout import FunctionField, Layout, Sized, Vector,
 from uvms_ocp.estimation.degraded_modes import RestrictionMemory
 from uvms_ocp.estimation.fallbacks import AltimeterMemory
 from uvms_ocp.robot import Robot, SymbolicModel, limits
+from uvms_ocp.solvers.bounded_least_squares import dot
 from uvms_ocp.tasks.activation import ENDLESS, stopping_speed
 
 # How a robot comes to rest: all axes slow down in proportion, as fast as the first of them can.
@@ -202,9 +203,6 @@ def _lift(beam: AltimeterMemory, q: Vector, v: Vector, n: int) -> None:
     up[2] = 1.0 - (2.0 * x * x + 2.0 * y * y)
     rise = up[0] * v[0] + up[1] * v[1] + up[2] * v[2]
     if beam.exists:
-        sensor = 0.0
-        for i in range(n):
-            sensor += beam.height_jacobian[i] * v[i]
-        rise = min(rise, sensor)
+        rise = min(rise, dot(beam.height_jacobian, v, n))
     for i in range(3):
         v[i] += up[i] * max(0.0, -rise)

@@ -24,6 +24,7 @@ from uvms_ocp.robot.limits import PositionLimit
 from uvms_ocp.robot.robot import Robot
 from uvms_ocp.robot.shapes.collision_model import CollisionModel, in_c, without_c_form as not_measured
 from uvms_ocp.robot.shapes.distance_kernels import DistanceMemory, distance_lower_bound, distance_of, place_solids
+from uvms_ocp.solvers.bounded_least_squares import dot
 from uvms_ocp.tasks.activation import ENDLESS
 from uvms_ocp.tasks.task import Task
 
@@ -101,10 +102,7 @@ def may_reach_limit(m: ViabilityMemory, v: Vector, gates: Vector, quantities: Ve
 
 def _farthest(m: ViabilityMemory, k: int) -> float:
     """[m] that any position of a limit moves at most."""
-    reach, way = m.stop.reach[k], 0.0
-    for i in range(len(m.travel)):
-        way += reach[i] * m.travel[i]
-    return way
+    return dot(m.stop.reach[k], m.travel, len(m.travel))
 
 
 def enforce_viability(

@@ -72,10 +72,9 @@ def separate_solids(m: gjk.RelativePlacement, a: gjk.Solid, b: gjk.Solid) -> Non
         n[i] = m.normal[i]
         m.p[i] += (_SHIFT - distance) * n[i]
     gjk.search_apart(m, a, b)
-    for i in range(3):
-        m.p[i] = p[i]
-        p[i] = m.normal[i]
-        m.normal[i] = n[i]
+    m.p[:] = p
+    p[:3] = m.normal[:3]
+    m.normal[:] = n
     m.distance = distance
     try_axis(m, a, b, p)
 
@@ -214,9 +213,7 @@ def pair_gradient(m: DistanceMemory, k: int, row: Vector) -> None:
     """Rate (n_v,) [-, m] of the distance of pair k per unit of each velocity, where it was measured last. A kernel."""
     pair, moment, n_v = m.pairs[k], zeros(3), len(m.gradient[0])
     n, x = pair.normal, pair.at
-    moment[0] = x[1] * n[2] - x[2] * n[1]
-    moment[1] = x[2] * n[0] - x[0] * n[2]
-    moment[2] = x[0] * n[1] - x[1] * n[0]
+    gjk.cross(x, n, moment)
     for i in range(n_v):
         row[i] = 0.0
     for k_axis in range(len(m.axes)):

@@ -228,10 +228,9 @@ def keep_nearest(s: Simplex) -> None:
     for m in range(3):
         if s.lot[m] > 0.0:
             i = s.pick[m]  # never before n, as the picks are in their order
-            for c in range(3):
-                s.a[n][c] = s.a[i][c]
-                s.b[n][c] = s.b[i][c]
-                s.w[n][c] = s.w[i][c]
+            s.a[n][:] = s.a[i]
+            s.b[n][:] = s.b[i]
+            s.w[n][:] = s.w[i]
             s.lot[n] = s.lot[m]
             n += 1
     s.n = n
@@ -240,10 +239,9 @@ def keep_nearest(s: Simplex) -> None:
 def keep_last(s: Simplex, others: bool) -> None:
     """Count the point behind the last one; without the others, which first ones that are no corners give way to. A kernel."""
     if not others:
-        for c in range(3):
-            s.a[0][c] = s.a[s.n][c]
-            s.b[0][c] = s.b[s.n][c]
-            s.w[0][c] = s.w[s.n][c]
+        s.a[0][:] = s.a[s.n]
+        s.b[0][:] = s.b[s.n]
+        s.w[0][:] = s.w[s.n]
         s.n = 0
     s.n += 1
 

@@ -221,9 +221,8 @@ def drop_face(h: Hull, k: int) -> None:
     """The last one takes its place. A kernel."""
     h.n_faces -= 1
     last = h.n_faces
-    for c in range(3):
-        h.face[k][c] = h.face[last][c]
-        h.normal[k][c] = h.normal[last][c]
+    h.face[k][:] = h.face[last]
+    h.normal[k][:] = h.normal[last]
     h.offset[k] = h.offset[last]
 
 
