@@ -18,10 +18,9 @@ from uvms_ocp.campaign.jobs import COMPLETED, FIRST, LAST, CampaignJob, RunResul
 from uvms_ocp.checks import checked
 from uvms_ocp.errors import InvalidInput, UvmsError, plain_line
 from uvms_ocp.model_errors import FileModel
-from uvms_ocp.record.durable_files import discard, locked, sync_folders, write_durably
+from uvms_ocp.record import durable_files, untrusted
 from uvms_ocp.record.output import STORE, as_output_errors, read_as, whole_file
 from uvms_ocp.record.tables import arrow as required_arrow
-from uvms_ocp.record.untrusted import as_input_errors
 
 # What a campaign is, written down beside its rows: another one, or a changed one, is refused.
 
@@ -107,7 +106,7 @@ def claim_manifest(folder: Path, wanted: CampaignManifest) -> None:
             advice = "take the folder of a new campaign, or put back what was"
             raise InvalidInput(f"{folder}: another campaign is there; not the same: {differs[0]}; {advice}")
     if known is None or known.runs != wanted.runs:
-        write_durably(folder / FILE, json.dumps(values, indent=1) + "\n")
+        durable_files.write_durably(folder / FILE, json.dumps(values, indent=1) + "\n")
 
 
 def _differences(place: str, known: Any, wanted: Any) -> Any:
@@ -152,7 +151,7 @@ def read_rows(folder: Path, identity: CampaignManifest) -> Any:
 def _read(path: Path, schema: Any) -> Any:
     pa = arrow()
     advice = "; move it away, its runs are made again"
-    with as_input_errors(path, OSError, pa.ArrowException, what="damaged", advice=advice):
+    with untrusted.as_input_errors(path, OSError, pa.ArrowException, what="damaged", advice=advice):
         found = pa.parquet.read_table(path, partitioning=None)
     if sorted(map(str, found.schema)) != sorted(map(str, schema)):
         text = f"{path}: its columns or their kinds are not those of {FILE}"
@@ -217,7 +216,7 @@ class CampaignFolder:
         self.folder, self._identity = folder, identity
         (folder / FOLDER).mkdir(parents=True, exist_ok=True)
         for left in (folder / FOLDER).glob("*.tmp"):
-            discard(left)
+            durable_files.discard(left)
         names = part_paths(folder)
         self._next, self._n = 1 + max((int(path.stem.rpartition("-")[2]) for path in names), default=-1), len(names)
         self._waiting: list[Mapping[str, Any]] = []
@@ -269,7 +268,7 @@ class CampaignFolder:
             for path in paths:
                 path.unlink()
             self._n = 1
-            sync_folders([self.folder / FOLDER])
+            durable_files.sync_folders([self.folder / FOLDER])
 
     def _write(self, table: Any) -> None:
         pa = arrow()
@@ -289,7 +288,7 @@ def opened(folder: Path, identity: CampaignManifest, sources: Mapping[str, bytes
     with ExitStack() as stack:
         with as_output_errors(folder):
             folder.mkdir(parents=True, exist_ok=True)
-            stack.enter_context(locked(folder / STORE))
+            stack.enter_context(durable_files.locked(folder / STORE))
             claim_manifest(folder, identity)
             for name, content in sources.items():
                 if not (folder / SOURCES / name).exists():

@@ -14,9 +14,8 @@ import pinocchio as pin
 from uvms_ocp.checks import checked, checked_constructor, checked_dataclass, checked_on_failure, unchecked_constructor
 from uvms_ocp.codegen import kernel_layout, kernels
 from uvms_ocp.errors import InvalidInput, NameNotFound
-from uvms_ocp.estimation import filter_memory as filtering, joint_filters, measurement_update
+from uvms_ocp.estimation import filter_memory as filtering, joint_filters, measurement_update, vehicle_model
 from uvms_ocp.estimation.filter_memory import NUMBER, ChannelIndex, EstimatorTuning, Part
-from uvms_ocp.estimation.vehicle_model import inflate_velocity_variance, predict, predict_measurement, rotate_back, rotation
 from uvms_ocp.record.display import SmallTable, TableDisplay, rows_of
 from uvms_ocp.robot.kinematics import STEEP
 from uvms_ocp.robot.robot import Robot
@@ -32,7 +31,7 @@ def advance_filter(m: filtering.FilterMemory) -> None:
     m.started = True
     m.before = m.now
     if m.floating:
-        predict(m)
+        vehicle_model.predict(m)
         measurement_update.fuse(m)
         _write_vehicle_outputs(m)
     joint_filters.predict_joints(m)
@@ -49,13 +48,13 @@ def advance_filter(m: filtering.FilterMemory) -> None:
 
 def _write_vehicle_outputs(m: filtering.FilterMemory) -> None:
     R, s = kernel_layout.zeros(9), m.predicted
-    rotation(m.turn, R)
-    rotate_back(R, m.x, Part.SPEED, m.twist)
+    vehicle_model.rotation(m.turn, R)
+    vehicle_model.rotate_back(R, m.x, Part.SPEED, m.twist)
     for i in range(3):
         m.twist[3 + i] = m.x[Part.SPIN + i]
         m.std[i] = math.sqrt(max(m.P[Part.PLACE + i][Part.PLACE + i], 0.0))
         m.std[3 + i] = math.sqrt(max(m.P[Part.TURN + i][Part.TURN + i], 0.0))
-    predict_measurement(m, ChannelIndex.ALTIMETER_RANGE, filtering.MAIN)
+    vehicle_model.predict_measurement(m, ChannelIndex.ALTIMETER_RANGE, filtering.MAIN)
     has_floor = s.h[1] > STEEP and m.now - m.echo <= m.echo_memory
     m.range[0] = s.h[0] / s.h[1] if has_floor else math.nan
     m.range[1] = math.sqrt(max(s.S[0][0], 0.0)) / s.h[1] if has_floor else math.nan
@@ -290,7 +289,7 @@ class Estimator(TableDisplay):
 
     def inflate_velocity_variance(self, *, rests: bool = False) -> None:
         """Take linear velocity and acceleration for unknown: their source proved wrong. rests: and for zero, at a guess."""
-        inflate_velocity_variance(self.memory, rests=rests)
+        vehicle_model.inflate_velocity_variance(self.memory, rests=rests)
 
     @property
     def covariance(self) -> Array:

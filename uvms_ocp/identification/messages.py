@@ -25,8 +25,7 @@ from uvms_ocp.errors import InvalidInput, NameNotFound, optional_module, require
 from uvms_ocp.identification.file_kinds import BAG_METADATA, kind_of
 from uvms_ocp.identification.tables import TableColumns
 from uvms_ocp.identification.text_tables import LONGEST_LINE, MOST_ROWS
-from uvms_ocp.record.mcap import mcap_messages, mcap_topics, require_mcap
-from uvms_ocp.record.untrusted import as_input_errors, read_yaml, require_regular_file
+from uvms_ocp.record import mcap, untrusted
 
 Message = tuple[str, int, Any]
 """Topic, when it was logged [ns], and what it says."""
@@ -40,7 +39,7 @@ def messages(path: Path, topics: Collection[str], definitions: Path | None, rema
     remarks: gets what was left out. Raises NotInstalled, and InvalidInput for damaged or too large files.
     """
     for file in _files(path):
-        with as_input_errors(file):
+        with untrusted.as_input_errors(file):
             yield from _READERS[kind_of(file)].messages(file, topics, definitions, remarks)
 
 
@@ -48,7 +47,7 @@ def topics_of(path: Path) -> tuple[str, ...]:
     """Return all topics, sorted. Raises NotInstalled and InvalidInput, as `messages` does."""
     found: set[str] = set()
     for file in _files(path):
-        with as_input_errors(file):
+        with untrusted.as_input_errors(file):
             found.update(_READERS[kind_of(file)].topics(file))
     return tuple(sorted(found))
 
@@ -65,8 +64,8 @@ def _files(path: Path) -> list[Path]:
     """The file itself, or those of a folder of ROS 2."""
     if not path.is_dir():
         return [path]
-    with as_input_errors(path / BAG_METADATA):
-        about: Any = read_yaml(path / BAG_METADATA)
+    with untrusted.as_input_errors(path / BAG_METADATA):
+        about: Any = untrusted.read_yaml(path / BAG_METADATA)
         information = about["rosbag2_bagfile_information"]
         packed = str(information.get("compression_mode") or "none").lower()
         names = information["relative_file_paths"] if packed == "none" else []
@@ -74,7 +73,7 @@ def _files(path: Path) -> list[Path]:
         raise InvalidInput(f"{path}: packed by {packed}; unpack it by `ros2 bag convert`")
     files = [path / PurePath(name).name for name in names]
     for file in files:
-        require_regular_file(file)
+        untrusted.require_regular_file(file)
     return files
 
 
@@ -82,9 +81,9 @@ def _files(path: Path) -> list[Path]:
 
 
 def _mcap_messages(path: Path, topics: Collection[str], definitions: Path | None, _: list[str]) -> Iterator[Message]:
-    require_mcap()
+    mcap.require_mcap()
     decoders: dict[tuple[str, int], Callable[[bytes], Any]] = {}
-    for schema, channel, message in mcap_messages(path, topics):
+    for schema, channel, message in mcap.mcap_messages(path, topics):
         key = (channel.message_encoding, channel.schema_id)
         if key not in decoders:
             decoders[key] = _decoder(channel, schema, definitions)
@@ -92,8 +91,8 @@ def _mcap_messages(path: Path, topics: Collection[str], definitions: Path | None
 
 
 def _mcap_topics(path: Path) -> Collection[str]:
-    require_mcap()
-    return mcap_topics(path)
+    mcap.require_mcap()
+    return mcap.mcap_topics(path)
 
 
 def _decoder(channel: Any, schema: Any, definitions: Path | None) -> Callable[[bytes], Any]:

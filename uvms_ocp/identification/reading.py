@@ -38,8 +38,7 @@ import numpy as np
 from pydantic import Field
 
 from uvms_ocp.errors import InvalidInput, require_known
-from uvms_ocp.identification import recording as recordings, tables
-from uvms_ocp.identification.file_kinds import holds_messages, kind_of
+from uvms_ocp.identification import file_kinds, recording as recordings, tables
 from uvms_ocp.identification.messages import TopicColumns, message_rows, topics_of
 from uvms_ocp.identification.text_tables import TextFormat
 from uvms_ocp.model_errors import FileModel, one_line_errors
@@ -216,7 +215,7 @@ def _mapped_rows(source: Path, mapping: RecordingMapping, name: str) -> dict[str
     known_topics = cache(topics_of)  # which may read all of a file
     for key, one in mapping.channels.items():
         path = source / one.file.replace("{name}", name) if one.file else source
-        if holds_messages(path):
+        if file_kinds.holds_messages(path):
             if not one.topic and "" not in known_topics(path):  # as messages that name no type are
                 raise InvalidInput(f"{path}: {key} has no topic; give one of {', '.join(known_topics(path))}")
             time = one.time if isinstance(one.time, str) else ""
@@ -525,10 +524,10 @@ def _is_own_archive(path: Path) -> bool:
 def _own(path: Path) -> recordings.Recording:
     if path.is_dir():
         raise _needs_mapping(path)
-    kind = kind_of(path)
+    kind = file_kinds.kind_of(path)
     if path.suffix == ".npz" or kind == "mcap":
         return _of_record(path)
-    if holds_messages(path):
+    if file_kinds.holds_messages(path):
         raise _needs_mapping(path)
     return tables.stored_recording(path) if kind != "parquet" or tables.is_stored(tables.column_names(path)) else _of_record(path)
 
@@ -537,7 +536,7 @@ def _of_record(path: Path) -> recordings.Recording:
     try:
         record = _RECORDS[path.suffix](path)
     except InvalidInput:
-        if holds_messages(path):
+        if file_kinds.holds_messages(path):
             raise _needs_mapping(path) from None
         raise
     return run_recording(record, path.parent.name if path.stem == "record" else path.name.partition(".")[0])

@@ -14,9 +14,8 @@ import numpy as np
 import tomllib
 import yaml
 
-from uvms_ocp.identification import coordinates, experiment_design, fit, settings, uncertainty
+from uvms_ocp.identification import coordinates, experiment_design, fit, parameters, settings, uncertainty
 from uvms_ocp.identification.calibration import Calibration, Comparison
-from uvms_ocp.identification.parameters import AXES
 from uvms_ocp.identification.uncertainty import DETERMINED_BELOW, LEAST_P, LEVEL, IdentifiedNumber
 from uvms_ocp.identification.validation import OTHERS, SCORED, HeldOutRecording, HorizonPrediction, errors
 from uvms_ocp.robot.description import read_description
@@ -155,8 +154,8 @@ _STILL = 1e-3  # [m/s, rad/s] deviation below which a channel has no fit
 def fits(comparisons: Sequence[Comparison]) -> Iterator[str]:
     """Table of fits of recordings that the search used."""
     yield _PROSE["fits"]
-    yield "| recording | " + " | ".join((*AXES, "tilt")) + " |"
-    yield "|---" * (2 + len(AXES)) + "|"
+    yield "| recording | " + " | ".join((*parameters.AXES, "tilt")) + " |"
+    yield "|---" * (2 + len(parameters.AXES)) + "|"
     for each in comparisons:
         columns = zip(*(_by_axis(one) for one in (each.calibrated, each.before, each.static)), strict=True)
         cells = [f"{after} ({before}; {still})" for after, before, still in columns]
@@ -238,8 +237,8 @@ def _number_table(one: Calibration) -> Iterator[str]:
     yield _PROSE["numbers"].format(**known, below=100 * DETERMINED_BELOW, most=uncertainty.MISSES)
     if missed := [each.channel for each in one.whiteness if each.unexplained]:
         yield _PROSE["unexplained"].format(missed=", ".join(missed))
-    if len(axes := one.subject.vehicle.axes) < len(AXES):
-        yield _PROSE["axes"].format(axes=", ".join(AXES[k] for k in axes))
+    if len(axes := one.subject.vehicle.axes) < len(parameters.AXES):
+        yield _PROSE["axes"].format(axes=", ".join(parameters.AXES[k] for k in axes))
     if shape := settings.shape_of(one.subject.robot, one.subject.frame):
         yield _PROSE["shape"].format(shape=shape, frame=one.subject.frame, **settings.SHAPE_SPREADS)
     yield _PROSE["number_table"]

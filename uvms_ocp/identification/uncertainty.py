@@ -13,11 +13,10 @@ from dataclasses import dataclass, replace
 import casadi as ca
 import numpy as np
 
-from uvms_ocp.identification.coordinates import spatial_inertia
+from uvms_ocp.identification import coordinates, parameters
 from uvms_ocp.identification.fit import Predicted
 from uvms_ocp.identification.model import Vehicle
 from uvms_ocp.identification.output_error import Estimate, FitStatus, Noise
-from uvms_ocp.identification.parameters import AXES, DELAYS
 
 # How sure the unknowns are, and which combinations of them the recordings leave open.
 
@@ -50,7 +49,7 @@ def covariance(vehicle: Vehicle, estimate: Estimate, inflation: float = 1.0) -> 
     Priors of delays are as wide in seconds as where the search began: next to 0 a coordinate says nothing of the other side.
     """
     shared = vehicle.shared
-    wider = np.where([name in DELAYS for name in shared.names], np.cosh(estimate.shared) / np.cosh(shared.start), 1.0)
+    wider = np.where([name in parameters.DELAYS for name in shared.names], np.cosh(estimate.shared) / np.cosh(shared.start), 1.0)
     prior = np.diag(1.0 / (shared.sigma * np.maximum(wider, 1.0) ** 2) ** 2 + _NOTHING)
     return np.asarray(np.linalg.inv(_data(vehicle, estimate, inflation) + prior) + estimate.assumed)
 
@@ -259,7 +258,7 @@ def _pairs(vehicle: Vehicle, theta: ca.SX) -> list[tuple[_Entry, ca.SX]]:
 
 
 def _of_matrix(name: str, unit: str, value: ca.SX) -> Iterator[tuple[_Entry, ca.SX]]:
-    axes, symmetric = AXES if value.shape[0] == len(AXES) else _XYZ, "drag" not in name
+    axes, symmetric = parameters.AXES if value.shape[0] == len(parameters.AXES) else _XYZ, "drag" not in name
     for i, row in enumerate(axes):
         for j, column in enumerate(axes):
             if i >= j or not symmetric:
@@ -268,15 +267,15 @@ def _of_matrix(name: str, unit: str, value: ca.SX) -> Iterator[tuple[_Entry, ca.
 
 def _totals(quantities: dict[str, ca.SX]) -> Iterator[tuple[_Entry, ca.SX]]:
     """Yield total inertias of rigid body and added mass, about the frame of the vehicle's joint."""
-    inertia = spatial_inertia(*(quantities[name] for name in ("mass", "centre_of_mass", "second_moment")))
-    for k, axis in enumerate(AXES):
+    inertia = coordinates.spatial_inertia(*(quantities[name] for name in ("mass", "centre_of_mass", "second_moment")))
+    for k, axis in enumerate(parameters.AXES):
         unit = "kg" if k < len(_XYZ) else "kg m2"
         yield (TOTAL, axis, unit, True), inertia[k, k] + quantities["added_mass"][k, k]
 
 
 # Whether what a search has left is white noise: then the model has nothing more to say, and samples count one by one.
 
-CHANNELS = (*AXES, "vertical x", "vertical y", "vertical z")
+CHANNELS = (*parameters.AXES, "vertical x", "vertical y", "vertical z")
 """Channels of the three sensors, three of each."""
 LEVEL = 0.05
 """Level of the test: share of white residuals that it takes for coloured."""

@@ -22,8 +22,7 @@ from uvms_ocp.mission_plan import segments as mission_segments, terms as surroun
 from uvms_ocp.mission_plan.segments import HorizonSegment, Margins
 from uvms_ocp.mission_plan.terms import MissionTerms, MissionWeights, mission_levels, mission_terms
 from uvms_ocp.model_errors import printable
-from uvms_ocp.ocp import OcpProblem, OcpStatus, Plan, Planner, ShapeClearance, Trajectory, guess_through
-from uvms_ocp.ocp.plan_file import Arrays, from_arrays, trajectory_arrays, write_arrays
+from uvms_ocp.ocp import OcpProblem, OcpStatus, Plan, Planner, ShapeClearance, Trajectory, guess_through, plan_file
 from uvms_ocp.ocp.transcription.transcription import Transcription
 from uvms_ocp.planning.conservative_advancement import ClearanceReport
 from uvms_ocp.record.display import SmallTable, TableDisplay, rows_of
@@ -100,12 +99,12 @@ _ARRAYS = {"t": 0, "q": 0, "v": 0, "a": 1, "thrust": 1, "torque": 1}
 
 def write_plan(path: Path | str, trajectory: Trajectory, summary: dict[str, Any]) -> Path:
     """Arrays as they are, the summary as text. Raises `OutputError`."""
-    return write_arrays(Path(path), _KEY, json.dumps(summary), trajectory_arrays(trajectory))
+    return plan_file.write_arrays(Path(path), _KEY, json.dumps(summary), plan_file.trajectory_arrays(trajectory))
 
 
 def read_plan(path: Path | str) -> tuple[Trajectory, dict[str, Any]]:
     """Read a file that anyone may have written. Raises `InvalidInput`."""
-    summary, arrays = from_arrays(Path(path), _KEY, _NO_PLAN)
+    summary, arrays = plan_file.from_arrays(Path(path), _KEY, _NO_PLAN)
     if not set(_ARRAYS) <= arrays.keys():
         raise InvalidInput(_NO_PLAN)
     own = {name: arrays[name] for name in _ARRAYS}
@@ -113,7 +112,7 @@ def read_plan(path: Path | str) -> tuple[Trajectory, dict[str, Any]]:
     return Trajectory(**own, of_wrench=False), summary
 
 
-def _check(arrays: Arrays) -> None:
+def _check(arrays: plan_file.Arrays) -> None:
     n = arrays["t"].size
     for name, array in arrays.items():
         flat = array.ndim == 1 + (name != "t") and array.dtype.kind == "f"

@@ -15,8 +15,7 @@ from typing import IO, Any
 import numpy as np
 
 from uvms_ocp.errors import InvalidInput, optional_module
-from uvms_ocp.record.output import whole_file
-from uvms_ocp.record.run_meta import is_floating, joint_positions, read_meta, write_meta
+from uvms_ocp.record import output, run_meta
 from uvms_ocp.record.tables import Series, column_names, column_units, series_description
 from uvms_ocp.record.untrusted import DENSEST, SMALL, as_input_errors, require_regular_file
 
@@ -227,7 +226,7 @@ def stamps(t: np.ndarray) -> np.ndarray:
 
 def topics(series: Series, meta: Any, t: np.ndarray, urdf: str | None) -> Iterator[Topic]:
     """All topics that a record can fill, at t (n,) [ns]; urdf: text of the robot's description."""
-    floating, head = is_floating(series, meta), (stamps(t), WORLD)
+    floating, head = run_meta.is_floating(series, meta), (stamps(t), WORLD)
     if urdf is not None:
         yield Topic(name="/robot_description", kind="std_msgs/String", parts=(urdf,), metadata=_LATCHED)
     poses = {frame: series[name][:, :_POSE] for name, frame in _POSES.items() if name in series and (floating or name == "tool")}
@@ -242,7 +241,7 @@ def topics(series: Series, meta: Any, t: np.ndarray, urdf: str | None) -> Iterat
             spread = np.zeros(_SIX**2) if known is None else _covariance(pose, known)
             states = (*head, VEHICLE, pose, spread, series[v][:, :_SIX], np.zeros(_SIX**2))
             yield Topic(name=f"/{name}", kind="nav_msgs/Odometry", parts=states)
-    if meta.joints and (positions := joint_positions(series, meta)) is not None:
+    if meta.joints and (positions := run_meta.joint_positions(series, meta)) is not None:
         n, given = len(meta.joints), (positions, series.get("v"), series.get("torque"))
         numbers = [np.empty(0) if one is None else one[:, -n:] for one in given]
         listed = [part for values in numbers for part in (_count(values.shape[-1]), values)]
@@ -294,10 +293,10 @@ def to_mcap(series: Mapping[str, np.ndarray], meta: Any, path: Path, urdf: str |
     t = series["t"]
     times = np.rint(1e9 * (t - min(t[0], 0.0))).astype(np.int64)
     said = log_messages(meta)
-    with whole_file(path) as file:
+    with output.whole_file(path) as file:
         writer = Writer(file)
         writer.start(profile="ros2", library=f"uvms_ocp {VERSION}")
-        writer.add_metadata(_KEY, {"version": VERSION, "meta": write_meta(meta)})
+        writer.add_metadata(_KEY, {"version": VERSION, "meta": run_meta.write_meta(meta)})
         found = [*(_of_series(name, array, meta) for name, array in series.items()), *topics(series, meta, times, urdf)]
         channels = [(_channel(writer, topic), topic) for topic in found]
         log = _channel(writer, Topic(name="/log", kind="rcl_interfaces/Log", parts=())) if said else 0
@@ -365,7 +364,7 @@ def _read(path: Path) -> tuple[dict[str, np.ndarray], Any]:
     series = {}
     for name, rows in found.items():
         series[name] = values_of(rows, metadata[name]["dtype"], int(metadata[name]["axes"]))
-    return series, read_meta(own["meta"])
+    return series, run_meta.read_meta(own["meta"])
 
 
 def _metadata(path: Path) -> Mapping[str, str]:

@@ -28,8 +28,7 @@ from uvms_ocp import cli
 from uvms_ocp.checks import checked
 from uvms_ocp.cli.commands import app
 from uvms_ocp.errors import AdvisedStatus, InvalidInput, NameNotFound, OutputError
-from uvms_ocp.identification import reading, recording, settings
-from uvms_ocp.identification.parameters import ActuatorModel, NominalParameters, Quantity, vehicle_declaration
+from uvms_ocp.identification import parameters, reading, recording, settings
 from uvms_ocp.record.tables import series_markdown
 from uvms_ocp.robot.description import RobotDescription
 
@@ -86,14 +85,14 @@ def _quantities() -> str:
     return _table(("quantity", "unit", "coordinates, for `free`"), units)
 
 
-def _learnable() -> Mapping[str, Quantity]:
+def _learnable() -> Mapping[str, parameters.Quantity]:
     """Of any vehicle: of actuators that have names of their own, coordinates are those."""
     own, axes = np.eye(3), np.eye(6)
     body: dict[str, Any] = {"mass": 1.0, "centre_of_mass": np.zeros(3), "inertia": own}
     water: dict[str, Any] = dict.fromkeys(("added_mass", "linear_drag", "quadratic_drag"), axes)
-    start = NominalParameters(**body, **water, volume=1.0, centre_of_buoyancy=np.zeros(3))
-    actuators = ActuatorModel(names=("thrusters",))
-    return vehicle_declaration(start, np.array([-np.ones(3), np.ones(3)]), actuators).quantities
+    start = parameters.NominalParameters(**body, **water, volume=1.0, centre_of_buoyancy=np.zeros(3))
+    actuators = parameters.ActuatorModel(names=("thrusters",))
+    return parameters.vehicle_declaration(start, np.array([-np.ones(3), np.ones(3)]), actuators).quantities
 
 
 def _fields(part: dict[str, Any]) -> str:

@@ -16,9 +16,8 @@ import pinocchio as pin
 
 from uvms_ocp.checks import checked
 from uvms_ocp.errors import InvalidInput
-from uvms_ocp.robot import coefficients, roles, thrusters
+from uvms_ocp.robot import coefficients, loading, roles, thrusters
 from uvms_ocp.robot.description import Cylinder, LinkDescription, Pose, RobotDescription, TrimBody, Vector3, checked_copy
-from uvms_ocp.robot.loading import robot_of, trim_inertia, with_bodies
 from uvms_ocp.robot.robot import Robot
 from uvms_ocp.robot.urdf import UrdfModels
 from uvms_ocp.types import Range
@@ -103,7 +102,7 @@ def mount(
     if flange is not None:
         _add_tool(vehicle, joined.model, prefix + arm.model.frames[arm.frame_id(flange)].name)
     description = _joined_description(vehicle.description, arm, links, prefix)
-    return robot_of(joined, description, f"{vehicle.name}+{arm.name}")
+    return loading.robot_of(joined, description, f"{vehicle.name}+{arm.name}")
 
 
 @checked
@@ -120,7 +119,7 @@ def without_arm(robot: Robot) -> Robot:
     trim = tuple(body for body in before.trim if body.link in kept)
     sensors = {key: name if (name := getattr(before, key)) in kept else None for key in ("altimeter", "dvl")}
     alone = checked_copy(before, joints={}, links=links, trim=trim, tool=None, **sensors)
-    return robot_of(_base_only(robot), alone, robot.name)
+    return loading.robot_of(_base_only(robot), alone, robot.name)
 
 
 def _check_parts(vehicle: Robot, arm: Robot) -> None:
@@ -242,7 +241,7 @@ def without_trim(robot: Robot) -> Robot:
     """Return a copy without floats and ballast, to be trimmed anew."""
     model = robot.model.copy()
     for body in robot.description.trim:
-        joint, inertia = trim_inertia(model, body)
+        joint, inertia = loading.trim_inertia(model, body)
         model.inertias[joint] = model.inertias[joint] - inertia
     return _retrimmed(robot, model, ())
 
@@ -252,7 +251,7 @@ def with_trim(robot: Robot, bodies: Iterable[TrimBody]) -> Robot:
     added = tuple(bodies)
     for body in added:
         robot.frame_id(body.link)
-    return _retrimmed(robot, with_bodies(robot.model, added), (*robot.description.trim, *added))
+    return _retrimmed(robot, loading.with_bodies(robot.model, added), (*robot.description.trim, *added))
 
 
 _Station = Annotated[float, Range(-50.0, 50.0)]  # [m], as positions in robot files

@@ -18,8 +18,7 @@ import pinocchio as pin
 import yaml
 
 from uvms_ocp.errors import InvalidInput, RobotDataError
-from uvms_ocp.robot import hydrodynamics, limits
-from uvms_ocp.robot.assembly import box_around, cylinder_in, lifts
+from uvms_ocp.robot import assembly, hydrodynamics, limits
 from uvms_ocp.robot.coefficients import links_in_water
 from uvms_ocp.robot.description import Box, LinkDescription, Pose, RobotDescription, checked_copy
 from uvms_ocp.robot.loading import assemble, link_masses
@@ -325,14 +324,14 @@ class _Draft:
         """Coefficients of one link, of the box or cylinder around its shapes, or of a body with its inertia."""
         model = self.models.model
         joint = self._carrier(name) if whole else None
-        corners = box_around(model, self.models.collision, name, joint=joint)
+        corners = assembly.box_around(model, self.models.collision, name, joint=joint)
         if np.isnan(corners).any():
-            corners = box_around(model, self.models.visual, name, joint=joint)
+            corners = assembly.box_around(model, self.models.visual, name, joint=joint)
         source = f"{'box' if whole else 'cylinder'} around its shapes"
         if np.isnan(corners).any() or np.prod(np.ptp(corners, axis=0)) * _WATER > _TOO_LARGE * max(mass, 1.0):
             corners, source = (_as_its_inertia(model, name, mass), "box with its mass and inertia, as it has no fitting shapes")
         size, centre = np.ptp(corners, axis=0), corners.mean(axis=0)
-        cylinder = None if whole else cylinder_in(corners)
+        cylinder = None if whole else assembly.cylinder_in(corners)
         box = Box(size=tuple(np.maximum(size, 1e-3).tolist()), pose=Pose(position=tuple(centre.tolist())), drag_by="flow")
         way = LinkDescription(box=box) if cylinder is None else LinkDescription(cylinder=cylinder)
         (water,) = links_in_water(RobotDescription(links={name: way}, water_density=_WATER))
@@ -348,7 +347,7 @@ class _Draft:
         for key in ("volume", "centre_of_buoyancy"):
             own[hull]["coefficients"].pop(key, None)
         bare = checked_copy(robot.description, links=own)
-        arms, lift = lifts(replace(robot, description=bare, hydrodynamics=links_in_water(bare)), robot.configuration())
+        arms, lift = assembly.lifts(replace(robot, description=bare, hydrodynamics=links_in_water(bare)), robot.configuration())
         total = -float(lift.sum())
         if total <= 0.0:
             return links

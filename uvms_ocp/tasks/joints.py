@@ -11,8 +11,7 @@ import numpy as np
 
 from uvms_ocp.checks import checked_dataclass
 from uvms_ocp.errors import InvalidInput
-from uvms_ocp.robot import Robot, SymbolicModel
-from uvms_ocp.robot.limits import Joint, bounded_joints, held_joints
+from uvms_ocp.robot import Robot, SymbolicModel, limits
 from uvms_ocp.tasks.activation import SmoothActivation, approach_speed, saturate
 from uvms_ocp.tasks.goals import VectorGoal, evaluate_vector
 from uvms_ocp.tasks.task import Residual, Rows, Task, TaskClass, TickSymbols, bounded_residual, equality_rows, zero_residual
@@ -50,7 +49,7 @@ class JointLimits(Task):
 
     def residual(self, symbols: TickSymbols, parameters: ca.SX) -> Residual:
         """Bounded joints inside their range [rad or m]."""
-        joints = bounded_joints(symbols.robot.joints, symbols.robot.limits)
+        joints = limits.bounded_joints(symbols.robot.joints, symbols.robot.limits)
         ranges = np.array([self._kept(low, up) for _, low, up in joints]).reshape(-1, 2)
         value = _column_of(joint.position(symbols.q) for joint, _, _ in joints)
         return Residual(value=value, lower=ranges[:, 0], upper=ranges[:, 1])
@@ -61,7 +60,7 @@ class JointLimits(Task):
         return lower + guard, upper - guard
 
     def rows(self, symbols: TickSymbols, parameters: ca.SX) -> Rows:
-        joints = [one for one in bounded_joints(symbols.robot.joints, symbols.robot.limits) if np.isfinite(one[1:]).all()]
+        joints = [one for one in limits.bounded_joints(symbols.robot.joints, symbols.robot.limits) if np.isfinite(one[1:]).all()]
         rows = [self._joint_row(symbols, joint, lower, upper) for joint, lower, upper in joints]
         rate, lower, upper, activation, margin = (_column_of(row[k] for row in rows) for k in range(5))
         return Rows(
@@ -73,7 +72,7 @@ class JointLimits(Task):
             quantities={"margin": ca.mmin(margin)} if any(lower < upper for _, lower, upper in joints) else {},
         )
 
-    def _joint_row(self, symbols: TickSymbols, joint: Joint, lower: float, upper: float) -> tuple[ca.SX, ...]:
+    def _joint_row(self, symbols: TickSymbols, joint: limits.Joint, lower: float, upper: float) -> tuple[ca.SX, ...]:
         """Rate, lower, upper, activation and distance to the nearer limit of one joint."""
         q, margin = joint.position(symbols.q), self.margin * (upper - lower)
         if lower == upper:  # it is held there, also by solvers that know no limits of velocity
@@ -91,7 +90,7 @@ class JointLimits(Task):
             ca.fmin(q - lower, upper - q),
         )
 
-    def _approach(self, symbols: TickSymbols, joint: Joint, distance: ca.SX) -> ca.SX:
+    def _approach(self, symbols: TickSymbols, joint: limits.Joint, distance: ca.SX) -> ca.SX:
         return approach_speed(
             distance,
             gain=self.gain,
@@ -187,7 +186,7 @@ def manipulability(symbols: TickSymbols, frame: str) -> ca.SX:
     Raises `InvalidInput` where no joint with a range moves it.
     """
     robot, J = symbols.robot, symbols.kinematics.jacobian(frame)
-    held = [robot.joint(name).idx_v for name in held_joints(robot.model, robot.joints)]
+    held = [robot.joint(name).idx_v for name in limits.held_joints(robot.model, robot.joints)]
     moving = [k for k in range(robot.n_vehicle, robot.n_v) if k not in held and not J[:, k].is_zero()]
     if not moving:
         raise InvalidInput(f"manipulability of {frame!r}: no joint with a range moves it; give one on an arm, as its tool")

@@ -10,9 +10,8 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
 from uvms_ocp.errors import NameNotFound
-from uvms_ocp.record.meta_values import TaskMeta
+from uvms_ocp.record import meta_values, tables
 from uvms_ocp.record.record import Record, quantity
-from uvms_ocp.record.tables import column_names, column_units, unit_of
 from uvms_ocp.viz import series as recorded, style
 
 # Figures of what the tasks measure: errors, misalignment, altitude ([Gao2022] figures 5-9).
@@ -194,10 +193,10 @@ def _curves(record: Record, name: str) -> tuple[dict[str, np.ndarray], str]:
     """The lines of a name, by what they are called, and their unit."""
     names = [key for key, series in record.series.items() if series.ndim <= _A_TABLE]
     if name in record.meta.quantities or (name in names and record[name].ndim == 1):
-        return {name: record[name]}, unit_of(name, meta=record.meta)
+        return {name: record[name]}, tables.unit_of(name, meta=record.meta)
     if name in names:
-        labels = (label.removeprefix(f"{name}.") for label in column_names(name, record[name].shape[1], record.meta))
-        return dict(zip(labels, record[name].T, strict=True)), unit_of(name, meta=record.meta)
+        labels = (label.removeprefix(f"{name}.") for label in tables.column_names(name, record[name].shape[1], record.meta))
+        return dict(zip(labels, record[name].T, strict=True)), tables.unit_of(name, meta=record.meta)
     found = _columns(record, [key for key in names if record[key].ndim == _A_TABLE])
     if name not in found:
         of_series = (column for column, (series, _, _) in found.items() if series == name.partition(".")[0])
@@ -213,7 +212,7 @@ def _columns(record: Record, names: Sequence[str]) -> dict[str, tuple[str, int, 
         label: (name, k, unit)
         for name, width in widths.items()
         for k, (label, unit) in enumerate(
-            zip(column_names(name, width, record.meta), column_units(name, width, record.meta), strict=True)
+            zip(tables.column_names(name, width, record.meta), tables.column_units(name, width, record.meta), strict=True)
         )
     }
 
@@ -235,7 +234,7 @@ def figure_activations(record: Record, *, fig: style.Given = None, width: style.
     return figure
 
 
-def _activation_panel(axis: Axes, record: Record, task: TaskMeta) -> None:
+def _activation_panel(axis: Axes, record: Record, task: meta_values.TaskMeta) -> None:
     t, rows, gate = record["t"], recorded.task_activity(record, task.name), recorded.task_gate(record, task.name)
     if rows is None or gate is None:
         return

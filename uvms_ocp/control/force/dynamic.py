@@ -9,10 +9,9 @@ import numpy as np
 from uvms_ocp.checks import checked_constructor, checked_dataclass, replace_unchecked, unchecked_constructor
 from uvms_ocp.control.faults.monitor import ActuatorMonitor
 from uvms_ocp.control.faults.verdicts import ActuatorHealthTuning, residual_filter_for
-from uvms_ocp.control.force import allocation, tick_functions
+from uvms_ocp.control.force import allocation, tick_functions, velocity_law
 from uvms_ocp.control.force.observer import DisturbanceObserver, ObserverLaw
 from uvms_ocp.control.force.tick import ForceTick
-from uvms_ocp.control.force.velocity_law import BandwidthDerating, DeadTimes, VelocityLaw, bandwidth_derating, dead_times
 from uvms_ocp.control.payload import LoadLearner, LoadLearning, require_learnable
 from uvms_ocp.control.velocity.abort import ActuationFeedback
 from uvms_ocp.control.velocity.kinematic import KinematicController
@@ -84,8 +83,8 @@ class DynamicController(TableDisplay):
         self.kinematic = kinematic
         gains = gains or VelocityGains()
         self._robot = robot
-        late = DeadTimes() if sensors is None else dead_times(sensors)
-        derating = bandwidth_derating(late, vehicle=gains.vehicle, joints=gains.joints, dt=kinematic.dt)
+        late = velocity_law.DeadTimes() if sensors is None else velocity_law.dead_times(sensors)
+        derating = velocity_law.bandwidth_derating(late, vehicle=gains.vehicle, joints=gains.joints, dt=kinematic.dt)
         laws = _laws(robot, dynamics, gains, health, derating, kinematic.dt)
         self._tick = ForceTick(laws)
         self.memory = memory = self._tick.memory
@@ -172,14 +171,14 @@ def _laws(
     dynamics: Dynamics,
     gains: VelocityGains,
     health: ActuatorHealthTuning | None,
-    derating: BandwidthDerating,
+    derating: velocity_law.BandwidthDerating,
     dt: float,
 ) -> tick_functions.ForceLaws:
     """Return the laws of a robot, one object for many runs, so that what is derived from them is made once; dt [s]."""
     search, observed = health if gains.observer_vehicle and robot.n_vehicle else None, derating.vehicle * gains.observer_vehicle
     return tick_functions.ForceLaws(
         robot=robot,
-        velocity=VelocityLaw(
+        velocity=velocity_law.VelocityLaw(
             dynamics=dynamics.symbolic,
             K_p=_per_axis(robot, gains.vehicle, gains.joints),
             reset=_per_axis(robot, gains.vehicle_reset, gains.joints_reset),

@@ -21,8 +21,7 @@ from uvms_ocp.control.faults.verdicts import ActuatorHealthTuning, FilteredComma
 from uvms_ocp.control.force.allocation import ThrusterLag
 from uvms_ocp.control.force.observer import ObserverLaw, ObserverState, limited
 from uvms_ocp.control.force.velocity_law import BandwidthDerating, VelocityLaw
-from uvms_ocp.robot import Robot, symbolic_bodies, thruster_matrix
-from uvms_ocp.robot.thrusters import electrical_power, free_motions, joint_power, power_law
+from uvms_ocp.robot import Robot, symbolic_bodies, thruster_matrix, thrusters
 
 # Inputs, state, desired force and outputs of a tick: named parts of columns of numbers.
 
@@ -229,7 +228,7 @@ def control_function(laws: ForceLaws) -> ca.Function:
     trusted = _by_part(laws, 1.0 - inputs.hold, inputs.joints)
     error = ca.if_else(trusted, inputs.reference - inputs.v, 0.0)
     before = ca.if_else(_by_part(laws, ca.SX(1.0), inputs.joints), observed.before, inputs.reference)  # brakes stop at once
-    motions, measured = map(symbolic_bodies.sparse, free_motions(laws.robot))
+    motions, measured = map(symbolic_bodies.sparse, thrusters.free_motions(laws.robot))
     error, before = error - motions @ (measured @ error), before + motions @ (measured @ (inputs.reference - before))
     tau = laws.velocity.force(inputs.q, inputs.reference, before, error, observed.integral, observed.share) - observed.estimate
     if motions.shape[1]:  # they are as all other forces have it, and what that takes of driven axes is fed forward
@@ -259,8 +258,8 @@ def command_function(laws: ForceLaws) -> ca.Function:
     reached = ca.vertcat(allocated.reached[:n], desired.torque)
     command = laws.lag.command(observed.thrust, effectiveness.asked(allocated.thrust), 1.0 - inputs.stop)
     thrust = laws.lag.after(observed.thrust, command)
-    power = electrical_power((observed.thrust + thrust) / 2.0, *power_law(laws.robot))
-    drives = joint_power(desired.torque, inputs.reference[n:, :], laws.robot.description.joint_efficiency)
+    power = thrusters.electrical_power((observed.thrust + thrust) / 2.0, *thrusters.power_law(laws.robot))
+    drives = thrusters.joint_power(desired.torque, inputs.reference[n:, :], laws.robot.description.joint_efficiency)
     state = replace(
         observed,
         thrust=thrust,

@@ -11,8 +11,7 @@ import numpy as np
 
 from uvms_ocp.codegen.kernel_layout import FunctionField, Layout, Sized, Vector, structure_of, view
 from uvms_ocp.codegen.kernels import bind_memory
-from uvms_ocp.control.velocity import braking, distances, viability
-from uvms_ocp.control.velocity.abort import AbortReason, abort_reason, aim_ascent
+from uvms_ocp.control.velocity import abort, braking, distances, viability
 from uvms_ocp.control.velocity.goals import load_goals
 from uvms_ocp.control.velocity.levels import LevelsProblem
 from uvms_ocp.control.velocity.tick_memory import TickMemory
@@ -103,7 +102,7 @@ def finish_tick(m: TickMemory) -> None:
         _come_to_rest(m)
     else:
         _choose(m)
-    m.why = AbortReason.NOTHING
+    m.why = abort.AbortReason.NOTHING
     m.due = progress.NONE
     m.eventful = False
     if not progress.is_over(m.mission):
@@ -119,12 +118,12 @@ def _check_mission(m: TickMemory) -> None:
         m.lowest(m.q, m.height)
         unseen = m.holds or _doubts_altimeter(m) or not m.altitude_valid
         clearance = math.nan if unseen else m.height[0] - m.beam.floor
-    m.why = abort_reason(m.distress, m.mission, m.t, m.gates, m.phase_quantities, hopeless, less.ended, clearance)
-    if m.why != AbortReason.NOTHING:
+    m.why = abort.abort_reason(m.distress, m.mission, m.t, m.gates, m.phase_quantities, hopeless, less.ended, clearance)
+    if m.why != abort.AbortReason.NOTHING:
         m.eventful = True
         if not m.mission.given_up:
             believed = not (m.distress.pushed or _doubts_altimeter(m))
-            aim_ascent(m.ascent, m.q, m.beam.highest if believed else math.nan)
+            abort.aim_ascent(m.ascent, m.q, m.beam.highest if believed else math.nan)
         progress.abort_mission(m.mission, m.t, not stopped)
     elif not m.holds:
         m.due = progress.transition_due(m.mission, m.t, m.phase_quantities)

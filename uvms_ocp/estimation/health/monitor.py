@@ -15,8 +15,7 @@ from uvms_ocp.codegen.kernel_layout import Layout, Sized, Vector, structure_of
 from uvms_ocp.codegen.kernels import bind_kernels
 from uvms_ocp.estimation.estimator import JOINT_CHANNELS, AltimeterMount, PassThrough
 from uvms_ocp.estimation.filter_memory import N_CHANNELS, NUMBER, ChannelIndex
-from uvms_ocp.estimation.health import channel_state, plausibility
-from uvms_ocp.estimation.health.screening import compare, is_empty, is_persistent, screen_reading
+from uvms_ocp.estimation.health import channel_state, plausibility, screening
 from uvms_ocp.estimation.health.tuning import HealthTuning, Reason, ReasonTexts
 from uvms_ocp.robot.robot import Robot
 from uvms_ocp.robot.signals import CHANNELS, UNITS, ChannelHealth, Command, Reading, Readings, SensorSpecs, StateEstimate, Trust
@@ -280,19 +279,19 @@ def _screen_newest(m: channel_state.HealthMemory, c: channel_state.ChannelMemory
 
 def _screen_new(m: channel_state.HealthMemory, c: channel_state.ChannelMemory) -> None:
     slot, barred, b = plausibility.slot_at(m.history, c.stamp), channel_state.is_excluded(c, m.t), m.belief
-    screen_reading(m, c, slot)
+    screening.screen_reading(m, c, slot)
     if not b.used:
         channel_state.reject(c, b.why, m.t)
-    elif not barred and is_empty(c):
+    elif not barred and screening.is_empty(c):
         channel_state.accept_empty(c)
     elif not barred:
         channel_state.accept(c, m.t)
     if b.used and b.why.code != Reason.NONE:
         channel_state.suspect(c, b.why, m.t)
     # Fixes are heard even where the estimate contradicts them, as it may err, and so is a DVL that insists.
-    is_compared = b.used or (b.sane and (barred or c.number == ChannelIndex.POSITION or is_persistent(c)))
-    if is_compared and slot >= 0 and not is_empty(c):
-        compare(m, c, m.history.kept[slot])
+    is_compared = b.used or (b.sane and (barred or c.number == ChannelIndex.POSITION or screening.is_persistent(c)))
+    if is_compared and slot >= 0 and not screening.is_empty(c):
+        screening.compare(m, c, m.history.kept[slot])
 
 
 def _update_all_outcomes(m: channel_state.HealthMemory, outcomes: Vector) -> None:

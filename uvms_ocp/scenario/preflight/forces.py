@@ -19,8 +19,7 @@ from uvms_ocp.robot.thrusters import AXES, driven_turns, free_motions, unactuate
 from uvms_ocp.scenario.preflight.reachability import ArmReach, goals_of
 from uvms_ocp.scenario.preflight.setup import Finding, Setup, Severity, Visit, threshold_of
 from uvms_ocp.sim.currents import water_at
-from uvms_ocp.tasks.attitude import Alignment, AngleTask, HorizontalAttitude
-from uvms_ocp.tasks.goals import evaluate_vector
+from uvms_ocp.tasks import attitude, goals
 from uvms_ocp.tasks.pose import NullVelocity, PoseTask, ToolPose, ToolPosition, VehiclePose
 
 # Checks: thrusters and motors can hold the robot still in the current and move it against that, and where they cannot
@@ -151,10 +150,10 @@ def check_depth(setup: Setup, visits: Sequence[Visit]) -> Iterator[Finding]:
         limit = None if task is None else threshold_of(visit.phase, f"{task.name}.position_error")
         if task is None or limit is None:
             continue
-        goal, alignment = goals_of(setup, task.name, task.goal)[-1], visit.active(Alignment)
+        goal, alignment = goals_of(setup, task.name, task.goal)[-1], visit.active(attitude.Alignment)
         bow = goal.rotation
         if alignment is not None:  # which turns it there
-            x, y, _ = evaluate_vector(alignment.name, alignment.goal, 0.0)[0] - begin
+            x, y, _ = goals.evaluate_vector(alignment.name, alignment.goal, 0.0)[0] - begin
             bow = pin.rpy.rpyToMatrix(0.0, 0.0, float(np.arctan2(y, x)))
         ways = np.abs(bow.T @ (goal.translation - begin))
         axis = max(still, key=lambda axis: ways[axis])
@@ -183,9 +182,9 @@ def check_undriven(setup: Setup, visits: Sequence[Visit]) -> Iterator[Finding]:
     less: dict[str, None] = {}
     for visit in visits:
         for task in visit.tasks:
-            if not (turns and isinstance(task, AngleTask | PoseTask)) or driven_turns(setup.robot, task.frame) is None:
+            if not (turns and isinstance(task, attitude.AngleTask | PoseTask)) or driven_turns(setup.robot, task.frame) is None:
                 continue
-            directions = task.turning_directions(setup.robot) if isinstance(task, AngleTask) else None
+            directions = task.turning_directions(setup.robot) if isinstance(task, attitude.AngleTask) else None
             if directions is None or directions.shape[1]:
                 less |= {task.name: None} if isinstance(task, PoseTask) or directions is not None else {}
                 continue
@@ -215,7 +214,7 @@ def check_rest(setup: Setup, visits: Sequence[Visit]) -> Iterator[Finding]:
         return
     R = rotation_at_rest(setup.robot, setup.start)
     tilt, (roll, pitch, _) = np.arccos(np.clip(R[2, 2], -1.0, 1.0)), pin.rpy.matrixToRpy(R)
-    on = [(visit.phase, task) for visit in visits if (task := visit.active(HorizontalAttitude)) is not None]
+    on = [(visit.phase, task) for visit in visits if (task := visit.active(attitude.HorizontalAttitude)) is not None]
     missed = [(phase, task) for phase, task in on if tilt > task.activation.end]  # in which it lets the vehicle be
     waiting = [(phase, task) for phase, task in missed if (threshold_of(phase, f"{task.name}.tilt") or np.inf) < tilt]
     text, name = f"will rest at roll {np.rad2deg(roll):.0f} deg, pitch {np.rad2deg(pitch):.0f} deg", ""

@@ -17,8 +17,7 @@ import yaml
 
 from uvms_ocp.checks import checked
 from uvms_ocp.errors import RobotDataError
-from uvms_ocp.robot import Robot, description, roles, thruster_matrix, thrusters
-from uvms_ocp.robot.assembly import box_corners, static_residual, trim_body, without_trim
+from uvms_ocp.robot import Robot, assembly, description, roles, thruster_matrix, thrusters
 from uvms_ocp.robot.loading import files_of, joints_without_inertia, load_robot, unknowns
 from uvms_ocp.robot.shapes.collision_model import links_without_shape
 
@@ -100,7 +99,7 @@ def check_robot(robot: Robot) -> RobotReport:
         *((_good if good else _warning)("frames", text) for good, text in roles.role_notes(robot.model, robot.description)),
         *_shapes(robot),
         *_water(robot),
-        *(_warning(*gap) for gap in unknowns(without_trim(robot).model, robot.description)),
+        *(_warning(*gap) for gap in unknowns(assembly.without_trim(robot).model, robot.description)),
     )
     return RobotReport(name=robot.name, findings=findings)
 
@@ -180,7 +179,7 @@ def _water(robot: Robot) -> Iterator[RobotFinding]:
 
 
 def _trim(robot: Robot) -> RobotFinding:
-    force, moment = static_residual(robot, robot.configuration())
+    force, moment = assembly.static_residual(robot, robot.configuration())
     text = f"{force:+.3g} N upwards and {np.linalg.norm(moment):.3g} N m with the arm stowed"
     density = f"in water of {robot.description.water_density:g} kg/m3"
     if abs(force) < FORCE_TOLERANCE and np.linalg.norm(moment) < MOMENT_TOLERANCE:
@@ -224,7 +223,7 @@ def trim_bodies(robot: Robot, force: float, moment: np.ndarray) -> list[tuple[de
         name = f"{'float' if lift > 0.0 else 'ballast'}{name}"
         name = next(free for free in chain([name], (f"{name}_{k}" for k in count(1))) if free not in taken)
         x, y = place + 0.0  # no zero with a sign
-        return trim_body(name, float(x), float(y), lift, robot), lift
+        return assembly.trim_body(name, float(x), float(y), lift, robot), lift
 
     place = lever / lift if abs(lift) >= FORCE_TOLERANCE else np.full(2, np.inf)
     if ((low <= place) & (place <= high)).all():
@@ -241,7 +240,7 @@ def _hull(robot: Robot) -> tuple[np.ndarray, np.ndarray]:
     model, points = robot.collision_model, [np.zeros(3)]
     for shape in model.geometryObjects:
         if shape.parentJoint == 1:
-            points += [shape.placement.act(corner) for corner in box_corners(shape.geometry)]
+            points += [shape.placement.act(corner) for corner in assembly.box_corners(shape.geometry)]
     points += [np.array(thruster.position) for thruster in robot.description.thrusters]
     return _WITHIN * np.min(points, axis=0)[:2], _WITHIN * np.max(points, axis=0)[:2]
 

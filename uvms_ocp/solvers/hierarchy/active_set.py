@@ -19,8 +19,7 @@ from uvms_ocp.checks import checked_dataclass, checked_on_failure, unchecked_con
 from uvms_ocp.codegen.buffered import BufferedFunction
 from uvms_ocp.codegen.compile import c_macros, compile_function, constants_of, external_function
 from uvms_ocp.errors import InvalidInput
-from uvms_ocp.solvers.hierarchy import solution, tolerances
-from uvms_ocp.solvers.hierarchy.active_set_numpy import STATUSES, RowState, solve_levels
+from uvms_ocp.solvers.hierarchy import active_set_numpy, solution, tolerances
 from uvms_ocp.solvers.hierarchy.level import Level
 from uvms_ocp.types import Array
 
@@ -45,8 +44,8 @@ def solver_source(n: int, sizes: Sequence[int]) -> str:
         c_macros({"N": n, "M": sum(filled), "L": len(filled), "LEVEL_SIZES": ", ".join(map(str, filled))}),
         c_macros(constants_of(tolerances)),
         c_macros(asdict(tolerances.iteration_budget(sum(filled)))),
-        _codes({code.name: code.value for code in RowState}),
-        _codes({status.name: code for code, status in enumerate(STATUSES)}),
+        _codes({code.name: code.value for code in active_set_numpy.RowState}),
+        _codes({status.name: code for code, status in enumerate(active_set_numpy.STATUSES)}),
         *_texts(_SOURCES),
     ]
     return "\n".join(parts)
@@ -114,12 +113,12 @@ class ActiveSetTick:
     def _finish(self, results: Sequence[Array], start: float) -> solution.TickResult:
         v, active_set, report, missed, *extras = results
         self._active_set[:] = active_set
-        status = STATUSES[int(report[0])]
+        status = active_set_numpy.STATUSES[int(report[0])]
         return _result(v=v, status=status, residual=missed, extras=tuple(extras), solve_time=perf_counter() - start)
 
     def _in_numpy(self, inputs: Sequence[ArrayLike], start: float) -> solution.TickResult:
         J, lower, upper, _, _, gate, *extras = self._levels(*inputs)
-        found = solve_levels(J.reshape(-1, self._width), lower, upper, gate, self._active_set, self._sizes)
+        found = active_set_numpy.solve_levels(J.reshape(-1, self._width), lower, upper, gate, self._active_set, self._sizes)
         self._active_set[:] = found.active_set
         return _result(
             v=found.v, status=found.status, residual=found.residual, extras=tuple(extras), solve_time=perf_counter() - start

@@ -24,8 +24,7 @@ from uvms_ocp.record.record import Record
 from uvms_ocp.robot import Command, Robot, State
 from uvms_ocp.scenario.scenario import Scenario
 from uvms_ocp.types import AtLeastOne, Count, Positive
-from uvms_ocp.viz.scene import show, surroundings
-from uvms_ocp.viz.scene.animation import frames_of, joint_node, require_fit, rounded
+from uvms_ocp.viz.scene import animation, show, surroundings
 from uvms_ocp.viz.scene.details import legend, page_details, readout
 from uvms_ocp.viz.scene.page import CommandLog, ScenePage, build_page, served
 
@@ -36,8 +35,8 @@ _FPS = 1.0  # [Hz] of the frames of the beginning, of which the first is shown
 
 def live_page(record: Record, robot: Robot, height: int) -> ScenePage:
     """record: how a run of `robot` begins. height [px] of its frame in a notebook. Raises `InvalidInput` as `show`."""
-    require_fit(record, robot)
-    frames = frames_of(record, robot, _FPS)
+    animation.require_fit(record, robot)
+    frames = animation.frames_of(record, robot, _FPS)
     centre, log = surroundings.middle(record, frames), CommandLog()
     root = show.draw_still(log, robot, list(map(pin.XYZQUATToSE3, frames.placements[0])), centre)
     surroundings.draw_goals(root["goals"], record)
@@ -61,7 +60,7 @@ def _still(record: Record) -> dict[str, Any]:
 
 def _moved(record: Record, robot: Robot) -> dict[str, Any]:
     """JSON values: nodes in the order of a frame's poses, and phases by their numbers."""
-    nodes = [["meshcat", "scene", "robot", joint_node(robot.model, j)] for j in range(1, robot.model.njoints)]
+    nodes = [["meshcat", "scene", "robot", animation.joint_node(robot.model, j)] for j in range(1, robot.model.njoints)]
     phases = [{"name": p.name, "title": p.title, "tasks": list(p.tasks), "start": 0.0} for p in record.meta.phases]
     return {"nodes": nodes, "phases": phases}
 
@@ -136,9 +135,9 @@ def _frame(robot: Robot, data: pin.Data, t: float, state: State, command: Comman
     telemetry = command.telemetry
     return {
         "t": round(t, 4),
-        "poses": [rounded(pin.SE3ToXYZQUAT(X), _DIGITS) for X in list(data.oMi)[1:]],
+        "poses": [animation.rounded(pin.SE3ToXYZQUAT(X), _DIGITS) for X in list(data.oMi)[1:]],
         "phase": int(telemetry["phase"]) if "phase" in telemetry else None,
-        "values": rounded(telemetry["quantities"]) if "quantities" in telemetry else [],
+        "values": animation.rounded(telemetry["quantities"]) if "quantities" in telemetry else [],
     }
 
 
