@@ -63,9 +63,8 @@ class SupervisedController(TableDisplay):
         for name, shape in self._shapes.items():
             require_numbers(f"the command of controller {self.name}", name, getattr(command, name), shape)
         if taken := command.telemetry.keys() & watched.telemetry.keys():
-            raise InvalidInput(
-                f"telemetry of controller {self.name} has {sorted(taken)[0]!r}, which the mission tells; rename it"
-            )
+            given = f"telemetry of controller {self.name} has {sorted(taken)[0]!r}, which the mission tells"
+            raise InvalidInput(f"{given}; rename it")
 
 
 def require_numbers(whose: str, name: str, value: np.ndarray | None, shape: tuple[int, ...]) -> None:

@@ -56,9 +56,8 @@ class Watchdog:
 
     def __post_init__(self) -> None:
         if not (math.isfinite(self.stop_after) and 0 < self.hold_after < self.stop_after):
-            raise InvalidInput(
-                f"watchdog: hold_after = {self.hold_after} s, stop_after = {self.stop_after} s; give 0 < hold_after < stop_after"
-            )
+            given = f"watchdog: hold_after = {self.hold_after} s, stop_after = {self.stop_after} s"
+            raise InvalidInput(f"{given}; give 0 < hold_after < stop_after")
 
     @property
     def verdict(self) -> Freshness:

@@ -260,6 +260,5 @@ class Abort:
         if others:
             raise InvalidInput(f"phase {self.phase.name!r} aborts a mission but leads to {others}; lead to {ABORT!r} alone")
         if self.ascent_task not in self.phase.on:
-            raise InvalidInput(
-                f"abort: ascent_task = {self.ascent_task!r}, off in phase {self.phase.name!r}; name a task that is on in it"
-            )
+            given = f"abort: ascent_task = {self.ascent_task!r}, off in phase {self.phase.name!r}"
+            raise InvalidInput(f"{given}; name a task that is on in it")

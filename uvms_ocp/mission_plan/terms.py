@@ -356,9 +356,8 @@ def floor_along(scenario: Scenario, way: mission_segments.GreedyRollout) -> floa
     heights = [scenario.environment.seafloor.height(float(x), float(y)) for x, y in way.q[:, :2]]
     low, high = min(heights), max(heights)
     if high - low > _LEVEL:
-        raise InvalidInput(
-            f"the floor rises by {high - low:.2g} m along the way; a plan needs one that is level within {_LEVEL:g} m"
-        )
+        given = f"the floor rises by {high - low:.2g} m along the way"
+        raise InvalidInput(f"{given}; a plan needs one that is level within {_LEVEL:g} m")
     return high
 
 

@@ -237,9 +237,8 @@ class ShapeClearance(Term):
         Term.__post_init__(self)
         scene = self.scene
         if np.shape(self.margins) != (scene.n_pairs,) or not np.isfinite(self.margins).all():
-            raise InvalidInput(
-                f"{self.name}: margins {np.shape(self.margins)}; give one finite number [m] for each of {scene.n_pairs} pairs"
-            )
+            given = f"{self.name}: margins {np.shape(self.margins)}"
+            raise InvalidInput(f"{given}; give one finite number [m] for each of {scene.n_pairs} pairs")
         if scene.coordinates.n_axes != scene.coordinates.robot.n_v:
             raise InvalidInput(f"{self.name}: the scene plans {scene.coordinates.names}; give one that plans all axes")
         names = [item.name for item in scene.geometry.geometryObjects]

@@ -374,9 +374,8 @@ def _refined(breaks: Array, pieces: int) -> tuple[Array, Indices]:
 
 def _check_ends(scene: CollisionScene, distances: PairDistances, waypoints: Array) -> None:
     if waypoints.ndim != 2 or waypoints.shape[1] != scene.coordinates.n_axes:
-        raise InvalidInput(
-            f"way points have shape {waypoints.shape}; allowed is (n, {scene.coordinates.n_axes}), one column per axis."
-        )
+        given = f"way points have shape {waypoints.shape}"
+        raise InvalidInput(f"{given}; allowed is (n, {scene.coordinates.n_axes}), one column per axis.")
     lower, upper = scene.coordinates.limits()
     for index, name in ((0, "start"), (len(waypoints) - 1, "goal")):
         outside = (waypoints[index] < lower - 1e-9) | (waypoints[index] > upper + 1e-9)

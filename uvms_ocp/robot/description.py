@@ -211,9 +211,8 @@ class Thruster(_Section):
         wrong = np.flatnonzero((np.diff(command) <= 0.0) | (np.diff(thrust) < 0.0))
         if len(wrong):
             point = list(value[wrong[0] + 1])
-            raise ValueError(
-                f"curve needs increasing commands and thrust that never falls; point {wrong[0] + 2}, {point}, does not"
-            )
+            given = "curve needs increasing commands and thrust that never falls"
+            raise ValueError(f"{given}; point {wrong[0] + 2}, {point}, does not")
         if n < 2 or thrust[0] == thrust[-1]:
             raise ValueError("curve needs two or more points of different thrust")
         return value

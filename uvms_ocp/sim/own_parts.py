@@ -84,9 +84,8 @@ def require_simulated(faults: Iterable[Fault], plant: Any, sensors: Any) -> None
         own = not isinstance(maker, str | SensorSpecs)
         if own and what not in getattr(maker, "simulated_faults", ()):
             whose = f"{'sensors' if channel else 'plant'} {part_name(maker)}"
-            raise InvalidInput(
-                f"{fault}: {whose} has no {what!r} in its simulated_faults; add it and simulate it, or leave it out"
-            )
+            given = f"{fault}: {whose} has no {what!r} in its simulated_faults"
+            raise InvalidInput(f"{given}; add it and simulate it, or leave it out")
 
 
 # Makers, values of a scenario that build a part for each run.

@@ -43,9 +43,8 @@ class JointLimits(Task):
 
     def __post_init__(self) -> None:
         if not (self.guard >= 0 and self.guard + self.margin < 0.5):
-            raise InvalidInput(
-                f"{self.name}: margin = {self.margin}, guard = {self.guard}; give shares of the range, together below 0.5"
-            )
+            given = f"{self.name}: margin = {self.margin}, guard = {self.guard}"
+            raise InvalidInput(f"{given}; give shares of the range, together below 0.5")
 
     def residual(self, symbols: TickSymbols, parameters: ca.SX) -> Residual:
         """Bounded joints inside their range [rad or m]."""

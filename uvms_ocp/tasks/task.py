@@ -247,9 +247,8 @@ class Task(ABC):
 
         Raises `InvalidInput` for a task that exists at velocity level only.
         """
-        raise InvalidInput(
-            f"{self.name}: {type(self).__name__} has no residual over a horizon; leave it to the velocity hierarchy"
-        )
+        given = f"{self.name}: {type(self).__name__} has no residual over a horizon"
+        raise InvalidInput(f"{given}; leave it to the velocity hierarchy")
 
     def position_limit(self, robot: Robot) -> PositionLimit | None:
         """The limit on positions that this task stands for, if it is one beyond the joints' own."""

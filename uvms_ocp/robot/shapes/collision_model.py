@@ -199,9 +199,8 @@ class CollisionModel:
     def write(self, memory: distance_kernels.DistanceMemory) -> None:
         """Into a `DistanceMemory` of those sizes, or larger: the pairs, in their order. Raises `InvalidInput` for a mesh."""
         if self.without_c_form:
-            raise InvalidInput(
-                f"shapes {', '.join(self.without_c_form)} have no form in C; give spheres, capsules, cylinders and boxes"
-            )
+            given = f"shapes {', '.join(self.without_c_form)} have no form in C"
+            raise InvalidInput(f"{given}; give spheres, capsules, cylinders and boxes")
         distance_kernels.write_distances(memory, self._model, self._geometry.geometryObjects, self._pairs)
 
     def values(self, q: np.ndarray, pairs: Sequence[int] | np.ndarray | None = None) -> np.ndarray:
