@@ -229,10 +229,8 @@ class MissionPlan(TableDisplay):
         own = mission_digests(scenario)
         other = [name for name, digest in own.items() if self.identity.get(name) != digest]
         if other:
-            raise InvalidInput(
-                f"the plan is of {self.scenario} with another {' and '.join(other)} than {scenario.name}; "
-                f"plan {scenario.name} with the same options, or fly it without a plan"
-            )
+            given = f"the plan is of {self.scenario} with another {' and '.join(other)} than {scenario.name}"
+            raise InvalidInput(f"{given}; plan {scenario.name} with the same options, or fly it without a plan")
 
     def guide(self, scenario: Scenario, tuning: FollowingTuning | None = None) -> PlanGuide:
         """Return the guide of a scenario's controller along the plan, for one run. Raises `InvalidInput` as `require_of` does."""

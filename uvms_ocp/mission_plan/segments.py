@@ -71,10 +71,8 @@ def active_constraints(
     kept = [task for task in tasks if _is_kept(task, asked, before) and not _kept_otherwise(task)]
     for task in kept:
         if type(task).residual is Task.residual:
-            raise InvalidInput(
-                f"phase {phase.name!r}: {task.name}, a {type(task).__name__}, has no residual over a horizon; "
-                f"turn it off, or fly this mission without a plan"
-            )
+            given = f"phase {phase.name!r}: {task.name}, a {type(task).__name__}, has no residual over a horizon"
+            raise InvalidInput(f"{given}; turn it off, or fly this mission without a plan")
     return [_stricter(task, asked, margins) for task in kept]
 
 

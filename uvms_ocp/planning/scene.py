@@ -307,10 +307,8 @@ class CollisionScene:
         """Raise `InvalidInput` where two shapes touch, by the distances (n_pairs,) [m] at the place of that name."""
         if distances.min(initial=np.inf) <= 0.0:
             nearest = int(np.argmin(distances))
-            raise InvalidInput(
-                f"{place} is in collision: {self.pairs[nearest].name} overlap by {abs(distances[nearest]):.3g} m; "
-                "move it or the obstacle"
-            )
+            given = f"{place} is in collision: {self.pairs[nearest].name} overlap by {abs(distances[nearest]):.3g} m"
+            raise InvalidInput(f"{given}; move it or the obstacle")
 
 
 @checked

@@ -381,10 +381,8 @@ def _check_ends(scene: CollisionScene, distances: PairDistances, waypoints: Arra
         outside = (waypoints[index] < lower - 1e-9) | (waypoints[index] > upper + 1e-9)
         if outside.any():
             axis = int(np.argmax(outside))
-            raise InvalidInput(
-                f"way point {index} (the {name}) has {scene.coordinates.names[axis]} = {waypoints[index, axis]:.6g}; "
-                f"allowed is {lower[axis]:.6g} to {upper[axis]:.6g}."
-            )
+            given = f"way point {index} (the {name}) has {scene.coordinates.names[axis]} = {waypoints[index, axis]:.6g}"
+            raise InvalidInput(f"{given}; allowed is {lower[axis]:.6g} to {upper[axis]:.6g}.")
         d = distances.distances(waypoints[index : index + 1])[0]
         scene.check_no_overlap(d, f"way point {index} (the {name})")
 

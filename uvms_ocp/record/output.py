@@ -64,9 +64,8 @@ def read_as(kind: type[Model], path: Path) -> Model | None:
     except OSError as error:
         raise OutputError(f"{path}: cannot read it ({error.strerror}); choose another folder") from error
     except ValidationError as error:
-        raise InvalidInput(
-            f"{path}: damaged ({one_line(error, kind)}); move its folder {STORE} and the results beside it away"
-        ) from error
+        given = f"{path}: damaged ({one_line(error, kind)})"
+        raise InvalidInput(f"{given}; move its folder {STORE} and the results beside it away") from error
 
 
 def parents_of(names: Iterable[str]) -> set[str]:

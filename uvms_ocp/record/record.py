@@ -159,10 +159,8 @@ def _check_health(series: Series, meta: RunMeta | PlanMeta) -> None:
     values, n = series["health"], len(meta.channels) if isinstance(meta, RunMeta) else 0
     columns = values.ndim == 2 and values.shape[1] == n and values.dtype.kind in "iu"
     if not columns or (values.size and not 0 <= values.min() <= values.max() <= _WORST_HEALTH):
-        raise InvalidInput(
-            f"series 'health' is {values.dtype} of shape {values.shape}; "
-            f"allowed: whole numbers from 0 to {_WORST_HEALTH}, a column for each of {n} channels"
-        )
+        given = f"series 'health' is {values.dtype} of shape {values.shape}"
+        raise InvalidInput(f"{given}; allowed: whole numbers from 0 to {_WORST_HEALTH}, a column for each of {n} channels")
 
 
 def _check_start_and_events(t: np.ndarray, meta: RunMeta) -> None:

@@ -182,10 +182,8 @@ def require_numbers(file: Any, path: Path, columns: Sequence[str]) -> None:
             raise InvalidInput(f"{path}: column {name} holds {str(kind)[:60]}; numbers are read")
     size = 8 * file.metadata.num_rows * len(columns)
     if size > max(SMALL, DENSEST * path.stat().st_size):
-        raise InvalidInput(
-            f"{path}: {size / 1e9:.3g} GB of numbers in {path.stat().st_size / 1e6:.3g} MB; "
-            f"at most {DENSEST} times a file are read"
-        )
+        given = f"{path}: {size / 1e9:.3g} GB of numbers in {path.stat().st_size / 1e6:.3g} MB"
+        raise InvalidInput(f"{given}; at most {DENSEST} times a file are read")
 
 
 # A record as a table that other programs read: pandas, Parquet, CSV; Parquet has all of it, and comes back.

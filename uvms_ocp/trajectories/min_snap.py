@@ -165,10 +165,8 @@ def _set_end(values: Array, fixed: Mask, given: ArrayLike | None, name: str) -> 
     rows = np.asarray(given, dtype=float)
     n_given = values.shape[0] if rows.ndim == 0 else rows.shape[0]
     if rows.ndim not in (0, 2) or n_given > values.shape[0] or (rows.ndim and rows.shape[1] != values.shape[1]):
-        raise InvalidInput(
-            f"the {name} boundary has shape {rows.shape}; allowed is a number or (n_given, {values.shape[1]}) "
-            f"with n_given <= {values.shape[0]}."
-        )
+        wrong = f"the {name} boundary has shape {rows.shape}"
+        raise InvalidInput(f"{wrong}; allowed is a number or (n_given, {values.shape[1]}) with n_given <= {values.shape[0]}.")
     values[:n_given] = rows
     fixed[:n_given] = True
 
@@ -177,10 +175,8 @@ def _set_constraint(values: Array, fixed: Mask, constraint: Constraint, index: i
     k, n_nodes, n_axes = values.shape
     node, d = constraint.node, constraint.derivative
     if not -n_nodes <= node < n_nodes or not 1 <= d < k:
-        raise InvalidInput(
-            f"constraint {index} is on derivative {d} of way point {node}; allowed are derivatives 1 to {k - 1} "
-            f"of way points {-n_nodes} to {n_nodes - 1}."
-        )
+        wrong = f"constraint {index} is on derivative {d} of way point {node}"
+        raise InvalidInput(f"{wrong}; allowed are derivatives 1 to {k - 1} of way points {-n_nodes} to {n_nodes - 1}.")
     axes = list(range(n_axes) if constraint.axes is None else constraint.axes)
     if not set(axes) <= set(range(n_axes)):
         raise InvalidInput(f"constraint {index} is on axes {axes}; there are axes 0 to {n_axes - 1}.")
@@ -382,10 +378,8 @@ class _Qp:
         lower, upper = np.where(fixed, values, -np.inf), np.where(fixed, values, np.inf)
         for index, bound in enumerate(self.bounds):
             if not 0 <= bound.derivative < self.k or not -self.n - 1 <= bound.node <= self.n:
-                raise InvalidInput(
-                    f"bound {index} is on derivative {bound.derivative} of way point {bound.node}; allowed are "
-                    f"derivatives 0 to {self.k - 1} of way points 0 to {self.n}."
-                )
+                wrong = f"bound {index} is on derivative {bound.derivative} of way point {bound.node}"
+                raise InvalidInput(f"{wrong}; allowed are derivatives 0 to {self.k - 1} of way points 0 to {self.n}.")
             lower[bound.derivative, bound.node] = max(lower[bound.derivative, bound.node], bound.lower)
             upper[bound.derivative, bound.node] = min(upper[bound.derivative, bound.node], bound.upper)
         crossed = (lower > upper).any(axis=0)

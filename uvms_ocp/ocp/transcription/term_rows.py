@@ -190,9 +190,8 @@ def residual_of(model: StageModel, term: Term, goals: ca.SX) -> Residual:
         raise
     except Exception as error:
         text = " ".join(str(error).split())[:200]
-        raise InvalidInput(
-            f"term {term.name!r}: its residual raised {type(error).__name__}: {text}; mend it, its cause is chained"
-        ) from error
+        given = f"term {term.name!r}: its residual raised {type(error).__name__}: {text}"
+        raise InvalidInput(f"{given}; mend it, its cause is chained") from error
 
 
 def _term_rows(model: StageModel, members: Sequence[TermEntry], name: str, *, on_path: bool) -> TermRows:

@@ -206,9 +206,8 @@ def _conic(settings: LexicographicQp, name: str, symbols: _LevelSymbols) -> ca.F
         return ca.conic(f"{name}_qp", settings.plugin, {"h": H, "a": A}, options)
     except RuntimeError as error:
         why = plain_line(str(error).strip().splitlines()[-1], 80)
-        raise InvalidInput(
-            f"conic plugin {settings.plugin!r} takes no dense program ({why}); give one of {', '.join(conic_plugins())}"
-        ) from None
+        given = f"conic plugin {settings.plugin!r} takes no dense program ({why})"
+        raise InvalidInput(f"{given}; give one of {', '.join(conic_plugins())}") from None
 
 
 def _attempt(

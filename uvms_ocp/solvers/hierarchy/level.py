@@ -120,10 +120,8 @@ def stack(levels: Sequence[Level]) -> Stack:
     n = levels[0].n_velocities
     for index, level in enumerate(levels):
         if level.n_velocities != n:
-            raise InvalidInput(
-                f"{_label(level.name, 'jacobian')} (number {index}) has {level.n_velocities} columns; "
-                f"the first level has {n}, give all levels the same"
-            )
+            given = f"{_label(level.name, 'jacobian')} (number {index}) has {level.n_velocities} columns"
+            raise InvalidInput(f"{given}; the first level has {n}, give all levels the same")
     rows = ("jacobian", "lower", "upper", "rate", "activation", "gate")
     return Stack(
         **{name: np.concatenate([getattr(level, name) for level in levels]) for name in rows},
@@ -179,10 +177,8 @@ def _check_order(name: str, lower: Array, upper: Array) -> None:
     wrong = (lower > upper) | (lower == np.inf) | (upper == -np.inf)
     if wrong.any():
         row = int(np.argmax(wrong))
-        raise InvalidInput(
-            f"{_label(name, 'lower')}[{row}] = {lower[row]:g} and upper[{row}] = {upper[row]:g}; "
-            "give lower <= upper, and infinity only outwards"
-        )
+        given = f"{_label(name, 'lower')}[{row}] = {lower[row]:g} and upper[{row}] = {upper[row]:g}"
+        raise InvalidInput(f"{given}; give lower <= upper, and infinity only outwards")
 
 
 # Rows ``lower <= J v <= upper`` with gates, for NumPy arrays and CasADi expressions alike; scaling.c is the twin in C.
