@@ -282,10 +282,8 @@ def _print_summary(console: Console, report: dict[str, Any], paths: list[Path]) 
     times = report["controller_us"]
     whole = f", whole controller {times['p50']:.0f} us" if times else ""
     verdict = "complete" if report["completed"] else plain_line(f"not completed: {report['pending']}")
-    console.print(
-        f"mission {verdict}; simulated {report['simulated_s']:.1f} s in {report['wall_s']:.1f} s, "
-        f"tick p50 {report['tick_us']['p50']:.0f} us{whole}, largest tilt {printing.cell(report['largest_tilt_rad'])} rad"
-    )
+    tick = f"tick p50 {report['tick_us']['p50']:.0f} us{whole}, largest tilt {printing.cell(report['largest_tilt_rad'])} rad"
+    console.print(f"mission {verdict}; simulated {report['simulated_s']:.1f} s in {report['wall_s']:.1f} s, {tick}")
     if not report["completed"] or report["ended_too_early"]:
         console.print(plain_line(f"cause: {report['cause']['kind']}: {report['cause']['text']}"))
     printing.print_paths(console, paths)

@@ -125,10 +125,9 @@ def condition_term(
 
 
 def _refused(condition: Condition, place: ConditionPlacement, below: bool) -> InvalidInput:
-    return InvalidInput(
-        f"phase {place.phase!r} looks at {condition.quantity} {'<' if below else '>'} {condition.limit:g}, which no residual "
-        f"states; fly this mission without a plan, or look at the error of a pose, an angle or an altitude"
-    )
+    asked = f"{condition.quantity} {'<' if below else '>'} {condition.limit:g}, which no residual states"
+    allowed = "fly this mission without a plan, or look at the error of a pose, an angle or an altitude"
+    return InvalidInput(f"phase {place.phase!r} looks at {asked}; {allowed}")
 
 
 def _heights(task: LandingAltitude | MinimumAltitude, limit: float, margin: float, below: bool) -> tuple[float, float]:

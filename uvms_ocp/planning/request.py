@@ -180,10 +180,8 @@ class PostureGoal:
         goal = every.shortest_turn(goal, planned.reference)
         for name, was, value in zip(every.names, planned.reference, goal, strict=True):
             if name not in planned.names and abs(value - was) > _SAME:
-                raise InvalidInput(
-                    f"the goal moves {name} from {was:.6g} to {value:.6g}, but the planned axes are "
-                    f"{', '.join(planned.names)}; leave it where it is, or plan all axes."
-                )
+                given = f"the goal moves {name} from {was:.6g} to {value:.6g}, but the planned axes are"
+                raise InvalidInput(f"{given} {', '.join(planned.names)}; leave it where it is, or plan all axes.")
         return np.asarray(goal[planned.planned])
 
     def _axes(self, robot: Robot) -> dict[str, float]:

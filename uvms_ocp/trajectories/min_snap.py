@@ -253,10 +253,9 @@ def _require_accurate(found: MinSnap, problem: NodeProblem, pieces: free_derivat
     usual = np.median((np.diff(values[0], axis=0) ** 2).sum(axis=1) / durations ** (2 * problem.k - 1)) * durations.size
     if not abs(found.cost - own) <= _ACCURACY * max(found.cost, usual):
         short = int(np.argmin(durations))
-        raise InvalidInput(
-            f"way points {short} and {short + 1} are {durations[short]:.3g} s apart, of {durations.sum():.3g} s in all: rounding "
-            "decides the curve; merge way points that nearly coincide, or give them more time."
-        )
+        wrong = f"way points {short} and {short + 1} are {durations[short]:.3g} s apart, of {durations.sum():.3g} s in all"
+        cure = "merge way points that nearly coincide, or give them more time."
+        raise InvalidInput(f"{wrong}: rounding decides the curve; {cure}")
 
 
 def solution_of(times: Array, pieces: free_derivatives.Pieces, values: Array) -> MinSnap:

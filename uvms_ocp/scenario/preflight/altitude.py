@@ -61,10 +61,9 @@ def _silent_start(setup: Setup, phase: str, names: str) -> Iterator[Finding]:
         return
     tilt = math.acos(max(-1.0, min(1.0, beam.cosine)))
     why = f"the altimeter looks {tilt:.2f} rad away from straight down, at most {math.acos(STEEP):.2f} rad tells an altitude"
-    text = (
-        f"{names}: the start has no echo ({why if beam.cosine <= STEEP else 'the floor returns none'}); until one comes "
-        "nothing sinks, no condition on altitude is met, and a task on it soon makes the robot hold; start elsewhere"
-    )
+    silent = f"{names}: the start has no echo ({why if beam.cosine <= STEEP else 'the floor returns none'})"
+    then = "nothing sinks, no condition on altitude is met, and a task on it soon makes the robot hold; start elsewhere"
+    text = f"{silent}; until one comes {then}"
     yield Severity.WARNING.finding(ECHO, text, phase, tilt_rad=tilt)
 
 
@@ -115,10 +114,8 @@ def _way_point(setup: Setup, visit: Visit, minimum: MinimumAltitude) -> Iterator
         yield Severity.WARNING.finding(MINIMUM_ALTITUDE, text, visit.phase.name, **figures)
         return
     shut = radius is not None and _least_gap(setup, goal, minimum, radius) > 0
-    text = (
-        f"{minimum.name} keeps the vehicle {gap:.2f} m above its way point (altitude {minimum.threshold - gap:.2f} m, "
-        f"minimum {minimum.threshold:g} m)"
-    )
+    altitudes = f"altitude {minimum.threshold - gap:.2f} m, minimum {minimum.threshold:g} m"
+    text = f"{minimum.name} keeps the vehicle {gap:.2f} m above its way point ({altitudes})"
     outside = f", outside the ball of {radius or 0:g} m that ends the phase; raise the way point by {gap:.2f} m"
     severity = Severity.ERROR if shut else Severity.WARNING
     yield severity.finding(MINIMUM_ALTITUDE, text + outside * shut, visit.phase.name, **figures)

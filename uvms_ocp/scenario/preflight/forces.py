@@ -168,10 +168,8 @@ def check_depth(setup: Setup, visits: Sequence[Visit]) -> Iterator[Finding]:
             text = f"the current carries the vehicle {way}, until {task.name} is there; {cure}"
             yield Severity.ERROR.finding(FORCES, text, visit.phase.name, adrift_m=float(adrift[carried]))
         if ways[axis] > limit:
-            text = (
-                f"{task.name} waits for a goal {ways[axis]:.2f} m {_WHERE[axis]} where the vehicle is then, and no "
-                f"thruster drives {AXES[axis]}; give it thrust there, or goals where the other axes lead"
-            )
+            text = f"{task.name} waits for a goal {ways[axis]:.2f} m {_WHERE[axis]} where the vehicle is then"
+            text += f", and no thruster drives {AXES[axis]}; give it thrust there, or goals where the other axes lead"
             yield Severity.ERROR.finding(FORCES, text, visit.phase.name, way_m=float(ways[axis]))
 
 
@@ -258,10 +256,8 @@ def check_delays(setup: Setup, visits: Sequence[Visit] = ()) -> Iterator[Finding
     borne, phase, worst = min(found, key=lambda entry: entry[0] / (entry[2].delay + own))
     if worst.delay + own > borne / _SPARE:
         bears, allowed = max(borne - own, 0.0), max(borne / _SPARE - own, 0.0)
-        text = (
-            f"{worst.what} {worst.delay:.3g} s late, allowed {allowed:.2g} s: loops that carry the weight by where it was "
-            f"swing from {bears:.2g} s on; take quicker ones, or a posture in better balance"
-        )
+        text = f"{worst.what} {worst.delay:.3g} s late, allowed {allowed:.2g} s: loops that carry the weight by where it was"
+        text += f" swing from {bears:.2g} s on; take quicker ones, or a posture in better balance"
         figures = {"delay_s": worst.delay, "allowed_s": allowed, "swings_from_s": bears}
         severity = Severity.ERROR if worst.delay > bears else Severity.WARNING
         yield severity.finding(DELAYS, text, phase, **figures)

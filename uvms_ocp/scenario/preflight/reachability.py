@@ -218,13 +218,10 @@ def _finding(setup: Setup, visit: Visit, task: ToolPose | ToolPosition) -> Findi
         advice = "try the way point ({:.2f}, {:.2f}, {:.2f})".format(*suggestion)
     elif isinstance(task, ToolPose) and turned.likely.position < REACHED:
         advice = "its position alone is reached: ask for that, by ToolPosition, or use an arm of more joints"
-    best, worst = distances.best, distances.worst
+    best, worst = (f"{one.position:.3f} m ({one.orientation:.2f} rad)" for one in (distances.best, distances.worst))
     from_likely = ", though it reaches it from the likely ones" if distances.likely.reached else ""
-    text = (
-        f"{task.name}: the arm misses the goal by {best.position:.3f} m ({best.orientation:.2f} rad) at best and "
-        f"{worst.position:.3f} m ({worst.orientation:.2f} rad) at worst over the vehicle positions foreseen"
-        f"{from_likely}; {advice}"
-    )
+    missed = f"the arm misses the goal by {best} at best and {worst} at worst over the vehicle positions foreseen"
+    text = f"{task.name}: {missed}{from_likely}; {advice}"
     severity = Severity.WARNING if distances.likely.reached else Severity.ERROR
     return severity.finding(CHECK, text, visit.phase.name, **figures)
 
