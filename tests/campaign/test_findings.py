@@ -6,10 +6,9 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from uvms_ocp.campaign.analysis import Rate, cause_table, outcome_table, sensitivity_table
 from uvms_ocp.campaign.distributions import Design
 from uvms_ocp.campaign.jobs import METRICS, OF_EACH_TOOL, distribution_table, metrics_among, tool_metrics
-from uvms_ocp.campaign.report import _pairs, judged, parse_bounds
+from uvms_ocp.campaign.report import Rate, _pairs, cause_table, judged, outcome_table, parse_bounds, sensitivity_table
 from uvms_ocp.errors import InvalidInput, NameNotFound
 from uvms_ocp.robot.loading import load_robot
 

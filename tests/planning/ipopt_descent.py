@@ -8,8 +8,8 @@ from dataclasses import dataclass, field
 import casadi as ca
 import numpy as np
 
-from uvms_ocp.planning.descent import Descent, DescentProblem
 from uvms_ocp.planning.path_cost import BlockTridiagonal, LocalModel
+from uvms_ocp.planning.soft_collision import Descent, DescentProblem
 from uvms_ocp.types import Array, Indices, Mask
 
 

@@ -13,16 +13,172 @@ import numpy as np
 import pinocchio as pin
 
 from uvms_ocp.campaign.distributions import Parameter, distribution_of, real_numbers
-from uvms_ocp.campaign.robot_parameters import machine_parameters, sensor_parameters
 from uvms_ocp.checks import checked, checked_dataclass
 from uvms_ocp.control.force.dynamic import VelocityGains
 from uvms_ocp.errors import InvalidInput, NameNotFound, require_known
 from uvms_ocp.mission.mission import Mission
 from uvms_ocp.planning.scene import joint_axis
+from uvms_ocp.record.tables import of_joints
+from uvms_ocp.robot import assembly
+from uvms_ocp.robot.coefficients import coefficients_of, links_in_water
+from uvms_ocp.robot.description import LinkDescription, Thruster, TrimBody, checked_copy
+from uvms_ocp.robot.robot import Robot
+from uvms_ocp.robot.signals import CHANNELS, UNITS, SensorSpec, SensorSpecs
 from uvms_ocp.scenario.scenario import Scenario, maker_of
 from uvms_ocp.sim import Current, FlatSeafloor, GustyCurrent, HeightField, OnsetCurrent, StillWater, UniformCurrent
 from uvms_ocp.tasks import Hierarchy, JointTracking
 from uvms_ocp.types import Count
+
+# Parameters of what moves in the water: drag, added mass, mass, payload, thrusters. The controller knows the nominal ones.
+# The estimator knows the delays of sensors alone, as somebody who fits the sensors measures them; unmodelled delays have names
+# of their own.
+
+
+def machine_parameters(scenario: Scenario) -> Iterator[Parameter]:
+    """Yield parameters of the robot on the dynamic plant; the kinematic one has none."""
+    if scenario.plant == "kinematic":
+        return
+    robot = scenario.plant_robot or scenario.robot
+    yield _of_robot("water.density", "kg/m3", "density of the water", Robot.with_water_density)
+    if robot.description.links:
+        drag = partial(_scaled, "water.drag", ("linear_drag", "quadratic_drag"))
+        yield _of_robot("water.drag", "-", "factor of all drag, linear and quadratic", drag)
+        added = partial(_scaled, "water.added_mass", ("added_mass",))
+        yield _of_robot("water.added_mass", "-", "factor of the added mass of all links", added)
+    yield _of_robot("robot.mass", "-", "factor of the mass and inertia of all links", _heavier)
+    for k, carrier in enumerate(robot.tools or ("base_link",), 1):
+        payload = f"payload{k}" if k > 1 else "payload"
+        mass, volume = (partial(_carrying, carrier, payload, what) for what in ("mass", "volume"))
+        yield _of_robot(f"{payload}.mass", "kg", f"of a point mass fixed to {carrier}", mass)
+        yield _of_robot(f"{payload}.volume", "m3", f"of water that something without mass displaces at {carrier}", volume)
+    if robot.description.thrusters:
+        lag = _driven(lambda thruster, factor: {"time_constant": factor * thruster.time_constant})
+        zone = _driven(lambda thruster, value: {"dead_zone": value})
+        yield _of_robot("thrusters.limit", "-", "factor of the thrust limits of all thrusters", _driven(_limited))
+        yield _of_robot("thrusters.time_constant", "-", "factor of the lag of all thrusters", lag)
+        yield _of_robot("thrusters.dead_zone", "N", "command below which no thruster pushes", zone)
+
+
+def _of_robot(name: str, unit: str, meaning: str, change: Callable[[Robot, float], Robot]) -> Parameter:
+    def apply(scenario: Scenario, value: float) -> Scenario:
+        return replace(scenario, plant_robot=change(scenario.plant_robot or scenario.robot, value))
+
+    return Parameter(name, unit, meaning, apply)
+
+
+def _scaled(parameter: str, names: tuple[str, ...], robot: Robot, factor: float) -> Robot:
+    """The robot with these coefficients of its links scaled; a shape becomes the coefficients that its rule gives."""
+    if not factor >= 0.0:
+        raise InvalidInput(f"{parameter} = {factor:g}; give a factor of 0 or more")
+    bare = checked_copy(robot.description, trim=())
+    scaled = [replace(link, **{name: factor * getattr(link, name) for name in names}) for link in links_in_water(bare)]
+    links = {link.frame: LinkDescription(coefficients=coefficients_of(link)) for link in scaled}
+    description = checked_copy(robot.description, links=links)
+    return replace(robot, description=description, hydrodynamics=links_in_water(description))
+
+
+def _heavier(robot: Robot, factor: float) -> Robot:
+    if not factor > 0.0:
+        raise InvalidInput(f"robot.mass = {factor:g}; give a factor > 0")
+    model = robot.model.copy()
+    for k in range(1, model.njoints):
+        inertia = model.inertias[k]
+        model.inertias[k] = pin.Inertia(factor * inertia.mass, inertia.lever, factor * inertia.inertia)
+    return replace(robot, model=model)
+
+
+def _carrying(carrier: str, payload: str, what: str, robot: Robot, value: float) -> Robot:
+    if not value >= 0.0:
+        raise InvalidInput(f"{payload}.{what} = {value:g}; give 0 or more")
+    body = {"mass": 0.0, "volume": 0.0} | {what: value}
+    return assembly.with_trim(robot, [TrimBody(name=f"{payload} {what}", link=carrier, position=(0.0, 0.0, 0.0), **body)])
+
+
+def _limited(thruster: Thruster, factor: float) -> dict[str, object]:
+    curve = tuple((signal, factor * thrust) for signal, thrust in thruster.curve)
+    return {"minimum": factor * thruster.minimum, "maximum": factor * thruster.maximum, "curve": curve}
+
+
+def _driven(change: Callable[[Thruster, float], dict[str, object]]) -> Callable[[Robot, float], Robot]:
+    def apply(robot: Robot, value: float) -> Robot:
+        thrusters = tuple(dict(thruster) | change(thruster, value) for thruster in robot.description.thrusters)
+        return replace(robot, description=checked_copy(robot.description, thrusters=thrusters))
+
+    return apply
+
+
+# Parameters of the sensors, as they truly are: the estimator goes on with what the robot's file says of them.
+#
+# It is given delays, as somebody who fits the sensors measures them; those that it is not given are `unmodelled_delay`.
+
+_FIELDS = {
+    "sigma": ("standard deviation of the noise", ""),
+    "bias": ("constant error of all components", ""),
+    "unmodelled_delay": ("added to its delay, unknown to the controller", "s"),
+    "dropout": ("probability that a reading is lost", "-"),
+    "rate": ("readings per second", "Hz"),
+}
+
+
+def sensor_parameters(scenario: Scenario) -> Iterator[Parameter]:
+    """Yield parameters of all sensors together, and of each that the robot has."""
+    specs = scenario.specs
+    channels = [channel for channel in CHANNELS if getattr(specs, channel) is not None]
+    noise = _each(lambda spec, factor: {"sigma": factor * spec.sigma})
+    later = _each(lambda spec, value: {"delay": spec.delay + value})
+    yield Parameter("sensors.noise", "-", "factor of the noise of all channels", noise)
+    if isinstance(scenario.sensors, SensorSpecs):  # estimator and controller are given the delays
+        text = "added to the delay of all channels, as their file would say it"
+        yield Parameter("sensors.delay", "s", text, _delayed)
+        text = "time from taking a reading to delivering it, as its file would say it"
+        for channel in channels:
+            yield Parameter(f"sensors.{channel}.delay", "s", text, partial(_with_delay, channel))
+    yield Parameter("sensors.unmodelled_delay", "s", "added to the delay of all channels, unknown to the controller", later)
+    slides = [joint.slides for joint in scenario.robot.joints]
+    for channel in channels:
+        for name, (meaning, unit) in _FIELDS.items():
+            apply = partial(_with_field, channel, name)
+            yield Parameter(f"sensors.{channel}.{name}", unit or of_joints(UNITS[channel], slides), meaning, apply)
+
+
+def _delayed(scenario: Scenario, value: float) -> Scenario:
+    for channel in CHANNELS:
+        spec: SensorSpec | None = getattr(scenario.specs, channel)
+        if spec is not None:
+            scenario = _with_delay(channel, scenario, spec.delay + value)
+    return scenario
+
+
+def _with_delay(channel: str, scenario: Scenario, value: float) -> Scenario:
+    """Return the scenario with another nominal delay; the unmodelled part of the delay stays."""
+    specs, true = scenario.specs, _true(scenario)
+    known, spec = getattr(specs, channel), getattr(true, channel)
+    specified = replace(specs, **{channel: replace(known, delay=value)})
+    real = replace(true, **{channel: replace(spec, delay=value + spec.delay - known.delay)})
+    return replace(scenario, sensors=specified, real_sensors=scenario.real_sensors and real)
+
+
+def _each(change: Callable[[SensorSpec, float], dict[str, float]]) -> Callable[[Scenario, float], Scenario]:
+    def apply(scenario: Scenario, value: float) -> Scenario:
+        specs = _true(scenario)
+        found = {name: getattr(specs, name) for name in CHANNELS}
+        changed = {name: replace(spec, **change(spec, value)) for name, spec in found.items() if spec is not None}
+        return replace(scenario, real_sensors=replace(specs, **changed))
+
+    return apply
+
+
+def _with_field(channel: str, name: str, scenario: Scenario, value: float) -> Scenario:
+    specs = _true(scenario)
+    spec: SensorSpec = getattr(specs, channel)
+    if name == "unmodelled_delay":
+        name, value = "delay", spec.delay + value
+    return replace(scenario, real_sensors=replace(specs, **{channel: replace(spec, **{name: value})}))
+
+
+def _true(scenario: Scenario) -> SensorSpecs:
+    return scenario.real_sensors or scenario.specs
+
 
 # Parameters of the current: uniform parts, heading and gusts.
 

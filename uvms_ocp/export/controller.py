@@ -7,25 +7,29 @@ import ctypes
 import inspect
 import re
 import textwrap
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from importlib.resources import files
 from pathlib import Path
 from string import Template
 from typing import Any
 
+import numpy as np
+
 from uvms_ocp.checks import checked
-from uvms_ocp.codegen.kernel_layout import Layout, structure_of
+from uvms_ocp.codegen.compile import compile_library, loaded_library
+from uvms_ocp.codegen.kernel_layout import Layout, structure_of, view
 from uvms_ocp.codegen.kernels import CLibrary, c_library
 from uvms_ocp.control import DynamicController, KinematicController, build_levels
 from uvms_ocp.control.force.tick_functions import column_sizes
 from uvms_ocp.control.velocity import tick, viability
 from uvms_ocp.errors import InvalidInput, plain_line
 from uvms_ocp.estimation.degraded_modes import CHANNELS
-from uvms_ocp.export.running import CController, RecordingController, interface_types
-from uvms_ocp.export.tick import ControllerInputs, ControllerOutputs, ForceController, control_force, control_velocity
+from uvms_ocp.export import tick as exported_tick
+from uvms_ocp.export.tick import ControllerInputs, ControllerOutputs
 from uvms_ocp.record.output import claim_folder
 from uvms_ocp.robot.shapes.gjk import ROUNDS
+from uvms_ocp.robot.signals import Command, StateEstimate
 from uvms_ocp.scenario.scenario import Scenario, our_controller
 from uvms_ocp.solvers.hierarchy import active_set, solution, tolerances
 from uvms_ocp.version import __version__
@@ -137,14 +141,14 @@ def controller_memory(controller: KinematicController | DynamicController) -> An
         raise InvalidInput("the controller cannot be written without a C compiler; give one (CC, cc, gcc, clang)")
     if not isinstance(controller, DynamicController):
         return below
-    memory: Any = structure_of(ForceController, velocity=type(below), force=type(controller.memory))()
+    memory: Any = structure_of(exported_tick.ForceController, velocity=type(below), force=type(controller.memory))()
     memory.velocity, memory.force = below, controller.memory
     return memory
 
 
 def kernel_of(memory: Any) -> Callable[..., None]:
     """The tick of a `controller_memory`."""
-    return control_force if hasattr(memory, "force") else control_velocity
+    return exported_tick.control_force if hasattr(memory, "force") else exported_tick.control_velocity
 
 
 def controller_library(memory: Any, sizes: dict[str, int]) -> CLibrary:
@@ -255,3 +259,111 @@ def _require_c_form(scenario: Scenario) -> None:
     found += [f"task {name}: {why}" for name, why in tasks.items()]
     if found:
         raise InvalidInput(f"no form in C: {'; '.join(found)}")
+
+
+# A controller in C run from Python, and a record of what a controller of Python gets and gives.
+
+_FILES = ("controller.h", "controller.c", "initial.c", "functions.c", "solver.c")
+_INCLUDE = '#include "controller.h"\n'
+
+
+class CController:
+    """Exported controller, a callable ``(StateEstimate, t) -> Command``, at the beginning of its mission."""
+
+    def __init__(self, folder: Path, sizes: dict[str, int], *, forces: bool) -> None:
+        """folder: where the files of C are. sizes: of `interface_types`.
+
+        forces: its commands have thrust and torque. Raises `InvalidInput` where the files cannot be compiled, or are of
+        a controller for another robot or mission.
+        """
+        types: Any = interface_types(sizes)
+        self._inputs, self._outputs = (kind() for kind in types)
+        self._forces, library = forces, _library(folder)
+        size, *compiled = (ctypes.c_ulong * 3).in_dll(library, "CONTROLLER_SIZES")
+        if compiled != [ctypes.sizeof(kind) for kind in types]:
+            raise InvalidInput(f"{folder} is of a controller for another robot or mission; export this one")
+        self._memory = ctypes.create_string_buffer(size)
+        self._step = library["controller_step"]
+        self._step.restype = None
+        library["controller_reset"](self._memory)
+
+    def __call__(self, measurement: StateEstimate, t: float) -> Command:
+        """Return the command for the tick at time t [s]."""
+        exported_tick.write_measurement(self._inputs, measurement, t)
+        self._step(self._memory, ctypes.byref(self._inputs), ctypes.byref(self._outputs))
+        return exported_tick.command_in(self._outputs, forces=self._forces)
+
+
+def interface_types(sizes: dict[str, int]) -> tuple[type[ControllerInputs], type[ControllerOutputs]]:
+    """Return the structures of inputs and outputs for n_q, n_v, n_joints, n_thrusters and n_quantities."""
+    return structure_of(ControllerInputs, **sizes), structure_of(ControllerOutputs, **sizes)
+
+
+def _library(folder: Path) -> ctypes.CDLL:
+    try:
+        header, *files = ((folder / name).read_text(encoding="utf-8") for name in _FILES)
+    except OSError as error:
+        raise InvalidInput(f"{folder} has no controller: {error.strerror}; `uvms-ocp export controller` writes one") from None
+    source, *others = (text.replace(_INCLUDE, header) for text in files)
+    path = compile_library(source, name="the exported controller", others=others)
+    if path is None:
+        raise InvalidInput(f"the controller in {folder} cannot be compiled; give a C compiler (CC, cc, gcc, clang)")
+    return loaded_library(path)
+
+
+_TELEMETRY = ("phase", "freshness", "status", "viable_share")
+
+
+class RecordingController:
+    """Record of a controller: for each tick, `ControllerInputs` and `ControllerOutputs` as numbers."""
+
+    def __init__(
+        self,
+        controller: Callable[[StateEstimate, float], Command],
+        kinematic: KinematicController,
+        inputs: ControllerInputs,
+        outputs: ControllerOutputs,
+    ) -> None:
+        """inputs, outputs: structures through which the numbers go."""
+        self.kinematic = kinematic
+        """The layer below."""
+        self._controller, self._inputs, self._outputs = controller, inputs, outputs
+        self.ticks: list[list[float]] = []
+        """(n,) each [in their units]."""
+
+    def __call__(self, measurement: StateEstimate, t: float) -> Command:
+        """Return the command for the tick at time t [s]."""
+        exported_tick.write_measurement(self._inputs, measurement, t)
+        command = self._controller(measurement, t)
+        _write_command(self._outputs, command)
+        self.ticks.append([*numbers_in(self._inputs), *numbers_in(self._outputs)])
+        return command
+
+    def as_bytes(self) -> bytes:
+        """Return the ticks as little-endian doubles."""
+        return np.array(self.ticks).astype("<f8").tobytes()
+
+
+def _write_command(outputs: Any, command: Command) -> None:
+    view(outputs.v)[:] = command.v
+    if command.thrust is not None and command.torque is not None:
+        outputs.thrust[: len(command.thrust)] = command.thrust.tolist()
+        outputs.torque[: len(command.torque)] = command.torque.tolist()
+    for name in ("hold", "stop", "brakes", "finished"):
+        setattr(outputs, name, getattr(command, name))
+    for name in _TELEMETRY:
+        setattr(outputs, name, command.telemetry[name])
+    quantities = command.telemetry["quantities"]
+    outputs.quantities[: len(quantities)] = quantities.tolist()
+
+
+def numbers_in(value: Any) -> Iterator[float]:
+    """Yield all numbers of a structure, field after field."""
+    if isinstance(value, ctypes.Structure):
+        for name, *_ in value._fields_:
+            yield from numbers_in(getattr(value, name))
+    elif isinstance(value, ctypes.Array):
+        for item in value:
+            yield from numbers_in(item)
+    else:
+        yield value

@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import itertools
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field, replace
 from threading import RLock
 from time import perf_counter
-from typing import Annotated
+from typing import Annotated, Protocol
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -16,14 +16,110 @@ from threadpoolctl import threadpool_limits
 from uvms_ocp.checks import checked, checked_dataclass
 from uvms_ocp.errors import AdvisedStatus, InvalidInput
 from uvms_ocp.planning.conservative_advancement import ClearanceReport, PairDistances, check_clearance
-from uvms_ocp.planning.descent import Descent, DescentProblem, DescentSolver, TrustRegion
 from uvms_ocp.planning.distances import CoalDistances
-from uvms_ocp.planning.path_cost import CostParts, CostWeights, DistanceSource, PathCost
+from uvms_ocp.planning.path_cost import BlockTridiagonal, CostParts, CostWeights, DistanceSource, LocalModel, PathCost
 from uvms_ocp.planning.scene import CollisionScene
 from uvms_ocp.robot.kinematics import largest_change
 from uvms_ocp.trajectories import MotionLimits, PiecewisePolynomial, free_derivatives, scale_to_limits, trapezoidal_times
 from uvms_ocp.trajectories.min_snap import min_snap, solution_of
 from uvms_ocp.types import Array, AtLeastOne, Count, Indices, Magnitude, Mask, Positive, Range, Shape
+
+# Trust-region descent on a block-tridiagonal Gauss-Newton matrix (Levenberg-Marquardt in a smooth metric).
+
+
+@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
+class DescentProblem:
+    """A cost over the free variables of `PathCost`, and where to start."""
+
+    model: Callable[[Array], LocalModel]
+    """The cost near variables (n_nodes, b) [m, rad]."""
+    start: Array
+    """(n_nodes, b) [m, rad]"""
+    free: Mask
+    """(n_nodes, b) False for variables that stay."""
+    metric: BlockTridiagonal
+    """Metric of long steps."""
+    lower: Array
+    """(n_nodes, b) [m, rad] for solvers that can keep bounds."""
+    upper: Array
+    """(n_nodes, b) [m, rad]"""
+    enough: Callable[[LocalModel], bool] = lambda model: False
+    """A model that is good enough, for solvers that can stop early."""
+
+
+@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
+class Descent:
+    """End of a descent."""
+
+    variables: Array
+    """(n_nodes, b) [m, rad]"""
+    model: LocalModel
+    """The cost there."""
+    iterations: int
+    converged: bool
+
+
+class DescentSolver(Protocol):
+    """Minimiser of the cost of a path."""
+
+    def minimise(self, problem: DescentProblem) -> Descent: ...
+
+
+_LONGEST_STEP = 0.3  # [m or rad] that the position of a node moves at most in one step
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class TrustRegion:
+    """Steps solve ``(H + mu metric) step = -gradient``.
+
+    mu falls when the model predicts well and grows when a step is refused, so a step is never accepted that raises the
+    cost. Bounds are not kept.
+    """
+
+    max_iterations: int = 40
+    tolerance: float = 1e-3
+    """Relative decrease of the cost below which an accepted step is the last."""
+    damping: float = 1e-3
+    """First weight of the metric that holds steps back."""
+
+    def minimise(self, problem: DescentProblem) -> Descent:
+        model, x, mu = problem.model, problem.start, self.damping
+        here = model(x)
+        for iteration in range(self.max_iterations):
+            if problem.enough(here):
+                return Descent(variables=x, model=here, iterations=iteration, converged=True)
+            step, predicted, mu = _step(here, problem.free, problem.metric, mu)
+            there = model(x + step)
+            actual = here.parts.total - there.parts.total
+            if actual <= 0.0:
+                if predicted <= self.tolerance * here.parts.total:
+                    return Descent(variables=x, model=here, iterations=iteration + 1, converged=True)
+                mu *= 8.0
+                continue
+            done = actual <= self.tolerance * here.parts.total
+            x, here, mu = x + step, there, mu * _damping_change(actual / predicted)
+            if done:
+                return Descent(variables=x, model=here, iterations=iteration + 1, converged=True)
+        return Descent(variables=x, model=here, iterations=self.max_iterations, converged=False)
+
+
+def _step(model: LocalModel, free: Mask, metric: BlockTridiagonal, mu: float) -> tuple[Array, float, float]:
+    """Step, predicted decrease, and the damping that made the step positive definite and short enough."""
+    slope = model.gradient * free
+    while True:
+        factor = (model.hessian + metric.scaled(mu)).pinned(free).cholesky()
+        step = -slope if factor is None else -factor.solve(slope)
+        if factor is not None and np.abs(step[:, : model.n_axes]).max() <= _LONGEST_STEP:
+            break
+        mu *= 4.0
+    predicted = -float(np.sum(slope * step)) - 0.5 * float(np.sum(step * model.hessian.times(step)))
+    return step, predicted, mu
+
+
+def _damping_change(ratio: float) -> float:
+    """Factor on mu after an accepted step, by actual over predicted decrease."""
+    return 0.25 if ratio > 0.75 else 1.0 if ratio > 0.25 else 4.0
+
 
 # Sample way points around obstacles by RRT-Connect [Kuffner2000], for paths that no bending frees.
 

@@ -89,9 +89,9 @@ def check_accuracy(setup: Setup) -> Iterator[Finding]:
         for condition in sorted(set(phase.conditions), key=lambda item: item.quantity):
             sigma = allowed.get(condition.quantity, 0.0)
             if isinstance(condition, Below) and condition.limit < sigma:
-                told = f"the sensors tell it to {sigma:.2g} only (one standard deviation): the phase may end early, or never"
+                known = f"the sensors tell it to {sigma:.2g} only (one standard deviation): the phase may end early, or never"
                 asked = f"{condition.quantity} < {condition.limit:g} is asked for"
-                text = f"{asked}, but {told}; raise the limit or take better sensors"
+                text = f"{asked}, but {known}; raise the limit or take better sensors"
                 figures = {"limit": condition.limit, "sensors_allow": sigma}
                 yield Severity.WARNING.finding("accuracy", text, phase.name, **figures)
 
