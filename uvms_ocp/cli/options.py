@@ -100,6 +100,7 @@ RobotName = Annotated[
 ]
 
 
+_Words = list[str] | None
 _TOOL = "Frame of the tool; several times for several arms."
 
 
@@ -113,19 +114,15 @@ class RobotFiles:
     base: Annotated[
         str | None, typer.Option(metavar="free_flyer|fixed", help="Whether it floats; default: what its file says.")
     ] = None
-    packages: Annotated[list[str] | None, typer.Option(metavar="DIR", help="Where package:// meshes are; repeatable.")] = None
+    packages: Annotated[_Words, typer.Option(metavar="DIR", help="Where package:// meshes are; repeatable.")] = None
     meshes: Annotated[bool | None, typer.Option("--meshes/--no-meshes", help="Whether shapes that are meshes are read.")] = None
     mimic: Annotated[
         str | None,
         typer.Option(metavar="coupled|free|fixed", help="Joints that mimic another: one with it, of their own, or fixed."),
     ] = None
-    lock: Annotated[list[str] | None, typer.Option(metavar="JOINT[=Q]", help="Fix a joint, at 0 unless given; repeatable.")] = (
-        None
-    )
-    drop: Annotated[list[str] | None, typer.Option(metavar="LINK", help="Leave out a link and what hangs on it; repeatable.")] = (
-        None
-    )
-    tool_link: Annotated[list[str] | None, typer.Option("--tool", "--tool-link", metavar="LINK", help=_TOOL)] = None
+    lock: Annotated[_Words, typer.Option(metavar="JOINT[=Q]", help="Fix a joint, at 0 unless given; repeatable.")] = None
+    drop: Annotated[_Words, typer.Option(metavar="LINK", help="Leave out a link and what hangs on it; repeatable.")] = None
+    tool_link: Annotated[_Words, typer.Option("--tool", "--tool-link", metavar="LINK", help=_TOOL)] = None
     altimeter: Annotated[
         str | None, typer.Option(metavar="LINK", help="Frame of the range sensor, which looks along its -z.")
     ] = None
@@ -156,7 +153,7 @@ class RobotFiles:
 class PlannedRobotFiles(RobotFiles):
     """The same for plans, of which ``--tool`` is the goal."""
 
-    tool_link: Annotated[list[str] | None, typer.Option(metavar="LINK", help=_TOOL)] = None
+    tool_link: Annotated[_Words, typer.Option(metavar="LINK", help=_TOOL)] = None
 
 
 AS_WRITTEN = RobotFiles()
@@ -205,7 +202,7 @@ Seed = Annotated[int | None, typer.Option(help="Seed of everything random.")]
 Noise = Annotated[bool | None, typer.Option("--noise/--no-noise", help="Sensors with noise, rates and delays.")]
 Duration = Annotated[float | None, typer.Option(metavar="S", help="Time limit of the mission [s].")]
 Faults = Annotated[
-    list[str] | None,
+    _Words,
     typer.Option(
         metavar="TEXT", help="What goes wrong, TARGET:KIND=VALUES@ONSET-END, such as altimeter:frozen@8; several times."
     ),

@@ -70,9 +70,11 @@ def _number(value: float) -> str:
 # Kernels as things to call: compiled once, in Python where that cannot be.
 
 
-def bind_kernels(
-    kernels: Sequence[Callable[..., Any]], structures: Iterable[type[Layout]], *, compiled: bool = True
-) -> tuple[Callable[..., Any], ...]:
+Kernels = Sequence[Callable[..., Any]]
+BoundKernels = tuple[Callable[..., Any], ...]
+
+
+def bind_kernels(kernels: Kernels, structures: Iterable[type[Layout]], *, compiled: bool = True) -> BoundKernels:
     """The `kernels`, in C unless `compiled` is false or there is no compiler; themselves otherwise.
 
     structures: those that they work on, as `structure_of` makes them. A vector is given as an array in a structure. Raises
@@ -81,9 +83,7 @@ def bind_kernels(
     return _bound(tuple(kernels), tuple(structures)) if compiled else tuple(kernels)
 
 
-def make_memory(
-    structure: type[Memory], kernels: Sequence[Callable[..., Any]], *, compiled: bool = True
-) -> tuple[Memory, tuple[Callable[..., Any], ...]]:
+def make_memory(structure: type[Memory], kernels: Kernels, *, compiled: bool = True) -> tuple[Memory, BoundKernels]:
     """A new memory whose functions are at their places, and the `kernels` that work on it, as `bind_kernels` gives them.
 
     Where one of its functions cannot be compiled the kernels stay in Python.
@@ -92,15 +92,13 @@ def make_memory(
     return memory, bind_memory(memory, kernels, compiled=compiled)
 
 
-def bind_memory(
-    memory: Layout, kernels: Sequence[Callable[..., Any]], *, compiled: bool = True
-) -> tuple[Callable[..., Any], ...]:
+def bind_memory(memory: Layout, kernels: Kernels, *, compiled: bool = True) -> BoundKernels:
     """The `kernels` for a memory, as `make_memory` gives them, once its functions are at their places."""
     return bind_kernels(kernels, (type(memory),), compiled=compiled and connect(memory))
 
 
 @lru_cache(maxsize=64)
-def _bound(kernels: tuple[Callable[..., Any], ...], structures: tuple[Any, ...]) -> tuple[Callable[..., Any], ...]:
+def _bound(kernels: BoundKernels, structures: tuple[Any, ...]) -> BoundKernels:
     # C sees no difference between functions of one name and size.
     path = _compiled(kernels, Keyed(tuple(map(structure_signature, structures)), structures))
     if path is None:
@@ -110,7 +108,7 @@ def _bound(kernels: tuple[Callable[..., Any], ...], structures: tuple[Any, ...])
 
 
 @lru_cache(maxsize=64)
-def _compiled(kernels: tuple[Callable[..., Any], ...], structures: Keyed) -> Path | None:
+def _compiled(kernels: BoundKernels, structures: Keyed) -> Path | None:
     program = c_program(kernels, structures.value)
     return compile_library(program.types + program.code, name=", ".join(kernel.__name__ for kernel in kernels))
 
@@ -154,7 +152,7 @@ class CLibrary:
     """Function that initialises memory; after types and declarations."""
 
 
-def c_library(kernels: Sequence[Callable[..., Any]], memory: Layout, others: Sequence[type[Layout]] = ()) -> CLibrary:
+def c_library(kernels: Kernels, memory: Layout, others: Sequence[type[Layout]] = ()) -> CLibrary:
     """The `kernels`, which work on a `memory` such as this and on `others`. Raises `InvalidInput`, as `c_program`."""
     program = c_program(kernels, (type(memory), *others))
     functions = dict.fromkeys(part.function for part in functions_in(memory))

@@ -43,13 +43,12 @@ class Obstacle:
             raise InvalidInput("an obstacle needs a name; give one that is not empty")
 
 
+Numbers = Annotated[ArrayLike, Range(open=True)]
+"""Finite numbers."""
+
+
 @checked
-def obstacle(
-    name: str,
-    shape: coal.CollisionGeometry,
-    position: Annotated[ArrayLike, Range(open=True)],
-    rotation: Annotated[ArrayLike, Range(open=True)] | None = None,
-) -> Obstacle:
+def obstacle(name: str, shape: coal.CollisionGeometry, position: Numbers, rotation: Numbers | None = None) -> Obstacle:
     """An obstacle at `position` (3,) [m] p_WO with `rotation` (3, 3) R_WO, identity by default.
 
     Raises `InvalidInput` for other shapes and what `Obstacle` refuses.
