@@ -38,7 +38,7 @@ class Suite:
     def left_out(self) -> dict[str, str]:
         """Tests that no mutant runs, and why."""
         slow = {name: f"takes {took:.0f} s" for name, took in self.seconds.items() if took > SLOW}
-        return slow | dict.fromkeys(self.failing, "fails in a copy of the repository without a compiler")
+        return slow | dict.fromkeys(self.failing, "fails in another folder, or without a compiler")
 
     def tests_of(self, mutant: Mutant) -> list[str]:
         """Those that run the line, quick ones first, then the others of their files, which may share what the first made."""
@@ -93,7 +93,8 @@ def recorded(work: Path, tests: Sequence[str], jobs: int) -> Suite:
     second = tree.test(tests, timeout=_HOURS, options=share)
     if not (first.code in (0, 1) and second.code in (0, 1) and second.seconds):
         raise SystemExit(f"the tests do not run without mutants: {first.text}; {second.text}")
-    failing = sorted({*first.failed, *second.failed})
+    elsewhere = (name for name in second.seconds if str(tree.root) in name)  # in no other tree
+    failing = sorted({*first.failed, *second.failed, *elsewhere})
     file.write_text(json.dumps({"tests": now, "seconds": second.seconds, "failing": failing}))
     return Suite(tests=now, seconds=second.seconds, failing=tuple(failing), contexts=_contexts(work))
 
