@@ -63,7 +63,7 @@ def row_of(command: str, runs: int) -> Row:
 
 def spent_by(command: str, cache: str) -> Spent:
     """By the command with that cache. Raises `CalledProcessError`."""
-    environment = os.environ | {"UVMS_OCP_CACHE": cache}
+    environment = os.environ | {"UVMS_OCP_CACHE": cache, "UVMS_OCP_WAIT_FOR_COMPILER": ""}
     environment.pop("PYTHONDONTWRITEBYTECODE", None)  # an installed package is byte code
     words = [sys.executable, "-m", "uvms_ocp", *shlex.split(command)]
     with tempfile.TemporaryDirectory() as folder:

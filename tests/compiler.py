@@ -8,7 +8,8 @@ import sys
 
 import pytest
 
-from uvms_ocp.codegen.compile import cache_folder, compile_library
+from uvms_ocp.codegen.cache import cache_folder
+from uvms_ocp.codegen.compile import compile_library
 
 COMPILER = next((path for name in (os.environ.get("CC", ""), "cc", "gcc", "clang") if (path := shutil.which(name))), "")
 

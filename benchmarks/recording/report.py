@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import csv
+import os
 import re
 import sys
 import textwrap
@@ -90,7 +91,11 @@ def parser_of(doc: str | None) -> argparse.ArgumentParser:
 
 
 def begin(parser: argparse.ArgumentParser) -> tuple[argparse.Namespace, Run]:
-    """Parse the command line and start to watch the processors; a quick run must not replace recorded files."""
+    """Parse the command line and start to watch the processors; a quick run must not replace recorded files.
+
+    What is timed is compiled before.
+    """
+    os.environ.setdefault("UVMS_OCP_WAIT_FOR_COMPILER", "1")
     given = parser.parse_args()
     if given.quick and given.out.resolve() == RESULTS:
         parser.error("--quick measures too little to be recorded; give another folder with --out PATH")

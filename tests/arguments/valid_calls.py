@@ -62,6 +62,7 @@ from uvms_ocp.scenario.preflight import Finding, PreflightReport, Severity
 from uvms_ocp.scenario.scenario import Scenario
 from uvms_ocp.sim import Fault
 from uvms_ocp.solvers import nlp, stage_qp as stagewise
+from uvms_ocp.solvers.nlp.program import row_bounds
 from uvms_ocp.tasks.task import TickSymbols
 from uvms_ocp.viz.scene.page import ScenePage
 
@@ -738,6 +739,11 @@ ARGUMENTS: dict[str, Callable[[], Arguments]] = {
     "LexicographicNlp.rows_at": lambda: {"x": np.zeros(2), "p": np.zeros(0)},
     "LexicographicNlp.solve": lambda: {"start": np.zeros(2)},
     "LexicographicProgram.rows_at": lambda: {"x": np.zeros(2), "p": np.zeros(0)},
+    "LexicographicProgram.violation": lambda: {
+        "x": np.zeros(2),
+        "p": np.zeros(0),
+        "bounds": row_bounds(small_program().ranges, -np.inf, np.inf, 2),
+    },
     "LexicographicProgram": lambda: fields_of(small_program()),
     "LexicographicResult": lambda: fields_of(plan().result),
     "RealTimeSqp": lambda: {"program": Transcription(problem()).program},

@@ -20,11 +20,12 @@ from pathlib import Path
 import casadi as ca
 import numpy as np
 import pytest
-from compiler import needs_compiler
+from compiler import COMPILER, needs_compiler
 
 from uvms_ocp.codegen import compile as building
 from uvms_ocp.codegen.buffered import BoundCalls
-from uvms_ocp.codegen.compile import cache_folder, compile_timeout
+from uvms_ocp.codegen.cache import cache_folder, cached_libraries, shrink_cache
+from uvms_ocp.codegen.compile import compile_timeout
 from uvms_ocp.errors import InvalidInput
 
 SOURCE = "double answer(double x) { return 2 * x; }\n"
@@ -75,7 +76,7 @@ def test_the_cache_keeps_what_was_used_last(monkeypatch: pytest.MonkeyPatch, tmp
     foreign.touch()
     last = _compile_visible(SOURCE + "/* 2 */")
     assert foreign.exists()
-    assert list(building.cached_libraries(tmp_path / "cache")) == [last, used]
+    assert list(cached_libraries(tmp_path / "cache")) == [last, used]
     assert not other.with_suffix(".sha256").exists()
     assert _answer(_compile_visible(SOURCE + "/* 1 */")) == 42.0
 
@@ -104,7 +105,8 @@ def test_garbage_in_the_cache_is_compiled_anew(garbage: bytes) -> None:
 
 
 @needs_compiler
-def test_processes_that_compile_at_once_all_succeed() -> None:
+def test_processes_that_want_the_same_compile_it_once(pretend: Callable[[str], Path], tmp_path: Path) -> None:
+    pretend(f"echo call >> '{tmp_path}/calls'; sleep 1; exec '{COMPILER}' \"$@\"")
     context = multiprocessing.get_context("spawn")
     results = context.Queue()
     workers = [context.Process(target=_worker, args=(SOURCE, results)) for _ in range(4)]
@@ -114,6 +116,9 @@ def test_processes_that_compile_at_once_all_succeed() -> None:
     for worker in workers:
         worker.join(timeout=60)
     assert answers == [42.0] * 4
+    made = list((tmp_path / "cache").glob("*.so"))
+    assert (tmp_path / "calls").read_text() == "call\n" * len(made)
+    assert {path.suffix for path in (tmp_path / "cache").iterdir()} == {".so", ".sha256"}
 
 
 @needs_compiler
@@ -313,12 +318,12 @@ def test_what_was_compiled_before_is_not_made_again_whatever_happened_to_the_cac
         entries[0].write_bytes(damaged)
         assert [_made(calls, number, f"of {number}") for number in (3.5, 0.25)] == [7.0, 0.5]
         assert len(calls) == 1
-    for path in building.cached_libraries(cache):
+    for path in cached_libraries(cache):
         if path.suffix == ".so":
             path.unlink()
     assert _made(calls, 3.5, "of 3.5") == 7.0
     assert len(calls) == 2
-    building.shrink_cache(cache, 0.0)
+    shrink_cache(cache, 0.0)
     assert not [path for path in cache.iterdir() if path.suffix in {".so", ".numbers"}]
 
 
@@ -327,22 +332,49 @@ import os, sys
 import casadi as ca
 from uvms_ocp.codegen.compile import start_compiling
 x = ca.SX.sym("x")
-start_compiling(ca.Function("f", [x], [x]))
+start_compiling(ca.Function("f", [x], [2 * x]))
 while not os.path.exists(sys.argv[1]):
     pass
 """
 
 
-@pytest.mark.skipif(sys.platform == "win32", reason="shell scripts")
-def test_a_process_that_ends_leaves_no_compiler_behind(pretend: Callable[[str], Path], tmp_path: Path) -> None:
-    compiler = pretend(f"echo $$ > '{tmp_path}/part'; mv '{tmp_path}/part' '{tmp_path}/child'; sleep 300")
-    child = tmp_path / "child"
+@needs_compiler
+def test_what_a_process_leaves_at_its_end_another_one_compiles_for_the_next(
+    pretend: Callable[[str], Path], tmp_path: Path
+) -> None:
+    child, calls = tmp_path / "child", tmp_path / "calls"
+    first = f"echo $$ > '{tmp_path}/part'; mv '{tmp_path}/part' '{child}'; sleep 300"
+    compiler = pretend(f"[ -e '{child}' ] || {{ {first}; }}; echo call >> '{calls}'; exec '{COMPILER}' \"$@\"")
     done = subprocess.run(
         [sys.executable, "-c", BEGIN, str(child)], env=os.environ | {"CC": str(compiler)}, capture_output=True, timeout=60
     )
     assert done.returncode == 0
     _await_end(int(child.read_text()))
-    assert not list((tmp_path / "cache").iterdir())
+    until = time.monotonic() + 120.0
+    while not list((tmp_path / "cache").glob("*.sha256")):
+        assert time.monotonic() < until, "nobody compiles it"
+        time.sleep(0.05)
+    x = ca.SX.sym("x")
+    function = ca.Function("f", [x], [2 * x])
+    assert building.compile_function(function) is not function
+    assert calls.read_text() == "call\n"
+
+
+def test_ctrl_c_ends_what_is_waited_for_and_nobody_goes_on_with_it(monkeypatch: pytest.MonkeyPatch) -> None:
+    class Never:
+        def ready(self) -> bool:
+            return False
+
+        def get(self) -> None:
+            raise KeyboardInterrupt
+
+    function = ca.Function("f", [], [])
+    begun = Never(), lambda: None
+    monkeypatch.setattr(building, "_BEGUN", [begun])
+    monkeypatch.setitem(building._BESIDE, function, (begun[0], np.zeros(0)))
+    with pytest.raises(KeyboardInterrupt):
+        building.compile_function(function)
+    assert not building._BEGUN
 
 
 @needs_compiler

@@ -8,7 +8,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from reaches import reach, tool_goal
+from reaches import patient, reach, tool_goal
 
 from uvms_ocp.interrupts import Interrupted
 from uvms_ocp.ocp.plan import OcpStatus
@@ -16,6 +16,11 @@ from uvms_ocp.ocp.planner import Planner
 from uvms_ocp.ocp.terms import TaskTerm
 from uvms_ocp.robot.robot import Robot
 from uvms_ocp.solvers.nlp.level_solver import IterationReport
+
+
+@pytest.fixture(scope="module", params=["ipopt", "stagewise"])
+def planner(robot: Robot, request: pytest.FixtureRequest) -> Planner:
+    return patient(reach(robot), request.param)
 
 
 def test_every_iteration_is_told_with_its_level(planner: Planner) -> None:
@@ -45,12 +50,12 @@ def test_a_stop_by_hand_returns_the_best_point_so_far(planner: Planner, robot: R
         if moment.iteration == at:
             raise KeyboardInterrupt
 
-    patient = far(planner, robot)
-    plan = patient.plan(progress=stop)
+    searching = far(planner, robot)
+    plan = searching.plan(progress=stop)
     assert plan.status is OcpStatus.INTERRUPTED
     assert "stopped by hand" in plan.reason
     assert plan.result is not None
-    kept = [moment.residual for moment in told if moment.violation <= patient.options.feasibility]
+    kept = [moment.residual for moment in told if moment.violation <= searching.options.feasibility]
     if kept:
         assert plan.levels[0].residual == pytest.approx(min(kept), rel=1e-6)
     else:

@@ -56,7 +56,7 @@ def _compiled(
 
     monkeypatch.setattr("uvms_ocp.ocp.stagewise.functions.compiled_from", take)
     monkeypatch.setattr("uvms_ocp.ocp.transcription.stage.compiled_from", take)
-    monkeypatch.setattr("uvms_ocp.ocp.transcription.stage.compile_function", lambda function: function)
+    monkeypatch.setattr("uvms_ocp.ocp.transcription.stage.available_function", lambda function: function)
     whole = Transcription(problem, plugin="ipopt" if sparse else "stagewise")
     _ = whole.program if sparse else StagewiseProgram(whole)
     return found
@@ -138,7 +138,7 @@ def test_a_diagnosis_of_a_plan_by_stages_waits_for_no_compiler(limited: bool, mo
     assert "for any motion near to keep them all" in plan.reason
 
 
-@pytest.mark.parametrize("module", [building.__file__, stage.__file__])
+@pytest.mark.parametrize("module", [building.__file__, stage.__file__], ids=["compile", "stage"])
 def test_another_text_of_the_code_that_makes_functions_makes_them_anew(
     module: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -73,7 +73,7 @@ def cache(clear: Annotated[bool, typer.Option("--clear", help="Remove them all."
     It keeps itself below 1 GB: those used longest ago are removed. What is removed is compiled again when it is needed.
     Raises `InvalidInput` where there is no folder for it.
     """
-    from uvms_ocp.codegen.compile import cache_folder, cached_libraries, shrink_cache
+    from uvms_ocp.codegen.cache import cache_folder, cached_libraries, shrink_cache
 
     folder, reason = cache_folder()
     if folder is None:

@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from uvms_ocp.checks import checked_on_failure
-from uvms_ocp.codegen.compile import compile_library, compiled_symbol, has_compiler, loaded_library
+from uvms_ocp.codegen.compile import compile_library, compiled_symbol, has_compiler, is_being_compiled, loaded_library
 from uvms_ocp.errors import InvalidInput
 from uvms_ocp.types import Array
 
@@ -162,13 +162,17 @@ class _Call:
 
 
 class BoundCalls:
-    """Calls one after the other. The results of one that fails are nan. Not for use from two threads at once."""
+    """Calls one after the other. The results of one that fails are nan. Not for use from two threads at once.
 
-    __slots__ = ("_calls", "_make")
+    Until machine code is there CasADi's virtual machine makes them, with the same results.
+    """
+
+    __slots__ = ("_calls", "_for_now", "_make")
 
     def __init__(self) -> None:
         self._calls: list[_Call] = []
         self._make: Callable[[], None] | None = None
+        self._for_now = False
 
     def add(self, function: ca.Function, arguments: Sequence[Array], results: Sequence[Array | None]) -> None:
         """One more call; arguments and results, (m,) or (m, n) [any], are contiguous, column by column as CasADi has them, of
@@ -187,9 +191,16 @@ class BoundCalls:
 
     def __call__(self) -> None:
         """Make all calls."""
-        if self._make is None:
-            self._make = _in_machine_code(self._calls) or _by_buffers(self._calls)
+        if self._make is None or self._for_now:
+            self._bind()
+        assert self._make is not None
         self._make()
+
+    def _bind(self) -> None:
+        waits = any(is_being_compiled(call.function) for call in self._calls)
+        if self._make is None or not waits:
+            self._make = (None if waits else _in_machine_code(self._calls)) or _by_buffers(self._calls)
+        self._for_now = waits
 
 
 def _require(function: ca.Function, given: Array, size: int) -> None:

@@ -19,21 +19,23 @@ import ctypes
 import hashlib
 import logging
 import os
+import pickle
 import platform
 import shutil
 import signal
-import stat
 import subprocess
 import sys
 import tempfile
 import threading
-from collections.abc import Callable, Mapping, Sequence
-from contextlib import suppress
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager, suppress
+from contextvars import ContextVar
 from functools import cache, lru_cache, partial
 from importlib.resources import files
-from multiprocessing.pool import ThreadPool
+from multiprocessing.pool import AsyncResult, ThreadPool
 from pathlib import Path
 from types import ModuleType
+from typing import Any, TypeVar
 from weakref import WeakKeyDictionary
 
 import casadi as ca
@@ -41,84 +43,11 @@ import numpy as np
 
 from uvms_ocp.checks import checked
 from uvms_ocp.codegen import casadi_code
+from uvms_ocp.codegen.cache import KEPT_NUMBERS, cache_folder, shrink_cache, turn_to_make
 from uvms_ocp.errors import InvalidInput
 from uvms_ocp.progress import progress_bar
 
-# The folder that compiled libraries are kept in: the user's own, writable by nobody else, on a disk that runs programs.
-
-_KEPT_NUMBERS = ".numbers"
-MOST_CACHED = 1e9
-"""[bytes] beyond which libraries that were used longest ago are removed."""
-
-
-def cache_folder() -> tuple[Path | None, str]:
-    """The first folder that can be used, made if need be; None with the reason why the last one cannot.
-
-    ``UVMS_OCP_CACHE`` where it is set. Otherwise inside the user's cache, and where there is none, as without a home or
-    with one that is read-only, a folder of the user among the temporary ones.
-    """
-    reason = ""
-    for folder in _candidates():
-        reason = _problem(folder)
-        if not reason:
-            return folder, ""
-    return None, reason
-
-
-def cached_libraries(folder: Path) -> dict[Path, os.stat_result]:
-    """Those of a cache folder, and the numbers of functions in them, used last first: when, is their time of modification."""
-    found = dict[Path, os.stat_result]()
-    for path in (path for kind in (".so", _KEPT_NUMBERS) for path in folder.glob("[0-9a-f]" * 64 + kind)):
-        with suppress(OSError):  # another process removes it
-            found[path] = path.stat()
-    return dict(sorted(found.items(), key=lambda pair: -pair[1].st_mtime))
-
-
-def shrink_cache(folder: Path, most: float) -> dict[Path, os.stat_result]:
-    """Remove those used longest ago until at most that many bytes are left; returns what was removed."""
-    left, gone = 0, dict[Path, os.stat_result]()
-    for path, status in cached_libraries(folder).items():
-        left += status.st_size
-        if left > most:
-            with suppress(OSError):  # it is in use, or another process removes it
-                path.unlink()
-                gone[path] = status
-                path.with_suffix(".sha256").unlink()
-    return gone
-
-
-def _candidates() -> list[Path]:
-    given = os.environ.get("UVMS_OCP_CACHE")
-    if given:
-        return [Path(given)]
-    home = os.environ.get("HOME", os.path.expanduser("~"))  # without an entry of the user it stays "~", which is no place
-    bases = (os.environ.get("XDG_CACHE_HOME", ""), os.path.join(home, ".cache"))
-    base = next((base for base in bases if os.path.isabs(base)), None)
-    user = os.getuid() if sys.platform != "win32" else "user"
-    return [*([Path(base) / "uvms_ocp"] if base else []), Path(tempfile.gettempdir()) / f"uvms_ocp-{user}"]
-
-
-def _problem(folder: Path) -> str:
-    """Why the folder cannot be used; empty where it can."""
-    try:
-        folder.mkdir(mode=0o700, parents=True, exist_ok=True)
-        status = folder.lstat() if folder.parent == Path(tempfile.gettempdir()) else folder.stat()
-        return _unsafe(folder, status)
-    except OSError as error:
-        return f"cache {folder} cannot be used ({error.strerror})"
-
-
-def _unsafe(folder: Path, status: os.stat_result) -> str:
-    """A library that others can replace must not be loaded."""
-    foreign = sys.platform != "win32" and status.st_uid != os.getuid()
-    if foreign or status.st_mode & (stat.S_IWGRP | stat.S_IWOTH):
-        return f"cache {folder} can be written by others"
-    if not os.access(folder, os.W_OK | os.X_OK):
-        return f"cache {folder} cannot be used (read-only)"
-    if sys.platform == "linux" and os.statvfs(folder).f_flag & os.ST_NOEXEC:
-        return f"cache {folder} cannot be used (mounted noexec)"
-    return ""
-
+T = TypeVar("T")
 
 # A call of the C compiler that ends: in time, with all that it started, and with little to say.
 
@@ -164,12 +93,39 @@ def run_compiler(command: Sequence[str], seconds: float) -> tuple[int, str]:
 @atexit.register
 def _end_compilers() -> None:  # as the process ends, of which threads that wait for them hear nothing
     _STARTING[0].acquire()  # and none begins any more
+    left = [work for result, work in _BEGUN if not result.ready()]
     for process in _RUNNING.copy():
         _kill(process)
+    if left:
+        _hand_over(left)
+
+
+def _hand_over(left: Sequence[Callable[[], object]]) -> None:
+    """Give what nobody has waited for to a process of its own, for the next process that needs it."""
+    with suppress(OSError), tempfile.TemporaryFile() as file:
+        pickle.dump(left, file)
+        file.seek(0)
+        subprocess.Popen(
+            [sys.executable, "-c", f"from {__name__} import compile_what_is_left; compile_what_is_left()"],
+            env=os.environ | {"PYTHONPATH": os.pathsep.join(sys.path)},
+            stdin=file,
+            stdout=subprocess.DEVNULL,
+            stderr=subprocess.DEVNULL,
+            start_new_session=True,
+        )
+
+
+def compile_what_is_left() -> None:
+    """Compile what another process has begun and left on stdin, behind all other work of the machine."""
+    if sys.platform != "win32":
+        os.nice(19)
+    for work in [_workers(os.getpid()).apply_async(one) for one in pickle.load(sys.stdin.buffer)]:
+        work.wait()
 
 
 def _forget_threads() -> None:  # in a fork, where they are its parent's, as are their compilers
     _BESIDE.clear()
+    _BEGUN.clear()
     _RUNNING.clear()
     _STARTING[:] = [threading.Lock()]
 
@@ -213,6 +169,8 @@ _KNOWN = '__attribute__((visibility("hidden"))) extern const double numbers[{n} 
 _NUMBERS = """__attribute__((visibility("hidden"))) double numbers[{n} + 1];
 void* numbers_address(void) {{ return numbers; }}
 """
+MOST_CACHED = 1e9
+"""[bytes] beyond which libraries that were used longest ago are removed."""
 PROGRESS = "progress"
 """Attribute of what is logged as a warning to be seen, and warns of nothing."""
 _VERSION_TIMEOUT = 30.0  # [s]
@@ -220,7 +178,9 @@ _HUNG: set[str] = set()  # compilers, which are not called again
 _SAID: set[str] = set()
 _KEPT_FUNCTIONS = 256
 _ADDRESSES = WeakKeyDictionary[ca.Function, int | None]()  # of compiled functions
-_BESIDE: dict[ca.Function, tuple[Callable[[], Path | None], np.ndarray]] = {}  # that are being compiled
+_BESIDE: dict[ca.Function, tuple[AsyncResult[Path | None], np.ndarray]] = {}  # that are being compiled
+_BEGUN: list[tuple[AsyncResult[Any], Callable[[], Any]]] = []  # whether anybody waits for it or not
+_WAITS = ContextVar("waits", default=True)
 _NONE = np.zeros(0)
 _MOST_COMPILERS = 4  # at once, of a process: those of a campaign are many
 _PACE, _LONG = 1.2e-6, 2.0  # [s] a byte of long code takes; [s] of silence that look like a hang
@@ -252,7 +212,7 @@ def compile_library(
     try:
         sources = (source, *others)
         library = directory / f"{_key(sources, flags, compiler)}.so"
-        if _is_intact(library) and not _load_error(library):
+        if _is_usable(library):
             with suppress(OSError):
                 os.utime(library)  # used now
             return library
@@ -274,9 +234,47 @@ def compile_function(function: ca.Function) -> ca.Function:
     """
     if function in _ADDRESSES:
         return function
-    begun = _BESIDE.pop(function, None)
-    compilation, numbers = begun or _compilation(function)
+    if function in _BESIDE:
+        result, numbers = _BESIDE.pop(function)
+        return _function_in(_awaited(result), function.name(), numbers) or function
+    compilation, numbers = _compilation(function)
     return _function_in(compilation(), function.name(), numbers) or function
+
+
+def _awaited(result: AsyncResult[Path | None]) -> Path | None:
+    try:
+        return result.get()
+    except KeyboardInterrupt:  # which ends what it waits for
+        _BEGUN.clear()
+        raise
+
+
+@contextmanager
+def compiling_beside(beside: bool) -> Iterator[None]:
+    """Inside, `available_function` waits for no compiler, unless ``UVMS_OCP_WAIT_FOR_COMPILER`` is set."""
+    before = _WAITS.set(not beside or os.environ.get("UVMS_OCP_WAIT_FOR_COMPILER", "0") not in {"", "0"})
+    try:
+        yield
+    finally:
+        _WAITS.reset(before)
+
+
+def waits_for_compiler() -> bool:
+    """Tell whether machine code is waited for, as it is outside of `compiling_beside`."""
+    return _WAITS.get()
+
+
+def is_being_compiled(function: ca.Function) -> bool:
+    """Check for machine code that is not there yet, but will be."""
+    return function in _BESIDE and not _BESIDE[function][0].ready()
+
+
+def available_function(function: ca.Function) -> ca.Function:
+    """Return `compile_function` of a function, or inside `compiling_beside` the function itself while it is being compiled."""
+    if waits_for_compiler() or not is_being_compiled(function):
+        return compile_function(function)
+    del _BESIDE[function]
+    return function
 
 
 @checked
@@ -288,8 +286,15 @@ def start_compiling(function: ca.Function, entry: Path | None = None) -> ca.Func
     if has_compiler():
         compilation, numbers = _compilation(function)
         work = compilation if entry is None else partial(_keep, entry, numbers, compilation)
-        _BESIDE[function] = _workers(os.getpid()).apply_async(work).get, numbers
+        _BESIDE[function] = start_beside(work), numbers
     return function
+
+
+def start_beside(work: Callable[[], T]) -> AsyncResult[T]:
+    """Start what compiles; where the process ends before, one of its own finishes it. work: is found by its name, or bound."""
+    _BEGUN[:] = [begun for begun in _BEGUN if not begun[0].ready()]
+    _BEGUN.append((_workers(os.getpid()).apply_async(work), work))
+    return _BEGUN[-1][0]
 
 
 @checked
@@ -303,7 +308,7 @@ def compiled_from(name: str, content: str, make: Callable[[], ca.Function], *mod
     if compiler is None or folder is None:
         return make()
     flags = (_code_of(__file__), *map(_code_of, modules), ca.__version__, os.environ.get("UVMS_OCP_CFLAGS", ""))
-    entry = folder / f"{_key((name, content), flags, compiler)}{_KEPT_NUMBERS}"
+    entry = folder / f"{_key((name, content), flags, compiler)}{KEPT_NUMBERS}"
     known = _kept(entry)
     return (known and _function_in(known[0], name, known[1])) or start_compiling(make(), entry)
 
@@ -336,7 +341,7 @@ def _kept(entry: Path) -> tuple[Path, np.ndarray] | None:
             return None
         name, _, numbers = whole[64:].partition(b"\n")
         library = entry.with_name(name.decode())
-        if _is_intact(library) and not _load_error(library):
+        if _is_usable(library):
             for path in (entry, library):
                 os.utime(path)  # used now
             return library, np.frombuffer(numbers)
@@ -475,11 +480,13 @@ def _digest(data: bytes) -> str:
     return hashlib.sha256(data).hexdigest()
 
 
-def _is_intact(library: Path) -> bool:
+def _is_usable(library: Path) -> bool:
+    """Check that it is what was compiled, and can be loaded."""
     try:
-        return library.with_suffix(".sha256").read_text(encoding="ascii") == _digest(library.read_bytes())
+        intact = library.with_suffix(".sha256").read_text(encoding="ascii") == _digest(library.read_bytes())
     except (OSError, UnicodeDecodeError):
         return False
+    return intact and not _load_error(library)
 
 
 def _load_error(library: Path) -> str:
@@ -504,8 +511,8 @@ def _build(compiler: str, sources: Sequence[str], flags: Sequence[str], library:
     if (seconds := _PACE * sum(map(len, sources))) > _LONG:
         _log.warning("compiling %s, which takes about %.0f s", name, seconds, extra={PROGRESS: True})
     try:
-        with tempfile.TemporaryDirectory(prefix="build-", dir=library.parent) as folder:
-            return _build_in(Path(folder), compiler, sources, flags, library)
+        with turn_to_make(library), tempfile.TemporaryDirectory(prefix="build-", dir=library.parent) as folder:
+            return _is_usable(library) or _build_in(Path(folder), compiler, sources, flags, library)
     except OSError as error:
         _warn_once("compilation failed", error.strerror or str(error))
         return False

@@ -21,11 +21,12 @@ import pinocchio as pin
 from uvms_ocp.checks import checked_dataclass, unchecked_constructor
 from uvms_ocp.errors import AdvisedStatus, InvalidInput, UvmsError
 from uvms_ocp.ocp.problem import OcpProblem
-from uvms_ocp.ocp.stagewise.program import program_for, quickest
+from uvms_ocp.ocp.stagewise.program import program_for, stagewise_or
 from uvms_ocp.ocp.trajectory import Trajectory, hold_guess, shift_guess
 from uvms_ocp.ocp.transcription.transcription import Transcription
 from uvms_ocp.robot.signals import State
 from uvms_ocp.solvers import NlpStatus, RealTimeSqp, SqpOptions, SqpResult
+from uvms_ocp.solvers.nlp.level_solver import SPARSE_PLUGIN
 from uvms_ocp.types import Positive
 
 # When a plan that is asked for now will be there, judged by the solves before.
@@ -119,7 +120,7 @@ class Replanner:
         self._transcription = Transcription(problem)
         self._bounds = self._transcription.bounds()
         chosen = options or SqpOptions()
-        program = program_for(chosen.plugin or quickest(problem), self._transcription)
+        program = program_for(chosen.plugin or stagewise_or(SPARSE_PLUGIN, problem), self._transcription)
         self._sqp = RealTimeSqp(program, chosen)
         self._plans: dict[int, TimedPlan] = {}
         self._newest: TimedPlan | None = None

@@ -458,7 +458,7 @@ class _Search:
     def __init__(self, posed: MissionProblem, options: NlpOptions) -> None:
         self._posed, self._options = posed, options
         hasty = replace(options, max_iterations=min(options.max_iterations, _HASTE))
-        self._hasty = Planner(posed.at(MissionWeights(), posed.guess, DAY), hasty)
+        self._hasty = Planner(posed.at(MissionWeights(), posed.guess, DAY), hasty, wait_for_compiler=True)
         self.spent = 0
         """Iterations until now."""
 
@@ -504,8 +504,8 @@ class _Search:
             kept |= surroundings.near_links(shapes, plan.trajectory)
             posed = self._posed.keeping(kept)
             problem = posed.at(MissionWeights(), plan.trajectory, limit)
-            shared = Transcription(problem, plugin=self._options.plugin, like=self._hasty.transcription)
-            planner = Planner(problem, self._options, transcription=shared)
+            shared = Transcription(problem, plugin=self._hasty.transcription.plugin, like=self._hasty.transcription)
+            planner = Planner(problem, self._options, transcription=shared, wait_for_compiler=True)
             found = self._plan(planner, posed, MissionWeights(), plan.trajectory, limit)
             if not found.status.usable:
                 break

@@ -197,6 +197,8 @@ class Plan(TableDisplay):
     """Goals, obstacles and floor of the problem, for records and scenes."""
     current: tuple[float, float, float] = (0.0, 0.0, 0.0)
     """[m/s] of the water in W that was reckoned with."""
+    plugin: str = ""
+    """Which of `uvms_ocp.solvers.nlp.level_solver.PLUGINS` found it; empty where none was asked."""
 
     @property
     def certified_free(self) -> bool:
@@ -275,6 +277,7 @@ class Plan(TableDisplay):
             "of_wrench": self.trajectory.of_wrench,
             "surroundings": self.surroundings,
             "current": self.current,
+            "plugin": self.plugin,
             "solver": None if self.result is None else plan_file.solver_values(self.result),
             "clearance": None if self.clearance is None else plan_file.clearance_values(self.clearance),
         }
@@ -315,7 +318,7 @@ def _plan_of(values: plan_file.PlanValues, arrays: dict[str, np.ndarray], robot:
         robot=robot,
         trajectory=trajectory,
         status=OcpStatus(values.status),  # type: ignore[call-arg]
-        **{name: getattr(values, name) for name in ("reason", "levels", "solve_time", "surroundings", "current")},
+        **{name: getattr(values, name) for name in ("reason", "levels", "solve_time", "surroundings", "current", "plugin")},
         result=result,
         clearance=None if values.clearance is None else plan_file.stored_clearance(values.clearance),
     )

@@ -93,6 +93,7 @@ class PlanValues(MetaValue):
     of_wrench: bool
     surroundings: SurroundingsMeta
     current: tuple[Number, Number, Number]
+    plugin: str = ""
     solver: SolverValues | None = None
     clearance: ClearanceValues | None = None
 

@@ -8,6 +8,7 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from functools import cached_property
 from time import perf_counter
 from typing import TypeAlias
 
@@ -17,13 +18,14 @@ import pinocchio as pin
 from numpy.lib.stride_tricks import sliding_window_view
 
 from uvms_ocp.checks import checked
+from uvms_ocp.codegen.compile import compiling_beside
 from uvms_ocp.errors import InvalidInput
 from uvms_ocp.interrupts import Interrupted, on_interrupt
 from uvms_ocp.ocp.clearance import ShapeClearance, certificate, shortfall
 from uvms_ocp.ocp.diagnosis import Diagnosis, SolveVerdict, level_prices
 from uvms_ocp.ocp.plan import LevelReport, OcpStatus, Plan
 from uvms_ocp.ocp.problem import OcpProblem
-from uvms_ocp.ocp.stagewise.program import program_for
+from uvms_ocp.ocp.stagewise.program import program_for, stagewise_or
 from uvms_ocp.ocp.terms import TaskTerm, Term
 from uvms_ocp.ocp.trajectory import Trajectory, hold_guess, normalized
 from uvms_ocp.ocp.transcription.transcription import Transcription
@@ -33,10 +35,10 @@ from uvms_ocp.planning.request import Goal, PostureGoal, ToolGoal
 from uvms_ocp.record.meta_values import FrameMeta, SurroundingsMeta
 from uvms_ocp.robot.robot import Robot
 from uvms_ocp.solvers import LexicographicNlp, LexicographicResult, NlpOptions, NlpStatus
-from uvms_ocp.solvers.nlp.level_solver import Progress
+from uvms_ocp.solvers.nlp.level_solver import AUTO, IPOPT, STAGEWISE, Progress
 from uvms_ocp.tasks.goals import evaluate_pose
 from uvms_ocp.tasks.pose import PoseTask, ToolPosition
-from uvms_ocp.types import Finite
+from uvms_ocp.types import DAY, Finite
 
 # Which shapes are nearer at the start than a constraint allows, in words.
 
@@ -342,6 +344,8 @@ def worst_clearance(given: OcpProblem, path: Trajectory) -> ClearanceReport | No
 
 # From problem to plan: transcribe once, solve, and find out why where a goal is missed.
 
+_FEW_STEPS = 100  # through which the virtual machine takes no longer than a compiler
+
 
 @checked
 class Planner:
@@ -351,13 +355,28 @@ class Planner:
     """
 
     def __init__(
-        self, problem: OcpProblem, options: NlpOptions | None = None, *, transcription: Transcription | None = None
+        self,
+        problem: OcpProblem,
+        options: NlpOptions | None = None,
+        *,
+        transcription: Transcription | None = None,
+        wait_for_compiler: bool = False,
     ) -> None:
-        """transcription: of the same problem for the same plugin, to share it between planners of different options."""
-        self.options = options or NlpOptions()
-        self.problem = problem
-        self.transcription = transcription or Transcription(problem, plugin=self.options.plugin)
-        self._nlp = LexicographicNlp(program_for(self.options.plugin, self.transcription), self.options)
+        """transcription: of the same problem for the same plugin, to share it between planners of different options.
+        wait_for_compiler: before the first search, which else begins in CasADi's virtual machine, at a twentieth of the speed,
+        and comes to the same plan: stage by stage it goes on in machine code as soon as that is there, with IPOPT and fatrop the
+        next planner does. It is waited for always where there is a time limit, and with these two where steps are many.
+        """
+        given = options or NlpOptions()
+        plugin = transcription.plugin if transcription is not None else stagewise_or(IPOPT, problem)
+        self.options = replace(given, plugin=plugin) if given.plugin == AUTO else given
+        """With the solver that was chosen."""
+        many = problem.n_steps > _FEW_STEPS and self.options.plugin != STAGEWISE
+        self.problem, self._wait = problem, wait_for_compiler or given.time_limit < DAY or many
+        self._tries_ipopt = given.plugin == AUTO and plugin == STAGEWISE
+        with compiling_beside(not self._wait):
+            self.transcription = transcription or Transcription(problem, plugin=self.options.plugin)
+            self._nlp = LexicographicNlp(program_for(self.options.plugin, self.transcription), self.options)
 
     def plan(
         self,
@@ -380,13 +399,24 @@ class Planner:
         """
         presses: list[object] = []
         with on_interrupt(presses.append):
-            plan = self._planned(problem or self.problem, guess, t0, diagnose, progress)
+            ends = perf_counter() + self.options.time_limit
+            plan = self._planned(problem or self.problem, guess, t0, ends, diagnose, progress)
         if presses:
             raise Interrupted(plan.reason, plan)
         return plan
 
+    @cached_property
+    def _by_ipopt(self) -> Planner:
+        return Planner(self.problem, replace(self.options, plugin=IPOPT), wait_for_compiler=self._wait)
+
     def _planned(
-        self, given: OcpProblem, guess: Trajectory | Plan | None, t0: float, diagnose: bool, progress: Progress | None
+        self,
+        given: OcpProblem,
+        guess: Trajectory | Plan | None,
+        t0: float,
+        ends: float,
+        diagnose: bool,
+        progress: Progress | None,
     ) -> Plan:
         with self.transcription.turn:
             begin = perf_counter()
@@ -398,9 +428,13 @@ class Planner:
             impossible = impossible_start(given)
             if impossible is not None:
                 return self._failed(given, OcpStatus.INFEASIBLE, impossible, begin)
-            ends = begin + self.options.time_limit
             refinement = Refinement(planner=self, given=given, t0=t0, deadline=ends, progress=progress)
             found = refinement.solved(hold_guess(given) if guess is None else guess)
+            status = found.result.status
+            if self._tries_ipopt and not (status.optimal or status is NlpStatus.INTERRUPTED or perf_counter() > ends):
+                other = self._by_ipopt._planned(given, guess, t0, ends, diagnose, progress)
+                if other.result is not None and other.result.violation <= max(found.result.violation, _USABLE):
+                    return replace(other, reason=f"{other.reason}; by ipopt: {STAGEWISE} ended {status.value!r}")
             court = self._court(given, found, t0, ends if diagnose else None)
             return self._plan(given, court.verdict(found.result), t0, begin)
 
@@ -456,6 +490,7 @@ class Planner:
             result=verdict.result,
             surroundings=surroundings(given, t0),
             current=tuple(given.mean_current.tolist()),
+            plugin=self.options.plugin,
         )
 
     def _reports(self, result: LexicographicResult) -> list[LevelReport]:

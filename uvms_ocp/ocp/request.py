@@ -24,7 +24,7 @@ from uvms_ocp.planning.request import FiniteTriple, Goal, PlanRequest, PostureGo
 from uvms_ocp.planning.scene import CollisionScene, Coordinates, NearestPair, collision_scene, coordinates
 from uvms_ocp.robot import Robot, State
 from uvms_ocp.robot.shapes.obstacles import Obstacle, seafloor
-from uvms_ocp.solvers.nlp.level_solver import NlpOptions, Progress
+from uvms_ocp.solvers.nlp.level_solver import AUTO, NlpOptions, Progress
 from uvms_ocp.trajectories.polynomial import PiecewisePolynomial
 from uvms_ocp.types import DAY, Array, AtLeastOne, Bound, Magnitude, Positive, Range, Shape
 
@@ -80,7 +80,7 @@ class OcpRequest:
     n_steps: AtLeastOne = 40
     current: FiniteTriple = (0.0, 0.0, 0.0)
     """[m/s] of the water in W."""
-    plugin: str = "ipopt"
+    plugin: str = AUTO
     time_limit: Positive = DAY
     """[s] for the solver; by default its iterations end it, however busy the machine is."""
 

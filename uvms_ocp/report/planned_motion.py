@@ -246,7 +246,7 @@ def ocp_report(result: OcpResult) -> dict[str, Any]:
         **nearest_entries(result.nearest if usable else None, result),
         "tool_error": _ocp_motion(result).tool_error() if usable else None,
         "current_m_s": list(request.current),
-        "solver": request.plugin,
+        "solver": plan.plugin or request.plugin,
         "iterations": summary["iterations"],
         "solve_time_s": summary["solve_time"],
     }

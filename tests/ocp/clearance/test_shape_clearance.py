@@ -164,11 +164,12 @@ WAYS = {
 }
 
 
+@pytest.mark.parametrize("plugin", ["ipopt", "stagewise"])
 @pytest.mark.parametrize("way", WAYS)
-def test_a_plan_keeps_its_margin_between_nodes_too_and_says_what_coal_says(way: str) -> None:
+def test_a_plan_keeps_its_margin_between_nodes_too_and_says_what_coal_says(way: str, plugin: str) -> None:
     problem, term = planar_problem(WAYS[way])
-    free = Planner(replace(problem, constraints=(AtRest(),)), NlpOptions(time_limit=600.0)).plan()
-    plan = Planner(problem, NlpOptions(time_limit=600.0)).plan()
+    free = Planner(replace(problem, constraints=(AtRest(),)), NlpOptions(time_limit=600.0, plugin="ipopt")).plan()
+    plan = Planner(problem, NlpOptions(time_limit=600.0, plugin=plugin)).plan()
     assert (free.status, plan.status) == (OcpStatus.SOLVED, OcpStatus.SOLVED)
     assert least(term, free.trajectory) < 0.04
     assert plan.certified_free

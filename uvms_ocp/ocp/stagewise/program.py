@@ -9,13 +9,13 @@ from functools import cached_property
 import numpy as np
 
 from uvms_ocp.codegen.buffered import calls_library
-from uvms_ocp.codegen.compile import finish_compiling, has_compiler
+from uvms_ocp.codegen.compile import finish_compiling, has_compiler, start_beside, waits_for_compiler
 from uvms_ocp.errors import InvalidInput
 from uvms_ocp.ocp.problem import HessianKind, OcpProblem
 from uvms_ocp.ocp.stagewise.memory import StageIndices, StageMemory, StageRanges, StageVariables
 from uvms_ocp.ocp.stagewise.sqp import SqpOutcome, StageLevelQp, StageSqp
 from uvms_ocp.ocp.transcription.transcription import Transcription
-from uvms_ocp.solvers.nlp.level_solver import SPARSE_PLUGIN, STAGEWISE, Deadline, NlpOptions, NlpOutcome, NlpPoint
+from uvms_ocp.solvers.nlp.level_solver import STAGEWISE, Deadline, NlpOptions, NlpOutcome, NlpPoint, SolveMonitor
 from uvms_ocp.solvers.nlp.program import LexicographicProgram, NlpStatus, RowBounds, RowRanges
 from uvms_ocp.solvers.nlp.real_time_sqp import LevelMerit, SqpPoint
 from uvms_ocp.solvers.stage_qp.compiled import qp_library
@@ -44,9 +44,9 @@ class StagewiseLevels:
         self._levels: dict[int, StageLevelQp] = {}
         self._raw = np.zeros(memory.whole.row_layout.n_rows + 1)
 
-    def made(self, options: NlpOptions, deadline: Deadline) -> list[StageLevelSolver]:
+    def made(self, options: NlpOptions, deadline: Deadline, watch: SolveMonitor) -> list[StageLevelSolver]:
         """One for each level."""
-        return [StageLevelSolver(self, i, options, deadline) for i in range(self.memory.n_levels)]
+        return [StageLevelSolver(self, i, options, deadline, watch) for i in range(self.memory.n_levels)]
 
     def level(self, index: int) -> StageLevelQp:
         """Bound to the memory when it is called for first."""
@@ -74,6 +74,10 @@ class StagewiseLevels:
         self._raw[self._places.raw] = self.memory.held
         return tuple(self._raw[rows] for rows in self.memory.whole.row_layout.levels)
 
+    def violation(self, ranges: StageRanges) -> float:
+        """Return by how much the point breaks ranges of the first level."""
+        return float(self.level(0).broken(ranges).max(initial=0.0))
+
     def ranges(self, bounds: RowBounds, level: int) -> StageRanges:
         """Return the ranges of a level, where those above it are held as in `bounds`."""
         return StageRanges(self._places, bounds, level)
@@ -91,12 +95,14 @@ class StagewiseLevels:
 class StageLevelSolver:
     """One level; call it as `uvms_ocp.solvers.nlp.level_solver.LevelSolver`."""
 
-    def __init__(self, levels: StagewiseLevels, index: int, options: NlpOptions, deadline: Deadline) -> None:
-        self._levels, self._index, self._options, self._deadline = levels, index, options, deadline
+    def __init__(self, levels: StagewiseLevels, index: int, options: NlpOptions, deadline: Deadline, watch: SolveMonitor) -> None:
+        self._levels, self._index, self._options = levels, index, options
+        self._deadline, self._watch = deadline, watch
 
     def fits(self, point: NlpPoint) -> bool:
-        """True for a start with as many variables as the program has."""
-        return len(point.x) == self._levels.memory.whole.variables.n_x
+        """True for a start with as many variables and rows as the program has."""
+        whole, rows = self._levels.memory.whole, point.row_multipliers
+        return len(point.x) == whole.n_x and (rows is None or len(rows) == whole.ranges().n_rows)
 
     def __call__(self, start: NlpPoint, p: Array, bounds: RowBounds) -> NlpOutcome:
         """Solve from `start`, warm if it has a QP, with parameters p (n_p,) [unit of the parameter]."""
@@ -108,7 +114,8 @@ class StageLevelSolver:
         warm = start.solution if isinstance(start, StagewisePoint) else None
         if warm is not None and not levels.level(self._index).fits(warm):
             warm = None
-        return self._outcome(StageSqp(levels.level(self._index), ranges, self._options, self._deadline).run(warm), start)
+        sqp = StageSqp(levels.level(self._index), ranges, self._options, self._deadline, self._watch)
+        return self._outcome(sqp.run(warm), start)
 
     def _outcome(self, end: SqpOutcome, start: NlpPoint) -> NlpOutcome:
         x = self._levels.variables()
@@ -194,7 +201,7 @@ class StagewiseLevelModel:
         assert self._ranges is not None
         pairs = zip(memory.whole.ranges().levels, rows, strict=True)
         residuals = [float(np.linalg.norm(level.distance(y))) for level, y in pairs]
-        violation = float(self._levels.level(0).broken(self._ranges).max(initial=0.0))
+        violation = self._levels.violation(self._ranges)
         return SqpPoint(
             x=memory.z.ravel().copy(),
             rows=rows,
@@ -219,13 +226,15 @@ class StagewiseProgram:
             raise InvalidInput(f"level {relaxed[0]!r} has relax; plugin 'stagewise' takes none: leave it out, or use 'ipopt'")
         if not whole.problem.fixed_start:
             raise InvalidInput("start_freedom is given; plugin 'stagewise' starts at the start: leave it out, or use 'ipopt'")
+        if has_compiler():
+            start_beside(qp_library)  # what all programs share, before the functions of this one take all processors
         self._whole, self.levels = whole, StagewiseLevels(StageMemory(whole))
         if whole.problem.hessian is HessianKind.EXACT:
             self.levels.memory.compile_curvature()
-        # Before any clock runs: what all programs share, while the functions of this one are compiled.
         if has_compiler():
-            qp_library(), calls_library()
-        finish_compiling()
+            qp_library(), calls_library()  # before any clock runs
+        if waits_for_compiler():
+            finish_compiling()
 
     @property
     def ranges(self) -> RowRanges:
@@ -242,9 +251,9 @@ class StagewiseProgram:
         """Parameters."""
         return self._whole.parameter_layout.n
 
-    def solvers(self, options: NlpOptions, deadline: Deadline) -> Sequence[StageLevelSolver]:
+    def solvers(self, options: NlpOptions, deadline: Deadline, watch: SolveMonitor) -> Sequence[StageLevelSolver]:
         """One for each level."""
-        return self.levels.made(options, deadline)
+        return self.levels.made(options, deadline, watch)
 
     def level_model(self, slack: float) -> StagewiseLevelModel:
         """Its levels for steps in real time; slack as `LevelModel` has it."""
@@ -254,16 +263,21 @@ class StagewiseProgram:
         """Rows of every level at x (n_x,) [unit of x], with parameters p (n_p,) [unit of the parameter]."""
         return self.levels.rows_at(x, p)
 
+    def violation(self, x: Array, p: Array, bounds: RowBounds) -> float:
+        """Return by how much x (n_x,) [unit of x] breaks bounds and constraints; p (n_p,) [unit of the parameter]."""
+        self.levels.rows_at(x, p)
+        return self.levels.violation(self.levels.ranges(bounds, 0))
+
 
 def program_for(plugin: str, whole: Transcription) -> LexicographicProgram | StagewiseProgram:
     """The program of a transcription as a solver of that name takes it. Raises `InvalidInput` as `StagewiseProgram` does."""
     return StagewiseProgram(whole) if plugin == STAGEWISE else whole.program
 
 
-def quickest(problem: OcpProblem) -> str:
-    """Name of the solver of steps in real time that takes least for a problem."""
-    coupled = bool(_relaxed(problem)) or not problem.fixed_start
-    return STAGEWISE if has_compiler() and not coupled else SPARSE_PLUGIN
+def stagewise_or(other: str, problem: OcpProblem) -> str:
+    """Return the name of the solver stage by stage where it takes a problem and there is a compiler, else the other."""
+    coupled = bool(_relaxed(problem)) or problem.periodic or problem.limits_total or not problem.fixed_start
+    return STAGEWISE if has_compiler() and not coupled else other
 
 
 def _relaxed(problem: OcpProblem) -> list[str]:

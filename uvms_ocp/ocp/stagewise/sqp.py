@@ -16,7 +16,7 @@ from uvms_ocp.codegen.elementwise import interval_excess
 from uvms_ocp.ocp.problem import HessianKind
 from uvms_ocp.ocp.stagewise.memory import StageMemory, StageRanges
 from uvms_ocp.solvers import NlpOptions, NlpStatus, StageQpSolver
-from uvms_ocp.solvers.nlp.level_solver import Deadline
+from uvms_ocp.solvers.nlp.level_solver import Deadline, IterationReport, SolveMonitor
 from uvms_ocp.solvers.stage_qp.problem import FlatSolution, StageQp, StageQpOptions, StageQpStatus, StageShape, WarmStart
 from uvms_ocp.types import Array
 
@@ -310,12 +310,15 @@ class SqpOutcome:
 class StageSqp:
     """One solve of one level, from the point in the memory."""
 
-    def __init__(self, level: StageLevelQp, ranges: StageRanges, options: NlpOptions, deadline: Deadline) -> None:
-        self._level, self._ranges, self._options, self._deadline = level, ranges, options, deadline
+    def __init__(
+        self, level: StageLevelQp, ranges: StageRanges, options: NlpOptions, deadline: Deadline, watch: SolveMonitor
+    ) -> None:
+        self._level, self._ranges, self._options, self._deadline, self._watch = level, ranges, options, deadline, watch
         self._memory = level.memory
         self._solution: FlatSolution | None = None
         self._filter = Filter(first=0.0, most=np.inf)
         self._steepest, self._worst, self._count = 0.0, np.inf, 0
+        self._best = (True, np.inf), self._memory.z.copy()
         self._model, self._damping, self._refused = 0, 0.0, np.inf
         # What levels above leave open, those below decide: no step goes far there.
         self._least = _DAMPED if level.level + 1 < level.memory.n_levels else 0.0
@@ -331,12 +334,25 @@ class StageSqp:
         for iteration in range(self._options.max_iterations):
             if not np.isfinite([here.cost, here.violation]).all():
                 return self._end(NlpStatus.NOT_A_NUMBER, iteration)
-            if self._deadline.over:
-                return self._end(NlpStatus.TIME_LIMIT, iteration)
+            self._report_iteration(iteration, here)
+            if self._deadline.over or self._watch.should_stop:
+                self._memory.z[:] = self._best[1]
+                self._memory.evaluate()
+                return self._end(NlpStatus.INTERRUPTED if self._watch.should_stop else NlpStatus.TIME_LIMIT, iteration)
             status, here = self._iterate(here)
             if status is not None:
+                self._report_iteration(iteration + 1, here)
                 return self._end(status, iteration + 1)
         return self._end(NlpStatus.ITERATION_LIMIT, self._options.max_iterations)
+
+    def _report_iteration(self, iteration: int, here: FilterMerit) -> None:
+        kept = self._worst <= self._options.feasibility
+        key = (not kept, here.cost if kept else self._worst)
+        if key < self._best[0]:
+            self._best = key, self._memory.z.copy()
+        level = self._memory.whole.problem.levels[self._level.level].name
+        report = IterationReport(level=level, iteration=iteration, residual=here.residual, violation=self._worst)
+        self._watch.report(report)
 
     @property
     def _scale(self) -> float:

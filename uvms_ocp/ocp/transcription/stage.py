@@ -21,7 +21,7 @@ from functools import cache, cached_property, partial
 import casadi as ca
 import numpy as np
 
-from uvms_ocp.codegen.compile import compile_function, compiled_from, content_of
+from uvms_ocp.codegen.compile import available_function, compiled_from, content_of, start_compiling
 from uvms_ocp.ocp.problem import Actuation, HessianKind, Integrator, OcpProblem
 from uvms_ocp.ocp.terms import StageSymbols, finite_or
 from uvms_ocp.robot import Robot, SymbolicModel, robot_dynamics
@@ -223,7 +223,7 @@ class StageModel:
             return self.derivatives("dynamics", z, self.water, rows, residuals=None if exact else ())
         begun = self.bend, self._curvature(rows)
         found = compiled_derivatives("dynamics", z, self.water, rows, residuals=())
-        bend, curvature = (compile_function(function) for function in begun)
+        bend, curvature = (available_function(function) for function in begun)
         x, s, sigma, lam = (ca.MX.sym("x", size) for size in (layout.n_z, 3, 0, rows.numel()))
         bent = bend(x[: self.n_motion], s, lam[-self.n_forces :] / ca.DM(self.actuators.force_unit))
         hessian = ca.Function("dynamics_hessian", [x, s, sigma, lam], [curvature(x, lam, bent).nz[:]])
@@ -318,7 +318,7 @@ class StageModel:
     def inputs_function(self) -> ca.Function:
         """``z, water -> thrust, torque`` in shares of their limits."""
         function = ca.Function("inputs", [self.z, self.water], [ca.densify(part) for part in self.inputs])
-        return function if self.has_force_variables else compile_function(function)
+        return function if self.has_force_variables else available_function(start_compiling(function))
 
     def moved(self, q: ca.SX, v: ca.SX, a: ca.SX, h: ca.SX) -> ca.SX:
         """Configuration after the time h of constant acceleration."""
@@ -385,9 +385,9 @@ def compiled_derivatives(
 
     kinds = ("value", "jacobian", "hessian", "costs", "gradient")
     begun = {kind: compiled_from(f"{name}_{kind}", content, partial(of_kind, kind), __file__) for kind in kinds}
-    known = compile_function(compiled_from(f"{name}_patterns", content, patterns, __file__))
+    known = available_function(compiled_from(f"{name}_patterns", content, patterns, __file__))
     return Derivatives(
-        **{kind: compile_function(function) for kind, function in begun.items()},
+        **{kind: available_function(function) for kind, function in begun.items()},
         jacobian_sparsity=known.sparsity_out(0),
         hessian_sparsity=known.sparsity_out(1),
     )

@@ -279,7 +279,7 @@ class Transcription:
 
     def __init__(self, problem: OcpProblem, *, plugin: str = "ipopt", like: Transcription | None = None) -> None:
         """like: of another problem, whose dynamics serve here too where they are the same."""
-        self.problem, self._plugin = problem, plugin
+        self.problem, self.plugin = problem, plugin
         self.model: StageModel = StageModel(problem, like=None if like is None else like.model, compiled=plugin != STAGEWISE)
         self.blocks = term_rows.term_blocks(self.model)
         self.variables = layouts.VariableLayout(model=self.model)
@@ -449,5 +449,5 @@ class Transcription:
         order = np.argsort(self.row_layout.stage[numbered], kind="stable")
         raw_rows, whole = numbered[order], self._horizon
         nlp = {"x": whole.x, "p": whole.p, "f": whole.costs[index], "g": whole.rows[raw_rows.tolist()]}
-        functions = whole.derivative_functions(index, raw_rows, plugin=self._plugin)
+        functions = whole.derivative_functions(index, raw_rows, plugin=self.plugin)
         return LevelNlp(nlp=nlp, rows=order, functions=functions)

@@ -21,16 +21,17 @@ from uvms_ocp.types import DAY, AtLeastOne, Magnitude, Positive
 
 # How the NLPs of a lexicographic program are solved.
 
-STAGEWISE = "stagewise"
-PLUGINS = ("ipopt", "fatrop", STAGEWISE)
+AUTO, IPOPT, STAGEWISE = "auto", "ipopt", "stagewise"
+PLUGINS = (AUTO, IPOPT, "fatrop", STAGEWISE)
 
 
 @checked_dataclass(eq=False)
 class NlpOptions:
     """Options of the NLP solver. Raises `NameNotFound` for another plugin, `InvalidInput` for a number out of its range."""
 
-    plugin: str = "ipopt"
-    """``ipopt``, ``fatrop``, or ``stagewise`` for problems over a horizon."""
+    plugin: str = AUTO
+    """``ipopt``, ``fatrop``, or ``stagewise`` for problems over a horizon. ``auto`` is ``stagewise`` where that takes a problem
+    and there is a compiler, with ``ipopt`` where it does not come to an end; and ``ipopt`` for all other programs."""
     tolerance: Magnitude = 1e-6
     """Allowed rise of the residual of a solved level, as a norm. With 0, and always with fatrop, rows of equalities are frozen
     as equality constraints: not for levels whose rows contradict each other, where no constraint qualification holds."""
@@ -72,7 +73,7 @@ def solver_options(options: NlpOptions, *, warm: bool) -> dict[str, Any]:
         "max_iter": options.max_iterations,
         "mu_init": options.barrier,
     }
-    if options.plugin == "ipopt":
+    if options.plugin == IPOPT:
         chosen |= {
             "sb": "yes",
             "max_wall_time": options.time_limit,

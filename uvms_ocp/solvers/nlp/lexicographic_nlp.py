@@ -17,7 +17,6 @@ from dataclasses import replace
 from time import perf_counter
 from typing import Protocol, runtime_checkable
 
-import casadi as ca
 import numpy as np
 
 from uvms_ocp.checks import checked, checked_dataclass, unchecked_constructor
@@ -83,11 +82,16 @@ class SelfSolving(Protocol):
     def n_p(self) -> int:
         """Parameters."""
 
-    def solvers(self, options: level_solver.NlpOptions, deadline: level_solver.Deadline) -> Sequence[NlpSolver]:
-        """One for each level."""
+    def solvers(
+        self, options: level_solver.NlpOptions, deadline: level_solver.Deadline, watch: level_solver.SolveMonitor
+    ) -> Sequence[NlpSolver]:
+        """One for each level, which tell `watch` every iteration and end where it wants no more."""
 
     def rows_at(self, x: np.ndarray, p: np.ndarray) -> tuple[np.ndarray, ...]:
         """Rows y of every level at x (n_x,) [unit of x], with parameters p (n_p,) [unit of the parameter]."""
+
+    def violation(self, x: np.ndarray, p: np.ndarray, bounds: nlp.RowBounds) -> float:
+        """Return by how much x (n_x,) [unit of x] breaks bounds and constraints; p (n_p,) [unit of the parameter]."""
 
 
 @checked
@@ -99,7 +103,8 @@ class LexicographicNlp:
 
     def __init__(self, program: nlp.LexicographicProgram | SelfSolving, options: level_solver.NlpOptions | None = None) -> None:
         self.program = program
-        self.options = options or level_solver.NlpOptions()
+        given = options or level_solver.NlpOptions()
+        self.options = replace(given, plugin=level_solver.IPOPT) if given.plugin == level_solver.AUTO else given
         self.deadline, self.watch = level_solver.Deadline(), level_solver.SolveMonitor()
         self.levels = self._solvers(program)
 
@@ -109,7 +114,7 @@ class LexicographicNlp:
                 raise InvalidInput("plugin 'stagewise' solves problems over a horizon; give 'ipopt' or 'fatrop'")
             levels = range(len(program.nlps))
             return [level_solver.LevelSolver(program, i, self.options, self.deadline, self.watch) for i in levels]
-        return program.solvers(self.options, self.deadline)
+        return program.solvers(self.options, self.deadline, self.watch)
 
     def solve(
         self,
@@ -221,10 +226,7 @@ class _Run:
 
     def _stopped(self, outcome: level_solver.NlpOutcome) -> LexicographicResult:
         """Return the result of a solve stopped by hand before the first level was solved: no level is held."""
-        assert isinstance(self._nlp.program, nlp.LexicographicProgram)  # which alone is watched
-        first = self._nlp.program.nlps[0]
-        g = ca.Function("g", [first.nlp["x"], first.nlp["p"]], [first.nlp["g"]])(outcome.point.x, self._p)
-        violation = self._bounds.violation(outcome.point.x, np.array(g).ravel(), first.rows)
+        violation = self._nlp.program.violation(outcome.point.x, self._p, self._bounds)
         left = len(self._levels) - 1
         statuses = (nlp.NlpStatus.INTERRUPTED, *(nlp.NlpStatus.SKIPPED,) * left)
         reached = replace(outcome, violation=violation)

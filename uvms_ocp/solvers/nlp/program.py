@@ -229,6 +229,14 @@ class LexicographicProgram:
         """Rows y of every level at x (n,) [unit of x], with parameters p (n_p,) [unit of the parameter]."""
         return tuple(np.array(y).ravel() for y in self.values.call([x, p]))
 
+    def violation(
+        self, x: Annotated[np.ndarray, Shape("self.n_x")], p: Annotated[np.ndarray, Shape("self.n_p")], bounds: RowBounds
+    ) -> float:
+        """Return by how much x (n_x,) [unit of x] breaks bounds and constraints; p (n_p,) [unit of the parameter]."""
+        first = self.nlps[0]
+        g = ca.Function("g", [first.nlp["x"], first.nlp["p"]], [first.nlp["g"]])(x, p)
+        return bounds.violation(x, np.array(g).ravel(), first.rows)
+
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class RowKinds:

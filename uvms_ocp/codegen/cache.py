@@ -1,0 +1,101 @@
+"""The folder that compiled libraries are kept in: the user's own, writable by nobody else, on a disk that runs programs."""
+
+from __future__ import annotations
+
+import os
+import stat
+import sys
+import tempfile
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
+from pathlib import Path
+
+KEPT_NUMBERS = ".numbers"
+"""Suffix of the files that tell in which library a function is, and with which numbers."""
+
+
+def cache_folder() -> tuple[Path | None, str]:
+    """The first folder that can be used, made if need be; None with the reason why the last one cannot.
+
+    ``UVMS_OCP_CACHE`` where it is set. Otherwise inside the user's cache, and where there is none, as without a home or
+    with one that is read-only, a folder of the user among the temporary ones.
+    """
+    reason = ""
+    for folder in _candidates():
+        reason = _problem(folder)
+        if not reason:
+            return folder, ""
+    return None, reason
+
+
+def cached_libraries(folder: Path) -> dict[Path, os.stat_result]:
+    """Those of a cache folder, and the numbers of functions in them, used last first: when, is their time of modification."""
+    found = dict[Path, os.stat_result]()
+    for path in (path for kind in (".so", KEPT_NUMBERS) for path in folder.glob("[0-9a-f]" * 64 + kind)):
+        with suppress(OSError):  # another process removes it
+            found[path] = path.stat()
+    return dict(sorted(found.items(), key=lambda pair: -pair[1].st_mtime))
+
+
+def shrink_cache(folder: Path, most: float) -> dict[Path, os.stat_result]:
+    """Remove those used longest ago until at most that many bytes are left; returns what was removed."""
+    left, gone = 0, dict[Path, os.stat_result]()
+    for path, status in cached_libraries(folder).items():
+        left += status.st_size
+        if left > most:
+            with suppress(OSError):  # it is in use, or another process removes it
+                path.unlink()
+                gone[path] = status
+                path.with_suffix(".sha256").unlink()
+    return gone
+
+
+def _candidates() -> list[Path]:
+    given = os.environ.get("UVMS_OCP_CACHE")
+    if given:
+        return [Path(given)]
+    home = os.environ.get("HOME", os.path.expanduser("~"))  # without an entry of the user it stays "~", which is no place
+    bases = (os.environ.get("XDG_CACHE_HOME", ""), os.path.join(home, ".cache"))
+    base = next((base for base in bases if os.path.isabs(base)), None)
+    user = os.getuid() if sys.platform != "win32" else "user"
+    return [*([Path(base) / "uvms_ocp"] if base else []), Path(tempfile.gettempdir()) / f"uvms_ocp-{user}"]
+
+
+def _problem(folder: Path) -> str:
+    """Why the folder cannot be used; empty where it can."""
+    try:
+        folder.mkdir(mode=0o700, parents=True, exist_ok=True)
+        status = folder.lstat() if folder.parent == Path(tempfile.gettempdir()) else folder.stat()
+        return _unsafe(folder, status)
+    except OSError as error:
+        return f"cache {folder} cannot be used ({error.strerror})"
+
+
+def _unsafe(folder: Path, status: os.stat_result) -> str:
+    """A library that others can replace must not be loaded."""
+    foreign = sys.platform != "win32" and status.st_uid != os.getuid()
+    if foreign or status.st_mode & (stat.S_IWGRP | stat.S_IWOTH):
+        return f"cache {folder} can be written by others"
+    if not os.access(folder, os.W_OK | os.X_OK):
+        return f"cache {folder} cannot be used (read-only)"
+    if sys.platform == "linux" and os.statvfs(folder).f_flag & os.ST_NOEXEC:
+        return f"cache {folder} cannot be used (mounted noexec)"
+    return ""
+
+
+@contextmanager
+def turn_to_make(library: Path) -> Iterator[None]:
+    """One process at a time makes a library; the others find it then."""
+    if sys.platform == "win32":
+        yield
+        return
+    import fcntl
+
+    lock = library.with_suffix(".lock")
+    with lock.open("w") as file:
+        with suppress(OSError):  # of disks without locks, where each makes its own
+            fcntl.flock(file, fcntl.LOCK_EX)
+        try:
+            yield
+        finally:
+            lock.unlink(missing_ok=True)
