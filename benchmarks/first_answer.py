@@ -70,7 +70,7 @@ def seconds_until_quiet(cache: Path) -> float:
     """Wait until nothing has been compiled for some seconds, and return when that began."""
     start = last = perf_counter()
     while perf_counter() - last < QUIET:
-        if any(cache.glob("*.lock")):
+        if any(cache.glob("build-*")):
             last = perf_counter()
         sleep(0.05)
     return last - start

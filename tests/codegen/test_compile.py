@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ctypes
+import gc
 import itertools
 import logging
 import multiprocessing
@@ -358,6 +359,102 @@ def test_what_a_process_leaves_at_its_end_another_one_compiles_for_the_next(
     function = ca.Function("f", [x], [2 * x])
     assert building.compile_function(function) is not function
     assert calls.read_text() == "call\n"
+
+
+FORK = """
+import os, signal, sys, time
+import casadi as ca
+from uvms_ocp.codegen import compile as building
+x = ca.SX.sym("x")
+function = ca.Function("f", [x], [2 * x])
+building.start_compiling(function)
+while not os.path.exists(sys.argv[1]):
+    pass
+child = os.fork()
+if not child:
+    signal.alarm(30)
+    os._exit(building.compile_function(function) is function)
+open(sys.argv[2], "w").close()
+assert building.compile_function(function) is not function
+assert os.waitpid(child, 0)[1] == 0, "it waits for itself"
+"""
+
+
+@needs_compiler
+@pytest.mark.skipif(not hasattr(os, "fork"), reason="forks")
+def test_a_fork_begun_while_a_library_is_made_finds_it_too(pretend: Callable[[str], Path], tmp_path: Path) -> None:
+    begun, forked = tmp_path / "begun", tmp_path / "forked"
+    wait = f"touch '{begun}'; while [ ! -e '{forked}' ]; do sleep 0.05; done; sleep 0.5"
+    compiler = pretend(f"{wait}; exec '{COMPILER}' \"$@\"")
+    words = [sys.executable, "-c", FORK, str(begun), str(forked)]
+    done = subprocess.run(words, env=os.environ | {"CC": str(compiler)}, capture_output=True, text=True, timeout=90)
+    assert done.returncode == 0, done.stderr
+
+
+HOLD = """
+import sys, time
+from pathlib import Path
+from uvms_ocp.codegen.cache import turn_to_make
+with turn_to_make(Path(sys.argv[1]), 1.0):
+    print("mine", flush=True)
+    time.sleep(300)
+"""
+
+
+@needs_compiler
+@pytest.mark.skipif(sys.platform == "win32", reason="locks of files")
+@pytest.mark.parametrize("behind", [False, True])
+def test_nobody_waits_for_longer_than_a_compiler_may_take_and_who_works_behind_all_others_holds_nobody_up(
+    behind: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    library = _compile_visible()
+    assert library is not None
+    library.unlink()
+    if behind:
+        monkeypatch.setattr(building._BEHIND, "is_set", lambda: True)
+    monkeypatch.setenv("UVMS_OCP_COMPILE_TIMEOUT", "30" if behind else "3")
+    with subprocess.Popen([sys.executable, "-c", HOLD, str(library)], stdout=subprocess.PIPE) as holder:
+        assert holder.stdout is not None
+        assert holder.stdout.readline() == b"mine\n"
+        begin = time.monotonic()
+        assert _answer(_compile_visible()) == 42.0
+        spent = time.monotonic() - begin
+        holder.kill()
+    assert spent < 20.0 if behind else 3.0 < spent < 20.0
+
+
+@needs_compiler
+def test_what_was_left_half_made_a_day_ago_is_removed(tmp_path: Path) -> None:
+    library = _compile_visible()
+    assert library is not None
+    old, new = library.parent / "build-old", library.parent / "build-new"
+    lock = library.with_suffix(".lock")
+    for folder in (old, new):
+        folder.mkdir()
+    lock.touch()
+    for path in (old, lock):
+        os.utime(path, (time.time() - 1e5,) * 2)
+    _compile_visible(SOURCE + "/* another */")
+    assert (old.exists(), lock.exists(), new.exists()) == (False, False, True)
+
+
+@needs_compiler
+def test_who_lets_a_function_go_before_it_is_compiled_is_not_waited_for(monkeypatch: pytest.MonkeyPatch) -> None:
+    class Never:
+        def ready(self) -> bool:
+            return False
+
+        def get(self) -> None:
+            raise AssertionError("waited for")
+
+    monkeypatch.setattr(building, "start_beside", lambda work: Never())
+    function = building.start_compiling(ca.Function("f", [ca.SX.sym("x")], [1.0]))
+    assert building.is_being_compiled(function)
+    before = len(building._BESIDE)
+    del function
+    gc.collect()
+    assert len(building._BESIDE) == before - 1
+    building.finish_compiling()
 
 
 def test_ctrl_c_ends_what_is_waited_for_and_nobody_goes_on_with_it(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -5,17 +5,24 @@ from __future__ import annotations
 import os
 import signal
 from dataclasses import replace
+from threading import Thread
+from time import perf_counter, sleep
 
 import numpy as np
 import pytest
+from compiler import needs_compiler
 from reaches import patient, reach, tool_goal
 
 from uvms_ocp.interrupts import Interrupted
+from uvms_ocp.ocp import diagnosis, planner as planning
 from uvms_ocp.ocp.plan import OcpStatus
 from uvms_ocp.ocp.planner import Planner
+from uvms_ocp.ocp.stagewise import sqp
 from uvms_ocp.ocp.terms import TaskTerm
+from uvms_ocp.ocp.transcription.transcription import Transcription
 from uvms_ocp.robot.robot import Robot
 from uvms_ocp.solvers.nlp.level_solver import IterationReport
+from uvms_ocp.solvers.nlp.program import NlpStatus
 
 
 @pytest.fixture(scope="module", params=["ipopt", "stagewise"])
@@ -104,3 +111,67 @@ def test_an_error_of_the_one_who_looks_on_is_his(planner: Planner) -> None:
 def test_a_watched_plan_is_the_same_plan(planner: Planner, robot: Robot) -> None:
     silent, watched = planner.plan(reach(robot)), planner.plan(reach(robot), progress=lambda moment: None)
     np.testing.assert_allclose(silent.trajectory.q, watched.trajectory.q, atol=1e-9)
+
+
+@pytest.fixture
+def stalled(robot: Robot, monkeypatch: pytest.MonkeyPatch) -> Planner:
+    """Whose solver by stages stalls where hardly anything is broken any more, so that IPOPT is tried."""
+    iterate = sqp.StageSqp._iterate
+
+    def stalls(self: sqp.StageSqp, here: sqp.FilterMerit) -> tuple[NlpStatus | None, sqp.FilterMerit]:
+        status, here = iterate(self, here)
+        return (NlpStatus.STALLED if self._worst < 1e-3 else status), here
+
+    monkeypatch.setattr(sqp.StageSqp, "_iterate", stalls)
+    return Planner(reach(robot))
+
+
+@needs_compiler
+def test_a_stop_of_the_second_solver_ends_the_search_and_nothing_else_is_begun(
+    stalled: Planner, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    begun: list[object] = []
+
+    def stop(moment: IterationReport) -> None:
+        if "_by_ipopt" in vars(stalled):
+            monkeypatch.setattr(diagnosis, "phase_one", lambda *given, **named: begun.append(given))
+            raise KeyboardInterrupt
+
+    plan = stalled.plan(progress=stop)
+    assert "_by_ipopt" in vars(stalled)
+    assert plan.status is OcpStatus.INTERRUPTED
+    assert not begun
+
+
+@needs_compiler
+def test_ctrl_c_between_two_solves_ends_the_next_one_at_once(stalled: Planner, monkeypatch: pytest.MonkeyPatch) -> None:
+    made = planning.program_for
+
+    def press(plugin: str, whole: Transcription) -> object:
+        os.kill(os.getpid(), signal.SIGINT)
+        return made(plugin, whole)
+
+    monkeypatch.setattr(planning, "program_for", press)
+    before = signal.signal(signal.SIGINT, signal.default_int_handler)
+    try:
+        with pytest.raises(Interrupted) as stop:
+            stalled.plan()
+    finally:
+        signal.signal(signal.SIGINT, before)
+    assert stop.value.result.status is OcpStatus.INTERRUPTED
+
+
+def test_time_that_others_take_for_their_turn_is_not_taken_from_the_time_limit(robot: Robot) -> None:
+    problem = reach(robot)
+    slow = patient(problem, "ipopt")
+    hasty = Planner(problem, replace(slow.options, time_limit=30.0), transcription=slow.transcription)
+    ends: list[float] = []
+    planned = hasty._planned
+    hasty._planned = lambda *given: ends.append(given[3]) or planned(*given)  # type: ignore[method-assign, func-returns-value]
+    with slow.transcription.turn:
+        thread = Thread(target=hasty.plan)
+        thread.start()
+        sleep(0.5)
+        begin = perf_counter()
+    thread.join()
+    assert ends[0] >= begin + 30.0

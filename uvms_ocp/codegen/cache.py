@@ -3,15 +3,19 @@
 from __future__ import annotations
 
 import os
+import shutil
 import stat
 import sys
 import tempfile
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
+from time import monotonic, sleep, time
 
 KEPT_NUMBERS = ".numbers"
 """Suffix of the files that tell in which library a function is, and with which numbers."""
+_PAUSE = 0.02  # [s] between looks whether it is our turn
+_FORGOTTEN = 86400.0  # [s] after which nobody works on what is half made
 
 
 def cache_folder() -> tuple[Path | None, str]:
@@ -38,7 +42,14 @@ def cached_libraries(folder: Path) -> dict[Path, os.stat_result]:
 
 
 def shrink_cache(folder: Path, most: float) -> dict[Path, os.stat_result]:
-    """Remove those used longest ago until at most that many bytes are left; returns what was removed."""
+    """Remove those used longest ago until at most that many bytes are left; returns what was removed.
+
+    Gone is also what processes that were killed a day ago have left half made.
+    """
+    for path in (path for kind in ("build-*", "numbers-*", "*.lock") for path in folder.glob(kind)):
+        with suppress(OSError):
+            if time() - path.stat().st_mtime > _FORGOTTEN:
+                shutil.rmtree(path) if path.is_dir() else path.unlink()
     left, gone = 0, dict[Path, os.stat_result]()
     for path, status in cached_libraries(folder).items():
         left += status.st_size
@@ -84,18 +95,28 @@ def _unsafe(folder: Path, status: os.stat_result) -> str:
 
 
 @contextmanager
-def turn_to_make(library: Path) -> Iterator[None]:
-    """One process at a time makes a library; the others find it then."""
+def turn_to_make(library: Path, seconds: float) -> Iterator[None]:
+    """One process at a time makes a library; the others find it then, or make it themselves after so many `seconds` [s]."""
     if sys.platform == "win32":
         yield
         return
     import fcntl
 
-    lock = library.with_suffix(".lock")
-    with lock.open("w") as file:
+    def taken() -> bool:
         with suppress(OSError):  # of disks without locks, where each makes its own
-            fcntl.flock(file, fcntl.LOCK_EX)
+            try:
+                fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            except BlockingIOError:
+                return False
+        return True
+
+    lock, ends = library.with_suffix(".lock"), monotonic() + seconds
+    with lock.open("w") as file:
+        while not taken() and monotonic() < ends:
+            sleep(_PAUSE)
         try:
             yield
         finally:
             lock.unlink(missing_ok=True)
+            with suppress(OSError):
+                fcntl.flock(file, fcntl.LOCK_UN)  # closing lets go of nothing that a fork has open, too

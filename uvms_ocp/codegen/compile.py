@@ -28,7 +28,7 @@ import sys
 import tempfile
 import threading
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager, nullcontext, suppress
 from contextvars import ContextVar
 from functools import cache, lru_cache, partial
 from importlib.resources import files
@@ -54,6 +54,7 @@ T = TypeVar("T")
 _TIMEOUT = 300.0  # [s], ten times what the longest of ours takes
 _KEPT = 2000  # [bytes] of what a compiler says
 _STARTING, _RUNNING = [threading.Lock()], set[subprocess.Popen[bytes]]()
+_BEHIND = threading.Event()  # all other work of the machine
 
 
 def compile_timeout() -> float:
@@ -119,6 +120,7 @@ def compile_what_is_left() -> None:
     """Compile what another process has begun and left on stdin, behind all other work of the machine."""
     if sys.platform != "win32":
         os.nice(19)
+    _BEHIND.set()
     for work in [_workers(os.getpid()).apply_async(one) for one in pickle.load(sys.stdin.buffer)]:
         work.wait()
 
@@ -178,7 +180,7 @@ _HUNG: set[str] = set()  # compilers, which are not called again
 _SAID: set[str] = set()
 _KEPT_FUNCTIONS = 256
 _ADDRESSES = WeakKeyDictionary[ca.Function, int | None]()  # of compiled functions
-_BESIDE: dict[ca.Function, tuple[AsyncResult[Path | None], np.ndarray]] = {}  # that are being compiled
+_BESIDE = WeakKeyDictionary[ca.Function, tuple[AsyncResult[Path | None], np.ndarray]]()  # that are being compiled
 _BEGUN: list[tuple[AsyncResult[Any], Callable[[], Any]]] = []  # whether anybody waits for it or not
 _WAITS = ContextVar("waits", default=True)
 _NONE = np.zeros(0)
@@ -234,9 +236,9 @@ def compile_function(function: ca.Function) -> ca.Function:
     """
     if function in _ADDRESSES:
         return function
-    if function in _BESIDE:
-        result, numbers = _BESIDE.pop(function)
-        return _function_in(_awaited(result), function.name(), numbers) or function
+    begun = _BESIDE.pop(function, None)
+    if begun is not None:
+        return _function_in(_awaited(begun[0]), function.name(), begun[1]) or function
     compilation, numbers = _compilation(function)
     return _function_in(compilation(), function.name(), numbers) or function
 
@@ -266,14 +268,15 @@ def waits_for_compiler() -> bool:
 
 def is_being_compiled(function: ca.Function) -> bool:
     """Check for machine code that is not there yet, but will be."""
-    return function in _BESIDE and not _BESIDE[function][0].ready()
+    begun = _BESIDE.get(function)  # once: other threads take them from there
+    return begun is not None and not begun[0].ready()
 
 
 def available_function(function: ca.Function) -> ca.Function:
     """Return `compile_function` of a function, or inside `compiling_beside` the function itself while it is being compiled."""
     if waits_for_compiler() or not is_being_compiled(function):
         return compile_function(function)
-    del _BESIDE[function]
+    _BESIDE.pop(function, None)
     return function
 
 
@@ -511,7 +514,9 @@ def _build(compiler: str, sources: Sequence[str], flags: Sequence[str], library:
     if (seconds := _PACE * sum(map(len, sources))) > _LONG:
         _log.warning("compiling %s, which takes about %.0f s", name, seconds, extra={PROGRESS: True})
     try:
-        with turn_to_make(library), tempfile.TemporaryDirectory(prefix="build-", dir=library.parent) as folder:
+        # Who works behind all others takes no turn, or they would wait for that.
+        turn = nullcontext() if _BEHIND.is_set() else turn_to_make(library, compile_timeout())
+        with turn, tempfile.TemporaryDirectory(prefix="build-", dir=library.parent) as folder:
             return _is_usable(library) or _build_in(Path(folder), compiler, sources, flags, library)
     except OSError as error:
         _warn_once("compilation failed", error.strerror or str(error))

@@ -35,7 +35,7 @@ from uvms_ocp.planning.request import Goal, PostureGoal, ToolGoal
 from uvms_ocp.record.meta_values import FrameMeta, SurroundingsMeta
 from uvms_ocp.robot.robot import Robot
 from uvms_ocp.solvers import LexicographicNlp, LexicographicResult, NlpOptions, NlpStatus
-from uvms_ocp.solvers.nlp.level_solver import AUTO, IPOPT, STAGEWISE, Progress
+from uvms_ocp.solvers.nlp.level_solver import AUTO, IPOPT, STAGEWISE, IterationReport, Progress
 from uvms_ocp.tasks.goals import evaluate_pose
 from uvms_ocp.tasks.pose import PoseTask, ToolPosition
 from uvms_ocp.types import DAY, Finite
@@ -393,14 +393,21 @@ class Planner:
         differ; anything else raises `InvalidInput`, which says what. guess: a trajectory, or an earlier plan to start
         from, warm; by default the robot holds its start. t0 [s]: time of the first node, for goals that move. diagnose:
         where a goal is missed, try longer horizons to say why, and where constraints are, look for what would have to give
-        way, within the time limit of the options. progress: told every iteration of IPOPT; a `KeyboardInterrupt` from it
+        way, within the time limit of the options. progress: told every iteration, but of fatrop; a `KeyboardInterrupt` from it
         ends the search with the best plan so far, whose status says so. Ctrl-C does too, and raises `Interrupted`, whose
         `result` is that plan.
         """
         presses: list[object] = []
-        with on_interrupt(presses.append):
+
+        def told(moment: IterationReport) -> None:
+            if presses:  # between two solves
+                raise KeyboardInterrupt
+            if progress is not None:
+                progress(moment)
+
+        with on_interrupt(presses.append), self.transcription.turn:
             ends = perf_counter() + self.options.time_limit
-            plan = self._planned(problem or self.problem, guess, t0, ends, diagnose, progress)
+            plan = self._planned(problem or self.problem, guess, t0, ends, diagnose, told)
         if presses:
             raise Interrupted(plan.reason, plan)
         return plan
@@ -418,25 +425,27 @@ class Planner:
         diagnose: bool,
         progress: Progress | None,
     ) -> Plan:
-        with self.transcription.turn:
-            begin = perf_counter()
-            obstruction = self.transcription.obstruction(given)
-            if obstruction is not None:
-                name, depth = obstruction
-                text = f"{name} is broken by {depth:.4g} at the start{describe_crowded_start(given, name)}"
-                return self._failed(given, OcpStatus.OBSTRUCTED, text, begin)
-            impossible = impossible_start(given)
-            if impossible is not None:
-                return self._failed(given, OcpStatus.INFEASIBLE, impossible, begin)
-            refinement = Refinement(planner=self, given=given, t0=t0, deadline=ends, progress=progress)
-            found = refinement.solved(hold_guess(given) if guess is None else guess)
-            status = found.result.status
-            if self._tries_ipopt and not (status.optimal or status is NlpStatus.INTERRUPTED or perf_counter() > ends):
-                other = self._by_ipopt._planned(given, guess, t0, ends, diagnose, progress)
-                if other.result is not None and other.result.violation <= max(found.result.violation, _USABLE):
-                    return replace(other, reason=f"{other.reason}; by ipopt: {STAGEWISE} ended {status.value!r}")
-            court = self._court(given, found, t0, ends if diagnose else None)
-            return self._plan(given, court.verdict(found.result), t0, begin)
+        begin = perf_counter()
+        obstruction = self.transcription.obstruction(given)
+        if obstruction is not None:
+            name, depth = obstruction
+            text = f"{name} is broken by {depth:.4g} at the start{describe_crowded_start(given, name)}"
+            return self._failed(given, OcpStatus.OBSTRUCTED, text, begin)
+        impossible = impossible_start(given)
+        if impossible is not None:
+            return self._failed(given, OcpStatus.INFEASIBLE, impossible, begin)
+        refinement = Refinement(planner=self, given=given, t0=t0, deadline=ends, progress=progress)
+        found = refinement.solved(hold_guess(given) if guess is None else guess)
+        status = found.result.status
+        if self._tries_ipopt and not (status.optimal or status is NlpStatus.INTERRUPTED or perf_counter() > ends):
+            other = self._by_ipopt._planned(given, guess, t0, ends, diagnose, progress)
+            if other.result is not None and other.result.violation <= max(found.result.violation, _USABLE):
+                return replace(other, reason=f"{other.reason}; by ipopt: {STAGEWISE} ended {status.value!r}")
+            if other.status is OcpStatus.INTERRUPTED:  # nothing else is begun
+                ended = tuple(one if one.optimal else NlpStatus.INTERRUPTED for one in found.result.level_status)
+                found = replace(found, result=replace(found.result, level_status=ended, status=NlpStatus.INTERRUPTED))
+        court = self._court(given, found, t0, ends if diagnose else None)
+        return self._plan(given, court.verdict(found.result), t0, begin)
 
     def solve(
         self,
