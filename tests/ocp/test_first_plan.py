@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
+from time import perf_counter
 from typing import Any
 
 import numpy as np
@@ -125,7 +126,9 @@ def test_ipopt_is_tried_where_the_solver_by_stages_does_not_come_to_an_end(robot
     assert direct.plugin == "ipopt"
     assert Planner(reach(robot)).plan().plugin == "stagewise"
     monkeypatch.setattr(sqp.StageSqp, "_iterate", lambda self, here: (NlpStatus.STALLED, here))
-    plan = Planner(reach(robot)).plan()
+    planner, begin = Planner(reach(robot)), perf_counter()
+    plan = planner.plan()
+    assert plan.solve_time == pytest.approx(perf_counter() - begin, rel=0.1), "of both, and of what it takes to build the second"
     assert plan.status is OcpStatus.SOLVED
     assert plan.plugin == "ipopt"
     assert plan.reason == "all goals are met; by ipopt: stagewise ended 'stalled'"

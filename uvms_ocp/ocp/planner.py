@@ -440,7 +440,8 @@ class Planner:
         if self._tries_ipopt and not (status.optimal or status is NlpStatus.INTERRUPTED or perf_counter() > ends):
             other = self._by_ipopt._planned(given, guess, t0, ends, diagnose, progress)
             if other.result is not None and other.result.violation <= max(found.result.violation, _USABLE):
-                return replace(other, reason=f"{other.reason}; by ipopt: {STAGEWISE} ended {status.value!r}")
+                text = f"{other.reason}; by ipopt: {STAGEWISE} ended {status.value!r}"
+                return replace(other, reason=text, solve_time=perf_counter() - begin)
             if other.status is OcpStatus.INTERRUPTED:  # nothing else is begun
                 ended = tuple(one if one.optimal else NlpStatus.INTERRUPTED for one in found.result.level_status)
                 found = replace(found, result=replace(found.result, level_status=ended, status=NlpStatus.INTERRUPTED))

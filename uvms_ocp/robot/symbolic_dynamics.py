@@ -188,7 +188,8 @@ class SymbolicDynamics(FieldTable):
     def drag_slope(self, q: ca.SX, v: ca.SX, u: ca.SX) -> ca.SX:
         """Derivative (n_v, n_v) of ``D v_r`` and joint friction with respect to v, its symmetric part.
 
-        ``M + h drag_slope`` makes a step of length h implicit in the drag, so that it cannot overshoot.
+        Of drag by the flow twice D, which is the derivative along the flow, and more than that across it. ``M + h drag_slope``
+        makes a step of length h implicit in the drag, so that it cannot overshoot.
         """
         return self._summed_damping(q, v, u, quadratic_factor=2)
 
