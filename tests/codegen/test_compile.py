@@ -361,6 +361,34 @@ def test_what_a_process_leaves_at_its_end_another_one_compiles_for_the_next(
     assert calls.read_text() == "call\n"
 
 
+@needs_compiler
+def test_the_process_that_goes_on_imports_what_this_one_has_and_nothing_from_where_it_was_started(
+    pretend: Callable[[str], Path], tmp_path: Path
+) -> None:
+    child, script, here = tmp_path / "child", tmp_path / "program.py", tmp_path / "here"
+    here.mkdir()
+    (here / "casadi.py").write_text("raise SystemExit")
+    script.write_text(BEGIN)
+    compiler = pretend(f"[ -e '{child}' ] || {{ touch '{child}'; sleep 300; }}; exec '{COMPILER}' \"$@\"")
+    whole = os.pathsep.join(path for path in sys.path if path)
+    environment = os.environ | {"CC": str(compiler), "PYTHONPATH": whole}
+    done = subprocess.run([sys.executable, str(script), str(child)], cwd=here, env=environment, capture_output=True, timeout=60)
+    assert done.returncode == 0, done.stderr
+    until = time.monotonic() + 30.0
+    while not list((tmp_path / "cache").glob("*.sha256")):
+        assert time.monotonic() < until, "nobody compiles it"
+        time.sleep(0.05)
+
+
+@pytest.mark.parametrize("executable", ["/opt/robot/console", "", None])
+def test_a_program_that_python_is_part_of_is_not_started_again(executable: str | None, monkeypatch: pytest.MonkeyPatch) -> None:
+    begun: list[object] = []
+    monkeypatch.setattr(sys, "executable", executable)
+    monkeypatch.setattr(subprocess, "Popen", lambda *words, **named: begun.append(words))
+    building._hand_over([])
+    assert not begun
+
+
 FORK = """
 import os, signal, sys, time
 import casadi as ca

@@ -103,12 +103,14 @@ def _end_compilers() -> None:  # as the process ends, of which threads that wait
 
 def _hand_over(left: Sequence[Callable[[], object]]) -> None:
     """Give what nobody has waited for to a process of its own, for the next process that needs it."""
+    if "python" not in Path(sys.executable or "").name.lower():
+        return  # but a program that has Python in it, and would begin anew
+    imports = f"import sys; sys.path[:] = {sys.path!r}; from {__name__} import compile_what_is_left"
     with suppress(OSError), tempfile.TemporaryFile() as file:
         pickle.dump(left, file)
         file.seek(0)
         subprocess.Popen(
-            [sys.executable, "-c", f"from {__name__} import compile_what_is_left; compile_what_is_left()"],
-            env=os.environ | {"PYTHONPATH": os.pathsep.join(sys.path)},
+            [sys.executable, "-c", f"{imports}; compile_what_is_left()"],
             stdin=file,
             stdout=subprocess.DEVNULL,
             stderr=subprocess.DEVNULL,
