@@ -102,7 +102,7 @@ def turn_to_make(library: Path, seconds: float) -> Iterator[None]:
         return
     import fcntl
 
-    def taken() -> bool:
+    def is_ours() -> bool:
         with suppress(OSError):  # of disks without locks, where each makes its own
             try:
                 fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
@@ -112,7 +112,7 @@ def turn_to_make(library: Path, seconds: float) -> Iterator[None]:
 
     lock, ends = library.with_suffix(".lock"), monotonic() + seconds
     with lock.open("w") as file:
-        while not taken() and monotonic() < ends:
+        while not is_ours() and monotonic() < ends:
             sleep(_PAUSE)
         try:
             yield

@@ -399,7 +399,7 @@ class Planner:
         """
         presses: list[object] = []
 
-        def told(moment: IterationReport) -> None:
+        def report(moment: IterationReport) -> None:
             if presses:  # between two solves
                 raise KeyboardInterrupt
             if progress is not None:
@@ -407,7 +407,7 @@ class Planner:
 
         with on_interrupt(presses.append), self.transcription.turn:
             ends = perf_counter() + self.options.time_limit
-            plan = self._planned(problem or self.problem, guess, t0, ends, diagnose, told)
+            plan = self._planned(problem or self.problem, guess, t0, ends, diagnose, report)
         if presses:
             raise Interrupted(plan.reason, plan)
         return plan
