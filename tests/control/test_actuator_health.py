@@ -17,7 +17,15 @@ from scipy.optimize import linprog
 from uvms_ocp.codegen.kernel_layout import assign, structure_of
 from uvms_ocp.codegen.kernels import bind_kernels, make_memory
 from uvms_ocp.control.faults.authority import Authority, AuthorityMemory, authority_in, authority_sizes, judge_authority
-from uvms_ocp.control.faults.detection import FaultDetection, JointFaultMemory, detect_faults, detect_joint_faults
+from uvms_ocp.control.faults.detection import (
+    FaultDetection,
+    JointFaultMemory,
+    WrenchBalance,
+    begin_wrench_balance,
+    detect_faults,
+    detect_joint_faults,
+    update_wrench_balance,
+)
 from uvms_ocp.control.faults.monitor import (
     detection_sizes,
     joint_verdicts,
@@ -27,7 +35,7 @@ from uvms_ocp.control.faults.monitor import (
     write_joint_watch,
     write_thruster_watch,
 )
-from uvms_ocp.control.faults.thrusters import ThrusterFaultMemory, detect_thruster_faults
+from uvms_ocp.control.faults.thrusters import FaultFit, ThrusterFaultMemory, classify_fault, detect_thruster_faults
 from uvms_ocp.control.faults.verdicts import (
     ActuatorHealthTuning,
     FaultKind,
@@ -35,6 +43,7 @@ from uvms_ocp.control.faults.verdicts import (
     ThrusterEffectiveness,
     ThrusterVerdict,
     residual_filter_for,
+    thruster_alarm,
 )
 from uvms_ocp.errors import InvalidInput
 from uvms_ocp.robot.dynamics import robot_dynamics
@@ -183,14 +192,17 @@ def test_what_sound_thrusters_reach_is_all_there() -> None:
     assert str(left) == "nothing is out of reach"
 
 
-def pushed(effort: float, moves: float) -> list[FaultKind]:
-    """After 3 s in which two joints are asked for 0.2 rad/s: one stands, one goes at `moves` [rad/s], against `effort` [N m]."""
+def pushed(effort: float, moves: float, way: float = 1.0, compiled: bool = True) -> list[FaultKind]:
+    """After 3 s in which two joints are asked for 0.2 rad/s: one stands, one goes at `moves` [rad/s], against `effort` [N m].
+
+    way: the sign of what is asked.
+    """
     structure = structure_of(JointFaultMemory, n_joints=2)
-    watch, (look,) = structure(), bind_kernels((detect_joint_faults,), (structure,))
+    watch, (look,) = structure(), bind_kernels((detect_joint_faults,), (structure,), compiled=compiled)
     write_joint_watch(watch, np.array([10.0, 10.0]))
     for k in range(30):
         q = np.array([0.0, 0.1 * k * moves])
-        look(watch, vector([0.02, 0.02]), vector(q), vector([-effort, -effort]), 0.1 * k)
+        look(watch, vector(way * np.array([0.02, 0.02])), vector(way * q), vector(-way * np.array([effort, effort])), 0.1 * k)
     return [verdict.kind for verdict in joint_verdicts(watch)]
 
 
@@ -200,6 +212,61 @@ def test_a_joint_that_is_asked_pushed_and_stands_is_jammed_and_one_that_follows_
 
 def test_a_joint_that_stands_because_nothing_pushes_it_is_not_jammed() -> None:
     assert not any(pushed(0.0, 0.0))
+
+
+@pytest.mark.parametrize("way", [1.0, -1.0])
+def test_a_joint_jams_whichever_way_it_is_asked_and_not_where_it_is_drawn_along(way: float) -> None:
+    assert pushed(5.0, 0.2, way, compiled=False) == [FaultKind.JAMMED, FaultKind.NONE]
+    assert not any(pushed(-5.0, 0.2, way, compiled=False))
+
+
+def test_the_wrench_that_holds_the_robot_is_the_mean_over_the_second_half_of_the_wait() -> None:
+    balance, rng, began = structure_of(WrenchBalance)(), np.random.default_rng(0), 2.0
+    for _ in range(2):  # what the wait before has summed up counts for nothing
+        begin_wrench_balance(balance, began)
+        balance.runs, waits, wrenches, due = True, [], [], False
+        while not due:
+            waits.append(0.1 * len(waits))
+            wrenches.append(rng.normal(size=6))
+            due = update_wrench_balance(balance, vector(wrenches[-1]), began + waits[-1])
+        second = np.array(waits) > 0.5 * waits[-1] + 1e-6
+        np.testing.assert_allclose(balance.mean, np.array(wrenches)[second].mean(axis=0), rtol=0, atol=1e-12)
+        assert not balance.runs
+
+
+FAILS = {  # share and constant [N] of a thruster that fails
+    FaultKind.DEAD: (0.0, 0.0),
+    FaultKind.WEAK: (0.4, 0.0),
+    FaultKind.REVERSED: (-1.0, 0.0),
+    FaultKind.STUCK: (0.0, -6.0),
+}
+
+
+@pytest.mark.parametrize("kind", FAILS)
+def test_share_constant_and_onset_are_those_that_the_residual_was_made_with(kind: FaultKind) -> None:
+    (share, constant), onset, rng, n, bandwidth = FAILS[kind], 25, np.random.default_rng(4), 70, 3.0
+    fit = structure_of(FaultFit, n_looks=n)()
+    fit.count, fit.bandwidth, time = n, bandwidth, 0.1 * np.arange(n)
+    asked = 8.0 * np.sin(1.3 * time) + 5.0 * np.sin(3.1 * time)
+    faded = np.exp(-bandwidth * np.maximum(time - time[onset], 0.0))  # of what was before, in a filter of first order
+    lost = (share - 1.0) * (asked - asked[onset] * faded) + constant * (1.0 - faded)
+    along = np.where(time > time[onset], lost, 0.0) + 0.01 * rng.normal(size=n)
+    assign(fit, time=time, asked=asked, along=along)
+    classify_fault(fit)
+    assert (fit.share, fit.constant) == pytest.approx((share, constant), abs=0.02)
+    assert (fit.constant == 0.0) == (constant == 0.0)
+    assert fit.onset == pytest.approx(time[onset], abs=0.1 + 1e-9)
+
+
+@pytest.mark.parametrize(
+    ("verdict", "told"),
+    [
+        (ThrusterVerdict(kind=FaultKind.WEAK, share=0.4), "thruster3 weak (aft): gives 40 % of what it is asked; asked for more"),
+        (ThrusterVerdict(kind=FaultKind.DEAD, share=0.0), "thruster3 dead (aft): gives 0 % of what it is asked; taken out"),
+    ],
+)
+def test_an_alarm_tells_the_share_in_percent(verdict: ThrusterVerdict, told: str) -> None:
+    assert thruster_alarm(3, "aft", verdict) == told
 
 
 def test_impossible_tunings_are_refused() -> None:

@@ -190,6 +190,13 @@ def test_gentle_thrust_is_within_a_ten_thousandth_of_the_least_power(powered: Al
         assert power(powered, thrust) <= (1.0 + 1e-4) * least_power(powered, thrust, free)
 
 
+def test_thrust_that_may_be_at_its_limits_is_within_a_thousandth_of_the_least_power(powered: Allocation) -> None:
+    free, rng = null_space(powered.matrix), np.random.default_rng(4)
+    for _ in range(30):
+        thrust = powered.allocate(powered.matrix @ rng.uniform(powered.lower, powered.upper)).thrust
+        assert power(powered, thrust) <= (1.0 + 1e-3) * least_power(powered, thrust, free)
+
+
 def least_power(allocation: Allocation, thrust: np.ndarray, free: np.ndarray) -> float:
     """Found by SciPy among all thrust inside the limits with the same wrench."""
     if not free.size:

@@ -5,11 +5,15 @@ from __future__ import annotations
 import math
 from itertools import pairwise
 
+import casadi as ca
 import numpy as np
 import pinocchio as pin
 import pytest
 
-from uvms_ocp.estimation.degraded_modes import DEGRADED_MODES
+from uvms_ocp.codegen.kernel_layout import assign, doubles, structure_of
+from uvms_ocp.control.velocity.braking import SpeedLimitMemory, limit_speed
+from uvms_ocp.estimation.degraded_modes import DEGRADED_MODES, RestrictionMemory
+from uvms_ocp.estimation.fallbacks import AltimeterMemory
 from uvms_ocp.robot.signals import CHANNELS, ChannelHealth, StateEstimate, Trust
 from uvms_ocp.scenario.cases.case1 import case1
 
@@ -38,3 +42,25 @@ def test_the_reference_brakes_and_goes_on_within_its_acceleration_limits(dt: flo
     assert moved > 0.3 * len(commands)
     for before, after in pairwise(commands):
         assert (np.abs(after - before) <= limits * (1 + 1e-6) + 1e-9).all()
+
+
+@pytest.mark.parametrize("altimeter", [False, True])
+def test_without_descent_neither_vehicle_nor_altimeter_sinks_in_any_attitude_and_nothing_else_changes(altimeter: bool) -> None:
+    rng, zero, lifted = np.random.default_rng(7), doubles(np.zeros(6)), 0
+    limits, less = structure_of(SpeedLimitMemory, n_v=6)(), structure_of(RestrictionMemory)()
+    beam = structure_of(AltimeterMemory, n_v=6, look=ca.Function("look", [], []))()
+    assign(limits, step=np.full(6, 1e3), has_vehicle=True)
+    assign(less, speed=1.0, no_descent=True)
+    for _ in range(50):
+        q = rng.normal(size=7)
+        q[3:] /= np.linalg.norm(q[3:])
+        R = pin.Quaternion(*q[[6, 3, 4, 5]]).matrix()
+        jacobian, wanted = np.concatenate([R[2], rng.normal(size=3)]), rng.normal(size=6)
+        assign(beam, exists=altimeter, height_jacobian=jacobian)
+        v = doubles(wanted)
+        assert limit_speed(limits, less, beam, doubles(q), zero, 1.0, v) == 1.0
+        sinks = max(0.0, -R[2] @ wanted[:3], -(jacobian @ wanted) if altimeter else 0.0)
+        np.testing.assert_allclose(R @ v[:3], R @ wanted[:3] + [0.0, 0.0, sinks], rtol=0, atol=1e-12)
+        np.testing.assert_array_equal(v[3:], wanted[3:])
+        lifted += sinks > 0.0
+    assert 10 < lifted < 50

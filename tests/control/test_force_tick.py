@@ -9,6 +9,7 @@ import numpy as np
 import pinocchio as pin
 import pytest
 from compiler import needs_compiler
+from tiny_robots import TINY, robot_of
 
 from uvms_ocp.checks import replace_unchecked
 from uvms_ocp.codegen import compile_function
@@ -30,6 +31,7 @@ from uvms_ocp.control.force.velocity_law import VelocityLaw
 from uvms_ocp.errors import InvalidInput
 from uvms_ocp.robot.dynamics import Dynamics, robot_dynamics
 from uvms_ocp.robot.loading import load_robot
+from uvms_ocp.robot.robot import Robot
 from uvms_ocp.robot.signals import Command
 from uvms_ocp.robot.thrusters import thruster_matrix
 
@@ -40,11 +42,14 @@ ROBOTS = (FULL, "bluerov2_alpha5", "planar5")
 
 @lru_cache
 def laws(name: str = FULL) -> ForceLaws:
-    robot = load_robot(name)
+    return laws_of(load_robot(name))
+
+
+def laws_of(robot: Robot) -> ForceLaws:
     ones = np.ones(robot.n_v)
     return ForceLaws(
         robot=robot,
-        velocity=VelocityLaw(dynamics=dynamics(name).symbolic, K_p=3.0 * ones, reset=ones, dt=DT),
+        velocity=VelocityLaw(dynamics=robot_dynamics(robot).symbolic, K_p=3.0 * ones, reset=ones, dt=DT),
         lag=thruster_lag(robot, lead=4.0, dt=DT),
         lift=500.0,
         observer=ObserverLaw(bandwidth=3.0 * ones, limit=500.0 * ones, dt=DT),
@@ -261,6 +266,27 @@ def test_whatever_is_given_what_is_told_and_remembered_is_numbers() -> None:
         assert np.isfinite(column_view(tick.memory.state)).all()
         assert np.isfinite(view(tick.memory.detection.gone)).all()
     assert 100 < refused < 200
+
+
+def test_without_joints_brakes_lock_where_the_vehicle_holds() -> None:
+    """There are no encoders that could be silent."""
+    robot = robot_of(TINY["no joints"])
+    tick, still = ForceTick(laws_of(robot), compiled=False), np.zeros(robot.n_v)
+    for hold in (True, False):
+        ticked(tick, robot.configuration(), still, Command(v=still, hold=hold))
+        assert bool(tick.memory.locks) == hold
+
+
+def test_a_place_that_is_no_number_is_not_looked_at_though_no_force_depends_on_it() -> None:
+    tick, (q, v) = ForceTick(replace(laws(), search=ActuatorHealthTuning()), compiled=False), scene(FULL)
+    places = []
+    for x in (1.0, np.nan, np.inf, 2.0):
+        for _ in range(5):
+            told = ticked(tick, np.r_[x, q[1:]], v, Command(v=v))
+        assert tick.observed.watch[0] == MonitorStep.DUE
+        assert np.isfinite(told.vehicle_force).all()
+        places.append(tick.memory.detection.before[0])
+    assert places == [1.0, 1.0, 1.0, 2.0]
 
 
 @needs_compiler

@@ -239,9 +239,8 @@ class Turning:
         return np.array([t]), np.ones(1)
 
 
-def test_a_goal_that_moves_is_asked_at_every_tick_and_a_still_one_once_in_a_phase(
-    robot: Robot, monkeypatch: pytest.MonkeyPatch
-) -> None:
+@pytest.mark.parametrize("order", [("still", "moving"), ("moving", "still")])
+def test_a_goal_that_moves_is_asked_at_every_tick_and_a_still_one_once_in_a_phase(robot: Robot, order: tuple[str, str]) -> None:
     joint, moving = robot.joints[0].name, Turning()
     tasks = [
         JointTracking(name="still", joints=(joint,), goal=np.array([0.3])),
@@ -253,7 +252,7 @@ def test_a_goal_that_moves_is_asked_at_every_tick_and_a_still_one_once_in_a_phas
         uo.Phase(name=name, activations={"still": 1.0, "moving": 1.0}, transitions=never, goals={"still": np.array([goal])})
         for name, goal in (("one", 0.1), ("two", 0.2))
     ]
-    mission = uo.Mission(hierarchy=Hierarchy(tasks), phases=tuple(phases))
+    mission = uo.Mission(hierarchy=Hierarchy(tasks, order), phases=tuple(phases))
     control = KinematicController(robot=robot, mission=mission, solver=uo.LexicographicActiveSet(), dt=DT)
     memory, q, state = control.memory, robot.configuration(), mission.start()
     moving.asked.clear()
@@ -263,7 +262,8 @@ def test_a_goal_that_moves_is_asked_at_every_tick_and_a_still_one_once_in_a_phas
             write_state(memory.mission, now)
             load_goals(memory.goals, memory.mission, memory.ascent, t)
             control._parameters.ask(now, t)
-            np.testing.assert_array_equal(memory.goals.values, [goal, 0.0, t, 1.0])
+            goals = {"still": [goal, 0.0], "moving": [t, 1.0]}
+            np.testing.assert_array_equal(memory.goals.values, np.concatenate([goals[name] for name in order]))
             found = mission_parameters(mission, now, t, gates=np.ones(2), q=q, motion=None)
             np.testing.assert_array_equal(memory.goals.values, found)
     assert moving.asked.count(2.0) == 6

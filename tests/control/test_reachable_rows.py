@@ -12,13 +12,13 @@ import pinocchio as pin
 import pytest
 
 import uvms_ocp as uo
-from uvms_ocp.control.velocity.levels import build_levels, common_share, reachable_rows
+from uvms_ocp.control.velocity.levels import build_levels, common_share, falling_share, reachable_rows
 from uvms_ocp.report.summary import summarize
 from uvms_ocp.robot.loading import load_robot
 from uvms_ocp.robot.robot import Robot
 from uvms_ocp.scenario.cases.case1 import case1
 from uvms_ocp.tasks import ToolPose, ToolPosition
-from uvms_ocp.tasks.activation import row_acceleration
+from uvms_ocp.tasks.activation import ENDLESS, row_acceleration
 from uvms_ocp.tasks.pose import NullVelocity
 from uvms_ocp.tasks.task import Hierarchy, Rows, TickSymbols
 
@@ -57,6 +57,21 @@ def test_accelerations_fall_to_0_on_the_way_to_a_reference(robot: Robot) -> None
     # From the limit to rest it takes a tenth of a second.
     assert np.diff(changes).max() <= robot.limits.acceleration[0] * DT**2 / 0.1 * 1.01
     assert changes.min() == pytest.approx(-robot.limits.acceleration[0] * DT)
+
+
+@pytest.mark.parametrize("dt", [0.005, 0.05])
+def test_the_last_part_of_a_change_is_what_an_acceleration_that_falls_from_its_limit_in_a_tenth_of_a_second_covers(
+    dt: float,
+) -> None:
+    wanted, acceleration = np.array([1e-4, -1e-3, 0.01, -0.1, 0.3]), np.array([0.2, 0.5, 1.0, 2.0, 0.5])
+    shares = np.array(ca.DM(falling_share(ca.SX(wanted), ca.SX(acceleration), dt))).ravel()
+    first, jerk = shares * np.abs(wanted) / dt, acceleration / 0.1
+    np.testing.assert_allclose(first * dt + first**2 / (2.0 * jerk), np.abs(wanted), rtol=1e-9)
+
+
+@pytest.mark.parametrize("eased", [False, True])
+def test_a_bound_that_stands_for_none_is_none(robot: Robot, eased: bool) -> None:
+    assert _bounds_of_surge(robot, DT, eased)(-ENDLESS, ENDLESS, 0.0) == [-np.inf, np.inf]
 
 
 def test_an_equality_approaches_its_rate_in_proportion(robot: Robot) -> None:

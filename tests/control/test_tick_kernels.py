@@ -100,6 +100,16 @@ def test_what_babble_feeds_meets_every_branch(scenario: Scenario) -> None:
     assert {"no_descent", "joints_held", "hold", "slow", "held"} <= seen
 
 
+def test_a_channel_that_is_good_again_holds_nothing_back_and_is_told_no_longer(scenario: Scenario) -> None:
+    control, told = scenario.controller(), []
+    for k, trust in enumerate((Trust.GOOD, Trust.LOST, Trust.GOOD, Trust.SUSPECT, Trust.LOST, Trust.GOOD)):
+        health = (ChannelHealth(channel="position", trust=trust, since=k * DT),)
+        control(replace(measured(scenario), health=health), k * DT)
+        told.append("; position " in control.pending())
+        assert told[-1] == (trust is not Trust.GOOD), k
+    assert sum(told) == 3
+
+
 def going_to_and_fro(scenario: Scenario) -> Mission:
     """Two phases that lead to each other, at most three times, as what they wait for is never near."""
     never = Above(quantity="PC.position_error", limit=0.1)
