@@ -14,11 +14,13 @@ from compiler import needs_compiler
 from reaches import reach
 
 from uvms_ocp.codegen import buffered, compile as building
+from uvms_ocp.ocp import planner as planning
+from uvms_ocp.ocp.diagnosis import Diagnosis
 from uvms_ocp.ocp.plan import OcpStatus, Plan
 from uvms_ocp.ocp.planner import Planner
 from uvms_ocp.ocp.stagewise import sqp
 from uvms_ocp.robot.robot import Robot
-from uvms_ocp.solvers.nlp.level_solver import IterationReport, NlpOptions
+from uvms_ocp.solvers.nlp.level_solver import IterationReport, LevelSolver, NlpOptions, NlpOutcome, NlpPoint
 from uvms_ocp.solvers.nlp.program import NlpStatus
 
 
@@ -134,3 +136,22 @@ def test_ipopt_is_tried_where_the_solver_by_stages_does_not_come_to_an_end(robot
     assert plan.reason == "all goals are met; by ipopt: stagewise ended 'stalled'"
     assert_same(plan, direct)
     assert Planner(reach(robot), NlpOptions(plugin="stagewise")).plan(diagnose=False).plugin == "stagewise"
+
+
+@needs_compiler
+def test_where_neither_solver_ends_the_better_plan_alone_is_diagnosed(robot: Robot, monkeypatch: pytest.MonkeyPatch) -> None:
+    judged: list[Diagnosis] = []
+
+    def court(**given: Any) -> Diagnosis:
+        judged.append(Diagnosis(**given))
+        return judged[-1]
+
+    def nowhere(self: LevelSolver, start: NlpPoint, p: object, bounds: object) -> NlpOutcome:
+        return NlpOutcome(point=start, status=NlpStatus.STALLED, iterations=0, violation=np.inf)
+
+    monkeypatch.setattr(planning, "Diagnosis", court)
+    monkeypatch.setattr(sqp.StageSqp, "_iterate", lambda self, here: (NlpStatus.STALLED, here))
+    monkeypatch.setattr(LevelSolver, "__call__", nowhere)
+    plan = Planner(reach(robot)).plan()
+    assert plan.plugin == "stagewise"
+    assert len(judged) == 1

@@ -144,6 +144,24 @@ def test_a_stop_of_the_second_solver_ends_the_search_and_nothing_else_is_begun(
 
 
 @needs_compiler
+def test_a_stop_in_the_last_iteration_of_the_first_solver_begins_no_second_one(
+    robot: Robot, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    goal = TaskTerm(task=tool_goal(robot, reach(robot).start.q, (100.0, 0.0, 0.0)))
+    first, last = reach(robot).levels
+    planner = Planner(replace(reach(robot), levels=(replace(first, terms=(goal,)), last)))
+    planner._nlp.options = replace(planner._nlp.options, anticipate=False)
+
+    def stop(moment: IterationReport) -> None:
+        if moment.iteration == 1:
+            raise KeyboardInterrupt
+
+    monkeypatch.setattr(sqp.StageSqp, "_iterate", lambda self, here: (NlpStatus.STALLED, here))
+    planner.plan(progress=stop, diagnose=False)
+    assert "_by_ipopt" not in vars(planner)
+
+
+@needs_compiler
 def test_ctrl_c_between_two_solves_ends_the_next_one_at_once(stalled: Planner, monkeypatch: pytest.MonkeyPatch) -> None:
     made = planning.program_for
 

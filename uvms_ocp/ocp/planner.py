@@ -435,18 +435,19 @@ class Planner:
         if impossible is not None:
             return self._failed(given, OcpStatus.INFEASIBLE, impossible, begin)
         refinement = Refinement(planner=self, given=given, t0=t0, deadline=ends, progress=progress)
-        found = refinement.solved(hold_guess(given) if guess is None else guess)
+        start = hold_guess(given) if guess is None else guess
+        found, finder, note = refinement.solved(start), self, ""
         status = found.result.status
-        if self._tries_ipopt and not (status.optimal or status is NlpStatus.INTERRUPTED or perf_counter() > ends):
-            other = self._by_ipopt._planned(given, guess, t0, ends, diagnose, progress)
-            if other.result is not None and other.result.violation <= max(found.result.violation, _USABLE):
-                text = f"{other.reason}; by ipopt: {STAGEWISE} ended {status.value!r}"
-                return replace(other, reason=text, solve_time=perf_counter() - begin)
-            if other.status is OcpStatus.INTERRUPTED:  # nothing else is begun
+        if self._tries_ipopt and not (status.optimal or self._nlp.watch.should_stop or perf_counter() > ends):
+            second = replace(refinement, planner=self._by_ipopt).solved(start)
+            if second.result.violation <= max(found.result.violation, _USABLE):
+                found, finder, note = second, self._by_ipopt, f"; by ipopt: {STAGEWISE} ended {status.value!r}"
+            elif NlpStatus.INTERRUPTED in second.result.level_status:  # nothing else is begun
                 ended = tuple(one if one.optimal else NlpStatus.INTERRUPTED for one in found.result.level_status)
                 found = replace(found, result=replace(found.result, level_status=ended, status=NlpStatus.INTERRUPTED))
-        court = self._court(given, found, t0, ends if diagnose else None)
-        return self._plan(given, court.verdict(found.result), t0, begin)
+        court = finder._court(given, found, t0, ends if diagnose else None)
+        plan = finder._plan(given, court.verdict(found.result), t0, begin)
+        return replace(plan, reason=plan.reason + note)
 
     def solve(
         self,
