@@ -10,7 +10,10 @@ import pytest
 
 from uvms_ocp.errors import InvalidInput, NameNotFound
 from uvms_ocp.ocp.plan import OcpStatus
-from uvms_ocp.ocp.request import OcpRequest, _margins, solve_ocp
+from uvms_ocp.ocp.problem import OcpLevel, single_phase
+from uvms_ocp.ocp.request import OcpRequest, _margins, along_curve, solve_ocp
+from uvms_ocp.ocp.terms import Effort
+from uvms_ocp.planning import coordinates
 from uvms_ocp.planning.distances import CoalDistances
 from uvms_ocp.planning.request import PostureGoal, ToolGoal
 from uvms_ocp.report.planned_motion import ocp_record, ocp_report
@@ -18,6 +21,8 @@ from uvms_ocp.robot.kinematics import Kinematics
 from uvms_ocp.robot.loading import load_robot
 from uvms_ocp.robot.robot import Robot
 from uvms_ocp.robot.shapes.obstacles import Obstacle, obstacle
+from uvms_ocp.robot.signals import State
+from uvms_ocp.trajectories.polynomial import PiecewisePolynomial
 
 
 def ball_at(*position: float) -> Obstacle:
@@ -118,6 +123,23 @@ def test_a_goal_inside_an_obstacle_is_named_with_its_depth_before_anything_is_so
     base = ball_at(3.0, 0.0, 0.0)
     with pytest.raises(InvalidInput, match=r"the goal is in collision: ball - base_link_0 overlap by 0\.\d+ m"):
         solve_ocp(asked(planar, PostureGoal(joints=dict(zip(names, (3.0, 0.0, 0.0), strict=True))), obstacles=(base,)))
+
+
+def test_a_guess_along_a_curve_has_its_pace_and_takes_all_the_time(planar: Robot) -> None:
+    """Half a curve, whenever it begins, is the way of half the horizon."""
+    problem = single_phase(
+        robot=planar,
+        start=State(q=planar.configuration(), v=np.zeros(planar.n_v)),
+        duration=8.0,
+        n_steps=4,
+        levels=[OcpLevel(name="effort", terms=(Effort(),))],
+        water=False,
+    )
+    way = np.linspace(0.1, 0.5, planar.n_v)
+    curve = PiecewisePolynomial(breaks=np.array([2.0, 5.0]), coefficients=np.array([[np.zeros(planar.n_v)], [way]]))
+    guess = along_curve(problem, coordinates(planar), curve)
+    np.testing.assert_allclose(guess.t, [0.0, 2.0, 4.0, 6.0, 8.0])
+    np.testing.assert_allclose(guess.q, np.outer([0.0, 0.25, 0.5, 0.75, 1.0], way), atol=1e-12)
 
 
 def test_a_level_floor_is_kept_clear_of() -> None:

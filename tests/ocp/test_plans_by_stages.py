@@ -14,7 +14,6 @@ from uvms_ocp.ocp.plan import OcpStatus
 from uvms_ocp.ocp.planner import Planner
 from uvms_ocp.ocp.problem import Actuation, Integrator, OcpLevel, OcpPhase, OcpProblem, single_phase
 from uvms_ocp.ocp.stagewise.functions import BlockFunctions, Tangent, force_rows
-from uvms_ocp.ocp.stagewise.sqp import Filter, FilterMerit
 from uvms_ocp.ocp.terms import AtRest, Duration, Effort
 from uvms_ocp.ocp.transcription.stage import StageModel
 from uvms_ocp.ocp.transcription.term_rows import term_blocks
@@ -174,13 +173,3 @@ def test_it_works_without_a_compiler(robot: Robot, monkeypatch: pytest.MonkeyPat
         water=False,
     )
     assert stagewise(problem).plan().status is OcpStatus.SOLVED
-
-
-def test_a_filter_refuses_what_a_point_before_beats_in_cost_and_violation() -> None:
-    seen = Filter(first=1.0, most=10.0)
-    here = FilterMerit(cost=1.0, violation=1e-2)
-    seen.add(here)
-    assert not seen.accepts(FilterMerit(cost=1.1, violation=2e-2), here, 0.0, 1.0)
-    assert not seen.accepts(FilterMerit(cost=0.0, violation=11.0), here, 0.0, 1.0)
-    assert seen.accepts(FilterMerit(cost=1.1, violation=5e-3), here, 0.0, 1.0)
-    assert seen.accepts(FilterMerit(cost=0.9, violation=2e-2), here, 0.0, 1.0)

@@ -12,9 +12,10 @@ from reaches import CHEAP, PATIENCE, patient, reach, tool_goal
 
 from uvms_ocp.errors import InvalidInput
 from uvms_ocp.ocp.clearance import Ball, BallClearance
+from uvms_ocp.ocp.diagnosis import Diagnosis
 from uvms_ocp.ocp.plan import OcpStatus, Plan
 from uvms_ocp.ocp.planner import Planner, impossible_start
-from uvms_ocp.ocp.problem import Actuation, OcpLevel, single_phase
+from uvms_ocp.ocp.problem import Actuation, OcpLevel, OcpProblem, single_phase
 from uvms_ocp.ocp.terms import (
     At,
     AtRest,
@@ -33,6 +34,7 @@ from uvms_ocp.robot.loading import load_robot
 from uvms_ocp.robot.robot import Robot
 from uvms_ocp.robot.signals import State
 from uvms_ocp.solvers.nlp.level_solver import NlpOptions
+from uvms_ocp.solvers.nlp.lexicographic_nlp import LexicographicResult
 from uvms_ocp.tasks.task import Residual, zero_residual
 
 
@@ -211,3 +213,41 @@ def test_electrical_power_that_is_not_known_is_neither_minimised_nor_reported_as
         assert (plan.energy is None) != known
         assert (plan.summary()["energy"] is None) != known
         assert np.isnan(plan.powers()[0]).all() != known
+
+
+def judge_of(planner: Planner) -> Diagnosis:
+    """That of its plans, without time to try anything."""
+
+    def never(problem: OcpProblem, start: np.ndarray | None, limit: float) -> LexicographicResult:
+        raise AssertionError("there is no time left")
+
+    transcription = planner.transcription
+    return Diagnosis(
+        transcription=transcription,
+        problem=planner.problem,
+        p=transcription.parameters(),
+        feasibility=1e-4,
+        solve=never,
+        deadline=None,
+    )
+
+
+def test_constraints_that_are_broken_though_all_levels_ended_well_are_told_of_the_last_one() -> None:
+    arm = load_robot("planar5")
+    turn = residual_term("turn", lambda stage: stage.tick.q[3], at=At.END)
+    problem = single_phase(
+        robot=arm,
+        start=State(q=arm.configuration(), v=np.zeros(arm.n_v)),
+        duration=2.0,
+        n_steps=2,
+        levels=[OcpLevel(name="turn", terms=(turn,)), OcpLevel(name="effort", terms=(Effort(),))],
+        constraints=(AtRest(),),
+        water=False,
+    )
+    planner = patient(problem)
+    result = planner.plan(diagnose=False).result
+    assert result is not None
+    found = judge_of(planner).verdict(replace(result, x=result.x + 0.1, violation=0.1))
+    assert found.status is OcpStatus.UNFINISHED
+    assert found.reason.startswith("level 'effort': solved with ")
+    assert "broken by" in found.reason

@@ -261,3 +261,12 @@ def test_the_slope_of_contact_is_that_of_its_force_and_nothing_above_the_floor(d
     found = ca.Function("contact", [v], [slope, ca.jacobian(force, v)])(sinking)
     normal_part = [float(normal.T @ matrix @ normal) for matrix in found]
     assert normal_part[0] == pytest.approx(-normal_part[1], abs=1e-9)
+
+
+@pytest.mark.parametrize("depth", [1e-4, 0.1])
+def test_the_floor_holds_back_nothing_that_leaves_it(depth: float) -> None:
+    """The damper would pull; a spring and damper in series with a floor that only pushes let go."""
+    v, normal = ca.SX.sym("v", 3), ca.SX([0.0, 0.6, 0.8])
+    force, slope = ContactModel().force(ca.SX(depth), v, normal, ca.SX(1e-3))
+    for found in ca.Function("contact", [v], [force, slope])(ca.DM([0.3, 1.2, 1.6])):
+        np.testing.assert_array_equal(np.array(found), 0.0)

@@ -23,6 +23,7 @@ from uvms_ocp.record.record import Record
 from uvms_ocp.report import summarize
 from uvms_ocp.scenario.cases import case1
 from uvms_ocp.scenario.scenario import Scenario, our_controller, our_estimator
+from uvms_ocp.sim.own_parts import WatchedGates, watched_estimator
 from uvms_ocp.viz.run_figures import write_figures
 from uvms_ocp.viz.scene.show import write_scene
 
@@ -192,3 +193,23 @@ def test_campaigns_vary_the_numbers_of_parts_of_ones_own() -> None:
         assert 1.0 < plant.rate < 2.0
     assert sent.make(1).row == work.make(1).row
     assert not [name for name in available_parameters(flown()) if name.startswith("parts.")]
+
+
+class Doubtful(CopiedFilter):
+    """Writes down how it is told that nothing measures velocities."""
+
+    def __init__(self, scenario: Scenario) -> None:
+        super().__init__(scenario)
+        self.told: list[bool] = []
+        self.inflate_velocity_variance = lambda *, rests=False: self.told.append(rests)
+
+
+def test_an_estimator_of_ones_own_hears_from_the_monitor_whether_the_vehicle_rests() -> None:
+    scenario = flown(noise=True)
+    theirs = Doubtful(scenario)
+    watched = watched_estimator(theirs, scenario.robot, "Doubtful")
+    assert isinstance(watched, WatchedGates)
+    watched.inflate_velocity_variance()
+    watched.inflate_velocity_variance(rests=True)
+    watched.inflate_velocity_variance(rests=False)
+    assert theirs.told == [False, True, False]

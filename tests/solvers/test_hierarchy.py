@@ -210,6 +210,16 @@ def test_whatever_the_plugin_results_are_those_of_the_active_set(plugin: str) ->
             np.testing.assert_allclose(solution.level_residuals, exact.level_residuals, atol=1e-6)
 
 
+@pytest.mark.parametrize("plugin", ["daqp", "piqp", "qrqp"])
+def test_levels_that_the_first_program_meets_are_given_to_no_second_one(plugin: str) -> None:
+    """Below active bounds too, whose multipliers are zero but for rounding."""
+    rows = [([[1.0, 0.0, 0.0]], 1.0, 2.0), ([[1.0, 1.0, 0.0]], 3.0, np.inf), ([[0.3, 1.0, 1.0]], 2.0, 2.0)]
+    levels = [Level(jacobian=J, lower=lower, upper=upper) for J, lower, upper in rows]
+    once, often = (LexicographicQp(plugin=plugin, attempts=attempts).solve(levels) for attempts in (1, 3))
+    assert once.status is often.status is Status.SOLVED
+    np.testing.assert_array_equal(once.v, often.v)
+
+
 def test_many_variables_are_exact_by_quadratic_programs_too() -> None:
     levels = random_hierarchy(0, 40, (40, 6, 9, 12, 40))
     solution = LexicographicQp().solve(levels)

@@ -9,6 +9,7 @@ from stage_qps import conic_optimum, dense, flat, kkt_failure, random_qp, reach_
 
 from uvms_ocp.errors import InvalidInput
 from uvms_ocp.solvers.stage_qp import StageQp, StageQpOptions, StageQpSolution, StageQpSolver, StageQpStatus, StageShape
+from uvms_ocp.solvers.stage_qp.solver import is_recession_direction, may_be_unbounded, recession_problem
 
 PIQP = StageQpOptions(compiled=False)
 
@@ -217,7 +218,11 @@ def test_the_multiplier_of_the_initial_state_is_how_the_cost_rises() -> None:
 
 @pytest.mark.parametrize("compiled", IN_C_AND_PYTHON)
 @pytest.mark.parametrize(
-    ("name", "value"), [("dynamics", np.nan), ("J", np.inf), ("z_upper", -np.inf), ("z_lower", np.nan), ("l1", -1.0)]
+    ("name", "value"),
+    [
+        *[("dynamics", np.nan), ("J", np.inf), ("l1", -1.0), ("z_upper", -np.inf)],
+        *[(side, np.nan) for side in ("lower", "upper", "z_lower", "z_upper")],
+    ],
 )
 def test_numbers_that_are_none_are_a_status(name: str, value: float, compiled: bool) -> None:
     qp = random_qp(0)
@@ -237,10 +242,45 @@ def test_a_cost_that_is_not_convex_is_named(compiled: bool) -> None:
 
 @pytest.mark.parametrize("compiled", IN_C_AND_PYTHON)
 def test_a_cost_that_falls_without_end_is_named(compiled: bool) -> None:
-    qp = StageQp(StageShape(n_x=(1, 1), n_u=(1,), n_r=(1, 0), n_c=(0, 0)))
-    qp.A[0][:], qp.B[0][:], qp.J[0][0, 0], qp.g[1][:] = 1.0, 1.0, 1.0, 1.0
+    qp = falling_qp()
     qp.z_upper[1][:] = 1.0
     assert StageQpSolver(qp.shape, StageQpOptions(compiled=compiled)).solve(qp).status is StageQpStatus.UNBOUNDED
+
+
+@pytest.mark.parametrize("compiled", IN_C_AND_PYTHON)
+@pytest.mark.parametrize(("penalty", "status"), [(0.1, StageQpStatus.UNBOUNDED), (0.6, StageQpStatus.SOLVED)])
+def test_soft_bounds_end_a_fall_where_missing_them_costs_more(penalty: float, status: StageQpStatus, compiled: bool) -> None:
+    """One unit down gains 1, and is paid for twice: by the state at the end, and by the input that leads there."""
+    qp = falling_qp()
+    qp.flat["z_lower"][:], qp.flat["z_upper"][:], qp.flat["z_l1"][:] = -1.0, 1.0, penalty
+    assert StageQpSolver(qp.shape, StageQpOptions(compiled=compiled)).solve(qp).status is status
+
+
+def falling_qp() -> StageQp:
+    """An integrator whose cost falls with its last state."""
+    qp = StageQp(StageShape(n_x=(1, 1), n_u=(1,), n_r=(1, 0), n_c=(0, 0)))
+    qp.A[0][:], qp.B[0][:], qp.J[0][0, 0], qp.g[1][:] = 1.0, 1.0, 1.0, 1.0
+    return qp
+
+
+def test_no_cost_falls_without_end_between_hard_bounds() -> None:
+    qp = falling_qp()
+    qp.flat["z_lower"][:], qp.flat["z_upper"][:] = -1.0, 1.0
+    assert not may_be_unbounded(qp)
+    qp.flat["z_l1"][1] = 1.0
+    assert may_be_unbounded(qp)
+    qp.flat["damping"][1] = 1e-3
+    assert not may_be_unbounded(qp)
+
+
+@pytest.mark.parametrize("length", [1e-9, 1.0, 1e9])
+def test_a_way_without_end_is_one_however_short_it_is_given(length: float) -> None:
+    other = recession_problem(falling_qp())
+    down = (np.array([0.0, -length]), np.array([-length]))
+    assert is_recession_direction(other, down)
+    assert not is_recession_direction(other, tuple(-part for part in down))
+    assert not is_recession_direction(other, (np.zeros(2), down[1]))
+    assert not is_recession_direction(other, tuple(0.0 * part for part in down))
 
 
 def test_the_iteration_limit_is_a_status() -> None:

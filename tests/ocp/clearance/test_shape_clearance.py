@@ -214,6 +214,26 @@ def test_bounds_of_a_turning_vehicle_hold_for_every_point_of_it(robot: Robot) ->
         assert moved.max() > 0.02 * bound.max()
 
 
+def test_a_straight_steady_motion_goes_as_far_as_its_bounds() -> None:
+    planar = load_robot("planar5")
+    term, speed = clearance(planar, [obstacle("ball", coal.Sphere(0.2), [9.0, 0.0, 0.0])]), np.linspace(0.1, 0.5, 5)
+    ways = {"q": np.outer([0.0, 2.0], speed), "v": np.tile(speed, (2, 1)), "a": np.zeros((1, 5))}
+    path = Trajectory(t=np.array([0.0, 2.0]), **ways, thrust=np.zeros((1, 0)), torque=np.zeros((1, 5)))
+    bounds = SteppedMotion(term=term, trajectory=path).bounds(np.array([0.5, 1.0]), np.array([0.25, 1.0]))
+    np.testing.assert_allclose(bounds, np.outer([0.25, 1.0], speed), atol=1e-12)
+
+
+def test_a_straight_steady_motion_of_a_vehicle_is_bounded_by_its_speed(robot: Robot) -> None:
+    term = clearance(robot, [obstacle("ball", coal.Sphere(0.2), [9.0, 0.1, -0.5])])
+    q, v = robot.configuration(rpy=(0.2, -0.3, 0.5)), np.zeros((2, robot.n_v))
+    v[:, :3] = 0.3, -0.4, 1.2
+    path = {"q": np.array([q, pin.integrate(robot.model, q, 2.0 * v[0])]), "v": v, "a": np.zeros((1, robot.n_v))}
+    inputs = {"thrust": np.zeros((1, 8)), "torque": np.zeros((1, 7))}
+    motion = SteppedMotion(term=term, trajectory=Trajectory(t=np.array([0.0, 2.0]), **path, **inputs))
+    bounds = motion.bounds(np.array([1.0]), np.array([0.5]))
+    np.testing.assert_allclose(bounds[0], [0.5 * 1.3, *np.zeros(robot.n_v - 1)], atol=1e-12)
+
+
 def test_links_of_one_robot_stay_apart() -> None:
     planar = load_robot("planar5")
     term = clearance(planar, [], 0.3)

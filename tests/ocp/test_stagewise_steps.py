@@ -1,0 +1,54 @@
+"""Laws of steps from stage to stage: which of them a filter lets pass, and the way back to rows that no linear step keeps."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from reaches import PATIENCE
+
+from uvms_ocp.ocp.plan import OcpStatus
+from uvms_ocp.ocp.planner import Planner
+from uvms_ocp.ocp.problem import OcpLevel, single_phase
+from uvms_ocp.ocp.stagewise.sqp import Filter, FilterMerit
+from uvms_ocp.ocp.terms import At, Effort, residual_term
+from uvms_ocp.robot.loading import load_robot
+from uvms_ocp.robot.signals import State
+from uvms_ocp.solvers.nlp.level_solver import NlpOptions
+
+
+def test_a_filter_refuses_what_a_point_before_beats_in_cost_and_violation() -> None:
+    seen = Filter(first=1.0, most=10.0)
+    here = FilterMerit(cost=1.0, violation=1e-2)
+    seen.add(here)
+    assert not seen.accepts(FilterMerit(cost=1.1, violation=2e-2), here, 0.0, 1.0)
+    assert not seen.accepts(FilterMerit(cost=0.0, violation=11.0), here, 0.0, 1.0)
+    assert seen.accepts(FilterMerit(cost=1.1, violation=5e-3), here, 0.0, 1.0)
+    assert seen.accepts(FilterMerit(cost=0.9, violation=2e-2), here, 0.0, 1.0)
+
+
+@pytest.mark.parametrize("cost", [0.0, 1.0, 1e6])
+def test_a_filter_takes_a_worse_cost_of_a_point_without_violation_for_rounding_alone(cost: float) -> None:
+    seen, here = Filter(first=0.0, most=1.0), FilterMerit(cost=cost, violation=0.0)
+    for share, passes in ((0.5e-13, True), (1e-12, False)):
+        trial = FilterMerit(cost=cost + share * max(1.0, cost), violation=1e-13)
+        assert seen.accepts(trial, here, 0.0, 1.0) == passes
+        assert not seen.accepts(FilterMerit(cost=trial.cost, violation=1e-9), here, 0.0, 1.0)
+
+
+def test_rows_that_no_linear_step_within_the_limits_keeps_are_reached_by_several() -> None:
+    """Where the slope is small a step to the rows would have to be longer than joints can turn."""
+    arm = load_robot("planar5")
+    q = arm.configuration(joints={"theta1": 0.02})
+    bent = residual_term("bent", lambda stage: stage.tick.q[3] ** 2, lower=0.3, upper=np.inf, at=At.END)
+    problem = single_phase(
+        robot=arm,
+        start=State(q=q, v=np.zeros(arm.n_v)),
+        duration=4.0,
+        n_steps=4,
+        levels=[OcpLevel(name="effort", terms=(Effort(),))],
+        constraints=(bent,),
+        water=False,
+    )
+    plan = Planner(problem, NlpOptions(time_limit=PATIENCE, plugin="stagewise")).plan(diagnose=False)
+    assert plan.status is OcpStatus.SOLVED, plan.reason
+    assert plan.trajectory.q[-1, 3] ** 2 == pytest.approx(0.3, abs=1e-6)
