@@ -12,7 +12,7 @@ import pytest
 from reaches import CHEAP, PATIENCE, reach, tool_goal
 
 from uvms_ocp.ocp.clearance import Ball, BallClearance
-from uvms_ocp.ocp.diagnosis import bindings, phase_one
+from uvms_ocp.ocp.diagnosis import BoundGroup, GroupIndex, RelaxationUnit, bindings, phase_one
 from uvms_ocp.ocp.plan import OcpStatus, Plan
 from uvms_ocp.ocp.planner import Planner
 from uvms_ocp.ocp.problem import OcpLevel, OcpProblem, single_phase
@@ -194,6 +194,17 @@ def priced(shift: float) -> Plan:
     start = State(q=arm.configuration(), v=np.zeros(arm.n_v))
     problem = single_phase(robot=arm, start=start, duration=3.0, n_steps=6, levels=levels, water=False)
     return Planner(problem, NlpOptions(time_limit=PATIENCE)).plan(diagnose=False)
+
+
+@pytest.mark.parametrize("unit", [1e-6, 1.0, 1e6])
+def test_the_axes_on_which_most_lies_are_named_whatever_the_unit(unit: float) -> None:
+    """Rows of one axis count together, and those of other groups not at all."""
+    group = BoundGroup(name="the limits", measure=RelaxationUnit.ROW)
+    axes = ("surge", "sway", "heave", "sway", "surge")
+    index = GroupIndex(groups=(group, group), number=np.array([0, 0, 0, 0, 1]), scale=np.ones(5), axes=axes)
+    assert index.strongest(0, unit * np.array([0.5, 0.4, 0.0, 0.3, 9.0])) == ("sway", "surge")
+    assert index.strongest(1, unit * np.array([0.5, 0.4, 0.0, 0.3, 9.0])) == ("surge",)
+    assert index.strongest(0, np.zeros(5)) == ()
 
 
 def test_the_price_of_a_level_is_the_slope_of_the_cost_below_it() -> None:

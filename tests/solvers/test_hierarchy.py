@@ -259,10 +259,11 @@ def test_settings_out_of_range_are_refused() -> None:
         Icat(threshold=-1.0)
 
 
-def test_solvers_print_nothing(capfd: pytest.CaptureFixture[str]) -> None:
-    solver = LexicographicQp()
-    for seed in range(20):
-        solver.solve(random_hierarchy(seed))
+@pytest.mark.parametrize("plugin", ["daqp", "highs", "ipqp", "osqp", "qpoases", "qrqp"])
+def test_solvers_print_nothing(plugin: str, capfd: pytest.CaptureFixture[str]) -> None:
+    solver = LexicographicQp(plugin=plugin)
+    for seed in range(5):
+        solver.solve(random_hierarchy(seed, 6, (6, 2, 3, 2, 6)))
     captured = capfd.readouterr()
     assert captured.out == ""
     assert captured.err == ""

@@ -15,6 +15,7 @@ from uvms_ocp.ocp.clearance import ShapeClearance, SteppedMotion, certificate, s
 from uvms_ocp.ocp.plan import OcpStatus
 from uvms_ocp.ocp.planner import Planner
 from uvms_ocp.ocp.problem import OcpLevel, OcpProblem, single_phase
+from uvms_ocp.ocp.separating_planes import support_of
 from uvms_ocp.ocp.terms import AtRest, Effort, TaskTerm, Term
 from uvms_ocp.ocp.trajectory import Trajectory
 from uvms_ocp.ocp.transcription.stage import StageModel
@@ -45,6 +46,26 @@ SHAPES = {
     "cone": lambda: coal.Cone(0.2, 0.4),
     "convex mesh": stone,
 }
+
+
+LOWEST = {
+    "sphere": lambda n, aside: -0.2,
+    "capsule": lambda n, aside: -0.25 * abs(n[2]) - 0.1,
+    "cylinder": lambda n, aside: -0.25 * abs(n[2]) - 0.15 * aside,
+    "box": lambda n, aside: -np.abs(n) @ [0.15, 0.1, 0.2],
+    "cone": lambda n, aside: min(0.2 * n[2], -0.2 * n[2] - 0.2 * aside),
+    "convex mesh": lambda n, aside: (CORNERS @ n).min(),
+}
+"""[m] of the points of a shape along a direction; aside: the length of its part across z."""
+
+
+@pytest.mark.parametrize("kind", SHAPES)
+def test_the_point_that_is_farthest_against_a_direction_is_in_its_support(kind: str) -> None:
+    drawn = np.random.default_rng(4).normal(size=(50, 3))
+    normals = np.vstack([drawn / np.linalg.norm(drawn, axis=1)[:, None], np.eye(3), -np.eye(3)])
+    support = support_of(SHAPES[kind](), normals, np.zeros((len(normals), 3)))
+    lowest = np.einsum("nki,ni->nk", support.centres, normals).min(axis=1) - support.radius
+    np.testing.assert_allclose(lowest, [LOWEST[kind](n, float(np.hypot(n[0], n[1]))) for n in normals], atol=1e-12)
 
 
 @pytest.fixture(scope="module")
