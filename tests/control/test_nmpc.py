@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from inspect import signature
 from typing import Any
 
@@ -157,6 +158,8 @@ def test_misuse_is_refused(robot: Robot) -> None:
         Nmpc(following(robot, goal), dt=0.1, period=0.05)
     with pytest.raises(InvalidInput, match="fixed durations"):
         Nmpc(following(robot, goal, duration=(1.0, 3.0)))
+    with pytest.raises(InvalidInput, match="leave periodic out"):
+        Nmpc(replace(following(robot, goal), periodic=True))
     with pytest.raises(NameNotFound, match="hpipm"):
         SqpOptions(plugin="ipopt")
     with pytest.raises(InvalidInput, match="accuracy"):

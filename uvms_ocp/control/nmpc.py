@@ -70,13 +70,16 @@ class Nmpc(TableDisplay):
         """problem: fixed durations; the measured state replaces its start, its Hessian is that of Gauss and Newton.
 
         dt, period [s]: of control and planning. clock [s]: by which deadlines in line are judged. worker: where solves run,
-        by default `SynchronousWorker`. Raises `InvalidInput` unless 0 < dt <= period, for a problem with free durations or a
-        current per step, and for one that cannot be sent to a worker process; `UvmsError` where that does not start.
+        by default `SynchronousWorker`. Raises `InvalidInput` unless 0 < dt <= period, for a problem with free durations, a
+        current per step or an end that is as its start, and for one that cannot be sent to a worker process; `UvmsError` where
+        that does not start.
         """
         if not (np.isfinite([dt, period]).all() and 0 < dt <= period):
             raise InvalidInput(f"dt = {dt} s, period = {period} s; give 0 < dt <= period")
         if problem.free_time:
             raise InvalidInput("receding-horizon control needs fixed durations; give every phase one number")
+        if problem.periodic:
+            raise InvalidInput("receding-horizon control has no end to be as its start: leave periodic out")
         if np.ndim(problem.current) != 1:
             raise InvalidInput("receding-horizon control needs one current; give three numbers [m/s], not some per step")
         self._robot, self.period = problem.robot, period
