@@ -17,6 +17,8 @@ from time import perf_counter, sleep
 
 from recording.report import Report, Row, Table, begin, parser_of
 
+from uvms_ocp.codegen.cache import HALF_MADE
+
 REACH = ("--tool", "12.2", "37.4", "-39.5", "--position", "11", "37", "-38.5")
 SPHERES = ("11.8,37.2,-38.9,0.1", "10.2,36.2,-38.0,0.2")
 STEPS, FEW = 40, 10
@@ -70,7 +72,7 @@ def seconds_until_quiet(cache: Path) -> float:
     """Wait until nothing has been compiled for some seconds, and return when that began."""
     start = last = perf_counter()
     while perf_counter() - last < QUIET:
-        if any(cache.glob("build-*")):
+        if any(cache.glob(f"{HALF_MADE}*")):
             last = perf_counter()
         sleep(0.05)
     return last - start

@@ -25,7 +25,7 @@ from compiler import COMPILER, needs_compiler
 
 from uvms_ocp.codegen import compile as building
 from uvms_ocp.codegen.buffered import BoundCalls
-from uvms_ocp.codegen.cache import cache_folder, cached_libraries, shrink_cache
+from uvms_ocp.codegen.cache import HALF_MADE, cache_folder, cached_libraries, shrink_cache
 from uvms_ocp.codegen.compile import compile_timeout
 from uvms_ocp.errors import InvalidInput
 
@@ -61,7 +61,7 @@ def test_a_library_is_compiled_once(tmp_path: Path) -> None:
     assert _compile_visible() == first
     assert first.stat().st_ino == before
     assert _compile_visible(SOURCE + "/* other */") != first
-    assert not list((tmp_path / "cache").glob("build-*"))
+    assert not list((tmp_path / "cache").glob(f"{HALF_MADE}*"))
 
 
 @needs_compiler
@@ -455,15 +455,19 @@ def test_nobody_waits_for_longer_than_a_compiler_may_take_and_who_works_behind_a
 def test_what_was_left_half_made_a_day_ago_is_removed(tmp_path: Path) -> None:
     library = _compile_visible()
     assert library is not None
-    old, new = library.parent / "build-old", library.parent / "build-new"
-    lock = library.with_suffix(".lock")
-    for folder in (old, new):
+    old, new, foreign = (library.parent / name for name in (f"{HALF_MADE}old", f"{HALF_MADE}new", "build-release"))
+    lock, package = library.with_suffix(".lock"), library.with_name("package.lock")
+    for folder in (old, new, foreign):
         folder.mkdir()
     lock.touch()
-    for path in (old, lock):
+    package.touch()
+    for path in (old, lock, foreign, package):
         os.utime(path, (time.time() - 1e5,) * 2)
     _compile_visible(SOURCE + "/* another */")
-    assert (old.exists(), lock.exists(), new.exists()) == (False, False, True)
+    assert (old.exists(), lock.exists()) == (False, False)
+    assert new.exists()
+    assert foreign.exists(), "of others, who keep more in that folder"
+    assert package.exists()
 
 
 @needs_compiler

@@ -14,6 +14,9 @@ from time import monotonic, sleep, time
 
 KEPT_NUMBERS = ".numbers"
 """Suffix of the files that tell in which library a function is, and with which numbers."""
+HALF_MADE = "uvms-ocp-half-made-"
+"""Prefix of folders in which something is made."""
+_HASH = "[0-9a-f]" * 64
 _PAUSE = 0.02  # [s] between looks whether it is our turn
 _FORGOTTEN = 86400.0  # [s] after which nobody works on what is half made
 
@@ -35,7 +38,7 @@ def cache_folder() -> tuple[Path | None, str]:
 def cached_libraries(folder: Path) -> dict[Path, os.stat_result]:
     """Those of a cache folder, and the numbers of functions in them, used last first: when, is their time of modification."""
     found = dict[Path, os.stat_result]()
-    for path in (path for kind in (".so", KEPT_NUMBERS) for path in folder.glob("[0-9a-f]" * 64 + kind)):
+    for path in (path for kind in (".so", KEPT_NUMBERS) for path in folder.glob(_HASH + kind)):
         with suppress(OSError):  # another process removes it
             found[path] = path.stat()
     return dict(sorted(found.items(), key=lambda pair: -pair[1].st_mtime))
@@ -46,7 +49,7 @@ def shrink_cache(folder: Path, most: float) -> dict[Path, os.stat_result]:
 
     Gone is also what processes that were killed a day ago have left half made.
     """
-    for path in (path for kind in ("build-*", "numbers-*", "*.lock") for path in folder.glob(kind)):
+    for path in (*folder.glob(f"{HALF_MADE}*"), *folder.glob(f"{_HASH}.lock")):
         with suppress(OSError):
             if time() - path.stat().st_mtime > _FORGOTTEN:
                 shutil.rmtree(path) if path.is_dir() else path.unlink()

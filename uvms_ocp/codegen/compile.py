@@ -43,7 +43,7 @@ import numpy as np
 
 from uvms_ocp.checks import checked
 from uvms_ocp.codegen import casadi_code
-from uvms_ocp.codegen.cache import KEPT_NUMBERS, cache_folder, shrink_cache, turn_to_make
+from uvms_ocp.codegen.cache import HALF_MADE, KEPT_NUMBERS, cache_folder, shrink_cache, turn_to_make
 from uvms_ocp.errors import InvalidInput
 from uvms_ocp.progress import progress_bar
 
@@ -332,7 +332,7 @@ def _keep(entry: Path, numbers: np.ndarray, compilation: Callable[[], Path | Non
     library = compilation()
     if library is not None:
         data = f"{library.name}\n".encode() + numbers.tobytes()
-        with suppress(OSError), tempfile.TemporaryDirectory(prefix="build-", dir=entry.parent) as folder:
+        with suppress(OSError), tempfile.TemporaryDirectory(prefix=HALF_MADE, dir=entry.parent) as folder:
             (Path(folder) / entry.name).write_bytes(_digest(data).encode() + data)
             os.replace(Path(folder) / entry.name, entry)
     return library
@@ -399,7 +399,7 @@ def _function_in(path: Path | None, name: str, numbers: np.ndarray = _NONE) -> c
 @lru_cache(maxsize=_KEPT_FUNCTIONS)
 def _external(name: str, path: Path, numbers: bytes) -> ca.Function:
     """One for all callers: a run of the same robot and mission takes up no more memory."""
-    with tempfile.TemporaryDirectory(prefix="numbers-", dir=path.parent, ignore_cleanup_errors=True) as folder:
+    with tempfile.TemporaryDirectory(prefix=HALF_MADE, dir=path.parent, ignore_cleanup_errors=True) as folder:
         if numbers:  # a library of its own, which needs no file once it is loaded
             path = Path(shutil.copy(path, folder))
         library = ctypes.CDLL(str(path))
@@ -518,7 +518,7 @@ def _build(compiler: str, sources: Sequence[str], flags: Sequence[str], library:
     try:
         # Who works behind all others takes no turn, or they would wait for that.
         turn = nullcontext() if _BEHIND.is_set() else turn_to_make(library, compile_timeout())
-        with turn, tempfile.TemporaryDirectory(prefix="build-", dir=library.parent) as folder:
+        with turn, tempfile.TemporaryDirectory(prefix=HALF_MADE, dir=library.parent) as folder:
             return _is_usable(library) or _build_in(Path(folder), compiler, sources, flags, library)
     except OSError as error:
         _warn_once("compilation failed", error.strerror or str(error))
