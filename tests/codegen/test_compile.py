@@ -15,6 +15,7 @@ import tempfile
 import time
 import types
 from collections.abc import Callable, Iterator
+from functools import partial
 from multiprocessing.pool import ThreadPool
 from pathlib import Path
 
@@ -386,6 +387,17 @@ def test_a_program_that_python_is_part_of_is_not_started_again(executable: str |
     monkeypatch.setattr(sys, "executable", executable)
     monkeypatch.setattr(subprocess, "Popen", lambda *words, **named: begun.append(words))
     building._hand_over([])
+    assert not begun
+
+
+def test_what_no_other_process_finds_by_its_name_is_left_without_a_word(monkeypatch: pytest.MonkeyPatch) -> None:
+    """As functions of a module that a notebook has loaded anew: at the end of a process nobody can do anything about it."""
+    begun: list[object] = []
+    monkeypatch.setattr(subprocess, "Popen", lambda *words, **named: begun.append(words))
+    building._hand_over([lambda: None])
+    work = partial(building.compile_library, SOURCE)
+    monkeypatch.setattr(building, "compile_library", None)
+    building._hand_over([work])
     assert not begun
 
 

@@ -106,7 +106,7 @@ def _hand_over(left: Sequence[Callable[[], object]]) -> None:
     if "python" not in Path(sys.executable or "").name.lower():
         return  # but a program that has Python in it, and would begin anew
     imports = f"import sys; sys.path[:] = {sys.path!r}; from {__name__} import compile_what_is_left"
-    with suppress(OSError), tempfile.TemporaryFile() as file:
+    with suppress(OSError, AttributeError, pickle.PicklingError), tempfile.TemporaryFile() as file:
         pickle.dump(left, file)
         file.seek(0)
         subprocess.Popen(
