@@ -4,10 +4,21 @@ from __future__ import annotations
 
 from dataclasses import replace
 
+import casadi as ca
 import numpy as np
 import pytest
 
-from uvms_ocp.control.payload import LASTING_FORCE, LEAST_ACCELERATION, MASS, WEIGHT, LoadFilter, LoadLearning, LoadSample
+from uvms_ocp.control.force.observer import ObserverLaw
+from uvms_ocp.control.payload import (
+    LASTING_FORCE,
+    LEAST_ACCELERATION,
+    MASS,
+    WEIGHT,
+    ForceResponse,
+    LoadFilter,
+    LoadLearning,
+    LoadSample,
+)
 from uvms_ocp.errors import InvalidInput
 
 SETTINGS = LoadLearning()
@@ -107,6 +118,23 @@ def test_a_covariance_stays_one() -> None:
     found = fed([look(weight=20.0, mass=2.0, acceleration=np.sin(0.3 * k), turn=np.sin(0.1 * k)) for k in range(500)])
     np.testing.assert_allclose(found.P, found.P.T, atol=1e-9 * np.abs(found.P).max())
     assert np.linalg.eigvalsh(found.P).min() > 0.0
+
+
+@pytest.mark.parametrize("bandwidth", [0.3, 1.0])
+def test_noise_of_a_slow_observer_counts_as_many_looks_as_it_is_alike_for(bandwidth: float) -> None:
+    """By the integral of the correlation of what comes out of the observer, where white noise goes in."""
+    dt, force = 0.005, ca.SX.sym("force")
+    before = ForceResponse(estimate=ca.SX.sym("estimate"), innovation=ca.SX.sym("innovation"))
+    law = ObserverLaw(bandwidth=np.array([bandwidth]), limit=np.ones(1), dt=dt)
+    after = law.response(before, ca.SX(1.0), force, ca.SX(1.0))
+    tick = ca.Function("tick", [before.estimate, before.innovation, force], [after.estimate, after.innovation])
+    now, pulse = (0.0, 0.0), []
+    for k in range(round(15.0 / bandwidth / dt)):
+        now = tick(*now, float(k == 0))
+        pulse.append(float(now[0]))
+    alike = dt * np.sum(pulse) ** 2 / np.sum(np.square(pulse))
+    found = LoadFilter(SETTINGS, LIMIT, np.full(6, bandwidth))
+    np.testing.assert_allclose(found._colour * SETTINGS.period, alike, rtol=0.02)
 
 
 @pytest.mark.parametrize(("name", "value"), [("period", 0.0), ("mass", np.inf), ("drag", 1.5), ("weight", -1.0)])
