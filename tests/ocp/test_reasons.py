@@ -12,7 +12,7 @@ import pytest
 from reaches import CHEAP, PATIENCE, reach, tool_goal
 
 from uvms_ocp.ocp.clearance import Ball, BallClearance
-from uvms_ocp.ocp.diagnosis import BoundGroup, GroupIndex, RelaxationUnit, bindings, phase_one
+from uvms_ocp.ocp.diagnosis import BoundGroup, GroupIndex, RelaxationUnit, _constraint_rows, _Elastic, bindings, phase_one
 from uvms_ocp.ocp.plan import OcpStatus, Plan
 from uvms_ocp.ocp.planner import Planner
 from uvms_ocp.ocp.problem import OcpLevel, OcpProblem, single_phase
@@ -194,6 +194,33 @@ def priced(shift: float) -> Plan:
     start = State(q=arm.configuration(), v=np.zeros(arm.n_v))
     problem = single_phase(robot=arm, start=start, duration=3.0, n_steps=6, levels=levels, water=False)
     return Planner(problem, NlpOptions(time_limit=PATIENCE)).plan(diagnose=False)
+
+
+def test_the_search_for_what_gives_way_begins_where_all_that_can_give_way_does_so_enough() -> None:
+    """And hardly more than that: somewhere in each group that is broken, a little less would not do."""
+    arm = load_robot("planar5")
+    fast = np.linspace(0.5, 4.0, arm.n_v)
+    arm = replace(arm, limits=replace(arm.limits, velocity=fast, acceleration=fast[::-1].copy()))
+    problem = on_arm(arm, arm.configuration(), along(arm, "goal", 1.0, 1.0), 2.0)
+    transcription = Planner(problem, NlpOptions(time_limit=PATIENCE)).transcription
+    p, hold = transcription.parameters(), transcription.pack(hold_guess(problem))
+    elastic = _Elastic(transcription, problem, _constraint_rows(transcription, problem), p)
+    x = hold + np.random.default_rng(1).normal(scale=20.0, size=len(hold))
+    values = np.concatenate([np.array(elastic.functions["nlp_g"](x, p)).ravel(), x])
+    amounts, P, Q = elastic._amounts(values), elastic.P.full(), elastic.Q.full()
+    soft = Q.any(axis=1)
+
+    def broken(given: np.ndarray) -> np.ndarray:
+        rows = P @ values + Q @ given
+        missed: np.ndarray = np.maximum(np.maximum(rows - elastic.upper, elastic.lower - rows), 0.0)[soft]
+        return missed
+
+    assert broken(amounts).max() == 0.0
+    wanting = np.flatnonzero(amounts > 0.011)
+    assert len(wanting) > 1
+    for i in wanting.tolist():
+        less = amounts - 0.011 * (np.arange(len(amounts)) == i)
+        assert broken(less).max() > 0.0
 
 
 @pytest.mark.parametrize("unit", [1e-6, 1.0, 1e6])

@@ -10,7 +10,7 @@ import pinocchio as pin
 import pytest
 
 from uvms_ocp.ocp.problem import OcpLevel, OcpProblem, single_phase
-from uvms_ocp.ocp.terms import AtRest, Energy, Smoothness, Term
+from uvms_ocp.ocp.terms import _ROUNDING, AtRest, Energy, Smoothness, Term, _root_of_power
 from uvms_ocp.ocp.trajectory import guess_through, hold_guess
 from uvms_ocp.ocp.transcription.stage import StageModel
 from uvms_ocp.ocp.transcription.transcription import Transcription
@@ -40,6 +40,18 @@ def test_the_squares_of_the_rows_of_energy_are_powers_in_kilowatts(name: str) ->
         mechanical = np.abs(torque * v[robot.joint_v]) / robot.description.joint_efficiency
         np.testing.assert_allclose(found**2, 1e-3 * np.concatenate([electric, mechanical]), rtol=0.02, atol=0.02)
         np.testing.assert_array_equal(np.sign(found[: len(laws)]), np.sign(thrust))
+
+
+@pytest.mark.parametrize("exponent", [1.0, 1.5, 2.0])
+def test_roots_of_powers_leave_zero_along_their_chord_over_what_is_rounded_off(exponent: float) -> None:
+    """So that squares of rows have a curvature at rest that is that of small efforts, not of none."""
+    x = ca.SX.sym("x")
+    root = ca.Function("root", [x], [_root_of_power(x, exponent), ca.jacobian(_root_of_power(x, exponent), x)])
+    chord = _ROUNDING ** (exponent / 2) / _ROUNDING
+    for side in (-1.0, 1.0):
+        assert float(root(side * 1e-9)[0]) == pytest.approx(side * 1e-9 * chord)
+        assert float(root(side)[0]) == pytest.approx(side, rel=_ROUNDING**2)
+    assert float(root(0.0)[1]) == pytest.approx(chord)
 
 
 @pytest.mark.parametrize("name", ["girona_maris7_full", "planar5"])

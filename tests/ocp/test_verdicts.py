@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from time import perf_counter
 from typing import ClassVar
 
 import casadi as ca
@@ -15,7 +16,7 @@ from uvms_ocp.ocp.clearance import Ball, BallClearance
 from uvms_ocp.ocp.diagnosis import Diagnosis
 from uvms_ocp.ocp.plan import OcpStatus, Plan
 from uvms_ocp.ocp.planner import Planner, impossible_start
-from uvms_ocp.ocp.problem import Actuation, OcpLevel, OcpProblem, single_phase
+from uvms_ocp.ocp.problem import Actuation, OcpLevel, single_phase
 from uvms_ocp.ocp.terms import (
     At,
     AtRest,
@@ -215,24 +216,22 @@ def test_electrical_power_that_is_not_known_is_neither_minimised_nor_reported_as
         assert np.isnan(plan.powers()[0]).all() != known
 
 
-def judge_of(planner: Planner) -> Diagnosis:
-    """That of its plans, without time to try anything."""
-
-    def never(problem: OcpProblem, start: np.ndarray | None, limit: float) -> LexicographicResult:
-        raise AssertionError("there is no time left")
-
-    transcription = planner.transcription
+def judge_of(planner: Planner, *trials: LexicographicResult) -> Diagnosis:
+    """That of its plans, to which longer horizons end as given; without them there is no time left to try any."""
+    left = iter(trials)
     return Diagnosis(
-        transcription=transcription,
+        transcription=planner.transcription,
         problem=planner.problem,
-        p=transcription.parameters(),
+        p=planner.transcription.parameters(),
         feasibility=1e-4,
-        solve=never,
-        deadline=None,
+        solve=lambda problem, start, limit: next(left),
+        deadline=perf_counter() + PATIENCE if trials else None,
     )
 
 
-def test_constraints_that_are_broken_though_all_levels_ended_well_are_told_of_the_last_one() -> None:
+@pytest.fixture(scope="module")
+def turning() -> tuple[Planner, LexicographicResult]:
+    """A joint to be turned back to its start, and the result, in which nothing is missed."""
     arm = load_robot("planar5")
     turn = residual_term("turn", lambda stage: stage.tick.q[3], at=At.END)
     problem = single_phase(
@@ -247,7 +246,30 @@ def test_constraints_that_are_broken_though_all_levels_ended_well_are_told_of_th
     planner = patient(problem)
     result = planner.plan(diagnose=False).result
     assert result is not None
+    return planner, result
+
+
+def test_constraints_that_are_broken_though_all_levels_ended_well_are_told_of_the_last_one(
+    turning: tuple[Planner, LexicographicResult],
+) -> None:
+    planner, result = turning
     found = judge_of(planner).verdict(replace(result, x=result.x + 0.1, violation=0.1))
     assert found.status is OcpStatus.UNFINISHED
     assert found.reason.startswith("level 'effort': solved with ")
     assert "broken by" in found.reason
+
+
+def test_a_longer_horizon_that_ends_badly_keeps_none_from_being_tried_that_is_longer_still(
+    turning: tuple[Planner, LexicographicResult],
+) -> None:
+    planner, met = turning
+    missed = replace(met, residuals=(np.full_like(met.residuals[0], 0.5), *met.residuals[1:]))
+    astray = replace(met, violation=1.0)
+    found = judge_of(planner, astray, met).verdict(missed)
+    assert found.status is OcpStatus.TOO_SHORT, found.reason
+    assert "8 s would do" in found.reason
+    found = judge_of(planner, astray, missed).verdict(missed)
+    assert found.status is OcpStatus.MISSED, found.reason
+    assert "a horizon of 4 s was tried in vain" in found.reason
+    found = judge_of(planner, missed, missed).verdict(missed)
+    assert found.status is OcpStatus.UNREACHABLE, found.reason
