@@ -12,6 +12,7 @@ import pytest
 from compiler import needs_compiler
 
 from uvms_ocp.control.velocity.abort import ActuationFeedback, ascent_goal
+from uvms_ocp.control.velocity.goals import mission_parameters
 from uvms_ocp.control.velocity.kinematic import KinematicController
 from uvms_ocp.control.velocity.tick import prepare_tick, solve_and_finish
 from uvms_ocp.mission.mission import Mission
@@ -163,6 +164,21 @@ def test_giving_up_is_that_of_the_mission_alone_in_c_and_in_python(scenario: Sce
         assert mission.abandon(climbing, late.t, late.reason, goal)[1] == late
         assert control.state.aborted == stalled.reason
         assert 1.0 < goal.translation[2] - scenario.start[2] < 3.0
+
+
+def test_a_climb_is_towards_a_goal_that_rests_and_the_goals_of_kernels_are_those_of_the_mission(scenario: Scenario) -> None:
+    assert scenario.mission.abort is not None
+    mission = replace(scenario.mission, abort=replace(scenario.mission.abort, stall_after=0.1, altitude=6.0))
+    control, at = replace(scenario, mission=mission).controller(), measured(scenario)
+    gates, phases = np.ones(mission.n_tasks), set()
+    for k in range(10):
+        before = control.state
+        control(at, k * DT)
+        wanted = mission_parameters(mission, before, k * DT, gates=gates, q=at.q, motion=None)
+        np.testing.assert_array_equal(control.memory.goals.values, wanted)
+        phases.add(mission.all_phases[control.memory.mission.phase].name)
+    assert "climb" in phases
+    np.testing.assert_array_equal(mission.references(control.state, 1.0)[mission.hierarchy.index("PC")][12:], 0.0)
 
 
 def towards_a_ball(robot: Robot) -> KinematicController:
