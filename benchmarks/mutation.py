@@ -26,15 +26,15 @@ JUDGED = Path(__file__).parent / "mutants" / "judged.csv"
 EQUIVALENT, SURVIVED, NOT_RUN = "equivalent", "survived", "not run"
 QUICK_FILES, QUICK_TESTS, QUICK_SAMPLE = ("uvms_ocp/codegen/elementwise.py",), ("tests/solvers/test_intervals.py",), 3
 PROSE = """
-{n} changes of one operator, number, condition, loop or exception each, by the operators of cosmic-ray, in the Python
-source of {rooms}: places drawn with seed {seed}, then one change of each. Of {judgeable} that change something, the tests
-notice **{killed} ({share:.1f} %)**; {equivalent} are equivalent.
+{n} changes of one operator, number, condition, loop or exception each, by the operators of cosmic-ray, in the Python source
+of {rooms}: places drawn with seed {seed}, then one change of each. Of {judgeable} that change something, the tests notice
+**{killed} ({share:.1f} %)**; {equivalent} are equivalent.
 
 Annotations, decorators and ``zip(strict=...)`` are left as they are. A mutant meets the tests that run its line, the quick
 ones first, then the others of their files, until one fails or {budget:.0f} s of tests have passed; a crash, or three times
-the usual time, counts as noticed. Compiled code comes from the cache; what a mutant changes is not compiled. {left_out}
-tests are left out: they take more than {slow:.0f} s, or do not pass without a compiler. Tests that start other processes
-are left out too. The C source is not mutated.
+the usual time, counts as noticed. Compiled code comes from the cache; what a mutant changes is not compiled. {left_out} tests
+are left out: they take more than {slow:.0f} s, or do not pass without a compiler. Tests that start other processes are left
+out too. The C source is not mutated. Run were those of {tests}; mutants that others had noticed before are kept as noticed.
 """
 
 
@@ -81,7 +81,7 @@ def score(rows: Sequence[Row], room: str) -> Row:
     return {"room": room, "mutants": len(rows), **count, "noticed [%]": share}
 
 
-def report(rows: Sequence[Row], suite: Suite, seed: int) -> Report:
+def report(rows: Sequence[Row], suite: Suite, seed: int, tests: Sequence[str]) -> Report:
     """What is written."""
     rooms = [score([row for row in rows if row["room"] == room], room) for room in ROOMS]
     total = score(rows, "all")
@@ -103,6 +103,7 @@ def report(rows: Sequence[Row], suite: Suite, seed: int) -> Report:
             budget=BUDGET,
             left_out=len(suite.left_out),
             slow=SLOW,
+            tests=", ".join(f"`{path}`" for path in tests),
         ),
         tables=[
             Table(rows=[*(room for room in rooms if room["mutants"]), total], columns=of_rooms),
@@ -141,7 +142,7 @@ def main() -> None:
         suite = recorded(work, tests, given.jobs)
         sys.stderr.write(f"{len(suite.seconds)} tests recorded, {len(suite.left_out)} left out\n")
         rows = measured(work, draw(ROOT, files, n, given.seed), suite, given.jobs, given.hours)
-        run.write(report(rows, suite, given.seed))
+        run.write(report(rows, suite, given.seed, tests))
 
 
 def source_files() -> list[str]:

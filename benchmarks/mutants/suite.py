@@ -14,7 +14,7 @@ from mutants.tree import ROOT, Tree, fingerprint
 
 SLOW = 20.0
 """[s] of a test that is left out."""
-BUDGET = 300.0
+BUDGET = 120.0
 """[s] of tests for one mutant, the quick ones first."""
 _HOURS = 3 * 3600.0  # [s] for the whole suite
 _ELSEWHERE = ("tests/test_notebooks.py", "tests/benchmarks", "tests/house")
