@@ -68,9 +68,9 @@ def test_it_is_shown_how_many_functions_are_compiled(tmp_path: Path, monkeypatch
     monkeypatch.setattr("tqdm.auto.tqdm", partial(tqdm, mininterval=0.0))
     x = ca.SX.sym("x")
     with redirect_stderr(Terminal()) as terminal:
-        for k in range(3):
-            building.start_compiling(ca.Function(f"f{k}", [x], [x + k * ca.sin(x)]))
+        begun = [building.start_compiling(ca.Function(f"f{k}", [x], [x + k * ca.sin(x)])) for k in range(3)]
         building.finish_compiling()
+    assert len(begun) == 3
     assert "compiling" in terminal.getvalue()
     assert " 2/3 " in terminal.getvalue()
     assert terminal.getvalue().split("\r")[-2].strip() == ""
