@@ -14,6 +14,7 @@ from same_words import require_same_words
 from uvms_ocp.ocp.plan import OcpStatus, Plan
 from uvms_ocp.ocp.problem import Actuation, OcpLevel, OcpProblem, single_phase
 from uvms_ocp.ocp.terms import AtRest, Effort, Posture, TaskTerm
+from uvms_ocp.ocp.trajectory import admissible, hold_guess
 from uvms_ocp.ocp.transcription.transcription import Transcription
 from uvms_ocp.robot.loading import load_robot
 from uvms_ocp.robot.robot import Robot
@@ -128,3 +129,16 @@ def test_a_goal_costs_effort_what_ipopt_says(robot: Robot, options: dict[str, ob
     assert len(own.levels[1].prices) == 1
     assert own.levels[1].residual == pytest.approx(theirs.levels[1].residual, rel=1e-5)
     assert own.levels[1].prices == pytest.approx(theirs.levels[1].prices, rel=1e-3)
+
+
+@pytest.mark.parametrize("beyond", [9e-6, 1e-2])
+def test_what_a_solver_passes_a_limit_by_within_its_tolerance_is_no_part_of_its_plan(beyond: float, robot: Robot) -> None:
+    problem = reach(robot)
+    guess = hold_guess(problem)
+    q, lowest, place = guess.q.copy(), robot.limits.position_lower[0], robot.joints[1].q.start
+    q[3, place] = lowest - beyond
+    q[3, 3:7] *= 1.0 + 1e-6
+    kept = admissible(replace(guess, q=q), robot)
+    assert np.linalg.norm(kept.q[3, 3:7]) == pytest.approx(1.0, abs=1e-15)
+    assert kept.q[3, place] == (lowest if beyond < 1e-4 else q[3, place]), "a limit that is broken stays so"
+    np.testing.assert_allclose(np.delete(kept.q[3], place), np.delete(guess.q[3], place), atol=1e-15)

@@ -27,7 +27,7 @@ from uvms_ocp.ocp.plan import LevelReport, OcpStatus, Plan
 from uvms_ocp.ocp.problem import OcpProblem
 from uvms_ocp.ocp.stagewise.program import program_for, stagewise_or
 from uvms_ocp.ocp.terms import TaskTerm, Term
-from uvms_ocp.ocp.trajectory import Trajectory, hold_guess, normalized
+from uvms_ocp.ocp.trajectory import Trajectory, admissible, hold_guess
 from uvms_ocp.ocp.transcription.transcription import Transcription
 from uvms_ocp.planning import CoalDistances, CollisionScene
 from uvms_ocp.planning.conservative_advancement import ClearanceReport
@@ -286,7 +286,7 @@ class Refinement:
         best, gained = self._solved(guess, q, {}), np.inf
         times: list[float] = (self.t0 + self.given.nominal_times()).tolist()
         for _ in range(_MOST_ROUNDS if self._terms else 0):
-            path = normalized(self.planner.transcription.unpack(best.result.x, self.given), self.given.robot.model)
+            path = admissible(self.planner.transcription.unpack(best.result.x, self.given), self.given.robot)
             off = max(term.mismatch(times, best.near, path.q) for term in self._terms)
             settled = best.result.status.optimal and (off <= _AGREES or gained <= _GAIN)
             missing = self._missing(best, path) if settled or off <= _NEAR else {}
@@ -489,7 +489,7 @@ class Planner:
         )
 
     def _plan(self, given: OcpProblem, verdict: SolveVerdict, t0: float, begin: float) -> Plan:
-        trajectory = normalized(self.transcription.unpack(verdict.result.x, given), given.robot.model)
+        trajectory = admissible(self.transcription.unpack(verdict.result.x, given), given.robot)
         return Plan(
             robot=given.robot,
             trajectory=trajectory,

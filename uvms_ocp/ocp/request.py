@@ -8,7 +8,6 @@ from functools import cached_property
 from typing import Annotated
 
 import numpy as np
-import pinocchio as pin
 
 from uvms_ocp.checks import checked, checked_dataclass
 from uvms_ocp.errors import InvalidInput
@@ -18,7 +17,7 @@ from uvms_ocp.ocp.plan import OcpStatus, Plan, sample_times
 from uvms_ocp.ocp.planner import Planner, check_goal, goal_distances, start_distances
 from uvms_ocp.ocp.problem import OcpLevel, OcpProblem, single_phase
 from uvms_ocp.ocp.terms import AtRest, Effort, Posture, Smoothness, TaskTerm
-from uvms_ocp.ocp.trajectory import Trajectory, guess_through, hold_guess
+from uvms_ocp.ocp.trajectory import Trajectory, admissible_configuration, guess_through, hold_guess
 from uvms_ocp.planning.distances import CoalDistances
 from uvms_ocp.planning.request import FiniteTriple, Goal, PlanRequest, PostureGoal, check_goal_distance, plan_path
 from uvms_ocp.planning.scene import CollisionScene, Coordinates, NearestPair, collision_scene, coordinates
@@ -98,7 +97,7 @@ class OcpResult:
         """Times (n,) [s], and configurations (n, n_q) [m, rad] on their manifold, within the limits of the joints."""
         robot, t = self.request.robot, sample_times(self.plan.duration)
         q = self.plan.trajectory.states_at(robot.model, t)[0]
-        return t, np.array([_within(robot, row) for row in q])
+        return t, np.array([admissible_configuration(robot, row) for row in q])
 
     @cached_property
     def coordinates(self) -> Array:
@@ -211,13 +210,3 @@ def _margins(request: OcpRequest, scene: CollisionScene) -> Array:
     ends = start_distances(scene, request.start), goal_distances(scene, request.goal, request.start)
     wanted = scene.per_pair(request.clearance, request.link_clearance)
     return np.minimum(wanted, np.minimum(*ends) * scene.per_pair(_OF_OBSTACLES, _OF_LINKS))
-
-
-def _within(robot: Robot, q: Array) -> Array:
-    """Q with unit quaternions and its joints inside their limits, which a solver keeps but for its tolerance."""
-    inside: Array = pin.normalize(robot.model, q)
-    for joint in robot.joints:
-        if joint.n_q == joint.n_v:
-            own = slice(joint.idx_v - robot.n_vehicle, joint.idx_v - robot.n_vehicle + joint.n_v)
-            inside[joint.q] = np.clip(q[joint.q], robot.limits.position_lower[own], robot.limits.position_upper[own])
-    return inside

@@ -13,6 +13,7 @@ from uvms_ocp.errors import InvalidInput
 from uvms_ocp.ocp.problem import Actuation, OcpProblem
 from uvms_ocp.robot import State, Water, thrusters
 from uvms_ocp.robot.dynamics import Dynamics, robot_dynamics
+from uvms_ocp.robot.robot import Robot
 from uvms_ocp.types import Indices, Shape
 
 
@@ -163,7 +164,25 @@ def has_thrusters(problem: OcpProblem) -> bool:
     return bool(problem.robot.n_vehicle) and problem.actuation is Actuation.THRUSTERS
 
 
-def normalized(trajectory: Trajectory, model: pin.Model) -> Trajectory:
-    """The same with unit quaternions, which an optimiser keeps to its tolerance; numbers that are not finite stay so."""
-    q = np.array([pin.normalize(model, row) if np.isfinite(row).all() else row for row in trajectory.q])
-    return replace(trajectory, q=q)
+TOLERANCE = 1e-4
+"""[m, rad] by which a solver that kept limits of positions may have passed them, ten times its own."""
+
+
+def admissible(trajectory: Trajectory, robot: Robot) -> Trajectory:
+    """The same with unit quaternions and joints inside their limits, where an optimiser has kept these to its tolerance.
+
+    Numbers that are not finite stay so, and joints that are farther outside.
+    """
+    rows = (admissible_configuration(robot, row, TOLERANCE) if np.isfinite(row).all() else row for row in trajectory.q)
+    return replace(trajectory, q=np.array([*rows]))
+
+
+def admissible_configuration(robot: Robot, q: np.ndarray, most: float = np.inf) -> np.ndarray:
+    """Q (n_q,) [m, rad] with unit quaternions, and joints inside limits that they pass by at most so much [m, rad]."""
+    inside: np.ndarray = pin.normalize(robot.model, q)
+    for joint in robot.joints:
+        if joint.n_q == joint.n_v:
+            own = slice(joint.idx_v - robot.n_vehicle, joint.idx_v - robot.n_vehicle + joint.n_v)
+            near = np.clip(q[joint.q], robot.limits.position_lower[own], robot.limits.position_upper[own])
+            inside[joint.q] = np.where(np.abs(near - q[joint.q]) <= most, near, q[joint.q])
+    return inside
