@@ -135,7 +135,7 @@ def test_a_goal_costs_effort_what_ipopt_says(robot: Robot, options: dict[str, ob
 def test_what_a_solver_passes_a_limit_by_within_its_tolerance_is_no_part_of_its_plan(beyond: float, robot: Robot) -> None:
     problem = reach(robot)
     guess = hold_guess(problem)
-    q, lowest, place = guess.q.copy(), robot.limits.position_lower[0], robot.joints[1].q.start
+    q, lowest, place = guess.q.copy(), robot.limits.position_lower[0], robot.joints[0].q.start
     q[3, place] = lowest - beyond
     q[3, 3:7] *= 1.0 + 1e-6
     kept = admissible(replace(guess, q=q), robot)
