@@ -66,7 +66,7 @@ class Rate:
         return f"{shown}, 95 % interval {100 * lower:.2f} to {100 * upper:.2f} % ({self.method})"
 
 
-# Why runs failed: causes that differ in their numbers alone are one, told with the numbers of one run.
+# Group the failures of runs by cause: those that differ only in their numbers are one, shown with the numbers of one run.
 
 _NUMBER = re.compile(r"(?<![\w.])[-+]?\d+(?:\.\d+)?(?:e[-+]?\d+)?(?![\w])")
 _MOST, _LONGEST = 20, 300  # causes, letters of one

@@ -14,7 +14,7 @@ from uvms_ocp.errors import AdvisedStatus, InvalidInput
 from uvms_ocp.model_errors import printable
 from uvms_ocp.ocp import plan_file
 from uvms_ocp.ocp.plan_file import LevelReport as LevelReport
-from uvms_ocp.ocp.trajectory import TOLERANCE, Trajectory, admissible_configuration
+from uvms_ocp.ocp.trajectory import TOLERANCE, Trajectory, admissible_configurations
 from uvms_ocp.planning.conservative_advancement import ClearanceReport
 from uvms_ocp.planning.scene import Coordinates, coordinates
 from uvms_ocp.record.display import SmallTable, TableDisplay, rows_of
@@ -114,7 +114,7 @@ def axis_series(planned: Coordinates, x: Array, v: Array) -> dict[str, Array]:
 def plan_record(robot: Robot, trajectory: Trajectory, powers: Powers, *, title: str, surroundings: SurroundingsMeta) -> Record:
     """The record of a plan of any problem. Axes are left out of robots whose joints are no single axes."""
     t = sample_times(float(trajectory.t[-1]))
-    q = np.array([admissible_configuration(robot, row, TOLERANCE) for row in trajectory.states_at(robot.model, t)[0]])
+    q = admissible_configurations(robot, trajectory.states_at(robot.model, t)[0], TOLERANCE)
     series = motion_series(robot, trajectory, powers, t, q)
     names: tuple[str, ...] = ()
     limits = AxisLimitsMeta(x_rate=())

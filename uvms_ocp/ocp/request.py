@@ -17,7 +17,7 @@ from uvms_ocp.ocp.plan import OcpStatus, Plan, sample_times
 from uvms_ocp.ocp.planner import Planner, check_goal, goal_distances, start_distances
 from uvms_ocp.ocp.problem import OcpLevel, OcpProblem, single_phase
 from uvms_ocp.ocp.terms import AtRest, Effort, Posture, Smoothness, TaskTerm
-from uvms_ocp.ocp.trajectory import Trajectory, admissible_configuration, guess_through, hold_guess
+from uvms_ocp.ocp.trajectory import Trajectory, admissible_configurations, guess_through, hold_guess
 from uvms_ocp.planning.distances import CoalDistances
 from uvms_ocp.planning.request import FiniteTriple, Goal, PlanRequest, PostureGoal, check_goal_distance, plan_path
 from uvms_ocp.planning.scene import CollisionScene, Coordinates, NearestPair, collision_scene, coordinates
@@ -97,7 +97,7 @@ class OcpResult:
         """Times (n,) [s], and configurations (n, n_q) [m, rad] on their manifold, within the limits of the joints."""
         robot, t = self.request.robot, sample_times(self.plan.duration)
         q = self.plan.trajectory.states_at(robot.model, t)[0]
-        return t, np.array([admissible_configuration(robot, row) for row in q])
+        return t, admissible_configurations(robot, q)
 
     @cached_property
     def coordinates(self) -> Array:

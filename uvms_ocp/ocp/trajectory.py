@@ -173,16 +173,12 @@ def admissible(trajectory: Trajectory, robot: Robot) -> Trajectory:
 
     Numbers that are not finite stay so, and joints that are farther outside.
     """
-    rows = (admissible_configuration(robot, row, TOLERANCE) if np.isfinite(row).all() else row for row in trajectory.q)
-    return replace(trajectory, q=np.array([*rows]))
+    return replace(trajectory, q=admissible_configurations(robot, trajectory.q, TOLERANCE))
 
 
-def admissible_configuration(robot: Robot, q: np.ndarray, most: float = np.inf) -> np.ndarray:
-    """Q (n_q,) [m, rad] with unit quaternions, and joints inside limits that they pass by at most so much [m, rad]."""
-    inside: np.ndarray = pin.normalize(robot.model, q)
-    for joint in robot.joints:
-        if joint.n_q == joint.n_v:
-            own = slice(joint.idx_v - robot.n_vehicle, joint.idx_v - robot.n_vehicle + joint.n_v)
-            near = np.clip(q[joint.q], robot.limits.position_lower[own], robot.limits.position_upper[own])
-            inside[joint.q] = np.where(np.abs(near - q[joint.q]) <= most, near, q[joint.q])
-    return inside
+def admissible_configurations(robot: Robot, q: np.ndarray, most: float = np.inf) -> np.ndarray:
+    """Q (n, n_q) [m, rad] with unit quaternions, and joints inside limits that they pass by at most so much [m, rad]."""
+    unit = np.array([pin.normalize(robot.model, row) if np.isfinite(row).all() else row for row in q])
+    with np.errstate(invalid="ignore"):  # rows that are not finite
+        inside = np.clip(unit, *robot.configuration_bounds)
+        return np.where(np.abs(inside - unit) <= most, inside, unit)

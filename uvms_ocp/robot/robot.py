@@ -236,6 +236,16 @@ class Robot:
         return slice(0, self.n_vehicle)
 
     @property
+    def configuration_bounds(self) -> tuple[np.ndarray, np.ndarray]:
+        """Return limits (n_q,) [m, rad] of q, from below and above; infinite where none holds for one entry alone."""
+        lower, upper = np.full(self.n_q, -np.inf), np.full(self.n_q, np.inf)
+        for joint in self.joints:
+            if joint.n_q == joint.n_v:
+                own = slice(joint.idx_v - self.n_vehicle, joint.idx_v - self.n_vehicle + joint.n_v)
+                lower[joint.q], upper[joint.q] = self.limits.position_lower[own], self.limits.position_upper[own]
+        return lower, upper
+
+    @property
     def joint_v(self) -> slice:
         """The joints' part of v."""
         return slice(self.n_vehicle, self.n_v)

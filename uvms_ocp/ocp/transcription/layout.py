@@ -138,11 +138,7 @@ class VariableLayout:
         lower, upper = np.full(layout.n_z, -np.inf), np.full(layout.n_z, np.inf)
         if not self.model.problem.limited:
             return lower, upper
-        first = robot.n_vehicle
-        for joint in robot.joints:
-            if joint.n_q == joint.n_v:
-                own = slice(joint.idx_v - first, joint.idx_v - first + joint.n_v)
-                lower[joint.q], upper[joint.q] = robot.limits.position_lower[own], robot.limits.position_upper[own]
+        lower[layout.q], upper[layout.q] = robot.configuration_bounds
         for part, limit in ((layout.v, robot.limits.velocity), (layout.a, robot.limits.acceleration)):
             lower[part], upper[part] = -limit, limit
         lower[layout.thrust], upper[layout.thrust] = actuators.thrust_lower, actuators.thrust_upper

@@ -131,8 +131,8 @@ class LexicographicNlp:
 
         p (n_p,) [unit of the parameter]; x_lower and x_upper (n,), or one for all variables [unit of x]; ranges: instead of
         the program's, of the same kinds; time_limit [s]: at most that of the options, which is the default. progress:
-        told every iteration, but of fatrop. Ctrl-C ends the solve at the best point so far. Raises `InvalidInput` for a start or
-        parameters that are not finite, and for a result of another program.
+        told every iteration (fatrop tells none). Ctrl-C ends the solve at the best point so far. Raises `InvalidInput` for a
+        start or parameters that are not finite, and for a result of another program.
         """
         begin = perf_counter()
         points = self._starts(start)
