@@ -105,7 +105,7 @@ CLAIMS = (
         what="quickest motion of an arm, within 0.2 % of the known answer",
         unit="ms",
         script="ocp_peers",
-        ours=_processor_time(problem="quickest", solver="uvms_ocp fatrop", setting="N = 20, exact, 1e-06, compiled"),
+        ours=_processor_time(problem="quickest", solver="uvms_ocp stagewise", setting="N = 20, exact, 1e-06, compiled"),
         peer="Drake with SNOPT; it has no forces there",
         theirs=_processor_time(problem="quickest", solver="Drake KTO", setting="SNOPT, 24 control points"),
     ),

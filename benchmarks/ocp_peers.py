@@ -32,8 +32,7 @@ because it interprets.
 
 **Limited**: the same with hard limits on the velocity of every axis, on the torque and the position of every joint, a third
 below what the unlimited motion takes. The peer is mim-solvers' constrained SQP with crocoddyl's models, with as many
-iterations as crocoddyl gets; `ratio` is to its processor time whether it converges or not, `to_fatrop` to that of our own
-problem in fatrop with the same tolerance.
+iterations as crocoddyl gets; `ratio` is to its processor time whether it converges or not.
 
 **Quickest**: the arm alone on a fixed base, posture to posture in the least time within limits on velocity and
 acceleration. The answer is known ({best:.4g} s); `off` is the share by which a result exceeds it, `ratio` is to the
@@ -48,7 +47,6 @@ FORMATS = {
     "cpu_ms": ".2f",
     "wall_ms": ".2f",
     "ratio": ".2f",
-    "to_fatrop": ".2f",
     "warm_cpu_ms": ".2f",
     "iterations": "",
     "result": ".9f",
@@ -57,24 +55,21 @@ FORMATS = {
 }
 
 
-PLUGIN_NAMES = ("stagewise", "fatrop")
-
-
 def found_text(rows: Sequence[Row]) -> str:
     """What ours take with the peer's kind of Hessian, by tolerance."""
-    parts = [part for plugin in PLUGIN_NAMES for part in _ratios(rows, plugin)]
+    parts = [*_ratios(rows)]
     return f"With Gauss and Newton's Hessian, which the peer uses as well, {'; '.join(parts)}." if parts else ""
 
 
-def _ratios(rows: Sequence[Row], plugin: str) -> Iterator[str]:
+def _ratios(rows: Sequence[Row]) -> Iterator[str]:
     for tolerance in CONVERGENCE:
         setting = f"{GAUSS_NEWTON}, {tolerance:g}, {COMPILED}"
-        chosen = [row for row in rows if (row["solver"], row["setting"]) == (f"uvms_ocp {plugin}", setting)]
+        chosen = [row for row in rows if (row["solver"], row["setting"]) == ("uvms_ocp stagewise", setting)]
         chosen = [row for row in chosen if row["problem"].startswith("shooting") and row["ratio"] is not None]
         if chosen:
             ratios, apart = [row["ratio"] for row in chosen], max(abs(row["off"]) for row in chosen)
             yield (
-                f"{plugin} takes {min(ratios):.2f} to {max(ratios):.2f} times the peer's time at a tolerance of {tolerance:g}, "
+                f"stagewise takes {min(ratios):.2f} to {max(ratios):.2f} times the peer's time at a tolerance of {tolerance:g}, "
                 f"where the costs agree to {apart:.0e}"
             )
 

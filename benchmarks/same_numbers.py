@@ -72,7 +72,7 @@ def attribute(value: Any, name: str) -> Any:
 FAULTS = ("altimeter:frozen@8", "thruster3:dead@15", "joint2:jam@20")
 SOLVERS = {"lexls": "LexicographicActiveSet", "lexqp": "LexicographicQp", "icat": "Icat"}
 PLANTS = ("kinematic", "dynamic")
-OCP_BACK_ENDS = ("ipopt", "fatrop", "stagewise")
+OCP_BACK_ENDS = ("ipopt", "stagewise")
 SQP_BACK_ENDS = ("stagewise", "hpipm")
 PATIENCE = 600.0
 """[s] for solvers, which must not end by the clock."""

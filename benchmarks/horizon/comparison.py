@@ -98,10 +98,7 @@ def _crocoddyl_row(name: str, peer: Mapping[str, Any], judged: Mapping[str, floa
 
 
 def limited_rows(comparison: Comparison, n_steps: int) -> tuple[list[Row], dict[str, str]]:
-    """mim-solvers first: ratios are to its time, `to_fatrop` to that of fatrop with the same tolerance.
-
-    `off` is the share by which a cost differs from that of mim-solvers.
-    """
+    """mim-solvers first: ratios are to its time; `off` is the share by which a cost differs from that of mim-solvers."""
     name = f"limited, N = {n_steps}"
     peer: dict[str, Any] = {}
     if comparison.peers:
@@ -115,11 +112,7 @@ def limited_rows(comparison: Comparison, n_steps: int) -> tuple[list[Row], dict[
         rows.append({**row, **times(peer, peer["cpu"]), **found})
     best = peer.get("cost") if peer.get("converged") else None
     ours = comparison.run_ours("limited", n_steps, comparison.ways[0])["rows"]
-    fatrop = {row["convergence"]: row["cpu"] for row in ours if row["plugin"] == "fatrop"}
-    for row in ours:
-        made = our_row(name, row, comparison.ways[0], peer.get("cpu"), (row["cost"], best))
-        known = row["convergence"] in fatrop
-        rows.append({**made, "to_fatrop": row["cpu"] / fatrop[row["convergence"]] if known else None})
+    rows += [our_row(name, row, comparison.ways[0], peer.get("cpu"), (row["cost"], best)) for row in ours]
     return rows, peer.get("versions", {})
 
 

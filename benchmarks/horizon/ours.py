@@ -31,7 +31,7 @@ GAUSS_NEWTON, EXACT = "Gauss-Newton", "exact"
 
 def settings(kind: str, n_steps: int) -> Iterator[tuple[str, str, OcpProblem]]:
     """Solver, Hessian and problem."""
-    for plugin in ("stagewise", "fatrop", "ipopt"):
+    for plugin in ("stagewise", "ipopt"):
         if kind == "limited":
             yield plugin, GAUSS_NEWTON, limited_problem(n_steps)
         elif kind == "quickest":

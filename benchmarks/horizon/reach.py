@@ -23,7 +23,7 @@ from uvms_ocp.ocp.planner import Planner
 from uvms_ocp.ocp.problem import HessianKind, OcpProblem
 from uvms_ocp.solvers.nlp.level_solver import NlpOptions
 
-PLUGINS = ("stagewise", "ipopt", "fatrop")
+PLUGINS = ("stagewise", "ipopt")
 LOOSE = 1e-6
 """convergence with Gauss and Newton's Hessian."""
 SHIFT, TURN = 0.02, 0.02

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import pytest
-from reaches import SOLVERS, patient, reach
+from reaches import patient, reach
 
 from uvms_ocp.ocp.planner import Planner
 from uvms_ocp.robot.loading import load_robot
 from uvms_ocp.robot.robot import Robot
+from uvms_ocp.solvers.nlp.level_solver import PLUGINS
 
 
 @pytest.fixture(scope="session")
@@ -20,7 +21,7 @@ def planner(robot: Robot) -> Planner:
     return patient(reach(robot))
 
 
-@pytest.fixture(scope="session", params=SOLVERS)
+@pytest.fixture(scope="session", params=PLUGINS)
 def plugin(request: pytest.FixtureRequest) -> str:
     """Laws of plans hold with every one of them."""
     return str(request.param)

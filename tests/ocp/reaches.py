@@ -15,8 +15,6 @@ from uvms_ocp.tasks.pose import ToolPose
 from uvms_ocp.tasks.task import Task
 
 CHEAP = OcpLevel(name="effort", terms=(Effort(), Smoothness(weight=0.09)))
-SOLVERS = tuple(plugin for plugin in PLUGINS if plugin != "fatrop")
-"""That laws of plans hold with: fatrop holds levels by equations, and looks at the time between NLPs only."""
 PATIENCE = 600.0  # [s] for other programs on the machine must not decide a verdict
 
 

@@ -208,7 +208,7 @@ def test_freedoms_that_are_none_are_refused(arm: Robot) -> None:
         with pytest.raises(InvalidInput, match=r"start_freedom|NaN"):
             replace(on_arm(arm), start_freedom=freedom)
     with pytest.raises(InvalidInput, match="use plugin='ipopt'"):
-        Planner(replace(on_arm(arm), periodic=True), NlpOptions(plugin="fatrop"))
+        Planner(replace(on_arm(arm), periodic=True), NlpOptions(plugin="stagewise"))
 
 
 # --- obstacles that move ------------------------------------------------------------------------------

@@ -8,7 +8,7 @@ from itertools import pairwise
 import numpy as np
 import pinocchio as pin
 import pytest
-from reaches import CHEAP, SOLVERS, patient, reach, tool_goal
+from reaches import CHEAP, patient, reach, tool_goal
 from same_words import require_same_words
 
 from uvms_ocp.ocp.plan import OcpStatus, Plan
@@ -19,6 +19,7 @@ from uvms_ocp.ocp.transcription.transcription import Transcription
 from uvms_ocp.robot.loading import load_robot
 from uvms_ocp.robot.robot import Robot
 from uvms_ocp.robot.signals import State
+from uvms_ocp.solvers.nlp.level_solver import PLUGINS
 from uvms_ocp.tasks.pose import VehiclePose
 
 TOLERANCE = 1e-6  # of `NlpOptions`
@@ -120,7 +121,7 @@ def test_a_level_costs_those_below_what_ipopt_says(plan: Plan, by_ipopt: Plan) -
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("plugin", SOLVERS[1:])
+@pytest.mark.parametrize("plugin", PLUGINS[1:])
 @pytest.mark.parametrize(
     "options", [{"actuation": Actuation.WRENCH}, {"current": np.array([0.1, 0.0, 0.0])}], ids=["wrench", "current"]
 )

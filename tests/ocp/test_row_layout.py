@@ -105,10 +105,9 @@ def test_a_plan_whose_time_is_limited_takes_that_time_where_it_would_take_more(p
     assert limited.duration == pytest.approx(3.0, abs=1e-3)
 
 
-@pytest.mark.parametrize("plugin", ["fatrop", "stagewise"])
-def test_solvers_that_go_from_step_to_step_refuse_a_limited_total(problem: OcpProblem, plugin: str) -> None:
+def test_a_solver_that_goes_from_step_to_step_refuses_a_limited_total(problem: OcpProblem) -> None:
     with pytest.raises(InvalidInput, match="`longest` ties all steps: use plugin='ipopt'"):
-        Planner(replace(problem, longest=3.5), NlpOptions(plugin=plugin))
+        Planner(replace(problem, longest=3.5), NlpOptions(plugin="stagewise"))
 
 
 def test_a_violation_is_told_by_the_name_of_its_row(problem: OcpProblem, robot: Robot) -> None:

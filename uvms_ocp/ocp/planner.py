@@ -364,8 +364,8 @@ class Planner:
     ) -> None:
         """transcription: of the same problem for the same plugin, to share it between planners of different options.
         wait_for_compiler: before the first search, which else begins in CasADi's virtual machine, at a twentieth of the speed,
-        and comes to the same plan: stage by stage it goes on in machine code as soon as that is there, with IPOPT and fatrop the
-        next planner does. It is waited for always where there is a time limit, and with these two where steps are many.
+        and comes to the same plan: stage by stage it goes on in machine code as soon as that is there, with IPOPT the next
+        planner does. It is waited for always where there is a time limit, and with IPOPT where steps are many.
         """
         given = options or NlpOptions()
         plugin = transcription.plugin if transcription is not None else stagewise_or(IPOPT, problem)
@@ -393,7 +393,7 @@ class Planner:
         differ; anything else raises `InvalidInput`, which says what. guess: a trajectory, or an earlier plan to start
         from, warm; by default the robot holds its start. t0 [s]: time of the first node, for goals that move. diagnose:
         where a goal is missed, try longer horizons to say why, and where constraints are, look for what would have to give
-        way, within the time limit of the options. progress: told every iteration (fatrop tells none); a `KeyboardInterrupt` from
+        way, within the time limit of the options. progress: told every iteration; a `KeyboardInterrupt` from
         it ends the search with the best plan so far, whose status says so. Ctrl-C does too, and raises `Interrupted`, whose
         `result` is that plan.
         """

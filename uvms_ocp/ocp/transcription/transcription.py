@@ -57,10 +57,10 @@ def assemble(entries: Sequence[Entries], shape: tuple[int, int]) -> ca.MX:
     return ca.MX(sparsity, ca.vertcat(*(item.values for item in entries))[order.tolist()])
 
 
-def summed(entries: Sequence[Entries], n: int, *, upper: bool) -> ca.MX:
-    """The square matrix (n, n) of all entries, which add up where they share a place; of `upper` its upper triangle."""
+def upper_triangle(entries: Sequence[Entries], n: int) -> ca.MX:
+    """The upper triangle of the square matrix (n, n) of all entries, which add up where they share a place."""
     rows, columns = (np.concatenate([getattr(item, name) for item in entries]) for name in ("rows", "columns"))
-    kept = np.flatnonzero((rows >= 0) & (columns >= 0) & ((rows <= columns) | (not upper)))
+    kept = np.flatnonzero((rows >= 0) & (columns >= 0) & (rows <= columns))
     places, target = np.unique(columns[kept].astype(np.int64) * n + rows[kept], return_inverse=True)
     # One product instead of sums of large matrices, each of which would be gone through anew.
     sums = ca.DM.triplet(target.tolist(), kept.tolist(), ca.DM.ones(len(kept)), len(places), len(rows))
@@ -192,8 +192,8 @@ class Horizon:
                 entries.append(block.hessian(sigma, ca.vertcat(-own[:n, :], own[n:, :]) if block is self.dynamics else own))
         return entries
 
-    def derivative_functions(self, index: int, raw_rows: np.ndarray, *, plugin: str) -> dict[str, ca.Function]:
-        """Build the functions that NLP solvers need, of the cost of one level and of the rows numbered raw_rows (m,)."""
+    def derivative_functions(self, index: int, raw_rows: np.ndarray) -> dict[str, ca.Function]:
+        """Build the functions that IPOPT needs, of the cost of one level and of the rows numbered raw_rows (m,)."""
         only, values = ca.DM(np.eye(self.n_levels)[index]), [self.costs[index], self.rows[raw_rows.tolist()]]
         lam_f, lam_g = ca.MX.sym("lam_f"), ca.MX.sym("lam_g", len(raw_rows))
         position = np.full(self.layout.n_rows, len(raw_rows))
@@ -201,9 +201,8 @@ class Horizon:
         lam = ca.vertcat(lam_g, 0)[position.tolist()]
         sigma = lam[self.layout.costs.tolist()] + lam_f * only
         J = assemble(self._rows_of(raw_rows, position), (len(raw_rows), self.n_x))
-        ipopt = plugin == "ipopt"
-        H = summed(self._hessian(sigma, lam), self.n_x, upper=ipopt)
-        return nlp_functions([self.x, self.p], values, [lam_f, lam_g], (self._gradient(ca.MX(only)), J, H), ipopt=ipopt)
+        H = upper_triangle(self._hessian(sigma, lam), self.n_x)
+        return nlp_functions([self.x, self.p], values, [lam_f, lam_g], (self._gradient(ca.MX(only)), J, H))
 
     def _rows_of(self, raw_rows: np.ndarray, position: np.ndarray) -> list[Entries]:
         """Entries of the chosen rows, renumbered; frozen costs add one dense row each."""
@@ -222,7 +221,7 @@ def horizon(
     """Symbols of the variables and parameters of a problem, and its rows in them."""
     x, p = ca.MX.sym("x", variables.n_x), ca.MX.sym("p", parameters.n)
     nodes, n = variables.nodes(x, p[parameters.steps]), layout.n_state
-    columns = np.array([variables.columns(k) for k in range(variables.N + 1)])
+    columns = variables.all_columns
     every = ca.horzcat(nodes.steps, nodes.last)
     blocks = tuple(
         Block(
@@ -286,7 +285,7 @@ class Transcription:
         self._own_bounds = self.variables.bounds(problem)
         self.parameter_layout = layouts.parameter_layout(problem, self.blocks)
         self._ends = ends = layouts.boundary(self.model)
-        if plugin != "ipopt" and (ends.coupled or problem.limits_total):
+        if plugin == STAGEWISE and (ends.coupled or problem.limits_total):
             what = "a periodic motion ties its ends" if ends.coupled else "`longest` ties all steps"
             raise InvalidInput(f"{plugin} goes from step to step, {what}: use plugin='ipopt'")
         self.row_layout = layouts.row_layout(problem, self.blocks, ends, n_forces=self.model.n_forces)
@@ -363,7 +362,7 @@ class Transcription:
 
     def row_functions(self, raw_rows: np.ndarray) -> dict[str, ca.Function]:
         """``nlp_g``, ``nlp_jac_g`` and ``nlp_hess_l`` of the rows numbered raw_rows (m,), as IPOPT asks for them."""
-        return self._horizon.derivative_functions(0, raw_rows, plugin="ipopt")
+        return self._horizon.derivative_functions(0, raw_rows)
 
     @cached_property
     def _costs(self) -> ca.Function:
@@ -449,5 +448,4 @@ class Transcription:
         order = np.argsort(self.row_layout.stage[numbered], kind="stable")
         raw_rows, whole = numbered[order], self._horizon
         nlp = {"x": whole.x, "p": whole.p, "f": whole.costs[index], "g": whole.rows[raw_rows.tolist()]}
-        functions = whole.derivative_functions(index, raw_rows, plugin=self.plugin)
-        return LevelNlp(nlp=nlp, rows=order, functions=functions)
+        return LevelNlp(nlp=nlp, rows=order, functions=whole.derivative_functions(index, raw_rows))

@@ -1,4 +1,4 @@
-"""Lexicographic nonlinear programs, solved level by level: IPOPT, fatrop, SQP in real time."""
+"""Lexicographic nonlinear programs, solved level by level: IPOPT, SQP in real time."""
 
 import lazy_loader
 

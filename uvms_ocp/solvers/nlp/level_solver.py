@@ -16,13 +16,13 @@ import numpy as np
 from uvms_ocp.checks import checked_dataclass
 from uvms_ocp.errors import InvalidInput, NameNotFound, require_known
 from uvms_ocp.interrupts import on_interrupt
-from uvms_ocp.solvers.nlp.program import LevelNlp, LexicographicProgram, NlpStatus, RowBounds, RowRanges, status_of
+from uvms_ocp.solvers.nlp.program import LevelNlp, LexicographicProgram, NlpStatus, RowBounds, status_of
 from uvms_ocp.types import DAY, AtLeastOne, Magnitude, Positive
 
 # How the NLPs of a lexicographic program are solved.
 
 AUTO, IPOPT, STAGEWISE = "auto", "ipopt", "stagewise"
-PLUGINS = (AUTO, IPOPT, "fatrop", STAGEWISE)
+PLUGINS = (AUTO, IPOPT, STAGEWISE)
 
 
 @checked_dataclass(eq=False)
@@ -30,18 +30,17 @@ class NlpOptions:
     """Options of the NLP solver. Raises `NameNotFound` for another plugin, `InvalidInput` for a number out of its range."""
 
     plugin: str = AUTO
-    """``ipopt``, ``fatrop``, or ``stagewise`` for problems over a horizon. ``auto`` is ``stagewise`` where that takes a problem
+    """``ipopt``, or ``stagewise`` for problems over a horizon. ``auto`` is ``stagewise`` where that takes a problem
     and there is a compiler, with ``ipopt`` where it does not come to an end; and ``ipopt`` for all other programs."""
     tolerance: Magnitude = 1e-6
-    """Allowed rise of the residual of a solved level, as a norm. With 0, and always with fatrop, rows of equalities are frozen
-    as equality constraints: not for levels whose rows contradict each other, where no constraint qualification holds."""
+    """Allowed rise of the residual of a solved level, as a norm. With 0 rows of equalities are frozen as equality
+    constraints: not for levels whose rows contradict each other, where no constraint qualification holds."""
     convergence: Positive = 1e-8
     """Largest error of the optimality conditions, as the plugin scales them."""
     max_iterations: AtLeastOne = 150
     """For every NLP."""
     time_limit: Positive = DAY
-    """[s] for all NLPs together; by default iterations end them, however busy the machine is. Iterations are not cut short;
-    fatrop looks at it between NLPs only."""
+    """[s] for all NLPs together; by default iterations end them, however busy the machine is. Iterations are not cut short."""
     anticipate: bool = True
     """Try the lowest level first, with all levels above met in full."""
     barrier: Positive = 1e-2
@@ -54,11 +53,6 @@ class NlpOptions:
         """Largest violation of scaled rows with which a point counts as usable."""
         return max(1e-5, self.convergence)
 
-    @property
-    def freezing(self) -> float:
-        """`tolerance`, 0 where rows are frozen as equalities."""
-        return 0.0 if self.plugin == "fatrop" else self.tolerance
-
     def __post_init__(self) -> None:
         require_known("NLP solver", self.plugin, PLUGINS)
         if self.time_limit > DAY:
@@ -66,32 +60,24 @@ class NlpOptions:
 
 
 def solver_options(options: NlpOptions, *, warm: bool) -> dict[str, Any]:
-    """Options of the plugin itself, for a start with or without multipliers."""
+    """Options of IPOPT itself, for a start with or without multipliers."""
     chosen: dict[str, Any] = {
         "print_level": 0,
+        "sb": "yes",
         "tol": options.convergence,
         "max_iter": options.max_iterations,
+        "max_wall_time": options.time_limit,
         "mu_init": options.barrier,
+        # Bounds give way by this much: rows that are frozen must not.
+        "bound_relax_factor": min(1e-8, 0.01 * (options.tolerance or 1e-6)),
     }
-    if options.plugin == IPOPT:
-        chosen |= {
-            "sb": "yes",
-            "max_wall_time": options.time_limit,
-            # Bounds give way by this much: rows that are frozen must not.
-            "bound_relax_factor": min(1e-8, 0.01 * (options.tolerance or 1e-6)),
-        }
-    if warm:
-        chosen |= _WARM[options.plugin]
-    return chosen | dict(options.plugin_options)
+    return chosen | (_WARM if warm else {}) | dict(options.plugin_options)
 
 
 _PUSHES = [
     f"warm_start_{what}" for what in ("bound_push", "mult_bound_push", "slack_bound_push", "bound_frac", "slack_bound_frac")
 ]
-_WARM: dict[str, dict[str, Any]] = {
-    "ipopt": {"warm_start_init_point": "yes", "mu_init": 1e-6, **dict.fromkeys(_PUSHES, 1e-9)},
-    "fatrop": {"mu_init": 1e-6},
-}
+_WARM: dict[str, Any] = {"warm_start_init_point": "yes", "mu_init": 1e-6, **dict.fromkeys(_PUSHES, 1e-9)}
 
 
 # How real-time SQP makes a step.
@@ -273,9 +259,8 @@ class LevelSolver:
         self._watch, name = watch, program.ranges.levels[index].name
         self._options, self._deadline, self._n_rows = options, deadline, program.ranges.n_rows
         self._nlp: LevelNlp = program.nlps[index]
-        equal = _equalities(program.ranges, options)[self._nlp.rows].tolist()
         self._stop = _Stop(self._nlp, name, deadline, watch)
-        self._cold, self._warm = (self._solver(f"level_{index}", equal, warm=warm) for warm in (False, True))
+        self._cold, self._warm = (self._solver(f"level_{index}", warm=warm) for warm in (False, True))
 
     def fits(self, point: NlpPoint) -> bool:
         """True for a start with as many variables and rows as this program has."""
@@ -325,16 +310,11 @@ class LevelSolver:
             cost=best.cost,
         )
 
-    def _solver(self, name: str, equal: list[bool], *, warm: bool) -> ca.Function:
-        plugin = self._options.plugin
+    def _solver(self, name: str, *, warm: bool) -> ca.Function:
         options: dict[str, Any] = {"print_time": False, "error_on_fail": False, "cache": dict(self._nlp.functions)}
         options |= dict.fromkeys(("calc_lam_p", "calc_lam_x", "calc_f", "calc_g"), False)
-        options[plugin] = solver_options(self._options, warm=warm)
-        if plugin == "ipopt":
-            options["iteration_callback"] = self._stop
-        else:
-            options |= {"structure_detection": "auto", "equality": equal}
-        return ca.nlpsol(name, plugin, dict(self._nlp.nlp), options)
+        options |= {IPOPT: solver_options(self._options, warm=warm), "iteration_callback": self._stop}
+        return ca.nlpsol(name, IPOPT, dict(self._nlp.nlp), options)
 
 
 class _Stop(ca.Callback):  # type: ignore[misc]  # CasADi has no types
@@ -365,13 +345,3 @@ class _Stop(ca.Callback):  # type: ignore[misc]  # CasADi has no types
             iteration = self.best.iterations - 1
             self._watch.report(IterationReport(level=self._name, iteration=iteration, residual=residual, violation=violation))
         return [float(self._deadline.over or self._watch.should_stop)]
-
-
-def _equalities(ranges: RowRanges, options: NlpOptions) -> np.ndarray:
-    """(n_rows,) True for constraints that are equalities, and for rows that are frozen as such."""
-    equal = np.zeros(ranges.n_rows, dtype=bool)
-    equal[: len(ranges.lower)] = ranges.lower == ranges.upper
-    for level in ranges.levels:
-        if level.relax is None and options.freezing == 0:
-            equal[level.frozen] = level.lower == level.upper
-    return equal

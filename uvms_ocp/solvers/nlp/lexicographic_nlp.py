@@ -111,7 +111,7 @@ class LexicographicNlp:
     def _solvers(self, program: nlp.LexicographicProgram | SelfSolving) -> Sequence[NlpSolver]:
         if isinstance(program, nlp.LexicographicProgram):
             if self.options.plugin == level_solver.STAGEWISE:
-                raise InvalidInput("plugin 'stagewise' solves problems over a horizon; give 'ipopt' or 'fatrop'")
+                raise InvalidInput("plugin 'stagewise' solves problems over a horizon; give 'ipopt'")
             levels = range(len(program.nlps))
             return [level_solver.LevelSolver(program, i, self.options, self.deadline, self.watch) for i in levels]
         return program.solvers(self.options, self.deadline, self.watch)
@@ -131,7 +131,7 @@ class LexicographicNlp:
 
         p (n_p,) [unit of the parameter]; x_lower and x_upper (n,), or one for all variables [unit of x]; ranges: instead of
         the program's, of the same kinds; time_limit [s]: at most that of the options, which is the default. progress:
-        told every iteration (fatrop tells none). Ctrl-C ends the solve at the best point so far. Raises `InvalidInput` for a
+        told every iteration. Ctrl-C ends the solve at the best point so far. Raises `InvalidInput` for a
         start or parameters that are not finite, and for a result of another program.
         """
         begin = perf_counter()
@@ -179,7 +179,7 @@ class _Run:
     ) -> None:
         self._nlp, self._levels, self._begin = solver, levels, begin
         self._points, self._p, self._bounds = points, p, bounds
-        self._tolerance = solver.options.freezing
+        self._tolerance = solver.options.tolerance
         self._spent = 0  # iterations of an anticipation that failed
 
     def anticipated(self, start: np.ndarray | LexicographicResult) -> LexicographicResult | None:

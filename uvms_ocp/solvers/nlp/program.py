@@ -153,29 +153,22 @@ class LevelNlp:
 
 
 def nlp_functions(
-    variables: Sequence[ca.MX],
-    values: Sequence[ca.MX],
-    lam: Sequence[ca.MX],
-    derivatives: tuple[ca.MX, ca.MX, ca.MX],
-    *,
-    ipopt: bool = True,
+    variables: Sequence[ca.MX], values: Sequence[ca.MX], lam: Sequence[ca.MX], derivatives: tuple[ca.MX, ca.MX, ca.MX]
 ) -> dict[str, ca.Function]:
-    """Functions of an NLP with variables x (n,) and p (n_p,) and values f () and g (m,), as IPOPT or fatrop ask for them.
+    """Functions of an NLP with variables x (n,) and p (n_p,) and values f () and g (m,), as IPOPT asks for them.
 
     lam: symbols for the multipliers of f and g. derivatives: gradient (n,) of f, Jacobian (m, n) of g, Hessian (n, n) of
-    ``lam_f f + lam_g' g``, of which IPOPT takes the upper triangle.
+    ``lam_f f + lam_g' g``, the upper triangle.
     """
     (f, g), (gradient, J, H) = values, derivatives
     primal, dual, everything = ["x", "p"], ["x", "p", "lam_f", "lam_g"], [*variables, *lam]
     slope = lam[0] * gradient + J.T @ lam[1]
-    of_cost = {"f": f, "grad_f_x": gradient} if ipopt else {"grad_f_x": gradient}
-    curvature = {"triu_hess_gamma_x_x": H} if ipopt else {"grad_gamma_x": slope, "hess_gamma_x_x": H}
     functions = (
         ca.Function("nlp_f", variables, [f], primal, ["f"]),
         ca.Function("nlp_g", variables, [g], primal, ["g"]),
-        ca.Function("nlp_grad_f", variables, [*of_cost.values()], primal, [*of_cost]),
+        ca.Function("nlp_grad_f", variables, [f, gradient], primal, ["f", "grad_f_x"]),
         ca.Function("nlp_jac_g", variables, [g, J], primal, ["g", "jac_g_x"]),
-        ca.Function("nlp_hess_l", everything, [*curvature.values()], dual, [*curvature]),
+        ca.Function("nlp_hess_l", everything, [H], dual, ["triu_hess_gamma_x_x"]),
         # Asked for at construction, never called: multipliers of parameters are off.
         ca.Function("nlp_grad", everything, [f, g, slope, ca.MX(*variables[1].shape)], dual, _GRADIENTS),
     )
