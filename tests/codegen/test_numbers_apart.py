@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import gc
 import sys
-from dataclasses import fields, replace
+from collections.abc import Callable
+from contextlib import suppress
 from functools import lru_cache
 from pathlib import Path
 
@@ -14,10 +15,13 @@ import pytest
 from compiler import needs_compiler
 
 from uvms_ocp import scenarios
+from uvms_ocp.campaign import vary
+from uvms_ocp.campaign.variations import available_parameters
 from uvms_ocp.codegen import compile as compiling
 from uvms_ocp.codegen.casadi_code import without_numbers
 from uvms_ocp.codegen.compile import compile_function, compiled_symbol
-from uvms_ocp.tasks import Hierarchy
+from uvms_ocp.errors import InvalidInput
+from uvms_ocp.scenario import Scenario
 
 X = np.random.default_rng(4).normal(size=3)
 
@@ -61,24 +65,24 @@ def test_code_without_its_numbers_is_the_same_for_all_of_them(function_with: typ
 
 
 @needs_compiler
-def test_a_changed_gain_compiles_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
-    known = scenarios.case1(plant="kinematic", duration=0.5)
-
-    def with_gains(scale: float) -> Hierarchy:
-        changes = [
-            {each.name: scale * getattr(task, each.name) for each in fields(task) if each.name == "gain"}
-            for task in known.mission.hierarchy.tasks
-        ]
-        return Hierarchy([replace(task, **change) for task, change in zip(known.mission.hierarchy.tasks, changes, strict=True)])
-
-    begun, build = list[str](), compiling._build
+@pytest.mark.parametrize("given", [scenarios.case1, scenarios.obstacle_field])
+def test_numbers_of_tasks_and_gains_compile_nothing_whatever_they_are(
+    given: Callable[..., Scenario], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Before, one that was equal to another, or to 0 or 1, or no longer so, made code of its own."""
+    known = given(duration=0.02)
+    known.run()
+    begun, build, tried = list[str](), compiling._build, 0
     monkeypatch.setattr(compiling, "_build", lambda *given: begun.append(given[-1]) or build(*given))
-    ends = []
-    for scale in (1.03, 1.07):
-        begun.clear()
-        ends.append(replace(known, mission=replace(known.mission, hierarchy=with_gains(scale))).run()["q"][-1])
-    assert begun == []
-    assert (ends[0] != ends[1]).any()
+    for name in available_parameters(known):
+        # The lead is that of another law, and an observer without bandwidth is none.
+        if name.startswith(("tasks.", "gains.")) and name not in ("gains.lead", "gains.observer_vehicle"):
+            for value in (0.0, 0.5, 1.0):
+                with suppress(InvalidInput):  # a margin of half the range, a gain that has to be > 0
+                    vary(known, {name: value}).run()
+                    tried += 1
+                assert begun == [], (name, value)
+    assert tried > 40
 
 
 @needs_compiler

@@ -425,7 +425,7 @@ def require_available(variations: Sequence[Variation], scenario: Scenario) -> No
 def vary(
     scenario: Scenario, values: Mapping[str, float], *, variations: Sequence[Variation] = (), seed: Count | None = None
 ) -> Scenario:
-    """Return the scenario with these values [unit of each] by name of a parameter: code is kept but for numbers that meet others.
+    """Return the scenario with these values [unit of each] by name of a parameter: tasks, goals and gains need no code.
 
     seed: of everything else that is random; left out: the scenario's. variations: parameters of one's own, which come last;
     others in the order of `available_parameters`. Raises `NameNotFound` for a parameter that the scenario does not have, and

@@ -7,6 +7,7 @@ from collections.abc import Sequence, Set
 from itertools import count
 from typing import NamedTuple
 
+import casadi as ca
 import numpy as np
 
 # Numbers are data: another gain, weight or goal is no new code.
@@ -31,6 +32,14 @@ def without_numbers(code: str) -> tuple[str, np.ndarray]:
         return f"numbers[{len(found) - 1}]"
 
     return _NUMBER.sub(number, _ARRAY.sub(array, code)), np.array(found, dtype=float)
+
+
+def with_numbers(function: ca.Function, numbers: Sequence[float]) -> ca.Function:
+    """``function`` at these numbers [any], its last input: whatever they are, CasADi writes the same code but for an array."""
+    names = function.name_in()[:-1]
+    symbols = [ca.MX.sym(name, function.sparsity_in(name)) for name in names]
+    values = ca.MX(ca.DM([*numbers, 0.0, 1.0]))[:-2]  # equal ones alone would be no array
+    return ca.Function(function.name(), symbols, function.call([*symbols, values]), names, function.name_out())
 
 
 # Functions of thousands of statements call parts of theirs: compilers share registers out among all variables of a function,

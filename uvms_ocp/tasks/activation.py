@@ -29,7 +29,7 @@ class SmoothActivation:
     """[unit of x]"""
 
     def __post_init__(self) -> None:
-        if not (math.isfinite(self.start) and math.isfinite(self.end) and self.start < self.end):
+        if not is_symbolic(self.start) and not (math.isfinite(self.start) and math.isfinite(self.end) and self.start < self.end):
             raise InvalidInput(f"SmoothActivation({self.start}, {self.end}): start and end must be finite and start < end")
 
     def increasing(self, x: ca.SX | float) -> ca.SX:

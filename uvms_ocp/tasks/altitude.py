@@ -83,7 +83,7 @@ class MinimumAltitude(Task):
 
     def rows(self, symbols: TickSymbols, parameters: ca.SX) -> Rows:
         frame = altimeter_of(self.name, symbols, self.frame)
-        h, row = self.residual(symbols, parameters).value, altitude_row(symbols, frame)
+        h, row = altitude_of(symbols, frame), altitude_row(symbols, frame)
         sinking = symbols.approach(self, h - self.threshold, row)
         bell = SmoothActivation(self.threshold, self.threshold + self.margin)
         return Rows(

@@ -53,7 +53,7 @@ class ObserverLaw:
     and 1 / dt.
     """
 
-    bandwidth: np.ndarray
+    bandwidth: Array
     """W (n_v,) [rad/s]"""
     limit: np.ndarray
     """(n_v,) [N, N m] of d, both ways."""

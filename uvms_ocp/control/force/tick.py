@@ -248,8 +248,8 @@ def _sizes(laws: tick_functions.ForceLaws) -> dict[str, Any]:
         **detection_sizes(laws.robot, symbolic, search, period),
         **thrust_allocation.allocation_sizes(len(laws.robot.description.thrusters)),
         **laws.sizes,
-        "transfer": tick_functions.transfer_function(laws),
-        "observe": tick_functions.observe_function(laws),
-        "control": tick_functions.control_function(laws),
-        "command": tick_functions.command_function(laws),
+        "transfer": tick_functions.with_gains(tick_functions.transfer_function, laws),
+        "observe": tick_functions.with_gains(tick_functions.observe_function, laws),
+        "control": tick_functions.with_gains(tick_functions.control_function, laws),
+        "command": tick_functions.with_gains(tick_functions.command_function, laws),
     }

@@ -7,14 +7,17 @@ tick goes in and comes out; nothing else is remembered.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
+from copy import copy
 from dataclasses import dataclass, field, fields, replace
 from enum import IntEnum
 from functools import partial
 from typing import Annotated, Any, TypeVar
 
 import casadi as ca
+import numpy as np
 
+from uvms_ocp.codegen.casadi_code import with_numbers
 from uvms_ocp.codegen.elementwise import Array
 from uvms_ocp.codegen.kernel_layout import Layout, Sized, declared_sizes
 from uvms_ocp.control.faults.verdicts import ActuatorHealthTuning, FilteredCommands, ResidualFilter, ThrusterEffectiveness
@@ -190,6 +193,8 @@ class ForceLaws:
     """Filter of the actuator monitor, where there is one."""
     search: ActuatorHealthTuning | None = None
     """For faulty thrusters and joints, with what is taken in; `None` for none."""
+    gains: ca.SX = field(default_factory=partial(ca.SX, 0, 1))
+    """Gains that are symbols, the last input of functions that are made of these laws; none where all are numbers."""
 
     @property
     def sizes(self) -> dict[str, int]:
@@ -200,6 +205,18 @@ class ForceLaws:
     def matrix(self) -> ca.DM:
         """Thruster matrix (6, n_thrusters) [-, m]."""
         return symbolic_bodies.sparse(thruster_matrix(self.robot))
+
+
+def with_gains(make: Callable[[ForceLaws], ca.Function], laws: ForceLaws) -> ca.Function:
+    """The function that `make` makes of the laws, whose code is the same for all gains."""
+    velocity, observer, values = laws.velocity, copy(laws.observer), [laws.velocity.K_p, laws.velocity.reset]
+    values += [] if observer is None else [observer.bandwidth]
+    gains = ca.SX.sym("gains", laws.robot.n_v, len(values))
+    K_p, reset, *bandwidth = ca.horzsplit(gains)
+    if bandwidth:
+        object.__setattr__(observer, "bandwidth", bandwidth[0])
+    symbolic = replace(laws, velocity=replace(velocity, K_p=K_p, reset=reset), observer=observer, gains=ca.vec(gains))
+    return with_numbers(make(symbolic), np.concatenate(values).tolist())
 
 
 def transfer_function(laws: ForceLaws) -> ca.Function:
@@ -321,6 +338,8 @@ def _symbols(laws: ForceLaws, **kinds: type[Any]) -> tuple[dict[str, ca.SX], tup
     for name, kind in kinds.items():
         columns[name] = ca.SX.sym(name, sum(max(1, size) for size in declared_sizes(kind, laws.sizes).values()))
         parts.append(parts_of(kind, laws.sizes, columns[name]))
+    if laws.gains.numel():
+        columns["gains"] = laws.gains
     return columns, tuple(parts)
 
 

@@ -9,6 +9,7 @@ from functools import lru_cache
 import casadi as ca
 import numpy as np
 
+from uvms_ocp.codegen.elementwise import Array
 from uvms_ocp.robot.signals import SensorSpec, SensorSpecs
 from uvms_ocp.robot.symbolic_dynamics import SymbolicDynamics
 
@@ -28,9 +29,9 @@ class VelocityLaw:
     """
 
     dynamics: SymbolicDynamics
-    K_p: np.ndarray
+    K_p: Array
     """(n_v,) [1/s]"""
-    reset: np.ndarray
+    reset: Array
     """(n_v,) [1/s] inverse integral time."""
     dt: float
     """[s]"""

@@ -8,15 +8,17 @@ the jerk of each axis. That level is below the tasks that keep the robot safe: b
 from __future__ import annotations
 
 from collections.abc import Hashable, Mapping, Sequence
+from copy import copy
 from dataclasses import fields, replace
 from functools import lru_cache
 from itertools import takewhile
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import casadi as ca
 import numpy as np
 
 from uvms_ocp.checks import checked, checked_dataclass
+from uvms_ocp.codegen.casadi_code import with_numbers
 from uvms_ocp.control.velocity.swing import N_PASSIVE, countered_rows, lean_of, lean_rows, mean_attitude, swinging_axes
 from uvms_ocp.record.meta_values import OWN_QUANTITIES
 from uvms_ocp.robot import Robot, SymbolicModel, symbolic_bodies, thrusters
@@ -168,7 +170,7 @@ of `lean_rows` where a vehicle swings."""
 _SPEED = "vehicle.speed"
 _AS_PARAMETERS = ("goal", "model")
 """Fields of tasks that their rows know by numbers only."""
-_INPUTS = ("q", "velocity", "passive", "previous", "change", "altimeter_range", "parameters", "gates")
+_INPUTS = ("q", "velocity", "passive", "previous", "change", "altimeter_range", "parameters", "gates", "numbers")
 
 
 @checked_dataclass(eq=False)
@@ -203,27 +205,55 @@ def build_levels(robot: Robot, hierarchy: Hierarchy, dt: Period, beside_tasks: S
     Raises `FrameNotFound` or `NameNotFound` where a task names a frame or joint that the robot does not have.
     """
     key = tuple(_expression_key(task, robot) for task in hierarchy.tasks)
-    return _known_levels(robot, Keyed(key, hierarchy), dt, tuple(beside_tasks))
+    numbers = tuple(getattr(task, name) for task in hierarchy.tasks for name in _numbers_of(task))
+    return _levels_with(numbers, robot, Keyed(key, hierarchy), dt, tuple(beside_tasks))
 
 
 def _expression_key(task: Task, robot: Robot) -> Hashable:
-    """All that the rows of a task depend on: its fields, but for goals and shapes, which are parameters.
+    """All that the rows of a task depend on: its fields, but for goals, shapes and numbers, which are parameters.
 
     Equal to none where that cannot be known, as of a user's code.
     """
-    names = [item.name for item in fields(task) if item.init and item.name not in _AS_PARAMETERS]
+    known = (*_AS_PARAMETERS, *_numbers_of(task))
+    names = [item.name for item in fields(task) if item.init and item.name not in known]
     key = (type(task), task.n_parameters(robot), *(getattr(task, name) for name in names))
     try:
         hash(key)
     except TypeError:
         return object()
-    return key if type(task).__module__.startswith("uvms_ocp.") else object()
+    return key if _is_ours(task) else object()
+
+
+def _is_ours(task: Task) -> bool:
+    return type(task).__module__.startswith("uvms_ocp.")
+
+
+def _numbers_of(task: Task) -> list[str]:
+    """Fields that are real numbers, which rows take as symbols alike; of a user's code, which may not, none."""
+    return [item.name for item in fields(task) if item.type in ("Positive", "Finite", "float")] if _is_ours(task) else []
+
+
+def _with_symbols(tasks: Sequence[Task], numbers: ca.SX) -> Hierarchy:
+    """The tasks with `numbers` in place of their own."""
+    changed, symbols = [copy(task) for task in tasks], iter(ca.vertsplit(numbers))
+    for task in changed:
+        for name in _numbers_of(task):
+            object.__setattr__(task, name, next(symbols))
+    return Hierarchy(changed, [task.name for task in changed])
+
+
+@lru_cache(maxsize=8)
+def _levels_with(numbers: tuple[float, ...], *given: Any) -> LevelsProblem:
+    """The `_known_levels` at these numbers [as the fields of tasks], which no graph and no code is made for."""
+    known = _known_levels(*given)
+    return replace(known, function=with_numbers(known.function, numbers))
 
 
 @lru_cache(maxsize=8)
 def _known_levels(robot: Robot, given: Keyed, dt: float, beside_tasks: tuple[str, ...]) -> LevelsProblem:
-    """Make them once for all runs of a robot and its tasks."""
-    hierarchy, symbols = given.value, tick_symbols(robot, dt)
+    """Make them once for all runs of a robot and its tasks; the last input of the function are the numbers of tasks."""
+    symbols, numbers = tick_symbols(robot, dt), ca.SX.sym("numbers", sum(len(_numbers_of(task)) for task in given.value.tasks))
+    hierarchy = _with_symbols(given.value.tasks, numbers)
     previous, change = ca.SX.sym("previous", robot.n_v), ca.SX.sym("change", robot.n_v)
     parameters = ca.SX.sym("parameters", sum(task.n_parameters(robot) for task in hierarchy.tasks))
     gates, passive = ca.SX.sym("gates", len(hierarchy.tasks)), ca.SX.sym("passive", N_PASSIVE)
@@ -255,7 +285,7 @@ def _known_levels(robot: Robot, given: Keyed, dt: float, beside_tasks: tuple[str
         for name, value in rows.quantities.items()
     }
     quantities |= {name: value for name, value in _beside_tasks(symbols).items() if name in beside_tasks}
-    inputs = [symbols.q, symbols.velocity, passive, previous, change, symbols.altimeter_range, parameters, gates]
+    inputs = [symbols.q, symbols.velocity, passive, previous, change, symbols.altimeter_range, parameters, gates, numbers]
     outputs = _stacked(levels, quantities)
     return LevelsProblem(
         function=ca.Function("levels", inputs, [*outputs.values()], list(_INPUTS), [*outputs], {"cse": True}),
