@@ -79,6 +79,23 @@ SPELLINGS: dict[str, bytes] = {
     "times with a blank": table(rows=at_noon(ROWS, "2024-06-01 12:00:{:02d}.{:03d}+02:00")).encode(),
     "times of day": table(rows=at_noon(ROWS, "12:00:{:02d}.{:03d}")).encode(),
     "times with a comma": table(cell=";", rows=at_noon(ROWS, "2024-06-01 12:00:{:02d},{:03d}")).encode(),
+    "times with slashes": table(rows=at_noon(ROWS, "2024/06/01 12:00:{:02d}.{:03d}")).encode(),
+    "times without signs between": table(rows=at_noon(ROWS, "20240601T1200{:02d}.{:03d}Z")).encode(),
+    "times in names of files": table(rows=at_noon(ROWS, "2024-06-01_12-00-{:02d}.{:03d}")).encode(),
+    "times of a zone by its name": table(rows=at_noon(ROWS, "2024-06-01 12:00:{:02d}.{:03d} UTC")).encode(),
+    "days first, with points": table(rows=at_noon(ROWS, "01.06.2024 12:00:{:02d}.{:03d}")).encode(),
+    "half a day": table(rows=at_noon(ROWS, "12:00:{:02d}.{:03d} PM")).encode(),
+    "milliseconds after a colon": table(rows=at_noon(ROWS, "12:00:{:02d}:{:03d}")).encode(),
+    "zones that change": table(
+        rows=at_noon(ROWS[:100], "2024-06-01T12:00:{:02d}.{:03d}+02:00") + at_noon(ROWS[100:], "2024-06-01T10:00:{:02d}.{:03d}Z")
+    ).encode(),
+    "minutes by the header": table(
+        names=["t [min]", *NAMES[1:]], rows=[[f"{float(row[0]) / 60.0:.9f}", *row[1:]] for row in ROWS]
+    ).encode(),
+    "a row of units in brackets": table(rows=[["[s]", "[m]", "[m]", "[m]"], *ROWS]).encode(),
+    "a row of units and of none": table(
+        names=["mode", *NAMES, "volts"], rows=[["-", "sec", "metres", "m", "m", "V"], *(["3", *row, "16"] for row in ROWS)]
+    ).encode(),
     "times of day past midnight": table(rows=past_midnight(ROWS)).encode(),
     "a column of words": table(names=["mode", *NAMES], rows=[["AUTO", *row] for row in ROWS]).encode(),
     "more cells than names": table(rows=[[*row, ""] for row in ROWS]).encode(),
@@ -96,6 +113,42 @@ def test_every_spelling_gives_the_same_numbers(spelling: str, tmp_path: Path) ->
     read = recording_of(path, {"position": POSITION}).channels["position"]
     np.testing.assert_allclose(read.t, T, atol=1e-6)
     np.testing.assert_allclose(read.values, XYZ, atol=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("said", "factor"),
+    [
+        *(("deg/s", 57.29578), ("°/s", 57.29578), ("deg s^-1", 57.29578), ("dps", 57.29578), ("Degrees/sec", 57.29578)),
+        *(("rad s-1", 1.0), ("rad·s⁻¹", 1.0), ("RAD/S", 1.0), ("", 1.0)),
+    ],
+)
+def test_a_unit_is_known_however_it_is_spelled(said: str, factor: float, tmp_path: Path) -> None:
+    rows = [[row[0], *(f"{factor * float(cell):.6f}" for cell in row[1:])] for row in ROWS]
+    names = ["t", *(f"{axis} ({said})" for axis in "pqr")]
+    (tmp_path / "dive.csv").write_text(table(names=names, rows=rows), encoding="utf-8")
+    read = recording_of(tmp_path / "dive.csv", {"angular_velocity": {"time": "t", "columns": ["p", "q", "r"]}})
+    np.testing.assert_allclose(read.channels["angular_velocity"].values, XYZ, atol=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("form", "written"), [("%m/%d/%Y %H:%M:%S.%f", "06/01/2024 12:00:{:02d}.{:03d}"), ("%M:%S.%f", "03:{:02d}.{:03d}")]
+)
+def test_a_form_of_times_that_two_may_mean_is_given(form: str, written: str, tmp_path: Path) -> None:
+    (tmp_path / "dive.csv").write_text(table(rows=at_noon(ROWS, written)))
+    with pytest.raises(InvalidInput, match=r"is no number; .*others by `table: {time:"):
+        recording_of(tmp_path / "dive.csv", {"position": POSITION})
+    read = recording_of(tmp_path / "dive.csv", {"position": POSITION}, table={"time": form}).channels["position"]
+    np.testing.assert_allclose(read.t, T, atol=1e-6)
+    (tmp_path / "dive.csv").write_text(table(rows=[*ROWS[:5], ["tomorrow", *ROWS[5][1:]], *ROWS[6:]]))
+    with pytest.raises(InvalidInput, match=r"dive\.csv: .*'tomorrow'"):
+        recording_of(tmp_path / "dive.csv", {"position": POSITION}, table={"time": form})
+
+
+def test_seconds_and_nanoseconds_may_be_two_columns(tmp_path: Path) -> None:
+    rows = [[f"{1_700_000_000 + int(float(row[0]))}", f"{round(1e9 * (float(row[0]) % 1.0))}", *row[1:]] for row in ROWS]
+    (tmp_path / "dive.csv").write_text(table(names=["stamp.sec", "stamp.nanosec", "x", "y", "z"], rows=rows))
+    read = recording_of(tmp_path / "dive.csv", {"position": POSITION | {"time": ["stamp.sec", "stamp.nanosec"]}})
+    np.testing.assert_allclose(read.channels["position"].t, T, atol=1e-6)
 
 
 def test_columns_without_names_have_places(tmp_path: Path) -> None:
@@ -293,6 +346,23 @@ def test_a_workbook_is_a_table(tmp_path: Path) -> None:
     book.save(tmp_path / "dive.xlsx")
     read = recording_of(tmp_path / "dive.xlsx", {"position": POSITION}).channels["position"]
     np.testing.assert_allclose(read.values, XYZ, atol=1e-12)
+
+
+def test_of_a_workbook_the_first_sheet_with_a_table_is_read_and_it_is_said_of_which(tmp_path: Path) -> None:
+    openpyxl = pytest.importorskip("openpyxl", reason='needs pip install "uvms-ocp[files]"')
+    book = openpyxl.Workbook()
+    book.active.append(["Of three dives, see the other sheets."])
+    for k in (1, 2):
+        for row in [NAMES, *np.column_stack([T, k * XYZ]).tolist()]:
+            (book[f"dive {k}"] if f"dive {k}" in book.sheetnames else book.create_sheet(f"dive {k}")).append(row)
+    book.save(tmp_path / "dive.xlsx")
+    first = recording_of(tmp_path / "dive.xlsx", {"position": POSITION})
+    np.testing.assert_allclose(first.channels["position"].values, XYZ, atol=1e-12)
+    assert first.layout == ("dive.xlsx: sheet dive 1 of Sheet, dive 1, dive 2, header in line 1",)
+    second = recording_of(tmp_path / "dive.xlsx", {"position": POSITION}, table={"sheet": "dive 2"})
+    np.testing.assert_allclose(second.channels["position"].values, 2.0 * XYZ, atol=1e-12)
+    with pytest.raises(NameNotFound, match=r"unknown sheet of dive\.xlsx 'dive 3'; known: Sheet, dive 1, dive 2"):
+        recording_of(tmp_path / "dive.xlsx", {"position": POSITION}, table={"sheet": "dive 3"})
 
 
 def test_lines_of_json_have_topics_by_their_type(tmp_path: Path) -> None:

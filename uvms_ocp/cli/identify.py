@@ -17,10 +17,11 @@ from uvms_ocp.identification.calibration import Calibration, calibrate
 from uvms_ocp.identification.experiment_design import DesignSettings, DesignStatus, ExperimentTask, design_experiment
 from uvms_ocp.identification.proposed_mapping import propose_mapping
 from uvms_ocp.identification.reading import UNITS, read_mapping, read_recording
-from uvms_ocp.identification.recording import CHANNEL_KINDS, Channel, Recording, split_at_gaps
+from uvms_ocp.identification.recording import CHANNEL_KINDS, Channel, Recording, split_at_gaps, unit_named
 from uvms_ocp.identification.results import excitation_text, report_text, variant_text, whole_text
 from uvms_ocp.identification.settings import CalibratedRobot, CalibrationSettings, calibrated_robot, read_settings
 from uvms_ocp.identification.tables import read_table
+from uvms_ocp.identification.text_tables import TextFormat
 from uvms_ocp.record.output import claim_folder
 from uvms_ocp.robot.thrusters import curve_of_table, thrust_limits
 
@@ -208,9 +209,12 @@ def thruster_curve(
     table: Annotated[Path, typer.Argument(metavar="TABLE", help="Table of a bench: text, .xlsx, Parquet, .mat or .npz.")],
     pwm: Annotated[str, typer.Option(metavar="COLUMN", help="What was sent: pulse widths, or shares of the largest.")],
     thrust: Annotated[str, typer.Option(metavar="COLUMN", help="Thrust that was measured.")],
-    unit: Annotated[str, typer.Option(help=f"Of the thrust: {', '.join(_NEWTONS)}.")] = "N",
+    unit: Annotated[str, typer.Option(help=f"Of the thrust: {', '.join(_NEWTONS)}; else as its header says, or N.")] = "",
     voltage: Annotated[str | None, typer.Option(metavar="COLUMN", help="Voltage of each measurement.")] = None,
     at: Annotated[float | None, typer.Option(metavar="V", help="Voltage that the curve is wanted for.")] = None,
+    sheet: Annotated[
+        list[str] | None, typer.Option(metavar="NAME", help="Of a workbook; several, such as one a voltage.")
+    ] = None,
 ) -> None:
     """Turn a table of thrust into the lines of a thruster in hydrodynamics.yaml.
 
@@ -220,15 +224,20 @@ def thruster_curve(
     \f
     Raises `NameNotFound` for a unit or a column that there is not, `InvalidInput` for a voltage without its column.
     """
-    require_known("unit", unit, _NEWTONS)
     if (voltage is None) != (at is None):
         raise InvalidInput("--voltage and --at belong together: give both, or neither")
     columns = [pwm, thrust, *([voltage] if voltage else [])]
-    rows = read_table(table, columns).values
+    require_known("unit", unit or "N", _NEWTONS)
+    read = [read_table(table, columns, TextFormat(sheet=one)) for one in sheet or [""]]
+    said = unit or unit_named(read[0].units[1]) or read[0].units[1] or "N"
+    require_known("unit", said, _NEWTONS)
+    rows = np.concatenate([one.values for one in read])
     rows = rows[np.isfinite(rows).all(axis=1)]
     volts = rows[:, 2] if voltage else None
-    curve, off = curve_of_table(rows[:, 0], _NEWTONS[unit] * rows[:, 1], volts, at or 0.0)
+    curve, off = curve_of_table(rows[:, 0], _NEWTONS[said] * rows[:, 1], volts, at or 0.0)
     points = ", ".join(f"[{signal:.6g}, {force:.4g}]" for signal, force in curve)
     typer.echo(f"minimum: {min(curve[0][1], 0.0):.4g}\nmaximum: {curve[-1][1]:.4g}\ncurve: [{points}]")
+    stderr = console_of(stderr=True)
+    print_line(stderr, "; ".join([f"thrust in {said}", *(f"{table.name}: {one.layout}" for one in read if one.layout)]))
     if off > 0.0:
-        print_line(console_of(stderr=True), f"levelled by up to {off:.2g} N, where thrust fell as the signal rose")
+        print_line(stderr, f"levelled by up to {off:.2g} N, where thrust fell as the signal rose")

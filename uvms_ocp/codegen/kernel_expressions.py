@@ -314,15 +314,6 @@ def _kernel_call(node: ast.Call, function: Any, scope: Scope) -> CExpression:
     return CExpression(f"{PREFIX}{signature.name}({', '.join(argument.text for argument in given)})", signature.result)
 
 
-_TRANSLATED: dict[type, Callable[[Any, Scope], CExpression]] = {
-    ast.Constant: _constant,
-    ast.Name: _name,
-    ast.Attribute: _attribute,
-    ast.Subscript: _subscript,
-    ast.BinOp: _binary,
-    ast.UnaryOp: _unary,
-    ast.BoolOp: _logic,
-    ast.Compare: _comparison,
-    ast.IfExp: _choice,
-    ast.Call: _call,
-}
+_TRANSLATED = dict[type, Callable[[Any, Scope], CExpression]]()
+_TRANSLATED |= {ast.Constant: _constant, ast.Name: _name, ast.Attribute: _attribute, ast.Subscript: _subscript, ast.Call: _call}
+_TRANSLATED |= {ast.BinOp: _binary, ast.UnaryOp: _unary, ast.BoolOp: _logic, ast.Compare: _comparison, ast.IfExp: _choice}

@@ -235,19 +235,10 @@ def _word(word: str) -> Callable[[Any, c_code.Scope], list[str]]:
     return lambda node, scope: [word]
 
 
-_TRANSLATED: dict[type, Callable[[Any, c_code.Scope], list[str]]] = {
-    ast.Assign: _assign,
-    ast.AnnAssign: _assign,
-    ast.AugAssign: _augmented,
-    ast.If: _if,
-    ast.For: _for,
-    ast.While: _while,
-    ast.Return: _return,
-    ast.Expr: _alone,
-    ast.Break: _word("break;"),
-    ast.Continue: _word("continue;"),
-    ast.Pass: _word(";"),
-}
+_TRANSLATED = dict[type, Callable[[Any, c_code.Scope], list[str]]]()
+_TRANSLATED |= {ast.Assign: _assign, ast.AnnAssign: _assign, ast.AugAssign: _augmented, ast.Return: _return, ast.Expr: _alone}
+_TRANSLATED |= {ast.If: _if, ast.For: _for, ast.While: _while}
+_TRANSLATED |= {ast.Break: _word("break;"), ast.Continue: _word("continue;"), ast.Pass: _word(";")}
 
 
 # A C program of kernels: their structures, then all functions that the first ones call.

@@ -67,7 +67,7 @@ _DAY, _AROUND_MIDNIGHT = 86_400.0, 600.0  # [s]; the latter on each side
 _DOWN = np.diag([1.0, -1.0, -1.0])  # from axes with z down to axes with z up, and back
 UNITS: Mapping[str, Mapping[str, float]] = recordings.CHANNEL_TABLE["units"]
 """By the unit of a channel: units that its values may be given in, and factors."""
-_OF_CHANNEL, _SPELLED = recordings.CHANNEL_TABLE["of_channel"], recordings.CHANNEL_TABLE["spelled"]
+_OF_CHANNEL = recordings.CHANNEL_TABLE["of_channel"]
 _FOREIGN = 0.5  # of all rows, above which those without any cell are of other channels
 _LARGEST_ANGLE = 2.5 * np.pi  # [rad] of roll, pitch and yaw as files have them, unless yaw is unwound
 _AT_ONCE = 0.05  # of the usual interval, within which a message that says the same again is the same message
@@ -79,12 +79,12 @@ class ChannelMapping(FileModel, allow_inf_nan=False):
 
     file: str = Field(default="", description="in the folder of the recording, {name} for its name; empty: the file itself")
     topic: str = Field(default="", description="of the messages, in MCAP files, bags, logs of MAVLink; `type` of JSON lines")
-    time: str | Annotated[float, Field(gt=0.0, strict=True)] = Field(
+    time: str | Annotated[float, Field(gt=0.0, strict=True)] | tuple[str, str] = Field(
         default="",
         description="column or field of the times; of messages, empty for when they were logged; a number is the period of rows "
-        "that have none",
+        "that have none; two columns of a table are whole seconds and nanoseconds",
     )
-    time_unit: Literal["s", "ms", "us", "ns"] | None = Field(
+    time_unit: Literal["s", "ms", "us", "ns", "min", "h", "d"] | None = Field(
         default=None,
         description="of times that are plain numbers, default: as a header says, or s; stamps and ISO 8601 need none",
     )
@@ -238,9 +238,9 @@ _UNIX_TIME = {"ns": 1e17, "us": 1e14, "ms": 1e11}
 def _in_seconds(one: ChannelMapping, rows: tables.TableColumns) -> tables.TableColumns:
     """Convert times, in the first column, to seconds: of a unit that is given or said, or whose size tells it; or even ones."""
     times, said = rows.values[:, 0], rows.units[0]
-    if not isinstance(one.time, str):
+    if isinstance(one.time, float):
         times, said = one.time * np.arange(len(times)), "s"
-    unit, layout = _SPELLED.get(said, said) if one.time_unit is None else one.time_unit, rows.layout
+    unit, layout = one.time_unit or recordings.unit_named(said), rows.layout
     if unit not in recordings.SECONDS:
         largest = np.abs(times).max(initial=0.0, where=np.isfinite(times))
         unit = next((name for name, least in _UNIX_TIME.items() if largest >= least), "s")
@@ -252,8 +252,14 @@ def _table_rows(key: str, one: ChannelMapping, path: Path, given: TextFormat | N
     named = (*one.fields, *one.rows)
     if one.topic or not one.time or not named:
         raise InvalidInput(f"{path}: {key} is in a table; give its time, a column or the period [s] of its rows, and no topic")
-    time = one.time if isinstance(one.time, str) else named[0]  # of which there are as many
-    table = _in_seconds(one, tables.read_table(path, [time, *named], given))
+    times = (
+        one.time if isinstance(one.time, tuple) else (one.time if isinstance(one.time, str) else named[0],)
+    )  # as many as those
+    table = tables.read_table(path, [*times, *named], given)
+    if isinstance(one.time, tuple):
+        both = table.values[:, :2] @ [1.0, 1e-9]
+        table = replace(table, values=np.column_stack([both, table.values[:, 2:]]), units=("s", *table.units[2:]))
+    table = _in_seconds(one, table)
     return replace(table, layout=f"{path.name}: {table.layout}" if table.layout else "")
 
 
@@ -288,7 +294,7 @@ def _factors(key: str, one: ChannelMapping, said: Sequence[str]) -> tuple[np.nda
     known = {unit: factor for base in bases for unit, factor in UNITS[base].items()}
     if one.unit is not None or one.scale != 1.0:
         return np.full(len(said), known.get(one.unit or "", 1.0)), []
-    units = [_SPELLED.get(unit.strip(), unit.strip()) for unit in said]
+    units = [recordings.unit_named(unit) or unit.strip() for unit in said]
     other = sorted({unit for unit in units if unit and unit not in known})
     turned = sorted({unit for unit in units if known.get(unit, 1.0) != 1.0})
     remarks = [f"in {', '.join(turned)}, as the file says"] if turned else []

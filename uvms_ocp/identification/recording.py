@@ -6,6 +6,7 @@ see `uvms_ocp.identification.reading`.
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from importlib.resources import files
@@ -39,9 +40,18 @@ CHANNEL_KINDS: Mapping[str, ChannelKind] = {
     name: ChannelKind(**one | {"columns": tuple(one.get("columns", ()))}) for name, one in CHANNEL_TABLE["channels"].items()
 }
 """Every channel that a recording may have, by its name."""
-SECONDS = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}
+SECONDS: Mapping[str, float] = CHANNEL_TABLE["units"]["s"]
 """[s] of the units that times are given in."""
+_BY_SPELLING = {name.lower().replace(" ", ""): name for units in CHANNEL_TABLE["units"].values() for name in units}
 _NORM = 1e-2  # by which quaternions may differ from 1: they are stored with few digits
+
+
+def unit_named(said: str) -> str:
+    """Find what a unit is called here, however it is spelled; empty for one that there is not."""
+    plain = said.lower()
+    for pattern, name in CHANNEL_TABLE["spelling"]["in_place_of"]:
+        plain = re.sub(pattern, name, plain)
+    return _BY_SPELLING.get(plain, "")
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)

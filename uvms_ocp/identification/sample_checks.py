@@ -139,7 +139,7 @@ MOVES = {"linear_velocity": 0.01, "angular_velocity": 0.01}
 """[m/s, rad/s] Less says nothing."""
 _GAP, _BURST = 8.0, 0.5  # of the usual interval; of the mean one
 _OFTEN = 0.02  # of all intervals, from which on gaps are what bursts leave
-_SHORTEST, _LONGEST = 1e-5, 5.0  # [s] between samples, of any sensor
+_SHORTEST, _LIKELY, _LONGEST = 1e-5, 0.05, 5.0  # [s] between samples, of any sensor
 _AT_ONCE = 0.05  # of the usual interval
 _FAR = 3.0  # widths of all others by which values are far off
 _FARTHEST = {"position": 20.0, "linear_velocity": 5.0, "angular_velocity": 10.0, "specific_force": 100.0, "current": 5.0}
@@ -194,8 +194,8 @@ def _times(name: str, channel: Channel) -> Iterator[str]:
     if (pairs := _pairs(channel)) > _OFTEN:
         yield f"{100 * pairs:.0f} % of its samples follow another at once and differ: two sensors? choose one by its rows"
     elif name not in _SELDOM and not _SHORTEST < usual < _LONGEST:
-        units = [unit for unit, factor in SECONDS.items() if _SHORTEST < usual * factor < _LONGEST / 2]
-        yield f"{usual:.3g} s between samples: the unit of its times{f', {units[0]}' if units else ''}?"
+        unit = min(SECONDS, key=lambda unit: abs(np.log(usual * SECONDS[unit] / _LIKELY)))
+        yield f"{usual:.3g} s between samples: the unit of its times{f', {unit}' if unit != 's' else ''}?"
     elif usual < _BURST * steps.mean() and gaps.mean() > _OFTEN:
         yield f"arrives in bursts, half of the intervals below {usual:.3g} s: give sent_every: {steps.mean():.3g}, their mean"
     elif gaps.any() and (name not in _SELDOM or np.percentile(steps, _FOR_LONG) < 2 * usual):

@@ -19,13 +19,14 @@ from dataclasses import dataclass
 from datetime import datetime, timezone
 from itertools import islice
 from pathlib import Path
-from typing import IO, Annotated, Literal
+from typing import IO, Annotated, Any, Literal
 from zipfile import ZipFile
 
 import numpy as np
 from pydantic import Field
 
-from uvms_ocp.errors import InvalidInput, NameNotFound, optional_module
+from uvms_ocp.errors import InvalidInput, NameNotFound, optional_module, require_known
+from uvms_ocp.identification.recording import unit_named
 from uvms_ocp.model_errors import FileModel, one_line_errors
 from uvms_ocp.record.untrusted import DENSEST, SMALL, as_input_errors
 
@@ -42,9 +43,15 @@ _TRUTH = {"true": 1.0, "false": 0.0}
 _NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?|[+-]?inf(inity)?", re.IGNORECASE)
 _DECIMAL_COMMA = re.compile(r"[+-]?\d*,\d+([eE][+-]?\d+)?")
 _GROUPED = re.compile(r"[+-]?\d{1,3}(,\d{3})+(\.\d*)?")
-_TIME = re.compile(r"(\d{4}-\d\d-\d\d[T ])?(\d\d?):(\d\d):(\d\d)([.,]\d+)?(Z|[+-]\d\d:?\d\d)?")
+_TIME = re.compile(
+    r"(?:(?:(?P<Y>\d{4})(?P<dash>[-/.]?)(?P<M>\d\d)(?P=dash)(?P<D>\d\d)|(?P<d>\d\d?)\.(?P<m>\d\d?)\.(?P<y>\d{4}))[T _])?"
+    r"(?P<hours>\d\d?)(?P<colon>(?(Y)[:-]?|:))(?P<minutes>\d\d)(?P=colon)(?P<seconds>\d\d)"
+    r"(?:[.,](?P<part>\d+)|:(?P<ms>\d{3}))?(?: ?(?P<half>[ap])m)? ?(?:Z|UTC|GMT|(?P<zone>[+-]\d\d):?(?P<more>\d\d)?)?",
+    re.IGNORECASE,
+)
 _UNIT = re.compile(r"[\[(]([^\[\]()]*)[\])]\s*$")
-_UNITS = re.compile(r"s|ms|us|µs|ns|sec|m|mm|cm|m/s|mm/s|cm/s|m/s2|m/s\^2|rad|deg|°|rad/s|deg/s|°/s|n|nm|mbar|bar|pa|hz")
+_OTHER_UNITS = re.compile(r"-|1|none|\[.*\]|\(.*\)|[hmd]?bar|[hk]?pa|psi|[km]?hz|m?[vaw]|(deg|°)? ?c|rpm|kg|lbs?", re.IGNORECASE)
+"""What else stands in a row of units."""
 
 
 @one_line_errors
@@ -55,6 +62,8 @@ class TextFormat(FileModel):
     delimiter: Literal["tab", ";", ",", "|", "blank"] | None = Field(default=None, description="between cells")
     decimal: Literal[".", ","] | None = Field(default=None, description="sign before decimals")
     header: Annotated[int, Field(ge=0)] | None = Field(default=None, description="its line, from 1; 0: there is none")
+    time: str = Field(default="", description="of times, such as '%m/%d/%Y %H:%M:%S.%f'; ISO 8601 and times of day need none")
+    sheet: str = Field(default="", description="of a workbook; default: the first with a table")
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -73,17 +82,28 @@ class TextLayout:
     """Its line, from 1; 0 for none."""
     first: int
     """Line of the first row, from 1."""
+    time: str = ""
+    """Format of its times as it was given, empty for one that is known by itself."""
+    sheet: str = ""
+    sheets: tuple[str, ...] = ()
+    """The sheet of a workbook, and all that it has."""
 
     def __str__(self) -> str:
         header = f"header in line {self.header}" if self.header else "no header, columns are #1, #2, ..."
-        return f"{self.encoding}, {self.delimiter!r} between cells, decimals after {self.decimal!r}, {header}"
+        others = f" of {', '.join(self.sheets)}" if len(self.sheets) > 1 else ""
+        text = f"sheet {self.sheet}{others}" if self.sheet else f"{self.encoding}, {self.delimiter!r} between cells"
+        return f"{text}, {header}" if self.sheet else f"{text}, decimals after {self.decimal!r}, {header}"
 
 
 def text_layout(path: Path, given: TextFormat | None = None) -> TextLayout:
-    """Find the layout of a table. Raises InvalidInput for what is none, NotInstalled for a workbook without its library."""
+    """Find the layout of a table.
+
+    Raises InvalidInput for what is none, NotInstalled for a workbook without its library, NameNotFound for no such sheet.
+    """
     given = given or TextFormat()
     encoding = given.encoding or _encoding(path)
-    with _opened(path, encoding) as file:
+    sheets = _sheets(path, given.sheet)
+    with _opened(path, encoding, sheets[0]) as file:
         head = [(k, line) for k, line in enumerate(islice(_lines(file), _HEAD), 1) if line.strip()]
         rows = [(k, line) for k, line in head if not line.lstrip().startswith(("#", "%"))]
         delimiter = given.delimiter or _delimiter([line for _, line in rows])
@@ -98,15 +118,16 @@ def text_layout(path: Path, given: TextFormat | None = None) -> TextLayout:
         before = [(k, row) for k, row in table if k < first and 2 * sum(map(bool, row)) >= width and row[0][:3] != "***"]
         comments = [(k, _split(line.lstrip().lstrip("#%"), delimiter)) for k, line in head if k < first]
         before = before or [(k, row) for k, row in comments if len(row) == width and not _is_row(row, decimal)][-1:]
-        of_units = len(before) > 1 and all(_UNITS.fullmatch(cell.strip("[]()").lower()) for cell in before[-1][1] if cell)
+        of_units = len(before) > 1 and all(unit_named(cell) or _OTHER_UNITS.fullmatch(cell) for cell in before[-1][1] if cell)
         units = before.pop() if of_units else None
         if given.header is not None:
             before = [(k, row) for k, row in cells + comments if k == given.header]
             first = max(first, given.header + 1)
         line, names = before[-1] if before else (0, [f"#{k + 1}" for k in range(width)])
         said = tuple(cell.strip("[]() ") for cell in units[1]) if units else tuple(map(_unit_in, names))
+        table_of = {"encoding": encoding, "delimiter": delimiter, "decimal": decimal, "time": given.time}
         return TextLayout(
-            encoding=encoding, delimiter=delimiter, decimal=decimal, names=tuple(names), units=said, header=line, first=first
+            **table_of, names=tuple(names), units=said, header=line, first=first, sheet=sheets[0], sheets=tuple(sheets[1:])
         )
 
 
@@ -117,7 +138,7 @@ def text_columns(path: Path, places: Sequence[int], layout: TextLayout) -> tuple
     `text_layout` does.
     """
     remarks: list[str] = []
-    with _opened(path, layout.encoding) as file:
+    with _opened(path, layout.encoding, layout.sheet) as file:
         numbers = np.fromiter(_numbers(file, layout, places, remarks), dtype=float)
     return numbers.reshape(-1, len(places)), tuple(remarks)
 
@@ -261,10 +282,10 @@ def _cells(row: Sequence[str], layout: TextLayout, number: int, places: Sequence
                 raise ValueError
             yield float(cell)
         except ValueError:
-            yield _unusual(cell.strip(), layout.names[place], number)
+            yield _unusual(cell.strip(), layout.names[place], number, layout)
 
 
-def _unusual(cell: str, name: str, number: int) -> float:
+def _unusual(cell: str, name: str, number: int, layout: TextLayout) -> float:
     """A cell that is no plain number: nothing, a time, or groups of digits."""
     if _is_missing(cell):
         return float("nan")
@@ -272,16 +293,21 @@ def _unusual(cell: str, name: str, number: int) -> float:
         return _TRUTH[cell.lower()]
     if _GROUPED.fullmatch(cell):
         return float(cell.replace(",", ""))
+    if layout.time:
+        return datetime.strptime(cell, layout.time).replace(tzinfo=timezone.utc).timestamp()
     found = _TIME.fullmatch(cell)
     if not found:
         given = f"row {number}, column {name!r}: {cell[:40]!r} is no number"
-        raise InvalidInput(f"{given}; numbers, empty cells and times as 2024-05-31T23:59:59.5 or 23:59:59.5 are read")
-    day, hours, minutes, seconds, fraction, zone = found.groups()
-    time = 3600.0 * int(hours) + 60.0 * int(minutes) + int(seconds) + float((fraction or "0").replace(",", "."))
-    if day:
-        time += datetime.fromisoformat(day[:10]).replace(tzinfo=timezone.utc).timestamp()
-    if zone and zone != "Z":
-        time -= (1 if zone[0] == "+" else -1) * (3600.0 * int(zone[1:3]) + 60.0 * int(zone[-2:]))
+        read = "numbers, empty cells and times as 2024-05-31T23:59:59.5 or 23:59:59.5 are read"
+        raise InvalidInput(f"{given}; {read}, others by `table: {{time: '%d/%m/%Y %H:%M:%S.%f'}}` or their like")
+    said = found.groupdict()
+    hours = int(said["hours"]) % 12 + 12 * (said["half"] in "pP") if said["half"] else int(said["hours"])
+    time = 3600.0 * hours + 60.0 * int(said["minutes"]) + int(said["seconds"]) + float(f"0.{said['part'] or said['ms'] or 0}")
+    year, month, day = (said[key] for key in ("YMD" if said["Y"] else "ymd"))
+    if year:
+        time += datetime(int(year), int(month), int(day), tzinfo=timezone.utc).timestamp()
+    if said["zone"]:
+        time -= 3600.0 * int(said["zone"]) + 60.0 * int(said["zone"][0] + (said["more"] or "0"))
     return time
 
 
@@ -289,31 +315,48 @@ def _unusual(cell: str, name: str, number: int) -> float:
 
 
 @contextmanager
-def _opened(path: Path, encoding: str) -> Iterator[IO[str]]:
-    """A file to read, packed or not, or the first sheet of a workbook; what is damaged is told in one line."""
+def _opened(path: Path, encoding: str, sheet: str) -> Iterator[IO[str]]:
+    """A file to read, packed or not, or the sheet of a workbook; what is damaged is told in one line."""
     with path.open("rb") as file:
         start = file.read(4)
     with _damage_in_a_line(path):
         if start.startswith(_ZIP):
-            yield _sheet(path)
+            with _workbook(path) as book:
+                text = io.StringIO()
+                csv.writer(text).writerows(book[sheet].iter_rows(values_only=True))
+            text.seek(0)
+            yield text
             return
         with gzip.open(path) if start.startswith(_GZIP) else path.open("rb") as data:
             yield io.TextIOWrapper(data, encoding=encoding, newline=None)
 
 
-def _sheet(path: Path) -> IO[str]:
-    """First sheet of a workbook as text with commas between cells."""
+def _sheets(path: Path, wanted: str) -> list[str]:
+    """The sheet of a workbook that is read, and the names of all; of a text an empty name. Raises NameNotFound."""
+    with path.open("rb") as file:
+        if not file.read(4).startswith(_ZIP):
+            return [""]
+    with _damage_in_a_line(path), _workbook(path) as book:
+        names = [sheet.title for sheet in book.worksheets]
+        if wanted:
+            require_known(f"sheet of {path.name}", wanted, names)
+        heads = ((sheet.title, islice(sheet.iter_rows(values_only=True), _HEAD)) for sheet in book.worksheets)
+        return [wanted or next((name for name, rows in heads if any(map(_has_numbers, rows))), names[0]), *names]
+
+
+def _has_numbers(row: Sequence[object]) -> bool:
+    return sum(isinstance(cell, int | float) for cell in row) > 1
+
+
+@contextmanager
+def _workbook(path: Path) -> Iterator[Any]:
     openpyxl = optional_module("openpyxl", "reading a workbook", "openpyxl")
     with ZipFile(path) as archive:
         size, unpacked = path.stat().st_size, sum(one.file_size for one in archive.infolist())
     if unpacked > max(SMALL, DENSEST * size):
         raise InvalidInput(f"would unpack to {unpacked >> 20} MB; at most {DENSEST} times a file are read")
-    text = io.StringIO()
-    rows = csv.writer(text)
     with as_input_errors(path, what="no workbook"), closing(openpyxl.load_workbook(path, read_only=True, data_only=True)) as book:
-        rows.writerows(book.worksheets[0].iter_rows(values_only=True))
-    text.seek(0)
-    return text
+        yield book
 
 
 def _damage_in_a_line(path: Path) -> AbstractContextManager[None]:

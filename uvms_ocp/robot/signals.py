@@ -214,11 +214,7 @@ UNITS: Mapping[str, str] = {
     "attitude": "rad",
     "angular_velocity": "rad/s",
     "linear_velocity": "m/s",
-    "joint_positions": "rad or m",
-    "joint_velocities": "rad/s or m/s",
-    "altimeter_range": "m",
-    "specific_force": "m/s2",
-}
+} | {"joint_positions": "rad or m", "joint_velocities": "rad/s or m/s", "altimeter_range": "m", "specific_force": "m/s2"}
 """Units of the values of each channel."""
 
 ACCELEROMETER = SensorSpec(rate=100.0, sigma=0.02)

@@ -363,17 +363,9 @@ def health_memory(robot: Robot, specs: Mapping[str, SensorSpec], tuning: HealthT
 
 def sizes_of(robot: Robot) -> dict[str, tuple[int, ...]]:
     """The shape of the value of each channel."""
-    return {
-        "position": (3,),
-        "depth": (),
-        "attitude": (4,),
-        "angular_velocity": (3,),
-        "linear_velocity": (3,),
-        "specific_force": (3,),
-        "joint_positions": (robot.joint_q.stop - robot.joint_q.start,),
-        "joint_velocities": (robot.n_joints,),
-        "altimeter_range": (),
-    }
+    n, joints = robot.joint_q.stop - robot.joint_q.start, robot.n_joints
+    vehicle = {"position": (3,), "depth": (), "attitude": (4,), "angular_velocity": (3,), "linear_velocity": (3,)}
+    return vehicle | {"specific_force": (3,), "joint_positions": (n,), "joint_velocities": (joints,), "altimeter_range": ()}
 
 
 def _set_channel(c: ChannelMemory, robot: Robot, name: str, spec: SensorSpec) -> None:

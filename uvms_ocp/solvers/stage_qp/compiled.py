@@ -21,16 +21,8 @@ _FLAGS = ("-O2", "-ftree-vectorize", "-std=c99")
 _STATUSES = tuple(problem.StageQpStatus)
 _SIZES = ("n_x", "n_u", "n_r", "n_c")
 _PLACES = ("x", "z", "r", "c", "F", "J", "H", "C", "M")
-_DATA = {
-    "dynamics": "dynamics",
-    "offset": "b",
-    "rows": "J",
-    "residual": "r",
-    "hessian": "H",
-    "gradient": "g",
-    "damping": "damping",
-    "constraints": "C",
-}
+_DATA = {"dynamics": "dynamics", "offset": "b", "rows": "J", "residual": "r", "hessian": "H", "gradient": "g"}
+_DATA |= {"damping": "damping", "constraints": "C"}
 _STAGE_WORK = ("fixed", "Q", "q", "L", "inverse", "W", "v", "list")
 _TABLE = ("bound", "side", "elastic", "equal", "target", "l1", "l2", "compliance", "norm")
 _BOUNDS = {name: name.removeprefix("c_") for name in ("lower", "upper", "c_l1", "c_l2", "z_lower", "z_upper", "z_l1", "z_l2")}
