@@ -47,7 +47,7 @@ class FunctionStructure(ctypes.Structure):
                 _numbers(target)[: values.size] = values.ravel(order="F")
 
 
-@lru_cache(maxsize=96)
+@lru_cache(maxsize=48)
 def function_structure(function: ca.Function) -> type[FunctionStructure]:
     """The type of the field. Raises `InvalidInput` for a function with structural zeros among what it takes or gives."""
     if not all(function.sparsity_in(i).is_dense() for i in range(function.n_in())) or not all(
@@ -203,7 +203,7 @@ def structure_of(layout: type[Memory], **sizes: int | ca.Function | type[Layout]
     return cast(type[Memory], _structure(key, tuple(sorted(sizes.items()))))
 
 
-@lru_cache(maxsize=96)
+@lru_cache(maxsize=80)
 def _structure(layout: Any, sizes: tuple[tuple[str, Any], ...]) -> type[ctypes.Structure]:
     known = dict(sizes)
     hints = get_type_hints(layout, include_extras=True)

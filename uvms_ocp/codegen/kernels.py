@@ -97,7 +97,7 @@ def bind_memory(memory: Layout, kernels: Kernels, *, compiled: bool = True) -> B
     return bind_kernels(kernels, (type(memory),), compiled=compiled and connect(memory))
 
 
-@lru_cache(maxsize=64)
+@lru_cache(maxsize=32)
 def _bound(kernels: BoundKernels, structures: tuple[Any, ...]) -> BoundKernels:
     # C sees no difference between functions of one name and size.
     path = _compiled(kernels, Keyed(tuple(map(structure_signature, structures)), structures))

@@ -167,7 +167,7 @@ def dense_outputs(function: ca.Function, symbols: Sequence[ca.MX]) -> list[ca.MX
     return [ca.densify(output) for output in function.call(list(symbols))]
 
 
-@lru_cache(maxsize=64)
+@lru_cache(maxsize=8)
 def dense(function: ca.Function) -> ca.Function:
     """``function`` with the same names and dense inputs and outputs."""
     inputs = dense_inputs(function)
