@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import inspect
+import itertools
 from pathlib import Path
 
 import numpy as np
@@ -81,6 +82,29 @@ def test_nothing_of_a_column_leaves_the_sheet(record: Record, name: str) -> None
     drawn = figure.get_tightbbox()
     assert drawn.x0 > -0.05
     assert drawn.x1 < 3.55
+
+
+@pytest.mark.parametrize("width", ["page", "column"])
+@pytest.mark.parametrize("name", ["efforts", "activations", "estimate", "altitude", "health", "velocities"])
+def test_names_of_phases_stand_apart(record: Record, name: str, width: str) -> None:
+    """Beside a legend there is less room, in a column above all."""
+    phases = [phase.model_copy(update={"title": f"{phase.title} and back"}) for phase in record.meta.phases]
+    figure = FIGURES[name](Record(series=record.series, meta=record.meta.model_copy(update={"phases": phases})), width=width)
+    assert figure is not None
+    figure.canvas.draw()
+    labels = {f"{phase.name} {phase.title}" for phase in phases} | {phase.name for phase in phases}
+    for axis in figure.axes:
+        boxes = sorted((t.get_window_extent() for t in axis.texts if t.get_text() in labels), key=lambda box: box.x0)
+        assert all(left.x1 < right.x0 for left, right in itertools.pairwise(boxes))
+
+
+def test_the_line_of_an_even_altitude_is_inside_its_panel(record: Record) -> None:
+    """It ran along the upper edge."""
+    even = np.linspace(2.667, 2.67, len(record))[:, None]
+    changed = {**record.series, "quantities": np.where(np.isfinite(record["quantities"]), even, np.nan)}
+    figure = FIGURES["altitude"](Record(series=changed, meta=record.meta))
+    assert figure is not None
+    assert figure.axes[0].get_ylim()[1] > 1.03 * 2.67
 
 
 @pytest.mark.parametrize(("width", "inches"), [("page", 7.2), ("column", 3.5), (3.3, 3.3)])

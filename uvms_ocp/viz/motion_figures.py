@@ -37,7 +37,7 @@ def figure_efforts(record: Record, *, fig: style.Given = None, width: style.Widt
     _energy(record, axes[-1])
     for axis in axes:
         style.legend_beside(axis)
-    style.mark_time(axes, record, share=0.92)
+    style.mark_time(axes, record)
     return figure
 
 
@@ -96,7 +96,7 @@ def figure_tracking(record: Record, *, fig: style.Given = None, width: style.Wid
         low, high = np.percentile(values, [0.05, 99.95])
         margin = 0.1 * max(high - low, 1e-9)
         axis.set_ylim(low - margin, high + margin)
-    style.mark_time(axes, record, share=0.92)
+    style.mark_time(axes, record)
     return figure
 
 
@@ -137,7 +137,7 @@ def _whole_run(parent: Figure, record: Record) -> None:
         axis.set_ylabel(label)
         style.legend_beside(axis)
     axes[-1].set_xlabel(axis_label("time", "t"))
-    style.mark_time(axes, record, share=0.92)
+    style.mark_time(axes, record)
 
 
 def _zooms(parent: Figure, record: Record, changes: Sequence[float], spans: Sequence[PhaseSpan]) -> None:

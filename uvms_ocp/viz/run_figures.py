@@ -39,7 +39,7 @@ def figure_estimate(record: Record, *, fig: style.Given = None, width: style.Wid
     for axis, (label, names, colors, errors, spreads) in zip(axes, panels, strict=True):
         _draw(axis, record["t"], names, colors, errors, spreads)
         axis.set_ylabel(label)
-    style.shade_phases(axes, phase_spans(record), share=0.92)
+    style.shade_phases(axes, phase_spans(record))
     return figure
 
 
@@ -113,7 +113,7 @@ def figure_health(record: Record, *, fig: style.Given = None, width: style.Width
     axis.set_xlabel(axis_label("time", "t"))
     if alarms:
         figure.supxlabel("\n".join(alarms), x=0.01, ha="left", fontsize=style.points(7))
-    style.shade_phases([axis], phase_spans(record), share=0.85)
+    style.shade_phases([axis], phase_spans(record), beside=12)
     patches = [Patch(color=color, label=name) for name, color in _COLORS.items()]
     figure.legend(handles=patches, loc="outside upper right", ncols=len(patches))
     return figure

@@ -65,6 +65,7 @@ _TALLEST = 9  # entries of a column of a legend
 _FEW, _MANY = 12, 60  # stays in phases that are each named, however short; and that no lines part, which were a grey page
 _LEFT = 0.775  # share of a figure's width that one panel has before labels are laid out
 _LETTER = 0.055  # [in] mean width of a letter in a phase's label
+_HANDLE = 5  # letters that the line before a legend's text takes
 _BANDS = ((BLUE, 0.09), (ORANGE, 0.12), (GREEN, 0.1), (PINK, 0.16), ("#808080", 0.12))  # on light and dark paper
 _TEXT, _LINE_ON_DARK = 4.5, 3.0  # least contrasts to the paper, those of the WCAG
 
@@ -321,8 +322,8 @@ def legend_beside(axis: Axes) -> None:
     axis.legend(loc="center left", bbox_to_anchor=(1.0, 0.5), ncols=1 + (n - 1) // _TALLEST, fontsize=points(6.5))
 
 
-def shade_phases(axes: Sequence[Axes], spans: Sequence[PhaseSpan], *, named: bool = True, share: float = 1.0) -> None:
-    """Colour the phases behind every panel and name them above the first; share of the panel's width is left by a legend."""
+def shade_phases(axes: Sequence[Axes], spans: Sequence[PhaseSpan], *, named: bool = True, beside: int = 0) -> None:
+    """Colour the phases behind every panel and name them above the first; beside: letters next to panels, but for legends."""
     for axis in axes:
         for span in spans:
             axis.axvspan(span.start, span.end, color=_BANDS[span.index % len(_BANDS)], lw=0, zorder=-2)
@@ -331,7 +332,9 @@ def shade_phases(axes: Sequence[Axes], spans: Sequence[PhaseSpan], *, named: boo
         axis.set_xlim(spans[0].start, spans[-1].end)
     if named:
         of_figure = axes[0].get_position().width / _LEFT  # with what is beside it, before all is laid out
-        _name_phases(axes[0], spans, 0.88 * inches(axes[0].figure) * of_figure * share)
+        texts = [text.get_text() for axis in axes if (legend := axis.get_legend()) for text in legend.get_texts()]
+        beside += max((len(text) + _HANDLE for text in texts), default=0)
+        _name_phases(axes[0], spans, 0.88 * inches(axes[0].figure) * of_figure - points(_LETTER) * beside)
 
 
 def _name_phases(axis: Axes, spans: Sequence[PhaseSpan], width: float) -> None:
@@ -341,7 +344,7 @@ def _name_phases(axis: Axes, spans: Sequence[PhaseSpan], width: float) -> None:
         room = scale * (span.end - span.start) / points(_LETTER)
         if room < 2.0 and len(spans) > _FEW:
             continue
-        text = span.label if len(span.label) < room else plain_line(span.name, max(2, int(room)))
+        text = span.label if len(span.label) + 1 < room else plain_line(span.name, max(2, int(room)))
         look = {"ha": "center", "va": "bottom", "fontsize": points(7.5), "color": "#333333"}
         note(axis, text, ((span.start + span.end) / 2, 1.0), (0, 3), xycoords=("data", "axes fraction"), **look)
 
@@ -367,9 +370,9 @@ _ABOVE_PHASES, _LINE = 13, 8  # [points]
 _LONGEST = 40  # letters of what one moment is marked with
 
 
-def mark_time(axes: Sequence[Axes], record: Record, *, named: bool = True, share: float = 1.0) -> None:
-    """Phases and faults on every panel, named on the first unless told otherwise; share: as of `shade_phases`."""
-    shade_phases(axes, phase_spans(record), named=named, share=share)
+def mark_time(axes: Sequence[Axes], record: Record, *, named: bool = True, beside: int = 0) -> None:
+    """Phases and faults on every panel, named on the first unless told otherwise; beside: as of `shade_phases`."""
+    shade_phases(axes, phase_spans(record), named=named, beside=beside)
     begun: dict[float, list[str]] = {}
     for fault in fault_spans(record):
         begun.setdefault(fault.start, []).append(fault.name)

@@ -133,17 +133,18 @@ def figure_altitude(record: Record, *, fig: style.Given = None, width: style.Wid
         return None
     t, altitude = record["t"], _required(record, name)
     altitude = np.where(np.isfinite(altitude), altitude, np.nan)
-    near = 2.5 * max([*recorded.thresholds(record, name), float(np.nanmin(altitude))])
-    n = 2 if near < np.nanmax(altitude) else 1
+    highest, limits = float(np.nanmax(altitude)), recorded.thresholds(record, name)
+    near = 2.5 * max([*limits, float(np.nanmin(altitude))])
+    n = 2 if near < highest else 1
     figure, axes = style.stacked(n, 1.75, "Altitude of the altimeter above the floor", fig, width)
     for axis in axes:
         axis.plot(t, altitude, color=style.BLUE, label="altitude")
-        for limit in recorded.thresholds(record, name):
+        for limit in limits:
             style.threshold(axis, limit, f"landed below {limit:g} m")
     lowest = int(np.nanargmin(altitude))
     axes[-1].plot(t[lowest], altitude[lowest], "v", color=style.VERMILLION, ms=5, label=f"lowest: {altitude[lowest]:.3f} m")
     label = recorded.axis_label("altitude", name)
-    axes[0].set(ylabel=label, ylim=(0, None))
+    axes[0].set(ylabel=label, ylim=(0, 1.05 * max([*limits, highest, 0.1])))
     if len(axes) > 1:
         axes[1].set(ylabel=f"{label},\nnear the floor", ylim=(0, near))
     curve, *_, mark = axes[-1].get_lines()
@@ -185,7 +186,7 @@ def figure_of(
         axis.set_ylabel(f"{style.label_text(one, 24)}\n[{unit}]")
         if len(lines) > 1:
             style.legend_beside(axis)
-    style.mark_time(axes, record, share=0.92 if any(len(lines) > 1 for lines, _ in curves) else 1.0)
+    style.mark_time(axes, record)
     return figure
 
 
@@ -229,7 +230,7 @@ def figure_activations(record: Record, *, fig: style.Given = None, width: style.
     figure, axes = style.stacked(len(tasks), 0.56, "Activation of the tasks, highest priority on top", fig, width)
     for axis, task in zip(axes, tasks, strict=True):
         _activation_panel(axis, record, task)
-    style.mark_time(axes, record)
+    style.mark_time(axes, record, beside=9)
     _legend(figure)
     return figure
 
