@@ -8,7 +8,7 @@ import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from enum import IntEnum
-from typing import Any
+from typing import Any, NoReturn
 
 from uvms_ocp.codegen.kernel_layout import zeros
 from uvms_ocp.errors import InvalidInput
@@ -19,6 +19,12 @@ from uvms_ocp.errors import InvalidInput
 def kernel_error(node: ast.AST, why: str) -> InvalidInput:
     """Return the error for a function that cannot be a kernel, with the reason and its place."""
     return InvalidInput(f"line {getattr(node, 'lineno', 0)}: {ast.unparse(node)} {why}")
+
+
+def require(kept: bool, node: ast.AST, why: str) -> None:
+    """Raise `kernel_error` where a rule is not kept."""
+    if not kept:
+        raise kernel_error(node, why)
 
 
 @dataclass(frozen=True, slots=True)
@@ -138,17 +144,18 @@ class Scope:
 
 def expression(node: ast.expr, scope: Scope) -> CExpression:
     """`node` in C. Raises `InvalidInput` for what kernels cannot do."""
-    translate = _TRANSLATED.get(type(node))
-    if translate is None:
-        raise kernel_error(node, "is nothing that a kernel can do")
-    return translate(node, scope)
+    return _TRANSLATED.get(type(node), refused)(node, scope)
+
+
+def refused(node: ast.AST, scope: Scope) -> NoReturn:
+    """Raise the error for a statement or an expression without a counterpart in C."""
+    raise kernel_error(node, "is nothing that a kernel can do")
 
 
 def number(node: ast.expr, scope: Scope) -> CExpression:
     """An expression that is a number."""
     found = expression(node, scope)
-    if not found.type.is_number or found.type == NOTHING:
-        raise kernel_error(node, f"is no number but {found.type.name}")
+    require(found.type.is_number and found.type != NOTHING, node, f"is no number but {found.type.name}")
     return found
 
 
@@ -193,8 +200,7 @@ def _attribute(node: ast.Attribute, scope: Scope) -> CExpression:
     if found is not None:
         return found
     owner = expression(node.value, scope)
-    if owner.type.structure is None or owner.type.sizes:
-        raise kernel_error(node.value, "has no fields")
+    require(owner.type.structure is not None and not owner.type.sizes, node.value, "has no fields")
     kind = field_of(owner.type, node.attr)
     text = f"{owner.text}->{c_name(node.attr)}"
     return CExpression(f"(&{text})" if kind.structure is not None and not kind.sizes else text, kind)
@@ -202,8 +208,7 @@ def _attribute(node: ast.Attribute, scope: Scope) -> CExpression:
 
 def _subscript(node: ast.Subscript, scope: Scope) -> CExpression:
     owner, index = expression(node.value, scope), expression(node.slice, scope)
-    if not owner.type.sizes or index.type != INT:
-        raise kernel_error(node, "has to be an entry of an array, by a whole number")
+    require(bool(owner.type.sizes) and index.type == INT, node, "has to be an entry of an array, by a whole number")
     kind, text = owner.type.entry(), f"{owner.text}[{index.text}]"
     return CExpression(f"(&{text})" if kind.structure is not None and not kind.sizes else text, kind)
 
@@ -212,11 +217,10 @@ def _binary(node: ast.BinOp, scope: Scope) -> CExpression:
     left, right = number(node.left, scope), number(node.right, scope)
     whole = left.type == right.type == INT
     if type(node.op) in _WHOLE:
-        if not whole:
-            raise kernel_error(node, "is only for whole numbers, which are not negative")
+        require(whole, node, "is only for whole numbers, which are not negative")
         return CExpression(f"({left.text} {_WHOLE[type(node.op)]} {right.text})", INT)
     if type(node.op) not in _OPERATORS:
-        raise kernel_error(node, "is nothing that a kernel can do")
+        refused(node, scope)
     cast = "(double)" if whole and isinstance(node.op, ast.Div) else ""
     kind = INT if whole and not cast else DOUBLE
     return CExpression(f"({cast}{left.text} {_OPERATORS[type(node.op)]} {right.text})", kind)
@@ -227,21 +231,19 @@ def _unary(node: ast.UnaryOp, scope: Scope) -> CExpression:
     if isinstance(node.op, ast.Not):
         return CExpression(f"(!{of.text})", INT)
     if not isinstance(node.op, ast.USub):
-        raise kernel_error(node, "is nothing that a kernel can do")
+        refused(node, scope)
     return CExpression(f"(-{of.text})", of.type)
 
 
 def _logic(node: ast.BoolOp, scope: Scope) -> CExpression:
     parts = [number(value, scope) for value in node.values]
-    if any(part.type != INT for part in parts):
-        raise kernel_error(node, "is only for truth values")
+    require(all(part.type == INT for part in parts), node, "is only for truth values")
     return CExpression(f"({(' && ' if isinstance(node.op, ast.And) else ' || ').join(part.text for part in parts)})", INT)
 
 
 def _comparison(node: ast.Compare, scope: Scope) -> CExpression:
     terms = [number(term, scope).text for term in (node.left, *node.comparators)]
-    if any(type(op) not in _ORDER for op in node.ops):
-        raise kernel_error(node, "does not compare numbers by size")
+    require(all(type(op) in _ORDER for op in node.ops), node, "does not compare numbers by size")
     pairs = [f"{a} {_ORDER[type(op)]} {b}" for a, op, b in zip(terms, node.ops, terms[1:], strict=False)]
     return CExpression(f"({' && '.join(pairs)})", INT)
 
@@ -254,8 +256,7 @@ def _choice(node: ast.IfExp, scope: Scope) -> CExpression:
 
 def _call(node: ast.Call, scope: Scope) -> CExpression:
     function = constant(node.func, scope) or _BUILTINS.get(ast.unparse(node.func))
-    if node.keywords or function is None:
-        raise kernel_error(node, "has to call a kernel with arguments by place")
+    require(not node.keywords and function is not None, node, "has to call a kernel with arguments by place")
     if function is len:
         return CExpression(str(length(node, node.args[0], scope)), INT)
     if function in (min, max):
@@ -285,8 +286,7 @@ _BUILTINS: dict[str, Any] = {f.__name__: f for f in (len, min, max, abs, int, fl
 def length(node: ast.expr, array: ast.expr, scope: Scope) -> int:
     """Return the ``len`` of an array, which `node` asks for. Raises `InvalidInput` where it is unknown."""
     of = expression(array, scope).type
-    if not of.sizes or not of.sizes[0]:
-        raise kernel_error(node, "is not known here; give the number to the kernel")
+    require(bool(of.sizes and of.sizes[0]), node, "is not known here; give the number to the kernel")
     return of.sizes[0]
 
 
@@ -300,17 +300,14 @@ def _extreme(node: ast.Call, name: str, scope: Scope) -> CExpression:
 
 
 def _kernel_call(node: ast.Call, function: Any, scope: Scope) -> CExpression:
-    if function is zeros:
-        raise kernel_error(node, "can only be what a variable is set to")
+    require(function is not zeros, node, "can only be what a variable is set to")
     signature = scope.signature_of(function)
-    if len(node.args) != len(signature.parameters):
-        raise kernel_error(node, f"has to give {len(signature.parameters)} arguments")
+    require(len(node.args) == len(signature.parameters), node, f"has to give {len(signature.parameters)} arguments")
     given = [expression(argument, scope) for argument in node.args]
     for argument, (name, wanted) in zip(given, signature.parameters.items(), strict=True):
-        if argument.type.is_number != wanted.is_number or (not wanted.is_number and argument.type.name != wanted.name):
-            raise kernel_error(node, f"gives {argument.type.name} as {name}, which is {wanted.name}")
-        if wanted == INT and argument.type == DOUBLE:
-            raise kernel_error(node, f"gives {name} no whole number")
+        alike = argument.type.is_number == wanted.is_number and (wanted.is_number or argument.type.name == wanted.name)
+        require(alike, node, f"gives {argument.type.name} as {name}, which is {wanted.name}")
+        require(wanted != INT or argument.type != DOUBLE, node, f"gives {name} no whole number")
     return CExpression(f"{PREFIX}{signature.name}({', '.join(argument.text for argument in given)})", signature.result)
 
 

@@ -24,14 +24,7 @@ from uvms_ocp.errors import InvalidInput
 
 def block(nodes: Sequence[ast.stmt], scope: c_code.Scope) -> list[str]:
     """Lines of C, indented by two blanks. Raises `InvalidInput` for what kernels cannot do."""
-    return [f"  {line}" for node in nodes for line in _statement(node, scope)]
-
-
-def _statement(node: ast.stmt, scope: c_code.Scope) -> list[str]:
-    translate = _TRANSLATED.get(type(node))
-    if translate is None:
-        raise c_code.kernel_error(node, "is nothing that a kernel can do")
-    return translate(node, scope)
+    return [f"  {line}" for node in nodes for line in _TRANSLATED.get(type(node), c_code.refused)(node, scope)]
 
 
 def _assign(node: ast.Assign | ast.AnnAssign, scope: c_code.Scope) -> list[str]:
@@ -42,13 +35,12 @@ def _assign(node: ast.Assign | ast.AnnAssign, scope: c_code.Scope) -> list[str]:
     for target in [node.target] if isinstance(node, ast.AnnAssign) else node.targets:
         if isinstance(target, ast.Tuple):
             values = node.value.elts if isinstance(node.value, ast.Tuple) else []
-            if len(values) != len(target.elts):
-                raise c_code.kernel_error(node, "has to give as many values")
+            c_code.require(len(values) == len(target.elts), node, "has to give as many values")
             pairs += zip(target.elts, values, strict=True)
         else:
             pairs.append((target, node.value))
-    if len(pairs) > 1 and any(_reads(value, target) for target, _ in pairs for _, value in pairs):
-        raise c_code.kernel_error(node, "has to give values that depend on nothing that it changes")
+    alone = len(pairs) < 2 or not any(_reads(value, target) for target, _ in pairs for _, value in pairs)
+    c_code.require(alone, node, "has to give values that depend on nothing that it changes")
     return [line for target, value in pairs for line in _to_place(target, value, scope)]
 
 
@@ -86,8 +78,8 @@ def _copy(target: ast.Subscript, part: ast.Slice, value: ast.expr, scope: c_code
     to, source = c_code.expression(target.value, scope), c_code.expression(of, scope)
     fits = to.type.name == source.type.name and len(to.type.sizes) == len(source.type.sizes) == 1
     equal = n is not None or len({to.type.sizes, source.type.sizes} - {(0,)}) < 2  # as far as they are known
-    if part.lower or part.step or (n is not None) != (of is not value) or not (fits and equal):
-        raise c_code.kernel_error(target, "has to become the first numbers of another array, as many")
+    first = not (part.lower or part.step) and (n is not None) == (of is not value)
+    c_code.require(first and fits and equal, target, "has to become the first numbers of another array, as many")
     end = c_code.length(target, target.value, scope) if n is None else c_code.number(n, scope).text
     k, last = f"at_{target.lineno}", f"end_{target.lineno}"
     return [f"for (int {k} = 0, {last} = {end}; {k} < {last}; ++{k}) {to.text}[{k}] = {source.text}[{k}];"]
@@ -100,10 +92,9 @@ def _to_variable(target: Any, value: ast.expr, scope: c_code.Scope) -> list[str]
         scope.own.add(target.id)
         return [f"memset({name}, 0, sizeof {name});"]
     found = c_code.expression(value, scope)
-    if len(found.type.sizes) > 1 or found.type == c_code.NOTHING:
-        raise c_code.kernel_error(target, f"would be {found.type.name} of {len(found.type.sizes)} dimensions")
-    if target.id in scope.own:
-        raise c_code.kernel_error(target, "is an array of its own, and cannot become another one")
+    sizes = len(found.type.sizes)
+    c_code.require(sizes < 2 and found.type != c_code.NOTHING, target, f"would be {found.type.name} of {sizes} dimensions")
+    c_code.require(target.id not in scope.own, target, "is an array of its own, and cannot become another one")
     _declare(target, found.type, scope)
     return [f"{name} = {_fitting(target, scope.local[target.id], found)};"]
 
@@ -120,13 +111,13 @@ def _size(call: ast.Call, scope: c_code.Scope) -> int:
 
 def _declare(target: ast.Name, kind: c_code.CType, scope: c_code.Scope) -> None:
     known = scope.local.setdefault(target.id, kind)
-    if known.name != kind.name and not (known == c_code.DOUBLE and kind == c_code.INT):
-        raise c_code.kernel_error(target, f"is {known.name} at first and {kind.name} here")
+    alike = known.name == kind.name or (known == c_code.DOUBLE and kind == c_code.INT)
+    c_code.require(alike, target, f"is {known.name} at first and {kind.name} here")
 
 
 def _fitting(node: ast.AST, wanted: c_code.CType, value: c_code.CExpression) -> str:
-    if wanted == c_code.INT and value.type == c_code.DOUBLE:
-        raise c_code.kernel_error(node, "is a whole number; make the value one by int()")
+    fits = wanted != c_code.INT or value.type != c_code.DOUBLE
+    c_code.require(fits, node, "is a whole number; make the value one by int()")
     return value.text
 
 
@@ -153,8 +144,8 @@ def _for(node: ast.For, scope: c_code.Scope) -> list[str]:
     if not (isinstance(over, ast.Call) and ast.unparse(over.func) == "range" and isinstance(node.target, ast.Name)):
         raise c_code.kernel_error(node, "has to go over a range")
     bounds = [c_code.number(bound, scope) for bound in over.args]
-    if node.orelse or len(bounds) > 2 or any(bound.type != c_code.INT for bound in bounds):
-        raise c_code.kernel_error(node, "has to go over a range of one or two whole numbers, without else")
+    plain = not node.orelse and len(bounds) < 3 and all(bound.type == c_code.INT for bound in bounds)
+    c_code.require(plain, node, "has to go over a range of one or two whole numbers, without else")
     start, end = ("0", bounds[0].text) if len(bounds) == 1 else (bounds[0].text, bounds[1].text)
     k, last = f"at_{node.lineno}", f"end_{node.lineno}"  # as Python, which looks at the bounds once
     head = f"for (int {k} = {start}, {last} = {end}; {k} < {last}; ++{k}) {{"
@@ -170,14 +161,13 @@ def _counter(target: ast.Name, k: str, scope: c_code.Scope) -> list[str]:
 
 
 def _while(node: ast.While, scope: c_code.Scope) -> list[str]:
-    if node.orelse:
-        raise c_code.kernel_error(node, "has an else")
+    c_code.require(not node.orelse, node, "has an else")
     return [f"while ({c_code.number(node.test, scope).text}) {{", *block(node.body, scope), "}"]
 
 
 def _return(node: ast.Return, scope: c_code.Scope) -> list[str]:
-    if (node.value is None) != (scope.result == c_code.NOTHING):
-        raise c_code.kernel_error(node, "does not return what the kernel is annotated with")
+    fits = (node.value is None) == (scope.result == c_code.NOTHING)
+    c_code.require(fits, node, "does not return what the kernel is annotated with")
     if node.value is None:
         return ["return;"]
     return [f"return {_fitting(node, scope.result, c_code.number(node.value, scope))};"]
@@ -203,12 +193,11 @@ def _called_function(call: ast.Call, scope: c_code.Scope) -> c_code.CExpression 
 
 
 def _smooth_call(call: ast.Call, target: c_code.CExpression, scope: c_code.Scope) -> list[str]:
-    if not (isinstance(target.type.structure, type) and issubclass(target.type.structure, FunctionStructure)):
-        raise c_code.kernel_error(call, "calls what is no function")
-    function = target.type.structure.function
+    structure = target.type.structure
+    c_code.require(isinstance(structure, type) and issubclass(structure, FunctionStructure), call, "calls what is no function")
+    function = structure.function
     n, sizes = function.n_in(), buffered.argument_sizes(function)
-    if len(call.args) != len(sizes):
-        raise c_code.kernel_error(call, f"has to give {n} vectors to read and {len(sizes) - n} to fill")
+    c_code.require(len(call.args) == len(sizes), call, f"has to give {n} vectors to read and {len(sizes) - n} to fill")
     given = [_vector(argument, size, k < n, scope) for k, (argument, size) in enumerate(zip(call.args, sizes, strict=True))]
     places = [f"arg[{k}]" if k < n else f"res[{k - n}]" for k in range(len(sizes))]
     filled = [f"  f->{place} = {vector};" for place, vector in zip(places, given, strict=True)]
@@ -226,8 +215,8 @@ def _vector(node: ast.expr, size: int, read: bool, scope: c_code.Scope) -> str:
     if column >= size and column:
         return f"(double *){found.text}"
     known = found.type.sizes[0] if found.type.sizes else -1
-    if found.type.name != "double" or len(found.type.sizes) != 1 or 0 < known < size:
-        raise c_code.kernel_error(node, f"is no vector of {size} numbers")
+    fits = found.type.name == "double" and len(found.type.sizes) == 1 and not 0 < known < size
+    c_code.require(fits, node, f"is no vector of {size} numbers")
     return found.text
 
 

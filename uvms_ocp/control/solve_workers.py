@@ -5,7 +5,6 @@ from __future__ import annotations
 import gc
 import pickle
 import signal
-from abc import ABC, abstractmethod
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from multiprocessing import get_context
@@ -13,7 +12,7 @@ from multiprocessing.connection import Connection
 from multiprocessing.process import BaseProcess
 from selectors import EVENT_READ, DefaultSelector
 from time import perf_counter, process_time
-from typing import Any, TypeAlias
+from typing import TypeAlias
 
 import numpy as np
 import pinocchio as pin
@@ -185,42 +184,6 @@ class Replanner:
         return _state(q=pin.integrate(model, state.q, pin.difference(model, q, q_next)), v=state.v + v_next - v)
 
 
-# Requests and answers between processes, as plain tuples of arrays: a third of the time that values of their own take.
-
-_state_messages, _trajectory = unchecked_constructor(State), unchecked_constructor(Trajectory)
-_FIELDS = ("t", "q", "v", "a", "thrust", "torque", "of_wrench")
-Message: TypeAlias = tuple[Any, ...]
-
-
-def request_message(request: ReplanningRequest) -> Message:
-    """Encode a request for a worker."""
-    return request.state.q, request.state.v, request.t, request.in_use, request.begin, request.delay
-
-
-def request_of(message: Message) -> ReplanningRequest:
-    """Decode a request."""
-    q, v, t, in_use, begin, delay = message
-    return ReplanningRequest(state=_state_messages(q=q, v=v), t=t, in_use=in_use, begin=begin, delay=delay)
-
-
-def answer_message(answer: ReplanningResult) -> Message:
-    """Encode a result of a worker."""
-    plan, numbers = answer.planned, (answer.first, answer.solve_time, answer.processor_time)
-    if plan is None:
-        return numbers
-    return (*numbers, plan.number, plan.begin, *(getattr(plan.trajectory, name) for name in _FIELDS))
-
-
-def answer_of(message: Message) -> ReplanningResult:
-    """Decode a result."""
-    first, solve_time, processor_time, *plan = message
-    planned = None
-    if plan:
-        trajectory = _trajectory(**dict(zip(_FIELDS, plan[2:], strict=True)))
-        planned = TimedPlan(number=plan[0], begin=plan[1], trajectory=trajectory)
-    return ReplanningResult(planned=planned, first=first, solve_time=solve_time, processor_time=processor_time)
-
-
 # Where the solves of receding-horizon control run: within the tick, or in a process beside it.
 
 _PATIENCE = 3
@@ -246,36 +209,6 @@ class ReplanningJob:
     options: SqpOptions | None
     clock: Callable[[], float]
     """[s] by which solves in line are timed; a process has a clock of its own."""
-
-
-class RunningWorker(ABC):
-    """A worker at work on one job."""
-
-    lead: float
-    """[s] from the request for the first plan to its beginning."""
-    _status: WorkerStatus
-
-    @property
-    @abstractmethod
-    def delay(self) -> float:
-        """[s] from any other request to the beginning of the plan."""
-
-    @property
-    def status(self) -> WorkerStatus:
-        """Now."""
-        return self._status
-
-    @abstractmethod
-    def ask(self, request: ReplanningRequest) -> None:
-        """Begin a solve; only where the last one was answered."""
-
-    @abstractmethod
-    def answer(self) -> ReplanningResult | None:
-        """Return the result of the solve that was asked for, once; `None` while there is none. Never waits."""
-
-    @abstractmethod
-    def close(self) -> None:
-        """End whatever runs beside; may be called twice."""
 
 
 @checked_dataclass()
@@ -307,39 +240,46 @@ def start_worker(worker: SynchronousWorker | ProcessWorker, job: ReplanningJob) 
 
     Raises `InvalidInput` for a problem that cannot be sent to a process, and `UvmsError` where that does not get ready.
     """
-    return _Beside(job, worker) if isinstance(worker, ProcessWorker) else _InLine(job)
+    return RunningProcess(job, worker) if isinstance(worker, ProcessWorker) else RunningSynchronously(job)
 
 
-class _InLine(RunningWorker):
+class RunningSynchronously:
+    """A worker at work on one job, within the tick."""
+
     def __init__(self, job: ReplanningJob) -> None:
         self._replanner = Replanner(job.problem, options=job.options, time_limit=job.period, clock=job.clock)
         self._answer: ReplanningResult | None = None
-        self.lead, self._delay, self._status = 0.0, job.period, WorkerStatus.WORKING
-
-    @property
-    def delay(self) -> float:
-        # However long a solve takes: runs are the same on every machine.
-        return self._delay
+        self.lead = 0.0
+        """[s] from the request for the first plan to its beginning."""
+        self.delay = job.period
+        """[s] from any other request to the beginning of the plan, however long a solve takes: runs are the same on every
+        machine."""
+        self.status = WorkerStatus.WORKING
 
     def ask(self, request: ReplanningRequest) -> None:
-        if self._status is WorkerStatus.WORKING:
+        """Begin a solve; only where the last one was answered."""
+        if self.status is WorkerStatus.WORKING:
             self._answer = self._replanner(request)
 
     def answer(self) -> ReplanningResult | None:
+        """Return the result of the solve that was asked for, once; `None` while there is none. Never waits."""
         answer, self._answer = self._answer, None
         return answer
 
     def close(self) -> None:
-        self._status = WorkerStatus.CLOSED
+        """End whatever runs beside; may be called twice."""
+        self.status = WorkerStatus.CLOSED
 
 
-class _Beside(RunningWorker):
+class RunningProcess:
+    """A worker at work on one job, in a process of its own; members as those of `RunningSynchronously`."""
+
     def __init__(self, job: ReplanningJob, limits: ProcessWorker) -> None:
         words, self.lead = _sent(job), limits.lead
         context = get_context("spawn")
         self._connection, other = context.Pipe()
         self._process: BaseProcess = context.Process(target=_serve, args=(other, words), daemon=True, name="nmpc")
-        self._limits, self._status, self._asked = limits, WorkerStatus.WORKING, 0.0
+        self._limits, self.status, self._asked = limits, WorkerStatus.WORKING, 0.0
         self._delay = SolveDelay(job.period)
         self._selector = DefaultSelector()
         self._selector.register(self._connection, EVENT_READ)
@@ -361,24 +301,30 @@ class _Beside(RunningWorker):
 
     @property
     def delay(self) -> float:
+        """[s] from a request to the beginning of the plan, by the solves of late."""
         return self._delay.seconds
 
     def ask(self, request: ReplanningRequest) -> None:
-        if self._status is not WorkerStatus.WORKING:
+        """Send the request."""
+        if self.status is not WorkerStatus.WORKING:
             return
         self._asked = perf_counter()
         try:
-            self._connection.send(request_message(request))
+            self._connection.send(request)
         except OSError:
             self._end(WorkerStatus.CRASHED)
 
     def answer(self) -> ReplanningResult | None:
-        if self._status is not WorkerStatus.WORKING:
+        """Look for an answer, and whether the process is still at it."""
+        if self.status is not WorkerStatus.WORKING:
             return None
         try:
             # Connection.poll makes a selector at every call, which takes as long as a tenth of a tick.
             if self._selector.select(0):
-                return self._counted(answer_of(self._connection.recv()))
+                answer: ReplanningResult = self._connection.recv()
+                if not answer.first:
+                    self._delay.count(answer.solve_time)
+                return answer
         except (EOFError, OSError):
             self._end(WorkerStatus.CRASHED)
             return None
@@ -386,22 +332,21 @@ class _Beside(RunningWorker):
             self._end(WorkerStatus.SILENT)
         return None
 
-    def _counted(self, answer: ReplanningResult) -> ReplanningResult:
-        if not answer.first:
-            self._delay.count(answer.solve_time)
-        return answer
-
     def close(self) -> None:
-        if self._status is WorkerStatus.WORKING:
+        """Stop the process."""
+        if self.status is WorkerStatus.WORKING:
             self._end(WorkerStatus.CLOSED)
         self._process.join()
 
     def _end(self, status: WorkerStatus) -> None:
         """At once, whatever the process does: a solve in a library listens to nobody."""
-        self._status = status
+        self.status = status
         self._selector.close()
         self._connection.close()
         self._process.kill()
+
+
+RunningWorker: TypeAlias = RunningSynchronously | RunningProcess
 
 
 def _sent(job: ReplanningJob) -> bytes:
@@ -430,6 +375,6 @@ def _serve(connection: Connection, words: bytes) -> None:
     connection.send(None)
     while True:
         try:
-            connection.send(answer_message(replanner(request_of(connection.recv()))))
+            connection.send(replanner(connection.recv()))
         except (EOFError, BrokenPipeError, ConnectionResetError):
             return
