@@ -291,12 +291,6 @@ def _parameters_of(function: Callable[..., Any]) -> tuple[str, str, dict[str, An
 
 _P = ParamSpec("_P")
 _V = TypeVar("_V")
-_MADE = """
-def _made({declared}):
-    _self = _new(_cls)
-    _unchecked(_self, {passed})
-    return _self
-"""
 _CHANGED = """
 def _changed(_value, _changes):
     if not _changes.keys() <= _names:
@@ -318,15 +312,19 @@ def unchecked_constructor(cls: Callable[_P, _V]) -> Callable[_P, _V]:
     Nothing is copied: the arrays belong to the value from then on.
     """
     unchecked = _unchecked(cls)
-    declared, passed, defaults = _parameters_of(unchecked)
-    space = {"_new": object.__new__, "_cls": cls, "_unchecked": unchecked, **defaults}
-    fields_declared, fields_passed = declared.removeprefix("self, "), passed.removeprefix("self, ")
-    if _is_plain(cls):
-        space |= {"_Open": _open(cls)} | {f"_make_{f.name}": f.default_factory for f in fields(cls)}  # type: ignore[arg-type]
-        lines = [f"    _self.{f.name} = {_field(f)}" for f in fields(cls)]  # type: ignore[arg-type]
-        exec(_FILLED.format(declared=fields_declared, lines="\n".join(lines)), space)
-    else:
-        exec(_MADE.format(declared=fields_declared, passed=fields_passed), space)
+    if not _is_plain(cls):
+
+        def made(*args: _P.args, **kwargs: _P.kwargs) -> _V:
+            value: Any = object.__new__(cls)  # type: ignore[arg-type]
+            unchecked(value, *args, **kwargs)
+            return value
+
+        return made
+    declared, _, defaults = _parameters_of(unchecked)
+    space = {"_new": object.__new__, "_cls": cls, "_Open": _open(cls), **defaults}
+    space |= {f"_make_{f.name}": f.default_factory for f in fields(cls)}  # type: ignore[arg-type]
+    lines = [f"    _self.{f.name} = {_field(f)}" for f in fields(cls)]  # type: ignore[arg-type]
+    exec(_FILLED.format(declared=declared.removeprefix("self, "), lines="\n".join(lines)), space)
     return space["_made"]
 
 

@@ -256,7 +256,8 @@ def _choice(node: ast.IfExp, scope: Scope) -> CExpression:
 
 def _call(node: ast.Call, scope: Scope) -> CExpression:
     function = constant(node.func, scope) or _BUILTINS.get(ast.unparse(node.func))
-    require(not node.keywords and function is not None, node, "has to call a kernel with arguments by place")
+    if node.keywords or function is None:
+        raise kernel_error(node, "has to call a kernel with arguments by place")
     if function is len:
         return CExpression(str(length(node, node.args[0], scope)), INT)
     if function in (min, max):

@@ -275,6 +275,7 @@ class RunningProcess:
     """A worker at work on one job, in a process of its own; members as those of `RunningSynchronously`."""
 
     def __init__(self, job: ReplanningJob, limits: ProcessWorker) -> None:
+        """Raises `InvalidInput` and `UvmsError` as `start_worker` does."""
         words, self.lead = _sent(job), limits.lead
         context = get_context("spawn")
         self._connection, other = context.Pipe()

@@ -33,24 +33,6 @@ _WELL = 0.4  # of what moves, that it must explain: what holds a vehicle against
 _MOST = 4  # changes that are looked for, one after the other
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class _Agreement:
-    """Correlation of accelerations with thrust, at m time shifts of the one before the other."""
-
-    common: np.ndarray
-    """(m, 6, n) [N] of accelerations in units of their own size."""
-    gram: np.ndarray
-    """(m, n, n) [N2] of thrust."""
-
-    def of(self, B: np.ndarray) -> float:
-        """Shares that thrusters B (6, n) [-, m] explain, less where a vehicle accelerates against them; mean over axes."""
-        along = (B * self.common).sum(axis=2)
-        size = np.sqrt(np.maximum(np.einsum("ij,mjk,ik->mi", B, self.gram, B), 0.0))
-        pushed = size > 1e-9 * max(float(size.max()), 1e-300)
-        cosine = np.where(pushed, along / np.where(pushed, size, 1.0), 0.0)
-        return float((cosine * np.abs(cosine)).sum(axis=1).max())
-
-
 def mixed_thrusters(recording: Recording, thrust: Channel, B: np.ndarray, names: Sequence[str]) -> str:
     """Detect thrusters that were exchanged or reversed, by commands that explain the motion better; empty if none is clear.
 
@@ -60,10 +42,10 @@ def mixed_thrusters(recording: Recording, thrust: Channel, B: np.ndarray, names:
     if motion is None or thrust.values.shape[1] != B.shape[1]:
         return ""
     agreement, changes, axes = _agreement(motion, thrust), list[str](), int((np.abs(B) > 1e-9).any(axis=1).sum())
-    best = agreement.of(B)
+    best = agreement(B)
     for _ in range(_MOST):
         ways = {text: B @ Q for text, Q in _ways(names).items()}
-        found: Mapping[str, float] = {text: agreement.of(way) for text, way in ways.items()}
+        found: Mapping[str, float] = {text: agreement(way) for text, way in ways.items()}
         text = max(found, key=lambda one: found[one])
         if found[text] < best + _BETTER:
             break
@@ -72,11 +54,24 @@ def mixed_thrusters(recording: Recording, thrust: Channel, B: np.ndarray, names:
     return " and ".join(changes) if best > _WELL * axes else ""
 
 
-def _agreement(motion: ExplainedMotion, thrust: Channel) -> _Agreement:
+def _agreement(motion: ExplainedMotion, thrust: Channel) -> Callable[[np.ndarray], float]:
+    """Shares that thrusters B (6, n) [-, m] explain, less where a vehicle accelerates against them; mean over axes.
+
+    From correlations of accelerations, in units of their own size, with thrust, at time shifts of the one before the other.
+    """
     held = ZeroOrderHold(thrust)
     given = np.array([commanded(held, motion, shift) for shift in SHIFTS[MAY]])
     size = np.maximum(np.linalg.norm(motion.acceleration, axis=0), 1e-300)
-    return _Agreement((motion.acceleration / size).T @ given, given.swapaxes(1, 2) @ given)
+    common, gram = (motion.acceleration / size).T @ given, given.swapaxes(1, 2) @ given
+
+    def of(B: np.ndarray) -> float:
+        along = (B * common).sum(axis=2)
+        size = np.sqrt(np.maximum(np.einsum("ij,mjk,ik->mi", B, gram, B), 0.0))
+        pushed = size > 1e-9 * max(float(size.max()), 1e-300)
+        cosine = np.where(pushed, along / np.where(pushed, size, 1.0), 0.0)
+        return float((cosine * np.abs(cosine)).sum(axis=1).max())
+
+    return of
 
 
 def _ways(names: Sequence[str]) -> dict[str, np.ndarray]:

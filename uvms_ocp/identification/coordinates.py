@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Protocol
+from typing import TypeAlias
 
 import casadi as ca
 import numpy as np
@@ -23,20 +23,6 @@ from uvms_ocp.robot.spatial import skew
 # A quantity is decoded from its coordinates as a CasADi expression, so that models are differentiated through it, and its
 # coordinates are found from its value. Standard deviations of priors are those of coordinates: relative ones, about, for what
 # must be positive.
-
-
-class QuantityCoordinates(Protocol):
-    """A quantity and its coordinates x (n,) [-, or the unit of the quantity]."""
-
-    @property
-    def names(self) -> tuple[str, ...]:
-        """Names of the n coordinates, which follow that of the quantity."""
-
-    def decode(self, x: ca.SX) -> ca.SX:
-        """The quantity at x (n,)."""
-
-    def encode(self, value: np.ndarray) -> np.ndarray:
-        """X (n,) of a value (...) [unit of the quantity]. Raises InvalidInput for one that no x stands for."""
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
@@ -258,6 +244,11 @@ class QuadraticDrag:
 
 def _size(x: ca.SX | float) -> ca.SX | float:
     return ca.sqrt(x * x + _SMOOTH**2)
+
+
+QuantityCoordinates: TypeAlias = Reals | Positives | Interval | PositiveDefinite | LinearDrag | QuadraticDrag
+"""A quantity by its coordinates x (n,) [-, or the unit of the quantity]: their names, which follow that of the quantity, the
+quantity at x, and x of a value, for which InvalidInput is raised where no x stands for it."""
 
 
 # Inertia of a rigid body that some distribution of mass has, whatever the coordinates [Rucker2022].

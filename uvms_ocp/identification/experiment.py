@@ -9,30 +9,31 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import Any
+from typing import Annotated, Any
 
 import casadi as ca
 import numpy as np
 
+from uvms_ocp.checks import checked_constructor, checked_dataclass
 from uvms_ocp.codegen import BufferedFunction, compile_function
 from uvms_ocp.errors import InvalidInput
 from uvms_ocp.identification import model, output_error, recording
 from uvms_ocp.identification.rollout import Rollout, chained
 from uvms_ocp.robot.spatial import quaternion_to_matrix
-from uvms_ocp.types import read_only
+from uvms_ocp.types import Array, Shape
 
 # What an excitation must keep to: thrust, and the pool around where the vehicle begins.
 
 
-@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
+@checked_dataclass(checked_constructor, eq=False)
 class ExperimentLimits:
     """Limits of commands and motion. Raises InvalidInput for limits that the start already violates."""
 
-    thrust: np.ndarray
+    thrust: Annotated[Array, Shape("n_u", 2)]
     """(n_u, 2) [N, N m] lowest and highest command of each actuator, around 0."""
-    pool: np.ndarray
+    pool: Annotated[Array, Shape(2, 3)]
     """(2, 3) [m] corners between which the hull stays, in W, from where the vehicle's origin begins."""
-    hull: np.ndarray = field(default_factory=lambda: np.zeros((2, 3)))
+    hull: Annotated[Array, Shape(2, 3)] = field(default_factory=lambda: np.zeros((2, 3)))
     """(2, 3) [m] lowest and highest corner of a box that holds the hull, in B; default: the origin alone."""
     slew: float = np.inf
     """[N/s, N m/s] by which a command may change."""
@@ -42,16 +43,12 @@ class ExperimentLimits:
     """Share of the pool's half width and of the tilt that is kept free: other numbers lead elsewhere."""
 
     def __post_init__(self) -> None:
-        for name in ("thrust", "pool", "hull"):
-            object.__setattr__(self, name, read_only(getattr(self, name), np.float64))
-        if self.thrust.ndim != 2 or self.thrust.shape[1] != 2 or self.pool.shape != (2, 3):
-            raise InvalidInput(f"thrust {self.thrust.shape}, pool {self.pool.shape} given; allowed: (n_u, 2) and (2, 3)")
         if not (_are_sizes(self.thrust * [-1, 1]) and _are_sizes(self.pool * [[-1], [1]])):
             raise InvalidInput("thrust or pool without 0 inside given; allowed: lowest below 0, highest above, finite")
         if not (self.slew > 0.0 and 0.0 < self.tilt < np.pi / 2 and 0.0 <= self.margin < 1.0):
             given = f"slew = {self.slew}, tilt = {self.tilt}, margin = {self.margin} given"
             raise InvalidInput(f"{given}; allowed: slew > 0, tilt from 0 to pi/2, margin from 0 to 1")
-        if self.hull.shape != (2, 3) or not (self.hull[0] <= self.hull[1]).all():
+        if not (self.hull[0] <= self.hull[1]).all():
             raise InvalidInput(f"hull {self.hull.tolist()} given; allowed: its lowest corner, then its highest")
         if not (self.room > 0.0).all():
             sides = (" x ".join(f"{side:.4g}" for side in one[1] - one[0]) for one in (self.hull, self.pool))

@@ -10,9 +10,11 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
+from typing import Annotated
 
 import numpy as np
 
+from uvms_ocp.checks import checked_dataclass
 from uvms_ocp.errors import AdvisedStatus, InvalidInput, NameNotFound
 from uvms_ocp.identification import experiment
 from uvms_ocp.identification.model import N_Q, N_V, Vehicle
@@ -21,13 +23,14 @@ from uvms_ocp.identification.recording import Channel, ZeroOrderHold
 from uvms_ocp.identification.rollout import Rollout
 from uvms_ocp.identification.uncertainty import DETERMINED_BELOW, IdentifiedNumber, numbers_at, slopes_of
 from uvms_ocp.robot.spatial import quaternion_to_matrix
+from uvms_ocp.types import Positive, Range
 
 # What an excitation is to find out, and with which means.
 
 _SHORTEST, _LONGEST = 1.0, 1800.0  # [s]: maps from knots to commands grow with the square
 
 
-@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
+@checked_dataclass(eq=False)
 class ExperimentTask:
     """Experiment to be designed: its vehicle, limits, sensors, and the numbers that are to be known well.
 
@@ -37,13 +40,13 @@ class ExperimentTask:
     vehicle: Vehicle
     """Vehicle with its unknowns at their prior values."""
     limits: experiment.ExperimentLimits
-    duration: float = 60.0
+    duration: Annotated[float, Range(_SHORTEST, _LONGEST)] = 60.0
     """[s] of a recording."""
     matter: tuple[str, ...] = ()
     """Numbers, or quantities, which are to be known well; all where none is named."""
     noise: Noise = field(default_factory=Noise)
     """Noise of the sensors."""
-    rate: float = 10.0
+    rate: Positive = 10.0
     """[Hz] of the sensors."""
     prior_information: np.ndarray | None = None
     """(n_p, n_p) [1 / unknowns^2] information of recordings that there are."""
@@ -54,9 +57,6 @@ class ExperimentTask:
         n_u = len(self.vehicle.actuators.names)
         if len(self.limits.thrust) != n_u:
             raise InvalidInput(f"thrust of {len(self.limits.thrust)} actuators given; allowed: {n_u}")
-        if not (_SHORTEST <= self.duration <= _LONGEST and 0.0 < self.rate < np.inf):
-            given = f"duration = {self.duration}, rate = {self.rate} given"
-            raise InvalidInput(f"{given}; allowed: {_SHORTEST:g} to {_LONGEST:g} s, and a rate of more than 0")
 
     @property
     def unknowns(self) -> np.ndarray:
@@ -337,7 +337,7 @@ def design_experiment(given: ExperimentTask, rollout: Rollout, effort: DesignSet
 
     rollout: ``Rollout(stage_of(given.vehicle))``. Raises NameNotFound for a number that there is not.
     """
-    search = _DesignSearch.of(given, rollout, effort or DesignSettings())
+    search = _DesignSearch(given, rollout, effort or DesignSettings())
     knots = search.begun()
     for price in _PRICES:
         knots = search.lowered(knots, price)
@@ -348,21 +348,14 @@ def design_experiment(given: ExperimentTask, rollout: Rollout, effort: DesignSet
     return search.expected(knots)
 
 
-@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class _DesignSearch:
     """For knots (n_knots, n_u) [N, N m]."""
 
-    given: ExperimentTask
-    rollout: Rollout
-    effort: DesignSettings
-    objective: Objective
-
-    @staticmethod
-    def of(given: ExperimentTask, rollout: Rollout, effort: DesignSettings) -> _DesignSearch:
+    def __init__(self, given: ExperimentTask, rollout: Rollout, effort: DesignSettings) -> None:
+        self.given, self.rollout, self.effort = given, rollout, effort
         aim, courses = given.aim(), experiment.TrajectorySimulator(rollout, given.unknowns, effort.step, given.still)
         history = experiment.KnotCommands.of(given.duration, effort.knots, effort.step, courses.delay)
-        objective = Objective(aim, given.limits, history, courses, target_deviations(given, rollout))
-        return _DesignSearch(given=given, rollout=rollout, effort=effort, objective=objective)
+        self.objective = Objective(aim, given.limits, history, courses, target_deviations(given, rollout))
 
     def begun(self) -> np.ndarray:
         """The best of sines that are made to stay in the pool."""

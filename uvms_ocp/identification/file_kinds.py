@@ -6,6 +6,7 @@ import csv
 import gzip
 import re
 import zlib
+from contextlib import suppress
 from importlib.resources import files
 from pathlib import Path
 from typing import Any, Literal, get_args
@@ -62,11 +63,9 @@ def _archive(path: Path) -> Kind:
     """A zip file whose first member is no array."""
     from zipfile import BadZipFile, ZipFile
 
-    try:
-        with ZipFile(path) as archive:
-            names = archive.namelist()
-    except (BadZipFile, OSError, ValueError):
-        names = []
+    names = list[str]()
+    with suppress(BadZipFile, OSError, ValueError), ZipFile(path) as archive:
+        names = archive.namelist()
     if "xl/workbook.xml" in names:
         return "workbook"
     if any(name.endswith(".npy") for name in names):

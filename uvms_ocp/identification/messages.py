@@ -14,7 +14,7 @@ from array import array
 from collections import defaultdict
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from contextlib import closing, contextmanager
-from dataclasses import dataclass, field, fields, is_dataclass
+from dataclasses import dataclass, fields, is_dataclass
 from functools import partial
 from pathlib import Path, PurePath
 from typing import Any
@@ -81,18 +81,12 @@ def _files(path: Path) -> list[Path]:
 
 
 def _mcap_messages(path: Path, topics: Collection[str], definitions: Path | None, _: list[str]) -> Iterator[Message]:
-    mcap.require_mcap()
     decoders: dict[tuple[str, int], Callable[[bytes], Any]] = {}
     for schema, channel, message in mcap.mcap_messages(path, topics):
         key = (channel.message_encoding, channel.schema_id)
         if key not in decoders:
             decoders[key] = _decoder(channel, schema, definitions)
         yield channel.topic, message.log_time, decoders[key](message.data)
-
-
-def _mcap_topics(path: Path) -> Collection[str]:
-    mcap.require_mcap()
-    return mcap.mcap_topics(path)
 
 
 def _decoder(channel: Any, schema: Any, definitions: Path | None) -> Callable[[bytes], Any]:
@@ -274,7 +268,7 @@ def _mavlink_topics(path: Path) -> Collection[str]:
 
 
 _READERS = {
-    "mcap": _Reader(_mcap_messages, _mcap_topics),
+    "mcap": _Reader(_mcap_messages, mcap.mcap_topics),
     "bag": _Reader(_ros1_messages, _ros1_topics),
     "sqlite": _Reader(_sqlite_messages, _sqlite_topics),
     "json": _Reader(_json_messages, _json_topics),
@@ -406,21 +400,15 @@ def message_rows(path: Path, wanted: Mapping[str, TopicColumns], definitions: Pa
     }
 
 
-@dataclass(slots=True, eq=False)
 class _Rows:
     """Rows of one channel, read so far."""
 
-    wanted: TopicColumns
-    time: tuple[str, ...] = field(init=False)
-    columns: tuple[tuple[str, ...], ...] = field(init=False)
-    numbers: array[float] = field(default_factory=lambda: array("d"))
-    width: int = 0
-    missing: NameNotFound | None = None
-    said: Mapping[str, str] = field(default_factory=dict)
-
-    def __post_init__(self) -> None:
-        self.time = steps_of(self.wanted.time) if self.wanted.time else ()
-        self.columns = tuple(map(steps_of, self.wanted.columns))
+    def __init__(self, wanted: TopicColumns) -> None:
+        self.wanted, self.time = wanted, steps_of(wanted.time) if wanted.time else ()
+        self.columns = tuple(map(steps_of, wanted.columns))
+        self.numbers, self.width = array("d"), 0
+        self.missing: NameNotFound | None = None
+        self.said: Mapping[str, str] = {}
 
     def add(self, logged: int, content: Any) -> None:
         try:

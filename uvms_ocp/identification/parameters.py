@@ -9,11 +9,13 @@ from typing import TypeAlias
 import casadi as ca
 import numpy as np
 
+from uvms_ocp.checks import checked_dataclass
 from uvms_ocp.errors import InvalidInput, require_known
 from uvms_ocp.identification import coordinates
 from uvms_ocp.identification.coordinates import Interval, PositiveDefinite, Positives, QuantityCoordinates, Reals, second_moment
 from uvms_ocp.robot.symbolic_dynamics import SymbolicDynamics
 from uvms_ocp.robot.thrusters import AXES as AXES
+from uvms_ocp.types import Positive
 
 # What is known of a quantity: fixed, free, bounded, or free with a prior.
 
@@ -51,18 +53,13 @@ class Bounded:
             raise InvalidInput(f"bounds {self.lower} and {self.upper} given; allowed: lower < upper")
 
 
-@dataclass(frozen=True, kw_only=True, slots=True)
+@checked_dataclass()
 class Prior:
     """Believed: as the start has it, give or take a standard deviation."""
 
-    sigma: float
+    sigma: Positive
     """Relative, for what must be positive; [unit of the quantity] for what may have any sign."""
     only: tuple[str, ...] | None = All
-
-    def __post_init__(self) -> None:
-        """Raises `InvalidInput` for a deviation that is not positive."""
-        if not self.sigma > 0.0:
-            raise InvalidInput(f"sigma = {self.sigma} given; allowed: more than 0")
 
 
 ParameterStatus: TypeAlias = Fixed | Free | Bounded | Prior
@@ -329,16 +326,8 @@ def vehicle_declaration(
     hull: (2, 3) [m] lowest and highest corner of a box that holds the hull, in the frame of the coefficients.
     velocity_delay: [s] of measured velocity. Raises InvalidInput for numbers that no vehicle has.
     """
-    driven, coupled = actuators or ActuatorModel(), couplings or AxisCouplings()
-    return Declaration(
-        quantities={
-            **_body(start, hull),
-            **_water(start, coupled),
-            **_actuation(driven),
-            **_sensing(velocity_delay),
-            **_of_recordings(),
-        }
-    )
+    known = _body(start, hull) | _water(start, couplings or AxisCouplings()) | _actuation(actuators or ActuatorModel())
+    return Declaration(quantities=known | _sensing(velocity_delay) | _of_recordings())
 
 
 def _body(start: NominalParameters, hull: np.ndarray) -> dict[str, Quantity]:

@@ -74,45 +74,45 @@ _AT_ONCE = 0.05  # of the usual interval, within which a message that says the s
 _Numbers = float | tuple[float, ...]
 
 
-class ChannelMapping(FileModel, allow_inf_nan=False):
+class ChannelMapping(FileModel, allow_inf_nan=False, use_attribute_docstrings=True):
     """Source of one channel: topic or columns, units and frame."""
 
-    file: str = Field(default="", description="in the folder of the recording, {name} for its name; empty: the file itself")
-    topic: str = Field(default="", description="of the messages, in MCAP files, bags, logs of MAVLink; `type` of JSON lines")
-    time: str | Annotated[float, Field(gt=0.0, strict=True)] | tuple[str, str] = Field(
-        default="",
-        description="column or field of the times; of messages, empty for when they were logged; a number is the period of rows "
-        "that have none; two columns of a table are whole seconds and nanoseconds",
-    )
-    time_unit: Literal["s", "ms", "us", "ns", "min", "h", "d"] | None = Field(
-        default=None,
-        description="of times that are plain numbers, default: as a header says, or s; stamps and ISO 8601 need none",
-    )
-    columns: tuple[str | float, ...] = Field(
-        min_length=1,
-        description="in the order that the channel has; -name for the opposite, a number for what is not measured; of "
-        "messages, paths such as position.x, actuators[3]; of tables also places, #1",
-    )
-    rows: dict[str, float] = Field(
-        default={}, description="only rows or messages that have these values, such as {instance: 0, valid: 1}"
-    )
-    missing: tuple[float, ...] = Field(default=(), description="values that stand where nothing was measured")
-    format: Literal["rpy", "quaternion xyzw", "quaternion wxyz"] | None = Field(
-        default=None, description="of an attitude; default: quaternion xyzw"
-    )
-    unit: str | None = Field(default=None, description="of the values; default: as a header says, or that of the channel")
-    offset: _Numbers = Field(default=0.0, description="added to the values, of all columns or of each [unit of the channel]")
-    scale: _Numbers = Field(default=1.0, description="factor of the values then, of all columns or of each [-]")
-    frame: Literal["W", "B"] | None = Field(
-        default=None, description="of a velocity or a force; W is turned by the attitude; default: B"
-    )
-    world: Literal["z up", "NED"] | None = Field(default=None, description="axes of W; default: z up")
-    body: Literal["FLU", "FRD"] | None = Field(default=None, description="axes of B; default: FLU")
-    delay: float = Field(default=0.0, description="by which times are known to be late [s]")
-    sent_every: Annotated[float, Field(gt=0.0)] | None = Field(
-        default=None, description="period [s] of what was sent evenly but arrived in bursts"
-    )
-    lost: Literal["never", "all zero"] = Field(default="never", description="how samples look that are none")
+    file: str = ""
+    """in the folder of the recording, {name} for its name; empty: the file itself"""
+    topic: str = ""
+    """of the messages, in MCAP files, bags, logs of MAVLink; `type` of JSON lines"""
+    time: str | Annotated[float, Field(gt=0.0, strict=True)] | tuple[str, str] = ""
+    """column or field of the times; of messages, empty for when they were logged; a number is the period of rows that have none;
+    two columns of a table are whole seconds and nanoseconds"""
+    time_unit: Literal["s", "ms", "us", "ns", "min", "h", "d"] | None = None
+    """of times that are plain numbers, default: as a header says, or s; stamps and ISO 8601 need none"""
+    columns: tuple[str | float, ...] = Field(min_length=1)
+    """in the order that the channel has; -name for the opposite, a number for what is not measured; of messages, paths such as
+    position.x, actuators[3]; of tables also places, #1"""
+    rows: dict[str, float] = Field(default={})
+    """only rows or messages that have these values, such as {instance: 0, valid: 1}"""
+    missing: tuple[float, ...] = ()
+    """values that stand where nothing was measured"""
+    format: Literal["rpy", "quaternion xyzw", "quaternion wxyz"] | None = None
+    """of an attitude; default: quaternion xyzw"""
+    unit: str | None = None
+    """of the values; default: as a header says, or that of the channel"""
+    offset: _Numbers = 0.0
+    """added to the values, of all columns or of each [unit of the channel]"""
+    scale: _Numbers = 1.0
+    """factor of the values then, of all columns or of each [-]"""
+    frame: Literal["W", "B"] | None = None
+    """of a velocity or a force; W is turned by the attitude; default: B"""
+    world: Literal["z up", "NED"] | None = None
+    """axes of W; default: z up"""
+    body: Literal["FLU", "FRD"] | None = None
+    """axes of B; default: FLU"""
+    delay: float = 0.0
+    """by which times are known to be late [s]"""
+    sent_every: Annotated[float, Field(gt=0.0)] | None = None
+    """period [s] of what was sent evenly but arrived in bursts"""
+    lost: Literal["never", "all zero"] = "never"
+    """how samples look that are none"""
 
     @property
     def fields(self) -> tuple[str, ...]:
@@ -121,12 +121,14 @@ class ChannelMapping(FileModel, allow_inf_nan=False):
 
 
 @one_line_errors
-class RecordingMapping(FileModel):
+class RecordingMapping(FileModel, use_attribute_docstrings=True):
     """Mapping of all channels of a recording, by the names of `CHANNEL_KINDS`."""
 
     channels: dict[str, ChannelMapping] = Field(min_length=1)
-    table: TextFormat | None = Field(default=None, description="what is known of tables of text")
-    messages: str = Field(default="", description="folder with PACKAGE/msg/NAME.msg that a bag of ROS 2 lacks")
+    table: TextFormat | None = None
+    """what is known of tables of text"""
+    messages: str = ""
+    """folder with PACKAGE/msg/NAME.msg that a bag of ROS 2 lacks"""
 
 
 def read_mapping(path: Path) -> RecordingMapping:

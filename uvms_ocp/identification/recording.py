@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from importlib.resources import files
 
 import numpy as np
@@ -167,21 +167,14 @@ GRID = 0.05
 _MOST = 20_000_000  # of these: 11 days
 
 
-@dataclass(frozen=True, slots=True, eq=False)
 class ZeroOrderHold:
     """A command that stays from one sample to the next; before the first it is as the first."""
 
-    channel: Channel
-    _t: np.ndarray = field(init=False)
-    """(n,) [s] without the channel's delay."""
-    _whole: np.ndarray = field(init=False)
-    """(n, k) [unit of the channel times s] integral up to each sample."""
-
-    def __post_init__(self) -> None:
-        t, values = self.channel.undelayed_t, self.channel.values
-        whole = np.cumsum(np.vstack([np.zeros(values.shape[1]), values[:-1] * np.diff(t)[:, None]]), axis=0)
-        object.__setattr__(self, "_t", t)
-        object.__setattr__(self, "_whole", whole)
+    def __init__(self, channel: Channel) -> None:
+        t, values = channel.undelayed_t, channel.values
+        self.channel, self._t = channel, t
+        self._whole = np.cumsum(np.vstack([np.zeros(values.shape[1]), values[:-1] * np.diff(t)[:, None]]), axis=0)
+        """(n, k) [unit of the channel times s] integral up to each sample."""
 
     def at(self, t: np.ndarray) -> np.ndarray:
         """Values (m, k) [unit of the channel] at t (m,) [s]."""

@@ -48,16 +48,19 @@ _Axis = Literal["surge", "sway", "heave", "roll", "pitch", "yaw"]
 _NOISE, _SEARCH, _ACTUATORS = output_error.Noise(), fit.Search(), ActuatorModel()  # whose defaults are those of the file
 
 
-class _SettingsSection(FileModel, allow_inf_nan=False):
+class _SettingsSection(FileModel, allow_inf_nan=False, use_attribute_docstrings=True):
     """Base of the sections of a settings file."""
 
 
 class QuantitySettings(_SettingsSection):
     """Prior knowledge of a quantity; an empty section frees all of it."""
 
-    free: tuple[str, ...] | None = Field(default=None, description="only these of its coordinates may be learnt")
-    prior: _Positive | None = Field(default=None, description="deviation: relative for what is positive, or [unit]")
-    bounds: tuple[float, float] | None = Field(default=None, description="lowest and highest value [unit]")
+    free: tuple[str, ...] | None = None
+    """only these of its coordinates may be learnt"""
+    prior: _Positive | None = None
+    """deviation: relative for what is positive, or [unit]"""
+    bounds: tuple[float, float] | None = None
+    """lowest and highest value [unit]"""
 
     def status(self) -> ParameterStatus:
         """Return it as declarations take it. Raises InvalidInput for a prior with bounds."""
@@ -71,40 +74,48 @@ class QuantitySettings(_SettingsSection):
 class NoiseSettings(_SettingsSection):
     """Standard deviations of sensors."""
 
-    velocity: _Positive = Field(default=_NOISE.velocity, description="[m/s]")
-    rate: _Positive = Field(default=_NOISE.rate, description="[rad/s]")
-    vertical: _Positive = Field(default=_NOISE.vertical, description="[-] of W's vertical in B")
-    process: _Positive = Field(default=_NOISE.process, description="[m/s, rad/s, rad] between stretches")
+    velocity: _Positive = _NOISE.velocity
+    """[m/s]"""
+    rate: _Positive = _NOISE.rate
+    """[rad/s]"""
+    vertical: _Positive = _NOISE.vertical
+    """[-] of W's vertical in B"""
+    process: _Positive = _NOISE.process
+    """[m/s, rad/s, rad] between stretches"""
 
 
 @one_line_errors
 class CalibrationSettings(_SettingsSection):
     """Settings of a calibration, as the YAML file has them."""
 
-    robot: str = Field(description="name, see `uvms-ocp list`, or a URDF or its folder beside this file")
-    hydrodynamics: str | None = Field(default=None, description="YAML beside this file; default: the robot's own")
-    arm: Literal["as it is", "taken off"] = Field(default="as it is", description="taken off: of a vehicle driven without it")
-    hull: tuple[_Corner, _Corner] = Field(description="box that holds the hull, lowest and highest corner [m], in its link")
-    commands: Literal["thrust", "wrench", "propeller_commands"] = Field(
-        default="thrust", description="channel of what was commanded; propeller_commands by the robot's thrust curves"
-    )
-    lag: _NonNegative | None = Field(
-        default=None, description="of actuators, where the search begins [s]; default: of thrusters their mean, or 0.1"
-    )
-    delay: _Delay | None = Field(
-        default=None, description="of commands [s]; default: 0 in runs of this toolkit, else learnt, from 0.05 on"
-    )
-    velocity_delay: _Delay | None = Field(
-        default=None, description="of measured velocity [s]; default: 0 in runs of this toolkit, else learnt, from 0.01 on"
-    )
-    dead_zone: _NonNegative | None = Field(
-        default=None, description="of actuators [N, N m]; default: of thrusters their mean, or 0.001"
-    )
-    axes: tuple[_Axis, ...] = Field(default=get_args(_Axis), min_length=1, description="along which it moves, others at rest")
-    learn: dict[str, QuantitySettings] = Field(min_length=1, description="by the names of quantities")
-    noise: NoiseSettings = Field(default=NoiseSettings(), description="of sensors")
-    step: _Positive = Field(default=_SEARCH.step, description="of the simulation [s]")
-    stretch: _Positive = Field(default=_SEARCH.stretch, description="length of stretches [s]")
+    robot: str
+    """name, see `uvms-ocp list`, or a URDF or its folder beside this file"""
+    hydrodynamics: str | None = None
+    """YAML beside this file; default: the robot's own"""
+    arm: Literal["as it is", "taken off"] = "as it is"
+    """taken off: of a vehicle driven without it"""
+    hull: tuple[_Corner, _Corner]
+    """box that holds the hull, lowest and highest corner [m], in its link"""
+    commands: Literal["thrust", "wrench", "propeller_commands"] = "thrust"
+    """channel of what was commanded; propeller_commands by the robot's thrust curves"""
+    lag: _NonNegative | None = None
+    """of actuators, where the search begins [s]; default: of thrusters their mean, or 0.1"""
+    delay: _Delay | None = None
+    """of commands [s]; default: 0 in runs of this toolkit, else learnt, from 0.05 on"""
+    velocity_delay: _Delay | None = None
+    """of measured velocity [s]; default: 0 in runs of this toolkit, else learnt, from 0.01 on"""
+    dead_zone: _NonNegative | None = None
+    """of actuators [N, N m]; default: of thrusters their mean, or 0.001"""
+    axes: tuple[_Axis, ...] = Field(default=get_args(_Axis), min_length=1)
+    """along which it moves, others at rest"""
+    learn: dict[str, QuantitySettings] = Field(min_length=1)
+    """by the names of quantities"""
+    noise: NoiseSettings = NoiseSettings()
+    """of sensors"""
+    step: _Positive = _SEARCH.step
+    """of the simulation [s]"""
+    stretch: _Positive = _SEARCH.stretch
+    """length of stretches [s]"""
 
 
 def read_settings(path: Path) -> CalibrationSettings:

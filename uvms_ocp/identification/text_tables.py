@@ -55,15 +55,21 @@ _OTHER_UNITS = re.compile(r"-|1|none|\[.*\]|\(.*\)|[hmd]?bar|[hk]?pa|psi|[km]?hz
 
 
 @one_line_errors
-class TextFormat(FileModel):
+class TextFormat(FileModel, use_attribute_docstrings=True):
     """What is known of a table of text; what is not given is found."""
 
-    encoding: str | None = Field(default=None, description="such as utf-8, cp1252")
-    delimiter: Literal["tab", ";", ",", "|", "blank"] | None = Field(default=None, description="between cells")
-    decimal: Literal[".", ","] | None = Field(default=None, description="sign before decimals")
-    header: Annotated[int, Field(ge=0)] | None = Field(default=None, description="its line, from 1; 0: there is none")
-    time: str = Field(default="", description="of times, such as '%m/%d/%Y %H:%M:%S.%f'; ISO 8601 and times of day need none")
-    sheet: str = Field(default="", description="of a workbook; default: the first with a table")
+    encoding: str | None = None
+    """such as utf-8, cp1252"""
+    delimiter: Literal["tab", ";", ",", "|", "blank"] | None = None
+    """between cells"""
+    decimal: Literal[".", ","] | None = None
+    """sign before decimals"""
+    header: Annotated[int, Field(ge=0)] | None = None
+    """its line, from 1; 0: there is none"""
+    time: str = ""
+    """of times, such as '%m/%d/%Y %H:%M:%S.%f'; ISO 8601 and times of day need none"""
+    sheet: str = ""
+    """of a workbook; default: the first with a table"""
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -173,11 +179,9 @@ def _unit_in(name: str) -> str:
 
 
 def _encoding(path: Path) -> str:
-    with path.open("rb") as file:
-        start = file.read(4)
-    if start.startswith(_ZIP):
+    if _begins_with(path, _ZIP):
         return "utf-8"
-    with _damage_in_a_line(path), gzip.open(path) if start.startswith(_GZIP) else path.open("rb") as data:
+    with _damage_in_a_line(path), gzip.open(path) if _begins_with(path, _GZIP) else path.open("rb") as data:
         head = data.read(_HEAD_BYTES)
     if marked := [encoding for mark, encoding in _BYTE_ORDER_MARKS.items() if head.startswith(mark)]:
         return marked[0]
@@ -317,25 +321,27 @@ def _unusual(cell: str, name: str, number: int, layout: TextLayout) -> float:
 @contextmanager
 def _opened(path: Path, encoding: str, sheet: str) -> Iterator[IO[str]]:
     """A file to read, packed or not, or the sheet of a workbook; what is damaged is told in one line."""
-    with path.open("rb") as file:
-        start = file.read(4)
     with _damage_in_a_line(path):
-        if start.startswith(_ZIP):
+        if _begins_with(path, _ZIP):
             with _workbook(path) as book:
                 text = io.StringIO()
                 csv.writer(text).writerows(book[sheet].iter_rows(values_only=True))
             text.seek(0)
             yield text
             return
-        with gzip.open(path) if start.startswith(_GZIP) else path.open("rb") as data:
+        with gzip.open(path) if _begins_with(path, _GZIP) else path.open("rb") as data:
             yield io.TextIOWrapper(data, encoding=encoding, newline=None)
+
+
+def _begins_with(path: Path, mark: bytes) -> bool:
+    with path.open("rb") as file:
+        return file.read(len(mark)) == mark
 
 
 def _sheets(path: Path, wanted: str) -> list[str]:
     """The sheet of a workbook that is read, and the names of all; of a text an empty name. Raises NameNotFound."""
-    with path.open("rb") as file:
-        if not file.read(4).startswith(_ZIP):
-            return [""]
+    if not _begins_with(path, _ZIP):
+        return [""]
     with _damage_in_a_line(path), _workbook(path) as book:
         names = [sheet.title for sheet in book.worksheets]
         if wanted:

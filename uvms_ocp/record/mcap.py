@@ -16,7 +16,7 @@ import numpy as np
 
 from uvms_ocp.errors import InvalidInput, optional_module
 from uvms_ocp.record import output, run_meta
-from uvms_ocp.record.tables import Series, column_names, column_units, series_description
+from uvms_ocp.record.tables import Series, column_units, flat_columns, series_description
 from uvms_ocp.record.untrusted import DENSEST, SMALL, as_input_errors, require_regular_file
 
 # Messages of an MCAP file in the order that they stand there, unpacked chunk by chunk within what each chunk declares.
@@ -31,6 +31,7 @@ def mcap_messages(path: Path, topics: Collection[str] | None = None) -> Iterator
 
     Raises `InvalidInput` for a file that unpacks to far more than it is, and what the library raises for a damaged one.
     """
+    require_mcap()
     from mcap.records import Channel, Message, Schema
 
     schemas: dict[int, Any] = {}
@@ -48,6 +49,7 @@ def mcap_messages(path: Path, topics: Collection[str] | None = None) -> Iterator
 
 def mcap_topics(path: Path) -> tuple[str, ...]:
     """All of a file, sorted. Raises `InvalidInput` and others, as `mcap_messages` does."""
+    require_mcap()
     from mcap.records import Channel
 
     return tuple(sorted({record.topic for record in _records(path) if isinstance(record, Channel)}))
@@ -321,8 +323,7 @@ def _channel(writer: Any, topic: Topic) -> int:
 
 def _of_series(name: str, array: np.ndarray, meta: Any) -> Topic:
     """Make the topic of a series, with what its columns are."""
-    flat = array.reshape(len(array), -1)
-    names = column_names(name, flat.shape[1], meta) if array.ndim > 1 else ["value"]
+    names, flat = flat_columns(name, array, meta, alone="value")
     units = column_units(name, flat.shape[1], meta)
     kind, stored = _KINDS[array.dtype.kind]
     fields = field_names([column.removeprefix(f"{name}.") for column in names])

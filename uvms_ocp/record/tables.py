@@ -47,10 +47,15 @@ def _units(text: str) -> Mapping[str, str]:
     return MappingProxyType({part: unit for part, _, unit in (one.rpartition(": ") for one in text.split("; "))})
 
 
+def _rows(table: str) -> list[list[str]]:
+    """Rows of a table beside this file, without its head."""
+    text = (files("uvms_ocp.record") / table).read_text(encoding="utf-8")
+    return [*csv.reader(text.splitlines())][1:]
+
+
 def _described() -> Iterator[list[str]]:
     """Rows of the table, with those of the series that only records of fewer rows than ticks have."""
-    text = (files("uvms_ocp.record") / "series.csv").read_text(encoding="utf-8")
-    for name, meaning, *rest in [*csv.reader(text.splitlines())][1:]:
+    for name, meaning, *rest in _rows("series.csv"):
         yield [name, meaning, *rest]
         whats = {"_least": "least", "_most": "largest"} if name in row_rates.EXTREMES else {}
         for suffix, what in (whats | ({"_mean": "mean size"} if name in row_rates.MEANS else {})).items():
@@ -64,14 +69,7 @@ SERIES: Mapping[str, SeriesKind] = {
 """By name. Controllers of one's own may record others."""
 
 
-QUANTITIES: Mapping[str, str] = MappingProxyType(
-    {
-        **dict.fromkeys(("position_error", "horizontal_error", "altitude", "clearance"), "m"),
-        **dict.fromkeys(("orientation_error", "tilt", "misalignment"), "rad"),
-        **dict.fromkeys(("margin", "posture_error"), "rad or m"),
-        **dict.fromkeys(("overhead", "manipulability"), "-"),
-    }
-)
+QUANTITIES: Mapping[str, str] = MappingProxyType(dict(_rows("quantities.csv")))
 """Units of what our tasks measure, by the name after the task's. Tasks of one's own may measure more."""
 
 
@@ -198,14 +196,14 @@ Series = Mapping[str, np.ndarray]
 
 def columns(series: Series, meta: Any) -> dict[str, np.ndarray]:
     """All columns (n,) [unit of their series] by name, in the order of the series."""
-    found: dict[str, np.ndarray] = {}
-    for name, array in series.items():
-        if array.ndim == 1:
-            found[name] = array
-        else:
-            flat = array.reshape(len(array), -1)
-            found |= dict(zip(column_names(name, flat.shape[1], meta), flat.T, strict=True))
-    return found
+    flat = (flat_columns(name, array, meta, alone=name) for name, array in series.items())
+    return {name: values for names, columns in flat for name, values in zip(names, columns.T, strict=True)}
+
+
+def flat_columns(name: str, array: np.ndarray, meta: Any, *, alone: str) -> tuple[list[str], np.ndarray]:
+    """Names of the columns of a series, `alone` of one without any, and the columns (n, k) of its array (n, ...) [unit of it]."""
+    flat = array.reshape(len(array), -1)
+    return column_names(name, flat.shape[1], meta) if array.ndim > 1 else [alone], flat
 
 
 def to_dataframe(series: Series, meta: Any) -> Any:
@@ -228,8 +226,7 @@ def to_parquet(series: Series, meta: Any, path: Path) -> None:
     pa = arrow()
     fields, arrays = [], []
     for name, array in series.items():
-        flat = array[:, None] if array.ndim == 1 else array.reshape(len(array), -1)
-        names = [name] if array.ndim == 1 else column_names(name, flat.shape[1], meta)
+        names, flat = flat_columns(name, array, meta, alone=name)
         units = column_units(name, flat.shape[1], meta)
         for column, unit, values in zip(names, units, flat.T, strict=True):
             arrays.append(pa.array(np.ascontiguousarray(values)))

@@ -104,7 +104,7 @@ def _fields(part: dict[str, Any]) -> str:
     for name, field in part["properties"].items():
         default = f"`{field['default']}`" if field.get("default") is not None else "-"
         kept = "needed" if name in needed else default
-        rows.append((f"`{name}`", _type_of(field), kept, field.get("description", "")))
+        rows.append((f"`{name}`", _type_of(field), kept, " ".join(field.get("description", "").split())))
     return text + "\n\n" + _table(("field", "type", "default", "meaning"), rows)
 
 

@@ -23,7 +23,7 @@ from uvms_ocp.scenario.scenario import Scenario
 from uvms_ocp.sim import Current, Environment, FlatSeafloor, Seafloor, StillWater, UniformCurrent
 from uvms_ocp.sim.faults import Fault, parse_faults
 from uvms_ocp.solvers.hierarchy.active_set import LexicographicActiveSet
-from uvms_ocp.tasks import Hierarchy, Task, UnderActuation
+from uvms_ocp.tasks import Hierarchy, HorizontalAttitude, JointLimits, MinimumAltitude, Task, UnderActuation
 from uvms_ocp.types import Bound, Count, Finite, Positive
 
 # What every scenario can be told in the same words, and the `Scenario` made of it.
@@ -157,6 +157,9 @@ def _sensors(robot: Robot, noise: bool) -> SensorSpecs:
 
 
 # Parts that scenarios share.
+
+SAFETY: tuple[Task, ...] = (JointLimits(), MinimumAltitude(), HorizontalAttitude())
+"""Tasks that keep a robot safe, JL, MAC and HA, which missions begin with."""
 
 
 def mission_of(

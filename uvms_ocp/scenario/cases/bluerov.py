@@ -13,9 +13,9 @@ from uvms_ocp.checks import checked
 from uvms_ocp.mission.phase import Below
 from uvms_ocp.record.meta_values import DONE
 from uvms_ocp.robot import Kinematics, load_robot
-from uvms_ocp.scenario.options import abort_phase, approach_phase, mission_of, phase_of, run_options
+from uvms_ocp.scenario.options import SAFETY, abort_phase, approach_phase, mission_of, phase_of, run_options
 from uvms_ocp.scenario.scenario import Scenario, pose_at
-from uvms_ocp.tasks import FieldOfView, HorizontalAttitude, JointLimits, JointTracking, MinimumAltitude, ToolPosition, VehiclePose
+from uvms_ocp.tasks import FieldOfView, JointTracking, ToolPosition, VehiclePose
 from uvms_ocp.types import Period, Point, Positive, Range
 
 # A small vehicle that reaches with its arm while floating.
@@ -48,14 +48,8 @@ def reach(
     point = drawn if target is None else np.asarray(target, dtype=float)
     q0 = run.start(origin)
     way_point = pose_facing(origin, point, Kinematics(robot, q0))
-    tasks = [
-        JointLimits(),
-        MinimumAltitude(),
-        HorizontalAttitude(),
-        ToolPosition(goal=pin.SE3(np.eye(3), point)),
-        VehiclePose(goal=way_point),
-        JointTracking(joints=robot.joint_names, goal=robot.home),
-    ]
+    posture = VehiclePose(goal=way_point), JointTracking(joints=robot.joint_names, goal=robot.home)
+    tasks = [*SAFETY, ToolPosition(goal=pin.SE3(np.eye(3), point)), *posture]
     there = Below(quantity="TP.position_error", limit=tolerance)
     reaching = phase_of("B", "reach", ("JL", "MAC", "HA", "TP", "PC", "MP"), DONE, there, hold=1.0)
     return run.scenario(
@@ -136,15 +130,8 @@ def bluerov_inspection(
     # Direction of the tool, from the vehicle and in its frame.
     p_BT = start.pose("base_link").actInv(start.pose("tool").translation)
     x, y, z = (p_BT / np.linalg.norm(p_BT)).tolist()
-    tasks = [
-        JointLimits(),
-        MinimumAltitude(),
-        HorizontalAttitude(),
-        FieldOfView(goal=centre, axis=(x, y, z)),
-        ToolPosition(goal=circle(0.0)[0]),
-        VehiclePose(goal=way_point),
-        JointTracking(joints=run.robot.joint_names, goal=run.robot.home),
-    ]
+    posture = VehiclePose(goal=way_point), JointTracking(joints=run.robot.joint_names, goal=run.robot.home)
+    tasks = [*SAFETY, FieldOfView(goal=centre, axis=(x, y, z)), ToolPosition(goal=circle(0.0)[0]), *posture]
     there = Below(quantity="TP.position_error", limit=0.06 if run.noise else 0.02)
     on, near = ("JL", "MAC", "HA", "FV", "TP", "PC", "MP"), replace(there, limit=there.limit / 2)
     turn = phase_of("C", "turn", on, DONE, there, hold=turning + 1.0, TP=circle)

@@ -16,11 +16,11 @@ from uvms_ocp.errors import InvalidInput
 from uvms_ocp.mission.phase import Above, Below, Phase, Transition
 from uvms_ocp.record.meta_values import DONE
 from uvms_ocp.robot import Kinematics, Robot
-from uvms_ocp.scenario.options import abort_phase, mission_of, override, phase_of, run_options
+from uvms_ocp.scenario.options import SAFETY, abort_phase, mission_of, override, phase_of, run_options
 from uvms_ocp.scenario.preflight.reachability import ArmReach, ReachResult
 from uvms_ocp.scenario.scenario import Scenario, pose_at
 from uvms_ocp.sim.currents import OnsetCurrent
-from uvms_ocp.tasks import Alignment, HorizontalAttitude, JointLimits, JointTracking, LandingAltitude, MinimumAltitude
+from uvms_ocp.tasks import Alignment, JointTracking, LandingAltitude
 from uvms_ocp.tasks.goals import PoseReference
 from uvms_ocp.tasks.pose import NullVelocity, ToolPose, ToolPosition, VehiclePose
 from uvms_ocp.tasks.task import Hierarchy, Task
@@ -165,17 +165,8 @@ def case1_tasks(
     """[Gao2022] Table 3, for the goals X_WB, target (3,) [m] in W and X_WT, and a posture (n_joints,) [rad or m]."""
     wrist = robot.joint_names[-_N_POSTURE_JOINTS:]
     tool = ToolPose(goal=tool_goal) if len(_tool_joints(robot)) >= 6 else ToolPosition(name="T", goal=tool_goal)
-    return [
-        NullVelocity(),
-        JointLimits(),
-        MinimumAltitude(),
-        HorizontalAttitude(),
-        Alignment(goal=target),
-        LandingAltitude(),
-        VehiclePose(goal=way_point),
-        tool,
-        JointTracking(joints=wrist, goal=posture[-_N_POSTURE_JOINTS:]),
-    ]
+    held = JointTracking(joints=wrist, goal=posture[-_N_POSTURE_JOINTS:])
+    return [NullVelocity(), *SAFETY, Alignment(goal=target), LandingAltitude(), VehiclePose(goal=way_point), tool, held]
 
 
 def case1_phases(thresholds: Thresholds, *, pose: bool = True) -> tuple[Phase, ...]:

@@ -13,7 +13,7 @@ from uvms_ocp.mission.phase import Below
 from uvms_ocp.record.meta_values import DONE
 from uvms_ocp.robot.shapes.collision_model import CollisionModel
 from uvms_ocp.robot.shapes.obstacles import Obstacle, obstacle
-from uvms_ocp.scenario.options import abort_phase, mission_of, phase_of, run_options
+from uvms_ocp.scenario.options import SAFETY, abort_phase, mission_of, phase_of, run_options
 from uvms_ocp.scenario.scenario import Scenario, pose_at
 from uvms_ocp.sim.seafloor import HeightField
 from uvms_ocp.tasks import Clearance, HorizontalAttitude, JointLimits, JointTracking, MinimumAltitude, VehiclePose
@@ -76,15 +76,8 @@ def obstacle_field(
     robot, goal = run.robot, pose_at((11.0, 0.0, -37.0))
     around = CollisionModel(robot, obstacles, self_collision=False)
     sc = [Clearance(name="SC", model=CollisionModel(robot), threshold=_SELF, margin=_SELF, n_nearest=6)] if robot.n_joints else []
-    tasks = [
-        JointLimits(),
-        MinimumAltitude(),
-        HorizontalAttitude(),
-        Clearance(model=around, threshold=min_clearance, n_nearest=6),
-        *sc,
-        VehiclePose(goal=goal),
-        JointTracking(joints=robot.joint_names, goal=robot.home),
-    ]
+    posture = VehiclePose(goal=goal), JointTracking(joints=robot.joint_names, goal=robot.home)
+    tasks = [*SAFETY, Clearance(model=around, threshold=min_clearance, n_nearest=6), *sc, *posture]
     on = ("JL", "MAC", "HA", "PC", "MP", *(task.name for task in sc), *(("CL",) if with_clearance else ()))
     phase = phase_of("A", "transit", on, DONE, Below(quantity="PC.position_error", limit=0.1))
     return run.scenario(

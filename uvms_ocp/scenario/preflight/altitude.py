@@ -30,10 +30,10 @@ def check_altitude(setup: Setup, visits: Sequence[Visit]) -> Iterator[Finding]:
         minimum = visit.active(MinimumAltitude)
         if minimum is None:
             continue
-        if visit.active(VehiclePose) is not None:
-            yield from _way_point(setup, visit, minimum)
-        if visit.active(LandingAltitude) is not None:
-            yield from _landing(visit, minimum)
+        if (task := visit.active(VehiclePose)) is not None:
+            yield from _way_point(setup, visit, task, minimum)
+        if (landing := visit.active(LandingAltitude)) is not None:
+            yield from _landing(visit, landing, minimum)
 
 
 def check_echo(setup: Setup) -> Iterator[Finding]:
@@ -97,11 +97,8 @@ def _start(setup: Setup, first: Visit) -> Iterator[Finding]:
         yield Severity.WARNING.finding("start", text, tilt_rad=tilt)
 
 
-def _way_point(setup: Setup, visit: Visit, minimum: MinimumAltitude) -> Iterator[Finding]:
+def _way_point(setup: Setup, visit: Visit, task: VehiclePose, minimum: MinimumAltitude) -> Iterator[Finding]:
     """How far the minimum altitude holds the vehicle above its way point."""
-    task = visit.active(VehiclePose)
-    if task is None:
-        return
     goal, _ = goals.evaluate_pose(task.name, task.goal, 0.0)
     radius = threshold_of(visit.phase, f"{task.name}.position_error")
     gap = minimum.threshold - _altitude(setup, goal)
@@ -136,10 +133,7 @@ def _least_gap(setup: Setup, goal: pin.SE3, minimum: MinimumAltitude, radius: fl
     return float(np.min([minimum.threshold - _altitude(setup, pose) for pose in (top, *rim)]))
 
 
-def _landing(visit: Visit, minimum: MinimumAltitude) -> Iterator[Finding]:
-    landing = visit.active(LandingAltitude)
-    if landing is None:
-        return
+def _landing(visit: Visit, landing: LandingAltitude, minimum: MinimumAltitude) -> Iterator[Finding]:
     aim = landing.landing_distance + landing.safeguard
     if aim < minimum.threshold:
         text = f"{landing.name} aims at {aim:.2f} m while {minimum.name} keeps {minimum.threshold:g} m; switch one off"

@@ -249,22 +249,18 @@ def points_on_ball(centre: np.ndarray, radius: float) -> Iterator[np.ndarray]:
 
 
 def _stances_after(setup: Setup, visit: Visit) -> tuple[Stance, ...]:
-    if visit.active(NullVelocity) is not None:
-        return visit.stances
     stances = visit.stances
-    pose = visit.active(VehiclePose)
-    if pose is not None:
+    if visit.active(NullVelocity) is not None:
+        return stances
+    if (pose := visit.active(VehiclePose)) is not None:
         goal, _ = goals.evaluate_pose(pose.name, pose.goal, 0.0)
         radius = threshold_of(visit.phase, f"{pose.name}.position_error") or 0.0
-        origin = visit.stances[0].position
-        stances = stances_at_way_point(goal, radius, origin=origin, towards=_next_target(setup, visit))
-    alignment = visit.active(Alignment)
-    if alignment is not None:
+        stances = stances_at_way_point(goal, radius, origin=stances[0].position, towards=_next_target(setup, visit))
+    if (alignment := visit.active(Alignment)) is not None:
         target, _ = goals.evaluate_vector(alignment.name, alignment.goal, 0.0)
         walks = not thrusters.undriven_axes(setup.robot)
         stances = tuple(_aligned(stance, target, walks=walks) for stance in stances)
-    landing = visit.active(LandingAltitude)
-    if landing is not None:
+    if (landing := visit.active(LandingAltitude)) is not None:
         aim = landing.landing_distance + landing.safeguard
         altitude = threshold_of(visit.phase, f"{landing.name}.altitude") or aim
         height = setup.altimeter_height()
