@@ -1,30 +1,26 @@
 """Speed of simulation: ``python benchmarks/simulation.py [--runs N]``.
 
-Runs missions as a user runs them, and one of them once more with a clock around each part of a tick. Writes simulation.csv,
-one row per mission, and simulation.md, also with the parts.
+Runs missions as a user runs them, in turn with the same tick by tick in Python, and some once more with a clock between the
+kernels of a tick. Writes simulation.csv, one row per mission, and simulation.md, also with the kernels.
 """
 
 from __future__ import annotations
 
-from collections import defaultdict
-from collections.abc import Callable, Iterator
-from contextlib import ExitStack, contextmanager
+from collections.abc import Callable
 from statistics import median
-from time import process_time, thread_time_ns
+from time import process_time
 from typing import Any
 from unittest.mock import patch
 
 from recording.report import Report, Row, Table, begin, parser_of
 
-from uvms_ocp.control.force.dynamic import DynamicController
-from uvms_ocp.control.velocity.kinematic import KinematicController
-from uvms_ocp.estimation.health.guarded_estimator import GuardedEstimator
-from uvms_ocp.record.record import Record, Recorder
+from uvms_ocp.codegen.kernel_expressions import PREFIX
+from uvms_ocp.codegen.sequence import Elapsed
+from uvms_ocp.record.record import Record
 from uvms_ocp.report.summary import summarize
 from uvms_ocp.scenario.cases import SCENARIOS
 from uvms_ocp.scenario.scenario import Scenario
-from uvms_ocp.sim.plant import DynamicPlant
-from uvms_ocp.sim.sensors import SensorSuite
+from uvms_ocp.sim.compiled_loop import CompiledLoop
 
 MISSIONS: dict[str, tuple[str, dict[str, Any]]] = {
     "case1": ("case1", {}),
@@ -32,28 +28,23 @@ MISSIONS: dict[str, tuple[str, dict[str, Any]]] = {
     "case1, noise": ("case1", {"noise": True}),
     "obstacle_field": ("obstacle_field", {}),
 }
-PARTS: dict[str, tuple[type, str]] = {
-    "sensors": (SensorSuite, "read"),
-    "estimate and health": (GuardedEstimator, "__call__"),
-    "controller": (DynamicController, "__call__"),
-    "of it, what is known": (KinematicController, "observe"),
-    "of it, hierarchy, viability, mission": (KinematicController, "command"),
-    "plant": (DynamicPlant, "step"),
-    "record": (Recorder, "append"),
-}
+PROFILED = ("case1", "case1, noise")
 PROSE = """
 One process, control at {rate:.0f} Hz, the plant in its usual steps; the median of {runs} runs of each, after one that
-compiled. *real_time*: simulated time for one second of the loop, preparation aside. *prepare_s*: time of the processor before
-and after the loop, with CasADi's expressions, what has been compiled is loaded. *tick*: levels, solve, viability and mission,
-from Python; *controller*: all from measurement to thrust and torque.
+compiled. *real_time*: simulated time for one second of the loop, preparation aside; *in_python*: the same where somebody looks
+at every tick, so that Python calls the parts one by one, each run after one of the others. *prepare_s*: time of the processor
+before and after the loop, with CasADi's expressions, what has been compiled is loaded. *tick*: levels, solve, viability and
+mission; *controller*: all from measurement to thrust and torque.
 
-The second table is of {profiled}: mean time of the processor per tick in each part, with the clocks around the parts at work.
+The other tables: mean time of each kernel for a tick, with a clock between them, and of the whole loop, with events, swings and
+rows, for {profiled}, in turn.
 """
 COLUMNS = {
     "mission": "",
     "simulated_s": ".1f",
     "loop_s": ".2f",
     "real_time": ".1f",
+    "in_python": ".1f",
     "prepare_s": ".2f",
     "tick_p50_us": ".1f",
     "tick_p99_us": ".1f",
@@ -72,45 +63,33 @@ def _run(build: Callable[[], Scenario]) -> dict[str, float]:
     begin = process_time()
     record = build().run()
     spent, report = process_time() - begin, summarize(record)
-    loop = record.run_meta.wall_s
+    loop, slow = record.run_meta.wall_s, build().run(observer=lambda t, state, command: None).run_meta.wall_s
     times = {"tick": report["tick_us"], "controller": report["controller_us"]}
     return {
         "simulated_s": report["simulated_s"],
         "loop_s": loop,
         "real_time": report["simulated_s"] / loop,
+        "in_python": report["simulated_s"] / slow,
         "prepare_s": spent - loop,
         **{f"{what}_{share}_us": values[share] for what, values in times.items() for share in ("p50", "p99")},
     }
 
 
-def profile(scenario: Scenario) -> list[Row]:
-    """Mean time of each part of a tick [us]."""
-    with _clocks() as spent:
-        record = scenario.run()
-    ticks = len(record)
-    total = 1e6 * record.run_meta.wall_s / ticks
-    rows = [{"part": name, "us": 1e-3 * spent[name] / ticks} for name in PARTS]
-    return [*rows, {"part": "whole tick", "us": total}]
+def profile(build: Callable[[], Scenario]) -> list[Row]:
+    """Mean time of each kernel of a tick [us], and of the whole loop for a tick."""
+    names: list[str] = []
 
+    def timed(quick: CompiledLoop, *given: Any) -> dict[str, Any]:
+        names[:] = [kernel.__name__.removeprefix(PREFIX) for kernel, *_ in quick.steps or ()]
+        return {**sources(quick, *given), **{f"step_{k}": Elapsed(k, k) for k in range(len(names))}}
 
-@contextmanager
-def _clocks() -> Iterator[dict[str, int]]:
-    """Inside, the time [ns] that every part of the loop takes is added up."""
-    spent: dict[str, int] = defaultdict(int)
-    with ExitStack() as stack:
-        for name, (owner, method) in PARTS.items():
-            stack.enter_context(patch.object(owner, method, _clocked(getattr(owner, method), name, spent)))
-        yield spent
-
-
-def _clocked(method: Callable[..., Any], name: str, spent: dict[str, int]) -> Callable[..., Any]:
-    def call(*args: Any, **kwargs: Any) -> Any:
-        begin = thread_time_ns()
-        result = method(*args, **kwargs)
-        spent[name] += thread_time_ns() - begin
-        return result
-
-    return call
+    sources = CompiledLoop._sources
+    with patch.object(CompiledLoop, "_sources", timed):
+        record = build().run()
+    times = [1e6 * float(record[f"step_{k}"].mean()) for k in range(len(names))]
+    rows = [{"kernel": name, "us": us} for name, us in zip(names, times, strict=True)]
+    whole = 1e6 * record.run_meta.wall_s / len(record)
+    return [*rows, {"kernel": "sum of the kernels", "us": sum(times)}, {"kernel": "whole tick", "us": whole}]
 
 
 def main() -> None:
@@ -127,9 +106,9 @@ def main() -> None:
         warm: Record = build().run()
     runs = 1 if run.quick else given.runs
     rows = [measured(name, build, runs) for name, build in builders.items()]
-    first = next(iter(builders))
-    prose = PROSE.format(rate=1.0 / warm.run_meta.dt, runs=runs, profiled=first)
-    tables = [Table(rows=rows, columns=COLUMNS), Table(rows=profile(builders[first]()), columns={"part": "", "us": ".1f"})]
+    prose = PROSE.format(rate=1.0 / warm.run_meta.dt, runs=runs, profiled=" and ".join(PROFILED))
+    profiles = [Table(rows=profile(builders[name]), columns={"kernel": "", "us": ".1f"}) for name in PROFILED]
+    tables = [Table(rows=rows, columns=COLUMNS), *profiles]
     run.write(Report(name="simulation", title="Speed of simulation", prose=prose, tables=tables))
 
 

@@ -65,8 +65,8 @@ def twins(build: Callable[[], KinematicController], monkeypatch: pytest.MonkeyPa
             name = f"uvms_ocp.control.velocity.{room}.bind_memory"
             without.setattr(name, lambda memory, kernels: bound.extend(kernels) or kernels)
         slow = build()
-    assert slow._before is prepare_tick
-    assert quick._before is not prepare_tick
+    assert slow.prepare is prepare_tick
+    assert quick.prepare is not prepare_tick
     assert solve_and_finish in bound
     return quick, slow
 

@@ -36,13 +36,14 @@ def flown(
 
     def noted(self: Estimator, *given: Any) -> Any:
         found = estimate(self, *given)
-        seen.append((self.memory.x[SPEED].copy(), self.covariance[SPEED, SPEED], float(self._filter.jerk_share)))
+        seen.append((self.memory.x[SPEED].copy(), self.covariance[SPEED, SPEED], float(self.structure.jerk_share)))
         return found
 
     monkeypatch.setattr(Estimator, "__call__", noted)
     dvl = replace(SensorSpecs().linear_velocity, delay=delay)
     sensors = SensorSpecs(linear_velocity=dvl, specific_force=force)
-    record = replace(case1(noise=True, dt=1 / rate, seed=1, faults=faults), sensors=sensors).run()
+    scenario = replace(case1(noise=True, dt=1 / rate, seed=1, faults=faults), sensors=sensors)
+    record = scenario.run(observer=lambda t, state, command: None)  # tick by tick
     squared, errors = [], []
     for k in range(round(SETTLED * rate), len(record["t"])):
         error = seen[k][0] - quaternion_to_matrix(record["q"][k, 3:7]) @ record["v"][k, :3]

@@ -25,7 +25,7 @@ ROWS = {ChannelIndex.DEPTH: 1, ChannelIndex.ALTIMETER_RANGE: 1}
 @pytest.fixture(scope="module")
 def memory() -> Any:
     """Memory of a filter."""
-    return Estimator(uo.load_robot("bluerov2_alpha5"), SensorSpecs())._filter
+    return Estimator(uo.load_robot("bluerov2_alpha5"), SensorSpecs()).structure
 
 
 def _tilt(m: Any, seed: int) -> None:

@@ -4,11 +4,14 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Callable
+from typing import Any
 
 import numpy as np
 import pytest
-from compiler import needs_compiler
+from compiler import IN_C_AND_PYTHON, needs_compiler
 
+from uvms_ocp.codegen.kernel_layout import arrays_of, assign
+from uvms_ocp.codegen.kernels import make_memory
 from uvms_ocp.errors import InvalidInput
 from uvms_ocp.robot.dynamics import robot_dynamics
 from uvms_ocp.robot.loading import load_robot
@@ -17,7 +20,16 @@ from uvms_ocp.robot.shapes.hull import skid_points
 from uvms_ocp.robot.signals import Command
 from uvms_ocp.sim import plant as dynamic_plant
 from uvms_ocp.sim.currents import GustyCurrent, UniformCurrent
-from uvms_ocp.sim.dynamic_step import CARRIED, ContactModel, JointStops, StepModel, StepSequence, parts_of, step_function
+from uvms_ocp.sim.dynamic_step import (
+    CARRIED,
+    INPUTS,
+    ContactModel,
+    JointStops,
+    StepModel,
+    advance_plant,
+    plant_structure,
+    step_function,
+)
 from uvms_ocp.sim.environment import Environment
 from uvms_ocp.sim.faults import parse_faults
 from uvms_ocp.sim.plant import DynamicPlant
@@ -66,35 +78,44 @@ def rows_of(plant: DynamicPlant, robot: Robot, ticks: int, dt: float = DT) -> np
     return np.array(rows)
 
 
+@pytest.mark.parametrize("compiled", IN_C_AND_PYTHON)
 @pytest.mark.parametrize("name", ["girona_maris7_full", "bluerov2_alpha5", "planar5"])
-def test_a_period_is_its_steps_one_by_one(name: str) -> None:
+def test_a_period_is_its_steps_one_by_one(name: str, compiled: bool) -> None:
     robot, rng = load_robot(name), np.random.default_rng(0)
-    model = model_of(robot)
-    step, n_steps = step_function(model), 5
-    sequence, parts = StepSequence(step, n_steps), parts_of(step)
-    for view in sequence.given.values():
-        view[...] = 0.1 * rng.normal(size=view.shape)
-    sequence.given["q"][:] = q = robot.configuration(joints=0.2 + robot.home) if robot.n_vehicle else robot.configuration()
-    sequence.given["dt"][:] = DT
-    sequence.given["decay"][:] = model.thrusters.decay(DT / n_steps).T
-    given = {key: np.array(view.T) for key, view in sequence.given.items()}
-    after, x = sequence(), {**given, "dt": DT / n_steps}
+    model, n_steps = model_of(robot), 5
+    step = step_function(model)
+    memory, (advance,) = make_memory(plant_structure(model, step), (advance_plant,), compiled=compiled)
+    arrays = arrays_of(memory)
+    for array in vars(arrays).values():
+        array[:] = 0.1 * rng.normal(size=array.shape)
+    arrays.q[:] = q = robot.configuration(joints=0.2 + robot.home) if robot.n_vehicle else robot.configuration()
+    decay = model.thrusters.decay(DT / n_steps)
+    assign(memory, dt=DT, n_steps=n_steps, step_dt=DT / n_steps, decay=decay.T.ravel())
+    tables = {key: getattr(arrays, key).reshape(-1, 3).T.copy() for key in ("u", "Du_Dt", "floor_normal")} | {"decay": decay}
+    x = {key: getattr(arrays, key).copy() for key in INPUTS if key not in (*tables, "brake", "dt")}
+    x |= tables | {"brake": 0.0, "dt": DT / n_steps}
+    before = x["v"]
+    advance(memory)
     for _ in range(n_steps):
         result = step(**x)
         x |= {key: np.array(result[f"{key}_next"]) for key in CARRIED}
-    assert not np.array_equal(after[parts["q"]], q)
+    assert not np.array_equal(arrays.q, q)
     for key in CARRIED:
-        np.testing.assert_array_equal(after[parts[key]], x[key].ravel(), err_msg=key)
+        np.testing.assert_array_equal(getattr(arrays, key), x[key].ravel(), err_msg=key)
     for key in ("torque", "contact"):
-        np.testing.assert_array_equal(after[parts[key]], np.array(result[key]).ravel(), err_msg=key)
-    np.testing.assert_allclose(after[parts["a"]], (x["v"].ravel() - given["v"]) / DT, rtol=1e-12)
+        np.testing.assert_array_equal(getattr(arrays, key), np.array(result[key]).ravel(), err_msg=key)
+    np.testing.assert_allclose(arrays.a, (x["v"].ravel() - before) / DT, rtol=1e-12)
+
+
+def _in_python(structure: Any, kernels: Any, *, compiled: bool = True) -> Any:
+    return make_memory(structure, kernels, compiled=False)
 
 
 @needs_compiler
 def test_without_a_compiler_the_plant_moves_the_same_way(robot: Robot, monkeypatch: pytest.MonkeyPatch) -> None:
     faults = ("thruster3:weak=0.25@0.2-0.5", "thruster5:dead@0.3")
     compiled = rows_of(plant_of(robot, *faults), robot, 200)
-    monkeypatch.setattr(dynamic_plant, "compile_function", lambda function: function)
+    monkeypatch.setattr(dynamic_plant, "make_memory", _in_python)
     walked = rows_of(plant_of(robot, *faults), robot, 200)
     assert compiled[:, -9:].any()
     np.testing.assert_allclose(walked, compiled, rtol=1e-9, atol=1e-9)
@@ -169,8 +190,3 @@ def test_efforts_that_are_none_are_refused(case: str, robot: Robot) -> None:
         plant.step(dataclasses.replace(command, **WRONG[case](command)), DT)
     assert "\n" not in str(error.value)
     assert plant.state is before
-
-
-def test_a_period_of_no_steps_is_refused(robot: Robot) -> None:
-    with pytest.raises(InvalidInput, match="give 1 or more"):
-        StepSequence(step_function(model_of(robot)), 0)

@@ -145,15 +145,15 @@ class GateOutcome:
 class JointChart:
     """Displacements of the joints from an origin, which follows the estimate where q is no vector space."""
 
-    __slots__ = ("_memory", "_origin", "_plain", "_robot")
+    __slots__ = ("_memory", "_origin", "_robot", "is_plain")
 
     def __init__(self, robot: Robot, memory: Any) -> None:
         self._robot, self._memory, self._origin = robot, memory, pin.neutral(robot.model)
-        self._plain = all(joint.n_q == joint.n_v for joint in robot.joints)
+        self.is_plain = all(joint.n_q == joint.n_v for joint in robot.joints)
 
     def values(self, channel: str, reading: Array) -> Array:
         """(n_joints,) of a reading (n_joint_q,) [rad or m] of joint positions, or (n_joints,) [rad/s or m/s] of velocities."""
-        if self._plain or channel != "joint_positions":
+        if self.is_plain or channel != "joint_positions":
             return reading
         if not np.isfinite(reading).all():
             return np.full(self._robot.n_joints, np.nan)
@@ -164,7 +164,7 @@ class JointChart:
     def configuration(self) -> Array:
         """The joint part of q [rad or m]."""
         displaced = self._memory.joint_x[:, 0]
-        if self._plain:
+        if self.is_plain:
             return displaced.copy()
         v = np.zeros(self._robot.n_v)
         v[self._robot.joint_v] = displaced
@@ -213,19 +213,22 @@ class Estimator(TableDisplay):
         altimeter_frame = altimeter_frame or robot.description.altimeter
         frame = None if specs.altimeter_range is None or not robot.n_vehicle else altimeter_frame
         self._n_vehicle = robot.n_vehicle
-        self._filter = filtering.filter_memory(robot.n_joints)
-        filtering.initialise(self._filter, robot, specs, tuning)
-        self.memory = memory = kernel_layout.arrays_of(self._filter)
+        self.structure = filtering.filter_memory(robot.n_joints)
+        """Memory of the kernels, a `FilterMemory`."""
+        filtering.initialise(self.structure, robot, specs, tuning)
+        self.memory = memory = kernel_layout.arrays_of(self.structure)
         """All numbers of the filter, for who studies it: the arrays of a `FilterMemory`."""
         for name in needed_channels(robot, specs, altimeter_frame):
             memory.needed[NUMBER[name]] = 1.0
-        self._has_range = frame is not None
+        self.has_range = frame is not None
+        """There is an altimeter."""
         self._beam = None if frame is None else AltimeterMount(robot, frame, memory)
         self._chart = JointChart(robot, memory)
         self._joints = self._chart.configuration()
-        (tick,) = kernels.bind_kernels((advance_filter,), (type(self._filter),), compiled=compiled)
-        self.advance: Callable[[], None] = partial(tick, self._filter)
-        """The filter alone: from the inputs in `memory` to its outputs."""
+        (self.tick,) = kernels.bind_kernels((advance_filter,), (type(self.structure),), compiled=compiled)
+        """Kernel of the filter alone, from the inputs in its memory to its outputs."""
+        self.advance: Callable[[], None] = partial(self.tick, self.structure)
+        """And that on its memory."""
         self._seen: dict[str, Reading | None] = dict.fromkeys(CHANNELS)
         self._refused: frozenset[str] = frozenset()
         self._response = np.zeros(robot.n_v)
@@ -243,12 +246,12 @@ class Estimator(TableDisplay):
             self.memory.commanded[6 - self._n_vehicle :] = self._response
             if command.brakes:
                 self.memory.joint_x[:, 1] = 0.0  # carried on as fast as before, nothing would agree with it again
-        self._filter.has_command = command is not None
+        self.structure.has_command = command is not None
         self._take_in(readings)
         if self._beam is not None:
             self._beam.place(self._joints)
         self.advance()
-        return self._estimate()
+        return self.estimate()
 
     def _table(self) -> SmallTable:
         times = {name: self.memory.used[NUMBER[name]] for name in CHANNELS if self.memory.needed[NUMBER[name]]}
@@ -289,7 +292,7 @@ class Estimator(TableDisplay):
 
     def inflate_velocity_variance(self, *, rests: bool = False) -> None:
         """Take linear velocity and acceleration for unknown: their source proved wrong. rests: and for zero, at a guess."""
-        vehicle_model.inflate_velocity_variance(self.memory, rests=rests)
+        vehicle_model.inflate_velocity_variance(self.structure, rests)
 
     @property
     def covariance(self) -> Array:
@@ -308,7 +311,7 @@ class Estimator(TableDisplay):
         dt = 0.0 if self._t is None else t - self._t
         if dt < 0:
             raise InvalidInput(f"estimator called at t = {t} s after t = {self._t} s; give increasing times")
-        self._t = self._filter.now = t
+        self._t = self.structure.now = t
         return dt
 
     def _take_in(self, readings: Readings) -> None:
@@ -323,12 +326,18 @@ class Estimator(TableDisplay):
                 memory.joint_value[c - filtering.N_VEHICLE] = self._chart.values(name, reading.value)
             memory.fresh[c], memory.stamp[c] = 1.0, reading.t
 
-    def _estimate(self) -> StateEstimate:
+    @property
+    def is_plain(self) -> bool:
+        """Nothing but the kernel is needed: q is a vector space but for the vehicle, and the altimeter is fixed to that."""
+        return self._chart.is_plain and (self._beam is None or not self._beam.moves)
+
+    def estimate(self) -> StateEstimate:
+        """Return what the kernel has left in memory."""
         memory, v = self.memory, self.memory.joint_x[:, 1]
         q = self._joints = self._chart.configuration()
         if self._n_vehicle:
             q, v = (np.concatenate([memory.x[Part.PLACE : Part.SPEED], memory.turn, q]), np.concatenate([memory.twist, v]))
-        echo, echo_std = memory.range.tolist() if self._has_range else (math.nan, math.nan)
+        echo, echo_std = memory.range.tolist() if self.has_range else (math.nan, math.nan)
         age, joint_age = memory.age.tolist()
         return _measurement(
             q=q, v=v.copy(), altimeter_range=echo, age=age, joint_age=joint_age, std=self.std, altimeter_std=echo_std

@@ -6,9 +6,6 @@ The covariance of the errors is kept in its upper triangle; what is lost (not fi
 from __future__ import annotations
 
 import math
-from typing import Any
-
-import numpy as np
 
 from uvms_ocp.codegen.kernel_layout import Vector, wide, zeros
 from uvms_ocp.estimation import filter_memory as filtering
@@ -309,22 +306,25 @@ def _forget_unknown(m: FilterMemory, n: int) -> None:
             m.turn[i] = 1.0 if i == 3 else 0.0
 
 
-def inflate_velocity_variance(memory: Any, *, rests: bool) -> None:
-    """Linear velocity may be anything that vehicles do; memory: `arrays_of` a `FilterMemory`.
+def inflate_velocity_variance(m: FilterMemory, rests: bool) -> None:
+    """Linear velocity may be anything that vehicles do. A kernel.
 
     It has been so for `EXPOSED_FOR`, and the position that it was carried on with is wrong along with it: were that right, the
     next fix would be explained by a velocity of the last tick alone. rests: it was right until its readings ended; from here
     on it and the acceleration are taken for zero, as what is carried on without readings leads ever farther astray.
     """
-    memory.owner[:] = -1.0
-    place, speed, acceleration = (np.arange(first, first + 3) for first in (Part.PLACE, Part.SPEED, Part.ACCELERATION))
-    memory.P[speed, speed] += filtering.EXPOSED**2
-    if rests:
-        memory.P[acceleration, acceleration] += filtering.EXPOSED**2
-        memory.x[speed] = memory.x[acceleration] = 0.0
-    else:
-        memory.P[place, speed] += filtering.EXPOSED_FOR * filtering.EXPOSED**2
-        memory.P[place, place] += (filtering.EXPOSED_FOR * filtering.EXPOSED) ** 2
+    known, way = filtering.EXPOSED * filtering.EXPOSED, filtering.EXPOSED_FOR
+    for k in range(len(m.owner)):
+        m.owner[k] = -1.0
+    for i in range(3):
+        place, speed, acceleration = Part.PLACE + i, Part.SPEED + i, Part.ACCELERATION + i
+        m.P[speed][speed] += known
+        if rests:
+            m.P[acceleration][acceleration] += known
+            m.x[speed] = m.x[acceleration] = 0.0
+        else:
+            m.P[place][speed] += way * known
+            m.P[place][place] += way * way * known
 
 
 # What each channel of the vehicle sees of the estimate.

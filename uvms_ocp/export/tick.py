@@ -8,10 +8,10 @@ import numpy as np
 
 from uvms_ocp.checks import unchecked_constructor
 from uvms_ocp.codegen.kernel_layout import Layout, Sized, Vector, view
-from uvms_ocp.control.force.tick import ForceMemory, force_step
+from uvms_ocp.control.force.tick import ForceMemory, ask_forces, force_step, hear_forces
 from uvms_ocp.control.velocity.tick import VelocityController, is_blind, is_stopped, prepare_tick, solve_and_finish
 from uvms_ocp.control.velocity.tick_memory import TickMemory
-from uvms_ocp.estimation.degraded_modes import CHANNELS, ENCODERS
+from uvms_ocp.estimation.degraded_modes import CHANNELS
 from uvms_ocp.mission.progress import is_over
 from uvms_ocp.robot.signals import Command, StateEstimate, Trust
 
@@ -88,9 +88,6 @@ def command_in(outputs: Any, *, forces: bool) -> Command:
     return _command(v=v, thrust=thrust if forces else None, torque=torque if forces else None, **flags)
 
 
-_ENCODERS, _RATES = CHANNELS.index(ENCODERS), CHANNELS.index("joint_velocities")
-
-
 class ForceController(Layout):
     """Memory of a controller of thrust and torque."""
 
@@ -114,7 +111,7 @@ def control_force(c: ForceController, inputs: ControllerInputs, outputs: Control
     """Run one tick down to thrust and torque; a force that is not finite cuts the thrust."""
     m, f = c.velocity.tick, c.force
     control_velocity(c.velocity, inputs, outputs)
-    _write_force_inputs(f, m, outputs)
+    ask_forces(m, f)
     possible = force_step(f)
     for i in range(f.allocation.count):
         outputs.thrust[i] = f.outputs.command[i] if possible else 0.0
@@ -122,14 +119,7 @@ def control_force(c: ForceController, inputs: ControllerInputs, outputs: Control
         outputs.torque[i] = f.outputs.torque[i] if possible else 0.0
     outputs.stop = outputs.stop or not possible
     outputs.brakes = f.locks
-    # Feed back to the next velocity tick what the force layer met.
-    m.distress.short = f.allocation.saturated
-    m.distress.push = f.outputs.push[0]
-    m.distress.spent = f.state.spent[0]
-    if f.detection.changed:
-        m.distress.fault = f.gives_up
-        for j in range(f.detection.joints.count):
-            m.jammed[f.detection.n_vehicle + j] = f.detection.joints.jammed[j]
+    hear_forces(m, f)
 
 
 def _read_inputs(m: TickMemory, inputs: ControllerInputs) -> None:
@@ -152,19 +142,3 @@ def _write_outputs(m: TickMemory, outputs: ControllerOutputs) -> None:
     outputs.viable_share = m.share
     outputs.v[:] = m.command
     outputs.quantities[:] = m.reported
-
-
-def _write_force_inputs(f: ForceMemory, m: TickMemory, outputs: ControllerOutputs) -> None:
-    """Write the inputs of the force layer from the velocity layer."""
-    less = m.restriction
-    f.inputs.q[:] = m.q
-    f.inputs.v[:] = m.v
-    f.inputs.reference[:] = m.command
-    f.inputs.feedback[0] = less.feedback
-    f.inputs.joint_feedback[0] = less.joint_feedback
-    f.inputs.hold[0] = 1.0 if outputs.hold else 0.0
-    f.inputs.stop[0] = 1.0 if outputs.stop else 0.0
-    f.brakes = outputs.brakes
-    f.t = m.t
-    f.joint_age = m.joint_age
-    f.encoders_trusted = less.level[_ENCODERS] == Trust.GOOD and less.level[_RATES] == Trust.GOOD

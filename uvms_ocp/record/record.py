@@ -411,11 +411,30 @@ class Recorder:
             values = ()
         if len(values) != len(row):
             raise InvalidInput(f"row of {', '.join(row)}; give {', '.join(self._block)}, as in the first one")
-        place = self._n - self._kept
         for memory, value in zip(self._block.values(), values, strict=True):
-            memory[place] = value
-        self._n += 1
-        if place == self._capacity - 1 or (self._n == 1 and self._every > 1):  # rows end spans of ticks, the first its own
+            memory[self.place] = value
+        self.filled(1)
+
+    def block(self, row: Mapping[str, Any]) -> Mapping[str, np.ndarray]:
+        """Memory (capacity, ...) of series, for rows such as this, to be written to from `place` on."""
+        if not self._block:
+            self._begin(row)
+        return self._block
+
+    @property
+    def place(self) -> int:
+        """Where the next row goes in the block."""
+        return self._n - self._kept
+
+    @property
+    def room(self) -> int:
+        """Rows that may be written there before they are `filled` in."""
+        return 1 if self._n == 0 and self._every > 1 else self._capacity - self.place
+
+    def filled(self, n: int) -> None:
+        """Add so many rows, at most `room`, that were written into the block."""
+        first, self._n = self._n == 0 and n > 0, self._n + n
+        if self.place == self._capacity or (first and self._every > 1):  # rows end spans of ticks, the first its own
             self._keep()
 
     def __contains__(self, name: str) -> bool:

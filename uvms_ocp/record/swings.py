@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Iterator, Mapping
+from functools import lru_cache
 
 import numpy as np
 
@@ -43,8 +44,8 @@ def swing_of(what: str, values: np.ndarray, dt: float) -> Swing | None:
     n = len(values)
     if n < 2 * _HALVES or not np.isfinite(values).all():
         return None
-    t = np.arange(n)
-    rest = values - np.polyval(np.polyfit(t, values, 2), t)
+    parabolas = _parabolas(n)
+    rest = values - parabolas @ (parabolas.T @ values)
     beyond = np.flatnonzero(np.abs(rest) > 0.5 * rest.std())
     turns = beyond[1:][np.diff(np.sign(rest[beyond])) != 0]
     halves = np.diff(turns)
@@ -55,6 +56,12 @@ def swing_of(what: str, values: np.ndarray, dt: float) -> Swing | None:
     regular = bool(halves.std() <= _REGULAR * halves.mean())
     period = float(2 * dt * halves.mean())
     return Swing(what=what, period=period, amplitude=float(peaks[-1]), growth=growth, regular=regular)
+
+
+@lru_cache(maxsize=8)
+def _parabolas(n: int) -> np.ndarray:
+    """Orthonormal columns (n, 3) whose sums are all parabolas over n points: what is kept, as this is asked every second."""
+    return np.linalg.qr(np.vander(np.linspace(-1.0, 1.0, n), 3))[0]
 
 
 def tilts_of(q: np.ndarray) -> dict[str, np.ndarray]:
@@ -94,15 +101,22 @@ class SwingWatch:
         self._count, self._phase = 0, -1
         self._known: set[str] = set()
 
-    def after(self, phase: int, q: np.ndarray, errors: np.ndarray, limits: Mapping[int, tuple[str, float]]) -> list[Swing]:
+    @property
+    def due(self) -> int:
+        """Ticks until the next that is looked at."""
+        return self._ticks - self._count % self._ticks
+
+    def after(
+        self, phase: int, q: np.ndarray, errors: np.ndarray, limits: Mapping[int, tuple[str, float]], ticks: int = 1
+    ) -> list[Swing]:
         """What is seen to swing for the first time in a phase at q (n_q,) [m, rad] with errors (n,) [in their units].
 
-        limits: of the errors that the phase waits for, by index, with their names.
+        limits: of the errors that the phase waits for, by index, with their names. ticks: since the last call, at most `due`.
         """
         if phase != self._phase:
             self._phase, self._known = phase, set()
             self._errors.clear()
-        self._count += 1
+        self._count += ticks
         if self._count % self._ticks:
             return []
         self._q.append(q.copy())

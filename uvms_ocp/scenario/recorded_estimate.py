@@ -29,7 +29,7 @@ from uvms_ocp.report.summary import sensor_health
 from uvms_ocp.robot import Command, Robot, SensorSpecs
 from uvms_ocp.robot.signals import CHANNELS, Reading, Readings, robot_sensors
 from uvms_ocp.scenario.run_metadata import meta_without_mission
-from uvms_ocp.sim import Fault, FlatSeafloor, fault_effects, own_parts, sensors
+from uvms_ocp.sim import Fault, fault_effects, own_parts, sensors
 from uvms_ocp.types import Period
 
 _Arrivals = Iterator[tuple[int, str, Any, float]]
@@ -83,7 +83,7 @@ def estimate_recording(
     expected = replace(expected, **{name: None for name in CHANNELS if name not in arrivals})
     if others := [str(fault) for fault in faults if not fault.location.channel]:
         raise InvalidInput(f"faults {', '.join(others)} of a recording; give those of sensors")
-    sources = sensors.sources_of(robot, FlatSeafloor(z=0.0), expected, None)
+    sources = sensors.sources_of(robot, has_altimeter="altimeter_range" in arrivals)
     struck = sensors.faults_of_channels(robot, faults, {name: sources[name] for name in arrivals})
     arrivals |= {name: _struck(arrivals[name], own, dt) for name, own in struck.items()}
     filtering = estimator.Estimator(robot, expected)

@@ -311,31 +311,37 @@ class Scenario(FieldTable):
             plant, sensors = own_parts.inject_faults(self, self._plant(), self._sensors())
         parts: dict[str, Any] = {"plant": plant, "sensors": sensors, "estimator": estimator, "controller": controller}
         presses: list[object] = []
-        with on_interrupt(presses.append), self._bar(progress, controller.kinematic) as progress:
-            record = self._recorded(parts | {"progress": progress}, observer, presses, folder)
+        with on_interrupt(presses.append), self._bar(progress is None, controller.kinematic) as show:
+            each = {"progress": progress, "observer": observer}
+            record = self._recorded(parts, each, show, presses, folder)
         if presses:
             raise Interrupted(f"stopped by hand at t = {record['t'][-1]:g} s", record)
         return record
 
     @contextmanager
-    def _bar(self, progress: Progress | None, kinematic: KinematicController) -> Iterator[Progress | None]:
-        """Inside what is yielded is to get every tick: `progress` if given, or else a bar where somebody looks."""
+    def _bar(self, shown: bool, kinematic: KinematicController) -> Iterator[Callable[[float], None]]:
+        """Inside what is yielded is to get times [s] of ticks, for a bar where somebody looks."""
         layout = "{elapsed} |{bar}| {desc}"
-        with progress_bar(shown=progress is None, total=self.duration, delay=_SILENT, bar_format=layout) as bar:
+        with progress_bar(shown=shown, total=self.duration, delay=_SILENT, bar_format=layout) as bar:
 
-            def show(t: float, command: Command) -> None:
-                if round(t / self.dt) % _BAR_EVERY == 0:
+            def show(t: float) -> None:
+                if not bar.disable and round(t / self.dt) % _BAR_EVERY == 0:
                     phase = self.mission.all_phases[kinematic.state.phase]
                     text = plain_line(f"{phase.name} {phase.title}: {kinematic.pending()}", _BAR_TEXT)
                     bar.set_description_str(text.ljust(_BAR_TEXT), refresh=False)
                     bar.update(t - bar.n)
 
-            yield progress if bar.disable else show
+            yield show
 
     def _recorded(
-        self, parts: Mapping[str, Any], observer: TickObserver | None, presses: Sequence[object], folder: Path | str | None
+        self,
+        parts: Mapping[str, Any],
+        each: Mapping[str, Any],
+        show: Callable[[float], None],
+        presses: Sequence[object],
+        folder: Path | str | None,
     ) -> Record:
-        """Simulate with these parts, and sum up; presses: one for each Ctrl-C."""
+        """Simulate with these parts, and sum up; each: who is told of every tick; presses: one for each Ctrl-C."""
         begin, plant, controller, estimator = perf_counter(), parts["plant"], parts["controller"], parts["estimator"]
         kinematic, seen, own = controller.kinematic, list[int](), self.own_parts
         names = {
@@ -363,11 +369,10 @@ class Scenario(FieldTable):
             ending = RunOutcome(q=plant.state.q, t=self.duration, quantities={}, wall_s=perf_counter() - begin, stopped="cut off")
             return None if seen == before or has_diverged(plant.state) else meta(ending=ending)
 
-        def observe(t: float, state: State, command: Command) -> None:
+        def watch(t: float, state: State) -> None:
             if len(kinematic.events) > len(states):
                 states.append(state)
-            if observer is not None:
-                observer(t, state, command)
+            show(t)
 
         capacity, place = min(512, max(1, round(2.0 / self.dt))), None if folder is None else Path(folder)
         recorder = Recorder(capacity, place, news, every) if place or every > 1 else None
@@ -375,7 +380,7 @@ class Scenario(FieldTable):
         kept = {name: math.prod(shapes[name]) for name in estimator.monitor.channels if name in shapes}
         try:
             recorder = simulate(
-                **parts, observer=observe, dt=self.dt, duration=self.duration, kept_readings=kept, recorder=recorder
+                **parts, **each, watch=watch, dt=self.dt, duration=self.duration, kept_readings=kept, recorder=recorder
             )
         except Interrupted as stop:
             recorder = stop.result

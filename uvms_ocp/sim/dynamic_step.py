@@ -14,14 +14,14 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from functools import lru_cache
+from typing import Annotated
 
 import casadi as ca
 import numpy as np
 
 from uvms_ocp.checks import checked_dataclass
-from uvms_ocp.codegen import buffered, elementwise
-from uvms_ocp.errors import InvalidInput
+from uvms_ocp.codegen import elementwise
+from uvms_ocp.codegen.kernel_layout import CallbackField, FunctionField, Layout, Sized, Vector, structure_of
 from uvms_ocp.robot import Robot, limits, spatial, symbolic_bodies, symbolic_dynamics, thruster_matrix
 from uvms_ocp.robot.thrusters import joint_power
 from uvms_ocp.sim.thrusters import N_DECAYS, Thrusters
@@ -212,67 +212,115 @@ def _contact(model: StepModel, q: ca.SX, v: ca.SX, floor_z: ca.SX, normal: ca.SX
     return ca.vertcat(*vertical), total, slope
 
 
-# A control period of the physical plant: several steps as one function, called through memory that is written to in place.
+# A control period of the physical plant: several steps, as a kernel on memory that is written to in place.
 
 
-@lru_cache(maxsize=16)
-def period_function(step: ca.Function, n_steps: int) -> ca.Function:
-    """``n_steps`` calls of `step_function` as one Function, whose dt [s] is that of all of them and whose result is one column.
+class PlantMemory(Layout):
+    """State of the plant, what acts on it, and the step that moves it; arguments as those of `step_function`, by columns."""
 
-    The column holds q, v, thrust, thruster_energy and joint_energy at the end, then torque and contact of the last step, then
-    a (n_v,) [m/s2, rad/s2]: the mean acceleration, as an accelerometer would integrate it. n_steps is at least 1. The
-    graph is walked by CasADi; what takes time is the step, compiled once for periods of any length.
-    """
-    inputs = {step.name_in(i): ca.MX.sym(step.name_in(i), *step.size_in(i)) for i in range(step.n_in())}
-    carried, held = list(inputs.values())[: len(CARRIED)], list(inputs.values())[len(CARRIED) :]
-    dt = held.pop()
-    results: list[ca.MX] = []
-    for _ in range(n_steps):
-        results = list(step(*carried, *held, dt / n_steps))
-        carried = results[: len(CARRIED)]
-    a = (carried[1] - inputs["v"]) / dt
-    return ca.Function("plant_period", [*inputs.values()], [ca.vertcat(*results, a)], [*inputs], ["after"])
+    step: FunctionField
+    sampled: bool
+    """`sample` is asked for water and floor at the beginning of a period."""
+    sample: CallbackField
+    t: float
+    """[s] time of the state."""
+    dt: float
+    """[s] of a control period."""
+    n_steps: int
+    """In a period."""
+    step_dt: float
+    """[s] of a step."""
+    q: Annotated[Vector, Sized("n_q")]
+    """(n_q,) [m, rad]"""
+    v: Annotated[Vector, Sized("n_v")]
+    """(n_v,) [m/s, rad/s]"""
+    a: Annotated[Vector, Sized("n_v")]
+    """(n_v,) [m/s2, rad/s2] mean acceleration over the last period, as an accelerometer would integrate it."""
+    thrust: Annotated[Vector, Sized("n_thrusters")]
+    """(n_thrusters,) [N]"""
+    thruster_energy: Annotated[Vector, Sized("n_thrusters")]
+    """(n_thrusters,) [J] so far."""
+    joint_energy: Annotated[Vector, Sized(1)]
+    """(1,) [J] so far."""
+    asked_thrust: Annotated[Vector, Sized("n_thrusters")]
+    """(n_thrusters,) [N]"""
+    asked_torque: Annotated[Vector, Sized("n_joints")]
+    """(n_joints,) [N m or N]"""
+    share: Annotated[Vector, Sized("n_thrusters")]
+    """(n_thrusters,) as of `ThrusterCondition`, like the next."""
+    offset: Annotated[Vector, Sized("n_thrusters")]
+    """(n_thrusters,) [N]"""
+    decay: Annotated[Vector, Sized("n_decays")]
+    """(n_thrusters * N_DECAYS,) `Thrusters.decay` of a step."""
+    u: Annotated[Vector, Sized("n_water")]
+    """(3 * n_links,) [m/s]"""
+    Du_Dt: Annotated[Vector, Sized("n_water")]
+    """(3 * n_links,) [m/s2]"""
+    floor_z: Annotated[Vector, Sized("n_points")]
+    """(n_points,) [m]"""
+    floor_normal: Annotated[Vector, Sized("n_normals")]
+    """(3 * n_points,)"""
+    brake: float
+    """[N m s/rad]"""
+    torque: Annotated[Vector, Sized("n_joints")]
+    """(n_joints,) [N m or N] that the motors gave in the last step."""
+    contact: Annotated[Vector, Sized("n_points")]
+    """(n_points,) [N] of the last step."""
+    v_before: Annotated[Vector, Sized("n_v")]
+    """(n_v,) [m/s, rad/s] at the beginning of the period."""
+    q_next: Annotated[Vector, Sized("n_q")]
+    """(n_q,) [m, rad] after a step, as the next four."""
+    v_next: Annotated[Vector, Sized("n_v")]
+    thrust_next: Annotated[Vector, Sized("n_thrusters")]
+    thruster_energy_next: Annotated[Vector, Sized("n_thrusters")]
+    joint_energy_next: Annotated[Vector, Sized(1)]
 
 
-class StepSequence:
-    """`period_function` over fixed memory: `given` is written to, and a call gives a fresh result.
+def advance_plant(p: PlantMemory) -> None:
+    """Move the plant by one control period. A kernel."""
+    if p.sampled:
+        p.sample()
+    p.v_before[:] = p.v
+    for _ in range(p.n_steps):
+        p.step(
+            p.q,
+            p.v,
+            p.thrust,
+            p.thruster_energy,
+            p.joint_energy,
+            p.asked_thrust,
+            p.asked_torque,
+            p.share,
+            p.offset,
+            p.decay,
+            p.u,
+            p.Du_Dt,
+            p.floor_z,
+            p.floor_normal,
+            p.brake,
+            p.step_dt,
+            p.q_next,
+            p.v_next,
+            p.thrust_next,
+            p.thruster_energy_next,
+            p.joint_energy_next,
+            p.torque,
+            p.contact,
+        )
+        p.q[:] = p.q_next
+        p.v[:] = p.v_next
+        p.thrust[:] = p.thrust_next
+        p.thruster_energy[:] = p.thruster_energy_next
+        p.joint_energy[:] = p.joint_energy_next
+    for i in range(len(p.v)):
+        p.a[i] = (p.v[i] - p.v_before[i]) / p.dt
+    p.t += p.dt
 
-    Not for use from two threads at once.
-    """
 
-    __slots__ = ("_period", "_result", "carried", "given")
-
-    def __init__(self, step: ca.Function, n_steps: int) -> None:
-        """step: `step_function`, compiled or not. n_steps: at least 1, in a period. Raises `InvalidInput` for fewer."""
-        if n_steps < 1:
-            raise InvalidInput(f"{n_steps} steps in a period; give 1 or more")
-        function = period_function(step, n_steps)
-        memory, self.given = _memory(function)
-        """Arrays by name: (n,) views, and those of `TABLES` as (columns, rows), all to be written to."""
-        self.carried = memory[: parts_of(step)["torque"].start]
-        """(n_carried,) view of the inputs that the first results are: for the next period."""
-        self._result = np.zeros(function.numel_out(0))
-        self._period = buffered.BoundFunction(function, [view.T for view in self.given.values()], [self._result])
-
-    def __call__(self) -> np.ndarray:
-        """The column (n,) [units of its parts] after one period of what is `given`."""
-        self._period.evaluate()
-        return self._result.copy()
-
-
-def parts_of(step: ca.Function) -> dict[str, slice]:
-    """Where each result of `period_function` stands in its column, by name."""
-    names = [step.name_out(i).removesuffix("_next") for i in range(step.n_out())] + ["a"]
-    ends = np.cumsum([*(step.numel_out(i) for i in range(step.n_out())), step.numel_out("v_next")]).tolist()
-    return {name: slice(begin, end) for name, begin, end in zip(names, [0, *ends], ends, strict=False)}
-
-
-def _memory(function: ca.Function) -> tuple[np.ndarray, Mapping[str, np.ndarray]]:
-    """One block for all inputs and, by name, the views of it."""
-    sizes = [function.size_in(i) for i in range(function.n_in())]
-    ends = np.cumsum([rows * columns for rows, columns in sizes]).tolist()
-    block, views = np.zeros(ends[-1]), {}
-    for i, (rows, columns) in enumerate(sizes):
-        part, name = block[ends[i] - rows * columns : ends[i]], function.name_in(i)
-        views[name] = part.reshape(columns, rows) if name in TABLES else part  # CasADi reads by columns
-    return block, views
+def plant_structure(model: StepModel, step: ca.Function) -> type[PlantMemory]:
+    """Type of the memory of a plant with this `step_function`."""
+    robot, n, n_points = model.robot, len(model.thrusters.lower), len(model.points)
+    sizes = {"n_q": robot.n_q, "n_v": robot.n_v, "n_thrusters": n, "n_joints": robot.n_joints, "n_decays": n * N_DECAYS}
+    return structure_of(
+        PlantMemory, step=step, n_water=3 * len(model.dynamics.links), n_points=n_points, n_normals=3 * n_points, **sizes
+    )

@@ -47,7 +47,9 @@ _FASTEST = 10.0  # [m/s] no vehicle sinks faster
 
 
 class EnvironmentSampler:
-    """Writes the environment where a `StepSequence` reads it. What never changes is written once, by `bind`."""
+    """Writes the environment where the plant's kernel reads it. What never changes is written once, by `bind`."""
+
+    _given: Mapping[str, np.ndarray]
 
     def __init__(
         self, environment: Environment, dynamics: SymbolicDynamics, points: np.ndarray, *, compiled: bool = True
@@ -60,17 +62,20 @@ class EnvironmentSampler:
         floor = environment.seafloor
         self._flat = type(floor) is FlatSeafloor or not len(points)
         self._top = floor.top if type(floor) is HeightField else math.inf
-        self._given: Mapping[str, np.ndarray] = {}
         self._sites: BufferedFunction | None = None
         if not (self._uniform and self._flat):
             function = sites_function(dynamics, points)
             self._sites = BufferedFunction(compile_function(function) if compiled else function)
 
-    def bind(self, given: Mapping[str, np.ndarray]) -> None:
-        """Write from now on into the arrays of `given` (...) [units below], which `StepSequence` reads.
+    @property
+    def changes(self) -> bool:
+        """The environment is to be sampled, as it is another one at other times or places."""
+        return not (self._steady and self._flat)
 
-        Those are u (n_links, 3) [m/s], Du_Dt (n_links, 3) [m/s2], floor_z (n_points,) [m] and floor_normal (n_points, 3);
-        the period dt (1,) [s] is read.
+    def bind(self, **given: np.ndarray) -> None:
+        """Write from now on into arrays, which the plant reads.
+
+        Those are u (n_links, 3) [m/s], Du_Dt (n_links, 3) [m/s2], floor_z (n_points,) [m] and floor_normal (n_points, 3).
         """
         self._given = given
         if self._steady:
@@ -78,14 +83,14 @@ class EnvironmentSampler:
         if self._flat:
             self._sample_floor(np.zeros((len(given["floor_z"]), 3)))
 
-    def sample(self, q: np.ndarray, t: float) -> None:
-        """Write what there is at configuration q (n_q,) [m, rad] and time t [s]."""
+    def sample(self, q: np.ndarray, t: float, dt: float) -> None:
+        """Write what there is at configuration q (n_q,) [m, rad] and time t [s], for the next dt [s]."""
         sites = _NOWHERE if self._sites is None else self._sites(q)[0].T
         if not self._steady:
             self._sample_water(sites[: self._n_links], t)
         if not self._flat:
             points = sites[self._n_links :]
-            if points[:, 2].min() > self._top + _NEAR + _FASTEST * self._given["dt"][0]:
+            if points[:, 2].min() > self._top + _NEAR + _FASTEST * dt:
                 self._given["floor_z"][:] = self._top  # as much out of reach as all that is below it
             else:
                 self._sample_floor(points)

@@ -55,6 +55,8 @@ class ChannelFaults:
         """Raises `InvalidInput` for values or joints that the channel does not have."""
         streams = map(np.random.default_rng, seed.spawn(len(faults)))
         self._struck = [_struck(channel, fault, rng) for fault, rng in zip(faults, streams, strict=True)]
+        self.most_delay = float(sum(fault.values[0] for fault in faults if fault.kind == "late"))
+        """[s] by which readings arrive later at most."""
 
     def __call__(self, value: Any, t: float) -> Sample | None:
         """Return the faulty value measured at time t [s]; `None` where it never arrives."""

@@ -17,9 +17,10 @@ import numpy as np
 from uvms_ocp.checks import checked
 from uvms_ocp.errors import InvalidInput, require_known
 from uvms_ocp.interrupts import Interrupted, Stopped, on_interrupt
-from uvms_ocp.record.meta_values import LARGEST
 from uvms_ocp.record.record import Recorder
 from uvms_ocp.robot.signals import CHANNELS, ChannelHealth, Command, Reading, Readings, State, StateEstimate
+from uvms_ocp.sim.compiled_loop import Watch, compiled_loop, require_kept
+from uvms_ocp.sim.loop_kernels import FARTHEST
 from uvms_ocp.sim.plant import Plant
 from uvms_ocp.types import Count, Positive
 
@@ -40,13 +41,9 @@ MOST_TICKS = 4_000_000
 """Ticks of a run whose record is kept in memory, about 2.4 kB each."""
 
 
-_FARTHEST = LARGEST ** (1 / 3)
-"""[m/s, rad/s] Norm of a velocity whose forces and powers, which grow by its square and cube, a record still holds."""
-
-
 def has_diverged(state: State) -> bool:
     """Judge whether a plant's velocity is no number, or larger than any that a record holds beside its forces and powers."""
-    return not math.hypot(*state.v.tolist()) <= _FARTHEST
+    return not math.hypot(*state.v.tolist()) <= FARTHEST
 
 
 @checked
@@ -60,6 +57,7 @@ def simulate(
     duration: Positive,
     progress: Progress | None = None,
     observer: TickObserver | None = None,
+    watch: Watch | None = None,
     kept_readings: Mapping[str, Count] | None = None,
     recorder: Recorder | None = None,
 ) -> Recorder:
@@ -67,7 +65,9 @@ def simulate(
 
     dt [s] is the control period. kept_readings: channels whose new readings are recorded, and how many numbers each has; with
     them goes whether the brakes were locked, so that an estimator can be run again over the record. `progress` is called after
-    every tick with the time and the command, `observer` with the true state too. recorder: by default one that keeps all in
+    every tick with the time and the command, `observer` with the true state too; `watch`, with time and true state, after ticks
+    in which anything happened, and every few others. Where only that looks on, fresh parts of the toolkit run in machine code
+    for many ticks at once (`uvms_ocp.sim.compiled_loop`), with the same numbers. recorder: by default one that keeps all in
     memory. Where the plant `has_diverged`, the rows before it are what there is.
 
     Raises `NameNotFound` for channels that there are not, `InvalidInput` for readings of other sizes and for more ticks than
@@ -79,8 +79,12 @@ def simulate(
     recorder = recorder or Recorder()
     trusts, new, stops = _HealthCodes(), _NewReadings(kept_readings or {}), list[object]()
     command: Command | None = None
+    n_ticks, single = round(duration / dt) + 1, progress is not None or observer is not None
+    quick = None if single else compiled_loop(plant, sensors, estimator, controller, dt)
     with on_interrupt(stops.append), suppress(Interrupted):  # which a planner within a tick passes on
-        for k in range(round(duration / dt) + 1):
+        if quick is not None:
+            quick.run(n_ticks, recorder, kept_readings or {}, watch or (lambda t, state: None), stops)
+        for k in range(n_ticks if quick is None else 0):
             t = k * dt
             readings = sensors(plant.state, t)
             measurement = estimator(readings, t, command)
@@ -98,12 +102,16 @@ def simulate(
                 progress(t, command)
             if observer is not None:
                 observer(t, plant.state, command)
+            if watch is not None:
+                watch(t, plant.state)
             if command.finished or stops:
                 break
             plant.step(command, dt)
             if has_diverged(plant.state):
-                _log.warning("the run ends at t = %g s: after it the plant's motion grew beyond what a record holds", t)
                 break
+    if has_diverged(plant.state):
+        when = recorder.last("t")
+        _log.warning("the run ends at t = %g s: after it the plant's motion grew beyond what a record holds", when)
     if stops and "t" not in recorder:
         raise Stopped
     if stops:
@@ -147,8 +155,7 @@ class _NewReadings:
                 found[name] = none
             else:  # also with the time of an earlier one, as clocks that fail give them
                 self._seen[channel], found[name] = one, np.array([*np.ravel(one.value).tolist(), one.t])
-                if found[name].size != none.size:
-                    raise InvalidInput(f"{channel} has {found[name].size - 1} numbers, {none.size - 1} are to be kept of it")
+                require_kept(channel, found[name].size - 1, none.size - 1)
         return found
 
 

@@ -3,19 +3,19 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Callable
 from dataclasses import replace
 from functools import lru_cache
-from typing import Any, Protocol
+from typing import Annotated, Any, Protocol
 
 import casadi as ca
 import numpy as np
-import pinocchio as pin
 
 from uvms_ocp.checks import checked_constructor, unchecked_constructor
-from uvms_ocp.codegen.compile import compile_function
+from uvms_ocp.codegen.kernel_layout import CallbackBinding, FunctionField, Layout, Sized, Vector, arrays_of, assign, structure_of
+from uvms_ocp.codegen.kernels import make_memory
 from uvms_ocp.errors import InvalidInput
-from uvms_ocp.robot import Command, Robot, State
+from uvms_ocp.robot import Command, Robot, State, SymbolicModel
 from uvms_ocp.robot.dynamics import Dynamics, robot_dynamics
 from uvms_ocp.robot.shapes.hull import skid_points
 from uvms_ocp.sim import dynamic_step, fault_effects as effects, thrusters
@@ -51,35 +51,93 @@ class Plant(Protocol):
         """
 
 
+class KinematicMemory(Layout):
+    """State of the kinematic plant, and the velocity that it is asked for."""
+
+    integrate: FunctionField
+    """Q and change (n_v,) [m, rad] to `q_next`."""
+    t: float
+    """[s] time of the state."""
+    dt: float
+    """[s] of a control period."""
+    q: Annotated[Vector, Sized("n_q")]
+    """(n_q,) [m, rad]"""
+    v: Annotated[Vector, Sized("n_v")]
+    """(n_v,) [m/s, rad/s]"""
+    a: Annotated[Vector, Sized("n_v")]
+    """(n_v,) [m/s2, rad/s2] by which v changed in the last period."""
+    asked: Annotated[Vector, Sized("n_v")]
+    """(n_v,) [m/s, rad/s]"""
+    change: Annotated[Vector, Sized("n_v")]
+    """(n_v,) [m, rad] in a period."""
+    q_next: Annotated[Vector, Sized("n_q")]
+    """(n_q,) [m, rad] after it."""
+
+
+def advance_kinematic(p: KinematicMemory) -> None:
+    """Move the plant by one control period. A kernel."""
+    for i in range(len(p.v)):
+        p.a[i] = (p.asked[i] - p.v[i]) / p.dt
+        p.v[i] = p.asked[i]
+        p.change[i] = p.v[i] * p.dt
+    p.integrate(p.q, p.change, p.q_next)
+    p.q[:] = p.q_next
+    p.t += p.dt
+
+
 @checked_constructor
 class KinematicPlant(Plant):
     """The paper's plant: velocities follow the command at once, except those of joints that are jammed."""
 
     def __init__(self, robot: Robot, q0: np.ndarray, faults: tuple[Fault, ...] = ()) -> None:
         """Q0 (n_q,) [m, rad]: the start. Raises `InvalidInput`, as `Robot.check_configuration`."""
-        self._model, self._robot, self._faults = robot.model, robot, faults
-        self._t = 0.0
+        self._robot, self.faults = robot, faults
+        structure = structure_of(KinematicMemory, n_q=robot.n_q, n_v=robot.n_v, integrate=_integration(robot))
+        self.memory: KinematicMemory
+        """Memory of the kernel."""
+        self.memory, (self._advance,) = make_memory(structure, (advance_kinematic,))
+        self._arrays = arrays_of(self.memory)
         self.state = State(q=robot.check_configuration(q0), v=np.zeros(robot.n_v), a=np.zeros(robot.n_v))
 
     def step(self, command: Command, dt: Period) -> None:
-        v = command.v
-        if self._faults and (jammed := effects.jammed_axes(self._robot, effects.active_of(self._faults, self._t))):
-            v = v.copy()
-            v[list(jammed)] = 0.0
-        acceleration = (v - self.state.v) / dt
-        self.state = _state(q=pin.integrate(self._model, self.state.q, v * dt), v=v, a=acceleration)
-        self._t += dt
+        arrays = self._arrays
+        arrays.asked[:] = command.v
+        if self.faults and (jammed := effects.jammed_axes(self._robot, effects.active_of(self.faults, self.memory.t))):
+            arrays.asked[list(jammed)] = 0.0
+        self.begin(dt)
+        self._advance(self.memory)
+        self.adopt()
+
+    def begin(self, dt: float) -> None:
+        """Have the kernel go on from the present state, by periods of dt [s]."""
+        self.memory.dt, self._arrays.q[:], self._arrays.v[:] = dt, self.state.q, self.state.v
+
+    def adopt(self) -> None:
+        """Take the state of the memory for the present one."""
+        arrays = self._arrays
+        self.state = _state(q=arrays.q.copy(), v=arrays.v.copy(), a=arrays.a.copy())
 
     def telemetry(self) -> dict[str, Any]:
         """Nothing: the state is all there is."""
         return {}
+
+    telemetry_in_memory = telemetry
+
+
+@lru_cache(maxsize=8)
+def _integration(robot: Robot) -> ca.Function:
+    q, change = ca.SX.sym("q", robot.n_q), ca.SX.sym("change", robot.n_v)
+    q_next = SymbolicModel(robot.model).integrate(q, change)
+    if robot.n_vehicle:  # whose quaternion keeps norm 1, so that rounding does not add up over a run
+        q_next = ca.vertcat(q_next[:3], q_next[3:7] / ca.norm_2(q_next[3:7]), q_next[7:])
+    return ca.Function("integrate", [q, change], [ca.densify(q_next)], {"cse": True})
 
 
 # The physical plant: thrusters and motors push a robot through moving water, above a floor that pushes back.
 
 
 @lru_cache(maxsize=8)
-def _compiled_step(
+def _step(
     robot: Robot, dynamics: Dynamics, contact: dynamic_step.ContactModel, stops: dynamic_step.JointStops
 ) -> tuple[dynamic_step.StepModel, ca.Function]:
     """Model of the step and its function, made once for many runs."""
@@ -91,9 +149,10 @@ def _compiled_step(
         stops=stops,
         thrusters=thrusters.Thrusters.of(robot),
     )
-    return model, compile_function(dynamic_step.step_function(model))
+    return model, dynamic_step.step_function(model)
 
 
+_TELEMETRY = ("thrust", "torque", "contact", "thruster_energy", "joint_energy")
 _PLANT_FAULTS = ("thruster", "joint", "payload")
 BRAKE_FRICTION = 1e6  # [N m s/rad] of a locked joint, which creeps by less than a milliradian in a minute (assumed)
 
@@ -102,12 +161,14 @@ BRAKE_FRICTION = 1e6  # [N m s/rad] of a locked joint, which creeps by less than
 class DynamicPlant(Plant):
     """Robot, thrusters, water and floor at `max_step` or finer; see `uvms_ocp.sim.dynamic_step` for the equations."""
 
+    memory: dynamic_step.PlantMemory
+    """Memory of the kernel."""
+    _arrays: Any
+    """Its arrays."""
+    _advance: Callable[[dynamic_step.PlantMemory], None]
+    _sampling: CallbackBinding
     _dt: float
     """[s] of a control period."""
-    _advance: dynamic_step.StepSequence
-    """The steps of one period."""
-    _given: Mapping[str, np.ndarray]
-    """Inputs of the steps."""
 
     def __init__(
         self,
@@ -128,47 +189,67 @@ class DynamicPlant(Plant):
         self._robot, self._unloaded, self._dynamics, self._max_step = robot, dynamics, dynamics, max_step
         self._environment = effects.with_steps(environment, faults)
         parts = contact or dynamic_step.ContactModel(), stops or dynamic_step.JointStops()
-        self._model, self._step = _compiled_step(robot, dynamics, *parts)
-        self._surroundings = EnvironmentSampler(self._environment, dynamics.symbolic, self._model.points)
-        self._faults = tuple(fault for fault in faults if fault.location.family in _PLANT_FAULTS)
+        self._model, step = _step(robot, dynamics, *parts)
+        self.faults = tuple(fault for fault in faults if fault.location.family in _PLANT_FAULTS)
         self._active: tuple[Fault, ...] = ()
-        self._t = 0.0
         self._shapes = (len(robot.description.thrusters),), (robot.n_joints,)
-        self._condition = effects.condition_of((), np.zeros(self._shapes[0]))
         self.state = State(q=robot.check_configuration(q0), v=np.zeros(robot.n_v), a=np.zeros(robot.n_v))
-        self._parts = dynamic_step.parts_of(self._step)
-        self._after = np.zeros(self._parts["a"].stop)
-        self._after[self._parts["thruster_energy"]] = 0.0 * self._model.thrusters.factor
-        self._begin(max_step)
+        self._make(step)
+        assign(self.memory, thruster_energy=0.0 * self._model.thrusters.factor, share=1.0)
+
+    def _make(self, step: ca.Function, *, compiled: bool = True) -> None:
+        """Give the kernel its memory."""
+        structure = dynamic_step.plant_structure(self._model, step)
+        self.memory, (self._advance,) = make_memory(structure, (dynamic_step.advance_plant,), compiled=compiled)
+        self._arrays = arrays = arrays_of(self.memory)
+        surroundings = EnvironmentSampler(self._environment, self._model.dynamics, self._model.points, compiled=compiled)
+        surroundings.bind(
+            u=arrays.u.reshape(-1, 3),
+            Du_Dt=arrays.Du_Dt.reshape(-1, 3),
+            floor_z=arrays.floor_z,
+            floor_normal=arrays.floor_normal.reshape(-1, 3),
+        )
+        self.memory.sampled, self._dt = surroundings.changes, 0.0
+        self._sampling = CallbackBinding(self.memory.sample, lambda: surroundings.sample(arrays.q, self.memory.t, self.memory.dt))
 
     def step(self, command: Command, dt: Period) -> None:
         """Advance by dt [s]. Water and floor are sampled once, thrust and motion in steps of at most `max_step`.
 
         Raises `InvalidInput` for a command without thrust or torque, or with some that are not finite or of another number.
         """
-        if self._faults and (active := effects.active_of(self._faults, self._t)) != self._active:
+        self._ask(command)
+        self.begin(dt)
+        self._advance(self.memory)
+        self.adopt()
+
+    def begin(self, dt: float) -> None:
+        """Have the kernel go on from the present state, by periods of dt [s], with the faults that there are now."""
+        if self.faults and (active := effects.active_of(self.faults, self.memory.t)) != self._active:
             self._apply_faults(active)
+        self._arrays.q[:], self._arrays.v[:] = self.state.q, self.state.v  # others may have put them there
         if dt != self._dt:
-            self._begin(dt)
-        given, advance = self._given, self._advance
-        self._ask(command, given)
-        given["q"][:], given["v"][:] = self.state.q, self.state.v  # others may have put them there
-        self._surroundings.sample(self.state.q, self._t)
-        self._after = after = advance()
-        advance.carried[:] = after[: len(advance.carried)]
-        self._t += dt
-        parts = self._parts
-        self.state = _state(q=after[parts["q"]], v=after[parts["v"]], a=after[parts["a"]])
+            self._dt = dt
+            n_steps = max(1, math.ceil(dt / self._max_step - 1e-9))
+            decay = self._model.thrusters.decay(dt / n_steps).T.ravel()
+            assign(self.memory, dt=dt, n_steps=n_steps, step_dt=dt / n_steps, decay=decay)
+
+    def adopt(self) -> None:
+        """Take the state of the memory for the present one. Raises what its environment raises."""
+        self._sampling.check()
+        arrays = self._arrays
+        self.state = _state(q=arrays.q.copy(), v=arrays.v.copy(), a=arrays.a.copy())
 
     def telemetry(self) -> dict[str, Any]:
-        after, parts = self._after, self._parts
-        return {
-            **{name: after[parts[name]] for name in ("thrust", "torque", "contact", "thruster_energy")},
-            "joint_energy": after.item(parts["joint_energy"].start),
-            "current": self._given["u"][:1].sum(axis=0),  # nothing where no link is in water
-        }
+        return {name: array.copy()[()] for name, array in self.telemetry_in_memory().items()}
 
-    def _ask(self, command: Command, memory: Mapping[str, np.ndarray]) -> None:
+    def telemetry_in_memory(self) -> dict[str, np.ndarray]:
+        """Telemetry on the memory of the kernel."""
+        arrays = self._arrays
+        found = {name: getattr(arrays, name) for name in _TELEMETRY}
+        found["joint_energy"] = arrays.joint_energy.reshape(())
+        return found | {"current": arrays.u[:3] if len(arrays.u) else np.zeros(3)}  # nothing where no link is in water
+
+    def _ask(self, command: Command) -> None:
         """Write down what the command asks for."""
         thrust, torque = command.thrust, command.torque
         if thrust is None or torque is None:
@@ -179,37 +260,24 @@ class DynamicPlant(Plant):
             (n,), (m,) = self._shapes
             given = f"thrust {thrust.tolist()} N, torque {torque.tolist()} N m given"
             raise InvalidInput(f"{given}; allowed: {n} and {m} finite numbers")
-        memory["asked_thrust"][:], memory["asked_torque"][:] = thrust, torque
-        memory["brake"][0] = BRAKE_FRICTION if command.brakes else 0.0
-
-    def _begin(self, dt: float) -> None:
-        """Take periods of dt [s] from now on, with the function there is."""
-        n_steps = max(1, math.ceil(dt / self._max_step - 1e-9))
-        self._dt, self._advance = dt, dynamic_step.StepSequence(self._step, n_steps)
-        self._given = given = self._advance.given
-        self._advance.carried[:] = self._after[: len(self._advance.carried)]
-        given["dt"][0], given["decay"][:] = dt, self._model.thrusters.decay(dt / n_steps).T
-        given["share"][:], given["offset"][:] = self._condition.share, self._condition.offset
-        self._surroundings.bind(given)
+        self._arrays.asked_thrust[:], self._arrays.asked_torque[:] = thrust, torque
+        self.memory.brake = BRAKE_FRICTION if command.brakes else 0.0
 
     def _apply_faults(self, active: tuple[Fault, ...]) -> None:
         """Go on with other faults than before."""
-        self._after = self._after.copy()
-        thrust = self._after[self._parts["thrust"]]
-        self._condition = effects.condition_of(active, thrust)
-        thrust[self._condition.dead] = 0.0
+        condition = effects.condition_of(active, self._arrays.thrust)
+        self._arrays.thrust[condition.dead] = 0.0
         had, have, locked = effects.payloads(self._active), effects.payloads(active), effects.jammed_axes(self._robot, active)
         self._active = active
         if have != had:
             self._carry(had, have)
         if have != had or locked != self._model.locked:
             # Not compiled: a run does not wait for that in its middle.
-            self._model = replace(self._model, dynamics=self._dynamics.symbolic, locked=locked)
-            self._step = dynamic_step.step_function(self._model)
-            self._surroundings = EnvironmentSampler(
-                self._environment, self._dynamics.symbolic, self._model.points, compiled=False
-            )
-        self._begin(self._dt)
+            self._model, before = replace(self._model, dynamics=self._dynamics.symbolic, locked=locked), self.memory
+            self._make(dynamic_step.step_function(self._model), compiled=False)
+            for name in ("t", "asked_thrust", "asked_torque", "brake", *_TELEMETRY):
+                setattr(self.memory, name, getattr(before, name))
+        assign(self.memory, share=condition.share, offset=condition.offset)
 
     def _carry(self, had: tuple[Fault, ...], have: tuple[Fault, ...]) -> None:
         """Let go of payloads, which take their momentum along, and pick up others, which lay still."""

@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import math
-from bisect import insort
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
 from functools import lru_cache
-from operator import add, itemgetter
+from operator import add
 from typing import Annotated, Any
 
 import casadi as ca
@@ -15,26 +15,29 @@ import pinocchio as pin
 
 from uvms_ocp.checks import checked_constructor, unchecked_constructor
 from uvms_ocp.codegen.buffered import BoundFunction, BufferedFunction
+from uvms_ocp.codegen.kernel_layout import CallbackBinding, assign, structure_of, view
+from uvms_ocp.codegen.kernels import make_memory
 from uvms_ocp.errors import InvalidInput
+from uvms_ocp.estimation.fallbacks import echo_sizes
+from uvms_ocp.estimation.filter_memory import NUMBER, ChannelIndex
 from uvms_ocp.robot import Robot, SymbolicModel, roles, spatial
 from uvms_ocp.robot.robot import require_normalized
 from uvms_ocp.robot.signals import CHANNELS, Reading, Readings, SensorSpec, SensorSpecs, State
+from uvms_ocp.sim import sampling
 from uvms_ocp.sim.fault_effects import ChannelFaults, FaultyChannel
 from uvms_ocp.sim.faults import Fault
-from uvms_ocp.sim.seafloor import Seafloor
+from uvms_ocp.sim.sampling import ChannelSampler, SensorsMemory
+from uvms_ocp.sim.seafloor import FlatSeafloor, Seafloor
 from uvms_ocp.types import Count, Shape
 
 _reading = unchecked_constructor(Reading)
 _readings = unchecked_constructor(Readings)
-_state = unchecked_constructor(State)
 
 _IDEAL = SensorSpec()
+_SCALARS = ("depth", "altimeter_range")
+_QUICKEST, _MOST = 2000.0, 20_000  # [Hz] of ticks, and readings, for which those under way have room
 
-_EARLY = 1e-9  # of a period or a second: a tick that rounding puts just before a sampling time counts
-
-Truth = Callable[[State], Any]
 Disturb = Callable[[Any, np.ndarray], Any]
-Source = tuple[Truth, Disturb, int]
 
 
 @checked_constructor
@@ -84,81 +87,147 @@ class SensorSuite:
         altimeter_frame: str | None = None,
         faults: tuple[Fault, ...] = (),
     ) -> None:
-        """altimeter_frame: the one of the robot's description unless given; without any there is no altimeter.
+        """altimeter_frame: the one of the robot's description unless given.
 
         faults: those of other things than sensors are left out. Raises `InvalidInput` for a bias of the wrong length or a fault
         of a sensor that there is not, and `FrameNotFound` for an unknown altimeter frame.
         """
         specs = specs or SensorSpecs()
-        self._readings: dict[str, Reading[Any] | None] = {}
-        sources = sources_of(robot, seafloor, specs, altimeter_frame)
-        if robot.description.dvl is not None and "linear_velocity" in sources:
-            carried_by = {} if specs.linear_velocity == _IDEAL else self._readings
-            sources["linear_velocity"] = _carried_from(robot.model.frames[robot.frame_id(roles.DVL)].placement, carried_by)
+        frame = (altimeter_frame or robot.description.altimeter) if specs.altimeter_range is not None else None
+        sources, has_log = sources_of(robot, has_altimeter=frame is not None), robot.n_vehicle and robot.description.dvl
+        if has_log:
+            X_BD = robot.model.frames[robot.frame_id(roles.DVL)].placement
+            R_BD = X_BD.rotation.copy()
+            turned = replace(sources["linear_velocity"], turn=R_BD, disturb=lambda value, error: value + R_BD @ error)
+            sources["linear_velocity"] = turned
         present = {name: spec for name in CHANNELS if (spec := getattr(specs, name)) is not None and name in sources}
         streams = dict(zip(CHANNELS, np.random.SeedSequence(seed).spawn(len(CHANNELS)), strict=True))
         struck = faults_of_channels(robot, faults, {name: sources[name] for name in present}, seed)
-        self._ideal = [(name, sources[name][0]) for name, spec in present.items() if spec == _IDEAL and name not in struck]
-        ideal = dict(self._ideal)
+        self.memory: SensorsMemory
+        """Memory of the kernels."""
+        self.memory, (self._read,) = make_memory(_structure(robot, frame, present, struck), (sampling.read_sensors,))
+        memory, self._bindings = self.memory, list[CallbackBinding]()
+        assign(memory, gravity=robot.model.gravity.linear, n=len(present), order=[NUMBER[name] for name in present])
+        if has_log:
+            assign(memory, carried=specs.linear_velocity != _IDEAL, log_at=X_BD.translation)
+        for sampler in memory.channels:
+            sampler.newest = -math.inf
+        self._truth = tuple(map(view, (memory.q, memory.v, memory.a)))
+        if frame is not None:
+            self._look_at(Altimeter(robot, seafloor, frame), seafloor)
         self._channels = [
-            (name, _Channel(name, spec, *sources[name], streams[name])) for name, spec in present.items() if name not in ideal
+            _Channel(memory.channels[NUMBER[name]], name, spec, sources[name], streams[name]) for name, spec in present.items()
         ]
-        for name, own in struck.items():
-            dict(self._channels)[name].apply_faults(own)
-        self._seen = -math.inf
-        """[s] time of the last readings of the ideal ones."""
+        for channel in self._channels:
+            self._bindings += channel.ask_python(struck.get(channel.name))
+        self.is_ideal = not struck and all(spec == _IDEAL for spec in present.values())
+        """Every channel tells the truth, at every tick."""
+        self._readings: dict[str, Reading[Any] | None] = {}
+        self._drawn = 0
 
     def read(self, state: State, t: float) -> Readings:
-        """The last reading of every channel at time t [s], the time of the true `state`."""
+        """The last reading of every channel at time t [s], the time of the true `state`.
+
+        Raises `InvalidInput` for a state without the acceleration that an accelerometer needs, and as `check`.
+        """
+        q, v, a = self._truth
+        q[:], v[:] = state.q, state.v
+        if state.a is not None:
+            a[:] = state.a
+        elif self.memory.channels[ChannelIndex.SPECIFIC_FORCE].present:
+            raise InvalidInput("specific_force needs the acceleration of the true state; give State(a=...), as plants do")
+        self.draw_ahead(1)
+        self._read(self.memory, t)
+        self.check()
         readings = self._readings
-        # Copied once for all: a reading is a part of it, and nobody who writes to one reaches the true state.
-        state = _state(q=state.q.copy(), v=state.v.copy(), a=state.a)
-        if t > self._seen:
-            self._seen = t
-            for name, truth in self._ideal:
-                readings[name] = _reading(value=truth(state), t=t)
-        for name, channel in self._channels:
-            readings[name] = channel.read(state, t)
+        for channel in self._channels:
+            if channel.memory.fresh:
+                readings[channel.name] = channel.reading()
         return _readings(**readings)
 
+    def draw_ahead(self, n: int) -> None:
+        """Have errors for so many ticks, at most `uvms_ocp.sim.sampling.N_DRAWN`, ready for the kernels."""
+        if self._drawn < n:
+            self._drawn = sampling.N_DRAWN
+            for channel in self._channels:
+                channel.draw()
+        self._drawn -= n
 
-def sources_of(robot: Robot, seafloor: Seafloor, specs: SensorSpecs, altimeter_frame: str | None) -> dict[str, Source]:
-    """Return, by channel, the true value, how an error acts on it and the number of its components.
+    def check(self) -> None:
+        """Raise what was raised as kernels asked Python, and `InvalidInput` where more readings are under way than fit."""
+        for binding in self._bindings:
+            binding.check()
+        if self.memory.crowded:
+            given = f"more than {len(self.memory.channels[0].arrival)} readings of one sensor under way"
+            raise InvalidInput(f"{given}; give sensors shorter delays, or rates of their own")
 
-    A true specific force raises `InvalidInput` for a state without its acceleration.
-    """
-    joint_q, joint_v, n = robot.joint_q, robot.joint_v, robot.n_joints
-    sources: dict[str, Source] = {
-        "joint_positions": (lambda state: state.q[joint_q], _joint_disturbance(robot), n),
-        "joint_velocities": (lambda state: state.v[joint_v], add, n),
+    def _look_at(self, altimeter: Altimeter, seafloor: Seafloor) -> None:
+        memory, q = self.memory, self._truth[0]
+        if type(seafloor) is FlatSeafloor:
+            memory.flat, memory.floor = True, seafloor.z
+            return
+
+        def find() -> None:
+            memory.range = altimeter._range(q)
+
+        self._bindings.append(CallbackBinding(memory.find_range, find))
+
+
+@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
+class Source:
+    """What a channel measures: a part of the true state, and how an error acts on it."""
+
+    of_velocity: bool
+    first: int
+    """Where the part begins in q or v."""
+    size: int
+    n_errors: int
+    """Components of an error."""
+    disturb: Disturb = add
+    disturbance: sampling.Disturbance = sampling.Disturbance.ADDED
+    turn: np.ndarray | None = None
+    """(3, 3) into B, of the axes that errors are along."""
+
+
+def sources_of(robot: Robot, *, has_altimeter: bool) -> dict[str, Source]:
+    """Return what each channel of a robot measures."""
+    joints, rates, n = robot.joint_q, robot.joint_v, robot.n_joints
+    plain = all(joint.n_q == joint.n_v for joint in robot.joints)
+    kinds = sampling.Disturbance
+    bent: dict[str, Any] = {} if plain else {"disturb": _joint_disturbance(robot), "disturbance": kinds.ASKED}
+    sources = {
+        "joint_positions": _source(False, joints.start, joints.stop - joints.start, n, **bent),
+        "joint_velocities": _source(True, rates.start, n, n),
     }
     if robot.n_vehicle:
-        # A rotation vector in B turns a quaternion.
-        turned = BufferedFunction(_turn_function())
+        turn = BufferedFunction(_turn_function())
+        turned: dict[str, Any] = {"disturb": lambda value, error: turn(value, error)[0], "disturbance": kinds.TURNED}
         sources |= {
-            "position": (lambda state: state.q[:3], add, 3),
-            "depth": (lambda state: state.q.item(2), _add_scalar, 1),
-            "attitude": (lambda state: state.q[3:7], (lambda quaternion, error: turned(quaternion, error)[0]), 3),
-            "angular_velocity": (lambda state: state.v[3:6], add, 3),
-            "linear_velocity": (lambda state: state.v[:3], add, 3),
-            "specific_force": (_specific_force(robot.model.gravity.linear), add, 3),
+            "position": _source(False, 0, 3, 3),
+            "depth": _source(False, 2, 1, 1, disturb=_add_scalar),
+            "attitude": _source(False, 3, 4, 3, **turned),
+            "angular_velocity": _source(True, 3, 3, 3),
+            "linear_velocity": _source(True, 0, 3, 3),
+            "specific_force": _source(True, 0, 3, 3),
         }
-    frame = altimeter_frame or robot.description.altimeter
-    if specs.altimeter_range is not None and frame is not None:
-        measure = Altimeter(robot, seafloor, frame)._range
-        sources["altimeter_range"] = (lambda state: measure(state.q), _add_scalar, 1)
+    if has_altimeter:
+        sources["altimeter_range"] = _source(False, 0, 1, 1, disturb=_add_scalar)
     return sources
 
 
-def _carried_from(X_BD: pin.SE3, readings: Mapping[str, Reading[Any] | None]) -> Source:
-    """A Doppler log at X_BD [m]: errors are along its axes, and a gyroscope's reading, if any, carries it to the origin of B."""
-    S_BD, R_BD = pin.skew(X_BD.translation), X_BD.rotation.copy()
+def _source(of_velocity: bool, first: int, size: int, n_errors: int, **others: Any) -> Source:
+    return Source(of_velocity=of_velocity, first=first, size=size, n_errors=n_errors, **others)
 
-    def truth(state: State) -> np.ndarray:
-        gyroscope = readings.get("angular_velocity")
-        return state.v[:3] if gyroscope is None else state.v[:3] - S_BD @ (state.v[3:6] - gyroscope.value)
 
-    return truth, lambda value, error: value + R_BD @ error, 3
+def _structure(
+    robot: Robot, frame: str | None, present: Mapping[str, SensorSpec], struck: Mapping[str, ChannelFaults]
+) -> type[SensorsMemory]:
+    late = [spec.delay + (struck[name].most_delay if name in struck else 0.0) for name, spec in present.items()]
+    rates = [min(spec.rate, _QUICKEST) for spec in present.values()]
+    room = [2 + min(_MOST, math.ceil(delay * rate)) for delay, rate in zip(late, rates, strict=True)]
+    width = max(4, robot.n_joints, robot.joint_q.stop - robot.joint_q.start)
+    sizes = {"n_q": robot.n_q, "n_v": robot.n_v, "n_width": width, "n_room": max(room, default=1)}
+    return structure_of(SensorsMemory, turn=_turn_function(), look=echo_sizes(robot, frame)["look"], **sizes)
 
 
 def faults_of_channels(
@@ -176,27 +245,15 @@ def faults_of_channels(
         if channel:
             found.setdefault(channel, []).append(fault)
     streams = {name: np.random.SeedSequence([seed, int.from_bytes(name.encode(), "big")]) for name in found}
-    return {name: ChannelFaults(_struck(robot, name, *sources[name][1:]), own, streams[name]) for name, own in found.items()}
+    return {name: ChannelFaults(_struck(robot, name, sources[name]), own, streams[name]) for name, own in found.items()}
 
 
-def _struck(robot: Robot, name: str, disturb: Disturb, n: int) -> FaultyChannel:
+def _struck(robot: Robot, name: str, source: Source) -> FaultyChannel:
     """A channel as its faults need it."""
     neutral = pin.neutral(robot.model)
     origins = {"attitude": np.array([0.0, 0.0, 0.0, 1.0]), "joint_positions": neutral[robot.joint_q]}
     joints = robot.joints if name.startswith("joint_") else ()
-    return FaultyChannel(name=name, disturb=disturb, n=n, origin=origins.get(name), joints=joints)
-
-
-def _specific_force(gravity: np.ndarray) -> Truth:
-    """Compute the specific force at the origin of B, in B; gravity (3,) [m/s2] in W."""
-
-    def force(state: State) -> np.ndarray:
-        if state.a is None:
-            raise InvalidInput("specific_force needs the acceleration of the true state; give State(a=...), as plants do")
-        of_axes = np.cross(state.v[3:6], state.v[:3])  # v is that of B in B, whose axes turn
-        return np.asarray(state.a[:3] + of_axes - spatial.quaternion_to_matrix(state.q[3:7]).T @ gravity)
-
-    return force
+    return FaultyChannel(name=name, disturb=source.disturb, n=source.n_errors, origin=origins.get(name), joints=joints)
 
 
 def _add_scalar(value: float, error: np.ndarray) -> float:
@@ -206,13 +263,12 @@ def _add_scalar(value: float, error: np.ndarray) -> float:
 @lru_cache(maxsize=1)
 def _turn_function() -> ca.Function:
     quaternion, error = ca.SX.sym("quaternion", 4), ca.SX.sym("error", 3)
-    return ca.Function("turn", [quaternion, error], [spatial.quaternion_multiply(quaternion, spatial.quaternion_exp(error))])
+    turned = spatial.quaternion_multiply(quaternion, spatial.quaternion_exp(error))
+    return ca.Function("turn", [quaternion, error], [ca.densify(turned)])
 
 
 def _joint_disturbance(robot: Robot) -> Disturb:
     """Joints whose configuration is not a vector space (cos, sin) move along their manifold."""
-    if all(joint.n_q == joint.n_v for joint in robot.joints):
-        return add
     model, q, v = robot.model, pin.neutral(robot.model), np.zeros(robot.n_v)
 
     def disturb(joints: np.ndarray, error: np.ndarray) -> np.ndarray:
@@ -223,53 +279,72 @@ def _joint_disturbance(robot: Robot) -> Disturb:
 
 
 class _Channel:
-    """One sensor: takes a reading at the first tick of each of its periods, delivers it after its delay."""
+    """One sensor, between its memory, its random streams, and what Python does of it."""
+
+    __slots__ = ("_errors", "_losses", "_lost", "_noise", "_scalar", "_source", "_spec", "_value", "memory", "name")
 
     def __init__(
-        self, name: str, spec: SensorSpec, truth: Truth, disturb: Disturb, n: int, stream: np.random.SeedSequence
+        self, memory: ChannelSampler, name: str, spec: SensorSpec, source: Source, stream: np.random.SeedSequence
     ) -> None:
+        n = source.n_errors
         if len(spec.biases) not in (1, n):
             raise InvalidInput(f"bias of {name} has {len(spec.biases)} entries; give a number or {n} numbers")
-        self._rate, self._delay, self._sigma, self._dropout = spec.rate, spec.delay, spec.sigma, spec.dropout
-        self._exact, self._truth, self._disturb, self._n = spec.exact, truth, disturb, n
+        self.memory, self.name, self._scalar = memory, name, name in _SCALARS
+        self._spec, self._source = spec, source
+        assign(
+            memory,
+            present=True,
+            number=NUMBER[name],
+            of_velocity=source.of_velocity,
+            first=source.first,
+            size=source.size,
+            disturbance=source.disturbance,
+            exact=spec.exact,
+            rate=spec.rate,
+            delay=spec.delay,
+            dropout=spec.dropout,
+            n_used=sampling.N_DRAWN,
+            due=-math.inf,
+        )
         # Two streams, so that drop-outs leave the noise of the other readings as it was.
-        self._noise, self._losses = (np.random.default_rng(child) for child in stream.spawn(2))
-        self._bias, self._biased = np.broadcast_to(np.array(spec.biases), (n,)), any(spec.biases)
-        self._due = -math.inf
-        """[s] time of the next reading."""
-        self._last: Reading[Any] | None = None
-        self._taken = -math.inf
-        """[s] when the last reading was taken, whatever its stamp says."""
-        self._under_way: list[tuple[float, float, Reading[Any]]] = []
-        """When each arrives and was taken [s], in order of arrival."""
-        self._faults: ChannelFaults | None = None
+        self._noise, self._lost = (np.random.default_rng(child) for child in stream.spawn(2))
+        self._errors, self._losses = view(memory.errors)[:, :n], view(memory.losses)
+        self._value = view(memory.value)[: source.size]
 
-    def apply_faults(self, faults: ChannelFaults) -> None:
-        """Have these faults from now on."""
-        self._faults = faults
+    def draw(self) -> None:
+        """Draw errors and losses in place of those that were used."""
+        memory, used = self.memory, self.memory.n_used
+        for numbers, needed in ((self._errors, not memory.exact), (self._losses, memory.dropout > 0.0)):
+            if needed:
+                numbers[: len(numbers) - used] = numbers[used:].copy()
+        if not memory.exact:
+            error = self._noise.standard_normal((used, self._errors.shape[1])) * self._spec.sigma + np.array(self._spec.biases)
+            turn = self._source.turn
+            self._errors[len(self._errors) - used :] = error if turn is None else error @ turn.T
+        if memory.dropout > 0.0:
+            self._losses[len(self._losses) - used :] = self._lost.random(used)
+        memory.n_used = 0
 
-    def read(self, state: State, t: float) -> Reading[Any] | None:
-        if t >= self._due:
-            self._sample(state, t)
-        while self._under_way and t >= self._under_way[0][0] - _EARLY:
-            _, taken, reading = self._under_way.pop(0)
-            if taken > self._taken:  # a newer one may have overtaken it
-                self._taken, self._last = taken, reading
-        return self._last
+    def ask_python(self, faults: ChannelFaults | None) -> Iterator[CallbackBinding]:
+        """Answer the kernels what they cannot know: how errors act on joints that are no vector space, and what faults do."""
+        memory = self.memory
+        sample, error = view(memory.sample)[: memory.size], view(memory.error)[: self._errors.shape[1]]
 
-    def _sample(self, state: State, t: float) -> None:
-        rate = self._rate
-        self._due = t if rate == math.inf else (math.floor(t * rate + _EARLY) + 1 - _EARLY) / rate
-        value = self._truth(state)
-        if not self._exact:
-            error = self._noise.standard_normal(self._n)
-            error *= self._sigma
-            if self._biased:
-                error += self._bias
-            value = self._disturb(value, error)
-        if not (self._dropout and self._losses.random() < self._dropout):
-            if self._faults is None:
-                self._under_way.append((t + self._delay, t, _reading(value=value, t=t)))
-            elif (sample := self._faults(value, t)) is not None:
-                arrival = t + self._delay + sample.extra_delay
-                insort(self._under_way, (arrival, t, _reading(value=sample.value, t=sample.stamp)), key=itemgetter(0))
+        def bend() -> None:
+            sample[:] = self._source.disturb(sample.copy(), error)
+
+        def strike() -> None:
+            found = None if faults is None else faults(sample.item() if self._scalar else sample.copy(), memory.stamped)
+            memory.lost = found is None
+            if found is not None:
+                sample[:], memory.stamped, memory.extra_delay = found.value, found.stamp, found.extra_delay
+
+        if memory.disturbance == sampling.Disturbance.ASKED:
+            yield CallbackBinding(memory.disturb, bend)
+        if faults is not None:
+            memory.faulty = True
+            yield CallbackBinding(memory.strike, strike)
+
+    def reading(self) -> Reading[Any]:
+        """The one that arrived last."""
+        return _reading(value=self._value.item() if self._scalar else self._value.copy(), t=self.memory.stamp)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from functools import lru_cache
 
 import numpy as np
@@ -27,6 +28,11 @@ DEFAULT_FAULT_TUNING = ActuatorHealthTuning()
 """For faulty thrusters and joints, by default."""
 _ENCODERS = ("joint_positions", "joint_velocities")
 _NEARLY = 0.999  # of a limit of thrust counts as at it
+
+
+def is_at_limit(thrust: float, lower: float, upper: float) -> bool:
+    """Return whether a thrust [N] is at a limit [N]. A kernel."""
+    return not (_NEARLY * lower < thrust and thrust < _NEARLY * upper)
 
 
 @checked_dataclass()
@@ -110,6 +116,30 @@ class DynamicController(TableDisplay):
             self._update_monitor(self.monitor, tick.t)
         return self._to_command(command, outputs)
 
+    @property
+    def force(self) -> ForceTick:
+        """The force layer."""
+        return self._tick
+
+    def catch_up(self, measurement: StateEstimate, t: float, ticks: int, at_limits: Sequence[int]) -> None:
+        """Take note of what kernels alone have done, as `KinematicController.catch_up`.
+
+        at_limits: which thrusters were at their limits when they last were, up to the tick before.
+        """
+        self._tick.require_possible()
+        self._name_thrusters(at_limits)
+        met = self.kinematic.memory.distress  # the force layer in the tick before
+        self.kinematic.catch_up(measurement, t, ticks, self._feedback(bool(met.short), met.push, met.spent))
+        if self._detection.changed and self.monitor is not None:
+            self._update_monitor(self.monitor, t)
+
+    def _feedback(self, short: bool, push: float, spent: float) -> ActuationFeedback:
+        fault, known, jammed, limited = self._fault, self._fault_summary, self._jammed, self._at_limits
+        return _feedback(short=short, push=push, spent=spent, fault=fault, fault_summary=known, jammed=jammed, at_limits=limited)
+
+    def _name_thrusters(self, at_limits: Sequence[int]) -> None:
+        self._at_limits = ", ".join(f"thruster{number + 1}" for number in at_limits)
+
     def _table(self) -> SmallTable:
         values = {
             "bandwidth borne by the vehicle [-]": self.memory.bandwidth_share,
@@ -134,13 +164,8 @@ class DynamicController(TableDisplay):
         thrust, torque, disturbance, wrench, unreachable, push = outputs
         a, short = self._allocation, bool(self._allocation.saturated)
         if short:
-            full = [i + 1 for i in range(a.count) if not _NEARLY * a.lower[i] < thrust[i] < _NEARLY * a.upper[i]]
-            self._at_limits = ", ".join(f"thruster{number}" for number in full)
-        up, spent = push.item(), self._tick.state.spent.item()
-        fault, known, jammed, limited = self._fault, self._fault_summary, self._jammed, self._at_limits
-        self.kinematic.on_actuation_feedback(
-            _feedback(short=short, push=up, spent=spent, fault=fault, fault_summary=known, jammed=jammed, at_limits=limited)
-        )
+            self._name_thrusters([i for i in range(a.count) if is_at_limit(thrust[i], a.lower[i], a.upper[i])])
+        self.kinematic.on_actuation_feedback(self._feedback(short, push.item(), self._tick.state.spent.item()))
         telemetry = {
             **command.telemetry,
             "disturbance": disturbance,

@@ -14,8 +14,11 @@ from uvms_ocp.control.faults.detection import FaultDetection, detect_faults, pau
 from uvms_ocp.control.faults.monitor import detection_sizes, write_detection
 from uvms_ocp.control.faults.verdicts import ActuatorHealthTuning, ThrusterEffectiveness, effective_thrust
 from uvms_ocp.control.force import allocation as thrust_allocation, tick_functions
+from uvms_ocp.control.velocity.tick import is_blind, is_stopped
+from uvms_ocp.control.velocity.tick_memory import TickMemory
 from uvms_ocp.errors import InvalidInput
-from uvms_ocp.robot.signals import Command
+from uvms_ocp.estimation.degraded_modes import CHANNELS, ENCODERS
+from uvms_ocp.robot.signals import Command, Trust
 
 _ENCODER_SILENCE = 0.1  # [s] after which joints are no longer fed back; a joint falls faster than a vehicle drifts
 
@@ -62,6 +65,8 @@ class ForceMemory(Layout):
     outputs: tick_functions.ForceOutputs
     locks: bool
     """Joints are to be locked; without joints, whether the vehicle holds."""
+    possible: bool
+    """The force of the tick is finite and below `LARGEST_WRENCH`."""
     gives_up: bool
     """The remaining authority is not enough for a mission."""
 
@@ -94,14 +99,14 @@ def force_step(m: ForceMemory) -> bool:
     if m.watched:
         _detect_faults(m)
     m.control(m.inputs, m.observed, m.desired)
-    possible = _is_possible(m) and thrust_allocation.allocate_thrust(m.allocation)
-    if possible:
+    m.possible = _is_possible(m) and thrust_allocation.allocate_thrust(m.allocation)
+    if m.possible:
         n = m.allocation.count
         m.allocated.thrust[:n] = m.allocation.thrust[:n]
         m.allocated.reached[:] = m.allocation.within
         m.allocated.unreachable[:] = m.allocation.unreachable
         m.command(m.inputs, m.effectiveness, m.observed, m.desired, m.allocated, m.state, m.outputs)
-    return possible
+    return m.possible
 
 
 def apply_detected_effectiveness(m: ForceMemory) -> None:
@@ -169,6 +174,38 @@ def _is_possible(m: ForceMemory) -> bool:
     return possible
 
 
+# Between the layers of velocities and of forces.
+
+_POSITIONS, _RATES = CHANNELS.index(ENCODERS), CHANNELS.index("joint_velocities")
+
+
+def ask_forces(c: TickMemory, m: ForceMemory) -> None:
+    """Give the force layer the velocity to track. A kernel, as the next."""
+    less = c.restriction
+    m.inputs.q[:] = c.q
+    m.inputs.v[:] = c.v
+    m.inputs.reference[:] = c.command
+    m.inputs.feedback[0] = less.feedback
+    m.inputs.joint_feedback[0] = less.joint_feedback
+    m.inputs.hold[0] = 1.0 if is_blind(c) else 0.0
+    m.inputs.stop[0] = 1.0 if is_stopped(c) else 0.0
+    m.brakes = less.joints_held
+    m.t = c.t
+    m.joint_age = c.joint_age
+    m.encoders_trusted = less.level[_POSITIONS] == Trust.GOOD and less.level[_RATES] == Trust.GOOD
+
+
+def hear_forces(c: TickMemory, m: ForceMemory) -> None:
+    """Tell the layer of velocities what the force layer met in the last tick."""
+    c.distress.short = m.allocation.saturated
+    c.distress.push = m.outputs.push[0]
+    c.distress.spent = m.state.spent[0]
+    if m.detection.changed:
+        c.distress.fault = m.gives_up
+        for j in range(m.detection.joints.count):
+            c.jammed[m.detection.n_vehicle + j] = m.detection.joints.jammed[j]
+
+
 class ForceTick:
     """Track a reference velocity by thrust and torque.
 
@@ -180,7 +217,7 @@ class ForceTick:
         structure = structure_of(ForceMemory, **_sizes(laws))
         self.memory: ForceMemory
         """Of the kernel."""
-        self.memory, (begin, self._step, self._adapt) = make_memory(
+        self.memory, (begin, self.kernel, self._adapt) = make_memory(
             structure, (begin_force, force_step, apply_detected_effectiveness), compiled=compiled
         )
         self.inputs: tick_functions.ForceInputs = arrays_of(self.memory.inputs)
@@ -216,11 +253,21 @@ class ForceTick:
         """
         memory = self.memory
         memory.t, memory.joint_age, memory.encoders_trusted = t, joint_age, encoders_trusted
-        if not self._step(memory):
-            force, largest = np.array(memory.desired.force), thrust_allocation.LARGEST_WRENCH
-            raise InvalidInput(f"a motion that needs the force {force} [N, N m]; give one of finite forces below {largest:g}")
+        self.kernel(memory)
+        self.require_possible()
         outputs = self._outputs.copy()
         return [outputs[place] for place in self._places]
+
+    def require_possible(self) -> None:
+        """Raise `InvalidInput` for a force of the last tick that is not finite, or that is beyond `LARGEST_WRENCH`."""
+        if not self.memory.possible:
+            force, largest = np.array(self.memory.desired.force), thrust_allocation.LARGEST_WRENCH
+            raise InvalidInput(f"a motion that needs the force {force} [N, N m]; give one of finite forces below {largest:g}")
+
+    def places(self) -> dict[str, np.ndarray]:
+        """Parts of `ForceOutputs` by name, in memory."""
+        names = tick_functions.ForceOutputs.__dataclass_fields__
+        return {name: self._outputs[place] for name, place in zip(names, self._places, strict=True)}
 
     @property
     def observes(self) -> bool:

@@ -105,14 +105,15 @@ class KinematicController(TableDisplay):
         room = distance_layout_sizes([*viability.models_of(guards), *(asked.model for asked in pairs)], robot)
         sizes = {**viability.viability_sizes(robot, guards, dt), **task_goals.track_sizes(tracks), **nearest, **room}
         memory = tick_memory(robot, mission, self.problem, self.watchdog, sizes)
-        self._whole = velocity_tick.velocity_controller(memory, self.problem, solver)
-        self.memory = memory = memory if self._whole is None else self._whole.tick
+        self.whole = velocity_tick.velocity_controller(memory, self.problem, solver)
+        """A `VelocityController` around `memory`; `None` where Python calls the solver."""
+        self.memory = memory = memory if self.whole is None else self.whole.tick
         """All that a tick knows, a `TickMemory`."""
         self._arrays = arrays_of(memory)
         self._parameters = task_goals.MissionParameters(mission, memory.goals, tracks, dt)
         self._measuring = task_goals.DistanceProvider(memory.nearest, asking, robot)
-        self._before, self._take = bind_memory(memory, (velocity_tick.prepare_tick, velocity_tick.commit_velocity))
-        self._finish = velocity_tick.finish_in_c(self._whole) if self._whole is not None else self._finish_by(solver)
+        self.prepare, self._take = bind_memory(memory, (velocity_tick.prepare_tick, velocity_tick.commit_velocity))
+        self._finish = self._finish_by(solver) if self.whole is None else velocity_tick.finish_in_c(self.whole)
         self._guarding = viability.ViabilitySetup(robot, guards, dt, memory.rule)
         self._sound = LastValidEstimate(robot, memory.sound)
         self._echo = LastFloorRange(robot, altimeter_of(robot, tasks), memory.beam)
@@ -147,6 +148,12 @@ class KinematicController(TableDisplay):
         """Quantities as last measured [in their units]; NaN where unknown."""
         return self._named(self._arrays.last_phase_quantities)
 
+    def steps(self) -> list[tuple[Any, ...]] | None:
+        """The kernels of a tick with their memories, the second one solves the hierarchy; `None` where Python takes part."""
+        if self.whole is None or self.guide is not None or any(self._parameters.asked):
+            return None
+        return [(self.prepare, self.memory), (velocity_tick.solve_in_c(self.whole), self.whole)]
+
     @property
     def without_c_form(self) -> dict[str, str]:
         """Names of tasks that Python is asked about wherever kernels run, and for what."""
@@ -170,22 +177,25 @@ class KinematicController(TableDisplay):
         arrays.q[:], arrays.v[:] = measurement.q, measurement.v
         memory.t, memory.altimeter_range = t, measurement.altimeter_range
         memory.age, memory.joint_age = measurement.age, measurement.joint_age
-        if measurement.health is not self._health:
-            self._health, self._bad = measurement.health, degraded_modes.degraded_channels(measurement.health)
+        self._hear(measurement.health)
         bad = self._bad
         if bad or self._restriction is not degraded_modes.FREE:
             degraded_modes.write_channels(memory.restriction, bad)
         if not self._progress.started:
             self._state = self.mission.start(t)
-        self._before(memory)
+        self.prepare(memory)
         self._measuring.answer.check()
-        measurement = self._sound.substitute(measurement)
+        return self._inputs(self._sound.substitute(measurement), t, started)
+
+    def _inputs(self, measurement: StateEstimate, t: float, started: float) -> TickInputs:
+        """Inputs of the tick as kernels have left them; what changes of restriction and freshness is judged."""
+        memory, arrays, bad = self.memory, self._arrays, self._bad
         restriction = self._restricted(bad) if bad or self._restriction is not degraded_modes.FREE else degraded_modes.FREE
         freshness = _FRESHNESS[memory.freshness]
         if freshness is not self.watchdog.verdict:
             lost = ", ".join(item.channel for item in self._restriction.lost)
-            channel = degraded_modes.ALTIMETER if self.memory.echo_is_oldest else measurement.oldest or lost
-            self.watchdog.judge(self.memory.oldest, t, channel)
+            channel = degraded_modes.ALTIMETER if memory.echo_is_oldest else measurement.oldest or lost
+            self.watchdog.judge(memory.oldest, t, channel)
         return _tick_state(
             begin=started,
             t=t,
@@ -212,11 +222,7 @@ class KinematicController(TableDisplay):
         if self._feedback is not self._applied_feedback:
             self._feel()
         solved = self._finish()
-        self._guarding.answer.check()
-        for swing in self._swings.after(tick.mission.phase, arrays.q, arrays.phase_quantities, self._waited[tick.mission.phase]):
-            self.watchdog.alarms.append((tick.t, str(swing)))
-        if memory.eventful:
-            self._advance(tick)
+        self._settle(tick, 1)
         command = _command(
             v=arrays.command.copy(),
             hold=tick.blind,
@@ -226,6 +232,39 @@ class KinematicController(TableDisplay):
             telemetry=_telemetry(tick, solved, arrays.reported.copy(), memory.share),
         )
         return command if self.guide is None else self._guided(self.guide, tick, command)
+
+    @checked_on_failure
+    def catch_up(self, measurement: StateEstimate, t: float, ticks: int, feedback: ActuationFeedback | None = None) -> None:
+        """Take note of what kernels alone have done for so many ticks, the last with this measurement at t [s].
+
+        feedback: of the force layer in the tick before that.
+        """
+        self._feedback = feedback or self._feedback
+        self._hear(measurement.health)
+        self._settle(self._inputs(measurement, t, 0.0), ticks)
+
+    @property
+    def quiet_ticks(self) -> int:
+        """Ticks until `look_for_swings` is due."""
+        return self._swings.due
+
+    def _hear(self, health: tuple[ChannelHealth, ...]) -> None:
+        if health is not self._health:
+            self._health, self._bad = health, degraded_modes.degraded_channels(health)
+
+    def _settle(self, tick: TickInputs, ticks: int) -> None:
+        """Log swings and events once kernels have finished the tick, so many after the last that was settled."""
+        self.look_for_swings(tick.t, ticks)
+        if self.memory.eventful:
+            self._advance(tick)
+
+    def look_for_swings(self, t: float, ticks: int) -> None:
+        """Log swings at time t [s], so many ticks after the last look: all there is to do where kernels alone met nothing new."""
+        self._measuring.answer.check()
+        self._guarding.answer.check()
+        phase, arrays = self._state.phase, self._arrays
+        for swing in self._swings.after(phase, arrays.q, arrays.phase_quantities, self._waited[phase], ticks):
+            self.watchdog.alarms.append((t, str(swing)))
 
     def _guided(self, guide: Guide, tick: TickInputs, command: Command) -> Command:
         """Replace the command by that of the guide; where the guide gives up, log an alarm."""

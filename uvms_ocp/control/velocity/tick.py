@@ -316,9 +316,15 @@ Solved = tuple[int, np.ndarray, np.ndarray, float]
 _STATUS_CODE = {status: code for code, status in enumerate(Status)}
 
 
+def solve_in_c(whole: VelocityController) -> Callable[[VelocityController], int]:
+    """`solve_and_finish` for a `VelocityController`."""
+    (run,) = bind_memory(whole, (solve_and_finish,))
+    return run
+
+
 def finish_in_c(whole: VelocityController) -> Callable[[], Solved]:
     """On a `VelocityController`."""
-    (run,) = bind_memory(whole, (solve_and_finish,))
+    run = solve_in_c(whole)
     residual, activity = view(whole.residual), view(whole.activity)
 
     def call() -> Solved:

@@ -143,6 +143,12 @@ class HealthMemory(Layout):
     """[s] of the tick."""
     dt: float
     """[s]"""
+    tick_t: float
+    """[s] as the next an input of a tick in machine code."""
+    moving: bool
+    """There was a command, and no brakes."""
+    n_changed: int
+    """Verdicts that changed in it."""
     n_behind: int
     """Channels that the filter sees an older reading of than the newest."""
     exposed: bool

@@ -9,8 +9,8 @@ from typing import Protocol, runtime_checkable
 
 import numpy as np
 
-from uvms_ocp.checks import checked_constructor, replace_unchecked, unchecked_constructor, unchecked_method
-from uvms_ocp.estimation.estimator import PassThrough
+from uvms_ocp.checks import checked_constructor, replace_unchecked, unchecked_constructor
+from uvms_ocp.estimation.estimator import Estimator, PassThrough
 from uvms_ocp.estimation.filter_memory import NUMBER
 from uvms_ocp.estimation.health import monitor as health_monitor
 from uvms_ocp.record.display import SmallTable, TableDisplay, format_value, rows_of
@@ -58,29 +58,25 @@ class GuardedEstimator(TableDisplay):
         """specs: those that the estimator expects. monitor: one for them unless given."""
         specs = specs or SensorSpecs()
         self.estimator, self.monitor = estimator, monitor or health_monitor.HealthMonitor(robot, specs)
-        self._screen_and_finish = unchecked_method(self.monitor.screen_and_finish)
         exact = isinstance(estimator, PassThrough)
         # One of a class of its own may do more than to repeat.
         plain = estimator if isinstance(estimator, PassThrough) and type(estimator) is PassThrough else None
-        self._repeated = health_monitor.pass_through_memory(plain) if plain is not None and self.monitor.repeats else None
-        self._started = False
+        self.repeated = health_monitor.pass_through_memory(plain) if plain is not None and self.monitor.repeats else None
         self._has_all_channels = not exact
         self._gating = estimator if isinstance(estimator, GatedEstimator) else None
         gating = self._gating is not None
         self._needed = health_monitor.supporting_channels(robot, specs, rates=exact)
         others = health_monitor.fallback_sensors(gyro_from_attitude=gating)
-        self._support = health_monitor.support_of(self._needed, others, exact=exact, gating=gating)
+        self.support = health_monitor.support_of(self._needed, others, exact=exact, gating=gating)
+        """Memory of the kernels, as `repeated` and `outcomes`."""
         numbers = np.zeros(_OUTCOMES) if self._gating is None else self._gating.outcomes.reshape(-1)
-        self._outcomes = (ctypes.c_double * numbers.size).from_buffer(numbers.data)  # the same memory, as kernels take it
+        self.outcomes = (ctypes.c_double * numbers.size).from_buffer(numbers.data)  # the same memory, as kernels take it
         self._nothing = _measurement(
             q=robot.configuration(), v=np.zeros(robot.n_v), altimeter_range=math.nan, age=math.inf, joint_age=math.inf
         )
 
     def __call__(self, readings: Readings, t: float, command: Command | None = None) -> StateEstimate:
         """The measurement at time t [s]; `command` has been acting since the last call. Raises what the estimator raises."""
-        if self._started and self._repeated is not None:
-            q, v, echo = self._screen_and_finish(readings, self._support, self._repeated, t, command)
-            return self._with_support(q, v, echo, self.monitor.health)
         monitor = self.monitor
         screened = monitor.screen(readings, t, command)
         if not self._has_all_channels and not self._begin(screened):
@@ -88,9 +84,17 @@ class GuardedEstimator(TableDisplay):
         if self._gating is not None and (monitor.memory.exposed or monitor.memory.velocity_unobserved):
             self._gating.inflate_velocity_variance(rests=bool(monitor.memory.velocity_unobserved))
         measured = self.estimator(screened, t, command)
-        health = monitor.finish(measured, self._support, self._outcomes, t)
-        self._started = True
+        health = monitor.finish(measured, self.support, self.outcomes, t)
         return self._with_support(measured.q, measured.v, measured.altimeter_range, health, measured.std, measured.altimeter_std)
+
+    def estimate(self) -> StateEstimate:
+        """Return what the kernels have left in memory at a tick."""
+        now, found = self.monitor.memory.now, self.estimator
+        if isinstance(found, Estimator):
+            made = found.estimate()
+            return self._with_support(made.q, made.v, made.altimeter_range, self.monitor.health, made.std, made.altimeter_std)
+        echo = self.monitor.memory.channels[NUMBER["altimeter_range"]].used_value[0]
+        return self._with_support(np.array(now.q), np.array(now.v), echo, self.monitor.health)
 
     def _table(self) -> SmallTable:
         watched = {one.channel: one.trust.name.lower() for one in self.monitor.health}
@@ -106,7 +110,7 @@ class GuardedEstimator(TableDisplay):
         altimeter_std: float = math.nan,
     ) -> StateEstimate:
         """Make the measurement, with the age of what supports the estimate."""
-        support = self._support
+        support = self.support
         oldest = support.oldest
         return _measurement(
             q=q,

@@ -253,11 +253,21 @@ def finish(m: channel_state.HealthMemory, s: EstimateSupport, outcomes: Vector, 
     return _update_all_trust(m, s, t)
 
 
-def screen_and_finish(m: channel_state.HealthMemory, s: EstimateSupport, r: PassThroughMemory, t: float, moving: bool) -> int:
-    """`screen` at time t [s], and `finish` of the readings that are used, taken for the truth."""
-    screen(m, t, moving)
+def screen_tick(m: channel_state.HealthMemory) -> None:
+    """`screen` with the inputs in memory."""
+    screen(m, m.tick_t, m.moving)
+
+
+def finish_tick(m: channel_state.HealthMemory, s: EstimateSupport, outcomes: Vector) -> None:
+    """`finish` with the time in memory, where the number of changed verdicts is left."""
+    m.n_changed = finish(m, s, outcomes, m.tick_t)
+
+
+def screen_and_finish_tick(m: channel_state.HealthMemory, s: EstimateSupport, r: PassThroughMemory) -> None:
+    """`screen_tick`, and `finish_tick` of the readings that are used, taken for the truth."""
+    screen(m, m.tick_t, m.moving)
     repeat(m, r)
-    return _update_all_trust(m, s, t)
+    m.n_changed = _update_all_trust(m, s, m.tick_t)
 
 
 def _update_all_trust(m: channel_state.HealthMemory, s: EstimateSupport, t: float) -> int:
@@ -337,9 +347,9 @@ class HealthMonitor:
         self.memory = memory = channel_state.health_memory(robot, present, self.tuning)
         """Memory of the kernels, a `HealthMemory`."""
         structures = (type(memory), structure_of(EstimateSupport), structure_of(PassThroughMemory))
-        self._screen, self._judge, self._finish, self._screen_and_finish = bind_kernels(
-            (screen, judge, finish, screen_and_finish), structures, compiled=compiled
-        )
+        kernels = (screen, judge, finish, screen_tick, finish_tick, screen_and_finish_tick)
+        self._screen, self._judge, self._finish, *self.ticks = bind_kernels(kernels, structures, compiled=compiled)
+        """`screen_tick`, `finish_tick` and `screen_and_finish_tick`."""
         shapes, self._texts = channel_state.sizes_of(robot), ReasonTexts(robot.joint_names)
         self._buffers = {name: ChannelBuffer(memory.channels[NUMBER[name]], shapes[name], self._texts) for name in present}
         self._places = tuple(self._buffers.get(name) for name in CHANNELS)
@@ -347,9 +357,8 @@ class HealthMonitor:
         self._joint_q, self._joint_v = robot.joint_q, robot.joint_v
         self._q, self._v = np.ctypeslib.as_array(memory.now.q), np.ctypeslib.as_array(memory.now.v)
         self._rates = np.ctypeslib.as_array(memory.encoders.rates)[: robot.n_joints]
-        self._range = np.ctypeslib.as_array(memory.channels[NUMBER["altimeter_range"]].used_value)[:1]
         if self._beam is None:
-            self._range[:] = math.nan
+            memory.channels[NUMBER["altimeter_range"]].used_value[0] = math.nan
         self._health = tuple(_health(channel=name, trust=Trust.GOOD) for name in present)
         self.alarms: list[tuple[float, str]] = []
         """Time [s] and text of each change of a verdict; the text begins with the channel."""
@@ -385,22 +394,8 @@ class HealthMonitor:
 
     @property
     def repeats(self) -> bool:
-        """`screen_and_finish` can be used: the altimeter is not carried by the arm."""
+        """`screen_and_finish_tick` can be used: the altimeter is not carried by the arm."""
         return self._beam is None or not self._beam.moves
-
-    def screen_and_finish(
-        self, readings: Readings, support: EstimateSupport, repeated: PassThroughMemory, t: float, command: Command | None = None
-    ) -> tuple[Array, Array, float]:
-        """Run `screen` and `finish` at once, at time t [s], for an estimator that takes readings for the truth.
-
-        Returns q (n_q,) [m, rad], v (n_v,) [m/s, rad/s] and the range of the altimeter [m], nan without one; `health` has the
-        verdicts. support, repeated: an `EstimateSupport` and a `PassThroughMemory`.
-        """
-        fresh, _ = self._ingest(readings)
-        if self._screen_and_finish(self.memory, support, repeated, t, self._is_moved(command)):
-            self._publish(t)
-        self._use(fresh)
-        return self._q.copy(), self._v.copy(), self._range.item()
 
     def _ingest(self, readings: Readings) -> tuple[list[ChannelBuffer], bool]:
         """Return the channels with new readings, and whether a channel is given that is not to be, or missing where one was."""
@@ -435,7 +430,7 @@ class HealthMonitor:
         if is_estimated:
             self._note(measurement)
         if self._judge(self.memory, t, is_estimated):
-            self._publish(t)
+            self.publish(t)
         return self._health
 
     def finish(
@@ -448,7 +443,7 @@ class HealthMonitor:
         """
         self._note(measurement)
         if self._finish(self.memory, support, outcomes, t):
-            self._publish(t)
+            self.publish(t)
         return self._health
 
     def _note(self, measurement: StateEstimate) -> None:
@@ -456,7 +451,7 @@ class HealthMonitor:
         if self._beam is not None and self._beam.moves:
             self._beam.place(measurement.q[self._joint_q])
 
-    def _publish(self, t: float) -> None:
+    def publish(self, t: float) -> None:
         """Publish the verdicts that changed at time t [s], and log alarms."""
         changed = {name: buffer.memory for name, buffer in self._buffers.items() if buffer.memory.changed}
         verdicts = {

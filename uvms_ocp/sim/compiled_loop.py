@@ -1,0 +1,243 @@
+"""Simulate the closed loop in machine code where all of its parts are the toolkit's: Python looks at events, not at ticks."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any
+
+import numpy as np
+
+from uvms_ocp.codegen.kernel_layout import arrays_of, assign, structure_of, view
+from uvms_ocp.codegen.kernels import bind_kernels
+from uvms_ocp.codegen.sequence import Elapsed, KernelSequence, Step, compiles
+from uvms_ocp.control import DynamicController, KinematicController
+from uvms_ocp.control.force.tick import ask_forces
+from uvms_ocp.errors import InvalidInput
+from uvms_ocp.estimation.estimator import Estimator, PassThrough
+from uvms_ocp.estimation.filter_memory import NUMBER
+from uvms_ocp.estimation.health.guarded_estimator import GuardedEstimator
+from uvms_ocp.record.record import Recorder
+from uvms_ocp.robot.signals import CHANNELS, State
+from uvms_ocp.sim import loop_kernels as kernels
+from uvms_ocp.sim.plant import DynamicPlant, KinematicPlant
+from uvms_ocp.sim.sampling import N_DRAWN
+from uvms_ocp.sim.sensors import SensorSuite
+
+Sources = dict[str, np.ndarray | Elapsed]
+"""Where each series of a row is found in memory."""
+Watch = Callable[[float, State], None]
+"""Told time [s] and true state after events, and every few ticks."""
+_FLAGS, _CODES = ("brakes", "saturated"), ("health", "thruster_health", "joint_health")
+
+
+class CompiledLoop:
+    """Plant, sensors, estimator and controller, whose kernels are called one after the other for many ticks."""
+
+    def __init__(
+        self,
+        plant: DynamicPlant | KinematicPlant,
+        sensors: SensorSuite,
+        estimator: GuardedEstimator,
+        controller: DynamicController | KinematicController,
+        dt: float,
+    ) -> None:
+        """dt [s]: control period."""
+        self._plant, self._sensors, self._estimator, self._controller, self._dt = plant, sensors, estimator, controller, dt
+        robot, width = controller.kinematic.robot, len(sensors.memory.channels[0].value)
+        n_thrusters = len(robot.description.thrusters)
+        sizes = {"n_q": robot.n_q, "n_v": robot.n_v, "n_thrusters": n_thrusters, "n_measured": width + 1}
+        self.memory = structure_of(kernels.LoopMemory, **sizes)()
+        """What the parts tell each other."""
+        has_range = getattr(estimator.estimator, "has_range", True)
+        numbers = [NUMBER[name] for name in CHANNELS]
+        assign(self.memory, dt=dt, n_vehicle=robot.n_vehicle, number=numbers, has_range=has_range, range=np.nan)
+        self.steps: Sequence[Step] | None = self._steps()
+        """Kernels of a tick with their memories; `None` where Python takes part."""
+
+    def run(self, n_ticks: int, recorder: Recorder, kept: Mapping[str, int], watch: Watch, stops: Sequence[object]) -> None:
+        """Run so many ticks, or until the mission is over, the plant diverges, or there are stops.
+
+        kept: channels whose new readings are recorded, and how many numbers each has.
+        """
+        memory, plant, kinematic, verdicts = self.memory, self._plant, self._controller.kinematic, self._verdicts()
+        sources, steps = self._sources(kept, verdicts), self.steps or ()
+        sequence = KernelSequence(steps, _field(memory, "stop"))
+        sequence.write_rows(sources, recorder.block({name: _example(name, source) for name, source in sources.items()}))
+        rows, seen = 0, 0  # written, and ticks that Python has looked at: one more where the last is still to be written
+        while rows < n_ticks:
+            plant.begin(self._dt)
+            ending, waits = kinematic.state.over or bool(stops), seen > rows
+            if ending and rows and not waits:
+                break
+            most = min(n_ticks - rows, recorder.room, kinematic.quiet_ticks, self._ticks_to_fault())
+            self._sensors.draw_ahead(most)
+            memory.stop = kernels.GO
+            written = sequence.run(1 if ending else most, recorder.place, done=waits)
+            self._sensors.check()
+            plant.adopt()
+            rows += written
+            if memory.stop != kernels.DIVERGED and memory.k + 1 > seen:
+                self._look(memory.k + 1 - seen, verdicts)
+                seen = memory.k + 1
+                watch(memory.t, plant.state)
+            recorder.filled(written)
+            if memory.stop == kernels.DIVERGED:
+                return
+        if not (stops or kinematic.state.over):
+            plant.begin(self._dt)
+            move, *memories = steps[0]
+            move(*memories)
+            plant.adopt()
+
+    def _look(self, ticks: int, verdicts: Mapping[str, np.ndarray]) -> None:
+        """Have Python note what kernels have done in so many ticks, the verdicts of `_verdicts` included."""
+        memory, controller = self.memory, self._controller
+        if memory.stop == kernels.GO:
+            controller.kinematic.look_for_swings(memory.t, ticks)
+            return
+        if memory.news:
+            self._estimator.monitor.publish(memory.t)
+        estimate = self._estimator.estimate()
+        if isinstance(controller, DynamicController):
+            limited = [i for i in range(controller.memory.allocation.count) if memory.at_limits[i]]
+            controller.catch_up(estimate, memory.t, ticks, limited)
+        else:
+            controller.catch_up(estimate, memory.t, ticks)
+        memory.verdict = controller.kinematic.watchdog.verdict
+        for name, value in self._verdicts().items():
+            verdicts[name][...] = value
+
+    def _ticks_to_fault(self) -> int:
+        """Ticks in which the plant's faults stay as they are."""
+        t = self._plant.memory.t
+        edges = [edge for fault in self._plant.faults for edge in (fault.onset, fault.end) if t < edge < np.inf]
+        return max(1, int((min(edges) - t) / self._dt)) if edges else N_DRAWN
+
+    def _steps(self) -> Sequence[Step] | None:
+        m, estimator, controller, p = self.memory, self._estimator, self._controller, self._plant.memory
+        monitor, inner, s, c = estimator.monitor, estimator.estimator, self._sensors.memory, controller.kinematic.memory
+        h, u, solving = monitor.memory, estimator.support, controller.kinematic.steps()
+        if solving is None:
+            return None
+        screen, finish, repeat = monitor.ticks
+        forces = isinstance(controller, DynamicController)
+        if isinstance(inner, Estimator):
+            f = inner.structure
+            move, sense, feed, note = bind_kernels(
+                (
+                    kernels.move_plant if forces else kernels.move_kinematic,
+                    kernels.sense,
+                    kernels.feed_filter,
+                    kernels.note_estimate,
+                ),
+                map(type, (m, p, s, h, f)),
+            )
+            estimating: list[Step] = [
+                (screen, h),
+                (feed, m, s, h, f),
+                (inner.tick, f),
+                (note, m, h, f),
+                (finish, h, u, estimator.outcomes),
+            ]
+        else:
+            move, sense, ranged = bind_kernels(
+                (kernels.move_plant if forces else kernels.move_kinematic, kernels.sense, kernels.repeat_range),
+                map(type, (m, p, s, h)),
+            )
+            estimating = [(repeat, h, u, estimator.repeated), (ranged, m, h)]
+        prepare, solve = solving
+        if isinstance(controller, DynamicController):
+            F = controller.memory
+            inform, feed_back, ask, give = bind_kernels(
+                (kernels.inform_controller, kernels.feed_back, ask_forces, kernels.command_plant), map(type, (m, h, u, c, F, p))
+            )
+            controlling = [prepare, (feed_back, m, c, F), solve, (ask, c, F), (controller.force.kernel, F), (give, m, c, F, p)]
+        else:
+            inform, give = bind_kernels((kernels.inform_controller, kernels.command_kinematic), map(type, (m, h, u, c, p)))
+            controlling = [prepare, solve, (give, m, c, p)]
+        return [(move, m, p), (sense, m, s, h), *estimating, (inform, m, h, u, c), *controlling]
+
+    def _sources(self, kept: Mapping[str, int], verdicts: Mapping[str, np.ndarray]) -> Sources:
+        """Series of a row, in the order of `simulate`. verdicts: as `_verdicts`, which are brought up to date."""
+        memory, kinematic, h = self.memory, self._controller.kinematic, self._estimator.monitor.memory
+        assert self.steps is not None
+        whole: Any = kinematic.whole
+        tick, whole, names = arrays_of(kinematic.memory), arrays_of(whole), [step[0] for step in self.steps]
+        first, solver = (names.index(step[0]) for step in kinematic.steps() or ())
+        for name, n in kept.items():
+            require_kept(name, h.channels[NUMBER[name]].size, n)
+        m, now, measured = arrays_of(memory), arrays_of(h.now), view(memory.measured)
+        found: Sources = {f"measured_{name}": measured[NUMBER[name], : n + 1] for name, n in kept.items()}
+        found |= {"brakes": _field(memory, "braked")} if kept else {}
+        found |= {"t": _field(memory, "t"), "q": m.q, "v": m.v, "q_estimated": now.q, "v_estimated": now.v}
+        found["altimeter_range"] = view(memory.range)[:1].reshape(())
+        if isinstance(self._estimator.estimator, Estimator):
+            std = self._estimator.estimator.memory.std[6 - kinematic.robot.n_vehicle :]
+            found |= {"q_std": std, "altimeter_std": view(memory.range)[1:].reshape(())}
+        found["command"] = tick.command
+        asked = {} if not isinstance(self._controller, DynamicController) else self._controller.force.places()
+        found |= {"asked_thrust": asked["command"]} if asked else {}
+        found |= {"health": view(memory.trusts)[: h.n]} if h.n else {}
+        found |= {
+            "phase": _field(memory, "phase"),
+            "activations": tick.gates,
+            "activity": whole.activity,
+            "residual": whole.residual,
+            "quantities": tick.reported,
+            "status": whole.report[:1].reshape(()),
+            "viable_share": _field(kinematic.memory, "share"),
+            "solve_time": Elapsed(solver, solver),
+            "freshness": _field(kinematic.memory, "freshness"),
+            "tick_time": Elapsed(first, solver),
+        }
+        if isinstance(self._controller, DynamicController):
+            forces = {"disturbance": "disturbance", "wrench": "vehicle_force", "unreachable": "unreachable"}
+            found |= {name: asked[part] for name, part in forces.items()}
+            found["saturated"] = _field(self._controller.memory.allocation, "saturated")
+            found |= verdicts
+        found["controller_time"] = Elapsed(first, len(names) - 1)
+        return found | self._plant.telemetry_in_memory()
+
+    def _verdicts(self) -> dict[str, np.ndarray]:
+        """Copies of what the monitor of thrusters and joints tells."""
+        monitor = self._controller.monitor if isinstance(self._controller, DynamicController) else None
+        return {} if monitor is None else {name: np.array(value) for name, value in monitor.telemetry().items()}
+
+
+def compiled_loop(plant: Any, sensors: Any, estimator: Any, controller: Any, dt: float) -> CompiledLoop | None:
+    """Return the loop of these parts, fresh ones; `None` where one is not the toolkit's, or is to ask Python at every tick."""
+    suite = getattr(sensors, "__self__", None)
+    kinds = {DynamicController: DynamicPlant, KinematicController: KinematicPlant}
+    if (
+        kinds.get(type(controller)) is not type(plant)
+        or type(suite) is not SensorSuite
+        or type(estimator) is not GuardedEstimator
+    ):
+        return None
+    inner, families = estimator.estimator, {fault.location.family for fault in plant.faults}
+    plain = inner.is_plain if type(inner) is Estimator else type(inner) is PassThrough and estimator.repeated and suite.is_ideal
+    learns = getattr(controller, "learner", None) is not None
+    if not plain or learns or not families <= ({"thruster"} if type(plant) is DynamicPlant else set()):
+        return None
+    loop = CompiledLoop(plant, suite, estimator, controller, dt)
+    return loop if loop.steps is not None and compiles(loop.steps) else None
+
+
+def require_kept(name: str, size: int, n: int) -> None:
+    """Raise `InvalidInput` unless so many numbers of a channel are to be kept as it has."""
+    if size != n:
+        raise InvalidInput(f"{name} has {size} numbers, {n} are to be kept of it")
+
+
+def _field(memory: Any, name: str) -> np.ndarray:
+    """A number in a memory as an array () on the same place."""
+    kinds = dict(type(memory)._fields_)
+    return np.ctypeslib.as_array((kinds[name] * 1).from_buffer(memory, getattr(type(memory), name).offset)).reshape(())
+
+
+def _example(name: str, source: np.ndarray | Elapsed) -> Any:
+    """A number of the type that records have it in."""
+    if isinstance(source, Elapsed):
+        return 0.0
+    kinds = dict.fromkeys(_FLAGS, np.bool_) | dict.fromkeys(_CODES, np.int8) | {"status": np.int64}
+    return source.astype(kinds.get(name, np.int64 if source.dtype == np.int32 else source.dtype))
