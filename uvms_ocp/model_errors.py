@@ -9,6 +9,7 @@ from itertools import accumulate
 from typing import Any, TypeVar, get_args
 
 from pydantic import BaseModel, ConfigDict, ValidationError
+from pydantic.fields import FieldInfo
 
 from uvms_ocp.errors import InvalidInput, short
 
@@ -78,7 +79,9 @@ def printable(key: object) -> str:
 
 def _problem(problem: Any, model: type[BaseModel]) -> str:
     if problem["type"] == "missing":
-        return "missing; give it a value"
+        *section, key = _keys_of(problem)
+        known = _fields(section, model).get(key)
+        return f"missing; give {(known and known.description) or 'it a value'}"
     if problem["type"] == "extra_forbidden":
         return f"unknown key; {_advice(_keys_of(problem), model)}"
     message = problem["msg"].removeprefix("Value error, ").replace("Input should be", "allowed:")
@@ -87,20 +90,20 @@ def _problem(problem: Any, model: type[BaseModel]) -> str:
 
 def _advice(path: Sequence[str], model: type[BaseModel]) -> str:
     *section, key = path
-    known = sorted(_keys(section, model))
+    known = sorted(_fields(section, model))
     close = get_close_matches(key, known, n=1)
     return f"did you mean {close[0]!r}?" if close else f"known here: {', '.join(known)}"
 
 
-def _keys(section: Sequence[str], model: type[BaseModel]) -> set[str]:
-    """Keys that may stand in a section, given by its path in the file."""
+def _fields(section: Sequence[str], model: type[BaseModel]) -> dict[str, FieldInfo]:
+    """Fields that may stand in a section, given by its path in the file."""
     models = [model]
     for part in section:
         fields = [m.model_fields[part] for m in models if part in m.model_fields]
         # Any other part is the name or the number of an entry, whose model is known already.
         if fields:
             models = [m for field in fields for m in _models(field.annotation)]
-    return {name for m in models for name in m.model_fields}
+    return {name: field for m in models for name, field in m.model_fields.items()}
 
 
 def _models(annotation: Any) -> Iterator[type[BaseModel]]:

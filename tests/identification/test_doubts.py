@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 from driven import drive, known, vehicle_of
 from motions import DOWN, changed, recorded
+from scipy.spatial.transform import Rotation
 
 from uvms_ocp.identification.data_quality import check_data_quality
 from uvms_ocp.identification.model import stage_of
@@ -111,6 +112,60 @@ def test_a_recording_that_is_ned_throughout_is_told_by_gravity() -> None:
     text = told(found)
     assert "its axes fit" not in text
     assert re.search(r"attitude: .* z down in W \(NED\)", text), text
+
+
+ATTITUDES: dict[str, Change] = {
+    "world: NED, body: FRD": lambda x: x * [1, -1, -1, 1],
+    "the opposite of its x, y and z, as it turns from W to B": lambda x: x * [-1, -1, -1, 1],
+    "format: quaternion wxyz": lambda x: x[:, [3, 0, 1, 2]],
+    "format: quaternion xyzw": lambda x: x[:, [1, 2, 3, 0]],
+}
+
+
+@pytest.mark.parametrize(
+    "beside", [(), ("specific_force",), ("position", "linear_velocity"), ("position", "linear_velocity", "specific_force")]
+)
+@pytest.mark.parametrize("how", ATTITUDES)
+def test_an_attitude_that_is_read_wrong_is_told_as_such_and_not_as_other_axes_of_all_else(
+    how: str, beside: tuple[str, ...]
+) -> None:
+    channels = {name: moved().channels[name] for name in ("attitude", "angular_velocity", *beside)}
+    issues = check_data_quality(with_values(replace(moved(), channels=channels), "attitude", ATTITUDES[how]))
+    text = "; ".join(map(str, issues))
+    if how == "world: NED, body: FRD" and not beside:  # which a gyroscope with z down is as well
+        assert "angular_velocity: its axes fit the rate of the attitude as (x, -y, -z)" in text
+        return
+    assert f"attitude: reads better with {how}: it agrees with" in text
+    assert "its axes fit" not in text
+    assert {one.channel for one in issues} <= {"attitude", "position"}
+
+
+@pytest.mark.parametrize("name", ["angular_velocity", "linear_velocity", "specific_force"])
+def test_a_sensor_along_other_axes_is_not_told_as_an_attitude_that_is_read_wrong(name: str) -> None:
+    text = told(with_values(moved(), name, lambda x: x[:, [1, 0, 2]] * [1, -1, 1]))
+    assert "reads better" not in text
+    assert re.search(rf"{name}: its axes fit the (rate|tilt) of the \w+ as \(-y, x, z\)", text), text
+
+
+@pytest.mark.parametrize("angle", [-120.0, -60.0, 45.0, 130.0, 150.0])
+def test_a_yaw_from_elsewhere_is_told_by_where_velocities_point(angle: float) -> None:
+    """Other axes would explain two thirds of the motion, and that is not what they do where they are right."""
+    turn = Rotation.from_rotvec([0.0, 0.0, np.radians(angle)])
+    turned = with_values(moved(), "attitude", lambda q: (turn * Rotation.from_quat(q)).as_quat())
+    assert "attitude: with it the velocity is as large as the rate of the position, and points elsewhere" in told(turned)
+
+
+def test_a_value_that_a_channel_jumps_to_and_back_is_named() -> None:
+    lost = np.arange(len(moved().channels["position"].t)) % 40 == 17
+    text = told(with_values(moved(), "position", lambda x: np.where(lost[:, None], x * [1, 1, 0], x)))
+    assert re.search(r"position: z jumps to -?0 and back \d+ times: give missing: \[-?0\]", text), text
+
+
+def test_times_that_are_too_short_or_not_the_same_are_said() -> None:
+    short = replace(moved(), channels={name: replace(one, t=one.t / 60.0) for name, one in moved().channels.items()})
+    assert re.search(r"0\.6\d* s are in all channels, which are too few to look at: .* such as min", told(short)), told(short)
+    apart = with_times(moved(), "attitude", lambda t: t + 1e5)
+    assert "no time is in all channels" in told(apart)
 
 
 def test_an_accelerometer_proves_a_world_whose_zero_is_not_the_surface() -> None:

@@ -561,6 +561,47 @@ def test_commands_that_are_no_newtons_are_doubted(low: float, high: float, word:
 
 
 @pytest.mark.parametrize(
+    ("thrusters", "word"),
+    [
+        (lambda k: np.where(T < 3.0, 0.0, 1500.0 + 200.0 * np.sin(T + k)), "pulse widths in us?"),
+        (lambda k: np.where(T < 3.0, 0.0, 0.5 * np.sin(T + k)), "shares of the largest"),
+        (lambda k: 32768.0 + 8000.0 * np.sin(T + k), "never near 0"),
+        (lambda k: np.round(127.0 + 30.0 * np.sin(T + k)), "never near 0"),
+        (lambda k: 20.0 + 15.0 * np.sin(T + k), ""),
+    ],
+)
+def test_commands_of_thrusters_are_looked_at_while_they_are_on(
+    thrusters: Callable[[int], np.ndarray], word: str, tmp_path: Path
+) -> None:
+    path = written(tmp_path, t=T, **{f"m{k}": thrusters(k) for k in range(6)})
+    doubts = check_data_quality(recording_of(path, {"thrust": {"time": "t", "columns": [f"m{k}" for k in range(6)]}}))
+    assert word in str(doubts) if word else not doubts
+
+
+def test_pulses_of_0_are_seen_in_shares(tmp_path: Path) -> None:
+    path = written(tmp_path, t=T, **{f"m{k}": np.where(T < 3.0, 0.0, 1500.0 + 200.0 * np.sin(T + k)) for k in range(6)})
+    one = {"time": "t", "columns": [f"m{k}" for k in range(6)], "offset": -1500.0, "scale": 0.0025}
+    (doubt,) = check_data_quality(recording_of(path, {"propeller_commands": one}))
+    assert "3.75 in 15 % of its numbers, all others within 1: pulses of 0" in str(doubt)
+    left = check_data_quality(recording_of(path, {"propeller_commands": {**one, "missing": [0]}}))
+    assert "pulses of 0" not in str(left)
+
+
+def test_a_unit_that_the_file_says_is_no_doubt_and_one_that_no_channel_has_is(tmp_path: Path) -> None:
+    path = written(
+        tmp_path,
+        t=T,
+        **{f"{axis} [{unit}]": 10.0 * XYZ[:, k] for k, (axis, unit) in enumerate(zip("pqr", ["deg/s"] * 3, strict=True))},
+    )
+    read = recording_of(path, {"angular_velocity": {"time": "t", "columns": ["p", "q", "r"]}})
+    assert read.layout[1:] == ("angular_velocity: in deg/s, as the file says",)
+    assert not check_data_quality(read)
+    path.write_text(path.read_text().replace("deg/s", "rpm"))
+    read = recording_of(path, {"angular_velocity": {"time": "t", "columns": ["p", "q", "r"]}})
+    assert "in rpm as the file says, and taken for rad/s: give its unit, or a scale" in str(check_data_quality(read))
+
+
+@pytest.mark.parametrize(
     ("channel", "given", "message"),
     [
         ("linear_velocity", {"world": "NED"}, "world: NED given, which means nothing of it"),

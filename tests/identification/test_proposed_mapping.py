@@ -20,7 +20,7 @@ from uvms_ocp.cli.commands import app
 from uvms_ocp.errors import InvalidInput
 from uvms_ocp.identification.proposed_mapping import propose_mapping
 from uvms_ocp.identification.reading import RecordingMapping, mapped_recording, read_mapping, read_recording
-from uvms_ocp.identification.recording import CHANNEL_KINDS, Channel, Recording
+from uvms_ocp.identification.recording import CHANNEL_KINDS, Channel, Recording, rotations
 from uvms_ocp.identification.tables import write_columns, write_recording
 
 GOOD = recorded()
@@ -195,6 +195,137 @@ def test_down_axes_and_degrees_are_seen_by_what_channels_say_of_each_other(tmp_p
     columns |= dict(zip("xyz", (np.column_stack([columns[axis] for axis in "xyz"]) @ DOWN).T, strict=True))
     write_columns(tmp_path / "dive.csv", columns)
     assert "world: NED" in propose_mapping(tmp_path / "dive.csv")
+
+
+FELT = 9.81 * rotations(GOOD.channels["attitude"], GOOD.channels["position"].t)[:, 2]
+WHOLE = Recording(name="dive", channels={**GOOD.channels, "specific_force": Channel(t=GOOD.channels["position"].t, values=FELT)})
+NAMES = {
+    "position": "x y z",
+    "attitude": "qx qy qz qw",
+    "linear_velocity": "vx vy vz",
+    "angular_velocity": "gyro_x gyro_y gyro_z",
+}
+NAMES |= {"specific_force": "acc_x acc_y acc_z"}
+CONVENTIONS: dict[str, tuple[str, Callable[[np.ndarray], np.ndarray], tuple[str, ...]]] = {
+    "NED and FRD": ("world: NED, body: FRD", lambda q: q * [1, -1, -1, 1], ("position", *list(NAMES)[2:])),
+    "NED and FLU": ("world: NED", lambda q: q[:, [3, 2, 1, 0]] * [1, -1, 1, -1], ("position",)),
+    "ENU and FRD": ("body: FRD", lambda q: q[:, [3, 2, 1, 0]] * [1, 1, -1, -1], tuple(NAMES)[2:]),
+    "NED and FRD, attitude alone": ("world: NED, body: FRD", lambda q: q * [1, -1, -1, 1], ()),
+    "from W to B": ("[-qx, -qy, -qz, qw]", lambda q: q * [-1, -1, -1, 1], ()),
+    "w first": ("format: quaternion wxyz", lambda q: q[:, [3, 0, 1, 2]], ()),
+    "an accelerometer with z down": ("body: FRD", lambda q: q, ("specific_force",)),
+    "a gyroscope with z down": ("body: FRD", lambda q: q, ("angular_velocity",)),
+    "velocity along other axes": ("[-vy, vx, vz]", lambda q: q, ()),
+}
+"""What is proposed, how the attitude is written, and which other channels along axes with z down."""
+
+
+@pytest.mark.parametrize("convention", CONVENTIONS)
+def test_conventions_of_axes_come_back_as_channels_tell_them_of_each_other(convention: str, tmp_path: Path) -> None:
+    said, change, down = CONVENTIONS[convention]
+    columns = columns_of(WHOLE, NAMES)
+    for name in down:
+        columns |= dict(
+            zip(NAMES[name].split(), (np.column_stack([columns[one] for one in NAMES[name].split()]) @ DOWN).T, strict=True)
+        )
+    columns |= dict(
+        zip(NAMES["attitude"].split(), change(np.column_stack([columns[f"q{axis}"] for axis in "xyzw"])).T, strict=True)
+    )
+    if convention == "velocity along other axes":
+        columns["vx"], columns["vy"] = columns["vy"].copy(), -columns["vx"]
+    write_columns(tmp_path / "dive.csv", columns)
+    text = propose_mapping(tmp_path / "dive.csv")
+    assert said in text
+    read = read_as_proposed(tmp_path / "dive.csv").channels
+    for name in NAMES:
+        wanted = WHOLE.channels[name].values
+        found = (
+            read[name].values
+            if name != "attitude"
+            else read[name].values * np.sign(np.sum(read[name].values * wanted, axis=1))[:, None]
+        )
+        np.testing.assert_allclose(found, wanted, atol=1e-6, err_msg=name)
+
+
+def test_numbers_of_a_quaternion_have_the_order_with_which_the_rest_agrees(tmp_path: Path) -> None:
+    columns = columns_of(WHOLE, {**NAMES, "attitude": "q0 q1 q2 q3"})
+    write_columns(tmp_path / "dive.csv", columns)
+    assert "columns: [q0, q1, q2, q3], format: quaternion xyzw" in propose_mapping(tmp_path / "dive.csv")
+
+
+def test_what_nothing_in_a_file_tells_is_said_to_be_assumed(tmp_path: Path) -> None:
+    write_columns(tmp_path / "dive.csv", columns_of(GOOD, {"attitude": "qx qy qz qw", "angular_velocity": "p q r"}))
+    assert propose_mapping(tmp_path / "dive.csv").count("    # assumed: x ahead, y to the left, z up") == 1
+    write_columns(tmp_path / "dive.csv", columns_of(WHOLE, NAMES))
+    assert "# assumed" not in propose_mapping(tmp_path / "dive.csv")
+
+
+def test_units_at_the_end_of_names_are_units(tmp_path: Path) -> None:
+    names = {"position": "x_m y_m z_m", "linear_velocity": "vel_x_mm_s vel_y_mm_s vel_z_mm_s"}
+    columns = columns_of(GOOD, names)
+    columns |= {name: 1e3 * columns[name] for name in names["linear_velocity"].split()}
+    write_columns(tmp_path / "dive.csv", columns)
+    proposed = yaml.safe_load(propose_mapping(tmp_path / "dive.csv"))["channels"]
+    assert proposed["linear_velocity"]["unit"] == "mm/s"
+    assert proposed["position"]["columns"] == ["x_m", "y_m", "z_m"]
+    read = read_as_proposed(tmp_path / "dive.csv").channels
+    np.testing.assert_allclose(read["linear_velocity"].values, GOOD.channels["linear_velocity"].values, atol=1e-9)
+
+
+def test_velocities_to_the_north_are_no_positions_and_angles_beside_them_are_from_there(tmp_path: Path) -> None:
+    t = np.arange(0.0, 20.0, 0.1)
+    columns = {name: 0.1 * np.sin(t + k) for k, name in enumerate(("roll", "pitch", "yaw", "pos_n", "pos_e", "depth"))}
+    columns |= {name: 0.1 * np.cos(t + k) for k, name in enumerate(("vel_n", "vel_e", "vel_d"), start=3)}
+    write_columns(tmp_path / "dive.csv", {"t": t, **columns})
+    proposed = yaml.safe_load(propose_mapping(tmp_path / "dive.csv"))["channels"]
+    assert proposed["linear_velocity"]["columns"] == ["vel_n", "vel_e", "vel_d"]
+    assert proposed["position"]["columns"] == ["pos_n", "pos_e", "depth"]
+    assert all(one["world"] == "NED" for one in proposed.values())
+    assert proposed["attitude"]["body"] == "FRD"
+
+
+def test_whole_seconds_and_nanoseconds_in_two_columns_are_one_time(tmp_path: Path) -> None:
+    columns = columns_of(GOOD, {"position": "x y z"})
+    stamps = {"header.stamp.sec": np.floor(columns["t"]), "header.stamp.nanosec": np.round(1e9 * (columns["t"] % 1.0))}
+    write_columns(tmp_path / "dive.csv", stamps | {name: columns[name] for name in "xyz"})
+    assert "time: [header.stamp.sec, header.stamp.nanosec]" in propose_mapping(tmp_path / "dive.csv")
+    read = read_as_proposed(tmp_path / "dive.csv").channels["position"]
+    np.testing.assert_allclose(read.t, GOOD.channels["position"].t, atol=1e-6)
+
+
+def test_values_that_stand_for_nothing_in_angles_are_left_out(tmp_path: Path) -> None:
+    t = np.arange(0.0, 20.0, 0.1)
+    lost = np.arange(len(t)) % 23 == 7
+    angles = {name: np.where(lost, -999.0, 20.0 * np.sin(t + k)) for k, name in enumerate(("roll", "pitch", "yaw"))}
+    write_columns(tmp_path / "dive.csv", {"t": t, **angles})
+    text = propose_mapping(tmp_path / "dive.csv")
+    assert "unit: deg" in text
+    assert "missing: [-999]" in text
+    assert len(read_as_proposed(tmp_path / "dive.csv").channels["attitude"].t) == (~lost).sum()
+
+
+@pytest.mark.parametrize("name", ["thruster_{}_pwm", "T{} [us]", "pwm{}"])
+def test_pulses_of_0_are_none(name: str, tmp_path: Path) -> None:
+    t = np.arange(0.0, 20.0, 0.1)
+    pulses = {name.format(k): np.where(t < 3.0, 0.0, 1500 + 300 * np.sin(t + k)) for k in range(1, 7)}
+    write_columns(tmp_path / "a.csv", {"t": t, **pulses})
+    one = read_as_proposed(tmp_path / "a.csv").channels["propeller_commands"]
+    np.testing.assert_allclose(one.values[:, 0], 0.75 * np.sin(t[t >= 3.0] + 1), atol=1e-9)
+
+
+def test_shares_in_percent_become_commands_of_propellers(tmp_path: Path) -> None:
+    t = np.arange(0.0, 20.0, 0.1)
+    write_columns(tmp_path / "a.csv", {"t": t, **{f"throttle_{k} [%]": 80.0 * np.sin(t + k) for k in range(6)}})
+    one = read_as_proposed(tmp_path / "a.csv").channels["propeller_commands"]
+    np.testing.assert_allclose(one.values[:, 0], 0.8 * np.sin(t), atol=1e-9)
+
+
+def test_some_of_many_thrusters_are_not_proposed_for_all(tmp_path: Path) -> None:
+    names = [f"{place}_{side}" for place in ("front", "rear", "vertical") for side in ("left", "right")]
+    write_columns(
+        tmp_path / "a.csv", {"t": np.arange(9.0), "depth": np.arange(9.0), **dict.fromkeys(names, 1500.0 + np.arange(9.0))}
+    )
+    assert set(yaml.safe_load(propose_mapping(tmp_path / "a.csv"))["channels"]) == {"position"}
 
 
 def test_pulse_widths_become_commands_of_propellers(tmp_path: Path) -> None:

@@ -52,7 +52,7 @@ ON_ITS_BACK = np.array([(pin.Quaternion(x) * pin.Quaternion(np.array([1.0, 0, 0,
         ("linear_velocity", 1000 * LINEAR, r"linear_velocity: 1e\+03 times the rate"),
         ("angular_velocity", ANGULAR * [1, 0, 1], "angular_velocity: dead: y"),
         ("position", GOOD.channels["position"].values @ DOWN, "position: z is .* z down"),
-        ("attitude", ATTITUDE[:, [3, 0, 1, 2]], "_velocity: its axes fit"),
+        ("attitude", ATTITUDE[:, [3, 0, 1, 2]], "attitude: reads better with format: quaternion wxyz"),
         ("attitude", ON_ITS_BACK, "attitude: the vehicle lies on its back"),
     ],
 )

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import shutil
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -20,6 +21,11 @@ GIVEN = {"robot": "bluerov2_alpha5", "hull": [[-0.3, -0.2, -0.2], [0.3, 0.2, 0.2
 
 def settings(**other: object) -> CalibrationSettings:
     return CalibrationSettings.model_validate({**GIVEN, "arm": "taken off", **other})
+
+
+def test_what_is_missing_is_said_with_what_it_is() -> None:
+    with pytest.raises(InvalidInput, match=r"hull: missing; give box that holds the hull, lowest and highest corner \[m\]"):
+        CalibrationSettings(**{name: value for name, value in GIVEN.items() if name != "hull"})
 
 
 @pytest.mark.parametrize("name", ["lag", "dead_zone"])
@@ -50,6 +56,11 @@ def test_commands_of_propellers_become_the_thrust_of_the_curves() -> None:
     found = with_thrust(subject.robot, recorded).channels["thrust"].values
     beyond = np.abs(thrust) > 0.1 * upper  # of the dead band
     np.testing.assert_allclose(found[beyond], thrust[beyond], rtol=1e-6)
-    with pytest.raises(InvalidInput, match="propeller_commands of 2 thrusters given; allowed: 8"):
+    assert not with_thrust(subject.robot, recorded).issues_in_file
+    off = Channel(t=t, values=np.where(t[:, None] < 1.0, -3.75, signals))  # as pulses of 0 are read
+    ((name, text),) = with_thrust(subject.robot, replace(recorded, channels={"propeller_commands": off})).issues_in_file
+    assert name == "propeller_commands"
+    assert "20 % of its numbers are beyond the thrust curves" in text
+    with pytest.raises(InvalidInput, match="propeller_commands of 2 thrusters given; allowed: 8, those that drive it"):
         two = Recording(name="dive", channels={"propeller_commands": Channel(t=t, values=signals[:, :2])})
         with_thrust(subject.robot, two)

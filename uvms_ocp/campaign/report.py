@@ -260,11 +260,8 @@ def campaign_report(folder: Path, success: Sequence[MetricBound] = ()) -> dict[s
 def report_of(folder: Path, table: Any, success: Sequence[MetricBound]) -> dict[str, Any]:
     """`campaign_report` of the `table_with_success` of that folder."""
     identity, rate = store.read_manifest(folder), Rate(number=int(table["success"].sum()), runs=len(table))
-    return {
-        "campaign": identity.name,
-        "folder": str(folder),
-        "runs": identity.runs,
-        "finished": len(table),
+    which = {"campaign": identity.name, "folder": str(folder), "runs": identity.runs, "finished": len(table)}
+    return which | {
         **{name: getattr(identity, name) for name in ("package", "sampler", "seed", "parameters")},
         "criterion": [str(bound) for bound in success] or ["the mission completed, and its goals truly reached"],
         "success": rate.to_dict(),

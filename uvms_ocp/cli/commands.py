@@ -90,29 +90,15 @@ def _group(places: Mapping[str, Place], **options: Any) -> typer.Typer:
 _EXAMPLES = (files("uvms_ocp.cli") / "examples.txt").read_text(encoding="utf-8").replace(r"\b", "\b")
 _EXPORT = {"controller": "robots.controller"}
 _PLAN = {"curve": "plan.curve", "ocp": "plan.ocp", "mission": "plan.mission"}
+_ALL: dict[str, Place] = {"run": "run.run", "check": "show.check", "mission": "show.mission", "campaign": "campaign.campaign"}
+_ALL |= {"compare": "show.compare_runs", "show": "show.show_scene", "estimate": "show.estimate", "excite": "identify.excite"}
+_ALL |= {"map": "identify.map_recording", "check-recording": "identify.check_recording", "identify": "identify.identify"}
+_ALL |= {"thruster-curve": "identify.thruster_curve", "list": "robots.list_all", "check-robot": "robots.check_robot"}
+_ALL |= {"schema": "robots.schema", "cache": "compilation.cache", "new-robot": "robots.new_robot"}
+_ALL |= {"new-mission": "robots.new_mission", "export": _group(_EXPORT, help="Write what runs without Python.")}
+_ALL |= {"plan": _group(_PLAN, help="Plan a motion among obstacles, or a whole mission.")}
 app = _group(
-    {
-        "run": "run.run",
-        "check": "show.check",
-        "mission": "show.mission",
-        "campaign": "campaign.campaign",
-        "compare": "show.compare_runs",
-        "show": "show.show_scene",
-        "estimate": "show.estimate",
-        "excite": "identify.excite",
-        "map": "identify.map_recording",
-        "check-recording": "identify.check_recording",
-        "identify": "identify.identify",
-        "thruster-curve": "identify.thruster_curve",
-        "list": "robots.list_all",
-        "check-robot": "robots.check_robot",
-        "schema": "robots.schema",
-        "cache": "compilation.cache",
-        "new-robot": "robots.new_robot",
-        "new-mission": "robots.new_mission",
-        "export": _group(_EXPORT, help="Write what runs without Python."),
-        "plan": _group(_PLAN, help="Plan a motion among obstacles, or a whole mission."),
-    },
+    _ALL,
     help="Task-priority planning of underwater vehicle-manipulator systems.",
     epilog=_EXAMPLES,
     pretty_exceptions_enable=False,

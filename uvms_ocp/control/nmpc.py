@@ -105,16 +105,9 @@ class Nmpc(TableDisplay):
 
     def _table(self) -> SmallTable:
         horizon = float(self._problem.nominal_times()[-1])
-        values = {
-            "robot": self._robot.name,
-            "levels": ", ".join(level.name for level in self._problem.levels),
-            "horizon [s]": horizon,
-            "period of planning [s]": self.period,
-            "plans": self.worker_status.value,
-            "solved": len(self._times),
-            "missed": self._missed,
-            "rejected": self._rejected,
-        }
+        values: dict[str, object] = {"robot": self._robot.name, "levels": ", ".join(level.name for level in self._problem.levels)}
+        values |= {"horizon [s]": horizon, "period of planning [s]": self.period, "plans": self.worker_status.value}
+        values |= {"solved": len(self._times), "missed": self._missed, "rejected": self._rejected}
         return SmallTable(title=type(self).__name__, rows=rows_of(values))
 
     @property

@@ -418,9 +418,15 @@ def with_thrust(robot: Robot, recording: Recording) -> Recording:
     signals = recording.channel("propeller_commands").of(robot.thruster_names, "propeller_commands")
     n = len(robot.thruster_names)
     if signals.values.shape[1] != n:
-        raise InvalidInput(f"{recording.name}: propeller_commands of {signals.values.shape[1]} thrusters given; allowed: {n}")
+        given = f"{recording.name}: propeller_commands of {signals.values.shape[1]} thrusters given"
+        raise InvalidInput(f"{given}; allowed: {n}, those that drive it, in the order of the robot's file")
+    ends = ((one.curve[0][0], one.curve[-1][0]) if one.curve else (-1.0, 1.0) for one in robot.description.thrusters)
+    low, high = np.transpose(list(ends))
+    share = float(((signals.values < low - 1e-6) | (signals.values > high + 1e-6)).mean())
+    text = f"{100.0 * share:.2g} % of its numbers are beyond the thrust curves, and taken for their ends: scale, pulses of 0?"
+    issues = recording.issues_in_file + ((("propeller_commands", text),) if share > _BEYOND else ())
     thrust = replace(signals, values=thrust_of_signals(robot, signals.values))
-    return replace(recording, channels={**recording.channels, "thrust": thrust})
+    return replace(recording, channels={**recording.channels, "thrust": thrust}, issues_in_file=issues)
 
 
 def _comparison(fitted: FitContext, balance: validation.StaticBalance, one: PreparedRecording, left: Predicted) -> Comparison:

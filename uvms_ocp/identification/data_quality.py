@@ -6,7 +6,7 @@ so that axes in which nothing moved raise no issue.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -20,8 +20,12 @@ from uvms_ocp.record.row_files import forget
 
 _INSIDE = slice(round(checks.WINDOW / recordings.GRID), -round(checks.WINDOW / recordings.GRID))
 """Smoothed samples whose window is whole."""
-_HALF = 0.5  # of the motion that a way to read axes must explain
-_PARTNER = {"linear_velocity": "position", "angular_velocity": "attitude"}
+_HALF, _MOST = 0.5, 0.8  # of the motion that a way to read axes must explain: at least, and as magnitudes agree
+_EVEN = 0.03  # by which one way must explain more than another where little speaks for it
+_AS_LARGE = 0.7  # correlation of magnitudes from which on two things are the same
+_PARTNER = {"linear_velocity": "position", "angular_velocity": "attitude", "specific_force": "attitude"}
+_READINGS = recordings.CHANNEL_TABLE["readings"]
+"""Other ways to read an attitude: places and signs of its numbers."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -38,9 +42,37 @@ class _Reference:
 
 
 def of_rates(recording: Recording) -> Iterator[tuple[str, str]]:
-    """Channels and what speaks against them."""
+    """Channels and what speaks against them; of an attitude that is read wrong this alone, for all else follows from it."""
+    found = list(_other_attitude(recording))
+    yield from found or (issue for name, one in _references(recording) for issue in _rate_issues(recording, name, one))
+
+
+def _other_attitude(recording: Recording) -> Iterator[tuple[str, str]]:
+    """Another way to read the attitude, with which all that depends on it agrees better, and other axes alone would not."""
+    own, channels = _agreement(recording), recording.channels
+    ways: dict[str, dict[str, tuple[float, float]]] = {}
+    for how, (order, signs) in _READINGS if own else ():
+        turned = replace(channels["attitude"], values=channels["attitude"].values[:, order] * signs)
+        ways[how] = _agreement(replace(recording, channels={**channels, "attitude": turned}))
+    for how, found in sorted(ways.items(), key=lambda way: -sum(share for share, _ in way[1].values())):
+        more = [found.get(name, (0.0, 0.0))[0] - share for name, (share, _) in own.items()]
+        least, better = min(found.get(name, (0.0, 0.0))[0] for name in own), sum(one > checks.EXPLAINED for one in more)
+        clearer = better and all(found[name][0] > best + _EVEN for name, (_, best) in own.items() if name in found)
+        if least > _HALF and min(more) > -_EVEN and (better > 1 or clearer):
+            shares = ", ".join(f"{100 * share:.0f} % of {name}" for name, (share, _) in found.items())
+            before = ", ".join(f"{100 * share:.0f} %" for share, _ in own.values())
+            yield "attitude", f"reads better with {how}: it agrees with {shares}, and as it is with {before}"
+            return
+
+
+def _agreement(recording: Recording) -> dict[str, tuple[float, float]]:
+    """Share of each channel's motion that its reference explains with the axes as they are, and with those that fit best."""
+    found = {}
     for name, reference in _references(recording):
-        yield from _rate_issues(recording, name, reference)
+        if (aligned := _aligned(recording, name, reference)) is not None:
+            ways = _ways(reference, aligned[0], name)
+            found[name] = checks.explained(aligned[0], reference.body), max(ways.values())
+    return found
 
 
 def _references(recording: Recording) -> Iterator[tuple[str, _Reference]]:
@@ -49,7 +81,13 @@ def _references(recording: Recording) -> Iterator[tuple[str, _Reference]]:
         return
     if "angular_velocity" in channels:
         t, omega = angular_rate(channels["attitude"], checks.WINDOW)
-        yield "angular_velocity", _Reference(t[_INSIDE], omega[_INSIDE])
+        t, omega, R = t[_INSIDE], omega[_INSIDE], rotations(channels["attitude"], t[_INSIDE])
+        yield "angular_velocity", _Reference(t, omega, np.einsum("nij,nj->ni", R, omega), R)
+    if "specific_force" in channels:
+        t, _ = smoothed(channels["attitude"].undelayed_t, channels["attitude"].values, checks.WINDOW)
+        up = checks.G * rotations(channels["attitude"], t[_INSIDE])[:, 2]
+        way = np.sign(up.mean(axis=0) @ channels["specific_force"].values.mean(axis=0))  # where down is another matter
+        yield "specific_force", _Reference(t[_INSIDE], way * (up - up.mean(axis=0)))
     if "linear_velocity" in channels and "position" in channels:
         t, rate = smoothed(channels["position"].undelayed_t, channels["position"].values, checks.WINDOW, derivative=1)
         t, rate = t[_INSIDE], rate[_INSIDE]
@@ -57,40 +95,61 @@ def _references(recording: Recording) -> Iterator[tuple[str, _Reference]]:
         yield "linear_velocity", _Reference(t, np.einsum("nji,nj->ni", R, rate), rate, R)
 
 
-def _rate_issues(recording: Recording, name: str, reference: _Reference) -> Iterator[tuple[str, str]]:
-    measured, partner = recording.channels[name], _PARTNER[name]
+def _aligned(recording: Recording, name: str, reference: _Reference) -> tuple[np.ndarray, float, bool, float] | None:
+    """A channel (m, 3) as its reference has it, by how much it was late [s], whether always, and larger; None for no motion."""
+    measured = recording.channels[name]
     if np.ptp(measured.values, axis=0).max() < checks.DEAD or reference.body.std(axis=0).max() < checks.MOVES[name]:
-        return
+        return None
     t, values = smoothed(measured.undelayed_t, measured.values, checks.WINDOW)
+    if name == "specific_force":  # whose mean is gravity
+        return recordings.interpolated(reference.t, t, values - values.mean(axis=0)), 0.0, True, 1.0
     late, steady = checks.offset(reference.t, reference.body, t, values)
     seen = recordings.interpolated(reference.t + late, t, values)
-    jump = "its clock and that of the {} differ at the end by another time than at the beginning: a jump?"
-    texts = [checks.describe_delay(late) if steady else jump, checks.describe_factor(reference.body, seen)]
-    yield from ((name, text.format(partner)) for text in texts if text)
     factor = float(np.linalg.norm(seen) / np.linalg.norm(reference.body))
-    yield from _rate_axes(reference, seen / factor, name)
+    return seen / factor, late, steady, factor
+
+
+def _rate_issues(recording: Recording, name: str, reference: _Reference) -> Iterator[tuple[str, str]]:
+    if (aligned := _aligned(recording, name, reference)) is None:
+        return
+    (seen, late, steady, factor), partner = aligned, _PARTNER[name]
+    jump = "its clock and that of the {} differ at the end by another time than at the beginning: a jump?"
+    texts = [checks.describe_delay(late) if steady else jump, checks.describe_factor(reference.body, factor * seen)]
+    if name != "specific_force":
+        yield from ((name, text.format(partner)) for text in texts if text)
+    yield from _rate_axes(reference, seen, name)
 
 
 def _rate_axes(reference: _Reference, seen: np.ndarray, name: str) -> Iterator[tuple[str, str]]:
     """Other axes that explain more of the motion than the axes as they are."""
-    own, partner = checks.explained(seen, reference.body), _PARTNER[name]
-    fits = f"its axes fit the rate of the {partner} as"
-    ways = {(name, f"{fits} {checks.named(Q)}"): checks.explained(seen @ Q.T, reference.body) for Q in checks.WAYS}
-    ways |= _in_world(reference, seen, name)
-    best = max(ways, key=lambda way: ways[way])
-    if ways[best] > max(own + checks.EXPLAINED, _HALF):
+    own, ways = checks.explained(seen, reference.body), _ways(reference, seen, name)
+    best, alike = (
+        max(ways, key=lambda way: ways[way]),
+        checks.correlation(*(np.linalg.norm(x, axis=1) for x in (seen, reference.body))),
+    )
+    if ways[best] > max(own + checks.EXPLAINED, _HALF, _MOST * alike):
         yield best[0], f"{best[1]} ({100 * ways[best]:.0f} % of it, {100 * own:.0f} % as they are)"
+    elif name == "linear_velocity" and own < _HALF * alike and alike > _AS_LARGE:
+        yield "attitude", "with it the velocity is as large as the rate of the position, and points elsewhere: format, axes, yaw?"
 
 
-def _in_world(reference: _Reference, seen: np.ndarray, name: str) -> Mapping[tuple[str, str], float]:
+def _ways(reference: _Reference, seen: np.ndarray, name: str) -> dict[tuple[str, str], float]:
+    """Ways to read axes, as a channel and a text, and what each explains of the motion."""
+    fits = f"its axes fit the {'tilt' if name == 'specific_force' else 'rate'} of the {_PARTNER[name]} as"
+    ways = {(name, f"{fits} {checks.named(Q)}"): checks.explained(seen @ Q.T, reference.body) for Q in checks.WAYS}
+    return ways | _in_world(reference, seen, name)
+
+
+def _in_world(reference: _Reference, seen: np.ndarray, name: str) -> dict[tuple[str, str], float]:
     """Ways that only a world frame tells; less likely than those of B, where both will do."""
     if reference.world is None or reference.R is None:
         return {}
     partner, world = _PARTNER[name], reference.world
-    turned = np.einsum("nij,nj->ni", reference.R, seen)
-    fits = "its rate fits the velocity with axes {}: NED against ENU? give columns so"
-    found = {(partner, fits.format(checks.named(Q))): checks.explained(turned, world @ Q.T) for Q in checks.WAYS}
-    found[name, f"its axes fit the rate of the {partner} in W"] = checks.explained(seen, world)
+    found = {(name, f"its axes fit the rate of the {partner} in W"): checks.explained(seen, world)}
+    if name == "linear_velocity":
+        turned = np.einsum("nij,nj->ni", reference.R, seen)
+        fits = "its rate fits the velocity with axes {}: NED against ENU? give columns so"
+        found |= {(partner, fits.format(checks.named(Q))): checks.explained(turned, world @ Q.T) for Q in checks.WAYS}
     return {way: share - checks.EXPLAINED / 2 for way, share in found.items()}
 
 

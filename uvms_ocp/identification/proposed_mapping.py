@@ -22,11 +22,13 @@ import yaml
 from uvms_ocp.errors import InvalidInput, UvmsError
 from uvms_ocp.identification import data_quality, file_kinds, reading, tables
 from uvms_ocp.identification.messages import messages, topics_of
-from uvms_ocp.identification.recording import CHANNEL_KINDS
+from uvms_ocp.identification.recording import CHANNEL_KINDS, unit_named
 
 _TABLE = tomllib.loads((files("uvms_ocp.identification") / "proposed_mapping.toml").read_text(encoding="utf-8"))
 _ROUNDS = 3  # of cures, one of which may show what another one cures
+_SUFFIX = re.compile(_TABLE["unit"])
 _Found = dict[str, dict[str, Any]]
+_Doubt = tuple[str, str]  # of which channel, and what
 
 
 def propose_mapping(path: Path) -> str:
@@ -42,13 +44,18 @@ def propose_mapping(path: Path) -> str:
         used = {
             str(column).removeprefix("-") for one in found.values() if one.get("topic", "") == topic for column in one["columns"]
         }
-        columns = _matched(form, [name for name in names if name not in used and (name[:1].isupper() or "capitals" not in form)])
+        free = [name for name in names if name not in used and (name[:1].isupper() or "capitals" not in form)]
+        columns = _matched(form, free, re.compile("$.")) or _matched(form, free, _SUFFIX)
         columns *= any(re.fullmatch(form.get("beside", ".*"), _plain(name)) for name in names)
         if columns and form["channel"] not in found and re.fullmatch(form.get("topic", ".*"), topic):
             given = {key: form[key] for key in ("format", "frame", "world", "body", "offset", "scale") if key in form}
+            units = {_unit_of(name) for name in columns if isinstance(name, str)}
+            if len(units) == 1 and units <= reading.units_of(form["channel"], form.get("format")).keys():
+                given["unit"] = units.pop()
             if rows := {name: value for name, value in form.get("rows", {}).items() if name in names}:
                 given["rows"] = rows
-            found[form["channel"]] = ({"topic": topic} if topic else {}) | _time(names) | {"columns": columns} | given
+            whole = {"topic": topic} if topic else {}
+            found[form["channel"]] = whole | _time(names, of_messages=bool(topic)) | {"columns": columns} | given
     if not found:
         there = "; ".join(f"{topic} {', '.join(names[:40])}".strip() for topic, names in named.items())
         raise InvalidInput(f"{path}: nothing in it has a name that is known: {there}; write a mapping of these")
@@ -57,8 +64,10 @@ def propose_mapping(path: Path) -> str:
     lines = ["channels:"]
     for name, one in found.items():
         lines.append(f"  {name}: {yaml.safe_dump(one, default_flow_style=True, sort_keys=False, width=10_000).strip()}")
+        known_axes = one.keys() & {"world", "body", "frame"} or found.keys() & _TABLE["tells"].get(name, found)
         notes = {
             "by names": [ranges[name]] if name in ranges else [],
+            "assumed": [] if known_axes or 0.0 in one["columns"] else [_TABLE["assumed"]],
             "not measured": [_TABLE["constant"]] if 0.0 in one["columns"] else [],
             "cured": cured[name],
             "doubtful": [why for key, why in doubts if key == name],
@@ -90,11 +99,17 @@ def _plain(name: str) -> str:
     return re.sub(r"[^a-z0-9]+", "_", words).strip("_")
 
 
-def _matched(form: Mapping[str, Any], names: Sequence[str]) -> list[str | float]:
-    """Columns of all axes of a form; empty where there are too few."""
+def _unit_of(name: str) -> str:
+    """Unit at the end of a name, such as of ``vel_x_mm_s``."""
+    match = _SUFFIX.search(_plain(name.removeprefix("-")))
+    return unit_named(match["unit"].replace("_", "/")) if match else ""
+
+
+def _matched(form: Mapping[str, Any], names: Sequence[str], left_out: re.Pattern[str]) -> list[str | float]:
+    """Columns of all axes of a form, by names without what is left out of them; empty where there are too few."""
     axes, groups = form.get("axes", _TABLE["numbers"]), defaultdict[str, dict[int, str]](dict)
     for name, (k, axis) in product(names, enumerate(axes)):
-        if match := re.fullmatch(form["pattern"].replace("AXIS", axis), _plain(name)):
+        if match := re.fullmatch(form["pattern"].replace("AXIS", axis), left_out.sub("", _plain(name))):
             groups[match["pre"]].setdefault(k, name)
     fitting = [one for one in groups.values() if one.keys() & set(form.get("must", range(len(axes))))]
     best, signs = max(fitting, key=len, default={}), form.get("signs", [""] * len(axes))
@@ -102,28 +117,72 @@ def _matched(form: Mapping[str, Any], names: Sequence[str]) -> list[str | float]
     return [signs[k] + best[k] if k in best else 0.0 for k in there] if len(best) >= form.get("least", len(axes)) else []
 
 
-def _time(names: Sequence[str]) -> dict[str, str]:
-    if any(name.startswith("header.stamp") for name in names):
+def _time(names: Sequence[str], *, of_messages: bool) -> dict[str, Any]:
+    if any(name.startswith("header.stamp") for name in names) and of_messages:
         return {"time": "header.stamp"}
+    pairs = [[one, other] for one, other in product(names, names) if re.fullmatch(_TABLE["stamp"], f"{one} {other}")]
+    if pairs and not of_messages:
+        return {"time": pairs[0]}
     found = [(name, match["unit"]) for name in names if (match := re.fullmatch(_TABLE["time"], _plain(name)))]
-    return {"time": found[0][0]} | ({"time_unit": found[0][1]} if found[0][1] else {}) if found else {}
+    return {"time": found[0][0]} | ({"time_unit": unit_named(found[0][1])} if found[0][1] else {}) if found else {}
+
+
+# Cures: what a doubt says, applied and judged by what is doubtful then.
 
 
 def _cured(path: Path, found: _Found) -> tuple[_Found, Mapping[str, list[str]]]:
-    """Apply cures that leave fewer doubts; returns the channels, and doubts that were cured."""
+    """Apply of the cures for each doubt the one that leaves fewest; returns the channels, and doubts that were cured."""
     cured, (ranges, doubts) = defaultdict[str, list[str]](list), _judged(path, found)
-    for cure, (channel, text) in ((cure, doubt) for cure in _ROUNDS * _TABLE["cures"] for doubt in doubts):
-        match = re.search(cure["doubt"], text)
-        if match is None or cure.get("channel", channel) != channel or (channel := cure.get("of", channel)) not in found:
-            continue
-        keys = yaml.safe_load(cure["keys"].replace("VALUE", match.groupdict().get("value", "")))
-        named = cure.get("becomes", channel)
-        other = {named if name == channel else name: one | keys if name == channel else one for name, one in found.items()}
-        seen, left = _judged(path, other)
-        if (len(other) - len(seen), len(left)) < (len(found) - len(ranges), len(doubts)):
-            found, ranges, doubts = other, seen, left
-            cured[named].append(text)
+    for _ in range(_ROUNDS):
+        for doubt in tuple(doubts):
+            least, chosen = _left(found, ranges, doubts, doubts), None
+            for named, other in _others(doubt, found) if doubt in doubts else ():
+                seen, left = _judged(path, other)
+                if (score := _left(other, seen, left, doubts)) < least:
+                    least, chosen = score, (named, other, seen, left)
+            if chosen:
+                named, found, ranges, doubts = chosen
+                cured[named].append(doubt[1])
     return found, cured
+
+
+def _left(found: _Found, ranges: Mapping[str, str], doubts: Sequence[_Doubt], before: Sequence[_Doubt]) -> tuple[int, int, int]:
+    """What is left to be cured: channels that cannot be read, doubts, and of the former what cannot be as before."""
+    return len(found) - len(ranges), len(doubts), sum(one in before for one in doubts if one[0] not in ranges)
+
+
+def _others(doubt: _Doubt, found: _Found) -> Iterator[tuple[str, _Found]]:
+    """For each cure of a doubt the channel that it is of, and all channels with it."""
+    for cure in _TABLE["cures"]:
+        channel, match = cure.get("of", doubt[0]), re.search(cure["doubt"], doubt[1])
+        if match is None or cure.get("channel", doubt[0]) != doubt[0] or channel not in found:
+            continue
+        keys = yaml.safe_load(cure.get("keys", "{}").replace("VALUE", match.groupdict().get("value", "")))
+        if axes := cure.get("axes", match.groupdict().get("axes", "")):
+            keys["columns"] = _turned(found[channel], axes.split(", "))
+        named = cure.get("becomes", channel)
+        if "all" in cure:
+            meant = {name: reading.frames_of(name, one.get("frame")) for name, one in found.items()}
+            yield channel, {name: one | {key: keys[key] for key in keys if key in meant[name]} for name, one in found.items()}
+        elif keys.get("columns") != []:
+            yield (
+                named,
+                {named if name == channel else name: one | keys if name == channel else one for name, one in found.items()},
+            )
+
+
+def _turned(one: Mapping[str, Any], axes: Sequence[str]) -> list[str | float]:
+    """Columns for axes such as ``-y`` of those that there are; empty for others than one for each."""
+    letters = "wxyz" if str(one.get("format")).endswith("wxyz") else "xyzw"
+    if len(one["columns"]) != len(axes):
+        return []
+    columns = dict(zip(letters, one["columns"], strict=False))
+    turned = {axis[-1]: _opposite(columns[axis[-1]]) if axis[0] == "-" else columns[axis[-1]] for axis in axes}
+    return [turned[letter] for letter in letters] if len(axes) == len(letters) else [turned[axis[-1]] for axis in axes]
+
+
+def _opposite(column: str | float) -> str | float:
+    return -column if isinstance(column, float) else column[1:] if column.startswith("-") else f"-{column}"
 
 
 def _judged(path: Path, found: _Found) -> tuple[dict[str, str], list[tuple[str, str]]]:

@@ -146,18 +146,11 @@ def _require_meaning(key: str, one: ChannelMapping) -> None:
     """Raises NameNotFound for no channel, InvalidInput for what means nothing of this one: never ignored."""
     require_known("channel", key, recordings.CHANNEL_KINDS)
     kind = recordings.CHANNEL_KINDS[key]
-    turned = one.frame == "W"
-    means = {
-        "format": key == "attitude",
-        "frame": kind.frame == "B",
-        "world": kind.frame == "W" or turned,
-        "body": key == "attitude" or (kind.frame == "B" and not turned),
-    }
-    for name, meant in means.items():
-        if getattr(one, name) is not None and not meant:
+    for name in ("format", "frame", "world", "body"):
+        if getattr(one, name) is not None and name not in frames_of(key, one.frame):
             raise InvalidInput(f"{key}: {name}: {getattr(one, name)} given, which means nothing of it; leave it out")
     if one.unit is not None:
-        allowed = [unit for base in _bases(key, one) for unit in UNITS[base]]
+        allowed = units_of(key, one.format)
         if one.unit not in allowed:
             raise InvalidInput(f"{key}: unit {one.unit!r} given; allowed: {', '.join(allowed) or 'none, it has no unit'}")
     for name in ("offset", "scale"):
@@ -171,11 +164,18 @@ def _require_meaning(key: str, one: ChannelMapping) -> None:
         raise InvalidInput(f"{key}: {len(one.columns)} columns given; allowed: {wanted}{constant}")
 
 
-def _bases(key: str, one: ChannelMapping) -> tuple[str, ...]:
-    """Units of a channel that others may be given in place of."""
-    if key == "attitude" and one.format != "rpy":
-        return ()
-    return _OF_CHANNEL.get(key, (recordings.CHANNEL_KINDS[key].unit,))
+def frames_of(key: str, frame: str | None) -> tuple[str, ...]:
+    """Keys about axes that mean something of a channel, given in a frame."""
+    if key == "attitude":
+        return "format", "world", "body"
+    given = {"B": ("frame", "world") if frame == "W" else ("frame", "body"), "W": ("world",)}
+    return given.get(recordings.CHANNEL_KINDS[key].frame, ())
+
+
+def units_of(key: str, form: str | None) -> dict[str, float]:
+    """Units that a channel may be given in, an attitude in a form, and their factors."""
+    bases = _OF_CHANNEL.get(key, (recordings.CHANNEL_KINDS[key].unit,)) if key != "attitude" or form == "rpy" else ()
+    return {unit: factor for base in bases for unit, factor in UNITS[base].items()}
 
 
 def mapped_recording(source: Path, mapping: RecordingMapping, name: str = "") -> recordings.Recording:
@@ -198,7 +198,7 @@ def mapped_recording(source: Path, mapping: RecordingMapping, name: str = "") ->
         name=name,
         channels={key: replace(one, t=one.t - start) for key, one in found.items()},
         issues_in_file=tuple(doubt for key, one in mapping.channels.items() for doubt in _unknown(key, one, rows[key])),
-        layout=tuple(dict.fromkeys(one.layout for one in rows.values() if one.layout)),
+        layout=tuple(filter(None, dict.fromkeys(text for one in rows.values() for text in (one.layout, *one.notes)))),
     )
 
 
@@ -274,7 +274,7 @@ def _chosen(key: str, one: ChannelMapping, table: tables.TableColumns) -> tables
         raise InvalidInput(f"{key}: no row has {one.rows}; leave rows out, or give values that there are")
     for missing in one.missing:
         values = np.hstack([values[:, :1], np.where(np.isclose(values[:, 1:], missing, rtol=1e-12), np.nan, values[:, 1:])])
-    factors, remarks = _factors(key, one, table.units[1 : values.shape[1]])
+    factors, notes, remarks = _factors(key, one, table.units[1 : values.shape[1]])
     numbers = values[:, 1:] * factors
     if len(one.fields) < len(one.columns) or any(str(name).startswith("-") for name in one.columns):
         measured = iter(numbers.T)
@@ -287,22 +287,21 @@ def _chosen(key: str, one: ChannelMapping, table: tables.TableColumns) -> tables
     if key == "attitude" and one.format != "rpy" and one.lost == "never":  # zeros: its sender knows no attitude
         numbers = np.where(np.linalg.norm(numbers, axis=1, keepdims=True) > 0.0, numbers, np.nan)
     found = np.column_stack([values[:, 0], (numbers + np.asarray(one.offset)) * np.asarray(one.scale)])
-    return replace(table, values=found, units=(), remarks=(*table.remarks, *remarks))
+    return replace(table, values=found, units=(), notes=notes, remarks=(*table.remarks, *remarks))
 
 
-def _factors(key: str, one: ChannelMapping, said: Sequence[str]) -> tuple[np.ndarray, list[str]]:
-    """Factors (k,) of columns to the unit of the channel, as given or as the file says, and remarks about the latter."""
-    bases = _bases(key, one)
-    known = {unit: factor for base in bases for unit, factor in UNITS[base].items()}
+def _factors(key: str, one: ChannelMapping, said: Sequence[str]) -> tuple[np.ndarray, tuple[str, ...], list[str]]:
+    """Factors (k,) of columns to the unit of the channel, as given or as the file says, what it says, and remarks about it."""
+    known = units_of(key, one.format)
     if one.unit is not None or one.scale != 1.0:
-        return np.full(len(said), known.get(one.unit or "", 1.0)), []
+        return np.full(len(said), known.get(one.unit or "", 1.0)), (), []
     units = [recordings.unit_named(unit) or unit.strip() for unit in said]
     other = sorted({unit for unit in units if unit and unit not in known})
     turned = sorted({unit for unit in units if known.get(unit, 1.0) != 1.0})
-    remarks = [f"in {', '.join(turned)}, as the file says"] if turned else []
-    if other and bases:
-        remarks.append(f"in {', '.join(other)} as the file says, and taken for {' or '.join(bases)}: give its unit, or a scale")
-    return np.array([known.get(unit, 1.0) for unit in units]), remarks
+    notes = (f"{key}: in {', '.join(turned)}, as the file says",) if turned else ()
+    plain = " or ".join(unit for unit, factor in known.items() if factor == 1.0)
+    doubtful = f"in {', '.join(other)} as the file says, and taken for {plain}: give its unit, or a scale"
+    return np.array([known.get(unit, 1.0) for unit in units]), notes, [doubtful] if other and known else []
 
 
 def _unknown(key: str, one: ChannelMapping, table: tables.TableColumns) -> Iterator[tuple[str, str]]:
@@ -409,6 +408,11 @@ def _quaternions(one: ChannelMapping, values: np.ndarray) -> np.ndarray:
     if values.shape[1] != width:
         raise InvalidInput(f"attitude: {values.shape[1]} columns given; allowed: 4, or 3 with format: rpy")
     if width == 3 and np.abs(values[:, :2]).max() > _LARGEST_ANGLE:
+        most = float(values.flat[np.argmax(np.abs(values))])
+        there, others = (values == most).any(axis=1), np.abs(values[values != most]).max(initial=0.0)
+        raw = most / units_of("attitude", "rpy")[one.unit or "rad"]
+        if there.sum() > 1 and abs(most) > 2.0 * others:
+            raise InvalidInput(f"attitude: {raw:.10g} in {there.sum()} of {len(values)} rows: give missing: [{raw:.10g}]")
         raise InvalidInput(f"attitude: angles up to {np.abs(values).max():.4g} rad given; in deg? give its unit")
     w_first = one.format == "quaternion wxyz"
     R = Rotation.from_euler("xyz", values) if width == 3 else Rotation.from_quat(values, scalar_first=w_first)

@@ -135,8 +135,8 @@ WINDOW = 0.6
 """[s] over which rates are taken."""
 DEAD = 1e-5
 """[unit] below which nothing that a sensor measures stays."""
-MOVES = {"linear_velocity": 0.01, "angular_velocity": 0.01}
-"""[m/s, rad/s] Less says nothing."""
+MOVES = {"linear_velocity": 0.01, "angular_velocity": 0.01, "specific_force": 0.5}
+"""[m/s, rad/s, m/s2] Less says nothing; of an acceleration, what tilt makes of gravity."""
 _GAP, _BURST = 8.0, 0.5  # of the usual interval; of the mean one
 _OFTEN = 0.02  # of all intervals, from which on gaps are what bursts leave
 _SHORTEST, _LIKELY, _LONGEST = 1e-5, 0.05, 5.0  # [s] between samples, of any sensor
@@ -145,6 +145,7 @@ _FAR = 3.0  # widths of all others by which values are far off
 _FARTHEST = {"position": 20.0, "linear_velocity": 5.0, "angular_velocity": 10.0, "specific_force": 100.0, "current": 5.0}
 """[unit] by which they are at least."""
 _SATURATES = ("linear_velocity", "angular_velocity", "specific_force")
+_SPIKE = 10.0  # usual steps that a jump is
 _CLIPPED = 5  # samples at the end of a range, from which on it is the sensor's
 _PULSES = (900.0, 2200.0)  # [us]
 _NARROW = 0.1  # of the size of commands, in which all of them stay: no vehicle is driven so
@@ -161,8 +162,16 @@ _FOR_LONG = 90.0  # [%] of samples below a peak
 
 def of_samples(recording: Recording) -> Iterator[tuple[str, str]]:
     """Channels and what speaks against them."""
+    begin, end = recording.span
+    if end - begin < _SHORTEST_RECORDING:
+        text = (
+            f"{end - begin:.3g} s are in all channels, which are too few to look at"
+            if end > begin
+            else "no time is in all channels"
+        )
+        yield next(iter(recording.channels)), f"{text}: other clocks, or other units of times, such as min?"
     for name, channel in recording.channels.items():
-        checks = (_times, _dead, _lost, _far_off, _saturated, _units, _no_force)
+        checks = (_times, _dead, _lost, _far_off, _spikes, _saturated, _units, _no_force)
         yield from ((name, text) for check in checks for text in check(name, channel))
 
 
@@ -261,6 +270,18 @@ def _far_off(name: str, channel: Channel) -> Iterator[str]:
                 yield f"{label} is {extreme:.6g} in {n} of {len(values)} samples, all others {low:.3g} to {high:.3g}: {cure}"
 
 
+def _spikes(name: str, channel: Channel) -> Iterator[str]:
+    """One and the same value, to which a channel jumps for a sample, and from which it jumps back."""
+    for label, values in zip(() if name == "attitude" else CHANNEL_KINDS[name].columns, channel.values.T, strict=False):
+        steps, sizes, width = np.diff(values), np.abs(np.diff(values)), np.ptp(np.percentile(values, [5.0, 95.0]))
+        least = max(_SPIKE * np.percentile(sizes, 80.0), width / 4, _FAR * sizes[sizes > 0.0].min(initial=np.inf))
+        there = values[1:-1][(sizes[:-1] > least) & (sizes[1:] > least) & (steps[:-1] * steps[1:] < 0.0)]
+        each, counts = np.unique(there, return_counts=True)
+        if counts.max(initial=0) >= max(_CLIPPED, 0.8 * len(there)) and not any(_far_off(name, channel)):
+            value = f"{each[np.argmax(counts)]:.10g}"
+            yield f"{label} jumps to {value} and back {counts.max()} times: give missing: [{value}] where it stands for nothing"
+
+
 def _saturated(name: str, channel: Channel) -> Iterator[str]:
     """Ends of a range that are met exactly, again and again, and far more often than the values next to them."""
     kind = CHANNEL_KINDS[name]
@@ -275,16 +296,28 @@ def _saturated(name: str, channel: Channel) -> Iterator[str]:
 
 
 def _no_force(name: str, channel: Channel) -> Iterator[str]:
-    """Commands that look like what is sent to motors."""
-    if name != "thrust" or not channel.values.any():
+    """Commands that look like what is sent to motors; 0 is what is sent to those that are off."""
+    if name == "propeller_commands":
+        yield from _no_pulse(np.abs(channel.values))
+    values = channel.values[channel.values != 0.0]
+    if name != "thrust" or not len(values):
         return
-    low, high = np.percentile(channel.values, [1.0, 99.0])
+    low, high = np.percentile(values, [1.0, 99.0])
+    narrow = 0.5 if channel.values.shape[1] > 2 else 1.0 / (1.0 + _NARROW)  # more thrusters do not all push one way
     if _PULSES[0] < low and high < _PULSES[1]:
         yield f"{low:.0f} to {high:.0f}: pulse widths in us? give offset: -1500, scale: 0.0025, as propeller_commands"
-    elif max(-low, high) <= 1.0 and np.abs(channel.values).max() <= 1.0:
+    elif max(-low, high) <= 1.0 and np.abs(values).max() <= 1.0:
         yield f"{low:.3g} to {high:.3g}: shares of the largest command? give them as propeller_commands"
-    elif high - low < _NARROW * min(abs(low), abs(high)):
+    elif low * high > 0.0 and min(abs(low), abs(high)) > narrow * max(abs(low), abs(high)):
         yield f"{low:.4g} to {high:.4g} N, and never near 0: its offset, its unit?"
+
+
+def _no_pulse(size: np.ndarray) -> Iterator[str]:
+    """One value of shares (n, k) that is none, where all others are."""
+    beyond = size[size > 1.0 + _AT_ONCE]
+    if 0 < len(beyond) < size.size and np.ptp(beyond) == 0.0:
+        text = "pulses of 0, which are none, or of what is no thruster? give missing: [0], or leave columns out"
+        yield f"{beyond[0]:.3g} in {100.0 * len(beyond) / size.size:.2g} % of its numbers, all others within 1: {text}"
 
 
 def _units(name: str, channel: Channel) -> Iterator[str]:
@@ -301,7 +334,7 @@ def _too_fast(values: np.ndarray, most: float, unit: str, other: str) -> Iterato
 
 # Which way is down: what an accelerometer feels at rest, how a vehicle lies, and on which side of the surface it is.
 
-_G = 9.81  # [m/s2]
+G = 9.81  # [m/s2]
 _LIKE_G = (0.8, 1.2)  # of it
 _FREE = 0.3  # of it, below which gravity is not there
 _PRESSURE = 700.0  # [mbar] of air, where people are, and no height of a vehicle in water
@@ -326,16 +359,16 @@ def of_gravity(recording: Recording) -> Iterator[tuple[str, str]]:
 
 def _felt(mean: np.ndarray) -> Iterator[str]:
     """Of a mean (3,) [m/s2]."""
-    size = float(np.linalg.norm(mean)) / _G
-    if _LIKE_G[0] < size * _G < _LIKE_G[1]:
+    size = float(np.linalg.norm(mean)) / G
+    if _LIKE_G[0] < size * G < _LIKE_G[1]:
         yield "about 1 on average: in g, not in m/s2?"
     elif size < _FREE:
-        yield f"{size * _G:.2g} m/s2 on average, and at rest it is {_G:g}: gravity taken out?"
+        yield f"{size * G:.2g} m/s2 on average, and at rest it is {G:g}: gravity taken out?"
     elif not _LIKE_G[0] < size < _LIKE_G[1]:
-        yield f"{size * _G:.3g} m/s2 on average, and at rest it is {_G:g}: its units?"
-    if mean[2] < -_UPRIGHT * size * _G:
+        yield f"{size * G:.3g} m/s2 on average, and at rest it is {G:g}: its units?"
+    if mean[2] < -_UPRIGHT * size * G:
         yield "points down on average, and at rest it is up: z down (FRD), or its sign?"
-    elif mean[2] < _UPRIGHT * size * _G and size > _FREE:
+    elif mean[2] < _UPRIGHT * size * G and size > _FREE:
         yield f"{np.array2string(mean, precision=1)} on average, and at rest it is along z: axes swapped?"
 
 

@@ -42,6 +42,8 @@ class TableColumns:
     """What of the file was left out."""
     layout: str = ""
     """How the file was understood."""
+    notes: tuple[str, ...] = ()
+    """What it says itself of these columns, and was followed."""
 
 
 def read_table(path: Path, wanted: Sequence[str], given: TextFormat | None = None) -> TableColumns:

@@ -168,18 +168,12 @@ class MissionPlan(TableDisplay):
 
     def summary(self) -> dict[str, Any]:
         """Plain numbers and texts, ready for JSON."""
+        ended = {"scenario": self.scenario, "status": self.status.value, "reason": self.reason, "advice": self.status.advice}
+        sizes = {"duration_s": self.duration, "greedy_duration_s": self.greedy_duration, "energy_j": self.energy}
+        sizes |= {"clearance_m": self.clearance, "peak_thrust_n": self.peak_thrust}
+        solved = {"iterations": self.iterations, "solve_time_s": self.solve_time}
         return {
-            "scenario": self.scenario,
-            "status": self.status.value,
-            "reason": self.reason,
-            "advice": self.status.advice,
-            "duration_s": self.duration,
-            "greedy_duration_s": self.greedy_duration,
-            "energy_j": self.energy,
-            "clearance_m": self.clearance,
-            "peak_thrust_n": self.peak_thrust,
-            "iterations": self.iterations,
-            "solve_time_s": self.solve_time,
+            **(ended | sizes | solved),
             "phases": [
                 {"name": name, "phase": part.phase, "begin_s": part.begin, "end_s": part.end, "moves": part.moves}
                 for name, part in zip(self.names, self.phases, strict=True)

@@ -266,6 +266,7 @@ def summarize(record: Record) -> RunSummary:
 def _figures(record: Record) -> dict[str, Any]:
     meta, task = record.run_meta, record.run_meta.tool_task
     estimated = _none_if_nan(metrics.quantities_at(record, float(record["t"][-1])))
+    errors = [(what, unit, f"{task}.{what}_error") for what, unit in zip(_OF_A_TOOL, ("m", "rad"), strict=True)]
     return {
         **{name: getattr(meta, name) for name in ("scenario", "robot", "plant", "solver")},
         **{part: getattr(meta, part) or None for part in ("controller", "estimator", "sensors")},
@@ -289,14 +290,10 @@ def _figures(record: Record) -> dict[str, Any]:
         "load": next(iter((loads := load_estimates(record)).values()), None),
         "loads": loads,
         "alarms": [alarm.model_dump() for alarm in meta.alarms],
-        "tool_position_error_m": metrics.none_if_nan(meta.true_quantity(f"{task}.position_error")),
-        "tool_orientation_error_rad": metrics.none_if_nan(meta.true_quantity(f"{task}.orientation_error")),
-        "estimated_tool_position_error_m": estimated.get(f"{task}.position_error"),
-        "estimated_tool_orientation_error_rad": estimated.get(f"{task}.orientation_error"),
-        "tool_position_bound_m": metrics.error_bound(record, f"{task}.position_error"),
-        "tool_orientation_bound_rad": metrics.error_bound(record, f"{task}.orientation_error"),
-        "sensors_allow_tool_position_m": meta.allowance.get(f"{task}.position_error"),
-        "sensors_allow_tool_orientation_rad": meta.allowance.get(f"{task}.orientation_error"),
+        **{f"tool_{what}_error_{unit}": metrics.none_if_nan(meta.true_quantity(error)) for what, unit, error in errors},
+        **{f"estimated_tool_{what}_error_{unit}": estimated.get(error) for what, unit, error in errors},
+        **{f"tool_{what}_bound_{unit}": metrics.error_bound(record, error) for what, unit, error in errors},
+        **{f"sensors_allow_tool_{what}_{unit}": meta.allowance.get(error) for what, unit, error in errors},
         "tools": {
             one.tool: {what: metrics.none_if_nan(meta.true_quantity(f"{one.name}.{what}_error")) for what in _OF_A_TOOL}
             for one in meta.tasks

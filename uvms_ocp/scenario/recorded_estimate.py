@@ -103,14 +103,11 @@ def estimate_recording(
         taken, squared, degrees, accepted = filtering.outcomes[numbers].T
         new = taken > compared
         compared = np.where(new, taken, compared)
+        row: dict[str, Any] = {"t": t, "q_estimated": estimate.q, "v_estimated": estimate.v, "q_std": estimate.std}
+        row |= {"altimeter_range": estimate.altimeter_range, "altimeter_std": estimate.altimeter_std}
         recorder.append(
-            {
-                "t": t,
-                "q_estimated": estimate.q,
-                "v_estimated": estimate.v,
-                "q_std": estimate.std,
-                "altimeter_range": estimate.altimeter_range,
-                "altimeter_std": estimate.altimeter_std,
+            row
+            | {
                 "health": np.array([one.trust for one in estimate.health], dtype=np.int8),
                 "innovation": np.where(new, squared / np.maximum(degrees, 1.0), math.nan),
                 "refused": new & (accepted == 0.0),

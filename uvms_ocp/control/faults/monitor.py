@@ -24,11 +24,8 @@ def detection_sizes(
     robot: Robot, symbolic: SymbolicDynamics, tuning: verdicts.ActuatorHealthTuning, period: float
 ) -> dict[str, Any]:
     """Return the sizes of a `FaultDetection` and its functions; period [s] of its samples."""
-    return {
-        "n_q": robot.n_q,
-        "n_tilted": max(robot.n_q, 7),
-        "n_v": robot.n_v,
-        "n_joints": robot.n_joints,
+    sizes = {"n_q": robot.n_q, "n_v": robot.n_v, "n_joints": robot.n_joints, "n_tilted": max(robot.n_q, 7)}
+    return sizes | {
         "n_looks": window_capacity(tuning, period),
         **authority.authority_sizes(len(robot.description.thrusters)),
         "weight": _weight_function(robot, symbolic),

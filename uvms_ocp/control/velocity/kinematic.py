@@ -354,15 +354,6 @@ class KinematicController(TableDisplay):
 def _telemetry(tick: TickInputs, solved: velocity_tick.Solved, quantities: np.ndarray, share: float) -> dict[str, Any]:
     """For the record."""
     status, residual, activity, solve_time = solved
-    return {
-        "phase": tick.mission.phase,
-        "activations": tick.gates,
-        "activity": activity,
-        "residual": residual,
-        "quantities": quantities,
-        "status": status,
-        "viable_share": share,
-        "solve_time": solve_time,
-        "freshness": int(tick.freshness),
-        "tick_time": perf_counter() - tick.begin,
-    }
+    telemetry = {"phase": tick.mission.phase, "activations": tick.gates, "activity": activity, "residual": residual}
+    telemetry |= {"quantities": quantities, "status": status, "viable_share": share, "solve_time": solve_time}
+    return telemetry | {"freshness": int(tick.freshness), "tick_time": perf_counter() - tick.begin}

@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from enum import IntEnum
+from importlib.resources import files
 from typing import Any
+
+import tomllib
 
 from uvms_ocp.checks import checked_dataclass
 from uvms_ocp.codegen.kernel_layout import Layout
@@ -88,28 +91,7 @@ def copy_complaint(to: Complaint, other: Complaint) -> None:
     set_complaint(to, other.code, other.first, other.second)
 
 
-_TEXTS: dict[int, Callable[[float, float], str]] = {
-    Reason.NONE: lambda a, b: "",
-    Reason.STAMP: lambda a, b: f"a time stamp of {a}",
-    Reason.NO_NUMBER: lambda a, b: "a value that is no number",
-    Reason.LENGTH: lambda a, b: f"a quaternion of length {a:.3g}",
-    Reason.RANGE: lambda a, b: f"a range of {a:.3g} m",
-    Reason.FUTURE: lambda a, b: f"a time stamp {a:.3g} s in the future",
-    Reason.BEFORE: lambda a, b: f"a time stamp {a:.3g} s before that of the reading before",
-    Reason.TOO_LATE: lambda a, b: f"late by {a:.3g} s, more than can be made use of",
-    Reason.REPEATED: lambda a, b: f"the same value {a:.0f} times" + (f", component {b:.0f}" if b else ""),
-    Reason.LATE: lambda a, b: f"{a:.3g} s later than its delay is said to be, allowed {b:.3g} s",
-    Reason.NEARER: lambda a, b: f"the floor {a:.3g} m nearer at once; believed, to be safe",
-    Reason.AS_BEFORE: lambda a, b: f"the floor {a:.3g} m farther at once, where it was before",
-    Reason.FARTHER: lambda a, b: f"the floor {a:.3g} m farther at once; not believed before it proves true",
-    Reason.DRIFT: lambda a, b: f"position fixes and DVL disagree by {a:.2g} m/s",
-    Reason.TURN: lambda a, b: f"gyro and attitude disagree by {a:.2g} rad/s",
-    Reason.DEPTH: lambda a, b: f"depth and position disagree by {a:.2g} m",
-    Reason.DEPTH_DRIFT: lambda a, b: f"depth and DVL disagree by {a:.2g} m/s",
-    Reason.SILENT: lambda a, b: f"silent for {a:.2f} s",
-    Reason.NO_ECHO: lambda a, b: f"no echo for {a:.2f} s",
-    Reason.REFUSED: lambda a, b: f"{a:.3g} times the innovation expected",
-}
+_TEXTS: dict[str, str] = tomllib.loads((files("uvms_ocp.estimation.health") / "reasons.toml").read_text(encoding="utf-8"))
 
 
 class ReasonTexts:
@@ -140,4 +122,4 @@ class ReasonTexts:
             return f"{a:.3g} {UNITS[channel]}, more than the {b:.2g} that can be"
         if why.code == Reason.OFF:
             return f"{a:.3g} {UNITS[channel]} off the estimate, allowed {b:.2g}"
-        return _TEXTS[why.code](a, b)
+        return _TEXTS[Reason(why.code).name.lower()].format(a=a, b=b, component=f", component {b:.0f}" if b else "")

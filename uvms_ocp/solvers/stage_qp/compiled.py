@@ -199,17 +199,9 @@ def core_source() -> str:
 
 def _indices(shape: problem.StageShape) -> dict[str, Any]:
     n_x, n_z, n_r, n_c = shape.n_x, shape.n_z, shape.n_r, shape.n_c
-    sizes = {
-        "x": n_x,
-        "z": n_z,
-        "r": n_r,
-        "c": n_c,
-        "F": [m * n for m, n in zip(n_x[1:], n_z, strict=False)],
-        "J": [m * n for m, n in zip(n_r, n_z, strict=True)],
-        "H": [n * n for n in n_z],
-        "C": [m * n for m, n in zip(n_c, n_z, strict=True)],
-        "M": [padded(n) ** 2 for n in n_z],
-    }
+    products = {"F": (n_x[1:], n_z), "J": (n_r, n_z), "H": (n_z, n_z), "C": (n_c, n_z)}
+    sizes = {"x": n_x, "z": n_z, "r": n_r, "c": n_c, "M": [padded(n) ** 2 for n in n_z]}
+    sizes |= {name: [m * n for m, n in zip(*pair, strict=False)] for name, pair in products.items()}
     given = {name: np.array((*getattr(shape, name), 0), dtype=np.int32) for name in _SIZES}
     return {**given, **{name: np.array(problem.offsets(size), dtype=np.int32) for name, size in sizes.items()}}
 
@@ -221,16 +213,8 @@ def padded(n: int) -> int:
 
 def _stage_work(shape: problem.StageShape) -> dict[str, Array]:
     n, most, factor = sum(shape.n_z), padded(max(shape.n_z)), sum(padded(n) ** 2 for n in shape.n_z)
-    sizes = {
-        "fixed": n,
-        "Q": factor,
-        "q": n,
-        "L": factor,
-        "inverse": n,
-        "W": 2 * padded(max(shape.n_x)) * most,
-        "v": 2 * most,
-        "list": 14 * max(*shape.n_r, *shape.n_c),
-    }
+    sizes = {"fixed": n, "Q": factor, "q": n, "L": factor, "inverse": n}
+    sizes |= {"W": 2 * padded(max(shape.n_x)) * most, "v": 2 * most, "list": 14 * max(*shape.n_r, *shape.n_c)}
     return {name: np.zeros(size + 4) for name, size in sizes.items()} | {"fixed": np.zeros(n)}
 
 

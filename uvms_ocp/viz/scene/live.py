@@ -48,13 +48,9 @@ def live_page(record: Record, robot: Robot, height: int) -> ScenePage:
 
 def _still(record: Record) -> dict[str, Any]:
     """JSON values of a page without a time line, whose readouts are filled in frame by frame."""
-    return {
-        "duration": 0.0,
-        "speeds": (),
-        "annotations": ["goals"],
+    return {"duration": 0.0, "speeds": (), "joints": (), "annotations": ["goals"]} | {
         "legend": legend(record, [], [], beam=False),
         "readouts": [readout(name, np.full(1, np.nan), record.meta) for name in record.meta.quantities],
-        "joints": (),
     }
 
 

@@ -52,14 +52,8 @@ def draw_still(log: CommandLog, robot: Robot, placements: Sequence[pin.SE3], cen
     return root
 
 
-STATIC_DETAILS: dict[str, Any] = {
-    "known": "",
-    "duration": 0.0,
-    "speed": 1,
-    "times": [0.0],
-    "start_view": "mission",
-    "direction": _FROM_THE_SIDE,
-    "close_direction": _FROM_THE_SIDE,
+STATIC_DETAILS: dict[str, Any] = {"known": "", "duration": 0.0, "speed": 1, "times": [0.0], "start_view": "mission"} | {
+    **dict.fromkeys(("direction", "close_direction"), _FROM_THE_SIDE),
     **dict.fromkeys(("floor", "relief", "witness")),
     **dict.fromkeys(("speeds", "labels", "phases", "faults", "health", "alarms"), ()),
     **dict.fromkeys(("trails", "arrows", "legend", "readouts", "annotations"), ()),
