@@ -62,7 +62,7 @@ def found() -> Excitation:
 
 def objective(given: ExperimentTask) -> Objective:
     courses = TrajectorySimulator(rollout(), given.unknowns, 0.1, given.still)
-    aim, history = given.aim(), KnotCommands.of(4.0, 0.5, 0.1, courses.delay)
+    aim, history = given.aim(), KnotCommands(4.0, 0.5, 0.1, courses.delay)
     return Objective(aim, given.limits, history, courses, target_deviations(given, rollout()))
 
 
@@ -108,7 +108,7 @@ def test_the_information_is_what_output_error_finds_in_a_recording() -> None:
 
 
 def test_commands_are_late_as_channels_are() -> None:
-    history, t, step, delay = KnotCommands.of(3.0, 0.2, 0.05, 0.13), 0.05 * np.arange(60), 0.05, 0.13
+    history, t, step, delay = KnotCommands(3.0, 0.2, 0.05, 0.13), 0.05 * np.arange(60), 0.05, 0.13
     knots = np.random.default_rng(0).normal(size=(history.n_knots, 2))
     held = ZeroOrderHold(Channel(t=t, values=history.sent @ knots))
     np.testing.assert_allclose(history.acting @ knots, held.mean(edges_of(60, step, delay)), atol=1e-12)

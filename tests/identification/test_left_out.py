@@ -161,13 +161,13 @@ def test_errors_are_root_mean_squares_and_angles() -> None:
 def test_a_vehicle_in_balance_is_turned_by_nothing() -> None:
     one = fitted().vehicle
     moment = UPRIGHT
-    told = StaticBalance.of(one).vertical(np.zeros((0, 1)), one.shared.start)[:, 0]
+    told = StaticBalance(one).vertical(np.zeros((0, 1)), one.shared.start)[:, 0]
     np.testing.assert_allclose(told, moment / np.linalg.norm(moment), atol=1e-9)
 
 
 def test_an_arm_that_moves_changes_the_balance_as_its_weight_does() -> None:
     one = replace(fitted().vehicle, dynamics=with_arm(n_joints=1))
-    told = StaticBalance.of(one).vertical(np.array([[0.0, np.pi]]), one.shared.start)
+    told = StaticBalance(one).vertical(np.array([[0.0, np.pi]]), one.shared.start)
     for k, way in enumerate((1.0, -1.0)):
         x = 0.3 + way * 0.15 - 998.0 * 8e-4 * 0.3
         moment = UPRIGHT - np.array([x, 0.0, 0.0])

@@ -190,14 +190,14 @@ def test_a_search_that_begins_where_the_simulation_runs_away_ends_with_a_status(
 
 def test_a_step_to_where_slopes_are_not_finite_is_shortened(monkeypatch: pytest.MonkeyPatch) -> None:
     one, rollout = problem()
-    error, seen, calls = OutputErrorProblem(one, stretches(recording()), EXACT, rollout), OutputErrorProblem._blocks, []
+    error, seen, calls = OutputErrorProblem(one, stretches(recording()), EXACT, rollout), OutputErrorProblem.blocks, []
 
     def steep(self: OutputErrorProblem, point: SearchPoint) -> list[NormalEquations]:
         calls.append(point)
         found = seen(self, point)
         return [replace(block, H=np.inf * block.H) for block in found] if len(calls) == 2 else found
 
-    monkeypatch.setattr(OutputErrorProblem, "_blocks", steep)
+    monkeypatch.setattr(OutputErrorProblem, "blocks", steep)
     assert error.solve(error.start(), damping=1e-6).status is FitStatus.CONVERGED
     first, second = (np.abs(each.shared - one.shared.start).max() for each in calls[1:3])
     assert second <= first
@@ -207,7 +207,7 @@ def test_normal_equations_have_the_gradient_of_the_cost() -> None:
     one, rollout = problem()
     error, step = OutputErrorProblem(one, stretches(recording(4), 7.0), Noise(outliers=2.0), rollout), 1e-6
     point = error.start(truth()[:-1] + 0.003)  # no command and no sample at an edge of a step
-    (block,) = error.expansion(point).blocks
+    (block,) = error.blocks(point)
     n, m, size = len(point.shared), len(point.own[0]), N_START * len(point.starts[0])
     rng, found, wanted = np.random.default_rng(5), [], []
     for _ in range(4):
@@ -217,7 +217,7 @@ def test_normal_equations_have_the_gradient_of_the_cost() -> None:
             turns = (k * way[n + m :]).reshape(-1, N_START)
             starts = tuple(each.moved(turn) for each, turn in zip(point.starts[0], turns, strict=True))
             moved = SearchPoint(shared=point.shared + k * way[:n], own=(point.own[0] + k * way[n : n + m],), starts=(starts,))
-            ends.append(error.expansion(moved).blocks[0].cost)
+            ends.append(error.blocks(moved)[0].cost)
         wanted.append((ends[0] - ends[1]) / (2 * step))
         found.append(np.r_[block.g, block.g_starts] @ way)
     np.testing.assert_allclose(found, wanted, rtol=1e-3, atol=1e-3 * np.abs(wanted).max())
@@ -227,7 +227,7 @@ def test_what_is_kept_of_a_recording_grows_with_its_length() -> None:
     one, rollout = problem()
     parts = stretches(recording(), 2.0)
     errors = [OutputErrorProblem(one, parts[:n], EXACT, rollout) for n in (3, 6, 12)]
-    blocks = [error.expansion(error.start()).blocks[0] for error in errors]
+    blocks = [error.blocks(error.start())[0] for error in errors]
     short, middle, long = (sum(getattr(one, name).size for name in ("H", "H_starts", "g_starts", "cross")) for one in blocks)
     assert long - middle == 2 * (middle - short)
 

@@ -10,7 +10,6 @@ import math
 import sys
 from collections import Counter
 from collections.abc import Callable, Iterable, Sequence
-from dataclasses import dataclass
 from functools import lru_cache
 from importlib.resources import files
 from typing import Any, get_type_hints
@@ -236,18 +235,8 @@ _HEAD, _WIDE = ((files("uvms_ocp.codegen") / name).read_text(encoding="utf-8") f
 _PLAIN = {float: c_code.DOUBLE, int: c_code.INT, bool: c_code.INT, Vector: c_code.VECTOR, type(None): c_code.NOTHING}
 
 
-@dataclass(frozen=True, kw_only=True, slots=True)
-class CProgram:
-    """C99 source in two parts, which needs libm only."""
-
-    types: str
-    """Types of the memory."""
-    code: str
-    """Code of the functions, after the types."""
-
-
-def c_program(kernels: Sequence[Callable[..., Any]], structures: Iterable[type[Any]]) -> CProgram:
-    """The `kernels`, under their names behind ``k_``, and what they call.
+def c_program(kernels: Sequence[Callable[..., Any]], structures: Iterable[type[Any]]) -> tuple[str, str]:
+    """The `kernels`, under their names behind ``k_``, and what they call: C99 that needs libm only, types and then functions.
 
     structures: those that their parameters are annotated with, as `structure_of` makes them. Raises `InvalidInput` for a
     function that is no kernel, with the line.
@@ -261,7 +250,7 @@ def c_program(kernels: Sequence[Callable[..., Any]], structures: Iterable[type[A
     wide = WIDE.intersection(heads)
     bodies = [f"{'WIDE ' if kernel in wide else ''}{head} {{\n{program.bodies[kernel]}}}\n" for kernel, head in heads.items()]
     code = "\n".join([_HEAD, *([_WIDE] if wide else []), *(f"{head};" for head in heads.values()), "", *bodies])
-    return CProgram(types="\n".join(program.declared), code=code)
+    return "\n".join(program.declared), code
 
 
 def structure_signature(kind: Any) -> Any:

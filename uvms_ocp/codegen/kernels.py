@@ -109,8 +109,8 @@ def _bound(kernels: BoundKernels, structures: tuple[Any, ...]) -> BoundKernels:
 
 @lru_cache(maxsize=64)
 def _compiled(kernels: BoundKernels, structures: Keyed) -> Path | None:
-    program = c_program(kernels, structures.value)
-    return compile_library(program.types + program.code, name=", ".join(kernel.__name__ for kernel in kernels))
+    types, code = c_program(kernels, structures.value)
+    return compile_library(types + code, name=", ".join(kernel.__name__ for kernel in kernels))
 
 
 def _function(library: ctypes.CDLL, kernel: Callable[..., Any]) -> Callable[..., Any]:
@@ -154,15 +154,15 @@ class CLibrary:
 
 def c_library(kernels: Kernels, memory: Layout, others: Sequence[type[Layout]] = ()) -> CLibrary:
     """The `kernels`, which work on a `memory` such as this and on `others`. Raises `InvalidInput`, as `c_program`."""
-    program = c_program(kernels, (type(memory), *others))
+    types, code = c_program(kernels, (type(memory), *others))
     functions = dict.fromkeys(part.function for part in functions_in(memory))
     generator = ca.CodeGenerator("functions.c")
     for function in functions:
         if function.class_name() != "External":
             generator.add(function)
     return CLibrary(
-        types=program.types,
-        kernels=program.code,
+        types=types,
+        kernels=code,
         functions=MATH + str(generator.dump()),
         declarations="".join(_DECLARATION.format(function.name()) for function in functions),
         initial=initial_value(memory),

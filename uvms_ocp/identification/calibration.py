@@ -287,7 +287,7 @@ def held_constants(
     for name, unit in _NOISIER.items():
         sigma, known = getattr(fitted.noise, name), "given" if name in settings.noise.model_fields_set else "assumed"
         noisier = replace(fitted, noise=replace(fitted.noise, **{name: 2.0 * sigma})).problem()
-        point, _ = noisier.stepped(noisier.expansion(noisier.resumed(fitted.estimate)))
+        point, _ = noisier.stepped(noisier.resumed(fitted.estimate))
         moved_by = most((point.shared - fitted.estimate.shared)[:, None])
         found.append(HeldConstant(quantity=f"noise {name}", known=known, spread=1.0, value=sigma, unit=unit, **moved_by))
     return replace(fitted.estimate, assumed=assumed), tuple(found)
@@ -392,7 +392,7 @@ def calibrate(
             fitted = replace(fitted, estimate=estimate)
         white = uncertainty.whiteness(left, fitted.noise)
         identified = uncertainty.explained_by(white, uncertainty.numbers(subject.vehicle, fitted.estimate, inflation))
-        balance = validation.StaticBalance.of(subject.vehicle)
+        balance = validation.StaticBalance(subject.vehicle)
         return Calibration(
             subject=subject,
             estimate=fitted.estimate,

@@ -325,26 +325,19 @@ def _softly_largest(values: np.ndarray) -> tuple[float, np.ndarray]:
 _WITHIN = 1e-9  # of a step
 
 
-@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class KnotCommands:
     """Piecewise linear commands that begin and end with 0, as sparse linear maps from knots (n_knots, n_u) [N, N m]."""
 
-    sent: Any
-    """(n, n_knots) commands as they are sent, held for a step each."""
-    acting: Any
-    """(n, n_knots) commands as they act, late."""
-    late: Any
-    """(n, n_knots) [1/s] how they change with the delay."""
-
-    @staticmethod
-    def of(duration: float, every: float, step: float, delay: float) -> KnotCommands:
-        """Make commands of a duration [s], knots about `every` [s], in steps of `step` [s], which act with a delay [s]."""
+    def __init__(self, duration: float, every: float, step: float, delay: float) -> None:
+        """Commands of a duration [s], knots about `every` [s], in steps of `step` [s], which act with a delay [s]."""
         n, inner = round(duration / step), max(1, round(duration / every) - 1)
-        sent, t = _lines(n, inner, step * (inner + 1) / duration), step * np.arange(n)
+        self.sent, t = _lines(n, inner, step * (inner + 1) / duration), step * np.arange(n)
+        """(n, n_knots) commands as they are sent, held for a step each."""
         # A command of one step only: what it does is the same at any time.
         held, edges = recording.ZeroOrderHold(recording.Channel(t=t, values=np.eye(n, 1, -1))), edges_of(n, step, delay)
         acting, late = _shifted(held.mean(edges)[:, 0]), _shifted(-held.mean_slope(edges)[:, 0])
-        return KnotCommands(sent=sent, acting=acting @ sent, late=late @ sent)
+        self.acting, self.late = acting @ self.sent, late @ self.sent
+        """(n, n_knots) commands as they act, late; and [1/s] how they change with the delay."""
 
     @property
     def n_knots(self) -> int:

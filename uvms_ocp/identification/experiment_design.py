@@ -354,7 +354,7 @@ class _DesignSearch:
     def __init__(self, given: ExperimentTask, rollout: Rollout, effort: DesignSettings) -> None:
         self.given, self.rollout, self.effort = given, rollout, effort
         aim, courses = given.aim(), experiment.TrajectorySimulator(rollout, given.unknowns, effort.step, given.still)
-        history = experiment.KnotCommands.of(given.duration, effort.knots, effort.step, courses.delay)
+        history = experiment.KnotCommands(given.duration, effort.knots, effort.step, courses.delay)
         self.objective = Objective(aim, given.limits, history, courses, target_deviations(given, rollout))
 
     def begun(self) -> np.ndarray:

@@ -187,14 +187,6 @@ class Estimate:
     """(n, n) [unknowns^2] covariance from what the recordings do not tell: the step of the simulation, assumed constants."""
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Expansion:
-    """A point, and the problem to second order there."""
-
-    point: SearchPoint
-    blocks: list[NormalEquations]
-
-
 class OutputErrorProblem:
     """A problem: a vehicle, stretches of recordings and noise. Stretches of a recording follow each other."""
 
@@ -220,13 +212,9 @@ class OutputErrorProblem:
         begins = tuple(tuple(next(left) for _ in group) for group in self._recordings)
         return SearchPoint(shared=estimate.shared, own=own, starts=begins)
 
-    def expansion(self, point: SearchPoint) -> Expansion:
-        """At a point; one holds whatever number is pulled."""
-        return Expansion(point, self._blocks(point))
-
-    def stepped(self, expansion: Expansion) -> tuple[SearchPoint, float]:
-        """After one step of Gauss and Newton, and the cost there."""
-        after = self._moved(expansion.point, expansion.blocks, _NEARLY_NONE, frozen=False)
+    def stepped(self, point: SearchPoint, blocks: list[NormalEquations] | None = None) -> tuple[SearchPoint, float]:
+        """After one step of Gauss and Newton, and the cost there. blocks: of the point, the same whatever number is pulled."""
+        after = self._moved(point, self.blocks(point) if blocks is None else blocks, _NEARLY_NONE, frozen=False)
         with np.errstate(all="ignore"):
             return after, self._total(after, [self._cost(k, after, seen) for k, seen in enumerate(self._all_seen(after))])
 
@@ -237,7 +225,7 @@ class OutputErrorProblem:
 
         damping: of the first step.
         """
-        blocks, status, done = self._blocks(point), FitStatus.ITERATION_LIMIT, 0
+        blocks, status, done = self.blocks(point), FitStatus.ITERATION_LIMIT, 0
         if not finite(blocks):
             return self._estimate(point, blocks, FitStatus.RUNS_AWAY, 0)
         while done < iterations:
@@ -262,7 +250,7 @@ class OutputErrorProblem:
         before = self._total(point, [block.cost for block in blocks])
         for _ in range(8):
             after = self._moved(point, blocks, damping, frozen)
-            blocks_there = self._blocks(after)  # with slopes, as most steps are taken
+            blocks_there = self.blocks(after)  # with slopes, as most steps are taken
             cost = self._total(after, [block.cost for block in blocks_there])
             if np.isfinite(cost) and cost < before and finite(blocks_there):
                 return after, max(damping / 5.0, _NEARLY_NONE), cost, blocks_there
@@ -315,7 +303,7 @@ class OutputErrorProblem:
         pulled = 0.0 if self._pull is None else self._pull.cost(point.shared)
         return float(sum(costs) + far @ far / 2 + pulled)
 
-    def _blocks(self, point: SearchPoint) -> list[NormalEquations]:
+    def blocks(self, point: SearchPoint) -> list[NormalEquations]:
         with np.errstate(all="ignore"):
             return [self._block(k, point, seen) for k, seen in enumerate(self._all_seen(point, slopes=True))]
 

@@ -128,7 +128,9 @@ class Recording:
         object.__setattr__(self, "channels", frozen_mapping(self.channels))
         for name, channel in self.channels.items():
             require_known("channel", name, CHANNEL_KINDS)
-            _check_width(f"{self.name}: {name}", CHANNEL_KINDS[name], channel)
+            own, width = CHANNEL_KINDS[name].columns, channel.values.shape[1]
+            if own and width != len(own):
+                raise InvalidInput(f"{self.name}: {name}: {width} columns given; allowed: {len(own)}, {', '.join(own)}")
         attitude = self.channels.get("attitude")
         if attitude is not None and np.abs(np.linalg.norm(attitude.values, axis=1) - 1.0).max() > _NORM:
             raise InvalidInput(f"{self.name}: attitude holds no unit quaternions; say what it holds by its format")
@@ -152,12 +154,6 @@ class Recording:
         """[s] from when to when all channels are known."""
         times = [channel.undelayed_t for channel in self.channels.values()]
         return max(t[0] for t in times), min(t[-1] for t in times)
-
-
-def _check_width(where: str, kind: ChannelKind, channel: Channel) -> None:
-    width = channel.values.shape[1]
-    if kind.columns and width != len(kind.columns):
-        raise InvalidInput(f"{where}: {width} columns given; allowed: {len(kind.columns)}, {', '.join(kind.columns)}")
 
 
 # Channels at any times: commands as they are held, measurements smoothed.

@@ -84,11 +84,8 @@ def variance_inflation(predicted: Predicted, noise: Noise) -> float:
     By Bartlett's formula, ``1 + 2 sum rho_k``, up to the first lag at which residuals are no longer correlated. The mean over
     the channels, but no less than of any that the model does not explain: what is wrong with it may be wrong for all numbers.
     """
-    found, sigmas = [], (noise.velocity, noise.rate, noise.vertical)
-    for rows, seen, sigma in zip(predicted.rows, predicted.measured, sigmas, strict=True):
-        for residual in ((rows - seen) / sigma).T:
-            if np.ptp(residual) > _MOVED:
-                found.append(float((residual**2).mean()) * bartlett(residual - residual.mean()))
+    moved = (residual for _, residual, _ in _residuals(predicted, noise) if np.ptp(residual) > _MOVED)
+    found = [float((residual**2).mean()) * bartlett(residual - residual.mean()) for residual in moved]
     left = (one.size**2 * one.inflation for one in whiteness(predicted, noise) if one.unexplained)
     return max(1.0, float(np.mean(found or [1.0])), *left)
 
@@ -185,7 +182,7 @@ def numbers_at(vehicle: Vehicle, shared: np.ndarray, C: np.ndarray) -> tuple[Ide
     """The same at unknowns shared (n,) [as `Unknowns.start`] with a covariance C (n, n) [unknowns^2]."""
     entries, values, slopes = _entries(vehicle, shared)
     alone = np.diag(1.0 / (1.0 / vehicle.shared.sigma**2 + _NOTHING))  # without recordings
-    sigmas, believed = (_deviations(slopes, one) for one in (C, alone))
+    sigmas, believed = (np.sqrt(np.maximum(np.einsum("ij,jk,ik->i", slopes, one, slopes), 0.0)) for one in (C, alone))
     return tuple(
         IdentifiedNumber(
             quantity=quantity,
@@ -228,10 +225,6 @@ def number_of(vehicle: Vehicle, one: IdentifiedNumber) -> Callable[[np.ndarray],
 def values_of(vehicle: Vehicle, shared: np.ndarray) -> np.ndarray:
     """(m,) [units of `numbers`] of the same numbers at other unknowns shared (n,) [as `Unknowns.start`]."""
     return _entries(vehicle, shared)[1]
-
-
-def _deviations(slopes: np.ndarray, C: np.ndarray) -> np.ndarray:
-    return np.asarray(np.sqrt(np.maximum(np.einsum("ij,jk,ik->i", slopes, C, slopes), 0.0)))
 
 
 def _entries(vehicle: Vehicle, shared: np.ndarray) -> tuple[list[_Entry], np.ndarray, np.ndarray]:
@@ -317,15 +310,17 @@ class Whiteness:
 
 def whiteness(left: Predicted, noise: Noise) -> tuple[Whiteness, ...]:
     """Test the whiteness of every channel in `CHANNELS` that has residuals."""
-    found = []
+    return tuple(_whiteness(*one) for one in _residuals(left, noise) if np.ptp(one[1]) > 0.0)
+
+
+def _residuals(left: Predicted, noise: Noise) -> Iterator[tuple[str, np.ndarray, np.ndarray]]:
+    """Channels in `CHANNELS`, their residuals (m,), relative to the noise, and times (m,) [s]."""
     for k, sigma in enumerate((noise.velocity, noise.rate, noise.vertical)):
         for name, residual in zip(CHANNELS[3 * k :], ((left.rows[k] - left.measured[k]) / sigma).T, strict=False):
-            if np.ptp(residual) > 0.0:
-                found.append(_whiteness(name, residual, float(np.median(np.diff(left.t[k])))))
-    return tuple(found)
+            yield name, residual, left.t[k]
 
 
-def _whiteness(name: str, residual: np.ndarray, interval: float) -> Whiteness:
+def _whiteness(name: str, residual: np.ndarray, t: np.ndarray) -> Whiteness:
     centred = residual - residual.mean()
     p, rho = ljung_box(residual)
     return Whiteness(
@@ -334,7 +329,7 @@ def _whiteness(name: str, residual: np.ndarray, interval: float) -> Whiteness:
         inflation=bartlett(centred),
         p=p,
         correlation=rho,
-        interval=interval,
+        interval=float(np.median(np.diff(t))),
         bound=1.96 / float(np.sqrt(len(residual))),
     )
 

@@ -19,7 +19,7 @@ from uvms_ocp.errors import InvalidInput
 from uvms_ocp.identification import parameters, recording
 from uvms_ocp.identification.fit import FitContext, Predicted, Predictor, search_fit
 from uvms_ocp.identification.model import N_Q, Vehicle, as_measured, vehicle_dynamics
-from uvms_ocp.identification.output_error import Estimate, Expansion, ProfilePenalty, SearchPoint
+from uvms_ocp.identification.output_error import Estimate, NormalEquations, ProfilePenalty, SearchPoint
 from uvms_ocp.identification.rollout import PreparedRecording, Segment
 from uvms_ocp.identification.uncertainty import INTERVAL, IdentifiedNumber, covariance, number_of, variance_inflation
 
@@ -62,7 +62,8 @@ class _Best:
 
     wide: FitContext
     cost: float
-    expansion: Expansion
+    point: SearchPoint
+    blocks: list[NormalEquations]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -93,7 +94,8 @@ def profiles(
     # The optimum itself: searches end a little beside it, which deviances would show.
     problem, estimate = wide.problem(), fitted.estimate
     found = problem.solve(problem.resumed(estimate), tolerance=_EXACT / max(estimate.cost, 1.0), damping=_DAMPING)
-    best = _Best(wide, found.cost, problem.expansion(problem.resumed(found)))
+    point = problem.resumed(found)
+    best = _Best(wide, found.cost, point, problem.blocks(point))
     for k, one in enumerate(chosen, start=1):
         progress(f"profile {k} of {len(chosen)}: {one.name}")
         yield _profile(best, one)
@@ -109,7 +111,7 @@ def _distinct(wide: FitContext, numbers: Sequence[IdentifiedNumber]) -> Iterator
 
 
 def _profile(best: _Best, one: IdentifiedNumber) -> Profile:
-    number, point = number_of(best.wide.vehicle, one), best.expansion.point
+    number, point = number_of(best.wide.vehicle, one), best.point
     sigma = one.sigma / one.value if one.positive else one.sigma
     middle = _HeldFit(number(point.shared)[0], 0.0, point)
     below, above = (_side(best, middle, number, way * sigma) for way in (-1, 1))
@@ -135,12 +137,12 @@ def _side(best: _Best, middle: _HeldFit, number: Callable[[np.ndarray], tuple[fl
 def _held(best: _Best, near: _HeldFit, pull: ProfilePenalty, k: int) -> _HeldFit:
     """Hold the number by one step from the optimum if its cost is as predicted, else by more steps or a search."""
     problem = best.wide.problem(pull)
-    point, cost = problem.stepped(best.expansion)
+    point, cost = problem.stepped(best.point, best.blocks)
     gained, share = 2.0 * (cost - pull.cost(point.shared) - best.cost) - k**2, _KEPT * k**2
     for _ in range(_STEPS):
         if abs(gained) < share:
             return _found(best, pull, point, cost)
-        after, lower = problem.stepped(problem.expansion(point))
+        after, lower = problem.stepped(point)
         if not lower <= cost:
             break
         gained, point, cost = 2.0 * (cost - lower), after, lower
@@ -150,7 +152,7 @@ def _held(best: _Best, near: _HeldFit, pull: ProfilePenalty, k: int) -> _HeldFit
 
 def _found(best: _Best, pull: ProfilePenalty, point: SearchPoint, cost: float) -> _HeldFit:
     deviance = 2.0 * (cost - pull.cost(point.shared) - best.cost)
-    side = np.sign(pull.target - pull.number(best.expansion.point.shared)[0])
+    side = np.sign(pull.target - pull.number(best.point.shared)[0])
     return _HeldFit(pull.number(point.shared)[0], float(side * np.sqrt(max(deviance, 0.0))), point)
 
 
@@ -181,16 +183,11 @@ def static_baseline(stretch: Segment, known: float) -> Predicted:
     return _resting(stretch, np.broadcast_to(vertical, (len(stretch.t[2]), 3)))
 
 
-@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class StaticBalance:
     """The vertical in B at which weight and buoyancy turn a vehicle no further, its arm as it was measured."""
 
-    function: ca.Function
-    """``joints (n_j,), shared (n,) -> first moment (3,)`` [kg m] of mass, what is displaced counting negative."""
-
-    @staticmethod
-    def of(vehicle: Vehicle) -> StaticBalance:
-        """Build it for a vehicle, at any values of its unknowns."""
+    def __init__(self, vehicle: Vehicle) -> None:
+        """For a vehicle, at any values of its unknowns."""
         n_j, shared = vehicle.dynamics.model.nq - N_Q, ca.SX.sym("shared", len(vehicle.shared.start))
         joints = ca.SX.sym("joints", n_j)
         values = vehicle.values(ca.vertcat(shared, ca.DM(vehicle.own.start)))
@@ -198,12 +195,13 @@ class StaticBalance:
         poses = [ca.vertcat(ca.DM.zeros(3), ca.DM(turn), joints) for turn in _UPRIGHT]
         g = float(np.linalg.norm(vehicle.dynamics.model.gravity.linear))
         moment = as_measured(values, ca.vertcat(*(dynamics.potential_energy(pose) for pose in poses)) / g)
-        return StaticBalance(function=ca.Function("balance", [joints, shared], [ca.densify(moment)]))
+        self._function = ca.Function("balance", [joints, shared], [ca.densify(moment)])
+        """``joints (n_j,), shared (n,) -> first moment (3,)`` [kg m] of mass, what is displaced counting negative."""
 
     def vertical(self, joints: np.ndarray, shared: np.ndarray) -> np.ndarray:
         """(3, m) for joints (n_j, m) [rad or m], where unknowns are shared (n,) [as `Unknowns.start`]."""
         m = joints.shape[1]
-        moment = np.asarray(self.function.map(m)(joints, np.repeat(shared[:, None], m, axis=1)))
+        moment = np.asarray(self._function.map(m)(joints, np.repeat(shared[:, None], m, axis=1)))
         return np.asarray(-moment / np.maximum(np.linalg.norm(moment, axis=0), 1e-300))
 
     def of_stretch(self, stretch: Segment, shared: np.ndarray) -> Predicted:
@@ -305,7 +303,7 @@ def leave_one_out(
     """
     if len({one.recording.source for one in fitted.prepared}) < 2:
         raise InvalidInput("one recording given; leave-one-out needs at least 2")
-    balance = StaticBalance.of(fitted.vehicle)
+    balance = StaticBalance(fitted.vehicle)
     for k, held in enumerate(fitted.prepared, start=1):
         progress(f"left out {k} of {len(fitted.prepared)}: {held.recording.name}")
         others = without(fitted, held)

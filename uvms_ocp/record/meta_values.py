@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections import Counter
 from collections.abc import Iterable, Mapping
 from itertools import pairwise
 from types import MappingProxyType
@@ -309,8 +310,6 @@ class SurroundingsMeta(MetaValue):
 
 def require_unique(what: str, names: Iterable[str]) -> None:
     """Raise `ValueError` for two of one name."""
-    seen: set[str] = set()
-    for name in names:
-        if name in seen:
+    for name, n in Counter(names).items():
+        if n > 1:
             raise ValueError(f"two {what} are called {name[:60]!r}")
-        seen.add(name)

@@ -8,7 +8,6 @@ import shutil
 import stat
 from collections.abc import Collection, Iterable, Iterator
 from contextlib import ExitStack, contextmanager, suppress
-from dataclasses import dataclass
 from pathlib import Path, PurePosixPath
 from typing import Annotated, BinaryIO, Literal, TypeVar
 
@@ -181,6 +180,29 @@ class Replacement:
         """Return the manifest of what is there. Raises `InvalidInput` for one that cannot be read."""
         return read_as(Manifest, self._manifest) or Manifest()
 
+    @contextmanager
+    def staged(self, keep: Iterable[str] = ()) -> Iterator[Path]:
+        """Give an empty folder; the files written there then take the place of all earlier ones of ours.
+
+        keep: names of earlier ones that stay beside them. On any error the folder is as before. Raises `OutputError` where
+        the disk refuses, and `InvalidInput` for what has come to stand in the way.
+        """
+        try:
+            with as_output_errors(self.target):
+                self.new.mkdir()
+                for name in keep:
+                    shutil.copyfile(self.target / name, self.new / name)
+                yield self.new
+                self.commit()
+        except BaseException:
+            if not self.is_partly_replaced():
+                discard(self.new)
+            raise
+
+    def written(self) -> list[Path]:
+        """The files of ours that are there. Raises `InvalidInput` for a damaged manifest."""
+        return [self.target / name for name in sorted(self.manifest().files)]
+
     def is_unfinished(self) -> bool:
         """Return whether a command was cut off, or is at it."""
         return any(path.exists() for path in (self._journal, self._undoing, *self._remains()))
@@ -304,39 +326,8 @@ class Replacement:
 # A folder for the results of one command: checked and locked before the work, replaced whole after it.
 
 
-@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
-class FolderClaim:
-    """A folder that only this command writes to until it ends."""
-
-    replacement: Replacement
-
-    @contextmanager
-    def staged(self, keep: Iterable[str] = ()) -> Iterator[Path]:
-        """Give an empty folder; the files written there then take the place of all earlier ones of ours.
-
-        keep: names of earlier ones that stay beside them. On any error the folder is as before. Raises `OutputError` where
-        the disk refuses, and `InvalidInput` for what has come to stand in the way.
-        """
-        replacement = self.replacement
-        try:
-            with as_output_errors(replacement.target):
-                replacement.new.mkdir()
-                for name in keep:
-                    shutil.copyfile(replacement.target / name, replacement.new / name)
-                yield replacement.new
-                replacement.commit()
-        except BaseException:
-            if not replacement.is_partly_replaced():
-                discard(replacement.new)
-            raise
-
-    def written(self) -> list[Path]:
-        """The files of ours that are there. Raises `InvalidInput` for a damaged manifest."""
-        return [self.replacement.target / name for name in sorted(self.replacement.manifest().files)]
-
-
 @contextmanager
-def claim_folder(target: Path, names: Collection[str]) -> Iterator[FolderClaim]:
+def claim_folder(target: Path, names: Collection[str]) -> Iterator[Replacement]:
     """The folder `target` for one command that may write files of these `names`, such as ``figures/path.png``.
 
     Completes or undoes first what a command that was cut off left. Raises `InvalidInput` for what stands in the way, and
@@ -350,7 +341,7 @@ def claim_folder(target: Path, names: Collection[str]) -> Iterator[FolderClaim]:
             stack.enter_context(locked(replacement.store))
             replacement.recover()
             require_own_files(target, names, replacement.manifest())
-        yield FolderClaim(replacement=replacement)
+        yield replacement
 
 
 @checked

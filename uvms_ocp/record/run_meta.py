@@ -134,12 +134,9 @@ class RunMeta(RecordMeta):
     """[s] that the simulation took."""
 
     @model_validator(mode="after")
-    def _has_channels_of_one_meaning(self) -> RunMeta:
+    def _fits_together(self) -> RunMeta:
+        """Channels have names of one meaning, and events lead from phase to phase."""
         meta_values.require_unique("channels", self.channels)
-        return self
-
-    @model_validator(mode="after")
-    def _goes_from_phase_to_phase(self) -> RunMeta:
         known, here, t = {phase.name for phase in self.phases}, self.phases[0].name, -meta_values.LARGEST
         ended = {meta_values.DONE, meta_values.ABORT}
         for event in self.events:

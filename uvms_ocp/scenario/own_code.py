@@ -29,7 +29,7 @@ _FOLDERS: set[Path] = set()  # where code of one's own has been loaded from
 
 @checked_dataclass()
 class UserCode:
-    """Where it is. Raises `InvalidInput` for neither a file nor a module, or both."""
+    """Where it is: in a file, or in a module."""
 
     attribute: str
     """The name wanted of it."""
@@ -37,10 +37,6 @@ class UserCode:
     """A Python file."""
     module: str = ""
     """An installed module, or one in the working directory."""
-
-    def __post_init__(self) -> None:
-        if (self.file is None) == (not self.module):
-            raise InvalidInput(f"file = {self.file}, module = {self.module!r}; give one of them")
 
     def load(self) -> Any:
         """Run the code, and return what is wanted of it.

@@ -153,8 +153,10 @@ class ActuatorMonitor:
 
     @property
     def faulty(self) -> str:
-        """All that is faulty, in a few words; nothing where nothing is."""
-        return ", ".join((*verdicts.faulty_thrusters(self.thrusters), *verdicts.faulty_joints(self.joints)))
+        """All that is faulty, in a few words, such as ``thruster3 dead, joint2 jammed``; nothing where nothing is."""
+        kinds = {f"thruster{k}": one.kind for k, one in enumerate(self.thrusters, start=1)}
+        kinds |= {f"joint{k}": one.kind for k, one in enumerate(self.joints, start=1)}
+        return ", ".join(f"{name} {kind.word}" for name, kind in kinds.items() if kind)
 
     def update(self, t: float) -> None:
         """Take over what detection at time t [s] has changed, and log alarms."""

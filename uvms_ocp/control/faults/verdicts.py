@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import enum
 import math
-from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Annotated
 
@@ -126,16 +125,6 @@ def thruster_alarm(number: int, name: str, verdict: ThrusterVerdict) -> str:
 def joint_alarm(number: int, name: str) -> str:
     """One line on a jammed joint, counted from 1."""
     return f"joint{number} jammed ({name}): pushed, and does not move; the others do without it"
-
-
-def faulty_thrusters(verdicts: Sequence[ThrusterVerdict]) -> list[str]:
-    """List the faulty thrusters, such as ``thruster3 dead``."""
-    return [f"thruster{i + 1} {verdict.kind.word}" for i, verdict in enumerate(verdicts) if verdict.kind]
-
-
-def faulty_joints(verdicts: Sequence[JointVerdict]) -> list[str]:
-    """List the faulty joints, such as ``joint2 jammed``."""
-    return [f"joint{j + 1} {verdict.kind.word}" for j, verdict in enumerate(verdicts) if verdict.kind]
 
 
 # How much has to be seen before a thruster or a joint is called faulty.
