@@ -16,7 +16,7 @@ from uvms_ocp import load_robot
 from uvms_ocp.errors import InvalidInput
 from uvms_ocp.identification.calibration import calibrate, check_settings, require_current
 from uvms_ocp.identification.data_quality import check_data_quality
-from uvms_ocp.identification.reading import run_recording
+from uvms_ocp.identification.reading import read_recording, run_recording
 from uvms_ocp.identification.recording import Recording
 from uvms_ocp.identification.results import variant_text, whole_text
 from uvms_ocp.identification.rollout import PreparedRecording
@@ -254,3 +254,16 @@ def test_a_file_stays_as_it_was_where_it_holds_nothing_of_what_was_learnt(tmp_pa
     (tmp_path / "variant.yaml").write_text(variant_text(result, ["run"]))
     (tmp_path / "whole.yaml").write_text(whole_text(result, tmp_path / "variant.yaml"))
     assert read_description(tmp_path / "whole.yaml") == read_description(result.subject.file)
+
+
+def test_the_folder_of_a_run_is_its_record(tmp_path: Path) -> None:
+    """The results of a command, and the rows that a run writes while it goes on."""
+    scenario = bluerov_inspection(noise=True, duration=0.5)
+    record = scenario.run(folder=tmp_path / "rows")
+    (tmp_path / "results").mkdir()
+    record.save(tmp_path / "results" / "record.npz")
+    expected = run_recording(record, "run")
+    for name in ("rows", "results"):
+        found = read_recording(tmp_path / name)
+        assert found.channels.keys() == expected.channels.keys()
+        np.testing.assert_array_equal(found.channels["thrust"].values, expected.channels["thrust"].values)

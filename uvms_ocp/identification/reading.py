@@ -42,8 +42,9 @@ from uvms_ocp.identification import file_kinds, recording as recordings, tables
 from uvms_ocp.identification.messages import TopicColumns, message_rows, topics_of
 from uvms_ocp.identification.text_tables import TextFormat
 from uvms_ocp.model_errors import FileModel, one_line_errors
-from uvms_ocp.record import run_meta, untrusted
+from uvms_ocp.record import output, run_meta, untrusted
 from uvms_ocp.record.record import Record, require_every_tick
+from uvms_ocp.record.row_files import META
 
 # When messages were sent that arrived late, in bursts or with gaps.
 
@@ -535,6 +536,8 @@ def _is_own_archive(path: Path) -> bool:
 
 def _own(path: Path) -> recordings.Recording:
     if path.is_dir():
+        if any((path / name).is_file() for name in (output.RECORD, META)):  # results of a run, or its rows
+            return _of_record(path)
         raise _needs_mapping(path)
     kind = file_kinds.kind_of(path)
     if path.suffix == ".npz" or kind == "mcap":
@@ -546,7 +549,7 @@ def _own(path: Path) -> recordings.Recording:
 
 def _of_record(path: Path) -> recordings.Recording:
     try:
-        record = _RECORDS[path.suffix](path)
+        record = _RECORDS.get(path.suffix, Record.load)(path)
     except InvalidInput:
         if file_kinds.holds_messages(path):
             raise _needs_mapping(path) from None
