@@ -105,6 +105,13 @@ def test_the_report_has_every_number_and_every_recording() -> None:
     assert "| drive2 |" in text
 
 
+def test_a_calibration_shows_its_numbers_with_intervals_and_units() -> None:
+    lines = repr(case()[2]).splitlines()
+    assert len(lines) == 2 + len(case()[2].numbers)
+    assert all(one.name in line for one, line in zip(case()[2].numbers, lines[2:], strict=True))
+    assert "<table>" in case()[2]._repr_html_()
+
+
 def test_a_calibrated_robot_misses_by_the_noise_alone_and_more_before() -> None:
     (one,) = case()[2].comparisons
     errors = [np.linalg.norm((each.rows[0] - each.measured[0])[:, 0]) for each in (one.calibrated, one.before)]

@@ -17,12 +17,17 @@ from uvms_ocp.ocp.terms import Effort
 from uvms_ocp.record.display import SmallTable, format_value
 from uvms_ocp.record.meta_values import PhaseMeta
 from uvms_ocp.record.run_meta import RunMeta
+from uvms_ocp.report import compare, resources
 from uvms_ocp.robot.signals import State
 from uvms_ocp.scenario.preflight.setup import Finding, PreflightReport, Severity
 from uvms_ocp.sim.sensors import SensorSuite
 from uvms_ocp.trajectories import min_snap
 
 EVIL = "<script>alert(1)</script>\x1b[31m"
+
+
+def flown() -> uo.Record:
+    return uo.scenario.reach(plant="kinematic", duration=1.0, dt=0.02).run()
 
 
 def record() -> uo.Record:
@@ -69,7 +74,7 @@ VALUES: dict[str, Callable[[], Any]] = {
     "level": level,
     "solution": lambda: uo.LexicographicActiveSet().solve([level()]),
     "campaign": lambda: Campaign(scenario="case1", runs=3),
-    "summary": lambda: uo.summarize(uo.scenario.reach(plant="kinematic", duration=1.0, dt=0.02).run()),
+    "summary": lambda: uo.summarize(flown()),
     "run_meta": lambda: record().meta,
     "kinematic controller": lambda: uo.scenario.case1(plant="kinematic").controller(),
     "dynamic controller": lambda: uo.scenario.case1(learn_load=True).controller(),
@@ -78,6 +83,10 @@ VALUES: dict[str, Callable[[], Any]] = {
     "estimator": lambda: uo.scenario.case1(noise=True).estimator().estimator,
     "guarded estimator": lambda: uo.scenario.case1(noise=True).estimator(),
     "readings as they are": lambda: uo.scenario.case1().estimator().estimator,
+    "problem": problem,
+    "tasks by phases": lambda: uo.scenario.case1().mission.table(),
+    "resources": lambda: resources(flown()),
+    "comparison": lambda: compare(flown(), flown()),
     "curve": lambda: min_snap(np.array([[0.0], [1.0]]), [0.0, 1.0]),
 }
 

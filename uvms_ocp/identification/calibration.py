@@ -23,6 +23,7 @@ from uvms_ocp.identification.rollout import COMMANDS, POSE_INTERVAL, PreparedRec
 from uvms_ocp.identification.sample_checks import QualityIssue
 from uvms_ocp.identification.settings import CalibratedRobot, CalibrationSettings, with_delays
 from uvms_ocp.progress import progress_bar
+from uvms_ocp.record.display import SmallTable, TableDisplay, cell
 from uvms_ocp.robot.robot import Robot
 from uvms_ocp.robot.thrusters import thrust_limits, thrust_of_signals, thruster_matrix
 
@@ -314,8 +315,8 @@ class Comparison:
     """Whiteness of the residuals."""
 
 
-@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
-class Calibration:
+@dataclass(frozen=True, kw_only=True, slots=True, eq=False, repr=False)
+class Calibration(TableDisplay):
     """Result of a calibration of a robot."""
 
     subject: CalibratedRobot
@@ -337,6 +338,13 @@ class Calibration:
     """Profiles of the determined numbers, if asked for."""
     left_out: tuple[validation.HeldOutRecording, ...] = ()
     """Predictions of every recording by a fit to the others, if asked for."""
+
+    def _table(self) -> SmallTable:
+        found = (
+            (one.name, one.value, *one.interval, one.unit, "" if one.determined else "not determined") for one in self.numbers
+        )
+        head = ("number", "value", "from", "to, 95 %", "unit", "")
+        return SmallTable(title="Calibration", head=head, rows=tuple(tuple(map(cell, row)) for row in found))
 
 
 def calibrate(

@@ -15,7 +15,7 @@ from uvms_ocp.codegen.kernel_layout import structure_of, view
 from uvms_ocp.errors import InvalidInput, NameNotFound, plain_line
 from uvms_ocp.mission import progress
 from uvms_ocp.mission.phase import Abort, Event, GoalFunctions, MissionState, Phase, Transition, measured
-from uvms_ocp.record.display import SmallTable, TableDisplay
+from uvms_ocp.record.display import SmallTable, TableDisplay, TableRows
 from uvms_ocp.record.meta_values import ABORT, DONE, OWN_QUANTITIES
 from uvms_ocp.tasks.pose import PoseTask
 from uvms_ocp.tasks.task import Hierarchy, Task
@@ -272,12 +272,12 @@ class Mission(TableDisplay):
         now = "completed" if state.completed else state.aborted or f"in phase {names[state.phase]}"
         return {"tasks": ", ".join(self.hierarchy.names), "phases": ", ".join(names), "now": now}
 
-    def table(self) -> list[dict[str, Any]]:
+    def table(self) -> TableRows:
         """Tasks by phases: one row per task with its external activation in each phase ([Gao2022] Table 4)."""
-        return [
+        return TableRows(
             {"task": task.name, "type": task.label, **dict(zip(self.phase_names, column, strict=True))}
             for task, column in zip(self.hierarchy.tasks, self._targets.T.tolist(), strict=True)
-        ]
+        )
 
     def _table(self) -> SmallTable:
         rows = tuple(tuple(f"{cell:g}" if isinstance(cell, float) else cell for cell in row.values()) for row in self.table())

@@ -13,6 +13,7 @@ import pinocchio as pin
 from uvms_ocp.checks import checked, checked_dataclass
 from uvms_ocp.errors import InvalidInput, NameNotFound
 from uvms_ocp.ocp.terms import At, AtRest, Effort, Smoothness, TaskTerm, Term
+from uvms_ocp.record.display import FieldTable
 from uvms_ocp.robot import Robot, State
 from uvms_ocp.tasks.pose import ToolPose
 from uvms_ocp.types import DAY, AtLeastOne, Bound, Positive, Range
@@ -101,8 +102,8 @@ class OcpLevel:
             raise InvalidInput(f"level {self.name!r} has no terms; give at least one")
 
 
-@checked_dataclass(eq=False)
-class OcpProblem:
+@checked_dataclass(eq=False, repr=False)
+class OcpProblem(FieldTable):
     """Levels from the highest priority to the lowest, subject to dynamics, limits of the robot and `constraints`.
 
     Raises `NameNotFound` for a term of a phase that there is not, and `InvalidInput` without phases or levels, for phases or

@@ -95,6 +95,17 @@ class TableDisplay:
         return self._table().html()
 
 
+class TableRows(TableDisplay, list[dict[str, Any]]):
+    """Rows that show themselves as a table, whose head are the keys of the first."""
+
+    __slots__ = ()
+
+    def _table(self) -> SmallTable:
+        head = tuple(self[0]) if self else ()
+        rows = tuple(tuple(cell(row.get(name)) for name in head) for row in self)
+        return SmallTable(title=f"{len(self)} rows", head=tuple(name.replace("_", " ") for name in head), rows=rows)
+
+
 # Values that show themselves by their fields: a row for each, in a shell and in a notebook.
 
 _FEW = 8  # entries of what is told in full

@@ -9,6 +9,7 @@ import numpy as np
 
 from uvms_ocp.checks import checked
 from uvms_ocp.errors import InvalidInput
+from uvms_ocp.record.display import TableRows
 from uvms_ocp.record.record import Record, require_every_tick
 from uvms_ocp.report import metrics
 
@@ -16,7 +17,7 @@ from uvms_ocp.report import metrics
 
 
 @checked
-def compare(first: Record, second: Record) -> list[dict[str, Any]]:
+def compare(first: Record, second: Record) -> TableRows:
     """Rows with the keys ``figure``, ``first``, ``second`` and ``change`` [%], `None` where one record lacks it.
 
     Raises `InvalidInput` for a run against a plan.
@@ -27,7 +28,7 @@ def compare(first: Record, second: Record) -> list[dict[str, Any]]:
     figures = _run_figures if kinds[0] == "run" else _plan_figures
     one, other = dict(figures(first)), dict(figures(second))
     rows = ((name, one.get(name), other.get(name)) for name in one | other)
-    return [{"figure": name, "first": a, "second": b, "change": _change(a, b)} for name, a, b in rows]
+    return TableRows({"figure": name, "first": a, "second": b, "change": _change(a, b)} for name, a, b in rows)
 
 
 def _run_figures(record: Record) -> Iterator[tuple[str, Any]]:

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from uvms_ocp.checks import checked
+from uvms_ocp.record.display import TableRows
 from uvms_ocp.record.meta_values import ABORT, DONE
 from uvms_ocp.record.record import Record, keeps_every_tick, quantity as quantity
 from uvms_ocp.record.row_files import parts
@@ -165,7 +166,7 @@ def _row(name: str, errors: np.ndarray, spreads: np.ndarray) -> dict[str, Any]:
 
 
 @checked
-def resources(record: Record) -> list[dict[str, Any]]:
+def resources(record: Record) -> TableRows:
     """One row per visit to a phase, in order of time, and a last row ``total``: `phase` and `figures_between`.
 
     Raises `InvalidInput` for the record of a plan.
@@ -175,7 +176,7 @@ def resources(record: Record) -> list[dict[str, Any]]:
     names = [meta.phases[0].name, *(event.target for event in meta.events)]
     spans = [span for span in zip(names, [0.0, *ends], ends, strict=False) if span[0] not in (ABORT, DONE)]
     rows = [{"phase": name, **figures_between(record, start, end)} for name, start, end in spans]
-    return [*rows, {"phase": "total", **figures_between(record, 0.0, float(t[-1]))}]
+    return TableRows([*rows, {"phase": "total", **figures_between(record, 0.0, float(t[-1]))}])
 
 
 @checked
