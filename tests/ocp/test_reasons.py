@@ -173,7 +173,7 @@ def test_nothing_gives_way_where_a_motion_keeps_all(planner: Planner) -> None:
     p, x = planner.transcription.parameters(), planner.transcription.pack(hold_guess(planner.problem))
     least = phase_one(planner.transcription, planner.problem, p, x, time_limit=PATIENCE)
     assert least.converged
-    assert least.feasible
+    assert not least.relaxations
     assert max(planner.transcription.violations(least.x, p).values()) < 1e-4
 
 

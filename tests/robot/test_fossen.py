@@ -16,7 +16,6 @@ from uvms_ocp.robot.coefficients import links_in_water
 from uvms_ocp.robot.description import RobotDescription
 from uvms_ocp.robot.dynamics import Dynamics
 from uvms_ocp.robot.hydrodynamics import LinkHydrodynamics, Water
-from uvms_ocp.robot.spatial import rpy_to_matrix
 from uvms_ocp.robot.symbolic_dynamics import SymbolicDynamics
 
 MASS, VOLUME, DENSITY, GRAVITY = 13.5, 0.0134, 1000.0, 9.81
@@ -95,7 +94,7 @@ def restoring(roll: float, pitch: float) -> np.ndarray:
 
 def fossen(rpy: np.ndarray, nu: np.ndarray, nu_dot: np.ndarray, current: np.ndarray) -> np.ndarray:
     """Wrench in body NED of a vehicle in a uniform constant current (3,) given in NED."""
-    c = rpy_to_matrix(rpy).T @ current
+    c = pin.rpy.rpyToMatrix(rpy).T @ current
     nu_r = nu - np.r_[c, 0, 0, 0]
     nu_r_dot = nu_dot + np.r_[np.cross(nu[3:], c), 0, 0, 0]
     M_RB = np.diag(np.r_[MASS, MASS, MASS, INERTIA])
@@ -109,7 +108,7 @@ def fossen(rpy: np.ndarray, nu: np.ndarray, nu_dot: np.ndarray, current: np.ndar
 def test_a_vehicle_alone_equals_the_closed_form(dynamics: Dynamics, state: np.ndarray) -> None:
     rpy, current = np.clip(state[0, :3], -1.4, 1.4), state[1, :3]
     nu, nu_dot = state[2], state[3]
-    R_WB = FLIP @ rpy_to_matrix(rpy) @ FLIP
+    R_WB = FLIP @ pin.rpy.rpyToMatrix(rpy) @ FLIP
     q = pin.SE3ToXYZQUAT(pin.SE3(R_WB, state[0, 3:]))
     tau = dynamics.inverse_dynamics(q, FLIP6 @ nu, FLIP6 @ nu_dot, Water(velocity=FLIP @ current))
     np.testing.assert_allclose(FLIP6 @ tau, fossen(rpy, nu, nu_dot, current), atol=1e-10, rtol=1e-12)
@@ -125,7 +124,7 @@ def test_the_same_terms_serve_arrays_and_expressions(dynamics: Dynamics, state: 
     """The numeric terms of the link, added to the rigid body by hand, equal the recursion."""
     (link,) = dynamics.symbolic.links
     nu, a, current = state[2], state[3], state[1, :3]
-    R_WB = rpy_to_matrix(state[0, :3])
+    R_WB = pin.rpy.rpyToMatrix(state[0, :3])
     u_L, w_L = R_WB.T @ current, R_WB.T @ np.array([0.0, 0.0, GRAVITY])
     free = a + np.r_[w_L, 0, 0, 0]
     total = rigid_wrench(nu, free) + water_wrench(link, nu, free, u_L, w_L)

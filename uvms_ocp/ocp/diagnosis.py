@@ -180,10 +180,6 @@ class PhaseOne:
     """Groups that are kept and hold against them."""
     iterations: int
 
-    @property
-    def feasible(self) -> bool:
-        return not self.relaxations
-
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class _ElasticRows:
@@ -216,11 +212,9 @@ def _level_rows(transcription: Transcription, problem: OcpProblem, result: Lexic
     goal = ranges.levels[level]
     parts.append((layout.levels[level], goal.lower, goal.upper, np.maximum(residual, _BESIDE * np.linalg.norm(residual))))
     raw, lower, upper, scale = (np.concatenate(column) for column in zip(*parts, strict=True))
-    names, first = [f"level {own.name!r}" for own in ranges.levels[: level + 1]], len(rows.grouped.groups)
-    number = np.repeat(np.arange(first, first + len(parts)), [len(part[0]) for part in parts])
     above = GroupIndex(
-        groups=tuple(BoundGroup(name=name, measure=RelaxationUnit.ROW) for name in names),
-        number=number - first,
+        groups=tuple(BoundGroup(name=f"level {own.name!r}", measure=RelaxationUnit.ROW) for own in ranges.levels[: level + 1]),
+        number=np.repeat(np.arange(len(parts)), [len(part[0]) for part in parts]),
         scale=scale,
         axes=("",) * len(raw),
     )
@@ -472,7 +466,7 @@ class Diagnosis:
         text = f"level {self._name(level)}: {status.value} with {name} broken by {groups[name]:.4g}"
         least = self._least(result)
         if least is not None and least.converged:
-            if not least.feasible:
+            if least.relaxations:
                 return SolveVerdict(status=OcpStatus.INFEASIBLE, reason=f"{text}; {_describe_relaxations(least)}", result=result)
             if again:
                 result = self.solve(self.problem, least.x, self._left)

@@ -6,8 +6,7 @@ Every number comes back as it was: arrays are stored as they are, texts hold the
 from __future__ import annotations
 
 import json
-from collections.abc import Iterator, Mapping
-from contextlib import contextmanager
+from collections.abc import Mapping
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any, ClassVar, Literal
@@ -15,12 +14,13 @@ from typing import Any, ClassVar, Literal
 import numpy as np
 from pydantic import ValidationError
 
-from uvms_ocp.errors import InvalidInput, OutputError
+from uvms_ocp.errors import InvalidInput
 from uvms_ocp.model_errors import one_line, printable
 from uvms_ocp.ocp.trajectory import Trajectory
 from uvms_ocp.planning.conservative_advancement import ClearanceReport
 from uvms_ocp.planning.scene import NearestPair
 from uvms_ocp.record.meta_values import MetaValue, Number, SurroundingsMeta
+from uvms_ocp.record.output import as_output_errors
 from uvms_ocp.record.untrusted import json_object, read_arrays, read_text
 from uvms_ocp.robot.robot import Robot
 from uvms_ocp.solvers import LexicographicResult, NlpStatus
@@ -108,7 +108,7 @@ def write_plan(target: Path, values: PlanValues, arrays: Arrays) -> Path:
     if target.suffix != ".json":
         return write_arrays(target, _TEXT, text, arrays)
     lists = {name: array.tolist() for name, array in arrays.items()}
-    with _writing(target):
+    with as_output_errors(target, "choose another place"):
         target.write_text(json.dumps(json.loads(text) | lists), encoding="utf-8")
     return target
 
@@ -116,17 +116,9 @@ def write_plan(target: Path, values: PlanValues, arrays: Arrays) -> Path:
 def write_arrays(target: Path, key: str, text: str, arrays: Arrays) -> Path:
     """Write a text under a key beside arrays as ``.npz``, with that ending; returns the path. Raises `OutputError`."""
     place = target.with_suffix(".npz")
-    with _writing(place), place.open("wb") as file:
+    with as_output_errors(place, "choose another place"), place.open("wb") as file:
         np.savez(file, allow_pickle=False, **{key: np.array(text)}, **arrays)
     return place
-
-
-@contextmanager
-def _writing(target: Path) -> Iterator[None]:
-    try:
-        yield
-    except OSError as error:
-        raise OutputError(f"cannot write {target}: {error.strerror}; choose another place") from error
 
 
 def read_plan(source: Path) -> tuple[PlanValues, dict[str, np.ndarray]]:

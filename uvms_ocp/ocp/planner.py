@@ -92,20 +92,19 @@ def _too_fast(problem: OcpProblem, h: float) -> str | None:
 def _too_near(problem: OcpProblem, shortest: float, longest: float) -> str | None:
     """After the best step: a short one does not get to the limit, a long one may have turned back."""
     robot, limits = problem.robot, problem.robot.limits
+    lower, upper = robot.configuration_bounds
     for joint in robot.joints:
-        if joint.n_q != joint.n_v:
-            continue
         for i in range(joint.n_v):
             q, v = float(problem.start.q[joint.q][i]), float(problem.start.v[joint.idx_v + i])
             a, speed = limits.acceleration[joint.idx_v + i], limits.velocity[joint.idx_v + i]
-            own = joint.idx_v - robot.n_vehicle + i
             least = q + _least_way(v, a, speed, shortest, longest)
             most = q - _least_way(-v, a, speed, shortest, longest)
-            low, high = limits.position_lower[own], limits.position_upper[own]
+            low, high = lower[joint.q][i], upper[joint.q][i]
             if least > high + _ROUNDING or most < low - _ROUNDING:
+                span = f"{longest:.3g}" if shortest == longest else f"{shortest:.3g} to {longest:.3g}"
                 return (
                     f"joint {joint.name!r} starts at {q:.4g} with {v:.4g} per second and cannot stay between {low:.4g} "
-                    f"and {high:.4g} in the first step of {_range(shortest, longest)} s"
+                    f"and {high:.4g} in the first step of {span} s"
                 )
     return None
 
@@ -115,10 +114,6 @@ def _least_way(v: float, a: float, speed: float, shortest: float, longest: float
     kink = (v + speed) / a if np.isfinite(a) else 0.0
     steps = (shortest, longest, min(max(kink, shortest), longest))
     return min(h * (v + max(v - a * h, -speed)) / 2 for h in steps)
-
-
-def _range(shortest: float, longest: float) -> str:
-    return f"{longest:.3g}" if shortest == longest else f"{shortest:.3g} to {longest:.3g}"
 
 
 def _axes(problem: OcpProblem) -> list[str]:
@@ -171,30 +166,25 @@ def _determined_joints(robot: Robot, goal: PostureGoal) -> set[int]:
 
 
 def _check_tool(scene: CollisionScene, goal: ToolGoal) -> None:
-    robot, shapes = scene.coordinates.robot, scene.geometry.geometryObjects
+    robot, shapes = scene.coordinates.robot, list(scene.geometry.geometryObjects)
+    links, obstacles = shapes[: robot.collision_model.ngeoms], shapes[robot.collision_model.ngeoms :]
     frame = robot.model.frames[robot.frame_id(goal.frame)]
     placed: list[tuple[str, coal.CollisionGeometry, pin.SE3]] = []
     if isinstance(goal.target, pin.SE3):
         X_WJ = goal.target * frame.placement.inverse()
-        own = [k for k, shape in enumerate(shapes) if shape.parentJoint == frame.parentJoint]
-        placed = [(shapes[k].name, shapes[k].geometry, X_WJ * shapes[k].placement) for k in own if k < _first(scene)]
+        own = [shape for shape in links if shape.parentJoint == frame.parentJoint]
+        placed = [(shape.name, shape.geometry, X_WJ * shape.placement) for shape in own]
     else:
         placed = [(goal.frame, coal.Sphere(_POINT), pin.SE3(np.eye(3), goal.target))]
-    for k in range(_first(scene), scene.geometry.ngeoms):
-        for name, shape, X in placed:
-            depth = -_distance(shapes[k].geometry, shapes[k].placement, shape, X)
+    for obstacle in obstacles:
+        for name, geometry, X in placed:
+            depth = -_distance(obstacle.geometry, obstacle.placement, geometry, X)
             if depth >= 0.0:
-                pair = f"{shapes[k].name} - {name}"
-                text = f"the goal is in collision: {pair} overlap by {depth:.3g} m"
+                text = f"the goal is in collision: {obstacle.name} - {name} overlap by {depth:.3g} m"
                 raise InvalidInput(f"{text}; move it or the obstacle")
 
 
 _POINT = 1e-6  # [m] radius of a ball that stands for a point
-
-
-def _first(scene: CollisionScene) -> int:
-    """Index of the first obstacle."""
-    return int(scene.coordinates.robot.collision_model.ngeoms)
 
 
 def _distance(first: coal.CollisionGeometry, X_first: pin.SE3, second: coal.CollisionGeometry, X_second: pin.SE3) -> float:

@@ -48,14 +48,6 @@ def support_of(shape: coal.CollisionGeometry, normals: Array, witnesses: Array) 
     return Support(centres=witnesses[:, None])
 
 
-def _of_sphere(shape: coal.Sphere, normals: Array) -> Support:
-    return Support(centres=np.zeros((len(normals), 1, 3)), radius=float(shape.radius))
-
-
-def _of_capsule(shape: coal.Capsule, normals: Array) -> Support:
-    return Support(centres=_tiled(_ends(shape), normals), radius=float(shape.radius))
-
-
 def _of_cylinder(shape: coal.Cylinder, normals: Array) -> Support:
     rim, up = _rim(shape.radius, normals), np.array([0.0, 0.0, shape.halfLength])
     return Support(centres=np.concatenate([rim - up, rim + up], axis=1))
@@ -99,8 +91,8 @@ def _tiled(points: Array, normals: Array) -> Array:
 
 
 _FORMS: Mapping[type, Callable[..., Support]] = {
-    coal.Sphere: _of_sphere,
-    coal.Capsule: _of_capsule,
+    coal.Sphere: lambda shape, normals: Support(centres=np.zeros((len(normals), 1, 3)), radius=float(shape.radius)),
+    coal.Capsule: lambda shape, normals: Support(centres=_tiled(_ends(shape), normals), radius=float(shape.radius)),
     coal.Box: _of_box,
     coal.Cylinder: _of_cylinder,
     coal.Cone: _of_cone,

@@ -17,7 +17,7 @@ from typing import Annotated, Any, Literal
 
 import numpy as np
 import yaml
-from pydantic import Field, ValidationError, field_validator, model_validator
+from pydantic import Field, ValidationError, ValidationInfo, field_validator, model_validator
 
 from uvms_ocp.errors import InvalidInput, RobotDataError
 from uvms_ocp.model_errors import FileModel, one_line, problems_of
@@ -90,25 +90,18 @@ class LinkCoefficients(_Section):
         check_added_mass(as_matrix6(value))
         return value
 
-    @field_validator("linear_drag")
+    @field_validator("linear_drag", "quadratic_drag")
     @classmethod
-    def _linear_drag_dissipates(cls, value: Vector6 | Matrix6) -> Vector6 | Matrix6:
-        check_linear_drag(as_matrix6(value))
-        return value
-
-    @field_validator("quadratic_drag")
-    @classmethod
-    def _quadratic_drag_dissipates(cls, value: NonNegative6 | Matrix6) -> NonNegative6 | Matrix6:
-        check_quadratic_drag(np.zeros((6, 6)), as_matrix6(value))
+    def _drag_dissipates(cls, value: Vector6 | Matrix6, info: ValidationInfo) -> Vector6 | Matrix6:
+        if info.field_name == "linear_drag":
+            check_linear_drag(as_matrix6(value))
+        else:
+            check_quadratic_drag(np.zeros((6, 6)), as_matrix6(value))
         return value
 
     @model_validator(mode="after")
-    def _drag_by_the_flow_is_a_diagonal(self) -> LinkCoefficients:
+    def _drag_by_the_flow_is_a_diagonal_and_buoyancy_has_a_volume(self) -> LinkCoefficients:
         check_flow_drag(as_matrix6(self.quadratic_drag), self.drag_by == "flow", "quadratic_drag ")
-        return self
-
-    @model_validator(mode="after")
-    def _buoyancy_needs_a_volume(self) -> LinkCoefficients:
         if self.centre_of_buoyancy is not None and self.volume == 0.0:
             raise ValueError("centre_of_buoyancy without volume; allowed: volume > 0 m3")
         return self

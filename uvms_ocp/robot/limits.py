@@ -226,11 +226,6 @@ def from_joint_values(model: pin.Model, values: np.ndarray, q: np.ndarray | None
     return moved
 
 
-def to_joint_values(model: pin.Model, n_joints: int, q: np.ndarray) -> np.ndarray:
-    """Return the values (n_joints,) [rad or m] of the joints at q (n_q,) [m, rad]; an endless one from -pi to pi."""
-    return np.asarray(pin.difference(model, pin.neutral(model), np.asarray(q, dtype=float))[model.nv - n_joints :])
-
-
 def bounded_joints(joints: Sequence[Joint], limits: Limits) -> list[tuple[Joint, float, float]]:
     """Joints of one degree of freedom with a limit, with their lower and upper position [rad or m], one may be inf."""
     first = joints[0].idx_v if joints else 0

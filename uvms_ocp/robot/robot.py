@@ -17,7 +17,7 @@ from uvms_ocp.record.display import SmallTable
 from uvms_ocp.robot import coefficients, roles
 from uvms_ocp.robot.description import RobotDescription, checked_copy
 from uvms_ocp.robot.hydrodynamics import LinkHydrodynamics
-from uvms_ocp.robot.limits import Joint, Limits, from_joint_values, to_joint_values
+from uvms_ocp.robot.limits import Joint, Limits, from_joint_values
 from uvms_ocp.types import Range, Shape
 
 # Building and checking the configuration q of a robot.
@@ -323,7 +323,8 @@ class Robot:
 
         Those of joints that turn without end are from -pi to pi.
         """
-        return to_joint_values(self.model, self.n_joints, q)
+        difference = pin.difference(self.model, pin.neutral(self.model), np.asarray(q, dtype=float))
+        return np.asarray(difference[self.n_vehicle :])
 
     @checked_on_failure
     def with_joint_values(

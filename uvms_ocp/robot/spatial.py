@@ -225,25 +225,3 @@ def log6_translation(rotation_vector: Array, p: Array) -> Array:
     once = cross(rotation_vector, p)
     scale = cotc_of_squared(dot(rotation_vector, rotation_vector))
     return p - once / 2 + scale * cross(rotation_vector, once)
-
-
-def log6(R: Array, p: Array) -> Array:
-    """Body twist (6,) [m/s, rad/s] that reaches R (3, 3) and p (3,) [m] in one second.
-
-    Its angular part has a norm of at most pi.
-    """
-    rotation_vector = log3(R)
-    return column(log6_translation(rotation_vector, p), rotation_vector)
-
-
-# --- roll, pitch, yaw -----------------------------------------------------------------------------
-
-
-def rpy_to_matrix(rpy: Array) -> Array:
-    """``Rz(yaw) Ry(pitch) Rx(roll)`` (3, 3) of rpy (3,) [rad], [Gao2022] eq. (6)."""
-    (sr, sp, sy), (cr, cp, cy) = [ca.sin(rpy[i]) for i in range(3)], [ca.cos(rpy[i]) for i in range(3)]
-    return matrix(
-        (cy * cp, cy * sp * sr - sy * cr, cy * sp * cr + sy * sr),
-        (sy * cp, sy * sp * sr + cy * cr, sy * sp * cr - cy * sr),
-        (-sp, cp * sr, cp * cr),
-    )

@@ -283,10 +283,6 @@ def _revolute_pose(S: np.ndarray, q: ca.SX) -> tuple[ca.SX, ca.SX]:
     return _rotation_about(S[3:, 0], ca.cos(q), ca.sin(q)), ca.SX(3, 1)
 
 
-def _prismatic_pose(S: np.ndarray, q: ca.SX) -> tuple[ca.SX, ca.SX]:
-    return ca.SX.eye(3), sparse(S[:3, 0]) * q
-
-
 def _rotation_about(axis: np.ndarray, c: ca.SX, s: ca.SX) -> ca.SX:
     """Rodrigues' formula with a constant axis; zeros of an aligned axis stay structural."""
     outer = np.outer(axis, axis)
@@ -297,7 +293,7 @@ FREE_FLYER = JointKind(pose=_free_flyer_pose, integrate=_free_flyer_integrate, d
 PLANAR = JointKind(pose=_planar_pose, integrate=_planar_integrate, difference=_planar_difference)
 UNBOUNDED = JointKind(pose=_circle_pose, integrate=_circle_integrate, difference=_circle_difference)
 REVOLUTE = JointKind(pose=_revolute_pose, integrate=lambda q, v: q + v, difference=lambda q0, q1: q1 - q0)
-PRISMATIC = replace(REVOLUTE, pose=_prismatic_pose)
+PRISMATIC = replace(REVOLUTE, pose=lambda S, q: (ca.SX.eye(3), sparse(S[:3, 0]) * q))
 
 JOINT_KINDS: Mapping[str, JointKind] = {
     "JointModelFreeFlyer": FREE_FLYER,

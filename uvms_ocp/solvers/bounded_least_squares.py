@@ -300,7 +300,6 @@ def _share_of_step(p: BoundedProblem) -> float:
 def _ridge_optimum(p: BoundedProblem) -> None:
     count = 0
     for j in range(p.columns):
-        p.optimum[j] = p.x[j]
         if p.free[j]:
             rest, column = p.linear[j], 0
             for k in range(p.columns):

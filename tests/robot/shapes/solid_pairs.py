@@ -15,9 +15,9 @@ from uvms_ocp.codegen.kernel_layout import structure_of, view
 from uvms_ocp.codegen.kernels import make_memory
 from uvms_ocp.robot.shapes.distance_kernels import (
     DistanceMemory,
+    chosen_distances,
     chosen_gradients,
     distance_sizes,
-    pair_distances,
     write_distances,
 )
 
@@ -50,7 +50,7 @@ class SolidPair:
         sizes = distance_sizes(self.model, n_solids=2, n_pairs=1)
         self.memory: Any
         self.memory, kernels = make_memory(
-            structure_of(DistanceMemory, **sizes), (pair_distances, chosen_gradients), compiled=compiled
+            structure_of(DistanceMemory, **sizes), (chosen_distances, chosen_gradients), compiled=compiled
         )
         self._distances, self._gradients = kernels
         self.memory.n_chosen = 1

@@ -17,7 +17,7 @@ from uvms_ocp.errors import InvalidInput
 from uvms_ocp.robot.robot import Robot
 from uvms_ocp.robot.shapes import collision_model as compiled_pairs
 from uvms_ocp.robot.shapes.collision_model import CoalPairs, CollisionModel, self_pairs, shapes_among
-from uvms_ocp.robot.shapes.distance_kernels import DistanceMemory
+from uvms_ocp.robot.shapes.distance_kernels import DistanceMemory, distance_sizes
 from uvms_ocp.robot.shapes.obstacles import mesh_shape, obstacle
 
 ROCKS = (
@@ -72,12 +72,12 @@ def test_shapes_without_a_form_in_c_are_named(robot: Robot) -> None:
     model = CollisionModel(robot, [*ROCKS, MESH, cone])
     assert model.without_c_form == ("rubble", "cone")
     assert model.by_coal
-    memory = structure_of(DistanceMemory, **model.memory_sizes())()
+    memory = structure_of(DistanceMemory, **distance_sizes(robot.model, n_solids=model.n_solids, n_pairs=model.n_pairs))()
     with pytest.raises(InvalidInput, match="shapes rubble, cone have no form in C; give spheres, capsules"):
         model.write(memory)
     clear = CollisionModel(robot, ROCKS)
     assert clear.without_c_form == ()
-    clear.write(structure_of(DistanceMemory, **clear.memory_sizes())())
+    clear.write(structure_of(DistanceMemory, **distance_sizes(robot.model, n_solids=clear.n_solids, n_pairs=clear.n_pairs))())
 
 
 @needs_compiler

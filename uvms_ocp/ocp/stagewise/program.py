@@ -112,7 +112,7 @@ class StageLevelSolver:
         levels.go_to(start.x, p)
         ranges = levels.ranges(bounds, self._index)
         warm = start.solution if isinstance(start, StagewisePoint) else None
-        if warm is not None and not levels.level(self._index).fits(warm):
+        if warm is not None and warm.shape != levels.level(self._index).shape:
             warm = None
         sqp = StageSqp(levels.level(self._index), ranges, self._options, self._deadline, self._watch)
         return self._outcome(sqp.run(warm), start)

@@ -66,12 +66,10 @@ class StageLevelQp:
         self.multipliers = Multipliers(memory, level)
         self._first = np.cumsum([0, *self.shape.n_z[:-1]])
         """(n,) where each stage begins in z."""
-        # Rows of the QP that belong to levels above.
-        found = []
-        for stage in self.memory.stages:
-            sizes = [group.n for group in self.memory.groups(stage)[: self.level + 1]]
-            found += [np.full(n, bool(i)) for i, n in enumerate(sizes)]
-        self.linearize, self._above = self._linearization(), np.concatenate([np.zeros(0, dtype=bool), *found])
+        groups = [own for stage in memory.stages for own in enumerate(memory.groups(stage)[: level + 1])]
+        self._above = np.concatenate([np.zeros(0, dtype=bool), *(np.full(group.n, i > 0) for i, group in groups)])
+        """(m,) True for rows of the QP that belong to levels above."""
+        self.linearize = self._linearization()
         self.qp.fix_initial_state(np.zeros(self.shape.n_x[0]))
 
     def _shape(self) -> StageShape:
@@ -164,10 +162,6 @@ class StageLevelQp:
         rows = interval_excess(memory.held, ranges.lower, ranges.upper)[self.held]
         return np.concatenate([np.abs(memory.gaps.ravel()), rows, ranges.z_excess(memory.z)])
 
-    def fits(self, found: FlatSolution) -> bool:
-        """Check whether a solution is that of a QP of this shape."""
-        return found.shape == self.shape
-
     def solve(
         self, ranges: StageRanges, damping: float, give: float, near: WarmStart | None, *, rough: float = 0.0
     ) -> FlatSolution:
@@ -242,6 +236,7 @@ class Filter:
     most: float
     """Violation that is never accepted."""
     entries: list[FilterMerit] = field(default_factory=list)
+    """Points that were left for less violation."""
 
     def accepts(self, trial: FilterMerit, here: FilterMerit, slope: float, share: float) -> bool:
         """Check whether a `share` of a step may be taken along which the cost has the `slope`."""
@@ -257,10 +252,6 @@ class Filter:
         if here.violation > _LOUD * max(1.0, self.first) or slope >= 0.0:
             return False
         return bool(share * (-slope) ** 2.3 > here.violation**1.1)
-
-    def add(self, here: FilterMerit) -> None:
-        """A point that was left for less violation."""
-        self.entries.append(here)
 
 
 def _better(trial: FilterMerit, entry: FilterMerit) -> bool:
@@ -438,7 +429,7 @@ class StageSqp:
             trial = self._mended(self._tried(share), share)
             if self._filter.accepts(trial, here, slope, share):
                 if not self._filter.descends(here, slope, share):
-                    self._filter.add(here)
+                    self._filter.entries.append(here)
                 if share < 1.0:
                     self._level.linearize()
                 # Steps that had to be cut short were too long where nothing but damping makes them shorter, and so are those that

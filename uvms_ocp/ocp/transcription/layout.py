@@ -110,12 +110,9 @@ class VariableLayout:
 
     def bounds(self, problem: OcpProblem) -> tuple[np.ndarray, np.ndarray]:
         """Bounds (n_x,) of the variables: limits of the robot, durations of a problem of the same shape."""
-        lower, upper = self._step_bounds()
-        low, up = np.full(self.n_x, -np.inf), np.full(self.n_x, np.inf)
-        for k in range(self.N + 1):
-            columns = self.columns(k)
-            used = columns >= 0
-            low[columns[used]], up[columns[used]] = lower[used], upper[used]
+        low, up, used = np.empty(self.n_x), np.empty(self.n_x), self.all_columns >= 0
+        for values, bound in zip((low, up), self._step_bounds(), strict=True):
+            values[self.all_columns[used]] = np.broadcast_to(bound, used.shape)[used]
         if self.free:
             self._bound_durations(problem, low, up)
         if problem.fixed_start:

@@ -192,10 +192,6 @@ class CollisionModel:
         """True where its shapes are on a robot of the same joints."""
         return bool(self._model == robot.model)
 
-    def memory_sizes(self) -> dict[str, Any]:
-        """Sizes for `structure_of` a layout with a `DistanceMemory` of these pairs."""
-        return distance_kernels.distance_sizes(self._model, n_solids=self.n_solids, n_pairs=self.n_pairs)
-
     def write(self, memory: distance_kernels.DistanceMemory) -> None:
         """Into a `DistanceMemory` of those sizes, or larger: the pairs, in their order. Raises `InvalidInput` for a mesh."""
         if self.without_c_form:

@@ -1,9 +1,9 @@
 """Signed distances of all pairs of spheres, capsules, cylinders and boxes in machine code; coal is their oracle.
 
 A layout that is to measure distances has a field ``DistanceMemory``; what `structure_of` needs for it is
-`CollisionModel.memory_sizes`, and `CollisionModel.write` writes into it what never changes. Then, in a kernel of one's own:
+`distance_sizes`, and `CollisionModel.write` writes into it what never changes. Then, in a kernel of one's own:
 
-    pair_distances(m.distances, m.q)            # m.distances.value[k] [m] of all pairs, at q
+    chosen_distances(m.distances, m.q)          # m.distances.value[k] [m] of the chosen pairs, at q
     value = distance_of(m.distances, k)         # of one pair, after `place_solids(m.distances, m.q)`
     bound = distance_lower_bound(m.distances, k)      # no more than that, by what was found last: ten times as fast
     pair_gradient(m.distances, k, row)          # (n_v,) rate of the distance of the pair measured last, per unit of velocity
@@ -80,17 +80,6 @@ def separate_solids(m: gjk.RelativePlacement, a: gjk.Solid, b: gjk.Solid) -> Non
 
 
 # Distances of all pairs of a collision model in machine code, for programs that embed them.
-#
-# A layout that is to measure distances has a field ``DistanceMemory``; what `structure_of` needs for it is
-# `CollisionModel.memory_sizes`, and `CollisionModel.write` writes into it what never changes. Then, in a kernel of one's own:
-#
-#     pair_distances(m.distances, m.q)            # m.distances.value[k] [m] of all pairs, at q
-#     value = distance_of(m.distances, k)         # of one pair, after `place_solids(m.distances, m.q)`
-#     bound = distance_lower_bound(m.distances, k)      # no more than that, by what was found last: ten times as fast
-#     pair_gradient(m.distances, k, row)          # (n_v,) rate of the distance of the pair measured last, per unit of velocity
-#
-# Bounded: a pair takes at most `ROUNDS` differences of its solids, and where they overlap `GROWTH` more, and `ROUNDS` for each
-# look at how they part.
 
 _NOTHING = 1e-5
 """[-, m] rate of an axis that does not change a distance, but for what a search that ends leaves: a hierarchy would heed it."""
@@ -140,13 +129,6 @@ class DistanceMemory(Layout):
     """Relative placement of the pair measured last, in the frame of its first solid."""
     hull: Hull
     """Working memory."""
-
-
-def pair_distances(m: DistanceMemory, q: Vector) -> None:
-    """`value` of all pairs at q (n_q,) [m, rad]. A kernel."""
-    place_solids(m, q)
-    for k in range(m.n_pairs):
-        m.value[k] = distance_of(m, k)
 
 
 def chosen_distances(m: DistanceMemory, q: Vector) -> None:
