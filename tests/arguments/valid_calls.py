@@ -847,7 +847,6 @@ ARGUMENTS: dict[str, Callable[[], Arguments]] = {
     "single_phase": lambda: {"robot": arm(), "start": problem().start, "n_steps": 2},
     "guess_through": lambda: {"configurations": np.array([arm().configuration()] * 3)},
     "tool_goal": lambda: {"goal": pin.SE3.Identity(), "guess": two_postures()[0]},
-    "tool_reach": lambda: {"goal": pin.SE3.Identity(), "n_steps": 2},
     "hold_guess": dict,
     "lexicographic_program": lambda: lexicographic(),
     "Campaign": lambda: {"scenario": scenario, "runs": 2},

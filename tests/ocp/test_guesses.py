@@ -5,14 +5,13 @@ from __future__ import annotations
 import numpy as np
 import pinocchio as pin
 import pytest
-from reaches import patient
+from reaches import patient, reach
 
 from uvms_ocp.control.velocity.kinematic import KinematicController
 from uvms_ocp.mission.mission import Mission
 from uvms_ocp.mission.phase import Phase
 from uvms_ocp.ocp.plan import OcpStatus, Plan
 from uvms_ocp.ocp.planner import Planner
-from uvms_ocp.ocp.problem import tool_reach
 from uvms_ocp.ocp.trajectory import Trajectory, guess_through
 from uvms_ocp.planning import collision_scene, coordinates
 from uvms_ocp.planning.distances import CoalDistances
@@ -53,7 +52,7 @@ def goal(robot: Robot, start: np.ndarray) -> pin.SE3:
 
 @pytest.fixture(scope="module")
 def planner(robot: Robot, start: np.ndarray, goal: pin.SE3, plugin: str) -> Planner:
-    return patient(tool_reach(robot, start, goal, duration=DURATION, n_steps=20), plugin)
+    return patient(reach(robot, duration=DURATION), plugin)
 
 
 @pytest.fixture(scope="module")

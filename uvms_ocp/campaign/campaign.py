@@ -58,11 +58,11 @@ class MissionJob(jobs.CampaignJob):
 
     def values(self, run: int) -> dict[str, float]:
         """Values [unit of each] of the parameters of a run, by name."""
-        return quantiles(self._variations(), self.design.row(run).tolist())
+        return quantiles(built(self.variations), self.design.row(run).tolist())
 
     def scenario_of(self, run: int) -> Scenario:
         """Build the scenario of a run."""
-        return vary(self.base(), self.values(run), variations=self._variations(), seed=self.design.seed_of(run))
+        return vary(self.base(), self.values(run), variations=built(self.variations), seed=self.design.seed_of(run))
 
     def base(self) -> Scenario:
         """The scenario that is varied."""
@@ -86,9 +86,6 @@ class MissionJob(jobs.CampaignJob):
         keep = self.records == "all" or (self.records == "failures" and not success)
         row = {**self.head(run), **jobs.run_metrics(scenario, record), **ending}
         return jobs.RunResult(row=row, attachment=_packed(record) if keep else b"")
-
-    def _variations(self) -> Sequence[Variation]:
-        return built(self.variations)
 
 
 def built(variations: CodeSource | Sequence[Variation]) -> Sequence[Variation]:
@@ -174,7 +171,8 @@ class Campaign(FieldTable):
 
     def scenario_of(self, run: Count) -> Scenario:
         """Build the scenario of run `run`. Raises `InvalidInput` for one that there is not."""
-        require_run(run, self.runs)
+        if not 0 <= run < self.runs:
+            raise InvalidInput(f"run {run} of a campaign with {self.runs} runs; give a number from 0 to {self.runs - 1}")
         return self.work.scenario_of(run)
 
     def identity(self) -> CampaignManifest:
@@ -222,12 +220,6 @@ def kept_campaign(folder: Path) -> Campaign:
     if kept.identity().parameters != known.parameters:
         raise InvalidInput(f"{folder}: its parameters are not those of its variations; put back what was")
     return kept
-
-
-def require_run(run: int, runs: int) -> None:
-    """Raise `InvalidInput` for a run that a campaign of `runs` does not have."""
-    if not 0 <= run < runs:
-        raise InvalidInput(f"run {run} of a campaign with {runs} runs; give a number from 0 to {runs - 1}")
 
 
 def _gathered(given: Any, options: Mapping[str, Any], attribute: str) -> Any:

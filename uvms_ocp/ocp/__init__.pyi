@@ -9,7 +9,6 @@ from .problem import (
     OcpPhase as OcpPhase,
     OcpProblem as OcpProblem,
     single_phase as single_phase,
-    tool_reach as tool_reach,
 )
 from .request import OcpRequest as OcpRequest, OcpResult as OcpResult, solve_ocp as solve_ocp
 from .terms import (

@@ -1,4 +1,4 @@
-"""Optimal control problems with strict priorities, as data; `tool_reach` states the most usual one."""
+"""Optimal control problems with strict priorities, as data."""
 
 from __future__ import annotations
 
@@ -8,14 +8,12 @@ from enum import Enum
 from typing import Annotated
 
 import numpy as np
-import pinocchio as pin
 
 from uvms_ocp.checks import checked, checked_dataclass
 from uvms_ocp.errors import InvalidInput, NameNotFound
-from uvms_ocp.ocp.terms import At, AtRest, Effort, Smoothness, TaskTerm, Term
+from uvms_ocp.ocp.terms import At, Term
 from uvms_ocp.record.display import FieldTable
 from uvms_ocp.robot import Robot, State
-from uvms_ocp.tasks.pose import ToolPose
 from uvms_ocp.types import DAY, AtLeastOne, Bound, Positive, Range
 
 # Optimal control problems with strict priorities, as data.
@@ -227,42 +225,12 @@ def single_phase(
     return OcpProblem(robot=robot, start=start, phases=(phase,), levels=tuple(levels), **options)  # type: ignore[arg-type]
 
 
-def counts_on_path(problem: OcpProblem, term: Term, phase: OcpPhase) -> bool:
-    """True where the term has rows at the steps of the phase."""
-    return term.at is At.PATH and term.phase in (None, phase.name)
-
-
-def counts_at_end(problem: OcpProblem, term: Term, phase: OcpPhase) -> bool:
-    """True where the term has rows at the node that ends the phase.
+def counts(problem: OcpProblem, term: Term, phase: OcpPhase, *, at_end: bool) -> bool:
+    """True where the term has rows at the steps of the phase, or at the node that ends it.
 
     The last node of the horizon has no step of its own: path terms of the state count there as well.
     """
     last = phase is problem.phases[-1]
     if term.at is At.PATH:
-        return last and term.state_only and term.phase in (None, phase.name)
-    return term.phase == phase.name or (term.phase is None and last)
-
-
-# The most usual problem, ready-made: the tool moves to a pose and comes to rest.
-
-
-@checked
-def tool_reach(
-    robot: Robot, q: np.ndarray, goal: pin.SE3, *, duration: float, n_steps: int = 40, current: Sequence[float] = (0.0, 0.0, 0.0)
-) -> OcpProblem:
-    """Plan from rest at q (n_q,) [m, rad] to the tool pose `goal` X_WT and rest, with the least effort below that priority.
-
-    duration [s]; current (3,) [m/s] in W. Raises what `OcpProblem` raises.
-    """
-    return single_phase(
-        robot=robot,
-        start=State(q=q, v=np.zeros(robot.n_v)),
-        duration=duration,
-        n_steps=n_steps,
-        levels=[
-            OcpLevel(name="tool", terms=(TaskTerm(task=ToolPose(goal=goal)),)),
-            OcpLevel(name="effort", terms=(Effort(), Smoothness(weight=0.09))),
-        ],
-        constraints=(AtRest(),),
-        current=np.asarray(current, dtype=float),
-    )
+        return term.phase in (None, phase.name) and (not at_end or (last and term.state_only))
+    return at_end and (term.phase == phase.name or (term.phase is None and last))

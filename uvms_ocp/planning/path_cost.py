@@ -11,7 +11,7 @@ import numpy as np
 from uvms_ocp.checks import checked_dataclass
 from uvms_ocp.planning.distances import NearPairs
 from uvms_ocp.planning.scene import CollisionScene
-from uvms_ocp.trajectories.free_derivatives import Pieces, basis, hermite_cost
+from uvms_ocp.trajectories.free_derivatives import Pieces, basis, hermite_cost, onto_nodes
 from uvms_ocp.trajectories.min_snap import MotionLimits
 from uvms_ocp.types import Array, AtLeastOne, Indices, Mask, Positive, Range
 
@@ -352,15 +352,14 @@ class PathCost:
         return self._assembled(factor * self.pieces.weight[:, :, None, None, None] * unit)
 
     @cached_property
-    def _bases(self) -> tuple[Array, Array, Array]:
+    def _bases(self) -> tuple[Array, ...]:
         u = (np.arange(self.weights.samples) + 0.5) / self.weights.samples
-        return basis(u, 0, self.pieces.k), basis(u, 1, self.pieces.k), basis(u, 2, self.pieces.k)
+        return tuple(basis(u, derivative, self.pieces.k) for derivative in range(3))
 
     @cached_property
-    def _outer(self) -> tuple[Array, Array, Array]:
+    def _outer(self) -> tuple[Array, ...]:
         """(4 k^2, samples) products of basis functions, by derivative."""
-        rows = [P[:, :, None] * P[:, None, :] for P in self._bases]
-        return (rows[0].reshape(len(rows[0]), -1).T, rows[1].reshape(len(rows[1]), -1).T, rows[2].reshape(len(rows[2]), -1).T)
+        return tuple((P[:, :, None] * P[:, None, :]).reshape(len(P), -1).T for P in self._bases)
 
     @cached_property
     def _h(self) -> Array:
@@ -420,9 +419,7 @@ class PathCost:
         parts = (slopes.position.slope, slopes.rate.slope / self._h, slopes.acceleration.slope / self._h**2)
         by_end = sum(P.T @ part.reshape(len(part), -1) for P, part in zip(self._bases, parts, strict=True))
         ends = np.reshape(by_end, (2 * self.pieces.k, *slopes.position.slope.shape[1:])) * self.pieces.scale
-        nodes = np.zeros((self.pieces.k, ends.shape[1] + 1, ends.shape[2]))
-        nodes[:, :-1] += ends[: self.pieces.k]
-        nodes[:, 1:] += ends[self.pieces.k :]
+        nodes = onto_nodes(ends, self.pieces.k)
         return nodes.transpose(1, 0, 2).reshape(nodes.shape[1], -1)
 
     def _hessian(self, collision: _SampleSlopes, limits: _SampleSlopes) -> BlockTridiagonal:

@@ -261,8 +261,7 @@ def _pruned(distances: PairDistances, path: Array, clearance: float) -> Array:
 
 def _sampled_box(distances: PairDistances, a: Array, b: Array, room: float) -> tuple[Array, Array]:
     lower, upper = distances.scene.coordinates.limits()
-    low, high = np.minimum(a, b) - room, np.maximum(a, b) + room
-    return np.where(np.isinf(lower), low, np.maximum(lower, low)), np.where(np.isinf(upper), high, np.minimum(upper, high))
+    return np.maximum(lower, np.minimum(a, b) - room), np.minimum(upper, np.maximum(a, b) + room)
 
 
 # Plan trajectories around obstacles by a soft collision cost, [Gao2022] eqs (76)-(82), and verify them.
@@ -400,9 +399,8 @@ class _PathProblem:
         pieces = free_derivatives.pieces_of(np.diff(breaks), 4)
         cost = PathCost(distances=distances, pieces=pieces, weights=options.weights, limits=limits)
         free = np.ones(values.shape, dtype=bool)
-        free[:, [0, -1]] = False
         free[0, is_waypoint] = options.free_waypoints
-        free[0, [0, -1]] = False
+        free[:, [0, -1]] = False
         return _PathProblem(
             cost=cost,
             breaks=breaks,

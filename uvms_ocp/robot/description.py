@@ -363,7 +363,12 @@ def read_description(path: Path, variant: Path | None = None) -> RobotDescriptio
 
 
 def _read_mapping(path: Path) -> dict[str, Any]:
-    content = _read_yaml(path)
+    try:
+        content = read_yaml(path, _RobotFile)
+    except OSError as error:
+        raise RobotDataError(path, f"cannot be read ({error.strerror or error})") from None
+    except ValueError as error:
+        raise RobotDataError(path, str(error)) from None
     if not isinstance(content, dict):
         raise RobotDataError(path, "the file must hold keys and values; it is empty or a bare value")
     return content
@@ -375,15 +380,6 @@ def _overlaid(below: dict[str, Any], above: dict[str, Any]) -> dict[str, Any]:
         nested = isinstance(value, dict) and isinstance(below.get(key), dict)
         merged[key] = _overlaid(below[key], value) if nested else value
     return merged
-
-
-def _read_yaml(path: Path) -> object:
-    try:
-        return read_yaml(path, _RobotFile)
-    except OSError as error:
-        raise RobotDataError(path, f"cannot be read ({error.strerror or error})") from None
-    except ValueError as error:
-        raise RobotDataError(path, str(error)) from None
 
 
 class _RobotFile(BoundedLoader):

@@ -183,7 +183,7 @@ def cost_slopes(pieces: Pieces, values: Array) -> tuple[Array, Array]:
     slope = 2.0 * h ** (1 - 2 * k) * _times(hermite_cost(k), data)
     order = np.tile(np.arange(k), 2)[:, None, None]
     by_duration = np.sum((order * data - (k - 0.5) * data) * slope, axis=(0, 2)) / h[:, 0]
-    return by_duration, _onto_nodes(slope * np.tile(_powers(h[:, 0], k), (2, 1))[..., None], k)
+    return by_duration, onto_nodes(slope * np.tile(_powers(h[:, 0], k), (2, 1))[..., None], k)
 
 
 def _powers(x: Array, k: int) -> Array:
@@ -209,7 +209,8 @@ def _times(matrix: Array, data: Array) -> Array:
     return (matrix @ data.reshape(data.shape[0], -1)).reshape(-1, *data.shape[1:])
 
 
-def _onto_nodes(by_end: Array, k: int) -> Array:
+def onto_nodes(by_end: Array, k: int) -> Array:
+    """(k, n + 1, n_axes) sums at the nodes of what is by the ends of the pieces (2k, n, n_axes)."""
     result = np.zeros((k, by_end.shape[1] + 1, by_end.shape[2]))
     result[:, :-1] += by_end[:k]
     result[:, 1:] += by_end[k:]
@@ -222,7 +223,7 @@ def _gradient(pieces: Pieces, scaled: Array) -> Array:
     slope = _times(hermite_cost(pieces.k), data)
     slope *= pieces.scale
     slope *= pieces.weight
-    return _onto_nodes(slope, pieces.k)
+    return onto_nodes(slope, pieces.k)
 
 
 def _band(pieces: Pieces, rows: Indices, free: Mask) -> Array:

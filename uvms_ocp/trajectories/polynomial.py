@@ -17,9 +17,10 @@ from numpy.polynomial.polynomial import polyval
 from numpy.typing import ArrayLike
 
 from uvms_ocp.checks import checked, checked_dataclass, checked_on_failure
-from uvms_ocp.errors import InvalidInput, OutputError
+from uvms_ocp.errors import InvalidInput
 from uvms_ocp.model_errors import printable
 from uvms_ocp.record.display import FieldTable
+from uvms_ocp.record.output import as_output_errors
 from uvms_ocp.record.untrusted import read_arrays
 from uvms_ocp.types import Array, Count, Finite, Positive, read_only
 
@@ -155,17 +156,13 @@ class PiecewisePolynomial(FieldTable):
         Raises `OutputError` where the file cannot be written, `InvalidInput` as ``table``.
         """
         columns, rows = self.table(period, derivatives, names)
-        try:
+        with as_output_errors(Path(path), "choose another place"):
             np.savetxt(path, rows, delimiter=",", header=",".join(columns), comments="", fmt="%.17g")
-        except OSError as error:
-            raise OutputError(f"{path}: cannot write the trajectory ({error.strerror}).") from error
 
     def to_numpy(self, path: Path | str) -> None:
         """Write breaks and coefficients to one ``.npz`` file, without loss. Raises `OutputError` where that fails."""
-        try:
+        with as_output_errors(Path(path), "choose another place"):
             np.savez(path, breaks=self.breaks, coefficients=self.coefficients)
-        except OSError as error:
-            raise OutputError(f"{path}: cannot write the trajectory ({error.strerror}).") from error
 
     @staticmethod
     def from_numpy(path: Path | str) -> PiecewisePolynomial:

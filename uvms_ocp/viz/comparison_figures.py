@@ -69,15 +69,12 @@ def figure_paths(paths: Mapping[str, np.ndarray], *, fig: style.Given = None, wi
     """Draw from above and from the side `paths` (n, 3) [m] in W by name, such as a tool's planned and tracked one."""
     figure = style.titled(3.3, "Paths", fig, width)
     views = style.abreast(figure)
-    for axis, (i, j), title in zip(views, ((0, 1), (0, 2)), ("from above", "from the side"), strict=True):
+    for axis, (i, j) in zip(views, style.VIEWS.values(), strict=True):
         for k, (name, path) in enumerate(paths.items()):
             color, label = _COLORS[k % len(_COLORS)], style.label_text(name)
             axis.plot(path[:, i], path[:, j], color=color, ls="-" if k else "--", label=label, zorder=3 - k)
             axis.plot(path[0, i], path[0, j], "o", color=color, ms=4)
             axis.plot(path[-1, i], path[-1, j], "*", color=color, ms=8)
-        x, y = (series.axis_label("xyz"[k], "q", "position") for k in (i, j))
-        axis.set(xlabel=x, ylabel=y, title=title)
-        axis.set_aspect("equal", adjustable="datalim")
     marks = (("o", "start"), ("*", "end"))
     ends = [Line2D([], [], color=style.BLACK, ls="", marker=mark, label=text) for mark, text in marks]
     style.heading_legend(figure, [*views[0].get_lines()[::3], *ends])

@@ -221,15 +221,12 @@ def figure_path(record: Record, *, fig: style.Given = None, width: style.Width =
     if not has_vehicle(record):
         return None
     figure = style.titled(3.3, "Path of the vehicle", fig, width)
-    above, side = style.abreast(figure)
-    for axis, (i, j) in ((above, (0, 1)), (side, (0, 2))):
+    views = style.abreast(figure)
+    for axis, (i, j) in zip(views, style.VIEWS.values(), strict=True):
         _path_panel(axis, record, i, j)
-        axis.set(**{f"{side}label": axis_label("xyz"[k], "q", "position") for side, k in (("x", i), ("y", j))})
-        axis.set_aspect("equal", adjustable="datalim")
         axis.margins(0.14)
+    side = views[-1]
     _draw_floor(side, record)
-    above.set_title("from above")
-    side.set_title("from the side")
     named = {line.get_label(): line for line in side.get_lines() if not str(line.get_label()).startswith("_")}
     abreast = max(1, int(style.inches(figure) / style.points(_ENTRY)))
     figure.legend(handles=list(named.values()), loc="outside lower center", ncols=min(len(named), abreast))

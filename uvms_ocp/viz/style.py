@@ -236,13 +236,21 @@ def titled(height: float, title: str, fig: Given = None, width: Width = "page") 
     return figure
 
 
-def abreast(figure: Figure) -> np.ndarray:
-    """Two views (2,) beside each other, in a column one below the other."""
-    if inches(figure) > NARROW:
-        return np.asarray(figure.subplots(1, 2))
-    if isinstance(figure, RecordFigure):
+VIEWS = {"from above": (0, 1), "from the side": (0, 2)}
+"""Axes of W to the right and upwards in `abreast`."""
+
+
+def abreast(figure: Figure) -> list[Axes]:
+    """The two `VIEWS` beside each other, in a column one below the other; of one scale in both directions."""
+    wide = inches(figure) > NARROW
+    if not wide and isinstance(figure, RecordFigure):
         figure.set_figheight(1.6 * figure.get_figheight())
-    return np.asarray(figure.subplots(2, 1))
+    axes = list(figure.subplots(*((1, 2) if wide else (2, 1))))
+    for axis, (title, view) in zip(axes, VIEWS.items(), strict=True):
+        x, y = (axis_label("xyz"[k], "q", "position") for k in view)
+        axis.set(xlabel=x, ylabel=y, title=title)
+        axis.set_aspect("equal", adjustable="datalim")
+    return axes
 
 
 def line_style(k: int) -> dict[str, Any]:

@@ -7,7 +7,7 @@ that there are not stand as 0.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, fields, is_dataclass
 from functools import cached_property
 from itertools import pairwise
@@ -16,7 +16,7 @@ import casadi as ca
 import numpy as np
 
 from uvms_ocp.errors import InvalidInput, UvmsError
-from uvms_ocp.ocp.problem import HessianKind, OcpLevel, OcpPhase, OcpProblem, counts_at_end, counts_on_path
+from uvms_ocp.ocp.problem import HessianKind, OcpLevel, OcpPhase, OcpProblem, counts
 from uvms_ocp.ocp.terms import Term
 from uvms_ocp.ocp.transcription.stage import Derivatives, StageModel, derivatives
 from uvms_ocp.solvers.nlp.program import RowKinds, half_square, row_kinds, signed_excess
@@ -157,22 +157,19 @@ def term_blocks(model: StageModel) -> tuple[TermBlock, ...]:
     spans = [np.arange(first, end) for first, end in pairwise(nodes)]
     paths, ends = [], []
     for i, phase in enumerate(phases):
-        on_path = _term_rows(model, _members(model, phase, counts_on_path), f"path_{i}", on_path=True)
-        at_end = _term_rows(model, _members(model, phase, counts_at_end), f"end_{i}", on_path=False)
+        on_path = _term_rows(model, _members(model, phase, at_end=False), f"path_{i}", on_path=True)
+        at_end = _term_rows(model, _members(model, phase, at_end=True), f"end_{i}", on_path=False)
         paths.append(TermBlock(rows=on_path, nodes=spans[i]))
         ends.append(TermBlock(rows=at_end, nodes=nodes[i + 1 : i + 2]))
     return (*paths, *ends)
 
 
-Counts = Callable[[OcpProblem, Term, OcpPhase], bool]
-
-
-def _members(model: StageModel, phase: OcpPhase, counts: Counts) -> list[TermEntry]:
+def _members(model: StageModel, phase: OcpPhase, *, at_end: bool) -> list[TermEntry]:
     problem = model.problem
     levels = [CONSTRAINT] * len(problem.constraints)
     levels += [i for i, level in enumerate(problem.levels) for _ in level.terms]
     placed = zip(range(len(levels)), levels, problem.terms, strict=True)
-    return [_member(model, *one) for one in placed if counts(problem, one[-1], phase)]
+    return [_member(model, *one) for one in placed if counts(problem, one[-1], phase, at_end=at_end)]
 
 
 def _member(model: StageModel, place: int, level: int, term: Term) -> TermEntry:

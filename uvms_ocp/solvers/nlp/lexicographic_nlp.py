@@ -191,7 +191,7 @@ class _Run:
             return None
         bounds = self._bounds
         for level in above:
-            bounds = bounds.with_rows(level.frozen, level.ideal_bounds())
+            bounds = bounds.with_rows(level.frozen, (level.lower, level.upper))
         outcome = self._nlp.levels[-1](self._points[-1], self._p, bounds)
         if not (outcome.status.optimal and outcome.usable):
             self._spent = outcome.iterations

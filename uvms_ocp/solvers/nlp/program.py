@@ -135,10 +135,6 @@ class LevelRows:
             return low - slack, up + slack
         return np.array([-np.inf]), np.array([(1 + self.relax) * cost + tolerance])
 
-    def ideal_bounds(self) -> tuple[np.ndarray, np.ndarray]:
-        """Bounds of the rows that hold where the level is met in full."""
-        return self.lower, self.upper
-
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class LevelNlp:
