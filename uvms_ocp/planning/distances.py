@@ -13,6 +13,7 @@ import pinocchio as pin
 from uvms_ocp.checks import checked_constructor, checked_dataclass
 from uvms_ocp.planning.scene import CollisionScene
 from uvms_ocp.robot import kinematics, robot
+from uvms_ocp.robot.shapes.collision_model import FAILED, distance_data
 from uvms_ocp.types import Array, Indices, Mask, Shape
 
 
@@ -52,14 +53,6 @@ class Contacts:
     """(n, 3) [m] in W, on the second."""
 
 
-# coal's default of 1e-6 shows as noise in finite differences. 1e-12 made 4 of 264,000 distances fail or be wrong by
-# centimetres; 1e-9 none of 2.6 million. The penetration solver keeps its default: with less it fails often, with it
-# once in 10,000 overlaps, and then reports -1e308.
-_DISTANCE_TOLERANCE = 1e-9
-_FAILED = -1e3
-_MAX_ITERATIONS = 512
-
-
 @dataclass(slots=True, eq=False)
 class _Bounds:
     """Lower bounds of the distances at the samples of the last call, carried along by the reach of every axis."""
@@ -97,13 +90,8 @@ class CoalDistances:
     _geometry_data: pin.GeometryData = field(init=False, repr=False)
 
     def __post_init__(self) -> None:
-        geometry_data = self.scene.geometry.createData()
-        for request in geometry_data.distanceRequests:
-            request.gjk_tolerance = _DISTANCE_TOLERANCE
-            request.gjk_max_iterations = _MAX_ITERATIONS
-        model = self.scene.coordinates.robot.model
-        object.__setattr__(self, "_data", model.createData())
-        object.__setattr__(self, "_geometry_data", geometry_data)
+        object.__setattr__(self, "_data", self.scene.coordinates.robot.model.createData())
+        object.__setattr__(self, "_geometry_data", distance_data(self.scene.geometry))
         object.__setattr__(self, "_bounds", _Bounds(x=np.zeros((0, 0)), lower=np.zeros((0, 0))))
 
     def distances(self, x: Samples) -> Array:
@@ -117,7 +105,7 @@ class CoalDistances:
         for row, configuration in zip(result, q, strict=True):
             self._place(configuration)
             row[:] = [pin.computeDistance(geometry, data, k).min_distance for k in pairs]
-        result[result < _FAILED] = -np.inf
+        result[result < FAILED] = -np.inf
         return result
 
     def contacts(self, q: Configurations) -> Contacts:
@@ -131,7 +119,7 @@ class CoalDistances:
                 result, row = pin.computeDistance(geometry, data, i), found[k, i]
                 row[0], row[1:4] = result.min_distance, result.normal
                 row[4:7], row[7:] = result.getNearestPoint1(), result.getNearestPoint2()
-        sample, pair = np.nonzero((found[..., 0] > _FAILED) & np.isfinite(found).all(axis=-1).reshape(shape))
+        sample, pair = np.nonzero((found[..., 0] > FAILED) & np.isfinite(found).all(axis=-1).reshape(shape))
         rows = found[sample, pair]
         parts = {"distance": rows[:, 0], "normal": rows[:, 1:4], "first": rows[:, 4:7], "second": rows[:, 7:]}
         return Contacts(sample=sample, pair=pair, **parts)
@@ -170,7 +158,7 @@ class CoalDistances:
         for k in pairs:
             result = pin.computeDistance(self.scene.geometry, data, k)
             distance = lower[k] = result.min_distance
-            if _FAILED < distance < thresholds[k]:
+            if FAILED < distance < thresholds[k]:
                 # Results are views of memory that the next sample overwrites.
                 centre = data.oMg[self.scene.pairs[k].second].translation.copy()
                 witness = (result.normal.copy(), result.getNearestPoint1().copy())

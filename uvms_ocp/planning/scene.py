@@ -20,7 +20,7 @@ from uvms_ocp.checks import checked, checked_constructor, checked_dataclass, che
 from uvms_ocp.errors import InvalidInput, require_known
 from uvms_ocp.robot.kinematics import shape_reach
 from uvms_ocp.robot.robot import Robot
-from uvms_ocp.robot.shapes.collision_model import self_pairs, shapes_among
+from uvms_ocp.robot.shapes.collision_model import self_pairs, shapes_among, stowed_distances, with_pairs
 from uvms_ocp.robot.shapes.obstacles import Obstacle, require_distinct_names
 from uvms_ocp.types import Array, Finite, Indices, Shape
 
@@ -282,11 +282,8 @@ class CollisionScene:
         chosen = np.array(indices, dtype=int)
         if not ((chosen >= 0) & (chosen < len(self.pairs))).all():
             raise InvalidInput(f"indices are {indices}; give some of 0 to {len(self.pairs) - 1}, the pairs of the scene")
-        geometry = pin.GeometryModel(self.geometry)
-        geometry.removeAllCollisionPairs()
         pairs = tuple(self.pairs[k] for k in indices)
-        for pair in pairs:
-            geometry.addCollisionPair(pin.CollisionPair(pair.first, pair.second))
+        geometry = with_pairs(self.geometry, ((pair.first, pair.second) for pair in pairs))
         parts = {name: getattr(self, name)[chosen] for name in ("moved", "reach", "carried", "gyration", "room")}
         return replace(self, geometry=geometry, pairs=pairs, **parts)
 
@@ -345,8 +342,7 @@ def _with_moving_pairs(coordinates: Coordinates, geometry: pin.GeometryModel, ca
     reach = np.array([np.where(led, a + b, np.maximum(a, b)) for a, b in both]).reshape(len(pairs), coordinates.n_axes)
     carried = np.array([supports[p.second_joint] for p in pairs]).reshape(shape)
     radii = np.array([geometry.geometryObjects[p.second].geometry.aabb_radius for p in pairs])
-    for pair in pairs:
-        geometry.addCollisionPair(pin.CollisionPair(pair.first, pair.second))
+    geometry = with_pairs(geometry, ((pair.first, pair.second) for pair in pairs))
     return CollisionScene(
         coordinates=coordinates,
         geometry=geometry,
@@ -362,11 +358,8 @@ def _with_moving_pairs(coordinates: Coordinates, geometry: pin.GeometryModel, ca
 
 
 def _room(robot: Robot, geometry: pin.GeometryModel, pairs: Sequence[Pair]) -> Array:
-    data = geometry.createData()
-    pin.computeDistances(robot.model, robot.model.createData(), geometry, data, robot.configuration())
-    distances = np.array([found.min_distance for found in data.distanceResults])
     of_links = [pair.first_joint > 0 and pair.second_joint > 0 for pair in pairs]
-    return np.where(of_links, distances / 2.0, np.inf)
+    return np.where(of_links, stowed_distances(robot, geometry) / 2.0, np.inf)
 
 
 def _supports(coordinates: Coordinates) -> Array:

@@ -161,10 +161,7 @@ def _add_tool(vehicle: Robot, model: pin.Model, at: str) -> None:
     if model.existFrame("tool"):  # of the arm alone
         model.frames[model.getFrameId("tool")].name = "tool_of_arm"
     for name in ("flange", "tool"):
-        parent = model.getFrameId(at)
-        carrier = model.frames[parent]
-        frame = pin.Frame(name, carrier.parentJoint, parent, carrier.placement, pin.FrameType.BODY)
-        model.addFrame(frame)
+        roles.add_frame(model, name, at, pin.FrameType.BODY)
 
 
 def _joined_description(

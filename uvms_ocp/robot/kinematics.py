@@ -47,10 +47,10 @@ def largest_change(reach: np.ndarray, motion: np.ndarray) -> np.ndarray:
 
 def _reach_of_ball(robot: Robot, carrier: int, length: float) -> np.ndarray:
     """`length` [m] is the radius of a ball around the joint `carrier` that holds all points; it grows to the base."""
-    reach, neutral = np.zeros(robot.n_v), pin.neutral(robot.model)
+    reach = np.zeros(robot.n_v)
     while carrier:
         joint = robot.model.joints[carrier]
-        linear, angular = _speeds(joint, neutral)
+        linear, angular = _speeds(joint)
         turns = angular > 0.0
         own = linear.copy()
         own[turns] += angular[turns] * length
@@ -61,11 +61,9 @@ def _reach_of_ball(robot: Robot, carrier: int, length: float) -> np.ndarray:
     return reach
 
 
-def _speeds(joint: pin.JointModel, q: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def _speeds(joint: pin.JointModel) -> tuple[np.ndarray, np.ndarray]:
     """Linear and angular speed (nv,) per unit of each axis; the same at any configuration for the joints of a URDF."""
-    data = joint.createData()
-    joint.calc(data, q)
-    subspace = np.array(data.S).reshape(6, joint.nvExtended)
+    subspace = np.array(joint.createData().S).reshape(6, joint.nvExtended)
     return np.linalg.norm(subspace[:3], axis=0), np.linalg.norm(subspace[3:], axis=0)
 
 

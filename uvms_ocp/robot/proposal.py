@@ -144,11 +144,9 @@ def _thrusters(models: UrdfModels, roles: Roles) -> Iterator[tuple[str, pin.SE3,
     pin.framesForwardKinematics(model, data, pin.neutral(model))
     pushing = [name for name in roles.propellers if not is_called("fin", name)]
     for name in pushing:
-        joint = model.joints[model.getJointId(name)]
-        own = joint.createData()
-        joint.calc(own, pin.neutral(model))
-        X = data.oMi[model.getJointId(name)]
-        yield name, X, X.rotation @ np.array(own.S).ravel()[3:], "axis of the joint"
+        index = model.getJointId(name)
+        X, S = data.oMi[index], np.array(model.joints[index].createData().S)
+        yield name, X, X.rotation @ S.ravel()[3:], "axis of the joint"
     if pushing:
         return
     for i, frame in enumerate(model.frames):

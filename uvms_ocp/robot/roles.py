@@ -173,9 +173,7 @@ def _whirls(tree: _LinkTree, j: int) -> bool:
         return False
     if joint.nv != 1 or joint.nq != 2:
         return False
-    data = joint.createData()
-    joint.calc(data, pin.neutral(tree.model))
-    axis, lever = np.array(data.S).ravel()[3:], np.asarray(inertia.lever)
+    axis, lever = np.array(joint.createData().S).ravel()[3:], np.asarray(inertia.lever)
     off = float(np.linalg.norm(lever - axis * (axis @ lever)))
     return off <= _OFF_AXIS * max(float(np.linalg.norm(lever)), 0.1)
 
@@ -231,10 +229,15 @@ def _placed(model: pin.Model, description: RobotDescription, role: str, name: st
         model.frames[model.getFrameId(role)].name = other
         links = {other if link == role else link: own for link, own in description.links.items()}
         description = description.model_copy(update={"links": links})
-    parent = model.getFrameId(name)
-    carrier = model.frames[parent]
-    model.addFrame(pin.Frame(role, carrier.parentJoint, parent, carrier.placement, pin.FrameType.OP_FRAME))
+    add_frame(model, role, name, pin.FrameType.OP_FRAME)
     return description
+
+
+def add_frame(model: pin.Model, name: str, at: str, kind: pin.FrameType) -> None:
+    """Add a frame of that name where another one is, fixed to it."""
+    parent = model.getFrameId(at)
+    carrier = model.frames[parent]
+    model.addFrame(pin.Frame(name, carrier.parentJoint, parent, carrier.placement, kind))
 
 
 def role_notes(model: pin.Model, description: RobotDescription) -> Iterator[tuple[bool, str]]:

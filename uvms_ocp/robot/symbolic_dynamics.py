@@ -120,8 +120,8 @@ class SymbolicDynamics(FieldTable):
         friction = np.asarray(0.0 if self.damping is None else self.damping)
         if not (np.isfinite(friction).all() and (friction >= 0.0).all()):
             raise InvalidInput(f"damping {friction.tolist()} given; allowed: finite, 0 or more: less feeds energy")
-        object.__setattr__(self, "symbolic", SymbolicModel(self.model))
         self._set(
+            symbolic=SymbolicModel(self.model),
             _wet=tuple(wet_link(self.model, link, self.density) for link in self.links),
             _rigid=(ca.DM(6, 6), *(sparse(inertia.matrix()) for inertia in list(self.model.inertias)[1:])),
         )

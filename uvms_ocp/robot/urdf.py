@@ -168,9 +168,7 @@ def _check_axis(path: Path, joint: Element, where: str, model: pin.Model) -> Non
         return
     vector = np.array((1.0, 0.0, 0.0) if axis is None else urdf_checks.read_vector(path, axis, "xyz", where))
     built = model.joints[model.getJointId(joint.get("name", ""))]
-    data = built.createData()
-    built.calc(data, pin.neutral(model))
-    last = np.array(data.S).reshape(6, -1)[:, -1]  # of a planar joint: its turn, about the normal of its plane
+    last = np.array(built.createData().S).reshape(6, -1)[:, -1]  # of a planar joint: its turn, about the normal of its plane
     direction = last[:3] if kind == "prismatic" else last[3:]
     _check_close(path, f"{where} axis", vector / np.linalg.norm(vector), direction)
 

@@ -11,7 +11,7 @@ Slower than the free-derivative form and used to check it; it takes bounds on de
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from typing import Annotated
 
@@ -302,48 +302,33 @@ class Bound:
 
 @checked
 def min_snap_qp(
-    waypoints: ArrayLike,
-    times: ArrayLike,
-    specification: CurveSpecification = MINIMUM_SNAP,
-    *,
-    bounds: Sequence[Bound] = (),
-    plugin: str = "qrqp",
-    options: Mapping[str, object] | None = None,
+    waypoints: ArrayLike, times: ArrayLike, specification: CurveSpecification = MINIMUM_SNAP, *, bounds: Sequence[Bound] = ()
 ) -> MinSnap:
-    """Solve as ``min_snap`` by a CasADi ``conic`` plugin: waypoints (n + 1, n_axes) [axis] at times (n + 1,) [s].
+    """Solve as ``min_snap`` by CasADi's QP solver ``qrqp``: waypoints (n + 1, n_axes) [axis] at times (n + 1,) [s].
 
     Raises `InvalidInput` as ``min_snap``, for a bound that does not exist, and where the solver finds no solution, as with
     bounds that contradict each other.
     """
-    if not (plugin.isidentifier() and ca.has_conic(plugin)):
-        raise InvalidInput(f"plugin = {plugin!r}; give a QP solver that CasADi has, such as {' or '.join(_QUIET)}")
     problem = node_problem(waypoints, times, specification)
-    qp = _Qp(problem.k, np.diff(problem.times), tuple(bounds), plugin, dict(options or _QUIET.get(plugin, {})))
+    qp = _Qp(problem.k, np.diff(problem.times), bounds)
     values = np.stack([qp.solve(problem, axis) for axis in range(problem.values.shape[2])], axis=2)
     return solution_of(problem.times, free_derivatives.pieces_of(np.diff(problem.times), problem.k), values)
 
 
-_QUIET: dict[str, dict[str, object]] = {
-    "qrqp": {"print_header": False, "print_iter": False, "print_info": False, "error_on_fail": False},
-    "qpoases": {"printLevel": "none", "error_on_fail": False},
-}
+_QUIET = dict.fromkeys(("print_header", "print_iter", "print_info", "error_on_fail"), False)
 
 
 class _Qp:
     """Matrices of one axis: unknowns are the unit-interval coefficients of all pieces, time in units of ``unit``."""
 
-    def __init__(self, k: int, durations: Array, bounds: tuple[Bound, ...], plugin: str, options: dict[str, object]) -> None:
+    def __init__(self, k: int, durations: Array, bounds: Sequence[Bound]) -> None:
         self.k, self.n = k, durations.size
         self.unit = float(np.exp(np.mean(np.log(durations))))
         self.tau = durations / self.unit
         self.bounds = bounds
         self.H = ca.diagcat(*[ca.DM(2.0 * t ** (1 - 2 * k) * free_derivatives.monomial_cost(k)) for t in self.tau])
         self.A = self._rows()
-        structure = {"h": self.H.sparsity(), "a": self.A.sparsity()}
-        try:
-            self.solver = ca.conic("min_snap", plugin, structure, options)
-        except RuntimeError as error:
-            raise InvalidInput(f"options of {plugin} = {options}: it takes no such options") from error
+        self.solver = ca.conic("min_snap", "qrqp", {"h": self.H.sparsity(), "a": self.A.sparsity()}, _QUIET)
 
     def solve(self, problem: NodeProblem, axis: int) -> Array:
         """(k, n + 1) optimal node derivatives of one axis."""

@@ -165,8 +165,7 @@ def describe_obstacle(item: Obstacle) -> ObstacleMeta | None:
 
 def describe_obstacles(obstacles: Iterable[Obstacle]) -> tuple[ObstacleMeta, ...]:
     """The obstacles that have an end, as a record keeps them."""
-    described = map(describe_obstacle, obstacles)
-    return tuple(item for item in described if item is not None)
+    return tuple(described for item in obstacles if (described := describe_obstacle(item)) is not None)
 
 
 def require_distinct_names(obstacles: Sequence[Obstacle]) -> None:
