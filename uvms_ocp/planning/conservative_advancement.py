@@ -101,7 +101,8 @@ def check_motion(motion: BoundedMotion, scene: CollisionScene, *, shortest: floa
         open_ = ~(d - largest_change(scene.reach, motion.bounds(middle, half)) > _TOLERANCE).all(axis=1)
         short = open_ & (half < shortest * motion.duration)
         undecided |= bool(short.any())
-        middle, half = _halved(middle[open_ & ~short], half[open_ & ~short])
+        middle, half = middle[open_ & ~short], half[open_ & ~short] / 2.0
+        middle, half = np.concatenate([middle - half, middle + half]), np.concatenate([half, half])
     return ClearanceReport(
         collision_free=worst.distance > 0.0 and not undecided,
         undecided=worst.distance > 0.0 and undecided,
@@ -150,8 +151,3 @@ class _Curve:
         piece = np.clip(np.searchsorted(breaks, middle, side="right") - 1, 0, last)
         speed = np.abs(self.trajectory.evaluate(middle, 1))
         return speed * half[:, None] + 0.5 * self.acceleration[piece] * half[:, None] ** 2
-
-
-def _halved(middle: Array, half: Array) -> tuple[Array, Array]:
-    quarter = half / 2.0
-    return np.concatenate([middle - quarter, middle + quarter]), np.concatenate([quarter, quarter])

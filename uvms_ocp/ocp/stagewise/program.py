@@ -44,10 +44,6 @@ class StagewiseLevels:
         self._levels: dict[int, StageLevelQp] = {}
         self._raw = np.zeros(memory.whole.row_layout.n_rows + 1)
 
-    def made(self, options: NlpOptions, deadline: Deadline, watch: SolveMonitor) -> list[StageLevelSolver]:
-        """One for each level."""
-        return [StageLevelSolver(self, i, options, deadline, watch) for i in range(self.memory.n_levels)]
-
     def level(self, index: int) -> StageLevelQp:
         """Bound to the memory when it is called for first."""
         if index not in self._levels:
@@ -253,7 +249,7 @@ class StagewiseProgram:
 
     def solvers(self, options: NlpOptions, deadline: Deadline, watch: SolveMonitor) -> Sequence[StageLevelSolver]:
         """One for each level."""
-        return self.levels.made(options, deadline, watch)
+        return [StageLevelSolver(self.levels, i, options, deadline, watch) for i in range(self.levels.memory.n_levels)]
 
     def level_model(self, slack: float) -> StagewiseLevelModel:
         """Its levels for steps in real time; slack as `LevelModel` has it."""

@@ -130,7 +130,8 @@ def normal_rows(J: Array, lower: Array, upper: Array, sizes: Sequence[int]) -> N
     lower, upper = lower / divisor, upper / divisor
     first = next((size for size in sizes if size), 0)
     box = _box(J[:first], lower[:first], upper[:first])
-    velocity = _velocity_scale(_asked(lower, upper, real), box)
+    size, allowed = _asked(lower, upper, real), float(np.maximum(-box.lower, box.upper).max())
+    velocity = _power(min(size, allowed) if allowed > 0.0 else size)
     box = VelocityBox(lower=box.lower / velocity, upper=box.upper / velocity)
     return NormalRows(
         J=J,
@@ -159,11 +160,6 @@ def _norms(J: Array) -> Array:
 def _power(size: float) -> float:
     """The power of two above a size; 1 for 0."""
     return float(np.ldexp(1.0, min(int(np.frexp(size)[1]), 1023))) if 0.0 < size < np.inf else 1.0
-
-
-def _velocity_scale(asked: float, box: VelocityBox) -> float:
-    allowed = float(np.maximum(-box.lower, box.upper).max())
-    return _power(min(asked, allowed) if allowed > 0.0 else asked)
 
 
 def _box(J: Array, lower: Array, upper: Array) -> VelocityBox:

@@ -170,15 +170,9 @@ def _address(array: Array) -> ctypes.c_void_p:
     return ctypes.c_void_p(array.ctypes.data)
 
 
-def compiled_core(shape: problem.StageShape) -> CompiledCore | None:
-    """None without a compiler."""
-    library = qp_library()
-    return None if library is None else CompiledCore(library, shape)
-
-
 @lru_cache(maxsize=1)
 def qp_library() -> ctypes.CDLL | None:
-    """The code of `core_source`, compiled at the first call."""
+    """The code of `core_source`, compiled at the first call; None without a compiler."""
     path = compile_library(core_source(), _FLAGS, "QPs of stages")
     if path is None:
         return None

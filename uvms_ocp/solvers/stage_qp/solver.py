@@ -136,7 +136,8 @@ class StageQpSolver:
 
     def __init__(self, shape: problem.StageShape, options: problem.StageQpOptions | None = None) -> None:
         self.shape, self.options = shape, options or problem.StageQpOptions()
-        self._core = (compiled.compiled_core(shape) if self.options.compiled else None) or sparse_core.SparseCore(shape)
+        library = compiled.qp_library() if self.options.compiled else None
+        self._core = sparse_core.SparseCore(shape) if library is None else compiled.CompiledCore(library, shape)
 
     def solve(self, qp: problem.StageQp, warm: problem.StageQpSolution | None = None) -> problem.StageQpSolution:
         """The optimum; where there is none, what `StageQpStatus` says. No numbers raise anything.
