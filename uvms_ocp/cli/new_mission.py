@@ -94,8 +94,7 @@ class NewMission:
     @property
     def missing(self) -> tuple[int, ...]:
         """Axes of the vehicle that no thruster drives, where it has thrusters."""
-        axes = thrusters.unactuated_axes(self.robot) if self.robot.n_vehicle and self.robot.description.thrusters else ()
-        return tuple(axes)
+        return thrusters.undriven_axes(self.robot)
 
     @property
     def turns_first(self) -> bool:

@@ -177,7 +177,7 @@ def mission_of(
     Raises `NameNotFound` for an unknown task or field, and `InvalidInput` for an order that does not name every task.
     """
     # Nothing for a robot without thrusters, whose vehicle moves on the kinematic plant alone, on every axis.
-    axes = thrusters.unactuated_axes(robot) if robot.description.thrusters else ()
+    axes = thrusters.undriven_axes(robot)
     first = [UnderActuation(axes=axes)] if axes else []
     names = tuple(task.name for task in first)
     listed = override([*first, *tasks], overrides) if overrides else [*first, *tasks]

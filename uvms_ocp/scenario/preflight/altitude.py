@@ -134,7 +134,7 @@ def _least_gap(setup: Setup, goal: pin.SE3, minimum: MinimumAltitude, radius: fl
 
 
 def _landing(visit: Visit, landing: LandingAltitude, minimum: MinimumAltitude) -> Iterator[Finding]:
-    aim = landing.landing_distance + landing.safeguard
+    aim = landing.rest_altitude
     if aim < minimum.threshold:
         text = f"{landing.name} aims at {aim:.2f} m while {minimum.name} keeps {minimum.threshold:g} m; switch one off"
         figures = {"aim_m": aim, "minimum_m": minimum.threshold}

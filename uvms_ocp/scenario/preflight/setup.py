@@ -261,8 +261,7 @@ def _stances_after(setup: Setup, visit: Visit) -> tuple[Stance, ...]:
         walks = not thrusters.undriven_axes(setup.robot)
         stances = tuple(_aligned(stance, target, walks=walks) for stance in stances)
     if (landing := visit.active(LandingAltitude)) is not None:
-        aim = landing.landing_distance + landing.safeguard
-        altitude = threshold_of(visit.phase, f"{landing.name}.altitude") or aim
+        altitude = threshold_of(visit.phase, f"{landing.name}.altitude") or landing.rest_altitude
         height = setup.altimeter_height()
         places = [(x, y, setup.floor_at(x, y) + altitude - height) for x, y, _ in (s.position for s in stances)]
         stances = tuple(replace(stance, position=np.array(place)) for stance, place in zip(stances, places, strict=True))
