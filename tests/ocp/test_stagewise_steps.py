@@ -21,7 +21,7 @@ from uvms_ocp.solvers.nlp.level_solver import NlpOptions
 def test_a_filter_refuses_what_a_point_before_beats_in_cost_and_violation() -> None:
     seen = Filter(first=1.0, most=10.0)
     here = FilterMerit(cost=1.0, violation=1e-2)
-    seen.add(here)
+    seen.entries.append(here)
     assert not seen.accepts(FilterMerit(cost=1.1, violation=2e-2), here, 0.0, 1.0)
     assert not seen.accepts(FilterMerit(cost=0.0, violation=11.0), here, 0.0, 1.0)
     assert seen.accepts(FilterMerit(cost=1.1, violation=5e-3), here, 0.0, 1.0)
