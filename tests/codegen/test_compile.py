@@ -8,6 +8,7 @@ import itertools
 import logging
 import multiprocessing
 import os
+import random
 import signal
 import subprocess
 import sys
@@ -18,17 +19,20 @@ from collections.abc import Callable, Iterator
 from functools import partial
 from multiprocessing.pool import ThreadPool
 from pathlib import Path
+from time import perf_counter
 
 import casadi as ca
 import numpy as np
 import pytest
 from compiler import COMPILER, needs_compiler
+from pressed import pressed_after
 
 from uvms_ocp.codegen import compile as building
 from uvms_ocp.codegen.buffered import BoundCalls
 from uvms_ocp.codegen.cache import HALF_MADE, cache_folder, cached_libraries, shrink_cache
 from uvms_ocp.codegen.compile import compile_timeout
 from uvms_ocp.errors import InvalidInput
+from uvms_ocp.interrupts import raised_outside_casadi
 
 SOURCE = "double answer(double x) { return 2 * x; }\n"
 
@@ -516,6 +520,38 @@ def test_ctrl_c_ends_what_is_waited_for_and_nobody_goes_on_with_it(monkeypatch: 
     with pytest.raises(KeyboardInterrupt):
         building.compile_function(function)
     assert not building._BEGUN
+
+
+@pytest.mark.slow
+@needs_compiler
+@pytest.mark.skipif(sys.platform == "win32", reason="timers by signals")
+def test_whenever_it_is_pressed_nothing_half_made_is_left(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("UVMS_OCP_CACHE", str(tmp_path))
+    x, draw = ca.SX.sym("x", 200), random.Random(44)
+    y = x
+    for _ in range(20):
+        y = ca.sin(y) + ca.vertcat(y[1:], y[0])
+
+    def function(k: int) -> ca.Function:
+        return ca.Function(f"f{k}", [x], [y])
+
+    begin = perf_counter()
+    assert building.compile_function(whole := function(0)) is not whole
+    lasts = perf_counter() - begin
+    for k in range(1, 51):
+        with pressed_after(draw.uniform(0.001, 0.9 * lasts)) as pressed:
+            begin = perf_counter()
+            try:
+                with raised_outside_casadi():
+                    building.compile_function(function(k))
+                signal.setitimer(signal.ITIMER_REAL, 0.0)
+                assert not pressed
+            except KeyboardInterrupt:
+                assert perf_counter() - begin < lasts + 1.0
+        for library in cached_libraries(tmp_path):
+            assert building._is_usable(library)
+        assert not list(tmp_path.glob(f"{HALF_MADE}*"))
+    assert building.compile_function(again := function(51)) is not again
 
 
 @needs_compiler

@@ -2,14 +2,19 @@
 
 from __future__ import annotations
 
+import random
+import signal
+import sys
 from dataclasses import replace
 from functools import cache
 from pathlib import Path
+from time import perf_counter
 
 import numpy as np
 import pytest
 import yaml
 from driven import drive
+from pressed import pressed_after
 from typer.testing import CliRunner
 
 from uvms_ocp import load_robot, without_arm
@@ -27,6 +32,7 @@ from uvms_ocp.identification.settings import CalibrationSettings, NoiseSettings,
 from uvms_ocp.identification.tables import write_recording
 from uvms_ocp.identification.uncertainty import MISSES, numbers
 from uvms_ocp.identification.validation import errors
+from uvms_ocp.interrupts import Stopped
 from uvms_ocp.robot.dynamics import robot_dynamics
 from uvms_ocp.robot.loading import robot_folder
 
@@ -117,6 +123,26 @@ def test_a_calibrated_robot_misses_by_the_noise_alone_and_more_before() -> None:
     errors = [np.linalg.norm((each.rows[0] - each.measured[0])[:, 0]) for each in (one.calibrated, one.before)]
     floor = NOISE * np.sqrt(len(one.before.t[0]))
     assert errors[0] < 1.1 * floor < 0.8 * errors[1]
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(sys.platform == "win32", reason="timers by signals")
+def test_whenever_it_is_pressed_a_calibration_stops_in_one_line() -> None:
+    settings, recording, done = case()
+    begin = perf_counter()
+    calibrate(done.subject, settings, [recording])
+    lasts, draw = perf_counter() - begin, random.Random(44)
+    told: list[list[str]] = []
+    for _ in range(20):
+        with pressed_after(draw.uniform(0.01, 0.8 * lasts)) as pressed:
+            try:
+                calibrate(done.subject, settings, [recording])
+                signal.setitimer(signal.ITIMER_REAL, 0.0)
+                assert not pressed
+            except Stopped as stop:
+                told.append(stop._render_traceback_())
+    assert all(len(lines) == 1 for lines in told)
+    assert len(told) > 5
 
 
 def test_the_command_writes_all_of_it(tmp_path: Path) -> None:

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import os
+import random
 import signal
+import sys
 from dataclasses import replace
 from threading import Thread
 from time import perf_counter, sleep
@@ -11,9 +13,10 @@ from time import perf_counter, sleep
 import numpy as np
 import pytest
 from compiler import needs_compiler
+from pressed import pressed_after
 from reaches import patient, reach, tool_goal
 
-from uvms_ocp.interrupts import Interrupted
+from uvms_ocp.interrupts import Interrupted, Stopped
 from uvms_ocp.ocp import diagnosis, planner as planning
 from uvms_ocp.ocp.plan import OcpStatus
 from uvms_ocp.ocp.planner import Planner
@@ -97,6 +100,33 @@ def test_the_signal_of_ctrl_c_does_the_same_and_its_handler_is_put_back(planner:
     finally:
         signal.signal(signal.SIGINT, before)
     assert planner.plan().status is OcpStatus.SOLVED
+
+
+@pytest.mark.slow
+@needs_compiler
+@pytest.mark.skipif(sys.platform == "win32", reason="timers by signals")
+def test_whenever_it_is_pressed_a_new_planner_and_its_plan_end_in_one_line(robot: Robot) -> None:
+    """While it was built one press in four was lost within CasADi, and the plan went on to its end."""
+
+    def work() -> OcpStatus:
+        return Planner(reach(robot), wait_for_compiler=True).plan().status
+
+    work()
+    begin = perf_counter()
+    assert work() is OcpStatus.SOLVED
+    lasts, draw = perf_counter() - begin, random.Random(44)
+    told: list[list[str]] = []
+    for _ in range(50):
+        with pressed_after(draw.uniform(0.001, 0.9 * lasts)) as pressed:
+            try:
+                work()
+                signal.setitimer(signal.ITIMER_REAL, 0.0)
+                assert not pressed
+            except (Stopped, Interrupted) as stop:
+                told.append(stop._render_traceback_())
+    assert all(len(lines) == 1 for lines in told)
+    assert len(told) > 5
+    assert work() is OcpStatus.SOLVED
 
 
 def test_an_error_of_the_one_who_looks_on_is_his(planner: Planner) -> None:

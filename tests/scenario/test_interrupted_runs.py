@@ -10,12 +10,12 @@ import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from time import perf_counter
-from types import FrameType
 
 import casadi as ca
 import numpy as np
 import pytest
 from compiler import long_without_compiler
+from pressed import pressed_after
 
 import uvms_ocp as uo
 from uvms_ocp.interrupts import Stopped, on_interrupt
@@ -23,30 +23,11 @@ from uvms_ocp.report.summary import cause_of_end
 from uvms_ocp.robot.signals import Command
 
 pytestmark = pytest.mark.skipif(sys.platform == "win32", reason="timers by signals")
-MOMENTS = 20
+MOMENTS = 50
 
 
 def scenario() -> uo.Scenario:
     return uo.scenario.reach(plant="kinematic", duration=6.0, dt=0.005)
-
-
-@contextmanager
-def pressed_after(seconds: float) -> Iterator[list[float]]:
-    """Ctrl-C after so many seconds [s] of the block; gives a list that is no longer empty then."""
-    pressed: list[float] = []
-
-    def press(number: int, frame: FrameType | None) -> None:
-        pressed.append(seconds)
-        signal.raise_signal(signal.SIGINT)
-
-    before = signal.signal(signal.SIGALRM, press), signal.signal(signal.SIGINT, signal.default_int_handler)
-    signal.setitimer(signal.ITIMER_REAL, seconds)
-    try:
-        yield pressed
-    finally:
-        signal.setitimer(signal.ITIMER_REAL, 0.0)
-        signal.signal(signal.SIGALRM, before[0])
-        signal.signal(signal.SIGINT, before[1])
 
 
 @contextmanager

@@ -22,6 +22,7 @@ from uvms_ocp.identification.recording import Channel, Recording, ZeroOrderHold,
 from uvms_ocp.identification.rollout import COMMANDS, POSE_INTERVAL, PreparedRecording, Rollout
 from uvms_ocp.identification.sample_checks import QualityIssue
 from uvms_ocp.identification.settings import CalibratedRobot, CalibrationSettings, with_delays
+from uvms_ocp.interrupts import raised_outside_casadi
 from uvms_ocp.progress import progress_bar
 from uvms_ocp.record.display import SmallTable, TableDisplay, cell
 from uvms_ocp.robot.robot import Robot
@@ -347,6 +348,7 @@ class Calibration(TableDisplay):
         return SmallTable(title="Calibration", head=head, rows=tuple(tuple(map(cell, row)) for row in found))
 
 
+@raised_outside_casadi()
 def calibrate(
     subject: CalibratedRobot,
     settings: CalibrationSettings,

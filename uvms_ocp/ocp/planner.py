@@ -20,7 +20,7 @@ from numpy.lib.stride_tricks import sliding_window_view
 from uvms_ocp.checks import checked
 from uvms_ocp.codegen.compile import compiling_beside
 from uvms_ocp.errors import InvalidInput
-from uvms_ocp.interrupts import Interrupted, on_interrupt
+from uvms_ocp.interrupts import Interrupted, on_interrupt, raised_outside_casadi
 from uvms_ocp.ocp.clearance import ShapeClearance, certificate, shortfall
 from uvms_ocp.ocp.diagnosis import Diagnosis, SolveVerdict, level_prices
 from uvms_ocp.ocp.plan import LevelReport, OcpStatus, Plan
@@ -364,7 +364,7 @@ class Planner:
         many = problem.n_steps > _FEW_STEPS and self.options.plugin != STAGEWISE
         self.problem, self._wait = problem, wait_for_compiler or given.time_limit < DAY or many
         self._tries_ipopt = given.plugin == AUTO and plugin == STAGEWISE
-        with compiling_beside(not self._wait):
+        with compiling_beside(not self._wait), raised_outside_casadi():
             self.transcription = transcription or Transcription(problem, plugin=self.options.plugin)
             self._nlp = LexicographicNlp(program_for(self.options.plugin, self.transcription), self.options)
 
