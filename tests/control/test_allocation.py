@@ -129,7 +129,7 @@ def test_bad_data_is_refused() -> None:
         {"dead_zone": [-1.0, 0.0]},
         {"upper": [1.0]},
     ):
-        with pytest.raises(InvalidInput, match=next(iter(change)).replace("lower", "limits")):
+        with pytest.raises(InvalidInput, match=next(iter(change))):
             two_thrusters(**change)
 
 

@@ -5,15 +5,15 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
-from itertools import combinations
+from importlib.resources import files
 from typing import Annotated
+
+import tomllib
 
 from uvms_ocp.codegen.kernel_layout import Layout, Sized, Vector, assign
 from uvms_ocp.robot.signals import ChannelHealth, Readings, Trust
 
 ALTIMETER, ENCODERS = "altimeter_range", "joint_positions"
-_SLOW = 0.5
-_SOFT = 0.25  # of Case 1 without DVL: at 1 it runs away, at 0.5 it swings by 0.4 m, at 0.25 by less than 0.1 m
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -44,7 +44,7 @@ class DegradedMode(ModeLimits):
 
     without: frozenset[str]
     """All of them, fields of `Readings`."""
-    trust: Trust = Trust.LOST
+    trust: Trust
     """Trust from which on it applies; what is lost is suspect too."""
     substitute: str
     """Source of their part of the state meanwhile."""
@@ -76,35 +76,9 @@ FREE = Restriction()
 """Restriction of a robot whose channels are all good, or not monitored."""
 
 
-def _mode(*without: str, **what: object) -> DegradedMode:
-    return DegradedMode(without=frozenset(without), **what)  # type: ignore[arg-type]
-
-
-_VEHICLE = ("position", "attitude", "linear_velocity", "angular_velocity")
-_PAIRS = (
-    ("position", "linear_velocity"),
-    ("position", "depth"),
-    ("attitude", "angular_velocity"),
-    (ENCODERS, "joint_velocities"),
-)
-
-DEGRADED_MODES = (
-    _mode(ALTIMETER, trust=Trust.SUSPECT, substitute="the last floor", no_descent=True),
-    _mode(ALTIMETER, substitute="the last floor", no_descent=True, max_duration=5.0),
-    _mode("position", trust=Trust.SUSPECT, substitute="velocity, integrated", speed=_SLOW),
-    _mode("position", substitute="velocity, integrated", speed=_SLOW, no_descent=True, max_duration=30.0),
-    _mode("position", "depth", substitute="velocity, integrated", max_duration=10.0),
-    _mode("linear_velocity", trust=Trust.SUSPECT, substitute="the change of position", speed=_SLOW, feedback=_SOFT),
-    _mode("angular_velocity", trust=Trust.SUSPECT, substitute="the change of attitude", speed=_SLOW),
-    _mode("attitude", trust=Trust.SUSPECT, substitute="angular velocity, integrated", speed=_SLOW),
-    _mode("attitude", substitute="angular velocity, integrated", hold=True, max_duration=10.0, can_ascend=False),
-    _mode(ENCODERS, trust=Trust.SUSPECT, substitute="commands, integrated", speed=_SLOW, joint_feedback=_SOFT),
-    _mode(ENCODERS, substitute="where the brakes hold the arm", joints_held=True, max_duration=10.0),
-    *(_mode(*pair, trust=Trust.SUSPECT, substitute="either", max_duration=20.0) for pair in _PAIRS),
-    *(
-        _mode(*pair, substitute="too little", hold=True, joints_held=True, blind=True, max_duration=3.0, can_ascend=False)
-        for pair in combinations(_VEHICLE, 2)
-    ),
+_TABLE = tomllib.loads((files("uvms_ocp.estimation") / "degraded_modes.toml").read_text(encoding="utf-8"))
+DEGRADED_MODES = tuple(
+    DegradedMode(**one | {"without": frozenset(one["without"]), "trust": Trust[one["trust"]]}) for one in _TABLE["modes"]
 )
 """Depth and joint velocities are not in it alone: other channels replace them."""
 CHANNELS = tuple(Readings.__dataclass_fields__)

@@ -15,6 +15,7 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import ArrayLike
 
+from uvms_ocp.checks import checked_constructor, checked_dataclass
 from uvms_ocp.codegen.elementwise import Array, clipped, where
 from uvms_ocp.codegen.kernel_layout import Layout, Sized, Vector, assign, structure_of
 from uvms_ocp.codegen.kernels import bind_kernels
@@ -25,6 +26,7 @@ from uvms_ocp.robot.description import Power, Thruster
 from uvms_ocp.robot.robot import Robot
 from uvms_ocp.robot.thrusters import thrust_limits, thruster_matrix
 from uvms_ocp.solvers.bounded_least_squares import dot, room_for
+from uvms_ocp.types import Array as Numbers, Range, Shape
 
 # A wrench shared out among the thrusters that follow, as kernels: what is stuck is a known wrench that is made up for.
 #
@@ -153,7 +155,7 @@ class AllocationResult:
     """The limits, and not the layout alone, keep the wrench from being reached."""
 
 
-@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
+@checked_dataclass(checked_constructor, eq=False)
 class Allocation:
     """Thrust of n thrusters for a wrench on the vehicle: bounded weighted least squares, then least power.
 
@@ -162,19 +164,19 @@ class Allocation:
     that are not finite or out of range. Not for use from two threads at once.
     """
 
-    matrix: np.ndarray
+    matrix: Annotated[Numbers, Shape(6, "n"), Range(open=True)]
     """B (6, n) [N/N, N m/N]."""
-    lower: np.ndarray
-    """(n,) [N], at most 0."""
-    upper: np.ndarray
-    """(n,) [N], at least 0."""
-    power_factor: np.ndarray
-    """(n,) [W/N^exponent], more than 0: power is ``factor |thrust|^exponent``."""
-    power_exponent: np.ndarray
-    """(n,), 1 to 3."""
-    dead_zone: np.ndarray
+    lower: Annotated[Numbers, Shape("n"), Range(-LARGEST_WRENCH, 0.0)]
+    """(n,) [N]"""
+    upper: Annotated[Numbers, Shape("n"), Range(0.0, LARGEST_WRENCH)]
+    """(n,) [N]"""
+    power_factor: Annotated[Numbers, Shape("n"), Range(0.0, open=True)]
+    """(n,) [W/N^exponent]: power is ``factor |thrust|^exponent``."""
+    power_exponent: Annotated[Numbers, Shape("n"), Range(1.0, 3.0)]
+    """(n,)"""
+    dead_zone: Annotated[Numbers, Shape("n"), Range(0.0, LARGEST_WRENCH)]
     """(n,) [N]: smaller thrust cannot be commanded; it becomes 0 or the edge, whichever is nearer."""
-    wrench_weight: np.ndarray = field(default_factory=lambda: np.ones(6))
+    wrench_weight: Annotated[Numbers, Shape(6), Range(0.0, open=True)] = field(default_factory=lambda: np.ones(6))
     """(6,) [1/N, 1/(N m)]: what to give up first when not everything can be reached."""
     effectiveness: ThrusterEffectiveness | None = None
     """Effectiveness; a thruster that follows no command is left out. `None`: all are sound."""
@@ -184,7 +186,6 @@ class Allocation:
     _allocate: Callable[[AllocationMemory], int] = field(init=False, repr=False)
 
     def __post_init__(self) -> None:
-        self._check()
         structure = structure_of(AllocationMemory, **allocation_sizes(len(self.lower)))
         apply, allocate = bind_kernels((apply_effectiveness, allocate_thrust), (structure,), compiled=self.compiled)
         object.__setattr__(self, "memory", structure())
@@ -196,7 +197,7 @@ class Allocation:
         """Write this allocation into an `AllocationMemory` with the `allocation_sizes` of its thrusters."""
         n, effectiveness = len(self.lower), self.effectiveness or ThrusterEffectiveness.sound(len(self.lower))
         assign(memory, count=n, share=effectiveness.share, constant=effectiveness.constant)
-        assign(memory, **{name: getattr(self, name) for name in _SHAPES})
+        assign(memory, **{name: getattr(self, name) for name in _ARRAYS})
 
     def allocate(self, wrench: ArrayLike) -> AllocationResult:
         """Thrust for a wrench (6,) [N, N m] about the origin of B, in B.
@@ -213,29 +214,13 @@ class Allocation:
         found = (np.array(memory.thrust[: memory.count]), np.array(memory.reached), np.array(memory.unreachable))
         return AllocationResult(*found, bool(memory.saturated))
 
-    def _check(self) -> None:
-        n = np.shape(self.matrix)[-1] if np.ndim(self.matrix) == 2 else 0
-        for name, shape in _SHAPES.items():
-            rows = tuple(n if size == -1 else size for size in shape)
-            array = np.array(getattr(self, name), dtype=float)
-            if array.shape != rows or not np.isfinite(array).all():
-                raise InvalidInput(f"{name} of shape {array.shape} given; allowed: {rows}, finite numbers")
-            array.flags.writeable = False
-            object.__setattr__(self, name, array)
-        _require((self.lower <= 0.0).all() and (self.upper >= 0.0).all(), "limits", "lower <= 0 <= upper")
-        _require((self.power_factor > 0.0).all(), "power_factor", "more than 0")
-        _require(((self.power_exponent >= 1.0) & (self.power_exponent <= 3.0)).all(), "power_exponent", "1 to 3")
-        _require((self.wrench_weight > 0.0).all(), "wrench_weight", "more than 0")
-        _require((self.dead_zone >= 0.0).all(), "dead_zone", "0 or more")
-
 
 def allocation_sizes(n: int) -> dict[str, int]:
     """Return the sizes of an `AllocationMemory` with room for n thrusters."""
     return {"m": 6, "n": room_for(n)}
 
 
-_EACH = ("lower", "upper", "power_factor", "power_exponent", "dead_zone")
-_SHAPES = {"matrix": (6, -1), **dict.fromkeys(_EACH, (-1,)), "wrench_weight": (6,)}
+_ARRAYS = ("matrix", "lower", "upper", "power_factor", "power_exponent", "dead_zone", "wrench_weight")
 
 
 def allocation_of(robot: Robot, *, force_weight: float = 1.0, moment_weight: float = 1.0, compiled: bool = True) -> Allocation:
@@ -274,11 +259,6 @@ def _powers(thrusters: tuple[Thruster, ...]) -> list[Power]:
         return powers
     # Without data for all, full thrust costs the same for each.
     return [Power(thrust=max(thruster.maximum, -thruster.minimum), watts=1.0) for thruster in thrusters]
-
-
-def _require(condition: object, name: str, allowed: str) -> None:
-    if not condition:
-        raise InvalidInput(f"{name} out of range; allowed: {allowed}")
 
 
 # First-order thrusters, and the thrust command that makes them faster than their lag.
