@@ -311,7 +311,7 @@ def unchecked_constructor(cls: Callable[_P, _V]) -> Callable[_P, _V]:
 
     Nothing is copied: the arrays belong to the value from then on.
     """
-    unchecked = _unchecked(cls)
+    unchecked: Any = getattr(cls.__init__, "__wrapped__", cls.__init__)
     if not _is_plain(cls):
 
         def made(*args: _P.args, **kwargs: _P.kwargs) -> _V:
@@ -365,7 +365,3 @@ def unchecked_method(method: Callable[_P, _V]) -> Callable[_P, _V]:
     """A method of a value without the look at its arguments, for a loop whose caller has been looked at."""
     bare = getattr(method, "__wrapped__", None)
     return method if bare is None else MethodType(bare, method.__self__)  # type: ignore[attr-defined]
-
-
-def _unchecked(cls: Any) -> Callable[..., None]:
-    return getattr(cls.__init__, "__wrapped__", cls.__init__)

@@ -158,9 +158,6 @@ class FrozenDict(dict[Any, Any]):
     def __reduce__(self) -> tuple[type[FrozenDict], tuple[dict[Any, Any]]]:
         return FrozenDict, (dict(self),)
 
-    def __copy__(self) -> FrozenDict:
-        return self
-
 
 def frozen_mapping(items: Mapping[Any, Any]) -> FrozenDict:
     """The same entries, for good."""

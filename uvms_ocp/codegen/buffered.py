@@ -268,8 +268,4 @@ def _addresses(arrays: Sequence[Array | None], size: int) -> np.ndarray:
 def calls_library() -> ctypes.CDLL | None:
     """The code that makes `BoundCalls`, compiled at the first call."""
     path = compile_library(_SOURCE, name="calls one after the other")
-    if path is None:
-        return None
-    library = loaded_library(path)
-    library.make_calls.restype = ctypes.c_int
-    return library
+    return None if path is None else loaded_library(path)

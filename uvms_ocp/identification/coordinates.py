@@ -270,13 +270,9 @@ def second_moment(inertia: np.ndarray) -> np.ndarray:
     return S
 
 
-def rotational_inertia(S: ca.SX) -> ca.SX:
-    """Inertia (3, 3) [kg m2] of a second moment S (3, 3) [kg m2], both about the centre of mass."""
-    return ca.trace(S) * ca.SX.eye(3) - S
-
-
 def spatial_inertia(mass: ca.SX, centre: ca.SX, S: ca.SX) -> ca.SX:
     """(6, 6) [kg, kg m, kg m2] about the origin of the frame in which the centre of mass (3,) [m] is given, linear first."""
     c = skew(centre)
     upper = ca.horzcat(mass * ca.SX.eye(3), -mass * c)
-    return ca.vertcat(upper, ca.horzcat(mass * c, rotational_inertia(S) - mass * c @ c))
+    rotational = ca.trace(S) * ca.SX.eye(3) - S  # about the centre of mass
+    return ca.vertcat(upper, ca.horzcat(mass * c, rotational - mass * c @ c))

@@ -59,10 +59,6 @@ class ExperimentLimits:
         """(3,) [m] that the vehicle can go either way before the hull, turned as at first, comes to a wall."""
         return np.asarray(((self.pool - self.hull) * [[-1.0], [1.0]]).min(axis=0))
 
-    @property
-    def _half(self) -> np.ndarray:
-        return np.asarray(np.diff(self.pool, axis=0)[0] / 2)
-
     def swept(self, x: np.ndarray) -> np.ndarray:
         """(2, 3) [m] lowest and highest corner of a box in W around the hull at all states x (n, n_x) [as `StageFunctions`]."""
         R = _turned(x[:, 3:7])
@@ -97,13 +93,13 @@ class ExperimentLimits:
 
     def _far(self, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Distance of the hull's outermost corners from the pool's middle (n, 3) [-, in half widths]; slope (n, 3, 7)."""
-        centre, size = self.hull.mean(axis=0), np.diff(self.hull, axis=0)[0] / 2
+        centre, (size, half) = self.hull.mean(axis=0), (np.diff(one, axis=0)[0] / 2 for one in (self.hull, self.pool))
         R, with_q = _turned(x[:, 3:7]), np.einsum("ijkl,nl->nijk", _BENT, x[:, 3:7])
         off = x[:, :3] + R @ centre - np.asarray(self.pool.mean(axis=0))
         side = np.where(off < 0.0, -1.0, 1.0)
         corner = centre + side[:, :, None] * np.sign(R) * size  # the outermost in each direction
         slope = np.concatenate([np.tile(np.eye(3), (len(x), 1, 1)), np.einsum("nijk,nij->nik", with_q, corner)], axis=2)
-        return (np.abs(off) + np.abs(R) @ size) / self._half, slope * (side / self._half)[:, :, None]
+        return (np.abs(off) + np.abs(R) @ size) / half, slope * (side / half)[:, :, None]
 
 
 def _turned(q: np.ndarray) -> np.ndarray:

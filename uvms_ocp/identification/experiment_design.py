@@ -69,11 +69,6 @@ class ExperimentTask:
         n_j = self.vehicle.dynamics.model.nv - N_V
         return np.concatenate([self.joints or np.zeros(n_j), np.zeros(2 * n_j)])
 
-    @property
-    def chosen(self) -> list[int]:
-        """Places of the m numbers that matter, as `numbers` has them. Raises NameNotFound for one that there is not."""
-        return _chosen(slopes_of(self.vehicle, self.vehicle.shared.start)[0], self.matter)
-
     def aim(self) -> experiment.InformationCriterion:
         """Raises NameNotFound for a number that does not depend on the unknowns."""
         names, slopes = slopes_of(self.vehicle, self.vehicle.shared.start)
@@ -238,7 +233,7 @@ def target_deviations(given: ExperimentTask, rollout: Rollout) -> np.ndarray:
     Recordings can only add to what is believed: it is their own information that is to be more. Where those by hand say less
     than that, belief is left to stand.
     """
-    chosen, aim = given.chosen, given.aim()
+    aim, chosen = given.aim(), _chosen(slopes_of(given.vehicle, given.vehicle.shared.start)[0], given.matter)
     by_hand = [largest(given, rollout, name).numbers for name in BY_HAND]
     least = np.array([[one.sigma for one in numbers] for numbers in by_hand]).min(axis=0)[chosen]
     learnt = np.array([[one.informed for one in numbers] for numbers in by_hand]).max(axis=0)[chosen]

@@ -77,11 +77,6 @@ def names_below(root: Path) -> list[str]:
     return sorted(path.relative_to(root).as_posix() for path in root.rglob("*") if path.is_file())
 
 
-def manifest_of(root: Path, names: Iterable[str]) -> Manifest:
-    """Digests of files below `root`. Raises `OSError` for one that cannot be read."""
-    return Manifest(files={name: fingerprint(root / name) for name in names})
-
-
 def fingerprint(path: Path) -> Fingerprint:
     """Return the digest of the contents of a file. Raises `OSError` where it cannot be read."""
     with path.open("rb") as file:
@@ -218,7 +213,7 @@ class Replacement:
         """
         manifest, names = self.manifest(), names_below(self.new)
         require_own_files(self.target, names, manifest)
-        after = manifest_of(self.new, names)
+        after = Manifest(files={name: fingerprint(self.new / name) for name in names})
         # What the user removed is not ours any more.
         before = manifest.model_copy(update={"files": {n: f for n, f in manifest.files.items() if self._is_there(n)}})
         needed = parents_of(names)

@@ -164,7 +164,8 @@ class ActuatorMonitor:
         names, thrusters, i = self._robot.joint_names, self._robot.description.thrusters, self._memory.thruster
         for j in range(len(self.joints)):
             if self._memory.joints.found[j]:
-                self.alarms.append((t, verdicts.joint_alarm(j + 1, names[j])))
+                text = f"joint{j + 1} jammed ({names[j]}): pushed, and does not move; the others do without it"
+                self.alarms.append((t, text))
         if i >= 0:
             self.alarms.append((t, verdicts.thruster_alarm(i + 1, thrusters[i].name, self.thrusters[i])))
         if self._memory.judgement:

@@ -36,18 +36,13 @@ class ThrusterEffectiveness(Layout):
         """(n_thrusters,) whether anything follows the command at all."""
         return self.share != 0.0
 
-    @property
-    def share_or_one(self) -> Array:
-        """(n_thrusters,) to divide by."""
-        return where(self.works, self.share, 1.0)
-
     def given(self, asked: Array) -> Array:
         """Thrust in the water (n_thrusters,) [N] for the asked one (n_thrusters,) [N]."""
         return self.share * asked + self.constant
 
     def asked(self, given: Array) -> Array:
         """Invert the effectiveness: command (n_thrusters,) [N] for a thrust (n_thrusters,) [N]; 0 of what does not follow."""
-        return where(self.works, (given - self.constant) / self.share_or_one, 0.0)
+        return where(self.works, (given - self.constant) / where(self.works, self.share, 1.0), 0.0)
 
 
 def effective_thrust(e: ThrusterEffectiveness, i: int, asked: float) -> float:
@@ -120,11 +115,6 @@ def thruster_alarm(number: int, name: str, verdict: ThrusterVerdict) -> str:
     if verdict.kind is FaultKind.DEAD:
         return f"{given}; taken out"
     return f"{given}; {'driven the other way' if verdict.kind is FaultKind.REVERSED else 'asked for more'}"
-
-
-def joint_alarm(number: int, name: str) -> str:
-    """One line on a jammed joint, counted from 1."""
-    return f"joint{number} jammed ({name}): pushed, and does not move; the others do without it"
 
 
 # How much has to be seen before a thruster or a joint is called faulty.

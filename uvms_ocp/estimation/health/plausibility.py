@@ -132,12 +132,10 @@ _UNIT = 1e-3  # by which the norm of a quaternion may differ from 1, as in recor
 def is_nonsense(channel: int, value: Vector, size: int, why: Complaint) -> bool:
     """Return whether a value of size numbers means nothing. A range that is nan is no echo."""
     if channel == ChannelIndex.ALTIMETER_RANGE and value[0] < 0.0:
-        set_complaint(why, Reason.RANGE, value[0], 0.0)
-        return True
+        return set_complaint(why, Reason.RANGE, value[0], 0.0)
     for i in range(size):
         if not math.isfinite(value[i]) and not (channel == ChannelIndex.ALTIMETER_RANGE and math.isnan(value[i])):
-            set_complaint(why, Reason.NO_NUMBER, 0.0, 0.0)
-            return True
+            return set_complaint(why, Reason.NO_NUMBER, 0.0, 0.0)
     return channel == ChannelIndex.ATTITUDE and _is_no_rotation(value, why)
 
 
@@ -154,8 +152,7 @@ def _is_no_rotation(value: Vector, why: Complaint) -> bool:
     squared = value[0] * value[0] + value[1] * value[1] + value[2] * value[2] + value[3] * value[3]
     if abs(squared - 1.0) <= 2.0 * _UNIT:
         return False
-    set_complaint(why, Reason.LENGTH, math.sqrt(squared), 0.0)
-    return True
+    return set_complaint(why, Reason.LENGTH, math.sqrt(squared), 0.0)
 
 
 # Whether a reading can be true, given where the robot was estimated to be when it was taken.
@@ -211,8 +208,7 @@ def is_impossible(g: PlausibilityGate, value: Vector, why: Complaint) -> bool:
         squared += value[i] * value[i]
     if math.sqrt(squared) <= g.most:
         return False
-    set_complaint(why, Reason.LARGE, math.sqrt(squared), g.most)
-    return True
+    return set_complaint(why, Reason.LARGE, math.sqrt(squared), g.most)
 
 
 def error_of(g: PlausibilityGate, value: Vector, estimate: PastEstimate) -> float:
@@ -321,8 +317,7 @@ def _too_often(r: RepetitionMemory, why: Complaint) -> bool:
         together = min(together, r.runs[i])
     if most < _LEAST or not _unlikely(r, most, together):
         return False
-    set_complaint(why, Reason.REPEATED, most + 1, 0 if together >= _LEAST or r.size == 1 else worst + 1)
-    return True
+    return set_complaint(why, Reason.REPEATED, most + 1, 0 if together >= _LEAST or r.size == 1 else worst + 1)
 
 
 def _unlikely(r: RepetitionMemory, most: int, together: int) -> bool:

@@ -46,11 +46,9 @@ def is_empty(c: ChannelMemory) -> bool:
 
 def _means_nothing(m: HealthMemory, c: ChannelMemory, why: Complaint) -> bool:
     if not math.isfinite(c.stamp):
-        set_complaint(why, Reason.STAMP, c.stamp, 0.0)
-        return True
+        return set_complaint(why, Reason.STAMP, c.stamp, 0.0)
     if c.misshapen > 0:
-        set_complaint(why, Reason.SHAPE, c.misshapen, 0.0)
-        return True
+        return set_complaint(why, Reason.SHAPE, c.misshapen, 0.0)
     return plausibility.is_nonsense(c.number, c.value, c.size, why) or plausibility.is_mistimed(
         c.stamp, c.used, m.t, m.clock, why
     )
@@ -60,8 +58,7 @@ def _cannot_be(m: HealthMemory, c: ChannelMemory, why: Complaint) -> bool:
     """Screen a reading by its values and age alone."""
     late = m.t - c.stamp - c.delay
     if late > TOO_LATE:
-        set_complaint(why, Reason.TOO_LATE, late, 0.0)
-        return True
+        return set_complaint(why, Reason.TOO_LATE, late, 0.0)
     if is_empty(c):
         return False
     if c.number == ChannelIndex.JOINT_POSITIONS and plausibility.stands_still(m.encoders, c.value, why):

@@ -81,9 +81,10 @@ class Complaint(Layout):
     """[of its text]"""
 
 
-def set_complaint(why: Complaint, code: int, first: float, second: float) -> None:
-    """Set all of it; first, second [of the text of the `Reason` code]."""
+def set_complaint(why: Complaint, code: int, first: float, second: float) -> bool:
+    """Set all of it, and return True: there is a complaint. first, second [of the text of the `Reason` code]."""
     why.code, why.first, why.second = code, first, second
+    return True
 
 
 def copy_complaint(to: Complaint, other: Complaint) -> None:

@@ -76,18 +76,18 @@ class ArmReach:
         """
         best: ReachResult | None = None
         for start in (*near, *self._starts[:n_random]):
-            for found in self._from(X_WB, goal, start):
-                best = found if best is None or found.cost < best.cost else best
-            if best is not None and (best.reached if self._weight else best.position < REACHED):
+            found = self._from(X_WB, goal, start)
+            best = found if best is None or found.cost < best.cost else best
+            if best.reached if self._weight else best.position < REACHED:
                 break
         return self._reach(X_WB, goal, 0.5 * (self._lower + self._upper)) if best is None else best
 
-    def _from(self, X_WB: pin.SE3, goal: pin.SE3, start: np.ndarray) -> Iterator[ReachResult]:
+    def _from(self, X_WB: pin.SE3, goal: pin.SE3, start: np.ndarray) -> ReachResult:
         """With the rotation weighed lightly first: it finds its way around more obstacles than the full error."""
         x = start
         for weight in (0.1 * self._weight, self._weight) if self._weight else (0.0,):
             x = self._minimise(X_WB, goal, x, weight)
-        yield self._reach(X_WB, goal, x)
+        return self._reach(X_WB, goal, x)
 
     def _minimise(self, X_WB: pin.SE3, goal: pin.SE3, start: np.ndarray, weight: float) -> np.ndarray:
         """Levenberg-Marquardt; joints at a limit that a step would push beyond it stand still, others stop there."""
