@@ -18,6 +18,8 @@ from typer.testing import CliRunner
 
 from uvms_ocp.cli.commands import app
 from uvms_ocp.errors import InvalidInput
+from uvms_ocp.identification import messages
+from uvms_ocp.identification.messages import messages as reader
 from uvms_ocp.identification.proposed_mapping import propose_mapping
 from uvms_ocp.identification.reading import RecordingMapping, mapped_recording, read_mapping, read_recording
 from uvms_ocp.identification.recording import CHANNEL_KINDS, Channel, Recording, rotations
@@ -343,6 +345,21 @@ def test_messages_have_topics_and_fields(tmp_path: Path) -> None:
     ]
     path.write_text("".join(json.dumps(row) + "\n" for row in rows))
     assert "linear_velocity: {topic: velocity, time: time, columns: [vx, vy, vz]}" in propose_mapping(path)
+
+
+def test_messages_are_read_once_for_all_cures_that_leave_them_as_they_are_and_anew_once_they_change(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    path, read = tmp_path / "dvl.json", []
+    monkeypatch.setattr(messages, "messages", lambda *given: read.append(given[1]) or reader(*given))
+    rows = [{"type": "v", "time": 0.1 * k, "vx": 300.0 * np.sin(0.1 * k), "vy": 9e3, "vz": 5.0 * k} for k in range(99)]
+    path.write_text("".join(json.dumps(row) + "\n" for row in rows))
+    first = propose_mapping(path)
+    assert "unit: mm/s" in first
+    assert len(read) == 1
+    path.write_text("".join(json.dumps({**row, "vx": row["vx"] * 2e-3, "vy": 0.3, "vz": 0.1}) + "\n" for row in rows))
+    assert "unit: mm/s" not in propose_mapping(path)
+    assert len(read) == 2
 
 
 def test_a_file_without_a_name_that_is_known_is_one_line_with_those_that_there_are(tmp_path: Path) -> None:

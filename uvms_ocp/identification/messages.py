@@ -15,7 +15,7 @@ from collections import defaultdict
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from contextlib import closing, contextmanager
 from dataclasses import dataclass, fields, is_dataclass
-from functools import partial
+from functools import lru_cache, partial
 from pathlib import Path, PurePath
 from typing import Any
 
@@ -387,8 +387,16 @@ def message_rows(path: Path, wanted: Mapping[str, TopicColumns], definitions: Pa
     definitions: folder with ``.msg`` files that a bag of ROS 2 lacks. A message without such a field gives no row.
     Raises NameNotFound where none has it, NotInstalled and InvalidInput.
     """
+    state = tuple((one.stat().st_mtime_ns, one.stat().st_size) for one in _files(path))
+    return dict(_rows_of(path, tuple(wanted.items()), definitions, state))
+
+
+@lru_cache(maxsize=1)  # as a mapping is tried with other units and axes
+def _rows_of(
+    path: Path, wanted: Sequence[tuple[str, TopicColumns]], definitions: Path | None, state: object
+) -> Mapping[str, TableColumns]:
     remarks: list[str] = []
-    found = {name: _Rows(one) for name, one in wanted.items()}
+    found = {name: _Rows(one) for name, one in wanted}
     by_topic: dict[str, list[_Rows]] = defaultdict(list)
     for rows in found.values():
         by_topic[rows.wanted.topic].append(rows)
