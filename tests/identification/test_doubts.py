@@ -140,6 +140,17 @@ def test_an_attitude_that_is_read_wrong_is_told_as_such_and_not_as_other_axes_of
     assert {one.channel for one in issues} <= {"attitude", "position"}
 
 
+@pytest.mark.parametrize("how", [how for how in ATTITUDES if how.startswith("format")])
+def test_a_quaternion_alone_is_in_the_order_in_which_the_vehicle_is_level(how: str) -> None:
+    t = np.arange(0.0, 60.0, 0.1)
+    angles = np.column_stack([0.3 * t, 0.1 * np.sin(t), 0.1 * np.cos(0.7 * t)])  # turning round and round
+    alone = Recording(name="dive", channels={"attitude": Channel(t=t, values=Rotation.from_euler("ZYX", angles).as_quat())})
+    assert told(alone) == ""
+    assert f"attitude: reads better with {how}: it is level then" in told(with_values(alone, "attitude", ATTITUDES[how]))
+    tumbling = Rotation.from_euler("xyz", np.column_stack([0.3 * t, 0.9 * np.sin(t), 0.2 * t])).as_quat()
+    assert "reads better" not in told(with_values(alone, "attitude", lambda _: tumbling))
+
+
 @pytest.mark.parametrize("name", ["angular_velocity", "linear_velocity", "specific_force"])
 def test_a_sensor_along_other_axes_is_not_told_as_an_attitude_that_is_read_wrong(name: str) -> None:
     text = told(with_values(moved(), name, lambda x: x[:, [1, 0, 2]] * [1, -1, 1]))

@@ -255,6 +255,32 @@ def test_numbers_of_a_quaternion_have_the_order_with_which_the_rest_agrees(tmp_p
     assert "columns: [q0, q1, q2, q3], format: quaternion xyzw" in propose_mapping(tmp_path / "dive.csv")
 
 
+ARRAYS = {"position": "pos", "attitude": "quat", "linear_velocity": "vel", "angular_velocity": "gyro", "specific_force": "accel"}
+
+
+@pytest.mark.parametrize("names", [ARRAYS, {name: name for name in ARRAYS}], ids=["short", "in full"])
+def test_arrays_have_columns_by_number_and_the_order_of_a_quaternion_is_looked_for(names: dict[str, str], tmp_path: Path) -> None:
+    arrays = {said: WHOLE.channels[name].values for name, said in names.items()}
+    np.savez(tmp_path / "dive.npz", time=WHOLE.channels["position"].t, **arrays)
+    read = read_as_proposed(tmp_path / "dive.npz").channels
+    assert set(read) == set(names)
+    for name in names:
+        np.testing.assert_allclose(read[name].values, WHOLE.channels[name].values, atol=1e-9, err_msg=name)
+
+
+def test_positions_and_velocities_of_fossen_are_known_as_arrays(tmp_path: Path) -> None:
+    t = np.arange(0.0, 20.0, 0.1)
+    eta = 1e-3 * np.column_stack([np.sin(t + k) for k in range(6)])
+    np.savez(tmp_path / "dive.npz", t=t, eta=eta, nu=2.0 * eta)
+    proposed = yaml.safe_load(propose_mapping(tmp_path / "dive.npz"))["channels"]
+    assert {name: [one.strip("-") for one in each["columns"]] for name, each in proposed.items()} == {
+        "linear_velocity": ["nu[0]", "nu[1]", "nu[2]"],
+        "angular_velocity": ["nu[3]", "nu[4]", "nu[5]"],
+        "attitude": ["eta[3]", "eta[4]", "eta[5]"],
+        "position": ["eta[0]", "eta[1]", "eta[2]"],
+    }
+
+
 def test_what_nothing_in_a_file_tells_is_said_to_be_assumed(tmp_path: Path) -> None:
     write_columns(tmp_path / "dive.csv", columns_of(GOOD, {"attitude": "qx qy qz qw", "angular_velocity": "p q r"}))
     assert propose_mapping(tmp_path / "dive.csv").count("    # assumed: x ahead, y to the left, z up") == 1

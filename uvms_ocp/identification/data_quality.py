@@ -22,6 +22,7 @@ _INSIDE = slice(round(checks.WINDOW / recordings.GRID), -round(checks.WINDOW / r
 """Smoothed samples whose window is whole."""
 _HALF, _MOST = 0.5, 0.8  # of the motion that a way to read axes must explain: at least, and as magnitudes agree
 _EVEN = 0.03  # by which one way must explain more than another where little speaks for it
+_LEVEL = 0.9  # cosine of tilt of a vehicle that is level, or nearly
 _AS_LARGE = 0.7  # correlation of magnitudes from which on two things are the same
 _PARTNER = {"linear_velocity": "position", "angular_velocity": "attitude", "specific_force": "attitude"}
 _READINGS = recordings.CHANNEL_TABLE["readings"]
@@ -50,10 +51,12 @@ def of_rates(recording: Recording) -> Iterator[tuple[str, str]]:
 def _other_attitude(recording: Recording) -> Iterator[tuple[str, str]]:
     """Another way to read the attitude, with which all that depends on it agrees better, and other axes alone would not."""
     own, channels = _agreement(recording), recording.channels
-    ways: dict[str, dict[str, tuple[float, float]]] = {}
-    for how, (order, signs) in _READINGS if own else ():
-        turned = replace(channels["attitude"], values=channels["attitude"].values[:, order] * signs)
-        ways[how] = _agreement(replace(recording, channels={**channels, "attitude": turned}))
+    attitude = channels.get("attitude")
+    turned = {how: replace(attitude, values=attitude.values[:, order] * signs) for how, (order, signs) in _READINGS if attitude}
+    if attitude and not own and _level(attitude) < _HALF:  # no vehicle is level for long by numbers in another order
+        order = (how for how, one in turned.items() if how.startswith("format") and _level(one) > _LEVEL)
+        yield from (("attitude", f"reads better with {how}: it is level then, which it is not as it is") for how in order)
+    ways = {how: _agreement(replace(recording, channels={**channels, "attitude": one})) for how, one in turned.items() if own}
     for how, found in sorted(ways.items(), key=lambda way: -sum(share for share, _ in way[1].values())):
         more = [found.get(name, (0.0, 0.0))[0] - share for name, (share, _) in own.items()]
         least, better = min(found.get(name, (0.0, 0.0))[0] for name in own), sum(one > checks.EXPLAINED for one in more)
@@ -63,6 +66,11 @@ def _other_attitude(recording: Recording) -> Iterator[tuple[str, str]]:
             before = ", ".join(f"{100 * share:.0f} %" for share, _ in own.values())
             yield "attitude", f"reads better with {how}: it agrees with {shares}, and as it is with {before}"
             return
+
+
+def _level(attitude: Channel) -> float:
+    """Cosine of tilt, on average."""
+    return float(rotations(attitude, attitude.undelayed_t)[:, 2, 2].mean())
 
 
 def _agreement(recording: Recording) -> dict[str, tuple[float, float]]:
