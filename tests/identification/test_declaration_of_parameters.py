@@ -107,7 +107,7 @@ def test_unknown_names_are_told_what_there_is() -> None:
     ("make", "text"),
     [
         (lambda: Bounded(lower=1.0, upper=1.0), "lower < upper"),
-        (lambda: Prior(sigma=0.0), "more than 0"),
+        (lambda: Prior(sigma=0.0), "give a number > 0"),
         (lambda: declaration().with_start(mass=np.array([-1.0])), "more than 0"),
         (lambda: declaration().with_start(centre_of_buoyancy=np.array([0.0, 0.0, 0.5])), "strictly inside"),
         (lambda: declaration().with_start(linear_drag=-np.eye(6)), "not positive definite"),

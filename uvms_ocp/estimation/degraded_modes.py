@@ -84,6 +84,7 @@ DEGRADED_MODES = tuple(
 CHANNELS = tuple(Readings.__dataclass_fields__)
 """Channels in the order of a `RestrictionMemory`."""
 _N_MODES, _N_CHANNELS = len(DEGRADED_MODES), len(CHANNELS)
+_SHARES, _FLAGS = ("speed", "feedback", "joint_feedback"), ("no_descent", "joints_held", "hold", "blind", "can_ascend")
 
 
 def degraded_channels(health: Sequence[ChannelHealth]) -> list[ChannelHealth]:
@@ -188,11 +189,9 @@ def write_modes(memory: RestrictionMemory) -> None:
         needs=[[channel in mode.without for channel in CHANNELS] for mode in modes],
         trust=[mode.trust for mode in modes],
         of_altitude=[mode.without == {ALTIMETER} for mode in modes],
-        mode_speed=[mode.speed for mode in modes],
-        mode_feedback=[mode.feedback for mode in modes],
-        mode_joint_feedback=[mode.joint_feedback for mode in modes],
+        **{f"mode_{name}": [getattr(mode, name) for mode in modes] for name in _SHARES},
         max_duration=[mode.max_duration for mode in modes],
-        flags=[(mode.no_descent, mode.joints_held, mode.hold, mode.blind, mode.can_ascend) for mode in modes],
+        flags=[[getattr(mode, name) for name in _FLAGS] for mode in modes],
     )
     memory.speed, memory.feedback, memory.joint_feedback, memory.can_ascend = 1.0, 1.0, 1.0, True
 
@@ -211,11 +210,9 @@ def read_restriction(memory: RestrictionMemory, bad: Sequence[ChannelHealth]) ->
     if not bad:
         return FREE
     at_fault = [item for item in bad if item.channel in CHANNELS and memory.at_fault[CHANNELS.index(item.channel)]]
-    shares = {name: getattr(memory, name) for name in ("speed", "feedback", "joint_feedback")}
-    flags = ("no_descent", "joints_held", "hold", "blind", "can_ascend")
     return Restriction(
-        **shares,
-        **{name: bool(getattr(memory, name)) for name in flags},
+        **{name: getattr(memory, name) for name in _SHARES},
+        **{name: bool(getattr(memory, name)) for name in _FLAGS},
         abort=describe_channels(sorted(at_fault, key=lambda item: item.channel)),
         bad=tuple(bad),
     )

@@ -231,7 +231,7 @@ def target_deviations(given: ExperimentTask, rollout: Rollout) -> np.ndarray:
     """(m,) [units of numbers] standard errors of those that matter.
 
     Recordings can only add to what is believed: it is their own information that is to be more. Where those by hand say less
-    than that, belief is left to stand.
+    than that, belief is left to stand. Raises NameNotFound for a number that there is not.
     """
     aim, chosen = given.aim(), _chosen(slopes_of(given.vehicle, given.vehicle.shared.start)[0], given.matter)
     by_hand = [largest(given, rollout, name).numbers for name in BY_HAND]

@@ -327,7 +327,7 @@ def vehicle_declaration(
     velocity_delay: [s] of measured velocity. Raises InvalidInput for numbers that no vehicle has.
     """
     known = _body(start, hull) | _water(start, couplings or AxisCouplings()) | _actuation(actuators or ActuatorModel())
-    return Declaration(quantities=known | _sensing(velocity_delay) | _of_recordings())
+    return Declaration(quantities=known | _sensing(velocity_delay))
 
 
 def _body(start: NominalParameters, hull: np.ndarray) -> dict[str, Quantity]:
@@ -370,17 +370,14 @@ def _actuation(driven: ActuatorModel) -> dict[str, Quantity]:
 
 
 def _sensing(late: float) -> dict[str, Quantity]:
-    """The sensor of attitude and its rate sits in B turned by a rotation vector, to which each recording adds its own."""
+    """The sensor of attitude and its rate sits in B turned by a rotation vector, to which each recording adds its own.
+
+    A recording has for itself, too, its current, a force that nobody knows, and the bias of its gyro.
+    """
     return {
         "velocity_point": Quantity.fixed("m", Reals(names=_XYZ), np.zeros(3)),
         "velocity_delay": _delay(late, begin=max(late, 0.01)),
         "attitude_turn": Quantity.fixed("rad", Reals(names=_XYZ), np.zeros(3)),
-    }
-
-
-def _of_recordings() -> dict[str, Quantity]:
-    """Declare the quantities that each recording has for itself."""
-    return {
         "current": Quantity.fixed("m/s", Reals(names=_XYZ), np.zeros(3), own=True),
         "wrench_offset": Quantity.fixed("N, N m", Reals(names=AXES), np.zeros(6), own=True),
         "attitude_offset": Quantity.fixed("rad", Reals(names=_XYZ), np.zeros(3), own=True),
