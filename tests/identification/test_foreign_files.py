@@ -502,6 +502,26 @@ def test_rows_choose_one_of_two_sensors_in_a_table_and_without_them_it_is_said(t
         recording_of(path, {"position": {**POSITION, "rows": {"I": 7}}})
 
 
+@pytest.mark.parametrize("ending", ["csv", "jsonl"])
+def test_rows_are_chosen_by_words_too(ending: str, tmp_path: Path) -> None:
+    """Such as names of sensors, and A and V of what is valid and what is not."""
+    path, rows = (
+        tmp_path / f"dive.{ending}",
+        [(t, *xyz, ("left", "right")[k % 2]) for k, (t, xyz) in enumerate(zip(T, XYZ, strict=True))],
+    )
+    if ending == "csv":
+        path.write_text("t,x,y,z,sensor name\n" + "".join(f"{t},{x},{y},{z}, {sensor}\n" for t, x, y, z, sensor in rows))
+    else:
+        names = ("t", "x", "y", "z", "sensor name")
+        path.write_text("".join(json.dumps(dict(zip(names, row, strict=True))) + "\n" for row in rows))
+    read = recording_of(path, {"position": {**POSITION, "rows": {"sensor name": "right"}}}).channels["position"]
+    np.testing.assert_array_equal(read.values, XYZ[1::2])
+    with pytest.raises(
+        InvalidInput, match=r"no row has {'sensor name': 'middle'}; leave rows out, or give values that there are"
+    ):
+        recording_of(path, {"position": {**POSITION, "rows": {"sensor name": "middle"}}})
+
+
 @pytest.mark.parametrize(("share", "value"), [(0.01, -9999.0), (0.09, -32.768), (0.2, 65535.0)])
 def test_values_that_stand_for_nothing_are_seen_and_left_out_on_demand(share: float, value: float, tmp_path: Path) -> None:
     lost = np.random.default_rng(1).uniform(size=len(T)) < share

@@ -16,6 +16,7 @@ from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from contextlib import closing, contextmanager
 from dataclasses import dataclass, fields, is_dataclass
 from functools import lru_cache, partial
+from itertools import zip_longest
 from pathlib import Path, PurePath
 from typing import Any
 
@@ -379,6 +380,8 @@ class TopicColumns:
     """Path of the time; empty for the time of logging."""
     unit: float = 1.0
     """[s] of a time that is a plain number."""
+    words: tuple[str | None, ...] = ()
+    """Of columns that are text, such as are 1, all others 0."""
 
 
 def message_rows(path: Path, wanted: Mapping[str, TopicColumns], definitions: Path | None = None) -> dict[str, TableColumns]:
@@ -421,8 +424,8 @@ class _Rows:
     def add(self, logged: int, content: Any) -> None:
         try:
             row = [seconds_at(content, self.time, self.wanted.unit) if self.time else 1e-9 * logged]
-            for steps in self.columns:
-                row += numbers_at(content, steps)
+            for steps, word in zip_longest(self.columns, self.wanted.words):
+                row += numbers_at(content, steps) if word is None else [float(str(_value_at(content, steps)) == word)]
         except NameNotFound as error:
             self.missing = self.missing or error
             return

@@ -90,8 +90,8 @@ class ChannelMapping(FileModel, allow_inf_nan=False, use_attribute_docstrings=Tr
     columns: tuple[str | float, ...] = Field(min_length=1)
     """in the order that the channel has; -name for the opposite, a number for what is not measured; of messages, paths such as
     position.x, actuators[3]; of tables also places, #1"""
-    rows: dict[str, float] = Field(default={})
-    """only rows or messages that have these values, such as {instance: 0, valid: 1}"""
+    rows: dict[str, float | str] = Field(default={})
+    """only rows or messages that have these values, such as {instance: 0, valid: 1, sensor: left}"""
     missing: tuple[float, ...] = ()
     """values that stand where nothing was measured"""
     format: Literal["rpy", "quaternion xyzw", "quaternion wxyz"] | None = None
@@ -119,6 +119,11 @@ class ChannelMapping(FileModel, allow_inf_nan=False, use_attribute_docstrings=Tr
     def fields(self) -> tuple[str, ...]:
         """Names of the columns or fields that are measured, without their signs."""
         return tuple(one.removeprefix("-") for one in self.columns if isinstance(one, str))
+
+    @property
+    def words(self) -> tuple[str | None, ...]:
+        """Of columns, then rows: words that are asked for, which count as 1 and all others as 0."""
+        return (*(None for _ in self.fields), *(one if isinstance(one, str) else None for one in self.rows.values()))
 
 
 @one_line_errors
@@ -223,7 +228,8 @@ def _mapped_rows(source: Path, mapping: RecordingMapping, name: str) -> dict[str
                 raise InvalidInput(f"{path}: {key} has no topic; give one of {', '.join(known_topics(path))}")
             time = one.time if isinstance(one.time, str) else ""
             unit = recordings.SECONDS[one.time_unit or "s"]
-            by_path[path][key] = TopicColumns(topic=one.topic, columns=(*one.fields, *one.rows), time=time, unit=unit)
+            columns = (*one.fields, *one.rows)
+            by_path[path][key] = TopicColumns(topic=one.topic, columns=columns, time=time, unit=unit, words=one.words)
         else:
             found[key] = _chosen(key, one, _table_rows(key, one, path, mapping.table))
     for path, wanted in by_path.items():
@@ -258,7 +264,7 @@ def _table_rows(key: str, one: ChannelMapping, path: Path, given: TextFormat | N
     times = (
         one.time if isinstance(one.time, tuple) else (one.time if isinstance(one.time, str) else named[0],)
     )  # as many as those
-    table = tables.read_table(path, [*times, *named], given)
+    table = tables.read_table(path, [*times, *named], given, (*(None for _ in times), *one.words))
     if isinstance(one.time, tuple):
         both = table.values[:, :2] @ [1.0, 1e-9]
         table = replace(table, values=np.column_stack([both, table.values[:, 2:]]), units=("s", *table.units[2:]))
@@ -270,7 +276,9 @@ def _chosen(key: str, one: ChannelMapping, table: tables.TableColumns) -> tables
     """Rows that are wanted, with sentinels as NaN, signs and constants, in the unit of the channel."""
     n = len(one.rows)
     values, which = table.values[:, : table.values.shape[1] - n], table.values[:, table.values.shape[1] - n :]
-    values = values[(which == list(one.rows.values())).all(axis=1)] if n else values
+    values = (
+        values[(which == [1.0 if isinstance(each, str) else each for each in one.rows.values()]).all(axis=1)] if n else values
+    )
     if not len(values) and len(table.values):
         raise InvalidInput(f"{key}: no row has {one.rows}; leave rows out, or give values that there are")
     for missing in one.missing:

@@ -46,8 +46,10 @@ class TableColumns:
     """What it says itself of these columns, and was followed."""
 
 
-def read_table(path: Path, wanted: Sequence[str], given: TextFormat | None = None) -> TableColumns:
-    """The wanted columns of a table.
+def read_table(
+    path: Path, wanted: Sequence[str], given: TextFormat | None = None, words: Sequence[str | None] = ()
+) -> TableColumns:
+    """The wanted columns of a table; words: of columns of text, such that are 1, all others 0.
 
     Raises NameNotFound for a column that there is not, NotInstalled, and InvalidInput for what is no table of numbers.
     """
@@ -56,7 +58,8 @@ def read_table(path: Path, wanted: Sequence[str], given: TextFormat | None = Non
     if kind in ("text", "workbook"):
         layout = text_layout(path, given)
         places = [place_of(path, layout.names, name) for name in wanted]
-        values, remarks = text_columns(path, places, layout)
+        asked = {place: word for place, word in zip(places, words, strict=False) if word is not None}
+        values, remarks = text_columns(path, places, layout, asked)
         units = tuple(layout.units[place] for place in places)
         return TableColumns(values=values, units=units, remarks=remarks, layout=str(layout))
     values = _from_parquet(path, wanted) if kind == "parquet" else _from_arrays(path, wanted)

@@ -13,7 +13,7 @@ import io
 import re
 import zlib
 from collections import Counter
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager, closing, contextmanager
 from dataclasses import dataclass
 from datetime import datetime, timezone
@@ -137,15 +137,18 @@ def text_layout(path: Path, given: TextFormat | None = None) -> TextLayout:
         )
 
 
-def text_columns(path: Path, places: Sequence[int], layout: TextLayout) -> tuple[np.ndarray, tuple[str, ...]]:
+def text_columns(
+    path: Path, places: Sequence[int], layout: TextLayout, words: Mapping[int, str]
+) -> tuple[np.ndarray, tuple[str, ...]]:
     """Columns (n, k) [as they are] of a table, NaN where a cell says nothing, and remarks about what was left out.
 
-    places: (k,) of `place_of`. Times of day and ISO 8601 times are in seconds. Raises InvalidInput, and NotInstalled as
+    places: (k,) of `place_of`. words: by place, such that are 1 and all others 0.
+    Times of day and ISO 8601 times are in seconds. Raises InvalidInput, and NotInstalled as
     `text_layout` does.
     """
     remarks: list[str] = []
     with _opened(path, layout.encoding, layout.sheet) as file:
-        numbers = np.fromiter(_numbers(file, layout, places, remarks), dtype=float)
+        numbers = np.fromiter(_numbers(file, layout, places, words, remarks), dtype=float)
     return numbers.reshape(-1, len(places)), tuple(remarks)
 
 
@@ -253,7 +256,9 @@ def _is_number(cell: str, decimal: str) -> bool:
 # Rows.
 
 
-def _numbers(file: IO[str], layout: TextLayout, places: Sequence[int], remarks: list[str]) -> Iterator[float]:
+def _numbers(
+    file: IO[str], layout: TextLayout, places: Sequence[int], words: Mapping[int, str], remarks: list[str]
+) -> Iterator[float]:
     """One row after the other; a last row that breaks off is left out."""
     lines = islice(_lines(file), layout.first - 1, None)
     rows: Iterable[list[str]] = (
@@ -266,25 +271,27 @@ def _numbers(file: IO[str], layout: TextLayout, places: Sequence[int], remarks: 
         if not row or row[0].startswith(("#", "%")):
             continue
         if before:
-            yield from _cells(before, layout, number, places)
+            yield from _cells(before, layout, number, places, words)
         before, number = row, number + 1
         if number > MOST_ROWS:
             raise InvalidInput(f"more than {MOST_ROWS} rows; give recordings one by one")
     if before and len(before) < len(layout.names):
         remarks.append(f"the last row breaks off after {len(before)} of {len(layout.names)} cells and is left out")
     elif before:
-        yield from _cells(before, layout, number, places)
+        yield from _cells(before, layout, number, places, words)
 
 
-def _cells(row: Sequence[str], layout: TextLayout, number: int, places: Sequence[int]) -> Iterator[float]:
+def _cells(
+    row: Sequence[str], layout: TextLayout, number: int, places: Sequence[int], words: Mapping[int, str]
+) -> Iterator[float]:
     if len(row) <= max(places):
         raise InvalidInput(f"row {number} has {len(row)} cells; its table has {len(layout.names)} columns")
     for place in places:
         cell = row[place].replace(",", ".") if layout.decimal == "," else row[place]
         try:
-            if "_" in cell:
+            if "_" in cell and place not in words:
                 raise ValueError
-            yield float(cell)
+            yield float(row[place].strip() == words[place]) if place in words else float(cell)
         except ValueError:
             yield _unusual(cell.strip(), layout.names[place], number, layout)
 
