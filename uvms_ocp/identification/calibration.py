@@ -401,7 +401,7 @@ def calibrate(
             estimate, constants = held_constants(fitted, settings, inflation)
             fitted = replace(fitted, estimate=estimate)
         white = uncertainty.whiteness(left, fitted.noise)
-        identified = uncertainty.explained_by(white, uncertainty.numbers(subject.vehicle, fitted.estimate, inflation))
+        identified = uncertainty.numbers(subject.vehicle, fitted.estimate, inflation, white)
         balance = validation.StaticBalance(subject.vehicle)
         return Calibration(
             subject=subject,

@@ -166,16 +166,16 @@ _Entry = tuple[str, str, str, bool]
 """Quantity, entry, unit and whether it can only be positive, as `IdentifiedNumber` has them."""
 
 
-def numbers(vehicle: Vehicle, estimate: Estimate, inflation: float = 1.0) -> tuple[IdentifiedNumber, ...]:
-    """Every number that depends on a shared unknown. inflation: samples that miss alike, as in `standard_errors`."""
+def numbers(
+    vehicle: Vehicle, estimate: Estimate, inflation: float = 1.0, left: Sequence[Whiteness] = ()
+) -> tuple[IdentifiedNumber, ...]:
+    """Every number that depends on a shared unknown, as far as the model explains the recordings.
+
+    inflation: samples that miss alike, as in `standard_errors`. left: residuals of all channels.
+    """
     found = numbers_at(vehicle, estimate.shared, covariance(vehicle, estimate, inflation))
-    return tuple(replace(one, settled=estimate.status is FitStatus.CONVERGED) for one in found)
-
-
-def explained_by(model: Sequence[Whiteness], found: Sequence[IdentifiedNumber]) -> tuple[IdentifiedNumber, ...]:
-    """Numbers as far as the model explains the recordings, by the residuals of all channels."""
-    explained = not any(one.unexplained and one.size > MISSES for one in model)
-    return tuple(replace(one, explained=explained) for one in found)
+    explained = not any(one.unexplained and one.size > MISSES for one in left)
+    return tuple(replace(one, settled=estimate.status is FitStatus.CONVERGED, explained=explained) for one in found)
 
 
 def numbers_at(vehicle: Vehicle, shared: np.ndarray, C: np.ndarray) -> tuple[IdentifiedNumber, ...]:
