@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from compiler import needs_compiler
 
-from uvms_ocp.codegen.buffered import BoundFunction, BufferedFunction, _buffer_on
+from uvms_ocp.codegen.buffered import BufferedFunction, _buffer_on
 from uvms_ocp.codegen.compile import compile_library
 from uvms_ocp.errors import InvalidInput
 
@@ -100,25 +100,6 @@ def test_arguments_that_are_adopted_are_read_where_they_are(buffered: BufferedFu
     np.testing.assert_array_equal(buffered(2.0 * x, A)[0], 6.0 * A)
     with pytest.raises(InvalidInput, match="f: A of shape"):
         buffered.adopt(x, np.ones((3, 2)))
-
-
-def test_a_bound_function_reads_and_writes_the_callers_memory(buffered: BufferedFunction) -> None:
-    x, A = np.array([2.0, 1.0, 0.0]), np.asfortranarray(np.arange(6.0).reshape(3, 2))
-    B, y = np.zeros((3, 2), order="F"), np.zeros(2)
-    bound = BoundFunction(buffered.function, (x, A), (B, y))
-    for scale in (2.0, 5.0):
-        x[0] = scale
-        bound.evaluate()
-        np.testing.assert_array_equal(B, scale * A)
-        np.testing.assert_array_equal(y, A.T @ x)
-
-
-@pytest.mark.parametrize("results", [(np.zeros((3, 2)), np.zeros(2)), (np.zeros((3, 2), order="F"),)])
-def test_memory_that_does_not_fit_a_bound_function_is_refused(
-    buffered: BufferedFunction, results: tuple[np.ndarray, ...]
-) -> None:
-    with pytest.raises(InvalidInput, match="give column-major numbers of sizes"):
-        BoundFunction(buffered.function, (np.zeros(3), np.zeros((3, 2), order="F")), results)
 
 
 def test_memory_with_gaps_is_refused_where_its_address_is_kept(buffered: BufferedFunction) -> None:

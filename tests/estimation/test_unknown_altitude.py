@@ -82,7 +82,9 @@ def altitudes(record: Record) -> np.ndarray:
 
 def rise(robot: Robot, q: np.ndarray, v: np.ndarray) -> float:
     """Velocity [m/s] of the altimeter in z of W."""
-    return float(AltimeterBeam(robot, "altimeter").moving(q, v)[1][2])
+    data, frame = robot.model.createData(), robot.frame_id("altimeter")
+    pin.forwardKinematics(robot.model, data, q, v)
+    return float(pin.getFrameVelocity(robot.model, data, frame, pin.LOCAL_WORLD_ALIGNED).linear[2])
 
 
 @long_without_compiler

@@ -6,6 +6,7 @@ import re
 from pathlib import Path
 
 import pytest
+from links import broken_links
 from undocumented import undocumented_names
 
 import uvms_ocp
@@ -16,7 +17,7 @@ from uvms_ocp.identification.recording import CHANNEL_KINDS
 from uvms_ocp.identification.settings import CalibrationSettings, NoiseSettings, QuantitySettings
 from uvms_ocp.record.tables import SERIES
 from uvms_ocp.reference import build
-from uvms_ocp.reference.build import CITED, broken_links, documented_modules, generated_pages, guide_pages, place_of, theory_pages
+from uvms_ocp.reference.build import CITED, documented_modules, generated_pages, guide_pages, place_of, theory_pages
 from uvms_ocp.report.summary import ENDS
 
 EQUATION = re.compile(r"\$\$.+?\$\$", re.DOTALL)

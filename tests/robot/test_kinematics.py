@@ -89,19 +89,16 @@ def test_unknown_frames_are_refused(uvms: Kinematics) -> None:
 
 
 @pytest.mark.parametrize("name", ["girona_maris7_full", "bluerov2_alpha5"])
-def test_the_beam_of_the_altimeter_looks_along_minus_z_of_its_frame_and_moves_with_it(name: str) -> None:
+def test_the_beam_of_the_altimeter_looks_along_minus_z_of_its_frame(name: str) -> None:
     robot, rng = load_robot(name), np.random.default_rng(5)
     beam = AltimeterBeam(robot, "altimeter")
     for _ in range(20):
         q = robot.configuration(position=rng.uniform(-5, 5, 3), rpy=rng.uniform(-0.5, 0.5, 3))
-        v, step = rng.normal(size=robot.n_v), 1e-6
-        found, velocity = beam.moving(q, v)
+        found = beam.at(q)
         pose = Kinematics(robot, q).pose("altimeter")
         np.testing.assert_allclose(found.origin, pose.translation, atol=1e-12)
         np.testing.assert_allclose(found.direction, pose.act(np.array([0, 0, -1.0])) - pose.translation, atol=1e-12)
         assert found.cosine == pytest.approx(-found.direction[2])
-        moved = beam.at(pin.integrate(robot.model, q, step * v))
-        np.testing.assert_allclose((moved.origin - found.origin) / step, velocity, atol=1e-4)
 
 
 def test_a_beam_stays_as_it_was_when_the_next_one_is_asked_for() -> None:

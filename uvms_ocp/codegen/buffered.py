@@ -87,31 +87,6 @@ class BufferedFunction:
         raise InvalidInput(f"{name} of shape {array.shape} given; allowed: {shape}")
 
 
-class BoundFunction:
-    """A function on memory of the caller's, which writes its arguments there and reads its results.
-
-    Nothing is copied or looked at in a call. Not for use from two threads at once.
-    """
-
-    __slots__ = ("_kept", "evaluate")
-
-    def __init__(self, function: ca.Function, arguments: Sequence[Array], results: Sequence[Array]) -> None:
-        """Arguments and results, (m,) or (m, n) [any]: matrices in column-major order.
-
-        Raises `InvalidInput` for another size or order.
-        """
-        sizes, given = argument_sizes(function), [*arguments, *results]
-        if [a.size for a in given] != sizes or not all(a.flags.f_contiguous and a.dtype == np.float64 for a in given):
-            shapes = ", ".join(str(a.shape) for a in given)
-            raise InvalidInput(f"{function.name()}: memory of shapes {shapes}; give column-major numbers of sizes {sizes}")
-        buffer, self.evaluate = _buffer_on(function, arguments, results)
-        self._kept = function, buffer, given
-
-    def __call__(self) -> None:
-        """Evaluate."""
-        self.evaluate()
-
-
 def argument_sizes(function: ca.Function) -> list[int]:
     """Numbers of every argument, then of every result."""
     taken = [function.numel_in(i) for i in range(function.n_in())]

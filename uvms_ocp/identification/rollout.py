@@ -12,7 +12,7 @@ from dataclasses import dataclass, field, replace
 import casadi as ca
 import numpy as np
 
-from uvms_ocp.codegen.buffered import BoundFunction
+from uvms_ocp.codegen.buffered import BufferedFunction
 from uvms_ocp.codegen.compile import compile_function
 from uvms_ocp.errors import InvalidInput
 from uvms_ocp.identification import recording as recordings
@@ -418,9 +418,9 @@ def turn_slope(quaternion: np.ndarray) -> np.ndarray:
 
 def _evaluated(function: ca.Function, *given: np.ndarray) -> list[np.ndarray]:
     """Results of a function, column by column in memory of their own: in lists of numbers they would take longer than it."""
-    results = [np.empty(function.size_out(k), order="F") for k in range(function.n_out())]
-    BoundFunction(function, [np.asfortranarray(one) for one in given], results)()
-    return results
+    evaluated = BufferedFunction(function)
+    evaluated(*given)
+    return evaluated.results
 
 
 def _blocks(wide: np.ndarray, width: int, m: int, n: int) -> np.ndarray:

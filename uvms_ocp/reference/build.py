@@ -12,12 +12,10 @@ import re
 import sys
 import warnings
 from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
-from html.parser import HTMLParser
 from importlib.resources import files
 from pathlib import Path
 from types import ModuleType
 from typing import Any
-from urllib.parse import unquote, urlsplit
 
 import numpy as np
 import typer.main
@@ -219,52 +217,11 @@ def _is_module(name: str) -> bool:
         return False
 
 
-# Links of the reference: from a name to its place, and which of a folder's links lead nowhere.
-
-_LEADING = ("href", "src")
-
-
 def address_of(name: str, modules: Collection[str]) -> str:
     """Where the reference has a name in full, from its top folder: on the page of its module. Raises `NameNotFound`."""
     module, rest = place_of(name)
     page = f"{module.__name__.replace('.', '/')}.html" if module.__name__ in modules else "index.html"
     return f"{page}#{rest}" if rest else page
-
-
-class _Page(HTMLParser):
-    """Links of a page, and the anchors it offers."""
-
-    def __init__(self, text: str) -> None:
-        super().__init__()
-        self.links: list[str] = []
-        self.anchors: set[str] = {""}
-        self.feed(text)
-
-    def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
-        for name, value in attrs:
-            if name in _LEADING and value:
-                self.links.append(value)
-            elif name in ("id", "name") and value:
-                self.anchors.add(value)
-
-
-def broken_links(folder: Path) -> tuple[str, ...]:
-    """``page: link`` of every link between pages of the folder that leads nowhere."""
-    pages = {path.resolve(): _Page(path.read_text(encoding="utf-8")) for path in folder.rglob("*.html")}
-    return tuple(
-        f"{path.relative_to(folder.resolve())}: {link}"
-        for path, page in pages.items()
-        for link in page.links
-        if not _leads_somewhere(link, path, pages)
-    )
-
-
-def _leads_somewhere(link: str, path: Path, pages: dict[Path, _Page]) -> bool:
-    parts = urlsplit(link)
-    if parts.scheme:
-        return True
-    target = (path.parent / unquote(parts.path)).resolve() if parts.path else path
-    return unquote(parts.fragment) in pages[target].anchors if target in pages else target.is_file()
 
 
 # From Markdown to pages: formulas become MathML, names in full become links to their documentation.
@@ -344,7 +301,7 @@ def _pages_of(folder: str, names: Sequence[str]) -> dict[str, str]:
 def build_reference(folder: Path | str) -> Path:
     """Write the reference into a folder, which it makes; returns its first page.
 
-    Raises `InvalidInput` where the generator is not installed, where it warns and for links that lead nowhere,
+    Raises `InvalidInput` where the generator is not installed, where it warns,
     `NameNotFound` for names that are cited and are not there, and `OutputError` where the folder cannot be written.
     """
     try:
@@ -366,7 +323,7 @@ def build_reference(folder: Path | str) -> Path:
         _write_pages(folder, written, modules)
     except OSError as error:
         raise OutputError(f"{folder}: cannot be written ({error}); choose another folder") from error
-    wrong = [*(str(item.message).splitlines()[0] for item in warned), *broken_links(folder)]
+    wrong = [str(item.message).splitlines()[0] for item in warned]
     if wrong:
         raise InvalidInput(f"the reference has {len(wrong)} faults: {'; '.join(wrong[:_MOST_FAULTS])}")
     return folder / "index.html"

@@ -154,18 +154,6 @@ class AltimeterBeam:
     def at(self, q: np.ndarray) -> Beam:
         """The beam at q (n_q,) [m, rad]."""
         pin.forwardKinematics(self._model, self._data, q)
-        return self._beam()
-
-    def moving(self, q: np.ndarray, v: np.ndarray) -> tuple[Beam, np.ndarray]:
-        """The beam at q (n_q,) [m, rad], and the velocity (3,) [m/s] of the sensor in W.
-
-        The robot moves with v (n_v,) [m/s, rad/s].
-        """
-        pin.forwardKinematics(self._model, self._data, q, v)
-        beam = self._beam()
-        return beam, pin.getFrameVelocity(self._model, self._data, self._frame, pin.LOCAL_WORLD_ALIGNED).linear
-
-    def _beam(self) -> Beam:
         X_WS = pin.updateFramePlacement(self._model, self._data, self._frame)
         R_WS = X_WS.rotation
         return Beam(origin=X_WS.translation.copy(), direction=-R_WS[:, 2], cosine=float(R_WS[2, 2]))

@@ -99,7 +99,7 @@ class CompiledLoop:
             self._estimator.monitor.publish(memory.t)
         estimate = self._estimator.estimate()
         if isinstance(controller, DynamicController):
-            limited = [i for i in range(controller.memory.allocation.count) if memory.at_limits[i]]
+            limited = tuple(i for i in range(controller.memory.allocation.count) if memory.at_limits[i])
             controller.catch_up(estimate, memory.t, ticks, limited)
         else:
             controller.catch_up(estimate, memory.t, ticks)

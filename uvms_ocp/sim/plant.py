@@ -108,7 +108,7 @@ class KinematicPlant(Plant):
         self._advance(self.memory)
         self.adopt()
 
-    def begin(self, dt: float) -> None:
+    def begin(self, dt: Period) -> None:
         """Have the kernel go on from the present state, by periods of dt [s]."""
         self.memory.dt, self._arrays.q[:], self._arrays.v[:] = dt, self.state.q, self.state.v
 
@@ -222,7 +222,7 @@ class DynamicPlant(Plant):
         self._advance(self.memory)
         self.adopt()
 
-    def begin(self, dt: float) -> None:
+    def begin(self, dt: Period) -> None:
         """Have the kernel go on from the present state, by periods of dt [s], with the faults that there are now."""
         if self.faults and (active := effects.active_of(self.faults, self.memory.t)) != self._active:
             self._apply_faults(active)

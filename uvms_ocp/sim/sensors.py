@@ -14,13 +14,14 @@ import numpy as np
 import pinocchio as pin
 
 from uvms_ocp.checks import checked_constructor, unchecked_constructor
-from uvms_ocp.codegen.buffered import BoundFunction, BufferedFunction
+from uvms_ocp.codegen.buffered import BufferedFunction
 from uvms_ocp.codegen.kernel_layout import CallbackBinding, assign, structure_of, view
 from uvms_ocp.codegen.kernels import make_memory
 from uvms_ocp.errors import InvalidInput
 from uvms_ocp.estimation.fallbacks import echo_sizes
 from uvms_ocp.estimation.filter_memory import NUMBER, ChannelIndex
-from uvms_ocp.robot import Robot, SymbolicModel, roles, spatial
+from uvms_ocp.robot import Robot, roles, spatial
+from uvms_ocp.robot.kinematics import AltimeterBeam
 from uvms_ocp.robot.robot import require_normalized
 from uvms_ocp.robot.signals import CHANNELS, Reading, Readings, SensorSpec, SensorSpecs, State
 from uvms_ocp.sim import sampling
@@ -46,10 +47,7 @@ class Altimeter:
 
     def __init__(self, robot: Robot, seafloor: Seafloor, frame: str = "altimeter") -> None:
         """frame: that of the sensor. Raises `FrameNotFound` for an unknown one."""
-        self.robot = robot
-        self._seafloor = seafloor
-        self._q, self._origin, self._direction = np.zeros(robot.n_q), np.zeros(3), np.zeros(3)
-        self._look = BoundFunction(_beam_function(robot, frame), [self._q], [self._origin, self._direction])
+        self.robot, self._seafloor, self._beam = robot, seafloor, AltimeterBeam(robot, frame)
 
     def measure(self, q: Annotated[np.ndarray, Shape("self.robot.n_q")]) -> float:
         """Range [m] at configuration q (n_q,) [m, rad]; nan without an echo."""
@@ -58,17 +56,8 @@ class Altimeter:
 
     def _range(self, q: np.ndarray) -> float:
         """The same at a configuration of the simulation, which is known to fit."""
-        self._q[:] = q
-        self._look.evaluate()
-        return self._seafloor.range_along(self._origin, self._direction)
-
-
-@lru_cache(maxsize=16)
-def _beam_function(robot: Robot, frame: str) -> ca.Function:
-    """Function ``q -> origin (3,) [m], direction (3,) `` of a range sensor, in W. Too short to be worth compiling."""
-    q = ca.SX.sym("q", robot.n_q)
-    R_WS, p_WS = SymbolicModel(robot.model).forward_kinematics(q).pose(frame)
-    return ca.Function("beam", [q], [ca.densify(p_WS), ca.densify(-R_WS[:, 2])], ["q"], ["origin", "direction"])
+        beam = self._beam.at(q)
+        return self._seafloor.range_along(beam.origin, beam.direction)
 
 
 @checked_constructor

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from functools import lru_cache
 
 import numpy as np
@@ -121,7 +120,7 @@ class DynamicController(TableDisplay):
         """The force layer."""
         return self._tick
 
-    def catch_up(self, measurement: StateEstimate, t: float, ticks: int, at_limits: Sequence[int]) -> None:
+    def catch_up(self, measurement: StateEstimate, t: float, ticks: int, at_limits: tuple[int, ...]) -> None:
         """Take note of what kernels alone have done, as `KinematicController.catch_up`.
 
         at_limits: which thrusters were at their limits when they last were, up to the tick before.
@@ -137,7 +136,7 @@ class DynamicController(TableDisplay):
         fault, known, jammed, limited = self._fault, self._fault_summary, self._jammed, self._at_limits
         return _feedback(short=short, push=push, spent=spent, fault=fault, fault_summary=known, jammed=jammed, at_limits=limited)
 
-    def _name_thrusters(self, at_limits: Sequence[int]) -> None:
+    def _name_thrusters(self, at_limits: tuple[int, ...]) -> None:
         self._at_limits = ", ".join(f"thruster{number + 1}" for number in at_limits)
 
     def _table(self) -> SmallTable:
@@ -164,7 +163,7 @@ class DynamicController(TableDisplay):
         thrust, torque, disturbance, wrench, unreachable, push = outputs
         a, short = self._allocation, bool(self._allocation.saturated)
         if short:
-            self._name_thrusters([i for i in range(a.count) if is_at_limit(thrust[i], a.lower[i], a.upper[i])])
+            self._name_thrusters(tuple(i for i in range(a.count) if is_at_limit(thrust[i], a.lower[i], a.upper[i])))
         self.kinematic.on_actuation_feedback(self._feedback(short, push.item(), self._tick.state.spent.item()))
         telemetry = {
             **command.telemetry,

@@ -239,7 +239,8 @@ class KinematicController(TableDisplay):
 
         feedback: of the force layer in the tick before that.
         """
-        self._feedback = feedback or self._feedback
+        if feedback is not None:
+            self.on_actuation_feedback(feedback)
         self._hear(measurement.health)
         self._settle(self._inputs(measurement, t, 0.0), ticks)
 
