@@ -373,6 +373,17 @@ def test_messages_have_topics_and_fields(tmp_path: Path) -> None:
     assert "linear_velocity: {topic: velocity, time: time, columns: [vx, vy, vz]}" in propose_mapping(path)
 
 
+def test_messages_of_data_alone_are_what_their_topic_is_called(tmp_path: Path) -> None:
+    """As depth and commands of thrusters are in standard messages of ROS."""
+    t = np.arange(0.0, 20.0, 0.1)
+    rows = [{"type": "/rov/depth", "time": x, "data": 3.0 + 0.1 * np.sin(x)} for x in t]
+    rows += [{"type": "/rov/thruster_cmds", "time": x, "data": [1500 + 300 * np.sin(x + k) for k in range(6)]} for x in t]
+    (tmp_path / "dive.jsonl").write_text("".join(json.dumps(row) + "\n" for row in rows))
+    assert "position: {topic: /rov/depth, time: time, columns: [0.0, 0.0, -data]}" in propose_mapping(tmp_path / "dive.jsonl")
+    read = read_as_proposed(tmp_path / "dive.jsonl").channels
+    np.testing.assert_allclose(read["propeller_commands"].values[:, 1], 0.75 * np.sin(t + 1), atol=1e-9)
+
+
 def test_messages_are_read_once_for_all_cures_that_leave_them_as_they_are_and_anew_once_they_change(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

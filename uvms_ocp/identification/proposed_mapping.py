@@ -44,7 +44,8 @@ def propose_mapping(path: Path) -> str:
         used = {
             str(column).removeprefix("-") for one in found.values() if one.get("topic", "") == topic for column in one["columns"]
         }
-        free = [name for name in names if name not in used and (name[:1].isupper() or "capitals" not in form)]
+        left = [name for name in names if name not in used and (name[:1].isupper() or "capitals" not in form)]
+        free = {name: _label(topic, name) for name in left}
         columns = _matched(form, free, re.compile("$.")) or _matched(form, free, _SUFFIX)
         columns *= any(re.fullmatch(form.get("beside", ".*"), _plain(name)) for name in names)
         if columns and form["channel"] not in found and re.fullmatch(form.get("topic", ".*"), topic):
@@ -105,11 +106,16 @@ def _unit_of(name: str) -> str:
     return unit_named(match["unit"].replace("_", "/")) if match else ""
 
 
-def _matched(form: Mapping[str, Any], names: Sequence[str], left_out: re.Pattern[str]) -> list[str | float]:
-    """Columns of all axes of a form, by names without what is left out of them; empty where there are too few."""
+def _label(topic: str, name: str) -> str:
+    """What a field is of: by the topic where it is ``data`` alone, as in standard messages of ROS."""
+    return re.sub(r"^data(?=$|\[)", topic.rpartition("/")[2], name)
+
+
+def _matched(form: Mapping[str, Any], names: Mapping[str, str], left_out: re.Pattern[str]) -> list[str | float]:
+    """Columns of all axes of a form, by labels without what is left out of them; empty where there are too few."""
     axes, groups = form.get("axes", _TABLE["numbers"]), defaultdict[str, dict[int, str]](dict)
-    for name, (k, axis) in product(names, enumerate(axes)):
-        if match := re.fullmatch(form["pattern"].replace("AXIS", axis), left_out.sub("", _plain(name))):
+    for (name, label), (k, axis) in product(names.items(), enumerate(axes)):
+        if match := re.fullmatch(form["pattern"].replace("AXIS", axis), left_out.sub("", _plain(label))):
             groups[match["pre"]].setdefault(k, name)
     fitting = [one for one in groups.values() if one.keys() & set(form.get("must", range(len(axes))))]
     best, signs = max(fitting, key=len, default={}), form.get("signs", [""] * len(axes))
