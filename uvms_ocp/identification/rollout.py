@@ -420,7 +420,7 @@ def _evaluated(function: ca.Function, *given: np.ndarray) -> list[np.ndarray]:
     """Results of a function, column by column in memory of their own: in lists of numbers they would take longer than it."""
     evaluated = BufferedFunction(function)
     evaluated(*given)
-    return evaluated.results
+    return [one.reshape(function.size_out(k), order="F") for k, one in enumerate(evaluated.results)]  # columns are (m,) there
 
 
 def _blocks(wide: np.ndarray, width: int, m: int, n: int) -> np.ndarray:
