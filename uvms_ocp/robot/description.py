@@ -48,15 +48,17 @@ Channel = Literal[
 Matrix6 = tuple[Vector6, Vector6, Vector6, Vector6, Vector6, Vector6]
 
 
-class _Section(FileModel, allow_inf_nan=False):
+class _Section(FileModel, allow_inf_nan=False, use_attribute_docstrings=True):
     """A part of the file: unknown keys, NaN and infinity are refused, values cannot be changed."""
 
 
 class Pose(_Section):
     """Pose of a coefficient frame in the frame of its link."""
 
-    position: Point = Field(default=(0.0, 0.0, 0.0), description="origin [m]")
-    rpy: Vector3 = Field(default=(0.0, 0.0, 0.0), description="roll, pitch, yaw [rad], R = Rz Ry Rx")
+    position: Point = (0.0, 0.0, 0.0)
+    """origin [m]"""
+    rpy: Vector3 = (0.0, 0.0, 0.0)
+    """roll, pitch, yaw [rad], R = Rz Ry Rx"""
 
 
 DragBy = Annotated[
@@ -68,20 +70,19 @@ DragBy = Annotated[
 class LinkCoefficients(_Section):
     """Hydrodynamic coefficients of one link, linear axes before angular ones."""
 
-    pose: Pose = Field(default=Pose(), description="frame of added mass and drag, in the link frame")
-    added_mass: Vector6 | Matrix6 = Field(
-        default=(0.0,) * 6, description="diagonal (6) or full matrix (6x6) [kg, kg m, kg m2], symmetric, not indefinite"
-    )
-    linear_drag: Vector6 | Matrix6 = Field(
-        default=(0.0,) * 6, description="diagonal (6) or full matrix (6x6) [N/(m/s), N m/(rad/s)], dissipative"
-    )
-    quadratic_drag: NonNegative6 | Matrix6 = Field(
-        default=(0.0,) * 6,
-        description="factor of v|v| per axis (6), >= 0, or full matrix (6x6), dissipative [N/(m/s)^2, N m/(rad/s)^2]",
-    )
+    pose: Pose = Pose()
+    """frame of added mass and drag, in the link frame"""
+    added_mass: Vector6 | Matrix6 = (0.0,) * 6
+    """diagonal (6) or full matrix (6x6) [kg, kg m, kg m2], symmetric, not indefinite"""
+    linear_drag: Vector6 | Matrix6 = (0.0,) * 6
+    """diagonal (6) or full matrix (6x6) [N/(m/s), N m/(rad/s)], dissipative"""
+    quadratic_drag: NonNegative6 | Matrix6 = (0.0,) * 6
+    """factor of v|v| per axis (6), >= 0, or full matrix (6x6), dissipative [N/(m/s)^2, N m/(rad/s)^2]"""
     drag_by: DragBy = "axes"
-    volume: float = Field(default=0.0, ge=0.0, le=1e4, description="displaced volume [m3]")
-    centre_of_buoyancy: Point | None = Field(default=None, description="in the link frame [m]; needs a volume")
+    volume: float = Field(default=0.0, ge=0.0, le=1e4)
+    """displaced volume [m3]"""
+    centre_of_buoyancy: Point | None = None
+    """in the link frame [m]; needs a volume"""
 
     @field_validator("added_mass")
     @classmethod
@@ -110,30 +111,38 @@ class LinkCoefficients(_Section):
 class _ShapeBase(_Section):
     """Common part of the shape rules."""
 
-    pose: Pose = Field(default=Pose(), description="centre and axes of the shape, in the link frame")
-    skin_drag: NonNegative = Field(default=0.4, description="linear drag of translation [N/(m/s)]")
-    drag_coefficient: float = Field(default=0.6, ge=0.0, le=5.0, description="C_D on the frontal area [-]")
+    pose: Pose = Pose()
+    """centre and axes of the shape, in the link frame"""
+    skin_drag: NonNegative = 0.4
+    """linear drag of translation [N/(m/s)]"""
+    drag_coefficient: float = Field(default=0.6, ge=0.0, le=5.0)
+    """C_D on the frontal area [-]"""
     drag_by: DragBy = "axes"
 
 
 class Cylinder(_ShapeBase):
     """Cylinder rule; the axis is z of ``pose``."""
 
-    radius: float = Field(gt=0.0, le=10.0, description="[m]")
-    length: float = Field(gt=0.0, le=100.0, description="[m]")
-    axial_added_mass: float = Field(default=0.1, ge=0.0, le=1.0, description="axial share of the displaced mass [-]")
+    radius: float = Field(gt=0.0, le=10.0)
+    """[m]"""
+    length: float = Field(gt=0.0, le=100.0)
+    """[m]"""
+    axial_added_mass: float = Field(default=0.1, ge=0.0, le=1.0)
+    """axial share of the displaced mass [-]"""
 
 
 class Box(_ShapeBase):
     """Box rule; the sides are along the axes of ``pose``."""
 
-    size: tuple[Positive, Positive, Positive] = Field(description="full side lengths [m]")
+    size: tuple[Positive, Positive, Positive]
+    """full side lengths [m]"""
 
 
 class Sphere(_ShapeBase):
     """Sphere rule."""
 
-    radius: float = Field(gt=0.0, le=10.0, description="[m]")
+    radius: float = Field(gt=0.0, le=10.0)
+    """[m]"""
 
 
 class LinkDescription(_Section):
@@ -157,17 +166,23 @@ class TrimBody(_Section):
 
     name: str
     link: str = "base_link"
-    position: Point = Field(description="centre, in the link frame [m]")
-    mass: float = Field(ge=0.0, le=1e4, description="[kg]")
-    volume: float = Field(ge=0.0, le=10.0, description="displaced volume [m3]")
+    position: Point
+    """centre, in the link frame [m]"""
+    mass: float = Field(ge=0.0, le=1e4)
+    """[kg]"""
+    volume: float = Field(ge=0.0, le=10.0)
+    """displaced volume [m3]"""
 
 
 class Power(_Section):
     """Electrical power of a thruster, ``watts (|T| / thrust) ** exponent``."""
 
-    thrust: float = Field(gt=0.0, le=1e5, description="reference thrust [N]")
-    watts: float = Field(gt=0.0, le=1e6, description="power at the reference thrust [W]")
-    exponent: float = Field(default=1.5, ge=1.0, le=3.0, description="[-]")
+    thrust: float = Field(gt=0.0, le=1e5)
+    """reference thrust [N]"""
+    watts: float = Field(gt=0.0, le=1e6)
+    """power at the reference thrust [W]"""
+    exponent: float = Field(default=1.5, ge=1.0, le=3.0)
+    """[-]"""
 
 
 class Thruster(_Section):
@@ -175,17 +190,20 @@ class Thruster(_Section):
 
     name: str
     link: str = "base_link"
-    position: Point = Field(description="in the link frame [m]")
-    direction: Vector3 = Field(description="of positive thrust on the vehicle, in the link frame; any length from 1e-9 to 1e9")
-    minimum: float = Field(ge=-1e5, le=0.0, description="thrust limit [N]")
-    maximum: float = Field(gt=0.0, le=1e5, description="thrust limit [N]")
-    time_constant: float = Field(ge=0.0, le=10.0, description="first-order lag [s]; 0 is instantaneous")
-    dead_zone: NonNegative = Field(default=0.0, description="commands smaller than this give no thrust [N]")
-    curve: tuple[tuple[float, float], ...] = Field(
-        default=(),
-        description="(command [-], thrust [N]) points, commands increasing, thrust never falling; empty is linear between the "
-        "limits",
-    )
+    position: Point
+    """in the link frame [m]"""
+    direction: Vector3
+    """of positive thrust on the vehicle, in the link frame; any length from 1e-9 to 1e9"""
+    minimum: float = Field(ge=-1e5, le=0.0)
+    """thrust limit [N]"""
+    maximum: float = Field(gt=0.0, le=1e5)
+    """thrust limit [N]"""
+    time_constant: float = Field(ge=0.0, le=10.0)
+    """first-order lag [s]; 0 is instantaneous"""
+    dead_zone: NonNegative = 0.0
+    """commands smaller than this give no thrust [N]"""
+    curve: tuple[tuple[float, float], ...] = ()
+    """(command [-], thrust [N]) points, commands increasing, thrust never falling; empty is linear between the limits"""
     power: Power | None = None
 
     @field_validator("direction")
@@ -220,30 +238,36 @@ class Thruster(_Section):
 class VehicleLimits(_Section):
     """Limits of the vehicle: surge, sway, heave, roll, pitch, yaw rates in the body frame."""
 
-    velocity: Positive6 = Field(description="[m/s, rad/s]")
-    acceleration: Positive6 = Field(description="[m/s2, rad/s2]")
+    velocity: Positive6
+    """[m/s, rad/s]"""
+    acceleration: Positive6
+    """[m/s2, rad/s2]"""
 
 
 class JointDescription(_Section):
     """Home, acceleration limit and rotor of a joint, which the URDF lacks."""
 
-    home: float | None = Field(
-        default=None, description="stowed position [rad or m]; left out: 0, or mid-range where 0 is not allowed"
-    )
-    acceleration: Positive | None = Field(default=None, description="limit [rad/s2 or m/s2]; none is unlimited")
-    rotor_inertia: NonNegative = Field(
-        default=0.0, description="of the motor, as the joint feels it: times the reduction squared [kg m2 or kg]"
-    )
+    home: float | None = None
+    """stowed position [rad or m]; left out: 0, or mid-range where 0 is not allowed"""
+    acceleration: Positive | None = None
+    """limit [rad/s2 or m/s2]; none is unlimited"""
+    rotor_inertia: NonNegative = 0.0
+    """of the motor, as the joint feels it: times the reduction squared [kg m2 or kg]"""
 
 
 class SensorDescription(_Section):
     """One channel of the sensors; what is left out is as in `uvms_ocp.robot.signals.SensorSpecs`."""
 
-    rate: Positive | None = Field(default=None, description="[Hz]")
-    sigma: NonNegative | None = Field(default=None, description="standard deviation of the noise [unit of the channel]")
-    bias: float | tuple[float, ...] | None = Field(default=None, description="constant error [unit of the channel]")
-    delay: NonNegative | None = Field(default=None, description="[s]")
-    dropout: float | None = Field(default=None, ge=0.0, le=1.0, description="probability that a reading is lost [-]")
+    rate: Positive | None = None
+    """[Hz]"""
+    sigma: NonNegative | None = None
+    """standard deviation of the noise [unit of the channel]"""
+    bias: float | tuple[float, ...] | None = None
+    """constant error [unit of the channel]"""
+    delay: NonNegative | None = None
+    """[s]"""
+    dropout: float | None = Field(default=None, ge=0.0, le=1.0)
+    """probability that a reading is lost [-]"""
 
 
 class FramePlacement(Pose):
@@ -255,41 +279,49 @@ class FramePlacement(Pose):
 class LoadingDescription(_Section):
     """How the URDF is read; options of commands of the same names take the place of these."""
 
-    packages: tuple[str, ...] = Field(default=(), description="folders with the packages of meshes, from this file's")
-    meshes: Literal["yes", "no"] = Field(default="yes", description="no: shapes that are meshes are left out")
-    mimic: Literal["coupled", "free", "fixed"] = Field(
-        default="coupled",
-        description="joints that mimic another one: one with it, of their own, or fixed where its lock, or home, puts them",
-    )
-    lock: dict[str, float] = Field(default={}, description="joints that do not move, with their position [rad or m]")
-    drop: tuple[str, ...] = Field(default=(), description="links that are left out, with all that hangs on them")
-    frames: tuple[FramePlacement, ...] = Field(
-        default=(), description="fixed frames moved, one after the other, to a pose in the moving link that carries them"
-    )
+    packages: tuple[str, ...] = ()
+    """folders with the packages of meshes, from this file's"""
+    meshes: Literal["yes", "no"] = "yes"
+    """no: shapes that are meshes are left out"""
+    mimic: Literal["coupled", "free", "fixed"] = "coupled"
+    """joints that mimic another one: one with it, of their own, or fixed where its lock, or home, puts them"""
+    lock: dict[str, float] = Field(default={})
+    """joints that do not move, with their position [rad or m]"""
+    drop: tuple[str, ...] = ()
+    """links that are left out, with all that hangs on them"""
+    frames: tuple[FramePlacement, ...] = ()
+    """fixed frames moved, one after the other, to a pose in the moving link that carries them"""
 
 
 class RobotDescription(_Section):
     """The whole file."""
 
     base: Literal["free_flyer", "fixed"] = "free_flyer"
-    base_link: str | None = Field(default=None, description="link that stands for the vehicle; left out: base_link, or the root")
-    tool: str | tuple[str, ...] | None = Field(
-        default=None, description="frame of the tool, of several arms one each; left out: tool, or the only end of a chain"
-    )
+    base_link: str | None = None
+    """link that stands for the vehicle; left out: base_link, or the root"""
+    tool: str | tuple[str, ...] | None = None
+    """frame of the tool, of several arms one each; left out: tool, or the only end of a chain"""
     loading: LoadingDescription = LoadingDescription()
-    convention: Literal["FLU", "NED"] = Field(default="FLU", description="axes of every vector and matrix in links")
-    water_density: float = Field(default=998.0, ge=900.0, le=1300.0, description="[kg/m3], fresh 998, sea 1025")
-    altimeter: str | None = Field(default=None, description="frame of the range sensor, which looks along its -z")
-    dvl: str | None = Field(default=None, description="frame of the Doppler velocity log; its readings are carried to base_link")
+    convention: Literal["FLU", "NED"] = "FLU"
+    """axes of every vector and matrix in links"""
+    water_density: float = Field(default=998.0, ge=900.0, le=1300.0)
+    """[kg/m3], fresh 998, sea 1025"""
+    altimeter: str | None = None
+    """frame of the range sensor, which looks along its -z"""
+    dvl: str | None = None
+    """frame of the Doppler velocity log; its readings are carried to base_link"""
     vehicle_limits: VehicleLimits | None = None
-    joints: dict[str, JointDescription] = Field(default={}, description="by joint name")
-    joint_efficiency: float = Field(default=0.6, gt=0.0, le=1.0, description="mechanical / electrical power [-]")
-    links: dict[str, LinkDescription] = Field(default={}, description="by link name; links left out are dry, with a warning")
-    trim: tuple[TrimBody, ...] = Field(default=(), description="floats and ballast")
+    joints: dict[str, JointDescription] = Field(default={})
+    """by joint name"""
+    joint_efficiency: float = Field(default=0.6, gt=0.0, le=1.0)
+    """mechanical / electrical power [-]"""
+    links: dict[str, LinkDescription] = Field(default={})
+    """by link name; links left out are dry, with a warning"""
+    trim: tuple[TrimBody, ...] = ()
+    """floats and ballast"""
     thrusters: tuple[Thruster, ...] = ()
-    sensors: dict[Channel, SensorDescription | None] = Field(
-        default={}, description="by channel; null is a robot without this sensor"
-    )
+    sensors: dict[Channel, SensorDescription | None] = Field(default={})
+    """by channel; null is a robot without this sensor"""
 
     @field_validator("trim", "thrusters")
     @classmethod
