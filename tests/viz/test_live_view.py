@@ -132,7 +132,6 @@ def test_it_is_served_to_this_machine_alone(scenario: Scenario) -> None:
             with closing(HTTPConnection(place.netloc, timeout=30)) as connection:
                 connection.request("GET", path, headers={"Host": "elsewhere.example"})
                 assert connection.getresponse().status == 403
-        assert view.address in view._repr_html_()
 
 
 def test_only_a_live_page_may_ask_whoever_serves_it(scenario: Scenario) -> None:
@@ -166,4 +165,39 @@ def test_a_browser_shows_where_the_robot_has_come_to(chromium: Any, scenario: Sc
         page.close()
     np.testing.assert_allclose(place, record["q"][-1, :3], atol=1e-4)
     assert record.meta.phases[0].title in told
+    assert wrong == []
+
+
+@long_without_compiler
+def test_a_notebook_shows_it_by_its_own_channel(chromium: Any, scenario: Scenario, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Whose kernel may be where no browser reaches its addresses."""
+    shells = pytest.importorskip("IPython.display")
+    longer, told, wrong = replace(scenario, duration=2.0), list[str](), list[str]()
+
+    class Output:
+        def update(self, data: dict[str, str], *, raw: bool) -> None:
+            told.append(data["application/javascript"])
+
+    shown = list[dict[str, str]]()
+    monkeypatch.setattr(
+        shells, "display", lambda data, **given: shown.append(data) or (Output() if "display_id" in given else None)
+    )
+    with live(longer, speed=2.0) as view:
+        view._ipython_display_()
+        record = longer.run(observer=view)
+        served_at = view.address
+    assert served_at not in shown[0]["text/html"]
+    assert 5 < len(told) < 15
+    page = chromium.new_page(viewport={"width": 800, "height": 560})
+    page.on("pageerror", lambda error: wrong.append(str(error)))
+    page.set_content(shown[0]["text/html"])
+    frame = page.frames[1]
+    frame.wait_for_function("typeof byId === 'function' && byId('clock').textContent === 'not begun'", timeout=20_000)
+    for script in told:
+        page.evaluate(script)
+    last = float(json.loads(told[-1].partition("postMessage(")[2].rpartition(", '*'")[0])["t"])
+    frame.wait_for_function(f"byId('clock').textContent === '{last:.1f} s'", timeout=20_000)
+    place = frame.evaluate("(() => { const {x, y, z} = nodeAt(DETAILS.body).position; return [x, y, z]; })()")
+    row = int(np.argmin(np.abs(record["t"] - last)))
+    np.testing.assert_allclose(place, record["q"][row, :3], atol=1e-4)
     assert wrong == []

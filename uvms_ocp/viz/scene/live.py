@@ -6,15 +6,15 @@ whatever is the newest then: slow ones miss some, and none waits for them.
 
 from __future__ import annotations
 
-import html
 import json
 import time
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from contextlib import ExitStack
 from dataclasses import replace
 from threading import Event
 from types import TracebackType
 from typing import Any
+from uuid import uuid4
 
 import numpy as np
 import pinocchio as pin
@@ -67,6 +67,7 @@ def _moved(record: Record, robot: Robot) -> dict[str, Any]:
 # look, of whatever is the newest then: slow ones miss some, and none waits for them.
 
 _FRAME_RATE = 25.0  # [Hz] of frames, by the clock on the wall
+_NOTEBOOK_RATE = 10.0  # [Hz] of those that a notebook takes
 _DIGITS = 7  # more than the 32-bit floats of the page hold
 
 _Moment = tuple[float, State, Command]
@@ -78,8 +79,12 @@ class LiveView:
 
     def __init__(self, robot: Robot, page: ScenePage, *, speed: float, port: int) -> None:
         """Speed and port as `live` has them. Raises `OutputError` for a port that is taken."""
-        self._robot, self._height, self._speed = robot, page.height, speed
+        self._robot, self._page, self._speed = robot, page, speed
+        self._shown: Any = None
+        """Output of the notebook's that shows each next frame, by IPython."""
+        self._due = 0.0
         self._now: _Moment | None = None
+        self._data, self._name = robot.model.createData(), f"live-{uuid4().hex}"
         self._began = 0.0  # [s] on the clock at which the run was at 0
         self._closed, self._stack = Event(), ExitStack()
         self.address = self._stack.enter_context(served(page, port, self.frames))
@@ -90,6 +95,11 @@ class LiveView:
         if self._now is None or t < self._now[0]:
             self._began = time.monotonic() - t / self._speed
         self._now = (t, state, command)
+        if self._shown is not None and time.monotonic() >= self._due:
+            self._due = time.monotonic() + 1.0 / _NOTEBOOK_RATE
+            self._shown.update(
+                {"application/javascript": self._handed_on(_frame(self._robot, self._data, t, state, command))}, raw=True
+            )
         early = self._began + t / self._speed - time.monotonic()
         if early > 0.0:
             time.sleep(early)
@@ -119,10 +129,15 @@ class LiveView:
     def __repr__(self) -> str:
         return f"LiveView({self.address})"
 
-    def _repr_html_(self) -> str:
-        # A page of its own origin, which is not the notebook's.
-        style, allowed = f"width:100%;height:{self._height:d}px;border:none", "allow-scripts allow-same-origin"
-        return f'<iframe sandbox="{allowed}" src="{html.escape(self.address)}" style="{style}"></iframe>'
+    def _ipython_display_(self) -> None:
+        """Show the page, and from then on every tick, by the notebook's own channel: the kernel may be on another machine."""
+        from IPython.display import display
+
+        display({"text/html": self._page._repr_html_().replace("<iframe", f'<iframe id="{self._name}"')}, raw=True)
+        self._shown = display({"application/javascript": ""}, raw=True, display_id=True)
+
+    def _handed_on(self, frame: Mapping[str, Any]) -> str:
+        return f"document.getElementById('{self._name}')?.contentWindow.postMessage({json.dumps(frame, allow_nan=False)}, '*')"
 
 
 def _frame(robot: Robot, data: pin.Data, t: float, state: State, command: Command) -> dict[str, Any]:
@@ -141,9 +156,10 @@ def _frame(robot: Robot, data: pin.Data, t: float, state: State, command: Comman
 def live(scenario: Scenario, *, speed: Positive = 1.0, port: Count = 0, height: AtLeastOne = 520) -> LiveView:
     """A page that shows a run while it goes on: ``scenario.run(observer=live(scenario))``.
 
-    Notebooks display it, `height` [px] high, and other browsers of this machine find it at its ``address``; nobody else is
-    served. speed: times that of the clock, which the run does not overtake; it may be slower. port: 0 for any that is
-    free. The record of the run is the same with and without. Two ticks are run beforehand, to know what is around.
+    ``view = live(scenario)``, ``display(view)`` shows it in a notebook, `height` [px] high, wherever the kernel is, and a run
+    with ``observer=view`` moves it. Other browsers of this machine find it at its ``address``; nobody else is served.
+    speed: times that of the clock, which the run does not overtake; it may be slower. port: 0 for any that is free.
+    The record of the run is the same with and without. Two ticks are run beforehand, to know what is around.
 
     Raises `OutputError` for a port that is taken, and as `Scenario.run`.
     """
