@@ -12,8 +12,10 @@ import pytest
 from compiler import needs_compiler
 
 from uvms_ocp.control import VelocityGains
+from uvms_ocp.errors import UvmsError
 from uvms_ocp.interrupts import Interrupted
 from uvms_ocp.record.record import Record
+from uvms_ocp.robot.loading import load_robot
 from uvms_ocp.robot.signals import ACCELEROMETER, SensorSpec, SensorSpecs
 from uvms_ocp.scenario import Scenario, case1, obstacle_field, reach
 from uvms_ocp.sim import compiled_loop
@@ -158,3 +160,10 @@ def test_ctrl_c_leaves_the_rows_so_far(monkeypatch: pytest.MonkeyPatch) -> None:
     assert record.run_meta.stopped == "stopped"
     whole = _tick_by_tick(scenario)
     np.testing.assert_array_equal(record["q"], whole["q"][: len(record)])
+
+
+def test_parts_of_robots_of_other_sizes_are_refused_as_tick_by_tick() -> None:
+    """Kernels would write past the end of their memories."""
+    scenario, other = case1(**SHORT), load_robot("bluerov2_alpha5")
+    with pytest.raises(UvmsError, match=r"allowed: .* finite numbers|has shape"):
+        replace(scenario, plant_robot=other).run()

@@ -120,30 +120,16 @@ class CompiledLoop:
         if solving is None:
             return None
         screen, finish, repeat = monitor.ticks
-        forces = isinstance(controller, DynamicController)
+        begin = kernels.move_plant if isinstance(controller, DynamicController) else kernels.move_kinematic, kernels.sense
+        estimating: list[Step]
         if isinstance(inner, Estimator):
             f = inner.structure
             move, sense, feed, note = bind_kernels(
-                (
-                    kernels.move_plant if forces else kernels.move_kinematic,
-                    kernels.sense,
-                    kernels.feed_filter,
-                    kernels.note_estimate,
-                ),
-                map(type, (m, p, s, h, f)),
+                (*begin, kernels.feed_filter, kernels.note_estimate), map(type, (m, p, s, h, f))
             )
-            estimating: list[Step] = [
-                (screen, h),
-                (feed, m, s, h, f),
-                (inner.tick, f),
-                (note, m, h, f),
-                (finish, h, u, estimator.outcomes),
-            ]
+            estimating = [(screen, h), (feed, m, s, h, f), (inner.tick, f), (note, m, h, f), (finish, h, u, estimator.outcomes)]
         else:
-            move, sense, ranged = bind_kernels(
-                (kernels.move_plant if forces else kernels.move_kinematic, kernels.sense, kernels.repeat_range),
-                map(type, (m, p, s, h)),
-            )
+            move, sense, ranged = bind_kernels((*begin, kernels.repeat_range), map(type, (m, p, s, h)))
             estimating = [(repeat, h, u, estimator.repeated), (ranged, m, h)]
         prepare, solve = solving
         if isinstance(controller, DynamicController):
@@ -206,21 +192,27 @@ class CompiledLoop:
 
 def compiled_loop(plant: Any, sensors: Any, estimator: Any, controller: Any, dt: float) -> CompiledLoop | None:
     """Return the loop of these parts, fresh ones; `None` where one is not the toolkit's, or is to ask Python at every tick."""
-    suite = getattr(sensors, "__self__", None)
+    suite: Any = getattr(sensors, "__self__", None)
+    learns = getattr(controller, "learner", None) is not None
     kinds = {DynamicController: DynamicPlant, KinematicController: KinematicPlant}
-    if (
-        kinds.get(type(controller)) is not type(plant)
-        or type(suite) is not SensorSuite
-        or type(estimator) is not GuardedEstimator
-    ):
+    ours = kinds.get(type(controller)) is type(plant) and type(suite) is SensorSuite and type(estimator) is GuardedEstimator
+    if not ours or learns or not _fit(plant, suite, estimator, controller):
         return None
     inner, families = estimator.estimator, {fault.location.family for fault in plant.faults}
     plain = inner.is_plain if type(inner) is Estimator else type(inner) is PassThrough and estimator.repeated and suite.is_ideal
-    learns = getattr(controller, "learner", None) is not None
-    if not plain or learns or not families <= ({"thruster"} if type(plant) is DynamicPlant else set()):
+    if not plain or not families <= ({"thruster"} if type(plant) is DynamicPlant else set()):
         return None
     loop = CompiledLoop(plant, suite, estimator, controller, dt)
     return loop if loop.steps is not None and compiles(loop.steps) else None
+
+
+def _fit(plant: Any, suite: SensorSuite, estimator: GuardedEstimator, controller: Any) -> bool:
+    """Return whether the parts are of robots of one size: of others Python says what is wrong, tick by tick."""
+    robot, filtered = controller.kinematic.robot, getattr(estimator.estimator, "structure", None)
+    sizes = {(len(part.q), len(part.v)) for part in (plant.memory, suite.memory, estimator.monitor.memory.now)}
+    right = sizes == {(robot.n_q, robot.n_v)} and (filtered is None or filtered.n_joints == robot.n_joints)
+    forces = isinstance(controller, DynamicController)
+    return right and not (forces and len(plant.memory.asked_thrust) != len(controller.memory.outputs.command))
 
 
 def require_kept(name: str, size: int, n: int) -> None:
