@@ -73,6 +73,7 @@ ALONE = tuple(
         "ocp_random_reach",
         "ocp_reach",
         "ocp_scenes",
+        "patrol",
         "payloads",
         "random_missions",
         "recording_doubts",
