@@ -69,8 +69,7 @@ class Shape:
         shape, n = np.shape(value), len(self._sizes)
         if len(shape) < n or (len(shape) > n and not self._any_before):
             return False
-        last = shape[len(shape) - n :]
-        return all(isinstance(size, str) or size == m for size, m in zip(self._sizes, last, strict=True))
+        return all(isinstance(size, str) or size == m for size, m in zip(self._sizes, shape[len(shape) - n :], strict=True))
 
     def doubt(self, name: str) -> str:
         """Source that is true where the array `name` has other axes than the value knows whose method it is."""

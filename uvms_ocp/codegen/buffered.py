@@ -89,8 +89,7 @@ class BufferedFunction:
 
 def argument_sizes(function: ca.Function) -> list[int]:
     """Numbers of every argument, then of every result."""
-    taken = [function.numel_in(i) for i in range(function.n_in())]
-    return taken + [function.numel_out(i) for i in range(function.n_out())]
+    return [function.numel_in(i) for i in range(function.n_in())] + [function.numel_out(i) for i in range(function.n_out())]
 
 
 def _buffer_on(function: ca.Function, arguments: Sequence[Array], results: Sequence[Array | None]) -> tuple[Any, Any]:

@@ -79,8 +79,7 @@ def _problem(folder: Path) -> str:
     """Why the folder cannot be used; empty where it can."""
     try:
         folder.mkdir(mode=0o700, parents=True, exist_ok=True)
-        status = folder.lstat() if folder.parent == Path(tempfile.gettempdir()) else folder.stat()
-        return _unsafe(folder, status)
+        return _unsafe(folder, folder.lstat() if folder.parent == Path(tempfile.gettempdir()) else folder.stat())
     except OSError as error:
         return f"cache {folder} cannot be used ({error.strerror})"
 

@@ -290,8 +290,7 @@ def start_compiling(function: ca.Function, entry: Path | None = None) -> ca.Func
     """
     if has_compiler():
         compilation, numbers = _compilation(function)
-        work = compilation if entry is None else partial(_keep, entry, numbers, compilation)
-        _BESIDE[function] = start_beside(work), numbers
+        _BESIDE[function] = start_beside(compilation if entry is None else partial(_keep, entry, numbers, compilation)), numbers
     return function
 
 
@@ -477,8 +476,7 @@ def _warn_once(what: str, detail: str = "") -> None:
 @lru_cache(maxsize=1)
 def _announce(directory: Path) -> None:
     # A warning, as Python shows it by default: a silent half minute looks like a hang.
-    text = "compiling C code for the first time, which takes a while; kept in %s"
-    _log.warning(text, directory, extra={PROGRESS: True})
+    _log.warning("compiling C code for the first time, which takes a while; kept in %s", directory, extra={PROGRESS: True})
 
 
 def _digest(data: bytes) -> str:

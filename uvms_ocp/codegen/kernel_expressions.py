@@ -250,8 +250,7 @@ def _comparison(node: ast.Compare, scope: Scope) -> CExpression:
 
 def _choice(node: ast.IfExp, scope: Scope) -> CExpression:
     test, yes, no = (number(part, scope) for part in (node.test, node.body, node.orelse))
-    kind = INT if yes.type == no.type == INT else DOUBLE
-    return CExpression(f"({test.text} ? {yes.text} : {no.text})", kind)
+    return CExpression(f"({test.text} ? {yes.text} : {no.text})", INT if yes.type == no.type == INT else DOUBLE)
 
 
 def _call(node: ast.Call, scope: Scope) -> CExpression:

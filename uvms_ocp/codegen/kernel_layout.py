@@ -272,8 +272,7 @@ def assign(memory: Layout, **values: Any) -> None:
 def arrays_of(memory: Layout) -> Any:
     """The arrays of numbers in a memory: under their names, on the same memory, of the sizes that they were declared with."""
     sizes: dict[str, tuple[int, ...]] = getattr(memory, "_arrays_")  # noqa: B009
-    arrays = {name: view(getattr(memory, name))[tuple(map(slice, shape))] for name, shape in sizes.items()}
-    return SimpleNamespace(**arrays)
+    return SimpleNamespace(**{name: view(getattr(memory, name))[tuple(map(slice, shape))] for name, shape in sizes.items()})
 
 
 def declared_sizes(layout: type[Layout], sizes: Mapping[str, int]) -> dict[str, int]:

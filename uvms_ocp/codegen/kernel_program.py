@@ -115,8 +115,7 @@ def _declare(target: ast.Name, kind: c_code.CType, scope: c_code.Scope) -> None:
 
 
 def _fitting(node: ast.AST, wanted: c_code.CType, value: c_code.CExpression) -> str:
-    fits = wanted != c_code.INT or value.type != c_code.DOUBLE
-    c_code.require(fits, node, "is a whole number; make the value one by int()")
+    c_code.require(wanted != c_code.INT or value.type != c_code.DOUBLE, node, "is a whole number; make the value one by int()")
     return value.text
 
 
@@ -200,8 +199,7 @@ def _smooth_call(call: ast.Call, target: c_code.CExpression, scope: c_code.Scope
     given = [_vector(argument, size, k < n, scope) for k, (argument, size) in enumerate(zip(call.args, sizes, strict=True))]
     places = [f"arg[{k}]" if k < n else f"res[{k - n}]" for k in range(len(sizes))]
     filled = [f"  f->{place} = {vector};" for place, vector in zip(places, given, strict=True)]
-    head = f"  {target.type.name} *f = {target.text};"
-    return ["{", head, *filled, "  f->call(f->arg, f->res, f->iw, f->w, 0);", "}"]
+    return ["{", f"  {target.type.name} *f = {target.text};", *filled, "  f->call(f->arg, f->res, f->iw, f->w, 0);", "}"]
 
 
 def _vector(node: ast.expr, size: int, read: bool, scope: c_code.Scope) -> str:

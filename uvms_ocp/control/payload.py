@@ -373,8 +373,7 @@ class LoadLearner:
         if not (sure and (np.abs(estimate) < self._limit).all()):
             self._ticks, self._innovation[:] = 0, 0.0
             return
-        current = self.filter.x[self.filter.current]
-        given = (q, v, self._acceleration, current, share, self._estimate, self._innovation)
+        given = (q, v, self._acceleration, self.filter.x[self.filter.current], share, self._estimate, self._innovation)
         self._estimate, self._innovation = self._response(*given)
         self._ticks += 1
         if self._ticks > self._settling and self._ticks % self._every == 0:

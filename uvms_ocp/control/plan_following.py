@@ -181,5 +181,4 @@ class PlanGuide:
         now, following = self._phases[self._at], self._phases[min(self._at + 1, len(self._phases) - 1)]
         if following.moves and following is not now and self._clock >= now.end:
             return 0.0
-        behind = now.moves and self._clock < now.begin + tick.t - tick.mission.since
-        return _CATCH_UP if behind else 1.0
+        return _CATCH_UP if now.moves and self._clock < now.begin + tick.t - tick.mission.since else 1.0

@@ -119,8 +119,7 @@ class Replanner:
         self._transcription = Transcription(problem)
         self._bounds = self._transcription.bounds()
         chosen = options or SqpOptions()
-        program = program_for(chosen.plugin or stagewise_or(SPARSE_PLUGIN, problem), self._transcription)
-        self._sqp = RealTimeSqp(program, chosen)
+        self._sqp = RealTimeSqp(program_for(chosen.plugin or stagewise_or(SPARSE_PLUGIN, problem), self._transcription), chosen)
         self._plans: dict[int, TimedPlan] = {}
         self._newest: TimedPlan | None = None
         """Fit for use or not."""

@@ -171,9 +171,8 @@ class MissionPlan(TableDisplay):
         ended = {"scenario": self.scenario, "status": self.status.value, "reason": self.reason, "advice": self.status.advice}
         sizes = {"duration_s": self.duration, "greedy_duration_s": self.greedy_duration, "energy_j": self.energy}
         sizes |= {"clearance_m": self.clearance, "peak_thrust_n": self.peak_thrust}
-        solved = {"iterations": self.iterations, "solve_time_s": self.solve_time}
         return {
-            **(ended | sizes | solved),
+            **(ended | sizes | {"iterations": self.iterations, "solve_time_s": self.solve_time}),
             "phases": [
                 {"name": name, "phase": part.phase, "begin_s": part.begin, "end_s": part.end, "moves": part.moves}
                 for name, part in zip(self.names, self.phases, strict=True)
@@ -220,8 +219,7 @@ class MissionPlan(TableDisplay):
         """Raise `InvalidInput` unless this is a plan of that scenario, and can be flown."""
         if not self.status.usable:
             raise InvalidInput(f"the plan of {self.scenario} is {self.status.value}; {self.status.advice}")
-        own = mission_digests(scenario)
-        other = [name for name, digest in own.items() if self.identity.get(name) != digest]
+        other = [name for name, digest in mission_digests(scenario).items() if self.identity.get(name) != digest]
         if other:
             given = f"the plan is of {self.scenario} with another {' and '.join(other)} than {scenario.name}"
             raise InvalidInput(f"{given}; plan {scenario.name} with the same options, or fly it without a plan")
@@ -355,13 +353,12 @@ def _problem(
     margins: Margins,
 ) -> OcpProblem:
     robot, floor = scenario.robot, surroundings.floor_along(scenario, way)
-    above = surroundings.floor_terms(scenario, segments, floor, margins)
     return OcpProblem(
         robot=robot,
         start=State(q=np.array(scenario.start), v=np.zeros(robot.n_v)),
         phases=tuple(segment.ocp for segment in segments),
         levels=mission_levels(robot, terms, MissionWeights()),
-        constraints=(*terms.constraints, *above),
+        constraints=(*terms.constraints, *surroundings.floor_terms(scenario, segments, floor, margins)),
         floor=floor,
         altimeter_frame=scenario.altimeter_frame or robot.description.altimeter or "altimeter",
     )
@@ -492,8 +489,7 @@ class _Search:
             return plan
         kept: Mask = np.zeros(shapes.scene.n_pairs, dtype=bool)
         for _ in range(_ROUNDS):
-            missed = surroundings.violated_links(shapes, plan.trajectory)
-            if not (missed & ~kept).any():
+            if not (surroundings.violated_links(shapes, plan.trajectory) & ~kept).any():
                 break
             kept |= surroundings.near_links(shapes, plan.trajectory)
             posed = self._posed.keeping(kept)

@@ -191,8 +191,7 @@ def foretold_way(scenario: Scenario) -> GreedyRollout:
         q[:, :3] = np.stack([np.interp(t, begins, marks[:, axis]) for axis in range(3)], axis=1)
     mission = scenario.mission
     names = build_levels(scenario.robot, mission.hierarchy, scenario.dt, mission.beside_tasks).quantity_names
-    unknown = np.full(len(t), np.nan)
-    return GreedyRollout(t=t, q=q, phases=tuple(phases), begins=begins, quantities=dict.fromkeys(names, unknown))
+    return GreedyRollout(t=t, q=q, phases=tuple(phases), begins=begins, quantities=dict.fromkeys(names, np.full(len(t), np.nan)))
 
 
 # The horizon of a mission: each phase as a segment of free length, and what has to be held at its end as one more.

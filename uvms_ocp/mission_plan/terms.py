@@ -378,8 +378,7 @@ def clearance(scenario: Scenario, margins: Margins) -> ShapeClearance | None:
 
     Links that are near each other by design keep half of what they have at rest, and at the start what they have there.
     """
-    planned = coordinates(scenario.robot, reference=scenario.start)
-    scene = collision_scene(planned, scenario.environment.obstacles)
+    scene = collision_scene(coordinates(scenario.robot, reference=scenario.start), scenario.environment.obstacles)
     tasks = sorted((one for one in scenario.mission.hierarchy.tasks if isinstance(one, Clearance)), key=lambda one: one.threshold)
     asked = {name: task.threshold for task in tasks for name in task.model.pair_names}
     least = np.where(_links(scene), margins.links, margins.position)

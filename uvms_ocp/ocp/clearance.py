@@ -105,10 +105,9 @@ class BallClearance(Term):
         """Return the balls that are fixed to the world, as they are at time t [s], as spheres; radii of 0 have nothing to
         draw."""
         balls = [ball for ball in self.obstacles if ball.frame is None and ball.radius > 0]
-        names = (f"obstacle {i}" for i in range(1, len(balls) + 1))
         return tuple(
             ObstacleMeta(name=name, shape="sphere", size=(ball.radius,), position=tuple(ball.centre_at(t).tolist()))
-            for name, ball in zip(names, balls, strict=True)
+            for name, ball in zip((f"obstacle {i}" for i in range(1, len(balls) + 1)), balls, strict=True)
         )
 
 
@@ -174,8 +173,7 @@ class PlaneRowGroup:
             if _n_shares(joints):
                 result[k, place + np.searchsorted(joints, found.joints[:, side])] = 1.0
             place = place + _n_shares(joints)
-        plane = np.column_stack([found.normal, found.centre, offset])
-        result[k[:, None], place[:, None] + np.arange(_PLANE)] = plane
+        result[k[:, None], place[:, None] + np.arange(_PLANE)] = np.column_stack([found.normal, found.centre, offset])
 
     def nothing(self) -> Array:
         """(n_parameters,) of rows that are wide of their bounds."""
@@ -196,8 +194,7 @@ def _mixed(bodies: Sequence[SymbolicPose], joints: Sequence[int], shares: ca.SX)
     if len(joints) == 1:
         return bodies[joints[0]]
     R = sum((shares[i] * bodies[joint].R for i, joint in enumerate(joints)), ca.SX(3, 3))
-    p = sum((shares[i] * bodies[joint].p for i, joint in enumerate(joints)), ca.SX(3, 1))
-    return SymbolicPose(R=R, p=p)
+    return SymbolicPose(R=R, p=sum((shares[i] * bodies[joint].p for i, joint in enumerate(joints)), ca.SX(3, 1)))
 
 
 # Clearance of true shapes, as rows of an optimal control problem.
@@ -304,8 +301,7 @@ class ShapeClearance(Term):
         least = np.full(true.shape, np.inf)
         for found in self._chosen(times, written, self._margins(len(q), None)):
             np.minimum.at(least, (found.sample, found.pair), found.heights(poses))
-        decides = least - self.margins < _BINDING
-        return float(np.abs(least - true)[decides].max(initial=0.0))
+        return float(np.abs(least - true)[least - self.margins < _BINDING].max(initial=0.0))
 
     def _margins(self, n: int, tightened: Array | None) -> Array:
         """(n, n_pairs) [m]"""
@@ -338,8 +334,7 @@ class ShapeClearance(Term):
         found = [self._placed(t).contacts(row[None]) for t, row in zip(times, q, strict=True)]
         sample = np.repeat(np.arange(len(q)), [len(one.sample) for one in found])
         names = ("pair", "distance", "normal", "first", "second")
-        parts = {name: np.concatenate([getattr(one, name) for one in found]) for name in names}
-        return Contacts(sample=sample, **parts)
+        return Contacts(sample=sample, **{name: np.concatenate([getattr(one, name) for one in found]) for name in names})
 
     def _placed(self, t: float) -> CoalDistances:
         for item in self._coal.scene.geometry.geometryObjects:
@@ -376,12 +371,11 @@ def certificate(term: ShapeClearance, trajectory: Trajectory) -> ClearanceReport
 
 def _unproven(motion: SteppedMotion) -> ClearanceReport:
     nearest = motion.nearest()
-    n = _LOOKS * len(motion.trajectory.a) + 1
     return ClearanceReport(
         collision_free=False,
         undecided=nearest.distance > 0.0,
         nearest=nearest,
-        n_samples=n,
+        n_samples=_LOOKS * len(motion.trajectory.a) + 1,
         unshaped=links_without_shape(motion.term.scene.coordinates.robot),
     )
 

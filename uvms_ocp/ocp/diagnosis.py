@@ -113,10 +113,9 @@ def row_groups(transcription: Transcription, problem: OcpProblem) -> GroupIndex:
     names = tuple(transcription.row_layout.names[row] for row in transcription.row_layout.constraints.tolist())
     roots = {term.name: float(np.sqrt(term.weight)) for term in reversed(problem.constraints)}
     found = {name: i for i, name in enumerate(name for name in dict.fromkeys(names) if name not in FIXED)}
-    number = np.array([found.get(name, -1) for name in names], dtype=int)
     return GroupIndex(
         groups=tuple(BoundGroup(name=f"constraint {name!r}", measure=RelaxationUnit.ROW) for name in found),
-        number=number,
+        number=np.array([found.get(name, -1) for name in names], dtype=int),
         scale=np.array([roots.get(name, 1.0) for name in names]),
         axes=("",) * len(names),
     )
@@ -292,8 +291,7 @@ class _Elastic:
         """Return relaxations of a start whose rows and variables have these values: enough to keep all, and a little more."""
         w, Q = np.array(self.P @ values).ravel(), np.abs(self.Q.full())
         broken = np.maximum(np.maximum(w - self.upper, self.lower - w), 0.0)
-        units = np.where(Q > 0, Q, 1.0)
-        return np.asarray(np.where(Q > 0, broken[:, None] / units, 0.0).max(axis=0, initial=0.0) + 0.01)
+        return np.asarray(np.where(Q > 0, broken[:, None] / np.where(Q > 0, Q, 1.0), 0.0).max(axis=0, initial=0.0) + 0.01)
 
     def _solver(self, x: np.ndarray, time_limit: float) -> ca.Function:
         """IPOPT with the derivatives of the transcription; parameters are the weights, and that of staying."""

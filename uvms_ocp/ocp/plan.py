@@ -77,8 +77,7 @@ Powers = tuple[Array, Array]
 
 def sample_times(duration: float) -> Array:
     """Times (n,) [s] from 0 to `duration` [s], both included."""
-    n = max(2, min(int(np.ceil(duration / _PERIOD)) + 1, _MOST_SAMPLES))
-    return np.linspace(0.0, duration, n)
+    return np.linspace(0.0, duration, max(2, min(int(np.ceil(duration / _PERIOD)) + 1, _MOST_SAMPLES)))
 
 
 def motion_series(robot: Robot, trajectory: Trajectory, powers: Powers, t: Array, q: Array) -> dict[str, Array]:

@@ -245,5 +245,4 @@ def clearance_values(report: ClearanceReport) -> ClearanceValues:
 def stored_clearance(values: ClearanceValues) -> ClearanceReport:
     """The report of `clearance_values`."""
     given = values.model_dump()
-    nearest = NearestPair(**{name: given.pop(name) for name in ("distance", "time", "pair")})
-    return ClearanceReport(nearest=nearest, **given)
+    return ClearanceReport(nearest=NearestPair(**{name: given.pop(name) for name in ("distance", "time", "pair")}), **given)

@@ -112,8 +112,7 @@ def _too_near(problem: OcpProblem, shortest: float, longest: float) -> str | Non
 def _least_way(v: float, a: float, speed: float, shortest: float, longest: float) -> float:
     """Smallest displacement after any step in the range; concave in the step but for where the speed limit is met."""
     kink = (v + speed) / a if np.isfinite(a) else 0.0
-    steps = (shortest, longest, min(max(kink, shortest), longest))
-    return min(h * (v + max(v - a * h, -speed)) / 2 for h in steps)
+    return min(h * (v + max(v - a * h, -speed)) / 2 for h in (shortest, longest, min(max(kink, shortest), longest)))
 
 
 def _axes(problem: OcpProblem) -> list[str]:
@@ -150,8 +149,7 @@ def goal_distances(scene: CollisionScene, goal: Goal, start: np.ndarray) -> np.n
         q[:3] = start[:3] if goal.position is None else q[:3]
         q[3:7] = start[3:7] if goal.rpy is None else q[3:7]
     known = _determined_joints(robot, goal)
-    pairs = [{pair.first_joint, pair.second_joint} <= known for pair in scene.pairs]
-    return np.where(pairs, start_distances(scene, q), np.inf)
+    return np.where([{pair.first_joint, pair.second_joint} <= known for pair in scene.pairs], start_distances(scene, q), np.inf)
 
 
 def _determined_joints(robot: Robot, goal: PostureGoal) -> set[int]:
@@ -189,8 +187,7 @@ _POINT = 1e-6  # [m] radius of a ball that stands for a point
 
 def _distance(first: coal.CollisionGeometry, X_first: pin.SE3, second: coal.CollisionGeometry, X_second: pin.SE3) -> float:
     places = [coal.Transform3s(X.rotation, X.translation) for X in (X_first, X_second)]
-    result = coal.DistanceResult()
-    return float(coal.distance(first, places[0], second, places[1], coal.DistanceRequest(), result))
+    return float(coal.distance(first, places[0], second, places[1], coal.DistanceRequest(), coal.DistanceResult()))
 
 
 # What there is around the robot of a problem, as records keep it: goals of poses, obstacles, a floor.
@@ -301,8 +298,7 @@ class Refinement:
     def _solved(self, guess: Guess, q: np.ndarray, tightened: Mapping[Term, np.ndarray]) -> RefinedResult:
         """Written at configurations q (n_nodes, n_q)."""
         p = self.planner.transcription.parameters(self.given, t0=self.t0, near=q, tightened=tightened)
-        left = max(self._left, 0.0)
-        result = self.planner.solve(p, guess, problem=self.given, time_limit=left, progress=self.progress)
+        result = self.planner.solve(p, guess, problem=self.given, time_limit=max(self._left, 0.0), progress=self.progress)
         return RefinedResult(result=result, p=p, near=q, tightened=tightened)
 
     def _missing(self, best: RefinedResult, path: Trajectory) -> dict[Term, np.ndarray]:
@@ -396,8 +392,7 @@ class Planner:
                 progress(moment)
 
         with on_interrupt(presses.append), self.transcription.turn:
-            ends = perf_counter() + self.options.time_limit
-            plan = self._planned(problem or self.problem, guess, t0, ends, diagnose, report)
+            plan = self._planned(problem or self.problem, guess, t0, perf_counter() + self.options.time_limit, diagnose, report)
         if presses:
             raise Interrupted(plan.reason, plan)
         return plan
@@ -435,8 +430,7 @@ class Planner:
             elif NlpStatus.INTERRUPTED in second.result.level_status:  # nothing else is begun
                 ended = tuple(one if one.optimal else NlpStatus.INTERRUPTED for one in found.result.level_status)
                 found = replace(found, result=replace(found.result, level_status=ended, status=NlpStatus.INTERRUPTED))
-        court = finder._court(given, found, t0, ends if diagnose else None)
-        plan = finder._plan(given, court.verdict(found.result), t0, begin)
+        plan = finder._plan(given, finder._court(given, found, t0, ends if diagnose else None).verdict(found.result), t0, begin)
         return replace(plan, reason=plan.reason + note)
 
     def solve(

@@ -96,8 +96,7 @@ class OcpResult:
     def samples(self) -> tuple[Array, Array]:
         """Times (n,) [s], and configurations (n, n_q) [m, rad] on their manifold, within the limits of the joints."""
         robot, t = self.request.robot, sample_times(self.plan.duration)
-        q = self.plan.trajectory.states_at(robot.model, t)[0]
-        return t, admissible_configurations(robot, q)
+        return t, admissible_configurations(robot, self.plan.trajectory.states_at(robot.model, t)[0])
 
     @cached_property
     def coordinates(self) -> Array:
@@ -179,8 +178,7 @@ def _guesses(request: OcpRequest, problem: OcpProblem) -> Iterator[Trajectory]:
     """Among obstacles a curve around them; then, and without them, the start."""
     if request.obstacles:
         turned = isinstance(request.goal, PostureGoal) and request.goal.rpy is not None
-        names = ("robot", "start", "goal", "obstacles", "clearance", "link_clearance")
-        asked = {name: getattr(request, name) for name in names}
+        asked = {name: getattr(request, name) for name in ("robot", "start", "goal", "obstacles", "clearance", "link_clearance")}
         curve = curve_guess(problem, PlanRequest(**asked, axes="all" if turned else "level"))
         if curve is not None:
             yield curve

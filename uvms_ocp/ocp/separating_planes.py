@@ -78,8 +78,7 @@ def _of_box(shape: coal.Box, normals: Array) -> Support:
 
 def _of_vertices(shape: coal.ConvexBase, normals: Array) -> Support:
     vertices = np.asarray(shape.points())
-    nearest = np.argsort(normals @ vertices.T, axis=1, kind="stable")[:, :_N_VERTICES]
-    return Support(centres=vertices[nearest])
+    return Support(centres=vertices[np.argsort(normals @ vertices.T, axis=1, kind="stable")[:, :_N_VERTICES]])
 
 
 def _ends(shape: coal.Cylinder | coal.Capsule | coal.Cone) -> Array:

@@ -186,8 +186,7 @@ class Energy(_PathCost):
         for i, thruster in enumerate(description.thrusters):
             if thruster.power is not None:
                 power = thruster.power
-                share = stage.thrust[i] / power.thrust
-                rows.append(np.sqrt(power.watts / 1e3) * _root_of_power(share, power.exponent))
+                rows.append(np.sqrt(power.watts / 1e3) * _root_of_power(stage.thrust[i] / power.thrust, power.exponent))
         arm = stage.tick.velocity[stage.tick.robot.joint_v]
         for torque, rate in zip(ca.vertsplit(stage.torque), ca.vertsplit(arm), strict=True):
             rows.append(_root_of_power(torque * rate / (1e3 * description.joint_efficiency), 1.0))

@@ -48,8 +48,7 @@ class Trajectory:
         k = int(intervals_of(self.t, t))
         s = t - self.t[k]
         a = self.a[k]
-        way = s * self.leaving(model, k) + s * s / 2 * a
-        return pin.integrate(model, self.q[k], way), self.v[k] + s * a, a
+        return pin.integrate(model, self.q[k], s * self.leaving(model, k) + s * s / 2 * a), self.v[k] + s * a, a
 
     def leaving(self, model: pin.Model, k: int) -> np.ndarray:
         """(n_v,) [m/s, rad/s] Velocity at the beginning of step k with which it ends at the next node.
@@ -89,13 +88,12 @@ def hold_guess(problem: OcpProblem, start: State | None = None) -> Trajectory:
     robot, t = problem.robot, problem.nominal_times()
     state = start or problem.start
     n = len(t)
-    n_thrust = len(robot.description.thrusters) if has_thrusters(problem) else robot.n_vehicle
     return Trajectory(
         t=t,
         q=np.tile(state.q, (n, 1)),
         v=np.zeros((n, robot.n_v)),
         a=np.zeros((n - 1, robot.n_v)),
-        thrust=np.zeros((n - 1, n_thrust)),
+        thrust=np.zeros((n - 1, len(robot.description.thrusters) if has_thrusters(problem) else robot.n_vehicle)),
         torque=np.zeros((n - 1, robot.n_joints)),
         of_wrench=not has_thrusters(problem),
     )

@@ -189,8 +189,7 @@ def with_activations(mission: Mission, activations: Mapping[str, float]) -> Miss
     """The mission with these activations in every phase that does not set them itself, that of its abort too."""
     phases = tuple(replace(phase, activations={**activations, **phase.activations}) for phase in mission.all_phases)
     n = len(mission.phases)
-    abort = None if mission.abort is None else replace(mission.abort, phase=phases[n])
-    return replace(mission, phases=phases[:n], abort=abort)
+    return replace(mission, phases=phases[:n], abort=None if mission.abort is None else replace(mission.abort, phase=phases[n]))
 
 
 def abort_phase(*names: str, arrived: float = 0.3, hold: float = 2.0) -> Abort:

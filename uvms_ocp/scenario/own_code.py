@@ -143,8 +143,7 @@ def _drop_helpers(folder: Path) -> None:
 
 def own_failure(error: BaseException) -> str:
     """Describe an error of code of one's own in one line, with the place; empty for one that comes from elsewhere."""
-    frames = traceback.extract_tb(error.__traceback__)
-    own = [frame for frame in frames if Path(frame.filename).parent in _FOLDERS]
+    own = [frame for frame in traceback.extract_tb(error.__traceback__) if Path(frame.filename).parent in _FOLDERS]
     return f"{own[-1].filename}:{own[-1].lineno}: {_said(error)}" if own else ""
 
 

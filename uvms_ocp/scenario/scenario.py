@@ -321,8 +321,7 @@ class Scenario(FieldTable):
     @contextmanager
     def _bar(self, shown: bool, kinematic: KinematicController) -> Iterator[Callable[[float], None]]:
         """Inside what is yielded is to get times [s] of ticks, for a bar where somebody looks."""
-        layout = "{elapsed} |{bar}| {desc}"
-        with progress_bar(shown=shown, total=self.duration, delay=_SILENT, bar_format=layout) as bar:
+        with progress_bar(shown=shown, total=self.duration, delay=_SILENT, bar_format="{elapsed} |{bar}| {desc}") as bar:
 
             def show(t: float) -> None:
                 if not bar.disable and round(t / self.dt) % _BAR_EVERY == 0:
@@ -351,12 +350,11 @@ class Scenario(FieldTable):
             "estimator": own.get("estimator", type(estimator.estimator).__name__),
             "controller": getattr(controller, "name", type(controller).__name__),
         }
-        faults = tuple(map(own_parts.fault_meta, self.faults))
         known: dict[str, Any] = {
             "name": self.name,
             "setup": self.setup(),
             "parts": names,
-            "faults": faults,
+            "faults": tuple(map(own_parts.fault_meta, self.faults)),
             "controller": kinematic,
         }
         every = 1 if self.record_rate is None else max(1, round(1.0 / (self.record_rate * self.dt)))
@@ -400,14 +398,13 @@ class Scenario(FieldTable):
         left = zip(states, kinematic.events, kinematic.left, strict=False)  # with the goals that the phase had when it ended
         ends = [quantities(state, event.t, goals) for state, event, goals in left]
         stopped: Literal["", "stopped", "diverged"] = "diverged" if diverged else "stopped" if presses else ""
-        std = recorder.last("q_std") if "q_std" in recorder else None
         ending = RunOutcome(
             q=recorder.last("q"),
             t=recorder.last("t"),
             quantities=truth,
             at_events=tuple(ends),
             wall_s=wall,
-            std=std,
+            std=recorder.last("q_std") if "q_std" in recorder else None,
             stopped=stopped,
         )
         return recorder.freeze(meta(ending=ending))

@@ -76,8 +76,7 @@ def water_at(current: Current, p_W: Points, t: float) -> Water:
     Raises `InvalidInput` where the current does.
     """
     u = current.velocity(p_W, t)
-    carried = (current.gradient(p_W, t) @ u[:, :, None])[:, :, 0]
-    return Water(velocity=u, acceleration=current.rate(p_W, t) + carried)
+    return Water(velocity=u, acceleration=current.rate(p_W, t) + (current.gradient(p_W, t) @ u[:, :, None])[:, :, 0])
 
 
 @checked_on_failure
@@ -145,12 +144,10 @@ class ShearedCurrent(Current):
     """(k, 3) [m/s] in W at these heights."""
 
     def __post_init__(self) -> None:
-        n_heights = max(np.size(self.z), 1)
-        object.__setattr__(self, "z", finite_array("z of a sheared current", self.z, (n_heights,)))
+        object.__setattr__(self, "z", finite_array("z of a sheared current", self.z, (max(np.size(self.z), 1),)))
         if (np.diff(self.z) <= 0).any():
             raise InvalidInput(f"z of a sheared current = {self.z.tolist()} m; give increasing heights")
-        shape = (len(self.z), 3)
-        object.__setattr__(self, "velocities", _flow("velocities of a sheared current", self.velocities, shape))
+        object.__setattr__(self, "velocities", _flow("velocities of a sheared current", self.velocities, (len(self.z), 3)))
 
     @staticmethod
     def over_floor(velocity: ArrayLike, *, floor_z: float, thickness: Positive) -> ShearedCurrent:

@@ -116,8 +116,7 @@ def _struck(channel: FaultyChannel, fault: Fault, rng: np.random.Generator) -> _
         first, joint = channel.joints[0], channel.joints[number - 1]
         errors = range(joint.idx_v - first.idx_v, joint.idx_v - first.idx_v + joint.n_v)
         begin = joint.idx_q - first.idx_q
-        turned = slice(begin, begin + joint.n_q)
-        values = turned if channel.name == "joint_positions" else slice(errors.start, errors.stop)
+        values = slice(begin, begin + joint.n_q) if channel.name == "joint_positions" else slice(errors.start, errors.stop)
     if fault.kind in ("bias", "drift", "stuck") and len(fault.values) not in (1, len(errors)):
         raise InvalidInput(f"{fault}: {len(fault.values)} values; give 1 or {len(errors)}")
     return _Struck(channel=channel, fault=fault, rng=rng, values=values, errors=errors)
@@ -308,5 +307,4 @@ def with_steps(environment: Environment, faults: Sequence[Fault]) -> Environment
     own = tuple(fault for fault in faults if fault.location.family == "current")
     if not own:
         return environment
-    current = SteppedCurrent(base=environment.current, seafloor=environment.seafloor, faults=own)
-    return replace(environment, current=current)
+    return replace(environment, current=SteppedCurrent(base=environment.current, seafloor=environment.seafloor, faults=own))

@@ -162,8 +162,7 @@ class Fault:
     """[s] from which all is well again; inf: never."""
 
     def __post_init__(self) -> None:
-        target = target_of(self.target)
-        object.__setattr__(self, "target", target.name)
+        object.__setattr__(self, "target", target_of(self.target).name)
         for name in ("values", "onset", "end"):  # whole numbers are numbers too
             value = getattr(self, name)
             object.__setattr__(self, name, tuple(map(float, value)) if name == "values" else float(value))

@@ -131,18 +131,16 @@ class Authority:
             return "the thrusters that are left cannot hold the robot still"
         parts = [f"{axis} can no longer be driven on its own" for axis in self.lost]
         parts += [f"{axis} can be driven one way only" for axis in self.one_sided]
-        shares = np.min(self.reach / np.maximum(self.sound, np.finfo(float).tiny), axis=1)
         parts += [
             f"{axis} {100 * share:.0f} %"
-            for axis, share in zip(AXES, shares, strict=True)
+            for axis, share in zip(AXES, np.min(self.reach / np.maximum(self.sound, np.finfo(float).tiny), axis=1), strict=True)
             if axis not in (*self.lost, *self.one_sided) and share < 0.95
         ]
         return f"left of the reach: {', '.join(parts)}" if parts else "nothing is out of reach"
 
     def _gone(self) -> np.ndarray:
         """(6, 2) which of what sound thrusters reach is out of reach."""
-        there = self.sound > _GONE * self.sound.max()
-        return there & ~(self.reach > _GONE * self.sound)
+        return (self.sound > _GONE * self.sound.max()) & ~(self.reach > _GONE * self.sound)
 
 
 def authority_in(memory: AuthorityMemory) -> Authority:

@@ -126,8 +126,7 @@ def _window_length(tuning: verdicts.ActuatorHealthTuning, period: float) -> int:
 def _weight_function(robot: Robot, symbolic: SymbolicDynamics) -> ca.Function:
     q, rest, still = ca.SX.sym("q", robot.n_q), ca.SX(robot.n_v, 1), ca.SX(3, len(symbolic.links))
     tau, n = symbolic.inverse_dynamics(q, rest, rest, still, still), robot.n_vehicle
-    wrench = ca.densify(ca.vertcat(tau[:n, :], ca.SX.zeros(6 - n)))
-    return ca.Function("weight", [q], [ca.cse(wrench)], ["q"], ["wrench"])
+    return ca.Function("weight", [q], [ca.cse(ca.densify(ca.vertcat(tau[:n, :], ca.SX.zeros(6 - n))))], ["q"], ["wrench"])
 
 
 def _joint_way_function(robot: Robot, symbolic: SymbolicDynamics) -> ca.Function:
@@ -164,8 +163,7 @@ class ActuatorMonitor:
         names, thrusters, i = self._robot.joint_names, self._robot.description.thrusters, self._memory.thruster
         for j in range(len(self.joints)):
             if self._memory.joints.found[j]:
-                text = f"joint{j + 1} jammed ({names[j]}): pushed, and does not move; the others do without it"
-                self.alarms.append((t, text))
+                self.alarms.append((t, f"joint{j + 1} jammed ({names[j]}): pushed, and does not move; the others do without it"))
         if i >= 0:
             self.alarms.append((t, verdicts.thruster_alarm(i + 1, thrusters[i].name, self.thrusters[i])))
         if self._memory.judgement:

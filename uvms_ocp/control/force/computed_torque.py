@@ -114,8 +114,7 @@ class ComputedTorque:
         disturbance (n_v,) [N, N m]: force to work against.
         """
         at = _state(q=q, v=v) if self._open else state
-        error = pin.difference(self._robot.model, at.q, q)
-        wanted = a + self._K_p * error + self._K_d * (v - at.v)
+        wanted = a + self._K_p * pin.difference(self._robot.model, at.q, q) + self._K_d * (v - at.v)
         tau = self._dynamics.inverse_dynamics(at.q, at.v, wanted, self._water) - disturbance
         realized = self._actuators.realize(tau)
         return _command(v=v, thrust=self._actuators.drive(realized), torque=realized.torque)

@@ -102,8 +102,7 @@ class ObserverLaw:
         D, L_transposed, order = ca.ldl(M, False)
         estimate = before.estimate + self.dt * _coupled(M, w**2) @ before.innovation
         drift = ca.ldl_solve(force - estimate - 2 * _coupled(M, w) @ before.innovation, D, L_transposed, order)
-        innovation = before.innovation + self.dt * drift
-        return ForceResponse(estimate=estimate, innovation=innovation)
+        return ForceResponse(estimate=estimate, innovation=before.innovation + self.dt * drift)
 
 
 def _coupled(M: ca.SX, gain: ca.SX) -> ca.SX:

@@ -232,8 +232,7 @@ def transfer_function(laws: ForceLaws) -> ca.Function:
 def observe_function(laws: ForceLaws) -> ca.Function:
     """Make ``inputs, effectiveness, state -> observed``: the state after the observer, before this tick's commands."""
     x, (inputs, effectiveness, state) = _symbols(laws, inputs=ForceInputs, effectiveness=ThrusterEffectiveness, state=ForceState)
-    integral = _by_part(laws, ca.if_else(inputs.stop, 0.0, state.integral), state.integral)
-    observed = replace(state, integral=integral)
+    observed = replace(state, integral=_by_part(laws, ca.if_else(inputs.stop, 0.0, state.integral), state.integral))
     observed = observed if laws.observer is None else _observed(laws, laws.observer, inputs, effectiveness, observed)
     observed = observed if laws.residual_filter is None else _taken_in(laws, laws.residual_filter, inputs, observed)
     return ca.Function("observe", list(x.values()), [ca.cse(column_of(observed))], list(x), ["observed"])

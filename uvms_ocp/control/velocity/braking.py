@@ -124,8 +124,7 @@ def _functions(robot: Robot, dt: float) -> tuple[ca.Function, ca.Function]:
     """Q, v, time to rest -> q one tick on, v then; and v alone, at q."""
     acceleration = finite_acceleration(robot)
     q, v, time = ca.SX.sym("q", robot.n_q), ca.SX.sym("v", robot.n_v), ca.SX.sym("time")
-    symbolic = SymbolicModel(robot.model)
-    moved = ca.densify(symbolic.integrate(q, v * dt))
+    moved = ca.densify(SymbolicModel(robot.model).integrate(q, v * dt))
     step = [moved, _slower(robot, acceleration, dt, moved, v, time)]
     alone = [_slower(robot, acceleration, dt, q, v, time)]
     return ca.Function("step_to_rest", [q, v, time], step, {"cse": True}), ca.Function("slower", [q, v, time], alone)

@@ -89,8 +89,7 @@ def tracks_of(mission: Mission, dt: float) -> tuple[Track, ...]:
     """Sample all goals that move and rest in the end, every dt [s]."""
     found = []
     for phase in range(len(mission.all_phases)):
-        pairs = zip(mission.tasks_of(phase), mission.references_of(phase), strict=True)
-        for index, (task, (reference, own)) in enumerate(pairs):
+        for index, (task, (reference, own)) in enumerate(zip(mission.tasks_of(phase), mission.references_of(phase), strict=True)):
             n = _length(task, dt)
             if n and not mission.has_ascent_goal(phase, index):
                 samples = np.array([reference(k * dt) for k in range(n + 1)])
@@ -199,8 +198,7 @@ def asked_in_phases(mission: Mission, tracks: Sequence[Track]) -> list[tuple[_As
 
 def _asked_in(mission: Mission, phase: int, tracked: Collection[tuple[int, int]], places: Sequence[slice]) -> tuple[_Asked, ...]:
     found = []
-    goals = zip(mission.tasks_of(phase), mission.references_of(phase), strict=True)
-    for i, (task, (reference, own)) in enumerate(goals):
+    for i, (task, (reference, own)) in enumerate(zip(mission.tasks_of(phase), mission.references_of(phase), strict=True)):
         if not (is_constant(reference) or mission.has_ascent_goal(phase, i) or (phase, i) in tracked):
             place, pairs = places[i], task.nearest_pairs
             end = place.stop - (0 if pairs is None else pairs.n_parameters)

@@ -335,8 +335,7 @@ def viability_sizes(robot: Robot, guards: Sequence[PositionGuard], dt: float) ->
 def _positions(robot: Robot, values: tuple[ca.Function, ...]) -> ca.Function:
     """Q to the positions of limits that have an expression."""
     q = ca.SX.sym("q", robot.n_q)
-    found = ca.vertcat(ca.SX(0, 1), *(one(q) for one in values))
-    return ca.Function("positions", [q], [ca.densify(found)], {"cse": True})
+    return ca.Function("positions", [q], [ca.densify(ca.vertcat(ca.SX(0, 1), *(one(q) for one in values)))], {"cse": True})
 
 
 class ViabilitySetup:
@@ -373,5 +372,4 @@ class ViabilitySetup:
     def _look(self) -> None:
         guard = self._guards[self._memory.asked]
         rows = np.flatnonzero(self._counts[guard.positions])
-        which = None if len(rows) == guard.limit.n else rows
-        self._position[guard.positions][rows] = guard.limit.values(self._place, which)
+        self._position[guard.positions][rows] = guard.limit.values(self._place, None if len(rows) == guard.limit.n else rows)

@@ -88,8 +88,7 @@ class Tangent:
         slope = self._along(ca.jacobian(value, self.model.z), controls).T
         weights, H = self.weights(value), self.jacobian(slope, controls=controls)
         if weights.nnz():
-            forces = self.force_slope[:, : H.shape[0]]
-            H += forces.T @ self.jacobian(weights, controls=controls)
+            H += self.force_slope[:, : H.shape[0]].T @ self.jacobian(weights, controls=controls)
         return (H + H.T) / 2
 
     def weights(self, value: ca.SX) -> ca.SX:
@@ -165,8 +164,7 @@ class BlockFunctions:
         """
         self.block, self.tangent, self.forces, self.extra = block, tangent, forces, extra
         rows, levels = block.rows, range(len(block.rows.errors))
-        first = [] if forces is None else [forces.rows]
-        self.held = (_group(rows, CONSTRAINT, first), *(_group(rows, i, []) for i in levels))
+        self.held = (_group(rows, CONSTRAINT, [] if forces is None else [forces.rows]), *(_group(rows, i, []) for i in levels))
         """Constraints, then the rows of each level; those of the last are never held, and have no derivatives."""
         self.errors = tuple(HeldRows(rows=rows.errors[i], numbers=np.flatnonzero(rows.level == i)) for i in levels)
         """Residual groups of each level."""
@@ -218,8 +216,7 @@ class BlockFunctions:
         return ca.dot(y, held) + ca.dot(e, errors), y, e
 
     def _jacobian(self, rows: ca.SX) -> ca.SX:
-        J = self.tangent.jacobian(rows, controls=self.forces is not None)
-        return ca.horzcat(J, ca.SX(rows.numel(), self.extra)).T
+        return ca.horzcat(self.tangent.jacobian(rows, controls=self.forces is not None), ca.SX(rows.numel(), self.extra)).T
 
     @property
     def _inputs(self) -> list[ca.SX]:

@@ -260,8 +260,7 @@ class StageIndices:
 
     def __init__(self, memory: StageMemory) -> None:
         self.memory = memory
-        rows = [self._row_numbers(i) for i in range(len(memory.stages))]
-        self.raw = np.concatenate([np.zeros(0, dtype=int), *rows])
+        self.raw = np.concatenate([np.zeros(0, dtype=int), *[self._row_numbers(i) for i in range(len(memory.stages))]])
         """(n,) raw row of each row that may be held; -1 for limits of forces."""
         forces = memory.forces
         self.force_lower, self.force_upper = np.full(len(self.raw), -np.inf), np.full(len(self.raw), np.inf)

@@ -75,12 +75,11 @@ class StageLevelQp:
     def _shape(self) -> StageShape:
         memory, tangent = self.memory, self.memory.tangent
         stages = memory.stages
-        held = [sum(group.n for group in memory.groups(stage)[: self.level + 1]) for stage in stages]
         return StageShape(
             n_x=(tangent.n_x,) * len(stages),
             n_u=tuple(tangent.n_u if stage.step else int(tangent.free) for stage in stages[:-1]),
             n_r=tuple(len(part) for part in memory.residual_parts(self.level)),
-            n_c=tuple(held),
+            n_c=tuple(sum(group.n for group in memory.groups(stage)[: self.level + 1]) for stage in stages),
         )
 
     def _held_numbers(self) -> Array:
@@ -105,8 +104,7 @@ class StageLevelQp:
         for i, stage in enumerate(memory.stages):
             function = memory.function(stage)
             if function is not None:
-                values = memory.row_memory(i)[:-1]
-                calls.add(function.linear, memory.arguments(i), [*values, *self._jacobians(i)])
+                calls.add(function.linear, memory.arguments(i), [*memory.row_memory(i)[:-1], *self._jacobians(i)])
         return calls
 
     def _jacobians(self, i: int) -> list[Array | None]:
@@ -135,8 +133,7 @@ class StageLevelQp:
             after, costates = memory.z[min(i + 1, n - 1)], own.costates[i] if memory.stages[i].step else none
             calls.add(tangent.step_curvature, [memory.z[i], after, costates, bent[i]], [steps[i]])
         for i, function in found:
-            arguments = [*memory.arguments(i), own.rows[i], own.residuals[i], steps[i]]
-            calls.add(function.curvature, arguments, [self.qp.H[i]])
+            calls.add(function.curvature, [*memory.arguments(i), own.rows[i], own.residuals[i], steps[i]], [self.qp.H[i]])
         return calls
 
     def set_curvature(self, last: FlatSolution | None) -> None:
@@ -342,8 +339,7 @@ class StageSqp:
         if key < self._best[0]:
             self._best = key, self._memory.z.copy()
         level = self._memory.whole.problem.levels[self._level.level].name
-        report = IterationReport(level=level, iteration=iteration, residual=here.residual, violation=self._worst)
-        self._watch.report(report)
+        self._watch.report(IterationReport(level=level, iteration=iteration, residual=here.residual, violation=self._worst))
 
     @property
     def _scale(self) -> float:
@@ -388,8 +384,7 @@ class StageSqp:
             kept, worth = 0.1 * self._options.feasibility, _NOTHING * self._options.tolerance * here.residual
         else:
             kept, worth = self._options.feasibility, _DIGITS * here.cost
-        late = self._least or self._count > _PATIENCE
-        return bool(late and self._worst <= kept and -slope <= worth)
+        return bool((self._least or self._count > _PATIENCE) and self._worst <= kept and -slope <= worth)
 
     def _solved(self) -> FlatSolution:
         """Solve the first model of the cost that is convex where the constraints leave freedom: that of the last, or coarser
@@ -443,8 +438,7 @@ class StageSqp:
                 return None, trial
             share /= 2
         self._back()
-        good = self._worst <= self._options.feasibility
-        return NlpStatus.INEXACT if good else NlpStatus.STALLED, here
+        return NlpStatus.INEXACT if self._worst <= self._options.feasibility else NlpStatus.STALLED, here
 
     def _mended(self, trial: FilterMerit, share: float) -> FilterMerit:
         """The point after a share of the step, brought back by the shortest ways to rows that it breaks by too much.
@@ -478,8 +472,7 @@ class StageSqp:
 
     def _restore(self, here: FilterMerit, solution: FlatSolution) -> tuple[NlpStatus | None, FilterMerit]:
         """Towards the constraints, whatever it costs."""
-        missed = float(np.abs(solution.excess).sum())
-        gain, share = here.violation - missed, 1.0
+        gain, share = here.violation - float(np.abs(solution.excess).sum()), 1.0
         if gain <= _NO_HELP * here.violation:
             return NlpStatus.INFEASIBLE, here
         while share > _SMALLEST_SHARE:
@@ -508,8 +501,7 @@ class StageSqp:
         self._memory.share[0] = 1.0
         self._memory.move()
         self._memory.evaluate()
-        trial = self._merit()
-        if not trial.violation <= max(here.violation, self._options.convergence):
+        if not self._merit().violation <= max(here.violation, self._options.convergence):
             self._back()
             self._worst = before
         return self._worst <= self._options.convergence

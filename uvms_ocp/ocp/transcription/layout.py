@@ -151,8 +151,7 @@ class VariableLayout:
             raise InvalidInput(f"the guess has {len(trajectory.a)} steps; give one of {self.N}, such as `through` makes")
         actuators = self.model.actuators
         shares = (trajectory.thrust / actuators.thrust_unit, trajectory.torque / actuators.torque_unit)
-        inputs = shares if self.model.has_force_variables else ()
-        steps = np.hstack([np.diff(trajectory.t)[:, None], trajectory.a, *inputs])
+        steps = np.hstack([np.diff(trajectory.t)[:, None], trajectory.a, *(shares if self.model.has_force_variables else ())])
         Z = np.hstack([trajectory.q, trajectory.v, np.vstack([steps, steps[-1:]])])
         x, used = np.zeros(self.n_x), self.all_columns >= 0
         x[self.all_columns[used]] = Z[used]
@@ -371,7 +370,6 @@ def row_layout(problem: OcpProblem, blocks: Sequence[TermBlock], ends: BoundaryR
     dynamics, start, equal_steps, total, *terms, costs = (np.arange(first, stop) for first, stop in pairwise(stops))
     level = np.concatenate([group.level for group in groups])
     of_levels = tuple(np.flatnonzero(level == i) for i in range(len(problem.levels)))
-    held = [costs[i : i + 1] if item.relax is not None else of_levels[i] for i, item in enumerate(problem.levels)]
     return RowLayout(
         dynamics=dynamics.reshape(N, -1),
         start=start,
@@ -384,7 +382,7 @@ def row_layout(problem: OcpProblem, blocks: Sequence[TermBlock], ends: BoundaryR
         names=tuple(name for group in groups for name in group.names),
         constraints=np.flatnonzero(level == CONSTRAINT),
         levels=of_levels,
-        held=tuple(held),
+        held=tuple(costs[i : i + 1] if item.relax is not None else of_levels[i] for i, item in enumerate(problem.levels)),
     )
 
 
@@ -422,8 +420,7 @@ def _equal_steps(problem: OcpProblem) -> _Group:
 
 
 def _total(problem: OcpProblem) -> _Group:
-    names = (TOTAL,) * int(problem.limits_total)
-    return _group(names, problem.n_steps + _START, lower=-np.inf, upper=problem.longest)
+    return _group((TOTAL,) * int(problem.limits_total), problem.n_steps + _START, lower=-np.inf, upper=problem.longest)
 
 
 def _costs(problem: OcpProblem) -> _Group:

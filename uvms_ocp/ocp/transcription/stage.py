@@ -45,8 +45,7 @@ class ActuationModel:
         n = robot.n_vehicle
         self.matrix = thruster_matrix(robot)[:n] if thrusters else np.eye(n)
         limits = thrust_limits(robot) if thrusters else (np.full(n, -np.inf), np.full(n, np.inf))
-        largest = np.maximum(np.abs(limits[0]), np.abs(limits[1]))
-        self.thrust_unit = finite_or(largest, _VEHICLE_FORCE)
+        self.thrust_unit = finite_or(np.maximum(np.abs(limits[0]), np.abs(limits[1])), _VEHICLE_FORCE)
         self.thrust_lower, self.thrust_upper = (limit / self.thrust_unit for limit in limits)
         self.torque_unit = finite_or(robot.limits.effort, _UNLIMITED_EFFORT)
         self.torque_limit = robot.limits.effort / self.torque_unit
@@ -361,8 +360,7 @@ class StageModel:
 
 def _commutator(v: ca.SX, a: ca.SX) -> ca.SX:
     """Lie bracket of body twists, ``d/ds`` of the adjoint action of exp(s v) on a."""
-    linear = ca.cross(v[3:], a[:3]) + ca.cross(v[:3], a[3:])
-    return ca.vertcat(linear, ca.cross(v[3:], a[3:]))
+    return ca.vertcat(ca.cross(v[3:], a[:3]) + ca.cross(v[:3], a[3:]), ca.cross(v[3:], a[3:]))
 
 
 def compiled_derivatives(

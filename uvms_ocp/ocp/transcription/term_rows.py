@@ -121,8 +121,7 @@ class TermRows:
     @cached_property
     def functions(self) -> Derivatives:
         """Rows and costs with their derivatives in z."""
-        exact = self.model.problem.hessian is HessianKind.EXACT
-        residuals = None if exact else self.errors
+        residuals = None if self.model.problem.hessian is HessianKind.EXACT else self.errors
         # Terms of forces hold the equations of motion where forces are no variables.
         make = derivatives if self.model.has_force_variables else self.model.derivatives
         return make(self.name, self.model.z, self.parameters, self.rows, costs=self.costs, residuals=residuals)
@@ -130,8 +129,7 @@ class TermRows:
     @cached_property
     def value(self) -> ca.Function:
         """``z, parameters, water -> rows``, without derivatives and not compiled."""
-        inputs = [self.model.z, self.parameters, self.model.water]
-        return ca.Function(f"{self.name}_rows", inputs, [ca.densify(self.rows)])
+        return ca.Function(f"{self.name}_rows", [self.model.z, self.parameters, self.model.water], [ca.densify(self.rows)])
 
     @property
     def n_rows(self) -> int:
@@ -174,8 +172,7 @@ def _members(model: StageModel, phase: OcpPhase, *, at_end: bool) -> list[TermEn
 
 def _member(model: StageModel, place: int, level: int, term: Term) -> TermEntry:
     goals = ca.SX.sym("goals", term.n_parameters(model.robot))
-    residual = residual_of(model, term, goals)
-    return TermEntry(place=place, level=level, term=term, residual=residual, goals=goals)
+    return TermEntry(place=place, level=level, term=term, residual=residual_of(model, term, goals), goals=goals)
 
 
 def residual_of(model: StageModel, term: Term, goals: ca.SX) -> Residual:
@@ -198,8 +195,7 @@ def _term_rows(model: StageModel, members: Sequence[TermEntry], name: str, *, on
     common, roots = ca.SX.sym("common", _N_COMMON), ca.SX.sym("root", len(members))
     lower, upper = ca.SX.sym("lower", m), ca.SX.sym("upper", m)
     s = ca.vertcat(common, roots, lower, upper, *(member.goals for member in members))
-    weighted = [roots[i] * member.residual.value for i, member in enumerate(members)]
-    rows = ca.vertcat(ca.SX(0, 1), *weighted)
+    rows = ca.vertcat(ca.SX(0, 1), *[roots[i] * member.residual.value for i, member in enumerate(members)])
     share = model.z[model.layout.h] * common[1] if on_path else ca.SX(1)
     costs, errors = _costs(len(model.problem.levels), members, (rows, lower, upper, kinds), share, common[0])
     each_row = [member for member in members for _ in range(member.residual.n_rows)]
@@ -304,8 +300,7 @@ def _numbers(model: StageModel, rows: TermRows, given: OcpProblem) -> TermNumber
     terms = [given.terms[member.place] for member in rows.members]
     if all(term is member.term for member, term in zip(rows.members, terms, strict=True)):
         return rows.own
-    residuals = [_residual(model, member, term) for member, term in zip(rows.members, terms, strict=True)]
-    return term_numbers(terms, residuals)
+    return term_numbers(terms, [_residual(model, member, term) for member, term in zip(rows.members, terms, strict=True)])
 
 
 def _residual(model: StageModel, member: TermEntry, term: Term) -> Residual:

@@ -88,8 +88,7 @@ class Block:
     def mapped(self, function: ca.Function, *more: ca.MX) -> ca.MX:
         """Outputs (m, n) of a function at all nodes."""
         n = len(self.columns)
-        wide = [item if item.shape[1] == n else ca.repmat(item, 1, n) for item in more]
-        return function.map(n)(self.Z, self.S, *wide)
+        return function.map(n)(self.Z, self.S, *[item if item.shape[1] == n else ca.repmat(item, 1, n) for item in more])
 
     def hessian(self, sigma: ca.MX, lam: ca.MX) -> Entries:
         """Entries of the second derivative of ``sigma' costs + lam' rows``, as far as it has costs; lam (m, n)."""
@@ -434,11 +433,10 @@ class Transcription:
         layout = self.row_layout
         lower, upper = layout.bounds(given.numbers, given.problem.longest)
         ends = np.cumsum([len(layout.constraints), *(len(rows) for rows in layout.held)]).tolist()
-        places = zip(given.problem.levels, layout.levels, ends[:-1], ends[1:], strict=True)
         return RowRanges(
             levels=tuple(
                 LevelRows(name=level.name, lower=lower[rows], upper=upper[rows], relax=level.relax, frozen=slice(first, stop))
-                for level, rows, first, stop in places
+                for level, rows, first, stop in zip(given.problem.levels, layout.levels, ends[:-1], ends[1:], strict=True)
             ),
             lower=lower[layout.constraints],
             upper=upper[layout.constraints],

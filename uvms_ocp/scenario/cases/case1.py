@@ -200,8 +200,7 @@ def current_drift(*, back_steps: bool = True, retries: int = 3, **options: Any) 
     velocity loop is a plain one, slow to reset and without observer: the default one drifts less than the arm can make
     up for. retries: how often D may be left for A. Other options as for `case1`.
     """
-    current = OnsetCurrent((-0.75, 0.2, 0.0), start=40.0, rise=1.0)
-    scenario = case1(**{"current": current, "duration": 150.0, **options})
+    scenario = case1(**{"current": OnsetCurrent((-0.75, 0.2, 0.0), start=40.0, rise=1.0), "duration": 150.0, **options})
     if back_steps:
         phases = tuple(with_back_step(phase, retries) for phase in scenario.mission.phases)
         scenario = replace(scenario, mission=replace(scenario.mission, phases=phases))

@@ -54,8 +54,7 @@ def plan_arm(scenario: Scenario, clearance: float = 0.05) -> soft_collision.Coll
     """
     robot, base = scenario.robot, landed_configuration(scenario)
     x, y, _ = base[:3]
-    floor = floor_obstacle(scenario.environment.seafloor, centre=(x, y), extent=6.0)
-    around = (*scenario.environment.obstacles, floor)
+    around = (*scenario.environment.obstacles, floor_obstacle(scenario.environment.seafloor, centre=(x, y), extent=6.0))
     planned = coordinates(robot, reference=base, axes=robot.joint_names)
     distances = CoalDistances(collision_scene(planned, around))
     goal = next(task for task in scenario.mission.hierarchy.tasks if isinstance(task, ToolPose | ToolPosition))

@@ -40,8 +40,7 @@ def transit(*, relief: str = "small", min_altitude: Positive = 1.0, length: Leng
     ground = max(floor.height(x, y) for x in np.linspace(-2.0, 2.0, 9) for y in np.linspace(-1.0, 1.0, 5))
     goal = pose_at((length, 0.0, max(run.seabed, floor.height(length, 0.0)) + _ABOVE_FLOOR))
     tasks = [JointLimits(), MinimumAltitude(threshold=min_altitude, margin=1.0), HorizontalAttitude(), VehiclePose(goal=goal)]
-    arrived = Below(quantity="PC.horizontal_error", limit=1.0)
-    phase = phase_of("A", "transit", ("JL", "MAC", "HA", "PC"), DONE, arrived)
+    phase = phase_of("A", "transit", ("JL", "MAC", "HA", "PC"), DONE, Below(quantity="PC.horizontal_error", limit=1.0))
     return run.scenario(
         name="transit",
         mission=mission_of(run.robot, tasks, (phase,), abort=abort_phase("JL", "MAC", "HA")),

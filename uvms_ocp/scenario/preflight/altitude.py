@@ -49,8 +49,7 @@ def check_echo(setup: Setup) -> Iterator[Finding]:
         names = ", ".join([*on, *sorted(awaited)])
         if blind:
             text = f"{names}: there is no altimeter, so that no altitude is ever known; give one, or do without"
-            severity = Severity.ERROR if on else Severity.WARNING
-            yield severity.finding(ECHO, text, phase.name)
+            yield (Severity.ERROR if on else Severity.WARNING).finding(ECHO, text, phase.name)
         else:
             yield from _silent_start(setup, phase.name, names)
 
@@ -63,8 +62,7 @@ def _silent_start(setup: Setup, phase: str, names: str) -> Iterator[Finding]:
     why = f"the altimeter looks {tilt:.2f} rad away from straight down, at most {math.acos(STEEP):.2f} rad tells an altitude"
     silent = f"{names}: the start has no echo ({why if beam.cosine <= STEEP else 'the floor returns none'})"
     then = "nothing sinks, no condition on altitude is met, and a task on it soon makes the robot hold; start elsewhere"
-    text = f"{silent}; until one comes {then}"
-    yield Severity.WARNING.finding(ECHO, text, phase, tilt_rad=tilt)
+    yield Severity.WARNING.finding(ECHO, f"{silent}; until one comes {then}", phase, tilt_rad=tilt)
 
 
 def check_goals(setup: Setup) -> Iterator[Finding]:
@@ -137,8 +135,7 @@ def _landing(visit: Visit, landing: LandingAltitude, minimum: MinimumAltitude) -
     aim = landing.rest_altitude
     if aim < minimum.threshold:
         text = f"{landing.name} aims at {aim:.2f} m while {minimum.name} keeps {minimum.threshold:g} m; switch one off"
-        figures = {"aim_m": aim, "minimum_m": minimum.threshold}
-        yield Severity.ERROR.finding("contradiction", text, visit.phase.name, **figures)
+        yield Severity.ERROR.finding("contradiction", text, visit.phase.name, aim_m=aim, minimum_m=minimum.threshold)
 
 
 # Check: the hull does not start in the floor, which would throw it out.
@@ -179,5 +176,4 @@ def _touching(setup: Setup, q: np.ndarray, place: str, phase: str) -> Iterator[F
     closest = closest_approach(setup.robot, setup.environment, q[None], floor=False)
     if closest.distance <= 0:
         text = f"{place} is in collision, {closest.pair} by {-closest.distance:.2f} m; move it or the obstacle"
-        figures = {"depth_m": -closest.distance}
-        yield Severity.ERROR.finding(OBSTACLES, text, phase, **figures)
+        yield Severity.ERROR.finding(OBSTACLES, text, phase, depth_m=-closest.distance)

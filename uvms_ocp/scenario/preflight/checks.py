@@ -47,8 +47,7 @@ def check_structure(mission: Mission) -> Iterator[Finding]:
     used = {name for phase in mission.all_phases for name in phase.on}
     for name in mission.hierarchy.names:
         if name not in used:
-            text = f"task {name} is never switched on; use it or drop it"
-            yield Severity.WARNING.finding(CHECK, text)
+            yield Severity.WARNING.finding(CHECK, f"task {name} is never switched on; use it or drop it")
 
 
 # Check: the sensors can tell whether the thresholds of a mission are met.
@@ -92,8 +91,7 @@ def check_accuracy(setup: Setup) -> Iterator[Finding]:
                 known = f"the sensors tell it to {sigma:.2g} only (one standard deviation): the phase may end early, or never"
                 asked = f"{condition.quantity} < {condition.limit:g} is asked for"
                 text = f"{asked}, but {known}; raise the limit or take better sensors"
-                figures = {"limit": condition.limit, "sensors_allow": sigma}
-                yield Severity.WARNING.finding("accuracy", text, phase.name, **figures)
+                yield Severity.WARNING.finding("accuracy", text, phase.name, limit=condition.limit, sensors_allow=sigma)
 
 
 # All checks of a mission before it begins.
@@ -153,8 +151,7 @@ def check_energy(setup: Setup) -> Iterator[Finding]:
 def check_inertia(setup: Setup) -> Iterator[Finding]:
     """Find joints that have nothing to move, whose acceleration under a force is not defined."""
     if setup.with_forces and "plant" not in setup.own_parts:
-        dynamics = cached_dynamics(setup.robot)
-        for whose in loading.joints_without_inertia(setup.robot.model, dynamics.mass_matrix(setup.start)):
+        for whose in loading.joints_without_inertia(setup.robot.model, cached_dynamics(setup.robot).mass_matrix(setup.start)):
             text = f"no inertia about its axis: {whose}; give an <inertial>, or make the joint fixed"
             yield Severity.ERROR.finding("inertia", text)
 
@@ -168,8 +165,7 @@ def check_own_parts(setup: Setup) -> Iterator[Finding]:
 def check_freedom(setup: Setup, visits: Sequence[Visit], problem: levels.LevelsProblem) -> Iterator[Finding]:
     """Equality tasks of one phase must leave each other room: one that has no freedom left acts in name only."""
     for visit in visits:
-        q = visit.stances[0].configuration(setup)
-        J = _jacobians(setup, problem, q)
+        J = _jacobians(setup, problem, visit.stances[0].configuration(setup))
         N = np.eye(setup.robot.n_v)
         for task in visit.tasks:
             if not task.equality:
@@ -178,8 +174,8 @@ def check_freedom(setup: Setup, visits: Sequence[Visit], problem: levels.LevelsP
             if task.task_class < TaskClass.OPTIMIZATION and _rank(rows) and not _rank(rows @ N):
                 names = ", ".join(other.name for other in visit.tasks if other.equality and other is not task)
                 text = f"{task.name} is on but has no freedom left below the other equality tasks ({names}); switch one off"
-                severity = Severity.ERROR if visit.phase.waits_for(task.name) else Severity.WARNING
-                yield severity.finding("contradiction", text, visit.phase.name)
+                awaited = visit.phase.waits_for(task.name)
+                yield (Severity.ERROR if awaited else Severity.WARNING).finding("contradiction", text, visit.phase.name)
             N = N - np.linalg.pinv(rows @ N, rcond=_RANK) @ rows @ N
 
 

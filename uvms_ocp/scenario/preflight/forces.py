@@ -125,10 +125,9 @@ def _load(setup: Setup, allocation: Allocation, forces: Callable[[np.ndarray], n
     short = [(f"{force:.0f}" if force >= 1.0 else f"{force:.1g}", k) for force, k in shares if force > _SHORT]
     axes = [f"{force} N{' m' if k >= _LINEAR else ''} of {AXES[k]}" for force, k in short]
     limits = np.array([max(thruster.maximum, -thruster.minimum) for thruster in robot.description.thrusters])
-    effort = robot.limits.effort
     return DriveLoad(
         thrust=float(np.max(np.abs(result.thrust) / limits)),
-        torque=float(np.max(np.abs(tau[robot.joint_v]) / effort, initial=0.0)),
+        torque=float(np.max(np.abs(tau[robot.joint_v]) / robot.limits.effort, initial=0.0)),
         missing=missing,
         axes=", ".join(axes),
         drifts=missing > _SHORT and bool(np.linalg.norm(left[actuated]) > _SHORT),
@@ -144,8 +143,7 @@ def check_depth(setup: Setup, visits: Sequence[Visit]) -> Iterator[Finding]:
     if _HEAVE in still and abs(lift) > _ADRIFT:
         text = f"the vehicle is {abs(lift):.2g} N too {'light' if lift > 0 else 'heavy'}, and no thruster holds its depth"
         yield Severity.ERROR.finding(FORCES, f"{text}: trim it", lift_N=lift)
-    begins = [setup.start[:_LINEAR], *(visit.stances[0].position for visit in visits)]
-    for visit, begin in zip(visits, begins, strict=False):
+    for visit, begin in zip(visits, [setup.start[:_LINEAR], *(visit.stances[0].position for visit in visits)], strict=False):
         task = visit.active(VehiclePose)
         limit = None if task is None else threshold_of(visit.phase, f"{task.name}.position_error")
         if task is None or limit is None:
@@ -188,8 +186,7 @@ def check_undriven(setup: Setup, visits: Sequence[Visit]) -> Iterator[Finding]:
                 continue
             awaited = any(threshold_of(visit.phase, f"{task.name}.{name}") for name in ("misalignment", "angle"))
             text = f"{task.name} is on but left out: no thruster drives {turns}, and no other axis turns {task.frame} to its goal"
-            severity = Severity.ERROR if awaited else Severity.WARNING
-            yield severity.finding(_UNDRIVEN, f"{text}; switch it off", visit.phase.name)
+            yield (Severity.ERROR if awaited else Severity.WARNING).finding(_UNDRIVEN, f"{text}; switch it off", visit.phase.name)
     if less:
         text = f"no thruster drives {', '.join(AXES[axis] for axis in undriven)}: {', '.join(less)} ask for the other axes alone"
         yield Severity.NOTE.finding(_UNDRIVEN, text)
@@ -259,8 +256,7 @@ def check_delays(setup: Setup, visits: Sequence[Visit] = ()) -> Iterator[Finding
         text = f"{worst.what} {worst.delay:.3g} s late, allowed {allowed:.2g} s: loops that carry the weight by where it was"
         text += f" swing from {bears:.2g} s on; take quicker ones, or a posture in better balance"
         figures = {"delay_s": worst.delay, "allowed_s": allowed, "swings_from_s": bears}
-        severity = Severity.ERROR if worst.delay > bears else Severity.WARNING
-        yield severity.finding(DELAYS, text, phase, **figures)
+        yield (Severity.ERROR if worst.delay > bears else Severity.WARNING).finding(DELAYS, text, phase, **figures)
 
 
 def _late(setup: Setup) -> Iterator[DelayedAxes]:
@@ -274,8 +270,7 @@ def _late(setup: Setup) -> Iterator[DelayedAxes]:
     if robot.n_vehicle:
         yield DelayedAxes(what="gyro and attitude are", axes=robot.vehicle_v, delay=times.turning, loop=vehicle)
     if robot.n_joints and robot.n_vehicle:
-        both = min(times.turning, times.joints)
-        yield DelayedAxes(what="attitude and encoders are", axes=slice(None), delay=both, loop=joints)
+        yield DelayedAxes(what="attitude and encoders are", axes=slice(None), delay=min(times.turning, times.joints), loop=joints)
 
 
 def _postures(setup: Setup, visits: Sequence[Visit]) -> Iterator[tuple[str, np.ndarray]]:

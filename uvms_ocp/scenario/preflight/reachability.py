@@ -131,8 +131,7 @@ class ArmReach:
             moved = (self._rest(np.clip(joints + step, self._lower, self._upper)) for step in np.diag(inwards))
             J = J + slope[:, 3:6] @ np.column_stack([pin.log3(lean.T @ R) for R in moved]) / inwards
         R = X_WF.rotation @ goal.rotation.T
-        error = np.concatenate([X_WF.translation - goal.translation, pin.log3(R)])
-        return error, np.vstack([J[:3], pin.Jlog3(R).T @ J[3:]])
+        return np.concatenate([X_WF.translation - goal.translation, pin.log3(R)]), np.vstack([J[:3], pin.Jlog3(R).T @ J[3:]])
 
     def _rest(self, joints: np.ndarray) -> np.ndarray:
         return rotation_at_rest(self._robot, self._robot.configuration(joints=joints))
@@ -222,8 +221,7 @@ def _finding(setup: Setup, visit: Visit, task: ToolPose | ToolPosition) -> Findi
     from_likely = ", though it reaches it from the likely ones" if distances.likely.reached else ""
     missed = f"the arm misses the goal by {best} at best and {worst} at worst over the vehicle positions foreseen"
     text = f"{task.name}: {missed}{from_likely}; {advice}"
-    severity = Severity.WARNING if distances.likely.reached else Severity.ERROR
-    return severity.finding(CHECK, text, visit.phase.name, **figures)
+    return (Severity.WARNING if distances.likely.reached else Severity.ERROR).finding(CHECK, text, visit.phase.name, **figures)
 
 
 def goals_of(setup: Setup, name: str, goal: PoseGoal) -> list[pin.SE3]:

@@ -130,8 +130,7 @@ def _inertias(robot: Robot) -> Iterator[RobotFinding]:
 
 def _body(robot: Robot, joint: int) -> str:
     """Names of the links that a joint of the model carries."""
-    frames = robot.model.frames
-    names = [frame.name for frame in frames if frame.parentJoint == joint and frame.type == pin.FrameType.BODY]
+    names = [frame.name for frame in robot.model.frames if frame.parentJoint == joint and frame.type == pin.FrameType.BODY]
     more = f" and what is fixed to it ({', '.join(names[1:4])}{', ...' if len(names) > 4 else ''})" if names[1:] else ""
     return f"{names[0]!r}{more}" if names else f"behind joint {robot.model.names[joint]!r}"
 
@@ -247,8 +246,7 @@ def _hull(robot: Robot) -> tuple[np.ndarray, np.ndarray]:
 
 def _reach(along: np.ndarray, low: np.ndarray, high: np.ndarray) -> float:
     """Distance [m] from the origin of B to the border of the hull; a hand's breadth where it has none."""
-    room = np.where(along > 0.0, high, low)
-    ends = [r / a for r, a in zip(room, along, strict=True) if abs(a) > _RANK_TOLERANCE]
+    ends = [r / a for r, a in zip(np.where(along > 0.0, high, low), along, strict=True) if abs(a) > _RANK_TOLERANCE]
     return max(min(ends), _HAND)
 
 

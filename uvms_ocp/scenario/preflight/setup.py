@@ -61,8 +61,7 @@ class PreflightReport(TableDisplay):
 
     def __post_init__(self) -> None:
         order = list(Severity)
-        ranked = sorted(self.findings, key=lambda finding: order.index(finding.severity))
-        object.__setattr__(self, "findings", tuple(ranked))
+        object.__setattr__(self, "findings", tuple(sorted(self.findings, key=lambda finding: order.index(finding.severity))))
 
     def _table(self) -> SmallTable:
         verdict = "accepted" if self.accepted else "refused"
