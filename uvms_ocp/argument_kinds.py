@@ -7,6 +7,7 @@ import operator
 import types
 import typing
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, is_dataclass
 from pathlib import Path
 from typing import Annotated, Any, Literal, NamedTuple, TypeVar, Union
@@ -333,10 +334,9 @@ def _kind_of(annotation: Any) -> Kind:
 
 
 def _hints(thing: Any) -> dict[str, Any]:
-    try:
+    with suppress(NameError):  # a name that only its author's scope knows
         return typing.get_type_hints(thing, include_extras=True)
-    except NameError:  # a name that only its author's scope knows
-        return {}
+    return {}
 
 
 def _numbers(**what: Any) -> Kind:
@@ -354,9 +354,7 @@ def _annotated(base: Any, *extras: object) -> Kind:
         return _numbers(shape=shape, inside=inside)
     if isinstance(kind, _Numbers):
         return _numbers(dtype=kind.dtype, plain=kind.plain, shape=shape, inside=inside)
-    if isinstance(kind, (_Number, _Whole)):
-        return type(kind)(f"{kind.allowed}{inside or ''}", inside=inside)
-    return kind
+    return type(kind)(f"{kind.allowed}{inside or ''}", inside=inside) if isinstance(kind, (_Number, _Whole)) else kind
 
 
 def _either(arguments: tuple[Any, ...]) -> Kind:
@@ -437,5 +435,4 @@ def _kind_of_class(cls: type) -> Kind:
             lambda value: isinstance(value, cls) and bool(np.isfinite(value.homogeneous).all()),
         )
     name = cls.__name__
-    words = {"str": "a string", "NoneType": "None"}
-    return Kind(words.get(name, f"{'an' if name[0] in 'AEIOU' else 'a'} {name}"), _is_a(cls))
+    return Kind({"str": "a string", "NoneType": "None"}.get(name, f"{'an' if name[0] in 'AEIOU' else 'a'} {name}"), _is_a(cls))

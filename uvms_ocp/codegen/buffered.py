@@ -203,9 +203,7 @@ def _in_machine_code(calls: Sequence[_Call]) -> Callable[[], None] | None:
     if library is None:
         return None
     symbols = {function: compiled_symbol(function) for function in dict.fromkeys(call.function for call in calls)}
-    if None in symbols.values():
-        return None
-    return _MachineCode(library, [symbols[call.function] for call in calls], calls)
+    return None if None in symbols.values() else _MachineCode(library, [symbols[call.function] for call in calls], calls)
 
 
 class _MachineCode:

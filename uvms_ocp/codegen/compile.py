@@ -461,10 +461,9 @@ def _compiler() -> str | None:
 
 @lru_cache(maxsize=4)
 def _version(compiler: str) -> str:
-    try:
+    with suppress(OSError):
         return run_compiler([compiler, "--version"], min(_VERSION_TIMEOUT, compile_timeout()))[1]
-    except OSError:
-        return ""
+    return ""
 
 
 def _warn_once(what: str, detail: str = "") -> None:
@@ -485,11 +484,10 @@ def _digest(data: bytes) -> str:
 
 def _is_usable(library: Path) -> bool:
     """Check that it is what was compiled, and can be loaded."""
-    try:
+    with suppress(OSError, UnicodeDecodeError):
         intact = library.with_suffix(".sha256").read_text(encoding="ascii") == _digest(library.read_bytes())
-    except (OSError, UnicodeDecodeError):
-        return False
-    return intact and not _load_error(library)
+        return intact and not _load_error(library)
+    return False
 
 
 def _load_error(library: Path) -> str:

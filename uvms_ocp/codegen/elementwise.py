@@ -25,9 +25,7 @@ def is_symbolic(*values: Array) -> bool:
 
 def clipped(y: Array, lower: Array, upper: Array) -> Array:
     """The nearest to y (...) [any] between `lower` and `upper`, (...) [any]; the bounds must not be NaN."""
-    if is_symbolic(y, lower, upper):
-        return ca.fmin(ca.fmax(y, lower), upper)
-    return np.minimum(np.maximum(y, lower), upper)
+    return ca.fmin(ca.fmax(y, lower), upper) if is_symbolic(y, lower, upper) else np.minimum(np.maximum(y, lower), upper)
 
 
 def where(condition: Array, if_true: Array, if_false: Array) -> Array:

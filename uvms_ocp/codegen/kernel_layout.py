@@ -108,9 +108,7 @@ def _numbers(vector: Any) -> np.ndarray:
 
 
 def _given(vector: Any, size: tuple[int, int]) -> Any:
-    if vector is None:
-        return np.zeros(size)
-    return _numbers(vector).ravel()[: size[0] * size[1]].reshape(size, order="F")
+    return np.zeros(size) if vector is None else _numbers(vector).ravel()[: size[0] * size[1]].reshape(size, order="F")
 
 
 # Questions of kernels to Python: for what has no other form.

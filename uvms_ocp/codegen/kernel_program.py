@@ -166,9 +166,8 @@ def _while(node: ast.While, scope: c_code.Scope) -> list[str]:
 def _return(node: ast.Return, scope: c_code.Scope) -> list[str]:
     fits = (node.value is None) == (scope.result == c_code.NOTHING)
     c_code.require(fits, node, "does not return what the kernel is annotated with")
-    if node.value is None:
-        return ["return;"]
-    return [f"return {_fitting(node, scope.result, c_code.number(node.value, scope))};"]
+    value = "" if node.value is None else f" {_fitting(node, scope.result, c_code.number(node.value, scope))}"
+    return [f"return{value};"]
 
 
 def _alone(node: ast.Expr, scope: c_code.Scope) -> list[str]:
@@ -185,9 +184,7 @@ def _called_function(call: ast.Call, scope: c_code.Scope) -> c_code.CExpression 
     owner = call.func
     while isinstance(owner, ast.Attribute):
         owner = owner.value
-    if not isinstance(owner, ast.Name) or owner.id not in scope.local:
-        return None
-    return c_code.expression(call.func, scope)
+    return c_code.expression(call.func, scope) if isinstance(owner, ast.Name) and owner.id in scope.local else None
 
 
 def _smooth_call(call: ast.Call, target: c_code.CExpression, scope: c_code.Scope) -> list[str]:

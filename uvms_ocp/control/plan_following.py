@@ -164,9 +164,7 @@ class PlanGuide:
     def _away(self, error: np.ndarray) -> str:
         beyond = np.abs(error) / self._bounds
         worst = int(np.argmax(beyond))
-        if beyond[worst] <= 1.0:
-            return ""
-        return f"{abs(error[worst]):.2g} away from it along axis {worst} of the velocities"
+        return f"{abs(error[worst]):.2g} away from it along axis {worst} of the velocities" if beyond[worst] > 1.0 else ""
 
     def _too_late(self, waiting: Callable[[], str]) -> str:
         phase = self._phases[self._at]

@@ -61,9 +61,7 @@ def _of_robot(robot: Robot) -> Iterator[str]:
     for inertia, placement in zip(robot.model.inertias, robot.model.jointPlacements, strict=True):
         yield _rounded(inertia.toDynamicParameters())
         yield _rounded(placement.homogeneous)
-    limits = robot.limits
-    for item in fields(limits):
-        yield _rounded(getattr(limits, item.name))
+    yield from (_rounded(getattr(robot.limits, item.name)) for item in fields(robot.limits))
     yield repr(robot.description.thrusters)
 
 
@@ -77,12 +75,9 @@ def _of_mission(mission: Mission) -> Iterator[str]:
 
 def _of_task(task: Task) -> Iterator[str]:
     yield type(task).__name__
-    for item in fields(task):
-        value = getattr(task, item.name)
-        if isinstance(value, _PLAIN):
-            yield f"{item.name}={value!r}"
-    for t in _MOMENTS:
-        yield _rounded(task.reference(t))
+    values = {item.name: getattr(task, item.name) for item in fields(task)}
+    yield from (f"{name}={value!r}" for name, value in values.items() if isinstance(value, _PLAIN))
+    yield from (_rounded(task.reference(t)) for t in _MOMENTS)
 
 
 def _rounded(values: np.ndarray) -> str:

@@ -106,9 +106,7 @@ def _kept_otherwise(task: Task) -> bool:
 def _stricter(task: Task, asked: Mapping[str, float], margins: Margins) -> Task:
     if isinstance(task, attitude.AngleTask):
         return replace(task, aim=tightened_limit(asked.get(task.name, task.activation.end), margins.angle))
-    if isinstance(task, MinimumAltitude):
-        return replace(task, threshold=task.threshold + margins.altitude)
-    return task
+    return replace(task, threshold=task.threshold + margins.altitude) if isinstance(task, MinimumAltitude) else task
 
 
 # The greedy mission on the kinematic plant: where a search for something better begins; and what is foretold of it.
@@ -289,6 +287,4 @@ def _delayed(goal: Callable[[float], Any], start: float, t: float) -> Any:
 def delay_task(task: Task, phase: Phase, begin: float) -> Task:
     """A task of a phase that begins at `begin` [s] on the horizon."""
     goal = getattr(task, "goal", None)
-    if task.name not in phase.goals or not callable(goal):
-        return task
-    return task.with_goal(partial(_delayed, goal, begin))
+    return task.with_goal(partial(_delayed, goal, begin)) if task.name in phase.goals and callable(goal) else task

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from enum import Enum
 from time import perf_counter
@@ -194,10 +195,8 @@ class _ElasticRows:
 
 
 def _constraint_rows(transcription: Transcription, problem: OcpProblem) -> _ElasticRows:
-    ranges, layout = transcription.ranges(problem), transcription.row_layout
-    return _ElasticRows(
-        raw=layout.constraints, lower=ranges.lower, upper=ranges.upper, grouped=row_groups(transcription, problem)
-    )
+    raw, ranges, grouped = transcription.row_layout.constraints, transcription.ranges(problem), row_groups(transcription, problem)
+    return _ElasticRows(raw=raw, lower=ranges.lower, upper=ranges.upper, grouped=grouped)
 
 
 def _level_rows(transcription: Transcription, problem: OcpProblem, result: LexicographicResult, level: int) -> _ElasticRows:
@@ -447,8 +446,7 @@ class Diagnosis:
 
     def _undefined(self, result: LexicographicResult) -> SolveVerdict:
         names = self.transcription.undefined(self.problem)
-        level = result.level_status.index(NlpStatus.NOT_A_NUMBER)
-        text = f"level {self._name(level)}: {NlpStatus.NOT_A_NUMBER.value}"
+        text = f"level {self._name(result.level_status.index(NlpStatus.NOT_A_NUMBER))}: {NlpStatus.NOT_A_NUMBER.value}"
         if names:
             text += f": at the start {_listed(names)} or its slope is none; add a small number under roots and divisions"
         return SolveVerdict(status=OcpStatus.UNFINISHED, reason=text, result=result)
@@ -467,22 +465,18 @@ class Diagnosis:
             if least.relaxations:
                 return SolveVerdict(status=OcpStatus.INFEASIBLE, reason=f"{text}; {_describe_relaxations(least)}", result=result)
             if again:
-                result = self.solve(self.problem, least.x, self._left)
-                return self.verdict(result, again=False)
+                return self.verdict(self.solve(self.problem, least.x, self._left), again=False)
             text += "; a motion that keeps all constraints was found, but no optimum from there"
         if status is NlpStatus.INFEASIBLE and least is None:
-            text = f"{text}, and no small change helps"
-            return SolveVerdict(status=OcpStatus.INFEASIBLE, reason=text, result=result)
+            return SolveVerdict(status=OcpStatus.INFEASIBLE, reason=f"{text}, and no small change helps", result=result)
         return SolveVerdict(status=OcpStatus.UNFINISHED, reason=text, result=result)
 
     def _least(self, result: LexicographicResult) -> PhaseOne | None:
         """`None` where there is no time for it, or nobody waits for it."""
-        if self._left <= 0.0 or not np.isfinite(result.x).all():
-            return None
-        try:
-            return phase_one(self.transcription, self.problem, self.p, result.x, time_limit=self._left)
-        except KeyboardInterrupt:
-            return None
+        if self._left > 0.0 and np.isfinite(result.x).all():
+            with suppress(KeyboardInterrupt):
+                return phase_one(self.transcription, self.problem, self.p, result.x, time_limit=self._left)
+        return None
 
     # --- a goal is missed -----------------------------------------------------------------------------
 

@@ -127,9 +127,8 @@ def our_controller(scenario: Scenario, guide: Guide | None = None) -> KinematicC
     kinematic = scenario.kinematic_controller(guide)
     if not scenario.takes_forces:
         return kinematic
-    robot = scenario.robot
     options: dict[str, Any] = {"gains": scenario.gains, "sensors": scenario.specs, "load": scenario.load}
-    return DynamicController(robot=robot, dynamics=cached_dynamics(robot), kinematic=kinematic, **options)
+    return DynamicController(robot=scenario.robot, dynamics=cached_dynamics(scenario.robot), kinematic=kinematic, **options)
 
 
 def our_estimator(scenario: Scenario) -> StateEstimator:
@@ -312,8 +311,7 @@ class Scenario(FieldTable):
         parts: dict[str, Any] = {"plant": plant, "sensors": sensors, "estimator": estimator, "controller": controller}
         presses: list[object] = []
         with on_interrupt(presses.append), self._bar(progress is None, controller.kinematic) as show:
-            each = {"progress": progress, "observer": observer}
-            record = self._recorded(parts, each, show, presses, folder)
+            record = self._recorded(parts, {"progress": progress, "observer": observer}, show, presses, folder)
         if presses:
             raise Interrupted(f"stopped by hand at t = {record['t'][-1]:g} s", record)
         return record
@@ -415,9 +413,8 @@ class Scenario(FieldTable):
         if self.plant == "kinematic":
             return KinematicPlant(self.robot, self.start, self.toolkit_faults)
         real = self.plant_robot or self.robot
-        dynamics = cached_dynamics(real)
-        options: dict[str, Any] = {"dynamics": dynamics, "environment": self.environment, "faults": self.toolkit_faults}
-        return DynamicPlant(real, self.start, **options)
+        dynamics, faults = cached_dynamics(real), self.toolkit_faults
+        return DynamicPlant(real, self.start, dynamics=dynamics, environment=self.environment, faults=faults)
 
     def _sensors(self) -> Sensors:
         if isinstance(self.sensors, SensorSpecs):

@@ -76,9 +76,8 @@ class Bathymetry(Seafloor):
         if above <= 0:
             return above / descent if descent > LEVEL_RAY else math.nan
         knots = [np.zeros(1)]
-        for axis, lines in enumerate((self.x, self.y)):
-            if abs(direction[axis]) > LEVEL_RAY:
-                knots.append((lines - origin[axis]) / direction[axis])
+        lines = ((self.x, 0), (self.y, 1))
+        knots += [(at - origin[axis]) / direction[axis] for at, axis in lines if abs(direction[axis]) > LEVEL_RAY]
         if descent > LEVEL_RAY:
             knots.append(np.array([(origin[2] - self.z.min()) / descent + 1.0]))
         s = np.unique(np.concatenate(knots))

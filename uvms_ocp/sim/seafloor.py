@@ -267,11 +267,10 @@ class HeightField(Seafloor):
         to_low, to_high = (self._low - origin) / slope, (self._high - origin) / slope
         start = max(0.0, float(np.minimum(to_low, to_high).max()))
         end = float(np.maximum(to_low, to_high).min())
-        interval = (start, end) if start <= end else None
-        if interval is None:
+        if not start <= end:
             return None
-        bumps = self._bumps[:, _near_ray(self._bumps, origin, direction, *interval)]
-        bracket = self._first_bracket(bumps, origin, direction, *interval)
+        bumps = self._bumps[:, _near_ray(self._bumps, origin, direction, start, end)]
+        bracket = self._first_bracket(bumps, origin, direction, start, end)
         return None if bracket is None else self._refined(bumps, origin, direction, *bracket)
 
     def _first_bracket(

@@ -369,6 +369,5 @@ def _same(one: object, other: object) -> bool:
         return len(one) == len(other) and all(_same(a, b) for a, b in zip(one, other, strict=True))
     if isinstance(one, np.ndarray) or isinstance(other, np.ndarray):
         return bool(np.array_equal(one, other))  # type: ignore[arg-type]
-    if is_dataclass(one):
-        return type(one) is type(other) and not any(_differences(one, other))
-    return bool(one == other)
+    same = type(one) is type(other) and not any(_differences(one, other)) if is_dataclass(one) else one == other
+    return bool(same)

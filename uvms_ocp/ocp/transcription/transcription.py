@@ -333,9 +333,7 @@ class Transcription:
 
     def bounds(self, problem: OcpProblem | None = None) -> tuple[np.ndarray, np.ndarray]:
         """Bounds (n_x,) of the variables: limits of the robot, durations."""
-        if problem is None or not problem.free_time:
-            return self._own_bounds
-        return self.variables.bounds(problem)
+        return self._own_bounds if problem is None or not problem.free_time else self.variables.bounds(problem)
 
     def ranges(self, problem: OcpProblem | None = None) -> RowRanges:
         """Return the target ranges of the rows."""
