@@ -329,7 +329,7 @@ class Estimator(TableDisplay):
     @property
     def is_plain(self) -> bool:
         """Nothing but the kernel is needed: q is a vector space but for the vehicle, and the altimeter is fixed to that."""
-        return self._chart.is_plain and (self._beam is None or not self._beam.moves)
+        return self._chart.is_plain and not self._refused and (self._beam is None or not self._beam.moves)
 
     def estimate(self) -> StateEstimate:
         """Return what the kernel has left in memory."""

@@ -207,10 +207,11 @@ def compiled_loop(plant: Any, sensors: Any, estimator: Any, controller: Any, dt:
 
 
 def _fit(plant: Any, suite: SensorSuite, estimator: GuardedEstimator, controller: Any) -> bool:
-    """Return whether the parts are of robots of one size: of others Python says what is wrong, tick by tick."""
+    """Return whether the parts are fresh, of robots of one size: of others Python says what is wrong, tick by tick."""
     robot, filtered = controller.kinematic.robot, getattr(estimator.estimator, "structure", None)
     sizes = {(len(part.q), len(part.v)) for part in (plant.memory, suite.memory, estimator.monitor.memory.now)}
-    right = sizes == {(robot.n_q, robot.n_v)} and (filtered is None or filtered.n_joints == robot.n_joints)
+    began = estimator.monitor.memory.started or controller.kinematic.memory.mission.started
+    right = not began and sizes == {(robot.n_q, robot.n_v)} and (filtered is None or filtered.n_joints == robot.n_joints)
     forces = isinstance(controller, DynamicController)
     return right and not (forces and len(plant.memory.asked_thrust) != len(controller.memory.outputs.command))
 

@@ -18,7 +18,7 @@ from uvms_ocp.checks import checked
 from uvms_ocp.errors import InvalidInput, require_known
 from uvms_ocp.interrupts import Interrupted, Stopped, on_interrupt
 from uvms_ocp.record.record import Recorder
-from uvms_ocp.robot.signals import CHANNELS, ChannelHealth, Command, Reading, Readings, State, StateEstimate
+from uvms_ocp.robot.signals import CHANNELS, Command, Reading, Readings, State, StateEstimate
 from uvms_ocp.sim.compiled_loop import Watch, compiled_loop, require_kept
 from uvms_ocp.sim.loop_kernels import FARTHEST
 from uvms_ocp.sim.plant import Plant
@@ -77,7 +77,7 @@ def simulate(
         given = f"duration = {duration:g} s in ticks of dt = {dt:g} s, whose record takes more than 10 GB of memory"
         raise InvalidInput(f"{given}; give a folder for it, or at most {MOST_TICKS:,} ticks, {MOST_TICKS * dt:g} s")
     recorder = recorder or Recorder()
-    trusts, new, stops = _HealthCodes(), _NewReadings(kept_readings or {}), list[object]()
+    new, stops = _NewReadings(kept_readings or {}), list[object]()
     command: Command | None = None
     n_ticks, single = round(duration / dt) + 1, progress is not None or observer is not None
     quick = None if single else compiled_loop(plant, sensors, estimator, controller, dt)
@@ -94,7 +94,7 @@ def simulate(
             telemetry = plant.telemetry()
             asked = _asked(command, telemetry, recorder)
             measured = new(readings) | {"brakes": command.brakes} if kept_readings else {}
-            row = _row(t, plant.state, measurement, command, trusts(measurement.health), asked, measured)
+            row = _row(t, plant.state, measurement, command, asked, measured)
             row.setdefault("controller_time", spent)  # one that measures itself knows better
             row.update(telemetry)
             recorder.append(row)
@@ -117,23 +117,6 @@ def simulate(
     if stops:
         raise Interrupted(f"stopped by hand at t = {recorder.last('t'):g} s", recorder)
     return recorder
-
-
-class _HealthCodes:
-    """How far each channel can be trusted, (n_channels,), made anew only where somebody has judged anew."""
-
-    __slots__ = ("_health", "_row")
-
-    def __init__(self) -> None:
-        self._health: tuple[ChannelHealth, ...] = ()
-        self._row: np.ndarray | None = None
-
-    def __call__(self, health: tuple[ChannelHealth, ...]) -> np.ndarray | None:
-        """`None` where nobody judges."""
-        if health is not self._health:
-            self._health = health
-            self._row = np.array([channel.trust for channel in health], dtype=np.int8) if health else None
-        return self._row
 
 
 class _NewReadings:
@@ -171,7 +154,6 @@ def _row(
     state: State,
     measurement: StateEstimate,
     command: Command,
-    trusts: np.ndarray | None,
     asked: np.ndarray | None,
     measured: Mapping[str, np.ndarray],
 ) -> dict[str, Any]:
@@ -189,8 +171,8 @@ def _row(
     row["command"] = command.v
     if asked is not None:
         row["asked_thrust"] = asked
-    if trusts is not None:
-        row["health"] = trusts
+    if measurement.health:
+        row["health"] = np.array([channel.trust for channel in measurement.health], dtype=np.int8)
     own = len(row)
     row.update(command.telemetry)
     if len(row) != own + len(command.telemetry):

@@ -4,10 +4,9 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
 from functools import lru_cache
 from operator import add
-from typing import Annotated, Any
+from typing import Annotated, Any, NamedTuple
 
 import casadi as ca
 import numpy as np
@@ -87,7 +86,7 @@ class SensorSuite:
         if has_log:
             X_BD = robot.model.frames[robot.frame_id(roles.DVL)].placement
             R_BD = X_BD.rotation.copy()
-            turned = replace(sources["linear_velocity"], turn=R_BD, disturb=lambda value, error: value + R_BD @ error)
+            turned = sources["linear_velocity"]._replace(turn=R_BD, disturb=lambda value, error: value + R_BD @ error)
             sources["linear_velocity"] = turned
         present = {name: spec for name in CHANNELS if (spec := getattr(specs, name)) is not None and name in sources}
         streams = dict(zip(CHANNELS, np.random.SeedSequence(seed).spawn(len(CHANNELS)), strict=True))
@@ -162,8 +161,7 @@ class SensorSuite:
         self._bindings.append(CallbackBinding(memory.find_range, find))
 
 
-@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
-class Source:
+class Source(NamedTuple):
     """What a channel measures: a part of the true state, and how an error acts on it."""
 
     of_velocity: bool
@@ -185,27 +183,23 @@ def sources_of(robot: Robot, *, has_altimeter: bool) -> dict[str, Source]:
     kinds = sampling.Disturbance
     bent: dict[str, Any] = {} if plain else {"disturb": _joint_disturbance(robot), "disturbance": kinds.ASKED}
     sources = {
-        "joint_positions": _source(False, joints.start, joints.stop - joints.start, n, **bent),
-        "joint_velocities": _source(True, rates.start, n, n),
+        "joint_positions": Source(False, joints.start, joints.stop - joints.start, n, **bent),
+        "joint_velocities": Source(True, rates.start, n, n),
     }
     if robot.n_vehicle:
         turn = BufferedFunction(_turn_function())
         turned: dict[str, Any] = {"disturb": lambda value, error: turn(value, error)[0], "disturbance": kinds.TURNED}
         sources |= {
-            "position": _source(False, 0, 3, 3),
-            "depth": _source(False, 2, 1, 1, disturb=_add_scalar),
-            "attitude": _source(False, 3, 4, 3, **turned),
-            "angular_velocity": _source(True, 3, 3, 3),
-            "linear_velocity": _source(True, 0, 3, 3),
-            "specific_force": _source(True, 0, 3, 3),
+            "position": Source(False, 0, 3, 3),
+            "depth": Source(False, 2, 1, 1, disturb=_add_scalar),
+            "attitude": Source(False, 3, 4, 3, **turned),
+            "angular_velocity": Source(True, 3, 3, 3),
+            "linear_velocity": Source(True, 0, 3, 3),
+            "specific_force": Source(True, 0, 3, 3),
         }
     if has_altimeter:
-        sources["altimeter_range"] = _source(False, 0, 1, 1, disturb=_add_scalar)
+        sources["altimeter_range"] = Source(False, 0, 1, 1, disturb=_add_scalar)
     return sources
-
-
-def _source(of_velocity: bool, first: int, size: int, n_errors: int, **others: Any) -> Source:
-    return Source(of_velocity=of_velocity, first=first, size=size, n_errors=n_errors, **others)
 
 
 def _structure(
