@@ -81,8 +81,7 @@ class MissionJob(jobs.CampaignJob):
     def _result(self, run: int, scenario: Scenario, record: Record) -> jobs.RunResult:
         cause = cause_of_end(record)
         success = cause["kind"] == jobs.COMPLETED
-        ending = {"outcome": cause["kind"], "success": success, "cause": cause["text"]}
-        ending |= {"finished": record.run_meta.completed}
+        ending = {"outcome": cause["kind"], "success": success, "cause": cause["text"], "finished": record.run_meta.completed}
         keep = self.records == "all" or (self.records == "failures" and not success)
         row = {**self.head(run), **jobs.run_metrics(scenario, record), **ending}
         return jobs.RunResult(row=row, attachment=_packed(record) if keep else b"")

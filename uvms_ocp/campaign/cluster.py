@@ -142,5 +142,4 @@ def run_jobs(
             if client is None:
                 warn_if_slower()  # which workers would not say
                 client = held.enter_context(connected(None, workers))
-            dispatch = Dispatch(client, work, folder, limit=limit, exclusive=scheduler is None)
-            dispatch.run(folder.left.tolist(), report_progress)
+            Dispatch(client, work, folder, limit=limit, exclusive=scheduler is None).run(folder.left.tolist(), report_progress)

@@ -153,17 +153,15 @@ def _unpacked(digest: str, files: tuple[tuple[str, bytes], ...]) -> Path:
     try:
         os.rename(fresh, folder)
     except OSError:  # another process was first
-        if _is_intact(folder, dict(files)):
-            durable_files.discard(fresh)
-            return folder
-        return fresh
+        if not _is_intact(folder, dict(files)):
+            return fresh
+        durable_files.discard(fresh)
     return folder
 
 
 def _is_intact(root: Path, files: Mapping[str, bytes]) -> bool:
-    own = {name: content for name, content in files.items() if not name.startswith(_PACKED)}
     try:
-        return all((root / name).read_bytes() == content for name, content in own.items())
+        return all((root / name).read_bytes() == content for name, content in files.items() if not name.startswith(_PACKED))
     except OSError:
         return False
 

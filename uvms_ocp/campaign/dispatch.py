@@ -9,6 +9,7 @@ import queue
 import time
 from collections import deque
 from collections.abc import Iterable, Sequence
+from contextlib import suppress
 from functools import partial
 from itertools import islice
 from time import monotonic
@@ -126,12 +127,10 @@ class Dispatch:
     def _wait(self) -> list[Any]:
         """Futures that are done, once some are or it is time to look at the clock."""
         found = []
-        try:
+        with suppress(queue.Empty):
             found.append(self._arrived.get(timeout=_LOOK))
             while True:
                 found.append(self._arrived.get_nowait())
-        except queue.Empty:
-            pass
         if not found:
             self._require_cluster()
             self._warn_of_no_workers()
@@ -182,8 +181,7 @@ class Dispatch:
                     self._running.pop(future)
                     self._client.cancel([future], force=True)
                     self._alone.extend(run for run in chunk if run != overdue["run"])
-                    row = failed_row(self._work, overdue["run"], TIME_LIMIT, over_time(self._limit))
-                    self._folder.add(RunResult(row=row))
+                    self._folder.add(RunResult(row=failed_row(self._work, overdue["run"], TIME_LIMIT, over_time(self._limit))))
 
     def _require_cluster(self) -> None:
         if self._client.status not in ("running", "connecting"):
@@ -191,10 +189,8 @@ class Dispatch:
 
     def _stop(self) -> None:
         """Nothing of ours stays on the cluster."""
-        try:
+        with suppress(OSError, ValueError, RuntimeError, TimeoutError):  # a cluster that is gone keeps nothing
             self._client.cancel(list(self._running), force=True)
             self._running.clear()
             self._client.unregister_worker_plugin(self._name)
             self._client.unsubscribe_topic(self._name)
-        except (OSError, ValueError, RuntimeError, TimeoutError):
-            pass  # a cluster that is gone keeps nothing

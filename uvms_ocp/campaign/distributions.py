@@ -229,8 +229,7 @@ def _table(design: Design) -> Any:
     if design.sampler == "indices":
         sobol = optional_module("SALib.sample.sobol", "the sampler indices", CAMPAIGN_EXTRA)
         problem = problem_of([f"x{k}" for k in range(design.parameters)])
-        base = design.runs // (design.parameters + 2)
-        return sobol.sample(problem, base, calc_second_order=False, seed=design.seed)
+        return sobol.sample(problem, design.runs // (design.parameters + 2), calc_second_order=False, seed=design.seed)
     if design.sampler == "latin":
         return qmc.LatinHypercube(design.parameters, rng=design.seed).random(design.runs)
     with warnings.catch_warnings():

@@ -143,8 +143,7 @@ def attempt_job(
         done = RunResult(row=failed_row(work, run, TIME_LIMIT, f"{over_time(limit)}{_place(error)}"))
     except (Exception, SystemExit) as error:
         done = RunResult(row=failed_row(work, run, ERROR, describe(error)))
-    wall = perf_counter() - begin
-    row = {"run": run, **done.row, "wall_s": wall, "worker": worker, "version": __version__}
+    row = {"run": run, **done.row, "wall_s": perf_counter() - begin, "worker": worker, "version": __version__}
     return RunResult(row=row, attachment=done.attachment)
 
 

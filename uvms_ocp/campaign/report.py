@@ -149,8 +149,7 @@ def _of_figure(name: str, X: np.ndarray, y: np.ndarray, parameters: Sequence[str
 def _ranks(X: np.ndarray, y: np.ndarray) -> list[tuple[float, float]]:
     from scipy.stats import spearmanr
 
-    constant = np.ptp(X, axis=0) == 0.0
-    found = [(0.0, 1.0) if constant[k] else spearmanr(X[:, k], y) for k in range(X.shape[1])]
+    found = [(0.0, 1.0) if np.ptp(x) == 0.0 else spearmanr(x, y) for x in X.T]
     return [(float(rho), float(p)) for rho, p in found]
 
 

@@ -219,10 +219,9 @@ class CampaignFolder:
             durable_files.discard(left)
         names = part_paths(folder)
         self._next, self._n = 1 + max((int(path.stem.rpartition("-")[2]) for path in names), default=-1), len(names)
-        self._waiting: list[Mapping[str, Any]] = []
+        self._waiting: list[dict[str, Any]] = []
         self._since = monotonic()
         self.finished = np.zeros(identity.runs, dtype=bool)
-        self.failed = 0
         table = read_rows(folder, identity)
         self.finished[table["run"].to_numpy()] = True
         self.failed = table.num_rows - int(np.sum(table["success"].to_numpy(zero_copy_only=False).astype(bool)))
@@ -248,8 +247,7 @@ class CampaignFolder:
     def flush(self, *, now: bool = False) -> None:
         """Bring rows to the disk that have waited for long enough; now: all of them."""
         if self._waiting and (now or len(self._waiting) >= _BATCH or monotonic() - self._since > _BATCH_AGE):
-            pa = arrow()
-            self._write(pa.Table.from_pylist([dict(row) for row in self._waiting], schema=schema_of(self._identity.types)))
+            self._write(arrow().Table.from_pylist(self._waiting, schema=schema_of(self._identity.types)))
             self._waiting = []
             if self._n >= _MANY:
                 self._join()
@@ -271,10 +269,9 @@ class CampaignFolder:
             durable_files.sync_folders([self.folder / FOLDER])
 
     def _write(self, table: Any) -> None:
-        pa = arrow()
         path = self.folder / FOLDER / f"part-{self._next:08d}.parquet"
         with whole_file(path, "free some space") as file:
-            pa.parquet.write_table(table, file, row_group_size=_GROUP)
+            arrow().parquet.write_table(table, file, row_group_size=_GROUP)
         self._next, self._n = self._next + 1, self._n + 1
 
 
@@ -316,5 +313,4 @@ def read_table(folder: Path) -> Any:
 
     Raises `InvalidInput` where there is none, and `NotInstalled` without the extra ``uvms-ocp[campaign]``.
     """
-    identity = read_manifest(folder)
-    return read_rows(folder, identity).to_pandas()
+    return read_rows(folder, read_manifest(folder)).to_pandas()

@@ -122,8 +122,7 @@ _FIELDS = {
 
 def sensor_parameters(scenario: Scenario) -> Iterator[Parameter]:
     """Yield parameters of all sensors together, and of each that the robot has."""
-    specs = scenario.specs
-    channels = [channel for channel in CHANNELS if getattr(specs, channel) is not None]
+    channels = [channel for channel in CHANNELS if getattr(scenario.specs, channel) is not None]
     noise = _each(lambda spec, factor: {"sigma": factor * spec.sigma})
     later = _each(lambda spec, value: {"delay": spec.delay + value})
     yield Parameter("sensors.noise", "-", "factor of the noise of all channels", noise)
@@ -344,8 +343,7 @@ def _with_number(name: str, field: str, scenario: Scenario, value: float) -> Sce
 def _changed(mission: Mission, name: str, change: Any) -> Mission:
     """The mission with another task in the place of that name; the order stays."""
     tasks = [change(task) if task.name == name else task for task in mission.hierarchy.tasks]
-    order = tuple(task.name for task in mission.hierarchy.tasks)
-    return replace(mission, hierarchy=Hierarchy(tasks, order))
+    return replace(mission, hierarchy=Hierarchy(tasks, tuple(task.name for task in mission.hierarchy.tasks)))
 
 
 # Parameters of parts that are not the toolkit's: the numbers of the dataclass that makes one.
@@ -451,5 +449,4 @@ def seeded(scenario: Scenario, seed: int) -> Scenario:
 
 def quantiles(variations: Sequence[Variation], u: Sequence[float]) -> dict[str, float]:
     """Values by name of the numbers u (n_variations,) from 0 to 1."""
-    drawn = zip(variations, u, strict=True)
-    return {v.name: float(v.distribution.quantile(float(share))) for v, share in drawn}
+    return {v.name: float(v.distribution.quantile(float(share))) for v, share in zip(variations, u, strict=True)}

@@ -126,8 +126,7 @@ def interface_sizes(controller: KinematicController, n_thrusters: int) -> dict[s
 
 def solver_file(controller: KinematicController) -> str:
     """The text of solver.c: the solver of hierarchies, as its CasADi function calls it."""
-    problem = controller.problem
-    return active_set.core_source(problem.function.size2_out(0), problem.sizes)
+    return active_set.core_source(controller.problem.function.size2_out(0), controller.problem.sizes)
 
 
 def controller_memory(controller: KinematicController | DynamicController) -> Any:

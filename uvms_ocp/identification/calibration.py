@@ -80,8 +80,7 @@ def _ways(names: Sequence[str]) -> dict[str, np.ndarray]:
     """(n, n) each, by what they do."""
     places = np.arange(len(names))
     found = {"all reversed": -np.eye(len(names))}
-    for k, name in enumerate(names):
-        found[f"{name} reversed"] = np.diag(np.where(places == k, -1.0, 1.0))
+    found |= {f"{name} reversed": np.diag(np.where(places == k, -1.0, 1.0)) for k, name in enumerate(names)}
     for i, j in combinations(range(len(names)), 2):
         order = places.copy()
         order[[i, j]] = j, i
@@ -162,12 +161,9 @@ def _of_thrust(recording: Recording, thrust: Channel, subject: CalibratedRobot) 
     beyond = ((thrust.values > upper * (1.0 + _BEYOND)) | (thrust.values < lower * (1.0 + _BEYOND))).any(axis=0)
     if beyond.any():
         names = ", ".join(np.array(subject.robot.thruster_names)[beyond])
-        text = f"more is asked of {names} than they can give: a fit takes it for given"
-        yield QualityIssue(channel="thrust", problem=text)
-    mixed = mixed_thrusters(recording, thrust, thruster_matrix(subject.robot), subject.robot.thruster_names)
-    if mixed:
-        text = f"the vehicle accelerates as with {mixed}: their order, their signs?"
-        yield QualityIssue(channel="thrust", problem=text)
+        yield QualityIssue(channel="thrust", problem=f"more is asked of {names} than they can give: a fit takes it for given")
+    if mixed := mixed_thrusters(recording, thrust, thruster_matrix(subject.robot), subject.robot.thruster_names):
+        yield QualityIssue(channel="thrust", problem=f"the vehicle accelerates as with {mixed}: their order, their signs?")
 
 
 # What a robot's file may say of what was learnt: what stays open is as it was declared, and all else is fitted anew about it.

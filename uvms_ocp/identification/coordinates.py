@@ -126,8 +126,7 @@ class PositiveDefinite:
             L[own] = np.linalg.cholesky(unit @ np.asarray(value, dtype=float)[own] @ unit)
         except np.linalg.LinAlgError:
             raise InvalidInput("a matrix that is not positive definite is given; give one that is") from None
-        rows = [np.log(L[i, i]) for i in self.own] + [L[i, j] for i, j in self.below]
-        return np.array(rows)
+        return np.array([np.log(L[i, i]) for i in self.own] + [L[i, j] for i, j in self.below])
 
 
 def positive(values: np.ndarray, what: str) -> np.ndarray:

@@ -78,8 +78,7 @@ def _agreement(recording: Recording) -> dict[str, tuple[float, float]]:
     found = {}
     for name, reference in _references(recording):
         if (aligned := _aligned(recording, name, reference)) is not None:
-            ways = _ways(reference, aligned[0], name)
-            found[name] = checks.explained(aligned[0], reference.body), max(ways.values())
+            found[name] = checks.explained(aligned[0], reference.body), max(_ways(reference, aligned[0], name).values())
     return found
 
 
@@ -131,10 +130,8 @@ def _rate_issues(recording: Recording, name: str, reference: _Reference) -> Iter
 def _rate_axes(reference: _Reference, seen: np.ndarray, name: str) -> Iterator[tuple[str, str]]:
     """Other axes that explain more of the motion than the axes as they are."""
     own, ways = checks.explained(seen, reference.body), _ways(reference, seen, name)
-    best, alike = (
-        max(ways, key=lambda way: ways[way]),
-        checks.correlation(*(np.linalg.norm(x, axis=1) for x in (seen, reference.body))),
-    )
+    best = max(ways, key=lambda way: ways[way])
+    alike = checks.correlation(*(np.linalg.norm(x, axis=1) for x in (seen, reference.body)))
     if ways[best] > max(own + checks.EXPLAINED, _HALF, _MOST * alike):
         yield best[0], f"{best[1]} ({100 * ways[best]:.0f} % of it, {100 * own:.0f} % as they are)"
     elif name == "linear_velocity" and own < _HALF * alike and alike > _AS_LARGE:
@@ -341,8 +338,7 @@ def _shares(motion: ExplainedMotion, seen: np.ndarray, signed: bool) -> np.ndarr
 
 def _correlations(x: np.ndarray, y: np.ndarray) -> np.ndarray:
     """Correlations of columns (k, l)."""
-    sizes = np.outer(np.linalg.norm(x, axis=0), np.linalg.norm(y, axis=0))
-    return np.asarray(x.T @ y / np.maximum(sizes, 1e-300))
+    return np.asarray(x.T @ y / np.maximum(np.outer(np.linalg.norm(x, axis=0), np.linalg.norm(y, axis=0)), 1e-300))
 
 
 # In: a recording. Out: what is doubtful about it, found by what must hold whatever the vehicle.

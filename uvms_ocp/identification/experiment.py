@@ -289,8 +289,7 @@ class InformationCriterion:
 
         With its slope with J (n + 1, 9, n_p); steps h [s].
         """
-        C = self.covariance(self.information(one, h))
-        with_numbers = self.slopes @ C
+        with_numbers = self.slopes @ self.covariance(self.information(one, h))
         squares = np.maximum(np.einsum("ij,ij->i", with_numbers, self.slopes), 1e-300)
         value, share = _softly_largest(np.log(squares) / 2 - np.log(wanted))
         with_information = -np.einsum("ij,ik,i->jk", with_numbers, with_numbers, 0.5 * share / squares)
@@ -298,8 +297,7 @@ class InformationCriterion:
 
     def deviations(self, information: np.ndarray) -> np.ndarray:
         """(m,) [units of numbers] standard errors after recordings of some information (n_p, n_p) [1 / unknowns^2]."""
-        C = self.covariance(information)
-        return np.asarray(np.sqrt(np.einsum("ij,jk,ik->i", self.slopes, C, self.slopes)))
+        return np.asarray(np.sqrt(np.einsum("ij,jk,ik->i", self.slopes, self.covariance(information), self.slopes)))
 
     def covariance(self, information: np.ndarray) -> np.ndarray:
         """(n_p, n_p) [unknowns^2] after recordings of some information (n_p, n_p) [1 / unknowns^2]."""
@@ -362,8 +360,7 @@ def _lines(n: int, inner: int, each: float) -> Any:
     knot = np.minimum(place.astype(int), inner)
     share = place - knot
     rows, columns = np.tile(np.arange(n), 2), np.concatenate([knot, knot + 1])
-    whole = csr_array((np.concatenate([1.0 - share, share]), (rows, columns)), shape=(n, inner + 2))
-    return whole[:, 1:-1]
+    return csr_array((np.concatenate([1.0 - share, share]), (rows, columns)), shape=(n, inner + 2))[:, 1:-1]
 
 
 def _shifted(response: np.ndarray) -> Any:

@@ -214,8 +214,7 @@ def largest(given: ExperimentTask, rollout: Rollout, name: str, seed: int = 0) -
     t = STEP * np.arange(round(given.duration / STEP))
     wanted = BY_HAND[name](t, np.random.default_rng(seed))
     for share in _AMPLITUDES:
-        inside = keep_inside_pool(given, rollout, share * wanted, STEP)
-        found = excitation_of(given, rollout, Channel(t=t, values=inside))
+        found = excitation_of(given, rollout, Channel(t=t, values=keep_inside_pool(given, rollout, share * wanted, STEP)))
         if found.status is DesignStatus.INSIDE:
             break
     return found

@@ -83,6 +83,4 @@ def _packed_text(path: Path) -> Kind:
 
 def holds_messages(path: Path) -> bool:
     """Recognise a file or a folder of messages; nothing that is not there."""
-    if path.is_dir():
-        return (path / BAG_METADATA).is_file()
-    return path.is_file() and kind_of(path) in MESSAGES
+    return (path / BAG_METADATA).is_file() if path.is_dir() else path.is_file() and kind_of(path) in MESSAGES

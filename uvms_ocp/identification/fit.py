@@ -189,8 +189,7 @@ class FitContext:
     @property
     def stretches(self) -> tuple[Segment, ...]:
         """Segments of all recordings, in the order of the estimate's starts."""
-        step, duration = self.search.step, self.search.stretch
-        return tuple(part for one in self.prepared for part in one.stretches(step, duration))
+        return tuple(part for one in self.prepared for part in one.stretches(self.search.step, self.search.stretch))
 
     def residuals(self) -> dict[str, Predicted]:
         """Return measurements beside the simulation in the segments of each recording, by its name."""
@@ -214,14 +213,12 @@ class FitContext:
         inflation: samples that miss alike, as `variance_inflation` finds. The cost of what is seen is divided by it. Priors are
         not; they are moved, so that they draw as little as the recordings do and the estimate stays where it is.
         """
-        seen = ("velocity", "rate", "vertical", "process", "start")
         root, shared = float(np.sqrt(inflation)), self.estimate.shared
-        wider = {name: root * getattr(self.noise, name) for name in seen}
+        wider = {name: root * getattr(self.noise, name) for name in ("velocity", "rate", "vertical", "process", "start")}
         about = shared - (shared - self.vehicle.shared.start) / inflation
         own = self.vehicle.own.believed(self.vehicle.own.start, root)
         vehicle = replace(self.vehicle, shared=self.vehicle.shared.believed(about), own=own)
-        noise = replace(self.noise, **wider, outliers=self.noise.outliers / root)
-        return replace(self, vehicle=vehicle, noise=noise)
+        return replace(self, vehicle=vehicle, noise=replace(self.noise, **wider, outliers=self.noise.outliers / root))
 
 
 def constant_slopes(fitted: FitContext, held: Sequence[str]) -> tuple[tuple[str, ...], np.ndarray]:

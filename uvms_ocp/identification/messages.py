@@ -185,8 +185,7 @@ def _data_base(path: Path) -> Iterator[sqlite3.Connection]:
 
 def _sqlite_messages(path: Path, topics: Collection[str], definitions: Path | None, _: list[str]) -> Iterator[Message]:
     with _data_base(path) as base:
-        kinds = {k: (topic, kind) for k, topic, kind in base.execute("SELECT id, name, type FROM topics")}
-        chosen = {k: (topic, kind) for k, (topic, kind) in kinds.items() if topic in topics}
+        chosen = {k: (topic, kind) for k, topic, kind in base.execute("SELECT id, name, type FROM topics") if topic in topics}
         texts = _definitions(base)
         decoders = {k: ros_decoder(kind, *texts.get(kind, ("", "")), definitions) for k, (_, kind) in chosen.items()}
         rows = base.execute(

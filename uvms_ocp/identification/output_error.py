@@ -231,8 +231,7 @@ class OutputErrorProblem:
         while done < iterations:
             done += 1
             self.progress(f"step {done} of at most {iterations}")
-            tried = self._step(point, blocks, damping, frozen)
-            if tried is None:
+            if (tried := self._step(point, blocks, damping, frozen)) is None:
                 status = FitStatus.STALLED
                 break
             after, damping, cost, further = tried
@@ -286,11 +285,10 @@ class OutputErrorProblem:
         return H, weight * (point.shared - self._vehicle.shared.start) + sum(part[1] for part in parts), [one[2] for one in parts]
 
     def _estimate(self, point: SearchPoint, blocks: list[NormalEquations], status: FitStatus, done: int) -> Estimate:
-        names = [group[0].recording for group in self._recordings]
         informative = [] if status is FitStatus.RUNS_AWAY else blocks  # of which nothing is learnt
         return Estimate(
             shared=point.shared,
-            own=dict(zip(names, point.own, strict=True)),
+            own=dict(zip((group[0].recording for group in self._recordings), point.own, strict=True)),
             starts=tuple(one for group in point.starts for one in group),
             cost=self._total(point, [block.cost for block in blocks]),
             information=self._reduced(point, informative, 0.0)[0],
@@ -335,8 +333,8 @@ class OutputErrorProblem:
         return [(w / sigma**2, w * r / sigma) for r, sigma in pairs for w in (weights(r, self._noise.outliers),)]
 
     def _cost(self, k: int, point: SearchPoint, seen: list[PredictedOutputs]) -> float:
-        squares = sum(d @ d for d, _ in self._gaps(k, point, seen))
-        return float(sum(one.loss for one in seen) + self._beginnings(k, point)[1] + squares / 2)
+        gaps = sum(d @ d for d, _ in self._gaps(k, point, seen))
+        return float(sum(one.loss for one in seen) + self._beginnings(k, point)[1] + gaps / 2)
 
     def _beginnings(self, k: int, point: SearchPoint) -> tuple[list[np.ndarray], float]:
         """Compute weighted residuals of the starts against what was measured there, and their cost."""

@@ -99,8 +99,7 @@ class Quantity:
         """Known to be value (...) [unit of the quantity]. Raises InvalidInput for a value that coordinates do not reach."""
         x = coordinates.encode(value)
         none, endless = np.zeros(len(x), dtype=bool), np.full(len(x), np.inf)
-        wide = {"sigma": endless, "lower": -endless, "upper": endless}
-        return Quantity(unit=unit, coordinates=coordinates, x=x, free=none, own=own, **wide)
+        return Quantity(unit=unit, coordinates=coordinates, x=x, free=none, own=own, sigma=endless, lower=-endless, upper=endless)
 
     def with_status(self, status: ParameterStatus, called: str = "it") -> Quantity:
         """A copy of which this is known; called: its name. Raises NameNotFound for no coordinate of it, and InvalidInput."""
@@ -388,5 +387,4 @@ def _sensing(late: float) -> dict[str, Quantity]:
 def _delay(known: float, begin: float) -> Quantity:
     """A delay [s] that is known, and from where a search of it would begin."""
     inside = Interval(names=("",), lower=np.zeros(1), upper=np.full(1, LONGEST_DELAY))
-    known_one = Quantity.fixed("s", inside, np.array([max(known, AT_ONCE)]))
-    return replace(known_one, begin=inside.encode(np.array([begin])))
+    return replace(Quantity.fixed("s", inside, np.array([max(known, AT_ONCE)])), begin=inside.encode(np.array([begin])))

@@ -171,10 +171,8 @@ def _others(doubt: _Doubt, found: _Found) -> Iterator[tuple[str, _Found]]:
             meant = {name: reading.frames_of(name, one.get("frame")) for name, one in found.items()}
             yield channel, {name: one | {key: keys[key] for key in keys if key in meant[name]} for name, one in found.items()}
         elif keys.get("columns") != []:
-            yield (
-                named,
-                {named if name == channel else name: one | keys if name == channel else one for name, one in found.items()},
-            )
+            other = {named if name == channel else name: one | keys if name == channel else one for name, one in found.items()}
+            yield named, other
 
 
 def _turned(one: Mapping[str, Any], axes: Sequence[str]) -> list[str | float]:
@@ -201,11 +199,9 @@ def _judged(path: Path, found: _Found) -> tuple[dict[str, str], list[tuple[str, 
         others = {name: one for name, one in found.items() if name != wrong}
         ranges, doubts = _judged(path, others) if others else ({}, [])
         return ranges, [(wrong, text), *doubts]
-    doubts = [
-        (one.channel, one.problem) for one in data_quality.check_data_quality(recording) if "are left out" not in one.problem
-    ]
+    issues = data_quality.check_data_quality(recording)
     ranges = {
         name: f"{one.values.min():.4g} to {one.values.max():.4g} {CHANNEL_KINDS[name].unit} at {one.rate:.3g} Hz"
         for name, one in recording.channels.items()
     }
-    return ranges, doubts
+    return ranges, [(one.channel, one.problem) for one in issues if "are left out" not in one.problem]

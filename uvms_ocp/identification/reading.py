@@ -151,19 +151,16 @@ def read_mapping(path: Path) -> RecordingMapping:
 def _require_meaning(key: str, one: ChannelMapping) -> None:
     """Raises NameNotFound for no channel, InvalidInput for what means nothing of this one: never ignored."""
     require_known("channel", key, recordings.CHANNEL_KINDS)
-    kind = recordings.CHANNEL_KINDS[key]
     for name in ("format", "frame", "world", "body"):
         if getattr(one, name) is not None and name not in frames_of(key, one.frame):
             raise InvalidInput(f"{key}: {name}: {getattr(one, name)} given, which means nothing of it; leave it out")
-    if one.unit is not None:
-        allowed = units_of(key, one.format)
-        if one.unit not in allowed:
-            raise InvalidInput(f"{key}: unit {one.unit!r} given; allowed: {', '.join(allowed) or 'none, it has no unit'}")
+    if one.unit is not None and one.unit not in (allowed := units_of(key, one.format)):
+        raise InvalidInput(f"{key}: unit {one.unit!r} given; allowed: {', '.join(allowed) or 'none, it has no unit'}")
     for name in ("offset", "scale"):
         given = getattr(one, name)
         if isinstance(given, tuple) and len(given) != len(one.columns):
             raise InvalidInput(f"{key}: {len(given)} numbers of {name} given; allowed: one, or one for each column")
-    wanted = 3 if one.format == "rpy" else len(kind.columns)
+    wanted = 3 if one.format == "rpy" else len(recordings.CHANNEL_KINDS[key].columns)
     arrays = any("." in column or "[" in column for column in one.fields) or one.topic  # which may have all of them
     if wanted and (len(one.columns) > wanted or (len(one.columns) < wanted and not arrays)):
         constant = "; a number may stand for one that is not measured, such as 0.0" if len(one.columns) < wanted else ""
@@ -233,8 +230,7 @@ def _mapped_rows(source: Path, mapping: RecordingMapping, name: str) -> dict[str
         else:
             found[key] = _chosen(key, one, _table_rows(key, one, path, mapping.table))
     for path, wanted in by_path.items():
-        definitions = Path(mapping.messages) if mapping.messages else None
-        for key, rows in message_rows(path, wanted, definitions).items():
+        for key, rows in message_rows(path, wanted, Path(mapping.messages) if mapping.messages else None).items():
             one = mapping.channels[key]
             found[key] = _chosen(key, one, rows if one.time_unit and isinstance(one.time, str) else _in_seconds(one, rows))
     return found
@@ -261,9 +257,8 @@ def _table_rows(key: str, one: ChannelMapping, path: Path, given: TextFormat | N
     named = (*one.fields, *one.rows)
     if one.topic or not one.time or not named:
         raise InvalidInput(f"{path}: {key} is in a table; give its time, a column or the period [s] of its rows, and no topic")
-    times = (
-        one.time if isinstance(one.time, tuple) else (one.time if isinstance(one.time, str) else named[0],)
-    )  # as many as those
+    # a period stands for as many times as there are rows of another column
+    times = one.time if isinstance(one.time, tuple) else (one.time if isinstance(one.time, str) else named[0],)
     table = tables.read_table(path, [*times, *named], given, (*(None for _ in times), *one.words))
     if isinstance(one.time, tuple):
         both = table.values[:, :2] @ [1.0, 1e-9]
@@ -276,9 +271,8 @@ def _chosen(key: str, one: ChannelMapping, table: tables.TableColumns) -> tables
     """Rows that are wanted, with sentinels as NaN, signs and constants, in the unit of the channel."""
     n = len(one.rows)
     values, which = table.values[:, : table.values.shape[1] - n], table.values[:, table.values.shape[1] - n :]
-    values = (
-        values[(which == [1.0 if isinstance(each, str) else each for each in one.rows.values()]).all(axis=1)] if n else values
-    )
+    if n:
+        values = values[(which == [1.0 if isinstance(each, str) else each for each in one.rows.values()]).all(axis=1)]
     if not len(values) and len(table.values):
         raise InvalidInput(f"{key}: no row has {one.rows}; leave rows out, or give values that there are")
     for missing in one.missing:
@@ -287,12 +281,11 @@ def _chosen(key: str, one: ChannelMapping, table: tables.TableColumns) -> tables
     numbers = values[:, 1:] * factors
     if len(one.fields) < len(one.columns) or any(str(name).startswith("-") for name in one.columns):
         measured = iter(numbers.T)
-        numbers = np.column_stack(
-            [
-                next(measured) * (-1 if name[:1] == "-" else 1) if isinstance(name, str) else np.full(len(values), name)
-                for name in one.columns
-            ]
-        )
+        columns = [
+            next(measured) * (-1 if name[:1] == "-" else 1) if isinstance(name, str) else np.full(len(values), name)
+            for name in one.columns
+        ]
+        numbers = np.column_stack(columns)
     if key == "attitude" and one.format != "rpy" and one.lost == "never":  # zeros: its sender knows no attitude
         numbers = np.where(np.linalg.norm(numbers, axis=1, keepdims=True) > 0.0, numbers, np.nan)
     found = np.column_stack([values[:, 0], (numbers + np.asarray(one.offset)) * np.asarray(one.scale)])
@@ -317,8 +310,7 @@ def _unknown(key: str, one: ChannelMapping, table: tables.TableColumns) -> Itera
     """Rows that are no numbers; where most have no cell at all, a file has the rows of other channels between them."""
     rows = table.values
     yield from ((key, remark) for remark in table.remarks)
-    twice = sorted({name for name in one.fields if one.fields.count(name) > 1})
-    if twice:
+    if twice := sorted({name for name in one.fields if one.fields.count(name) > 1}):
         yield key, f"{', '.join(twice)} stands for more than one of its axes: give a number for what is not measured"
     open_cells = ~np.isfinite(rows)
     empty, lost = open_cells[:, 1:].all(axis=1), open_cells.any(axis=1)
@@ -326,8 +318,11 @@ def _unknown(key: str, one: ChannelMapping, table: tables.TableColumns) -> Itera
     n, m = int((lost & ~foreign).sum()), int((~foreign).sum())
     if n:
         text = f"{n} of {m} rows have NaN ({_named(one, open_cells[~foreign].any(axis=0))}) and are left out"
-        command = recordings.CHANNEL_KINDS[key].command
-        yield key, text + (", and a fit takes the command before them for what was asked" if command else "")
+        yield (
+            key,
+            text
+            + (", and a fit takes the command before them for what was asked" if recordings.CHANNEL_KINDS[key].command else ""),
+        )
     geographic = [name for name in one.fields if name.rpartition(".")[2].lower().startswith(("lat", "lon", "lng"))]
     if key == "position" and geographic:
         yield key, f"{', '.join(geographic)} are degrees on the globe: give metres east and north of a point"
@@ -423,8 +418,11 @@ def _quaternions(one: ChannelMapping, values: np.ndarray) -> np.ndarray:
         if there.sum() > 1 and abs(most) > 2.0 * others:
             raise InvalidInput(f"attitude: {raw:.10g} in {there.sum()} of {len(values)} rows: give missing: [{raw:.10g}]")
         raise InvalidInput(f"attitude: angles up to {np.abs(values).max():.4g} rad given; in deg? give its unit")
-    w_first = one.format == "quaternion wxyz"
-    R = Rotation.from_euler("xyz", values) if width == 3 else Rotation.from_quat(values, scalar_first=w_first)
+    R = (
+        Rotation.from_euler("xyz", values)
+        if width == 3
+        else Rotation.from_quat(values, scalar_first=one.format == "quaternion wxyz")
+    )
     world, body = (Rotation.from_matrix(_DOWN if z_down else np.eye(3)) for z_down in (one.world == "NED", one.body == "FRD"))
     return np.asarray((world * R * body).as_quat())
 

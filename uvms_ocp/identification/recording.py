@@ -95,8 +95,7 @@ class Channel:
             return self
         if sorted(self.columns) != sorted(names):
             raise InvalidInput(f"{where} is of {', '.join(self.columns)}; allowed: {', '.join(names) or 'none'}")
-        order = [self.columns.index(name) for name in names]
-        return replace(self, values=self.values[:, order], columns=names)
+        return replace(self, values=self.values[:, [self.columns.index(name) for name in names]], columns=names)
 
     @property
     def rate(self) -> float:
@@ -190,8 +189,7 @@ class ZeroOrderHold:
         return np.asarray(np.diff(self.at(edges), axis=0) / np.diff(edges)[:, None])
 
     def _index(self, t: np.ndarray) -> np.ndarray:
-        index = np.searchsorted(self._t, t, side="right") - 1
-        return np.asarray(np.clip(index, 0, len(self.channel.t) - 1))
+        return np.asarray(np.clip(np.searchsorted(self._t, t, side="right") - 1, 0, len(self.channel.t) - 1))
 
 
 def interpolated(at: np.ndarray, t: np.ndarray, values: np.ndarray) -> np.ndarray:

@@ -37,8 +37,7 @@ _DRIVEN = frozenset({"added_mass", "volume"}) | _DRAGS | _BODY
 def advice(one: uncertainty.UnidentifiableDirection) -> str:
     """Name the motion or knowledge that would determine a combination; as ``drive yaw fast``."""
     shares = [name.partition(" ")[::2] for name, _ in one.shares[:_SHARES]]
-    special = _of_all(shares)
-    return special or "; ".join(dict.fromkeys(_motion(_PROSE["motions"][quantity], entry) for quantity, entry in shares))
+    return _of_all(shares) or "; ".join(dict.fromkeys(_motion(_PROSE["motions"][quantity], entry) for quantity, entry in shares))
 
 
 def _of_all(shares: Sequence[tuple[str, str]]) -> str | None:
@@ -243,9 +242,8 @@ def _number_table(one: Calibration) -> Iterator[str]:
         yield _PROSE["shape"].format(shape=shape, frame=one.subject.frame, **settings.SHAPE_SPREADS)
     yield _PROSE["number_table"]
     for each in one.numbers:
-        words = "yes" if each.determined else "no", _in_file(one, each)
         columns = f"{each.value:.4g} | {each.unit} | {each.sigma:.2g} | {_ends(each.interval)}"
-        yield f"| {each.name} | {columns} | {words[0]} | {words[1]} |"
+        yield f"| {each.name} | {columns} | {'yes' if each.determined else 'no'} | {_in_file(one, each)} |"
 
 
 def _own(one: Calibration) -> Iterator[str]:
@@ -276,9 +274,8 @@ def _profiles(one: Calibration) -> Iterator[str]:
 
 
 def _ends(interval: tuple[float, float]) -> str:
-    if interval[1] > _DECADES * abs(interval[0]) and interval[0] >= 0.0:
-        return "open"
-    return f"{interval[0]:.4g} to {interval[1]:.4g}" if np.isfinite(interval).all() else "open"
+    wide = interval[1] > _DECADES * abs(interval[0]) and interval[0] >= 0.0
+    return f"{interval[0]:.4g} to {interval[1]:.4g}" if np.isfinite(interval).all() and not wide else "open"
 
 
 def _open(one: Calibration) -> Iterator[str]:
@@ -330,5 +327,4 @@ def _course(one: experiment_design.Excitation, actuators: Sequence[str]) -> Iter
     yield f"Commands last {step * len(one.commands.t):.4g} s, held for {step:.4g} s each, of {', '.join(actuators)}.\n"
     yield _PROSE["excitation"].format(spans=", ".join(spans), tilt=tilt)
     for each in one.numbers:
-        word = "yes" if each.determined else "no"
-        yield f"| {each.name} | {each.value:.4g} | {each.unit} | {each.sigma:.2g} | {word} |"
+        yield f"| {each.name} | {each.value:.4g} | {each.unit} | {each.sigma:.2g} | {'yes' if each.determined else 'no'} |"

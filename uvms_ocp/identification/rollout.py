@@ -282,19 +282,17 @@ class _StretchRun:
         self._rollout, self._stage, self._stretches, self._n = rollout, rollout.stage, stretches, n
         self._p = p
         self._delays = self._each("delays", self._stage.delays, p.T)
-        u = [one.commands.mean(one.edges - d[0, 0]) for one, (d, _) in zip(stretches, self._delays, strict=True)]
-        self._u = np.vstack(u)
+        u = np.vstack([one.commands.mean(one.edges - d[0, 0]) for one, (d, _) in zip(stretches, self._delays, strict=True)])
         past = np.hstack([one.commands.mean(self._past(k)).T for k, one in enumerate(stretches)])
         self._begun = self._each("begun", self._stage.begun, past, p.T)
-        x0 = [np.concatenate([s.q, s.v, w.ravel()]) for s, (w, _, _) in zip(starts, self._begun, strict=True)]
         self._given = (
-            self._u.T,
+            u.T,
             np.hstack([one.joints for one in stretches]),
             np.repeat(p, n, axis=0).T,
             np.repeat([one.step for one in stretches], n)[None],
         )
         self._x = np.empty((len(p), n + 1, self._stage.n_x))
-        self._x[:, 0] = x0
+        self._x[:, 0] = [np.concatenate([s.q, s.v, w.ravel()]) for s, (w, _, _) in zip(starts, self._begun, strict=True)]
         for k in range(0, n, _MOST_STEPS):
             part = [one.reshape(len(one), len(p), n)[:, :, k : k + _MOST_STEPS] for one in self._given]
             steps = part[0].shape[2]

@@ -153,9 +153,8 @@ _SELDOM = ("current", *(name for name, kind in CHANNEL_KINDS.items() if kind.com
 """What may be told when it changes alone."""
 _SHORTEST_RECORDING, _SPARSEST = 5.0, 100.0  # [s] of a recording; of it over what its samples take up
 _FASTEST = dict.fromkeys(("linear_velocity", "current"), (10.0, "mm/s, or cm/s"))
-_FASTEST |= dict.fromkeys(("angular_velocity", "joint_velocities"), (4 * np.pi, "deg/s")) | {
-    "joint_positions": (4 * np.pi, "deg")
-}
+_FASTEST |= dict.fromkeys(("angular_velocity", "joint_velocities"), (4 * np.pi, "deg/s"))
+_FASTEST["joint_positions"] = (4 * np.pi, "deg")
 """[unit] that no channel has for long, and the unit which it would be in."""
 _FOR_LONG = 90.0  # [%] of samples below a peak
 
@@ -164,11 +163,8 @@ def of_samples(recording: Recording) -> Iterator[tuple[str, str]]:
     """Channels and what speaks against them."""
     begin, end = recording.span
     if end - begin < _SHORTEST_RECORDING:
-        text = (
-            f"{end - begin:.3g} s are in all channels, which are too few to look at"
-            if end > begin
-            else "no time is in all channels"
-        )
+        few = f"{end - begin:.3g} s are in all channels, which are too few to look at"
+        text = few if end > begin else "no time is in all channels"
         yield next(iter(recording.channels)), f"{text}: other clocks, or other units of times, such as min?"
     for name, channel in recording.channels.items():
         checks = (_times, _dead, _lost, _far_off, _spikes, _saturated, _units, _no_force)
@@ -234,8 +230,7 @@ def _lost(name: str, channel: Channel) -> Iterator[str]:
         return
     moved, at = channel.t[~zero], channel.t[zero]
     at = at[(at > moved[0]) & (at < moved[-1])]  # before and after it may have been at rest
-    lost = int((np.interp(at, moved, size[~zero]) > MOVES[name]).sum())
-    if lost:
+    if lost := int((np.interp(at, moved, size[~zero]) > MOVES[name]).sum()):
         yield f"{lost} of {len(channel.t)} samples are exactly zero: lost ones?"
 
 
@@ -380,8 +375,7 @@ def _lies(attitude: Channel) -> Iterator[str]:
 
 def _in_world(attitude: Channel, force: Channel) -> np.ndarray:
     """Mean (3,) [m/s2] of what is felt, in W."""
-    R = rotations(attitude, force.undelayed_t)
-    return np.asarray(np.einsum("nij,nj->ni", R, force.values).mean(axis=0))
+    return np.asarray(np.einsum("nij,nj->ni", rotations(attitude, force.undelayed_t), force.values).mean(axis=0))
 
 
 def _turned(up: np.ndarray) -> Iterator[str]:
@@ -417,10 +411,7 @@ def of_stuck(recording: Recording) -> Iterator[tuple[str, str]]:
 def _frozen(recording: Recording, pose: str, velocity: str) -> Iterator[tuple[str, str]]:
     """By magnitudes, which have no axes."""
     one, other = recording.channels[pose], recording.channels[velocity]
-    if pose == "position":
-        t, rate = smoothed(one.undelayed_t, one.values, WINDOW, derivative=1)
-    else:
-        t, rate = angular_rate(one, WINDOW)
+    t, rate = smoothed(one.undelayed_t, one.values, WINDOW, derivative=1) if pose == "position" else angular_rate(one, WINDOW)
     speed = np.interp(t, other.undelayed_t, np.linalg.norm(other.values, axis=1))
     apart = np.linalg.norm(rate, axis=1) - speed
     for name, mate, channel in ((pose, velocity, one), (velocity, pose, other)):

@@ -195,8 +195,7 @@ def calibrated_robot(settings: CalibrationSettings, folder: Path) -> CalibratedR
     known = known.with_status(**{name: _along(settings.axes, known, name, one) for name, one in learnt.items()})
     shared, own = Unknowns(known), Unknowns(known, own=True)
     if not (shared.names or own.names):
-        given = f"learn: {', '.join(learnt)} given, and nothing in it is free"
-        raise InvalidInput(f"{given}; free some of their coordinates")
+        raise InvalidInput(f"learn: {', '.join(learnt)} given, and nothing in it is free; free some of their coordinates")
     axes = tuple(k for k, name in enumerate(parameters.AXES) if name in settings.axes)
     vehicle = Vehicle(dynamics=dynamics, shared=shared, own=own, actuators=actuators, link=link, axes=axes)
     return CalibratedRobot(robot=robot, vehicle=vehicle, start=start, file=file)

@@ -174,8 +174,7 @@ def _plain(name: str) -> str:
 
 
 def _unit_in(name: str) -> str:
-    found = _UNIT.search(name)
-    return found[1].strip() if found else ""
+    return found[1].strip() if (found := _UNIT.search(name)) else ""
 
 
 # Layout.
@@ -248,9 +247,8 @@ def _is_missing(cell: str) -> bool:
 
 
 def _is_number(cell: str, decimal: str) -> bool:
-    if decimal == "," and _DECIMAL_COMMA.fullmatch(cell):
-        return True
-    return bool(_NUMBER.fullmatch(cell) or _TIME.fullmatch(cell) or _GROUPED.fullmatch(cell))
+    with_comma = decimal == "," and _DECIMAL_COMMA.fullmatch(cell)
+    return bool(with_comma or _NUMBER.fullmatch(cell) or _TIME.fullmatch(cell) or _GROUPED.fullmatch(cell))
 
 
 # Rows.
@@ -373,8 +371,7 @@ def _workbook(path: Path) -> Iterator[Any]:
 
 
 def _damage_in_a_line(path: Path) -> AbstractContextManager[None]:
-    damage = (OSError, EOFError, zlib.error, csv.Error, ValueError, LookupError)
-    return as_input_errors(path, *damage, what="no table of numbers")
+    return as_input_errors(path, OSError, EOFError, zlib.error, csv.Error, ValueError, LookupError, what="no table of numbers")
 
 
 def _lines(file: IO[str]) -> Iterator[str]:

@@ -343,8 +343,7 @@ def _horizons(
     seen, C = errors(left), covariance(others.vehicle, others.estimate, variance_inflation(left, others.noise))
     drawn = np.random.default_rng(0).multivariate_normal(predictor.shared, C, _DRAWS, method="eigh", check_valid="ignore")
     known = predictor.start_window
-    balanced = partial(balance.of_stretch, shared=predictor.shared)
-    resting = {STATIC: partial(static_baseline, known=known), BALANCE: balanced}
+    resting = {STATIC: partial(static_baseline, known=known), BALANCE: partial(balance.of_stretch, shared=predictor.shared)}
     for horizon, length in asked:
         windows = held.windows(step, known, length)
         by = {OTHERS: predictor.over(held, step, length), BEFORE: before.over(held, step, length)}

@@ -228,7 +228,6 @@ def ocp_report(result: OcpResult) -> dict[str, Any]:
     """
     request, plan = result.request, result.plan
     summary = plan.summary()
-    levels = summary.pop("levels")
     usable = plan.status.usable
     free = usable and result.collision_free
     return {
@@ -242,7 +241,7 @@ def ocp_report(result: OcpResult) -> dict[str, Any]:
         "n_steps": request.n_steps,
         "energy_j": summary["energy"] if usable else None,
         "peak_thrust_n": summary["peak_thrust"] if usable else None,
-        "levels": levels,
+        "levels": summary["levels"],
         **nearest_entries(result.nearest if usable else None, result),
         "tool_error": _ocp_motion(result).tool_error() if usable else None,
         "current_m_s": list(request.current),

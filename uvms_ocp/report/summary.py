@@ -113,11 +113,9 @@ def _missed(row: dict[str, Any]) -> str:
 def _unfinished(record: Record) -> dict[str, str]:
     """Describe what the last phase waited for, and whether it was coming."""
     phase = record.meta.phases[int(record["phase"][-1])].name
-    waiting = _waiting(record, phase)
-    if not waiting:
+    if not (waiting := _waiting(record, phase)):
         return {"kind": "slow", "text": f"phase {phase}: its conditions hold, but not yet for long enough"}
-    unknown = [item.quantity for item in waiting if np.isnan(_trend(record, item)[0])]
-    if unknown:
+    if unknown := [item.quantity for item in waiting if np.isnan(_trend(record, item)[0])]:
         return {"kind": "stalled", "text": f"phase {phase}: {unknown[0]} is not known, and its condition not met"}
     trends = [(item, *_trend(record, item)) for item in waiting]
     item, now, gained = min(trends, key=lambda trend: trend[2])

@@ -51,8 +51,7 @@ def figure_outcomes(outcomes: Sequence[Mapping[str, Any]]) -> Figure:
     shares = np.array([100 * row["share"] for row in rows])
     errors = np.array([[100 * (row["share"] - row["lower"]), 100 * (row["upper"] - row["share"])] for row in rows]).T
     colors = [style.GREEN if row["outcome"] == "completed" else style.VERMILLION for row in rows]
-    names = [style.label_text(row["outcome"], _LONGEST) for row in rows]
-    axis.barh(names, shares, xerr=np.maximum(errors, 0.0), color=colors)
+    axis.barh([style.label_text(row["outcome"], _LONGEST) for row in rows], shares, xerr=np.maximum(errors, 0.0), color=colors)
     axis.set(xlabel="share of runs [%], with 95 % intervals", xlim=(0, 100))
     return figure
 
@@ -105,9 +104,8 @@ def figure_sensitivity(rows: Sequence[Mapping[str, Any]], figure_name: str) -> F
     own = sorted((row for row in rows if row["figure"] == figure_name), key=lambda row: row["pawn"])[-_MOST:]
     figure = style.RecordFigure(figsize=(style.WIDTH, 0.8 + 0.28 * len(own)))
     axis = figure.subplots()
-    names = [style.label_text(row["parameter"], _LONGEST) for row in own]
     colors = [style.ORANGE if row["pawn"] > row["pawn_floor"] else style.FADED for row in own]
-    axis.barh(names, [row["pawn"] for row in own], color=colors)
+    axis.barh([style.label_text(row["parameter"], _LONGEST) for row in own], [row["pawn"] for row in own], color=colors)
     if own:
         axis.axvline(own[0]["pawn_floor"], color=style.THRESHOLD, lw=0.9, ls=(0, (5, 3)))
     axis.set_xlabel(f"PAWN index of {figure_name} [-]; left of the dashed line nothing is told")

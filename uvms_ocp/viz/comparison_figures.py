@@ -75,8 +75,7 @@ def figure_paths(paths: Mapping[str, np.ndarray], *, fig: style.Given = None, wi
             axis.plot(path[:, i], path[:, j], color=color, ls="-" if k else "--", label=label, zorder=3 - k)
             axis.plot(path[0, i], path[0, j], "o", color=color, ms=4)
             axis.plot(path[-1, i], path[-1, j], "*", color=color, ms=8)
-    marks = (("o", "start"), ("*", "end"))
-    ends = [Line2D([], [], color=style.BLACK, ls="", marker=mark, label=text) for mark, text in marks]
+    ends = [Line2D([], [], color=style.BLACK, ls="", marker=mark, label=text) for mark, text in (("o", "start"), ("*", "end"))]
     style.heading_legend(figure, [*views[0].get_lines()[::3], *ends])
     return figure
 

@@ -89,8 +89,7 @@ def figure_left_out(found: Sequence[HeldOutRecording]) -> Figure:
         axis.set_title(name)
         axis.set_ylabel("[deg]" if i == len(SCORED) - 1 else f"[{_UNITS[i // 3]}]")
     axes[-1].set_axis_off()
-    handles, labels = axes[0].get_legend_handles_labels()
-    axes[-1].legend(handles, labels, loc="center", frameon=False)
+    axes[-1].legend(*axes[0].get_legend_handles_labels(), loc="center", frameon=False)
     return figure
 
 
@@ -98,8 +97,7 @@ def _bars(axis: Axes, found: Sequence[HeldOutRecording], asked: Sequence[float],
     names = list(next((each.by for one in found for each in one.horizons), ()))
     if not names:
         return
-    everything = [each for one in found for each in one.horizons]
-    chosen = [[each for each in everything if each.asked == horizon] for horizon in asked]
+    chosen = [[each for one in found for each in one.horizons if each.asked == horizon] for horizon in asked]
     heights = np.array([[np.median([errors(each.by[name])[i] for each in some]) for some in chosen] for name in names])
     for k, name in enumerate(names):
         axis.bar(np.arange(len(asked)) + 0.2 * (k - 1.5), heights[k], 0.2, color=_PREDICTORS[k], label=name)
@@ -122,8 +120,7 @@ def write_identification_figures(one: Calibration, folder: Path) -> list[Path]:
         paths += [style.save_figure(draw(each), folder / f"{kind}_{k}.png") for kind, draw in kinds.items()]
     if one.profiles:
         paths.append(style.save_figure(figure_profiles(one.profiles), folder / "profiles.png"))
-    long_enough = [each for each in one.left_out if each.horizons]
-    if long_enough:
+    if long_enough := [each for each in one.left_out if each.horizons]:
         paths.append(style.save_figure(figure_left_out(long_enough), folder / "left_out.png"))
     return paths
 
@@ -159,8 +156,7 @@ def figure_intervals(one: Calibration) -> Figure:
     numbers = one.numbers
     axis = (figure := style.titled(0.17 * len(numbers) + 1.0, "Half widths of 95 % intervals")).subplots()
     widths = [min(100.0 * INTERVAL * each.sigma / max(each.size, 1e-300), _WIDEST) for each in numbers]
-    colors = [style.BLUE if each.determined else style.FADED for each in numbers]
-    axis.barh(np.arange(len(numbers)), widths, color=colors)
+    axis.barh(np.arange(len(numbers)), widths, color=[style.BLUE if each.determined else style.FADED for each in numbers])
     axis.set_yticks(np.arange(len(numbers)), [style.label_text(each.name) for each in numbers])
     axis.set_ylim(len(numbers) - 0.4, -0.6)
     axis.set_xlabel(f"[%] of the number's size, cut off at {_WIDEST:.0f}; grey: not determined")

@@ -44,8 +44,7 @@ def figure_efforts(record: Record, *, fig: style.Given = None, width: style.Widt
 def _thrust(record: Record, axes: Sequence[Axes]) -> None:
     names = tables.column_names("thrust", record["thrust"].shape[1], record.meta)
     for i, (name, thrust) in enumerate(zip(names, record["thrust"].T, strict=True)):
-        label = style.label_text(name.partition(".")[2], _LEGEND)
-        axes[0].plot(record["t"], thrust, **style.line_style(i), lw=0.8, label=label)
+        axes[0].plot(record["t"], thrust, **style.line_style(i), lw=0.8, label=style.label_text(name.partition(".")[2], _LEGEND))
     axes[0].set_ylabel(axis_label("thrust", "thrust"))
 
 
@@ -180,8 +179,7 @@ def figure_joints(record: Record, *, fig: style.Given = None, width: style.Width
     for axis, name in zip(grid[:, 0], names, strict=True):
         axis.set_ylabel(style.label_text(name), rotation=0, ha="right", va="center")
     for axis, what, name in zip(grid[0], ("position", "velocity"), "qv", strict=True):
-        label = axis_label(what, name, "joints", meta=record.meta).replace(" [", "\n[")
-        axis.set_title(label, pad=1 + style.space_above(record))
+        axis.set_title(axis_label(what, name, "joints", meta=record.meta).replace(" [", "\n["), pad=1 + style.space_above(record))
     for axis in grid[-1]:
         axis.set_xlabel(axis_label("time", "t"))
     for column in grid.T:
@@ -278,5 +276,4 @@ def _surface_points(data: meta_values.ObstacleMeta, i: int, j: int) -> np.ndarra
     directions[:, i], directions[:, j] = np.cos(angle), np.sin(angle)
     towards = directions @ R  # in the frame of the shape
     support = support_of(item.shape, -towards, np.zeros((_DIRECTIONS, 3)))
-    points = support.centres + support.radius * towards[:, None]
-    return np.asarray(points.reshape(-1, 3) @ R.T + p)
+    return np.asarray((support.centres + support.radius * towards[:, None]).reshape(-1, 3) @ R.T + p)

@@ -80,8 +80,7 @@ PLAN_FIGURES: Mapping[str, Callable[..., Figure | None]] = style.by_name(_ALL)
 @checked
 def write_plan_figures(record: Record, folder: Path | str) -> tuple[Path, ...]:
     """Write every figure that the plan can fill as PNG; returns the paths. Raises `OutputError`."""
-    figures = {name: draw(record) for name, draw in PLAN_FIGURES.items()}
-    drawn = {name: figure for name, figure in figures.items() if figure is not None}
+    drawn = {name: figure for name, draw in PLAN_FIGURES.items() if (figure := draw(record)) is not None}
     return tuple(style.save_figure(figure, Path(folder) / f"{name}.png") for name, figure in drawn.items())
 
 
@@ -97,8 +96,7 @@ def _motion(record: Record, names: Collection[str], parts: Sequence[str], title:
     figure, axes = style.stacked(len(rows), 1.25, title, *page)
     for row, (series, label) in zip(axes, rows, strict=True):
         for k, i in enumerate(wanted):
-            name = style.label_text(planned[i], 10)
-            row.plot(record["t"], record[series][:, i], **style.line_style(k), label=name)
+            row.plot(record["t"], record[series][:, i], **style.line_style(k), label=style.label_text(planned[i], 10))
         row.set_ylabel(f"{label}\n[{', '.join(tables.unit_of(series, part, record.meta) for part in parts)}]")
         _draw_limits(row, record, series, wanted)
     axes[0].legend(ncols=len(wanted), loc="lower center", bbox_to_anchor=(0.5, 1.0), fontsize=style.points(7))

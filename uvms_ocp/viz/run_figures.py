@@ -62,8 +62,7 @@ def _panels(record: Record) -> list[_Panel]:
     if n and spread.shape[1] >= n:
         names = [style.label_text(name, 10) for name in axis_names(record, n)]
         colors = [style.LINES[i % len(style.LINES)] for i in range(n)]
-        label = axis_label("joints", "q", "joints", "m", record.meta)
-        found.append((label, names, colors, 1e3 * errors, 1e3 * spread[:, -n:]))
+        found.append((axis_label("joints", "q", "joints", "m", record.meta), names, colors, 1e3 * errors, 1e3 * spread[:, -n:]))
     return found
 
 

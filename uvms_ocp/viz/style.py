@@ -165,8 +165,7 @@ def _make_legible(figure: Figure, before: set[Artist]) -> None:
         paper = sheet if artist.axes is None else _on(to_rgba(artist.axes.get_facecolor()), sheet)
         if isinstance(artist, Text):
             artist.set_parse_math(False)
-            papers = (paper,) if artist.get_bbox_patch() else (sheet, paper)
-            artist.set_color(legible(artist.get_color(), papers, _TEXT))
+            artist.set_color(legible(artist.get_color(), (paper,) if artist.get_bbox_patch() else (sheet, paper), _TEXT))
         elif _luminance(paper) < _MIDDLE:
             artist.set_color(legible(artist.get_color(), (paper,), _LINE_ON_DARK))
 

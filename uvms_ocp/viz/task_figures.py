@@ -254,8 +254,8 @@ def figure_row_activations(
     rows = recorded.task_activity(record, task)
     if rows is None or not rows.shape[1]:
         return None
-    figure, axes = style.stacked(rows.shape[1], 0.5, f"Activation of the rows of {style.label_text(task)}", fig, width)
     n = rows.shape[1]
+    figure, axes = style.stacked(n, 0.5, f"Activation of the rows of {style.label_text(task)}", fig, width)
     names = [task] if n == 1 and len(record.meta.joints) != 1 else recorded.axis_names(record, n)
     gate = recorded.task_gate(record, task)
     for axis, name, row in zip(axes, names, rows.T, strict=True):

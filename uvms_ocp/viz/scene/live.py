@@ -163,6 +163,5 @@ def live(scenario: Scenario, *, speed: Positive = 1.0, port: Count = 0, height: 
 
     Raises `OutputError` for a port that is taken, and as `Scenario.run`.
     """
-    begun = replace(scenario, duration=scenario.dt).run()
-    page = live_page(begun, scenario.robot, height)
+    page = live_page(replace(scenario, duration=scenario.dt).run(), scenario.robot, height)
     return LiveView(scenario.robot, page, speed=speed, port=port)

@@ -127,8 +127,7 @@ def _policy(scripts: Iterable[str]) -> str:
 def _viewer_source() -> str:
     source = Path(viewer_assets_path()) / "dist" / "main.min.js"
     # Browsers hash what they parsed: line ends as in HTML.
-    text = source.read_text(encoding="utf-8").replace("\r\n", "\n").replace("\r", "\n")
-    return text.replace("</script", "<\\/script")
+    return source.read_text(encoding="utf-8").replace("\r\n", "\n").replace("\r", "\n").replace("</script", "<\\/script")
 
 
 def _data_block(value: object) -> str:

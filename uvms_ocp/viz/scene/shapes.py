@@ -43,8 +43,7 @@ def draw_shape(node: Visualizer, shape: coal.CollisionGeometry, rgba: np.ndarray
     """Draw `shape` below `node` in rgba (4,); tells whether meshcat can (half-spaces and planes it cannot)."""
     parts = [*_parts(shape)]
     for i, (geometry, pose) in enumerate(parts):
-        flat = isinstance(geometry, mg.TriangularMeshGeometry)
-        node[str(i)].set_object(geometry, material(rgba, flatShading=flat))
+        node[str(i)].set_object(geometry, material(rgba, flatShading=isinstance(geometry, mg.TriangularMeshGeometry)))
         node[str(i)].set_transform(pose)
     return bool(parts)
 
@@ -57,8 +56,8 @@ def _parts(shape: Any) -> Iterator[Part]:
     elif isinstance(shape, coal.Cone):
         yield mg.Cylinder(2 * shape.halfLength, radiusTop=0.0, radiusBottom=shape.radius), Y_TO_Z
     elif isinstance(shape, coal.BVHModelBase):
-        triangles = map(shape.tri_indices, range(shape.num_tris))  # which can be indexed but not iterated over
-        faces = [[triangle[i] for i in range(3)] for triangle in triangles]
+        # triangles can be indexed but not iterated over
+        faces = [[triangle[i] for i in range(3)] for triangle in map(shape.tri_indices, range(shape.num_tris))]
         yield mg.TriangularMeshGeometry(shape.vertices(), faces), np.eye(4)
     elif isinstance(shape, coal.ConvexBase):  # of which coal gives the corners only
         yield mg.TriangularMeshGeometry(shape.points(), ConvexHull(shape.points()).simplices), np.eye(4)
@@ -91,8 +90,7 @@ def tube(points: np.ndarray, radius: float, sides: int = 6) -> mg.TriangularMesh
     corner = np.arange(sides)
     after = (corner + 1) % sides
     quad = np.stack([corner, after, corner + sides, after, after + sides, corner + sides], axis=-1).reshape(-1, 3)
-    faces = quad[None] + sides * np.arange(len(points) - 1)[:, None, None]
-    return mg.TriangularMeshGeometry(rings, faces.reshape(-1, 3))
+    return mg.TriangularMeshGeometry(rings, (quad[None] + sides * np.arange(len(points) - 1)[:, None, None]).reshape(-1, 3))
 
 
 def _rings(points: np.ndarray, sides: int) -> np.ndarray:

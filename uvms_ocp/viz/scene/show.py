@@ -143,8 +143,7 @@ def show(
     if isinstance(robot_or_q, np.ndarray):
         raise InvalidInput("a record and a plan know their configurations; give show(robot, q) for one of your own")
     robot = what.robot if isinstance(what, Plan) else robot_or_q or robot_of(what)
-    others = {name: _record_of(ghost) for name, ghost in ghosts.items()}
-    return _page(_record_of(what), robot, others, fps, height)
+    return _page(_record_of(what), robot, {name: _record_of(ghost) for name, ghost in ghosts.items()}, fps, height)
 
 
 def _configuration(robot: Robot, q: np.ndarray | None) -> np.ndarray:
@@ -182,9 +181,7 @@ def _page(record: Record, robot: Robot, others: Mapping[str, Record], fps: float
     root = log.visualizer()["scene"]
     root.set_transform(shapes.shifted(-centre))  # keeps 32-bit floats exact and the lights near
     trails, beam = _draw(log, root, record, robot, frames, ghosts, fps)
-    of_ghosts: list[dict[str, Any]] = []
-    for ghost in ghosts:
-        of_ghosts += draw_trails(root[ghost.node]["trails"], robot, ghost.frames, ghost.rgb)
+    of_ghosts = [trail for one in ghosts for trail in draw_trails(root[one.node]["trails"], robot, one.frames, one.rgb)]
     details = page_details(record, robot, frames, centre) | time_line(record) | readouts(record, frames)
     details |= {
         "trails": trails + of_ghosts,

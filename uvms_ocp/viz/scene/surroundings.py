@@ -217,15 +217,14 @@ def witness_lines(record: Record, robot: Robot, frames: Frames, centre: np.ndarr
     found = np.array([_nearest(scene, q, (len(obstacles), n_links)) for q in record["q"][frames.row[looks]]])
     found[..., 1:] -= np.tile(centre, 2)
     lines = np.where(found[..., :1] < NEAR, found[..., 1:], 0.0)
-    names = [item.name for item in record.meta.surroundings.obstacles]
     return {
         "near": NEAR,
         "colour": "#ffe066",
         "shown": True,
         "t": frames.t[looks].round(3).tolist(),
         "obstacles": [
-            {"name": name, "distance": rounded(found[:, k, 0]), "line": lines[:, k].round(4).tolist()}
-            for k, name in enumerate(names)
+            {"name": item.name, "distance": rounded(found[:, k, 0]), "line": lines[:, k].round(4).tolist()}
+            for k, item in enumerate(record.meta.surroundings.obstacles)
         ],
     }
 
