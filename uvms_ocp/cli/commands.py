@@ -65,8 +65,7 @@ def _summary(place: Place) -> str:
     module, function = place.split(".")
     source = Path(__file__).with_name(f"{module}.py").read_text(encoding="utf-8")
     nodes = (node for node in ast.parse(source).body if isinstance(node, ast.FunctionDef))
-    text = next(ast.get_docstring(node) or "" for node in nodes if node.name == function)
-    return " ".join(text.partition("\n\n")[0].split())
+    return " ".join(next(ast.get_docstring(node) or "" for node in nodes if node.name == function).partition("\n\n")[0].split())
 
 
 def _group(places: Mapping[str, Place], **options: Any) -> typer.Typer:

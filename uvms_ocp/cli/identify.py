@@ -71,9 +71,8 @@ def read_recordings(paths: list[Path], mapping: Path | None) -> list[Recording]:
 
 
 def _recording_data(recording: Recording) -> dict[str, Any]:
-    rows = [_row(name, channel) for name, channel in recording.channels.items()]
     return {
-        "channels": rows,
+        "channels": [_row(name, channel) for name, channel in recording.channels.items()],
         "read as": list(recording.layout),
         "doubts": [str(doubt) for doubt in check_data_quality(recording)],
     }
@@ -179,10 +178,9 @@ def excite(
     with claim_folder(out, [COMMANDS, EXCITE_REPORT]) as claim:
         with busy(console, "designing"):
             found = design_experiment(wanted, Rollout(stage_of(subject.vehicle)), DesignSettings(seed=seed))
-        text = excitation_text(found, subject.vehicle.actuators.names)
         with claim.staged() as staging:
             write_recording(Recording(name="excitation", channels={"thrust": found.commands}), staging / COMMANDS)
-            (staging / EXCITE_REPORT).write_text(text, encoding="utf-8")
+            (staging / EXCITE_REPORT).write_text(excitation_text(found, subject.vehicle.actuators.names), encoding="utf-8")
         written = claim.written()
     known = sum(one.determined for one in found.numbers)
     console.print(f"{found.status.value}; {known} of {len(found.numbers)} numbers will be determined")
@@ -233,8 +231,7 @@ def thruster_curve(
     require_known("unit", said, _NEWTONS)
     rows = np.concatenate([one.values for one in read])
     rows = rows[np.isfinite(rows).all(axis=1)]
-    volts = rows[:, 2] if voltage else None
-    curve, off = curve_of_table(rows[:, 0], _NEWTONS[said] * rows[:, 1], volts, at or 0.0)
+    curve, off = curve_of_table(rows[:, 0], _NEWTONS[said] * rows[:, 1], rows[:, 2] if voltage else None, at or 0.0)
     points = ", ".join(f"[{signal:.6g}, {force:.4g}]" for signal, force in curve)
     typer.echo(f"minimum: {min(curve[0][1], 0.0):.4g}\nmaximum: {curve[-1][1]:.4g}\ncurve: [{points}]")
     stderr = console_of(stderr=True)

@@ -36,29 +36,30 @@ class NewMission:
 
     def text(self, file: Path, vary: Path) -> str:
         """Write the source of the mission's file."""
-        robot, goal = self.robot, self._goal()
-        tasks, conditions = list(self._tasks()), list(self._conditions())
-        constants = list(self._constants(goal))
+        robot, tasks = self.robot, list(self._tasks())
         names = [name for _, name in tasks if name]
         safe = [name for name in names if name in ("JL", "MAC", "HA", "MP")]
-        template = (TEMPLATES / "mission.py.txt").read_text(encoding="utf-8")
-        return template.format(
-            title=self.title,
-            file=file.name,
-            vary=vary.name,
-            robot=self.place,
-            load=self.load,
-            imports="\n".join(self._imports(tasks)),
-            constants="\n".join(constants),
-            defaults="" if self.has_forces else '"plant": "kinematic", ',
-            duration="90.0" if robot.n_vehicle else "30.0",
-            tasks="\n".join(f"        {line}" for line, _ in tasks),
-            conditions="\n".join(f"    {line}" for line in conditions),
-            phases="\n".join(self._phases(names)),
-            name=file.stem if file.stem.isidentifier() else "my_mission",
-            abort=f", abort=abort_phase({', '.join(map(_quoted, safe))})" if robot.n_vehicle else "",
-            start="run.start(START)" if robot.n_vehicle else "robot.configuration()",
-            markers=self._markers(),
+        return (
+            (TEMPLATES / "mission.py.txt")
+            .read_text(encoding="utf-8")
+            .format(
+                title=self.title,
+                file=file.name,
+                vary=vary.name,
+                robot=self.place,
+                load=self.load,
+                imports="\n".join(self._imports(tasks)),
+                constants="\n".join(self._constants(self._goal())),
+                defaults="" if self.has_forces else '"plant": "kinematic", ',
+                duration="90.0" if robot.n_vehicle else "30.0",
+                tasks="\n".join(f"        {line}" for line, _ in tasks),
+                conditions="\n".join(f"    {line}" for line in self._conditions()),
+                phases="\n".join(self._phases(names)),
+                name=file.stem if file.stem.isidentifier() else "my_mission",
+                abort=f", abort=abort_phase({', '.join(map(_quoted, safe))})" if robot.n_vehicle else "",
+                start="run.start(START)" if robot.n_vehicle else "robot.configuration()",
+                markers=self._markers(),
+            )
         )
 
     @property
@@ -234,13 +235,12 @@ class NewMission:
 
 
 def _phase(name: str, title: str, on: list[str], to: str, when: str, comment: str = "") -> str:
-    conditions = f"({when},)"
     lines = [
         "uo.Phase(",
         f'    name="{name}",',
         f'    title="{title}",',
         f"    activations=activate({', '.join(map(_quoted, on))}),",
-        f"    transitions=(uo.Transition(to={to}, when={conditions}, hold=1.0),),{comment}",
+        f"    transitions=(uo.Transition(to={to}, when=({when},), hold=1.0),),{comment}",
         "),",
     ]
     return "\n".join(f"        {line}" for line in lines)
@@ -261,11 +261,8 @@ def loading_line(file: Path, robot: Path, hydrodynamics: str | None, loading: Ma
     parts = [f'urdf=ROBOT / "{urdf.name}"']
     if water is not None:
         inside = Path(water).resolve().parent == urdf.resolve().parent
-        parts.append(
-            f"hydrodynamics=ROBOT / {_quoted(Path(water).name)}"
-            if inside
-            else f"hydrodynamics=HERE / {_quoted(beside(Path(water)))}"
-        )
+        where = f"ROBOT / {_quoted(Path(water).name)}" if inside else f"HERE / {_quoted(beside(Path(water)))}"
+        parts.append(f"hydrodynamics={where}")
     for key, value in loading.items():
         if key == "package_dirs":
             parts.append(f"{key}=[{', '.join(f'HERE / {_quoted(beside(Path(folder)))}' for folder in value)}]")

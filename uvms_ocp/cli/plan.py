@@ -83,8 +83,7 @@ class MotionOptions:
             raise InvalidInput("give one goal: --tool, with or without --tool-rpy, or any of --to, --to-rpy and --joint")
         if self.tool is not None:
             return ToolGoal(position=self.tool, rpy=self.tool_rpy)
-        joints = dict(_joint_goal(word) for word in self.joint or ())
-        return PostureGoal(position=self.to, rpy=self.to_rpy, joints=joints)
+        return PostureGoal(position=self.to, rpy=self.to_rpy, joints=dict(map(_joint_goal, self.joint or ())))
 
     def _obstacles(self) -> tuple[Obstacle, ...]:
         return (
@@ -192,15 +191,13 @@ def _print_motion(console: Console, made: PlanOutput) -> None:
         near += "" if least is None else f"at {report['min_clearance_at_s']:.2f} s"
         each = [f"{d:.3g} m to {name}" for d, name in sorted((d, name) for name, d in (report["clearances_m"] or {}).items())]
         near += f" ({', '.join(each[:4])})" if len(each) > 1 else ""
-        found = f"{report['duration_s']:.1f} s long{near}; found in {report['solve_time_s']:.2f} s"
-        console.print(plain_line(found))
+        console.print(plain_line(f"{report['duration_s']:.1f} s long{near}; found in {report['solve_time_s']:.2f} s"))
     if unshaped := report["links_without_shape"]:
         text = f"{', '.join(unshaped)}: no collision shape in the robot's file, so that nothing is said of what they touch"
         console.print(plain_line(text), style="yellow")
     if report.get("peak_thrust_n") is not None:
-        energy = report["energy_j"]
-        taken = "- J (not known)" if energy is None else f"{energy:.0f} J"
-        console.print(f"{taken}, thrust up to {report['peak_thrust_n']:.0f} N")
+        energy = "- J (not known)" if report["energy_j"] is None else f"{report['energy_j']:.0f} J"
+        console.print(f"{energy}, thrust up to {report['peak_thrust_n']:.0f} N")
 
 
 # ``plan mission``: all phases of a scenario as one problem, for ``run --follow``.

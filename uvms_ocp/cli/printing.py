@@ -43,8 +43,7 @@ def print_paths(console: Console, paths: Iterable[Path]) -> None:
 
 def print_line(console: Console, text: str, style: str = "") -> None:
     """A text, whatever it holds, as one line, which goes on below between two words where the console is narrower."""
-    wrapper = textwrap.TextWrapper(console.width, subsequent_indent="  ", break_long_words=False, break_on_hyphens=False)
-    lines = wrapper.wrap(plain_line(text))
+    lines = textwrap.wrap(plain_line(text), console.width, subsequent_indent="  ", break_long_words=False, break_on_hyphens=False)
     console.print("\n".join(lines), style=style, highlight=False, soft_wrap=True)
 
 
@@ -121,8 +120,6 @@ def print_findings(console: Console, preflight: PreflightReport, *, notes: bool 
     for finding in preflight.findings:
         if notes or finding.severity is not Severity.NOTE:
             where = f" (phase {finding.phase})" if finding.phase else ""
-            text = f"{finding.severity.value}: {finding.check}{where}: {finding.text}"
-            print_line(console, text, styles[finding.severity])
+            print_line(console, f"{finding.severity.value}: {finding.check}{where}: {finding.text}", styles[finding.severity])
     if notes:
-        verdict = "accepted" if preflight.accepted else "refused"
-        console.print(f"pre-flight: {verdict}", highlight=False)
+        console.print(f"pre-flight: {'accepted' if preflight.accepted else 'refused'}", highlight=False)

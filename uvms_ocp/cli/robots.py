@@ -54,8 +54,7 @@ def schema() -> None:
 def _files(robot: str) -> Path:
     """The path as it is where there is one, or else the folder of the robot of that name."""
     path = Path(robot)
-    is_name = robot == path.name and not path.suffix
-    return robot_folder(robot) if is_name and not path.exists() else path
+    return robot_folder(robot) if robot == path.name and not path.suffix and not path.exists() else path
 
 
 def _print_robot(report: robot_check.RobotReport) -> None:
@@ -104,13 +103,11 @@ def new_robot(
     if source is None:
         if files != opt.AS_WRITTEN:
             raise InvalidInput("options of a robot's files need one: give --from URDF")
-        names = ("robot.urdf", "hydrodynamics.yaml")
-        _write({out / name: (TEMPLATES / name).read_text(encoding="utf-8") for name in names})
+        _write({out / name: (TEMPLATES / name).read_text(encoding="utf-8") for name in ("robot.urdf", "hydrodynamics.yaml")})
         return
     urdf = proposal.find_urdf(source)
     folders = [Path(place) for place in files.packages or ()]
-    keys = ("mimic", "lock", "drop")
-    loading = {key: value for key, value in files.loading.items() if key in keys}
+    loading = {key: value for key, value in files.loading.items() if key in ("mimic", "lock", "drop")}
     loading |= {} if files.meshes is None else {"meshes": "yes" if files.meshes else "no"}
     found = proposal.propose(
         urdf,
@@ -151,8 +148,7 @@ def new_mission(
     elif files != opt.AS_WRITTEN:
         load = f"return uo.load_robot(ROBOT, {', '.join(f'{key}={value!r}' for key, value in files.loading.items())})"
     mission = NewMission(robot=robot_of(name, files.hydrodynamics, files.loading), place=place, load=load)
-    varied = variations_text(mission)
-    _write({file: mission.text(file, vary), vary: varied})
+    _write({file: mission.text(file, vary), vary: variations_text(mission)})
     _say(mission.notes())
 
 
@@ -189,8 +185,7 @@ def controller(
     files: opt.RobotFiles = opt.AS_WRITTEN,
 ) -> None:
     """Write the whole controller as C source that needs libm only, with a recorded run to compare with."""
-    options = opt.given(plant=plant, robot=robot, **files.options)
     console = console_of()
     with busy(console, "running the scenario once"):
-        paths = export_controller(opt.build_scenario(scenario, options), out)
+        paths = export_controller(opt.build_scenario(scenario, opt.given(plant=plant, robot=robot, **files.options)), out)
     print_paths(console, paths)

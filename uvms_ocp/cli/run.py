@@ -128,8 +128,7 @@ def run(
     scenario = opt.build_scenario(name, options, solver)
     plan = None if follow is None else _plan_of(scenario, follow)
     parts = (opt.label(name), plant_name(scenario.plant), opt.solver_name(scenario.solver), *(("followed",) if plan else ()))
-    others = {key: value for key, value in options.items() if key != "plant"}
-    folder = out or opt.default_folder(parts, others)
+    folder = out or opt.default_folder(parts, {key: value for key, value in options.items() if key != "plant"})
     report = run_and_write(scenario, folder, console, force=force, plan=plan, live=live, drawn=drawn)
     if as_json:
         printing.print_json(report)
@@ -311,8 +310,9 @@ def _active_errors(phase: dict[str, Any]) -> Iterator[str]:
         task, _, quantity = name.rpartition(".")
         if task in phase["tasks"] and "error" in quantity:
             allowed = phase["sensors_allow"].get(name)
-            true = printing.cell(phase["true_errors"].get(name))
-            beside = "" if allowed is None else f", true {true}, sensors allow {allowed:.2g}"
+            beside = (
+                "" if allowed is None else f", true {printing.cell(phase['true_errors'].get(name))}, sensors allow {allowed:.2g}"
+            )
             yield f"{name} {printing.cell(value)}{beside}"
 
 
@@ -323,5 +323,4 @@ def _transposed(rows: list[dict[str, Any]]) -> list[dict[str, Any]]:
     if "joint_energy_j" in had:
         had |= {"thruster_energy_j", "energy_j"}
     figures = [name for name in rows[0] if name != "phase" and name in had]
-    values = [[row[figure] for row in rows] for figure in figures]
-    return [{"figure": name, **dict(zip(names, row, strict=True))} for name, row in zip(figures, values, strict=True)]
+    return [{"figure": figure, **dict(zip(names, (row[figure] for row in rows), strict=True))} for figure in figures]

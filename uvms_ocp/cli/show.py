@@ -190,11 +190,10 @@ def show_scene(
         page = _page(what, tuple(ghost or ()), robot, files, fps)
     if out is not None:
         print_paths(console, [page.write(out)])
-        return
-    if frames is not None:
+    elif frames is not None:
         _film(console, page, frames, fps)
-        return
-    _serve(console, page, port, what, browser)
+    else:
+        _serve(console, page, port, what, browser)
 
 
 def _serve(console: Console, page: ScenePage, port: int, what: str, browser: bool) -> None:
@@ -233,8 +232,7 @@ def _page(what: str, ghosts: tuple[Path, ...], robot: str | None, files: opt.Rob
 
 def _motion(path: Path, robot: Robot | None) -> Record | Plan:
     """The record of a folder or file, or else the plan, of that robot unless it is one of the library."""
-    advice = "the folder of a run, a plan or a robot, or a robot's name"
-    file = _file_at(path, (RECORD, "plan.npz", "plan.json"), advice)
+    file = _file_at(path, (RECORD, "plan.npz", "plan.json"), "the folder of a run, a plan or a robot, or a robot's name")
     readers: tuple[Callable[[Path], Record | Plan], ...] = (Record.load, partial(Plan.load, robot=robot))
     wrong: list[str] = []
     for read in readers[1:] if file.suffix == ".json" else readers:

@@ -333,8 +333,8 @@ class OutputErrorProblem:
         return [(w / sigma**2, w * r / sigma) for r, sigma in pairs for w in (weights(r, self._noise.outliers),)]
 
     def _cost(self, k: int, point: SearchPoint, seen: list[PredictedOutputs]) -> float:
-        gaps = sum(d @ d for d, _ in self._gaps(k, point, seen))
-        return float(sum(one.loss for one in seen) + self._beginnings(k, point)[1] + gaps / 2)
+        squares = sum(d @ d for d, _ in self._gaps(k, point, seen))
+        return float(sum(one.loss for one in seen) + self._beginnings(k, point)[1] + squares / 2)
 
     def _beginnings(self, k: int, point: SearchPoint) -> tuple[list[np.ndarray], float]:
         """Compute weighted residuals of the starts against what was measured there, and their cost."""

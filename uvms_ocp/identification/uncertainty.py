@@ -210,8 +210,7 @@ def slopes_of(vehicle: Vehicle, shared: np.ndarray) -> tuple[list[tuple[str, str
 def number_of(vehicle: Vehicle, one: IdentifiedNumber) -> Callable[[np.ndarray], tuple[float, np.ndarray]]:
     """One of `numbers`, as it depends on the unknowns (n,): its value [unit], or logarithm where it is positive; its slope."""
     theta = ca.SX.sym("theta", len(vehicle.shared.start))
-    pairs = _pairs(vehicle, theta)
-    (value,) = (each for entry, each in pairs if entry[:2] == (one.quantity, one.entry))
+    (value,) = (each for entry, each in _pairs(vehicle, theta) if entry[:2] == (one.quantity, one.entry))
     scaled = ca.log(value) if one.positive else value
     function = ca.Function("number", [theta], [scaled, ca.densify(ca.jacobian(scaled, theta))])
 
@@ -262,8 +261,7 @@ def _totals(quantities: dict[str, ca.SX]) -> Iterator[tuple[_Entry, ca.SX]]:
     """Yield total inertias of rigid body and added mass, about the frame of the vehicle's joint."""
     inertia = coordinates.spatial_inertia(*(quantities[name] for name in ("mass", "centre_of_mass", "second_moment")))
     for k, axis in enumerate(parameters.AXES):
-        unit = "kg" if k < len(_XYZ) else "kg m2"
-        yield (TOTAL, axis, unit, True), inertia[k, k] + quantities["added_mass"][k, k]
+        yield (TOTAL, axis, "kg" if k < len(_XYZ) else "kg m2", True), inertia[k, k] + quantities["added_mass"][k, k]
 
 
 # Whether what a search has left is white noise: then the model has nothing more to say, and samples count one by one.
@@ -321,12 +319,11 @@ def _residuals(left: Predicted, noise: Noise) -> Iterator[tuple[str, np.ndarray,
 
 
 def _whiteness(name: str, residual: np.ndarray, t: np.ndarray) -> Whiteness:
-    centred = residual - residual.mean()
     p, rho = ljung_box(residual)
     return Whiteness(
         channel=name,
         size=float(np.sqrt((residual**2).mean())),
-        inflation=bartlett(centred),
+        inflation=bartlett(residual - residual.mean()),
         p=p,
         correlation=rho,
         interval=float(np.median(np.diff(t))),

@@ -271,8 +271,8 @@ def log_messages(meta: Any) -> list[tuple[float, bytes]]:
     events = [(e.t, _INFO, f"{e.source} to {e.target}: {e.reason}") for e in getattr(meta, "events", ())]
     alarms = [(alarm.t, _WARN, alarm.text) for alarm in getattr(meta, "alarms", ())]
     faults = [(fault.t, _ERROR, fault.text) for fault in getattr(meta, "faults", ())]
-    entries = sorted([*events, *alarms, *faults], key=lambda entry: entry[0])
-    return [(t, _log_message(t, level, text)) for t, level, text in entries]
+    in_time = sorted([*events, *alarms, *faults], key=lambda entry: entry[0])
+    return [(t, _log_message(t, level, text)) for t, level, text in in_time]
 
 
 def _log_message(t: float, level: int, text: str) -> bytes:
@@ -324,10 +324,9 @@ def _channel(writer: Any, topic: Topic) -> int:
 def _of_series(name: str, array: np.ndarray, meta: Any) -> Topic:
     """Make the topic of a series, with what its columns are."""
     names, flat = flat_columns(name, array, meta, alone="value")
-    units = column_units(name, flat.shape[1], meta)
     kind, stored = _KINDS[array.dtype.kind]
     fields = field_names([column.removeprefix(f"{name}.") for column in names])
-    about = {"dtype": array.dtype.str, "columns": "\n".join(names), "units": "\n".join(units)}
+    about = {"dtype": array.dtype.str, "columns": "\n".join(names), "units": "\n".join(column_units(name, flat.shape[1], meta))}
     return Topic(
         name=f"{_SERIES}{name}",
         kind=f"uvms_ocp/{field_names([name])[0]}",
@@ -344,8 +343,9 @@ def from_mcap(path: Path) -> tuple[dict[str, np.ndarray], Any]:
     from mcap.exceptions import McapError
     from zstandard import ZstdError
 
-    damage = (McapError, DecodeError, ZstdError, OSError, ValueError, KeyError, TypeError, struct.error, MemoryError)
-    with as_input_errors(path, *damage):
+    with as_input_errors(
+        path, McapError, DecodeError, ZstdError, OSError, ValueError, KeyError, TypeError, struct.error, MemoryError
+    ):
         require_regular_file(path)
         return _read(path)
 
@@ -362,9 +362,7 @@ def _read(path: Path) -> tuple[dict[str, np.ndarray], Any]:
             metadata[channel.metadata["series"]] = channel.metadata
             decode = bytes if version == VERSION else decoders.decoder_for(channel.message_encoding, schema)
             found[channel.metadata["series"]].append(decode(message.data))
-    series = {}
-    for name, rows in found.items():
-        series[name] = values_of(rows, metadata[name]["dtype"], int(metadata[name]["axes"]))
+    series = {name: values_of(rows, metadata[name]["dtype"], int(metadata[name]["axes"])) for name, rows in found.items()}
     return series, run_meta.read_meta(own["meta"])
 
 

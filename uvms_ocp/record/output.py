@@ -116,8 +116,7 @@ def require_inside(target: Path, names: Iterable[str]) -> None:
 
 
 def _require_real_folder(folder: Path, target: Path) -> None:
-    status = _status(folder)
-    if status is None:
+    if (status := _status(folder)) is None:
         return
     if stat.S_ISLNK(status.st_mode):
         raise InvalidInput(f"{folder}: a link, which is not followed; {_ADVICE}")
@@ -134,8 +133,7 @@ def _require_writable(folder: Path) -> None:
 
 
 def _require_free(place: Path, known: Fingerprint | None) -> None:
-    status = _status(place)
-    if status is None:
+    if (status := _status(place)) is None:
         return
     if known is None:
         raise InvalidInput(f"{place}: not written by an earlier command; {_ADVICE}")

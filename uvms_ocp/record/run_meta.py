@@ -183,8 +183,7 @@ class PlanMeta(RecordMeta):
     @model_validator(mode="after")
     def _limits_each_axis(self) -> PlanMeta:
         n = len(self.axes)
-        given = (self.axis_limits.x_rate, self.axis_limits.x_acceleration)
-        if any(limits is not None and len(limits) != n for limits in given):
+        if any(limits is not None and len(limits) != n for limits in (self.axis_limits.x_rate, self.axis_limits.x_acceleration)):
             raise ValueError(f"axis_limits have one number for each of {n} axes")
         meta_values.require_unique("axes", self.axes)
         return self
@@ -229,8 +228,7 @@ _KINDS: dict[str, type[RunMeta] | type[PlanMeta]] = {"run": RunMeta, "plan": Pla
 @cache
 def packages() -> tuple[meta_values.PackageMeta, ...]:
     """This package, Python and what the numbers depend on."""
-    own = {"uvms_ocp": __version__, "python": platform.python_version()}
-    found = own | {name: version(name) for name in _DEPENDENCIES}
+    found = {"uvms_ocp": __version__, "python": platform.python_version()} | {name: version(name) for name in _DEPENDENCIES}
     return tuple(meta_values.PackageMeta(name=name, version=text) for name, text in found.items())
 
 

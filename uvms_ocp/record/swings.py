@@ -54,8 +54,7 @@ def swing_of(what: str, values: np.ndarray, dt: float) -> Swing | None:
     peaks = np.array([np.ptp(rest[a : b + 1]) / 2 for a, b in zip(turns[:-2], turns[2:], strict=True)])
     growth = float(np.exp(np.polyfit(np.arange(len(peaks)) / 2, np.log(np.maximum(peaks, 1e-12)), 1)[0]))
     regular = bool(halves.std() <= _REGULAR * halves.mean())
-    period = float(2 * dt * halves.mean())
-    return Swing(what=what, period=period, amplitude=float(peaks[-1]), growth=growth, regular=regular)
+    return Swing(what=what, period=float(2 * dt * halves.mean()), amplitude=float(peaks[-1]), growth=growth, regular=regular)
 
 
 @lru_cache(maxsize=8)

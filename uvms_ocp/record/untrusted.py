@@ -72,8 +72,7 @@ def record_files_read() -> Iterator[list[Path]]:
 
 def note_file_read(path: Path) -> None:
     """Flags to read a file, also one that others open."""
-    found = _READ.get()
-    if found is not None:
+    if (found := _READ.get()) is not None:
         found.append(path.resolve())
 
 
@@ -233,8 +232,7 @@ class _Bounded(ElementTree.TreeBuilder):
 
     def __init__(self) -> None:
         super().__init__()
-        self._depth = 0
-        self._elements = 0
+        self._depth = self._elements = 0
 
     def start(self, tag: str, attrs: dict[str, str], /) -> ElementTree.Element:
         self._depth += 1
@@ -304,8 +302,7 @@ class BoundedLoader(yaml.SafeLoader):
 
     def __init__(self, text: str) -> None:
         super().__init__(text)
-        self._depth = 0
-        self._values = 0
+        self._depth = self._values = 0
         self._sizes: dict[int, int] = {}
         """How many values a node with an anchor stands for."""
 

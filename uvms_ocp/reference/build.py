@@ -85,9 +85,8 @@ def _quantities() -> str:
 
 def _learnable() -> Mapping[str, parameters.Quantity]:
     """Of any vehicle: of actuators that have names of their own, coordinates are those."""
-    own, axes = np.eye(3), np.eye(6)
-    body: dict[str, Any] = {"mass": 1.0, "centre_of_mass": np.zeros(3), "inertia": own}
-    water: dict[str, Any] = dict.fromkeys(("added_mass", "linear_drag", "quadratic_drag"), axes)
+    body: dict[str, Any] = {"mass": 1.0, "centre_of_mass": np.zeros(3), "inertia": np.eye(3)}
+    water: dict[str, Any] = dict.fromkeys(("added_mass", "linear_drag", "quadratic_drag"), np.eye(6))
     start = parameters.NominalParameters(**body, **water, volume=1.0, centre_of_buoyancy=np.zeros(3))
     actuators = parameters.ActuatorModel(names=("thrusters",))
     return parameters.vehicle_declaration(start, np.array([-np.ones(3), np.ones(3)]), actuators).quantities
@@ -293,8 +292,7 @@ def guide_pages() -> dict[str, str]:
 
 
 def _pages_of(folder: str, names: Sequence[str]) -> dict[str, str]:
-    place = files("uvms_ocp.reference") / folder
-    return {name: (place / f"{name}.md").read_text(encoding="utf-8") for name in names}
+    return {name: (files("uvms_ocp.reference") / folder / f"{name}.md").read_text(encoding="utf-8") for name in names}
 
 
 @checked
@@ -323,8 +321,7 @@ def build_reference(folder: Path | str) -> Path:
         _write_pages(folder, written, modules)
     except OSError as error:
         raise OutputError(f"{folder}: cannot be written ({error}); choose another folder") from error
-    wrong = [str(item.message).splitlines()[0] for item in warned]
-    if wrong:
+    if wrong := [str(item.message).splitlines()[0] for item in warned]:
         raise InvalidInput(f"the reference has {len(wrong)} faults: {'; '.join(wrong[:_MOST_FAULTS])}")
     return folder / "index.html"
 
@@ -346,7 +343,6 @@ def _write_pages(folder: Path, written: dict[str, dict[str, str]], modules: tupl
     found = [(f"{name}.html", title_of(text), text) for name, text in made.items()]
     (folder / "pages.js").write_text(f"window.pages = {json.dumps(found)};\n", encoding="utf-8")
     for name, text in made.items():
-        page = page_of(title_of(text), body_of(text, modules), contents)
-        (folder / f"{name}.html").write_text(page, encoding="utf-8")
+        (folder / f"{name}.html").write_text(page_of(title_of(text), body_of(text, modules), contents), encoding="utf-8")
     first = (files("uvms_ocp.reference") / "theory" / "first_page.md").read_text(encoding="utf-8")
     (folder / "index.html").write_text(page_of("uvms_ocp", body_of(first, modules), contents), encoding="utf-8")
