@@ -411,7 +411,7 @@ def _tetrahedron() -> coal.ConvexBase:
 def test_every_shape_of_a_urdf_can_be_drawn(shape: coal.CollisionGeometry, parts: int) -> None:
     log = CommandLog()
     assert draw_shape(log.visualizer(), shape, np.ones(4))
-    assert sum(command["type"] == "set_object" for command in log.commands()) == parts
+    assert sum(umsgpack.unpackb(blob)["type"] == "set_object" for blob in log.blobs) == parts
 
 
 def test_a_shape_without_end_is_not_drawn() -> None:

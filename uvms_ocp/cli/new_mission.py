@@ -39,27 +39,24 @@ class NewMission:
         robot, tasks = self.robot, list(self._tasks())
         names = [name for _, name in tasks if name]
         safe = [name for name in names if name in ("JL", "MAC", "HA", "MP")]
-        return (
-            (TEMPLATES / "mission.py.txt")
-            .read_text(encoding="utf-8")
-            .format(
-                title=self.title,
-                file=file.name,
-                vary=vary.name,
-                robot=self.place,
-                load=self.load,
-                imports="\n".join(self._imports(tasks)),
-                constants="\n".join(self._constants(self._goal())),
-                defaults="" if self.has_forces else '"plant": "kinematic", ',
-                duration="90.0" if robot.n_vehicle else "30.0",
-                tasks="\n".join(f"        {line}" for line, _ in tasks),
-                conditions="\n".join(f"    {line}" for line in self._conditions()),
-                phases="\n".join(self._phases(names)),
-                name=file.stem if file.stem.isidentifier() else "my_mission",
-                abort=f", abort=abort_phase({', '.join(map(_quoted, safe))})" if robot.n_vehicle else "",
-                start="run.start(START)" if robot.n_vehicle else "robot.configuration()",
-                markers=self._markers(),
-            )
+        template = (TEMPLATES / "mission.py.txt").read_text(encoding="utf-8")
+        return template.format(
+            title=self.title,
+            file=file.name,
+            vary=vary.name,
+            robot=self.place,
+            load=self.load,
+            imports="\n".join(self._imports(tasks)),
+            constants="\n".join(self._constants(self._goal())),
+            defaults="" if self.has_forces else '"plant": "kinematic", ',
+            duration="90.0" if robot.n_vehicle else "30.0",
+            tasks="\n".join(f"        {line}" for line, _ in tasks),
+            conditions="\n".join(f"    {line}" for line in self._conditions()),
+            phases="\n".join(self._phases(names)),
+            name=file.stem if file.stem.isidentifier() else "my_mission",
+            abort=f", abort=abort_phase({', '.join(map(_quoted, safe))})" if robot.n_vehicle else "",
+            start="run.start(START)" if robot.n_vehicle else "robot.configuration()",
+            markers=self._markers(),
         )
 
     @property

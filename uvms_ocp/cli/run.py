@@ -310,9 +310,8 @@ def _active_errors(phase: dict[str, Any]) -> Iterator[str]:
         task, _, quantity = name.rpartition(".")
         if task in phase["tasks"] and "error" in quantity:
             allowed = phase["sensors_allow"].get(name)
-            beside = (
-                "" if allowed is None else f", true {printing.cell(phase['true_errors'].get(name))}, sensors allow {allowed:.2g}"
-            )
+            true = printing.cell(phase["true_errors"].get(name))
+            beside = "" if allowed is None else f", true {true}, sensors allow {allowed:.2g}"
             yield f"{name} {printing.cell(value)}{beside}"
 
 

@@ -318,11 +318,8 @@ def _unknown(key: str, one: ChannelMapping, table: tables.TableColumns) -> Itera
     n, m = int((lost & ~foreign).sum()), int((~foreign).sum())
     if n:
         text = f"{n} of {m} rows have NaN ({_named(one, open_cells[~foreign].any(axis=0))}) and are left out"
-        yield (
-            key,
-            text
-            + (", and a fit takes the command before them for what was asked" if recordings.CHANNEL_KINDS[key].command else ""),
-        )
+        command = recordings.CHANNEL_KINDS[key].command
+        yield key, text + (", and a fit takes the command before them for what was asked" if command else "")
     geographic = [name for name in one.fields if name.rpartition(".")[2].lower().startswith(("lat", "lon", "lng"))]
     if key == "position" and geographic:
         yield key, f"{', '.join(geographic)} are degrees on the globe: give metres east and north of a point"
@@ -418,11 +415,8 @@ def _quaternions(one: ChannelMapping, values: np.ndarray) -> np.ndarray:
         if there.sum() > 1 and abs(most) > 2.0 * others:
             raise InvalidInput(f"attitude: {raw:.10g} in {there.sum()} of {len(values)} rows: give missing: [{raw:.10g}]")
         raise InvalidInput(f"attitude: angles up to {np.abs(values).max():.4g} rad given; in deg? give its unit")
-    R = (
-        Rotation.from_euler("xyz", values)
-        if width == 3
-        else Rotation.from_quat(values, scalar_first=one.format == "quaternion wxyz")
-    )
+    w_first = one.format == "quaternion wxyz"
+    R = Rotation.from_euler("xyz", values) if width == 3 else Rotation.from_quat(values, scalar_first=w_first)
     world, body = (Rotation.from_matrix(_DOWN if z_down else np.eye(3)) for z_down in (one.world == "NED", one.body == "FRD"))
     return np.asarray((world * R * body).as_quat())
 

@@ -60,9 +60,8 @@ def read_table(
         places = [place_of(path, layout.names, name) for name in wanted]
         asked = {place: word for place, word in zip(places, words, strict=False) if word is not None}
         values, remarks = text_columns(path, places, layout, asked)
-        return TableColumns(
-            values=values, units=tuple(layout.units[place] for place in places), remarks=remarks, layout=str(layout)
-        )
+        units = tuple(layout.units[place] for place in places)
+        return TableColumns(values=values, units=units, remarks=remarks, layout=str(layout))
     values = _from_parquet(path, wanted) if kind == "parquet" else _from_arrays(path, wanted)
     return TableColumns(values=values, units=("",) * len(wanted))
 

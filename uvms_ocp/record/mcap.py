@@ -271,8 +271,8 @@ def log_messages(meta: Any) -> list[tuple[float, bytes]]:
     events = [(e.t, _INFO, f"{e.source} to {e.target}: {e.reason}") for e in getattr(meta, "events", ())]
     alarms = [(alarm.t, _WARN, alarm.text) for alarm in getattr(meta, "alarms", ())]
     faults = [(fault.t, _ERROR, fault.text) for fault in getattr(meta, "faults", ())]
-    in_time = sorted([*events, *alarms, *faults], key=lambda entry: entry[0])
-    return [(t, _log_message(t, level, text)) for t, level, text in in_time]
+    entries = sorted([*events, *alarms, *faults], key=lambda entry: entry[0])
+    return [(t, _log_message(t, level, text)) for t, level, text in entries]
 
 
 def _log_message(t: float, level: int, text: str) -> bytes:
@@ -343,9 +343,8 @@ def from_mcap(path: Path) -> tuple[dict[str, np.ndarray], Any]:
     from mcap.exceptions import McapError
     from zstandard import ZstdError
 
-    with as_input_errors(
-        path, McapError, DecodeError, ZstdError, OSError, ValueError, KeyError, TypeError, struct.error, MemoryError
-    ):
+    damage = (McapError, DecodeError, ZstdError, OSError, ValueError, KeyError, TypeError, struct.error, MemoryError)
+    with as_input_errors(path, *damage):
         require_regular_file(path)
         return _read(path)
 

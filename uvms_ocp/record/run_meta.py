@@ -222,6 +222,12 @@ def joint_errors(series: Mapping[str, Any], meta: RunMeta | PlanMeta) -> Any:
     return measured - true - turns * np.round((measured - true) / (2 * np.pi))
 
 
+def level_rows(meta: RecordMeta) -> list[tuple[str, slice]]:
+    """Return the name of each level, and which columns of `activity` and `residual` are its rows."""
+    ends = np.cumsum([level.rows for level in meta.levels]).tolist()
+    return [(level.name, slice(end - level.rows, end)) for level, end in zip(meta.levels, ends, strict=True)]
+
+
 _KINDS: dict[str, type[RunMeta] | type[PlanMeta]] = {"run": RunMeta, "plan": PlanMeta}
 
 

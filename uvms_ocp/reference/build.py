@@ -198,14 +198,13 @@ def place_of(name: str) -> tuple[ModuleType, str]:
     """The module of a name in full, and the rest of it. Raises `NameNotFound` where there is no such thing."""
     parts = name.split(".")
     n = next(k for k in range(len(parts), 0, -1) if _is_module(".".join(parts[:k])))
-    thing: object = importlib.import_module(".".join(parts[:n]))
-    module = thing
+    module = importlib.import_module(".".join(parts[:n]))
+    thing: object = module
     for part in parts[n:]:
         fields = getattr(thing, "__annotations__", {})
         if not hasattr(thing, part) and part not in fields:
             raise NameNotFound(f"name in {'.'.join(parts[:n])}", part, [key for key in dir(thing) if key[0] != "_"])
         thing = getattr(thing, part, None)
-    assert isinstance(module, ModuleType)
     return module, ".".join(parts[n:])
 
 

@@ -11,6 +11,7 @@ from uvms_ocp.checks import checked
 from uvms_ocp.errors import InvalidInput
 from uvms_ocp.record.display import TableRows
 from uvms_ocp.record.record import Record, require_every_tick
+from uvms_ocp.record.run_meta import level_rows
 from uvms_ocp.report import metrics
 
 # Two runs, or two plans, side by side.
@@ -129,11 +130,9 @@ def _rows(name: str, record: Record) -> list[dict[str, Any]]:
 
 def _lost(record: Record) -> np.ndarray:
     above = {task.name: k for k, task in enumerate(record.meta.tasks) if not task.label.endswith(_NOT_ABOVE)}
-    lost, start = np.zeros(len(record)), 0
-    for level in record.meta.levels:
-        end = start + level.rows
-        if level.name in above:
-            on = record["activations"][:, above[level.name]] >= 1.0
-            lost = np.maximum(lost, np.where(on, np.linalg.norm(record["residual"][:, start:end], axis=1), 0.0))
-        start = end
+    lost = np.zeros(len(record))
+    for name, rows in level_rows(record.meta):
+        if name in above:
+            on = record["activations"][:, above[name]] >= 1.0
+            lost = np.maximum(lost, np.where(on, np.linalg.norm(record["residual"][:, rows], axis=1), 0.0))
     return lost

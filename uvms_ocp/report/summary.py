@@ -12,7 +12,7 @@ from uvms_ocp.errors import InvalidInput, NameNotFound
 from uvms_ocp.record.display import SmallTable, TableDisplay, cell
 from uvms_ocp.record.meta_values import ABORT, DONE, OWN_QUANTITIES, EventMeta, ThresholdMeta
 from uvms_ocp.record.record import Record, keeps_every_tick, quantity
-from uvms_ocp.record.run_meta import RunMeta, versions
+from uvms_ocp.record.run_meta import RunMeta, level_rows, versions
 from uvms_ocp.report import metrics
 from uvms_ocp.solvers.hierarchy.solution import Status
 
@@ -157,11 +157,8 @@ def _obstruction(record: Record, name: str) -> str:
     if waiting not in tasks:
         return "no task of the record measures it"
     own = tasks.index(waiting)
-    activity, active = record["activity"][-1], []
-    ends = np.cumsum([level.rows for level in record.meta.levels])
-    for level, end in zip(record.meta.levels, ends, strict=True):
-        if level.name in tasks[:own] and activity[end - level.rows : end].max(initial=0.0) > 0:
-            active.append(level.name)
+    activity, levels = record["activity"][-1], level_rows(record.meta)
+    active = [task for task, rows in levels if task in tasks[:own] and activity[rows].max(initial=0.0) > 0]
     above = f"active above it: {', '.join(active)}" if active else "nothing above it is active"
     n = max(1, round(_WINDOW / record.run_meta.dt))
     full = float(np.mean(metrics.mean_sizes(record, "saturated", slice(-n, None)))) if "saturated" in record.series else 0.0

@@ -49,12 +49,9 @@ class FaultSpan:
 
 def fault_spans(record: Record) -> tuple[FaultSpan, ...]:
     """Faults of a run that began before its end; none of a plan."""
-    last, found = float(record["t"][-1]), []
-    for fault in getattr(record.meta, "faults", ()):
-        if fault.t <= last:
-            end = last if fault.end is None else min(fault.end, last)
-            found.append(FaultSpan(name=fault.text.partition("@")[0], start=fault.t, end=end, ended=end < last))
-    return tuple(found)
+    last = float(record["t"][-1])
+    ends = ((one, last if one.end is None else min(one.end, last)) for one in getattr(record.meta, "faults", ()) if one.t <= last)
+    return tuple(FaultSpan(name=one.text.partition("@")[0], start=one.t, end=end, ended=end < last) for one, end in ends)
 
 
 def axis_label(text: str, name: str, part: str = "", prefix: str = "", meta: Any = None) -> str:
@@ -139,12 +136,7 @@ def task_gate(record: Record, task: str) -> np.ndarray | None:
 
 def task_activity(record: Record, task: str) -> np.ndarray | None:
     """Activation (n, rows) of a task's rows; `None` where the task has no level."""
-    start = 0
-    for level in record.meta.levels:
-        if level.name == task:
-            return record["activity"][:, start : start + level.rows]
-        start += level.rows
-    return None
+    return next((record["activity"][:, rows] for name, rows in run_meta.level_rows(record.meta) if name == task), None)
 
 
 def axis_names(record: Record, n: int) -> list[str]:

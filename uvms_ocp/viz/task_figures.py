@@ -135,8 +135,7 @@ def figure_altitude(record: Record, *, fig: style.Given = None, width: style.Wid
     altitude = np.where(np.isfinite(altitude), altitude, np.nan)
     highest, limits = float(np.nanmax(altitude)), recorded.thresholds(record, name)
     near = 2.5 * max([*limits, float(np.nanmin(altitude))])
-    n = 2 if near < highest else 1
-    figure, axes = style.stacked(n, 1.75, "Altitude of the altimeter above the floor", fig, width)
+    figure, axes = style.stacked(2 if near < highest else 1, 1.75, "Altitude of the altimeter above the floor", fig, width)
     for axis in axes:
         axis.plot(t, altitude, color=style.BLUE, label="altitude")
         for limit in limits:

@@ -145,7 +145,7 @@ def beam_clip(frames: Frames, reach: np.ndarray, fps: float) -> AnimationClip:
 # Other motions of the same robot beside the record's: translucent, each in a colour of its own, at the same time.
 
 _COLOURS = ((0.35, 0.85, 1.0), (1.0, 0.6, 0.25), (0.75, 0.6, 1.0), (0.5, 0.95, 0.55))
-_OPACITY = 0.32
+OPACITY = 0.32
 NO_GHOSTS: Mapping[str, Record] = MappingProxyType({})
 
 
@@ -159,11 +159,6 @@ class Ghost:
     rgb: tuple[float, float, float]
     """(3,) from 0 to 1."""
     frames: Frames
-
-    @property
-    def rgba(self) -> tuple[float, float, float, float]:
-        """(4,) of its shapes."""
-        return (*self.rgb, _OPACITY)
 
 
 def ghosts_of(records: Mapping[str, Record], robot: Robot, fps: float) -> Iterator[Ghost]:

@@ -63,10 +63,6 @@ class CommandLog:
         """Load one clip per path; the page starts and drives them."""
         self.send(SetAnimation(Animation(clips=dict(clips)), play=False))
 
-    def commands(self) -> Iterator[Any]:
-        """The commands as plain values."""
-        return (umsgpack.unpackb(blob) for blob in self.blobs)
-
 
 @checked_dataclass()
 class ScenePage:

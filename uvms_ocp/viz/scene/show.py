@@ -201,7 +201,7 @@ def _draw(
     """Everything that meshcat draws and moves; returns the trails, and whether there is a beam."""
     draw_robot(root["robot"], robot)
     for ghost in ghosts:
-        draw_robot(root[ghost.node], robot, ghost.rgba)
+        draw_robot(root[ghost.node], robot, (*ghost.rgb, animation.OPACITY))
     draw_goals(root["goals"], record)
     draw_obstacles(root["obstacles"], record)
     clips: dict[Any, Any] = {root["goals"][name].path: clip for name, clip in animation.goal_clips(record, frames, fps)}
