@@ -71,8 +71,7 @@ class CodeSource:
         here = self.located()
         if self.attribute == "scenario":
             return load_scenario(here.words, here.options, SCENARIOS)
-        code = own_code(here.words, self.attribute)
-        if code is None:
+        if (code := own_code(here.words, self.attribute)) is None:
             raise InvalidInput(f"{here.words!r} is no Python code; give FILE.py, FILE.py:NAME or PACKAGE.MODULE:NAME")
         found = code.load()
         return found() if callable(found) else found

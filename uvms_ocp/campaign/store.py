@@ -85,8 +85,7 @@ def types_of(work: CampaignJob) -> dict[str, Kind]:
 
 def read_manifest(folder: Path) -> CampaignManifest:
     """Read the manifest of the campaign in a folder. Raises `InvalidInput` where there is none, or a damaged one."""
-    found = read_as(CampaignManifest, folder / FILE)
-    if found is None:
+    if (found := read_as(CampaignManifest, folder / FILE)) is None:
         raise InvalidInput(f"{folder}: no campaign is there; give the folder of one, or a mission with --out")
     return found
 
@@ -139,8 +138,7 @@ def read_rows(folder: Path, identity: CampaignManifest) -> Any:
     Raises `InvalidInput` for a file that is damaged, and for rows that are not of this campaign.
     """
     pa, schema = arrow(), schema_of(identity.types)
-    tables = [_read(path, schema) for path in part_paths(folder)]
-    if not tables:
+    if not (tables := [_read(path, schema) for path in part_paths(folder)]):
         return schema.empty_table()
     table = pa.concat_tables(tables)
     if wrong := _not_of(table, identity):

@@ -304,8 +304,7 @@ def _library(folder: Path) -> ctypes.CDLL:
     except OSError as error:
         raise InvalidInput(f"{folder} has no controller: {error.strerror}; `uvms-ocp export controller` writes one") from None
     source, *others = (text.replace(_INCLUDE, header) for text in files)
-    path = compile_library(source, name="the exported controller", others=others)
-    if path is None:
+    if (path := compile_library(source, name="the exported controller", others=others)) is None:
         raise InvalidInput(f"the controller in {folder} cannot be compiled; give a C compiler (CC, cc, gcc, clang)")
     return loaded_library(path)
 

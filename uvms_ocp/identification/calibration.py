@@ -150,8 +150,7 @@ def require_current(subject: CalibratedRobot, recording: Recording) -> None:
 
 def _of_current(current: Channel, *, learnt: bool) -> Iterator[QualityIssue]:
     values = current.values - (current.values.mean(axis=0) if learnt else 0.0)
-    size = float(np.linalg.norm(values, axis=1).max())
-    if size > _FLOWS:
+    if (size := float(np.linalg.norm(values, axis=1).max())) > _FLOWS:
         taken = ("that a fit takes for still water: learn it", "about its mean, and a fit takes it for steady")[learnt]
         yield QualityIssue(channel="current", problem=f"up to {size:.2g} m/s {taken}")
 

@@ -200,8 +200,7 @@ def _columns(rate: np.ndarray, seen: np.ndarray) -> Iterator[tuple[str, str]]:
         fits = {j: checks.correlation(seen[:, k], rate[:, j]) for j in moving}
         best = max(fits, key=lambda j: abs(fits[j]))
         if fits[k] < _OTHER and abs(fits[best]) > fits[k] + _BETTER:
-            sign = "minus " if fits[best] < 0 else ""
-            yield _NAMES[1], f"{k} fits {sign}the rate of position {best}"
+            yield _NAMES[1], f"{k} fits {'minus ' if fits[best] < 0 else ''}the rate of position {best}"
 
 
 # What accelerates a vehicle beside drag, weight and the turning of its frame, and what of a command stands beside these.

@@ -164,8 +164,7 @@ class TrajectorySimulator:
     def states(self, u: np.ndarray) -> np.ndarray:
         """(n + 1, n_x) [as `StageFunctions`] after commands u (n, n_u) [N, N m] as they act."""
         x = np.concatenate([_AT_REST, np.zeros(model.N_V + self._stage.n_u)])
-        whole = self._rollout.many("step", self._rollout.step, len(u), 1)
-        (after,) = self._outputs(("step", len(u)), whole, x, *self._given(u))
+        (after,) = self._outputs(("step", len(u)), self._rollout.many("step", self._rollout.step, len(u), 1), x, *self._given(u))
         return np.vstack([x, after.T])
 
     def of(self, u: np.ndarray, late: np.ndarray) -> ExperimentTrajectory:
@@ -185,8 +184,7 @@ class TrajectorySimulator:
         M: (n + 1, 9, n_p) [1 / unit of J] is how it changes with J, with_x: (n + 1, n_x) [1 / unit of x] with x itself.
         """
         A, _, C = one.slopes
-        direct = np.swapaxes(one.y_x, 1, 2) @ M
-        L = _backward(A, direct)[1:]
+        L = _backward(A, np.swapaxes(one.y_x, 1, 2) @ M)[1:]
         late = L @ self._late
         weights = L @ np.swapaxes(one.S[:-1], 1, 2), L, late[:, :, None] * one.late[:, None, :]
         found = self._mapped("bent", self._functions[0], one.x[:-1].T, *self._given(one.u), *_wide(weights))

@@ -320,8 +320,7 @@ def _value_at(message: Any, steps: Sequence[str]) -> Any:
 
 
 def _field(value: Any, name: str) -> Any:
-    names = _names_in(value)
-    require_known("field", name, names)
+    require_known("field", name, _names_in(value))
     return value[name] if isinstance(value, Mapping) else getattr(value, name)
 
 

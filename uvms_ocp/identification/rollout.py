@@ -57,8 +57,7 @@ class Segment:
 
     def first(self, duration: float) -> Segment:
         """Return its first part of some duration [s], at least a step."""
-        n = min(max(1, round(duration / self.step)), len(self.edges) - 1)
-        return _cut(self, 0, n, self.q, self.v)
+        return _cut(self, 0, min(max(1, round(duration / self.step)), len(self.edges) - 1), self.q, self.v)
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
@@ -91,8 +90,7 @@ class PreparedRecording:
             velocity = recordings.pose_velocity(channels["position"], attitude, POSE_INTERVAL)
             recording = replace(recording, channels={**channels, "linear_velocity": velocity})
         recording.channel("linear_velocity")
-        rate = recording.channels.get("angular_velocity")
-        if rate is None:
+        if (rate := recording.channels.get("angular_velocity")) is None:
             t, omega = recordings.angular_rate(attitude, window)
             at = attitude.undelayed_t[(attitude.undelayed_t >= t[0]) & (attitude.undelayed_t <= t[-1])]
             rate = recordings.Channel(t=at, values=recordings.interpolated(at, t, omega))
@@ -111,8 +109,7 @@ class PreparedRecording:
         if total < n:
             given = f"{self.recording.name}: {end - begin:.4g} s in stretches of {duration or np.inf:g} s"
             raise InvalidInput(f"{given}; a step takes {step:g} s: record more, or give longer stretches or shorter steps")
-        whole = self._whole(begin + step * np.arange(total + 1))
-        return self._parts(whole, total // n * np.arange(n), total // n)
+        return self._parts(self._whole(begin + step * np.arange(total + 1)), total // n * np.arange(n), total // n)
 
     def windows(self, step: float, known: float, horizon: float) -> tuple[Segment, ...]:
         """Stretches in steps of `step` [s], of the times `known` [s] and `horizon` [s] after it, that begin a horizon apart.

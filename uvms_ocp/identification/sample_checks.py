@@ -322,8 +322,7 @@ def _units(name: str, channel: Channel) -> Iterator[str]:
 
 
 def _too_fast(values: np.ndarray, most: float, unit: str, other: str) -> Iterator[str]:
-    usual = float(np.percentile(np.abs(values).max(axis=1), _FOR_LONG))
-    if usual > most:
+    if (usual := float(np.percentile(np.abs(values).max(axis=1), _FOR_LONG))) > most:
         yield f"up to {usual:.3g} {unit} for a tenth of the time: is it in {other}?"
 
 
@@ -431,6 +430,5 @@ def _unrecorded(recording: Recording) -> Iterator[tuple[str, str]]:
     if not zero or "linear_velocity" not in recording.channels:
         return
     values = recording.channels["linear_velocity"].values
-    spread = float(np.linalg.norm(values[len(values) // 2 :].std(axis=0)))
-    if spread > _DRIVEN:
+    if np.linalg.norm(values[len(values) // 2 :].std(axis=0)) > _DRIVEN:
         yield from ((name, "zero throughout, and the vehicle moves to the end: what drove it?") for name in zero)

@@ -304,8 +304,7 @@ def _unusual(cell: str, name: str, number: int, layout: TextLayout) -> float:
         return float(cell.replace(",", ""))
     if layout.time:
         return datetime.strptime(cell, layout.time).replace(tzinfo=timezone.utc).timestamp()
-    found = _TIME.fullmatch(cell)
-    if not found:
+    if not (found := _TIME.fullmatch(cell)):
         given = f"row {number}, column {name!r}: {cell[:40]!r} is no number"
         read = "numbers, empty cells and times as 2024-05-31T23:59:59.5 or 23:59:59.5 are read"
         raise InvalidInput(f"{given}; {read}, others by `table: {{time: '%d/%m/%Y %H:%M:%S.%f'}}` or their like")

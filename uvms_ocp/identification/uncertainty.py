@@ -61,8 +61,7 @@ def unidentifiable_directions(
     values, axes = np.linalg.eigh(_data(vehicle, estimate, inflation))
     found = []
     for value, axis in zip(values, axes.T, strict=True):
-        sigma = 1.0 / np.sqrt(max(float(value), _NOTHING))
-        if sigma > DETERMINED:
+        if (sigma := 1.0 / np.sqrt(max(float(value), _NOTHING))) > DETERMINED:
             order = np.argsort(-np.abs(axis))
             main = [i for i in order if abs(axis[i]) > _LEAST_SHARE * abs(axis[order[0]])]
             shares = tuple((vehicle.shared.names[i], float(axis[i])) for i in main)

@@ -88,8 +88,7 @@ def profiles(
     a simulation of all recordings for each value at which it is held, and a search where that shows that all is not linear.
     """
     wide = fitted.inflated(inflation)
-    chosen = list(_distinct(wide, [one for one in numbers if one.determined]))
-    if not chosen:
+    if not (chosen := list(_distinct(wide, [one for one in numbers if one.determined]))):
         return
     # The optimum itself: searches end a little beside it, which deviances would show.
     problem, estimate = wide.problem(), fitted.estimate

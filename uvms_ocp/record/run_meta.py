@@ -266,8 +266,7 @@ def read_meta(text: str) -> RunMeta | PlanMeta:
 def _model(values: dict[str, Any]) -> type[RunMeta] | type[PlanMeta]:
     if values["version"] != VERSION:
         raise InvalidInput(f"format {short(values['version'])}; this version reads {VERSION} and 0.1: install a newer one")
-    kind = str(values.get("kind"))
-    if kind not in _KINDS:
+    if (kind := str(values.get("kind"))) not in _KINDS:
         raise InvalidInput(f"a record of neither a run nor a plan, but {short(kind)}; give what `run` or `plan` wrote")
     return _KINDS[kind]
 

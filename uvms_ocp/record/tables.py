@@ -49,8 +49,7 @@ def _units(text: str) -> Mapping[str, str]:
 
 def _rows(table: str) -> list[list[str]]:
     """Rows of a table beside this file, without its head."""
-    text = (files("uvms_ocp.record") / table).read_text(encoding="utf-8")
-    return [*csv.reader(text.splitlines())][1:]
+    return [*csv.reader((files("uvms_ocp.record") / table).read_text(encoding="utf-8").splitlines())][1:]
 
 
 def _described() -> Iterator[list[str]]:
@@ -178,8 +177,7 @@ def require_numbers(file: Any, path: Path, columns: Sequence[str]) -> None:
         kind = schema.field(name).type
         if not any(getattr(types, test)(kind) for test in _NUMBERS):
             raise InvalidInput(f"{path}: column {name} holds {str(kind)[:60]}; numbers are read")
-    size = 8 * file.metadata.num_rows * len(columns)
-    if size > max(SMALL, DENSEST * path.stat().st_size):
+    if (size := 8 * file.metadata.num_rows * len(columns)) > max(SMALL, DENSEST * path.stat().st_size):
         given = f"{path}: {size / 1e9:.3g} GB of numbers in {path.stat().st_size / 1e6:.3g} MB"
         raise InvalidInput(f"{given}; at most {DENSEST} times a file are read")
 

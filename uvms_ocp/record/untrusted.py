@@ -164,8 +164,7 @@ def _members(archive: ZipFile, size: int) -> dict[str, ZipInfo]:
     for member in listed:
         if not member.filename.endswith(_SUFFIX):
             raise InvalidInput(f"{member.filename[:60]!r} in it is no array")
-    total = sum(member.file_size for member in listed)
-    if total > max(SMALL, DENSEST * size):
+    if (total := sum(member.file_size for member in listed)) > max(SMALL, DENSEST * size):
         given = f"{total / 1e9:.3g} GB of arrays in {size / 1e6:.3g} MB"
         raise InvalidInput(f"{given}; at most {DENSEST} times a file are read")
     members = {member.filename.removesuffix(_SUFFIX): member for member in listed}

@@ -142,8 +142,7 @@ def estimate_table(record: Record) -> list[dict[str, Any]]:
     """
     if not {"q_estimated", "q_std"} <= record.series.keys():
         return []
-    half = slice(len(record) // 2, None)
-    q, measured, spread = (record[name][half] for name in ("q", "q_estimated", "q_std"))
+    q, measured, spread = (record[name][len(record) // 2 :] for name in ("q", "q_estimated", "q_std"))
     floating, errors = record.run_meta.floating, joint_errors({"q": q, "q_estimated": measured}, record.meta)
     n = 0 if errors is None else errors.shape[1]
     slides = _slides(record.run_meta) if n else np.zeros(0, dtype=bool)

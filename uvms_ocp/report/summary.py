@@ -117,8 +117,7 @@ def _unfinished(record: Record) -> dict[str, str]:
         return {"kind": "slow", "text": f"phase {phase}: its conditions hold, but not yet for long enough"}
     if unknown := [item.quantity for item in waiting if np.isnan(_trend(record, item)[0])]:
         return {"kind": "stalled", "text": f"phase {phase}: {unknown[0]} is not known, and its condition not met"}
-    trends = [(item, *_trend(record, item)) for item in waiting]
-    item, now, gained = min(trends, key=lambda trend: trend[2])
+    item, now, gained = min(((item, *_trend(record, item)) for item in waiting), key=lambda trend: trend[2])
     what = f"phase {phase}: {item.quantity} = {now:.4g} against a limit of {item.limit:g}"
     if gained > _PROGRESS:
         return {"kind": "slow", "text": f"{what} was still improving, by {100 * gained:.0f} % in the last 5 s"}
@@ -153,8 +152,7 @@ def _trend(record: Record, condition: ThresholdMeta) -> tuple[float, float]:
 def _obstruction(record: Record, name: str) -> str:
     """Tasks that rank above the one that waits and are active, and drives at their limits."""
     tasks = [task.name for task in record.meta.tasks]
-    waiting = name.rpartition(".")[0]
-    if waiting not in tasks:
+    if (waiting := name.rpartition(".")[0]) not in tasks:
         return "no task of the record measures it"
     own = tasks.index(waiting)
     activity, levels = record["activity"][-1], level_rows(record.meta)

@@ -94,8 +94,7 @@ def figure_left_out(found: Sequence[HeldOutRecording]) -> Figure:
 
 
 def _bars(axis: Axes, found: Sequence[HeldOutRecording], asked: Sequence[float], i: int) -> None:
-    names = list(next((each.by for one in found for each in one.horizons), ()))
-    if not names:
+    if not (names := list(next((each.by for one in found for each in one.horizons), ()))):
         return
     chosen = [[each for one in found for each in one.horizons if each.asked == horizon] for horizon in asked]
     heights = np.array([[np.median([errors(each.by[name])[i] for each in some]) for some in chosen] for name in names])

@@ -190,8 +190,7 @@ def figure_joints(record: Record, *, fig: style.Given = None, width: style.Width
 
 def _joint_bounds(record: Record, n: int) -> tuple[list[np.ndarray], list[np.ndarray]]:
     """Bounds (n,) of positions and of velocities; none where the record tells no limits."""
-    limits = record.meta.limits
-    if limits is None:
+    if (limits := record.meta.limits) is None:
         return [], []
     velocity = np.array(limits.velocity)[-n:]
     return [np.array(limits.position_lower)[-n:], np.array(limits.position_upper)[-n:]], [velocity, -velocity]

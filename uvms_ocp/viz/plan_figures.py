@@ -89,8 +89,7 @@ def _motion(record: Record, names: Collection[str], parts: Sequence[str], title:
     if "x" not in record.series:
         return None
     planned = record.plan_meta.axes
-    wanted = [i for i, name in enumerate(planned) if name in names]
-    if not wanted:
+    if not (wanted := [i for i, name in enumerate(planned) if name in names]):
         return None
     rows = [(series, label) for series, label in _ROWS if series in record.series]
     figure, axes = style.stacked(len(rows), 1.25, title, *page)

@@ -306,8 +306,7 @@ def save_figure(figure: Figure, path: Path) -> Path:
 @contextmanager
 def _laid_out(figure: Figure) -> Iterator[None]:
     """With every artist in its place: left to find them itself, Matplotlib draws all of it once more."""
-    engine = figure.get_layout_engine()
-    if engine is not None:
+    if (engine := figure.get_layout_engine()) is not None:
         with context(_STYLE):
             engine.execute(figure)
     figure.set_layout_engine(None)

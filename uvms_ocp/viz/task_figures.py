@@ -66,8 +66,7 @@ def _quantity_figure(
     record: Record, rows: Sequence[tuple[str, str, str]], title: str, panel: _Panel, page: style.Page
 ) -> Figure | None:
     """One panel per row (quantity, label, colour) that the record has."""
-    known = [row for row in rows if quantity(record, row[0]) is not None]
-    if not known:
+    if not (known := [row for row in rows if quantity(record, row[0]) is not None]):
         return None
     figure, axes = style.stacked(len(known), 1.75, title + recorded.estimate_suffix(record), *page)
     for axis, (name, label, color) in zip(axes, known, strict=True):

@@ -65,8 +65,7 @@ def robot_details(robot: Robot) -> dict[str, Any]:
 
 def _relief(record: Record, centre: np.ndarray) -> dict[str, Any] | None:
     """The floor that is not flat, in the frame of the page."""
-    relief = record.meta.surroundings.floor
-    if relief is None:
+    if (relief := record.meta.surroundings.floor) is None:
         return None
     axes = {"x": relief.x, "y": relief.y, "z": relief.z}
     moved = zip(axes, axes.values(), centre, strict=True)
@@ -83,8 +82,7 @@ def _robot_size(robot: Robot) -> float:
 
 def _viewing_direction(record: Record, frames: Frames, *, forward: float) -> list[float]:
     """Return the direction to look from: the side of the run's horizontal way, `forward` of it and a little above."""
-    points = surroundings.extent(record, frames)
-    way = (points[-1] - frames.placements[0, 1, :3])[:2]
+    way = (surroundings.extent(record, frames)[-1] - frames.placements[0, 1, :3])[:2]
     length = float(np.linalg.norm(way))
     ahead = way / length if length > _SHORT_WAY else np.array([1.0, 0.0])
     side = np.array([ahead[1], -ahead[0]])

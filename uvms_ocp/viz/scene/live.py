@@ -100,8 +100,7 @@ class LiveView:
             self._shown.update(
                 {"application/javascript": self._handed_on(_frame(self._robot, self._data, t, state, command))}, raw=True
             )
-        early = self._began + t / self._speed - time.monotonic()
-        if early > 0.0:
+        if (early := self._began + t / self._speed - time.monotonic()) > 0.0:
             time.sleep(early)
 
     def frames(self) -> Iterator[str]:
