@@ -95,14 +95,15 @@ def mount(
 
     Raises ``InvalidInput`` for parts that do not fit and ``FrameNotFound``.
     """
-    _check_parts(vehicle, arm)
+    if not vehicle.n_vehicle:
+        raise InvalidInput(f"vehicle {vehicle.name!r} has a fixed base; load it with base='free_flyer'")
+    if arm.n_vehicle:
+        raise InvalidInput(f"arm {arm.name!r} has a free-flying base; load it with base='fixed'")
     prefix = f"{arm.name}_" if prefix is None else prefix
-    renamed = _prefixed(arm, prefix)
-    joined = _joined(vehicle, renamed, X_BA)
+    joined = _joined(vehicle, _prefixed(arm, prefix), X_BA)
     if flange is not None:
         _add_tool(vehicle, joined.model, prefix + arm.model.frames[arm.frame_id(flange)].name)
-    description = _joined_description(vehicle.description, arm, links, prefix)
-    return loading.robot_of(joined, description, f"{vehicle.name}+{arm.name}")
+    return loading.robot_of(joined, _joined_description(vehicle.description, arm, links, prefix), f"{vehicle.name}+{arm.name}")
 
 
 @checked
@@ -120,13 +121,6 @@ def without_arm(robot: Robot) -> Robot:
     sensors = {key: name if (name := getattr(before, key)) in kept else None for key in ("altimeter", "dvl")}
     alone = checked_copy(before, joints={}, links=links, trim=trim, tool=None, **sensors)
     return loading.robot_of(_base_only(robot), alone, robot.name)
-
-
-def _check_parts(vehicle: Robot, arm: Robot) -> None:
-    if not vehicle.n_vehicle:
-        raise InvalidInput(f"vehicle {vehicle.name!r} has a fixed base; load it with base='free_flyer'")
-    if arm.n_vehicle:
-        raise InvalidInput(f"arm {arm.name!r} has a free-flying base; load it with base='fixed'")
 
 
 def _prefixed(arm: Robot, prefix: str) -> UrdfModels:
@@ -187,8 +181,7 @@ def _base_only(robot: Robot) -> UrdfModels:
     old_to_new = {0: 0}
     for i, frame in enumerate(robot.model.frames):
         if i > 0 and frame.parentJoint <= 1:
-            parent = old_to_new[frame.parentFrame]
-            copy = pin.Frame(frame.name, frame.parentJoint, parent, frame.placement, frame.type)
+            copy = pin.Frame(frame.name, frame.parentJoint, old_to_new[frame.parentFrame], frame.placement, frame.type)
             old_to_new[i] = model.addFrame(copy, False)
     visual, collision = (_shapes_on(shapes, old_to_new) for shapes in (robot.visual_model, robot.collision_model))
     return UrdfModels(name=robot.name, model=model, visual=visual, collision=collision)
@@ -285,8 +278,7 @@ def trim_body(name: str, x: float, y: float, lift: float, robot: Robot) -> TrimB
     material = _FOAM if lift > 0.0 else _LEAD
     gravity = float(np.linalg.norm(robot.model.gravity.linear))
     volume = lift / (gravity * (robot.description.water_density - material))
-    position = (x, y, float(np.copysign(_HEIGHT, lift)))
-    return TrimBody(name=name, position=position, mass=material * volume, volume=volume)
+    return TrimBody(name=name, position=(x, y, float(np.copysign(_HEIGHT, lift))), mass=material * volume, volume=volume)
 
 
 def _retrimmed(robot: Robot, model: pin.Model, trim: tuple[TrimBody, ...]) -> Robot:
@@ -307,8 +299,7 @@ def up_at_rest(robot: Robot, q: np.ndarray) -> np.ndarray:
     q (n_q,) [m, rad] gives the posture of the arm. Thrusters keep the axes that they drive; about the others weight and
     buoyancy turn the vehicle to where they do no more work. ``(0, 0, 1)``, level, where every such axis is driven.
     """
-    level = robot.configuration(joints=robot.joint_values(q))
-    arms, lift = lifts(robot, np.asarray(level))
+    arms, lift = lifts(robot, robot.configuration(joints=robot.joint_values(q)))
     righting = arms.T @ lift  # [N m] with the vehicle level, when W and B have the same axes
     up = np.array([0.0, 0.0, 1.0])
     axes = [axis - 3 for axis in thrusters.unactuated_axes(robot) if axis >= 3]

@@ -34,8 +34,7 @@ def links_in_water(description: data.RobotDescription, density: float | None = N
 
 
 def _link(name: str, link: data.LinkDescription, rho: float) -> LinkHydrodynamics:
-    ways = (link.coefficients, link.cylinder, link.box, link.sphere)
-    given = next(way for way in ways if way is not None)
+    given = next(way for way in (link.coefficients, link.cylinder, link.box, link.sphere) if way is not None)
     if isinstance(given, data.LinkCoefficients):
         return _from_coefficients(name, given)
     if isinstance(given, data.Cylinder):

@@ -221,9 +221,8 @@ class Thruster(_Section):
         (command, thrust), n = np.transpose(value), len(value)
         wrong = np.flatnonzero((np.diff(command) <= 0.0) | (np.diff(thrust) < 0.0))
         if len(wrong):
-            point = list(value[wrong[0] + 1])
             given = "curve needs increasing commands and thrust that never falls"
-            raise ValueError(f"{given}; point {wrong[0] + 2}, {point}, does not")
+            raise ValueError(f"{given}; point {wrong[0] + 2}, {list(value[wrong[0] + 1])}, does not")
         if n < 2 or thrust[0] == thrust[-1]:
             raise ValueError("curve needs two or more points of different thrust")
         return value
@@ -409,8 +408,7 @@ def _read_mapping(path: Path) -> dict[str, Any]:
 def _overlaid(below: dict[str, Any], above: dict[str, Any]) -> dict[str, Any]:
     merged = dict(below)
     for key, value in above.items():
-        nested = isinstance(value, dict) and isinstance(below.get(key), dict)
-        merged[key] = _overlaid(below[key], value) if nested else value
+        merged[key] = _overlaid(below[key], value) if isinstance(value, dict) and isinstance(below.get(key), dict) else value
     return merged
 
 

@@ -115,8 +115,7 @@ class Kinematics(FieldTable):
         expressed_in: "W" for world axes, "B" for those of the vehicle (the world's, if the base is fixed), or
         the name of a frame for its axes. Raises FrameNotFound.
         """
-        index = self.robot.frame_id(frame)
-        J = pin.getFrameJacobian(self.robot.model, self._data, index, pin.LOCAL_WORLD_ALIGNED)
+        J = pin.getFrameJacobian(self.robot.model, self._data, self.robot.frame_id(frame), pin.LOCAL_WORLD_ALIGNED)
         J = np.reshape(J, (6, self.robot.n_v))  # Pinocchio returns a vector for a single joint
         if expressed_in == "W":
             return J

@@ -9,6 +9,7 @@ import importlib.metadata
 import logging
 import os
 from collections.abc import Iterator, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import replace
 from operator import attrgetter
 from pathlib import Path
@@ -69,18 +70,12 @@ def example_robot_data() -> Path:
 
     Raises ``InvalidInput`` telling how to install it.
     """
-    for path in _files_of("example-robot-data"):
-        if path.name == "package.xml" and path.parent.name == "example-robot-data":
-            return path.parent
+    with suppress(importlib.metadata.PackageNotFoundError):
+        for file in importlib.metadata.files("example-robot-data") or ():
+            path = Path(str(file.locate())).resolve()
+            if path.name == "package.xml" and path.parent.name == "example-robot-data":
+                return path.parent
     raise InvalidInput('example-robot-data is not installed; run: pip install "uvms-ocp[robots]"')
-
-
-def _files_of(distribution: str) -> list[Path]:
-    try:
-        files = importlib.metadata.files(distribution)
-    except importlib.metadata.PackageNotFoundError:
-        return []
-    return [Path(str(file.locate())).resolve() for file in files or ()]
 
 
 # What the files of a robot leave open, and what comes of it: valid files whose gaps a user has to know of.
@@ -115,8 +110,7 @@ _ASSUMED = (
 
 def links_without_water(model: pin.Model, description: RobotDescription) -> tuple[str, ...]:
     """Names of the links with a mass that the description does not mention. model: without trim bodies."""
-    masses = link_masses(model)
-    return tuple(name for name, mass in masses.items() if mass > 0.0 and name not in description.links)
+    return tuple(name for name, mass in link_masses(model).items() if mass > 0.0 and name not in description.links)
 
 
 def link_masses(model: pin.Model) -> dict[str, float]:
@@ -151,8 +145,7 @@ def joints_without_inertia(model: pin.Model, M: np.ndarray) -> Iterator[str]:
     for index in range(1, model.njoints):
         joint = model.joints[index]
         if empty[joint.idx_v : joint.idx_v + joint.nv].any():
-            bodies = (frame for frame in model.frames if frame.type == pin.FrameType.BODY)
-            links = [frame.name for frame in bodies if frame.parentJoint == index]
+            links = [frame.name for frame in model.frames if frame.type == pin.FrameType.BODY and frame.parentJoint == index]
             yield f"link {', '.join(links)} behind joint {model.names[index]!r}"
 
 
@@ -257,11 +250,9 @@ def _known(robot: Robot) -> Robot:
     for shape in (*robot.visual_model.geometryObjects, *robot.collision_model.geometryObjects):
         shape.geometry.computeLocalAABB()  # else the first use does, and they differ
     content = attrgetter("name", "urdf", "model", "visual_model", "collision_model", "description")  # all else follows
-    for other in tuple(_loaded):
-        if content(other) == content(robot):
-            return other
-    _loaded.add(robot)
-    return robot
+    known = next((other for other in tuple(_loaded) if content(other) == content(robot)), robot)
+    _loaded.add(known)
+    return known
 
 
 def robot_meta(robot: Robot) -> dict[str, Any]:
@@ -391,12 +382,11 @@ def robot_of(models: UrdfModels, description: RobotDescription, name: str) -> Ro
 
 def _check_names(model: pin.Model, description: RobotDescription, path: Path) -> None:
     known_frames = tuple(frame.name for frame in model.frames[1:])
-    sensors = [(key, name) for key in (ALTIMETER, DVL) if (name := getattr(description, key))]
     wanted = [
         *(("links", link) for link in description.links),
         *((f"trim {body.name!r} link", body.link) for body in description.trim),
         *((f"thruster {thruster.name!r} link", thruster.link) for thruster in description.thrusters),
-        *sensors,
+        *((key, name) for key in (ALTIMETER, DVL) if (name := getattr(description, key))),
     ]
     moving = [joint.name for joint in joints_of(model, free_flyer=description.base == "free_flyer")]
     known = f"is not in the URDF; allowed: {', '.join(known_frames)}"
@@ -432,5 +422,4 @@ def with_bodies(model: pin.Model, bodies: Sequence[descriptions.TrimBody]) -> pi
 def trim_inertia(model: pin.Model, body: descriptions.TrimBody) -> tuple[int, pin.Inertia]:
     """Return the joint that carries a float or ballast, and its point mass in the frame of that joint."""
     frame = model.frames[model.getFrameId(body.link)]
-    point_mass = pin.Inertia(body.mass, np.array(body.position), np.zeros((3, 3)))
-    return frame.parentJoint, frame.placement.act(point_mass)
+    return frame.parentJoint, frame.placement.act(pin.Inertia(body.mass, np.array(body.position), np.zeros((3, 3))))

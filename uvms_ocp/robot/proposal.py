@@ -80,10 +80,8 @@ def propose(
     given, root = dict(loading or {}), read_urdf_xml(urdf)
     followers = [joint.get("name", "") for joint in root.findall("joint[mimic]")]
     endless = [j for j in root.findall("joint") if j.get("type") in ("revolute", "prismatic") and j.find("limit") is None]
-    chosen = given.get("lock", {})
-    lock = {**{joint.get("name", ""): 0.0 for joint in endless}, **chosen}
-    drop, meshes = tuple(given.get("drop", ())), given.get("meshes") != "no"
-    reading = UrdfReading(mimic="free", lock=lock, drop=drop, meshes=meshes)
+    lock = {**{joint.get("name", ""): 0.0 for joint in endless}, **given.get("lock", {})}
+    reading = UrdfReading(mimic="free", lock=lock, drop=tuple(given.get("drop", ())), meshes=given.get("meshes") != "no")
     models, reading = _read(urdf, reading, package_dirs)
     floats = base == "free_flyer" or (base is None and _floats(models.model))
     if not floats:
@@ -95,7 +93,6 @@ def propose(
     still = (*roles.propellers, *roles.sensors, *fingers, *roles.empty, *roles.held, *roles.gimbals)
     lock = {**{name: _nearest_to_zero(models.model, name) for name in still if name not in followers}, **lock}
     reading = replace(reading, mimic=mimic, lock=lock)
-    thrusters = list(_thrusters(models, roles)) if floats else []
     return _Draft(
         models=read_urdf(urdf, free_flyer=floats, package_dirs=package_dirs, reading=reading),
         roles=roles,
@@ -104,7 +101,7 @@ def propose(
         tool=tuple(tool),
         altimeter=altimeter,
         dvl=dvl,
-        pushers=thrusters,
+        pushers=list(_thrusters(models, roles)) if floats else [],
     ).proposal(urdf)
 
 
@@ -133,8 +130,7 @@ def _nearest_to_zero(model: pin.Model, name: str) -> float:
     joint = model.joints[model.getJointId(name)]
     if joint.nq != 1:
         return 0.0
-    low, high = model.lowerPositionLimit[joint.idx_q], model.upperPositionLimit[joint.idx_q]
-    return float(np.clip(0.0, low, high))
+    return float(np.clip(0.0, model.lowerPositionLimit[joint.idx_q], model.upperPositionLimit[joint.idx_q]))
 
 
 def _thrusters(models: UrdfModels, roles: Roles) -> Iterator[tuple[str, pin.SE3, np.ndarray, str]]:
@@ -292,20 +288,13 @@ class _Draft:
 
     def _links(self) -> tuple[dict[str, Any], dict[str, str]]:
         """Coefficients by link, and where they come from: of the vehicle those of a box around all that is fixed to it."""
-        model, masses = self.models.model, link_masses(self.models.model)
-        wet: dict[str, Any] = {}
-        sources: dict[str, str] = {}
-        hull = self.hull
-        for name, mass in masses.items():
-            frame = model.frames[model.getFrameId(name)]
-            on_vehicle = frame.parentJoint <= (1 if self.floats else 0)
-            if mass <= 0.0:
-                continue
-            if on_vehicle and name != hull:
-                wet[name] = {"coefficients": {}}
-                sources[name] = f"in the box around {hull}" if hull else "does not move"
-                continue
-            wet[name], sources[name] = self._by_shape(name, mass, whole=name == hull)
+        wet, sources, hull = dict[str, Any](), dict[str, str](), self.hull
+        for name, mass in link_masses(self.models.model).items():
+            on_vehicle = self._carrier(name) <= (1 if self.floats else 0)
+            if mass > 0.0 and on_vehicle and name != hull:
+                wet[name], sources[name] = {"coefficients": {}}, f"in the box around {hull}" if hull else "does not move"
+            elif mass > 0.0:
+                wet[name], sources[name] = self._by_shape(name, mass, whole=name == hull)
         return wet, sources
 
     @property
@@ -341,9 +330,8 @@ class _Draft:
         hull = self.hull
         if not hull:
             return links
-        own = {**links, hull: {"coefficients": {**links[hull]["coefficients"]}}}
-        for key in ("volume", "centre_of_buoyancy"):
-            own[hull]["coefficients"].pop(key, None)
+        kept = {key: value for key, value in links[hull]["coefficients"].items() if key not in ("volume", "centre_of_buoyancy")}
+        own = {**links, hull: {"coefficients": kept}}
         bare = checked_copy(robot.description, links=own)
         arms, lift = assembly.lifts(replace(robot, description=bare, hydrodynamics=links_in_water(bare)), robot.configuration())
         total = -float(lift.sum())
@@ -362,14 +350,13 @@ class _Draft:
 
 def _coefficients(water: hydrodynamics.LinkHydrodynamics, mass: float) -> dict[str, Any]:
     """As a file has them. No link floats by itself: what its shape holds of air or water is not known."""
-    volume = min(water.volume, mass / _WATER)
     return {
         "pose": {"position": _rounded(water.X_FL.translation), "rpy": _rounded(pin.rpy.matrixToRpy(water.X_FL.rotation), 7)},
         "added_mass": _rounded(np.diag(water.added_mass)),
         "linear_drag": _rounded(np.diag(water.linear_drag)),
         "quadratic_drag": _rounded(np.diag(water.quadratic_drag)),
         "drag_by": "flow" if water.by_flow else "axes",
-        "volume": float(f"{volume:.4g}"),
+        "volume": float(f"{min(water.volume, mass / _WATER):.4g}"),
         "centre_of_buoyancy": _rounded(water.centre_of_buoyancy),
     }
 

@@ -12,7 +12,7 @@ import pinocchio as pin
 from numpy.typing import ArrayLike
 
 from uvms_ocp.checks import checked_dataclass, checked_on_failure, finite_array
-from uvms_ocp.errors import FrameNotFound, InvalidInput, NameNotFound
+from uvms_ocp.errors import FrameNotFound, InvalidInput, require_known
 from uvms_ocp.record.display import SmallTable
 from uvms_ocp.robot import coefficients, roles
 from uvms_ocp.robot.description import RobotDescription, checked_copy
@@ -100,8 +100,7 @@ def require_normalized(model: pin.Model, q: ArrayLike) -> None:
 def check_movable(model: pin.Model, index: int) -> None:
     """Raise ``InvalidInput`` for a frame that is itself a moving link."""
     frame = model.frames[index]
-    is_link = frame.type == pin.FrameType.BODY
-    carrier = model.frames[frame.parentFrame] if is_link else frame
+    carrier = model.frames[frame.parentFrame] if frame.type == pin.FrameType.BODY else frame
     if carrier.type == pin.FrameType.JOINT:
         raise InvalidInput(f"frame {frame.name!r} is a moving link; only frames fixed to a link can be moved")
 
@@ -275,10 +274,8 @@ class Robot:
     @checked_on_failure
     def joint(self, name: str) -> Joint:
         """Return a joint by name. Raises ``NameNotFound`` with the alternatives."""
-        for joint in self.joints:
-            if joint.name == name:
-                return joint
-        raise NameNotFound("joint", name, self.joint_names)
+        require_known("joint", name, self.joint_names)
+        return self.joints[self.joint_names.index(name)]
 
     def with_frame_pose(self, frame: str, X_parent: pin.SE3) -> Robot:
         """Return a copy whose fixed frame sits at ``X_parent`` in the moving link that carries it.
@@ -323,8 +320,7 @@ class Robot:
 
         Those of joints that turn without end are from -pi to pi.
         """
-        difference = pin.difference(self.model, pin.neutral(self.model), np.asarray(q, dtype=float))
-        return np.asarray(difference[self.n_vehicle :])
+        return np.asarray(pin.difference(self.model, pin.neutral(self.model), np.asarray(q, dtype=float))[self.n_vehicle :])
 
     @checked_on_failure
     def with_joint_values(

@@ -158,8 +158,7 @@ def matrix_to_quaternion(R: Array) -> Array:
 
 def _larger(a: Array, row_a: Sequence[Array], b: Array, row_b: Sequence[Array]) -> tuple[Array, tuple[Array, ...]]:
     choose_a = a > b
-    rows = tuple(where(choose_a, x, y) for x, y in zip(row_a, row_b, strict=True))
-    return where(choose_a, a, b), rows
+    return where(choose_a, a, b), tuple(where(choose_a, x, y) for x, y in zip(row_a, row_b, strict=True))
 
 
 def quaternion_multiply(a: Array, b: Array) -> Array:

@@ -231,8 +231,7 @@ def _free_flyer_integrate(q: ca.SX, v: ca.SX) -> ca.SX:
 
 def _free_flyer_difference(q0: ca.SX, q1: ca.SX) -> ca.SX:
     turn: ca.SX = spatial.quaternion_log(spatial.quaternion_multiply(spatial.quaternion_conjugate(q0[3:]), q1[3:]))
-    p = spatial.quaternion_to_matrix(q0[3:]).T @ (q1[:3] - q0[:3])
-    return ca.vertcat(spatial.log6_translation(turn, p), turn)
+    return ca.vertcat(spatial.log6_translation(turn, spatial.quaternion_to_matrix(q0[3:]).T @ (q1[:3] - q0[:3])), turn)
 
 
 def _towards_unit(x: ca.SX) -> ca.SX:
@@ -244,8 +243,7 @@ def _towards_unit(x: ca.SX) -> ca.SX:
 
 
 def _planar_pose(S: np.ndarray, q: ca.SX) -> tuple[ca.SX, ca.SX]:
-    R = spatial.matrix((q[2], -q[3], 0), (q[3], q[2], 0), (0, 0, 1))
-    return R, ca.vertcat(q[0], q[1], ca.SX(1, 1))
+    return spatial.matrix((q[2], -q[3], 0), (q[3], q[2], 0), (0, 0, 1)), ca.vertcat(q[0], q[1], ca.SX(1, 1))
 
 
 def _planar_integrate(q: ca.SX, v: ca.SX) -> ca.SX:

@@ -216,8 +216,7 @@ class SymbolicDynamics(FieldTable):
     def link_positions(self, q: ca.SX) -> ca.SX:
         """Origins p_WL (3, n_links) [m] of the coefficient frames: where a sheared current acts."""
         poses = self.symbolic.joint_poses(self.symbolic.local_poses(q))
-        columns = [link.point(poses, ca.DM(3, 1)) for link in self._wet]
-        return ca.horzcat(ca.SX(3, 0), *columns)
+        return ca.horzcat(ca.SX(3, 0), *(link.point(poses, ca.DM(3, 1)) for link in self._wet))
 
     def inertias(self) -> list[np.ndarray]:
         """Rigid-body plus added inertia (6, 6) of every joint body at its joint frame, universe included."""
@@ -258,8 +257,7 @@ class SymbolicDynamics(FieldTable):
         """Symmetric part of the link's D(nu_r) (6, 6), at the joint that carries it."""
         u_L = link.R_JL.T @ (motions.poses[link.joint].R.T @ u)
         nu_r = water.relative_velocity(link.motion_LJ @ motions.velocities[link.joint].stacked(), u_L)
-        quadratic = quadratic_factor * link.water.quadratic_drag
-        D = water.damping_matrix(link.water.linear_drag, quadratic, nu_r, link.water.by_flow)
+        D = water.damping_matrix(link.water.linear_drag, quadratic_factor * link.water.quadratic_drag, nu_r, link.water.by_flow)
         return link.motion_LJ.T @ ((D + D.T) / 2) @ link.motion_LJ
 
     # --- ready-made functions ---------------------------------------------------------------------

@@ -79,8 +79,7 @@ class SymbolicModel:
     """Joint i of Pinocchio is ``joints[i - 1]``; the universe has no entry."""
 
     def __post_init__(self) -> None:
-        joints = tuple(symbolic_joint(self.model, i) for i in range(1, self.model.njoints))
-        object.__setattr__(self, "joints", joints)
+        object.__setattr__(self, "joints", tuple(symbolic_joint(self.model, i) for i in range(1, self.model.njoints)))
 
     # --- kinematics -------------------------------------------------------------------------------
 
@@ -123,8 +122,7 @@ class SymbolicModel:
         """
         self._check_rows("q0", q0, self.model.nq)
         self._check_rows("q1", q1, self.model.nq)
-        parts = [joint.kind.difference(q0[joint.q], q1[joint.q]) for joint in self.joints]
-        return ca.vertcat(ca.SX(0, 1), *parts)
+        return ca.vertcat(ca.SX(0, 1), *[joint.kind.difference(q0[joint.q], q1[joint.q]) for joint in self.joints])
 
     # --- dynamics ---------------------------------------------------------------------------------
 
@@ -169,8 +167,7 @@ class SymbolicModel:
         total = ca.SX(self.model.nv, self.model.nv)
         for index in range(len(self.joints), 0, -1):
             self._fill_columns(total, index, carried[index], local_poses)
-            parent = self.joints[index - 1].parent
-            if parent:
+            if parent := self.joints[index - 1].parent:
                 carried[parent] += carried[index].onto_parent(local_poses[index])
         return ca.triu2symm(ca.triu(total))
 

@@ -41,8 +41,7 @@ def _column(model: pin.Model, thruster: Thruster) -> np.ndarray:
 
 def thrust_limits(robot: Robot) -> tuple[np.ndarray, np.ndarray]:
     """Return lower and upper (n_thrusters,) [N], the thrust limits inside the range of the curve."""
-    ranges = [_range(thruster) for thruster in robot.description.thrusters]
-    lower, upper = np.array(ranges).reshape(-1, 2).T
+    lower, upper = np.array([_range(thruster) for thruster in robot.description.thrusters]).reshape(-1, 2).T
     return lower, upper
 
 

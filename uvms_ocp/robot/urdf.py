@@ -307,9 +307,7 @@ def _drop(findings: urdf_checks.Findings, root: Element, links: Iterable[str]) -
         for link in [link for link in root.findall("link") if link.get("name") == name]:
             root.remove(link)
         for joint in root.findall("joint"):
-            if _end(joint, "child") == name:
-                root.remove(joint)
-            elif _end(joint, "parent") == name:
+            if name in (_end(joint, "parent"), _end(joint, "child")):
                 root.remove(joint)
                 waiting.append(_end(joint, "child"))
 
@@ -433,8 +431,7 @@ def read_urdf_xml(path: Path) -> Element:
     return root
 
 
-def _resolve_meshes(findings: urdf_checks.Findings, root: Element, search: Iterable[Path]) -> None:
-    folders = tuple(search)
+def _resolve_meshes(findings: urdf_checks.Findings, root: Element, folders: Sequence[Path]) -> None:
     for link, shape in _shapes_of(root):
         for mesh in shape.iter("mesh"):
             given = mesh.get("filename", "")
@@ -493,11 +490,10 @@ def with_own_meshes(path: Path, package_dirs: Sequence[Path] = ()) -> tuple[str,
 
 def find_mesh(path: Path, filename: str, folders: Sequence[Path]) -> Path | None:
     """Where a mesh of a URDF at `path` is, `None` for nowhere."""
-    for candidate in _mesh_candidates(path, filename, folders):
-        if os.path.isfile(candidate):  # False, too, for a name that no disk takes
-            note_file_read(candidate)
-            return candidate
-    return None
+    found = next(filter(os.path.isfile, _mesh_candidates(path, filename, folders)), None)  # False for a name that no disk takes
+    if found is not None:
+        note_file_read(found)
+    return found
 
 
 def _mesh_candidates(path: Path, filename: str, folders: Sequence[Path]) -> list[Path]:
@@ -512,10 +508,9 @@ def _mesh_candidates(path: Path, filename: str, folders: Sequence[Path]) -> list
 def _in_package(folder: Path, package: str, inside: str) -> list[Path]:
     """The file where the folder is that package under another name, as a checkout may be."""
     manifest = folder / "package.xml"
-    if not os.path.isfile(manifest):
-        return []
     with suppress(OSError, InvalidInput):
-        return [folder / inside] if read_xml(manifest).findtext("name", "").strip() == package else []
+        if os.path.isfile(manifest) and read_xml(manifest).findtext("name", "").strip() == package:
+            return [folder / inside]
     return []
 
 

@@ -294,7 +294,7 @@ def _check_joints(findings: Findings, root: Element, locked: Collection[str]) ->
         _settle_limit(findings, joint, where)
         findings.attempt(_check_origin, path, joint, where)
         findings.attempt(_check_axis, path, joint, where)
-        findings.attempt(_check_dynamics, path, joint.find("dynamics"), f"{where} dynamics")
+        findings.attempt(_check_not_negative, path, joint.find("dynamics"), ("damping", "friction"), f"{where} dynamics", 0.0)
         if joint.get("name") not in locked:
             findings.attempt(_check_limit, path, joint, f"{where} limit")
         findings.attempt(_check_unused, path, joint, where)
@@ -343,9 +343,11 @@ def _check_unused(path: Path, joint: Element, where: str) -> None:
             read_number(path, joint.find(tag), key, f"{where} {tag} {key}", default=None if needed else 0.0)
 
 
-def _check_dynamics(path: Path, element: Element | None, where: str) -> None:
-    for key in ("damping", "friction"):
-        value = read_number(path, element, key, f"{where} {key}", default=0.0)
+def _check_not_negative(
+    path: Path, element: Element | None, keys: Sequence[str], where: str, default: float | None = None
+) -> None:
+    for key in keys:
+        value = read_number(path, element, key, f"{where} {key}", default)
         if value < 0.0:
             raise RobotDataError(path, f"{where} {key}: given {value}; allowed: >= 0")
 
@@ -367,10 +369,7 @@ def _check_limit(path: Path, joint: Element, where: str) -> None:
     lower, upper = (read_number(path, element, key, f"{where} {key}", default=0.0) for key in ("lower", "upper"))
     if bounded and lower > upper:
         raise RobotDataError(path, f"{where}: lower {lower} > upper {upper}; allowed: lower <= upper")
-    for key in ("velocity", "effort"):
-        value = read_number(path, element, key, f"{where} {key}")
-        if value < 0.0:
-            raise RobotDataError(path, f"{where} {key}: given {value}; allowed: >= 0")
+    _check_not_negative(path, element, ("velocity", "effort"), where)
 
 
 def _check_tree(path: Path, root: Element) -> None:

@@ -80,8 +80,7 @@ class CoalPairs:
     def values(self, q: np.ndarray, pairs: np.ndarray) -> np.ndarray:
         """Distance (n,) [m] of each of the `pairs` (n,) at q (n_q,) [m, rad]."""
         pin.updateGeometryPlacements(self._model, self._data, self._geometry, self._geometry_data, q)
-        results = [pin.computeDistance(self._geometry, self._geometry_data, int(k)) for k in pairs]
-        found = np.array([result.min_distance for result in results])
+        found = np.array([pin.computeDistance(self._geometry, self._geometry_data, int(k)).min_distance for k in pairs])
         return np.where(found < FAILED, 0.0, found)
 
     def gradients(self, q: np.ndarray, pairs: np.ndarray) -> np.ndarray:
@@ -92,8 +91,7 @@ class CoalPairs:
     def nearest_points(self, pairs: np.ndarray) -> np.ndarray:
         """Both points (n, 6) [m] in W where the `pairs` (n,) are nearest, of each as it was asked for last."""
         results = [self._geometry_data.distanceResults[int(k)] for k in pairs]
-        found = [[*result.getNearestPoint1(), *result.getNearestPoint2()] for result in results]
-        return np.array(found).reshape(-1, 6)
+        return np.array([[*result.getNearestPoint1(), *result.getNearestPoint2()] for result in results]).reshape(-1, 6)
 
     def _gradient(self, pair: int) -> np.ndarray:
         result = self._geometry_data.distanceResults[pair]
@@ -183,17 +181,13 @@ class CollisionModel:
         self._pairs = pairs + (self_pairs(robot) if self_collision else [])
         shapes = self._geometry.geometryObjects
         self.pair_names = tuple(f"{shapes[a].name} - {shapes[b].name}" for a, b in self._pairs)
-        self._reach = _pair_reach(robot, self._geometry, self._pairs)
+        self.reach = _pair_reach(robot, self._geometry, self._pairs)
+        """(n_v,) [-, m] upper bound on the rate of any pair's distance per unit of each velocity, at any configuration."""
         self._engines = _engines(robot.model, self._geometry, self._pairs)
 
     @property
     def n_pairs(self) -> int:
         return len(self.pair_names)
-
-    @property
-    def reach(self) -> np.ndarray:
-        """(n_v,) [-, m] upper bound on the rate of any pair's distance per unit of each velocity, at any configuration."""
-        return self._reach
 
     @property
     def by_coal(self) -> bool:
@@ -246,12 +240,10 @@ class CollisionModel:
     def _shared(self, pairs: Sequence[int] | np.ndarray | None) -> Iterator[tuple[_Engine, np.ndarray | slice, np.ndarray]]:
         """Find which model measures which of the `pairs`: rows here, indices there."""
         for engine, place in self._engines:
-            if len(self._engines) == 1:
-                yield engine, slice(None), place if pairs is None else place[np.asarray(pairs, dtype=int)]
-                return
             asked = place if pairs is None else place[np.asarray(pairs, dtype=int)]
-            rows = np.flatnonzero(asked >= 0)
-            if len(rows):
+            if len(self._engines) == 1:
+                yield engine, slice(None), asked
+            elif len(rows := np.flatnonzero(asked >= 0)):
                 yield engine, rows, asked[rows]
 
 
@@ -347,5 +339,4 @@ def without_c_form(model: CollisionModel, robot: Robot | None) -> str:
 
 @cache
 def _nothing() -> ca.Function:
-    q = ca.SX.sym("q")
-    return ca.Function("places", [q], [ca.SX(ca.DM.zeros(1)), ca.SX(ca.DM.zeros(1))])
+    return ca.Function("places", [ca.SX.sym("q")], [ca.SX(ca.DM.zeros(1)), ca.SX(ca.DM.zeros(1))])

@@ -124,10 +124,9 @@ def parse_obstacle(shape: str, words: str, name: str) -> Obstacle:
     for words that are not numbers, too many or too few, or a size that is not positive.
     """
     require_known("shape", shape, N_SIZES)
-    given = words.replace(",", " ").split()
     wanted = 3 + N_SIZES[shape]
     try:
-        numbers = [float(word) for word in given]
+        numbers = [float(word) for word in words.replace(",", " ").split()]
     except ValueError:
         numbers = []
     if len(numbers) != wanted:
@@ -142,12 +141,11 @@ def parse_obstacle(shape: str, words: str, name: str) -> Obstacle:
 @checked
 def build_obstacle(data: ObstacleMeta) -> Obstacle:
     """The obstacle that the data describe."""
-    rotation = pin.rpy.rpyToMatrix(*data.rpy)
     if data.shape == _MESH:
         shape = mesh_shape(np.array(data.vertices), np.array(data.triangles))
     else:
         shape = _SHAPES[data.shape](*data.size)
-    return obstacle(data.name, shape, data.position, rotation)
+    return obstacle(data.name, shape, data.position, pin.rpy.rpyToMatrix(*data.rpy))
 
 
 @checked
@@ -185,10 +183,8 @@ def _form(shape: coal.CollisionGeometry) -> dict[str, Any] | None:
     if isinstance(shape, coal.ConvexBase):
         points = shape.points()  # coal gives the corners only
         return {"shape": _MESH, "vertices": points.tolist(), "triangles": ConvexHull(points).simplices.tolist()}
-    for name, kind in _SHAPES.items():
-        if isinstance(shape, kind):  # type: ignore[arg-type]
-            return {"shape": name, "size": _size(shape)}
-    return None
+    kinds = (name for name, kind in _SHAPES.items() if isinstance(shape, kind))  # type: ignore[arg-type]
+    return next(({"shape": name, "size": _size(shape)} for name in kinds), None)
 
 
 def _size(shape: Any) -> list[float]:
