@@ -79,8 +79,7 @@ def _state(name: str, index: int) -> str:
 
 def _text(text: str) -> str:
     """With all but words and a few marks by their code, as the notation writes them."""
-    plain = plain_line(text)
-    return "".join(letter if letter.isalnum() or letter in " ._-,()" else f"#{ord(letter)};" for letter in plain)
+    return "".join(letter if letter.isalnum() or letter in " ._-,()" else f"#{ord(letter)};" for letter in plain_line(text))
 
 
 def _label(transition: Transition) -> str:
@@ -247,16 +246,13 @@ class Mission(TableDisplay):
 
     def has_ascent_goal(self, phase: int, task: int) -> bool:
         """True for a task whose goal is made as a phase begins: the ascent task in the abort phase."""
-        if self.abort is None or phase != len(self.phases):
-            return False
-        return self.hierarchy.tasks[task].name == self.abort.ascent_task
+        return self.abort is not None and phase == len(self.phases) and self.hierarchy.tasks[task].name == self.abort.ascent_task
 
     def ascent_goals(self, ascent_pose: pin.SE3) -> GoalFunctions:
         """Goals of all tasks in the abort phase, which climbs to a pose; none without such a phase."""
         if self.abort is None:
             return ()
-        climb = self.abort.ascent_task
-        tasks = [task.with_goal(ascent_pose) if task.name == climb else task for task in self._tasks[-1]]
+        tasks = [task.with_goal(ascent_pose) if task.name == self.abort.ascent_task else task for task in self._tasks[-1]]
         return _references(self.abort.phase, tasks)
 
     def pending(self, state: MissionState, quantities: Mapping[str, float]) -> str:
@@ -268,9 +264,8 @@ class Mission(TableDisplay):
 
     def describe(self, state: MissionState) -> dict[str, str]:
         """Return tasks, phases and where it is now, each in a few words."""
-        names = [phase.name for phase in self.all_phases]
-        now = "completed" if state.completed else state.aborted or f"in phase {names[state.phase]}"
-        return {"tasks": ", ".join(self.hierarchy.names), "phases": ", ".join(names), "now": now}
+        now = "completed" if state.completed else state.aborted or f"in phase {self.phase_names[state.phase]}"
+        return {"tasks": ", ".join(self.hierarchy.names), "phases": ", ".join(self.phase_names), "now": now}
 
     def table(self) -> TableRows:
         """Tasks by phases: one row per task with its external activation in each phase ([Gao2022] Table 4)."""

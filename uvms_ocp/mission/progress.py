@@ -270,8 +270,7 @@ def state_after_abort(
 ) -> tuple[MissionState, Event]:
     """Return state and event after `abort_mission` at t [s]. goals: of the abort phase."""
     after, source = _after(phases, state, memory, reason), phases[state.phase].name
-    target = ABORT if after.over else phases[after.phase].name
-    event = Event(t=t, source=source, target=target, reason=reason, conditions=())
+    event = Event(t=t, source=source, target=ABORT if after.over else phases[after.phase].name, reason=reason, conditions=())
     return after if after.over else replace_unchecked(after, abort_reason=reason, goals=goals), event
 
 

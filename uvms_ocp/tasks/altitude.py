@@ -84,12 +84,11 @@ class MinimumAltitude(Task):
     def rows(self, symbols: TickSymbols, parameters: ca.SX) -> Rows:
         frame = altimeter_of(self.name, symbols, self.frame)
         h, row = altitude_of(symbols, frame), altitude_row(symbols, frame)
-        sinking = symbols.approach(self, h - self.threshold, row)
         bell = SmoothActivation(self.threshold, self.threshold + self.margin)
         return Rows(
             jacobian=row,
             rate=saturate(self.gain * (bell.end - h), self.saturation),
-            lower=-sinking,
+            lower=-symbols.approach(self, h - self.threshold, row),
             upper=ca.SX(ca.inf),
             activation=bell.decreasing(h),
             quantities={"altitude": h},
@@ -121,8 +120,7 @@ class LandingAltitude(Task):
 
     def residual(self, symbols: TickSymbols, parameters: ca.SX) -> Residual:
         """``landing_distance + safeguard - altitude`` = 0 [m]."""
-        altitude = altitude_of(symbols, altimeter_of(self.name, symbols, self.frame))
-        return zero_residual(self.rest_altitude - altitude)
+        return zero_residual(self.rest_altitude - altitude_of(symbols, altimeter_of(self.name, symbols, self.frame)))
 
     def rows(self, symbols: TickSymbols, parameters: ca.SX) -> Rows:
         frame = altimeter_of(self.name, symbols, self.frame)

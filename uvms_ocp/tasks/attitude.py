@@ -35,8 +35,7 @@ def misalignment(a: ca.SX, b: ca.SX, fallback: ca.SX) -> tuple[ca.SX, ca.SX]:
     """
     normal = ca.cross(a, b)
     sine = ca.norm_2(normal)
-    parallel = sine < _SINE_FLOOR
-    axis = ca.if_else(parallel, fallback, normal / ca.fmax(sine, _SINE_FLOOR))
+    axis = ca.if_else(sine < _SINE_FLOOR, fallback, normal / ca.fmax(sine, _SINE_FLOOR))
     return ca.atan2(sine, ca.dot(a, b)), axis
 
 
@@ -111,12 +110,11 @@ class AngleTask(Task):
             given = row[:, others] @ symbols.velocity[others]
             row = ca.SX(row)
             row[:, others] = 0
-        rising = symbols.approach(self, self.aim - theta, row)
         return Rows(
             jacobian=row,
             rate=saturate(-self.gain * theta, self.saturation) - given,
             lower=ca.SX(-ca.inf),
-            upper=rising - given,
+            upper=symbols.approach(self, self.aim - theta, row) - given,
             activation=self.activation.increasing(theta),
             quantities=quantities,
         )
@@ -150,8 +148,7 @@ class HorizontalAttitude(AngleTask):
         up = ca.SX([0, 0, 1])
         tilt, _ = misalignment(R_WB[:, 2], up, R_WB[:, 0])
         theta, n = self._turn(symbols, up, R_WB[:, 0])
-        row = -n.T @ symbols.kinematics.jacobian(self.frame)[3:, :]
-        return self._angle_rows(symbols, theta, row, {"tilt": tilt})
+        return self._angle_rows(symbols, theta, -n.T @ symbols.kinematics.jacobian(self.frame)[3:, :], {"tilt": tilt})
 
     @property
     def watched_axis(self) -> tuple[float, float, float]:
@@ -278,6 +275,5 @@ def _in_vehicle(robot: Robot, frame: str, axis: tuple[float, float, float]) -> n
 
 def _perpendicular(R_WC: ca.SX, axis: tuple[float, float, float]) -> ca.SX:
     """A unit vector (3,) in W perpendicular to an axis of the frame C."""
-    other = np.eye(3)[int(np.argmin(np.abs(axis)))]
-    across = np.cross(np.asarray(axis), other)
+    across = np.cross(np.asarray(axis), np.eye(3)[int(np.argmin(np.abs(axis)))])
     return R_WC @ ca.DM(across / np.linalg.norm(across))

@@ -65,13 +65,11 @@ class Clearance(Task):
 
     def rows(self, symbols: TickSymbols, parameters: ca.SX) -> Rows:
         pairs, n = self._pairs.symbols(parameters), self._pairs.n_rows
-        closing = symbols.approach(self, pairs.distance - self.threshold, pairs.jacobian)
         bell = SmoothActivation(self.threshold, self.threshold + self.margin)
-        rates = [saturate(self.gain * (bell.end - pairs.distance[k]), self.saturation) for k in range(n)]
         return Rows(
             jacobian=pairs.jacobian,
-            rate=ca.vertcat(*rates),
-            lower=-ca.fmin(closing, pairs.closing),
+            rate=ca.vertcat(*(saturate(self.gain * (bell.end - pairs.distance[k]), self.saturation) for k in range(n))),
+            lower=-ca.fmin(symbols.approach(self, pairs.distance - self.threshold, pairs.jacobian), pairs.closing),
             upper=ca.SX.inf(n),
             activation=ca.vertcat(*(bell.decreasing(pairs.distance[k]) for k in range(n))),
             quantities={"clearance": pairs.smallest},

@@ -79,13 +79,12 @@ class JointLimits(Task):
             return rate, rate, rate, ca.SX(1), ca.SX.inf()
         low, high = self._kept(lower, upper)
         bell_low, bell_high = SmoothActivation(low, low + margin), SmoothActivation(high - margin, high)
-        below, above = bell_low.decreasing(q), bell_high.increasing(q)
         back = ca.if_else(q < bell_low.end, bell_low.end - q, ca.fmin(bell_high.start - q, 0))
         return (
             saturate(self.gain * back, self.saturation),
             -self._approach(symbols, joint, q - low),
             self._approach(symbols, joint, high - q),
-            below + above,
+            bell_low.decreasing(q) + bell_high.increasing(q),
             ca.fmin(q - lower, upper - q),
         )
 
@@ -139,8 +138,7 @@ class JointTracking(Task):
         joints = [symbols.robot.joint(name) for name in self.joints]
         error = self.residual(symbols, parameters).value
         rate = parameters[len(joints) :] + saturate(self.gain * error, self.saturation)
-        jacobian = symbols.velocity_rows([joint.idx_v for joint in joints])
-        return equality_rows(jacobian, rate, {"posture_error": ca.norm_2(error)})
+        return equality_rows(symbols.velocity_rows([joint.idx_v for joint in joints]), rate, {"posture_error": ca.norm_2(error)})
 
 
 @checked_dataclass(eq=False)

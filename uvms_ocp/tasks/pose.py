@@ -51,14 +51,12 @@ class PoseTask(Task):
         return _N_POSE
 
     def reference(self, t: float) -> np.ndarray:
-        pose, rate = evaluate_pose(self.name, self.goal, t)
-        return pose_parameters(pose, rate)
+        return pose_parameters(*evaluate_pose(self.name, self.goal, t))
 
     def residual(self, symbols: TickSymbols, parameters: ca.SX) -> Residual:
         """``[p_goal - p; log3(R_goal R')]`` = 0, [m] and [rad]."""
         R_WF, p_WF = symbols.kinematics.pose(self.frame)
-        turn = spatial.log3(ca.reshape(parameters[3:12], 3, 3) @ R_WF.T)
-        return zero_residual(ca.vertcat(parameters[:3] - p_WF, turn))
+        return zero_residual(ca.vertcat(parameters[:3] - p_WF, spatial.log3(ca.reshape(parameters[3:12], 3, 3) @ R_WF.T)))
 
     def rows(self, symbols: TickSymbols, parameters: ca.SX) -> Rows:
         error_linear, error_angular = ca.vertsplit(self.residual(symbols, parameters).value, 3)
@@ -138,8 +136,7 @@ class ToolPosition(Task):
     def rows(self, symbols: TickSymbols, parameters: ca.SX) -> Rows:
         error = self.residual(symbols, parameters).value
         rate = parameters[3:] + saturate(self.gain * error, self.saturation)
-        jacobian = symbols.kinematics.jacobian(self.frame)[:3, :]
-        return equality_rows(jacobian, rate, {"position_error": ca.norm_2(error)})
+        return equality_rows(symbols.kinematics.jacobian(self.frame)[:3, :], rate, {"position_error": ca.norm_2(error)})
 
 
 def pose_parameters(pose: pin.SE3, rate: np.ndarray) -> np.ndarray:
@@ -193,8 +190,7 @@ class UnderActuation(VehicleVelocity):
     axes: tuple[int, ...]
 
     def rows(self, symbols: TickSymbols, parameters: ca.SX) -> Rows:
-        axes = list(self.axes)
-        rows = symbols.velocity_rows(axes)
+        rows = symbols.velocity_rows(list(self.axes))
         if self.axes == thrusters.undriven_axes(symbols.robot):
             rows = ca.SX(symbolic_bodies.sparse(thrusters.free_motions(symbols.robot)[1]))
         return equality_rows(rows, rows @ symbols.velocity)

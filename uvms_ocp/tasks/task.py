@@ -272,9 +272,7 @@ class Task(ABC):
     @property
     def label(self) -> str:
         """The paper's bracket, such as ``[R,E,AD]``."""
-        reactive = "R" if self.reactive else "NR"
-        kind = "E" if self.equality else "I"
-        return f"[{reactive},{kind},{self.task_class.letters}]"
+        return f"[{'R' if self.reactive else 'NR'},{'E' if self.equality else 'I'},{self.task_class.letters}]"
 
 
 @checked
@@ -320,10 +318,7 @@ class Hierarchy(TableDisplay):
         duplicates = sorted({name for name in names if names.count(name) > 1})
         if duplicates:
             raise InvalidInput(f"tasks share the name {', '.join(duplicates)}; give each its own `name`")
-        if order is None:
-            self.tasks = tuple(sorted(tasks, key=lambda task: task.task_class))
-        else:
-            self.tasks = _ordered(tasks, order)
+        self.tasks = tuple(sorted(tasks, key=lambda task: task.task_class)) if order is None else _ordered(tasks, order)
 
     def _table(self) -> SmallTable:
         rows = tuple((str(k + 1), task.name, task.label, type(task).__name__) for k, task in enumerate(self.tasks))
