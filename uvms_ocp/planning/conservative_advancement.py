@@ -149,5 +149,4 @@ class _Curve:
     def bounds(self, middle: Array, half: Array) -> Array:
         breaks, last = self.trajectory.breaks, self.trajectory.n_pieces - 1
         piece = np.clip(np.searchsorted(breaks, middle, side="right") - 1, 0, last)
-        speed = np.abs(self.trajectory.evaluate(middle, 1))
-        return speed * half[:, None] + 0.5 * self.acceleration[piece] * half[:, None] ** 2
+        return np.abs(self.trajectory.evaluate(middle, 1)) * half[:, None] + 0.5 * self.acceleration[piece] * half[:, None] ** 2

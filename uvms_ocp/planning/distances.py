@@ -112,14 +112,14 @@ class CoalDistances:
         """Find where all pairs are nearest at configurations q (n, n_q) [m, rad], without those whose depth coal cannot
         compute."""
         geometry, data, n_pairs = self.scene.geometry, self._geometry_data, self.scene.n_pairs
-        found, shape = np.empty((len(q), n_pairs, 10)), (len(q), n_pairs)
+        found = np.empty((len(q), n_pairs, 10))
         for k, configuration in enumerate(q):
             self._place(configuration)
             for i in range(n_pairs):
                 result, row = pin.computeDistance(geometry, data, i), found[k, i]
                 row[0], row[1:4] = result.min_distance, result.normal
                 row[4:7], row[7:] = result.getNearestPoint1(), result.getNearestPoint2()
-        sample, pair = np.nonzero((found[..., 0] > FAILED) & np.isfinite(found).all(axis=-1).reshape(shape))
+        sample, pair = np.nonzero((found[..., 0] > FAILED) & np.isfinite(found).all(axis=-1))
         rows = found[sample, pair]
         parts = {"distance": rows[:, 0], "normal": rows[:, 1:4], "first": rows[:, 4:7], "second": rows[:, 7:]}
         return Contacts(sample=sample, pair=pair, **parts)
@@ -161,8 +161,7 @@ class CoalDistances:
             if FAILED < distance < thresholds[k]:
                 # Results are views of memory that the next sample overwrites.
                 centre = data.oMg[self.scene.pairs[k].second].translation.copy()
-                witness = (result.normal.copy(), result.getNearestPoint1().copy())
-                found.append((sample, k, distance, *witness, centre))
+                found.append((sample, k, distance, result.normal.copy(), result.getNearestPoint1().copy(), centre))
 
 
 def _grouped(candidates: Mask) -> Iterator[tuple[int, list[int]]]:

@@ -133,8 +133,7 @@ def penalty(y: Array) -> Penalty:
     """Evaluate y^3/6 for 0 < y < 1, y^2/2 - y/2 + 1/6 above, zero below; y (...)."""
     inside = np.clip(y, 0.0, 1.0)
     beyond = np.maximum(y - 1.0, 0.0)
-    value = inside**3 / 6.0 + beyond * (0.5 + 0.5 * beyond)
-    return Penalty(value=value, slope=0.5 * inside**2 + beyond, curvature=inside)
+    return Penalty(value=inside**3 / 6.0 + beyond * (0.5 + 0.5 * beyond), slope=0.5 * inside**2 + beyond, curvature=inside)
 
 
 def two_sided(value: Array, limit: Array, margin: float) -> Penalty:
@@ -143,8 +142,7 @@ def two_sided(value: Array, limit: Array, margin: float) -> Penalty:
     It begins at ``(1 - margin) * limit``; margin.
     """
     finite = np.where(np.isinf(limit), 1.0, limit) * margin
-    y = (np.abs(value) - np.where(np.isinf(limit), np.inf, limit - finite)) / finite
-    p = penalty(y)
+    p = penalty((np.abs(value) - np.where(np.isinf(limit), np.inf, limit - finite)) / finite)
     return Penalty(value=p.value, slope=np.sign(value) * p.slope / finite, curvature=p.curvature / finite**2)
 
 
@@ -322,8 +320,7 @@ class PathCost:
         """
         nodes = self._by_derivative(variables)
         data = np.concatenate([nodes[:, :-1], nodes[:, 1:]]) * self.pieces.scale
-        flat = data.reshape(data.shape[0], -1)
-        x, v, a = (np.reshape(P @ flat, (-1, *data.shape[1:])) for P in self._bases)
+        x, v, a = (np.reshape(P @ data.reshape(len(data), -1), (-1, *data.shape[1:])) for P in self._bases)
         return x, v / self._h, a / self._h**2
 
     def model(self, variables: Array, *, collision_only: bool = False) -> LocalModel:
@@ -368,8 +365,7 @@ class PathCost:
 
     @cached_property
     def _node_scale(self) -> Array:
-        order = np.arange(self.pieces.k)[:, None, None]
-        return (self.pieces.node_times * self.pieces.unit)[None, :, None] ** order
+        return (self.pieces.node_times * self.pieces.unit)[None, :, None] ** np.arange(self.pieces.k)[:, None, None]
 
     @cached_property
     def _clearances(self) -> Array:
@@ -439,8 +435,7 @@ class PathCost:
     def _assembled(self, unit: Array) -> BlockTridiagonal:
         """Node blocks from unit-interval piece blocks (n_pieces, 2k, 2k, n_axes, n_axes)."""
         k, scale = self.pieces.k, self.pieces.scale[..., 0].T
-        scaled = unit * (scale[:, :, None] * scale[:, None, :])[..., None, None]
-        rows = scaled.transpose(0, 1, 3, 2, 4)
+        rows = (unit * (scale[:, :, None] * scale[:, None, :])[..., None, None]).transpose(0, 1, 3, 2, 4)
         n_pieces, b = unit.shape[0], k * unit.shape[3]
         diagonal = np.zeros((n_pieces + 1, b, b))
         diagonal[:-1] += rows[:, :k, :, :k].reshape(n_pieces, b, b)

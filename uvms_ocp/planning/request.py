@@ -64,8 +64,7 @@ def tool_goal(
     rng = np.random.default_rng(settings.seed)
     for attempt in range(settings.attempts):
         spread = settings.spread * (1.0 + 4.0 * attempt / settings.attempts) if attempt else 0.0
-        start = first + spread * rng.normal(size=first.size)
-        x = _reached(planned, frame_id, target, start, settings)
+        x = _reached(planned, frame_id, target, first + spread * rng.normal(size=first.size), settings)
         if x is not None and distances.distances(x[None]).min(initial=np.inf) > settings.clearance:
             return x
     return None
@@ -89,8 +88,7 @@ def _error(planned: Coordinates, frame_id: int, goal: pin.SE3 | Array, x: Array)
     model, data = planned.robot.model, planned.robot.model.createData()
     q = planned.configurations(x[None])[0]
     pin.framesForwardKinematics(model, data, q)
-    frame_jacobian = pin.computeFrameJacobian(model, data, q, frame_id, pin.ReferenceFrame.LOCAL)
-    jacobian: Array = frame_jacobian @ planned.velocity_map(x[None])[0]
+    jacobian: Array = pin.computeFrameJacobian(model, data, q, frame_id, pin.LOCAL) @ planned.velocity_map(x[None])[0]
     X_WF = data.oMf[frame_id]
     if isinstance(goal, pin.SE3):
         return pin.log6(X_WF.actInv(goal)).vector, jacobian
@@ -207,8 +205,7 @@ class PostureGoal:
             position = here.translation if self.position is None else there.translation
             tasks.append(VehiclePose(goal=pin.SE3((here if self.rpy is None else there).rotation, position)))
         if self.joints:
-            values = np.array(list(self.joints.values()))
-            tasks.append(JointTracking(joints=tuple(self.joints), goal=values))
+            tasks.append(JointTracking(joints=tuple(self.joints), goal=np.array(list(self.joints.values()))))
         return tuple(tasks)
 
 

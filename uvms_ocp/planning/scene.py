@@ -177,8 +177,7 @@ def _axis_values(robot: Robot, q: Array) -> Array:
     joints = robot.joint_values(q)
     if not robot.n_vehicle:
         return joints
-    rpy = pin.rpy.matrixToRpy(pin.Quaternion(np.array(q[3:7])).toRotationMatrix())
-    return np.concatenate([q[:3], rpy, joints])
+    return np.concatenate([q[:3], pin.rpy.matrixToRpy(pin.Quaternion(np.array(q[3:7])).toRotationMatrix()), joints])
 
 
 def _joint_columns(robot: Robot, values: Array) -> Iterator[Array]:
@@ -332,8 +331,7 @@ def collision_scene(coordinates: Coordinates, obstacles: Sequence[Obstacle], *, 
 def _with_moving_pairs(coordinates: Coordinates, geometry: pin.GeometryModel, candidates: Sequence[Pair]) -> CollisionScene:
     supports, fold = _supports(coordinates), coordinates.fold
     reaches = [shape_reach(coordinates.robot, shape)[coordinates.planned] for shape in geometry.geometryObjects]
-    ends = ((supports[pair.first_joint], supports[pair.second_joint]) for pair in candidates)
-    motions = [second - first for first, second in ends]
+    motions = [supports[pair.second_joint] - supports[pair.first_joint] for pair in candidates]
     pairs = [pair for pair, motion in zip(candidates, motions, strict=True) if motion.any()]
     shape = (len(pairs), len(fold))
     moved = np.array([motion for motion in motions if motion.any()]).reshape(shape)

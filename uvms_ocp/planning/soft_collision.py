@@ -91,13 +91,9 @@ class TrustRegion:
             step, predicted, mu = _step(here, problem.free, problem.metric, mu)
             there = model(x + step)
             actual = here.parts.total - there.parts.total
-            if actual <= 0.0:
-                if predicted <= self.tolerance * here.parts.total:
-                    return Descent(variables=x, model=here, iterations=iteration + 1, converged=True)
-                mu *= 8.0
-                continue
-            done = actual <= self.tolerance * here.parts.total
-            x, here, mu = x + step, there, mu * _damping_change(actual / predicted)
+            refused = actual <= 0.0
+            done = (predicted if refused else actual) <= self.tolerance * here.parts.total
+            x, here, mu = (x, here, mu * 8.0) if refused else (x + step, there, mu * _damping_change(actual / predicted))
             if done:
                 return Descent(variables=x, model=here, iterations=iteration + 1, converged=True)
         return Descent(variables=x, model=here, iterations=self.max_iterations, converged=False)
@@ -356,8 +352,7 @@ def straight_guess(waypoints: ArrayLike, limits: MotionLimits, times: ArrayLike 
     """Minimum snap through waypoints (n, n_axes) [m, rad], at times (n,) [s] or as fast as the limits allow."""
     if times is not None:
         return min_snap(waypoints, times).trajectory
-    guess = min_snap(waypoints, trapezoidal_times(waypoints, limits)).trajectory
-    return scale_to_limits(guess, limits)
+    return scale_to_limits(min_snap(waypoints, trapezoidal_times(waypoints, limits)).trajectory, limits)
 
 
 def _attempts(
@@ -446,13 +441,11 @@ class _PathProblem:
     def trajectory(self, variables: Array) -> PiecewisePolynomial:
         """At the given times unless they break the limits; as fast as the limits allow where none were given."""
         found = solution_of(self.breaks, self.cost.pieces, self.cost.values(variables)).trajectory
-        keep = self.timed and self.cost.limits.ratio(found) <= 1.0
-        return found if keep else scale_to_limits(found, self.cost.limits)
+        return found if self.timed and self.cost.limits.ratio(found) <= 1.0 else scale_to_limits(found, self.cost.limits)
 
     def _within_limits(self, variables: Array) -> Array:
-        lower, upper = self.cost.distances.scene.coordinates.limits()
         values = self.cost.values(variables)
-        values[0] = np.clip(values[0], lower, upper)
+        values[0] = np.clip(values[0], *self.cost.distances.scene.coordinates.limits())
         return np.where(self.free, self.cost.variables(values), self.start)
 
 
@@ -477,8 +470,7 @@ def _check_ends(scene: CollisionScene, distances: PairDistances, waypoints: Arra
             axis = int(np.argmax(outside))
             given = f"way point {index} (the {name}) has {scene.coordinates.names[axis]} = {waypoints[index, axis]:.6g}"
             raise InvalidInput(f"{given}; allowed is {lower[axis]:.6g} to {upper[axis]:.6g}.")
-        d = distances.distances(waypoints[index : index + 1])[0]
-        scene.check_no_overlap(d, f"way point {index} (the {name})")
+        scene.check_no_overlap(distances.distances(waypoints[index : index + 1])[0], f"way point {index} (the {name})")
 
 
 def _verified(problem: _PathProblem, descent: Descent, exact: CoalDistances) -> CollisionPlan:

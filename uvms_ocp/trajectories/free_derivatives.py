@@ -56,8 +56,7 @@ def monomial_row(u: float, derivative: int, n_coefficients: int) -> Array:
 
 def basis(u: Array, derivative: int, k: int) -> Array:
     """(n, 2k) derivative-th derivative at unit times u (n,) as a linear map of the end data."""
-    rows = np.array([monomial_row(float(x), derivative, 2 * k) for x in u])
-    return rows @ hermite_matrix(k)
+    return np.array([monomial_row(float(x), derivative, 2 * k) for x in u]) @ hermite_matrix(k)
 
 
 def _falling(i: int, d: int) -> int:
@@ -72,8 +71,7 @@ def _end_data_matrix(k: int) -> _Rational:
 
 def _monomial_cost(k: int) -> _Rational:
     n = 2 * k
-    rows = [[Fraction(_falling(i, k) * _falling(j, k), max(i + j - 2 * k + 1, 1)) for j in range(n)] for i in range(n)]
-    return np.array(rows)
+    return np.array([[Fraction(_falling(i, k) * _falling(j, k), max(i + j - n + 1, 1)) for j in range(n)] for i in range(n)])
 
 
 def _inverse(matrix: _Rational) -> _Rational:
@@ -119,8 +117,7 @@ def pieces_of(durations: Array, k: int) -> Pieces:
     node[0], node[-1] = tau[0], tau[-1]
     np.sqrt(tau[1:] * tau[:-1], out=node[1:-1])
     scale = np.concatenate([_powers(tau / node[:-1], k), _powers(tau / node[1:], k)])[..., None]
-    weight = tau[:, None] ** (1 - 2 * k)
-    return Pieces(k=k, unit=unit, durations=tau, node_times=node, scale=scale, weight=weight)
+    return Pieces(k=k, unit=unit, durations=tau, node_times=node, scale=scale, weight=tau[:, None] ** (1 - 2 * k))
 
 
 def solve_free(pieces: Pieces, values: Array, fixed: Mask) -> Array:
@@ -136,8 +133,7 @@ def solve_free(pieces: Pieces, values: Array, fixed: Mask) -> Array:
     node_scale = _powers(pieces.node_times * pieces.unit, pieces.k)[..., None]
     scaled = values * node_scale
     factor = _factorised(_band(pieces, free_rows, ~fixed[free_rows]), 2 * free_rows.size - 1)
-    slope = _gradient(pieces, scaled)[free_rows] * ~fixed[free_rows, :, None]
-    scaled[free_rows] -= _back_substituted(factor, slope)
+    scaled[free_rows] -= _back_substituted(factor, _gradient(pieces, scaled)[free_rows] * ~fixed[free_rows, :, None])
     return np.where(fixed[..., None], values, scaled / node_scale)
 
 
@@ -219,8 +215,7 @@ def onto_nodes(by_end: Array, k: int) -> Array:
 
 def _gradient(pieces: Pieces, scaled: Array) -> Array:
     """(k, n + 1, n_axes) half the gradient of the cost by the scaled node derivatives."""
-    data = _relative(scaled, pieces.scale[: pieces.k], pieces.scale[pieces.k :])
-    slope = _times(hermite_cost(pieces.k), data)
+    slope = _times(hermite_cost(pieces.k), _relative(scaled, pieces.scale[: pieces.k], pieces.scale[pieces.k :]))
     slope *= pieces.scale
     slope *= pieces.weight
     return onto_nodes(slope, pieces.k)

@@ -114,8 +114,7 @@ def node_problem(waypoints: ArrayLike, times: ArrayLike, specification: CurveSpe
     fixed[0] = True
     for node in specification.free_positions:
         if not -knots.size <= node < knots.size:
-            allowed = f"{-knots.size} to {knots.size - 1}"
-            raise InvalidInput(f"the position of way point {node} is to be free; allowed are {allowed}.")
+            raise InvalidInput(f"the position of way point {node} is to be free; allowed are {-knots.size} to {knots.size - 1}.")
         fixed[0, node] = False
     _set_end(values[1:, 0], fixed[1:, 0], specification.boundary.start, "start")
     _set_end(values[1:, -1], fixed[1:, -1], specification.boundary.end, "end")
@@ -254,16 +253,14 @@ def _require_accurate(found: MinSnap, problem: NodeProblem, pieces: free_derivat
     if not abs(found.cost - own) <= _ACCURACY * max(found.cost, usual):
         short = int(np.argmin(durations))
         wrong = f"way points {short} and {short + 1} are {durations[short]:.3g} s apart, of {durations.sum():.3g} s in all"
-        cure = "merge way points that nearly coincide, or give them more time."
-        raise InvalidInput(f"{wrong}: rounding decides the curve; {cure}")
+        raise InvalidInput(f"{wrong}: rounding decides the curve; merge way points that nearly coincide, or give them more time.")
 
 
 def solution_of(times: Array, pieces: free_derivatives.Pieces, values: Array) -> MinSnap:
     """The trajectory through node derivatives: values (k, n + 1, n_axes) [axis/s^d] at times (n + 1,) [s]."""
     data = free_derivatives.end_data(pieces, values)
     trajectory = PiecewisePolynomial(breaks=times, coefficients=free_derivatives.coefficients(pieces, data, values))
-    cost = float(free_derivatives.piece_costs(pieces, data).sum())
-    return MinSnap(trajectory=trajectory, node_derivatives=values, cost=cost)
+    return MinSnap(trajectory=trajectory, node_derivatives=values, cost=float(free_derivatives.piece_costs(pieces, data).sum()))
 
 
 def _solved(problem: NodeProblem, pieces: free_derivatives.Pieces) -> Array:
@@ -343,19 +340,14 @@ class _Qp:
 
     def _rows(self) -> ca.DM:
         """Derivatives 0 .. k - 1 at every node (end of the last piece for the last), then their continuity."""
-        at_start = ca.DM(np.stack([free_derivatives.monomial_row(0.0, d, 2 * self.k) for d in range(self.k)]))
-        at_end = ca.DM(np.stack([free_derivatives.monomial_row(1.0, d, 2 * self.k) for d in range(self.k)]))
-        starts = [self._per_time(at_start, t) for t in self.tau]
-        ends = [self._per_time(at_end, t) for t in self.tau]
+        rows = [ca.DM(np.stack([free_derivatives.monomial_row(u, d, 2 * self.k) for d in range(self.k)])) for u in (0.0, 1.0)]
+        starts, ends = ([ca.sparsify(ca.diag(t ** -np.arange(self.k)) @ own) for t in self.tau] for own in rows)
         nodes = ca.diagcat(*starts[:-1], ca.vertcat(starts[-1], ends[-1]))
         if self.n == 1:
             return nodes
         before = ca.horzcat(ca.diagcat(*ends[:-1]), ca.DM(self.k * (self.n - 1), 2 * self.k))
         after = ca.horzcat(ca.DM(self.k * (self.n - 1), 2 * self.k), ca.diagcat(*starts[1:]))
         return ca.vertcat(nodes, before - after)
-
-    def _per_time(self, rows: ca.DM, tau: float) -> ca.DM:
-        return ca.sparsify(ca.diag(tau ** -np.arange(self.k)) @ rows)
 
     def _limits(self, values: Array, fixed: Mask) -> tuple[Array, Array]:
         scale = self.unit ** np.arange(self.k)[:, None]
@@ -432,8 +424,7 @@ def trapezoidal_times(waypoints: ArrayLike, limits: MotionLimits) -> Array:
     unlimited = (distance > 0.0).any(axis=0) & np.isinf(velocity) & np.isinf(acceleration)
     if unlimited.any():
         raise InvalidInput(f"axis {int(np.argmax(unlimited))} moves without a finite velocity or acceleration limit.")
-    durations = np.max(_trapezoid(distance, velocity, acceleration), axis=1)
-    return np.concatenate([[0.0], np.cumsum(durations)])
+    return np.concatenate([[0.0], np.cumsum(np.max(_trapezoid(distance, velocity, acceleration), axis=1))])
 
 
 @checked
@@ -443,8 +434,7 @@ def scale_to_limits(trajectory: PiecewisePolynomial, limits: MotionLimits) -> Pi
     A trajectory that starts or ends in motion changes its end velocities with it. Raises `InvalidInput`
     where no finite limit concerns an axis that moves.
     """
-    order = np.array([1.0, 2.0, 3.0])[:, None]
-    factor = float(np.max(limits.ratios(trajectory) ** (1.0 / order)))
+    factor = float(np.max(limits.ratios(trajectory) ** (1.0 / np.array([1.0, 2.0, 3.0])[:, None])))
     if factor == 0.0:
         raise InvalidInput("no finite limit concerns an axis that moves; give a limit, or keep the given times.")
     return trajectory.scaled(factor)
@@ -482,12 +472,10 @@ def optimal_times(
 
     def objective(log_durations: Array) -> tuple[float, Array]:
         found, h = _least(waypoints, knots(log_durations), specification)[0], np.exp(log_durations)
-        value = time_weight * h.sum() + found.cost
-        return float(value), (time_weight + found.gradients().durations) * h
+        return float(time_weight * h.sum() + found.cost), (time_weight + found.gradients().durations) * h
 
     guess = min_snap(waypoints, times, specification)
-    stretch = _best_stretch(guess, time_weight, specification.derivative)
-    x = np.log(guess.trajectory.durations * stretch)
+    x = np.log(guess.trajectory.durations * _best_stretch(guess, time_weight, specification.derivative))
     scale = objective(x)[0]
     result = minimize(
         lambda y: tuple(part / scale for part in objective(y)),

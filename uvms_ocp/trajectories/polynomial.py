@@ -116,13 +116,11 @@ class PiecewisePolynomial(FieldTable):
 
     def peak(self, derivative: Count = 0) -> Array:
         """(n_axes,) [axis/s^derivative] largest absolute value of the derivative-th derivative over the whole curve."""
-        scaled = _differentiated(self.coefficients, derivative)
-        return np.max(_unit_peaks(scaled) / self.durations[:, None] ** derivative, axis=0)
+        return np.max(_unit_peaks(_differentiated(self.coefficients, derivative)) / self.durations[:, None] ** derivative, axis=0)
 
     def scaled(self, factor: Positive) -> PiecewisePolynomial:
         """The same path, ``factor`` times slower, with the same start time."""
-        breaks = self.start + factor * (self.breaks - self.start)
-        return PiecewisePolynomial(breaks=breaks, coefficients=self.coefficients)
+        return PiecewisePolynomial(breaks=self.start + factor * (self.breaks - self.start), coefficients=self.coefficients)
 
     def shifted(self, delay: Finite) -> PiecewisePolynomial:
         """The same curve, ``delay`` [s] later. Raises `InvalidInput` where no clock could tell its breaks apart."""
@@ -193,8 +191,7 @@ def concatenate(curves: Sequence[PiecewisePolynomial]) -> PiecewisePolynomial:
     degree = max(curve.degree for curve in curves)
     durations = np.concatenate([curve.durations for curve in curves])
     breaks = curves[0].start + np.concatenate([[0.0], np.cumsum(durations)])
-    missing = [degree + 1 - curve.coefficients.shape[0] for curve in curves]
-    padded = [np.pad(curve.coefficients, ((0, n), (0, 0), (0, 0))) for curve, n in zip(curves, missing, strict=True)]
+    padded = [np.pad(curve.coefficients, ((0, degree - curve.degree), (0, 0), (0, 0))) for curve in curves]
     return PiecewisePolynomial(breaks=breaks, coefficients=np.concatenate(padded, axis=1))
 
 
@@ -229,8 +226,7 @@ def _differentiated(coefficients: Array, order: int) -> Array:
         return coefficients
     if order >= coefficients.shape[0]:
         return np.zeros((1, *coefficients.shape[1:]))
-    powers = range(order, coefficients.shape[0])
-    falling = np.array([factorial(i) / factorial(i - order) for i in powers])
+    falling = np.array([factorial(i) / factorial(i - order) for i in range(order, coefficients.shape[0])])
     return coefficients[order:] * falling[:, None, None]
 
 
