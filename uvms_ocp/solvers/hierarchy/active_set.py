@@ -189,6 +189,4 @@ class LexicographicActiveSet:
 @lru_cache(maxsize=64)
 def _core(n: int, sizes: tuple[int, ...]) -> ca.Function | None:
     """(J, lower, upper, gate, active set) -> v, active set, report, residual; see casadi.c."""
-    if sum(sizes) == 0:
-        return None
-    return external_function("active_set", core_source(n, sizes))
+    return external_function("active_set", core_source(n, sizes)) if sum(sizes) else None

@@ -76,8 +76,7 @@ class _LevelSymbols:
 
     def inputs(self, v: ca.MX | None = None) -> list[ca.MX]:
         held = self.held
-        start = self.v if v is None else v
-        return [held.J, held.lower, held.upper, held.fixed, self.J, self.lower, self.upper, start, self.P]
+        return [held.J, held.lower, held.upper, held.fixed, self.J, self.lower, self.upper, self.v if v is None else v, self.P]
 
 
 def sanitised(J: ca.MX, lower: ca.MX, upper: ca.MX, gate: ca.MX) -> tuple[ca.MX, ca.MX, ca.MX, ca.MX]:
@@ -130,8 +129,7 @@ def level_step(settings: LexicographicQp, n: int, held: int, size: int) -> Level
     projector = _projector(symbols, symbols.v)
     satisfied = ca.Function(f"{name}_satisfied", inputs, [symbols.v, projector, zero])
     conic = _conic(settings, name, symbols)
-    programs = _programs(settings, name, conic, symbols)
-    choice = ca.Function.conditional(f"{name}_case", [nothing, satisfied], programs)
+    choice = ca.Function.conditional(f"{name}_case", [nothing, satisfied], _programs(settings, name, conic, symbols))
     return LevelStep(
         solve=ca.Function(name, inputs, choice.call([_case(symbols), *inputs])),
         give_up=ca.Function(f"{name}_kept", inputs, [symbols.v, projector, ca.MX.ones(1)]),
@@ -157,8 +155,7 @@ def _case(symbols: _LevelSymbols) -> ca.MX:
     """_NOTHING where no program could change v, _SATISFIED_CASE where v is optimal but P may shrink, else 2."""
     free = ca.norm_inf(symbols.J @ symbols.P) > _RANK_TOLERANCE * ca.norm_inf(symbols.J)
     satisfied = ca.norm_inf(interval_distance(symbols.J @ symbols.v, symbols.lower, symbols.upper)) <= _SATISFIED
-    equality = ca.sum1(symbols.lower >= symbols.upper) > 0
-    unchanged = ca.if_else(equality, _SATISFIED_CASE, _NOTHING)
+    unchanged = ca.if_else(ca.sum1(symbols.lower >= symbols.upper) > 0, _SATISFIED_CASE, _NOTHING)
     return ca.if_else(free, ca.if_else(satisfied, unchanged, 2), _NOTHING)
 
 
@@ -215,8 +212,7 @@ def _attempt(
 ) -> ca.Function:
     """One program; ``otherwise`` continues from its result if that is not verified to be optimal."""
     v, multipliers = _program(settings, solver, symbols)
-    accepted = _is_acceptable(settings, symbols, v)
-    v = ca.if_else(accepted, v, symbols.v)
+    v = ca.if_else(_is_acceptable(settings, symbols, v), v, symbols.v)
     # Where rounding alone made the program look worse, its multipliers verify the former v.
     verified = _is_optimal(symbols, v, multipliers)
     inputs = symbols.inputs()
@@ -235,16 +231,14 @@ def _program(settings: LexicographicQp, solver: ca.Function, symbols: _LevelSymb
     curvature = E.T @ E + settings.proximal * ca.sumsqr(JP) / size * ca.MX.eye(n)
     held_JP, held_lower, held_upper = _held_rows(symbols)
     held = held_JP.shape[0]
-    own = (where(equal, -ca.inf, symbols.lower - y), where(equal, ca.inf, symbols.upper - y))
     solution = solver(
         h=ca.diagcat(curvature, ca.MX.eye(size)),
         g=ca.vertcat(-(E.T @ target), ca.MX.zeros(size)),
         a=ca.densify(ca.vertcat(ca.horzcat(held_JP, ca.MX.zeros(held, size)), ca.horzcat(JP, ca.MX(-ca.DM.eye(size))))),
-        lba=ca.vertcat(held_lower, own[0]),
-        uba=ca.vertcat(held_upper, own[1]),
+        lba=ca.vertcat(held_lower, where(equal, -ca.inf, symbols.lower - y)),
+        uba=ca.vertcat(held_upper, where(equal, ca.inf, symbols.upper - y)),
     )
-    multipliers = solution["lam_a"][:held] if held else ca.MX(0, 1)
-    return symbols.v + symbols.P @ solution["x"][:n], multipliers
+    return symbols.v + symbols.P @ solution["x"][:n], solution["lam_a"][:held] if held else ca.MX(0, 1)
 
 
 def _held_rows(symbols: _LevelSymbols) -> tuple[ca.MX, ca.MX, ca.MX]:
@@ -254,8 +248,7 @@ def _held_rows(symbols: _LevelSymbols) -> tuple[ca.MX, ca.MX, ca.MX]:
         return JP, y, y
     moves = ca.sum2(JP**2) > _RANK_TOLERANCE**2 * ca.sum2(held.J**2)
     dropped = ca.logic_or(held.fixed, ca.logic_not(moves))
-    low = where(dropped, -ca.inf, ca.fmin(held.lower - y, 0))
-    return JP, low, where(dropped, ca.inf, ca.fmax(held.upper - y, 0))
+    return JP, where(dropped, -ca.inf, ca.fmin(held.lower - y, 0)), where(dropped, ca.inf, ca.fmax(held.upper - y, 0))
 
 
 def _is_acceptable(settings: LexicographicQp, symbols: _LevelSymbols, v: ca.MX) -> ca.MX:
@@ -276,8 +269,7 @@ def _is_optimal(symbols: _LevelSymbols, v: ca.MX, multipliers: ca.MX) -> ca.MX:
     slack = interval_distance(symbols.J @ v, symbols.lower, symbols.upper)
     scale = _STATIONARY * (1 + ca.norm_fro(symbols.J) * ca.norm_2(slack))
     held = symbols.held
-    gradient = symbols.P.T @ (symbols.J.T @ slack + held.J.T @ multipliers)
-    stationary = ca.norm_2(gradient) <= scale
+    stationary = ca.norm_2(symbols.P.T @ (symbols.J.T @ slack + held.J.T @ multipliers)) <= scale
     if held.J.shape[0] == 0:
         return stationary
     y, far = held.J @ v, 1e6
@@ -354,8 +346,7 @@ class QpTick:
         near = _HELD * (1.0 + np.abs(J).sum(axis=1))
         held = (J @ v >= up - near) * float(RowState.UPPER) + (J @ v <= low + near) * float(RowState.LOWER)
         polished = solve_levels(given, lower, upper, gate, held, self._sizes)
-        exact = polished.status.exact
-        return (polished.v, polished.status, polished.residual) if exact else (v, solution.Status.INEXACT, missed)
+        return (polished.v, polished.status, polished.residual) if polished.status.exact else (v, solution.Status.INEXACT, missed)
 
     def _set_up(self) -> None:
         for step in self._steps:
@@ -456,12 +447,10 @@ def conic_plugins() -> tuple[str, ...]:
 
 
 def _takes_dense_programs(plugin: str) -> bool:
-    try:
-        with contextlib.redirect_stdout(io.StringIO()), contextlib.redirect_stderr(io.StringIO()):
-            ca.conic("probe", plugin, dict.fromkeys("ha", ca.Sparsity.dense(2, 2)), _DEFAULTS.get(plugin, {}))
-    except RuntimeError:
-        return False
-    return True
+    with contextlib.suppress(RuntimeError), contextlib.redirect_stdout(io.StringIO()), contextlib.redirect_stderr(io.StringIO()):
+        ca.conic("probe", plugin, dict.fromkeys("ha", ca.Sparsity.dense(2, 2)), _DEFAULTS.get(plugin, {}))
+        return True
+    return False
 
 
 @cache

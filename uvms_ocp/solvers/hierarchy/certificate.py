@@ -217,8 +217,7 @@ def level_excesses(levels: Sequence[Level], v: ArrayLike, radius: ArrayLike | No
     normal = replace(normal, J=rows.jacobian / np.repeat(normal.level, rows.sizes)[:, None])
     w = v / normal.velocity
     if radius is None:
-        region = _default_region(normal, w)
-        region = replace(region, endless=np.isinf(normal.box.lower) | np.isinf(normal.box.upper))
+        region = replace(_default_region(normal, w), endless=np.isinf(normal.box.lower) | np.isinf(normal.box.upper))
         excesses = _excesses(normal, w, region, first=_beyond_box(region))
     else:
         given = np.asarray(radius, dtype=np.float64)
@@ -262,13 +261,11 @@ def _default_region(rows: NormalRows, w: Array) -> _Region:
     reach = tolerances.REACH
     boxed = (rows.box.lower > -np.inf) & (rows.box.upper < np.inf)
     down, up = np.maximum(w - rows.box.lower, 0.0), np.maximum(rows.box.upper - w, 0.0)
-    ended = np.zeros(len(w), dtype=bool)
-    return _Region(down=np.where(boxed, down, reach), up=np.where(boxed, up, reach), endless=ended)
+    return _Region(down=np.where(boxed, down, reach), up=np.where(boxed, up, reach), endless=np.zeros(len(w), dtype=bool))
 
 
 def _beyond_box(region: _Region) -> _Region:
-    reach = tolerances.REACH
-    return replace(region, down=np.maximum(region.down, reach), up=np.maximum(region.up, reach))
+    return replace(region, down=np.maximum(region.down, tolerances.REACH), up=np.maximum(region.up, tolerances.REACH))
 
 
 def _excesses(rows: NormalRows, w: Array, region: _Region, *, first: _Region) -> Array:
@@ -276,8 +273,7 @@ def _excesses(rows: NormalRows, w: Array, region: _Region, *, first: _Region) ->
     if not np.isfinite(w).all():
         return np.full(len(rows.sizes), np.inf)
     found = _found(rows, w, region)
-    slices = row_slices(rows.sizes)
-    excesses = np.array([_level_excess(found, own, region if own.start else first) for own in slices])
+    excesses = np.array([_level_excess(found, own, region if own.start else first) for own in row_slices(rows.sizes)])
     return np.where(np.isfinite(excesses), excesses, np.inf)
 
 

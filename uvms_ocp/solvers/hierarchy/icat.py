@@ -66,8 +66,7 @@ class Icat:
         """
         if sum(sizes) != len(J):
             raise InvalidInput(f"sizes = {sizes} of levels; give some that add up to the {len(J)} rows of J")
-        n = J.shape[1]
-        rho, Q = np.zeros(n), np.eye(n)
+        rho, Q = np.zeros(J.shape[1]), np.eye(J.shape[1])
         for rows in row_slices(sizes):
             # Without an active row the step is the identity, exactly.
             if activation[rows].any():
@@ -88,9 +87,7 @@ class Icat:
         J1 = self._regularised(M2 + self.weight * (used.T @ used)) @ target
         J2 = self._regularised(M2) @ target
         Q_J2 = Q @ J2
-        W = X @ J1
-        rho = rho + Q_J2 @ (W @ (rate - J @ rho))
-        return rho, Q - Q_J2 @ X
+        return rho + Q_J2 @ ((X @ J1) @ (rate - J @ rho)), Q - Q_J2 @ X
 
     def _regularised(self, M: Array) -> Array:
         """Pseudo-inverse of a symmetric positive semi-definite matrix: s -> s / (s^2 + bell(s) damping)."""

@@ -205,8 +205,7 @@ def is_valid(
     J (M, n) [rate/velocity]; lower and upper (M,) [rate]; gate (M,).
     """
     # Comparisons with NaN are false.
-    open_outwards = logical_and(lower < np.inf, upper > -np.inf)
-    ordered = logical_and(lower <= upper, open_outwards)
+    ordered = logical_and(lower <= upper, logical_and(lower < np.inf, upper > -np.inf))
     gated = logical_and(gate >= 0.0, gate <= 1.0)
     return logical_and(all_entries(abs(J) < tolerances.LARGEST), all_entries(logical_and(ordered, gated)))
 

@@ -205,7 +205,6 @@ def solve_stacked(bind: Bind, levels: Sequence[Level]) -> tuple[Array, Status]:
 
 @lru_cache(maxsize=128)
 def _stack_tick(bind: Bind, n: int, sizes: tuple[int, ...]) -> Tick:
-    m = sum(sizes)
-    symbols = [ca.MX.sym(name, m, n if name == "J" else 1) for name in LEVEL_OUTPUTS]
+    symbols = [ca.MX.sym(name, sum(sizes), n if name == "J" else 1) for name in LEVEL_OUTPUTS]
     names = list(LEVEL_OUTPUTS)
     return bind(ca.Function("levels", symbols, symbols, [f"{name}_in" for name in names], names), sizes)

@@ -190,8 +190,7 @@ class BestIterate:
     def update(self, x: np.ndarray, cost: float, g: np.ndarray) -> float:
         """Violation at x (n_x,) [unit of x], with this cost and rows g (m,) [unit of the row]."""
         violation = self._bounds.violation(x, g, _ALL)
-        kept = violation <= self._feasibility
-        key = (0.0, cost) if kept else (1.0, violation)
+        key = (0.0, cost) if violation <= self._feasibility else (1.0, violation)
         self.iterations += 1
         if key < self._key and np.isfinite(x).all():
             self._key, self.x, self.cost, self.violation = key, x, cost, violation

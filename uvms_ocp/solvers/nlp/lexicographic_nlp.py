@@ -141,8 +141,7 @@ class LexicographicNlp:
             raise InvalidInput("parameters have NaN or infinite entries; give finite numbers")
         limit = self.options.time_limit if time_limit is None else min(time_limit, self.options.time_limit)
         given = ranges or self.program.ranges
-        bounds = nlp.row_bounds(given, x_lower, x_upper, len(points[0].x))
-        run = _Run(self, given.levels, points, parameters, bounds, begin)
+        run = _Run(self, given.levels, points, parameters, nlp.row_bounds(given, x_lower, x_upper, len(points[0].x)), begin)
         # An anticipation that fails must leave time for the levels in their order.
         self.deadline.set(limit / 2)
         with self.watch.running(progress):
@@ -196,10 +195,9 @@ class _Run:
         if not (outcome.status.optimal and outcome.usable):
             self._spent = outcome.iterations
             return self._stopped(outcome) if self._nlp.watch.should_stop else None
-        zeros = (0,) * len(above)
         statuses = (nlp.NlpStatus.SOLVED,) * len(above)
         points = (outcome.point,) * len(self._levels)
-        return self._result(outcome, (*statuses, outcome.status), (*zeros, outcome.iterations), points, True)
+        return self._result(outcome, (*statuses, outcome.status), (*(0,) * len(above), outcome.iterations), points, True)
 
     def in_order(self) -> LexicographicResult:
         """Level by level. A level that fails leaves those below it out."""
@@ -226,10 +224,9 @@ class _Run:
 
     def _stopped(self, outcome: level_solver.NlpOutcome) -> LexicographicResult:
         """Return the result of a solve stopped by hand before the first level was solved: no level is held."""
-        violation = self._nlp.program.violation(outcome.point.x, self._p, self._bounds)
         left = len(self._levels) - 1
         statuses = (nlp.NlpStatus.INTERRUPTED, *(nlp.NlpStatus.SKIPPED,) * left)
-        reached = replace(outcome, violation=violation)
+        reached = replace(outcome, violation=self._nlp.program.violation(outcome.point.x, self._p, self._bounds))
         points = (level_solver.NlpPoint(x=outcome.point.x),) * (left + 1)
         return self._result(reached, statuses, (outcome.iterations, *(0,) * left), points, False)
 

@@ -118,9 +118,7 @@ class LevelRows:
 
     def kept(self, norm: float, tolerance: float) -> float:
         """Largest norm of the residual with which a level that has reached `norm` keeps it; tolerance."""
-        if self.relax is None:
-            return norm + tolerance
-        return float(((1 + self.relax) * norm**2 + 2 * tolerance) ** 0.5)
+        return norm + tolerance if self.relax is None else float(((1 + self.relax) * norm**2 + 2 * tolerance) ** 0.5)
 
     def frozen_bounds(self, y: np.ndarray, cost: float, tolerance: float) -> tuple[np.ndarray, np.ndarray]:
         """Bounds of the rows that keep the level where it is, at y (m,) [unit of the row] and `cost`.
@@ -244,8 +242,7 @@ class RowKinds:
 
     def same(self, other: RowKinds) -> bool:
         """True where all rows are of the same kind."""
-        pairs = ((self.equal, other.equal), (self.below, other.below), (self.above, other.above))
-        return all(np.array_equal(one, two) for one, two in pairs)
+        return all(np.array_equal(getattr(self, kind), getattr(other, kind)) for kind in ("equal", "below", "above"))
 
 
 def row_kinds(lower: np.ndarray, upper: np.ndarray) -> RowKinds:
@@ -315,10 +312,8 @@ def lexicographic_program(
     nlps = []
     for i, cost in enumerate(costs):
         stacked = ca.vertcat(constraints, *freezing[:i])
-        nlp = {"x": x, "p": parameters, "f": cost, "g": stacked}
-        nlps.append(LevelNlp(nlp=nlp, rows=np.arange(stacked.numel())))
-    m = constraints.numel()
-    lower, upper = (np.broadcast_to(np.asarray(bound, dtype=float), (m,)) for bound in (g_lower, g_upper))
+        nlps.append(LevelNlp(nlp={"x": x, "p": parameters, "f": cost, "g": stacked}, rows=np.arange(stacked.numel())))
+    lower, upper = (np.broadcast_to(np.asarray(bound, dtype=float), constraints.numel()) for bound in (g_lower, g_upper))
     return LexicographicProgram(
         ranges=RowRanges(levels=tuple(rows), lower=lower, upper=upper),
         nlps=tuple(nlps),
@@ -328,9 +323,8 @@ def lexicographic_program(
 
 def _level_rows(level: NlpLevel, index: int, first: int) -> LevelRows:
     m = int(level.y.numel())
-    name = level.name or f"level {index}"
     return LevelRows(
-        name=name,
+        name=level.name or f"level {index}",
         lower=np.broadcast_to(np.asarray(level.lower, dtype=float), (m,)),
         upper=np.broadcast_to(np.asarray(level.upper, dtype=float), (m,)),
         relax=level.relax,

@@ -95,9 +95,8 @@ class ProximalWeights:
 
     def adapt(self, level: int, share: float) -> None:
         """After `share` of the level's step could be taken."""
-        factor = _FALL if share == 1 else _RISE
         least = self._least[level]
-        self._now[level] = np.clip(factor * self._now[level], least, _MOST * least)
+        self._now[level] = np.clip((_FALL if share == 1 else _RISE) * self._now[level], least, _MOST * least)
 
 
 # One step of a lexicographic program: its levels take their turns.
@@ -263,8 +262,7 @@ class LevelQp:
         x, p, damping = ca.MX.sym("x", n), ca.MX.sym("p", level.nlp["p"].numel()), ca.MX.sym("damping")
         _, gradient = level.functions["nlp_grad_f"](x, p)
         g, A = level.functions["nlp_jac_g"](x, p)
-        upper = level.functions["nlp_hess_l"](x, p, 1, ca.MX.zeros(m))
-        H = ca.triu2symm(upper) + damping * ca.MX.eye(n)
+        H = ca.triu2symm(level.functions["nlp_hess_l"](x, p, 1, ca.MX.zeros(m))) + damping * ca.MX.eye(n)
         self._linearize = ca.Function(f"linear_{index}", [x, p, damping], [gradient, H, g, A])
         shape, plugin = {"h": H.sparsity(), "a": A.sparsity()}, options.plugin or SPARSE_PLUGIN
         self._qp = ca.conic(f"qp_{index}", plugin, shape, {"error_on_fail": False, **_OPTIONS[plugin]})
@@ -324,8 +322,7 @@ class SparseLevels:
         x, first = self._from + share * self._step, self._program.nlps[0]
         rows = tuple(np.array(y).ravel() for y in self._program.values.call([x, self._p]))
         residuals = [self._residual(i, x, y) for i, y in enumerate(rows)]
-        g = np.array(first.functions["nlp_g"](x, self._p)).ravel()
-        violation = self._bounds.violation(x, g, first.rows)
+        violation = self._bounds.violation(x, np.array(first.functions["nlp_g"](x, self._p)).ravel(), first.rows)
         merit = LevelMerit(violation=violation if np.isfinite(violation) else np.inf, residuals=np.array(residuals))
         return SqpPoint(x=x, rows=rows, merit=merit)
 

@@ -185,10 +185,9 @@ def core_source() -> str:
     """C99 source of the solver, for all shapes: `solve_qp` of iteration.c; needs libm only and allocates nothing."""
     folder = files("uvms_ocp.solvers.stage_qp")
     texts = (folder.joinpath(name).read_text(encoding="utf-8") for name in _SOURCES)
-    macros = c_macros(constants_of(tolerances))
     codes = ", ".join(f"{status.name} = {code}" for code, status in enumerate(_STATUSES))
     starts = ", ".join(f"START_{start.name} = {start.value}" for start in problem.StartMode)
-    return "\n".join([_INCLUDES, macros, f"enum {{ {codes} }};\nenum {{ {starts} }};", *texts])
+    return "\n".join([_INCLUDES, c_macros(constants_of(tolerances)), f"enum {{ {codes} }};\nenum {{ {starts} }};", *texts])
 
 
 def _indices(shape: problem.StageShape) -> dict[str, Any]:
@@ -222,8 +221,7 @@ def _work(n: int, m: int, n_x: int) -> dict[str, Any]:
 
 
 def _table(n: int, m: int) -> dict[str, Array]:
-    twice = ("bound", "side", "elastic")
-    return {name: np.zeros((2 if name in twice else 1) * (m + n)) for name in _TABLE}
+    return {name: np.zeros((2 if name in ("bound", "side", "elastic") else 1) * (m + n)) for name in _TABLE}
 
 
 def _residuals(n: int, m: int, n_x: int) -> dict[str, Array]:

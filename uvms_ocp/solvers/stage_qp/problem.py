@@ -70,8 +70,12 @@ def offsets(sizes: Iterable[int]) -> list[int]:
 @lru_cache(maxsize=256)
 def slices(sizes: tuple[int, ...]) -> tuple[slice, ...]:
     """The same as slices; sizes."""
-    begin = offsets(sizes)
-    return tuple(slice(a, b) for a, b in pairwise(begin))
+    return tuple(slice(a, b) for a, b in pairwise(offsets(sizes)))
+
+
+def parts(flat: Array, sizes: tuple[int, ...]) -> tuple[Array, ...]:
+    """Views (size,) of such parts of one array (n,) [any]."""
+    return tuple(flat[own] for own in slices(sizes))
 
 
 @checked
@@ -131,7 +135,7 @@ class StageQp:
 
     def _vectors(self, name: str, sizes: tuple[int, ...], value: float = 0.0) -> tuple[Array, ...]:
         flat = self.flat[name] = np.full(sum(sizes) + _BEYOND, value)[: sum(sizes)]
-        return tuple(flat[own] for own in slices(sizes))
+        return parts(flat, sizes)
 
     def _matrices(self, name: str, sizes: list[tuple[int, int]]) -> tuple[Array, ...]:
         flat = self._vectors(name, tuple(m * n for m, n in sizes))

@@ -144,8 +144,7 @@ class StageQpSolver:
 
         warm: the solution of a QP nearby, of the same shape. Raises `InvalidInput` for a QP of another shape.
         """
-        near = None if warm is None else _near(warm)
-        return _split(qp, self.solve_flat(qp, near))
+        return _split(qp, self.solve_flat(qp, None if warm is None else _near(warm)))
 
     def solve_flat(
         self,
@@ -224,8 +223,7 @@ class StageQpSolver:
         """With residuals as rows, and some curvature for directions that have none, from z."""
         other = with_residuals_as_rows(qp)
         table, own = problem.row_table(other), original_rows(qp.shape, other.shape)
-        slow = StageQpSolver(other.shape, self.options)
-        end = slow._core.run(other, table, z, self.options, phase_one=False)
+        end = StageQpSolver(other.shape, self.options)._core.run(other, table, z, self.options, phase_one=False)
         return replace(end, y=end.y[own], value=end.value[own])
 
     @np.errstate(invalid="ignore")  # of what is not a number there is no excess
@@ -246,29 +244,25 @@ def _only_rounding(qp: problem.StageQp, end: problem.IterationResult) -> bool:
 
 def _split(qp: problem.StageQp, found: problem.FlatSolution) -> problem.StageQpSolution:
     shape, m = qp.shape, len(found.excess)
-    z = _parts(found.z, shape.n_z)
+    z = problem.parts(found.z, shape.n_z)
     return problem.stage_qp_solution(
         status=found.status,
         z=z,
         x=tuple(own[:n] for own, n in zip(z, shape.n_x, strict=True)),
         u=tuple(own[n:] for own, n in zip(z[:-1], shape.n_x, strict=False)),
-        costate=_parts(found.costate, shape.n_x),
-        y=_parts(found.y[:m], shape.n_c),
-        y_z=_parts(found.y[m:], shape.n_z),
-        excess=_parts(found.excess, shape.n_c),
+        costate=problem.parts(found.costate, shape.n_x),
+        y=problem.parts(found.y[:m], shape.n_c),
+        y_z=problem.parts(found.y[m:], shape.n_z),
+        excess=problem.parts(found.excess, shape.n_c),
         iterations=found.iterations,
         kkt=found.kkt,
         cost=_cost(qp, found),
     )
 
 
-def _parts(flat: Array, sizes: tuple[int, ...]) -> tuple[Array, ...]:
-    return tuple(flat[own] for own in problem.slices(sizes))
-
-
 def _values(qp: problem.StageQp, z: Array) -> Array:
     """(M,) of rows and variables."""
-    return np.concatenate([*(C @ own for C, own in zip(qp.C, _parts(z, qp.shape.n_z), strict=True)), z])
+    return np.concatenate([*(C @ own for C, own in zip(qp.C, problem.parts(z, qp.shape.n_z), strict=True)), z])
 
 
 def _near(solution: problem.StageQpSolution) -> problem.WarmStart:
@@ -280,5 +274,5 @@ def _near(solution: problem.StageQpSolution) -> problem.WarmStart:
 def _cost(qp: problem.StageQp, found: problem.FlatSolution) -> float:
     r, z, flat, products = qp.flat["r"], found.z, qp.flat, found.products
     straight = products.slope + z @ flat["g"]
-    bend = sum(own @ H @ own for H, own in zip(qp.H, _parts(z, qp.shape.n_z), strict=True))
+    bend = sum(own @ H @ own for H, own in zip(qp.H, problem.parts(z, qp.shape.n_z), strict=True))
     return float((r @ r + products.square + bend + z @ (flat["damping"] * z)) / 2 + straight)

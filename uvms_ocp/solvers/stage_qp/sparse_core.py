@@ -56,10 +56,9 @@ class SparseCore:
     ) -> problem.IterationResult:
         """Solve from nothing but the QP, or from z of a QP nearby; NOT_A_NUMBER where entries are none."""
         table = problem.row_table(qp)
-        z = table.rest(qp) if near is None else near.z
         if not problem.is_valid(qp):
             return self._nothing(qp, table, problem.StageQpStatus.NOT_A_NUMBER)
-        return self.run(qp, table, z, options, phase_one=False)
+        return self.run(qp, table, table.rest(qp) if near is None else near.z, options, phase_one=False)
 
     def run(
         self, qp: problem.StageQp, table: problem.RowTable, z: Array, options: problem.StageQpOptions, *, phase_one: bool
@@ -90,7 +89,7 @@ class SparseCore:
         n, m, n_b = len(table.fixed), len(qp.flat["lower"]), len(qp.flat["b"])
         z, y = x[:n], np.concatenate([np.zeros(m), y_x[:n]])
         y[rows] = y_a[n_b:]
-        value = np.concatenate([*(C @ own for C, own in zip(qp.C, self._stages(z), strict=True)), z])
+        value = np.concatenate([*(C @ own for C, own in zip(qp.C, problem.parts(z, self._shape.n_z), strict=True)), z])
         values, slope = (given.a @ x).full().ravel(), (given.h @ x).full().ravel() + given.g
         kkt = problem.kkt_residual(
             stationarity=float(np.abs(slope + (given.a.T @ y_a).full().ravel() + y_x).max()),
@@ -117,17 +116,13 @@ class SparseCore:
     def _nothing(self, qp: problem.StageQp, table: problem.RowTable, status: problem.StageQpStatus) -> problem.IterationResult:
         return problem.no_result(table.rest(qp), sum(self._shape.n_x), len(table.norm), status)
 
-    def _stages(self, z: Array) -> list[Array]:
-        return [z[own] for own in problem.slices(self._shape.n_z)]
-
     def _assembled(
         self, qp: problem.StageQp, table: problem.RowTable, Q: list[Array], q: Array, soft: Mask, rows: Indices
     ) -> _SparseQp:
         n, m, k = len(q), len(qp.flat["lower"]), int(soft.sum())
         steps = ca.horzcat(ca.diagcat(*map(ca.DM, qp.dynamics)), ca.DM(len(qp.flat["b"]), self._shape.n_z[-1])) - self._after
         own = ca.vertcat(ca.diagcat(*map(ca.DM, qp.C)), ca.DM.eye(n))[rows.tolist(), :]
-        places = np.flatnonzero(soft[rows]).tolist()
-        slack = ca.DM.triplet(places, list(range(k)), ca.DM.ones(k), len(rows), k)
+        slack = ca.DM.triplet(np.flatnonzero(soft[rows]).tolist(), list(range(k)), ca.DM.ones(k), len(rows), k)
         bent = table.compliance[soft] > 0.0
         l2 = np.where(bent, 1.0 / np.where(bent, table.compliance[soft], 1.0), table.l2[soft])
         lower, upper = np.where(table.equal, table.target, np.where(table.side, table.bound, [[-np.inf], [np.inf]]))
@@ -198,7 +193,7 @@ class SparseCore:
 
     def products(self, qp: problem.StageQp, z: Array) -> problem.ResidualProducts:
         """At z (n,) [unit of z]."""
-        along = [J @ own for J, own in zip(qp.J, self._stages(z), strict=True)]
+        along = [J @ own for J, own in zip(qp.J, problem.parts(z, self._shape.n_z), strict=True)]
         changes = [np.abs(own @ J).max(initial=0.0) for J, own in zip(qp.J, along, strict=True)]
         whole = np.concatenate(along)
         return problem.ResidualProducts(
@@ -210,8 +205,7 @@ def _cost(qp: problem.StageQp, *, costless: bool = False) -> tuple[list[Array], 
     """Hessian of every stage and gradient (n,) at 0; next to no curvature, and nothing else, for ``costless``."""
     if costless:
         return [tolerances.PHASE_ONE * np.eye(n) for n in qp.shape.n_z], np.zeros(sum(qp.shape.n_z))
-    parts = zip(qp.J, qp.H, qp.damping, strict=True)
-    Q = [J.T @ J + np.tril(H) + np.tril(H, -1).T + np.diag(damping) for J, H, damping in parts]
+    Q = [J.T @ J + np.tril(H) + np.tril(H, -1).T + np.diag(own) for J, H, own in zip(qp.J, qp.H, qp.damping, strict=True)]
     return Q, np.concatenate([J.T @ r + g for J, r, g in zip(qp.J, qp.r, qp.g, strict=True)])
 
 
