@@ -170,9 +170,8 @@ class PlanGuide:
         phase = self._phases[self._at]
         if self._clock >= phase.end:
             self._late += self._dt
-        if self._late <= self._tuning.late:
-            return ""
-        return f"phase {self._mission.phase_names[phase.phase]!r} does not end: {waiting()}"
+        name = self._mission.phase_names[phase.phase]
+        return f"phase {name!r} does not end: {waiting()}" if self._late > self._tuning.late else ""
 
     def _rate(self, tick: TickInputs) -> float:
         """Speed of the plan's clock."""

@@ -93,9 +93,8 @@ def is_violated(task: Task, quantities: Mapping[str, float]) -> bool:
 
 def _is_kept(task: Task, asked: Collection[str], before: Collection[str]) -> bool:
     """A prerequisite is kept where the phase before has reached it, or no transition out of this one waits for it."""
-    if is_prerequisite(task):
-        return task.name not in asked or task.name in before
-    return task.task_class <= TaskClass.SAFETY
+    established = task.name not in asked or task.name in before
+    return established if is_prerequisite(task) else task.task_class <= TaskClass.SAFETY
 
 
 def _kept_otherwise(task: Task) -> bool:
@@ -144,7 +143,7 @@ class GreedyRollout:
 
 def greedy_rollout(scenario: Scenario) -> GreedyRollout:
     """Fly it without water, noise and faults."""
-    ideal = replace(
+    record = replace(
         scenario,
         plant="kinematic",
         sensors=IDEAL_SENSORS,
@@ -153,8 +152,7 @@ def greedy_rollout(scenario: Scenario) -> GreedyRollout:
         controller=our_controller,
         dt=_DT,
         duration=max(scenario.duration, _DT),
-    )
-    record = ideal.run()
+    ).run()
     ends = [(event.source, event.t) for event in record.run_meta.events]
     phases = main_path(scenario.mission.phases)
     names = [scenario.mission.phases[index].name for index in phases]
@@ -271,12 +269,8 @@ def _entered(greedy: GreedyRollout, k: int, kept: Sequence[Task]) -> float:
 
 def goals_end_time(phase: Phase, on: Sequence[Task]) -> float:
     """When the goals that are the phase's own come to rest [s after its beginning]; 0 where none moves. on: its tasks."""
-    ends = [0.0]
-    for task in on:
-        goal = phase.goals.get(task.name)
-        if callable(goal):
-            ends.append(float(goal.end) if isinstance(goal, goals.EndingReference) else 0.0)
-    return max(ends)
+    own = [phase.goals.get(task.name) for task in on]
+    return max([0.0, *(float(goal.end) for goal in own if callable(goal) and isinstance(goal, goals.EndingReference))])
 
 
 def _delayed(goal: Callable[[float], Any], start: float, t: float) -> Any:

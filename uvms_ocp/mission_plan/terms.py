@@ -113,8 +113,7 @@ def condition_term(
         aim = mission_segments.tightened_limit(limit, margins.angle)
         return TaskTerm(task=replace(task, aim=aim), at=place.at, phase=place.segment)
     if isinstance(task, (LandingAltitude, MinimumAltitude)) and quantity == "altitude":
-        lower, upper = _heights(task, limit, margins.altitude, below)
-        return place.rows(task, (0,), lower, upper)
+        return place.rows(task, (0,), *_heights(task, limit, margins.altitude, below))
     rows = _rows_of(task, quantity)
     if not (rows and below):
         raise _refused(condition, place, below)
@@ -179,8 +178,7 @@ def mission_terms(
         own = [i for i, segment in enumerate(segments) if segment.phase == index]
         phase = _Phase(mission, way, k, [segments[i] for i in own], float(starts[own[0]]), margins)
         goals += phase.goals()
-        constraints += phase.kept(kept)
-        constraints += phase.not_triggered()
+        constraints += [*phase.kept(kept), *phase.not_triggered()]
         preferences += phase.preferences()
         kept = phase.reached
     constraints += _rest(robot, phase.on)
@@ -246,8 +244,7 @@ class _Phase:
         """Yield the preferences of equality tasks of the lowest class that no transition waits for."""
         for task in self.on:
             if task.task_class is TaskClass.OPTIMIZATION and task.equality and task.name not in self._asked:
-                for part in self._parts:
-                    yield TaskPreference(task=task, at=At.PATH, phase=part.ocp.name, weight=_LIKED)
+                yield from (TaskPreference(task=task, at=At.PATH, phase=part.ocp.name, weight=_LIKED) for part in self._parts)
 
     def not_triggered(self) -> Iterator[Term]:
         """Yield for every other way out of the phase the constraint that one of its conditions fails all along."""

@@ -46,8 +46,7 @@ def tracking_error(trajectory: Trajectory, t: np.ndarray, q: np.ndarray, *, robo
 
     Raises `FrameNotFound` for an unknown frame.
     """
-    planned = trajectory.states_at(robot.model, t)[0]
-    pairs = zip(frame_poses(robot, frame, planned), frame_poses(robot, frame, q), strict=True)
+    pairs = zip(frame_poses(robot, frame, trajectory.states_at(robot.model, t)[0]), frame_poses(robot, frame, q), strict=True)
     errors = [wanted.inverse() * found for wanted, found in pairs]
     distances = [float(np.linalg.norm(error.translation)) for error in errors]
     return TrackingError(

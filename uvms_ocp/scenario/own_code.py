@@ -94,12 +94,11 @@ def _imported(name: str) -> ModuleType:
         sys.path.insert(0, folder)
     try:
         module = importlib.import_module(name)
-    except ModuleNotFoundError as error:
-        if error.name and (name == error.name or name.startswith(f"{error.name}.")):
+    except (Exception, SystemExit) as error:
+        missing = error.name if isinstance(error, ModuleNotFoundError) else None
+        if missing and (name == missing or name.startswith(f"{missing}.")):
             text = f"{name}: there is no such module; install it, or give a file such as mission.py:scenario"
             raise InvalidInput(text) from None
-        raise _failed(name, error) from error
-    except (Exception, SystemExit) as error:
         raise _failed(name, error) from error
     _FOLDERS.add(Path(module.__file__ or "").parent)
     return module
@@ -220,8 +219,7 @@ def robot_of(words: str, hydrodynamics: Path | str | None = None, loading: Mappi
     loading: other arguments of `load_robot`.
     """
     path = Path(words)
-    is_name = words == path.name and not path.suffix and not path.exists()
-    if is_name:
+    if words == path.name and not path.suffix and not path.exists():
         robot_folder(words)  # refuses an unknown one
         return load_robot(words, hydrodynamics=hydrodynamics, **(loading or {}))
     return load_robot(**files_of(path, hydrodynamics), **(loading or {}))

@@ -105,14 +105,9 @@ def estimate_recording(
         compared = np.where(new, taken, compared)
         row: dict[str, Any] = {"t": t, "q_estimated": estimate.q, "v_estimated": estimate.v, "q_std": estimate.std}
         row |= {"altimeter_range": estimate.altimeter_range, "altimeter_std": estimate.altimeter_std}
-        recorder.append(
-            row
-            | {
-                "health": np.array([one.trust for one in estimate.health], dtype=np.int8),
-                "innovation": np.where(new, squared / np.maximum(degrees, 1.0), math.nan),
-                "refused": new & (accepted == 0.0),
-            }
-        )
+        row |= {"health": np.array([one.trust for one in estimate.health], dtype=np.int8)}
+        row |= {"innovation": np.where(new, squared / np.maximum(degrees, 1.0), math.nan), "refused": new & (accepted == 0.0)}
+        recorder.append(row)
         if run is not None:
             command = Command(v=run.series["command"][k], brakes=bool(run.series["brakes"][k]))
     series = recorder.series()
@@ -122,9 +117,8 @@ def estimate_recording(
     meta = meta_without_mission(robot, title, "recording", plant="recorded", **known)
     record = Record(series=series if run is None else series | {"q": run["q"], "v": run["v"]}, meta=meta)
     rows = []
-    for name, freedom, health, squared, refused in zip(
-        channels, degrees, sensor_health(record), series["innovation"].T, series["refused"].T, strict=True
-    ):
+    of_channels = zip(channels, degrees, sensor_health(record), series["innovation"].T, series["refused"].T, strict=True)
+    for name, freedom, health, squared, refused in of_channels:
         there, sigma = squared[np.isfinite(squared)], getattr(expected, name).sigma
         # The median of chi-squared over its degrees of freedom, by Wilson and Hilferty.
         ratio = math.sqrt(float(np.median(there)) / (1.0 - 2.0 / (9.0 * freedom)) ** 3) if there.size else None

@@ -193,9 +193,8 @@ def _goal_frames(mission: Mission, end: float) -> Iterator[meta_values.FrameMeta
             goals = {None: task.goal} | {one.name: one.goals[task.name] for one in mission.all_phases if task.name in one.goals}
             for phase, goal in goals.items():
                 name = f"goal of {task.name}" + ("" if phase is None else f" in {phase}")
-                places = [
-                    pin.SE3ToXYZQUAT(evaluate_pose(task.name, goal, k)[0]).tolist() for k in (t if callable(goal) else t[:1])
-                ]
+                times = t if callable(goal) else t[:1]
+                places = [pin.SE3ToXYZQUAT(evaluate_pose(task.name, goal, k)[0]).tolist() for k in times]
                 way = tuple((k, *place) for k, place in zip(t.tolist(), places, strict=True)) if callable(goal) else ()
                 yield meta_values.FrameMeta(name=name, pose=tuple(places[0]), phase=phase, way=way)
 

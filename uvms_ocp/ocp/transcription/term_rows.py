@@ -292,8 +292,7 @@ def _require_equal(place: str, name: str, built: object, given: object) -> None:
 
 def _require_as_many(place: str, name: str, built: Sequence[object], given: Sequence[object]) -> None:
     if len(built) != len(given):
-        was, now = len(built), len(given)
-        raise InvalidInput(f"{place} has {now} {name}, the planner was built for {was}: build a new Planner")
+        raise InvalidInput(f"{place} has {len(given)} {name}, the planner was built for {len(built)}: build a new Planner")
 
 
 def _numbers(model: StageModel, rows: TermRows, given: OcpProblem) -> TermNumbers:
@@ -358,8 +357,7 @@ def _attributes(value: object) -> dict[str, None]:
 
 def _slots(kind: type) -> tuple[str, ...]:
     slots = kind.__dict__.get("__slots__", ())
-    names = (slots,) if isinstance(slots, str) else tuple(slots)
-    return tuple(name for name in names if not name.startswith("__"))
+    return tuple(name for name in ((slots,) if isinstance(slots, str) else slots) if not name.startswith("__"))
 
 
 def _same(one: object, other: object) -> bool:
