@@ -183,13 +183,10 @@ def _require(function: ca.Function, given: Array, size: int) -> None:
 
 
 def _by_buffers(calls: Sequence[_Call]) -> Callable[[], None]:
-    bound = []
-    for call in calls:
-        buffer, evaluate = _buffer_on(call.function, call.arguments, call.results)
-        bound.append((evaluate, buffer, call))
+    bound = [(*_buffer_on(call.function, call.arguments, call.results), call) for call in calls]
 
     def make() -> None:
-        for evaluate, buffer, call in bound:
+        for buffer, evaluate, call in bound:
             evaluate()
             if buffer.ret():
                 call.fail()

@@ -29,8 +29,7 @@ def cache_folder() -> tuple[Path | None, str]:
     """
     reason = ""
     for folder in _candidates():
-        reason = _problem(folder)
-        if not reason:
+        if not (reason := _problem(folder)):
             return folder, ""
     return None, reason
 

@@ -80,8 +80,7 @@ def column_size(kind: CType) -> int:
     """Numbers of a structure of nothing else, which are one after the other; 0 of any other type."""
     if kind.structure is None or kind.sizes:
         return 0
-    fields = [of_ctypes(item[1]) for item in kind.structure._fields_]
-    alone = all(item.name == "double" for item in fields)
+    alone = all(of_ctypes(item[1]).name == "double" for item in kind.structure._fields_)
     return ctypes.sizeof(kind.structure) // ctypes.sizeof(ctypes.c_double) if alone else 0
 
 
@@ -222,8 +221,7 @@ def _binary(node: ast.BinOp, scope: Scope) -> CExpression:
     if type(node.op) not in _OPERATORS:
         refused(node, scope)
     cast = "(double)" if whole and isinstance(node.op, ast.Div) else ""
-    kind = INT if whole and not cast else DOUBLE
-    return CExpression(f"({cast}{left.text} {_OPERATORS[type(node.op)]} {right.text})", kind)
+    return CExpression(f"({cast}{left.text} {_OPERATORS[type(node.op)]} {right.text})", INT if whole and not cast else DOUBLE)
 
 
 def _unary(node: ast.UnaryOp, scope: Scope) -> CExpression:

@@ -350,9 +350,7 @@ def _variable(name: str, kind: c_code.CType, *, own: bool) -> str:
     """A declaration: an array of one's own, a pointer to somebody else's, or a number, which is set before it is read."""
     if own:
         return kind.declared(c_code.c_name(name))
-    if kind.sizes or kind.structure is not None:
-        return f"{kind.name} *{c_code.c_name(name)} = 0"
-    return f"{kind.name} {c_code.c_name(name)} = 0"
+    return f"{kind.name} {'' if kind.is_number else '*'}{c_code.c_name(name)} = 0"
 
 
 def _syntax(kernel: Callable[..., Any]) -> ast.FunctionDef:

@@ -155,8 +155,7 @@ class PlaneRowGroup:
     def _bodies(self, symbols: TickSymbols) -> Sequence[SymbolicPose]:
         """Poses of all joints, relative to the last one that carries all of the group."""
         tree = symbols.kinematics.model
-        above = [set(tree.model.supports[joint]) for joint in (*self.first, *self.second)]
-        shared = set.intersection(*above) - {0}
+        shared = set.intersection(*(set(tree.model.supports[joint]) for joint in (*self.first, *self.second))) - {0}
         if not shared:
             return symbols.kinematics.joint_poses
         local = tree.local_poses(symbols.q)

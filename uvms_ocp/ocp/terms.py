@@ -133,8 +133,7 @@ class TaskTerm(TaskRows):
 
     def residual(self, stage: StageSymbols, parameters: ca.SX) -> Residual:
         given = self.task.residual(stage.tick, parameters)
-        slack = self.tolerance
-        return Residual(value=given.value, lower=given.lower - slack, upper=given.upper + slack)
+        return Residual(value=given.value, lower=given.lower - self.tolerance, upper=given.upper + self.tolerance)
 
 
 @checked_dataclass(eq=False)
@@ -183,9 +182,8 @@ class Energy(_PathCost):
     def residual(self, stage: StageSymbols, parameters: ca.SX) -> Residual:
         description = stage.tick.robot.description
         rows = []
-        for i, thruster in enumerate(description.thrusters):
-            if thruster.power is not None:
-                power = thruster.power
+        for i, power in enumerate(thruster.power for thruster in description.thrusters):
+            if power is not None:
                 rows.append(np.sqrt(power.watts / 1e3) * _root_of_power(stage.thrust[i] / power.thrust, power.exponent))
         arm = stage.tick.velocity[stage.tick.robot.joint_v]
         for torque, rate in zip(ca.vertsplit(stage.torque), ca.vertsplit(arm), strict=True):

@@ -46,12 +46,11 @@ class Bathymetry(Seafloor):
         origin [m]: of W in the coordinates of the file, such as east, north and height of a chart. Raises `InvalidInput` for
         a file that cannot be read, depths in place of heights, and a grid with holes or points twice.
         """
-        shown = printable(path)
         try:
             x, y, z = _of_arrays(Path(path)) if Path(path).suffix == ".npz" else _of_lines(Path(path))
         except (OSError, ValueError, KeyError) as error:
             why = " ".join(str(error).split())
-            raise InvalidInput(f"{shown}: no bathymetry ({why}); {_FORMS}") from None
+            raise InvalidInput(f"{printable(path)}: no bathymetry ({why}); {_FORMS}") from None
         return Bathymetry(x=x - origin[0], y=y - origin[1], z=z - origin[2])
 
     @checked_on_failure

@@ -377,19 +377,15 @@ def inject_faults(scenario: Any, plant: Plant, sensors: Sensors) -> tuple[Plant,
     if not makers:
         return plant, sensors
     struck = [InjectedFault(maker=maker, made=maker(scenario)) for maker in makers]
-    names = " and ".join(map(part_name, makers))
-    heard = WatchedSensors(_faulty_sensors(sensors, struck), scenario.robot, scenario.specs, f"with fault {names}")
-    return FaultyPlant(plant, struck), heard
 
-
-def _faulty_sensors(sensors: Sensors, struck: Sequence[InjectedFault]) -> Callable[[State, float], Readings]:
     def read(state: State, t: float) -> Readings:
         readings = sensors(state, t)
         for fault in struck:
             readings = fault.made.readings(readings, t) if fault.active(t) else readings
         return readings
 
-    return read
+    names = " and ".join(map(part_name, makers))
+    return FaultyPlant(plant, struck), WatchedSensors(read, scenario.robot, scenario.specs, f"with fault {names}")
 
 
 def require_fault(fault: Any) -> None:

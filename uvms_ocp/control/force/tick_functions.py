@@ -263,13 +263,9 @@ def control_function(laws: ForceLaws) -> ca.Function:
 
 def command_function(laws: ForceLaws) -> ca.Function:
     """Make ``inputs, effectiveness, observed, desired, allocated -> state, outputs``, with the state of the next tick."""
-    kinds: dict[str, type[Any]] = {
-        "inputs": ForceInputs,
-        "effectiveness": ThrusterEffectiveness,
-        "observed": ForceState,
-        "desired": DesiredForce,
-    }
-    x, (inputs, effectiveness, observed, desired, allocated) = _symbols(laws, **kinds, allocated=AllocatedThrust)
+    kinds: dict[str, type[Any]] = {"inputs": ForceInputs, "effectiveness": ThrusterEffectiveness}
+    kinds |= {"observed": ForceState, "desired": DesiredForce, "allocated": AllocatedThrust}
+    x, (inputs, effectiveness, observed, desired, allocated) = _symbols(laws, **kinds)
     n = laws.robot.n_vehicle
     reached = ca.vertcat(allocated.reached[:n], desired.torque)
     command = laws.lag.command(observed.thrust, effectiveness.asked(allocated.thrust), 1.0 - inputs.stop)

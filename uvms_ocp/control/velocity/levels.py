@@ -8,6 +8,7 @@ the jerk of each axis. That level is below the tasks that keep the robot safe: b
 from __future__ import annotations
 
 from collections.abc import Hashable, Mapping, Sequence
+from contextlib import suppress
 from copy import copy
 from dataclasses import fields, replace
 from functools import lru_cache
@@ -217,11 +218,10 @@ def _expression_key(task: Task, robot: Robot) -> Hashable:
     known = (*_AS_PARAMETERS, *_numbers_of(task))
     names = [item.name for item in fields(task) if item.init and item.name not in known]
     key = (type(task), task.n_parameters(robot), *(getattr(task, name) for name in names))
-    try:
+    with suppress(TypeError):
         hash(key)
-    except TypeError:
-        return object()
-    return key if _is_ours(task) else object()
+        return key if _is_ours(task) else object()
+    return object()
 
 
 def _is_ours(task: Task) -> bool:

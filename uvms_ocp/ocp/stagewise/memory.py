@@ -195,8 +195,7 @@ class StageVariables:
         memory, variables, layout = self._memory, self._variables, self._memory.tangent.model.layout
         source, n, N = variables.model.layout, variables.n_step, variables.N
         steps, column = x[: N * n].reshape(N, n), variables.columns(0)
-        state = np.vstack([steps[:, : source.h], x[N * n : N * n + source.h]])
-        memory.z[:, : layout.h] = state[self._nodes]
+        memory.z[:, : layout.h] = np.vstack([steps[:, : source.h], x[N * n : N * n + source.h]])[self._nodes]
         h = steps[:, column[source.h]] if variables.free else p[memory.whole.parameter_layout.steps]
         memory.z[memory.steps, layout.h] = h
         memory.z[memory.steps, layout.a] = steps[:, column[source.a]]
