@@ -130,9 +130,8 @@ class Replanner:
         wall, processor = self._clock(), process_time()
         first = self._newest is None
         planned = self._first(request) if first else self._replanned(request)
-        return ReplanningResult(
-            planned=planned, first=first, solve_time=self._clock() - wall, processor_time=process_time() - processor
-        )
+        spent = self._clock() - wall
+        return ReplanningResult(planned=planned, first=first, solve_time=spent, processor_time=process_time() - processor)
 
     def _first(self, request: ReplanningRequest) -> TimedPlan | None:
         """Converge the first plan by a few solves, from the guess to stay."""

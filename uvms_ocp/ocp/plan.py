@@ -49,9 +49,8 @@ def tracking_error(trajectory: Trajectory, t: np.ndarray, q: np.ndarray, *, robo
     pairs = zip(frame_poses(robot, frame, trajectory.states_at(robot.model, t)[0]), frame_poses(robot, frame, q), strict=True)
     errors = [wanted.inverse() * found for wanted, found in pairs]
     distances = [float(np.linalg.norm(error.translation)) for error in errors]
-    return TrackingError(
-        position=max(distances), end_position=distances[-1], end_orientation=float(np.linalg.norm(pin.log3(errors[-1].rotation)))
-    )
+    angle = float(np.linalg.norm(pin.log3(errors[-1].rotation)))
+    return TrackingError(position=max(distances), end_position=distances[-1], end_orientation=angle)
 
 
 def frame_poses(robot: Robot, frame: str, q: np.ndarray) -> list[pin.SE3]:

@@ -313,9 +313,8 @@ def _taken_in(laws: ForceLaws, residual_filter: ResidualFilter, inputs: ForceInp
     """Filter the commands for the monitor while everything is fed back with nearly the full bandwidth."""
     joints = inputs.joints if laws.robot.n_joints else 1.0
     watches = ca.logic_and(ca.logic_and(1.0 - inputs.hold, joints), observed.share[0] >= _FULL * laws.derating.vehicle)
-    after = residual_filter.after(
-        FilteredCommands(thrust=observed.asked, way=observed.way, ticks=observed.ticks), observed.thrust, observed.before
-    )
+    before = FilteredCommands(thrust=observed.asked, way=observed.way, ticks=observed.ticks)
+    after = residual_filter.after(before, observed.thrust, observed.before)
     when = partial(ca.if_else, watches)
     status = ca.if_else(after.ticks == 0.0, float(MonitorStep.DUE), float(MonitorStep.TAKES_IN))
     return replace(

@@ -93,9 +93,8 @@ def dead_times(specs: SensorSpecs) -> DeadTimes:
     """Dead times of the fastest velocity sensors; fixes give the linear one where there is no DVL."""
     linear = _soonest(specs.linear_velocity or specs.position)
     turning = _soonest(specs.angular_velocity, specs.attitude)
-    return DeadTimes(
-        vehicle=max(linear, turning), turning=turning, joints=_soonest(specs.joint_velocities, specs.joint_positions)
-    )
+    joints = _soonest(specs.joint_velocities, specs.joint_positions)
+    return DeadTimes(vehicle=max(linear, turning), turning=turning, joints=joints)
 
 
 def bandwidth_derating(late: DeadTimes, *, vehicle: float, joints: float, dt: float) -> BandwidthDerating:

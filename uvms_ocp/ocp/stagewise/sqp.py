@@ -521,6 +521,5 @@ class StageSqp:
         if self._level.level and self._worst <= self._options.feasibility:
             self._restored(here, self._options.convergence)
             self._merit()
-        return SqpOutcome(
-            status=status, iterations=iterations, violation=self._worst, cost=self._level.cost, solution=self._solution
-        )
+        cost, solution = self._level.cost, self._solution
+        return SqpOutcome(status=status, iterations=iterations, violation=self._worst, cost=cost, solution=solution)
