@@ -30,21 +30,14 @@ _SENSITIVITY = ("figure", "parameter", "rank_correlation", "pawn", "pawn_floor")
 
 def campaign(
     what: Annotated[str, typer.Argument(metavar="SCENARIO|DIR", help=_WHAT)],
-    vary: Annotated[
-        str | None,
-        typer.Option(metavar="FILE.py", help="Defines `variations`, a list of Variation(NAME, DISTRIBUTION). It is run."),
-    ] = None,
+    vary: Annotated[str | None, typer.Option(metavar="FILE.py", help=opt.HELP["vary"])] = None,
     runs: Annotated[int | None, typer.Option(metavar="N", help="Number of runs; default: 100.")] = None,
     out: Annotated[Path | None, typer.Option(metavar="DIR", parser=opt.folder, help="Folder of the campaign.")] = None,
     seed: Annotated[int, typer.Option(help="Seed of all that is drawn.")] = 0,
     sampler: Annotated[str, typer.Option(help=f"{', '.join(SAMPLERS)}; indices: the design of Sobol' indices.")] = "sobol",
-    scheduler: Annotated[
-        str | None, typer.Option(metavar="ADDRESS", help="Dask cluster, such as tcp://host:8786; default: this machine.")
-    ] = None,
+    scheduler: Annotated[str | None, typer.Option(metavar="ADDRESS", help=opt.HELP["scheduler"])] = None,
     workers: Annotated[int | None, typer.Option(metavar="N", help="Processes of this machine; default: all.")] = None,
-    time_limit: Annotated[
-        float, typer.Option(metavar="S", help="Of a run [s]: what takes longer is stopped, and a row that says so.")
-    ] = 3600.0,
+    time_limit: Annotated[float, typer.Option(metavar="S", help=opt.HELP["time_limit"])] = 3600.0,
     records: Annotated[str, typer.Option(help="Whole records to keep: none, failures or all.")] = "none",
     changes: opt.ScenarioOptions = opt.AS_IT_IS,
     noise: opt.Noise = None,
@@ -55,10 +48,7 @@ def campaign(
     report: Annotated[bool, typer.Option("--report", help="Write report.html and report.json of a folder.")] = False,
     rerun: Annotated[int | None, typer.Option(metavar="K", help="Repeat run K of a folder, with record and scene.")] = None,
     against: Annotated[Path | None, typer.Option(metavar="DIR2", help="Compare a folder with that of another.")] = None,
-    success: Annotated[
-        list[str] | None,
-        typer.Option(metavar="BOUND", help="In reports, what finished runs must keep: tool_position_error_m<0.01; repeatable."),
-    ] = None,
+    success: Annotated[list[str] | None, typer.Option(metavar="BOUND", help=opt.HELP["success"])] = None,
     as_json: opt.Json = False,
 ) -> None:
     """Run a mission many times with everything uncertain, on all cores or a Dask cluster; stopped, it goes on where it was.

@@ -9,7 +9,7 @@ import numpy as np
 import typer
 
 from uvms_ocp.cli import NOT_COMPLETED
-from uvms_ocp.cli.options import Json, folder
+from uvms_ocp.cli.options import HELP, Json, folder
 from uvms_ocp.cli.printing import busy, console_of, print_json, print_line, print_paths, table_of
 from uvms_ocp.errors import InvalidInput, require_known
 from uvms_ocp.identification import ExperimentLimits, Noise, Rollout, check_data_quality, stage_of, write_recording
@@ -27,13 +27,8 @@ from uvms_ocp.robot.thrusters import curve_of_table, thrust_limits
 
 # ``check-recording``: what is in recordings, and what is doubtful about them.
 
-Recordings = Annotated[
-    list[Path],
-    typer.Argument(metavar="RECORDINGS...", help="CSV, Parquet, MCAP, rosbag2 folders or records of runs, one or more."),
-]
-MappingFile = Annotated[
-    Path | None, typer.Option("--mapping", metavar="YAML", help="Where the channels are in files of others; ours need none.")
-]
+Recordings = Annotated[list[Path], typer.Argument(metavar="RECORDINGS...", help=HELP["recordings"])]
+MappingFile = Annotated[Path | None, typer.Option("--mapping", metavar="YAML", help=HELP["mapping"])]
 _COLUMNS = ("channel", "columns", "unit", "frame", "least", "largest", "from [s]", "to [s]", "rate [Hz]", "delay [s]")
 
 
@@ -94,15 +89,9 @@ def identify(
     recordings: Recordings,
     out: Annotated[Path, typer.Option(metavar="DIR", parser=folder, help="Folder for the results.")],
     mapping: MappingFile = None,
-    profiles: Annotated[
-        bool, typer.Option("--profiles", help="Intervals without linearity; each number takes up to a search.")
-    ] = False,
-    leave_one_out: Annotated[
-        bool, typer.Option("--leave-one-out", help="Predict every recording from the others; each takes a search.")
-    ] = False,
-    axes: Annotated[
-        list[str] | None, typer.Option(metavar="AXIS", help="Along which alone it moves, as in decay tests; repeat it for each.")
-    ] = None,
+    profiles: Annotated[bool, typer.Option("--profiles", help=HELP["profiles"])] = False,
+    leave_one_out: Annotated[bool, typer.Option("--leave-one-out", help=HELP["leave_one_out"])] = False,
+    axes: Annotated[list[str] | None, typer.Option(metavar="AXIS", help=HELP["axes"])] = None,
 ) -> None:
     """Identify a robot from recordings: calibrated file, report and figures.
 
@@ -156,9 +145,7 @@ _POOL, _DURATION, _SHARE, _SLEW, _SEED = (6.0, 4.0, 2.0), 60.0, 0.5, 100.0, Desi
 def excite(
     settings: Annotated[Path, typer.Argument(metavar="YAML", help="What of which robot is to be learnt.")],
     out: Annotated[Path, typer.Option(metavar="DIR", parser=folder, help="Folder for the results.")],
-    pool: Annotated[
-        tuple[float, float, float], typer.Option(metavar="X Y Z", help="Size [m], the vehicle in its middle.")
-    ] = _POOL,
+    pool: Annotated[tuple[float, float, float], typer.Option(metavar="X Y Z", help=HELP["pool"])] = _POOL,
     duration: Annotated[float, typer.Option(help="Of a recording [s].")] = _DURATION,
     share: Annotated[float, typer.Option(help="Of the thrusters' limits.")] = _SHARE,
     slew: Annotated[float, typer.Option(help="Largest change of thrust [N/s].")] = _SLEW,
@@ -210,9 +197,7 @@ def thruster_curve(
     unit: Annotated[str, typer.Option(help=f"Of the thrust: {', '.join(_NEWTONS)}; else as its header says, or N.")] = "",
     voltage: Annotated[str | None, typer.Option(metavar="COLUMN", help="Voltage of each measurement.")] = None,
     at: Annotated[float | None, typer.Option(metavar="V", help="Voltage that the curve is wanted for.")] = None,
-    sheet: Annotated[
-        list[str] | None, typer.Option(metavar="NAME", help="Of a workbook; several, such as one a voltage.")
-    ] = None,
+    sheet: Annotated[list[str] | None, typer.Option(metavar="NAME", help=HELP["sheet"])] = None,
 ) -> None:
     """Turn a table of thrust into the lines of a thruster in hydrodynamics.yaml.
 

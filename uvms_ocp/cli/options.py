@@ -6,10 +6,12 @@ import re
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import MISSING, dataclass, fields, is_dataclass
 from functools import wraps
+from importlib.resources import files
 from inspect import Parameter, Signature, signature
 from pathlib import Path
 from typing import Annotated, Any, get_type_hints
 
+import tomllib
 import typer
 
 from uvms_ocp.control.velocity.kinematic import HierarchySolver
@@ -62,6 +64,7 @@ def defaults_of(kind: type[Any]) -> dict[str, Any]:
 
 # Options that commands share, and the scenario that they describe.
 
+HELP: dict[str, str] = tomllib.loads((files("uvms_ocp.cli") / "help.toml").read_text(encoding="utf-8"))
 SOLVERS: dict[str, type[HierarchySolver]] = {"active_set": LexicographicActiveSet, "lexqp": LexicographicQp, "icat": Icat}
 _OLD_SOLVER_NAMES = {"lexls": "active_set"}
 
@@ -91,13 +94,7 @@ def completing(*names: str) -> Callable[[str], list[str]]:
 
 
 Name = Annotated[str, typer.Argument(metavar="SCENARIO", help=SCENARIO_HELP, autocompletion=completing(*SCENARIOS))]
-RobotName = Annotated[
-    str | None,
-    typer.Option(
-        help="Robot, see `uvms-ocp list`, a URDF or a folder with robot.urdf; default: the scenario's.",
-        autocompletion=completing(*list_robots()),
-    ),
-]
+RobotName = Annotated[str | None, typer.Option(help=HELP["robot"], autocompletion=completing(*list_robots()))]
 
 
 _Words = list[str] | None
@@ -108,24 +105,15 @@ _TOOL = "Frame of the tool; several times for several arms."
 class RobotFiles:
     """How the files of a robot are read; what is left out is as its hydrodynamics.yaml says, under the same names."""
 
-    hydrodynamics: Annotated[
-        str | None, typer.Option(metavar="YAML", help="Hydrodynamics file of the robot; default: the one beside its URDF.")
-    ] = None
-    base: Annotated[
-        str | None, typer.Option(metavar="free_flyer|fixed", help="Whether it floats; default: what its file says.")
-    ] = None
+    hydrodynamics: Annotated[str | None, typer.Option(metavar="YAML", help=HELP["hydrodynamics"])] = None
+    base: Annotated[str | None, typer.Option(metavar="free_flyer|fixed", help=HELP["base"])] = None
     packages: Annotated[_Words, typer.Option(metavar="DIR", help="Where package:// meshes are; repeatable.")] = None
     meshes: Annotated[bool | None, typer.Option("--meshes/--no-meshes", help="Whether shapes that are meshes are read.")] = None
-    mimic: Annotated[
-        str | None,
-        typer.Option(metavar="coupled|free|fixed", help="Joints that mimic another: one with it, of their own, or fixed."),
-    ] = None
+    mimic: Annotated[str | None, typer.Option(metavar="coupled|free|fixed", help=HELP["mimic"])] = None
     lock: Annotated[_Words, typer.Option(metavar="JOINT[=Q]", help="Fix a joint, at 0 unless given; repeatable.")] = None
     drop: Annotated[_Words, typer.Option(metavar="LINK", help="Leave out a link and what hangs on it; repeatable.")] = None
     tool_link: Annotated[_Words, typer.Option("--tool", "--tool-link", metavar="LINK", help=_TOOL)] = None
-    altimeter: Annotated[
-        str | None, typer.Option(metavar="LINK", help="Frame of the range sensor, which looks along its -z.")
-    ] = None
+    altimeter: Annotated[str | None, typer.Option(metavar="LINK", help=HELP["altimeter"])] = None
     dvl: Annotated[str | None, typer.Option(metavar="LINK", help="Frame of the Doppler velocity log.")] = None
 
     @property
@@ -175,9 +163,7 @@ SolverName = Annotated[
     str | None,
     typer.Option(help=f"Hierarchy solver: {', '.join(SOLVERS)}; default: the scenario's.", autocompletion=completing(*SOLVERS)),
 ]
-CurrentVelocity = Annotated[
-    tuple[float, float, float] | None, typer.Option(metavar="X Y Z", help="Uniform current in W [m/s]; default: the scenario's.")
-]
+CurrentVelocity = Annotated[tuple[float, float, float] | None, typer.Option(metavar="X Y Z", help=HELP["current"])]
 Seabed = Annotated[float | None, typer.Option(metavar="Z", help="Height of the floor in W [m]; default: the scenario's.")]
 
 
@@ -201,12 +187,7 @@ AS_IT_IS = ScenarioOptions()
 Seed = Annotated[int | None, typer.Option(help="Seed of everything random.")]
 Noise = Annotated[bool | None, typer.Option("--noise/--no-noise", help="Sensors with noise, rates and delays.")]
 Duration = Annotated[float | None, typer.Option(metavar="S", help="Time limit of the mission [s].")]
-Faults = Annotated[
-    _Words,
-    typer.Option(
-        metavar="TEXT", help="What goes wrong, TARGET:KIND=VALUES@ONSET-END, such as altimeter:frozen@8; several times."
-    ),
-]
+Faults = Annotated[_Words, typer.Option(metavar="TEXT", help=HELP["fault"])]
 Out = Annotated[Path | None, typer.Option(metavar="DIR", parser=folder, help="Folder for the results.")]
 Json = Annotated[bool, typer.Option("--json", help="Print the report on stdout, the rest on stderr.")]
 

@@ -29,9 +29,7 @@ _Json = Annotated[bool, typer.Option("--json", help="Print JSON.")]
 
 
 def check_robot(
-    robot: Annotated[
-        str, typer.Argument(help="URDF, a folder with robot.urdf and hydrodynamics.yaml, or a name, see `uvms-ocp list`.")
-    ],
+    robot: Annotated[str, typer.Argument(help=opt.HELP["robot_checked"])],
     files: opt.RobotFiles = opt.AS_WRITTEN,
     as_json: _Json = False,
 ) -> None:
@@ -86,9 +84,7 @@ def list_all(as_json: _Json = False) -> None:
 
 def new_robot(
     out: Annotated[Path, typer.Argument(metavar="DIR", parser=opt.folder, help="Folder for robot.urdf and hydrodynamics.yaml.")],
-    source: Annotated[
-        Path | None, typer.Option("--from", metavar="URDF|DIR", help="A URDF, or a folder with one, of whatever maker.")
-    ] = None,
+    source: Annotated[Path | None, typer.Option("--from", metavar="URDF|DIR", help=opt.HELP["source"])] = None,
     files: opt.RobotFiles = opt.AS_WRITTEN,
 ) -> None:
     """Write a robot to begin with: of a URDF, with its roles and water proposed, or a box of a vehicle with an arm.
@@ -126,10 +122,7 @@ def new_robot(
 
 def new_mission(
     file: Annotated[Path, typer.Argument(metavar="FILE.py", help="The file; what varies goes beside it.")],
-    robot: Annotated[
-        str | None,
-        typer.Option(metavar="DIR", help="Folder of your robot, or its URDF; default: bluerov2_alpha5 of the package."),
-    ] = None,
+    robot: Annotated[str | None, typer.Option(metavar="DIR", help=opt.HELP["robot_of_mission"])] = None,
     files: opt.RobotFiles = opt.AS_WRITTEN,
 ) -> None:
     """Write a mission of what the robot has, and what is uncertain about it, with comments.
@@ -178,9 +171,7 @@ def _write(files: dict[Path, str], copies: Mapping[Path, Path] | None = None) ->
 def controller(
     scenario: Annotated[str, typer.Argument(help=opt.SCENARIO_HELP)],
     out: Annotated[Path, typer.Argument(metavar="DIR", parser=opt.folder, help="Folder for the sources.")],
-    plant: Annotated[
-        str | None, typer.Option(help="dynamic: with thrust and torque; kinematic: velocities alone; default: the scenario's.")
-    ] = None,
+    plant: Annotated[str | None, typer.Option(help=opt.HELP["plant"])] = None,
     robot: opt.RobotName = None,
     files: opt.RobotFiles = opt.AS_WRITTEN,
 ) -> None:

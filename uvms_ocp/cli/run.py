@@ -93,9 +93,7 @@ def _attempt(name: str, draw: Job) -> str:
     return ""
 
 
-Follow = Annotated[
-    Path | None, typer.Option(metavar="PLAN", help="Plan of this mission, of `plan mission`; the hierarchy takes over.")
-]
+Follow = Annotated[Path | None, typer.Option(metavar="PLAN", help=opt.HELP["follow"])]
 
 
 def run(
