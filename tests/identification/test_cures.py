@@ -77,7 +77,7 @@ CURES: list[tuple[str, Callable[[Channel], Channel], str, Callable[[re.Match[str
     ("joint_velocities", values(np.degrees), FACTOR, keys("{unit: VALUE}")),
     ("specific_force", values(lambda x: x / 9.80665), "NAME: .* in g,", keys("{unit: g}")),
     ("specific_force", values(lambda x: x @ DOWN), "NAME: points down .*FRD", keys("{body: FRD}")),
-    *(("linear_velocity", times(lambda t, n=n: n * t), r"NAME: .*unit of its times, (?P<value>\w+)\?", keys("{time_unit: VALUE}"))
+    *(("linear_velocity", times(lambda t, n=n: n * t), r"NAME: .*unit of its times. give (?P<value>.+: \w+)", keys("{VALUE}"))
       for n in (1e3, 1e6, 1e9)),
     ("linear_velocity", times(lambda t: t + 0.6), LATE, keys("{delay: VALUE}")),
     ("angular_velocity", times(lambda t: t - 0.6), LATE.replace("late", "early"), keys("{delay: -VALUE}")),

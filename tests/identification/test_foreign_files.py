@@ -494,7 +494,7 @@ def test_rows_choose_one_of_two_sensors_in_a_table_and_without_them_it_is_said(t
     depth[1::2, 2] -= 5.0
     path = written(tmp_path, t=twice, x=depth[:, 0], y=depth[:, 1], z=depth[:, 2], I=np.tile([0.0, 1.0], len(T)))
     both = recording_of(path, {"position": POSITION})
-    assert any("two sensors? choose one by its rows" in str(doubt) for doubt in check_data_quality(both))
+    assert any("two sensors? give rows: {NAME: VALUE}" in str(doubt) for doubt in check_data_quality(both))
     one = recording_of(path, {"position": {**POSITION, "rows": {"I": 0}}})
     np.testing.assert_array_equal(one.channels["position"].values, XYZ)
     assert not check_data_quality(one)

@@ -109,6 +109,21 @@ def checked(*words: object) -> str:
     return result.stdout
 
 
+def test_samples_that_are_missing_are_counted_beside_their_channel_and_rows_of_other_channels_are_not(tmp_path: Path) -> None:
+    t = np.arange(0.0, 40.0, 0.1)
+    depth = np.where(np.arange(len(t)) % 4 == 0, 3.0 + np.sin(0.3 * t), np.nan)  # beside what comes four times as often
+    depth[[40, 80, 200]] = -99.0
+    write_columns(tmp_path / "a.csv", {"t": t, "depth": depth, "u": np.sin(t), "v": np.cos(t), "w": np.sin(2.0 * t)})
+    (tmp_path / "map.yaml").write_text(
+        "channels: {position: {time: t, columns: [0.0, 0.0, -depth], missing: [-99]}, "
+        "linear_velocity: {time: t, columns: [u, v, w]}}"
+    )
+    told = json.loads(checked(tmp_path / "a.csv", "--mapping", tmp_path / "map.yaml", "--json"))["a"]
+    assert [row["missing"] for row in told["channels"]] == [3, 0]
+    assert told["doubts"] == ["position: 3 of 100 rows have NaN (-depth) and are left out"]
+    assert "missing" in checked(tmp_path / "a.csv", "--mapping", tmp_path / "map.yaml")
+
+
 def test_a_command_tells_channels_and_doubts_of_every_recording(tmp_path: Path) -> None:
     write_recording(GOOD, tmp_path / "good.csv")
     told = json.loads(checked(tmp_path / "good.csv", "--json"))

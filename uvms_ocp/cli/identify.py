@@ -29,7 +29,7 @@ from uvms_ocp.robot.thrusters import curve_of_table, thrust_limits
 
 Recordings = Annotated[list[Path], typer.Argument(metavar="RECORDINGS...", help=HELP["recordings"])]
 MappingFile = Annotated[Path | None, typer.Option("--mapping", metavar="YAML", help=HELP["mapping"])]
-_COLUMNS = ("channel", "columns", "unit", "frame", "least", "largest", "from [s]", "to [s]", "rate [Hz]", "delay [s]")
+_COLUMNS = ("channel", "columns", "unit", "frame", "least", "largest", "from [s]", "to [s]", "rate [Hz]", "missing", "delay [s]")
 
 
 def check_recording(paths: Recordings, mapping: MappingFile = None, as_json: Json = False) -> None:
@@ -76,7 +76,7 @@ def _recording_data(recording: Recording) -> dict[str, Any]:
 def _row(name: str, channel: Channel) -> dict[str, Any]:
     kind, values, t = CHANNEL_KINDS[name], channel.values, channel.t
     about = (name, values.shape[1], kind.unit, kind.frame, float(values.min()), float(values.max()), float(t[0]), float(t[-1]))
-    return dict(zip(_COLUMNS, (*about, channel.rate, channel.delay), strict=True))
+    return dict(zip(_COLUMNS, (*about, channel.rate, channel.missing, channel.delay), strict=True))
 
 
 # ``identify``: a robot's own numbers, from its own recordings.

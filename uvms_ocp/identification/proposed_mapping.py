@@ -9,7 +9,6 @@ from __future__ import annotations
 import re
 from collections import defaultdict
 from collections.abc import Iterator, Mapping, Sequence
-from contextlib import suppress
 from importlib.resources import files
 from itertools import islice, product
 from pathlib import Path
@@ -81,8 +80,11 @@ def _fields(path: Path, forms: Sequence[Mapping[str, Any]]) -> Iterator[tuple[st
     """Topics that a form may be of, with the fields of their second message: one that is sent once is no measurement."""
     for topic in topics_of(path):
         if any(re.fullmatch(form.get("topic", ".*"), topic) for form in forms):
-            with suppress(UvmsError):  # such as one without a definition
-                yield topic, [name for _, _, one in islice(messages(path, [topic], None, []), 1, 2) for name in _leaves("", one)]
+            try:
+                names = [name for _, _, one in islice(messages(path, [topic], None, []), 1, 2) for name in _leaves("", one)]
+            except UvmsError as error:  # such as for want of its definition
+                names = [f"({error})"]
+            yield topic, names
 
 
 def _leaves(prefix: str, value: Any) -> Iterator[str]:
@@ -154,7 +156,8 @@ def _cured(path: Path, found: _Found) -> tuple[_Found, Mapping[str, list[str]]]:
 
 def _left(found: _Found, ranges: Mapping[str, str], doubts: Sequence[_Doubt], before: Sequence[_Doubt]) -> tuple[int, int, int]:
     """What is left to be cured: channels that cannot be read, doubts, and of the former what cannot be as before."""
-    return len(found) - len(ranges), len(doubts), sum(one in before for one in doubts if one[0] not in ranges)
+    hiding = sum("rad: in deg?" in why for _, why in doubts)  # others, that would follow from these
+    return len(found) - len(ranges) + hiding, len(doubts), sum(one in before for one in doubts if one[0] not in ranges)
 
 
 def _others(doubt: _Doubt, found: _Found) -> Iterator[tuple[str, _Found]]:

@@ -268,13 +268,18 @@ def _table_rows(key: str, one: ChannelMapping, path: Path, given: TextFormat | N
 
 
 def _chosen(key: str, one: ChannelMapping, table: tables.TableColumns) -> tables.TableColumns:
-    """Rows that are wanted, with sentinels as NaN, signs and constants, in the unit of the channel."""
+    """Rows that are wanted, with sentinels as NaN, signs and constants, in the unit of the channel.
+
+    Where most rows have no cell at all, a file has those of other channels between them.
+    """
     n = len(one.rows)
     values, which = table.values[:, : table.values.shape[1] - n], table.values[:, table.values.shape[1] - n :]
     if n:
         values = values[(which == [1.0 if isinstance(each, str) else each for each in one.rows.values()]).all(axis=1)]
     if not len(values) and len(table.values):
         raise InvalidInput(f"{key}: no row has {one.rows}; leave rows out, or give values that there are")
+    empty = ~np.isfinite(values[:, 1:]).any(axis=1)
+    values = values[~empty] if _FOREIGN * len(empty) < empty.sum() < len(empty) else values  # those are of other channels
     for missing in one.missing:
         values = np.hstack([values[:, :1], np.where(np.isclose(values[:, 1:], missing, rtol=1e-12), np.nan, values[:, 1:])])
     factors, notes, remarks = _factors(key, one, table.units[1 : values.shape[1]])
@@ -307,17 +312,14 @@ def _factors(key: str, one: ChannelMapping, said: Sequence[str]) -> tuple[np.nda
 
 
 def _unknown(key: str, one: ChannelMapping, table: tables.TableColumns) -> Iterator[tuple[str, str]]:
-    """Rows that are no numbers; where most have no cell at all, a file has the rows of other channels between them."""
+    """Columns that stand for others, rows that are no numbers, and units that cannot be."""
     rows = table.values
     yield from ((key, remark) for remark in table.remarks)
     if twice := sorted({name for name in one.fields if one.fields.count(name) > 1}):
         yield key, f"{', '.join(twice)} stands for more than one of its axes: give a number for what is not measured"
     open_cells = ~np.isfinite(rows)
-    empty, lost = open_cells[:, 1:].all(axis=1), open_cells.any(axis=1)
-    foreign = empty if empty.mean() > _FOREIGN else np.zeros(len(rows), dtype=bool)
-    n, m = int((lost & ~foreign).sum()), int((~foreign).sum())
-    if n:
-        text = f"{n} of {m} rows have NaN ({_named(one, open_cells[~foreign].any(axis=0))}) and are left out"
+    if n := int(open_cells.any(axis=1).sum()):
+        text = f"{n} of {len(rows)} rows have NaN ({_named(one, open_cells.any(axis=0))}) and are left out"
         command = recordings.CHANNEL_KINDS[key].command
         yield key, text + (", and a fit takes the command before them for what was asked" if command else "")
     geographic = [name for name in one.fields if name.rpartition(".")[2].lower().startswith(("lat", "lon", "lng"))]
@@ -366,6 +368,7 @@ def _samples(key: str, one: ChannelMapping, table: tables.TableColumns) -> recor
         back=back,
         repeated=len(given) - len(t),
         echoes=n - len(given),
+        missing=len(known) - n,
         constants=tuple(k for k, name in enumerate(one.columns) if not isinstance(name, str)),
     )
 

@@ -70,6 +70,8 @@ class Channel:
     """Samples left out, for another had their time."""
     echoes: int = 0
     """Samples left out, for they said again what had just been said."""
+    missing: int = 0
+    """Samples left out, for something in them was not measured."""
     columns: tuple[str, ...] = ()
     """Names of joints or thrusters, where whoever recorded them says so."""
     constants: tuple[int, ...] = ()

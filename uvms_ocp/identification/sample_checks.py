@@ -182,7 +182,8 @@ def of_poses(recording: Recording) -> Iterator[tuple[str, str]]:
     if "position" in recording.channels and not any(_far_off("position", recording.channels["position"])):
         channel = recording.channels["position"]
         _, rate = smoothed(channel.undelayed_t, channel.values, WINDOW, derivative=1)
-        yield from (("position", text) for text in _too_fast(rate, 10.0, "m/s", "mm, or cm"))
+        metres = rate[:, : 2 if channel.values[:, 2].min() > _PRESSURE else 3]
+        yield from (("position", text) for text in _too_fast(metres, 10.0, "m/s", "mm, or cm"))
     if "attitude" in recording.channels:
         _, omega = angular_rate(recording.channels["attitude"], WINDOW)
         yield from (("attitude", text) for text in _too_fast(omega, 4 * np.pi, "rad/s", "deg, or of another format"))
@@ -197,10 +198,10 @@ def _times(name: str, channel: Channel) -> Iterator[str]:
     usual = float(np.median(steps))
     gaps = steps > max(_GAP * usual, WINDOW / 2)
     if (pairs := _pairs(channel)) > _OFTEN:
-        yield f"{100 * pairs:.0f} % of its samples follow another at once and differ: two sensors? choose one by its rows"
+        yield f"{100 * pairs:.0f} % of its samples follow another at once and differ: two sensors? give rows: {{NAME: VALUE}}"
     elif name not in _SELDOM and not _SHORTEST < usual < _LONGEST:
         unit = min(SECONDS, key=lambda unit: abs(np.log(usual * SECONDS[unit] / _LIKELY)))
-        yield f"{usual:.3g} s between samples: the unit of its times{f', {unit}' if unit != 's' else ''}?"
+        yield f"{usual:.3g} s between samples: the unit of its times?{f' give time_unit: {unit}' if unit != 's' else ''}"
     elif usual < _BURST * steps.mean() and gaps.mean() > _OFTEN:
         yield f"arrives in bursts, half of the intervals below {usual:.3g} s: give sent_every: {steps.mean():.3g}, their mean"
     elif gaps.any() and (name not in _SELDOM or np.percentile(steps, _FOR_LONG) < 2 * usual):
@@ -261,7 +262,7 @@ def _far_off(name: str, channel: Channel) -> Iterator[str]:
             low, high = np.percentile(others, [0.1, 99.9]) if len(others) else (extreme, extreme)
             gap, n = max(low - extreme, extreme - high), len(values) - len(others)
             if gap > max(_FAR * (high - low), _FARTHEST.get(name, 0.0)) and n < _FOR_LONG / 100 * len(values):
-                cure = f"give missing: [{extreme:.10g}] where it stands for nothing" if n > 1 else "mistyped?"
+                cure = f"{'mistyped? ' * (n == 1)}give missing: [{extreme:.10g}] where it stands for nothing"
                 yield f"{label} is {extreme:.6g} in {n} of {len(values)} samples, all others {low:.3g} to {high:.3g}: {cure}"
 
 
@@ -386,9 +387,9 @@ def _turned(up: np.ndarray) -> Iterator[str]:
 
 def _above(z: np.ndarray) -> Iterator[str]:
     if z.min() > _PRESSURE:
-        yield f"z is {z.min():.4g} to {z.max():.4g}: a pressure in mbar? give 0.0102 m of depth for each beyond the air's"
+        yield f"z is {z.min():.4g} to {z.max():.4g}: a pressure in mbar? give offset: [0, 0, -1013], scale: [1, 1, -0.0102]"
     elif z.min() > 0.0:
-        yield f"z is {z.min():.3g} to {z.max():.3g} m, above a surface at 0: z down (NED)?"
+        yield f"z is {z.min():.3g} to {z.max():.3g} m, above a surface at 0: z down (NED)? give world: NED, or -NAME for z"
 
 
 # What stays as it is while the vehicle moves: a sensor that has stopped, and commands that were not recorded.
