@@ -31,6 +31,7 @@ SIGNALS = np.column_stack([0.6 * np.sin(0.2 * T + k) for k in range(6)]).round(6
 FORCES = np.column_stack([30.0 * np.sin(0.2 * T), 25.0 * np.cos(0.3 * T)]).round(6)
 LOST = np.arange(len(T)) % 8 == 3
 ROWS = [[f"{t:.3f}", *(f"{x:.6f}" for x in row)] for t, row in zip(T, POSE, strict=True)]
+DOWN = np.array([1.0, -1.0, -1.0])
 AS_PROPOSED: Channels = {}
 XYZ: Channels = {"position": {"time": "t", "columns": ["x", "y", "z"]}}
 
@@ -104,8 +105,9 @@ def lost_ones(every: int) -> np.ndarray:
     return np.arange(len(T)) % every == 1
 
 
-def boat(attitude: np.ndarray = ANGLES) -> Write:
-    return numbers("t x y z roll pitch yaw u v w p q r left right", T, POSE, attitude, *boat_motion(), FORCES)
+def boat(attitude: np.ndarray = ANGLES, axes: np.ndarray | float = 1.0) -> Write:
+    vectors = (axes * each for each in (POSE, attitude, *boat_motion()))
+    return numbers("t x y z roll pitch yaw u v w p q r left right", T, *vectors, FORCES)
 
 
 def boat_motion() -> tuple[np.ndarray, np.ndarray]:
@@ -174,6 +176,7 @@ IN_BAGS: Channels = {
     "attitude": ANGLES_OF_TOPIC,
     "linear_velocity": {"topic": "/speed", "columns": ["velocity.x", "velocity.y", "velocity.z"]},
 }
+MOTION = {"attitude": ANGLES, **dict(zip(("linear_velocity", "angular_velocity"), boat_motion(), strict=True))}
 READ, IN_A_BAG = {"position": POSE}, {"attitude": ANGLES[::5], "linear_velocity": SPEED}
 UNDEFINED = "no definition of own_msgs/msg/Sonar in it; give a folder with its .msg file as `messages: FOLDER`"
 
@@ -273,11 +276,12 @@ STRANGERS: dict[str, Stranger] = {
     "two sensors": Stranger(TWO_SENSORS, XYZ,
         doubts=("50 % of its samples .*: two sensors. give rows: {NAME: VALUE}",)),
     "one of two sensors": Stranger(TWO_SENSORS, one("position", "x y z", rows={"I": 0}), READ),
-    "all of a boat": Stranger(boat(), BOAT, {"attitude": ANGLES, "linear_velocity": boat_motion()[0],
-        "angular_velocity": boat_motion()[1]}),
+    "all of a boat": Stranger(boat(), BOAT, MOTION),
     "pose of a boat": Stranger(boat(), {**one("position", "x y z"), **one("attitude", "roll pitch yaw", format="rpy"),
         **one("thrust", "left right")}, READ),
     "a boat in degrees": Stranger(boat(np.rad2deg(ANGLES)), BOAT, doubts=("attitude: yaw up to .* in deg. give its unit",)),
+    "a boat in degrees, as proposed": Stranger(boat(np.rad2deg(ANGLES)), reads=READ | MOTION),
+    "a boat in degrees with z down, as proposed": Stranger(boat(np.rad2deg(ANGLES), DOWN), reads=READ | MOTION),
     "velocity in W alone": Stranger(boat(), one("linear_velocity", "u v w", frame="W"),
         refused="frame: W given, which needs the attitude; give that channel too"),
     "world of a velocity in B": Stranger(boat(), one("linear_velocity", "u v w", world="NED"),
