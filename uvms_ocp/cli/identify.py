@@ -42,10 +42,8 @@ def check_recording(paths: Recordings, mapping: MappingFile = None, as_json: Jso
     for one in found:
         data = _recording_data(one)
         console.print(table_of(one.name, data["channels"], _COLUMNS))
-        for line in data["read as"]:
+        for line in (*data["read as"], *(f"doubtful: {doubt}" for doubt in data["doubts"])):
             print_line(console, line)
-        for doubt in data["doubts"]:
-            print_line(console, f"doubtful: {doubt}")
 
 
 def map_recording(

@@ -350,9 +350,8 @@ def _correlations(x: np.ndarray, y: np.ndarray) -> np.ndarray:
 def check_data_quality(recording: Recording) -> tuple[QualityIssue, ...]:
     """Check a recording for inconsistent clocks, frames, units and thrusters; returns one issue for each."""
     wrong = {name for name, text in recording.issues_in_file if "rad: in deg?" in text}  # all else would follow from it
-    kept = {name: one for name, one in recording.channels.items() if name not in wrong}
-    sound = {name: one for name, one in kept.items() if CHANNEL_KINDS[name].command or checks.has_times(one)}
-    others = replace(recording, channels=sound)
+    sound = {name: one for name, one in recording.channels.items() if CHANNEL_KINDS[name].command or checks.has_times(one)}
+    others = replace(recording, channels={name: one for name, one in sound.items() if name not in wrong})
     found = [*recording.issues_in_file, *checks.of_samples(recording)]
     for kind in (checks.of_poses, of_rates, of_joints, checks.of_gravity, checks.of_stuck, of_commands):
         found += kind(others)

@@ -81,10 +81,9 @@ def _fields(path: Path, forms: Sequence[Mapping[str, Any]]) -> Iterator[tuple[st
     for topic in topics_of(path):
         if any(re.fullmatch(form.get("topic", ".*"), topic) for form in forms):
             try:
-                names = [name for _, _, one in islice(messages(path, [topic], None, []), 1, 2) for name in _leaves("", one)]
+                yield topic, [name for _, _, one in islice(messages(path, [topic], None, []), 1, 2) for name in _leaves("", one)]
             except UvmsError as error:  # such as for want of its definition
-                names = [f"({error})"]
-            yield topic, names
+                yield topic, [f"({error})"]
 
 
 def _leaves(prefix: str, value: Any) -> Iterator[str]:

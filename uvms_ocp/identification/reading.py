@@ -389,8 +389,7 @@ def _pass_midnight(read: Iterable[tables.TableColumns]) -> None:
 def _without_echoes(rows: np.ndarray) -> np.ndarray:
     """Rows (n, 1 + k) without messages that say the same again at nearly the same time, as topics that are republished do."""
     steps, same = np.diff(rows[:, 0]), (np.diff(rows[:, 1:], axis=0) == 0.0).all(axis=1)
-    new = steps[~same]
-    if len(new) < 2:
+    if (~same).sum() < 2:
         return rows
     echo = same & (steps >= 0.0) & (steps < _AT_ONCE * float(np.median(np.diff(rows[np.r_[True, ~same], 0]))))
     return rows[np.r_[True, ~echo]]
@@ -399,8 +398,7 @@ def _without_echoes(rows: np.ndarray) -> np.ndarray:
 def _converted(key: str, one: ChannelMapping, values: np.ndarray) -> np.ndarray:
     if key == "attitude":
         return recordings.continuous_quaternions(_quaternions(one, values))
-    frame = one.frame or recordings.CHANNEL_KINDS[key].frame
-    turned = {"W": one.world == "NED", "B": one.body == "FRD"}.get(frame, False)
+    turned = {"W": one.world == "NED", "B": one.body == "FRD"}.get(one.frame or recordings.CHANNEL_KINDS[key].frame, False)
     return values * np.tile(np.diag(_DOWN), values.shape[1] // 3) if turned else values
 
 

@@ -180,10 +180,9 @@ def has_times(channel: Channel) -> bool:
 def of_poses(recording: Recording) -> Iterator[tuple[str, str]]:
     """Poses and what their rates say against them."""
     if "position" in recording.channels and not any(_far_off("position", recording.channels["position"])):
-        channel = recording.channels["position"]
-        _, rate = smoothed(channel.undelayed_t, channel.values, WINDOW, derivative=1)
-        metres = rate[:, : 2 if channel.values[:, 2].min() > _PRESSURE else 3]
-        yield from (("position", text) for text in _too_fast(metres, 10.0, "m/s", "mm, or cm"))
+        one = recording.channels["position"]
+        _, rate = smoothed(one.undelayed_t, one.values[:, : 2 if one.values[:, 2].min() > _PRESSURE else 3], WINDOW, derivative=1)
+        yield from (("position", text) for text in _too_fast(rate, 10.0, "m/s", "mm, or cm"))
     if "attitude" in recording.channels:
         _, omega = angular_rate(recording.channels["attitude"], WINDOW)
         yield from (("attitude", text) for text in _too_fast(omega, 4 * np.pi, "rad/s", "deg, or of another format"))
