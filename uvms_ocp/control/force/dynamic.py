@@ -6,7 +6,7 @@ from functools import lru_cache
 
 import numpy as np
 
-from uvms_ocp.checks import checked_constructor, checked_dataclass, replace_unchecked, unchecked_constructor
+from uvms_ocp.checks import checked, checked_constructor, checked_dataclass, replace_unchecked, unchecked_constructor
 from uvms_ocp.control.faults.monitor import ActuatorMonitor
 from uvms_ocp.control.faults.verdicts import ActuatorHealthTuning, residual_filter_for
 from uvms_ocp.control.force import allocation, tick_functions, velocity_law
@@ -120,6 +120,7 @@ class DynamicController(TableDisplay):
         """The force layer."""
         return self._tick
 
+    @checked
     def catch_up(self, measurement: StateEstimate, t: float, ticks: int, at_limits: tuple[int, ...]) -> None:
         """Take note of what kernels alone have done, as `KinematicController.catch_up`.
 
