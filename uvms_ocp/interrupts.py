@@ -61,9 +61,9 @@ class _Handler:
 
     def __call__(self, number: int, frame: FrameType | None) -> None:
         signal.signal(signal.SIGINT, self._before)
-        self._answer(frame)
-        if isinstance(self._before, _Handler):
+        if isinstance(self._before, _Handler):  # first, as an answer may raise
             self._before(number, frame)
+        self._answer(frame)
 
 
 @contextmanager

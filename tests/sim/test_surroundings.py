@@ -30,7 +30,7 @@ CURRENTS: dict[str, Current] = {
     "gusty and sheared": GustyCurrent(base=SHEARED, seed=2),
 }
 FLOORS: dict[str, Seafloor] = {"flat": FlatSeafloor(z=-40.0), "bumpy": HeightField.random("small", z=-40.0, extent=40.0, seed=1)}
-T = 2.3
+T, DT = 2.3, 0.005
 
 
 class OwnCurrent(Current):
@@ -76,11 +76,10 @@ def sampled(current: Current, floor: Seafloor, q: np.ndarray) -> dict[str, np.nd
     n_links, n_points = len(DYNAMICS.symbolic.links), len(POINTS)
     given = {name: np.full((n_links, 3), np.nan) for name in ("u", "Du_Dt")}
     given |= {"floor_z": np.full(n_points, np.nan), "floor_normal": np.full((n_points, 3), np.nan)}
-    given["dt"] = np.array([0.005])
     around = EnvironmentSampler(Environment(seafloor=floor, current=current), DYNAMICS.symbolic, POINTS)
-    around.bind(given)
-    around.sample(ROBOT.configuration(position=(5.0, 5.0, 0.0)), 0.1)
-    around.sample(q, T)
+    around.bind(**given)
+    around.sample(ROBOT.configuration(position=(5.0, 5.0, 0.0)), 0.1, DT)
+    around.sample(q, T, DT)
     return given
 
 

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Mapping
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import cached_property
 from time import perf_counter
@@ -20,7 +21,7 @@ from numpy.lib.stride_tricks import sliding_window_view
 from uvms_ocp.checks import checked
 from uvms_ocp.codegen.compile import compiling_beside
 from uvms_ocp.errors import InvalidInput
-from uvms_ocp.interrupts import Interrupted, on_interrupt, raised_outside_casadi
+from uvms_ocp.interrupts import Interrupted, Stopped, on_interrupt, raised_outside_casadi
 from uvms_ocp.ocp.clearance import ShapeClearance, certificate, shortfall
 from uvms_ocp.ocp.diagnosis import Diagnosis, SolveVerdict, level_prices
 from uvms_ocp.ocp.plan import LevelReport, OcpStatus, Plan
@@ -424,10 +425,12 @@ class Planner:
         found, finder, note = refinement.solved(start), self, ""
         status = found.result.status
         if self._tries_ipopt and not (status.optimal or self._nlp.watch.should_stop or perf_counter() > ends):
-            second = replace(refinement, planner=self._by_ipopt).solved(start)
-            if second.result.violation <= max(found.result.violation, _USABLE):
+            second = None
+            with suppress(Stopped):  # while it is built
+                second = replace(refinement, planner=self._by_ipopt).solved(start)
+            if second is not None and second.result.violation <= max(found.result.violation, _USABLE):
                 found, finder, note = second, self._by_ipopt, f"; by ipopt: {STAGEWISE} ended {status.value!r}"
-            elif NlpStatus.INTERRUPTED in second.result.level_status:  # nothing else is begun
+            elif second is None or NlpStatus.INTERRUPTED in second.result.level_status:  # nothing else is begun
                 ended = tuple(one if one.optimal else NlpStatus.INTERRUPTED for one in found.result.level_status)
                 found = replace(found, result=replace(found.result, level_status=ended, status=NlpStatus.INTERRUPTED))
         plan = finder._plan(given, finder._court(given, found, t0, ends if diagnose else None).verdict(found.result), t0, begin)

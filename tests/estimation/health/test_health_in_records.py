@@ -32,7 +32,8 @@ def record() -> Record:
 
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(SensorSuite, "read", read)
-        return case1(noise=True, seed=1, duration=4.0, dt=0.02).run()
+        scenario = case1(noise=True, seed=1, duration=4.0, dt=0.02)
+        return scenario.run(observer=lambda t, state, command: None)  # tick by tick, in Python
 
 
 @long_without_compiler
