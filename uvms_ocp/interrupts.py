@@ -68,9 +68,13 @@ class _Handler:
 
 @contextmanager
 def raised_outside_casadi() -> Iterator[None]:
-    """Raise `Stopped` for Ctrl-C once CasADi has returned: what is raised within it is lost."""
+    """Raise `Stopped` for Ctrl-C once CasADi has returned: what is raised within it is lost, as in callbacks of weak references,
+    for which it is raised at the end of the block.
+    """
+    presses: list[FrameType | None] = []
 
     def once_outside(frame: FrameType | None, *event: object) -> None:
+        presses.append(frame)
         if _within_casadi(frame):
             sys.setprofile(once_outside)
             return
@@ -81,6 +85,8 @@ def raised_outside_casadi() -> Iterator[None]:
     try:
         with on_interrupt(once_outside):
             yield
+        if presses:
+            raise Stopped
     finally:
         if sys.getprofile() is once_outside:
             sys.setprofile(None)
