@@ -379,7 +379,7 @@ class TopicColumns:
     unit: float = 1.0
     """[s] of a time that is a plain number."""
     words: tuple[str | None, ...] = ()
-    """Of columns that are text, such as are 1, all others 0."""
+    """For each column of text, the word that reads as 1 (every other word as 0); None for columns of numbers."""
 
 
 def message_rows(path: Path, wanted: Mapping[str, TopicColumns], definitions: Path | None = None) -> dict[str, TableColumns]:

@@ -108,7 +108,7 @@ def _unit_of(name: str) -> str:
 
 
 def _label(topic: str, name: str) -> str:
-    """What a field is of: by the topic where it is ``data`` alone, as in standard messages of ROS."""
+    """Name that says what a field holds: the topic's where it is ``data`` alone, as in ROS standard messages."""
     return re.sub(r"^data(?=$|\[)", topic.rpartition("/")[2], name)
 
 
@@ -154,7 +154,7 @@ def _cured(path: Path, found: _Found) -> tuple[_Found, Mapping[str, list[str]]]:
 
 
 def _left(found: _Found, ranges: Mapping[str, str], doubts: Sequence[_Doubt], before: Sequence[_Doubt]) -> tuple[int, int, int]:
-    """What is left to be cured: channels that cannot be read, doubts, and of the former what cannot be as before."""
+    """Count what a cure leaves: channels that cannot be read, doubts, and doubts of `before` whose channel no longer reads."""
     hiding = sum("rad: in deg?" in why for _, why in doubts)  # others, that would follow from these
     return len(found) - len(ranges) + hiding, len(doubts), sum(one in before for one in doubts if one[0] not in ranges)
 

@@ -122,7 +122,7 @@ class ChannelMapping(FileModel, allow_inf_nan=False, use_attribute_docstrings=Tr
 
     @property
     def words(self) -> tuple[str | None, ...]:
-        """Of columns, then rows: words that are asked for, which count as 1 and all others as 0."""
+        """For each column, then each row: the word that reads as 1 (every other word as 0); None where numbers are read."""
         return (*(None for _ in self.fields), *(one if isinstance(one, str) else None for one in self.rows.values()))
 
 

@@ -43,7 +43,7 @@ class TableColumns:
     layout: str = ""
     """How the file was understood."""
     notes: tuple[str, ...] = ()
-    """What it says itself of these columns, and was followed."""
+    """What the file states about these columns itself and the reader applied."""
 
 
 def read_table(

@@ -51,7 +51,7 @@ _TIME = re.compile(
 )
 _UNIT = re.compile(r"[\[(]([^\[\]()]*)[\])]\s*$")
 _OTHER_UNITS = re.compile(r"-|1|none|\[.*\]|\(.*\)|[hmd]?bar|[hk]?pa|psi|[km]?hz|m?[vaw]|(deg|°)? ?c|rpm|kg|lbs?", re.IGNORECASE)
-"""What else stands in a row of units."""
+"""Entries of a row of units for columns that no channel reads."""
 
 
 @one_line_errors
@@ -324,7 +324,7 @@ def _unusual(cell: str, name: str, number: int, layout: TextLayout) -> float:
 
 @contextmanager
 def _opened(path: Path, encoding: str, sheet: str) -> Iterator[IO[str]]:
-    """A file to read, packed or not, or the sheet of a workbook; what is damaged is told in one line."""
+    """Open a text file, gzipped or not, or a sheet of a workbook as text; damage raises `InvalidInput` in one line."""
     with _damage_in_a_line(path):
         if _begins_with(path, _ZIP):
             with _workbook(path) as book:

@@ -380,7 +380,7 @@ class Planner:
         differ; anything else raises `InvalidInput`, which says what. guess: a trajectory, or an earlier plan to start
         from, warm; by default the robot holds its start. t0 [s]: time of the first node, for goals that move. diagnose:
         where a goal is missed, try longer horizons to say why, and where constraints are, look for what would have to give
-        way, within the time limit of the options. progress: told every iteration; a `KeyboardInterrupt` from
+        way, within the time limit of the options. progress: called every iteration; a `KeyboardInterrupt` from
         it ends the search with the best plan so far, whose status says so. Ctrl-C does too, and raises `Interrupted`, whose
         `result` is that plan.
         """
