@@ -81,23 +81,20 @@ def move_plant(m: LoopMemory, p: PlantMemory) -> None:
     """Begin a tick: the plant has moved by the last command."""
     if m.started:
         advance_plant(p)
-    m.q[:] = p.q
-    m.v[:] = p.v
-    m.a[:] = p.a
-    _begin_tick(m)
+    _begin_tick(m, p.q, p.v, p.a)
 
 
 def move_kinematic(m: LoopMemory, p: KinematicMemory) -> None:
     """Begin a tick, as `move_plant`."""
     if m.started:
         advance_kinematic(p)
-    m.q[:] = p.q
-    m.v[:] = p.v
-    m.a[:] = p.a
-    _begin_tick(m)
+    _begin_tick(m, p.q, p.v, p.a)
 
 
-def _begin_tick(m: LoopMemory) -> None:
+def _begin_tick(m: LoopMemory, q: Vector, v: Vector, a: Vector) -> None:
+    m.q[:] = q
+    m.v[:] = v
+    m.a[:] = a
     square = 0.0
     for i in range(len(m.v)):
         square += m.v[i] * m.v[i]
