@@ -5,6 +5,7 @@ No argument may be of a type that nothing here takes; of other wrong values some
 
 from __future__ import annotations
 
+import inspect
 import re
 import warnings
 from collections.abc import Iterator
@@ -17,7 +18,9 @@ from public_surface import Call, surface
 from valid_calls import EXPENSIVE, POOL, REFUSES, STARRED, owner_of, right_arguments, robot, scenario
 
 import uvms_ocp as uo
+from uvms_ocp import identification
 from uvms_ocp.errors import ArgumentNotFound, InvalidInput, UvmsError
+from uvms_ocp.reference.build import exported_names
 from uvms_ocp.robot.signals import Command, Reading, Readings
 from uvms_ocp.sim import UniformCurrent
 from uvms_ocp.solvers import Icat
@@ -129,6 +132,18 @@ def test_wrong_arguments_are_named(call: Call) -> None:
 
 def test_the_surface_is_large() -> None:
     assert sum(len(_values(call, name)) for call in CALLS for name in call.parameters) > 42_000
+
+
+def test_a_path_may_be_given_as_a_string() -> None:
+    functions = [call.function for call in CALLS if call.title != "Robot"]  # whose field is the path itself
+    functions += [getattr(identification, name) for name in exported_names(Path(identification.__file__))]
+    asked = {
+        f"{function.__qualname__}: {name}"
+        for function in filter(inspect.isfunction, functions)
+        for name, annotation in inspect.get_annotations(inspect.unwrap(function)).items()
+        if re.search(r"\bPath\b", str(annotation)) and not re.search(r"\bstr\b", str(annotation)) and name != "return"
+    }
+    assert not asked
 
 
 @pytest.mark.parametrize(("title", "name"), ACCEPTED)

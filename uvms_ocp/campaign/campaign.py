@@ -149,7 +149,7 @@ class Campaign(FieldTable):
 
     def run(
         self,
-        out: Path,
+        out: Path | str,
         *,
         workers: cluster.Workers | None = None,
         scheduler: str | None = None,
@@ -164,6 +164,7 @@ class Campaign(FieldTable):
         Raises `InvalidInput` where another campaign is in the folder, `OutputError` where it cannot be written, and
         `NotInstalled` without the extra ``uvms-ocp[campaign]``.
         """
+        out = Path(out)
         where: dict[str, Any] = {"workers": workers, "scheduler": scheduler}
         cluster.run_jobs(out, self.identity(), self.work, self.sources(), **where, limit=time_limit, progress=progress)
         return read_table(out)

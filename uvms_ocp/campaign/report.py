@@ -247,12 +247,13 @@ _FINISHED_WORSE = ("tool_position_error_m", "duration_s")  # by which runs are c
 
 
 @checked
-def campaign_report(folder: Path, success: Sequence[MetricBound] = ()) -> dict[str, Any]:
+def campaign_report(folder: Path | str, success: Sequence[MetricBound] = ()) -> dict[str, Any]:
     """Report on the finished runs of the campaign in a folder, as JSON values.
 
     success: bounds that a run has to keep, in place of what the mission itself counts. Raises `InvalidInput` where there is no
     campaign, or none of its runs is finished.
     """
+    folder = Path(folder)
     return report_of(folder, table_with_success(folder, success), success)
 
 
@@ -318,14 +319,15 @@ _DRAWN = ("runs", "seed", "sampler", "parameters")  # of campaigns that draw the
 
 
 @checked
-def compare_campaigns(first: Path, second: Path, success: Sequence[MetricBound] = ()) -> dict[str, Any]:
+def compare_campaigns(first: Path | str, second: Path | str, success: Sequence[MetricBound] = ()) -> dict[str, Any]:
     """Success and figures of both campaigns, as JSON values.
 
     Of campaigns with the same seed, sampler, number of runs and parameters runs of the same number are pairs: then only those
     count in which one succeeded and the other did not (McNemar's exact test), and differences have intervals by the bootstrap.
     success: bounds as for `campaign_report`. Raises `InvalidInput` where there is no campaign or no finished run.
     """
-    folders, tables = (first, second), [table_with_success(folder, success) for folder in (first, second)]
+    folders = (Path(first), Path(second))
+    tables = [table_with_success(folder, success) for folder in folders]
     rates = [Rate(number=int(table["success"].sum()), runs=len(table)) for table in tables]
     one, other = map(store.read_manifest, folders)
     comparison: dict[str, Any] = {

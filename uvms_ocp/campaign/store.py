@@ -306,9 +306,10 @@ def _write_whole(path: Path, content: bytes) -> None:
 
 
 @checked
-def read_table(folder: Path) -> Any:
+def read_table(folder: Path | str) -> Any:
     """A pandas.DataFrame of all finished runs of the campaign in a folder, by run number; also while it goes on.
 
     Raises `InvalidInput` where there is none, and `NotInstalled` without the extra ``uvms-ocp[campaign]``.
     """
+    folder = Path(folder)
     return read_rows(folder, read_manifest(folder)).to_pandas()

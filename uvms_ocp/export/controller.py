@@ -162,13 +162,13 @@ FILES = ("controller.h", "controller.c", "initial.c", "functions.c", "solver.c",
 
 
 @checked
-def export_controller(scenario: Scenario, folder: Path) -> list[Path]:
+def export_controller(scenario: Scenario, folder: Path | str) -> list[Path]:
     """Write the controller of a scenario into `folder` as C99 that needs libm only, with a run to compare with.
 
     The scenario is run for that. Returns the files. Raises `InvalidInput` for what has no form in C, by its name, and
     `OutputError` where the folder cannot be written.
     """
-    with claim_folder(folder, FILES) as claim:
+    with claim_folder(Path(folder), FILES) as claim:
         _require_c_form(scenario)
         texts, recorded = _texts_controller(scenario)
         with claim.staged() as staging:
@@ -179,7 +179,7 @@ def export_controller(scenario: Scenario, folder: Path) -> list[Path]:
 
 
 @checked
-def exported_controller(folder: Path) -> Callable[[Scenario], CController]:
+def exported_controller(folder: Path | str) -> Callable[[Scenario], CController]:
     """Load the files of `export_controller`, for ``Scenario(controller=exported_controller(folder))``; needs a C compiler.
 
     Where it begins to run it raises `InvalidInput` for a folder without a controller, or with that of another mission.
@@ -187,7 +187,7 @@ def exported_controller(folder: Path) -> Callable[[Scenario], CController]:
 
     def exported(scenario: Scenario) -> CController:
         kinematic = scenario.kinematic_controller()
-        return CController(folder, interface_sizes(kinematic, _n_thrusters(scenario)), forces=scenario.takes_forces)
+        return CController(Path(folder), interface_sizes(kinematic, _n_thrusters(scenario)), forces=scenario.takes_forces)
 
     return exported
 

@@ -137,11 +137,12 @@ class RecordingMapping(FileModel, use_attribute_docstrings=True):
     """folder with PACKAGE/msg/NAME.msg that a bag of ROS 2 lacks"""
 
 
-def read_mapping(path: Path) -> RecordingMapping:
+def read_mapping(path: Path | str) -> RecordingMapping:
     """A mapping from its YAML file, beside which its folder of messages is.
 
     Raises InvalidInput in one line for what is none, NameNotFound for a channel that there is not.
     """
+    path = Path(path)
     found = untrusted.read_yaml_as(path, RecordingMapping)
     for key, one in found.channels.items():
         _require_meaning(key, one)
@@ -181,12 +182,13 @@ def units_of(key: str, form: str | None) -> dict[str, float]:
     return {unit: factor for base in bases for unit, factor in UNITS[base].items()}
 
 
-def mapped_recording(source: Path, mapping: RecordingMapping, name: str = "") -> recordings.Recording:
+def mapped_recording(source: Path | str, mapping: RecordingMapping, name: str = "") -> recordings.Recording:
     """A recording of a file, or of files in a folder whose names have the name of the recording in them.
 
     Times begin with the first sample of any channel. Rows with NaN are left out, and a doubt says how many.
     Raises NameNotFound, NotInstalled and InvalidInput.
     """
+    source = Path(source)
     for key, one in mapping.channels.items():
         _require_meaning(key, one)
     name = name or source.name.partition(".")[0]
@@ -513,11 +515,12 @@ _RECORDS: Mapping[str, Callable[[Path], Record]] = {
 }
 
 
-def read_recording(path: Path, mapping: RecordingMapping | None = None) -> recordings.Recording:
+def read_recording(path: Path | str, mapping: RecordingMapping | None = None) -> recordings.Recording:
     """The recording of a file or a folder; mapping: for what is none of ours.
 
     Raises InvalidInput for one that needs a mapping, NameNotFound and NotInstalled.
     """
+    path = Path(path)
     tables.require_there(path)
     if mapping is not None and path.is_dir():
         return mapped_recording(path, mapping)

@@ -80,8 +80,9 @@ def variant_text(one: Calibration, recordings: Sequence[str]) -> str:
     return "\n".join(lines) + "\n"
 
 
-def whole_text(one: Calibration, variant: Path) -> str:
+def whole_text(one: Calibration, variant: Path | str) -> str:
     """The robot's file with what a variant says in its place."""
+    variant = Path(variant)
     described = read_description(one.subject.file, variant).model_dump(mode="json", exclude_unset=True, exclude_none=True)
     head = f"# Of {one.subject.file.name}, with identified coefficients of {one.subject.frame}: see {variant.name}.\n"
     return head + yaml.safe_dump(described, sort_keys=False, width=130)

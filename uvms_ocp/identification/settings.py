@@ -118,9 +118,9 @@ class CalibrationSettings(_SettingsSection):
     """length of stretches [s]"""
 
 
-def read_settings(path: Path) -> CalibrationSettings:
+def read_settings(path: Path | str) -> CalibrationSettings:
     """Read settings from a YAML file. Raises InvalidInput in one line for a malformed one."""
-    return read_yaml_as(path, CalibrationSettings)
+    return read_yaml_as(Path(path), CalibrationSettings)
 
 
 # The robot that is calibrated, as settings have it: with its file's numbers, and as a vehicle with unknowns.
@@ -171,12 +171,12 @@ def _box_around(X: pin.SE3, box: Sequence[Sequence[float]]) -> np.ndarray:
     return np.array([middle - reach, middle + reach])
 
 
-def calibrated_robot(settings: CalibrationSettings, folder: Path) -> CalibratedRobot:
+def calibrated_robot(settings: CalibrationSettings, folder: Path | str) -> CalibratedRobot:
     """Load the robot of the settings and declare its unknowns; files are looked for in the settings' folder.
 
     Raises InvalidInput, NameNotFound and RobotDataError.
     """
-    urdf, file = _files(settings, folder)
+    urdf, file = _files(settings, Path(folder))
     robot = loading.load_robot(urdf=urdf, hydrodynamics=file)
     robot = assembly.without_arm(robot) if settings.arm == "taken off" else robot
     if not robot.n_vehicle:

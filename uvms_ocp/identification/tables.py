@@ -228,7 +228,7 @@ _TIME = "t [s]"
 _COLUMN = re.compile(r"(\w+)\.(\w+)$")
 
 
-def write_recording(recording: Recording, path: Path) -> None:
+def write_recording(recording: Recording, path: Path | str) -> None:
     """Write a recording as a table, `.csv`, `.csv.gz` or `.parquet`, that `read_recording` takes without a mapping.
 
     Raises NotInstalled where Parquet cannot be written.
@@ -240,7 +240,7 @@ def write_recording(recording: Recording, path: Path) -> None:
         for label, values in zip(_labels(name, channel), (*channel.values.T, np.full(len(at), channel.delay)), strict=True):
             columns[label] = np.full(len(times), np.nan)
             columns[label][at] = values
-    write_columns(path, columns)
+    write_columns(Path(path), columns)
 
 
 def _labels(name: str, channel: Channel) -> tuple[str, ...]:

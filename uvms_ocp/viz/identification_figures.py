@@ -111,8 +111,9 @@ _PARTS = ("linear", "angular")
 _WIDEST = 100.0  # [%] of an interval that is drawn: beyond it nothing is known
 
 
-def write_identification_figures(one: Calibration, folder: Path) -> list[Path]:
+def write_identification_figures(one: Calibration, folder: Path | str) -> list[Path]:
     """Write PNG files into the folder: two for each recording, one for all numbers, and those of what was asked for besides."""
+    folder = Path(folder)
     paths = [style.save_figure(figure_intervals(one), folder / "intervals.png")]
     kinds: dict[str, Callable[[Comparison], Figure]] = {"predicted": figure_predicted, "residuals": figure_residuals}
     for k, each in enumerate(one.comparisons):
