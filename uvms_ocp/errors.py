@@ -10,6 +10,7 @@ from difflib import get_close_matches
 from enum import Enum
 from importlib import import_module
 from itertools import accumulate
+from multiprocessing import current_process
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -117,6 +118,12 @@ def optional_module(name: str, what: str, package: str) -> Any:
         return import_module(name)
     except ImportError:
         raise NotInstalled(what, package) from None
+
+
+def require_first_reading(what: str) -> None:
+    """End a process that only reads the script it was started by, and would start processes itself: `what` says how."""
+    if getattr(current_process(), "_inheriting", False):
+        raise SystemExit(f'{what}: its processes read the script again; put the call below if __name__ == "__main__":')
 
 
 def plain_line(text: str, longest: int | None = None) -> str:

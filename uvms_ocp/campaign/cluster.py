@@ -17,7 +17,7 @@ import numpy as np
 from uvms_ocp.campaign.jobs import CampaignJob
 from uvms_ocp.campaign.store import CampaignManifest, arrow, opened
 from uvms_ocp.codegen.compile import warn_if_slower
-from uvms_ocp.errors import InvalidInput, OutputError, optional_module
+from uvms_ocp.errors import InvalidInput, OutputError, UvmsError, optional_module, require_first_reading
 from uvms_ocp.progress import progress_bar, show_progress
 from uvms_ocp.record.tables import CAMPAIGN_EXTRA
 from uvms_ocp.types import Range
@@ -72,17 +72,20 @@ def _of_this_machine(workers: int) -> Iterator[Any]:
     import dask as settings
 
     with settings.config.set(_SETTINGS), tempfile.TemporaryDirectory(prefix="uvms_ocp_") as folder:
-        cluster = distributed.LocalCluster(
-            n_workers=workers,
-            threads_per_worker=1,
-            processes=True,
-            host="127.0.0.1",
-            dashboard_address=None,
-            scheduler_kwargs={"dashboard_address": "127.0.0.1:0"},  # its other pages, beside another campaign's
-            local_directory=folder,
-            silence_logs=50,
-            preload=["uvms_ocp.campaign.cluster"],
-        )
+        try:
+            cluster = distributed.LocalCluster(
+                n_workers=workers,
+                threads_per_worker=1,
+                processes=True,
+                host="127.0.0.1",
+                dashboard_address=None,
+                scheduler_kwargs={"dashboard_address": "127.0.0.1:0"},  # its other pages, beside another campaign's
+                local_directory=folder,
+                silence_logs=50,
+                preload=["uvms_ocp.campaign.cluster"],
+            )
+        except RuntimeError:
+            raise UvmsError("a campaign: its worker processes ended as they started; see their last words on stderr") from None
         with cluster, distributed.Client(cluster) as client:
             yield client
 
@@ -119,6 +122,7 @@ def run_jobs(
 
     Raises what `opened`, `connected` and `Dispatch.run` raise, and `NotInstalled` without the extra ``uvms-ocp[campaign]``.
     """
+    require_first_reading("Campaign.run")
     dask(), arrow()
     with ExitStack() as held:
         # Nobody at the address is found out before there is a folder.

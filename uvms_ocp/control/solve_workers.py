@@ -18,7 +18,7 @@ import numpy as np
 import pinocchio as pin
 
 from uvms_ocp.checks import checked_dataclass, unchecked_constructor
-from uvms_ocp.errors import AdvisedStatus, InvalidInput, UvmsError
+from uvms_ocp.errors import AdvisedStatus, InvalidInput, UvmsError, require_first_reading
 from uvms_ocp.ocp.problem import OcpProblem
 from uvms_ocp.ocp.stagewise.program import program_for, stagewise_or
 from uvms_ocp.ocp.trajectory import Trajectory, hold_guess, shift_guess
@@ -274,6 +274,7 @@ class RunningProcess:
 
     def __init__(self, job: ReplanningJob, limits: ProcessWorker) -> None:
         """Raises `InvalidInput` and `UvmsError` as `start_worker` does."""
+        require_first_reading("Scenario.run with a ProcessWorker")
         words, self.lead = _sent(job), limits.lead
         context = get_context("spawn")
         self._connection, other = context.Pipe()
