@@ -212,19 +212,21 @@ class _Items(Kind):
 
     @property
     def converts(self) -> bool:
-        return self.kind.converts or self.holder in (Sequence, list)  # a frozen value keeps a tuple
+        return self.kind.converts or self.holder in (Sequence, list, tuple)  # a frozen value keeps a tuple
 
     def fits(self, value: Any) -> bool:
         if isinstance(value, (str, bytes)):
             return False
         numbers = isinstance(self.kind, (_Number, _Whole, _Numbers)) and self.holder in (Sequence, Iterable)
-        return isinstance(value, self.holder) or (numbers and isinstance(value, np.ndarray) and value.ndim > 0)
+        holders = (tuple, list) if self.holder is tuple else self.holder
+        return isinstance(value, holders) or (numbers and isinstance(value, np.ndarray) and value.ndim > 0)
 
     def parts(self, place: str, value: Any) -> Iterable[tuple[str, Kind, Any]]:
         if isinstance(value, (Sequence, np.ndarray, set, frozenset)):
             yield from ((f"{place}[{index}]", self.kind, item) for index, item in enumerate(value))
 
     def converted(self, value: Any, keep: bool) -> Any:
+        keep = keep or (self.holder is tuple and isinstance(value, list))
         if (keep and isinstance(value, (tuple, list))) or (self.kind.converts and type(value) in (tuple, list)):
             return (tuple if keep else type(value))(self.kind.converted(item, keep) for item in value)
         return value
@@ -431,7 +433,7 @@ def _kind_of_class(cls: type) -> Kind:
         return Kind("a function", callable)
     if hasattr(cls, "homogeneous"):  # the pose of Pinocchio, which whoever reads records or solves levels does without
         return _Pose(
-            "a pinocchio.SE3 of finite numbers",
+            "a pinocchio.SE3 of finite numbers (uvms_ocp.pose_at makes one)",
             lambda value: isinstance(value, cls) and bool(np.isfinite(value.homogeneous).all()),
         )
     name = cls.__name__

@@ -121,7 +121,7 @@ def optional_module(name: str, what: str, package: str) -> Any:
 
 
 def require_first_reading(what: str) -> None:
-    """End a process that only reads the script it was started by, and would start processes itself: `what` says how."""
+    """Raise SystemExit in a process that reads the script it was started by, and would start processes itself by `what`."""
     if getattr(current_process(), "_inheriting", False):
         raise SystemExit(f'{what}: its processes read the script again; put the call below if __name__ == "__main__":')
 

@@ -65,16 +65,19 @@ def test_a_mistyped_name_is_told_by_a_pool_of_processes() -> None:
 
 def test_values_do_not_change_with_what_they_were_made_of() -> None:
     start, u, activations, t = q(), np.zeros(3), {"HA": 1.0}, np.arange(3.0)
+    transitions = [transition()]
     options = {name: getattr(scenario(), name) for name in ("name", "robot", "mission", "environment", "plant", "solver")}
     made = Scenario(start=start, **options)
     water = Water(velocity=u, acceleration=u)
-    phase = Phase(name="A", activations=activations, transitions=(transition(),))
+    phase = Phase(name="A", activations=activations, transitions=transitions)
     record = Record(series={"t": t}, meta=run_record().meta)
     start[0], u[0], activations["HA"], t[0] = 1e3, 5.0, 7.0, 9.0
+    transitions.clear()
     assert made.start[0] != 1e3
     assert not water.velocity.any()
     assert not water.acceleration.any()
     assert phase.activations == {"HA": 1.0}
+    assert phase.transitions == (transition(),)
     assert record["t"][0] == 0.0
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import importlib.metadata
+import shutil
 from pathlib import Path
 
 import numpy as np
@@ -63,6 +64,19 @@ def test_a_name_or_a_path_is_needed_but_not_both(tmp_path: Path) -> None:
     for arguments in ({}, {"name": "planar5", "urdf": tmp_path}):
         with pytest.raises(InvalidInput, match="either a name or urdf=PATH"):
             load_robot(**arguments)
+
+
+def test_a_folder_or_a_urdf_stands_in_place_of_a_name(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    named = load_robot("bluerov2")
+    shutil.copytree(robot_folder("bluerov2"), tmp_path / "mine")
+    monkeypatch.chdir(tmp_path)
+    for place in ("mine", "mine/robot.urdf", tmp_path / "mine", Path("mine") / "robot.urdf"):
+        assert load_robot(place).description == named.description
+    (tmp_path / "mine" / "hydrodynamics.yaml").unlink()
+    assert not load_robot("mine").description.links
+    for place in ("mine/other.urdf", "other.urdf", Path("other")):
+        with pytest.raises(RobotDataError, match=r"other.*No such file"):
+            load_robot(place)
 
 
 def test_a_free_flyer_has_the_vehicle_before_the_joints(girona: Robot) -> None:

@@ -55,7 +55,7 @@ def connected(scheduler: str | None, workers: int | None) -> AbstractContextMana
     """A `distributed.Client` of the cluster at an address, or of as many `workers` of this machine as it has processors.
 
     Raises `OutputError` where nobody answers at the address, `InvalidInput` for an empty address and for an address and a
-    number of workers.
+    number of workers, and `UvmsError` where workers end as they start.
     """
     if scheduler is None:
         return _of_this_machine(workers or os.cpu_count() or 1)

@@ -156,7 +156,7 @@ _log = logging.getLogger(__name__)
 
 @checked
 def load_robot(
-    name: str | None = None,
+    name: str | Path | None = None,
     *,
     urdf: Path | str | None = None,
     hydrodynamics: Path | str | RobotDescription | None = None,
@@ -173,6 +173,7 @@ def load_robot(
 ) -> Robot:
     """Load a robot by name, or from a URDF file and, if there is one, its hydrodynamics file, or what stands in it.
 
+    In place of the name, a folder with robot.urdf, or a URDF: with the hydrodynamics.yaml beside it where there is one.
     ``variant`` is another published data set of a named robot, see ``list_variants``. The others take the place of what the
     hydrodynamics file says, which is what they are by default: ``base`` is ``free_flyer`` or ``fixed``; ``package_dirs`` are
     searched for ``package://`` meshes, besides those of the file; ``meshes=False`` leaves out shapes that are meshes. Joints
@@ -189,6 +190,11 @@ def load_robot(
     logger.
     """
     known, file = (hydrodynamics, None) if isinstance(hydrodynamics, RobotDescription) else (None, hydrodynamics)
+    if name is not None and _is_file(name):
+        if urdf is not None:
+            raise InvalidInput(f"load_robot: {name} and urdf={urdf}; give one of them")
+        name, urdf, file = None, *files_of(Path(name), file).values()
+    name = None if name is None else str(name)
     urdf_path, yaml_path = _paths(name, urdf, file)
     place = urdf_path.parent.resolve() / urdf_path.name  # which packages are seen from, a link too
     faults: list[RobotDataError] = []
@@ -308,6 +314,11 @@ def files_of(path: Path, hydrodynamics: Path | str | None = None) -> dict[str, A
     urdf = path / "robot.urdf" if path.is_dir() else path
     beside = urdf.with_name("hydrodynamics.yaml")
     return {"urdf": urdf, "hydrodynamics": hydrodynamics or (beside if beside.is_file() else None)}
+
+
+def _is_file(name: str | Path) -> bool:
+    path = Path(name)
+    return isinstance(name, Path) or (name not in list_robots() and (path.exists() or name != path.name or path.suffix != ""))
 
 
 def _paths(name: str | None, urdf: Path | str | None, hydrodynamics: Path | str | None) -> tuple[Path, Path | None]:

@@ -15,8 +15,7 @@ from typing import Any
 
 from uvms_ocp.checks import checked, checked_dataclass
 from uvms_ocp.errors import InvalidInput, NameNotFound, UvmsError, plain_line
-from uvms_ocp.robot import Robot, load_robot, robot_folder
-from uvms_ocp.robot.loading import files_of
+from uvms_ocp.robot import Robot, load_robot
 from uvms_ocp.scenario.options import CHANGEABLE, apply_options
 from uvms_ocp.scenario.scenario import Scenario
 
@@ -219,10 +218,7 @@ def robot_of(words: str, hydrodynamics: Path | str | None = None, loading: Mappi
     loading: other arguments of `load_robot`.
     """
     path = Path(words)
-    if words == path.name and not path.suffix and not path.exists():
-        robot_folder(words)  # refuses an unknown one
-        return load_robot(words, hydrodynamics=hydrodynamics, **(loading or {}))
-    return load_robot(**files_of(path, hydrodynamics), **(loading or {}))
+    return load_robot(path if path.exists() else words, hydrodynamics=hydrodynamics, **(loading or {}))
 
 
 def _taken(words: str, maker: Callable[..., Any], given: Mapping[str, Any]) -> Mapping[str, Any]:

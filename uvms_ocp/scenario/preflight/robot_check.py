@@ -18,7 +18,7 @@ import yaml
 from uvms_ocp.checks import checked
 from uvms_ocp.errors import RobotDataError
 from uvms_ocp.robot import Robot, assembly, description, roles, thruster_matrix, thrusters
-from uvms_ocp.robot.loading import files_of, joints_without_inertia, load_robot, unknowns
+from uvms_ocp.robot.loading import joints_without_inertia, load_robot, unknowns
 from uvms_ocp.robot.shapes.collision_model import links_without_shape
 
 FORCE_TOLERANCE = 0.5  # [N] residual of a trimmed robot with its arm stowed
@@ -83,7 +83,7 @@ def check_robot_files(path: Path | str, hydrodynamics: Path | str | None = None,
     raises ``InvalidInput`` for options that do not exist.
     """
     try:
-        robot = load_robot(**files_of(Path(path), hydrodynamics), **loading)
+        robot = load_robot(Path(path), hydrodynamics=hydrodynamics, **loading)
     except RobotDataError as error:
         return RobotReport(name=Path(path).name, findings=tuple(_error("files", text) for text in error.lines))
     return check_robot(robot)
