@@ -4,71 +4,108 @@ from __future__ import annotations
 
 import os
 import signal
+import subprocess
 import sys
-from collections.abc import Callable
 from functools import partial
+from multiprocessing import active_children
 from pathlib import Path
+from time import perf_counter
 
 import pytest
 
-from uvms_ocp.cli.run import run_jobs
+from uvms_ocp.cli.run import Job, drawer
 
 
 def _note(folder: Path, k: int) -> None:
     (folder / f"{k}").write_text(str(os.getpid()))
 
 
-def _wait_for(path: Path) -> None:
-    while not path.exists():
+_COPIED = pytest.mark.skipif(sys.platform in ("win32", "darwin"), reason="no copy is made there")
+
+
+def _notes(folder: Path, n: int) -> dict[str, Job]:
+    return {f"{k}": partial(_note, folder, k) for k in range(n)}
+
+
+def test_commands_know_the_names_of_figures_before_anything_that_draws_is_loaded() -> None:
+    code = "import sys, uvms_ocp.cli.plan; print(sorted({'matplotlib', 'meshcat', 'scipy'} & set(sys.modules)))"
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert done.stdout.strip() == "[]"
+
+
+@pytest.mark.parametrize("n_processors", [1, 2])
+def test_every_drawing_is_made_in_a_copy_where_there_are_processors_for_it(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, n_processors: int
+) -> None:
+    monkeypatch.setattr(os, "cpu_count", lambda: n_processors)
+    with drawer() as draw:
+        assert draw(_notes(tmp_path, 20)) == []
+    assert {int(path.name) for path in tmp_path.iterdir()} == set(range(20))
+    here = os.getpid() in {int(path.read_text()) for path in tmp_path.iterdir()}
+    assert here == (n_processors == 1 or sys.platform in ("win32", "darwin"))
+
+
+@_COPIED
+def test_two_processes_work_at_a_time(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(os, "cpu_count", lambda: 2)
+    monkeypatch.setattr("uvms_ocp.cli.run._SHARE", 1)
+    with drawer() as draw:  # neither ends before the other has begun
+        draw({f"{k}": partial(_note_and_wait, tmp_path, k) for k in range(2)})
+    assert (tmp_path / "0").read_text() != (tmp_path / "1").read_text()
+
+
+def _note_and_wait(folder: Path, k: int) -> None:
+    _note(folder, k)
+    while not (folder / f"{1 - k}").exists():
         pass
 
 
 @pytest.mark.parametrize("n_processors", [1, 2])
-def test_every_job_is_done(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, n_processors: int) -> None:
+def test_what_the_disk_refuses_is_raised(monkeypatch: pytest.MonkeyPatch, n_processors: int) -> None:
     monkeypatch.setattr(os, "cpu_count", lambda: n_processors)
-    run_jobs([partial(_note, tmp_path, k) for k in range(20)])
-    assert {int(path.name) for path in tmp_path.iterdir()} == set(range(20))
+    with drawer() as draw, pytest.raises(OSError, match="no room"):
+        draw({"own": _no_room})
 
 
-@pytest.mark.skipif(sys.platform in ("win32", "darwin"), reason="no copy is made there")
-def test_two_processes_work_at_a_time(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def _no_room() -> None:
+    raise OSError("no room")
+
+
+@_COPIED
+@pytest.mark.parametrize("begun", [False, True])
+def test_a_copy_that_is_killed_leaves_nothing_undrawn(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, begun: bool) -> None:
     monkeypatch.setattr(os, "cpu_count", lambda: 2)
-    one, two = tmp_path / "0", tmp_path / "1"
-
-    def first() -> None:
-        _note(tmp_path, 0)
-        _wait_for(two)
-
-    def second() -> None:
-        _note(tmp_path, 1)
-        _wait_for(one)
-
-    run_jobs([first, second])  # neither ends before the other has begun
-    assert one.read_text() != two.read_text()
+    before = active_children()
+    with drawer() as draw:
+        for copy in () if begun else set(active_children()).difference(before):
+            copy.kill()
+        assert draw({"own": partial(_die_elsewhere, os.getpid()), **_notes(tmp_path, 5)}) == []
+    assert {int(path.name): int(path.read_text()) for path in tmp_path.glob("[0-9]")} == dict.fromkeys(range(5), os.getpid())
 
 
-@pytest.mark.parametrize("n_processors", [1, 2])
-def test_what_a_job_raises_is_raised(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, n_processors: int) -> None:
-    monkeypatch.setattr(os, "cpu_count", lambda: n_processors)
-
-    def wrong() -> None:
-        raise OSError("no room")
-
-    jobs: list[Callable[[], None]] = [wrong, *(partial(_note, tmp_path, k) for k in range(5))]
-    with pytest.raises(OSError, match="no room"):
-        run_jobs(jobs)
+def _die_elsewhere(here: int) -> None:
+    if os.getpid() != here:
+        os.kill(os.getpid(), signal.SIGKILL)
 
 
-@pytest.mark.skipif(sys.platform in ("win32", "darwin"), reason="no copy is made there")
-def test_a_copy_that_is_killed_leaves_nothing_undone(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+@_COPIED
+def test_what_cannot_be_sent_is_drawn_here(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(os, "cpu_count", lambda: 2)
-    here, taken = os.getpid(), tmp_path / "taken"
+    with drawer() as draw:
+        assert draw({"own": lambda: _note(tmp_path, 0)}) == []
+    assert (tmp_path / "0").read_text() == str(os.getpid())
 
-    def die_elsewhere() -> None:
-        if os.getpid() != here:
-            taken.touch()
-            os.kill(os.getpid(), signal.SIGKILL)
-        _wait_for(taken)
 
-    run_jobs([die_elsewhere] * 2 + [partial(_note, tmp_path, k) for k in range(5)])
-    assert {int(path.name): int(path.read_text()) for path in tmp_path.glob("[0-9]")} == dict.fromkeys(range(5), here)
+@_COPIED
+def test_what_ends_before_anything_is_drawn_waits_for_no_copy(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(os, "cpu_count", lambda: 2)
+    monkeypatch.setattr("uvms_ocp.cli.run._load_drawing", _load_for_ever)
+    before, begin = active_children(), perf_counter()
+    with pytest.raises(ValueError, match="wrong"), drawer():
+        raise ValueError("wrong")
+    assert perf_counter() - begin < 10.0
+    assert set(active_children()) <= set(before)
+
+
+def _load_for_ever() -> None:
+    signal.pause()

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import signal
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager, nullcontext
 from io import StringIO
 from pathlib import Path
 from types import MappingProxyType
@@ -26,7 +28,7 @@ from uvms_ocp.robot.signals import Command, State
 from uvms_ocp.scenario.scenario import Scenario
 from uvms_ocp.sim.loop import simulate
 from uvms_ocp.solvers.nlp.level_solver import IterationReport
-from uvms_ocp.viz import plan_figures, run_figures
+from uvms_ocp.viz import run_figures
 
 
 def _tiny() -> Scenario:
@@ -38,10 +40,9 @@ def _fails(record: Record, **options: object) -> None:
 
 
 def test_a_figure_that_fails_costs_that_figure(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    kept = {name: run_figures.FIGURES[name] for name in ("joints", "quantities")}
-    monkeypatch.setattr(run_figures, "FIGURES", MappingProxyType({"errors": _fails, **kept}))
+    monkeypatch.setattr(run_figures, "FIGURES", MappingProxyType({**run_figures.FIGURES, "errors": _fails}))
     console = Console(record=True, width=200, file=StringIO())
-    report = run.run_and_write(_tiny(), tmp_path / "out", console)
+    report = run.run_and_write(_tiny(), tmp_path / "out", console, drawn=("scene", "errors", "joints", "quantities"))
     written = {path.relative_to(tmp_path / "out").as_posix() for path in (tmp_path / "out").rglob("*.*")}
     expected = {"record.npz", "report.json", "scene.html", "figures/joints.png", "figures/quantities.png"}
     assert expected <= written
@@ -109,7 +110,7 @@ def test_a_plan_that_is_stopped_by_hand_is_kept(tmp_path: Path, monkeypatch: pyt
         return ""
 
     monkeypatch.setattr("uvms_ocp.cli.plan._words", press)
-    monkeypatch.setattr("uvms_ocp.cli.plan.draw_all", lambda drawings: [])
+    monkeypatch.setattr("uvms_ocp.cli.plan.drawer", lambda: nullcontext(lambda drawings: []))
     before = signal.signal(signal.SIGINT, signal.default_int_handler)
     try:
         words = ["plan", "ocp", "--robot", "planar5", "--joint", "x0=0.9", "--out", str(tmp_path / "out"), "--json"]
@@ -121,23 +122,29 @@ def test_a_plan_that_is_stopped_by_hand_is_kept(tmp_path: Path, monkeypatch: pyt
 
 
 def test_a_figure_of_a_plan_that_fails_costs_that_figure(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    kept = {"joint_motion": plan_figures.PLAN_FIGURES["joint_motion"]}
-    monkeypatch.setattr(plan_figures, "PLAN_FIGURES", MappingProxyType({"clearance": _fails, **kept}))
+    monkeypatch.setattr(run_figures, "PLAN_FIGURES", MappingProxyType({**run_figures.PLAN_FIGURES, "clearance": _fails}))
     robot, before = robot_of(TINY["fixed base, no thrusters"]), set[str]()
     request = PlanRequest(robot=robot, start=robot.configuration(), goal=PostureGoal(joints={"turn0": 0.3}))
-    drawn = plan.draw_all
+    said = list[str]()
 
-    def draw_all(drawings: dict[str, run.Job]) -> list[str]:
-        before.update(path.name for path in (tmp_path / "out").iterdir())
-        return drawn(drawings)
+    @contextmanager
+    def drawer() -> Iterator[Callable[[Mapping[str, run.Job]], list[str]]]:
+        def noted(drawings: Mapping[str, run.Job]) -> list[str]:
+            before.update(path.name for path in (tmp_path / "out").iterdir())
+            said.extend(draw(drawings))
+            return said
 
-    monkeypatch.setattr(plan, "draw_all", draw_all)
+        with run.drawer() as draw:
+            yield noted
+
+    monkeypatch.setattr(plan, "drawer", drawer)
     plan.make_and_write_plan(lambda _: plan._by_curve(request), tmp_path / "out", False)
     written = {path.relative_to(tmp_path / "out").as_posix() for path in (tmp_path / "out").rglob("*.*")}
     saved = {"report.json", "plan.npz", "plan.csv", "record.npz"}
     assert saved <= before
     assert saved | {"scene.html", "figures/joint_motion.png"} <= written
     assert "figures/clearance.png" not in written
+    assert said == ["figures/clearance.png: not drawn, ValueError: no axes left"]
     assert Record.load(tmp_path / "out" / "record.npz").meta.kind == "plan"
 
 

@@ -22,8 +22,9 @@ from uvms_ocp.robot.loading import load_robot
 from uvms_ocp.robot.robot import Robot
 from uvms_ocp.viz.comparison_figures import figure_joint_comparison
 from uvms_ocp.viz.motion_figures import figure_efforts, figure_joints, figure_velocities
+from uvms_ocp.viz.plan_figures import PLAN_FIGURES
 from uvms_ocp.viz.run_figures import FIGURES, write_figures
-from uvms_ocp.viz.series import phase_spans, task_activity
+from uvms_ocp.viz.series import PLAN_NAMES, RUN_NAMES, phase_spans, task_activity
 from uvms_ocp.viz.style import DPI, png_of, save_figure
 from uvms_ocp.viz.task_figures import figure_activations, figure_altitude, figure_errors, figure_tool_error
 
@@ -34,6 +35,10 @@ def _texts(figure: Figure) -> str:
     words = [text for axis in figure.axes for text in (axis.get_xlabel(), axis.get_ylabel(), axis.get_title())]
     notes = [text.get_text() for axis in figure.axes for text in axis.texts]
     return "\n".join([*words, *notes])
+
+
+def test_figures_have_the_names_that_are_known_beforehand() -> None:
+    assert (tuple(FIGURES), tuple(PLAN_FIGURES)) == (RUN_NAMES, PLAN_NAMES)
 
 
 def test_every_figure_of_a_complete_record_is_written_as_png(record: Record, tmp_path: Path) -> None:

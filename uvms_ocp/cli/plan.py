@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Annotated, Any
@@ -13,7 +13,7 @@ from rich.console import Console
 
 from uvms_ocp.cli import INTERRUPTED, NOT_COMPLETED, options as opt
 from uvms_ocp.cli.printing import busy, console_of, print_json, print_paths, table_of
-from uvms_ocp.cli.run import SCENE, draw_all, drawings_of
+from uvms_ocp.cli.run import SCENE, drawer, drawings_of
 from uvms_ocp.errors import InvalidInput, plain_line
 from uvms_ocp.interrupts import Interrupted
 from uvms_ocp.mission_plan.planner import OPTIONS, plan_mission
@@ -26,6 +26,7 @@ from uvms_ocp.robot import Robot
 from uvms_ocp.robot.shapes.obstacles import Obstacle, parse_obstacle, read_obstacles
 from uvms_ocp.scenario.own_code import robot_of
 from uvms_ocp.solvers.nlp.level_solver import PLUGINS, IterationReport
+from uvms_ocp.viz.series import PLAN_NAMES
 
 # Options of every plan: where it starts, where it goes, and what stands in the way.
 
@@ -107,12 +108,6 @@ _FILES = ("report.json", "plan.npz", "plan.csv", "plan.json", RECORD, "scene.htm
 """Files that a plan may write beside its figures; which of them depends on the method and the outcome."""
 
 
-def _figures() -> Iterable[str]:
-    from uvms_ocp.viz.plan_figures import PLAN_FIGURES
-
-    return PLAN_FIGURES
-
-
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class PlanOutput:
     """A plan of any method, ready to be written."""
@@ -150,14 +145,14 @@ def make_and_write_plan(make: Callable[[Progress], PlanOutput], out: Path, as_js
     The plan is safe before it is drawn; a colliding one is worth looking at.
     """
     console, missing = console_of(stderr=as_json), list[str]()
-    with claim_folder(out, (*_FILES, *(f"figures/{name}.png" for name in _figures()))) as claim:
+    with claim_folder(out, (*_FILES, *(f"figures/{name}.png" for name in PLAN_NAMES))) as claim, drawer() as draw:
         with busy(console, "planning") as show:
             made = make(lambda text: show(plain_line(f"planning: {text}")))
         with claim.staged() as staging:
             kept = made.write(staging)
         if made.record is not None:
             with claim.staged(keep=kept) as staging:
-                missing = draw_all(drawings_of(made.record, made.robot, staging, (SCENE, *_figures())))
+                missing = draw(drawings_of(made.record, made.robot, staging, (SCENE, *PLAN_NAMES)))
         written = claim.written()
     _print_plan(console, made, written)
     for line in missing:

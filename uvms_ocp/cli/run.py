@@ -4,16 +4,19 @@ from __future__ import annotations
 
 import json
 import os
+import signal
 import sys
 import warnings
 import webbrowser
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from concurrent.futures import ProcessPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
-from contextlib import AbstractContextManager, contextmanager, nullcontext
+from contextlib import AbstractContextManager, contextmanager, nullcontext, suppress
 from functools import partial
-from multiprocessing import get_context
+from importlib import import_module
+from multiprocessing import active_children, get_context
 from pathlib import Path
+from pickle import PicklingError
 from typing import Annotated, Any, cast
 
 import typer
@@ -35,51 +38,50 @@ from uvms_ocp.scenario.scenario import Scenario
 from uvms_ocp.sim.faults import parse_faults
 from uvms_ocp.sim.loop import TickObserver
 from uvms_ocp.sim.own_parts import plant_name
+from uvms_ocp.viz.series import RUN_NAMES, thinned
 
-# Jobs that write files, shared by copies of this process: Matplotlib and meshcat keep one processor busy each.
+# What writes figures and scenes, shared by copies of this process: Matplotlib and meshcat keep one processor busy each.
 
 Job = Callable[[], object]
-_COPIES = 2
-_shared: list[Job] = []  # which copies know by their numbers
+_COPIES, _SHARE = 2, 4
 
 
-def run_jobs(jobs: Sequence[Job], status: AbstractContextManager[object] | None = None) -> list[Any]:
-    """Do all jobs, in any order: in copies of this process where the system makes some and has processors for them, else here.
+@contextmanager
+def drawer(*, wanted: bool = True) -> Iterator[Callable[..., list[str]]]:
+    """Yield what writes all figures and scenes: one that fails costs no other, and is returned as a line that says why.
 
-    Returns what each returns, in their order. Each must bear to be done twice. status: entered here alone, once there are
-    copies, as a thread that prints would be missing in them. Raises what a job raises.
+    It takes what writes each, by name, and must bear to be called twice, and the status that is shown meanwhile. Where the
+    system makes copies of this process and has processors for them, these write; meanwhile they load what draws, which takes
+    half a second. What it yields raises what the disk refuses.
     """
-    if sys.platform in ("win32", "darwin") or (os.cpu_count() or 1) < _COPIES:
-        with status or nullcontext():
-            return [job() for job in jobs]
-    _shared[:] = jobs
-    pool = ProcessPoolExecutor(_COPIES, get_context("fork"), initializer=_be_silent)
+    n = _COPIES if wanted and sys.platform not in ("win32", "darwin") and (os.cpu_count() or 1) >= _COPIES else 0
+    pool, before = ProcessPoolExecutor(_COPIES, get_context("fork" if n else None)), active_children()
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", DeprecationWarning)  # of threads of libraries, which wait for work
+        for _ in range(n):
+            pool.submit(_load_drawing)
+    copies = set(active_children()).difference(before)
+
+    def draw(drawings: Mapping[str, Job], status: AbstractContextManager[object] | None = None) -> list[str]:
+        asked = drawings, drawings.values()
+        with status or nullcontext(), suppress(BrokenProcessPool, PicklingError, AttributeError, TypeError):
+            lines = pool.map(_attempt, *asked, chunksize=_SHARE) if n else map(_attempt, *asked)  # several, which share a record
+            return [line for line in lines if line]
+        return [line for line in map(_attempt, *asked) if line]  # as a copy was killed, or there is what cannot be sent
+
     try:
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore", DeprecationWarning)  # of threads of libraries, which wait for work
-            done = [pool.submit(_do_shared, k) for k in range(len(jobs))]
-        with status or nullcontext():
-            return [one.result() for one in done]
-    except BrokenProcessPool:  # a copy was killed
-        return [job() for job in jobs]
+        yield draw
     finally:
+        for copy in copies:
+            copy.kill()
         pool.shutdown(cancel_futures=True)
 
 
-def _do_shared(number: int) -> object:
-    return _shared[number]()
-
-
-def _be_silent() -> None:
+def _load_drawing() -> None:
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # what is stopped by hand is drawn
     sys.stdout = sys.stderr = open(os.devnull, "w")  # noqa: SIM115 - for as long as the copy lives
-
-
-def draw_all(drawings: Mapping[str, Job], status: AbstractContextManager[object] | None = None) -> list[str]:
-    """Write all figures and scenes as `run_jobs` does; one that fails costs no other, and is returned as a line that says why.
-
-    drawings: what writes each, by name. Raises what the disk refuses.
-    """
-    return [line for line in run_jobs([partial(_attempt, *one) for one in drawings.items()], status) if line]
+    for module in ("run_figures", "scene.show"):
+        import_module(f"uvms_ocp.viz.{module}")
 
 
 def _attempt(name: str, draw: Job) -> str:
@@ -162,8 +164,9 @@ def run_and_write(
 
     Raises `InvalidInput` for what pre-flight refuses, unless forced.
     """
-    running, names = out / RUNNING, (RECORD, "report.json", "scene.html", *(f"figures/{name}.png" for name in _figures()))
-    with claim_folder(out, names) as claim:
+    running, names = out / RUNNING, (RECORD, "report.json", "scene.html", *(f"figures/{name}.png" for name in RUN_NAMES))
+    wanted = (SCENE, *RUN_NAMES) if drawn is None else tuple(drawn)
+    with claim_folder(out, names) as claim, drawer(wanted=bool(wanted)) as draw:
         preflight = scenario.check()
         printing.require_accepted(preflight, scenario.name, console, force=force)
         if (running / row_files.META).is_file():
@@ -178,9 +181,9 @@ def run_and_write(
         with claim.staged(keep=[RECORD]) as staging:
             (staging / "report.json").write_text(json.dumps(report, indent=2) + "\n")
             (staging / "figures").mkdir()
-            ghost = None if plan is None else partial(plan.to_record, scenario)
-            drawings = drawings_of(record, scenario.robot, staging, (SCENE, *_figures()) if drawn is None else drawn, ghost)
-            missing = draw_all(drawings, console.status("writing report, figures and scene"))
+            ghosts = None if plan is None else {"plan": plan.to_record(scenario)}
+            drawings = drawings_of(record, scenario.robot, staging, wanted, ghosts)
+            missing = draw(drawings, console.status("writing report, figures and scene"))
         written = claim.written()
     _print_summary(console, report, written)
     for line in missing:
@@ -223,15 +226,9 @@ def _simulate(
 SCENE = "scene"
 
 
-def _figures() -> Iterable[str]:
-    from uvms_ocp.viz.run_figures import FIGURES
-
-    return FIGURES
-
-
 def _drawn(names: str) -> list[str]:
     """All of them, none, or those whose names, with commas, are given. Raises `NameNotFound`."""
-    known = [SCENE, *_figures()]
+    known = [SCENE, *RUN_NAMES]
     chosen = {"all": known, "none": []}.get(names, [name.strip() for name in names.split(",")])
     for name in chosen:
         require_known("figure", name, ["all", "none", *known] if len(chosen) == 1 else known)
@@ -239,23 +236,20 @@ def _drawn(names: str) -> list[str]:
 
 
 def drawings_of(
-    record: Record, robot: Robot, folder: Path, figures: Iterable[str], plan: Callable[[], Record] | None = None
-) -> dict[str, Job]:
-    """Return the function that writes each file, by its name, the slowest first. plan: drawn in the scene, too, which is among
+    record: Record, robot: Robot, folder: Path, figures: Iterable[str], ghosts: Mapping[str, Record] | None = None
+) -> Mapping[str, Job]:
+    """Return the function that writes each file, by its name, the slowest first. ghosts: drawn in the scene, too, which is among
     the figures by its name.
     """
-    from uvms_ocp.viz.run_figures import write_figure
-    from uvms_ocp.viz.scene.show import write_scene
-    from uvms_ocp.viz.series import thinned
+    few, into = thinned(record), folder / "figures"
+    scene = partial(_write, "scene.show", "write_scene", record, robot, folder / "scene.html", ghosts=ghosts or {})
+    drawn = {name: partial(_write, "run_figures", "write_figure", few, name, into) for name in figures if name != SCENE}
+    return ({"scene.html": scene} if SCENE in figures else {}) | {f"figures/{name}.png": draw for name, draw in drawn.items()}
 
-    def scene() -> None:
-        write_scene(record, robot, folder / "scene.html", ghosts={"plan": plan()} if plan else {})
 
-    few = thinned(record)
-    drawn: dict[str, Job] = {"scene.html": scene} if SCENE in figures else {}
-    return drawn | {
-        f"figures/{name}.png": partial(write_figure, few, name, folder / "figures") for name in figures if name != SCENE
-    }
+def _write(module: str, function: str, *given: object, **named: object) -> None:
+    """Load what draws where it is called."""
+    getattr(import_module(f"uvms_ocp.viz.{module}"), function)(*given, **named)
 
 
 def _print_summary(console: Console, report: dict[str, Any], paths: list[Path]) -> None:

@@ -12,7 +12,7 @@ from uvms_ocp.checks import checked, checked_dataclass, unchecked_constructor
 from uvms_ocp.errors import InvalidInput
 from uvms_ocp.ocp.problem import Actuation, OcpProblem
 from uvms_ocp.robot import State, Water, thrusters
-from uvms_ocp.robot.dynamics import Dynamics, robot_dynamics
+from uvms_ocp.robot.dynamics import Dynamics, cached_dynamics
 from uvms_ocp.robot.robot import Robot
 from uvms_ocp.types import Indices, Shape
 
@@ -145,7 +145,7 @@ def _between(model: pin.Model, times: np.ndarray, configurations: np.ndarray, t:
 
 
 def _forces(problem: OcpProblem, q: np.ndarray, v: np.ndarray, a: np.ndarray) -> np.ndarray:
-    dynamics: Dynamics = robot_dynamics(problem.robot)
+    dynamics = Dynamics(cached_dynamics(problem.robot).symbolic)  # with memory of its own, as threads plan at a time
     waters = [Water(velocity=current) for current in problem.currents]
     return np.array([dynamics.inverse_dynamics(q[k], v[k], a[k], waters[k]) for k in range(len(a))])
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import field
 from functools import lru_cache
 
+import casadi as ca
 import numpy as np
 from numpy.typing import ArrayLike
 
@@ -85,10 +86,16 @@ class Dynamics(FieldTable):
 
     def _evaluate(self, term: str, q: ArrayLike, *others: ArrayLike) -> tuple[np.ndarray, ...]:
         if term not in self._functions:
-            self._functions[term] = BufferedFunction(self.symbolic.function(term))
+            self._functions[term] = BufferedFunction(_function(self.symbolic, term))
         outputs = self._functions[term](q, *others)  # says of which shape q has to be
         require_normalized(self.symbolic.model, q)
         return outputs
+
+
+@lru_cache(maxsize=16)
+def _function(symbolic: SymbolicDynamics, term: str) -> ca.Function:
+    """One for all `Dynamics` of the same equations, each of which calls it through memory of its own."""
+    return symbolic.function(term)
 
 
 @checked

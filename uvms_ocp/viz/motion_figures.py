@@ -7,7 +7,6 @@ from collections.abc import Callable, Mapping, Sequence
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from scipy.spatial import ConvexHull
 
 from uvms_ocp.errors import plain_line
 from uvms_ocp.ocp.separating_planes import support_of
@@ -260,6 +259,8 @@ def _path_panel(axis: Axes, record: Record, i: int, j: int) -> None:
 
 def obstacle_outline(data: meta_values.ObstacleMeta, i: int, j: int) -> np.ndarray:
     """Corners (n, 2) [m] of what an obstacle covers, seen along the axis of W that is neither i nor j; of a mesh its hull."""
+    from scipy.spatial import ConvexHull  # a quarter of a second, which few need
+
     points = _surface_points(data, i, j)[:, [i, j]]
     return np.asarray(points[ConvexHull(points).vertices])
 

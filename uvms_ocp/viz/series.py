@@ -14,6 +14,12 @@ from uvms_ocp.record import row_files, run_meta, tables
 from uvms_ocp.record.record import Record, quantity as quantity
 
 _LONGEST = 60  # letters of what is written on a line
+RUN_NAMES = (
+    *("errors", "misalignment", "altitude", "tool_error", "activations", "quantities", "velocities", "joints", "path"),
+    *("efforts", "tracking", "estimate", "health", "tick_time"),
+)
+PLAN_NAMES = ("vehicle_motion", "joint_motion", "clearance", "efforts")
+"""Names of all figures of a run and of a plan, known before what draws them is loaded."""
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)

@@ -11,7 +11,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cache, cached_property, partial
 
 import casadi as ca
 import numpy as np
@@ -20,6 +20,7 @@ from uvms_ocp.codegen.compile import compiled_from, content_of
 from uvms_ocp.ocp.transcription import stage
 from uvms_ocp.ocp.transcription.term_rows import CONSTRAINT, TermBlock, TermRows
 from uvms_ocp.robot.symbolic_model import SymbolicModel
+from uvms_ocp.types import Keyed
 
 # Derivatives of the expressions of a step along its states and controls.
 
@@ -44,12 +45,15 @@ class Tangent:
         moved = self.symbolic.integrate(z[self.model.layout.q], d)
         return ca.sparsify(ca.substitute(ca.jacobian(moved, d), d, ca.SX.zeros(self.n_v)))
 
-    @cached_property
+    @property
     def content(self) -> str:
         """Hash of the robot's motion and forces, which stands for all that is derived from them."""
-        z, z_next, x = self.model.z, ca.SX.sym("z_next", self.model.layout.n_z), ca.SX.sym("x", self.n_x + self.n_u)
-        whole = [self.model.required_force, self.model.midpoint, self.motion(z_next), self.moved(x)]
-        return content_of([z, self.model.water, z_next, x], whole, self.model.layout)
+        m, z_next, x = self.model, ca.SX.sym("z_next", self.model.layout.n_z), ca.SX.sym("x", self.n_x + self.n_u)
+
+        def made() -> str:
+            return content_of([m.z, z_next, x], [m.midpoint, self.motion(z_next), self.moved(x)], m.layout, m.content)
+
+        return stage.kept_content(Keyed((*m.kind, self.free), made))
 
     @cached_property
     def force_slope(self) -> ca.SX:
@@ -59,12 +63,10 @@ class Tangent:
     @cached_property
     def forces(self) -> tuple[ca.Function, ca.Function]:
         """``z, water -> forces`` (n_v,) [N, N m], and ``z, water -> forces, force_slope``: of the robot, for all terms."""
-        z, inputs, force = self.model.z, [self.model.z, self.model.water], self.model.required_force
+        m, of, inputs = self.model, self.content, [self.model.z, self.model.water]
         return (
-            compile_made("forces", self.content, lambda: (inputs, [ca.densify(force)])),
-            compile_made(
-                "forces_linear", self.content, lambda: (inputs, [ca.densify(force), self._along(ca.jacobian(force, z), True)])
-            ),
+            compile_made("forces", of, lambda: (inputs, [ca.densify(m.required_force)])),
+            compile_made("forces_linear", of, lambda: (inputs, [ca.densify(m.required_force), self.jacobian(m.required_force)])),
         )
 
     def jacobian(self, rows: ca.SX, *, controls: bool = True) -> ca.SX:
@@ -262,10 +264,10 @@ def motion_functions(tangent: Tangent) -> tuple[ca.Function, ca.Function, ca.Fun
     by that share of a step x (n_x,), u (n_u,)."""
     x, u, share = ca.SX.sym("x", tangent.n_x), ca.SX.sym("u", tangent.n_u), ca.SX.sym("share")
     z, z_next = tangent.model.z, ca.SX.sym("z_next", tangent.model.layout.n_z)
-    ahead, of = tangent.motion(z_next), tangent.content
+    of, ahead = tangent.content, cache(partial(tangent.motion, z_next))
     return (
-        compile_made("motion", of, lambda: ([z, z_next], [ca.densify(ahead)])),
-        compile_made("motion_linear", of, lambda: ([z, z_next], [ca.densify(one) for one in (ahead, tangent.jacobian(ahead).T)])),
+        compile_made("motion", of, lambda: ([z, z_next], [ca.densify(ahead())])),
+        compile_made("motion_linear", of, lambda: ([z, z_next], [*map(ca.densify, (ahead(), tangent.jacobian(ahead()).T))])),
         compile_made("moved", of, lambda: ([z, x, u, share], [tangent.moved(share * ca.vertcat(x, u))])),
     )
 

@@ -18,7 +18,7 @@ from uvms_ocp.codegen.elementwise import interval_excess
 from uvms_ocp.ocp.problem import OcpProblem
 from uvms_ocp.ocp.stagewise import functions
 from uvms_ocp.ocp.transcription.stage import StageModel
-from uvms_ocp.ocp.transcription.term_rows import term_blocks
+from uvms_ocp.ocp.transcription.term_rows import eliminated_blocks
 from uvms_ocp.ocp.transcription.transcription import Transcription
 from uvms_ocp.solvers.nlp.program import RowBounds
 from uvms_ocp.solvers.stage_qp.problem import FlatSolution
@@ -122,7 +122,7 @@ class StageMemory:
             functions.BlockFunctions(
                 block=block, tangent=self.tangent, forces=self.forces if i < n else None, extra=int(free and n <= i < 2 * n - 1)
             )
-            for i, block in enumerate(term_blocks(self.tangent.model))
+            for i, block in enumerate(eliminated_blocks(self.whole.blocks, self.tangent.model))
         )
 
     def compile_curvature(self) -> None:

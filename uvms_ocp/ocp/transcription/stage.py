@@ -16,7 +16,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
-from functools import cache, cached_property, partial
+from functools import cache, cached_property, lru_cache, partial
 
 import casadi as ca
 import numpy as np
@@ -24,11 +24,13 @@ import numpy as np
 from uvms_ocp.codegen.compile import available_function, compiled_from, content_of, start_compiling
 from uvms_ocp.ocp.problem import Actuation, HessianKind, Integrator, OcpProblem
 from uvms_ocp.ocp.terms import StageSymbols, finite_or
-from uvms_ocp.robot import Robot, SymbolicModel, robot_dynamics
+from uvms_ocp.robot import Robot, SymbolicModel
+from uvms_ocp.robot.dynamics import cached_dynamics
 from uvms_ocp.robot.symbolic_bodies import sparse
 from uvms_ocp.robot.symbolic_dynamics import SymbolicDynamics
 from uvms_ocp.robot.thrusters import thrust_limits, thruster_matrix
 from uvms_ocp.tasks.task import TickSymbols
+from uvms_ocp.types import Keyed
 
 # What moves a robot: its thrusters or a wrench on the vehicle, and its joints.
 
@@ -164,6 +166,12 @@ def _nonzeros(matrix: ca.SX) -> ca.SX:
     return ca.vertcat(ca.SX(0, 1), *matrix.nonzeros())
 
 
+@lru_cache(maxsize=8)
+def kept_content(given: Keyed) -> str:
+    """What a function gives for a kind of model, called for the first of that kind alone."""
+    return str(given.value())
+
+
 class StageModel:
     """Symbols and dynamics of one step of a problem's robot."""
 
@@ -186,7 +194,7 @@ class StageModel:
         self.z = ca.SX.sym("z", self.layout.n_z)
         self.water = ca.SX.sym("u", 3)
         """(3,) [m/s] velocity of the water."""
-        self._dynamics = robot_dynamics(robot).symbolic if problem.water else SymbolicDynamics(model=robot.model)
+        self._dynamics = cached_dynamics(robot).symbolic if problem.water else SymbolicDynamics(model=robot.model)
         self._eliminated, self._compiled = eliminated, compiled
 
     @property
@@ -199,6 +207,11 @@ class StageModel:
         """Return the key of the dynamics."""
         problem = self.problem
         return self.robot, problem.integrator, problem.actuation, problem.hessian, problem.water, self.layout, self._compiled
+
+    @property
+    def content(self) -> str:
+        """Hash of the robot's forces, which are not written out anew for each model of a kind."""
+        return kept_content(Keyed(self.kind, lambda: content_of([self.z[: self.n_motion], self.water], [self.required_force])))
 
     @cached_property
     def dynamics(self) -> Derivatives:
@@ -246,7 +259,7 @@ class StageModel:
             found = ca.densify(ca.substitute(ca.vertcat(slope, *H.nonzeros()), motion, self.midpoint))
             return ca.Function("force_curvature", [*inputs, w], [found], {"cse": True})
 
-        return compiled_from("force_curvature", content_of(inputs, [self.required_force]), make, __file__)
+        return compiled_from("force_curvature", self.content, make, __file__)
 
     @property
     def bent(self) -> tuple[ca.SX, ca.SX, ca.SX]:

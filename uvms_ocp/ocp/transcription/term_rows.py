@@ -8,7 +8,7 @@ that there are not stand as 0.
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, fields, is_dataclass
+from dataclasses import dataclass, fields, is_dataclass, replace
 from functools import cached_property
 from itertools import pairwise
 
@@ -160,6 +160,20 @@ def term_blocks(model: StageModel) -> tuple[TermBlock, ...]:
         paths.append(TermBlock(rows=on_path, nodes=spans[i]))
         ends.append(TermBlock(rows=at_end, nodes=nodes[i + 1 : i + 2]))
     return (*paths, *ends)
+
+
+def eliminated_blocks(blocks: Sequence[TermBlock], model: StageModel) -> tuple[TermBlock, ...]:
+    """The same in the symbols of a model with forces `eliminated`: terms are asked for their rows once."""
+    whole = blocks[0].rows.model
+    if not whole.has_force_variables:  # but the equations of motion written out
+        return term_blocks(model)
+    z = ca.vertcat(model.z[: model.n_motion], *model.inputs)
+    return tuple(replace(block, rows=_in_place_of(block.rows, whole.z, z, model)) for block in blocks)
+
+
+def _in_place_of(own: TermRows, old: ca.SX, new: ca.SX, model: StageModel) -> TermRows:
+    rows, costs, *errors = ca.substitute([own.rows, own.costs, *own.errors], [old], [new])
+    return replace(own, model=model, rows=rows, costs=costs, errors=tuple(errors))
 
 
 def _members(model: StageModel, phase: OcpPhase, *, at_end: bool) -> list[TermEntry]:

@@ -175,12 +175,12 @@ def require_distinct_names(obstacles: Sequence[Obstacle]) -> None:
 
 def _form(shape: coal.CollisionGeometry) -> dict[str, Any] | None:
     """Shape and size of `ObstacleMeta`, or shape, vertices and triangles."""
-    from scipy.spatial import ConvexHull  # a quarter of a second, which few need
-
     if isinstance(shape, coal.BVHModelBase):
         triangles = [[shape.tri_indices(k)[i] for i in range(3)] for k in range(shape.num_tris)]
         return {"shape": _MESH, "vertices": shape.vertices().tolist(), "triangles": triangles}
     if isinstance(shape, coal.ConvexBase):
+        from scipy.spatial import ConvexHull  # a quarter of a second, which few need
+
         points = shape.points()  # coal gives the corners only
         return {"shape": _MESH, "vertices": points.tolist(), "triangles": ConvexHull(points).simplices.tolist()}
     kinds = (name for name, kind in _SHAPES.items() if isinstance(shape, kind))  # type: ignore[arg-type]

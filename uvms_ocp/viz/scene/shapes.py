@@ -7,7 +7,6 @@ from typing import Any
 
 import coal
 import numpy as np
-from scipy.spatial import ConvexHull
 
 from uvms_ocp.viz.scene.page import Visualizer, geometry as mg
 
@@ -60,6 +59,8 @@ def _parts(shape: Any) -> Iterator[Part]:
         faces = [[triangle[i] for i in range(3)] for triangle in map(shape.tri_indices, range(shape.num_tris))]
         yield mg.TriangularMeshGeometry(shape.vertices(), faces), np.eye(4)
     elif isinstance(shape, coal.ConvexBase):  # of which coal gives the corners only
+        from scipy.spatial import ConvexHull  # a quarter of a second, which few need
+
         yield mg.TriangularMeshGeometry(shape.points(), ConvexHull(shape.points()).simplices), np.eye(4)
     if isinstance(shape, coal.Cylinder | coal.Capsule):
         yield mg.Cylinder(2 * shape.halfLength, shape.radius), Y_TO_Z
