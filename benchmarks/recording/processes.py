@@ -10,12 +10,14 @@ _HIDDEN = {"PATH": "", "CC": ""}
 _FOLDER = Path(__file__).parents[1]
 
 
-def run_script(python: Path | str, script: Path, *words: object, compiler: bool = True) -> None:
+def run_script(python: Path | str, script: Path, *words: object, compiler: bool = True, cache: Path | None = None) -> None:
     """Run a script of these folders in its own process; raises `CalledProcessError` where it fails.
 
-    compiler: False hides the C compiler, so that step functions run in CasADi's virtual machine.
+    compiler: False hides the C compiler, so that step functions run in CasADi's virtual machine. cache: of compiled code, for
+    which nobody waits; that of this process by default.
     """
-    environment = os.environ | {"PYTHONPATH": str(_FOLDER)} | ({} if compiler else _HIDDEN)
+    kept = {} if cache is None else {"UVMS_OCP_CACHE": str(cache), "UVMS_OCP_WAIT_FOR_COMPILER": ""}
+    environment = os.environ | {"PYTHONPATH": str(_FOLDER)} | kept | ({} if compiler else _HIDDEN)
     subprocess.run([str(word) for word in (python, script, *words)], check=True, env=environment)
 
 

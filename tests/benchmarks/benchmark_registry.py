@@ -59,7 +59,6 @@ ALONE = tuple(
         "drawn_robots",
         "exported_controller",
         "faults",
-        "first_answer",
         "gates",
         "growth",
         "hierarchy",
@@ -86,6 +85,7 @@ ALONE = tuple(
 )
 BENCHMARKS = (
     *ALONE,
+    Benchmark(script="first_answer", files=("first_answer", "first_answer_planners")),
     Benchmark(script="mutation", files=("mutation",), packages=("cosmic_ray", "pytest_cov")),
     Benchmark(script="navigation", files=("navigation", "navigation_delays", "navigation_mission", "navigation_time")),
     Benchmark(script="nmpc", files=("nmpc", "nmpc_ticks")),

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -19,7 +20,9 @@ from uvms_ocp.ocp.diagnosis import Diagnosis
 from uvms_ocp.ocp.plan import OcpStatus, Plan
 from uvms_ocp.ocp.planner import Planner
 from uvms_ocp.ocp.stagewise import sqp
+from uvms_ocp.ocp.transcription import term_rows
 from uvms_ocp.robot.robot import Robot
+from uvms_ocp.robot.symbolic_dynamics import SymbolicDynamics
 from uvms_ocp.solvers.nlp.level_solver import IterationReport, LevelSolver, NlpOptions, NlpOutcome, NlpPoint
 from uvms_ocp.solvers.nlp.program import NlpStatus
 
@@ -155,3 +158,26 @@ def test_where_neither_solver_ends_the_better_plan_alone_is_diagnosed(robot: Rob
     plan = Planner(reach(robot)).plan()
     assert plan.plugin == "stagewise"
     assert len(judged) == 1
+
+
+@needs_compiler
+def test_a_second_planner_of_a_robot_writes_no_equations_of_motion_and_asks_terms_once(
+    robot: Robot, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    calls = Counter[str]()
+
+    def count(owner: Any, name: str) -> None:
+        called = getattr(owner, name)
+
+        def counted(*given: Any) -> Any:
+            calls[name] += 1
+            return called(*given)
+
+        monkeypatch.setattr(owner, name, counted)
+
+    Planner(reach(robot))
+    count(SymbolicDynamics, "inverse_dynamics")
+    count(term_rows, "residual_of")
+    problem = reach(robot, shift=(0.9, -0.5, -0.6))
+    Planner(problem)
+    assert calls == {"residual_of": len(problem.terms)}  # of one phase, at whose end or along which each counts

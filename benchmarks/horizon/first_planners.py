@@ -1,0 +1,96 @@
+"""Planners of one robot built and asked one after the other in a process of their own, each once nothing is compiled any more.
+
+    python first_planners.py STEPS RESULT.json
+
+The cache is that of ``UVMS_OCP_CACHE``, empty at first. Spheres, goals and their words are those of `first_answer`.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import os
+from collections.abc import Iterator
+from dataclasses import replace
+from pathlib import Path
+from time import perf_counter, process_time
+
+import numpy as np
+import pinocchio as pin
+from first_answer import GOAL, SPHERES, START, TURN, seconds_until_quiet
+
+from uvms_ocp.ocp.clearance import ShapeClearance
+from uvms_ocp.ocp.planner import Planner
+from uvms_ocp.ocp.problem import OcpLevel, OcpProblem, single_phase
+from uvms_ocp.ocp.terms import AtRest, Effort, Posture, Smoothness, TaskTerm, residual_term
+from uvms_ocp.planning.distances import CoalDistances
+from uvms_ocp.planning.scene import collision_scene, coordinates
+from uvms_ocp.robot.loading import load_robot
+from uvms_ocp.robot.robot import Robot
+from uvms_ocp.robot.shapes.obstacles import parse_obstacle
+from uvms_ocp.robot.signals import State
+from uvms_ocp.tasks.pose import ToolPose, ToolPosition
+
+_CLEARANCE, _KEPT = 0.06, 0.7  # [m]; share of what the start has
+_LEVEL, _LEAN = "no lean at the end", 0.1
+
+
+def problems(robot: Robot, steps: int) -> Iterator[tuple[str, OcpProblem]]:
+    """One after the other, each with what it has that was not there before."""
+    last = _reach(robot, steps, 2, TURN)
+    yield "first problem of the robot", _reach(robot, steps, 1, None)
+    yield "one more sphere", _reach(robot, steps, 2, None)
+    yield "another term", last
+    own = residual_term(_LEVEL, lambda stage: stage.tick.q[3:5], lower=-_LEAN, upper=_LEAN)
+    yield "and a term of one's own", replace(last, constraints=(*last.constraints, own))
+    yield "the same again", _reach(robot, steps, 2, TURN)
+
+
+def _reach(robot: Robot, steps: int, n_spheres: int, turn: tuple[float, float, float] | None) -> OcpProblem:
+    q = robot.configuration(position=START)
+    spheres = [parse_obstacle("sphere", words, f"sphere{i}") for i, words in enumerate(SPHERES[:n_spheres], 1)]
+    scene = collision_scene(coordinates(robot, reference=q), spheres)
+    margins = np.minimum(_CLEARANCE, _KEPT * CoalDistances(scene).distances_at(q[None])[0])
+    X_WG = pin.SE3(np.eye(3) if turn is None else pin.rpy.rpyToMatrix(*turn), np.array(GOAL))
+    task = ToolPosition(goal=X_WG) if turn is None else ToolPose(goal=X_WG)
+    return single_phase(
+        robot=robot,
+        start=State(q=q, v=np.zeros(robot.n_v)),
+        duration=8.0,
+        n_steps=steps,
+        levels=[
+            OcpLevel(name="goal", terms=(TaskTerm(task=task),)),
+            OcpLevel(name="effort", terms=(Effort(), Smoothness(weight=0.09), Posture(q=q, weight=4.0))),
+        ],
+        constraints=(AtRest(), ShapeClearance(scene=scene, margins=margins)),
+    )
+
+
+def main() -> None:
+    """Measure, and write."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("steps", type=int)
+    parser.add_argument("result", type=Path)
+    given, cache, rows = parser.parse_args(), Path(os.environ["UVMS_OCP_CACHE"]), []
+    for step, problem in problems(load_robot("girona_maris7_full"), given.steps):
+        before, begin, processor = set(cache.glob("*.so")), perf_counter(), process_time()
+        planner = Planner(problem)
+        built, processor = perf_counter(), process_time() - processor
+        plan = planner.plan(diagnose=False)
+        solved = perf_counter()
+        rows.append(
+            {
+                "step": step,
+                "status": plan.status.value,
+                "build_s": built - begin,
+                "build_processor_s": processor,
+                "solve_s": solved - built,
+                "behind_s": seconds_until_quiet(cache),
+                "libraries": len(set(cache.glob("*.so")) - before),
+            }
+        )
+    given.result.write_text(json.dumps(rows), encoding="utf-8")
+
+
+if __name__ == "__main__":
+    main()
