@@ -86,6 +86,7 @@ ALONE = tuple(
 BENCHMARKS = (
     *ALONE,
     Benchmark(script="first_answer", files=("first_answer", "first_answer_planners")),
+    Benchmark(script="install", files=("install", "install_packages")),
     Benchmark(script="mutation", files=("mutation",), packages=("cosmic_ray", "pytest_cov")),
     Benchmark(script="navigation", files=("navigation", "navigation_delays", "navigation_mission", "navigation_time")),
     Benchmark(script="nmpc", files=("nmpc", "nmpc_ticks")),

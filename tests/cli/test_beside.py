@@ -9,7 +9,7 @@ import sys
 from functools import partial
 from multiprocessing import active_children
 from pathlib import Path
-from time import perf_counter
+from time import perf_counter, sleep
 
 import pytest
 
@@ -20,7 +20,7 @@ def _note(folder: Path, k: int) -> None:
     (folder / f"{k}").write_text(str(os.getpid()))
 
 
-_COPIED = pytest.mark.skipif(sys.platform in ("win32", "darwin"), reason="no copy is made there")
+_COPIED = pytest.mark.skipif(sys.platform != "linux", reason="no copy is made there")
 
 
 def _notes(folder: Path, n: int) -> dict[str, Job]:
@@ -42,7 +42,7 @@ def test_every_drawing_is_made_in_a_copy_where_there_are_processors_for_it(
         assert draw(_notes(tmp_path, 20)) == []
     assert {int(path.name) for path in tmp_path.iterdir()} == set(range(20))
     here = os.getpid() in {int(path.read_text()) for path in tmp_path.iterdir()}
-    assert here == (n_processors == 1 or sys.platform in ("win32", "darwin"))
+    assert here == (n_processors == 1 or sys.platform != "linux")
 
 
 @_COPIED
@@ -107,5 +107,34 @@ def test_what_ends_before_anything_is_drawn_waits_for_no_copy(monkeypatch: pytes
     assert set(active_children()) <= set(before)
 
 
-def _load_for_ever() -> None:
+@_COPIED
+def test_a_command_that_is_killed_leaves_no_copies() -> None:
+    code = """
+import os, time
+from multiprocessing import active_children
+from uvms_ocp.cli.run import drawer
+os.cpu_count = lambda: 2
+with drawer():
+    print(*(child.pid for child in active_children()), flush=True)
+    time.sleep(600.0)
+"""
+    with subprocess.Popen([sys.executable, "-c", code], stdout=subprocess.PIPE, text=True) as command:
+        assert command.stdout is not None
+        copies = [int(word) for word in command.stdout.readline().split()]
+        command.kill()
+    assert len(copies) == 2
+    ends = perf_counter() + 60.0
+    while any(map(_lives, copies)) and perf_counter() < ends:
+        sleep(0.05)
+    assert not any(map(_lives, copies))
+
+
+def _lives(pid: int) -> bool:
+    try:
+        return Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[0] != "Z"
+    except OSError:
+        return False
+
+
+def _load_for_ever(parent: int) -> None:
     signal.pause()

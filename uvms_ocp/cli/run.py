@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import ctypes
 import json
 import os
 import signal
@@ -43,23 +44,23 @@ from uvms_ocp.viz.series import RUN_NAMES, thinned
 # What writes figures and scenes, shared by copies of this process: Matplotlib and meshcat keep one processor busy each.
 
 Job = Callable[[], object]
-_COPIES, _SHARE = 2, 4
+_COPIES, _SHARE, _DIE_WITH_PARENT = 2, 4, 1  # drawings that one takes at a time; `PR_SET_PDEATHSIG` of Linux
 
 
 @contextmanager
 def drawer(*, wanted: bool = True) -> Iterator[Callable[..., list[str]]]:
     """Yield what writes all figures and scenes: one that fails costs no other, and is returned as a line that says why.
 
-    It takes what writes each, by name, and must bear to be called twice, and the status that is shown meanwhile. Where the
-    system makes copies of this process and has processors for them, these write; meanwhile they load what draws, which takes
-    half a second. What it yields raises what the disk refuses.
+    It takes what writes each, by name, and must bear to be called twice, and the status that is shown meanwhile. On Linux, with
+    processors for them, copies of this process write; meanwhile they load what draws, which takes half a second. What it yields
+    raises what the disk refuses.
     """
-    n = _COPIES if wanted and sys.platform not in ("win32", "darwin") and (os.cpu_count() or 1) >= _COPIES else 0
-    pool, before = ProcessPoolExecutor(_COPIES, get_context("fork" if n else None)), active_children()
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", DeprecationWarning)  # of threads of libraries, which wait for work
-        for _ in range(n):
-            pool.submit(_load_drawing)
+    n = _COPIES if wanted and sys.platform == "linux" and (os.cpu_count() or 1) >= _COPIES else 0
+    pool = ProcessPoolExecutor(_COPIES, get_context("fork" if n else None), _load_drawing, (os.getpid(),))
+    before = active_children()
+    with warnings.catch_warnings(action="ignore", category=DeprecationWarning):  # of threads of libraries, which wait for work
+        if n:
+            pool.submit(int)  # which begins them
     copies = set(active_children()).difference(before)
 
     def draw(drawings: Mapping[str, Job], status: AbstractContextManager[object] | None = None) -> list[str]:
@@ -77,7 +78,10 @@ def drawer(*, wanted: bool = True) -> Iterator[Callable[..., list[str]]]:
         pool.shutdown(cancel_futures=True)
 
 
-def _load_drawing() -> None:
+def _load_drawing(parent: int) -> None:
+    ctypes.CDLL(None).prctl(_DIE_WITH_PARENT, signal.SIGKILL)  # else a command that is killed leaves copies behind
+    if os.getppid() != parent:
+        os._exit(1)
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # what is stopped by hand is drawn
     sys.stdout = sys.stderr = open(os.devnull, "w")  # noqa: SIM115 - for as long as the copy lives
     for module in ("run_figures", "scene.show"):

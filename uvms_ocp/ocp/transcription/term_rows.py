@@ -164,15 +164,14 @@ def term_blocks(model: StageModel) -> tuple[TermBlock, ...]:
 
 def eliminated_blocks(blocks: Sequence[TermBlock], model: StageModel) -> tuple[TermBlock, ...]:
     """The same in the symbols of a model with forces `eliminated`: terms are asked for their rows once."""
-    whole = blocks[0].rows.model
-    if not whole.has_force_variables:  # but the equations of motion written out
+    if not blocks[0].rows.model.has_force_variables:  # but the equations of motion written out
         return term_blocks(model)
     z = ca.vertcat(model.z[: model.n_motion], *model.inputs)
-    return tuple(replace(block, rows=_in_place_of(block.rows, whole.z, z, model)) for block in blocks)
+    return tuple(replace(block, rows=_rows_at(block.rows, z, model)) for block in blocks)
 
 
-def _in_place_of(own: TermRows, old: ca.SX, new: ca.SX, model: StageModel) -> TermRows:
-    rows, costs, *errors = ca.substitute([own.rows, own.costs, *own.errors], [old], [new])
+def _rows_at(own: TermRows, z: ca.SX, model: StageModel) -> TermRows:
+    rows, costs, *errors = ca.substitute([own.rows, own.costs, *own.errors], [own.model.z], [z])
     return replace(own, model=model, rows=rows, costs=costs, errors=tuple(errors))
 
 
