@@ -511,6 +511,7 @@ POOL: dict[str, Callable[[], Any]] = {
     "Mission": lambda: scenario().mission,
     "Environment": lambda: scenario().environment,
     "Scenario": scenario,
+    "Scenario | Robot": scenario,
     "Record": run_record,
     "Mapping[str, Record]": lambda: {"a": run_record(), "b": run_record()},
     "RunMeta | PlanMeta": lambda: run_record().meta,

@@ -20,10 +20,12 @@ from same_record import require_same
 
 from uvms_ocp.errors import InvalidInput
 from uvms_ocp.record.record import Record
+from uvms_ocp.robot.loading import load_robot
+from uvms_ocp.robot.robot import Robot
 from uvms_ocp.scenario.cases import case1
 from uvms_ocp.scenario.scenario import Scenario
 from uvms_ocp.viz import show
-from uvms_ocp.viz.scene.live import live
+from uvms_ocp.viz.scene.live import LiveView, live
 from uvms_ocp.viz.scene.page import browser, missing
 
 LASTS = 0.4  # [s]
@@ -201,3 +203,122 @@ def test_a_notebook_shows_it_by_its_own_channel(chromium: Any, scenario: Scenari
     row = int(np.argmin(np.abs(record["t"] - last)))
     np.testing.assert_allclose(place, record["q"][row, :3], atol=1e-4)
     assert wrong == []
+
+
+@pytest.fixture(scope="module")
+def robot() -> Robot:
+    return load_robot("girona_maris7")
+
+
+def _links(page: Any, robot: Robot) -> Any:
+    """Where the page has the links, in W."""
+    nodes = [f"{k:02d} {name}" for k, name in enumerate(robot.model.names) if k]
+    return np.array(page.evaluate(f"{nodes}.map((name) => nodeAt([...DETAILS.body.slice(0, -1), name]).position.toArray())"))
+
+
+def _places(robot: Robot, q: np.ndarray) -> Any:
+    data = robot.model.createData()
+    pin.forwardKinematics(robot.model, data, q)
+    return np.array([X.translation for X in list(data.oMi)[1:]])
+
+
+def _other(robot: Robot) -> np.ndarray:
+    return robot.configuration(position=(0.4, -0.3, 0.2), rpy=(0.1, 0.2, -0.5), joints=robot.home + 0.2)
+
+
+def test_a_loop_of_ones_own_moves_a_robot_in_the_browser(chromium: Any, robot: Robot) -> None:
+    q = _other(robot)
+    with live(robot) as view:
+        np.testing.assert_array_equal(view.q, robot.configuration())
+        page = chromium.new_page(viewport={"width": 800, "height": 500})
+        page.goto(view.address)
+        for _ in range(50):  # until the page listens
+            view.display(q)
+            if np.allclose(_links(page, robot), _places(robot, q), atol=1e-4):
+                break
+        np.testing.assert_allclose(_links(page, robot), _places(robot, q), atol=1e-4)
+        np.testing.assert_array_equal(view.q, q)
+        page.close()
+
+
+def test_a_loop_of_ones_own_comes_to_25_pictures_a_second(robot: Robot) -> None:
+    with live(robot) as view:
+        begun = time.monotonic()
+        for _ in range(6):
+            view.display(robot.configuration())
+        assert time.monotonic() - begun >= 5 / 25
+        with pytest.raises(InvalidInput, match="q"):
+            view.display(np.zeros(3))
+
+
+class _Notebook:
+    """A page with what a live view displays: scripts run, and the text of its widget is an input that the test hands on."""
+
+    def __init__(self, chromium: Any, view: LiveView, monkeypatch: pytest.MonkeyPatch) -> None:
+        shells, widgets = pytest.importorskip("IPython.display"), pytest.importorskip("ipywidgets")
+        shown = list[Any]()
+        monkeypatch.setattr(shells, "display", lambda data, **given: shown.append(data))
+        view._ipython_display_()
+        framed, script, self.widget = shown
+        assert isinstance(self.widget, widgets.Text)
+        (self.name,) = self.widget._dom_classes
+        self.page = chromium.new_page(viewport={"width": 900, "height": 560})
+        self.page.set_content(f"{framed['text/html']}<div class='{self.name}'><input></div>")
+        self.page.evaluate(script["application/javascript"])
+        self.frame = self.page.frames[1]
+        self.frame.wait_for_function(
+            "() => typeof goal === 'object' && goal !== null && clock.last !== undefined", timeout=20_000
+        )
+
+    def hand_on(self) -> None:
+        self.page.wait_for_timeout(200)
+        self.widget.value = self.page.evaluate(f"document.querySelector('.{self.name} input').value")
+
+    def drag(self, place: str, by: tuple[float, float]) -> None:
+        """What is at a place of the scene, by pixels."""
+        on_screen = f"{place}.project(camera)"
+        x, y = self.frame.evaluate(
+            f"(() => {{ const p = {on_screen}; return [innerWidth * (p.x + 1) / 2, innerHeight * (1 - p.y) / 2]; }})()"
+        )
+        box = self.page.locator("iframe").bounding_box()
+        self.page.mouse.move(box["x"] + x, box["y"] + y)
+        self.page.mouse.down()
+        self.page.mouse.move(box["x"] + x + by[0], box["y"] + y + by[1], steps=4)
+        self.page.mouse.up()
+        self.hand_on()
+
+
+@pytest.mark.slow
+def test_what_is_dragged_in_a_notebook_is_told_to_python(chromium: Any, robot: Robot, monkeypatch: pytest.MonkeyPatch) -> None:
+    told = list[np.ndarray]()
+    with live(robot) as view:
+        view.on_change = lambda view: told.append(view.q)
+        notebook = _Notebook(chromium, view, monkeypatch)
+        start, goal, camera = view.q.copy(), view.goal.copy(), notebook.frame.evaluate("camera.position.toArray()")
+        notebook.frame.locator("#joints input").first.fill("1.5")
+        notebook.hand_on()
+        assert view.q[0] == pytest.approx(1.5, abs=0.01)
+        np.testing.assert_array_equal(told[-1], view.q)
+        notebook.frame.evaluate("DETAILS.joints[0].values[0] = 0; poseJoints()")
+        notebook.drag("goal.getWorldPosition(new THREE.Vector3())", (40.0, -60.0))
+        moved = view.goal.translation - goal.translation
+        assert moved[2] > 0.05, "up with the pointer"
+        np.testing.assert_allclose(view.goal.rotation, goal.rotation, atol=1e-6)
+        np.testing.assert_allclose(view.q[:7], start[:7], atol=1e-6)
+        link = len(robot.model.names) - 4
+        notebook.drag(f"nodeAt(DETAILS.joints[{link}].path).getWorldPosition(new THREE.Vector3())", (25.0, 25.0))
+        changed = np.flatnonzero(np.abs(view.q - start) > 0.01)
+        assert len(changed) == 1, "a joint of the arm alone"
+        assert changed[0] >= 7
+        np.testing.assert_allclose(_links(notebook.frame, robot), _places(robot, view.q), atol=2e-3)
+        np.testing.assert_allclose(notebook.frame.evaluate("camera.position.toArray()"), camera, atol=1e-9)
+        notebook.page.close()
+
+
+def test_without_the_widgets_a_live_robot_is_shown_all_the_same(robot: Robot, monkeypatch: pytest.MonkeyPatch) -> None:
+    shells, shown = pytest.importorskip("IPython.display"), list[Any]()
+    monkeypatch.setattr(shells, "display", lambda data, **given: shown.append(data))
+    monkeypatch.setattr("uvms_ocp.viz.scene.live.find_spec", lambda name: None)
+    with live(robot) as view:
+        view._ipython_display_()
+    assert [next(iter(data)) for data in shown] == ["text/html", "application/javascript"]

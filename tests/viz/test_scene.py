@@ -351,7 +351,8 @@ def test_what_is_not_known_is_no_number_in_the_readouts(record: Record, robot: R
 
 def test_a_notebook_gets_the_page_in_a_frame(record: Record, robot: Robot) -> None:
     frame = show(record, robot, height=333)._repr_html_()
-    assert frame.startswith('<iframe sandbox="allow-scripts" srcdoc="')
+    assert frame.startswith("<iframe ")
+    assert 'sandbox="allow-scripts"' in frame
     assert "height:333px" in frame
 
 

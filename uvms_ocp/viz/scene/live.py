@@ -8,9 +8,10 @@ from __future__ import annotations
 
 import json
 import time
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import ExitStack
 from dataclasses import replace
+from importlib.util import find_spec
 from threading import Event
 from types import TracebackType
 from typing import Any
@@ -18,6 +19,7 @@ from uuid import uuid4
 
 import numpy as np
 import pinocchio as pin
+from numpy.typing import ArrayLike
 
 from uvms_ocp.checks import checked
 from uvms_ocp.record.record import Record
@@ -26,7 +28,7 @@ from uvms_ocp.scenario.scenario import Scenario
 from uvms_ocp.types import AtLeastOne, Count, Positive
 from uvms_ocp.viz.scene import animation, show, surroundings
 from uvms_ocp.viz.scene.details import legend, page_details, readout
-from uvms_ocp.viz.scene.page import CommandLog, ScenePage, build_page, served
+from uvms_ocp.viz.scene.page import CommandLog, ScenePage, asset, build_page, served
 
 # The page of a run that goes on: the scene as the run begins, and what the page's script needs to move it.
 
@@ -77,14 +79,21 @@ _Moment = tuple[float, State, Command]
 class LiveView:
     """Shows what it is called with: give it to a run as `observer`. Served on the loopback address alone, until it is closed."""
 
-    def __init__(self, robot: Robot, page: ScenePage, *, speed: float, port: int) -> None:
-        """Speed and port as `live` has them. Raises `OutputError` for a port that is taken."""
+    def __init__(self, robot: Robot, page: ScenePage, q: np.ndarray, goal: pin.SE3, *, speed: float, port: int) -> None:
+        """q (n_q,) [m, rad] and goal X_WT: as `page` shows them. Speed and port as `live` has them.
+
+        Raises `OutputError` for a port that is taken.
+        """
+        self.goal = goal
+        """X_WT of the tool's goal, as it was dragged in a notebook."""
+        self.on_change: Callable[[LiveView], object] | None = None
+        """Called after `q` or `goal` was dragged in a notebook."""
         self._robot, self._page, self._speed = robot, page, speed
         self._shown: Any = None
         """Output of the notebook's that shows each next frame, by IPython."""
         self._due = 0.0
-        self._now: _Moment | None = None
-        self._data, self._name = robot.model.createData(), f"live-{uuid4().hex}"
+        self._now: _Moment | np.ndarray = q
+        self._data, self._name = robot.model.createData(), ""
         self._began = 0.0  # [s] on the clock at which the run was at 0
         self._closed, self._stack = Event(), ExitStack()
         self.address = self._stack.enter_context(served(page, port, self.frames))
@@ -92,26 +101,41 @@ class LiveView:
 
     def __call__(self, t: float, state: State, command: Command) -> None:
         """The newest tick, at t [s]; returns when the clock has come there, too."""
-        if self._now is None or t < self._now[0]:
+        if isinstance(self._now, np.ndarray) or t < self._now[0]:
             self._began = time.monotonic() - t / self._speed
         self._now = (t, state, command)
-        if self._shown is not None and time.monotonic() >= self._due:
-            self._due = time.monotonic() + 1.0 / _NOTEBOOK_RATE
-            self._shown.update(
-                {"application/javascript": self._handed_on(_frame(self._robot, self._data, t, state, command))}, raw=True
-            )
+        if time.monotonic() >= self._due:
+            self._hand_on(1.0 / _NOTEBOOK_RATE)
         if (early := self._began + t / self._speed - time.monotonic()) > 0.0:
             time.sleep(early)
+
+    @property
+    def q(self) -> np.ndarray:
+        """(n_q,) [m, rad] configuration that is shown: of the newest tick, of `display`, or as it was dragged in a notebook."""
+        return self._now if isinstance(self._now, np.ndarray) else self._now[1].q
+
+    def display(self, q: ArrayLike) -> None:
+        """Show the robot in q (n_q,) [m, rad]: for a loop of one's own, which comes to 25 pictures a second at most."""
+        self._now = self._robot.check_configuration(q)
+        time.sleep(max(0.0, self._due - time.monotonic()))
+        self._hand_on(1.0 / _FRAME_RATE)
+
+    def _hand_on(self, pause: float) -> None:
+        self._due = time.monotonic() + pause
+        if self._shown is not None:
+            frame = json.dumps(_frame(self._robot, self._data, self._now), allow_nan=False)
+            script = f"document.getElementById('{self._name}')?.contentWindow.postMessage({frame}, '*')"
+            self._shown.update({"application/javascript": script}, raw=True)
 
     def frames(self) -> Iterator[str]:
         """Yield the messages to a browser as JSON: one after the other as they come, the last one too, until all is closed."""
         data, closed = self._robot.model.createData(), False
-        shown: _Moment | None = None
+        shown = self._now
         while not closed:
             closed = self._closed.wait(1.0 / _FRAME_RATE)
             now = self._now
-            if now is not None and now is not shown:
-                yield json.dumps(_frame(self._robot, data, *now), allow_nan=False)
+            if now is not shown:
+                yield json.dumps(_frame(self._robot, data, now), allow_nan=False)
                 shown = now
 
     def close(self) -> None:
@@ -132,15 +156,31 @@ class LiveView:
         """Show the page, and from then on every tick, by the notebook's own channel: the kernel may be on another machine."""
         from IPython.display import display
 
-        display({"text/html": self._page._repr_html_().replace("<iframe", f'<iframe id="{self._name}"')}, raw=True)
-        self._shown = display({"application/javascript": ""}, raw=True, display_id=True)
+        self._name = f"live-{uuid4().hex}"
+        display({"text/html": self._page.framed(self._name)}, raw=True)
+        self._shown = display({"application/javascript": f"{asset('hear.js')}('{self._name}')"}, raw=True, display_id=True)
+        if find_spec("ipywidgets"):
+            from ipywidgets import Text
 
-    def _handed_on(self, frame: Mapping[str, Any]) -> str:
-        return f"document.getElementById('{self._name}')?.contentWindow.postMessage({json.dumps(frame, allow_nan=False)}, '*')"
+            heard = Text(layout={"display": "none"})  # a script of the notebook's page writes there what was dragged
+            heard.add_class(self._name).observe(lambda change: self._take(json.loads(change["new"])), "value")
+            display(heard)
+
+    def _take(self, dragged: Mapping[str, Any]) -> None:
+        self._now = self._robot.configuration(**dragged["q"])
+        self.goal = pin.XYZQUATToSE3(np.array(dragged["goal"]))
+        if self.on_change is not None:
+            self.on_change(self)
 
 
-def _frame(robot: Robot, data: pin.Data, t: float, state: State, command: Command) -> dict[str, Any]:
-    """JSON values: time, a pose for each joint of the model, and what the controller tells of phase and quantities."""
+def _frame(robot: Robot, data: pin.Data, now: _Moment | np.ndarray) -> dict[str, Any]:
+    """JSON values: time, a pose for each joint of the model, and what the controller tells of phase and quantities.
+
+    The values of the sliders alone where there is nothing but q (n_q,) [m, rad].
+    """
+    if isinstance(now, np.ndarray):
+        return {"joints": [show.joint_motion(robot, joint, now)["values"] for joint in range(1, robot.model.njoints)]}
+    t, state, command = now
     pin.forwardKinematics(robot.model, data, state.q)
     telemetry = command.telemetry
     return {
@@ -152,15 +192,24 @@ def _frame(robot: Robot, data: pin.Data, t: float, state: State, command: Comman
 
 
 @checked
-def live(scenario: Scenario, *, speed: Positive = 1.0, port: Count = 0, height: AtLeastOne = 520) -> LiveView:
-    """A page that shows a run while it goes on: ``scenario.run(observer=live(scenario))``.
+def live(what: Scenario | Robot, *, speed: Positive = 1.0, port: Count = 0, height: AtLeastOne = 520) -> LiveView:
+    """A page that shows a run while it goes on, ``scenario.run(observer=live(scenario))``, or a robot that Python moves.
 
     ``view = live(scenario)``, ``display(view)`` shows it in a notebook, `height` [px] high, wherever the kernel is, and a run
-    with ``observer=view`` moves it. Other browsers of this machine find it at its ``address``; nobody else is served.
+    with ``observer=view`` moves it. ``view = live(robot)`` is moved by ``view.display(q)``; in a notebook with `ipywidgets` its
+    links and a goal can be dragged, which ``view.q`` and ``view.goal`` tell, and ``view.on_change = f`` calls ``f(view)`` each
+    time. Other browsers of this machine find it at its ``address``; nobody else is served.
     speed: times that of the clock, which the run does not overtake; it may be slower. port: 0 for any that is free.
     The record of the run is the same with and without. Two ticks are run beforehand, to know what is around.
 
     Raises `OutputError` for a port that is taken, and as `Scenario.run`.
     """
-    page = live_page(replace(scenario, duration=scenario.dt).run(), scenario.robot, height)
-    return LiveView(scenario.robot, page, speed=speed, port=port)
+    robot, q = (what, what.configuration()) if isinstance(what, Robot) else (what.robot, what.start)
+    data = robot.model.createData()
+    pin.framesForwardKinematics(robot.model, data, q)
+    goal = data.oMf[robot.frame_id(robot.tools[0])] if robot.tools else data.oMi[-1]
+    if isinstance(what, Robot):
+        page = show.posed_page(robot, q, height, live={"goal": pin.SE3ToXYZQUAT(goal).tolist()})
+    else:
+        page = live_page(replace(what, duration=what.dt).run(), robot, height)
+    return LiveView(robot, page, q, goal.copy(), speed=speed, port=port)

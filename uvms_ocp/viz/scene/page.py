@@ -20,6 +20,7 @@ from importlib.resources import files
 from pathlib import Path
 from threading import BoundedSemaphore, Thread
 from typing import TYPE_CHECKING, Any
+from uuid import uuid4
 
 import umsgpack  # type: ignore[import-untyped]
 
@@ -81,8 +82,40 @@ class ScenePage:
         return path
 
     def _repr_html_(self) -> str:
-        style = f"width:100%;height:{self.height:d}px;border:none"
-        return f'<iframe sandbox="allow-scripts" srcdoc="{html.escape(self.html)}" style="{style}"></iframe>'
+        return self.framed(f"scene-{uuid4().hex}")
+
+    def framed(self, name: str) -> str:
+        """A frame of that name with the page, without the viewer where it stands in the notebook: a script fills it in."""
+        head, _, rest = self.html.partition(_VIEWER_MARK)
+        viewer, _, tail = rest.partition(_VIEWER_MARK)
+        whole, style = not _stands_in_notebook(), f"width:100%;height:{self.height:d}px;border:none"
+        page = f'srcdoc="{html.escape(self.html)}"' if whole else f'data-page="{html.escape(head + _VIEWER_MARK + tail)}"'
+        script = "" if whole else f"<script>{asset('frame.js')}('{name}')</script>"
+        return (
+            f'{script}<iframe id="{name}" data-viewer="{_digest(viewer)}" sandbox="allow-scripts" style="{style}" {page}>'
+            f"{_WITHOUT_SCRIPTS}</iframe>"
+        )
+
+
+_VIEWER_MARK = "<!--viewer-->"
+"""Stands before and behind what all pages share."""
+_WITHOUT_SCRIPTS = "A scene is drawn here by scripts, which this notebook may not run: trust it, or run this cell."
+"""Seen where the frame is taken out for safety, and what is in it left."""
+_shown = dict[str, str]()
+"""Cells of this kernel's notebook that showed a scene, and by which message they were run then."""
+
+
+def _stands_in_notebook() -> bool:
+    """Whether a cell of the notebook holds the viewer; one that is run again has lost what it showed, and may be the one."""
+    kernel = getattr(getattr(sys.modules.get("IPython"), "get_ipython", lambda: None)(), "kernel", None)
+    if kernel is None or "google.colab" in sys.modules:  # where each cell is a page of its own
+        return False
+    run = kernel.get_parent()
+    cell = run["metadata"].get("cellId") or run["content"].get("code", "")
+    message, first = run["header"]["msg_id"], not _shown
+    again = _shown.setdefault(cell, message) != message
+    _shown[cell] = message
+    return not (first or again)
 
 
 def build_page(log: CommandLog, *, title: str, details: Mapping[str, Any], height: int = 520, live: bool = False) -> ScenePage:
@@ -91,33 +124,40 @@ def build_page(log: CommandLog, *, title: str, details: Mapping[str, Any], heigh
     The page's policy lets the viewer and the page's script run, by their hashes, and nothing else, and loads nothing; a live
     one hears from whoever serves it.
     """
-    folder = files("uvms_ocp.viz.scene") / "assets"
-    own = "".join((folder / f"{name}.js").read_text(encoding="utf-8") for name in _SCRIPTS)
+    own = "".join(asset(f"{name}.js") for name in _SCRIPTS)
     scripts = {"VIEWER": _viewer_source(), "SCRIPT": own}
     parts = {
         **scripts,
         "POLICY": _policy(scripts.values()) + ("; connect-src 'self'" if live else ""),
         "TITLE": html.escape(plain_line(title)),
-        "STYLE": (folder / "page.css").read_text(encoding="utf-8"),
+        "STYLE": asset("page.css"),
         "DETAILS": _data_block(details),
         "COMMANDS": _data_block([base64.b64encode(blob).decode("ascii") for blob in log.blobs]),
     }
     # In one pass, so that no text that is filled in is looked through for marks.
-    page = _MARK.sub(lambda mark: parts[mark[1]], (folder / "page.html").read_text(encoding="utf-8"))
+    page = _MARK.sub(lambda mark: parts[mark[1]], asset("page.html"))
     return ScenePage(html=page, height=height)
 
 
-_SCRIPTS = ("stage", "camera", "legend", "time", "arrows", "joints", "live", "main")
+_SCRIPTS = ("stage", "camera", "legend", "time", "arrows", "joints", "drag", "live", "main")
 """One after the other: the page's script."""
 _MARK = re.compile("__([A-Z]+)__")
 
 
 def _policy(scripts: Iterable[str]) -> str:
     """Content security policy of the page; meshcat's panels make style sheets, and its textures are data."""
-    digests = (base64.b64encode(hashlib.sha256(text.encode()).digest()).decode("ascii") for text in scripts)
-    hashes = " ".join(f"'sha256-{digest}'" for digest in digests)
+    hashes = " ".join(f"'sha256-{_digest(text)}'" for text in scripts)
     none = "base-uri 'none'; form-action 'none'"
     return f"default-src 'none'; script-src {hashes}; style-src 'unsafe-inline'; img-src data: blob:; {none}"
+
+
+def _digest(text: str) -> str:
+    return base64.b64encode(hashlib.sha256(text.encode()).digest()).decode("ascii")
+
+
+def asset(name: str) -> str:
+    """The text of a part of the page."""
+    return (files("uvms_ocp.viz.scene") / "assets" / name).read_text(encoding="utf-8")
 
 
 def _viewer_source() -> str:
@@ -295,8 +335,7 @@ def write_frames(
     folder = Path(folder)
     with browser() as chromium, served(page) as address:
         sheet = chromium.new_page(viewport={"width": width, "height": height})
-        sheet.goto(f"{address}#t=0&view={view}")
-        sheet.evaluate("document.body.classList.add('film')")
+        sheet.goto(f"{address}#t=0&view={view}&film")
         duration = float(sheet.evaluate("DETAILS.duration"))
         if duration * fps > _MOST_FRAMES:
             raise InvalidInput(f"fps = {fps:g} for {duration:g} s; give fewer than {_MOST_FRAMES} pictures")

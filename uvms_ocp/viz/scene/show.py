@@ -28,8 +28,8 @@ _UNLIMITED = {"turn": np.pi, "slide": 1.0}  # [rad], [m] either way where a join
 _FROM_THE_SIDE = [0.5, -1.0, 0.45]
 
 
-def posed_page(robot: Robot, q: np.ndarray, height: int) -> ScenePage:
-    """The page of `robot` in the configuration q (n_q,) [m, rad]; height [px] of its frame in a notebook."""
+def posed_page(robot: Robot, q: np.ndarray, height: int, live: Mapping[str, Any] | None = None) -> ScenePage:
+    """The page of `robot` in the configuration q (n_q,) [m, rad]; height [px] of its frame in a notebook. live: JSON values."""
     data = robot.model.createData()
     pin.forwardKinematics(robot.model, data, q)
     places = np.array([X.translation for X in list(data.oMi)[1:]])
@@ -38,8 +38,8 @@ def posed_page(robot: Robot, q: np.ndarray, height: int) -> ScenePage:
     draw_still(log, robot, list(data.oMi), centre)
     log.animate({})
     details = STATIC_DETAILS | robot_details(robot) | {"scenario": robot.name, "points": (places - centre).tolist()}
-    joints = [_joint(robot, joint, q) for joint in range(1, robot.model.njoints)]
-    return build_page(log, title=robot.name, details=details | {"joints": joints, "robot": ""}, height=height)
+    details |= {"joints": [joint_motion(robot, joint, q) for joint in range(1, robot.model.njoints)], "robot": "", "live": live}
+    return build_page(log, title=robot.name, details=details, height=height, live=live is not None)
 
 
 def draw_still(log: CommandLog, robot: Robot, placements: Sequence[pin.SE3], centre: np.ndarray) -> Visualizer:
@@ -61,7 +61,7 @@ STATIC_DETAILS: dict[str, Any] = {"known": "", "duration": 0.0, "speed": 1, "tim
 """Of a page on which nothing moves by itself."""
 
 
-def _joint(robot: Robot, joint: int, q: np.ndarray) -> dict[str, Any]:
+def joint_motion(robot: Robot, joint: int, q: np.ndarray) -> dict[str, Any]:
     """Return the transform of a joint of the model, by number, from its values at q (n_q,) [m, rad]."""
     model, own = robot.model, robot.model.joints[joint]
     data = own.createData()

@@ -24,26 +24,35 @@ function poseJoints() {
   }
   viewer.scene.updateMatrixWorld(true);
   byId("words").textContent = wordsOfPython();
+  for (const show of sliders) show();
   follow();
   viewer.set_dirty();
 }
 
+// The arguments of `Robot.configuration`.
+function configuration() {
+  const free = DETAILS.joints.find(({kind}) => kind === "free"), found = {};
+  if (free) Object.assign(found, {position: free.values.slice(0, 3), rpy: free.values.slice(3)});
+  const own = DETAILS.joints.filter(({kind, follows}) => !follows && (kind === "turn" || kind === "slide"));
+  if (own.length) found.joints = own.map(({values}) => values[0]);
+  return found;
+}
+
 function wordsOfPython() {
   const list = (values) => `(${values.map((x) => Number(x.toFixed(4))).join(", ")}${values.length === 1 ? "," : ""})`;
-  const free = DETAILS.joints.find(({kind}) => kind === "free"), parts = [];
-  if (free) parts.push(`position=${list(free.values.slice(0, 3))}`, `rpy=${list(free.values.slice(3))}`);
-  const own = DETAILS.joints.filter(({kind, follows}) => !follows && (kind === "turn" || kind === "slide"));
-  if (own.length) parts.push(`joints=${list(own.map(({values}) => values[0]))}`);
+  const parts = Object.entries(configuration()).map(([name, values]) => `${name}=${list(values)}`);
   return `q = robot.configuration(${parts.join(", ")})`;
 }
+
+const sliders = []; // each shows its value
 
 function addSlider(label, unit, [lower, upper], values, i) {
   const row = addElement(byId("joints"), "label", ""), shown = (x) => `${(Math.round(100 * x) / 100 + 0).toFixed(2)} ${unit}`;
   addElement(row, "span", label);
   const properties = {type: "range", min: lower, max: upper, step: (upper - lower) / 1000, title: label};
-  const slider = addElement(row, "input", "", properties), value = addElement(row, "span", shown(values[i]));
-  slider.value = values[i];
-  slider.oninput = () => { values[i] = Number(slider.value); value.textContent = shown(values[i]); poseJoints(); };
+  const slider = addElement(row, "input", "", properties), value = addElement(row, "span", "");
+  sliders.push(() => { slider.value = values[i]; value.textContent = shown(values[i]); });
+  slider.oninput = () => { values[i] = Number(slider.value); poseJoints(); tell(); };
 }
 
 function buildSliders() {
@@ -54,4 +63,6 @@ function buildSliders() {
   }
   byId("posture").open = window.innerWidth > 760;
   poseJoints();
+  buildGoal();
+  listenToPointer();
 }

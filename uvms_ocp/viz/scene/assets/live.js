@@ -1,5 +1,10 @@
 // A run that goes on: frames come as they are made, and what came last is shown.
-function showFrame({t, poses, phase, values}) {
+function showFrame({t, poses, phase, values, joints}) {
+  if (joints) {
+    DETAILS.joints.forEach((joint, j) => joint.values.splice(0, joint.values.length, ...joints[j]));
+    poseJoints();
+    return;
+  }
   DETAILS.live.nodes.forEach((path, j) => {
     const node = nodeAt(path), [x, y, z, ...turn] = poses[j];
     node.position.set(x, y, z);
@@ -17,7 +22,7 @@ function showFrame({t, poses, phase, values}) {
 function listen() {
   if (!DETAILS.live) return;
   document.body.classList.add("live");
-  byId("clock").textContent = "not begun";
+  byId("clock").textContent = DETAILS.joints.length ? "" : "not begun";
   if (!location.protocol.startsWith("http")) { // in a notebook, whose page hands frames on
     window.addEventListener("message", ({data, source}) => { if (source === window.parent) showFrame(data); });
     return;

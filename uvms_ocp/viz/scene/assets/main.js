@@ -47,9 +47,9 @@ window.addEventListener("keydown", (event) => {
 
 // scene.html#t=12.5&view=tool opens paused at that time with that camera.
 function openAtAddress() {
-  const wanted = new URLSearchParams(location.hash.slice(1));
-  if (wanted.has("t")) { setPlaying(false); showTime(Number(wanted.get("t"))); }
-  if (DETAILS.views.includes(wanted.get("view"))) look(wanted.get("view"));
+  if (ADDRESS.has("t")) { setPlaying(false); showTime(Number(ADDRESS.get("t"))); }
+  if (DETAILS.views.includes(ADDRESS.get("view"))) look(ADDRESS.get("view"));
+  document.body.classList.toggle("film", ADDRESS.has("film"));
 }
 
 fillWater();
@@ -57,7 +57,7 @@ light();
 layFloor();
 for (const command of COMMANDS) viewer.handle_command_bytearray(bytes(command));
 for (const action of viewer.animator.actions) action.play();
-dropShadowsOfAnnotations();
+simplify();
 buildControls();
 buildArrows();
 buildLines();
@@ -71,5 +71,6 @@ look(DETAILS.start_view);
 openAtAddress();
 labelPhases();
 listen();
+leaveContextUnseen();
 window.addEventListener("resize", () => { labelPhases(); if (view.name === "mission") look("mission"); });
 requestAnimationFrame(advance);

@@ -72,6 +72,7 @@ function advance(now) {
     if (clock.t >= DETAILS.duration) setPlaying(false);
   }
   placeLabels();
+  if (viewer.needs_render) viewer.render();
   requestAnimationFrame(advance);
 }
 
