@@ -35,10 +35,29 @@ MODEL = "() => window.jupyterapp.shell.currentWidget.content.model.toJSON()"
 BUSY = "() => window.jupyterapp.shell.currentWidget.content.widgets.map((cell) => (cell.prompt || '').trim())"
 
 
+SCENES = (
+    "import uvms_ocp as uo; from uvms_ocp.viz import live, show; robot = uo.load_robot('girona_maris7'); show(robot, height=250)",
+    "show(robot, height=250)",
+    "view = live(robot, height=250); view",
+    "print(view.q[0])",
+)
+
+
 @pytest.fixture(scope="module")
-def lab(tmp_path_factory: pytest.TempPathFactory) -> Iterator[str]:
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return tmp_path_factory.mktemp("work")
+
+
+def _write_notebook(path: Path, cells: list[dict[str, Any]]) -> None:
+    path.write_text(json.dumps({"cells": cells, "metadata": {}, "nbformat": 4, "nbformat_minor": 5}))
+
+
+@pytest.fixture(scope="module")
+def lab(tmp_path_factory: pytest.TempPathFactory, folder: Path) -> Iterator[str]:
     """The address of a server in an empty folder, for notebooks that are copied there."""
-    folder, home = tmp_path_factory.mktemp("work"), tmp_path_factory.mktemp("home")
+    home = tmp_path_factory.mktemp("home")
+    empty = {"cell_type": "code", "metadata": {}, "outputs": [], "execution_count": None}
+    _write_notebook(folder / "scenes.ipynb", [empty | {"id": f"c{k}", "source": source} for k, source in enumerate(SCENES)])
     for name in ("01_first_mission", "05_lexicographic_ocp"):
         shutil.copy(NOTEBOOKS / f"{name}.ipynb", folder)
     settings = home / "settings" / "@jupyterlab" / "notebook-extension" / "tracker.jupyterlab-settings"
@@ -147,3 +166,34 @@ def test_plans_by_priorities_run_to_the_end(lab: str, page: Any) -> None:
     assert not any(_error(cell) for cell in notebook.cells()), notebook.text()
     assert all(cell["execution_count"] for cell in notebook.cells())
     page.frame_locator(".jp-OutputArea-output iframe").last.locator("canvas").first.wait_for(state="visible", timeout=60e3)
+
+
+def test_scenes_share_a_viewer_and_tell_python_what_is_dragged(lab: str, folder: Path, page: Any) -> None:
+    notebook = Notebook(page, lab, "scenes")
+    notebook.run_all()
+    brought = ["class Viewer{" in json.dumps(cell["outputs"]) for cell in notebook.cells()]
+    assert brought == [True, False, False, False]
+    for k in range(3):
+        page.frame_locator(".jp-OutputArea-output iframe").nth(k).locator("canvas").first.wait_for(state="visible", timeout=60e3)
+    slider = page.frame_locator(".jp-OutputArea-output iframe").nth(2).locator("#joints input").first
+    slider.wait_for(timeout=60e3)
+    slider.fill("1.5")
+
+    def told() -> bool:
+        page.evaluate("() => { window.jupyterapp.shell.currentWidget.content.activeCellIndex = 3; }")
+        notebook.command("notebook:run-cell")
+        time.sleep(1.0)
+        notebook.ended()
+        return "1.5" in json.dumps(notebook.cells()[3]["outputs"])
+
+    _until(told, notebook.text)
+    # The same outputs in a file that nobody has signed: a sentence in place of each scene.
+    cells = [cell | {"source": f"{cell['source']}  # copied"} for cell in notebook.cells()]
+    _write_notebook(folder / "copied.ipynb", cells)
+    page.goto("about:blank")
+    copied = Notebook(page, lab, "copied")
+    shown = page.locator(".jp-NotebookPanel:not(.lm-mod-hidden) .jp-OutputArea-output")
+    _until(lambda: shown.count() >= 3, copied.text)
+    assert shown.nth(0).inner_text().startswith("A scene is drawn here by scripts")
+    assert shown.nth(1).inner_text().startswith("A scene is drawn here by scripts")
+    assert shown.locator("iframe, script").count() == 0

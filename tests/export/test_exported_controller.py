@@ -15,18 +15,27 @@ from lasting import patrol
 from odd_robots import ODD, pair_of, reach_of
 
 import uvms_ocp as uo
+from uvms_ocp.codegen.kernels import initial_value
+from uvms_ocp.control.velocity.levels import numbers_of
 from uvms_ocp.errors import InvalidInput
 from uvms_ocp.estimation.degraded_modes import CHANNELS
-from uvms_ocp.export import export_controller, exported_controller
+from uvms_ocp.export import controller, export_controller, exported_controller
 from uvms_ocp.robot.signals import SensorSpecs
 from uvms_ocp.scenario.cases import SCENARIOS, case1
-from uvms_ocp.scenario.scenario import Scenario
+from uvms_ocp.scenario.scenario import Scenario, our_controller
+from uvms_ocp.tasks.task import Hierarchy, Task
 
 pytestmark = [needs_compiler, pytest.mark.slow]
 STRICT = ("-std=c99", "-Wall", "-Wextra", "-Werror", "-pedantic")
 GENERATED = ("controller.c", "initial.c", "functions.c", "solver.c")
 SANITIZED = ("-O0", "-g", "-fsanitize=address,undefined", "-fno-sanitize-recover=all")
-RANDOM_INPUTS = Path(__file__).with_name("random_inputs.c")
+RANDOM_INPUTS, SET_PARAMETERS = (Path(__file__).with_name(name) for name in ("random_inputs.c", "set_parameters.c"))
+CHANGED = {
+    "PC": {"gain_linear": 0.31},
+    "T": {"gain_angular": 0.44, "saturation_linear": 0.3},
+    "JL": {"gain": 1.0},
+    "LA": {"gain": 0.3},
+}
 FAULTY = ("altimeter:frozen@3", "thruster3:dead@6", "joint2:jam@10")
 
 
@@ -130,6 +139,36 @@ def test_in_the_loop_it_takes_the_place_of_pythons(tmp_path: Path) -> None:
     record, watched = ours.run(), theirs.run()
     for name in ("q", "command", "thrust", "torque", "phase"):
         np.testing.assert_allclose(watched[name], record[name], rtol=0.0, atol=1e-9, err_msg=name)
+
+
+def test_numbers_of_tasks_are_parameters_that_need_no_compiler(tmp_path: Path) -> None:
+    """Also one that comes to 1."""
+    program = built(exported("kinematic"), "set", SET_PARAMETERS)
+    export_controller(case1(plant="kinematic", dt=0.02, tasks=CHANGED), tmp_path / "other")
+    recorded = str(tmp_path / "other" / "recorded.bin")
+    assert subprocess.run([program, recorded], capture_output=True).returncode == 1
+    numbers = [word for task, by in CHANGED.items() for name, value in by.items() for word in (f"{task}.{name}", repr(value))]
+    said = subprocess.run([program, recorded, *numbers], check=True, capture_output=True, text=True).stdout
+    assert ", 0 apart, " in said
+    assert subprocess.run([program, recorded, "MAC.threshold", "1.2"]).returncode == 3, "safety rules rest on it"
+
+
+@pytest.mark.parametrize("name", ["kinematic", "obstacle_field"])
+def test_a_parameter_is_what_the_memory_does_not_know(name: str) -> None:
+    scenario = scenario_of(name)
+
+    def initial(tasks: Sequence[Task]) -> str:
+        mission = replace(scenario.mission, hierarchy=Hierarchy(tasks, [task.name for task in tasks]))
+        return initial_value(controller.controller_memory(our_controller(replace(scenario, mission=mission))))
+
+    tasks = list(scenario.mission.hierarchy.tasks)
+    numbers, places = controller.task_numbers(tasks, scenario.robot)
+    known, every = initial(tasks), [(k, item) for k, task in enumerate(tasks) for item in numbers_of(task)]
+    assert numbers == [*(getattr(tasks[k], item) for k, item in every), 0.0, 1.0]
+    for k, item in every:
+        other = replace(tasks[k], **{item: 1.1 * getattr(tasks[k], item) + 0.01})
+        is_same = initial([*tasks[:k], other, *tasks[k + 1 :]]) == known
+        assert is_same == (f"{other.name}.{item}" in places), item
 
 
 def test_a_controller_of_another_robot_is_refused() -> None:

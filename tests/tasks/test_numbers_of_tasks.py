@@ -13,13 +13,13 @@ from uvms_ocp.robot import load_robot
 from uvms_ocp.tasks import Hierarchy
 
 
-@pytest.mark.parametrize("name", [name for name in REGISTRY if levels._numbers_of(REGISTRY[name].task)])
+@pytest.mark.parametrize("name", [name for name in REGISTRY if levels.numbers_of(REGISTRY[name].task)])
 def test_levels_of_symbols_are_those_of_numbers(name: str) -> None:
     """Of a class of a user's own the numbers stay numbers."""
     robot, task = load_robot("girona_maris7_full"), REGISTRY[name].task
     own = type(f"Own{name}", (type(task),), {"__module__": __name__})
     kept = {item.name: getattr(task, item.name) for item in fields(task) if item.init}
-    changed = kept | {item: 1.3 * kept[item] for item in levels._numbers_of(task)}
+    changed = kept | {item: 1.3 * kept[item] for item in levels.numbers_of(task)}
     draw = np.random.default_rng(3)
     for values in (kept, changed):
         ours, theirs = (levels.build_levels(robot, Hierarchy([kind(**values)]), 0.005).function for kind in (type(task), own))
@@ -29,4 +29,4 @@ def test_levels_of_symbols_are_those_of_numbers(name: str) -> None:
         inputs[-1] = np.ones(1)
         for one, other in zip(ours(*inputs), theirs(*inputs), strict=True):
             np.testing.assert_allclose(np.array(one), np.array(other), rtol=1e-12, atol=1e-12)
-    assert levels._numbers_of(own(**kept)) == []
+    assert levels.numbers_of(own(**kept)) == []

@@ -147,6 +147,14 @@ class Campaign(FieldTable):
         require_available(values, work.base())
         object.__setattr__(self, "work", work)
 
+    def __getitem__(self, name: str) -> Variation:
+        """The uncertain value of that name. Raises `NameNotFound` with the names there are."""
+        require_known("variation", name, self.work.names)
+        return next(one for one in built(self.work.variations) if one.name == name)
+
+    def _ipython_key_completions_(self) -> tuple[str, ...]:
+        return self.work.names
+
     def run(
         self,
         out: Path | str,

@@ -42,6 +42,13 @@ def with_numbers(function: ca.Function, numbers: Sequence[float]) -> ca.Function
     return ca.Function(function.name(), symbols, function.call([*symbols, values]), names, function.name_out())
 
 
+def with_variable(code: str, name: str, values: Sequence[float]) -> str:
+    """C code as CasADi writes it, whose constant array of these `values` [any] is the variable `name` of a file beside it."""
+    arrays = ((one, np.fromstring(one[2].replace("casadi_", ""), sep=",")) for one in _ARRAY.finditer(code))
+    found = next(one for one, numbers in arrays if np.array_equal(numbers, values))
+    return code.replace(found[0], f"extern double {name}[];\n#undef {found[1]}\n#define {found[1]} {name}")
+
+
 # Functions of thousands of statements call parts of theirs: compilers share registers out among all variables of a function,
 # which takes longer than all else where these are many, and is no better for it.
 

@@ -53,11 +53,11 @@ def _text(value: Any) -> str:
             items.pop()
         empty = "{0}" if isinstance(value[0], (ctypes.Array, ctypes.Structure)) else "0"
         return f"{{{', '.join(item or empty for item in items)}}}" if items else ""
-    return _number(value)
+    return number(value)
 
 
-def _number(value: float) -> str:
-    """Whatever reads it gets the same bits."""
+def number(value: float) -> str:
+    """A number of C; whatever reads it gets the same bits, nothing for 0."""
     if isinstance(value, int):
         return str(value) if value else ""
     if value != value:

@@ -8,6 +8,7 @@ import inspect
 import re
 import textwrap
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from copy import copy
 from dataclasses import dataclass
 from importlib.resources import files
 from pathlib import Path
@@ -17,21 +18,25 @@ from typing import Any
 import numpy as np
 
 from uvms_ocp.checks import checked
+from uvms_ocp.codegen.casadi_code import with_variable
 from uvms_ocp.codegen.compile import compile_library, loaded_library
 from uvms_ocp.codegen.kernel_layout import Layout, structure_of, view
-from uvms_ocp.codegen.kernels import CLibrary, c_library
+from uvms_ocp.codegen.kernels import CLibrary, c_library, number
 from uvms_ocp.control import DynamicController, KinematicController, build_levels
 from uvms_ocp.control.force.tick_functions import column_sizes
 from uvms_ocp.control.velocity import tick, viability
+from uvms_ocp.control.velocity.levels import numbers_of
 from uvms_ocp.errors import InvalidInput, plain_line
 from uvms_ocp.estimation.degraded_modes import CHANNELS
 from uvms_ocp.export import tick as exported_tick
 from uvms_ocp.export.tick import ControllerInputs, ControllerOutputs
 from uvms_ocp.record.output import claim_folder
+from uvms_ocp.robot.robot import Robot
 from uvms_ocp.robot.shapes.gjk import ROUNDS
 from uvms_ocp.robot.signals import Command, StateEstimate
 from uvms_ocp.scenario.scenario import Scenario, our_controller
 from uvms_ocp.solvers.hierarchy import active_set, solution, tolerances
+from uvms_ocp.tasks.task import Task
 from uvms_ocp.version import __version__
 
 # The files of a controller in C.
@@ -69,12 +74,36 @@ def header(library: CLibrary, names: ControllerNames, memory: str) -> str:
     )
 
 
-def source(library: CLibrary, names: ControllerNames, kernel: str) -> str:
+def source(library: CLibrary, names: ControllerNames, kernel: str, numbers: list[float], places: Mapping[str, int]) -> str:
     """Controller.c, whose tick is the `kernel` of that name."""
     quoted = '", "'
     texts = (f'const char *const {name}[] = {{"{quoted.join(texts)}"}};' for name, texts in names.texts().items())
     parts = {"declarations": library.declarations, "kernels": library.kernels, "names": "\n".join(texts)}
+    parts["values"] = ", ".join(number(value) or "0" for value in numbers)
+    parts["parameters"] = "".join(f'{{"{_plain(name)}", {_NUMBERS} + {k}}}, ' for name, k in places.items())
     return Template(template("controller.c")).substitute(parts, kernel=kernel)
+
+
+_NUMBERS = "controller_numbers"
+
+
+def task_numbers(tasks: Sequence[Task], robot: Robot) -> tuple[list[float], dict[str, int]]:
+    """Numbers of all tasks [as their fields] in the order of their rows, and what `with_numbers` has behind them.
+
+    And places of those that rows alone know, by ``task.field``: safety rules beside rows rest on the others.
+    """
+    every = [(task, name) for task in tasks for name in numbers_of(task)]
+    alone = (
+        (task, name, k) for k, (task, name) in enumerate(every) if _rules(task, robot, name) == _rules(task, robot, name, 1.0)
+    )
+    return [*(getattr(*one) for one in every), 0.0, 1.0], {f"{task.name}.{name}": k for task, name, k in alone}
+
+
+def _rules(task: Task, robot: Robot, name: str, more: float = 0.0) -> object:
+    """What rules beside its rows take of a task with so much more in the field of that name."""
+    other = copy(task)
+    object.__setattr__(other, name, getattr(task, name) + more)
+    return other.rest_altitude, (limit := other.position_limit(robot)) and limit.lower
 
 
 def template(name: str) -> str:
@@ -203,6 +232,7 @@ def _texts_controller(scenario: Scenario) -> tuple[dict[str, str], bytes]:
         quantities=tuple(kinematic.problem.quantity_names),
         channels=CHANNELS,
     )
+    numbers, places = task_numbers(scenario.mission.hierarchy.tasks, scenario.robot)
     memory, run = controller_memory(controller), _recorded(scenario, sizes)
     library = controller_library(memory, sizes)
     rows = sum(kinematic.problem.sizes)
@@ -217,13 +247,14 @@ def _texts_controller(scenario: Scenario) -> tuple[dict[str, str], bytes]:
         "whatever the numbers",
         channels=table(names.channels),
         phases=table(names.phases),
+        parameters=table([f"{name} = {numbers[place]:g}" for name, place in places.items()]),
     )
     made = {
         "controller.h": header(library, names, type(memory).__name__),
-        "controller.c": source(library, names, kernel_of(memory).__name__),
+        "controller.c": source(library, names, kernel_of(memory).__name__, numbers, places),
         # A file of its own, as compilers that see megabytes of it look for what follows from them for minutes.
         "initial.c": Template(template("initial.c")).substitute(declarations=library.declarations, value=library.initial),
-        "functions.c": library.functions,
+        "functions.c": with_variable(library.functions, _NUMBERS, numbers),
         "solver.c": solver_file(kinematic),
         "README.md": readme,
     }

@@ -277,6 +277,11 @@ class Robot:
         require_known("joint", name, self.joint_names)
         return self.joints[self.joint_names.index(name)]
 
+    __getitem__ = joint
+
+    def _ipython_key_completions_(self) -> tuple[str, ...]:
+        return self.joint_names
+
     def with_frame_pose(self, frame: str, X_parent: pin.SE3) -> Robot:
         """Return a copy whose fixed frame sits at ``X_parent`` in the moving link that carries it.
 

@@ -206,7 +206,7 @@ def build_levels(robot: Robot, hierarchy: Hierarchy, dt: Period, beside_tasks: S
     Raises `FrameNotFound` or `NameNotFound` where a task names a frame or joint that the robot does not have.
     """
     key = tuple(_expression_key(task, robot) for task in hierarchy.tasks)
-    numbers = tuple(getattr(task, name) for task in hierarchy.tasks for name in _numbers_of(task))
+    numbers = tuple(getattr(task, name) for task in hierarchy.tasks for name in numbers_of(task))
     return _levels_with(numbers, robot, Keyed(key, hierarchy), dt, tuple(beside_tasks))
 
 
@@ -215,7 +215,7 @@ def _expression_key(task: Task, robot: Robot) -> Hashable:
 
     Equal to none where that cannot be known, as of a user's code.
     """
-    known = (*_AS_PARAMETERS, *_numbers_of(task))
+    known = (*_AS_PARAMETERS, *numbers_of(task))
     names = [item.name for item in fields(task) if item.init and item.name not in known]
     key = (type(task), task.n_parameters(robot), *(getattr(task, name) for name in names))
     with suppress(TypeError):
@@ -228,7 +228,7 @@ def _is_ours(task: Task) -> bool:
     return type(task).__module__.startswith("uvms_ocp.")
 
 
-def _numbers_of(task: Task) -> list[str]:
+def numbers_of(task: Task) -> list[str]:
     """Fields that are real numbers, which rows take as symbols alike; of a user's code, which may not, none."""
     return [item.name for item in fields(task) if item.type in ("Positive", "Finite", "float")] if _is_ours(task) else []
 
@@ -237,7 +237,7 @@ def _with_symbols(tasks: Sequence[Task], numbers: ca.SX) -> Hierarchy:
     """The tasks with `numbers` in place of their own."""
     changed, symbols = [copy(task) for task in tasks], iter(ca.vertsplit(numbers))
     for task in changed:
-        for name in _numbers_of(task):
+        for name in numbers_of(task):
             object.__setattr__(task, name, next(symbols))
     return Hierarchy(changed, [task.name for task in changed])
 
@@ -252,7 +252,7 @@ def _levels_with(numbers: tuple[float, ...], *given: Any) -> LevelsProblem:
 @lru_cache(maxsize=8)
 def _known_levels(robot: Robot, given: Keyed, dt: float, beside_tasks: tuple[str, ...]) -> LevelsProblem:
     """Make them once for all runs of a robot and its tasks; the last input of the function are the numbers of tasks."""
-    symbols, numbers = tick_symbols(robot, dt), ca.SX.sym("numbers", sum(len(_numbers_of(task)) for task in given.value.tasks))
+    symbols, numbers = tick_symbols(robot, dt), ca.SX.sym("numbers", sum(len(numbers_of(task)) for task in given.value.tasks))
     hierarchy = _with_symbols(given.value.tasks, numbers)
     previous, change = ca.SX.sym("previous", robot.n_v), ca.SX.sym("change", robot.n_v)
     parameters = ca.SX.sym("parameters", sum(task.n_parameters(robot) for task in hierarchy.tasks))

@@ -67,9 +67,8 @@ def _relief(record: Record, centre: np.ndarray) -> dict[str, Any] | None:
     """The floor that is not flat, in the frame of the page."""
     if (relief := record.meta.surroundings.floor) is None:
         return None
-    axes = {"x": relief.x, "y": relief.y, "z": relief.z}
-    moved = zip(axes, axes.values(), centre, strict=True)
-    return {axis: (np.array(points) - middle).round(3).tolist() for axis, points, middle in moved}
+    axes = zip("xyz", (relief.x, relief.y, relief.z), centre, strict=True)
+    return {axis: (np.array(points) - middle).round(3).tolist() for axis, points, middle in axes}
 
 
 def _robot_size(robot: Robot) -> float:

@@ -9,7 +9,7 @@ from __future__ import annotations
 import json
 import time
 from collections.abc import Callable, Iterator, Mapping
-from contextlib import ExitStack
+from contextlib import AbstractContextManager, ExitStack
 from dataclasses import replace
 from importlib.util import find_spec
 from threading import Event
@@ -44,23 +44,17 @@ def live_page(record: Record, robot: Robot, height: int) -> ScenePage:
     surroundings.draw_goals(root["goals"], record)
     surroundings.draw_obstacles(root["obstacles"], record)
     log.animate({})
-    details = show.STATIC_DETAILS | page_details(record, robot, frames, centre) | _still(record) | {"live": _moved(record, robot)}
-    return build_page(log, title=f"{record.meta.scenario}: {record.meta.robot}", details=details, height=height, live=True)
-
-
-def _still(record: Record) -> dict[str, Any]:
-    """JSON values of a page without a time line, whose readouts are filled in frame by frame."""
-    return {"duration": 0.0, "speeds": (), "joints": (), "annotations": ["goals"]} | {
-        "legend": legend(record, [], [], beam=False),
-        "readouts": [readout(name, np.full(1, np.nan), record.meta) for name in record.meta.quantities],
-    }
-
-
-def _moved(record: Record, robot: Robot) -> dict[str, Any]:
-    """JSON values: nodes in the order of a frame's poses, and phases by their numbers."""
     nodes = [["meshcat", "scene", "robot", animation.joint_node(robot.model, j)] for j in range(1, robot.model.njoints)]
     phases = [{"name": p.name, "title": p.title, "tasks": list(p.tasks), "start": 0.0} for p in record.meta.phases]
-    return {"nodes": nodes, "phases": phases}
+    details = page_details(record, robot, frames, centre) | {
+        "duration": 0.0,
+        "speeds": (),
+        "annotations": ["goals"],
+        "legend": legend(record, [], [], beam=False),
+        "readouts": [readout(name, np.full(1, np.nan), record.meta) for name in record.meta.quantities],
+        "live": {"nodes": nodes, "phases": phases},
+    }
+    return build_page(log, title=f"{record.meta.scenario}: {record.meta.robot}", details=details, height=height, live=True)
 
 
 # A run to look at while it goes on: the loop hands over the newest state, and whoever looks fetches it, frame by frame.
@@ -68,15 +62,14 @@ def _moved(record: Record, robot: Robot) -> dict[str, Any]:
 # What a tick pays is one assignment, and the wait that keeps the run to the clock. Frames are made by the threads of those who
 # look, of whatever is the newest then: slow ones miss some, and none waits for them.
 
-_FRAME_RATE = 25.0  # [Hz] of frames, by the clock on the wall
-_NOTEBOOK_RATE = 10.0  # [Hz] of those that a notebook takes
+_FRAME_RATE, _NOTEBOOK_RATE = 25.0, 10.0  # [Hz] of frames, by the clock on the wall, and of those that a notebook takes of a run
 _DIGITS = 7  # more than the 32-bit floats of the page hold
 
 _Moment = tuple[float, State, Command]
 """Time [s], true state and command of a tick."""
 
 
-class LiveView:
+class LiveView(AbstractContextManager["LiveView"]):
     """Shows what it is called with: give it to a run as `observer`. Served on the loopback address alone, until it is closed."""
 
     def __init__(self, robot: Robot, page: ScenePage, q: np.ndarray, goal: pin.SE3, *, speed: float, port: int) -> None:
@@ -86,15 +79,14 @@ class LiveView:
         """
         self.goal = goal
         """X_WT of the tool's goal, as it was dragged in a notebook."""
-        self.on_change: Callable[[LiveView], object] | None = None
+        self.on_change: Callable[[LiveView], object] = lambda view: None
         """Called after `q` or `goal` was dragged in a notebook."""
         self._robot, self._page, self._speed = robot, page, speed
         self._shown: Any = None
         """Output of the notebook's that shows each next frame, by IPython."""
-        self._due = 0.0
         self._now: _Moment | np.ndarray = q
         self._data, self._name = robot.model.createData(), ""
-        self._began = 0.0  # [s] on the clock at which the run was at 0
+        self._due = self._began = 0.0  # [s] on the clock: of the next frame in a notebook, and at which the run was at 0
         self._closed, self._stack = Event(), ExitStack()
         self.address = self._stack.enter_context(served(page, port, self.frames))
         """For a browser of this machine."""
@@ -129,22 +121,17 @@ class LiveView:
 
     def frames(self) -> Iterator[str]:
         """Yield the messages to a browser as JSON: one after the other as they come, the last one too, until all is closed."""
-        data, closed = self._robot.model.createData(), False
-        shown = self._now
+        data, shown, closed = self._robot.model.createData(), self._now, False
         while not closed:
             closed = self._closed.wait(1.0 / _FRAME_RATE)
-            now = self._now
-            if now is not shown:
-                yield json.dumps(_frame(self._robot, data, now), allow_nan=False)
-                shown = now
+            if self._now is not shown:
+                shown = self._now
+                yield json.dumps(_frame(self._robot, data, shown), allow_nan=False)
 
     def close(self) -> None:
         """Serve no longer; pages that are open keep what they show."""
         self._closed.set()
         self._stack.close()
-
-    def __enter__(self) -> LiveView:
-        return self
 
     def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None) -> None:
         self.close()
@@ -169,8 +156,7 @@ class LiveView:
     def _take(self, dragged: Mapping[str, Any]) -> None:
         self._now = self._robot.configuration(**dragged["q"])
         self.goal = pin.XYZQUATToSE3(np.array(dragged["goal"]))
-        if self.on_change is not None:
-            self.on_change(self)
+        self.on_change(self)
 
 
 def _frame(robot: Robot, data: pin.Data, now: _Moment | np.ndarray) -> dict[str, Any]:

@@ -6,7 +6,6 @@ import base64
 import hashlib
 import html
 import json
-import math
 import os
 import re
 import shutil
@@ -91,10 +90,8 @@ class ScenePage:
         whole, style = not _stands_in_notebook(), f"width:100%;height:{self.height:d}px;border:none"
         page = f'srcdoc="{html.escape(self.html)}"' if whole else f'data-page="{html.escape(head + _VIEWER_MARK + tail)}"'
         script = "" if whole else f"<script>{asset('frame.js')}('{name}')</script>"
-        return (
-            f'{script}<iframe id="{name}" data-viewer="{_digest(viewer)}" sandbox="allow-scripts" style="{style}" {page}>'
-            f"{_WITHOUT_SCRIPTS}</iframe>"
-        )
+        opening = f'<iframe id="{name}" data-viewer="{_digest(viewer)}" sandbox="allow-scripts" style="{style}" {page}>'
+        return f"{script}{opening}{_WITHOUT_SCRIPTS}</iframe>"
 
 
 _VIEWER_MARK = "<!--viewer-->"
@@ -112,10 +109,9 @@ def _stands_in_notebook() -> bool:
         return False
     run = kernel.get_parent()
     cell = run["metadata"].get("cellId") or run["content"].get("code", "")
-    message, first = run["header"]["msg_id"], not _shown
-    again = _shown.setdefault(cell, message) != message
-    _shown[cell] = message
-    return not (first or again)
+    message, stood = run["header"]["msg_id"], bool(_shown)
+    before, _shown[cell] = _shown.get(cell, message), message
+    return stood and before == message
 
 
 def build_page(log: CommandLog, *, title: str, details: Mapping[str, Any], height: int = 520, live: bool = False) -> ScenePage:
@@ -168,15 +164,8 @@ def _viewer_source() -> str:
 
 def _data_block(value: object) -> str:
     """JSON that nothing in it can end early; numbers that JSON has not are null."""
-    return json.dumps(_finite(value), allow_nan=False).replace("<", "\\u003c")
-
-
-def _finite(value: Any) -> Any:
-    if isinstance(value, Mapping):
-        return {key: _finite(item) for key, item in value.items()}
-    if isinstance(value, (list, tuple)):
-        return [_finite(item) for item in value]
-    return None if isinstance(value, float) and not math.isfinite(value) else value
+    finite = json.loads(json.dumps(value), parse_constant=lambda name: None)
+    return json.dumps(finite, allow_nan=False).replace("<", "\\u003c")
 
 
 # One page for the browsers of this machine, and what a live one is told: served on the loopback address alone.
@@ -279,10 +268,6 @@ CHROMIUM = "UVMS_OCP_CHROMIUM"
 _NAMES = ("chromium", "chromium-browser", "google-chrome")
 _DRAWN_BY_THE_PROCESSOR = ("--use-gl=angle", "--use-angle=swiftshader", "--enable-unsafe-swiftshader")
 _MOST_FRAMES = 100_000
-_AT = """(t) => new Promise((done) => {
-  showTime(t);
-  requestAnimationFrame(() => requestAnimationFrame(done));
-})"""
 
 
 def missing() -> str:
@@ -343,6 +328,6 @@ def write_frames(
             folder.mkdir(parents=True, exist_ok=True)
             paths = [folder / f"{k:05d}.png" for k in range(int(duration * fps) + 1)]
             for k, path in enumerate(paths):
-                sheet.evaluate(_AT, k / fps)
+                sheet.evaluate("(t) => drawnAt(t)", k / fps)
                 sheet.screenshot(path=path)
             return tuple(paths)

@@ -25,7 +25,6 @@ from uvms_ocp.viz.scene.surroundings import arrow_groups, draw_goals, draw_obsta
 _AROUND = 5.0  # [m] that the vehicle can be moved either way
 _N_FREE = 6
 _UNLIMITED = {"turn": np.pi, "slide": 1.0}  # [rad], [m] either way where a joint has no limit
-_FROM_THE_SIDE = [0.5, -1.0, 0.45]
 
 
 def posed_page(robot: Robot, q: np.ndarray, height: int, live: Mapping[str, Any] | None = None) -> ScenePage:
@@ -33,11 +32,10 @@ def posed_page(robot: Robot, q: np.ndarray, height: int, live: Mapping[str, Any]
     data = robot.model.createData()
     pin.forwardKinematics(robot.model, data, q)
     places = np.array([X.translation for X in list(data.oMi)[1:]])
-    centre = (places.min(axis=0) + places.max(axis=0)) / 2
-    log = CommandLog()
+    centre, log = (places.min(axis=0) + places.max(axis=0)) / 2, CommandLog()
     draw_still(log, robot, list(data.oMi), centre)
     log.animate({})
-    details = STATIC_DETAILS | robot_details(robot) | {"scenario": robot.name, "points": (places - centre).tolist()}
+    details = robot_details(robot) | {"scenario": robot.name, "points": (places - centre).tolist()}
     details |= {"joints": [joint_motion(robot, joint, q) for joint in range(1, robot.model.njoints)], "robot": "", "live": live}
     return build_page(log, title=robot.name, details=details, height=height, live=live is not None)
 
@@ -50,15 +48,6 @@ def draw_still(log: CommandLog, robot: Robot, placements: Sequence[pin.SE3], cen
     for joint in range(1, robot.model.njoints):
         root["robot"][joint_node(robot.model, joint)].set_transform(placements[joint].homogeneous)
     return root
-
-
-STATIC_DETAILS: dict[str, Any] = {"known": "", "duration": 0.0, "speed": 1, "times": [0.0], "start_view": "mission"} | {
-    **dict.fromkeys(("direction", "close_direction"), _FROM_THE_SIDE),
-    **dict.fromkeys(("floor", "relief", "witness")),
-    **dict.fromkeys(("speeds", "labels", "phases", "faults", "health", "alarms"), ()),
-    **dict.fromkeys(("trails", "arrows", "legend", "readouts", "annotations"), ()),
-}
-"""Of a page on which nothing moves by itself."""
 
 
 def joint_motion(robot: Robot, joint: int, q: np.ndarray) -> dict[str, Any]:
@@ -189,7 +178,6 @@ def _page(record: Record, robot: Robot, others: Mapping[str, Record], fps: float
         "witness": witness_lines(record, robot, frames, centre),
         "legend": legend(record, trails, ghosts, beam=beam),
         "annotations": ["trails", "goals", "beam", *(ghost.node for ghost in ghosts)],
-        "joints": (),
     }
     details["duration"] = max(frames.t[-1], *(ghost.frames.t[-1] for ghost in ghosts), 0.0)
     return build_page(log, title=f"{record.meta.scenario}: {record.meta.robot}", details=details, height=height)

@@ -2,7 +2,14 @@
 // Drives meshcat's viewer: light, water, sea floor, camera, time line. World axes of the data: z up; three.js: y up.
 const THREE = MeshCat.THREE;
 const byId = (id) => document.getElementById(id);
-const [COMMANDS, DETAILS] = ["commands", "details"].map((id) => JSON.parse(byId(id).textContent));
+const [COMMANDS, given] = ["commands", "details"].map((id) => JSON.parse(byId(id).textContent));
+const FROM_THE_SIDE = [0.5, -1, 0.45], none = (...names) => Object.fromEntries(names.map((name) => [name, []]));
+const DETAILS = { // what is not given is not there: nothing moves by itself
+  known: "", duration: 0, speed: 1, times: [0], start_view: "mission", direction: FROM_THE_SIDE, close_direction: FROM_THE_SIDE,
+  floor: null, relief: null, witness: null, live: null,
+  ...none("speeds", "labels", "phases", "faults", "health", "alarms", "trails", "arrows", "legend", "readouts", "annotations", "joints"),
+  ...given,
+};
 const ADDRESS = new URLSearchParams(location.hash.slice(1));
 
 // Where the processor draws, for want of graphics, edges and shadows are left rough, but in a film.

@@ -58,6 +58,12 @@ function showTime(t) {
   viewer.set_dirty();
 }
 
+// Resolves once the picture of a time has been drawn.
+function drawnAt(t) {
+  showTime(t);
+  return new Promise((done) => requestAnimationFrame(() => requestAnimationFrame(done)));
+}
+
 function setPlaying(on) {
   clock.playing = on && DETAILS.duration > 0;
   clock.last = null;
