@@ -49,7 +49,8 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def _write_notebook(path: Path, cells: list[dict[str, Any]]) -> None:
-    path.write_text(json.dumps({"cells": cells, "metadata": {}, "nbformat": 4, "nbformat_minor": 5}))
+    kernel = {"kernelspec": {"name": "python3", "display_name": "Python 3", "language": "python"}}
+    path.write_text(json.dumps({"cells": cells, "metadata": kernel, "nbformat": 4, "nbformat_minor": 5}))
 
 
 @pytest.fixture(scope="module")
@@ -172,7 +173,7 @@ def test_scenes_share_a_viewer_and_tell_python_what_is_dragged(lab: str, folder:
     notebook = Notebook(page, lab, "scenes")
     notebook.run_all()
     brought = ["class Viewer{" in json.dumps(cell["outputs"]) for cell in notebook.cells()]
-    assert brought == [True, False, False, False]
+    assert brought == [True, False, False, False], notebook.text()
     for k in range(3):
         page.frame_locator(".jp-OutputArea-output iframe").nth(k).locator("canvas").first.wait_for(state="visible", timeout=60e3)
     slider = page.frame_locator(".jp-OutputArea-output iframe").nth(2).locator("#joints input").first
@@ -190,9 +191,9 @@ def test_scenes_share_a_viewer_and_tell_python_what_is_dragged(lab: str, folder:
     # The same outputs in a file that nobody has signed: a sentence in place of each scene.
     cells = [cell | {"source": f"{cell['source']}  # copied"} for cell in notebook.cells()]
     _write_notebook(folder / "copied.ipynb", cells)
-    page.goto("about:blank")
-    copied = Notebook(page, lab, "copied")
-    shown = page.locator(".jp-NotebookPanel:not(.lm-mod-hidden) .jp-OutputArea-output")
+    other = page.context.browser.new_page(viewport={"width": 1400, "height": 1000})
+    copied = Notebook(other, lab, "copied")
+    shown = other.locator(".jp-NotebookPanel:not(.lm-mod-hidden) .jp-OutputArea-output")
     _until(lambda: shown.count() >= 3, copied.text)
     assert shown.nth(0).inner_text().startswith("A scene is drawn here by scripts")
     assert shown.nth(1).inner_text().startswith("A scene is drawn here by scripts")
