@@ -53,12 +53,13 @@ from pathlib import Path
 from horizon.problems import tool_reach
 from uvms_ocp.ocp.plan import OcpStatus
 from uvms_ocp.ocp.planner import Planner
+from uvms_ocp.ocp.trajectory import hold_guess
 from uvms_ocp.solvers.nlp.level_solver import NlpOptions
 planner = Planner(tool_reach(int(sys.argv[1])), NlpOptions(plugin="stagewise"), wait_for_compiler=True)
 plans = []
 for k in range(2):
     begin = time.process_time()
-    plans.append(planner.plan(diagnose=False))
+    plans.append(planner.plan(guess=hold_guess(planner.problem), diagnose=False))
     spent = time.process_time() - begin
 assert plans[-1].status is OcpStatus.SOLVED, plans[-1].status
 Path("spent").write_text(str(spent / plans[-1].iterations))

@@ -21,7 +21,7 @@ from recording.timing import LONG, built, timed
 from horizon.peer_problems import limited_problem, quickest_problem, shooting_problem
 from uvms_ocp.ocp.planner import Planner
 from uvms_ocp.ocp.problem import OcpProblem
-from uvms_ocp.ocp.trajectory import Trajectory
+from uvms_ocp.ocp.trajectory import Trajectory, hold_guess
 from uvms_ocp.ocp.transcription.transcription import Transcription
 from uvms_ocp.solvers.nlp.level_solver import NlpOptions
 
@@ -60,7 +60,8 @@ def solve(kind: str, n_steps: int, repeats: int, quick: bool) -> list[dict[str, 
 
 def measured(planner: Planner, repeats: int) -> dict[str, Any]:
     """Times and outcome of cold and warm calls."""
-    cold = timed(lambda: planner.plan(diagnose=False), repeats, LONG)
+    rest = hold_guess(planner.problem)
+    cold = timed(lambda: planner.plan(guess=rest, diagnose=False), repeats, LONG)
     plan = cold.value
     warm = timed(lambda: planner.plan(guess=plan, diagnose=False), repeats, LONG)
     assert plan.result is not None

@@ -21,6 +21,7 @@ from horizon.problems import tool_reach
 from uvms_ocp.ocp.plan import Plan
 from uvms_ocp.ocp.planner import Planner
 from uvms_ocp.ocp.problem import HessianKind, OcpProblem
+from uvms_ocp.ocp.trajectory import hold_guess
 from uvms_ocp.solvers.nlp.level_solver import NlpOptions
 
 PLUGINS = ("stagewise", "ipopt")
@@ -47,7 +48,7 @@ def rows(setting: str, problem: OcpProblem, options: NlpOptions, repeats: int, c
     """A solve from rest, and two from its solution: the same problem again, and one whose start has moved."""
     made = built(partial(Planner, problem, options), cold=cold)
     planner = made.value
-    rest = timed(lambda: planner.plan(diagnose=False), repeats)
+    rest = timed(lambda: planner.plan(guess=hold_guess(problem), diagnose=False), repeats)
     found = {"cold": rest}
     for start, again in (("warm", problem), ("moved", moved(problem))):
         found[start] = timed(partial(planner.plan, again, guess=rest.value, diagnose=False), repeats)

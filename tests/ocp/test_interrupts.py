@@ -75,7 +75,7 @@ def test_a_stop_by_hand_returns_the_best_point_so_far(planner: Planner, robot: R
 
 def test_a_search_goes_on_from_where_it_was_stopped(planner: Planner) -> None:
     def stop(moment: IterationReport) -> None:
-        if moment.iteration == 8:
+        if moment.iteration == 2:
             raise KeyboardInterrupt
 
     plan = planner.plan(progress=stop)

@@ -11,7 +11,7 @@ from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import cached_property
 from time import perf_counter
-from typing import TypeAlias
+from typing import Any, TypeAlias
 
 import coal
 import numpy as np
@@ -28,7 +28,7 @@ from uvms_ocp.ocp.plan import LevelReport, OcpStatus, Plan
 from uvms_ocp.ocp.problem import OcpProblem
 from uvms_ocp.ocp.stagewise.program import program_for, stagewise_or
 from uvms_ocp.ocp.terms import TaskTerm, Term
-from uvms_ocp.ocp.trajectory import Trajectory, admissible, hold_guess
+from uvms_ocp.ocp.trajectory import COARSE_STEPS, Trajectory, admissible, coarse_guesses, coarse_problem, hold_guess, shift_guess
 from uvms_ocp.ocp.transcription.transcription import Transcription
 from uvms_ocp.planning import CoalDistances, CollisionScene
 from uvms_ocp.planning.conservative_advancement import ClearanceReport
@@ -331,6 +331,9 @@ def worst_clearance(given: OcpProblem, path: Trajectory) -> ClearanceReport | No
 
 # From problem to plan: transcribe once, solve, and find out why where a goal is missed.
 
+_COARSE: dict[str, Any] = {"convergence": 1e-3, "max_iterations": 20}
+_TIME_SHARE = 0.2  # of a time limit, for the guess
+_EARLY, _COSTLY = 4, 1.25  # iterations, after which motions of so many times the least residual are given up
 _FEW_STEPS = 100  # through which the virtual machine takes no longer than a compiler
 
 
@@ -378,11 +381,11 @@ class Planner:
 
         problem: of the same shape. Start, current, goals, places and sizes of obstacles, weights, bounds and durations may
         differ; anything else raises `InvalidInput`, which says what. guess: a trajectory, or an earlier plan to start
-        from, warm; by default the robot holds its start. t0 [s]: time of the first node, for goals that move. diagnose:
-        where a goal is missed, try longer horizons to say why, and where constraints are, look for what would have to give
-        way, within the time limit of the options. progress: called every iteration; a `KeyboardInterrupt` from
-        it ends the search with the best plan so far, whose status says so. Ctrl-C does too, and raises `Interrupted`, whose
-        `result` is that plan.
+        from, warm; by default the robot holds its start, or, stage by stage with fixed durations, takes the best motion over
+        a few steps towards several postures. t0 [s]: time of the first node, for goals that move. diagnose: where a goal is
+        missed, try longer horizons to say why, and where constraints are, look for what would have to give way, within the
+        time limit of the options. progress: called every iteration; a `KeyboardInterrupt` from it ends the search with the
+        best plan so far, whose status says so. Ctrl-C does too, and raises `Interrupted`, whose `result` is that plan.
         """
         presses: list[object] = []
 
@@ -397,6 +400,31 @@ class Planner:
         if presses:
             raise Interrupted(plan.reason, plan)
         return plan
+
+    @cached_property
+    def _coarse(self) -> Planner:
+        return Planner(coarse_problem(self.problem), replace(self.options, **_COARSE), wait_for_compiler=self._wait)
+
+    def _first_guess(self, given: OcpProblem, t0: float, ends: float) -> Trajectory:
+        """Guess the best motion over a few steps that meets all levels above the last: stage by stage it takes little."""
+        seen: list[IterationReport] = []
+        best, few, least, begin = hold_guess(given), coarse_problem(given), np.inf, perf_counter()
+        if self.options.plugin != STAGEWISE or given.free_time or given.n_steps < 2 * COARSE_STEPS:
+            return best
+
+        def look(now: IterationReport) -> None:
+            seen.append(now)
+            if now.level != given.levels[-1].name or (now.iteration >= _EARLY and now.residual > _COSTLY * least):
+                raise KeyboardInterrupt
+
+        share = begin + _TIME_SHARE * (ends - begin)
+        short = Refinement(planner=self._coarse, given=few, t0=t0, deadline=share, progress=look)
+        for guess in coarse_guesses(few):
+            found = short._solved(guess, guess.q, {}).result
+            if found.status.optimal and seen[-1].residual < least:
+                least = seen[-1].residual
+                best = shift_guess(given, self._coarse.transcription.unpack(found.x, few), 0.0, given.start)
+        return best
 
     @cached_property
     def _by_ipopt(self) -> Planner:
@@ -416,12 +444,12 @@ class Planner:
         if obstruction is not None:
             name, depth = obstruction
             text = f"{name} is broken by {depth:.4g} at the start{describe_crowded_start(given, name)}"
-            return self._failed(given, OcpStatus.OBSTRUCTED, text, begin)
+            return _made(given, 0.0, begin, hold_guess(given), status=OcpStatus.OBSTRUCTED, reason=text, levels=())
         impossible = impossible_start(given)
         if impossible is not None:
-            return self._failed(given, OcpStatus.INFEASIBLE, impossible, begin)
+            return _made(given, 0.0, begin, hold_guess(given), status=OcpStatus.INFEASIBLE, reason=impossible, levels=())
         refinement = Refinement(planner=self, given=given, t0=t0, deadline=ends, progress=progress)
-        start = hold_guess(given) if guess is None else guess
+        start = self._first_guess(given, t0, ends) if guess is None else guess
         found, finder, note = refinement.solved(start), self, ""
         status = found.result.status
         if self._tries_ipopt and not (status.optimal or self._nlp.watch.should_stop or perf_counter() > ends):
@@ -458,11 +486,9 @@ class Planner:
             )
 
     def _start(self, guess: Trajectory | Plan | LexicographicResult) -> np.ndarray | LexicographicResult:
-        if isinstance(guess, LexicographicResult):
-            return guess
         if isinstance(guess, Plan):
-            return guess.result if guess.result is not None else self.transcription.pack(guess.trajectory)
-        return self.transcription.pack(guess)
+            guess = guess.trajectory if guess.result is None else guess.result
+        return guess if isinstance(guess, LexicographicResult) else self.transcription.pack(guess)
 
     def _court(self, given: OcpProblem, found: RefinedResult, t0: float, deadline: float | None) -> Diagnosis:
         def solve(other: OcpProblem, x: np.ndarray | None, limit: float) -> LexicographicResult:
@@ -477,19 +503,10 @@ class Planner:
 
     def _plan(self, given: OcpProblem, verdict: SolveVerdict, t0: float, begin: float) -> Plan:
         trajectory = admissible(self.transcription.unpack(verdict.result.x, given), given.robot)
-        return Plan(
-            robot=given.robot,
-            trajectory=trajectory,
-            clearance=worst_clearance(given, trajectory) if verdict.status.usable else None,
-            status=verdict.status,
-            reason=verdict.reason,
-            levels=tuple(self._reports(verdict.result)),
-            solve_time=perf_counter() - begin,
-            result=verdict.result,
-            surroundings=surroundings(given, t0),
-            current=tuple(given.mean_current.tolist()),
-            plugin=self.options.plugin,
-        )
+        clearance = worst_clearance(given, trajectory) if verdict.status.usable else None
+        found = {"clearance": clearance, "result": verdict.result, "plugin": self.options.plugin}
+        levels = tuple(self._reports(verdict.result))
+        return _made(given, t0, begin, trajectory, status=verdict.status, reason=verdict.reason, levels=levels, **found)
 
     def _reports(self, result: LexicographicResult) -> list[LevelReport]:
         statuses, residuals = result.level_status, result.level_residuals.tolist()
@@ -505,17 +522,11 @@ class Planner:
             for i, level in enumerate(self.problem.levels)
         ]
 
-    def _failed(self, given: OcpProblem, status: OcpStatus, reason: str, begin: float) -> Plan:
-        return Plan(
-            robot=given.robot,
-            trajectory=hold_guess(given),
-            status=status,
-            reason=reason,
-            levels=(),
-            solve_time=perf_counter() - begin,
-            surroundings=surroundings(given, 0.0),
-            current=tuple(given.mean_current.tolist()),
-        )
+
+def _made(given: OcpProblem, t0: float, begin: float, trajectory: Trajectory, **found: Any) -> Plan:
+    """Plan begun at the moment `begin` [s], with what it has of its problem."""
+    around, current, spent = surroundings(given, t0), tuple(given.mean_current.tolist()), perf_counter() - begin
+    return Plan(robot=given.robot, trajectory=trajectory, surroundings=around, current=current, solve_time=spent, **found)
 
 
 @checked

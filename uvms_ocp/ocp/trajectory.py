@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import replace
 from typing import Annotated
 
@@ -160,6 +161,32 @@ def _thrust(problem: OcpProblem, wrench: np.ndarray) -> np.ndarray:
 def has_thrusters(problem: OcpProblem) -> bool:
     """Check whether `thrust` is that of thrusters; else it is a wrench on the vehicle, or nothing on a fixed base."""
     return bool(problem.robot.n_vehicle) and problem.actuation is Actuation.THRUSTERS
+
+
+# Where a search begins that is given no guess: arms reach a goal in several postures, and no descent leads from one to another.
+# Over a few steps motions take little time, and which of them costs least there mostly does so over many.
+
+COARSE_STEPS = 8
+_POSTURES = 8  # beside that of the start
+
+
+def coarse_problem(problem: OcpProblem) -> OcpProblem:
+    """Return the same problem over a few steps, in the mean of its currents."""
+    share = COARSE_STEPS / problem.n_steps
+    phases = tuple(replace(phase, n_steps=max(1, round(share * phase.n_steps))) for phase in problem.phases)
+    return replace(problem, phases=phases, current=problem.mean_current)
+
+
+def coarse_guesses(problem: OcpProblem) -> Iterator[Trajectory]:
+    """Hold the start; then move the joints straight to postures that fill their ranges evenly, by a Kronecker sequence."""
+    hold, robot, (lower, upper) = hold_guess(problem), problem.robot, problem.robot.configuration_bounds
+    places, along = np.flatnonzero(np.isfinite(upper - lower)), np.linspace(0.0, 1.0, problem.n_steps + 1)
+    ratio = np.roots([1.0, *np.zeros(max(len(places) - 1, 0)), -1.0, -1.0]).real.max()
+    yield hold
+    for k in range(1, 1 + _POSTURES * bool(len(places))):
+        q, shares = problem.start.q.copy(), (0.5 + k * ratio ** -np.arange(1.0, 1 + len(places))) % 1.0
+        q[places] = lower[places] + shares * (upper - lower)[places]
+        yield replace(hold, q=np.array([pin.interpolate(robot.model, hold.q[0], q, share) for share in along]))
 
 
 TOLERANCE = 1e-4
