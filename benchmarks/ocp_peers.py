@@ -10,13 +10,13 @@ import tempfile
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 
-from horizon.comparison import COMPILED, Comparison, limited_rows, quickest_rows, shooting_rows
+from horizon.comparison import COMPILED, Comparison, limited_rows, quickest_rows, shooting_rows, turns
 from horizon.ours import CONVERGENCE, GAUSS_NEWTON
 from horizon.peer_problems import DURATION, least_time, quickest_problem, shooting_problem
 from recording.report import Report, Row, Table, begin, parser_of
 from recording.timing import LONG
 
-REPEATS, STEPS = 5, (20, 40, 100)
+REPEATS, STEPS, ROUNDS = 5, (20, 40, 100), 6
 PROSE = """
 Every call is made once to warm up and {repeats} times, or until {long:g} s are over, to take the least time, by the peers as by
 ours. *build_s* is what has to be done once before: transcription, code and its compilation from an empty cache, for ours;
@@ -28,7 +28,8 @@ are the same number. The peer's states and forces, put into our equations and ou
 its row. Cold: from rest at the start with zero forces. `ratio` is to the peer's processor time, `off` the relative
 difference of the cost. The number in a setting is the convergence tolerance. {found} IPOPT needs more because its linear
 solver knows nothing of steps, the exact Hessian because it is indefinite far from the solution, and the virtual machine
-because it interprets.
+because it interprets. The second table has crocoddyl and stagewise, with its Hessian and a tolerance of {tolerance:g}, in turn:
+{rounds} rounds of both at each number of steps, so that they have the same of the machine.
 
 **Limited**: the same with hard limits on the velocity of every axis, on the torque and the position of every joint, a third
 below what the unlimited motion takes. The peer is mim-solvers' constrained SQP with crocoddyl's models, with as many
@@ -53,6 +54,7 @@ FORMATS = {
     "off": ".1e",
     "status": "",
 }
+TURNS = {"problem": "", "solver": "", "least_ms": ".2f", "median_ms": ".2f", "ratio": ".2f", "median_ratio": ".2f"}
 
 
 def found_text(rows: Sequence[Row]) -> str:
@@ -79,11 +81,12 @@ def main() -> None:
     parser = parser_of(__doc__)
     parser.add_argument("--peers", type=Path, metavar="FOLDER")
     given, run = begin(parser)
-    repeats, steps = (1, (5,)) if run.quick else (REPEATS, STEPS)
+    repeats, steps, rounds = (1, (5,), 1) if run.quick else (REPEATS, STEPS, ROUNDS)
     with tempfile.TemporaryDirectory() as name:
         comparison = Comparison(peers=given.peers, scratch=Path(name), repeats=repeats, quick=run.quick)
         shooting = [found(comparison, n) for found in (shooting_rows, limited_rows) for n in steps]
         parts = [*shooting, quickest_rows(comparison, steps[:2])]
+        in_turn = [row for n in steps for row in turns(comparison, n, rounds)]
     rows = [row for part, _ in parts for row in part]
     prose = PROSE.format(
         repeats=repeats,
@@ -92,13 +95,15 @@ def main() -> None:
         duration=DURATION,
         best=least_time(quickest_problem(1)),
         found=found_text(rows),
+        tolerance=CONVERGENCE[0],
+        rounds=rounds,
     )
     run.write(
         Report(
             name="ocp_peers",
             title="Optimal control: the peers",
             prose=prose,
-            tables=[Table(rows=rows, columns=FORMATS)],
+            tables=[Table(rows=rows, columns=FORMATS), Table(rows=in_turn, columns=TURNS)],
             peers={name: version for _, versions in parts for name, version in versions.items()},
         )
     )

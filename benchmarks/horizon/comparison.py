@@ -9,6 +9,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 from peer_environments import interpreter
 from recording.processes import run_script
 from recording.report import Row
@@ -27,6 +28,7 @@ from horizon.peer_problems import (
 HERE = Path(__file__).parent
 LIMITED_TOLERANCE = 1e-6
 COMPILED, INTERPRETED = "compiled", "virtual machine"
+SIDES = ("crocoddyl FDDP", "uvms_ocp stagewise")
 QUICKEST = {"peer_drake": "Drake KTO", "peer_pyroboplan": "PyRoboPlan"}
 
 
@@ -50,9 +52,11 @@ class Comparison:
         found: dict[str, Any] = json.loads(result.read_text())
         return found
 
-    def run_ours(self, kind: str, n_steps: int, how: str, judge: str | None = None) -> dict[str, Any]:
-        """What ours make of it, and of the peer's solution."""
-        result, words = self.scratch / "ours.json", ["--quick"] if self.quick else []
+    def run_ours(
+        self, kind: str, n_steps: int, how: str, judge: str | None = None, *, first_setting: bool = False
+    ) -> dict[str, Any]:
+        """What ours make of it, and of the peer's solution; first_setting: alone, and built from what was compiled before."""
+        result, words = self.scratch / "ours.json", ["--quick"] if self.quick or first_setting else []
         words += [] if judge is None else ["--peer", str(self.scratch / f"{judge}.json")]
         arguments = (kind, n_steps, result, "--repeats", self.repeats, *words)
         run_script(sys.executable, HERE / "ours.py", *arguments, compiler=how == COMPILED)
@@ -79,6 +83,32 @@ def shooting_rows(comparison: Comparison, n_steps: int) -> tuple[list[Row], dict
             rows.append(_crocoddyl_row(name, peer, found["judged"]))
         rows += [our_row(name, row, how, reference, (row["cost"], cost)) for row in found["rows"]]
     return rows, peer.get("versions", {})
+
+
+def turns(comparison: Comparison, n_steps: int, rounds: int) -> list[Row]:
+    """crocoddyl and ours, with its Hessian and the first tolerance, one after the other several times: least times and medians.
+
+    So both have the same of a machine that others use as well. Ratios are of the least times, and the median of all rounds.
+    """
+    if not comparison.peers:
+        return []
+    numbers, found = shooting_numbers(shooting_problem(n_steps)), {name: list[float]() for name in SIDES}
+    for _ in range(rounds):
+        found[SIDES[0]].append(comparison.run_peer("crocoddyl", "peer_crocoddyl", numbers)["cold"]["cpu"])
+        ours = comparison.run_ours("shooting", n_steps, comparison.ways[0], first_setting=True)["rows"]
+        found[SIDES[1]].append(ours[0]["cpu"])
+    least, peer = min(found[SIDES[0]]), np.array(found[SIDES[0]])
+    return [
+        {
+            "problem": f"shooting, N = {n_steps}",
+            "solver": name,
+            "least_ms": 1e3 * min(own),
+            "median_ms": 1e3 * float(np.median(own)),
+            "ratio": min(own) / least,
+            "median_ratio": float(np.median(np.array(own) / peer)),
+        }
+        for name, own in found.items()
+    ]
 
 
 def _crocoddyl_row(name: str, peer: Mapping[str, Any], judged: Mapping[str, float]) -> Row:

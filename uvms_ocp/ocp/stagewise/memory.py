@@ -228,7 +228,7 @@ class StageRanges:
 
     def __init__(self, places: StageIndices, bounds: RowBounds, level: int) -> None:
         """level: those above it are held, as `bounds` has it."""
-        self._places, whole = places, places.memory.whole
+        whole = places.memory.whole
         layout, levels = whole.row_layout, whole.ranges().levels
         raw = np.full((2, layout.n_rows + 1), [[-np.inf], [np.inf]])
         held = [(layout.constraints, slice(0, len(layout.constraints)))]
@@ -239,19 +239,18 @@ class StageRanges:
         """(n,) [unit of the row] of all rows that may be held."""
         self.upper = np.where(places.raw >= 0, raw[1, places.raw], places.force_upper)
         """(n,) [unit of the row]"""
-        self._z = places.z_ranges(bounds.x_lower, bounds.x_upper)
-        self._limited = np.isfinite(self._z).any(axis=0)
+        z = places.z_ranges(bounds.x_lower, bounds.x_upper)
+        self._own = np.flatnonzero(np.isfinite(z).any(axis=0))
+        """(m,) numbers of the variables that have ranges."""
+        self._z, self._at = z[:, self._own], places.z[self._own]
 
     def z_excess(self, z: Array) -> Array:
         """Return how far variables are outside at the points z (n, n_z) [unit of z]."""
-        own = self._limited
-        return np.asarray(interval_excess(z.reshape(-1)[self._places.z[own]], self._z[0, own], self._z[1, own]))
+        return np.asarray(interval_excess(z.reshape(-1)[self._at], *self._z))
 
     def write_z(self, z: Array, lower: Array, upper: Array) -> None:
         """Ranges of the step from z (n, n_z) [unit of z] into lower and upper (m,) [unit of z]."""
-        own = self._limited
-        here = z.reshape(-1)[self._places.z[own]]
-        lower[own], upper[own] = self._z[0, own] - here, self._z[1, own] - here
+        lower[self._own], upper[self._own] = self._z - z.reshape(-1)[self._at]
 
 
 class StageIndices:

@@ -14,7 +14,7 @@ from dataclasses import fields, replace
 
 import numpy as np
 
-from uvms_ocp.checks import checked_constructor
+from uvms_ocp.checks import checked_constructor, replace_unchecked
 from uvms_ocp.codegen.elementwise import interval_distance, interval_excess
 from uvms_ocp.errors import InvalidInput
 from uvms_ocp.solvers.stage_qp import compiled, problem, sparse_core, tolerances
@@ -161,7 +161,7 @@ class StageQpSolver:
         """
         if qp.shape is not self.shape and qp.shape != self.shape:
             raise InvalidInput("the QP has another shape than the solver; make a solver for it")
-        options = self.options if tolerance is None else replace(self.options, tolerance=tolerance)
+        options = self.options if tolerance is None else replace_unchecked(self.options, tolerance=tolerance)
         end = self._core.solve(qp, options, near)
         if explained and (end.status in _UNCLEAR or _only_rounding(qp, end)):
             end = self._explain(qp, problem.row_table(qp), end)
