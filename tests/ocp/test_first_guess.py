@@ -59,8 +59,9 @@ def test_motions_over_few_steps_go_to_postures_all_over_the_ranges_of_the_joints
     lower, upper = robot.limits.position_lower, robot.limits.position_upper
     shares = np.array([(guess.q[-1, 7:] - lower) / (upper - lower) for guess in others])
     assert ((shares > 0.0) & (shares < 1.0)).all()
-    for column in shares.T:  # each joint is sent to at least three quarters of its range
-        assert len(set((4 * column).astype(int))) >= 3
+    for column in shares.T:  # each joint is sent to either half of its range, and over most of it
+        assert column.min() < 0.5 < column.max()
+        assert np.ptp(column) > 0.5
     for guess in others:
         np.testing.assert_array_equal(guess.q[0], problem.start.q)
         np.testing.assert_array_equal(guess.q[:, :7], first.q[:, :7])
