@@ -1,189 +1,131 @@
 """What is found of recordings that were spoiled: ``python benchmarks/recording_doubts.py``.
 
 Recordings of drawn vehicles are sound; of each, one thing after the other is spoiled by a drawn amount, and looked at as
-`check-recording` and `identify` do. Writes recording_doubts.csv and recording_doubts.md.
+`check-recording` and `identify` do. What goes wrong stands in ``spoiled/kinds.py``, every doubt in ``spoiled/doubts.py``. Writes
+recording_doubts.csv and recording_doubts.md.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from dataclasses import replace
+from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
 
 import numpy as np
-from drawn_vehicles.driving import drawn, recorded, vehicle
 from recording.report import Report, Row, Table, begin, parser_of
+from spoiled.doubts import DOUBTS, Doubt, doubt_of
+from spoiled.kinds import KINDS
+from spoiled.sound import DURATION, sound
 
-from uvms_ocp import load_robot, without_arm
-from uvms_ocp.identification.calibration import mixed_thrusters
+from uvms_ocp.identification.calibration import check_settings
 from uvms_ocp.identification.data_quality import check_data_quality
-from uvms_ocp.identification.model import stage_of
-from uvms_ocp.identification.recording import Channel, Recording, rotations
-from uvms_ocp.robot.thrusters import thruster_matrix
+from uvms_ocp.identification.recording import Recording
+from uvms_ocp.identification.settings import CalibrationSettings, calibrated_robot
 
-ROBOTS, EACH, DURATION, SENT, HELD, THRUST = 25, 20, 60.0, 0.1, 2.0, 8.0
-"""Sound recordings, spoiled ones of each, [s] of one, [s] between commands and between other ones, [N]."""
-Spoiled = tuple[str, Recording]
-"""Channel that is wrong, and the recording."""
+ROBOTS = 10
+"""Sound recordings."""
+SETTINGS = {"robot": "bluerov2_alpha5", "arm": "taken off", "hull": [[-0.25, -0.2, -0.15], [0.25, 0.2, 0.15]]}
 PROSE = """
-{sound} sound recordings of {duration:g} s of drawn vehicles, driven by random steps of thrust, and {n} spoiled ones. A spoiled
-one is found where a doubt is about the channel that is wrong, or about the one that it is compared with, and the sound recording
-has none like it. {found:.1f} % are found, {missed:.1f} % missed. Of the sound recordings {false:.1f} % raise a doubt, and
-{others:.1f} % of the doubts about spoiled ones are about channels that are sound.
+{sound} sound recordings of {duration:g} s of drawn vehicles with an arm, driven by random steps of thrust, and {n} spoiled ones,
+each by one of {kinds} kinds. A spoiled one is found where a doubt is about the channel that is wrong, or about the one that it is
+compared with, and the sound recording has none like it. {found:.1f} % are found, {missed:.1f} % missed. Of the sound recordings
+{false:.1f} % raise a doubt, and {others:.1f} % of the doubts about spoiled ones are about channels that are sound.
+
+In the second table, by doubt: of the spoiled recordings that it is meant to find those that it misses, and those of them that no
+other doubt finds either; of the sound ones those about which it is raised; and of those that are spoiled in another way, those
+where it is raised about the channel that is wrong (the same fault by another name, or one that follows from it), and about
+channels that are sound, which alone is false. {stated} more doubts state what a file, or the settings of a fit, say themselves:
+{statements}.
 """
-_PARTNERS = {"linear_velocity": "position", "position": "linear_velocity", "attitude": "angular_velocity"}
-_PARTNERS |= {"angular_velocity": "attitude", "thrust": "thrust"}
-_MEASURED = ("position", "linear_velocity", "angular_velocity")
+_PARTNERS: Mapping[str, tuple[str, ...]] = {
+    "linear_velocity": ("position", "attitude"),
+    "position": ("linear_velocity",),
+    "attitude": ("angular_velocity", "linear_velocity", "specific_force", "position"),
+    "angular_velocity": ("attitude",),
+    "specific_force": ("attitude",),
+    "joint_positions": ("joint_velocities",),
+    "joint_velocities": ("joint_positions",),
+}
+_Found = set[tuple[str, Doubt]]
 
 
-def sound(rng: np.random.Generator, robots: int) -> list[Recording]:
-    """Recordings of drawn vehicles with all that a navigation system tells."""
-    one = vehicle()
-    stage, found = stage_of(one), []
-    for k, truth in enumerate(drawn(one, rng, robots)):
-        told = THRUST * rng.normal(size=(round(DURATION / HELD), len(one.actuators.names)))
-        commands = Channel(t=np.arange(0.0, DURATION, SENT), values=np.repeat(told, round(HELD / SENT), axis=0))
-        each = recorded(one, stage, truth, rng, commands, f"dive{k}")
-        velocity, attitude = each.channels["linear_velocity"], each.channels["attitude"]
-        in_world = np.einsum("nij,nj->ni", rotations(attitude, velocity.t), velocity.values)
-        steps = np.diff(velocity.t)[:, None] * (in_world[1:] + in_world[:-1]) / 2
-        place = np.vstack([np.zeros(3), np.cumsum(steps, axis=0)]) + [0.0, 0.0, -20.0] + 0.01 * rng.normal(size=in_world.shape)
-        found.append(replace(each, channels={**each.channels, "position": Channel(t=velocity.t, values=place)}))
+def doubts(one: Recording, issues: Callable[[Recording], Sequence[tuple[str, str]]]) -> _Found:
+    """Channels with the kinds of doubts about them."""
+    return {(name, doubt_of(text)) for name, text in issues(one)}
+
+
+def checker() -> Callable[[Recording], Sequence[tuple[str, str]]]:
+    """All that is looked at before a fit."""
+    settings = CalibrationSettings.model_validate({**SETTINGS, "learn": {"added_mass": {}}})
+    subject = calibrated_robot(settings, Path())
+    return lambda one: [(x.channel, x.problem) for x in (*check_data_quality(one), *check_settings(subject, settings, one))]
+
+
+def by_doubt(rows: Sequence[Row], before: Sequence[_Found]) -> list[Row]:
+    """What each doubt misses, and where it is raised for nothing."""
+    found = list[Row]()
+    for doubt in (one for one in DOUBTS if not one.stated):
+        meant = [row for row in rows if doubt.says in row["meant"]]
+        others = [row for row in rows if doubt.says not in row["meant"]]
+        missed = [row for row in meant if doubt.says not in row["about"]]
+        found.append({
+            "doubt about": doubt.looks_for, "n": len(meant), "missed [%]": _share(len(missed), len(meant)),
+            "found by none [%]": _share(sum(not row["found"] for row in missed), len(meant)),
+            "sound [%]": _share(sum(any(one is doubt for _, one in each) for each in before), len(before)),
+            "others, same channel [%]": _share(sum(doubt.says in row["about"] for row in others), len(others)),
+            "others, false [%]": _share(sum(doubt.says in row["elsewhere"] for row in others), len(others)),
+        })  # fmt: skip
     return found
 
 
-def _with(one: Recording, name: str, change: Callable[[Channel], Channel]) -> Spoiled:
-    return name, replace(one, channels={**one.channels, name: change(one.channels[name])})
+def by_kind(rows: Sequence[Row]) -> list[Row]:
+    """What is found of each kind."""
+    return [
+        {"spoiled": kind.group, "how": kind.how, "n": len(own),
+         "found [%]": _share(sum(row["found"] for row in own), len(own)),
+         "doubts beside it": float(np.mean([len(row["elsewhere"]) for row in own]))}
+        for kind in KINDS if (own := [row for row in rows if row["how"] == kind.how])
+    ]  # fmt: skip
 
 
-def _values(one: Recording, name: str, change: Callable[[np.ndarray], np.ndarray]) -> Spoiled:
-    return _with(one, name, lambda channel: replace(channel, values=change(channel.values)))
-
-
-def unit(one: Recording, rng: np.random.Generator) -> Spoiled:
-    """Millimetres, or degrees a second."""
-    name = str(rng.choice(_MEASURED))
-    return _values(one, name, lambda values: values * (np.rad2deg(1.0) if name == "angular_velocity" else 1e3))
-
-
-def axis(one: Recording, rng: np.random.Generator) -> Spoiled:
-    """Two axes of a velocity are exchanged."""
-    order = np.delete(np.arange(3), k := int(rng.integers(3)))[::-1]
-    return _values(one, str(rng.choice(_MEASURED[1:])), lambda values: values[:, np.insert(order, k, k)])
-
-
-def sign(one: Recording, rng: np.random.Generator) -> Spoiled:
-    """An axis of a velocity points the other way."""
-    flipped = np.where(np.arange(3) == rng.integers(3), -1.0, 1.0)
-    return _values(one, str(rng.choice(_MEASURED[1:])), lambda values: values * flipped)
-
-
-def frame(one: Recording, rng: np.random.Generator) -> Spoiled:
-    """Velocity in W, velocity with z down, or position with z down."""
-    R, kind = rotations(one.channels["attitude"], one.channels["linear_velocity"].t), int(rng.integers(3))
-    if kind == 0:
-        return _values(one, "linear_velocity", lambda values: np.einsum("nij,nj->ni", R, values))
-    return _values(one, ("linear_velocity", "position")[kind - 1], lambda values: values * [1.0, -1.0, -1.0])
-
-
-def time(one: Recording, rng: np.random.Generator) -> Spoiled:
-    """Times in ms, or a clock that jumps in the middle."""
-    name, jump = str(rng.choice(_MEASURED)), rng.uniform(1.0, 5.0)
-    if rng.uniform() < 0.5:
-        return _with(one, name, lambda channel: replace(channel, t=1e3 * channel.t))
-    return _with(one, name, lambda channel: replace(channel, t=channel.t + jump * (channel.t > DURATION / 2)))
-
-
-def repeats(one: Recording, rng: np.random.Generator) -> Spoiled:
-    """A sensor stops and says the same for a while."""
-    name, begin, n = str(rng.choice(_MEASURED)), int(rng.integers(100, 300)), int(rng.integers(30, 200))
-    return _values(one, name, lambda values: np.vstack([values[:begin], np.tile(values[begin], (n, 1)), values[begin + n :]]))
-
-
-def sentinels(one: Recording, rng: np.random.Generator) -> Spoiled:
-    """A value that stands for nothing."""
-    name, value, share = str(rng.choice(_MEASURED[:2])), float(rng.choice([-32.768, -9999.0])), rng.uniform(0.005, 0.2)
-    lost = rng.uniform(size=(len(one.channels[name].t), 1)) < share
-    return _values(one, name, lambda values: np.where(lost, value, values))
-
-
-def dead(one: Recording, rng: np.random.Generator) -> Spoiled:
-    """One axis stays 0."""
-    alive = np.arange(3) != rng.integers(3)
-    return _values(one, str(rng.choice(_MEASURED[1:])), lambda values: values * alive)
-
-
-def thrusters(one: Recording, rng: np.random.Generator) -> Spoiled:
-    """Two thrusters are exchanged, or one is reversed."""
-    i, j = rng.choice(one.channels["thrust"].values.shape[1], size=2, replace=False)
-    order, signs = np.arange(one.channels["thrust"].values.shape[1]), np.ones(one.channels["thrust"].values.shape[1])
-    if rng.uniform() < 0.5:
-        order[[i, j]] = j, i
-    else:
-        signs[i] = -1.0
-    return _values(one, "thrust", lambda values: values[:, order] * signs)
-
-
-def delay(one: Recording, rng: np.random.Generator) -> Spoiled:
-    """A velocity is late."""
-    late = rng.uniform(0.3, 1.5)
-    return _with(one, str(rng.choice(_MEASURED[1:])), lambda channel: replace(channel, t=channel.t + late))
-
-
-def saturation(one: Recording, rng: np.random.Generator) -> Spoiled:
-    """A sensor goes no farther than a part of what there is."""
-    share = rng.uniform(0.3, 0.7)
-    return _values(
-        one,
-        str(rng.choice(_MEASURED[1:])),
-        lambda values: np.clip(values, *(share * np.abs(values).max(axis=0) * way for way in (-1.0, 1.0))),
-    )
-
-
-KINDS = (unit, axis, sign, frame, time, repeats, sentinels, dead, thrusters, delay, saturation)
-
-
-def doubts(one: Recording, B: np.ndarray, names: Sequence[str]) -> set[tuple[str, str]]:
-    """Channels with what is doubtful, without the numbers in it."""
-    found = {(each.channel, "".join(c for c in each.problem if not c.isdigit())) for each in check_data_quality(one)}
-    mixed = mixed_thrusters(one, one.channels["thrust"], B, names)
-    return found | ({("thrust", mixed)} if mixed else set())
+def _share(n: int, of: int) -> float:
+    return 100.0 * n / max(of, 1)
 
 
 def main() -> None:
     """Spoil and look."""
     _, run = begin(parser_of(__doc__))
-    robot, rng, rows = without_arm(load_robot("bluerov2_alpha5")), np.random.default_rng(0), list[Row]()
-    B, names = thruster_matrix(robot), robot.thruster_names
-    good, each, counter = sound(rng, 1 if run.quick else ROBOTS), len(KINDS) if run.quick else EACH, 0
-    before = [doubts(one, B, names) for one in good]
+    rng, rows, issues = np.random.default_rng(0), list[Row](), checker()
+    good = sound(rng, 1 if run.quick else ROBOTS)
+    before = [doubts(one, issues) for one in good]
     for known, one in zip(before, good, strict=True):
-        for _ in range(each):
-            kind = KINDS[counter % len(KINDS)]
-            counter += 1
-            channel, spoiled = kind(one, rng)
-            new = doubts(spoiled, B, names) - known
-            about = [text for name, text in new if name in (channel, _PARTNERS[channel])]
-            rows.append({"recording": one.name, "spoiled": kind.__name__, "channel": channel, "found": bool(about),
-                         "beside": len(new) - len(about), "doubts": len(new), "first": about[0] if about else ""})  # fmt: skip
-    table = [
-        {"spoiled": kind.__name__, "how": (kind.__doc__ or "").strip(), "n": len(own),
-         "found [%]": 100.0 * float(np.mean([row["found"] for row in own])),
-         "doubts beside it": float(np.mean([row["beside"] for row in own]))}
-        for kind in KINDS if (own := [row for row in rows if row["spoiled"] == kind.__name__])
-    ]  # fmt: skip
-    found = 100.0 * float(np.mean([row["found"] for row in rows]))
+        for kind in KINDS:
+            new = doubts(kind.spoil(one, rng), issues) - known
+            there = (kind.channel, *_PARTNERS.get(kind.channel, ()))
+            about = sorted(doubt.says for name, doubt in new if name in there)
+            elsewhere = sorted(doubt.says for name, doubt in new if name not in there)
+            rows.append({"recording": one.name, "spoiled": kind.group, "how": kind.how, "channel": kind.channel,
+                         "meant": kind.meant, "found": bool(about), "about": about, "elsewhere": elsewhere})  # fmt: skip
+    found = _share(sum(row["found"] for row in rows), len(rows))
     prose = PROSE.format(
         sound=len(good),
         duration=DURATION,
         n=len(rows),
+        kinds=len(KINDS),
         found=found,
         missed=100.0 - found,
-        false=100.0 * float(np.mean([bool(one) for one in before])),
-        others=100.0 * sum(row["beside"] for row in rows) / max(sum(row["doubts"] for row in rows), 1),
+        false=_share(sum(bool(one) for one in before), len(before)),
+        others=_share(sum(len(row["elsewhere"]) for row in rows), sum(len(row["about"] + row["elsewhere"]) for row in rows)),
+        stated=sum(one.stated for one in DOUBTS),
+        statements="; ".join(one.looks_for for one in DOUBTS if one.stated),
     )
     form = {"spoiled": "", "how": "", "n": "", "found [%]": ".0f", "doubts beside it": ".2f"}
+    kept = dict.fromkeys(("missed [%]", "found by none [%]", "sound [%]"), ".0f")
+    rates = {"doubt about": "", "n": "", **kept, **dict.fromkeys(("others, same channel [%]", "others, false [%]"), ".1f")}
     name, title = "recording_doubts", "Doubts about spoiled recordings"
-    run.write(Report(name=name, title=title, prose=prose, tables=[Table(rows=table, columns=form)], data={name: rows}))
+    tables = [Table(rows=by_kind(rows), columns=form), Table(rows=by_doubt(rows, before), columns=rates)]
+    lists = ("meant", "about", "elsewhere")
+    data = [{key: "; ".join(value) if key in lists else value for key, value in row.items()} for row in rows]
+    run.write(Report(name=name, title=title, prose=prose, tables=tables, data={name: data}))
 
 
 if __name__ == "__main__":

@@ -166,6 +166,36 @@ def test_a_yaw_from_elsewhere_is_told_by_where_velocities_point(angle: float) ->
     assert "attitude: with it the velocity is as large as the rate of the position, and points elsewhere" in told(turned)
 
 
+@pytest.mark.parametrize("angle", [-55.0, -35.0, 35.0, 55.0])
+def test_a_heading_that_is_turned_is_told_by_how_much(angle: float) -> None:
+    half = np.deg2rad(angle) / 2
+    turn = Rotation.from_quat([0.0, 0.0, np.sin(half), np.cos(half)])
+    found = told(with_values(moved(), "attitude", lambda x: np.asarray((turn * Rotation.from_quat(x)).as_quat())))
+    (said,) = re.findall(r"points elsewhere, by (-?\d+) deg about z", found)
+    assert float(said) == pytest.approx(angle, abs=3.0)
+
+
+def test_a_velocity_with_an_axis_reversed_is_doubted_and_commands_are_not() -> None:
+    """Motion follows no command by such an axis, and the command is right."""
+    t = driven().channels["linear_velocity"].t
+    still = np.einsum("nij,nj->ni", rotations(driven().channels["attitude"], t), driven().channels["linear_velocity"].values)
+    place = Channel(t=t, values=np.cumsum(np.gradient(t)[:, None] * still, axis=0) - [0.0, 0.0, 20.0])
+    one = replace(driven(), channels={**driven().channels, "position": place})
+    found = told(with_values(one, "linear_velocity", lambda x: x * [1, -1, 1]))
+    assert "linear_velocity: its axes fit" in found
+    assert "acceleration" not in found
+
+
+@pytest.mark.parametrize("factor", [1.0, 1.0 / 9.81])
+def test_what_an_accelerometer_feels_has_its_size_whichever_way_a_vehicle_tilts(factor: float) -> None:
+    t = np.arange(0.0, 60.0, 0.1)
+    tilt = 1.4 * np.sin(0.5 * t)
+    felt = 9.81 * factor * np.column_stack([np.sin(tilt), 0.0 * t, np.cos(tilt)])
+    found = told(Recording(name="swing", channels={"specific_force": Channel(t=t, values=felt)}))
+    assert ("in g, not in m/s2" in found) == (factor < 1.0)
+    assert "its units" not in found
+
+
 def test_a_value_that_a_channel_jumps_to_and_back_is_named() -> None:
     lost = np.arange(len(moved().channels["position"].t)) % 40 == 17
     text = told(with_values(moved(), "position", lambda x: np.where(lost[:, None], x * [1, 1, 0], x)))

@@ -187,7 +187,7 @@ def test_what_is_given_is_not_looked_for(tmp_path: Path) -> None:
     ("content", "message"),
     [
         (b"", "is empty"),
-        (b"ULog\x01\x12\x35more", "ulog2csv"),
+        (b"ULog\x01\x12\x35more", "cannot be read|uvms-ocp.ulog."),
         (b"version https://git-lfs.github.com/spec/v1\noid sha256:0\n", "git lfs pull"),
         (b"$GPGGA,1,2,3\n", "NMEA"),
         (b"\xfd7zXZ\x00", "packed by xz"),

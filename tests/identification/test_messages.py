@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 import pytest
 from motions import recorded
+from px4 import write_ulog
 
 from uvms_ocp.errors import InvalidInput, NameNotFound, NotInstalled, UvmsError
 from uvms_ocp.identification.messages import TopicColumns, _Rows, numbers_at, seconds_at, steps_of, topics_of
@@ -340,6 +341,28 @@ def test_messages_of_mavlink_have_the_units_that_their_protocol_says(tmp_path: P
     k = np.arange(len(STAMPS))
     np.testing.assert_allclose(read.t, 0.1 * k, atol=1e-9)
     np.testing.assert_allclose(read.values, np.column_stack([0.1 * k, 0.0 * k - 0.2, 0.0 * k + 0.3]), atol=1e-12)
+
+
+def test_a_log_of_px4_has_topics_with_fields_and_arrays_and_one_for_each_instance(tmp_path: Path) -> None:
+    pytest.importorskip("pyulog", reason='needs pip install "uvms-ocp[ulog]"')
+    good, other = GOOD.channels["position"].values, 0.0 * T + 1.0
+    fields = {"x": good[:, 0], "y": -good[:, 1], "z": -good[:, 2]}
+    outputs = {"output": 1500.0 + 10.0 * np.arange(3) + np.arange(len(T))[:, None]}
+    topics = [("vehicle_local_position", T + 7.0, one) for one in (fields, dict.fromkeys("xyz", other))]
+    write_ulog(tmp_path / "dive.ulg", [*topics, ("actuator_outputs", T + 7.0, outputs)])
+    assert topics_of(tmp_path / "dive.ulg") == ("actuator_outputs", "vehicle_local_position", "vehicle_local_position_1")
+    one = {"topic": "vehicle_local_position", "columns": ["x", "y", "z"], "world": "NED"}
+    motors = {"topic": "actuator_outputs", "columns": ["output"], "offset": -1500.0, "scale": 0.0025, "time": "timestamp"}
+    read = mapped_recording(tmp_path / "dive.ulg", RecordingMapping(channels={"position": one, "propeller_commands": motors}))
+    np.testing.assert_allclose(read.channels["position"].values, good, atol=1e-5)
+    np.testing.assert_allclose(read.channels["position"].t, T, atol=1e-5)
+    np.testing.assert_allclose(read.channels["propeller_commands"].values[1], 0.0025 * (1.0 + 10.0 * np.arange(3)), atol=1e-6)
+    np.testing.assert_allclose(read.channels["propeller_commands"].t, T, atol=1e-5)
+    second = {**one, "topic": "vehicle_local_position_1"}
+    read = mapped_recording(tmp_path / "dive.ulg", RecordingMapping(channels={"position": second}))
+    np.testing.assert_allclose(read.channels["position"].values, np.tile([1.0, -1.0, -1.0], (len(T), 1)))
+    write_ulog(tmp_path / "cut.ulg", topics, cut=(tmp_path / "dive.ulg").stat().st_size // 2)  # as where power was cut
+    assert len(mapped_recording(tmp_path / "cut.ulg", RecordingMapping(channels={"position": one})).channels["position"].t) > 9
 
 
 def test_a_packed_bag_says_how_to_unpack_it(tmp_path: Path) -> None:

@@ -14,6 +14,7 @@ import pinocchio as pin
 import pytest
 import yaml
 from motions import DOWN, recorded
+from px4 import write_ulog
 from typer.testing import CliRunner
 
 from uvms_ocp.cli.commands import app
@@ -101,6 +102,16 @@ PLAIN: dict[str, dict[str, tuple[float, ...]]] = {
         "linear_velocity": (1.0, 2.0, 3.0),
         "angular_velocity": (0.0, 0.0, 4.0),
     },
+    "speed w": {"linear_velocity": (1.0, 0.0, 0.0)},
+    "u v u_ref HeadingSet heading": {"linear_velocity": (1.0, 2.0, 0.0), "attitude": (0.0, 0.0, 5.0)},
+    "x_pos y_pos depth_setpoint": {"position": (1.0, 2.0, 0.0)},
+    "x y theta": {"position": (1.0, 2.0, 0.0), "attitude": (0.0, 0.0, 3.0)},
+    "u_velo vm_velo psi_hat r_angvelo": {
+        "linear_velocity": (1.0, 2.0, 0.0),
+        "attitude": (0.0, 0.0, 3.0),
+        "angular_velocity": (0.0, 0.0, 4.0),
+    },
+    "orientation.x orientation.y orientation.z": {"attitude": (1.0, 2.0, 3.0)},
     "u v w p q r": {"linear_velocity": (1.0, 2.0, 3.0), "angular_velocity": (4.0, 5.0, 6.0)},
     "u v r": {"linear_velocity": (1.0, 2.0, 0.0), "angular_velocity": (0.0, 0.0, 3.0)},
     "u force": {"linear_velocity": (1.0, 0.0, 0.0), "wrench": (2.0, 0.0, 0.0, 0.0, 0.0, 0.0)},
@@ -179,6 +190,31 @@ def test_of_mavlink_only_messages_are_proposed_whose_meaning_is_laid_down(tmp_pa
     assert read["position"].values[-1] == pytest.approx((np.sin(19.9), -3.98, -4.99), abs=1e-4)
     assert read["angular_velocity"].values[0] == pytest.approx((0.1, 0.0, -0.3), abs=1e-6)
     assert read["propeller_commands"].values[0] == pytest.approx(0.0025 * np.arange(8), abs=1e-9)
+
+
+def test_of_px4_channels_come_back_by_its_own_topics_and_axes(tmp_path: Path) -> None:
+    pytest.importorskip("pyulog", reason='needs pip install "uvms-ocp[ulog]"')
+    t = GOOD.channels["position"].t
+    position, attitude, rates = (GOOD.channels[name].values for name in ("position", "attitude", "angular_velocity"))
+    local = dict(zip(("x", "y", "z"), (position @ DOWN).T, strict=True))
+    moving = np.gradient(position, t, axis=0) @ DOWN
+    local |= dict(zip(("vx", "vy", "vz"), moving.T, strict=True))
+    pulses = 1500.0 + 300.0 * np.sin(t[:, None] + np.arange(8))
+    topics = [
+        ("vehicle_attitude", t, {"q": (attitude * [1, -1, -1, 1])[:, [3, 0, 1, 2]]}),
+        ("vehicle_angular_velocity", t, {"xyz": rates @ DOWN, "xyz_derivative": 0.0 * rates}),
+        ("vehicle_local_position", t, local),
+        ("vehicle_local_position_setpoint", t, local),
+        ("actuator_outputs", t, {"output": pulses}),
+    ]
+    write_ulog(tmp_path / "dive.ulg", topics)
+    read = read_as_proposed(tmp_path / "dive.ulg").channels
+    assert set(read) == {"position", "attitude", "linear_velocity", "angular_velocity", "propeller_commands"}
+    np.testing.assert_allclose(read["position"].values, position, atol=1e-5)
+    np.testing.assert_allclose(np.abs((read["attitude"].values * attitude).sum(axis=1)), 1.0, atol=1e-5)
+    np.testing.assert_allclose(read["angular_velocity"].values, rates, atol=1e-5)
+    np.testing.assert_allclose(read["linear_velocity"].values[9:-9], GOOD.channels["linear_velocity"].values[9:-9], atol=0.01)
+    np.testing.assert_allclose(read["propeller_commands"].values, 0.0025 * (pulses - 1500.0), atol=1e-6)
 
 
 def test_numbers_that_stand_for_nothing_measured_are_said(tmp_path: Path) -> None:
@@ -363,6 +399,32 @@ def test_pulse_widths_become_commands_of_propellers(tmp_path: Path) -> None:
     np.testing.assert_allclose(one.values[:, 0], 0.75 * np.sin(t), atol=1e-9)
 
 
+def test_pulse_widths_of_a_wider_range_become_commands_within_1(tmp_path: Path) -> None:
+    t = np.arange(0.0, 20.0, 0.1)
+    write_columns(tmp_path / "a.csv", {"t": t, **{f"PWM_{side}": 1500 + 500 * np.sin(t + k) for k, side in enumerate("LR")}})
+    one = read_as_proposed(tmp_path / "a.csv").channels["propeller_commands"]
+    np.testing.assert_allclose(one.values[:, 0], np.sin(t), atol=1e-9)
+
+
+def test_a_boat_with_its_heading_from_north_and_positions_that_are_so_too_is_read_as_it_went(tmp_path: Path) -> None:
+    """Speed is along the heading: where x is north and y east, both are told by it, though nothing says so."""
+    t = np.arange(0.0, 120.0, 0.1)
+    heading, speed = 60.0 + 50.0 * np.sin(0.1 * t), 0.9 + 0.2 * np.sin(0.3 * t)
+    x, y = (np.cumsum(0.1 * speed * way(np.deg2rad(heading))) for way in (np.cos, np.sin))
+    write_columns(tmp_path / "a.csv", {"t": t, "x": x, "y": y, "Heading": heading, "Speed": speed, "SpeedSet": 0.0 * t + 1.0})
+    read = read_as_proposed(tmp_path / "a.csv").channels
+    ahead = rotations(read["attitude"], t)[:, :, 0]
+    way = np.gradient(read["position"].values, 0.1, axis=0)
+    np.testing.assert_allclose((way * ahead).sum(axis=1)[3:-3], speed[3:-3], atol=0.02)
+
+
+def test_messages_written_to_a_table_have_the_time_of_their_header(tmp_path: Path) -> None:
+    columns = columns_of(GOOD, {"position": "field.position.x field.position.y field.position.z"})
+    stamps = {"%time": columns["t"] + 7.0, "field.header.stamp": columns["t"]}
+    write_columns(tmp_path / "dive.csv", stamps | {name: x for name, x in columns.items() if name != "t"})
+    assert "time: field.header.stamp" in propose_mapping(tmp_path / "dive.csv")
+
+
 def test_messages_have_topics_and_fields(tmp_path: Path) -> None:
     path = tmp_path / "dvl.json"
     rows = [
@@ -428,3 +490,60 @@ def test_a_channel_that_cannot_be_read_leaves_the_evidence_of_the_others(zeros: 
     assert "    # by names: " in evidence["angular_velocity"]
     assert ("# doubtful: attitude: NaN in every row" in evidence["attitude"]) == (zeros is None)
     assert not re.search(r"by names: *$", text, re.M)
+
+
+LAYOUTS = (
+    ("position", "attitude"),
+    ("attitude", "position", "linear_velocity"),
+    ("position", "attitude", "linear_velocity", "angular_velocity", "specific_force", "thrust"),
+    ("thrust", "specific_force", "angular_velocity", "attitude", "position"),
+    ("linear_velocity", "angular_velocity", "position", "attitude", "thrust"),
+)
+
+
+@pytest.mark.parametrize("seed", [1, 2, 3])
+@pytest.mark.parametrize("layout", LAYOUTS, ids="-".join)
+def test_columns_without_names_are_known_by_their_values(layout: tuple[str, ...], seed: int, tmp_path: Path) -> None:
+    """Of drawn motion and commands, whatever stands beside them: a number of each row, and a column that stays."""
+    rng, good = np.random.default_rng(seed), recorded(seed=seed)
+    t = good.channels["position"].t
+    felt = 9.81 * rotations(good.channels["attitude"], t)[:, 2]
+    told = np.repeat(8.0 * rng.normal(size=(len(t) // 20 + 1, 6)), 20, axis=0)[: len(t)]
+    values = {name: one.values for name, one in good.channels.items()} | {"specific_force": felt, "thrust": told}
+    noisy = {name: x + 1e-3 * rng.normal(size=x.shape) * (name not in ("thrust", "attitude")) for name, x in values.items()}
+    columns = [np.arange(len(t)), t + rng.uniform(0.0, 1e3), *(x for name in layout for x in noisy[name].T), 0.0 * t + 12.6]
+    np.savetxt(tmp_path / "dive.csv", np.column_stack(columns), delimiter=str(rng.choice([",", ";", " "])), fmt="%.10g")
+    text, read = propose_mapping(tmp_path / "dive.csv"), read_as_proposed(tmp_path / "dive.csv").channels
+    assert set(read) == set(layout)
+    for name in layout:
+        assert f"  {name}: {{time: '#2'" in text
+        wanted, found = (
+            values[name],
+            read[name].values * (np.sign(read[name].values[0] @ values[name][0]) if name == "attitude" else 1),
+        )
+        np.testing.assert_allclose(found[0], wanted[0], atol=0.01)
+        np.testing.assert_allclose(found[-1], wanted[len(t) - 20 if name == "thrust" else -1], atol=0.01)
+    assert text.count("# by values: #2: rises throughout") == len(layout)
+    assert text.count("# by values: ") >= 2 * len(layout)
+
+
+def test_columns_without_names_of_a_boat_are_a_plane(tmp_path: Path) -> None:
+    """Velocity is the rate of the position turned by the heading, which takes the place of a third coordinate."""
+    t = np.arange(0.0, 60.0, 0.1)
+    heading = 0.8 * np.sin(0.2 * t) + 0.03 * t
+    u, v, r = 0.5 + 0.3 * np.sin(0.3 * t), 0.1 * np.cos(0.5 * t), np.gradient(heading, t)
+    x, y = (
+        np.cumsum(0.1 * part) for part in (u * np.cos(heading) - v * np.sin(heading), u * np.sin(heading) + v * np.cos(heading))
+    )
+    np.savetxt(tmp_path / "boat.csv", np.column_stack([t, x, y, heading, u, v, r]), delimiter=",")
+    read = read_as_proposed(tmp_path / "boat.csv").channels
+    np.testing.assert_allclose(read["linear_velocity"].values, np.column_stack([u, v, 0.0 * t]), atol=1e-9)
+    np.testing.assert_allclose(read["angular_velocity"].values[:, 2], r, atol=1e-9)
+    np.testing.assert_allclose(read["position"].values[:, :2], np.column_stack([x, y]), atol=1e-9)
+
+
+def test_of_columns_of_which_nothing_tells_none_is_proposed(tmp_path: Path) -> None:
+    rng = np.random.default_rng(0)
+    np.savetxt(tmp_path / "noise.csv", np.column_stack([0.1 * np.arange(200), rng.normal(size=(200, 5))]), delimiter=",")
+    with pytest.raises(InvalidInput, match=r"nothing in it has a name that is known: #1, #2, #3, #4, #5, #6; write a mapping"):
+        propose_mapping(tmp_path / "noise.csv")

@@ -134,8 +134,11 @@ def _rate_axes(reference: _Reference, seen: np.ndarray, name: str) -> Iterator[t
     alike = checks.correlation(*(np.linalg.norm(x, axis=1) for x in (seen, reference.body)))
     if ways[best] > max(own + checks.EXPLAINED, _HALF, _MOST * alike):
         yield best[0], f"{best[1]} ({100 * ways[best]:.0f} % of it, {100 * own:.0f} % as they are)"
-    elif name == "linear_velocity" and own < _HALF * alike and alike > _AS_LARGE:
-        yield "attitude", "with it the velocity is as large as the rate of the position, and points elsewhere: format, axes, yaw?"
+    elif name == "linear_velocity" and alike > _AS_LARGE and reference.R is not None and reference.world is not None:
+        turn, share = _turn(np.einsum("nij,nj->ni", reference.R, seen), reference.world)
+        if own < max(_HALF * alike, share - checks.EXPLAINED if share > _HALF else 0.0):
+            text = "with it the velocity is as large as the rate of the position, and points elsewhere"
+            yield "attitude", f"{text}, by {np.rad2deg(turn):.0f} deg about z: format, axes, yaw?"
 
 
 def _ways(reference: _Reference, seen: np.ndarray, name: str) -> dict[tuple[str, str], float]:
@@ -143,6 +146,14 @@ def _ways(reference: _Reference, seen: np.ndarray, name: str) -> dict[tuple[str,
     fits = f"its axes fit the {'tilt' if name == 'specific_force' else 'rate'} of the {_PARTNER[name]} as"
     ways = {(name, f"{fits} {checks.named(Q)}"): checks.explained(seen @ Q.T, reference.body) for Q in checks.WAYS}
     return ways | _in_world(reference, seen, name)
+
+
+def _turn(seen: np.ndarray, wanted: np.ndarray) -> tuple[float, float]:
+    """Angle about z [rad] from wanted (m, 3) to seen (m, 3), and what would be explained without it."""
+    plane, reference = (x[:, 0] + 1j * x[:, 1] for x in (seen, wanted))
+    turn = float(np.angle(np.vdot(reference, plane)))
+    plane = plane * np.exp(-1j * turn)
+    return turn, checks.explained(np.column_stack([plane.real, plane.imag, seen[:, 2]]), wanted)
 
 
 def _in_world(reference: _Reference, seen: np.ndarray, name: str) -> dict[tuple[str, str], float]:
@@ -354,6 +365,7 @@ def check_data_quality(recording: Recording) -> tuple[QualityIssue, ...]:
     others = replace(recording, channels={name: one for name, one in sound.items() if name not in wrong})
     found = [*recording.issues_in_file, *checks.of_samples(recording)]
     for kind in (checks.of_poses, of_rates, of_joints, checks.of_gravity, checks.of_stuck, of_commands):
-        found += kind(others)
+        turned = kind is of_commands and any(name in _PARTNER and "its axes fit" in text for name, text in found)
+        found += () if turned else kind(others)  # by such axes no vehicle follows its commands
         forget(one.values for one in others.channels.values())
     return tuple(QualityIssue(channel=name, problem=text) for name, text in found)

@@ -16,7 +16,7 @@ from uvms_ocp.identification.text_tables import LONGEST_LINE
 from uvms_ocp.record.untrusted import as_input_errors, require_regular_file
 
 Table = Literal["text", "workbook", "parquet", "npz", "mat", "hdf5", "npy", "arrays"]
-Messages = Literal["mcap", "bag", "sqlite", "json", "dataflash", "tlog"]
+Messages = Literal["mcap", "bag", "sqlite", "json", "dataflash", "tlog", "ulog"]
 Kind = Table | Messages
 MESSAGES: tuple[Kind, ...] = get_args(Messages)
 """Kinds that hold messages of topics; all others are tables."""

@@ -1,4 +1,4 @@
-"""Columns of numbers from messages, by paths of fields: MCAP files, ROS 1 and ROS 2 bags, lines of JSON, logs of MAVLink.
+"""Columns of numbers from messages, by paths of fields: MCAP files, ROS 1 and ROS 2 bags, lines of JSON, logs of MAVLink and PX4.
 
 ``pose.pose.position.x`` is a path; ``actuators[3]`` and ``position.2`` are elements; ``position[elbow]`` and
 ``transforms[base_link].translation.x`` are those of a name, which a ``name`` or ``child_frame_id`` says. A path to a whole array
@@ -235,10 +235,6 @@ def _json_messages(path: Path, topics: Collection[str] | None, _: Path | None, r
                 yield topic, number, message
 
 
-def _json_topics(path: Path) -> Collection[str]:
-    return {topic for topic, _, _ in _json_messages(path, None, None, [])}
-
-
 # Logs of MAVLink by pymavlink: dataflash (.BIN) and telemetry (.tlog); topics are the types of messages.
 
 
@@ -267,13 +263,34 @@ def _mavlink_topics(path: Path) -> Collection[str]:
         return {message.get_type() for message in iter(log.recv_match, None)} - {"BAD_DATA"}
 
 
+# Logs of PX4 (ULog) by pyulog: topics are its messages, NAME_1 for the second instance of one.
+
+
+def _ulog(path: Path) -> dict[str, Mapping[str, np.ndarray]]:
+    pyulog = optional_module("pyulog", "a ULog of PX4", '"uvms-ocp[ulog]"')
+    with path.open("rb") as file:
+        return {f"{one.name}_{one.multi_id}" if one.multi_id else one.name: one.data for one in pyulog.ULog(file).data_list}
+
+
+def _ulog_messages(path: Path, topics: Collection[str], *_: object) -> Iterator[Message]:
+    for topic, columns in ((topic, columns) for topic, columns in _ulog(path).items() if topic in topics):
+        fields = defaultdict[str, list[list[float]]](list)
+        for name, column in columns.items():
+            fields[re.sub(r"\[\d+\]$", "", name)].append(column.tolist())
+        for row in zip(*(each[0] if len(each) == 1 else zip(*each, strict=True) for each in fields.values()), strict=True):
+            said = _WithUnits(zip(fields, row, strict=True))
+            said.units = {"timestamp": "us"}
+            yield topic, 1000 * said["timestamp"], said
+
+
 _READERS = {
     "mcap": _Reader(_mcap_messages, mcap.mcap_topics),
     "bag": _Reader(_ros1_messages, _ros1_topics),
     "sqlite": _Reader(_sqlite_messages, _sqlite_topics),
-    "json": _Reader(_json_messages, _json_topics),
+    "json": _Reader(_json_messages, lambda path: {topic for topic, _, _ in _json_messages(path, None, None, [])}),
     "dataflash": _Reader(_mavlink_messages, _mavlink_topics),
     "tlog": _Reader(_mavlink_messages, _mavlink_topics),
+    "ulog": _Reader(_ulog_messages, lambda path: _ulog(path).keys()),
 }
 
 
@@ -438,7 +455,7 @@ class _Rows:
     def units(self) -> tuple[str, ...]:
         """Return the unit of each column as the file says it, empty where it does not; arrays have more columns than paths."""
         found = tuple(self.said.get(name, "") for name in (self.wanted.time, *self.wanted.columns))
-        return found if len(found) == self.width else ("",) * self.width
+        return found if len(found) == self.width else (found[0], *("",) * (self.width - 1))
 
     def whole(self, path: Path) -> np.ndarray:
         if self.numbers:

@@ -22,6 +22,7 @@ from uvms_ocp.errors import InvalidInput, UvmsError
 from uvms_ocp.identification import data_quality, file_kinds, reading, tables
 from uvms_ocp.identification.messages import messages, topics_of
 from uvms_ocp.identification.recording import CHANNEL_KINDS, unit_named
+from uvms_ocp.identification.unnamed_columns import guessed_names
 
 _TABLE = tomllib.loads((files("uvms_ocp.identification") / "proposed_mapping.toml").read_text(encoding="utf-8"))
 _ROUNDS = 3  # of cures, one of which may show what another one cures
@@ -38,13 +39,17 @@ def propose_mapping(path: Path) -> str:
     known = not path.is_dir() and file_kinds.kind_of(path) in _TABLE["kinds"]
     forms = [form for form in _TABLE["forms"] if ("topic" in form) == known]
     named = dict(_fields(path, forms)) if file_kinds.holds_messages(path) else {"": list(tables.column_names(path))}
-    found = _Found()
+    found, labels = _Found(), dict[str, tuple[str, str]]()
+    if all(name == f"#{k}" for k, name in enumerate(named.get("", [""]), start=1)):
+        labels = guessed_names(named[""], tables.read_columns(path, named[""]), _TABLE["guesses"])
     for form, (topic, names) in product(forms, named.items()):
         used = {
             str(column).removeprefix("-") for one in found.values() if one.get("topic", "") == topic for column in one["columns"]
         }
         left = [name for name in names if name not in used and (name[:1].isupper() or "capitals" not in form)]
-        free = {name: _label(topic, name) for name in left}
+        labelled = {name: labels.get(name, (_label(topic, name), ""))[0] for name in names}
+        asked = CHANNEL_KINDS[form["channel"]].command or re.compile(_TABLE["asked"])
+        free = {name: labelled[name] for name in left if asked is True or not asked.search(_plain(labelled[name]))}
         columns = _matched(form, free, re.compile("$.")) or _matched(form, free, _SUFFIX)
         columns *= any(re.fullmatch(form.get("beside", ".*"), _plain(name)) for name in names)
         if columns and form["channel"] not in found and re.fullmatch(form.get("topic", ".*"), topic):
@@ -55,7 +60,7 @@ def propose_mapping(path: Path) -> str:
             if rows := {name: value for name, value in form.get("rows", {}).items() if name in names}:
                 given["rows"] = rows
             whole = {"topic": topic} if topic else {}
-            found[form["channel"]] = whole | _time(names, of_messages=bool(topic)) | {"columns": columns} | given
+            found[form["channel"]] = whole | _time(labelled, of_messages=bool(topic)) | {"columns": columns} | given
     if not found:
         there = "; ".join(f"{topic} {', '.join(names[:40])}".strip() for topic, names in named.items())
         raise InvalidInput(f"{path}: nothing in it has a name that is known: {there}; write a mapping of these")
@@ -66,6 +71,9 @@ def propose_mapping(path: Path) -> str:
         lines.append(f"  {name}: {yaml.safe_dump(one, default_flow_style=True, sort_keys=False, width=10_000).strip()}")
         known_axes = one.keys() & {"world", "body", "frame"} or found.keys() & _TABLE["tells"].get(name, found)
         notes = {
+            "by values": [
+                labels[at][1] for at in (str(one.get("time")), *(str(x).strip("-") for x in one["columns"])) if at in labels
+            ],
             "by names": [ranges[name]] if name in ranges else [],
             "assumed": [] if known_axes or 0.0 in one["columns"] else [_TABLE["assumed"]],
             "not measured": [_TABLE["constant"]] if 0.0 in one["columns"] else [],
@@ -92,7 +100,7 @@ def _leaves(prefix: str, value: Any) -> Iterator[str]:
         yield from _leaves(f"{prefix}.{name}".strip("."), part)
     if isinstance(value, int | float):
         yield prefix
-    elif isinstance(value, list | np.ndarray) and len(value) < len(_TABLE["numbers"]):
+    elif isinstance(value, list | tuple | np.ndarray) and len(value) < len(_TABLE["numbers"]):
         yield from (f"{prefix}[{k}]" for k in range(len(value)))
 
 
@@ -124,13 +132,14 @@ def _matched(form: Mapping[str, Any], names: Mapping[str, str], left_out: re.Pat
     return [signs[k] + best[k] if k in best else 0.0 for k in there] if len(best) >= form.get("least", len(axes)) else []
 
 
-def _time(names: Sequence[str], *, of_messages: bool) -> dict[str, Any]:
+def _time(names: Mapping[str, str], *, of_messages: bool) -> dict[str, Any]:
     if any(name.startswith("header.stamp") for name in names) and of_messages:
         return {"time": "header.stamp"}
     pairs = [[one, other] for one, other in product(names, names) if re.fullmatch(_TABLE["stamp"], f"{one} {other}")]
     if pairs and not of_messages:
         return {"time": pairs[0]}
-    found = [(name, match["unit"]) for name in names if (match := re.fullmatch(_TABLE["time"], _plain(name)))]
+    found = [(name, match["unit"]) for name, label in names.items() if (match := re.fullmatch(_TABLE["time"], _plain(label)))]
+    found.sort(key=lambda one: "header" not in one[0])  # rather than when it was logged
     return {"time": found[0][0]} | ({"time_unit": unit_named(found[0][1])} if found[0][1] else {}) if found else {}
 
 

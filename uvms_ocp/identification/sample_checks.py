@@ -308,11 +308,13 @@ def _no_force(name: str, channel: Channel) -> Iterator[str]:
 
 
 def _no_pulse(size: np.ndarray) -> Iterator[str]:
-    """One value of shares (n, k) that is none, where all others are."""
+    """One value of shares (n, k) that is none, where all others are, or values that no share has."""
     beyond = size[size > 1.0 + _AT_ONCE]
     if 0 < len(beyond) < size.size and np.ptp(beyond) == 0.0:
         text = "pulses of 0, which are none, or of what is no thruster? give missing: [0], or leave columns out"
         yield f"{beyond[0]:.3g} in {100.0 * len(beyond) / size.size:.2g} % of its numbers, all others within 1: {text}"
+    elif len(beyond):
+        yield f"up to {beyond.max():.3g}: shares of the largest command are at most 1: their offset and scale?"
 
 
 def _units(name: str, channel: Channel) -> Iterator[str]:
@@ -339,7 +341,7 @@ def of_gravity(recording: Recording) -> Iterator[tuple[str, str]]:
     """Channels and what speaks against them."""
     channels = recording.channels
     if "specific_force" in channels:
-        yield from (("specific_force", text) for text in _felt(channels["specific_force"].values.mean(axis=0)))
+        yield from (("specific_force", text) for text in _felt(channels["specific_force"].values))
     proven = False
     if "attitude" in channels:
         yield from (("attitude", text) for text in _lies(channels["attitude"]))
@@ -351,18 +353,19 @@ def of_gravity(recording: Recording) -> Iterator[tuple[str, str]]:
         yield from (("position", text) for text in _above(channels["position"].values[:, 2]))
 
 
-def _felt(mean: np.ndarray) -> Iterator[str]:
-    """Of a mean (3,) [m/s2]."""
-    size = float(np.linalg.norm(mean)) / G
+def _felt(force: np.ndarray) -> Iterator[str]:
+    """Of samples (n, 3) [m/s2]."""
+    mean, size = force.mean(axis=0), float(np.median(np.linalg.norm(force, axis=1))) / G  # whichever way a vehicle tilts
+    up = float(mean[2] / max(np.linalg.norm(mean), 1e-9))
     if _LIKE_G[0] < size * G < _LIKE_G[1]:
         yield "about 1 on average: in g, not in m/s2?"
     elif size < _FREE:
         yield f"{size * G:.2g} m/s2 on average, and at rest it is {G:g}: gravity taken out?"
     elif not _LIKE_G[0] < size < _LIKE_G[1]:
         yield f"{size * G:.3g} m/s2 on average, and at rest it is {G:g}: its units?"
-    if mean[2] < -_UPRIGHT * size * G:
+    if up < -_UPRIGHT:
         yield "points down on average, and at rest it is up: z down (FRD), or its sign?"
-    elif mean[2] < _UPRIGHT * size * G and size > _FREE:
+    elif up < _UPRIGHT and size > _FREE:
         yield f"{np.array2string(mean, precision=1)} on average, and at rest it is along z: axes swapped?"
 
 

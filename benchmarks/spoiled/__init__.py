@@ -1,0 +1,1 @@
+"""Recordings of drawn vehicles, what may go wrong with one, and every doubt about it."""

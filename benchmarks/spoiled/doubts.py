@@ -1,0 +1,101 @@
+"""Every doubt that the package can raise about a recording: by what it says, with what it looks for."""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass
+
+
+@dataclass(frozen=True, slots=True)
+class Doubt:
+    """A kind of doubt."""
+
+    says: str
+    """Pattern that its text alone has."""
+    looks_for: str
+    stated: bool = False
+    """True where a file, or the settings of a fit, state it themselves: nothing is guessed, and no rate is of interest."""
+
+
+DOUBTS = (
+    # Times.
+    Doubt("other clocks, or other units of times|too few to look at|no time is in all channels", "channels of different clocks"),
+    Doubt("times go back by up to", "a clock that was set back"),
+    Doubt("samples had the time of another", "times of too few digits"),
+    Doubt("two sensors\\?", "two sensors in one table"),
+    Doubt("s between samples: the unit of its times", "times in another unit"),
+    Doubt("arrives in bursts", "messages that were held up"),
+    Doubt("gaps, the longest", "lost samples"),
+    Doubt("nothing is recorded for", "silence of all channels"),
+    Doubt("s .* against the rate of the", "a channel that is late"),
+    Doubt("differ at the end by another time than at the beginning", "a clock that jumps"),
+    Doubt("the vehicle accelerates .* what it says: a clock of its own", "commands of another clock"),
+    # Values of one channel.
+    Doubt("nothing in it ever changes", "commands that stay"),
+    Doubt("dead: .* stay within", "an axis that is dead"),
+    Doubt("samples are exactly zero: lost ones", "zeros where nothing was measured"),
+    Doubt("samples, all others", "rare numbers that stand for nothing"),
+    Doubt("jumps to .* and back", "numbers that stand for nothing, within the range of others or often"),
+    Doubt("is never beyond", "saturated sensors"),
+    Doubt("for a tenth of the time: is it in", "values that no vehicle has: units, angles in deg"),
+    Doubt("pulse widths in us", "pulse widths as thrust"),
+    Doubt("shares of the largest command\\?", "shares as thrust"),
+    Doubt("largest command are at most 1", "shares of another scale"),
+    Doubt("never near 0: its offset", "thrust with an offset"),
+    Doubt("of its numbers, all others within 1", "pulses that are none"),
+    # Gravity.
+    Doubt("in g, not in m/s2", "an accelerometer in g"),
+    Doubt("gravity taken out", "an acceleration without gravity"),
+    Doubt("and at rest it is .*: its units", "an accelerometer in other units"),
+    Doubt("points down on average", "an accelerometer with z down"),
+    Doubt("at rest it is along z: axes swapped", "axes of an accelerometer"),
+    Doubt("the vehicle lies on its back", "an attitude with z down"),
+    Doubt("held up against gravity downwards", "an attitude with z down in W"),
+    Doubt("with it what holds the vehicle up is", "an attitude along other axes than the accelerometer"),
+    Doubt("a pressure in mbar", "pressure as depth"),
+    Doubt("above a surface at 0: z down", "depth as height"),
+    # What stops, and what was not recorded.
+    Doubt("stays exactly as it is from", "a sensor that stops"),
+    Doubt("zero throughout, and the vehicle moves", "commands that were not recorded"),
+    # Rates of poses, and axes.
+    Doubt("it is level then, which it is not as it is", "order of a quaternion, by tilt"),
+    Doubt("reads better with .* it agrees with", "another way to read an attitude, by the velocities"),
+    Doubt("times the rate of the", "units of a velocity, or of a pose"),
+    Doubt("its axes fit the \\S+ of the \\S+ as", "axes and signs of a velocity or an accelerometer"),
+    Doubt("its axes fit the rate of the \\S+ in W", "a velocity in W"),
+    Doubt("its rate fits the velocity with axes", "axes of W of a position"),
+    Doubt("points elsewhere", "a heading that is turned"),
+    Doubt("fit the acceleration as", "axes of a wrench"),
+    Doubt("the vehicle accelerates as with", "thrusters exchanged or reversed"),
+    # Joints.
+    Doubt("of them, and .* positions", "velocities of other joints than positions"),
+    Doubt("stays where it is, and its velocity does not", "a position that is dead"),
+    Doubt("stays as it is, and its position moves", "a velocity that is dead"),
+    Doubt("fits .*the rate of position", "order and signs of joints"),
+    # Columns and rows of a file.
+    Doubt("rad: in deg", "angles in deg"),
+    Doubt("degrees on the globe", "latitude and longitude as position"),
+    Doubt("stands for more than one of its axes", "a column that is given twice"),
+    Doubt("rows have NaN", "samples that are not there"),
+    Doubt("as the file says, and taken for", "a unit in a header that is not known"),
+    Doubt("breaks off", "a file that was cut"),
+    # What a fit takes for something else.
+    Doubt("that a fit takes for still water", "a current that is not learnt"),
+    Doubt("than they can give: a fit takes it for given", "commands beyond limits"),
+    Doubt("about its mean, and a fit takes it for steady", "a current that changes", stated=True),
+    Doubt("not recorded: a fit along some axes", "commands that there are not", stated=True),
+    Doubt("not recorded: means between poses", "a velocity that there is not", stated=True),
+    Doubt("commands of a run of this toolkit act at once", "a delay that is held", stated=True),
+    Doubt("thrusters were driven ahead of their lag", "a wrench in place of thrust", stated=True),
+    Doubt("not as it was asked of them", "thrust in place of commands, in records of runs", stated=True),
+    Doubt("a fault of this run", "faults of a run", stated=True),
+    Doubt("on the floor at", "contact with the floor in a run", stated=True),
+)  # fmt: skip
+
+
+def doubt_of(text: str) -> Doubt:
+    """The one kind that a text is of. Raises LookupError for a text of none or of several."""
+    found = [one for one in DOUBTS if re.search(one.says, text)]
+    if len(found) != 1:
+        raise LookupError(f"{text!r} is listed as {[one.says for one in found]}; list it once in spoiled/doubts.py")
+    return found[0]

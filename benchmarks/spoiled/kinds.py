@@ -1,0 +1,496 @@
+"""What goes wrong with recordings: one thing at a time, by a drawn amount, with the doubts that are to find it."""
+
+from __future__ import annotations
+
+import tempfile
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from spoiled.sound import DURATION
+from uvms_ocp.identification.reading import RecordingMapping, mapped_recording
+from uvms_ocp.identification.recording import Channel, Recording, rotations, split_at_gaps
+from uvms_ocp.identification.tables import write_columns
+
+Rng = np.random.Generator
+Spoil = Callable[[Recording, Rng], Recording]
+
+
+@dataclass(frozen=True, slots=True)
+class Kind:
+    """A way to spoil a recording."""
+
+    group: str
+    how: str
+    channel: str
+    """That is wrong."""
+    meant: tuple[str, ...]
+    """Of the doubts that are to say so, what they say."""
+    spoil: Spoil
+
+
+def _change(name: str, change: Callable[[Channel, Rng], Channel]) -> Spoil:
+    return lambda one, rng: replace(one, channels={**one.channels, name: change(one.channels[name], rng)})
+
+
+def _values(name: str, change: Callable[[np.ndarray, Rng], np.ndarray]) -> Spoil:
+    return _change(name, lambda channel, rng: replace(channel, values=change(channel.values, rng)))
+
+
+def _times(name: str, change: Callable[[np.ndarray, Rng], np.ndarray]) -> Spoil:
+    return _change(name, lambda channel, rng: replace(channel, t=change(channel.t, rng)))
+
+
+def _without(spoil: Spoil, *names: str) -> Spoil:
+    """The same of a recording that does not have some channels."""
+    return lambda one, rng: spoil(replace(one, channels={n: c for n, c in one.channels.items() if n not in names}), rng)
+
+
+def _scaled(factor: float) -> Callable[[np.ndarray, Rng], np.ndarray]:
+    return lambda values, _: values * factor
+
+
+def _exchanged(width: int, first: int = 0) -> Callable[[np.ndarray, Rng], np.ndarray]:
+    """Two of some columns change places."""
+
+    def change(values: np.ndarray, rng: Rng) -> np.ndarray:
+        order = np.arange(values.shape[1])
+        i, j = first + rng.choice(width, size=2, replace=False)
+        order[[i, j]] = j, i
+        return values[:, order]
+
+    return change
+
+
+def _flipped(values: np.ndarray, rng: Rng) -> np.ndarray:
+    return values * np.where(np.arange(values.shape[1]) == rng.integers(values.shape[1]), -1.0, 1.0)
+
+
+def _with_one_dead(values: np.ndarray, rng: Rng) -> np.ndarray:
+    return values * (np.arange(values.shape[1]) != rng.integers(values.shape[1]))
+
+
+def _saturated(values: np.ndarray, rng: Rng) -> np.ndarray:
+    middle = np.median(values, axis=0)
+    most = np.abs(middle) + rng.uniform(0.3, 0.7) * np.abs(values - middle).max(axis=0)
+    return np.clip(values, -most, most)
+
+
+def _stuck(values: np.ndarray, rng: Rng) -> np.ndarray:
+    first, n = int(rng.integers(100, 300)), int(rng.integers(30, 200))
+    return np.vstack([values[:first], np.tile(values[first], (n, 1)), values[first + n :]])
+
+
+def _sometimes(value: float, least: float, most: float, spread: float = 0.0) -> Callable[[np.ndarray, Rng], np.ndarray]:
+    """A value, or one drawn beside it, in a share of all samples."""
+
+    def change(values: np.ndarray, rng: Rng) -> np.ndarray:
+        lost = rng.uniform(size=(len(values), 1)) < rng.uniform(least, most)
+        return np.where(lost, round(value + spread * rng.uniform(), 2), values)
+
+    return change
+
+
+def _turned(world: Sequence[float], body: Sequence[float]) -> Callable[[np.ndarray, Rng], np.ndarray]:
+    """Attitudes between quaternions x, y, z, w of other axes."""
+    from scipy.spatial.transform import Rotation
+
+    def change(values: np.ndarray, _: Rng) -> np.ndarray:
+        return np.asarray((Rotation.from_quat(world) * Rotation.from_quat(values) * Rotation.from_quat(body)).as_quat())
+
+    return change
+
+
+def _heading(values: np.ndarray, rng: Rng) -> np.ndarray:
+    angle = np.deg2rad(rng.uniform(30.0, 60.0)) * rng.choice([-1.0, 1.0])
+    return _turned((0.0, 0.0, np.sin(angle / 2), np.cos(angle / 2)), (0.0, 0.0, 0.0, 1.0))(values, rng)
+
+
+def _in_world(one: Recording, _: Rng) -> Recording:
+    velocity = one.channels["linear_velocity"]
+    values = np.einsum("nij,nj->ni", rotations(one.channels["attitude"], velocity.t), velocity.values)
+    return replace(one, channels={**one.channels, "linear_velocity": replace(velocity, values=values)})
+
+
+def _ungravitated(one: Recording, _: Rng) -> Recording:
+    force = one.channels["specific_force"]
+    values = force.values - 9.81 * rotations(one.channels["attitude"], force.t)[:, 2]
+    return replace(one, channels={**one.channels, "specific_force": replace(force, values=values)})
+
+
+def _lost(channel: Channel, rng: Rng) -> Channel:
+    """For a while."""
+    first = rng.uniform(15.0, 40.0)
+    there = (channel.t < first) | (channel.t > first + rng.uniform(1.5, 6.0))
+    return replace(channel, t=channel.t[there], values=channel.values[there])
+
+
+def _silent(one: Recording, rng: Rng) -> Recording:
+    first, n = rng.uniform(15.0, 30.0), rng.uniform(3.0, 10.0)
+    there = {name: (c.t < first) | (c.t > first + n) for name, c in one.channels.items()}
+    channels = {name: replace(c, t=c.t[there[name]], values=c.values[there[name]]) for name, c in one.channels.items()}
+    return split_at_gaps([replace(one, channels=channels)])[0]
+
+
+def _bursts(t: np.ndarray, rng: Rng) -> np.ndarray:
+    period = float(np.median(np.diff(t))) * rng.integers(4, 9)
+    arrived = period * np.ceil(t / period)
+    return np.asarray(arrived + 1e-4 * np.arange(len(t)))
+
+
+def _jump(least: float, most: float) -> Callable[[np.ndarray, Rng], np.ndarray]:
+    return lambda t, rng: np.asarray(t + rng.uniform(least, most) * (t > DURATION / 2))
+
+
+def _of_two(channel: Channel, rng: Rng) -> Channel:
+    """With the samples of another sensor, which is a little off, right after its own."""
+    other = channel.values + 3.0 * np.diff(channel.values, axis=0).std() * rng.choice([-1.0, 1.0], size=channel.values.shape[1])
+    t = np.column_stack([channel.t, channel.t + 0.001]).ravel()
+    return replace(channel, t=t, values=np.stack([channel.values, other], axis=1).reshape(len(t), -1))
+
+
+def _clock(t: np.ndarray, rng: Rng) -> np.ndarray:
+    """Of commands that come too late to be the cause of anything, or much too early."""
+    return np.asarray(t + (rng.uniform(0.7, 1.6) if rng.uniform() < 0.5 else -rng.uniform(1.6, 2.4)))
+
+
+def _of_off_propellers(one: Recording, rng: Rng) -> Recording:
+    """Pulses of 0 before the first command, read as shares of the largest one."""
+    thrust = one.channels["thrust"]
+    shares = np.where(thrust.t[:, None] < rng.uniform(1.0, 6.0), -3.75, thrust.values / np.abs(thrust.values).max())
+    return replace(one, channels={**one.channels, "propeller_commands": replace(thrust, values=shares)})
+
+
+def _of_other_pulses(one: Recording, _: Rng) -> Recording:
+    thrust = one.channels["thrust"]
+    shares = replace(thrust, values=1.25 * thrust.values / np.abs(thrust.values).max())
+    return replace(one, channels={**one.channels, "propeller_commands": shares})
+
+
+def _in_current(one: Recording, rng: Rng) -> Recording:
+    t = one.channels["position"].t
+    current = Channel(t=t, values=np.tile([*rng.uniform(0.05, 0.4, size=2), 0.0], (len(t), 1)))
+    return replace(one, channels={**one.channels, "current": current})
+
+
+# Read from a file, in which one channel stands.
+
+_Columns = dict[str, np.ndarray]
+_Spoil = Callable[[_Columns, dict[str, Any], Rng], None]
+
+
+def _as_file(
+    name: str, spoil: _Spoil, more: Mapping[str, Any] | None = None, rows: Callable[[str, Rng], str] | None = None
+) -> Spoil:
+    """A channel as it comes back from a table, and a mapping, in which something is wrong."""
+
+    def change(one: Recording, rng: Rng) -> Recording:
+        channel = one.channels[name]
+        columns = {"t": channel.t, **{f"c{k}": column for k, column in enumerate(channel.values.T)}}
+        mapping: dict[str, Any] = {"time": "t", "columns": list(columns)[1:], **(more or {})}
+        spoil(columns, mapping, rng)
+        with tempfile.TemporaryDirectory() as folder:
+            path = Path(folder) / f"{one.name}.csv"
+            write_columns(path, columns)
+            if rows:
+                path.write_text(rows(path.read_text(), rng))
+            read = mapped_recording(path, RecordingMapping.model_validate({"channels": {name: mapping}}))
+        start = replace(read.channels[name], t=read.channels[name].t + channel.t[0])
+        return replace(one, channels={**one.channels, name: start}, issues_in_file=read.issues_in_file)
+
+    return change
+
+
+def _angles(columns: _Columns, mapping: dict[str, Any], _: Rng) -> None:
+    from scipy.spatial.transform import Rotation
+
+    values = np.column_stack([columns.pop(f"c{k}") for k in range(4)])
+    angles = Rotation.from_quat(values).as_euler("xyz", degrees=True) * [0.02, 0.02, 1.0]  # of a vehicle that is level
+    columns |= dict(zip(("roll", "pitch", "yaw"), angles.T, strict=True))
+    mapping |= {"columns": ["roll", "pitch", "yaw"], "format": "rpy"}
+
+
+def _globe(columns: _Columns, mapping: dict[str, Any], _: Rng) -> None:
+    columns |= {"lat": 60.0 + columns.pop("c1") / 1.1e5, "lon": 10.0 + columns.pop("c0") / 5.5e4}
+    mapping["columns"] = ["lon", "lat", "c2"]
+
+
+def _twice(columns: _Columns, mapping: dict[str, Any], rng: Rng) -> None:
+    i, j = rng.choice(3, size=2, replace=False)
+    mapping["columns"][i] = mapping["columns"][j]
+
+
+def _open_cells(columns: _Columns, mapping: dict[str, Any], rng: Rng) -> None:
+    lost = rng.uniform(size=len(columns["t"])) < rng.uniform(0.005, 0.2)
+    lost[1] = True
+    columns["c1"] = np.where(lost, np.nan, columns["c1"])
+
+
+def _unit(columns: _Columns, mapping: dict[str, Any], rng: Rng) -> None:
+    unit = str(rng.choice(["ft/s", "counts", "km/h"]))
+    for k in range(3):
+        columns[f"c{k} [{unit}]"] = columns.pop(f"c{k}")
+    mapping["columns"] = [name for name in columns if name != "t"]
+
+
+def _few_digits(columns: _Columns, mapping: dict[str, Any], _: Rng) -> None:
+    columns["t"] = np.round(columns["t"])
+
+
+def _set_back(columns: _Columns, mapping: dict[str, Any], rng: Rng) -> None:
+    columns["t"] = columns["t"] - rng.uniform(1.0, 10.0) * (columns["t"] > DURATION / 2)
+
+
+def _cut(text: str, rng: Rng) -> str:
+    """In the middle of its last row."""
+    whole, last = text.rstrip("\n").rsplit("\n", 1)
+    return f"{whole}\n{last.split(',')[0]}"
+
+
+_VELOCITY, _RATE, _FORCE, _ATTITUDE = "linear_velocity", "angular_velocity", "specific_force", "attitude"
+_AXES, _FACTOR, _FAST = "its axes fit the \\S+ of the \\S+ as", "times the rate of the", "for a tenth of the time: is it in"
+_LIES, _HELD = "the vehicle lies on its back", "held up against gravity downwards"
+_DOWN, _SAME = (1.0, 0.0, 0.0, 0.0), (0.0, 0.0, 0.0, 1.0)
+_READS, _LATE, _GAPS = "reads better with .* it agrees with", "s .* against the rate of the", "gaps, the longest"
+_MIXED, _SPIKES = "the vehicle accelerates as with", "jumps to .* and back"
+_FLIP_Z = np.array([1.0, -1.0, -1.0])
+_SENSORS = (_VELOCITY, _RATE)
+
+
+KINDS = (
+    Kind("unit", "velocity in mm/s", _VELOCITY, (_FACTOR, _FAST), _values(_VELOCITY, _scaled(1e3))),
+    Kind("unit", "rate in deg/s", _RATE, (_FACTOR,), _values(_RATE, _scaled(180.0 / np.pi))),
+    Kind("unit", "position in mm", "position", (_FACTOR, _FAST), _values("position", _scaled(1e3))),
+    Kind("unit", "force in g", _FORCE, ("in g, not in m/s2",), _values(_FORCE, _scaled(1 / 9.81))),
+    Kind(
+        "unit",
+        "force in ft/s2, or counts",
+        _FORCE,
+        ("and at rest it is .*: its units",),
+        _values(_FORCE, lambda x, rng: x * rng.choice([3.2808, 100.0, 1670.0])),
+    ),
+    Kind("unit", "joints in deg", "joint_positions", (_FACTOR, _FAST), _values("joint_positions", _scaled(180.0 / np.pi))),
+    Kind("unit", "rates of joints in deg/s", "joint_velocities", (_FACTOR,), _values("joint_velocities", _scaled(180.0 / np.pi))),
+    *(Kind("axis", f"two axes of {name} exchanged", name, (_AXES,), _values(name, _exchanged(3))) for name in _SENSORS),
+    Kind(
+        "axis",
+        "vertical axis of the accelerometer exchanged",
+        _FORCE,
+        ("at rest it is along z: axes swapped",),
+        _values(_FORCE, lambda x, rng: x[:, [[2, 1, 0], [0, 2, 1]][rng.integers(2)]]),
+    ),
+    Kind(
+        "axis", "horizontal axes of the accelerometer exchanged", _FORCE, (_AXES,), _values(_FORCE, lambda x, _: x[:, [1, 0, 2]])
+    ),
+    Kind("axis", "two forces of the wrench exchanged", "wrench", ("fit the acceleration as",), _values("wrench", _exchanged(3))),
+    Kind(
+        "axis",
+        "two joints exchanged",
+        "joint_velocities",
+        ("fits .*the rate of position",),
+        _values("joint_velocities", _exchanged(3)),
+    ),
+    *(Kind("sign", f"an axis of {name} reversed", name, (_AXES,), _values(name, _flipped)) for name in _SENSORS),
+    Kind("sign", "a joint reversed", "joint_velocities", ("fits .*the rate of position",), _values("joint_velocities", _flipped)),
+    Kind("sign", "accelerometer with z down", _FORCE, ("points down on average",), _values(_FORCE, lambda x, _: x * _FLIP_Z)),
+    Kind("frame", "velocity in W", _VELOCITY, ("its axes fit the rate of the \\S+ in W",), _in_world),
+    Kind("frame", "velocity with z down", _VELOCITY, (_AXES,), _values(_VELOCITY, lambda x, _: x * _FLIP_Z)),
+    Kind(
+        "frame",
+        "position with z down",
+        "position",
+        ("its rate fits the velocity with axes",),
+        _values("position", lambda x, _: x * _FLIP_Z),
+    ),
+    Kind(
+        "frame",
+        "depth as height, without an accelerometer",
+        "position",
+        ("above a surface at 0: z down",),
+        _without(_values("position", lambda x, _: x * _FLIP_Z), _FORCE),
+    ),
+    Kind(
+        "frame",
+        "pressure as height, without an accelerometer",
+        "position",
+        ("a pressure in mbar",),
+        _without(_values("position", lambda x, _: x * [1.0, 1.0, -98.0] + [0.0, 0.0, 1013.0]), _FORCE),
+    ),
+    Kind("attitude", "world and body with z down", _ATTITUDE, (_READS,), _values(_ATTITUDE, _turned(_DOWN, _DOWN))),
+    Kind("attitude", "world with z down", _ATTITUDE, (_LIES, _HELD), _values(_ATTITUDE, _turned(_DOWN, _SAME))),
+    Kind("attitude", "from W to B", _ATTITUDE, (_READS,), _values(_ATTITUDE, lambda x, _: x * [-1.0, -1.0, -1.0, 1.0])),
+    Kind("attitude", "w first", _ATTITUDE, (_READS,), _values(_ATTITUDE, lambda x, _: x[:, [3, 0, 1, 2]])),
+    Kind(
+        "attitude",
+        "w first, and the attitude alone",
+        _ATTITUDE,
+        ("it is level then, which it is not as it is",),
+        _without(_values(_ATTITUDE, lambda x, _: x[:, [3, 0, 1, 2]]), _FORCE, _VELOCITY, _RATE, "thrust", "wrench"),
+    ),
+    Kind(
+        "attitude",
+        "a body that stands on its nose",
+        _ATTITUDE,
+        ("with it what holds the vehicle up is",),
+        _values(_ATTITUDE, _turned(_SAME, (0.0, np.sqrt(0.5), 0.0, np.sqrt(0.5)))),
+    ),
+    Kind("attitude", "heading turned by 30 to 60 deg", _ATTITUDE, ("points elsewhere",), _values(_ATTITUDE, _heading)),
+    Kind("attitude", "angles in deg as rad", _ATTITUDE, ("rad: in deg",), _as_file(_ATTITUDE, _angles)),
+    *(
+        Kind(
+            "time",
+            f"times of {name} in ms",
+            name,
+            ("s between samples: the unit of its times",),
+            _times(name, lambda t, _: 1e3 * t),
+        )
+        for name in ("position", _VELOCITY)
+    ),
+    *(
+        Kind("time", f"clock of {name} jumps by {least:g} to {most:g} s", name, (said,), _times(name, _jump(least, most)))
+        for least, most, said in ((0.45, 0.7, "differ at the end by another time than at the beginning"), (1.0, 5.0, _GAPS))
+        for name in _SENSORS
+    ),
+    *(Kind("time", f"samples of {name} lost for a while", name, (_GAPS,), _change(name, _lost)) for name in _SENSORS),
+    Kind("time", "messages held up", _VELOCITY, ("arrives in bursts",), _times(_VELOCITY, _bursts)),
+    Kind(
+        "time",
+        "clock of another day",
+        _RATE,
+        ("other clocks, or other units of times|too few to look at|no time is in all channels",),
+        _times(_RATE, lambda t, rng: t + rng.uniform(1e2, 1e5)),
+    ),
+    Kind(
+        "time",
+        "clock of the commands",
+        "thrust",
+        ("the vehicle accelerates .* what it says: a clock of its own",),
+        _times("thrust", _clock),
+    ),
+    Kind("time", "silence", "times", ("nothing is recorded for",), _silent),
+    Kind("time", "times without decimals", "position", ("samples had the time of another",), _as_file("position", _few_digits)),
+    Kind("time", "a clock set back", "position", ("times go back by up to",), _as_file("position", _set_back)),
+    *(
+        Kind("delay", f"{name} 0.3 to 1.5 s late", name, (_LATE,), _times(name, lambda t, rng: t + rng.uniform(0.3, 1.5)))
+        for name in (*_SENSORS, "joint_velocities")
+    ),
+    *(
+        Kind("repeats", f"{name} stops for 3 to 20 s", name, ("stays exactly as it is from",), _values(name, _stuck))
+        for name in ("position", *_SENSORS)
+    ),
+    *(
+        Kind(
+            "sentinels",
+            f"{value:g} in 1 to 8 % of {name}",
+            name,
+            ("samples, all others",),
+            _values(name, _sometimes(value, 0.01, 0.08)),
+        )
+        for value, name in ((-32.768, _VELOCITY), (-9999.0, "position"))
+    ),
+    Kind(
+        "sentinels",
+        "-32.768 in 12 to 20 % of the velocity",
+        _VELOCITY,
+        ("samples, all others",),
+        _values(_VELOCITY, _sometimes(-32.768, 0.12, 0.2)),
+    ),
+    Kind(
+        "sentinels",
+        "a value near the others in 2 to 8 % of the velocity",
+        _VELOCITY,
+        (_SPIKES,),
+        _values(_VELOCITY, _sometimes(1.0, 0.02, 0.08, spread=2.0)),
+    ),
+    Kind(
+        "sentinels",
+        "0 in 2 to 20 % of the velocity",
+        _VELOCITY,
+        ("samples are exactly zero: lost ones",),
+        _values(_VELOCITY, _sometimes(0.0, 0.02, 0.2)),
+    ),
+    *(
+        Kind("dead", f"an axis of {name} stays 0", name, ("dead: .* stay within",), _values(name, _with_one_dead))
+        for name in _SENSORS
+    ),
+    Kind(
+        "dead",
+        "a position of a joint stays 0",
+        "joint_positions",
+        ("stays where it is, and its velocity does not",),
+        _values("joint_positions", _with_one_dead),
+    ),
+    Kind(
+        "dead",
+        "a velocity of a joint stays 0",
+        "joint_velocities",
+        ("stays as it is, and its position moves",),
+        _values("joint_velocities", _with_one_dead),
+    ),
+    Kind(
+        "dead",
+        "one command throughout",
+        "thrust",
+        ("nothing in it ever changes",),
+        _values("thrust", lambda x, _: 0.0 * x + x[0]),
+    ),
+    Kind(
+        "dead", "commands of 0 throughout", "thrust", ("zero throughout, and the vehicle moves",), _values("thrust", _scaled(0.0))
+    ),
+    Kind(
+        "dead",
+        "velocities of two joints of three",
+        "joint_velocities",
+        ("of them, and .* positions",),
+        _values("joint_velocities", lambda x, _: x[:, :2]),
+    ),
+    Kind("thrusters", "two exchanged", "thrust", (_MIXED,), _values("thrust", _exchanged(8))),
+    Kind("thrusters", "one reversed", "thrust", (_MIXED,), _values("thrust", _flipped)),
+    Kind(
+        "thrusters",
+        "pulses of 1500 +- 400 us as newtons",
+        "thrust",
+        ("pulse widths in us",),
+        _values("thrust", lambda x, _: 1500.0 + 400.0 * x / np.abs(x).max()),
+    ),
+    Kind(
+        "thrusters",
+        "shares as newtons",
+        "thrust",
+        ("shares of the largest command\\?",),
+        _values("thrust", lambda x, _: x / np.abs(x).max()),
+    ),
+    Kind(
+        "thrusters",
+        "counts about an offset",
+        "thrust",
+        ("never near 0: its offset",),
+        _values("thrust", lambda x, rng: x / np.abs(x).max() * 60.0 + rng.uniform(160.0, 500.0)),
+    ),
+    Kind("thrusters", "1500 +- 500 us as +- 400", "propeller_commands", ("largest command are at most 1",), _of_other_pulses),
+    Kind(
+        "thrusters", "pulses of 0 as shares", "propeller_commands", ("of its numbers, all others within 1",), _of_off_propellers
+    ),
+    Kind(
+        "thrusters",
+        "more than they can give",
+        "thrust",
+        ("than they can give: a fit takes it for given",),
+        _values("thrust", _scaled(10.0)),
+    ),
+    *(
+        Kind("saturation", f"{name} within 0.3 to 0.7 of its range", name, ("is never beyond",), _values(name, _saturated))
+        for name in _SENSORS
+    ),
+    Kind("gravity", "taken out", _FORCE, ("gravity taken out",), _ungravitated),
+    Kind("time", "two sensors in one table", _VELOCITY, ("two sensors\\?",), _change(_VELOCITY, _of_two)),
+    Kind("file", "latitude and longitude as position", "position", ("degrees on the globe",), _as_file("position", _globe)),
+    Kind("file", "a column given twice", _VELOCITY, ("stands for more than one of its axes",), _as_file(_VELOCITY, _twice)),
+    Kind("file", "cells without a number", _VELOCITY, ("rows have NaN",), _as_file(_VELOCITY, _open_cells)),
+    Kind("file", "a unit that is not known", _VELOCITY, ("as the file says, and taken for",), _as_file(_VELOCITY, _unit)),
+    Kind("file", "a last row that breaks off", _RATE, ("breaks off",), _as_file(_RATE, lambda *_: None, rows=_cut)),
+    Kind("water", "a current of 0.07 to 0.6 m/s", "current", ("that a fit takes for still water",), _in_current),
+)

@@ -1,0 +1,74 @@
+"""Every doubt that the package can raise stands in the table of the benchmark and is spoiled for: none is forgotten."""
+
+from __future__ import annotations
+
+import ast
+import re
+from collections.abc import Collection, Iterator
+from importlib import import_module
+from pathlib import Path
+
+import pytest
+
+import uvms_ocp.identification as package
+from uvms_ocp.identification import calibration, data_quality, reading, sample_checks
+
+DOUBTS = import_module("spoiled.doubts").DOUBTS
+KINDS = import_module("spoiled.kinds").KINDS
+PARTS = (
+    "deg, or of another format", "give missing: ", "pulses of 0, which are none", "s after", "s before", "give time_unit: ",
+    "a fit takes the command before them", "is the other in", "up to § m/s §", "§ % of §", "% as they are", "§, as the file says",
+    "deg about z: format",
+)  # fmt: skip
+"""Parts of doubts that stand by themselves in the code, and notes of what was read."""
+PARTLY = {reading: ("_unknown", "_factors", "_spoiled"), calibration: ("check_settings", "_of_current", "_of_thrust")}
+"""Functions with doubts of modules in which other texts stand too."""
+FEWEST = 3
+"""Blanks of a text that says something."""
+
+
+def texts(node: ast.AST, docstrings: frozenset[int]) -> Iterator[str]:
+    """Strings of code, with § for what is filled in."""
+    if isinstance(node, ast.Constant | ast.JoinedStr) and id(node) not in docstrings:
+        parts = node.values if isinstance(node, ast.JoinedStr) else [node]
+        yield "".join(str(part.value) if isinstance(part, ast.Constant) else "§" for part in parts)
+        within = [part for part in parts if isinstance(part, ast.FormattedValue)]
+    else:
+        within = list(ast.iter_child_nodes(node))
+    for part in within:
+        yield from texts(part, docstrings)
+
+
+def said(path: Path, functions: Collection[str] = ()) -> Iterator[str]:
+    """All strings of a module, or of some of its functions."""
+    tree = ast.parse(path.read_text(encoding="utf-8"))
+    docstrings = frozenset(id(one.value) for one in ast.walk(tree) if isinstance(one, ast.Expr))
+    for each in [one for one in tree.body if getattr(one, "name", None) in functions] if functions else [tree]:
+        yield from texts(each, docstrings)
+
+
+CODE = {text for path in Path(str(package.__file__)).parent.glob("*.py") for text in said(path)}
+DOUBTFUL = {
+    text
+    for module in (sample_checks, data_quality, *PARTLY)
+    for text in said(Path(str(module.__file__)), PARTLY.get(module, ()))
+    if text.count(" ") >= FEWEST
+}
+
+
+@pytest.mark.parametrize("text", sorted(DOUBTFUL))
+def test_every_doubt_of_the_code_is_listed(text: str) -> None:
+    listed = [one.says for one in DOUBTS if re.search(one.says, text)]
+    assert len(listed) == 1 or any(part in text for part in PARTS), f"list it in benchmarks/spoiled/doubts.py: {text}"
+
+
+@pytest.mark.parametrize("doubt", DOUBTS, ids=lambda one: one.looks_for)
+def test_every_listed_doubt_is_raised_by_code_and_has_recordings_that_are_spoiled_for_it(doubt: object) -> None:
+    says, stated = doubt.says, doubt.stated  # type: ignore[attr-defined]
+    assert all(any(re.search(one, text) for text in CODE) for one in says.split("|"))
+    assert any(says in kind.meant for kind in KINDS) != stated
+
+
+def test_every_kind_of_spoiling_is_meant_for_doubts_that_there_are() -> None:
+    assert {one for kind in KINDS for one in kind.meant} <= {one.says for one in DOUBTS}
+    assert len({kind.how for kind in KINDS}) == len(KINDS)
