@@ -418,6 +418,13 @@ def test_a_boat_with_its_heading_from_north_and_positions_that_are_so_too_is_rea
     np.testing.assert_allclose((way * ahead).sum(axis=1)[3:-3], speed[3:-3], atol=0.02)
 
 
+def test_a_pressure_is_a_depth_by_its_size(tmp_path: Path) -> None:
+    t = np.arange(0.0, 60.0, 0.1)
+    depth = 3.0 + np.sin(0.2 * t)
+    write_columns(tmp_path / "a.csv", {"t": t, "x": np.sin(0.1 * t), "y": 0.1 * t, "press": 1013.0 + depth / 0.0102})
+    np.testing.assert_allclose(read_as_proposed(tmp_path / "a.csv").channels["position"].values[:, 2], -depth, atol=1e-9)
+
+
 def test_messages_written_to_a_table_have_the_time_of_their_header(tmp_path: Path) -> None:
     columns = columns_of(GOOD, {"position": "field.position.x field.position.y field.position.z"})
     stamps = {"%time": columns["t"] + 7.0, "field.header.stamp": columns["t"]}

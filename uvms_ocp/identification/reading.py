@@ -369,6 +369,7 @@ def _samples(key: str, one: ChannelMapping, table: tables.TableColumns) -> recor
         delay=one.delay,
         back=back,
         repeated=len(given) - len(t),
+        echoes=n - len(given),
         missing=len(known) - n,
         constants=tuple(k for k, name in enumerate(one.columns) if not isinstance(name, str)),
     )

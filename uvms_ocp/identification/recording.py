@@ -68,6 +68,8 @@ class Channel:
     """[s] by which times went back in the file at most, whose samples are in order here."""
     repeated: int = 0
     """Samples left out, for another had their time."""
+    echoes: int = 0
+    """Samples left out, for they said again what had just been said."""
     missing: int = 0
     """Samples left out, for something in them was not measured."""
     columns: tuple[str, ...] = ()

@@ -64,6 +64,10 @@ class _Columns:
         turned = float(np.vdot(plane * np.exp(-1j * self.smooth[:, pose[2]]), moved).real)
         return turned > _PLANAR * float(np.linalg.norm(plane) * np.linalg.norm(moved))
 
+    def differ(self, group: range, size: float) -> float:
+        """Share by which norms differ from a size, most of the time."""
+        return float(np.percentile(np.abs(np.linalg.norm(self.values[:, group], axis=1) / size - 1.0), 90.0))
+
     def are_commands(self, group: range) -> bool:
         """Recognise pulse widths, and what stays from row to row."""
         pulses, held = (self.values > _PULSES[0]) & (self.values < _PULSES[1]), self.steps == 0.0
@@ -72,14 +76,12 @@ class _Columns:
 
 _CONDITIONS: Mapping[str, Callable[[_Columns, range, Any], bool]] = {
     "rises": lambda of, one, by: bool((of.steps[:, one] >= 0.0).all() and (of.steps[:, one] > 0.0).mean() > by),
-    "counts": lambda of, one, told: bool((of.steps[:, one] == 1.0).all()) is told,
-    "size": lambda of, one, is_: bool(
-        np.percentile(np.abs(np.linalg.norm(of.values[:, one], axis=1) / is_[0] - 1.0), 90.0) < is_[1]
-    ),
+    "counts": lambda of, one, given: bool((of.steps[:, one] == 1.0).all()) is given,
+    "size": lambda of, one, is_: of.differ(one, is_[0]) < is_[1],
     "rate_of": lambda of, one, names: names in of.found and one in of.rates_of(of.found[names]),
     "has_rate": lambda of, one, planar: any(of.is_planar(one, other) or not planar for other in of.rates_of(one)),
-    "commands": lambda of, one, told: of.are_commands(one) is told,
-    "smooth": lambda of, one, told: bool((of.steps[:, one].std(axis=0) < _SMOOTH * of.spread[one]).all()) is told,
+    "commands": lambda of, one, given: of.are_commands(one) is given,
+    "smooth": lambda of, one, given: bool((of.steps[:, one].std(axis=0) < _SMOOTH * of.spread[one]).all()) is given,
     "begins_at": lambda of, one, within: bool(np.abs(of.values[:, one]).min() < within),
     "unless": lambda of, one, names: not set(names) & {name for group in of.found for name in group.split()},
 }
