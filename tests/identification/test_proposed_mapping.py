@@ -511,14 +511,20 @@ LAYOUTS = (
 @pytest.mark.parametrize("seed", [1, 2, 3])
 @pytest.mark.parametrize("layout", LAYOUTS, ids="-".join)
 def test_columns_without_names_are_known_by_their_values(layout: tuple[str, ...], seed: int, tmp_path: Path) -> None:
-    """Of drawn motion and commands, whatever stands beside them: a number of each row, and a column that stays."""
+    """Of drawn motion and commands, beside a number of each row, a column that stays, and one that is empty."""
     rng, good = np.random.default_rng(seed), recorded(seed=seed)
     t = good.channels["position"].t
     felt = 9.81 * rotations(good.channels["attitude"], t)[:, 2]
     told = np.repeat(8.0 * rng.normal(size=(len(t) // 20 + 1, 6)), 20, axis=0)[: len(t)]
     values = {name: one.values for name, one in good.channels.items()} | {"specific_force": felt, "thrust": told}
     noisy = {name: x + 1e-3 * rng.normal(size=x.shape) * (name not in ("thrust", "attitude")) for name, x in values.items()}
-    columns = [np.arange(len(t)), t + rng.uniform(0.0, 1e3), *(x for name in layout for x in noisy[name].T), 0.0 * t + 12.6]
+    columns = [
+        np.arange(len(t)),
+        t + rng.uniform(0.0, 1e3),
+        *(x for name in layout for x in noisy[name].T),
+        0.0 * t + 12.6,
+        np.nan * t,
+    ]
     np.savetxt(tmp_path / "dive.csv", np.column_stack(columns), delimiter=str(rng.choice([",", ";", " "])), fmt="%.10g")
     text, read = propose_mapping(tmp_path / "dive.csv"), read_as_proposed(tmp_path / "dive.csv").channels
     assert set(read) == set(layout)

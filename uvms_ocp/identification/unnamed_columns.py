@@ -22,7 +22,8 @@ _PEAKS, _PULSES = 95.0, (900.0, 2200.0)  # [%] of samples below peaks, as where 
 
 def guessed_names(places: Sequence[str], values: np.ndarray, guesses: Sequence[Mapping[str, Any]]) -> dict[str, tuple[str, str]]:
     """For columns (n, k) [as they are] by their places a name and the evidence; none for those of which nothing tells."""
-    values, labels = values[np.isfinite(values).all(axis=1)][:_MOST], dict[str, tuple[str, str]]()
+    known, labels = np.isfinite(values), dict[str, tuple[str, str]]()
+    values = np.where(known.any(axis=0), values, 0.0)[known[:, known.any(axis=0)].all(axis=1)][:_MOST]
     if len(values) < _LEAST:
         return labels
     table = _Columns(values)
