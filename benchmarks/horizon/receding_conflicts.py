@@ -55,9 +55,9 @@ class OutAndBack:
         """[m] and [m/s]."""
         duration = self.way / self.speed
         back = self.begin + duration + WAIT
-        place = np.clip(t - self.begin, 0, duration) - np.clip(t - back, 0, duration)
+        place = min(max(t - self.begin, 0.0), duration) - min(max(t - back, 0.0), duration)
         rate = float(self.begin < t < self.begin + duration) - float(back < t < self.returned)
-        return self.speed * float(place), self.speed * rate
+        return self.speed * place, self.speed * rate
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)

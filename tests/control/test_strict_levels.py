@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pinocchio as pin
 import pytest
+from compiler import needs_compiler
 
 from uvms_ocp.ocp.problem import HessianKind, OcpLevel, OcpProblem, single_phase
 from uvms_ocp.ocp.stagewise.program import StagewiseProgram
@@ -19,6 +21,8 @@ from uvms_ocp.robot.signals import State
 from uvms_ocp.solvers.nlp.level_solver import SqpOptions
 from uvms_ocp.solvers.nlp.program import LexicographicProgram
 from uvms_ocp.solvers.nlp.real_time_sqp import RealTimeSqp, SqpResult
+from uvms_ocp.solvers.stage_qp.problem import FlatSolution
+from uvms_ocp.solvers.stage_qp.solver import StageQpSolver
 from uvms_ocp.tasks.pose import ToolPosition
 
 N_STEPS = 200
@@ -74,6 +78,28 @@ def test_no_level_above_rises_by_more_than_the_tolerance_in_random_steps(robot: 
         assert (found <= np.array(result.reached) + options.tolerance + 1e-9).all()
         gained += found[2] < residuals(sparse, guess, p)[2]
     assert gained > N_STEPS // 2
+
+
+@needs_compiler
+def test_levels_take_few_factors_once_there_is_a_plan_to_start_from(robot: Robot, monkeypatch: pytest.MonkeyPatch) -> None:
+    own, factors = problem(robot), list[int]()
+    solve_flat = StageQpSolver.solve_flat
+
+    def counted(self: StageQpSolver, *args: Any, **kwargs: Any) -> FlatSolution:
+        found = solve_flat(self, *args, **kwargs)
+        factors.append(found.iterations)
+        return found
+
+    monkeypatch.setattr(StageQpSolver, "solve_flat", counted)
+    transcription = Transcription(own)
+    sqp = RealTimeSqp(StagewiseProgram(transcription), replace(OPTIONS, plugin="stagewise", tolerance=1e-2))
+    x, p = transcription.pack(hold_guess(own)), transcription.parameters()
+    lower, upper = transcription.bounds()
+    for _ in range(10):
+        factors.clear()
+        x = sqp.solve(x, p=p, x_lower=lower, x_upper=upper).x
+    assert len(factors) >= 3
+    assert max(factors) <= 5
 
 
 def test_a_level_that_may_be_relaxed_keeps_its_share_of_the_cost(robot: Robot) -> None:

@@ -352,3 +352,15 @@ def test_a_loose_tolerance_costs_fewer_factors() -> None:
     qp = reach_qp(1, goal=True)
     solver = StageQpSolver(qp.shape)
     assert solver.solve_flat(qp, tolerance=1e-3).iterations < solver.solve_flat(qp).iterations
+
+
+@needs_compiler
+@pytest.mark.parametrize("seed", range(3))
+def test_a_rough_optimum_has_multipliers_of_reached_bounds_alone_so_that_the_next_qp_can_start_from_them(seed: int) -> None:
+    qp = reach_qp(seed, goal=False)
+    found = StageQpSolver(qp.shape, StageQpOptions(tolerance=1e-3)).solve(qp)
+    z, y = flat(found.z), flat(found.y_z)
+    left = np.where(y > 0.0, qp.flat["z_upper"] - z, z - qp.flat["z_lower"])
+    limited = np.isfinite(qp.flat["z_upper"]) & (qp.flat["z_lower"] < qp.flat["z_upper"])
+    assert 0 < (limited & (y != 0.0)).sum() < limited.sum()
+    assert left[limited & (y != 0.0)].max() < 0.01

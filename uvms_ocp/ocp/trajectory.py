@@ -58,14 +58,14 @@ class Trajectory:
         """
         if not 0 <= k < len(self.a):
             raise InvalidInput(f"k = {k}; give a step of this trajectory, 0 to {len(self.a) - 1}")
-        h = self.t[k + 1] - self.t[k]
-        return np.asarray(pin.difference(model, self.q[k], self.q[k + 1]) / h - h / 2 * self.a[k])
+        return _leaving(self.t[k + 1] - self.t[k], pin.difference(model, self.q[k], self.q[k + 1]), self.a[k])
 
     def states_at(self, model: pin.Model, t: Annotated[np.ndarray, Shape("n")]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Q (n, n_q) and v (n, n_v) at times t (n,) [s], and the steps that hold them (n,); the end is held."""
         steps = intervals_of(self.t, t)
         s, v, a = (t - self.t[steps])[:, None], self.v[steps], self.a[steps]
-        leaving = np.array([self.leaving(model, k) for k in steps]).reshape(v.shape)
+        ways = np.array([pin.difference(model, self.q[k], self.q[k + 1]) for k in steps.tolist()]).reshape(v.shape)
+        leaving = _leaving((self.t[steps + 1] - self.t[steps])[:, None], ways, a)
         moves, q = s * leaving + s * s / 2 * a, self.q[steps]
         ends = np.array([pin.integrate(model, *pair) for pair in zip(q, moves, strict=True)])
         q, v = ends.reshape(q.shape), v + s * a
@@ -76,6 +76,10 @@ class Trajectory:
 
 unchecked_trajectory = unchecked_constructor(Trajectory)
 """Without a look at its arguments, of arrays that belong to it."""
+
+
+def _leaving(h: float | np.ndarray, way: np.ndarray, a: np.ndarray) -> np.ndarray:
+    return np.asarray(way / h - h / 2 * a)
 
 
 def intervals_of(times: np.ndarray, t: np.ndarray | float) -> Indices:

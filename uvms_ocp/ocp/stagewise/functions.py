@@ -173,6 +173,8 @@ class BlockFunctions:
         groups = [group.rows for group in (*self.errors, *self.held)]
         self.forced = ca.depends_on(ca.vertcat(*groups), tangent.model.force)
         """Rows depend on forces."""
+        self.errors_forced = tuple(ca.depends_on(group.rows, tangent.model.force) for group in self.errors)
+        """So do the residuals of each level."""
         sizes = [group.numel() for group in groups]
         self._content = content_of(self._inputs[:-1], groups, tangent.content, sizes, forces is not None, extra)
         self.values = self._function("values", lambda: groups)

@@ -135,32 +135,39 @@ class StageLevelSolver:
 
 # The levels of a horizon for steps in real time, stage by stage.
 
-# An interior point that ends early keeps off the bounds: curvature then costs levels above less, and whole steps can be taken
-# more often than at the exact optimum.
-# Many of the slabs that levels above leave are reached: more complementarity to begin with saves a third of the factors.
-_REAL_TIME_QP_OPTIONS = StageQpOptions(tolerance=1e-4, cold_mu=10.0)
+# Rough: steps are searched along, and made again at the next tick.
+_REAL_TIME_QP_OPTIONS = StageQpOptions(tolerance=3e-4)
+_WEIGHTS = (1e2, 1e4, 1e8)
+"""[1/unit of the row^2] Least, first and largest weight of rows of levels above."""
 
 
 class StagewiseLevelModel:
     """A `uvms_ocp.solvers.nlp.real_time_sqp.LevelModel` on the memory of a horizon, whose points are those of all stages.
 
-    Frozen rows are slabs: where limits bind there is often no motion that keeps them as they are. QPs of the first level start
-    from the last one; of so many slabs as those below have it would be guessed in vain which of them bind.
+    QPs start from the last one of their level: the bounds that are reached are mostly the same. Frozen rows are kept by a weight,
+    with which the last QP would have missed them by an eighth of the tolerance: where limits bind there is often no motion that
+    keeps them as they are, and of slabs it would be guessed in vain which sides are reached. Levels below the first whose
+    residuals have no forces take the slopes of forces from where the first was linearised.
     """
 
-    def __init__(self, memory: StageMemory, slack: float) -> None:
-        """Slack [unit of the row]: half the width of what frozen rows keep."""
+    slack = 0.0
+
+    def __init__(self, memory: StageMemory, tolerance: float) -> None:
+        """Tolerance [unit of the row]: by which the norm of frozen rows may rise."""
         self._levels, self._memory = StagewiseLevels(memory, _REAL_TIME_QP_OPTIONS), memory
-        self.slack = slack
-        self._last: WarmStart | None = None
-        """QP of the first level."""
-        self._ranges: StageRanges | None = None
+        self._tolerance, self._kept = tolerance, [_WEIGHTS[1]] * memory.n_levels
+        """And the weight of what each level keeps [1/unit of the row^2]."""
+        self._last: dict[int, WarmStart] = {}
+        """QP of each level."""
+        self._ranges: tuple[RowBounds, int, StageRanges] | None = None
+        """Ranges that were asked for last, with what of."""
+        self._own_ranges: StageRanges | None = None
         """Ranges of the constraints alone."""
 
     def begin(self, x: Array, p: Array, bounds: RowBounds) -> SqpPoint:
         """Begin as `LevelModel.begin`; x (n_x,) [unit of x], p (n_p,) [unit of the parameter]."""
         self._levels.go_to(x, p)
-        self._ranges = self._levels.ranges(bounds, 0)
+        self._own_ranges = self._ranges_of(bounds, 0)
         self._memory.evaluate()
         return self._point()
 
@@ -169,16 +176,23 @@ class StagewiseLevelModel:
         memory, own = self._memory, self._levels.level(level)
         memory.z[:] = point.x.reshape(memory.z.shape)
         memory.z_from[:] = memory.z
-        own.linearize()
+        (own.relinearize if level else own.linearize)()
         if not np.isfinite(memory.residuals(level)).all():
             return NlpStatus.NOT_A_NUMBER
-        own.set_curvature(None)
-        solution = own.solve(self._levels.ranges(bounds, level), damping, np.inf, None if level else self._last)
+        ranges, near = self._ranges_of(bounds, level), self._last.get(level)
+        solution = own.solve(ranges, damping, 0.0, near, kept=self._kept[level])
         if not solution.status.usable:
             return NlpStatus.STALLED
-        if level == 0:
-            self._last = solution.warm_start()
+        self._last[level] = solution.warm_start()
+        pull = float(np.linalg.norm(own.multipliers_above(solution)))
+        self._kept[level] = min(max(8.0 * pull / self._tolerance, _WEIGHTS[0]), _WEIGHTS[2])
         return None
+
+    def _ranges_of(self, bounds: RowBounds, level: int) -> StageRanges:
+        """The same again for the second step of a level."""
+        if self._ranges is None or self._ranges[0] is not bounds or self._ranges[1] != level:
+            self._ranges = bounds, level, self._levels.ranges(bounds, level)
+        return self._ranges[2]
 
     def moved(self, share: float) -> SqpPoint:
         """Return the point after a share of the step, as `LevelModel.moved`."""
@@ -194,10 +208,10 @@ class StagewiseLevelModel:
 
     def _point(self) -> SqpPoint:
         memory, rows = self._memory, self._levels.rows()
-        assert self._ranges is not None
+        assert self._own_ranges is not None
         pairs = zip(memory.whole.ranges().levels, rows, strict=True)
         residuals = [float(np.linalg.norm(level.distance(y))) for level, y in pairs]
-        violation = self._levels.violation(self._ranges)
+        violation = self._levels.violation(self._own_ranges)
         return SqpPoint(
             x=memory.z.ravel().copy(),
             rows=rows,
@@ -251,9 +265,9 @@ class StagewiseProgram:
         """One for each level."""
         return [StageLevelSolver(self.levels, i, options, deadline, watch) for i in range(self.levels.memory.n_levels)]
 
-    def level_model(self, slack: float) -> StagewiseLevelModel:
-        """Its levels for steps in real time; slack as `LevelModel` has it."""
-        return StagewiseLevelModel(self.levels.memory, slack)
+    def level_model(self, tolerance: float) -> StagewiseLevelModel:
+        """Its levels for steps in real time; tolerance as `StagedProgram` has it."""
+        return StagewiseLevelModel(self.levels.memory, tolerance)
 
     def rows_at(self, x: Array, p: Array) -> tuple[Array, ...]:
         """Rows of every level at x (n_x,) [unit of x], with parameters p (n_p,) [unit of the parameter]."""

@@ -69,7 +69,9 @@ class StageLevelQp:
         groups = [own for stage in memory.stages for own in enumerate(memory.groups(stage)[: level + 1])]
         self._above = np.concatenate([np.zeros(0, dtype=bool), *(np.full(group.n, i > 0) for i, group in groups)])
         """(m,) True for rows of the QP that belong to levels above."""
-        self.linearize = self._linearization()
+        self.linearize = self._linearization(slopes=True)
+        self.relinearize = self._linearization(slopes=any(one.errors_forced[level] for one in memory.functions))
+        """The same with slopes of forces that are near, where they matter to limits alone."""
         self.qp.fix_initial_state(np.zeros(self.shape.n_x[0]))
 
     def _shape(self) -> StageShape:
@@ -89,8 +91,11 @@ class StageLevelQp:
             first += sum(group.n for group in self.memory.groups(stage))
         return np.concatenate(numbers)
 
-    def _linearization(self) -> BoundCalls:
-        """One function for all stages, then the other: so each stays where code is read from."""
+    def _linearization(self, *, slopes: bool) -> BoundCalls:
+        """One function for all stages, then the other: so each stays where code is read from.
+
+        Without `slopes` of forces those that were found last remain.
+        """
         memory, calls = self.memory, BoundCalls()
         for i, stage in enumerate(memory.stages):
             if stage.step:
@@ -100,7 +105,7 @@ class StageLevelQp:
                 F[...] = np.eye(*F.shape)
                 if self.memory.tangent.free:
                     F[n - 1, n - 1 :] = (0.0, 1.0)
-        memory.add_forces(calls, linear=True)
+        memory.add_forces(calls, linear=slopes)
         for i, stage in enumerate(memory.stages):
             function = memory.function(stage)
             if function is not None:
@@ -160,20 +165,25 @@ class StageLevelQp:
         return np.concatenate([np.abs(memory.gaps.ravel()), rows, ranges.z_excess(memory.z)])
 
     def solve(
-        self, ranges: StageRanges, damping: float, give: float, near: WarmStart | None, *, rough: float = 0.0
+        self, ranges: StageRanges, damping: float, give: float, near: WarmStart | None, *, rough: float = 0.0, kept: float = 0.0
     ) -> FlatSolution:
         """The step, with damping [1/unit of z^2]; it stands in the memory too.
 
-        give [1/unit of the row]: what it costs to miss levels above. near: where the QP starts. rough: how exact it is at
-        least, where that is less than the tolerance asks for. Only what no curvature bends is explained where it fails.
+        give [1/unit of the row], kept [1/unit of the row^2]: what it costs to miss levels above, and the square. near: where the
+        QP starts. rough: how exact it is at least, where that is less than the tolerance asks for. Only what no curvature bends
+        is explained where it fails.
         """
         flat = self.qp.flat
-        flat["damping"][:], flat["l1"][self._above] = damping, give
+        flat["damping"][:], flat["l1"][self._above], flat["l2"][self._above] = damping, give, kept
         self._load(ranges)
         tolerance = max(rough, self._solver.options.tolerance)
         found = self._solver.solve_flat(self.qp, near, tolerance=tolerance, explained=not self._bends)
         self.keep(found)
         return found
+
+    def multipliers_above(self, found: FlatSolution) -> Array:
+        """Multipliers of the rows of levels above."""
+        return np.asarray(found.y[: len(self._above)][self._above])
 
     def _load(self, ranges: StageRanges) -> None:
         """Load values and ranges into the QP."""

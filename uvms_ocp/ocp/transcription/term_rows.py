@@ -73,9 +73,16 @@ class TermNumbers:
         """Parameters of nodes, one node after the other; rate [1/s]: 1 / time."""
         bounds = [np.where(np.isfinite(bound), bound, 0.0) for bound in (self.lower, self.upper)]
         n, fixed = len(nodes.active), np.concatenate([[rate], self.roots, *bounds])
-        goals = [term.references(nodes.times, nodes.q, nodes.tightened.get(term)) for term in self.terms]
+        goals = [_goals(term, nodes) for term in self.terms]
         parts = [np.reshape(nodes.active, (n, 1)), np.tile(fixed, (n, 1)), *(np.reshape(goal, (n, -1)) for goal in goals)]
         return np.asarray(np.hstack(parts, dtype=float).ravel())
+
+
+def _goals(term: Term, nodes: TermNodes) -> np.ndarray:
+    """References of a term, node by node where it does not look at the motion: that leaves out the check of all times."""
+    if type(term).references is Term.references:
+        return np.array([term.reference(t) for t in nodes.times])
+    return term.references(nodes.times, nodes.q, nodes.tightened.get(term))
 
 
 def term_numbers(terms: Sequence[Term], residuals: Sequence[Residual]) -> TermNumbers:

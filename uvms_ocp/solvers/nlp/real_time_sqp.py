@@ -365,8 +365,8 @@ class SqpResult:
 class StagedProgram(SelfSolving, Protocol):
     """A program whose levels are solved stage by stage."""
 
-    def level_model(self, slack: float) -> LevelModel:
-        """Slack [unit of the row]: half the width of what frozen rows keep."""
+    def level_model(self, tolerance: float) -> LevelModel:
+        """Tolerance [unit of the row]: by which the norm of frozen rows may rise."""
 
 
 def _model(program: nlp.LexicographicProgram | StagedProgram, options: SqpOptions) -> LevelModel:

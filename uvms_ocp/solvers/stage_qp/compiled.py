@@ -144,15 +144,15 @@ class CompiledCore:
 
     def _end(self) -> problem.IterationResult:
         memory, now, n = self._problem, self._problem.now, self._n
-        end, flat = n + self._n_x, self._work["point"].copy()
+        end, flat = n + self._n_x, self._work["point"]
         # Of equalities, slacks, multipliers of the sides, and of what is missed.
         equal, _, _, lower, upper, *_ = flat[end:].reshape(9, memory.M)
         y = equal + upper - lower
         y[memory.m :] -= self._now["held"]
         return problem.IterationResult(
             status=_STATUSES[memory.status],
-            z=flat[:n],
-            costate=flat[n:end],
+            z=flat[:n].copy(),
+            costate=flat[n:end].copy(),
             y=y,
             value=self._now["value"].copy(),
             kkt=problem.kkt_residual(stationarity=now.stationarity, primal=now.primal, complementarity=now.complementarity),

@@ -1,5 +1,8 @@
 /* From a start to the optimum, or to where it cannot go on. */
 
+/* Where few digits are asked for. */
+#define ROUGH(q) ((q)->tolerance > FINISHED)
+
 /* The optimum without inequalities, from the z, costates and y that are given: one factor, and corrections. */
 static int solve_equalities(Problem *q) {
   double *p = q->point, before = INFINITY;
@@ -13,7 +16,7 @@ static int solve_equalities(Problem *q) {
     for (int j = 0; j < q->n_bounded; ++j) equal = larger_of(equal, fabs(r->equal[q->bounded[j]]) / q->norm[q->bounded[j]]);
     const double left = larger_of(largest_of(q->n, r->grad) / r->gradient, equal / r->variable);
     const int enough = left <= 0.1 * q->tolerance && !(left <= 0.5 * before);
-    if (k == MOST_CORRECTIONS || enough || !(left > EXACT * q->tolerance)) break;
+    if (k == MOST_CORRECTIONS || enough || !(left > (ROUGH(q) ? ROUGHLY : EXACT) * q->tolerance)) break;
     before = left;
     memset(q->now.row, 0, sizeof(double) * (size_t)(2 * q->M));
     memset(q->now.dual, 0, sizeof(double) * (size_t)(2 * q->M));
@@ -226,7 +229,7 @@ static int solve_held(Problem *q) {
 
 /* Sides that pull are let go, those that are missed are held; how many change. */
 static int mend(Problem *q) {
-  const double room = SHARP * q->tolerance * (1.0 + largest_of(q->n, Z(q->point)));
+  const double room = (ROUGH(q) ? 1.0 : SHARP) * q->tolerance * (1.0 + largest_of(q->n, Z(q->point)));
   int changes = 0;
   for (int j = 0; j < 2 * q->M; ++j) {
     const int i = j % q->M, held = q->active[j] != 0.0;
@@ -279,6 +282,13 @@ static void finish(Problem *q) {
   q->status = SOLVED, q->iterations = iterations;
 }
 
+/* Multipliers of sides that an interior point keeps off would be taken for those of sides that it reaches. */
+static void forget(Problem *q) {
+  find_approached(q);
+  for (int j = 0; j < 2 * q->M; ++j)
+    if (q->active[j] == 0.0) MULTIPLIER(q->point)[j] = 0.0;
+}
+
 /* The same as solve_qp from nothing but the QP, or from z, costates and multipliers in `point` that are those of a QP nearby. */
 void solve_whole(Problem *q, int near) {
   q->status = NOT_A_NUMBER;
@@ -292,5 +302,9 @@ void solve_whole(Problem *q, int near) {
   q->iterations = q->corrections = 0;
   for (int v = 0; v < q->n; ++v)
     if (q->stages.fixed[v] != 0.0) Z(q->point)[v] = q->z_lower[v];
-  if (run(q) && hard && q->tolerance <= FINISHED && q->status == SOLVED && q->share > 0.0) finish(q);
+  if (!run(q) || !hard || q->status != SOLVED || !(q->share > 0.0)) return;
+  if (ROUGH(q))
+    forget(q);
+  else
+    finish(q);
 }

@@ -121,6 +121,7 @@ def is_recession_direction(other: problem.StageQp, z: tuple[Array, ...]) -> bool
 
 # QPs of stages by an interior point: with a factor per iteration, and one only where no bound is reached.
 
+_POINT = tuple(item.name for item in fields(problem.FlatPoint))
 _UNCLEAR = (problem.StageQpStatus.ITERATION_LIMIT, problem.StageQpStatus.UNBOUNDED)
 _MISSED = 1e-5  # relative violation that no point does without
 _ROUGH = 1e-6  # tolerance of phase one
@@ -230,7 +231,7 @@ class StageQpSolver:
     def _found(self, qp: problem.StageQp, end: problem.IterationResult) -> problem.FlatSolution:
         m, flat = len(qp.flat["lower"]), qp.flat
         return problem.FlatSolution(
-            **{item.name: getattr(end, item.name) for item in fields(problem.FlatPoint)},
+            **{name: getattr(end, name) for name in _POINT},
             shape=self.shape,
             excess=interval_distance(end.value[:m], flat["lower"], flat["upper"]),
             products=self._core.products(qp, end.z),

@@ -38,6 +38,8 @@ MOST_CORRECTIONS = 10
 """Most corrections of a solution without inequalities."""
 EXACT = 1e-5
 """Relative to the tolerance: those corrections go on down to this while they help."""
+ROUGHLY = 1e-2
+"""The same where the tolerance is above the next one."""
 FINISHED = 1e-5
 """tolerance above which what an interior point comes close to is not looked for: it keeps off the bounds."""
 SHARP = 1e-2
