@@ -78,6 +78,17 @@ def test_without_a_notebook_each_scene_is_whole(page: ScenePage) -> None:
     assert _viewers(page._repr_html_(), page._repr_html_()) == [1, 1]
 
 
+def test_what_is_shown_out_of_any_cell_is_drawn_too(run: Run, page: ScenePage, monkeypatch: pytest.MonkeyPatch) -> None:
+    """By the callback of a slider, or before any message."""
+    before = [run("a", page)]
+    for parent in ({"header": {"msg_id": "m"}, "metadata": {}, "content": {"comm_id": "c"}}, {}):
+        shell = SimpleNamespace(kernel=SimpleNamespace(get_parent=lambda parent=parent: parent))
+        monkeypatch.setattr("IPython.get_ipython", lambda shell=shell: shell)
+        assert page.html.partition("<title>")[0] in html.unescape(page._repr_html_())
+    monkeypatch.setattr("IPython.get_ipython", lambda: SimpleNamespace(kernel=object()))
+    assert _viewers(*before, page._repr_html_()) == [1, 1], "an old kernel, of which nothing is known"
+
+
 def test_where_frames_are_taken_out_a_sentence_is_left(run: Run, page: ScenePage) -> None:
     for output in (run("a", page), run("b", page)):
         left = re.sub(r"<script>.*?</script>|<[^>]*>", "", output, flags=re.DOTALL)

@@ -105,11 +105,11 @@ _shown = dict[str, str]()
 def _stands_in_notebook() -> bool:
     """Whether a cell of the notebook holds the viewer; one that is run again has lost what it showed, and may be the one."""
     kernel = getattr(getattr(sys.modules.get("IPython"), "get_ipython", lambda: None)(), "kernel", None)
-    if kernel is None or "google.colab" in sys.modules:  # where each cell is a page of its own
+    if not hasattr(kernel, "get_parent") or "google.colab" in sys.modules:  # where each cell is a page of its own
         return False
     run = kernel.get_parent()
-    cell = run["metadata"].get("cellId") or run["content"].get("code", "")
-    message, stood = run["header"]["msg_id"], bool(_shown)
+    cell = run.get("metadata", {}).get("cellId") or run.get("content", {}).get("code", "")
+    message, stood = run.get("header", {}).get("msg_id", ""), bool(_shown)
     before, _shown[cell] = _shown.get(cell, message), message
     return stood and before == message
 
