@@ -104,7 +104,7 @@ _shown = dict[str, str]()
 
 def _stands_in_notebook() -> bool:
     """Whether a cell of the notebook holds the viewer; one that is run again has lost what it showed, and may be the one."""
-    kernel = getattr(getattr(sys.modules.get("IPython"), "get_ipython", lambda: None)(), "kernel", None)
+    kernel: Any = getattr(getattr(sys.modules.get("IPython"), "get_ipython", lambda: None)(), "kernel", None)
     if not hasattr(kernel, "get_parent") or "google.colab" in sys.modules:  # where each cell is a page of its own
         return False
     run = kernel.get_parent()
