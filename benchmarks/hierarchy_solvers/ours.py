@@ -16,8 +16,9 @@ from hierarchy_solvers.problems import Inputs, Problem, exactness_problems
 from uvms_ocp.control.velocity.kinematic import HierarchySolver
 from uvms_ocp.control.velocity.levels import LevelsProblem
 from uvms_ocp.scenario.cases.case1 import case1
-from uvms_ocp.solvers.hierarchy.active_set import ActiveSetTick, LexicographicActiveSet
+from uvms_ocp.solvers.hierarchy.active_set import LexicographicActiveSet
 from uvms_ocp.solvers.hierarchy.cascade import LexicographicQp
+from uvms_ocp.solvers.hierarchy.core import CoreTick
 from uvms_ocp.solvers.hierarchy.icat import Icat
 from uvms_ocp.solvers.hierarchy.level import Level
 from uvms_ocp.solvers.hierarchy.solution import LEVEL_OUTPUTS, Tick
@@ -27,7 +28,8 @@ SOLVERS: dict[str, HierarchySolver] = {
     IN_C: LexicographicActiveSet(),
     IN_NUMPY: LexicographicActiveSet(compiled=False),
     "qpOASES cascade": LexicographicQp(),
-    "iCAT in NumPy": Icat(),
+    "iCAT in C": Icat(),
+    "iCAT in NumPy": Icat(compiled=False),
 }
 
 
@@ -62,7 +64,7 @@ def _bound_to_matrices(solver: HierarchySolver, problem: Problem) -> Tick:
 
 def _forget(tick: Tick) -> None:
     """Let the next call start cold: only the active-set solver remembers."""
-    if isinstance(tick, ActiveSetTick):
+    if isinstance(tick, CoreTick):
         tick.reset()
 
 

@@ -42,8 +42,8 @@ FAULTY = ("altimeter:frozen@3", "thruster3:dead@6", "joint2:jam@10")
 def scenario_of(name: str) -> Scenario:
     if name == "faulty":
         return case1(noise=True, faults=FAULTY, duration=25.0)
-    if name == "kinematic":
-        return case1(plant="kinematic", dt=0.02)
+    if name in {"kinematic", "icat"}:
+        return case1(plant="kinematic", dt=0.02, **({"solver": uo.Icat()} if name == "icat" else {}))
     if name in ODD:
         return reach_of(pair_of(name).odd, plant="dynamic", sensors=SensorSpecs())
     if name == "patrol":
@@ -82,7 +82,8 @@ def built(folder: Path, program: str, main: Path, options: Sequence[str] = ("-O0
 
 
 @pytest.mark.parametrize(
-    "name", ["kinematic", "case1", "case2", "current_drift", "obstacle_field", "bluerov_inspection", "faulty", "patrol", *ODD]
+    "name",
+    ["kinematic", "case1", "case2", "current_drift", "obstacle_field", "bluerov_inspection", "faulty", "patrol", "icat", *ODD],
 )
 def test_fed_with_the_recorded_measurements_it_gives_the_recorded_commands(name: str) -> None:
     folder = exported(name)
@@ -124,7 +125,7 @@ def test_a_replay_that_differs_fails(tmp_path: Path) -> None:
     assert process.returncode == 1
 
 
-@pytest.mark.parametrize("name", ["kinematic", "faulty"])
+@pytest.mark.parametrize("name", ["kinematic", "faulty", "icat"])
 def test_no_input_does_harm(name: str) -> None:
     """10,000 random ones, NaN and infinities among them, under the sanitizers; what it tells stays finite."""
     folder = exported(name)
@@ -185,7 +186,7 @@ def test_a_folder_without_a_controller_is_refused(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("changes", "message"),
     [
-        ({"solver": uo.Icat()}, "no form in C: solver Icat; LexicographicActiveSet has"),
+        ({"solver": uo.LexicographicQp()}, "no form in C: solver LexicographicQp; LexicographicActiveSet and Icat have"),
         ({"controller": lambda scenario: None}, "no form in C: controller lambda; the toolkit's own has"),
     ],
 )

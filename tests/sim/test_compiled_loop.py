@@ -22,6 +22,7 @@ from uvms_ocp.sim import compiled_loop
 from uvms_ocp.sim.currents import GustyCurrent, UniformCurrent
 from uvms_ocp.sim.environment import Environment
 from uvms_ocp.sim.seafloor import HeightField, Relief
+from uvms_ocp.solvers import Icat
 
 CLOCKED = ("solve_time", "tick_time", "controller_time")
 """Series that a clock measures."""
@@ -54,6 +55,7 @@ SCENARIOS: dict[str, Callable[[], Scenario]] = {
     "kinematic": lambda: case1(**SHORT, plant="kinematic"),
     "kinematic with noise": lambda: case1(**NOISY, plant="kinematic"),
     "noise": lambda: case1(**NOISY),
+    "the regularised solver": lambda: case1(**NOISY, solver=Icat()),
     "a current": lambda: case1(**NOISY, current=(0.1, 0.05, 0.0)),
     "gusts over a rough floor": _rough,
     "all sensors": _all_sensors,

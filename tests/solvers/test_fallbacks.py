@@ -15,9 +15,10 @@ from hierarchies import dependent_hierarchy, random_hierarchy, reference
 from uvms_ocp.codegen.compile import compile_library
 from uvms_ocp.solvers.hierarchy import active_set_numpy as fallbacks, tolerances
 from uvms_ocp.solvers.hierarchy.active_set import LexicographicActiveSet, core_source
-from uvms_ocp.solvers.hierarchy.active_set_numpy import STATUSES, SolvedRows, solve_levels
+from uvms_ocp.solvers.hierarchy.active_set_numpy import SolvedRows, solve_levels
 from uvms_ocp.solvers.hierarchy.cascade import LexicographicQp
 from uvms_ocp.solvers.hierarchy.certificate import NormalRows, normal_certificate, normal_rows
+from uvms_ocp.solvers.hierarchy.core import STATUSES
 from uvms_ocp.solvers.hierarchy.level import Level, stack
 from uvms_ocp.solvers.hierarchy.solution import Status
 from uvms_ocp.solvers.hierarchy.tolerances import iteration_budget
@@ -51,7 +52,7 @@ def _broken(levels: list[Level], source: Callable[[str], str]) -> SolvedRows:
     v, active_set, (code, iterations), residual = (
         np.array(found).ravel()
         for found in _function(source(core_source(n, rows.sizes)))(
-            rows.jacobian, rows.lower, rows.upper, rows.gate, np.zeros(len(rows.lower))
+            rows.jacobian, rows.lower, rows.upper, rows.rate, rows.activation, rows.gate, np.zeros(len(rows.lower))
         )
     )
     status = STATUSES[int(code)]
@@ -60,7 +61,7 @@ def _broken(levels: list[Level], source: Callable[[str], str]) -> SolvedRows:
 
 @cache
 def _function(source: str) -> ca.Function:
-    return ca.external("active_set", str(compile_library(source)))
+    return ca.external("solve_hierarchy", str(compile_library(source)))
 
 
 def _without(*parts: str) -> Callable[[str], str]:
@@ -251,8 +252,9 @@ def test_ticks_whose_rows_are_dependent_to_1e_7_are_solved_warm_in_c_as_in_numpy
     kept = np.load(Path(__file__).with_name("dependent_ticks.npz"))
     sizes = tuple(kept["sizes"].tolist())
     for rows in zip(*(kept[name] for name in ("jacobian", "lower", "upper", "gate", "active_set")), strict=True):
-        J, *_ = rows
-        v, _, report, _ = (np.array(x).ravel() for x in _function(core_source(J.shape[1], sizes))(*rows))
+        J, lower, upper, *others = rows
+        core = _function(core_source(J.shape[1], sizes))
+        v, _, report, _ = (np.array(x).ravel() for x in core(J, lower, upper, 0.0, 0.0, *others))
         found = solve_levels(*rows, sizes)
         assert STATUSES[int(report[0])] is found.status is Status.SOLVED
         assert report[1] <= 5

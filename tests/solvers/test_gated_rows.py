@@ -13,8 +13,8 @@ from hierarchy_solvers.daqp_hierarchy import Daqp
 from test_hierarchy import _tick_function
 
 from uvms_ocp.solvers.hierarchy.active_set import LexicographicActiveSet
-from uvms_ocp.solvers.hierarchy.active_set_numpy import STATUSES
 from uvms_ocp.solvers.hierarchy.cascade import LexicographicQp
+from uvms_ocp.solvers.hierarchy.core import STATUSES
 from uvms_ocp.solvers.hierarchy.level import Level, is_valid, residual, widen_bounds
 
 M, N = 4, 3

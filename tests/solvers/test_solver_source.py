@@ -11,7 +11,8 @@ from compiler import COMPILER, needs_compiler
 
 from uvms_ocp.errors import InvalidInput
 from uvms_ocp.solvers.hierarchy.active_set import core_source, solver_source
-from uvms_ocp.solvers.hierarchy.active_set_numpy import STATUSES
+from uvms_ocp.solvers.hierarchy.core import STATUSES
+from uvms_ocp.solvers.hierarchy.icat import Icat
 from uvms_ocp.solvers.hierarchy.solution import Status
 from uvms_ocp.solvers.stage_qp.compiled import core_source as stagewise_source
 
@@ -38,7 +39,7 @@ def _compiled(source: str, folder: Path, *options: str) -> Path:
 @pytest.mark.parametrize("level", ["-O0", "-O3"])
 @pytest.mark.parametrize(("n", "sizes"), STRUCTURES)
 def test_it_compiles_without_a_warning(n: int, sizes: tuple[int, ...], level: str, tmp_path: Path) -> None:
-    for source in (solver_source, core_source):
+    for source in (solver_source, core_source, Icat().core_source):
         _compiled(source(n, sizes), tmp_path, level, "-fPIC", "-c")
 
 
@@ -81,5 +82,5 @@ def test_it_keeps_its_promises_for_random_numbers_under_the_sanitizers(tmp_path:
 
 
 def test_levels_without_a_row_have_no_source() -> None:
-    with pytest.raises(InvalidInput, match=r"levels of \[0, 0\] rows; give at least one row"):
+    with pytest.raises(InvalidInput, match=r"sizes = \[0, 0\] of levels; give at least one row"):
         solver_source(3, (0, 0))

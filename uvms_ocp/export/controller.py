@@ -35,7 +35,8 @@ from uvms_ocp.robot.robot import Robot
 from uvms_ocp.robot.shapes.gjk import ROUNDS
 from uvms_ocp.robot.signals import Command, StateEstimate
 from uvms_ocp.scenario.scenario import Scenario, our_controller
-from uvms_ocp.solvers.hierarchy import active_set, solution, tolerances
+from uvms_ocp.solvers.hierarchy import solution
+from uvms_ocp.solvers.hierarchy.core import CompiledSolver, external_core
 from uvms_ocp.tasks.task import Task
 from uvms_ocp.version import __version__
 
@@ -153,18 +154,18 @@ def interface_sizes(controller: KinematicController, n_thrusters: int) -> dict[s
     return {**column_sizes(controller.robot), "n_thrusters": n_thrusters, "n_quantities": len(controller.problem.quantity_names)}
 
 
-def solver_file(controller: KinematicController) -> str:
+def _solver_file(controller: KinematicController, solver: CompiledSolver) -> str:
     """The text of solver.c: the solver of hierarchies, as its CasADi function calls it."""
-    return active_set.core_source(controller.problem.function.size2_out(0), controller.problem.sizes)
+    return solver.core_source(controller.problem.function.size2_out(0), controller.problem.sizes)
 
 
-def controller_memory(controller: KinematicController | DynamicController) -> Any:
+def controller_memory(controller: KinematicController | DynamicController, solver: CompiledSolver) -> Any:
     """A `VelocityController` at the beginning of the mission of a fresh one, or a `ForceController` where it has that layer.
 
     Raises `InvalidInput` without a C compiler.
     """
     kinematic = controller.kinematic
-    below = tick.velocity_controller(kinematic.memory, kinematic.problem, active_set.LexicographicActiveSet())
+    below = tick.velocity_controller(kinematic.memory, kinematic.problem, external_core(_solver_file(kinematic, solver)))
     if below is None:
         raise InvalidInput("the controller cannot be written without a C compiler; give one (CC, cc, gcc, clang)")
     if not isinstance(controller, DynamicController):
@@ -233,9 +234,9 @@ def _texts_controller(scenario: Scenario) -> tuple[dict[str, str], bytes]:
         channels=CHANNELS,
     )
     numbers, places = task_numbers(scenario.mission.hierarchy.tasks, scenario.robot)
-    memory, run = controller_memory(controller), _recorded(scenario, sizes)
+    solver: Any = scenario.solver
+    memory, run = controller_memory(controller, solver), _recorded(scenario, sizes)
     library = controller_library(memory, sizes)
-    rows = sum(kinematic.problem.sizes)
     readme = template("README.md").format(
         scenario=literal(scenario.name),
         robot=literal(scenario.robot.name),
@@ -243,8 +244,7 @@ def _texts_controller(scenario: Scenario) -> tuple[dict[str, str], bytes]:
         ticks=len(run.ticks),
         size=ctypes.sizeof(memory),
         period=scenario.dt,
-        bound=f"{tolerances.iteration_budget(rows).most_of_all} iterations of the solver, {ROUNDS} rounds for every distance, "
-        "whatever the numbers",
+        bound=f"{solver.most_work(kinematic.problem.sizes)}, {ROUNDS} rounds for every distance, whatever the numbers",
         channels=table(names.channels),
         phases=table(names.phases),
         parameters=table([f"{name} = {numbers[place]:g}" for name, place in places.items()]),
@@ -255,7 +255,7 @@ def _texts_controller(scenario: Scenario) -> tuple[dict[str, str], bytes]:
         # A file of its own, as compilers that see megabytes of it look for what follows from them for minutes.
         "initial.c": Template(template("initial.c")).substitute(declarations=library.declarations, value=library.initial),
         "functions.c": with_variable(library.functions, _NUMBERS, numbers),
-        "solver.c": solver_file(kinematic),
+        "solver.c": _solver_file(kinematic, solver),
         "README.md": readme,
     }
     return made | {name: template(name) for name in TEMPLATES}, run.as_bytes()
@@ -281,8 +281,8 @@ def _require_c_form(scenario: Scenario) -> None:
     found = []
     if "controller" in scenario.own_parts:
         found.append(f"controller {scenario.own_parts['controller']}; the toolkit's own has")
-    if not isinstance(solver, active_set.LexicographicActiveSet):
-        found.append(f"solver {type(solver).__name__}; LexicographicActiveSet has")
+    if not isinstance(solver, CompiledSolver):
+        found.append(f"solver {type(solver).__name__}; LexicographicActiveSet and Icat have")
     if scenario.takes_forces and scenario.load is not None:
         found.append("load LoadLearning; a controller that learns none has")
     tasks = viability.without_c_form(scenario.robot, scenario.mission, scenario.dt, problem.quantity_names)

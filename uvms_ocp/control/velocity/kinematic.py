@@ -28,6 +28,7 @@ from uvms_ocp.record.swings import SwingWatch
 from uvms_ocp.robot.robot import Robot
 from uvms_ocp.robot.shapes.collision_model import distance_layout_sizes
 from uvms_ocp.robot.signals import ChannelHealth, Command, StateEstimate
+from uvms_ocp.solvers.hierarchy.core import CompiledSolver
 from uvms_ocp.solvers.hierarchy.solution import InPlaceTick, Tick
 from uvms_ocp.types import Period
 
@@ -105,7 +106,9 @@ class KinematicController(TableDisplay):
         room = distance_layout_sizes([*viability.models_of(guards), *(asked.model for asked in pairs)], robot)
         sizes = {**viability.viability_sizes(robot, guards, dt), **task_goals.track_sizes(tracks), **nearest, **room}
         memory = tick_memory(robot, mission, self.problem, self.watchdog, sizes)
-        self.whole = velocity_tick.velocity_controller(memory, self.problem, solver)
+        size = self.problem.function.size2_out(0)
+        core = solver.core(size, self.problem.sizes) if isinstance(solver, CompiledSolver) else None
+        self.whole = velocity_tick.velocity_controller(memory, self.problem, core)
         """A `VelocityController` around `memory`; `None` where Python calls the solver."""
         self.memory = memory = memory if self.whole is None else self.whole.tick
         """All that a tick knows, a `TickMemory`."""

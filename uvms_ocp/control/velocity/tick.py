@@ -7,6 +7,7 @@ from collections.abc import Callable
 from time import perf_counter
 from typing import Annotated, Any
 
+import casadi as ca
 import numpy as np
 
 from uvms_ocp.codegen.kernel_layout import FunctionField, Layout, Sized, Vector, structure_of, view
@@ -19,7 +20,6 @@ from uvms_ocp.estimation.degraded_modes import restrict
 from uvms_ocp.estimation.fallbacks import Freshness, echo_range, freshness_of, hold_last_valid, point_altimeter
 from uvms_ocp.mission import progress
 from uvms_ocp.robot.signals import Trust
-from uvms_ocp.solvers.hierarchy.active_set import LexicographicActiveSet
 from uvms_ocp.solvers.hierarchy.solution import Status, TickResult, dense
 
 _SPARE = 1.3  # times the error of the velocity, which still grows as it is seen
@@ -253,18 +253,20 @@ class VelocityController(Layout):
     levels: FunctionField
     """Levels, as `LevelsProblem.function`."""
     solver: FunctionField
-    """J, lower, upper, gate, active set -> v, active set, report, residual."""
+    """J, lower, upper, rate, activation, gate, state -> v, state, report, residual."""
     jacobian: Annotated[Vector, Sized("n_entries")]
     """(n_rows, n_v) column after column, as all that follows of `Level`."""
     lower: Annotated[Vector, Sized("n_rows")]
     upper: Annotated[Vector, Sized("n_rows")]
+    rate: Annotated[Vector, Sized("n_rows")]
+    activation: Annotated[Vector, Sized("n_rows")]
     gate: Annotated[Vector, Sized("n_rows")]
     activity: Annotated[Vector, Sized("n_activity")]
     """(n_activity,) as that of the levels function."""
-    active_set: Annotated[Vector, Sized("n_rows")]
-    """(n_rows,) of the tick before."""
-    found_set: Annotated[Vector, Sized("n_rows")]
-    """(n_rows,) of this one."""
+    state: Annotated[Vector, Sized("n_rows")]
+    """(n_rows,) of the solver, from the tick before: of the strict one its active set."""
+    new_state: Annotated[Vector, Sized("n_rows")]
+    """(n_rows,) from this one."""
     report: Annotated[Vector, Sized(2)]
     """(2,) code of the solver's `Status`, and iterations."""
     residual: Annotated[Vector, Sized("n_rows")]
@@ -275,13 +277,13 @@ class VelocityController(Layout):
 
 def solve(c: VelocityController) -> int:
     """Solve the hierarchy and finish the tick; return the code of the `Status`. A kernel."""
-    m, J, low, up, gate = c.tick, c.jacobian, c.lower, c.upper, c.gate
+    m, J, low, up, rate, on, gate = c.tick, c.jacobian, c.lower, c.upper, c.rate, c.activation, c.gate
     goals = m.goals.values
     c.levels(
-        m.q, m.v, m.passive, m.previous, m.change, m.echo, goals, m.gates, J, low, up, None, None, gate, m.quantities, c.activity
+        m.q, m.v, m.passive, m.previous, m.change, m.echo, goals, m.gates, J, low, up, rate, on, gate, m.quantities, c.activity
     )
-    c.solver(J, low, up, gate, c.active_set, m.solved, c.found_set, c.report, c.residual)
-    c.active_set[:] = c.found_set
+    c.solver(J, low, up, rate, on, gate, c.state, m.solved, c.new_state, c.report, c.residual)
+    c.state[:] = c.new_state
     status = int(c.report[0])
     m.usable = c.usable[status] != 0
     return status
@@ -294,12 +296,11 @@ def solve_and_finish(c: VelocityController) -> int:
     return status
 
 
-def velocity_controller(tick: TickMemory, problem: LevelsProblem, solver: Any) -> VelocityController | None:
-    """A `VelocityController` whose tick is a copy of this one; `None` for a solver that has no machine code."""
-    levels, rows = dense(problem.function), problem.sizes
-    core = solver.core(levels.size2_out(0), rows) if isinstance(solver, LexicographicActiveSet) else None
+def velocity_controller(tick: TickMemory, problem: LevelsProblem, core: ca.Function | None) -> VelocityController | None:
+    """A `VelocityController` whose tick is a copy of this one; `None` without a core, as `CompiledSolver.core` gives it."""
     if core is None:
         return None
+    levels, rows = dense(problem.function), problem.sizes
     sizes = {"n_rows": sum(rows), "n_entries": levels.numel_out(0), "n_statuses": len(Status)}
     activity = levels.numel_out(levels.n_out() - 1)
     kind = structure_of(VelocityController, tick=type(tick), levels=levels, solver=core, n_activity=activity, **sizes)

@@ -24,9 +24,6 @@ from uvms_ocp.solvers.hierarchy.level import is_valid, residual, row_slices, wid
 from uvms_ocp.solvers.hierarchy.solution import Status
 from uvms_ocp.types import Array, Indices, Mask
 
-STATUSES = tuple(Status)
-"""Statuses by their codes, which the solver in C gives."""
-
 
 class RowState(IntEnum):
     """State of one row: free, held at a bound, or an equality, which is always held."""

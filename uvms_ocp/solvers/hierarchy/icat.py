@@ -1,30 +1,29 @@
 """Regularised task-priority pseudo-inverse with activation functions ([SimettiCasalino2016]).
 
-`[rate]` is the unit of a row, `[velocity]` that of an entry of v.
+In C where there is a compiler, in NumPy otherwise. `[rate]` is the unit of a row, `[velocity]` that of an entry of v.
 """
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
-from time import perf_counter
 from typing import Annotated
 
-import casadi as ca
 import numpy as np
-from numpy.typing import ArrayLike
 
-from uvms_ocp.checks import checked_dataclass, checked_on_failure, unchecked_constructor
-from uvms_ocp.codegen.buffered import BufferedFunction
+from uvms_ocp.checks import checked_dataclass, checked_on_failure
+from uvms_ocp.codegen.compile import c_macros
 from uvms_ocp.errors import InvalidInput
-from uvms_ocp.solvers.hierarchy import solution, tolerances
-from uvms_ocp.solvers.hierarchy.level import Level, residual, row_slices, stack
+from uvms_ocp.solvers.hierarchy import core, tolerances
+from uvms_ocp.solvers.hierarchy.level import residual, row_slices
+from uvms_ocp.solvers.hierarchy.solution import Status
 from uvms_ocp.types import Array, Positive, Shape
 
-_result = unchecked_constructor(solution.TickResult)
+_FILES = ("interface.c", "symmetric.c", "icat.c")
 
 
 @checked_dataclass(eq=False)
-class Icat:
+class Icat(core.CompiledSolver):
     """[Gao2022] eq. (27): a fold over the levels, reading ``rate`` and ``activation`` only.
 
     Priorities hold up to the regularisation and while no activation is between 0 and 1; acceleration limits are not kept. With
@@ -39,18 +38,34 @@ class Icat:
     """[rate^2/velocity^2] Singular values below it are regularised, along a cosine bell."""
     weight: Positive = 10.0
     """[rate^2/velocity^2] Cost of motion that the levels above have already used up."""
+    compiled: bool = True
+    """False keeps to NumPy."""
 
-    @checked_on_failure
-    def solve(self, levels: Sequence[Level]) -> solution.Solution:
-        """Raises `InvalidInput` where ``levels`` is empty or of mixed width."""
-        return solution.timed_solution(levels, self._of_levels)
+    def core_source(self, n: int, sizes: Sequence[int]) -> str:
+        """C99 source of the solver as an external function of CasADi; needs libm only."""
+        filled = [size for size in sizes if size]
+        rows = {"N": n, "M": sum(filled), "L": len(filled), "LEVEL_SIZES": ", ".join(map(str, filled))}
+        numbers = {"damping": self.damping, "threshold": self.threshold, "weight": self.weight, "pi": math.pi}
+        limits = {"LARGEST": tolerances.LARGEST, "ENDLESS": tolerances.ENDLESS}
+        return "\n".join([core.INCLUDES, c_macros({**rows, **numbers, **limits}), core.status_codes(), *core.texts_of(*_FILES)])
 
-    def bind(self, levels_function: ca.Function, sizes: Sequence[int]) -> solution.Tick:
-        """``levels_function`` is evaluated in CasADi, the fold in NumPy."""
-        solution.check_levels_function(levels_function, sizes)
-        inputs = solution.dense_inputs(levels_function)
-        function = ca.Function("levels", inputs, solution.dense_outputs(levels_function, inputs))
-        return _IcatTick(self, BufferedFunction(function), tuple(sizes), levels_function.size2_out(0))
+    def in_python(self, n: int, sizes: Sequence[int]) -> core.PythonSolver:
+        """Return the same in NumPy, for any numbers."""
+
+        @np.errstate(over="ignore", invalid="ignore")
+        def solve(J: Array, lower: Array, upper: Array, rate: Array, activation: Array, gate: Array, state: Array) -> list[Array]:
+            # Comparisons with NaN are false.
+            valid = (np.abs(J) < tolerances.LARGEST).all() and np.isfinite(rate).all() and np.isfinite(activation).all()
+            v = self.velocity(J, rate, activation, sizes) if valid else np.full(n, np.inf)
+            if (np.abs(v) < tolerances.ENDLESS).all():
+                return [v, state, core.report(Status.REGULARISED), residual(J, v, lower, upper, gate)]
+            return [np.zeros(n), state, core.report(Status.INVALID_INPUT), np.zeros(len(state))]
+
+        return solve
+
+    def most_work(self, sizes: Sequence[int]) -> str:
+        """Describe what a call does at most."""
+        return f"the eigenvalues of two matrices (n, n) for each of {len(sizes)} levels, each found by at most 3 n^2 rotations"
 
     @checked_on_failure
     def velocity(
@@ -73,10 +88,6 @@ class Icat:
                 rho, Q = self._step(rho, Q, J[rows], rate[rows], activation[rows])
         return rho
 
-    def _of_levels(self, levels: Sequence[Level]) -> tuple[Array, solution.Status]:
-        rows = stack(levels)
-        return _guarded(self, rows.jacobian, rows.rate, rows.activation, rows.sizes)
-
     def _step(self, rho: Array, Q: Array, J: Array, rate: Array, a: Array) -> tuple[Array, Array]:
         X = J @ Q
         used = np.eye(len(Q)) - Q
@@ -95,28 +106,3 @@ class Icat:
         s = np.maximum(s, 0.0)
         bell = np.where(s < self.threshold, 0.5 * np.cos(np.pi * s / self.threshold) + 0.5, 0.0)
         return np.asarray((U * (s / (s * s + self.damping * bell))) @ U.T)
-
-
-@np.errstate(over="ignore", invalid="ignore")
-def _guarded(solver: Icat, J: Array, rate: Array, activation: Array, sizes: Sequence[int]) -> tuple[Array, solution.Status]:
-    """Solve as `Icat.velocity` for any numbers: v is 0 where they are invalid or the result is not finite."""
-    # Comparisons with NaN are false.
-    valid = (np.abs(J) < tolerances.LARGEST).all() and np.isfinite(rate).all() and np.isfinite(activation).all()
-    v = solver.velocity(J, rate, activation, sizes) if valid else np.full(J.shape[1], np.inf)
-    sound = bool((np.abs(v) < tolerances.ENDLESS).all())
-    return (v, solution.Status.REGULARISED) if sound else (np.zeros(len(v)), solution.Status.INVALID_INPUT)
-
-
-class _IcatTick:
-    __slots__ = ("_function", "_n", "_sizes", "_solver")
-
-    def __init__(self, solver: Icat, function: BufferedFunction, sizes: tuple[int, ...], n: int) -> None:
-        self._solver, self._function, self._sizes, self._n = solver, function, sizes, n
-
-    def __call__(self, *inputs: ArrayLike) -> solution.TickResult:
-        start = perf_counter()
-        J, lower, upper, rate, activation, gate, *extras = self._function(*inputs)
-        J = J.reshape(-1, self._n)
-        v, status = _guarded(self._solver, J, rate, activation, self._sizes)
-        missed = residual(J, v, lower, upper, gate) if status.usable else np.zeros(len(lower))
-        return _result(v=v, status=status, residual=missed, extras=tuple(extras), solve_time=perf_counter() - start)
