@@ -82,11 +82,21 @@ def functions_in(memory: Any) -> Iterator[FunctionStructure]:
     if isinstance(memory, FunctionStructure):
         yield memory
     elif isinstance(memory, ctypes.Structure):
-        for name, *_ in type(memory)._fields_:
+        for name in _with_functions(type(memory)):
             yield from functions_in(getattr(memory, name))
-    elif isinstance(memory, ctypes.Array) and issubclass(memory._type_, ctypes.Structure):
+    elif isinstance(memory, ctypes.Array) and _with_functions(type(memory)):
         for part in memory:
             yield from functions_in(part)
+
+
+@lru_cache(maxsize=512)
+def _with_functions(kind: Any) -> tuple[str, ...]:
+    """Fields of a structure in which functions are, which are looked for in every memory; of an array those of its parts."""
+    if issubclass(kind, ctypes.Array):
+        return _with_functions(kind._type_)
+    if issubclass(kind, FunctionStructure):
+        return ("",)
+    return tuple(name for name, of, *_ in getattr(kind, "_fields_", ()) if _with_functions(of))
 
 
 @lru_cache(maxsize=96)

@@ -8,13 +8,13 @@ from __future__ import annotations
 import importlib.metadata
 import logging
 import os
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import replace
 from operator import attrgetter
 from pathlib import Path
 from typing import Any, Literal
-from weakref import WeakSet
+from weakref import WeakKeyDictionary, WeakSet, WeakValueDictionary
 
 import numpy as np
 import pinocchio as pin
@@ -197,6 +197,12 @@ def load_robot(
     name = None if name is None else str(name)
     urdf_path, yaml_path = _paths(name, urdf, file)
     place = urdf_path.parent.resolve() / urdf_path.name  # which packages are seen from, a link too
+    others: dict[str, Any] = {"base": base, "tool": tool, "altimeter": altimeter, "dvl": dvl}
+    files = [urdf_path, *filter(None, [yaml_path]), *([variant_file(name, variant)] if name and variant else [])]
+    asked = repr((name, known, variant, others, package_dirs, meshes, mimic, lock, drop, _stamps(files)))
+    read = _read.get(asked)
+    if read is not None and _open[read][0] == _stamps(_mesh_files(read)):
+        return _warned(read, yaml_path or urdf_path)
     faults: list[RobotDataError] = []
     try:
         description = known or _description(name, yaml_path, variant)
@@ -209,9 +215,8 @@ def load_robot(
         own = ((yaml_path or urdf_path).parent / folder for folder in description.loading.packages)
         folders = (Path(folder).resolve() for folder in (*package_dirs, *own))
         loading["packages"] = tuple(os.path.relpath(folder, place.parent) for folder in folders) or None
-    tools = tool if tool is None or isinstance(tool, str) else tuple(tool)
-    others = {"base": base, "tool": tools, "altimeter": altimeter, "dvl": dvl}
-    changes: dict[str, Any] = {key: value for key, value in others.items() if value is not None}
+    others["tool"] = tool if tool is None or isinstance(tool, str) else tuple(tool)
+    changes = {key: value for key, value in others.items() if value is not None}
     how = description.loading.model_copy(update={key: value for key, value in loading.items() if value is not None})
     if how != description.loading:
         changes["loading"] = how
@@ -242,13 +247,33 @@ def load_robot(
             robot = with_moved_frame(robot, moved.frame, coefficients.placement_of(moved))
         except UvmsError as error:
             raise RobotDataError(yaml_path or urdf_path, f"loading.frames: {error}") from None
-    for _, text in unknowns(models.model, description):
-        _log.warning("%s: %s", yaml_path or urdf_path, text)
     by_default = name and not changes and hydrodynamics is None and variant is None
-    return _known(robot if by_default else replace(robot, urdf=place))
+    _read[asked] = robot = _known(robot if by_default else replace(robot, urdf=place))
+    _open[robot] = _stamps(_mesh_files(robot)), [text for _, text in unknowns(models.model, description)]
+    return _warned(robot, yaml_path or urdf_path)
 
 
-_loaded = WeakSet[Robot]()
+_loaded, _read = WeakSet[Robot](), WeakValueDictionary[str, Robot]()
+_open = WeakKeyDictionary[Robot, tuple[list[Any], list[str]]]()  # its meshes as they were, and what its files leave open
+
+
+def _stamps(files: Iterable[Path | str]) -> list[Any]:
+    """Return what changes where one of the files does."""
+    return [
+        (os.path.abspath(file), (found := os.stat(file)).st_ino, found.st_size, found.st_mtime_ns)
+        for file in sorted(files)
+        if os.path.isfile(file)
+    ]
+
+
+def _mesh_files(robot: Robot) -> set[str]:
+    return {shape.meshPath for shape in (*robot.visual_model.geometryObjects, *robot.collision_model.geometryObjects)}
+
+
+def _warned(robot: Robot, file: Path) -> Robot:
+    for text in _open[robot][1]:
+        _log.warning("%s: %s", file, text)
+    return robot
 
 
 def _known(robot: Robot) -> Robot:
