@@ -1,22 +1,26 @@
 """Time and memory against size: ``python benchmarks/growth.py [--seconds S ...]``.
 
 Runs a mission that does not end, with the robot of `new-robot`, noise and a current, by the command line and in Python, checks
-the recording of each and identifies the robot from it; plans a reach in more and more steps, and solves hierarchies of more and
-more unknowns. Writes growth.csv, one row per work and size, and growth.md with the exponents.
+the recording of each and identifies the robot from it; then the works of `growing/works.py`: plans, hierarchies, campaigns, and
+ticks among obstacles and with arms. Writes growth.csv, one row per work and size, and growth.md with the exponents, beside those
+of the day when this was asked for.
 """
 
 from __future__ import annotations
 
+import json
 import subprocess
 import sys
 import time
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from os import environ, pathsep, wait4
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
 
 import numpy as np
+from growing import works
+from growing.works import TICKS, WORKS
 from recording.report import Report, Table, begin, parser_of
 
 MISSION = """
@@ -47,37 +51,6 @@ learn:
   linear_drag: {prior: 0.5}
   quadratic_drag: {prior: 0.5}
 """
-PLAN = """
-import sys, time
-from pathlib import Path
-from horizon.problems import tool_reach
-from uvms_ocp.ocp.plan import OcpStatus
-from uvms_ocp.ocp.planner import Planner
-from uvms_ocp.ocp.trajectory import hold_guess
-from uvms_ocp.solvers.nlp.level_solver import NlpOptions
-planner = Planner(tool_reach(int(sys.argv[1])), NlpOptions(plugin="stagewise"), wait_for_compiler=True)
-plans = []
-for k in range(2):
-    begin = time.process_time()
-    plans.append(planner.plan(guess=hold_guess(planner.problem), diagnose=False))
-    spent = time.process_time() - begin
-assert plans[-1].status is OcpStatus.SOLVED, plans[-1].status
-Path("spent").write_text(str(spent / plans[-1].iterations))
-"""
-HIERARCHY = """
-import sys
-from pathlib import Path
-import numpy as np
-from hierarchy_solvers import ours, problems
-from uvms_ocp.solvers.hierarchy.active_set import LexicographicActiveSet
-n = int(sys.argv[1])
-sizes = (n, n // 7, n // 3, n // 5, n // 2, n)
-sets = [problems.random_hierarchy(np.random.default_rng(seed), n, sizes) for seed in range(20)]
-found = ours.solved(LexicographicActiveSet(), problems.Problem(name="random", warm=False, sets=sets))
-Path("spent").write_text(str(float(np.median(found.seconds))))
-"""
-"""Each in a process of its own, which leaves there how long the work itself took."""
-STAGES, UNKNOWNS = (20, 80, 320, 1000, 2000), (20, 40, 80, 160)
 PLACES = {**environ, "PYTHONPATH": pathsep.join([str(Path(__file__).parent), *filter(None, [environ.get("PYTHONPATH")])])}
 COMMAND = (sys.executable, "-m", "uvms_ocp")
 PROSE = """
@@ -85,13 +58,33 @@ Each in a process of its own, after one that compiled; *peak_mb*: the most memor
 included, of copies that draw figures the largest. The size of the first five is the length of the run [s]. *run*: `uvms-ocp
 run`, with record, report, figures and scene; *loop, folder* and *loop, memory*: `Scenario.run` alone, with a folder for its rows
 and without; *identify*: `uvms-ocp identify` of current, added mass and drag. *plan, an iteration*: the tool reach over so many
-stages, the time of an iteration; *hierarchy*: random ones of so many unknowns, cold, from Python. The exponents are those of
-power laws through all sizes: one where it is in proportion, nought where it is the same at any.
+stages, solved, processor time of an iteration, each of a stage in *us_each*. *hierarchy*: random ones of so many unknowns, the
+median, cold, from Python; *of a humanoid*: 88 unknowns, most with simple bounds, 135 rows; *cascade*: `LexicographicQp` with
+qpOASES, of *problems* so many *inexact*, on rows that depend on each other, and on model predictive control with 32
+inequalities. *campaign*: so many noisy runs of Case 1 of {ticks} ticks, each made anew in one process; *set-up*: of such runs,
+until the first tick. *tick*: the layer of velocities, its median, past so many spheres, and with so many arms, a goal for each.
+The exponents are those of power laws through all sizes: one where it is in proportion, nought where it is the same at any;
+*then*: of the figures of the day when this was asked for, on another machine, where there were any.
 """
 COLUMNS = {"work": "", "size": ".0f", "time_s": ".3g", "peak_mb": ".0f", "disk_mb": ".0f"}
+COLUMNS |= {"us_each": ".1f", "problems": ".0f", "inexact": ".0f", "then_s": ".3g", "then_mb": ".0f"}
+THEN: dict[str, dict[float, tuple[float, float]]] = {
+    "run": {300: (np.nan, 600), 7200: (np.nan, 9000)},
+    "check-recording": {300: (4, np.nan), 7200: (57, 6900)},
+    "identify": {300: (163, 1200), 7200: (np.nan, np.nan)},
+    "plan, an iteration": {n: (1e-6 * each * n, np.nan) for n, each in ((20, 155), (40, 173), (80, 221))},
+    "hierarchy": {n: (1e-6 * us, np.nan) for n, us in ((20, 236), (40, 1416), (80, 25600), (160, 549115))},
+    "hierarchy of a humanoid": {88: (9.8e-3, np.nan)},
+    "cascade, control": {16: (14e-3, np.nan)},
+    "campaign of short runs": {n: (0.35 * n, np.nan) for n in (10, 100, 1000)},
+    "set-up of runs": {n: (0.30 * n, np.nan) for n in (10, 100, 1000)},
+    "tick, obstacles": {n: (1e-6 * us, np.nan) for n, us in ((3, 165), (30, 194), (300, 273), (3000, 1060))},
+    "tick, arms of seven joints": {n: (1e-6 * us, np.nan) for n, us in ((1, 159), (2, 239), (3, 390), (4, 572))},
+}
+"""Time [s] and memory [MB] by work and size on the day of the issue; NaN: not measured, of *identify* no end but an error."""
 
 
-def measured(words: list[str], folder: Path) -> tuple[float, float]:
+def measured(words: list[str], folder: Path) -> dict[str, Any]:
     """Time [s] and peak memory [MB] of a command and of what it starts. Raises `RuntimeError` for one that fails.
 
     The time is that of the whole process, or what it has written into `spent`.
@@ -102,11 +95,12 @@ def measured(words: list[str], folder: Path) -> tuple[float, float]:
     _, status, usage = wait4(process.pid, 0)
     if status >> 8 not in (0, 3):  # 3: the mission is not completed, as it never is
         raise RuntimeError(f"{' '.join(words)} ended with {status >> 8}")
-    took = float(spent.read_text()) if spent.exists() else time.perf_counter() - begin
-    return took, usage.ru_maxrss / 1e3
+    took = time.perf_counter() - begin
+    own = json.loads(spent.read_text(encoding="utf-8")) if spent.exists() else {"time_s": took}
+    return {**own, "peak_mb": usage.ru_maxrss / 1e3}
 
 
-def works(folder: Path, seconds: float) -> Iterator[dict[str, Any]]:
+def lengths_of(folder: Path, seconds: float) -> Iterator[dict[str, Any]]:
     """A row for each work at a length."""
     out, length = f"run{seconds:g}", f"{seconds:g}"
     run = [*COMMAND, "run", "endless.py", "--force", "--duration", length, "--out", out]
@@ -119,26 +113,49 @@ def works(folder: Path, seconds: float) -> Iterator[dict[str, Any]]:
         "identify": [*COMMAND, "identify", "learn.yaml", f"rows{seconds:g}", "--out", f"learnt{seconds:g}"],
     }
     for work, words in each.items():
-        took, peak = measured(words, folder)
-        disk = record.stat().st_size / 1e6 if work == "run" else None
-        yield {"work": work, "size": seconds, "time_s": took, "peak_mb": peak, "disk_mb": disk}
+        found = measured(words, folder)
+        yield row_of(work, seconds, found | ({"disk_mb": record.stat().st_size / 1e6} if work == "run" else {}))
 
 
 def others(folder: Path, quick: bool) -> Iterator[dict[str, Any]]:
-    """A row for each plan and hierarchy."""
-    for work, script, sizes in (("plan, an iteration", PLAN, STAGES), ("hierarchy", HIERARCHY, UNKNOWNS)):
-        for size in sizes[:2] if quick else sizes:
-            took, peak = measured([sys.executable, "-c", script, str(size)], folder)
-            yield {"work": work, "size": size, "time_s": took, "peak_mb": peak, "disk_mb": None}
+    """A row for each of the other works and sizes, after one that compiled; quick: for the smallest size."""
+    for work, (_, sizes) in WORKS.items():
+        for size in sizes[:1] if quick else sizes:
+            words = [sys.executable, str(Path(works.__file__)), work, str(size)]
+            if not quick:
+                measured(words, folder)
+            yield row_of(work, size, measured(words, folder))
+
+
+def row_of(work: str, size: float, found: dict[str, Any]) -> dict[str, Any]:
+    """All columns, and what it was then."""
+    time_s, memory = THEN.get(work, {}).get(size, (np.nan, np.nan))
+    then = {"then_s": time_s, "then_mb": memory}
+    known = {"work": work, "size": size, **found, **{name: value for name, value in then.items() if np.isfinite(value)}}
+    return {name: known.get(name) for name in COLUMNS}
 
 
 def exponents(rows: list[dict[str, Any]]) -> Iterator[dict[str, Any]]:
     """Of time and peak memory, by work."""
     for work in dict.fromkeys(row["work"] for row in rows):
-        own = [row for row in rows if row["work"] == work]
-        size = np.log([row["size"] for row in own])
-        slopes = [float(np.polyfit(size, np.log([row[name] for row in own]), 1)[0]) for name in ("time_s", "peak_mb")]
-        yield {"work": work, "exponent of time": slopes[0], "exponent of memory": slopes[1]}
+        own, then = [row for row in rows if row["work"] == work], THEN.get(work, {})
+        if len(own) < 2:
+            continue
+        sizes = [row["size"] for row in own]
+        times, memories = zip(*then.values(), strict=True) if then else ((), ())
+        yield {
+            "work": work,
+            "exponent of time": exponent(sizes, [row["time_s"] for row in own]),
+            "time, then": exponent(list(then), times),
+            "exponent of memory": exponent(sizes, [row["peak_mb"] for row in own]),
+            "memory, then": exponent(list(then), memories),
+        }
+
+
+def exponent(sizes: Sequence[float], values: Sequence[float]) -> float | None:
+    """Of the power law through values (n,) [any] that are known; `None` for fewer than two."""
+    x, y = np.array([(size, value) for size, value in zip(sizes, values, strict=True) if np.isfinite(value)]).reshape(-1, 2).T
+    return float(np.polyfit(np.log(x), np.log(y), 1)[0]) if len(x) > 1 else None
 
 
 def main() -> None:
@@ -154,9 +171,9 @@ def main() -> None:
         for name, text in (("endless.py", MISSION), ("learn.yaml", LEARN)):
             (folder / name).write_text(text, encoding="utf-8")
         measured([*COMMAND, "run", "endless.py", "--force", "--duration", "1", "--out", "first"], folder)  # which compiles
-        rows = [row for seconds in lengths for row in works(folder, seconds)] + [*others(folder, run.quick)]
+        rows = [row for seconds in lengths for row in lengths_of(folder, seconds)] + [*others(folder, run.quick)]
     tables = [Table(rows=rows, columns=COLUMNS), Table(rows=[*exponents(rows)])]
-    run.write(Report(name="growth", title="What size costs", prose=PROSE, tables=tables))
+    run.write(Report(name="growth", title="What size costs", prose=PROSE.format(ticks=TICKS), tables=tables))
 
 
 if __name__ == "__main__":

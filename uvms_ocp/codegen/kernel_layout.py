@@ -92,10 +92,8 @@ def functions_in(memory: Any) -> Iterator[FunctionStructure]:
 @lru_cache(maxsize=512)
 def _with_functions(kind: Any) -> tuple[str, ...]:
     """Fields of a structure in which functions are, which are looked for in every memory; of an array those of its parts."""
-    if issubclass(kind, ctypes.Array):
-        return _with_functions(kind._type_)
-    if issubclass(kind, FunctionStructure):
-        return ("",)
+    if issubclass(kind, (ctypes.Array, FunctionStructure)):
+        return _with_functions(kind._type_) if issubclass(kind, ctypes.Array) else ("",)
     return tuple(name for name, of, *_ in getattr(kind, "_fields_", ()) if _with_functions(of))
 
 

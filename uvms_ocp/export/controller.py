@@ -244,7 +244,7 @@ def _texts_controller(scenario: Scenario) -> tuple[dict[str, str], bytes]:
         ticks=len(run.ticks),
         size=ctypes.sizeof(memory),
         period=scenario.dt,
-        bound=f"{solver.most_work(kinematic.problem.sizes)}, {ROUNDS} rounds for every distance, whatever the numbers",
+        bound=f"iterations of the solver (`MOST_OF_ALL` or `TURNS` in `solver.c`), {ROUNDS} rounds for every distance",
         channels=table(names.channels),
         phases=table(names.phases),
         parameters=table([f"{name} = {numbers[place]:g}" for name, place in places.items()]),

@@ -29,7 +29,7 @@ from uvms_ocp.robot.description import RobotDescription
 from uvms_ocp.robot.limits import ASSUMED_ACCELERATION, ASSUMED_VELOCITY, held_joints, home_of, joints_of, limits_of, open_joints
 from uvms_ocp.robot.robot import Robot, with_moved_frame
 from uvms_ocp.robot.roles import ALTIMETER, BASE, DVL, TOOL, tools_of, with_roles
-from uvms_ocp.robot.urdf import UrdfModels, UrdfReading, read_urdf
+from uvms_ocp.robot.urdf import UrdfModels, UrdfReading, models_and_notes
 
 # Where robots are found: ``robots/`` packed into the package, or the one of an editable checkout.
 
@@ -202,7 +202,7 @@ def load_robot(
     asked = repr((name, known, variant, others, package_dirs, meshes, mimic, lock, drop, _stamps(files)))
     read = _read.get(asked)
     if read is not None and _open[read][0] == _stamps(_mesh_files(read)):
-        return _warned(read, yaml_path or urdf_path)
+        return _warned(read)
     faults: list[RobotDataError] = []
     try:
         description = known or _description(name, yaml_path, variant)
@@ -222,7 +222,7 @@ def load_robot(
         changes["loading"] = how
     description = descriptions.checked_copy(description, **changes) if changes else description
     try:
-        models = read_urdf(
+        models, notes = models_and_notes(
             urdf_path,
             free_flyer=description.base == "free_flyer",
             package_dirs=[urdf_path.parent / folder for folder in how.packages],
@@ -248,9 +248,12 @@ def load_robot(
         except UvmsError as error:
             raise RobotDataError(yaml_path or urdf_path, f"loading.frames: {error}") from None
     by_default = name and not changes and hydrodynamics is None and variant is None
-    _read[asked] = robot = _known(robot if by_default else replace(robot, urdf=place))
-    _open[robot] = _stamps(_mesh_files(robot)), [text for _, text in unknowns(models.model, description)]
-    return _warned(robot, yaml_path or urdf_path)
+    robot = _known(robot if by_default else replace(robot, urdf=place))
+    said = [f"{yaml_path or urdf_path}: {text}" for _, text in unknowns(models.model, description)]
+    _open[robot] = _stamps(_mesh_files(robot)), [*(f"{urdf_path}: {note}" for note in notes), *said]
+    if not notes:  # such as of a mesh that is missing, and may be there the next time
+        _read[asked] = robot
+    return _warned(robot)
 
 
 _loaded, _read = WeakSet[Robot](), WeakValueDictionary[str, Robot]()
@@ -270,9 +273,9 @@ def _mesh_files(robot: Robot) -> set[str]:
     return {shape.meshPath for shape in (*robot.visual_model.geometryObjects, *robot.collision_model.geometryObjects)}
 
 
-def _warned(robot: Robot, file: Path) -> Robot:
+def _warned(robot: Robot) -> Robot:
     for text in _open[robot][1]:
-        _log.warning("%s: %s", file, text)
+        _log.warning("%s", text)
     return robot
 
 

@@ -106,8 +106,8 @@ class KinematicController(TableDisplay):
         room = distance_layout_sizes([*viability.models_of(guards), *(asked.model for asked in pairs)], robot)
         sizes = {**viability.viability_sizes(robot, guards, dt), **task_goals.track_sizes(tracks), **nearest, **room}
         memory = tick_memory(robot, mission, self.problem, self.watchdog, sizes)
-        size = self.problem.function.size2_out(0)
-        core = solver.core(size, self.problem.sizes) if isinstance(solver, CompiledSolver) else None
+        sizes_of_core = self.problem.function.size2_out(0), self.problem.sizes
+        core = solver.core(*sizes_of_core) if isinstance(solver, CompiledSolver) else None
         self.whole = velocity_tick.velocity_controller(memory, self.problem, core)
         """A `VelocityController` around `memory`; `None` where Python calls the solver."""
         self.memory = memory = memory if self.whole is None else self.whole.tick

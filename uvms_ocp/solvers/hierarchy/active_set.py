@@ -76,7 +76,3 @@ class LexicographicActiveSet(core.CompiledSolver):
             return [found.v, found.active_set, core.report(found.status, found.iterations), found.residual]
 
         return solve
-
-    def most_work(self, sizes: Sequence[int]) -> str:
-        """Describe what a call does at most."""
-        return f"{tolerances.iteration_budget(sum(sizes)).most_of_all} iterations of the solver"

@@ -29,8 +29,7 @@ _result = unchecked_constructor(solution.TickResult)
 
 def texts_of(*names: str) -> list[str]:
     """Return the texts of files of C beside this one."""
-    folder = files("uvms_ocp.solvers.hierarchy")
-    return [folder.joinpath(name).read_text(encoding="utf-8") for name in names]
+    return [(files("uvms_ocp.solvers.hierarchy") / name).read_text(encoding="utf-8") for name in names]
 
 
 def report(status: solution.Status, iterations: int = 0) -> Array:
@@ -65,11 +64,6 @@ class CoreTick:
         self._tick.adopt(*inputs, self._state)
         return partial(self._evaluated, self._tick)
 
-    @property
-    def compiled(self) -> bool:
-        """True if the whole tick is one Function with the solver in C."""
-        return self._tick is not None
-
     def __call__(self, *inputs: ArrayLike) -> solution.TickResult:
         """Raises `InvalidInput` for a wrong number or shape of inputs."""
         start = perf_counter()
@@ -102,10 +96,6 @@ class CompiledSolver:
 
     def in_python(self, n: int, sizes: Sequence[int]) -> PythonSolver:
         """Return what takes the place of the core without a compiler."""
-        raise NotImplementedError
-
-    def most_work(self, sizes: Sequence[int]) -> str:
-        """Describe what a call of the core does at most."""
         raise NotImplementedError
 
     @checked_on_failure

@@ -19,8 +19,6 @@ from uvms_ocp.solvers.hierarchy.level import residual, row_slices
 from uvms_ocp.solvers.hierarchy.solution import Status
 from uvms_ocp.types import Array, Positive, Shape
 
-_FILES = ("interface.c", "symmetric.c", "icat.c")
-
 
 @checked_dataclass(eq=False)
 class Icat(core.CompiledSolver):
@@ -46,8 +44,8 @@ class Icat(core.CompiledSolver):
         filled = [size for size in sizes if size]
         rows = {"N": n, "M": sum(filled), "L": len(filled), "LEVEL_SIZES": ", ".join(map(str, filled))}
         numbers = {"damping": self.damping, "threshold": self.threshold, "weight": self.weight, "pi": math.pi}
-        limits = {"LARGEST": tolerances.LARGEST, "ENDLESS": tolerances.ENDLESS}
-        return "\n".join([core.INCLUDES, c_macros({**rows, **numbers, **limits}), core.status_codes(), *core.texts_of(*_FILES)])
+        macros = c_macros({**rows, **numbers, "LARGEST": tolerances.LARGEST, "ENDLESS": tolerances.ENDLESS})
+        return "\n".join([core.INCLUDES, macros, core.status_codes(), *core.texts_of("interface.c", "symmetric.c", "icat.c")])
 
     def in_python(self, n: int, sizes: Sequence[int]) -> core.PythonSolver:
         """Return the same in NumPy, for any numbers."""
@@ -62,10 +60,6 @@ class Icat(core.CompiledSolver):
             return [np.zeros(n), state, core.report(Status.INVALID_INPUT), np.zeros(len(state))]
 
         return solve
-
-    def most_work(self, sizes: Sequence[int]) -> str:
-        """Describe what a call does at most."""
-        return f"the eigenvalues of two matrices (n, n) for each of {len(sizes)} levels, each found by at most 3 n^2 rotations"
 
     @checked_on_failure
     def velocity(

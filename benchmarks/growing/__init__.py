@@ -1,0 +1,1 @@
+"""Works whose cost grows with a size, each made ready by one function."""

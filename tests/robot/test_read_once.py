@@ -1,0 +1,86 @@
+"""A robot whose files are as they were is read once: the same robot, with the same warnings, and anew where one has changed."""
+
+from __future__ import annotations
+
+import logging
+from pathlib import Path
+
+import pytest
+
+import uvms_ocp as uo
+from uvms_ocp.robot import loading
+from uvms_ocp.robot.robot import Robot
+
+URDF = """<robot name="box"><link name="base_link"><inertial><mass value="{mass}"/>
+<inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0" iyz="0"/></inertial>
+<visual><geometry><mesh filename="hull.stl"/></geometry></visual></link></robot>"""
+STL = """solid hull
+facet normal 0 0 1
+outer loop
+vertex 0 0 0
+vertex {size} 0 0
+vertex 0 {size} 0
+endloop
+endfacet
+endsolid
+"""
+
+
+def _written(folder: Path, *, mass: float = 10.0, size: float | None = 1.0, drag: float = 5.0) -> None:
+    """A robot of one link with a picture; size [m]: of the picture, which is missing without one."""
+    (folder / "robot.urdf").write_text(URDF.format(mass=mass))
+    (folder / "hydrodynamics.yaml").write_text(
+        f"tool: base_link\nlinks: {{base_link: {{coefficients: {{linear_drag: [{drag}, 5, 5, 1, 1, 1]}}}}}}\n"
+    )
+    if size is not None:
+        (folder / "hull.stl").write_text(STL.format(size=size))
+
+
+def _loaded(folder: Path) -> Robot:
+    return uo.load_robot(urdf=folder / "robot.urdf", hydrodynamics=folder / "hydrodynamics.yaml")
+
+
+@pytest.fixture
+def reads(monkeypatch: pytest.MonkeyPatch) -> list[int]:
+    """One entry for each time that a URDF is read."""
+    found, read = list[int](), loading.models_and_notes
+    monkeypatch.setattr(loading, "models_and_notes", lambda *given, **how: found.append(1) or read(*given, **how))
+    return found
+
+
+def test_unchanged_files_are_read_once_with_the_same_warnings(
+    tmp_path: Path, reads: list[int], caplog: pytest.LogCaptureFixture
+) -> None:
+    _written(tmp_path)
+    said, robots = [], []
+    for _ in range(2):
+        caplog.clear()
+        with caplog.at_level(logging.WARNING):
+            robots.append(_loaded(tmp_path))
+        said.append(caplog.messages.copy())
+    assert robots[0] is robots[1]
+    assert said[0] == said[1]
+    assert len(reads) == 1
+
+
+@pytest.mark.parametrize("change", [{"mass": 11.0}, {"size": 2.0}, {"drag": 6.0}], ids=["URDF", "mesh", "description"])
+def test_a_changed_file_is_read_anew(tmp_path: Path, change: dict[str, float], reads: list[int]) -> None:
+    _written(tmp_path)
+    before = _loaded(tmp_path)
+    _written(tmp_path, **change)
+    assert _loaded(tmp_path) is not before
+    assert len(reads) == 2
+
+
+def test_another_way_of_loading_is_another_robot(tmp_path: Path) -> None:
+    _written(tmp_path)
+    urdf, yaml = tmp_path / "robot.urdf", tmp_path / "hydrodynamics.yaml"
+    robots = {_loaded(tmp_path), uo.load_robot(urdf=urdf, hydrodynamics=yaml, base="fixed"), uo.load_robot(urdf=urdf)}
+    assert len(robots) == 3
+
+
+def test_a_mesh_that_was_missing_is_seen_once_it_is_there(tmp_path: Path) -> None:
+    _written(tmp_path, size=None)
+    before = _loaded(tmp_path)
+    _written(tmp_path)
+    assert len(_loaded(tmp_path).visual_model.geometryObjects) > len(before.visual_model.geometryObjects)
