@@ -28,6 +28,7 @@ from uvms_ocp.tasks import MinimumAltitude
 
 CALLS = surface()
 WORDS = {
+    "faults": ("fault",),
     "limit": ("threshold",),
     "tolerance": ("threshold",),
     "q0": ("q",),

@@ -18,7 +18,7 @@ from uvms_ocp.checks import checked_constructor, replace_unchecked
 from uvms_ocp.codegen.elementwise import interval_distance, interval_excess
 from uvms_ocp.errors import InvalidInput
 from uvms_ocp.solvers.stage_qp import compiled, problem, sparse_core, tolerances
-from uvms_ocp.types import Array
+from uvms_ocp.types import Array, Positive
 
 # A QP with its residuals as rows: where a Hessian is the sum of stiff and weak ones, the weak are lost to rounding.
 
@@ -152,7 +152,7 @@ class StageQpSolver:
         qp: problem.StageQp,
         near: problem.WarmStart | None = None,
         *,
-        tolerance: float | None = None,
+        tolerance: Positive | None = None,
         explained: bool = True,
     ) -> problem.FlatSolution:
         """The same in arrays with stage after stage.
