@@ -11,14 +11,15 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import fields, replace
+from functools import lru_cache
 
 import numpy as np
 
-from uvms_ocp.checks import checked_constructor, replace_unchecked
+from uvms_ocp.checks import checked_constructor
 from uvms_ocp.codegen.elementwise import interval_distance, interval_excess
 from uvms_ocp.errors import InvalidInput
 from uvms_ocp.solvers.stage_qp import compiled, problem, sparse_core, tolerances
-from uvms_ocp.types import Array, Positive
+from uvms_ocp.types import Array
 
 # A QP with its residuals as rows: where a Hessian is the sum of stiff and weak ones, the weak are lost to rounding.
 
@@ -121,6 +122,7 @@ def is_recession_direction(other: problem.StageQp, z: tuple[Array, ...]) -> bool
 
 # QPs of stages by an interior point: with a factor per iteration, and one only where no bound is reached.
 
+_with_tolerance = lru_cache(maxsize=8)(lambda options, tolerance: replace(options, tolerance=tolerance))
 _POINT = tuple(item.name for item in fields(problem.FlatPoint))
 _UNCLEAR = (problem.StageQpStatus.ITERATION_LIMIT, problem.StageQpStatus.UNBOUNDED)
 _MISSED = 1e-5  # relative violation that no point does without
@@ -152,7 +154,7 @@ class StageQpSolver:
         qp: problem.StageQp,
         near: problem.WarmStart | None = None,
         *,
-        tolerance: Positive | None = None,
+        tolerance: float | None = None,
         explained: bool = True,
     ) -> problem.FlatSolution:
         """The same in arrays with stage after stage.
@@ -162,7 +164,7 @@ class StageQpSolver:
         """
         if qp.shape is not self.shape and qp.shape != self.shape:
             raise InvalidInput("the QP has another shape than the solver; make a solver for it")
-        options = self.options if tolerance is None else replace_unchecked(self.options, tolerance=tolerance)
+        options = self.options if tolerance is None else _with_tolerance(self.options, tolerance)
         end = self._core.solve(qp, options, near)
         if explained and (end.status in _UNCLEAR or _only_rounding(qp, end)):
             end = self._explain(qp, problem.row_table(qp), end)
