@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import logging
+import os
+from collections.abc import Callable
 from pathlib import Path
 
 import pytest
@@ -84,3 +86,49 @@ def test_a_mesh_that_was_missing_is_seen_once_it_is_there(tmp_path: Path) -> Non
     before = _loaded(tmp_path)
     _written(tmp_path)
     assert len(_loaded(tmp_path).visual_model.geometryObjects) > len(before.visual_model.geometryObjects)
+
+
+def test_a_file_of_the_same_size_that_was_given_its_old_time_is_read_anew(tmp_path: Path) -> None:
+    _written(tmp_path)
+    urdf = tmp_path / "robot.urdf"
+    before, stamp = _loaded(tmp_path), urdf.stat()
+    urdf.write_text(URDF.format(mass=11.0))
+    os.utime(urdf, ns=(stamp.st_atime_ns, stamp.st_mtime_ns))  # as `cp -p` and `rsync -t --inplace` do
+    assert urdf.stat().st_size == stamp.st_size
+    assert _loaded(tmp_path).model.inertias[1].mass == before.model.inertias[1].mass + 1.0
+
+
+def _heavier(robot: Robot) -> None:
+    robot.model.inertias[1].mass += 5.0
+
+
+def _moved(robot: Robot) -> None:
+    shape = robot.visual_model.geometryObjects[0]
+    shape.placement.translation = shape.placement.translation + 1.0
+
+
+@pytest.mark.parametrize("change", [_heavier, _moved])
+def test_a_robot_that_its_user_has_changed_is_not_the_next_ones(change: Callable[[Robot], None], tmp_path: Path) -> None:
+    _written(tmp_path)
+    kept = _loaded(tmp_path)
+    model, shapes = kept.model.copy(), kept.visual_model.clone()
+    change(kept)
+    other = _loaded(tmp_path)
+    assert other is not kept
+    assert other.model == model
+    assert other.visual_model == shapes
+
+
+def test_packages_are_those_of_the_working_directory(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    _written(tmp_path)
+    text = (tmp_path / "robot.urdf").read_text().replace("hull.stl", "package://own/hull.stl")
+    (tmp_path / "robot.urdf").write_text(text)
+    meshes = []
+    for name in ("here", "there"):
+        package = tmp_path / name / "packages" / "own"
+        package.mkdir(parents=True)
+        (package / "hull.stl").write_text(STL.format(size=len(name)))
+        monkeypatch.chdir(tmp_path / name)
+        robot = uo.load_robot(urdf=tmp_path / "robot.urdf", package_dirs=["packages"])
+        meshes.append((robot, robot.visual_model.geometryObjects[0].meshPath))
+    assert [Path(mesh).parents[2].name for _, mesh in meshes] == ["here", "there"]

@@ -199,9 +199,10 @@ def load_robot(
     place = urdf_path.parent.resolve() / urdf_path.name  # which packages are seen from, a link too
     others: dict[str, Any] = {"base": base, "tool": tool, "altimeter": altimeter, "dvl": dvl}
     files = [urdf_path, *filter(None, [yaml_path]), *([variant_file(name, variant)] if name and variant else [])]
-    asked = repr((name, known, variant, others, package_dirs, meshes, mimic, lock, drop, _stamps(files)))
+    folders = [*map(os.path.abspath, package_dirs)]
+    asked = repr((name, known, variant, others, folders, meshes, mimic, lock, drop, _stamps(files)))
     read = _read.get(asked)
-    if read is not None and _open[read][0] == _stamps(_mesh_files(read)):
+    if read is not None and _open[read][0] == [_stamps(_mesh_files(read)), *_models(read)]:
         return _warned(read)
     faults: list[RobotDataError] = []
     try:
@@ -213,8 +214,8 @@ def load_robot(
     loading |= {} if meshes is None else {"meshes": "yes" if meshes else "no"}
     if package_dirs or (yaml_path is not None and yaml_path.parent != urdf_path.parent):
         own = ((yaml_path or urdf_path).parent / folder for folder in description.loading.packages)
-        folders = (Path(folder).resolve() for folder in (*package_dirs, *own))
-        loading["packages"] = tuple(os.path.relpath(folder, place.parent) for folder in folders) or None
+        resolved = (Path(folder).resolve() for folder in (*folders, *own))
+        loading["packages"] = tuple(os.path.relpath(folder, place.parent) for folder in resolved) or None
     others["tool"] = tool if tool is None or isinstance(tool, str) else tuple(tool)
     changes = {key: value for key, value in others.items() if value is not None}
     how = description.loading.model_copy(update={key: value for key, value in loading.items() if value is not None})
@@ -250,23 +251,29 @@ def load_robot(
     by_default = name and not changes and hydrodynamics is None and variant is None
     robot = _known(robot if by_default else replace(robot, urdf=place))
     said = [f"{yaml_path or urdf_path}: {text}" for _, text in unknowns(models.model, description)]
-    _open[robot] = _stamps(_mesh_files(robot)), [*(f"{urdf_path}: {note}" for note in notes), *said]
+    as_read = [_stamps(_mesh_files(robot)), robot.model.copy(), *(shapes.clone() for shapes in _models(robot)[1:])]
+    _open[robot] = as_read, [*(f"{urdf_path}: {note}" for note in notes), *said]
     if not notes:  # such as of a mesh that is missing, and may be there the next time
         _read[asked] = robot
     return _warned(robot)
 
 
 _loaded, _read = WeakSet[Robot](), WeakValueDictionary[str, Robot]()
-_open = WeakKeyDictionary[Robot, tuple[list[Any], list[str]]]()  # its meshes as they were, and what its files leave open
+_open = WeakKeyDictionary[Robot, tuple[list[Any], list[str]]]()  # its meshes and models as they were, and what its files leave open
 
 
 def _stamps(files: Iterable[Path | str]) -> list[Any]:
     """Return what changes where one of the files does."""
     return [
-        (os.path.abspath(file), (found := os.stat(file)).st_ino, found.st_size, found.st_mtime_ns)
+        (os.path.abspath(file), (found := os.stat(file)).st_ino, found.st_size, found.st_mtime_ns, found.st_ctime_ns)
         for file in sorted(files)
         if os.path.isfile(file)
     ]
+
+
+def _models(robot: Robot) -> list[Any]:
+    """Its models of Pinocchio, which whoever has the robot can change."""
+    return [robot.model, robot.visual_model, robot.collision_model]
 
 
 def _mesh_files(robot: Robot) -> set[str]:
