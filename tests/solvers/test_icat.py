@@ -112,6 +112,18 @@ def test_in_c_what_is_invalid_is_that_in_numpy(scale: float) -> None:
         np.testing.assert_allclose(np.array(one).ravel(), other, rtol=1e-9)
 
 
+@needs_compiler
+@pytest.mark.parametrize("activation", [1e200, -1e200, np.nan])
+@pytest.mark.parametrize("J", [np.diag([1.0, 2.0, 3.0]), np.zeros((3, 3))], ids=["rows", "no rows"])
+def test_an_activation_that_is_none_is_invalid_in_both(J: np.ndarray, activation: float) -> None:
+    given = _given(J, np.ones(3), np.array([1.0, activation, 1.0]))
+    core = external_core(Icat().core_source(3, (3,)))
+    assert core is not None
+    for v, _, (code, _), _ in ([np.array(one).ravel() for one in core(*given)], Icat().in_python(3, (3,))(*given)):
+        assert STATUSES[int(code)] is Status.INVALID_INPUT
+        np.testing.assert_array_equal(v, np.zeros(3))
+
+
 def test_numbers_of_one_solver_are_not_those_of_another() -> None:
     level = Level(jacobian=[[0.05]], lower=1.0, upper=1.0, rate=1.0)
     (much,), (little,) = (Icat(damping=d, threshold=0.01).solve([level]).v for d in (1e-2, 1e-8))

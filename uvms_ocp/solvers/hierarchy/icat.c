@@ -72,11 +72,11 @@ static void use_rows(Icat *m, int count) {
   }
 }
 
-/* Finite numbers, and entries of J of sensible size. */
+/* Finite numbers, and entries of J and activations of sensible size. */
 static int is_sound(const double **arg) {
   int sound = 1;
   for (int i = 0; i < M * N; ++i) sound &= fabs(arg[JACOBIAN][i]) < LARGEST;
-  for (int r = 0; r < M; ++r) sound &= isfinite(arg[RATE][r]) && isfinite(arg[ACTIVATION][r]);
+  for (int r = 0; r < M; ++r) sound &= isfinite(arg[RATE][r]) && fabs(arg[ACTIVATION][r]) < LARGEST;
   return sound;
 }
 

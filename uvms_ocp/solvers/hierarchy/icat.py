@@ -53,7 +53,7 @@ class Icat(core.CompiledSolver):
         @np.errstate(over="ignore", invalid="ignore")
         def solve(J: Array, lower: Array, upper: Array, rate: Array, activation: Array, gate: Array, state: Array) -> list[Array]:
             # Comparisons with NaN are false.
-            valid = (np.abs(J) < tolerances.LARGEST).all() and np.isfinite(rate).all() and np.isfinite(activation).all()
+            valid = all((np.abs(one) < tolerances.LARGEST).all() for one in (J, activation)) and np.isfinite(rate).all()
             v = self.velocity(J, rate, activation, sizes) if valid else np.full(n, np.inf)
             if (np.abs(v) < tolerances.ENDLESS).all():
                 return [v, state, core.report(Status.REGULARISED), residual(J, v, lower, upper, gate)]
