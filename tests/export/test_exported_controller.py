@@ -13,6 +13,8 @@ import pytest
 from compiler import COMPILER, needs_compiler
 from lasting import patrol
 from odd_robots import ODD, pair_of, reach_of
+from tiny_robots import TINY, robot_of
+from tiny_robots import scenario_of as tiny_scenario
 
 import uvms_ocp as uo
 from uvms_ocp.codegen.kernels import initial_value
@@ -20,9 +22,12 @@ from uvms_ocp.control.velocity.levels import numbers_of
 from uvms_ocp.errors import InvalidInput
 from uvms_ocp.estimation.degraded_modes import CHANNELS
 from uvms_ocp.export import controller, export_controller, exported_controller
+from uvms_ocp.mission.phase import Phase
 from uvms_ocp.robot.signals import SensorSpecs
 from uvms_ocp.scenario.cases import SCENARIOS, case1
+from uvms_ocp.scenario.options import activate, mission_of
 from uvms_ocp.scenario.scenario import Scenario, our_controller
+from uvms_ocp.tasks.pose import NullVelocity
 from uvms_ocp.tasks.task import Hierarchy, Task
 
 pytestmark = [needs_compiler, pytest.mark.slow]
@@ -160,7 +165,7 @@ def test_a_parameter_is_what_the_memory_does_not_know(name: str) -> None:
 
     def initial(tasks: Sequence[Task]) -> str:
         mission = replace(scenario.mission, hierarchy=Hierarchy(tasks, [task.name for task in tasks]))
-        return initial_value(controller.controller_memory(our_controller(replace(scenario, mission=mission))))
+        return initial_value(controller.controller_memory(our_controller(replace(scenario, mission=mission)), scenario.solver))
 
     tasks = list(scenario.mission.hierarchy.tasks)
     numbers, places = controller.task_numbers(tasks, scenario.robot)
@@ -170,6 +175,16 @@ def test_a_parameter_is_what_the_memory_does_not_know(name: str) -> None:
         other = replace(tasks[k], **{item: 1.1 * getattr(tasks[k], item) + 0.01})
         is_same = initial([*tasks[:k], other, *tasks[k + 1 :]]) == known
         assert is_same == (f"{other.name}.{item}" in places), item
+
+
+def test_tasks_without_numbers_have_no_parameters(tmp_path: Path) -> None:
+    robot = robot_of(TINY["one wet link"])
+    phase = Phase(name="A", activations=activate("NR"), transitions=())
+    mission = mission_of(robot, [NullVelocity()], (phase,))
+    scenario = replace(tiny_scenario(robot, "kinematic"), mission=mission)
+    export_controller(scenario, tmp_path)
+    subprocess.run([built(tmp_path, "set", SET_PARAMETERS), tmp_path / "recorded.bin"], check=True)
+    assert "CONTROLLER_PARAMETERS[] = {{0, 0}}" in (tmp_path / "controller.c").read_text()
 
 
 def test_a_controller_of_another_robot_is_refused() -> None:

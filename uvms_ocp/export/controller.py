@@ -254,7 +254,7 @@ def _texts_controller(scenario: Scenario) -> tuple[dict[str, str], bytes]:
         "controller.c": source(library, names, kernel_of(memory).__name__, numbers, places),
         # A file of its own, as compilers that see megabytes of it look for what follows from them for minutes.
         "initial.c": Template(template("initial.c")).substitute(declarations=library.declarations, value=library.initial),
-        "functions.c": with_variable(library.functions, _NUMBERS, numbers),
+        "functions.c": with_variable(library.functions, _NUMBERS, numbers) if places else library.functions,
         "solver.c": _solver_file(kinematic, solver),
         "README.md": readme,
     }
