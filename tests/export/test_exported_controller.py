@@ -13,8 +13,7 @@ import pytest
 from compiler import COMPILER, needs_compiler
 from lasting import patrol
 from odd_robots import ODD, pair_of, reach_of
-from tiny_robots import TINY, robot_of
-from tiny_robots import scenario_of as tiny_scenario
+from tiny_robots import TINY, robot_of, scenario_of as tiny_scenario
 
 import uvms_ocp as uo
 from uvms_ocp.codegen.kernels import initial_value

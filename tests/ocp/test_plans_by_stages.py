@@ -8,7 +8,8 @@ import casadi as ca
 import numpy as np
 import pinocchio as pin
 import pytest
-from reaches import PATIENCE, reach
+from reaches import CHEAP, PATIENCE, patient, reach
+from tiny_robots import TINY, robot_of
 
 from uvms_ocp.ocp.plan import OcpStatus
 from uvms_ocp.ocp.planner import Planner
@@ -91,6 +92,15 @@ def test_an_arm_without_a_vehicle_is_solved_in_the_least_time_as_by_ipopt() -> N
     ours, theirs = stagewise(problem).plan(), Planner(problem, NlpOptions(time_limit=PATIENCE)).plan()
     assert ours.status is theirs.status is OcpStatus.SOLVED
     assert ours.duration == pytest.approx(theirs.duration, rel=1e-3)
+
+
+def test_an_arm_of_one_joint_is_solved_as_by_ipopt() -> None:
+    robot = robot_of(TINY["fixed base, no thrusters"])
+    start = State(q=robot.configuration(), v=np.full(robot.n_v, 0.3))
+    problem = single_phase(robot=robot, start=start, duration=2.0, n_steps=6, levels=[CHEAP], constraints=(AtRest(),))
+    ours, theirs = stagewise(problem).plan(), patient(problem, "ipopt").plan()
+    assert ours.status is theirs.status is OcpStatus.SOLVED
+    assert ours.levels[0].residual == pytest.approx(theirs.levels[0].residual, rel=1e-4)
 
 
 @pytest.mark.parametrize("options", [{}, DRY, {"n_steps": 2}], ids=["wet", "dry", "short"])

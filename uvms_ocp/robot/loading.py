@@ -214,7 +214,7 @@ def load_robot(
     loading |= {} if meshes is None else {"meshes": "yes" if meshes else "no"}
     if package_dirs or (yaml_path is not None and yaml_path.parent != urdf_path.parent):
         own = ((yaml_path or urdf_path).parent / folder for folder in description.loading.packages)
-        resolved = (Path(folder).resolve() for folder in (*folders, *own))
+        resolved = (folder.resolve() for folder in (*map(Path, folders), *own))
         loading["packages"] = tuple(os.path.relpath(folder, place.parent) for folder in resolved) or None
     others["tool"] = tool if tool is None or isinstance(tool, str) else tuple(tool)
     changes = {key: value for key, value in others.items() if value is not None}
@@ -259,21 +259,16 @@ def load_robot(
 
 
 _loaded, _read = WeakSet[Robot](), WeakValueDictionary[str, Robot]()
-_open = WeakKeyDictionary[Robot, tuple[list[Any], list[str]]]()  # its meshes and models as they were, and what its files leave open
+_open = WeakKeyDictionary[Robot, tuple[list[Any], list[str]]]()  # its meshes and models as read, and what files leave open
 
 
 def _stamps(files: Iterable[Path | str]) -> list[Any]:
     """Return what changes where one of the files does."""
-    return [
-        (os.path.abspath(file), (found := os.stat(file)).st_ino, found.st_size, found.st_mtime_ns, found.st_ctime_ns)
-        for file in sorted(files)
-        if os.path.isfile(file)
-    ]
+    found = {os.path.abspath(file): os.stat(file) for file in sorted(files) if os.path.isfile(file)}
+    return [(file, one.st_ino, one.st_size, one.st_mtime_ns, one.st_ctime_ns) for file, one in found.items()]
 
 
-def _models(robot: Robot) -> list[Any]:
-    """Its models of Pinocchio, which whoever has the robot can change."""
-    return [robot.model, robot.visual_model, robot.collision_model]
+_models = attrgetter("model", "visual_model", "collision_model")  # which whoever has the robot can change
 
 
 def _mesh_files(robot: Robot) -> set[str]:

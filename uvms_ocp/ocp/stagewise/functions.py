@@ -251,7 +251,7 @@ def force_rows(model: stage.StageModel) -> ForceRows:
     lower = np.concatenate([actuators.thrust_lower, -actuators.torque_limit])
     upper = np.concatenate([actuators.thrust_upper, actuators.torque_limit])
     kept = np.flatnonzero((np.isfinite(lower) | np.isfinite(upper)) & limited)
-    beyond = ca.DM(actuators.beyond.T / actuators.force_unit[:n]) @ model.force[:n]
+    beyond = ca.DM(actuators.beyond.T / actuators.force_unit[:n]) @ model.force[:n, 0]
     none = np.zeros(beyond.numel())
     return ForceRows(
         rows=ca.vertcat(chosen(shares, kept), beyond),

@@ -323,8 +323,8 @@ class StageModel:
         if self.has_force_variables:
             return self.z[self.layout.thrust], self.z[self.layout.torque]
         n, force, actuators = self.robot.n_vehicle, self.force, self.actuators
-        thrust = sparse(actuators.spread) @ force[:n] + sparse(actuators.null) @ self.z[self.layout.null]
-        return thrust, force[n:] / ca.DM(actuators.torque_unit)
+        thrust = sparse(actuators.spread) @ force[:n, 0] + sparse(actuators.null) @ self.z[self.layout.null]
+        return thrust, force[n:, 0] / ca.DM(actuators.torque_unit)
 
     @cached_property
     def inputs_function(self) -> ca.Function:
