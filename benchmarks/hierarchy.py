@@ -1,6 +1,7 @@
-"""Problems by hierarchy solvers: ``python benchmarks/hierarchy.py --peers FOLDER [--random N] [--exactness N]``.
+"""Problems by hierarchy solvers: ``python benchmarks/hierarchy.py --peers FOLDER [--lexls PROGRAM] [--random N]``.
 
-FOLDER: of `peer_environments.py`; without it the peers are left out. Writes hierarchy.csv and hierarchy.md.
+FOLDER: of `peer_environments.py`; without it the peers are left out. PROGRAM: as `lexls_results` calls it. Writes hierarchy.csv
+and hierarchy.md.
 """
 
 from __future__ import annotations
@@ -9,7 +10,7 @@ from pathlib import Path
 
 from hierarchy_solvers.found import CERTIFIED, EXCESS, rows_of
 from hierarchy_solvers.ours import SOLVERS, cold_rows, exactness_rows, solved, whole_tick_rows
-from hierarchy_solvers.peers import daqp_results, pink_rows
+from hierarchy_solvers.peers import daqp_results, lexls_results, pink_rows
 from hierarchy_solvers.problems import NEARLY, SEPARATED, Problem, problems, random_states, recorded_ticks
 from peer_environments import interpreter
 from recording.report import Report, Row, Table, begin, parser_of
@@ -49,14 +50,17 @@ FORMATS = {
 }
 
 
-def matrix_rows(sets: list[Problem], peers: Path | None) -> tuple[list[Row], dict[str, str]]:
+def matrix_rows(sets: list[Problem], peers: Path | None, lexls: Path | None) -> tuple[list[Row], dict[str, str]]:
     """Every solver on given matrices; and the versions of the peers."""
     daqp, version = daqp_results(interpreter(peers, "pink"), sets) if peers else ({}, "")
+    also = lexls_results(lexls, sets, PASSES) if lexls else {}
     rows: list[Row] = []
     for problem in sets:
         found = {name: solved(solver, problem) for name, solver in SOLVERS.items()}
         if problem.name in daqp:
             found["daqp, native"] = daqp[problem.name]
+        if problem.name in also:
+            found["LexLS, native"] = also[problem.name]
         rows += rows_of(problem, found)
     return rows, {"daqp": version} if peers else {}
 
@@ -65,6 +69,7 @@ def main() -> None:
     """Run everything and write the results."""
     parser = parser_of(__doc__)
     parser.add_argument("--peers", type=Path, metavar="FOLDER")
+    parser.add_argument("--lexls", type=Path, metavar="PROGRAM")
     parser.add_argument("--random", type=int, default=200, metavar="N", help="hierarchies of each random set")
     parser.add_argument("--exactness", type=int, default=10_000, metavar="N", help="hierarchies to certify")
     given, run = begin(parser)
@@ -77,11 +82,12 @@ def main() -> None:
     if given.peers:
         found, peers["pin-pink"] = pink_rows(interpreter(given.peers, "pink"), passes=passes, ticks=5 if quick else 500)
         rows += found
-    found, versions = matrix_rows(problems(problem, inputs, random), given.peers)
+    found, versions = matrix_rows(problems(problem, inputs, random), given.peers, given.lexls)
     rows += [*found, *exactness_rows(exactness)]
     prose = PROSE.format(
         passes=passes, certified=CERTIFIED, excess=EXCESS, nearly=NEARLY, separated=min(SEPARATED), exactness=exactness
     )
+    prose += f"\nLexLS: {'a program that is given, its least time of ' + str(PASSES) if given.lexls else 'not there'}.\n"
     table = Table(rows=rows, columns=FORMATS)
     run.write(Report(name="hierarchy", title="Hierarchy solvers", prose=prose, tables=[table], peers=peers | versions))
 

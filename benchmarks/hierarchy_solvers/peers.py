@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import subprocess
 import tempfile
 from pathlib import Path
 from typing import Any
@@ -39,6 +40,32 @@ def _dumped(sets: list[Problem]) -> dict[str, Any]:
 
 def _found(found: np.lib.npyio.NpzFile, name: str) -> Found:
     return Found(v=found[f"{name}/v"], exact=found[f"{name}/flag"] > 0, seconds=found[f"{name}/time"])
+
+
+_FAR = 1e10
+"""What stands for infinite bounds in files for LexLS."""
+
+
+def lexls_results(program: Path, sets: list[Problem], passes: int) -> dict[str, Found]:
+    """What a program that solves hierarchies by LexLS finds for every problem set: ``PROGRAM IN OUT WARM PASSES``.
+
+    IN: int32 numbers of hierarchies N, of unknowns n and of levels p, int32 rows of each level; then hierarchy by hierarchy,
+    level by level, float64 rows of Jacobian, lower and upper bound, infinite ones `_FAR`. OUT: float64 solutions (N, n), least
+    seconds of all passes (N,), statuses (N,), 0 where solved, and factorisations (N,). WARM is 1 where each starts from the one
+    before.
+    """
+    found: dict[str, Found] = {}
+    for problem in sets:
+        N, n = len(problem.sets), problem.sets[0][0].jacobian.shape[1]
+        head = np.array([N, n, len(problem.sizes), *problem.sizes], dtype=np.int32)
+        rows = [np.column_stack(stacked(levels)[:3]).clip(-_FAR, _FAR).ravel() for levels in problem.sets]
+        with tempfile.TemporaryDirectory() as folder:
+            given, result = Path(folder) / "in", Path(folder) / "out"
+            given.write_bytes(head.tobytes() + np.concatenate(rows).tobytes())
+            subprocess.run([program, given, result, str(int(problem.warm)), str(passes)], check=True)
+            v, seconds, status, _ = np.split(np.fromfile(result), N * (n + np.arange(3)))
+        found[problem.name] = Found(v=v.reshape(N, n), exact=status == 0, seconds=seconds)
+    return found
 
 
 def pink_rows(python: Path, *, passes: int, ticks: int) -> tuple[list[Row], str]:
