@@ -59,12 +59,12 @@ included, of copies that draw figures the largest. The size of the first five is
 run`, with record, report, figures and scene; *loop, folder* and *loop, memory*: `Scenario.run` alone, with a folder for its rows
 and without; *identify*: `uvms-ocp identify` of current, added mass and drag. *plan, an iteration*: the tool reach over so many
 stages, solved, processor time of an iteration, each of a stage in *us_each*. *hierarchy*: random ones of so many unknowns, the
-median, cold, from Python; *of a humanoid*: 88 unknowns, most with simple bounds, 135 rows; *cascade*: `LexicographicQp` with
-qpOASES, of *problems* so many *inexact*, on rows that depend on each other, and on model predictive control with 32
+median, cold, from Python; *of a humanoid*: most unknowns with simple bounds; *cascade*: `LexicographicQp` with qpOASES, of
+*problems* so many *inexact*, on rows that depend on each other, and on model predictive control with twice as many
 inequalities. *campaign*: so many noisy runs of Case 1 of {ticks} ticks, each made anew in one process; *set-up*: of such runs,
 until the first tick. *tick*: the layer of velocities, its median, past so many spheres, and with so many arms, a goal for each.
 The exponents are those of power laws through all sizes: one where it is in proportion, nought where it is the same at any;
-*then*: of the figures of the day when this was asked for, on another machine, where there were any.
+*then*: before any of this was measured at length, on another machine, where it was measured at all.
 """
 COLUMNS = {"work": "", "size": ".0f", "time_s": ".3g", "peak_mb": ".0f", "disk_mb": ".0f"}
 COLUMNS |= {"us_each": ".1f", "problems": ".0f", "inexact": ".0f", "then_s": ".3g", "then_mb": ".0f"}
@@ -81,7 +81,7 @@ THEN: dict[str, dict[float, tuple[float, float]]] = {
     "tick, obstacles": {n: (1e-6 * us, np.nan) for n, us in ((3, 165), (30, 194), (300, 273), (3000, 1060))},
     "tick, arms of seven joints": {n: (1e-6 * us, np.nan) for n, us in ((1, 159), (2, 239), (3, 390), (4, 572))},
 }
-"""Time [s] and memory [MB] by work and size on the day of the issue; NaN: not measured, of *identify* no end but an error."""
+"""Time [s] and memory [MB] by work and size of then; NaN: not measured, of *identify* no end but an error."""
 
 
 def measured(words: list[str], folder: Path) -> dict[str, Any]:

@@ -20,6 +20,7 @@ from recording.timing import once
 from uvms_ocp.ocp.planner import Planner
 from uvms_ocp.ocp.problem import OcpLevel, OcpProblem
 from uvms_ocp.ocp.terms import TaskTerm
+from uvms_ocp.ocp.trajectory import COARSE_STEPS
 from uvms_ocp.robot.robot import Robot
 from uvms_ocp.robot.signals import State
 from uvms_ocp.solvers.nlp.level_solver import NlpOptions
@@ -36,8 +37,8 @@ PROSE = """
 its turn (up to {turn:g} rad about every axis) and the current (up to {current:g} m/s) are drawn with seed {seed}. From rest
 to rest, first the pose of the tool, below it least effort and acceleration, cold and without a second try.
 
-{solved} of {drawn} are solved stage by stage ({share:.1%}), from the best of nine motions over 8 steps towards postures of the
-arm, as `Planner.plan` does where it is given no guess. Processor time, these included: {median:.0f} ms at the median,
+{solved} of {drawn} are solved stage by stage ({share:.1%}), from the best of nine motions over {coarse} steps towards postures of
+the arm, as `Planner.plan` does where it is given no guess. Processor time, these included: {median:.0f} ms at the median,
 {most:.0f} ms at most. IPOPT, from a guess that stays where it is: {peer_solved} solved, {peer_median:.0f} ms and
 {peer_most:.0f} ms; it is the faster one in {slower}. Where both are solved, they end in the same minimum, or in another one, as
 arms reach a pose in several postures: `to_ipopt` is the cost over IPOPT's. Stage by stage it is lower by more than
@@ -119,6 +120,7 @@ def prose(problem: OcpProblem, rows: Sequence[Row]) -> str:
     outcomes, times = Counter(row["status"] for row in rows), [row["cpu_ms"] for row in rows]
     peer_times, ratios = [row["ipopt_ms"] for row in rows], np.array([row["to_ipopt"] or np.nan for row in rows])
     return PROSE.format(
+        coarse=COARSE_STEPS,
         drawn=len(rows),
         dofs=problem.robot.n_v,
         steps=problem.n_steps,

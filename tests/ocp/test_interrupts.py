@@ -22,6 +22,7 @@ from uvms_ocp.ocp.plan import OcpStatus
 from uvms_ocp.ocp.planner import Planner
 from uvms_ocp.ocp.stagewise import sqp
 from uvms_ocp.ocp.terms import TaskTerm
+from uvms_ocp.ocp.trajectory import hold_guess
 from uvms_ocp.ocp.transcription.transcription import Transcription
 from uvms_ocp.robot.robot import Robot
 from uvms_ocp.solvers.nlp.level_solver import IterationReport
@@ -203,10 +204,29 @@ def test_ctrl_c_between_two_solves_ends_the_next_one_at_once(stalled: Planner, m
     before = signal.signal(signal.SIGINT, signal.default_int_handler)
     try:
         with pytest.raises(Interrupted) as stop:
-            stalled.plan()
+            stalled.plan(guess=hold_guess(stalled.problem))
     finally:
         signal.signal(signal.SIGINT, before)
     assert stop.value.result.status is OcpStatus.INTERRUPTED
+
+
+@needs_compiler
+def test_ctrl_c_while_a_first_guess_is_looked_for_leaves_a_plan(robot: Robot, monkeypatch: pytest.MonkeyPatch) -> None:
+    planner, made = Planner(reach(robot)), planning.program_for
+
+    def press(plugin: str, whole: Transcription) -> object:
+        os.kill(os.getpid(), signal.SIGINT)
+        return made(plugin, whole)
+
+    monkeypatch.setattr(planning, "program_for", press)
+    before = signal.signal(signal.SIGINT, signal.default_int_handler)
+    try:
+        with pytest.raises(Interrupted) as stop:
+            planner.plan()
+    finally:
+        signal.signal(signal.SIGINT, before)
+    assert stop.value.result.status is OcpStatus.INTERRUPTED
+    assert "_coarse" not in vars(planner)
 
 
 def test_time_that_others_take_for_their_turn_is_not_taken_from_the_time_limit(robot: Robot) -> None:

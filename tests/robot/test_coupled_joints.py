@@ -29,7 +29,7 @@ from uvms_ocp.robot.limits import joints_of
 from uvms_ocp.robot.shapes.collision_model import CoalPairs, CompiledPairs, shapes_among
 from uvms_ocp.robot.shapes.obstacles import obstacle
 from uvms_ocp.robot.symbolic_model import SymbolicModel
-from uvms_ocp.viz.scene.show import _joint
+from uvms_ocp.viz.scene.show import joint_motion
 
 BODY = (
     "<inertial><origin xyz='.3 .1 0'/><mass value='2'/><inertia ixx='1' ixy='.1' ixz='0' iyy='2' iyz='0' izz='2.5'/></inertial>"
@@ -182,7 +182,7 @@ def test_a_curve_moves_joints_that_are_one(tmp_path: Path) -> None:
 def test_a_slider_of_the_page_moves_all_that_follow(tmp_path: Path) -> None:
     robot = machine(tmp_path, "alpha")
     q = robot.configuration(joints={"alpha": 0.2, "elbow": 0.0})
-    told = {entry["name"]: entry for entry in (_joint(robot, k, q) for k in range(1, robot.model.njoints))}
+    told = {entry["name"]: entry for entry in (joint_motion(robot, k, q) for k in range(1, robot.model.njoints))}
     assert told["alpha"]["values"] == [0.2]
     for name in ("slider", "third"):
         leader, scale, offset = told[name]["follows"]

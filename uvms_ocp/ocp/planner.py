@@ -418,7 +418,10 @@ class Planner:
                 raise KeyboardInterrupt
 
         share = begin + _TIME_SHARE * (ends - begin)
-        short = Refinement(planner=self._coarse, given=few, t0=t0, deadline=share, progress=look)
+        try:
+            short = Refinement(planner=self._coarse, given=few, t0=t0, deadline=share, progress=look)
+        except Stopped:  # while it is built
+            return best
         for guess in coarse_guesses(few):
             found = short._solved(guess, guess.q, {}).result
             if found.status.optimal and seen[-1].residual < least:
