@@ -210,15 +210,27 @@ def test_ctrl_c_between_two_solves_ends_the_next_one_at_once(stalled: Planner, m
     assert stop.value.result.status is OcpStatus.INTERRUPTED
 
 
-@needs_compiler
-def test_ctrl_c_while_a_first_guess_is_looked_for_leaves_a_plan(robot: Robot, monkeypatch: pytest.MonkeyPatch) -> None:
-    planner, made = Planner(reach(robot)), planning.program_for
+@pytest.mark.parametrize("place", ["__init__", "parameters"])
+def test_ctrl_c_while_a_first_guess_is_looked_for_ends_the_search_with_a_plan(
+    place: str, robot: Robot, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """While what finds it is built, and in the first of its solves, after which there is one more, of the search itself."""
+    planner, calls = patient(reach(robot), "stagewise"), list[str]()
+    found, solve = getattr(Transcription, place), Planner.solve
 
-    def press(plugin: str, whole: Transcription) -> object:
-        os.kill(os.getpid(), signal.SIGINT)
-        return made(plugin, whole)
+    def press(*given: object, **named: object) -> object:
+        if not calls:
+            os.kill(os.getpid(), signal.SIGINT)
+        calls.append(place)
+        return found(*given, **named)
 
-    monkeypatch.setattr(planning, "program_for", press)
+    def solved(self: Planner, *given: object, **named: object) -> object:
+        solves.append(self.problem.n_steps)
+        return solve(self, *given, **named)  # type: ignore[arg-type]
+
+    solves: list[int] = []
+    monkeypatch.setattr(Transcription, place, press)
+    monkeypatch.setattr(Planner, "solve", solved)
     before = signal.signal(signal.SIGINT, signal.default_int_handler)
     try:
         with pytest.raises(Interrupted) as stop:
@@ -226,7 +238,7 @@ def test_ctrl_c_while_a_first_guess_is_looked_for_leaves_a_plan(robot: Robot, mo
     finally:
         signal.signal(signal.SIGINT, before)
     assert stop.value.result.status is OcpStatus.INTERRUPTED
-    assert "_coarse" not in vars(planner)
+    assert solves == ([20] if place == "__init__" else [8, 20])
 
 
 def test_time_that_others_take_for_their_turn_is_not_taken_from_the_time_limit(robot: Robot) -> None:

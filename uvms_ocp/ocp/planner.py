@@ -10,6 +10,7 @@ from collections.abc import Mapping
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import cached_property
+from itertools import takewhile
 from time import perf_counter
 from typing import Any, TypeAlias
 
@@ -332,7 +333,7 @@ def worst_clearance(given: OcpProblem, path: Trajectory) -> ClearanceReport | No
 # From problem to plan: transcribe once, solve, and find out why where a goal is missed.
 
 _COARSE: dict[str, Any] = {"convergence": 1e-3, "max_iterations": 20}
-_TIME_SHARE = 0.2  # of a time limit, for the guess
+_SHARE = 0.2  # of a time limit, for the guess
 _EARLY, _COSTLY = 4, 1.25  # iterations, after which motions of so many times the least residual are given up
 _FEW_STEPS = 100  # through which the virtual machine takes no longer than a compiler
 
@@ -407,7 +408,7 @@ class Planner:
 
     def _first_guess(self, given: OcpProblem, t0: float, ends: float) -> Trajectory:
         """Guess the best motion over a few steps that meets all levels above the last: stage by stage it takes little."""
-        seen: list[IterationReport] = []
+        seen, presses = list[IterationReport](), list[object]()
         best, few, least, begin = hold_guess(given), coarse_problem(given), np.inf, perf_counter()
         if self.options.plugin != STAGEWISE or given.free_time or given.n_steps < 2 * COARSE_STEPS:
             return best
@@ -417,16 +418,13 @@ class Planner:
             if now.level != given.levels[-1].name or (now.iteration >= _EARLY and now.residual > _COSTLY * least):
                 raise KeyboardInterrupt
 
-        share = begin + _TIME_SHARE * (ends - begin)
-        try:
-            short = Refinement(planner=self._coarse, given=few, t0=t0, deadline=share, progress=look)
-        except Stopped:  # while it is built
-            return best
-        for guess in coarse_guesses(few):
-            found = short._solved(guess, guess.q, {}).result
-            if found.status.optimal and seen[-1].residual < least:
-                least = seen[-1].residual
-                best = shift_guess(given, self._coarse.transcription.unpack(found.x, few), 0.0, given.start)
+        with on_interrupt(presses.append), suppress(Stopped):  # which ends the search that begins here
+            short = Refinement(planner=self._coarse, given=few, t0=t0, deadline=begin + _SHARE * (ends - begin), progress=look)
+            for guess in takewhile(lambda _: short._left > 0.0 and not presses, coarse_guesses(few)):
+                found = short._solved(guess, guess.q, {}).result
+                if found.status.optimal and seen[-1].residual < least:
+                    least = seen[-1].residual
+                    best = shift_guess(given, self._coarse.transcription.unpack(found.x, few), 0.0, given.start)
         return best
 
     @cached_property
@@ -448,8 +446,7 @@ class Planner:
             name, depth = obstruction
             text = f"{name} is broken by {depth:.4g} at the start{describe_crowded_start(given, name)}"
             return _made(given, 0.0, begin, hold_guess(given), status=OcpStatus.OBSTRUCTED, reason=text, levels=())
-        impossible = impossible_start(given)
-        if impossible is not None:
+        if (impossible := impossible_start(given)) is not None:
             return _made(given, 0.0, begin, hold_guess(given), status=OcpStatus.INFEASIBLE, reason=impossible, levels=())
         refinement = Refinement(planner=self, given=given, t0=t0, deadline=ends, progress=progress)
         start = self._first_guess(given, t0, ends) if guess is None else guess
