@@ -8,7 +8,7 @@ from time import perf_counter
 
 import numpy as np
 
-from uvms_ocp.checks import checked_constructor, unchecked_constructor
+from uvms_ocp.checks import checked_constructor
 from uvms_ocp.control import solve_workers
 from uvms_ocp.control.force.computed_torque import ComputedTorque, TrackingGains
 from uvms_ocp.control.force.dynamic import VelocityGains, observer_of
@@ -16,10 +16,9 @@ from uvms_ocp.errors import InvalidInput
 from uvms_ocp.estimation.fallbacks import LastValidEstimate
 from uvms_ocp.ocp import HessianKind, OcpProblem, hold_guess
 from uvms_ocp.record.display import SmallTable, TableDisplay, rows_of
-from uvms_ocp.robot import Command, State, StateEstimate, Water, robot_dynamics
+from uvms_ocp.robot import Command, State, StateEstimate, Water, robot_dynamics, signals
 from uvms_ocp.solvers.nlp.level_solver import SqpOptions
 
-_state = unchecked_constructor(State)
 _ROUNDING = 1e-9
 """[s] in sums of ticks."""
 
@@ -137,7 +136,7 @@ class Nmpc(TableDisplay):
     def __call__(self, measurement: StateEstimate, t: float) -> Command:
         """The command for the tick at time t [s]."""
         measurement = self._sound(measurement, t)
-        state = _state(q=measurement.q, v=measurement.v)
+        state = signals.unchecked_state(q=measurement.q, v=measurement.v)
         acted = self._now is not None
         now = self._followed(state, t)
         disturbance = np.zeros(self._robot.n_v)

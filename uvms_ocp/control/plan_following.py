@@ -7,7 +7,7 @@ from collections.abc import Callable, Sequence
 import numpy as np
 import pinocchio as pin
 
-from uvms_ocp.checks import checked_dataclass, replace_unchecked, unchecked_constructor
+from uvms_ocp.checks import checked_dataclass, replace_unchecked
 from uvms_ocp.control.force.computed_torque import ComputedTorque, TrackingGains
 from uvms_ocp.control.velocity.abort import ActuationFeedback
 from uvms_ocp.control.velocity.kinematic import GuideOutput
@@ -15,14 +15,12 @@ from uvms_ocp.control.velocity.tick_state import TickInputs
 from uvms_ocp.estimation import degraded_modes, fallbacks
 from uvms_ocp.mission.mission import Mission
 from uvms_ocp.ocp.trajectory import Trajectory
-from uvms_ocp.robot import Command, Robot, State, StateEstimate
+from uvms_ocp.robot import Command, Robot, StateEstimate, signals
 from uvms_ocp.robot.dynamics import Dynamics
 from uvms_ocp.robot.hydrodynamics import STILL_WATER, Water
 from uvms_ocp.types import Magnitude, Positive
 
 # Carrying out a plan: blind, to see how well the model fits, or with feedback.
-
-_state = unchecked_constructor(State)
 
 
 class PlanTracker:
@@ -51,7 +49,7 @@ class PlanTracker:
         """The command for the tick at time t [s] of the trajectory; finished at its end."""
         measurement = self._sound(measurement, t)
         q, v, a = self._trajectory.state_at(self._model, t)
-        command = self._law.command(_state(q=measurement.q, v=measurement.v), q=q, v=v, a=a)
+        command = self._law.command(signals.unchecked_state(q=measurement.q, v=measurement.v), q=q, v=v, a=a)
         return replace_unchecked(command, finished=t > self._end)
 
 

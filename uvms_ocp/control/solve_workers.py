@@ -17,13 +17,13 @@ from typing import TypeAlias
 import numpy as np
 import pinocchio as pin
 
-from uvms_ocp.checks import checked_dataclass, unchecked_constructor
+from uvms_ocp.checks import checked_dataclass
 from uvms_ocp.errors import AdvisedStatus, InvalidInput, UvmsError, require_first_reading
 from uvms_ocp.ocp.problem import OcpProblem
 from uvms_ocp.ocp.stagewise.program import program_for, stagewise_or
 from uvms_ocp.ocp.trajectory import Trajectory, hold_guess, shift_guess
 from uvms_ocp.ocp.transcription.transcription import Transcription
-from uvms_ocp.robot.signals import State
+from uvms_ocp.robot.signals import State, unchecked_state
 from uvms_ocp.solvers import NlpStatus, RealTimeSqp, SqpOptions, SqpResult
 from uvms_ocp.solvers.nlp.level_solver import SPARSE_PLUGIN
 from uvms_ocp.types import Positive
@@ -55,7 +55,6 @@ class SolveDelay:
 
 # The solves of receding-horizon control, one after the other: the same in line and in a process beside.
 
-_state = unchecked_constructor(State)
 HOLD = -1
 """Number of the plan to stay where the robot was at first, which is in use until there is another."""
 _FIRST_SOLVES = 10
@@ -179,7 +178,7 @@ class Replanner:
         model, age, state = self._problem.robot.model, request.t - now.begin, request.state
         q, v, _ = now.trajectory.state_at(model, age)
         q_next, v_next, _ = now.trajectory.state_at(model, age + request.delay)
-        return _state(q=pin.integrate(model, state.q, pin.difference(model, q, q_next)), v=state.v + v_next - v)
+        return unchecked_state(q=pin.integrate(model, state.q, pin.difference(model, q, q_next)), v=state.v + v_next - v)
 
 
 # Where the solves of receding-horizon control run: within the tick, or in a process beside it.

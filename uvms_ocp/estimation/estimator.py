@@ -17,6 +17,7 @@ from uvms_ocp.errors import InvalidInput, NameNotFound
 from uvms_ocp.estimation import filter_memory as filtering, joint_filters, measurement_update, vehicle_model
 from uvms_ocp.estimation.filter_memory import NUMBER, ChannelIndex, EstimatorTuning, Part
 from uvms_ocp.record.display import SmallTable, TableDisplay, rows_of
+from uvms_ocp.robot import signals
 from uvms_ocp.robot.kinematics import STEEP
 from uvms_ocp.robot.robot import Robot
 from uvms_ocp.robot.signals import CHANNELS, IDEAL_SENSORS, Command, Reading, Readings, SensorSpec, SensorSpecs, StateEstimate
@@ -175,7 +176,6 @@ class JointChart:
         return np.asarray(self._origin[self._robot.joint_q])
 
 
-_measurement = unchecked_constructor(StateEstimate)
 _outcome = unchecked_constructor(GateOutcome)
 _readings_by_channel = attrgetter(*CHANNELS)
 
@@ -339,7 +339,7 @@ class Estimator(TableDisplay):
             q, v = (np.concatenate([memory.x[Part.PLACE : Part.SPEED], memory.turn, q]), np.concatenate([memory.twist, v]))
         echo, echo_std = memory.range.tolist() if self.has_range else (math.nan, math.nan)
         age, joint_age = memory.age.tolist()
-        return _measurement(
+        return signals.unchecked_estimate(
             q=q, v=v.copy(), altimeter_range=echo, age=age, joint_age=joint_age, std=self.std, altimeter_std=echo_std
         )
 
@@ -349,9 +349,6 @@ def _number(channel: str) -> int:
         raise NameNotFound("channel", channel, CHANNELS)
     return NUMBER[channel]
 
-
-_reading = unchecked_constructor(Reading)
-_readings = unchecked_constructor(Readings)
 
 _RATE = 100.0  # [Hz] at which the estimator is run
 _SETTLED = 20.0  # [s] after which its covariance no longer changes
@@ -370,7 +367,8 @@ def std_at_rest(robot: Robot, specs: SensorSpecs) -> np.ndarray:
     for k in range(int(_SETTLED * _RATE)):
         t = k / _RATE
         taken = {name: _taken(spec, t) for name, spec in channels.items()}
-        estimator(_readings(**{name: _reading(value=truth[name], t=at) for name, at in taken.items() if at >= 0.0}), t)
+        readings = {name: signals.unchecked_reading(value=truth[name], t=at) for name, at in taken.items() if at >= 0.0}
+        estimator(signals.unchecked_readings(**readings), t)
     return read_only(np.hypot(estimator.std, declared_bias(robot, specs)))
 
 
@@ -430,7 +428,7 @@ class PassThrough(TableDisplay):
         q = np.concatenate([getattr(readings, name).value for name in self.q_channels])
         v = np.concatenate([getattr(readings, name).value for name in self.v_channels])
         echo = readings.altimeter_range
-        return _measurement(
+        return signals.unchecked_estimate(
             q=q,
             v=v,
             altimeter_range=math.nan if echo is None else echo.value,

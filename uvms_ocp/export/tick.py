@@ -6,16 +6,14 @@ from typing import Annotated, Any
 
 import numpy as np
 
-from uvms_ocp.checks import unchecked_constructor
 from uvms_ocp.codegen.kernel_layout import Layout, Sized, Vector, view
 from uvms_ocp.control.force.tick import ForceMemory, ask_forces, force_step, hear_forces
 from uvms_ocp.control.velocity.tick import VelocityController, is_blind, is_stopped, prepare_tick, solve_and_finish
 from uvms_ocp.control.velocity.tick_memory import TickMemory
 from uvms_ocp.estimation.degraded_modes import CHANNELS
 from uvms_ocp.mission.progress import is_over
-from uvms_ocp.robot.signals import Command, StateEstimate, Trust
+from uvms_ocp.robot.signals import Command, StateEstimate, Trust, unchecked_command
 
-_command = unchecked_constructor(Command)
 _PLACE = {name: place for place, name in enumerate(CHANNELS)}
 
 
@@ -85,7 +83,7 @@ def command_in(outputs: Any, *, forces: bool) -> Command:
     """Read the command in `ControllerOutputs`, without thrust and torque unless there are forces."""
     v, thrust, torque = (np.array(getattr(outputs, name)) for name in ("v", "thrust", "torque"))
     flags: dict[str, Any] = {name: bool(getattr(outputs, name)) for name in ("hold", "stop", "brakes", "finished")}
-    return _command(v=v, thrust=thrust if forces else None, torque=torque if forces else None, **flags)
+    return unchecked_command(v=v, thrust=thrust if forces else None, torque=torque if forces else None, **flags)
 
 
 class ForceController(Layout):

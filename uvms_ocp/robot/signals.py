@@ -13,7 +13,7 @@ from typing import Annotated, Any, Generic, TypeAlias, TypeVar
 
 import numpy as np
 
-from uvms_ocp.checks import checked, checked_dataclass
+from uvms_ocp.checks import checked, checked_dataclass, unchecked_constructor
 from uvms_ocp.errors import InvalidInput
 from uvms_ocp.robot.description import RobotDescription, SensorDescription
 from uvms_ocp.types import Finite, Magnitude, Range, Shape, Vector3
@@ -146,6 +146,14 @@ class Command:
     """The mission is complete; the loop may stop."""
     telemetry: Mapping[str, Any] = field(default_factory=dict)
     """Scalars and arrays to record."""
+
+
+unchecked_state = unchecked_constructor(State)
+unchecked_reading = unchecked_constructor(Reading)
+unchecked_readings = unchecked_constructor(Readings)
+unchecked_estimate = unchecked_constructor(StateEstimate)
+unchecked_command = unchecked_constructor(Command)
+"""Without a look at their arguments, of arrays that belong to them: for what is made at every tick."""
 
 
 # What the sensors of a robot are like: rates, noise, delays. The simulated sensors and the estimator read the same.

@@ -16,7 +16,7 @@ from typing import Any
 
 import numpy as np
 
-from uvms_ocp.checks import checked, checked_dataclass, unchecked_constructor
+from uvms_ocp.checks import checked, checked_dataclass
 from uvms_ocp.errors import InvalidInput
 from uvms_ocp.estimation import estimator, filter_memory
 from uvms_ocp.estimation.health.channel_state import sizes_of
@@ -27,14 +27,13 @@ from uvms_ocp.record.meta_values import AlarmMeta
 from uvms_ocp.record.record import Record, Recorder, require_every_tick
 from uvms_ocp.report.summary import sensor_health
 from uvms_ocp.robot import Command, Robot, SensorSpecs
-from uvms_ocp.robot.signals import CHANNELS, Reading, Readings, robot_sensors
+from uvms_ocp.robot.signals import CHANNELS, Reading, robot_sensors, unchecked_reading, unchecked_readings
 from uvms_ocp.scenario.run_metadata import meta_without_mission
 from uvms_ocp.sim import Fault, fault_effects, own_parts, sensors
 from uvms_ocp.types import Period
 
 _Arrivals = Iterator[tuple[int, str, Any, float]]
 """Readings of a channel in order of arrival: tick, channel, value and when it was taken [s]."""
-_reading, _readings = unchecked_constructor(Reading), unchecked_constructor(Readings)
 _EARLY = 1e-6  # of a tick
 
 
@@ -97,9 +96,9 @@ def estimate_recording(
         t = k * dt
         while arrived is not None and arrived[0] <= k:
             _, name, value, stamp = arrived
-            last[name], count[name], late[name] = _reading(value=value, t=stamp), count[name] + 1, late[name] + t - stamp
+            last[name], count[name], late[name] = unchecked_reading(value=value, t=stamp), count[name] + 1, late[name] + t - stamp
             arrived = next(stream, None)
-        estimate = guarded(_readings(**last), t, command)
+        estimate = guarded(unchecked_readings(**last), t, command)
         taken, squared, degrees, accepted = filtering.outcomes[numbers].T
         new = taken > compared
         compared = np.where(new, taken, compared)

@@ -19,7 +19,6 @@ from typing import Any, Protocol
 import numpy as np
 import pinocchio as pin
 
-from uvms_ocp.checks import unchecked_constructor
 from uvms_ocp.control.external import require_numbers
 from uvms_ocp.errors import InvalidInput, require_known
 from uvms_ocp.estimation.estimator import Estimator, PassThrough
@@ -29,7 +28,7 @@ from uvms_ocp.record.meta_values import UNIT_NORM_TOLERANCE, FaultMeta
 from uvms_ocp.record.tables import SERIES
 from uvms_ocp.robot.robot import Robot
 from uvms_ocp.robot.shapes.hull import skid_points
-from uvms_ocp.robot.signals import CHANNELS, Command, Reading, Readings, SensorSpecs, State, StateEstimate
+from uvms_ocp.robot.signals import CHANNELS, Command, Reading, Readings, SensorSpecs, State, StateEstimate, unchecked_state
 from uvms_ocp.sim.faults import Fault, is_active, plain
 from uvms_ocp.sim.loop import Controller, Sensors, StateEstimator
 from uvms_ocp.sim.plant import EFFORTS, Plant
@@ -289,7 +288,6 @@ class WatchedPlant(Plant):
 # Somebody else's sensors, whose readings are looked at before the monitor sees them.
 
 _all = attrgetter(*CHANNELS)
-_state = unchecked_constructor(State)
 
 
 class WatchedSensors:
@@ -307,7 +305,7 @@ class WatchedSensors:
     def __call__(self, state: State, t: float) -> Readings:
         """Their readings of the true state at time t [s]. Raises `InvalidInput` for what is no reading of that channel."""
         # Copied: nobody who writes to a reading reaches the true state.
-        readings = self._wrapped(_state(q=state.q.copy(), v=state.v.copy(), a=state.a), t)
+        readings = self._wrapped(unchecked_state(q=state.q.copy(), v=state.v.copy(), a=state.a), t)
         if not isinstance(readings, Readings):
             raise InvalidInput(f"sensors {self._name} returned {type(readings).__name__}; return Readings")
         for channel, reading in zip(CHANNELS, _all(readings), strict=True):

@@ -11,11 +11,11 @@ from typing import Annotated, Any, Protocol
 import casadi as ca
 import numpy as np
 
-from uvms_ocp.checks import checked_constructor, unchecked_constructor
+from uvms_ocp.checks import checked_constructor
 from uvms_ocp.codegen.kernel_layout import CallbackBinding, FunctionField, Layout, Sized, Vector, arrays_of, assign, structure_of
 from uvms_ocp.codegen.kernels import make_memory
 from uvms_ocp.errors import InvalidInput
-from uvms_ocp.robot import Command, Robot, State, SymbolicModel
+from uvms_ocp.robot import Command, Robot, State, SymbolicModel, signals
 from uvms_ocp.robot.dynamics import Dynamics, robot_dynamics
 from uvms_ocp.robot.shapes.hull import skid_points
 from uvms_ocp.sim import dynamic_step, fault_effects as effects, thrusters
@@ -24,8 +24,6 @@ from uvms_ocp.sim.faults import Fault
 from uvms_ocp.types import Period, Positive
 
 # Plants: what a command does to the true state.
-
-_state = unchecked_constructor(State)
 
 
 EFFORTS = ("thrust", "torque", "thruster_energy", "joint_energy")
@@ -115,7 +113,7 @@ class KinematicPlant(Plant):
     def adopt(self) -> None:
         """Take the state of the memory for the present one."""
         arrays = self._arrays
-        self.state = _state(q=arrays.q.copy(), v=arrays.v.copy(), a=arrays.a.copy())
+        self.state = signals.unchecked_state(q=arrays.q.copy(), v=arrays.v.copy(), a=arrays.a.copy())
 
     def telemetry(self) -> dict[str, Any]:
         """Nothing: the state is all there is."""
@@ -237,7 +235,7 @@ class DynamicPlant(Plant):
         """Take the state of the memory for the present one. Raises what its environment raises."""
         self._sampling.check()
         arrays = self._arrays
-        self.state = _state(q=arrays.q.copy(), v=arrays.v.copy(), a=arrays.a.copy())
+        self.state = signals.unchecked_state(q=arrays.q.copy(), v=arrays.v.copy(), a=arrays.a.copy())
 
     def telemetry(self) -> dict[str, Any]:
         return {name: array.copy()[()] for name, array in self.telemetry_in_memory().items()}
@@ -287,7 +285,7 @@ class DynamicPlant(Plant):
         if have != kept:
             q, v = self.state.q, self.state.v
             matrices = before.mass_matrix(q), self._dynamics.mass_matrix(q)
-            self.state = _state(q=q, v=effects.joined_velocity(*matrices, v, self._model.locked))
+            self.state = signals.unchecked_state(q=q, v=effects.joined_velocity(*matrices, v, self._model.locked))
 
     def _with_payloads(self, carried: tuple[Fault, ...]) -> Dynamics:
         return robot_dynamics(effects.loaded(self._robot, carried)) if carried else self._unloaded

@@ -12,14 +12,14 @@ import casadi as ca
 import numpy as np
 import pinocchio as pin
 
-from uvms_ocp.checks import checked_constructor, unchecked_constructor
+from uvms_ocp.checks import checked_constructor
 from uvms_ocp.codegen.buffered import BufferedFunction
 from uvms_ocp.codegen.kernel_layout import CallbackBinding, assign, structure_of, view
 from uvms_ocp.codegen.kernels import make_memory
 from uvms_ocp.errors import InvalidInput
 from uvms_ocp.estimation.fallbacks import echo_sizes
 from uvms_ocp.estimation.filter_memory import NUMBER, ChannelIndex
-from uvms_ocp.robot import Robot, roles, spatial
+from uvms_ocp.robot import Robot, roles, signals, spatial
 from uvms_ocp.robot.kinematics import AltimeterBeam
 from uvms_ocp.robot.robot import require_normalized
 from uvms_ocp.robot.signals import CHANNELS, Reading, Readings, SensorSpec, SensorSpecs, State
@@ -29,9 +29,6 @@ from uvms_ocp.sim.faults import Fault
 from uvms_ocp.sim.sampling import ChannelSampler, SensorsMemory
 from uvms_ocp.sim.seafloor import FlatSeafloor, Seafloor
 from uvms_ocp.types import Count, Shape
-
-_reading = unchecked_constructor(Reading)
-_readings = unchecked_constructor(Readings)
 
 _IDEAL = SensorSpec()
 _SCALARS = ("depth", "altimeter_range")
@@ -131,7 +128,7 @@ class SensorSuite:
         for channel in self._channels:
             if channel.memory.fresh:
                 readings[channel.name] = channel.reading()
-        return _readings(**readings)
+        return signals.unchecked_readings(**readings)
 
     def draw_ahead(self, n: int) -> None:
         """Have errors for so many ticks, at most `uvms_ocp.sim.sampling.N_DRAWN`, ready for the kernels."""
@@ -274,21 +271,9 @@ class _Channel:
             raise InvalidInput(f"bias of {name} has {len(spec.biases)} entries; give a number or {n} numbers")
         self.memory, self.name, self._scalar = memory, name, name in _SCALARS
         self._spec, self._source = spec, source
-        assign(
-            memory,
-            present=True,
-            number=NUMBER[name],
-            of_velocity=source.of_velocity,
-            first=source.first,
-            size=source.size,
-            disturbance=source.disturbance,
-            exact=spec.exact,
-            rate=spec.rate,
-            delay=spec.delay,
-            dropout=spec.dropout,
-            n_used=sampling.N_DRAWN,
-            due=-math.inf,
-        )
+        given = {item: getattr(source, item) for item in ("of_velocity", "first", "size", "disturbance")}
+        given |= {item: getattr(spec, item) for item in ("exact", "rate", "delay", "dropout")}
+        assign(memory, present=True, number=NUMBER[name], n_used=sampling.N_DRAWN, due=-math.inf, **given)
         # Two streams, so that drop-outs leave the noise of the other readings as it was.
         self._noise, self._lost = (np.random.default_rng(child) for child in stream.spawn(2))
         self._errors, self._losses = view(memory.errors)[:, :n], view(memory.losses)
@@ -330,4 +315,4 @@ class _Channel:
 
     def reading(self) -> Reading[Any]:
         """The one that arrived last."""
-        return _reading(value=self._value.item() if self._scalar else self._value.copy(), t=self.memory.stamp)
+        return signals.unchecked_reading(value=self._value.item() if self._scalar else self._value.copy(), t=self.memory.stamp)

@@ -7,11 +7,11 @@ from dataclasses import dataclass
 import numpy as np
 import pinocchio as pin
 
-from uvms_ocp.checks import checked_dataclass, unchecked_constructor
+from uvms_ocp.checks import checked_dataclass
 from uvms_ocp.control.force.allocation import AllocationResult, allocation_of, thruster_lag
-from uvms_ocp.robot import Command, Robot, State
+from uvms_ocp.robot import Command, Robot, State, signals
 from uvms_ocp.robot.dynamics import Dynamics
-from uvms_ocp.robot.hydrodynamics import STILL_WATER, Water
+from uvms_ocp.robot.hydrodynamics import Water
 from uvms_ocp.types import Lead, Magnitude
 
 # From a generalized force to what is asked of thrusters and joint motors.
@@ -62,10 +62,6 @@ class Actuators:
         return np.asarray(command)
 
 
-_state = unchecked_constructor(State)
-_command = unchecked_constructor(Command)
-
-
 @checked_dataclass()
 class TrackingGains:
     """Gains of the closed loop's position and velocity errors. Raises `InvalidInput` for a gain below 0 or a lead below 1."""
@@ -89,9 +85,7 @@ OPEN_LOOP = TrackingGains(vehicle_stiffness=0, vehicle_damping=0, joints_stiffne
 class ComputedTorque:
     """The law of one robot. Holds the modelled state of its actuators: build one per run."""
 
-    def __init__(
-        self, robot: Robot, dynamics: Dynamics, *, dt: float, gains: TrackingGains | None = None, water: Water = STILL_WATER
-    ) -> None:
+    def __init__(self, robot: Robot, dynamics: Dynamics, *, dt: float, gains: TrackingGains | None, water: Water) -> None:
         """Dt [s]: control period. water: as far as the controller knows it."""
         chosen = gains or TrackingGains()
         self._robot, self._dynamics, self._water = robot, dynamics, water
@@ -113,8 +107,8 @@ class ComputedTorque:
 
         disturbance (n_v,) [N, N m]: force to work against.
         """
-        at = _state(q=q, v=v) if self._open else state
+        at = signals.unchecked_state(q=q, v=v) if self._open else state
         wanted = a + self._K_p * pin.difference(self._robot.model, at.q, q) + self._K_d * (v - at.v)
         tau = self._dynamics.inverse_dynamics(at.q, at.v, wanted, self._water) - disturbance
         realized = self._actuators.realize(tau)
-        return _command(v=v, thrust=self._actuators.drive(realized), torque=realized.torque)
+        return signals.unchecked_command(v=v, thrust=self._actuators.drive(realized), torque=realized.torque)

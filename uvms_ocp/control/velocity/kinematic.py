@@ -27,7 +27,7 @@ from uvms_ocp.record.display import SmallTable, TableDisplay, rows_of
 from uvms_ocp.record.swings import SwingWatch
 from uvms_ocp.robot.robot import Robot
 from uvms_ocp.robot.shapes.collision_model import distance_layout_sizes
-from uvms_ocp.robot.signals import ChannelHealth, Command, StateEstimate
+from uvms_ocp.robot.signals import ChannelHealth, Command, StateEstimate, unchecked_command
 from uvms_ocp.solvers.hierarchy.core import CompiledSolver
 from uvms_ocp.solvers.hierarchy.solution import InPlaceTick, Tick
 from uvms_ocp.types import Period
@@ -58,7 +58,7 @@ class Guide(Protocol):
 
 # Kinematic control layer: measurements in, reference velocities out ([Gao2022] figure 4).
 
-_command, _tick_state = unchecked_constructor(Command), unchecked_constructor(TickInputs)
+_tick_state = unchecked_constructor(TickInputs)
 _FRESHNESS = tuple(Freshness)
 
 
@@ -106,8 +106,7 @@ class KinematicController(TableDisplay):
         room = distance_layout_sizes([*viability.models_of(guards), *(asked.model for asked in pairs)], robot)
         sizes = {**viability.viability_sizes(robot, guards, dt), **task_goals.track_sizes(tracks), **nearest, **room}
         memory = tick_memory(robot, mission, self.problem, self.watchdog, sizes)
-        sizes_of_core = self.problem.function.size2_out(0), self.problem.sizes
-        core = solver.core(*sizes_of_core) if isinstance(solver, CompiledSolver) else None
+        core = solver.core(self.problem.function.size2_out(0), self.problem.sizes) if isinstance(solver, CompiledSolver) else None
         self.whole = velocity_tick.velocity_controller(memory, self.problem, core)
         """A `VelocityController` around `memory`; `None` where Python calls the solver."""
         self.memory = memory = memory if self.whole is None else self.whole.tick
@@ -226,7 +225,7 @@ class KinematicController(TableDisplay):
             self._feel()
         solved = self._finish()
         self._settle(tick, 1)
-        command = _command(
+        command = unchecked_command(
             v=arrays.command.copy(),
             hold=tick.blind,
             stop=tick.stopped,

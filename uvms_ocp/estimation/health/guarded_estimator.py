@@ -9,16 +9,14 @@ from typing import Protocol, runtime_checkable
 
 import numpy as np
 
-from uvms_ocp.checks import checked_constructor, replace_unchecked, unchecked_constructor
+from uvms_ocp.checks import checked_constructor, replace_unchecked
 from uvms_ocp.estimation.estimator import Estimator, PassThrough
 from uvms_ocp.estimation.filter_memory import NUMBER
 from uvms_ocp.estimation.health import monitor as health_monitor
 from uvms_ocp.record.display import SmallTable, TableDisplay, format_value, rows_of
 from uvms_ocp.robot.robot import Robot
-from uvms_ocp.robot.signals import ChannelHealth, Command, Readings, SensorSpecs, StateEstimate
+from uvms_ocp.robot.signals import ChannelHealth, Command, Readings, SensorSpecs, StateEstimate, unchecked_estimate
 from uvms_ocp.types import Array
-
-_measurement = unchecked_constructor(StateEstimate)
 
 _NAMES: dict[int, str] = {number: name for name, number in NUMBER.items()}
 _OUTCOMES = 4 * len(NUMBER)  # numbers that a filter tells of its channels
@@ -71,7 +69,7 @@ class GuardedEstimator(TableDisplay):
         """Memory of the kernels, as `repeated` and `outcomes`."""
         numbers = np.zeros(_OUTCOMES) if self._gating is None else self._gating.outcomes.reshape(-1)
         self.outcomes = (ctypes.c_double * numbers.size).from_buffer(numbers.data)  # the same memory, as kernels take it
-        self._nothing = _measurement(
+        self._nothing = unchecked_estimate(
             q=robot.configuration(), v=np.zeros(robot.n_v), altimeter_range=math.nan, age=math.inf, joint_age=math.inf
         )
 
@@ -112,7 +110,7 @@ class GuardedEstimator(TableDisplay):
         """Make the measurement, with the age of what supports the estimate."""
         support = self.support
         oldest = support.oldest
-        return _measurement(
+        return unchecked_estimate(
             q=q,
             v=v,
             altimeter_range=echo if support.echo else math.nan,

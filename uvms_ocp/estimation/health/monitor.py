@@ -17,6 +17,7 @@ from uvms_ocp.estimation.estimator import JOINT_CHANNELS, AltimeterMount, PassTh
 from uvms_ocp.estimation.filter_memory import N_CHANNELS, NUMBER, ChannelIndex
 from uvms_ocp.estimation.health import channel_state, plausibility, screening
 from uvms_ocp.estimation.health.tuning import HealthTuning, Reason, ReasonTexts
+from uvms_ocp.robot import signals
 from uvms_ocp.robot.robot import Robot
 from uvms_ocp.robot.signals import CHANNELS, UNITS, ChannelHealth, Command, Reading, Readings, SensorSpecs, StateEstimate, Trust
 from uvms_ocp.types import Array
@@ -314,7 +315,6 @@ def _update_all_outcomes(m: channel_state.HealthMemory, outcomes: Vector) -> Non
             channel_state.update_gate_outcome(m, number, outcomes[at + 1], outcomes[at + 2], outcomes[at + 3] > 0.0, m.t)
 
 
-_readings = unchecked_constructor(Readings)
 _health = unchecked_constructor(ChannelHealth)
 _all = attrgetter(*CHANNELS)
 
@@ -390,7 +390,7 @@ class HealthMonitor:
         self._use(fresh)
         if not self.memory.n_behind and not strange:
             return readings
-        return _readings(**{name: buffer.used for name, buffer in self._buffers.items()})
+        return signals.unchecked_readings(**{name: buffer.used for name, buffer in self._buffers.items()})
 
     @property
     def repeats(self) -> bool:
