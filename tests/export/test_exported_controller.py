@@ -26,6 +26,7 @@ from uvms_ocp.robot.signals import SensorSpecs
 from uvms_ocp.scenario.cases import SCENARIOS, case1
 from uvms_ocp.scenario.options import activate, mission_of
 from uvms_ocp.scenario.scenario import Scenario, our_controller
+from uvms_ocp.solvers import LexicographicActiveSet
 from uvms_ocp.tasks.pose import NullVelocity
 from uvms_ocp.tasks.task import Hierarchy, Task
 
@@ -161,10 +162,13 @@ def test_numbers_of_tasks_are_parameters_that_need_no_compiler(tmp_path: Path) -
 @pytest.mark.parametrize("name", ["kinematic", "obstacle_field"])
 def test_a_parameter_is_what_the_memory_does_not_know(name: str) -> None:
     scenario = scenario_of(name)
+    problem = our_controller(scenario).kinematic.problem
+    core = LexicographicActiveSet().core_source(problem.function.size2_out(0), problem.sizes)
 
     def initial(tasks: Sequence[Task]) -> str:
         mission = replace(scenario.mission, hierarchy=Hierarchy(tasks, [task.name for task in tasks]))
-        return initial_value(controller.controller_memory(our_controller(replace(scenario, mission=mission)), scenario.solver))
+        made = our_controller(replace(scenario, mission=mission))
+        return initial_value(controller.controller_memory(made, core))
 
     tasks = list(scenario.mission.hierarchy.tasks)
     numbers, places = controller.task_numbers(tasks, scenario.robot)

@@ -89,22 +89,22 @@ _NUMBERS = "controller_numbers"
 
 
 def task_numbers(tasks: Sequence[Task], robot: Robot) -> tuple[list[float], dict[str, int]]:
-    """Numbers of all tasks [as their fields] in the order of their rows, and what `with_numbers` has behind them.
+    """Return the numbers of all tasks [as their fields] in the order of their rows, with the two that `with_numbers` appends.
 
-    And places of those that rows alone know, by ``task.field``: safety rules beside rows rest on the others.
+    And, by ``task.field``, the places of those that may be changed in C, as rows alone depend on them: safety rules beside the
+    rows are compiled with the others.
     """
     every = [(task, name) for task in tasks for name in numbers_of(task)]
-    alone = (
-        (task, name, k) for k, (task, name) in enumerate(every) if _rules(task, robot, name) == _rules(task, robot, name, 1.0)
-    )
-    return [*(getattr(*one) for one in every), 0.0, 1.0], {f"{task.name}.{name}": k for task, name, k in alone}
+    places = {f"{task.name}.{name}": k for k, (task, name) in enumerate(every) if _of_rows_alone(task, robot, name)}
+    return [*(getattr(*one) for one in every), 0.0, 1.0], places
 
 
-def _rules(task: Task, robot: Robot, name: str, more: float = 0.0) -> object:
-    """What rules beside its rows take of a task with so much more in the field of that name."""
+def _of_rows_alone(task: Task, robot: Robot, name: str) -> bool:
+    """Check that rules beside the rows of a task are the same for another number in the field of that name."""
     other = copy(task)
-    object.__setattr__(other, name, getattr(task, name) + more)
-    return other.rest_altitude, (limit := other.position_limit(robot)) and limit.lower
+    object.__setattr__(other, name, getattr(task, name) + 1.0)
+    rules = [(one.rest_altitude, (limit := one.position_limit(robot)) and limit.lower) for one in (task, other)]
+    return rules[0] == rules[1]
 
 
 def template(name: str) -> str:
@@ -154,18 +154,13 @@ def interface_sizes(controller: KinematicController, n_thrusters: int) -> dict[s
     return {**column_sizes(controller.robot), "n_thrusters": n_thrusters, "n_quantities": len(controller.problem.quantity_names)}
 
 
-def _solver_file(controller: KinematicController, solver: CompiledSolver) -> str:
-    """The text of solver.c: the solver of hierarchies, as its CasADi function calls it."""
-    return solver.core_source(controller.problem.function.size2_out(0), controller.problem.sizes)
-
-
-def controller_memory(controller: KinematicController | DynamicController, solver: CompiledSolver) -> Any:
+def controller_memory(controller: KinematicController | DynamicController, core: str) -> Any:
     """A `VelocityController` at the beginning of the mission of a fresh one, or a `ForceController` where it has that layer.
 
-    Raises `InvalidInput` without a C compiler.
+    core: source of the solver, as `CompiledSolver.core_source`. Raises `InvalidInput` without a C compiler.
     """
     kinematic = controller.kinematic
-    below = tick.velocity_controller(kinematic.memory, kinematic.problem, external_core(_solver_file(kinematic, solver)))
+    below = tick.velocity_controller(kinematic.memory, kinematic.problem, external_core(core))
     if below is None:
         raise InvalidInput("the controller cannot be written without a C compiler; give one (CC, cc, gcc, clang)")
     if not isinstance(controller, DynamicController):
@@ -235,7 +230,8 @@ def _texts_controller(scenario: Scenario) -> tuple[dict[str, str], bytes]:
     )
     numbers, places = task_numbers(scenario.mission.hierarchy.tasks, scenario.robot)
     solver: Any = scenario.solver
-    memory, run = controller_memory(controller, solver), _recorded(scenario, sizes)
+    core = solver.core_source(kinematic.problem.function.size2_out(0), kinematic.problem.sizes)
+    memory, run = controller_memory(controller, core), _recorded(scenario, sizes)
     library = controller_library(memory, sizes)
     readme = template("README.md").format(
         scenario=literal(scenario.name),
@@ -255,7 +251,7 @@ def _texts_controller(scenario: Scenario) -> tuple[dict[str, str], bytes]:
         # A file of its own, as compilers that see megabytes of it look for what follows from them for minutes.
         "initial.c": Template(template("initial.c")).substitute(declarations=library.declarations, value=library.initial),
         "functions.c": with_variable(library.functions, _NUMBERS, numbers) if places else library.functions,
-        "solver.c": _solver_file(kinematic, solver),
+        "solver.c": core,
         "README.md": readme,
     }
     return made | {name: template(name) for name in TEMPLATES}, run.as_bytes()

@@ -17,8 +17,6 @@ from uvms_ocp.types import Array
 
 # The C source of the solver: its own files, behind the sizes, tolerances and codes that Python decides.
 
-_SOURCES = ("equalities.c", "active_set.c", "scaling.c", "certificate.c", "fallbacks.c")
-
 
 def solver_source(n: int, sizes: Sequence[int]) -> str:
     """C99 source for n velocities and levels of ``sizes`` rows: `solve_levels` of fallbacks.c, all else static; needs libm only.
@@ -27,17 +25,14 @@ def solver_source(n: int, sizes: Sequence[int]) -> str:
     3 L + 3 runs, which together end after `IterationBudget.most_of_all` iterations, whatever the numbers, and L + 6
     certificates, whose search ends after twelve rounds per row. Raises `InvalidInput` for levels without a row.
     """
-    filled = [size for size in sizes if size]
-    if not filled:
+    if not any(sizes):
         raise InvalidInput(f"sizes = {list(sizes)} of levels; give at least one row")
     parts = [
-        core.INCLUDES,
-        c_macros({"N": n, "M": sum(filled), "L": len(filled), "LEVEL_SIZES": ", ".join(map(str, filled))}),
+        core.preamble(n, sizes),
         c_macros(constants_of(tolerances)),
-        c_macros(asdict(tolerances.iteration_budget(sum(filled)))),
+        c_macros(asdict(tolerances.iteration_budget(sum(sizes)))),
         f"enum {{ {', '.join(f'{code.name} = {code.value}' for code in active_set_numpy.RowState)} }};\n",
-        core.status_codes(),
-        *core.texts_of(*_SOURCES),
+        *core.texts_of("equalities.c", "active_set.c", "scaling.c", "certificate.c", "fallbacks.c"),
     ]
     return "\n".join(parts)
 

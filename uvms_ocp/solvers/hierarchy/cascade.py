@@ -17,7 +17,7 @@ import casadi as ca
 import numpy as np
 from numpy.typing import ArrayLike
 
-from uvms_ocp.checks import checked_dataclass, checked_on_failure, unchecked_constructor
+from uvms_ocp.checks import checked_dataclass, checked_on_failure
 from uvms_ocp.codegen.buffered import BufferedFunction
 from uvms_ocp.codegen.elementwise import interval_distance, interval_excess, logical_or, row_sums, where
 from uvms_ocp.errors import InvalidInput, NameNotFound, plain_line
@@ -280,8 +280,6 @@ def _is_optimal(symbols: _LevelSymbols, v: ca.MX, multipliers: ca.MX) -> ca.MX:
 
 # A bound cascade, which survives a plugin that breaks down in the middle of a tick.
 
-_result = unchecked_constructor(solution.TickResult)
-
 _STATUS = (solution.Status.SOLVED, solution.Status.INEXACT, solution.Status.INVALID_INPUT)
 _INEXACT = 1
 
@@ -331,7 +329,7 @@ class QpTick:
             v, status, missed = self._certify(v, missed, inputs)
         elif status is solution.Status.SOLVED:
             status = solution.Status.INEXACT
-        return _result(v=v, status=status, residual=missed, extras=tuple(extras), solve_time=perf_counter() - start)
+        return solution.tick_result(v=v, status=status, residual=missed, extras=tuple(extras), solve_time=perf_counter() - start)
 
     def _certify(self, v: Array, missed: Array, inputs: Sequence[ArrayLike]) -> tuple[Array, solution.Status, Array]:
         """Exact only if that is certified, whatever the programs say of themselves; else by the rows that they hold.

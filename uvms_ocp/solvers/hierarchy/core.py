@@ -11,9 +11,9 @@ import casadi as ca
 import numpy as np
 from numpy.typing import ArrayLike
 
-from uvms_ocp.checks import checked_on_failure, unchecked_constructor
+from uvms_ocp.checks import checked_on_failure
 from uvms_ocp.codegen.buffered import BufferedFunction
-from uvms_ocp.codegen.compile import compile_function, external_function
+from uvms_ocp.codegen.compile import c_macros, compile_function, external_function
 from uvms_ocp.solvers.hierarchy import solution
 from uvms_ocp.solvers.hierarchy.level import Level
 from uvms_ocp.types import Array
@@ -21,10 +21,8 @@ from uvms_ocp.types import Array
 STATUSES = tuple(solution.Status)
 """Statuses by their codes, which a core gives."""
 
-INCLUDES = "#include <math.h>\n#include <string.h>\n"
 PythonSolver = Callable[..., Sequence[Array]]
 """(J (M, n), lower, upper, rate, activation, gate, state) -> v, state, report, residual, as a core has them."""
-_result = unchecked_constructor(solution.TickResult)
 
 
 def texts_of(*names: str) -> list[str]:
@@ -37,9 +35,15 @@ def report(status: solution.Status, iterations: int = 0) -> Array:
     return np.array([STATUSES.index(status), iterations], dtype=float)
 
 
-def status_codes() -> str:
-    """Codes of statuses in C."""
-    return f"enum {{ {', '.join(f'{status.name} = {code}' for code, status in enumerate(STATUSES))} }};\n"
+def preamble(n: int, sizes: Sequence[int]) -> str:
+    """Return what the C of a core begins with: headers, codes of statuses, sizes.
+
+    n: velocities. sizes: rows of each level.
+    """
+    filled = [size for size in sizes if size]
+    rows = {"N": n, "M": sum(filled), "L": len(filled), "LEVEL_SIZES": ", ".join(map(str, filled))}
+    codes = ", ".join(f"{status.name} = {code}" for code, status in enumerate(STATUSES))
+    return f"#include <math.h>\n#include <string.h>\n\n{c_macros(rows)}\nenum {{ {codes} }};\n"
 
 
 class CoreTick:
@@ -82,7 +86,7 @@ class CoreTick:
         v, state, report, missed, *extras = results
         self._state[:] = state
         status = STATUSES[int(report[0])]
-        return _result(v=v, status=status, residual=missed, extras=tuple(extras), solve_time=perf_counter() - start)
+        return solution.tick_result(v=v, status=status, residual=missed, extras=tuple(extras), solve_time=perf_counter() - start)
 
 
 class CompiledSolver:

@@ -41,11 +41,9 @@ class Icat(core.CompiledSolver):
 
     def core_source(self, n: int, sizes: Sequence[int]) -> str:
         """C99 source of the solver as an external function of CasADi; needs libm only."""
-        filled = [size for size in sizes if size]
-        rows = {"N": n, "M": sum(filled), "L": len(filled), "LEVEL_SIZES": ", ".join(map(str, filled))}
         numbers = {"damping": self.damping, "threshold": self.threshold, "weight": self.weight, "pi": math.pi}
-        macros = c_macros({**rows, **numbers, "LARGEST": tolerances.LARGEST, "ENDLESS": tolerances.ENDLESS})
-        return "\n".join([core.INCLUDES, macros, core.status_codes(), *core.texts_of("interface.c", "symmetric.c", "icat.c")])
+        macros = c_macros({**numbers, "LARGEST": tolerances.LARGEST, "ENDLESS": tolerances.ENDLESS})
+        return "\n".join([core.preamble(n, sizes), macros, *core.texts_of("interface.c", "symmetric.c", "icat.c")])
 
     def in_python(self, n: int, sizes: Sequence[int]) -> core.PythonSolver:
         """Return the same in NumPy, for any numbers."""

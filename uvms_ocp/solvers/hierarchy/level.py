@@ -123,10 +123,8 @@ def stack(levels: Sequence[Level]) -> Stack:
             given = f"{_label(level.name, 'jacobian')} (number {index}) has {level.n_velocities} columns"
             raise InvalidInput(f"{given}; the first level has {n}, give all levels the same")
     rows = ("jacobian", "lower", "upper", "rate", "activation", "gate")
-    return Stack(
-        **{name: np.concatenate([getattr(level, name) for level in levels]) for name in rows},
-        sizes=tuple(level.n_rows for level in levels),
-    )
+    stacked = {name: np.concatenate([getattr(level, name) for level in levels]) for name in rows}
+    return Stack(**stacked, sizes=tuple(level.n_rows for level in levels))
 
 
 def row_slices(sizes: Sequence[int]) -> Iterator[slice]:

@@ -133,6 +133,10 @@ class TickResult:
     """[s], evaluation of the levels included."""
 
 
+tick_result = unchecked_constructor(TickResult)
+"""Without a look at its arguments, of arrays that belong to it."""
+
+
 class Tick(Protocol):
     """A solver bound to a Function that computes the levels."""
 
