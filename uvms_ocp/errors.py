@@ -121,7 +121,7 @@ def optional_module(name: str, what: str, package: str) -> Any:
 
 
 def require_first_reading(what: str) -> None:
-    """Raise SystemExit in a process that reads the script it was started by, and would start processes itself by `what`."""
+    """Raise SystemExit in a spawned process that still imports the script which started it, and would spawn again by `what`."""
     if getattr(current_process(), "_inheriting", False):
         raise SystemExit(f'{what}: its processes read the script again; put the call below if __name__ == "__main__":')
 

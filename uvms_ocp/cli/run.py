@@ -51,9 +51,9 @@ _COPIES, _SHARE, _DIE_WITH_PARENT = 2, 4, 1  # drawings that one takes at a time
 def drawer(*, wanted: bool = True) -> Iterator[Callable[..., list[str]]]:
     """Yield what writes all figures and scenes: one that fails costs no other, and is returned as a line that says why.
 
-    It takes what writes each, by name, and must bear to be called twice, and the status that is shown meanwhile. On Linux, with
-    processors for them, copies of this process write; meanwhile they load what draws, which takes half a second. What it yields
-    raises what the disk refuses.
+    It takes the functions that write them, by name, each of which may be called twice, and the status to show meanwhile; what
+    the disk refuses is raised. On Linux, with processors for them, copies of this process write: until then they import what
+    draws, which takes half a second.
     """
     n = _COPIES if wanted and sys.platform == "linux" and (os.cpu_count() or 1) >= _COPIES else 0
     pool = ProcessPoolExecutor(_COPIES, get_context("fork" if n else None), _load_drawing, (os.getpid(),))

@@ -57,7 +57,7 @@ def _text(value: Any) -> str:
 
 
 def number(value: float) -> str:
-    """A number of C; whatever reads it gets the same bits, nothing for 0."""
+    """Write a number in C, exact to the last bit; empty for 0."""
     if isinstance(value, int):
         return str(value) if value else ""
     if value != value:

@@ -15,13 +15,13 @@ from uvms_ocp.identification import sample_checks as checks
 from uvms_ocp.identification.recording import smoothed
 
 _LEAST, _MOST = 100, 20_000  # rows that are looked at
-_STEP, _WINDOW = 0.1, 1.5  # [s] between rows, as if, and to smooth over: magnitudes are compared, whatever their scale
+_STEP, _WINDOW = 0.1, 1.5  # [s] assumed between rows, and to smooth over: magnitudes are compared, whatever their scale
 _AGREES, _PLANAR, _SMOOTH = 0.8, 0.98, 0.15  # correlations; steps beside what values spread
 _PEAKS, _PULSES = 95.0, (900.0, 2200.0)  # [%] of samples below peaks, as where an angle jumps; [us]
 
 
 def guessed_names(places: Sequence[str], values: np.ndarray, guesses: Sequence[Mapping[str, Any]]) -> dict[str, tuple[str, str]]:
-    """For columns (n, k) [as they are] by their places a name and the evidence; none for those of which nothing tells."""
+    """Guess a name, with the evidence for it, for columns (n, k) [as they are], by their places; unknown ones are left out."""
     known, labels = np.isfinite(values), dict[str, tuple[str, str]]()
     values = np.where(known.any(axis=0), values, 0.0)[known[:, known.any(axis=0)].all(axis=1)][:_MOST]
     if len(values) < _LEAST:

@@ -120,7 +120,7 @@ def error_bound(record: Record, quantity: str) -> float | None:
 def norm_bound(measured: float, spread: float) -> float:
     """Bound the norm of three numbers [m or rad] with probability `CHANCE`.
 
-    Mean and variance of its square are those of a multiple of chi-squared [Patnaik1949]. told [m or rad]: the norm of their
+    Mean and variance of its square are those of a multiple of chi-squared [Patnaik1949]. measured [m or rad]: the norm of their
     means. spread [m or rad]: root of the sum of their variances, which are alike.
     """
     if spread == 0.0:

@@ -156,11 +156,11 @@ class StagewiseLevelModel:
         """Tolerance [unit of the row]: by which the norm of frozen rows may rise."""
         self._levels, self._memory = StagewiseLevels(memory, _REAL_TIME_QP_OPTIONS), memory
         self._tolerance, self._kept = tolerance, [_WEIGHTS[1]] * memory.n_levels
-        """And the weight of what each level keeps [1/unit of the row^2]."""
+        """And the weight [1/unit of the row^2] by which each level keeps those above."""
         self._last: dict[int, WarmStart] = {}
-        """QP of each level."""
+        """Where the next QP of each level starts."""
         self._ranges: tuple[RowBounds, int, StageRanges] | None = None
-        """Ranges that were asked for last, with what of."""
+        """Bounds and level of the ranges that were asked for last, and these."""
         self._own_ranges: StageRanges | None = None
         """Ranges of the constraints alone."""
 

@@ -168,7 +168,7 @@ def _nonzeros(matrix: ca.SX) -> ca.SX:
 
 @lru_cache(maxsize=8)
 def kept_content(given: Keyed) -> str:
-    """What a function gives for a kind of model, called for the first of that kind alone."""
+    """Return the hash that the function in `given` computes, once for each kind of model, which is its key."""
     return str(given.value())
 
 

@@ -171,7 +171,7 @@ def term_blocks(model: StageModel) -> tuple[TermBlock, ...]:
 
 def eliminated_blocks(blocks: Sequence[TermBlock], model: StageModel) -> tuple[TermBlock, ...]:
     """The same in the symbols of a model with forces `eliminated`: terms are asked for their rows once."""
-    if not blocks[0].rows.model.has_force_variables:  # but the equations of motion written out
+    if not blocks[0].rows.model.has_force_variables:  # rows hold the equations of motion instead
         return term_blocks(model)
     z = ca.vertcat(model.z[: model.n_motion], *model.inputs)
     return tuple(replace(block, rows=_rows_at(block.rows, z, model)) for block in blocks)

@@ -58,9 +58,6 @@ def live_page(record: Record, robot: Robot, height: int) -> ScenePage:
 
 
 # A run to look at while it goes on: the loop hands over the newest state, and whoever looks fetches it, frame by frame.
-#
-# What a tick pays is one assignment, and the wait that keeps the run to the clock. Frames are made by the threads of those who
-# look, of whatever is the newest then: slow ones miss some, and none waits for them.
 
 _FRAME_RATE, _NOTEBOOK_RATE = 25.0, 10.0  # [Hz] of frames, by the clock on the wall, and of those that a notebook takes of a run
 _DIGITS = 7  # more than the 32-bit floats of the page hold

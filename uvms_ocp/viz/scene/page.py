@@ -84,10 +84,10 @@ class ScenePage:
         return self.framed(f"scene-{uuid4().hex}")
 
     def framed(self, name: str) -> str:
-        """A frame of that name with the page, without the viewer where it stands in the notebook: a script fills it in."""
+        """Return an iframe of that id with the page; a viewer that the notebook holds already is copied in by a script."""
         head, _, rest = self.html.partition(_VIEWER_MARK)
         viewer, _, tail = rest.partition(_VIEWER_MARK)
-        whole, style = not _stands_in_notebook(), f"width:100%;height:{self.height:d}px;border:none"
+        whole, style = not _viewer_in_notebook(), f"width:100%;height:{self.height:d}px;border:none"
         page = f'srcdoc="{html.escape(self.html)}"' if whole else f'data-page="{html.escape(head + _VIEWER_MARK + tail)}"'
         script = "" if whole else f"<script>{asset('frame.js')}('{name}')</script>"
         opening = f'<iframe id="{name}" data-viewer="{_digest(viewer)}" sandbox="allow-scripts" style="{style}" {page}>'
@@ -95,15 +95,15 @@ class ScenePage:
 
 
 _VIEWER_MARK = "<!--viewer-->"
-"""Stands before and behind what all pages share."""
+"""Comment before and after the viewer's script, which all pages share."""
 _WITHOUT_SCRIPTS = "A scene is drawn here by scripts, which this notebook may not run: trust it, or run this cell."
-"""Seen where the frame is taken out for safety, and what is in it left."""
+"""Text inside the frame, which a notebook shows that takes frames out of outputs it does not trust."""
 _shown = dict[str, str]()
 """Cells of this kernel's notebook that showed a scene, and by which message they were run then."""
 
 
-def _stands_in_notebook() -> bool:
-    """Whether a cell of the notebook holds the viewer; one that is run again has lost what it showed, and may be the one."""
+def _viewer_in_notebook() -> bool:
+    """Check whether another cell's output holds the viewer: one that is run again has lost its own, and perhaps the viewer."""
     kernel: Any = getattr(getattr(sys.modules.get("IPython"), "get_ipython", lambda: None)(), "kernel", None)
     if not hasattr(kernel, "get_parent") or "google.colab" in sys.modules:  # where each cell is a page of its own
         return False
