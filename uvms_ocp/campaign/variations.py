@@ -52,9 +52,9 @@ def machine_parameters(scenario: Scenario) -> Iterator[Parameter]:
         yield _of_robot(f"{payload}.mass", "kg", f"of a point mass fixed to {carrier}", mass)
         yield _of_robot(f"{payload}.volume", "m3", f"of water that something without mass displaces at {carrier}", volume)
     if robot.description.thrusters:
-        lag = _driven(lambda thruster, factor: {"time_constant": factor * thruster.time_constant})
-        zone = _driven(lambda thruster, value: {"dead_zone": value})
-        yield _of_robot("thrusters.limit", "-", "factor of the thrust limits of all thrusters", _driven(_limited))
+        lag = partial(_driven, lambda thruster, factor: {"time_constant": factor * thruster.time_constant})
+        zone = partial(_driven, lambda thruster, value: {"dead_zone": value})
+        yield _of_robot("thrusters.limit", "-", "factor of the thrust limits of all thrusters", partial(_driven, _limited))
         yield _of_robot("thrusters.time_constant", "-", "factor of the lag of all thrusters", lag)
         yield _of_robot("thrusters.dead_zone", "N", "command below which no thruster pushes", zone)
 
@@ -99,12 +99,9 @@ def _limited(thruster: Thruster, factor: float) -> dict[str, object]:
     return {"minimum": factor * thruster.minimum, "maximum": factor * thruster.maximum, "curve": curve}
 
 
-def _driven(change: Callable[[Thruster, float], dict[str, object]]) -> Callable[[Robot, float], Robot]:
-    def apply(robot: Robot, value: float) -> Robot:
-        thrusters = tuple(dict(thruster) | change(thruster, value) for thruster in robot.description.thrusters)
-        return replace(robot, description=checked_copy(robot.description, thrusters=thrusters))
-
-    return apply
+def _driven(change: Callable[[Thruster, float], dict[str, object]], robot: Robot, value: float) -> Robot:
+    thrusters = tuple(dict(thruster) | change(thruster, value) for thruster in robot.description.thrusters)
+    return replace(robot, description=checked_copy(robot.description, thrusters=thrusters))
 
 
 # Parameters of the sensors, as they truly are: the estimator goes on with what the robot's file says of them.
@@ -123,8 +120,8 @@ _FIELDS = {
 def sensor_parameters(scenario: Scenario) -> Iterator[Parameter]:
     """Yield parameters of all sensors together, and of each that the robot has."""
     channels = [channel for channel in CHANNELS if getattr(scenario.specs, channel) is not None]
-    noise = _each(lambda spec, factor: {"sigma": factor * spec.sigma})
-    later = _each(lambda spec, value: {"delay": spec.delay + value})
+    noise = partial(_each, lambda spec, factor: {"sigma": factor * spec.sigma})
+    later = partial(_each, lambda spec, value: {"delay": spec.delay + value})
     yield Parameter("sensors.noise", "-", "factor of the noise of all channels", noise)
     if isinstance(scenario.sensors, SensorSpecs):  # estimator and controller are given the delays
         text = "added to the delay of all channels, as their file would say it"
@@ -157,14 +154,11 @@ def _with_delay(channel: str, scenario: Scenario, value: float) -> Scenario:
     return replace(scenario, sensors=specified, real_sensors=scenario.real_sensors and real)
 
 
-def _each(change: Callable[[SensorSpec, float], dict[str, float]]) -> Callable[[Scenario, float], Scenario]:
-    def apply(scenario: Scenario, value: float) -> Scenario:
-        specs = _true(scenario)
-        found = {name: getattr(specs, name) for name in CHANNELS}
-        changed = {name: replace(spec, **change(spec, value)) for name, spec in found.items() if spec is not None}
-        return replace(scenario, real_sensors=replace(specs, **changed))
-
-    return apply
+def _each(change: Callable[[SensorSpec, float], dict[str, float]], scenario: Scenario, value: float) -> Scenario:
+    specs = _true(scenario)
+    found = {name: getattr(specs, name) for name in CHANNELS}
+    changed = {name: replace(spec, **change(spec, value)) for name, spec in found.items() if spec is not None}
+    return replace(scenario, real_sensors=replace(specs, **changed))
 
 
 def _with_field(channel: str, name: str, scenario: Scenario, value: float) -> Scenario:

@@ -51,10 +51,7 @@ def expand_options(command: Callable[..., None]) -> Callable[..., None]:
 
 def _fields_as_parameters(group: Any) -> list[Parameter]:
     hints = get_type_hints(group, include_extras=True)
-    return [
-        Parameter(field.name, Parameter.KEYWORD_ONLY, default=field.default, annotation=hints[field.name])
-        for field in fields(group)
-    ]
+    return [Parameter(f.name, Parameter.KEYWORD_ONLY, default=f.default, annotation=hints[f.name]) for f in fields(group)]
 
 
 def defaults_of(kind: type[Any]) -> dict[str, Any]:

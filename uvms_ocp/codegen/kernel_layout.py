@@ -91,15 +91,13 @@ def functions_in(memory: Any) -> Iterator[FunctionStructure]:
 
 @lru_cache(maxsize=512)
 def _with_functions(kind: Any) -> tuple[str, ...]:
-    """Fields of a structure in which functions are, which are looked for in every memory; of an array those of its parts."""
+    """Names of the fields of a structure that hold functions; of an array those of its entries. The same for every memory."""
     if issubclass(kind, (ctypes.Array, FunctionStructure)):
         return _with_functions(kind._type_) if issubclass(kind, ctypes.Array) else ("",)
     return tuple(name for name, of, *_ in getattr(kind, "_fields_", ()) if _with_functions(of))
 
 
-@lru_cache(maxsize=96)
-def _buffered(function: ca.Function) -> BufferedFunction:
-    return BufferedFunction(function)
+_buffered = lru_cache(maxsize=96)(BufferedFunction)
 
 
 def column_view(layout: Any) -> np.ndarray:

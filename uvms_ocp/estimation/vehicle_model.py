@@ -11,6 +11,7 @@ from uvms_ocp.codegen.kernel_layout import Vector, wide, zeros
 from uvms_ocp.estimation import filter_memory as filtering
 from uvms_ocp.estimation.filter_memory import MAIN, ChannelIndex, FilterMemory, Part, PredictedMeasurement, ProcessNoise
 from uvms_ocp.robot.kinematics import STEEP
+from uvms_ocp.robot.shapes.gjk import rotated
 
 # Rotations: matrices row by row, quaternions xyzw, vectors from an entry of theirs on.
 
@@ -23,12 +24,6 @@ def rotation(q: Vector, R: Vector) -> None:
     R[4], R[5] = 1.0 - 2.0 * (x * x + z * z), 2.0 * (y * z - w * x)
     R[6], R[7] = 2.0 * (x * z - w * y), 2.0 * (y * z + w * x)
     R[8] = 1.0 - 2.0 * (x * x + y * y)
-
-
-def rotate(R: Vector, x: Vector, y: Vector) -> None:
-    """Compute y = R x, (3,) each."""
-    for i in range(3):
-        y[i] = R[3 * i] * x[0] + R[3 * i + 1] * x[1] + R[3 * i + 2] * x[2]
 
 
 def rotate_back(R: Vector, x: Vector, at: int, y: Vector) -> None:
@@ -193,7 +188,7 @@ def predict(m: FilterMemory) -> None:
 def _follow(m: FilterMemory) -> None:
     R, commanded = zeros(9), zeros(3)
     rotation(m.turn, R)
-    rotate(R, m.commanded, commanded)
+    rotated(R, m.commanded, commanded)
     for i in range(3):
         if m.guided:
             _change(m, Part.SPEED + i, commanded[i] - m.commanded_W[i])
@@ -283,7 +278,7 @@ def _relief(m: FilterMemory) -> float:
     rough, settling = m.drive[ProcessNoise.ROUGHNESS], m.drive[ProcessNoise.SETTLING]
     rotation(m.turn, R)
     cross(m.x, Part.SPIN, m.beam_at, arm)
-    rotate(R, arm, velocity)
+    rotated(R, arm, velocity)
     for i in range(2):
         velocity[i] += m.x[Part.SPEED + i]
     return settling * settling + rough * rough * (velocity[0] * velocity[0] + velocity[1] * velocity[1])

@@ -43,9 +43,7 @@ def propose_mapping(path: Path) -> str:
     if all(name == f"#{k}" for k, name in enumerate(named.get("", [""]), start=1)):
         labels = guessed_names(named[""], tables.read_columns(path, named[""]), _TABLE["guesses"])
     for form, (topic, names) in product(forms, named.items()):
-        used = {
-            str(column).removeprefix("-") for one in found.values() if one.get("topic", "") == topic for column in one["columns"]
-        }
+        used = {name for one in found.values() if one.get("topic", "") == topic for name in _names_of(one)}
         left = [name for name in names if name not in used and (name[:1].isupper() or "capitals" not in form)]
         labelled = {name: labels.get(name, (_label(topic, name), ""))[0] for name in names}
         asked = CHANNEL_KINDS[form["channel"]].command or re.compile(_TABLE["asked"])
@@ -71,9 +69,7 @@ def propose_mapping(path: Path) -> str:
         lines.append(f"  {name}: {yaml.safe_dump(one, default_flow_style=True, sort_keys=False, width=10_000).strip()}")
         known_axes = one.keys() & {"world", "body", "frame"} or found.keys() & _TABLE["tells"].get(name, found)
         notes = {
-            "by values": [
-                labels[at][1] for at in (str(one.get("time")), *(str(x).strip("-") for x in one["columns"])) if at in labels
-            ],
+            "by values": [labels[at][1] for at in (str(one.get("time")), *_names_of(one)) if at in labels],
             "by names": [ranges[name]] if name in ranges else [],
             "assumed": [] if known_axes or 0.0 in one["columns"] else [_TABLE["assumed"]],
             "not measured": [_TABLE["constant"]] if 0.0 in one["columns"] else [],
@@ -82,6 +78,11 @@ def propose_mapping(path: Path) -> str:
         }
         lines += [f"    # {kind}: {text}" for kind, texts in notes.items() for text in dict.fromkeys(texts)]
     return "\n".join(lines) + "\n"
+
+
+def _names_of(one: Mapping[str, Any]) -> list[str]:
+    """Names of the columns of a channel, without signs."""
+    return [str(column).removeprefix("-") for column in one["columns"]]
 
 
 def _fields(path: Path, forms: Sequence[Mapping[str, Any]]) -> Iterator[tuple[str, list[str]]]:

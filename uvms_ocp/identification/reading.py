@@ -195,9 +195,8 @@ def mapped_recording(source: Path | str, mapping: RecordingMapping, name: str = 
     rows = _mapped_rows(source, mapping, name)
     _pass_midnight(rows.values())
     read = {key: _samples(key, one, rows[key]) for key, one in mapping.channels.items()}
-    found = {
-        key: replace(one, values=_in_body(key, read)) if mapping.channels[key].frame == "W" else one for key, one in read.items()
-    }
+    in_world = [key for key, one in mapping.channels.items() if one.frame == "W"]
+    found = read | {key: replace(read[key], values=_in_body(key, read)) for key in in_world}
     start = min(channel.t[0] for channel in found.values())
     return recordings.Recording(
         name=name,

@@ -28,9 +28,7 @@ class QualityIssue:
 
 EXPLAINED = 0.15
 """Of the motion, by which other axes must explain more."""
-WAYS = tuple(
-    np.diag(signs) @ np.eye(3)[list(order)] for order in permutations(range(3)) for signs in product((1.0, -1.0), repeat=3)
-)
+WAYS = tuple(np.diag(signs) @ np.eye(3)[[*axes]] for axes in permutations(range(3)) for signs in product((1.0, -1.0), repeat=3))
 """(3, 3) each: all ways to swap and turn axes."""
 _LATEST = 1.5  # [s] offsets of clocks that are looked for
 _SHIFTS = 0.05 * np.arange(-30, 31)  # [s] up to these

@@ -269,12 +269,9 @@ class Plan(TableDisplay):
 
         Raises `OutputError` where the file cannot be written.
         """
-        values = self.summary() | {
-            "levels": self.levels,
+        values = self.summary() | {name: getattr(self, name) for name in ("levels", "surroundings", "current", "plugin")}
+        values |= {
             "of_wrench": self.trajectory.of_wrench,
-            "surroundings": self.surroundings,
-            "current": self.current,
-            "plugin": self.plugin,
             "solver": None if self.result is None else plan_file.solver_values(self.result),
             "clearance": None if self.clearance is None else plan_file.clearance_values(self.clearance),
         }

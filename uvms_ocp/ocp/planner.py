@@ -233,7 +233,8 @@ _BESIDE = 2  # nodes
 _MORE = 1.2  # share of what is missing between nodes by which these are tightened
 
 
-Guess: TypeAlias = Trajectory | Plan | LexicographicResult
+MotionGuess: TypeAlias = Trajectory | Plan
+Guess: TypeAlias = MotionGuess | LexicographicResult
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
@@ -267,7 +268,7 @@ class Refinement:
     progress: Progress | None = None
     """Told every iteration."""
 
-    def solved(self, guess: Trajectory | Plan) -> RefinedResult:
+    def solved(self, guess: MotionGuess) -> RefinedResult:
         """The last that is no worse, or usable."""
         q = (guess.trajectory if isinstance(guess, Plan) else guess).q
         if len(q) != self.given.n_steps + 1:
@@ -432,13 +433,7 @@ class Planner:
         return Planner(self.problem, replace(self.options, plugin=IPOPT), wait_for_compiler=self._wait)
 
     def _planned(
-        self,
-        given: OcpProblem,
-        guess: Trajectory | Plan | None,
-        t0: float,
-        ends: float,
-        diagnose: bool,
-        progress: Progress | None,
+        self, given: OcpProblem, guess: MotionGuess | None, t0: float, ends: float, diagnose: bool, progress: Progress
     ) -> Plan:
         begin = perf_counter()
         obstruction = self.transcription.obstruction(given)
@@ -485,7 +480,7 @@ class Planner:
                 self._start(guess), p=p, x_lower=lower, x_upper=upper, ranges=ranges, time_limit=time_limit, progress=progress
             )
 
-    def _start(self, guess: Trajectory | Plan | LexicographicResult) -> np.ndarray | LexicographicResult:
+    def _start(self, guess: Guess) -> np.ndarray | LexicographicResult:
         if isinstance(guess, Plan):
             guess = guess.trajectory if guess.result is None else guess.result
         return guess if isinstance(guess, LexicographicResult) else self.transcription.pack(guess)

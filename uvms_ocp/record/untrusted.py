@@ -340,9 +340,7 @@ def read_yaml(path: Path | str, loader: Any = BoundedLoader) -> object:
         raise ValueError(" ".join(f"not valid YAML: {error}".split())[:400]) from None
 
 
-@lru_cache(maxsize=4)
-def _parsed(text: str, loader: Any) -> object:
-    return yaml.load(text, Loader=loader)
+_parsed = lru_cache(maxsize=4)(yaml.load)
 
 
 def read_yaml_as(path: Path, model: type[_M]) -> _M:

@@ -230,12 +230,9 @@ class RunSummary(TableDisplay, dict[str, Any]):
         if self["repeated"]:
             columns = tuple(self["repeated"][0])
             rows = [tuple(map(cell, phase.values())) for phase in self["repeated"]]
-        rows += [
-            (k, cell(self[k])) for k in self if k.startswith(("energy_", "tool_", "largest_", "min_")) and self[k] is not None
-        ]
-        errors = [
-            (f"{tool}: {what} error", cell(error)) for tool, all_of in self["tools"].items() for what, error in all_of.items()
-        ]
+        shown = ("energy_", "tool_", "largest_", "min_")
+        rows += [(name, cell(value)) for name, value in self.items() if name.startswith(shown) and value is not None]
+        errors = [(f"{tool}: {what} error", cell(error)) for tool, own in self["tools"].items() for what, error in own.items()]
         rows += errors if len(self["tools"]) > 1 else []
         rows += [("alarm", cell(alarm["t"]), alarm["text"]) for alarm in self["alarms"]]
         title = f"{self['scenario']}, {self['robot']}: {self['cause']['kind']}"

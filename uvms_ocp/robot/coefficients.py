@@ -97,13 +97,7 @@ def _box(name: str, shape: data.Box, rho: float) -> LinkHydrodynamics:
 def _sphere(name: str, shape: data.Sphere, rho: float) -> LinkHydrodynamics:
     volume, area = 4 / 3 * np.pi * shape.radius**3, np.pi * shape.radius**2
     mass = rho * volume / 2
-    return _shaped(
-        name,
-        shape,
-        volume,
-        added_mass=(mass, mass, mass, 0.0, 0.0, 0.0),
-        areas=rho / 2 * np.array([area, area, area, 0.0, 0.0, 0.0]),
-    )
+    return _shaped(name, shape, volume, added_mass=(mass, mass, mass, 0.0, 0.0, 0.0), areas=rho / 2 * np.repeat([area, 0.0], 3))
 
 
 def _strips(width: float, length: float) -> float:

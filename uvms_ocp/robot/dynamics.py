@@ -5,7 +5,6 @@ from __future__ import annotations
 from dataclasses import field
 from functools import lru_cache
 
-import casadi as ca
 import numpy as np
 from numpy.typing import ArrayLike
 
@@ -92,10 +91,8 @@ class Dynamics(FieldTable):
         return outputs
 
 
-@lru_cache(maxsize=16)
-def _function(symbolic: SymbolicDynamics, term: str) -> ca.Function:
-    """One for all `Dynamics` of the same equations, each of which calls it through memory of its own."""
-    return symbolic.function(term)
+_function = lru_cache(maxsize=16)(SymbolicDynamics.function)
+"""One for all `Dynamics` of the same equations, each of which calls it through memory of its own."""
 
 
 @checked
@@ -114,7 +111,5 @@ def robot_dynamics(robot: Robot, density: Positive | None = None) -> Dynamics:
     return Dynamics(symbolic)
 
 
-@lru_cache(maxsize=8)
-def cached_dynamics(robot: Robot) -> Dynamics:
-    """`robot_dynamics`, made once where many runs have one robot."""
-    return robot_dynamics(robot)
+cached_dynamics = lru_cache(maxsize=8)(robot_dynamics)
+"""The same, made once where many runs have one robot."""

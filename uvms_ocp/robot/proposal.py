@@ -148,11 +148,10 @@ def _thrusters(models: UrdfModels, roles: Roles) -> Iterator[tuple[str, pin.SE3,
     for i, frame in enumerate(model.frames):
         is_link = frame.type == pin.FrameType.BODY and is_called("propeller", frame.name) and not is_called("fin", frame.name)
         if is_link and frame.parentJoint <= 1 and not _has_propeller_above(model, i):
-            round_ones = [
-                s for s in models.visual.geometryObjects if s.parentFrame == i and isinstance(s.geometry, coal.Cylinder)
-            ]
-            if round_ones:
-                yield frame.name, data.oMf[i], round_ones[0].placement.rotation[:, 2], "axis of its cylinder"
+            shapes = [shape for shape in models.visual.geometryObjects if shape.parentFrame == i]
+            cylinders = [shape for shape in shapes if isinstance(shape.geometry, coal.Cylinder)]
+            if cylinders:
+                yield frame.name, data.oMf[i], cylinders[0].placement.rotation[:, 2], "axis of its cylinder"
             else:
                 yield frame.name, data.oMf[i], data.oMf[i].rotation[:, 0], "x axis of the link"
 

@@ -333,19 +333,14 @@ def _name_limits_not_kept(findings: Findings, root: Element) -> None:
 
 def _check_unused(path: Path, joint: Element, where: str) -> None:
     """Numbers that nothing here uses, but for which urdfdom gives up the whole file."""
-    for tag, keys in (
-        ("mimic", ("multiplier", "offset")),
-        ("calibration", ("rising", "falling")),
-        ("safety_controller", _SOFT_LIMIT),
-    ):
+    read = {"mimic": ("multiplier", "offset"), "calibration": ("rising", "falling"), "safety_controller": _SOFT_LIMIT}
+    for tag, keys in read.items():
         for key in keys:
             needed = key == "k_velocity" and joint.find(tag) is not None
             read_number(path, joint.find(tag), key, f"{where} {tag} {key}", default=None if needed else 0.0)
 
 
-def _check_not_negative(
-    path: Path, element: Element | None, keys: Sequence[str], where: str, default: float | None = None
-) -> None:
+def _check_not_negative(path: Path, element: Element | None, keys: Sequence[str], where: str, default: float | None) -> None:
     for key in keys:
         value = read_number(path, element, key, f"{where} {key}", default)
         if value < 0.0:
@@ -369,7 +364,7 @@ def _check_limit(path: Path, joint: Element, where: str) -> None:
     lower, upper = (read_number(path, element, key, f"{where} {key}", default=0.0) for key in ("lower", "upper"))
     if bounded and lower > upper:
         raise RobotDataError(path, f"{where}: lower {lower} > upper {upper}; allowed: lower <= upper")
-    _check_not_negative(path, element, ("velocity", "effort"), where)
+    _check_not_negative(path, element, ("velocity", "effort"), where, None)
 
 
 def _check_tree(path: Path, root: Element) -> None:

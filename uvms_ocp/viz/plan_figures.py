@@ -17,10 +17,7 @@ from uvms_ocp.record.record import Record
 from uvms_ocp.viz import motion_figures, style
 from uvms_ocp.viz.series import axis_label, require_rows
 
-_ROWS = (
-    *(("x", "position"), ("x_rate", "velocity"), ("x_acceleration", "acceleration")),
-    *(("x_jerk", "jerk"), ("x_snap", "snap")),
-)
+_ROWS = {"x": "position", "x_rate": "velocity", "x_acceleration": "acceleration", "x_jerk": "jerk", "x_snap": "snap"}
 _FAR = 0.5  # [m] farther than this needs no look
 _VEHICLE = ("x", "y", "z", "roll", "pitch", "yaw")
 
@@ -91,7 +88,7 @@ def _motion(record: Record, names: Collection[str], parts: Sequence[str], title:
     planned = record.plan_meta.axes
     if not (wanted := [i for i, name in enumerate(planned) if name in names]):
         return None
-    rows = [(series, label) for series, label in _ROWS if series in record.series]
+    rows = [(series, label) for series, label in _ROWS.items() if series in record.series]
     figure, axes = style.stacked(len(rows), 1.25, title, *page)
     for row, (series, label) in zip(axes, rows, strict=True):
         for k, i in enumerate(wanted):

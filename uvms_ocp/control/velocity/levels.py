@@ -369,11 +369,9 @@ def tick_symbols(robot: Robot, dt: float) -> TickSymbols:
 
 
 def _task_rows(robot: Robot, hierarchy: Hierarchy, symbols: TickSymbols, parameters: ca.SX) -> list[Rows]:
-    ends = np.cumsum([0, *(task.n_parameters(robot) for task in hierarchy.tasks)])
-    return [
-        task.rows(symbols, parameters[int(start) : int(end)])
-        for task, start, end in zip(hierarchy.tasks, ends, ends[1:], strict=False)
-    ]
+    ends = np.cumsum([0, *(task.n_parameters(robot) for task in hierarchy.tasks)]).tolist()
+    spans = zip(hierarchy.tasks, ends[:-1], ends[1:], strict=True)
+    return [task.rows(symbols, parameters[start:end]) for task, start, end in spans]
 
 
 def _limit_rows(symbols: TickSymbols, previous: ca.SX) -> Rows:
