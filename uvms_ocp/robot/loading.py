@@ -390,7 +390,9 @@ def assemble(models: UrdfModels, description: RobotDescription, path: Path, name
 def _of_what_is_there(description: RobotDescription, models: UrdfModels) -> RobotDescription:
     """Without what is said of links and joints of the file that are left out."""
     gone, tools = models.no_links, tools_of(description)
-    kept: dict[str, Any] = {key: [p for p in getattr(description, key) if p.link not in gone] for key in ("trim", "thrusters")}
+    kept: dict[str, Any] = {
+        key: tuple(p for p in getattr(description, key) if p.link not in gone) for key in ("trim", "thrusters")
+    }
     kept |= {key: None for key in (BASE, ALTIMETER, DVL) if getattr(description, key) in gone}
     kept |= {TOOL: tuple(tool for tool in tools if tool not in gone) or None} if gone & set(tools) else {}
     for key, out in (("links", gone), ("joints", models.no_joints)):
