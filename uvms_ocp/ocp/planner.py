@@ -336,6 +336,7 @@ def worst_clearance(given: OcpProblem, path: Trajectory) -> ClearanceReport | No
 _COARSE: dict[str, Any] = {"convergence": 1e-3, "max_iterations": 20}
 _SHARE = 0.2  # of a time limit, for the guess
 _EARLY, _COSTLY = 4, 1.25  # iterations, after which motions of so many times the least residual are given up
+_TRIED = 2  # motions that all fail, after which no other is tried
 _FEW_STEPS = 100  # through which the virtual machine takes no longer than a compiler
 
 
@@ -410,7 +411,8 @@ class Planner:
     def _first_guess(self, given: OcpProblem, t0: float, ends: float) -> Trajectory:
         """Guess the best motion over a few steps that meets all levels above the last: stage by stage it takes little."""
         seen, presses = list[IterationReport](), list[object]()
-        best, few, least, begin = hold_guess(given), coarse_problem(given), np.inf, perf_counter()
+        few, least, failed, begin = coarse_problem(given), np.inf, 0, perf_counter()
+        best = hold = hold_guess(given)
         if self.options.plugin != STAGEWISE or given.free_time or given.n_steps < 2 * COARSE_STEPS:
             return best
 
@@ -426,6 +428,9 @@ class Planner:
                 if found.status.optimal and seen[-1].residual < least:
                     least = seen[-1].residual
                     best = shift_guess(given, self._coarse.transcription.unpack(found.x, few), 0.0, given.start)
+                failed += not found.status.optimal
+                if failed == _TRIED and best is hold:  # as where shapes are in the way
+                    break
         return best
 
     @cached_property
