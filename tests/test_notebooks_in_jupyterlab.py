@@ -188,7 +188,7 @@ def test_scenes_share_a_viewer_and_tell_python_what_is_dragged(lab: str, folder:
         return "1.5" in json.dumps(notebook.cells()[3]["outputs"])
 
     _until(told, notebook.text)
-    # The same outputs in a file that nobody has signed: a sentence in place of each scene.
+    # The same outputs in a file that nobody has signed: a picture and a sentence in place of each scene.
     cells = [cell | {"source": f"{cell['source']}  # copied"} for cell in notebook.cells()]
     _write_notebook(folder / "copied.ipynb", cells)
     other = page.context.browser.new_page(viewport={"width": 1400, "height": 1000})
@@ -198,3 +198,5 @@ def test_scenes_share_a_viewer_and_tell_python_what_is_dragged(lab: str, folder:
     assert shown.nth(0).inner_text().startswith("A scene is drawn here by scripts")
     assert shown.nth(1).inner_text().startswith("A scene is drawn here by scripts")
     assert shown.locator("iframe, script").count() == 0
+    drawn = shown.locator("img").evaluate_all("all => all.map((one) => one.complete && one.naturalWidth)")
+    assert drawn == [480] * 3

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import base64
 import html
 import re
 import sys
@@ -9,6 +10,7 @@ from collections.abc import Callable, Iterator
 from io import BytesIO
 from types import ModuleType, SimpleNamespace
 from typing import Any
+from xml.etree import ElementTree
 
 import matplotlib.image as mpl_image
 import numpy as np
@@ -89,10 +91,13 @@ def test_what_is_shown_out_of_any_cell_is_drawn_too(run: Run, page: ScenePage, m
     assert _viewers(*before, page._repr_html_()) == [1, 1], "an old kernel, of which nothing is known"
 
 
-def test_where_frames_are_taken_out_a_sentence_is_left(run: Run, page: ScenePage) -> None:
+def test_where_frames_are_taken_out_a_picture_and_a_sentence_are_left(run: Run, page: ScenePage, robot: Robot) -> None:
     for output in (run("a", page), run("b", page)):
         left = re.sub(r"<script>.*?</script>|<[^>]*>", "", output, flags=re.DOTALL)
         assert left.startswith("A scene is drawn here by scripts")
+        (picture,) = re.findall(r'<img [^>]*src="data:image/svg\+xml;base64,([^"]*)"/>', output)
+        path = ElementTree.fromstring(base64.b64decode(picture))[0].attrib["d"]
+        assert path.count("M") == robot.n_joints
 
 
 @pytest.fixture(scope="module")

@@ -11,7 +11,7 @@ import re
 import shutil
 import sys
 import warnings
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
@@ -21,6 +21,7 @@ from threading import BoundedSemaphore, Thread
 from typing import TYPE_CHECKING, Any
 from uuid import uuid4
 
+import numpy as np
 import umsgpack  # type: ignore[import-untyped]
 
 from uvms_ocp.checks import checked, checked_dataclass
@@ -71,6 +72,8 @@ class ScenePage:
     html: str = field(repr=False)
     height: AtLeastOne = 520
     """[px] in a notebook."""
+    still: str = field(default="", repr=False)
+    """An image, as HTML, for where scripts do not run."""
 
     def write(self, path: Path | str) -> Path:
         """Raises `OutputError` where `path` cannot be written."""
@@ -91,7 +94,7 @@ class ScenePage:
         page = f'srcdoc="{html.escape(self.html)}"' if whole else f'data-page="{html.escape(head + _VIEWER_MARK + tail)}"'
         script = "" if whole else f"<script>{asset('frame.js')}('{name}')</script>"
         opening = f'<iframe id="{name}" data-viewer="{_digest(viewer)}" sandbox="allow-scripts" style="{style}" {page}>'
-        return f"{script}{opening}{_WITHOUT_SCRIPTS}</iframe>"
+        return f"{script}{opening}{self.still}{_WITHOUT_SCRIPTS}</iframe>"
 
 
 _VIEWER_MARK = "<!--viewer-->"
@@ -114,11 +117,19 @@ def _viewer_in_notebook() -> bool:
     return stood and before == message
 
 
-def build_page(log: CommandLog, *, title: str, details: Mapping[str, Any], height: int = 520, live: bool = False) -> ScenePage:
+def build_page(
+    log: CommandLog,
+    *,
+    title: str,
+    details: Mapping[str, Any],
+    height: int = 520,
+    live: bool = False,
+    lines: Sequence[np.ndarray] = (),
+) -> ScenePage:
     """Fill the page template with meshcat's viewer, the commands and `details` (JSON values) for the page's script.
 
     The page's policy lets the viewer and the page's script run, by their hashes, and nothing else, and loads nothing; a live
-    one hears from whoever serves it.
+    one hears from whoever serves it. lines (n, 3) [m]: the robot, for where scripts do not run.
     """
     own = "".join(asset(f"{name}.js") for name in _SCRIPTS)
     scripts = {"VIEWER": _viewer_source(), "SCRIPT": own}
@@ -132,7 +143,25 @@ def build_page(log: CommandLog, *, title: str, details: Mapping[str, Any], heigh
     }
     # In one pass, so that no text that is filled in is looked through for marks.
     page = _MARK.sub(lambda mark: parts[mark[1]], asset("page.html"))
-    return ScenePage(html=page, height=height)
+    return ScenePage(html=page, height=height, still=_still(lines, details.get("direction", _FROM_THE_SIDE)) if lines else "")
+
+
+_FROM_THE_SIDE = (0.5, -1.0, 0.45)
+
+
+def _still(lines: Sequence[np.ndarray], direction: Sequence[float]) -> str:
+    """Draw lines (n, 3) [m], as they are seen from a direction."""
+    x, y, z = direction
+    right, up = np.array([-y, x, 0.0]), np.array([-x * z, -y * z, x * x + y * y])
+    plane = np.stack([right / np.linalg.norm(right), up / -np.linalg.norm(up)], axis=1)
+    seen = [line @ plane for line in lines]
+    (left, top), (right_end, bottom) = np.vstack(seen).min(axis=0) - 0.2, np.vstack(seen).max(axis=0) + 0.2
+    path = "".join("M" + "L".join(f"{u:.2f} {v:.2f}" for u, v in line) for line in seen)
+    width, height = right_end - left, bottom - top
+    style = f'fill="none" stroke="#3a7ca5" stroke-width="{0.005 * (width + height):.3f}" stroke-linecap="round"'
+    box = f'width="480" height="270" viewBox="{left:.2f} {top:.2f} {width:.2f} {height:.2f}"'
+    image = f'<svg xmlns="http://www.w3.org/2000/svg" {box}><path d="{path}" {style}/></svg>'
+    return f'<img alt="the robot from its side" src="data:image/svg+xml;base64,{base64.b64encode(image.encode()).decode()}"/>'
 
 
 _SCRIPTS = ("stage", "camera", "legend", "time", "arrows", "joints", "drag", "live", "main")

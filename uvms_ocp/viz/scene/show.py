@@ -24,6 +24,7 @@ from uvms_ocp.viz.scene.surroundings import arrow_groups, draw_goals, draw_obsta
 
 _AROUND = 5.0  # [m] that the vehicle can be moved either way
 _N_FREE = 6
+_STILLS = 8  # about, moments at which the robot is drawn where scripts do not run
 _UNLIMITED = {"turn": np.pi, "slide": 1.0}  # [rad], [m] either way where a joint has no limit
 
 
@@ -37,7 +38,13 @@ def posed_page(robot: Robot, q: np.ndarray, height: int, live: Mapping[str, Any]
     log.animate({})
     details = robot_details(robot) | {"scenario": robot.name, "points": (places - centre).tolist()}
     details |= {"joints": [joint_motion(robot, joint, q) for joint in range(1, robot.model.njoints)], "robot": "", "live": live}
-    return build_page(log, title=robot.name, details=details, height=height, live=live is not None)
+    lines = _links(robot, np.vstack([centre, places]))
+    return build_page(log, title=robot.name, details=details, height=height, live=live is not None, lines=lines)
+
+
+def _links(robot: Robot, places: np.ndarray) -> list[np.ndarray]:
+    """Lines from joint to joint, at their places (n_joints + 1, 3) [m]."""
+    return [places[[parent, joint]] for joint, parent in enumerate(robot.model.parents) if parent]
 
 
 def draw_still(log: CommandLog, robot: Robot, placements: Sequence[pin.SE3], centre: np.ndarray) -> Visualizer:
@@ -180,7 +187,10 @@ def _page(record: Record, robot: Robot, others: Mapping[str, Record], fps: float
         "annotations": ["trails", "goals", "beam", *(ghost.node for ghost in ghosts)],
     }
     details["duration"] = max(frames.t[-1], *(ghost.frames.t[-1] for ghost in ghosts), 0.0)
-    return build_page(log, title=f"{record.meta.scenario}: {record.meta.robot}", details=details, height=height)
+    way = frames.placements[:: max(1, len(frames.t) // 100), 1, :3]
+    places = frames.placements[:: max(1, len(frames.t) // _STILLS), :, :3]
+    lines = [way, *(line for moment in places for line in _links(robot, moment))]
+    return build_page(log, title=f"{record.meta.scenario}: {record.meta.robot}", details=details, height=height, lines=lines)
 
 
 def _draw(
