@@ -12,7 +12,7 @@ from hierarchy_solvers.problems import Problem, dependent_hierarchy, random_hier
 
 from uvms_ocp.solvers.hierarchy.active_set import LexicographicActiveSet
 
-PROGRAM = """#!{python}
+PROGRAM = """
 import sys
 import numpy as np
 from uvms_ocp.solvers.hierarchy.active_set import LexicographicActiveSet
@@ -40,7 +40,8 @@ np.concatenate([*(one.v for one in found), np.full(N, 1e-6), bad, np.ones(N)]).t
 
 def test_what_the_program_finds_is_read_as_it_was_written(tmp_path: Path) -> None:
     program = tmp_path / "program"
-    program.write_text(PROGRAM.format(python=sys.executable))
+    (tmp_path / "solve.py").write_text(PROGRAM)
+    program.write_text(f'#!/bin/sh\nexec "{sys.executable}" "{tmp_path / "solve.py"}" "$@"\n')
     program.chmod(0o755)
     kinds = (lambda rng: random_hierarchy(rng, 7, (7, 2, 3, 2, 7)), lambda rng: dependent_hierarchy(rng, 13, (6, 6, 3, 13), 0.0))
     sets = [
