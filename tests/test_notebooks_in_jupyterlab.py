@@ -30,7 +30,10 @@ NOTEBOOKS = Path(__file__).parents[1] / "notebooks"
 TOKEN = "of-this-test"
 PATIENCE = 900.0  # [s] for what compiles on a busy machine
 ALL_CELLS = {"windowingMode": "none"}  # also those that nobody scrolls to
-READY = "async () => { await window.jupyterapp.restored; await window.jupyterapp.shell.currentWidget.sessionContext.ready; }"
+READY = """(path) => {  // also where other notebooks are restored beside it
+  const {context, sessionContext} = window.jupyterapp?.shell.currentWidget ?? {};
+  return context?.path === path && context.isReady && sessionContext.isReady && sessionContext.session?.kernel?.status === 'idle';
+}"""
 MODEL = "() => window.jupyterapp.shell.currentWidget.content.model.toJSON()"
 BUSY = "() => window.jupyterapp.shell.currentWidget.content.widgets.map((cell) => (cell.prompt || '').trim())"
 
@@ -105,7 +108,7 @@ class Notebook:
         self.page = page
         page.goto(f"{address}/lab/tree/{name}.ipynb?token={TOKEN}")
         page.wait_for_selector(".jp-Notebook .jp-Cell", timeout=1e3 * PATIENCE)
-        page.evaluate(READY)
+        page.wait_for_function(READY, arg=f"{name}.ipynb", timeout=1e3 * PATIENCE)
 
     def command(self, name: str) -> None:
         self.page.evaluate(f"() => {{ window.jupyterapp.commands.execute('{name}'); }}")
