@@ -30,7 +30,7 @@ NOTEBOOKS = Path(__file__).parents[1] / "notebooks"
 TOKEN = "of-this-test"
 PATIENCE = 900.0  # [s] for what compiles on a busy machine
 ALL_CELLS = {"windowingMode": "none"}  # also those that nobody scrolls to
-READY = """(path) => {  // also where other notebooks are restored beside it
+READY = """(path) => {
   const {context, sessionContext} = window.jupyterapp?.shell.currentWidget ?? {};
   return context?.path === path && context.isReady && sessionContext.isReady && sessionContext.session?.kernel?.status === 'idle';
 }"""
@@ -106,7 +106,7 @@ class Notebook:
 
     def __init__(self, page: Any, address: str, name: str) -> None:
         self.page = page
-        page.goto(f"{address}/lab/tree/{name}.ipynb?token={TOKEN}")
+        page.goto(f"{address}/lab/tree/{name}.ipynb?reset&token={TOKEN}")  # without notebooks that were open before
         page.wait_for_selector(".jp-Notebook .jp-Cell", timeout=1e3 * PATIENCE)
         page.wait_for_function(READY, arg=f"{name}.ipynb", timeout=1e3 * PATIENCE)
 

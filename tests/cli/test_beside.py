@@ -9,11 +9,15 @@ import sys
 from functools import partial
 from multiprocessing import active_children
 from pathlib import Path
+from pickle import dumps
 from time import perf_counter, sleep
 
+import numpy as np
 import pytest
 
-from uvms_ocp.cli.run import Job, drawer
+from uvms_ocp.cli.run import Job, drawer, drawings_of
+from uvms_ocp.record.record import Record
+from uvms_ocp.scenario.cases import reach
 
 
 def _note(folder: Path, k: int) -> None:
@@ -108,6 +112,18 @@ def test_what_ends_before_anything_is_drawn_waits_for_no_copy(monkeypatch: pytes
 
 
 @_COPIED
+def test_a_long_record_is_not_sent_to_what_draws_it(tmp_path: Path) -> None:
+    scenario = reach(plant="kinematic", duration=0.5)
+    short, robot = scenario.run(), scenario.robot
+    series = {name: np.repeat(short[name], 500, axis=0) for name in short.series}
+    record = Record(series=series | {"t": np.arange(len(series["t"])) * 0.01}, meta=short.meta)
+    whole = sum(values.nbytes for values in record.series.values())
+    assert len(dumps(drawings_of(record, robot, tmp_path, ("scene",))["scene.html"])) > whole
+    record.save(tmp_path / "record.npz")
+    for job in drawings_of(record, robot, tmp_path, ("scene", "joints")).values():
+        assert len(dumps(job)) < whole / 4
+
+
 def test_a_command_that_is_killed_leaves_no_copies() -> None:
     code = """
 import os, time

@@ -242,18 +242,22 @@ def _drawn(names: str) -> list[str]:
 def drawings_of(
     record: Record, robot: Robot, folder: Path, figures: Iterable[str], ghosts: Mapping[str, Record] | None = None
 ) -> Mapping[str, Job]:
-    """Return the function that writes each file, by its name, the slowest first. ghosts: drawn in the scene, too, which is among
-    the figures by its name.
+    """Return the function that writes each file, by its name, the slowest first.
+
+    ghosts: drawn in the scene, too, which is among the figures by its name. A record that stands in the folder, and may be larger
+    than memory, is read from there by what draws the scene.
     """
-    few, into = thinned(record), folder / "figures"
-    scene = partial(_write, "scene.show", "write_scene", record, robot, folder / "scene.html", ghosts=ghosts or {})
+    few, into, kept = thinned(record), folder / "figures", folder / RECORD
+    given = kept if kept.is_file() else record
+    scene = partial(_write, "scene.show", "write_scene", given, robot, folder / "scene.html", ghosts=ghosts or {})
     drawn = {name: partial(_write, "run_figures", "write_figure", few, name, into) for name in figures if name != SCENE}
     return ({"scene.html": scene} if SCENE in figures else {}) | {f"figures/{name}.png": draw for name, draw in drawn.items()}
 
 
-def _write(module: str, function: str, *given: object, **named: object) -> None:
-    """Load what draws where it is called."""
-    getattr(import_module(f"uvms_ocp.viz.{module}"), function)(*given, **named)
+def _write(module: str, function: str, record: Record | Path, *given: object, **named: object) -> None:
+    """Load what draws, and a record of which the path is given, where it is called."""
+    whole = Record.load(record) if isinstance(record, Path) else record
+    getattr(import_module(f"uvms_ocp.viz.{module}"), function)(whole, *given, **named)
 
 
 def _print_summary(console: Console, report: dict[str, Any], paths: list[Path]) -> None:
