@@ -10,6 +10,7 @@ from pathlib import Path
 import pytest
 
 import uvms_ocp as uo
+from uvms_ocp.record.untrusted import record_files_read
 from uvms_ocp.robot import loading
 from uvms_ocp.robot.robot import Robot
 
@@ -132,3 +133,12 @@ def test_packages_are_those_of_the_working_directory(tmp_path: Path, monkeypatch
         robot = uo.load_robot(urdf=tmp_path / "robot.urdf", package_dirs=["packages"])
         meshes.append((robot, robot.visual_model.geometryObjects[0].meshPath))
     assert [Path(mesh).parents[2].name for _, mesh in meshes] == ["here", "there"]
+
+
+def test_results_of_a_robot_that_is_given_again_depend_on_its_files(tmp_path: Path) -> None:
+    _written(tmp_path)
+    with record_files_read() as first:
+        robot = uo.load_robot(tmp_path)
+    with record_files_read() as second:
+        assert uo.load_robot(tmp_path) is robot
+    assert {path.name for path in first} == {path.name for path in second} == {"robot.urdf", "hydrodynamics.yaml", "hull.stl"}

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from functools import lru_cache
 from types import SimpleNamespace
 from typing import Annotated, Any, TypeAlias, TypeVar, cast, get_args, get_origin, get_type_hints
+from weakref import WeakKeyDictionary
 
 import casadi as ca
 import numpy as np
@@ -89,12 +90,17 @@ def functions_in(memory: Any) -> Iterator[FunctionStructure]:
             yield from functions_in(part)
 
 
-@lru_cache(maxsize=512)
+_FUNCTIONS = WeakKeyDictionary[Any, tuple[str, ...]]()
+
+
 def _with_functions(kind: Any) -> tuple[str, ...]:
     """Names of the fields of a structure that hold functions; of an array those of its entries. The same for every memory."""
-    if issubclass(kind, (ctypes.Array, FunctionStructure)):
-        return _with_functions(kind._type_) if issubclass(kind, ctypes.Array) else ("",)
-    return tuple(name for name, of, *_ in getattr(kind, "_fields_", ()) if _with_functions(of))
+    if kind not in _FUNCTIONS:
+        if issubclass(kind, (ctypes.Array, FunctionStructure)):
+            _FUNCTIONS[kind] = _with_functions(kind._type_) if issubclass(kind, ctypes.Array) else ("",)
+        else:
+            _FUNCTIONS[kind] = tuple(name for name, of, *_ in getattr(kind, "_fields_", ()) if _with_functions(of))
+    return _FUNCTIONS[kind]
 
 
 _buffered = lru_cache(maxsize=96)(BufferedFunction)

@@ -24,6 +24,7 @@ from uvms_ocp.checks import checked
 from uvms_ocp.errors import InvalidInput, RobotDataError, UvmsError, require_known
 from uvms_ocp.model_errors import one_line
 from uvms_ocp.record.meta_values import RobotFilesMeta
+from uvms_ocp.record.untrusted import note_file_read
 from uvms_ocp.robot import coefficients, description as descriptions
 from uvms_ocp.robot.description import RobotDescription
 from uvms_ocp.robot.limits import ASSUMED_ACCELERATION, ASSUMED_VELOCITY, held_joints, home_of, joints_of, limits_of, open_joints
@@ -203,7 +204,7 @@ def load_robot(
     asked = repr((name, known, variant, others, folders, meshes, mimic, lock, drop, _stamps(files)))
     read = _read.get(asked)
     if read is not None and _open[read][0] == [_stamps(_mesh_files(read)), *_models(read)]:
-        return _warned(read)
+        return _given_again(read, files)
     faults: list[RobotDataError] = []
     try:
         description = known or _description(name, yaml_path, variant)
@@ -273,6 +274,12 @@ _models = attrgetter("model", "visual_model", "collision_model")  # which whoeve
 
 def _mesh_files(robot: Robot) -> set[str]:
     return {shape.meshPath for shape in (*robot.visual_model.geometryObjects, *robot.collision_model.geometryObjects)}
+
+
+def _given_again(robot: Robot, files: Iterable[Path]) -> Robot:
+    for each in [*files, *map(Path, _mesh_files(robot))]:  # results depend on them as if they had been read
+        note_file_read(each)
+    return _warned(robot)
 
 
 def _warned(robot: Robot) -> Robot:
