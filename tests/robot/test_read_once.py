@@ -16,7 +16,8 @@ from uvms_ocp.robot.robot import Robot
 
 URDF = """<robot name="box"><link name="base_link"><inertial><mass value="{mass}"/>
 <inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0" iyz="0"/></inertial>
-<visual><geometry><mesh filename="hull.stl"/></geometry></visual></link></robot>"""
+<visual><geometry><mesh filename="hull.stl"/></geometry></visual>
+<collision><geometry><box size="1 1 1"/></geometry></collision></link></robot>"""
 STL = """solid hull
 facet normal 0 0 1
 outer loop

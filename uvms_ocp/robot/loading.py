@@ -277,7 +277,8 @@ def _mesh_files(robot: Robot) -> set[str]:
 
 
 def _given_again(robot: Robot, files: Iterable[Path]) -> Robot:
-    for each in [*files, *map(Path, _mesh_files(robot))]:  # results depend on them as if they had been read
+    meshes = filter(Path.is_file, map(Path, _mesh_files(robot)))  # a box has none
+    for each in [*files, *meshes]:  # results depend on them as if they had been read
         note_file_read(each)
     return _warned(robot)
 
