@@ -3,7 +3,7 @@
 Runs a mission that does not end, with the robot of `new-robot`, noise and a current, by the command line and in Python, checks
 the recording of each and identifies the robot from it; then the works of `growing/works.py`: plans, hierarchies, campaigns, and
 ticks among obstacles and with arms. Writes growth.csv, one row per work and size, and growth.md with the exponents, beside those
-of the day when this was asked for.
+of before any of this was measured at length.
 """
 
 from __future__ import annotations

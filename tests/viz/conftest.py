@@ -1,11 +1,15 @@
 from __future__ import annotations
 
+from collections.abc import Iterator
+from typing import Any
+
 import pytest
 from synthetic_record import synthetic_record
 
 from uvms_ocp.record.record import Record
 from uvms_ocp.robot.loading import load_robot
 from uvms_ocp.robot.robot import Robot
+from uvms_ocp.viz.scene.page import browser, missing
 
 
 @pytest.fixture(scope="session")
@@ -16,3 +20,11 @@ def robot() -> Robot:
 @pytest.fixture(scope="session")
 def record(robot: Robot) -> Record:
     return synthetic_record(robot)
+
+
+@pytest.fixture(scope="module")
+def chromium() -> Iterator[Any]:
+    if missing():
+        pytest.skip(missing())
+    with browser() as found:
+        yield found

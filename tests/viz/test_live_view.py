@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import time
-from collections.abc import Iterator
 from contextlib import closing
 from dataclasses import dataclass, field, replace
 from http.client import HTTPConnection
@@ -26,7 +25,6 @@ from uvms_ocp.scenario.cases import case1
 from uvms_ocp.scenario.scenario import Scenario
 from uvms_ocp.viz import show
 from uvms_ocp.viz.scene.live import LiveView, live
-from uvms_ocp.viz.scene.page import browser, missing
 
 LASTS = 0.4  # [s]
 MEASURED = ("controller_time", "solve_time", "tick_time")
@@ -141,14 +139,6 @@ def test_only_a_live_page_may_ask_whoever_serves_it(scenario: Scenario) -> None:
         connection.request("GET", "/")
         assert b"connect-src 'self'" in connection.getresponse().read()
     assert "connect-src" not in show(scenario.robot).html.partition("<title>")[0]
-
-
-@pytest.fixture(scope="module")
-def chromium() -> Iterator[Any]:
-    if missing():
-        pytest.skip(missing())
-    with browser() as found:
-        yield found
 
 
 @long_without_compiler

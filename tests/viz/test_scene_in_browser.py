@@ -19,7 +19,7 @@ from uvms_ocp.record.record import Record
 from uvms_ocp.robot.loading import load_robot
 from uvms_ocp.robot.robot import Robot
 from uvms_ocp.viz import show
-from uvms_ocp.viz.scene.page import ScenePage, browser, missing, served
+from uvms_ocp.viz.scene.page import ScenePage, missing, served
 
 pytestmark = pytest.mark.slow
 
@@ -38,12 +38,6 @@ class Sheet:
 
     def __call__(self, script: str) -> Any:
         return self.page.evaluate(script)
-
-
-@pytest.fixture(scope="module")
-def chromium() -> Iterator[Any]:
-    with browser() as found:
-        yield found
 
 
 def _open(chromium: Any, page: ScenePage, viewport: dict[str, int]) -> Iterator[Sheet]:

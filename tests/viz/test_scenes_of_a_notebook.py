@@ -21,7 +21,7 @@ from uvms_ocp.record.record import Record
 from uvms_ocp.robot.robot import Robot
 from uvms_ocp.viz import show
 from uvms_ocp.viz.scene import page as pages
-from uvms_ocp.viz.scene.page import ScenePage, browser, missing, served
+from uvms_ocp.viz.scene.page import ScenePage, served
 
 VIEWER = "class Viewer{"
 IDE = (  # the policy of a page of outputs in VS Code
@@ -100,14 +100,6 @@ def test_where_frames_are_taken_out_a_picture_and_a_sentence_are_left(run: Run, 
         assert path.count("M") == robot.n_joints
 
 
-@pytest.fixture(scope="module")
-def chromium() -> Iterator[Any]:
-    if missing():
-        pytest.skip(missing())
-    with browser() as found:
-        yield found
-
-
 def _document(*outputs: str, policy: str = "") -> ScenePage:
     """As an exported notebook is: a page of outputs."""
     head = '<link rel="icon" href="data:,">'
@@ -132,14 +124,11 @@ def _picture(sheet: Any, k: int) -> np.ndarray:
     """The picture of the scene at that place, which is scrolled to; it has been drawn."""
     frame = sheet.locator("iframe").nth(k)
     frame.scroll_into_view_if_needed()
-    content = frame.element_handle().content_frame()
-    drawn = "typeof renderer === 'object' && !renderer.getContext().isContextLost() && renderer.info.render.triangles > 0"
-    for _ in range(100):
-        if content.evaluate(drawn):
-            break
-        sheet.wait_for_timeout(100)
-    else:
-        raise AssertionError(content.evaluate("document.body.innerText"))
+    content = frame.element_handle().content_frame()  # the same where the page in it is replaced
+    content.wait_for_function(
+        "typeof renderer === 'object' && !renderer.getContext().isContextLost() && renderer.info.render.triangles > 0",
+        timeout=10_000,
+    )
     sheet.wait_for_timeout(300)
     picture: np.ndarray = mpl_image.imread(BytesIO(frame.screenshot()))[..., :3]
     return picture

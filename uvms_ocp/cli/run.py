@@ -185,7 +185,7 @@ def run_and_write(
         with claim.staged(keep=[RECORD]) as staging:
             (staging / "report.json").write_text(json.dumps(report, indent=2) + "\n")
             (staging / "figures").mkdir()
-            ghosts = None if plan is None else {"plan": plan.to_record(scenario)}
+            ghosts = {"plan": plan.to_record(scenario)} if plan is not None and SCENE in wanted else None
             drawings = drawings_of(record, scenario.robot, staging, wanted, ghosts)
             missing = draw(drawings, console.status("writing report, figures and scene"))
         written = claim.written()

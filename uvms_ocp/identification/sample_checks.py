@@ -352,7 +352,7 @@ def of_gravity(recording: Recording) -> Iterator[tuple[str, str]]:
 
 
 def _felt(force: np.ndarray) -> Iterator[str]:
-    """Of samples (n, 3) [m/s2]."""
+    """Check the unit and the vertical axis of an accelerometer, by its samples (n, 3) [m/s2]."""
     mean, size = force.mean(axis=0), float(np.median(np.linalg.norm(force, axis=1))) / G  # whichever way a vehicle tilts
     up = float(mean[2] / max(np.linalg.norm(mean), 1e-9))
     if _LIKE_G[0] < size * G < _LIKE_G[1]:

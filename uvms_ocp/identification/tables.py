@@ -43,7 +43,7 @@ class TableColumns:
     layout: str = ""
     """How the file was understood."""
     notes: tuple[str, ...] = ()
-    """What the file states about these columns itself and the reader applied."""
+    """Statements of the file about these columns, such as a scale, that were applied in reading them."""
 
 
 def read_table(

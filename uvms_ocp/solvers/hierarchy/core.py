@@ -90,7 +90,7 @@ class CoreTick:
 
 
 class CompiledSolver:
-    """What is common to solvers that have a core in C where there is a compiler, and one in Python otherwise."""
+    """Base of the solvers that run a core in C where there is a compiler, and the same method in NumPy otherwise."""
 
     compiled: bool
 

@@ -131,6 +131,7 @@ def build_page(
     The page's policy lets the viewer and the page's script run, by their hashes, and nothing else, and loads nothing; a live
     one hears from whoever serves it. lines (n, 3) [m]: the robot, for where scripts do not run.
     """
+    details = {"direction": _FROM_THE_SIDE, "close_direction": _FROM_THE_SIDE, **details}
     own = "".join(asset(f"{name}.js") for name in _SCRIPTS)
     scripts = {"VIEWER": _viewer_source(), "SCRIPT": own}
     parts = {
@@ -143,7 +144,7 @@ def build_page(
     }
     # In one pass, so that no text that is filled in is looked through for marks.
     page = _MARK.sub(lambda mark: parts[mark[1]], asset("page.html"))
-    return ScenePage(html=page, height=height, still=_still(lines, details.get("direction", _FROM_THE_SIDE)) if lines else "")
+    return ScenePage(html=page, height=height, still=_still(lines, details["direction"]) if lines else "")
 
 
 _FROM_THE_SIDE = (0.5, -1.0, 0.45)

@@ -3,10 +3,9 @@
 const THREE = MeshCat.THREE;
 const byId = (id) => document.getElementById(id);
 const [COMMANDS, given] = ["commands", "details"].map((id) => JSON.parse(byId(id).textContent));
-const FROM_THE_SIDE = [0.5, -1, 0.45], none = (...names) => Object.fromEntries(names.map((name) => [name, []]));
+const none = (...names) => Object.fromEntries(names.map((name) => [name, []]));
 const DETAILS = { // what is not given is not there: nothing moves by itself
-  known: "", duration: 0, speed: 1, times: [0], start_view: "mission", direction: FROM_THE_SIDE, close_direction: FROM_THE_SIDE,
-  floor: null, relief: null, witness: null, live: null,
+  known: "", duration: 0, speed: 1, times: [0], start_view: "mission", floor: null, relief: null, witness: null, live: null,
   ...none("speeds", "labels", "phases", "faults", "health", "alarms", "trails", "arrows", "legend", "readouts", "annotations", "joints"),
   ...given,
 };
