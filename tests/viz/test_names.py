@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import base64
 import io
 import json
 import re
@@ -183,9 +184,15 @@ def test_the_page_makes_no_markup_and_runs_its_own_scripts_only(records: list[Re
 
 
 def test_the_frame_in_a_notebook_may_run_scripts_and_nothing_else(records: list[Record], robot: Robot) -> None:
-    frame = show(records[0], robot)._repr_html_()
-    assert tags_of(frame) == ["iframe"]
-    assert 'sandbox="allow-scripts"' in frame.split("srcdoc")[0]
+    for record in records:
+        frame = show(record, robot)._repr_html_()
+        assert tags_of(frame) == ["iframe", "img"]
+        assert 'sandbox="allow-scripts"' in frame.split("srcdoc")[0]
+        # In the frame, for where there are no frames: a picture that holds lines alone, whatever is called what.
+        _, _, inside = frame.removesuffix("</iframe>").partition("<img ")
+        picture = re.fullmatch(r'alt="[a-z ]+" src="data:image/svg\+xml;base64,([\w+/=]+)"/>[^<>]+', inside)
+        assert picture is not None
+        assert tags_of(base64.b64decode(picture[1]).decode()) == ["svg", "path"]
 
 
 def printed(show_on: Any) -> str:
