@@ -11,6 +11,7 @@ import pytest
 from driven import drive, known, turned, vehicle_of
 
 from uvms_ocp.errors import InvalidInput
+from uvms_ocp.identification import rollout as rollouts
 from uvms_ocp.identification.model import Vehicle, stage_of
 from uvms_ocp.identification.output_error import Estimate, FitStatus, Noise, NormalEquations, OutputErrorProblem, SearchPoint
 from uvms_ocp.identification.parameters import Free, Prior
@@ -82,6 +83,20 @@ def test_slopes_of_what_is_seen_are_differences() -> None:
     size = np.linalg.norm(slopes, axis=0) + 1.0
     np.testing.assert_allclose(seen.g / size, slopes.T @ wr / size, atol=1e-5)
     np.testing.assert_allclose(seen.H / np.outer(size, size), (slopes.T * w) @ slopes / np.outer(size, size), atol=1e-5)
+
+
+@pytest.mark.parametrize("processors", [1, 2, 3])
+def test_stretches_are_simulated_beside_each_other_as_alone(processors: int, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(rollouts, "n_processors", lambda: processors)
+    parts, rollout = stretches(recording(), 1.0)[:5], Rollout(problem()[1].stage)
+    begins, p = [SegmentStart(q=one.q, v=one.v) for one in parts], np.tile(truth(), (len(parts), 1))
+    weigh = lambda _, rows: [(np.ones_like(values), values) for values in rows]  # noqa: E731
+    together = rollout.predict(parts, begins, p, weigh)
+    for one, begin, seen in zip(parts, begins, together, strict=True):
+        (alone,) = rollout.predict([one], [begin], p[:1], weigh)
+        np.testing.assert_array_equal(seen.end, alone.end)
+        np.testing.assert_array_equal(seen.end_slope, alone.end_slope)
+        np.testing.assert_array_equal(seen.H, alone.H)
 
 
 def test_starts_are_eliminated_as_from_a_dense_matrix() -> None:

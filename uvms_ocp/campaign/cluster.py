@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import os
 import signal
 import tempfile
 import threading
@@ -16,7 +15,7 @@ import numpy as np
 
 from uvms_ocp.campaign.jobs import CampaignJob
 from uvms_ocp.campaign.store import CampaignManifest, arrow, opened
-from uvms_ocp.codegen.compile import warn_if_slower
+from uvms_ocp.codegen.compile import n_processors, warn_if_slower
 from uvms_ocp.errors import InvalidInput, OutputError, UvmsError, optional_module, require_first_reading
 from uvms_ocp.progress import progress_bar, show_progress
 from uvms_ocp.record.tables import CAMPAIGN_EXTRA
@@ -58,7 +57,7 @@ def connected(scheduler: str | None, workers: int | None) -> AbstractContextMana
     number of workers, and `UvmsError` where workers end as they start.
     """
     if scheduler is None:
-        return _of_this_machine(workers or os.cpu_count() or 1)
+        return _of_this_machine(workers or n_processors())
     if workers is not None:
         raise InvalidInput(f"workers = {workers} with a scheduler; a cluster has its own: leave it out")
     if not scheduler.strip():

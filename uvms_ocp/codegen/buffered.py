@@ -49,6 +49,12 @@ class BufferedFunction:
 
     def __call__(self, *arguments: ArrayLike) -> tuple[Array, ...]:
         """Evaluate. Raises `InvalidInput` for a wrong number of arguments, or one of the wrong shape."""
+        self.write(*arguments)
+        self.evaluate()
+        return tuple([result.copy() for result in self.results])
+
+    def write(self, *arguments: ArrayLike) -> None:
+        """Write arguments for `evaluate`. Raises `InvalidInput` for a wrong number of them, or one of the wrong shape."""
         if len(arguments) != len(self._arguments):
             allowed = f"{len(self._arguments)}, {', '.join(self.function.name_in())}"
             raise InvalidInput(f"{self.function.name()}: {len(arguments)} arguments given; allowed: {allowed}")
@@ -57,8 +63,6 @@ class BufferedFunction:
             if type(argument) is not np.ndarray or argument.shape != memory.shape:
                 argument = self._fitted(i, argument)
             memory[...] = argument
-        self.evaluate()
-        return tuple([result.copy() for result in self.results])
 
     def adopt(self, *arguments: Array) -> None:
         """Adopt arguments, (m,) or (m, n) [any]: from now on `evaluate` reads them where they are, and a call writes there.

@@ -360,10 +360,15 @@ def finish_compiling() -> None:
             bar.update()
 
 
+def n_processors() -> int:
+    """Count the processors that this process may use."""
+    return len(os.sched_getaffinity(0)) if sys.platform == "linux" else os.cpu_count() or 1
+
+
 @cache
 def _workers(process: int) -> ThreadPool:
     """One for each process, as a fork has no threads; ended with it, whatever is still being compiled."""
-    pool = ThreadPool(min(_MOST_COMPILERS, len(os.sched_getaffinity(0)) if sys.platform == "linux" else os.cpu_count() or 1))
+    pool = ThreadPool(min(_MOST_COMPILERS, n_processors()))
     atexit.register(lambda: pool.terminate() if os.getpid() == process else None)
     return pool
 

@@ -215,7 +215,7 @@ def _held(fitted: FitContext, which: np.ndarray) -> Estimate | None:
     """Refit with those of which (n,) bool held as declared; `None` where that does not converge."""
     shared = fitted.vehicle.shared
     problem = replace(fitted, vehicle=replace(fitted.vehicle, shared=shared.held(which))).problem()
-    near = problem.start(np.where(which, shared.start, fitted.estimate.shared))
+    near = problem.resumed(replace(fitted.estimate, shared=np.where(which, shared.start, fitted.estimate.shared)))
     found = problem.solve(near, iterations=fitted.search.iterations)
     exact = replace(found, shared=np.where(which, shared.start, found.shared))
     return exact if found.status is FitStatus.CONVERGED else None

@@ -13,7 +13,7 @@ import casadi as ca
 import numpy as np
 
 from uvms_ocp.codegen.buffered import BufferedFunction
-from uvms_ocp.codegen.compile import compile_function
+from uvms_ocp.codegen.compile import compile_function, n_processors
 from uvms_ocp.errors import InvalidInput
 from uvms_ocp.identification import recording as recordings
 from uvms_ocp.identification.model import N_Q, N_V, PAST, PAST_STEP, StageFunctions, Vehicle
@@ -263,10 +263,11 @@ class Rollout:
         return run.rows() if weights is None else run.with_slopes(weights)
 
     def many(self, name: str, function: ca.Function, n: int, m: int) -> ca.Function:
-        """A function `n` times after itself, `m` of these beside each other; or, with n = 0, only the latter."""
+        """A function n times after itself, m of these beside each other, on all processors; or, with n = 0, only the latter."""
         key = (name, n, m)
         if key not in self._many:
-            self._many[key] = function.mapaccum(n).map(m) if n else function.map(m)
+            each = function.mapaccum(n) if n else function
+            self._many[key] = each.map(m, "thread", n_processors()) if 1 < n_processors() <= m else each.map(m)
         return self._many[key]
 
 
@@ -414,7 +415,8 @@ def turn_slope(quaternion: np.ndarray) -> np.ndarray:
 def _evaluated(function: ca.Function, *given: np.ndarray) -> list[np.ndarray]:
     """Results of a function, column by column in memory of their own: in lists of numbers they would take longer than it."""
     evaluated = BufferedFunction(function)
-    evaluated(*given)
+    evaluated.write(*given)
+    evaluated.evaluate()
     return [one.reshape(function.size_out(k), order="F") for k, one in enumerate(evaluated.results)]  # columns are (m,) there
 
 
