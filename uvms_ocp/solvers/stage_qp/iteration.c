@@ -3,11 +3,15 @@
 /* Where few digits are asked for. */
 #define ROUGH(q) ((q)->tolerance > FINISHED)
 
-/* The optimum without inequalities, from the z, costates and y that are given: one factor, and corrections. */
-static int solve_equalities(Problem *q) {
+/* How far corrections go in the end. */
+#define DIGITS(q) (ROUGH(q) ? ROUGHLY : EXACT)
+
+/* The optimum without inequalities, from the z, costates and y that are given: one factor, unless it is there, and corrections
+down to a share `exact` of the tolerance. */
+static int solve_equalities(Problem *q, double exact, int factored) {
   double *p = q->point, before = INFINITY;
   memset(S(p), 0, sizeof(double) * (size_t)(8 * q->M));
-  const int wrong = find_factor(q, p, 0);
+  const int wrong = factored ? 0 : find_factor(q, p, 0);
   if (wrong) return wrong;
   for (int k = 0;; ++k) {
     find_residuals(q, p, &q->now);
@@ -16,7 +20,8 @@ static int solve_equalities(Problem *q) {
     for (int j = 0; j < q->n_bounded; ++j) equal = larger_of(equal, fabs(r->equal[q->bounded[j]]) / q->norm[q->bounded[j]]);
     const double left = larger_of(largest_of(q->n, r->grad) / r->gradient, equal / r->variable);
     const int enough = left <= 0.1 * q->tolerance && !(left <= 0.5 * before);
-    if (k == MOST_CORRECTIONS || enough || !(left > (ROUGH(q) ? ROUGHLY : EXACT) * q->tolerance)) break;
+    if (k == MOST_CORRECTIONS || enough || !(left > exact * q->tolerance)) break;
+    if (left > q->tolerance && left > HOPELESSLY * before) break;
     before = left;
     memset(q->now.row, 0, sizeof(double) * (size_t)(2 * q->M));
     memset(q->now.dual, 0, sizeof(double) * (size_t)(2 * q->M));
@@ -153,7 +158,7 @@ static int start_from_equalities(Problem *q) {
   const Residuals *r = &q->now;
   memcpy(q->best, q->point, sizeof(double) * (size_t)q->n);
   memset(q->point + q->n, 0, sizeof(double) * (size_t)(SIZE - q->n));
-  const int wrong = solve_equalities(q);
+  const int wrong = solve_equalities(q, DIGITS(q), 0);
   q->status = wrong == 2 ? NOT_A_NUMBER : wrong == 1 ? NOT_CONVEX : SOLVED;
   if (!wrong && r->stationarity <= q->tolerance * r->gradient && r->primal <= q->tolerance * r->variable &&
       !(side_missed(q, r->value) > 0.0))
@@ -210,7 +215,7 @@ static void find_approached(Problem *q) {
 }
 
 /* The optimum with active sides as equalities and without all others, from the point that is given; 0 where there is none. */
-static int solve_held(Problem *q) {
+static int solve_held(Problem *q, double exact, int factored) {
   double *side = q->side, *equal = q->equal, *target = q->target;
   for (int i = 0; i < q->M; ++i) {
     const double lower = q->active[i], upper = q->active[q->M + i];
@@ -221,15 +226,15 @@ static int solve_held(Problem *q) {
   }
   q->side = q->no_side, q->equal = q->held_equal, q->target = q->held_target;
   find_bounded(q);
-  const int wrong = solve_equalities(q);
+  const int wrong = solve_equalities(q, exact, factored);
   q->side = side, q->equal = equal, q->target = target;
   q->status = SOLVED;
   return !wrong && q->now.stationarity <= q->tolerance * q->now.gradient && q->now.primal <= q->tolerance * q->now.variable;
 }
 
 /* Sides that pull are let go, those that are missed are held; how many change. */
-static int mend(Problem *q) {
-  const double room = (ROUGH(q) ? 1.0 : SHARP) * q->tolerance * (1.0 + largest_of(q->n, Z(q->point)));
+static int mend(Problem *q, double sharp) {
+  const double room = sharp * q->tolerance * (1.0 + largest_of(q->n, Z(q->point)));
   int changes = 0;
   for (int j = 0; j < 2 * q->M; ++j) {
     const int i = j % q->M, held = q->active[j] != 0.0;
@@ -243,12 +248,17 @@ static int mend(Problem *q) {
 
 /* The optimum where the bounds that it reaches are found soon, starting with active ones; 0 leaves the point as it was. */
 static int solve_active(Problem *q) {
-  int fewest = 2 * q->M, vain = 0;
+  int fewest = 2 * q->M, vain = 0, last = ROUGH(q), changes = 1;
   memcpy(q->trial, q->point, sizeof(double) * (size_t)SIZE);
-  while (solve_held(q)) {
-    const int changes = mend(q);
-    if (changes == 0) return 1;
-    vain = changes < fewest ? 0 : vain + 1;
+  /* Few digits tell which sides change; all of them are found where none does. */
+  while (solve_held(q, last ? DIGITS(q) : ROUND, !changes)) {
+    changes = mend(q, last && !ROUGH(q) ? SHARP : 1.0);
+    if (!changes && last) return 1;
+    if (!changes) {
+      last = 1;
+      continue;
+    }
+    vain = 2 * changes <= fewest ? 0 : vain + 1;
     if (vain > (changes > MANY_CHANGES ? 0 : VAIN_CHANGES)) break;
     if (!vain) fewest = changes;
   }

@@ -30,8 +30,8 @@ LEAST_SIZE = 1e-3
 """[unit of z] variables below which a gradient is compared with the curvature."""
 COUNTS = 1e-6
 """Multiplier, beside the largest, of a bound that is reached."""
-MANY_CHANGES = 8
-"""Number of bounds held, above which the number must fall from round to round."""
+MANY_CHANGES = 4
+"""Number of bounds that change, above which the number must fall to half from round to round."""
 VAIN_CHANGES = 2
 """Rounds in which fewer do not."""
 MOST_CORRECTIONS = 10
@@ -40,6 +40,10 @@ EXACT = 1e-5
 """Relative to the tolerance: those corrections go on down to this while they help."""
 ROUGHLY = 1e-2
 """The same where the tolerance is above the next one."""
+ROUND = 0.5
+"""The same while bounds are still changed."""
+HOPELESSLY = 0.9
+"""Share of what is left above the tolerance, of which less than the rest is taken by a correction that leads nowhere."""
 FINISHED = 1e-5
 """tolerance above which what an interior point comes close to is not looked for: it keeps off the bounds."""
 SHARP = 1e-2
