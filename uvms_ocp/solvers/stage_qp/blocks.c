@@ -157,18 +157,28 @@ WIDE static int eliminate(int n, int state, double least, double *restrict M, do
   return 0;
 }
 
-/* M += F' P F below the diagonal: F (m, n) has few entries, P (m, m) both triangles in rows of ld_P numbers, M (n, n) is padded;
-PF: room for 2 n PADDED(m). */
-WIDE static void add_transformed(int m, int n, const double *F, const double *P, int ld_P, double *restrict M, double *restrict PF) {
+/* M += F' P F below the diagonal: entries first[k] to first[k + 1] of F (m, n) stand in row k, P (m, m) has both triangles in rows of
+ld_P numbers, M (n, n) is padded; PF: room for 2 n PADDED(m). */
+WIDE static void add_transformed(int m, int n, const int *first, const int *column, const double *entry, const double *P, int ld_P,
+                                 double *restrict M, double *restrict PF) {
   const int ld = PADDED(n), ld_T = PADDED(m);
   double *T = PF + n * ld_T;
   for (int i = 0; i < n * ld_T; ++i) T[i] = 0.0;
   for (int k = 0; k < m; ++k)
-    for (int j = 0; j < n; ++j)
-      if (F[k * n + j] != 0.0) add_multiple(m, F[k * n + j], P + k * ld_P, T + j * ld_T);
+    for (int e = first[k]; e < first[k + 1]; ++e) add_multiple(m, entry[e], P + k * ld_P, T + column[e] * ld_T);
   for (int k = 0; k < m; ++k)
     for (int j = 0; j < n; ++j) PF[k * n + j] = T[j * ld_T + k];
   for (int k = 0; k < m; ++k)
-    for (int j = 0; j < n; ++j)
-      if (F[k * n + j] != 0.0) add_multiple(j + 1, F[k * n + j], PF + k * n, M + j * ld);
+    for (int e = first[k]; e < first[k + 1]; ++e) add_multiple(column[e] + 1, entry[e], PF + k * n, M + column[e] * ld);
+}
+
+/* Where row i of a lower triangle begins whose rows lie one after the other. */
+#define ROW(i) ((i) * ((i) + 1) / 2)
+
+/* h += T v for the symmetric matrix (n, n) of such a triangle. */
+INLINE void add_symmetric(int n, const double *restrict T, const double *restrict v, double *restrict h) {
+  for (int i = 0; i < n; ++i, T += i) {
+    h[i] += dot(i + 1, T, v);
+    add_multiple(i, v[i], T, h);
+  }
 }

@@ -20,10 +20,10 @@ _SOURCES = ("blocks.c", "riccati.c", "interior_point.c", "iteration.c")
 _FLAGS = ("-O2", "-ftree-vectorize", "-std=c99")
 _STATUSES = tuple(problem.StageQpStatus)
 _SIZES = ("n_x", "n_u", "n_r", "n_c")
-_PLACES = ("x", "z", "r", "c", "F", "J", "H", "C", "M")
+_PLACES = ("x", "z", "r", "c", "F", "J", "H", "C", "T")
 _DATA = {"dynamics": "dynamics", "offset": "b", "rows": "J", "residual": "r", "hessian": "H", "gradient": "g"}
 _DATA |= {"damping": "damping", "constraints": "C"}
-_STAGE_WORK = ("fixed", "Q", "q", "L", "inverse", "W", "v", "list")
+_STAGE_WORK = ("fixed", "Q", "q", "L", "inverse", "first", "column", "entry", "W", "two", "v", "list")
 _TABLE = ("bound", "side", "elastic", "equal", "target", "l1", "l2", "compliance", "norm")
 _BOUNDS = {name: name.removeprefix("c_") for name in ("lower", "upper", "c_l1", "c_l2", "z_lower", "z_upper", "z_l1", "z_l2")}
 _HELD = ("loose", "active", "no_side", "held_equal", "held_target")
@@ -193,7 +193,7 @@ def core_source() -> str:
 def _indices(shape: problem.StageShape) -> dict[str, Any]:
     n_x, n_z, n_r, n_c = shape.n_x, shape.n_z, shape.n_r, shape.n_c
     products = {"F": (n_x[1:], n_z), "J": (n_r, n_z), "H": (n_z, n_z), "C": (n_c, n_z)}
-    sizes = {"x": n_x, "z": n_z, "r": n_r, "c": n_c, "M": [padded(n) ** 2 for n in n_z]}
+    sizes = {"x": n_x, "z": n_z, "r": n_r, "c": n_c, "T": [n * (n + 1) // 2 for n in n_z]}
     sizes |= {name: [m * n for m, n in zip(*pair, strict=False)] for name, pair in products.items()}
     given = {name: np.array((*getattr(shape, name), 0), dtype=np.int32) for name in _SIZES}
     return {**given, **{name: np.array(problem.offsets(size), dtype=np.int32) for name, size in sizes.items()}}
@@ -204,11 +204,13 @@ def padded(n: int) -> int:
     return (n + 3) // 4 * 4
 
 
-def _stage_work(shape: problem.StageShape) -> dict[str, Array]:
-    n, most, factor = sum(shape.n_z), padded(max(shape.n_z)), sum(padded(n) ** 2 for n in shape.n_z)
-    sizes = {"fixed": n, "Q": factor, "q": n, "L": factor, "inverse": n}
-    sizes |= {"W": 2 * padded(max(shape.n_x)) * most, "v": 2 * most, "list": 14 * max(*shape.n_r, *shape.n_c)}
-    return {name: np.zeros(size + 4) for name, size in sizes.items()} | {"fixed": np.zeros(n)}
+def _stage_work(shape: problem.StageShape) -> dict[str, Any]:
+    n, most, triangles = sum(shape.n_z), padded(max(shape.n_z)), sum(n * (n + 1) // 2 for n in shape.n_z)
+    entries = sum(m * n for m, n in zip(shape.n_x[1:], shape.n_z, strict=False))
+    sizes = {"fixed": n, "Q": triangles, "q": n, "L": triangles, "inverse": n, "entry": entries, "two": 2 * most**2}
+    sizes |= {"W": 2 * padded(max(shape.n_x)) * most, "v": most, "list": 14 * max(*shape.n_r, *shape.n_c)}
+    numbers = {name: np.zeros(size + 4) for name, size in sizes.items()} | {"fixed": np.zeros(n)}
+    return numbers | {"first": np.zeros(sum(shape.n_x) + 1, dtype=np.int32), "column": np.zeros(entries, dtype=np.int32)}
 
 
 def _work(n: int, m: int, n_x: int) -> dict[str, Any]:

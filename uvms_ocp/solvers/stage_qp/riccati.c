@@ -6,12 +6,15 @@ typedef struct {
   int N;
   const int *n_x, *n_u, *n_r, *n_c; /* sizes */
   const int *x, *z, *r, *c;         /* places of vectors */
-  const int *F, *J, *H, *C, *M;     /* places of matrices */
+  const int *F, *J, *H, *C, *T;     /* places of matrices, the last: of lower triangles */
   const double *dynamics, *offset, *rows, *residual, *hessian, *gradient, *damping, *constraints;
   double *fixed; /* of each variable: 1 where it never moves */
-  double *Q, *q;       /* Hessian, padded, and gradient at 0 */
-  double *L, *inverse; /* of each stage the cost-to-go of its state and, below it, the rows of the factor of the rest; padded */
+  double *Q, *q;       /* Hessian, a triangle, and gradient at 0 */
+  double *L, *inverse; /* of each stage a triangle: the cost-to-go of its state and, below it, the rows of the factor of the rest */
+  int *first, *column; /* of each state the first entry of its dynamics that is not 0, and the column of each entry */
+  double *entry;
   double *W;           /* room for twice the largest dynamics, padded */
+  double *two;         /* room for 2 matrices of the largest stage, padded */
   double *v;           /* room for 2 vectors of the largest stage, padded */
   WeightedRow *list;   /* room for twice the largest number of rows */
   double most, least;  /* the largest curvature, and one that counts as none beside it */
@@ -19,16 +22,58 @@ typedef struct {
 
 INLINE int n_z(const Stages *s, int k) { return s->n_x[k] + s->n_u[k]; }
 
+/* Numbers in the padded matrix of the largest stage. */
+static int largest_matrix(const Stages *s) {
+  int most = 0;
+  for (int k = 0; k <= s->N; ++k) most = n_z(s, k) > most ? n_z(s, k) : most;
+  return PADDED(most) * PADDED(most);
+}
+
+/* The triangle of a padded matrix, row after row. */
+static void pack(int n, const double *M, double *T) {
+  for (int i = 0; i < n; ++i) memcpy(T + ROW(i), M + i * PADDED(n), sizeof(double) * (size_t)(i + 1));
+}
+
+/* Entries of the dynamics that are not 0, of each state of later stages. */
+static void find_entries(Stages *s) {
+  int count = 0;
+  for (int k = 0; k < s->N; ++k)
+    for (int i = 0, n = n_z(s, k); i < s->n_x[k + 1]; ++i) {
+      const double *row = s->dynamics + s->F[k] + (size_t)i * n;
+      s->first[s->x[k + 1] + i] = count;
+      for (int j = 0; j < n; ++j)
+        if (row[j] != 0.0) s->column[count] = j, s->entry[count++] = row[j];
+    }
+  s->first[s->x[s->N + 1]] = count;
+}
+
+/* h += F' t, of stage k; t of the states of the next. */
+INLINE void add_backward(const Stages *s, int k, const double *restrict t, double *restrict h) {
+  const int *first = s->first + s->x[k + 1];
+  for (int i = 0; i < s->n_x[k + 1]; ++i)
+    for (int e = first[i]; e < first[i + 1]; ++e) h[s->column[e]] += t[i] * s->entry[e];
+}
+
+/* Row i of F times z. */
+INLINE double forward(const Stages *s, int k, int i, const double *z) {
+  const int *first = s->first + s->x[k + 1] + i;
+  double sum = 0.0;
+  for (int e = first[0]; e < first[1]; ++e) sum += s->entry[e] * z[s->column[e]];
+  return sum;
+}
+
 /* Hessian and gradient from residual rows, Hessians and damping; of a costless QP next to nothing. */
 WIDE static void load_stages(Stages *s, int costless) {
-  double most = 0.0;
+  double most = 0.0, *Q = s->two;
+  find_entries(s);
   for (int k = 0; k <= s->N; ++k) {
     const int n = n_z(s, k), ld = PADDED(n), m = s->n_r[k];
     const double *J = s->rows + s->J[k], *r = s->residual + s->r[k], *H = s->hessian + s->H[k];
-    double *Q = s->Q + s->M[k], *q = s->q + s->z[k];
+    double *q = s->q + s->z[k];
     for (int i = 0; i < ld * ld; ++i) Q[i] = 0.0;
     if (costless) {
       for (int i = 0; i < n; ++i) Q[i * ld + i] = most = PHASE_ONE, q[i] = 0.0;
+      pack(n, Q, s->Q + s->T[k]);
       continue;
     }
     for (int i = 0; i < n; ++i)
@@ -39,6 +84,7 @@ WIDE static void load_stages(Stages *s, int costless) {
       if (r[i] != 0.0) add_multiple(n, r[i], J + (size_t)i * n, q);
     for (int i = 0; i < n; ++i)
       if (Q[i * ld + i] > most) most = Q[i * ld + i];
+    pack(n, Q, s->Q + s->T[k]);
   }
   s->most = most > 0.0 ? most : 1.0;
   s->least = SMALLEST_CURVATURE * s->most;
@@ -46,14 +92,15 @@ WIDE static void load_stages(Stages *s, int costless) {
 
 /* Factor with `weight` on constraint rows, weight_z and `all` on variables; 1 where no step is a minimum, 2 for NaN, else 0. */
 WIDE static int factor_stages(Stages *s, const double *weight, const double *weight_z, double all) {
+  double *L = s->two, *P = L + largest_matrix(s);
   for (int k = s->N; k >= 0; --k) {
     const int n = n_z(s, k), ld = PADDED(n), after = k < s->N ? s->n_x[k + 1] : 0;
     const double *fixed = s->fixed + s->z[k];
-    double *L = s->L + s->M[k];
-    memcpy(L, s->Q + s->M[k], sizeof(double) * (size_t)(ld * ld));
+    const double *Q = s->Q + s->T[k];
+    for (int i = 0; i < n; ++i) memcpy(L + i * ld, Q + ROW(i), sizeof(double) * (size_t)(i + 1));
     add_gram(s->n_c[k], n, s->constraints + s->C[k], weight + s->c[k], L, s->list);
     for (int i = 0; i < n; ++i) L[i * ld + i] += weight_z[s->z[k] + i] + all;
-    if (after) add_transformed(after, n, s->dynamics + s->F[k], s->L + s->M[k + 1], PADDED(n_z(s, k + 1)), L, s->W);
+    if (after) add_transformed(after, n, s->first + s->x[k + 1], s->column, s->entry, P, PADDED(n_z(s, k + 1)), L, s->W);
     for (int i = 0; i < n; ++i)
       if (fixed[i] != 0.0) {
         for (int j = 0; j < n; ++j) L[(i > j ? i : j) * ld + (i > j ? j : i)] = 0.0;
@@ -61,56 +108,46 @@ WIDE static int factor_stages(Stages *s, const double *weight, const double *wei
       }
     const int failed = eliminate(n, k ? s->n_x[k] : 0, s->least, L, s->inverse + s->z[k]);
     if (failed) return failed;
+    pack(n, L, s->L + s->T[k]);
+    double *after_this = P;
+    P = L, L = after_this;
   }
   return 0;
-}
-
-/* h = P v for the state of stage k. */
-INLINE void times_P(const Stages *s, int k, const double *v, double *h) {
-  const int n = s->n_x[k], ld = PADDED(n_z(s, k));
-  for (int i = 0; i < n; ++i) h[i] = dot(n, s->L + s->M[k] + i * ld, v);
 }
 
 /* The step dz that minimises 1/2 dz' Q dz + g' dz along dx_+ = F dz + d, and its costates; g (z), d (x, that of stage 0 unused),
 dz (z), costate (x); g and dz, d and costate must differ. */
 WIDE static void solve_stages(Stages *s, const double *g, const double *d, double *dz, double *costate) {
-  int most = 0;
-  for (int k = 0; k <= s->N; ++k) most = n_z(s, k) > most ? n_z(s, k) : most;
-  double *p = s->v, *w = p + PADDED(most);
+  double *p = s->v;
   for (int k = s->N; k >= 0; --k) {
-    const int n = n_z(s, k), ld = PADDED(n), n_x = s->n_x[k], after = k < s->N ? s->n_x[k + 1] : 0;
-    const double *L = s->L + s->M[k], *inverse = s->inverse + s->z[k], *fixed = s->fixed + s->z[k];
+    const int n = n_z(s, k), n_x = s->n_x[k], after = k < s->N ? s->n_x[k + 1] : 0;
+    const double *L = s->L + s->T[k], *inverse = s->inverse + s->z[k], *fixed = s->fixed + s->z[k];
     double *h = dz + s->z[k];
     for (int i = 0; i < n; ++i) h[i] = g[s->z[k] + i];
     if (after) {
-      const double *F = s->dynamics + s->F[k];
-      const double *next = dz + s->z[k + 1];
-      times_P(s, k + 1, d + s->x[k + 1], p);
-      for (int i = 0; i < after; ++i) add_multiple(n, p[i] + next[i], F + (size_t)i * n, h);
+      memcpy(p, dz + s->z[k + 1], sizeof(double) * (size_t)after);
+      add_symmetric(after, s->L + s->T[k + 1], d + s->x[k + 1], p);
+      add_backward(s, k, p, h);
     }
     for (int i = 0; i < n; ++i)
       if (fixed[i] != 0.0) h[i] = 0.0;
     for (int i = n - 1; i >= (k ? n_x : 0); --i) {
       h[i] *= inverse[i];
-      add_multiple(i, -h[i], L + i * ld, h);
+      add_multiple(i, -h[i], L + ROW(i), h);
     }
   }
   for (int k = 0; k <= s->N; ++k) {
-    const int n = n_z(s, k), ld = PADDED(n), n_x = s->n_x[k], after = k < s->N ? s->n_x[k + 1] : 0;
-    const double *L = s->L + s->M[k], *inverse = s->inverse + s->z[k];
+    const int n = n_z(s, k), n_x = s->n_x[k], after = k < s->N ? s->n_x[k + 1] : 0;
+    const double *L = s->L + s->T[k], *inverse = s->inverse + s->z[k];
     double *h = dz + s->z[k], *own = costate + s->x[k];
     if (k) {
       /* h holds p of the state; what dx is stands in costate. */
-      for (int i = 0; i < n_x; ++i) w[i] = h[i], h[i] = own[i];
-      times_P(s, k, h, own);
-      for (int i = 0; i < n_x; ++i) own[i] += w[i];
+      for (int i = 0; i < n_x; ++i) p[i] = h[i], h[i] = own[i], own[i] = p[i];
+      add_symmetric(n_x, L, h, own);
     } else
       for (int i = 0; i < n_x; ++i) own[i] = 0.0;
-    for (int i = k ? n_x : 0; i < n; ++i) h[i] = -(h[i] + dot(i, L + i * ld, h)) * inverse[i];
-    if (after) {
-      const double *F = s->dynamics + s->F[k];
-      for (int i = 0; i < after; ++i) costate[s->x[k + 1] + i] = dot(n, F + (size_t)i * n, h) + d[s->x[k + 1] + i];
-    }
+    for (int i = k ? n_x : 0; i < n; ++i) h[i] = -(h[i] + dot(i, L + ROW(i), h)) * inverse[i];
+    for (int i = 0; i < after; ++i) costate[s->x[k + 1] + i] = forward(s, k, i, h) + d[s->x[k + 1] + i];
   }
 }
 
@@ -119,23 +156,17 @@ WIDE static double evaluate_stages(const Stages *s, const double *z, const doubl
                               double *grad, double *defect, double *value) {
   double most = 0.0;
   for (int k = 0; k <= s->N; ++k) {
-    const int n = n_z(s, k), ld = PADDED(n), after = k < s->N ? s->n_x[k + 1] : 0, m = s->n_c[k];
-    const double *Q = s->Q + s->M[k], *C = s->constraints + s->C[k], *v = z + s->z[k];
+    const int n = n_z(s, k), after = k < s->N ? s->n_x[k + 1] : 0, m = s->n_c[k];
+    const double *C = s->constraints + s->C[k], *v = z + s->z[k];
     double *restrict own = grad + s->z[k];
     const int moves = largest_of(n, v) != 0.0;
     for (int i = 0; i < n; ++i) own[i] = 0.0;
-    for (int i = 0; i < n && moves; ++i) {
-      own[i] += dot(i + 1, Q + i * ld, v);
-      add_multiple(i, v[i], Q + i * ld, own);
-    }
+    if (moves) add_symmetric(n, s->Q + s->T[k], v, own);
     for (int i = 0; i < n; ++i) own[i] += s->q[s->z[k] + i];
     for (int i = 0; i < n; ++i) most = fabs(own[i]) > most ? fabs(own[i]) : most;
-    for (int i = 0; i < after; ++i) {
-      const double *row = s->dynamics + s->F[k] + (size_t)i * n;
-      const int at = s->x[k + 1] + i;
-      add_multiple(n, costate[at], row, own);
-      defect[at] = (moves ? dot(n, row, v) : 0.0) + s->offset[at - s->x[1]] - z[s->z[k + 1] + i];
-    }
+    if (after) add_backward(s, k, costate + s->x[k + 1], own);
+    for (int i = 0, at = s->x[k + 1]; i < after; ++i, ++at)
+      defect[at] = (moves ? forward(s, k, i, v) : 0.0) + s->offset[at - s->x[1]] - z[s->z[k + 1] + i];
     if (k)
       for (int i = 0; i < s->n_x[k]; ++i) own[i] -= costate[s->x[k] + i];
     for (int i = 0; i < m; ++i) {
@@ -192,7 +223,7 @@ static int are_finite(int n, const double *a) {
 /* Whether all entries are finite but bounds; those of residuals and Hessians are in what was made of them. */
 static int has_numbers(const Stages *s) {
   const int N = s->N;
-  return are_finite(s->F[N], s->dynamics) && are_finite(s->x[N + 1] - s->x[1], s->offset) && are_finite(s->M[N + 1], s->Q) &&
+  return are_finite(s->first[s->x[N + 1]], s->entry) && are_finite(s->x[N + 1] - s->x[1], s->offset) && are_finite(s->T[N + 1], s->Q) &&
          are_finite(s->z[N + 1], s->q) && are_finite(s->C[N + 1], s->constraints);
 }
 
