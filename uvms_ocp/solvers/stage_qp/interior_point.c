@@ -33,16 +33,16 @@ typedef struct {
 #define F(p) (E(p) + 2 * q->M)
 #define SIZE (q->n + q->n_x + 9 * q->M)
 
-/* Which rows have a bound; nothing is left over of those that had one before. */
+/* What of a point is not 0: without elastic sides neither e nor f. */
+#define USED (SIZE - (q->is_elastic ? 0 : 4 * q->M))
+
+/* Which rows have a bound; of those that had one before nothing is left over that is looked at where there is none. */
 static void find_bounded(Problem *q) {
-  double *sides[] = {q->weight, q->soft, q->left, q->gap, q->t_side, q->t_elastic, q->now.row, q->now.dual, q->other.row, q->other.dual};
-  double *steps[] = {q->step, q->affine}, *rows[] = {q->pull, q->now.equal, q->other.equal};
+  const int blocks = q->is_elastic ? 9 : 5;
   for (int k = 0; k < q->n_bounded; ++k) {
-    const int i = q->bounded[k], M = q->M;
-    for (int a = 0; a < 10; ++a) sides[a][i] = sides[a][M + i] = 0.0;
-    for (int a = 0; a < 3; ++a) rows[a][i] = 0.0;
-    for (int a = 0; a < 2; ++a)
-      for (int b = 0; b < 9; ++b) Y(steps[a])[b * M + i] = 0.0;
+    const int i = q->bounded[k];
+    q->pull[i] = q->now.equal[i] = q->other.equal[i] = 0.0;
+    for (int b = 0; b < blocks; ++b) Y(q->step)[b * q->M + i] = Y(q->affine)[b * q->M + i] = 0.0;
   }
   q->n_bounded = 0;
   for (int i = 0; i < q->M; ++i)
@@ -81,13 +81,15 @@ static void judge_rows(Problem *q, const double *p, Residuals *r, double largest
     const int i = q->bounded[k];
     double missed = 0.0;
     for (int j = i; j < 2 * M; j += M) {
-      const double beyond = (j < M ? 1.0 : -1.0) * (r->value[i] - q->bound[j]);
       if (q->side[j] == 0.0) continue;
-      r->row[j] = beyond + E(p)[j] + q->compliance[i] * MULTIPLIER(p)[j] - S(p)[j];
+      const double beyond = (j < M ? 1.0 : -1.0) * (r->value[i] - q->bound[j]);
+      r->row[j] = beyond + q->compliance[i] * MULTIPLIER(p)[j] - S(p)[j];
+      if (q->is_elastic) r->row[j] += E(p)[j];
       linear = larger_of(linear, fabs(r->row[j]) / q->norm[i]);
-      if (q->elastic[j] == 0.0 && q->compliance[i] == 0.0) missed = larger_of(missed, -beyond);
+      const int elastic = q->is_elastic && q->elastic[j] != 0.0;
+      if (!elastic && q->compliance[i] == 0.0) missed = larger_of(missed, -beyond);
       products = larger_of(products, S(p)[j] * MULTIPLIER(p)[j]);
-      if (q->elastic[j] == 0.0) continue;
+      if (!elastic) continue;
       r->dual[j] = q->l1[i] + q->l2[i] * E(p)[j] - MULTIPLIER(p)[j] - F(p)[j];
       dual = larger_of(dual, fabs(r->dual[j]) * q->norm[i]);
       products = larger_of(products, E(p)[j] * F(p)[j]);
@@ -137,12 +139,16 @@ static int find_factor(Problem *q, const double *p, int sides) {
     const int i = q->bounded[k];
     total[i] = q->equal[i] != 0.0 ? 1.0 / (q->elasticity[i] + q->compliance[i]) : 0.0;
     for (int j = i; j < 2 * M; j += M) {
-      const double e = E(p)[j], f = F(p)[j], multiplier = MULTIPLIER(p)[j];
-      q->soft[j] = q->weight[j] = 0.0;
+      if (q->side[j] == 0.0) continue;
+      const double multiplier = MULTIPLIER(p)[j];
+      double soft = 0.0;
+      q->weight[j] = 0.0;
+      if (q->is_elastic) {
+        if (sides && multiplier > 0.0 && F(p)[j] > 0.0) soft = E(p)[j] / (F(p)[j] + E(p)[j] * q->l2[i]);
+        q->soft[j] = soft;
+      }
       if (!sides || !(multiplier > 0.0)) continue;
-      if (f > 0.0) q->soft[j] = e / (f + e * q->l2[i]);
-      q->weight[j] =
-          multiplier / (multiplier * (SIDE_ELASTICITY * q->elasticity[i] + q->compliance[i] + q->soft[j]) + S(p)[j]);
+      q->weight[j] = multiplier / (multiplier * (SIDE_ELASTICITY * q->elasticity[i] + q->compliance[i] + soft) + S(p)[j]);
       total[i] += q->weight[j];
     }
   }
@@ -157,9 +163,13 @@ static void find_direction(Problem *q, const double *p, const Residuals *r, cons
     const int i = q->bounded[k];
     q->pull[i] = q->equal[i] != 0.0 ? r->equal[i] / (q->elasticity[i] + q->compliance[i]) : 0.0;
     for (int j = i; j < 2 * M; j += M) {
-      q->left[j] = 0.0;
-      if (F(p)[j] > 0.0) q->left[j] = ((t_elastic ? t_elastic[j] : 0.0) - E(p)[j] * r->dual[j]) / (F(p)[j] + E(p)[j] * q->l2[i]);
-      q->gap[j] = r->row[j] + q->left[j];
+      if (q->side[j] == 0.0) continue;
+      q->gap[j] = r->row[j];
+      if (q->is_elastic) {
+        q->left[j] = 0.0;
+        if (F(p)[j] > 0.0) q->left[j] = ((t_elastic ? t_elastic[j] : 0.0) - E(p)[j] * r->dual[j]) / (F(p)[j] + E(p)[j] * q->l2[i]);
+        q->gap[j] += q->left[j];
+      }
       if (t_side && MULTIPLIER(p)[j] > 0.0) q->gap[j] -= t_side[j] / MULTIPLIER(p)[j];
       q->pull[i] += (j < M ? 1.0 : -1.0) * q->weight[j] * q->gap[j];
     }
@@ -173,9 +183,12 @@ static void find_direction(Problem *q, const double *p, const Residuals *r, cons
     const double value = i < m ? q->other.value[i] : Z(out)[i - m];
     if (q->equal[i] != 0.0) Y(out)[i] = (value + r->equal[i]) / (q->elasticity[i] + q->compliance[i]);
     for (int j = i; j < 2 * M; j += M) {
+      if (q->side[j] == 0.0) continue;
       const double change = -q->weight[j] * ((j < M ? 1.0 : -1.0) * value + q->gap[j]);
-      MULTIPLIER(out)[j] = change, S(out)[j] = F(out)[j] = 0.0;
+      MULTIPLIER(out)[j] = change, S(out)[j] = 0.0;
       if (MULTIPLIER(p)[j] > 0.0) S(out)[j] = ((t_side ? t_side[j] : 0.0) - S(p)[j] * change) / MULTIPLIER(p)[j];
+      if (!q->is_elastic) continue;
+      F(out)[j] = 0.0;
       E(out)[j] = q->soft[j] * change + q->left[j];
       if (E(p)[j] > 0.0) F(out)[j] = ((t_elastic ? t_elastic[j] : 0.0) - F(p)[j] * E(out)[j]) / E(p)[j];
     }
@@ -183,13 +196,13 @@ static void find_direction(Problem *q, const double *p, const Residuals *r, cons
 }
 
 static void move(const Problem *q, const double *p, const double *step, double share, double *out) {
-  for (int i = 0; i < SIZE; ++i) out[i] = p[i] + share * step[i];
+  for (int i = 0, size = USED; i < size; ++i) out[i] = p[i] + share * step[i];
 }
 
 /* Share of a step after which nothing is negative. */
 static double find_share(const Problem *q, const double *p, const double *step, double most) {
   double share = 1.0;
-  for (const double *value = S(p), *change = S(step), *end = p + SIZE; value < end; ++value, ++change)
+  for (const double *value = S(p), *change = S(step), *end = p + USED; value < end; ++value, ++change)
     if (*change < 0.0 && most * *value < -share * *change) share = most * *value / -*change;
   return share;
 }
@@ -197,11 +210,13 @@ static double find_share(const Problem *q, const double *p, const double *step, 
 static double find_mu(const Problem *q, const double *p, int *count) {
   double sum = 0.0;
   *count = 0;
-  for (int k = 0; k < 2 * q->n_bounded; ++k) {
-    const int j = q->bounded[k / 2] + (k & 1) * q->M;
-    sum += S(p)[j] * MULTIPLIER(p)[j] + E(p)[j] * F(p)[j];
-    *count += (q->side[j] != 0.0) + (q->elastic[j] != 0.0);
-  }
+  for (int k = 0; k < q->n_bounded; ++k)
+    for (int j = q->bounded[k]; j < 2 * q->M; j += q->M) {
+      if (q->side[j] == 0.0) continue;
+      sum += S(p)[j] * MULTIPLIER(p)[j];
+      ++*count;
+      if (q->is_elastic && q->elastic[j] != 0.0) sum += E(p)[j] * F(p)[j], ++*count;
+    }
   if (*count < 1) *count = 1;
   return sum / *count;
 }
@@ -209,12 +224,13 @@ static double find_mu(const Problem *q, const double *p, int *count) {
 /* By how much products of p change on the way to `centre`, with `trust` in what the affine step says of the second order. */
 static void aim(Problem *q, double centre, double trust) {
   const double *p = q->point, *a = q->affine;
-  for (int k = 0; k < 2 * q->n_bounded; ++k) {
-    const int j = q->bounded[k / 2] + (k & 1) * q->M;
-    const double side = centre - trust * S(a)[j] * MULTIPLIER(a)[j] - S(p)[j] * MULTIPLIER(p)[j];
-    const double elastic = centre - trust * E(a)[j] * F(a)[j] - E(p)[j] * F(p)[j];
-    q->t_side[j] = q->side[j] != 0.0 ? side : 0.0, q->t_elastic[j] = q->elastic[j] != 0.0 ? elastic : 0.0;
-  }
+  for (int k = 0; k < q->n_bounded; ++k)
+    for (int j = q->bounded[k]; j < 2 * q->M; j += q->M) {
+      if (q->side[j] == 0.0) continue;
+      q->t_side[j] = centre - trust * S(a)[j] * MULTIPLIER(a)[j] - S(p)[j] * MULTIPLIER(p)[j];
+      if (q->is_elastic)
+        q->t_elastic[j] = q->elastic[j] != 0.0 ? centre - trust * E(a)[j] * F(a)[j] - E(p)[j] * F(p)[j] : 0.0;
+    }
 }
 
 static void correct_direction(Problem *q) {
@@ -227,7 +243,7 @@ static void correct_direction(Problem *q) {
     move(q, q->point, q->affine, 1.0, q->trial);
     find_residuals(q, q->trial, &q->other);
     if (!(q->other.linear <= 0.5 * before)) break;
-    memcpy(q->step, q->affine, sizeof(double) * (size_t)SIZE);
+    memcpy(q->step, q->affine, sizeof(double) * (size_t)USED);
   }
 }
 

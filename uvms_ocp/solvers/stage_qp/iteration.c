@@ -23,8 +23,6 @@ static int solve_equalities(Problem *q, double exact, int factored) {
     if (k == MOST_CORRECTIONS || enough || !(left > exact * q->tolerance)) break;
     if (left > q->tolerance && left > HOPELESSLY * before) break;
     before = left;
-    memset(q->now.row, 0, sizeof(double) * (size_t)(2 * q->M));
-    memset(q->now.dual, 0, sizeof(double) * (size_t)(2 * q->M));
     find_direction(q, p, &q->now, 0, 0, q->step);
     move(q, p, q->step, 1.0, p);
   }
@@ -126,7 +124,7 @@ static int descend(Problem *q) {
   for (;;) {
     const double left = q->now.worst, stationarity = q->now.stationarity, primal = q->now.primal;
     ++vain;
-    if (left < least || least == INFINITY) vain = 0, least = left, memcpy(q->best, q->point, sizeof(double) * (size_t)SIZE);
+    if (left < least || least == INFINITY) vain = 0, least = left, memcpy(q->best, q->point, sizeof(double) * (size_t)USED);
     status = SOLVED;
     if (left <= q->tolerance) break;
     status = UNBOUNDED;
@@ -148,7 +146,7 @@ static int descend(Problem *q) {
       ++q->corrections;
   }
   if (!vain) return status; /* The last point is the best, and `now` is of it. */
-  memcpy(q->point, q->best, sizeof(double) * (size_t)SIZE);
+  memcpy(q->point, q->best, sizeof(double) * (size_t)USED);
   find_residuals(q, q->point, &q->now);
   return status;
 }
@@ -169,6 +167,10 @@ static int start_from_equalities(Problem *q) {
 }
 
 static void begin(Problem *q, int costless, int damped) {
+  double *points[] = {q->point, q->best, q->step, q->affine, q->trial};
+  const int was_elastic = q->is_elastic;
+  q->is_elastic = largest_of(2 * q->M, q->elastic) > 0.0;
+  for (int a = 0; a < 5 && was_elastic && !q->is_elastic; ++a) memset(E(points[a]), 0, sizeof(double) * (size_t)(4 * q->M));
   load_stages(&q->stages, costless);
   q->curvature = costless ? 1.0 : q->stages.most;
   q->slow = damped ? SLOW : 0.0;
@@ -179,7 +181,6 @@ static void begin(Problem *q, int costless, int damped) {
 
 /* Whether it went through an interior. */
 static int run(Problem *q) {
-  q->is_elastic = largest_of(2 * q->M, q->elastic) > 0.0;
   if (q->start == START_WARM) start_warm(q);
   if (q->start == START_COLD) start_cold(q);
   if (q->start == START_EQUALITIES && start_from_equalities(q)) return 0;
@@ -249,7 +250,7 @@ static int mend(Problem *q, double sharp) {
 /* The optimum where the bounds that it reaches are found soon, starting with active ones; 0 leaves the point as it was. */
 static int solve_active(Problem *q) {
   int fewest = 2 * q->M, vain = 0, last = ROUGH(q) || !q->n_bounded, changes = 1;
-  memcpy(q->trial, q->point, sizeof(double) * (size_t)SIZE);
+  memcpy(q->trial, q->point, sizeof(double) * (size_t)USED);
   /* Few digits tell which sides change; all of them are found where none does. */
   while (solve_held(q, last ? DIGITS(q) : ROUND, !changes)) {
     changes = mend(q, last && !ROUGH(q) ? SHARP : 1.0);
@@ -262,7 +263,7 @@ static int solve_active(Problem *q) {
     if (vain > (changes > MANY_CHANGES ? 0 : VAIN_CHANGES)) break;
     if (!vain) fewest = changes;
   }
-  memcpy(q->point, q->trial, sizeof(double) * (size_t)SIZE);
+  memcpy(q->point, q->trial, sizeof(double) * (size_t)USED);
   find_bounded(q);
   return 0;
 }
@@ -283,11 +284,11 @@ static int solve_near(Problem *q) {
 static void finish(Problem *q) {
   const int iterations = q->iterations;
   double *p = q->point;
-  memcpy(q->best, p, sizeof(double) * (size_t)SIZE);
+  memcpy(q->best, p, sizeof(double) * (size_t)USED);
   find_approached(q);
   for (int i = 0; i < q->M; ++i) Y(p)[i] += MULTIPLIER(p)[q->M + i] - MULTIPLIER(p)[i];
   if (solve_active(q)) return;
-  memcpy(p, q->best, sizeof(double) * (size_t)SIZE);
+  memcpy(p, q->best, sizeof(double) * (size_t)USED);
   find_residuals(q, p, &q->now);
   q->status = SOLVED, q->iterations = iterations;
 }
@@ -305,7 +306,7 @@ void solve_whole(Problem *q, int near) {
   if (!make_table(q)) return;
   begin(q, 0, 0);
   if (!has_numbers(&q->stages)) return;
-  const int hard = !(largest_of(2 * q->M, q->elastic) > 0.0);
+  const int hard = !q->is_elastic;
   q->start = near ? START_WARM : START_EQUALITIES;
   if (!near) memset(q->point, 0, sizeof(double) * (size_t)SIZE);
   if (near && hard && solve_near(q)) return;
