@@ -29,6 +29,25 @@ static int largest_matrix(const Stages *s) {
   return PADDED(most) * PADDED(most);
 }
 
+/* Asks for what is looked at next: of long horizons it is far away. */
+INLINE void fetch(const double *a, int n) {
+#ifdef __GNUC__
+  for (int i = 0; i < n; i += 8) __builtin_prefetch(a + i);
+#else
+  (void)a, (void)n;
+#endif
+}
+
+/* The same of stage k: of M a triangle, and its dynamics. */
+INLINE void fetch_stage(const Stages *s, const double *M, int k) {
+  if (k < 0 || k > s->N) return;
+  fetch(M + s->T[k], s->T[k + 1] - s->T[k]);
+  if (k == s->N) return;
+  const int first = s->first[s->x[k + 1]], count = s->first[s->x[k + 2]] - first;
+  fetch(s->entry + first, count);
+  fetch((const double *)(s->column + first), (count + 1) / 2);
+}
+
 /* The triangle of a padded matrix, row after row. */
 static void pack(int n, const double *M, double *T) {
   for (int i = 0; i < n; ++i) memcpy(T + ROW(i), M + i * PADDED(n), sizeof(double) * (size_t)(i + 1));
@@ -97,6 +116,7 @@ WIDE static int factor_stages(Stages *s, const double *weight, const double *wei
     const int n = n_z(s, k), ld = PADDED(n), after = k < s->N ? s->n_x[k + 1] : 0;
     const double *fixed = s->fixed + s->z[k];
     const double *Q = s->Q + s->T[k];
+    fetch_stage(s, s->Q, k - 1);
     for (int i = 0; i < n; ++i) memcpy(L + i * ld, Q + ROW(i), sizeof(double) * (size_t)(i + 1));
     add_gram(s->n_c[k], n, s->constraints + s->C[k], weight + s->c[k], L, s->list);
     for (int i = 0; i < n; ++i) L[i * ld + i] += weight_z[s->z[k] + i] + all;
@@ -123,6 +143,7 @@ WIDE static void solve_stages(Stages *s, const double *g, const double *d, doubl
     const int n = n_z(s, k), n_x = s->n_x[k], after = k < s->N ? s->n_x[k + 1] : 0;
     const double *L = s->L + s->T[k], *inverse = s->inverse + s->z[k], *fixed = s->fixed + s->z[k];
     double *h = dz + s->z[k];
+    fetch_stage(s, s->L, k - 1);
     for (int i = 0; i < n; ++i) h[i] = g[s->z[k] + i];
     if (after) {
       memcpy(p, dz + s->z[k + 1], sizeof(double) * (size_t)after);
@@ -140,6 +161,7 @@ WIDE static void solve_stages(Stages *s, const double *g, const double *d, doubl
     const int n = n_z(s, k), n_x = s->n_x[k], after = k < s->N ? s->n_x[k + 1] : 0;
     const double *L = s->L + s->T[k], *inverse = s->inverse + s->z[k];
     double *h = dz + s->z[k], *own = costate + s->x[k];
+    fetch_stage(s, s->L, k + 1);
     if (k) {
       /* h holds p of the state; what dx is stands in costate. */
       for (int i = 0; i < n_x; ++i) p[i] = h[i], h[i] = own[i], own[i] = p[i];
@@ -159,6 +181,7 @@ WIDE static double evaluate_stages(const Stages *s, const double *z, const doubl
     const int n = n_z(s, k), after = k < s->N ? s->n_x[k + 1] : 0, m = s->n_c[k];
     const double *C = s->constraints + s->C[k], *v = z + s->z[k];
     double *restrict own = grad + s->z[k];
+    fetch_stage(s, s->Q, k + 1);
     const int moves = largest_of(n, v) != 0.0;
     for (int i = 0; i < n; ++i) own[i] = 0.0;
     if (moves) add_symmetric(n, s->Q + s->T[k], v, own);
