@@ -249,7 +249,7 @@ static int mend(Problem *q, double sharp) {
 
 /* The optimum where the bounds that it reaches are found soon, starting with active ones; 0 leaves the point as it was. */
 static int solve_active(Problem *q) {
-  int fewest = 2 * q->M, vain = 0, last = ROUGH(q) || !q->n_bounded, changes = 1;
+  int fewest = 4 * MANY_CHANGES, vain = 0, last = ROUGH(q) || !q->n_bounded, changes = 1;
   memcpy(q->trial, q->point, sizeof(double) * (size_t)USED);
   /* Few digits tell which sides change; all of them are found where none does. */
   while (solve_held(q, last ? DIGITS(q) : ROUND, !changes)) {
