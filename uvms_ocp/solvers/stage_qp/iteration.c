@@ -206,12 +206,14 @@ static void find_reached(Problem *q, const double *near) {
   }
 }
 
-/* Sides that the last step of an interior point approached: what is left of them fell more than their multipliers did. */
+/* Sides that the last step of an interior point approached: what is left of them fell more than their multipliers did; where it
+changed neither, those whose multipliers are large beside what is left. */
 static void find_approached(Problem *q) {
-  const double *p = q->point, *d = q->step;
+  const double *p = q->point, *d = q->step, *norm = q->norm;
   for (int j = 0; j < 2 * q->M; ++j) {
-    const double s = S(p)[j], y = MULTIPLIER(p)[j];
-    q->active[j] = q->side[j] != 0.0 && s * (y - q->share * MULTIPLIER(d)[j]) < y * (s - q->share * S(d)[j]);
+    const double s = S(p)[j], y = MULTIPLIER(p)[j], more = y * S(d)[j] - s * MULTIPLIER(d)[j];
+    const int i = j % q->M, large = s * q->now.gradient < y * norm[i] * norm[i] * q->now.variable;
+    q->active[j] = q->side[j] != 0.0 && (fabs(more) < UNCLEAR * s * y ? large : more < 0.0);
   }
 }
 

@@ -28,6 +28,8 @@ SHARPER = 1e3
 """of complementarity: a bound that only just binds is missed by the root of what is left of it."""
 LEAST_SIZE = 1e-3
 """[unit of z] variables below which a gradient is compared with the curvature."""
+UNCLEAR = 1e-2
+"""Relative change by a step that does not tell whether a bound is approached."""
 COUNTS = 1e-6
 """Multiplier, beside the largest, of a bound that is reached."""
 MANY_CHANGES = 4
