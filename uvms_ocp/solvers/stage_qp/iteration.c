@@ -194,16 +194,16 @@ void solve_qp(Problem *q, int costless, int damped) {
   run(q);
 }
 
-/* Sides that hold the solution of a QP nearby where it is; where none is without a multiplier, as an interior point leaves them,
-those with a large one. */
-static void find_reached(Problem *q, const double *near) {
-  int none = 0;
-  for (int j = 0; j < 2 * q->M; ++j) none |= q->side[j] != 0.0 && Y(near)[j % q->M] == 0.0;
-  const double most = none ? 0.0 : COUNTS * larger_of(largest_of(q->M, Y(near)), largest_of(q->n_x, COSTATE(near)));
+/* Sides that hold the solution of a QP nearby where it is; 0 where none is without a multiplier, as an interior point leaves them
+that did not find which they are. */
+static int find_reached(Problem *q, const double *near) {
+  int known = 0;
   for (int j = 0; j < 2 * q->M; ++j) {
-    const int i = j % q->M;
-    q->active[j] = q->side[j] != 0.0 && (j < q->M ? -1.0 : 1.0) * Y(near)[i] * q->norm[i] > most;
+    const double y = Y(near)[j % q->M];
+    q->active[j] = q->side[j] != 0.0 && (j < q->M ? y < 0.0 : y > 0.0);
+    known |= q->side[j] != 0.0 && y == 0.0;
   }
+  return known || largest_of(2 * q->M, q->side) == 0.0;
 }
 
 /* Sides that the last step of an interior point approached: what is left of them fell more than their multipliers did; where it
@@ -275,9 +275,9 @@ static int solve_near(Problem *q) {
   double *p = q->point;
   memcpy(q->best, p, sizeof(double) * (size_t)q->n);
   memset(S(p), 0, sizeof(double) * (size_t)(8 * q->M));
-  find_reached(q, p);
+  const int known = find_reached(q, p);
   rest(q);
-  const int found = solve_active(q);
+  const int found = known && solve_active(q);
   if (!found) memcpy(p, q->best, sizeof(double) * (size_t)q->n);
   return found;
 }

@@ -30,8 +30,6 @@ LEAST_SIZE = 1e-3
 """[unit of z] variables below which a gradient is compared with the curvature."""
 UNCLEAR = 1e-2
 """Relative change by a step that does not tell whether a bound is approached."""
-COUNTS = 1e-6
-"""Multiplier, beside the largest, of a bound that is reached."""
 MANY_CHANGES = 4
 """Number of bounds that change, above which the number must fall to half from round to round."""
 VAIN_CHANGES = 2
