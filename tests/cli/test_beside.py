@@ -52,7 +52,6 @@ def test_every_drawing_is_made_in_a_copy_where_there_are_processors_for_it(
 @_COPIED
 def test_two_processes_work_at_a_time(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(os, "cpu_count", lambda: 2)
-    monkeypatch.setattr("uvms_ocp.cli.run._SHARE", 1)
     with drawer() as draw:  # neither ends before the other has begun
         draw({f"{k}": partial(_note_and_wait, tmp_path, k) for k in range(2)})
     assert (tmp_path / "0").read_text() != (tmp_path / "1").read_text()
@@ -62,6 +61,19 @@ def _note_and_wait(folder: Path, k: int) -> None:
     _note(folder, k)
     while not (folder / f"{1 - k}").exists():
         pass
+
+
+@_COPIED
+def test_what_draws_is_loaded_once_by_what_all_copies_are_made_of(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(os, "cpu_count", lambda: 2)
+    with drawer() as draw:
+        (first,) = active_children()
+        draw({f"{k}": partial(_note_parent, tmp_path, k) for k in range(20)})
+    assert {path.read_text() for path in tmp_path.iterdir()} == {f"{first.pid} True"}
+
+
+def _note_parent(folder: Path, k: int) -> None:
+    (folder / f"{k}").write_text(f"{os.getppid()} {'matplotlib' in sys.modules}")
 
 
 @pytest.mark.parametrize("n_processors", [1, 2])
@@ -124,22 +136,33 @@ def test_a_long_record_is_not_sent_to_what_draws_it(tmp_path: Path) -> None:
         assert len(dumps(job)) < whole / 4
 
 
-def test_a_command_that_is_killed_leaves_no_copies() -> None:
-    code = """
+def test_a_command_that_is_killed_leaves_no_copies(tmp_path: Path) -> None:
+    code = f"""
 import os, time
+from functools import partial
 from multiprocessing import active_children
+from pathlib import Path
 from uvms_ocp.cli.run import drawer
-os.cpu_count = lambda: 2
-with drawer():
-    print(*(child.pid for child in active_children()), flush=True)
+
+def wait(k):
+    Path({str(tmp_path)!r}, str(k)).write_text(str(os.getpid()))
     time.sleep(600.0)
+
+os.cpu_count = lambda: 2
+with drawer() as draw:
+    print(*(child.pid for child in active_children()), flush=True)
+    draw({{str(k): partial(wait, k) for k in range(2)}})
 """
+    ends = perf_counter() + 60.0
     with subprocess.Popen([sys.executable, "-c", code], stdout=subprocess.PIPE, text=True) as command:
         assert command.stdout is not None
         copies = [int(word) for word in command.stdout.readline().split()]
+        while len(written := [path.read_text() for path in tmp_path.iterdir()]) < 2 or not all(written):
+            assert perf_counter() < ends
+            sleep(0.05)
         command.kill()
-    assert len(copies) == 2
-    ends = perf_counter() + 60.0
+    copies += map(int, written)
+    assert len(set(copies)) == 3
     while any(map(_lives, copies)) and perf_counter() < ends:
         sleep(0.05)
     assert not any(map(_lives, copies))

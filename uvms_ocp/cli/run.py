@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ctypes
+import gc
 import json
 import os
 import signal
@@ -44,7 +45,7 @@ from uvms_ocp.viz.series import RUN_NAMES, thinned
 # What writes figures and scenes, shared by copies of this process: Matplotlib and meshcat keep one processor busy each.
 
 Job = Callable[[], object]
-_COPIES, _SHARE, _DIE_WITH_PARENT = 2, 4, 1  # drawings that one takes at a time; `PR_SET_PDEATHSIG` of Linux
+_COPIES, _DIE_WITH_PARENT = 2, 1  # that draw at a time; `PR_SET_PDEATHSIG` of Linux
 
 
 @contextmanager
@@ -52,23 +53,22 @@ def drawer(*, wanted: bool = True) -> Iterator[Callable[..., list[str]]]:
     """Yield what writes all figures and scenes: one that fails costs no other, and is returned as a line that says why.
 
     It takes the functions that write them, by name, each of which may be called twice, and the status to show meanwhile; what
-    the disk refuses is raised. On Linux, with processors for them, copies of this process write: until then they import what
-    draws, which takes half a second.
+    the disk refuses is raised. On Linux, with processors for them, copies of this process write: until then the first imports
+    what draws, which takes half a second, and the others are copied from it.
     """
-    n = _COPIES if wanted and sys.platform == "linux" and (os.cpu_count() or 1) >= _COPIES else 0
-    pool = ProcessPoolExecutor(_COPIES, get_context("fork" if n else None), _load_drawing, (os.getpid(),))
+    apart = wanted and sys.platform == "linux" and (os.cpu_count() or 1) >= _COPIES
+    pool = ProcessPoolExecutor(1, get_context("fork" if apart else None), _load_drawing, (os.getpid(),))
     before = active_children()
     with warnings.catch_warnings(action="ignore", category=DeprecationWarning):  # of threads of libraries, which wait for work
-        if n:
-            pool.submit(int)  # which begins them
+        if apart:
+            pool.submit(int)  # which begins it
     copies = set(active_children()).difference(before)
 
     def draw(drawings: Mapping[str, Job], status: AbstractContextManager[object] | None = None) -> list[str]:
-        asked = drawings, drawings.values()
         with status or nullcontext(), suppress(BrokenProcessPool, PicklingError, AttributeError, TypeError):
-            lines = pool.map(_attempt, *asked, chunksize=_SHARE) if n else map(_attempt, *asked)  # several, which share a record
-            return [line for line in lines if line]
-        return [line for line in map(_attempt, *asked) if line]  # as a copy was killed, or there is what cannot be sent
+            if apart:
+                return pool.submit(_draw_in_copies, drawings).result()
+        return [*filter(None, map(_attempt, drawings, drawings.values()))]  # or a copy was killed, or cannot be sent something
 
     try:
         yield draw
@@ -79,19 +79,34 @@ def drawer(*, wanted: bool = True) -> Iterator[Callable[..., list[str]]]:
 
 
 def _load_drawing(parent: int) -> None:
-    ctypes.CDLL(None).prctl(_DIE_WITH_PARENT, signal.SIGKILL)  # else a command that is killed leaves copies behind
-    if os.getppid() != parent:
-        os._exit(1)
+    _end_with(parent)
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # what is stopped by hand is drawn
     sys.stdout = sys.stderr = open(os.devnull, "w")  # noqa: SIM115 - for as long as the copy lives
     for module in ("run_figures", "scene.show"):
         import_module(f"uvms_ocp.viz.{module}")
+    gc.freeze()  # or every look for garbage goes through all of it
 
 
-def _attempt(name: str, draw: Job) -> str:
+def _end_with(parent: int) -> None:
+    ctypes.CDLL(None).prctl(_DIE_WITH_PARENT, signal.SIGKILL)  # else a command that is killed leaves copies behind
+    if os.getppid() != parent:
+        os._exit(1)
+
+
+_DRAWINGS = dict[str, Job]()
+"""Those of a copy, and of its own copies, to which they need not be sent."""
+
+
+def _draw_in_copies(drawings: Mapping[str, Job]) -> list[str]:
+    _DRAWINGS.update(drawings)
+    with ProcessPoolExecutor(_COPIES, get_context("fork"), _end_with, (os.getpid(),)) as pool:
+        return [*filter(None, pool.map(_attempt, drawings))]
+
+
+def _attempt(name: str, draw: Job | None = None) -> str:
     """Why it failed; nothing where it is drawn."""
     try:
-        draw()
+        (draw or _DRAWINGS[name])()
     except (OSError, OutputError):
         raise
     except Exception as error:
