@@ -129,8 +129,7 @@ def norm_bound(measured: float, spread: float) -> float:
 
     variance = spread**2 / 3.0
     mean, half = (spread**2 + measured**2, variance * (3.0 * variance + 2.0 * measured**2))  # of the square; half its variance
-    of_chi_squared = 2.0 * gammaincinv(0.5 * mean**2 / half, CHANCE)
-    return float(np.sqrt(half / mean * of_chi_squared))
+    return float(np.sqrt(half / mean * 2.0 * gammaincinv(0.5 * mean**2 / half, CHANCE)))  # by chi squared
 
 
 def estimate_table(record: Record) -> list[dict[str, Any]]:
@@ -237,8 +236,6 @@ def energy_of_quick_thrust(record: Record) -> float | None:
 
     Power grows faster than thrust. `None` where the record is shorter, has fewer rows than ticks, or no energy of thrusters.
     """
-    from scipy.ndimage import uniform_filter1d  # a tenth of a second
-
     dt, width = record.run_meta.dt, round(_QUICK / record.run_meta.dt)
     ticks = {"thrust", "thruster_energy"} <= record.series.keys() and keeps_every_tick(record)
     if not ticks or not 2 < width < len(record):
@@ -249,7 +246,8 @@ def energy_of_quick_thrust(record: Record) -> float | None:
     for thrust, energy in zip(thrusts.T, energies.T, strict=True):
         power, thrust = np.diff(energy) / dt, (thrust[1:] + thrust[:-1]) / 2.0
         order = np.argsort(thrust)
-        steady = np.interp(uniform_filter1d(thrust, width, mode="nearest"), thrust[order], power[order])
+        sums = np.cumsum(np.pad(thrust, (width // 2 + 1, (width - 1) // 2), "edge"))
+        steady = np.interp((sums[width:] - sums[:-width]) / width, thrust[order], power[order])
         excess += dt * float(np.sum(power - steady))
     return excess if np.isfinite(excess) else None
 
