@@ -308,13 +308,24 @@ def compiled_from(name: str, content: str, make: Callable[[], ca.Function], *mod
     Where that was compiled before it is not made at all: the cache keeps in which library it is, and with which numbers.
     content: of all that the function depends on but CasADi, the compiler, and the files `modules` of the code that `make` runs.
     """
+    entry, kept = _looked_up(name, content, *modules)
+    return (kept and _function_in(kept[0], name, kept[1])) or start_compiling(make(), entry)
+
+
+def library_from(name: str, content: str, make: Callable[[], str], *modules: str) -> Path | None:
+    """`compile_library` of the source that `make` makes of a content, which is kept as by `compiled_from`."""
+    entry, kept = _looked_up(name, content, *modules)
+    return kept[0] if kept else _keep(entry, _NONE, partial(compile_library, make(), name=name))
+
+
+def _looked_up(name: str, content: str, *modules: str) -> tuple[Path | None, tuple[Path, np.ndarray] | None]:
+    """File of the cache for what comes of a content, where there is a cache, and what is in it."""
     compiler, folder = _compiler(), cache_folder()[0]
     if compiler is None or folder is None:
-        return make()
+        return None, None
     flags = (_code_of(__file__), *map(_code_of, modules), ca.__version__, os.environ.get("UVMS_OCP_CFLAGS", ""))
     entry = folder / f"{_key((name, content), flags, compiler)}{KEPT_NUMBERS}"
-    known = _kept(entry)
-    return (known and _function_in(known[0], name, known[1])) or start_compiling(make(), entry)
+    return entry, _kept(entry)
 
 
 def content_of(inputs: Sequence[ca.SX], outputs: Sequence[ca.SX], *more: object) -> str:
@@ -327,9 +338,9 @@ def _code_of(module: str) -> str:
     return _digest(Path(module).read_bytes())
 
 
-def _keep(entry: Path, numbers: np.ndarray, compilation: Callable[[], Path | None]) -> Path | None:
+def _keep(entry: Path | None, numbers: np.ndarray, compilation: Callable[[], Path | None]) -> Path | None:
     library = compilation()
-    if library is not None:
+    if library is not None and entry is not None:
         data = f"{library.name}\n".encode() + numbers.tobytes()
         with suppress(OSError), tempfile.TemporaryDirectory(prefix=HALF_MADE, dir=entry.parent) as folder:
             (Path(folder) / entry.name).write_bytes(_digest(data).encode() + data)

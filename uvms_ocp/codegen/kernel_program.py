@@ -7,14 +7,16 @@ import ctypes
 import inspect
 import linecache
 import math
+import re
 import sys
 from collections import Counter
 from collections.abc import Callable, Iterable, Sequence
 from functools import lru_cache
 from importlib.resources import files
+from types import FunctionType
 from typing import Any, get_type_hints
 
-from uvms_ocp.codegen import buffered, kernel_expressions as c_code
+from uvms_ocp.codegen import buffered, kernel_expressions as c_code, kernel_layout
 from uvms_ocp.codegen.kernel_layout import WIDE, FunctionStructure, Layout, Vector, work_sizes, zeros
 from uvms_ocp.errors import InvalidInput
 
@@ -226,6 +228,8 @@ _TRANSLATED |= {ast.Break: _word("break;"), ast.Continue: _word("continue;"), as
 
 # A C program of kernels: their structures, then all functions that the first ones call.
 
+TRANSLATOR = __file__, c_code.__file__, kernel_layout.__file__, buffered.__file__
+"""Files of the code that makes a C program of kernels."""
 _HEAD, _WIDE = ((files("uvms_ocp.codegen") / name).read_text(encoding="utf-8") for name in ("kernels.c", "wide.c"))
 _PLAIN = {float: c_code.DOUBLE, int: c_code.INT, bool: c_code.INT, Vector: c_code.VECTOR, type(None): c_code.NOTHING}
 
@@ -246,6 +250,32 @@ def c_program(kernels: Sequence[Callable[..., Any]], structures: Iterable[type[A
     bodies = [f"{'WIDE ' if kernel in wide else ''}{head} {{\n{program.bodies[kernel]}}}\n" for kernel, head in heads.items()]
     code = "\n".join([_HEAD, *([_WIDE] if wide else []), *(f"{head};" for head in heads.values()), "", *bodies])
     return "\n".join(program.declared), code
+
+
+def program_content(kernels: Iterable[Any]) -> str:
+    """All that a C program is made of but its structures: texts of kernels and of what they call, and what they name."""
+    reached, parts, texts = [*filter(inspect.isfunction, kernels)], list[Any](), {"head": _HEAD, "wide": _WIDE}
+    for kernel in reached:  # which grows
+        place, names = kernel.__code__, vars(sys.modules[kernel.__module__])
+        texts[place.co_filename] = texts.get(place.co_filename) or _text(place.co_filename)
+        words = sorted({*place.co_names, *re.findall(r"\w+", str(kernel.__annotations__))})
+        values = [(word, names[word]) for word in words if word in names]
+        for path, owner in values:  # as before
+            if not isinstance(owner, float | int | FunctionType) and path.count(".") < _DEEPEST:
+                values += [(f"{path}.{word}", getattr(owner, word)) for word in words if hasattr(owner, word)]
+        parts.append((kernel.__module__, kernel.__name__, place.co_firstlineno, kernel in WIDE))
+        parts += [(path, _named_value(value)) for path, value in values]
+        called = dict.fromkeys(value for _, value in values if inspect.isfunction(value))
+        reached += [other for other in called if other.__name__ == other.__qualname__ and other not in reached]
+    return f"{parts} {texts}"
+
+
+_DEEPEST = 2  # dots in module.Enumeration.MEMBER
+
+
+def _named_value(value: Any) -> str:
+    number = c_code.literal(value)
+    return number.text if number else getattr(value, "__qualname__", type(value).__qualname__)
 
 
 def structure_signature(kind: Any) -> Any:
@@ -355,11 +385,15 @@ def _variable(name: str, kind: c_code.CType, *, own: bool) -> str:
 
 def _syntax(kernel: Callable[..., Any]) -> ast.FunctionDef:
     place = kernel.__code__
-    linecache.checkcache(place.co_filename)
-    found = _functions_in("".join(linecache.getlines(place.co_filename))).get(place.co_firstlineno)
+    found = _functions_in(_text(place.co_filename)).get(place.co_firstlineno)
     if found is None or len(found.decorator_list) > (kernel in WIDE):
         raise InvalidInput(f"{kernel.__name__} is no plain function; kernels have no decorators but `wide`")
     return found
+
+
+def _text(file: str) -> str:
+    linecache.checkcache(file)
+    return "".join(linecache.getlines(file))
 
 
 @lru_cache(maxsize=128)

@@ -25,10 +25,10 @@ from typing import Any, get_type_hints
 
 import casadi as ca
 
-from uvms_ocp.codegen.compile import MATH, compile_library, loaded_library
+from uvms_ocp.codegen.compile import MATH, library_from, loaded_library
 from uvms_ocp.codegen.kernel_expressions import PREFIX, c_name
 from uvms_ocp.codegen.kernel_layout import NUMBERS, FunctionStructure, Layout, Memory, connect, functions_in
-from uvms_ocp.codegen.kernel_program import c_program, structure_signature
+from uvms_ocp.codegen.kernel_program import TRANSLATOR, c_program, program_content, structure_signature
 from uvms_ocp.types import Keyed
 
 # A memory as C text: what initialises another one like it.
@@ -109,8 +109,8 @@ def _bound(kernels: BoundKernels, structures: tuple[Any, ...]) -> BoundKernels:
 
 @lru_cache(maxsize=64)
 def _compiled(kernels: BoundKernels, structures: Keyed) -> Path | None:
-    types, code = c_program(kernels, structures.value)
-    return compile_library(types + code, name=", ".join(kernel.__name__ for kernel in kernels))
+    name, content = ", ".join(kernel.__name__ for kernel in kernels), f"{program_content(kernels)} {structures.key}"
+    return library_from(name, content, lambda: "".join(c_program(kernels, structures.value)), *TRANSLATOR)
 
 
 def _function(library: ctypes.CDLL, kernel: Callable[..., Any]) -> Callable[..., Any]:
