@@ -119,6 +119,7 @@ def test_names_of_two_goals_at_one_place_do_not_hide_each_other(robot: Robot) ->
     markers = tuple(MarkerMeta(name=f"{side}_tool", position=(2.5, 1.0, -39.9)) for side in ("port", "starboard"))
     figure = figure_path(synthetic_record(robot, surroundings=SurroundingsMeta(markers=markers)))
     assert figure is not None
+    figure.draw_without_rendering()
     for axis in figure.axes:
         port, starboard = (text.get_window_extent() for text in axis.texts if text.get_text().endswith("_tool"))
         assert not port.overlaps(starboard)

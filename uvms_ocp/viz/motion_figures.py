@@ -226,7 +226,6 @@ def figure_path(record: Record, *, fig: style.Given = None, width: style.Width =
     named = {line.get_label(): line for line in side.get_lines() if not str(line.get_label()).startswith("_")}
     abreast = max(1, int(style.inches(figure) / style.points(_ENTRY)))
     figure.legend(handles=list(named.values()), loc="outside lower center", ncols=min(len(named), abreast))
-    figure.figure.draw_without_rendering()  # equal scales choose the ticks, which have to be there before they are given room
     return figure
 
 
