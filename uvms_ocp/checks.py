@@ -66,8 +66,7 @@ def checked_on_failure(thing: _T) -> _T:
     if isinstance(thing, type):
         return _checked_class(thing, late_constructor=True, late_methods=True)
     setattr(thing, _LATE, True)
-    is_method = "." in thing.__qualname__.rpartition("<locals>.")[2]
-    return thing if is_method else _after(thing, None)
+    return thing if "." in thing.__qualname__.rpartition("<locals>.")[2] else _after(thing, None)  # a method
 
 
 def checked_constructor(cls: _T) -> _T:

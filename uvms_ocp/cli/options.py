@@ -232,9 +232,7 @@ def _word(name: str, value: Any) -> str:
         return name + "_".join(map(str, value))
     if name in ("robot", "hydrodynamics"):
         return label(str(value))
-    if name == "loading":
-        return label("-".join(f"{key}_{word}" for key, word in value.items()))
-    return f"{name}{value}"
+    return label("-".join(f"{key}_{word}" for key, word in value.items())) if name == "loading" else f"{name}{value}"
 
 
 def label(words: str) -> str:

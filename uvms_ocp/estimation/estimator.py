@@ -266,9 +266,7 @@ class Estimator(TableDisplay):
         forgotten is not compared. Raises `NameNotFound` for an unknown channel.
         """
         t, squared, degrees, accepted = self.memory.outcome[_number(channel)].tolist()
-        if math.isnan(t):
-            return None
-        return _outcome(t=t, squared=squared, degrees=int(degrees), accepted=bool(accepted))
+        return None if math.isnan(t) else _outcome(t=t, squared=squared, degrees=int(degrees), accepted=bool(accepted))
 
     @property
     def outcomes(self) -> Array:

@@ -80,9 +80,7 @@ class Watchdog:
 
 def freshness_of(age: float, hold_after: float, stop_after: float) -> int:
     """The `Freshness` of a measurement of `age` [s], by `hold_after` [s] and `stop_after` [s] of a `Watchdog`. A kernel."""
-    if age <= hold_after:
-        return Freshness.FRESH
-    return Freshness.STALE if age <= stop_after else Freshness.LOST
+    return Freshness.FRESH if age <= hold_after else Freshness.STALE if age <= stop_after else Freshness.LOST
 
 
 _TEXTS = {

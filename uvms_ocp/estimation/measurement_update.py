@@ -194,9 +194,7 @@ def _corrected_by(c: int) -> int:
         return Part.SPEED
     if c == ChannelIndex.SPECIFIC_FORCE:
         return Part.ACCELERATION
-    if c == ChannelIndex.ALTIMETER_RANGE:
-        return Part.FLOOR
-    return Part.PLACE if c == ChannelIndex.POSITION else Part.PLACE + 2
+    return Part.FLOOR if c == ChannelIndex.ALTIMETER_RANGE else Part.PLACE if c == ChannelIndex.POSITION else Part.PLACE + 2
 
 
 def _is_blind(m: FilterMemory, c: int) -> bool:

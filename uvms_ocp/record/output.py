@@ -80,8 +80,7 @@ def names_below(root: Path) -> list[str]:
 def fingerprint(path: Path) -> Fingerprint:
     """Return the digest of the contents of a file. Raises `OSError` where it cannot be read."""
     with path.open("rb") as file:
-        digest = hashlib.file_digest(file, "sha256")
-        return Fingerprint(size=file.tell(), sha256=digest.hexdigest())
+        return Fingerprint(sha256=hashlib.file_digest(file, "sha256").hexdigest(), size=file.tell())
 
 
 def is_same(path: Path, known: Fingerprint | None) -> bool:

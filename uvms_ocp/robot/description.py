@@ -357,8 +357,7 @@ _ROUNDED = 0.01  # relative: what is further apart is no rounding, however few d
 
 def _last_digit(number: float) -> float:
     """The unit of the last digit of a number as it is written, 0.01 of 55.12."""
-    exponent = Decimal(repr(number)).normalize().as_tuple().exponent
-    return 10.0 ** min(int(exponent), 0)
+    return 10.0 ** min(int(Decimal(repr(number)).normalize().as_tuple().exponent), 0)
 
 
 def checked_copy(description: RobotDescription, **changes: object) -> RobotDescription:

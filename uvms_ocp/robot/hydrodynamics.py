@@ -289,9 +289,7 @@ def flow_speeds(nu_r: Array, by_flow: bool) -> Array:
     ``-q_i |u| u_i``: the same on the axes, an ellipsoid between them. Rotation has no flow with a direction: each of its axes
     has its own rate either way.
     """
-    if not by_flow:
-        return abs(nu_r)
-    return column((nu_r[:3].T @ nu_r[:3] + _STILL**2) ** 0.5 + 0 * nu_r[:3], abs(nu_r[3:]))
+    return abs(nu_r) if not by_flow else column((nu_r[:3].T @ nu_r[:3] + _STILL**2) ** 0.5 + 0 * nu_r[:3], abs(nu_r[3:]))
 
 
 def damping_matrix(linear_drag: Array, quadratic_drag: Array, nu_r: Array, by_flow: bool = False) -> Array:

@@ -41,8 +41,7 @@ def largest_change(reach: np.ndarray, motion: np.ndarray) -> np.ndarray:
     endless = ~np.isfinite(reach)
     if not endless.any():
         return np.asarray(motion @ reach.T)
-    bound = motion @ np.where(endless, 0.0, reach).T
-    return np.where((motion > 0.0) @ endless.T, np.inf, bound)
+    return np.where((motion > 0.0) @ endless.T, np.inf, motion @ np.where(endless, 0.0, reach).T)
 
 
 def _reach_of_ball(robot: Robot, carrier: int, length: float) -> np.ndarray:

@@ -44,9 +44,7 @@ _ATANC = (1.0, -1 / 3, 1 / 5, -1 / 7, 1 / 9, -1 / 11, 1 / 13)
 
 def where(condition: Array, if_true: Array, if_false: Array) -> Array:
     """`if_true` or `if_false`, scalars () [any], by the condition (). Both are evaluated, so both must be finite."""
-    if is_symbolic(condition):
-        return ca.if_else(condition, if_true, if_false)
-    return if_true if condition else if_false
+    return ca.if_else(condition, if_true, if_false) if is_symbolic(condition) else if_true if condition else if_false
 
 
 def column(*entries: Array) -> Array:

@@ -65,8 +65,7 @@ def _falling(i: int, d: int) -> int:
 
 def _end_data_matrix(k: int) -> _Rational:
     at_0 = [[Fraction(factorial(d) if i == d else 0) for i in range(2 * k)] for d in range(k)]
-    at_1 = [[Fraction(_falling(i, d)) for i in range(2 * k)] for d in range(k)]
-    return np.array(at_0 + at_1)
+    return np.array(at_0 + [[Fraction(_falling(i, d)) for i in range(2 * k)] for d in range(k)])
 
 
 def _monomial_cost(k: int) -> _Rational:

@@ -121,9 +121,7 @@ def _supported_until(m: channel_state.HealthMemory, s: EstimateSupport, number: 
     """Return until when [s] readings support a channel, nan before its first one."""
     own, other = m.channels[number].taken, s.fallback[number]
     by = m.channels[other].taken if other >= 0 else math.nan
-    if math.isnan(own) or math.isnan(by):
-        return own
-    return max(own, min(by, own + s.max_duration[number]))
+    return own if math.isnan(own) or math.isnan(by) else max(own, min(by, own + s.max_duration[number]))
 
 
 def update_echo(m: channel_state.HealthMemory, s: EstimateSupport) -> None:

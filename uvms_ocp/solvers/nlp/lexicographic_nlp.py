@@ -232,9 +232,7 @@ class _Run:
 
     def _start(self, index: int, best: level_solver.NlpOutcome | None) -> level_solver.NlpPoint:
         """A warm start of this level if there is one; otherwise where the level above ended, cold."""
-        if best is None or self._points[index].warm:
-            return self._points[index]
-        return level_solver.NlpPoint(x=best.point.x)
+        return self._points[index] if best is None or self._points[index].warm else level_solver.NlpPoint(x=best.point.x)
 
     def _result(
         self,

@@ -306,9 +306,7 @@ def missing() -> str:
         import playwright.sync_api  # noqa: F401 - only whether it is there
     except ImportError:
         return 'playwright is not installed; run: pip install "uvms-ocp[video]"'
-    if _chromium() is None:
-        return f"no {', '.join(_NAMES)} is found; install Chromium, or say where it is by {CHROMIUM}"
-    return ""
+    return f"no {', '.join(_NAMES)} is found; install Chromium, or say where it is by {CHROMIUM}" if _chromium() is None else ""
 
 
 def _chromium() -> str | None:
