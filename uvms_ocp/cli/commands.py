@@ -155,7 +155,7 @@ def main() -> None:
     """Entry point of the console script."""
     if sys.stdout is None:  # closed by the caller
         sys.stdout = open(os.devnull, "w")  # noqa: SIM115 - for as long as the process lives
-    gc.set_threshold(50_000)  # new objects: to look for garbage sooner is a tenth of the time of imports and of expressions
+    gc.set_threshold(200_000)  # new objects: to look for garbage sooner is a tenth of the time of imports and of expressions
     words = [word for word in sys.argv[1:] if word != _TRACEBACK]
     try:
         with compilation.warned_behind_errors(), json_output.json_alone_on_stdout() if "--json" in words else nullcontext():
