@@ -57,9 +57,7 @@ class Joint:
         Raises `InvalidInput` for a joint of several degrees of freedom.
         """
         own = self._own(q)
-        if len(own) == 1:
-            return own[0]
-        return (ca.atan2 if is_symbolic(*own) else np.arctan2)(own[1], own[0])
+        return own[0] if len(own) == 1 else (ca.atan2 if is_symbolic(*own) else np.arctan2)(own[1], own[0])
 
     def way(self, q: Array, to: Array) -> Array:
         """How far [rad or m] it is from q (n_q,) to the number `to`: of an endless one the shorter way round.
