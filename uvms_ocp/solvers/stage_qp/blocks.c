@@ -37,9 +37,10 @@ typedef struct {
   int first;              /* column with an entry */
 } WeightedRow;
 
-/* c += sum of part' row[j..]. */
-INLINE void block_gram(int n, const WeightedRow *restrict rows, int j, double c[restrict 4][4]) {
-  double c0[4] = {0}, c1[4] = {0}, c2[4] = {0}, c3[4] = {0};
+/* c += sum of part' row[j..], c in rows of ld numbers. */
+INLINE void block_gram(int n, const WeightedRow *restrict rows, int j, double *restrict c, int ld) {
+  double c0[4], c1[4], c2[4], c3[4];
+  for (int l = 0; l < 4; ++l) c0[l] = c[0 * ld + l], c1[l] = c[1 * ld + l], c2[l] = c[2 * ld + l], c3[l] = c[3 * ld + l];
   for (int k = 0; k < n; ++k) {
     const double *restrict a = rows[k].part, *restrict b = rows[k].row + j;
     const double a0 = a[0], a1 = a[1], a2 = a[2], a3 = a[3];
@@ -48,7 +49,7 @@ INLINE void block_gram(int n, const WeightedRow *restrict rows, int j, double c[
     for (int l = 0; l < 4; ++l) c2[l] += a2 * b[l];
     for (int l = 0; l < 4; ++l) c3[l] += a3 * b[l];
   }
-  for (int l = 0; l < 4; ++l) c[0][l] = c0[l], c[1][l] = c1[l], c[2][l] = c2[l], c[3][l] = c3[l];
+  for (int l = 0; l < 4; ++l) c[0 * ld + l] = c0[l], c[1 * ld + l] = c1[l], c[2 * ld + l] = c2[l], c[3 * ld + l] = c3[l];
 }
 
 /* NaN wins, so that it is noticed. */
@@ -99,19 +100,16 @@ WIDE static void add_gram(int m, int n, const double *A, const double *weight, d
     int n_here = 0, first = i;
     for (int k = 0; k < n_dense; ++k) {
       const double *row = dense[k].row;
-      int any = 0;
-      for (int l = i; l < n && l < i + 4; ++l) any |= row[l] != 0.0;
-      if (!any) continue;
+      unsigned long long bits[4];
+      memcpy(bits, row + i, sizeof bits);
+      if (!((bits[0] | bits[1] | bits[2] | bits[3]) << 1)) continue; /* All are 0, or -0. */
       here[n_here].row = row;
       for (int l = 0; l < 4; ++l) here[n_here].part[l] = dense[k].weight * row[i + l];
       ++n_here, first = dense[k].first < first ? dense[k].first : first;
     }
     if (!n_here) continue;
     for (int j = first & ~3; j <= i; j += 4) {
-      double c[4][4];
-      block_gram(n_here, here, j, c);
-      for (int p = 0; p < 4; ++p)
-        for (int q = 0; q < 4; ++q) M[(i + p) * ld + j + q] += c[p][q];
+      block_gram(n_here, here, j, M + i * ld + j, ld);
     }
   }
 }
