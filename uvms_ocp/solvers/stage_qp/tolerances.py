@@ -28,7 +28,7 @@ SHARPER = 1e3
 """of complementarity: a bound that only just binds is missed by the root of what is left of it."""
 LEAST_SIZE = 1e-3
 """[unit of z] variables below which a gradient is compared with the curvature."""
-UNCLEAR = 1e-2
+UNCLEAR = 1.0
 """Relative change by a step that does not tell whether a bound is approached."""
 MANY_CHANGES = 4
 """Number of bounds that change, above which the number must fall to half from round to round."""
