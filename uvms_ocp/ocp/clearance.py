@@ -143,13 +143,13 @@ class PlaneRowGroup:
     def rows(self, symbols: TickSymbols, parameters: ca.SX) -> list[ca.SX]:
         """Heights of the points over their planes [m], less offsets, for parameters (n_parameters,)."""
         bodies, n = self._bodies(symbols), self.size
-        return [self._height(bodies, parameters[n * i : n * (i + 1)]) for i in range(self.n)]
+        first, second = (_columns(bodies, joints) for joints in (self.first, self.second))
+        return [self._height(first, second, parameters[n * i : n * (i + 1)]) for i in range(self.n)]
 
-    def _height(self, bodies: Sequence[SymbolicPose], row: ca.SX) -> ca.SX:
+    def _height(self, first: ca.SX, second: ca.SX, row: ca.SX) -> ca.SX:
         n = _n_shares(self.second)
         normal, centre, offset = ca.vertsplit(row[-_PLANE:], [0, 3, 6, 7])
-        plane = _mixed(bodies, self.first, row[n : n + _n_shares(self.first)])
-        point = _mixed(bodies, self.second, row[:n])
+        plane, point = _mixed(first, row[n : n + _n_shares(self.first)]), _mixed(second, row[:n])
         return ca.dot(plane.R @ normal, point.p - plane.p + point.R @ centre) - offset
 
     def _bodies(self, symbols: TickSymbols) -> Sequence[SymbolicPose]:
@@ -188,12 +188,15 @@ def _n_shares(joints: Sequence[int]) -> int:
     return len(joints) if len(joints) > 1 else 0
 
 
-def _mixed(bodies: Sequence[SymbolicPose], joints: Sequence[int], shares: ca.SX) -> SymbolicPose:
+def _columns(bodies: Sequence[SymbolicPose], joints: Sequence[int]) -> ca.SX:
+    """Rotation and place of each of the joints (12, n) [-, m]."""
+    return ca.horzcat(*(ca.vertcat(ca.vec(bodies[joint].R), bodies[joint].p) for joint in joints))
+
+
+def _mixed(columns: ca.SX, shares: ca.SX) -> SymbolicPose:
     """The pose whose share is one."""
-    if len(joints) == 1:
-        return bodies[joints[0]]
-    R = sum((shares[i] * bodies[joint].R for i, joint in enumerate(joints)), ca.SX(3, 3))
-    return SymbolicPose(R=R, p=sum((shares[i] * bodies[joint].p for i, joint in enumerate(joints)), ca.SX(3, 1)))
+    column = columns @ shares if shares.numel() else columns
+    return SymbolicPose(R=ca.reshape(column[:9], 3, 3), p=column[9:])
 
 
 # Clearance of true shapes, as rows of an optimal control problem.
