@@ -19,7 +19,7 @@ from importlib import import_module
 from multiprocessing import active_children, get_context
 from pathlib import Path
 from pickle import PicklingError
-from typing import Annotated, Any, cast
+from typing import TYPE_CHECKING, Annotated, Any, cast
 
 import typer
 from rich.console import Console
@@ -30,7 +30,6 @@ from rich.text import Text
 from uvms_ocp.cli import INTERRUPTED, NOT_COMPLETED, options as opt, printing
 from uvms_ocp.errors import InvalidInput, OutputError, plain_line, require_known
 from uvms_ocp.interrupts import Interrupted
-from uvms_ocp.mission_plan.planner import MissionPlan
 from uvms_ocp.record import durable_files, row_files
 from uvms_ocp.record.output import RECORD, RUNNING, claim_folder
 from uvms_ocp.record.record import Record
@@ -41,6 +40,9 @@ from uvms_ocp.sim.faults import parse_faults
 from uvms_ocp.sim.loop import TickObserver
 from uvms_ocp.sim.own_parts import plant_name
 from uvms_ocp.viz.series import RUN_NAMES, thinned
+
+if TYPE_CHECKING:
+    from uvms_ocp.mission_plan.planner import MissionPlan
 
 # What writes figures and scenes, shared by copies of this process: Matplotlib and meshcat keep one processor busy each.
 
@@ -212,6 +214,8 @@ def run_and_write(
 
 def _plan_of(scenario: Scenario, place: Path) -> MissionPlan:
     """A plan of that scenario, from its file or the folder that holds it. Raises `InvalidInput`."""
+    from uvms_ocp.mission_plan.planner import MissionPlan  # a tenth of a second
+
     plan = MissionPlan.load(place / "plan.npz" if place.is_dir() else place)
     plan.require_of(scenario)
     return plan

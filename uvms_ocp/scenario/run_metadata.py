@@ -12,7 +12,6 @@ from typing import Any, Literal, TypeVar
 import numpy as np
 import pinocchio as pin
 
-from uvms_ocp.control.plan_following import PlanGuide
 from uvms_ocp.control.velocity.kinematic import KinematicController
 from uvms_ocp.errors import plain_line
 from uvms_ocp.estimation.estimator import declared_bias
@@ -138,7 +137,7 @@ def run_meta(
         statuses=tuple(status.value for status in Status),
         seed=seed,
         noise=setup.sensors != IDEAL_SENSORS,
-        planned_energy=controller.guide.energy if isinstance(controller.guide, PlanGuide) else None,
+        planned_energy=energy if isinstance(energy := getattr(controller.guide, "energy", None), float) else None,
         wall_s=ending.wall_s,
     )
 
