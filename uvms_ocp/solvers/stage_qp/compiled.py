@@ -96,7 +96,7 @@ class CompiledCore:
         directions without curvature."""
         self._load(qp, options)
         for name, array in self._table.items():
-            array[:] = np.ravel(getattr(table, name))
+            array[:] = np.ravel(getattr(table, name).T)
         self._stage_work["fixed"][:], self._work["point"][:] = table.fixed, 0.0
         self._work["point"][: self._n] = z
         self._problem.start = int(problem.StartMode.EQUALITIES if phase_one else problem.StartMode.COLD)
@@ -145,9 +145,9 @@ class CompiledCore:
     def _end(self) -> problem.IterationResult:
         memory, now, n = self._problem, self._problem.now, self._n
         end, flat = n + self._n_x, self._work["point"]
-        # Of equalities, slacks, multipliers of the sides, and of what is missed.
-        equal, _, _, lower, upper, *_ = flat[end:].reshape(9, memory.M)
-        y = equal + upper - lower
+        # Of equalities, then slacks and multipliers of both sides of each row.
+        equal, _, sides = np.split(flat[end : end + 5 * memory.M], (memory.M, 3 * memory.M))
+        y = equal + sides[1::2] - sides[::2]
         y[memory.m :] -= self._now["held"]
         return problem.IterationResult(
             status=_STATUSES[memory.status],

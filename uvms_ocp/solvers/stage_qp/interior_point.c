@@ -1,6 +1,6 @@
 /* Primal-dual interior point, one iteration.
 
-A point is one array: z (n), costate (n_x), y (M), then s, multiplier, e, f (2 M each: lower sides, upper sides). Rows M are those
+A point is one array: z (n), costate (n_x), y (M), then s, multiplier, e, f (2 M each: of each row its lower and its upper side). Rows M are those
 of constraints (m), then the variables. Only rows with a bound are looked at: of all others these are 0, and stay so. */
 
 typedef struct {
@@ -31,6 +31,7 @@ typedef struct {
 #define MULTIPLIER(p) (S(p) + 2 * q->M)
 #define E(p) (MULTIPLIER(p) + 2 * q->M)
 #define F(p) (E(p) + 2 * q->M)
+#define SIGN(j) ((j) & 1 ? -1.0 : 1.0) /* of what is left to a side */
 #define SIZE (q->n + q->n_x + 9 * q->M)
 
 /* What of a point is not 0: without elastic sides neither e nor f. */
@@ -38,15 +39,17 @@ typedef struct {
 
 /* Which rows have a bound; of those that had one before nothing is left over that is looked at where there is none. */
 static void find_bounded(Problem *q) {
-  const int blocks = q->is_elastic ? 9 : 5;
+  const int blocks = q->is_elastic ? 4 : 2;
   for (int k = 0; k < q->n_bounded; ++k) {
     const int i = q->bounded[k];
     q->pull[i] = q->now.equal[i] = q->other.equal[i] = 0.0;
-    for (int b = 0; b < blocks; ++b) Y(q->step)[b * q->M + i] = Y(q->affine)[b * q->M + i] = 0.0;
+    Y(q->step)[i] = Y(q->affine)[i] = 0.0;
+    for (int b = 0; b < blocks; ++b)
+      for (int j = 2 * (b * q->M + i), last = j + 1; j <= last; ++j) S(q->step)[j] = S(q->affine)[j] = 0.0;
   }
   q->n_bounded = 0;
   for (int i = 0; i < q->M; ++i)
-    if (q->side[i] != 0.0 || q->side[q->M + i] != 0.0 || q->equal[i] != 0.0) q->bounded[q->n_bounded++] = i;
+    if (q->side[2 * i] != 0.0 || q->side[2 * i + 1] != 0.0 || q->equal[i] != 0.0) q->bounded[q->n_bounded++] = i;
 }
 
 /* Everything of a row as row_table.py has it; 0 where an entry of the QP is none. */
@@ -64,7 +67,7 @@ static int make_table(Problem *q) {
     q->equal[i] = equal, q->target[i] = equal ? bound[0] : 0.0, q->norm[i] = 1.0;
     q->l1[i] = elastic ? l1 : 0.0, q->l2[i] = elastic ? l2 : 0.0;
     q->compliance[i] = counts && !hard && !elastic ? 1.0 / l2 : 0.0;
-    for (int u = 0, j = i; u < 2; ++u, j += q->M) {
+    for (int u = 0, j = 2 * i; u < 2; ++u, ++j) {
       const int side = counts && !equal && bound[u] < INFINITY && bound[u] > -INFINITY;
       q->side[j] = side, q->elastic[j] = side && elastic, q->bound[j] = side ? bound[u] : 0.0;
     }
@@ -75,14 +78,14 @@ static int make_table(Problem *q) {
 
 /* What rows with bounds leave, at p, where the value of rows is known. */
 static void judge_rows(Problem *q, const double *p, Residuals *r, double largest) {
-  const int M = q->M, n = q->n;
+  const int n = q->n;
   double primal = 0.0, dual = 0.0, linear = 0.0, multipliers = 0.0, products = 0.0;
   for (int k = 0; k < q->n_bounded; ++k) {
     const int i = q->bounded[k];
     double missed = 0.0;
-    for (int j = i; j < 2 * M; j += M) {
+    for (int j = 2 * i; j <= 2 * i + 1; ++j) {
       if (q->side[j] == 0.0) continue;
-      const double beyond = (j < M ? 1.0 : -1.0) * (r->value[i] - q->bound[j]);
+      const double beyond = SIGN(j) * (r->value[i] - q->bound[j]);
       r->row[j] = beyond + q->compliance[i] * MULTIPLIER(p)[j] - S(p)[j];
       if (q->is_elastic) r->row[j] += E(p)[j];
       linear = larger_of(linear, fabs(r->row[j]) / q->norm[i]);
@@ -99,7 +102,7 @@ static void judge_rows(Problem *q, const double *p, Residuals *r, double largest
       linear = larger_of(linear, fabs(r->equal[i]) / q->norm[i]);
     }
     primal = larger_of(primal, missed / q->norm[i]);
-    multipliers = larger_of(multipliers, fabs(Y(p)[i] + MULTIPLIER(p)[M + i] - MULTIPLIER(p)[i]) * q->norm[i]);
+    multipliers = larger_of(multipliers, fabs(Y(p)[i] + MULTIPLIER(p)[2 * i + 1] - MULTIPLIER(p)[2 * i]) * q->norm[i]);
   }
   linear = larger_of(linear, largest_of(q->n_x, r->defect));
   r->stationarity = larger_of(largest_of(n, r->grad), dual);
@@ -118,7 +121,7 @@ static void find_residuals(Problem *q, const double *p, Residuals *r) {
   double *y = q->pull;
   for (int k = 0; k < q->n_bounded; ++k) {
     const int i = q->bounded[k];
-    y[i] = Y(p)[i] + MULTIPLIER(p)[q->M + i] - MULTIPLIER(p)[i];
+    y[i] = Y(p)[i] + MULTIPLIER(p)[2 * i + 1] - MULTIPLIER(p)[2 * i];
   }
   const double largest = evaluate_stages(&q->stages, Z(p), COSTATE(p), y, y + m, r->grad, r->defect, r->value);
   for (int i = 0; i < n; ++i) {
@@ -131,14 +134,13 @@ static void find_residuals(Problem *q, const double *p, Residuals *r) {
 
 /* Weights of the sides at p, and the factor with them. */
 static int find_factor(Problem *q, const double *p, int sides) {
-  const int M = q->M;
   const double slow = sides ? q->slow * q->now.gradient / q->now.variable : 0.0;
   double *total = q->pull;
   ++q->iterations;
   for (int k = 0; k < q->n_bounded; ++k) {
     const int i = q->bounded[k];
     total[i] = q->equal[i] != 0.0 ? 1.0 / (q->elasticity[i] + q->compliance[i]) : 0.0;
-    for (int j = i; j < 2 * M; j += M) {
+    for (int j = 2 * i; j <= 2 * i + 1; ++j) {
       if (q->side[j] == 0.0) continue;
       const double multiplier = MULTIPLIER(p)[j];
       double soft = 0.0;
@@ -158,11 +160,11 @@ static int find_factor(Problem *q, const double *p, int sides) {
 /* Of Newton's method, towards products that differ by t_side and t_elastic from those at p; 0 for no change. */
 static void find_direction(Problem *q, const double *p, const Residuals *r, const double *t_side, const double *t_elastic,
                            double *out) {
-  const int M = q->M, m = q->m;
+  const int m = q->m;
   for (int k = 0; k < q->n_bounded; ++k) {
     const int i = q->bounded[k];
     q->pull[i] = q->equal[i] != 0.0 ? r->equal[i] / (q->elasticity[i] + q->compliance[i]) : 0.0;
-    for (int j = i; j < 2 * M; j += M) {
+    for (int j = 2 * i; j <= 2 * i + 1; ++j) {
       if (q->side[j] == 0.0) continue;
       q->gap[j] = r->row[j];
       if (q->is_elastic) {
@@ -171,7 +173,7 @@ static void find_direction(Problem *q, const double *p, const Residuals *r, cons
         q->gap[j] += q->left[j];
       }
       if (t_side && MULTIPLIER(p)[j] > 0.0) q->gap[j] -= t_side[j] / MULTIPLIER(p)[j];
-      q->pull[i] += (j < M ? 1.0 : -1.0) * q->weight[j] * q->gap[j];
+      q->pull[i] += SIGN(j) * q->weight[j] * q->gap[j];
     }
   }
   memcpy(q->rhs, r->grad, sizeof(double) * (size_t)q->n);
@@ -182,9 +184,9 @@ static void find_direction(Problem *q, const double *p, const Residuals *r, cons
     const int i = q->bounded[k];
     const double value = i < m ? q->other.value[i] : Z(out)[i - m];
     if (q->equal[i] != 0.0) Y(out)[i] = (value + r->equal[i]) / (q->elasticity[i] + q->compliance[i]);
-    for (int j = i; j < 2 * M; j += M) {
+    for (int j = 2 * i; j <= 2 * i + 1; ++j) {
       if (q->side[j] == 0.0) continue;
-      const double change = -q->weight[j] * ((j < M ? 1.0 : -1.0) * value + q->gap[j]);
+      const double change = -q->weight[j] * (SIGN(j) * value + q->gap[j]);
       MULTIPLIER(out)[j] = change, S(out)[j] = 0.0;
       if (MULTIPLIER(p)[j] > 0.0) S(out)[j] = ((t_side ? t_side[j] : 0.0) - S(p)[j] * change) / MULTIPLIER(p)[j];
       if (!q->is_elastic) continue;
@@ -211,7 +213,7 @@ static double find_mu(const Problem *q, const double *p, int *count) {
   double sum = 0.0;
   *count = 0;
   for (int k = 0; k < q->n_bounded; ++k)
-    for (int j = q->bounded[k]; j < 2 * q->M; j += q->M) {
+    for (int j = 2 * q->bounded[k], last = j + 1; j <= last; ++j) {
       if (q->side[j] == 0.0) continue;
       sum += S(p)[j] * MULTIPLIER(p)[j];
       ++*count;
@@ -225,7 +227,7 @@ static double find_mu(const Problem *q, const double *p, int *count) {
 static void aim(Problem *q, double centre, double trust) {
   const double *p = q->point, *a = q->affine;
   for (int k = 0; k < q->n_bounded; ++k)
-    for (int j = q->bounded[k]; j < 2 * q->M; j += q->M) {
+    for (int j = 2 * q->bounded[k], last = j + 1; j <= last; ++j) {
       if (q->side[j] == 0.0) continue;
       q->t_side[j] = centre - trust * S(a)[j] * MULTIPLIER(a)[j] - S(p)[j] * MULTIPLIER(p)[j];
       if (q->is_elastic)

@@ -28,7 +28,7 @@ static int solve_equalities(Problem *q, double exact, int factored) {
   }
   for (int k = 0; k < q->n_bounded; ++k)
     for (int u = 0, i = q->bounded[k]; u < 2; ++u) {
-      const int j = u * q->M + i;
+      const int j = 2 * i + u;
       const double beyond = (u ? -1.0 : 1.0) * (q->now.value[i] - q->bound[j]);
       S(p)[j] = q->side[j] != 0.0 && beyond > 0.0 ? beyond : 0.0;
       F(p)[j] = q->elastic[j] != 0.0 ? q->l1[i] : 0.0;
@@ -47,7 +47,7 @@ static double side_missed(const Problem *q, const double *value) {
   double most = -1.0;
   for (int k = 0; k < q->n_bounded; ++k)
     for (int u = 0, i = q->bounded[k]; u < 2; ++u) {
-      const int j = u * q->M + i;
+      const int j = 2 * i + u;
       const double missed = (u ? 1.0 : -1.0) * (value[i] - q->bound[j]) / q->norm[i];
       if (q->side[j] != 0.0 && missed > most) most = missed;
     }
@@ -63,7 +63,7 @@ static void start_cold(Problem *q) {
   const double mu = q->cold_mu * missed * larger_of(q->curvature * missed, q->now.stationarity);
   for (int k = 0; k < q->n_bounded; ++k)
     for (int u = 0, i = q->bounded[k]; u < 2; ++u) {
-      const int j = u * q->M + i;
+      const int j = 2 * i + u;
       const double beyond = (u ? -1.0 : 1.0) * (q->now.value[i] - q->bound[j]);
       if (q->side[j] == 0.0) continue;
       S(p)[j] = larger_of(beyond, missed * q->norm[i]);
@@ -100,7 +100,7 @@ static void start_warm(Problem *q) {
     const double y = Y(p)[i];
     if (q->equal[i] == 0.0) Y(p)[i] = 0.0;
     for (int u = 0; u < 2; ++u) {
-      const int j = u * q->M + i;
+      const int j = 2 * i + u;
       const double beyond = (u ? -1.0 : 1.0) * (q->now.value[i] - q->bound[j]), given = u ? y : -y;
       S(p)[j] = MULTIPLIER(p)[j] = E(p)[j] = F(p)[j] = 0.0;
       if (q->side[j] == 0.0) continue;
@@ -199,8 +199,8 @@ that did not find which they are. */
 static int find_reached(Problem *q, const double *near) {
   int known = 0;
   for (int j = 0; j < 2 * q->M; ++j) {
-    const double y = Y(near)[j % q->M];
-    q->active[j] = q->side[j] != 0.0 && (j < q->M ? y < 0.0 : y > 0.0);
+    const double y = Y(near)[j / 2];
+    q->active[j] = q->side[j] != 0.0 && (j & 1 ? y > 0.0 : y < 0.0);
     known |= q->side[j] != 0.0 && y == 0.0;
   }
   return known || largest_of(2 * q->M, q->side) == 0.0;
@@ -212,7 +212,7 @@ static void find_approached(Problem *q) {
   const double *p = q->point, *d = q->step, *norm = q->norm;
   for (int j = 0; j < 2 * q->M; ++j) {
     const double s = S(p)[j], y = MULTIPLIER(p)[j], more = y * S(d)[j] - s * MULTIPLIER(d)[j];
-    const int i = j % q->M, large = s * q->now.gradient < y * norm[i] * norm[i] * q->now.variable;
+    const int i = j / 2, large = s * q->now.gradient < y * norm[i] * norm[i] * q->now.variable;
     q->active[j] = q->side[j] != 0.0 && (fabs(more) < UNCLEAR * s * y ? large : more < 0.0);
   }
 }
@@ -221,10 +221,10 @@ static void find_approached(Problem *q) {
 static int solve_held(Problem *q, double exact, int factored) {
   double *side = q->side, *equal = q->equal, *target = q->target;
   for (int i = 0; i < q->M; ++i) {
-    const double lower = q->active[i], upper = q->active[q->M + i];
+    const double lower = q->active[2 * i], upper = q->active[2 * i + 1];
     const int any = lower != 0.0 || upper != 0.0;
     q->held_equal[i] = any ? 1.0 : equal[i];
-    q->held_target[i] = any ? lower * q->bound[i] + upper * q->bound[q->M + i] : target[i];
+    q->held_target[i] = any ? lower * q->bound[2 * i] + upper * q->bound[2 * i + 1] : target[i];
     if (q->held_equal[i] == 0.0) Y(q->point)[i] = 0.0;
   }
   q->side = q->no_side, q->equal = q->held_equal, q->target = q->held_target;
@@ -240,9 +240,9 @@ static int mend(Problem *q, double sharp) {
   const double room = sharp * q->tolerance * (1.0 + largest_of(q->n, Z(q->point)));
   int changes = 0;
   for (int j = 0; j < 2 * q->M; ++j) {
-    const int i = j % q->M, held = q->active[j] != 0.0;
+    const int i = j / 2, held = q->active[j] != 0.0;
     if (q->side[j] == 0.0) continue;
-    const double sign = j < q->M ? 1.0 : -1.0, missed = sign * (q->bound[j] - q->now.value[i]);
+    const double sign = SIGN(j), missed = sign * (q->bound[j] - q->now.value[i]);
     const int holds = held ? sign * Y(q->point)[i] <= 0.0 : missed > room * q->norm[i];
     changes += holds != held, q->active[j] = holds;
   }
@@ -288,7 +288,7 @@ static void finish(Problem *q) {
   double *p = q->point;
   memcpy(q->best, p, sizeof(double) * (size_t)USED);
   find_approached(q);
-  for (int i = 0; i < q->M; ++i) Y(p)[i] += MULTIPLIER(p)[q->M + i] - MULTIPLIER(p)[i];
+  for (int i = 0; i < q->M; ++i) Y(p)[i] += MULTIPLIER(p)[2 * i + 1] - MULTIPLIER(p)[2 * i];
   if (solve_active(q)) return;
   memcpy(p, q->best, sizeof(double) * (size_t)USED);
   find_residuals(q, p, &q->now);
