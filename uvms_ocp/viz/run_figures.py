@@ -140,14 +140,14 @@ def figure_tick_time(record: Record, *, fig: style.Given = None, width: style.Wi
     style.logarithmic(over_time)
     over_time.plot(record["t"], tick, ".", ms=1.4, color=style.BLUE, rasterized=True)
     over_time.set(xlabel=axis_label("time", "t"), ylabel=axis_label("tick", "tick_time", prefix="µ"))
-    spread.hist(tick, bins=np.geomspace(tick.min(), tick.max() * 1.01, 50), orientation="horizontal", color=style.BLUE)
+    period, edges = 1e6 * record.run_meta.dt, np.geomspace(tick.min(), tick.max() * 1.01, 50)
+    spread.hist(tick, bins=edges, orientation="horizontal", histtype="stepfilled", color=style.BLUE)
     spread.set_xlabel("ticks")
     lines = []
     for share, color in ((50, style.BLACK), (99, style.VERMILLION)):
         value = float(np.percentile(tick, share))
         label = f"p{share}  {value:.0f} µs"
         lines += [axis.axhline(value, color=color, lw=0.9, ls="--", label=label) for axis in (over_time, spread)][1:]
-    period = 1e6 * record.run_meta.dt
     style.threshold(over_time, period, "control period")
     over_time.set_ylim(top=3.0 * max(period, float(tick.max())))  # room for its name below those of the phases
     style.heading_legend(figure, lines)
