@@ -49,21 +49,12 @@ def plan(stages: int) -> Spent:
 
 def hierarchy(n: int) -> Spent:
     """Velocity box, equalities and inequalities, least velocity below."""
-    sizes = (n, n // 7, n // 3, n // 5, n // 2, n)
-    sets = [problems.random_hierarchy(np.random.default_rng(seed), n, sizes) for seed in range(20)]
-    return _solved(LexicographicActiveSet(), sets)
+    return _solved(LexicographicActiveSet(), [problems.grown_hierarchy(np.random.default_rng(seed), n) for seed in range(20)])
 
 
 def humanoid(n: int) -> Spent:
     """Simple bounds of most variables, 33, 3 and 2 rows, and 97 below."""
-    return _solved(LexicographicActiveSet(), [_humanoid(np.random.default_rng(seed), n) for seed in range(20)])
-
-
-def _humanoid(rng: np.random.Generator, n: int) -> list[Level]:
-    box = Level(jacobian=np.eye(n)[14:], lower=-rng.uniform(0.5, 1.5, n - 14), upper=rng.uniform(0.5, 1.5, n - 14))
-    ends = [(rng.standard_normal((m, n)), rng.standard_normal(m)) for m in (33, 3, 2)]
-    rest = np.vstack([np.eye(n), rng.standard_normal((97 - n, n))])
-    return [box, *(Level(jacobian=J, lower=b, upper=b) for J, b in ends), Level(jacobian=rest, lower=0.0, upper=0.0)]
+    return _solved(LexicographicActiveSet(), [problems.humanoid_hierarchy(np.random.default_rng(seed), n) for seed in range(20)])
 
 
 def cascade(n: int) -> Spent:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from typing import TypeAlias
 
@@ -20,6 +20,9 @@ Inputs: TypeAlias = tuple[np.ndarray, ...]
 """Of one call of a levels function."""
 STRUCTURES = {7: (7, 2, 3, 2, 7), 13: (13, 3, 6, 1, 1, 6, 4, 6, 3, 3, 13), 60: (60, 9, 20, 12, 30, 60)}
 """Rows of the levels by the number of unknowns."""
+LARGE, HUMANOID = (7, 13, 20, 40, 80, 160), 88
+"""Unknowns of sets that grow."""
+EACH_LARGE = 20
 DEPENDENT = (6, 6, 6, 3, 13)
 NEARLY = 1e-6
 """Where rows are neither dependent nor independent."""
@@ -94,6 +97,40 @@ def problems(problem: LevelsProblem, inputs: Sequence[Inputs], count: int) -> li
         _dependent("dependent", 0.0, range(count)),
         _dependent(f"dependent to {NEARLY:.0e}", NEARLY, range(count)),
     ]
+
+
+def large_problems(largest: int) -> list[Problem]:
+    """Sets that grow up to `largest` unknowns: random ones, ones without a conflict, one of a humanoid's size."""
+    sizes = [n for n in LARGE if n <= largest]
+    return [
+        *(_large(f"random, grown, n={n}", n, grown_hierarchy) for n in sizes),
+        *(_large(f"box and equalities, n={n}", n, boxed_hierarchy) for n in sizes),
+        *([_large(f"humanoid's size, n={HUMANOID}", HUMANOID, humanoid_hierarchy)] if largest >= HUMANOID else []),
+    ]
+
+
+def _large(name: str, n: int, hierarchy: Callable[[np.random.Generator, int], list[Level]]) -> Problem:
+    return Problem(name=name, warm=False, sets=[hierarchy(np.random.default_rng(seed), n) for seed in range(EACH_LARGE)])
+
+
+def grown_hierarchy(rng: np.random.Generator, n: int) -> list[Level]:
+    """Velocity box, equalities and inequalities, least velocity below."""
+    return random_hierarchy(rng, n, (n, n // 7, n // 3, n // 5, n // 2, n))
+
+
+def boxed_hierarchy(rng: np.random.Generator, n: int) -> list[Level]:
+    """Velocity box, three levels of equalities, least velocity below."""
+    first, *_, last = random_hierarchy(rng, n, (n, n))
+    ends = [(rng.standard_normal((m, n)), rng.standard_normal(m)) for m in (n // 7, n // 3, n // 5)]
+    return [first, *(Level(jacobian=J, lower=b, upper=b) for J, b in ends), last]
+
+
+def humanoid_hierarchy(rng: np.random.Generator, n: int) -> list[Level]:
+    """Simple bounds of most variables, 33, 3 and 2 rows, and 97 below."""
+    box = Level(jacobian=np.eye(n)[14:], lower=-rng.uniform(0.5, 1.5, n - 14), upper=rng.uniform(0.5, 1.5, n - 14))
+    ends = [(rng.standard_normal((m, n)), rng.standard_normal(m)) for m in (33, 3, 2)]
+    rest = np.vstack([np.eye(n), rng.standard_normal((97 - n, n))])
+    return [box, *(Level(jacobian=J, lower=b, upper=b) for J, b in ends), Level(jacobian=rest, lower=0.0, upper=0.0)]
 
 
 def exactness_problems(count: int) -> list[Problem]:

@@ -35,6 +35,10 @@ def _compiled(source: str, folder: Path, *options: str) -> Path:
     return built
 
 
+CHOICE = {"_GLOBAL_OFFSET_TABLE_", "__cpu_indicator_init", "__cpu_model"}
+"""Of the registers to use, when it is loaded."""
+
+
 @needs_compiler
 @pytest.mark.parametrize("level", ["-O0", "-O3"])
 @pytest.mark.parametrize(("n", "sizes"), STRUCTURES)
@@ -50,7 +54,7 @@ def test_it_defines_one_function_and_takes_what_libm_and_memory_calls_give(tmp_p
     symbols = _symbols(built)
     assert [name for kind, name in symbols if kind.isupper() and kind not in "UR"] == ["solve_levels"]
     needed = {name for kind, name in symbols if kind == "U"}
-    assert needed <= {"sqrt", "frexp", "ldexp", "fmax", "fmin", "memset", "memcpy", "memmove", "__stack_chk_fail"}
+    assert needed <= {"sqrt", "frexp", "ldexp", "fmax", "fmin", "memset", "memcpy", "memmove", "__stack_chk_fail"} | CHOICE
     assert not any(kind in "bdBD" for kind, _ in symbols)  # nothing is kept between calls
 
 
@@ -60,9 +64,8 @@ def test_the_solver_of_stages_is_five_functions_that_allocate_nothing(tmp_path: 
     symbols = _symbols(_compiled(stagewise_source(), tmp_path, "-O2", "-c"))
     own = ["products", "solve_qp", "solve_whole", "stationarity", "steepest"]
     assert [name for kind, name in symbols if kind.isupper() and kind not in "UR"] == own
-    choice = {"_GLOBAL_OFFSET_TABLE_", "__cpu_indicator_init", "__cpu_model"}  # of the registers to use, when it is loaded
     needed = {name for kind, name in symbols if kind == "U"}
-    assert needed <= {"sqrt", "memset", "memcpy", "__stack_chk_fail"} | choice
+    assert needed <= {"sqrt", "memset", "memcpy", "__stack_chk_fail"} | CHOICE
 
 
 @needs_compiler

@@ -17,6 +17,7 @@ from types import FunctionType
 from typing import Any, get_type_hints
 
 from uvms_ocp.codegen import buffered, kernel_expressions as c_code, kernel_layout
+from uvms_ocp.codegen.compile import WIDE_MACROS
 from uvms_ocp.codegen.kernel_layout import WIDE, FunctionStructure, Layout, Vector, work_sizes, zeros
 from uvms_ocp.errors import InvalidInput
 
@@ -230,7 +231,7 @@ _TRANSLATED |= {ast.Break: _word("break;"), ast.Continue: _word("continue;"), as
 
 TRANSLATOR = __file__, c_code.__file__, kernel_layout.__file__, buffered.__file__
 """Files of the code that makes a C program of kernels."""
-_HEAD, _WIDE = ((files("uvms_ocp.codegen") / name).read_text(encoding="utf-8") for name in ("kernels.c", "wide.c"))
+_HEAD = (files("uvms_ocp.codegen") / "kernels.c").read_text(encoding="utf-8")
 _PLAIN = {float: c_code.DOUBLE, int: c_code.INT, bool: c_code.INT, Vector: c_code.VECTOR, type(None): c_code.NOTHING}
 
 
@@ -248,13 +249,13 @@ def c_program(kernels: Sequence[Callable[..., Any]], structures: Iterable[type[A
     heads = {k: f"{'' if k in kernels else 'static '}{_head(signature)}" for k, signature in program.signatures.items()}
     wide = WIDE.intersection(heads)
     bodies = [f"{'WIDE ' if kernel in wide else ''}{head} {{\n{program.bodies[kernel]}}}\n" for kernel, head in heads.items()]
-    code = "\n".join([_HEAD, *([_WIDE] if wide else []), *(f"{head};" for head in heads.values()), "", *bodies])
+    code = "\n".join([_HEAD, *([WIDE_MACROS] if wide else []), *(f"{head};" for head in heads.values()), "", *bodies])
     return "\n".join(program.declared), code
 
 
 def program_content(kernels: Iterable[Any]) -> str:
     """All that a C program is made of but its structures: texts of kernels and of what they call, and what they name."""
-    reached, parts, texts = [*filter(inspect.isfunction, kernels)], list[Any](), {"head": _HEAD, "wide": _WIDE}
+    reached, parts, texts = [*filter(inspect.isfunction, kernels)], list[Any](), {"head": _HEAD, "wide": WIDE_MACROS}
     for kernel in reached:  # which grows
         place, names = kernel.__code__, vars(sys.modules[kernel.__module__])
         texts[place.co_filename] = texts.get(place.co_filename) or _text(place.co_filename)

@@ -10,7 +10,7 @@ static int activate_violated(Work *k) {
   int count = 0;
   for (int row = 0; row < M; ++row) {
     if (k->state[row] != FREE) continue;
-    double y = row_at(k->a[row], k->v);
+    double y = dot(k->a[row], k->v, N);
     if (y > k->upper[row] + k->tolerance[row]) k->state[row] = UPPER, ++count;
     else if (y < k->lower[row] - k->tolerance[row]) k->state[row] = LOWER, ++count;
   }
@@ -24,12 +24,12 @@ static int step(Work *k, int *blocked) {
   *blocked = -1;
   for (int row = 0; row < M; ++row) {
     if (k->state[row] != FREE) continue;
-    double end = row_at(k->a[row], k->target), limit;
+    double end = dot(k->a[row], k->target, N), limit;
     int at;
     if (end > k->upper[row] + k->tolerance[row]) limit = k->upper[row], at = UPPER;
     else if (end < k->lower[row] - k->tolerance[row]) limit = k->lower[row], at = LOWER;
     else continue;
-    double y = row_at(k->a[row], k->v), t = (limit - y) / (end - y);
+    double y = dot(k->a[row], k->v, N), t = (limit - y) / (end - y);
     if (t < 0 || (at == UPPER ? y >= limit : y <= limit)) t = 0;
     if (t < length || *blocked < 0) length = t < length ? t : length, *blocked = row, side = at;
   }
@@ -130,6 +130,7 @@ static void start(Work *k, const double *state) {
 static void run(Work *k, const double *state) {
   int stalled = 0, rule = GREEDY, blocked, dropped = -1;
   start(k, state);
+  forget_factor(k);
   memset(k->tabu, 0, sizeof(k->tabu));
   solve_equalities(k);
   memcpy(k->v, k->target, sizeof(k->v));

@@ -196,7 +196,7 @@ static void begin_proof(Proof *p, const Work *k) {
   keep_in_box(p, k);
   for (int c = 0; c < N; ++c) far += larger(p->down[c], p->up[c]) * larger(p->down[c], p->up[c]);
   for (int row = 0; row < M; ++row) {
-    p->y[row] = row_at(k->a[row], k->v);
+    p->y[row] = dot(k->a[row], k->v, N);
     p->slack[row] = p->y[row] - smaller(larger(p->y[row], k->lower[row]), k->upper[row]);
     p->noise[row] = N * ROUNDING * k->norm[row] * (length + sqrt(far));
   }

@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike
 
 from uvms_ocp.checks import checked_on_failure
 from uvms_ocp.codegen.buffered import BufferedFunction
-from uvms_ocp.codegen.compile import c_macros, compile_function, external_function
+from uvms_ocp.codegen.compile import WIDE_MACROS, c_macros, compile_function, external_function
 from uvms_ocp.solvers.hierarchy import solution
 from uvms_ocp.solvers.hierarchy.level import Level
 from uvms_ocp.types import Array
@@ -43,7 +43,7 @@ def preamble(n: int, sizes: Sequence[int]) -> str:
     filled = [size for size in sizes if size]
     rows = {"N": n, "M": sum(filled), "L": len(filled), "LEVEL_SIZES": ", ".join(map(str, filled))}
     codes = ", ".join(f"{status.name} = {code}" for code, status in enumerate(STATUSES))
-    return f"#include <math.h>\n#include <string.h>\n\n{c_macros(rows)}\nenum {{ {codes} }};\n"
+    return f"#include <math.h>\n#include <string.h>\n\n{WIDE_MACROS}\n{c_macros(rows)}\nenum {{ {codes} }};\n"
 
 
 class CoreTick:

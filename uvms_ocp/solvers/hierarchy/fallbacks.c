@@ -51,7 +51,7 @@ static void keep(Solver *s, const double *missed) {
 }
 
 static double miss(const Solver *s, int row) {
-  double y = row_at(s->work.a[row], s->work.v);
+  double y = dot(s->work.a[row], s->work.v, N);
   return y - smaller(larger(y, s->lower[row]), s->upper[row]);
 }
 
@@ -77,7 +77,7 @@ static void attempt(Solver *s, const double *state) {
 static void hold(Solver *s, const double *v, int begin, int end) {
   restore_bounds(s, end);
   for (int row = 0; row < begin; ++row) {
-    double y = row_at(s->work.a[row], v);
+    double y = dot(s->work.a[row], v, N);
     s->work.lower[row] = smaller(y, s->lower[row]);
     s->work.upper[row] = larger(y, s->upper[row]);
   }
@@ -93,7 +93,7 @@ static double near(const Solver *s, int row) {
 static int is_held(const Solver *s, int begin) {
   if (!is_finite(s->work.v)) return 0;
   for (int row = 0; row < begin; ++row) {
-    double y = row_at(s->work.a[row], s->work.v), most = near(s, row);
+    double y = dot(s->work.a[row], s->work.v, N), most = near(s, row);
     if (!(y >= s->work.lower[row] - most && y <= s->work.upper[row] + most)) return 0;
   }
   return 1;
@@ -102,7 +102,7 @@ static int is_held(const Solver *s, int begin) {
 /* Bounds that v touches. */
 static void touch(const Solver *s, double *state) {
   for (int row = 0; row < M; ++row) {
-    double y = row_at(s->work.a[row], s->work.v), most = near(s, row);
+    double y = dot(s->work.a[row], s->work.v, N), most = near(s, row);
     state[row] = y >= s->upper[row] - most ? UPPER : y <= s->lower[row] + most ? LOWER : FREE;
   }
 }

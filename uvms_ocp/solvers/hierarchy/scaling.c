@@ -10,7 +10,7 @@ static double power(double size) {
 }
 
 static double norm_of(const double *x) {
-  double square = row_at(x, x), largest = 0;
+  double square = dot(x, x, N), largest = 0;
   if (square > SMALL_SQUARE) return sqrt(square);
   for (int c = 0; c < N; ++c) largest = larger(fabs(x[c]), largest);
   return largest;

@@ -26,6 +26,9 @@ than half of the digits."""
 RANK_NOISE = 1e-14
 """Over the smallest pivot so far: directions carry the rounding error of their own pivot, and a small pivot makes
 dependent rows look independent."""
+RECOMPUTED = 0.01
+"""Relative to what was left of a row when it was last computed: with less, what is left is computed anew, as subtractions have
+taken two of its digits."""
 CAREFUL_RANK = 1e-12
 """`RANK_TOLERANCE` of the second attempt level by level, to which more rows are independent."""
 CAREFUL_NOISE = 1e-15
