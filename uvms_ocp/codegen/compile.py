@@ -167,7 +167,7 @@ _FLAGS = ("-O3", "-shared", "-fPIC", "-ffp-contract=off")
 _LONG_STRAIGHT, _LONG_CODE = ("-Og", "-finline-small-functions", "-fno-semantic-interposition"), 200_000  # [bytes]
 _STRAIGHT = ("-O1", "-fstrict-aliasing", *_LONG_STRAIGHT[1:])
 WIDE_MACROS = (files("uvms_ocp.codegen") / "wide.c").read_text(encoding="utf-8")
-"""What functions are marked with that are compiled twice: for any processor, and for those whose registers hold four numbers."""
+"""Marks of C functions: WIDE and INLINE."""
 # fmax and fmin are calls into libm, hundreds in a tick; like them these return what is a number where one of both is.
 MATH = (files("uvms_ocp.codegen") / "math.c").read_text(encoding="utf-8")
 """Before the code of CasADi functions."""

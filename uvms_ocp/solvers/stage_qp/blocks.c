@@ -5,16 +5,6 @@ a row of data; what comes of them is overwritten or never read. */
 
 #define PADDED(n) (((n) + 3) & ~3)
 
-/* What takes most time is compiled twice: for any processor, and for those whose registers hold four numbers, which is looked at
-when the library is loaded. The operations are the same in the same order: results do not depend on the processor. */
-#if defined(__GNUC__) && !defined(__clang__) && defined(__x86_64__) && defined(__gnu_linux__)
-#define WIDE __attribute__((target_clones("avx2", "default")))
-#define INLINE static inline __attribute__((always_inline))
-#else
-#define WIDE
-#define INLINE static inline
-#endif
-
 /* c += a' b for the rows k of a (4 numbers each) and b. */
 INLINE void block_product(int n, const double *restrict a, int lda, const double *restrict b, int ldb,
                                  double c[restrict 4][4]) {

@@ -10,11 +10,11 @@ from typing import Any
 
 import numpy as np
 
-from uvms_ocp.codegen.compile import c_macros, compile_library, constants_of, loaded_library
+from uvms_ocp.codegen.compile import WIDE_MACROS, c_macros, compile_library, constants_of, loaded_library
 from uvms_ocp.solvers.stage_qp import problem, tolerances
 from uvms_ocp.types import Array
 
-_INCLUDES = "#include <math.h>\n#include <stddef.h>\n#include <string.h>\n"
+_HEAD = "#include <math.h>\n#include <stddef.h>\n#include <string.h>\n" + WIDE_MACROS
 _SOURCES = ("blocks.c", "riccati.c", "interior_point.c", "iteration.c")
 # At -O3 the blocks leave the registers again.
 _FLAGS = ("-O2", "-ftree-vectorize", "-std=c99")
@@ -187,7 +187,7 @@ def core_source() -> str:
     texts = (folder.joinpath(name).read_text(encoding="utf-8") for name in _SOURCES)
     codes = ", ".join(f"{status.name} = {code}" for code, status in enumerate(_STATUSES))
     starts = ", ".join(f"START_{start.name} = {start.value}" for start in problem.StartMode)
-    return "\n".join([_INCLUDES, c_macros(constants_of(tolerances)), f"enum {{ {codes} }};\nenum {{ {starts} }};", *texts])
+    return "\n".join([_HEAD, c_macros(constants_of(tolerances)), f"enum {{ {codes} }};\nenum {{ {starts} }};", *texts])
 
 
 def _indices(shape: problem.StageShape) -> dict[str, Any]:
