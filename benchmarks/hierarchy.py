@@ -37,8 +37,9 @@ All rows are from one run. Every solver has one call to warm up.
 - *build_s*: symbolic levels, code and its compilation, from an empty cache, once for a mission.
 - *random states, cold*: Case 1 at random states, no active set to start from.
 - Other problems: matrices given, from Python. *case1*: every recorded tick, in sequence (warm). The rest is cold.
-- *grown*: rows of the six levels are n, n / 7, n / 3, n / 5, n / 2 and n; *box and equalities*: n, three levels of equalities,
-  n, hardly a conflict; *humanoid's size*: 74 simple bounds, 33, 3, 2 and 97 rows. Ours with its call from Python.
+- *grown*: a box, four levels of equalities and inequalities whose rows grow with n, least velocity below; *box and equalities*:
+  three levels of equalities in their place, hardly a conflict; *humanoid's size*: simple bounds of most variables, four levels
+  below. Ours with its call from Python and its certificate, LexLS without.
 - *not exact*: results that the solver itself does not call exact; daqp: an exit flag below one. iCAT is regularised by
   design.
 - *largest certificate where exact*: by how much any level can be above its least at most [rate], of results called exact. The
