@@ -13,7 +13,7 @@ from pathlib import Path
 from time import monotonic, sleep, time
 
 KEPT_NUMBERS = ".numbers"
-"""Suffix of the files that tell in which library a function is, and with which numbers."""
+"""Suffix of the files that tell in which library a function is, with its numbers, or kernels are."""
 HALF_MADE = "uvms-ocp-half-made-"
 """Prefix of folders in which something is made."""
 _HASH = "[0-9a-f]" * 64
