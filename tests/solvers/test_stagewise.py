@@ -203,6 +203,16 @@ def test_a_warm_start_leads_to_the_same_optimum_sooner(seed: int) -> None:
     assert solved(qp, warm=cold).iterations <= 2  # bounds that only just bind may be guessed wrong once
 
 
+@needs_compiler
+@pytest.mark.parametrize("seed", [3, 55, 66, 84, 124, 130, 153, 154])
+def test_a_cold_solve_knows_which_bounds_are_not_reached(seed: int) -> None:
+    qp = random_qp(seed)
+    lower, upper = (np.concatenate([qp.flat[name], qp.flat[f"z_{name}"]]) for name in ("lower", "upper"))
+    found = StageQpSolver(qp.shape, StageQpOptions(tolerance=1e-7)).solve_flat(qp)
+    bounded = (lower < upper) & (np.isfinite(lower) | np.isfinite(upper))
+    assert not found.y[bounded].all()
+
+
 def test_the_multiplier_of_the_initial_state_is_how_the_cost_rises() -> None:
     qp = random_qp(1, inequalities=False)
     x, gradient = np.array([0.3] * qp.shape.n_x[0]), []
