@@ -37,9 +37,9 @@ PROSE = """
 its turn (up to {turn:g} rad about every axis) and the current (up to {current:g} m/s) are drawn with seed {seed}. From rest
 to rest, first the pose of the tool, below it least effort and acceleration, cold and without a second try.
 
-{solved} of {drawn} are solved stage by stage ({share:.1%}), from the best of nine motions over {coarse} steps towards postures of
-the arm, as `Planner.plan` does where it is given no guess. Processor time, these included: {median:.0f} ms at the median,
-{most:.0f} ms at most. IPOPT, from a guess that stays where it is: {peer_solved} solved, {peer_median:.0f} ms and
+{solved} of {drawn} are solved stage by stage ({share:.1%}), from the best of seventeen motions over {coarse} steps towards
+postures of the arm, as `Planner.plan` does where it is given no guess. Processor time, these included: {median:.0f} ms at the
+median, {most:.0f} ms at most. IPOPT, from a guess that stays where it is: {peer_solved} solved, {peer_median:.0f} ms and
 {peer_most:.0f} ms; it is the faster one in {slower}. Where both are solved, they end in the same minimum, or in another one, as
 arms reach a pose in several postures: `to_ipopt` is the cost over IPOPT's. Stage by stage it is lower by more than
 {near:.0%} in {lower} and higher in {higher}; the median is {middle:.4f}, the mean {mean:.3f}, the most {worst:.3f}.

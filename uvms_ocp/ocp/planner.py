@@ -333,10 +333,12 @@ def worst_clearance(given: OcpProblem, path: Trajectory) -> ClearanceReport | No
 
 # From problem to plan: transcribe once, solve, and find out why where a goal is missed.
 
-_COARSE: dict[str, Any] = {"convergence": 1e-3, "max_iterations": 20}
+_COARSE: dict[str, Any] = {"convergence": 1e-2, "max_iterations": 20}
 _SHARE = 0.2  # of a time limit, for the guess
-_EARLY, _COSTLY = 4, 1.25  # iterations, after which motions of so many times the least residual are given up
+_EARLY, _COSTLY = 3, 1.08  # iterations, after which motions of so many times the least residual are given up
 _TRIED = 2  # motions that all fail, after which no other is tried
+_SAME = 5e-4  # share of a residual within which motions are one
+_COMPARED, _CLOSE = 3, 1.05  # motions that are compared over all steps at most, and times the least residual up to which
 _FEW_STEPS = 100  # through which the virtual machine takes no longer than a compiler
 
 
@@ -409,29 +411,40 @@ class Planner:
         return Planner(coarse_problem(self.problem), replace(self.options, **_COARSE), wait_for_compiler=self._wait)
 
     def _first_guess(self, given: OcpProblem, t0: float, ends: float) -> Trajectory:
-        """Guess the best motion over a few steps that meets all levels above the last: stage by stage it takes little."""
-        seen, presses = list[IterationReport](), list[object]()
-        few, least, failed, begin = coarse_problem(given), np.inf, 0, perf_counter()
-        best = hold = hold_guess(given)
+        """Guess the best motion over a few steps that meets all levels above the last: stage by stage it takes little.
+
+        Those that cost least there are compared over all steps, as far as one iteration brings them.
+        """
+        seen, presses, most = list[IterationReport](), list[object](), np.inf
+        few, failed, begin = coarse_problem(given), 0, perf_counter()
+        hold = hold_guess(given)
         if self.options.plugin != STAGEWISE or given.free_time or given.n_steps < 2 * COARSE_STEPS:
-            return best
+            return hold
+        found, compared = dict[float, Trajectory](), dict[float, Trajectory]()
 
         def look(now: IterationReport) -> None:
             seen.append(now)
-            if now.level != given.levels[-1].name or (now.iteration >= _EARLY and now.residual > _COSTLY * least):
+            costly = now.iteration >= _EARLY and now.residual > _COSTLY * min(found, default=np.inf)
+            if now.level != given.levels[-1].name or costly or now.iteration >= most:
                 raise KeyboardInterrupt
 
         with on_interrupt(presses.append), suppress(Stopped):  # which ends the search that begins here
             short = Refinement(planner=self._coarse, given=few, t0=t0, deadline=begin + _SHARE * (ends - begin), progress=look)
             for guess in takewhile(lambda _: short._left > 0.0 and not presses, coarse_guesses(few)):
-                found = short._solved(guess, guess.q, {}).result
-                if found.status.optimal and seen[-1].residual < least:
-                    least = seen[-1].residual
-                    best = shift_guess(given, self._coarse.transcription.unpack(found.x, few), 0.0, given.start)
-                failed += not found.status.optimal
-                if failed == _TRIED and best is hold:  # as where shapes are in the way
+                end = short._solved(guess, guess.q, {}).result
+                if end.status.optimal and not np.isclose(list(found), seen[-1].residual, rtol=_SAME).any():
+                    path = self._coarse.transcription.unpack(end.x, few)
+                    found[seen[-1].residual] = shift_guess(given, path, 0.0, given.start)
+                failed += not end.status.optimal
+                if failed == _TRIED and not found:  # as where shapes are in the way
                     break
-        return best
+            long, most = replace(short, planner=self, given=given), 1
+            best = [found[residual] for residual in sorted(found)[:_COMPARED] if residual <= _CLOSE * min(found)]
+            for guess in takewhile(lambda _: len(best) > 1 and short._left > 0.0 and not presses, best):
+                x = long._solved(guess, guess.q, {}).result.x
+                compared[seen[-1].residual] = self.transcription.unpack(x, given)
+        motions = compared if len(compared) == len(best) else found
+        return motions[min(motions)] if motions else hold
 
     @cached_property
     def _by_ipopt(self) -> Planner:

@@ -171,7 +171,7 @@ def has_thrusters(problem: OcpProblem) -> bool:
 # Over a few steps motions take little time, and which of them costs least there mostly does so over many.
 
 COARSE_STEPS = 8
-_POSTURES = 8  # beside that of the start
+_POSTURES = 16  # beside that of the start
 
 
 def coarse_problem(problem: OcpProblem) -> OcpProblem:
@@ -182,14 +182,17 @@ def coarse_problem(problem: OcpProblem) -> OcpProblem:
 
 
 def coarse_guesses(problem: OcpProblem) -> Iterator[Trajectory]:
-    """Hold the start; then move the joints straight to postures that fill their ranges evenly, by a Kronecker sequence."""
+    """Hold the start; then move the joints straight to postures that fill their ranges evenly, by a Kronecker sequence.
+
+    Every second one goes half the way: most goals are reached in a posture near that of the start.
+    """
     hold, robot, (lower, upper) = hold_guess(problem), problem.robot, problem.robot.configuration_bounds
     places, along = np.flatnonzero(np.isfinite(upper - lower)), np.linspace(0.0, 1.0, problem.n_steps + 1)
     ratio = np.roots([1.0, *np.zeros(max(len(places) - 1, 0)), -1.0, -1.0]).real.max()
     yield hold
     for k in range(1, 1 + _POSTURES * bool(len(places))):
         q, shares = problem.start.q.copy(), (0.5 + k * ratio ** -np.arange(1.0, 1 + len(places))) % 1.0
-        q[places] = lower[places] + shares * (upper - lower)[places]
+        q[places] += (1.0 if k % 2 else 0.5) * (lower[places] + shares * (upper - lower)[places] - q[places])
         yield replace(hold, q=np.array([pin.interpolate(robot.model, hold.q[0], q, share) for share in along]))
 
 

@@ -289,6 +289,7 @@ _MENDS, _STIFF = 3, 1e6  # ways back to the rows, and what makes them short [1/u
 _LOUDEST = 1e4  # times the first violation
 _ROUGHLY, _ROUGHEST = 1e-3, 1e-5  # tolerance of a QP, of how far its point is from the optimum, and at most
 _NEARER = 0.5  # times the violation at which curvature was not convex, from where it may be
+_FEW_DIGITS = 1e-2  # convergence
 _NO_HELP = 1e-6  # share of the violation that a step must take away to count as a help
 
 
@@ -408,8 +409,9 @@ class StageSqp:
         changed = 1.0 if last is None else last.products.change / max(self._steepest, 1e-300)
         near, solution, rough = self._near(), None, min(_ROUGHLY * min(self._worst, changed), _ROUGHEST)
         for damping, curved, give in _MODELS[self._model :]:
-            # Curvature is hardly more convex than when it was last found not to be.
-            if curved and give == np.inf and self._worst > max(_NEARER * self._refused, self._options.feasibility):
+            # Curvature is hardly more convex than when it was last found not to be, and saves nothing where few digits are asked.
+            early = give == np.inf and self._worst > max(_NEARER * self._refused, self._options.feasibility)
+            if curved and (early or self._options.convergence >= _FEW_DIGITS):
                 continue
             self._level.set_curvature(last if curved else None)
             damping += self._least + self._damping
