@@ -420,7 +420,7 @@ class Planner:
         hold = hold_guess(given)
         if self.options.plugin != STAGEWISE or given.free_time or given.n_steps < 2 * COARSE_STEPS:
             return hold
-        found, compared = dict[float, Trajectory](), dict[float, Trajectory]()
+        found, compared, best = dict[float, Trajectory](), dict[float, Trajectory](), list[Trajectory]()
 
         def look(now: IterationReport) -> None:
             seen.append(now)
@@ -443,7 +443,7 @@ class Planner:
             for guess in takewhile(lambda _: len(best) > 1 and short._left > 0.0 and not presses, best):
                 x = long._solved(guess, guess.q, {}).result.x
                 compared[seen[-1].residual] = self.transcription.unpack(x, given)
-        motions = compared if len(compared) == len(best) else found
+        motions = compared if compared and len(compared) == len(best) else found
         return motions[min(motions)] if motions else hold
 
     @cached_property

@@ -137,6 +137,7 @@ class StageLevelSolver:
 
 # Rough: steps are searched along, and made again at the next tick.
 _REAL_TIME_QP_OPTIONS = StageQpOptions(tolerance=3e-4)
+_BRIEF = 6  # iterations, after which a QP is given up that may be: those that it takes more have up to 25
 _WEIGHTS = (1e2, 1e4, 1e8)
 """[1/unit of the row^2] Least, first and largest weight of rows of levels above."""
 
@@ -179,7 +180,9 @@ class StagewiseLevelModel:
         (own.relinearize if level else own.linearize)()
         if not np.isfinite(memory.residuals(level)).all():
             return NlpStatus.NOT_A_NUMBER
-        ranges, near = self._ranges_of(bounds, level), self._last.get(level)
+        before, ranges, near = self._ranges, self._ranges_of(bounds, level), self._last.get(level)
+        # A second step of a level, which mends the first, is welcome, but not at the price of many iterations.
+        own.most = _BRIEF if level and self._ranges is before else None
         solution = own.solve(ranges, damping, 0.0, near, kept=self._kept[level])
         if not solution.status.usable:
             return NlpStatus.STALLED

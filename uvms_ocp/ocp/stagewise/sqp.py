@@ -63,6 +63,8 @@ class StageLevelQp:
         self.qp, self._solver = StageQp(self.shape), StageQpSolver(self.shape, options)
         self.held, self._bends = self._held_numbers(), False
         """Rows (m,) that may be held and are rows of the QP, and whether it has curvature."""
+        self.most: int | None = None
+        """Iterations of a QP that is given up then, unexplained; None: those of the options."""
         self.multipliers = Multipliers(memory, level)
         self._first = np.cumsum([0, *self.shape.n_z[:-1]])
         """(n,) where each stage begins in z."""
@@ -177,7 +179,8 @@ class StageLevelQp:
         flat["damping"][:], flat["l1"][self._above], flat["l2"][self._above] = damping, give, kept
         self._load(ranges)
         tolerance = max(rough, self._solver.options.tolerance)
-        found = self._solver.solve_flat(self.qp, near, tolerance=tolerance, explained=not self._bends)
+        explained = not (self._bends or self.most)
+        found = self._solver.solve_flat(self.qp, near, tolerance=tolerance, most=self.most, explained=explained)
         self.keep(found)
         return found
 
