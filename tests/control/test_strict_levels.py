@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -100,6 +101,29 @@ def test_levels_take_few_factors_once_there_is_a_plan_to_start_from(robot: Robot
         x = sqp.solve(x, p=p, x_lower=lower, x_upper=upper).x
     assert len(factors) >= 3
     assert max(factors) <= 5
+
+
+@needs_compiler
+def test_a_step_that_mends_another_is_given_up_soon(robot: Robot, monkeypatch: pytest.MonkeyPatch) -> None:
+    """It is welcome, but where bounds that are reached are guessed wrong it would take longer than all other QPs of the step."""
+    own, solves = problem(robot), list[tuple[StageQpSolver, int]]()
+    solve_flat = StageQpSolver.solve_flat
+
+    def counted(self: StageQpSolver, *args: Any, **kwargs: Any) -> FlatSolution:
+        found = solve_flat(self, *args, **kwargs)
+        solves.append((self, found.iterations))
+        return found
+
+    monkeypatch.setattr(StageQpSolver, "solve_flat", counted)
+    transcription, rng = Transcription(own), np.random.default_rng(1)
+    sqp = RealTimeSqp(StagewiseProgram(transcription), replace(OPTIONS, plugin="stagewise"))
+    lower, upper = transcription.bounds()
+    for i in range(N_STEPS):
+        x = transcription.pack(hold_guess(own)) + 0.3 * rng.standard_normal(transcription.n_x)
+        sqp.solve(x, p=transcription.parameters(t0=float(i)), x_lower=lower, x_upper=upper)
+    mends = [n for (before, _), (now, n) in pairwise(solves) if now is before]
+    assert len(mends) > 10
+    assert max(mends) <= 6
 
 
 def test_a_level_that_may_be_relaxed_keeps_its_share_of_the_cost(robot: Robot) -> None:

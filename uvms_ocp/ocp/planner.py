@@ -336,9 +336,8 @@ def worst_clearance(given: OcpProblem, path: Trajectory) -> ClearanceReport | No
 _COARSE: dict[str, Any] = {"convergence": 1e-2, "max_iterations": 20}
 _SHARE = 0.2  # of a time limit, for the guess
 _EARLY, _COSTLY = 3, 1.08  # iterations, after which motions of so many times the least residual are given up
-_TRIED = 2  # motions that all fail, after which no other is tried
-_SAME = 5e-4  # share of a residual within which motions are one
-_COMPARED, _CLOSE = 3, 1.05  # motions that are compared over all steps at most, and times the least residual up to which
+_TRIED = 2  # motions that all fail, as where shapes are in the way, after which no other is tried
+_SAME, _CLOSE, _COMPARED = 5e-4, 1.05, 3  # share within which residuals are one; up to which, and how many, meet over all steps
 _FEW_STEPS = 100  # through which the virtual machine takes no longer than a compiler
 
 
@@ -416,34 +415,30 @@ class Planner:
         Those that cost least there are compared over all steps, as far as one iteration brings them.
         """
         seen, presses, most = list[IterationReport](), list[object](), np.inf
-        few, failed, begin = coarse_problem(given), 0, perf_counter()
-        hold = hold_guess(given)
+        few, hold, begin = coarse_problem(given), hold_guess(given), perf_counter()
         if self.options.plugin != STAGEWISE or given.free_time or given.n_steps < 2 * COARSE_STEPS:
             return hold
-        found, compared, best = dict[float, Trajectory](), dict[float, Trajectory](), list[Trajectory]()
+        kept, compared, best = dict[float, Trajectory](), dict[float, Trajectory](), list[Trajectory]()
 
         def look(now: IterationReport) -> None:
-            seen.append(now)
-            costly = now.iteration >= _EARLY and now.residual > _COSTLY * min(found, default=np.inf)
+            seen.extend([now] if now.level == given.levels[-1].name else [])
+            costly = now.iteration >= _EARLY and now.residual > _COSTLY * min(kept, default=np.inf)
             if now.level != given.levels[-1].name or costly or now.iteration >= most:
                 raise KeyboardInterrupt
 
         with on_interrupt(presses.append), suppress(Stopped):  # which ends the search that begins here
             short = Refinement(planner=self._coarse, given=few, t0=t0, deadline=begin + _SHARE * (ends - begin), progress=look)
-            for guess in takewhile(lambda _: short._left > 0.0 and not presses, coarse_guesses(few)):
-                end = short._solved(guess, guess.q, {}).result
-                if end.status.optimal and not np.isclose(list(found), seen[-1].residual, rtol=_SAME).any():
-                    path = self._coarse.transcription.unpack(end.x, few)
-                    found[seen[-1].residual] = shift_guess(given, path, 0.0, given.start)
-                failed += not end.status.optimal
-                if failed == _TRIED and not found:  # as where shapes are in the way
+            for k, guess in enumerate(takewhile(lambda _: short._left > 0.0 and not presses, coarse_guesses(few))):
+                if k == _TRIED and not kept:
                     break
+                end = short._solved(guess, guess.q, {}).result
+                if end.status.optimal and not np.isclose(list(kept), seen[-1].residual, rtol=_SAME).any():
+                    kept[seen[-1].residual] = shift_guess(given, self._coarse.transcription.unpack(end.x, few), 0.0, given.start)
             long, most = replace(short, planner=self, given=given), 1
-            best = [found[residual] for residual in sorted(found)[:_COMPARED] if residual <= _CLOSE * min(found)]
+            best = [kept[residual] for residual in sorted(kept)[:_COMPARED] if residual <= _CLOSE * min(kept)]
             for guess in takewhile(lambda _: len(best) > 1 and short._left > 0.0 and not presses, best):
-                x = long._solved(guess, guess.q, {}).result.x
-                compared[seen[-1].residual] = self.transcription.unpack(x, given)
-        motions = compared if compared and len(compared) == len(best) else found
+                compared[seen[-1].residual] = self.transcription.unpack(long._solved(guess, guess.q, {}).result.x, given)
+        motions = compared if compared and len(compared) == len(best) else kept
         return motions[min(motions)] if motions else hold
 
     @cached_property

@@ -178,8 +178,7 @@ class StageLevelQp:
         flat = self.qp.flat
         flat["damping"][:], flat["l1"][self._above], flat["l2"][self._above] = damping, give, kept
         self._load(ranges)
-        tolerance = max(rough, self._solver.options.tolerance)
-        explained = not (self._bends or self.most)
+        tolerance, explained = max(rough, self._solver.options.tolerance), not (self._bends or self.most)
         found = self._solver.solve_flat(self.qp, near, tolerance=tolerance, most=self.most, explained=explained)
         self.keep(found)
         return found
@@ -292,7 +291,7 @@ _MENDS, _STIFF = 3, 1e6  # ways back to the rows, and what makes them short [1/u
 _LOUDEST = 1e4  # times the first violation
 _ROUGHLY, _ROUGHEST = 1e-3, 1e-5  # tolerance of a QP, of how far its point is from the optimum, and at most
 _NEARER = 0.5  # times the violation at which curvature was not convex, from where it may be
-_FEW_DIGITS = 1e-2  # convergence
+_FEW_DIGITS = 1e-2  # convergence from which on curvature takes more time than it saves
 _NO_HELP = 1e-6  # share of the violation that a step must take away to count as a help
 
 
@@ -321,7 +320,7 @@ class StageSqp:
         self._filter = Filter(first=0.0, most=np.inf)
         self._steepest, self._worst, self._count = 0.0, np.inf, 0
         self._best = (True, np.inf), self._memory.z.copy()
-        self._model, self._damping, self._refused = 0, 0.0, np.inf
+        self._model, self._damping, self._refused = int(options.convergence >= _FEW_DIGITS), 0.0, np.inf
         # What levels above leave open, those below decide: no step goes far there.
         self._least = _DAMPED if level.level + 1 < level.memory.n_levels else 0.0
 
@@ -412,9 +411,8 @@ class StageSqp:
         changed = 1.0 if last is None else last.products.change / max(self._steepest, 1e-300)
         near, solution, rough = self._near(), None, min(_ROUGHLY * min(self._worst, changed), _ROUGHEST)
         for damping, curved, give in _MODELS[self._model :]:
-            # Curvature is hardly more convex than when it was last found not to be, and saves nothing where few digits are asked.
-            early = give == np.inf and self._worst > max(_NEARER * self._refused, self._options.feasibility)
-            if curved and (early or self._options.convergence >= _FEW_DIGITS):
+            # Curvature is hardly more convex than when it was last found not to be.
+            if curved and give == np.inf and self._worst > max(_NEARER * self._refused, self._options.feasibility):
                 continue
             self._level.set_curvature(last if curved else None)
             damping += self._least + self._damping
