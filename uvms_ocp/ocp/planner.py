@@ -55,8 +55,7 @@ def _lack(term: ShapeClearance, problem: OcpProblem) -> tuple[float, str]:
     distances = term.distances([0.0], problem.start.q[None])[0]
     lack = term.margins - distances
     k = int(lack.argmax())
-    pair, margin = term.scene.pairs[k], term.margins[k]
-    return float(lack[k]), f" ({pair.name}: {distances[k]:.4g} m apart, margin {margin:.4g} m)"
+    return float(lack[k]), f" ({term.scene.pairs[k].name}: {distances[k]:.4g} m apart, margin {term.margins[k]:.4g} m)"
 
 
 # What no input can bring within the limits in the first step: a proof, before any NLP, that a start is impossible.

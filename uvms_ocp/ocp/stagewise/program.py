@@ -106,12 +106,11 @@ class StageLevelSolver:
             return NlpOutcome(point=start, status=NlpStatus.TIME_LIMIT, iterations=0, violation=np.inf)
         levels = self._levels
         levels.go_to(start.x, p)
-        ranges = levels.ranges(bounds, self._index)
         warm = start.solution if isinstance(start, StagewisePoint) else None
         if warm is not None and warm.shape != levels.level(self._index).shape:
             warm = None
-        sqp = StageSqp(levels.level(self._index), ranges, self._options, self._deadline, self._watch)
-        return self._outcome(sqp.run(warm), start)
+        level, ranges = levels.level(self._index), levels.ranges(bounds, self._index)
+        return self._outcome(StageSqp(level, ranges, self._options, self._deadline, self._watch).run(warm), start)
 
     def _outcome(self, end: SqpOutcome, start: NlpPoint) -> NlpOutcome:
         x = self._levels.variables()

@@ -211,8 +211,7 @@ class StageQpSolver:
         """Endless steps, and rounding, prove nothing."""
         if best.status is problem.StageQpStatus.SOLVED:
             return best.status
-        known = best.status is problem.StageQpStatus.NOT_A_NUMBER
-        status = best.status if known else problem.StageQpStatus.ITERATION_LIMIT
+        status = best.status if best.status is problem.StageQpStatus.NOT_A_NUMBER else problem.StageQpStatus.ITERATION_LIMIT
         return problem.StageQpStatus.INEXACT if best.worst <= self._inexact else status
 
     def _is_unbounded(self, qp: problem.StageQp) -> bool:
