@@ -895,7 +895,7 @@ def _campaign() -> Campaign:
     return Campaign(scenario=scenario, runs=1)
 
 
-REFUSES = {"Task.residual", "BufferedFunction.__call__", *(["export_controller"] if MISSING else [])}
+REFUSES = {"Task.residual", "BufferedFunction.__call__", "BufferedFunction.write", *(["export_controller"] if MISSING else [])}
 """Calls that are never right: the base class of tasks refuses, a list of arguments has no names, an export needs a compiler."""
 
 EXPENSIVE = {
