@@ -179,7 +179,7 @@ class StageLevelQp:
         flat["damping"][:], flat["l1"][self._above], flat["l2"][self._above] = damping, give, kept
         self._load(ranges)
         tolerance, explained = max(rough, self._solver.options.tolerance), not (self._bends or self.most)
-        found = self._solver.solve_flat(self.qp, near, tolerance=tolerance, most=self.most, explained=explained)
+        found = self._solver.solve_flat(self.qp, near, tolerance=tolerance, max_iterations=self.most, explained=explained)
         self.keep(found)
         return found
 
@@ -377,10 +377,9 @@ class StageSqp:
         slope = solution.products.slope
         if solution.products.change <= self._options.convergence * self._scale and self._is_kept(here):
             return NlpStatus.SOLVED, here
-        if self._is_flat(here, slope):
-            return NlpStatus.INEXACT, here
+        last = NlpStatus.INEXACT if self._is_flat(here, slope) else None
         status, here = self._search(here, slope)
-        return (NlpStatus.SOLVED if status is None and self._is_optimal(solution) else status), here
+        return (NlpStatus.SOLVED if status is None and self._is_optimal(solution) else status or last), here
 
     def _is_optimal(self, found: FlatSolution) -> bool:
         """Check whether its multipliers are those of the point: of the step that led there."""
@@ -485,15 +484,13 @@ class StageSqp:
 
     def _restore(self, here: FilterMerit, solution: FlatSolution) -> tuple[NlpStatus | None, FilterMerit]:
         """Towards the constraints, whatever it costs."""
-        gain, share = here.violation - float(np.abs(solution.excess).sum()), 1.0
-        if gain <= _NO_HELP * here.violation:
-            return NlpStatus.INFEASIBLE, here
-        while share > _SMALLEST_SHARE:
+        gain, least, share = here.violation - float(np.abs(solution.excess).sum()), _NO_HELP * here.violation, 1.0
+        while gain > least and share > _SMALLEST_SHARE:
             trial = self._tried(share)
             if trial.violation <= here.violation - 0.1 * share * gain:
                 if share < 1.0:
                     self._level.linearize()
-                return None, trial
+                return None if here.violation - trial.violation > least else NlpStatus.INFEASIBLE, trial
             share /= 2
         self._back()
         return NlpStatus.INFEASIBLE, here

@@ -122,7 +122,7 @@ def is_recession_direction(other: problem.StageQp, z: tuple[Array, ...]) -> bool
 
 # QPs of stages by an interior point: with a factor per iteration, and one only where no bound is reached.
 
-_with = lru_cache(maxsize=8)(lambda own, rough, most: replace(own, tolerance=rough, max_iterations=most or own.max_iterations))
+_with = lru_cache(maxsize=8)(lambda options, given: replace(options, **dict(given)))
 _POINT = tuple(item.name for item in fields(problem.FlatPoint))
 _UNCLEAR = (problem.StageQpStatus.ITERATION_LIMIT, problem.StageQpStatus.UNBOUNDED)
 _MISSED = 1e-5  # relative violation that no point does without
@@ -155,17 +155,18 @@ class StageQpSolver:
         near: problem.WarmStart | None = None,
         *,
         tolerance: float | None = None,
-        most: int | None = None,
+        max_iterations: int | None = None,
         explained: bool = True,
     ) -> problem.FlatSolution:
         """The same in arrays with stage after stage.
 
-        near: the solution of a QP nearby. tolerance, and most iterations: instead of those of the options. explained: False takes
-        less time where no optimum is found, and does not tell infeasible from unbounded. Raises `InvalidInput` as `solve` does.
+        near: the solution of a QP nearby. tolerance, max_iterations: instead of those of the options. explained: False takes less
+        time where no optimum is found, and does not tell infeasible from unbounded. Raises `InvalidInput` as `solve` does.
         """
         if qp.shape is not self.shape and qp.shape != self.shape:
             raise InvalidInput("the QP has another shape than the solver; make a solver for it")
-        options = self.options if tolerance is None else _with(self.options, tolerance, most)
+        given = {"tolerance": tolerance, "max_iterations": max_iterations}
+        options = _with(self.options, tuple(item for item in given.items() if item[1] is not None))
         end = self._core.solve(qp, options, near)
         if explained and (end.status in _UNCLEAR or _only_rounding(qp, end)):
             end = self._explain(qp, problem.row_table(qp), end)
