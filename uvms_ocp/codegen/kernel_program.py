@@ -257,7 +257,7 @@ def program_content(kernels: Iterable[Any]) -> str:
     """All that a C program is made of but its structures: texts of kernels and of what they call, and what they name."""
     reached, parts, texts = [*filter(inspect.isfunction, kernels)], list[Any](), {"head": _HEAD, "wide": WIDE_MACROS}
     for kernel in reached:  # which grows
-        place, names = kernel.__code__, vars(sys.modules[kernel.__module__])
+        place, names = kernel.__code__, kernel.__globals__
         texts[place.co_filename] = texts.get(place.co_filename) or _text(place.co_filename)
         words = sorted({*place.co_names, *re.findall(r"\w+", str(kernel.__annotations__))})
         values = [(word, names[word]) for word in words if word in names]
