@@ -166,11 +166,9 @@ _FLAGS = ("-O3", "-shared", "-fPIC", "-ffp-contract=off")
 # Code without loops gains nothing from more optimisation but the time that takes: half of it with the first two for long code.
 _LONG_STRAIGHT, _LONG_CODE = ("-Og", "-finline-small-functions", "-fno-semantic-interposition"), 200_000  # [bytes]
 _STRAIGHT = ("-O1", "-fstrict-aliasing", *_LONG_STRAIGHT[1:])
-WIDE_MACROS = (files("uvms_ocp.codegen") / "wide.c").read_text(encoding="utf-8")
-"""Marks of C functions: WIDE and INLINE."""
 # fmax and fmin are calls into libm, hundreds in a tick; like them these return what is a number where one of both is.
-MATH = (files("uvms_ocp.codegen") / "math.c").read_text(encoding="utf-8")
-"""Before the code of CasADi functions."""
+MATH, WIDE_MACROS = ((files("uvms_ocp.codegen") / name).read_text(encoding="utf-8") for name in ("math.c", "wide.c"))
+"""Before the code of CasADi functions, and before what is marked WIDE or INLINE."""
 _KNOWN = '__attribute__((visibility("hidden"))) extern const double numbers[{n} + 1];\n'  # they stay while code runs
 _NUMBERS = """__attribute__((visibility("hidden"))) double numbers[{n} + 1];
 void* numbers_address(void) {{ return numbers; }}

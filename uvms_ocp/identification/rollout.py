@@ -266,8 +266,7 @@ class Rollout:
         """A function n times after itself, m of these beside each other, on all processors; or, with n = 0, only the latter."""
         key = (name, n, m)
         if key not in self._many:
-            each = function.mapaccum(n) if n else function
-            self._many[key] = each.map(m, "thread", n_processors()) if 1 < n_processors() <= m else each.map(m)
+            self._many[key] = (function.mapaccum(n) if n else function).map(m, "thread", min(m, n_processors()))
         return self._many[key]
 
 

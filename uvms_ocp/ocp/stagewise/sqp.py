@@ -377,9 +377,12 @@ class StageSqp:
         slope = solution.products.slope
         if solution.products.change <= self._options.convergence * self._scale and self._is_kept(here):
             return NlpStatus.SOLVED, here
-        last = NlpStatus.INEXACT if self._is_flat(here, slope) else None
+        if self._is_flat(here, slope):
+            kept = self._is_kept(here)
+            self._level.linearize()
+            return NlpStatus.SOLVED if kept and self._is_optimal(solution) else NlpStatus.INEXACT, self._merit()
         status, here = self._search(here, slope)
-        return (NlpStatus.SOLVED if status is None and self._is_optimal(solution) else status or last), here
+        return (NlpStatus.SOLVED if status is None and self._is_optimal(solution) else status), here
 
     def _is_optimal(self, found: FlatSolution) -> bool:
         """Check whether its multipliers are those of the point: of the step that led there."""
