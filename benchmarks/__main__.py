@@ -78,6 +78,14 @@ CLAIMS = (
         theirs=Cell(where={"problem": "whole tick", "solver": "pink (quadprog), weights"}, column="p50_us"),
     ),
     Claim(
+        what="strict levels of inequalities and equalities, 80 unknowns, 253 rows, from Python",
+        unit="us",
+        script="hierarchy",
+        ours=Cell(where={"problem": "random, grown, n=80", "solver": "active set in C"}, column="p50_us"),
+        peer="LexLS, in C++, the public solver of such hierarchies",
+        theirs=Cell(where={"problem": "random, grown, n=80", "solver": "LexLS, native"}, column="p50_us"),
+    ),
+    Claim(
         what="minimum snap through 100 pieces",
         unit="ms",
         script="trajectories",
