@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 from reaches import PATIENCE, reach
 
-from uvms_ocp.ocp.plan import OcpStatus
+from uvms_ocp.ocp.plan import OcpStatus, Plan
 from uvms_ocp.ocp.planner import Planner
-from uvms_ocp.ocp.problem import OcpPhase
+from uvms_ocp.ocp.problem import OcpPhase, OcpProblem
 from uvms_ocp.ocp.trajectory import COARSE_STEPS, coarse_guesses, coarse_problem, hold_guess
 from uvms_ocp.robot.robot import Robot
 from uvms_ocp.solvers.nlp.level_solver import IterationReport, NlpOptions
@@ -23,14 +23,19 @@ def staged(robot: Robot) -> Planner:
     return Planner(reach(robot), NlpOptions(time_limit=PATIENCE, plugin="stagewise"))
 
 
+def chosen_and_stayed(given: OcpProblem, staged: Planner) -> tuple[Plan, Plan]:
+    """Plans without a guess, and from where the robot stays, both solved."""
+    chosen, stayed = staged.plan(given), staged.plan(given, guess=hold_guess(given))
+    assert chosen.status is stayed.status is OcpStatus.SOLVED
+    return chosen, stayed
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("shift", SHIFTS)
 def test_a_plan_costs_less_than_one_that_begins_where_the_robot_stays(
     shift: tuple[float, float, float], robot: Robot, staged: Planner
 ) -> None:
-    given = reach(robot, shift=shift)
-    chosen, stayed = staged.plan(given), staged.plan(given, guess=hold_guess(given))
-    assert chosen.status is stayed.status is OcpStatus.SOLVED
+    chosen, stayed = chosen_and_stayed(reach(robot, shift=shift), staged)
     assert chosen.levels[0].residual < 1e-5
     assert chosen.levels[1].residual ** 2 < 0.99 * stayed.levels[1].residual ** 2
     assert chosen.iterations < stayed.iterations
@@ -42,9 +47,7 @@ def test_a_plan_is_no_dearer_than_from_where_the_robot_stays(
     shift: tuple[float, float, float], robot: Robot, staged: Planner
 ) -> None:
     """Of motions over few steps the order may be another than over all: there the best of them are compared once more."""
-    given = reach(robot, shift=shift)
-    chosen, stayed = staged.plan(given), staged.plan(given, guess=hold_guess(given))
-    assert chosen.status is stayed.status is OcpStatus.SOLVED
+    chosen, stayed = chosen_and_stayed(reach(robot, shift=shift), staged)
     assert chosen.levels[1].residual ** 2 < 1.005 * stayed.levels[1].residual ** 2
 
 

@@ -5,8 +5,8 @@
    left free, and solved by least squares where its rows depend on each other.
 
    First of the sources of one solver: equalities.c, active_set.c, scaling.c, certificate.c, fallbacks.c, compiled in one
-   piece behind what core_source.py writes: N velocities, M rows in L levels of LEVEL_SIZES rows, the tolerances of
-   tolerances.py, the states of rows and the statuses; needs libm only. equalities.py is the same algorithm; keep both in
+   piece behind what active_set.py writes: N velocities, M rows in L levels of LEVEL_SIZES rows, the tolerances of
+   tolerances.py, the states of rows and the statuses; needs libm only. active_set_numpy.py is the same algorithm; keep both in
    step. */
 
 static const int SIZES[L] = {LEVEL_SIZES};

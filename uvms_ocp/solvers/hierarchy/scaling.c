@@ -1,4 +1,4 @@
-/* gated_rows.py and scaling.py in C: rows as they are given, valid or not, gated; every level divided by its largest row,
+/* level.py and certificate.py in C: rows as they are given, valid or not, gated; every level divided by its largest row,
    velocities by their size, all by powers of two; which rows are missed. */
 
 /* The power of two above a size; 1 for 0. */

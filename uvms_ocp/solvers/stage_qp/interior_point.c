@@ -1,7 +1,7 @@
 /* Primal-dual interior point, one iteration.
 
-A point is one array: z (n), costate (n_x), y (M), then s, multiplier, e, f (2 M each: of each row its lower and its upper side). Rows M are those
-of constraints (m), then the variables. Only rows with a bound are looked at: of all others these are 0, and stay so. */
+A point is one array: z (n), costate (n_x), y (M), then s, multiplier, e, f (2 M each: of each row its lower and its upper side).
+Rows M are those of constraints (m), then the variables. Only rows with a bound are looked at: of all others these are 0, and stay so. */
 
 typedef struct {
   double *grad, *held, *defect, *value, *row, *equal, *dual;
@@ -52,7 +52,7 @@ static void find_bounded(Problem *q) {
     if (q->side[2 * i] != 0.0 || q->side[2 * i + 1] != 0.0 || q->equal[i] != 0.0) q->bounded[q->n_bounded++] = i;
 }
 
-/* Everything of a row as row_table.py has it; 0 where an entry of the QP is none. */
+/* Everything of a row as `row_table` of problem.py has it; 0 where an entry of the QP is none. */
 static int make_table(Problem *q) {
   int valid = 1;
   for (int i = 0; i < q->M; ++i) {
