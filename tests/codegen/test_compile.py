@@ -435,6 +435,39 @@ def test_a_fork_begun_while_a_library_is_made_finds_it_too(pretend: Callable[[st
     assert done.returncode == 0, done.stderr
 
 
+FORK_OF_A_START = """
+import os, subprocess, sys, threading, time
+from uvms_ocp.codegen import compile as building
+begins, ends = os.pipe()
+begun, start = threading.Event(), subprocess.Popen
+def slowly(*words, **named):
+    begun.set()
+    time.sleep(0.5)
+    os.close(ends)
+    return start(*words, **named)
+subprocess.Popen = slowly
+starting = threading.Thread(target=building.run_compiler, args=([sys.executable, "-c", ""], 60.0))
+starting.start()
+begun.wait()
+child = os.fork()
+if not child:
+    try:
+        os.fstat(ends)
+    except OSError:
+        os._exit(0)
+    os._exit(1)
+assert os.waitpid(child, 0)[1] == 0, "what the start of a compiler holds open is held by the fork, too"
+starting.join()
+"""
+
+
+@pytest.mark.skipif(not hasattr(os, "fork"), reason="forks")
+def test_no_fork_begins_in_the_middle_of_a_start_of_a_compiler() -> None:
+    """A thread that starts a process waits for the end of a pipe, and a fork that waits for that thread held it open."""
+    done = subprocess.run([sys.executable, "-c", FORK_OF_A_START], capture_output=True, text=True, timeout=90)
+    assert done.returncode == 0, done.stderr
+
+
 HOLD = """
 import sys, time
 from pathlib import Path

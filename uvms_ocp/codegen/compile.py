@@ -53,7 +53,7 @@ T = TypeVar("T")
 
 _TIMEOUT = 300.0  # [s], ten times what the longest of ours takes
 _KEPT = 2000  # [bytes] of what a compiler says
-_STARTING, _RUNNING = [threading.Lock()], set[subprocess.Popen[bytes]]()
+_STARTING, _RUNNING = threading.RLock(), set[subprocess.Popen[bytes]]()
 _BEHIND = threading.Event()  # all other work of the machine
 
 
@@ -75,7 +75,7 @@ def run_compiler(command: Sequence[str], seconds: float) -> tuple[int, str]:
     Raises `OSError` where it cannot be run, and `subprocess.TimeoutExpired` where it was stopped, with all its children.
     """
     with tempfile.TemporaryFile() as said:
-        with _STARTING[0]:
+        with _STARTING:
             process = subprocess.Popen(
                 command, stdin=subprocess.DEVNULL, stdout=said, stderr=subprocess.STDOUT, start_new_session=True
             )
@@ -93,7 +93,7 @@ def run_compiler(command: Sequence[str], seconds: float) -> tuple[int, str]:
 
 @atexit.register
 def _end_compilers() -> None:  # as the process ends, of which threads that wait for them hear nothing
-    _STARTING[0].acquire()  # and none begins any more
+    _STARTING.acquire()  # and none begins any more
     left = [work for result, work in _BEGUN if not result.ready()]
     for process in _RUNNING.copy():
         _kill(process)
@@ -131,11 +131,12 @@ def _forget_threads() -> None:  # in a fork, where they are its parent's, as are
     _BESIDE.clear()
     _BEGUN.clear()
     _RUNNING.clear()
-    _STARTING[:] = [threading.Lock()]
+    _STARTING.release()
 
 
 if sys.platform != "win32":
-    os.register_at_fork(after_in_child=_forget_threads)
+    # A fork in the middle of a start would hold open the pipe by which the starting thread hears that its compiler runs.
+    os.register_at_fork(before=_STARTING.acquire, after_in_parent=_STARTING.release, after_in_child=_forget_threads)
 
 
 def _kill(process: subprocess.Popen[bytes]) -> None:
