@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, fields, is_dataclass, replace
-from functools import cached_property
+from functools import cache, cached_property, partial
 from itertools import pairwise
 
 import casadi as ca
@@ -161,12 +161,12 @@ def term_blocks(model: StageModel) -> tuple[TermBlock, ...]:
     """All terms of a problem: the steps of every phase, then the end of every phase."""
     nodes, phases = model.problem.starts_of_phases(), model.problem.phases
     spans = [np.arange(first, end) for first, end in pairwise(nodes)]
+    entry = cache(partial(_entry, model))  # a term is asked for its rows once, wherever it counts
     paths, ends = [], []
     for i, phase in enumerate(phases):
-        on_path = _term_rows(model, _members(model, phase, at_end=False), f"path_{i}", on_path=True)
-        at_end = _term_rows(model, _members(model, phase, at_end=True), f"end_{i}", on_path=False)
-        paths.append(TermBlock(rows=on_path, nodes=spans[i]))
-        ends.append(TermBlock(rows=at_end, nodes=nodes[i + 1 : i + 2]))
+        on_path, at_end = ([entry(place) for place in _places(model.problem, phase, at_end=end)] for end in (False, True))
+        paths.append(TermBlock(rows=_term_rows(model, on_path, f"path_{i}", on_path=True), nodes=spans[i]))
+        ends.append(TermBlock(rows=_term_rows(model, at_end, f"end_{i}", on_path=False), nodes=nodes[i + 1 : i + 2]))
     return (*paths, *ends)
 
 
@@ -183,17 +183,16 @@ def _rows_at(own: TermRows, z: ca.SX, model: StageModel) -> TermRows:
     return replace(own, model=model, rows=rows, costs=costs, errors=tuple(errors))
 
 
-def _members(model: StageModel, phase: OcpPhase, *, at_end: bool) -> list[TermEntry]:
-    problem = model.problem
-    levels = [CONSTRAINT] * len(problem.constraints)
-    levels += [i for i, level in enumerate(problem.levels) for _ in level.terms]
-    placed = zip(range(len(levels)), levels, problem.terms, strict=True)
-    return [_member(model, *one) for one in placed if counts(problem, one[-1], phase, at_end=at_end)]
+def _places(problem: OcpProblem, phase: OcpPhase, *, at_end: bool) -> list[int]:
+    """Of the terms of a problem, those that count at one kind of node."""
+    return [place for place, term in enumerate(problem.terms) if counts(problem, term, phase, at_end=at_end)]
 
 
-def _member(model: StageModel, place: int, level: int, term: Term) -> TermEntry:
+def _entry(model: StageModel, place: int) -> TermEntry:
+    problem, term = model.problem, model.problem.terms[place]
+    levels = [CONSTRAINT] * len(problem.constraints) + [i for i, level in enumerate(problem.levels) for _ in level.terms]
     goals = ca.SX.sym("goals", term.n_parameters(model.robot))
-    return TermEntry(place=place, level=level, term=term, residual=residual_of(model, term, goals), goals=goals)
+    return TermEntry(place=place, level=levels[place], term=term, residual=residual_of(model, term, goals), goals=goals)
 
 
 def residual_of(model: StageModel, term: Term, goals: ca.SX) -> Residual:
