@@ -7,7 +7,6 @@ first_answer.md.
 from __future__ import annotations
 
 import json
-import os
 import subprocess
 import sys
 import tempfile
@@ -16,7 +15,7 @@ from itertools import islice
 from pathlib import Path
 from time import perf_counter, sleep
 
-from recording.processes import run_script
+from recording.processes import as_installed, run_script
 from recording.report import Report, Row, Table, begin, parser_of
 
 from uvms_ocp.codegen.cache import HALF_MADE
@@ -27,12 +26,12 @@ SPHERES = ("11.8,37.2,-38.9,0.1", "10.2,36.2,-38.0,0.2")
 STEPS, FEW = 40, 10
 QUIET = 3.0  # [s], longer than a process takes to start
 PROSE = """
-Each row is a command in a process of its own; the rows of one `group` share a cache that is empty at first. *wall_s*: the
-whole command, from imports to figures; *solve_s*: of that the search itself; *behind_s*: for how long after its end a process
-behind all others compiles what the command did not wait for, which the next row finds; *libraries*: how many were compiled,
-with *size_MB* of machine code. A reach of `girona_maris7_full` in water, {steps} steps, around a sphere; then around two,
-then with an attitude at the goal, then the same again. A robot and a mission of one's own: the first run, again, and after
-the hold at the goal was made longer.
+Each row is a command in a process of its own, with byte code as an installed package has it; the rows of one `group` share a
+cache that is empty at first. *wall_s*: the whole command, from imports to figures; *solve_s*: of that the search itself;
+*behind_s*: for how long after its end a process behind all others compiles what the command did not wait for, which the next
+row finds; *libraries*: how many were compiled, with *size_MB* of machine code. A reach of `girona_maris7_full` in water, {steps}
+steps, around a sphere; then around two, then with an attitude at the goal, then the same again. A robot and a mission of one's
+own: the first run, again, and after the hold at the goal was made longer.
 
 Below, the same reaches in one process, imports left out, from a cache that is empty at first: *build_s* is `Planner(problem)`,
 of which *build_processor_s* in this process, *solve_s* is `Planner.plan` from the start held still; then *behind_s* until all
@@ -61,15 +60,10 @@ FORMATS = {
 
 def timed_command(words: tuple[str, ...], folder: Path, cache: Path) -> dict[str, float]:
     """What a command takes, and what it adds to the cache."""
-    before = set(cache.glob("*.so"))
+    before, environment = set(cache.glob("*.so")), as_installed(cache)
     start = perf_counter()
     done = subprocess.run(
-        [sys.executable, "-m", "uvms_ocp", *words],
-        cwd=folder,
-        env=os.environ | {"UVMS_OCP_CACHE": str(cache), "UVMS_OCP_WAIT_FOR_COMPILER": ""},
-        check=False,
-        capture_output=True,
-        text=True,
+        [sys.executable, "-m", "uvms_ocp", *words], cwd=folder, env=environment, check=False, capture_output=True, text=True
     )
     if done.returncode not in {0, 1}:  # 1: an answer, but not what was wanted
         raise RuntimeError(f"{' '.join(words)}: {done.stderr[-500:]}")

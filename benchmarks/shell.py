@@ -6,7 +6,6 @@ and shell.md.
 
 from __future__ import annotations
 
-import os
 import shlex
 import subprocess
 import sys
@@ -16,6 +15,7 @@ from statistics import median
 from time import perf_counter
 from typing import NamedTuple
 
+from recording.processes import as_installed
 from recording.report import Report, Row, Table, begin, parser_of
 
 COMMANDS = ("--help", "list", "check", "run --plant kinematic", "run", "run obstacle_field", "run --noise")
@@ -63,8 +63,7 @@ def row_of(command: str, runs: int) -> Row:
 
 def spent_by(command: str, cache: str) -> Spent:
     """By the command with that cache. Raises `CalledProcessError`."""
-    environment = os.environ | {"UVMS_OCP_CACHE": cache, "UVMS_OCP_WAIT_FOR_COMPILER": ""}
-    environment.pop("PYTHONDONTWRITEBYTECODE", None)  # an installed package is byte code
+    environment = as_installed(cache)
     words = [sys.executable, "-m", "uvms_ocp", *shlex.split(command)]
     with tempfile.TemporaryDirectory() as folder:
         began, processor = perf_counter(), _of_children()

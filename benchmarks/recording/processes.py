@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+import compileall
 import os
 import subprocess
 from pathlib import Path
+
+import uvms_ocp
 
 _HIDDEN = {"PATH": "", "CC": ""}
 _FOLDER = Path(__file__).parents[1]
@@ -19,6 +22,16 @@ def run_script(python: Path | str, script: Path, *words: object, compiler: bool 
     kept = {} if cache is None else {"UVMS_OCP_CACHE": str(cache), "UVMS_OCP_WAIT_FOR_COMPILER": ""}
     environment = os.environ | {"PYTHONPATH": str(_FOLDER)} | kept | ({} if compiler else _HIDDEN)
     subprocess.run([str(word) for word in (python, script, *words)], check=True, env=environment)
+
+
+def as_installed(cache: Path | str) -> dict[str, str]:
+    """Environment of commands that find byte code, as those of an installed package do, and wait for no compiler.
+
+    cache: of compiled code.
+    """
+    compileall.compile_dir(str(Path(uvms_ocp.__file__).parent), quiet=2)
+    changed = os.environ | {"UVMS_OCP_CACHE": str(cache), "UVMS_OCP_WAIT_FOR_COMPILER": ""}
+    return {name: value for name, value in changed.items() if name != "PYTHONDONTWRITEBYTECODE"}
 
 
 def hide_compiler() -> None:

@@ -25,8 +25,9 @@ from uvms_ocp.planning.request import PlanRequest, PostureGoal, plan_path
 from uvms_ocp.record.record import Record
 from uvms_ocp.report.planned_motion import motion_record
 from uvms_ocp.report.summary import summarize
+from uvms_ocp.robot.loading import robot_called
 from uvms_ocp.robot.robot import Robot
-from uvms_ocp.scenario.own_code import load_scenario, robot_of
+from uvms_ocp.scenario.own_code import load_scenario
 from uvms_ocp.scenario.scenario import Scenario
 from uvms_ocp.types import Count
 from uvms_ocp.viz.scene.show import show
@@ -490,7 +491,7 @@ def _follow(way: _Way, drawn: Drawn, place: Path, changes: Sequence[Change], rng
             file.write_text(yaml.safe_dump(drawn.water, allow_unicode=True, sort_keys=False), encoding="utf-8")
     robots: list[Robot] = []
     with way.at("load"):
-        robots.append(robot_of(str(folder)))
+        robots.append(robot_called(str(folder)))
         _check_kept(drawn, robots[0])
     with way.at("check-robot"):
         _command("check-robot", folder)

@@ -37,6 +37,15 @@ def test_commands_know_the_names_of_figures_before_anything_that_draws_is_loaded
     assert done.stdout.strip() == "[]"
 
 
+@pytest.mark.parametrize("module", ["plan", "run"])
+def test_commands_load_no_missions_before_they_are_asked_for_one(module: str) -> None:
+    """Plans among obstacles need none, and missions of one's own none of those that come with the package."""
+    code = f"import sys, uvms_ocp.cli.{module}; print(*sys.modules)"
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    parts = {name.split(".")[1] for name in done.stdout.split() if name.startswith("uvms_ocp.")}
+    assert not {"scenario", "mission_plan", "control", "estimation"} & parts
+
+
 @pytest.mark.parametrize("n_processors", [1, 2])
 def test_every_drawing_is_made_in_a_copy_where_there_are_processors_for_it(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, n_processors: int

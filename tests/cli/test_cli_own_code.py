@@ -61,7 +61,7 @@ def test_a_command_builds_what_is_asked_for(command: str, form: str, place: Path
     def asked(words: str, options: Mapping[str, Any], *_: Any) -> None:
         raise Asked(words, options.get("robot"), options.get("hydrodynamics"))
 
-    monkeypatch.setattr("uvms_ocp.cli.options.load_scenario", asked)
+    monkeypatch.setattr("uvms_ocp.scenario.own_code.load_scenario", asked)
     words = [word.format(form) for word in COMMANDS[command]]
     machine = ["--robot", "my.urdf", "--hydrodynamics", "my.yaml"] if command != "compare" else []
     with pytest.raises(Asked) as told:

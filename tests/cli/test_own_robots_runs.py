@@ -22,10 +22,10 @@ from uvms_ocp.record.meta_values import RobotFilesMeta
 from uvms_ocp.record.record import Record
 from uvms_ocp.report.planned_motion import motion_record
 from uvms_ocp.robot import loading
-from uvms_ocp.robot.loading import list_variants, load_robot, recorded_robot, robot_folder, robot_meta
+from uvms_ocp.robot.loading import list_variants, load_robot, recorded_robot, robot_called, robot_folder, robot_meta
 from uvms_ocp.robot.robot import Robot
 from uvms_ocp.robot.signals import State
-from uvms_ocp.scenario.own_code import load_scenario, robot_of
+from uvms_ocp.scenario.own_code import load_scenario
 from uvms_ocp.viz.scene.show import robot_of as shown_robot
 
 
@@ -72,7 +72,7 @@ READINGS: dict[str, dict[str, Any]] = {
 
 @pytest.mark.parametrize("kind", READINGS)
 def test_a_record_finds_the_robot_that_it_was_made_with(kind: str, project: Path, tmp_path: Path) -> None:
-    robot, folder = robot_of("mine", **READINGS[kind]), project / "runs" / "X"
+    robot, folder = robot_called("mine", **READINGS[kind]), project / "runs" / "X"
     folder.mkdir(parents=True)
     planned(robot).save(folder / "record.npz")
     there = project.rename(tmp_path / "elsewhere") / "runs" / "X"
@@ -87,7 +87,7 @@ def test_a_record_finds_the_robot_that_it_was_made_with(kind: str, project: Path
 
 @pytest.mark.parametrize("motion", [ran, planned])
 def test_a_motion_of_ones_own_robot_is_shown_until_its_folder_moves(motion: Any, project: Path) -> None:
-    motion(robot_of("mine")).save(project / "record.npz")
+    motion(robot_called("mine")).save(project / "record.npz")
     assert "scene.html" in told("show", "record.npz", "--out", "scene.html")
     (project / "mine").rename(project / "other")
     said = told("show", "record.npz", "--out", "second.html")
@@ -131,7 +131,7 @@ def test_a_robot_of_the_library_that_is_read_in_another_way_is_shown_as_it_was_r
 
 @pytest.mark.parametrize("name", ["mine", ARM])
 def test_frames_that_were_moved_in_python_are_where_they_were(name: str, project: Path) -> None:
-    robot, nudge = robot_of(name), pin.SE3(pin.rpy.rpyToMatrix(0.3, -0.2, 0.1), np.array([0.05, 0.02, -0.03]))
+    robot, nudge = robot_called(name), pin.SE3(pin.rpy.rpyToMatrix(0.3, -0.2, 0.1), np.array([0.05, 0.02, -0.03]))
     for frame in ("tool", "altimeter", "tool"):
         robot = robot.with_frame_pose(frame, nudge * robot.model.frames[robot.frame_id(frame)].placement)
     planned(robot).save(project / "record.npz")
@@ -149,7 +149,7 @@ def test_a_frame_of_a_file_that_cannot_be_moved_is_refused_by_name(project: Path
             encoding="utf-8",
         )
         with pytest.raises(RobotDataError, match=f"loading.frames: .*{frame}.*{wrong}|loading.frames: {wrong}.*{frame}"):
-            robot_of("mine", "mine/moved.yaml")
+            robot_called("mine", "mine/moved.yaml")
 
 
 def renamed(name: str, folder: Path) -> Path:
@@ -197,7 +197,7 @@ def test_packages_are_seen_from_the_urdf_that_a_record_names(tmp_path: Path) -> 
 
 def test_no_record_names_the_home_folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     home, outside = tmp_path / "somebody", tmp_path / "elsewhere"
-    robot = robot_of(str(renamed("own", home / "robots" / "arm")))
+    robot = robot_called(str(renamed("own", home / "robots" / "arm")))
     monkeypatch.setenv("HOME", str(home))
     for here, place in ((home / "missions", "../robots/arm/robot.urdf"), (outside, "arm/robot.urdf")):
         here.mkdir()
@@ -226,7 +226,7 @@ def test_no_record_names_the_home_folder_by_packages(way: str, tmp_path: Path, m
 
 
 def test_a_plan_alone_is_shown_with_its_robot(project: Path) -> None:
-    arm = robot_of(str(renamed("own", project / "arm").name))
+    arm = robot_called(str(renamed("own", project / "arm").name))
     start = State(q=arm.configuration(), v=np.zeros(arm.n_v))
     levels = [OcpLevel(name="effort", terms=(Effort(),))]
     problem = single_phase(robot=arm, start=start, duration=1.0, n_steps=2, levels=levels, water=False)
@@ -240,7 +240,7 @@ def test_what_is_outside_of_the_working_directory_is_found_from_there_and_from_t
 ) -> None:
     (project / "runs").mkdir()
     monkeypatch.chdir(project / "runs")
-    record = planned(robot_of("../mine"))
+    record = planned(robot_called("../mine"))
     record.save(tmp_path / "record.npz")
     record.save(project / "runs" / "record.npz")
     assert "scene.html" in told("show", tmp_path / "record.npz", "--out", "scene.html")

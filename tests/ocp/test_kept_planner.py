@@ -25,7 +25,19 @@ from uvms_ocp.ocp.clearance import Ball, BallClearance, ShapeClearance
 from uvms_ocp.ocp.plan import OcpStatus
 from uvms_ocp.ocp.planner import Planner
 from uvms_ocp.ocp.problem import HessianKind, OcpLevel, OcpPhase, OcpProblem, single_phase
-from uvms_ocp.ocp.terms import AtRest, Duration, Effort, Energy, Posture, Smoothness, StageSymbols, TaskTerm, Term, residual_term
+from uvms_ocp.ocp.terms import (
+    At,
+    AtRest,
+    Duration,
+    Effort,
+    Energy,
+    Posture,
+    Smoothness,
+    StageSymbols,
+    TaskTerm,
+    Term,
+    residual_term,
+)
 from uvms_ocp.ocp.transcription.transcription import Transcription
 from uvms_ocp.planning import CollisionScene, collision_scene, coordinates
 from uvms_ocp.robot.loading import load_robot
@@ -367,6 +379,18 @@ class Reach(Term):
 
     def residual(self, stage: StageSymbols, parameters: ca.SX) -> Residual:
         return zero_residual(stage.tick.q[0] - self.x)
+
+
+def test_a_term_is_asked_for_its_rows_once_wherever_it_counts() -> None:
+    asked = []
+
+    def rows(stage: StageSymbols) -> ca.SX:
+        asked.append(stage)
+        return stage.tick.q[:2]
+
+    counted = residual_term("counted", rows, lower=-100.0, upper=100.0, at=At.PATH)  # of the state: at the end, too
+    Planner(replace(reach(), constraints=(*reach().constraints, counted)))
+    assert len(asked) == 1
 
 
 @pytest.mark.parametrize("slots", [(), ("x",)])

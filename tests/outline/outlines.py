@@ -17,9 +17,9 @@ from typer.testing import CliRunner
 
 from uvms_ocp.cli.commands import app
 from uvms_ocp.cli.options import SOLVERS
+from uvms_ocp.record.meta_values import PLANTS
 from uvms_ocp.report.summary import summarize
 from uvms_ocp.scenario.cases.case1 import case1
-from uvms_ocp.sim.own_parts import PLANTS
 
 RECORDED = Path(__file__).with_suffix(".json")
 GOAL = ("--tool", "12.2", "37.4", "-39.5", "--position", "11", "37", "-38.5")

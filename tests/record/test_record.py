@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+from zipfile import ZIP_DEFLATED, ZipFile
 
 import numpy as np
 import pytest
@@ -125,6 +126,19 @@ def test_a_record_of_a_robot_that_stands_still_is_dense_and_read(tmp_path: Path,
     assert unpacked > 100 * (tmp_path / "r.npz").stat().st_size
     monkeypatch.setattr(array_file, "SMALL", 0)
     assert len(Record.load(tmp_path / "r.npz")) == n
+
+
+def test_what_packing_makes_hardly_smaller_is_not_packed(tmp_path: Path) -> None:
+    n = 2000
+    q = np.cumsum(np.random.default_rng(0).normal(size=(n, 7)), axis=0)
+    mixed = Record(series={"t": 0.005 * np.arange(n), "q": q, "spare": np.ones((n, 7))}, meta=META)
+    mixed.save(tmp_path / "r.npz")
+    with ZipFile(tmp_path / "r.npz") as archive:
+        packed = {one.filename: one.compress_type == ZIP_DEFLATED for one in archive.infolist()}
+    assert packed == {"__meta__.npy": True, "t.npy": True, "q.npy": False, "spare.npy": True}
+    loaded = Record.load(tmp_path / "r.npz")
+    for name, array in mixed.series.items():
+        np.testing.assert_array_equal(loaded[name], array)
 
 
 def test_a_record_survives_a_round_trip(tmp_path: Path) -> None:

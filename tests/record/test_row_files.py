@@ -148,7 +148,7 @@ def test_what_a_run_was_cut_off_with_is_shown_and_kept_by_the_next(tmp_path: Pat
 
 def test_a_run_that_is_refused_leaves_what_was_cut_off(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     whole = filled(Recorder(3, tmp_path / RUNNING, lambda: META), 9).freeze(META)
-    monkeypatch.setattr(run.Scenario, "check", lambda scenario: 1 / 0)
+    monkeypatch.setattr(Scenario, "check", lambda scenario: 1 / 0)
     with pytest.raises(ZeroDivisionError):
         run.run_and_write(_tiny(), tmp_path, Console(quiet=True))
     require_same(Record.load(tmp_path / RUNNING), whole, 9)

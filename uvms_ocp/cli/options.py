@@ -3,25 +3,25 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import MISSING, dataclass, fields, is_dataclass
 from functools import wraps
 from importlib.resources import files
 from inspect import Parameter, Signature, signature
 from pathlib import Path
-from typing import Annotated, Any, get_type_hints
+from typing import TYPE_CHECKING, Annotated, Any, get_type_hints
 
 import tomllib
 import typer
 
-from uvms_ocp.control.velocity.kinematic import HierarchySolver
 from uvms_ocp.errors import InvalidInput, OutputError, require_known
+from uvms_ocp.record.meta_values import PLANTS
 from uvms_ocp.robot.loading import list_robots
-from uvms_ocp.scenario.cases import SCENARIOS
-from uvms_ocp.scenario.own_code import load_scenario
-from uvms_ocp.scenario.scenario import Scenario
-from uvms_ocp.sim.own_parts import PLANTS
 from uvms_ocp.solvers import Icat, LexicographicActiveSet, LexicographicQp
+
+if TYPE_CHECKING:  # plans need none of it, and would wait a tenth of a second
+    from uvms_ocp.control.velocity.kinematic import HierarchySolver
+    from uvms_ocp.scenario.scenario import Scenario
 
 # Options that several commands share, written once as fields of a dataclass.
 
@@ -85,13 +85,19 @@ SCENARIO_HELP = (
 )
 
 
-def completing(*names: str) -> Callable[[str], list[str]]:
-    """Return the names that a shell may end a word with."""
-    return lambda incomplete: [name for name in names if name.startswith(incomplete)]
+def among(names: Callable[[], Iterable[str]]) -> Callable[[str], list[str]]:
+    """Return what tells a shell the names that a word may become, which are asked for then."""
+    return lambda incomplete: [name for name in names() if name.startswith(incomplete)]
 
 
-Name = Annotated[str, typer.Argument(metavar="SCENARIO", help=SCENARIO_HELP, autocompletion=completing(*SCENARIOS))]
-RobotName = Annotated[str | None, typer.Option(help=HELP["robot"], autocompletion=completing(*list_robots()))]
+def _scenarios() -> Mapping[str, Callable[..., Scenario]]:
+    from uvms_ocp.scenario.cases import SCENARIOS
+
+    return SCENARIOS
+
+
+Name = Annotated[str, typer.Argument(metavar="SCENARIO", help=SCENARIO_HELP, autocompletion=among(_scenarios))]
+RobotName = Annotated[str | None, typer.Option(help=HELP["robot"], autocompletion=among(list_robots))]
 
 
 _Words = list[str] | None
@@ -154,11 +160,11 @@ def _position(words: str) -> tuple[str, float]:
 
 
 PlantName = Annotated[
-    str | None, typer.Option(help=f"Plant: {', '.join(PLANTS)}; default: the scenario's.", autocompletion=completing(*PLANTS))
+    str | None, typer.Option(help=f"Plant: {', '.join(PLANTS)}; default: the scenario's.", autocompletion=among(lambda: PLANTS))
 ]
 SolverName = Annotated[
     str | None,
-    typer.Option(help=f"Hierarchy solver: {', '.join(SOLVERS)}; default: the scenario's.", autocompletion=completing(*SOLVERS)),
+    typer.Option(help=f"Hierarchy solver: {', '.join(SOLVERS)}; default: the scenario's.", autocompletion=among(lambda: SOLVERS)),
 ]
 CurrentVelocity = Annotated[tuple[float, float, float] | None, typer.Option(metavar="X Y Z", help=HELP["current"])]
 Seabed = Annotated[float | None, typer.Option(metavar="Z", help="Height of the floor in W [m]; default: the scenario's.")]
@@ -199,7 +205,9 @@ def build_scenario(name: str, options: Mapping[str, Any], solver: str | None = N
 
     Raises `NameNotFound` for an unknown scenario or solver, and `UvmsError` where an option is wrong.
     """
-    return load_scenario(name, with_solver(options, solver), SCENARIOS)
+    from uvms_ocp.scenario.own_code import load_scenario, own_code
+
+    return load_scenario(name, with_solver(options, solver), {} if own_code(name) else _scenarios())
 
 
 def with_solver(options: Mapping[str, Any], solver: str | None) -> Mapping[str, Any]:

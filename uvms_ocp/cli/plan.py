@@ -16,16 +16,14 @@ from uvms_ocp.cli.printing import busy, console_of, print_json, print_paths, tab
 from uvms_ocp.cli.run import SCENE, drawer, drawings_of
 from uvms_ocp.errors import InvalidInput, plain_line
 from uvms_ocp.interrupts import Interrupted
-from uvms_ocp.mission_plan.planner import OPTIONS, plan_mission
 from uvms_ocp.ocp import OcpRequest, OcpStatus, solve_ocp
 from uvms_ocp.planning.request import AXES, Goal, PlanRequest, PostureGoal, ToolGoal, Triple, plan_path
 from uvms_ocp.record.output import RECORD, claim_folder
 from uvms_ocp.record.record import Record
 from uvms_ocp.report.planned_motion import motion_record, ocp_record, ocp_report, plan_report
-from uvms_ocp.robot import Robot
+from uvms_ocp.robot import Robot, loading
 from uvms_ocp.robot.shapes.obstacles import Obstacle, parse_obstacle, read_obstacles
-from uvms_ocp.scenario.own_code import robot_of
-from uvms_ocp.solvers.nlp.level_solver import PLUGINS, IterationReport
+from uvms_ocp.solvers.nlp.level_solver import PLUGINS, IterationReport, NlpOptions
 from uvms_ocp.viz.series import PLAN_NAMES
 
 # Options of every plan: where it starts, where it goes, and what stands in the way.
@@ -57,7 +55,7 @@ class MotionOptions:
         Raises `InvalidInput` for goals that are none, several or not the robot's, a start that is not valid and obstacles
         that cannot be read, and `NameNotFound` for an unknown robot.
         """
-        robot = robot_of(self.robot, files.hydrodynamics, files.loading)
+        robot = loading.robot_called(self.robot, files.hydrodynamics, files.loading)
         self._check_vehicle(robot)
         return {
             "robot": robot,
@@ -197,7 +195,7 @@ def _print_motion(console: Console, made: PlanOutput) -> None:
 
 # ``plan mission``: all phases of a scenario as one problem, for ``run --follow``.
 
-_COLUMNS = ("name", "begin_s", "end_s")
+_COLUMNS, _NLP = ("name", "begin_s", "end_s"), opt.defaults_of(NlpOptions)
 
 
 def mission(
@@ -206,8 +204,8 @@ def mission(
     noise: opt.Noise = None,
     within: Annotated[float | None, typer.Option(metavar="S", help=opt.HELP["within"])] = None,
     step: Annotated[float, typer.Option(metavar="S", help="Step of the horizon [s].")] = 1.0,
-    time_limit: Annotated[float, typer.Option(metavar="S", help="Time limit of each solve [s].")] = OPTIONS.time_limit,
-    nlp: Annotated[str, typer.Option(help=f"Solver: {' or '.join(PLUGINS)}.")] = OPTIONS.plugin,
+    time_limit: Annotated[float, typer.Option(metavar="S", help="Time limit of each solve [s].")] = _NLP["time_limit"],
+    nlp: Annotated[str, typer.Option(help=f"Solver: {' or '.join(PLUGINS)}.")] = _NLP["plugin"],
     out: opt.Out = None,
     as_json: opt.Json = False,
 ) -> None:
@@ -215,6 +213,8 @@ def mission(
 
     Current, obstacles, floor and all limits included; `run SCENARIO --follow DIR/plan.npz` flies it, with the same options.
     """
+    from uvms_ocp.mission_plan.planner import OPTIONS, plan_mission  # a tenth of a second
+
     options = changes.chosen | opt.given(noise=noise)
     scenario = opt.build_scenario(name, options)
     solver = replace(OPTIONS, plugin=nlp, time_limit=time_limit)

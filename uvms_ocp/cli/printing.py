@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from rich.console import Console, ConsoleOptions
 from rich.table import Table
@@ -16,7 +16,9 @@ from uvms_ocp.cli.compilation import show_compilation
 from uvms_ocp.cli.json_output import print_json as print_json
 from uvms_ocp.errors import InvalidInput, plain_line
 from uvms_ocp.record.display import cell as cell
-from uvms_ocp.scenario.preflight.setup import PreflightReport, Severity
+
+if TYPE_CHECKING:
+    from uvms_ocp.scenario.preflight.setup import PreflightReport
 
 _TYPED = ("figure", "parameter", "channel")  # columns of names that are typed again: never broken
 _SHORT = 20  # letters of a word that is not broken either
@@ -116,10 +118,10 @@ def require_accepted(preflight: PreflightReport, what: str, console: Console, *,
 
 def print_findings(console: Console, preflight: PreflightReport, *, notes: bool = False) -> None:
     """Errors and warnings of pre-flight, one per line, and notes if wanted."""
-    styles = {Severity.ERROR: "red", Severity.WARNING: "yellow", Severity.NOTE: ""}
+    styles = {"error": "red", "warning": "yellow"}
     for finding in preflight.findings:
-        if notes or finding.severity is not Severity.NOTE:
-            where = f" (phase {finding.phase})" if finding.phase else ""
-            print_line(console, f"{finding.severity.value}: {finding.check}{where}: {finding.text}", styles[finding.severity])
+        if notes or finding.severity.value in styles:
+            where, style = f" (phase {finding.phase})" if finding.phase else "", styles.get(finding.severity.value, "")
+            print_line(console, f"{finding.severity.value}: {finding.check}{where}: {finding.text}", style)
     if notes:
         console.print(f"pre-flight: {'accepted' if preflight.accepted else 'refused'}", highlight=False)

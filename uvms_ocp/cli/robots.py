@@ -15,13 +15,13 @@ from uvms_ocp.cli.new_mission import TEMPLATES, NewMission, loading_line, variat
 from uvms_ocp.cli.printing import busy, cell, console_of, print_json, print_line, print_paths
 from uvms_ocp.errors import InvalidInput, plain_line
 from uvms_ocp.export.controller import export_controller
+from uvms_ocp.record.meta_values import PLANTS
 from uvms_ocp.record.output import as_output_errors
 from uvms_ocp.robot import description, list_robots, proposal, robot_folder
+from uvms_ocp.robot.loading import robot_called
 from uvms_ocp.robot.urdf import with_own_meshes
 from uvms_ocp.scenario.cases import SCENARIOS
-from uvms_ocp.scenario.own_code import robot_of
 from uvms_ocp.scenario.preflight import robot_check
-from uvms_ocp.sim.own_parts import PLANTS
 
 # ``check-robot`` and ``schema``: robot files.
 
@@ -140,7 +140,7 @@ def new_mission(
         place, load = loading_line(file, Path(name), files.hydrodynamics, files.loading)
     elif files != opt.AS_WRITTEN:
         load = f"return uo.load_robot(ROBOT, {', '.join(f'{key}={value!r}' for key, value in files.loading.items())})"
-    mission = NewMission(robot=robot_of(name, files.hydrodynamics, files.loading), place=place, load=load)
+    mission = NewMission(robot=robot_called(name, files.hydrodynamics, files.loading), place=place, load=load)
     _write({file: mission.text(file, vary), vary: variations_text(mission)})
     _say(mission.notes())
 

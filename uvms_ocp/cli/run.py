@@ -35,14 +35,13 @@ from uvms_ocp.record.output import RECORD, RUNNING, claim_folder
 from uvms_ocp.record.record import Record
 from uvms_ocp.report.summary import format_load, summarize
 from uvms_ocp.robot.robot import Robot
-from uvms_ocp.scenario.scenario import Scenario
 from uvms_ocp.sim.faults import parse_faults
-from uvms_ocp.sim.loop import TickObserver
-from uvms_ocp.sim.own_parts import plant_name
 from uvms_ocp.viz.series import RUN_NAMES, thinned
 
 if TYPE_CHECKING:
     from uvms_ocp.mission_plan.planner import MissionPlan
+    from uvms_ocp.scenario.scenario import Scenario
+    from uvms_ocp.sim.loop import TickObserver
 
 # What writes figures and scenes, shared by copies of this process: Matplotlib and meshcat keep one processor busy each.
 
@@ -147,6 +146,8 @@ def run(
     options = changes.chosen | opt.given(noise=noise, seed=seed, duration=duration, record_rate=record_rate)
     options |= {"faults": parse_faults(fault)} if fault else {}
     scenario = opt.build_scenario(name, options, solver)
+    from uvms_ocp.sim.own_parts import plant_name
+
     plan = None if follow is None else _plan_of(scenario, follow)
     parts = (opt.label(name), plant_name(scenario.plant), opt.solver_name(scenario.solver), *(("followed",) if plan else ()))
     folder = out or opt.default_folder(parts, {key: value for key, value in options.items() if key != "plant"})

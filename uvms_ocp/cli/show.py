@@ -25,9 +25,9 @@ from uvms_ocp.record import durable_files, row_files
 from uvms_ocp.record.output import RECORD, RUNNING, STORE, claim_folder, recover_folder
 from uvms_ocp.record.record import Record
 from uvms_ocp.report.comparison import compare
-from uvms_ocp.robot import Robot, list_robots
+from uvms_ocp.robot import Robot, list_robots, loading
 from uvms_ocp.scenario.cases import SCENARIOS
-from uvms_ocp.scenario.own_code import own_code, robot_of, with_robot
+from uvms_ocp.scenario.own_code import own_code, with_robot
 from uvms_ocp.scenario.scenario import Scenario
 from uvms_ocp.sim.faults import parse_faults
 
@@ -215,7 +215,7 @@ def _page(what: str, ghosts: tuple[Path, ...], robot: str | None, files: opt.Rob
 
     is_name = what in list_robots() and not Path(what).exists()
     if is_name or (Path(what) / "robot.urdf").is_file() or what.endswith(".urdf"):
-        return show(robot_of(what, files.hydrodynamics, files.loading))
+        return show(loading.robot_called(what, files.hydrodynamics, files.loading))
     own = with_robot(opt.given(robot=robot, **files.options)).get("robot")
     others = {_name_of(path): _motion(path, own) for path in ghosts}
     if len(others) < len(ghosts):

@@ -57,6 +57,8 @@ class ObstacleMeta(FileModel):
 
 # The small values that metadata of records are made of.
 
+PLANTS = ("dynamic", "kinematic")
+"""Plants of the toolkit, by name."""
 DONE, ABORT = "done", "abort"
 """Where a mission ends: as wanted, or given up."""
 OWN_QUANTITIES = ("mission.time", "phase.time", "phase.visits", "vehicle.load", "mission.energy", "phase.energy")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import zlib
 from collections.abc import Callable, Mapping, Sequence
 from io import BytesIO
 from operator import itemgetter
@@ -24,7 +25,8 @@ from uvms_ocp.types import Positive
 
 # What the series of a stored record have to be, so that every report and figure can bear them.
 
-_AXES = ("x", "x_rate", "x_acceleration", "x_jerk", "x_snap")
+PLANNED = ("x", "x_rate", "x_acceleration", "x_jerk", "x_snap")
+"""Series of planned axes, and of their derivatives."""
 _LOAD = ("load_weight", "load_weight_error", "load_mass", "load_mass_error")
 """(n,) real numbers, or (n, n_tools) of several tools."""
 _COLUMNS = ("altimeter_range", "altimeter_std", "joint_energy", "tick_time", "controller_time")
@@ -33,7 +35,7 @@ _TABLES = ("q", "v", "command", "activations", "activity", "residual", "quantiti
 _PLANT_TABLES = ("thrust", "asked_thrust", "torque", "thruster_energy", "clearance", "current")
 MEASURED = tuple(name for name in SERIES if name.startswith("measured_"))
 """Series of readings, each with when it was taken; NaN at ticks without a new one."""
-_REAL = (*_COLUMNS, *_LOAD, *_TABLES, *_PLANT_TABLES, *_AXES, *MEASURED)
+_REAL = (*_COLUMNS, *_LOAD, *_TABLES, *_PLANT_TABLES, *PLANNED, *MEASURED)
 _UNKNOWN = ("thruster_energy", "load_mass", *MEASURED)
 """Where NaN means that it is not known."""
 _ENDLESS = ("altimeter_range", "altimeter_std", "activity", "residual", "quantities")
@@ -114,7 +116,7 @@ def _widths(series: Series, meta: RunMeta | PlanMeta) -> dict[str, tuple[float, 
     exact = {"activations": len(meta.tasks), "activity": rows, "residual": rows, "quantities": len(meta.quantities)}
     exact |= {"current": 3, **{name: len(SERIES[name].columns) for name in MEASURED if "@" not in "".join(SERIES[name].columns)}}
     if isinstance(meta, PlanMeta):
-        exact |= {name: len(meta.axes) for name in _AXES} | {"clearance": len(meta.clearance_groups)}
+        exact |= {name: len(meta.axes) for name in PLANNED} | {"clearance": len(meta.clearance_groups)}
     if meta.limits is not None:
         _check_limits(meta.limits, floating=is_floating(series, meta))
         exact["torque"] = len(meta.limits.effort)
@@ -235,16 +237,18 @@ class Record(display.TableDisplay):
     def save(self, path: Path | str) -> None:
         """Write one ``.npz`` file; arrays stay arrays, `meta` becomes a JSON string. A file of that name is replaced as a whole.
 
-        Series that take more than 64 MB together are not packed: `load` maps them, and reads of them what is looked at.
+        Series that take more than 64 MB together are not packed, nor are those that it makes hardly smaller.
         """
+        # Level 1 is the quickest: slower ones save one or two per cent.
         text, small = np.array(write_meta(self.meta)), sum(array.nbytes for array in self.series.values()) <= SMALL
-        how = ZIP_DEFLATED if small else ZIP_STORED, True, 1  # the quickest: slower ones save one or two per cent
-        with durable_files.replacing(Path(path)) as new, ZipFile(new, "w", *how) as archive:
+        with durable_files.replacing(Path(path)) as new, ZipFile(new, "w", compresslevel=1) as archive:
             for name, array in {_META_KEY: text, **self.series}.items():
+                whole = np.atleast_1d(array)
+                archive.compression = ZIP_DEFLATED if small and _packs_well(whole) else ZIP_STORED
                 with archive.open(f"{name}.npy", "w", force_zip64=True) as file:
                     header = np.lib.format.header_data_from_array_1_0(array) | {"fortran_order": False}
                     np.lib.format.write_array_header_1_0(file, header)
-                    for (rows,) in parts(np.atleast_1d(array)):
+                    for (rows,) in parts(whole):
                         file.write(rows.tobytes())
 
     def to_dataframe(self) -> Any:
@@ -309,8 +313,8 @@ class Record(display.TableDisplay):
 
         only: series that are wanted, all by default. The file alone is read: `uvms_ocp.record.output.recover_folder` looks
         after its folder. Or, of a folder, what the rows of a run are written to while it goes on, see `Scenario.run`: of one
-        that was cut off, those that there are. Series of records of more than 64 MB, and those of a folder of rows, are
-        mapped: they are read from the disk as they are looked at.
+        that was cut off, those that there are. Series of more than 1 MB that are not packed, and those of a folder of rows,
+        are mapped: they are read from the disk as they are looked at.
 
         Raises `InvalidInput`, in one line, for what is no such file, is damaged or too large, and for series that do not fit
         each other, their times or the metadata.
@@ -325,6 +329,12 @@ class Record(display.TableDisplay):
             return _fitting(arrays, _text_of(arrays))
         except InvalidInput as error:
             raise InvalidInput(f"{printable(path)}: not a record written by uvms_ocp: {error}") from error
+
+
+def _packs_well(array: np.ndarray) -> bool:
+    """Whether some rows (n, ...), taken from end to end, lose a sixth: numbers of many digits lose less, and take longest."""
+    some = array[:: 1 + len(array) // 64].tobytes()
+    return 6 * len(zlib.compress(some, 1)) < 5 * len(some)
 
 
 def _fitting(series: Mapping[str, np.ndarray], meta: RunMeta | PlanMeta | str) -> Record:

@@ -15,7 +15,7 @@ from uvms_ocp.planning import CoalDistances, CollisionPlan, PlanRequest, PlanRes
 from uvms_ocp.planning.request import curve_limits
 from uvms_ocp.planning.scene import CollisionScene, NearestPair
 from uvms_ocp.record.meta_values import AxisLimitsMeta, ClearanceMeta, FrameMeta, PhaseMeta, SurroundingsMeta
-from uvms_ocp.record.record import Record
+from uvms_ocp.record.record import PLANNED, Record
 from uvms_ocp.record.run_meta import PlanMeta, packages, versions
 from uvms_ocp.robot import kinematics, loading, thrusters
 from uvms_ocp.robot.shapes import collision_model, obstacles
@@ -180,14 +180,13 @@ def motion_record(result: PlanResult, plan: CollisionPlan) -> Record:
     """
     curve, planned = plan.trajectory, result.scene.coordinates
     motion = _curve_motion(result, curve)
-    x = [curve.evaluate(motion.t, order) for order in range(5)]
+    x = [curve.evaluate(motion.t, order) for order in range(len(PLANNED))]
     limits = planned.rate_limits(x[0])
-    names = ("x", "x_rate", "x_acceleration", "x_jerk", "x_snap")
     series = {
         "t": motion.t,
         "q": motion.q,
         "v": (planned.velocity_map(x[0]) @ x[1][..., None])[..., 0],
-        **dict(zip(names, x, strict=True)),
+        **dict(zip(PLANNED, x, strict=True)),
         **motion.clearance_series(),
     }
     meta = plan_meta(

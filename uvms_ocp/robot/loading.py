@@ -347,6 +347,15 @@ def recorded_robot(name: str, files: RobotFilesMeta, folder: Path) -> Robot | No
     return robot
 
 
+def robot_called(words: str, hydrodynamics: Path | str | None = None, loading: Mapping[str, Any] | None = None) -> Robot:
+    """The robot of a URDF, a folder with robot.urdf and hydrodynamics.yaml, or a name; with other hydrodynamics if given.
+
+    loading: other arguments of `load_robot`.
+    """
+    path = Path(words)
+    return load_robot(path if path.exists() else words, hydrodynamics=hydrodynamics, **(loading or {}))
+
+
 def files_of(path: Path, hydrodynamics: Path | str | None = None) -> dict[str, Any]:
     """Arguments of `load_robot` for a URDF or a folder with robot.urdf, and hydrodynamics.yaml beside it if it is there."""
     urdf = path / "robot.urdf" if path.is_dir() else path

@@ -15,7 +15,7 @@ from typing import Any
 
 from uvms_ocp.checks import checked, checked_dataclass
 from uvms_ocp.errors import InvalidInput, NameNotFound, UvmsError, plain_line
-from uvms_ocp.robot import Robot, load_robot
+from uvms_ocp.robot.loading import robot_called
 from uvms_ocp.scenario.options import CHANGEABLE, apply_options
 from uvms_ocp.scenario.scenario import Scenario
 
@@ -202,7 +202,7 @@ def with_robot(options: Mapping[str, Any]) -> dict[str, Any]:
     given = dict(options)
     water, loading = given.pop("hydrodynamics", None), given.pop("loading", None)
     if isinstance(given.get("robot"), str):
-        given["robot"] = robot_of(given["robot"], water, loading)
+        given["robot"] = robot_called(given["robot"], water, loading)
     elif water is not None:
         text = "give both, --robot the folder or URDF that they are of, or a robot alone"
         raise InvalidInput(f"hydrodynamics {water} without a robot; {text}")
@@ -210,15 +210,6 @@ def with_robot(options: Mapping[str, Any]) -> dict[str, Any]:
         text = "give --robot the folder or URDF that they are of, or write them into its hydrodynamics.yaml"
         raise InvalidInput(f"{', '.join(loading)} without a robot; {text}")
     return given
-
-
-def robot_of(words: str, hydrodynamics: Path | str | None = None, loading: Mapping[str, Any] | None = None) -> Robot:
-    """The robot of a URDF, a folder with robot.urdf and hydrodynamics.yaml, or a name; with other hydrodynamics if given.
-
-    loading: other arguments of `load_robot`.
-    """
-    path = Path(words)
-    return load_robot(path if path.exists() else words, hydrodynamics=hydrodynamics, **(loading or {}))
 
 
 def _taken(words: str, maker: Callable[..., Any], given: Mapping[str, Any]) -> Mapping[str, Any]:

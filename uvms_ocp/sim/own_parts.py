@@ -24,7 +24,7 @@ from uvms_ocp.errors import InvalidInput, require_known
 from uvms_ocp.estimation.estimator import Estimator, PassThrough
 from uvms_ocp.estimation.filter_memory import NUMBER
 from uvms_ocp.estimation.health import channel_state, guarded_estimator
-from uvms_ocp.record.meta_values import UNIT_NORM_TOLERANCE, FaultMeta
+from uvms_ocp.record.meta_values import PLANTS, UNIT_NORM_TOLERANCE, FaultMeta
 from uvms_ocp.record.tables import SERIES
 from uvms_ocp.robot.robot import Robot
 from uvms_ocp.robot.shapes.hull import skid_points
@@ -35,9 +35,6 @@ from uvms_ocp.sim.plant import EFFORTS, Plant
 from uvms_ocp.types import Array
 
 # What was given for a part: a value of the toolkit's or what makes one of a user's own, and what is known of it beforehand.
-
-PLANTS = ("dynamic", "kinematic")
-"""Plants of the toolkit, by name."""
 
 
 def part_name(maker: Any) -> str:

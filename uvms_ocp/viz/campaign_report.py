@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import base64
-import math
 from collections.abc import Mapping, Sequence
 from html import escape
 from pathlib import Path
@@ -14,6 +13,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from uvms_ocp.errors import InvalidInput
+from uvms_ocp.record.display import cell
 from uvms_ocp.types import Mask, Shape
 from uvms_ocp.viz import style
 
@@ -149,9 +149,6 @@ def _table(rows: Sequence[Mapping[str, Any]], empty: str = "", code: Sequence[st
 
 
 def _cell(value: Any, is_code: bool) -> str:
-    if value is None or (isinstance(value, float) and math.isnan(value)):
-        return "<td>-</td>"
-    if isinstance(value, int | float):
-        return f'<td class="n">{value:.4g}</td>' if isinstance(value, float) else f'<td class="n">{value}</td>'
-    text = escape(str(value))
-    return f"<td><code>{text}</code></td>" if is_code else f"<td>{text}</td>"
+    text = escape(value if isinstance(value, str) else cell(value))
+    is_number = isinstance(value, int | float) and text != cell(None)
+    return f"<td><code>{text}</code></td>" if is_code else f'<td class="n">{text}</td>' if is_number else f"<td>{text}</td>"

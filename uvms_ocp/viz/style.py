@@ -301,11 +301,10 @@ def save_figure(figure: Figure, path: Path) -> Path:
     """Write a PNG, PDF or SVG, as its name ends, and the folders that it needs; returns its path. Raises `OutputError`."""
     engine = figure.get_layout_engine()
     try:
-        with as_output_errors(path):
+        with as_output_errors(path), context(_STYLE):
             path.parent.mkdir(parents=True, exist_ok=True)
             if engine is not None:  # left to find the places of artists itself, Matplotlib draws all of it once more
-                with context(_STYLE):
-                    engine.execute(figure)
+                engine.execute(figure)
             figure.set_layout_engine(None)
             figure.savefig(path, dpi=DPI, **_QUICKLY.get(path.suffix.lower(), {}))
     finally:

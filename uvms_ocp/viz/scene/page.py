@@ -132,8 +132,7 @@ def build_page(
     one hears from whoever serves it. lines (n, 3) [m]: the robot, for where scripts do not run.
     """
     details = {"direction": _FROM_THE_SIDE, "close_direction": _FROM_THE_SIDE, **details}
-    own = "".join(asset(f"{name}.js") for name in _SCRIPTS)
-    scripts = {"VIEWER": _viewer_source(), "SCRIPT": own}
+    scripts = {"VIEWER": _viewer_source(), "SCRIPT": "".join(asset(f"{name}.js") for name in _SCRIPTS)}
     parts = {
         **scripts,
         "POLICY": _policy(scripts.values()) + ("; connect-src 'self'" if live else ""),
@@ -188,8 +187,8 @@ def asset(name: str) -> str:
 
 def _viewer_source() -> str:
     source = Path(viewer_assets_path()) / "dist" / "main.min.js"
-    # Browsers hash what they parsed: line ends as in HTML.
-    return source.read_text(encoding="utf-8").replace("\r\n", "\n").replace("\r", "\n").replace("</script", "<\\/script")
+    # Browsers hash what they parsed: line ends as in HTML, which are those of a text that is read.
+    return source.read_text(encoding="utf-8").replace("</script", "<\\/script")
 
 
 def _data_block(value: object) -> str:
