@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import ctypes
 import re
+from collections.abc import Callable, Sequence
 from pathlib import Path
 
 import casadi as ca
@@ -11,8 +12,10 @@ import numpy as np
 import pytest
 from compiler import needs_compiler
 
+from uvms_ocp.codegen import buffered, compile
+from uvms_ocp.codegen.buffered import BoundCalls
 from uvms_ocp.codegen.casadi_code import in_parts
-from uvms_ocp.codegen.compile import compile_function, compile_library, compiled_symbol
+from uvms_ocp.codegen.compile import compile_function, compile_library, compiled_symbol, two_calls
 
 LONG = 1500
 KINDS = (
@@ -23,13 +26,20 @@ KINDS = (
 )
 
 
-def long_function(seed: int, n: int = LONG) -> ca.Function:
+ARITHMETIC = (
+    lambda one, other: one - one * other,
+    lambda one, other: one * other - other,
+    lambda one, other: one / (one - other),
+)
+
+
+def long_function(seed: int, n: int = LONG, kinds: Sequence[Callable[[ca.SX, ca.SX], ca.SX]] = KINDS) -> ca.Function:
     """Statements that read what others wrote long before, with two results and an input that may be missing."""
     rng, x, y = np.random.default_rng(seed), ca.SX.sym("x", 5), ca.SX.sym("y", 2)
     made = [*ca.vertsplit(x), *ca.vertsplit(y)]
     for _ in range(n):
         one, other = (made[int(len(made) * (1.0 - share**2))] for share in rng.uniform(0.01, 1.0, 2))
-        made.append(KINDS[rng.integers(4)](one, other))
+        made.append(kinds[rng.integers(len(kinds))](one, other))
     return ca.Function("many", [x, y], [ca.vertcat(*made[-40:]), ca.vertcat(*made[7::9])])
 
 
@@ -91,3 +101,68 @@ def test_code_with_branches_stays_as_it_is() -> None:
     x = ca.MX.sym("x", 30)
     code = code_of(ca.Function("many", [x], [ca.vertcat(*(ca.if_else(x[i] > 0, x @ x[i], x, True) for i in range(30)))]))
     assert in_parts(code) == code
+
+
+def arithmetic() -> ca.Function:
+    """A long function of nearly nothing but arithmetic, compiled."""
+    function = long_function(3, kinds=ARITHMETIC)
+    x, y = ca.SX.sym("x", 5), ca.SX.sym("y", 2)
+    rows, others = function(x, y)
+    return compile_function(ca.Function("plain", [x, y], [ca.vertcat(rows, ca.sin(x), ca.fmax(y, 0.0)), others]))
+
+
+def results_of(function: ca.Function, X: np.ndarray, *, wanted: bool = True) -> tuple[np.ndarray, np.ndarray]:
+    """Of calls one after the other, which may be made two at a time; the second result of the first call only where `wanted`."""
+    first, second = (np.zeros((len(X), function.numel_out(i))) for i in range(2))
+    calls = BoundCalls()
+    for k, x in enumerate(X):
+        calls.add(function, [x[:5], x[5:]], [first[k], second[k] if k or wanted else None])
+    calls()
+    return first, second
+
+
+def has_pairs() -> bool:
+    """Check whether the compiler here knows vectors of numbers."""
+    path = compile_library(f"{compile.PARTS}\nint size(void) {{ return sizeof(pair) / sizeof(double); }}\n")
+    return path is not None and ctypes.CDLL(str(path)).size() == 2
+
+
+@needs_compiler
+@pytest.mark.parametrize("n", [1, 2, 5])
+def test_two_calls_at_once_give_the_bits_of_one_after_the_other(monkeypatch: pytest.MonkeyPatch, n: int) -> None:
+    function, X = arithmetic(), np.random.default_rng(4).normal(size=(n, 7))
+    assert (two_calls(function) is not None) == has_pairs()
+    found = results_of(function, X)
+    monkeypatch.setattr(buffered, "two_calls", lambda function: None)
+    for one, other in zip(found, results_of(function, X), strict=True):
+        np.testing.assert_array_equal(one, other)
+    known = np.array(function(X[0, :5], X[0, 5:])[0]).ravel()
+    np.testing.assert_array_equal(found[0][0], known)
+
+
+@needs_compiler
+def test_what_is_no_number_in_one_of_two_calls_is_none_in_the_other() -> None:
+    function, X = arithmetic(), np.random.default_rng(5).normal(size=(2, 7))
+    X[0] = np.nan
+    first, second = results_of(function, X, wanted=False)
+    assert np.isnan(first[0, :5]).any()
+    assert not second[0].any()
+    known = [np.array(one).ravel() for one in function(X[1, :5], X[1, 5:])]
+    np.testing.assert_array_equal(first[1], known[0])
+    np.testing.assert_array_equal(second[1], known[1])
+
+
+@needs_compiler
+def test_a_call_that_builds_on_the_one_before_is_made_after_it() -> None:
+    function, x, y = arithmetic(), np.linspace(0.1, 0.5, 5), np.array([0.3, -0.2])
+    first, second = np.zeros(function.numel_out(0)), np.zeros(function.numel_out(0))
+    calls = BoundCalls()
+    calls.add(function, [x, y], [first, None])
+    calls.add(function, [first[:5], y], [second, None])
+    calls()
+    np.testing.assert_array_equal(second, np.array(function(first[:5], y)[0]).ravel())
+
+
+def test_functions_of_little_arithmetic_are_made_one_call_at_a_time() -> None:
+    assert "TWO_CALLS" in in_parts(code_of(long_function(0, kinds=ARITHMETIC)))
+    assert "TWO_CALLS" not in in_parts(code_of(long_function(0)))

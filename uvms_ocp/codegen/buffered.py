@@ -11,6 +11,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 from importlib.resources import files
+from itertools import pairwise, product
 from typing import Any
 
 import casadi as ca
@@ -18,7 +19,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from uvms_ocp.checks import checked_on_failure
-from uvms_ocp.codegen.compile import compile_library, compiled_symbol, has_compiler, is_being_compiled, loaded_library
+from uvms_ocp.codegen.compile import compile_library, compiled_symbol, has_compiler, is_being_compiled, loaded_library, two_calls
 from uvms_ocp.errors import InvalidInput
 from uvms_ocp.types import Array
 
@@ -215,7 +216,7 @@ class _MachineCode:
     def __init__(self, library: ctypes.CDLL, symbols: Sequence[int | None], calls: Sequence[_Call]) -> None:
         taken = [_addresses(call.arguments, call.function.sz_arg()) for call in calls]
         given = [_addresses(call.results, call.function.sz_res()) for call in calls]
-        rows = [(at, a.ctypes.data, r.ctypes.data) for at, a, r in zip(symbols, taken, given, strict=True)]
+        rows = [(*at, a.ctypes.data, r.ctypes.data) for *at, a, r in zip(symbols, _pairs(calls), taken, given, strict=True)]
         table = np.array(rows, dtype=np.uintp)
         whole = np.zeros(max((call.function.sz_iw() for call in calls), default=0), dtype=np.int64)
         work = np.zeros(max((call.function.sz_w() for call in calls), default=0))
@@ -228,6 +229,16 @@ class _MachineCode:
         while failed < n:
             self._calls[failed].fail()
             failed = self._make(failed + 1, *self._given)
+
+
+def _pairs(calls: Sequence[_Call]) -> list[int]:
+    """(n,) what makes a call and the next one at once, where these do not build on each other; else 0."""
+    found = [0] * len(calls)
+    for i, (one, other) in enumerate(pairwise(calls)):
+        twice = two_calls(one.function) if one.function is other.function and not (i and found[i - 1]) else None
+        if twice and not any(np.may_share_memory(*pair) for pair in product(one.results, other.arguments)):
+            found[i] = twice
+    return found
 
 
 def _addresses(arrays: Sequence[Array | None], size: int) -> np.ndarray:

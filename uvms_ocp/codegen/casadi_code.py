@@ -58,13 +58,9 @@ _STRAIGHT = re.compile(
 )
 _STATEMENT, _VARIABLE = re.compile(r"  (?:(a\d+)=)?(.*\n)"), re.compile(r"\ba\d+\b")
 _IF_WANTED, _IF_GIVEN = re.compile(r"if \(res\[\d+\]!=0\) "), re.compile(r"arg\[(\d+)\]\? arg\[\1\]\[(\d+)\] : 0")
-_GIVEN = "const casadi_real** arg, casadi_real** res, casadi_real* kept"
-_MEMORY = """  casadi_real kept[{0}], unwanted[{4}], *wanted[{3}];
-  static const casadi_real zeros[{2}];
-  const casadi_real *given[{1}];
-  for (int k = 0; k < {1}; ++k) given[k] = arg[k] ? arg[k] : zeros;
-  for (int k = 0; k < {3}; ++k) wanted[k] = res[k] ? res[k] : unwanted;
-"""
+_VECTOR, _ARITHMETIC = re.compile(r"\b(?:arg|res)\["), re.compile(r"  a\d+=\((?:-|(?:a\d+|numbers\[\d+\])[-+*/])a\d+\);\n")
+# Where nearly all is arithmetic one call takes as long as two at once, each in its half of a register.
+_PAIRED, TWO_CALLS = 0.9, "two_calls"  # share of arithmetic from which it does; name in C of what makes both
 
 
 class _Statement(NamedTuple):
@@ -86,17 +82,40 @@ def _parted(found: re.Match[str], number: int) -> str:
     statements = [_Statement(one[0], one[1], [*dict.fromkeys(_VARIABLE.findall(one[2]))]) for one in _STATEMENT.finditer(body)]
     if len(statements) < 2 * _PART:
         return found[0]
-    starts, later, texts = range(0, len(statements), _PART), set[str | None](), list[str]()
-    for first in reversed(starts):
+    calls = "".join(f"  part{number}_{first}(given, wanted, kept);\n" for first in range(0, len(statements), _PART))
+    targets = [one.target for one in statements if one.target]
+    (n_given, most_given), (n_wanted, most_wanted), n_kept = (
+        _sizes("arg", body),
+        _sizes("res", body),
+        1 + max(map(_place, targets)),
+    )
+    sizes, n = f"{n_kept}, {n_given}, {most_given}, {n_wanted}, {most_wanted}", max(n_given, n_wanted)
+    plain = sum(_ARITHMETIC.fullmatch(one.line) is not None for one in statements)
+    if "casadi_f0(" not in found[1] or plain < _PAIRED * len(targets):
+        return f"{_parts(number, statements, 'double')}{found[1]}  MEMORY_OF_PARTS({sizes})\n{calls}  return 0;\n"
+    parts = _parts(number, [one._replace(line=_paired(one.line, n)) for one in statements], "pair")
+    both = f"TWO_CALLS {{\n  MEMORY_OF_PAIRS({sizes}, {n})\n{calls}}}\n"
+    return f"{parts}{both}{found[1]}  ONE_CALL({n_wanted})\n  return 0;\n"
+
+
+def _parts(number: int, statements: Sequence[_Statement], kind: str) -> str:
+    """Functions for some statements each, of numbers of a kind in C."""
+    later, texts = set[str | None](), list[str]()
+    for first in reversed(range(0, len(statements), _PART)):
         part = statements[first : first + _PART]
-        head = f"static __attribute__((noinline)) void part{number}_{first}({_GIVEN})"
-        texts.append(f"{head} {{\n{_part(part, later)}}}\n")
+        head = f"static __attribute__((noinline)) void part{number}_{first}(const double** arg, double** res, {kind}* kept)"
+        texts.append(f"{head} {{\n{_part(part, later, kind)}}}\n")
         for one in reversed(part):
             later.discard(one.target)
             later.update(one.read)
-    calls = (f"  part{number}_{first}(given, wanted, kept);\n" for first in starts)
-    sizes = [1 + max(_place(one.target) for one in statements if one.target), *_sizes("arg", body), *_sizes("res", body)]
-    return f"{''.join(texts)}{found[1]}{_MEMORY.format(*sizes)}{''.join(calls)}  return 0;\n"
+    return "".join(texts)
+
+
+def _paired(line: str, n: int) -> str:
+    """A statement for two calls; what the second one is given, or wants, stands n places later."""
+    lanes = {"FIRST": line.strip(), "OTHER": _VECTOR.sub(rf"\g<0>{n} + ", line.strip())}
+    first, other = (_VARIABLE.sub(rf"{lane}(\g<0>)", one) for lane, one in lanes.items())
+    return line if _ARITHMETIC.fullmatch(line) else f"  {first} AND_OTHER({other})\n"
 
 
 def _sizes(kind: str, body: str) -> tuple[int, int]:
@@ -105,7 +124,7 @@ def _sizes(kind: str, body: str) -> tuple[int, int]:
     return 1 + max((k for k, _ in found), default=0), 1 + max((i for _, i in found), default=0)
 
 
-def _part(statements: Sequence[_Statement], later: Set[str | None]) -> str:
+def _part(statements: Sequence[_Statement], later: Set[str | None], kind: str) -> str:
     """Statements that read what they need of earlier ones from memory, and leave there what is read `later`."""
     last = {one.target: k for k, one in enumerate(statements)}
     known, text = dict[str, None](), list[str]()
@@ -115,7 +134,7 @@ def _part(statements: Sequence[_Statement], later: Set[str | None]) -> str:
         known |= dict.fromkeys([*read, target] if target else read)
         if target and target in later and last[target] == k:
             text.append(f"  kept[{_place(target)}]={target};\n")
-    return f"  casadi_real {', '.join(known)};\n{''.join(text)}"
+    return f"  {kind} {', '.join(known)};\n{''.join(text)}"
 
 
 def _place(name: str) -> int:

@@ -168,8 +168,8 @@ _FLAGS = ("-O3", "-shared", "-fPIC", "-ffp-contract=off")
 _LONG_STRAIGHT, _LONG_CODE = ("-Og", "-finline-small-functions", "-fno-semantic-interposition"), 200_000  # [bytes]
 _STRAIGHT = ("-O1", "-fstrict-aliasing", *_LONG_STRAIGHT[1:])
 # fmax and fmin are calls into libm, hundreds in a tick; like them these return what is a number where one of both is.
-MATH, WIDE_MACROS = ((files("uvms_ocp.codegen") / name).read_text(encoding="utf-8") for name in ("math.c", "wide.c"))
-"""Before the code of CasADi functions, and before what is marked WIDE or INLINE."""
+MATH, PARTS, WIDE_MACROS = ((files("uvms_ocp.codegen") / f"{name}.c").read_text("utf-8") for name in ("math", "parts", "wide"))
+"""Before the code of CasADi functions, also where these are in parts, and before what is marked WIDE or INLINE."""
 _KNOWN = '__attribute__((visibility("hidden"))) extern const double numbers[{n} + 1];\n'  # they stay while code runs
 _NUMBERS = """__attribute__((visibility("hidden"))) double numbers[{n} + 1];
 void* numbers_address(void) {{ return numbers; }}
@@ -182,7 +182,7 @@ _VERSION_TIMEOUT = 30.0  # [s]
 _HUNG: set[str] = set()  # compilers, which are not called again
 _SAID: set[str] = set()
 _KEPT_FUNCTIONS = 48
-_ADDRESSES = WeakKeyDictionary[ca.Function, int | None]()  # of compiled functions
+_ADDRESSES = WeakKeyDictionary[ca.Function, dict[str, int | None]]()  # in compiled functions
 _BESIDE = WeakKeyDictionary[ca.Function, tuple[AsyncResult[Path | None], np.ndarray]]()  # that are being compiled
 _BEGUN: list[tuple[AsyncResult[Any], Callable[[], Any]]] = []  # whether anybody waits for it or not
 _WAITS = ContextVar("waits", default=True)
@@ -390,7 +390,7 @@ def _compilation(function: ca.Function) -> tuple[Callable[[], Path | None], np.n
     generator = ca.CodeGenerator("function.c", {"verbose": False})
     generator.add(function)
     form, numbers = casadi_code.without_numbers(generator.dump())
-    source = f"/* {_code_of(casadi_code.__file__)} */\n" + MATH + _KNOWN.format(n=len(numbers)) + form
+    source = f"/* {_code_of(casadi_code.__file__)} */\n" + MATH + PARTS + _KNOWN.format(n=len(numbers)) + form
     flags = _STRAIGHT if len(form) < _LONG_CODE else _LONG_STRAIGHT
     others = (_NUMBERS.format(n=len(numbers)),)
     return partial(compile_library, source, flags, function.name(), others, casadi_code.in_parts), numbers
@@ -423,7 +423,8 @@ def _external(name: str, path: Path, numbers: bytes) -> ca.Function:
             library.numbers_address.restype = ctypes.c_void_p
             ctypes.memmove(library.numbers_address(), numbers, len(numbers))
         function = ca.external(name, str(path))
-        _ADDRESSES[function] = ctypes.cast(library[name], ctypes.c_void_p).value
+        known = (symbol for symbol in (name, casadi_code.TWO_CALLS) if hasattr(library, symbol))
+        _ADDRESSES[function] = {symbol: ctypes.cast(library[symbol], ctypes.c_void_p).value for symbol in known}
         _close(library)  # the function holds it
     return function
 
@@ -434,13 +435,18 @@ def compiled_symbol(function: ca.Function) -> int | None:
     It is valid as long as ``function``.
     """
     if function in _ADDRESSES:
-        return _ADDRESSES[function]
+        return _ADDRESSES[function][function.name()]
     if not hasattr(function, "machine_code"):
         compiled = compile_function(function)
         if compiled is function:
             return None
         function.machine_code = compiled
-    return _ADDRESSES[function.machine_code]
+    return compiled_symbol(function.machine_code)
+
+
+def two_calls(function: ca.Function) -> int | None:
+    """Address of the machine code for two calls of ``function`` at once, once that is compiled; None where there is none."""
+    return _ADDRESSES.get(getattr(function, "machine_code", function), {}).get(casadi_code.TWO_CALLS)
 
 
 @cache
