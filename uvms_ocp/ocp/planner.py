@@ -12,14 +12,14 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import takewhile
 from time import perf_counter
-from typing import Any, TypeAlias
+from typing import Annotated, Any, TypeAlias
 
 import coal
 import numpy as np
 import pinocchio as pin
 from numpy.lib.stride_tricks import sliding_window_view
 
-from uvms_ocp.checks import checked
+from uvms_ocp.checks import checked, replace_unchecked, unchecked_constructor, unchecked_method
 from uvms_ocp.codegen.compile import compiling_beside
 from uvms_ocp.errors import InvalidInput
 from uvms_ocp.interrupts import Interrupted, Stopped, on_interrupt, raised_outside_casadi
@@ -40,7 +40,7 @@ from uvms_ocp.solvers import LexicographicNlp, LexicographicResult, NlpOptions, 
 from uvms_ocp.solvers.nlp.level_solver import AUTO, IPOPT, STAGEWISE, IterationReport, Progress
 from uvms_ocp.tasks.goals import evaluate_pose
 from uvms_ocp.tasks.pose import PoseTask, ToolPosition
-from uvms_ocp.types import DAY, Finite
+from uvms_ocp.types import DAY, Bound, Finite, Shape
 
 # Which shapes are nearer at the start than a constraint allows, in words.
 
@@ -300,7 +300,8 @@ class Refinement:
     def _solved(self, guess: Guess, q: np.ndarray, tightened: Mapping[Term, np.ndarray]) -> RefinedResult:
         """Written at configurations q (n_nodes, n_q)."""
         p = self.planner.transcription.parameters(self.given, t0=self.t0, near=q, tightened=tightened)
-        result = self.planner.solve(p, guess, problem=self.given, time_limit=max(self._left, 0.0), progress=self.progress)
+        solve, left = unchecked_method(self.planner.solve), max(self._left, 0.0)
+        result = solve(p, guess, problem=self.given, time_limit=left, progress=self.progress)
         return RefinedResult(result=result, p=p, near=q, tightened=tightened)
 
     def _missing(self, best: RefinedResult, path: Trajectory) -> dict[Term, np.ndarray]:
@@ -469,15 +470,15 @@ class Planner:
                 ended = tuple(one if one.optimal else NlpStatus.INTERRUPTED for one in found.result.level_status)
                 found = replace(found, result=replace(found.result, level_status=ended, status=NlpStatus.INTERRUPTED))
         plan = finder._plan(given, finder._court(given, found, t0, ends if diagnose else None).verdict(found.result), t0, begin)
-        return replace(plan, reason=plan.reason + note)
+        return replace_unchecked(plan, reason=plan.reason + note)
 
     def solve(
         self,
-        p: np.ndarray,
+        p: Annotated[np.ndarray, Shape("self.transcription.parameter_layout.n")],
         guess: Trajectory | Plan | LexicographicResult,
         *,
         problem: OcpProblem | None = None,
-        time_limit: float | None = None,
+        time_limit: Bound | None = None,
         progress: Progress | None = None,
     ) -> LexicographicResult:
         """The lexicographic solution for parameters p (n_p,) [unit of the parameter] of `Transcription.parameters`.
@@ -488,7 +489,7 @@ class Planner:
         with self.transcription.turn:
             lower, upper = self.transcription.bounds(problem)
             ranges = self.transcription.ranges(problem)
-            return self._nlp.solve(
+            return unchecked_method(self._nlp.solve)(
                 self._start(guess), p=p, x_lower=lower, x_upper=upper, ranges=ranges, time_limit=time_limit, progress=progress
             )
 
@@ -530,10 +531,13 @@ class Planner:
         ]
 
 
+_unchecked = unchecked_constructor(Plan)
+
+
 def _made(given: OcpProblem, t0: float, begin: float, trajectory: Trajectory, **found: Any) -> Plan:
     """Plan begun at the moment `begin` [s], with what it has of its problem."""
     around, current, spent = surroundings(given, t0), tuple(given.mean_current.tolist()), perf_counter() - begin
-    return Plan(robot=given.robot, trajectory=trajectory, surroundings=around, current=current, solve_time=spent, **found)
+    return _unchecked(robot=given.robot, trajectory=trajectory, surroundings=around, current=current, solve_time=spent, **found)
 
 
 @checked

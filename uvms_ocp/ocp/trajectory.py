@@ -9,13 +9,13 @@ from typing import Annotated
 import numpy as np
 import pinocchio as pin
 
-from uvms_ocp.checks import checked, checked_dataclass, unchecked_constructor
+from uvms_ocp.checks import checked, checked_dataclass, replace_unchecked, unchecked_constructor
 from uvms_ocp.errors import InvalidInput
 from uvms_ocp.ocp.problem import Actuation, OcpProblem
 from uvms_ocp.robot import State, Water, thrusters
 from uvms_ocp.robot.dynamics import Dynamics, cached_dynamics
 from uvms_ocp.robot.robot import Robot
-from uvms_ocp.types import Indices, Shape
+from uvms_ocp.types import Indices, Shape, read_only
 
 
 @checked_dataclass(eq=False)
@@ -205,12 +205,13 @@ def admissible(trajectory: Trajectory, robot: Robot) -> Trajectory:
 
     Numbers that are not finite stay so, and joints that are farther outside.
     """
-    return replace(trajectory, q=admissible_configurations(robot, trajectory.q, TOLERANCE))
+    return replace_unchecked(trajectory, q=read_only(admissible_configurations(robot, trajectory.q, TOLERANCE)))
 
 
 def admissible_configurations(robot: Robot, q: np.ndarray, most: float = np.inf) -> np.ndarray:
     """Q (n, n_q) [m, rad] with unit quaternions, and joints inside limits that they pass by at most so much [m, rad]."""
-    unit = np.array([pin.normalize(robot.model, row) if np.isfinite(row).all() else row for row in q])
+    finite = np.isfinite(q).all(axis=1).tolist()
+    unit = np.array([pin.normalize(robot.model, row) if given else row for row, given in zip(q, finite, strict=True)])
     with np.errstate(invalid="ignore"):  # rows that are not finite
         inside = np.clip(unit, *robot.configuration_bounds)
         return np.where(np.abs(inside - unit) <= most, inside, unit)

@@ -6,6 +6,7 @@ control, so that it is a state of the steps that follow and couples nothing else
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from itertools import pairwise
 
@@ -14,7 +15,6 @@ import numpy as np
 
 from uvms_ocp.codegen.buffered import BoundCalls
 from uvms_ocp.codegen.compile import content_of
-from uvms_ocp.codegen.elementwise import interval_excess
 from uvms_ocp.ocp.problem import OcpProblem
 from uvms_ocp.ocp.stagewise import functions
 from uvms_ocp.ocp.transcription.stage import StageModel
@@ -22,7 +22,7 @@ from uvms_ocp.ocp.transcription.term_rows import eliminated_blocks
 from uvms_ocp.ocp.transcription.transcription import Transcription
 from uvms_ocp.solvers.nlp.program import RowBounds
 from uvms_ocp.solvers.stage_qp.problem import FlatSolution
-from uvms_ocp.types import Array
+from uvms_ocp.types import Array, Indices
 
 # The stages of a horizon: its steps, the turn from one phase to the next, and the last node.
 
@@ -70,7 +70,10 @@ class StageMemory:
         self.steps = np.array([i for i, stage in enumerate(self.stages) if stage.step])
         n, layout = len(self.stages), self.tangent.model.layout
         self.z, self.z_from = np.zeros((n, layout.n_z)), np.zeros((n, layout.n_z))
-        self.x_step, self.u_step = np.zeros((n, self.tangent.n_x)), np.zeros((n, self.tangent.n_u))
+        self.n_u = tuple(self.tangent.n_u if stage.step else int(self.tangent.free) for stage in self.stages[:-1])
+        """(n - 1,) controls of each stage but the last."""
+        self.step = np.zeros(n * self.tangent.n_x + sum(self.n_u))
+        """States and controls, stage after stage, as those of a QP."""
         self.share, self.water = np.ones(1), np.zeros((len(self.steps), 3))
         self.force, self.force_slope = np.zeros((n, layout.n_v)), np.zeros((n, self.tangent.force_slope.nnz()))
         self.gaps = np.zeros((n - 1, self.tangent.n_x))
@@ -78,15 +81,18 @@ class StageMemory:
         self.parameters = [np.zeros((len(one.block.nodes), one.block.rows.n_parameters)) for one in self.functions]
         self.thrust = np.zeros((len(self.steps), self.tangent.model.actuators.matrix.shape[1]))
         self.torque = np.zeros((len(self.steps), problem.robot.n_joints))
-        sizes = [[group.n for group in self.groups(stage)] for stage in self.stages]
-        self.held = np.zeros(sum(map(sum, sizes)))
+        self.group_sizes = [[group.n for group in self.groups(stage)] for stage in self.stages]
+        """Rows of each stage that may be held, group by group."""
+        sizes = [sum(own) for own in self.group_sizes]
+        self.held = np.zeros(sum(sizes))
         """Rows that may be held, stage after stage: limits of forces, constraints, then those of all levels."""
-        self.held_parts = [_split(part, own) for part, own in zip(_split(self.held, map(sum, sizes)), sizes, strict=True)]
+        self.held_parts = [_split(part, own) for part, own in zip(_split(self.held, sizes), self.group_sizes, strict=True)]
         self._residuals = [self._level_rows(i) for i in range(self.n_levels)]
         self.motion, self.motion_linear, moved = functions.motion_functions(self.tangent)
-        calls = BoundCalls()
-        for i in range(len(self.stages)):
-            calls.add(moved, [self.z_from[i], self.x_step[i], self.u_step[i], self.share], [self.z[i]])
+        calls, none, n_x = BoundCalls(), np.zeros(self.tangent.n_u), self.tangent.n_x
+        for i, own in enumerate(_split(self.step, [n_x + n_u for n_u in (*self.n_u, 0)])):
+            x, u = own[:n_x], own[n_x:] if self.stages[i].step else none
+            calls.add(moved, [self.z_from[i], x, u, self.share], [self.z[i]])
         self.evaluate, self.move, self.find_inputs = self._evaluation(), calls, self._inputs()
 
     def residuals(self, level: int) -> Array:
@@ -220,37 +226,46 @@ class StageVariables:
         return x
 
 
-# Where rows and variables of all stages are to be.
+# Where gaps, rows and variables of all stages are to be.
 
 
 class StageRanges:
     """Ranges of one solve of one level."""
 
-    def __init__(self, places: StageIndices, bounds: RowBounds, level: int) -> None:
-        """level: those above it are held, as `bounds` has it."""
-        whole = places.memory.whole
+    def __init__(self, places: StageIndices, bounds: RowBounds, level: int, held: Indices) -> None:
+        """level: those above it are held, as `bounds` has it. held (m,): the rows of its QP."""
+        self._memory, whole = places.memory, places.memory.whole
         layout, levels = whole.row_layout, whole.ranges().levels
         raw = np.full((2, layout.n_rows + 1), [[-np.inf], [np.inf]])
-        held = [(layout.constraints, slice(0, len(layout.constraints)))]
-        held += [(layout.levels[i], levels[i].frozen) for i in range(level)]
-        for rows, own in held:
+        above = [(layout.constraints, slice(0, len(layout.constraints)))]
+        above += [(layout.levels[i], levels[i].frozen) for i in range(level)]
+        for rows, own in above:
             raw[0, rows], raw[1, rows] = bounds.lower[own], bounds.upper[own]
-        self.lower = np.where(places.raw >= 0, raw[0, places.raw], places.force_lower)
-        """(n,) [unit of the row] of all rows that may be held."""
-        self.upper = np.where(places.raw >= 0, raw[1, places.raw], places.force_upper)
-        """(n,) [unit of the row]"""
-        z = places.z_ranges(bounds.x_lower, bounds.x_upper)
+        forces, z = [places.force_lower, places.force_upper], places.z_ranges(bounds.x_lower, bounds.x_upper)
         self._own = np.flatnonzero(np.isfinite(z).any(axis=0))
         """(m,) numbers of the variables that have ranges."""
-        self._z, self._at = z[:, self._own], places.z[self._own]
+        self._held, self._at = held, places.z[self._own]
+        gaps, rows = np.zeros((2, self._memory.gaps.size)), np.where(places.raw >= 0, raw[:, places.raw], forces)[:, held]
+        self._ends = np.hstack([gaps, rows, z[:, self._own]])
+        """(2, n) lower and upper ends of gaps, which are to be 0, then of rows, then of variables."""
+        self._rows = slice(gaps.shape[1], gaps.shape[1] + len(held))
 
-    def z_excess(self, z: Array) -> Array:
-        """Return how far variables are outside at the points z (n, n_z) [unit of z]."""
-        return np.asarray(interval_excess(z.reshape(-1)[self._at], *self._z))
+    def _values(self) -> Array:
+        memory = self._memory
+        return np.concatenate([memory.gaps.reshape(-1), memory.held[self._held], memory.z.reshape(-1)[self._at]])
 
-    def write_z(self, z: Array, lower: Array, upper: Array) -> None:
-        """Ranges of the step from z (n, n_z) [unit of z] into lower and upper (m,) [unit of z]."""
-        lower[self._own], upper[self._own] = self._z - z.reshape(-1)[self._at]
+    def excess(self) -> Array:
+        """Return how far gaps, rows and variables (n,) are outside at the point in the memory; NaN where one is."""
+        y = self._values()
+        return np.maximum(np.maximum(self._ends[0] - y, y - self._ends[1]), 0.0)
+
+    def write(self, flat: Mapping[str, Array]) -> None:
+        """Write gaps, and ranges of the step from the point in the memory, into the arrays of a QP."""
+        y = self._values()
+        left, first, end = self._ends - y, self._rows.start, self._rows.stop
+        flat["b"][:] = y[:first]
+        flat["lower"][:], flat["upper"][:] = left[:, first:end]
+        flat["z_lower"][self._own], flat["z_upper"][self._own] = left[:, end:]
 
 
 class StageIndices:
@@ -309,7 +324,7 @@ class StageIndices:
         first = [variables.columns(memory.stages[i].node)[layout.thrust.start] for i in memory.steps]
         return np.concatenate([np.where(own >= 0, place + own, -1) for place in first])
 
-    def program_multipliers(self, rows: Array, found: FlatSolution) -> tuple[Array, Array]:
+    def program_multipliers(self, rows: Indices, found: FlatSolution) -> tuple[Array, Array]:
         """Multipliers (n_x,) [1/unit of x] of bounds and (n_rows,) [1/unit of the row] of rows; 0 of laws, which nobody loosens.
 
         rows (m,): which of those that may be held are in the QP that was solved.

@@ -70,13 +70,9 @@ class StagewiseLevels:
         self._raw[self._places.raw] = self.memory.held
         return tuple(self._raw[rows] for rows in self.memory.whole.row_layout.levels)
 
-    def violation(self, ranges: StageRanges) -> float:
-        """Return by how much the point breaks ranges of the first level."""
-        return float(self.level(0).broken(ranges).max(initial=0.0))
-
     def ranges(self, bounds: RowBounds, level: int) -> StageRanges:
         """Return the ranges of a level, where those above it are held as in `bounds`."""
-        return StageRanges(self._places, bounds, level)
+        return StageRanges(self._places, bounds, level, self.level(level).held)
 
     def multipliers(self, level: int, solution: FlatSolution) -> tuple[Array, Array]:
         """Return multipliers by the last QP of a level: of bounds (n_x,) [1/unit of x] and rows (n_rows,) [1/unit of the row]
@@ -104,12 +100,10 @@ class StageLevelSolver:
         """Solve from `start`, warm if it has a QP, with parameters p (n_p,) [unit of the parameter]."""
         if self._deadline.over:
             return NlpOutcome(point=start, status=NlpStatus.TIME_LIMIT, iterations=0, violation=np.inf)
-        levels = self._levels
-        levels.go_to(start.x, p)
+        self._levels.go_to(start.x, p)
+        level, ranges = self._levels.level(self._index), self._levels.ranges(bounds, self._index)
         warm = start.solution if isinstance(start, StagewisePoint) else None
-        if warm is not None and warm.shape != levels.level(self._index).shape:
-            warm = None
-        level, ranges = levels.level(self._index), levels.ranges(bounds, self._index)
+        warm = warm if warm is not None and warm.shape == level.shape else None
         return self._outcome(StageSqp(level, ranges, self._options, self._deadline, self._watch).run(warm), start)
 
     def _outcome(self, end: SqpOutcome, start: NlpPoint) -> NlpOutcome:
@@ -213,7 +207,7 @@ class StagewiseLevelModel:
         assert self._own_ranges is not None
         pairs = zip(memory.whole.ranges().levels, rows, strict=True)
         residuals = [float(np.linalg.norm(level.distance(y))) for level, y in pairs]
-        violation = self._levels.violation(self._own_ranges)
+        violation = float(self._own_ranges.excess().max(initial=0.0))
         return SqpPoint(
             x=memory.z.ravel().copy(),
             rows=rows,
@@ -278,7 +272,7 @@ class StagewiseProgram:
     def violation(self, x: Array, p: Array, bounds: RowBounds) -> float:
         """Return by how much x (n_x,) [unit of x] breaks bounds and constraints; p (n_p,) [unit of the parameter]."""
         self.levels.rows_at(x, p)
-        return self.levels.violation(self.levels.ranges(bounds, 0))
+        return float(self.levels.ranges(bounds, 0).excess().max(initial=0.0))
 
 
 def program_for(plugin: str, whole: Transcription) -> LexicographicProgram | StagewiseProgram:

@@ -8,16 +8,16 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 from functools import cached_property
+from math import isfinite
 
 import numpy as np
 
 from uvms_ocp.codegen.buffered import BoundCalls
-from uvms_ocp.codegen.elementwise import interval_excess
 from uvms_ocp.ocp.problem import HessianKind
 from uvms_ocp.ocp.stagewise.memory import StageMemory, StageRanges
 from uvms_ocp.solvers import NlpOptions, NlpStatus, StageQpSolver
 from uvms_ocp.solvers.nlp.level_solver import Deadline, IterationReport, SolveMonitor
-from uvms_ocp.solvers.stage_qp.problem import FlatSolution, StageQp, StageQpOptions, StageQpStatus, StageShape, WarmStart
+from uvms_ocp.solvers.stage_qp.problem import FlatSolution, StageQp, StageQpOptions, StageQpStatus, StageShape, WarmStart, leading
 from uvms_ocp.types import Array
 
 # Multipliers that bend the QP of the next iteration.
@@ -31,14 +31,11 @@ class Multipliers:
         sizes = [[len(memory.residual_parts(i)[k]) for i in levels] for k in range(n)]
         self.costates = np.zeros((n, memory.tangent.n_x))
         """Costates of the step that leads away from each stage."""
-        groups = [memory.groups(stage) for stage in memory.stages]
-        rows = [sum(group.n for group in own[:-1]) for own in groups]
+        rows = [sum(own[:-1]) for own in memory.group_sizes]
         self._rows = np.zeros(sum(rows))
         self.rows = np.split(self._rows, np.cumsum(rows)[:-1])
         """Multipliers of rows that may be held."""
-        held = [sum(group.n for group in own[: level + 1]) for own in groups]
-        starts = np.cumsum([0, *rows[:-1]])
-        self._held = np.concatenate([first + np.arange(count) for first, count in zip(starts, held, strict=True)])
+        self._held = leading(rows, [sum(own[: level + 1]) for own in memory.group_sizes])
         self.residuals = [np.zeros(sum(own)) for own in sizes]
         """A residual is its own multiplier; those of other levels are 0."""
         self._own = [
@@ -59,39 +56,25 @@ class StageLevelQp:
 
     def __init__(self, memory: StageMemory, level: int, options: StageQpOptions) -> None:
         self.memory, self.level = memory, level
-        self.shape = self._shape()
+        self.shape = StageShape(
+            n_x=(memory.tangent.n_x,) * len(memory.stages),
+            n_u=memory.n_u,
+            n_r=tuple(len(part) for part in memory.residual_parts(level)),
+            n_c=tuple(sum(own[: level + 1]) for own in memory.group_sizes),
+        )
         self.qp, self._solver = StageQp(self.shape), StageQpSolver(self.shape, options)
-        self.held, self._bends = self._held_numbers(), False
+        self.held, self._bends = leading(map(sum, memory.group_sizes), self.shape.n_c), False
         """Rows (m,) that may be held and are rows of the QP, and whether it has curvature."""
         self.most: int | None = None
         """Iterations of a QP that is given up then, unexplained; None: those of the options."""
         self.multipliers = Multipliers(memory, level)
-        self._first = np.cumsum([0, *self.shape.n_z[:-1]])
-        """(n,) where each stage begins in z."""
-        groups = [own for stage in memory.stages for own in enumerate(memory.groups(stage)[: level + 1])]
-        self._above = np.concatenate([np.zeros(0, dtype=bool), *(np.full(group.n, i > 0) for i, group in groups)])
+        groups = [group for own in memory.group_sizes for group in enumerate(own[: level + 1])]
+        self._above = np.concatenate([np.zeros(0, dtype=bool), *(np.full(n, i > 0) for i, n in groups)])
         """(m,) True for rows of the QP that belong to levels above."""
         self.linearize = self._linearization(slopes=True)
         self.relinearize = self._linearization(slopes=any(one.errors_forced[level] for one in memory.functions))
         """The same with slopes of forces that are near, where they matter to limits alone."""
         self.qp.fix_initial_state(np.zeros(self.shape.n_x[0]))
-
-    def _shape(self) -> StageShape:
-        memory, tangent = self.memory, self.memory.tangent
-        stages = memory.stages
-        return StageShape(
-            n_x=(tangent.n_x,) * len(stages),
-            n_u=tuple(tangent.n_u if stage.step else int(tangent.free) for stage in stages[:-1]),
-            n_r=tuple(len(part) for part in memory.residual_parts(self.level)),
-            n_c=tuple(sum(group.n for group in memory.groups(stage)[: self.level + 1]) for stage in stages),
-        )
-
-    def _held_numbers(self) -> Array:
-        numbers, first = [], 0
-        for stage, n in zip(self.memory.stages, self.shape.n_c, strict=True):
-            numbers.append(np.arange(first, first + n))
-            first += sum(group.n for group in self.memory.groups(stage))
-        return np.concatenate(numbers)
 
     def _linearization(self, *, slopes: bool) -> BoundCalls:
         """One function for all stages, then the other: so each stays where code is read from.
@@ -160,12 +143,6 @@ class StageLevelQp:
         r = self.memory.residuals(self.level)
         return float(r @ r) / 2
 
-    def broken(self, ranges: StageRanges) -> Array:
-        """Return how far gaps, rows and variables are outside their ranges, one after the other."""
-        memory = self.memory
-        rows = interval_excess(memory.held, ranges.lower, ranges.upper)[self.held]
-        return np.concatenate([np.abs(memory.gaps.ravel()), rows, ranges.z_excess(memory.z)])
-
     def solve(
         self, ranges: StageRanges, damping: float, give: float, near: WarmStart | None, *, rough: float = 0.0, kept: float = 0.0
     ) -> FlatSolution:
@@ -180,7 +157,7 @@ class StageLevelQp:
         self._load(ranges)
         tolerance, explained = max(rough, self._solver.options.tolerance), not (self._bends or self.most)
         found = self._solver.solve_flat(self.qp, near, tolerance=tolerance, max_iterations=self.most, explained=explained)
-        self.keep(found)
+        self.memory.step[:] = found.z
         return found
 
     def multipliers_above(self, found: FlatSolution) -> Array:
@@ -189,23 +166,13 @@ class StageLevelQp:
 
     def _load(self, ranges: StageRanges) -> None:
         """Load values and ranges into the QP."""
-        memory, flat = self.memory, self.qp.flat
-        flat["b"][:] = memory.gaps.ravel()
-        flat["r"][:] = memory.residuals(self.level)
-        held = memory.held[self.held]
-        flat["lower"][:], flat["upper"][:] = ranges.lower[self.held] - held, ranges.upper[self.held] - held
-        ranges.write_z(memory.z, flat["z_lower"], flat["z_upper"])
+        self.qp.flat["r"][:] = self.memory.residuals(self.level)
+        ranges.write(self.qp.flat)
 
     def error(self, ranges: StageRanges, found: FlatSolution) -> float:
         """Return the error of the optimality conditions at the present linearisation, with the multipliers of the last QP."""
         self._load(ranges)
         return self._solver.error(self.qp, found.warm_start())
-
-    def keep(self, found: FlatSolution) -> None:
-        """Its step is that of the memory."""
-        memory, first, n = self.memory, self._first[:, None], self.memory.tangent.n_x
-        memory.x_step[...] = found.z[first + np.arange(n)]
-        memory.u_step[memory.steps] = found.z[first[memory.steps] + np.arange(n, n + memory.tangent.n_u)]
 
     # --- products ---------------------------------------------------------------------------------
 
@@ -333,7 +300,7 @@ class StageSqp:
         if warm is not None and self._is_optimal(warm):
             return self._end(NlpStatus.SOLVED, 0)
         for iteration in range(self._options.max_iterations):
-            if not np.isfinite([here.cost, here.violation]).all():
+            if not (isfinite(here.cost) and isfinite(here.violation)):
                 return self._end(NlpStatus.NOT_A_NUMBER, iteration)
             self._report_iteration(iteration, here)
             if self._deadline.over or self._watch.should_stop:
@@ -467,7 +434,7 @@ class StageSqp:
             self._level.linearize()
         trial = self._restored(trial, self._filter.most)
         if self._solution is not None:
-            self._level.keep(self._solution)
+            self._memory.step[:] = self._solution.z
         self._memory.z_from[:] = begin
         return trial
 
@@ -487,7 +454,7 @@ class StageSqp:
 
     def _restore(self, here: FilterMerit, solution: FlatSolution) -> tuple[NlpStatus | None, FilterMerit]:
         """Towards the constraints, whatever it costs."""
-        gain, least, share = here.violation - float(np.abs(solution.excess).sum()), _NO_HELP * here.violation, 1.0
+        gain, least, share = here.violation - float(np.abs(solution.excess(self._level.qp)).sum()), _NO_HELP * here.violation, 1.0
         while gain > least and share > _SMALLEST_SHARE:
             trial = self._tried(share)
             if trial.violation <= here.violation - 0.1 * share * gain:
@@ -524,9 +491,9 @@ class StageSqp:
         self._level.linearize()
 
     def _merit(self) -> FilterMerit:
-        broken = self._level.broken(self._ranges)
-        self._worst = float(broken.max(initial=0.0))
-        return FilterMerit(cost=self._level.cost, violation=float(broken.sum()))
+        excess = self._ranges.excess()
+        self._worst = float(excess.max(initial=0.0))
+        return FilterMerit(cost=self._level.cost, violation=float(excess.sum()))
 
     def _end(self, status: NlpStatus, iterations: int) -> SqpOutcome:
         here = self._merit()

@@ -213,7 +213,7 @@ class _Run:
             if not outcome.usable or self._nlp.deadline.over or self._nlp.watch.should_stop:
                 break
             if index + 1 < len(self._levels):
-                y = self._nlp.rows_at(best.point.x, self._p)[index]
+                y = self._nlp.program.rows_at(best.point.x, self._p)[index]
                 bounds = bounds.with_rows(level.frozen, level.frozen_bounds(y, best.cost, self._tolerance))
         left = len(self._levels) - len(statuses)
         statuses += [nlp.NlpStatus.TIME_LIMIT if self._nlp.deadline.over else nlp.NlpStatus.SKIPPED] * left
@@ -242,7 +242,7 @@ class _Run:
         points: tuple[level_solver.NlpPoint, ...],
         anticipated: bool,
     ) -> LexicographicResult:
-        values = self._nlp.rows_at(best.point.x, self._p)
+        values = self._nlp.program.rows_at(best.point.x, self._p)
         pairs: zip[tuple[nlp.LevelRows, np.ndarray]] = zip(self._levels, values, strict=True)
         return _made(
             x=read_only(best.point.x),

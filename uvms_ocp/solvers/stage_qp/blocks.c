@@ -5,11 +5,17 @@ a row of data; what comes of them is overwritten or never read. */
 
 #define PADDED(n) (((n) + 3) & ~3)
 
-/* c += a' b for the rows k of a (4 numbers each) and b. */
-INLINE void block_product(int n, const double *restrict a, int lda, const double *restrict b, int ldb,
-                                 double c[restrict 4][4]) {
-  double c0[4], c1[4], c2[4], c3[4];
-  for (int j = 0; j < 4; ++j) c0[j] = c[0][j], c1[j] = c[1][j], c2[j] = c[2][j], c3[j] = c[3][j];
+/* Whether four numbers are all 0, or -0. */
+INLINE int are_zero(const double *a) {
+  unsigned long long any = 0, bits;
+  for (int i = 0; i < 4; ++i) memcpy(&bits, a + i, sizeof bits), any |= bits;
+  return !(any << 1);
+}
+
+/* c -= a' b for the rows k of a (4 numbers each) and b, c in rows of ld numbers of which the first `rows` are wanted. */
+INLINE void subtract_product(int n, const double *restrict a, int lda, const double *restrict b, int ldb, double *restrict c, int ld,
+                             int rows) {
+  double c0[4] = {0}, c1[4] = {0}, c2[4] = {0}, c3[4] = {0};
   for (int k = 0; k < n; ++k, a += lda, b += ldb) {
     const double a0 = a[0], a1 = a[1], a2 = a[2], a3 = a[3];
     for (int j = 0; j < 4; ++j) c0[j] += a0 * b[j];
@@ -17,7 +23,37 @@ INLINE void block_product(int n, const double *restrict a, int lda, const double
     for (int j = 0; j < 4; ++j) c2[j] += a2 * b[j];
     for (int j = 0; j < 4; ++j) c3[j] += a3 * b[j];
   }
-  for (int j = 0; j < 4; ++j) c[0][j] = c0[j], c[1][j] = c1[j], c[2][j] = c2[j], c[3][j] = c3[j];
+  for (int j = 0; j < 4; ++j) c[j] -= c0[j];
+  if (rows > 1)
+    for (int j = 0; j < 4; ++j) c[ld + j] -= c1[j];
+  if (rows > 2)
+    for (int j = 0; j < 4; ++j) c[2 * ld + j] -= c2[j];
+  if (rows > 3)
+    for (int j = 0; j < 4; ++j) c[3 * ld + j] -= c3[j];
+}
+
+/* The same of 8 columns: twice as many sums on the way hide how long each of them takes. */
+INLINE void subtract_wide_product(int n, const double *restrict a, int lda, const double *restrict b, int ldb, double *restrict c,
+                                  int ld, int rows) {
+  double c0[4] = {0}, c1[4] = {0}, c2[4] = {0}, c3[4] = {0}, d0[4] = {0}, d1[4] = {0}, d2[4] = {0}, d3[4] = {0};
+  for (int k = 0; k < n; ++k, a += lda, b += ldb) {
+    const double a0 = a[0], a1 = a[1], a2 = a[2], a3 = a[3];
+    for (int j = 0; j < 4; ++j) c0[j] += a0 * b[j];
+    for (int j = 0; j < 4; ++j) d0[j] += a0 * b[4 + j];
+    for (int j = 0; j < 4; ++j) c1[j] += a1 * b[j];
+    for (int j = 0; j < 4; ++j) d1[j] += a1 * b[4 + j];
+    for (int j = 0; j < 4; ++j) c2[j] += a2 * b[j];
+    for (int j = 0; j < 4; ++j) d2[j] += a2 * b[4 + j];
+    for (int j = 0; j < 4; ++j) c3[j] += a3 * b[j];
+    for (int j = 0; j < 4; ++j) d3[j] += a3 * b[4 + j];
+  }
+  for (int j = 0; j < 4; ++j) c[j] -= c0[j], c[4 + j] -= d0[j];
+  if (rows > 1)
+    for (int j = 0; j < 4; ++j) c[ld + j] -= c1[j], c[ld + 4 + j] -= d1[j];
+  if (rows > 2)
+    for (int j = 0; j < 4; ++j) c[2 * ld + j] -= c2[j], c[2 * ld + 4 + j] -= d2[j];
+  if (rows > 3)
+    for (int j = 0; j < 4; ++j) c[3 * ld + j] -= c3[j], c[3 * ld + 4 + j] -= d3[j];
 }
 
 /* A row of a Gram matrix, and its weight. */
@@ -42,6 +78,27 @@ INLINE void block_gram(int n, const WeightedRow *restrict rows, int j, double *r
   for (int l = 0; l < 4; ++l) c[0 * ld + l] = c0[l], c[1 * ld + l] = c1[l], c[2 * ld + l] = c2[l], c[3 * ld + l] = c3[l];
 }
 
+/* The same of 8 columns. */
+INLINE void wide_gram(int n, const WeightedRow *restrict rows, int j, double *restrict c, int ld) {
+  double c0[4], c1[4], c2[4], c3[4], d0[4], d1[4], d2[4], d3[4];
+  for (int l = 0; l < 4; ++l) c0[l] = c[0 * ld + l], c1[l] = c[1 * ld + l], c2[l] = c[2 * ld + l], c3[l] = c[3 * ld + l];
+  for (int l = 0; l < 4; ++l) d0[l] = c[4 + l], d1[l] = c[ld + 4 + l], d2[l] = c[2 * ld + 4 + l], d3[l] = c[3 * ld + 4 + l];
+  for (int k = 0; k < n; ++k) {
+    const double *restrict a = rows[k].part, *restrict b = rows[k].row + j;
+    const double a0 = a[0], a1 = a[1], a2 = a[2], a3 = a[3];
+    for (int l = 0; l < 4; ++l) c0[l] += a0 * b[l];
+    for (int l = 0; l < 4; ++l) d0[l] += a0 * b[4 + l];
+    for (int l = 0; l < 4; ++l) c1[l] += a1 * b[l];
+    for (int l = 0; l < 4; ++l) d1[l] += a1 * b[4 + l];
+    for (int l = 0; l < 4; ++l) c2[l] += a2 * b[l];
+    for (int l = 0; l < 4; ++l) d2[l] += a2 * b[4 + l];
+    for (int l = 0; l < 4; ++l) c3[l] += a3 * b[l];
+    for (int l = 0; l < 4; ++l) d3[l] += a3 * b[4 + l];
+  }
+  for (int l = 0; l < 4; ++l) c[0 * ld + l] = c0[l], c[1 * ld + l] = c1[l], c[2 * ld + l] = c2[l], c[3 * ld + l] = c3[l];
+  for (int l = 0; l < 4; ++l) c[4 + l] = d0[l], c[ld + 4 + l] = d1[l], c[2 * ld + 4 + l] = d2[l], c[3 * ld + 4 + l] = d3[l];
+}
+
 /* NaN wins, so that it is noticed. */
 INLINE double larger_of(double a, double b) { return a != a || a > b ? a : b; }
 
@@ -60,27 +117,36 @@ INLINE double dot(int n, const double *restrict a, const double *restrict b) {
   return (s[0] + s[1]) + (s[2] + s[3]);
 }
 
+INLINE void copy(int n, const double *restrict a, double *restrict b) {
+  int k = 0;
+  for (; k + 4 <= n; k += 4)
+    for (int l = 0; l < 4; ++l) b[k + l] = a[k + l];
+  for (; k < n; ++k) b[k] = a[k];
+}
+
 /* y += t a. */
 INLINE void add_multiple(int n, double t, const double *restrict a, double *restrict y) {
   for (int k = 0; k < n; ++k) y[k] += t * a[k];
 }
 
-/* M += A' diag(weight) A below the diagonal, blocks of columns without an entry left out; A (m, n), M (n, n) padded.
+/* M += A' diag(weight) A below the diagonal, blocks of columns without an entry left out; A (m, n), M (n, n) padded. q += A' r.
 
-Rows of weight 0 cost nothing, rows of one entry next to nothing. weight may be 0 for ones; rows: room for 2 m. */
-WIDE static void add_gram(int m, int n, const double *A, const double *weight, double *restrict M, WeightedRow *rows) {
+Rows of weight 0 cost nothing, rows of one entry next to nothing. weight may be 0 for ones, r and q for none; rows: room for 2 m. */
+WIDE static void add_gram(int m, int n, const double *A, const double *weight, const double *r, double *restrict q,
+                          double *restrict M, WeightedRow *rows) {
   const int ld = PADDED(n);
   WeightedRow *dense = rows, *here = rows + m;
   int n_dense = 0;
   for (int k = 0; k < m; ++k) {
     const double *row = A + (size_t)k * n, w = weight ? weight[k] : 1.0;
-    int first = -1, last = -1;
+    int first = 0, last = n - 1;
     if (w == 0.0) continue;
-    for (int i = 0; i < n && first < 0; ++i)
-      if (row[i] != 0.0) first = i;
-    for (int i = n - 1; i >= 0 && last < 0; --i)
-      if (row[i] != 0.0) last = i;
-    if (first < 0) continue;
+    while (first + 4 <= n && are_zero(row + first)) first += 4;
+    while (first < n && row[first] == 0.0) ++first;
+    if (first == n) continue;
+    while (last - 3 > first && are_zero(row + last - 3)) last -= 4;
+    while (row[last] == 0.0) --last;
+    if (r && r[k] != 0.0) add_multiple(last - first + 1, r[k], row + first, q + first);
     if (first == last)
       M[first * ld + first] += w * row[first] * row[first];
     else
@@ -90,17 +156,15 @@ WIDE static void add_gram(int m, int n, const double *A, const double *weight, d
     int n_here = 0, first = i;
     for (int k = 0; k < n_dense; ++k) {
       const double *row = dense[k].row;
-      unsigned long long bits[4];
-      memcpy(bits, row + i, sizeof bits);
-      if (!((bits[0] | bits[1] | bits[2] | bits[3]) << 1)) continue; /* All are 0, or -0. */
+      if (are_zero(row + i)) continue;
       here[n_here].row = row;
       for (int l = 0; l < 4; ++l) here[n_here].part[l] = dense[k].weight * row[i + l];
       ++n_here, first = dense[k].first < first ? dense[k].first : first;
     }
     if (!n_here) continue;
-    for (int j = first & ~3; j <= i; j += 4) {
-      block_gram(n_here, here, j, M + i * ld + j, ld);
-    }
+    int j = first & ~3;
+    for (; j + 4 <= i; j += 8) wide_gram(n_here, here, j, M + i * ld + j, ld);
+    if (j <= i) block_gram(n_here, here, j, M + i * ld + j, ld);
   }
 }
 
@@ -114,12 +178,10 @@ WIDE static int eliminate(int n, int state, double least, double *restrict M, do
     const int top = end - 4 > state ? end - 4 : state;
     double given[4];
     for (int p = 0; p < end - top; ++p) given[p] = M[(top + p) * ld + top + p];
-    for (int j = 0; j < end && end < n; j += 4) {
-      double c[4][4] = {{0}};
-      block_product(n - end, M + end * ld + top, ld, M + end * ld + j, ld, c);
-      for (int p = 0; p < end - top; ++p)
-        for (int q = 0; q < 4; ++q) M[(top + p) * ld + j + q] -= c[p][q];
-    }
+    const double *done = M + end * ld;
+    int j = end < n ? 0 : end;
+    for (; j + 4 < end; j += 8) subtract_wide_product(n - end, done + top, ld, done + j, ld, M + top * ld + j, ld, end - top);
+    if (j < end) subtract_product(n - end, done + top, ld, done + j, ld, M + top * ld + j, ld, end - top);
     for (int k = end - 1; k >= top; --k) {
       double *restrict row = M + k * ld;
       for (int later = end - 1; later > k; --later) add_multiple(k + 1, -M[later * ld + k], M + later * ld, row);
@@ -133,31 +195,36 @@ WIDE static int eliminate(int n, int state, double least, double *restrict M, do
       row[k] = pivot * inverse[k];
     }
   }
-  for (int i = 0; i < state; i += 4)
-    for (int j = 0; j <= i; j += 4) {
-      double c[4][4] = {{0}};
-      block_product(n - state, M + state * ld + i, ld, M + state * ld + j, ld, c);
-      for (int p = 0; p < 4 && i + p < state; ++p)
-        for (int q = 0; q < 4; ++q) M[(i + p) * ld + j + q] -= c[p][q];
-    }
+  const double *done = M + state * ld;
+  for (int i = 0; i < state; i += 4) {
+    int j = 0;
+    for (; j + 4 <= i; j += 8) subtract_wide_product(n - state, done + i, ld, done + j, ld, M + i * ld + j, ld, state - i);
+    if (j <= i) subtract_product(n - state, done + i, ld, done + j, ld, M + i * ld + j, ld, state - i);
+  }
   for (int i = 0; i < state; ++i)
     for (int j = 0; j < i; ++j) M[j * ld + i] = M[i * ld + j];
   return 0;
 }
 
+/* b = a' of a block. */
+INLINE void transpose(const double *restrict a, int lda, double *restrict b, int ldb) {
+  const double *restrict a1 = a + lda, *restrict a2 = a1 + lda, *restrict a3 = a2 + lda;
+  for (int p = 0; p < 4; ++p, b += ldb) b[0] = a[p], b[1] = a1[p], b[2] = a2[p], b[3] = a3[p];
+}
+
 /* M += F' P F below the diagonal: entries first[k] to first[k + 1] of F (m, n) stand in row k, P (m, m) has both triangles in rows of
-ld_P numbers, M (n, n) is padded; PF: room for 2 n PADDED(m). */
+ld_P numbers, M (n, n) is padded; PF: room for 2 PADDED(n) PADDED(m). */
 WIDE static void add_transformed(int m, int n, const int *first, const int *column, const double *entry, const double *P, int ld_P,
                                  double *restrict M, double *restrict PF) {
   const int ld = PADDED(n), ld_T = PADDED(m);
-  double *T = PF + n * ld_T;
-  for (int i = 0; i < n * ld_T; ++i) T[i] = 0.0;
+  double *T = PF + ld * ld_T;
+  for (int i = 0; i < ld * ld_T; ++i) T[i] = 0.0;
   for (int k = 0; k < m; ++k)
     for (int e = first[k]; e < first[k + 1]; ++e) add_multiple(m, entry[e], P + k * ld_P, T + column[e] * ld_T);
+  for (int k = 0; k < ld_T; k += 4)
+    for (int j = 0; j < ld; j += 4) transpose(T + j * ld_T + k, ld_T, PF + k * ld + j, ld);
   for (int k = 0; k < m; ++k)
-    for (int j = 0; j < n; ++j) PF[k * n + j] = T[j * ld_T + k];
-  for (int k = 0; k < m; ++k)
-    for (int e = first[k]; e < first[k + 1]; ++e) add_multiple(column[e] + 1, entry[e], PF + k * n, M + column[e] * ld);
+    for (int e = first[k]; e < first[k + 1]; ++e) add_multiple(column[e] + 1, entry[e], PF + k * ld, M + column[e] * ld);
 }
 
 /* Where row i of a lower triangle begins whose rows lie one after the other. */

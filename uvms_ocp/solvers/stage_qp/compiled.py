@@ -72,18 +72,20 @@ class CompiledCore:
     """The solver of one shape."""
 
     def __init__(self, library: ctypes.CDLL, shape: problem.StageShape) -> None:
-        self._library, self._n, self._n_x = library, sum(shape.n_z), sum(shape.n_x)
-        n, m = self._n, sum(shape.n_c)
-        self._problem = _Problem(M=m + n, m=m, n=n, n_x=self._n_x)
+        n, m, n_x = sum(shape.n_z), sum(shape.n_c), sum(shape.n_x)
+        M, self._library, self._shape = m + n, library, shape
+        self._problem = _Problem(M=M, m=m, n=n, n_x=n_x)
         self._problem.stages.N = shape.N
         # What ctypes only knows the address of.
         self._indices, self._stage_work = _indices(shape), _stage_work(shape)
-        self._work, self._table = _work(n, m, self._n_x), _table(n, m)
+        self._work, self._table = _work(n, m, n_x), _table(n, m)
+        # Variables, costates, multipliers of equalities, then slacks and multipliers of both sides of each row.
+        self._parts = problem.parts(self._work["point"], (n, n_x, M, 2 * M, 2 * M))
+        self._near, self._point_address = self._work["point"][: n + n_x + M], _address(self._work["point"])
         self._work["loose"][:] = problem.undetermined_variables(shape)
         self._loaded: problem.StageQp | None = None
-        self._found = np.zeros(3)
-        self._found_address = _address(self._found)
-        self._now, self._other = (_residuals(n, m, self._n_x) for _ in range(2))
+        self._found = (ctypes.c_double * 3)()
+        self._now, self._other = (_residuals(n, m, n_x) for _ in range(2))
         _point(self._problem.stages, {**self._indices, **self._stage_work})
         _point(self._problem, self._work | self._table)
         _point(self._problem.now, self._now)
@@ -91,34 +93,34 @@ class CompiledCore:
 
     def run(
         self, qp: problem.StageQp, table: problem.RowTable, z: Array, options: problem.StageQpOptions, *, phase_one: bool
-    ) -> problem.IterationResult:
+    ) -> problem.FlatSolution:
         """Run from z (n,) [unit of z] with the rows of a table: without the cost in phase one, else with steps that are damped in
         directions without curvature."""
         self._load(qp, options)
         for name, array in self._table.items():
             array[:] = np.ravel(getattr(table, name).T)
         self._stage_work["fixed"][:], self._work["point"][:] = table.fixed, 0.0
-        self._work["point"][: self._n] = z
+        self._parts[0][:] = z
         self._problem.start = int(problem.StartMode.EQUALITIES if phase_one else problem.StartMode.COLD)
         self._library.solve_qp(ctypes.byref(self._problem), int(phase_one), int(not phase_one))
         return self._end()
 
-    def solve(
-        self, qp: problem.StageQp, options: problem.StageQpOptions, near: problem.WarmStart | None
-    ) -> problem.IterationResult:
+    def solve(self, qp: problem.StageQp, options: problem.StageQpOptions, near: problem.WarmStart | None) -> problem.FlatSolution:
         """Solve as `SparseCore.solve`."""
         self._load(qp, options)
-        point = self._work["point"]
         if near is not None:
-            np.concatenate([near.z, near.costate, near.y], out=point[: self._n + self._n_x + self._problem.M])
+            np.concatenate([near.z, near.costate, near.y], out=self._near)
         self._library.solve_whole(ctypes.byref(self._problem), int(near is not None))
         return self._end()
 
     def products(self, qp: problem.StageQp, z: Array) -> problem.ResidualProducts:
         """Compute products as `SparseCore.products`; z (n,) [unit of z]."""
         self._load(qp, None)
-        self._library.products(ctypes.byref(self._problem.stages), _address(z), self._found_address)
-        slope, square, change = self._found.tolist()
+        return self._products(_address(z))
+
+    def _products(self, z: ctypes.c_void_p) -> problem.ResidualProducts:
+        self._library.products(ctypes.byref(self._problem.stages), z, self._found)
+        slope, square, change = self._found
         return problem.ResidualProducts(slope=slope, square=square, change=change)
 
     def steepest(self, qp: problem.StageQp) -> float:
@@ -142,22 +144,22 @@ class CompiledCore:
             memory.tolerance, memory.max_iterations = options.tolerance, options.max_iterations
             memory.warm_mu, memory.cold_mu = options.warm_mu, options.cold_mu
 
-    def _end(self) -> problem.IterationResult:
-        memory, now, n = self._problem, self._problem.now, self._n
-        end, flat = n + self._n_x, self._work["point"]
-        # Of equalities, then slacks and multipliers of both sides of each row.
-        equal, _, sides = np.split(flat[end : end + 5 * memory.M], (memory.M, 3 * memory.M))
-        y = equal + sides[1::2] - sides[::2]
+    def _end(self) -> problem.FlatSolution:
+        memory, now, (z, costate, equal, _, sides) = self._problem, self._problem.now, self._parts
+        y = equal + sides[1::2]
+        y -= sides[::2]
         y[memory.m :] -= self._now["held"]
-        return problem.IterationResult(
+        return problem.FlatSolution(
             status=_STATUSES[memory.status],
-            z=flat[:n].copy(),
-            costate=flat[n:end].copy(),
+            z=z.copy(),
+            costate=costate.copy(),
             y=y,
             value=self._now["value"].copy(),
             kkt=problem.kkt_residual(stationarity=now.stationarity, primal=now.primal, complementarity=now.complementarity),
             worst=now.worst,
             iterations=memory.iterations,
+            shape=self._shape,
+            products=self._products(self._point_address),
         )
 
 

@@ -12,8 +12,9 @@ from typing import Annotated
 import numpy as np
 
 from uvms_ocp.checks import checked, checked_dataclass, unchecked_constructor
+from uvms_ocp.codegen.elementwise import interval_distance
 from uvms_ocp.errors import AdvisedStatus, InvalidInput
-from uvms_ocp.types import Array, Bound, Mask, Positive, Range
+from uvms_ocp.types import Array, Bound, Indices, Mask, Positive, Range
 
 # The numbers of a QP of stages, in arrays that are made once and written into, and how many there are.
 
@@ -65,6 +66,12 @@ def _sums(a: tuple[int, ...], b: tuple[int, ...]) -> tuple[int, ...]:
 def offsets(sizes: Iterable[int]) -> list[int]:
     """Return the offsets of parts of such `sizes` in one array, and the end of the last one."""
     return [0, *accumulate(sizes)]
+
+
+def leading(sizes: Iterable[int], counts: Iterable[int]) -> Indices:
+    """Return where the first few numbers, as many as its count says, of each part of such `sizes` are in one array."""
+    firsts = zip(offsets(sizes), counts, strict=False)
+    return np.concatenate([np.zeros(0, dtype=int), *(first + np.arange(count) for first, count in firsts)])
 
 
 @lru_cache(maxsize=256)
@@ -251,8 +258,12 @@ class WarmStart:
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
-class FlatPoint:
-    """Point and multipliers in arrays with stage after stage, and how a solver came to it."""
+class FlatSolution:
+    """A `StageQpSolution` in arrays with stage after stage, for who solves one QP after the other.
+
+    As one run ends its status is SOLVED, NOT_CONVEX, NOT_A_NUMBER, ITERATION_LIMIT, or UNBOUNDED where steps are, which proves
+    nothing.
+    """
 
     status: StageQpStatus
     """Reliability of the rest."""
@@ -266,18 +277,20 @@ class FlatPoint:
     """KKT residual of the point."""
     iterations: int
     """Factorisations."""
-
-
-@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
-class FlatSolution(FlatPoint):
-    """A `StageQpSolution` in arrays with stage after stage, for who solves one QP after the other."""
-
+    value: Array
+    """(M,) [unit of the row] of rows and variables."""
+    worst: float
+    """Largest residual of `kkt`, relative to the terms of its condition."""
     shape: StageShape
     """Shape of the QP."""
-    excess: Array
-    """(m,) [unit of the row] by how much rows are missed."""
     products: ResidualProducts
     """Products of the residuals along z."""
+
+    @np.errstate(invalid="ignore")  # of what is not a number there is no excess
+    def excess(self, qp: StageQp) -> Array:
+        """Return by how much rows (m,) [unit of the row] of the QP that was solved are missed."""
+        lower, upper = qp.flat["lower"], qp.flat["upper"]
+        return np.asarray(interval_distance(self.value[: len(lower)], lower, upper))
 
     def warm_start(self) -> WarmStart:
         """For a QP nearby that starts where this one ends."""
@@ -314,26 +327,6 @@ class StartMode(IntEnum):
     """Z, costates and multipliers, those of all rows in y, are near the optimum."""
     COLD = 2
     """The run starts from z."""
-
-
-@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
-class IterationResult(FlatPoint):
-    """Result of one run, whose status is SOLVED, NOT_CONVEX, NOT_A_NUMBER, ITERATION_LIMIT, or UNBOUNDED where steps are.
-
-    The last proves nothing.
-    """
-
-    value: Array
-    """(M,) [unit of the row] of rows and variables."""
-    worst: float
-    """Largest residual of `kkt`, relative to the terms of its condition."""
-
-
-def no_result(z: Array, n_x: int, m: int, status: StageQpStatus = StageQpStatus.NOT_A_NUMBER) -> IterationResult:
-    """Return the result of a run that was not made, at z (n,) [unit of z]; n_x states, m rows."""
-    endless = kkt_residual(stationarity=np.inf, primal=np.inf, complementarity=np.inf)
-    none, value = np.zeros(n_x), np.full(m, np.nan)
-    return IterationResult(status=status, z=z, costate=none, y=np.zeros(m), value=value, kkt=endless, worst=np.inf, iterations=0)
 
 
 # Rows of constraints and bounds of variables in one list, with what each of them is.

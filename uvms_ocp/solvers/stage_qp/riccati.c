@@ -49,8 +49,8 @@ INLINE void fetch_stage(const Stages *s, const double *M, int k) {
 }
 
 /* The triangle of a padded matrix, row after row. */
-static void pack(int n, const double *M, double *T) {
-  for (int i = 0; i < n; ++i) memcpy(T + ROW(i), M + i * PADDED(n), sizeof(double) * (size_t)(i + 1));
+INLINE void pack(int n, const double *M, double *T) {
+  for (int i = 0; i < n; ++i) copy(i + 1, M + i * PADDED(n), T + ROW(i));
 }
 
 /* Entries of the dynamics that are not 0, of each state of later stages. */
@@ -60,8 +60,11 @@ static void find_entries(Stages *s) {
     for (int i = 0, n = n_z(s, k); i < s->n_x[k + 1]; ++i) {
       const double *row = s->dynamics + s->F[k] + (size_t)i * n;
       s->first[s->x[k + 1] + i] = count;
-      for (int j = 0; j < n; ++j)
-        if (row[j] != 0.0) s->column[count] = j, s->entry[count++] = row[j];
+      for (int j = 0; j < n; j += 4) {
+        if (j + 4 <= n && are_zero(row + j)) continue;
+        for (int l = j; l < j + 4 && l < n; ++l)
+          if (row[l] != 0.0) s->column[count] = l, s->entry[count++] = row[l];
+      }
     }
   s->first[s->x[s->N + 1]] = count;
 }
@@ -98,9 +101,7 @@ WIDE static void load_stages(Stages *s, int costless) {
     for (int i = 0; i < n; ++i)
       for (int j = 0; j <= i; ++j) Q[i * ld + j] = H[i * n + j];
     for (int i = 0; i < n; ++i) Q[i * ld + i] += s->damping[s->z[k] + i], q[i] = s->gradient[s->z[k] + i];
-    add_gram(m, n, J, 0, Q, s->list);
-    for (int i = 0; i < m; ++i)
-      if (r[i] != 0.0) add_multiple(n, r[i], J + (size_t)i * n, q);
+    add_gram(m, n, J, 0, r, q, Q, s->list);
     for (int i = 0; i < n; ++i)
       if (Q[i * ld + i] > most) most = Q[i * ld + i];
     pack(n, Q, s->Q + s->T[k]);
@@ -117,8 +118,8 @@ WIDE static int factor_stages(Stages *s, const double *weight, const double *wei
     const double *fixed = s->fixed + s->z[k];
     const double *Q = s->Q + s->T[k];
     fetch_stage(s, s->Q, k - 1);
-    for (int i = 0; i < n; ++i) memcpy(L + i * ld, Q + ROW(i), sizeof(double) * (size_t)(i + 1));
-    add_gram(s->n_c[k], n, s->constraints + s->C[k], weight + s->c[k], L, s->list);
+    for (int i = 0; i < n; ++i) copy(i + 1, Q + ROW(i), L + i * ld);
+    add_gram(s->n_c[k], n, s->constraints + s->C[k], weight + s->c[k], 0, 0, L, s->list);
     for (int i = 0; i < n; ++i) L[i * ld + i] += weight_z[s->z[k] + i] + all;
     if (after) add_transformed(after, n, s->first + s->x[k + 1], s->column, s->entry, P, PADDED(n_z(s, k + 1)), L, s->W);
     for (int i = 0; i < n; ++i)
@@ -251,23 +252,26 @@ static int has_numbers(const Stages *s) {
 }
 
 /* Of the residuals' rows along z: r' J z, |J z|^2 and the largest entry of J' J z. */
-void products(const Stages *s, const double *z, double *restrict found) {
+WIDE void products(const Stages *s, const double *z, double *restrict found) {
   for (int i = 0; i < 3; ++i) found[i] = 0.0;
   for (int k = 0; k <= s->N; ++k) {
     const int n = n_z(s, k);
     const double *v = z + s->z[k];
     for (int i = 0; i < n; ++i) s->v[i] = 0.0;
     for (int i = 0; i < s->n_r[k]; ++i) {
-      const double *row = s->rows + s->J[k] + (size_t)i * n, along = dot(n, row, v);
+      const double *row = s->rows + s->J[k] + (size_t)i * n;
+      int first = 0;
+      while (first + 4 <= n && are_zero(row + first)) first += 4;
+      const double along = dot(n - first, row + first, v + first);
       found[0] += s->residual[s->r[k] + i] * along, found[1] += along * along;
-      add_multiple(n, along, row, s->v);
+      add_multiple(n - first, along, row + first, s->v + first);
     }
     for (int i = 0; i < n; ++i) found[2] = fabs(s->v[i]) > found[2] ? fabs(s->v[i]) : found[2];
   }
 }
 
 /* Largest entry of J' r. */
-double steepest(const Stages *s) {
+WIDE double steepest(const Stages *s) {
   double most = 0.0, *h = s->v;
   for (int k = 0; k <= s->N; ++k) {
     const int n = n_z(s, k);
@@ -279,7 +283,7 @@ double steepest(const Stages *s) {
 }
 
 /* Largest entry of J' r + g + F' costate_+ - costate + C' y + y_z, but for fixed variables; y of rows, then of variables. */
-double stationarity(const Stages *s, const double *costate, const double *y, int m) {
+WIDE double stationarity(const Stages *s, const double *costate, const double *y, int m) {
   double most = 0.0, *h = s->v;
   for (int k = 0; k <= s->N; ++k) {
     const int n = n_z(s, k), after = k < s->N ? s->n_x[k + 1] : 0;

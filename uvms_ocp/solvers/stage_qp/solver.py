@@ -10,13 +10,13 @@ which its cost falls without end.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import fields, replace
+from dataclasses import replace
 from functools import lru_cache
 
 import numpy as np
 
 from uvms_ocp.checks import checked_constructor
-from uvms_ocp.codegen.elementwise import interval_distance, interval_excess
+from uvms_ocp.codegen.elementwise import interval_excess
 from uvms_ocp.errors import InvalidInput
 from uvms_ocp.solvers.stage_qp import compiled, problem, sparse_core, tolerances
 from uvms_ocp.types import Array
@@ -41,9 +41,7 @@ def with_residuals_as_rows(qp: problem.StageQp) -> problem.StageQp:
 
 def original_rows(shape: problem.StageShape, larger: problem.StageShape) -> Array:
     """(M,) where the rows and variables of a QP stand among those of one that has more rows behind them in each stage."""
-    firsts, M = problem.offsets(larger.n_c)[:-1], sum(larger.n_c)
-    rows = [np.arange(first, first + n) for first, n in zip(firsts, shape.n_c, strict=True)]
-    return np.concatenate([*rows, np.arange(M, M + sum(shape.n_z))])
+    return np.concatenate([problem.leading(larger.n_c, shape.n_c), sum(larger.n_c) + np.arange(sum(shape.n_z))])
 
 
 def with_rows(qp: problem.StageQp, rows: Sequence[Array]) -> problem.StageQp:
@@ -122,8 +120,7 @@ def is_recession_direction(other: problem.StageQp, z: tuple[Array, ...]) -> bool
 
 # QPs of stages by an interior point: with a factor per iteration, and one only where no bound is reached.
 
-_with = lru_cache(maxsize=8)(lambda options, given: replace(options, **dict(given)))
-_POINT = tuple(item.name for item in fields(problem.FlatPoint))
+_with = lru_cache(maxsize=64)(lambda options, *given: replace(options, **{k: v for k, v in given if v is not None}))
 _UNCLEAR = (problem.StageQpStatus.ITERATION_LIMIT, problem.StageQpStatus.UNBOUNDED)
 _MISSED = 1e-5  # relative violation that no point does without
 _ROUGH = 1e-6  # tolerance of phase one
@@ -165,12 +162,10 @@ class StageQpSolver:
         """
         if qp.shape is not self.shape and qp.shape != self.shape:
             raise InvalidInput("the QP has another shape than the solver; make a solver for it")
-        given = {"tolerance": tolerance, "max_iterations": max_iterations}
-        options = _with(self.options, tuple(item for item in given.items() if item[1] is not None))
-        end = self._core.solve(qp, options, near)
+        end = self._core.solve(qp, _with(self.options, ("tolerance", tolerance), ("max_iterations", max_iterations)), near)
         if explained and (end.status in _UNCLEAR or _only_rounding(qp, end)):
             end = self._explain(qp, problem.row_table(qp), end)
-        return self._found(qp, end)
+        return end
 
     def steepest(self, qp: problem.StageQp) -> float:
         """Largest entry [1/unit of z] of the gradient of the residuals' half square, at 0."""
@@ -181,13 +176,13 @@ class StageQpSolver:
 
         Largest entry [1/unit of z] of the gradient of its Lagrangian, or product with what is left to a bound.
         """
-        y, flat = near.y, qp.flat
-        lower, upper = (np.concatenate([flat[name], flat[f"z_{name}"]]) for name in ("lower", "upper"))
-        counts = y != 0.0
-        left = y[counts] * np.where(y > 0.0, upper, lower)[counts]
+        counts = np.flatnonzero(near.y)
+        y, flat = near.y[counts], qp.flat
+        lower, upper = (np.concatenate([flat[name], flat[f"z_{name}"]])[counts] for name in ("lower", "upper"))
+        left = y * np.where(y > 0.0, upper, lower)
         return max(self._core.stationarity(qp, near), float(np.abs(left).max(initial=0.0)))
 
-    def _explain(self, qp: problem.StageQp, table: problem.RowTable, failed: problem.IterationResult) -> problem.IterationResult:
+    def _explain(self, qp: problem.StageQp, table: problem.RowTable, failed: problem.FlatSolution) -> problem.FlatSolution:
         """Explain a failed run: phase one finds whether there is a feasible point at all, and where."""
         if failed.worst <= self._inexact and failed.status is problem.StageQpStatus.ITERATION_LIMIT:
             return replace(failed, status=problem.StageQpStatus.INEXACT)
@@ -208,7 +203,7 @@ class StageQpSolver:
     def _inexact(self) -> float:
         return self.options.tolerance * tolerances.INEXACT_TOLERANCES
 
-    def _final_status(self, best: problem.IterationResult) -> problem.StageQpStatus:
+    def _final_status(self, best: problem.FlatSolution) -> problem.StageQpStatus:
         """Endless steps, and rounding, prove nothing."""
         if best.status is problem.StageQpStatus.SOLVED:
             return best.status
@@ -223,31 +218,22 @@ class StageQpSolver:
         way = StageQpSolver(other.shape, self.options).solve(other)
         return way.status.usable and is_recession_direction(other, way.z)
 
-    def _run_damped(self, qp: problem.StageQp, z: Array) -> problem.IterationResult:
+    def _run_damped(self, qp: problem.StageQp, z: Array) -> problem.FlatSolution:
         """With residuals as rows, and some curvature for directions that have none, from z."""
         other = with_residuals_as_rows(qp)
         table, own = problem.row_table(other), original_rows(qp.shape, other.shape)
         end = StageQpSolver(other.shape, self.options)._core.run(other, table, z, self.options, phase_one=False)
-        return replace(end, y=end.y[own], value=end.value[own])
-
-    @np.errstate(invalid="ignore")  # of what is not a number there is no excess
-    def _found(self, qp: problem.StageQp, end: problem.IterationResult) -> problem.FlatSolution:
-        m, flat = len(qp.flat["lower"]), qp.flat
-        return problem.FlatSolution(
-            **{name: getattr(end, name) for name in _POINT},
-            shape=self.shape,
-            excess=interval_distance(end.value[:m], flat["lower"], flat["upper"]),
-            products=self._core.products(qp, end.z),
-        )
+        products = self._core.products(qp, end.z)
+        return replace(end, y=end.y[own], value=end.value[own], shape=self.shape, products=products)
 
 
-def _only_rounding(qp: problem.StageQp, end: problem.IterationResult) -> bool:
+def _only_rounding(qp: problem.StageQp, end: problem.FlatSolution) -> bool:
     """Check whether a cost that is convex, as a sum of squares, seemed not to be."""
     return end.status is problem.StageQpStatus.NOT_CONVEX and not qp.flat["H"].any() and bool((qp.flat["damping"] >= 0.0).all())
 
 
 def _split(qp: problem.StageQp, found: problem.FlatSolution) -> problem.StageQpSolution:
-    shape, m = qp.shape, len(found.excess)
+    shape, m = qp.shape, len(qp.flat["lower"])
     z = problem.parts(found.z, shape.n_z)
     return problem.stage_qp_solution(
         status=found.status,
@@ -257,7 +243,7 @@ def _split(qp: problem.StageQp, found: problem.FlatSolution) -> problem.StageQpS
         costate=problem.parts(found.costate, shape.n_x),
         y=problem.parts(found.y[:m], shape.n_c),
         y_z=problem.parts(found.y[m:], shape.n_z),
-        excess=problem.parts(found.excess, shape.n_c),
+        excess=problem.parts(found.excess(qp), shape.n_c),
         iterations=found.iterations,
         kkt=found.kkt,
         cost=_cost(qp, found),

@@ -9,7 +9,7 @@ PIQP does not tell how many it took.
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import casadi as ca
 import numpy as np
@@ -51,9 +51,7 @@ class SparseCore:
         """Picks the states that steps lead to."""
         self._solvers: dict[tuple[object, ...], ca.Function] = {}
 
-    def solve(
-        self, qp: problem.StageQp, options: problem.StageQpOptions, near: problem.WarmStart | None
-    ) -> problem.IterationResult:
+    def solve(self, qp: problem.StageQp, options: problem.StageQpOptions, near: problem.WarmStart | None) -> problem.FlatSolution:
         """Solve from nothing but the QP, or from z of a QP nearby; NOT_A_NUMBER where entries are none."""
         table = problem.row_table(qp)
         if not problem.is_valid(qp):
@@ -62,7 +60,7 @@ class SparseCore:
 
     def run(
         self, qp: problem.StageQp, table: problem.RowTable, z: Array, options: problem.StageQpOptions, *, phase_one: bool
-    ) -> problem.IterationResult:
+    ) -> problem.FlatSolution:
         """Run from z (n,) [unit of z] with the rows of a table, without the cost in phase one; PIQP damps all its steps."""
         Q, q = _cost(qp, costless=phase_one)
         if not self._is_convex(qp, table, Q):
@@ -70,7 +68,7 @@ class SparseCore:
         soft = table.elastic.any(axis=0) | (table.compliance > 0.0)
         hard = np.concatenate([(table.side.any(axis=0) | table.equal)[: len(qp.flat["lower"])], table.fixed])
         rows = np.flatnonzero(soft | hard)
-        given, ends = self._assembled(qp, table, Q, q, soft, rows), list[problem.IterationResult]()
+        given, ends = self._assembled(qp, table, Q, q, soft, rows), list[problem.FlatSolution]()
         for regularization in _REGULARIZATIONS:
             (x, y_a, y_x), infeasible = self._solved(given, z, options, regularization)
             end = self._judged(qp, table, given, rows, (x, y_a, y_x))
@@ -83,7 +81,7 @@ class SparseCore:
 
     def _judged(
         self, qp: problem.StageQp, table: problem.RowTable, given: _SparseQp, rows: Indices, found: tuple[Array, Array, Array]
-    ) -> problem.IterationResult:
+    ) -> problem.FlatSolution:
         """How far x and the multipliers of rows and of variables are from optimality."""
         x, y_a, y_x = found
         n, m, n_b = len(table.fixed), len(qp.flat["lower"]), len(qp.flat["b"])
@@ -102,9 +100,10 @@ class SparseCore:
         worst = max(kkt.stationarity / gradient, kkt.primal / variable, kkt.complementarity / (gradient * variable))
         # Where there is no point multipliers grow without end, and all else is small beside them.
         least = max(np.abs(given.g).max(), tolerances.LEAST_SIZE * curvature, 1e-300)
-        return problem.IterationResult(
+        return self._ended(
+            qp,
+            z,
             status=problem.StageQpStatus.ITERATION_LIMIT,
-            z=z,
             costate=np.concatenate([np.zeros(self._shape.n_x[0]), y_a[:n_b]]),
             y=y,
             value=value,
@@ -113,8 +112,13 @@ class SparseCore:
             iterations=1,
         )
 
-    def _nothing(self, qp: problem.StageQp, table: problem.RowTable, status: problem.StageQpStatus) -> problem.IterationResult:
-        return problem.no_result(table.rest(qp), sum(self._shape.n_x), len(table.norm), status)
+    def _nothing(self, qp: problem.StageQp, table: problem.RowTable, status: problem.StageQpStatus) -> problem.FlatSolution:
+        z, m, costate = table.rest(qp), len(table.norm), np.zeros(sum(self._shape.n_x))
+        kkt, none = problem.kkt_residual(stationarity=np.inf, primal=np.inf, complementarity=np.inf), np.full(m, np.nan)
+        return self._ended(qp, z, status=status, costate=costate, y=np.zeros(m), kkt=kkt, iterations=0, value=none, worst=np.inf)
+
+    def _ended(self, qp: problem.StageQp, z: Array, **found: Any) -> problem.FlatSolution:
+        return problem.FlatSolution(z=z, shape=self._shape, products=self.products(qp, z), **found)
 
     def _assembled(
         self, qp: problem.StageQp, table: problem.RowTable, Q: list[Array], q: Array, soft: Mask, rows: Indices
@@ -191,6 +195,7 @@ class SparseCore:
         """Largest entry [1/unit of z] of the gradient of the residuals' half square, at 0."""
         return float(max(np.abs(r @ J).max(initial=0.0) for J, r in zip(qp.J, qp.r, strict=True)))
 
+    @np.errstate(invalid="ignore")  # of what is not a number
     def products(self, qp: problem.StageQp, z: Array) -> problem.ResidualProducts:
         """At z (n,) [unit of z]."""
         along = [J @ own for J, own in zip(qp.J, problem.parts(z, self._shape.n_z), strict=True)]
