@@ -38,6 +38,7 @@ from uvms_ocp.ocp.terms import (
     Term,
     residual_term,
 )
+from uvms_ocp.ocp.trajectory import hold_guess
 from uvms_ocp.ocp.transcription.transcription import Transcription
 from uvms_ocp.planning import CollisionScene, collision_scene, coordinates
 from uvms_ocp.robot.loading import load_robot
@@ -425,3 +426,12 @@ def test_a_plan_of_another_problem_is_no_guess() -> None:
             kept_planner().plan(guess=guess)
     with pytest.raises(InvalidInput, match="the guess has 5 steps; give one of 8"):
         kept_planner().plan(guess=Planner(shorter).plan().trajectory)
+
+
+def test_parameters_of_another_length_and_a_limit_that_is_no_time_are_refused_by_name() -> None:
+    planner = kept_planner()
+    guess, p = hold_guess(planner.problem), planner.transcription.parameters()
+    with pytest.raises(InvalidInput, match=rf"^Planner\.solve: p has shape \(3,\); give \({len(p)},\)$"):
+        planner.solve(np.zeros(3), guess)
+    with pytest.raises(InvalidInput, match=r"^Planner\.solve: time_limit = nan"):
+        planner.solve(p, guess, time_limit=np.nan)

@@ -273,8 +273,8 @@ class Refinement:
         if len(q) != self.given.n_steps + 1:
             q = np.tile(self.given.start.q, (self.given.n_steps + 1, 1))  # a guess that `solve` refuses
         best, gained = self._solved(guess, q, {}), np.inf
-        times: list[float] = (self.t0 + self.given.nominal_times()).tolist()
         for _ in range(_MOST_ROUNDS if self._terms else 0):
+            times: list[float] = (self.t0 + self.given.nominal_times()).tolist()
             path = admissible(self.planner.transcription.unpack(best.result.x, self.given), self.given.robot)
             off = max(term.mismatch(times, best.near, path.q) for term in self._terms)
             settled = best.result.status.optimal and (off <= _AGREES or gained <= _GAIN)

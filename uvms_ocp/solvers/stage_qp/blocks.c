@@ -103,9 +103,12 @@ INLINE void wide_gram(int n, const WeightedRow *restrict rows, int j, double *re
 INLINE double larger_of(double a, double b) { return a != a || a > b ? a : b; }
 
 INLINE double largest_of(int n, const double *a) {
-  double most = 0.0;
-  for (int i = 0; i < n; ++i) most = larger_of(most, fabs(a[i]));
-  return most;
+  double most[4] = {0};
+  int k = 0;
+  for (; k + 4 <= n; k += 4)
+    for (int l = 0; l < 4; ++l) most[l] = larger_of(most[l], fabs(a[k + l]));
+  for (; k < n; ++k) most[0] = larger_of(most[0], fabs(a[k]));
+  return larger_of(larger_of(most[0], most[1]), larger_of(most[2], most[3]));
 }
 
 INLINE double dot(int n, const double *restrict a, const double *restrict b) {

@@ -42,7 +42,7 @@ _pointers, _numbers, _integers = (partial(_fields, kind) for kind in (ctypes.c_v
 class _Stages(ctypes.Structure):
     """Mirror of `Stages` in riccati.c."""
 
-    _fields_ = (*_integers("N"), *_pointers(*_SIZES, *_PLACES, *_DATA, *_STAGE_WORK), *_numbers("most", "least"))
+    _fields_ = (*_integers("N", "squares"), *_pointers(*_SIZES, *_PLACES, *_DATA, *_STAGE_WORK), *_numbers("most", "least"))
 
 
 class _Residuals(ctypes.Structure):
@@ -51,6 +51,7 @@ class _Residuals(ctypes.Structure):
     _fields_ = (
         *_pointers(*_RESIDUALS),
         *_numbers("stationarity", "primal", "complementarity", "steepest", "gradient", "variable", "linear", "worst"),
+        ("along", ctypes.c_double * 3),
     )
 
 
@@ -81,7 +82,7 @@ class CompiledCore:
         self._work, self._table = _work(n, m, n_x), _table(n, m)
         # Variables, costates, multipliers of equalities, then slacks and multipliers of both sides of each row.
         self._parts = problem.parts(self._work["point"], (n, n_x, M, 2 * M, 2 * M))
-        self._near, self._point_address = self._work["point"][: n + n_x + M], _address(self._work["point"])
+        self._near = self._work["point"][: n + n_x + M]
         self._work["loose"][:] = problem.undetermined_variables(shape)
         self._loaded: problem.StageQp | None = None
         self._found = (ctypes.c_double * 3)()
@@ -103,7 +104,7 @@ class CompiledCore:
         self._parts[0][:] = z
         self._problem.start = int(problem.StartMode.EQUALITIES if phase_one else problem.StartMode.COLD)
         self._library.solve_qp(ctypes.byref(self._problem), int(phase_one), int(not phase_one))
-        return self._end()
+        return self._end(qp)
 
     def solve(self, qp: problem.StageQp, options: problem.StageQpOptions, near: problem.WarmStart | None) -> problem.FlatSolution:
         """Solve as `SparseCore.solve`."""
@@ -111,17 +112,13 @@ class CompiledCore:
         if near is not None:
             np.concatenate([near.z, near.costate, near.y], out=self._near)
         self._library.solve_whole(ctypes.byref(self._problem), int(near is not None))
-        return self._end()
+        return self._end(qp)
 
     def products(self, qp: problem.StageQp, z: Array) -> problem.ResidualProducts:
         """Compute products as `SparseCore.products`; z (n,) [unit of z]."""
         self._load(qp, None)
-        return self._products(_address(z))
-
-    def _products(self, z: ctypes.c_void_p) -> problem.ResidualProducts:
-        self._library.products(ctypes.byref(self._problem.stages), z, self._found)
-        slope, square, change = self._found
-        return problem.ResidualProducts(slope=slope, square=square, change=change)
+        self._library.products(ctypes.byref(self._problem.stages), _address(z), self._found)
+        return problem.ResidualProducts(*self._found)
 
     def steepest(self, qp: problem.StageQp) -> float:
         """Return the steepest slope as `SparseCore.steepest`."""
@@ -144,7 +141,7 @@ class CompiledCore:
             memory.tolerance, memory.max_iterations = options.tolerance, options.max_iterations
             memory.warm_mu, memory.cold_mu = options.warm_mu, options.cold_mu
 
-    def _end(self) -> problem.FlatSolution:
+    def _end(self, qp: problem.StageQp) -> problem.FlatSolution:
         memory, now, (z, costate, equal, _, sides) = self._problem, self._problem.now, self._parts
         y = equal + sides[1::2]
         y -= sides[::2]
@@ -159,7 +156,7 @@ class CompiledCore:
             worst=now.worst,
             iterations=memory.iterations,
             shape=self._shape,
-            products=self._products(self._point_address),
+            products=problem.ResidualProducts(*now.along) if memory.stages.squares else self.products(qp, z),
         )
 
 

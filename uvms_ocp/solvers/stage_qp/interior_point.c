@@ -5,7 +5,7 @@ Rows M are those of constraints (m), then the variables. Only rows with a bound 
 
 typedef struct {
   double *grad, *held, *defect, *value, *row, *equal, *dual;
-  double stationarity, primal, complementarity, steepest, gradient, variable, linear, worst;
+  double stationarity, primal, complementarity, steepest, gradient, variable, linear, worst, along[3];
 } Residuals;
 
 typedef struct {
@@ -34,8 +34,9 @@ typedef struct {
 #define SIGN(j) ((j) & 1 ? -1.0 : 1.0) /* of what is left to a side */
 #define SIZE (q->n + q->n_x + 9 * q->M)
 
-/* What of a point is not 0: without elastic sides neither e nor f. */
+/* What of a point is not 0: without elastic sides neither e nor f, without any neither s nor multipliers. */
 #define USED (SIZE - (q->is_elastic ? 0 : 4 * q->M))
+#define SIDELESS (q->n + q->n_x + q->M)
 
 /* Which rows have a bound; of those that had one before nothing is left over that is looked at where there is none. */
 static void find_bounded(Problem *q) {
@@ -123,7 +124,7 @@ static void find_residuals(Problem *q, const double *p, Residuals *r) {
     const int i = q->bounded[k];
     y[i] = Y(p)[i] + MULTIPLIER(p)[2 * i + 1] - MULTIPLIER(p)[2 * i];
   }
-  const double largest = evaluate_stages(&q->stages, Z(p), COSTATE(p), y, y + m, r->grad, r->defect, r->value);
+  const double largest = evaluate_stages(&q->stages, Z(p), COSTATE(p), y, y + m, r->grad, r->defect, r->value, r->along);
   for (int i = 0; i < n; ++i) {
     r->held[i] = q->stages.fixed[i] != 0.0 ? r->grad[i] : 0.0;
     if (q->stages.fixed[i] != 0.0) r->grad[i] = 0.0;
@@ -197,8 +198,9 @@ static void find_direction(Problem *q, const double *p, const Residuals *r, cons
   }
 }
 
-static void move(const Problem *q, const double *p, const double *step, double share, double *out) {
-  for (int i = 0, size = USED; i < size; ++i) out[i] = p[i] + share * step[i];
+/* Of the first `size` numbers of a point. */
+WIDE static void move(int size, const double *p, const double *step, double share, double *out) {
+  for (int i = 0; i < size; ++i) out[i] = p[i] + share * step[i];
 }
 
 /* Share of a step after which nothing is negative. */
@@ -236,13 +238,13 @@ static void aim(Problem *q, double centre, double trust) {
 }
 
 static void correct_direction(Problem *q) {
-  move(q, q->point, q->step, 1.0, q->trial);
+  move(USED, q->point, q->step, 1.0, q->trial);
   find_residuals(q, q->trial, &q->other);
   for (int k = 0; k < q->corrections; ++k) {
     const double before = q->other.linear;
     find_direction(q, q->point, &q->other, 0, 0, q->affine);
-    move(q, q->step, q->affine, 1.0, q->affine);
-    move(q, q->point, q->affine, 1.0, q->trial);
+    move(USED, q->step, q->affine, 1.0, q->affine);
+    move(USED, q->point, q->affine, 1.0, q->trial);
     find_residuals(q, q->trial, &q->other);
     if (!(q->other.linear <= 0.5 * before)) break;
     memcpy(q->step, q->affine, sizeof(double) * (size_t)USED);
@@ -260,7 +262,7 @@ static double advance(Problem *q) {
   aim(q, 0.0, 0.0);
   find_direction(q, p, &q->now, q->t_side, q->t_elastic, q->affine);
   double share = find_share(q, p, q->affine, 1.0);
-  move(q, p, q->affine, share, q->trial);
+  move(USED, p, q->affine, share, q->trial);
   const double ratio = find_mu(q, q->trial, &count) / mu;
   aim(q, larger_of(least, mu * ratio * ratio * ratio), share);
   find_direction(q, p, &q->now, q->t_side, q->t_elastic, q->step);
@@ -270,6 +272,6 @@ static double advance(Problem *q) {
   }
   if (q->corrections) correct_direction(q);
   share = find_share(q, p, q->step, TO_BOUNDARY);
-  move(q, p, q->step, share, p);
+  move(USED, p, q->step, share, p);
   return share;
 }

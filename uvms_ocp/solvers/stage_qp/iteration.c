@@ -10,7 +10,7 @@
 down to a share `exact` of the tolerance. */
 static int solve_equalities(Problem *q, double exact, int factored) {
   double *p = q->point, before = INFINITY;
-  memset(S(p), 0, sizeof(double) * (size_t)(8 * q->M));
+  memset(S(p), 0, sizeof(double) * (size_t)(USED - SIDELESS));
   const int wrong = factored ? 0 : find_factor(q, p, 0);
   if (wrong) return wrong;
   for (int k = 0;; ++k) {
@@ -24,7 +24,7 @@ static int solve_equalities(Problem *q, double exact, int factored) {
     if (left > q->tolerance && left > HOPELESSLY * before) break;
     before = left;
     find_direction(q, p, &q->now, 0, 0, q->step);
-    move(q, p, q->step, 1.0, p);
+    move(SIDELESS, p, q->step, 1.0, p);
   }
   for (int k = 0; k < q->n_bounded; ++k)
     for (int u = 0, i = q->bounded[k]; u < 2; ++u) {
@@ -252,7 +252,7 @@ static int mend(Problem *q, double sharp) {
 /* The optimum where the bounds that it reaches are found soon, starting with active ones; 0 leaves the point as it was. */
 static int solve_active(Problem *q) {
   int fewest = 4 * MANY_CHANGES, vain = 0, last = ROUGH(q) || !q->n_bounded, changes = 1;
-  memcpy(q->trial, q->point, sizeof(double) * (size_t)USED);
+  memcpy(q->trial, q->point, sizeof(double) * (size_t)SIDELESS);
   /* Few digits tell which sides change; all of them are found where none does. */
   while (solve_held(q, last ? DIGITS(q) : ROUND, !changes)) {
     changes = mend(q, last && !ROUGH(q) ? SHARP : 1.0);
@@ -265,7 +265,7 @@ static int solve_active(Problem *q) {
     if (vain > (changes > MANY_CHANGES ? 0 : VAIN_CHANGES)) break;
     if (!vain) fewest = changes;
   }
-  memcpy(q->point, q->trial, sizeof(double) * (size_t)USED);
+  memcpy(q->point, q->trial, sizeof(double) * (size_t)SIDELESS);
   find_bounded(q);
   return 0;
 }
@@ -274,7 +274,6 @@ static int solve_active(Problem *q) {
 static int solve_near(Problem *q) {
   double *p = q->point;
   memcpy(q->best, p, sizeof(double) * (size_t)q->n);
-  memset(S(p), 0, sizeof(double) * (size_t)(8 * q->M));
   const int known = find_reached(q, p);
   rest(q);
   const int found = known && solve_active(q);

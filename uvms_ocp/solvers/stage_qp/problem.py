@@ -297,7 +297,7 @@ class FlatSolution:
         return WarmStart(z=np.zeros_like(self.z), costate=self.costate, y=self.y)
 
 
-@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
+@dataclass(frozen=True, slots=True, eq=False)
 class ResidualProducts:
     """Products of the residuals' rows along z."""
 

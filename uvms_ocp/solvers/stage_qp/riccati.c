@@ -3,7 +3,7 @@
 Sizes and places of stage k are entries k of integer arrays; `compiled.py` makes them, and the structure. */
 
 typedef struct {
-  int N;
+  int N, squares; /* the last: whether the cost is one of squares and damping alone */
   const int *n_x, *n_u, *n_r, *n_c; /* sizes */
   const int *x, *z, *r, *c;         /* places of vectors */
   const int *F, *J, *H, *C, *T;     /* places of matrices, the last: of lower triangles */
@@ -87,6 +87,7 @@ INLINE double forward(const Stages *s, int k, int i, const double *z) {
 /* Hessian and gradient from residual rows, Hessians and damping; of a costless QP next to nothing. */
 WIDE static void load_stages(Stages *s, int costless) {
   double most = 0.0, *Q = s->two;
+  s->squares = !costless;
   find_entries(s);
   for (int k = 0; k <= s->N; ++k) {
     const int n = n_z(s, k), ld = PADDED(n), m = s->n_r[k];
@@ -98,8 +99,10 @@ WIDE static void load_stages(Stages *s, int costless) {
       pack(n, Q, s->Q + s->T[k]);
       continue;
     }
-    for (int i = 0; i < n; ++i)
-      for (int j = 0; j <= i; ++j) Q[i * ld + j] = H[i * n + j];
+    for (int i = 0; i < n; ++i) {
+      copy(i + 1, H + i * n, Q + i * ld);
+      if (dot(i + 1, Q + i * ld, Q + i * ld) != 0.0) s->squares = 0;
+    }
     for (int i = 0; i < n; ++i) Q[i * ld + i] += s->damping[s->z[k] + i], q[i] = s->gradient[s->z[k] + i];
     add_gram(m, n, J, 0, r, q, Q, s->list);
     for (int i = 0; i < n; ++i)
@@ -174,10 +177,12 @@ WIDE static void solve_stages(Stages *s, const double *g, const double *d, doubl
   }
 }
 
-/* grad = Q z + q + F' costate_+ - costate + C' y + y_z; defect = F z + b - x_+; value = C z. Returns the largest entry of Q z + q. */
+/* grad = Q z + q + F' costate_+ - costate + C' y + y_z; defect = F z + b - x_+; value = C z. Returns the largest entry of Q z + q;
+along: what `products` finds, where the cost is one of squares. */
 WIDE static double evaluate_stages(const Stages *s, const double *z, const double *costate, const double *y, const double *y_z,
-                              double *grad, double *defect, double *value) {
-  double most = 0.0;
+                              double *grad, double *defect, double *value, double *restrict along) {
+  double most = 0.0, *change = s->v;
+  along[0] = along[1] = along[2] = 0.0;
   for (int k = 0; k <= s->N; ++k) {
     const int n = n_z(s, k), after = k < s->N ? s->n_x[k + 1] : 0, m = s->n_c[k];
     const double *C = s->constraints + s->C[k], *v = z + s->z[k];
@@ -186,6 +191,11 @@ WIDE static double evaluate_stages(const Stages *s, const double *z, const doubl
     const int moves = largest_of(n, v) != 0.0;
     for (int i = 0; i < n; ++i) own[i] = 0.0;
     if (moves) add_symmetric(n, s->Q + s->T[k], v, own);
+    if (moves) {
+      for (int i = 0; i < n; ++i) change[i] = own[i] - s->damping[s->z[k] + i] * v[i];
+      along[0] += dot(n, v, s->q + s->z[k]) - dot(n, v, s->gradient + s->z[k]), along[1] += dot(n, v, change);
+      along[2] = larger_of(along[2], largest_of(n, change));
+    }
     for (int i = 0; i < n; ++i) own[i] += s->q[s->z[k] + i];
     for (int i = 0; i < n; ++i) most = fabs(own[i]) > most ? fabs(own[i]) : most;
     if (after) add_backward(s, k, costate + s->x[k + 1], own);
