@@ -84,11 +84,8 @@ def _parted(found: re.Match[str], number: int) -> str:
         return found[0]
     calls = "".join(f"  part{number}_{first}(given, wanted, kept);\n" for first in range(0, len(statements), _PART))
     targets = [one.target for one in statements if one.target]
-    (n_given, most_given), (n_wanted, most_wanted), n_kept = (
-        _sizes("arg", body),
-        _sizes("res", body),
-        1 + max(map(_place, targets)),
-    )
+    (n_given, most_given), (n_wanted, most_wanted) = _sizes("arg", body), _sizes("res", body)
+    n_kept = 1 + max(map(_place, targets))
     sizes, n = f"{n_kept}, {n_given}, {most_given}, {n_wanted}, {most_wanted}", max(n_given, n_wanted)
     plain = sum(_ARITHMETIC.fullmatch(one.line) is not None for one in statements)
     if "casadi_f0(" not in found[1] or plain < _PAIRED * len(targets):

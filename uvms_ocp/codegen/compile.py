@@ -182,7 +182,7 @@ _VERSION_TIMEOUT = 30.0  # [s]
 _HUNG: set[str] = set()  # compilers, which are not called again
 _SAID: set[str] = set()
 _KEPT_FUNCTIONS = 48
-_ADDRESSES = WeakKeyDictionary[ca.Function, dict[str, int | None]]()  # in compiled functions
+_ADDRESSES = WeakKeyDictionary[ca.Function, dict[str, int | None]]()  # by symbol, of compiled functions
 _BESIDE = WeakKeyDictionary[ca.Function, tuple[AsyncResult[Path | None], np.ndarray]]()  # that are being compiled
 _BEGUN: list[tuple[AsyncResult[Any], Callable[[], Any]]] = []  # whether anybody waits for it or not
 _WAITS = ContextVar("waits", default=True)
