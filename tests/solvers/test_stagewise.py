@@ -243,6 +243,14 @@ def test_numbers_that_are_none_are_a_status(name: str, value: float, compiled: b
 
 
 @pytest.mark.parametrize("compiled", IN_C_AND_PYTHON)
+@pytest.mark.parametrize("value", [np.nan, np.inf])
+def test_a_residual_that_is_none_is_noticed_where_nothing_moves_it(value: float, compiled: bool) -> None:
+    qp = random_qp(0)
+    qp.J[-1][-1], qp.r[-1][-1] = 0.0, value
+    assert StageQpSolver(qp.shape, StageQpOptions(compiled=compiled)).solve(qp).status is StageQpStatus.NOT_A_NUMBER
+
+
+@pytest.mark.parametrize("compiled", IN_C_AND_PYTHON)
 def test_a_cost_that_is_not_convex_is_named(compiled: bool) -> None:
     qp = random_qp(0, inequalities=False)
     qp.H[-1][:] = -100.0 * np.eye(len(qp.H[-1]))

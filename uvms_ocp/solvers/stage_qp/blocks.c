@@ -146,7 +146,10 @@ WIDE static void add_gram(int m, int n, const double *A, const double *weight, c
     if (w == 0.0) continue;
     while (first + 4 <= n && are_zero(row + first)) first += 4;
     while (first < n && row[first] == 0.0) ++first;
-    if (first == n) continue;
+    if (first == n) {
+      if (r && n) q[0] += 0.0 * r[k]; /* What is no number is noticed. */
+      continue;
+    }
     while (last - 3 > first && are_zero(row + last - 3)) last -= 4;
     while (row[last] == 0.0) --last;
     if (r && r[k] != 0.0) add_multiple(last - first + 1, r[k], row + first, q + first);
