@@ -459,10 +459,18 @@ def _norm(x: Array) -> Array:
 
 
 def shortfall(term: ShapeClearance, trajectory: Trajectory, t0: float) -> Array:
-    """(n_nodes, n_pairs) [m] By how much margins are missed in the steps beside each node; the first is at t0 [s]."""
-    t, n = trajectory.t, len(trajectory.a)
-    between = (t[:-1, None] + np.array([0.0, 0.25, 0.5, 0.75]) * np.diff(t)[:, None]).ravel()
-    q = SteppedMotion(term=term, trajectory=trajectory).configurations(between)
-    missing = np.maximum(term.margins - term.distances((t0 + between).tolist(), q), 0.0)
-    of_steps, none = missing.reshape(n, -1, term.scene.n_pairs).max(axis=1), np.zeros((1, term.scene.n_pairs))
-    return np.maximum(np.vstack([of_steps, none]), np.vstack([none, of_steps]))
+    """(n_nodes, n_pairs) [m] By how much margins are missed in the steps beside each node; the first is at t0 [s].
+
+    Steps in which a distance may come near its margin are looked at closely.
+    """
+    t, steps = trajectory.t, np.arange(len(trajectory.a))
+    motion, of_steps = SteppedMotion(term=term, trajectory=trajectory), np.zeros((len(steps), len(term.margins)))
+    for looks in (4, 16, 64):
+        at = (t[steps, None] + np.arange(looks) / looks * np.diff(t)[steps, None]).ravel()
+        left = term.distances((t0 + at).tolist(), motion.configurations(at)) - term.margins
+        left = left.reshape(-1, looks, len(term.margins))
+        least, change = left.min(axis=1), np.abs(np.diff(left, axis=1)).max(axis=1)
+        of_steps[steps] = np.maximum(-least, 0.0)
+        if not len(steps := steps[(least < change).any(axis=1)]):
+            break
+    return np.maximum(np.pad(of_steps, ((0, 1), (0, 0))), np.pad(of_steps, ((1, 0), (0, 0))))

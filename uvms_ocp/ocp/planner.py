@@ -32,7 +32,6 @@ from uvms_ocp.ocp.terms import TaskTerm, Term
 from uvms_ocp.ocp.trajectory import COARSE_STEPS, Trajectory, admissible, coarse_guesses, coarse_problem, hold_guess, shift_guess
 from uvms_ocp.ocp.transcription.transcription import Transcription
 from uvms_ocp.planning import CoalDistances, CollisionScene
-from uvms_ocp.planning.conservative_advancement import ClearanceReport
 from uvms_ocp.planning.request import Goal, PostureGoal, ToolGoal
 from uvms_ocp.record.meta_values import FrameMeta, SurroundingsMeta
 from uvms_ocp.robot.robot import Robot
@@ -307,13 +306,12 @@ class Refinement:
     def _missing(self, best: RefinedResult, path: Trajectory) -> dict[Term, np.ndarray]:
         """Add the shortfall between nodes to the margins so far; nothing at the last node, whose place is the goal's."""
         result: dict[Term, np.ndarray] = {}
-        for term in self.given.constraints:
-            if isinstance(term, ShapeClearance):
-                padded = np.pad(shortfall(term, path, self.t0), ((_BESIDE, _BESIDE), (0, 0)))
-                missing = np.asarray(sliding_window_view(padded, 2 * _BESIDE + 1, axis=0).max(axis=-1))
-                missing[[0, -1]] = 0.0
-                if missing.max(initial=0.0) > _KEPT:
-                    result[term] = best.tightened.get(term, 0.0) + _MORE * missing
+        for term in _held_apart(self.given):
+            padded = np.pad(shortfall(term, path, self.t0), ((_BESIDE, _BESIDE), (0, 0)))
+            missing = np.asarray(sliding_window_view(padded, 2 * _BESIDE + 1, axis=0).max(axis=-1))
+            missing[[0, -1]] = 0.0
+            if missing.max(initial=0.0) > _KEPT:
+                result[term] = best.tightened.get(term, 0.0) + _MORE * missing
         return result
 
 
@@ -325,10 +323,9 @@ def _gain(before: LexicographicResult, after: LexicographicResult) -> float:
     return float(abs(share[changed[0]])) if len(changed) else 0.0
 
 
-def worst_clearance(given: OcpProblem, path: Trajectory) -> ClearanceReport | None:
-    """The certificate of the constraint on shapes that comes out worst; `None` where there is none."""
-    reports = [certificate(term, path) for term in given.constraints if isinstance(term, ShapeClearance)]
-    return min(reports, key=lambda report: (report.collision_free, report.nearest.distance), default=None)
+def _held_apart(given: OcpProblem) -> list[ShapeClearance]:
+    """Constraints on shapes, which are to be kept between nodes too."""
+    return [term for term in given.constraints if isinstance(term, ShapeClearance)]
 
 
 # From problem to plan: transcribe once, solve, and find out why where a goal is missed.
@@ -470,6 +467,9 @@ class Planner:
                 ended = tuple(one if one.optimal else NlpStatus.INTERRUPTED for one in found.result.level_status)
                 found = replace(found, result=replace(found.result, level_status=ended, status=NlpStatus.INTERRUPTED))
         plan = finder._plan(given, finder._court(given, found, t0, ends if diagnose else None).verdict(found.result), t0, begin)
+        for term in _held_apart(given) if plan.status.usable else ():
+            if (missed := float(shortfall(term, plan.trajectory, t0).max(initial=0.0))) > _AGREES:
+                note += f"; between nodes {term.name} misses its margin by {missed:.2g} m: take more steps"
         return replace_unchecked(plan, reason=plan.reason + note)
 
     def solve(
@@ -511,7 +511,8 @@ class Planner:
 
     def _plan(self, given: OcpProblem, verdict: SolveVerdict, t0: float, begin: float) -> Plan:
         trajectory = admissible(self.transcription.unpack(verdict.result.x, given), given.robot)
-        clearance = worst_clearance(given, trajectory) if verdict.status.usable else None
+        reports = [certificate(term, trajectory) for term in _held_apart(given)] if verdict.status.usable else []
+        clearance = min(reports, key=lambda report: (report.collision_free, report.nearest.distance), default=None)
         found = {"clearance": clearance, "result": verdict.result, "plugin": self.options.plugin}
         levels = tuple(self._reports(verdict.result))
         return _made(given, t0, begin, trajectory, status=verdict.status, reason=verdict.reason, levels=levels, **found)
