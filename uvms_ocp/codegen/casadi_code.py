@@ -110,9 +110,11 @@ def _parts(number: int, statements: Sequence[_Statement], kind: str) -> str:
 
 def _paired(line: str, n: int) -> str:
     """A statement for two calls; what the second one is given, or wants, stands n places later."""
+    if _ARITHMETIC.fullmatch(line):
+        return line
     lanes = {"FIRST": line.strip(), "OTHER": _VECTOR.sub(rf"\g<0>{n} + ", line.strip())}
     first, other = (_VARIABLE.sub(rf"{lane}(\g<0>)", one) for lane, one in lanes.items())
-    return line if _ARITHMETIC.fullmatch(line) else f"  {first} AND_OTHER({other})\n"
+    return f"  {first} AND_OTHER({other})\n"
 
 
 def _sizes(kind: str, body: str) -> tuple[int, int]:

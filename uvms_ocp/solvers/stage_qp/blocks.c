@@ -120,13 +120,6 @@ INLINE double dot(int n, const double *restrict a, const double *restrict b) {
   return (s[0] + s[1]) + (s[2] + s[3]);
 }
 
-INLINE void copy(int n, const double *restrict a, double *restrict b) {
-  int k = 0;
-  for (; k + 4 <= n; k += 4)
-    for (int l = 0; l < 4; ++l) b[k + l] = a[k + l];
-  for (; k < n; ++k) b[k] = a[k];
-}
-
 /* y += t a. */
 INLINE void add_multiple(int n, double t, const double *restrict a, double *restrict y) {
   for (int k = 0; k < n; ++k) y[k] += t * a[k];
@@ -174,6 +167,14 @@ WIDE static void add_gram(int m, int n, const double *A, const double *weight, c
   }
 }
 
+/* Rows top to top + 4 of M, of which the first `rows` are wanted, less a' b for n rows `done` of L: a are their columns from top on, b
+those before `end`. */
+WIDE static void subtract_rows(int n, const double *done, int ld, int top, int rows, int end, double *restrict M) {
+  int j = 0;
+  for (; j + 4 < end; j += 8) subtract_wide_product(n, done + top, ld, done + j, ld, M + top * ld + j, ld, rows);
+  if (j < end) subtract_product(n, done + top, ld, done + j, ld, M + top * ld + j, ld, rows);
+}
+
 /* Eliminates the rows of M (n, n) from the last one to `state`, in place: they become rows of L, M = L' L with L lower, and what
 they leave of the first `state` rows stands there, both triangles of it.
 
@@ -184,10 +185,7 @@ WIDE static int eliminate(int n, int state, double least, double *restrict M, do
     const int top = end - 4 > state ? end - 4 : state;
     double given[4];
     for (int p = 0; p < end - top; ++p) given[p] = M[(top + p) * ld + top + p];
-    const double *done = M + end * ld;
-    int j = end < n ? 0 : end;
-    for (; j + 4 < end; j += 8) subtract_wide_product(n - end, done + top, ld, done + j, ld, M + top * ld + j, ld, end - top);
-    if (j < end) subtract_product(n - end, done + top, ld, done + j, ld, M + top * ld + j, ld, end - top);
+    if (end < n) subtract_rows(n - end, M + end * ld, ld, top, end - top, end, M);
     for (int k = end - 1; k >= top; --k) {
       double *restrict row = M + k * ld;
       for (int later = end - 1; later > k; --later) add_multiple(k + 1, -M[later * ld + k], M + later * ld, row);
@@ -201,12 +199,7 @@ WIDE static int eliminate(int n, int state, double least, double *restrict M, do
       row[k] = pivot * inverse[k];
     }
   }
-  const double *done = M + state * ld;
-  for (int i = 0; i < state; i += 4) {
-    int j = 0;
-    for (; j + 4 <= i; j += 8) subtract_wide_product(n - state, done + i, ld, done + j, ld, M + i * ld + j, ld, state - i);
-    if (j <= i) subtract_product(n - state, done + i, ld, done + j, ld, M + i * ld + j, ld, state - i);
-  }
+  for (int i = 0; i < state; i += 4) subtract_rows(n - state, M + state * ld, ld, i, state - i, i + 4, M);
   for (int i = 0; i < state; ++i)
     for (int j = 0; j < i; ++j) M[j * ld + i] = M[i * ld + j];
   return 0;

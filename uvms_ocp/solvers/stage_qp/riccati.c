@@ -49,8 +49,8 @@ INLINE void fetch_stage(const Stages *s, const double *M, int k) {
 }
 
 /* The triangle of a padded matrix, row after row. */
-INLINE void pack(int n, const double *M, double *T) {
-  for (int i = 0; i < n; ++i) copy(i + 1, M + i * PADDED(n), T + ROW(i));
+static void pack(int n, const double *M, double *T) {
+  for (int i = 0; i < n; ++i) memcpy(T + ROW(i), M + i * PADDED(n), sizeof(double) * (size_t)(i + 1));
 }
 
 /* Entries of the dynamics that are not 0, of each state of later stages. */
@@ -100,7 +100,7 @@ WIDE static void load_stages(Stages *s, int costless) {
       continue;
     }
     for (int i = 0; i < n; ++i) {
-      copy(i + 1, H + i * n, Q + i * ld);
+      memcpy(Q + i * ld, H + i * n, sizeof(double) * (size_t)(i + 1));
       if (dot(i + 1, Q + i * ld, Q + i * ld) != 0.0) s->squares = 0;
     }
     for (int i = 0; i < n; ++i) Q[i * ld + i] += s->damping[s->z[k] + i], q[i] = s->gradient[s->z[k] + i];
@@ -121,7 +121,7 @@ WIDE static int factor_stages(Stages *s, const double *weight, const double *wei
     const double *fixed = s->fixed + s->z[k];
     const double *Q = s->Q + s->T[k];
     fetch_stage(s, s->Q, k - 1);
-    for (int i = 0; i < n; ++i) copy(i + 1, Q + ROW(i), L + i * ld);
+    for (int i = 0; i < n; ++i) memcpy(L + i * ld, Q + ROW(i), sizeof(double) * (size_t)(i + 1));
     add_gram(s->n_c[k], n, s->constraints + s->C[k], weight + s->c[k], 0, 0, L, s->list);
     for (int i = 0; i < n; ++i) L[i * ld + i] += weight_z[s->z[k] + i] + all;
     if (after) add_transformed(after, n, s->first + s->x[k + 1], s->column, s->entry, P, PADDED(n_z(s, k + 1)), L, s->W);
@@ -262,7 +262,7 @@ static int has_numbers(const Stages *s) {
 }
 
 /* Of the residuals' rows along z: r' J z, |J z|^2 and the largest entry of J' J z. */
-WIDE void products(const Stages *s, const double *z, double *restrict found) {
+void products(const Stages *s, const double *z, double *restrict found) {
   for (int i = 0; i < 3; ++i) found[i] = 0.0;
   for (int k = 0; k <= s->N; ++k) {
     const int n = n_z(s, k);
@@ -281,7 +281,7 @@ WIDE void products(const Stages *s, const double *z, double *restrict found) {
 }
 
 /* Largest entry of J' r. */
-WIDE double steepest(const Stages *s) {
+double steepest(const Stages *s) {
   double most = 0.0, *h = s->v;
   for (int k = 0; k <= s->N; ++k) {
     const int n = n_z(s, k);
@@ -293,7 +293,7 @@ WIDE double steepest(const Stages *s) {
 }
 
 /* Largest entry of J' r + g + F' costate_+ - costate + C' y + y_z, but for fixed variables; y of rows, then of variables. */
-WIDE double stationarity(const Stages *s, const double *costate, const double *y, int m) {
+double stationarity(const Stages *s, const double *costate, const double *y, int m) {
   double most = 0.0, *h = s->v;
   for (int k = 0; k <= s->N; ++k) {
     const int n = n_z(s, k), after = k < s->N ? s->n_x[k + 1] : 0;
