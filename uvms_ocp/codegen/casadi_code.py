@@ -85,14 +85,13 @@ def _parted(found: re.Match[str], number: int) -> str:
     calls = "".join(f"  part{number}_{first}(given, wanted, kept);\n" for first in range(0, len(statements), _PART))
     targets = [one.target for one in statements if one.target]
     (n_given, most_given), (n_wanted, most_wanted) = _sizes("arg", body), _sizes("res", body)
-    n_kept = 1 + max(map(_place, targets))
-    sizes, n = f"{n_kept}, {n_given}, {most_given}, {n_wanted}, {most_wanted}", max(n_given, n_wanted)
+    sizes, n = f"{1 + max(map(_place, targets))}, {n_given}, {most_given}, {n_wanted}, {most_wanted}", max(n_given, n_wanted)
     plain = sum(_ARITHMETIC.fullmatch(one.line) is not None for one in statements)
     if "casadi_f0(" not in found[1] or plain < _PAIRED * len(targets):
         return f"{_parts(number, statements, 'double')}{found[1]}  MEMORY_OF_PARTS({sizes})\n{calls}  return 0;\n"
-    parts = _parts(number, [one._replace(line=_paired(one.line, n)) for one in statements], "pair")
+    statements = [one if _ARITHMETIC.fullmatch(one.line) else one._replace(line=_paired(one.line, n)) for one in statements]
     both = f"TWO_CALLS {{\n  MEMORY_OF_PAIRS({sizes}, {n})\n{calls}}}\n"
-    return f"{parts}{both}{found[1]}  ONE_CALL({n_wanted})\n  return 0;\n"
+    return f"{_parts(number, statements, 'pair')}{both}{found[1]}  ONE_CALL({n_wanted})\n  return 0;\n"
 
 
 def _parts(number: int, statements: Sequence[_Statement], kind: str) -> str:
@@ -109,9 +108,7 @@ def _parts(number: int, statements: Sequence[_Statement], kind: str) -> str:
 
 
 def _paired(line: str, n: int) -> str:
-    """A statement for two calls; what the second one is given, or wants, stands n places later."""
-    if _ARITHMETIC.fullmatch(line):
-        return line
+    """A statement that is no arithmetic for two calls; what the second one is given, or wants, stands n places later."""
     lanes = {"FIRST": line.strip(), "OTHER": _VECTOR.sub(rf"\g<0>{n} + ", line.strip())}
     first, other = (_VARIABLE.sub(rf"{lane}(\g<0>)", one) for lane, one in lanes.items())
     return f"  {first} AND_OTHER({other})\n"
