@@ -216,7 +216,7 @@ def _held(fitted: FitContext, which: np.ndarray) -> Estimate | None:
     shared = fitted.vehicle.shared
     problem = replace(fitted, vehicle=replace(fitted.vehicle, shared=shared.held(which))).problem()
     near = problem.resumed(replace(fitted.estimate, shared=np.where(which, shared.start, fitted.estimate.shared)))
-    found = problem.solve(near, iterations=fitted.search.iterations)
+    found = problem.solve(near, iterations=fitted.search.iterations, tolerance=1e-3)  # from near: a step leaves its square
     exact = replace(found, shared=np.where(which, shared.start, found.shared))
     return exact if found.status is FitStatus.CONVERGED else None
 

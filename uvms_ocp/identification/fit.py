@@ -79,7 +79,7 @@ class Predictor:
     def of(self, stretch: Segment) -> Predicted:
         """Predict a whole stretch."""
         error = OutputErrorProblem(self.vehicle, [stretch.first(self.start_window)], self.noise, self.rollout)
-        found = error.solve(error.start(self.shared), iterations=_ITERATIONS, frozen=True)
+        found = error.solve(error.start(self.shared), iterations=_ITERATIONS, frozen=_ITERATIONS)
         own = found.own[stretch.recording] if self.own else self.vehicle.own.start
         return rolled_out(self.rollout, stretch, found.starts[0], self.shared, own)
 
@@ -141,7 +141,8 @@ def search_fit(
     near = rough.solve(rough.start(), iterations=_ROUGH_ITERATIONS, tolerance=_ROUGH_TOLERANCE)
     for k, (step, every) in enumerate(steps, start=2):
         fine = error(k, noise, step, chosen.stretch, every)
-        near = resumed_search(fine, fine.solve(fine.start(near.shared), iterations=chosen.iterations), chosen.iterations)
+        near = fine.solve(fine.start(near.shared), iterations=chosen.iterations, frozen=int(k > 2))  # starts come near first
+        near = resumed_search(fine, near, chosen.iterations)
         found.append(near.shared)
     # Errors of the simulation grow with the square of its step (Richardson's extrapolation).
     off = (found[1] - found[0]) / ((coarse / chosen.step) ** 2 - 1.0)

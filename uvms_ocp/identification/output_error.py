@@ -219,9 +219,10 @@ class OutputErrorProblem:
             return after, self._total(after, [self._cost(k, after, seen) for k, seen in enumerate(self._all_seen(after))])
 
     def solve(
-        self, point: SearchPoint, *, iterations: int = 20, frozen: bool = False, tolerance: float = 1e-4, damping: float = 1e-3
+        self, point: SearchPoint, *, iterations: int = 20, frozen: int = 0, tolerance: float = 1e-4, damping: float = 1e-3
     ) -> Estimate:
-        """Levenberg and Marquardt's method. frozen: shared unknowns stay. tolerance: share of the cost worth a step.
+        """Levenberg and Marquardt's method. frozen: in so many steps shared unknowns stay. tolerance: share of the cost worth a
+        step.
 
         damping: of the first step.
         """
@@ -231,13 +232,13 @@ class OutputErrorProblem:
         while done < iterations:
             done += 1
             self.progress(f"step {done} of at most {iterations}")
-            if (tried := self._step(point, blocks, damping, frozen)) is None:
+            if (tried := self._step(point, blocks, damping, done <= frozen)) is None:
                 status = FitStatus.STALLED
                 break
             after, damping, cost, further = tried
             gained = 1.0 - cost / self._total(point, [block.cost for block in blocks])
             point, blocks = after, further
-            if gained < tolerance:
+            if gained < tolerance and (done > frozen or frozen >= iterations):
                 status = FitStatus.CONVERGED
                 break
         return self._estimate(point, blocks, status, done)
