@@ -263,15 +263,14 @@ def test_a_pose_alone_shows_what_velocities_show(noise: float) -> None:
     assert max(map(abs, off.values())) < 0.08, off
 
 
-def test_numbers_move_when_starts_have_come_near_and_end_where_they_would_have() -> None:
-    """Where the first steps move starts alone, as from numbers that are near, the optimum is the same."""
+def test_numbers_that_are_near_end_the_same_if_starts_come_near_before_they_move() -> None:
     vehicle, rollout = problem()
-    error = OutputErrorProblem(vehicle, stretches(recording(noise=0.01)), EXACT, rollout)
-    begin = error.start()
+    error = OutputErrorProblem(vehicle, stretches(recording(noise=0.02)), EXACT, rollout)
+    begin = error.start(truth()[:-1] + 0.05 * np.random.default_rng(1).normal(size=len(truth()) - 1))
     at_once, later = error.solve(begin, tolerance=1e-9), error.solve(begin, tolerance=1e-9, frozen=2)
     assert later.status is FitStatus.CONVERGED
     assert later.iterations > 2
     sigma = np.sqrt(np.diag(np.linalg.inv(at_once.information)))
-    assert (np.abs(later.shared - at_once.shared) < 0.05 * sigma).all()
+    assert (np.abs(later.shared - at_once.shared) < 1e-3 * sigma).all()
     stay = error.solve(begin, iterations=2, frozen=2)
     np.testing.assert_array_equal(stay.shared, begin.shared)
