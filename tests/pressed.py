@@ -7,6 +7,11 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from types import FrameType
 
+import pytest
+
+PYTHON_MAY_LOSE_IT = pytest.mark.filterwarnings("ignore::pytest.PytestUnraisableExceptionWarning")
+"""In what garbage collection calls an exception is only told, and a press ends its block at its end."""
+
 
 @contextmanager
 def pressed_after(seconds: float) -> Iterator[list[float]]:

@@ -18,8 +18,8 @@ from promises import Tally
 
 import uvms_ocp.ocp.request
 import uvms_ocp.planning.request
+import uvms_ocp.robot.loading
 import uvms_ocp.scenario.options
-import uvms_ocp.scenario.own_code
 from uvms_ocp.cli.commands import main
 from uvms_ocp.robot.loading import load_robot
 from uvms_ocp.scenario.scenario import Scenario
@@ -44,7 +44,7 @@ def in_front(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Iterator[None]:
     def once(*files: Any, **loading: Any) -> Any:
         return load_robot(*files, **loading) if any(loading.values()) else loaded(*files)
 
-    for module in (uvms_ocp.scenario.own_code, uvms_ocp.scenario.options):
+    for module in (uvms_ocp.robot.loading, uvms_ocp.scenario.options):
         monkeypatch.setattr(module, "load_robot", once)
     monkeypatch.setattr(uvms_ocp.planning.request, "plan_soft_collision", begins)
     monkeypatch.setattr(uvms_ocp.planning.request, "tool_goal", begins)

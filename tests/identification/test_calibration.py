@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 import yaml
 from driven import drive
-from pressed import pressed_after
+from pressed import PYTHON_MAY_LOSE_IT, pressed_after
 from typer.testing import CliRunner
 
 from uvms_ocp import load_robot, without_arm
@@ -125,6 +125,7 @@ def test_a_calibrated_robot_misses_by_the_noise_alone_and_more_before() -> None:
     assert errors[0] < 1.1 * floor < 0.8 * errors[1]
 
 
+@PYTHON_MAY_LOSE_IT
 @pytest.mark.slow
 @pytest.mark.skipif(sys.platform == "win32", reason="timers by signals")
 def test_whenever_it_is_pressed_a_calibration_stops_in_one_line() -> None:

@@ -13,7 +13,7 @@ from time import perf_counter, sleep
 import numpy as np
 import pytest
 from compiler import needs_compiler
-from pressed import pressed_after
+from pressed import PYTHON_MAY_LOSE_IT, pressed_after
 from reaches import patient, reach, tool_goal
 
 from uvms_ocp.interrupts import Interrupted, Stopped
@@ -103,6 +103,7 @@ def test_the_signal_of_ctrl_c_does_the_same_and_its_handler_is_put_back(planner:
     assert planner.plan().status is OcpStatus.SOLVED
 
 
+@PYTHON_MAY_LOSE_IT
 @pytest.mark.slow
 @needs_compiler
 @pytest.mark.skipif(sys.platform == "win32", reason="timers by signals")
