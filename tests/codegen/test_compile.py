@@ -25,7 +25,7 @@ import casadi as ca
 import numpy as np
 import pytest
 from compiler import COMPILER, needs_compiler
-from pressed import pressed_after
+from pressed import PYTHON_MAY_LOSE_IT, pressed_after
 
 from uvms_ocp.codegen import compile as building
 from uvms_ocp.codegen.buffered import BoundCalls
@@ -558,7 +558,7 @@ def test_ctrl_c_ends_what_is_waited_for_and_nobody_goes_on_with_it(monkeypatch: 
 @pytest.mark.slow
 @needs_compiler
 @pytest.mark.skipif(sys.platform == "win32", reason="timers by signals")
-@pytest.mark.filterwarnings("ignore::pytest.PytestUnraisableExceptionWarning")  # where Python loses what is raised
+@PYTHON_MAY_LOSE_IT
 def test_whenever_it_is_pressed_nothing_half_made_is_left(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("UVMS_OCP_CACHE", str(tmp_path))
     x, draw = ca.SX.sym("x", 200), random.Random(44)
