@@ -5,6 +5,7 @@ from __future__ import annotations
 import compileall
 import os
 import subprocess
+import sys
 from pathlib import Path
 
 import uvms_ocp
@@ -20,7 +21,9 @@ def run_script(python: Path | str, script: Path, *words: object, compiler: bool 
     which nobody waits; that of this process by default.
     """
     kept = {} if cache is None else {"UVMS_OCP_CACHE": str(cache), "UVMS_OCP_WAIT_FOR_COMPILER": ""}
-    environment = os.environ | {"PYTHONPATH": str(_FOLDER)} | kept | ({} if compiler else _HIDDEN)
+    ours = os.environ.get("PYTHONPATH") if str(python) == sys.executable else None  # the same package as this process
+    places = os.pathsep.join(filter(None, [str(_FOLDER), ours]))
+    environment = os.environ | {"PYTHONPATH": places} | kept | ({} if compiler else _HIDDEN)
     subprocess.run([str(word) for word in (python, script, *words)], check=True, env=environment)
 
 
