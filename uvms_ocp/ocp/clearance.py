@@ -361,6 +361,7 @@ def _group(carried: Indices, chosen: Mask, n: int) -> PlaneRowGroup:
 
 _PER_STEP = 2  # intervals that are looked at first
 _LOOKS = 8  # at each step, where nothing is to be proven
+_CLOSER = (4, 16, 64)  # looks at each step for margins; more of them where a distance changes by as much as is left of it
 
 
 @checked
@@ -463,12 +464,11 @@ def shortfall(term: ShapeClearance, trajectory: Trajectory, t0: float) -> Array:
 
     Steps in which a distance may come near its margin are looked at closely.
     """
-    t, steps = trajectory.t, np.arange(len(trajectory.a))
-    motion, of_steps = SteppedMotion(term=term, trajectory=trajectory), np.zeros((len(steps), len(term.margins)))
-    for looks in (4, 16, 64):
+    t, steps, n_pairs = trajectory.t, np.arange(len(trajectory.a)), len(term.margins)
+    motion, of_steps = SteppedMotion(term=term, trajectory=trajectory), np.zeros((len(steps), n_pairs))
+    for looks in _CLOSER:
         at = (t[steps, None] + np.arange(looks) / looks * np.diff(t)[steps, None]).ravel()
-        left = term.distances((t0 + at).tolist(), motion.configurations(at)) - term.margins
-        left = left.reshape(-1, looks, len(term.margins))
+        left = (term.distances((t0 + at).tolist(), motion.configurations(at)) - term.margins).reshape(-1, looks, n_pairs)
         least, change = left.min(axis=1), np.abs(np.diff(left, axis=1)).max(axis=1)
         of_steps[steps] = np.maximum(-least, 0.0)
         if not len(steps := steps[(least < change).any(axis=1)]):

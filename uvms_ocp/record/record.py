@@ -332,7 +332,7 @@ class Record(display.TableDisplay):
 
 
 def _packs_well(array: np.ndarray) -> bool:
-    """Whether some rows (n, ...), taken from end to end, lose a sixth: numbers of many digits lose less, and take longest."""
+    """Check whether packing saves a sixth of rows sampled from end to end: numbers of many digits lose less, and take longest."""
     some = array[:: 1 + len(array) // 64].tobytes()
     return 6 * len(zlib.compress(some, 1)) < 5 * len(some)
 

@@ -184,7 +184,7 @@ def _rows_at(own: TermRows, z: ca.SX, model: StageModel) -> TermRows:
 
 
 def _places(problem: OcpProblem, phase: OcpPhase, *, at_end: bool) -> list[int]:
-    """Of the terms of a problem, those that count at one kind of node."""
+    """Return the places, among all terms of a problem, of those that count on the path of a phase, or at its end."""
     return [place for place, term in enumerate(problem.terms) if counts(problem, term, phase, at_end=at_end)]
 
 
