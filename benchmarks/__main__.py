@@ -58,7 +58,9 @@ class Claim:
 
     def line(self) -> str:
         """A row of the table."""
-        ours, theirs = (f"{_digits(cell.read(self.script))} {self.unit}" for cell in (self.ours, self.theirs))
+        ours, theirs = (
+            f"{_digits(cell.read(self.script))} {self.unit}" for cell in (self.ours, self.theirs)
+        )
         return f"| {self.what} | {ours} | {theirs}: {self.peer} | `{self.script}.md` |"
 
 
@@ -75,29 +77,42 @@ CLAIMS = (
         script="hierarchy",
         ours=Cell(where={"problem": "whole tick", "solver": "active set in C"}, column="p50_us"),
         peer="pink with quadprog; weights in place of strict levels",
-        theirs=Cell(where={"problem": "whole tick", "solver": "pink (quadprog), weights"}, column="p50_us"),
+        theirs=Cell(
+            where={"problem": "whole tick", "solver": "pink (quadprog), weights"}, column="p50_us"
+        ),
     ),
     Claim(
         what="strict levels of inequalities and equalities, 80 unknowns, 253 rows, from Python",
         unit="us",
         script="hierarchy",
-        ours=Cell(where={"problem": "random, grown, n=80", "solver": "active set in C"}, column="p50_us"),
+        ours=Cell(
+            where={"problem": "random, grown, n=80", "solver": "active set in C"}, column="p50_us"
+        ),
         peer="LexLS, in C++, the public solver of such hierarchies",
-        theirs=Cell(where={"problem": "random, grown, n=80", "solver": "LexLS, native"}, column="p50_us"),
+        theirs=Cell(
+            where={"problem": "random, grown, n=80", "solver": "LexLS, native"}, column="p50_us"
+        ),
     ),
     Claim(
         what="minimum snap through 100 pieces",
         unit="ms",
         script="trajectories",
-        ours=Cell(where={"problem": "min snap 100 x 3", "solver": "banded", "quantity": "time [ms]"}, column="value"),
+        ours=Cell(
+            where={"problem": "min snap 100 x 3", "solver": "banded", "quantity": "time [ms]"},
+            column="value",
+        ),
         peer="minsnap_trajectories",
-        theirs=Cell(where={"problem": "min snap 100 x 3", "solver": "minsnap_trajectories"}, column="value"),
+        theirs=Cell(
+            where={"problem": "min snap 100 x 3", "solver": "minsnap_trajectories"}, column="value"
+        ),
     ),
     Claim(
         what="optimal control, 13 degrees of freedom, 40 steps, no limits",
         unit="ms",
         script="ocp_peers",
-        ours=_processor_time(problem="shooting, N = 40", solver="uvms_ocp stagewise", setting=_STAGEWISE),
+        ours=_processor_time(
+            problem="shooting, N = 40", solver="uvms_ocp stagewise", setting=_STAGEWISE
+        ),
         peer="crocoddyl, to the same cost; it has no hard limits",
         theirs=_processor_time(problem="shooting, N = 40", solver="crocoddyl FDDP"),
     ),
@@ -105,7 +120,9 @@ CLAIMS = (
         what="the same within hard limits on velocities, torques and positions",
         unit="ms",
         script="ocp_peers",
-        ours=_processor_time(problem="limited, N = 40", solver="uvms_ocp stagewise", setting=_STAGEWISE),
+        ours=_processor_time(
+            problem="limited, N = 40", solver="uvms_ocp stagewise", setting=_STAGEWISE
+        ),
         peer="mim-solvers, which has not converged by then",
         theirs=_processor_time(problem="limited, N = 40", solver="mim-solvers CSQP"),
     ),
@@ -113,9 +130,15 @@ CLAIMS = (
         what="quickest motion of an arm, within 0.2 % of the known answer",
         unit="ms",
         script="ocp_peers",
-        ours=_processor_time(problem="quickest", solver="uvms_ocp stagewise", setting="N = 20, exact, 1e-06, compiled"),
+        ours=_processor_time(
+            problem="quickest",
+            solver="uvms_ocp stagewise",
+            setting="N = 20, exact, 1e-06, compiled",
+        ),
         peer="Drake with SNOPT; it has no forces there",
-        theirs=_processor_time(problem="quickest", solver="Drake KTO", setting="SNOPT, 24 control points"),
+        theirs=_processor_time(
+            problem="quickest", solver="Drake KTO", setting="SNOPT, 24 control points"
+        ),
     ),
 )
 SCRIPTS = tuple(dict.fromkeys(claim.script for claim in CLAIMS))
@@ -137,7 +160,8 @@ def run(names: list[str], options: list[str]) -> int:
     for name in SCRIPTS if names == ["all"] else names:
         words = [sys.executable, str(ROOT / f"{name}.py"), *options]
         sys.stderr.write(f"{' '.join(words[1:])}\n")
-        if code := subprocess.run(words, check=False).returncode:
+        code = subprocess.run(words, check=False).returncode
+        if code:
             return code
     return 0
 
@@ -145,21 +169,40 @@ def run(names: list[str], options: list[str]) -> int:
 def main() -> int:
     """Print, run or write."""
     parser = argparse.ArgumentParser(
-        "python -m benchmarks", description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+        "python -m benchmarks",
+        description=__doc__,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     parser.add_argument("names", nargs="*", metavar="NAME", help=f"all, or of {', '.join(SCRIPTS)}")
     parser.add_argument("--peers", type=Path, metavar="FOLDER", help="of the peers' environments")
     parser.add_argument("--into", type=Path, metavar="FILE", help="whose table is to be replaced")
-    parser.add_argument("--out", type=Path, metavar="PATH", help="folder of the files, instead of benchmarks/results")
-    parser.add_argument("--quick", action="store_true", help="little work, to see that it runs; needs --out")
+    parser.add_argument(
+        "--out",
+        type=Path,
+        metavar="PATH",
+        help="folder of the files, instead of benchmarks/results",
+    )
+    parser.add_argument(
+        "--quick", action="store_true", help="little work, to see that it runs; needs --out"
+    )
     given = parser.parse_args()
-    if unknown := set(given.names) - {"all", *SCRIPTS}:
+    unknown = set(given.names) - {"all", *SCRIPTS}
+    if unknown:
         parser.error(f"unknown: {', '.join(sorted(unknown))}; give all, or of {', '.join(SCRIPTS)}")
-    options = [word for name in ("peers", "out") if (path := getattr(given, name)) for word in (f"--{name}", str(path))]
-    if given.names and (code := run(given.names, [*options, *(["--quick"] if given.quick else [])])):
+    options = [
+        word
+        for name in ("peers", "out")
+        if (path := getattr(given, name))
+        for word in (f"--{name}", str(path))
+    ]
+    if given.names and (
+        code := run(given.names, [*options, *(["--quick"] if given.quick else [])])
+    ):
         return code
     if given.into:
-        given.into.write_text(written_into(given.into.read_text(encoding="utf-8")), encoding="utf-8")
+        given.into.write_text(
+            written_into(given.into.read_text(encoding="utf-8")), encoding="utf-8"
+        )
     sys.stdout.write(f"{table()}\n")
     return 0
 

@@ -1,4 +1,5 @@
-"""Thrusters that fail, found and named: ``python benchmarks/actuator_faults.py [--seeds N] [--free N]``.
+"""Thrusters that fail, found and named: ``python benchmarks/actuator_faults.py [--seeds N] [--free
+N]``.
 
 Writes actuator_faults.csv, one row per robot and kind, and actuator_faults.md.
 """
@@ -28,27 +29,46 @@ def fault_of(kind: str, thruster: int, seed: int, limit: float) -> ThrusterFault
     rng = np.random.default_rng(100 * seed + thruster)
     onset = 8.0 + 3.0 * float(rng.uniform())
     share = {"dead": 0.0, "weak": 0.5, "stuck": 0.0, "reversed": -1.0}[kind]
-    constant = float(rng.choice([-1.0, 1.0]) * rng.uniform(0.1, 0.4)) * limit if kind == "stuck" else 0.0
+    constant = (
+        float(rng.choice([-1.0, 1.0]) * rng.uniform(0.1, 0.4)) * limit if kind == "stuck" else 0.0
+    )
     return ThrusterFault(thruster=thruster, share=share, constant=constant, onset=onset)
 
 
-def faulty_runs(robot: str, kind: str, seeds: int, duration: float, thrusters: int) -> Iterator[tuple[ThrusterFault, Outcome]]:
+def faulty_runs(
+    robot: str, kind: str, seeds: int, duration: float, thrusters: int
+) -> Iterator[tuple[ThrusterFault, Outcome]]:
     """All of one kind."""
     for seed in range(seeds):
         for i in range(thrusters):
             fault = fault_of(kind, i, seed, ROBOTS[robot])
             current = (0.5, 0.3)[i % 2]
-            yield (fault, run(Hover(robot=robot, seed=1000 * seed + i, faults=(fault,), duration=duration, current=current)))
+            yield (
+                fault,
+                run(
+                    Hover(
+                        robot=robot,
+                        seed=1000 * seed + i,
+                        faults=(fault,),
+                        duration=duration,
+                        current=current,
+                    )
+                ),
+            )
 
 
 def row_of(robot: str, kind: str, runs: list[tuple[ThrusterFault, Outcome]]) -> Row:
     """Figures of all runs of one kind."""
-    times, right, wrong = [], 0, 0
+    times = []
+    right = 0
+    wrong = 0
     for fault, outcome in runs:
         assert outcome.monitor is not None
         verdicts = outcome.monitor.thrusters
         named = [i for i, verdict in enumerate(verdicts) if verdict.health is ActuatorHealth.FAULTY]
-        told = [t for t, text in outcome.alarms if text.startswith(f"thruster{fault.thruster + 1} ")]
+        told = [
+            t for t, text in outcome.alarms if text.startswith(f"thruster{fault.thruster + 1} ")
+        ]
         times += [told[0] - fault.onset] if told else []
         mine = verdicts[fault.thruster].kind
         right += mine.word == kind
@@ -84,11 +104,21 @@ def free_row(robot: str, n: int, duration: float) -> Row:
 def main() -> None:
     """Run all."""
     parser = parser_of(__doc__)
-    parser.add_argument("--seeds", type=int, default=2, metavar="N", help="runs of each thruster and kind")
-    parser.add_argument("--free", type=int, default=100, metavar="N", help="runs without a fault, per robot")
+    parser.add_argument(
+        "--seeds", type=int, default=2, metavar="N", help="runs of each thruster and kind"
+    )
+    parser.add_argument(
+        "--free", type=int, default=100, metavar="N", help="runs without a fault, per robot"
+    )
     given, bench = begin(parser)
-    seeds, free, duration, thrusters = (1, 1, 2.0, 1) if bench.quick else (given.seeds, given.free, 30.0, 8)
-    rows = [row_of(robot, kind, list(faulty_runs(robot, kind, seeds, duration, thrusters))) for robot in ROBOTS for kind in KINDS]
+    seeds, free, duration, thrusters = (
+        (1, 1, 2.0, 1) if bench.quick else (given.seeds, given.free, 30.0, 8)
+    )
+    rows = [
+        row_of(robot, kind, list(faulty_runs(robot, kind, seeds, duration, thrusters)))
+        for robot in ROBOTS
+        for kind in KINDS
+    ]
     sound = [free_row(robot, free, duration) for robot in ROBOTS]
     formats = {"median time [s]": ".1f"}
     bench.write(

@@ -1,7 +1,9 @@
-"""Reaching with a small vehicle under published sets of drag: ``python benchmarks/bluerov_reach.py [--seeds N] [--jobs N]``.
+"""Reaching with a small vehicle under published sets of drag: ``python benchmarks/bluerov_reach.py
+[--seeds N] [--jobs N]``.
 
-The controller keeps the nominal set; the plant gets each of them, with sensor noise. Writes bluerov_reach.csv, one row per
-mission, and bluerov_reach.md: how many complete, and why the others do not.
+The controller keeps the nominal set; the plant gets each of them, with sensor noise. Writes
+bluerov_reach.csv, one row per mission, and bluerov_reach.md: how many complete, and why the others
+do not.
 """
 
 from __future__ import annotations
@@ -17,7 +19,8 @@ from uvms_ocp.report.summary import summarize
 from uvms_ocp.robot.loading import list_variants
 from uvms_ocp.scenario.cases.bluerov import reach
 
-ROBOT, NOMINAL = "bluerov2_alpha5", "nominal"
+ROBOT = "bluerov2_alpha5"
+NOMINAL = "nominal"
 PROSE = """
 {runs} missions of the scenario `reach` with noisy sensors, seeds {first} to {last}: {completed} complete. The largest
 error of the tool where they do: {worst}. Not completed: {causes}.
@@ -28,7 +31,9 @@ def attempt(job: tuple[int, str, float | None]) -> Row:
     """One mission of a seed under a set of drag; a duration [s] ends it early."""
     seed, drag, duration = job
     variant = None if drag == NOMINAL else drag
-    report = summarize(reach(robot=ROBOT, seed=seed, variant=variant, noise=True, duration=duration).run())
+    report = summarize(
+        reach(robot=ROBOT, seed=seed, variant=variant, noise=True, duration=duration).run()
+    )
     return {
         "seed": seed,
         "drag": drag,
@@ -57,7 +62,9 @@ def sums(rows: Sequence[Row]) -> list[Row]:
 def prose(rows: Sequence[Row]) -> str:
     """With the figures of all missions."""
     done = [row["tool_error_mm"] for row in rows if row["completed"]]
-    causes = [f"seed {row['seed']}, {row['drag']}: {row['cause']}" for row in rows if not row["completed"]]
+    causes = [
+        f"seed {row['seed']}, {row['drag']}: {row['cause']}" for row in rows if not row["completed"]
+    ]
     return PROSE.format(
         runs=len(rows),
         first=rows[0]["seed"],
@@ -78,7 +85,9 @@ def main() -> None:
     """Run all missions."""
     parser = parser_of(__doc__)
     parser.add_argument("--seeds", type=int, default=20, metavar="N")
-    parser.add_argument("--jobs", type=int, default=os.cpu_count() or 1, metavar="N", help="processes")
+    parser.add_argument(
+        "--jobs", type=int, default=os.cpu_count() or 1, metavar="N", help="processes"
+    )
     given, run = begin(parser)
     drags = (NOMINAL, *list_variants(ROBOT))
     jobs = product(range(given.seeds), drags, [None])

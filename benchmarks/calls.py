@@ -1,4 +1,5 @@
-"""Time per Python call of dynamics in water and of thrust allocation: ``python benchmarks/calls.py``.
+"""Time per Python call of dynamics in water and of thrust allocation: ``python
+benchmarks/calls.py``.
 
 Writes calls.csv and calls.md, one row per robot and call.
 """
@@ -41,7 +42,8 @@ class Counts:
 
 def dynamics_calls(dynamics: Dynamics) -> dict[str, Callable[[], object]]:
     """One call of each kind, at a random state in water that moves differently at every link."""
-    rng, model = np.random.default_rng(0), dynamics.symbolic.model
+    rng = np.random.default_rng(0)
+    model = dynamics.symbolic.model
     q = pin.integrate(model, pin.neutral(model), rng.normal(size=model.nv))
     v, a = rng.normal(size=(2, model.nv))
     u, Du_Dt = rng.normal(size=(2, len(dynamics.symbolic.links), 3))
@@ -67,7 +69,10 @@ def wrench_us(allocation: Allocation, share: float, counts: Counts) -> list[floa
     """Shortest time [us] of each of the random wrenches of a share of the largest."""
     largest = np.linalg.norm(allocation.matrix * allocation.upper, axis=1)
     drawn = np.random.default_rng(0).normal(size=(counts.wrenches, 6)) * share * largest
-    return [min(batch_us(partial(allocation.allocate, wrench), 1) for _ in range(counts.repeats)) for wrench in drawn]
+    return [
+        min(batch_us(partial(allocation.allocate, wrench), 1) for _ in range(counts.repeats))
+        for wrench in drawn
+    ]
 
 
 def rows(counts: Counts) -> Iterator[Row]:

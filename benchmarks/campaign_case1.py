@@ -1,7 +1,8 @@
-"""Case 1 with everything uncertain: ``python benchmarks/campaign_case1.py [--runs N] [--work FOLDER] [--workers N]``.
+"""Case 1 with everything uncertain: ``python benchmarks/campaign_case1.py [--runs N] [--work
+FOLDER] [--workers N]``.
 
-Writes campaign_case1.csv, one row per run, and campaign_case1.md with rates, causes and sensitivities. Killed and started
-again with the same --work, it goes on where it was.
+Writes campaign_case1.csv, one row per run, and campaign_case1.md with rates, causes and
+sensitivities. Killed and started again with the same --work, it goes on where it was.
 """
 
 from __future__ import annotations
@@ -35,10 +36,14 @@ _TOP = 6
 
 
 def throughput(variations: Any, runs: int, folder: Path, workers: int) -> float:
-    """Runs per second [1/s] of one campaign of `runs` on `workers`, from the first row to the last."""
+    """Runs per second [1/s] of one campaign of `runs` on `workers`, from the first row to the
+    last.
+    """
     times: list[tuple[float, int]] = []
     campaign = Campaign(scenario=noisy_case1, variations=variations, runs=runs, seed=1)
-    campaign.run(folder, workers=workers, progress=lambda done, *_: times.append((perf_counter(), done)))
+    campaign.run(
+        folder, workers=workers, progress=lambda done, *_: times.append((perf_counter(), done))
+    )
     first, had = next((time, done) for time, done in times if done >= workers)
     return (runs - had) / (times[-1][0] - first)
 
@@ -65,7 +70,12 @@ def sensitivities(report: dict[str, Any]) -> list[Row]:
     for figure in ("success", "tool_position_error_m", "energy_j", "duration_s"):
         own = [row for row in report["sensitivity"] if row["figure"] == figure]
         for row in sorted(own, key=lambda row: -row["pawn"])[:_TOP]:
-            names = {"figure": "figure", "parameter": "parameter", "pawn": "PAWN", "pawn_floor": "floor"}
+            names = {
+                "figure": "figure",
+                "parameter": "parameter",
+                "pawn": "PAWN",
+                "pawn_floor": "floor",
+            }
             rows.append({names[key]: row[key] for key in names} | {"rank": row["rank_correlation"]})
     return rows
 
@@ -74,7 +84,12 @@ def main() -> None:
     """Run the campaign, or what is left of it."""
     parser = parser_of(__doc__)
     parser.add_argument("--runs", type=int, default=2000, metavar="N")
-    parser.add_argument("--work", type=Path, metavar="FOLDER", help="of the campaign, kept; default: a temporary one")
+    parser.add_argument(
+        "--work",
+        type=Path,
+        metavar="FOLDER",
+        help="of the campaign, kept; default: a temporary one",
+    )
     parser.add_argument("--workers", type=int, default=os.cpu_count() or 1, metavar="N")
     given, run = begin(parser)
     with tempfile.TemporaryDirectory() as temporary:
@@ -86,8 +101,14 @@ def main() -> None:
         times = read_table(folder / "campaign")["wall_s"]
         took = f"The runs took {times.sum():.0f} s of the workers' time, {workers} at a time."
         if not run.quick:
-            one, two = (throughput(variations, min(100, runs), Path(temporary, f"workers{n}"), n) for n in (1, 2))
-            took += f" Two workers make {two / one:.2f} times as many runs in a second as one ({two:.2f} and {one:.2f})."
+            one, two = (
+                throughput(variations, min(100, runs), Path(temporary, f"workers{n}"), n)
+                for n in (1, 2)
+            )
+            took += (
+                f" Two workers make {two / one:.2f} times as many runs in a second as one"
+                f" ({two:.2f} and {one:.2f})."
+            )
         report = campaign_report(folder / "campaign", parse_bounds([_USEFUL]))
         strict = campaign_report(folder / "campaign")
         table = read_table(folder / "campaign").drop(columns=["worker"])
@@ -103,9 +124,17 @@ def main() -> None:
     )
     names = ("figure", "runs", "least", "5 %", "median", "95 %", "largest")
     spread = [{name: row[name] for name in names} for row in report["distributions"]]
-    tables = [Table(rows=rows) for rows in (causes(strict), causes(report), spread, sensitivities(report)) if rows]
+    tables = [
+        Table(rows=rows)
+        for rows in (causes(strict), causes(report), spread, sensitivities(report))
+        if rows
+    ]
     data = {"campaign_case1": table.to_dict("records")}
-    run.write(Report(name="campaign_case1", title="Case 1, uncertain", prose=prose, tables=tables, data=data))
+    run.write(
+        Report(
+            name="campaign_case1", title="Case 1, uncertain", prose=prose, tables=tables, data=data
+        )
+    )
 
 
 if __name__ == "__main__":

@@ -1,6 +1,8 @@
-"""What the machinery of campaigns costs a run: ``python benchmarks/campaign_overhead.py [--runs N]``.
+"""What the machinery of campaigns costs a run: ``python benchmarks/campaign_overhead.py [--runs
+N]``.
 
-Runs that do nothing, in processes of this machine; writes campaign_overhead.csv and campaign_overhead.md.
+Runs that do nothing, in processes of this machine; writes campaign_overhead.csv and
+campaign_overhead.md.
 """
 
 from __future__ import annotations
@@ -28,7 +30,9 @@ def measured(runs: int, workers: int) -> Row:
     """Of one campaign of `runs` on as many `workers`."""
     times: list[tuple[float, int]] = []
     with tempfile.TemporaryDirectory() as folder:
-        out, work, begun = Path(folder, "campaign"), Trivial(), perf_counter()
+        out = Path(folder, "campaign")
+        work = Trivial()
+        begun = perf_counter()
         run_jobs(
             out,
             identity_of(work, runs),
@@ -56,8 +60,21 @@ def main() -> None:
     given, run = begin(parser)
     workers = 1 if run.quick else os.cpu_count() or 1
     row = measured(300 if run.quick else given.runs, workers)
-    prose = PROSE.format(runs=row["runs"], cost=row["per run [ms]"], workers=workers, allowed=_ALLOWED, memory=row["client [MB]"])
-    run.write(Report(name="campaign_overhead", title="Overhead of campaigns", prose=prose, tables=[Table(rows=[row])]))
+    prose = PROSE.format(
+        runs=row["runs"],
+        cost=row["per run [ms]"],
+        workers=workers,
+        allowed=_ALLOWED,
+        memory=row["client [MB]"],
+    )
+    run.write(
+        Report(
+            name="campaign_overhead",
+            title="Overhead of campaigns",
+            prose=prose,
+            tables=[Table(rows=[row])],
+        )
+    )
 
 
 if __name__ == "__main__":

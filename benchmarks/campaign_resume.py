@@ -1,7 +1,8 @@
-"""A campaign that is killed again and again: ``python benchmarks/campaign_resume.py [--runs N] [--kills N]``.
+"""A campaign that is killed again and again: ``python benchmarks/campaign_resume.py [--runs N]
+[--kills N]``.
 
-Client or worker get SIGKILL at random moments; what is there in the end is compared with a campaign that nobody disturbed.
-Writes campaign_resume.csv, one row per kill, and campaign_resume.md.
+Client or worker get SIGKILL at random moments; what is there in the end is compared with a campaign
+that nobody disturbed. Writes campaign_resume.csv, one row per kill, and campaign_resume.md.
 """
 
 from __future__ import annotations
@@ -56,14 +57,22 @@ def killed(folder: Path, runs: int, draw: random.Random, *, workers: int, a_work
         client.send_signal(signal.SIGKILL)
     client.wait()
     after = finished(folder)
-    return {"killed": "worker, then client" if a_worker else "client", "before": len(before), "after": len(after),
-            "lost": len(before - after)}  # fmt: skip
+    return {
+        "killed": "worker, then client" if a_worker else "client",
+        "before": len(before),
+        "after": len(after),
+        "lost": len(before - after),
+    }
 
 
 def _workers(pid: int) -> list[int]:
     """Children of a process that are workers."""
     children = Path(f"/proc/{pid}/task/{pid}/children").read_text().split()
-    return [int(child) for child in children if b"spawn_main" in Path(f"/proc/{child}/cmdline").read_bytes()]
+    return [
+        int(child)
+        for child in children
+        if b"spawn_main" in Path(f"/proc/{child}/cmdline").read_bytes()
+    ]
 
 
 def main() -> None:
@@ -71,14 +80,17 @@ def main() -> None:
     parser = parser_of(__doc__)
     parser.add_argument("--runs", type=int, default=400, metavar="N")
     parser.add_argument("--kills", type=int, default=10, metavar="N")
-    parser.add_argument("--workers", type=int, default=os.cpu_count() or 1, metavar="N", help="processes")
+    parser.add_argument(
+        "--workers", type=int, default=os.cpu_count() or 1, metavar="N", help="processes"
+    )
     parser.add_argument("--child", type=Path, help=argparse.SUPPRESS)
     given, run = begin(parser)
     if given.child:
         campaign_of(given.runs).run(given.child, workers=given.workers)
         return
     runs, kills, workers = (6, 1, 1) if run.quick else (given.runs, given.kills, given.workers)
-    draw, rows = random.Random(0), []
+    draw = random.Random(0)
+    rows = []
     with tempfile.TemporaryDirectory() as temporary:
         folder = Path(temporary, "killed")
         for kill in range(kills):
@@ -93,7 +105,11 @@ def main() -> None:
         lost=sum(row["lost"] for row in rows),
         equal="yes" if equal else "NO",
     )
-    run.write(Report(name="campaign_resume", title="Killed campaigns", prose=prose, tables=[Table(rows=rows)]))
+    run.write(
+        Report(
+            name="campaign_resume", title="Killed campaigns", prose=prose, tables=[Table(rows=rows)]
+        )
+    )
 
 
 if __name__ == "__main__":

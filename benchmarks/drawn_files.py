@@ -1,9 +1,11 @@
-"""Drawn robot files: ``python benchmarks/drawn_files.py [--files N] [--exports N] [--jobs N] [--work DIR --hours H]``.
+"""Drawn robot files: ``python benchmarks/drawn_files.py [--files N] [--exports N] [--jobs N]
+[--work DIR --hours H]``.
 
-Sound robots, of each of which two things are taken away, renamed, doubled or emptied, go from the file through all commands:
-new-robot, check-robot, new-mission, check, a kinematic and a dynamic run, save, load, show, plan curve and, the first of them,
-export. Writes drawn_files.csv, one row per file of the study `drawn_files`, and its sums to drawn_files.md. With --work DIR it
-goes on where it was.
+Sound robots, of each of which two things are taken away, renamed, doubled or emptied, go from the
+file through all commands: new-robot, check-robot, new-mission, check, a kinematic and a dynamic
+run, save, load, show, plan curve and, the first of them, export. Writes drawn_files.csv, one row
+per file of the study `drawn_files`, and its sums to drawn_files.md. With --work DIR it goes on
+where it was.
 """
 
 from __future__ import annotations
@@ -39,7 +41,8 @@ def prose(rows: list[Row]) -> str:
         seconds=rows[0]["duration_s"],
         rate=1 / rows[0]["dt"],
         exports=sum(row["exports"] for row in rows),
-        reasons=", ".join(f"{reason} {refused[reason]}" for reason in REASONS if refused[reason]) or "none",
+        reasons=", ".join(f"{reason} {refused[reason]}" for reason in REASONS if refused[reason])
+        or "none",
         others=refused[""],
     )
 
@@ -48,18 +51,33 @@ def main() -> None:
     """Run the study."""
     parser = parser_of(__doc__)
     parser.add_argument("--files", type=int, default=500, metavar="N")
-    parser.add_argument("--exports", type=int, default=20, metavar="N", help="of them, through export, with a compiler")
-    parser.add_argument("--jobs", type=int, default=os.cpu_count() or 1, metavar="N", help="processes")
+    parser.add_argument(
+        "--exports",
+        type=int,
+        default=20,
+        metavar="N",
+        help="of them, through export, with a compiler",
+    )
+    parser.add_argument(
+        "--jobs", type=int, default=os.cpu_count() or 1, metavar="N", help="processes"
+    )
     parser.add_argument("--work", type=Path, metavar="PATH", help="folder of rows that are kept")
-    parser.add_argument("--hours", type=float, default=24.0, metavar="H", help="time after which it ends [h]")
+    parser.add_argument(
+        "--hours", type=float, default=24.0, metavar="H", help="time after which it ends [h]"
+    )
     given, run = begin(parser)
     exports, files = (0, 1) if run.quick else (given.exports, given.files)
     rows: list[Row] = []
     with tempfile.TemporaryDirectory() as cache:
-        os.environ |= {"UVMS_OCP_CACHE": cache, "UVMS_OCP_CFLAGS": "-O0"}  # what is compiled runs once
+        os.environ |= {
+            "UVMS_OCP_CACHE": cache,
+            "UVMS_OCP_CFLAGS": "-O0",
+        }  # what is compiled runs once
         work = given.work or Path(cache)
         if exports:
-            rows += kept_rows(drawn_files(n=exports, exports=True), work / "exports", given.jobs, given.hours)
+            rows += kept_rows(
+                drawn_files(n=exports, exports=True), work / "exports", given.jobs, given.hours
+            )
         hide_compiler()
         rest = drawn_files(n=files - exports, seed=exports)
         rows += kept_rows(rest, work / "files", 1 if run.quick else given.jobs, given.hours)

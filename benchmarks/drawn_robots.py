@@ -1,9 +1,10 @@
-"""Drawn robots on drawn missions: ``python benchmarks/drawn_robots.py [--robots N] [--jobs N] [--work DIR --hours H]``.
+"""Drawn robots on drawn missions: ``python benchmarks/drawn_robots.py [--robots N] [--jobs N]
+[--work DIR --hours H]``.
 
-Vehicles of 10 to 1,500 kg with 4 to 10 thrusters in drawn places and directions, out of trim by up to 2 cm, with none to two
-arms of 1 to 8 joints and loads of up to 5 % of the mass, swim to way points and reach with their tools. Writes
-drawn_robots.csv, one row per robot of the study `drawn_robots`, and its sums to drawn_robots.md. With --work DIR it goes on
-where it was.
+Vehicles of 10 to 1,500 kg with 4 to 10 thrusters in drawn places and directions, out of trim by up
+to 2 cm, with none to two arms of 1 to 8 joints and loads of up to 5 % of the mass, swim to way
+points and reach with their tools. Writes drawn_robots.csv, one row per robot of the study
+`drawn_robots`, and its sums to drawn_robots.md. With --work DIR it goes on where it was.
 """
 
 from __future__ import annotations
@@ -76,7 +77,8 @@ def prose(rows: list[Row]) -> str:
         loaded=sum(row["load_kg"] > 0.0 for row in rows),
         noisy_wrong=sum(bool(row["wrong"]) and row["noise"] for row in rows),
         seeds=", ".join(f"{row['seed']} {row['wrong']}" for row in rows if row["wrong"]) or "none",
-        reasons=", ".join(f"{reason} {refused[reason]}" for reason in REASONS if refused[reason]) or "none",
+        reasons=", ".join(f"{reason} {refused[reason]}" for reason in REASONS if refused[reason])
+        or "none",
         others=refused[""],
     )
 
@@ -85,14 +87,23 @@ def main() -> None:
     """Run the study."""
     parser = parser_of(__doc__)
     parser.add_argument("--robots", type=int, default=2000, metavar="N")
-    parser.add_argument("--jobs", type=int, default=os.cpu_count() or 1, metavar="N", help="processes")
+    parser.add_argument(
+        "--jobs", type=int, default=os.cpu_count() or 1, metavar="N", help="processes"
+    )
     parser.add_argument("--work", type=Path, metavar="PATH", help="folder of rows that are kept")
-    parser.add_argument("--hours", type=float, default=24.0, metavar="H", help="time after which it ends [h]")
+    parser.add_argument(
+        "--hours", type=float, default=24.0, metavar="H", help="time after which it ends [h]"
+    )
     given, run = begin(parser)
     with tempfile.TemporaryDirectory() as cache:
-        os.environ |= {"UVMS_OCP_CACHE": cache, "UVMS_OCP_CFLAGS": "-O0"}  # what is compiled runs once
+        os.environ |= {
+            "UVMS_OCP_CACHE": cache,
+            "UVMS_OCP_CFLAGS": "-O0",
+        }  # what is compiled runs once
         study = drawn_robots(n=1 if run.quick else given.robots, flies=not run.quick)
-        rows = kept_rows(study, given.work or Path(cache) / "work", 1 if run.quick else given.jobs, given.hours)
+        rows = kept_rows(
+            study, given.work or Path(cache) / "work", 1 if run.quick else given.jobs, given.hours
+        )
     run.write(
         Report(
             name="drawn_robots",

@@ -1,8 +1,8 @@
 """The controller in C: ``python benchmarks/exported_controller.py [--scenarios NAME ...]``.
 
-Exports the controller of each mission, builds it for this machine, with sanitizers and, where Debian's cross compiler and qemu's
-user emulation are installed, for 64-bit ARM, and replays the recorded run. Writes exported_controller.csv, one row per
-mission and build.
+Exports the controller of each mission, builds it for this machine, with sanitizers and, where
+Debian's cross compiler and qemu's user emulation are installed, for 64-bit ARM, and replays the
+recorded run. Writes exported_controller.csv, one row per mission and build.
 """
 
 from __future__ import annotations
@@ -24,7 +24,10 @@ from uvms_ocp.scenario.scenario import Scenario
 
 FAULTS = ("altimeter:frozen@8", "thruster3:dead@15", "joint2:jam@20")
 MISSIONS: dict[str, Callable[..., Scenario]] = {
-    **{name: SCENARIOS[name] for name in ("case1", "case2", "current_drift", "obstacle_field", "bluerov_inspection")},
+    **{
+        name: SCENARIOS[name]
+        for name in ("case1", "case2", "current_drift", "obstacle_field", "bluerov_inspection")
+    },
     "case1, faulty": lambda **options: case1(noise=True, faults=FAULTS, **options),
 }
 STRICT = ("-std=c99", "-Wall", "-Wextra", "-Werror", "-pedantic", "-ffp-contract=off")
@@ -68,7 +71,13 @@ def rows_of(name: str, scenario: Scenario, folder: Path, level: Sequence[str]) -
             built_s = built(folder, compiler, (*options, *level))
             yield {**row, "build_s": built_s, **replayed(folder, emulator), "status": "ok"}
         except subprocess.CalledProcessError as error:
-            yield {**row, "status": f"{Path(str(error.cmd[0])).name} failed: {' '.join(str(error.stderr).split())[:200]}"}
+            yield {
+                **row,
+                "status": (
+                    f"{Path(str(error.cmd[0])).name} failed:"
+                    f" {' '.join(str(error.stderr).split())[:200]}"
+                ),
+            }
 
 
 def built(folder: Path, compiler: str, options: Sequence[str]) -> float:
@@ -85,11 +94,16 @@ def built(folder: Path, compiler: str, options: Sequence[str]) -> float:
 def replayed(folder: Path, emulator: Sequence[str]) -> dict[str, Any]:
     """What the program tells of the recorded run."""
     before = _children()
-    process = subprocess.run([*emulator, "./replay", "recorded.bin"], cwd=folder, capture_output=True, text=True)
-    spent, said = _children() - before, process.stdout
+    process = subprocess.run(
+        [*emulator, "./replay", "recorded.bin"], cwd=folder, capture_output=True, text=True
+    )
+    spent = _children() - before
+    said = process.stdout
     if process.returncode not in (0, 1):
         raise subprocess.CalledProcessError(process.returncode, ["replay"], stderr=process.stderr)
-    ticks, apart, largest = (int(said.split()[0]), int(said.split()[2]), float(said.split("difference ")[1].split(",")[0]))
+    ticks = int(said.split()[0])
+    apart = int(said.split()[2])
+    largest = float(said.split("difference ")[1].split(",")[0])
     return {
         "code_kB": 1e-3 * os.path.getsize(folder / "replay"),
         "ticks": ticks,
@@ -112,9 +126,13 @@ def _children() -> float:
 def main() -> None:
     """Export, build, replay and write."""
     parser = parser_of(__doc__)
-    parser.add_argument("--scenarios", nargs="*", default=list(MISSIONS), metavar="NAME", choices=list(MISSIONS))
+    parser.add_argument(
+        "--scenarios", nargs="*", default=list(MISSIONS), metavar="NAME", choices=list(MISSIONS)
+    )
     given, run = begin(parser)
-    names, short = (["case1"], {"duration": 1.0, "plant": "kinematic"}) if run.quick else (given.scenarios, {})
+    names, short = (
+        (["case1"], {"duration": 1.0, "plant": "kinematic"}) if run.quick else (given.scenarios, {})
+    )
     level = ["-O0"] if run.quick else []
     rows: list[Row] = []
     with tempfile.TemporaryDirectory() as work:

@@ -1,7 +1,8 @@
-"""Faults: ``python benchmarks/faults.py --work FOLDER [--hours H] [--seeds N] [--pairs N] [--jobs N] [--kinds WORD ...]``.
+"""Faults: ``python benchmarks/faults.py --work FOLDER [--hours H] [--seeds N] [--pairs N] [--jobs
+N] [--kinds WORD ...]``.
 
-Runs the study `faults`, or a share of it: what is in FOLDER already is not run again, and after H hours no case is begun.
-Writes faults.csv, one row per run, and their sums by kind to faults.md.
+Runs the study `faults`, or a share of it: what is in FOLDER already is not run again, and after H
+hours no case is begun. Writes faults.csv, one row per run, and their sums by kind to faults.md.
 """
 
 from __future__ import annotations
@@ -15,7 +16,19 @@ import numpy as np
 from recording.kept_rows import kept_rows
 from recording.report import Report, Row, Table, begin, parser_of
 from studies.fault_study import by_kind, faults
-from studies.fault_table import ASTRAY, FLOOR, GUSTS, GUSTY, JOINTS, KINDS, NEW, NEW_RATES, PAIR, RATES, STILL
+from studies.fault_table import (
+    ASTRAY,
+    FLOOR,
+    GUSTS,
+    GUSTY,
+    JOINTS,
+    KINDS,
+    NEW,
+    NEW_RATES,
+    PAIR,
+    RATES,
+    STILL,
+)
 from studies.study import Study
 
 from uvms_ocp.report.metrics import CHANCE
@@ -126,18 +139,37 @@ def main() -> None:
     parser = parser_of(__doc__)
     parser.add_argument("--seeds", type=int, default=5, metavar="N", help="of each kind and phase")
     parser.add_argument(
-        "--free", type=int, default=100, metavar="N", help="runs without faults in still water, and as many in gusts"
+        "--free",
+        type=int,
+        default=100,
+        metavar="N",
+        help="runs without faults in still water, and as many in gusts",
     )
     parser.add_argument("--pairs", type=int, default=200, metavar="N", help="runs with two faults")
-    parser.add_argument("--kinds", nargs="*", default=[], metavar="WORD", help="of the names of kinds to run alone")
+    parser.add_argument(
+        "--kinds", nargs="*", default=[], metavar="WORD", help="of the names of kinds to run alone"
+    )
     parser.add_argument("--jobs", type=int, default=2, metavar="N", help="processes")
-    parser.add_argument("--hours", type=float, default=8.0, metavar="H", help="after which no run is begun")
+    parser.add_argument(
+        "--hours", type=float, default=8.0, metavar="H", help="after which no run is begun"
+    )
     parser.add_argument("--work", type=Path, metavar="FOLDER", help="where rows are kept")
     given, run = begin(parser)
-    study = faults(n=given.seeds, fault_free=given.free, pairs=given.pairs, kinds=chosen_kinds(given.kinds))
+    study = faults(
+        n=given.seeds, fault_free=given.free, pairs=given.pairs, kinds=chosen_kinds(given.kinds)
+    )
     if run.quick:
         kinds = ["altimeter_range frozen", "joint 2 jammed"]
-        study = faults(n=1, fault_free=1, pairs=1, kinds=kinds, phases=("A",), plant="kinematic", dt=0.05, duration=12.0)
+        study = faults(
+            n=1,
+            fault_free=1,
+            pairs=1,
+            kinds=kinds,
+            phases=("A",),
+            plant="kinematic",
+            dt=0.05,
+            duration=12.0,
+        )
     with tempfile.TemporaryDirectory() as own:
         rows = kept_rows(study, (given.work or Path(own)) / "study", given.jobs, given.hours)
     run.write(report(rows, study))

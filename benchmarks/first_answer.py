@@ -1,7 +1,7 @@
 """Time from an empty cache to the first answer: ``python benchmarks/first_answer.py``.
 
-Writes first_answer.csv, one row per step, each in a process of its own, first_answer_planners.csv, all in one, and
-first_answer.md.
+Writes first_answer.csv, one row per step, each in a process of its own, first_answer_planners.csv,
+all in one, and first_answer.md.
 """
 
 from __future__ import annotations
@@ -20,10 +20,13 @@ from recording.report import Report, Row, Table, begin, parser_of
 
 from uvms_ocp.codegen.cache import HALF_MADE
 
-GOAL, START, TURN = (12.2, 37.4, -39.5), (11.0, 37.0, -38.5), (0.0, 0.0, 0.5)
+GOAL = (12.2, 37.4, -39.5)
+START = (11.0, 37.0, -38.5)
+TURN = (0.0, 0.0, 0.5)
 """[m] of the tool and of the vehicle, and [rad] of the tool where its attitude is a goal, too."""
 SPHERES = ("11.8,37.2,-38.9,0.1", "10.2,36.2,-38.0,0.2")
-STEPS, FEW = 40, 10
+STEPS = 40
+FEW = 10
 QUIET = 3.0  # [s], longer than a process takes to start
 PROSE = """
 Each row is a command in a process of its own, with byte code as an installed package has it; the rows of one `group` share a
@@ -60,10 +63,16 @@ FORMATS = {
 
 def timed_command(words: tuple[str, ...], folder: Path, cache: Path) -> dict[str, float]:
     """What a command takes, and what it adds to the cache."""
-    before, environment = set(cache.glob("*.so")), as_installed(cache)
+    before = set(cache.glob("*.so"))
+    environment = as_installed(cache)
     start = perf_counter()
     done = subprocess.run(
-        [sys.executable, "-m", "uvms_ocp", *words], cwd=folder, env=environment, check=False, capture_output=True, text=True
+        [sys.executable, "-m", "uvms_ocp", *words],
+        cwd=folder,
+        env=environment,
+        check=False,
+        capture_output=True,
+        text=True,
     )
     if done.returncode not in {0, 1}:  # 1: an answer, but not what was wanted
         raise RuntimeError(f"{' '.join(words)}: {done.stderr[-500:]}")
@@ -91,7 +100,9 @@ def seconds_until_quiet(cache: Path) -> float:
 def plan_rows(plugin: str | None, steps: int) -> Iterator[Row]:
     """Reaches one after the other, from an empty cache, by the default solver or another."""
     solver = () if plugin is None else ("--nlp", plugin)
-    one, two = (tuple(word for sphere in SPHERES[:n] for word in ("--sphere", sphere)) for n in (1, 2))
+    one, two = (
+        tuple(word for sphere in SPHERES[:n] for word in ("--sphere", sphere)) for n in (1, 2)
+    )
     problems = {
         "first problem of the robot": one,
         "one more sphere": two,
@@ -100,7 +111,8 @@ def plan_rows(plugin: str | None, steps: int) -> Iterator[Row]:
     }
     reach = ("--tool", *map(str, GOAL), "--position", *map(str, START))
     with tempfile.TemporaryDirectory() as name:
-        folder, cache = Path(name), Path(name) / "cache"
+        folder = Path(name)
+        cache = Path(name) / "cache"
         cache.mkdir(mode=0o700)
         for step, more in problems.items():
             words = ("plan", "ocp", *reach, *more, "--steps", str(steps), *solver, "--out", "plan")
@@ -118,7 +130,8 @@ def plan_rows(plugin: str | None, steps: int) -> Iterator[Row]:
 def planner_rows(steps: int) -> list[Row]:
     """All in one process."""
     with tempfile.TemporaryDirectory() as name:
-        cache, result = Path(name) / "cache", Path(name) / "rows.json"
+        cache = Path(name) / "cache"
+        result = Path(name) / "rows.json"
         cache.mkdir(mode=0o700)
         script = Path(__file__).parent / "horizon" / "first_planners.py"
         run_script(sys.executable, script, steps, result, cache=cache)
@@ -128,7 +141,8 @@ def planner_rows(steps: int) -> list[Row]:
 def run_rows() -> Iterator[Row]:
     """A robot and a mission of one's own."""
     with tempfile.TemporaryDirectory() as name:
-        folder, cache = Path(name), Path(name) / "cache"
+        folder = Path(name)
+        cache = Path(name) / "cache"
         timed_command(("new-robot", "my_robot"), folder, cache)
         timed_command(("new-mission", "my_mission.py", "--robot", "my_robot"), folder, cache)
         mission = folder / "my_mission.py"
@@ -136,12 +150,19 @@ def run_rows() -> Iterator[Row]:
             if step == "mission changed":
                 mission.write_text(changed(mission.read_text(encoding="utf-8")), encoding="utf-8")
             found = timed_command(("run", "my_mission.py", "--out", "run"), folder, cache)
-            yield {"group": "run my_mission.py", "step": step, "status": "", **found, "solve_s": None}
+            yield {
+                "group": "run my_mission.py",
+                "step": step,
+                "status": "",
+                **found,
+                "solve_s": None,
+            }
 
 
 def changed(mission: str) -> str:
     """The mission with a longer hold at the goal."""
-    short, long = "hold=1.0),),\n", "hold=1.5),),\n"
+    short = "hold=1.0),),\n"
+    long = "hold=1.5),),\n"
     if short not in mission:
         raise LookupError(f"{short!r} is not in the mission that new-mission writes")
     return mission.replace(short, long)

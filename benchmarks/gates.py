@@ -1,7 +1,9 @@
-"""Phase changes by external gates, strict and regularised: ``python benchmarks/gates.py [--figure PNG]``.
+"""Phase changes by external gates, strict and regularised: ``python benchmarks/gates.py [--figure
+PNG]``.
 
-Runs missions on the kinematic plant with the strict hierarchy and with iCAT, which reads the same gates as weights. Writes
-gates.csv and gates.md, one row per mission, solver and phase change; the figure, of Case 1, only where a path is given.
+Runs missions on the kinematic plant with the strict hierarchy and with iCAT, which reads the same
+gates as weights. Writes gates.csv and gates.md, one row per mission, solver and phase change; the
+figure, of Case 1, only where a path is given.
 """
 
 from __future__ import annotations
@@ -22,8 +24,16 @@ from uvms_ocp.solvers.hierarchy.cascade import LexicographicQp
 from uvms_ocp.solvers.hierarchy.icat import Icat
 from uvms_ocp.viz.comparison_figures import figure_transitions
 
-MISSIONS: dict[str, Callable[..., Scenario]] = {"case1": case1, "case2": case2, "priority_swap": priority_swap}
-SOLVERS: dict[str, HierarchySolver] = {"active_set": LexicographicActiveSet(), "lexqp": LexicographicQp(), "icat": Icat()}
+MISSIONS: dict[str, Callable[..., Scenario]] = {
+    "case1": case1,
+    "case2": case2,
+    "priority_swap": priority_swap,
+}
+SOLVERS: dict[str, HierarchySolver] = {
+    "active_set": LexicographicActiveSet(),
+    "lexqp": LexicographicQp(),
+    "icat": Icat(),
+}
 PROSE = """
 Kinematic plant, {rate:.0f} Hz. A change counts from its begin for {window:g} s; *all* is the whole run, whose t is the
 time to finish.
@@ -38,7 +48,15 @@ Largest jerk at the phase changes of a mission:
 
 {jerks}
 """
-FORMATS = {"run": "", "change": "", "t_s": ".2f", "step": ".3f", "jerk": ".0f", "jerk_rms": ".1f", "lost": ".1e"}
+FORMATS = {
+    "run": "",
+    "change": "",
+    "t_s": ".2f",
+    "step": ".3f",
+    "jerk": ".0f",
+    "jerk_rms": ".1f",
+    "lost": ".1e",
+}
 
 
 def main() -> None:
@@ -56,7 +74,14 @@ def main() -> None:
     rows = transition_table(records)
     jerks = "\n".join(f"- {mission}: {_jerks(rows, mission)}" for mission in missions)
     prose = PROSE.format(rate=1 / dt, window=WINDOW, jerks=jerks)
-    run.write(Report(name="gates", title="Phase changes", prose=prose, tables=[Table(rows=rows, columns=FORMATS)]))
+    run.write(
+        Report(
+            name="gates",
+            title="Phase changes",
+            prose=prose,
+            tables=[Table(rows=rows, columns=FORMATS)],
+        )
+    )
     if given.figure:
         series = {name: transition_series(records[f"case1 {name}"]) for name in SOLVERS}
         figure_transitions(series).savefig(given.figure)
@@ -65,7 +90,12 @@ def main() -> None:
 def _jerks(rows: Sequence[Mapping[str, Any]], mission: str) -> str:
     """The largest at any change, by solver."""
     largest = {
-        name: max(row["jerk"] for row in rows if row["run"] == f"{mission} {name}" and row["change"] != "all") for name in SOLVERS
+        name: max(
+            row["jerk"]
+            for row in rows
+            if row["run"] == f"{mission} {name}" and row["change"] != "all"
+        )
+        for name in SOLVERS
     }
     return ", ".join(f"{name} {jerk:.0f}" for name, jerk in largest.items())
 

@@ -1,7 +1,8 @@
-"""Problems by hierarchy solvers: ``python benchmarks/hierarchy.py --peers FOLDER [--lexls PROGRAM] [--random N]``.
+"""Problems by hierarchy solvers: ``python benchmarks/hierarchy.py --peers FOLDER [--lexls PROGRAM]
+[--random N]``.
 
-FOLDER: of `peer_environments.py`; without it the peers are left out. PROGRAM: as `lexls_results` calls it. Writes hierarchy.csv
-and hierarchy.md.
+FOLDER: of `peer_environments.py`; without it the peers are left out. PROGRAM: as `lexls_results`
+calls it. Writes hierarchy.csv and hierarchy.md.
 """
 
 from __future__ import annotations
@@ -71,12 +72,16 @@ def large_rows(sets: list[Problem], lexls: Path | None) -> list[Row]:
     rows: list[Row] = []
     for problem in sets:
         passes = [solved(SOLVERS[IN_C], problem) for _ in range(PASSES)]
-        found = {IN_C: replace(passes[0], seconds=np.min([each.seconds for each in passes], axis=0))}
+        found = {
+            IN_C: replace(passes[0], seconds=np.min([each.seconds for each in passes], axis=0))
+        }
         rows += rows_of(problem, found | ({"LexLS, native": also[problem.name]} if lexls else {}))
     return rows
 
 
-def matrix_rows(sets: list[Problem], peers: Path | None, lexls: Path | None) -> tuple[list[Row], dict[str, str]]:
+def matrix_rows(
+    sets: list[Problem], peers: Path | None, lexls: Path | None
+) -> tuple[list[Row], dict[str, str]]:
     """Every solver on given matrices; and the versions of the peers."""
     daqp, version = daqp_results(interpreter(peers, "pink"), sets) if peers else ({}, "")
     also = lexls_results(lexls, sets, PASSES) if lexls else {}
@@ -96,8 +101,12 @@ def main() -> None:
     parser = parser_of(__doc__)
     parser.add_argument("--peers", type=Path, metavar="FOLDER")
     parser.add_argument("--lexls", type=Path, metavar="PROGRAM")
-    parser.add_argument("--random", type=int, default=200, metavar="N", help="hierarchies of each random set")
-    parser.add_argument("--exactness", type=int, default=10_000, metavar="N", help="hierarchies to certify")
+    parser.add_argument(
+        "--random", type=int, default=200, metavar="N", help="hierarchies of each random set"
+    )
+    parser.add_argument(
+        "--exactness", type=int, default=10_000, metavar="N", help="hierarchies to certify"
+    )
     given, run = begin(parser)
     quick = run.quick
     random, exactness, passes = (2, 10, 1) if quick else (given.random, given.exactness, PASSES)
@@ -106,16 +115,38 @@ def main() -> None:
     rows += cold_rows(problem, random_states(inputs, 20 if quick else 3000), passes)
     peers: dict[str, str] = {}
     if given.peers:
-        found, peers["pin-pink"] = pink_rows(interpreter(given.peers, "pink"), passes=passes, ticks=5 if quick else 500)
+        found, peers["pin-pink"] = pink_rows(
+            interpreter(given.peers, "pink"), passes=passes, ticks=5 if quick else 500
+        )
         rows += found
     found, versions = matrix_rows(problems(problem, inputs, random), given.peers, given.lexls)
-    rows += [*found, *large_rows(large_problems(max(LARGE) if not quick else HUMANOID), given.lexls), *exactness_rows(exactness)]
+    rows += [
+        *found,
+        *large_rows(large_problems(max(LARGE) if not quick else HUMANOID), given.lexls),
+        *exactness_rows(exactness),
+    ]
     prose = PROSE.format(
-        passes=passes, certified=CERTIFIED, excess=EXCESS, nearly=NEARLY, separated=min(SEPARATED), exactness=exactness
+        passes=passes,
+        certified=CERTIFIED,
+        excess=EXCESS,
+        nearly=NEARLY,
+        separated=min(SEPARATED),
+        exactness=exactness,
     )
-    prose += f"\nLexLS: {'a program that is given, its least time of ' + str(PASSES) if given.lexls else 'not there'}.\n"
+    prose += (
+        "\nLexLS:"
+        f" {'a program that is given, its least time of ' + str(PASSES) if given.lexls else 'not there'}.\n"
+    )
     table = Table(rows=rows, columns=FORMATS)
-    run.write(Report(name="hierarchy", title="Hierarchy solvers", prose=prose, tables=[table], peers=peers | versions))
+    run.write(
+        Report(
+            name="hierarchy",
+            title="Hierarchy solvers",
+            prose=prose,
+            tables=[table],
+            peers=peers | versions,
+        )
+    )
 
 
 if __name__ == "__main__":

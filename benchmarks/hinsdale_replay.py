@@ -1,8 +1,10 @@
-"""Replay of the pool recordings: ``python benchmarks/hinsdale_replay.py FOLDER [--figures FOLDER]``.
+"""Replay of the pool recordings: ``python benchmarks/hinsdale_replay.py FOLDER [--figures
+FOLDER]``.
 
-Simulates the vehicle without thrust under the measured joint motion and compares roll and pitch with the motion
-capture, the mean of the first seconds removed from both. Then the vehicle's centre of buoyancy is fitted, always on
-the other moving recordings, and reported apart. Writes hinsdale_replay.csv and hinsdale_replay.md.
+Simulates the vehicle without thrust under the measured joint motion and compares roll and pitch
+with the motion capture, the mean of the first seconds removed from both. Then the vehicle's centre
+of buoyancy is fitted, always on the other moving recordings, and reported apart. Writes
+hinsdale_replay.csv and hinsdale_replay.md.
 """
 
 from __future__ import annotations
@@ -27,7 +29,14 @@ from pool.findings import (
 )
 from pool.recordings import SAMPLE_TIME, SMOOTHING, read_recordings
 from pool.scores import OFFSET_TIME, lag_of
-from pool.vehicle import ADDED_INERTIA, BALLAST_DENSITY, CENTRE_OF_BUOYANCY, FOAM_DENSITY, PoolVehicle, pool_vehicle
+from pool.vehicle import (
+    ADDED_INERTIA,
+    BALLAST_DENSITY,
+    CENTRE_OF_BUOYANCY,
+    FOAM_DENSITY,
+    PoolVehicle,
+    pool_vehicle,
+)
 from recording.report import Report, Table, begin, parser_of
 
 PROSE = """
@@ -79,14 +88,21 @@ def prose(vehicle: PoolVehicle, all_of_them: Sequence[Evaluation]) -> str:
         moving=len(moving),
         offset_time=OFFSET_TIME,
         centre=f"({', '.join(f'{x:g}' for x in CENTRE_OF_BUOYANCY)})",
-        **{f"shift_{axis}": span(1e3 * one.shift[i] for one in moving) for i, axis in enumerate("xyz")},
+        **{
+            f"shift_{axis}": span(1e3 * one.shift[i] for one in moving)
+            for i, axis in enumerate("xyz")
+        },
         **_offsets(moving),
         **_dynamics(vehicle, moving),
         **_swings(vehicle, moving),
         **_measurements(all_of_them),
         explained=100 * EXPLAINED,
         jump=JUMP,
-        worse=listed(one.recording.name for one in moving if _pitch_rmse(one, FITTED) > _pitch_rmse(one, REPLAY)),
+        worse=listed(
+            one.recording.name
+            for one in moving
+            if _pitch_rmse(one, FITTED) > _pitch_rmse(one, REPLAY)
+        ),
         ballast=BALLAST_DENSITY,
         foam=FOAM_DENSITY,
         added=ADDED_INERTIA,
@@ -115,14 +131,21 @@ def _offsets(moving: Sequence[Evaluation]) -> dict[str, str]:
     fitted = [offset_deg(one.recording, one.predictions[FITTED]) for one in moving]
     pairs = {"offset": own, "fitted": fitted}
     angles = enumerate(("roll", "pitch"))
-    return {f"{word}_{name}": span(found[i] for found in pairs[word]) for i, name in angles for word in pairs}
+    return {
+        f"{word}_{name}": span(found[i] for found in pairs[word])
+        for i, name in angles
+        for word in pairs
+    }
 
 
 def _dynamics(vehicle: PoolVehicle, moving: Sequence[Evaluation]) -> dict[str, object]:
     """What the replay adds to the static balance."""
-    lags, swings = [], []
+    lags = []
+    swings = []
     for one in moving:
-        t, replayed, static = one.recording.joint_t, one.predictions[REPLAY], one.predictions[STATIC]
+        t = one.recording.joint_t
+        replayed = one.predictions[REPLAY]
+        static = one.predictions[STATIC]
         lags += [lag_of(t, replayed[:, i], static[:, i]) for i in (0, 1)]
         after = t >= rest_begins(one.recording)
         swings.append(float(np.degrees(np.abs(replayed - static)[after].max())))
@@ -133,7 +156,9 @@ def _dynamics(vehicle: PoolVehicle, moving: Sequence[Evaluation]) -> dict[str, o
         "swing": span(swings),
         "static_lag": max((lag for lag in static_lags if np.isfinite(lag)), default=np.nan),
         "static_overshoot": 100 * max(score.overshoot for score in static_pitch),
-        "ratio": span((restoring_ratio(vehicle, one.recording, one.shift) for one in moving), ".2f"),
+        "ratio": span(
+            (restoring_ratio(vehicle, one.recording, one.shift) for one in moving), ".2f"
+        ),
     }
 
 
@@ -162,7 +187,11 @@ def _measurements(all_of_them: Sequence[Evaluation]) -> dict[str, str]:
     recordings = [one.recording for one in all_of_them]
     first = {one.name: spread_deg(one, OFFSET_TIME) for one in recordings}
     restless = max(first, key=lambda name: float(first[name].max()))
-    still = [f"{one.name} {' and '.join(f'{x:.1f}' for x in spread_deg(one))} deg" for one in recordings if not one.moves]
+    still = [
+        f"{one.name} {' and '.join(f'{x:.1f}' for x in spread_deg(one))} deg"
+        for one in recordings
+        if not one.moves
+    ]
     return {
         "restless": f"{restless} ({' and '.join(f'{x:.1f}' for x in first[restless])} deg)",
         "jumps": listed(f"{one.name} {jumps(one)}" for one in recordings),
@@ -174,9 +203,12 @@ def main() -> None:
     """Replay all recordings of a folder."""
     parser = parser_of(__doc__)
     parser.add_argument("folder", type=Path, help="of the recordings")
-    parser.add_argument("--figures", type=Path, metavar="FOLDER", help="draw one figure per recording there")
+    parser.add_argument(
+        "--figures", type=Path, metavar="FOLDER", help="draw one figure per recording there"
+    )
     given, run = begin(parser)
-    recordings, vehicle = read_recordings(given.folder), pool_vehicle()
+    recordings = read_recordings(given.folder)
+    vehicle = pool_vehicle()
     chosen = [one for one in recordings if one.moves][:2] if run.quick else recordings
     evaluations = evaluate(vehicle, chosen)
     for one in evaluations if given.figures else ():
@@ -187,7 +219,10 @@ def main() -> None:
             name="hinsdale_replay",
             title="Replay of the pool recordings",
             prose=prose(vehicle, evaluations),
-            tables=[Table(rows=medians(evaluations), columns=SCORES), Table(rows=changes(evaluations))],
+            tables=[
+                Table(rows=medians(evaluations), columns=SCORES),
+                Table(rows=changes(evaluations)),
+            ],
             data={"hinsdale_replay": [row for one in evaluations for row in one.rows()]},
         )
     )

@@ -1,7 +1,9 @@
-"""Designed excitation against steps and chirps by hand: ``python benchmarks/identification_excitation.py``.
+"""Designed excitation against steps and chirps by hand: ``python
+benchmarks/identification_excitation.py``.
 
-All of one length, within the same limits of thrust and the same pool. Standard errors are compared as the information has them,
-and as fits of simulated recordings have them. Writes identification_excitation.csv and identification_excitation.md.
+All of one length, within the same limits of thrust and the same pool. Standard errors are compared
+as the information has them, and as fits of simulated recordings have them. Writes
+identification_excitation.csv and identification_excitation.md.
 """
 
 from __future__ import annotations
@@ -27,17 +29,28 @@ from uvms_ocp.identification.experiment_design import (
 from uvms_ocp.identification.fit import Search, search_fit
 from uvms_ocp.identification.model import stage_of
 from uvms_ocp.identification.rollout import PreparedRecording, Rollout
-from uvms_ocp.identification.uncertainty import DETERMINED_BELOW, TOTAL, IdentifiedNumber, numbers, values_of
+from uvms_ocp.identification.uncertainty import (
+    DETERMINED_BELOW,
+    TOTAL,
+    IdentifiedNumber,
+    numbers,
+    values_of,
+)
 
-DURATION, VEHICLES, SINGLE = 60.0, 8, 3
+DURATION = 60.0
+VEHICLES = 8
+SINGLE = 3
 """[s] of a recording; whose recordings are fitted; numbers that a design is made for alone."""
-DESIGNED, ALONE = "designed", "alone"
+DESIGNED = "designed"
+ALONE = "alone"
 """A kind of excitation; what one for a single number would tell of it."""
 SEARCH = Search(step=0.005)
 LITTLE = DesignSettings(iterations=1, starts=1)
 """To see that it runs."""
 SCALED = ("mass", "gain")
-"""Quantities that are known here: with the motion alone, forces and masses are known but for a common factor."""
+"""Quantities that are known here: with the motion alone, forces and masses are known but for a
+common factor.
+"""
 PROSE = """
 A vehicle like a BlueROV2 without its arm, from rest, for {duration:g} s, with {thrust:g} N of each thruster, {slew:g} N/s,
 and a pool of {pool} m. Mass and gains of the thrusters are known: motions tell forces and masses but for a common factor, and
@@ -72,25 +85,43 @@ def main() -> None:
     table = compared(found)
     best = min(BY_HAND, key=lambda name: float(np.median([row[name] for row in table])))
     single = alone(given, rollout, farthest(table)[: 1 if run.quick else SINGLE], run.quick)
-    fits = fitted(given, rollout, {kind: found[kind] for kind in (DESIGNED, best)}, vehicles, search)
-    rows = [{**row, ALONE: single.get(row["number"]), "fitted": fits[row["number"]]} for row in table]
-    title, name = "Excitation of a vehicle that is identified", "identification_excitation"
+    fits = fitted(
+        given, rollout, {kind: found[kind] for kind in (DESIGNED, best)}, vehicles, search
+    )
+    rows = [
+        {**row, ALONE: single.get(row["number"]), "fitted": fits[row["number"]]} for row in table
+    ]
+    title = "Excitation of a vehicle that is identified"
+    name = "identification_excitation"
     prose = PROSE.format(**told(given, found, rows), seconds=seconds, best=best, vehicles=vehicles)
     form = {"number": "", **dict.fromkeys((*found, ALONE, "fitted"), ".2f")}
-    run.write(Report(name=name, title=title, prose=prose, tables=[Table(rows=rows, columns=form)], data={name: rows}))
+    run.write(
+        Report(
+            name=name,
+            title=title,
+            prose=prose,
+            tables=[Table(rows=rows, columns=form)],
+            data={name: rows},
+        )
+    )
 
 
 def assignment(duration: float) -> tuple[ExperimentTask, Rollout]:
     """The vehicle and its pool, for recordings of some duration [s]."""
     one = vehicle({name: status for name, status in LEARNT.items() if name not in SCALED})
-    return ExperimentTask(vehicle=one, limits=limits(one), duration=duration, noise=NOISE), Rollout(stage_of(one))
+    return ExperimentTask(vehicle=one, limits=limits(one), duration=duration, noise=NOISE), Rollout(
+        stage_of(one)
+    )
 
 
 def compared(found: Mapping[str, Excitation]) -> list[Row]:
     """Standard errors [%] of what the design determines, by each kind of excitation."""
     chosen = [each.name for each in found[DESIGNED].numbers if each.determined]
     by_kind = {kind: {each.name: each for each in one.numbers} for kind, one in found.items()}
-    return [{"number": name, **{kind: _share(told[name]) for kind, told in by_kind.items()}} for name in chosen]
+    return [
+        {"number": name, **{kind: _share(told[name]) for kind, told in by_kind.items()}}
+        for name in chosen
+    ]
 
 
 def _share(one: IdentifiedNumber) -> float:
@@ -103,39 +134,77 @@ def ratio(row: Row, kind: str = DESIGNED) -> float:
 
 
 def farthest(rows: Sequence[Row]) -> list[Row]:
-    """Rows by their ratio, the largest first; with the mass known, sums with it tell what added masses tell."""
-    return sorted((row for row in rows if not row["number"].startswith(TOTAL)), key=ratio, reverse=True)
+    """Rows by their ratio, the largest first; with the mass known, sums with it tell what added
+    masses tell.
+    """
+    return sorted(
+        (row for row in rows if not row["number"].startswith(TOTAL)), key=ratio, reverse=True
+    )
 
 
-def alone(given: ExperimentTask, rollout: Rollout, rows: Sequence[Row], quick: bool) -> dict[str, float]:
+def alone(
+    given: ExperimentTask, rollout: Rollout, rows: Sequence[Row], quick: bool
+) -> dict[str, float]:
     """Standard errors [%] of single numbers where nothing else matters."""
     names = [row["number"] for row in rows]
-    found = {name: design_experiment(replace(given, matter=(name,)), rollout, LITTLE if quick else None) for name in names}
-    return {name: _share(next(each for each in one.numbers if each.name == name)) for name, one in found.items()}
+    found = {
+        name: design_experiment(replace(given, matter=(name,)), rollout, LITTLE if quick else None)
+        for name in names
+    }
+    return {
+        name: _share(next(each for each in one.numbers if each.name == name))
+        for name, one in found.items()
+    }
 
 
-def fitted(given: ExperimentTask, rollout: Rollout, found: Mapping[str, Excitation], n: int, search: Search) -> dict[str, float]:
-    """Root mean square error after the design, over that by hand, of each number, as n drawn vehicles have it."""
+def fitted(
+    given: ExperimentTask, rollout: Rollout, found: Mapping[str, Excitation], n: int, search: Search
+) -> dict[str, float]:
+    """Root mean square error after the design, over that by hand, of each number, as n drawn
+    vehicles have it.
+    """
     truths = drawn(given.vehicle, np.random.default_rng(0), n)
     squares = {
-        kind: np.mean([_errors(given, rollout, truth, one, seed, search) ** 2 for seed, truth in enumerate(truths)], axis=0)
+        kind: np.mean(
+            [
+                _errors(given, rollout, truth, one, seed, search) ** 2
+                for seed, truth in enumerate(truths)
+            ],
+            axis=0,
+        )
         for kind, one in found.items()
     }
-    less = np.sqrt(squares[DESIGNED] / next(part for kind, part in squares.items() if kind != DESIGNED))
+    less = np.sqrt(
+        squares[DESIGNED] / next(part for kind, part in squares.items() if kind != DESIGNED)
+    )
     return dict(zip([each.name for each in found[DESIGNED].numbers], less.tolist(), strict=True))
 
 
-def _errors(given: ExperimentTask, rollout: Rollout, truth: np.ndarray, one: Excitation, seed: int, search: Search) -> np.ndarray:
+def _errors(
+    given: ExperimentTask,
+    rollout: Rollout,
+    truth: np.ndarray,
+    one: Excitation,
+    seed: int,
+    search: Search,
+) -> np.ndarray:
     """(m,) of all numbers, by their sizes."""
-    recording = recorded(given.vehicle, rollout.stage, truth, np.random.default_rng(seed), one.commands)
-    estimate = search_fit(given.vehicle, [PreparedRecording.of(recording, given.vehicle)], NOISE, rollout, search)
+    recording = recorded(
+        given.vehicle, rollout.stage, truth, np.random.default_rng(seed), one.commands
+    )
+    estimate = search_fit(
+        given.vehicle, [PreparedRecording.of(recording, given.vehicle)], NOISE, rollout, search
+    )
     pairs = zip(numbers(given.vehicle, estimate), values_of(given.vehicle, truth), strict=True)
     return np.array([(told.value - wanted) / told.size for told, wanted in pairs])
 
 
-def told(given: ExperimentTask, found: Mapping[str, Excitation], rows: Sequence[Row]) -> dict[str, object]:
+def told(
+    given: ExperimentTask, found: Mapping[str, Excitation], rows: Sequence[Row]
+) -> dict[str, object]:
     """Figures of the prose."""
-    ratios, single = np.array([ratio(row) for row in rows]), farthest([row for row in rows if row[ALONE] is not None])
+    ratios = np.array([ratio(row) for row in rows])
+    single = farthest([row for row in rows if row[ALONE] is not None])
     sides = given.limits.pool[1] - given.limits.pool[0]
     return {
         "duration": given.duration,
@@ -159,7 +228,9 @@ def told(given: ExperimentTask, found: Mapping[str, Excitation], rows: Sequence[
 
 def _ratios(rows: Sequence[Row], names: Sequence[str]) -> str:
     ratios = {name: [row[DESIGNED] / row[name] for row in rows] for name in names}
-    return ", ".join(f"{name} {np.median(one):.2f} (worst {max(one):.2f})" for name, one in ratios.items())
+    return ", ".join(
+        f"{name} {np.median(one):.2f} (worst {max(one):.2f})" for name, one in ratios.items()
+    )
 
 
 def _root(one: Excitation) -> float:

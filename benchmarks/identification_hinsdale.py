@@ -1,8 +1,10 @@
-"""Identification of a vehicle whose arm moves: ``python benchmarks/identification_hinsdale.py FOLDER``.
+"""Identification of a vehicle whose arm moves: ``python benchmarks/identification_hinsdale.py
+FOLDER``.
 
-Nothing drives the vehicle; the measured joints are what goes in. Every recording in which the arm moves is predicted by a
-vehicle identified on the others, once by each sensor of attitude, and what both sensors say of the same motion is compared.
-Writes identification_hinsdale.csv, identification_hinsdale_swings.csv and identification_hinsdale.md.
+Nothing drives the vehicle; the measured joints are what goes in. Every recording in which the arm
+moves is predicted by a vehicle identified on the others, once by each sensor of attitude, and what
+both sensors say of the same motion is compared. Writes identification_hinsdale.csv,
+identification_hinsdale_swings.csv and identification_hinsdale.md.
 """
 
 from __future__ import annotations
@@ -23,8 +25,14 @@ from uvms_ocp.identification.fit import Predicted
 from uvms_ocp.identification.output_error import Estimate
 from uvms_ocp.identification.rollout import PreparedRecording
 
-OTHERS, SEEN, PRIOR, STILL, APART = "left out", "seen", "the author's figures", "nothing moves", "between the sensors"
-WANTED, PERIOD, DAMPING = 0.65, 10.0, 30.0
+OTHERS = "left out"
+SEEN = "seen"
+PRIOR = "the author's figures"
+STILL = "nothing moves"
+APART = "between the sensors"
+WANTED = 0.65
+PERIOD = 10.0
+DAMPING = 30.0
 """[deg] asked for in roll and pitch, [%] of a swing's period, [%] of its damping ratio."""
 PROSE = """
 {n} recordings of a BlueROV2 with a Reach Alpha 5 arm that moves (H. Kolano, UVMS-SysID-with-EAs); no thrust. Its measured
@@ -67,7 +75,11 @@ class Session:
     @property
     def turn(self) -> float:
         """[deg] about z at which the sensor was found to sit."""
-        return float(np.degrees(self.estimate.shared[self.learner.vehicle.shared.names.index("attitude_turn z")]))
+        return float(
+            np.degrees(
+                self.estimate.shared[self.learner.vehicle.shared.names.index("attitude_turn z")]
+            )
+        )
 
     def rows(self) -> list[Row]:
         """One for each prediction of each recording."""
@@ -85,9 +97,13 @@ class Session:
 
 
 def session(folder: Path, sensor: str, *, quick: bool) -> Session:
-    """Identify by one sensor, from all recordings and from all but one; searches begin where all of them together end."""
+    """Identify by one sensor, from all recordings and from all but one; searches begin where all of
+    them together end.
+    """
     learner = pool_learner(NOISE[sensor])
-    recordings = [one for one in recordings_of(folder)[sensor] if moves(one)][: 2 if quick else None]
+    recordings = [one for one in recordings_of(folder)[sensor] if moves(one)][
+        : 2 if quick else None
+    ]
     prepared = tuple(PreparedRecording.of(one, learner.vehicle) for one in recordings)
     everything = learner.trained(prepared, iterations=2 if quick else 25)
     return Session(
@@ -99,8 +115,12 @@ def session(folder: Path, sensor: str, *, quick: bool) -> Session:
     )
 
 
-def _left_out(learner: Learner, prepared: Sequence[PreparedRecording], held: PreparedRecording, *, quick: bool) -> Predicted:
-    """Predict a recording by what the others tell, searched from the prior: nothing of it is known to that search."""
+def _left_out(
+    learner: Learner, prepared: Sequence[PreparedRecording], held: PreparedRecording, *, quick: bool
+) -> Predicted:
+    """Predict a recording by what the others tell, searched from the prior: nothing of it is known
+    to that search.
+    """
     others = [one for one in prepared if one is not held]
     return learner.predicted(held, learner.trained(others, iterations=2 if quick else 25).shared)
 
@@ -109,11 +129,17 @@ def between(imu: Session, mocap: Session) -> list[Row]:
     """How far the sensors are from each other."""
     pairs = zip(imu.prepared, mocap.prepared, strict=True)
     return [
-        row(one.recording.name, MOCAP, APART, apart(
-            turned_back(mocap.learner, other, mocap.estimate.shared), turned_back(imu.learner, one, imu.estimate.shared)
-        ))
+        row(
+            one.recording.name,
+            MOCAP,
+            APART,
+            apart(
+                turned_back(mocap.learner, other, mocap.estimate.shared),
+                turned_back(imu.learner, one, imu.estimate.shared),
+            ),
+        )
         for one, other in pairs
-    ]  # fmt: skip
+    ]
 
 
 def medians(rows: Sequence[Row]) -> list[Row]:
@@ -121,7 +147,10 @@ def medians(rows: Sequence[Row]) -> list[Row]:
     kinds = dict.fromkeys((each["sensor"], each["prediction"]) for each in rows)
     return [
         {"judged by": sensor, "prediction": kind}
-        | {name: float(np.median([each[name] for each in _of(rows, sensor, kind)])) for name in COLUMNS}
+        | {
+            name: float(np.median([each[name] for each in _of(rows, sensor, kind)]))
+            for name in COLUMNS
+        }
         for sensor, kind in kinds
     ]
 
@@ -134,10 +163,17 @@ def _of(rows: Sequence[Row], sensor: str, kind: str) -> list[Row]:
 
 
 def _worse(rows: Sequence[Row], *, beyond: bool) -> str:
-    """Channels that do worse than a vehicle that does not move, by more than the sensors differ or by anything."""
+    """Channels that do worse than a vehicle that does not move, by more than the sensors differ or
+    by anything.
+    """
     found = []
     for sensor in (IMU, MOCAP):
-        parts = zip(_of(rows, sensor, OTHERS), _of(rows, sensor, STILL), _of(rows, MOCAP, APART), strict=True)
+        parts = zip(
+            _of(rows, sensor, OTHERS),
+            _of(rows, sensor, STILL),
+            _of(rows, MOCAP, APART),
+            strict=True,
+        )
         for ours, null, jitter in parts:
             bad = [name for name in COLUMNS if ours[name] > null[name] + beyond * jitter[name]]
             found += [f"{name.split()[0]} of {ours['recording']} by the {sensor}" for name in bad]
@@ -191,7 +227,11 @@ def main() -> None:
     given, run = begin(parser)
     imu, mocap = (session(given.folder, sensor, quick=run.quick) for sensor in (IMU, MOCAP))
     rows = [*imu.rows(), *mocap.rows(), *between(imu, mocap)]
-    free = [each for one, found in zip(imu.prepared, imu.left_out, strict=True) for each in swings(one.recording, found)]
+    free = [
+        each
+        for one, found in zip(imu.prepared, imu.left_out, strict=True)
+        for each in swings(one.recording, found)
+    ]
     name = "identification_hinsdale"
     run.write(
         Report(
@@ -199,8 +239,14 @@ def main() -> None:
             title="Identification of a vehicle whose arm moves",
             prose=prose(imu, mocap, rows, free),
             tables=[
-                Table(rows=medians(rows), columns={"judged by": "", "prediction": "", **dict.fromkeys(COLUMNS, ".2f")}),
-                Table(rows=free, columns={"recording": "", "angle": "", **dict.fromkeys(SWINGS, ".3g")}),
+                Table(
+                    rows=medians(rows),
+                    columns={"judged by": "", "prediction": "", **dict.fromkeys(COLUMNS, ".2f")},
+                ),
+                Table(
+                    rows=free,
+                    columns={"recording": "", "angle": "", **dict.fromkeys(SWINGS, ".3g")},
+                ),
             ],
             data={name: rows, f"{name}_swings": free},
         )

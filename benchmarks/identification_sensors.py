@@ -1,7 +1,9 @@
-"""Identification with sensors of which little is known: ``python benchmarks/identification_sensors.py``.
+"""Identification with sensors of which little is known: ``python
+benchmarks/identification_sensors.py``.
 
-Vehicles with drawn numbers are seen by sensors with drawn delays, places, mounting and biases, and identified by settings that
-say nothing of these, as a recording of others is. Writes identification_sensors.csv and identification_sensors.md.
+Vehicles with drawn numbers are seen by sensors with drawn delays, places, mounting and biases, and
+identified by settings that say nothing of these, as a recording of others is. Writes
+identification_sensors.csv and identification_sensors.md.
 """
 
 from __future__ import annotations
@@ -27,8 +29,15 @@ from uvms_ocp.identification.settings import CalibrationSettings, calibrated_rob
 from uvms_ocp.identification.uncertainty import INTERVAL, numbers, numbers_at, variance_inflation
 from uvms_ocp.robot.spatial import quaternion_exp, quaternion_multiply
 
-ROBOTS, DURATION, SENT, HELD, THRUST, GYRO_BIAS = 40, 60.0, 0.1, 2.0, 8.0, 0.002
-"""Vehicles, [s] of the recording of each, [s] between commands and between other ones, [N], [rad/s]."""
+ROBOTS = 40
+DURATION = 60.0
+SENT = 0.1
+HELD = 2.0
+THRUST = 8.0
+GYRO_BIAS = 0.002
+"""Vehicles, [s] of the recording of each, [s] between commands and between other ones, [N],
+[rad/s].
+"""
 LONG_STEP = 0.1
 """[s] of a simulation, which is too long for these vehicles."""
 DRAWN = {
@@ -38,8 +47,12 @@ DRAWN = {
     "velocity_point": Prior(sigma=0.02),
     "attitude_turn": Prior(sigma=0.01),
 }
-"""What is drawn beside added mass and drag, how far from what is believed: shares, logarithms of delays, [m] and [rad]."""
-WATER: dict[str, ParameterStatus] = dict.fromkeys(("added_mass", "linear_drag", "quadratic_drag"), Free())
+"""What is drawn beside added mass and drag, how far from what is believed: shares, logarithms of
+delays, [m] and [rad].
+"""
+WATER: dict[str, ParameterStatus] = dict.fromkeys(
+    ("added_mass", "linear_drag", "quadratic_drag"), Free()
+)
 SETTINGS = {
     "robot": "bluerov2_alpha5",
     "arm": "taken off",
@@ -60,36 +73,60 @@ for them: {coarse:.1f} %, and {coarse_narrow:.1f} % without. A fit takes {second
 """
 
 
-def seen(one: Vehicle, stage: StageFunctions, truth: np.ndarray, rng: np.random.Generator) -> Recording:
+def seen(
+    one: Vehicle, stage: StageFunctions, truth: np.ndarray, rng: np.random.Generator
+) -> Recording:
     """A recording of a vehicle by its own sensors, which are turned and biased."""
-    t, told = np.arange(0.0, DURATION, SENT), THRUST * rng.normal(size=(round(DURATION / HELD), len(one.actuators.names)))
+    t = np.arange(0.0, DURATION, SENT)
+    told = THRUST * rng.normal(size=(round(DURATION / HELD), len(one.actuators.names)))
     commands = Channel(t=t, values=np.repeat(told, round(HELD / SENT), axis=0))
     found = recorded(one, stage, truth, rng, commands)
     turn = np.array(ca.evalf(one.values(ca.SX(ca.DM(truth)))["attitude_turn"])).ravel()
     attitude, rate = found.channels["attitude"], found.channels["angular_velocity"]
-    turned = np.array([np.ravel(quaternion_multiply(q, quaternion_exp(turn))) for q in attitude.values])
+    turned = np.array(
+        [np.ravel(quaternion_multiply(q, quaternion_exp(turn))) for q in attitude.values]
+    )
     biased = rate.values + GYRO_BIAS * rng.normal(size=3)
-    others = {"attitude": replace(attitude, values=turned), "angular_velocity": replace(rate, values=biased)}
+    others = {
+        "attitude": replace(attitude, values=turned),
+        "angular_velocity": replace(rate, values=biased),
+    }
     return replace(found, channels={**found.channels, **others})
 
 
 def identified(
-    recording: Recording, truths: dict[str, float], robot: int, step: float, rollouts: dict[str, Rollout]
+    recording: Recording,
+    truths: dict[str, float],
+    robot: int,
+    step: float,
+    rollouts: dict[str, Rollout],
 ) -> list[Row]:
     """A row for each number."""
     settings = CalibrationSettings.model_validate({**SETTINGS, "step": step})
     subject = with_delays(calibrated_robot(settings, Path()), settings, at_once=False)
     rollout = rollouts.setdefault("fit", Rollout(stage_of(subject.vehicle, sharp=True)))
-    prepared, search = (PreparedRecording.of(recording, subject.vehicle),), Search(step=step)
+    prepared = (PreparedRecording.of(recording, subject.vehicle),)
+    search = Search(step=step)
     begun = process_time()
     estimate = search_fit(subject.vehicle, prepared, NOISE, rollout, search)
     fitted = FitContext(
-        vehicle=subject.vehicle, rollout=rollout, prepared=prepared, noise=NOISE, search=search, estimate=estimate
+        vehicle=subject.vehicle,
+        rollout=rollout,
+        prepared=prepared,
+        noise=NOISE,
+        search=search,
+        estimate=estimate,
     )
     inflation = variance_inflation(Predicted.joined(list(fitted.residuals().values())), NOISE)
     wide, _ = held_constants(fitted, settings, inflation)
     taken = process_time() - begun
-    pairs = zip(*(numbers(subject.vehicle, each, inflation) for each in (wide, replace(estimate, assumed=0.0))), strict=True)
+    pairs = zip(
+        *(
+            numbers(subject.vehicle, each, inflation)
+            for each in (wide, replace(estimate, assumed=0.0))
+        ),
+        strict=True,
+    )
     return [
         {
             "robot": robot,
@@ -133,28 +170,58 @@ def share(rows: Sequence[Row], name: str) -> float:
 def main() -> None:
     """Draw, drive and identify."""
     _, run = begin(parser_of(__doc__))
-    one, rollouts = vehicle({**WATER, **DRAWN}), dict[str, Rollout]()
-    stage, robots = stage_of(one), 1 if run.quick else ROBOTS
-    fine, few = (LONG_STEP / 2 if run.quick else Search().step), max(1, robots // 4)
-    fits, long = list[Row](), list[Row]()
+    one = vehicle({**WATER, **DRAWN})
+    rollouts = dict[str, Rollout]()
+    stage = stage_of(one)
+    robots = 1 if run.quick else ROBOTS
+    fine = LONG_STEP / 2 if run.quick else Search().step
+    few = max(1, robots // 4)
+    fits = list[Row]()
+    long = list[Row]()
     for k, truth in enumerate(drawn(one, np.random.default_rng(0), robots)):
         recording = seen(one, stage, truth, np.random.default_rng(k))
         truths = {each.name: each.value for each in numbers_at(one, truth, np.eye(len(truth)))}
         fits += identified(recording, truths, k, fine, rollouts)
         long += identified(recording, truths, k, LONG_STEP, rollouts) if k < few else []
     told = {
-        "gain": 100.0 * DRAWN["gain"].sigma, "lag": 100.0 * DRAWN["lag"].sigma, "point": 100.0 * DRAWN["velocity_point"].sigma,
-        "turn": np.rad2deg(DRAWN["attitude_turn"].sigma), "share": 100.0 * erf(INTERVAL / sqrt(2.0)),
-        "robots": robots, "duration": DURATION, "bias": GYRO_BIAS, "velocity": VELOCITY, "rate": RATE, "vertical": VERTICAL,
-        "step": fine, "inside": share(fits, "inside"), "n": len(fits), "narrow": share(fits, "inside without"), "few": few,
-        "long": LONG_STEP, "coarse": share(long, "inside"), "coarse_narrow": share(long, "inside without"),
+        "gain": 100.0 * DRAWN["gain"].sigma,
+        "lag": 100.0 * DRAWN["lag"].sigma,
+        "point": 100.0 * DRAWN["velocity_point"].sigma,
+        "turn": np.rad2deg(DRAWN["attitude_turn"].sigma),
+        "share": 100.0 * erf(INTERVAL / sqrt(2.0)),
+        "robots": robots,
+        "duration": DURATION,
+        "bias": GYRO_BIAS,
+        "velocity": VELOCITY,
+        "rate": RATE,
+        "vertical": VERTICAL,
+        "step": fine,
+        "inside": share(fits, "inside"),
+        "n": len(fits),
+        "narrow": share(fits, "inside without"),
+        "few": few,
+        "long": LONG_STEP,
+        "coarse": share(long, "inside"),
+        "coarse_narrow": share(long, "inside without"),
         "seconds": float(np.median([row["time [s]"] for row in fits])),
-    }  # fmt: skip
-    title, name = "Identification with sensors of which little is known", "identification_sensors"
+    }
+    title = "Identification with sensors of which little is known"
+    name = "identification_sensors"
     summary = by_number(fits)
-    form = {column: ".3g" if "error" in column else ".0f" if "%" in column else "" for column in summary[0]}
+    form = {
+        column: ".3g" if "error" in column else ".0f" if "%" in column else ""
+        for column in summary[0]
+    }
     table = Table(rows=summary, columns=form)
-    run.write(Report(name=name, title=title, prose=PROSE.format(**told), tables=[table], data={name: [*fits, *long]}))
+    run.write(
+        Report(
+            name=name,
+            title=title,
+            prose=PROSE.format(**told),
+            tables=[table],
+            data={name: [*fits, *long]},
+        )
+    )
 
 
 if __name__ == "__main__":

@@ -1,7 +1,9 @@
-"""Identification of vehicles whose numbers are known: ``python benchmarks/identification_simulated.py``.
+"""Identification of vehicles whose numbers are known: ``python
+benchmarks/identification_simulated.py``.
 
-Vehicles with drawn numbers are driven by a designed excitation, again and again, seen by noisy sensors, and identified from
-where all of them were drawn. Writes identification_simulated.csv and identification_simulated.md.
+Vehicles with drawn numbers are driven by a designed excitation, again and again, seen by noisy
+sensors, and identified from where all of them were drawn. Writes identification_simulated.csv and
+identification_simulated.md.
 """
 
 from __future__ import annotations
@@ -25,12 +27,23 @@ from uvms_ocp.identification.experiment_design import (
 from uvms_ocp.identification.fit import Search, search_fit
 from uvms_ocp.identification.model import Vehicle, stage_of
 from uvms_ocp.identification.rollout import PreparedRecording, Rollout
-from uvms_ocp.identification.uncertainty import DETERMINED_BELOW, INTERVAL, SIZES, IdentifiedNumber, numbers, values_of
+from uvms_ocp.identification.uncertainty import (
+    DETERMINED_BELOW,
+    INTERVAL,
+    SIZES,
+    IdentifiedNumber,
+    numbers,
+    values_of,
+)
 
-ROBOTS, RECORDINGS, DURATION = 20, 5, 60.0
+ROBOTS = 20
+RECORDINGS = 5
+DURATION = 60.0
 """, of each, [s] of one."""
 SEARCH = Search(step=0.005)
-"""Longer steps move delays by more than five minutes leave open: by their square over eight lags."""
+"""Longer steps move delays by more than five minutes leave open: by their square over eight
+lags.
+"""
 PROSE = """
 {robots} vehicles like a BlueROV2 without its arm, with drawn numbers, and {recordings} recordings of {duration:g} s of each, all
 with the same excitation: one that was designed for the vehicle as it is believed to be, for a pool of {pool} m, in which {inside}
@@ -48,17 +61,30 @@ tell. Squares of errors, weighed by the information, are {weighed:.2f} times wha
 
 
 def identified(
-    one: Vehicle, rollout: Rollout, truth: np.ndarray, driven: Excitation, seed: int, recordings: int, search: Search
+    one: Vehicle,
+    rollout: Rollout,
+    truth: np.ndarray,
+    driven: Excitation,
+    seed: int,
+    recordings: int,
+    search: Search,
 ) -> list[Row]:
     """A row for each number of one vehicle with unknowns truth (n,) [as `Unknowns.start`]."""
     rng = np.random.default_rng(seed)
     names = [f"drawn{k}" for k in range(recordings)]
     found = [recorded(one, rollout.stage, truth, rng, driven.commands, name) for name in names]
     begun = process_time()
-    estimate = search_fit(one, [PreparedRecording.of(each, one) for each in found], NOISE, rollout, search)
-    taken, off = process_time() - begun, estimate.shared - truth
-    same = {"robot": seed, "status": estimate.status.value, "time [s]": taken,
-            "weighed": float(off @ estimate.information @ off) / len(off)}  # fmt: skip
+    estimate = search_fit(
+        one, [PreparedRecording.of(each, one) for each in found], NOISE, rollout, search
+    )
+    taken = process_time() - begun
+    off = estimate.shared - truth
+    same = {
+        "robot": seed,
+        "status": estimate.status.value,
+        "time [s]": taken,
+        "weighed": float(off @ estimate.information @ off) / len(off),
+    }
     pairs = zip(numbers(one, estimate), values_of(one, truth), strict=True)
     return [{**_row(told, float(wanted)), **same} for told, wanted in pairs]
 
@@ -105,19 +131,43 @@ def main() -> None:
     """Design, draw, drive and identify."""
     _, run = begin(parser_of(__doc__))
     one = vehicle()
-    robots, recordings, search = (1, 1, replace(SEARCH, iterations=1)) if run.quick else (ROBOTS, RECORDINGS, SEARCH)
-    given = ExperimentTask(vehicle=one, limits=limits(one), duration=6.0 if run.quick else DURATION, noise=NOISE)
+    robots, recordings, search = (
+        (1, 1, replace(SEARCH, iterations=1)) if run.quick else (ROBOTS, RECORDINGS, SEARCH)
+    )
+    given = ExperimentTask(
+        vehicle=one, limits=limits(one), duration=6.0 if run.quick else DURATION, noise=NOISE
+    )
     rollout = Rollout(stage_of(one))
-    driven = design_experiment(given, rollout, DesignSettings(iterations=1, starts=1) if run.quick else None)
+    driven = design_experiment(
+        given, rollout, DesignSettings(iterations=1, starts=1) if run.quick else None
+    )
     truths = drawn(one, np.random.default_rng(0), robots)
-    rows = [row for k, truth in enumerate(truths) for row in identified(one, rollout, truth, driven, k, recordings, search)]
+    rows = [
+        row
+        for k, truth in enumerate(truths)
+        for row in identified(one, rollout, truth, driven, k, recordings, search)
+    ]
     states = [simulate_commands(given, rollout, driven.commands, truth) for truth in truths]
     inside = sum(not given.limits.beyond(each, margin=0.0)[0].any() for each in states)
     summary = by_unknown(rows)
-    form = {"unknown": "", **dict.fromkeys([name for name in summary[0] if name != "unknown"], ".1f")}
-    title, name = "Identification of simulated vehicles", "identification_simulated"
-    prose = PROSE.format(**told(given, rows, summary), robots=robots, recordings=recordings, inside=inside)
-    run.write(Report(name=name, title=title, prose=prose, tables=[Table(rows=summary, columns=form)], data={name: rows}))
+    form = {
+        "unknown": "",
+        **dict.fromkeys([name for name in summary[0] if name != "unknown"], ".1f"),
+    }
+    title = "Identification of simulated vehicles"
+    name = "identification_simulated"
+    prose = PROSE.format(
+        **told(given, rows, summary), robots=robots, recordings=recordings, inside=inside
+    )
+    run.write(
+        Report(
+            name=name,
+            title=title,
+            prose=prose,
+            tables=[Table(rows=summary, columns=form)],
+            data={name: rows},
+        )
+    )
 
 
 def told(given: ExperimentTask, rows: Sequence[Row], summary: Sequence[Row]) -> dict[str, object]:

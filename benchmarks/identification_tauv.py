@@ -1,8 +1,9 @@
-"""Identification of an AUV from its pool recordings: ``python benchmarks/identification_tauv.py FOLDER``.
+"""Identification of an AUV from its pool recordings: ``python benchmarks/identification_tauv.py
+FOLDER``.
 
-Every recording is predicted by a vehicle identified on the others: open loop over all of it, its start fitted on the first
-2 s, and horizon by horizon. Beside them stands what bounds such predictions. Writes identification_tauv.csv and
-identification_tauv.md.
+Every recording is predicted by a vehicle identified on the others: open loop over all of it, its
+start fitted on the first 2 s, and horizon by horizon. Beside them stands what bounds such
+predictions. Writes identification_tauv.csv and identification_tauv.md.
 """
 
 from __future__ import annotations
@@ -25,13 +26,20 @@ from uvms_ocp.identification.parameters import Prior
 from uvms_ocp.identification.rollout import RATE_WINDOW, PreparedRecording, Rollout
 from uvms_ocp.identification.validation import static_baseline
 
-STEP, HORIZONS = 0.1, (5.0, 20.0)
+STEP = 0.1
+HORIZONS = (5.0, 20.0)
 NOISE = Noise(velocity=0.03, rate=0.06, vertical=0.1)
 STAGES = ((15.0, 8), (None, 30))
 DRIFT = {"wrench_offset": Prior(sigma=1.0, only=("heave",))}
 """What a recording has for itself while the others are identified."""
-ALL, OWN, ALONE, PRIOR, STILL = "all of it", "all of it, seen", "all of it, seen alone", "prior", "nothing moves"
-FORCE, FILTER, TWICE = "heave force found", "any filter, seen", "position's derivative"
+ALL = "all of it"
+OWN = "all of it, seen"
+ALONE = "all of it, seen alone"
+PRIOR = "prior"
+STILL = "nothing moves"
+FORCE = "heave force found"
+FILTER = "any filter, seen"
+TWICE = "position's derivative"
 WANTED = {"surge": 60.0, "sway": 55.0, "heave": 65.0, "yaw rate": 50.0}
 """[%] asked for over whole recordings."""
 WANTED_SOON = 75.0
@@ -74,7 +82,10 @@ class Bench:
     prepared: tuple[PreparedRecording, ...]
 
     def trained(
-        self, chosen: Sequence[PreparedRecording], shared: np.ndarray | None, stages: Sequence[tuple[float | None, int]]
+        self,
+        chosen: Sequence[PreparedRecording],
+        shared: np.ndarray | None,
+        stages: Sequence[tuple[float | None, int]],
     ) -> Estimate:
         """Identified on some recordings, in short stretches first."""
         for duration, iterations in stages:
@@ -86,7 +97,9 @@ class Bench:
 
     def predictor(self, shared: np.ndarray) -> Predictor:
         """With unknowns shared (n,) [as they are], and with what a recording has for itself."""
-        return Predictor(vehicle=self.vehicle, rollout=self.rollout, shared=shared, noise=NOISE, own=True)
+        return Predictor(
+            vehicle=self.vehicle, rollout=self.rollout, shared=shared, noise=NOISE, own=True
+        )
 
 
 def bench(folder: Path, *, quick: bool, **learnt: Prior) -> Bench:
@@ -94,7 +107,9 @@ def bench(folder: Path, *, quick: bool, **learnt: Prior) -> Bench:
     one = vehicle(**learnt)
     recordings = read_recordings(folder)[: 2 if quick else None]
     return Bench(
-        vehicle=one, rollout=Rollout(stage_of(one)), prepared=tuple(PreparedRecording.of(each, one) for each in recordings)
+        vehicle=one,
+        rollout=Rollout(stage_of(one)),
+        prepared=tuple(PreparedRecording.of(each, one) for each in recordings),
     )
 
 
@@ -112,7 +127,9 @@ def left_out(one: Bench, drifting: Bench, stages: Sequence[tuple[float | None, i
     """Every recording, predicted by what the others tell, in a search that begins at the prior."""
     rows = []
     for held in drifting.prepared:
-        found = drifting.trained([other for other in drifting.prepared if other is not held], None, stages).shared
+        found = drifting.trained(
+            [other for other in drifting.prepared if other is not held], None, stages
+        ).shared
         name, (whole,) = held.recording.name, held.stretches(STEP)
         rows.append(row(name, ALL, one.predictor(found).of(whole)))
         rows += _by_horizon(held, one.predictor(found), "")
@@ -121,12 +138,21 @@ def left_out(one: Bench, drifting: Bench, stages: Sequence[tuple[float | None, i
 
 
 def _by_horizon(held: PreparedRecording, predictor: Predictor, how: str) -> list[Row]:
-    return [row(held.recording.name, f"{horizon:g} s{how}", predictor.over(held, STEP, horizon)) for horizon in HORIZONS]
+    return [
+        row(held.recording.name, f"{horizon:g} s{how}", predictor.over(held, STEP, horizon))
+        for horizon in HORIZONS
+    ]
 
 
 def seen_soon(one: Bench, shared: np.ndarray) -> list[Row]:
-    """Every recording over the shortest horizon, by unknowns shared (n,) [as they are] that it was used for."""
-    return [each for held in one.prepared for each in _by_horizon(held, one.predictor(shared), f", {FORCE}, seen")[:1]]
+    """Every recording over the shortest horizon, by unknowns shared (n,) [as they are] that it was
+    used for.
+    """
+    return [
+        each
+        for held in one.prepared
+        for each in _by_horizon(held, one.predictor(shared), f", {FORCE}, seen")[:1]
+    ]
 
 
 def alone(one: Bench, shared: np.ndarray, *, quick: bool) -> list[Row]:
@@ -134,7 +160,9 @@ def alone(one: Bench, shared: np.ndarray, *, quick: bool) -> list[Row]:
     rows = []
     for each in one.prepared:
         found = one.trained([each], shared, ((None, 1 if quick else 15),))
-        rows += in_sample(Bench(vehicle=one.vehicle, rollout=one.rollout, prepared=(each,)), found, ALONE)
+        rows += in_sample(
+            Bench(vehicle=one.vehicle, rollout=one.rollout, prepared=(each,)), found, ALONE
+        )
         rows += _by_horizon(each, one.predictor(found.shared), ", seen alone")[:1]
     return rows
 
@@ -145,7 +173,8 @@ def bounds(one: Bench) -> list[Row]:
     pairs = zip(names, filtered(one.prepared, STEP), strict=True)
     rows: list[Row] = [{"recording": name, "prediction": FILTER, **fits} for name, fits in pairs]
     return rows + [
-        {"recording": each.recording.name, "prediction": TWICE, **measured_twice(each.recording)} for each in one.prepared
+        {"recording": each.recording.name, "prediction": TWICE, **measured_twice(each.recording)}
+        for each in one.prepared
     ]
 
 
@@ -154,14 +183,17 @@ def in_sample(one: Bench, estimate: Estimate, kind: str) -> list[Row]:
     rows = []
     for k, each in enumerate(one.prepared):
         name, (whole,) = each.recording.name, each.stretches(STEP)
-        found = rolled_out(one.rollout, whole, estimate.starts[k], estimate.shared, estimate.own[name])
+        found = rolled_out(
+            one.rollout, whole, estimate.starts[k], estimate.shared, estimate.own[name]
+        )
         rows.append(row(name, kind, found))
     return rows
 
 
 def nulls(one: Bench) -> list[Row]:
     """The vehicle where the search begins, and none that moves."""
-    rows, prior = [], one.predictor(one.vehicle.shared.start)
+    rows = []
+    prior = one.predictor(one.vehicle.shared.start)
     for each in one.prepared:
         (whole,) = each.stretches(STEP)
         predicted = prior.of(whole)
@@ -175,11 +207,16 @@ def nulls(one: Bench) -> list[Row]:
 def medians(rows: Sequence[Row]) -> list[Row]:
     """Over the recordings, by kind of prediction."""
     kinds = dict.fromkeys(each["prediction"] for each in rows)
-    return [{"prediction": kind, **{name: _median(rows, kind, name) for name in CHANNELS}} for kind in kinds]
+    return [
+        {"prediction": kind, **{name: _median(rows, kind, name) for name in CHANNELS}}
+        for kind in kinds
+    ]
 
 
 def _median(rows: Sequence[Row], kind: str, channel: str) -> float | None:
-    known = [each[channel] for each in rows if each["prediction"] == kind and each[channel] is not None]
+    known = [
+        each[channel] for each in rows if each["prediction"] == kind and each[channel] is not None
+    ]
     return float(np.median(known)) if known else None
 
 
@@ -188,7 +225,11 @@ def _length(one: Bench) -> float:
 
 
 def _doubts(one: Bench) -> str:
-    told = [f"- {each.recording.name}: {doubt}" for each in one.prepared for doubt in check_data_quality(each.recording)]
+    told = [
+        f"- {each.recording.name}: {doubt}"
+        for each in one.prepared
+        for doubt in check_data_quality(each.recording)
+    ]
     return "\n".join(told) or "None."
 
 
@@ -225,10 +266,13 @@ def main() -> None:
     parser.add_argument("folder", type=Path, help="of the recordings")
     given, run = begin(parser)
     stages = tuple((duration, 1 if run.quick else iterations) for duration, iterations in STAGES)
-    one, drifting = bench(given.folder, quick=run.quick), bench(given.folder, quick=run.quick, **DRIFT)
+    one = bench(given.folder, quick=run.quick)
+    drifting = bench(given.folder, quick=run.quick, **DRIFT)
     everything = drifting.trained(drifting.prepared, None, stages)
     rows = left_out(one, drifting, stages) + in_sample(drifting, everything, OWN)
-    rows += seen_soon(drifting, everything.shared) + alone(drifting, everything.shared, quick=run.quick)
+    rows += seen_soon(drifting, everything.shared) + alone(
+        drifting, everything.shared, quick=run.quick
+    )
     rows += bounds(one) + nulls(one)
     table = Table(rows=medians(rows), columns={"prediction": "", **dict.fromkeys(CHANNELS, ".0f")})
     run.write(

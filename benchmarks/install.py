@@ -1,7 +1,7 @@
 """What an install takes on the disk, package by package: ``python benchmarks/install.py``.
 
-Writes install.csv, one row per package that the package asks for itself, install_packages.csv, one row per package, and
-install.md.
+Writes install.csv, one row per package that the package asks for itself, install_packages.csv, one
+row per package, and install.md.
 """
 
 from __future__ import annotations
@@ -20,25 +20,39 @@ PROSE = """
 Python compiles of them later. *own_MB*: of the package alone; *with_MB*: with all that it brings, directly or not; *alone_MB*:
 of that, what nothing else brings, and what would go if it went.
 """
-ASKED = {"package": "", "version": "", "own_MB": ".0f", "with_MB": ".0f", "alone_MB": ".0f", "brings": ""}
+ASKED = {
+    "package": "",
+    "version": "",
+    "own_MB": ".0f",
+    "with_MB": ".0f",
+    "alone_MB": ".0f",
+    "brings": "",
+}
 ALL = {"package": "", "version": "", "MB": ".1f", "brought_by": ""}
 
 
 def needs(of: Distribution) -> list[str]:
     """Names of the packages that one needs here, without its extras."""
     asked = [Requirement(text) for text in of.requires or ()]
-    return [canonicalize_name(one.name) for one in asked if one.marker is None or one.marker.evaluate({"extra": ""})]
+    return [
+        canonicalize_name(one.name)
+        for one in asked
+        if one.marker is None or one.marker.evaluate({"extra": ""})
+    ]
 
 
 def megabytes(of: Distribution) -> float:
-    """Of its files but for byte code, each once: wheels have no links, and copies of libraries in their place."""
+    """Of its files but for byte code, each once: wheels have no links, and copies of libraries in
+    their place.
+    """
     paths = {Path(str(of.locate_file(file))) for file in of.files or () if file.suffix != ".pyc"}
     return sum(path.stat().st_size for path in paths if path.is_file()) / 1e6
 
 
 def all_of(roots: Iterable[str], graph: Mapping[str, list[str]]) -> set[str]:
     """What these packages are, and bring."""
-    found, waiting = set[str](), list(roots)
+    found = set[str]()
+    waiting = list(roots)
     while waiting:
         name = waiting.pop()
         if name not in found:
@@ -50,22 +64,30 @@ def all_of(roots: Iterable[str], graph: Mapping[str, list[str]]) -> set[str]:
 def main() -> None:
     """Look, and write."""
     _, run = begin(parser_of(__doc__))
-    asked, parts = needs(distribution(PACKAGE)), dict[str, Distribution]()
+    asked = needs(distribution(PACKAGE))
+    parts = dict[str, Distribution]()
     waiting = list(asked)
     while waiting:
         name = waiting.pop()
         if name not in parts:
             parts[name] = distribution(name)
             waiting += needs(parts[name])
-    graph, sizes = {name: needs(part) for name, part in parts.items()}, {name: megabytes(part) for name, part in parts.items()}
+    graph = {name: needs(part) for name, part in parts.items()}
+    sizes = {name: megabytes(part) for name, part in parts.items()}
 
     def size(names: Iterable[str]) -> float:
         return sum(sizes[name] for name in names)
 
     rows: list[Row] = []
     for name in sorted(asked, key=lambda one: -size(all_of([one], graph))):
-        brought, others = all_of([name], graph), all_of([one for one in asked if one != name], graph)
-        row = {"package": name, "version": parts[name].version, "own_MB": sizes[name], "with_MB": size(brought)}
+        brought = all_of([name], graph)
+        others = all_of([one for one in asked if one != name], graph)
+        row = {
+            "package": name,
+            "version": parts[name].version,
+            "own_MB": sizes[name],
+            "with_MB": size(brought),
+        }
         rows.append(row | {"alone_MB": size(brought - others), "brings": len(brought) - 1})
     each: list[Row] = [
         {

@@ -1,8 +1,10 @@
-"""Which small errors in the source the tests notice: ``python benchmarks/mutation.py --work FOLDER --jobs 2``.
+"""Which small errors in the source the tests notice: ``python benchmarks/mutation.py --work FOLDER
+--jobs 2``.
 
-Writes mutation.csv and mutation.md, one row per mutant. Needs ``pip install -e ".[mutation]"``. The folder keeps what is
-known, so that an interrupted run goes on where it was, and a run with better tests tries the survivors only.
-`mutants/judged.csv` says of survivors which change nothing that can be observed, and why the others are still there.
+Writes mutation.csv and mutation.md, one row per mutant. Needs ``pip install -e ".[mutation]"``. The
+folder keeps what is known, so that an interrupted run goes on where it was, and a run with better
+tests tries the survivors only. `mutants/judged.csv` says of survivors which change nothing that can
+be observed, and why the others are still there.
 """
 
 from __future__ import annotations
@@ -23,8 +25,12 @@ from recording.report import Report, Row, Table, begin, parser_of
 
 ROOMS = ("tasks", "control", "sim", "solvers", "mission", "ocp")
 JUDGED = Path(__file__).parent / "mutants" / "judged.csv"
-EQUIVALENT, SURVIVED, NOT_RUN = "equivalent", "survived", "not run"
-QUICK_FILES, QUICK_TESTS, QUICK_SAMPLE = ("uvms_ocp/codegen/elementwise.py",), ("tests/solvers/test_intervals.py",), 3
+EQUIVALENT = "equivalent"
+SURVIVED = "survived"
+NOT_RUN = "not run"
+QUICK_FILES = ("uvms_ocp/codegen/elementwise.py",)
+QUICK_TESTS = ("tests/solvers/test_intervals.py",)
+QUICK_SAMPLE = 3
 PROSE = """
 {n} changes of one operator, number, condition, loop or exception each, by the operators of cosmic-ray, in the Python source
 of {rooms}: places drawn with seed {seed}, then one change of each. Of {judgeable} that change something, the tests notice
@@ -50,7 +56,12 @@ def judgements(path: Path = JUDGED) -> dict[tuple[str, str, str], Judgement]:
     """By file, line before and line after."""
     with path.open(newline="", encoding="utf-8") as file:
         rows = list(csv.DictReader(file))
-    return {(row["file"], row["before"], row["after"]): Judgement(verdict=row["verdict"], reason=row["reason"]) for row in rows}
+    return {
+        (row["file"], row["before"], row["after"]): Judgement(
+            verdict=row["verdict"], reason=row["reason"]
+        )
+        for row in rows
+    }
 
 
 def row_of(mutant: Mutant, trial: Trial | None, judged: Judgement | None) -> Row:
@@ -75,7 +86,10 @@ def row_of(mutant: Mutant, trial: Trial | None, judged: Judgement | None) -> Row
 
 def score(rows: Sequence[Row], room: str) -> Row:
     """How many of the mutants of a room ended in which way."""
-    count = {verdict: sum(row["verdict"] == verdict for row in rows) for verdict in (KILLED, SURVIVED, EQUIVALENT, NOT_RUN)}
+    count = {
+        verdict: sum(row["verdict"] == verdict for row in rows)
+        for verdict in (KILLED, SURVIVED, EQUIVALENT, NOT_RUN)
+    }
     judgeable = count[KILLED] + count[SURVIVED]
     share = 100.0 * count[KILLED] / judgeable if judgeable else None
     return {"room": room, "mutants": len(rows), **count, "noticed [%]": share}
@@ -115,7 +129,9 @@ def report(rows: Sequence[Row], suite: Suite, seed: int, tests: Sequence[str]) -
     )
 
 
-def measured(work: Path, sample: Sequence[Mutant], suite: Suite, jobs: int, hours: float) -> list[Row]:
+def measured(
+    work: Path, sample: Sequence[Mutant], suite: Suite, jobs: int, hours: float
+) -> list[Row]:
     """One row per mutant."""
     trials: Mapping[str, Trial] = Trials(work, suite, jobs).run(sample, hours)
     judged = judgements()
@@ -128,14 +144,24 @@ def main() -> None:
     parser.add_argument("--sample", type=int, default=240, metavar="N", help="mutants")
     parser.add_argument("--seed", type=int, default=0, help="of the draw")
     parser.add_argument("--jobs", type=int, default=2, metavar="N", help="processes")
-    parser.add_argument("--hours", type=float, default=4.0, metavar="H", help="after which no mutant is begun")
-    parser.add_argument("--work", type=Path, metavar="FOLDER", help="where copies and what is known are kept")
+    parser.add_argument(
+        "--hours", type=float, default=4.0, metavar="H", help="after which no mutant is begun"
+    )
+    parser.add_argument(
+        "--work", type=Path, metavar="FOLDER", help="where copies and what is known are kept"
+    )
     parser.add_argument("--files", nargs="*", metavar="FILE", help="to mutate instead of all rooms")
-    parser.add_argument("--tests", nargs="*", default=["tests"], metavar="PATH", help="to run instead of all")
+    parser.add_argument(
+        "--tests", nargs="*", default=["tests"], metavar="PATH", help="to run instead of all"
+    )
     given, run = begin(parser)
-    files, tests, n = given.files or source_files(), given.tests, given.sample
+    files = given.files or source_files()
+    tests = given.tests
+    n = given.sample
     if run.quick:
-        files, tests, n = list(QUICK_FILES), list(QUICK_TESTS), QUICK_SAMPLE
+        files = list(QUICK_FILES)
+        tests = list(QUICK_TESTS)
+        n = QUICK_SAMPLE
     with tempfile.TemporaryDirectory() as own:
         work = (given.work or Path(own)).resolve()
         work.mkdir(parents=True, exist_ok=True)

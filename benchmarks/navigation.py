@@ -1,6 +1,7 @@
 """What the estimator promises and keeps: ``python benchmarks/navigation.py``.
 
-Writes navigation.csv (consistency), navigation_delays.csv, navigation_mission.csv, navigation_time.csv and navigation.md.
+Writes navigation.csv (consistency), navigation_delays.csv, navigation_mission.csv,
+navigation_time.csv and navigation.md.
 """
 
 from __future__ import annotations
@@ -42,10 +43,14 @@ def main() -> None:
     delays = [
         row
         for specs in (WITH, WITHOUT)
-        for row in delay_table(robot, specs, seeds=range(2 if run.quick else 20), duration=9.0 if run.quick else 16.0)
+        for row in delay_table(
+            robot, specs, seeds=range(2 if run.quick else 20), duration=9.0 if run.quick else 16.0
+        )
     ]
     missions = mission_table(
-        1 if run.quick else 20, plant="kinematic" if run.quick else "dynamic", duration=2.0 if run.quick else 120.0
+        1 if run.quick else 20,
+        plant="kinematic" if run.quick else "dynamic",
+        duration=2.0 if run.quick else 120.0,
     )
     times = time_table(robot, ticks=400 if run.quick else 20_000)
     alone = delays[1 : len(DELAYS) + 1]
@@ -56,7 +61,9 @@ def main() -> None:
         inside=_inside(in_time),
         late_inside=_inside(all_late),
         rows=len(in_time),
-        largest=max(float(str(row[name])) for row in alone for name in ("position", "attitude", "altitude")),
+        largest=max(
+            float(str(row[name])) for row in alone for name in ("position", "attitude", "altitude")
+        ),
         dvl=DELAYS["linear_velocity"],
         slope=LEVEL.floor_roughness,
         bound=1e3 * LEVEL.jerk * (DELAYS["linear_velocity"] ** 3 / 3) ** 0.5,
@@ -64,12 +71,26 @@ def main() -> None:
     tables = [
         Table(rows=in_time, columns=FIGURES),
         Table(rows=all_late, columns=FIGURES),
-        Table(rows=delays, columns=dict.fromkeys(delays[0], ".3g") | {"late": "", "accelerometer": ""}),
-        Table(rows=by_part(missions), columns={"of": "", "rms": ".3g", "spread": ".3g", "ratio": ".3g"}),
+        Table(
+            rows=delays, columns=dict.fromkeys(delays[0], ".3g") | {"late": "", "accelerometer": ""}
+        ),
+        Table(
+            rows=by_part(missions),
+            columns={"of": "", "rms": ".3g", "spread": ".3g", "ratio": ".3g"},
+        ),
         Table(rows=times, columns=dict.fromkeys(times[0], ".1f") | {"sensors": ""}),
     ]
-    given = [{"readings": name, **row} for name, rows in (("in time", in_time), ("late", all_late)) for row in rows]
-    data = {"navigation": given, "navigation_delays": delays, "navigation_mission": missions, "navigation_time": times}
+    given = [
+        {"readings": name, **row}
+        for name, rows in (("in time", in_time), ("late", all_late))
+        for row in rows
+    ]
+    data = {
+        "navigation": given,
+        "navigation_delays": delays,
+        "navigation_mission": missions,
+        "navigation_time": times,
+    }
     run.write(Report(name="navigation", title="Navigation", prose=prose, tables=tables, data=data))
 
 

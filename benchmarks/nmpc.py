@@ -1,7 +1,8 @@
-"""Receding-horizon control against the velocity hierarchy: ``python benchmarks/nmpc.py [--seconds S]``.
+"""Receding-horizon control against the velocity hierarchy: ``python benchmarks/nmpc.py [--seconds
+S]``.
 
-Same goals, same water, same dynamic plant. Writes nmpc.csv, one row per run, nmpc_ticks.csv, what ticks take while
-plans are made beside them, and a summary of both to nmpc.md.
+Same goals, same water, same dynamic plant. Writes nmpc.csv, one row per run, nmpc_ticks.csv, what
+ticks take while plans are made beside them, and a summary of both to nmpc.md.
 """
 
 from __future__ import annotations
@@ -16,7 +17,8 @@ from horizon.worst_of_seeds import worst_of_seeds
 from recording.processes import hide_compiler
 from recording.report import Report, Row, Table, begin, parser_of
 
-LARGEST_ERROR, LATE = 20.0, 1.0
+LARGEST_ERROR = 20.0
+LATE = 1.0
 """[mm], [%] that NMPC should keep."""
 TICKS = 1.2
 """highest percentile of ticks with plans beside to that without."""
@@ -39,9 +41,14 @@ shown is {share:.2f} times that without plans; wanted: {most:g} times at most.
 """
 
 
-def prose(experiment: Experiment, blocks: Blocks, shown: Sequence[Row], ticks: Sequence[Row]) -> str:
+def prose(
+    experiment: Experiment, blocks: Blocks, shown: Sequence[Row], ticks: Sequence[Row]
+) -> str:
     """With the figures of all runs."""
-    own, levels = ([row for row in shown if row["controller"] == name] for name in ("NMPC", "NMPC, strict levels"))
+    own, levels = (
+        [row for row in shown if row["controller"] == name]
+        for name in ("NMPC", "NMPC, strict levels")
+    )
     return PROSE.format(
         seeds=len(experiment.seeds),
         seconds=experiment.seconds,
@@ -91,12 +98,16 @@ def main() -> None:
     given, run = begin(parser)
     if run.quick:
         hide_compiler()
-        experiment = Experiment(cases=("station",), seeds=(1,), seconds=0.1, horizon=1.0, n_steps=3, gains=(1.0,))
+        experiment = Experiment(
+            cases=("station",), seeds=(1,), seconds=0.1, horizon=1.0, n_steps=3, gains=(1.0,)
+        )
         blocks = Blocks(rounds=1, seconds=0.1, warm=0.1)
     else:
-        experiment, blocks = Experiment(cases=tuple(CASES), seconds=given.seconds), Blocks()
+        experiment = Experiment(cases=tuple(CASES), seconds=given.seconds)
+        blocks = Blocks()
     table = measured(experiment)
-    shown, ticks = worst_of_seeds(table, "case", "controller"), list(tick_rows(experiment, blocks))
+    shown = worst_of_seeds(table, "case", "controller")
+    ticks = list(tick_rows(experiment, blocks))
     run.write(
         Report(
             name="nmpc",

@@ -1,7 +1,8 @@
-"""Strict levels beside weights in receding horizon: ``python benchmarks/nmpc_levels.py [--seeds N]``.
+"""Strict levels beside weights in receding horizon: ``python benchmarks/nmpc_levels.py [--seeds
+N]``.
 
-Goals that exclude each other for a while, on the dynamic plant in a gusty current. Writes nmpc_levels.csv, one row per run,
-and the worst of all seeds to nmpc_levels.md.
+Goals that exclude each other for a while, on the dynamic plant in a gusty current. Writes
+nmpc_levels.csv, one row per run, and the worst of all seeds to nmpc_levels.md.
 """
 
 from __future__ import annotations
@@ -15,7 +16,9 @@ from horizon.worst_of_seeds import worst_of_seeds
 from recording.processes import hide_compiler
 from recording.report import Report, Row, Table, begin, parser_of
 
-TOOL, HELD, BACK = 25.0, 5.0, 10.0
+TOOL = 25.0
+HELD = 5.0
+BACK = 10.0
 """[mm] most of the tool below tilt, of the vehicle above the tool, and of the tool afterwards."""
 PROSE = """
 {seeds} seeds; the worst of them, but energy and median times are means, counts sums, and times processor time. *tilt above
@@ -37,8 +40,14 @@ def kept(row: Row) -> bool:
     """Whether a run keeps what is wanted."""
     if row["conflict"].startswith("tilt"):
         return bool(row["largest tool error [mm]"] <= TOOL)
-    held = not row["conflict"].startswith("vehicle") or row["largest way of the vehicle [mm]"] <= HELD
-    return bool(held and row["largest tool error afterwards [mm]"] <= BACK and row["smallest gap [mm]"] >= 1e3 * MARGIN)
+    held = (
+        not row["conflict"].startswith("vehicle") or row["largest way of the vehicle [mm]"] <= HELD
+    )
+    return bool(
+        held
+        and row["largest tool error afterwards [mm]"] <= BACK
+        and row["smallest gap [mm]"] >= 1e3 * MARGIN
+    )
 
 
 def prose(runs: ConflictRuns, table: Sequence[Row]) -> str:
@@ -66,7 +75,9 @@ def prose(runs: ConflictRuns, table: Sequence[Row]) -> str:
 def main() -> None:
     """Run all conflicts in all ways."""
     parser = parser_of(__doc__)
-    parser.add_argument("--seeds", type=int, default=10, metavar="N", help="of gusts, for each conflict")
+    parser.add_argument(
+        "--seeds", type=int, default=10, metavar="N", help="of gusts, for each conflict"
+    )
     given, run = begin(parser)
     runs = ConflictRuns(seeds=tuple(range(1, given.seeds + 1)))
     if run.quick:
@@ -78,7 +89,15 @@ def main() -> None:
         sys.stderr.write(f"{row['conflict']}, {row['priorities']}, seed {row['seed']}\n")
     title = "Strict levels and weights in receding horizon"
     tables = [Table(rows=worst_of_seeds(table, "conflict", "priorities"))]
-    run.write(Report(name="nmpc_levels", title=title, prose=prose(runs, table), tables=tables, data={"nmpc_levels": table}))
+    run.write(
+        Report(
+            name="nmpc_levels",
+            title=title,
+            prose=prose(runs, table),
+            tables=tables,
+            data={"nmpc_levels": table},
+        )
+    )
 
 
 if __name__ == "__main__":

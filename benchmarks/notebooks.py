@@ -1,6 +1,8 @@
-"""Every notebook from its first cell to its last, in full: ``python benchmarks/notebooks.py [NAME ...]``.
+"""Every notebook from its first cell to its last, in full: ``python benchmarks/notebooks.py [NAME
+...]``.
 
-Writes notebooks.csv, one row per notebook, and notebooks.md. The tests run them with ``FAST = True``, as they are stored.
+Writes notebooks.csv, one row per notebook, and notebooks.md. The tests run them with ``FAST =
+True``, as they are stored.
 """
 
 from __future__ import annotations
@@ -33,15 +35,24 @@ def executed(path: Path, *, fast: bool) -> Row:
     for cell in cells if not fast else ():
         cell.source, times = _FAST.subn("FAST = False", cell.source)
         changed += times
-    began, status = perf_counter(), "complete"
+    began = perf_counter()
+    status = "complete"
     with tempfile.TemporaryDirectory() as folder:
         place = {"metadata": {"path": folder}}
         try:
-            NotebookClient(notebook, timeout=_LONGEST, kernel_name="python3", resources=place).execute()
+            NotebookClient(
+                notebook, timeout=_LONGEST, kernel_name="python3", resources=place
+            ).execute()
         except CellExecutionError as error:
             status = f"{error.ename}: {error.evalue}"
     took = perf_counter() - began
-    return {"notebook": path.stem, "cells": len(cells), "longer than in tests": changed, "wall_s": took, "status": status}
+    return {
+        "notebook": path.stem,
+        "cells": len(cells),
+        "longer than in tests": changed,
+        "wall_s": took,
+        "status": status,
+    }
 
 
 def main() -> int:
@@ -49,7 +60,9 @@ def main() -> int:
     parser = parser_of(__doc__)
     parser.add_argument("names", nargs="*", metavar="NAME", help="without its ending; default: all")
     given, run = begin(parser)
-    names = given.names or (QUICK if run.quick else [path.stem for path in sorted(FOLDER.glob("*.ipynb"))])
+    names = given.names or (
+        QUICK if run.quick else [path.stem for path in sorted(FOLDER.glob("*.ipynb"))]
+    )
     rows = []
     for name in names:
         rows.append(executed(FOLDER / f"{name}.ipynb", fast=run.quick))
@@ -62,7 +75,14 @@ def main() -> int:
         total=sum(row["wall_s"] for row in rows),
     )
     columns = dict.fromkeys(rows[0], "") | {"wall_s": ".0f"}
-    run.write(Report(name="notebooks", title="Notebooks", prose=prose, tables=[Table(rows=rows, columns=columns)]))
+    run.write(
+        Report(
+            name="notebooks",
+            title="Notebooks",
+            prose=prose,
+            tables=[Table(rows=rows, columns=columns)],
+        )
+    )
     return int(complete < len(rows))
 
 

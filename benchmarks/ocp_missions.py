@@ -1,6 +1,7 @@
 """Missions as one problem, against greedy ones: ``python benchmarks/ocp_missions.py``.
 
-Both are flown on the physical plant with noise, and judged by its true state. Writes ocp_missions.csv and ocp_missions.md.
+Both are flown on the physical plant with noise, and judged by its true state. Writes
+ocp_missions.csv and ocp_missions.md.
 """
 
 from __future__ import annotations
@@ -91,7 +92,8 @@ class _Flown:
 
     def row(self, greedy_energy: float | None) -> dict[str, Any]:
         """greedy_energy [J]"""
-        record, meta = self.record, self.record.run_meta
+        record = self.record
+        meta = self.record.run_meta
         *_, total = resources(record)
         tilt = quantity(record, "HA.tilt")
         return {
@@ -109,26 +111,48 @@ class _Flown:
             "tilt [rad]": None if tilt is None else float(np.nanmax(tilt)),
             "threshold used [-]": _used(record),
             "estimated [-]": _used(record, estimated=True),
-            "clear of obstacles [mm]": _clear(self.scenario, record) if self.scenario.environment.obstacles else None,
+            "clear of obstacles [mm]": _clear(self.scenario, record)
+            if self.scenario.environment.obstacles
+            else None,
             "links apart [mm]": _apart(self.scenario, record),
-            "left": next((f"{a.t:.1f} s: {a.text}" for a in meta.alarms if a.text.startswith("plan left")), ""),
+            "left": next(
+                (f"{a.t:.1f} s: {a.text}" for a in meta.alarms if a.text.startswith("plan left")),
+                "",
+            ),
         }
 
     def _bound(self, *, inertia: bool = False) -> float:
         """[J]"""
-        record, current = self.record, self.scenario.environment.current
+        record = self.record
+        current = self.scenario.environment.current
         motion = (record["t"], record["q"], record["v"])
-        return max(quasi_static_energy(self.scenario.robot, current, *motion, every=_EVERY, inertia=inertia), 1e-9)
+        return max(
+            quasi_static_energy(
+                self.scenario.robot, current, *motion, every=_EVERY, inertia=inertia
+            ),
+            1e-9,
+        )
 
     def _water(self) -> float:
         """Mean speed [m/s] of the current around the vehicle."""
-        current, rows = self.scenario.environment.current, slice(None, None, _EVERY)
-        places, times = self.record["q"][rows, :3], self.record["t"][rows].tolist()
-        return float(np.mean([np.linalg.norm(current.velocity(p[None], t)[0]) for p, t in zip(places, times, strict=True)]))
+        current = self.scenario.environment.current
+        rows = slice(None, None, _EVERY)
+        places = self.record["q"][rows, :3]
+        times = self.record["t"][rows].tolist()
+        return float(
+            np.mean(
+                [
+                    np.linalg.norm(current.velocity(p[None], t)[0])
+                    for p, t in zip(places, times, strict=True)
+                ]
+            )
+        )
 
 
 def _used(record: Record, *, estimated: bool = False) -> float | None:
-    """The largest share of the limit of a condition at the end of its phase, true or as it was estimated."""
+    """The largest share of the limit of a condition at the end of its phase, true or as it was
+    estimated.
+    """
     shares = [
         (condition.estimated if estimated else event.truth[condition.quantity]) / condition.limit
         for event in record.run_meta.events
@@ -140,17 +164,26 @@ def _used(record: Record, *, estimated: bool = False) -> float | None:
 
 def _clear(scenario: Scenario, record: Record) -> float:
     """Least [mm] to obstacles."""
-    return 1e3 * closest_approach(scenario.robot, scenario.environment, record["q"][::_EVERY], floor=False).distance
+    return (
+        1e3
+        * closest_approach(
+            scenario.robot, scenario.environment, record["q"][::_EVERY], floor=False
+        ).distance
+    )
 
 
 def _apart(scenario: Scenario, record: Record) -> float:
     """Least [mm] between links."""
     nothing = replace(scenario.environment, obstacles=())
-    found = closest_approach(scenario.robot, nothing, record["q"][::_EVERY], floor=False, self_collision=True)
+    found = closest_approach(
+        scenario.robot, nothing, record["q"][::_EVERY], floor=False, self_collision=True
+    )
     return 1e3 * found.distance
 
 
-def measured(name: str, scenario: Scenario, plan_of: Callable[..., MissionPlan]) -> tuple[list[Row], Row]:
+def measured(
+    name: str, scenario: Scenario, plan_of: Callable[..., MissionPlan]
+) -> tuple[list[Row], Row]:
     """Rows of both flights, and of the plan."""
     greedy = _Flown(mission=name, how="greedy", scenario=scenario, record=scenario.run())
     first = greedy.row(None)
@@ -158,11 +191,23 @@ def measured(name: str, scenario: Scenario, plan_of: Callable[..., MissionPlan])
     plan = found.value
     rows: list[Row] = [first]
     if plan.status.usable:
-        flown = _Flown(mission=name, how="one problem", scenario=scenario, record=plan.fly(scenario))
+        flown = _Flown(
+            mission=name, how="one problem", scenario=scenario, record=plan.fly(scenario)
+        )
         rows.append(flown.row(first["energy [J]"]))
-    told = {"mission": name, "status": plan.status.value, "iterations": plan.iterations, "CPU [s]": found.cpu}
+    told = {
+        "mission": name,
+        "status": plan.status.value,
+        "iterations": plan.iterations,
+        "CPU [s]": found.cpu,
+    }
     clear = None if plan.clearance is None else 1e3 * plan.clearance
-    return rows, {**told, "planned [s]": plan.duration, "planned [J]": plan.energy, "clear [mm]": clear}
+    return rows, {
+        **told,
+        "planned [s]": plan.duration,
+        "planned [J]": plan.energy,
+        "clear [mm]": clear,
+    }
 
 
 def quick_plan(scenario: Scenario, **more: Any) -> MissionPlan:
@@ -179,11 +224,19 @@ def main() -> None:
     if run.quick:
         hide_compiler()
         chosen = {"reach": lambda **more: scenarios.reach(duration=0.2)}
-    both = [measured(name, make(noise=True), quick_plan if run.quick else plan_mission) for name, make in chosen.items()]
+    both = [
+        measured(name, make(noise=True), quick_plan if run.quick else plan_mission)
+        for name, make in chosen.items()
+    ]
     flights = Table(rows=[row for rows, _ in both for row in rows], columns=FORMATS)
     plans = Table(rows=[row for _, row in both], columns=PLANS)
     run.write(
-        Report(name="ocp_missions", title="Missions as one problem", prose=PROSE.format(current=STEADY), tables=[flights, plans])
+        Report(
+            name="ocp_missions",
+            title="Missions as one problem",
+            prose=PROSE.format(current=STEADY),
+            tables=[flights, plans],
+        )
     )
 
 

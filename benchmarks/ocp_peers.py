@@ -1,7 +1,7 @@
 """Optimal control by ours and by the peers: ``python benchmarks/ocp_peers.py --peers FOLDER``.
 
-FOLDER: of `peer_environments.py`; without it the peers are left out. Writes ocp_peers.csv and ocp_peers.md, one row per
-solver and setting.
+FOLDER: of `peer_environments.py`; without it the peers are left out. Writes ocp_peers.csv and
+ocp_peers.md, one row per solver and setting.
 """
 
 from __future__ import annotations
@@ -10,13 +10,22 @@ import tempfile
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 
-from horizon.comparison import COMPILED, Comparison, limited_rows, quickest_rows, shooting_rows, turns
+from horizon.comparison import (
+    COMPILED,
+    Comparison,
+    limited_rows,
+    quickest_rows,
+    shooting_rows,
+    turns,
+)
 from horizon.ours import CONVERGENCE, GAUSS_NEWTON
 from horizon.peer_problems import DURATION, least_time, quickest_problem, shooting_problem
 from recording.report import Report, Row, Table, begin, parser_of
 from recording.timing import LONG
 
-REPEATS, STEPS, ROUNDS = 5, (20, 40, 100), 6
+REPEATS = 5
+STEPS = (20, 40, 100)
+ROUNDS = 6
 PROSE = """
 Every call is made once to warm up and {repeats} times, or until {long:g} s are over, to take the least time, by the peers as by
 ours. *build_s* is what has to be done once before: transcription, code and its compilation from an empty cache, for ours;
@@ -54,25 +63,45 @@ FORMATS = {
     "off": ".1e",
     "status": "",
 }
-TURNS = {"problem": "", "solver": "", "least_ms": ".2f", "median_ms": ".2f", "ratio": ".2f", "median_ratio": ".2f"}
+TURNS = {
+    "problem": "",
+    "solver": "",
+    "least_ms": ".2f",
+    "median_ms": ".2f",
+    "ratio": ".2f",
+    "median_ratio": ".2f",
+}
 
 
 def found_text(rows: Sequence[Row]) -> str:
     """What ours take with the peer's kind of Hessian, by tolerance."""
     parts = [*_ratios(rows)]
-    return f"With Gauss and Newton's Hessian, which the peer uses as well, {'; '.join(parts)}." if parts else ""
+    return (
+        f"With Gauss and Newton's Hessian, which the peer uses as well, {'; '.join(parts)}."
+        if parts
+        else ""
+    )
 
 
 def _ratios(rows: Sequence[Row]) -> Iterator[str]:
     for tolerance in CONVERGENCE:
         setting = f"{GAUSS_NEWTON}, {tolerance:g}, {COMPILED}"
-        chosen = [row for row in rows if (row["solver"], row["setting"]) == ("uvms_ocp stagewise", setting)]
-        chosen = [row for row in chosen if row["problem"].startswith("shooting") and row["ratio"] is not None]
+        chosen = [
+            row
+            for row in rows
+            if (row["solver"], row["setting"]) == ("uvms_ocp stagewise", setting)
+        ]
+        chosen = [
+            row
+            for row in chosen
+            if row["problem"].startswith("shooting") and row["ratio"] is not None
+        ]
         if chosen:
-            ratios, apart = [row["ratio"] for row in chosen], max(abs(row["off"]) for row in chosen)
+            ratios = [row["ratio"] for row in chosen]
+            apart = max(abs(row["off"]) for row in chosen)
             yield (
-                f"stagewise takes {min(ratios):.2f} to {max(ratios):.2f} times the peer's time at a tolerance of {tolerance:g}, "
-                f"where the costs agree to {apart:.0e}"
+                f"stagewise takes {min(ratios):.2f} to {max(ratios):.2f} times the peer's time at a"
+                f" tolerance of {tolerance:g}, where the costs agree to {apart:.0e}"
             )
 
 
@@ -83,7 +112,9 @@ def main() -> None:
     given, run = begin(parser)
     repeats, steps, rounds = (1, (5,), 1) if run.quick else (REPEATS, STEPS, ROUNDS)
     with tempfile.TemporaryDirectory() as name:
-        comparison = Comparison(peers=given.peers, scratch=Path(name), repeats=repeats, quick=run.quick)
+        comparison = Comparison(
+            peers=given.peers, scratch=Path(name), repeats=repeats, quick=run.quick
+        )
         shooting = [found(comparison, n) for found in (shooting_rows, limited_rows) for n in steps]
         parts = [*shooting, quickest_rows(comparison, steps[:2])]
         in_turn = [row for n in steps for row in turns(comparison, n, rounds)]

@@ -1,7 +1,8 @@
-"""Priorities by weights against priorities by levels: ``python benchmarks/ocp_priorities.py [--figure PNG]``.
+"""Priorities by weights against priorities by levels: ``python benchmarks/ocp_priorities.py
+[--figure PNG]``.
 
-Problems whose answers are known. Writes ocp_priorities.csv, ocp_toys.csv and ocp_priorities.md; the figure only where a path
-is given.
+Problems whose answers are known. Writes ocp_priorities.csv, ocp_toys.csv and ocp_priorities.md; the
+figure only where a path is given.
 """
 
 from __future__ import annotations
@@ -23,7 +24,8 @@ from uvms_ocp.solvers.nlp.level_solver import NlpOptions
 
 WEIGHTS = (1.0, 3.0, 1e1, 3e1, 1e2, 3e2, 1e3, 1e4, 1e5, 1e6, 1e7, 1e8)
 OPTIONS = NlpOptions(max_iterations=300)
-LEVELS, SOLVED = "levels", "solved"
+LEVELS = "levels"
+SOLVED = "solved"
 PROSE = """
 **Levels against a weighted sum.** Every goal of the sum weighs `weight` times the next, residuals squared afterwards;
 effort and smoothness weigh one. `errors_m` are the distances of the frames from their goals at the end, highest priority
@@ -54,7 +56,9 @@ def rows(conflict: Conflict, weights: Sequence[float]) -> Iterator[Row]:
     """Levels first, then the sum for every weight."""
     yield _row(conflict, LEVELS, Planner(conflict.problem, OPTIONS), of_sum=False)
     for weight in weights:
-        yield _row(conflict, f"weight {weight:g}", Planner(conflict.as_sum(weight), OPTIONS), of_sum=True)
+        yield _row(
+            conflict, f"weight {weight:g}", Planner(conflict.as_sum(weight), OPTIONS), of_sum=True
+        )
 
 
 def _row(conflict: Conflict, priorities: str, planner: Planner, *, of_sum: bool) -> Row:
@@ -75,12 +79,18 @@ def _row(conflict: Conflict, priorities: str, planner: Planner, *, of_sum: bool)
 
 
 def _excesses(conflict: Conflict, errors: Sequence[float]) -> list[float]:
-    return [error - best for error, best in zip(errors, conflict.best, strict=True) if best is not None]
+    return [
+        error - best for error, best in zip(errors, conflict.best, strict=True) if best is not None
+    ]
 
 
 def found_text(table: Sequence[Row]) -> str:
-    """For each problem: what the largest weight that converges pays, from which weight on none does."""
-    return "\n".join(_found_in(name, table) for name in dict.fromkeys(row["problem"] for row in table))
+    """For each problem: what the largest weight that converges pays, from which weight on none
+    does.
+    """
+    return "\n".join(
+        _found_in(name, table) for name in dict.fromkeys(row["problem"] for row in table)
+    )
 
 
 def _found_in(name: str, table: Sequence[Row]) -> str:
@@ -90,10 +100,17 @@ def _found_in(name: str, table: Sequence[Row]) -> str:
     if not done:
         return f"{text}; no weight converges."
     last = done[-1]
-    text += f", with {last['priorities']}, the largest that converges, by {_first_error_mm(last):.2g} mm at a condition of "
+    text += (
+        f", with {last['priorities']}, the largest that converges, by {_first_error_mm(last):.2g}"
+        " mm at a condition of "
+    )
     text += f"{last['condition']:.0e}"
     beyond = sums[sums.index(last) + 1 :]
-    return f"{text}; {beyond[0]['priorities']} ends as: {beyond[0]['status']}." if beyond else f"{text}."
+    return (
+        f"{text}; {beyond[0]['priorities']} ends as: {beyond[0]['status']}."
+        if beyond
+        else f"{text}."
+    )
 
 
 def _first_error_mm(row: Row) -> float:
@@ -101,7 +118,9 @@ def _first_error_mm(row: Row) -> float:
 
 
 def draw(table: Sequence[Row], path: Path) -> None:
-    """Errors over the weight, one panel per problem; crosses where the solver did not finish, lines for the levels."""
+    """Errors over the weight, one panel per problem; crosses where the solver did not finish, lines
+    for the levels.
+    """
     import matplotlib as mpl
 
     mpl.use("Agg")
@@ -119,7 +138,9 @@ def draw(table: Sequence[Row], path: Path) -> None:
             panel.loglog(weights[done], errors[done, i], "o", color=line.get_color())
             panel.loglog(weights[~done], errors[~done, i], "x", color=line.get_color())
             panel.axhline(reference, color=line.get_color(), linestyle="--", linewidth=1)
-        panel.set(title=name, xlabel="weight of a goal over the next", ylabel="error at the end [m]")
+        panel.set(
+            title=name, xlabel="weight of a goal over the next", ylabel="error at the end [m]"
+        )
         panel.legend()
     figure.savefig(path, dpi=120)
 
@@ -132,7 +153,8 @@ def main() -> None:
     if run.quick:
         hide_compiler()
     conflicts, weights = ([arm(5)], WEIGHTS[2:4]) if run.quick else ([arm(), vehicle()], WEIGHTS)
-    table, toys = [row for conflict in conflicts for row in rows(conflict, weights)], toy_rows()
+    table = [row for conflict in conflicts for row in rows(conflict, weights)]
+    toys = toy_rows()
     prose = PROSE.format(
         tolerance=OPTIONS.tolerance,
         links=N_LINKS,

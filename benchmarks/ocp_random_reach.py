@@ -1,6 +1,7 @@
 """Random tool reaches by optimal control: ``python benchmarks/ocp_random_reach.py``.
 
-Start, goal and current are drawn; every outcome is counted. Writes ocp_random_reach.csv and ocp_random_reach.md.
+Start, goal and current are drawn; every outcome is counted. Writes ocp_random_reach.csv and
+ocp_random_reach.md.
 """
 
 from __future__ import annotations
@@ -26,10 +27,16 @@ from uvms_ocp.robot.signals import State
 from uvms_ocp.solvers.nlp.level_solver import NlpOptions
 from uvms_ocp.tasks.pose import ToolPose
 
-DRAWN, SEED, STEPS = 200, 1, 40
-WAY, TURN, CURRENT = 1.5, 0.6, 0.3  # [m], [rad] in roll, pitch and yaw, [m/s] at most
+DRAWN = 200
+SEED = 1
+STEPS = 40
+# [m], [rad] in roll, pitch and yaw, [m/s] at most
+WAY = 1.5
+TURN = 0.6
+CURRENT = 0.3
 OPTIONS = NlpOptions(plugin="stagewise")
-PEER, NEAR = "ipopt", 0.01
+PEER = "ipopt"
+NEAR = 0.01
 EDGES = (0, 5, 10, 20, 40, 80, 160, 1000)  # of the histogram of iterations
 PROSE = """
 {drawn} reaches of {dofs} degrees of freedom in water, within the limits of thrusters and joints, {steps} steps in
@@ -66,7 +73,9 @@ def drawn(base: OcpProblem, rng: np.random.Generator) -> tuple[OcpProblem, float
     robot = base.robot
     q = robot.configuration(position=(0, 0, -5), rpy=(0, -0.06, rng.uniform(-np.pi, np.pi))).copy()
     low, up = robot.limits.position_lower, robot.limits.position_upper
-    q[7:] = np.clip(q[7:] + rng.uniform(-0.25, 0.25, robot.n_joints) * (up - low), low + 0.05, up - 0.05)
+    q[7:] = np.clip(
+        q[7:] + rng.uniform(-0.25, 0.25, robot.n_joints) * (up - low), low + 0.05, up - 0.05
+    )
     way = rng.uniform(-1.0, 1.0, 3) * WAY / np.sqrt(3)
     turn = pin.rpy.rpyToMatrix(*rng.uniform(-TURN, TURN, 3))
     levels = (_tool_level(base, _moved(robot, q, way, turn)), *base.levels[1:])
@@ -103,7 +112,9 @@ def row(planner: Planner, peer: Planner, problem: OcpProblem, number: int, way: 
         "goal": plan.levels[0].residual if plan.levels else None,
         "ipopt_status": other.value.status.value,
         "ipopt_ms": 1e3 * other.cpu,
-        "to_ipopt": (plan.levels[-1].residual / other.value.levels[-1].residual) ** 2 if both else None,
+        "to_ipopt": (plan.levels[-1].residual / other.value.levels[-1].residual) ** 2
+        if both
+        else None,
     }
 
 
@@ -117,8 +128,10 @@ def histogram(rows: Sequence[Row]) -> str:
 
 def prose(problem: OcpProblem, rows: Sequence[Row]) -> str:
     """With the figures of all reaches."""
-    outcomes, times = Counter(row["status"] for row in rows), [row["cpu_ms"] for row in rows]
-    peer_times, ratios = [row["ipopt_ms"] for row in rows], np.array([row["to_ipopt"] or np.nan for row in rows])
+    outcomes = Counter(row["status"] for row in rows)
+    times = [row["cpu_ms"] for row in rows]
+    peer_times = [row["ipopt_ms"] for row in rows]
+    ratios = np.array([row["to_ipopt"] or np.nan for row in rows])
     return PROSE.format(
         coarse=COARSE_STEPS,
         drawn=len(rows),
@@ -153,15 +166,23 @@ def main() -> None:
     _, run = begin(parser_of(__doc__))
     if run.quick:
         hide_compiler()
-    base, rng = tool_reach(3 if run.quick else STEPS), np.random.default_rng(SEED)
+    base = tool_reach(3 if run.quick else STEPS)
+    rng = np.random.default_rng(SEED)
     options = replace(OPTIONS, max_iterations=3) if run.quick else OPTIONS
-    planner, peer = Planner(base, options), Planner(base, replace(options, plugin=PEER))
+    planner = Planner(base, options)
+    peer = Planner(base, replace(options, plugin=PEER))
     rows = [row(planner, peer, *_numbered(base, rng, i)) for i in range(2 if run.quick else DRAWN)]
     table = Table(rows=rows, columns=FORMATS)
-    run.write(Report(name="ocp_random_reach", title="Random reaches", prose=prose(base, rows), tables=[table]))
+    run.write(
+        Report(
+            name="ocp_random_reach", title="Random reaches", prose=prose(base, rows), tables=[table]
+        )
+    )
 
 
-def _numbered(base: OcpProblem, rng: np.random.Generator, number: int) -> tuple[OcpProblem, int, float]:
+def _numbered(
+    base: OcpProblem, rng: np.random.Generator, number: int
+) -> tuple[OcpProblem, int, float]:
     problem, way = drawn(base, rng)
     return problem, number, way
 

@@ -1,6 +1,7 @@
 """Times of a reach by optimal control, cold and warm: ``python benchmarks/ocp_reach.py``.
 
-Writes ocp_reach.csv and ocp_reach.md, one row per size, solver, Hessian and start, failures included.
+Writes ocp_reach.csv and ocp_reach.md, one row per size, solver, Hessian and start, failures
+included.
 """
 
 from __future__ import annotations
@@ -24,7 +25,8 @@ from uvms_ocp.sim.environment import Environment
 from uvms_ocp.sim.seafloor import FlatSeafloor
 from uvms_ocp.solvers.nlp.level_solver import NlpOptions
 
-REPEATS, STEPS = 3, (20, 40, 80)
+REPEATS = 3
+STEPS = (20, 40, 80)
 OPTIONS = NlpOptions(max_iterations=3)
 """Of a quick run."""
 PROSE = """
@@ -54,7 +56,9 @@ FORMATS = {
 
 
 def all_rows(steps: tuple[int, ...], repeats: int) -> list[Row]:
-    """Every size with both solvers and both Hessians; the middle size without a compiler as well."""
+    """Every size with both solvers and both Hessians; the middle size without a compiler as
+    well.
+    """
     exact = [row for n in steps for row in exact_rows(n, repeats, cold=True)]
     gauss_newton = [row for n in steps for row in gauss_newton_rows(n, repeats)]
     return [*exact, *gauss_newton, *interpreted_rows(steps[1], repeats)]
@@ -74,8 +78,12 @@ def carried_out(problem: OcpProblem, options: NlpOptions) -> TrackingError:
     """A plan on the physical plant, followed with feedback."""
     plan = Planner(problem, options).plan(diagnose=False)
     environment = Environment(seafloor=FlatSeafloor(z=-40))
-    series = tracked(problem.robot, plan.trajectory, environment, dt=1 / 200, duration=plan.duration)
-    return tracking_error(plan.trajectory, series["t"], series["q"], robot=problem.robot, frame="tool")
+    series = tracked(
+        problem.robot, plan.trajectory, environment, dt=1 / 200, duration=plan.duration
+    )
+    return tracking_error(
+        plan.trajectory, series["t"], series["q"], robot=problem.robot, frame="tool"
+    )
 
 
 def prose(problem: OcpProblem, repeats: int, off: TrackingError) -> str:
@@ -101,14 +109,20 @@ def main() -> None:
     _, run = begin(parser_of(__doc__))
     if run.quick:
         hide_compiler()
-        repeats, problem = 1, tool_reach(3, hessian=HessianKind.GAUSS_NEWTON, duration=0.5)
+        repeats = 1
+        problem = tool_reach(3, hessian=HessianKind.GAUSS_NEWTON, duration=0.5)
         rows: list[Row] = [*rows_of("quick", problem, OPTIONS, repeats, False)]
     else:
-        repeats, problem = REPEATS, tool_reach(STEPS[1])
+        repeats = REPEATS
+        problem = tool_reach(STEPS[1])
         rows = all_rows(STEPS, repeats)
     table = Table(rows=rows, columns=FORMATS)
     text = prose(problem, repeats, carried_out(problem, OPTIONS if run.quick else NlpOptions()))
-    run.write(Report(name="ocp_reach", title="Optimal control: the tool reach", prose=text, tables=[table]))
+    run.write(
+        Report(
+            name="ocp_reach", title="Optimal control: the tool reach", prose=text, tables=[table]
+        )
+    )
 
 
 if __name__ == "__main__":

@@ -1,7 +1,7 @@
 """Optimal control among obstacles: ``python benchmarks/ocp_scenes.py [--scenes N]``.
 
-The scenes of `trajectories.py`, with water, thrusters and torques, for the robot whose thrusters move all axes of the vehicle.
-Writes ocp_scenes.csv, one row per scene, and ocp_scenes.md.
+The scenes of `trajectories.py`, with water, thrusters and torques, for the robot whose thrusters
+move all axes of the vehicle. Writes ocp_scenes.csv, one row per scene, and ocp_scenes.md.
 """
 
 from __future__ import annotations
@@ -45,7 +45,11 @@ def prose(rows: Sequence[Row], scenes: Scenes) -> str:
     """With the figures of all scenes."""
     times = [row["curve, processor [s]"] + row["plan, processor [s]"] for row in rows]
     good = [row["status"] == "solved" and row["certified"] for row in rows]
-    rest = [f"seed {row['seed']} ({row['status']})" for row, fine in zip(rows, good, strict=True) if not fine]
+    rest = [
+        f"seed {row['seed']} ({row['status']})"
+        for row, fine in zip(rows, good, strict=True)
+        if not fine
+    ]
     return PROSE.format(
         scenes=len(rows),
         solved=sum(good),
@@ -65,12 +69,20 @@ def main() -> None:
     parser = parser_of(__doc__)
     parser.add_argument("--scenes", type=int, default=N_SCENES, metavar="N")
     given, run = begin(parser)
-    robot, n = load_robot(ROBOT), 1 if run.quick else given.scenes
+    robot = load_robot(ROBOT)
+    n = 1 if run.quick else given.scenes
     problems = [problem(seed, robot=robot) for seed in range(n)]
     scenes = Scenes(problems[0])
     rows = [row_of(scenes.solved(item)) for item in problems]
     tables = [Table(rows=rows)]
-    run.write(Report(name="ocp_scenes", title="Optimal control among obstacles", prose=prose(rows, scenes), tables=tables))
+    run.write(
+        Report(
+            name="ocp_scenes",
+            title="Optimal control among obstacles",
+            prose=prose(rows, scenes),
+            tables=tables,
+        )
+    )
 
 
 if __name__ == "__main__":

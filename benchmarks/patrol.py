@@ -1,8 +1,8 @@
 """A patrol that lasts: ``python benchmarks/patrol.py [--hours H] [--kills N]``.
 
-A BlueROV2 goes out and home for a day, with noise, a current, and faults of a thruster and of sensors that come and go; rows go
-to a folder, one a second. Before that it is killed at random moments, and what is left is opened. Writes patrol.csv and
-patrol.md.
+A BlueROV2 goes out and home for a day, with noise, a current, and faults of a thruster and of
+sensors that come and go; rows go to a folder, one a second. Before that it is killed at random
+moments, and what is left is opened. Writes patrol.csv and patrol.md.
 """
 
 from __future__ import annotations
@@ -32,7 +32,8 @@ PROSE = """
 *killed_after_s*: from its first rows on, and the time of the last row that can be opened; what is left says of itself that it was
 cut off.
 """
-WAY, REST = 3.0, 30.0
+WAY = 3.0
+REST = 30.0
 """[m, s] out, and for which it stays at home."""
 FAULTS = (
     "thruster3:weak=0.6@{0:g}-{1:g}",
@@ -74,7 +75,8 @@ def flown(seconds: float, folder: Path) -> Row:
     """Run it, in this process."""
     begin = time.process_time()
     record = patrol(seconds).run(folder=folder)
-    spent, meta = time.process_time() - begin, record.run_meta
+    spent = time.process_time() - begin
+    meta = record.run_meta
     return {
         "simulated_s": float(record["t"][-1]),
         "completed": meta.completed,
@@ -96,7 +98,11 @@ def killed(seconds: float, folder: Path, after: float) -> Row:
     process.kill()
     process.wait()
     record = Record.load(folder)
-    return {"killed_after_s": after, "last_row_s": float(record["t"][-1]), "says": record.run_meta.stopped}
+    return {
+        "killed_after_s": after,
+        "last_row_s": float(record["t"][-1]),
+        "says": record.run_meta.stopped,
+    }
 
 
 def _command(seconds: float, folder: Path) -> list[str]:
@@ -113,10 +119,20 @@ def main() -> None:
     parser.add_argument("--kills", type=int, default=3, metavar="N")
     given, run = begin(parser)
     hours, kills = (0.01, 1) if run.quick else (given.hours, given.kills)
-    waits = np.random.default_rng(0).uniform(*((0.0, 0.1) if run.quick else (1.0, 20.0)), size=kills)
+    waits = np.random.default_rng(0).uniform(
+        *((0.0, 0.1) if run.quick else (1.0, 20.0)), size=kills
+    )
     with TemporaryDirectory() as place:
-        rows: list[Any] = [killed(3600.0 * hours, Path(place, f"killed{k}"), float(wait)) for k, wait in enumerate(waits)]
-        words = subprocess.run(_command(3600.0 * hours, Path(place, "whole")), capture_output=True, check=True, text=True).stdout
+        rows: list[Any] = [
+            killed(3600.0 * hours, Path(place, f"killed{k}"), float(wait))
+            for k, wait in enumerate(waits)
+        ]
+        words = subprocess.run(
+            _command(3600.0 * hours, Path(place, "whole")),
+            capture_output=True,
+            check=True,
+            text=True,
+        ).stdout
     tables = [Table(rows=[json.loads(words)]), Table(rows=rows)]
     scenario = patrol(3600.0 * hours)
     faults = ", ".join(f"`{fault}`" for fault in scenario.faults)

@@ -22,7 +22,8 @@ ROBOTS = ("girona_maris7_full", "bluerov2_alpha5")
 MASSES = (0.0, 0.5, 1.0, 2.0, 4.0)
 BUOYANT = (0.0, 0.5)
 """share of the weight that buoyancy bears."""
-CURRENT, GUSTS = 0.3, 0.03
+CURRENT = 0.3
+GUSTS = 0.03
 """[m/s]"""
 NEAR = 0.1
 """of a weight."""
@@ -31,7 +32,8 @@ WATERS: dict[str, dict[str, Any]] = {
     "current, noise": {"current": CURRENT, "gusts": GUSTS},
     "the same, drag a fifth more": {"current": CURRENT, "gusts": GUSTS, "wrong": (1.0, 1.2)},
 }
-STAYS, SOON = 30.0, (5.0, 10.0, 30.0)
+STAYS = 30.0
+SOON = (5.0, 10.0, 30.0)
 CERTAIN = 1.96  # standard errors
 PROSE = """
 A robot carries a payload from the start, of which its controller is told nothing. It keeps station for {stays:g} s and then goes
@@ -57,12 +59,34 @@ def main() -> None:
     hover = Hover(load=LoadLearning(), duration=duration, stays=min(STAYS, duration / 2))
     robots, masses = (ROBOTS[1:], (0.0, 2.0)) if bench.quick else (ROBOTS, MASSES)
     cases = [case for case in product(robots, WATERS, masses, BUOYANT) if case[2] or not case[3]]
-    rows = [row_of(replace(hover, robot=robot), water, mass, share, seeds) for robot, water, mass, share in cases]
-    told = {"stays": STAYS, "certain": CERTAIN, "current": CURRENT, "gusts": GUSTS, "near": 100 * NEAR}
+    rows = [
+        row_of(replace(hover, robot=robot), water, mass, share, seeds)
+        for robot, water, mass, share in cases
+    ]
+    told = {
+        "stays": STAYS,
+        "certain": CERTAIN,
+        "current": CURRENT,
+        "gusts": GUSTS,
+        "near": 100 * NEAR,
+    }
     prose = PROSE.format(duration=duration, seeds=seeds, **told)
-    formats = {name: ".2f" for name in rows[0] if "error" in name or "inside" in name or "weight [N]" in name}
-    table = Table(rows=rows, columns={name: formats.get(name, "g" if "[" in name else "") for name in rows[0]})
-    bench.write(Report(name="payloads", title="What the tool carries, learnt on line", prose=prose, tables=[table]))
+    formats = {
+        name: ".2f"
+        for name in rows[0]
+        if "error" in name or "inside" in name or "weight [N]" in name
+    }
+    table = Table(
+        rows=rows, columns={name: formats.get(name, "g" if "[" in name else "") for name in rows[0]}
+    )
+    bench.write(
+        Report(
+            name="payloads",
+            title="What the tool carries, learnt on line",
+            prose=prose,
+            tables=[table],
+        )
+    )
 
 
 def row_of(hover: Hover, water: str, mass: float, share: float, seeds: int) -> Row:
@@ -80,7 +104,10 @@ def row_of(hover: Hover, water: str, mass: float, share: float, seeds: int) -> R
         **{f"error {t:g} s": _error_at(runs, weight, t) for t in SOON if t < hover.duration},
         "near": _from_when_on([_near(found, weight) for found in runs]) if mass else None,
         "mass known": _from_when_on([_knows(found) for found in runs]),
-        "mass error": max((abs(found[-1].mass - mass) for found in runs if not np.isnan(found[-1].mass)), default=None),
+        "mass error": max(
+            (abs(found[-1].mass - mass) for found in runs if not np.isnan(found[-1].mass)),
+            default=None,
+        ),
         **_inside(runs, weight, mass),
     }
 
@@ -107,7 +134,11 @@ def _inside(runs: Sequence[Sequence[LoadEstimate]], weight: float, mass: float) 
     """Shares of seconds; of the mass `None` where it is never determined."""
     seconds = [load for found in runs for load in found[round(SOON[0] / DT) :: round(1.0 / DT)]]
     weights = [abs(load.weight - weight) <= CERTAIN * load.weight_error for load in seconds]
-    masses = [abs(load.mass - mass) <= CERTAIN * load.mass_error for load in seconds if not np.isnan(load.mass)]
+    masses = [
+        abs(load.mass - mass) <= CERTAIN * load.mass_error
+        for load in seconds
+        if not np.isnan(load.mass)
+    ]
     return {"weight inside": np.mean(weights), "mass inside": np.mean(masses) if masses else None}
 
 

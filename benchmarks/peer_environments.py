@@ -1,4 +1,5 @@
-"""Make the environments of the peers, one each: ``python benchmarks/peer_environments.py FOLDER [NAME ...]``.
+"""Make the environments of the peers, one each: ``python benchmarks/peer_environments.py FOLDER
+[NAME ...]``.
 
 The other benchmarks take that folder as ``--peers FOLDER``.
 """
@@ -14,7 +15,14 @@ PACKAGES = {
     # crocoddyl 3.2.1 crashes with newer versions of pin.
     "crocoddyl": ("crocoddyl==3.2.1", "pin==4.0.0", "libpinocchio==4.0.0", "mim-solvers==0.3.0"),
     "drake": ("drake==1.51.1", "pyroboplan==1.3.1"),
-    "pink": ("pin-pink==4.4.0", "daqp==0.11.0", "quadprog==0.1.14", "osqp==1.1.3", "proxsuite==0.8.0", "piqp==0.7.0"),
+    "pink": (
+        "pin-pink==4.4.0",
+        "daqp==0.11.0",
+        "quadprog==0.1.14",
+        "osqp==1.1.3",
+        "proxsuite==0.8.0",
+        "piqp==0.7.0",
+    ),
     "minsnap": ("minsnap_trajectories==0.3.0",),
 }
 
@@ -34,9 +42,13 @@ def make(folder: Path, name: str) -> None:
 
 def main() -> None:
     """All environments, or those that are named."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
     parser.add_argument("folder", type=Path)
-    parser.add_argument("names", nargs="*", metavar="NAME", help=f"of {', '.join(PACKAGES)}; default: all")
+    parser.add_argument(
+        "names", nargs="*", metavar="NAME", help=f"of {', '.join(PACKAGES)}; default: all"
+    )
     given = parser.parse_args()
     for name in given.names or PACKAGES:
         if name not in PACKAGES:

@@ -1,7 +1,8 @@
 """Random missions: ``python benchmarks/random_missions.py [--missions N] [--jobs N]``.
 
-What pre-flight refuses is run as well, to tell the refusals that were false. Writes random_missions.csv, one row per
-mission of the study `random_missions`, and its sums to random_missions.md.
+What pre-flight refuses is run as well, to tell the refusals that were false. Writes
+random_missions.csv, one row per mission of the study `random_missions`, and its sums to
+random_missions.md.
 """
 
 from __future__ import annotations
@@ -82,10 +83,16 @@ def main() -> None:
     """Run the study."""
     parser = parser_of(__doc__)
     parser.add_argument("--missions", type=int, default=200, metavar="N")
-    parser.add_argument("--jobs", type=int, default=os.cpu_count() or 1, metavar="N", help="processes")
+    parser.add_argument(
+        "--jobs", type=int, default=os.cpu_count() or 1, metavar="N", help="processes"
+    )
     given, run = begin(parser)
     # The mission of seed 1 is accepted; one that is refused runs until its time is over.
-    chosen = random_missions(n=1, seed=1, plant="kinematic") if run.quick else random_missions(n=given.missions, force=True)
+    chosen = (
+        random_missions(n=1, seed=1, plant="kinematic")
+        if run.quick
+        else random_missions(n=given.missions, force=True)
+    )
     result = chosen.run(workers=1 if run.quick else given.jobs, progress=show_runs)
     run.write(
         Report(

@@ -1,8 +1,9 @@
 """What is found of recordings that were spoiled: ``python benchmarks/recording_doubts.py``.
 
-Recordings of drawn vehicles are sound; of each, one thing after the other is spoiled by a drawn amount, and looked at as
-`check-recording` and `identify` do. What goes wrong stands in ``spoiled/kinds.py``, every doubt in ``spoiled/doubts.py``. Writes
-recording_doubts.csv and recording_doubts.md.
+Recordings of drawn vehicles are sound; of each, one thing after the other is spoiled by a drawn
+amount, and looked at as `check-recording` and `identify` do. What goes wrong stands in
+``spoiled/kinds.py``, every doubt in ``spoiled/doubts.py``. Writes recording_doubts.csv and
+recording_doubts.md.
 """
 
 from __future__ import annotations
@@ -23,7 +24,11 @@ from uvms_ocp.identification.settings import CalibrationSettings, calibrated_rob
 
 ROBOTS = 10
 """Sound recordings."""
-SETTINGS = {"robot": "bluerov2_alpha5", "arm": "taken off", "hull": [[-0.25, -0.2, -0.15], [0.25, 0.2, 0.15]]}
+SETTINGS = {
+    "robot": "bluerov2_alpha5",
+    "arm": "taken off",
+    "hull": [[-0.25, -0.2, -0.15], [0.25, 0.2, 0.15]],
+}
 PROSE = """
 {sound} sound recordings of {duration:g} s of drawn vehicles with an arm, driven by random steps of thrust, and {n} spoiled ones,
 each by one of {kinds} kinds. A spoiled one is found where a doubt is about the channel that is wrong, or about the one that it is
@@ -57,7 +62,10 @@ def checker() -> Callable[[Recording], Sequence[tuple[str, str]]]:
     """All that is looked at before a fit."""
     settings = CalibrationSettings.model_validate({**SETTINGS, "learn": {"added_mass": {}}})
     subject = calibrated_robot(settings, Path())
-    return lambda one: [(x.channel, x.problem) for x in (*check_data_quality(one), *check_settings(subject, settings, one))]
+    return lambda one: [
+        (x.channel, x.problem)
+        for x in (*check_data_quality(one), *check_settings(subject, settings, one))
+    ]
 
 
 def by_doubt(rows: Sequence[Row], before: Sequence[_Found]) -> list[Row]:
@@ -67,24 +75,39 @@ def by_doubt(rows: Sequence[Row], before: Sequence[_Found]) -> list[Row]:
         meant = [row for row in rows if doubt.says in row["meant"]]
         others = [row for row in rows if doubt.says not in row["meant"]]
         missed = [row for row in meant if doubt.says not in row["about"]]
-        found.append({
-            "doubt about": doubt.looks_for, "n": len(meant), "missed [%]": _share(len(missed), len(meant)),
-            "found by none [%]": _share(sum(not row["found"] for row in missed), len(meant)),
-            "sound [%]": _share(sum(any(one is doubt for _, one in each) for each in before), len(before)),
-            "others, same channel [%]": _share(sum(doubt.says in row["about"] for row in others), len(others)),
-            "others, false [%]": _share(sum(doubt.says in row["elsewhere"] for row in others), len(others)),
-        })  # fmt: skip
+        found.append(
+            {
+                "doubt about": doubt.looks_for,
+                "n": len(meant),
+                "missed [%]": _share(len(missed), len(meant)),
+                "found by none [%]": _share(sum(not row["found"] for row in missed), len(meant)),
+                "sound [%]": _share(
+                    sum(any(one is doubt for _, one in each) for each in before), len(before)
+                ),
+                "others, same channel [%]": _share(
+                    sum(doubt.says in row["about"] for row in others), len(others)
+                ),
+                "others, false [%]": _share(
+                    sum(doubt.says in row["elsewhere"] for row in others), len(others)
+                ),
+            }
+        )
     return found
 
 
 def by_kind(rows: Sequence[Row]) -> list[Row]:
     """What is found of each kind."""
     return [
-        {"spoiled": kind.group, "how": kind.how, "n": len(own),
-         "found [%]": _share(sum(row["found"] for row in own), len(own)),
-         "doubts beside it": float(np.mean([len(row["elsewhere"]) for row in own]))}
-        for kind in KINDS if (own := [row for row in rows if row["how"] == kind.how])
-    ]  # fmt: skip
+        {
+            "spoiled": kind.group,
+            "how": kind.how,
+            "n": len(own),
+            "found [%]": _share(sum(row["found"] for row in own), len(own)),
+            "doubts beside it": float(np.mean([len(row["elsewhere"]) for row in own])),
+        }
+        for kind in KINDS
+        if (own := [row for row in rows if row["how"] == kind.how])
+    ]
 
 
 def _share(n: int, of: int) -> float:
@@ -94,7 +117,9 @@ def _share(n: int, of: int) -> float:
 def main() -> None:
     """Spoil and look."""
     _, run = begin(parser_of(__doc__))
-    rng, rows, issues = np.random.default_rng(0), list[Row](), checker()
+    rng = np.random.default_rng(0)
+    rows = list[Row]()
+    issues = checker()
     good = sound(rng, 1 if run.quick else ROBOTS)
     before = [doubts(one, issues) for one in good]
     for known, one in zip(before, good, strict=True):
@@ -103,8 +128,18 @@ def main() -> None:
             there = (kind.channel, *_PARTNERS.get(kind.channel, ()))
             about = sorted(doubt.says for name, doubt in new if name in there)
             elsewhere = sorted(doubt.says for name, doubt in new if name not in there)
-            rows.append({"recording": one.name, "spoiled": kind.group, "how": kind.how, "channel": kind.channel,
-                         "meant": kind.meant, "found": bool(about), "about": about, "elsewhere": elsewhere})  # fmt: skip
+            rows.append(
+                {
+                    "recording": one.name,
+                    "spoiled": kind.group,
+                    "how": kind.how,
+                    "channel": kind.channel,
+                    "meant": kind.meant,
+                    "found": bool(about),
+                    "about": about,
+                    "elsewhere": elsewhere,
+                }
+            )
     found = _share(sum(row["found"] for row in rows), len(rows))
     prose = PROSE.format(
         sound=len(good),
@@ -114,17 +149,32 @@ def main() -> None:
         found=found,
         missed=100.0 - found,
         false=_share(sum(bool(one) for one in before), len(before)),
-        others=_share(sum(len(row["elsewhere"]) for row in rows), sum(len(row["about"] + row["elsewhere"]) for row in rows)),
+        others=_share(
+            sum(len(row["elsewhere"]) for row in rows),
+            sum(len(row["about"] + row["elsewhere"]) for row in rows),
+        ),
         stated=sum(one.stated for one in DOUBTS),
         statements="; ".join(one.looks_for for one in DOUBTS if one.stated),
     )
     form = {"spoiled": "", "how": "", "n": "", "found [%]": ".0f", "doubts beside it": ".2f"}
     kept = dict.fromkeys(("missed [%]", "found by none [%]", "sound [%]"), ".0f")
-    rates = {"doubt about": "", "n": "", **kept, **dict.fromkeys(("others, same channel [%]", "others, false [%]"), ".1f")}
-    name, title = "recording_doubts", "Doubts about spoiled recordings"
-    tables = [Table(rows=by_kind(rows), columns=form), Table(rows=by_doubt(rows, before), columns=rates)]
+    rates = {
+        "doubt about": "",
+        "n": "",
+        **kept,
+        **dict.fromkeys(("others, same channel [%]", "others, false [%]"), ".1f"),
+    }
+    name = "recording_doubts"
+    title = "Doubts about spoiled recordings"
+    tables = [
+        Table(rows=by_kind(rows), columns=form),
+        Table(rows=by_doubt(rows, before), columns=rates),
+    ]
     lists = ("meant", "about", "elsewhere")
-    data = [{key: "; ".join(value) if key in lists else value for key, value in row.items()} for row in rows]
+    data = [
+        {key: "; ".join(value) if key in lists else value for key, value in row.items()}
+        for row in rows
+    ]
     run.write(Report(name=name, title=title, prose=prose, tables=tables, data={name: data}))
 
 

@@ -1,12 +1,14 @@
-"""Compare what two versions of the code compute, number by number: runs, plans, a campaign, an identification, exported C.
+"""Compare what two versions of the code compute, number by number: runs, plans, a campaign, an
+identification, exported C.
 
     python benchmarks/same_numbers.py --record FOLDER      write the golden values of this version, one file per item
     python benchmarks/same_numbers.py --against FOLDER     compute them again and compare; exit code 1 where they differ
 
-Both on one machine and with OMP_NUM_THREADS=1: the last bits of a sum depend on the processor and on threads. Times of
-computation and texts for people are left out. What a version calls otherwise is given by `--renamed OLD=NEW`, as often as needed,
-or as lines of a file by `@FILE`: classes, functions, attributes, columns, keys, identifiers in C. Where a name is missing, values
-of the same bits under another one are found without.
+Both on one machine and with OMP_NUM_THREADS=1: the last bits of a sum depend on the processor and
+on threads. Times of computation and texts for people are left out. What a version calls otherwise
+is given by `--renamed OLD=NEW`, as often as needed, or as lines of a file by `@FILE`: classes,
+functions, attributes, columns, keys, identifiers in C. Where a name is missing, values of the same
+bits under another one are found without.
 """
 
 from __future__ import annotations
@@ -39,21 +41,29 @@ RENAMED: dict[str, str] = {}
 
 def renamed(text: str) -> str:
     """The text with each word that has another name now replaced; the whole of it first."""
-    return RENAMED.get(text) or re.sub(r"[A-Za-z_]\w*", lambda word: RENAMED.get(word[0], word[0]), text)
+    return RENAMED.get(text) or re.sub(
+        r"[A-Za-z_]\w*", lambda word: RENAMED.get(word[0], word[0]), text
+    )
 
 
 @cache
 def find(name: str, near: str = "") -> Any:
-    """Import a class or function by its name, wherever in the package it is defined; near: a folder or module to prefer.
+    """Import a class or function by its name, wherever in the package it is defined; near: a folder
+    or module to prefer.
 
-    What the top of the package does not export is looked for in its source, so that modules may move.
+    What the top of the package does not export is looked for in its source, so that modules may
+    move.
     """
     name = renamed(name)
     if hasattr(uo, name):
         return getattr(uo, name)
     root = Path(str(uo.__file__)).parent
     defined = re.compile(rf"^(?:class|def) {name}\b", re.MULTILINE)
-    modules = [path.relative_to(root) for path in sorted(root.rglob("*.py")) if defined.search(path.read_text())]
+    modules = [
+        path.relative_to(root)
+        for path in sorted(root.rglob("*.py"))
+        if defined.search(path.read_text())
+    ]
     places = [path for path in modules if near in path.with_suffix("").parts] or modules
     if len(places) != 1:
         there = ", ".join(map(str, places)) or "no module"
@@ -67,7 +77,8 @@ def attribute(value: Any, name: str) -> Any:
     return getattr(value, renamed(name))
 
 
-# What is computed ------------------------------------------------------------------------------------------------------
+# What is computed
+# ------------------------------------------------------------------------------------------------------
 
 FAULTS = ("altimeter:frozen@8", "thruster3:dead@15", "joint2:jam@20")
 SOLVERS = {"lexls": "LexicographicActiveSet", "lexqp": "LexicographicQp", "icat": "Icat"}
@@ -111,13 +122,17 @@ class Setting:
 
 def run_of_case1(setting: Setting, plant: str, solver: str) -> Values:
     """Run Case 1 with ideal sensors."""
-    return of_run(uo.scenario.case1(plant=plant, solver=find(solver)(), **setting.duration(0.1)).run())
+    return of_run(
+        uo.scenario.case1(plant=plant, solver=find(solver)(), **setting.duration(0.1)).run()
+    )
 
 
 def faulty(name: str, **options: Any) -> Any:
     """A scenario with noise, a current and, in Case 1, faults of sensor, thruster and joint."""
     more = {"faults": FAULTS} if name == "case1" else {}
-    return getattr(uo.scenario, name)(noise=True, current=(0.1, -0.1, 0.02), seed=3, **more, **options)
+    return getattr(uo.scenario, name)(
+        noise=True, current=(0.1, -0.1, 0.02), seed=3, **more, **options
+    )
 
 
 def faulty_run(setting: Setting) -> Values:
@@ -127,7 +142,9 @@ def faulty_run(setting: Setting) -> Values:
 
 def load_run(setting: Setting) -> Values:
     """Run the smallest robot with noise and a payload that it learns and is not told of."""
-    return of_run(uo.scenario.reach(noise=True, seed=1, learn_load=True, **setting.duration(0.3)).run())
+    return of_run(
+        uo.scenario.reach(noise=True, seed=1, learn_load=True, **setting.duration(0.3)).run()
+    )
 
 
 def exported(setting: Setting, name: str) -> Path:
@@ -147,20 +164,37 @@ def exported_sources(setting: Setting, name: str) -> Values:
 
 def _code(text: str) -> str:
     """C without comments and blank lines, every space as one."""
-    lines = (" ".join(line.split()) for line in re.sub(r"/\*.*?\*/|//[^\n]*", " ", text, flags=re.DOTALL).splitlines())
+    lines = (
+        " ".join(line.split())
+        for line in re.sub(r"/\*.*?\*/|//[^\n]*", " ", text, flags=re.DOTALL).splitlines()
+    )
     return "\n".join(line for line in lines if line)
 
 
 def exported_replay(setting: Setting, name: str) -> Values:
-    """Build an exported controller and replay the recorded run: what was recorded, and what C answers at every tick."""
+    """Build an exported controller and replay the recorded run: what was recorded, and what C
+    answers at every tick.
+    """
     folder = exported(setting, name)
     sources = sorted(path.name for path in folder.glob("*.c"))
     level = "-O0" if setting.quick else "-O1"
-    subprocess.run(["cc", "-std=c99", level, "-ffp-contract=off", *sources, "-lm", "-o", "replay"], cwd=folder, check=True)
-    process = subprocess.run(["./replay", "recorded.bin", "ticks.txt"], cwd=folder, capture_output=True, text=True)
-    counts = [float(number) for number in re.findall(r"\d+(?:\.\d*)?(?:e[-+]?\d+)?", process.stdout)]
+    subprocess.run(
+        ["cc", "-std=c99", level, "-ffp-contract=off", *sources, "-lm", "-o", "replay"],
+        cwd=folder,
+        check=True,
+    )
+    process = subprocess.run(
+        ["./replay", "recorded.bin", "ticks.txt"], cwd=folder, capture_output=True, text=True
+    )
+    counts = [
+        float(number) for number in re.findall(r"\d+(?:\.\d*)?(?:e[-+]?\d+)?", process.stdout)
+    ]
     recorded = np.frombuffer((folder / "recorded.bin").read_bytes(), dtype="<f8")
-    return {"recorded": recorded, "told": np.loadtxt(folder / "ticks.txt", ndmin=2), "counts": np.array(counts)}
+    return {
+        "recorded": recorded,
+        "told": np.loadtxt(folder / "ticks.txt", ndmin=2),
+        "counts": np.array(counts),
+    }
 
 
 def plan_by_command(setting: Setting, method: str) -> Values:
@@ -180,13 +214,27 @@ def campaign(setting: Setting) -> Values:
     """Run a small campaign and read its Parquet files."""
     import pandas as pd
 
-    drawn = (("water.drag", 0.5, 1.5), ("current.speed", 0.0, 0.2), ("payload.mass", 0.0, 1.0), ("start.yaw", -0.3, 0.3))
-    variation, uniform = find("Variation", "campaign"), find("Uniform", "campaign")
+    drawn = (
+        ("water.drag", 0.5, 1.5),
+        ("current.speed", 0.0, 0.2),
+        ("payload.mass", 0.0, 1.0),
+        ("start.yaw", -0.3, 0.3),
+    )
+    variation = find("Variation", "campaign")
+    uniform = find("Uniform", "campaign")
     variations = [variation(renamed(name), uniform(low, high)) for name, low, high in drawn]
     options = {"noise": True, "dt": 0.02, **setting.duration(0.2)}
-    asked = find("Campaign")(scenario="case1", variations=variations, runs=2 if setting.quick else 4, seed=1, options=options)
+    asked = find("Campaign")(
+        scenario="case1",
+        variations=variations,
+        runs=2 if setting.quick else 4,
+        seed=1,
+        options=options,
+    )
     asked.run(setting.work / "campaign", workers=1)
-    parts = [pd.read_parquet(path) for path in sorted((setting.work / "campaign").rglob("*.parquet"))]
+    parts = [
+        pd.read_parquet(path) for path in sorted((setting.work / "campaign").rglob("*.parquet"))
+    ]
     table = pd.concat(parts).sort_values("run")
     numbers = table.select_dtypes(["number", "bool"])
     return {str(name): numbers[name].to_numpy() for name in numbers if not is_clock(str(name))}
@@ -205,34 +253,45 @@ def identification(setting: Setting) -> Values:
     values = of_run(record, "run/")
     for number in attribute(result, "numbers"):
         entries = ("value", "sigma", "interval", "determined")
-        values |= {f"{number.name}/{entry}": np.array(attribute(number, entry)) for entry in entries}
+        values |= {
+            f"{number.name}/{entry}": np.array(attribute(number, entry)) for entry in entries
+        }
     for name in ("shared", "information"):
         values[name] = np.array(attribute(attribute(result, "estimate"), name))
     return {**values, "inflation": np.array(attribute(result, "inflation"))}
 
 
 def driven(duration: float) -> Any:
-    """The record of a vehicle without its arm whose thrusters get random thrust for a duration [s]."""
+    """The record of a vehicle without its arm whose thrusters get random thrust for a duration
+    [s].
+    """
     robot = uo.without_arm(uo.load_robot("bluerov2_alpha5"))
     there = uo.Transition(to=uo.DONE, when=(uo.Below(quantity="PC.position_error", limit=0.1),))
     task = find("VehiclePose", "tasks")(name="PC", goal=uo.pose_at((50.0, 0.0, -20.0)))
     phase = uo.Phase(name="go", activations={"PC": 1.0}, transitions=(there,))
-    thrust = 6.0 * np.random.default_rng(0).normal(size=(round(2 * duration) + 2, len(robot.thruster_names)))
-    command, still = find("Command", "signals"), np.zeros(robot.n_v)
+    thrust = 6.0 * np.random.default_rng(0).normal(
+        size=(round(2 * duration) + 2, len(robot.thruster_names))
+    )
+    command = find("Command", "signals")
+    still = np.zeros(robot.n_v)
     return uo.Scenario(
         name="driven",
         robot=robot,
         mission=uo.Mission(hierarchy=uo.Hierarchy([task]), phases=(phase,)),
         environment=uo.Environment(seafloor=uo.FlatSeafloor(z=-40.0)),
         start=robot.configuration(position=(0.0, 0.0, -20.0)),
-        controller=lambda scenario: lambda state, t: command(v=still, thrust=thrust[int(2 * t)], torque=np.zeros(0)),
+        controller=lambda scenario: (
+            lambda state, t: command(v=still, thrust=thrust[int(2 * t)], torque=np.zeros(0))
+        ),
         dt=0.02,
         duration=duration,
     ).run()
 
 
 def reach_problem(robot: Any, q: np.ndarray, n_steps: int, path: bool = False) -> Any:
-    """A problem of optimal control: the tool moves away from where it is at q (n_q,) [m, rad], with little effort."""
+    """A problem of optimal control: the tool moves away from where it is at q (n_q,) [m, rad], with
+    little effort.
+    """
     tool = uo.Kinematics(robot, q).pose("tool")
     tool.translation = tool.translation + np.array([0.6, -0.3, -0.3])
     more = {"at": find("At").PATH, "weight": 100.0} if path else {}
@@ -255,11 +314,20 @@ def reach_problem(robot: Any, q: np.ndarray, n_steps: int, path: bool = False) -
 def ocp(setting: Setting, plugin: str) -> Values:
     """Plan a motion of the tool by one of the solvers of nonlinear programs."""
     robot = uo.load_robot("girona_maris7_full")
-    problem = reach_problem(robot, robot.configuration(position=(0, 0, -5), rpy=(0, -0.06, 0.5)), 5 if setting.quick else 20)
-    plan = find("Planner", "ocp")(problem, find("NlpOptions", "nlp")(plugin=plugin, time_limit=PATIENCE)).plan()
+    problem = reach_problem(
+        robot,
+        robot.configuration(position=(0, 0, -5), rpy=(0, -0.06, 0.5)),
+        5 if setting.quick else 20,
+    )
+    plan = find("Planner", "ocp")(
+        problem, find("NlpOptions", "nlp")(plugin=plugin, time_limit=PATIENCE)
+    ).plan()
     values = arrays_of(attribute(plan, "trajectory"))
     for level in plan.levels:
-        values |= {f"{level.name}/{name}": np.array(attribute(level, name)) for name in ("residual", "prices")}
+        values |= {
+            f"{level.name}/{name}": np.array(attribute(level, name))
+            for name in ("residual", "prices")
+        }
     return {**values, "iterations": np.array(plan.iterations)}
 
 
@@ -269,7 +337,11 @@ def receding(setting: Setting, plugin: str) -> Values:
     problem = reach_problem(scenario.robot, scenario.start, 5 if setting.quick else 15, path=True)
     options = find("SqpOptions", "nlp")(plugin=plugin)
     nmpc = find("Nmpc", "control")
-    return of_run(replace(scenario, controller=lambda _: nmpc(problem, options=options, clock=lambda: 0.0)).run())
+    return of_run(
+        replace(
+            scenario, controller=lambda _: nmpc(problem, options=options, clock=lambda: 0.0)
+        ).run()
+    )
 
 
 def minimum_snap(setting: Setting) -> Values:
@@ -305,20 +377,34 @@ ITEMS: dict[str, Callable[[Setting], Values]] = {
     },
     **{f"plan-{method}": partial(plan_by_command, method=method) for method in PLANS},
 }
-SLOW = ("plan-curve", "plan-ocp", "plan-mission", "export-obstacle_field-sources", "export-obstacle_field-replay")
+SLOW = (
+    "plan-curve",
+    "plan-ocp",
+    "plan-mission",
+    "export-obstacle_field-sources",
+    "export-obstacle_field-replay",
+)
 """Left out of a quick run."""
 
-# What of it is kept ----------------------------------------------------------------------------------------------------
+# What of it is kept
+# ----------------------------------------------------------------------------------------------------
 
 
 def is_clock(name: str) -> bool:
     """Whether that is a time of computation, or which process computed."""
-    return re.search(r"(tick|solve|viable|controller|build|processor|real)_time|wall|worker|_us(/|$)", name) is not None
+    return (
+        re.search(
+            r"(tick|solve|viable|controller|build|processor|real)_time|wall|worker|_us(/|$)", name
+        )
+        is not None
+    )
 
 
 def of_run(record: Any, prefix: str = "") -> Values:
     """The series of a record, and the numbers of its report."""
-    series = {f"{prefix}{name}": array for name, array in record.series.items() if array.dtype.kind != "U"}
+    series = {
+        f"{prefix}{name}": array for name, array in record.series.items() if array.dtype.kind != "U"
+    }
     numbers = dict(numbers_in(uo.summarize(record), f"{prefix}report"))
     return {name: array for name, array in (series | numbers).items() if not is_clock(name)}
 
@@ -349,7 +435,8 @@ def stored(path: Path) -> Values:
         return {name: file[name] for name in file.files if not is_clock(name)}
 
 
-# How it is compared ----------------------------------------------------------------------------------------------------
+# How it is compared
+# ----------------------------------------------------------------------------------------------------
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -357,7 +444,9 @@ class Verdict:
     """On one item."""
 
     difference: float
-    """largest of all arrays, each relative to its own largest value; infinite where counts, flags or shapes differ."""
+    """largest of all arrays, each relative to its own largest value; infinite where counts, flags
+    or shapes differ.
+    """
     text: str
 
 
@@ -365,7 +454,8 @@ def judged(golden: Values, now: Values) -> Verdict:
     """Compare all golden arrays with those of the same names, or else of the same bits."""
     wanted = {renamed(name): _renamed_text(array) for name, array in golden.items()}
     spare = {name: array for name, array in now.items() if name not in wanted}
-    differences, notes = {}, []
+    differences = {}
+    notes = []
     for name, array in wanted.items():
         other = now.get(name)
         if other is None:
@@ -382,7 +472,10 @@ def judged(golden: Values, now: Values) -> Verdict:
     else:
         worst = sorted(differences, key=lambda name: -differences[name])
         told = ", ".join(f"{name} {differences[name]:.3g}" for name in worst[:5])
-        text = f"largest relative difference {largest:.3g} ({len(worst)} of {len(wanted)} arrays: {told})"
+        text = (
+            f"largest relative difference {largest:.3g} ({len(worst)} of {len(wanted)} arrays:"
+            f" {told})"
+        )
     return Verdict(difference=largest, text="; ".join([text, *notes]))
 
 
@@ -393,11 +486,17 @@ def _renamed_text(array: np.ndarray) -> np.ndarray:
 
 def same_bits(first: np.ndarray, second: np.ndarray) -> bool:
     """Whether both have the same type, shape and bytes."""
-    return first.dtype == second.dtype and first.shape == second.shape and first.tobytes() == second.tobytes()
+    return (
+        first.dtype == second.dtype
+        and first.shape == second.shape
+        and first.tobytes() == second.tobytes()
+    )
 
 
 def difference(first: np.ndarray, second: np.ndarray) -> float:
-    """Largest difference relative to the largest value of the first; infinite for what is no number or no real one."""
+    """Largest difference relative to the largest value of the first; infinite for what is no number
+    or no real one.
+    """
     if first.shape != second.shape:
         return np.inf
     if first.dtype.kind != "f" or second.dtype.kind != "f":
@@ -428,7 +527,9 @@ def carried_out(given: argparse.Namespace, names: Sequence[str]) -> bool:
             except Exception as error:  # the others are still worth knowing
                 if given.trace:
                     traceback.print_exc()
-                verdict = Verdict(difference=np.inf, text=f"failed: {type(error).__name__}: {str(error)[:300]}")
+                verdict = Verdict(
+                    difference=np.inf, text=f"failed: {type(error).__name__}: {str(error)[:300]}"
+                )
             else:
                 verdict = recorded_and_judged(given, name, values)
             fine &= verdict.difference <= given.tolerance
@@ -453,14 +554,30 @@ def recorded_and_judged(given: argparse.Namespace, name: str, values: Values) ->
 
 
 def main() -> None:
-    """Record, compare or both; exit with 1 where anything differs by more than the tolerance, or fails."""
+    """Record, compare or both; exit with 1 where anything differs by more than the tolerance, or
+    fails.
+    """
     form = argparse.RawDescriptionHelpFormatter
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=form, fromfile_prefix_chars="@")
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=form, fromfile_prefix_chars="@"
+    )
     parser.add_argument("--record", type=Path, metavar="FOLDER", help="write what is computed")
-    parser.add_argument("--against", type=Path, metavar="FOLDER", help="compare with what was written")
-    parser.add_argument("--tolerance", type=float, default=0.0, help="largest relative difference (default: 0)")
-    parser.add_argument("--renamed", action="append", default=[], metavar="OLD=NEW", help="what has another name now")
-    parser.add_argument("--only", nargs="+", metavar="ITEM", choices=list(ITEMS), help=f"of {', '.join(ITEMS)}")
+    parser.add_argument(
+        "--against", type=Path, metavar="FOLDER", help="compare with what was written"
+    )
+    parser.add_argument(
+        "--tolerance", type=float, default=0.0, help="largest relative difference (default: 0)"
+    )
+    parser.add_argument(
+        "--renamed",
+        action="append",
+        default=[],
+        metavar="OLD=NEW",
+        help="what has another name now",
+    )
+    parser.add_argument(
+        "--only", nargs="+", metavar="ITEM", choices=list(ITEMS), help=f"of {', '.join(ITEMS)}"
+    )
     parser.add_argument("--quick", action="store_true", help="a moment of most items")
     parser.add_argument("--trace", action="store_true", help="print where an item failed")
     given = parser.parse_args()
@@ -474,7 +591,9 @@ def main() -> None:
     if shutil.which("cc") is None:
         parser.error("a C compiler `cc` is needed")
     os.environ.setdefault("OMP_NUM_THREADS", "1")  # of the commands that are called
-    os.environ["UVMS_OCP_COMPILE_TIMEOUT"] = "7200"  # what is not compiled in time may differ in the last bits
+    os.environ["UVMS_OCP_COMPILE_TIMEOUT"] = (
+        "7200"  # what is not compiled in time may differ in the last bits
+    )
     names = given.only or [name for name in ITEMS if not (given.quick and name in SLOW)]
     if not carried_out(given, names):
         raise SystemExit(1)

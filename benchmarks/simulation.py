@@ -1,7 +1,8 @@
 """Speed of simulation: ``python benchmarks/simulation.py [--runs N]``.
 
-Runs missions as a user runs them, in turn with the same tick by tick in Python, and some once more with a clock between the
-kernels of a tick. Writes simulation.csv, one row per mission, and simulation.md, also with the kernels.
+Runs missions as a user runs them, in turn with the same tick by tick in Python, and some once more
+with a clock between the kernels of a tick. Writes simulation.csv, one row per mission, and
+simulation.md, also with the kernels.
 """
 
 from __future__ import annotations
@@ -62,8 +63,10 @@ def measured(name: str, build: Callable[[], Scenario], runs: int) -> Row:
 def _run(build: Callable[[], Scenario]) -> dict[str, float]:
     begin = process_time()
     record = build().run()
-    spent, report = process_time() - begin, summarize(record)
-    loop, slow = record.run_meta.wall_s, build().run(observer=lambda t, state, command: None).run_meta.wall_s
+    spent = process_time() - begin
+    report = summarize(record)
+    loop = record.run_meta.wall_s
+    slow = build().run(observer=lambda t, state, command: None).run_meta.wall_s
     times = {"tick": report["tick_us"], "controller": report["controller_us"]}
     return {
         "simulated_s": report["simulated_s"],
@@ -71,7 +74,11 @@ def _run(build: Callable[[], Scenario]) -> dict[str, float]:
         "real_time": report["simulated_s"] / loop,
         "in_python": report["simulated_s"] / slow,
         "prepare_s": spent - loop,
-        **{f"{what}_{share}_us": values[share] for what, values in times.items() for share in ("p50", "p99")},
+        **{
+            f"{what}_{share}_us": values[share]
+            for what, values in times.items()
+            for share in ("p50", "p99")
+        },
     }
 
 
@@ -89,7 +96,11 @@ def profile(build: Callable[[], Scenario]) -> list[Row]:
     times = [1e6 * float(record[f"step_{k}"].mean()) for k in range(len(names))]
     rows = [{"kernel": name, "us": us} for name, us in zip(names, times, strict=True)]
     whole = 1e6 * record.run_meta.wall_s / len(record)
-    return [*rows, {"kernel": "sum of the kernels", "us": sum(times)}, {"kernel": "whole tick", "us": whole}]
+    return [
+        *rows,
+        {"kernel": "sum of the kernels", "us": sum(times)},
+        {"kernel": "whole tick", "us": whole},
+    ]
 
 
 def main() -> None:
@@ -107,7 +118,10 @@ def main() -> None:
     runs = 1 if run.quick else given.runs
     rows = [measured(name, build, runs) for name, build in builders.items()]
     prose = PROSE.format(rate=1.0 / warm.run_meta.dt, runs=runs, profiled=" and ".join(PROFILED))
-    profiles = [Table(rows=profile(builders[name]), columns={"kernel": "", "us": ".1f"}) for name in PROFILED]
+    profiles = [
+        Table(rows=profile(builders[name]), columns={"kernel": "", "us": ".1f"})
+        for name in PROFILED
+    ]
     tables = [Table(rows=rows, columns=COLUMNS), *profiles]
     run.write(Report(name="simulation", title="Speed of simulation", prose=prose, tables=tables))
 

@@ -1,4 +1,5 @@
-"""Table 2 of the paper, minimum altitude against the sea floor: ``python benchmarks/table2.py [--seeds N] [--jobs N]``.
+"""Table 2 of the paper, minimum altitude against the sea floor: ``python benchmarks/table2.py
+[--seeds N] [--jobs N]``.
 
 Writes table2.csv, one row per transit of the study `table2`, and its cells to table2.md.
 """
@@ -37,7 +38,9 @@ FORMATS = {
 def prose(cases: Sequence[Row], cells: Sequence[Row], seeds: int) -> str:
     """With the figures of the study."""
     durations = [row["duration_s"] for row in cases]
-    heights = [f"{low:g} to {high:g} m ({FLOORS[name]})" for name, (low, high) in _heights().items()]
+    heights = [
+        f"{low:g} to {high:g} m ({FLOORS[name]})" for name, (low, high) in _heights().items()
+    ]
     return PROSE.format(
         runs=len(cases),
         length=cases[0]["length_m"],
@@ -61,7 +64,9 @@ def main() -> None:
     """Run the study."""
     parser = parser_of(__doc__)
     parser.add_argument("--seeds", type=int, default=10, metavar="N", help="floors for each cell")
-    parser.add_argument("--jobs", type=int, default=os.cpu_count() or 1, metavar="N", help="processes")
+    parser.add_argument(
+        "--jobs", type=int, default=os.cpu_count() or 1, metavar="N", help="processes"
+    )
     given, run = begin(parser)
     seeds, length, jobs = (1, 2.0, 1) if run.quick else (given.seeds, 30.0, given.jobs)
     result = table2(seeds=seeds, length=length).run(workers=jobs, progress=show_runs)

@@ -1,7 +1,7 @@
 """Trajectories: ``python benchmarks/trajectories.py --peers FOLDER``.
 
-FOLDER: of `peer_environments.py`; without it the peer is left out. Writes trajectories.csv and trajectories.md, one row per
-figure: problem, solver, quantity, value, target.
+FOLDER: of `peer_environments.py`; without it the peer is left out. Writes trajectories.csv and
+trajectories.md, one row per figure: problem, solver, quantity, value, target.
 """
 
 from __future__ import annotations
@@ -33,12 +33,16 @@ def main() -> None:
     rows: list[Row] = list(min_snap_rows(repeats, longest))
     peers: dict[str, str] = {}
     if given.peers:
-        found, peers["minsnap_trajectories"] = peer_rows(interpreter(given.peers, "minsnap"), repeats)
+        found, peers["minsnap_trajectories"] = peer_rows(
+            interpreter(given.peers, "minsnap"), repeats
+        )
         rows += found
     rows += [*gradient_rows(), *plan_rows(scenes, COAL), *plan_rows(scenes, CLOSED_FORMS)]
     table = Table(rows=rows, columns=FORMATS)
     prose = PROSE.format(repeats=repeats)
-    run.write(Report(name="trajectories", title="Trajectories", prose=prose, tables=[table], peers=peers))
+    run.write(
+        Report(name="trajectories", title="Trajectories", prose=prose, tables=[table], peers=peers)
+    )
 
 
 if __name__ == "__main__":

@@ -1,6 +1,8 @@
-"""Limits on positions from random starts: ``python benchmarks/viability.py [--runs N] [--rates HZ ...] [--jobs N]``.
+"""Limits on positions from random starts: ``python benchmarks/viability.py [--runs N] [--rates HZ
+...] [--jobs N]``.
 
-Writes viability.csv, one row per run of the study `random_limits`, and the largest figures to viability.md.
+Writes viability.csv, one row per run of the study `random_limits`, and the largest figures to
+viability.md.
 """
 
 from __future__ import annotations
@@ -10,7 +12,14 @@ from typing import Any
 
 from recording.progress import show_runs
 from recording.report import Report, Row, Table, begin, parser_of
-from studies.random_limits import CLEARANCE, N_OBSTACLES, N_PHASES, SELF_CLEARANCE, TOLERANCE, random_limits
+from studies.random_limits import (
+    CLEARANCE,
+    N_OBSTACLES,
+    N_PHASES,
+    SELF_CLEARANCE,
+    TOLERANCE,
+    random_limits,
+)
 
 PROSE = """
 {runs} runs of the study `random_limits` at each rate of control, kinematic plant. {phases} phases with goals and tasks that
@@ -28,7 +37,9 @@ def figures(total: dict[str, Any]) -> dict[str, str]:
         f"clearance of obstacles and floor, {CLEARANCE:g} m [m]": f"{total['CL_m']:.1e}",
         f"clearance of the robot itself, {SELF_CLEARANCE:g} m [m]": f"{total['SC_m']:.1e}",
         "largest one-tick change of v, share of a_max dt": f"{total['largest_step']:.9f}",
-        "share of ticks at which the viability rule overruled the hierarchy": f"{total['slowed_share']:.1e}",
+        "share of ticks at which the viability rule overruled the hierarchy": (
+            f"{total['slowed_share']:.1e}"
+        ),
         "mean path of the vehicle [m]": f"{total['mean_path_m']:.2f}",
     }
 
@@ -37,21 +48,39 @@ def main() -> None:
     """Run the study."""
     parser = parser_of(__doc__)
     parser.add_argument("--runs", type=int, default=1000, metavar="N")
-    parser.add_argument("--rates", type=float, nargs="+", default=[50.0, 200.0], metavar="HZ", help="of control")
-    parser.add_argument("--jobs", type=int, default=os.cpu_count() or 1, metavar="N", help="processes")
+    parser.add_argument(
+        "--rates", type=float, nargs="+", default=[50.0, 200.0], metavar="HZ", help="of control"
+    )
+    parser.add_argument(
+        "--jobs", type=int, default=os.cpu_count() or 1, metavar="N", help="processes"
+    )
     given, run = begin(parser)
-    runs, jobs, rates = (1, 1, given.rates[:1]) if run.quick else (given.runs, given.jobs, given.rates)
-    found = {rate: random_limits(n=runs, dt=1.0 / rate).run(workers=jobs, progress=show_runs) for rate in rates}
+    runs, jobs, rates = (
+        (1, 1, given.rates[:1]) if run.quick else (given.runs, given.jobs, given.rates)
+    )
+    found = {
+        rate: random_limits(n=runs, dt=1.0 / rate).run(workers=jobs, progress=show_runs)
+        for rate in rates
+    }
     columns = {f"{rate:g} Hz": figures(dict(*result.table)) for rate, result in found.items()}
     names = next(iter(columns.values()))
-    rows: list[Row] = [{"figure": name} | {rate: column[name] for rate, column in columns.items()} for name in names]
+    rows: list[Row] = [
+        {"figure": name} | {rate: column[name] for rate, column in columns.items()}
+        for name in names
+    ]
     run.write(
         Report(
             name="viability",
             title="Limits on positions from random starts and goals",
             prose=PROSE.format(runs=runs, phases=N_PHASES, obstacles=N_OBSTACLES),
             tables=[Table(rows=rows)],
-            data={"viability": [{"rate_hz": rate} | dict(row) for rate, result in found.items() for row in result.cases]},
+            data={
+                "viability": [
+                    {"rate_hz": rate} | dict(row)
+                    for rate, result in found.items()
+                    for row in result.cases
+                ]
+            },
         )
     )
 

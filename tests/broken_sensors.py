@@ -1,4 +1,6 @@
-"""Ideal sensors of which some are lost or suspect for a while, and an estimator that says so: for tests of what follows."""
+"""Ideal sensors of which some are lost or suspect for a while, and an estimator that says so: for
+tests of what follows.
+"""
 
 from __future__ import annotations
 
@@ -8,14 +10,24 @@ from dataclasses import dataclass, field, replace
 from uvms_ocp.estimation.estimator import PassThrough
 from uvms_ocp.estimation.health.monitor import HealthMonitor
 from uvms_ocp.robot.robot import Robot
-from uvms_ocp.robot.signals import CHANNELS, IDEAL_SENSORS, ChannelHealth, Command, Readings, StateEstimate, Trust
+from uvms_ocp.robot.signals import (
+    CHANNELS,
+    IDEAL_SENSORS,
+    ChannelHealth,
+    Command,
+    Readings,
+    StateEstimate,
+    Trust,
+)
 
 
 @dataclass(kw_only=True)
 class BrokenSensors:
-    """A callable ``(Readings, t, command) -> StateEstimate``. Channels are broken from `start` until `end` [s].
+    """A callable ``(Readings, t, command) -> StateEstimate``. Channels are broken from `start`
+    until `end` [s].
 
-    Joints and range keep their last values meanwhile; what other channels tell, others tell as well, and rightly so.
+    Joints and range keep their last values meanwhile; what other channels tell, others tell as
+    well, and rightly so.
     """
 
     robot: Robot
@@ -26,14 +38,20 @@ class BrokenSensors:
     last: StateEstimate | None = field(default=None, init=False)
 
     def __post_init__(self) -> None:
-        self.estimator, self.monitor = PassThrough(self.robot), HealthMonitor(self.robot, IDEAL_SENSORS)
+        self.estimator, self.monitor = (
+            PassThrough(self.robot),
+            HealthMonitor(self.robot, IDEAL_SENSORS),
+        )
 
-    def __call__(self, readings: Readings, t: float, command: Command | None = None) -> StateEstimate:
+    def __call__(
+        self, readings: Readings, t: float, command: Command | None = None
+    ) -> StateEstimate:
         measured = self.estimator(readings, t)
         if self.last is None or not self.start <= t < self.end:
             self.last = measured
             return replace(measured, health=self._health(()))
-        q, echo = measured.q.copy(), measured.altimeter_range
+        q = measured.q.copy()
+        echo = measured.altimeter_range
         if "joint_positions" in self.channels:
             q[7:] = self.last.q[7:]
         if "altimeter_range" in self.channels:
@@ -43,4 +61,7 @@ class BrokenSensors:
 
     def _health(self, broken: tuple[str, ...]) -> tuple[ChannelHealth, ...]:
         bad = {"trust": self.trust, "why": "broken by a test", "since": self.start}
-        return tuple(ChannelHealth(channel=name, **(bad if name in broken else {"trust": Trust.GOOD})) for name in CHANNELS)
+        return tuple(
+            ChannelHealth(channel=name, **(bad if name in broken else {"trust": Trust.GOOD}))
+            for name in CHANNELS
+        )

@@ -1,4 +1,6 @@
-"""Commands as they are typed, called in this process: it has imported what they need. Laws of processes start their own."""
+"""Commands as they are typed, called in this process: it has imported what they need. Laws of
+processes start their own.
+"""
 
 from __future__ import annotations
 
@@ -16,7 +18,9 @@ from uvms_ocp.cli.commands import main
 
 def called(*words: str | Path, cwd: Path, **environment: str) -> CompletedProcess[str]:
     """Call a command in a folder; what it raises but to exit is raised here."""
-    typed, out, err = ["uvms-ocp", *map(str, words)], StringIO(), StringIO()
+    typed = ["uvms-ocp", *map(str, words)]
+    out = StringIO()
+    err = StringIO()
     with (
         chdir(cwd),
         patch.object(sys, "argv", typed),

@@ -11,7 +11,14 @@ import pytest
 from uvms_ocp.codegen.cache import cache_folder
 from uvms_ocp.codegen.compile import compile_library
 
-COMPILER = next((path for name in (os.environ.get("CC", ""), "cc", "gcc", "clang") if (path := shutil.which(name))), "")
+COMPILER = next(
+    (
+        path
+        for name in (os.environ.get("CC", ""), "cc", "gcc", "clang")
+        if (path := shutil.which(name))
+    ),
+    "",
+)
 
 
 def _missing() -> str:
@@ -19,7 +26,9 @@ def _missing() -> str:
     if not COMPILER or sys.platform == "win32":
         return "needs a C compiler: install gcc or clang"
     if cache_folder()[0] is None:
-        return "needs a folder for compiled libraries: set UVMS_OCP_CACHE to one that can be written"
+        return (
+            "needs a folder for compiled libraries: set UVMS_OCP_CACHE to one that can be written"
+        )
     if compile_library("int compiled(void) { return 1; }", name="a library of tests") is None:
         return f"needs a C compiler that works, which {COMPILER} does not: install gcc or clang"
     return ""
@@ -29,5 +38,7 @@ MISSING = _missing()
 needs_compiler = pytest.mark.skipif(bool(MISSING), reason=MISSING or "all is there")
 IN_C_AND_PYTHON = [pytest.param(True, marks=needs_compiler), False]
 """Whether something is compiled: both ways, where that can be."""
-long_without_compiler = pytest.mark.skipif(bool(MISSING), reason=f"takes minutes in Python; {MISSING}")
+long_without_compiler = pytest.mark.skipif(
+    bool(MISSING), reason=f"takes minutes in Python; {MISSING}"
+)
 """Of closed loops over minutes, whose laws shorter ones hold too."""

@@ -7,10 +7,12 @@ import signal
 
 import pytest
 
-# One process a core is what there is; matrices are small, and two threads of BLAS each would wait for one another.
+# One process a core is what there is; matrices are small, and two threads of BLAS each would wait
+# for one another.
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 os.environ.setdefault("OMP_NUM_THREADS", "1")
-# What is compiled here runs once: optimising it would take most of the time. Bits do not depend on it; give "" for all of it.
+# What is compiled here runs once: optimising it would take most of the time. Bits do not depend on
+# it; give "" for all of it.
 os.environ.setdefault("UVMS_OCP_CFLAGS", "-O0")
 # What is to be compiled is compiled, and nothing goes on behind the tests.
 os.environ.setdefault("UVMS_OCP_WAIT_FOR_COMPILER", "1")

@@ -32,7 +32,9 @@ def lasting(*phases: Phase, **options: Any) -> Scenario:
 
 
 def patrol(*, rounds: int, energy: float = 0.0, **options: Any) -> Scenario:
-    """Return so many rounds of a way out, and 2 s at home, or longer where an energy [J] is to be used there."""
+    """Return so many rounds of a way out, and 2 s at home, or longer where an energy [J] is to be
+    used there.
+    """
     last = Transition(to=DONE, when=(NEAR, Above(quantity="phase.visits", limit=rounds - 0.5)))
     used = (Above(quantity="phase.energy", limit=energy),) if energy else ()
     home = Transition(to="out", when=(Above(quantity="phase.time", limit=2.0), *used))

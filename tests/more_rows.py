@@ -34,8 +34,12 @@ def with_a_row_of_zeros(own: Rows, task: Task) -> Rows:
     """Which no motion changes, and which asks for nothing."""
     zero = {name: ca.SX(1, getattr(own, name).shape[1]) for name in _ROWS}
     zero |= {"activation": ca.SX.ones(1)} if task.equality else {"upper": ca.SX.inf(1)}
-    return replace(own, **{name: ca.vertcat(getattr(own, name), added) for name, added in zero.items()})
+    return replace(
+        own, **{name: ca.vertcat(getattr(own, name), added) for name, added in zero.items()}
+    )
 
 
 def with_its_last_row_twice(own: Rows, task: Task) -> Rows:
-    return replace(own, **{name: ca.vertcat(getattr(own, name), getattr(own, name)[-1, :]) for name in _ROWS})
+    return replace(
+        own, **{name: ca.vertcat(getattr(own, name), getattr(own, name)[-1, :]) for name in _ROWS}
+    )

@@ -14,9 +14,16 @@ from tiny_robots import ENDLESS, LIMIT, Tiny, robot_of
 
 import uvms_ocp as uo
 from uvms_ocp.robot.robot import Robot
-from uvms_ocp.tasks import HorizontalAttitude, JointLimits, MinimumAltitude, ToolPosition, VehiclePose
+from uvms_ocp.tasks import (
+    HorizontalAttitude,
+    JointLimits,
+    MinimumAltitude,
+    ToolPosition,
+    VehiclePose,
+)
 
-_FIRST, _LAST = ("revolute", "0 0 1", LIMIT), ("revolute", "0 1 0", LIMIT)
+_FIRST = ("revolute", "0 0 1", LIMIT)
+_LAST = ("revolute", "0 1 0", LIMIT)
 _FAST = '<limit lower="-50" upper="50" effort="1e3" velocity="0.8"/>'
 _SLIDES = f"""<link name="aside"/><link name="ahead"/>
 <joint name="slide0" type="prismatic"><parent link="arm0"/><child link="ahead"/><origin xyz="0.3 0 0"/>
@@ -26,14 +33,20 @@ _SLIDES = f"""<link name="aside"/><link name="ahead"/>
 
 
 class _SlidingTwin(Tiny):
-    """Its second joint is two that slide and one that turns, as fast as a planar joint is taken to be."""
+    """Its second joint is two that slide and one that turns, as fast as a planar joint is taken to
+    be.
+    """
 
     def write(self, folder: Path) -> Path:
         super().write(folder)
-        urdf, water = folder / "robot.urdf", folder / "hydrodynamics.yaml"
+        urdf = folder / "robot.urdf"
+        water = folder / "hydrodynamics.yaml"
         before, _, after = urdf.read_text(encoding="utf-8").partition('<joint name="turn1"')
         urdf.write_text(before + _SLIDES + after.partition("</joint>")[2], encoding="utf-8")
-        quick = "joints: {slide0: {acceleration: 2.0}, slide1: {acceleration: 2.0}, turn1: {acceleration: 2.0}}\n"
+        quick = (
+            "joints: {slide0: {acceleration: 2.0}, slide1: {acceleration: 2.0}, turn1:"
+            " {acceleration: 2.0}}\n"
+        )
         water.write_text(water.read_text(encoding="utf-8") + quick, encoding="utf-8")
         return folder
 
@@ -46,14 +59,19 @@ _NO_RANGE = '<limit lower="0" upper="0" effort="8" velocity="0.7"/>'
 _TURN = '<limit lower="-3.1" upper="3.1" effort="8" velocity="0.7"/>'
 ODD = {
     "continuous": (_with(*ENDLESS), _with("revolute", "0 1 0", _TURN)),
-    "planar": (_with("planar", "0 0 1", ""), _SlidingTwin(joints=(_FIRST, ("revolute", "0 0 1", ""), _LAST))),
+    "planar": (
+        _with("planar", "0 0 1", ""),
+        _SlidingTwin(joints=(_FIRST, ("revolute", "0 0 1", ""), _LAST)),
+    ),
     "zero range": (_with("revolute", "0 1 0", _NO_RANGE), _with("fixed", "0 1 0", "")),
 }
 """The one with the joint, its second of three, and its twin."""
 
 
 PLANE = slice(8, 12)
-"""Of the configuration, the numbers of the planar joint: along, across, cosine and sine of its turn."""
+"""Of the configuration, the numbers of the planar joint: along, across, cosine and sine of its
+turn.
+"""
 
 
 @dataclass(frozen=True)
@@ -69,10 +87,14 @@ class Pair:
             x, y, c, s = q[PLANE]
             between = [x, y, np.arctan2(s, c)]
         there = np.concatenate([q[:7], np.zeros(self.twin.n_joints)])
-        return self.twin.with_joint_values(there, np.array([first, *(between if self.kind != "zero range" else ()), last]))
+        return self.twin.with_joint_values(
+            there, np.array([first, *(between if self.kind != "zero range" else ()), last])
+        )
 
     def velocities(self, q: np.ndarray) -> np.ndarray:
-        """(n_v of the twin, n_v) from velocities of the odd robot at q (n_q,) to those of the twin."""
+        """(n_v of the twin, n_v) from velocities of the odd robot at q (n_q,) to those of the
+        twin.
+        """
         if self.kind == "zero range":
             return np.delete(np.eye(self.odd.n_v), 7, axis=0)
         if self.kind == "continuous":
@@ -87,12 +109,15 @@ def pair_of(kind: str) -> Pair:
 
 
 def start_of(robot: Robot) -> np.ndarray:
-    return robot.configuration(position=(0.0, 0.0, -5.0), rpy=(0.0, 0.0, 0.2), joints={"turn0": 0.3, "turn2": -0.5})
+    return robot.configuration(
+        position=(0.0, 0.0, -5.0), rpy=(0.0, 0.0, 0.2), joints={"turn0": 0.3, "turn2": -0.5}
+    )
 
 
 def places(robot: Robot, q: np.ndarray) -> np.ndarray:
     """(n, 6) [m] of vehicle and tool at configurations (n, n_q)."""
-    data, frames = robot.model.createData(), [robot.frame_id(name) for name in ("base_link", "tool")]
+    data = robot.model.createData()
+    frames = [robot.frame_id(name) for name in ("base_link", "tool")]
     rows = []
     for row in np.atleast_2d(q):
         pin.framesForwardKinematics(robot.model, data, row)
@@ -105,9 +130,19 @@ def reach_of(robot: Robot, **options: Any) -> uo.Scenario:
     start = start_of(robot)
     tool = places(robot, start)[0, 3:] + [0.25, 0.15, -0.1]
     vehicle = VehiclePose(goal=uo.pose_at((0.1, 0.05, -5.0), (0.0, 0.0, 0.3)))
-    tasks = [JointLimits(), MinimumAltitude(), HorizontalAttitude(), ToolPosition(goal=uo.pose_at(tuple(tool))), vehicle]
-    there = uo.Transition(to=uo.DONE, when=(uo.Below(quantity="TP.position_error", limit=0.02),), hold=0.5)
-    phase = uo.Phase(name="reach", activations={task.name: 1.0 for task in tasks}, transitions=(there,))
+    tasks = [
+        JointLimits(),
+        MinimumAltitude(),
+        HorizontalAttitude(),
+        ToolPosition(goal=uo.pose_at(tuple(tool))),
+        vehicle,
+    ]
+    there = uo.Transition(
+        to=uo.DONE, when=(uo.Below(quantity="TP.position_error", limit=0.02),), hold=0.5
+    )
+    phase = uo.Phase(
+        name="reach", activations={task.name: 1.0 for task in tasks}, transitions=(there,)
+    )
     return uo.Scenario(
         name="odd",
         robot=robot,

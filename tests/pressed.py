@@ -10,7 +10,9 @@ from types import FrameType
 import pytest
 
 PYTHON_MAY_LOSE_IT = pytest.mark.filterwarnings("ignore::pytest.PytestUnraisableExceptionWarning")
-"""In what garbage collection calls an exception is only told, and a press ends its block at its end."""
+"""In what garbage collection calls an exception is only told, and a press ends its block at its
+end.
+"""
 
 
 @contextmanager
@@ -22,7 +24,10 @@ def pressed_after(seconds: float) -> Iterator[list[float]]:
         pressed.append(seconds)
         signal.raise_signal(signal.SIGINT)
 
-    before = signal.signal(signal.SIGALRM, press), signal.signal(signal.SIGINT, signal.default_int_handler)
+    before = (
+        signal.signal(signal.SIGALRM, press),
+        signal.signal(signal.SIGINT, signal.default_int_handler),
+    )
     signal.setitimer(signal.ITIMER_REAL, seconds)
     try:
         yield pressed

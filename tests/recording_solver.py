@@ -28,14 +28,24 @@ class RecordingSolver:
     solver: HierarchySolver
     ticks: list[RecordedTick] = field(default_factory=list)
 
-    def bind(self, levels_function: ca.Function, sizes: tuple[int, ...]) -> Callable[..., TickResult]:
-        return partial(_recorded, self.solver.bind(levels_function, sizes), self.ticks, {"gates": np.zeros(0), "left": 0})
+    def bind(
+        self, levels_function: ca.Function, sizes: tuple[int, ...]
+    ) -> Callable[..., TickResult]:
+        return partial(
+            _recorded,
+            self.solver.bind(levels_function, sizes),
+            self.ticks,
+            {"gates": np.zeros(0), "left": 0},
+        )
 
 
 def _recorded(tick: Tick, ticks: list[RecordedTick], seen: dict, *inputs: np.ndarray) -> TickResult:
-    result, gates = tick(*inputs), np.sign(inputs[-1])
+    result = tick(*inputs)
+    gates = np.sign(inputs[-1])
     changed = not np.array_equal(gates, seen["gates"])
     seen["gates"], seen["left"] = gates, _WINDOW if changed else seen["left"] - 1
     if seen["left"] > 0:
-        ticks.append(RecordedTick(inputs=tuple(np.array(value, dtype=float) for value in inputs), v=result.v))
+        ticks.append(
+            RecordedTick(inputs=tuple(np.array(value, dtype=float) for value in inputs), v=result.v)
+        )
     return result

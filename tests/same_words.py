@@ -14,5 +14,7 @@ _SHOWN = 1e-2
 def require_same_words(found: str, wanted: str) -> None:
     """The same words, and numbers that are the same as far as they are shown."""
     assert _NUMBER.split(found) == _NUMBER.split(wanted)
-    numbers, others = ([float(number) for number in _NUMBER.findall(text)] for text in (found, wanted))
+    numbers, others = (
+        [float(number) for number in _NUMBER.findall(text)] for text in (found, wanted)
+    )
     assert numbers == pytest.approx(others, rel=_SHOWN)

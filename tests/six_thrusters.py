@@ -27,7 +27,9 @@ def unit_laws(robot: Robot, dt: float) -> ForceLaws:
     """Force laws with gains of 1; dt [s]."""
     gain = np.ones(robot.n_v)
     velocity = VelocityLaw(dynamics=cached_dynamics(robot).symbolic, K_p=gain, reset=gain, dt=dt)
-    return ForceLaws(robot=robot, velocity=velocity, lag=thruster_lag(robot, lead=4.0, dt=dt), lift=100.0)
+    return ForceLaws(
+        robot=robot, velocity=velocity, lag=thruster_lag(robot, lead=4.0, dt=dt), lift=100.0
+    )
 
 
 _PROBLEMS: dict[tuple[Robot, tuple[str, ...]], LevelsProblem] = {}
@@ -35,8 +37,12 @@ _TEMPLATES = Path(str(uo.__file__)).parent / "scenario" / "templates"
 
 
 def six_thrusters() -> Robot:
-    """The robot that `new-robot` writes, its four lift thrusters merged into two abeam of twice the thrust."""
-    robot = uo.load_robot(urdf=_TEMPLATES / "robot.urdf", hydrodynamics=_TEMPLATES / "hydrodynamics.yaml")
+    """The robot that `new-robot` writes, its four lift thrusters merged into two abeam of twice the
+    thrust.
+    """
+    robot = uo.load_robot(
+        urdf=_TEMPLATES / "robot.urdf", hydrodynamics=_TEMPLATES / "hydrodynamics.yaml"
+    )
     level, lift = robot.description.thrusters[:4], robot.description.thrusters[4]
     abeam = tuple(
         lift.model_copy(
@@ -55,14 +61,21 @@ def six_thrusters() -> Robot:
 
 def command_of(robot: Robot, tasks: Sequence[Task], q: np.ndarray, v: np.ndarray) -> np.ndarray:
     """(n_v,) [m/s, rad/s] at q (n_q,) and v (n_v,) from rest, with all tasks on."""
-    hierarchy, names = Hierarchy(tasks, [task.name for task in tasks]), tuple(task.name for task in tasks)
+    hierarchy = Hierarchy(tasks, [task.name for task in tasks])
+    names = tuple(task.name for task in tasks)
     if (robot, names) not in _PROBLEMS:  # goals are parameters
         _PROBLEMS[robot, names] = build_levels(robot, hierarchy, 0.005)
     problem = _PROBLEMS[robot, names]
-    parameters = np.concatenate([task_parameters(task, task.reference(0.0), q) for task in hierarchy.tasks])
+    parameters = np.concatenate(
+        [task_parameters(task, task.reference(0.0), q) for task in hierarchy.tasks]
+    )
     zeros = np.zeros(robot.n_v)
-    outputs = problem.function(q, v, np.zeros(N_PASSIVE), zeros, zeros, 5.0, parameters, np.ones(len(tasks)))
-    parts = {name: np.array(x) for name, x in zip(problem.function.name_out(), outputs, strict=True)}
+    outputs = problem.function(
+        q, v, np.zeros(N_PASSIVE), zeros, zeros, 5.0, parameters, np.ones(len(tasks))
+    )
+    parts = {
+        name: np.array(x) for name, x in zip(problem.function.name_out(), outputs, strict=True)
+    }
     ends = np.cumsum(problem.sizes)
     levels = [
         Level(

@@ -18,7 +18,11 @@ from uvms_ocp.solvers.hierarchy.active_set import LexicographicActiveSet
 from uvms_ocp.solvers.hierarchy.cascade import LexicographicQp
 from uvms_ocp.solvers.hierarchy.icat import Icat
 
-SOLVERS = {"active_set": (LexicographicActiveSet, 0.011), "lexqp": (LexicographicQp, 0.011), "icat": (Icat, 0.05)}
+SOLVERS = {
+    "active_set": (LexicographicActiveSet, 0.011),
+    "lexqp": (LexicographicQp, 0.011),
+    "icat": (Icat, 0.05),
+}
 """Solver and the largest change of any component of the command in one tick."""
 
 
@@ -30,7 +34,9 @@ class Run:
     largest_step: float
 
 
-@pytest.fixture(scope="module", params=["active_set", pytest.param("lexqp", marks=pytest.mark.slow), "icat"])
+@pytest.fixture(
+    scope="module", params=["active_set", pytest.param("lexqp", marks=pytest.mark.slow), "icat"]
+)
 def run(request: pytest.FixtureRequest) -> Run:
     solver, largest_step = SOLVERS[request.param]
     scenario = case1(solver=solver(), plant="kinematic")
@@ -43,7 +49,9 @@ def test_all_phases_complete_in_order_with_a_reason(run: Run) -> None:
     assert run.report["completed"]
     assert [phase["name"] for phase in run.report["phases"]] == ["A", "B", "C", "D"]
     for phase, reason in zip(
-        run.report["phases"], ("PC.position_error", "AT.misalignment", "LA.altitude", "T.position_error"), strict=True
+        run.report["phases"],
+        ("PC.position_error", "AT.misalignment", "LA.altitude", "T.position_error"),
+        strict=True,
     ):
         assert phase["reason"].startswith(reason)
         assert phase["end_s"] > phase["start_s"]
@@ -63,7 +71,8 @@ def test_the_altimeter_keeps_its_distance(run: Run) -> None:
 
 
 def test_joints_stay_inside_position_and_speed_limits(run: Run) -> None:
-    limits, joints = run.scenario.robot.limits, run.record["q"][:, run.scenario.robot.joint_q]
+    limits = run.scenario.robot.limits
+    joints = run.record["q"][:, run.scenario.robot.joint_q]
     assert (joints >= limits.position_lower).all()
     assert (joints <= limits.position_upper).all()
     assert (np.abs(run.record["command"]) <= limits.velocity * (1 + 1e-9)).all()

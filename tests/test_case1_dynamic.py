@@ -1,4 +1,6 @@
-"""Case 1 on the physical plant: still water, noise, current, too few thrusters, a payload nobody told of."""
+"""Case 1 on the physical plant: still water, noise, current, too few thrusters, a payload nobody
+told of.
+"""
 
 from __future__ import annotations
 
@@ -24,7 +26,15 @@ CASES: dict[str, tuple[dict[str, Any], float, float]] = {
     "current": ({"current": (0.3, 0.0, 0.0)}, 2e-3, 5e-3),
     "cross current without observer": ({"current": (0.0, 0.3, 0.0), "observer": False}, 2e-3, 5e-3),
     "under-actuated": ({"robot": "girona_maris7"}, 2e-3, 5e-3),
-    "payload": ({"payload": TrimBody(name="sample", link="tool", position=(0, 0, 0), mass=1.5, volume=5e-4)}, 2e-3, 5e-3),
+    "payload": (
+        {
+            "payload": TrimBody(
+                name="sample", link="tool", position=(0, 0, 0), mass=1.5, volume=5e-4
+            )
+        },
+        2e-3,
+        5e-3,
+    ),
 }
 """Options, and the largest true error of the tool in m and rad."""
 SHORT = ("still water", "noise")  # runs without a compiler too
@@ -40,7 +50,10 @@ class Run:
 
 
 @pytest.fixture(
-    scope="module", params=[pytest.param(name, marks=() if name in SHORT else long_without_compiler) for name in CASES]
+    scope="module",
+    params=[
+        pytest.param(name, marks=() if name in SHORT else long_without_compiler) for name in CASES
+    ],
 )
 def run(request: pytest.FixtureRequest) -> Run:
     options, position, orientation = CASES[request.param]
@@ -57,7 +70,8 @@ def test_the_mission_completes_with_the_tool_at_the_target(run: Run) -> None:
 
 
 def test_limits_hold_on_the_physical_plant(run: Run) -> None:
-    limits, joints = run.scenario.robot.limits, run.record["q"][:, 7:]
+    limits = run.scenario.robot.limits
+    joints = run.record["q"][:, 7:]
     assert (joints > limits.position_lower).all()
     assert (joints < limits.position_upper).all()
     assert np.abs(run.record["thrust"]).max() <= 150.0
@@ -67,12 +81,16 @@ def test_limits_hold_on_the_physical_plant(run: Run) -> None:
 
 def test_every_phase_reports_what_it_cost(run: Run) -> None:
     for phase in run.report["phases"]:
-        assert phase["energy_j"] == pytest.approx(phase["thruster_energy_j"] + phase["joint_energy_j"])
+        assert phase["energy_j"] == pytest.approx(
+            phase["thruster_energy_j"] + phase["joint_energy_j"]
+        )
         assert phase["energy_j"] > 0
         assert 0 < phase["peak_thrust_n"] <= 150.0
         assert phase["saturation_time_s"] <= phase["duration_s"]
     total = run.record["thruster_energy"][-1].sum() + run.record["joint_energy"][-1]
-    assert sum(phase["energy_j"] for phase in run.report["phases"]) == pytest.approx(total, rel=1e-6)
+    assert sum(phase["energy_j"] for phase in run.report["phases"]) == pytest.approx(
+        total, rel=1e-6
+    )
 
 
 def test_the_observer_finds_the_drag_of_the_current() -> None:
@@ -83,7 +101,9 @@ def test_the_observer_finds_the_drag_of_the_current() -> None:
 
 
 def test_the_observer_does_the_work_of_an_integral() -> None:
-    """Without integral action a current leaves a velocity error; the observer takes most of it away."""
+    """Without integral action a current leaves a velocity error; the observer takes most of it
+    away.
+    """
     errors = {}
     for bandwidth in (0.0, 3.0):
         scenario = case1(current=(0.0, 0.3, 0.0), duration=10.0)

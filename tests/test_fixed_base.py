@@ -28,7 +28,8 @@ def test_a_planar_robot_moves_its_joints_to_a_posture(plant: str) -> None:
         name="posture",
         robot=robot,
         mission=Mission(
-            hierarchy=Hierarchy(tasks), phases=(Phase(name="A", activations={"JL": 1.0, "MP": 1.0}, transitions=(reached,)),)
+            hierarchy=Hierarchy(tasks),
+            phases=(Phase(name="A", activations={"JL": 1.0, "MP": 1.0}, transitions=(reached,)),),
         ),
         environment=Environment(seafloor=FlatSeafloor(z=-10.0)),
         start=robot.configuration(),

@@ -1,4 +1,6 @@
-"""Names are found by Tab: what stands in the brackets of a record, a robot and a campaign, and what a scenario takes."""
+"""Names are found by Tab: what stands in the brackets of a record, a robot and a campaign, and what
+a scenario takes.
+"""
 
 from __future__ import annotations
 
@@ -13,7 +15,8 @@ from uvms_ocp.errors import NameNotFound
 
 ROBOT = uo.load_robot("girona_maris7")
 CAMPAIGN = Campaign(
-    scenario="case1", variations=[Variation(name, Uniform(0.5, 1.5)) for name in ("water.drag", "water.added_mass")]
+    scenario="case1",
+    variations=[Variation(name, Uniform(0.5, 1.5)) for name in ("water.drag", "water.added_mass")],
 )
 
 

@@ -1,4 +1,6 @@
-"""Every notebook runs from first to last cell, of an installed wheel in an empty folder, and is stored without output."""
+"""Every notebook runs from first to last cell, of an installed wheel in an empty folder, and is
+stored without output.
+"""
 
 from __future__ import annotations
 
@@ -23,18 +25,32 @@ WHERE = "import uvms_ocp; print(uvms_ocp.__file__)"
 
 @pytest.fixture(scope="module")
 def installed(tmp_path_factory: pytest.TempPathFactory) -> dict[str, str]:
-    """An environment whose package is installed from its wheel, and not the project's folder, where wheels can be built."""
+    """An environment whose package is installed from its wheel, and not the project's folder, where
+    wheels can be built.
+    """
     if find_spec("hatchling") is None:
         return dict(os.environ)
     folder = tmp_path_factory.mktemp("wheel")
     python = [sys.executable, "-m"]
-    subprocess.run([*python, "hatchling", "build", "-t", "wheel", "-d", folder], cwd=PROJECT, check=True, capture_output=True)
+    subprocess.run(
+        [*python, "hatchling", "build", "-t", "wheel", "-d", folder],
+        cwd=PROJECT,
+        check=True,
+        capture_output=True,
+    )
     (wheel,) = folder.glob("*.whl")
     site = folder / "site"
     pip = [*python, "pip", "install", "--quiet", "--no-deps", "--no-index", "--target", site, wheel]
     subprocess.run(pip, cwd=folder, check=True, capture_output=True)
     environment = os.environ | {"PYTHONPATH": str(site)}
-    found = subprocess.run([sys.executable, "-c", WHERE], cwd=folder, env=environment, check=True, capture_output=True, text=True)
+    found = subprocess.run(
+        [sys.executable, "-c", WHERE],
+        cwd=folder,
+        env=environment,
+        check=True,
+        capture_output=True,
+        text=True,
+    )
     assert Path(found.stdout.strip()).is_relative_to(site)
     return environment
 
@@ -55,11 +71,22 @@ def test_a_notebook_is_stored_without_output(path: Path) -> None:
 @pytest.mark.filterwarnings("ignore::DeprecationWarning")
 def test_a_notebook_runs(path: Path, tmp_path: Path, installed: dict[str, str]) -> None:
     notebook = nbformat.read(path, as_version=4)
-    client = NotebookClient(notebook, timeout=300, kernel_name="python3", resources={"metadata": {"path": str(tmp_path)}})
+    client = NotebookClient(
+        notebook,
+        timeout=300,
+        kernel_name="python3",
+        resources={"metadata": {"path": str(tmp_path)}},
+    )
     client.execute(env=installed)
     cells = [cell for cell in notebook.cells if cell.cell_type == "code"]
     assert all(cell.execution_count for cell in cells)
     outputs = [output for cell in cells for output in cell.outputs]
-    shown = [output.data for output in outputs if output.output_type == "execute_result" and "text/html" not in output.data]
-    texts = [data.get("text/plain", "") for data in shown] + [output.text for output in outputs if "text" in output]
+    shown = [
+        output.data
+        for output in outputs
+        if output.output_type == "execute_result" and "text/html" not in output.data
+    ]
+    texts = [data.get("text/plain", "") for data in shown] + [
+        output.text for output in outputs if "text" in output
+    ]
     assert not [text for text in texts if RAW.search(text)]

@@ -41,7 +41,9 @@ def shown_by_a_run(monkeypatch: pytest.MonkeyPatch, silent: float) -> str:
     return terminal.getvalue()
 
 
-def test_a_run_shows_its_phase_and_what_that_waits_for_and_nothing_stays(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_run_shows_its_phase_and_what_that_waits_for_and_nothing_stays(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
     shown = shown_by_a_run(monkeypatch, silent=0.0)
     assert SHORT.mission.phases[0].name in shown
     assert " not < " in shown
@@ -62,13 +64,18 @@ def test_who_is_given_every_tick_shows_it_alone() -> None:
 
 
 @needs_compiler
-def test_it_is_shown_how_many_functions_are_compiled(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_it_is_shown_how_many_functions_are_compiled(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.setenv("UVMS_OCP_CACHE", str(tmp_path / "cache"))
     monkeypatch.setattr(building, "_LONG", 0.0)
     monkeypatch.setattr("tqdm.auto.tqdm", partial(tqdm, mininterval=0.0))
     x = ca.SX.sym("x")
     with redirect_stderr(Terminal()) as terminal:
-        begun = [building.start_compiling(ca.Function(f"f{k}", [x], [x + k * ca.sin(x)])) for k in range(3)]
+        begun = [
+            building.start_compiling(ca.Function(f"f{k}", [x], [x + k * ca.sin(x)]))
+            for k in range(3)
+        ]
         building.finish_compiling()
     assert len(begun) == 3
     assert "compiling" in terminal.getvalue()
@@ -98,6 +105,8 @@ def test_beside_a_line_of_a_command_there_is_none() -> None:
 
 
 @pytest.mark.parametrize("stream", [StringIO(), None], ids=["file", "none"])
-def test_where_output_is_redirected_there_is_none(stream: StringIO | None, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_where_output_is_redirected_there_is_none(
+    stream: StringIO | None, monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.setattr(sys, "stderr", stream)
     assert progress_bar().disable

@@ -18,7 +18,16 @@ from uvms_ocp.solvers.stage_qp import StageQpStatus
 
 MEMBERS = [
     status
-    for kind in (DesignStatus, FitStatus, Status, NlpStatus, OcpStatus, PlanStatus, StageQpStatus, WorkerStatus)
+    for kind in (
+        DesignStatus,
+        FitStatus,
+        Status,
+        NlpStatus,
+        OcpStatus,
+        PlanStatus,
+        StageQpStatus,
+        WorkerStatus,
+    )
     for status in kind
 ]
 

@@ -1,4 +1,6 @@
-"""What a real robot does, tick by tick: the same as a simulation, and refused in one line where the shapes are wrong."""
+"""What a real robot does, tick by tick: the same as a simulation, and refused in one line where the
+shapes are wrong.
+"""
 
 from __future__ import annotations
 
@@ -22,7 +24,9 @@ def scenario() -> Scenario:
 
 def test_stepping_by_hand_is_what_a_run_does(scenario: Scenario) -> None:
     record, robot = scenario.run(), scenario.robot
-    plant = DynamicPlant(robot, scenario.start, dynamics=robot_dynamics(robot), environment=scenario.environment)
+    plant = DynamicPlant(
+        robot, scenario.start, dynamics=robot_dynamics(robot), environment=scenario.environment
+    )
     sensors = SensorSuite(robot, scenario.environment.seafloor, scenario.sensors, scenario.seed)
     estimator, controller = scenario.estimator(), scenario.controller()
     command: Command | None = None
@@ -50,9 +54,12 @@ def test_the_kinematic_plant_gets_velocities_alone() -> None:
         ({"q": np.zeros((14, 1))}, r"q has shape \(14, 1\); give an array"),
     ],
 )
-def test_wrong_shapes_are_refused_in_one_line(scenario: Scenario, wrong: dict[str, Any], message: str) -> None:
+def test_wrong_shapes_are_refused_in_one_line(
+    scenario: Scenario, wrong: dict[str, Any], message: str
+) -> None:
     """And change nothing: the next tick goes on."""
-    controller, n_v = scenario.controller(), scenario.robot.n_v
+    controller = scenario.controller()
+    n_v = scenario.robot.n_v
     right: dict[str, Any] = {"q": scenario.start, "v": np.zeros(n_v), "altimeter_range": 3.0}
     with pytest.raises(InvalidInput, match=message) as refused:
         controller(StateEstimate(**right | wrong), 0.0)
@@ -61,17 +68,22 @@ def test_wrong_shapes_are_refused_in_one_line(scenario: Scenario, wrong: dict[st
 
 
 def test_a_reading_of_a_wrong_shape_is_named_and_not_used(scenario: Scenario) -> None:
-    """A driver that goes wrong at sea is a sensor that fails: no exception takes the robot's controller away."""
+    """A driver that goes wrong at sea is a sensor that fails: no exception takes the robot's
+    controller away.
+    """
     estimator = scenario.estimator()
     measurement = estimator(Readings(joint_positions=Reading(value=np.zeros(2), t=0.0)), 0.0)
-    channel = next(channel for channel in measurement.health if channel.channel == "joint_positions")
+    channel = next(
+        channel for channel in measurement.health if channel.channel == "joint_positions"
+    )
     assert channel.trust is not Trust.GOOD
     assert channel.why == "a value of shape (2,) in place of (7,)"
     assert measurement.age == np.inf
 
 
 def test_a_quaternion_that_is_none_counts_as_no_measurement(scenario: Scenario) -> None:
-    controller, n_v = scenario.controller(), scenario.robot.n_v
+    controller = scenario.controller()
+    n_v = scenario.robot.n_v
     q = scenario.start.copy()
     q[3:7] *= 2.0
     command = controller(StateEstimate(q=q, v=np.zeros(n_v), altimeter_range=3.0), 0.0)

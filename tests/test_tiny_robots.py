@@ -1,4 +1,6 @@
-"""Sizes of one and of none: every array keeps its axes, from the loading of a robot to the scene of its run."""
+"""Sizes of one and of none: every array keeps its axes, from the loading of a robot to the scene of
+its run.
+"""
 
 from __future__ import annotations
 
@@ -27,19 +29,26 @@ from uvms_ocp.viz import plot, show, write_figures, write_scene
 
 @pytest.mark.parametrize("name", TINY)
 def test_numbers_of_joints_and_configurations_are_each_others_inverse(name: str) -> None:
-    robot, rng = robot_of(TINY[name]), np.random.default_rng(1)
+    robot = robot_of(TINY[name])
+    rng = np.random.default_rng(1)
     assert robot.home.shape == (robot.n_joints,)
     for _ in range(20):
         lower, upper = robot.limits.position_lower, robot.limits.position_upper
         values = rng.uniform(np.maximum(lower, -3.1), np.minimum(upper, 3.1))
         q = robot.configuration(joints=values)
         np.testing.assert_allclose(robot.joint_values(q), values, atol=1e-12)
-        np.testing.assert_allclose(robot.with_joint_values(robot.configuration(), values), q, atol=1e-12)
-        np.testing.assert_allclose([joint.position(q) for joint in robot.joints], values, atol=1e-12)
+        np.testing.assert_allclose(
+            robot.with_joint_values(robot.configuration(), values), q, atol=1e-12
+        )
+        np.testing.assert_allclose(
+            [joint.position(q) for joint in robot.joints], values, atol=1e-12
+        )
 
 
 @pytest.mark.parametrize("name", TINY)
-def test_a_run_on_the_kinematic_plant_is_the_same_once_saved_and_loaded(name: str, tmp_path: Path) -> None:
+def test_a_run_on_the_kinematic_plant_is_the_same_once_saved_and_loaded(
+    name: str, tmp_path: Path
+) -> None:
     robot = robot_of(TINY[name])
     scenario = scenario_of(robot, "kinematic")
     scenario.check()
@@ -61,7 +70,11 @@ def test_joints_that_all_turn_or_all_slide_have_one_unit_everywhere(name: str) -
     scenario = scenario_of(robot, "kinematic")
     record = scenario.run()
     texts = [text.get_text() for figure in plot(record) for text in figure.findobj(Text)]
-    texts += [show(record, robot).html, str(record), *(one.unit for one in available_parameters(scenario).values())]
+    texts += [
+        show(record, robot).html,
+        str(record),
+        *(one.unit for one in available_parameters(scenario).values()),
+    ]
     assert any("rad" in text for text in texts)
     assert not [text[:200] for text in texts if re.search("(rad|rad/s|N m) or (m|N)", text)]
 
@@ -73,13 +86,18 @@ def test_each_joint_has_the_unit_of_its_kind() -> None:
     assert units[6:] == ["m/s", "rad/s"]
     row = summarize(record)["resources"][-1]
     limits = robot.limits
-    away = np.minimum(record["q"][:, 7:] - limits.position_lower, limits.position_upper - record["q"][:, 7:]).min(axis=0)
+    away = np.minimum(
+        record["q"][:, 7:] - limits.position_lower, limits.position_upper - record["q"][:, 7:]
+    ).min(axis=0)
     np.testing.assert_allclose([row["joint_margin_m"], row["joint_margin_rad"]], away)
     way = np.abs(record["v"][:-1, 6:]).sum(axis=0) * record.run_meta.dt
     np.testing.assert_allclose([row["joint_path_m"], row["joint_path_rad"]], way)
     old = record.meta.model_copy(update={"sliding": None})
     assert column_units("v", robot.n_v, old)[6:] == ["rad/s or m/s"] * 2
-    both = {one["figure"] for one in compare(record, scenario_of(robot_of(TINY["one wet link"]), "kinematic").run())}
+    both = {
+        one["figure"]
+        for one in compare(record, scenario_of(robot_of(TINY["one wet link"]), "kinematic").run())
+    }
     assert {"joint_path_m", "joint_path_rad"} <= both
 
 
@@ -88,7 +106,9 @@ def test_errors_of_joints_that_turn_and_that_slide_are_told_apart() -> None:
     record = scenario.run()
     half = slice(len(record) // 2, None)
     errors = (record["q_estimated"] - record["q"])[half, 7:]
-    rms, spread = (np.sqrt((values**2).mean(axis=0)) for values in (errors, record["q_std"][half, 6:]))
+    rms, spread = (
+        np.sqrt((values**2).mean(axis=0)) for values in (errors, record["q_std"][half, 6:])
+    )
     found = {row["of"]: row for row in estimate_table(record)}
     assert [*found] == ["position", "attitude", "joints", "sliding joints"]
     for name, k in (("sliding joints", 0), ("joints", 1)):
@@ -96,13 +116,20 @@ def test_errors_of_joints_that_turn_and_that_slide_are_told_apart() -> None:
 
 
 def test_a_robot_of_which_nothing_moves_is_refused() -> None:
-    with pytest.raises(InvalidInput, match="'tiny' has a fixed base and no joints: nothing of it moves"):
+    with pytest.raises(
+        InvalidInput, match="'tiny' has a fixed base and no joints: nothing of it moves"
+    ):
         scenario_of(robot_of(RIGID), "kinematic")
 
 
-def test_a_run_that_diverges_keeps_what_came_before(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
+def test_a_run_that_diverges_keeps_what_came_before(
+    tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
     record = scenario_of(robot_of(WEIGHTLESS), "dynamic").run()
-    assert "the run ends at t = 0 s: after it the plant's motion grew beyond what a record holds" in caplog.text
+    assert (
+        "the run ends at t = 0 s: after it the plant's motion grew beyond what a record holds"
+        in caplog.text
+    )
     record.save(tmp_path / "record.npz")
     loaded = Record.load(tmp_path / "record.npz")
     assert loaded["q"].shape == (1, record.series["q"].shape[1])
@@ -131,7 +158,8 @@ def test_a_run_in_water_is_saved_loaded_told_and_drawn(name: str, tmp_path: Path
 def test_a_campaign_has_the_least_margin_of_joints_that_slide() -> None:
     scenario = scenario_of(robot_of(TINY["a joint that slides"]), "kinematic")
     record = scenario.run()
-    limits, q = scenario.robot.limits, record["q"][:, -1:]
+    limits = scenario.robot.limits
+    q = record["q"][:, -1:]
     away = np.minimum(q - limits.position_lower, limits.position_upper - q).min()
     assert run_metrics(scenario, record)["joint_margin_m"] == pytest.approx(away)
 
@@ -148,20 +176,24 @@ class GrowingPlant:
     takes_forces = False
 
     def __init__(self, q: np.ndarray, n_v: int, factor: float) -> None:
-        self.state, self.factor = State(q=q, v=np.zeros(n_v)), factor
+        self.state = State(q=q, v=np.zeros(n_v))
+        self.factor = factor
 
     def telemetry(self) -> dict[str, float]:
         return {}
 
     def step(self, command: Command, dt: float) -> None:
-        q, v = self.state.q.copy(), self.state.v.copy()
+        q = self.state.q.copy()
+        v = self.state.v.copy()
         v[0] = self.factor * max(v[0], 0.1)
         q[0] += dt * v[0]
         self.state = State(q=q, v=v)
 
 
 @pytest.mark.parametrize("factor", [10.0, 1e9, 1e40, 1e170, 1e308])
-def test_a_run_that_outgrows_its_record_ends_at_its_last_readable_row(factor: float, tmp_path: Path) -> None:
+def test_a_run_that_outgrows_its_record_ends_at_its_last_readable_row(
+    factor: float, tmp_path: Path
+) -> None:
     scenario = scenario_of(robot_of(TINY["one wet link"]), "kinematic")
 
     def growing(scenario: Scenario, *_: object, **__: object) -> GrowingPlant:

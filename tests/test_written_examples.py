@@ -41,7 +41,9 @@ PLACE = re.compile(r"`((?:notebooks|benchmarks|robots)/[\w/.]+\.\w+)`")
 
 
 def program(text: str) -> Iterator[str]:
-    """One program: Python as it is, commands in the same process; README's two lines of pip are for `.ci/run`."""
+    """One program: Python as it is, commands in the same process; README's two lines of pip are for
+    `.ci/run`.
+    """
     yield CALL
     for language, block in BLOCK.findall(text):
         if language == "python":
@@ -98,11 +100,15 @@ def is_there(path: Path) -> bool:
 
 def test_figures_in_readme_are_those_that_are_recorded() -> None:
     claims = runpy.run_path(str(ROOT / "benchmarks" / "__main__.py"))
-    assert claims["table"]() in README.read_text(encoding="utf-8"), "run: python -m benchmarks --into README.md"
+    assert claims["table"]() in README.read_text(encoding="utf-8"), (
+        "run: python -m benchmarks --into README.md"
+    )
     for script in claims["SCRIPTS"]:
         assert (ROOT / "benchmarks" / f"{script}.py").exists()
 
 
-@pytest.mark.parametrize("page", [*PAGES, *sorted((ROOT / "notebooks").glob("*.ipynb"))], ids=lambda page: page.stem)
+@pytest.mark.parametrize(
+    "page", [*PAGES, *sorted((ROOT / "notebooks").glob("*.ipynb"))], ids=lambda page: page.stem
+)
 def test_what_is_shown_is_imported_from_no_deeper_than_a_subpackage(page: Path) -> None:
     assert DEEP_IMPORT.findall(page.read_text(encoding="utf-8")) == []

@@ -1,4 +1,6 @@
-"""Robots as small as they come: no joints, one joint, one link in water, one thruster, none; joints without end or range."""
+"""Robots as small as they come: no joints, one joint, one link in water, one thruster, none; joints
+without end or range.
+"""
 
 from __future__ import annotations
 
@@ -57,8 +59,12 @@ class Tiny:
     def write(self, folder: Path) -> Path:
         names = ["base_link", *(f"arm{k}" for k in range(len(self.joints)))]
         booms = (
-            _BOOM.format(name=name, joint=f"turn{k}", kind=kind, parent=names[k], axis=axis, limit=limit)
-            for k, (name, (kind, axis, limit)) in enumerate(zip(names[1:], self.joints, strict=True))
+            _BOOM.format(
+                name=name, joint=f"turn{k}", kind=kind, parent=names[k], axis=axis, limit=limit
+            )
+            for k, (name, (kind, axis, limit)) in enumerate(
+                zip(names[1:], self.joints, strict=True)
+            )
         )
         body = "\n".join((_HULL, *booms, _TOOL.format(parent=names[-1]), self.more))
         (folder / "robot.urdf").write_text(f"<robot name='tiny'>{body}</robot>", encoding="utf-8")
@@ -69,8 +75,15 @@ class Tiny:
             for k, (x, y, z, u, v, w) in enumerate(self.thrusters)
         )
         bounds = "[0.8, 0.5, 0.5, 0.6, 0.6, 0.6]"
-        vehicle = f"vehicle_limits: {{velocity: {bounds}, acceleration: {bounds}}}\n" if self.limited else ""
-        text = f"base: {self.base}\naltimeter: base_link\n{vehicle}links: {links}\nthrusters: {thrusters or '[]'}\n"
+        vehicle = (
+            f"vehicle_limits: {{velocity: {bounds}, acceleration: {bounds}}}\n"
+            if self.limited
+            else ""
+        )
+        text = (
+            f"base: {self.base}\naltimeter: base_link\n{vehicle}links: {links}\nthrusters:"
+            f" {thrusters or '[]'}\n"
+        )
         (folder / "hydrodynamics.yaml").write_text(text, encoding="utf-8")
         return folder
 
@@ -102,7 +115,8 @@ TINY = {
 OPEN = Tiny(joints=tuple(("continuous", axis, "") for axis in ("0 0 1", "0 1 0")))
 """Without limits of joints."""
 RIGID = Tiny(base="fixed", thrusters=(), limited=False, joints=())
-WEIGHTLESS, STANDING = Tiny(more=_PROPELLER), Tiny(more=_STAND)
+WEIGHTLESS = Tiny(more=_PROPELLER)
+STANDING = Tiny(more=_STAND)
 
 
 @cache
@@ -113,15 +127,24 @@ def robot_of(tiny: Tiny) -> Robot:
 
 
 def scenario_of(robot: Robot, plant: str, duration: float = 0.1, depth: float = 5.0) -> Scenario:
-    """A vehicle to a place, its tool to another, its arm stowed: as far as there are vehicle and arm."""
+    """A vehicle to a place, its tool to another, its arm stowed: as far as there are vehicle and
+    arm.
+    """
     vehicle = [VehiclePose(goal=pose_at((0.5, 0.0, -depth)))] if robot.n_vehicle else []
     arm = [Manipulability()] if robot.n_joints else []
     tasks = [JointLimits(), *vehicle, *arm, ToolPosition(goal=pose_at((1.0, 0.1, -5.0)))]
     tasks.append(JointTracking(joints=robot.joint_names, goal=robot.home))
-    reached = Transition(to=DONE, when=(Below(quantity="PC.position_error" if vehicle else "TP.position_error", limit=0.01),))
-    phase = Phase(name="A", activations=activate(*(task.name for task in tasks)), transitions=(reached,))
+    reached = Transition(
+        to=DONE,
+        when=(Below(quantity="PC.position_error" if vehicle else "TP.position_error", limit=0.01),),
+    )
+    phase = Phase(
+        name="A", activations=activate(*(task.name for task in tasks)), transitions=(reached,)
+    )
     mission = mission_of(robot, tasks, (phase,))
-    start = robot.configuration(position=(0.0, 0.0, -5.0)) if robot.n_vehicle else robot.configuration()
+    start = (
+        robot.configuration(position=(0.0, 0.0, -5.0)) if robot.n_vehicle else robot.configuration()
+    )
     return Scenario(
         name="tiny",
         robot=robot,

@@ -1,13 +1,15 @@
 """Task-priority planning and optimal control of underwater vehicle-manipulator systems.
 
-Public names and subpackages, each loaded when it is first asked for (``__init__.pyi`` lists them); notation and frames:
-`uvms_ocp.robot.spatial`.
+Public names and subpackages, each loaded when it is first asked for (``__init__.pyi`` lists them);
+notation and frames: `uvms_ocp.robot.spatial`.
 """
 
 import lazy_loader
 
 _load, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)
-_RENAMED = {"scenarios": "scenario"}  # campaigns keep the missions that they were begun with, and run them again
+_RENAMED = {
+    "scenarios": "scenario"
+}  # campaigns keep the missions that they were begun with, and run them again
 
 
 def __getattr__(name: str) -> object:

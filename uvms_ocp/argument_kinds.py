@@ -1,4 +1,6 @@
-"""Kinds of argument, read from annotations: numbers, words, arrays, paths, values of a class, and what is composed of these."""
+"""Kinds of argument, read from annotations: numbers, words, arrays, paths, values of a class, and
+what is composed of these.
+"""
 
 from __future__ import annotations
 
@@ -20,7 +22,10 @@ from uvms_ocp.types import Range, Shape, frozen_mapping, read_only
 
 _LARGEST = 2**63 - 1  # whole number that NumPy, C and files of ours can hold
 _REAL = ("numbers", "biuf")
-_OF_TYPE: dict[type | None, tuple[str, str]] = {np.bool_: ("truth values", "b"), np.intp: ("whole numbers", "iu")}
+_OF_TYPE: dict[type | None, tuple[str, str]] = {
+    np.bool_: ("truth values", "b"),
+    np.intp: ("whole numbers", "iu"),
+}
 """Contents of arrays, in words and as NumPy's letters."""
 
 
@@ -34,7 +39,9 @@ class _Violation(NamedTuple):
 
 @dataclass(frozen=True)
 class Kind:
-    """A value of which a test holds, and whose parts are of kinds of their own; by default anything."""
+    """A value of which a test holds, and whose parts are of kinds of their own; by default
+    anything.
+    """
 
     allowed: str = "a value"
     """In words."""
@@ -68,7 +75,9 @@ class Kind:
         return self
 
     def converted(self, value: Any, keep: bool) -> Any:
-        """Return the value as a function gets it, or as a frozen dataclass keeps it, where nobody can change it later."""
+        """Return the value as a function gets it, or as a frozen dataclass keeps it, where nobody
+        can change it later.
+        """
         return value
 
 
@@ -84,7 +93,9 @@ class _Pose(Kind):
 
 @dataclass(frozen=True)
 class _Number(Kind):
-    """A real number; NaN and infinity too unless a range says otherwise, since who asks for it often knows better why."""
+    """A real number; NaN and infinity too unless a range says otherwise, since who asks for it
+    often knows better why.
+    """
 
     inside: Range | None = None
     converts = True
@@ -115,14 +126,18 @@ class _Whole(Kind):
     def wrong(self, place: str, value: Any) -> _Violation:
         if not self._is_inside(value):
             return super().wrong(place, value)
-        return _Violation(place, f"is {short(value)}", f"{self.allowed}, of at most {_LARGEST} in size")
+        return _Violation(
+            place, f"is {short(value)}", f"{self.allowed}, of at most {_LARGEST} in size"
+        )
 
     def _is_inside(self, value: Any) -> bool:
         try:
             number = operator.index(value)
         except TypeError:
             return False
-        return not isinstance(value, (bool, np.bool_)) and (self.inside is None or self.inside.holds(number))
+        return not isinstance(value, (bool, np.bool_)) and (
+            self.inside is None or self.inside.holds(number)
+        )
 
 
 @dataclass(frozen=True)
@@ -144,7 +159,11 @@ class _Numbers(Kind):
             return False
         if array.size and array.dtype.kind not in _OF_TYPE.get(self.dtype, _REAL)[1]:
             return False
-        return self.inside is None or not array.size or all(map(self.inside.holds, (array.min(), array.max())))
+        return (
+            self.inside is None
+            or not array.size
+            or all(map(self.inside.holds, (array.min(), array.max())))
+        )
 
     def wrong(self, place: str, value: Any) -> _Violation:
         array = _array(value)
@@ -193,7 +212,9 @@ class _Either(Kind):
     def wrong(self, place: str, value: Any) -> _Violation:
         # An alternative that finds its fault deep inside was the one that was meant.
         found = [kind.wrong(place, value) for kind in self.kinds]
-        deeper = [fault for fault in found if fault.place != place or not fault.found.startswith("=")]
+        deeper = [
+            fault for fault in found if fault.place != place or not fault.found.startswith("=")
+        ]
         return deeper[0] if deeper else super().wrong(place, value)
 
     def among(self, value: Any) -> Kind:
@@ -212,14 +233,23 @@ class _Items(Kind):
 
     @property
     def converts(self) -> bool:
-        return self.kind.converts or self.holder in (Sequence, list, tuple)  # a frozen value keeps a tuple
+        return self.kind.converts or self.holder in (
+            Sequence,
+            list,
+            tuple,
+        )  # a frozen value keeps a tuple
 
     def fits(self, value: Any) -> bool:
         if isinstance(value, (str, bytes)):
             return False
-        numbers = isinstance(self.kind, (_Number, _Whole, _Numbers)) and self.holder in (Sequence, Iterable)
+        numbers = isinstance(self.kind, (_Number, _Whole, _Numbers)) and self.holder in (
+            Sequence,
+            Iterable,
+        )
         holders = (tuple, list) if self.holder is tuple else self.holder
-        return isinstance(value, holders) or (numbers and isinstance(value, np.ndarray) and value.ndim > 0)
+        return isinstance(value, holders) or (
+            numbers and isinstance(value, np.ndarray) and value.ndim > 0
+        )
 
     def parts(self, place: str, value: Any) -> Iterable[tuple[str, Kind, Any]]:
         if isinstance(value, (Sequence, np.ndarray, set, frozenset)):
@@ -227,8 +257,12 @@ class _Items(Kind):
 
     def converted(self, value: Any, keep: bool) -> Any:
         keep = keep or (self.holder is tuple and isinstance(value, list))
-        if (keep and isinstance(value, (tuple, list))) or (self.kind.converts and type(value) in (tuple, list)):
-            return (tuple if keep else type(value))(self.kind.converted(item, keep) for item in value)
+        if (keep and isinstance(value, (tuple, list))) or (
+            self.kind.converts and type(value) in (tuple, list)
+        ):
+            return (tuple if keep else type(value))(
+                self.kind.converted(item, keep) for item in value
+            )
         return value
 
 
@@ -245,11 +279,16 @@ class _Several(Kind):
         return (isinstance(value, tuple) or other) and len(value) == len(self.kinds)
 
     def parts(self, place: str, value: Any) -> Iterable[tuple[str, Kind, Any]]:
-        return ((f"{place}[{i}]", kind, item) for i, (kind, item) in enumerate(zip(self.kinds, value, strict=True)))
+        return (
+            (f"{place}[{i}]", kind, item)
+            for i, (kind, item) in enumerate(zip(self.kinds, value, strict=True))
+        )
 
     def converted(self, value: Any, keep: bool) -> Any:
         if keep:
-            return tuple(kind.converted(item, keep) for kind, item in zip(self.kinds, value, strict=True))
+            return tuple(
+                kind.converted(item, keep) for kind, item in zip(self.kinds, value, strict=True)
+            )
         return value if isinstance(value, tuple) else tuple(value)
 
 
@@ -269,7 +308,11 @@ class _Table(Kind):
     def converted(self, value: Any, keep: bool) -> Any:
         if not keep:
             return value
-        return frozen_mapping({k: self.item.converted(item, keep) for k, item in value.items()} if self.item.converts else value)
+        return frozen_mapping(
+            {k: self.item.converted(item, keep) for k, item in value.items()}
+            if self.item.converts
+            else value
+        )
 
 
 @dataclass(frozen=True)
@@ -290,7 +333,11 @@ def _is_a(*classes: type) -> Callable[[Any], bool]:
 
 
 def _is_path(*classes: type) -> Callable[[Any], bool]:
-    return lambda value: isinstance(value, classes) and str(value) != "" and all(letter >= " " for letter in str(value))
+    return lambda value: (
+        isinstance(value, classes)
+        and str(value) != ""
+        and all(letter >= " " for letter in str(value))
+    )
 
 
 _PATH = "a path without control characters"
@@ -304,8 +351,11 @@ _PLAIN_KINDS: dict[Any, Kind] = {
 
 
 def kinds_of(function: Callable[..., Any], owner: type | None = None) -> dict[str, Kind]:
-    """Return the kind of each parameter, by name; `owner` is the class of which `function` is the constructor."""
-    # The annotations of fields that are inherited are read where they stand, not where the constructor was made.
+    """Return the kind of each parameter, by name; `owner` is the class of which `function` is the
+    constructor.
+    """
+    # The annotations of fields that are inherited are read where they stand, not where the
+    # constructor was made.
     generated = function.__code__.co_filename == "<string>"
     hints = _hints(owner if owner is not None and generated else function)
     own = inspect.signature(function).parameters
@@ -315,7 +365,9 @@ def kinds_of(function: Callable[..., Any], owner: type | None = None) -> dict[st
 
 
 def _kind_of(annotation: Any) -> Kind:
-    """Return the kind of value that this annotation allows; anything, where the annotation says nothing that can be checked."""
+    """Return the kind of value that this annotation allows; anything, where the annotation says
+    nothing that can be checked.
+    """
     if annotation in _PLAIN_KINDS:
         return _PLAIN_KINDS[annotation]
     if annotation is ArrayLike:
@@ -329,7 +381,9 @@ def _kind_of(annotation: Any) -> Kind:
         return _either(annotation.__constraints__)
     if origin is Literal:
         known = _is_a(str, int, bytes, type(None))
-        return Kind(" or ".join(map(repr, arguments)), lambda value: known(value) and value in arguments)
+        return Kind(
+            " or ".join(map(repr, arguments)), lambda value: known(value) and value in arguments
+        )
     if origin is not None:
         return _generic(origin, arguments)
     return _kind_of_class(annotation) if isinstance(annotation, type) else Kind()
@@ -356,7 +410,11 @@ def _annotated(base: Any, *extras: object) -> Kind:
         return _numbers(shape=shape, inside=inside)
     if isinstance(kind, _Numbers):
         return _numbers(dtype=kind.dtype, plain=kind.plain, shape=shape, inside=inside)
-    return type(kind)(f"{kind.allowed}{inside or ''}", inside=inside) if isinstance(kind, (_Number, _Whole)) else kind
+    return (
+        type(kind)(f"{kind.allowed}{inside or ''}", inside=inside)
+        if isinstance(kind, (_Number, _Whole))
+        else kind
+    )
 
 
 def _either(arguments: tuple[Any, ...]) -> Kind:
@@ -364,7 +422,9 @@ def _either(arguments: tuple[Any, ...]) -> Kind:
     if {Path, str} <= set(arguments):
         arguments = tuple(a for a in arguments if a not in (Path, str))
         found.append(Kind(_PATH, _is_path(Path, str)))
-    if set(arguments) >= _ARRAY_LIKE:  # a union of unions is flat: what numpy calls array-like has come apart
+    if (
+        set(arguments) >= _ARRAY_LIKE
+    ):  # a union of unions is flat: what numpy calls array-like has come apart
         arguments = tuple(a for a in arguments if a not in _ARRAY_LIKE)
         found.append(_numbers())
     found += map(_kind_of, arguments)
@@ -382,7 +442,10 @@ def _generic(origin: Any, arguments: tuple[Any, ...]) -> Kind:
         return _Several(f"({', '.join(kind.allowed for kind in kinds)})", kinds=kinds)
     if origin is Callable:
         n = len(arguments[0]) if isinstance(arguments[0], list) else None
-        return Kind("a function" + ("" if n is None else f" of {n} arguments"), lambda value: _is_function(value, n))
+        return Kind(
+            "a function" + ("" if n is None else f" of {n} arguments"),
+            lambda value: _is_function(value, n),
+        )
     if not isinstance(origin, type):
         return Kind()
     if issubclass(origin, Mapping):
@@ -396,13 +459,17 @@ def _generic(origin: Any, arguments: tuple[Any, ...]) -> Kind:
         return _kind_of_class(origin)
     # A generic dataclass, whose fields are what its parameters stand for.
     meant = dict(zip(origin.__parameters__, arguments, strict=True))  # type: ignore[attr-defined]
-    parts = [(name, _kind_of(meant[hint])) for name, hint in _hints(origin).items() if hint in meant]
+    parts = [
+        (name, _kind_of(meant[hint])) for name, hint in _hints(origin).items() if hint in meant
+    ]
     inner = " and ".join(f"`{name}` is {kind.allowed}" for name, kind in parts)
     return _Filled(f"a {origin.__name__} of which {inner}", _is_a(origin), tuple(parts))
 
 
 def _is_function(value: Any, n_arguments: int | None) -> bool:
-    """Return whether it can be called, with so many arguments as far as its signature can be read."""
+    """Return whether it can be called, with so many arguments as far as its signature can be
+    read.
+    """
     if not callable(value):
         return False
     try:
@@ -421,20 +488,31 @@ def _kind_of_class(cls: type) -> Kind:
         return _Number("a number") if cls is float else _Whole("a whole number")
     if getattr(cls, "_is_protocol", False):
         parents = [base for base in cls.__mro__ if getattr(base, "_is_protocol", False)]
-        found = dict.fromkeys(name for base in parents for name in (*vars(base), *inspect.get_annotations(base)))
+        found = dict.fromkeys(
+            name for base in parents for name in (*vars(base), *inspect.get_annotations(base))
+        )
         names = [name for name in found if not name.startswith("_") or name == "__call__"]
         return Kind(
             f"a value with the methods of {cls.__name__} ({', '.join(names)})",
-            lambda value: not isinstance(value, type) and all(hasattr(value, name) for name in names),
+            lambda value: (
+                not isinstance(value, type) and all(hasattr(value, name) for name in names)
+            ),
         )
     if issubclass(cls, Mapping):
         return _Table("a mapping", _is_a(Mapping))
     if cls is Callable:
         return Kind("a function", callable)
-    if hasattr(cls, "homogeneous"):  # the pose of Pinocchio, which whoever reads records or solves levels does without
+    if hasattr(
+        cls, "homogeneous"
+    ):  # the pose of Pinocchio, which whoever reads records or solves levels does without
         return _Pose(
             "a pinocchio.SE3 of finite numbers (uvms_ocp.pose_at makes one)",
             lambda value: isinstance(value, cls) and bool(np.isfinite(value.homogeneous).all()),
         )
     name = cls.__name__
-    return Kind({"str": "a string", "NoneType": "None"}.get(name, f"{'an' if name[0] in 'AEIOU' else 'a'} {name}"), _is_a(cls))
+    return Kind(
+        {"str": "a string", "NoneType": "None"}.get(
+            name, f"{'an' if name[0] in 'AEIOU' else 'a'} {name}"
+        ),
+        _is_a(cls),
+    )

@@ -1,4 +1,6 @@
-"""Check arguments by the annotations of their functions, before the call or once it has failed, or leave the check out."""
+"""Check arguments by the annotations of their functions, before the call or once it has failed, or
+leave the check out.
+"""
 
 from __future__ import annotations
 
@@ -27,12 +29,16 @@ def finite_array(what: str, values: ArrayLike, shape: tuple[int, ...]) -> np.nda
     try:
         array = np.array(values, dtype=float)
     except (TypeError, ValueError):
-        raise InvalidInput(f"{what}: given {short(values)}; allowed: finite numbers of shape {shape}") from None
+        raise InvalidInput(
+            f"{what}: given {short(values)}; allowed: finite numbers of shape {shape}"
+        ) from None
     if array.shape != shape:
         raise InvalidInput(f"{what} has shape {array.shape}; allowed: {shape}, finite numbers")
     if not np.isfinite(array).all():
         where = np.flatnonzero(~np.isfinite(array)).tolist()
-        raise InvalidInput(f"{what} has NaN or infinite entries at {where}; allowed: finite numbers")
+        raise InvalidInput(
+            f"{what} has NaN or infinite entries at {where}; allowed: finite numbers"
+        )
     array.flags.writeable = False
     return array
 
@@ -46,37 +52,45 @@ _NAMING = (("name", ""), ("to", "to "))
 
 
 def checked(thing: _T) -> _T:
-    """A function or class whose arguments are looked at before every call: of a class, constructor and public methods.
+    """A function or class whose arguments are looked at before every call: of a class, constructor
+    and public methods.
 
-    A frozen dataclass keeps copies of arrays and mappings that can no longer be written to. A function gets an array where
-    its annotation asks for one. Wrong arguments raise `InvalidInput`, in one line that names the argument, and of a
-    constructor the value, by its argument `name` or `to`; a name that no argument has raises `ArgumentNotFound`, with the
-    nearest.
+    A frozen dataclass keeps copies of arrays and mappings that can no longer be written to. A
+    function gets an array where its annotation asks for one. Wrong arguments raise `InvalidInput`,
+    in one line that names the argument, and of a constructor the value, by its argument `name` or
+    `to`; a name that no argument has raises `ArgumentNotFound`, with the nearest.
     """
     return _checked_class(thing) if isinstance(thing, type) else _before(thing, None)
 
 
 def checked_on_failure(thing: _T) -> _T:
-    """A function or class whose arguments are looked at only once a call has failed, for what runs at every tick.
+    """A function or class whose arguments are looked at only once a call has failed, for what runs
+    at every tick.
 
-    Of numbers, words and arrays the class is looked at before the call, with the range of numbers and the axes of arrays.
-    A right call costs a fraction of a microsecond more: leave values that refuse nothing as they are. Where no argument is
-    wrong the failure is passed on as it is. On a method of a `checked` class it makes this method late, and what overrides it.
+    Of numbers, words and arrays the class is looked at before the call, with the range of numbers
+    and the axes of arrays. A right call costs a fraction of a microsecond more: leave values that
+    refuse nothing as they are. Where no argument is wrong the failure is passed on as it is. On a
+    method of a `checked` class it makes this method late, and what overrides it.
     """
     if isinstance(thing, type):
         return _checked_class(thing, late_constructor=True, late_methods=True)
     setattr(thing, _LATE, True)
-    return thing if "." in thing.__qualname__.rpartition("<locals>.")[2] else _after(thing, None)  # a method
+    return (
+        thing if "." in thing.__qualname__.rpartition("<locals>.")[2] else _after(thing, None)
+    )  # a method
 
 
 def checked_constructor(cls: _T) -> _T:
-    """A class whose constructor is `checked` and whose methods, which run at every tick, are `checked_on_failure`."""
+    """A class whose constructor is `checked` and whose methods, which run at every tick, are
+    `checked_on_failure`.
+    """
     return _checked_class(cls, late_methods=True)
 
 
 @dataclass_transform(kw_only_default=True, frozen_default=True, field_specifiers=(field,))
 def checked_dataclass(check: Callable[[Any], Any] = checked, **options: bool) -> Callable[[_T], _T]:
-    """Make a frozen dataclass, keyword-only and with slots but where `options` of `dataclass` say otherwise.
+    """Make a frozen dataclass, keyword-only and with slots but where `options` of `dataclass` say
+    otherwise.
 
     check: its decorator, another one where its methods or all of it are looked at late.
     """
@@ -91,7 +105,10 @@ def _checked_class(cls: Any, *, late_constructor: bool = False, late_methods: bo
         kind = type(member) if isinstance(member, (staticmethod, classmethod)) else None
         function = member.__func__ if kind else member
         if inspect.isfunction(function) and _takes_arguments(function):
-            late = late_methods or any(getattr(one, _LATE, False) for one in (function, getattr(super(cls, cls), name, None)))
+            late = late_methods or any(
+                getattr(one, _LATE, False)
+                for one in (function, getattr(super(cls, cls), name, None))
+            )
             after = late_constructor if name == "__init__" else late
             wrapped = (_after if after else _before)(function, cls)
             setattr(cls, name, kind(wrapped) if kind else wrapped)
@@ -105,10 +122,13 @@ def _takes_arguments(function: Callable[..., Any]) -> bool:
 
 
 class _Arguments:
-    """The arguments of one function: their kinds are read from its annotations when first needed."""
+    """The arguments of one function: their kinds are read from its annotations when first
+    needed.
+    """
 
     def __init__(self, function: Callable[..., Any], owner: type | None) -> None:
-        self._function, constructor = function, owner is not None and function.__name__ == "__init__"
+        self._function = function
+        constructor = owner is not None and function.__name__ == "__init__"
         self._class = owner if constructor else None
         self.title = self._class.__name__ if self._class else function.__qualname__
 
@@ -118,13 +138,19 @@ class _Arguments:
 
     @cached_property
     def _by_place(self) -> tuple[str, ...]:
-        return tuple(n for n, p in self._parameters.items() if p.kind in (p.POSITIONAL_ONLY, p.POSITIONAL_OR_KEYWORD))
+        return tuple(
+            n
+            for n, p in self._parameters.items()
+            if p.kind in (p.POSITIONAL_ONLY, p.POSITIONAL_OR_KEYWORD)
+        )
 
     @cached_property
     def _kinds(self) -> dict[str, Kind]:
         starred = (inspect.Parameter.VAR_POSITIONAL, inspect.Parameter.VAR_KEYWORD)
         kinds = kinds_of(self._function, self._class)
-        return {name: kind for name, kind in kinds.items() if self._parameters[name].kind not in starred}
+        return {
+            name: kind for name, kind in kinds.items() if self._parameters[name].kind not in starred
+        }
 
     @cached_property
     def _names(self) -> Mapping[str, Any] | None:
@@ -143,38 +169,62 @@ class _Arguments:
         return frozenset(name for name, kind in self._kinds.items() if kind.converts)
 
     def check(self, args: tuple[Any, ...], kwargs: dict[str, Any]) -> None:
-        """Raise `InvalidInput` for a wrong argument, and `ArgumentNotFound` for a name that none has."""
+        """Raise `InvalidInput` for a wrong argument, and `ArgumentNotFound` for a name that none
+        has.
+        """
         if self._names is not None and not kwargs.keys() <= self._names.keys():
             unknown = next(name for name in kwargs if name not in self._names)
-            raise ArgumentNotFound(self.title, unknown, [name for name in self._names if name != "self"])
+            raise ArgumentNotFound(
+                self.title, unknown, [name for name in self._names if name != "self"]
+            )
         given = dict(zip(self._by_place, args, strict=False)) | kwargs
         for name, value in given.items():
             kind = self._kinds.get(name)
-            if kind is not None and not kind.holds(value) and value is not self._parameters[name].default:
+            if (
+                kind is not None
+                and not kind.holds(value)
+                and value is not self._parameters[name].default
+            ):
                 place, found, allowed = kind.wrong(name, value)
-                raise InvalidInput(f"{self._called(given)}: {' '.join(f'{place} {found}; give {allowed}'.split())}")
+                raise InvalidInput(
+                    f"{self._called(given)}: {' '.join(f'{place} {found}; give {allowed}'.split())}"
+                )
         if self._shaped:
             self._check_shapes(given)
 
     def _called(self, given: Mapping[str, Any]) -> str:
-        """The title, of a constructor with the name that it was given: ``Phase 'A'``, ``Transition to 'B'``."""
-        names = [f" {word}{short(given[key])}" for key, word in _NAMING if isinstance(given.get(key), str)]
+        """The title, of a constructor with the name that it was given: ``Phase 'A'``, ``Transition
+        to 'B'``.
+        """
+        names = [
+            f" {word}{short(given[key])}"
+            for key, word in _NAMING
+            if isinstance(given.get(key), str)
+        ]
         return "".join([self.title, *names[:1]] if self._class else [self.title])
 
     def _check_shapes(self, given: Mapping[str, Any]) -> None:
-        lengths, givers = dict(given), dict[str, str]()
+        lengths = dict(given)
+        givers = dict[str, str]()
         for name, value in given.items():
             shape = self._kinds[name].among(value).shape if name in self._shaped else None
             if shape is not None:
                 exact = shape.among(lengths)
                 if not exact.holds(value):
-                    others = dict.fromkeys(givers[length] for length in shape.names if length in givers)
+                    others = dict.fromkeys(
+                        givers[length] for length in shape.names if length in givers
+                    )
                     fits = f" to go with {' and '.join(others)}" if others else ""
-                    raise InvalidInput(f"{self._called(given)}: {name} has shape {np.shape(value)}; give {exact}{fits}")
+                    raise InvalidInput(
+                        f"{self._called(given)}: {name} has shape {np.shape(value)}; give"
+                        f" {exact}{fits}"
+                    )
                 lengths |= exact.named(value)
                 givers |= dict.fromkeys(exact.named(value), name)
 
-    def converted(self, args: tuple[Any, ...], kwargs: dict[str, Any], keep: bool) -> tuple[tuple[Any, ...], Any]:
+    def converted(
+        self, args: tuple[Any, ...], kwargs: dict[str, Any], keep: bool
+    ) -> tuple[tuple[Any, ...], Any]:
         """The arguments as the function gets them, or as a frozen value keeps them."""
         if not self._converting:
             return args, kwargs
@@ -183,7 +233,9 @@ class _Arguments:
             return self._kinds[name].converted(value, keep) if name in self._converting else value
 
         first = tuple(map(convert, self._by_place, args))
-        return first + args[len(first) :], {name: convert(name, value) for name, value in kwargs.items()}
+        return first + args[len(first) :], {
+            name: convert(name, value) for name, value in kwargs.items()
+        }
 
 
 def _before(function: Any, owner: type | None) -> Any:
@@ -206,22 +258,36 @@ def _after(function: Any, owner: type | None) -> Any:
     def explain(*args: Any, **kwargs: Any) -> None:
         arguments.check(args, kwargs)
 
-    # Written out with the parameters of the function, it costs a tenth of what *args and **kwargs do.
-    # A constructor says best itself what is wrong; what a method passes on names the arguments of another call.
+    # Written out with the parameters of the function, it costs a tenth of what *args and **kwargs
+    # do. A constructor says best itself what is wrong; what a method passes on names the arguments
+    # of another call.
     passed_on = UvmsError if function.__name__ == "__init__" else ()
     declared, passed, defaults = _parameters_of(function)
-    space = {"_function": function, "_explain": explain, "_passed_on": passed_on, **defaults, **_CLASSES}
+    space = {
+        "_function": function,
+        "_explain": explain,
+        "_passed_on": passed_on,
+        **defaults,
+        **_CLASSES,
+    }
     exec(_AFTER.format(declared=declared, passed=passed, doubt=_doubt(function)), space)
     return wraps(function)(space["_call"])
 
 
 def _doubt(function: Callable[..., Any]) -> str:
-    """Source that is true where a plain argument may be wrong: a call that does not read one would not fail."""
+    """Source that is true where a plain argument may be wrong: a call that does not read one would
+    not fail.
+    """
     doubts = []
     for name, word in function.__annotations__.items():
-        plain, extras = _plain(word, function.__globals__) if isinstance(word, str) and name != "return" else ("", ())
+        plain, extras = (
+            _plain(word, function.__globals__)
+            if isinstance(word, str) and name != "return"
+            else ("", ())
+        )
         if plain in _CHECKED_BY_CLASS:
-            # The one class that is nearly always found is asked for by itself: that takes half the time.
+            # The one class that is nearly always found is asked for by itself: that takes half the
+            # time.
             usual, _ = _CHECKED_BY_CLASS[plain]
             doubts.append(f"(type({name}) is not {usual} and type({name}) not in {usual}s)")
             kind = Shape if plain == "np.ndarray" else Range
@@ -230,7 +296,9 @@ def _doubt(function: Callable[..., Any]) -> str:
 
 
 def _plain(word: str, scope: dict[str, Any]) -> tuple[str, tuple[Any, ...]]:
-    """The class that an annotation names, and what it says beyond that where it is, or stands for, an `Annotated`."""
+    """The class that an annotation names, and what it says beyond that where it is, or stands for,
+    an `Annotated`.
+    """
     module, _, name = word.rpartition(".")
     named = getattr(scope.get(module), name, None) if module else scope.get(word)
     thing = eval(word, scope) if word.startswith("Annotated[") and word.endswith("]") else named
@@ -248,7 +316,9 @@ _CHECKED_BY_CLASS: dict[str, tuple[str, tuple[type, ...]]] = {
     "str": ("_str", (str,)),
     "np.ndarray": ("_array", (np.ndarray,)),
 }
-"""Annotations that are checked by class: what sources call the usual class, and with an s all that will do."""
+"""Annotations that are checked by class: what sources call the usual class, and with an s all that
+will do.
+"""
 _CLASSES: dict[str, Any] = {"_inf": np.inf}
 for _usual, _known in _CHECKED_BY_CLASS.values():
     _CLASSES |= {_usual: _known[0], f"{_usual}s": _known}
@@ -266,12 +336,20 @@ def _call({declared}):
 """
 
 
-_MARKS: dict[Any, str] = {inspect.Parameter.VAR_POSITIONAL: "*", inspect.Parameter.VAR_KEYWORD: "**"}
+_MARKS: dict[Any, str] = {
+    inspect.Parameter.VAR_POSITIONAL: "*",
+    inspect.Parameter.VAR_KEYWORD: "**",
+}
 
 
 def _parameters_of(function: Callable[..., Any]) -> tuple[str, str, dict[str, Any]]:
-    """The parameters of a function as they are declared and as they are passed on, and their defaults."""
-    declared, passed, defaults, starred = [], [], {}, False
+    """The parameters of a function as they are declared and as they are passed on, and their
+    defaults.
+    """
+    declared = []
+    passed = []
+    defaults = {}
+    starred = False
     for name, parameter in inspect.signature(function).parameters.items():
         by_name = parameter.kind is parameter.KEYWORD_ONLY
         mark = _MARKS.get(parameter.kind, "")
@@ -306,7 +384,8 @@ def _made({declared}):
 
 
 def unchecked_constructor(cls: Callable[_P, _V]) -> Callable[_P, _V]:
-    """The constructor of a `checked` class without the check, for who makes a value at every tick of what is known to fit.
+    """The constructor of a `checked` class without the check, for who makes a value at every tick
+    of what is known to fit.
 
     Nothing is copied: the arrays belong to the value from then on.
     """
@@ -334,26 +413,39 @@ def _is_plain(cls: Any) -> bool:
 
 
 def _open(cls: Any) -> type:
-    """The class as one whose fields can be written to: a third of the time that a frozen constructor takes."""
-    writable = {"__slots__": (), "__setattr__": object.__setattr__, "__delattr__": object.__delattr__}
+    """The class as one whose fields can be written to: a third of the time that a frozen
+    constructor takes.
+    """
+    writable = {
+        "__slots__": (),
+        "__setattr__": object.__setattr__,
+        "__delattr__": object.__delattr__,
+    }
     return type(cls)(f"_Open{cls.__name__}", (cls,), writable)
 
 
 def _field(f: Field[Any]) -> str:
     """Source of its value."""
     name = f.name
-    return name if f.default_factory is MISSING else f"_make_{name}() if {name} is _default_{name} else {name}"
+    return (
+        name
+        if f.default_factory is MISSING
+        else f"_make_{name}() if {name} is _default_{name} else {name}"
+    )
 
 
 def replace_unchecked(value: _V, /, **changes: Any) -> _V:
-    """A frozen value with other values of some fields, as `dataclasses.replace`, but made as by `trusted`."""
+    """A frozen value with other values of some fields, as `dataclasses.replace`, but made as by
+    `trusted`.
+    """
     return _changing(type(value))(value, changes)  # type: ignore[arg-type]
 
 
 @cache
 def _changing(cls: Any) -> Callable[[Any, Mapping[str, Any]], Any]:
     """`changed` of one class."""
-    names, made = [f.name for f in fields(cls) if f.init], unchecked_constructor(cls)
+    names = [f.name for f in fields(cls) if f.init]
+    made = unchecked_constructor(cls)
     kept = ", ".join(f"{name}=_changes.get({name!r}, _value.{name})" for name in names)
     space = {"_made": made, "_names": frozenset(names)}
     exec(_CHANGED.format(kept=kept), space)
@@ -361,6 +453,8 @@ def _changing(cls: Any) -> Callable[[Any, Mapping[str, Any]], Any]:
 
 
 def unchecked_method(method: Callable[_P, _V]) -> Callable[_P, _V]:
-    """A method of a value without the look at its arguments, for a loop whose caller has been looked at."""
+    """A method of a value without the look at its arguments, for a loop whose caller has been
+    looked at.
+    """
     bare = getattr(method, "__wrapped__", None)
     return method if bare is None else MethodType(bare, method.__self__)  # type: ignore[attr-defined]

@@ -1,6 +1,8 @@
-"""Exceptions, and outcomes that come with advice: misuse raises, a numerical result is an `AdvisedStatus`.
+"""Exceptions, and outcomes that come with advice: misuse raises, a numerical result is an
+`AdvisedStatus`.
 
-Each message is one line: what was given, what is allowed, what to do. `plain_line` makes one of any text.
+Each message is one line: what was given, what is allowed, what to do. `plain_line` makes one of any
+text.
 """
 
 from __future__ import annotations
@@ -16,7 +18,8 @@ from typing import Any, TypeVar
 
 # Exceptions: misuse raises one of these; a numerical outcome is a ``Status``, never an exception.
 #
-# Each message is one line: what was given, what is allowed, what to do. `plain_line` makes one of any text.
+# Each message is one line: what was given, what is allowed, what to do. `plain_line` makes one of
+# any text.
 
 _MANY = 30  # names that a message lists
 _LONGEST = 900  # characters of the problems of a file that one line holds
@@ -25,13 +28,16 @@ _SHOWN = 60  # characters of a wrong value
 
 
 class UvmsError(Exception):
-    """Base of every exception that uvms_ocp raises on purpose. It can be pickled, whatever its constructor takes."""
+    """Base of every exception that uvms_ocp raises on purpose. It can be pickled, whatever its
+    constructor takes.
+    """
 
     def __str__(self) -> str:
         return " ".join(super().__str__().splitlines())
 
     def __reduce__(self) -> tuple[Any, ...]:
-        # By default an exception is made anew by its constructor, which takes other arguments than the message.
+        # By default an exception is made anew by its constructor, which takes other arguments than
+        # the message.
         default = super().__reduce__()
         return (_again, (type(self), default[1], self.args), *default[2:])
 
@@ -47,11 +53,15 @@ class InvalidInput(UvmsError, ValueError):
 
 
 class NameNotFound(UvmsError, LookupError):
-    """A name that does not exist; the message lists the names that do, or of many the nearest and where all are listed."""
+    """A name that does not exist; the message lists the names that do, or of many the nearest and
+    where all are listed.
+    """
 
     def __init__(self, kind: str, given: str, allowed: Iterable[str], listed: str = "") -> None:
         """listed: what tells all names, such as a command."""
-        self.kind, self.given, self.allowed = kind, given, tuple(allowed)
+        self.kind = kind
+        self.given = given
+        self.allowed = tuple(allowed)
         close = get_close_matches(str(given), self.allowed, n=1)
         hint = f" Did you mean {close[0]!r}?" if close else ""
         if len(self.allowed) <= _MANY:
@@ -60,7 +70,9 @@ class NameNotFound(UvmsError, LookupError):
             return
         near = ", ".join(get_close_matches(str(given), self.allowed, n=_NEAREST, cutoff=0.0))
         where = f"; {listed} lists them" if listed else ""
-        super().__init__(f"unknown {kind} {given!r}.{hint} The nearest of {len(self.allowed)}: {near}{where}.")
+        super().__init__(
+            f"unknown {kind} {given!r}.{hint} The nearest of {len(self.allowed)}: {near}{where}."
+        )
 
 
 def require_known(kind: str, given: str, known: Collection[str]) -> None:
@@ -75,7 +87,12 @@ class FrameNotFound(NameNotFound):
     def __init__(self, given: str, allowed: Iterable[str]) -> None:
         super().__init__("frame", given, allowed)
         if given == "tool":
-            self.args = (f"{self.args[0]} `tool: LINK` in hydrodynamics.yaml names it; a vehicle without arm has none",)
+            self.args = (
+                (
+                    f"{self.args[0]} `tool: LINK` in hydrodynamics.yaml names it; a vehicle without"
+                    " arm has none"
+                ),
+            )
 
 
 class ArgumentNotFound(NameNotFound, TypeError):
@@ -90,7 +107,8 @@ class RobotDataError(InvalidInput):
 
     def __init__(self, path: Path | str, *problems: str) -> None:
         """problems: all that is wrong with the file, so that it is refused once."""
-        self.path, self.problems = Path(path), problems
+        self.path = Path(path)
+        self.problems = problems
         n_shown = max(3, sum(length <= _LONGEST for length in accumulate(map(len, problems))))
         left = [f"{len(problems) - n_shown} more"] if len(problems) > n_shown else []
         super().__init__(f"{path}: {'; and '.join([*problems[:n_shown], *left])}")
@@ -109,11 +127,15 @@ class NotInstalled(UvmsError, ImportError):
     """A package that is optional and not there; the message says how to get it."""
 
     def __init__(self, what: str, package: str) -> None:
-        super().__init__(f"{what} needs the package {package}, which is not installed; pip install {package}")
+        super().__init__(
+            f"{what} needs the package {package}, which is not installed; pip install {package}"
+        )
 
 
 def optional_module(name: str, what: str, package: str) -> Any:
-    """Import a module that only a few calls need. Raises `NotInstalled` without it, which says what needs which package."""
+    """Import a module that only a few calls need. Raises `NotInstalled` without it, which says what
+    needs which package.
+    """
     try:
         return import_module(name)
     except ImportError:
@@ -121,13 +143,19 @@ def optional_module(name: str, what: str, package: str) -> Any:
 
 
 def require_first_reading(what: str) -> None:
-    """Raise SystemExit in a spawned process that still imports the script which started it, and would spawn again by `what`."""
+    """Raise SystemExit in a spawned process that still imports the script which started it, and
+    would spawn again by `what`.
+    """
     if getattr(current_process(), "_inheriting", False):
-        raise SystemExit(f'{what}: its processes read the script again; put the call below if __name__ == "__main__":')
+        raise SystemExit(
+            f"{what}: its processes read the script again; put the call below if __name__ =="
+            ' "__main__":'
+        )
 
 
 def plain_line(text: str, longest: int | None = None) -> str:
-    """A text that holds names of users' own, on one line, without control characters and what no encoding can write.
+    """A text that holds names of users' own, on one line, without control characters and what no
+    encoding can write.
 
     longest: number of characters after which it is cut.
     """
@@ -157,5 +185,6 @@ class AdvisedStatus(Enum):
 
     def __new__(cls: type[_Status], value: str, advice: str) -> _Status:
         status = object.__new__(cls)
-        status._value_, status.advice = value, advice
+        status._value_ = value
+        status.advice = advice
         return status

@@ -1,4 +1,6 @@
-"""Answer Ctrl-C where Python's own answer would be lost, as within CasADi, or leave things half done."""
+"""Answer Ctrl-C where Python's own answer would be lost, as within CasADi, or leave things half
+done.
+"""
 
 from __future__ import annotations
 
@@ -23,7 +25,9 @@ class Stopped(KeyboardInterrupt):
 
 
 class Interrupted(KeyboardInterrupt):
-    """Ctrl-C, or the stop of a notebook's cell, with the `result` so far: the `Record` of a run, the `Plan` of a planner."""
+    """Ctrl-C, or the stop of a notebook's cell, with the `result` so far: the `Record` of a run,
+    the `Plan` of a planner.
+    """
 
     def __init__(self, text: str, result: Any = None) -> None:
         super().__init__(text)
@@ -38,8 +42,8 @@ class Interrupted(KeyboardInterrupt):
 def on_interrupt(answer: Callable[[FrameType | None], object]) -> Iterator[None]:
     """Answer the first Ctrl-C within the block, and pass it on to the blocks around that do so too.
 
-    answer: gets the frame that was interrupted. A second Ctrl-C ends all of these blocks as Python does. Nothing changes in other
-    threads, and where another program answers Ctrl-C.
+    answer: gets the frame that was interrupted. A second Ctrl-C ends all of these blocks as Python
+    does. Nothing changes in other threads, and where another program answers Ctrl-C.
     """
     before = signal.getsignal(signal.SIGINT)
     ours = before is signal.default_int_handler or isinstance(before, _Handler)
@@ -57,7 +61,8 @@ def on_interrupt(answer: Callable[[FrameType | None], object]) -> Iterator[None]
 
 class _Handler:
     def __init__(self, answer: Callable[[FrameType | None], object], before: Any) -> None:
-        self._answer, self._before = answer, before
+        self._answer = answer
+        self._before = before
 
     def __call__(self, number: int, frame: FrameType | None) -> None:
         signal.signal(signal.SIGINT, self._before)
@@ -68,8 +73,8 @@ class _Handler:
 
 @contextmanager
 def raised_outside_casadi() -> Iterator[None]:
-    """Raise `Stopped` for Ctrl-C once CasADi has returned: what is raised within it is lost, as in callbacks of weak references,
-    for which it is raised at the end of the block.
+    """Raise `Stopped` for Ctrl-C once CasADi has returned: what is raised within it is lost, as in
+    callbacks of weak references, for which it is raised at the end of the block.
     """
     presses: list[FrameType | None] = []
 

@@ -1,4 +1,6 @@
-"""Models of what files hold, and what pydantic found wrong in one line: each key with what was given and what is allowed."""
+"""Models of what files hold, and what pydantic found wrong in one line: each key with what was
+given and what is allowed.
+"""
 
 from __future__ import annotations
 
@@ -14,7 +16,9 @@ from pydantic.fields import FieldInfo
 from uvms_ocp.errors import InvalidInput, short
 
 _M = TypeVar("_M", bound=BaseModel)
-_SHOWN, _LONGEST = 3, 200  # mistakes, characters of a key
+# mistakes, characters of a key
+_SHOWN = 3
+_LONGEST = 200
 
 
 class FileModel(BaseModel):
@@ -32,7 +36,9 @@ def one_line(error: ValidationError, model: type[BaseModel]) -> str:
 
 def problems_of(error: ValidationError, model: type[BaseModel]) -> list[str]:
     """All mistakes of a file read as ``model``, each with its key."""
-    return [f"{printable(key)}: {_problem(problem, model)}" for key, problem in _by_key(error).items()]
+    return [
+        f"{printable(key)}: {_problem(problem, model)}" for key, problem in _by_key(error).items()
+    ]
 
 
 def one_line_errors(model: type[_M]) -> type[_M]:
@@ -46,13 +52,16 @@ def one_line_errors(model: type[_M]) -> type[_M]:
         except ValidationError as error:
             raise InvalidInput(f"{model.__name__}: {one_line(error, model)}") from None
 
-    # Set afterwards, so that pydantic does not call it for the parts of a file, of which it tells the place itself.
+    # Set afterwards, so that pydantic does not call it for the parts of a file, of which it tells
+    # the place itself.
     model.__init__ = init  # type: ignore[method-assign, assignment]
     return model
 
 
 def _by_key(error: ValidationError) -> dict[str, Any]:
-    """One problem per key: of the alternatives that a value does not fit, the one that it got furthest with."""
+    """One problem per key: of the alternatives that a value does not fit, the one that it got
+    furthest with.
+    """
     found: dict[str, Any] = {}
     for problem in error.errors(include_url=False):
         key = ".".join(_keys_of(problem)) or "file"
@@ -66,7 +75,8 @@ def _by_key(error: ValidationError) -> dict[str, Any]:
 def _keys_of(problem: Any) -> list[str]:
     """Where it is in the file."""
     location = [str(part) for part in problem["loc"]]
-    # pydantic names the alternative that it tried, in brackets; an unknown key, which comes last, may have some of its own.
+    # pydantic names the alternative that it tried, in brackets; an unknown key, which comes last,
+    # may have some of its own.
     own = location[-1:] if problem["type"] == "extra_forbidden" else []
     return [*(part for part in location[: len(location) - len(own)] if "[" not in part), *own]
 

@@ -16,13 +16,15 @@ _wanted = [True]
 def show_progress(shown: bool = True) -> None:
     """Show bars of runs, campaigns, identification and compilation from now on, or none.
 
-    ``TQDM_DISABLE=1`` in the environment hides them, too. Where output is redirected there are none.
+    ``TQDM_DISABLE=1`` in the environment hides them, too. Where output is redirected there are
+    none.
     """
     _wanted[:] = [shown]
 
 
 def progress_bar(*, shown: bool = True, **given: Any) -> Any:
-    """Return a bar of tqdm, of which nothing stays; disabled unless shown, and where nobody looks. given: see `tqdm.tqdm`.
+    """Return a bar of tqdm, of which nothing stays; disabled unless shown, and where nobody looks.
+    given: see `tqdm.tqdm`.
 
     Beside a display of Rich, which then tells what happens, there is none.
     """
@@ -39,9 +41,12 @@ def progress_bar(*, shown: bool = True, **given: Any) -> Any:
 
 
 class _NoBar:
-    """Stands in for a bar of tqdm where nobody looks, and does nothing, so that tqdm is not imported."""
+    """Stands in for a bar of tqdm where nobody looks, and does nothing, so that tqdm is not
+    imported.
+    """
 
-    disable, n = True, 0.0
+    disable = True
+    n = 0.0
     update = set_postfix = set_description_str = __exit__ = staticmethod(lambda *_, **__: None)
 
     def __enter__(self) -> _NoBar:

@@ -25,7 +25,9 @@ _OF = "length of "  # before the name of a length, so that no argument is meant
 
 @dataclass(frozen=True)
 class Range:
-    """In an annotation: the numbers that are allowed, from `low` to `high`; `open` leaves both ends out. NaN is never inside."""
+    """In an annotation: the numbers that are allowed, from `low` to `high`; `open` leaves both ends
+    out. NaN is never inside.
+    """
 
     low: float = -np.inf
     """[any]"""
@@ -48,13 +50,17 @@ class Range:
             return ", finite" if self.open else ", not NaN"
         if np.isinf(self.high):
             return f" > {self.low:g}, finite" if self.open else f" >= {self.low:g}"
-        return f" {'between' if self.open else 'from'} {self.low:g} {'and' if self.open else 'to'} {self.high:g}"
+        return (
+            f" {'between' if self.open else 'from'} {self.low:g} {'and' if self.open else 'to'}"
+            f" {self.high:g}"
+        )
 
 
 class Shape:
     """In an annotation: the shape of an array, where `...` stands for any axes before the others.
 
-    A name stands for one length throughout a call; one with dots, such as ``self.robot.n_q``, is read from its arguments.
+    A name stands for one length throughout a call; one with dots, such as ``self.robot.n_q``, is
+    read from its arguments.
     """
 
     def __init__(self, *sizes: int | str | types.EllipsisType) -> None:
@@ -66,13 +72,19 @@ class Shape:
 
     def holds(self, value: Any) -> bool:
         """Return whether an array has such a shape."""
-        shape, n = np.shape(value), len(self._sizes)
+        shape = np.shape(value)
+        n = len(self._sizes)
         if len(shape) < n or (len(shape) > n and not self._any_before):
             return False
-        return all(isinstance(size, str) or size == m for size, m in zip(self._sizes, shape[len(shape) - n :], strict=True))
+        return all(
+            isinstance(size, str) or size == m
+            for size, m in zip(self._sizes, shape[len(shape) - n :], strict=True)
+        )
 
     def doubt(self, name: str) -> str:
-        """Source that is true where the array `name` has other axes than the value knows whose method it is."""
+        """Source that is true where the array `name` has other axes than the value knows whose
+        method it is.
+        """
         n = len(self._sizes)
         known = [
             f"{name}.shape[{i - n}] != {size}"
@@ -83,13 +95,19 @@ class Shape:
 
     def among(self, arguments: Mapping[str, object]) -> Shape:
         """The shape with the lengths that the arguments of a call tell."""
-        sizes = [_length(size, arguments) if isinstance(size, str) else size for size in self._sizes]
+        sizes = [
+            _length(size, arguments) if isinstance(size, str) else size for size in self._sizes
+        ]
         return Shape(*([...] if self._any_before else []), *sizes)
 
     def named(self, value: Any) -> dict[str, int]:
         """The lengths that an array of such a shape gives to names."""
         last = np.shape(value)[np.ndim(value) - len(self._sizes) :]
-        return {f"{_OF}{size}": n for size, n in zip(self._sizes, last, strict=True) if isinstance(size, str)}
+        return {
+            f"{_OF}{size}": n
+            for size, n in zip(self._sizes, last, strict=True)
+            if isinstance(size, str)
+        }
 
     @property
     def names(self) -> list[str]:
@@ -149,7 +167,10 @@ class FrozenDict(dict[Any, Any]):
     __slots__ = ()
 
     def _refuse(self, *_: object, **__: object) -> NoReturn:
-        raise TypeError("this mapping is part of a frozen value; make a new one, as by dict(...) or dataclasses.replace")
+        raise TypeError(
+            "this mapping is part of a frozen value; make a new one, as by dict(...) or"
+            " dataclasses.replace"
+        )
 
     __setitem__ = __delitem__ = __ior__ = _refuse
     clear = pop = popitem = setdefault = update = _refuse
@@ -164,9 +185,13 @@ def frozen_mapping(items: Mapping[Any, Any]) -> FrozenDict:
 
 
 def read_only(values: ArrayLike, dtype: type | None = None) -> np.ndarray:
-    """``values`` (...) [any] as an array that neither its holder nor its giver can write to: a copy unless it is one."""
+    """``values`` (...) [any] as an array that neither its holder nor its giver can write to: a copy
+    unless it is one.
+    """
     array = np.asarray(values, dtype=dtype)
-    kept = (base := memory_of(array)) is values or (isinstance(base, bytes | mmap) and memoryview(base).readonly)
+    kept = (base := memory_of(array)) is values or (
+        isinstance(base, bytes | mmap) and memoryview(base).readonly
+    )
     if array.flags.writeable or not kept:
         array = np.array(array)
         array.flags.writeable = False
@@ -174,7 +199,9 @@ def read_only(values: ArrayLike, dtype: type | None = None) -> np.ndarray:
 
 
 def memory_of(array: np.ndarray) -> Any:
-    """Whose memory the values of an array (...) [any] are: another array, itself, bytes, or a mapped file."""
+    """Whose memory the values of an array (...) [any] are: another array, itself, bytes, or a
+    mapped file.
+    """
     base: Any = array
     while isinstance(base, np.ndarray) and base.base is not None:
         base = base.base

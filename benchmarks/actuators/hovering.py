@@ -1,4 +1,5 @@
-"""A vehicle that keeps station in a gusty current, goes to small way points and moves its arm, while actuators fail.
+"""A vehicle that keeps station in a gusty current, goes to small way points and moves its arm,
+while actuators fail.
 
 Or while its tool carries what the controller has to learn.
 """
@@ -39,7 +40,10 @@ from uvms_ocp.sim.sensors import SensorSuite
 DT = 1 / 200  # [s]
 STATION = np.array([0.0, 0.0, -20.0])  # [m]
 _WAY = np.array([1.5, 1.0, 0.7])  # [m] to the farthest way point, either way
-_GAIN, _FASTEST, _FASTEST_JOINT = 0.5, 0.3, 0.3  # [1/s], [m/s], [rad/s]
+# [1/s], [m/s], [rad/s]
+_GAIN = 0.5
+_FASTEST = 0.3
+_FASTEST_JOINT = 0.3
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -109,14 +113,24 @@ class WayPoints(KinematicController):
     """Stands in for a mission: the same in every run of a seed, and quick."""
 
     def __init__(self, robot: Robot, hover: Hover) -> None:
-        self.robot, self.dt, self.watchdog = robot, DT, Watchdog()
-        self.given_up, self.restriction, self.guide = "", FREE, None
-        self._rng, self._moves = np.random.default_rng(hover.seed + 1000), hover.moves
+        self.robot = robot
+        self.dt = DT
+        self.watchdog = Watchdog()
+        self.given_up = ""
+        self.restriction = FREE
+        self.guide = None
+        self._rng = np.random.default_rng(hover.seed + 1000)
+        self._moves = hover.moves
         self._v, self._joints = np.zeros(robot.n_v), np.array(robot.home)
-        self.goal, self._yaw, self._next = STATION.copy(), 0.0, hover.stays + float(self._rng.uniform(2.0, 6.0))
+        self.goal, self._yaw, self._next = (
+            STATION.copy(),
+            0.0,
+            hover.stays + float(self._rng.uniform(2.0, 6.0)),
+        )
 
     def observe(self, measurement: StateEstimate, t: float) -> Any:
-        self.measurement, self.t = measurement, t
+        self.measurement = measurement
+        self.t = t
         return self
 
     def on_actuation_feedback(self, feedback: ActuationFeedback) -> None:
@@ -125,19 +139,23 @@ class WayPoints(KinematicController):
     def command(self, tick: Any) -> Command:
         if self.t >= self._next:
             self._choose()
-        q, limits = self.measurement.q, self.robot.limits
+        q = self.measurement.q
+        limits = self.robot.limits
         R = pin.Quaternion(q[3:7]).toRotationMatrix()
         linear = _GAIN * (R.T @ (self.goal - q[:3]))
         linear *= min(1.0, _FASTEST / max(float(np.linalg.norm(linear)), 1e-9))
         angular = _GAIN * pin.log3(R.T @ pin.rpy.rpyToMatrix(0.0, 0.0, self._yaw))
         joints = np.clip(_GAIN * (self._joints - q[7:]), -_FASTEST_JOINT, _FASTEST_JOINT)
-        wanted = np.clip(np.concatenate([linear, angular, joints]), -0.8 * limits.velocity, 0.8 * limits.velocity)
+        wanted = np.clip(
+            np.concatenate([linear, angular, joints]), -0.8 * limits.velocity, 0.8 * limits.velocity
+        )
         step = 0.5 * np.minimum(limits.acceleration, 5.0) * DT
         self._v = self._v + np.clip(wanted - self._v, -step, step)
         return Command(v=self._v.copy())
 
     def _choose(self) -> None:
-        rng, home = self._rng, np.array(self.robot.home)
+        rng = self._rng
+        home = np.array(self.robot.home)
         self._next = self.t + float(rng.uniform(4.0, 9.0))
         self.goal = STATION + self._moves * rng.uniform(-1.0, 1.0, 3) * _WAY
         self._yaw = self._moves * float(rng.uniform(-1.0, 1.0))
@@ -146,7 +164,8 @@ class WayPoints(KinematicController):
 
 def run(hover: Hover) -> Outcome:
     """Simulate, by default with the noise, rates and delays of the robot's sensors."""
-    robot, rng = load_robot(hover.robot), np.random.default_rng(hover.seed)
+    robot = load_robot(hover.robot)
+    rng = np.random.default_rng(hover.seed)
     plant, floor = _plant(robot, hover, rng.uniform(0.0, 2.0 * np.pi))
     specs = robot_sensors(robot.description) if hover.noise else IDEAL_SENSORS
     suite = SensorSuite(robot, floor, specs, hover.seed)
@@ -154,10 +173,18 @@ def run(hover: Hover) -> Outcome:
     points = WayPoints(robot, hover)
     health = ActuatorHealthTuning() if hover.watched else None
     model = cached_dynamics(robot)
-    controller = DynamicController(robot=robot, dynamics=model, kinematic=points, health=health, load=hover.load)
+    controller = DynamicController(
+        robot=robot, dynamics=model, kinematic=points, health=health, load=hover.load
+    )
     monitor = controller.monitor
-    outcome = Outcome(monitor=monitor, alarms=points.watchdog.alarms, errors=np.zeros(0), commands=np.zeros((0, 0)))
-    errors, commands = [], []
+    outcome = Outcome(
+        monitor=monitor,
+        alarms=points.watchdog.alarms,
+        errors=np.zeros(0),
+        commands=np.zeros((0, 0)),
+    )
+    errors = []
+    commands = []
     command: Command | None = None
     for k in range(round(hover.duration / DT)):
         t = k * DT
@@ -170,30 +197,45 @@ def run(hover: Hover) -> Outcome:
         commands.append(command.thrust)
         if controller.learner is not None:
             outcome.learnt.append(controller.learner.loads[0])
-    outcome.errors, outcome.commands, outcome.given_up = np.array(errors), np.array(commands), points.given_up
+    outcome.errors = np.array(errors)
+    outcome.commands = np.array(commands)
+    outcome.given_up = points.given_up
     return outcome
 
 
 def _plant(robot: Robot, hover: Hover, heading: float) -> tuple[DynamicPlant, FlatSeafloor]:
     flow = hover.current * np.array([np.cos(heading), np.sin(heading), 0.05])
     current = GustyCurrent(base=UniformCurrent(flow), sigma=hover.gusts, seed=hover.seed)
-    real, floor = with_wrong_water(robot, *hover.wrong), FlatSeafloor(z=-60.0)
+    real = with_wrong_water(robot, *hover.wrong)
+    floor = FlatSeafloor(z=-60.0)
     mass, volume = hover.payload
     if mass:
-        real = with_trim(real, [TrimBody(name="load", link="tool", position=(0.0, 0.0, 0.0), mass=mass, volume=volume)])
+        real = with_trim(
+            real,
+            [
+                TrimBody(
+                    name="load", link="tool", position=(0.0, 0.0, 0.0), mass=mass, volume=volume
+                )
+            ],
+        )
     start = np.array(robot.configuration(position=STATION))
     environment = Environment(seafloor=floor, current=current)
-    return DynamicPlant(real, start, dynamics=robot_dynamics(real), environment=environment, max_step=DT), floor
+    return DynamicPlant(
+        real, start, dynamics=robot_dynamics(real), environment=environment, max_step=DT
+    ), floor
 
 
 def _jammed(state: State, before: State, joint: int) -> State:
-    q, v = state.q.copy(), state.v.copy()
+    q = state.q.copy()
+    v = state.v.copy()
     q[7 + joint], v[6 + joint] = before.q[7 + joint], 0.0
     return State(q=q, v=v)
 
 
 def with_wrong_water(robot: Robot, mass: float, drag: float) -> Robot:
-    """The robot with other added mass and drag of its links that have coefficients, in shares of its own."""
+    """The robot with other added mass and drag of its links that have coefficients, in shares of
+    its own.
+    """
     factors = {"added_mass": mass, "linear_drag": drag, "quadratic_drag": drag}
     links = {}
     for name, link in robot.description.links.items():

@@ -17,7 +17,9 @@ VARIATIONS = (
     Variation("payload.mass", Uniform(0.0, 1.0)),
     Variation("thrusters.time_constant", LogNormal(1.0, 0.2)),
     Variation("sensors.noise", LogNormal(1.0, 0.3)),
-    Variation("sensors.unmodelled_delay", Choice((0.0, 0.02))),  # none, or a tick that the estimator does not know of
+    Variation(
+        "sensors.unmodelled_delay", Choice((0.0, 0.02))
+    ),  # none, or a tick that the estimator does not know of
     Variation("start.x", Normal(0.0, 0.3)),
     Variation("start.y", Normal(0.0, 0.3)),
     Variation("start.yaw", Normal(0.0, 0.2)),
@@ -34,4 +36,6 @@ def brief_case1() -> Scenario:
     return case1(noise=True, dt=0.02, plant="kinematic", duration=0.4)
 
 
-BRIEF = tuple(variation for variation in VARIATIONS if variation.name.startswith(("sensors", "start")))
+BRIEF = tuple(
+    variation for variation in VARIATIONS if variation.name.startswith(("sensors", "start"))
+)

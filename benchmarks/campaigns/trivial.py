@@ -24,7 +24,15 @@ class Trivial(CampaignJob):
 
     def make(self, run: int) -> RunResult:
         """The row of a run."""
-        return RunResult(row={**self.head(run), "square": run * run, "outcome": "completed", "success": True, "cause": ""})
+        return RunResult(
+            row={
+                **self.head(run),
+                "square": run * run,
+                "outcome": "completed",
+                "success": True,
+                "cause": "",
+            }
+        )
 
 
 def identity_of(work: CampaignJob, runs: int) -> CampaignManifest:

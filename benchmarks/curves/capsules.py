@@ -1,6 +1,7 @@
 """Cover the shapes of a robot with capsules, for closed forms of distances.
 
-A capsule is the set of points within a radius of a segment; a sphere is one whose segment has no length.
+A capsule is the set of points within a radius of a segment; a sphere is one whose segment has no
+length.
 """
 
 from __future__ import annotations
@@ -33,28 +34,33 @@ def capsule_of(shape: coal.ShapeBase) -> Capsule:
     if isinstance(shape, coal.Capsule):
         return Capsule(float(shape.halfLength), float(shape.radius))
     raise InvalidInput(
-        f"shape {type(shape).__name__} has no closed form; allowed are Sphere and Capsule: cover the robot with "
-        "capsule_robot, or use CoalDistances."
+        f"shape {type(shape).__name__} has no closed form; allowed are Sphere and Capsule: cover"
+        " the robot with capsule_robot, or use CoalDistances."
     )
 
 
 def capsule_robot(robot: Robot) -> Robot:
     """The same robot with every cylinder and box of its collision model covered by capsules.
 
-    A capsule covers a cylinder with its round ends beyond it; a box is cut into strips along its longest side. Links
-    become larger, so what is free of collision for the result is so for the robot.
+    A capsule covers a cylinder with its round ends beyond it; a box is cut into strips along its
+    longest side. Links become larger, so what is free of collision for the result is so for the
+    robot.
     """
     covered = pin.GeometryModel()
     for item in robot.collision_model.geometryObjects:
         for index, (X_shape, shape) in enumerate(cover(item.geometry)):
             placement = item.placement * X_shape
             name = item.name if index == 0 else f"{item.name}_{index}"
-            covered.addGeometryObject(pin.GeometryObject(name, item.parentJoint, item.parentFrame, placement, shape))
+            covered.addGeometryObject(
+                pin.GeometryObject(name, item.parentJoint, item.parentFrame, placement, shape)
+            )
     return replace(robot, collision_model=covered)
 
 
 def cover(shape: coal.ShapeBase) -> list[tuple[pin.SE3, coal.ShapeBase]]:
-    """Capsules and spheres, with their places in the frame of the shape, that hold it. Raises InvalidInput."""
+    """Capsules and spheres, with their places in the frame of the shape, that hold it. Raises
+    InvalidInput.
+    """
     if isinstance(shape, coal.Cylinder):
         return [(pin.SE3.Identity(), coal.Capsule(shape.radius, 2.0 * shape.halfLength))]
     if isinstance(shape, coal.Box):

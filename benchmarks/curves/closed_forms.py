@@ -1,4 +1,6 @@
-"""Distances of scenes of spheres and capsules in closed form, and the exact Hessian of their collision cost."""
+"""Distances of scenes of spheres and capsules in closed form, and the exact Hessian of their
+collision cost.
+"""
 
 from __future__ import annotations
 
@@ -21,7 +23,8 @@ from uvms_ocp.types import Array, Indices
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ClosedFormDistances:
-    """Distances of a scene whose shapes are all spheres or capsules; equal to coal's, all samples at once.
+    """Distances of a scene whose shapes are all spheres or capsules; equal to coal's, all samples
+    at once.
 
     Raises:
         InvalidInput: a shape without closed form.
@@ -43,7 +46,9 @@ class ClosedFormDistances:
         return axis_distance.reshape(len(x), -1) - self._radii.sum(axis=1)
 
     def near(self, x: Array, thresholds: Array) -> NearPairs:
-        """The pairs closer than their thresholds (n_pairs,) [m] at x (n, n_axes), as ``CoalDistances.near``."""
+        """The pairs closer than their thresholds (n_pairs,) [m] at x (n, n_axes), as
+        ``CoalDistances.near``.
+        """
         ends = self._segments(x)
         witness = segment_distance(*ends)
         distance = witness.distance.reshape(len(x), -1) - self._radii.sum(axis=1)
@@ -58,7 +63,8 @@ class ClosedFormDistances:
             sample=sample,
             pair=pair,
             distance=distance[sample, pair],
-            gradient=((wrench[:, None, :] @ screws)[:, 0] * self.scene.moved[pair]) @ self.scene.fold,
+            gradient=((wrench[:, None, :] @ screws)[:, 0] * self.scene.moved[pair])
+            @ self.scene.fold,
             screws=screws,
             centre=0.5 * (ends[2][row] + ends[3][row]),
         )
@@ -71,36 +77,57 @@ class ClosedFormDistances:
         return first[:, 0], first[:, 1], second[:, 0], second[:, 1]
 
     def _screws(self, x: Array, sample: Indices) -> Array:
-        model, wanted = self.scene.coordinates.robot.model, np.unique(sample)
+        model = self.scene.coordinates.robot.model
+        wanted = np.unique(sample)
         q = self.scene.coordinates.configurations(x[wanted])
-        jacobians = np.array([pin.computeJointJacobians(model, self._data, row).copy() for row in q])
+        jacobians = np.array(
+            [pin.computeJointJacobians(model, self._data, row).copy() for row in q]
+        )
         screws: Array = jacobians @ self.scene.coordinates.column_map(x[wanted])
         return screws[np.searchsorted(wanted, sample)]
 
 
 def symbolic_configuration(planned: Coordinates, x: ca.SX) -> ca.SX:
-    """(n_q,) expression of the configuration at x (n_axes,), as `Coordinates.configurations` has it in numbers."""
-    robot, full = planned.robot, ca.SX(ca.DM(planned.reference))
+    """(n_q,) expression of the configuration at x (n_axes,), as `Coordinates.configurations` has it
+    in numbers.
+    """
+    robot = planned.robot
+    full = ca.SX(ca.DM(planned.reference))
     full[planned.planned.tolist()] = x
-    vehicle, joints = full[: robot.n_vehicle], ca.vertsplit(full[robot.n_vehicle :])
+    vehicle = full[: robot.n_vehicle]
+    joints = ca.vertsplit(full[robot.n_vehicle :])
     if robot.n_vehicle:
-        (cr, cp, cy), (sr, sp, sy) = (ca.vertsplit(part(full[3:6] / 2.0)) for part in (ca.cos, ca.sin))
-        xyz = (sr * cp * cy - cr * sp * sy, cr * sp * cy + sr * cp * sy, cr * cp * sy - sr * sp * cy)
+        (cr, cp, cy), (sr, sp, sy) = (
+            ca.vertsplit(part(full[3:6] / 2.0)) for part in (ca.cos, ca.sin)
+        )
+        xyz = (
+            sr * cp * cy - cr * sp * sy,
+            cr * sp * cy + sr * cp * sy,
+            cr * cp * sy - sr * sp * cy,
+        )
         vehicle = ca.vertcat(full[:3], *xyz, cr * cp * cy + sr * sp * sy)
-    parts = (ca.vertcat(ca.cos(q), ca.sin(q)) if joint.endless else q for joint, q in zip(robot.joints, joints, strict=True))
+    parts = (
+        ca.vertcat(ca.cos(q), ca.sin(q)) if joint.endless else q
+        for joint, q in zip(robot.joints, joints, strict=True)
+    )
     return ca.vertcat(vehicle, *parts)
 
 
 def segment_ends(scene: CollisionScene) -> ca.Function:
-    """Function ``x (n_axes) -> ends (6 n_shapes)``: both end points in W of every shape's segment."""
+    """Function ``x (n_axes) -> ends (6 n_shapes)``: both end points in W of every shape's
+    segment.
+    """
     x = ca.SX.sym("x", scene.coordinates.n_axes)
     symbolic = SymbolicModel(scene.coordinates.robot.model)
     poses = symbolic.forward_kinematics(symbolic_configuration(scene.coordinates, x)).joint_poses
-    return ca.Function("segment_ends", [x], [ca.densify(ca.vertcat(*_ends_at(scene, poses)))], {"cse": True})
+    return ca.Function(
+        "segment_ends", [x], [ca.densify(ca.vertcat(*_ends_at(scene, poses)))], {"cse": True}
+    )
 
 
 def collision_density(scene: CollisionScene, weights: CostWeights) -> ca.Function:
-    """Function ``x, v -> cost``: the collision cost per second at one sample, the integrand of l2 Jc.
+    """Function ``x, v -> cost``: the collision cost per second at one sample, the integrand of l2
+    Jc.
 
     Twice differentiable by CasADi; its Hessian is exact, and not positive semi-definite in general.
     """
@@ -110,23 +137,32 @@ def collision_density(scene: CollisionScene, weights: CostWeights) -> ca.Functio
     poses = symbolic.forward_kinematics(symbolic_configuration(scene.coordinates, x)).joint_poses
     ends = _ends_at(scene, poses)
     spins = [0.5 * ca.sumsqr(ca.jtimes(ca.vec(pose.R), x, v)) for pose in poses]
-    radii, widths = _pair_radii(scene).sum(axis=1), np.minimum(weights.clearance, scene.room)
+    radii = _pair_radii(scene).sum(axis=1)
+    widths = np.minimum(weights.clearance, scene.room)
     cost = ca.SX(0)
     for k, pair in enumerate(scene.pairs):
         a, b = ends[pair.first], ends[pair.second]
         distance = symbolic_segment_distance(a[:3], a[3:], b[:3], b[3:]) - radii[k]
         drift = ca.sumsqr(ca.jtimes(0.5 * (b[:3] + b[3:]), x, v))
-        speed = ca.sqrt(drift + scene.gyration[k] ** 2 * spins[pair.second_joint] + weights.speed_floor**2)
+        speed = ca.sqrt(
+            drift + scene.gyration[k] ** 2 * spins[pair.second_joint] + weights.speed_floor**2
+        )
         cost += _penalty(1.0 - distance / widths[k]) * speed
-    return ca.Function("collision_density", [x, v], [weights.collision * cost], ["x", "v"], ["cost"], {"cse": True})
+    return ca.Function(
+        "collision_density", [x, v], [weights.collision * cost], ["x", "v"], ["cost"], {"cse": True}
+    )
 
 
 def density_hessian(density: ca.Function) -> ca.Function:
-    """Function ``[x; v] -> exact Hessian (2 n_axes, 2 n_axes), gradient (2 n_axes)`` of a collision density."""
+    """Function ``[x; v] -> exact Hessian (2 n_axes, 2 n_axes), gradient (2 n_axes)`` of a collision
+    density.
+    """
     n = density.numel_in(0)
     z = ca.SX.sym("z", 2 * n)
     hessian, gradient = ca.hessian(density(z[:n], z[n:]), z)
-    return ca.Function("density_hessian", [z], [ca.densify(hessian), ca.densify(gradient)], {"cse": True})
+    return ca.Function(
+        "density_hessian", [z], [ca.densify(hessian), ca.densify(gradient)], {"cse": True}
+    )
 
 
 def _pair_radii(scene: CollisionScene) -> Array:
@@ -142,7 +178,8 @@ def _capsules(scene: CollisionScene) -> list[Capsule]:
 def _ends_at(scene: CollisionScene, poses: Sequence[SymbolicPose]) -> list[ca.SX]:
     result = []
     for item, capsule in zip(scene.geometry.geometryObjects, _capsules(scene), strict=True):
-        pose, X = poses[item.parentJoint], item.placement
+        pose = poses[item.parentJoint]
+        X = item.placement
         half = capsule.half_length * X.rotation[:, 2]
         low, high = ca.DM(X.translation - half), ca.DM(X.translation + half)
         result.append(ca.vertcat(pose.p + pose.R @ low, pose.p + pose.R @ high))

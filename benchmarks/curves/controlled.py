@@ -68,7 +68,8 @@ class Scenes:
         curve = once(lambda: _curve(item))
         given = self._problem(item, self.slower * curve.value.trajectory.duration)
         plan = once(lambda: self._planned(item, given, curve.value))
-        term, path = given.constraints[1], plan.value.trajectory
+        term = given.constraints[1]
+        path = plan.value.trajectory
         assert isinstance(term, ShapeClearance)
         t = np.linspace(0.0, path.t[-1], self.samples)
         q = SteppedMotion(term=term, trajectory=path).configurations(t)
@@ -88,14 +89,19 @@ class Scenes:
         robot, q = item.scene.coordinates.robot, item.scene.coordinates.configurations(item.ends)
         there = Kinematics(robot, q[1]).pose("base_link")
         posture = JointTracking(joints=robot.joint_names, goal=q[1, robot.n_q - robot.n_joints :])
-        margins = np.minimum(self.clearance, CoalDistances(item.scene).distances(item.ends).min(axis=0))
+        margins = np.minimum(
+            self.clearance, CoalDistances(item.scene).distances(item.ends).min(axis=0)
+        )
         return single_phase(
             robot=robot,
             start=State(q=q[0], v=np.zeros(robot.n_v)),
             duration=duration,
             n_steps=N_STEPS,
             levels=[
-                OcpLevel(name="goal", terms=(TaskTerm(task=VehiclePose(goal=there)), TaskTerm(task=posture))),
+                OcpLevel(
+                    name="goal",
+                    terms=(TaskTerm(task=VehiclePose(goal=there)), TaskTerm(task=posture)),
+                ),
                 OcpLevel(name="effort", terms=(Effort(), Smoothness(weight=0.09))),
             ],
             constraints=(AtRest(), ShapeClearance(scene=item.scene, margins=margins)),

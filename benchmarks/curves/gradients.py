@@ -45,7 +45,13 @@ def _cost_rows(name: str, scene: CollisionScene, weights: CostWeights) -> Iterat
         cost, y = _random_cost(solver, weights)
         yield figure(name, type(solver).__name__, "gradient error", _cost_error(cost, y))
     eigenvalues = np.linalg.eigvalsh(cost.model(y).hessian.dense())
-    yield figure(name, "Gauss-Newton", "least eigenvalue, relative", eigenvalues[0] / eigenvalues[-1], "-1e-10")
+    yield figure(
+        name,
+        "Gauss-Newton",
+        "least eigenvalue, relative",
+        eigenvalues[0] / eigenvalues[-1],
+        "-1e-10",
+    )
 
 
 def _cost_error(cost: PathCost, y: Array) -> float:
@@ -59,16 +65,24 @@ def _min_snap_errors(k: int) -> dict[str, float]:
     specification = CurveSpecification(derivative=k)
     gradients = min_snap(waypoints, times, specification).gradients()
     steps = np.random.default_rng(0).normal(size=(20, *waypoints.shape))
-    by_point = [_directional(lambda w: min_snap(w, times, specification).cost, waypoints, s) for s in steps]
-    by_time = [_directional(lambda t: min_snap(waypoints, t, specification).cost, times, s[:, 0]) for s in steps]
+    by_point = [
+        _directional(lambda w: min_snap(w, times, specification).cost, waypoints, s) for s in steps
+    ]
+    by_time = [
+        _directional(lambda t: min_snap(waypoints, t, specification).cost, times, s[:, 0])
+        for s in steps
+    ]
     return {
-        "way points": _relative_error(np.tensordot(steps, gradients.waypoints, axes=2), np.array(by_point)),
+        "way points": _relative_error(
+            np.tensordot(steps, gradients.waypoints, axes=2), np.array(by_point)
+        ),
         "times": _relative_error(steps[:, :, 0] @ gradients.times, np.array(by_time)),
     }
 
 
 def _random_cost(distances: Distances, weights: CostWeights) -> tuple[PathCost, Array]:
-    rng, axes = np.random.default_rng(3), distances.scene.coordinates
+    rng = np.random.default_rng(3)
+    axes = distances.scene.coordinates
     pieces = pieces_of(rng.uniform(1.0, 2.0, 4), 4)
     limits = MotionLimits(velocity=0.3, acceleration=0.5)
     cost = PathCost(distances=distances, pieces=pieces, weights=weights, limits=limits)
@@ -83,13 +97,20 @@ def _exact_hessian_error(scene: CollisionScene) -> float:
     home = scene.coordinates.x(scene.coordinates.robot.configuration())
     worst = 0.0
     for _ in range(5):
-        z = np.concatenate([home + 0.1 * rng.normal(size=home.size), 0.3 * rng.normal(size=home.size)])
-        slopes = [_directional(lambda y: np.asarray(hessian(y)[1]).ravel(), z, s, 1e-6) for s in np.eye(z.size)]
+        z = np.concatenate(
+            [home + 0.1 * rng.normal(size=home.size), 0.3 * rng.normal(size=home.size)]
+        )
+        slopes = [
+            _directional(lambda y: np.asarray(hessian(y)[1]).ravel(), z, s, 1e-6)
+            for s in np.eye(z.size)
+        ]
         worst = max(worst, _relative_error(np.asarray(hessian(z)[0]), np.array(slopes)))
     return worst
 
 
-def _directional(f: Callable[[Array], Array | float], x: Array, step: Array, h: float = 1e-5) -> Array:
+def _directional(
+    f: Callable[[Array], Array | float], x: Array, step: Array, h: float = 1e-5
+) -> Array:
     difference: Array = (np.asarray(f(x + h * step)) - np.asarray(f(x - h * step))) / (2.0 * h)
     return difference
 

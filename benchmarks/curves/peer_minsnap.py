@@ -1,4 +1,5 @@
-"""Minimum snap with minsnap_trajectories: ``python peer_minsnap.py WAYPOINTS.npz RESULT.json --repeats N``.
+"""Minimum snap with minsnap_trajectories: ``python peer_minsnap.py WAYPOINTS.npz RESULT.json
+--repeats N``.
 
 Run in an environment of its own.
 """
@@ -23,13 +24,19 @@ def main() -> None:
     parser.add_argument("--repeats", type=int, required=True)
     given = parser.parse_args()
     found = np.load(given.waypoints)
-    times, positions, rest = found["times"], found["positions"], np.zeros(found["positions"].shape[1])
+    times = found["times"]
+    positions = found["positions"]
+    rest = np.zeros(found["positions"].shape[1])
     points = [ms.Waypoint(time=t, position=p) for t, p in zip(times, positions, strict=True)]
     for i in (0, -1):
-        points[i] = ms.Waypoint(time=times[i], position=positions[i], velocity=rest, acceleration=rest, jerk=rest)
+        points[i] = ms.Waypoint(
+            time=times[i], position=positions[i], velocity=rest, acceleration=rest, jerk=rest
+        )
 
     def generate() -> object:
-        return ms.generate_trajectory(points, degree=7, idx_minimized_orders=4, num_continuous_orders=4)
+        return ms.generate_trajectory(
+            points, degree=7, idx_minimized_orders=4, num_continuous_orders=4
+        )
 
     wall = timed(generate, given.repeats).wall
     given.result.write_text(json.dumps({"wall": wall, "version": version("minsnap_trajectories")}))

@@ -1,4 +1,6 @@
-"""Plans among obstacles: how long they take, how many are free of collision, and whether any is so called falsely."""
+"""Plans among obstacles: how long they take, how many are free of collision, and whether any is so
+called falsely.
+"""
 
 from __future__ import annotations
 
@@ -17,7 +19,8 @@ from uvms_ocp.planning.soft_collision import CollisionPlan, plan_soft_collision
 from uvms_ocp.robot.loading import load_robot
 from uvms_ocp.trajectories.min_snap import MotionLimits
 
-COAL, CLOSED_FORMS = "coal", "closed forms"
+COAL = "coal"
+CLOSED_FORMS = "closed forms"
 TARGETS = {COAL: ("0.3", "0.6"), CLOSED_FORMS: ("0.15", "")}
 """[s] of the median and of the largest time."""
 
@@ -41,22 +44,41 @@ def _planned(item: Problem, solver: str) -> Timed[CollisionPlan]:
     robot = item.scene.coordinates.robot
     limits = MotionLimits(velocity=robot.limits.velocity, acceleration=robot.limits.acceleration)
     distances = ClosedFormDistances(item.scene) if solver == CLOSED_FORMS else None
-    return once(lambda: plan_soft_collision(item.scene, item.ends, limits=limits, distances=distances))
+    return once(
+        lambda: plan_soft_collision(item.scene, item.ends, limits=limits, distances=distances)
+    )
 
 
 def _times(name: str, solver: str, plans: Sequence[Timed[CollisionPlan]]) -> Iterator[Row]:
-    walls, cpus, (median, largest) = [plan.wall for plan in plans], [plan.cpu for plan in plans], TARGETS[solver]
+    walls, cpus, (median, largest) = (
+        [plan.wall for plan in plans],
+        [plan.cpu for plan in plans],
+        TARGETS[solver],
+    )
     yield figure(name, solver, "median time [s]", float(np.median(walls)), median)
     yield figure(name, solver, "largest time [s]", max(walls), largest)
     yield figure(name, solver, "median processor time [s]", float(np.median(cpus)))
     yield figure(name, solver, "largest processor time [s]", max(cpus))
 
 
-def _outcomes(name: str, solver: str, problems: Sequence[Problem], plans: Sequence[CollisionPlan]) -> Iterator[Row]:
-    false = [_collides(item, plan) for item, plan in zip(problems, plans, strict=True) if plan.collision_free]
-    yield figure(name, solver, "success", float(np.mean([plan.collision_free for plan in plans])), "0.95")
+def _outcomes(
+    name: str, solver: str, problems: Sequence[Problem], plans: Sequence[CollisionPlan]
+) -> Iterator[Row]:
+    false = [
+        _collides(item, plan)
+        for item, plan in zip(problems, plans, strict=True)
+        if plan.collision_free
+    ]
+    yield figure(
+        name, solver, "success", float(np.mean([plan.collision_free for plan in plans])), "0.95"
+    )
     yield figure(name, solver, "falsely free", sum(false), "0")
-    yield figure(name, solver, "success at first attempt", float(np.mean([plan.attempts == 1 for plan in plans])))
+    yield figure(
+        name,
+        solver,
+        "success at first attempt",
+        float(np.mean([plan.attempts == 1 for plan in plans])),
+    )
 
 
 def _collides(item: Problem, plan: CollisionPlan) -> bool:

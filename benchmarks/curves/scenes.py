@@ -36,39 +36,63 @@ class Problem:
 
 
 def problem(
-    seed: int, *, robot: Robot | None = None, n_obstacles: int = 2, shapes: tuple[str, ...] = ("sphere", "capsule")
+    seed: int,
+    *,
+    robot: Robot | None = None,
+    n_obstacles: int = 2,
+    shapes: tuple[str, ...] = ("sphere", "capsule"),
 ) -> Problem:
-    """The scene of a seed; shapes are sphere, capsule and box, taken in turn; the robot is girona_maris7."""
+    """The scene of a seed; shapes are sphere, capsule and box, taken in turn; the robot is
+    girona_maris7.
+    """
     rng = np.random.default_rng(seed)
     planned = coordinates(robot or load_robot("girona_maris7"))
     while True:
         ends = _ends(rng, planned)
-        obstacles = [_obstacle(rng, planned, ends, shapes[k % len(shapes)], k) for k in range(n_obstacles)]
+        obstacles = [
+            _obstacle(rng, planned, ends, shapes[k % len(shapes)], k) for k in range(n_obstacles)
+        ]
         scene = collision_scene(planned, obstacles)
         distances = CoalDistances(scene)
-        along = distances.distances(ends[0] + np.linspace(0.0, 1.0, 80)[:, None] * (ends[1] - ends[0]))
+        along = distances.distances(
+            ends[0] + np.linspace(0.0, 1.0, 80)[:, None] * (ends[1] - ends[0])
+        )
         if distances.distances(ends).min() < 0.005 or along.min() > -0.03:
             continue
-        path = sampled_waypoints(distances, ends[0], ends[1], SamplingOptions(seed=seed, max_samples=400))
+        path = sampled_waypoints(
+            distances, ends[0], ends[1], SamplingOptions(seed=seed, max_samples=400)
+        )
         if path is not None:
-            return Problem(seed=seed, scene=scene, ends=ends, depth=-float(along.min()), free_path=path)
+            return Problem(
+                seed=seed, scene=scene, ends=ends, depth=-float(along.min()), free_path=path
+            )
 
 
 def _ends(rng: np.random.Generator, planned: Coordinates) -> Array:
     lower, upper = planned.limits()
     home = planned.robot.home
-    start = np.concatenate([rng.uniform(-0.3, 0.3, 3), rng.uniform(-0.1, 0.1, 2), rng.uniform(-0.5, 0.5, 1), home])
+    start = np.concatenate(
+        [rng.uniform(-0.3, 0.3, 3), rng.uniform(-0.1, 0.1, 2), rng.uniform(-0.5, 0.5, 1), home]
+    )
     step = rng.uniform(-1.0, 1.0, 13) * np.array([1.5, 1.5, 0.7, 0.1, 0.1, 0.8, *[1.2] * 7])
     goal = np.clip(start + step, lower + 0.05, upper - 0.05)
     return np.stack([np.clip(start, lower + 0.005, upper - 0.005), goal])
 
 
-def _obstacle(rng: np.random.Generator, planned: Coordinates, ends: Array, shape: str, index: int) -> Obstacle:
+def _obstacle(
+    rng: np.random.Generator, planned: Coordinates, ends: Array, shape: str, index: int
+) -> Obstacle:
     """Near the volume that the robot sweeps midway: the hull, or the arm in front of it."""
     midway = ends[0] + rng.uniform(0.3, 0.7) * (ends[1] - ends[0])
-    position = midway[:3] + rng.normal(size=3) * [0.5, 0.4, 0.4] + rng.uniform(0.0, 1.3) * np.array([0.8, 0.0, -0.4])
+    position = (
+        midway[:3]
+        + rng.normal(size=3) * [0.5, 0.4, 0.4]
+        + rng.uniform(0.0, 1.3) * np.array([0.8, 0.0, -0.4])
+    )
     rotation = np.linalg.qr(rng.normal(size=(3, 3)))[0]
-    return obstacle(f"{shape}{index}", _shape(rng, shape), position, rotation * np.linalg.det(rotation))
+    return obstacle(
+        f"{shape}{index}", _shape(rng, shape), position, rotation * np.linalg.det(rotation)
+    )
 
 
 def _shape(rng: np.random.Generator, shape: str) -> coal.ShapeBase:

@@ -22,9 +22,17 @@ class Witness(NamedTuple):
 
 
 def segment_distance(a0: Array, a1: Array, b0: Array, b1: Array) -> Witness:
-    """Closest points of segments with the end points a0, a1, b0 and b1 (n, 3) [m] each ([Ericson2005] 5.1.9)."""
-    u, v, w = a1 - a0, b1 - b0, a0 - b0
-    uu, vv, uv, uw, vw = _dot(u, u), _dot(v, v), _dot(u, v), _dot(u, w), _dot(v, w)
+    """Closest points of segments with the end points a0, a1, b0 and b1 (n, 3) [m] each
+    ([Ericson2005] 5.1.9).
+    """
+    u = a1 - a0
+    v = b1 - b0
+    w = a0 - b0
+    uu = _dot(u, u)
+    vv = _dot(v, v)
+    uv = _dot(u, v)
+    uw = _dot(u, w)
+    vw = _dot(v, w)
     s = _clipped(uv * vw - vv * uw, uu * vv - uv * uv)
     t = _clipped(uv * s + vw, vv)
     s = _clipped(uv * t - uw, uu)
@@ -39,9 +47,17 @@ def segment_distance(a0: Array, a1: Array, b0: Array, b1: Array) -> Witness:
 
 
 def symbolic_segment_distance(a0: ca.SX, a1: ca.SX, b0: ca.SX, b1: ca.SX) -> ca.SX:
-    """The same distance [m] as an expression; its derivatives are exact except where the closest feature changes."""
-    u, v, w = a1 - a0, b1 - b0, a0 - b0
-    uu, vv, uv, uw, vw = ca.dot(u, u), ca.dot(v, v), ca.dot(u, v), ca.dot(u, w), ca.dot(v, w)
+    """The same distance [m] as an expression; its derivatives are exact except where the closest
+    feature changes.
+    """
+    u = a1 - a0
+    v = b1 - b0
+    w = a0 - b0
+    uu = ca.dot(u, u)
+    vv = ca.dot(v, v)
+    uv = ca.dot(u, v)
+    uw = ca.dot(u, w)
+    vw = ca.dot(v, w)
     s = _symbolic_clipped(uv * vw - vv * uw, uu * vv - uv * uv)
     t = _symbolic_clipped(uv * s + vw, vv)
     s = _symbolic_clipped(uv * t - uw, uu)

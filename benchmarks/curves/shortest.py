@@ -71,8 +71,15 @@ def _closed_form_row() -> Row:
 
 def _qp_row() -> Row:
     waypoints, times = random_problem(30)
-    a, b = min_snap(waypoints, times).node_derivatives, min_snap_qp(waypoints, times).node_derivatives
-    return figure("min snap 30 x 3", "qrqp", "difference from banded", np.abs(a - b).max() / np.abs(a).max(), "1e-8")
+    a = min_snap(waypoints, times).node_derivatives
+    b = min_snap_qp(waypoints, times).node_derivatives
+    return figure(
+        "min snap 30 x 3",
+        "qrqp",
+        "difference from banded",
+        np.abs(a - b).max() / np.abs(a).max(),
+        "1e-8",
+    )
 
 
 def largest_jump(found: MinSnap) -> float:
@@ -85,11 +92,15 @@ def peer_rows(python: Path, repeats: int) -> tuple[list[Row], str]:
     """The peer, called as often as we are, and its version."""
     waypoints, times = random_problem(WITH_PEER)
     with tempfile.TemporaryDirectory() as folder:
-        given, result = Path(folder) / "waypoints.npz", Path(folder) / "result.json"
+        given = Path(folder) / "waypoints.npz"
+        result = Path(folder) / "result.json"
         np.savez(given, positions=waypoints, times=times)
-        run_script(python, Path(__file__).parent / "peer_minsnap.py", given, result, "--repeats", repeats)
+        run_script(
+            python, Path(__file__).parent / "peer_minsnap.py", given, result, "--repeats", repeats
+        )
         found = json.loads(result.read_text())
-    mine, name = solved(WITH_PEER, repeats).wall, f"min snap {WITH_PEER} x 3"
+    mine = solved(WITH_PEER, repeats).wall
+    name = f"min snap {WITH_PEER} x 3"
     rows = [
         figure(name, "minsnap_trajectories", "time [ms]", 1e3 * found["wall"]),
         figure(name, OURS, "times faster than peer", found["wall"] / mine, "300"),

@@ -24,9 +24,12 @@ from uvms_ocp.identification.recording import Channel, Recording, ZeroOrderHold
 from uvms_ocp.robot.dynamics import robot_dynamics
 from uvms_ocp.robot.thrusters import thruster_matrix
 
-FINE, EVERY = 0.0025, 40
+FINE = 0.0025
+EVERY = 40
 """[s] of the simulation; steps between samples."""
-VELOCITY, RATE, VERTICAL = 0.01, 0.01, 0.005
+VELOCITY = 0.01
+RATE = 0.01
+VERTICAL = 0.005
 """[m/s], [rad/s], of the noise of sensors."""
 NOISE = Noise(velocity=VELOCITY, rate=RATE, vertical=VERTICAL, process=0.02, start=0.05)
 """As a search is told."""
@@ -44,48 +47,82 @@ LEARNT: dict[str, ParameterStatus] = {
     "delay": Prior(sigma=0.02),
     "velocity_delay": Prior(sigma=0.02),
 }
-"""What is drawn, and learnt again: the vehicle was weighed, in air and in water, and its thrusters were tried on a scale."""
+"""What is drawn, and learnt again: the vehicle was weighed, in air and in water, and its thrusters
+were tried on a scale.
+"""
 
 
-def vehicle(learnt: Mapping[str, ParameterStatus] = LEARNT, name: str = "bluerov2_alpha5") -> Vehicle:
+def vehicle(
+    learnt: Mapping[str, ParameterStatus] = LEARNT, name: str = "bluerov2_alpha5"
+) -> Vehicle:
     """A robot of the package without its arm."""
     robot = without_arm(load_robot(name))
-    dynamics, B = robot_dynamics(robot).symbolic, thruster_matrix(robot)
+    dynamics = robot_dynamics(robot).symbolic
+    B = thruster_matrix(robot)
     names = robot.thruster_names
-    actuators = ActuatorModel(names=names, wrench=B, allocation=np.eye(len(names)), lag=0.1, dead_zone=0.3, delay=0.05)
-    known = vehicle_declaration(NominalParameters.of(dynamics), _HULL, actuators).with_status(**learnt)
-    return Vehicle(dynamics=dynamics, shared=Unknowns(known), own=Unknowns(known, own=True), actuators=actuators)
+    actuators = ActuatorModel(
+        names=names, wrench=B, allocation=np.eye(len(names)), lag=0.1, dead_zone=0.3, delay=0.05
+    )
+    known = vehicle_declaration(NominalParameters.of(dynamics), _HULL, actuators).with_status(
+        **learnt
+    )
+    return Vehicle(
+        dynamics=dynamics,
+        shared=Unknowns(known),
+        own=Unknowns(known, own=True),
+        actuators=actuators,
+    )
 
 
 def limits(one: Vehicle) -> ExperimentLimits:
     """Half of what the thrusters give, in a small pool."""
     thrust = np.tile([-20.0, 20.0], (len(one.actuators.names), 1))
-    return ExperimentLimits(thrust=thrust, pool=np.array([[-3.0, -2.0, -1.0], [3.0, 2.0, 1.0]]), slew=100.0)
+    return ExperimentLimits(
+        thrust=thrust, pool=np.array([[-3.0, -2.0, -1.0], [3.0, 2.0, 1.0]]), slew=100.0
+    )
 
 
 def drawn(one: Vehicle, rng: np.random.Generator, n: int) -> np.ndarray:
-    """Unknowns (n, n_p) [as `Unknowns.start`] of other vehicles: of each, one in every n-th of what is believed."""
+    """Unknowns (n, n_p) [as `Unknowns.start`] of other vehicles: of each, one in every n-th of what
+    is believed.
+    """
     sigma = np.where(np.isfinite(one.shared.sigma), one.shared.sigma, _WITHOUT_PRIOR)
-    places = rng.permuted(np.tile(np.arange(n)[:, None], len(sigma)), axis=0) + rng.uniform(size=(n, len(sigma)))
+    places = rng.permuted(np.tile(np.arange(n)[:, None], len(sigma)), axis=0) + rng.uniform(
+        size=(n, len(sigma))
+    )
     return np.asarray(one.shared.start + sigma * ndtri(places / n))
 
 
 def recorded(
-    one: Vehicle, stage: StageFunctions, p: np.ndarray, rng: np.random.Generator, commands: Channel, name: str = "drawn"
+    one: Vehicle,
+    stage: StageFunctions,
+    p: np.ndarray,
+    rng: np.random.Generator,
+    commands: Channel,
+    name: str = "drawn",
 ) -> Recording:
-    """Of a vehicle with unknowns p (n,) [as `Unknowns.start`], from rest; commands (n, n_u) [N] are held for equal times."""
+    """Of a vehicle with unknowns p (n,) [as `Unknowns.start`], from rest; commands (n, n_u) [N] are
+    held for equal times.
+    """
     n = round((commands.t[-1] + commands.t[1]) / FINE)
     late = float(np.asarray(stage.delays(p)[0])[0, 0])
     told = ZeroOrderHold(commands).mean(FINE * np.arange(n + 1) - late)
     begun = np.asarray(stage.begun(np.repeat(commands.values[:1].T, PAST, axis=1), p)[0]).ravel()
     x = np.concatenate([[0, 0, 0, 0, 0, 0, 1.0], np.zeros(6), begun])
-    after = stage.step.mapaccum(n)(x, told.T, np.zeros((0, n)), np.tile(p[:, None], n), FINE * np.ones((1, n)))
+    after = stage.step.mapaccum(n)(
+        x, told.T, np.zeros((0, n)), np.tile(p[:, None], n), FINE * np.ones((1, n))
+    )
     states = np.vstack([x, np.asarray(after).T])[::EVERY]
     return _seen(states, commands, stage, p, rng, name)
 
 
 def _seen(
-    states: np.ndarray, thrust: Channel, stage: StageFunctions, p: np.ndarray, rng: np.random.Generator, name: str
+    states: np.ndarray,
+    thrust: Channel,
+    stage: StageFunctions,
+    p: np.ndarray,
+    rng: np.random.Generator,
+    name: str,
 ) -> Recording:
     t = FINE * EVERY * np.arange(len(states))
     y = np.asarray(stage.outputs.map(len(t))(states.T, np.tile(p[:, None], len(t)))[0]).T
@@ -94,9 +131,15 @@ def _seen(
     return Recording(
         name=name,
         channels={
-            "attitude": Channel(t=t, values=quaternions / np.linalg.norm(quaternions, axis=1, keepdims=True)),
-            "linear_velocity": Channel(t=t + late, values=y[:, :3] + VELOCITY * rng.normal(size=(len(t), 3))),
-            "angular_velocity": Channel(t=t, values=y[:, 3:6] + RATE * rng.normal(size=(len(t), 3))),
+            "attitude": Channel(
+                t=t, values=quaternions / np.linalg.norm(quaternions, axis=1, keepdims=True)
+            ),
+            "linear_velocity": Channel(
+                t=t + late, values=y[:, :3] + VELOCITY * rng.normal(size=(len(t), 3))
+            ),
+            "angular_velocity": Channel(
+                t=t, values=y[:, 3:6] + RATE * rng.normal(size=(len(t), 3))
+            ),
             "thrust": thrust,
         },
     )

@@ -1,1 +1,3 @@
-"""In: recordings of an AUV driven by its thrusters. Out: how well an identified vehicle predicts those it has not seen."""
+"""In: recordings of an AUV driven by its thrusters. Out: how well an identified vehicle predicts
+those it has not seen.
+"""

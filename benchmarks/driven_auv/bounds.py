@@ -1,4 +1,6 @@
-"""What the recordings allow, by no vehicle's numbers: how far two sensors agree, and what any filter of the commands tells."""
+"""What the recordings allow, by no vehicle's numbers: how far two sensors agree, and what any
+filter of the commands tells.
+"""
 
 from __future__ import annotations
 
@@ -16,26 +18,35 @@ WINDOW = 1.0
 """[s] of the local quadratics that differentiate position."""
 MEMORY = 6.0
 """[s] of commands that a filter knows."""
-_TAP, _RIDGE = 0.2, 1.0  # [s],
+# [s],
+_TAP = 0.2
+_RIDGE = 1.0
 _LAGS = np.arange(-0.6, 0.61, 0.05)
 
 
 def measured_twice(recording: Recording) -> dict[str, float | None]:
-    """Fits [%] of the measured velocity by the derivative of the measured position, at the lag at which they agree best."""
+    """Fits [%] of the measured velocity by the derivative of the measured position, at the lag at
+    which they agree best.
+    """
     position, velocity = recording.channel("position"), recording.channel("linear_velocity")
     t, rate = smoothed(position.undelayed_t, position.values, WINDOW, derivative=1)
     rate = np.einsum("nji,nj->ni", rotations(recording.channel("attitude"), t), rate)
     inside = (velocity.undelayed_t > t[0] + WINDOW) & (velocity.undelayed_t < t[-1] - WINDOW)
-    at, seen = velocity.undelayed_t[inside], velocity.values[inside]
+    at = velocity.undelayed_t[inside]
+    seen = velocity.values[inside]
     found: dict[str, float | None] = dict.fromkeys(CHANNELS)
     for k, name in enumerate(CHANNELS[:3]):
         if seen[:, k].std() > MOVING[name]:
-            found[name] = max(fit_percent(seen[:, k], np.interp(at + lag, t, rate[:, k])) for lag in _LAGS)
+            found[name] = max(
+                fit_percent(seen[:, k], np.interp(at + lag, t, rate[:, k])) for lag in _LAGS
+            )
     return found
 
 
 def filtered(recordings: Sequence[PreparedRecording], step: float) -> list[dict[str, float | None]]:
-    """Fits [%] of each recording by one linear filter for each channel, fitted to all of them: it has seen everything."""
+    """Fits [%] of each recording by one linear filter for each channel, fitted to all of them: it
+    has seen everything.
+    """
     found: list[dict[str, float | None]] = [dict.fromkeys(CHANNELS) for _ in recordings]
     for name in CHANNELS:
         parts = [_part(one, name, step) for one in recordings]
@@ -58,8 +69,13 @@ def _part(one: PreparedRecording, name: str, step: float) -> tuple[np.ndarray, n
     edges = np.arange(t[0] - MEMORY - 1.0, t[-1] + 1.0, GRID)
     told = one.commands.mean(edges)
     beyond = told - np.clip(told, -ACTUATORS.dead_zone, ACTUATORS.dead_zone)
-    middle, past = (edges[1:] + edges[:-1]) / 2, np.arange(0.0, MEMORY - _TAP / 2, _TAP)
-    taps = [np.interp(t - late, middle, column) for column in np.hstack([told, beyond]).T for late in past]
+    middle = (edges[1:] + edges[:-1]) / 2
+    past = np.arange(0.0, MEMORY - _TAP / 2, _TAP)
+    taps = [
+        np.interp(t - late, middle, column)
+        for column in np.hstack([told, beyond]).T
+        for late in past
+    ]
     return np.column_stack([*taps, np.ones(len(t))]), seen
 
 

@@ -14,7 +14,11 @@ from uvms_ocp.identification.recording import Recording
 CHANNELS = ("surge", "sway", "heave", "yaw rate")
 MOVING = {"surge": 0.03, "sway": 0.03, "heave": 0.03, "yaw rate": 0.05}
 """[m/s, rad/s] standard deviations above which a channel of a recording is judged."""
-_NAVIGATION = {"file": "navigation_state_{name}.csv.gz", "time": "field.header.stamp", "time_unit": "ns"}
+_NAVIGATION = {
+    "file": "navigation_state_{name}.csv.gz",
+    "time": "field.header.stamp",
+    "time_unit": "ns",
+}
 _DOWN = {"body": "FRD"}
 
 
@@ -27,16 +31,29 @@ MAPPING = RecordingMapping.model_validate(
         "channels": {
             "position": {**_NAVIGATION, "columns": _columns("position"), "world": "NED"},
             "attitude": {
-                **_NAVIGATION, **_DOWN, "columns": _columns("orientation"), "format": "rpy", "world": "NED",
+                **_NAVIGATION,
+                **_DOWN,
+                "columns": _columns("orientation"),
+                "format": "rpy",
+                "world": "NED",
             },
-            "linear_velocity": {**_NAVIGATION, **_DOWN, "columns": _columns("velocity"), "lost": "all zero"},
+            "linear_velocity": {
+                **_NAVIGATION,
+                **_DOWN,
+                "columns": _columns("velocity"),
+                "lost": "all zero",
+            },
             "wrench": {
-                "file": "wrench_{name}.csv.gz", "time": "%time", "time_unit": "ns", **_DOWN,
-                "columns": [*_columns("force"), *_columns("torque")], "sent_every": 0.02,
+                "file": "wrench_{name}.csv.gz",
+                "time": "%time",
+                "time_unit": "ns",
+                **_DOWN,
+                "columns": [*_columns("force"), *_columns("torque")],
+                "sent_every": 0.02,
             },
         }
     }
-)  # fmt: skip
+)
 """Messages came in bursts, through a link with gaps; what lost its lock shows zeros."""
 
 
@@ -51,11 +68,20 @@ def read_recordings(folder: Path) -> list[Recording]:
 
 def judged(predicted: Predicted) -> dict[str, tuple[np.ndarray, np.ndarray]]:
     """What was seen and what was predicted (m,) [m/s, rad/s], by channel."""
-    found = {name: (predicted.measured[0][:, k], predicted.rows[0][:, k]) for k, name in enumerate(CHANNELS[:3])}
-    return found | {CHANNELS[3]: (yaw_rate(predicted, predicted.measured), yaw_rate(predicted, predicted.rows))}
+    found = {
+        name: (predicted.measured[0][:, k], predicted.rows[0][:, k])
+        for k, name in enumerate(CHANNELS[:3])
+    }
+    return found | {
+        CHANNELS[3]: (yaw_rate(predicted, predicted.measured), yaw_rate(predicted, predicted.rows))
+    }
 
 
 def yaw_rate(predicted: Predicted, rows: tuple[np.ndarray, ...]) -> np.ndarray:
     """Rate (m,) [rad/s] from the angular velocity (m, 3) and the vertical in B, which are rows."""
-    up = np.column_stack([np.interp(predicted.t[1], predicted.t[2], column) for column in rows[2].T])
-    return np.asarray((up[:, 1] * rows[1][:, 1] + up[:, 2] * rows[1][:, 2]) / (up[:, 1] ** 2 + up[:, 2] ** 2))
+    up = np.column_stack(
+        [np.interp(predicted.t[1], predicted.t[2], column) for column in rows[2].T]
+    )
+    return np.asarray(
+        (up[:, 1] * rows[1][:, 1] + up[:, 2] * rows[1][:, 2]) / (up[:, 1] ** 2 + up[:, 2] ** 2)
+    )

@@ -1,8 +1,8 @@
 """The vehicle of the recordings, as far as it is known, and what may be learnt of it.
 
-Mass, volume and thrusters are those of the team's public configuration (Tartan-AUV/tauv-mono, kingfisher_description,
-controller.yaml and thrusters.yaml): the driver shares a wrench out by the pseudo-inverse of the thruster matrix. All other
-numbers are where the search begins.
+Mass, volume and thrusters are those of the team's public configuration (Tartan-AUV/tauv-mono,
+kingfisher_description, controller.yaml and thrusters.yaml): the driver shares a wrench out by the
+pseudo-inverse of the thruster matrix. All other numbers are where the search begins.
 """
 
 from __future__ import annotations
@@ -23,11 +23,18 @@ from uvms_ocp.identification.parameters import (
 from uvms_ocp.robot.hydrodynamics import LinkHydrodynamics
 from uvms_ocp.robot.symbolic_dynamics import SymbolicDynamics
 
-MASS, VOLUME, DENSITY = 21.0, 0.0214, 1000.0
+MASS = 21.0
+VOLUME = 0.0214
+DENSITY = 1000.0
 """[kg], [m3], [kg/m3]"""
-_ROOT, _YAW, _ROLL, _PITCH = np.sqrt(0.5), 0.466302, 0.213083, 0.23876  # , [m] of the thruster matrix
+# , [m] of the thruster matrix
+_ROOT = np.sqrt(0.5)
+_YAW = 0.466302
+_ROLL = 0.213083
+_PITCH = 0.23876
 _HULL = np.array([[-0.5, -0.4, -0.3], [0.5, 0.4, 0.3]])
-# Body axes are forward-left-up: the rows of sway, heave, pitch and yaw have other signs than in the file.
+# Body axes are forward-left-up: the rows of sway, heave, pitch and yaw have other signs than in the
+# file.
 _THRUSTERS = np.array(
     [
         _ROOT * np.array([1, 1, -1, -1, 0, 0, 0, 0]),
@@ -73,7 +80,9 @@ def dynamics() -> SymbolicDynamics:
     model = pin.Model()
     joint = model.addJoint(0, pin.JointModelFreeFlyer(), pin.SE3.Identity(), "root")
     model.addFrame(pin.Frame("base_link", joint, 0, pin.SE3.Identity(), pin.FrameType.BODY))
-    model.appendBodyToJoint(joint, pin.Inertia(MASS, np.zeros(3), np.diag([0.5, 0.5, 0.6])), pin.SE3.Identity())
+    model.appendBodyToJoint(
+        joint, pin.Inertia(MASS, np.zeros(3), np.diag([0.5, 0.5, 0.6])), pin.SE3.Identity()
+    )
     link = LinkHydrodynamics(
         frame="base_link",
         added_mass=np.array([40.0, 50.0, 60.0, 3.0, 3.0, 4.0]),
@@ -95,5 +104,6 @@ def declaration(**learnt: Prior) -> Declaration:
 def vehicle(**learnt: Prior) -> Vehicle:
     """With its unknowns."""
     known = declaration(**learnt)
-    shared, own = Unknowns(known), Unknowns(known, own=True)
+    shared = Unknowns(known)
+    own = Unknowns(known, own=True)
     return Vehicle(dynamics=dynamics(), shared=shared, own=own, actuators=ACTUATORS)

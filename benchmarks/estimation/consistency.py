@@ -1,4 +1,6 @@
-"""Whether the estimator errs as much as it says, over truths drawn from its own model: NEES and NIS of every part."""
+"""Whether the estimator errs as much as it says, over truths drawn from its own model: NEES and NIS
+of every part.
+"""
 
 from __future__ import annotations
 
@@ -15,7 +17,9 @@ from uvms_ocp.robot.robot import Robot
 from uvms_ocp.robot.signals import ACCELEROMETER, CHANNELS, SensorSpec, SensorSpecs
 from uvms_ocp.types import Array
 
-SPECS = SensorSpecs(specific_force=ACCELEROMETER, joint_velocities=SensorSpec(rate=50.0, sigma=0.01))
+SPECS = SensorSpecs(
+    specific_force=ACCELEROMETER, joint_velocities=SensorSpec(rate=50.0, sigma=0.01)
+)
 """Every channel."""
 DELAYS = {
     "position": 1.5,
@@ -32,7 +36,15 @@ TOGETHER = 0.95
 """chance that a filter which errs as much as it says passes all tests."""
 SETTLED = 4.0
 """[s] after which errors are looked at."""
-APART = {"attitude": 1.0, "spin": 1.0, "spin_up": 1.0, "speed": 2.0, "altitude": 2.0, "joints": 1.0, "joint_rates": 1.0}
+APART = {
+    "attitude": 1.0,
+    "spin": 1.0,
+    "spin_up": 1.0,
+    "speed": 2.0,
+    "altitude": 2.0,
+    "joints": 1.0,
+    "joint_rates": 1.0,
+}
 """[s] after which errors of a part are no longer correlated; once per run where none is given."""
 _PARTS = {
     "attitude": Part.TURN,
@@ -56,7 +68,8 @@ class Sum:
 
     def add(self, squared: float, degrees: int) -> None:
         """One more."""
-        self.squared, self.degrees = self.squared + squared, self.degrees + degrees
+        self.squared = self.squared + squared
+        self.degrees = self.degrees + degrees
 
     @property
     def mean(self) -> float:
@@ -77,11 +90,18 @@ class Ledger:
 
 def late(specs: SensorSpecs, delays: Mapping[str, float]) -> SensorSpecs:
     """The channels with those delays [s]."""
-    return replace(specs, **{name: replace(getattr(specs, name), delay=delay) for name, delay in delays.items()})
+    return replace(
+        specs,
+        **{name: replace(getattr(specs, name), delay=delay) for name, delay in delays.items()},
+    )
 
 
-def consistency(robot: Robot, specs: SensorSpecs, *, seeds: int, duration: float, first: int = 0) -> list[dict[str, object]]:
-    """One row per part and channel: its mean and what it may be, with a chance of `TOGETHER` for all rows together."""
+def consistency(
+    robot: Robot, specs: SensorSpecs, *, seeds: int, duration: float, first: int = 0
+) -> list[dict[str, object]]:
+    """One row per part and channel: its mean and what it may be, with a chance of `TOGETHER` for
+    all rows together.
+    """
     ledger = Ledger()
     for seed in range(first, first + seeds):
         run = Watched(robot, specs, EstimatorTuning(), seed=seed)
@@ -94,12 +114,28 @@ def consistency(robot: Robot, specs: SensorSpecs, *, seeds: int, duration: float
 def _judged(ledger: Ledger) -> Iterator[dict[str, object]]:
     share = (1.0 - TOGETHER) / len(ledger.sums)
     for name, total in sorted(ledger.sums.items()):
-        low, high = (chi2.ppf(p, total.degrees) / total.degrees for p in (share / 2, 1.0 - share / 2))
+        low, high = (
+            chi2.ppf(p, total.degrees) / total.degrees for p in (share / 2, 1.0 - share / 2)
+        )
         inside = bool(low <= total.mean <= high)
-        yield {"of": name, "mean": total.mean, "least": low, "most": high, "n": total.degrees, "inside": inside}
+        yield {
+            "of": name,
+            "mean": total.mean,
+            "least": low,
+            "most": high,
+            "n": total.degrees,
+            "inside": inside,
+        }
 
 
-def _watch(run: Watched, ledger: Ledger, duration: float, *, skipped: tuple[str, ...] = (), only: tuple[str, ...] = ()) -> None:
+def _watch(
+    run: Watched,
+    ledger: Ledger,
+    duration: float,
+    *,
+    skipped: tuple[str, ...] = (),
+    only: tuple[str, ...] = (),
+) -> None:
     last: dict[str, float] = dict.fromkeys(CHANNELS, -np.inf)
     due: dict[str, float] = {}
     ticks = round(duration / run.truth.dt)
@@ -121,7 +157,9 @@ def _innovations(run: Watched, last: dict[str, float]) -> Iterator[tuple[str, fl
             yield f"NIS {channel}", outcome.squared, outcome.degrees
 
 
-def _errors(run: Watched, due: dict[str, float], *, final: bool) -> Iterator[tuple[str, float, int]]:
+def _errors(
+    run: Watched, due: dict[str, float], *, final: bool
+) -> Iterator[tuple[str, float, int]]:
     wanted = [
         name
         for name in (*_PARTS, "altitude", "joints", "joint_rates")
@@ -132,11 +170,16 @@ def _errors(run: Watched, due: dict[str, float], *, final: bool) -> Iterator[tup
     for name in wanted:
         due[name] = run.t + APART.get(name, np.inf)
     error = error_of(run)
-    P, joints = run.estimator.covariance, run.estimator.memory.joint_P
+    P = run.estimator.covariance
+    joints = run.estimator.memory.joint_P
     for name in wanted:
         if name in _PARTS:
             part = slice(_PARTS[name], _PARTS[name] + 3)
-            yield f"NEES {name}", float(error[part] @ np.linalg.solve(P[part, part], error[part])), 3
+            yield (
+                f"NEES {name}",
+                float(error[part] @ np.linalg.solve(P[part, part], error[part])),
+                3,
+            )
         elif name == "altitude":
             yield f"NEES {name}", *_altitude_error(run)
         else:
@@ -147,9 +190,12 @@ def _errors(run: Watched, due: dict[str, float], *, final: bool) -> Iterator[tup
 
 def error_of(run: Watched) -> Array:
     """(MAIN,) truth minus estimate, as the filter's error state has it."""
-    truth, memory = run.truth, run.estimator.memory
+    truth = run.truth
+    memory = run.estimator.memory
     R = pin.Quaternion(memory.turn).toRotationMatrix()
-    biases = [truth.biases[name] for name in ("angular_velocity", "linear_velocity", "specific_force")]
+    biases = [
+        truth.biases[name] for name in ("angular_velocity", "linear_velocity", "specific_force")
+    ]
     x = np.concatenate([truth.place.ravel(), truth.spin.ravel(), *biases, [truth.floor.z]])
     error = np.zeros(MAIN)
     error[:3], error[3:] = pin.log3(R.T @ truth.R), x - memory.x[3:]
@@ -159,7 +205,8 @@ def error_of(run: Watched) -> Array:
 def _altitude_error(run: Watched) -> tuple[float, int]:
     """Of the range along the beam."""
     estimated, spread = run.estimator.memory.range
-    down, memory = run.truth.R[2], run.estimator.memory
+    down = run.truth.R[2]
+    memory = run.estimator.memory
     cosine = float(down @ memory.beam_up)
     true = (run.truth.place[0, 2] + float(down @ memory.beam_at) - run.truth.floor.z) / cosine
     return (float((estimated - true) ** 2 / spread**2), 1) if np.isfinite(estimated) else (0.0, 0)

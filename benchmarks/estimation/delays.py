@@ -12,9 +12,14 @@ from uvms_ocp.estimation.filter_memory import EstimatorTuning, Part
 from uvms_ocp.robot.robot import Robot
 from uvms_ocp.robot.signals import ACCELEROMETER, SensorSpecs
 
-WITH, WITHOUT = SensorSpecs(specific_force=ACCELEROMETER), SensorSpecs()
+WITH = SensorSpecs(specific_force=ACCELEROMETER)
+WITHOUT = SensorSpecs()
 """The usual sensors, with and without an accelerometer."""
-CASES: Mapping[str, Mapping[str, float]] = {"none": {}, **{name: {name: delay} for name, delay in DELAYS.items()}, "all": DELAYS}
+CASES: Mapping[str, Mapping[str, float]] = {
+    "none": {},
+    **{name: {name: delay} for name, delay in DELAYS.items()},
+    "all": DELAYS,
+}
 """Delays [s] by channel: each alone, and all at once."""
 LEVEL = EstimatorTuning(angular_jerk=0.003, jerk=0.02, floor_roughness=0.02)
 """At up to 1 m/s above a level floor: how a rough one goes on since a late echo nobody can know."""
@@ -23,8 +28,12 @@ SETTLED = 8.0
 OF = ("position", "attitude", "altitude", "velocity", "rates", "joint_rates")
 
 
-def rms_errors(robot: Robot, specs: SensorSpecs, *, seeds: Sequence[int], duration: float) -> dict[str, float]:
-    """Root mean square errors [m, rad, m, m/s, rad/s, rad/s] of `OF`, after the filter has settled."""
+def rms_errors(
+    robot: Robot, specs: SensorSpecs, *, seeds: Sequence[int], duration: float
+) -> dict[str, float]:
+    """Root mean square errors [m, rad, m, m/s, rad/s, rad/s] of `OF`, after the filter has
+    settled.
+    """
     squares: dict[str, list[float]] = {name: [] for name in OF}
     for seed in seeds:
         run = Watched(robot, specs, LEVEL, seed=seed)
@@ -37,17 +46,30 @@ def rms_errors(robot: Robot, specs: SensorSpecs, *, seeds: Sequence[int], durati
 
 
 def _squares(run: Watched) -> dict[str, float]:
-    error, memory, truth = error_of(run), run.estimator.memory, run.truth
-    parts = {"position": Part.PLACE, "attitude": Part.TURN, "velocity": Part.SPEED, "rates": Part.SPIN}
+    error = error_of(run)
+    memory = run.estimator.memory
+    truth = run.truth
+    parts = {
+        "position": Part.PLACE,
+        "attitude": Part.TURN,
+        "velocity": Part.SPEED,
+        "rates": Part.SPIN,
+    }
     found = {name: float(np.mean(error[first : first + 3] ** 2)) for name, first in parts.items()}
     found["joint_rates"] = float(np.mean((memory.joint_x[:, 1] - truth.joints[1]) ** 2))
-    range_ = (truth.place[0, 2] + truth.R[2] @ memory.beam_at - truth.floor.z) / (truth.R[2] @ memory.beam_up)
+    range_ = (truth.place[0, 2] + truth.R[2] @ memory.beam_at - truth.floor.z) / (
+        truth.R[2] @ memory.beam_up
+    )
     found["altitude"] = float((memory.range[0] - range_) ** 2)
     return found
 
 
-def delay_table(robot: Robot, specs: SensorSpecs, *, seeds: Sequence[int], duration: float) -> list[dict[str, object]]:
-    """One row per case of `CASES`: errors over those without a delay; without one, the errors themselves in SI units."""
+def delay_table(
+    robot: Robot, specs: SensorSpecs, *, seeds: Sequence[int], duration: float
+) -> list[dict[str, object]]:
+    """One row per case of `CASES`: errors over those without a delay; without one, the errors
+    themselves in SI units.
+    """
     rows: list[dict[str, object]] = []
     exact: dict[str, float] = {}
     for case, delays in CASES.items():

@@ -1,4 +1,6 @@
-"""Truths drawn from the process model of the estimator, and what sensors with drifting biases read of them."""
+"""Truths drawn from the process model of the estimator, and what sensors with drifting biases read
+of them.
+"""
 
 from __future__ import annotations
 
@@ -16,7 +18,9 @@ from uvms_ocp.sim.sensors import SensorSuite
 from uvms_ocp.types import Array
 
 _BIASED = ("angular_velocity", "linear_velocity", "specific_force")
-_SHOCK = np.linalg.cholesky(np.array([[1 / 20, 1 / 8, 1 / 6], [1 / 8, 1 / 3, 1 / 2], [1 / 6, 1 / 2, 1.0]]))
+_SHOCK = np.linalg.cholesky(
+    np.array([[1 / 20, 1 / 8, 1 / 6], [1 / 8, 1 / 3, 1 / 2], [1 / 6, 1 / 2, 1.0]])
+)
 """Of a value and its two derivatives after unit time of white noise of the third."""
 
 
@@ -59,15 +63,21 @@ class Drawn:
 
     def __post_init__(self) -> None:
         given = (self.tuning.gyro_bias, self.tuning.dvl_bias, self.tuning.force_bias)
-        self.biases = {name: size * self._normal(3) for name, size in zip(_BIASED, given, strict=True)}
+        self.biases = {
+            name: size * self._normal(3) for name, size in zip(_BIASED, given, strict=True)
+        }
         self.joints = np.zeros((2, self.robot.n_joints))
 
     def state(self) -> State:
         """The truth now."""
-        v_B, spin = self.R.T @ self.place[1], self.spin[0]
+        v_B = self.R.T @ self.place[1]
+        spin = self.spin[0]
         a_B = self.R.T @ self.place[2] - np.cross(spin, v_B)
         q = np.concatenate([self.place[0], pin.Quaternion(self.R).coeffs(), self.joints[0]])
-        v, a = np.concatenate([v_B, spin, self.joints[1]]), np.concatenate([a_B, self.spin[1], 0.0 * self.joints[1]])
+        v, a = (
+            np.concatenate([v_B, spin, self.joints[1]]),
+            np.concatenate([a_B, self.spin[1], 0.0 * self.joints[1]]),
+        )
         return State(q=q, v=v, a=a)
 
     def step(self) -> None:
@@ -88,9 +98,9 @@ class Drawn:
 
     def _raise_floor(self) -> None:
         speed = np.hypot(*self.place[1, :2])
-        self.floor.z += np.sqrt(self.dt * (ALTITUDE_DRIFT**2 + (self.tuning.floor_roughness * speed) ** 2)) * float(
-            self._normal()
-        )
+        self.floor.z += np.sqrt(
+            self.dt * (ALTITUDE_DRIFT**2 + (self.tuning.floor_roughness * speed) ** 2)
+        ) * float(self._normal())
 
     def _shock(self) -> Array:
         """(3, 3) what white noise of the third derivative does in dt, one derivative per row."""
@@ -111,15 +121,28 @@ def _carried(values: Array, dt: float) -> Array:
 
 
 class Watched:
-    """A drawn truth, its sensors and one or several estimators that see the same or less late readings."""
+    """A drawn truth, its sensors and one or several estimators that see the same or less late
+    readings.
+    """
 
-    def __init__(self, robot: Robot, specs: SensorSpecs, tuning: EstimatorTuning, *, seed: int, dt: float = 0.01) -> None:
+    def __init__(
+        self,
+        robot: Robot,
+        specs: SensorSpecs,
+        tuning: EstimatorTuning,
+        *,
+        seed: int,
+        dt: float = 0.01,
+    ) -> None:
         streams = np.random.SeedSequence(seed).spawn(2)
         self.truth = Drawn(robot=robot, tuning=tuning, rng=np.random.default_rng(streams[0]), dt=dt)
         self.estimator = Estimator(robot, specs, tuning)
-        self._suite = SensorSuite(robot, self.truth.floor, specs, int(streams[1].generate_state(1)[0]))
+        self._suite = SensorSuite(
+            robot, self.truth.floor, specs, int(streams[1].generate_state(1)[0])
+        )
         self._biases: list[dict[str, Array]] = []
-        self._dt, self._k = dt, 0
+        self._dt = dt
+        self._k = 0
         self._shown: dict[str, tuple[Reading, Reading]] = {}
 
     @property
@@ -128,7 +151,9 @@ class Watched:
         return (self._k - 1) * self._dt
 
     def tick(self) -> None:
-        """Measure, estimate, and let the truth go on; the truth stays that of the tick until the next call."""
+        """Measure, estimate, and let the truth go on; the truth stays that of the tick until the
+        next call.
+        """
         if self._k:
             self.truth.step()
         self._biases.append(self.truth.biases.copy())

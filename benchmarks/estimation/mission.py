@@ -1,4 +1,6 @@
-"""The estimator on the plant of a mission, whose motion is not that of the process model; and what a tick of it takes."""
+"""The estimator on the plant of a mission, whose motion is not that of the process model; and what
+a tick of it takes.
+"""
 
 from __future__ import annotations
 
@@ -22,43 +24,58 @@ _DT = 1 / 200  # [s]
 
 
 def mission_table(seeds: int, *, plant: str, duration: float) -> list[dict[str, object]]:
-    """One row per seed and part of Case 1 with noise: errors, spreads and the ratio of their squares; true tool error."""
+    """One row per seed and part of Case 1 with noise: errors, spreads and the ratio of their
+    squares; true tool error.
+    """
     rows: list[dict[str, object]] = []
     for seed in range(seeds):
         record = case1(noise=True, plant=plant, seed=seed, duration=duration).run()
         tool = record.run_meta.true_quantity("T.position_error")
         rows += [
-            {"seed": seed, "completed": record.run_meta.completed, "tool_error_m": tool, **row} for row in estimate_table(record)
+            {"seed": seed, "completed": record.run_meta.completed, "tool_error_m": tool, **row}
+            for row in estimate_table(record)
         ]
     return rows
 
 
 def by_part(rows: list[dict[str, object]]) -> list[dict[str, object]]:
-    """One row per part: root mean square errors and spreads over all seeds, and the ratio of their squares."""
+    """One row per part: root mean square errors and spreads over all seeds, and the ratio of their
+    squares.
+    """
     table: list[dict[str, object]] = []
     for part in dict.fromkeys(str(row["of"]) for row in rows):
         found = [row for row in rows if row["of"] == part]
-        rms, spread = (float(np.sqrt(np.mean([float(str(row[key])) ** 2 for row in found]))) for key in ("rms", "spread"))
+        rms, spread = (
+            float(np.sqrt(np.mean([float(str(row[key])) ** 2 for row in found])))
+            for key in ("rms", "spread")
+        )
         table.append({"of": part, "rms": rms, "spread": spread, "ratio": (rms / spread) ** 2})
     return table
 
 
 def time_table(robot: Robot, *, ticks: int) -> list[dict[str, object]]:
-    """One row per set of sensors [us of the processor]: a tick of the estimator and of its core, median and 99th percentile."""
+    """One row per set of sensors [us of the processor]: a tick of the estimator and of its core,
+    median and 99th percentile.
+    """
     rows: list[dict[str, object]] = []
     for name, specs in TIMED.items():
         whole, core = _tick_times(robot, specs, ticks)
         figures = {"p50": 50, "p99": 99}
         times = {
-            f"{of}_{p}_us": float(np.percentile(t, q)) for of, t in (("tick", whole), ("core", core)) for p, q in figures.items()
+            f"{of}_{p}_us": float(np.percentile(t, q))
+            for of, t in (("tick", whole), ("core", core))
+            for p, q in figures.items()
         }
         rows.append({"sensors": name, **times})
     return rows
 
 
 def _tick_times(robot: Robot, specs: SensorSpecs, ticks: int) -> tuple[Array, Array]:
-    estimator, suite = Estimator(robot, specs), SensorSuite(robot, FlatSeafloor(z=-40.0), specs, seed=1)
-    advance, core, whole = estimator.advance, [], []
+    estimator = Estimator(robot, specs)
+    suite = SensorSuite(robot, FlatSeafloor(z=-40.0), specs, seed=1)
+    advance = estimator.advance
+    core = []
+    whole = []
 
     def timed_core() -> None:
         begin = thread_time()
@@ -70,8 +87,10 @@ def _tick_times(robot: Robot, specs: SensorSpecs, ticks: int) -> tuple[Array, Ar
     size, rate = np.where(np.arange(robot.n_v) < 6, 0.2, 0.4), np.linspace(0.5, 1.2, robot.n_v)
     for k in range(ticks):
         t = k * _DT
-        v, a = size * np.sin(rate * t), size * rate * np.cos(rate * t)
-        readings, command = suite.read(State(q=q, v=v, a=a), t), Command(v=v)
+        v = size * np.sin(rate * t)
+        a = size * rate * np.cos(rate * t)
+        readings = suite.read(State(q=q, v=v, a=a), t)
+        command = Command(v=v)
         begin = thread_time()
         estimator(readings, t, command)
         whole.append(thread_time() - begin)

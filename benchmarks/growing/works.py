@@ -1,4 +1,6 @@
-"""One work of one size, in this process: ``python works.py WORK SIZE``, which leaves what it took in the file ``spent``."""
+"""One work of one size, in this process: ``python works.py WORK SIZE``, which leaves what it took
+in the file ``spent``.
+"""
 
 from __future__ import annotations
 
@@ -49,30 +51,47 @@ def plan(stages: int) -> Spent:
 
 def hierarchy(n: int) -> Spent:
     """Velocity box, equalities and inequalities, least velocity below."""
-    return _solved(LexicographicActiveSet(), [problems.grown_hierarchy(np.random.default_rng(seed), n) for seed in range(20)])
+    return _solved(
+        LexicographicActiveSet(),
+        [problems.grown_hierarchy(np.random.default_rng(seed), n) for seed in range(20)],
+    )
 
 
 def humanoid(n: int) -> Spent:
     """Simple bounds of most variables, 33, 3 and 2 rows, and 97 below."""
-    return _solved(LexicographicActiveSet(), [problems.humanoid_hierarchy(np.random.default_rng(seed), n) for seed in range(20)])
+    return _solved(
+        LexicographicActiveSet(),
+        [problems.humanoid_hierarchy(np.random.default_rng(seed), n) for seed in range(20)],
+    )
 
 
 def cascade(n: int) -> Spent:
     """Random hierarchies by qpOASES."""
     return _solved(
-        LexicographicQp(), [problems.random_hierarchy(np.random.default_rng(k), n, problems.STRUCTURES[n]) for k in range(20)]
+        LexicographicQp(),
+        [
+            problems.random_hierarchy(np.random.default_rng(k), n, problems.STRUCTURES[n])
+            for k in range(20)
+        ],
     )
 
 
 def dependent(n: int) -> Spent:
     """Rows that depend on each other, by qpOASES."""
-    sets = [problems.dependent_hierarchy(np.random.default_rng(k), n, problems.DEPENDENT, 0.0) for k in range(200)]
+    sets = [
+        problems.dependent_hierarchy(np.random.default_rng(k), n, problems.DEPENDENT, 0.0)
+        for k in range(200)
+    ]
     return _solved(LexicographicQp(), sets)
 
 
 def control(n: int) -> Spent:
-    """Linear model predictive control of a mass over n steps, within limits of position and velocity, by qpOASES."""
-    return _solved(LexicographicQp(), [_control(np.random.default_rng(seed), n) for seed in range(30)])
+    """Linear model predictive control of a mass over n steps, within limits of position and
+    velocity, by qpOASES.
+    """
+    return _solved(
+        LexicographicQp(), [_control(np.random.default_rng(seed), n) for seed in range(30)]
+    )
 
 
 def _control(rng: np.random.Generator, n: int) -> list[Level]:
@@ -87,12 +106,20 @@ def _control(rng: np.random.Generator, n: int) -> list[Level]:
         upper=np.concatenate([1.5 - free, np.full(n, 1.0 - v)]),
     )
     goal = rng.uniform(-2.0, 2.0) - free
-    return [limits, Level(jacobian=place, lower=goal, upper=goal), Level(jacobian=np.eye(n), lower=0.0, upper=0.0)]
+    return [
+        limits,
+        Level(jacobian=place, lower=goal, upper=goal),
+        Level(jacobian=np.eye(n), lower=0.0, upper=0.0),
+    ]
 
 
 def _solved(solver: HierarchySolver, sets: list[list[Level]]) -> Spent:
     found = ours.solved(solver, problems.Problem(name="", warm=False, sets=sets))
-    return {"time_s": float(np.median(found.seconds)), "problems": len(sets), "inexact": found.inexact}
+    return {
+        "time_s": float(np.median(found.seconds)),
+        "problems": len(sets),
+        "inexact": found.inexact,
+    }
 
 
 def campaign(runs: int) -> Spent:
@@ -111,7 +138,8 @@ def _run(seed: int) -> None:
 
 def setup(runs: int) -> Spent:
     """Until the first tick of each: robot, mission, controller, estimator, sensors and plant."""
-    begun, simulate = list[float](), scenario_of.simulate
+    begun = list[float]()
+    simulate = scenario_of.simulate
 
     def timed(**parts: Any) -> Any:
         begun.append(time.process_time())
@@ -132,13 +160,17 @@ def obstacles(count: int) -> Spent:
     places = rng.uniform((-10.0, 1.2, -45.0), (20.0, 20.0, -30.0), (count, 3)) * np.where(
         rng.random((count, 1)) < 0.5, 1, (1, -1, 1)
     )
-    rocks = [Obstacle(name=f"rock{k}", shape=coal.Sphere(0.3), X_WO=uo.pose_at(place)) for k, place in enumerate(places)]
+    rocks = [
+        Obstacle(name=f"rock{k}", shape=coal.Sphere(0.3), X_WO=uo.pose_at(place))
+        for k, place in enumerate(places)
+    ]
     return _ticks(obstacle_field(obstacles=rocks, plant="kinematic", duration=5.0))
 
 
 def arms(count: int) -> Spent:
     """Ticks of a vehicle with so many arms of seven joints, a goal for each tool."""
-    urdf, yaml = Path(f"arms{count}.urdf"), Path(f"arms{count}.yaml")
+    urdf = Path(f"arms{count}.urdf")
+    yaml = Path(f"arms{count}.yaml")
     tools = [f"tool{a}" for a in range(count)]
     urdf.write_text(_urdf(count), encoding="utf-8")
     yaml.write_text(f"tool: [{', '.join(tools)}]\n{_WATER}", encoding="utf-8")
@@ -146,16 +178,29 @@ def arms(count: int) -> Spent:
     start = robot.configuration(position=(0.0, 0.0, -5.0))
     now = Kinematics(robot, start)
     places = [now.pose(tool).translation for tool in tools]
-    reaches = [ToolPosition(name=f"T{a}", frame=tool, goal=uo.pose_at(places[a] + 0.2)) for a, tool in enumerate(tools)]
+    reaches = [
+        ToolPosition(name=f"T{a}", frame=tool, goal=uo.pose_at(places[a] + 0.2))
+        for a, tool in enumerate(tools)
+    ]
     tasks = [JointLimits(), *reaches, JointTracking(joints=robot.joint_names, goal=robot.home)]
     met = tuple(uo.Below(quantity=f"{task.name}.position_error", limit=1e-9) for task in reaches)
     phase = uo.Phase(
-        name="reach", activations={task.name: 1 for task in tasks}, transitions=(uo.Transition(to=uo.DONE, when=met),)
+        name="reach",
+        activations={task.name: 1 for task in tasks},
+        transitions=(uo.Transition(to=uo.DONE, when=met),),
     )
     mission = uo.Mission(hierarchy=uo.Hierarchy(tasks), phases=(phase,))
     water = uo.Environment(seafloor=uo.FlatSeafloor(z=-20))
     return _ticks(
-        Scenario(name="arms", robot=robot, mission=mission, environment=water, start=start, duration=5.0, plant="kinematic")
+        Scenario(
+            name="arms",
+            robot=robot,
+            mission=mission,
+            environment=water,
+            start=start,
+            duration=5.0,
+            plant="kinematic",
+        )
     )
 
 
@@ -169,22 +214,33 @@ def _urdf(count: int) -> str:
     for a in range(count):
         above = "base_link"
         for j in range(7):
-            name, axis = f"a{a}l{j}", ("0 0 1", "0 1 0")[j % 2]
+            name = f"a{a}l{j}"
+            axis = ("0 0 1", "0 1 0")[j % 2]
             place = f"{0.5 - 0.3 * a} {0.3 * (-1) ** a} 0" if j == 0 else "0.15 0 0"
             parts += [_link(name, 1.0), _joint(f"a{a}j{j}", "revolute", above, name, place, axis)]
             above = name
-        parts += [f"<link name='tool{a}'/>", _joint(f"a{a}tool", "fixed", above, f"tool{a}", "0.1 0 0", "1 0 0")]
+        parts += [
+            f"<link name='tool{a}'/>",
+            _joint(f"a{a}tool", "fixed", above, f"tool{a}", "0.1 0 0", "1 0 0"),
+        ]
     return "".join([*parts, "</robot>"])
 
 
 def _link(name: str, mass: float) -> str:
     turn = f"ixx='{0.1 * mass}' iyy='{0.1 * mass}' izz='{0.1 * mass}' ixy='0' ixz='0' iyz='0'"
-    return f"<link name='{name}'><inertial><mass value='{mass}'/><inertia {turn}/></inertial></link>"
+    return (
+        f"<link name='{name}'><inertial><mass value='{mass}'/><inertia {turn}/></inertial></link>"
+    )
 
 
 def _joint(name: str, kind: str, above: str, below: str, place: str, axis: str) -> str:
-    limit = "<limit lower='-2.5' upper='2.5' velocity='1' effort='20'/>" if kind == "revolute" else ""
-    ends = f"<parent link='{above}'/><child link='{below}'/><origin xyz='{place}'/><axis xyz='{axis}'/>"
+    limit = (
+        "<limit lower='-2.5' upper='2.5' velocity='1' effort='20'/>" if kind == "revolute" else ""
+    )
+    ends = (
+        f"<parent link='{above}'/><child link='{below}'/><origin xyz='{place}'/><axis"
+        f" xyz='{axis}'/>"
+    )
     return f"<joint name='{name}' type='{kind}'>{ends}{limit}</joint>"
 
 

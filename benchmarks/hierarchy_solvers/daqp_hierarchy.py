@@ -1,7 +1,7 @@
 """Hierarchies by the dual active-set solver DAQP, natively, as an approximation.
 
-D. Arnström, A. Bemporad, D. Axehill, A dual active-set solver for embedded quadratic programming using recursive LDL'
-updates, IEEE Transactions on Automatic Control 67(8), 2022.
+D. Arnström, A. Bemporad, D. Axehill, A dual active-set solver for embedded quadratic programming
+using recursive LDL' updates, IEEE Transactions on Automatic Control 67(8), 2022.
 """
 
 from __future__ import annotations
@@ -46,20 +46,24 @@ _Solve = Callable[..., tuple[Array, float, int, dict[str, object]]]
 @checked
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class Daqp:
-    """DAQP's own hierarchies (``break_points``), cold at every call; gates as `uvms_ocp.solvers.hierarchy.level` says.
+    """DAQP's own hierarchies (``break_points``), cold at every call; gates as
+    `uvms_ocp.solvers.hierarchy.level` says.
 
-    Approximate: DAQP divides every row by its norm, so that a level with a slack settles at the least squares of the
-    normalised rows, which is another velocity than that of the rows as given; scaling rows beforehand undoes nothing.
-    Against the exact optimum of 200 random hierarchies the first level that differs is off by less than 2e-6 in half
-    of them, by more than 1e-2 in a tenth, and by 0.9 at worst. A result is called exact only if its certificate is.
-    Where DAQP gives up, as it does on dependent rows of one level that contradict each other,
-    ``LexicographicActiveSet`` takes over. Needs the package ``daqp``.
+    Approximate: DAQP divides every row by its norm, so that a level with a slack settles at the
+    least squares of the normalised rows, which is another velocity than that of the rows as given;
+    scaling rows beforehand undoes nothing. Against the exact optimum of 200 random hierarchies the
+    first level that differs is off by less than 2e-6 in half of them, by more than 1e-2 in a tenth,
+    and by 0.9 at worst. A result is called exact only if its certificate is. Where DAQP gives up,
+    as it does on dependent rows of one level that contradict each other, ``LexicographicActiveSet``
+    takes over. Needs the package ``daqp``.
     """
 
     tolerance: float = 1e-6
     """Violation of a row that DAQP tolerates, relative to the norm of the row."""
     certified: bool = True
-    """Certify every result, which takes longer than the solution; else no result is called exact."""
+    """Certify every result, which takes longer than the solution; else no result is called
+    exact.
+    """
     _solve: _Solve = field(init=False, repr=False)
     """DAQP's own function."""
 
@@ -77,7 +81,12 @@ class Daqp:
     def bind(self, levels_function: ca.Function, sizes: Sequence[int]) -> Tick:
         """``levels_function`` is evaluated in CasADi, then DAQP is called."""
         check_levels_function(levels_function, sizes)
-        return _DaqpTick(self, BufferedFunction(dense(levels_function)), tuple(sizes), levels_function.size2_out(0))
+        return _DaqpTick(
+            self,
+            BufferedFunction(dense(levels_function)),
+            tuple(sizes),
+            levels_function.size2_out(0),
+        )
 
     def velocity(self, levels: Sequence[Level]) -> tuple[Array, Status]:
         """V (n,) and status. Raises `InvalidInput` as `solve`."""
@@ -92,7 +101,11 @@ class Daqp:
         return v, Status.SOLVED if exact else Status.INEXACT
 
     def _certificate(self, rows: Stack, v: Array) -> float:
-        normal = normal_rows(rows.jacobian, *widen_bounds(rows.jacobian, rows.lower, rows.upper, rows.gate), rows.sizes)
+        normal = normal_rows(
+            rows.jacobian,
+            *widen_bounds(rows.jacobian, rows.lower, rows.upper, rows.gate),
+            rows.sizes,
+        )
         return normal_certificate(normal, v / normal.velocity)
 
     def _native_velocity(self, rows: Stack) -> Array | None:
@@ -121,22 +134,38 @@ class Daqp:
 class _DaqpTick:
     __slots__ = ("_function", "_n", "_sizes", "_solver")
 
-    def __init__(self, solver: Daqp, function: BufferedFunction, sizes: tuple[int, ...], n: int) -> None:
-        self._solver, self._function, self._sizes, self._n = solver, function, sizes, n
+    def __init__(
+        self, solver: Daqp, function: BufferedFunction, sizes: tuple[int, ...], n: int
+    ) -> None:
+        self._solver = solver
+        self._function = function
+        self._sizes = sizes
+        self._n = n
 
     def __call__(self, *inputs: ArrayLike) -> TickResult:
         start = perf_counter()
         J, lower, upper, _, _, gate, *extras = self._function(*inputs)
         J = J.reshape(-1, self._n)
-        v, status, residual = np.zeros(self._n), Status.INVALID_INPUT, np.zeros(len(lower))
+        v = np.zeros(self._n)
+        status = Status.INVALID_INPUT
+        residual = np.zeros(len(lower))
         try:
-            levels = [Level(jacobian=J[r], lower=lower[r], upper=upper[r], gate=gate[r]) for r in row_slices(self._sizes)]
+            levels = [
+                Level(jacobian=J[r], lower=lower[r], upper=upper[r], gate=gate[r])
+                for r in row_slices(self._sizes)
+            ]
         except InvalidInput:
             levels = []
         if levels:
             v, status = self._solver.velocity(levels)
             residual = np.concatenate(row_residuals(levels, v))
-        return _result(v=v, status=status, residual=residual, extras=tuple(extras), solve_time=perf_counter() - start)
+        return _result(
+            v=v,
+            status=status,
+            residual=residual,
+            extras=tuple(extras),
+            solve_time=perf_counter() - start,
+        )
 
 
 def _native() -> _Solve:

@@ -11,10 +11,12 @@ from recording.report import Row
 from hierarchy_solvers.problems import Problem
 from uvms_ocp.solvers.hierarchy.certificate import certificate
 
-# Relative difference of level residuals that counts. At its optimum the norm of a level is flat: a solver that misses rows
-# by d changes it by d squared only, which rounding hides up to this, and gains as much as d at the next level.
+# Relative difference of level residuals that counts. At its optimum the norm of a level is flat: a
+# solver that misses rows by d changes it by d squared only, which rounding hides up to this, and
+# gains as much as d at the next level.
 EXCESS = 1e-8
-# Whose certificate is larger may have gained at one level what it lost, unseen, above: it is no measure for others.
+# Whose certificate is larger may have gained at one level what it lost, unseen, above: it is no
+# measure for others.
 CERTIFIED = 1e-9
 
 
@@ -42,7 +44,9 @@ def rows_of(problem: Problem, found: Mapping[str, Found]) -> list[Row]:
     return [
         {
             **timed_row(problem.name, name, of.seconds, of.inexact),
-            "largest certificate where exact": max(certificates[name][of.exact.astype(bool)], default=None),
+            "largest certificate where exact": max(
+                certificates[name][of.exact.astype(bool)], default=None
+            ),
             "largest excess": worst[name],
         }
         for name, of in found.items()
@@ -53,14 +57,24 @@ def timed_row(problem: str, solver: str, seconds: np.ndarray, inexact: int) -> d
     """Percentiles of times (n,) [s], in us."""
     p50, p99, largest = (float(x) for x in np.percentile(seconds * 1e6, [50, 99, 100]))
     times = {"p50_us": p50, "p99_us": p99, "max_us": largest}
-    return {"problem": problem, "solver": solver, "problems": len(seconds), **times, "not exact": inexact}
+    return {
+        "problem": problem,
+        "solver": solver,
+        "problems": len(seconds),
+        **times,
+        "not exact": inexact,
+    }
 
 
 def level_norms(problem: Problem, v: np.ndarray) -> np.ndarray:
     """(problems, levels) norm of what each level misses at v (problems, n)."""
     return np.array(
         [
-            [np.linalg.norm(y - np.clip(y, lv.lower, lv.upper)) for lv in levels for y in [lv.jacobian @ x]]
+            [
+                np.linalg.norm(y - np.clip(y, lv.lower, lv.upper))
+                for lv in levels
+                for y in [lv.jacobian @ x]
+            ]
             for levels, x in zip(problem.sets, v, strict=True)
         ]
     )
@@ -71,7 +85,9 @@ def certificates_of(problem: Problem, v: np.ndarray) -> np.ndarray:
     return np.array([certificate(levels, x) for levels, x in zip(problem.sets, v, strict=True)])
 
 
-def excesses(norms: Mapping[str, np.ndarray], certificates: Mapping[str, np.ndarray]) -> dict[str, float]:
+def excesses(
+    norms: Mapping[str, np.ndarray], certificates: Mapping[str, np.ndarray]
+) -> dict[str, float]:
     """Largest lexicographic excess of each solver over the best of all that are certified."""
     worst = dict.fromkeys(norms, 0.0)
     for index in range(len(next(iter(norms.values())))):
@@ -82,7 +98,9 @@ def excesses(norms: Mapping[str, np.ndarray], certificates: Mapping[str, np.ndar
     return worst
 
 
-def _best(norms: Mapping[str, np.ndarray], certificates: Mapping[str, np.ndarray], index: int) -> np.ndarray | None:
+def _best(
+    norms: Mapping[str, np.ndarray], certificates: Mapping[str, np.ndarray], index: int
+) -> np.ndarray | None:
     best: np.ndarray | None = None
     for name, table in norms.items():
         good = certificates[name][index] <= CERTIFIED

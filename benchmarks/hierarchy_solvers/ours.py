@@ -23,7 +23,8 @@ from uvms_ocp.solvers.hierarchy.icat import Icat
 from uvms_ocp.solvers.hierarchy.level import Level
 from uvms_ocp.solvers.hierarchy.solution import LEVEL_OUTPUTS, Tick
 
-IN_C, IN_NUMPY = "active set in C", "active set in NumPy"
+IN_C = "active set in C"
+IN_NUMPY = "active set in NumPy"
 SOLVERS: dict[str, HierarchySolver] = {
     IN_C: LexicographicActiveSet(),
     IN_NUMPY: LexicographicActiveSet(compiled=False),
@@ -41,7 +42,8 @@ def stacked(levels: Sequence[Level]) -> list[np.ndarray]:
 
 def solved(solver: HierarchySolver, problem: Problem) -> Found:
     """Every problem of the set, after one call to warm up."""
-    tick, results = _bound_to_matrices(solver, problem), []
+    tick = _bound_to_matrices(solver, problem)
+    results = []
     given = [stacked(levels) for levels in problem.sets]
     tick(*given[0])
     for inputs in given:
@@ -57,8 +59,12 @@ def solved(solver: HierarchySolver, problem: Problem) -> Found:
 def _bound_to_matrices(solver: HierarchySolver, problem: Problem) -> Tick:
     """A tick whose inputs are the stacked levels themselves."""
     n = problem.sets[0][0].n_velocities
-    symbols = [ca.MX.sym(name, sum(problem.sizes), n if name == "J" else 1) for name in LEVEL_OUTPUTS]
-    function = ca.Function("levels", symbols, symbols, [f"{x}_in" for x in LEVEL_OUTPUTS], list(LEVEL_OUTPUTS))
+    symbols = [
+        ca.MX.sym(name, sum(problem.sizes), n if name == "J" else 1) for name in LEVEL_OUTPUTS
+    ]
+    function = ca.Function(
+        "levels", symbols, symbols, [f"{x}_in" for x in LEVEL_OUTPUTS], list(LEVEL_OUTPUTS)
+    )
     return solver.bind(function, problem.sizes)
 
 
@@ -68,8 +74,12 @@ def _forget(tick: Tick) -> None:
         tick.reset()
 
 
-def whole_tick_rows(problem: LevelsProblem, inputs: Sequence[Inputs], *, passes: int, cold: bool) -> list[Row]:
-    """Case 1, kinematics included, as the controller calls it; cold: compiled anew, to time that."""
+def whole_tick_rows(
+    problem: LevelsProblem, inputs: Sequence[Inputs], *, passes: int, cold: bool
+) -> list[Row]:
+    """Case 1, kinematics included, as the controller calls it; cold: compiled anew, to time
+    that.
+    """
     rows: list[Row] = []
     for name, solver in SOLVERS.items():
         scenario = replace(case1(plant="kinematic"), solver=solver)
@@ -82,21 +92,34 @@ def whole_tick_rows(problem: LevelsProblem, inputs: Sequence[Inputs], *, passes:
 def cold_rows(problem: LevelsProblem, states: Sequence[Inputs], passes: int) -> list[Row]:
     """Case 1 at random states, each from a cold start."""
     ticks = {name: SOLVERS[name].bind(problem.function, problem.sizes) for name in (IN_C, IN_NUMPY)}
-    return [_repeated("random states, cold", name, tick, states, passes, True) for name, tick in ticks.items()]
+    return [
+        _repeated("random states, cold", name, tick, states, passes, True)
+        for name, tick in ticks.items()
+    ]
 
 
 def _repeated(
-    problem: str, solver: str, tick: Tick, inputs: Sequence[Inputs], passes: int, forget: bool = False
+    problem: str,
+    solver: str,
+    tick: Tick,
+    inputs: Sequence[Inputs],
+    passes: int,
+    forget: bool = False,
 ) -> dict[str, object]:
-    """The same tick takes the same work in every pass: what is longer than the shortest is other programs."""
+    """The same tick takes the same work in every pass: what is longer than the shortest is other
+    programs.
+    """
     tick(*inputs[0])
     found = [_one_pass(tick, inputs, forget) for _ in range(passes)]
-    return timed_row(problem, solver, np.min([seconds for seconds, _ in found], axis=0), found[-1][1])
+    return timed_row(
+        problem, solver, np.min([seconds for seconds, _ in found], axis=0), found[-1][1]
+    )
 
 
 def _one_pass(tick: Tick, inputs: Sequence[Inputs], forget: bool) -> tuple[np.ndarray, int]:
     """Times [s] of all ticks in sequence, and the number that are not exact."""
-    seconds, inexact = [], 0
+    seconds = []
+    inexact = 0
     for given in inputs:
         if forget:
             _forget(tick)
@@ -113,5 +136,8 @@ def exactness_rows(count: int) -> list[Row]:
     for problem in exactness_problems(count):
         found = solved(SOLVERS[IN_C], problem)
         row = timed_row(problem.name, IN_C, found.seconds, found.inexact)
-        rows.append(row | {"largest certificate where exact": float(certificates_of(problem, found.v).max())})
+        rows.append(
+            row
+            | {"largest certificate where exact": float(certificates_of(problem, found.v).max())}
+        )
     return rows

@@ -17,7 +17,9 @@ import numpy as np
 EQUALITY = 5
 
 
-def solve(J: np.ndarray, lower: np.ndarray, upper: np.ndarray, ends: np.ndarray) -> tuple[np.ndarray, int, float]:
+def solve(
+    J: np.ndarray, lower: np.ndarray, upper: np.ndarray, ends: np.ndarray
+) -> tuple[np.ndarray, int, float]:
     """v, exit flag and time [s]; the matrices are ready, only the call is timed."""
     n = J.shape[1]
     low, up = np.maximum(lower, -1e30), np.minimum(upper, 1e30)
@@ -36,7 +38,9 @@ def main() -> None:
     found = np.load(given.problems)
     results: dict[str, Any] = {"version": version("daqp")}
     for name in sorted({key.rsplit("/", 1)[0] for key in found}):
-        J, lower, upper, ends = (found[f"{name}/{part}"] for part in ("J", "lower", "upper", "ends"))
+        J, lower, upper, ends = (
+            found[f"{name}/{part}"] for part in ("J", "lower", "upper", "ends")
+        )
         breaks = ends.astype(np.intc)
         solve(J[0], lower[0], upper[0], breaks)  # to warm up, as ours
         solved = [solve(*matrices, breaks) for matrices in zip(J, lower, upper, strict=True)]

@@ -1,9 +1,11 @@
-"""The tick of Case 1 with pink: ``python peer_pink.py ROBOT.urdf RESULT.npz [--passes 3] [--ticks 500]``.
+"""The tick of Case 1 with pink: ``python peer_pink.py ROBOT.urdf RESULT.npz [--passes 3] [--ticks
+500]``.
 
-What each phase of Case 1 asks for, in pink's own terms: limits of configuration, velocity and acceleration, a barrier for
-the least altitude, and tasks of frames, joints and least velocity. pink has no strict levels: a priority is a weight, ten
-times that of the next. A tick is what a control loop repeats: kinematics of the measured configuration, then ``solve_ik``.
-Needs pin-pink and QP solvers only, so that it runs in an environment of its own.
+What each phase of Case 1 asks for, in pink's own terms: limits of configuration, velocity and
+acceleration, a barrier for the least altitude, and tasks of frames, joints and least velocity. pink
+has no strict levels: a priority is a weight, ten times that of the next. A tick is what a control
+loop repeats: kinematics of the measured configuration, then ``solve_ik``. Needs pin-pink and QP
+solvers only, so that it runs in an environment of its own.
 """
 
 from __future__ import annotations
@@ -21,12 +23,18 @@ import qpsolvers
 from pink import Configuration, solve_ik
 from pink.barriers import PositionBarrier
 from pink.exceptions import NoSolutionFound
-from pink.limits import AccelerationLimit, ConfigurationLimit, FloatingBaseVelocityLimit, VelocityLimit
+from pink.limits import (
+    AccelerationLimit,
+    ConfigurationLimit,
+    FloatingBaseVelocityLimit,
+    VelocityLimit,
+)
 from pink.limits.limit import Limit
 from pink.tasks import DampingTask, FrameTask, LinearHolonomicTask, Task
 
 DT = 1 / 200  # [s]
-START, FLOOR = np.array([8.5, 38.5, -36.0]), -40.0
+START = np.array([8.5, 38.5, -36.0])
+FLOOR = -40.0
 # Not every solver accepts every tick: one that fails is named with its failures.
 SOLVERS = ("daqp", "quadprog", "osqp", "proxqp", "piqp")
 
@@ -38,7 +46,9 @@ def robot(urdf: str) -> pin.Model:
     return model
 
 
-def frame_task(frame: str, position: object, orientation: object, shift: tuple[float, float, float]) -> Callable:
+def frame_task(
+    frame: str, position: object, orientation: object, shift: tuple[float, float, float]
+) -> Callable:
     """A task whose target is `shift` [m] away from where the frame is at first."""
 
     def at(configuration: Configuration) -> FrameTask:
@@ -64,7 +74,10 @@ def phases(model: pin.Model, configuration: Configuration) -> dict[str, list[Tas
     landing = frame_task("base_link", (0.0, 0.0, 1.0), 0.0, (0, 0, -1.0))(configuration)
     tool = frame_task("tool", 10.0, 10.0, (0.3, 0.1, -0.2))(configuration)
     hull = LinearHolonomicTask(
-        np.hstack([np.eye(6), np.zeros((6, model.nv - 6))]), np.zeros(6), configuration.q.copy(), cost=1000.0
+        np.hstack([np.eye(6), np.zeros((6, model.nv - 6))]),
+        np.zeros(6),
+        configuration.q.copy(),
+        cost=1000.0,
     )
     below = [wrist(model, 0.1), DampingTask(cost=0.01)]
     return {
@@ -86,20 +99,33 @@ def limits(model: pin.Model) -> list[Limit]:
 
 
 def run(model: pin.Model, solver: str, ticks: int) -> tuple[np.ndarray, int]:
-    """Times [s] of so many ticks of each phase, and the number of ticks that pink could not solve."""
+    """Times [s] of so many ticks of each phase, and the number of ticks that pink could not
+    solve.
+    """
     q = pin.neutral(model)
     q[:3] = START
     configuration = Configuration(model, model.createData(), q)
     barrier = PositionBarrier("base_link", indices=[2], p_min=np.array([FLOOR + 1.2]), gain=1.0)
-    bounds, times, failed = limits(model), [], 0
+    bounds = limits(model)
+    times = []
+    failed = 0
     for tasks in phases(model, configuration).values():
         for _ in range(ticks):
             start = time.perf_counter()
             configuration.update(q)
             try:
-                v = solve_ik(configuration, tasks, DT, solver=solver, limits=bounds, barriers=[barrier], safety_break=False)
+                v = solve_ik(
+                    configuration,
+                    tasks,
+                    DT,
+                    solver=solver,
+                    limits=bounds,
+                    barriers=[barrier],
+                    safety_break=False,
+                )
             except NoSolutionFound:
-                v, failed = np.zeros(model.nv), failed + 1
+                v = np.zeros(model.nv)
+                failed = failed + 1
             times.append(time.perf_counter() - start)
             bounds[-1].set_last_integration(v, DT)
             q = pin.integrate(model, q, v * DT)
@@ -114,7 +140,8 @@ def main() -> None:
     parser.add_argument("--passes", type=int, default=3)
     parser.add_argument("--ticks", type=int, default=500, help="of each phase")
     given = parser.parse_args()
-    model, found = robot(given.urdf), dict[str, Any](version=version("pin-pink"))
+    model = robot(given.urdf)
+    found = dict[str, Any](version=version("pin-pink"))
     for solver in SOLVERS:
         if solver in qpsolvers.available_solvers:
             run(model, solver, 1)  # to warm up, as ours

@@ -1,4 +1,6 @@
-"""Problems of the hierarchy benchmark: recorded ticks of Case 1, random and adversarial hierarchies."""
+"""Problems of the hierarchy benchmark: recorded ticks of Case 1, random and adversarial
+hierarchies.
+"""
 
 from __future__ import annotations
 
@@ -18,9 +20,14 @@ from uvms_ocp.solvers.hierarchy.solution import Tick, TickResult
 
 Inputs: TypeAlias = tuple[np.ndarray, ...]
 """Of one call of a levels function."""
-STRUCTURES = {7: (7, 2, 3, 2, 7), 13: (13, 3, 6, 1, 1, 6, 4, 6, 3, 3, 13), 60: (60, 9, 20, 12, 30, 60)}
+STRUCTURES = {
+    7: (7, 2, 3, 2, 7),
+    13: (13, 3, 6, 1, 1, 6, 4, 6, 3, 3, 13),
+    60: (60, 9, 20, 12, 30, 60),
+}
 """Rows of the levels by the number of unknowns."""
-LARGE, HUMANOID = (7, 13, 20, 40, 80, 160), 88
+LARGE = (7, 13, 20, 40, 80, 160)
+HUMANOID = 88
 """Unknowns of sets that grow."""
 EACH_LARGE = 20
 DEPENDENT = (6, 6, 6, 3, 13)
@@ -63,7 +70,9 @@ class Recording:
 
 
 def recorded_ticks(duration: float) -> tuple[LevelsProblem, list[Inputs]]:
-    """The levels function of Case 1, and the inputs of all ticks of a run of duration [s] on the kinematic plant."""
+    """The levels function of Case 1, and the inputs of all ticks of a run of duration [s] on the
+    kinematic plant.
+    """
     scenario = case1(plant="kinematic", duration=duration)
     recording = Recording(solver=LexicographicActiveSet(), inputs=[])
     replace(scenario, solver=recording).run()
@@ -76,7 +85,12 @@ def levels_of(problem: LevelsProblem, inputs: Inputs) -> list[Level]:
     lower, upper, rate, activation, gate = (column.ravel() for column in columns)
     levels = [
         Level(
-            jacobian=J[rows], lower=lower[rows], upper=upper[rows], rate=rate[rows], activation=activation[rows], gate=gate[rows]
+            jacobian=J[rows],
+            lower=lower[rows],
+            upper=upper[rows],
+            rate=rate[rows],
+            activation=activation[rows],
+            gate=gate[rows],
         )
         for rows in row_slices(problem.sizes)
     ]
@@ -85,8 +99,15 @@ def levels_of(problem: LevelsProblem, inputs: Inputs) -> list[Level]:
 
 def _gated(level: Level) -> Level:
     lower, upper = widen_bounds(level.jacobian, level.lower, level.upper, level.gate)
-    rate, activation = level.rate, level.activation * level.gate
-    return Level(jacobian=level.jacobian, lower=lower, upper=upper, rate=np.clip(rate, lower, upper), activation=activation)
+    rate = level.rate
+    activation = level.activation * level.gate
+    return Level(
+        jacobian=level.jacobian,
+        lower=lower,
+        upper=upper,
+        rate=np.clip(rate, lower, upper),
+        activation=activation,
+    )
 
 
 def problems(problem: LevelsProblem, inputs: Sequence[Inputs], count: int) -> list[Problem]:
@@ -100,17 +121,29 @@ def problems(problem: LevelsProblem, inputs: Sequence[Inputs], count: int) -> li
 
 
 def large_problems(largest: int) -> list[Problem]:
-    """Sets that grow up to `largest` unknowns: random ones, ones without a conflict, one of a humanoid's size."""
+    """Sets that grow up to `largest` unknowns: random ones, ones without a conflict, one of a
+    humanoid's size.
+    """
     sizes = [n for n in LARGE if n <= largest]
     return [
         *(_large(f"random, grown, n={n}", n, grown_hierarchy) for n in sizes),
         *(_large(f"box and equalities, n={n}", n, boxed_hierarchy) for n in sizes),
-        *([_large(f"humanoid's size, n={HUMANOID}", HUMANOID, humanoid_hierarchy)] if largest >= HUMANOID else []),
+        *(
+            [_large(f"humanoid's size, n={HUMANOID}", HUMANOID, humanoid_hierarchy)]
+            if largest >= HUMANOID
+            else []
+        ),
     ]
 
 
-def _large(name: str, n: int, hierarchy: Callable[[np.random.Generator, int], list[Level]]) -> Problem:
-    return Problem(name=name, warm=False, sets=[hierarchy(np.random.default_rng(seed), n) for seed in range(EACH_LARGE)])
+def _large(
+    name: str, n: int, hierarchy: Callable[[np.random.Generator, int], list[Level]]
+) -> Problem:
+    return Problem(
+        name=name,
+        warm=False,
+        sets=[hierarchy(np.random.default_rng(seed), n) for seed in range(EACH_LARGE)],
+    )
 
 
 def grown_hierarchy(rng: np.random.Generator, n: int) -> list[Level]:
@@ -127,10 +160,18 @@ def boxed_hierarchy(rng: np.random.Generator, n: int) -> list[Level]:
 
 def humanoid_hierarchy(rng: np.random.Generator, n: int) -> list[Level]:
     """Simple bounds of most variables, 33, 3 and 2 rows, and 97 below."""
-    box = Level(jacobian=np.eye(n)[14:], lower=-rng.uniform(0.5, 1.5, n - 14), upper=rng.uniform(0.5, 1.5, n - 14))
+    box = Level(
+        jacobian=np.eye(n)[14:],
+        lower=-rng.uniform(0.5, 1.5, n - 14),
+        upper=rng.uniform(0.5, 1.5, n - 14),
+    )
     ends = [(rng.standard_normal((m, n)), rng.standard_normal(m)) for m in (33, 3, 2)]
     rest = np.vstack([np.eye(n), rng.standard_normal((97 - n, n))])
-    return [box, *(Level(jacobian=J, lower=b, upper=b) for J, b in ends), Level(jacobian=rest, lower=0.0, upper=0.0)]
+    return [
+        box,
+        *(Level(jacobian=J, lower=b, upper=b) for J, b in ends),
+        Level(jacobian=rest, lower=0.0, upper=0.0),
+    ]
 
 
 def exactness_problems(count: int) -> list[Problem]:
@@ -139,7 +180,10 @@ def exactness_problems(count: int) -> list[Problem]:
     seeds = [(7, seed) for seed in range(count // (2 + len(separations)))]
     return [
         *(_random(f"exactness, random n={n}", n, seeds) for n in (7, 13)),
-        *(_dependent(f"exactness, dependent to {nearly:g}", nearly, seeds) for nearly in separations),
+        *(
+            _dependent(f"exactness, dependent to {nearly:g}", nearly, seeds)
+            for nearly in separations
+        ),
     ]
 
 
@@ -149,15 +193,20 @@ def _random(name: str, n: int, seeds: Sequence[int | tuple[int, ...]]) -> Proble
 
 
 def _dependent(name: str, nearly: float, seeds: Sequence[int | tuple[int, ...]]) -> Problem:
-    sets = [dependent_hierarchy(np.random.default_rng(seed), 13, DEPENDENT, nearly) for seed in seeds]
+    sets = [
+        dependent_hierarchy(np.random.default_rng(seed), 13, DEPENDENT, nearly) for seed in seeds
+    ]
     return Problem(name=name, warm=False, sets=sets)
 
 
 def random_states(inputs: Sequence[Inputs], count: int) -> list[Inputs]:
     """Recorded ticks with another attitude, place, posture and velocity."""
-    rng, states = np.random.default_rng(0), []
+    rng = np.random.default_rng(0)
+    states = []
     for _ in range(count):
-        q, v, passive, _, change, altitude, *rest = (x.copy() for x in inputs[int(rng.integers(len(inputs)))])
+        q, v, passive, _, change, altitude, *rest = (
+            x.copy() for x in inputs[int(rng.integers(len(inputs)))]
+        )
         q[:3] += rng.uniform(-2.0, 2.0, 3)
         q[3:7] = rng.standard_normal(4)
         q[3:7] /= np.linalg.norm(q[3:7])
@@ -168,7 +217,9 @@ def random_states(inputs: Sequence[Inputs], count: int) -> list[Inputs]:
 
 
 def random_hierarchy(rng: np.random.Generator, n: int, sizes: tuple[int, ...]) -> list[Level]:
-    """A box on top, conflicting equalities and one- and two-sided inequalities, least velocity at the bottom."""
+    """A box on top, conflicting equalities and one- and two-sided inequalities, least velocity at
+    the bottom.
+    """
     box = Level(jacobian=np.eye(n), lower=-rng.uniform(0.5, 1.5, n), upper=rng.uniform(0.5, 1.5, n))
     rest = Level(jacobian=np.eye(n), lower=0.0, upper=0.0)
     return [box, *(_random_level(rng, n, size) for size in sizes[1:-1]), rest]
@@ -180,7 +231,9 @@ def _random_level(rng: np.random.Generator, n: int, size: int) -> Level:
     return Level(jacobian=rng.standard_normal((size, n)), lower=lower, upper=lower + width)
 
 
-def dependent_hierarchy(rng: np.random.Generator, n: int, sizes: tuple[int, ...], nearly: float) -> list[Level]:
+def dependent_hierarchy(
+    rng: np.random.Generator, n: int, sizes: tuple[int, ...], nearly: float
+) -> list[Level]:
     """Half of the rows combine earlier ones, up to `nearly`."""
     earlier = [rng.standard_normal(n)]
     levels = []

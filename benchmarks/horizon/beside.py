@@ -1,4 +1,6 @@
-"""What a tick takes while plans are made beside it, within it, and not at all: in real time, in blocks that take turns."""
+"""What a tick takes while plans are made beside it, within it, and not at all: in real time, in
+blocks that take turns.
+"""
 
 from __future__ import annotations
 
@@ -10,7 +12,16 @@ from typing import Any
 import numpy as np
 from recording.report import Row
 
-from horizon.following import CURRENT, DT, GUSTS, PERIOD, Experiment, problem, start_of, tool_position
+from horizon.following import (
+    CURRENT,
+    DT,
+    GUSTS,
+    PERIOD,
+    Experiment,
+    problem,
+    start_of,
+    tool_position,
+)
 from horizon.receding_conflicts import moving_goal
 from uvms_ocp.control.nmpc import Nmpc
 from uvms_ocp.control.solve_workers import ProcessWorker, SynchronousWorker
@@ -23,8 +34,12 @@ from uvms_ocp.sim.plant import DynamicPlant
 from uvms_ocp.sim.seafloor import FlatSeafloor
 
 SELDOM = 2.5
-"""[s] between two plans where none is to be counted: less than a horizon, so that there is always one to follow."""
-NONE, LINE, BESIDE = "no plans", "plans in line", "plans beside"
+"""[s] between two plans where none is to be counted: less than a horizon, so that there is always
+one to follow.
+"""
+NONE = "no plans"
+LINE = "plans in line"
+BESIDE = "plans beside"
 _WORKERS: dict[str, tuple[float, SynchronousWorker | ProcessWorker]] = {
     NONE: (SELDOM, SynchronousWorker()),
     LINE: (PERIOD, SynchronousWorker()),
@@ -52,13 +67,16 @@ class _Way:
     goal: Any
     ticks: int = 0
     blocks: list[np.ndarray] = field(default_factory=list)
-    """(n, 2) [ms] processor time of the tick's own thread and time by the clock on the wall, of each block."""
+    """(n, 2) [ms] processor time of the tick's own thread and time by the clock on the wall, of
+    each block.
+    """
     errors: list[float] = field(default_factory=list)
     """[mm] of the tool."""
 
     def run(self, seconds: float, *, planning: bool) -> None:
         """One block; ticks that plan count if `planning`."""
-        found, begin = [], perf_counter()
+        found = []
+        begin = perf_counter()
         for i in range(round(seconds / DT)):
             # Sleeping leaves the processor to the other process, as a robot's loop would.
             sleep(max(0.0, begin + i * DT - perf_counter()))
@@ -69,15 +87,20 @@ class _Way:
         self.blocks.append(1e3 * np.array(found))
 
     def _tick(self) -> tuple[float, float]:
-        state, t = self.plant.state, self.ticks * DT
+        state = self.plant.state
+        t = self.ticks * DT
         measurement = StateEstimate(q=state.q, v=state.v, altimeter_range=30.0)
-        wall, own = perf_counter(), thread_time()
+        wall = perf_counter()
+        own = thread_time()
         command = self.nmpc(measurement, t)
-        own, wall = thread_time() - own, perf_counter() - wall
+        own = thread_time() - own
+        wall = perf_counter() - wall
         self.plant.step(command, DT)
         self.ticks += 1
         tool = tool_position(self.nmpc._robot, self.plant.state.q)
-        self.errors.append(1e3 * float(np.linalg.norm(tool - self.goal(self.ticks * DT)[0].translation)))
+        self.errors.append(
+            1e3 * float(np.linalg.norm(tool - self.goal(self.ticks * DT)[0].translation))
+        )
         return own, wall
 
 
@@ -98,8 +121,11 @@ def tick_rows(experiment: Experiment, blocks: Blocks) -> Iterator[Row]:
 
 def _figures(way: _Way, without: _Way) -> Row:
     """Ratios are medians of those of blocks that were next to each other."""
-    all_ticks, statistics = np.concatenate(way.blocks), way.nmpc.statistics
-    peaks, others = (np.array([np.percentile(b, 99, axis=0) for b in own.blocks]) for own in (way, without))
+    all_ticks = np.concatenate(way.blocks)
+    statistics = way.nmpc.statistics
+    peaks, others = (
+        np.array([np.percentile(b, 99, axis=0) for b in own.blocks]) for own in (way, without)
+    )
     own, wall = np.median(peaks / others, axis=0).tolist()
     return {
         "p50 [ms]": float(np.median(all_ticks[:, 0])),
@@ -121,6 +147,8 @@ def _way(experiment: Experiment, period: float, worker: SynchronousWorker | Proc
     goal = moving_goal(robot, begin=4.0)
     return _Way(
         nmpc=Nmpc(problem(robot, goal, experiment), dt=DT, period=period, worker=worker),
-        plant=DynamicPlant(robot, start_of(robot), dynamics=robot_dynamics(robot), environment=environment),
+        plant=DynamicPlant(
+            robot, start_of(robot), dynamics=robot_dynamics(robot), environment=environment
+        ),
         goal=goal,
     )

@@ -27,7 +27,8 @@ from horizon.peer_problems import (
 
 HERE = Path(__file__).parent
 LIMITED_TOLERANCE = 1e-6
-COMPILED, INTERPRETED = "compiled", "virtual machine"
+COMPILED = "compiled"
+INTERPRETED = "virtual machine"
 SIDES = ("crocoddyl FDDP", "uvms_ocp stagewise")
 QUICKEST = {"peer_drake": "Drake KTO", "peer_pyroboplan": "PyRoboPlan"}
 
@@ -43,20 +44,34 @@ class Comparison:
     """Of every call, theirs and ours, after one to warm up."""
     quick: bool
 
-    def run_peer(self, environment: str, script: str, numbers: Mapping[str, Any], *words: object) -> dict[str, Any]:
+    def run_peer(
+        self, environment: str, script: str, numbers: Mapping[str, Any], *words: object
+    ) -> dict[str, Any]:
         """What a peer makes of a problem."""
         assert self.peers is not None
-        problem, result = write(numbers, self.scratch / "problem.json"), self.scratch / f"{script}.json"
+        problem = write(numbers, self.scratch / "problem.json")
+        result = self.scratch / f"{script}.json"
         python = interpreter(self.peers, environment)
-        run_script(python, HERE / f"{script}.py", problem, result, "--repeats", self.repeats, *words)
+        run_script(
+            python, HERE / f"{script}.py", problem, result, "--repeats", self.repeats, *words
+        )
         found: dict[str, Any] = json.loads(result.read_text())
         return found
 
     def run_ours(
-        self, kind: str, n_steps: int, how: str, judge: str | None = None, *, first_setting: bool = False
+        self,
+        kind: str,
+        n_steps: int,
+        how: str,
+        judge: str | None = None,
+        *,
+        first_setting: bool = False,
     ) -> dict[str, Any]:
-        """What ours make of it, and of the peer's solution; first_setting: alone, and built from what was compiled before."""
-        result, words = self.scratch / "ours.json", ["--quick"] if self.quick or first_setting else []
+        """What ours make of it, and of the peer's solution; first_setting: alone, and built from
+        what was compiled before.
+        """
+        result = self.scratch / "ours.json"
+        words = ["--quick"] if self.quick or first_setting else []
         words += [] if judge is None else ["--peer", str(self.scratch / f"{judge}.json")]
         arguments = (kind, n_steps, result, "--repeats", self.repeats, *words)
         run_script(sys.executable, HERE / "ours.py", *arguments, compiler=how == COMPILED)
@@ -70,12 +85,16 @@ class Comparison:
 
 
 def shooting_rows(comparison: Comparison, n_steps: int) -> tuple[list[Row], dict[str, str]]:
-    """crocoddyl first: ratios are to its time, and `off` is the share by which a cost differs from its."""
-    name, judge = f"shooting, N = {n_steps}", "peer_crocoddyl" if comparison.peers else None
+    """crocoddyl first: ratios are to its time, and `off` is the share by which a cost differs from
+    its.
+    """
+    name = f"shooting, N = {n_steps}"
+    judge = "peer_crocoddyl" if comparison.peers else None
     peer: dict[str, Any] = {}
     if judge:
         peer = comparison.run_peer("crocoddyl", judge, shooting_numbers(shooting_problem(n_steps)))
-    reference, cost = peer.get("cold", {}).get("cpu"), peer.get("cost")
+    reference = peer.get("cold", {}).get("cpu")
+    cost = peer.get("cost")
     rows: list[Row] = []
     for how in comparison.ways:
         found = comparison.run_ours("shooting", n_steps, how, judge)
@@ -86,18 +105,26 @@ def shooting_rows(comparison: Comparison, n_steps: int) -> tuple[list[Row], dict
 
 
 def turns(comparison: Comparison, n_steps: int, rounds: int) -> list[Row]:
-    """crocoddyl and ours, with its Hessian and the first tolerance, one after the other several times: least times and medians.
+    """crocoddyl and ours, with its Hessian and the first tolerance, one after the other several
+    times: least times and medians.
 
-    So both have the same of a machine that others use as well. Ratios are of the least times, and the median of all rounds.
+    So both have the same of a machine that others use as well. Ratios are of the least times, and
+    the median of all rounds.
     """
     if not comparison.peers:
         return []
-    numbers, found = shooting_numbers(shooting_problem(n_steps)), {name: list[float]() for name in SIDES}
+    numbers = shooting_numbers(shooting_problem(n_steps))
+    found = {name: list[float]() for name in SIDES}
     for _ in range(rounds):
-        found[SIDES[0]].append(comparison.run_peer("crocoddyl", "peer_crocoddyl", numbers)["cold"]["cpu"])
-        ours = comparison.run_ours("shooting", n_steps, comparison.ways[0], first_setting=True)["rows"]
+        found[SIDES[0]].append(
+            comparison.run_peer("crocoddyl", "peer_crocoddyl", numbers)["cold"]["cpu"]
+        )
+        ours = comparison.run_ours("shooting", n_steps, comparison.ways[0], first_setting=True)[
+            "rows"
+        ]
         found[SIDES[1]].append(ours[0]["cpu"])
-    least, peer = min(found[SIDES[0]]), np.array(found[SIDES[0]])
+    least = min(found[SIDES[0]])
+    peer = np.array(found[SIDES[0]])
     return [
         {
             "problem": f"shooting, N = {n_steps}",
@@ -128,7 +155,9 @@ def _crocoddyl_row(name: str, peer: Mapping[str, Any], judged: Mapping[str, floa
 
 
 def limited_rows(comparison: Comparison, n_steps: int) -> tuple[list[Row], dict[str, str]]:
-    """mim-solvers first: ratios are to its time; `off` is the share by which a cost differs from that of mim-solvers."""
+    """mim-solvers first: ratios are to its time; `off` is the share by which a cost differs from
+    that of mim-solvers.
+    """
     name = f"limited, N = {n_steps}"
     peer: dict[str, Any] = {}
     if comparison.peers:
@@ -137,19 +166,30 @@ def limited_rows(comparison: Comparison, n_steps: int) -> tuple[list[Row], dict[
     rows: list[Row] = []
     if peer:
         status = "converged" if peer["converged"] else "not converged"
-        row = {"problem": name, "solver": "mim-solvers CSQP", "setting": f"Gauss-Newton, {LIMITED_TOLERANCE:g}"}
+        row = {
+            "problem": name,
+            "solver": "mim-solvers CSQP",
+            "setting": f"Gauss-Newton, {LIMITED_TOLERANCE:g}",
+        }
         found = {"iterations": peer["iterations"], "result": peer["cost"], "status": status}
         rows.append({**row, **times(peer, peer["cpu"]), **found})
     best = peer.get("cost") if peer.get("converged") else None
     ours = comparison.run_ours("limited", n_steps, comparison.ways[0])["rows"]
-    rows += [our_row(name, row, comparison.ways[0], peer.get("cpu"), (row["cost"], best)) for row in ours]
+    rows += [
+        our_row(name, row, comparison.ways[0], peer.get("cpu"), (row["cost"], best)) for row in ours
+    ]
     return rows, peer.get("versions", {})
 
 
-def quickest_rows(comparison: Comparison, sizes: tuple[int, ...]) -> tuple[list[Row], dict[str, str]]:
-    """Ratios are to the fastest peer; `off` is the share by which a duration exceeds the known optimum."""
+def quickest_rows(
+    comparison: Comparison, sizes: tuple[int, ...]
+) -> tuple[list[Row], dict[str, str]]:
+    """Ratios are to the fastest peer; `off` is the share by which a duration exceeds the known
+    optimum.
+    """
     problem = quickest_problem(sizes[0])
-    best, peers = least_time(problem), _quickest_peers(comparison, quickest_numbers(problem))
+    best = least_time(problem)
+    peers = _quickest_peers(comparison, quickest_numbers(problem))
     reference = min((run["cpu"] for peer in peers.values() for run in peer["runs"]), default=None)
     rows = [*_quickest_peer_rows(peers, reference, best)]
     for n_steps in sizes:
@@ -157,20 +197,28 @@ def quickest_rows(comparison: Comparison, sizes: tuple[int, ...]) -> tuple[list[
             for row in comparison.run_ours("quickest", n_steps, how)["rows"]:
                 made = our_row("quickest", row, how, reference, (row["duration"], best))
                 rows.append({**made, "setting": f"N = {n_steps}, {made['setting']}"})
-    versions = {name: version for peer in peers.values() for name, version in peer["versions"].items()}
+    versions = {
+        name: version for peer in peers.values() for name, version in peer["versions"].items()
+    }
     return rows, versions
 
 
-def _quickest_peers(comparison: Comparison, numbers: Mapping[str, Any]) -> dict[str, dict[str, Any]]:
+def _quickest_peers(
+    comparison: Comparison, numbers: Mapping[str, Any]
+) -> dict[str, dict[str, Any]]:
     if comparison.peers is None:
         return {}
     return {
         "peer_drake": comparison.run_peer("drake", "peer_drake", numbers),
-        "peer_pyroboplan": comparison.run_peer("drake", "peer_pyroboplan", numbers, *(["--quick"] if comparison.quick else [])),
+        "peer_pyroboplan": comparison.run_peer(
+            "drake", "peer_pyroboplan", numbers, *(["--quick"] if comparison.quick else [])
+        ),
     }
 
 
-def _quickest_peer_rows(peers: Mapping[str, Any], reference: float | None, best: float) -> Iterator[Row]:
+def _quickest_peer_rows(
+    peers: Mapping[str, Any], reference: float | None, best: float
+) -> Iterator[Row]:
     for script, peer in peers.items():
         for run in peer["runs"]:
             yield {
@@ -184,7 +232,13 @@ def _quickest_peer_rows(peers: Mapping[str, Any], reference: float | None, best:
             }
 
 
-def our_row(problem: str, row: Mapping[str, Any], how: str, reference: float | None, result: tuple[float, float | None]) -> Row:
+def our_row(
+    problem: str,
+    row: Mapping[str, Any],
+    how: str,
+    reference: float | None,
+    result: tuple[float, float | None],
+) -> Row:
     """A row of ours; result: what was found, and what it is compared with."""
     return {
         "problem": problem,
@@ -202,7 +256,8 @@ def our_row(problem: str, row: Mapping[str, Any], how: str, reference: float | N
 def times(found: Mapping[str, Any], reference: float | None) -> dict[str, float | None]:
     """Of the build and of a cold call, and the ratio of its processor time to the reference [s]."""
     ratio = None if reference is None else found["cpu"] / reference
-    cpu_ms, wall_ms = 1e3 * found["cpu"], 1e3 * found["wall"]
+    cpu_ms = 1e3 * found["cpu"]
+    wall_ms = 1e3 * found["wall"]
     return {"build_s": found["build_s"], "cpu_ms": cpu_ms, "wall_ms": wall_ms, "ratio": ratio}
 
 

@@ -12,7 +12,9 @@ from uvms_ocp.ocp.planner import Planner
 
 
 def condition(planner: Planner, plan: Plan) -> float:
-    """Estimate, in the 1-norm, for the matrix of Newton's step at the plan: Hessian and Jacobian of the constraints."""
+    """Estimate, in the 1-norm, for the matrix of Newton's step at the plan: Hessian and Jacobian of
+    the constraints.
+    """
     assert plan.result is not None
     (point,), (nlp,) = plan.result.points, sparse_program(planner).program.nlps
     if point.row_multipliers is None:

@@ -24,7 +24,9 @@ from uvms_ocp.sim.seafloor import FlatSeafloor
 
 LEVELS = "levels"
 GAINS = TrackingGains(vehicle_stiffness=4.0, vehicle_damping=4.0, lead=8.0)
-"""A vehicle that is to stay within millimetres in gusts needs thrusters faster than by default, whose lag plans do not know."""
+"""A vehicle that is to stay within millimetres in gusts needs thrusters faster than by default,
+whose lag plans do not know.
+"""
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -47,25 +49,45 @@ def conflict_rows(runs: ConflictRuns) -> Iterator[Row]:
         conflict = make(robot)
         if runs.only and conflict.name not in runs.only:
             continue
-        problems = {LEVELS: conflict.problem} | {f"weights, {w:g}": conflict.as_sum(w) for w in runs.weights}
+        problems = {LEVELS: conflict.problem} | {
+            f"weights, {w:g}": conflict.as_sum(w) for w in runs.weights
+        }
         for seed in runs.seeds:
             for name, problem in problems.items():
-                nmpc = Nmpc(problem, dt=DT, period=PERIOD, clock=process_time, options=STRICT, gains=GAINS)
+                nmpc = Nmpc(
+                    problem, dt=DT, period=PERIOD, clock=process_time, options=STRICT, gains=GAINS
+                )
                 found = conflict_run(conflict, nmpc, seed, min(runs.seconds, conflict.seconds))
-                yield {"conflict": conflict.name, "priorities": name, "seed": seed, **found, **deadlines(nmpc)}
+                yield {
+                    "conflict": conflict.name,
+                    "priorities": name,
+                    "seed": seed,
+                    **found,
+                    **deadlines(nmpc),
+                }
 
 
-def conflict_run(conflict: RecedingConflict, nmpc: Nmpc, seed: int, seconds: float) -> dict[str, Any]:
+def conflict_run(
+    conflict: RecedingConflict, nmpc: Nmpc, seed: int, seconds: float
+) -> dict[str, Any]:
     """Errors [mm] of tool and vehicle, smallest distance [mm] from what closes in, energy [J]."""
-    robot, q = conflict.problem.robot, conflict.problem.start.q
+    robot = conflict.problem.robot
+    q = conflict.problem.start.q
     water = GustyCurrent(base=UniformCurrent(CURRENT), sigma=GUSTS, seed=seed)
     environment = Environment(seafloor=FlatSeafloor(z=-40), current=water)
     plant = DynamicPlant(robot, q, dynamics=robot_dynamics(robot), environment=environment)
-    tool, vehicle, gaps = [], [], []
+    tool = []
+    vehicle = []
+    gaps = []
     for i in range(round(seconds / DT)):
-        plant.step(nmpc(StateEstimate(q=plant.state.q, v=plant.state.v, altimeter_range=30.0), i * DT), DT)
-        now, t = plant.state.q, (i + 1) * DT
-        tool.append(1e3 * float(np.linalg.norm(tool_position(robot, now) - conflict.goal(t)[0].translation)))
+        plant.step(
+            nmpc(StateEstimate(q=plant.state.q, v=plant.state.v, altimeter_range=30.0), i * DT), DT
+        )
+        now = plant.state.q
+        t = (i + 1) * DT
+        tool.append(
+            1e3 * float(np.linalg.norm(tool_position(robot, now) - conflict.goal(t)[0].translation))
+        )
         vehicle.append(1e3 * float(np.linalg.norm(now[:3] - q[:3])))
         gaps.append(1e3 * conflict.obstacle.gap(robot, now, t) if conflict.obstacle else np.inf)
     settled = tool[round((conflict.returned + SETTLING) / DT) :]

@@ -19,7 +19,9 @@ from uvms_ocp.robot.robot import Robot
 from uvms_ocp.robot.signals import State
 from uvms_ocp.tasks.pose import ToolPosition
 
-N_LINKS, LINK = 11, 0.1  # , [m] length of each
+# , [m] length of each
+N_LINKS = 11
+LINK = 0.1
 MARKS = {"shoulder": 3, "elbow": 6, "tool": 11}  # joints from the base to the frame
 AHEAD = 3.0
 """[m] from the tool to its goal."""
@@ -35,52 +37,84 @@ class Conflict:
     goals: tuple[tuple[str, np.ndarray], ...]
     """Frame of each level, and the position (3,) [m] in W that it is to reach."""
     best: tuple[float | None, ...]
-    """[m] that a level must keep away from its goal, below those above it; None where it is not known."""
+    """[m] that a level must keep away from its goal, below those above it; None where it is not
+    known.
+    """
 
     def errors(self, plan: Plan) -> list[float]:
         """Distances [m] of the frames from their goals at the end."""
-        model, data = plan.robot.model, plan.robot.model.createData()
+        model = plan.robot.model
+        data = plan.robot.model.createData()
         pin.framesForwardKinematics(model, data, plan.trajectory.q[-1])
         ends = [data.oMf[plan.robot.frame_id(frame)].translation for frame, _ in self.goals]
-        return [float(np.linalg.norm(end - goal)) for end, (_, goal) in zip(ends, self.goals, strict=True)]
+        return [
+            float(np.linalg.norm(end - goal))
+            for end, (_, goal) in zip(ends, self.goals, strict=True)
+        ]
 
     def as_sum(self, weight: float) -> OcpProblem:
-        """One level: residuals of every goal `weight` times those of the next before they are squared, the costs once."""
+        """One level: residuals of every goal `weight` times those of the next before they are
+        squared, the costs once.
+        """
         goals, costs = self.problem.levels[:-1], self.problem.levels[-1]
-        terms = [replace(term, weight=weight ** (2 * (len(goals) - i))) for i, level in enumerate(goals) for term in level.terms]
+        terms = [
+            replace(term, weight=weight ** (2 * (len(goals) - i)))
+            for i, level in enumerate(goals)
+            for term in level.terms
+        ]
         return replace(self.problem, levels=(OcpLevel(name="sum", terms=(*terms, *costs.terms)),))
 
 
 def arm(n_steps: int = 20) -> Conflict:
-    """11 joints in a plane: the tool can reach its goal, then elbow and shoulder are in each other's way.
+    """11 joints in a plane: the tool can reach its goal, then elbow and shoulder are in each
+    other's way.
 
-    The elbow gets as near to its goal as a straight forearm from the tool allows, the shoulder as near as a straight
-    upper arm from that elbow does.
+    The elbow gets as near to its goal as a straight forearm from the tool allows, the shoulder as
+    near as a straight upper arm from that elbow does.
     """
-    tool, elbow, shoulder = np.array([0.9, 0, 0]), np.array([0, 0.6, 0]), np.array([-0.3, 0, 0])
-    forearm, upper = LINK * (MARKS["tool"] - MARKS["elbow"]), LINK * (MARKS["elbow"] - MARKS["shoulder"])
+    tool = np.array([0.9, 0, 0])
+    elbow = np.array([0, 0.6, 0])
+    shoulder = np.array([-0.3, 0, 0])
+    forearm = LINK * (MARKS["tool"] - MARKS["elbow"])
+    upper = LINK * (MARKS["elbow"] - MARKS["shoulder"])
     elbow_there = tool + forearm * (elbow - tool) / np.linalg.norm(elbow - tool)
-    best = (0.0, float(np.linalg.norm(elbow - tool) - forearm), float(np.linalg.norm(shoulder - elbow_there) - upper))
+    best = (
+        0.0,
+        float(np.linalg.norm(elbow - tool) - forearm),
+        float(np.linalg.norm(shoulder - elbow_there) - upper),
+    )
     robot = chain()
     problem = single_phase(
         robot=robot,
         start=State(q=np.full(N_LINKS, 0.1), v=np.zeros(N_LINKS)),
         duration=4.0,
         n_steps=n_steps,
-        levels=[*(_goal(name, name, p) for name, p in (("tool", tool), ("elbow", elbow), ("shoulder", shoulder))), CHEAP],
+        levels=[
+            *(
+                _goal(name, name, p)
+                for name, p in (("tool", tool), ("elbow", elbow), ("shoulder", shoulder))
+            ),
+            CHEAP,
+        ],
         constraints=(AtRest(),),
         water=False,
     )
     return Conflict(
-        name="arm, 11 joints", problem=problem, goals=(("tool", tool), ("elbow", elbow), ("shoulder", shoulder)), best=best
+        name="arm, 11 joints",
+        problem=problem,
+        goals=(("tool", tool), ("elbow", elbow), ("shoulder", shoulder)),
+        best=best,
     )
 
 
 def vehicle(n_steps: int = 20) -> Conflict:
-    """13 DoF in water: the vehicle is to stay, the tool to reach a point that needs the vehicle, both cost effort."""
+    """13 DoF in water: the vehicle is to stay, the tool to reach a point that needs the vehicle,
+    both cost effort.
+    """
     problem = tool_reach(n_steps)
     here = Kinematics(problem.robot, problem.start.q)
-    base, tool = here.pose("base_link").translation, here.pose("tool").translation + np.array([AHEAD, 0, 0])
+    base = here.pose("base_link").translation
+    tool = here.pose("tool").translation + np.array([AHEAD, 0, 0])
     levels = (_goal("vehicle", "base_link", base), _goal("tool", "tool", tool), problem.levels[-1])
     return Conflict(
         name="vehicle and arm, 13 DoF, water",
@@ -100,18 +134,20 @@ def chain() -> Robot:
     )
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "chain.urdf"
-        path.write_text(f'<robot name="chain"><link name="link0"/>{links}{marks}</robot>', encoding="utf-8")
+        path.write_text(
+            f'<robot name="chain"><link name="link0"/>{links}{marks}</robot>', encoding="utf-8"
+        )
         return load_robot(urdf=path, base="fixed")
 
 
 def _link(i: int) -> str:
     offset = LINK if i > 1 else 0.0
     return (
-        f'<link name="link{i}"><inertial><origin xyz="{LINK / 2} 0 0"/><mass value="0.5"/>'
-        '<inertia ixx="1e-4" ixy="0" ixz="0" iyy="5e-4" iyz="0" izz="5e-4"/></inertial></link>'
-        f'<joint name="joint{i}" type="revolute"><parent link="link{i - 1}"/><child link="link{i}"/>'
-        f'<origin xyz="{offset} 0 0"/><axis xyz="0 0 1"/>'
-        '<limit lower="-6" upper="6" velocity="2" effort="20"/></joint>'
+        f'<link name="link{i}"><inertial><origin xyz="{LINK / 2} 0 0"/><mass value="0.5"/><inertia'
+        ' ixx="1e-4" ixy="0" ixz="0" iyy="5e-4" iyz="0" izz="5e-4"/></inertial></link><joint'
+        f' name="joint{i}" type="revolute"><parent link="link{i - 1}"/><child'
+        f' link="link{i}"/><origin xyz="{offset} 0 0"/><axis xyz="0 0 1"/><limit lower="-6"'
+        ' upper="6" velocity="2" effort="20"/></joint>'
     )
 
 

@@ -20,13 +20,22 @@ _ROUNDING = 1e-6  # [N]
 
 
 def quasi_static_energy(
-    robot: Robot, current: Current, t: np.ndarray, q: np.ndarray, v: np.ndarray, *, every: int, inertia: bool = False
+    robot: Robot,
+    current: Current,
+    t: np.ndarray,
+    q: np.ndarray,
+    v: np.ndarray,
+    *,
+    every: int,
+    inertia: bool = False,
 ) -> float:
-    """Of thrusters [J] along q (n, n_q) [m, rad] with v (n, n_v) [m/s, rad/s] at t (n,) [s], looked at `every` rows.
+    """Of thrusters [J] along q (n, n_q) [m, rad] with v (n, n_v) [m/s, rad/s] at t (n,) [s], looked
+    at `every` rows.
 
     inertia: count the accelerations between the rows looked at as well.
     """
-    dynamics, a = robot_dynamics(robot), np.zeros_like(v)
+    dynamics = robot_dynamics(robot)
+    a = np.zeros_like(v)
     if inertia:
         a[::every] = np.gradient(v[::every], t[::every], axis=0)
     rows = np.arange(0, len(t), every)
@@ -34,13 +43,18 @@ def quasi_static_energy(
     for k in rows:
         water = water_at(current, q[k : k + 1, :3], float(t[k]))
         u = type(water)(velocity=water.velocity[0])
-        powers.append(least_power(robot, dynamics.inverse_dynamics(q[k], v[k], a[k], u)[: robot.n_vehicle]))
+        powers.append(
+            least_power(robot, dynamics.inverse_dynamics(q[k], v[k], a[k], u)[: robot.n_vehicle])
+        )
     return float(np.trapezoid(powers, t[rows]))
 
 
 def least_power(robot: Robot, wrench: np.ndarray) -> float:
-    """[W] Least electrical power of all thrusts that give a wrench (6,) [N, N m], without their limits."""
-    B, given = thruster_matrix(robot), [thruster.power for thruster in robot.description.thrusters if thruster.power]
+    """[W] Least electrical power of all thrusts that give a wrench (6,) [N, N m], without their
+    limits.
+    """
+    B = thruster_matrix(robot)
+    given = [thruster.power for thruster in robot.description.thrusters if thruster.power]
     exponent = np.array([power.exponent for power in given])
     factor = np.array([power.watts / power.thrust**power.exponent for power in given])
     thrust = np.linalg.pinv(B) @ wrench

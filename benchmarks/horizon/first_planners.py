@@ -1,8 +1,10 @@
-"""Planners of one robot built and asked one after the other in a process of their own, each once nothing is compiled any more.
+"""Planners of one robot built and asked one after the other in a process of their own, each once
+nothing is compiled any more.
 
     python first_planners.py STEPS RESULT.json
 
-The cache is that of ``UVMS_OCP_CACHE``, empty at first. Spheres, goals and their words are those of `first_answer`.
+The cache is that of ``UVMS_OCP_CACHE``, empty at first. Spheres, goals and their words are those of
+`first_answer`.
 """
 
 from __future__ import annotations
@@ -31,8 +33,11 @@ from uvms_ocp.robot.shapes.obstacles import parse_obstacle
 from uvms_ocp.robot.signals import State
 from uvms_ocp.tasks.pose import ToolPose, ToolPosition
 
-_CLEARANCE, _KEPT = 0.06, 0.7  # [m]; share of what the start has
-_LEVEL, _LEAN = "no lean at the end", 0.1
+# [m]; share of what the start has
+_CLEARANCE = 0.06
+_KEPT = 0.7
+_LEVEL = "no lean at the end"
+_LEAN = 0.1
 
 
 def problems(robot: Robot, steps: int) -> Iterator[tuple[str, OcpProblem]]:
@@ -46,9 +51,14 @@ def problems(robot: Robot, steps: int) -> Iterator[tuple[str, OcpProblem]]:
     yield "the same again", _reach(robot, steps, 2, TURN)
 
 
-def _reach(robot: Robot, steps: int, n_spheres: int, turn: tuple[float, float, float] | None) -> OcpProblem:
+def _reach(
+    robot: Robot, steps: int, n_spheres: int, turn: tuple[float, float, float] | None
+) -> OcpProblem:
     q = robot.configuration(position=START)
-    spheres = [parse_obstacle("sphere", words, f"sphere{i}") for i, words in enumerate(SPHERES[:n_spheres], 1)]
+    spheres = [
+        parse_obstacle("sphere", words, f"sphere{i}")
+        for i, words in enumerate(SPHERES[:n_spheres], 1)
+    ]
     scene = collision_scene(coordinates(robot, reference=q), spheres)
     margins = np.minimum(_CLEARANCE, _KEPT * CoalDistances(scene).distances_at(q[None])[0])
     X_WG = pin.SE3(np.eye(3) if turn is None else pin.rpy.rpyToMatrix(*turn), np.array(GOAL))
@@ -60,7 +70,9 @@ def _reach(robot: Robot, steps: int, n_spheres: int, turn: tuple[float, float, f
         n_steps=steps,
         levels=[
             OcpLevel(name="goal", terms=(TaskTerm(task=task),)),
-            OcpLevel(name="effort", terms=(Effort(), Smoothness(weight=0.09), Posture(q=q, weight=4.0))),
+            OcpLevel(
+                name="effort", terms=(Effort(), Smoothness(weight=0.09), Posture(q=q, weight=4.0))
+            ),
         ],
         constraints=(AtRest(), ShapeClearance(scene=scene, margins=margins)),
     )
@@ -71,11 +83,16 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("steps", type=int)
     parser.add_argument("result", type=Path)
-    given, cache, rows = parser.parse_args(), Path(os.environ["UVMS_OCP_CACHE"]), []
+    given = parser.parse_args()
+    cache = Path(os.environ["UVMS_OCP_CACHE"])
+    rows = []
     for step, problem in problems(load_robot("girona_maris7_full"), given.steps):
-        before, begin, processor = set(cache.glob("*.so")), perf_counter(), process_time()
+        before = set(cache.glob("*.so"))
+        begin = perf_counter()
+        processor = process_time()
         planner = Planner(problem)
-        built, processor = perf_counter(), process_time() - processor
+        built = perf_counter()
+        processor = process_time() - processor
         plan = planner.plan(diagnose=False)
         solved = perf_counter()
         rows.append(

@@ -1,4 +1,6 @@
-"""A tool that follows still and moving goals in a gusty current, by receding horizon and by the velocity hierarchy."""
+"""A tool that follows still and moving goals in a gusty current, by receding horizon and by the
+velocity hierarchy.
+"""
 
 from __future__ import annotations
 
@@ -37,10 +39,12 @@ from uvms_ocp.tasks.task import Hierarchy
 
 CURRENT = np.array([0.3, 0.0, 0.0])
 """(3,) [m/s] mean of the water."""
-GUSTS, DOUBLE = 0.05, 0.1
+GUSTS = 0.05
+DOUBLE = 0.1
 """[m/s] standard deviation of the gusts."""
 JOINTS = (0.0, -0.6, 0.0, -1.2, 0.0, -0.6, 0.0)
-DT, PERIOD = 1 / 200, 1 / 20
+DT = 1 / 200
+PERIOD = 1 / 20
 """[s] of control and of planning."""
 POSTURE = 0.3
 """[rad] by which joints may leave their posture at no cost."""
@@ -96,7 +100,9 @@ def circle(first: pin.SE3, *, radius: float = 0.3, speed: float = 0.1) -> PoseRe
 
 
 def back_and_forth(first: pin.SE3, *, way: float = 0.5, speed: float = 0.1) -> PoseReference:
-    """A way [m] along y at a speed [m/s], turning round at once: what only a look ahead can be ready for."""
+    """A way [m] along y at a speed [m/s], turning round at once: what only a look ahead can be
+    ready for.
+    """
 
     def at(t: float) -> tuple[pin.SE3, np.ndarray]:
         place = speed * t % (2 * way)
@@ -137,7 +143,8 @@ def strict(robot: Robot, goal: PoseReference, experiment: Experiment) -> OcpProb
     rest = JointTracking(joints=robot.joint_names, goal=np.array(JOINTS))
     posture = TaskTerm(task=rest, at=At.PATH, tolerance=POSTURE)
     tilt = TaskTerm(task=HorizontalAttitude(), at=At.PATH, weight=100.0)
-    tool, costs = problem(robot, goal, experiment).levels[0].terms[:2], (Effort(), Smoothness(weight=0.09))
+    tool = problem(robot, goal, experiment).levels[0].terms[:2]
+    costs = (Effort(), Smoothness(weight=0.09))
     levels = (
         OcpLevel(name="tool", terms=tool),
         OcpLevel(name="tilt and posture", terms=(tilt, posture)),
@@ -146,8 +153,12 @@ def strict(robot: Robot, goal: PoseReference, experiment: Experiment) -> OcpProb
     return replace(problem(robot, goal, experiment), levels=levels)
 
 
-def hierarchy(robot: Robot, dynamics: Dynamics, goal: PoseReference, gain: float) -> DynamicController:
-    """Joint limits, tilt, tool with a gain [1/s], posture; above the dynamic control layer with its observer."""
+def hierarchy(
+    robot: Robot, dynamics: Dynamics, goal: PoseReference, gain: float
+) -> DynamicController:
+    """Joint limits, tilt, tool with a gain [1/s], posture; above the dynamic control layer with its
+    observer.
+    """
     tasks = [
         JointLimits(),
         HorizontalAttitude(),
@@ -156,7 +167,9 @@ def hierarchy(robot: Robot, dynamics: Dynamics, goal: PoseReference, gain: float
     ]
     phase = Phase(name="follow", transitions=(), activations={task.name: 1.0 for task in tasks})
     mission = Mission(hierarchy=Hierarchy(tasks), phases=(phase,))
-    kinematic = KinematicController(robot=robot, mission=mission, solver=LexicographicActiveSet(), dt=DT)
+    kinematic = KinematicController(
+        robot=robot, mission=mission, solver=LexicographicActiveSet(), dt=DT
+    )
     return DynamicController(robot=robot, dynamics=dynamics, kinematic=kinematic)
 
 
@@ -168,15 +181,27 @@ def controllers(
     yield "NMPC", Nmpc(problem(robot, goal, experiment), dt=DT, period=PERIOD, clock=process_time)
     yield "NMPC, clock on the wall", Nmpc(problem(robot, goal, experiment), dt=DT, period=PERIOD)
     levels = strict(robot, goal, experiment)
-    yield "NMPC, strict levels", Nmpc(levels, dt=DT, period=PERIOD, clock=process_time, options=STRICT)
-    yield "NMPC, strict levels, clock on the wall", Nmpc(levels, dt=DT, period=PERIOD, options=STRICT)
+    yield (
+        "NMPC, strict levels",
+        Nmpc(levels, dt=DT, period=PERIOD, clock=process_time, options=STRICT),
+    )
+    yield (
+        "NMPC, strict levels, clock on the wall",
+        Nmpc(levels, dt=DT, period=PERIOD, options=STRICT),
+    )
     for gain in experiment.gains:
         yield f"hierarchy, tool gain {gain:g} /s", hierarchy(robot, dynamics, goal, gain)
 
 
-def run(robot: Robot, plant: DynamicPlant, controller: Controller, goal: PoseReference, seconds: float) -> dict[str, Any]:
-    """Follow the goal for so long [s]; errors [mm] of the tool, energy [J], thrust [N], processor time per call."""
-    errors, times, peak = [], [], 0.0
+def run(
+    robot: Robot, plant: DynamicPlant, controller: Controller, goal: PoseReference, seconds: float
+) -> dict[str, Any]:
+    """Follow the goal for so long [s]; errors [mm] of the tool, energy [J], thrust [N], processor
+    time per call.
+    """
+    errors = []
+    times = []
+    peak = 0.0
     for i in range(round(seconds / DT)):
         measurement = StateEstimate(q=plant.state.q, v=plant.state.v, altimeter_range=30.0)
         begin = process_time()
@@ -222,7 +247,9 @@ def rows(experiment: Experiment) -> Iterator[Row]:
             water = GustyCurrent(base=UniformCurrent(CURRENT), sigma=gusts, seed=seed)
             environment = Environment(seafloor=FlatSeafloor(z=-40), current=water)
             for name, controller in controllers(robot, dynamics, goal_of(first), experiment):
-                plant = DynamicPlant(robot, start_of(robot), dynamics=dynamics, environment=environment)
+                plant = DynamicPlant(
+                    robot, start_of(robot), dynamics=dynamics, environment=environment
+                )
                 found = run(robot, plant, controller, goal_of(first), experiment.seconds)
                 late = deadlines(controller) if isinstance(controller, Nmpc) else {}
                 yield {"case": case, "controller": name, "seed": seed, **found, **late}

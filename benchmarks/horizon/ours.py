@@ -2,8 +2,9 @@
 
     python ours.py shooting|limited|quickest STEPS RESULT.json --repeats N [--peer RESULT.json] [--quick]
 
-Without a compiler step functions run in CasADi's virtual machine. What a peer has found is put into our cost and our
-equations of motion. Quick: one setting, and a build that may take compiled code from the cache.
+Without a compiler step functions run in CasADi's virtual machine. What a peer has found is put into
+our cost and our equations of motion. Quick: one setting, and a build that may take compiled code
+from the cache.
 """
 
 from __future__ import annotations
@@ -26,7 +27,8 @@ from uvms_ocp.ocp.transcription.transcription import Transcription
 from uvms_ocp.solvers.nlp.level_solver import NlpOptions
 
 CONVERGENCE = (1e-6, 1e-8)
-GAUSS_NEWTON, EXACT = "Gauss-Newton", "exact"
+GAUSS_NEWTON = "Gauss-Newton"
+EXACT = "exact"
 
 
 def settings(kind: str, n_steps: int) -> Iterator[tuple[str, str, OcpProblem]]:
@@ -48,12 +50,21 @@ def solve(kind: str, n_steps: int, repeats: int, quick: bool) -> list[dict[str, 
     chosen = list(settings(kind, n_steps))
     rows = []
     for plugin, hessian, problem in chosen[:1] if quick else chosen:
-        first, *others = (NlpOptions(plugin=plugin, convergence=convergence) for convergence in CONVERGENCE)
+        first, *others = (
+            NlpOptions(plugin=plugin, convergence=convergence) for convergence in CONVERGENCE
+        )
         made = built(partial(Planner, problem, first), cold=not quick)
         shared = made.value.transcription
-        planners = [made.value, *(Planner(problem, options, transcription=shared) for options in others)]
+        planners = [
+            made.value,
+            *(Planner(problem, options, transcription=shared) for options in others),
+        ]
         for planner in planners[:1] if quick else planners:
-            found = {"plugin": plugin, "hessian": hessian, "convergence": planner.options.convergence}
+            found = {
+                "plugin": plugin,
+                "hessian": hessian,
+                "convergence": planner.options.convergence,
+            }
             rows.append(found | {"build_s": made.wall} | measured(planner, repeats))
     return rows
 
@@ -94,20 +105,33 @@ def judged(found: dict[str, Any], n_steps: int) -> dict[str, float]:
     problem = shooting_problem(n_steps)
     transcription = Transcription(problem)
     q, v, u = (np.array(found[name]) for name in ("q", "v", "u"))
-    t, n = problem.nominal_times(), problem.robot.n_vehicle
+    t = problem.nominal_times()
+    n = problem.robot.n_vehicle
     a = np.diff(v, axis=0) / np.diff(t)[:, None]
     given = Trajectory(t=t, q=q, v=v, a=a, thrust=u[:, :n], torque=u[:, n:])
     x = transcription.pack(given)
     ours = transcription.unpack(x)
     units = transcription.model.actuators
-    forces = np.hstack([(ours.thrust - given.thrust) / units.thrust_unit, (ours.torque - given.torque) / units.torque_unit])
-    violations = [abs(value) for value in transcription.violations(x, transcription.parameters()).values()]
-    return {"cost": cost(transcription, x), "violation": max(*violations, float(np.abs(forces).max()))}
+    forces = np.hstack(
+        [
+            (ours.thrust - given.thrust) / units.thrust_unit,
+            (ours.torque - given.torque) / units.torque_unit,
+        ]
+    )
+    violations = [
+        abs(value) for value in transcription.violations(x, transcription.parameters()).values()
+    ]
+    return {
+        "cost": cost(transcription, x),
+        "violation": max(*violations, float(np.abs(forces).max())),
+    }
 
 
 def main() -> None:
     """Write all rows, and what the peer's result is worth."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
     parser.add_argument("kind", choices=("shooting", "limited", "quickest"))
     parser.add_argument("steps", type=int)
     parser.add_argument("result", type=Path)

@@ -1,4 +1,5 @@
-"""A shooting problem with crocoddyl: ``python peer_crocoddyl.py PROBLEM.json RESULT.json --repeats N``.
+"""A shooting problem with crocoddyl: ``python peer_crocoddyl.py PROBLEM.json RESULT.json --repeats
+N``.
 
 Run in an environment of its own.
 """
@@ -26,7 +27,9 @@ def build(given: dict[str, Any]) -> tuple[Any, np.ndarray]:
     running, terminal = costs(given, state, x0)
     h = given["duration"] / given["n_steps"]
     steps = [
-        crocoddyl.IntegratedActionModelEuler(crocoddyl.DifferentialActionModelFreeFwdDynamics(state, actuation, cost), step)
+        crocoddyl.IntegratedActionModelEuler(
+            crocoddyl.DifferentialActionModelFreeFwdDynamics(state, actuation, cost), step
+        )
         for cost, step in ((running, h), (terminal, 0.0))
     ]
     problem = crocoddyl.ShootingProblem(x0, [steps[0]] * given["n_steps"], steps[1])
@@ -38,14 +41,20 @@ def weightless(given: dict[str, Any]) -> Any:
     """The robot with its trim bodies, without gravity."""
     model = pin.buildModelFromUrdf(given["urdf"], pin.JointModelFreeFlyer())
     for i, body in enumerate(given["inertias"]):
-        model.inertias[i] = pin.Inertia(body["mass"], np.array(body["lever"]), np.array(body["inertia"]))
+        model.inertias[i] = pin.Inertia(
+            body["mass"], np.array(body["lever"]), np.array(body["inertia"])
+        )
     model.gravity.linear = np.zeros(3)
     return model
 
 
 def costs(given: dict[str, Any], state: Any, x0: np.ndarray) -> tuple[Any, Any]:
-    """Running and terminal costs; residuals and the weights of their squares are those of the other side."""
-    w, T, n_u = given["weights"], given["duration"], state.nv
+    """Running and terminal costs; residuals and the weights of their squares are those of the other
+    side.
+    """
+    w = given["weights"]
+    T = given["duration"]
+    n_u = state.nv
     running, terminal = crocoddyl.CostModelSum(state, n_u), crocoddyl.CostModelSum(state, n_u)
     units = crocoddyl.ActivationModelWeightedQuad(1.0 / np.array(given["control_unit"]) ** 2)
     control = crocoddyl.CostModelResidual(state, units, crocoddyl.ResidualModelControl(state, n_u))
@@ -53,7 +62,9 @@ def costs(given: dict[str, Any], state: Any, x0: np.ndarray) -> tuple[Any, Any]:
     running.addCost("control", control, w["control"] / T)
     running.addCost("state", stay, w["state"] / T)
     tool = state.pinocchio.getFrameId("tool")
-    position = crocoddyl.ResidualModelFrameTranslation(state, tool, np.array(given["goal_position"]), n_u)
+    position = crocoddyl.ResidualModelFrameTranslation(
+        state, tool, np.array(given["goal_position"]), n_u
+    )
     turn = crocoddyl.ResidualModelFrameRotation(state, tool, np.array(given["goal_rotation"]), n_u)
     terminal.addCost("position", crocoddyl.CostModelResidual(state, position), w["tool"])
     terminal.addCost("turn", crocoddyl.CostModelResidual(state, turn), w["tool"])
@@ -65,7 +76,8 @@ def solve(given: dict[str, Any], repeats: int) -> dict[str, Any]:
     """Cold from rest with zero forces, and warm from the solution."""
     made = once(lambda: build(given))
     problem, x0 = made.value
-    xs, us = [x0] * (problem.T + 1), [np.zeros(problem.runningModels[0].nu)] * problem.T
+    xs = [x0] * (problem.T + 1)
+    us = [np.zeros(problem.runningModels[0].nu)] * problem.T
     cold, solver = calls(problem, xs, us, repeats)
     warm, _ = calls(problem, list(solver.xs), list(solver.us), repeats)
     n_q = len(given["q"])
@@ -82,7 +94,9 @@ def solve(given: dict[str, Any], repeats: int) -> dict[str, Any]:
     }
 
 
-def calls(problem: Any, xs: list[np.ndarray], us: list[np.ndarray], repeats: int) -> tuple[dict[str, Any], Any]:
+def calls(
+    problem: Any, xs: list[np.ndarray], us: list[np.ndarray], repeats: int
+) -> tuple[dict[str, Any], Any]:
     """Times and outcome of solves from states and forces; and the solver of the last."""
 
     def call() -> tuple[bool, Any]:
@@ -91,7 +105,12 @@ def calls(problem: Any, xs: list[np.ndarray], us: list[np.ndarray], repeats: int
 
     found = timed(call, repeats)
     converged, solver = found.value
-    return {"wall": found.wall, "cpu": found.cpu, "iterations": solver.iter, "converged": converged}, solver
+    return {
+        "wall": found.wall,
+        "cpu": found.cpu,
+        "iterations": solver.iter,
+        "converged": converged,
+    }, solver
 
 
 if __name__ == "__main__":

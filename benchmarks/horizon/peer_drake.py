@@ -37,7 +37,11 @@ def build(given: dict[str, Any], n_points: int) -> KinematicTrajectoryOptimizati
 
 def solve(given: dict[str, Any], repeats: int) -> list[dict[str, Any]]:
     """One row per solver and number of control points."""
-    return [_row(solver, given, n_points, repeats) for solver in (SnoptSolver(), IpoptSolver()) for n_points in CONTROL_POINTS]
+    return [
+        _row(solver, given, n_points, repeats)
+        for solver in (SnoptSolver(), IpoptSolver())
+        for n_points in CONTROL_POINTS
+    ]
 
 
 def _row(solver: Any, given: dict[str, Any], n_points: int, repeats: int) -> dict[str, Any]:
@@ -55,4 +59,7 @@ def _row(solver: Any, given: dict[str, Any], n_points: int, repeats: int) -> dic
 
 
 if __name__ == "__main__":
-    run_peer(__doc__, lambda problem, n: {"versions": {"drake": version("drake")}, "runs": solve(problem, n)})
+    run_peer(
+        __doc__,
+        lambda problem, n: {"versions": {"drake": version("drake")}, "runs": solve(problem, n)},
+    )

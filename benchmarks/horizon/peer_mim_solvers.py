@@ -1,4 +1,5 @@
-"""A shooting problem with hard limits by mim-solvers' CSQP: ``python peer_mim_solvers.py PROBLEM.json RESULT.json --repeats N``.
+"""A shooting problem with hard limits by mim-solvers' CSQP: ``python peer_mim_solvers.py
+PROBLEM.json RESULT.json --repeats N``.
 
 Run in the environment of crocoddyl, whose models it solves.
 """
@@ -39,17 +40,24 @@ def build(given: dict[str, Any]) -> tuple[Any, np.ndarray]:
 
 
 def constraints(given: dict[str, Any], state: Any, x0: np.ndarray, *, torques: bool) -> Any:
-    """Limits on joint positions, all velocities and joint torques; the wrench on the vehicle has none."""
-    found, n = crocoddyl.ConstraintModelManager(state, state.nv), state.nv
+    """Limits on joint positions, all velocities and joint torques; the wrench on the vehicle has
+    none.
+    """
+    found = crocoddyl.ConstraintModelManager(state, state.nv)
+    n = state.nv
     inner = x0[7 : 7 + n - 6]
-    lower = np.concatenate([np.full(6, -np.inf), given["position_lower"] - inner, -np.array(given["velocity"])])
+    lower = np.concatenate(
+        [np.full(6, -np.inf), given["position_lower"] - inner, -np.array(given["velocity"])]
+    )
     upper = np.concatenate([np.full(6, np.inf), given["position_upper"] - inner, given["velocity"]])
     away = crocoddyl.ResidualModelState(state, x0, n)
     found.addConstraint("state", crocoddyl.ConstraintModelResidual(state, away, lower, upper))
     if torques:
         most = np.concatenate([np.full(6, np.inf), given["effort"]])
         control = crocoddyl.ResidualModelControl(state, n)
-        found.addConstraint("torque", crocoddyl.ConstraintModelResidual(state, control, -most, most))
+        found.addConstraint(
+            "torque", crocoddyl.ConstraintModelResidual(state, control, -most, most)
+        )
     return found
 
 
@@ -57,17 +65,22 @@ def solve(given: dict[str, Any], repeats: int) -> dict[str, Any]:
     """Cold from rest with zero forces."""
     made = once(lambda: build(given))
     problem, x0 = made.value
-    xs, us = [x0] * (problem.T + 1), [np.zeros(problem.runningModels[0].nu)] * problem.T
+    xs = [x0] * (problem.T + 1)
+    us = [np.zeros(problem.runningModels[0].nu)] * problem.T
 
     def call() -> tuple[bool, Any]:
         solver = mim_solvers.SolverCSQP(problem)
-        solver.termination_tolerance, solver.eps_abs, solver.eps_rel = given["tolerance"], 1e-8, 0.0
+        solver.termination_tolerance = given["tolerance"]
+        solver.eps_abs = 1e-8
+        solver.eps_rel = 0.0
         solver.max_qp_iters = 1000
         return bool(solver.solve(xs, us, MAX_ITERATIONS, False)), solver
 
     found = timed(call, repeats, LONG)
     converged, solver = found.value
-    versions = f"{version('mim-solvers')} with crocoddyl {version('crocoddyl')} and pin {version('pin')}"
+    versions = (
+        f"{version('mim-solvers')} with crocoddyl {version('crocoddyl')} and pin {version('pin')}"
+    )
     return {
         "versions": {"mim-solvers": versions},
         "build_s": made.wall,

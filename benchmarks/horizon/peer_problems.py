@@ -13,7 +13,15 @@ import numpy as np
 import pinocchio as pin
 
 from horizon.problems import reach_goal
-from uvms_ocp.ocp.problem import Actuation, HessianKind, Integrator, OcpLevel, OcpPhase, OcpProblem, single_phase
+from uvms_ocp.ocp.problem import (
+    Actuation,
+    HessianKind,
+    Integrator,
+    OcpLevel,
+    OcpPhase,
+    OcpProblem,
+    single_phase,
+)
 from uvms_ocp.ocp.terms import At, AtRest, Duration, Effort, StageSymbols, TaskTerm, Term
 from uvms_ocp.ocp.transcription.stage import ActuationModel
 from uvms_ocp.robot.limits import Limits
@@ -33,7 +41,9 @@ WEIGHTS = {"control": 1.0, "state": 0.01, "end_state": 1.0, "tool": 1e4}
 class StateRegularisation(Term):
     """Distance on the manifold from a configuration, and the velocity."""
 
-    state_only: ClassVar[bool] = False  # a running cost ends with the last step, as that of the peers
+    state_only: ClassVar[bool] = (
+        False  # a running cost ends with the last step, as that of the peers
+    )
     q: np.ndarray
 
     @property
@@ -47,9 +57,11 @@ class StateRegularisation(Term):
 
 
 def shooting_problem(n_steps: int, *, exact: bool = False) -> OcpProblem:
-    """13 DoF on a free-flyer, no water, no limits: what differential dynamic programming is made for.
+    """13 DoF on a free-flyer, no water, no limits: what differential dynamic programming is made
+    for.
 
-    Running cost on control and state, terminal cost on tool pose and state; without gravity, as if neutrally buoyant.
+    Running cost on control and state, terminal cost on tool pose and state; without gravity, as if
+    neutrally buoyant.
     """
     robot = load_robot(ROBOT)
     robot = replace(robot, model=_weightless(robot.model))
@@ -112,7 +124,9 @@ def limited_problem(n_steps: int) -> OcpProblem:
     (level,) = problem.levels
     control = Control(units=control_units(problem), weight=WEIGHTS["control"])
     levels = (replace(level, terms=(control, *level.terms[1:])),)
-    return replace(problem, robot=replace(problem.robot, limits=limits), levels=levels, limited=True)
+    return replace(
+        problem, robot=replace(problem.robot, limits=limits), levels=levels, limited=True
+    )
 
 
 def control_units(problem: OcpProblem) -> np.ndarray:
@@ -138,7 +152,8 @@ def limited_numbers(problem: OcpProblem, tolerance: float) -> dict[str, Any]:
 
 def shooting_numbers(problem: OcpProblem) -> dict[str, Any]:
     """The same problem without our classes."""
-    robot, q = problem.robot, problem.start.q
+    robot = problem.robot
+    q = problem.start.q
     goal = reach_goal(robot, q)
     return {
         "urdf": str(robot_folder(ROBOT) / "robot.urdf"),
@@ -154,8 +169,14 @@ def shooting_numbers(problem: OcpProblem) -> dict[str, Any]:
 
 
 def inertia_numbers(inertia: pin.Inertia) -> dict[str, Any]:
-    """Mass [kg], centre of mass [m] and rotational inertia about it [kg m2] of a joint body, trim bodies included."""
-    return {"mass": inertia.mass, "lever": inertia.lever.tolist(), "inertia": inertia.inertia.tolist()}
+    """Mass [kg], centre of mass [m] and rotational inertia about it [kg m2] of a joint body, trim
+    bodies included.
+    """
+    return {
+        "mass": inertia.mass,
+        "lever": inertia.lever.tolist(),
+        "inertia": inertia.inertia.tolist(),
+    }
 
 
 def write(numbers: Mapping[str, Any], path: Path) -> Path:
@@ -196,7 +217,10 @@ class MotionLimits(Term):
 
     def residual(self, stage: StageSymbols, parameters: ca.SX) -> Residual:
         limits = stage.tick.robot.limits
-        shares = (stage.tick.velocity / ca.DM(limits.velocity), stage.acceleration / ca.DM(limits.acceleration))
+        shares = (
+            stage.tick.velocity / ca.DM(limits.velocity),
+            stage.acceleration / ca.DM(limits.acceleration),
+        )
         return bounded_residual(ca.vertcat(*shares), lower=-1.0, upper=1.0)
 
 
@@ -206,7 +230,8 @@ SHIFT = np.array([1.2, 0.8, -0.6, -0.9, 0.7, 0.5, -1.0])  # [rad] of each joint
 def quickest_problem(n_steps: int) -> OcpProblem:
     """The arm alone, on a fixed base: from one posture to another at rest in the least time.
 
-    Limits on velocity and acceleration only, so that the answer is known: the slowest joint's trapezoid.
+    Limits on velocity and acceleration only, so that the answer is known: the slowest joint's
+    trapezoid.
     """
     robot = load_robot(ROBOT, base="fixed")
     q = arm_start(robot)
@@ -242,7 +267,9 @@ def quickest_numbers(problem: OcpProblem) -> dict[str, Any]:
 
 
 def least_time(problem: OcpProblem) -> float:
-    """[s] of the slowest joint: full acceleration, full velocity if there is room, full deceleration."""
+    """[s] of the slowest joint: full acceleration, full velocity if there is room, full
+    deceleration.
+    """
     v, a = problem.robot.limits.velocity, problem.robot.limits.acceleration
     way = np.abs(SHIFT)
     return float(np.where(way > v**2 / a, way / v + v / a, 2 * np.sqrt(way / a)).max())

@@ -1,6 +1,8 @@
-"""The quickest motion with PyRoboPlan: ``python peer_pyroboplan.py PROBLEM.json RESULT.json --repeats N [--quick]``.
+"""The quickest motion with PyRoboPlan: ``python peer_pyroboplan.py PROBLEM.json RESULT.json
+--repeats N [--quick]``.
 
-By its cubic trajectory optimisation, whose only call builds and solves. Run in an environment of its own.
+By its cubic trajectory optimisation, whose only call builds and solves. Run in an environment of
+its own.
 """
 
 from __future__ import annotations
@@ -13,7 +15,10 @@ from typing import Any
 
 import numpy as np
 import pinocchio as pin
-from pyroboplan.trajectory.trajectory_optimization import CubicTrajectoryOptimization, CubicTrajectoryOptimizationOptions
+from pyroboplan.trajectory.trajectory_optimization import (
+    CubicTrajectoryOptimization,
+    CubicTrajectoryOptimizationOptions,
+)
 from recording.timing import LONG, timed
 
 WAYPOINTS = (3, 6)
@@ -27,7 +32,9 @@ def solve(given: dict[str, Any], repeats: int, quick: bool) -> list[dict[str, An
 
 def _row(given: dict[str, Any], n_points: int, repeats: int) -> dict[str, Any]:
     v, a = np.array(given["velocity"]), np.array(given["acceleration"])
-    options = CubicTrajectoryOptimizationOptions(num_waypoints=n_points, min_vel=-v, max_vel=v, min_accel=-a, max_accel=a)
+    options = CubicTrajectoryOptimizationOptions(
+        num_waypoints=n_points, min_vel=-v, max_vel=v, min_accel=-a, max_accel=a
+    )
     model = pin.buildModelFromUrdf(given["urdf"])
     planner = CubicTrajectoryOptimization(model, pin.GeometryModel(), options)
     ends = [np.array(given["start"]), np.array(given["goal"])]

@@ -19,7 +19,9 @@ REACH = np.array([1.0, -0.5, -0.6])
 
 
 def tool_reach(n_steps: int = 40, **options: Any) -> OcpProblem:
-    """13 DoF, water, thruster and joint limits: the tool moves by `REACH` and turns, and comes to rest."""
+    """13 DoF, water, thruster and joint limits: the tool moves by `REACH` and turns, and comes to
+    rest.
+    """
     robot = load_robot("girona_maris7_full")
     q = robot.configuration(position=(0, 0, -5), rpy=(0, -0.06, 0.5))
     chosen: dict[str, Any] = {

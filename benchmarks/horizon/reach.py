@@ -1,6 +1,8 @@
-"""Times of the tool reach, cold and warm, in a process of its own: ``python reach.py STEPS RESULT.json --repeats N``.
+"""Times of the tool reach, cold and warm, in a process of its own: ``python reach.py STEPS
+RESULT.json --repeats N``.
 
-Writes the rows of the exact Hessian with both solvers; without a compiler step functions run in CasADi's virtual machine.
+Writes the rows of the exact Hessian with both solvers; without a compiler step functions run in
+CasADi's virtual machine.
 """
 
 from __future__ import annotations
@@ -27,33 +29,48 @@ from uvms_ocp.solvers.nlp.level_solver import NlpOptions
 PLUGINS = ("stagewise", "ipopt")
 LOOSE = 1e-6
 """convergence with Gauss and Newton's Hessian."""
-SHIFT, TURN = 0.02, 0.02
+SHIFT = 0.02
+TURN = 0.02
 """[m, rad] by which a start has moved, as a measurement would have it."""
 
 
 def exact_rows(n_steps: int, repeats: int, *, cold: bool) -> list[dict[str, Any]]:
     """With both solvers; cold: built from an empty cache of compiled code."""
     problem = tool_reach(n_steps)
-    return [row for plugin in PLUGINS for row in rows("exact", problem, NlpOptions(plugin=plugin), repeats, cold)]
+    return [
+        row
+        for plugin in PLUGINS
+        for row in rows("exact", problem, NlpOptions(plugin=plugin), repeats, cold)
+    ]
 
 
 def gauss_newton_rows(n_steps: int, repeats: int) -> list[dict[str, Any]]:
     """With both solvers."""
-    problem, setting = tool_reach(n_steps, hessian=HessianKind.GAUSS_NEWTON), f"Gauss-Newton, {LOOSE:g}"
+    problem = tool_reach(n_steps, hessian=HessianKind.GAUSS_NEWTON)
+    setting = f"Gauss-Newton, {LOOSE:g}"
     options = [NlpOptions(plugin=plugin, convergence=LOOSE) for plugin in PLUGINS]
     return [row for one in options for row in rows(setting, problem, one, repeats, True)]
 
 
-def rows(setting: str, problem: OcpProblem, options: NlpOptions, repeats: int, cold: bool) -> list[dict[str, Any]]:
-    """A solve from rest, and two from its solution: the same problem again, and one whose start has moved."""
+def rows(
+    setting: str, problem: OcpProblem, options: NlpOptions, repeats: int, cold: bool
+) -> list[dict[str, Any]]:
+    """A solve from rest, and two from its solution: the same problem again, and one whose start has
+    moved.
+    """
     made = built(partial(Planner, problem, options), cold=cold)
     planner = made.value
     rest = timed(lambda: planner.plan(guess=hold_guess(problem), diagnose=False), repeats)
     found = {"cold": rest}
     for start, again in (("warm", problem), ("moved", moved(problem))):
-        found[start] = timed(partial(planner.plan, again, guess=rest.value, diagnose=False), repeats)
+        found[start] = timed(
+            partial(planner.plan, again, guess=rest.value, diagnose=False), repeats
+        )
     head = {"steps": problem.n_steps, "solver": options.plugin, "setting": setting}
-    return [head | {"build_s": made.wall, "start": start} | _row(planner, one) for start, one in found.items()]
+    return [
+        head | {"build_s": made.wall, "start": start} | _row(planner, one)
+        for start, one in found.items()
+    ]
 
 
 def moved(problem: OcpProblem) -> OcpProblem:

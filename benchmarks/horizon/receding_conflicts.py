@@ -1,4 +1,6 @@
-"""Goals that exclude each other for a while, over a receding horizon: who gives way, and who comes back."""
+"""Goals that exclude each other for a while, over a receding horizon: who gives way, and who comes
+back.
+"""
 
 from __future__ import annotations
 
@@ -22,22 +24,30 @@ from uvms_ocp.tasks.goals import PoseReference
 from uvms_ocp.tasks.pose import ToolPose, VehiclePose
 from uvms_ocp.tasks.task import Residual
 
-WAY, SPEED = 0.9, 0.3
+WAY = 0.9
+SPEED = 0.3
 """[m], [m/s] of a goal."""
 WAIT = 0.5
 """[s] before a goal leaves and before it comes back."""
 SETTLING = 1.5
 """[s] after its return, from when on the tool must be back."""
 STRETCHED = (0.0, -1.2, 0.0, 0.0, 0.0, -0.9, 0.0)
-"""[rad] joints with a straight elbow, from where no small motion brings the tool nearer to the vehicle."""
+"""[rad] joints with a straight elbow, from where no small motion brings the tool nearer to the
+vehicle.
+"""
 CHEAP = OcpLevel(name="effort", terms=(Effort(), Smoothness(weight=0.09)))
-MARGIN, LEEWAY = 0.05, 0.012
-"""[m] of clearance that is wanted, and what plans keep on top: gusts, and the ways between nodes, take some."""
+MARGIN = 0.05
+LEEWAY = 0.012
+"""[m] of clearance that is wanted, and what plans keep on top: gusts, and the ways between nodes,
+take some.
+"""
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class OutAndBack:
-    """How far along its way something is that goes out and comes back, at rest before, between and after."""
+    """How far along its way something is that goes out and comes back, at rest before, between and
+    after.
+    """
 
     way: float
     """[m]"""
@@ -72,7 +82,9 @@ class MovingGoal:
     def __call__(self, t: float) -> tuple[pin.SE3, np.ndarray]:
         place, rate = self.motion.at(t)
         moved = self.first.translation + place * self.direction
-        return pin.SE3(self.first.rotation, moved), np.concatenate([rate * self.direction, np.zeros(3)])
+        return pin.SE3(self.first.rotation, moved), np.concatenate(
+            [rate * self.direction, np.zeros(3)]
+        )
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
@@ -102,11 +114,17 @@ class ClosingIn(Term):
 
     def gap(self, robot: Robot, q: np.ndarray, t: float) -> float:
         """[m] true distance at a configuration q (n_q,)."""
-        place, data = self.reference(t), robot.model.createData()
+        place = self.reference(t)
+        data = robot.model.createData()
         pin.framesForwardKinematics(robot.model, data, q)
         balls = self.clearance.robot_balls
-        centres = [data.oMf[robot.frame_id(str(ball.frame))].act(np.array(ball.centre)) for ball in balls]
-        gaps = [float(np.linalg.norm(c - place[:3])) - b.radius for c, b in zip(centres, balls, strict=True)]
+        centres = [
+            data.oMf[robot.frame_id(str(ball.frame))].act(np.array(ball.centre)) for ball in balls
+        ]
+        gaps = [
+            float(np.linalg.norm(c - place[:3])) - b.radius
+            for c, b in zip(centres, balls, strict=True)
+        ]
         return min(gaps) - place[3] + self.clearance.margin
 
 
@@ -147,40 +165,66 @@ def ahead(robot: Robot) -> np.ndarray:
 def tool_level(goal: PoseReference, *more: Term) -> OcpLevel:
     """Along the way and at its end."""
     task = ToolPose(goal=goal)
-    return OcpLevel(name="tool", terms=(TaskTerm(task=task, at=At.PATH, weight=100.0), TaskTerm(task=task, weight=9.0), *more))
+    return OcpLevel(
+        name="tool",
+        terms=(
+            TaskTerm(task=task, at=At.PATH, weight=100.0),
+            TaskTerm(task=task, weight=9.0),
+            *more,
+        ),
+    )
 
 
 def _problem(robot: Robot, levels: list[OcpLevel], q: np.ndarray | None = None) -> OcpProblem:
     start = State(q=start_of(robot) if q is None else q, v=np.zeros(robot.n_v))
-    return single_phase(robot=robot, start=start, duration=3.0, n_steps=20, levels=levels, current=CURRENT)
+    return single_phase(
+        robot=robot, start=start, duration=3.0, n_steps=20, levels=levels, current=CURRENT
+    )
 
 
 def moving_goal(robot: Robot, begin: float = WAIT) -> MovingGoal:
     first = Kinematics(robot, start_of(robot)).pose("tool")
-    return MovingGoal(first=first, direction=ahead(robot), motion=OutAndBack(way=WAY, speed=SPEED, begin=begin))
+    return MovingGoal(
+        first=first, direction=ahead(robot), motion=OutAndBack(way=WAY, speed=SPEED, begin=begin)
+    )
 
 
 def tilt_above(robot: Robot) -> RecedingConflict:
     """The vehicle must stay level and go along."""
     goal = moving_goal(robot)
-    tilt = OcpLevel(name="tilt", terms=(TaskTerm(task=HorizontalAttitude(), at=At.PATH, weight=100.0),))
+    tilt = OcpLevel(
+        name="tilt", terms=(TaskTerm(task=HorizontalAttitude(), at=At.PATH, weight=100.0),)
+    )
     problem = _problem(robot, [tilt, tool_level(goal), CHEAP])
-    return RecedingConflict(name="tilt above tool", problem=problem, goal=goal, returned=goal.motion.returned)
+    return RecedingConflict(
+        name="tilt above tool", problem=problem, goal=goal, returned=goal.motion.returned
+    )
 
 
 def vehicle_above(robot: Robot, *, stretched: bool = False) -> RecedingConflict:
-    """The vehicle must stay where it is: the goal leaves the reach of the arm, or is out of it at first.
+    """The vehicle must stay where it is: the goal leaves the reach of the arm, or is out of it at
+    first.
 
-    A little weight of posture in the tool's own level says on which side the elbow bends. One end of its range is just beyond
-    the straight arm, and an elbow that is pressed against it would stay there.
+    A little weight of posture in the tool's own level says on which side the elbow bends. One end
+    of its range is just beyond the straight arm, and an elbow that is pressed against it would stay
+    there.
     """
     goal = moving_goal(robot, -3.0 if stretched else WAIT)
-    q = robot.configuration(position=(0, 0, -5), rpy=(0, 0, 0.5), joints=STRETCHED) if stretched else None
+    q = (
+        robot.configuration(position=(0, 0, -5), rpy=(0, 0, 0.5), joints=STRETCHED)
+        if stretched
+        else None
+    )
     vehicle = VehiclePose(goal=Kinematics(robot, start_of(robot)).pose("base_link"))
     held = OcpLevel(name="vehicle", terms=(TaskTerm(task=vehicle, at=At.PATH, weight=100.0),))
     level = tool_level(goal, Posture(q=start_of(robot), weight=1.0))
     name = "vehicle above tool" + (", from a stretched arm" if stretched else "")
-    return RecedingConflict(name=name, problem=_problem(robot, [held, level, CHEAP], q), goal=goal, returned=goal.motion.returned)
+    return RecedingConflict(
+        name=name,
+        problem=_problem(robot, [held, level, CHEAP], q),
+        goal=goal,
+        returned=goal.motion.returned,
+    )
 
 
 def clearance_above(robot: Robot) -> RecedingConflict:
@@ -190,13 +234,23 @@ def clearance_above(robot: Robot) -> RecedingConflict:
     centre = first.translation - 1.0 * side
     balls = (Ball(frame="tool", radius=0.06), Ball(frame="flange", radius=0.08))
     clearance = BallClearance(
-        robot_balls=balls, obstacles=(Ball(centre=tuple(centre.tolist()), radius=0.15),), margin=MARGIN + LEEWAY
+        robot_balls=balls,
+        obstacles=(Ball(centre=tuple(centre.tolist()), radius=0.15),),
+        margin=MARGIN + LEEWAY,
     )
     motion = OutAndBack(way=0.9, speed=0.2)
     obstacle = ClosingIn(clearance=clearance, direction=side, motion=motion, weight=100.0)
     goal: Any = _Still(first)
-    problem = _problem(robot, [OcpLevel(name="clearance", terms=(obstacle,)), tool_level(goal), CHEAP])
-    return RecedingConflict(name="clearance above tool", problem=problem, goal=goal, returned=motion.returned, obstacle=obstacle)
+    problem = _problem(
+        robot, [OcpLevel(name="clearance", terms=(obstacle,)), tool_level(goal), CHEAP]
+    )
+    return RecedingConflict(
+        name="clearance above tool",
+        problem=problem,
+        goal=goal,
+        returned=motion.returned,
+        obstacle=obstacle,
+    )
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -211,4 +265,9 @@ def _stretched(robot: Robot) -> RecedingConflict:
     return vehicle_above(robot, stretched=True)
 
 
-CONFLICTS: tuple[Callable[[Robot], RecedingConflict], ...] = (tilt_above, vehicle_above, _stretched, clearance_above)
+CONFLICTS: tuple[Callable[[Robot], RecedingConflict], ...] = (
+    tilt_above,
+    vehicle_above,
+    _stretched,
+    clearance_above,
+)

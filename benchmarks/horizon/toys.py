@@ -1,4 +1,6 @@
-"""Rosenbrock and Himmelblau in an order of priority: small problems with known lexicographic optima."""
+"""Rosenbrock and Himmelblau in an order of priority: small problems with known lexicographic
+optima.
+"""
 
 from __future__ import annotations
 
@@ -29,17 +31,36 @@ def rosenbrock(x: ca.SX) -> ca.SX:
 
 def toys(x: ca.SX) -> Iterator[tuple[str, list[ca.SX], tuple[float, float], np.ndarray]]:
     """Name, rows of each level, start and answer."""
-    yield "Himmelblau over Rosenbrock", [himmelblau(x), rosenbrock(x)], (2.5, 1.5), np.array([3.0, 2.0])
-    yield "Rosenbrock over Himmelblau", [rosenbrock(x), himmelblau(x)], (-1.2, 1.0), np.array([1.0, 1.0])
-    parabola, circle = himmelblau(x)[0], ca.sumsqr(x) - 4
-    yield "a row of Himmelblau over Rosenbrock", [parabola, rosenbrock(x)], (1.0, 2.0), on_parabola()
+    yield (
+        "Himmelblau over Rosenbrock",
+        [himmelblau(x), rosenbrock(x)],
+        (2.5, 1.5),
+        np.array([3.0, 2.0]),
+    )
+    yield (
+        "Rosenbrock over Himmelblau",
+        [rosenbrock(x), himmelblau(x)],
+        (-1.2, 1.0),
+        np.array([1.0, 1.0]),
+    )
+    parabola = himmelblau(x)[0]
+    circle = ca.sumsqr(x) - 4
+    yield (
+        "a row of Himmelblau over Rosenbrock",
+        [parabola, rosenbrock(x)],
+        (1.0, 2.0),
+        on_parabola(),
+    )
     yield "a circle over Himmelblau", [circle, himmelblau(x)], (1.0, 1.5), on_circle()
 
 
 def on_parabola() -> np.ndarray:
     """Least Rosenbrock where ``x0^2 + x1 = 11``, found along the curve."""
     found = minimize_scalar(
-        lambda s: (10 * (11 - 2 * s**2)) ** 2 + (1 - s) ** 2, bounds=(1, 4), method="bounded", options={"xatol": 1e-12}
+        lambda s: (10 * (11 - 2 * s**2)) ** 2 + (1 - s) ** 2,
+        bounds=(1, 4),
+        method="bounded",
+        options={"xatol": 1e-12},
     )
     return np.array([found.x, 11 - found.x**2])
 
@@ -48,16 +69,20 @@ def on_circle() -> np.ndarray:
     """Least Himmelblau at distance 2 from the origin, found along the circle."""
 
     def along(s: float) -> float:
-        x, y = 2 * np.cos(s), 2 * np.sin(s)
+        x = 2 * np.cos(s)
+        y = 2 * np.sin(s)
         return float((x**2 + y - 11) ** 2 + (x + y**2 - 7) ** 2)
 
-    found = minimize_scalar(along, bounds=(0, np.pi / 2), method="bounded", options={"xatol": 1e-12})
+    found = minimize_scalar(
+        along, bounds=(0, np.pi / 2), method="bounded", options={"xatol": 1e-12}
+    )
     return 2 * np.array([np.cos(found.x), np.sin(found.x)])
 
 
 def toy_rows() -> list[dict[str, Any]]:
     """One row per toy: how far the solution is from the answer."""
-    x, found = ca.SX.sym("x", 2), []
+    x = ca.SX.sym("x", 2)
+    found = []
     for name, levels, start, answer in toys(x):
         nlp = LexicographicNlp(lexicographic_program(x, [NlpLevel(y=y) for y in levels]), TIGHT)
         result = nlp.solve(np.array(start))

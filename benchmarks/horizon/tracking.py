@@ -26,7 +26,9 @@ def tracked(
     duration: float,
     gains: TrackingGains | None = None,
 ) -> dict[str, np.ndarray]:
-    """The series of the run, in ticks of dt [s], to the end of the trajectory or for `duration` [s]."""
+    """The series of the run, in ticks of dt [s], to the end of the trajectory or for `duration`
+    [s].
+    """
     dynamics = robot_dynamics(robot)
     return simulate(
         plant=DynamicPlant(robot, trajectory.q[0], dynamics=dynamics, environment=environment),

@@ -12,7 +12,9 @@ _COUNTS = ("solves", "late", "unfit")
 
 
 def worst_of_seeds(table: Sequence[Row], *by: str) -> list[Row]:
-    """One row for each group that is alike in the columns `by`: extremes of all seeds, sums of counts, means of the rest."""
+    """One row for each group that is alike in the columns `by`: extremes of all seeds, sums of
+    counts, means of the rest.
+    """
     kept: dict[tuple[Any, ...], list[Row]] = {}
     for row in table:
         kept.setdefault(tuple(row[name] for name in by), []).append(row)
@@ -29,4 +31,8 @@ def _of(name: str, values: Sequence[Any]) -> Any:
         return sum(values)
     if name.startswith("smallest"):
         return min(values)
-    return max(values) if name.startswith(("largest", "peak")) or "p99" in name else float(np.mean(values))
+    return (
+        max(values)
+        if name.startswith(("largest", "peak")) or "p99" in name
+        else float(np.mean(values))
+    )

@@ -1,1 +1,3 @@
-"""In: a copy of the repository. Out: which small errors, put into it one at a time, its tests notice."""
+"""In: a copy of the repository. Out: which small errors, put into it one at a time, its tests
+notice.
+"""

@@ -1,4 +1,6 @@
-"""Inside a tree: run the tests that stand on stdin, one a line, and write what came of each to the file given first."""
+"""Inside a tree: run the tests that stand on stdin, one a line, and write what came of each to the
+file given first.
+"""
 
 from __future__ import annotations
 

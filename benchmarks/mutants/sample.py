@@ -1,4 +1,6 @@
-"""Mutants: places in the source where cosmic-ray would change one thing, and a seeded draw of them."""
+"""Mutants: places in the source where cosmic-ray would change one thing, and a seeded draw of
+them.
+"""
 
 from __future__ import annotations
 
@@ -10,7 +12,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-_ARITHMETIC, _BITS = ("Add", "Sub", "Mul", "Div", "Pow"), ("BitOr", "BitAnd", "BitXor")
+_ARITHMETIC = ("Add", "Sub", "Mul", "Div", "Pow")
+_BITS = ("BitOr", "BitAnd", "BitXor")
 _ORDER = ("Eq", "NotEq", "Lt", "LtE", "Gt", "GtE")
 _IDENTITY = ("Is", "IsNot")
 _SINGLE = (
@@ -53,7 +56,9 @@ class Mutant:
 
 
 def operators() -> tuple[str, ...]:
-    """Those that change a value into another of its kind: a shift of floats would fail at once and say nothing."""
+    """Those that change a value into another of its kind: a shift of floats would fail at once and
+    say nothing.
+    """
     pairs = [
         *(("Binary", a, b) for group in (_ARITHMETIC, _BITS) for a in group for b in group),
         *(("Comparison", a, b) for group in (_ORDER, _IDENTITY) for a in group for b in group),
@@ -69,7 +74,9 @@ def draw(root: Path, files: Sequence[str], n: int, seed: int) -> list[Mutant]:
     """
     found: list[Mutant] = []
     for places in sorted(_places(root, files, seed)):
-        mutant = next(filter(None, (_mutant(root, *choice[1:]) for choice in sorted(places[1]))), None)
+        mutant = next(
+            filter(None, (_mutant(root, *choice[1:]) for choice in sorted(places[1]))), None
+        )
         if mutant is not None:
             found.append(mutant)
         if len(found) == n:
@@ -116,7 +123,9 @@ def _positions(nodes: Sequence[Any], name: str) -> Iterator[tuple[int, int]]:
 
 
 def _mutant(root: Path, file: str, operator: str, occurrence: int, line: int) -> Mutant | None:
-    """`None` for what is no Python any more, and for a change of what `_what_runs` leaves out alone."""
+    """`None` for what is no Python any more, and for a change of what `_what_runs` leaves out
+    alone.
+    """
     from cosmic_ray.mutating import mutate_code
     from cosmic_ray.plugins import get_operator
 
@@ -126,11 +135,15 @@ def _mutant(root: Path, file: str, operator: str, occurrence: int, line: int) ->
         return None
     pairs = zip(source.splitlines(), changed.splitlines(), strict=False)
     before, after = next((a.strip(), b.strip()) for a, b in pairs if a != b)
-    return Mutant(file=file, line=line, operator=operator, before=before, after=after, source=changed)
+    return Mutant(
+        file=file, line=line, operator=operator, before=before, after=after, source=changed
+    )
 
 
 def _what_runs(source: str) -> str | None:
-    """The syntax tree without annotations, decorators and ``zip(strict=...)``, which only asserts; `None` for no Python."""
+    """The syntax tree without annotations, decorators and ``zip(strict=...)``, which only asserts;
+    `None` for no Python.
+    """
     try:
         tree = ast.parse(source)
     except SyntaxError:
@@ -141,7 +154,8 @@ def _what_runs(source: str) -> str | None:
         elif isinstance(node, ast.arg):
             node.annotation = None
         elif isinstance(node, ast.FunctionDef):
-            node.returns, node.decorator_list = None, []
+            node.returns = None
+            node.decorator_list = []
         elif isinstance(node, ast.ClassDef):
             node.decorator_list = []
         elif isinstance(node, ast.Call):

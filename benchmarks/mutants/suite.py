@@ -41,7 +41,9 @@ class Suite:
         return slow | dict.fromkeys(self.failing, "fails in another folder, or without a compiler")
 
     def tests_of(self, mutant: Mutant) -> list[str]:
-        """Those that run the line, quick ones first, then the others of their files, which may share what the first made."""
+        """Those that run the line, quick ones first, then the others of their files, which may
+        share what the first made.
+        """
         lines = self.contexts.get(mutant.file, {})
         own = {name for line in statement(mutant) for name in lines.get(line, ())}
         if own == {""}:  # runs at the import, for all that use the file
@@ -57,7 +59,8 @@ class Suite:
         return sorted(known, key=lambda name: (self.seconds[name], name))
 
     def _affordable(self, names: Iterable[str]) -> list[str]:
-        chosen, total = [], 0.0
+        chosen = []
+        total = 0.0
         for name in names:
             total += self.seconds[name]
             if total > BUDGET:
@@ -67,10 +70,18 @@ class Suite:
 
 
 def statement(mutant: Mutant) -> range:
-    """The lines of the innermost statement around the changed one; of one with a body, those above it."""
+    """The lines of the innermost statement around the changed one; of one with a body, those above
+    it.
+    """
     tree = ast.parse((ROOT / mutant.file).read_text(encoding="utf-8"))
-    around = [node for node in ast.walk(tree) if isinstance(node, ast.stmt) and mutant.line in _lines(node)]
-    return min((_lines(node) for node in around), key=len, default=range(mutant.line, mutant.line + 1))
+    around = [
+        node
+        for node in ast.walk(tree)
+        if isinstance(node, ast.stmt) and mutant.line in _lines(node)
+    ]
+    return min(
+        (_lines(node) for node in around), key=len, default=range(mutant.line, mutant.line + 1)
+    )
 
 
 def _lines(node: ast.stmt) -> range:
@@ -80,12 +91,20 @@ def _lines(node: ast.stmt) -> range:
 
 
 def recorded(work: Path, tests: Sequence[str], jobs: int) -> Suite:
-    """Run all tests twice, with coverage and then as mutants will; or read that from the folder `work`."""
-    file, now = work / "suite.json", fingerprint("uvms_ocp", "tests", "robots")
+    """Run all tests twice, with coverage and then as mutants will; or read that from the folder
+    `work`.
+    """
+    file = work / "suite.json"
+    now = fingerprint("uvms_ocp", "tests", "robots")
     if file.exists():
         found = json.loads(file.read_text())
         if found["tests"] == now:
-            return Suite(tests=now, seconds=found["seconds"], failing=tuple(found["failing"]), contexts=_contexts(work))
+            return Suite(
+                tests=now,
+                seconds=found["seconds"],
+                failing=tuple(found["failing"]),
+                contexts=_contexts(work),
+            )
     tree = Tree(work, "recorded")
     share = ("-n", str(jobs), "--dist", "loadfile", *(f"--ignore={path}" for path in _ELSEWHERE))
     coverage = ("--cov=uvms_ocp", "--cov-context=test", "--cov-report=")
@@ -96,13 +115,16 @@ def recorded(work: Path, tests: Sequence[str], jobs: int) -> Suite:
     elsewhere = (name for name in second.seconds if str(tree.root) in name)  # in no other tree
     failing = sorted({*first.failed, *second.failed, *elsewhere})
     file.write_text(json.dumps({"tests": now, "seconds": second.seconds, "failing": failing}))
-    return Suite(tests=now, seconds=second.seconds, failing=tuple(failing), contexts=_contexts(work))
+    return Suite(
+        tests=now, seconds=second.seconds, failing=tuple(failing), contexts=_contexts(work)
+    )
 
 
 def _contexts(work: Path) -> dict[str, dict[int, list[str]]]:
     from coverage import CoverageData
 
-    data, root = CoverageData(str(work / "coverage")), work / "recorded"
+    data = CoverageData(str(work / "coverage"))
+    root = work / "recorded"
     data.read()
     found: dict[str, dict[int, list[str]]] = defaultdict(dict)
     for path in data.measured_files():

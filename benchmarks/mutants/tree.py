@@ -1,4 +1,6 @@
-"""Copies of the repository, in which tests run and files are changed; the one in use is never touched."""
+"""Copies of the repository, in which tests run and files are changed; the one in use is never
+touched.
+"""
 
 from __future__ import annotations
 
@@ -53,13 +55,17 @@ class Tree:
     """A copy of the repository."""
 
     def __init__(self, work: Path, name: str) -> None:
-        self._work, self.root = work, work / name
+        self._work = work
+        self.root = work / name
         shutil.rmtree(self.root, ignore_errors=True)
         self.root.mkdir(parents=True)
         for item in _COPIED:
-            source, target = ROOT / item, self.root / item
+            source = ROOT / item
+            target = self.root / item
             if source.is_dir():
-                shutil.copytree(source, target, ignore=shutil.ignore_patterns("__pycache__", ".hypothesis"))
+                shutil.copytree(
+                    source, target, ignore=shutil.ignore_patterns("__pycache__", ".hypothesis")
+                )
             elif source.exists():
                 shutil.copy2(source, target)
         compiler = work / "compiler"
@@ -77,7 +83,14 @@ class Tree:
         finally:
             _write(path, before)
 
-    def test(self, tests: Sequence[str], *, timeout: float, compiles: bool = False, options: Sequence[str] = ()) -> Outcome:
+    def test(
+        self,
+        tests: Sequence[str],
+        *,
+        timeout: float,
+        compiles: bool = False,
+        options: Sequence[str] = (),
+    ) -> Outcome:
         """Run files or single tests in their order; [s] `timeout` of all together.
 
         compiles: whether code that is not in the cache yet may be compiled.
@@ -89,7 +102,12 @@ class Tree:
             if not result.exists():
                 return Outcome(code=None, failed=(), seconds={}, text=text)
             found = json.loads(result.read_text())
-            return Outcome(code=found["code"], failed=tuple(found["failed"]), seconds=found["seconds"], text=_last(text))
+            return Outcome(
+                code=found["code"],
+                failed=tuple(found["failed"]),
+                seconds=found["seconds"],
+                text=_last(text),
+            )
 
     def _environment(self, compiles: bool) -> dict[str, str]:
         cache = self._work / "cache"
@@ -116,13 +134,17 @@ def fingerprint(*folders: str) -> str:
 
 
 def _write(path: Path, content: bytes) -> None:
-    """With no bytecode of what stood there: that is told by time and size, which may well be the same."""
+    """With no bytecode of what stood there: that is told by time and size, which may well be the
+    same.
+    """
     path.write_bytes(content)
     for old in (path.parent / "__pycache__").glob(f"{path.stem}.*.pyc"):
         old.unlink()
 
 
-def _run(command: list[str], folder: Path, environment: dict[str, str], text: str, timeout: float) -> str:
+def _run(
+    command: list[str], folder: Path, environment: dict[str, str], text: str, timeout: float
+) -> str:
     process = subprocess.Popen(
         command,
         cwd=folder,

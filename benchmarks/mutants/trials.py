@@ -1,4 +1,6 @@
-"""Each mutant against its tests, in as many trees as there are jobs; what is known is kept in a folder."""
+"""Each mutant against its tests, in as many trees as there are jobs; what is known is kept in a
+folder.
+"""
 
 from __future__ import annotations
 
@@ -17,8 +19,11 @@ from mutants.sample import Mutant
 from mutants.suite import Suite
 from mutants.tree import Outcome, Tree
 
-KILLED, SURVIVED = "killed", "survived"
-_FACTOR, _START = 3.0, 60.0  # times as long as without the mutant, and [s] for imports on a busy machine
+KILLED = "killed"
+SURVIVED = "survived"
+# times as long as without the mutant, and [s] for imports on a busy machine
+_FACTOR = 3.0
+_START = 60.0
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -40,17 +45,22 @@ class Trials:
     """Runs mutants, and remembers."""
 
     def __init__(self, work: Path, suite: Suite, jobs: int) -> None:
-        self._file, self._suite, self._jobs = work / "trials.jsonl", suite, jobs
+        self._file = work / "trials.jsonl"
+        self._suite = suite
+        self._jobs = jobs
         self._trees: queue.SimpleQueue[Tree] = queue.SimpleQueue()
         for i in range(jobs):
             self._trees.put(Tree(work, f"tree{i}"))
 
     def run(self, mutants: Iterable[Mutant], hours: float) -> dict[str, Trial]:
         """Trials by their mutants' keys; none of those that `hours` did not suffice for."""
-        known, end = self._known(), time.monotonic() + 3600.0 * hours
+        known = self._known()
+        end = time.monotonic() + 3600.0 * hours
         left = [mutant for mutant in mutants if mutant.key not in known]
         with ThreadPoolExecutor(self._jobs) as pool, self._file.open("a", encoding="utf-8") as file:
-            trials = pool.map(lambda mutant: self._trial(mutant) if time.monotonic() < end else None, left)
+            trials = pool.map(
+                lambda mutant: self._trial(mutant) if time.monotonic() < end else None, left
+            )
             for done, trial in enumerate(trials, 1):
                 if trial is not None:
                     known[trial.key] = trial
@@ -62,11 +72,18 @@ class Trials:
     def _known(self) -> dict[str, Trial]:
         lines = self._file.read_text(encoding="utf-8").splitlines() if self._file.exists() else []
         trials = [Trial(**json.loads(line)) for line in lines if line.endswith("}")]
-        return {trial.key: trial for trial in trials if trial.verdict == KILLED or trial.tests == self._suite.tests}
+        return {
+            trial.key: trial
+            for trial in trials
+            if trial.verdict == KILLED or trial.tests == self._suite.tests
+        }
 
     def _trial(self, mutant: Mutant) -> Trial:
-        tests, begin = self._suite.tests_of(mutant), time.monotonic()
-        verdict, by = (SURVIVED, "no test runs the line") if not tests else self._tried(mutant, tests)
+        tests = self._suite.tests_of(mutant)
+        begin = time.monotonic()
+        verdict, by = (
+            (SURVIVED, "no test runs the line") if not tests else self._tried(mutant, tests)
+        )
         return Trial(
             key=mutant.key,
             verdict=verdict,

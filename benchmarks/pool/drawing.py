@@ -13,7 +13,9 @@ from pool.scores import compared, scores
 
 
 def draw(recording: Recording, predictions: Mapping[str, np.ndarray], output: Path) -> None:
-    """Figure of roll, pitch and the joints of one recording, for predictions (n, 2) [rad] by name."""
+    """Figure of roll, pitch and the joints of one recording, for predictions (n, 2) [rad] by
+    name.
+    """
     import matplotlib as mpl
 
     mpl.use("Agg")
@@ -27,7 +29,9 @@ def draw(recording: Recording, predictions: Mapping[str, np.ndarray], output: Pa
         axis.plot(recording.t, angle, "k", linewidth=0.8, label="motion capture")
         axis.set_ylabel(label)
     axes[0].legend(fontsize="small")
-    axes[2].plot(recording.joint_t, recording.joint_q, label=["joint1", "joint2", "joint3", "joint4"])
+    axes[2].plot(
+        recording.joint_t, recording.joint_q, label=["joint1", "joint2", "joint3", "joint4"]
+    )
     axes[2].set(xlabel="t [s]", ylabel="measured joints [rad]")
     axes[2].legend(fontsize="small")
     axes[0].set_title(_caption(recording, predictions[REPLAY]), fontsize="small")
@@ -45,6 +49,7 @@ def _draw_angles(axes: np.ndarray, recording: Recording, name: str, predicted: n
 def _caption(recording: Recording, predicted: np.ndarray) -> str:
     pitch = scores(recording, predicted)[1]
     return (
-        f"{recording.name}: pitch of the replay, not fitted: {pitch.rmse:.2f} deg RMSE, correlation "
-        f"{pitch.correlation:.2f}, lag {pitch.lag:+.2f} s, overshoot {100 * pitch.overshoot:+.0f} %"
+        f"{recording.name}: pitch of the replay, not fitted: {pitch.rmse:.2f} deg RMSE, correlation"
+        f" {pitch.correlation:.2f}, lag {pitch.lag:+.2f} s, overshoot"
+        f" {100 * pitch.overshoot:+.0f} %"
     )

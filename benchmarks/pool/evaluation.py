@@ -1,4 +1,6 @@
-"""Every recording against four predictions: balanced or simulated, as the author has the vehicle or fitted."""
+"""Every recording against four predictions: balanced or simulated, as the author has the vehicle or
+fitted.
+"""
 
 from __future__ import annotations
 
@@ -13,7 +15,10 @@ from pool.replay import replay, static_balance
 from pool.scores import Score, fit_shift, scores
 from pool.vehicle import PoolVehicle
 
-STATIC, REPLAY, FITTED_STATIC, FITTED = "static", "replay", "static, fitted", "replay, fitted"
+STATIC = "static"
+REPLAY = "replay"
+FITTED_STATIC = "static, fitted"
+FITTED = "replay, fitted"
 PREDICTIONS = {
     STATIC: "static balance, the author's figures",
     REPLAY: "replay, the author's figures",
@@ -49,11 +54,19 @@ class Evaluation:
 
 def evaluate(vehicle: PoolVehicle, recordings: Sequence[Recording]) -> list[Evaluation]:
     """All of them, each with the fit that has not seen it."""
-    return [_evaluation(vehicle, one, [other for other in recordings if other.moves and other is not one]) for one in recordings]
+    return [
+        _evaluation(
+            vehicle, one, [other for other in recordings if other.moves and other is not one]
+        )
+        for one in recordings
+    ]
 
 
-def _evaluation(vehicle: PoolVehicle, recording: Recording, others: Sequence[Recording]) -> Evaluation:
-    shift, own = fit_shift(vehicle, others, replay), np.zeros(3)
+def _evaluation(
+    vehicle: PoolVehicle, recording: Recording, others: Sequence[Recording]
+) -> Evaluation:
+    shift = fit_shift(vehicle, others, replay)
+    own = np.zeros(3)
     predictions = {
         STATIC: static_balance(vehicle, recording, own),
         REPLAY: replay(vehicle, recording, own),

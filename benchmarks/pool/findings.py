@@ -1,4 +1,6 @@
-"""Why a prediction departs from the measurement: what can be read from recordings and vehicle themselves."""
+"""Why a prediction departs from the measurement: what can be read from recordings and vehicle
+themselves.
+"""
 
 from __future__ import annotations
 
@@ -31,7 +33,9 @@ class Swing:
 
 
 def offset_deg(recording: Recording, predicted: np.ndarray) -> np.ndarray:
-    """(2,) [deg] by which the measured roll and pitch differ from the predicted (n, 2) [rad] where offsets are removed."""
+    """(2,) [deg] by which the measured roll and pitch differ from the predicted (n, 2) [rad] where
+    offsets are removed.
+    """
     first = recording.t <= recording.t[0] + OFFSET_TIME
     difference = recording.attitude - at_times(recording.t, recording.joint_t, predicted)
     offset: np.ndarray = np.degrees(difference[first].mean(axis=0))
@@ -40,7 +44,9 @@ def offset_deg(recording: Recording, predicted: np.ndarray) -> np.ndarray:
 
 def restoring_ratio(vehicle: PoolVehicle, recording: Recording, shift: np.ndarray) -> float:
     """mean righting moment of a shift (3,) [m] of the centre of buoyancy, over that without one."""
-    fitted, own = (np.linalg.norm(righting(vehicle, recording, s), axis=1) for s in (shift, np.zeros(3)))
+    fitted, own = (
+        np.linalg.norm(righting(vehicle, recording, s), axis=1) for s in (shift, np.zeros(3))
+    )
     return float(fitted.mean() / own.mean())
 
 
@@ -51,7 +57,9 @@ def jumps(recording: Recording) -> int:
 
 
 def spread_deg(recording: Recording, seconds: float | None = None) -> np.ndarray:
-    """(2,) [deg] peak to peak of the measured roll and pitch, in the first so many seconds [s] or in all."""
+    """(2,) [deg] peak to peak of the measured roll and pitch, in the first so many seconds [s] or
+    in all.
+    """
     until = np.inf if seconds is None else recording.t[0] + seconds
     spread: np.ndarray = np.degrees(np.ptp(recording.attitude[recording.t <= until], axis=0))
     return spread
@@ -64,7 +72,9 @@ def rest_begins(recording: Recording) -> float:
 
 
 def free_swings(vehicle: PoolVehicle, recording: Recording) -> tuple[Swing, Swing]:
-    """Of roll and pitch of the simulated vehicle, linearised at rest with the arm as at the end of the recording."""
+    """Of roll and pitch of the simulated vehicle, linearised at rest with the arm as at the end of
+    the recording.
+    """
     attitude = static_balance(vehicle, recording, np.zeros(3))[-1]
     joints = np.concatenate([recording.joint_q[-1], np.zeros(8)])
     windows = np.tile(joints[:, None], 3)
@@ -91,7 +101,12 @@ def _slowest(values: np.ndarray, vectors: np.ndarray, axis: int) -> Swing:
 def _turned(quaternion: np.ndarray, turn: np.ndarray) -> np.ndarray:
     """Quaternion xyzw (4,) turned by a small turn (3,) [rad] in B."""
     (x, y, z, w), (a, b, c) = quaternion, turn / 2
-    product = [w * a + y * c - z * b, w * b + z * a - x * c, w * c + x * b - y * a, -x * a - y * b - z * c]
+    product = [
+        w * a + y * c - z * b,
+        w * b + z * a - x * c,
+        w * c + x * b - y * a,
+        -x * a - y * b - z * c,
+    ]
     turned: np.ndarray = quaternion + np.array(product)
     return turned / np.linalg.norm(turned)
 
@@ -100,7 +115,11 @@ def _turn_between(first: np.ndarray, second: np.ndarray) -> np.ndarray:
     """Small turn (3,) [rad] in B from one quaternion xyzw (4,) to another."""
     (x, y, z, w), (a, b, c, d) = first, second
     turn: np.ndarray = 2.0 * np.array(
-        [w * a - x * d - y * c + z * b, w * b - y * d - z * a + x * c, w * c - z * d - x * b + y * a]
+        [
+            w * a - x * d - y * c + z * b,
+            w * b - y * d - z * a + x * c,
+            w * c - z * d - x * b + y * a,
+        ]
     )
     return turn
 
@@ -108,12 +127,15 @@ def _turn_between(first: np.ndarray, second: np.ndarray) -> np.ndarray:
 def measured_swing(recording: Recording, angle: int) -> Swing | None:
     """Of roll (0) or pitch (1) after the arm has stopped; None where there is none to see."""
     resting = recording.t >= rest_begins(recording)
-    t, x = recording.t[resting], np.degrees(recording.attitude[resting, angle])
+    t = recording.t[resting]
+    x = np.degrees(recording.attitude[resting, angle])
     return swing_in(t - t[0], x) if t.size and np.ptp(t) >= _LONG_ENOUGH else None
 
 
 def swing_in(t: np.ndarray, x: np.ndarray) -> Swing | None:
-    """The damped swing that an angle (n,) [deg] at t (n,) [s] from 0 is, but for a drift; None where it is none."""
+    """The damped swing that an angle (n,) [deg] at t (n,) [s] from 0 is, but for a drift; None
+    where it is none.
+    """
     fits = [_damped_fit(t, x, period) for period in np.arange(1.0, 5.0, 0.25)]
     cost, swing = min(fits, key=lambda fit: fit[0])
     drift = np.polyval(np.polyfit(t, x, 1), t)
@@ -125,7 +147,8 @@ def _damped_fit(t: np.ndarray, x: np.ndarray, period: float) -> tuple[float, Swi
 
     def missed(p: np.ndarray) -> np.ndarray:
         omega, zeta = p
-        phase, decay = omega * np.sqrt(max(1.0 - zeta**2, 1e-6)) * t, np.exp(-zeta * omega * t)
+        phase = omega * np.sqrt(max(1.0 - zeta**2, 1e-6)) * t
+        decay = np.exp(-zeta * omega * t)
         basis = np.column_stack([decay * np.cos(phase), decay * np.sin(phase), np.ones_like(t), t])
         left: np.ndarray = x - basis @ np.linalg.lstsq(basis, x, rcond=None)[0]
         return left

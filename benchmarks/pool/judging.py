@@ -1,4 +1,6 @@
-"""How far predicted roll and pitch are from what a sensor showed, and how far two sensors are from each other."""
+"""How far predicted roll and pitch are from what a sensor showed, and how far two sensors are from
+each other.
+"""
 
 from __future__ import annotations
 
@@ -19,7 +21,9 @@ ANGLES = ("roll", "pitch")
 def angles(predicted: Predicted) -> tuple[np.ndarray, np.ndarray]:
     """Predicted and seen roll and pitch (m, 2) [deg], each less its mean in the beginning."""
     t = predicted.t[2]
-    found, seen = (without_offset(t, roll_pitch(part[2])) for part in (predicted.rows, predicted.measured))
+    found, seen = (
+        without_offset(t, roll_pitch(part[2])) for part in (predicted.rows, predicted.measured)
+    )
     return found, seen
 
 
@@ -45,15 +49,23 @@ def row(name: str, sensor: str, kind: str, rmse: np.ndarray) -> Row:
     }
 
 
-def turned_back(learner: Learner, prepared: PreparedRecording, shared: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Times (m,) [s], and roll and pitch (m, 2) [rad] of B, by a sensor that sits as unknowns shared (n,) have it."""
+def turned_back(
+    learner: Learner, prepared: PreparedRecording, shared: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Times (m,) [s], and roll and pitch (m, 2) [rad] of B, by a sensor that sits as unknowns
+    shared (n,) have it.
+    """
     (whole,) = prepared.stretches(STEP)
-    turn = np.asarray(ca.DM(exp3(learner.vehicle.shared.values(ca.SX(ca.DM(shared)))["attitude_turn"])))
+    turn = np.asarray(
+        ca.DM(exp3(learner.vehicle.shared.values(ca.SX(ca.DM(shared)))["attitude_turn"]))
+    )
     return whole.t[2], roll_pitch(whole.measured[2] @ turn.T)
 
 
 def apart(one: tuple[np.ndarray, np.ndarray], other: tuple[np.ndarray, np.ndarray]) -> np.ndarray:
-    """RMS (2,) [deg] between two sensors, each less its mean in the beginning, at the times of the first."""
+    """RMS (2,) [deg] between two sensors, each less its mean in the beginning, at the times of the
+    first.
+    """
     inside = (one[0] >= other[0][0]) & (one[0] <= other[0][-1])
     t = one[0][inside]
     return _size(without_offset(t, one[1][inside]) - without_offset(t, at_times(t, *other)))

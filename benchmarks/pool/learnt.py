@@ -1,4 +1,6 @@
-"""The vehicle of the pool recordings with what is learnt of it, by the package's own identification."""
+"""The vehicle of the pool recordings with what is learnt of it, by the package's own
+identification.
+"""
 
 from __future__ import annotations
 
@@ -12,12 +14,22 @@ from pool.vehicle import pool_dynamics
 from uvms_ocp.identification.fit import Predicted, Predictor
 from uvms_ocp.identification.model import Vehicle, stage_of
 from uvms_ocp.identification.output_error import Estimate, Noise, OutputErrorProblem
-from uvms_ocp.identification.parameters import ActuatorModel, NominalParameters, Prior, Unknowns, vehicle_declaration
+from uvms_ocp.identification.parameters import (
+    ActuatorModel,
+    NominalParameters,
+    Prior,
+    Unknowns,
+    vehicle_declaration,
+)
 from uvms_ocp.identification.rollout import PreparedRecording, Rollout
 
-STEP, KNOWN = 0.04, 2.0
+STEP = 0.04
+KNOWN = 2.0
 """[s], [s] of the beginning from which a start and the offset of the attitude are found."""
-NOISE = {IMU: Noise(velocity=0.05, rate=0.02, vertical=0.005), MOCAP: Noise(velocity=0.05, rate=0.06, vertical=0.01)}
+NOISE = {
+    IMU: Noise(velocity=0.05, rate=0.02, vertical=0.005),
+    MOCAP: Noise(velocity=0.05, rate=0.06, vertical=0.01),
+}
 _HULL = np.array([[-0.25, -0.2, -0.2], [0.25, 0.2, 0.2]])
 _TILT = ("roll", "pitch")
 LEARNT = {
@@ -40,7 +52,12 @@ class Learner:
     rollout: Rollout
     noise: Noise
 
-    def trained(self, chosen: Sequence[PreparedRecording], shared: np.ndarray | None = None, iterations: int = 15) -> Estimate:
+    def trained(
+        self,
+        chosen: Sequence[PreparedRecording],
+        shared: np.ndarray | None = None,
+        iterations: int = 15,
+    ) -> Estimate:
         """Identified on whole recordings."""
         stretches = [one.stretches(STEP)[0] for one in chosen]
         error = OutputErrorProblem(self.vehicle, stretches, self.noise, self.rollout)
@@ -49,7 +66,12 @@ class Learner:
     def predicted(self, one: PreparedRecording, shared: np.ndarray) -> Predicted:
         """A whole recording, with unknowns shared (n,) [as `Unknowns.start`]."""
         predictor = Predictor(
-            vehicle=self.vehicle, rollout=self.rollout, shared=shared, noise=self.noise, start_window=KNOWN, own=True
+            vehicle=self.vehicle,
+            rollout=self.rollout,
+            shared=shared,
+            noise=self.noise,
+            start_window=KNOWN,
+            own=True,
         )
         return predictor.of(one.stretches(STEP)[0])
 
@@ -59,5 +81,7 @@ def pool_learner(noise: Noise) -> Learner:
     none = ActuatorModel(names=(), wrench=np.zeros((6, 0)), allocation=np.zeros((0, 6)))
     dynamics = pool_dynamics()
     known = vehicle_declaration(NominalParameters.of(dynamics), _HULL, none).with_status(**LEARNT)
-    vehicle = Vehicle(dynamics=dynamics, shared=Unknowns(known), own=Unknowns(known, own=True), actuators=none)
+    vehicle = Vehicle(
+        dynamics=dynamics, shared=Unknowns(known), own=Unknowns(known, own=True), actuators=none
+    )
     return Learner(vehicle=vehicle, rollout=Rollout(stage_of(vehicle)), noise=noise)

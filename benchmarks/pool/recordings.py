@@ -1,4 +1,6 @@
-"""The pool recordings of H. Kolano, UVMS-SysID-with-EAs (2023): measured joints in, measured vehicle attitude out."""
+"""The pool recordings of H. Kolano, UVMS-SysID-with-EAs (2023): measured joints in, measured
+vehicle attitude out.
+"""
 
 from __future__ import annotations
 
@@ -45,9 +47,13 @@ class Recording:
 
 def read_recordings(folder: Path) -> list[Recording]:
     """Read all recordings of a folder. Raises `InvalidInput` where there are none."""
-    names = sorted(path.name.removesuffix("_mocap.csv.gz") for path in folder.glob("*_mocap.csv.gz"))
+    names = sorted(
+        path.name.removesuffix("_mocap.csv.gz") for path in folder.glob("*_mocap.csv.gz")
+    )
     if not names:
-        raise InvalidInput(f"{folder} holds no *_mocap.csv.gz; give the folder of the pool recordings")
+        raise InvalidInput(
+            f"{folder} holds no *_mocap.csv.gz; give the folder of the pool recordings"
+        )
     return [_read_recording(folder, name) for name in names]
 
 
@@ -69,7 +75,9 @@ def _read_recording(folder: Path, name: str) -> Recording:
 
 
 def _smooth(angles: np.ndarray, derivative: int) -> np.ndarray:
-    smooth: np.ndarray = savgol_filter(angles, SMOOTHING, 3, deriv=derivative, delta=SAMPLE_TIME, axis=0)
+    smooth: np.ndarray = savgol_filter(
+        angles, SMOOTHING, 3, deriv=derivative, delta=SAMPLE_TIME, axis=0
+    )
     return smooth
 
 

@@ -26,13 +26,17 @@ class Score:
     correlation: float
     """"""
     lag: float
-    """[s] of the prediction behind the measurement, where they agree best; nan: at no lag they do."""
+    """[s] of the prediction behind the measurement, where they agree best; nan: at no lag they
+    do.
+    """
     overshoot: float
     """peak-to-peak of the prediction over that of the measurement, less 1."""
 
 
 def compared(recording: Recording, predicted: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Predicted and measured roll and pitch (m, 2) [deg] at the times of the motion capture, without their offsets."""
+    """Predicted and measured roll and pitch (m, 2) [deg] at the times of the motion capture,
+    without their offsets.
+    """
     at_mocap = at_times(recording.t, recording.joint_t, predicted)
     return without_offset(recording.t, at_mocap), without_offset(recording.t, recording.attitude)
 
@@ -60,7 +64,9 @@ def _score(t: np.ndarray, simulated: np.ndarray, measured: np.ndarray) -> Score:
 
 
 def lag_of(t: np.ndarray, simulated: np.ndarray, measured: np.ndarray) -> float:
-    """[s] by which simulated (n,) is behind measured (n,) at t (n,) [s]; nan where no lag agrees best."""
+    """[s] by which simulated (n,) is behind measured (n,) at t (n,) [s]; nan where no lag agrees
+    best.
+    """
     lags = np.arange(-_LARGEST_LAG, _LARGEST_LAG + 1e-9, 0.02)
     inside = (t >= t[0] + _LARGEST_LAG) & (t <= t[-1] - _LARGEST_LAG)
     shifted = [np.interp(t[inside] + lag, t, simulated) for lag in lags]
@@ -68,14 +74,22 @@ def lag_of(t: np.ndarray, simulated: np.ndarray, measured: np.ndarray) -> float:
     return float(lags[best]) if 0 < best < len(lags) - 1 else np.nan
 
 
-def fit_shift(vehicle: PoolVehicle, recordings: Sequence[Recording], predict: Predictor) -> np.ndarray:
-    """Shift (3,) [m] of the centre of buoyancy that fits roll and pitch of all the recordings best."""
+def fit_shift(
+    vehicle: PoolVehicle, recordings: Sequence[Recording], predict: Predictor
+) -> np.ndarray:
+    """Shift (3,) [m] of the centre of buoyancy that fits roll and pitch of all the recordings
+    best.
+    """
 
     def residuals(shift_cm: np.ndarray) -> np.ndarray:
-        predictions = [(recording, predict(vehicle, recording, shift_cm / 100)) for recording in recordings]
+        predictions = [
+            (recording, predict(vehicle, recording, shift_cm / 100)) for recording in recordings
+        ]
         return np.concatenate([_errors(*prediction) for prediction in predictions])
 
-    found: np.ndarray = least_squares(residuals, np.zeros(3), diff_step=1e-2, bounds=(-4.0, 4.0)).x / 100
+    found: np.ndarray = (
+        least_squares(residuals, np.zeros(3), diff_step=1e-2, bounds=(-4.0, 4.0)).x / 100
+    )
     return found
 
 

@@ -11,25 +11,39 @@ from uvms_ocp.errors import InvalidInput
 from uvms_ocp.identification.reading import RecordingMapping, mapped_recording
 from uvms_ocp.identification.recording import Channel, Recording, rotations, smoothed
 
-IMU, MOCAP = "IMU", "motion capture"
+IMU = "IMU"
+MOCAP = "motion capture"
 _Columns: TypeAlias = dict[str, object]
-_JOINTS: _Columns = {"file": "{name}_joint_states.csv.gz", "columns": [f"axis_{axis}_pos" for axis in "edcb"]}
+_JOINTS: _Columns = {
+    "file": "{name}_joint_states.csv.gz",
+    "columns": [f"axis_{axis}_pos" for axis in "edcb"],
+}
 _CAPTURED: _Columns = {"file": "{name}_mocap.csv.gz"}
 _ONBOARD: _Columns = {"file": "{name}_imu.csv.gz"}
 _ATTITUDE: _Columns = {"columns": [f"{axis}_ori" for axis in "xyzw"], "format": "quaternion xyzw"}
 _CHANNELS: dict[str, dict[str, _Columns]] = {
     MOCAP: {"attitude": _CAPTURED | _ATTITUDE},
-    IMU: {"attitude": _ONBOARD | _ATTITUDE, "angular_velocity": _ONBOARD | {"columns": [f"{axis}_angvel" for axis in "xyz"]}},
+    IMU: {
+        "attitude": _ONBOARD | _ATTITUDE,
+        "angular_velocity": _ONBOARD | {"columns": [f"{axis}_angvel" for axis in "xyz"]},
+    },
 }
-_BOTH: dict[str, _Columns] = {"joint_positions": _JOINTS, "position": _CAPTURED | {"columns": [f"{axis}_pose" for axis in "xyz"]}}
+_BOTH: dict[str, _Columns] = {
+    "joint_positions": _JOINTS,
+    "position": _CAPTURED | {"columns": [f"{axis}_pose" for axis in "xyz"]},
+}
 _WINDOW = 1.0  # [s] of the local quadratics that give velocity
 
 
 def recordings_of(folder: Path) -> dict[str, list[Recording]]:
     """Of every sensor, in the same order. Raises `InvalidInput` where there are none."""
-    names = sorted(path.name.removesuffix("_mocap.csv.gz") for path in folder.glob("*_mocap.csv.gz"))
+    names = sorted(
+        path.name.removesuffix("_mocap.csv.gz") for path in folder.glob("*_mocap.csv.gz")
+    )
     if not names:
-        raise InvalidInput(f"{folder} holds no *_mocap.csv.gz; give the folder of the pool recordings")
+        raise InvalidInput(
+            f"{folder} holds no *_mocap.csv.gz; give the folder of the pool recordings"
+        )
     return {sensor: [_recording(folder, sensor, name) for name in names] for sensor in (IMU, MOCAP)}
 
 
@@ -37,11 +51,15 @@ def _recording(folder: Path, sensor: str, name: str) -> Recording:
     found, captured = (_read(folder, one, name) for one in (sensor, MOCAP))
     channels = {key: _forward(key, one) for key, one in found.channels.items() if key != "position"}
     nothing = Channel(t=np.array(found.span), values=np.zeros((2, 6)))
-    return Recording(name=name, channels={**channels, "linear_velocity": _velocity(captured), "wrench": nothing})
+    return Recording(
+        name=name, channels={**channels, "linear_velocity": _velocity(captured), "wrench": nothing}
+    )
 
 
 def _read(folder: Path, sensor: str, name: str) -> Recording:
-    channels = {key: {"time": "time_secs", **one} for key, one in (_BOTH | _CHANNELS[sensor]).items()}
+    channels = {
+        key: {"time": "time_secs", **one} for key, one in (_BOTH | _CHANNELS[sensor]).items()
+    }
     return mapped_recording(folder, RecordingMapping.model_validate({"channels": channels}), name)
 
 
@@ -50,7 +68,11 @@ def _forward(key: str, channel: Channel) -> Channel:
     if key == "attitude":
         x, y, z, w = channel.values.T
         return Channel(t=channel.t, values=np.column_stack([y, -x, w, -z]))
-    return Channel(t=channel.t, values=channel.values * [-1, -1, 1]) if key == "angular_velocity" else channel
+    return (
+        Channel(t=channel.t, values=channel.values * [-1, -1, 1])
+        if key == "angular_velocity"
+        else channel
+    )
 
 
 def _velocity(captured: Recording) -> Channel:

@@ -13,10 +13,17 @@ from pool.judging import ANGLES, angles
 from uvms_ocp.identification.fit import Predicted
 from uvms_ocp.identification.recording import Recording, smoothed
 
-_REST, _WINDOW = 0.05, 0.4  # [rad/s] below which the arm rests, [s] over which its motion is smoothed
-_SHORTEST, _SETTLED = 3.0, 0.3  # [s] of a rest, and after the arm has come to it
-SMALLEST, LARGE = 0.05, 0.2
-"""[deg] standard deviation of an angle in which a swing is looked for, and with which it is large."""
+# [rad/s] below which the arm rests, [s] over which its motion is smoothed
+_REST = 0.05
+_WINDOW = 0.4
+# [s] of a rest, and after the arm has come to it
+_SHORTEST = 3.0
+_SETTLED = 0.3
+SMALLEST = 0.05
+LARGE = 0.2
+"""[deg] standard deviation of an angle in which a swing is looked for, and with which it is
+large.
+"""
 
 
 def rests(recording: Recording) -> Iterator[tuple[float, float]]:
@@ -44,12 +51,16 @@ def swings(recording: Recording, predicted: Predicted) -> list[Row]:
 
 
 def _row(name: str, angle: str, t: np.ndarray, seen: np.ndarray, found: np.ndarray) -> list[Row]:
-    told, ours = swing_in(t, seen), swing_in(t, found)
+    told = swing_in(t, seen)
+    ours = swing_in(t, found)
     if told is None:
         return []
     row: dict[str, object] = {"recording": name, "angle": angle, "size [deg]": float(seen.std())}
     row |= {"period [s]": told.period, "damping": told.damping}
     if ours is not None:
         row |= {"predicted period [s]": ours.period, "predicted damping": ours.damping}
-        row |= {"period [%]": 100 * (ours.period / told.period - 1), "damping [%]": 100 * (ours.damping / told.damping - 1)}
+        row |= {
+            "period [%]": 100 * (ours.period / told.period - 1),
+            "damping [%]": 100 * (ours.damping / told.damping - 1),
+        }
     return [row]

@@ -1,6 +1,8 @@
-"""The vehicle of the pool recordings: `bluerov2_alpha5` with the author's mount, ballast, foam and coefficients.
+"""The vehicle of the pool recordings: `bluerov2_alpha5` with the author's mount, ballast, foam and
+coefficients.
 
-The arm's motion is prescribed, as its motors held it; no thrust, no tether. Figures: README of the data.
+The arm's motion is prescribed, as its motors held it; no thrust, no tether. Figures: README of the
+data.
 """
 
 from __future__ import annotations
@@ -19,7 +21,9 @@ from uvms_ocp.robot.symbolic_dynamics import SymbolicDynamics
 _DENSITY = 998.0  # [kg/m3]
 _GRAVITY = 9.81  # [m/s2]
 _X_BA = pin.SE3(np.eye(3), np.array([0.25, -0.10965, 0.005]))
-_ARM_BASE = pin.Inertia(0.341, np.array([-0.075, -0.006, -0.003]), np.diag([9.9e-5, 4.33e-3, 4.35e-3]))
+_ARM_BASE = pin.Inertia(
+    0.341, np.array([-0.075, -0.006, -0.003]), np.diag([9.9e-5, 4.33e-3, 4.35e-3])
+)
 _MASS = 13.17  # [kg]
 _DISPLACED = 13.082  # [kg]
 CENTRE_OF_BUOYANCY = np.array([0.0074, 0.0, 0.02])
@@ -39,22 +43,29 @@ _BALLAST = (
     ((-0.1542, 0.0439, -0.0795), 1.01),  # its bracket
 )
 _FOAM = (((0.0, 0.11, 0.027), -8.46), ((0.0, -0.11, 0.027), -8.86))
-BALLAST_DENSITY, FOAM_DENSITY = 7850.0, 200.0
+BALLAST_DENSITY = 7850.0
+FOAM_DENSITY = 200.0
 """[kg/m^3] assumed; only inertia depends on them."""
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class PoolVehicle:
-    """Motion of the vehicle under prescribed joints: roll, pitch and everything they are coupled with.
+    """Motion of the vehicle under prescribed joints: roll, pitch and everything they are coupled
+    with.
 
-    ``shift`` (3,) [m] moves the vehicle's centre of buoyancy from where the author has it. The state is the
-    quaternion xyzw of the vehicle and its velocity in B (10,); position has no effect in still water.
+    ``shift`` (3,) [m] moves the vehicle's centre of buoyancy from where the author has it. The
+    state is the quaternion xyzw of the vehicle and its velocity in B (10,); position has no effect
+    in still water.
     """
 
     step: ca.Function
-    """``x (10,), joints (12, 3), shift (3,), h -> x`` over h [s]; joints: q, v, a at start, middle and end."""
+    """``x (10,), joints (12, 3), shift (3,), h -> x`` over h [s]; joints: q, v, a at start, middle
+    and end.
+    """
     righting: ca.Function
-    """``joints (4,), shift (3,) -> S (3,)`` [N m] in B: first moment of buoyancy less weight; at rest it is up."""
+    """``joints (4,), shift (3,) -> S (3,)`` [N m] in B: first moment of buoyancy less weight; at
+    rest it is up.
+    """
 
 
 def pool_vehicle() -> PoolVehicle:
@@ -99,22 +110,35 @@ def _base_water() -> LinkHydrodynamics:
 
 def _trim() -> list[tuple[np.ndarray, float, float]]:
     """Position, mass and volume of ballast and foam."""
-    bodies = [(*body, BALLAST_DENSITY) for body in _BALLAST] + [(*body, FOAM_DENSITY) for body in _FOAM]
+    bodies = [(*body, BALLAST_DENSITY) for body in _BALLAST] + [
+        (*body, FOAM_DENSITY) for body in _FOAM
+    ]
     volumes = [weight / _GRAVITY / (density - _DENSITY) for _, weight, density in bodies]
-    return [(np.array(body[0]), volume * body[2], volume) for body, volume in zip(bodies, volumes, strict=True)]
+    return [
+        (np.array(body[0]), volume * body[2], volume)
+        for body, volume in zip(bodies, volumes, strict=True)
+    ]
 
 
 def _acceleration(dynamics: SymbolicDynamics) -> ca.Function:
-    """``x, joints (12,), shift -> x_dot``: six rows of the equations of motion, the joints' accelerations given."""
-    x, joints, shift = ca.SX.sym("x", 10), ca.SX.sym("joints", 12), ca.SX.sym("shift", 3)
+    """``x, joints (12,), shift -> x_dot``: six rows of the equations of motion, the joints'
+    accelerations given.
+    """
+    x = ca.SX.sym("x", 10)
+    joints = ca.SX.sym("joints", 12)
+    shift = ca.SX.sym("shift", 3)
     quaternion, nu = x[:4], x[4:]
     q = ca.vertcat(ca.SX(3, 1), quaternion, joints[:4])
     v = ca.vertcat(nu, joints[4:8])
     still = ca.SX(3, len(dynamics.links))
     held = ca.vertcat(ca.SX(6, 1), joints[8:])
-    wrench = _shift_wrench(quaternion, shift) - dynamics.inverse_dynamics(q, v, held, still, still)[:6]
+    wrench = (
+        _shift_wrench(quaternion, shift) - dynamics.inverse_dynamics(q, v, held, still, still)[:6]
+    )
     nu_dot = ca.solve(dynamics.mass_matrix(q)[:6, :6], wrench)
-    return ca.Function("motion", [x, joints, shift], [ca.vertcat(_quaternion_rate(quaternion, nu[3:]), nu_dot)])
+    return ca.Function(
+        "motion", [x, joints, shift], [ca.vertcat(_quaternion_rate(quaternion, nu[3:]), nu_dot)]
+    )
 
 
 def _shift_wrench(quaternion: ca.SX, shift: ca.SX) -> ca.SX:
@@ -134,7 +158,10 @@ def _quaternion_rate(quaternion: ca.SX, omega: ca.SX) -> ca.SX:
 
 def _step(motion: ca.Function) -> ca.Function:
     """Classical Runge-Kutta step."""
-    x, joints, shift, h = ca.SX.sym("x", 10), ca.SX.sym("joints", 12, 3), ca.SX.sym("shift", 3), ca.SX.sym("h")
+    x = ca.SX.sym("x", 10)
+    joints = ca.SX.sym("joints", 12, 3)
+    shift = ca.SX.sym("shift", 3)
+    h = ca.SX.sym("h")
     start, middle, end = ca.horzsplit(joints)
     k1 = motion(x, start, shift)
     k2 = motion(x + h / 2 * k1, middle, shift)
@@ -148,6 +175,10 @@ def _step(motion: ca.Function) -> ca.Function:
 def _righting(dynamics: SymbolicDynamics) -> ca.Function:
     """The potential is ``-S . up``: its value in three attitudes gives S."""
     joints, shift = ca.SX.sym("joints", 4), ca.SX.sym("shift", 3)
-    up_x, up_y, up_z = [0, -np.sqrt(0.5), 0, np.sqrt(0.5)], [np.sqrt(0.5), 0, 0, np.sqrt(0.5)], [0, 0, 0, 1]
+    up_x = [0, -np.sqrt(0.5), 0, np.sqrt(0.5)]
+    up_y = [np.sqrt(0.5), 0, 0, np.sqrt(0.5)]
+    up_z = [0, 0, 0, 1]
     S = [-dynamics.potential_energy(ca.vertcat(0, 0, 0, *up, joints)) for up in (up_x, up_y, up_z)]
-    return ca.Function("righting", [joints, shift], [ca.vertcat(*S) + _DISPLACED * _GRAVITY * shift])
+    return ca.Function(
+        "righting", [joints, shift], [ca.vertcat(*S) + _DISPLACED * _GRAVITY * shift]
+    )

@@ -1,4 +1,6 @@
-"""The head of a recorded file: by which command, when, with which versions, on which machine, how undisturbed."""
+"""The head of a recorded file: by which command, when, with which versions, on which machine, how
+undisturbed.
+"""
 
 from __future__ import annotations
 
@@ -28,7 +30,9 @@ class Head:
     versions: str
     machine: str
     others: float | None
-    """[%] of all processors that other programs used during the run; None where the system does not tell."""
+    """[%] of all processors that other programs used during the run; None where the system does not
+    tell.
+    """
 
     @property
     def quiet(self) -> bool:
@@ -39,13 +43,23 @@ class Head:
     def load(self) -> str:
         """What other programs used, and a warning where that is too much."""
         if self.others is None:
-            return "The system does not tell what other programs used of the processors: times may be partly theirs"
+            return (
+                "The system does not tell what other programs used of the processors: times may be"
+                " partly theirs"
+            )
         share = f"Other programs used {self.others:.1f} % of the processors"
-        return share if self.quiet else f"{share}, more than {QUIET:.0f} %: times are partly theirs, record again"
+        return (
+            share
+            if self.quiet
+            else f"{share}, more than {QUIET:.0f} %: times are partly theirs, record again"
+        )
 
     def lines(self) -> list[str]:
         """Of text; the same in every file of a run."""
-        return [f"Written by `{self.command}` on {self.date}.", *(f"{x}." for x in (self.versions, self.machine, self.load))]
+        return [
+            f"Written by `{self.command}` on {self.date}.",
+            *(f"{x}." for x in (self.versions, self.machine, self.load)),
+        ]
 
 
 @dataclass(frozen=True, slots=True)
@@ -60,12 +74,19 @@ class Beginning:
         """Of what has run since; peers: versions of other packages that were measured."""
         packages = {name: version(name) for name in PACKAGES} | dict(peers or {})
         now = ProcessorTimes.now()
-        others = None if now is None or self.processors is None else self.processors.others_until(now)
+        others = (
+            None if now is None or self.processors is None else self.processors.others_until(now)
+        )
         took = (datetime.now(timezone.utc) - self.date).total_seconds()
         return Head(
             command=self.command,
             date=f"{self.date:%Y-%m-%d %H:%M} UTC, in {took:.0f} s",
-            versions=", ".join([f"Python {platform.python_version()}", *(" ".join(item) for item in packages.items())]),
+            versions=", ".join(
+                [
+                    f"Python {platform.python_version()}",
+                    *(" ".join(item) for item in packages.items()),
+                ]
+            ),
             machine=_machine(),
             others=others,
         )
@@ -80,7 +101,9 @@ def command_line(arguments: Sequence[str]) -> str:
 
 def _machine() -> str:
     threads = os.environ.get("OMP_NUM_THREADS", "as many as there are")
-    processors = f"{os.cpu_count()} processors ({processor_name() or platform.processor() or 'unknown'})"
+    processors = (
+        f"{os.cpu_count()} processors ({processor_name() or platform.processor() or 'unknown'})"
+    )
     return f"{platform.system()} {platform.machine()}, {processors}, OMP_NUM_THREADS {threads}"
 
 

@@ -23,7 +23,8 @@ class Over(Exception):
 
 def kept_rows(study: Study, folder: Path, jobs: int, hours: float) -> list[Row]:
     """Rows in the order of the cases, of those that are known once `hours` [h] are over."""
-    end, order = time.monotonic() + 3600.0 * hours, spread_out(range(len(study.cases)))
+    end = time.monotonic() + 3600.0 * hours
+    order = spread_out(range(len(study.cases)))
 
     def tell(done: int, failed: int, total: int) -> None:
         show_progress(done, total)
@@ -34,7 +35,12 @@ def kept_rows(study: Study, folder: Path, jobs: int, hours: float) -> list[Row]:
     with suppress(Over):
         spread.run(folder, workers=jobs, progress=tell)
     known = finished_rows(folder) if part_paths(folder) else {}
-    return [row for _, row in sorted(((order[run], row) for run, row in known.items()), key=lambda entry: entry[0])]
+    return [
+        row
+        for _, row in sorted(
+            ((order[run], row) for run, row in known.items()), key=lambda entry: entry[0]
+        )
+    ]
 
 
 def spread_out(cases: Sequence[int]) -> list[int]:

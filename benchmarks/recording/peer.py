@@ -1,4 +1,6 @@
-"""What the script of a peer does: the problem of a file in, the outcome into another. For the standard library only."""
+"""What the script of a peer does: the problem of a file in, the outcome into another. For the
+standard library only.
+"""
 
 from __future__ import annotations
 

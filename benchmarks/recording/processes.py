@@ -14,21 +14,30 @@ _HIDDEN = {"PATH": "", "CC": ""}
 _FOLDER = Path(__file__).parents[1]
 
 
-def run_script(python: Path | str, script: Path, *words: object, compiler: bool = True, cache: Path | None = None) -> None:
+def run_script(
+    python: Path | str,
+    script: Path,
+    *words: object,
+    compiler: bool = True,
+    cache: Path | None = None,
+) -> None:
     """Run a script of these folders in its own process; raises `CalledProcessError` where it fails.
 
-    compiler: False hides the C compiler, so that step functions run in CasADi's virtual machine. cache: of compiled code, for
-    which nobody waits; that of this process by default.
+    compiler: False hides the C compiler, so that step functions run in CasADi's virtual machine.
+    cache: of compiled code, for which nobody waits; that of this process by default.
     """
     kept = {} if cache is None else {"UVMS_OCP_CACHE": str(cache), "UVMS_OCP_WAIT_FOR_COMPILER": ""}
-    ours = os.environ.get("PYTHONPATH") if str(python) == sys.executable else None  # the same package as this process
+    ours = (
+        os.environ.get("PYTHONPATH") if str(python) == sys.executable else None
+    )  # the same package as this process
     places = os.pathsep.join(filter(None, [str(_FOLDER), ours]))
     environment = os.environ | {"PYTHONPATH": places} | kept | ({} if compiler else _HIDDEN)
     subprocess.run([str(word) for word in (python, script, *words)], check=True, env=environment)
 
 
 def as_installed(cache: Path | str) -> dict[str, str]:
-    """Environment of commands that find byte code, as those of an installed package do, and wait for no compiler.
+    """Environment of commands that find byte code, as those of an installed package do, and wait
+    for no compiler.
 
     cache: of compiled code.
     """

@@ -7,7 +7,9 @@ from dataclasses import dataclass
 from pathlib import Path
 
 _STAT = Path("/proc/stat")
-_IDLE, _GUEST = (3, 4), 8  # columns of idle and of waiting for disks; from here on, time is counted twice
+# columns of idle and of waiting for disks; from here on, time is counted twice
+_IDLE = (3, 4)
+_GUEST = 8
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -46,4 +48,6 @@ def processor_name() -> str:
     """Of the first processor, empty where the system does not tell."""
     info = Path("/proc/cpuinfo")
     lines = info.read_text().splitlines() if info.exists() else []
-    return next((line.split(":", 1)[1].strip() for line in lines if line.startswith("model name")), "")
+    return next(
+        (line.split(":", 1)[1].strip() for line in lines if line.startswith("model name")), ""
+    )

@@ -26,13 +26,21 @@ class Table:
 
     rows: Sequence[Row]
     columns: Mapping[str, str] = field(default_factory=dict)
-    """Format of a column by its name; all columns, in the order of the rows, where none is given."""
+    """Format of a column by its name; all columns, in the order of the rows, where none is
+    given.
+    """
 
     def lines(self) -> list[str]:
         """Markdown."""
         columns = self.columns or dict.fromkeys(columns_of(self.rows), "")
         head = ["| " + " | ".join(columns) + " |", "|" + "---|" * len(columns)]
-        return [*head, *(_line(cell(row.get(name), form) for name, form in columns.items()) for row in self.rows)]
+        return [
+            *head,
+            *(
+                _line(cell(row.get(name), form) for name, form in columns.items())
+                for row in self.rows
+            ),
+        ]
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -61,7 +69,10 @@ class Report:
         report = folder / f"{self.name}.md"
         report.write_text(self.markdown(head), encoding="utf-8")
         data = self.data or {self.name: self.tables[0].rows}
-        return [report, *(_write_csv(rows, folder / f"{name}.csv", head) for name, rows in data.items())]
+        return [
+            report,
+            *(_write_csv(rows, folder / f"{name}.csv", head) for name, rows in data.items()),
+        ]
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -84,21 +95,30 @@ class Run:
 
 def parser_of(doc: str | None) -> argparse.ArgumentParser:
     """With the options that every benchmark has."""
-    parser = argparse.ArgumentParser(description=doc, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--quick", action="store_true", help="little work, to see that it runs; needs --out")
-    parser.add_argument("--out", type=Path, default=RESULTS, metavar="PATH", help="folder of the files")
+    parser = argparse.ArgumentParser(
+        description=doc, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument(
+        "--quick", action="store_true", help="little work, to see that it runs; needs --out"
+    )
+    parser.add_argument(
+        "--out", type=Path, default=RESULTS, metavar="PATH", help="folder of the files"
+    )
     return parser
 
 
 def begin(parser: argparse.ArgumentParser) -> tuple[argparse.Namespace, Run]:
-    """Parse the command line and start to watch the processors; a quick run must not replace recorded files.
+    """Parse the command line and start to watch the processors; a quick run must not replace
+    recorded files.
 
     What is timed is compiled before.
     """
     os.environ.setdefault("UVMS_OCP_WAIT_FOR_COMPILER", "1")
     given = parser.parse_args()
     if given.quick and given.out.resolve() == RESULTS:
-        parser.error("--quick measures too little to be recorded; give another folder with --out PATH")
+        parser.error(
+            "--quick measures too little to be recorded; give another folder with --out PATH"
+        )
     return given, Run(out=given.out, quick=given.quick, beginning=Beginning(this_command()))
 
 
@@ -109,7 +129,9 @@ def columns_of(rows: Sequence[Row]) -> list[str]:
 
 def filled(text: str) -> str:
     """Paragraphs and lists in lines of one length."""
-    return "\n\n".join("\n".join(map(_filled, _items(paragraph))) for paragraph in text.strip().split("\n\n"))
+    return "\n\n".join(
+        "\n".join(map(_filled, _items(paragraph))) for paragraph in text.strip().split("\n\n")
+    )
 
 
 def _items(paragraph: str) -> list[str]:
@@ -120,7 +142,9 @@ def _items(paragraph: str) -> list[str]:
 def _filled(item: str) -> str:
     indent = "  " if item.startswith("- ") else ""
     text = " ".join(item.split())
-    return textwrap.fill(text, _WIDTH, subsequent_indent=indent, break_long_words=False, break_on_hyphens=False)
+    return textwrap.fill(
+        text, _WIDTH, subsequent_indent=indent, break_long_words=False, break_on_hyphens=False
+    )
 
 
 def cell(value: Any, form: str = "") -> str:
@@ -131,7 +155,9 @@ def cell(value: Any, form: str = "") -> str:
         return "yes" if value else "no"
     if isinstance(value, float):
         return format(value, form or (".0f" if abs(value) >= 1e3 else ".3g"))
-    return format(value, form) if form and isinstance(value, int) else str(value).replace("|", "\\|")
+    return (
+        format(value, form) if form and isinstance(value, int) else str(value).replace("|", "\\|")
+    )
 
 
 def _line(cells: Any) -> str:

@@ -1,4 +1,6 @@
-"""How calls are timed, the same for us and for the peers, whose environments have the standard library only."""
+"""How calls are timed, the same for us and for the peers, whose environments have the standard
+library only.
+"""
 
 from __future__ import annotations
 
@@ -27,10 +29,15 @@ class Timed(Generic[T]):
 
 
 def timed(call: Callable[[], T], repeats: int, long: float = inf) -> Timed[T]:
-    """One call to warm up, then the least times of `repeats` calls, or of those that begin within `long` [s]."""
-    value, walls, cpus = call(), list[float](), list[float]()
+    """One call to warm up, then the least times of `repeats` calls, or of those that begin within
+    `long` [s].
+    """
+    value = call()
+    walls = list[float]()
+    cpus = list[float]()
     while len(walls) < repeats and sum(walls) < long:
-        wall, cpu = perf_counter(), process_time()
+        wall = perf_counter()
+        cpu = process_time()
         value = call()
         walls.append(perf_counter() - wall)
         cpus.append(process_time() - cpu)
@@ -39,13 +46,16 @@ def timed(call: Callable[[], T], repeats: int, long: float = inf) -> Timed[T]:
 
 def once(call: Callable[[], T]) -> Timed[T]:
     """The times of a call that is made once, such as one that builds."""
-    wall, cpu = perf_counter(), process_time()
+    wall = perf_counter()
+    cpu = process_time()
     value = call()
     return Timed(value, perf_counter() - wall, process_time() - cpu)
 
 
 def built(build: Callable[[], T], *, cold: bool) -> Timed[T]:
-    """The times of a build; cold: from an empty cache of compiled code, as the first time on a machine."""
+    """The times of a build; cold: from an empty cache of compiled code, as the first time on a
+    machine.
+    """
     if not cold:
         return once(build)
     before = os.environ.get("UVMS_OCP_CACHE")

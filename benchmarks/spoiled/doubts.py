@@ -1,4 +1,6 @@
-"""Every doubt that the package can raise about a recording: by what it says, with what it looks for."""
+"""Every doubt that the package can raise about a recording: by what it says, with what it looks
+for.
+"""
 
 from __future__ import annotations
 
@@ -14,12 +16,17 @@ class Doubt:
     """Pattern that its text alone has."""
     looks_for: str
     stated: bool = False
-    """True where a file, or the settings of a fit, state it themselves: nothing is guessed, and no rate is of interest."""
+    """True where a file, or the settings of a fit, state it themselves: nothing is guessed, and no
+    rate is of interest.
+    """
 
 
 DOUBTS = (
     # Times.
-    Doubt("other clocks, or other units of times|too few to look at|no time is in all channels", "channels of different clocks"),
+    Doubt(
+        "other clocks, or other units of times|too few to look at|no time is in all channels",
+        "channels of different clocks",
+    ),
     Doubt("times go back by up to", "a clock that was set back"),
     Doubt("samples had the time of another", "times of too few digits"),
     Doubt("two sensors\\?", "two sensors in one table"),
@@ -29,13 +36,18 @@ DOUBTS = (
     Doubt("nothing is recorded for", "silence of all channels"),
     Doubt("s .* against the rate of the", "a channel that is late"),
     Doubt("differ at the end by another time than at the beginning", "a clock that jumps"),
-    Doubt("the vehicle accelerates .* what it says: a clock of its own", "commands of another clock"),
+    Doubt(
+        "the vehicle accelerates .* what it says: a clock of its own", "commands of another clock"
+    ),
     # Values of one channel.
     Doubt("nothing in it ever changes", "commands that stay"),
     Doubt("dead: .* stay within", "an axis that is dead"),
     Doubt("samples are exactly zero: lost ones", "zeros where nothing was measured"),
     Doubt("samples, all others", "rare numbers that stand for nothing"),
-    Doubt("jumps to .* and back", "numbers that stand for nothing, within the range of others or often"),
+    Doubt(
+        "jumps to .* and back",
+        "numbers that stand for nothing, within the range of others or often",
+    ),
     Doubt("is never beyond", "saturated sensors"),
     Doubt("for a tenth of the time: is it in", "values that no vehicle has: units, angles in deg"),
     Doubt("pulse widths in us", "pulse widths as thrust"),
@@ -51,7 +63,10 @@ DOUBTS = (
     Doubt("at rest it is along z: axes swapped", "axes of an accelerometer"),
     Doubt("the vehicle lies on its back", "an attitude with z down"),
     Doubt("held up against gravity downwards", "an attitude with z down in W"),
-    Doubt("with it what holds the vehicle up is", "an attitude along other axes than the accelerometer"),
+    Doubt(
+        "with it what holds the vehicle up is",
+        "an attitude along other axes than the accelerometer",
+    ),
     Doubt("a pressure in mbar", "pressure as depth"),
     Doubt("above a surface at 0: z down", "depth as height"),
     # What stops, and what was not recorded.
@@ -59,9 +74,13 @@ DOUBTS = (
     Doubt("zero throughout, and the vehicle moves", "commands that were not recorded"),
     # Rates of poses, and axes.
     Doubt("it is level then, which it is not as it is", "order of a quaternion, by tilt"),
-    Doubt("reads better with .* it agrees with", "another way to read an attitude, by the velocities"),
+    Doubt(
+        "reads better with .* it agrees with", "another way to read an attitude, by the velocities"
+    ),
     Doubt("times the rate of the", "units of a velocity, or of a pose"),
-    Doubt("its axes fit the \\S+ of the \\S+ as", "axes and signs of a velocity or an accelerometer"),
+    Doubt(
+        "its axes fit the \\S+ of the \\S+ as", "axes and signs of a velocity or an accelerometer"
+    ),
     Doubt("its axes fit the rate of the \\S+ in W", "a velocity in W"),
     Doubt("its rate fits the velocity with axes", "axes of W of a position"),
     Doubt("points elsewhere", "a heading that is turned"),
@@ -87,15 +106,22 @@ DOUBTS = (
     Doubt("not recorded: means between poses", "a velocity that there is not", stated=True),
     Doubt("commands of a run of this toolkit act at once", "a delay that is held", stated=True),
     Doubt("thrusters were driven ahead of their lag", "a wrench in place of thrust", stated=True),
-    Doubt("not as it was asked of them", "thrust in place of commands, in records of runs", stated=True),
+    Doubt(
+        "not as it was asked of them",
+        "thrust in place of commands, in records of runs",
+        stated=True,
+    ),
     Doubt("a fault of this run", "faults of a run", stated=True),
     Doubt("on the floor at", "contact with the floor in a run", stated=True),
-)  # fmt: skip
+)
 
 
 def doubt_of(text: str) -> Doubt:
     """The one kind that a text is of. Raises LookupError for a text of none or of several."""
     found = [one for one in DOUBTS if re.search(one.says, text)]
     if len(found) != 1:
-        raise LookupError(f"{text!r} is listed as {[one.says for one in found]}; list it once in spoiled/doubts.py")
+        raise LookupError(
+            f"{text!r} is listed as {[one.says for one in found]}; list it once in"
+            " spoiled/doubts.py"
+        )
     return found[0]

@@ -1,4 +1,6 @@
-"""What goes wrong with recordings: one thing at a time, by a drawn amount, with the doubts that are to find it."""
+"""What goes wrong with recordings: one thing at a time, by a drawn amount, with the doubts that are
+to find it.
+"""
 
 from __future__ import annotations
 
@@ -33,7 +35,9 @@ class Kind:
 
 
 def _change(name: str, change: Callable[[Channel, Rng], Channel]) -> Spoil:
-    return lambda one, rng: replace(one, channels={**one.channels, name: change(one.channels[name], rng)})
+    return lambda one, rng: replace(
+        one, channels={**one.channels, name: change(one.channels[name], rng)}
+    )
 
 
 def _values(name: str, change: Callable[[np.ndarray, Rng], np.ndarray]) -> Spoil:
@@ -46,7 +50,9 @@ def _times(name: str, change: Callable[[np.ndarray, Rng], np.ndarray]) -> Spoil:
 
 def _without(spoil: Spoil, *names: str) -> Spoil:
     """The same of a recording that does not have some channels."""
-    return lambda one, rng: spoil(replace(one, channels={n: c for n, c in one.channels.items() if n not in names}), rng)
+    return lambda one, rng: spoil(
+        replace(one, channels={n: c for n, c in one.channels.items() if n not in names}), rng
+    )
 
 
 def _scaled(factor: float) -> Callable[[np.ndarray, Rng], np.ndarray]:
@@ -80,11 +86,14 @@ def _saturated(values: np.ndarray, rng: Rng) -> np.ndarray:
 
 
 def _stuck(values: np.ndarray, rng: Rng) -> np.ndarray:
-    first, n = int(rng.integers(100, 300)), int(rng.integers(30, 200))
+    first = int(rng.integers(100, 300))
+    n = int(rng.integers(30, 200))
     return np.vstack([values[:first], np.tile(values[first], (n, 1)), values[first + n :]])
 
 
-def _sometimes(value: float, least: float, most: float, spread: float = 0.0) -> Callable[[np.ndarray, Rng], np.ndarray]:
+def _sometimes(
+    value: float, least: float, most: float, spread: float = 0.0
+) -> Callable[[np.ndarray, Rng], np.ndarray]:
     """A value, or one drawn beside it, in a share of all samples."""
 
     def change(values: np.ndarray, rng: Rng) -> np.ndarray:
@@ -94,25 +103,37 @@ def _sometimes(value: float, least: float, most: float, spread: float = 0.0) -> 
     return change
 
 
-def _turned(world: Sequence[float], body: Sequence[float]) -> Callable[[np.ndarray, Rng], np.ndarray]:
+def _turned(
+    world: Sequence[float], body: Sequence[float]
+) -> Callable[[np.ndarray, Rng], np.ndarray]:
     """Attitudes between quaternions x, y, z, w of other axes."""
     from scipy.spatial.transform import Rotation
 
     def change(values: np.ndarray, _: Rng) -> np.ndarray:
-        return np.asarray((Rotation.from_quat(world) * Rotation.from_quat(values) * Rotation.from_quat(body)).as_quat())
+        return np.asarray(
+            (
+                Rotation.from_quat(world) * Rotation.from_quat(values) * Rotation.from_quat(body)
+            ).as_quat()
+        )
 
     return change
 
 
 def _heading(values: np.ndarray, rng: Rng) -> np.ndarray:
     angle = np.deg2rad(rng.uniform(30.0, 60.0)) * rng.choice([-1.0, 1.0])
-    return _turned((0.0, 0.0, np.sin(angle / 2), np.cos(angle / 2)), (0.0, 0.0, 0.0, 1.0))(values, rng)
+    return _turned((0.0, 0.0, np.sin(angle / 2), np.cos(angle / 2)), (0.0, 0.0, 0.0, 1.0))(
+        values, rng
+    )
 
 
 def _in_world(one: Recording, _: Rng) -> Recording:
     velocity = one.channels["linear_velocity"]
-    values = np.einsum("nij,nj->ni", rotations(one.channels["attitude"], velocity.t), velocity.values)
-    return replace(one, channels={**one.channels, "linear_velocity": replace(velocity, values=values)})
+    values = np.einsum(
+        "nij,nj->ni", rotations(one.channels["attitude"], velocity.t), velocity.values
+    )
+    return replace(
+        one, channels={**one.channels, "linear_velocity": replace(velocity, values=values)}
+    )
 
 
 def _ungravitated(one: Recording, _: Rng) -> Recording:
@@ -131,7 +152,10 @@ def _lost(channel: Channel, rng: Rng) -> Channel:
 def _silent(one: Recording, rng: Rng) -> Recording:
     first, n = rng.uniform(15.0, 30.0), rng.uniform(3.0, 10.0)
     there = {name: (c.t < first) | (c.t > first + n) for name, c in one.channels.items()}
-    channels = {name: replace(c, t=c.t[there[name]], values=c.values[there[name]]) for name, c in one.channels.items()}
+    channels = {
+        name: replace(c, t=c.t[there[name]], values=c.values[there[name]])
+        for name, c in one.channels.items()
+    }
     return split_at_gaps([replace(one, channels=channels)])[0]
 
 
@@ -147,21 +171,33 @@ def _jump(least: float, most: float) -> Callable[[np.ndarray, Rng], np.ndarray]:
 
 def _of_two(channel: Channel, rng: Rng) -> Channel:
     """With the samples of another sensor, which is a little off, right after its own."""
-    other = channel.values + 3.0 * np.diff(channel.values, axis=0).std() * rng.choice([-1.0, 1.0], size=channel.values.shape[1])
+    other = channel.values + 3.0 * np.diff(channel.values, axis=0).std() * rng.choice(
+        [-1.0, 1.0], size=channel.values.shape[1]
+    )
     t = np.column_stack([channel.t, channel.t + 0.001]).ravel()
-    return replace(channel, t=t, values=np.stack([channel.values, other], axis=1).reshape(len(t), -1))
+    return replace(
+        channel, t=t, values=np.stack([channel.values, other], axis=1).reshape(len(t), -1)
+    )
 
 
 def _clock(t: np.ndarray, rng: Rng) -> np.ndarray:
     """Of commands that come too late to be the cause of anything, or much too early."""
-    return np.asarray(t + (rng.uniform(0.7, 1.6) if rng.uniform() < 0.5 else -rng.uniform(1.6, 2.4)))
+    return np.asarray(
+        t + (rng.uniform(0.7, 1.6) if rng.uniform() < 0.5 else -rng.uniform(1.6, 2.4))
+    )
 
 
 def _of_off_propellers(one: Recording, rng: Rng) -> Recording:
     """Pulses of 0 before the first command, read as shares of the largest one."""
     thrust = one.channels["thrust"]
-    shares = np.where(thrust.t[:, None] < rng.uniform(1.0, 6.0), -3.75, thrust.values / np.abs(thrust.values).max())
-    return replace(one, channels={**one.channels, "propeller_commands": replace(thrust, values=shares)})
+    shares = np.where(
+        thrust.t[:, None] < rng.uniform(1.0, 6.0),
+        -3.75,
+        thrust.values / np.abs(thrust.values).max(),
+    )
+    return replace(
+        one, channels={**one.channels, "propeller_commands": replace(thrust, values=shares)}
+    )
 
 
 def _of_other_pulses(one: Recording, _: Rng) -> Recording:
@@ -183,7 +219,10 @@ _Spoil = Callable[[_Columns, dict[str, Any], Rng], None]
 
 
 def _as_file(
-    name: str, spoil: _Spoil, more: Mapping[str, Any] | None = None, rows: Callable[[str, Rng], str] | None = None
+    name: str,
+    spoil: _Spoil,
+    more: Mapping[str, Any] | None = None,
+    rows: Callable[[str, Rng], str] | None = None,
 ) -> Spoil:
     """A channel as it comes back from a table, and a mapping, in which something is wrong."""
 
@@ -197,9 +236,13 @@ def _as_file(
             write_columns(path, columns)
             if rows:
                 path.write_text(rows(path.read_text(), rng))
-            read = mapped_recording(path, RecordingMapping.model_validate({"channels": {name: mapping}}))
+            read = mapped_recording(
+                path, RecordingMapping.model_validate({"channels": {name: mapping}})
+            )
         start = replace(read.channels[name], t=read.channels[name].t + channel.t[0])
-        return replace(one, channels={**one.channels, name: start}, issues_in_file=read.issues_in_file)
+        return replace(
+            one, channels={**one.channels, name: start}, issues_in_file=read.issues_in_file
+        )
 
     return change
 
@@ -208,7 +251,11 @@ def _angles(columns: _Columns, mapping: dict[str, Any], _: Rng) -> None:
     from scipy.spatial.transform import Rotation
 
     values = np.column_stack([columns.pop(f"c{k}") for k in range(4)])
-    angles = Rotation.from_quat(values).as_euler("xyz", degrees=True) * [0.02, 0.02, 1.0]  # of a vehicle that is level
+    angles = Rotation.from_quat(values).as_euler("xyz", degrees=True) * [
+        0.02,
+        0.02,
+        1.0,
+    ]  # of a vehicle that is level
     columns |= dict(zip(("roll", "pitch", "yaw"), angles.T, strict=True))
     mapping |= {"columns": ["roll", "pitch", "yaw"], "format": "rpy"}
 
@@ -250,12 +297,22 @@ def _cut(text: str, rng: Rng) -> str:
     return f"{whole}\n{last.split(',')[0]}"
 
 
-_VELOCITY, _RATE, _FORCE, _ATTITUDE = "linear_velocity", "angular_velocity", "specific_force", "attitude"
-_AXES, _FACTOR, _FAST = "its axes fit the \\S+ of the \\S+ as", "times the rate of the", "for a tenth of the time: is it in"
-_LIES, _HELD = "the vehicle lies on its back", "held up against gravity downwards"
-_DOWN, _SAME = (1.0, 0.0, 0.0, 0.0), (0.0, 0.0, 0.0, 1.0)
-_READS, _LATE, _GAPS = "reads better with .* it agrees with", "s .* against the rate of the", "gaps, the longest"
-_MIXED, _SPIKES = "the vehicle accelerates as with", "jumps to .* and back"
+_VELOCITY = "linear_velocity"
+_RATE = "angular_velocity"
+_FORCE = "specific_force"
+_ATTITUDE = "attitude"
+_AXES = "its axes fit the \\S+ of the \\S+ as"
+_FACTOR = "times the rate of the"
+_FAST = "for a tenth of the time: is it in"
+_LIES = "the vehicle lies on its back"
+_HELD = "held up against gravity downwards"
+_DOWN = (1.0, 0.0, 0.0, 0.0)
+_SAME = (0.0, 0.0, 0.0, 1.0)
+_READS = "reads better with .* it agrees with"
+_LATE = "s .* against the rate of the"
+_GAPS = "gaps, the longest"
+_MIXED = "the vehicle accelerates as with"
+_SPIKES = "jumps to .* and back"
 _FLIP_Z = np.array([1.0, -1.0, -1.0])
 _SENSORS = (_VELOCITY, _RATE)
 
@@ -272,9 +329,24 @@ KINDS = (
         ("and at rest it is .*: its units",),
         _values(_FORCE, lambda x, rng: x * rng.choice([3.2808, 100.0, 1670.0])),
     ),
-    Kind("unit", "joints in deg", "joint_positions", (_FACTOR, _FAST), _values("joint_positions", _scaled(180.0 / np.pi))),
-    Kind("unit", "rates of joints in deg/s", "joint_velocities", (_FACTOR,), _values("joint_velocities", _scaled(180.0 / np.pi))),
-    *(Kind("axis", f"two axes of {name} exchanged", name, (_AXES,), _values(name, _exchanged(3))) for name in _SENSORS),
+    Kind(
+        "unit",
+        "joints in deg",
+        "joint_positions",
+        (_FACTOR, _FAST),
+        _values("joint_positions", _scaled(180.0 / np.pi)),
+    ),
+    Kind(
+        "unit",
+        "rates of joints in deg/s",
+        "joint_velocities",
+        (_FACTOR,),
+        _values("joint_velocities", _scaled(180.0 / np.pi)),
+    ),
+    *(
+        Kind("axis", f"two axes of {name} exchanged", name, (_AXES,), _values(name, _exchanged(3)))
+        for name in _SENSORS
+    ),
     Kind(
         "axis",
         "vertical axis of the accelerometer exchanged",
@@ -283,9 +355,19 @@ KINDS = (
         _values(_FORCE, lambda x, rng: x[:, [[2, 1, 0], [0, 2, 1]][rng.integers(2)]]),
     ),
     Kind(
-        "axis", "horizontal axes of the accelerometer exchanged", _FORCE, (_AXES,), _values(_FORCE, lambda x, _: x[:, [1, 0, 2]])
+        "axis",
+        "horizontal axes of the accelerometer exchanged",
+        _FORCE,
+        (_AXES,),
+        _values(_FORCE, lambda x, _: x[:, [1, 0, 2]]),
     ),
-    Kind("axis", "two forces of the wrench exchanged", "wrench", ("fit the acceleration as",), _values("wrench", _exchanged(3))),
+    Kind(
+        "axis",
+        "two forces of the wrench exchanged",
+        "wrench",
+        ("fit the acceleration as",),
+        _values("wrench", _exchanged(3)),
+    ),
     Kind(
         "axis",
         "two joints exchanged",
@@ -293,11 +375,34 @@ KINDS = (
         ("fits .*the rate of position",),
         _values("joint_velocities", _exchanged(3)),
     ),
-    *(Kind("sign", f"an axis of {name} reversed", name, (_AXES,), _values(name, _flipped)) for name in _SENSORS),
-    Kind("sign", "a joint reversed", "joint_velocities", ("fits .*the rate of position",), _values("joint_velocities", _flipped)),
-    Kind("sign", "accelerometer with z down", _FORCE, ("points down on average",), _values(_FORCE, lambda x, _: x * _FLIP_Z)),
-    Kind("frame", "velocity in W", _VELOCITY, ("its axes fit the rate of the \\S+ in W",), _in_world),
-    Kind("frame", "velocity with z down", _VELOCITY, (_AXES,), _values(_VELOCITY, lambda x, _: x * _FLIP_Z)),
+    *(
+        Kind("sign", f"an axis of {name} reversed", name, (_AXES,), _values(name, _flipped))
+        for name in _SENSORS
+    ),
+    Kind(
+        "sign",
+        "a joint reversed",
+        "joint_velocities",
+        ("fits .*the rate of position",),
+        _values("joint_velocities", _flipped),
+    ),
+    Kind(
+        "sign",
+        "accelerometer with z down",
+        _FORCE,
+        ("points down on average",),
+        _values(_FORCE, lambda x, _: x * _FLIP_Z),
+    ),
+    Kind(
+        "frame", "velocity in W", _VELOCITY, ("its axes fit the rate of the \\S+ in W",), _in_world
+    ),
+    Kind(
+        "frame",
+        "velocity with z down",
+        _VELOCITY,
+        (_AXES,),
+        _values(_VELOCITY, lambda x, _: x * _FLIP_Z),
+    ),
     Kind(
         "frame",
         "position with z down",
@@ -317,18 +422,51 @@ KINDS = (
         "pressure as height, without an accelerometer",
         "position",
         ("a pressure in mbar",),
-        _without(_values("position", lambda x, _: x * [1.0, 1.0, -98.0] + [0.0, 0.0, 1013.0]), _FORCE),
+        _without(
+            _values("position", lambda x, _: x * [1.0, 1.0, -98.0] + [0.0, 0.0, 1013.0]), _FORCE
+        ),
     ),
-    Kind("attitude", "world and body with z down", _ATTITUDE, (_READS,), _values(_ATTITUDE, _turned(_DOWN, _DOWN))),
-    Kind("attitude", "world with z down", _ATTITUDE, (_LIES, _HELD), _values(_ATTITUDE, _turned(_DOWN, _SAME))),
-    Kind("attitude", "from W to B", _ATTITUDE, (_READS,), _values(_ATTITUDE, lambda x, _: x * [-1.0, -1.0, -1.0, 1.0])),
-    Kind("attitude", "w first", _ATTITUDE, (_READS,), _values(_ATTITUDE, lambda x, _: x[:, [3, 0, 1, 2]])),
+    Kind(
+        "attitude",
+        "world and body with z down",
+        _ATTITUDE,
+        (_READS,),
+        _values(_ATTITUDE, _turned(_DOWN, _DOWN)),
+    ),
+    Kind(
+        "attitude",
+        "world with z down",
+        _ATTITUDE,
+        (_LIES, _HELD),
+        _values(_ATTITUDE, _turned(_DOWN, _SAME)),
+    ),
+    Kind(
+        "attitude",
+        "from W to B",
+        _ATTITUDE,
+        (_READS,),
+        _values(_ATTITUDE, lambda x, _: x * [-1.0, -1.0, -1.0, 1.0]),
+    ),
+    Kind(
+        "attitude",
+        "w first",
+        _ATTITUDE,
+        (_READS,),
+        _values(_ATTITUDE, lambda x, _: x[:, [3, 0, 1, 2]]),
+    ),
     Kind(
         "attitude",
         "w first, and the attitude alone",
         _ATTITUDE,
         ("it is level then, which it is not as it is",),
-        _without(_values(_ATTITUDE, lambda x, _: x[:, [3, 0, 1, 2]]), _FORCE, _VELOCITY, _RATE, "thrust", "wrench"),
+        _without(
+            _values(_ATTITUDE, lambda x, _: x[:, [3, 0, 1, 2]]),
+            _FORCE,
+            _VELOCITY,
+            _RATE,
+            "thrust",
+            "wrench",
+        ),
     ),
     Kind(
         "attitude",
@@ -337,8 +475,20 @@ KINDS = (
         ("with it what holds the vehicle up is",),
         _values(_ATTITUDE, _turned(_SAME, (0.0, np.sqrt(0.5), 0.0, np.sqrt(0.5)))),
     ),
-    Kind("attitude", "heading turned by 30 to 60 deg", _ATTITUDE, ("points elsewhere",), _values(_ATTITUDE, _heading)),
-    Kind("attitude", "angles in deg as rad", _ATTITUDE, ("rad: in deg",), _as_file(_ATTITUDE, _angles)),
+    Kind(
+        "attitude",
+        "heading turned by 30 to 60 deg",
+        _ATTITUDE,
+        ("points elsewhere",),
+        _values(_ATTITUDE, _heading),
+    ),
+    Kind(
+        "attitude",
+        "angles in deg as rad",
+        _ATTITUDE,
+        ("rad: in deg",),
+        _as_file(_ATTITUDE, _angles),
+    ),
     *(
         Kind(
             "time",
@@ -350,11 +500,23 @@ KINDS = (
         for name in ("position", _VELOCITY)
     ),
     *(
-        Kind("time", f"clock of {name} jumps by {least:g} to {most:g} s", name, (said,), _times(name, _jump(least, most)))
-        for least, most, said in ((0.45, 0.7, "differ at the end by another time than at the beginning"), (1.0, 5.0, _GAPS))
+        Kind(
+            "time",
+            f"clock of {name} jumps by {least:g} to {most:g} s",
+            name,
+            (said,),
+            _times(name, _jump(least, most)),
+        )
+        for least, most, said in (
+            (0.45, 0.7, "differ at the end by another time than at the beginning"),
+            (1.0, 5.0, _GAPS),
+        )
         for name in _SENSORS
     ),
-    *(Kind("time", f"samples of {name} lost for a while", name, (_GAPS,), _change(name, _lost)) for name in _SENSORS),
+    *(
+        Kind("time", f"samples of {name} lost for a while", name, (_GAPS,), _change(name, _lost))
+        for name in _SENSORS
+    ),
     Kind("time", "messages held up", _VELOCITY, ("arrives in bursts",), _times(_VELOCITY, _bursts)),
     Kind(
         "time",
@@ -371,14 +533,38 @@ KINDS = (
         _times("thrust", _clock),
     ),
     Kind("time", "silence", "times", ("nothing is recorded for",), _silent),
-    Kind("time", "times without decimals", "position", ("samples had the time of another",), _as_file("position", _few_digits)),
-    Kind("time", "a clock set back", "position", ("times go back by up to",), _as_file("position", _set_back)),
+    Kind(
+        "time",
+        "times without decimals",
+        "position",
+        ("samples had the time of another",),
+        _as_file("position", _few_digits),
+    ),
+    Kind(
+        "time",
+        "a clock set back",
+        "position",
+        ("times go back by up to",),
+        _as_file("position", _set_back),
+    ),
     *(
-        Kind("delay", f"{name} 0.3 to 1.5 s late", name, (_LATE,), _times(name, lambda t, rng: t + rng.uniform(0.3, 1.5)))
+        Kind(
+            "delay",
+            f"{name} 0.3 to 1.5 s late",
+            name,
+            (_LATE,),
+            _times(name, lambda t, rng: t + rng.uniform(0.3, 1.5)),
+        )
         for name in (*_SENSORS, "joint_velocities")
     ),
     *(
-        Kind("repeats", f"{name} stops for 3 to 20 s", name, ("stays exactly as it is from",), _values(name, _stuck))
+        Kind(
+            "repeats",
+            f"{name} stops for 3 to 20 s",
+            name,
+            ("stays exactly as it is from",),
+            _values(name, _stuck),
+        )
         for name in ("position", *_SENSORS)
     ),
     *(
@@ -413,7 +599,13 @@ KINDS = (
         _values(_VELOCITY, _sometimes(0.0, 0.02, 0.2)),
     ),
     *(
-        Kind("dead", f"an axis of {name} stays 0", name, ("dead: .* stay within",), _values(name, _with_one_dead))
+        Kind(
+            "dead",
+            f"an axis of {name} stays 0",
+            name,
+            ("dead: .* stay within",),
+            _values(name, _with_one_dead),
+        )
         for name in _SENSORS
     ),
     Kind(
@@ -438,7 +630,11 @@ KINDS = (
         _values("thrust", lambda x, _: 0.0 * x + x[0]),
     ),
     Kind(
-        "dead", "commands of 0 throughout", "thrust", ("zero throughout, and the vehicle moves",), _values("thrust", _scaled(0.0))
+        "dead",
+        "commands of 0 throughout",
+        "thrust",
+        ("zero throughout, and the vehicle moves",),
+        _values("thrust", _scaled(0.0)),
     ),
     Kind(
         "dead",
@@ -470,9 +666,19 @@ KINDS = (
         ("never near 0: its offset",),
         _values("thrust", lambda x, rng: x / np.abs(x).max() * 60.0 + rng.uniform(160.0, 500.0)),
     ),
-    Kind("thrusters", "1500 +- 500 us as +- 400", "propeller_commands", ("largest command are at most 1",), _of_other_pulses),
     Kind(
-        "thrusters", "pulses of 0 as shares", "propeller_commands", ("of its numbers, all others within 1",), _of_off_propellers
+        "thrusters",
+        "1500 +- 500 us as +- 400",
+        "propeller_commands",
+        ("largest command are at most 1",),
+        _of_other_pulses,
+    ),
+    Kind(
+        "thrusters",
+        "pulses of 0 as shares",
+        "propeller_commands",
+        ("of its numbers, all others within 1",),
+        _of_off_propellers,
     ),
     Kind(
         "thrusters",
@@ -482,15 +688,63 @@ KINDS = (
         _values("thrust", _scaled(10.0)),
     ),
     *(
-        Kind("saturation", f"{name} within 0.3 to 0.7 of its range", name, ("is never beyond",), _values(name, _saturated))
+        Kind(
+            "saturation",
+            f"{name} within 0.3 to 0.7 of its range",
+            name,
+            ("is never beyond",),
+            _values(name, _saturated),
+        )
         for name in _SENSORS
     ),
     Kind("gravity", "taken out", _FORCE, ("gravity taken out",), _ungravitated),
-    Kind("time", "two sensors in one table", _VELOCITY, ("two sensors\\?",), _change(_VELOCITY, _of_two)),
-    Kind("file", "latitude and longitude as position", "position", ("degrees on the globe",), _as_file("position", _globe)),
-    Kind("file", "a column given twice", _VELOCITY, ("stands for more than one of its axes",), _as_file(_VELOCITY, _twice)),
-    Kind("file", "cells without a number", _VELOCITY, ("rows have NaN",), _as_file(_VELOCITY, _open_cells)),
-    Kind("file", "a unit that is not known", _VELOCITY, ("as the file says, and taken for",), _as_file(_VELOCITY, _unit)),
-    Kind("file", "a last row that breaks off", _RATE, ("breaks off",), _as_file(_RATE, lambda *_: None, rows=_cut)),
-    Kind("water", "a current of 0.07 to 0.6 m/s", "current", ("that a fit takes for still water",), _in_current),
+    Kind(
+        "time",
+        "two sensors in one table",
+        _VELOCITY,
+        ("two sensors\\?",),
+        _change(_VELOCITY, _of_two),
+    ),
+    Kind(
+        "file",
+        "latitude and longitude as position",
+        "position",
+        ("degrees on the globe",),
+        _as_file("position", _globe),
+    ),
+    Kind(
+        "file",
+        "a column given twice",
+        _VELOCITY,
+        ("stands for more than one of its axes",),
+        _as_file(_VELOCITY, _twice),
+    ),
+    Kind(
+        "file",
+        "cells without a number",
+        _VELOCITY,
+        ("rows have NaN",),
+        _as_file(_VELOCITY, _open_cells),
+    ),
+    Kind(
+        "file",
+        "a unit that is not known",
+        _VELOCITY,
+        ("as the file says, and taken for",),
+        _as_file(_VELOCITY, _unit),
+    ),
+    Kind(
+        "file",
+        "a last row that breaks off",
+        _RATE,
+        ("breaks off",),
+        _as_file(_RATE, lambda *_: None, rows=_cut),
+    ),
+    Kind(
+        "water",
+        "a current of 0.07 to 0.6 m/s",
+        "current",
+        ("that a fit takes for still water",),
+        _in_current,
+    ),
 )

@@ -1,4 +1,6 @@
-"""Sound recordings: drawn vehicles with an arm that waves, driven by thrust, and all that their sensors tell."""
+"""Sound recordings: drawn vehicles with an arm that waves, driven by thrust, and all that their
+sensors tell.
+"""
 
 from __future__ import annotations
 
@@ -12,12 +14,19 @@ from uvms_ocp.identification.parameters import Prior
 from uvms_ocp.identification.recording import Channel, Recording, interpolated, rotations, smoothed
 from uvms_ocp.identification.sample_checks import WINDOW, G
 
-DURATION, SENT, HELD, THRUST = 60.0, 0.1, 2.0, 8.0
+DURATION = 60.0
+SENT = 0.1
+HELD = 2.0
+THRUST = 8.0
 """[s] of one, [s] between commands, [s] between other ones, [N]."""
-_POSITION, _FORCE, _ANGLE, _RATE = 0.01, 0.05, 0.002, 0.01
+_POSITION = 0.01
+_FORCE = 0.05
+_ANGLE = 0.002
+_RATE = 0.01
 """[m], [m/s2], [rad], [rad/s] of noise."""
 _START = np.array([0.0, 0.0, -20.0])  # [m]
-_JOINTS, _UPRIGHT = 3, 0.003
+_JOINTS = 3
+_UPRIGHT = 0.003
 """Joints, and [m] of where vehicles float: they stay upright."""
 _LEVEL = (0.75, 0.95)
 """Share of the moments in roll and pitch that is left out: no pilot lets a vehicle tumble."""
@@ -26,11 +35,15 @@ _LEVEL = (0.75, 0.95)
 def sound(rng: np.random.Generator, robots: int) -> list[Recording]:
     """Draw them."""
     one = vehicle(LEARNT | {"centre_of_buoyancy": Prior(sigma=_UPRIGHT)})
-    stage, B, found = stage_of(one), one.actuators.wrench, []
+    stage = stage_of(one)
+    B = one.actuators.wrench
+    found = []
     for k, truth in enumerate(drawn(one, rng, robots)):
         told = THRUST * rng.normal(size=(round(DURATION / HELD), len(one.actuators.names)))
         told -= rng.uniform(*_LEVEL) * told @ B[3:5].T @ np.linalg.pinv(B[3:5]).T
-        commands = Channel(t=np.arange(0.0, DURATION, SENT), values=np.repeat(told, round(HELD / SENT), axis=0))
+        commands = Channel(
+            t=np.arange(0.0, DURATION, SENT), values=np.repeat(told, round(HELD / SENT), axis=0)
+        )
         each = recorded(one, stage, truth, rng, commands, f"dive{k}")
         more = {**_sensors(each, rng), **_arm(each.channels["attitude"].t, rng)}
         more["wrench"] = replace(commands, values=commands.values @ B.T)
@@ -40,7 +53,9 @@ def sound(rng: np.random.Generator, robots: int) -> list[Recording]:
 
 def _sensors(each: Recording, rng: np.random.Generator) -> dict[str, Channel]:
     """Where it is, and what an accelerometer feels."""
-    velocity, turning, attitude = (each.channels[name] for name in ("linear_velocity", "angular_velocity", "attitude"))
+    velocity, turning, attitude = (
+        each.channels[name] for name in ("linear_velocity", "angular_velocity", "attitude")
+    )
     R = rotations(attitude, velocity.t)
     in_world = np.einsum("nij,nj->ni", R, velocity.values)
     steps = np.diff(velocity.t)[:, None] * (in_world[1:] + in_world[:-1]) / 2
@@ -56,7 +71,8 @@ def _sensors(each: Recording, rng: np.random.Generator) -> dict[str, Channel]:
 
 def _arm(t: np.ndarray, rng: np.random.Generator) -> dict[str, Channel]:
     f, phase = rng.uniform(0.3, 1.2, size=_JOINTS), rng.uniform(0.0, 6.0, size=_JOINTS)
-    angles, rates = 0.8 * np.sin(f * t[:, None] + phase), 0.8 * f * np.cos(f * t[:, None] + phase)
+    angles = 0.8 * np.sin(f * t[:, None] + phase)
+    rates = 0.8 * f * np.cos(f * t[:, None] + phase)
     return {
         "joint_positions": Channel(t=t, values=angles + _ANGLE * rng.normal(size=angles.shape)),
         "joint_velocities": Channel(t=t, values=rates + _RATE * rng.normal(size=rates.shape)),

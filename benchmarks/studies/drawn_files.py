@@ -1,4 +1,6 @@
-"""Drawn robot files: sound ones with two changes each, from the file to runs, a scene, a curve and C."""
+"""Drawn robot files: sound ones with two changes each, from the file to runs, a scene, a curve and
+C.
+"""
 
 from __future__ import annotations
 
@@ -61,7 +63,9 @@ class Drawn:
             inertial = ElementTree.SubElement(link, "inertial")
             ElementTree.SubElement(inertial, "origin", xyz=at)
             ElementTree.SubElement(inertial, "mass", value=repr(mass))
-            moments = dict.fromkeys(("ixx", "iyy", "izz"), moment) | dict.fromkeys(("ixy", "ixz", "iyz"), "0")
+            moments = dict.fromkeys(("ixx", "iyy", "izz"), moment) | dict.fromkeys(
+                ("ixy", "ixz", "iyz"), "0"
+            )
             ElementTree.SubElement(inertial, "inertia", moments)
         for kind in ("visual", "collision") if shape else ():
             part = ElementTree.SubElement(link, kind)
@@ -69,7 +73,9 @@ class Drawn:
             ElementTree.SubElement(ElementTree.SubElement(part, "geometry"), "box", size=shape)
         return link
 
-    def joint(self, parent: str, child: str, kind: str = "fixed", xyz: str = "0 0 0", axis: str = "0 1 0") -> Element:
+    def joint(
+        self, parent: str, child: str, kind: str = "fixed", xyz: str = "0 0 0", axis: str = "0 1 0"
+    ) -> Element:
         """A new joint, named after its child; limited where it is revolute or prismatic."""
         joint = ElementTree.SubElement(self.urdf, "joint", name=f"{child}_joint", type=kind)
         ElementTree.SubElement(joint, "parent", link=parent)
@@ -83,11 +89,13 @@ class Drawn:
 
     def arm(self, name: str, y: float) -> None:
         """A chain of two links on the hull, with a tip."""
-        parent, at = "hull", f"0.4 {y} -0.1"
+        parent = "hull"
+        at = f"0.4 {y} -0.1"
         for part, mass in (("upper", 0.5), ("fore", 0.4)):
             self.link(f"{name}_{part}", mass, "0.25 0.05 0.05")
             self.joint(parent, f"{name}_{part}", "revolute", at)
-            parent, at = f"{name}_{part}", "0.3 0 0"
+            parent = f"{name}_{part}"
+            at = "0.3 0 0"
         self.tips.append(self.link(f"{name}_tip"))
         self.joint(parent, f"{name}_tip", xyz=at)
 
@@ -99,12 +107,16 @@ class Drawn:
     @property
     def joints(self) -> list[Element]:
         """Joints of arms."""
-        return [j for j in self.urdf.findall("joint") if j.get("type") not in ("fixed", "continuous")]
+        return [
+            j for j in self.urdf.findall("joint") if j.get("type") not in ("fixed", "continuous")
+        ]
 
     @property
     def mass(self) -> float:
         """[kg] of all links."""
-        return sum(float(mass.get("value", "0")) for mass in self.urdf.iterfind("link/inertial/mass"))
+        return sum(
+            float(mass.get("value", "0")) for mass in self.urdf.iterfind("link/inertial/mass")
+        )
 
     @property
     def first(self) -> str:
@@ -114,7 +126,11 @@ class Drawn:
     def carrier(self, tip: Element) -> Element:
         """The link that carries a tip."""
         links = {link.get("name"): link for link in self.urdf.findall("link")}
-        joint = next(j for j in self.urdf.findall("joint") if next(j.iter("child")).get("link") == tip.get("name"))
+        joint = next(
+            j
+            for j in self.urdf.findall("joint")
+            if next(j.iter("child")).get("link") == tip.get("name")
+        )
         return links[next(joint.iter("parent")).get("link")]
 
 
@@ -133,7 +149,8 @@ def sound(arms: int) -> Drawn:
     return drawn
 
 
-# Changes of the URDF, and of the hydrodynamics.yaml that is proposed for it. What a change needs may be gone: then it is none.
+# Changes of the URDF, and of the hydrodynamics.yaml that is proposed for it. What a change needs
+# may be gone: then it is none.
 
 Change = Callable[[Drawn, np.random.Generator], object]
 
@@ -180,7 +197,9 @@ def _drop(drawn: Drawn, leaves: Callable[[str], bool]) -> None:
     while waiting:
         name = waiting.pop()
         for part in drawn.urdf.findall("link") + drawn.urdf.findall("joint"):
-            ends = [end.get("link", "") for end in (*part.findall("parent"), *part.findall("child"))]
+            ends = [
+                end.get("link", "") for end in (*part.findall("parent"), *part.findall("child"))
+            ]
             if name in (part.get("name") if part.tag == "link" else "", *ends):
                 drawn.urdf.remove(part)
                 waiting += [end for end in ends[1:] if ends[0] == name]
@@ -191,7 +210,9 @@ def _drop(drawn: Drawn, leaves: Callable[[str], bool]) -> None:
 def _renamed(new: Callable[[str], str]) -> Change:
     def change(drawn: Drawn, rng: np.random.Generator) -> None:
         for element in drawn.urdf.iter():
-            for key in ("name", "link") if element.tag in ("link", "joint", "parent", "child") else ():
+            for key in (
+                ("name", "link") if element.tag in ("link", "joint", "parent", "child") else ()
+            ):
                 if key in element.attrib:
                     element.set(key, new(element.attrib[key]))
 
@@ -210,7 +231,8 @@ def _no_joints(drawn: Drawn, rng: np.random.Generator) -> None:
 
 
 def _no_tip(drawn: Drawn, rng: np.random.Generator) -> None:
-    ends, tips = [drawn.carrier(tip) for tip in drawn.tips], [tip.get("name") for tip in drawn.tips]
+    ends = [drawn.carrier(tip) for tip in drawn.tips]
+    tips = [tip.get("name") for tip in drawn.tips]
     _drop(drawn, lambda name: name in tips)
     drawn.tips = ends
 
@@ -240,7 +262,9 @@ def _fingers(drawn: Drawn, rng: np.random.Generator) -> None:
 
 def _mimic(drawn: Drawn, rng: np.random.Generator) -> None:
     for first, second in zip(drawn.joints[:1], drawn.joints[1:2], strict=False):
-        ElementTree.SubElement(second, "mimic", joint=first.get("name", ""), multiplier="0.5", offset="0.1")
+        ElementTree.SubElement(
+            second, "mimic", joint=first.get("name", ""), multiplier="0.5", offset="0.1"
+        )
 
 
 def _bracket(drawn: Drawn, rng: np.random.Generator) -> None:
@@ -330,7 +354,9 @@ URDF: dict[str, Change] = {
     "limits of 0": _set("joint/limit", velocity="0", effort="0"),
     "a fixed link without mass": _bracket,
     "moving links without mass": _weightless,
-    "a hull without inertia": _set("link/inertial/inertia", _HULL, **dict.fromkeys(("ixx", "iyy", "izz"), "0")),
+    "a hull without inertia": _set(
+        "link/inertial/inertia", _HULL, **dict.fromkeys(("ixx", "iyy", "izz"), "0")
+    ),
     "a thin hull": _set("link/inertial/inertia", _HULL, izz="9"),
     "mass below 0": _set("link/inertial/mass", slice(-1, None), value="-1"),
     "a joint that mimics": _mimic,
@@ -381,12 +407,18 @@ def _one_wet(water: dict[str, Any]) -> dict[str, Any]:
 
 
 def _dry(water: dict[str, Any]) -> dict[str, Any]:
-    return {"links": water.get("links", {}) | {name: {"coefficients": {}} for name in _wet(water)[1:]}}
+    return {
+        "links": water.get("links", {}) | {name: {"coefficients": {}} for name in _wet(water)[1:]}
+    }
 
 
 def _ballast(water: dict[str, Any]) -> dict[str, Any]:
     link = next(iter(water.get("links", {"hull": None})))
-    return {"trim": [{"name": "lead", "link": link, "position": [0, 0, -0.1], "mass": 2.0, "volume": 0.0}]}
+    return {
+        "trim": [
+            {"name": "lead", "link": link, "position": [0, 0, -0.1], "mass": 2.0, "volume": 0.0}
+        ]
+    }
 
 
 def _no_file(drawn: Drawn, rng: np.random.Generator) -> None:
@@ -394,7 +426,10 @@ def _no_file(drawn: Drawn, rng: np.random.Generator) -> None:
 
 
 WATER: dict[str, Change] = {
-    **{f"no {key} in the file": _left_out(key) for key in ("tool", "altimeter", "base_link", "loading", "thrusters")},
+    **{
+        f"no {key} in the file": _left_out(key)
+        for key in ("tool", "altimeter", "base_link", "loading", "thrusters")
+    },
     "no limits in the file": _left_out("vehicle_limits", "joints"),
     "no links in the file": _left_out("links"),
     "no file beside it": _no_file,
@@ -406,9 +441,12 @@ WATER: dict[str, Change] = {
 }
 
 
-_DURATION, _DT = 2.0, 0.02  # [s]
+# [s]
+_DURATION = 2.0
+_DT = 0.02
 
-# The way of one file. Each step may be refused in one line; anything else that is raised, or lost on the way, is a fault.
+# The way of one file. Each step may be refused in one line; anything else that is raised, or lost
+# on the way, is a fault.
 
 
 class Fault(Exception):
@@ -425,7 +463,9 @@ class _Way:
 
     @contextmanager
     def at(self, step: str) -> Iterator[None]:
-        """A step; what it raises is a refusal, or a fault of the package. Raises `_End` where nothing can follow."""
+        """A step; what it raises is a refusal, or a fault of the package. Raises `_End` where
+        nothing can follow.
+        """
         self.step = step
         try:
             yield
@@ -462,7 +502,9 @@ def run_file(case: dict[str, Any]) -> Row:
         changes = [WATER[name] for name in chosen if name in WATER]
         _follow(way, drawn, Path(place), changes, rng, exports=case["exports"])
     outcome = "fault" if way.faults else "refused" if way.refusals else "through"
-    said = way.faults or sorted(way.refusals, key=lambda text: bool(reason_of(text)))  # what has no reason first
+    said = way.faults or sorted(
+        way.refusals, key=lambda text: bool(reason_of(text))
+    )  # what has no reason first
     return {
         **case,
         "arms": arms,
@@ -474,8 +516,18 @@ def run_file(case: dict[str, Any]) -> Row:
     }
 
 
-def _follow(way: _Way, drawn: Drawn, place: Path, changes: Sequence[Change], rng: np.random.Generator, *, exports: bool) -> None:
-    source, folder, mission = place / "theirs.urdf", place / "mine", place / "m.py"
+def _follow(
+    way: _Way,
+    drawn: Drawn,
+    place: Path,
+    changes: Sequence[Change],
+    rng: np.random.Generator,
+    *,
+    exports: bool,
+) -> None:
+    source = place / "theirs.urdf"
+    folder = place / "mine"
+    mission = place / "m.py"
     source.write_text(ElementTree.tostring(drawn.urdf, encoding="unicode"), encoding="utf-8")
     with way.at("new-robot"):
         _command("new-robot", "--from", source, folder)
@@ -488,7 +540,9 @@ def _follow(way: _Way, drawn: Drawn, place: Path, changes: Sequence[Change], rng
             change(drawn, rng)
         file.unlink()
         if drawn.water is not None:
-            file.write_text(yaml.safe_dump(drawn.water, allow_unicode=True, sort_keys=False), encoding="utf-8")
+            file.write_text(
+                yaml.safe_dump(drawn.water, allow_unicode=True, sort_keys=False), encoding="utf-8"
+            )
     robots: list[Robot] = []
     with way.at("load"):
         robots.append(robot_called(str(folder)))
@@ -512,7 +566,9 @@ def _follow(way: _Way, drawn: Drawn, place: Path, changes: Sequence[Change], rng
 
 def _check_kept(drawn: Drawn, robot: Robot) -> None:
     """Nothing is lost, and no other tool is taken."""
-    mass = float(pin.computeTotalMass(robot.model)) - sum(body.mass for body in robot.description.trim)
+    mass = float(pin.computeTotalMass(robot.model)) - sum(
+        body.mass for body in robot.description.trim
+    )
     if not np.isclose(mass, drawn.mass, rtol=1e-9):
         raise Fault(f"{mass:g} kg of {drawn.mass:g} kg")
     meant = {tip.get("name", "") for tip in drawn.tips}
@@ -533,7 +589,8 @@ def _fly(mission: Path, plant: str, place: Path) -> None:
     record.save(place / "record.npz")
     again = Record.load(place / "record.npz")
     if repr(again.meta) != repr(record.meta) or any(
-        not np.array_equal(again[name], values, equal_nan=True) for name, values in record.series.items()
+        not np.array_equal(again[name], values, equal_nan=True)
+        for name, values in record.series.items()
     ):
         raise Fault("the record is another one once saved and loaded")
     if not all(np.isfinite(record[name]).all() for name in ("q", "v")):
@@ -544,7 +601,11 @@ def _fly(mission: Path, plant: str, place: Path) -> None:
 
 def _plan(robot: Robot, place: Path) -> None:
     vehicle = {"position": (0.0, 0.0, -5.0)} if robot.n_vehicle else {}
-    joints = {} if robot.n_vehicle else dict(zip(robot.joint_names, (robot.home + 0.1).tolist(), strict=True))
+    joints = (
+        {}
+        if robot.n_vehicle
+        else dict(zip(robot.joint_names, (robot.home + 0.1).tolist(), strict=True))
+    )
     goal = PostureGoal(position=(1.0, 0.2, -5.2) if robot.n_vehicle else None, joints=joints)
     found = plan_path(PlanRequest(robot=robot, start=robot.configuration(**vehicle), goal=goal))
     if found.plan is not None:
@@ -552,12 +613,22 @@ def _plan(robot: Robot, place: Path) -> None:
 
 
 def drawn_files(*, n: int = 500, seed: Count = 0, exports: bool = False) -> Study:
-    """`n` files drawn with the seeds `seed`, `seed` + 1, ...; exports: to C too, which needs a compiler.
+    """`n` files drawn with the seeds `seed`, `seed` + 1, ...; exports: to C too, which needs a
+    compiler.
 
     Raises `InvalidInput` for no files or a negative seed.
     """
-    cases = [{"seed": drawn, "exports": exports, "duration_s": _DURATION, "dt": _DT} for drawn in seeds_from(seed, n)]
-    return Study(name="drawn_files", title=f"{n} drawn robot files", cases=cases, run_case=run_file, summarize=totals)
+    cases = [
+        {"seed": drawn, "exports": exports, "duration_s": _DURATION, "dt": _DT}
+        for drawn in seeds_from(seed, n)
+    ]
+    return Study(
+        name="drawn_files",
+        title=f"{n} drawn robot files",
+        cases=cases,
+        run_case=run_file,
+        summarize=totals,
+    )
 
 
 def totals(rows: Sequence[Row]) -> list[Row]:
@@ -566,7 +637,9 @@ def totals(rows: Sequence[Row]) -> list[Row]:
     for name in (*URDF, *WATER):
         having = [row for row in rows if name in (row["first"], row["second"])]
         number = Counter(row["outcome"] for row in having)
-        made.append({"change": name, "files": len(having), **{key: number[key] for key in OUTCOMES}})
+        made.append(
+            {"change": name, "files": len(having), **{key: number[key] for key in OUTCOMES}}
+        )
     number = Counter(row["outcome"] for row in rows)
     return [*made, {"change": "all", "files": len(rows), **{key: number[key] for key in OUTCOMES}}]
 

@@ -1,4 +1,6 @@
-"""Drawn robots: vehicles and arms of any make on drawn missions of shipped tasks, judged by where they went and what they say."""
+"""Drawn robots: vehicles and arms of any make on drawn missions of shipped tasks, judged by where
+they went and what they say.
+"""
 
 from __future__ import annotations
 
@@ -47,12 +49,19 @@ from uvms_ocp.tasks import (
 )
 from uvms_ocp.types import Count
 
-# A robot: its file of bodies is drawn, its water, trim and limits are proposed for it, as for anybody's, and then set off.
+# A robot: its file of bodies is drawn, its water, trim and limits are proposed for it, as for
+# anybody's, and then set off.
 
-_WATER, _GRAVITY = 1025.0, 9.81
-TRIM, BALLAST = 0.02, 0.005  # [m] by which buoyancy is off; of the mass
-_MIDDLE = np.array([[1.0, -1.0, 0.0], [1.0, 1.0, 0.0], [0.0, 0.0, 1.0]])  # vectored ahead, across and up
-_KINDS, _OFTEN = ("revolute", "prismatic", "continuous"), (0.8, 0.1, 0.1)
+_WATER = 1025.0
+_GRAVITY = 9.81
+# [m] by which buoyancy is off; of the mass
+TRIM = 0.02
+BALLAST = 0.005
+_MIDDLE = np.array(
+    [[1.0, -1.0, 0.0], [1.0, 1.0, 0.0], [0.0, 0.0, 1.0]]
+)  # vectored ahead, across and up
+_KINDS = ("revolute", "prismatic", "continuous")
+_OFTEN = (0.8, 0.1, 0.1)
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -70,7 +79,9 @@ class Body:
 
 
 def drawn_body(rng: np.random.Generator) -> Body:
-    """Sizes of 10 to 1,500 kg, 4 to 10 thrusters, none to two arms of 1 to 8 joints, a load of 0 to 5 % of the mass."""
+    """Sizes of 10 to 1,500 kg, 4 to 10 thrusters, none to two arms of 1 to 8 joints, a load of 0 to
+    5 % of the mass.
+    """
     mass = float(np.exp(rng.uniform(np.log(10.0), np.log(1500.0))))
     shape = rng.uniform([1.2, 0.8, 0.5], [2.5, 1.2, 0.9])
     size = shape * (mass / _WATER / float(np.prod(shape))) ** (1 / 3)
@@ -81,10 +92,14 @@ def drawn_body(rng: np.random.Generator) -> Body:
 
 
 def write_robot(body: Body, rng: np.random.Generator, folder: Path) -> Robot:
-    """The robot of files that are written to a folder. Raises `UvmsError` where the package refuses them."""
+    """The robot of files that are written to a folder. Raises `UvmsError` where the package refuses
+    them.
+    """
     drawn = Drawn(urdf=ElementTree.Element("robot", name="drawn"), tips=[])
     length, width, height = body.size
-    _solid(drawn, "hull", body.mass, body.size, (0.0, 0.0, 0.0), folder if rng.random() < 0.3 else None)
+    _solid(
+        drawn, "hull", body.mass, body.size, (0.0, 0.0, 0.0), folder if rng.random() < 0.3 else None
+    )
     for k in range(body.thrusters):
         at = rng.uniform(-0.5, 0.5, 3) * body.size
         drawn.fan(f"thruster_{k}", _text(at), _text(_direction(k, rng)))
@@ -102,7 +117,10 @@ def write_robot(body: Body, rng: np.random.Generator, folder: Path) -> Robot:
     wet["volume"] *= float(1.0 + rng.uniform(-BALLAST, BALLAST))
     stronger = float(rng.uniform(0.5, 2.0))
     for thruster in water["thrusters"]:
-        thruster["maximum"], thruster["minimum"] = stronger * thruster["maximum"], stronger * thruster["minimum"]
+        thruster["maximum"], thruster["minimum"] = (
+            stronger * thruster["maximum"],
+            stronger * thruster["minimum"],
+        )
     file = folder / "hydrodynamics.yaml"
     file.write_text(yaml.safe_dump(water, sort_keys=False), encoding="utf-8")
     return load_robot(urdf=urdf, hydrodynamics=file)
@@ -119,13 +137,22 @@ def _text(values: Sequence[float] | np.ndarray) -> str:
     return " ".join(f"{value:.6g}" for value in values)
 
 
-def _solid(drawn: Drawn, name: str, mass: float, size: Sequence[float], at: Sequence[float], meshes: Path | None = None) -> None:
+def _solid(
+    drawn: Drawn,
+    name: str,
+    mass: float,
+    size: Sequence[float],
+    at: Sequence[float],
+    meshes: Path | None = None,
+) -> None:
     """A link that is a box, or a mesh of one, with the inertia of it."""
     link = drawn.link(name, mass, _text(size), _text(at))
     squares = np.square(size)
     moments = mass / 12.0 * (squares.sum() - squares)
     for inertia in link.iter("inertia"):
-        inertia.attrib.update(dict(zip(("ixx", "iyy", "izz"), map(repr, moments.tolist()), strict=True)))
+        inertia.attrib.update(
+            dict(zip(("ixx", "iyy", "izz"), map(repr, moments.tolist()), strict=True))
+        )
     if meshes is None:
         return
     _write_box(meshes / f"{name}.stl", np.array(size))
@@ -145,61 +172,115 @@ def _write_box(file: Path, size: np.ndarray) -> None:
                 corner[[axis, first, second]] = side, a, b
                 corners.append(f"vertex {_text(corner * size)}")
             for three in ((0, 1, 2), (0, 2, 3)):
-                lines += ["facet normal 0 0 0 outer loop", *(corners[k] for k in three), "endloop endfacet"]
+                lines += [
+                    "facet normal 0 0 0 outer loop",
+                    *(corners[k] for k in three),
+                    "endloop endfacet",
+                ]
     file.write_text("\n".join([*lines, "endsolid box"]), encoding="utf-8")
 
 
-def _arm(drawn: Drawn, body: Body, name: str, joints: int, at: tuple[float, float, float], rng: np.random.Generator) -> None:
-    """A chain with a tip, in a share of them between two fingers, of motors that bear what it weighs and most of the loads."""
+def _arm(
+    drawn: Drawn,
+    body: Body,
+    name: str,
+    joints: int,
+    at: tuple[float, float, float],
+    rng: np.random.Generator,
+) -> None:
+    """A chain with a tip, in a share of them between two fingers, of motors that bear what it
+    weighs and most of the loads.
+    """
     reach = body.size[0] * float(rng.uniform(0.4, 0.9))
     mass = body.mass * float(rng.uniform(0.02, 0.12))
-    weight, parent, xyz = _GRAVITY * (0.5 * mass + body.load), "hull", _text(at)
+    weight = _GRAVITY * (0.5 * mass + body.load)
+    parent = "hull"
+    xyz = _text(at)
     strength = float(rng.uniform(1.0, 3.0))
     for k in range(joints):
-        link, length = f"{name}_link{k}", reach / joints
-        _solid(drawn, link, mass / joints, (length, 0.12 * reach, 0.12 * reach), (length / 2, 0.0, 0.0))
+        link = f"{name}_link{k}"
+        length = reach / joints
+        _solid(
+            drawn, link, mass / joints, (length, 0.12 * reach, 0.12 * reach), (length / 2, 0.0, 0.0)
+        )
         kind = str(rng.choice(_KINDS, p=_OFTEN))
-        joint = drawn.joint(parent, link, kind, xyz, ("0 1 0", "0 0 1", "1 0 0")[int(rng.integers(3))])
+        joint = drawn.joint(
+            parent, link, kind, xyz, ("0 1 0", "0 0 1", "1 0 0")[int(rng.integers(3))]
+        )
         left = reach - k * length
         slides = kind == "prismatic"
-        limit = {"effort": f"{strength * weight * (1.0 if slides else left):.4g}", "velocity": "0.1" if slides else "0.6"}
+        limit = {
+            "effort": f"{strength * weight * (1.0 if slides else left):.4g}",
+            "velocity": "0.1" if slides else "0.6",
+        }
         if kind != "continuous":
-            low, high = rng.uniform(0.1, 0.5) * length if slides else rng.uniform(0.5, 2.0), rng.uniform(0.5, 2.0)
-            limit |= {"lower": f"{-low if not slides else 0.0:.4g}", "upper": f"{low if slides else high:.4g}"}
+            low = rng.uniform(0.1, 0.5) * length if slides else rng.uniform(0.5, 2.0)
+            high = rng.uniform(0.5, 2.0)
+            limit |= {
+                "lower": f"{-low if not slides else 0.0:.4g}",
+                "upper": f"{low if slides else high:.4g}",
+            }
             joint.remove(next(joint.iter("limit")))
         ElementTree.SubElement(joint, "limit", limit)
-        parent, xyz = link, f"{length:.6g} 0 0"
+        parent = link
+        xyz = f"{length:.6g} 0 0"
     drawn.tips.append(drawn.link(f"{name}_tip"))
     drawn.joint(parent, f"{name}_tip", xyz=xyz)
     if rng.random() < 0.3:
         names = [f"{name}_finger_{k}" for k in (0, 1)]
         for finger, y in zip(names, (0.05, -0.05), strict=True):
-            _solid(drawn, finger, 0.01 * mass, (0.1 * reach, 0.02 * reach, 0.02 * reach), (0.05 * reach, 0.0, 0.0))
-            follower = drawn.joint(parent, finger, "prismatic", f"{xyz.split()[0]} {y * reach:.4g} 0", "0 1 0")
+            _solid(
+                drawn,
+                finger,
+                0.01 * mass,
+                (0.1 * reach, 0.02 * reach, 0.02 * reach),
+                (0.05 * reach, 0.0, 0.0),
+            )
+            follower = drawn.joint(
+                parent, finger, "prismatic", f"{xyz.split()[0]} {y * reach:.4g} 0", "0 1 0"
+            )
         ElementTree.SubElement(follower, "mimic", joint=f"{names[0]}_joint", multiplier="-1")
 
 
-# A mission: to a way point, then each tool to a target that it can reach from there, with some of the other tasks.
+# A mission: to a way point, then each tool to a target that it can reach from there, with some of
+# the other tasks.
 
-_START, _FLOOR = (0.0, 0.0, -10.0), -25.0  # [m]
-DURATION, DT, CURRENT = 150.0, 0.02, 0.3  # [s], [s], [m/s] at most
+# [m]
+_START = (0.0, 0.0, -10.0)
+_FLOOR = -25.0
+# [s], [s], [m/s] at most
+DURATION = 150.0
+DT = 0.02
+CURRENT = 0.3
 
 
 def drawn_scenario(robot: Robot, body: Body, rng: np.random.Generator) -> Scenario:
-    """With and without current, noise and the load. Raises `UvmsError` where the package refuses it."""
-    heading, distance = float(rng.uniform(-np.pi, np.pi)), float(rng.uniform(1.0, 5.0))
+    """With and without current, noise and the load. Raises `UvmsError` where the package refuses
+    it.
+    """
+    heading = float(rng.uniform(-np.pi, np.pi))
+    distance = float(rng.uniform(1.0, 5.0))
     along = np.array([math.cos(heading), math.sin(heading), float(rng.uniform(-0.5, 0.5))])
-    place, yaw = np.array(_START) + distance * along, float(rng.uniform(-1.5, 1.5))
-    start_yaw, speed, drift = rng.uniform(-np.pi, np.pi), rng.uniform(0.0, CURRENT), rng.uniform(-np.pi, np.pi)
+    place = np.array(_START) + distance * along
+    yaw = float(rng.uniform(-1.5, 1.5))
+    start_yaw = rng.uniform(-np.pi, np.pi)
+    speed = rng.uniform(0.0, CURRENT)
+    drift = rng.uniform(-np.pi, np.pi)
     carried = (
-        TrimBody(name="load", link=robot.tools[0], position=(0.0, 0.0, 0.0), mass=body.load, volume=0.0) if body.load else None
+        TrimBody(
+            name="load", link=robot.tools[0], position=(0.0, 0.0, 0.0), mass=body.load, volume=0.0
+        )
+        if body.load
+        else None
     )
     run = run_options(
         {
             "robot": robot,
             "payload": carried,
             "noise": bool(rng.random() < 0.3),
-            "current": (speed * math.cos(drift), speed * math.sin(drift), 0.0) if rng.random() < 0.5 else None,
+            "current": (speed * math.cos(drift), speed * math.sin(drift), 0.0)
+            if rng.random() < 0.5
+            else None,
             "seed": int(rng.integers(1000)),
             "dt": DT,
             "duration": DURATION,
@@ -217,7 +298,9 @@ def drawn_scenario(robot: Robot, body: Body, rng: np.random.Generator) -> Scenar
 
 
 def _tasks(robot: Robot, way_point: pin.SE3, rng: np.random.Generator) -> Iterator[Task]:
-    q = robot.configuration(position=way_point.translation, quaternion=pin.Quaternion(way_point.rotation).coeffs())
+    q = robot.configuration(
+        position=way_point.translation, quaternion=pin.Quaternion(way_point.rotation).coeffs()
+    )
     if robot.n_joints:
         yield JointLimits()
     yield MinimumAltitude()
@@ -233,7 +316,11 @@ def _tasks(robot: Robot, way_point: pin.SE3, rng: np.random.Generator) -> Iterat
     for k, tool in enumerate(robot.tools):
         target = Kinematics(robot, reached).pose(tool)
         name = f"T{k + 1}"
-        yield ToolPose(name=name, frame=tool, goal=target) if whole else ToolPosition(name=name, frame=tool, goal=target)
+        yield (
+            ToolPose(name=name, frame=tool, goal=target)
+            if whole
+            else ToolPosition(name=name, frame=tool, goal=target)
+        )
     yield VehiclePose(goal=way_point)
     if robot.n_joints:
         yield JointTracking(joints=robot.joint_names, goal=robot.home)
@@ -242,7 +329,9 @@ def _tasks(robot: Robot, way_point: pin.SE3, rng: np.random.Generator) -> Iterat
 def _some_posture(robot: Robot, q: np.ndarray, rng: np.random.Generator) -> np.ndarray:
     """(n_q,) with joints half way from home to anywhere, all within their limits."""
     step = np.zeros(robot.n_v)
-    low, high = (np.clip(x, -1.5, 1.5) for x in (robot.limits.position_lower, robot.limits.position_upper))
+    low, high = (
+        np.clip(x, -1.5, 1.5) for x in (robot.limits.position_lower, robot.limits.position_upper)
+    )
     home = robot.home
     step[robot.joint_v] = 0.5 * (rng.uniform(np.minimum(low, high), high) - home)
     return np.asarray(pin.integrate(robot.model, q, step))
@@ -255,10 +344,18 @@ def _phases(tasks: Sequence[Task]) -> Iterator[Phase]:
     if "AT" in names:
         arrived.append(Below(quantity="AT.misalignment", limit=0.15))
     on = activate(*(name for name in names if name not in tools))
-    yield Phase(name="A", activations=on, transitions=(Transition(to="B" if tools else DONE, when=tuple(arrived), hold=1.0),))
+    yield Phase(
+        name="A",
+        activations=on,
+        transitions=(Transition(to="B" if tools else DONE, when=tuple(arrived), hold=1.0),),
+    )
     if tools:
         there = tuple(Below(quantity=f"{name}.position_error", limit=0.05) for name in tools)
-        yield Phase(name="B", activations=activate(*names), transitions=(Transition(to=DONE, when=there, hold=1.0),))
+        yield Phase(
+            name="B",
+            activations=activate(*names),
+            transitions=(Transition(to=DONE, when=there, hold=1.0),),
+        )
 
 
 def _abort(tasks: Sequence[Task]) -> Any:
@@ -280,7 +377,9 @@ REASONS = {
 }
 """Why a mission may be refused, and words of what is said then."""
 
-FARTHER, _EVERY = 1.0, 10  # [m]; ticks between two configurations whose clearance is measured
+# [m]; ticks between two configurations whose clearance is measured
+FARTHER = 1.0
+_EVERY = 10
 SEEN = 0.15  # [rad] half a swing of roll or pitch that nobody may overlook
 OUTCOMES = ("refused", "accepted", "completed", "gave up", "time over", "fault")
 WRONGS = ("flees", "touches", "swings unseen", "blames a sound sensor")
@@ -314,12 +413,23 @@ def run_robot(case: dict[str, Any]) -> Row:
             preflight = scenario.check()
             if preflight.accepted and case["flies"]:
                 return {**row, **blank, **judge(scenario, scenario.run())}
-            outcome, text = ("accepted", "") if preflight.accepted else ("refused", preflight.errors[0].text)
+            outcome, text = (
+                ("accepted", "") if preflight.accepted else ("refused", preflight.errors[0].text)
+            )
         except UvmsError as error:
-            outcome, text = "refused", str(error).replace(place, "DIR")
+            outcome = "refused"
+            text = str(error).replace(place, "DIR")
         except Exception as error:
-            outcome, text = "fault", f"{type(error).__name__}: {error}".replace(place, "DIR")
-    return {**row, **blank, "outcome": outcome, "text": _short(text), "wrong": "", "completed": outcome != "fault"}
+            outcome = "fault"
+            text = f"{type(error).__name__}: {error}".replace(place, "DIR")
+    return {
+        **row,
+        **blank,
+        "outcome": outcome,
+        "text": _short(text),
+        "wrong": "",
+        "completed": outcome != "fault",
+    }
 
 
 def _short(text: str) -> str:
@@ -342,16 +452,29 @@ def judge(scenario: Scenario, record: Record) -> dict[str, Any]:
     """Outcome, what was wrong about the run, and what it says of itself."""
     cause = cause_of_end(record)
     outcome = (
-        "completed" if cause["kind"] == "completed" else "gave up" if cause["kind"] in ("aborted", "given up") else "time over"
+        "completed"
+        if cause["kind"] == "completed"
+        else "gave up"
+        if cause["kind"] in ("aborted", "given up")
+        else "time over"
     )
-    farther, told = farther_by(scenario, record), swings(record)
-    clearance = closest_approach(scenario.robot, scenario.environment, record["q"][::_EVERY]).distance
-    seen = {swing.what for swing in told} | {alarm.text.partition(" ")[0] for alarm in record.run_meta.alarms}
+    farther = farther_by(scenario, record)
+    told = swings(record)
+    clearance = closest_approach(
+        scenario.robot, scenario.environment, record["q"][::_EVERY]
+    ).distance
+    seen = {swing.what for swing in told} | {
+        alarm.text.partition(" ")[0] for alarm in record.run_meta.alarms
+    }
     wrong = [
         *(["flees"] if farther > FARTHER else []),
         *(["touches"] if clearance <= 0.0 else []),
         *(["swings unseen"] if any(what not in seen for what in tilting(record)) else []),
-        *(["blames a sound sensor"] if re.search(r"\b[a-z]+_?[a-z]* lost: ", cause["text"]) else []),
+        *(
+            ["blames a sound sensor"]
+            if re.search(r"\b[a-z]+_?[a-z]* lost: ", cause["text"])
+            else []
+        ),
     ]
     return {
         "outcome": outcome,
@@ -366,9 +489,20 @@ def judge(scenario: Scenario, record: Record) -> dict[str, Any]:
 
 
 def farther_by(scenario: Scenario, record: Record) -> float:
-    """By how much [m] the vehicle was farther from its way point than at the start, while the mission had not given up."""
-    given_up = next((event.t for event in record.run_meta.events if event.target in (ABORT, record.run_meta.abort_phase)), np.inf)
-    away = np.linalg.norm(record["q"][record["t"] <= given_up, :3] - scenario.markers["way point"], axis=1)
+    """By how much [m] the vehicle was farther from its way point than at the start, while the
+    mission had not given up.
+    """
+    given_up = next(
+        (
+            event.t
+            for event in record.run_meta.events
+            if event.target in (ABORT, record.run_meta.abort_phase)
+        ),
+        np.inf,
+    )
+    away = np.linalg.norm(
+        record["q"][record["t"] <= given_up, :3] - scenario.markers["way point"], axis=1
+    )
     return float(away.max() - away[0])
 
 
@@ -376,7 +510,10 @@ def tilting(record: Record) -> Iterator[str]:
     """Roll and pitch that oscillate at the end of a run, by the reversals of their rate alone."""
     n = round(20.0 / record.run_meta.dt)
     R = np.array([pin.Quaternion(q).matrix() for q in record["q"][-n:, 3:7]])
-    for what, tilt in (("roll", np.arctan2(R[:, 2, 1], R[:, 2, 2])), ("pitch", -np.arcsin(np.clip(R[:, 2, 0], -1, 1)))):
+    for what, tilt in (
+        ("roll", np.arctan2(R[:, 2, 1], R[:, 2, 2])),
+        ("pitch", -np.arcsin(np.clip(R[:, 2, 0], -1, 1))),
+    ):
         turns = np.flatnonzero(np.diff(np.sign(np.diff(tilt))) != 0)
         halves = np.abs(np.diff(tilt[turns])) / 2
         if np.count_nonzero(halves > SEEN) >= 4:
@@ -389,7 +526,13 @@ def drawn_robots(*, n: int = 2000, seed: Count = 0, flies: bool = True) -> Study
     Raises `InvalidInput` for no robots or a negative seed.
     """
     cases = [{"seed": drawn, "flies": flies} for drawn in seeds_from(seed, n)]
-    return Study(name="drawn_robots", title=f"{n} drawn robots", cases=cases, run_case=run_robot, summarize=totals)
+    return Study(
+        name="drawn_robots",
+        title=f"{n} drawn robots",
+        cases=cases,
+        run_case=run_robot,
+        summarize=totals,
+    )
 
 
 def reason_of(text: str) -> str:
@@ -402,7 +545,11 @@ def totals(rows: Sequence[Row]) -> list[Row]:
     made: list[Row] = []
     for arms in ("none", "one", "two", "all"):
         count = {"none": 0, "one": 1, "two": 2}.get(arms)
-        having = [row for row in rows if count is None or len(str(row["joints"]).split("+")) * bool(row["joints"]) == count]
+        having = [
+            row
+            for row in rows
+            if count is None or len(str(row["joints"]).split("+")) * bool(row["joints"]) == count
+        ]
         number = Counter(row["outcome"] for row in having)
         wrong = Counter(name for row in having for name in WRONGS if name in row["wrong"])
         made.append(

@@ -1,4 +1,6 @@
-"""Case 1 with everything going wrong that can: every kind of fault in every phase, judged by the truth."""
+"""Case 1 with everything going wrong that can: every kind of fault in every phase, judged by the
+truth.
+"""
 
 from __future__ import annotations
 
@@ -11,7 +13,19 @@ from typing import Any
 import numpy as np
 
 from studies import fault_truth as truth
-from studies.fault_table import ASTRAY, FLOOR, GUSTS, GUSTY, JOINTS, KINDS, PAIR, PHASES, REACH, STILL, FaultKind
+from studies.fault_table import (
+    ASTRAY,
+    FLOOR,
+    GUSTS,
+    GUSTY,
+    JOINTS,
+    KINDS,
+    PAIR,
+    PHASES,
+    REACH,
+    STILL,
+    FaultKind,
+)
 from studies.study import Study
 from uvms_ocp.campaign.jobs import Row
 from uvms_ocp.checks import checked
@@ -25,7 +39,8 @@ from uvms_ocp.sim.currents import GustyCurrent
 from uvms_ocp.sim.faults import Fault
 from uvms_ocp.types import AtLeastOne, Count, Period
 
-_COMPLETED, _ERROR = "completed", "error"
+_COMPLETED = "completed"
+_ERROR = "error"
 
 
 @checked
@@ -41,26 +56,45 @@ def faults(
     dt: Period = 1 / 200,
     duration: Period = 120.0,
 ) -> Study:
-    """All `kinds` of `KINDS` that set in in each of the `phases`, with the n seeds `seed`, `seed` + 1, ...
+    """All `kinds` of `KINDS` that set in in each of the `phases`, with the n seeds `seed`, `seed` +
+    1, ...
 
-    fault_free: runs without faults in still water, and as many in gusts. pairs: runs with two faults, whose kinds and phases
-    are drawn. Sensors are noisy. dt [s]: control period;
-    duration [s] of a run at most.
-    Raises `NameNotFound` for an unknown kind or phase.
+    fault_free: runs without faults in still water, and as many in gusts. pairs: runs with two
+    faults, whose kinds and phases are drawn. Sensors are noisy. dt [s]: control period; duration
+    [s] of a run at most. Raises `NameNotFound` for an unknown kind or phase.
     """
     for what, given, known in (("one of kinds", kinds, KINDS), ("one of phases", phases, PHASES)):
         for name in given:
             if name not in known:
                 raise NameNotFound(what, name, known)
     common = {"plant": plant, "dt": dt, "duration": duration}
-    struck = [{"kind": kind, "phase": phase, "seed": seed + k, **common} for kind in kinds for phase in phases for k in range(n)]
-    sound = [{"kind": kind, "phase": "", "seed": seed + k, **common} for kind in (STILL, GUSTY) for k in range(fault_free)]
-    rng, two = np.random.default_rng(seed), list[dict[str, Any]]()
+    struck = [
+        {"kind": kind, "phase": phase, "seed": seed + k, **common}
+        for kind in kinds
+        for phase in phases
+        for k in range(n)
+    ]
+    sound = [
+        {"kind": kind, "phase": "", "seed": seed + k, **common}
+        for kind in (STILL, GUSTY)
+        for k in range(fault_free)
+    ]
+    rng = np.random.default_rng(seed)
+    two = list[dict[str, Any]]()
     for k in range(pairs if len(kinds) > 1 else 0):
-        drawn, when = rng.choice(list(kinds), 2, replace=False).tolist(), rng.choice(list(phases), 2).tolist()
-        two.append({"kind": PAIR, "phase": " ".join(when), "pair": drawn, "seed": seed + k, **common})
+        drawn = rng.choice(list(kinds), 2, replace=False).tolist()
+        when = rng.choice(list(phases), 2).tolist()
+        two.append(
+            {"kind": PAIR, "phase": " ".join(when), "pair": drawn, "seed": seed + k, **common}
+        )
     title = f"Case 1 with {len(kinds)} kinds of faults"
-    return Study(name="faults", title=title, cases=[*struck, *two, *sound], run_case=run_faults, summarize=by_kind)
+    return Study(
+        name="faults",
+        title=title,
+        cases=[*struck, *two, *sound],
+        run_case=run_faults,
+        summarize=by_kind,
+    )
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
@@ -78,7 +112,9 @@ def nominal(plant: str, dt: float) -> Nominal:
     """The run of seed 0 on this plant; dt [s]: control period."""
     record = case1(noise=True, plant=plant, dt=dt).run()
     times = [0.0, *(event.t for event in record.run_meta.events)]
-    middles = {name: round(0.5 * (a + b), 1) for name, a, b in zip(PHASES, times, times[1:], strict=False)}
+    middles = {
+        name: round(0.5 * (a + b), 1) for name, a, b in zip(PHASES, times, times[1:], strict=False)
+    }
     return Nominal(way=record["q"][::_EVERY, :3].copy(), middles=middles)
 
 
@@ -91,7 +127,9 @@ def run_faults(case: dict[str, Any]) -> Row:
     names = case.get("pair", [case["kind"]])
     parts = [KINDS[name] for name in names if name in KINDS]
     onsets = [usual.middles[phase] for phase in case["phase"].split()]
-    struck = tuple(fault for part, onset in zip(parts, onsets, strict=True) for fault in part.faults(onset))
+    struck = tuple(
+        fault for part, onset in zip(parts, onsets, strict=True) for fault in part.faults(onset)
+    )
     joints, floor = (sum(getattr(part, name) for part in parts) for name in ("joints", "floor"))
     kind = FaultKind(name=case["kind"], texts=(), joints=joints, floor=floor)
     scenario = case1(
@@ -137,12 +175,21 @@ _COLUMNS = (
 
 
 def _judged(scenario: Scenario, record: Record, kind: FaultKind, usual: Nominal) -> Row:
-    cause, contact = cause_of_end(record), truth.contact_outside_landing(scenario, record, kind.floor)
+    cause = cause_of_end(record)
+    contact = truth.contact_outside_landing(scenario, record, kind.floor)
     told = _told(scenario.toolkit_faults, scenario, record, cause["text"], kind.name == PAIR)
-    joints, way = truth.joint_excess(scenario.robot, record["q"]), truth.astray(usual.way, record["q"])
+    joints, way = (
+        truth.joint_excess(scenario.robot, record["q"]),
+        truth.astray(usual.way, record["q"]),
+    )
     completed = record.run_meta.completed
-    rates, arm = truth.rate_share(scenario.robot, record["v"]), truth.arm_height(scenario, record["q"])
-    passes = truth.passes_rates(scenario.robot, record, [fault.onset for fault in scenario.toolkit_faults])
+    rates, arm = (
+        truth.rate_share(scenario.robot, record["v"]),
+        truth.arm_height(scenario, record["q"]),
+    )
+    passes = truth.passes_rates(
+        scenario.robot, record, [fault.onset for fault in scenario.toolkit_faults]
+    )
     rates_named = not passes or bool(summarize(record)["passed_rates"])
     harmless = (
         not contact.at_the_end
@@ -171,23 +218,33 @@ def _judged(scenario: Scenario, record: Record, kind: FaultKind, usual: Nominal)
     return {name: values[name] for name in _COLUMNS}
 
 
-def _told(struck: Sequence[Fault], scenario: Scenario, record: Record, cause: str, pair: bool) -> Row:
-    """What the robot said, and when: alarms before the onset are false ones. Of a pair, one ends what would show the other."""
-    alarms, onset = record.run_meta.alarms, min((fault.onset for fault in struck), default=np.inf)
+def _told(
+    struck: Sequence[Fault], scenario: Scenario, record: Record, cause: str, pair: bool
+) -> Row:
+    """What the robot said, and when: alarms before the onset are false ones. Of a pair, one ends
+    what would show the other.
+    """
+    alarms = record.run_meta.alarms
+    onset = min((fault.onset for fault in struck), default=np.inf)
     after = [alarm for alarm in alarms if alarm.t >= onset]
     begun = [fault for fault in struck if fault.onset <= record["t"][-1]]
-    texts, named = [cause, *(alarm.text for alarm in alarms)], any if pair else all
+    texts = [cause, *(alarm.text for alarm in alarms)]
+    named = any if pair else all
     return {
         "alarms_before": len(alarms) - len(after),
         "alarm_s": after[0].t if after else None,
         "alarm": after[0].text if after else (alarms[0].text if alarms else ""),
         "to_detect_s": after[0].t - onset if after else None,
-        "named": named(truth.is_named([fault], scenario.robot, texts) for fault in begun) if struck else None,
+        "named": named(truth.is_named([fault], scenario.robot, texts) for fault in begun)
+        if struck
+        else None,
     }
 
 
 def by_kind(rows: Sequence[Row]) -> list[Row]:
-    """One row per kind: how its runs ended, the worst of what truly happened, and how soon it was noticed."""
+    """One row per kind: how its runs ended, the worst of what truly happened, and how soon it was
+    noticed.
+    """
     kinds = dict.fromkeys(row["kind"] for row in rows)
     return [_sum(kind, [row for row in rows if row["kind"] == kind]) for kind in kinds]
 
@@ -201,13 +258,20 @@ def _sum(kind: str, rows: Sequence[Row]) -> Row:
         "runs": len(rows),
         "completed": ends[_COMPLETED],
         "other_ends": ", ".join(f"{end} {number}" for end, number in others.items()),
-        "not_named": sum(bool(row["faults"]) and row["end"] != _COMPLETED and not row["named"] for row in rows),
+        "not_named": sum(
+            bool(row["faults"]) and row["end"] != _COMPLETED and not row["named"] for row in rows
+        ),
         "false_alarms": sum(row["alarms_before"] or 0 for row in rows),
         "noticed": len(noticed),
         "median_to_detect_s": float(np.median(noticed)) if noticed else None,
         "end_in_contact": sum(bool(row["ends_in_contact"]) for row in rows),
-        **{f"largest_{name}": _largest(rows, name) for name in ("contact_m", "joints_rad", "rate_share", "astray_m", "tool_m")},
-        "least_arm_m": min((row["arm_m"] for row in rows if row["arm_m"] is not None), default=None),
+        **{
+            f"largest_{name}": _largest(rows, name)
+            for name in ("contact_m", "joints_rad", "rate_share", "astray_m", "tool_m")
+        },
+        "least_arm_m": min(
+            (row["arm_m"] for row in rows if row["arm_m"] is not None), default=None
+        ),
         "passed": sum(bool(row["passed"]) for row in rows),
     }
 

@@ -1,4 +1,6 @@
-"""The one table of the study `faults`: every kind, its sizes, how long it lasts, and what its run may miss because of it."""
+"""The one table of the study `faults`: every kind, its sizes, how long it lasts, and what its run
+may miss because of it.
+"""
 
 from __future__ import annotations
 
@@ -17,17 +19,26 @@ AHEAD = 5.0
 """[s] by which clocks are ahead."""
 PHASES = ("A", "B", "C", "D")
 """Of Case 1; faults set in in the middle of each, by the times of a run without faults."""
-STILL, GUSTY = "none, in still water", "none, in gusts"
+STILL = "none, in still water"
+GUSTY = "none, in gusts"
 """Kinds of the runs without faults."""
 PAIR = "two faults"
 """Kind of the runs with two, drawn each with its phase."""
 GUSTS = 0.05
 """[m/s] standard deviation of the gusts in those."""
-JOINTS, ASTRAY, FLOOR = 2e-3, 5.0, 0.05
-"""[rad] beyond a joint limit, [m] from the way of a run without faults, [m] of arm and tool below the floor: too much for any."""
+JOINTS = 2e-3
+ASTRAY = 5.0
+FLOOR = 0.05
+"""[rad] beyond a joint limit, [m] from the way of a run without faults, [m] of arm and tool below
+the floor: too much for any.
+"""
 
-RATES, NEW_RATES, NEW = 1.02, 1.2, 0.5
-"""Shares of its limit that a joint's true velocity may come to, the second for so long [s] after the onset of a fault."""
+RATES = 1.02
+NEW_RATES = 1.2
+NEW = 0.5
+"""Shares of its limit that a joint's true velocity may come to, the second for so long [s] after
+the onset of a fault.
+"""
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -101,7 +112,9 @@ class FaultKind:
 
 
 def _of_channel(channel: str, sizes: Sizes) -> tuple[FaultKind, ...]:
-    bias, drift = (",".join(f"{value:g}" for value in values) for values in (sizes.bias, sizes.drift))
+    bias, drift = (
+        ",".join(f"{value:g}" for value in values) for values in (sizes.bias, sizes.drift)
+    )
     endless = {
         "frozen": "frozen",
         "lost": "lost",
@@ -109,10 +122,23 @@ def _of_channel(channel: str, sizes: Sizes) -> tuple[FaultKind, ...]:
         "late": f"late={sizes.late:g}",
     }
     return (
-        *(FaultKind(name=f"{channel} {word}", texts=(f"{channel}:{text}",)) for word, text in endless.items()),
+        *(
+            FaultKind(name=f"{channel} {word}", texts=(f"{channel}:{text}",))
+            for word, text in endless.items()
+        ),
         FaultKind(name=f"{channel} nan", texts=(f"{channel}:nan",), lasts=BURST),
-        FaultKind(name=f"{channel} bias", texts=(f"{channel}:bias={bias}",), joints=sizes.joints, floor=sizes.floor),
-        FaultKind(name=f"{channel} drift", texts=(f"{channel}:drift={drift}",), joints=8.0 * sizes.joints, floor=sizes.floor),
+        FaultKind(
+            name=f"{channel} bias",
+            texts=(f"{channel}:bias={bias}",),
+            joints=sizes.joints,
+            floor=sizes.floor,
+        ),
+        FaultKind(
+            name=f"{channel} drift",
+            texts=(f"{channel}:drift={drift}",),
+            joints=8.0 * sizes.joints,
+            floor=sizes.floor,
+        ),
     )
 
 
@@ -120,7 +146,10 @@ KINDS: Mapping[str, FaultKind] = {
     kind.name: kind
     for kind in (
         *(kind for channel, sizes in SIZES.items() for kind in _of_channel(channel, sizes)),
-        *(FaultKind(name=f"{channel} clock ahead", texts=(f"{channel}:ahead={AHEAD:g}",)) for channel in CLOCKS),
+        *(
+            FaultKind(name=f"{channel} clock ahead", texts=(f"{channel}:ahead={AHEAD:g}",))
+            for channel in CLOCKS
+        ),
         *(FaultKind(name=name, texts=texts) for name, texts in OTHERS.items()),
     )
 }

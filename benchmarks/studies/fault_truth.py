@@ -1,4 +1,6 @@
-"""What truly became of a run with faults: contact, limits, the way, and whether the robot said what was wrong."""
+"""What truly became of a run with faults: contact, limits, the way, and whether the robot said what
+was wrong.
+"""
 
 from __future__ import annotations
 
@@ -34,7 +36,9 @@ class Contact:
 
 
 def contact_outside_landing(scenario: Scenario, record: Record, allowed: float = 0.0) -> Contact:
-    """Contact deeper than `allowed` [m] that the mission did not take for its landing, by going on to rest on the floor."""
+    """Contact deeper than `allowed` [m] that the mission did not take for its landing, by going on
+    to rest on the floor.
+    """
     depth = _depths(scenario, record["q"]) - allowed
     landed = np.array([phase.name == LANDED for phase in record.meta.phases])[record["phase"]]
     outside = np.zeros(len(depth), dtype=bool)
@@ -48,8 +52,11 @@ def contact_outside_landing(scenario: Scenario, record: Record, allowed: float =
 
 
 def _depths(scenario: Scenario, q: np.ndarray) -> np.ndarray:
-    """(n,) [m] of the lowest corner of the skid below the floor, at q (n, n_q); infinite where that is no number."""
-    points, height = skid_points(scenario.robot), scenario.environment.seafloor.height
+    """(n,) [m] of the lowest corner of the skid below the floor, at q (n, n_q); infinite where that
+    is no number.
+    """
+    points = skid_points(scenario.robot)
+    height = scenario.environment.seafloor.height
     depths = np.full(len(q), np.inf)
     for row in np.flatnonzero(np.isfinite(q).all(axis=1)):
         corners = points @ quaternion_to_matrix(q[row, 3:7]).T + q[row, :3]
@@ -64,29 +71,49 @@ def _episodes(touching: np.ndarray) -> list[slice]:
 
 
 def joint_excess(robot: Robot, q: np.ndarray) -> float:
-    """How far [rad] any joint was beyond its limits at q (n, n_q) [m, rad]; infinite where that is no number."""
-    joints, limits = q[:, robot.joint_q], robot.limits
+    """How far [rad] any joint was beyond its limits at q (n, n_q) [m, rad]; infinite where that is
+    no number.
+    """
+    joints = q[:, robot.joint_q]
+    limits = robot.limits
     beyond = np.maximum(limits.position_lower - joints, joints - limits.position_upper).max()
     return max(float(beyond), 0.0) if np.isfinite(beyond) else np.inf
 
 
 def rate_share(robot: Robot, v: np.ndarray) -> float:
-    """The largest true velocity of a joint at v (n, n_v) [m/s, rad/s], as a share of its limit; infinite where no number."""
+    """The largest true velocity of a joint at v (n, n_v) [m/s, rad/s], as a share of its limit;
+    infinite where no number.
+    """
     shares = np.abs(v[:, robot.joint_v]) / robot.limits.velocity[robot.joint_v]
     return float(shares.max(initial=0.0)) if np.isfinite(shares).all() else np.inf
 
 
 def passes_rates(robot: Robot, record: Record, onsets: Sequence[float]) -> bool:
-    """Whether any joint's true velocity passes its limit by more than it may; onsets [s] of faults."""
+    """Whether any joint's true velocity passes its limit by more than it may; onsets [s] of
+    faults.
+    """
     t, v = record["t"], record["v"]
-    new = np.any([(t >= onset) & (t <= onset + NEW) for onset in onsets], axis=0) if len(onsets) else np.zeros(len(t), bool)
-    return any(rate_share(robot, v[rows]) > most for rows, most in ((~new, RATES), (new, NEW_RATES)) if rows.any())
+    new = (
+        np.any([(t >= onset) & (t <= onset + NEW) for onset in onsets], axis=0)
+        if len(onsets)
+        else np.zeros(len(t), bool)
+    )
+    return any(
+        rate_share(robot, v[rows]) > most
+        for rows, most in ((~new, RATES), (new, NEW_RATES))
+        if rows.any()
+    )
 
 
 def arm_height(scenario: Scenario, q: np.ndarray) -> float:
-    """The least height [m] above the floor of any joint of the arm and of the tool at q (n, n_q) [m, rad]."""
-    robot, floor = scenario.robot, scenario.environment.seafloor
-    data, tool, lowest = robot.model.createData(), robot.frame_id("tool"), np.inf
+    """The least height [m] above the floor of any joint of the arm and of the tool at q (n, n_q)
+    [m, rad].
+    """
+    robot = scenario.robot
+    floor = scenario.environment.seafloor
+    data = robot.model.createData()
+    tool = robot.frame_id("tool")
+    lowest = np.inf
     for row in q[::_EVERY]:
         if not np.isfinite(row).all():
             return -np.inf
@@ -97,7 +124,9 @@ def arm_height(scenario: Scenario, q: np.ndarray) -> float:
 
 
 def astray(way: np.ndarray, q: np.ndarray) -> float:
-    """The farthest distance [m] of the vehicle at q (n, n_q) [m, rad] from the points way (m, 3) [m]; inf where no number."""
+    """The farthest distance [m] of the vehicle at q (n, n_q) [m, rad] from the points way (m, 3)
+    [m]; inf where no number.
+    """
     from scipy.spatial import cKDTree  # a quarter of a second, which few need
 
     places = q[::_EVERY, :3]
@@ -112,7 +141,9 @@ def is_named(faults: Sequence[Fault], robot: Robot, texts: Sequence[str]) -> boo
 
 def _words(fault: Fault, robot: Robot) -> list[str]:
     """Any of which names what the fault strikes."""
-    name, number, family = fault.target, fault.location.number, fault.location.family
+    name = fault.target
+    number = fault.location.number
+    family = fault.location.family
     words = [name, name.removesuffix("_range")]
     if family == "thruster":
         words += [f"thruster {number}", robot.description.thrusters[number - 1].name]

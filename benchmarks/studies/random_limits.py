@@ -31,10 +31,14 @@ from uvms_ocp.types import Count, Period
 
 _FLOOR = -4.0  # [m]
 _ALTITUDE = 1.0  # [m]
-CLEARANCE, SELF_CLEARANCE = 0.05, 0.03
+CLEARANCE = 0.05
+SELF_CLEARANCE = 0.03
 """[m] kept from obstacles and floor, and between the links of the robot."""
-N_OBSTACLES, N_PHASES = 6, 4
-_SHORTEST, _LONGEST = 1.0, 4.0  # [s] of a phase
+N_OBSTACLES = 6
+N_PHASES = 4
+# [s] of a phase
+_SHORTEST = 1.0
+_LONGEST = 4.0
 TOLERANCE = 1e-6
 """[m, rad] below which a violation is rounding."""
 _WAYS = (("PC", "MP"), ("T", "MP"), ("PC", "T"))
@@ -42,30 +46,48 @@ _WAYS = (("PC", "MP"), ("T", "MP"), ("PC", "T"))
 
 
 @checked
-def random_limits(*, n: int = 1000, seed: Count = 0, robot: str = "girona_maris7_full", dt: Period = 1 / 200) -> Study:
+def random_limits(
+    *, n: int = 1000, seed: Count = 0, robot: str = "girona_maris7_full", dt: Period = 1 / 200
+) -> Study:
     """`n` runs on the kinematic plant with the seeds `seed`, `seed` + 1, ..., see `close_quarters`.
 
     dt [s]: control period. Raises `InvalidInput` for no runs or a negative seed.
     """
     cases = [{"seed": drawn, "robot": robot, "dt": dt} for drawn in seeds_from(seed, n)]
     title = f"{n} random starts and goals among obstacles"
-    return Study(name="random_limits", title=title, cases=cases, run_case=run_limits, summarize=largest)
+    return Study(
+        name="random_limits", title=title, cases=cases, run_case=run_limits, summarize=largest
+    )
 
 
 def close_quarters(
-    *, seed: int, robot: str = "girona_maris7_full", dt: Period = 1 / 200, solver: HierarchySolver | None = None
+    *,
+    seed: int,
+    robot: str = "girona_maris7_full",
+    dt: Period = 1 / 200,
+    solver: HierarchySolver | None = None,
 ) -> Scenario:
-    """Four phases of 1 to 4 s towards goals that nobody checked, from rest, among spheres, capsules and boxes.
+    """Four phases of 1 to 4 s towards goals that nobody checked, from rest, among spheres, capsules
+    and boxes.
 
-    Start, obstacles, goals and tasks of the phases are drawn from `seed`. Joint limits, minimum altitude and clearance
-    of obstacles, floor and the robot itself hold at the start and are on throughout. dt [s]: control period.
+    Start, obstacles, goals and tasks of the phases are drawn from `seed`. Joint limits, minimum
+    altitude and clearance of obstacles, floor and the robot itself hold at the start and are on
+    throughout. dt [s]: control period.
     """
     options = {"robot": robot, "solver": solver, "plant": "kinematic", "dt": dt}
     run = run_options(options | {"duration": _LONGEST * N_PHASES + 1.0}, seabed=_FLOOR)
-    rng, machine = np.random.default_rng(seed), run.robot
-    obstacles = (floor_obstacle(FlatSeafloor(z=_FLOOR), centre=(0.0, 0.0), extent=40.0), *_obstacles(rng))
-    clear = Clearance(model=CollisionModel(machine, obstacles, self_collision=False), threshold=CLEARANCE)
-    itself = Clearance(name="SC", model=CollisionModel(machine), threshold=SELF_CLEARANCE, margin=SELF_CLEARANCE)
+    rng = np.random.default_rng(seed)
+    machine = run.robot
+    obstacles = (
+        floor_obstacle(FlatSeafloor(z=_FLOOR), centre=(0.0, 0.0), extent=40.0),
+        *_obstacles(rng),
+    )
+    clear = Clearance(
+        model=CollisionModel(machine, obstacles, self_collision=False), threshold=CLEARANCE
+    )
+    itself = Clearance(
+        name="SC", model=CollisionModel(machine), threshold=SELF_CLEARANCE, margin=SELF_CLEARANCE
+    )
     tasks = [
         JointLimits(),
         MinimumAltitude(threshold=_ALTITUDE),
@@ -90,7 +112,9 @@ def run_limits(case: dict[str, Any]) -> Row:
     """How far each limit was violated at any tick, and the largest step of the command."""
     scenario = close_quarters(**case)
     record = scenario.run()
-    step = np.diff(record["command"], axis=0, prepend=0.0) / (scenario.robot.limits.acceleration * scenario.dt)
+    step = np.diff(record["command"], axis=0, prepend=0.0) / (
+        scenario.robot.limits.acceleration * scenario.dt
+    )
     return {
         **case,
         **limit_violations(scenario, record),
@@ -102,27 +126,39 @@ def run_limits(case: dict[str, Any]) -> Row:
 
 
 def limit_violations(scenario: Scenario, record: Record) -> dict[str, float]:
-    """Largest violation at any tick of joint limits [rad], minimum altitude [m] and clearances [m], 0 where kept.
+    """Largest violation at any tick of joint limits [rad], minimum altitude [m] and clearances [m],
+    0 where kept.
 
-    From the true configurations, the floor and the definition of each limit alone. Infinite where a value is no number.
+    From the true configurations, the floor and the definition of each limit alone. Infinite where a
+    value is no number.
     """
-    robot, q = scenario.robot, record["q"]
+    robot = scenario.robot
+    q = record["q"]
     known = bool(np.isfinite(q).all())
-    joints, limits = q[:, robot.joint_q], robot.limits
+    joints = q[:, robot.joint_q]
+    limits = robot.limits
     beyond = np.maximum(limits.position_lower - joints, joints - limits.position_upper)
     found = {"joints_rad": beyond.max()}
     for task in scenario.mission.hierarchy.tasks:
         if isinstance(task, MinimumAltitude):
-            found[f"{task.name}_m"] = task.threshold - _altitudes(scenario, task, q).min() if known else np.nan
+            found[f"{task.name}_m"] = (
+                task.threshold - _altitudes(scenario, task, q).min() if known else np.nan
+            )
         elif isinstance(task, Clearance):
-            found[f"{task.name}_m"] = task.threshold - np.min([task.model.values(row) for row in q]) if known else np.nan
-    return {name: np.inf if np.isnan(value) else max(float(value), 0.0) for name, value in found.items()}
+            found[f"{task.name}_m"] = (
+                task.threshold - np.min([task.model.values(row) for row in q]) if known else np.nan
+            )
+    return {
+        name: np.inf if np.isnan(value) else max(float(value), 0.0) for name, value in found.items()
+    }
 
 
 def _altitudes(scenario: Scenario, task: MinimumAltitude, q: np.ndarray) -> np.ndarray:
     """(n,) [m] of the sensor above the floor straight below it, at q (n, n_q)."""
-    robot, floor = scenario.robot, scenario.environment.seafloor
-    data, frame = robot.model.createData(), robot.frame_id(task.frame or robot.description.altimeter or "")
+    robot = scenario.robot
+    floor = scenario.environment.seafloor
+    data = robot.model.createData()
+    frame = robot.frame_id(task.frame or robot.description.altimeter or "")
     altitudes = []
     for row in q:
         pin.framesForwardKinematics(robot.model, data, row)
@@ -132,7 +168,9 @@ def _altitudes(scenario: Scenario, task: MinimumAltitude, q: np.ndarray) -> np.n
 
 
 def largest(rows: Sequence[Row]) -> list[Row]:
-    """One row: the largest violation and step of all runs, and in how many runs any limit is violated by > 1e-6."""
+    """One row: the largest violation and step of all runs, and in how many runs any limit is
+    violated by > 1e-6.
+    """
     violations = [name for name in rows[0] if name.endswith(("_rad", "_m")) and name != "path_m"]
     violated = [row for row in rows if not all(row[name] <= TOLERANCE for name in violations)]
     return [
@@ -140,7 +178,10 @@ def largest(rows: Sequence[Row]) -> list[Row]:
             "runs": len(rows),
             "violated": len(violated),
             "seeds": " ".join(str(row["seed"]) for row in violated),
-            **{name: float(np.max([row[name] for row in rows])) for name in (*violations, "largest_step")},
+            **{
+                name: float(np.max([row[name] for row in rows]))
+                for name in (*violations, "largest_step")
+            },
             "slowed_share": float(np.mean([row["slowed_share"] for row in rows])),
             "mean_path_m": float(np.mean([row["path_m"] for row in rows])),
         }
@@ -153,13 +194,20 @@ def _phase(robot: Robot, rng: np.random.Generator, index: int) -> Phase:
     way, turn = rng.uniform([-3.0, -3.0, -3.5], [3.0, 3.0, -1.0]), rng.uniform(-np.pi, np.pi)
     goals = {
         "PC": pose_at(tuple(way), (0.0, 0.0, turn)),
-        "T": pose_at(tuple(rng.uniform([-3.0, -3.0, -4.5], [3.0, 3.0, -1.0])), tuple(rng.uniform(-np.pi, np.pi, 3))),
+        "T": pose_at(
+            tuple(rng.uniform([-3.0, -3.0, -4.5], [3.0, 3.0, -1.0])),
+            tuple(rng.uniform(-np.pi, np.pi, 3)),
+        ),
         "MP": low + rng.uniform(-0.2, 1.2, len(low)) * (high - low),
     }
     # Any altitude is above 0: the condition holds at once, and the phase ends when it has held.
     clock = (Above(quantity="MAC.altitude", limit=1e-6),)
     last = index == N_PHASES - 1
-    end = Transition(to=DONE if last else str(index + 2), when=clock, hold=float(rng.uniform(_SHORTEST, _LONGEST)))
+    end = Transition(
+        to=DONE if last else str(index + 2),
+        when=clock,
+        hold=float(rng.uniform(_SHORTEST, _LONGEST)),
+    )
     activations = activate("JL", "MAC", "HA", "CL", "SC", *_WAYS[rng.integers(len(_WAYS))])
     return Phase(name=str(index + 1), activations=activations, transitions=(end,), goals=goals)
 
@@ -170,8 +218,15 @@ def _obstacles(rng: np.random.Generator) -> tuple[Obstacle, ...]:
 
 def _obstacle(rng: np.random.Generator, index: int) -> Obstacle:
     size = rng.uniform(0.1, 0.5, 3)
-    shape = (coal.Sphere(size[0]), coal.Capsule(0.5 * size[0], 4.0 * size[1]), coal.Box(*(2.0 * size)))[index % 3]
-    pose = pose_at(tuple(rng.uniform([-2.0, -2.0, -4.0], [2.0, 2.0, -1.0])), tuple(rng.uniform(-np.pi, np.pi, 3)))
+    shape = (
+        coal.Sphere(size[0]),
+        coal.Capsule(0.5 * size[0], 4.0 * size[1]),
+        coal.Box(*(2.0 * size)),
+    )[index % 3]
+    pose = pose_at(
+        tuple(rng.uniform([-2.0, -2.0, -4.0], [2.0, 2.0, -1.0])),
+        tuple(rng.uniform(-np.pi, np.pi, 3)),
+    )
     return Obstacle(name=f"obstacle{index + 1}", shape=shape, X_WO=pose)
 
 

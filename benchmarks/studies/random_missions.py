@@ -34,23 +34,32 @@ _RUN_UP = 4.0  # [m] by which they start farther away, to leave room for the bou
 
 
 @checked
-def random_missions(*, n: int = 200, seed: Count = 0, plant: str = "dynamic", dt: Period = 0.02, force: bool = False) -> Study:
-    """`n` missions drawn with the seeds `seed`, `seed` + 1, ...: Case 1 with everything about the place drawn.
+def random_missions(
+    *, n: int = 200, seed: Count = 0, plant: str = "dynamic", dt: Period = 0.02, force: bool = False
+) -> Study:
+    """`n` missions drawn with the seeds `seed`, `seed` + 1, ...: Case 1 with everything about the
+    place drawn.
 
-    dt [s]: control period. force: run those too that pre-flight refuses, which tells the refusals that were false.
-    Raises `InvalidInput` for no missions or a negative seed.
+    dt [s]: control period. force: run those too that pre-flight refuses, which tells the refusals
+    that were false. Raises `InvalidInput` for no missions or a negative seed.
     """
-    cases = [{"seed": drawn, "plant": plant, "dt": dt, "force": force} for drawn in seeds_from(seed, n)]
+    cases = [
+        {"seed": drawn, "plant": plant, "dt": dt, "force": force} for drawn in seeds_from(seed, n)
+    ]
     title = f"{n} random missions on the {plant} plant"
-    return Study(name="random_missions", title=title, cases=cases, run_case=run_mission, summarize=totals)
+    return Study(
+        name="random_missions", title=title, cases=cases, run_case=run_mission, summarize=totals
+    )
 
 
 def random_mission(*, seed: int, plant: str = "dynamic", dt: Period = 0.02) -> Scenario:
-    """Case 1 with start, heading, target, way point, current, floor and, in a share of them, a boulder drawn from `seed`.
+    """Case 1 with start, heading, target, way point, current, floor and, in a share of them, a
+    boulder drawn from `seed`.
 
-    The floor is flat or has protuberances of up to 0.1 m; the current is uniform and below 0.3 m/s; the way point is
-    1.2 to 1.8 m from the target, not always near enough. The boulder lies in the way of the hull, though not straight
-    ahead, and the clearance task is on in all phases. dt [s]: control period.
+    The floor is flat or has protuberances of up to 0.1 m; the current is uniform and below 0.3 m/s;
+    the way point is 1.2 to 1.8 m from the target, not always near enough. The boulder lies in the
+    way of the hull, though not straight ahead, and the clearance task is on in all phases. dt [s]:
+    control period.
     """
     rng = np.random.default_rng(seed)
     floor = _floor(rng)
@@ -58,10 +67,13 @@ def random_mission(*, seed: int, plant: str = "dynamic", dt: Period = 0.02) -> S
     R = pin.rpy.rpyToMatrix(0.0, 0.0, heading)
     target = np.array([*rng.uniform(-3.0, 3.0, 2), 0.0])
     target[2] = floor.height(target[0], target[1]) + _ABOVE_FLOOR
-    way_point = target + R @ np.array([-rng.uniform(1.2, 1.8), rng.uniform(-0.3, 0.3), rng.uniform(1.6, 2.4)])
+    way_point = target + R @ np.array(
+        [-rng.uniform(1.2, 1.8), rng.uniform(-0.3, 0.3), rng.uniform(1.6, 2.4)]
+    )
     start = way_point + R @ rng.uniform([-3.0, -2.0, 0.0], [0.5, 2.0, 3.0])
     angle, speed = rng.uniform(-np.pi, np.pi), rng.uniform(0.0, 0.3)
-    tilt, turns = rng.uniform(-0.05, 0.05, 2), (rng.uniform(-1.0, 1.0), rng.uniform(-0.5, 0.5))
+    tilt = rng.uniform(-0.05, 0.05, 2)
+    turns = (rng.uniform(-1.0, 1.0), rng.uniform(-0.5, 0.5))
     has_boulder = bool(rng.random() < _WITH_BOULDER)
     if has_boulder:
         start = start + _RUN_UP * _towards(way_point, start)
@@ -82,7 +94,9 @@ def random_mission(*, seed: int, plant: str = "dynamic", dt: Period = 0.02) -> S
 
 
 def run_mission(case: dict[str, Any]) -> Row:
-    """Pre-flight, and where it accepts a run, or is told to, how it ended and how near it came to floor and boulder."""
+    """Pre-flight, and where it accepts a run, or is told to, how it ended and how near it came to
+    floor and boulder.
+    """
     scenario = random_mission(seed=case["seed"], plant=case["plant"], dt=case["dt"])
     preflight = scenario.check()
     row = {**case, "boulder": bool(scenario.environment.obstacles), "accepted": preflight.accepted}
@@ -104,7 +118,9 @@ def run_mission(case: dict[str, Any]) -> Row:
 
 
 def guarded_clearance(scenario: Scenario, record: Record) -> float | None:
-    """The smallest clearance [m] of the robot while the minimum altitude is fully on; `None` where it never is."""
+    """The smallest clearance [m] of the robot while the minimum altitude is fully on; `None` where
+    it never is.
+    """
     gate = record["activations"][:, scenario.mission.hierarchy.index("MAC")]
     rows = record["q"][gate == 1.0][::_EVERY]
     if not len(rows):
@@ -113,14 +129,20 @@ def guarded_clearance(scenario: Scenario, record: Record) -> float | None:
 
 
 def boulder_clearance(scenario: Scenario, record: Record) -> float | None:
-    """The smallest clearance [m] of the robot from the boulder over the whole run; `None` without one."""
+    """The smallest clearance [m] of the robot from the boulder over the whole run; `None` without
+    one.
+    """
     if not scenario.environment.obstacles:
         return None
-    return closest_approach(scenario.robot, scenario.environment, record["q"][::_EVERY], floor=False).distance
+    return closest_approach(
+        scenario.robot, scenario.environment, record["q"][::_EVERY], floor=False
+    ).distance
 
 
 def totals(rows: Sequence[Row]) -> list[Row]:
-    """One row: how many were accepted, completed and collided, why the others did not complete, and false refusals."""
+    """One row: how many were accepted, completed and collided, why the others did not complete, and
+    false refusals.
+    """
     accepted = [row for row in rows if row["accepted"]]
     failed = [row for row in accepted if not row["completed"]]
     forced = [row for row in rows if not row["accepted"] and row["cause"] != "refused"]
@@ -131,7 +153,10 @@ def totals(rows: Sequence[Row]) -> list[Row]:
             "accepted": len(accepted),
             "completed": len(accepted) - len(failed),
             "share": (len(accepted) - len(failed)) / max(len(accepted), 1),
-            "collided": sum(any(row[key] is not None and row[key] <= 0 for key in _CLEARANCES) for row in accepted),
+            "collided": sum(
+                any(row[key] is not None and row[key] <= 0 for key in _CLEARANCES)
+                for row in accepted
+            ),
             **{f"smallest_{key}": min(values, default=None) for key, values in nearest.items()},
             "refused_and_forced": len(forced),
             "of_which_completed": sum(row["completed"] for row in forced),
@@ -161,13 +186,19 @@ def _boulder(rng: np.random.Generator, start: np.ndarray, way_point: np.ndarray)
     ahead = _towards(start, way_point)
     side = np.array([-ahead[1], ahead[0], 0.0]) * rng.choice([-1.0, 1.0])
     place = start + share * (way_point - start) + side * (radius + rng.uniform(0.1, 0.6))
-    return obstacle("boulder", coal.Sphere(radius), place + np.array([0.0, 0.0, rng.uniform(-0.2, 0.2)]))
+    return obstacle(
+        "boulder", coal.Sphere(radius), place + np.array([0.0, 0.0, rng.uniform(-0.2, 0.2)])
+    )
 
 
 def _past(scenario: Scenario, boulder: Obstacle) -> Scenario:
     """The scenario with the boulder, and a clearance task that keeps away from it in all phases."""
-    clearance = Clearance(model=CollisionModel(scenario.robot, [boulder], self_collision=False), threshold=0.15)
-    wider = replace(scenario.mission, hierarchy=Hierarchy([*scenario.mission.hierarchy.tasks, clearance]))
+    clearance = Clearance(
+        model=CollisionModel(scenario.robot, [boulder], self_collision=False), threshold=0.15
+    )
+    wider = replace(
+        scenario.mission, hierarchy=Hierarchy([*scenario.mission.hierarchy.tasks, clearance])
+    )
     mission = with_activations(wider, activate(clearance.name))
     environment = replace(scenario.environment, obstacles=(boulder,))
     return replace(scenario, mission=mission, environment=environment)

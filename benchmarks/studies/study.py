@@ -38,17 +38,23 @@ class StudyResult(TableDisplay):
     table: tuple[Row, ...]
 
     def _table(self) -> SmallTable:
-        head, rows = tuple(self.table[0]) if self.table else (), (row.values() for row in self.table)
+        head = tuple(self.table[0]) if self.table else ()
+        rows = (row.values() for row in self.table)
         title = f"{self.title} ({len(self.cases)} cases)"
-        return SmallTable(title=title, head=head, rows=tuple(tuple(map(format_value, row)) for row in rows))
+        return SmallTable(
+            title=title, head=head, rows=tuple(tuple(map(format_value, row)) for row in rows)
+        )
 
     def to_dict(self) -> dict[str, Any]:
         """JSON values only."""
-        cases, table = [dict(row) for row in self.cases], [dict(row) for row in self.table]
+        cases = [dict(row) for row in self.cases]
+        table = [dict(row) for row in self.table]
         return {"study": self.name, "title": self.title, "table": table, "cases": cases}
 
     def write_csv(self, path: Path) -> None:
-        """The rows of all cases as a CSV file; columns are those of the first row. Raises `OSError`."""
+        """The rows of all cases as a CSV file; columns are those of the first row. Raises
+        `OSError`.
+        """
         text = StringIO(newline="")
         writer = csv.DictWriter(text, fieldnames=list(self.cases[0]) if self.cases else [])
         writer.writeheader()
@@ -76,19 +82,27 @@ class Study(FieldTable):
         time_limit: Period = 3600.0,
         progress: Progress | None = None,
     ) -> StudyResult:
-        """All cases, those aside that the folder `out` has already, and their sum; without a folder nothing is kept.
+        """All cases, those aside that the folder `out` has already, and their sum; without a folder
+        nothing is kept.
 
-        workers, scheduler, time_limit [s] and what is raised as `Campaign.run` has them; `InvalidInput`, too, for cases that
-        raised or ended their process: they stay in the folder.
+        workers, scheduler, time_limit [s] and what is raised as `Campaign.run` has them;
+        `InvalidInput`, too, for cases that raised or ended their process: they stay in the folder.
         """
         if out is None:
             with tempfile.TemporaryDirectory() as folder:
-                options: dict[str, Any] = {"workers": workers, "scheduler": scheduler, "time_limit": time_limit}
+                options: dict[str, Any] = {
+                    "workers": workers,
+                    "scheduler": scheduler,
+                    "time_limit": time_limit,
+                }
                 return self.run(Path(folder, "study"), progress=progress, **options)
-        work, cluster = _Cases(study=self), dict[str, Any](workers=workers, scheduler=scheduler, limit=time_limit)
+        work = _Cases(study=self)
+        cluster = dict[str, Any](workers=workers, scheduler=scheduler, limit=time_limit)
         run_jobs(out, self._identity(work), work, progress=progress, **cluster)
         rows = tuple(finished_rows(out).values())
-        return StudyResult(name=self.name, title=self.title, cases=rows, table=tuple(self.summarize(rows)))
+        return StudyResult(
+            name=self.name, title=self.title, cases=rows, table=tuple(self.summarize(rows))
+        )
 
     def _identity(self, work: CampaignJob) -> CampaignManifest:
         cases = hashlib.sha256(repr(list(self.cases)).encode()).hexdigest()
@@ -123,25 +137,38 @@ class _Cases(CampaignJob):
         row = dict(self.study.run_case(self.study.cases[run]))
         success = next((bool(row[name]) for name in _SUCCESS if name in row), True)
         outcome = COMPLETED if success else str(row.get("end", row.get("cause", "failed")))
-        told = {"outcome": outcome, "success": success, "cause": str(row.get("text", row.get("cause", "")))}
+        told = {
+            "outcome": outcome,
+            "success": success,
+            "cause": str(row.get("text", row.get("cause", ""))),
+        }
         return RunResult(row={_ROW: json.dumps(row), **told})
 
 
 def finished_rows(out: Path) -> dict[int, Row]:
-    """Of the finished cases of a study, by number. Raises `InvalidInput` where some raised or ended their process."""
+    """Of the finished cases of a study, by number. Raises `InvalidInput` where some raised or ended
+    their process.
+    """
     table = read_table(out)
     failed = table[table[_ROW].isna()]
     if len(failed):
         first = failed.iloc[0]
-        text = f"{len(failed)} of {len(table)} cases made no row, such as {first['run']}: {first['cause']}"
+        text = (
+            f"{len(failed)} of {len(table)} cases made no row, such as {first['run']}:"
+            f" {first['cause']}"
+        )
         raise InvalidInput(f"{out}: {text}; mend it and take a new folder")
     return {int(run): json.loads(text) for run, text in zip(table["run"], table[_ROW], strict=True)}
 
 
 def seeds_from(seed: int, n: int) -> range:
-    """`seed`, `seed` + 1, ... of `n` drawn cases. Raises `InvalidInput` for no cases or too many."""
+    """`seed`, `seed` + 1, ... of `n` drawn cases. Raises `InvalidInput` for no cases or too
+    many.
+    """
     if n < 1:
         raise InvalidInput(f"n = {n} runs of a study; give 1 or more")
     if n > _MOST_RUNS:
-        raise InvalidInput(f"n = {n} runs of a study; give at most {_MOST_RUNS:,}: the table keeps a row of each")
+        raise InvalidInput(
+            f"n = {n} runs of a study; give at most {_MOST_RUNS:,}: the table keeps a row of each"
+        )
     return range(seed, seed + n)

@@ -32,13 +32,23 @@ _EVERY = 5  # ticks between two configurations whose clearance is measured
 
 
 @checked
-def table2(*, seeds: int = 5, seed: Count = 0, length: Length = 30.0, plant: str = "kinematic") -> Study:
-    """Three floors by three thresholds by `seeds` floors each, the first drawn with `seed`; length [m]: of a transit.
+def table2(
+    *, seeds: int = 5, seed: Count = 0, length: Length = 30.0, plant: str = "kinematic"
+) -> Study:
+    """Three floors by three thresholds by `seeds` floors each, the first drawn with `seed`; length
+    [m]: of a transit.
 
-    The kinematic plant is a tenth of the work; so slow a transit keeps the same clearances on the dynamic one.
+    The kinematic plant is a tenth of the work; so slow a transit keeps the same clearances on the
+    dynamic one.
     """
     cases = [
-        {"floor": floor, "threshold_m": threshold, "seed": seed + k, "length_m": length, "plant": plant}
+        {
+            "floor": floor,
+            "threshold_m": threshold,
+            "seed": seed + k,
+            "length_m": length,
+            "plant": plant,
+        }
         for floor in FLOORS
         for threshold in THRESHOLDS
         for k in range(seeds)
@@ -49,7 +59,11 @@ def table2(*, seeds: int = 5, seed: Count = 0, length: Length = 30.0, plant: str
 
 def run_transit(case: dict[str, Any]) -> Row:
     """One transit and its smallest clearance [m]."""
-    chosen = {"relief": case["floor"], "min_altitude": case["threshold_m"], "length": case["length_m"]}
+    chosen = {
+        "relief": case["floor"],
+        "min_altitude": case["threshold_m"],
+        "length": case["length_m"],
+    }
     scenario = transit(**chosen, seed=case["seed"], plant=case["plant"], dt=_DT)
     record = scenario.run()
     closest = closest_approach(scenario.robot, scenario.environment, record["q"][::_EVERY])
@@ -68,7 +82,11 @@ def cells(rows: Sequence[Row]) -> list[Row]:
 
 
 def _cell(floor: str, threshold: float, rows: Sequence[Row]) -> Row:
-    own = [row["clearance_m"] for row in rows if (row["floor"], row["threshold_m"]) == (floor, threshold)]
+    own = [
+        row["clearance_m"]
+        for row in rows
+        if (row["floor"], row["threshold_m"]) == (floor, threshold)
+    ]
     paper = PAPER[floor, threshold]
     return {
         "floor": FLOORS[floor],
@@ -85,7 +103,8 @@ def _cell(floor: str, threshold: float, rows: Sequence[Row]) -> Row:
 def verdict(clearances: Sequence[float]) -> str:
     """The paper's words for the clearances [m] of one cell: contact in any run is not safe.
 
-    Without contact: safe where every run keeps `MARGIN`, not completely safe where none does, else not always safe.
+    Without contact: safe where every run keeps `MARGIN`, not completely safe where none does, else
+    not always safe.
     """
     if min(clearances) <= 0.0:
         return "not safe"

@@ -1,4 +1,6 @@
-"""Every public callable: what the package and its subpackages export, with constructors and public methods."""
+"""Every public callable: what the package and its subpackages export, with constructors and public
+methods.
+"""
 
 from __future__ import annotations
 
@@ -50,13 +52,21 @@ def _exported() -> Iterator[Any]:
             yield from (getattr(package, name) for name in exported_names(init))
     yield Watchdog
     for module in OTHERS:
-        yield from (item for item in vars(module).values() if inspect.isclass(item) and item.__module__ == module.__name__)
+        yield from (
+            item
+            for item in vars(module).values()
+            if inspect.isclass(item) and item.__module__ == module.__name__
+        )
 
 
 def _calls(thing: Any) -> Iterator[Call]:
     if inspect.isfunction(thing):
         yield from _call(thing.__name__, thing, None)
-    if not inspect.isclass(thing) or issubclass(thing, (BaseException, Enum)) or getattr(thing, "_is_protocol", False):
+    if (
+        not inspect.isclass(thing)
+        or issubclass(thing, (BaseException, Enum))
+        or getattr(thing, "_is_protocol", False)
+    ):
         return
     if not inspect.isabstract(thing):
         yield from _call(thing.__name__, thing, None)
@@ -70,7 +80,9 @@ def _calls(thing: Any) -> Iterator[Call]:
 
 
 def _call(title: str, function: Callable[..., Any], owner: type | None) -> Iterator[Call]:
-    parameters = dict(inspect.signature(inspect.unwrap(function)).parameters)  # its own, without what completion is shown
+    parameters = dict(
+        inspect.signature(inspect.unwrap(function)).parameters
+    )  # its own, without what completion is shown
     parameters.pop("self", None)
     if parameters:
         yield Call(title=title, function=function, owner=owner, parameters=parameters)

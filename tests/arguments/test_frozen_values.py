@@ -1,4 +1,6 @@
-"""Frozen values share nothing that can be written to with who made them; they and all errors survive pickling."""
+"""Frozen values share nothing that can be written to with who made them; they and all errors
+survive pickling.
+"""
 
 from __future__ import annotations
 
@@ -31,11 +33,19 @@ ERRORS = [
     OutputError(errno.ENOSPC, "full", "record.npz"),
     exceptions.NotInstalled("a solver", "daqp"),
 ]
-COPIES: list[Callable[[Any], Any]] = [lambda value: pickle.loads(pickle.dumps(value)), copy.copy, copy.deepcopy]
+COPIES: list[Callable[[Any], Any]] = [
+    lambda value: pickle.loads(pickle.dumps(value)),
+    copy.copy,
+    copy.deepcopy,
+]
 
 
 def test_the_list_of_errors_is_complete() -> None:
-    known = {cls for cls in vars(exceptions).values() if isinstance(cls, type) and issubclass(cls, UvmsError)}
+    known = {
+        cls
+        for cls in vars(exceptions).values()
+        if isinstance(cls, type) and issubclass(cls, UvmsError)
+    }
     assert {type(error) for error in ERRORS} == known
 
 
@@ -49,7 +59,9 @@ def test_errors_survive(error: UvmsError, again: Callable[[Any], Any]) -> None:
         assert (found.errno, found.filename) == (error.errno, error.filename)
 
 
-@pytest.mark.parametrize("error", [InvalidInput("two\nlines"), OutputError(errno.EACCES, "denied", "a\nb")])
+@pytest.mark.parametrize(
+    "error", [InvalidInput("two\nlines"), OutputError(errno.EACCES, "denied", "a\nb")]
+)
 def test_errors_are_one_line(error: UvmsError) -> None:
     assert "\n" not in str(error)
 
@@ -59,14 +71,23 @@ def mistyped(name: str) -> dict[str, Any]:
 
 
 def test_a_mistyped_name_is_told_by_a_pool_of_processes() -> None:
-    with ProcessPoolExecutor(max_workers=1) as pool, pytest.raises(NameNotFound, match="unknown robot 'giorna'"):
+    with (
+        ProcessPoolExecutor(max_workers=1) as pool,
+        pytest.raises(NameNotFound, match="unknown robot 'giorna'"),
+    ):
         pool.submit(mistyped, "giorna").result()
 
 
 def test_values_do_not_change_with_what_they_were_made_of() -> None:
-    start, u, activations, t = q(), np.zeros(3), {"HA": 1.0}, np.arange(3.0)
+    start = q()
+    u = np.zeros(3)
+    activations = {"HA": 1.0}
+    t = np.arange(3.0)
     transitions = [transition()]
-    options = {name: getattr(scenario(), name) for name in ("name", "robot", "mission", "environment", "plant", "solver")}
+    options = {
+        name: getattr(scenario(), name)
+        for name in ("name", "robot", "mission", "environment", "plant", "solver")
+    }
     made = Scenario(start=start, **options)
     water = Water(velocity=u, acceleration=u)
     phase = Phase(name="A", activations=activations, transitions=transitions)
@@ -83,11 +104,19 @@ def test_values_do_not_change_with_what_they_were_made_of() -> None:
 
 def test_values_cannot_be_written_to() -> None:
     phase = Phase(name="A", activations={"HA": 1.0}, transitions=(transition(),))
-    arrays = [scenario().start, Water(velocity=np.zeros(3)).velocity, run_record()["t"], Water().velocity]
+    arrays = [
+        scenario().start,
+        Water(velocity=np.zeros(3)).velocity,
+        run_record()["t"],
+        Water().velocity,
+    ]
     for array in arrays:
         with pytest.raises(ValueError, match="read-only"):
             array[0] = 1.0
-    for write in (lambda: phase.activations.update(HA=7.0), lambda: phase.activations.__setitem__("HA", 7.0)):  # type: ignore[attr-defined]
+    for write in (
+        lambda: phase.activations.update(HA=7.0),
+        lambda: phase.activations.__setitem__("HA", 7.0),
+    ):  # type: ignore[attr-defined]
         with pytest.raises(TypeError, match="frozen"):
             write()
     with pytest.raises(TypeError, match="frozen"):
@@ -113,7 +142,8 @@ def test_frozen_values_survive(again: Callable[[Any], Any]) -> None:
 
 def test_values_of_a_tick_are_copies_to_users_and_as_they_are_to_the_loop() -> None:
     q, v = np.zeros(5), np.zeros(5)
-    copied, taken = State(q=q, v=v), unchecked_constructor(State)(q=q, v=v)
+    copied = State(q=q, v=v)
+    taken = unchecked_constructor(State)(q=q, v=v)
     q[0] = 1.0
     assert copied.q[0] == 0.0
     assert taken.q is q
@@ -124,14 +154,24 @@ def test_values_of_a_tick_are_copies_to_users_and_as_they_are_to_the_loop() -> N
         del taken.q
     assert unchecked_constructor(Reading)(value=q, t=0.0).value is q
     assert unchecked_constructor(StateEstimate)(q=q, v=v, altimeter_range=1.0).age == 0.0
-    assert unchecked_constructor(Command)(v=v).telemetry is not unchecked_constructor(Command)(v=v).telemetry
+    assert (
+        unchecked_constructor(Command)(v=v).telemetry
+        is not unchecked_constructor(Command)(v=v).telemetry
+    )
     with pytest.raises(TypeError, match="missing"):
         unchecked_constructor(State)(q=q)
-    with pytest.raises(InvalidInput, match="give finite numbers"):  # what a constructor does beyond storing is done
+    with pytest.raises(
+        InvalidInput, match="give finite numbers"
+    ):  # what a constructor does beyond storing is done
         unchecked_constructor(Water)(velocity=np.full(3, np.nan))
 
 
 def test_what_is_changed_keeps_its_other_fields() -> None:
     command = Command(v=np.ones(5), hold=True)
     stopped = replace_unchecked(command, stop=True)
-    assert (stopped.stop, stopped.hold, stopped.v is command.v, command.stop) == (True, True, True, False)
+    assert (stopped.stop, stopped.hold, stopped.v is command.v, command.stop) == (
+        True,
+        True,
+        True,
+        False,
+    )

@@ -1,6 +1,8 @@
-"""A wrong argument is named, in one line, by the call that took it: every wrong value for every argument of everything public.
+"""A wrong argument is named, in one line, by the call that took it: every wrong value for every
+argument of everything public.
 
-No argument may be of a type that nothing here takes; of other wrong values some are right somewhere.
+No argument may be of a type that nothing here takes; of other wrong values some are right
+somewhere.
 """
 
 from __future__ import annotations
@@ -15,7 +17,16 @@ from typing import Any
 import numpy as np
 import pytest
 from public_surface import Call, surface
-from valid_calls import EXPENSIVE, POOL, REFUSES, STARRED, owner_of, right_arguments, robot, scenario
+from valid_calls import (
+    EXPENSIVE,
+    POOL,
+    REFUSES,
+    STARRED,
+    owner_of,
+    right_arguments,
+    robot,
+    scenario,
+)
 
 import uvms_ocp as uo
 from uvms_ocp import identification
@@ -66,11 +77,23 @@ def _nothing() -> None:
 
 WRONG_TYPES = (object(), 1j, ..., {3: object()}, np.array(["a"]), np.array([object()]))
 NAN = float("nan")
-ACCEPTED = {("PassThrough.__call__", "command"): "not read, and taken only to stand where an `Estimator` does"}
+ACCEPTED = {
+    (
+        "PassThrough.__call__",
+        "command",
+    ): "not read, and taken only to stand where an `Estimator` does"
+}
 """Parameters that may be of any type, and why."""
 MAY_BE_NAN = (
     *("t", "x", "y"),  # at which something is asked: the answer is NaN
-    *("value", "altimeter_range", "altimeter_std", "age", "joint_age", "since"),  # as measured, before there was anything
+    *(
+        "value",
+        "altimeter_range",
+        "altimeter_std",
+        "age",
+        "joint_age",
+        "since",
+    ),  # as measured, before there was anything
     *("solve_time", "violation", "cost", "distance", "squared"),  # of results
 )
 """Parameters that take NaN where they take numbers. For all others it is no number."""
@@ -94,10 +117,20 @@ WRONG: tuple[Any, ...] = (
 
 
 ANY_NORM = {
-    **dict.fromkeys(("State.q", "StateEstimate.q"), "as integrated or measured: whoever uses it looks"),
-    **dict.fromkeys(("PlanRequest.start", "OcpRequest.start", "Setup.start"), "looked at where it is planned or checked"),
-    **dict.fromkeys(("Robot.joint_values.q", "Robot.with_joint_values.q"), "of which joints alone are read"),
-    **dict.fromkeys(("ToolGoal.as_tasks.start", "PostureGoal.as_tasks.start", "Term.references.q"), "not read here"),
+    **dict.fromkeys(
+        ("State.q", "StateEstimate.q"), "as integrated or measured: whoever uses it looks"
+    ),
+    **dict.fromkeys(
+        ("PlanRequest.start", "OcpRequest.start", "Setup.start"),
+        "looked at where it is planned or checked",
+    ),
+    **dict.fromkeys(
+        ("Robot.joint_values.q", "Robot.with_joint_values.q"), "of which joints alone are read"
+    ),
+    **dict.fromkeys(
+        ("ToolGoal.as_tasks.start", "PostureGoal.as_tasks.start", "Term.references.q"),
+        "not read here",
+    ),
 }
 """Configurations whose quaternion may have any norm, and why."""
 SHAPES: dict[str, tuple[tuple[int, ...], ...]] = {
@@ -136,13 +169,19 @@ def test_the_surface_is_large() -> None:
 
 
 def test_a_path_may_be_given_as_a_string() -> None:
-    functions = [call.function for call in CALLS if call.title != "Robot"]  # whose field is the path itself
-    functions += [getattr(identification, name) for name in exported_names(Path(identification.__file__))]
+    functions = [
+        call.function for call in CALLS if call.title != "Robot"
+    ]  # whose field is the path itself
+    functions += [
+        getattr(identification, name) for name in exported_names(Path(identification.__file__))
+    ]
     asked = {
         f"{function.__qualname__}: {name}"
         for function in filter(inspect.isfunction, functions)
         for name, annotation in inspect.get_annotations(inspect.unwrap(function)).items()
-        if re.search(r"\bPath\b", str(annotation)) and not re.search(r"\bstr\b", str(annotation)) and name != "return"
+        if re.search(r"\bPath\b", str(annotation))
+        and not re.search(r"\bstr\b", str(annotation))
+        and name != "return"
     }
     assert not asked
 
@@ -166,19 +205,32 @@ def test_a_channel_takes_readings_of_its_shapes_alone(channel: str) -> None:
 
 
 def test_what_runs_at_every_tick_looks_at_ranges_and_axes_of_what_it_does_not_read() -> None:
-    with pytest.raises(InvalidInput, match=r"^UniformField.velocity: p_W has shape \(2,\); give an array \(n, 3\)"):
+    with pytest.raises(
+        InvalidInput, match=r"^UniformField.velocity: p_W has shape \(2,\); give an array \(n, 3\)"
+    ):
         UniformCurrent([0.1, 0.0, 0.0]).velocity(np.zeros(2), 0.0)
-    with pytest.raises(InvalidInput, match=r"^KinematicPlant.step: dt = -0.1; give a number between 0 and 86400$"):
+    with pytest.raises(
+        InvalidInput, match=r"^KinematicPlant.step: dt = -0.1; give a number between 0 and 86400$"
+    ):
         POOL["KinematicPlant"]().step(Command(v=np.zeros(robot().n_v)), -0.1)
-    with pytest.raises(InvalidInput, match=r"^Mission.idle: activations has shape \(2,\); give \(9,\)$"):
+    with pytest.raises(
+        InvalidInput, match=r"^Mission.idle: activations has shape \(2,\); give \(9,\)$"
+    ):
         scenario().mission.idle(scenario().mission.start(), np.zeros(2))
 
 
 @pytest.mark.parametrize(
     ("call", "right"),
-    [(uo.load_robot, "variant"), (MinimumAltitude, "threshold"), (uo.Phase, "transitions"), (uo.Scenario, "environment")],
+    [
+        (uo.load_robot, "variant"),
+        (MinimumAltitude, "threshold"),
+        (uo.Phase, "transitions"),
+        (uo.Scenario, "environment"),
+    ],
 )
-def test_a_misspelled_name_of_an_argument_is_answered_with_the_nearest(call: Any, right: str) -> None:
+def test_a_misspelled_name_of_an_argument_is_answered_with_the_nearest(
+    call: Any, right: str
+) -> None:
     with pytest.raises(ArgumentNotFound, match=f"Did you mean '{right}'"):
         call(**{right[:-2] + right[-1]: 1.0})
 
@@ -202,7 +254,9 @@ def _values(call: Call, name: str) -> tuple[Any, ...]:
     if call.parameters[name].kind in STARRED:
         return ()
     right = RIGHT.get((call.title, name), ())
-    return tuple(value for value in WRONG if repr(value) not in map(repr, right)) if right else WRONG
+    return (
+        tuple(value for value in WRONG if repr(value) not in map(repr, right)) if right else WRONG
+    )
 
 
 def _faults(call: Call, right: dict[str, Any], name: str) -> Iterator[str]:
@@ -212,7 +266,10 @@ def _faults(call: Call, right: dict[str, Any], name: str) -> Iterator[str]:
         never = _never_right(value) or any(value is q for q in unnormalized)
         try:
             _run(call, {**right, name: value})
-            if (never or (value is NAN and name not in MAY_BE_NAN)) and (call.title, name) not in ACCEPTED:
+            if (never or (value is NAN and name not in MAY_BE_NAN)) and (
+                call.title,
+                name,
+            ) not in ACCEPTED:
                 yield f"{name} = {value!r}: accepted"
         except (UvmsError, TypeError) as error:
             text = str(error)
@@ -224,7 +281,11 @@ def _faults(call: Call, right: dict[str, Any], name: str) -> Iterator[str]:
 
 def _unnormalized(right: Any) -> list[np.ndarray]:
     """A configuration, where one is right, with a quaternion of norm 2."""
-    if not (isinstance(right, np.ndarray) and right.dtype == float and right.shape[-1:] == (robot().n_q,)):
+    if not (
+        isinstance(right, np.ndarray)
+        and right.dtype == float
+        and right.shape[-1:] == (robot().n_q,)
+    ):
         return []
     q = right.copy()
     q[..., 3:7] *= 2.0
@@ -236,11 +297,15 @@ def _never_right(value: Any) -> bool:
 
 
 def _named(name: str, value: Any, text: str) -> bool:
-    """Whether a message says which argument it is about: by its name, in the words of the field, or by what was given."""
+    """Whether a message says which argument it is about: by its name, in the words of the field, or
+    by what was given.
+    """
     words = (name, name.replace("_", " "), *WORDS.get(name, ()))
     given = [repr(value)] if not isinstance(value, (int, float, np.ndarray)) else []
     given += [value] if isinstance(value, str) and len(value) > 1 else []
-    return any(re.search(rf"(?<!\w){word}(?!\w)", text) for word in words) or any(item in text for item in given)
+    return any(re.search(rf"(?<!\w){word}(?!\w)", text) for word in words) or any(
+        item in text for item in given
+    )
 
 
 def _run(call: Call, arguments: dict[str, Any]) -> None:

@@ -1,5 +1,6 @@
-"""One right call of every public callable. Most arguments come from a pool, by the annotation of their parameter or its
-name; `ARGUMENTS` holds what a callable needs beyond that. What is expensive is small here: short runs, few steps.
+"""One right call of every public callable. Most arguments come from a pool, by the annotation of
+their parameter or its name; `ARGUMENTS` holds what a callable needs beyond that. What is expensive
+is small here: short runs, few steps.
 """
 
 from __future__ import annotations
@@ -54,7 +55,15 @@ from uvms_ocp.robot.kinematics import Kinematics
 from uvms_ocp.robot.loading import load_robot, robot_folder
 from uvms_ocp.robot.robot import Robot
 from uvms_ocp.robot.shapes.collision_model import CollisionModel
-from uvms_ocp.robot.signals import IDEAL_SENSORS, Command, Readings, SensorSpec, State, StateEstimate, Trust
+from uvms_ocp.robot.signals import (
+    IDEAL_SENSORS,
+    Command,
+    Readings,
+    SensorSpec,
+    State,
+    StateEstimate,
+    Trust,
+)
 from uvms_ocp.robot.symbolic_model import SymbolicModel
 from uvms_ocp.scenario import estimate_recording, replay
 from uvms_ocp.scenario.cases import RunOptions, case1, reach
@@ -76,7 +85,11 @@ def right_arguments(call: Call) -> dict[str, Any]:
     """Of one right call: what has no default, and what `ARGUMENTS` gives."""
     given = dict(ARGUMENTS.get(call.title, dict)())
     for name, parameter in call.parameters.items():
-        if name not in given and parameter.default is parameter.empty and parameter.kind not in STARRED:
+        if (
+            name not in given
+            and parameter.default is parameter.empty
+            and parameter.kind not in STARRED
+        ):
             given[name] = from_pool(str(parameter.annotation), name)
     return given
 
@@ -150,7 +163,12 @@ def stage_symbols() -> Any:
     thrust, torque = ca.SX.sym("f", n_u), ca.SX.sym("tau", robot().n_joints)
     a = ca.SX.sym("a", robot().n_v)
     return StageSymbols(
-        tick=tick_symbols(), acceleration=a, thrust=thrust, thrust_share=thrust, torque=torque, torque_share=torque
+        tick=tick_symbols(),
+        acceleration=a,
+        thrust=thrust,
+        thrust_share=thrust,
+        torque=torque,
+        torque_share=torque,
     )
 
 
@@ -161,7 +179,9 @@ def scene() -> collision.CollisionScene:
 
 @cache
 def curve() -> trajectories.PiecewisePolynomial:
-    return trajectories.min_snap(np.array([[0.0, 0.0], [1.0, 0.5], [2.0, 0.0]]), [0.0, 1.0, 2.0]).trajectory
+    return trajectories.min_snap(
+        np.array([[0.0, 0.0], [1.0, 0.5], [2.0, 0.0]]), [0.0, 1.0, 2.0]
+    ).trajectory
 
 
 @cache
@@ -186,14 +206,22 @@ def plan() -> ocp.Plan:
 @cache
 def ocp_result() -> ocp.OcpResult:
     goal = planning.PostureGoal(joints={arm().joints[0].name: 0.1})
-    request = ocp.OcpRequest(robot=arm(), start=arm().configuration(), goal=goal, n_steps=2, duration=1.0)
-    return ocp.OcpResult(request=request, scene=collision.collision_scene(collision.coordinates(arm()), []), plan=plan())
+    request = ocp.OcpRequest(
+        robot=arm(), start=arm().configuration(), goal=goal, n_steps=2, duration=1.0
+    )
+    return ocp.OcpResult(
+        request=request,
+        scene=collision.collision_scene(collision.coordinates(arm()), []),
+        plan=plan(),
+    )
 
 
 @cache
 def small_program() -> nlp.LexicographicProgram:
     x = ca.SX.sym("x", 2)
-    return nlp.lexicographic_program(x, [nlp.NlpLevel(y=x - 0.8)], g=ca.sum1(x), g_lower=-1.0, g_upper=1.0)
+    return nlp.lexicographic_program(
+        x, [nlp.NlpLevel(y=x - 0.8)], g=ca.sum1(x), g_lower=-1.0, g_upper=1.0
+    )
 
 
 @cache
@@ -263,7 +291,11 @@ def abort() -> mission.Abort:
 
 
 def climb() -> mission.Phase:
-    return dataclasses.replace(phase(), activations={"PC": 1.0}, transitions=(mission.Transition(to="abort", when=(below(),)),))
+    return dataclasses.replace(
+        phase(),
+        activations={"PC": 1.0},
+        transitions=(mission.Transition(to="abort", when=(below(),)),),
+    )
 
 
 def below() -> mission.Below:
@@ -281,7 +313,9 @@ def controller() -> control.KinematicController:
 
 @cache
 def dynamic_controller() -> control.DynamicController:
-    return control.DynamicController(robot=robot(), dynamics=dynamics(), kinematic=scenario().kinematic_controller())
+    return control.DynamicController(
+        robot=robot(), dynamics=dynamics(), kinematic=scenario().kinematic_controller()
+    )
 
 
 def tick() -> TickInputs:
@@ -353,7 +387,8 @@ def wrenches() -> Any:
 @cache
 def whole() -> MissionPlan:
     """As if somebody had planned the mission of `scenario`, and it were of no length."""
-    q0, n_v = np.array(scenario().start), robot().n_v
+    q0 = np.array(scenario().start)
+    n_v = robot().n_v
     steady = Trajectory(
         t=np.array([0.0, 1.0]),
         q=np.array([q0, q0]),
@@ -420,7 +455,9 @@ def two_postures() -> np.ndarray:
 
 
 def limits() -> trajectories.MotionLimits:
-    return trajectories.MotionLimits(velocity=robot().limits.velocity, acceleration=robot().limits.acceleration)
+    return trajectories.MotionLimits(
+        velocity=robot().limits.velocity, acceleration=robot().limits.acceleration
+    )
 
 
 def simulation() -> dict[str, Any]:
@@ -594,10 +631,14 @@ POOL: dict[str, Callable[[], Any]] = {
     "StillWater": sim.StillWater,
     "UniformCurrent": lambda: sim.UniformCurrent([0.1, 0.0, 0.0]),
     "OnsetCurrent": lambda: sim.OnsetCurrent([0.1, 0.0, 0.0], start=1.0, rise=1.0),
-    "ShearedCurrent": lambda: sim.ShearedCurrent(z=np.array([0.0, 1.0]), velocities=np.zeros((2, 3))),
+    "ShearedCurrent": lambda: sim.ShearedCurrent(
+        z=np.array([0.0, 1.0]), velocities=np.zeros((2, 3))
+    ),
     "GustyCurrent": lambda: sim.GustyCurrent(base=sim.StillWater()),
     "HeightField": lambda: sim.HeightField.random("small", z=-60.0, extent=5.0),
-    "Bathymetry": lambda: sim.Bathymetry(x=np.arange(2.0), y=np.arange(2.0), z=np.full((2, 2), -60.0)),
+    "Bathymetry": lambda: sim.Bathymetry(
+        x=np.arange(2.0), y=np.arange(2.0), z=np.full((2, 2), -60.0)
+    ),
     "Altimeter": lambda: sim.Altimeter(robot(), sim.FlatSeafloor(z=-60.0)),
     "SensorSuite": suite,
     "KinematicPlant": lambda: sim.KinematicPlant(robot(), q()),
@@ -686,15 +727,25 @@ POOL: dict[str, Callable[[], Any]] = {
     "Posture": lambda: ocp.Posture(q=q()),
     "TaskTerm": lambda: ocp.TaskTerm(task=tasks.VehiclePose(goal=pin.SE3.Identity())),
     "ShapeClearance": lambda: ocp.ShapeClearance(scene=scene(), margins=np.zeros(scene().n_pairs)),
-    "BallClearance": lambda: ocp.BallClearance(robot_balls=(ocp.Ball(radius=0.1),), obstacles=(ocp.Ball(radius=0.1),)),
+    "BallClearance": lambda: ocp.BallClearance(
+        robot_balls=(ocp.Ball(radius=0.1),), obstacles=(ocp.Ball(radius=0.1),)
+    ),
 }
-"""Right values by annotation, and the values on which methods are called by the name of their class."""
+"""Right values by annotation, and the values on which methods are called by the name of their
+class.
+"""
 
 CONDITIONS = ("Above", "Below", "Transition")
 
 ARGUMENTS: dict[str, Callable[[], Arguments]] = {
-    **dict.fromkeys(("Estimator.outcome", "Estimator.refuse", "Estimator.used"), lambda: {"channel": "position"}),
-    **{f"{kind}.{use}": lambda: {"quantities": quantities()} for kind in CONDITIONS for use in ("holds", "describe")},
+    **dict.fromkeys(
+        ("Estimator.outcome", "Estimator.refuse", "Estimator.used"), lambda: {"channel": "position"}
+    ),
+    **{
+        f"{kind}.{use}": lambda: {"quantities": quantities()}
+        for kind in CONDITIONS
+        for use in ("holds", "describe")
+    },
     "StageShape": lambda: {"n_u": (1,)},
     "KktResidual": lambda: {"stationarity": 0.0, "primal": 0.0, "complementarity": 0.0},
     "StageQp.fix_initial_state": lambda: {"x": np.zeros(2)},
@@ -721,20 +772,32 @@ ARGUMENTS: dict[str, Callable[[], Arguments]] = {
     "CollisionScene": lambda: fields_of(scene()),
     "CollisionScene.per_pair": lambda: {"of_obstacles": 0.1, "of_links": 0.02},
     "CollisionScene.check_no_overlap": lambda: {"distances": np.ones(len(scene().pairs))},
-    "CollisionScene.nearest": lambda: {"t": np.arange(2.0), "distances": np.ones((2, len(scene().pairs)))},
+    "CollisionScene.nearest": lambda: {
+        "t": np.arange(2.0),
+        "distances": np.ones((2, len(scene().pairs))),
+    },
     "CollisionPlan": lambda: fields_of(path_plan()),
     "Coordinates": lambda: fields_of(scene().coordinates),
     "Coordinates.shortest_turn": lambda: {"near": scene().coordinates.x(q())},
     "DynamicPlant.step": lambda: {"command": full_command(), "dt": 0.001},
     "KinematicPlant.step": lambda: {"dt": 0.001},
-    "HeightField": lambda: {"centres": np.zeros((1, 2)), "heights": np.ones(1), "radii": np.ones(1)},
+    "HeightField": lambda: {
+        "centres": np.zeros((1, 2)),
+        "heights": np.ones(1),
+        "radii": np.ones(1),
+    },
     "HeightField.random": lambda: {"extent": 5.0},
     "Bathymetry": lambda: {"x": np.arange(2.0), "y": np.arange(2.0), "z": np.zeros((2, 2))},
     "Bathymetry.read": lambda: {"path": _survey_file()},
     "Bathymetry.ground_at": lambda: {"points": np.zeros((2, 2))},
     "FlatSeafloor.ground_at": lambda: {"points": np.zeros((2, 2))},
     "HeightField.ground_at": lambda: {"points": np.zeros((2, 2))},
-    "Icat.velocity": lambda: {"J": np.eye(2), "rate": np.ones(2), "activation": np.ones(2), "sizes": (2,)},
+    "Icat.velocity": lambda: {
+        "J": np.eye(2),
+        "rate": np.ones(2),
+        "activation": np.ones(2),
+        "sizes": (2,),
+    },
     "Level": lambda: {"jacobian": np.eye(2)},
     "LevelsProblem": lambda: fields_of(controller().problem),
     "LexicographicNlp.rows_at": lambda: {"x": np.zeros(2), "p": np.zeros(0)},
@@ -749,7 +812,10 @@ ARGUMENTS: dict[str, Callable[[], Arguments]] = {
     "LexicographicResult": lambda: fields_of(plan().result),
     "RealTimeSqp": lambda: {"program": Transcription(problem()).program},
     "RealTimeSqp.solve": lambda: {"x": np.zeros(nmpc_x()), "p": nmpc_p()},
-    "Planner.solve": lambda: {"p": planner().transcription.parameters(problem()), "guess": plan().trajectory},
+    "Planner.solve": lambda: {
+        "p": planner().transcription.parameters(problem()),
+        "guess": plan().trajectory,
+    },
     "Plan": lambda: fields_of(plan()),
     "MissionPlan": lambda: fields_of(whole()),
     "plan_mission": lambda: {
@@ -769,7 +835,9 @@ ARGUMENTS: dict[str, Callable[[], Arguments]] = {
     "Trajectory.state_at": lambda: {"model": arm().model},
     "Trajectory.states_at": lambda: {"model": arm().model, "t": np.array([0.0, 0.5])},
     "Posture": lambda: {"q": arm().configuration()},
-    "MinSnap": lambda: fields_of(trajectories.min_snap(curve().evaluate([0.0, 1.0, 2.0]), [0.0, 1.0, 2.0])),
+    "MinSnap": lambda: fields_of(
+        trajectories.min_snap(curve().evaluate([0.0, 1.0, 2.0]), [0.0, 1.0, 2.0])
+    ),
     "Abort": lambda: {"phase": climb()},
     "MissionState": lambda: {"activations_before": np.zeros(13), "held_since": (None,)},
     "Mission.tasks_of": lambda: {"phase": 0},
@@ -810,7 +878,10 @@ ARGUMENTS: dict[str, Callable[[], Arguments]] = {
     "BallClearance.residual": lambda: parameters(4),
     **{f"CoalDistances.{kind}": lambda: {"q": q()[None]} for kind in ("contacts", "distances_at")},
     "ShapeClearance": lambda: {"scene": scene(), "margins": np.zeros(scene().n_pairs)},
-    **{f"{kind}.references": lambda: {"times": [0.0], "q": q()[None]} for kind in ("Term", "ShapeClearance")},
+    **{
+        f"{kind}.references": lambda: {"times": [0.0], "q": q()[None]}
+        for kind in ("Term", "ShapeClearance")
+    },
     "ShapeClearance.distances": lambda: {"times": [0.0], "q": q()[None]},
     "ShapeClearance.mismatch": lambda: {"times": [0.0], "written": q()[None], "q": q()[None]},
     "ShapeClearance.residual": lambda: parameters(POOL["ShapeClearance"]().n_parameters(robot())),
@@ -823,7 +894,10 @@ ARGUMENTS: dict[str, Callable[[], Arguments]] = {
     "figure_joint_comparison": lambda: {"records": {"a": run_record(), "b": run_record()}},
     "figure_transitions": lambda: {"runs": {"a": report.transition_series(run_record())}},
     "figure_rate": lambda: {"success": np.array([True, False])},
-    "figure_spread": lambda: {"values": {"energy [J]": np.array([1.0, 2.0])}, "success": np.array([True, False])},
+    "figure_spread": lambda: {
+        "values": {"energy [J]": np.array([1.0, 2.0])},
+        "success": np.array([True, False]),
+    },
     "Robot.with_joint_values": lambda: {"q": q(), "values": robot().joint_values(q())},
     "trimmed": lambda: {"robot": load_robot("bluerov2_alpha5"), "bow": 0.2, "stern": -0.2},
     "check_robot_files": lambda: {"path": robot_folder("planar5")},
@@ -857,7 +931,10 @@ ARGUMENTS: dict[str, Callable[[], Arguments]] = {
     "Uniform": lambda: {"lower": 0.0, "upper": 1.0},
     "Normal": lambda: {"mean": 0.0, "sigma": 1.0},
     "Triangular": lambda: {"lower": 0.0, "mode": 0.5, "upper": 1.0},
-    **{f"{name}.quantile": lambda: {"u": 0.5} for name in ("Choice", "LogNormal", "Normal", "Triangular", "Uniform")},
+    **{
+        f"{name}.quantile": lambda: {"u": 0.5}
+        for name in ("Choice", "LogNormal", "Normal", "Triangular", "Uniform")
+    },
     "Variation": lambda: {"name": "start.x", "distribution": Uniform(0.0, 1.0)},
     "campaign_report": lambda: {"folder": _campaign_folder()},
     "compare_campaigns": lambda: {"first": _campaign_folder(), "second": _campaign_folder()},
@@ -884,7 +961,8 @@ def _parquet() -> Path:
 
 def _campaign_folder() -> Path:
     """Of a campaign with one run that is finished; it has no rows of others."""
-    campaign, folder = _campaign(), Path(mkdtemp())
+    campaign = _campaign()
+    folder = Path(mkdtemp())
     with opened(folder, campaign.identity(), {}) as kept:
         kept.add(attempt_job(campaign.work, 0, "here"))
     return folder
@@ -895,14 +973,40 @@ def _campaign() -> Campaign:
     return Campaign(scenario=scenario, runs=1)
 
 
-REFUSES = {"Task.residual", "BufferedFunction.__call__", "BufferedFunction.write", *(["export_controller"] if MISSING else [])}
-"""Calls that are never right: the base class of tasks refuses, a list of arguments has no names, an export needs a compiler."""
+REFUSES = {
+    "Task.residual",
+    "BufferedFunction.__call__",
+    "BufferedFunction.write",
+    *(["export_controller"] if MISSING else []),
+}
+"""Calls that are never right: the base class of tasks refuses, a list of arguments has no names, an
+export needs a compiler.
+"""
 
 EXPENSIVE = {
     *("write_figures", "write_plan_figures", "write_scene", "show"),
     *("solve_ocp", "plan_path", "plan_soft_collision"),
-    *("Nmpc", "Planner", "Planner.plan", "Planner.solve", "RealTimeSqp", "RealTimeSqp.solve", "plan", "plan_mission"),
-    *("DynamicPlant", "robot_dynamics", "Dynamics", "case2", "sampled_waypoints", "check_mission", "figure_joints"),
+    *(
+        "Nmpc",
+        "Planner",
+        "Planner.plan",
+        "Planner.solve",
+        "RealTimeSqp",
+        "RealTimeSqp.solve",
+        "plan",
+        "plan_mission",
+    ),
+    *(
+        "DynamicPlant",
+        "robot_dynamics",
+        "Dynamics",
+        "case2",
+        "sampled_waypoints",
+        "check_mission",
+        "figure_joints",
+    ),
     *("figure_tick_time", "compile_library", "compile_function"),
 }
-"""Calls that take half a second or more when they are right, and so are tried with wrong arguments only."""
+"""Calls that take half a second or more when they are right, and so are tried with wrong arguments
+only.
+"""

@@ -1,4 +1,6 @@
-"""Every benchmark: what it is called with and which files it writes. A new one is tested by being listed."""
+"""Every benchmark: what it is called with and which files it writes. A new one is tested by being
+listed.
+"""
 
 from __future__ import annotations
 
@@ -88,16 +90,25 @@ BENCHMARKS = (
     Benchmark(script="first_answer", files=("first_answer", "first_answer_planners")),
     Benchmark(script="install", files=("install", "install_packages")),
     Benchmark(script="mutation", files=("mutation",), packages=("cosmic_ray", "pytest_cov")),
-    Benchmark(script="navigation", files=("navigation", "navigation_delays", "navigation_mission", "navigation_time")),
+    Benchmark(
+        script="navigation",
+        files=("navigation", "navigation_delays", "navigation_mission", "navigation_time"),
+    ),
     Benchmark(script="nmpc", files=("nmpc", "nmpc_ticks")),
     Benchmark(script="ocp_priorities", files=("ocp_priorities", "ocp_toys")),
-    Benchmark(script="hinsdale_replay", files=("hinsdale_replay",), variable="UVMS_OCP_POOL_RECORDINGS"),
+    Benchmark(
+        script="hinsdale_replay", files=("hinsdale_replay",), variable="UVMS_OCP_POOL_RECORDINGS"
+    ),
     Benchmark(
         script="identification_hinsdale",
         files=("identification_hinsdale", "identification_hinsdale_swings"),
         variable="UVMS_OCP_POOL_RECORDINGS",
     ),
-    Benchmark(script="identification_tauv", files=("identification_tauv",), variable="UVMS_OCP_DRIVEN_RECORDINGS"),
+    Benchmark(
+        script="identification_tauv",
+        files=("identification_tauv",),
+        variable="UVMS_OCP_DRIVEN_RECORDINGS",
+    ),
     *(
         Benchmark(script=script, files=(script,), option="--peers", variable="UVMS_OCP_PEERS")
         for script in ("hierarchy", "ocp_peers", "trajectories")

@@ -1,4 +1,6 @@
-"""Every doubt that the package can raise stands in the table of the benchmark and is spoiled for: none is forgotten."""
+"""Every doubt that the package can raise stands in the table of the benchmark and is spoiled for:
+none is forgotten.
+"""
 
 from __future__ import annotations
 
@@ -16,12 +18,25 @@ from uvms_ocp.identification import calibration, data_quality, reading, sample_c
 DOUBTS = import_module("spoiled.doubts").DOUBTS
 KINDS = import_module("spoiled.kinds").KINDS
 PARTS = (
-    "deg, or of another format", "give missing: ", "pulses of 0, which are none", "s after", "s before", "give time_unit: ",
-    "a fit takes the command before them", "is the other in", "up to § m/s §", "§ % of §", "% as they are", "§, as the file says",
+    "deg, or of another format",
+    "give missing: ",
+    "pulses of 0, which are none",
+    "s after",
+    "s before",
+    "give time_unit: ",
+    "a fit takes the command before them",
+    "is the other in",
+    "up to § m/s §",
+    "§ % of §",
+    "% as they are",
+    "§, as the file says",
     "deg about z: format",
-)  # fmt: skip
+)
 """Parts of doubts that stand by themselves in the code, and notes of what was read."""
-PARTLY = {reading: ("_unknown", "_factors", "_spoiled"), calibration: ("check_settings", "_of_current", "_of_thrust")}
+PARTLY = {
+    reading: ("_unknown", "_factors", "_spoiled"),
+    calibration: ("check_settings", "_of_current", "_of_thrust"),
+}
 """Functions with doubts of modules in which other texts stand too."""
 FEWEST = 3
 """Blanks of a text that says something."""
@@ -43,7 +58,11 @@ def said(path: Path, functions: Collection[str] = ()) -> Iterator[str]:
     """All strings of a module, or of some of its functions."""
     tree = ast.parse(path.read_text(encoding="utf-8"))
     docstrings = frozenset(id(one.value) for one in ast.walk(tree) if isinstance(one, ast.Expr))
-    for each in [one for one in tree.body if getattr(one, "name", None) in functions] if functions else [tree]:
+    for each in (
+        [one for one in tree.body if getattr(one, "name", None) in functions]
+        if functions
+        else [tree]
+    ):
         yield from texts(each, docstrings)
 
 
@@ -59,11 +78,15 @@ DOUBTFUL = {
 @pytest.mark.parametrize("text", sorted(DOUBTFUL))
 def test_every_doubt_of_the_code_is_listed(text: str) -> None:
     listed = [one.says for one in DOUBTS if re.search(one.says, text)]
-    assert len(listed) == 1 or any(part in text for part in PARTS), f"list it in benchmarks/spoiled/doubts.py: {text}"
+    assert len(listed) == 1 or any(part in text for part in PARTS), (
+        f"list it in benchmarks/spoiled/doubts.py: {text}"
+    )
 
 
 @pytest.mark.parametrize("doubt", DOUBTS, ids=lambda one: one.looks_for)
-def test_every_listed_doubt_is_raised_by_code_and_has_recordings_that_are_spoiled_for_it(doubt: object) -> None:
+def test_every_listed_doubt_is_raised_by_code_and_has_recordings_that_are_spoiled_for_it(
+    doubt: object,
+) -> None:
     says, stated = doubt.says, doubt.stated  # type: ignore[attr-defined]
     assert all(any(re.search(one, text) for text in CODE) for one in says.split("|"))
     assert any(says in kind.meant for kind in KINDS) != stated

@@ -1,10 +1,21 @@
-"""Drawn robot files: each goes from the file through all commands, or is refused in one line for a reason that is true."""
+"""Drawn robot files: each goes from the file through all commands, or is refused in one line for a
+reason that is true.
+"""
 
 from __future__ import annotations
 
 import numpy as np
 import pytest
-from studies.drawn_files import REASONS, URDF, WATER, drawn_files, reason_of, run_file, sound, totals
+from studies.drawn_files import (
+    REASONS,
+    URDF,
+    WATER,
+    drawn_files,
+    reason_of,
+    run_file,
+    sound,
+    totals,
+)
 
 from uvms_ocp.campaign.jobs import Row
 
@@ -48,21 +59,34 @@ def test_every_change_changes_a_sound_robot(arms: int) -> None:
     """Else a pair would be drawn of one."""
     rng = np.random.default_rng(0)
     for name, change in URDF.items():
-        drawn, before = sound(arms), [(e.tag, dict(e.attrib)) for e in sound(arms).urdf.iter()]
+        drawn = sound(arms)
+        before = [(e.tag, dict(e.attrib)) for e in sound(arms).urdf.iter()]
         change(drawn, rng)
         changed = [(e.tag, dict(e.attrib)) for e in drawn.urdf.iter()] != before
         assert changed or (arms == 0 and name in _OF_ARMS), name
 
 
 _OF_ARMS = (
-    *("no tip", "two ends", "camera on the wrist", "fingers", "continuous joints", "a prismatic joint", "a planar joint"),
+    *(
+        "no tip",
+        "two ends",
+        "camera on the wrist",
+        "fingers",
+        "continuous joints",
+        "a prismatic joint",
+        "a planar joint",
+    ),
     *("zero range", "range without 0", "no limits", "limits of 0", "a joint that mimics"),
 )
 
 
 def test_totals_count_each_file_under_both_of_its_changes() -> None:
-    first, second = next(iter(URDF)), next(iter(WATER))
-    rows = [{"first": first, "second": second, "outcome": "through"}, {"first": first, "second": "x", "outcome": "fault"}]
+    first = next(iter(URDF))
+    second = next(iter(WATER))
+    rows = [
+        {"first": first, "second": second, "outcome": "through"},
+        {"first": first, "second": "x", "outcome": "fault"},
+    ]
     found = {row["change"]: row for row in totals(rows)}
     assert (found[first]["through"], found[first]["fault"], found[second]["files"]) == (1, 1, 1)
     assert (found["all"]["files"], found["all"]["through"]) == (2, 1)

@@ -1,4 +1,6 @@
-"""Drawn robots: each is refused with a reason that is true, or flies, and neither flees nor touches, nor swings unseen."""
+"""Drawn robots: each is refused with a reason that is true, or flies, and neither flees nor
+touches, nor swings unseen.
+"""
 
 from __future__ import annotations
 
@@ -7,7 +9,17 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from studies.drawn_robots import OUTCOMES, REASONS, WRONGS, drawn_body, drawn_robots, reason_of, run_robot, totals, write_robot
+from studies.drawn_robots import (
+    OUTCOMES,
+    REASONS,
+    WRONGS,
+    drawn_body,
+    drawn_robots,
+    reason_of,
+    run_robot,
+    totals,
+    write_robot,
+)
 
 from uvms_ocp.campaign.jobs import Row
 
@@ -15,7 +27,9 @@ pytestmark = pytest.mark.filterwarnings("ignore::DeprecationWarning", "ignore::R
 
 
 def rows_of(seeds: range, *, flies: bool) -> list[Row]:
-    return [run_robot(case) for case in drawn_robots(n=len(seeds), seed=seeds.start, flies=flies).cases]
+    return [
+        run_robot(case) for case in drawn_robots(n=len(seeds), seed=seeds.start, flies=flies).cases
+    ]
 
 
 def check(rows: list[Row]) -> None:
@@ -24,28 +38,39 @@ def check(rows: list[Row]) -> None:
         assert row["outcome"] in OUTCOMES[:-1], told
         assert row["outcome"] != "refused" or reason_of(row["text"]), told
         assert row["outcome"] == "accepted" or row["text"], told
-        # What sensors with noise make of a vehicle that is quicker than its limits say is recorded, and not promised.
+        # What sensors with noise make of a vehicle that is quicker than its limits say is recorded,
+        # and not promised.
         assert row["noise"] or not any(name in row["wrong"] for name in WRONGS[:3]), told
 
 
 def seeds_of(n: int, joints: int, first: int) -> list[int]:
     """The first seeds of robots with so many joints at most: what has more takes long."""
-    few = (seed for seed in count(first) if sum(drawn_body(np.random.default_rng(seed)).arms) <= joints)
+    few = (
+        seed for seed in count(first) if sum(drawn_body(np.random.default_rng(seed)).arms) <= joints
+    )
     return list(islice(few, n))
 
 
 _BARE = seeds_of(40, 0, 500)
 
 
-@pytest.mark.parametrize("seed", [*_BARE[:6], *(pytest.param(seed, marks=pytest.mark.slow) for seed in _BARE[6:])])
-def test_a_drawn_robot_is_accepted_or_refused_with_a_reason(seed: int, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("uvms_ocp.codegen.compile._compiler", lambda: None)  # what runs once is not worth compiling
+@pytest.mark.parametrize(
+    "seed", [*_BARE[:6], *(pytest.param(seed, marks=pytest.mark.slow) for seed in _BARE[6:])]
+)
+def test_a_drawn_robot_is_accepted_or_refused_with_a_reason(
+    seed: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(
+        "uvms_ocp.codegen.compile._compiler", lambda: None
+    )  # what runs once is not worth compiling
     check(rows_of(range(seed, seed + 1), flies=False))
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("seed", seeds_of(20, 3, 1000))
-def test_a_drawn_robot_neither_flees_nor_touches_nor_swings_unseen(seed: int, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_drawn_robot_neither_flees_nor_touches_nor_swings_unseen(
+    seed: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.setenv("UVMS_OCP_CFLAGS", "-O0")  # what is compiled runs once
     check(rows_of(range(seed, seed + 1), flies=True))
 
@@ -70,7 +95,10 @@ def test_a_reason_is_found_in_what_is_said(reason: str) -> None:
 
 def test_totals_count_each_robot_once_by_its_arms_and_once_among_all() -> None:
     outcomes = [("", "completed", ""), ("3", "gave up", "flees"), ("2+4", "refused", "")]
-    rows = [{"joints": joints, "outcome": outcome, "wrong": wrong} for joints, outcome, wrong in outcomes]
+    rows = [
+        {"joints": joints, "outcome": outcome, "wrong": wrong}
+        for joints, outcome, wrong in outcomes
+    ]
     found = {row["arms"]: row for row in totals(rows)}
     assert [found[arms]["robots"] for arms in ("none", "one", "two", "all")] == [1, 1, 1, 3]
     assert (found["all"]["completed"], found["one"]["flees"], found["two"]["refused"]) == (1, 1, 1)

@@ -9,7 +9,15 @@ import pytest
 from compiler import long_without_compiler
 from studies.fault_study import by_kind, faults, nominal, run_faults
 from studies.fault_table import GUSTY, KINDS, PAIR, PHASES, SIZES, STILL
-from studies.fault_truth import arm_height, astray, contact_outside_landing, is_named, joint_excess, passes_rates, rate_share
+from studies.fault_truth import (
+    arm_height,
+    astray,
+    contact_outside_landing,
+    is_named,
+    joint_excess,
+    passes_rates,
+    rate_share,
+)
 
 from uvms_ocp.errors import NameNotFound
 from uvms_ocp.record.record import Record
@@ -21,7 +29,9 @@ from uvms_ocp.sim.faults import parse_faults
 QUICK = {"plant": "kinematic", "dt": 0.05, "duration": 60.0}
 
 pytestmark = [
-    pytest.mark.filterwarnings("ignore::DeprecationWarning", "ignore::ResourceWarning", "ignore::FutureWarning"),
+    pytest.mark.filterwarnings(
+        "ignore::DeprecationWarning", "ignore::ResourceWarning", "ignore::FutureWarning"
+    ),
     pytest.mark.slow,
 ]
 
@@ -37,7 +47,11 @@ def _record(scenario: Scenario) -> Record:
 
 
 def test_every_channel_that_robots_have_by_default_fails_in_seven_ways() -> None:
-    channels = {field.name for field in fields(SensorSpecs) if getattr(SensorSpecs(), field.name) is not None}
+    channels = {
+        field.name
+        for field in fields(SensorSpecs)
+        if getattr(SensorSpecs(), field.name) is not None
+    }
     assert set(SIZES) >= channels
     for channel in channels:
         for word in ("frozen", "lost", "nan", "spikes", "bias", "drift", "late"):
@@ -87,19 +101,32 @@ def test_faults_set_in_in_the_middle_of_the_phases_of_a_sound_run() -> None:
 
 @long_without_compiler
 def test_rows_are_judged_and_summed_up_by_kind() -> None:
-    study = faults(n=1, fault_free=1, pairs=1, kinds=["joint 2 jammed", "position bias"], phases=["A"], **QUICK)
+    study = faults(
+        n=1, fault_free=1, pairs=1, kinds=["joint 2 jammed", "position bias"], phases=["A"], **QUICK
+    )
     result = study.run()
     jammed, biased, both, *sound = result.cases
     assert (both["kind"], both["phase"], both["named"]) == (PAIR, "A A", True)
-    assert {part.partition("@")[0] for part in both["faults"].split()} == {"joint2:jam", "position:bias=5,0,0"}
+    assert {part.partition("@")[0] for part in both["faults"].split()} == {
+        "joint2:jam",
+        "position:bias=5,0,0",
+    }
     assert [row["kind"] for row in sound] == [STILL, GUSTY]
     for row in sound:
         assert (row["end"], row["alarms_before"], row["faults"]) == ("completed", 0, "")
         assert row["astray_m"] < 0.1
         assert 0.0 < row["tool_bound_m"] < 0.05
-    assert biased["astray_m"] < 1.0, "fixes that jump by 5 m are refused, and it climbs by less than 1 m"
+    assert biased["astray_m"] < 1.0, (
+        "fixes that jump by 5 m are refused, and it climbs by less than 1 m"
+    )
     assert all(row["to_detect_s"] is None or row["to_detect_s"] >= 0.0 for row in result.cases)
-    assert [row["kind"] for row in result.table] == ["joint 2 jammed", "position bias", PAIR, STILL, GUSTY]
+    assert [row["kind"] for row in result.table] == [
+        "joint 2 jammed",
+        "position bias",
+        PAIR,
+        STILL,
+        GUSTY,
+    ]
     assert result.table[0]["completed"] == (jammed["end"] == "completed")
     assert {row["runs"] for row in result.table} == {1}
 
@@ -112,7 +139,11 @@ def test_a_run_that_raises_is_a_row(monkeypatch: pytest.MonkeyPatch) -> None:
     usual = run_faults(case)
     monkeypatch.setattr(Scenario, "run", raising)
     row = run_faults(case)
-    assert (row["end"], row["cause"], row["passed"]) == ("error", "FloatingPointError: overflow of all", False)
+    assert (row["end"], row["cause"], row["passed"]) == (
+        "error",
+        "FloatingPointError: overflow of all",
+        False,
+    )
     assert row.keys() == usual.keys()
     assert by_kind([usual, row])[0]["runs"] == 2
 
@@ -126,7 +157,9 @@ def sunk(record: Record, rows: slice, depth: float) -> Record:
 
 
 def in_phase(record: Record, name: str) -> np.ndarray:
-    return np.flatnonzero(record["phase"] == [phase.name for phase in record.meta.phases].index(name))
+    return np.flatnonzero(
+        record["phase"] == [phase.name for phase in record.meta.phases].index(name)
+    )
 
 
 def test_contact_on_the_way_is_none_of_the_landing(scenario: Scenario, record: Record) -> None:
@@ -135,17 +168,28 @@ def test_contact_on_the_way_is_none_of_the_landing(scenario: Scenario, record: R
     assert contact.seconds == pytest.approx(20 * scenario.dt)
     assert contact.depth == pytest.approx(0.03, abs=1e-3)
     assert not contact.at_the_end
-    assert contact_outside_landing(scenario, sunk(record, slice(first, first + 20), 0.03), 0.05).seconds == 0.0
+    assert (
+        contact_outside_landing(
+            scenario, sunk(record, slice(first, first + 20), 0.03), 0.05
+        ).seconds
+        == 0.0
+    )
 
 
-def test_contact_that_the_mission_goes_on_from_is_its_landing(scenario: Scenario, record: Record) -> None:
+def test_contact_that_the_mission_goes_on_from_is_its_landing(
+    scenario: Scenario, record: Record
+) -> None:
     touch = int(in_phase(record, "C")[-3])
     assert contact_outside_landing(scenario, sunk(record, slice(touch, None), 0.03)).seconds == 0.0
 
 
-def test_pushing_into_the_floor_without_landing_is_contact_at_the_end(scenario: Scenario, record: Record) -> None:
+def test_pushing_into_the_floor_without_landing_is_contact_at_the_end(
+    scenario: Scenario, record: Record
+) -> None:
     cut = int(in_phase(record, "C")[-1])
-    short = Record(series={name: values[:cut] for name, values in record.series.items()}, meta=record.meta)
+    short = Record(
+        series={name: values[:cut] for name, values in record.series.items()}, meta=record.meta
+    )
     contact = contact_outside_landing(scenario, sunk(short, slice(cut - 30, None), 0.03))
     assert contact.at_the_end
     assert contact.seconds == pytest.approx(30 * scenario.dt)
@@ -154,7 +198,10 @@ def test_pushing_into_the_floor_without_landing_is_contact_at_the_end(scenario: 
 def test_what_is_no_number_is_as_bad_as_can_be(scenario: Scenario, record: Record) -> None:
     q = record["q"][:20].copy()
     q[5:] = np.nan
-    broken = Record(series={**{name: values[:20] for name, values in record.series.items()}, "q": q}, meta=record.meta)
+    broken = Record(
+        series={**{name: values[:20] for name, values in record.series.items()}, "q": q},
+        meta=record.meta,
+    )
     assert joint_excess(scenario.robot, q) == np.inf
     assert arm_height(scenario, q) == -np.inf
     assert astray(record["q"][:, :3], q) == np.inf
@@ -164,8 +211,11 @@ def test_what_is_no_number_is_as_bad_as_can_be(scenario: Scenario, record: Recor
 
 
 def test_excess_and_distance_are_those_of_the_truth(scenario: Scenario, record: Record) -> None:
-    q, joints = record["q"].copy(), scenario.robot.joint_q
-    q[7, joints] = scenario.robot.limits.position_upper + np.linspace(0.0, 0.03, scenario.robot.n_joints)
+    q = record["q"].copy()
+    joints = scenario.robot.joint_q
+    q[7, joints] = scenario.robot.limits.position_upper + np.linspace(
+        0.0, 0.03, scenario.robot.n_joints
+    )
     assert joint_excess(scenario.robot, q) == pytest.approx(0.03)
     assert joint_excess(scenario.robot, record["q"]) == 0.0
     limits = scenario.robot.limits.velocity
@@ -176,11 +226,15 @@ def test_excess_and_distance_are_those_of_the_truth(scenario: Scenario, record: 
     assert astray(record["q"][:, :3], q) == pytest.approx(50.0, abs=0.5)
 
 
-@pytest.mark.parametrize(("share", "t", "passes"), [(1.01, 5.0, False), (1.05, 5.0, True), (1.1, 8.3, False), (1.3, 8.3, True)])
+@pytest.mark.parametrize(
+    ("share", "t", "passes"),
+    [(1.01, 5.0, False), (1.05, 5.0, True), (1.1, 8.3, False), (1.3, 8.3, True)],
+)
 def test_rates_may_pass_their_limits_by_more_as_a_fault_begins(
     share: float, t: float, passes: bool, scenario: Scenario, record: Record
 ) -> None:
-    v, joint = 0.0 * record["v"], scenario.robot.joint_v.start
+    v = 0.0 * record["v"]
+    joint = scenario.robot.joint_v.start
     v[np.searchsorted(record["t"], t), joint] = share * scenario.robot.limits.velocity[joint]
     moved = Record(series={**record.series, "v": v}, meta=record.meta)
     assert passes_rates(scenario.robot, moved, [8.0]) is passes
@@ -200,5 +254,7 @@ def test_rates_may_pass_their_limits_by_more_as_a_fault_begins(
         (["altimeter:frozen"], "measurements are 0.60 s old: holding", False),
     ],
 )
-def test_a_cause_is_named_by_any_of_its_names(faults_: list[str], text: str, named: bool, scenario: Scenario) -> None:
+def test_a_cause_is_named_by_any_of_its_names(
+    faults_: list[str], text: str, named: bool, scenario: Scenario
+) -> None:
     assert is_named(parse_faults(faults_), scenario.robot, ["", text]) is named

@@ -12,7 +12,9 @@ from studies.study import Study
 
 from uvms_ocp.campaign.jobs import Row
 
-pytestmark = pytest.mark.filterwarnings("ignore::DeprecationWarning", "ignore::ResourceWarning", "ignore::FutureWarning")
+pytestmark = pytest.mark.filterwarnings(
+    "ignore::DeprecationWarning", "ignore::ResourceWarning", "ignore::FutureWarning"
+)
 
 
 def tell(case: dict[str, Any]) -> Row:
@@ -23,7 +25,9 @@ def tell(case: dict[str, Any]) -> Row:
 
 def study_of(folder: Path, n: int) -> Study:
     cases = [{"k": k, "folder": str(folder)} for k in range(n)]
-    return Study(name="squares", title="squares", cases=cases, run_case=tell, summarize=lambda rows: rows)
+    return Study(
+        name="squares", title="squares", cases=cases, run_case=tell, summarize=lambda rows: rows
+    )
 
 
 def ran(folder: Path) -> list[int]:

@@ -43,9 +43,14 @@ def test_what_the_program_finds_is_read_as_it_was_written(tmp_path: Path) -> Non
     (tmp_path / "solve.py").write_text(PROGRAM)
     program.write_text(f'#!/bin/sh\nexec "{sys.executable}" "{tmp_path / "solve.py"}" "$@"\n')
     program.chmod(0o755)
-    kinds = (lambda rng: random_hierarchy(rng, 7, (7, 2, 3, 2, 7)), lambda rng: dependent_hierarchy(rng, 13, (6, 6, 3, 13), 0.0))
+    kinds = (
+        lambda rng: random_hierarchy(rng, 7, (7, 2, 3, 2, 7)),
+        lambda rng: dependent_hierarchy(rng, 13, (6, 6, 3, 13), 0.0),
+    )
     sets = [
-        Problem(name=str(k), warm=False, sets=[make(np.random.default_rng(seed)) for seed in range(3)])
+        Problem(
+            name=str(k), warm=False, sets=[make(np.random.default_rng(seed)) for seed in range(3)]
+        )
         for k, make in enumerate(kinds)
     ]
     found = lexls_results(program, sets, passes=1)

@@ -12,7 +12,11 @@ from uvms_ocp.solvers.nlp.level_solver import NlpOptions
 
 @pytest.mark.parametrize("convergence", [1e-6, 1e-8])
 def test_a_last_step_that_breaks_limits_is_not_taken(convergence: float) -> None:
-    planner = Planner(limited_problem(40), NlpOptions(plugin="stagewise", convergence=convergence), wait_for_compiler=True)
+    planner = Planner(
+        limited_problem(40),
+        NlpOptions(plugin="stagewise", convergence=convergence),
+        wait_for_compiler=True,
+    )
     plan = planner.plan(guess=hold_guess(planner.problem), diagnose=False)
     assert plan.levels[0].status in ("solved", "inexact")
     assert plan.result.violation <= planner.options.feasibility

@@ -18,19 +18,27 @@ RESULTS = SCRIPTS / "results"
 READY = [benchmark for benchmark in BENCHMARKS if not benchmark.missing]
 MISSING = sorted({benchmark.missing for benchmark in BENCHMARKS if benchmark.missing})
 LEFT_OUT = f"{len(BENCHMARKS) - len(READY)} benchmarks, see CONTRIBUTING: {'; '.join(MISSING)}"
-ELSEWHERE = [pytest.param(None, marks=pytest.mark.skip(reason=LEFT_OUT), id="elsewhere")] if MISSING else []
+ELSEWHERE = (
+    [pytest.param(None, marks=pytest.mark.skip(reason=LEFT_OUT), id="elsewhere")] if MISSING else []
+)
 """One line for what cannot run here."""
 
 
 def paced(benchmark: Benchmark) -> Any:
     """With its mark: most are long, and one that is not shows the writer of all files at work."""
-    return benchmark if benchmark.script == "calls" else pytest.param(benchmark, marks=pytest.mark.slow)
+    return (
+        benchmark
+        if benchmark.script == "calls"
+        else pytest.param(benchmark, marks=pytest.mark.slow)
+    )
 
 
 def run(*words: str) -> subprocess.CompletedProcess[str]:
     environment = os.environ | {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"}
     command = [sys.executable, *words]
-    return subprocess.run(command, cwd=ROOT, env=environment, capture_output=True, text=True, timeout=600, check=False)
+    return subprocess.run(
+        command, cwd=ROOT, env=environment, capture_output=True, text=True, timeout=600, check=False
+    )
 
 
 def recorded() -> dict[str, tuple[int, int]]:
@@ -46,7 +54,10 @@ def test_a_benchmark_writes_its_files_with_one_head(benchmark: Benchmark, tmp_pa
     assert process.returncode == 0, process.stderr
     assert recorded() == before
     report = f"{benchmark.files[0]}.md"
-    assert {path.name for path in tmp_path.iterdir()} == {report, *(f"{name}.csv" for name in benchmark.files)}
+    assert {path.name for path in tmp_path.iterdir()} == {
+        report,
+        *(f"{name}.csv" for name in benchmark.files),
+    }
     head = [line.strip() for line in (tmp_path / report).read_text().splitlines()[2:6]]
     assert head[0].startswith(f"Written by `python benchmarks/{benchmark.script}.py ")
     assert "of the processors" in head[3]
@@ -64,7 +75,15 @@ def test_two_versions_can_be_compared(tmp_path: Path) -> None:
     script = str(SCRIPTS / "same_numbers.py")
     process = run(script, "--record", str(tmp_path), "--quick")
     assert process.returncode == 0, process.stdout + process.stderr
-    again = (script, "--against", str(tmp_path), "--quick", "--only", "kinematic-lexls", "minimum-snap")
+    again = (
+        script,
+        "--against",
+        str(tmp_path),
+        "--quick",
+        "--only",
+        "kinematic-lexls",
+        "minimum-snap",
+    )
     process = run(*again)
     assert process.returncode == 0, process.stdout + process.stderr
     assert process.stdout.count("same bits") == 2
@@ -73,7 +92,10 @@ def test_two_versions_can_be_compared(tmp_path: Path) -> None:
 
 
 def test_every_script_is_listed() -> None:
-    assert {path.stem for path in SCRIPTS.glob("*.py")} == {*TOOLS, *(benchmark.script for benchmark in BENCHMARKS)}
+    assert {path.stem for path in SCRIPTS.glob("*.py")} == {
+        *TOOLS,
+        *(benchmark.script for benchmark in BENCHMARKS),
+    }
 
 
 def test_every_recorded_file_has_a_benchmark_that_writes_it() -> None:
@@ -95,4 +117,7 @@ def test_a_recorded_file_states_the_command_of_its_benchmark() -> None:
 def test_a_quick_run_must_say_where_to_write() -> None:
     process = run(str(SCRIPTS / "gates.py"), "--quick")
     assert process.returncode == 2
-    assert "--quick measures too little to be recorded; give another folder with --out PATH" in process.stderr
+    assert (
+        "--quick measures too little to be recorded; give another folder with --out PATH"
+        in process.stderr
+    )

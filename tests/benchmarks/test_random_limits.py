@@ -1,4 +1,6 @@
-"""Violations of limits are judged from where the robot truly was; studies of nothing are refused."""
+"""Violations of limits are judged from where the robot truly was; studies of nothing are
+refused.
+"""
 
 from __future__ import annotations
 
@@ -30,7 +32,11 @@ def scenario() -> Scenario:
 def at(*configurations: np.ndarray) -> Record:
     """A record whose measured altitude is always 100 m."""
     n = len(configurations)
-    series = {"t": np.arange(n) * 0.1, "q": np.array(configurations), "quantities": np.full((n, 1), 100.0)}
+    series = {
+        "t": np.arange(n) * 0.1,
+        "q": np.array(configurations),
+        "quantities": np.full((n, 1), 100.0),
+    }
     meta = RunMeta(
         scenario="placed",
         robot="any",
@@ -59,16 +65,25 @@ def test_a_start_inside_all_limits_violates_none(scenario: Scenario) -> None:
 
 
 def test_the_altitude_is_that_of_the_true_configuration_above_the_floor(scenario: Scenario) -> None:
-    deep, deeper = (limit_violations(scenario, at(lowered(scenario, depth)))["MAC_m"] for depth in (10.0, 11.0))
+    deep, deeper = (
+        limit_violations(scenario, at(lowered(scenario, depth)))["MAC_m"] for depth in (10.0, 11.0)
+    )
     assert deep > 0.0
     assert deeper - deep == pytest.approx(1.0)
-    raised = replace(scenario, environment=replace(scenario.environment, seafloor=FlatSeafloor(z=-3.5)))
-    assert limit_violations(raised, at(lowered(scenario, 10.0)))["MAC_m"] - deep == pytest.approx(0.5)
+    raised = replace(
+        scenario, environment=replace(scenario.environment, seafloor=FlatSeafloor(z=-3.5))
+    )
+    assert limit_violations(raised, at(lowered(scenario, 10.0)))["MAC_m"] - deep == pytest.approx(
+        0.5
+    )
 
 
 def test_the_worst_tick_counts(scenario: Scenario) -> None:
     alone = limit_violations(scenario, at(lowered(scenario, 10.0)))
-    assert limit_violations(scenario, at(scenario.start, lowered(scenario, 10.0), scenario.start)) == alone
+    assert (
+        limit_violations(scenario, at(scenario.start, lowered(scenario, 10.0), scenario.start))
+        == alone
+    )
 
 
 @pytest.mark.parametrize("index", [2, -1])
@@ -82,15 +97,24 @@ def test_a_configuration_that_is_no_number_violates_limits(scenario: Scenario, i
 
 @pytest.mark.parametrize("value", [np.nan, np.inf, 1e-3])
 def test_a_run_with_a_value_that_is_no_number_counts_as_violated(value: float) -> None:
-    kept = {"joints_rad": 0.0, "MAC_m": 0.0, "largest_step": 1.0, "slowed_share": 0.0, "path_m": 1.0}
-    (total,) = largest([{**kept, "seed": 0}, {**kept, "seed": 1, "MAC_m": value}, {**kept, "seed": 2}])
+    kept = {
+        "joints_rad": 0.0,
+        "MAC_m": 0.0,
+        "largest_step": 1.0,
+        "slowed_share": 0.0,
+        "path_m": 1.0,
+    }
+    (total,) = largest(
+        [{**kept, "seed": 0}, {**kept, "seed": 1, "MAC_m": value}, {**kept, "seed": 2}]
+    )
     assert (total["violated"], total["seeds"]) == (1, "1")
     assert not total["MAC_m"] <= 0.0
 
 
 @pytest.mark.parametrize("study", [random_limits, random_missions])
 @pytest.mark.parametrize(
-    ("n", "seed", "message"), [(0, 0, "n = 0 runs"), (-3, 0, "n = -3 runs"), (1, -1, "seed = -1; give a whole number >= 0")]
+    ("n", "seed", "message"),
+    [(0, 0, "n = 0 runs"), (-3, 0, "n = -3 runs"), (1, -1, "seed = -1; give a whole number >= 0")],
 )
 def test_a_study_of_nothing_or_of_a_negative_seed_is_refused(
     study: Callable[..., Study], n: int, seed: int, message: str

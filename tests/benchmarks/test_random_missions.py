@@ -1,4 +1,6 @@
-"""Random missions: the tests take six of the two hundred that `benchmarks/random_missions.py` makes."""
+"""Random missions: the tests take six of the two hundred that `benchmarks/random_missions.py`
+makes.
+"""
 
 from __future__ import annotations
 
@@ -12,7 +14,9 @@ from studies.study import StudyResult
 from uvms_ocp.scenario.scenario import Scenario
 
 pytestmark = [
-    pytest.mark.filterwarnings("ignore::DeprecationWarning", "ignore::ResourceWarning", "ignore::FutureWarning"),
+    pytest.mark.filterwarnings(
+        "ignore::DeprecationWarning", "ignore::ResourceWarning", "ignore::FutureWarning"
+    ),
     pytest.mark.slow,
 ]
 
@@ -41,21 +45,35 @@ def test_nothing_collides_while_minimum_altitude_or_clearance_is_on(result: Stud
 
 @long_without_compiler
 def test_the_boulder_would_be_hit_without_the_clearance_task() -> None:
-    """Else a clearance kept proves nothing; the first three missions with a boulder, without the task."""
+    """Else a clearance kept proves nothing; the first three missions with a boulder, without the
+    task.
+    """
     scenarios = (random_mission(seed=seed, plant="kinematic") for seed in range(20))
     with_boulder = [scenario for scenario in scenarios if scenario.environment.obstacles][:3]
-    assert any(boulder_clearance(blind(scenario), blind(scenario).run()) < 0.05 for scenario in with_boulder)
+    assert any(
+        boulder_clearance(blind(scenario), blind(scenario).run()) < 0.05
+        for scenario in with_boulder
+    )
 
 
 def blind(scenario: Scenario) -> Scenario:
-    phases = tuple(replace(phase, activations={**phase.activations, "CL": 0.0}) for phase in scenario.mission.phases)
+    phases = tuple(
+        replace(phase, activations={**phase.activations, "CL": 0.0})
+        for phase in scenario.mission.phases
+    )
     return replace(scenario, mission=replace(scenario.mission, phases=phases), duration=30.0)
 
 
 @long_without_compiler
 def test_what_is_refused_has_a_reason(result: StudyResult) -> None:
     assert all(row["text"] for row in result.cases)
-    assert {row["cause"] for row in result.cases} <= {"completed", "refused", "given up", "stalled", "slow"}
+    assert {row["cause"] for row in result.cases} <= {
+        "completed",
+        "refused",
+        "given up",
+        "stalled",
+        "slow",
+    }
 
 
 @long_without_compiler
@@ -66,7 +84,8 @@ def test_a_mission_on_the_dynamic_plant_in_a_current_completes() -> None:
 
 
 def test_the_same_seed_gives_the_same_mission() -> None:
-    first, second = random_mission(seed=5), random_mission(seed=5)
+    first = random_mission(seed=5)
+    second = random_mission(seed=5)
     assert (first.start == second.start).all()
     assert first.markers == second.markers
     assert first.markers != random_mission(seed=6).markers

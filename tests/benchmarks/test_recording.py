@@ -15,7 +15,13 @@ from recording.timing import built, timed
 
 
 def head(others: float | None) -> Head:
-    return Head(command="python benchmarks/x.py", date="today", versions="a 1, b 2", machine="here", others=others)
+    return Head(
+        command="python benchmarks/x.py",
+        date="today",
+        versions="a 1, b 2",
+        machine="here",
+        others=others,
+    )
 
 
 def times(total: float, busy: float, own: float) -> ProcessorTimes:
@@ -23,7 +29,8 @@ def times(total: float, busy: float, own: float) -> ProcessorTimes:
 
 
 def test_what_others_use_is_what_is_busy_and_not_ours() -> None:
-    before, after = times(1000.0, 300.0, 20.0), times(1200.0, 400.0, 90.0)
+    before = times(1000.0, 300.0, 20.0)
+    after = times(1200.0, 400.0, 90.0)
     assert before.others_until(after) == pytest.approx(15.0)
     assert before.others_until(before) == 0.0
     assert before.others_until(times(1010.0, 305.0, 25.1)) == 0.0  # clocks of the two tick apart
@@ -45,8 +52,10 @@ def test_a_busy_machine_is_told_in_the_head() -> None:
     assert head(QUIET).load == "Other programs used 10.0 % of the processors"
     assert head(QUIET).quiet
     assert not head(QUIET + 0.1).quiet
-    assert head(12.34).lines()[-1] == (
-        "Other programs used 12.3 % of the processors, more than 10 %: times are partly theirs, record again."
+    assert (
+        head(12.34).lines()[-1]
+        == "Other programs used 12.3 % of the processors, more than 10 %: times are partly theirs,"
+        " record again."
     )
     assert "does not tell" in head(None).load
 
@@ -56,9 +65,18 @@ def test_both_files_begin_with_the_same_head(tmp_path: Path) -> None:
     report = Report(name="some", title="Some", prose="Words.", tables=[Table(rows=rows)])
     assert [path.name for path in report.write(tmp_path, head(3.0))] == ["some.md", "some.csv"]
     markdown, csv = ((tmp_path / f"some.{kind}").read_text().splitlines() for kind in ("md", "csv"))
-    assert [line.removeprefix("# ") for line in csv[:4]] == [line.strip() for line in markdown[2:6]] == head(3.0).lines()
+    assert (
+        [line.removeprefix("# ") for line in csv[:4]]
+        == [line.strip() for line in markdown[2:6]]
+        == head(3.0).lines()
+    )
     assert csv[4:] == ["a,b,c", "1,0.123456,", "2,,x|y"]
-    assert markdown[-4:] == ["| a | b | c |", "|---|---|---|", "| 1 | 0.123 |  |", "| 2 |  | x\\|y |"]
+    assert markdown[-4:] == [
+        "| a | b | c |",
+        "|---|---|---|",
+        "| 1 | 0.123 |  |",
+        "| 2 |  | x\\|y |",
+    ]
 
 
 def test_a_head_names_the_date_the_versions_and_the_peers() -> None:
@@ -75,9 +93,12 @@ def test_a_command_shows_no_folder_of_the_machine() -> None:
     assert command_line(words) == "python benchmarks/x.py --n 3 --out PATH --name 'two words'"
 
 
-def test_everything_is_called_once_to_warm_up_and_then_as_often_as_told(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_everything_is_called_once_to_warm_up_and_then_as_often_as_told(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
     calls: list[int] = []
-    walls, cpus = iter([0.0, 9.0, 10.0, 13.0, 20.0, 25.0, 30.0, 39.0]), iter([0.0, 2.0, 2.0, 5.0, 5.0, 6.0, 6.0, 10.0])
+    walls = iter([0.0, 9.0, 10.0, 13.0, 20.0, 25.0, 30.0, 39.0])
+    cpus = iter([0.0, 2.0, 2.0, 5.0, 5.0, 6.0, 6.0, 10.0])
     monkeypatch.setattr("recording.timing.perf_counter", lambda: next(walls))
     monkeypatch.setattr("recording.timing.process_time", lambda: next(cpus))
     found = timed(lambda: calls.append(len(calls)) or len(calls), 4)
@@ -86,7 +107,9 @@ def test_everything_is_called_once_to_warm_up_and_then_as_often_as_told(monkeypa
     assert (found.wall, found.cpu) == (3.0, 1.0)  # the least of each, the warming up aside
 
 
-def test_a_cold_build_has_an_empty_cache_of_its_own(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+def test_a_cold_build_has_an_empty_cache_of_its_own(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
     monkeypatch.setenv("UVMS_OCP_CACHE", str(tmp_path))
     seen = built(lambda: Path(os.environ["UVMS_OCP_CACHE"]), cold=True).value
     assert seen != tmp_path

@@ -1,4 +1,6 @@
-"""Two versions compute the same numbers where all bits are the same, whatever the numbers are called."""
+"""Two versions compute the same numbers where all bits are the same, whatever the numbers are
+called.
+"""
 
 from __future__ import annotations
 
@@ -32,7 +34,9 @@ def test_a_difference_is_relative_to_the_largest_value_of_its_array() -> None:
         {"q": GOLDEN["q"][:1]},
     ],
 )
-def test_nothing_tolerates_other_counts_shapes_or_what_is_no_number(other: dict[str, np.ndarray]) -> None:
+def test_nothing_tolerates_other_counts_shapes_or_what_is_no_number(
+    other: dict[str, np.ndarray],
+) -> None:
     assert judged(GOLDEN, GOLDEN | other).difference == np.inf
 
 
@@ -48,10 +52,15 @@ def test_a_column_with_another_name_is_found_by_its_bits() -> None:
     assert (found.difference, found.text.endswith("q is now configuration")) == (0.0, True)
 
 
-def test_names_are_replaced_word_by_word_in_columns_and_sources(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_names_are_replaced_word_by_word_in_columns_and_sources(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
     monkeypatch.setitem(same_numbers.RENAMED, "q", "configuration")
     golden = {"report/q/max": np.array(2.0), "controller.c": np.array("double q[3], q0[3];")}
-    now = {"report/configuration/max": np.array(2.0 + 1e-15), "controller.c": np.array("double configuration[3], q0[3];")}
+    now = {
+        "report/configuration/max": np.array(2.0 + 1e-15),
+        "controller.c": np.array("double configuration[3], q0[3];"),
+    }
     found = judged(golden, now)
     assert 0.0 < found.difference < 1e-15
     assert "missing" not in found.text
@@ -59,7 +68,9 @@ def test_names_are_replaced_word_by_word_in_columns_and_sources(monkeypatch: pyt
 
 def test_a_class_is_found_wherever_it_is_defined() -> None:
     assert find("NlpOptions").__name__ == "NlpOptions"
-    with pytest.raises(LookupError, match="NoSuchClass is defined in no module; give --renamed NoSuchClass=NEW"):
+    with pytest.raises(
+        LookupError, match="NoSuchClass is defined in no module; give --renamed NoSuchClass=NEW"
+    ):
         find("NoSuchClass")
 
 

@@ -19,7 +19,9 @@ def mistyped(name: str) -> dict[str, Any]:
 
 @pytest.mark.slow
 def test_a_study_in_processes_tells_the_mistake_of_a_case() -> None:
-    study = Study(name="a", title="b", cases=("giorna", "nautilus"), run_case=mistyped, summarize=list)
+    study = Study(
+        name="a", title="b", cases=("giorna", "nautilus"), run_case=mistyped, summarize=list
+    )
     with pytest.raises(InvalidInput, match=r"2 of 2 cases .*unknown robot 'giorna'"):
         study.run(workers=2)
 

@@ -10,7 +10,9 @@ from studies.study import StudyResult
 from studies.table2 import FLOORS, PAPER, THRESHOLDS, run_transit, table2, verdict
 
 pytestmark = [
-    pytest.mark.filterwarnings("ignore::DeprecationWarning", "ignore::ResourceWarning", "ignore::FutureWarning"),
+    pytest.mark.filterwarnings(
+        "ignore::DeprecationWarning", "ignore::ResourceWarning", "ignore::FutureWarning"
+    ),
     pytest.mark.slow,
 ]
 
@@ -41,13 +43,20 @@ def test_a_higher_threshold_never_comes_nearer_to_the_floor(result: StudyResult)
 
 def test_the_dynamic_plant_keeps_the_same_clearance() -> None:
     case = {"floor": "small", "threshold_m": 1.0, "seed": 1, "length_m": 10.0}
-    kinematic, dynamic = (run_transit({**case, "plant": plant})["clearance_m"] for plant in ("kinematic", "dynamic"))
+    kinematic, dynamic = (
+        run_transit({**case, "plant": plant})["clearance_m"] for plant in ("kinematic", "dynamic")
+    )
     assert dynamic == pytest.approx(kinematic, abs=0.01)
 
 
 @pytest.mark.parametrize(
     ("clearances", "words"),
-    [([1.0, 2.0], "safe"), ([1.0, 0.3], "not always safe"), ([0.2, 0.3], "not completely safe"), ([1.0, -0.1], "not safe")],
+    [
+        ([1.0, 2.0], "safe"),
+        ([1.0, 0.3], "not always safe"),
+        ([0.2, 0.3], "not completely safe"),
+        ([1.0, -0.1], "not safe"),
+    ],
 )
 def test_the_words_follow_from_the_clearances(clearances: list[float], words: str) -> None:
     assert verdict(clearances) == words

@@ -14,13 +14,24 @@ from uvms_ocp.campaign.jobs import OverTime, time_limit
 from uvms_ocp.campaign.store import read_table
 from uvms_ocp.errors import InvalidInput, OutputError
 
-pytestmark = pytest.mark.filterwarnings("ignore::DeprecationWarning", "ignore::ResourceWarning", "ignore::FutureWarning")
+pytestmark = pytest.mark.filterwarnings(
+    "ignore::DeprecationWarning", "ignore::ResourceWarning", "ignore::FutureWarning"
+)
 
 
 @pytest.mark.slow
-def test_a_raising_run_is_a_row_with_its_text_and_a_deadly_one_too_and_none_else_is_blamed(tmp_path: Path) -> None:
-    work, told = TrivialRuns(pause=0.4, deadly=frozenset({3}), broken=frozenset({5})), []
-    run_jobs(tmp_path, identity_of(work, 10), work, workers=2, progress=lambda *numbers: told.append(numbers))
+def test_a_raising_run_is_a_row_with_its_text_and_a_deadly_one_too_and_none_else_is_blamed(
+    tmp_path: Path,
+) -> None:
+    work = TrivialRuns(pause=0.4, deadly=frozenset({3}), broken=frozenset({5}))
+    told = []
+    run_jobs(
+        tmp_path,
+        identity_of(work, 10),
+        work,
+        workers=2,
+        progress=lambda *numbers: told.append(numbers),
+    )
     table = read_table(tmp_path).set_index("run")
     assert table.index.tolist() == list(range(10))
     assert table["outcome"][table["outcome"] != "completed"].to_dict() == {3: "killed", 5: "error"}
@@ -36,7 +47,10 @@ def test_a_run_without_end_is_a_row_that_says_so_and_the_others_go_on(tmp_path: 
     run_jobs(tmp_path, identity_of(work, 8), work, workers=1, limit=1.5)
     table = read_table(tmp_path).set_index("run")
     assert table.index.tolist() == list(range(8))
-    assert table["outcome"][table["outcome"] != "completed"].to_dict() == {2: "time limit", 4: "time limit"}
+    assert table["outcome"][table["outcome"] != "completed"].to_dict() == {
+        2: "time limit",
+        4: "time limit",
+    }
     assert table["cause"][2].startswith("not over after 1.5 s, and stopped")
     assert "trivial_runs.py:" in table["cause"][2]
     assert table["share"].tolist() == [run / 7.0 for run in range(8)]
@@ -44,7 +58,10 @@ def test_a_run_without_end_is_a_row_that_says_so_and_the_others_go_on(tmp_path: 
 
 def test_a_time_that_is_over_ends_the_block_whatever_it_catches_and_never_what_follows() -> None:
     for seconds in (0.0, 0.01, 0.1):
-        with pytest.raises(OverTime), time_limit(seconds, stuck=lambda: pytest.fail("it was not stuck")):
+        with (
+            pytest.raises(OverTime),
+            time_limit(seconds, stuck=lambda: pytest.fail("it was not stuck")),
+        ):
             while True:
                 try:
                     time.sleep(0.001)
@@ -83,7 +100,9 @@ def test_a_cluster_at_an_address_loses_a_worker_and_gets_another(tmp_path: Path)
     assert len(processes.workers) == 3
 
 
-def test_on_a_cluster_of_others_only_the_run_that_ends_processes_by_itself_is_blamed(tmp_path: Path) -> None:
+def test_on_a_cluster_of_others_only_the_run_that_ends_processes_by_itself_is_blamed(
+    tmp_path: Path,
+) -> None:
     work = TrivialRuns(pause=0.4, deadly=frozenset({2}))
     with cluster(tmp_path, workers=1) as processes:
 
@@ -92,11 +111,21 @@ def test_on_a_cluster_of_others_only_the_run_that_ends_processes_by_itself_is_bl
                 processes.add_worker()
 
         out = tmp_path / "campaign"
-        run_jobs(out, identity_of(work, 5), work, scheduler=processes.address, progress=replace_the_dead)
-    assert read_table(out)["outcome"].tolist() == ["completed", "completed", "killed", "completed", "completed"]
+        run_jobs(
+            out, identity_of(work, 5), work, scheduler=processes.address, progress=replace_the_dead
+        )
+    assert read_table(out)["outcome"].tolist() == [
+        "completed",
+        "completed",
+        "killed",
+        "completed",
+        "completed",
+    ]
 
 
-def test_an_address_where_nobody_answers_is_an_error_in_one_line(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_an_address_where_nobody_answers_is_an_error_in_one_line(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.setattr("uvms_ocp.campaign.cluster._PATIENCE", 1.0)
     work = TrivialRuns()
     with pytest.raises(OutputError, match=r"no Dask scheduler answers at tcp://127\.0\.0\.1:9"):

@@ -1,4 +1,6 @@
-"""Killed at any moment and started again, a campaign loses nothing that was on the disk, and repeats nothing of it."""
+"""Killed at any moment and started again, a campaign loses nothing that was on the disk, and
+repeats nothing of it.
+"""
 
 from __future__ import annotations
 
@@ -21,11 +23,15 @@ from uvms_ocp.campaign.jobs import VARYING
 from uvms_ocp.campaign.store import part_paths, read_table
 
 pytestmark = [
-    pytest.mark.filterwarnings("ignore::DeprecationWarning", "ignore::ResourceWarning", "ignore::FutureWarning"),
+    pytest.mark.filterwarnings(
+        "ignore::DeprecationWarning", "ignore::ResourceWarning", "ignore::FutureWarning"
+    ),
     pytest.mark.slow,
 ]
-RUNS, KILLS = 40, 2
-PARTS = 2  # that are written before a kill; then runs wait, so that no campaign ends before it is killed
+RUNS = 40
+KILLS = 2
+# that are written before a kill; then runs wait, so that no campaign ends before it is killed
+PARTS = 2
 MISSION = """
 import uvms_ocp as uo
 
@@ -85,20 +91,23 @@ def write_files(folder: Path) -> None:
 @long_without_compiler
 def test_a_campaign_killed_again_and_again_equals_one_that_was_not(tmp_path: Path) -> None:
     write_files(tmp_path)
-    draw, known = random.Random(16), set[int]()
+    draw = random.Random(16)
+    known = set[int]()
     with cluster(tmp_path) as processes:
         for kill in range(KILLS):
             (tmp_path / "next").write_text(str(len(part_paths(tmp_path / "killed")) + PARTS))
             (tmp_path / "next").replace(tmp_path / "limit")  # whole whenever it is read
             with client(tmp_path, "--scheduler", processes.address) as process:
-                known = _killed(process, processes, tmp_path / "killed", known, draw, worker=kill == 1)
+                known = _killed(
+                    process, processes, tmp_path / "killed", known, draw, worker=kill == 1
+                )
         (tmp_path / "limit").unlink()
         with client(tmp_path, "--scheduler", processes.address) as last:
             told, _ = last.communicate(timeout=300)
         assert last.returncode == 0, told
-    whole = Campaign(scenario=str(tmp_path / "mission.py"), variations=str(tmp_path / "variations.py"), runs=RUNS).run(
-        tmp_path / "whole", workers=1
-    )
+    whole = Campaign(
+        scenario=str(tmp_path / "mission.py"), variations=str(tmp_path / "variations.py"), runs=RUNS
+    ).run(tmp_path / "whole", workers=1)
     table = read_table(tmp_path / "killed")
     assert table["run"].tolist() == list(range(RUNS))
     assert table.drop(columns=[*VARYING]).equals(whole.drop(columns=[*VARYING]))
@@ -106,9 +115,17 @@ def test_a_campaign_killed_again_and_again_equals_one_that_was_not(tmp_path: Pat
 
 
 def _killed(
-    process: subprocess.Popen[str], processes: Cluster, folder: Path, known: set[int], draw: random.Random, *, worker: bool
+    process: subprocess.Popen[str],
+    processes: Cluster,
+    folder: Path,
+    known: set[int],
+    draw: random.Random,
+    *,
+    worker: bool,
 ) -> set[int]:
-    """Runs that are on the disk after the client was killed, at some moment after more of them got there."""
+    """Runs that are on the disk after the client was killed, at some moment after more of them got
+    there.
+    """
     while process.poll() is None and len(finished(folder)) < len(known) + 1:
         time.sleep(0.2)
     if worker:
@@ -123,9 +140,13 @@ def _killed(
     return after
 
 
-def test_an_interrupt_of_the_whole_terminal_ends_the_command_cleanly_and_says_how_to_go_on(tmp_path: Path) -> None:
+def test_an_interrupt_of_the_whole_terminal_ends_the_command_cleanly_and_says_how_to_go_on(
+    tmp_path: Path,
+) -> None:
     write_files(tmp_path)
-    with client(tmp_path, "--workers", "1", "--runs", "3000", start_new_session=True) as process:  # far from its end
+    with client(
+        tmp_path, "--workers", "1", "--runs", "3000", start_new_session=True
+    ) as process:  # far from its end
         while process.poll() is None and not finished(tmp_path / "killed"):
             time.sleep(0.2)
         os.killpg(process.pid, signal.SIGINT)

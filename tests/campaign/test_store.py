@@ -47,7 +47,9 @@ def test_rows_are_on_the_disk_when_the_block_ends_in_an_interrupt(tmp_path: Path
     assert read_table(tmp_path)["run"].tolist() == [2]
 
 
-def test_rows_that_have_waited_go_to_the_disk_by_themselves(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_rows_that_have_waited_go_to_the_disk_by_themselves(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.setattr("uvms_ocp.campaign.store._BATCH_AGE", 0.0)
     with opened(tmp_path, identity_of(WORK, 20), {}) as campaign:
         campaign.add(attempt_job(WORK, 2, "here"))
@@ -82,11 +84,17 @@ def test_a_hypercube_cannot_grow(tmp_path: Path) -> None:
         pass
 
 
-@pytest.mark.parametrize("change", [{"runs": 19}, {"seed": 1}, {"package": "0"}, {"parameters": {"a": "Uniform(0, 1)"}}])
-def test_another_campaign_is_refused_and_what_differs_is_named(tmp_path: Path, change: dict[str, object]) -> None:
+@pytest.mark.parametrize(
+    "change", [{"runs": 19}, {"seed": 1}, {"package": "0"}, {"parameters": {"a": "Uniform(0, 1)"}}]
+)
+def test_another_campaign_is_refused_and_what_differs_is_named(
+    tmp_path: Path, change: dict[str, object]
+) -> None:
     made(tmp_path, [1])
     with (
-        pytest.raises(InvalidInput, match=f"another campaign is there; not the same: {next(iter(change))}"),
+        pytest.raises(
+            InvalidInput, match=f"another campaign is there; not the same: {next(iter(change))}"
+        ),
         opened(tmp_path, identity_of(WORK, **({"runs": 20} | change)), {}),
     ):
         pass
@@ -110,7 +118,10 @@ def test_sources_that_cannot_be_kept_are_told_in_one_line(tmp_path: Path) -> Non
 
 
 def test_one_process_at_a_time(tmp_path: Path) -> None:
-    with opened(tmp_path, identity_of(WORK, 20), {}), pytest.raises(OutputError, match="another command writes there"):
+    with (
+        opened(tmp_path, identity_of(WORK, 20), {}),
+        pytest.raises(OutputError, match="another command writes there"),
+    ):
         made(tmp_path, [1])
 
 
@@ -136,7 +147,9 @@ def test_parts_are_joined_and_cut_off_meanwhile_each_row_still_counts_once(
     for run in range(4):
         made(tmp_path, [run])
     before = read_table(tmp_path)
-    monkeypatch.setattr(Path, "unlink", lambda self, **_: None)  # killed before the old ones are gone
+    monkeypatch.setattr(
+        Path, "unlink", lambda self, **_: None
+    )  # killed before the old ones are gone
     with opened(tmp_path, identity_of(WORK, 20), {}) as campaign:
         campaign._join()
     monkeypatch.undo()
@@ -156,7 +169,9 @@ def test_records_and_copies_are_kept_whole(tmp_path: Path) -> None:
     made(tmp_path, [3], work=TrivialRuns(kept=True))
     assert (tmp_path / "records" / "run-00000003.npz").read_bytes() == b"whole"
     assert (tmp_path / "sources" / "scenario" / "a.txt").read_bytes() == b"copy"
-    assert not [name for _, _, names in os.walk(tmp_path) for name in names if name.endswith(".tmp")]
+    assert not [
+        name for _, _, names in os.walk(tmp_path) for name in names if name.endswith(".tmp")
+    ]
 
 
 def test_what_is_no_campaign_is_told(tmp_path: Path) -> None:

@@ -30,7 +30,18 @@ JUNK = (None, "", "x", -1, 0, 1.5, 1e400, True, [], {}, [1], {"a": 1}, "5", -40)
 
 def value_of_the_manifest(rng: np.random.Generator, manifest: Manifest, rows: Any) -> None:
     name = rng.choice(
-        ["runs", "sampler", "records", "parameters", "columns", "scenario", "variations", "name", "package", "version"]
+        [
+            "runs",
+            "sampler",
+            "records",
+            "parameters",
+            "columns",
+            "scenario",
+            "variations",
+            "name",
+            "package",
+            "version",
+        ]
     )
     manifest[name] = JUNK[rng.integers(len(JUNK))]
     if isinstance(manifest[name], str) and name == "name":
@@ -45,7 +56,11 @@ def key_of_the_manifest(rng: np.random.Generator, manifest: Manifest, rows: Any)
 def kind_of_a_column(rng: np.random.Generator, manifest: Manifest, rows: Any) -> None:
     name = rng.choice(sorted(manifest["columns"]))
     manifest["columns"][name] = rng.choice(
-        [kind for kind in ("int", "float", "str", "bool", "os", "") if kind != manifest["columns"][name]]
+        [
+            kind
+            for kind in ("int", "float", "str", "bool", "os", "")
+            if kind != manifest["columns"][name]
+        ]
     )
 
 
@@ -72,12 +87,24 @@ def one_run_number(rng: np.random.Generator, manifest: Manifest, rows: Any) -> A
 
 def missing_value(rng: np.random.Generator, manifest: Manifest, rows: Any) -> Any:
     name = rng.choice(["run", "seed", "start.x", "outcome", "success", "version"])
-    return rows.assign(**{name: rows[name].astype(object).where(np.arange(len(rows)) != rng.integers(len(rows)), None)})
+    return rows.assign(
+        **{
+            name: rows[name]
+            .astype(object)
+            .where(np.arange(len(rows)) != rng.integers(len(rows)), None)
+        }
+    )
 
 
 def kind_of_the_rows(rng: np.random.Generator, manifest: Manifest, rows: Any) -> Any:
     name = rng.choice(rows.columns)
-    return rows.assign(**{name: [f"{value}!" for value in rows[name]] if rows[name].dtype != object else np.arange(len(rows))})
+    return rows.assign(
+        **{
+            name: [f"{value}!" for value in rows[name]]
+            if rows[name].dtype != object
+            else np.arange(len(rows))
+        }
+    )
 
 
 def column_of_the_rows(rng: np.random.Generator, manifest: Manifest, rows: Any) -> Any:
@@ -91,12 +118,17 @@ def another_column(rng: np.random.Generator, manifest: Manifest, rows: Any) -> A
 
 def row_that_is_there_twice(rng: np.random.Generator, manifest: Manifest, rows: Any) -> Any:
     again = rows.iloc[[int(rng.integers(len(rows)))]].assign(duration_s=float(rng.random()))
-    return rows.loc[[*rows.index, *again.index]].assign(duration_s=[*rows["duration_s"], *again["duration_s"]])
+    return rows.loc[[*rows.index, *again.index]].assign(
+        duration_s=[*rows["duration_s"], *again["duration_s"]]
+    )
 
 
 def status(rng: np.random.Generator, manifest: Manifest, rows: Any) -> Any:
     return rows.assign(
-        outcome=str(rng.choice(["solved", "", "Completed", "completed ", "<b>completed</b>", "os:system"])), success=False
+        outcome=str(
+            rng.choice(["solved", "", "Completed", "completed ", "<b>completed</b>", "os:system"])
+        ),
+        success=False,
     )
 
 
@@ -120,11 +152,21 @@ def version_of_a_run(rng: np.random.Generator, manifest: Manifest, rows: Any) ->
 def words(rng: np.random.Generator, manifest: Manifest, rows: Any) -> None:
     part = rng.choice(["scenario", "variations"])
     name = rng.choice(["words", "attribute", "options", "files"])
-    manifest[part][name] = [None, 5, "./other.py", "/etc/hostname.py:x", ["a"], {"../../a.py": "0"}, {"": 1}][rng.integers(7)]
+    manifest[part][name] = [
+        None,
+        5,
+        "./other.py",
+        "/etc/hostname.py:x",
+        ["a"],
+        {"../../a.py": "0"},
+        {"": 1},
+    ][rng.integers(7)]
 
 
 def distribution(rng: np.random.Generator, manifest: Manifest, rows: Any) -> None:
-    manifest["parameters"]["start.x"] = str(rng.choice(["Normal(mean=0.0, sigma=0.2)", "", "Uniform(0, 1)"]))
+    manifest["parameters"]["start.x"] = str(
+        rng.choice(["Normal(mean=0.0, sigma=0.2)", "", "Uniform(0, 1)"])
+    )
 
 
 TAMPERINGS: tuple[Tampering, ...] = (
@@ -163,7 +205,8 @@ def tampered(folder: Path, tampering: Tampering, draw: int) -> str:
     """What was altered."""
     rng = np.random.default_rng([TAMPERINGS.index(tampering), draw])
     before = (STORED / "campaign.json").read_text()
-    manifest, rows = json.loads(before), pq.read_table(PARTS).to_pandas()
+    manifest = json.loads(before)
+    rows = pq.read_table(PARTS).to_pandas()
     changed = tampering(rng, manifest, rows)
     (folder / "campaign.json").write_text(json.dumps(manifest))
     target = folder / "rows" / PARTS.name
@@ -186,7 +229,9 @@ def test_what_was_altered_is_refused_in_one_line(tampering: Tampering, folder: P
         assert len(str(error.value)) < 600, what
 
 
-def test_the_folder_as_it_was_is_believed_and_a_command_ends_with_2_where_it_was_altered(folder: Path) -> None:
+def test_the_folder_as_it_was_is_believed_and_a_command_ends_with_2_where_it_was_altered(
+    folder: Path,
+) -> None:
     shutil.copyfile(STORED / "campaign.json", folder / "campaign.json")
     shutil.copyfile(PARTS, folder / "rows" / PARTS.name)
     assert campaign_report(folder)["finished"] == 6

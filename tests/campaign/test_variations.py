@@ -1,4 +1,6 @@
-"""What is uncertain: distributions agree with scipy.stats, parameters do what they say, and run k is drawn alone."""
+"""What is uncertain: distributions agree with scipy.stats, parameters do what they say, and run k
+is drawn alone.
+"""
 
 from __future__ import annotations
 
@@ -9,8 +11,23 @@ import pytest
 from compiler import long_without_compiler
 from scipy import stats
 
-from uvms_ocp.campaign.distributions import SAMPLERS, Choice, Design, LogNormal, Normal, OfScipy, Triangular, Uniform
-from uvms_ocp.campaign.variations import Variation, available_parameters, quantiles, require_available, vary
+from uvms_ocp.campaign.distributions import (
+    SAMPLERS,
+    Choice,
+    Design,
+    LogNormal,
+    Normal,
+    OfScipy,
+    Triangular,
+    Uniform,
+)
+from uvms_ocp.campaign.variations import (
+    Variation,
+    available_parameters,
+    quantiles,
+    require_available,
+    vary,
+)
 from uvms_ocp.errors import InvalidInput, NameNotFound
 from uvms_ocp.robot.dynamics import robot_dynamics
 from uvms_ocp.robot.hydrodynamics import Water
@@ -36,7 +53,9 @@ def scenario() -> Scenario:
 
 @pytest.mark.parametrize(("ours", "oracle"), ORACLES, ids=lambda item: type(item).__name__)
 def test_quantiles_are_those_of_scipy(ours: object, oracle: object) -> None:
-    assert np.allclose([ours.quantile(u) for u in SHARES], oracle.ppf(SHARES), rtol=1e-12, atol=1e-12)
+    assert np.allclose(
+        [ours.quantile(u) for u in SHARES], oracle.ppf(SHARES), rtol=1e-12, atol=1e-12
+    )
 
 
 def test_a_choice_gives_each_value_as_often() -> None:
@@ -49,8 +68,12 @@ def test_the_ends_of_a_sample_are_finite(ours: Normal | LogNormal) -> None:
     assert np.isfinite([ours.quantile(0.0), ours.quantile(1.0)]).all()
 
 
-def test_of_many_parameters_an_unknown_one_is_refused_with_the_nearest_first_and_where_all_are_listed(scenario: Scenario) -> None:
-    with pytest.raises(NameNotFound, match=r"unknown parameter 'water.darg'\. Did you mean 'water.drag'\?") as refused:
+def test_of_many_parameters_an_unknown_one_is_refused_with_the_nearest_first_and_where_all_are_listed(
+    scenario: Scenario,
+) -> None:
+    with pytest.raises(
+        NameNotFound, match=r"unknown parameter 'water.darg'\. Did you mean 'water.drag'\?"
+    ) as refused:
         require_available([Variation("water.darg", Uniform(0.5, 1.5))], scenario)
     assert "--parameters` lists them" in str(refused.value)
     assert len(str(refused.value)) < 300 < len(", ".join(available_parameters(scenario)))
@@ -68,7 +91,9 @@ def test_what_is_no_distribution_is_refused() -> None:
 
 
 def test_a_parameter_of_ones_own_is_applied(scenario: Scenario) -> None:
-    own = Variation("slowness", Uniform(1.0, 2.0), apply=lambda given, value: replace(given, dt=0.01 * value))
+    own = Variation(
+        "slowness", Uniform(1.0, 2.0), apply=lambda given, value: replace(given, dt=0.01 * value)
+    )
     require_available([own], scenario)
     assert vary(scenario, {"slowness": 1.5}, variations=[own]).dt == 0.015
 
@@ -80,8 +105,12 @@ def test_the_seed_reaches_sensors_and_gusts(scenario: Scenario) -> None:
     assert (run.environment.current.seed, run.environment.current.sigma) == (77, 0.05)
 
 
-def test_drag_is_a_factor_that_the_plant_feels_and_the_controller_does_not_know(scenario: Scenario) -> None:
-    q, still, flow = scenario.start, np.zeros(scenario.robot.n_v), Water(velocity=np.array([0.4, -0.2, 0.1]))
+def test_drag_is_a_factor_that_the_plant_feels_and_the_controller_does_not_know(
+    scenario: Scenario,
+) -> None:
+    q = scenario.start
+    still = np.zeros(scenario.robot.n_v)
+    flow = Water(velocity=np.array([0.4, -0.2, 0.1]))
 
     def force(factor: float) -> np.ndarray:
         run = vary(scenario, {"water.drag": factor}, seed=0)
@@ -102,24 +131,35 @@ def test_mass_and_added_mass_scale_what_resists(scenario: Scenario) -> None:
         run = vary(scenario, named, seed=0)
         return robot_dynamics(run.plant_robot or run.robot).mass_matrix(q)
 
-    nominal, heavy, dry = mass_matrix(), mass_matrix(robot_mass=2.0), mass_matrix(water_added_mass=0.0)
+    nominal = mass_matrix()
+    heavy = mass_matrix(robot_mass=2.0)
+    dry = mass_matrix(water_added_mass=0.0)
     assert np.allclose(heavy - nominal, dry, rtol=1e-8, atol=1e-8)
 
 
 def test_a_payload_weighs_at_the_tool(scenario: Scenario) -> None:
     run = vary(scenario, {"payload.mass": 1.5}, seed=0)
-    q, still = run.start, np.zeros(run.robot.n_v)
-    loaded, bare = (robot_dynamics(robot).inverse_dynamics(q, still, still) for robot in (run.plant_robot, run.robot))
+    q = run.start
+    still = np.zeros(run.robot.n_v)
+    loaded, bare = (
+        robot_dynamics(robot).inverse_dynamics(q, still, still)
+        for robot in (run.plant_robot, run.robot)
+    )
     R = np.array(run.robot.model.gravity.linear)
     assert np.isclose(np.linalg.norm((loaded - bare)[:3]), 1.5 * np.linalg.norm(R), rtol=1e-9)
 
 
 def test_a_parameter_that_there_is_not_is_named_with_those_like_it(scenario: Scenario) -> None:
-    with pytest.raises(NameNotFound, match=r"unknown parameter in values 'tasks.AT.gian'. Did you mean 'tasks.AT.gain'"):
+    with pytest.raises(
+        NameNotFound,
+        match=r"unknown parameter in values 'tasks.AT.gian'. Did you mean 'tasks.AT.gain'",
+    ):
         vary(scenario, {"tasks.AT.gian": 0.3})
 
 
-def test_another_number_is_the_scenario_that_has_it_and_its_randomness_stays(scenario: Scenario) -> None:
+def test_another_number_is_the_scenario_that_has_it_and_its_randomness_stays(
+    scenario: Scenario,
+) -> None:
     changed = vary(replace(scenario, seed=7), {"tasks.AT.gain": 0.3})
     assert next(task for task in changed.mission.hierarchy.tasks if task.name == "AT").gain == 0.3
     assert changed.seed == 7
@@ -127,12 +167,18 @@ def test_another_number_is_the_scenario_that_has_it_and_its_randomness_stays(sce
 
 def test_each_tool_has_a_payload_of_its_own() -> None:
     scenario = two_targets(robot="bluerov2_two_alpha5")
-    tools, q = scenario.robot.tools, scenario.start
+    tools = scenario.robot.tools
+    q = scenario.start
     still = np.zeros(scenario.robot.n_v)
     for name, tool in (("payload.mass", tools[0]), ("payload2.mass", tools[1])):
         run = vary(scenario, {name: 0.5}, seed=0)
-        loaded, bare = (robot_dynamics(robot).inverse_dynamics(q, still, still) for robot in (run.plant_robot, run.robot))
-        weight = Kinematics(run.robot, q).jacobian(tool)[2] * 0.5 * -run.robot.model.gravity.linear[2]
+        loaded, bare = (
+            robot_dynamics(robot).inverse_dynamics(q, still, still)
+            for robot in (run.plant_robot, run.robot)
+        )
+        weight = (
+            Kinematics(run.robot, q).jacobian(tool)[2] * 0.5 * -run.robot.model.gravity.linear[2]
+        )
         assert np.allclose(loaded - bare, weight, rtol=1e-9, atol=1e-9)
 
 
@@ -153,10 +199,20 @@ def test_sensors_change_in_truth_and_not_for_the_estimator(scenario: Scenario) -
     assert run.real_sensors.depth.sigma == 0.2
 
 
-def test_a_delay_is_known_to_the_estimator_and_an_unmodelled_one_comes_on_top(scenario: Scenario) -> None:
-    values = {"sensors.delay": 0.05, "sensors.depth.delay": 0.2, "sensors.depth.unmodelled_delay": 0.03}
+def test_a_delay_is_known_to_the_estimator_and_an_unmodelled_one_comes_on_top(
+    scenario: Scenario,
+) -> None:
+    values = {
+        "sensors.delay": 0.05,
+        "sensors.depth.delay": 0.2,
+        "sensors.depth.unmodelled_delay": 0.03,
+    }
     run = vary(scenario, values, seed=0)
-    assert run.specs.position.delay == run.real_sensors.position.delay == scenario.specs.position.delay + 0.05
+    assert (
+        run.specs.position.delay
+        == run.real_sensors.position.delay
+        == scenario.specs.position.delay + 0.05
+    )
     assert run.specs.depth.delay == 0.2
     assert run.real_sensors.depth.delay == pytest.approx(0.23)
     known = {"sensors.delay": 0.05}
@@ -166,7 +222,8 @@ def test_a_delay_is_known_to_the_estimator_and_an_unmodelled_one_comes_on_top(sc
 @pytest.mark.slow
 @long_without_compiler
 @pytest.mark.parametrize(
-    ("name", "delay"), [("sensors.delay", 0.05), ("sensors.delay", 0.15), ("sensors.joint_positions.delay", 0.2)]
+    ("name", "delay"),
+    [("sensors.delay", 0.05), ("sensors.delay", 0.15), ("sensors.joint_positions.delay", 0.2)],
 )
 def test_a_mission_bears_a_delay_that_is_known(scenario: Scenario, name: str, delay: float) -> None:
     record = vary(scenario, {name: delay}, seed=0).run()
@@ -185,11 +242,20 @@ def test_a_mission_bears_20_ms_of_unmodelled_delay(scenario: Scenario, dt: float
 
 
 @long_without_compiler
-def test_an_offset_of_zero_and_a_factor_of_one_change_nothing_that_is_measured(scenario: Scenario) -> None:
-    neutral = {"start.yaw": 0.0, "floor.z": 0.0, "goals.PC.x": 0.0, "sensors.noise": 1.0, "thrusters.limit": 1.0}
+def test_an_offset_of_zero_and_a_factor_of_one_change_nothing_that_is_measured(
+    scenario: Scenario,
+) -> None:
+    neutral = {
+        "start.yaw": 0.0,
+        "floor.z": 0.0,
+        "goals.PC.x": 0.0,
+        "sensors.noise": 1.0,
+        "thrusters.limit": 1.0,
+    }
     short = replace(scenario, duration=0.2)
     run = vary(short, neutral, seed=short.seed)
-    one, other = short.run(), run.run()
+    one = short.run()
+    other = run.run()
     assert np.allclose(one["q"], other["q"], rtol=0, atol=1e-12)
 
 
@@ -197,13 +263,19 @@ def test_an_offset_of_zero_and_a_factor_of_one_change_nothing_that_is_measured(s
 def test_a_goal_is_moved(scenario: Scenario, name: str) -> None:
     task = name.split(".")[1]
     run = vary(scenario, {name: 0.3}, seed=0)
-    before, after = (s.mission.hierarchy.tasks[s.mission.hierarchy.index(task)].reference(0.0) for s in (scenario, run))
+    before, after = (
+        s.mission.hierarchy.tasks[s.mission.hierarchy.index(task)].reference(0.0)
+        for s in (scenario, run)
+    )
     assert 0.05 < np.abs(after - before).max() <= 0.3 + 1e-9
 
 
 def test_every_parameter_says_its_unit_and_meaning(scenario: Scenario) -> None:
     known = available_parameters(scenario)
-    assert all(parameter.unit and parameter.meaning and parameter.name == name for name, parameter in known.items())
+    assert all(
+        parameter.unit and parameter.meaning and parameter.name == name
+        for name, parameter in known.items()
+    )
     assert "water.drag" not in available_parameters(replace(scenario, plant="kinematic"))
 
 
@@ -239,7 +311,9 @@ def test_a_latin_hypercube_has_one_run_in_every_slice() -> None:
 
 
 def test_a_block_of_the_indices_design_changes_one_parameter_at_a_time() -> None:
-    rows = np.array([Design(sampler="indices", runs=20, parameters=3, seed=1).row(k) for k in range(5)])
+    rows = np.array(
+        [Design(sampler="indices", runs=20, parameters=3, seed=1).row(k) for k in range(5)]
+    )
     assert [(rows[0] != row).sum() for row in rows[1:4]] == [1, 1, 1]
 
 

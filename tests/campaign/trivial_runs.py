@@ -1,4 +1,6 @@
-"""Runs that take no time, raise or end their process; and a Dask cluster of real processes over TCP."""
+"""Runs that take no time, raise or end their process; and a Dask cluster of real processes over
+TCP.
+"""
 
 from __future__ import annotations
 
@@ -54,13 +56,22 @@ class Cluster:
     workers: list[subprocess.Popen[bytes]] = field(default_factory=list)
 
     def add_worker(self) -> None:
-        words = ["-m", "distributed.cli.dask_worker", self.address, "--nthreads", "1", "--no-dashboard"]
+        words = [
+            "-m",
+            "distributed.cli.dask_worker",
+            self.address,
+            "--nthreads",
+            "1",
+            "--no-dashboard",
+        ]
         self.workers.append(_started([*words, "--no-nanny"]))
 
 
 def _started(words: list[str]) -> subprocess.Popen[bytes]:
     found = os.pathsep.join(sys.path)  # where workers find this module and that of its runs
-    quick_to_blame = {"DASK_DISTRIBUTED__SCHEDULER__ALLOWED_FAILURES": "0"}  # whatever was on a worker that ended
+    quick_to_blame = {
+        "DASK_DISTRIBUTED__SCHEDULER__ALLOWED_FAILURES": "0"
+    }  # whatever was on a worker that ended
     environment = os.environ | {"PYTHONPATH": found} | quick_to_blame
     quiet = {"stdout": subprocess.DEVNULL, "stderr": subprocess.DEVNULL}
     return subprocess.Popen([sys.executable, *words], env=environment, **quiet)
@@ -70,7 +81,15 @@ def _started(words: list[str]) -> subprocess.Popen[bytes]:
 def cluster(folder: Path, workers: int = 2) -> Iterator[Cluster]:
     """Over TCP, with an address; everything ends with the block."""
     file = folder / "scheduler.json"
-    words = ["-m", "distributed.cli.dask_scheduler", "--host", "127.0.0.1", "--port", "0", "--no-dashboard"]
+    words = [
+        "-m",
+        "distributed.cli.dask_scheduler",
+        "--host",
+        "127.0.0.1",
+        "--port",
+        "0",
+        "--no-dashboard",
+    ]
     scheduler = _started([*words, "--scheduler-file", str(file)])
     processes = [scheduler]
     try:

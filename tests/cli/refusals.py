@@ -1,4 +1,6 @@
-"""Commands that are refused; as a program it calls those of its words, one by one, and tells what came of each."""
+"""Commands that are refused; as a program it calls those of its words, one by one, and tells what
+came of each.
+"""
 
 from __future__ import annotations
 
@@ -268,7 +270,10 @@ REFUSED: tuple[tuple[str, str], ...] = (
     ("identify wrench.yaml drive.csv --out foreign", "not written by an earlier command"),
     ("check-recording none.csv", "there is no such file"),
     ("thruster-curve none.csv --pwm a --thrust b", "there is no such file"),
-    ("thruster-curve drive.csv --pwm a --thrust b --unit stone", "unknown unit 'stone'; known: N, kgf"),
+    (
+        "thruster-curve drive.csv --pwm a --thrust b --unit stone",
+        "unknown unit 'stone'; known: N, kgf",
+    ),
     ("thruster-curve drive.csv --pwm a --thrust b --at 16", "--voltage and --at belong together"),
     ("thruster-curve drive.csv --pwm a --thrust b", "unknown column of drive.csv 'a'"),
     ("check-recording garbage.csv", "garbage.csv"),
@@ -301,15 +306,22 @@ def furnish(folder: Path) -> None:
     t = np.arange(0.0, 8.0, 0.1)
     still = {name: Channel(t=t, values=np.zeros((len(t), n))) for name, n in _STILL.items()}
     attitude = Channel(t=t, values=np.tile([0.0, 0.0, 0.0, 1.0], (len(t), 1)))
-    write_recording(Recording(name="drive", channels={"attitude": attitude, **still}), folder / "drive.csv")
+    write_recording(
+        Recording(name="drive", channels={"attitude": attitude, **still}), folder / "drive.csv"
+    )
 
 
 def told_of(words: str) -> dict[str, Any]:
-    """Call a command here: exit code, what it says, and the call that would go on, be it to compile."""
+    """Call a command here: exit code, what it says, and the call that would go on, be it to
+    compile.
+    """
     from uvms_ocp.cli.commands import main
 
     sys.argv = ["uvms-ocp", *shlex.split(words)]
-    out, err, code, reached = StringIO(), StringIO(), 0, ""
+    out = StringIO()
+    err = StringIO()
+    code = 0
+    reached = ""
     with redirect_stdout(out), redirect_stderr(err):
         try:
             main()
@@ -334,7 +346,8 @@ def call(commands: Sequence[str]) -> dict[str, dict[str, Any]]:
 
     building._compiler = _compiles  # type: ignore[assignment]
     furnish(Path.cwd())
-    found, before = {}, _files()
+    found = {}
+    before = _files()
     for words in commands:
         found[words] = told_of(words) | {"new": sorted(_files() - before)}
     return found

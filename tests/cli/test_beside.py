@@ -1,4 +1,6 @@
-"""Jobs that are shared with a second process are all done, once, and what goes wrong in them is told."""
+"""Jobs that are shared with a second process are all done, once, and what goes wrong in them is
+told.
+"""
 
 from __future__ import annotations
 
@@ -32,14 +34,19 @@ def _notes(folder: Path, n: int) -> dict[str, Job]:
 
 
 def test_commands_know_the_names_of_figures_before_anything_that_draws_is_loaded() -> None:
-    code = "import sys, uvms_ocp.cli.plan; print(sorted({'matplotlib', 'meshcat', 'scipy'} & set(sys.modules)))"
+    code = (
+        "import sys, uvms_ocp.cli.plan; print(sorted({'matplotlib', 'meshcat', 'scipy'} &"
+        " set(sys.modules)))"
+    )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert done.stdout.strip() == "[]"
 
 
 @pytest.mark.parametrize("module", ["plan", "run"])
 def test_commands_load_no_missions_before_they_are_asked_for_one(module: str) -> None:
-    """Plans among obstacles need none, and missions of one's own none of those that come with the package."""
+    """Plans among obstacles need none, and missions of one's own none of those that come with the
+    package.
+    """
     code = f"import sys, uvms_ocp.cli.{module}; print(*sys.modules)"
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     parts = {name.split(".")[1] for name in done.stdout.split() if name.startswith("uvms_ocp.")}
@@ -73,7 +80,9 @@ def _note_and_wait(folder: Path, k: int) -> None:
 
 
 @_COPIED
-def test_what_draws_is_loaded_once_by_what_all_copies_are_made_of(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_what_draws_is_loaded_once_by_what_all_copies_are_made_of(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.setattr(os, "cpu_count", lambda: 2)
     with drawer() as draw:
         (first,) = active_children()
@@ -86,7 +95,9 @@ def _note_parent(folder: Path, k: int) -> None:
 
 
 @pytest.mark.parametrize("n_processors", [1, 2])
-def test_what_the_disk_refuses_is_raised(monkeypatch: pytest.MonkeyPatch, n_processors: int) -> None:
+def test_what_the_disk_refuses_is_raised(
+    monkeypatch: pytest.MonkeyPatch, n_processors: int
+) -> None:
     monkeypatch.setattr(os, "cpu_count", lambda: n_processors)
     with drawer() as draw, pytest.raises(OSError, match="no room"):
         draw({"own": _no_room})
@@ -98,14 +109,18 @@ def _no_room() -> None:
 
 @_COPIED
 @pytest.mark.parametrize("begun", [False, True])
-def test_a_copy_that_is_killed_leaves_nothing_undrawn(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, begun: bool) -> None:
+def test_a_copy_that_is_killed_leaves_nothing_undrawn(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, begun: bool
+) -> None:
     monkeypatch.setattr(os, "cpu_count", lambda: 2)
     before = active_children()
     with drawer() as draw:
         for copy in () if begun else set(active_children()).difference(before):
             copy.kill()
         assert draw({"own": partial(_die_elsewhere, os.getpid()), **_notes(tmp_path, 5)}) == []
-    assert {int(path.name): int(path.read_text()) for path in tmp_path.glob("[0-9]")} == dict.fromkeys(range(5), os.getpid())
+    assert {
+        int(path.name): int(path.read_text()) for path in tmp_path.glob("[0-9]")
+    } == dict.fromkeys(range(5), os.getpid())
 
 
 def _die_elsewhere(here: int) -> None:
@@ -122,10 +137,13 @@ def test_what_cannot_be_sent_is_drawn_here(tmp_path: Path, monkeypatch: pytest.M
 
 
 @_COPIED
-def test_what_ends_before_anything_is_drawn_waits_for_no_copy(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_what_ends_before_anything_is_drawn_waits_for_no_copy(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
     monkeypatch.setattr(os, "cpu_count", lambda: 2)
     monkeypatch.setattr("uvms_ocp.cli.run._load_drawing", _load_for_ever)
-    before, begin = active_children(), perf_counter()
+    before = active_children()
+    begin = perf_counter()
     with pytest.raises(ValueError, match="wrong"), drawer():
         raise ValueError("wrong")
     assert perf_counter() - begin < 10.0
@@ -163,10 +181,14 @@ with drawer() as draw:
     draw({{str(k): partial(wait, k) for k in range(2)}})
 """
     ends = perf_counter() + 60.0
-    with subprocess.Popen([sys.executable, "-c", code], stdout=subprocess.PIPE, text=True) as command:
+    with subprocess.Popen(
+        [sys.executable, "-c", code], stdout=subprocess.PIPE, text=True
+    ) as command:
         assert command.stdout is not None
         copies = [int(word) for word in command.stdout.readline().split()]
-        while len(written := [path.read_text() for path in tmp_path.iterdir()]) < 2 or not all(written):
+        while len(written := [path.read_text() for path in tmp_path.iterdir()]) < 2 or not all(
+            written
+        ):
             assert perf_counter() < ends
             sleep(0.05)
         command.kill()

@@ -24,11 +24,15 @@ def cli(*arguments: str, cwd: Path, **environment: str) -> subprocess.CompletedP
     """A command as a process of its own."""
     command = [sys.executable, "-m", "uvms_ocp", *arguments]
     env = os.environ | environment
-    return subprocess.run(command, cwd=cwd, env=env, capture_output=True, text=True, timeout=300, check=False)
+    return subprocess.run(
+        command, cwd=cwd, env=env, capture_output=True, text=True, timeout=300, check=False
+    )
 
 
 @pytest.fixture(scope="module")
-def complete(tmp_path_factory: pytest.TempPathFactory) -> tuple[subprocess.CompletedProcess[str], Path]:
+def complete(
+    tmp_path_factory: pytest.TempPathFactory,
+) -> tuple[subprocess.CompletedProcess[str], Path]:
     folder = tmp_path_factory.mktemp("run")
     return cli("run", "--json", cwd=folder), folder / "uvms_runs" / "case1-dynamic-active_set"
 
@@ -39,13 +43,17 @@ def test_run_completes_the_mission(complete: tuple[subprocess.CompletedProcess[s
     assert json.loads(process.stdout)["completed"] is True
 
 
-def test_json_is_all_that_stdout_holds(complete: tuple[subprocess.CompletedProcess[str], Path]) -> None:
+def test_json_is_all_that_stdout_holds(
+    complete: tuple[subprocess.CompletedProcess[str], Path],
+) -> None:
     process, folder = complete
     assert json.loads(process.stdout) == json.loads((folder / "report.json").read_text())
     assert "mission complete" in process.stderr
 
 
-def test_the_report_has_the_documented_keys(complete: tuple[subprocess.CompletedProcess[str], Path]) -> None:
+def test_the_report_has_the_documented_keys(
+    complete: tuple[subprocess.CompletedProcess[str], Path],
+) -> None:
     report = json.loads(complete[0].stdout)
     assert set(report) >= {
         "completed",
@@ -63,9 +71,17 @@ def test_the_report_has_the_documented_keys(complete: tuple[subprocess.Completed
     assert all({"name", "start_s", "end_s", "reason"} <= set(phase) for phase in report["phases"])
 
 
-def test_run_writes_record_report_figures_and_scene(complete: tuple[subprocess.CompletedProcess[str], Path]) -> None:
+def test_run_writes_record_report_figures_and_scene(
+    complete: tuple[subprocess.CompletedProcess[str], Path],
+) -> None:
     _, folder = complete
-    assert {path.name for path in folder.iterdir()} == {"record.npz", "report.json", "figures", "scene.html", ".uvms_ocp"}
+    assert {path.name for path in folder.iterdir()} == {
+        "record.npz",
+        "report.json",
+        "figures",
+        "scene.html",
+        ".uvms_ocp",
+    }
     assert len(list((folder / "figures").glob("*.png"))) >= 5
     assert "<html" in (folder / "scene.html").read_text()[:2000].lower()
     record = Record.load(folder / "record.npz")
@@ -85,7 +101,10 @@ def test_a_mission_out_of_time_exits_with_3_and_says_why(tmp_path: Path) -> None
     ("arguments", "message"),
     [
         (["run", "case9"], "unknown scenario 'case9'; known: case1"),
-        (["run", "--solver", "lexpq"], "unknown solver 'lexpq'; known: active_set, lexqp, icat. Did you mean 'lexqp'?"),
+        (
+            ["run", "--solver", "lexpq"],
+            "unknown solver 'lexpq'; known: active_set, lexqp, icat. Did you mean 'lexqp'?",
+        ),
         (["run", "--robot", "girona"], "unknown robot 'girona'; known: bluerov2, bluerov2_alpha5"),
         (["run", "--plant", "wet"], "unknown plant 'wet'; known: dynamic, kinematic"),
         (["run", "--duration", "-1"], "duration = -1.0 s; give a finite time > 0"),
@@ -95,11 +114,16 @@ def test_a_mission_out_of_time_exits_with_3_and_says_why(tmp_path: Path) -> None
         (["plan", "curve", "--to", "3", "0", "0", "--out", ""], "names no folder"),
         (["export", "controller", "case1", " "], "names no folder"),
         (["run", "--out", "a\nb"], r"'a\nb' has control characters; give a folder without"),
-        (["run", "--current", "300", "0", "0", "--plant", "kinematic"], "300 m/s; give at most 10 m/s"),
+        (
+            ["run", "--current", "300", "0", "0", "--plant", "kinematic"],
+            "300 m/s; give at most 10 m/s",
+        ),
         (["check-robot", "girona"], "unknown robot 'girona'; known: bluerov2, bluerov2_alpha5"),
     ],
 )
-def test_mistakes_get_one_line_and_exit_code_2(arguments: list[str], message: str, tmp_path: Path) -> None:
+def test_mistakes_get_one_line_and_exit_code_2(
+    arguments: list[str], message: str, tmp_path: Path
+) -> None:
     (tmp_path / "taken").write_text("a file, not a folder")
     process = called(*arguments, cwd=tmp_path)
     assert process.returncode == 2
@@ -116,7 +140,9 @@ def test_a_solver_that_is_not_chosen_is_the_scenarios_own(tmp_path: Path) -> Non
     assert process.returncode == 3, process.stderr
     report = json.loads(process.stdout)
     assert report["solver"] == type(reach().solver).__name__
-    assert (tmp_path / "uvms_runs" / "reach-dynamic-active_set-noise-seed4-duration0.1" / "report.json").exists()
+    assert (
+        tmp_path / "uvms_runs" / "reach-dynamic-active_set-noise-seed4-duration0.1" / "report.json"
+    ).exists()
 
 
 def test_options_that_do_not_parse_exit_with_2(tmp_path: Path) -> None:
@@ -154,7 +180,16 @@ def test_check_flags_a_seabed_above_the_way_point(tmp_path: Path) -> None:
 
 @pytest.mark.slow
 def test_run_refuses_what_check_refuses_unless_forced(tmp_path: Path) -> None:
-    arguments = ("run", "case1_unreachable", "--plant", "kinematic", "--duration", "0.3", "--out", "here")
+    arguments = (
+        "run",
+        "case1_unreachable",
+        "--plant",
+        "kinematic",
+        "--duration",
+        "0.3",
+        "--out",
+        "here",
+    )
     process = cli(*arguments, cwd=tmp_path)
     assert process.returncode == 2
     assert "pre-flight refuses case1_unreachable" in process.stderr
@@ -163,7 +198,9 @@ def test_run_refuses_what_check_refuses_unless_forced(tmp_path: Path) -> None:
     assert (tmp_path / "here" / "record.npz").exists()
 
 
-def test_two_runs_compare_from_their_folders(complete: tuple[subprocess.CompletedProcess[str], Path]) -> None:
+def test_two_runs_compare_from_their_folders(
+    complete: tuple[subprocess.CompletedProcess[str], Path],
+) -> None:
     _, folder = complete
     process = called("compare", str(folder), str(folder), "--json", cwd=folder.parent)
     assert process.returncode == 0, process.stderr
@@ -173,7 +210,9 @@ def test_two_runs_compare_from_their_folders(complete: tuple[subprocess.Complete
 
 def test_a_mission_prints_as_a_table_or_a_diagram(tmp_path: Path) -> None:
     assert "MAC   [R,I,S]      1    1    .    ." in called("mission", "case1", cwd=tmp_path).stdout
-    assert called("mission", "case1", "--mermaid", cwd=tmp_path).stdout.startswith("stateDiagram-v2")
+    assert called("mission", "case1", "--mermaid", cwd=tmp_path).stdout.startswith(
+        "stateDiagram-v2"
+    )
 
 
 @needs_compiler
@@ -203,18 +242,28 @@ def test_without_a_compiler_a_run_works_and_says_so_once(tmp_path: Path) -> None
     process = cli("run", *options, cwd=tmp_path, PATH=str(tmp_path), CC="")
     assert process.returncode == 3
     assert json.loads(process.stdout)["simulated_s"] == pytest.approx(0.1)
-    assert process.stderr.count("no C compiler found (CC, cc, gcc, clang): everything works, only slower") == 1
+    assert (
+        process.stderr.count(
+            "no C compiler found (CC, cc, gcc, clang): everything works, only slower"
+        )
+        == 1
+    )
 
 
 @pytest.mark.slow
 @needs_compiler
-def test_without_a_folder_for_compiled_libraries_a_run_works_and_says_so_once(tmp_path: Path) -> None:
+def test_without_a_folder_for_compiled_libraries_a_run_works_and_says_so_once(
+    tmp_path: Path,
+) -> None:
     (tmp_path / "file").write_text("")
     options = ("--plant", "kinematic", "--duration", "0.1", "--json")
     process = cli("run", *options, cwd=tmp_path, UVMS_OCP_CACHE=str(tmp_path / "file" / "cache"))
     assert process.returncode == 3
     assert json.loads(process.stdout)["simulated_s"] == pytest.approx(0.1)
-    told = f"cache {tmp_path}/file/cache cannot be used (Not a directory): everything works, only slower"
+    told = (
+        f"cache {tmp_path}/file/cache cannot be used (Not a directory): everything works, only"
+        " slower"
+    )
     assert process.stderr.splitlines().count(told) == process.stderr.count("slower") == 1
 
 
@@ -225,12 +274,15 @@ def test_the_old_spelling_of_the_active_set_solver_is_understood(tmp_path: Path)
     assert process.returncode == 3, process.stderr
     assert json.loads(process.stdout)["solver"] == "LexicographicActiveSet"
     assert process.stderr.splitlines().count("--solver lexls is now --solver active_set") == 1
-    assert (tmp_path / "uvms_runs" / "case1-kinematic-active_set-duration0.1" / "report.json").exists()
+    assert (
+        tmp_path / "uvms_runs" / "case1-kinematic-active_set-duration0.1" / "report.json"
+    ).exists()
 
 
 def test_a_robot_is_checked_by_name_as_by_its_folder(tmp_path: Path) -> None:
     by_name, by_path = (
-        called("check-robot", words, "--json", cwd=tmp_path) for words in ("planar5", str(robot_folder("planar5")))
+        called("check-robot", words, "--json", cwd=tmp_path)
+        for words in ("planar5", str(robot_folder("planar5")))
     )
     assert by_name.returncode == 0, by_name.stderr
     assert by_name.stdout == by_path.stdout
@@ -249,12 +301,18 @@ def test_the_version_is_that_of_the_package(tmp_path: Path) -> None:
 def test_a_foreign_file_is_refused_before_the_simulation_and_kept(tmp_path: Path) -> None:
     (tmp_path / "out").mkdir()
     (tmp_path / "out" / "scene.html").write_text("mine")
-    for arguments in (["run", "--out", "out"], ["plan", "curve", "--to", "1", "0", "0", "--out", "out"]):
+    for arguments in (
+        ["run", "--out", "out"],
+        ["plan", "curve", "--to", "1", "0", "0", "--out", "out"],
+    ):
         process = called(*arguments, cwd=tmp_path)
         assert process.returncode == 2
         assert process.stdout == ""
         assert process.stderr.splitlines() == [
-            "error: out/scene.html: not written by an earlier command; move it away or choose another folder"
+            (
+                "error: out/scene.html: not written by an earlier command; move it away or choose"
+                " another folder"
+            )
         ]
     assert [path.name for path in (tmp_path / "out").iterdir()] == ["scene.html"]
     assert (tmp_path / "out" / "scene.html").read_text() == "mine"
@@ -264,7 +322,11 @@ def test_a_foreign_file_is_refused_before_the_simulation_and_kept(tmp_path: Path
 def test_a_full_disk_behind_stdout_is_one_line(tmp_path: Path) -> None:
     with Path("/dev/full").open("w") as full:
         process = subprocess.run(
-            [sys.executable, "-m", "uvms_ocp", "list", "--json"], stdout=full, stderr=subprocess.PIPE, text=True, check=False
+            [sys.executable, "-m", "uvms_ocp", "list", "--json"],
+            stdout=full,
+            stderr=subprocess.PIPE,
+            text=True,
+            check=False,
         )
     assert process.returncode == 2
     assert process.stderr.splitlines() == ["error: [Errno 28] No space left on device"]

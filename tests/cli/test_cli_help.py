@@ -1,4 +1,6 @@
-"""What the command line says of itself: examples that hold, lines of 80 columns, words that a shell may complete."""
+"""What the command line says of itself: examples that hold, lines of 80 columns, words that a shell
+may complete.
+"""
 
 from __future__ import annotations
 
@@ -43,7 +45,11 @@ def test_every_example_is_of_commands_and_options_that_there_are(line: str) -> N
 )
 def test_a_shell_completes_names(words: str, expected: list[str]) -> None:
     line = f"uvms-ocp {words}"
-    asked = {"_UVMS_OCP_COMPLETE": "complete_bash", "COMP_WORDS": line, "COMP_CWORD": str(len(line.split()) - 1)}
+    asked = {
+        "_UVMS_OCP_COMPLETE": "complete_bash",
+        "COMP_WORDS": line,
+        "COMP_CWORD": str(len(line.split()) - 1),
+    }
     assert called(cwd=Path(), **asked).stdout.split() == expected
 
 
@@ -64,7 +70,9 @@ def test_help_lists_every_command_with_the_first_words_of_its_own_help() -> None
 def test_what_names_no_command_imports_none(words: str) -> None:
     code = f"import sys; from uvms_ocp.cli.commands import main; sys.argv[1:] = {words.split()}"
     code += "\ntry:\n    main()\nfinally:\n    print(*sys.modules)"
-    told = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=120, check=False)
+    told = subprocess.run(
+        [sys.executable, "-c", code], capture_output=True, text=True, timeout=120, check=False
+    )
     loaded = told.stdout.split()
     assert "uvms_ocp.cli.commands" in loaded
     assert not {"numpy", "casadi", "pinocchio", "uvms_ocp.robot", "uvms_ocp.cli.run"} & set(loaded)

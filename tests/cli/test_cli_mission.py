@@ -1,4 +1,6 @@
-"""``plan mission`` writes a plan, ``run --follow`` flies it, and neither takes what does not fit."""
+"""``plan mission`` writes a plan, ``run --follow`` flies it, and neither takes what does not
+fit.
+"""
 
 from __future__ import annotations
 
@@ -13,7 +15,9 @@ from command_line import called
 @pytest.fixture(scope="module")
 def planned(tmp_path_factory: pytest.TempPathFactory) -> tuple[CompletedProcess[str], Path]:
     folder = tmp_path_factory.mktemp("mission")
-    return called("plan", "mission", "reach", "--step", "1", "--out", "plan", "--json", cwd=folder), folder
+    return called(
+        "plan", "mission", "reach", "--step", "1", "--out", "plan", "--json", cwd=folder
+    ), folder
 
 
 @pytest.mark.slow
@@ -41,7 +45,10 @@ def test_a_plan_is_flown_from_its_folder(planned: tuple[CompletedProcess[str], P
     ("words", "text"),
     [
         (("run", "reach", "--seed", "5", "--follow", "plan"), "another mission than reach"),
-        (("run", "case1", "--follow", "plan/report.json"), "give the plan.npz that `plan mission` wrote"),
+        (
+            ("run", "case1", "--follow", "plan/report.json"),
+            "give the plan.npz that `plan mission` wrote",
+        ),
         (("plan", "mission", "nothing"), "unknown scenario"),
         (("plan", "mission", "transit"), "the floor rises"),
         (("plan", "mission", "reach", "--nlp", "none"), "unknown NLP solver"),
@@ -61,7 +68,9 @@ def test_what_does_not_fit_is_refused_in_one_line(
 
 @pytest.mark.slow
 def test_a_plan_that_is_not_found_in_time_is_told_and_not_written(tmp_path: Path) -> None:
-    process = called("plan", "mission", "reach", "--time-limit", "0.001", "--out", "plan", "--json", cwd=tmp_path)
+    process = called(
+        "plan", "mission", "reach", "--time-limit", "0.001", "--out", "plan", "--json", cwd=tmp_path
+    )
     assert process.returncode == 3
     assert json.loads(process.stdout)["status"] == "unfinished"
     assert not (tmp_path / "plan" / "plan.npz").exists()

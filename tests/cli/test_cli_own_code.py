@@ -1,4 +1,6 @@
-"""Every command that takes a scenario takes a file, a name in a file and a name in a module, with any robot and water."""
+"""Every command that takes a scenario takes a file, a name in a file and a name in a module, with
+any robot and water.
+"""
 
 from __future__ import annotations
 
@@ -57,7 +59,9 @@ def place(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 @pytest.mark.parametrize("form", FORMS)
 @pytest.mark.parametrize("command", COMMANDS)
-def test_a_command_builds_what_is_asked_for(command: str, form: str, place: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_command_builds_what_is_asked_for(
+    command: str, form: str, place: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     def asked(words: str, options: Mapping[str, Any], *_: Any) -> None:
         raise Asked(words, options.get("robot"), options.get("hydrodynamics"))
 
@@ -77,7 +81,9 @@ def test_each_form_is_built(form: str, place: Path) -> None:
 
 
 def test_two_missions_are_run_and_compared(place: Path) -> None:
-    told = CliRunner().invoke(app, ["compare", "mission.py:other", "package.module:other", "--json"])
+    told = CliRunner().invoke(
+        app, ["compare", "mission.py:other", "package.module:other", "--json"]
+    )
     assert told.exit_code == 0, told.output
     assert '"change": 0.0' in told.stdout
 
@@ -100,7 +106,11 @@ def scenario():
     return replace(uo.scenario.reach(plant="kinematic", duration=0.1), controller=Deaf)
 """
 FAILURES = {
-    "of a function": (WITHIN, {"scenario": "raise RuntimeError('two\\nlines')"}, ":15: RuntimeError: two lines"),
+    "of a function": (
+        WITHIN,
+        {"scenario": "raise RuntimeError('two\\nlines')"},
+        ":15: RuntimeError: two lines",
+    ),
     "that ends the program": (WITHIN, {"scenario": "raise SystemExit(0)"}, ":15: SystemExit: 0"),
     "without end": (WITHIN, {"scenario": "scenario()"}, ":15: RecursionError: "),
     "of a file that ends the program": ("import sys\nsys.exit(0)\n", {}, ":2: SystemExit: 0"),
@@ -110,13 +120,20 @@ FAILURES = {
 
 
 @pytest.mark.parametrize("kind", FAILURES)
-def test_a_failure_of_ones_own_code_is_one_line_and_more_if_asked_for(kind: str, place: Path) -> None:
+def test_a_failure_of_ones_own_code_is_one_line_and_more_if_asked_for(
+    kind: str, place: Path
+) -> None:
     text, lines, said = FAILURES[kind]
     path = place / f"failing{len(kind)}.py"
     path.write_text(text.format(**{"scenario": "pass", "tick": "pass", **lines}) if lines else text)
     for command in ("run", "check") if "tick" not in lines else ("run",):
         told = told_of(f"{command} {shlex.quote(str(path))}")
-        assert (told["code"], told["err"].count("\n"), told["out"], told["reached"]) == (2, 1, "", "")
+        assert (told["code"], told["err"].count("\n"), told["out"], told["reached"]) == (
+            2,
+            1,
+            "",
+            "",
+        )
         assert f"error: {path}{said}" in told["err"]
         more = told_of(f"{command} {shlex.quote(str(path))} --traceback")
         assert more["code"] == 2
@@ -126,7 +143,8 @@ def test_a_failure_of_ones_own_code_is_one_line_and_more_if_asked_for(kind: str,
 
 def test_stdout_is_json_whatever_a_mission_prints(place: Path) -> None:
     (place / "chatty.py").write_text(
-        WITHIN.format(scenario="print('made')", tick="print(t); return Command(v=[0.0] * 10)") + "print('read')\n"
+        WITHIN.format(scenario="print('made')", tick="print(t); return Command(v=[0.0] * 10)")
+        + "print('read')\n"
     )
     told = told_of("run chatty.py --json --out out")
     assert told["code"] == 3, told
@@ -135,8 +153,14 @@ def test_stdout_is_json_whatever_a_mission_prints(place: Path) -> None:
 
 
 def test_stdout_is_json_whatever_a_program_prints_that_a_mission_starts(place: Path) -> None:
-    started = "import os\nimport subprocess\nimport sys\n\nimport uvms_ocp as uo\n\n\ndef scenario(**options):\n"
-    started += "    subprocess.run([sys.executable, '-c', 'print(\"started\")'])\n    os.write(1, b'written\\n')\n"
+    started = (
+        "import os\nimport subprocess\nimport sys\n\nimport uvms_ocp as uo\n\n\ndef"
+        " scenario(**options):\n"
+    )
+    started += (
+        "    subprocess.run([sys.executable, '-c', 'print(\"started\")'])\n    os.write(1,"
+        " b'written\\n')\n"
+    )
     started += "    return uo.scenario.case1(plant='kinematic')\n"
     (place / "starts.py").write_text(started)
     words = [sys.executable, "-m", "uvms_ocp", "check", "starts.py", "--json"]
@@ -145,8 +169,12 @@ def test_stdout_is_json_whatever_a_program_prints_that_a_mission_starts(place: P
     assert {"started", "written"} <= set(done.stderr.split())
 
 
-@pytest.mark.parametrize("words", ["os:system", "subprocess:run", "os.path:exists", "builtins:exec"])
-def test_words_call_nothing_of_python_itself(words: str, place: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+@pytest.mark.parametrize(
+    "words", ["os:system", "subprocess:run", "os.path:exists", "builtins:exec"]
+)
+def test_words_call_nothing_of_python_itself(
+    words: str, place: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     called: list[object] = []
     monkeypatch.setattr("os.system", called.append)
     with pytest.raises(InvalidInput, match="is of Python itself"):

@@ -40,7 +40,14 @@ def results(folder: Path) -> list[Path]:
 def around(tmp_path_factory: pytest.TempPathFactory) -> Run:
     folder = tmp_path_factory.mktemp("plan")
     (folder / "obstacles.yaml").write_text(OBSTACLES)
-    goal = ("--tool", *map(str, TOOL), "--sphere", "1.7,0.3,-0.4,0.35", "--obstacles", "obstacles.yaml")
+    goal = (
+        "--tool",
+        *map(str, TOOL),
+        "--sphere",
+        "1.7,0.3,-0.4,0.35",
+        "--obstacles",
+        "obstacles.yaml",
+    )
     return plan("curve", *goal, "--out", "out", "--json", cwd=folder), folder / "out"
 
 
@@ -54,7 +61,9 @@ def test_a_goal_behind_an_obstacle_is_reached_free_of_collision(around: Run) -> 
     assert report["tool_error"]["position_m"] < 1e-5
 
 
-def test_what_is_kept_from_each_obstacle_and_between_links_are_numbers_of_their_own(around: Run) -> None:
+def test_what_is_kept_from_each_obstacle_and_between_links_are_numbers_of_their_own(
+    around: Run,
+) -> None:
     """Links that are near each other by design would hide what a plan keeps from a rock."""
     process, _ = around
     report = json.loads(process.stdout)
@@ -79,9 +88,13 @@ def test_json_is_all_that_stdout_holds(around: Run) -> None:
 
 def test_the_plan_ends_with_the_tool_at_its_goal_and_keeps_the_limits(around: Run) -> None:
     process, folder = around
-    report, curve = json.loads(process.stdout), PiecewisePolynomial.from_numpy(folder / "plan.npz")
-    record, robot = Record.load(folder / "record.npz"), load_robot("girona_maris7_full")
-    np.testing.assert_allclose(Kinematics(robot, record["q"][-1]).pose("tool").translation, TOOL, atol=1e-5)
+    report = json.loads(process.stdout)
+    curve = PiecewisePolynomial.from_numpy(folder / "plan.npz")
+    record = Record.load(folder / "record.npz")
+    robot = load_robot("girona_maris7_full")
+    np.testing.assert_allclose(
+        Kinematics(robot, record["q"][-1]).pose("tool").translation, TOOL, atol=1e-5
+    )
     np.testing.assert_allclose(curve.evaluate(curve.end), report["goal"], atol=1e-9)
     ratios = [ratio for axes in report["limit_ratios"].values() for ratio in axes.values()]
     assert max(ratios) == pytest.approx(1.0, abs=0.01)
@@ -97,13 +110,20 @@ def test_the_table_names_its_axes(around: Run) -> None:
 
 def test_the_recorded_velocity_is_the_derivative_of_the_configuration(around: Run) -> None:
     record = Record.load(around[1] / "record.npz")
-    q, v, t = record["q"], record["v"], record["t"]
+    q = record["q"]
+    v = record["v"]
+    t = record["t"]
     np.testing.assert_allclose(np.gradient(q[:, 7:], t, axis=0)[1:-1], v[1:-1, 6:], atol=1e-3)
 
 
 def test_the_scene_holds_the_obstacles(around: Run) -> None:
     record = Record.load(around[1] / "record.npz")
-    assert [item.name for item in record.meta.surroundings.obstacles] == ["pile", "crate", "pipe", "sphere1"]
+    assert [item.name for item in record.meta.surroundings.obstacles] == [
+        "pile",
+        "crate",
+        "pipe",
+        "sphere1",
+    ]
     assert "<html" in (around[1] / "scene.html").read_text()[:2000].lower()
 
 
@@ -115,7 +135,9 @@ def test_a_fixed_robot_moves_its_joints_alone(tmp_path: Path) -> None:
 
 
 def test_a_goal_that_no_posture_reaches_exits_with_3_and_advice(tmp_path: Path) -> None:
-    process = plan("curve", "--tool", "9", "0", "0", "--axes", "joints", "--out", "out", "--json", cwd=tmp_path)
+    process = plan(
+        "curve", "--tool", "9", "0", "0", "--axes", "joints", "--out", "out", "--json", cwd=tmp_path
+    )
     assert process.returncode == 3
     report = json.loads(process.stdout)
     assert report["collision_free"] is False
@@ -135,7 +157,9 @@ def replanned(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Run]:
     """Each failing plan, in a folder of a plan that was found."""
     folder = tmp_path_factory.mktemp("again")
     for method in {method for _, method in FAILING.values()}:
-        assert plan(*method, "--to", "0.3", "0", "0", "--out", method[0], cwd=folder).returncode == 0
+        assert (
+            plan(*method, "--to", "0.3", "0", "0", "--out", method[0], cwd=folder).returncode == 0
+        )
     runs = {}
     for name, (options, method) in FAILING.items():
         shutil.copytree(folder / method[0], folder / name)
@@ -145,7 +169,9 @@ def replanned(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Run]:
 
 @pytest.mark.slow
 @pytest.mark.parametrize("name", FAILING)
-def test_a_plan_that_fails_leaves_nothing_of_an_earlier_one(name: str, replanned: dict[str, Run]) -> None:
+def test_a_plan_that_fails_leaves_nothing_of_an_earlier_one(
+    name: str, replanned: dict[str, Run]
+) -> None:
     process, folder = replanned[name]
     assert process.returncode == 3, process.stdout + process.stderr
     assert {path.name for path in folder.iterdir()} == {"report.json", ".uvms_ocp"}
@@ -153,7 +179,9 @@ def test_a_plan_that_fails_leaves_nothing_of_an_earlier_one(name: str, replanned
 
 @pytest.mark.slow
 @pytest.mark.parametrize("name", ["infeasible"])
-def test_optimal_control_without_a_usable_plan_says_why_and_claims_no_motion(name: str, replanned: dict[str, Run]) -> None:
+def test_optimal_control_without_a_usable_plan_says_why_and_claims_no_motion(
+    name: str, replanned: dict[str, Run]
+) -> None:
     process, folder = replanned[name]
     report = json.loads((folder / "report.json").read_text())
     assert name in report["status"]
@@ -164,7 +192,9 @@ def test_optimal_control_without_a_usable_plan_says_why_and_claims_no_motion(nam
     assert " s long" not in process.stdout
 
 
-def test_a_goal_inside_an_obstacle_is_refused_with_the_shapes_and_their_depth(tmp_path: Path) -> None:
+def test_a_goal_inside_an_obstacle_is_refused_with_the_shapes_and_their_depth(
+    tmp_path: Path,
+) -> None:
     goal = ("--to", "3", "0", "0", "--sphere", "3,0,0,0.5")
     process = plan("ocp", *goal, "--out", "out", cwd=tmp_path)
     assert process.returncode == 2
@@ -173,15 +203,30 @@ def test_a_goal_inside_an_obstacle_is_refused_with_the_shapes_and_their_depth(tm
 
 
 def test_a_goal_below_the_floor_is_refused_too(tmp_path: Path) -> None:
-    process = plan("ocp", "--tool", "1", "0", "-2", "--seabed", "-1.5", "--out", "out", cwd=tmp_path)
+    process = plan(
+        "ocp", "--tool", "1", "0", "-2", "--seabed", "-1.5", "--out", "out", cwd=tmp_path
+    )
     assert process.returncode == 2
     assert "the goal is in collision: seafloor - tool overlap by 0.5 m" in process.stderr
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("method", ["curve", "ocp"])
-def test_the_example_of_the_readme_passes_the_sphere_that_the_start_is_near_to(method: str, tmp_path: Path) -> None:
-    way = ("--tool", "12.2", "37.4", "-39.5", "--position", "11", "37", "-38.5", "--sphere", "11.8,37.2,-38.9,0.1")
+def test_the_example_of_the_readme_passes_the_sphere_that_the_start_is_near_to(
+    method: str, tmp_path: Path
+) -> None:
+    way = (
+        "--tool",
+        "12.2",
+        "37.4",
+        "-39.5",
+        "--position",
+        "11",
+        "37",
+        "-38.5",
+        "--sphere",
+        "11.8,37.2,-38.9,0.1",
+    )
     patient = ("--time-limit", "120") if method == "ocp" else ()
     process = plan(method, *way, *patient, "--out", "out", "--json", cwd=tmp_path)
     assert process.returncode == 0, process.stderr
@@ -228,12 +273,17 @@ def test_optimal_control_reaches_the_goal_with_what_the_thrusters_have(controlle
 def test_optimal_control_writes_its_plan_with_forces(controlled: Run) -> None:
     _, folder = controlled
     files = {str(path.relative_to(folder)) for path in results(folder)}
-    figures = {f"figures/{name}.png" for name in ("vehicle_motion", "joint_motion", "clearance", "efforts")}
+    figures = {
+        f"figures/{name}.png" for name in ("vehicle_motion", "joint_motion", "clearance", "efforts")
+    }
     assert files == figures | {"plan.npz", "plan.json", "record.npz", "report.json", "scene.html"}
-    arrays, text = np.load(folder / "plan.npz"), json.loads((folder / "plan.json").read_text())
+    arrays = np.load(folder / "plan.npz")
+    text = json.loads((folder / "plan.json").read_text())
     assert arrays["thrust"].shape == (20, 8)
     np.testing.assert_allclose(text["q"], arrays["q"])
-    np.testing.assert_allclose(Record.load(folder / "record.npz")["q"][-1], arrays["q"][-1], atol=1e-6)
+    np.testing.assert_allclose(
+        Record.load(folder / "record.npz")["q"][-1], arrays["q"][-1], atol=1e-6
+    )
 
 
 def test_optimal_control_that_misses_its_goal_exits_with_3_and_says_why(tmp_path: Path) -> None:
@@ -265,7 +315,9 @@ def test_plans_of_either_method_compare_figure_by_figure(around: Run, controlled
     process = compared(around[1], controlled[1])
     assert process.returncode == 0, process.stderr
     rows = {row["figure"]: row for row in json.loads(process.stdout)}
-    reports = [json.loads((folder / "report.json").read_text()) for _, folder in (around, controlled)]
+    reports = [
+        json.loads((folder / "report.json").read_text()) for _, folder in (around, controlled)
+    ]
     for figure in ("duration_s", "min_clearance_m"):
         ours = [report[figure] for report in reports]
         assert [rows[figure]["first"], rows[figure]["second"]] == pytest.approx(ours)

@@ -1,4 +1,6 @@
-"""The command `show`: a run, a plan or a robot as a page, in a file or for the browsers of this machine."""
+"""The command `show`: a run, a plan or a robot as a page, in a file or for the browsers of this
+machine.
+"""
 
 from __future__ import annotations
 
@@ -40,7 +42,9 @@ def run(tmp_path_factory: pytest.TempPathFactory) -> Path:
         completed=True,
     )
     q = np.array([robot.home, robot.home + 0.1])
-    Record(series={"t": np.arange(2.0), "q": q, "v": np.zeros((2, robot.n_v))}, meta=meta).save(folder / "record.npz")
+    Record(series={"t": np.arange(2.0), "q": q, "v": np.zeros((2, robot.n_v))}, meta=meta).save(
+        folder / "record.npz"
+    )
     return folder
 
 
@@ -88,7 +92,9 @@ def test_a_robot_is_shown_by_its_folder_and_shows_its_runs(run: Path, tmp_path: 
         (("RUN", "--port", "-1", "--no-browser"), "give another"),
     ],
 )
-def test_what_cannot_be_shown_is_told_in_one_line(run: Path, arguments: tuple[str, ...], message: str, tmp_path: Path) -> None:
+def test_what_cannot_be_shown_is_told_in_one_line(
+    run: Path, arguments: tuple[str, ...], message: str, tmp_path: Path
+) -> None:
     words = (str(run) if word == "RUN" else word for word in arguments)
     process = called("show", *words, cwd=tmp_path)
     assert process.returncode == 2
@@ -97,7 +103,9 @@ def test_what_cannot_be_shown_is_told_in_one_line(run: Path, arguments: tuple[st
 
 
 def test_a_page_is_served_until_it_is_stopped(run: Path) -> None:
-    with subprocess.Popen([*COMMAND, str(run), "--no-browser"], stdout=subprocess.PIPE, text=True) as process:
+    with subprocess.Popen(
+        [*COMMAND, str(run), "--no-browser"], stdout=subprocess.PIPE, text=True
+    ) as process:
         assert process.stdout is not None
         found = re.match(r"http://127\.0\.0\.1:(\d+)/", process.stdout.readline())
         assert found is not None

@@ -1,4 +1,6 @@
-"""While something is compiled whoever shows what happens is told, and no warning comes before an error."""
+"""While something is compiled whoever shows what happens is told, and no warning comes before an
+error.
+"""
 
 from __future__ import annotations
 
@@ -37,7 +39,10 @@ def test_the_cache_is_shown_and_cleared(
     assert capsys.readouterr().out == f"{tmp_path}: libraries: 0, 0.0 MB\n"
     compile_library("int answer(void) { return 42; }", name="answer")
     cache()
-    assert capsys.readouterr().out == f"{tmp_path}: libraries: 1, 0.0 MB, the oldest used 0.0 days ago\n"
+    assert (
+        capsys.readouterr().out
+        == f"{tmp_path}: libraries: 1, 0.0 MB, the oldest used 0.0 days ago\n"
+    )
     cache(clear=True)
     assert capsys.readouterr().out.startswith(f"{tmp_path}: removed libraries: 1")
     assert not list(tmp_path.iterdir())
@@ -59,14 +64,18 @@ def test_a_warning_is_said_once_all_is_done(code: int, capsys: pytest.CaptureFix
 
 
 @pytest.mark.parametrize("error", [SystemExit(2), OSError("full")], ids=repr)
-def test_no_warning_is_said_beside_an_error(error: BaseException, capsys: pytest.CaptureFixture[str]) -> None:
+def test_no_warning_is_said_beside_an_error(
+    error: BaseException, capsys: pytest.CaptureFixture[str]
+) -> None:
     with pytest.raises(type(error)), warned_behind_errors():
         _warn()
         raise error
     assert capsys.readouterr().err == ""
 
 
-def test_on_a_terminal_all_of_it_is_said_at_once(capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> None:
+def test_on_a_terminal_all_of_it_is_said_at_once(
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.setattr(sys.stderr, "isatty", lambda: True)
     with pytest.raises(OSError, match="full"), warned_behind_errors():
         _warn()

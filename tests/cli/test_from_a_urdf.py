@@ -1,4 +1,6 @@
-"""From a stranger's URDF to a mission that is accepted, without a line edited: arms none to two, thrusters all, some or none."""
+"""From a stranger's URDF to a mission that is accepted, without a line edited: arms none to two,
+thrusters all, some or none.
+"""
 
 from __future__ import annotations
 
@@ -20,28 +22,41 @@ from uvms_ocp.robot.assembly import static_residual
 from uvms_ocp.robot.kinematics import Kinematics
 from uvms_ocp.robot.loading import load_robot
 
-BODY = "<inertial>{at}<mass value='{m}'/><inertia ixx='{i}' ixy='0' ixz='0' iyy='{i}' iyz='0' izz='{i}'/></inertial>"
+BODY = (
+    "<inertial>{at}<mass value='{m}'/><inertia ixx='{i}' ixy='0' ixz='0' iyy='{i}' iyz='0'"
+    " izz='{i}'/></inertial>"
+)
 
 
 def link(name: str, mass: float, at: str = "<origin xyz='0.15 0 0'/>", shape: str = "") -> str:
-    return f"<link name='{name}'>{BODY.format(m=mass, i=0.01 * mass, at=at) if mass else ''}{shape}</link>"
-
-
-def joint(parent: str, child: str, kind: str, xyz: str, axis: str = "0 1 0") -> str:
-    limit = "<limit lower='-1.5' upper='1.5' velocity='0.7' effort='9'/>" if kind == "revolute" else ""
     return (
-        f"<joint name='{child}_joint' type='{kind}'><parent link='{parent}'/><child link='{child}'/>"
-        f"<origin xyz='{xyz}'/><axis xyz='{axis}'/>{limit}</joint>"
+        "<link"
+        f" name='{name}'>{BODY.format(m=mass, i=0.01 * mass, at=at) if mass else ''}{shape}</link>"
     )
 
 
-HULL = link("rov/hull", 30, "", "<collision><geometry><box size='0.7 0.5 0.4'/></geometry></collision>")
+def joint(parent: str, child: str, kind: str, xyz: str, axis: str = "0 1 0") -> str:
+    limit = (
+        "<limit lower='-1.5' upper='1.5' velocity='0.7' effort='9'/>" if kind == "revolute" else ""
+    )
+    return (
+        f"<joint name='{child}_joint' type='{kind}'><parent link='{parent}'/><child"
+        f" link='{child}'/><origin xyz='{xyz}'/><axis xyz='{axis}'/>{limit}</joint>"
+    )
+
+
+HULL = link(
+    "rov/hull", 30, "", "<collision><geometry><box size='0.7 0.5 0.4'/></geometry></collision>"
+)
 
 
 def arm(side: str, y: float) -> str:
-    upper, fore = f"{side}_upper", f"{side}_fore"
+    upper = f"{side}_upper"
+    fore = f"{side}_fore"
     parts = link(upper, 0.5) + link(fore, 0.4) + link(f"{side}_nozzle", 0)
-    parts += joint("rov/hull", upper, "revolute", f"0.35 {y} -0.1") + joint(upper, fore, "revolute", "0.3 0 0")
+    parts += joint("rov/hull", upper, "revolute", f"0.35 {y} -0.1") + joint(
+        upper, fore, "revolute", "0.3 0 0"
+    )
     return parts + joint(fore, f"{side}_nozzle", "fixed", "0.3 0 0")
 
 
@@ -51,11 +66,17 @@ def fan(name: str, xyz: str, axis: str) -> str:
 
 AHEAD = "".join(fan(f"fan_{k}", f"-0.3 {y} 0", "1 0 0") for k, y in enumerate((-0.2, 0.2)))
 SIDEWAYS = fan("fan_2", "0.2 0 0", "0 1 0") + fan("fan_3", "-0.2 0 0", "0 1 0")
-UP = "".join(fan(f"fan_{k + 4}", f"{x} {y} 0.1", "0 0 1") for k, (x, y) in enumerate(((0.2, 0), (-0.2, 0.2), (-0.2, -0.2))))
+UP = "".join(
+    fan(f"fan_{k + 4}", f"{x} {y} 0.1", "0 0 1")
+    for k, (x, y) in enumerate(((0.2, 0), (-0.2, 0.2), (-0.2, -0.2)))
+)
 EYE = link("altimeter", 0) + joint("rov/hull", "altimeter", "fixed", "0 0 -0.2")
 GIMBAL = link("gimbal", 0.2) + joint("rov/hull", "gimbal", "revolute", "-0.3 0 0", "0 0 1")
 OVER = joint("rov/hull", "base_link", "fixed", "0 0 0' rpy='3.14159265 0 0")
-FIXED = "<robot name='r'><link name='world'/><joint name='w' type='fixed'><parent link='world'/><child link='rov/hull'/></joint>"
+FIXED = (
+    "<robot name='r'><link name='world'/><joint name='w' type='fixed'><parent link='world'/><child"
+    " link='rov/hull'/></joint>"
+)
 STRANGERS = {
     "one arm, all thrusters, an altimeter": HULL + arm("left", 0.1) + AHEAD + SIDEWAYS + UP + EYE,
     "two arms, no altimeter": HULL + arm("left", 0.1) + arm("right", -0.1) + AHEAD + SIDEWAYS + UP,
@@ -63,10 +84,28 @@ STRANGERS = {
     "no vertical thrust": HULL + AHEAD + EYE,
     "no thrust abeam": HULL + AHEAD + UP + EYE,
     "no thrusters": HULL + arm("left", 0.1),
-    "a planar joint": HULL + link("sled", 1) + joint("rov/hull", "sled", "planar", "0.3 0 0", "0 0 1") + AHEAD + SIDEWAYS + UP,
-    "a gimbal": HULL + AHEAD + SIDEWAYS + UP + GIMBAL + fan("fan_9", "-0.1 0 0", "1 0 0").replace("rov/hull", "gimbal"),
-    "base_link turned over": HULL + link("base_link", 0) + OVER + arm("left", 0.1) + AHEAD + SIDEWAYS + UP,
-    "joints called as axes and links": (HULL + arm("left", 0.1) + AHEAD).replace("left_upper_joint", "x").replace("e_joint", "e"),
+    "a planar joint": HULL
+    + link("sled", 1)
+    + joint("rov/hull", "sled", "planar", "0.3 0 0", "0 0 1")
+    + AHEAD
+    + SIDEWAYS
+    + UP,
+    "a gimbal": HULL
+    + AHEAD
+    + SIDEWAYS
+    + UP
+    + GIMBAL
+    + fan("fan_9", "-0.1 0 0", "1 0 0").replace("rov/hull", "gimbal"),
+    "base_link turned over": HULL
+    + link("base_link", 0)
+    + OVER
+    + arm("left", 0.1)
+    + AHEAD
+    + SIDEWAYS
+    + UP,
+    "joints called as axes and links": (HULL + arm("left", 0.1) + AHEAD)
+    .replace("left_upper_joint", "x")
+    .replace("e_joint", "e"),
     "fixed base": FIXED.removeprefix("<robot name='r'>") + HULL + arm("left", 0.1),
 }
 
@@ -79,25 +118,40 @@ def told(*words: str) -> str:
 
 @pytest.mark.parametrize("kind", STRANGERS)
 def test_a_urdf_becomes_a_mission_that_is_accepted(kind: str, tmp_path: Path) -> None:
-    source, robot, mission = tmp_path / "theirs.urdf", tmp_path / "mine", tmp_path / "m.py"
+    source = tmp_path / "theirs.urdf"
+    robot = tmp_path / "mine"
+    mission = tmp_path / "m.py"
     source.write_text(f"<robot name='r'>{STRANGERS[kind]}</robot>", encoding="utf-8")
     asked = told("new-robot", "--from", str(source), str(robot))
-    assert ("altimeter: no link" in asked) == ("altimeter" not in STRANGERS[kind] and kind != "fixed base")
+    assert ("altimeter: no link" in asked) == (
+        "altimeter" not in STRANGERS[kind] and kind != "fixed base"
+    )
     assert ("thrusters: no link" in asked) == (kind == "no thrusters")
     assert "usable" in told("check-robot", str(robot))
     told("new-mission", str(mission), "--robot", str(robot))
     assert "accepted" in told("check", str(mission))
     text = mission.read_text(encoding="utf-8")
-    tools = {"two arms, no altimeter": 2, "no arm": 0, "no vertical thrust": 0, "no thrust abeam": 0}
+    tools = {
+        "two arms, no altimeter": 2,
+        "no arm": 0,
+        "no vertical thrust": 0,
+        "no thrust abeam": 0,
+    }
     assert text.count(" ToolPosition(") == tools.get(kind, "gimbal" not in kind)
     assert (" MinimumAltitude(threshold" in text) == ("altimeter" in STRANGERS[kind])
     assert (" VehiclePose(" in text) == (kind != "fixed base")
-    assert (" Alignment(" in text) == (kind in ("no vertical thrust", "no thrust abeam", "joints called as axes and links"))
+    assert (" Alignment(" in text) == (
+        kind in ("no vertical thrust", "no thrust abeam", "joints called as axes and links")
+    )
     made = load_robot(urdf=robot / "robot.urdf", hydrodynamics=robot / "hydrodynamics.yaml")
-    assert [water.frame for water in made.hydrodynamics if water.by_flow] == [name for name in ("rov/hull",) if made.n_vehicle]
+    assert [water.frame for water in made.hydrodynamics if water.by_flow] == [
+        name for name in ("rov/hull",) if made.n_vehicle
+    ]
     assert len(made.description.thrusters) == STRANGERS[kind].count("continuous")
     assert ("joint gimbal_joint: turns thrusters" in asked) == (kind == "a gimbal")
-    assert ("frame=" in text.partition("VehiclePose(")[2].partition("\n")[0]) == (kind == "base_link turned over")
+    assert ("frame=" in text.partition("VehiclePose(")[2].partition("\n")[0]) == (
+        kind == "base_link turned over"
+    )
     varied = (tmp_path / "m_variations.py").read_text(encoding="utf-8")
     known = told("campaign", str(mission), "--parameters", "--json")
     assert all(f'"{name}"' in known for name in re.findall(r'Variation\("([^"]+)"', varied))
@@ -108,24 +162,36 @@ def test_a_urdf_becomes_a_mission_that_is_accepted(kind: str, tmp_path: Path) ->
 
 
 def test_every_proposal_is_marked_and_options_answer_questions(tmp_path: Path) -> None:
-    source, robot = tmp_path / "theirs.urdf", tmp_path / "mine"
+    source = tmp_path / "theirs.urdf"
+    robot = tmp_path / "mine"
     hook = link("hook", 0) + joint("left_fore", "hook", "fixed", "0.3 0 0.1")
-    source.write_text(f"<robot name='r'>{HULL}{arm('left', 0.1)}{hook}{AHEAD}</robot>", encoding="utf-8")
-    assert "tool: any of hook, left_nozzle; choose by" in told("new-robot", "--from", str(source), str(robot))
+    source.write_text(
+        f"<robot name='r'>{HULL}{arm('left', 0.1)}{hook}{AHEAD}</robot>", encoding="utf-8"
+    )
+    assert "tool: any of hook, left_nozzle; choose by" in told(
+        "new-robot", "--from", str(source), str(robot)
+    )
     assert "tool" not in yaml.safe_load((robot / "hydrodynamics.yaml").read_text(encoding="utf-8"))
     other = tmp_path / "other"
     assert "tool: any" not in told("new-robot", "--from", str(source), str(other), "--tool", "hook")
     lines = (other / "hydrodynamics.yaml").read_text(encoding="utf-8").splitlines()
     assert "tool: hook # as you said" in lines
-    own = [line for line in lines if line and not line.startswith((" ", "#")) and not line.startswith("tool:")]
+    own = [
+        line
+        for line in lines
+        if line and not line.startswith((" ", "#")) and not line.startswith("tool:")
+    ]
     assert all("# proposed" in line for line in own)
 
 
 def test_fingers_stay_together_and_what_has_no_range_stays_where_it_is(tmp_path: Path) -> None:
-    source, robot = tmp_path / "theirs.urdf", tmp_path / "mine"
+    source = tmp_path / "theirs.urdf"
+    robot = tmp_path / "mine"
     fingers = link("finger_0", 0.05) + joint("left_fore", "finger_0", "revolute", "0.3 0 0")
     other = link("finger_1", 0.05) + joint("left_fore", "finger_1", "revolute", "0.3 0 0")
-    other = other.replace("<limit", "<mimic joint='finger_0_joint' multiplier='-1' offset='0.2'/><limit")
+    other = other.replace(
+        "<limit", "<mimic joint='finger_0_joint' multiplier='-1' offset='0.2'/><limit"
+    )
     held = link("transponder", 0.1) + joint("rov/hull", "transponder", "revolute", "0 0 0.3")
     held = held.replace("lower='-1.5' upper='1.5'", "lower='0' upper='0'")
     weightless = link("fan_9", 0) + joint("rov/hull", "fan_9", "continuous", "0 0 0.2", "0 0 1")
@@ -143,18 +209,27 @@ def test_fingers_stay_together_and_what_has_no_range_stays_where_it_is(tmp_path:
     assert "fan_9_joint" in made.thruster_names
     here = Kinematics(made, made.configuration(joints={"finger_0_joint": 0.3}))
     turned = here.pose("finger_0").actInv(here.pose("finger_1"))
-    np.testing.assert_allclose(pin.rpy.matrixToRpy(turned.rotation), [0.0, 0.2 - 0.6, 0.0], atol=1e-12)
+    np.testing.assert_allclose(
+        pin.rpy.matrixToRpy(turned.rotation), [0.0, 0.2 - 0.6, 0.0], atol=1e-12
+    )
 
 
 @pytest.mark.parametrize(
-    ("name", "mass", "said"), [("finger", 0.05, "fingers that mimic none"), ("drawn", 0, "moves nothing that has a mass")]
+    ("name", "mass", "said"),
+    [("finger", 0.05, "fingers that mimic none"), ("drawn", 0, "moves nothing that has a mass")],
 )
-def test_joints_that_are_held_are_told_and_move_once_they_are_not(name: str, mass: float, said: str, tmp_path: Path) -> None:
-    source, robot = tmp_path / "theirs.urdf", tmp_path / "mine"
+def test_joints_that_are_held_are_told_and_move_once_they_are_not(
+    name: str, mass: float, said: str, tmp_path: Path
+) -> None:
+    source = tmp_path / "theirs.urdf"
+    robot = tmp_path / "mine"
     ends = "".join(
-        link(f"{name}_{k}", mass) + joint("left_fore", f"{name}_{k}", "revolute", f"0.3 {y} 0") for k, y in ((0, 0.1), (1, -0.1))
+        link(f"{name}_{k}", mass) + joint("left_fore", f"{name}_{k}", "revolute", f"0.3 {y} 0")
+        for k, y in ((0, 0.1), (1, -0.1))
     )
-    source.write_text(f"<robot name='r'>{HULL}{arm('left', 0.1)}{ends}{AHEAD}</robot>", encoding="utf-8")
+    source.write_text(
+        f"<robot name='r'>{HULL}{arm('left', 0.1)}{ends}{AHEAD}</robot>", encoding="utf-8"
+    )
     asked = " ".join(told("new-robot", "--from", str(source), str(robot)).split())
     assert f"joint {name}_0_joint, {name}_1_joint: {said}" in asked
     file = robot / "hydrodynamics.yaml"
@@ -172,7 +247,10 @@ def test_a_joint_called_as_an_axis_of_the_vehicle_is_another_axis(tmp_path: Path
         f"<robot name='r'>{STRANGERS['joints called as axes and links']}</robot>", encoding="utf-8"
     )
     told("new-robot", "--from", str(tmp_path / "theirs.urdf"), str(tmp_path / "mine"))
-    robot = load_robot(urdf=tmp_path / "mine" / "robot.urdf", hydrodynamics=tmp_path / "mine" / "hydrodynamics.yaml")
+    robot = load_robot(
+        urdf=tmp_path / "mine" / "robot.urdf",
+        hydrodynamics=tmp_path / "mine" / "hydrodynamics.yaml",
+    )
     goal = PostureGoal(position=(0.3, 0.0, 0.0), joints={"x": 0.2})
     planned = coordinates(robot)
     end = goal.as_coordinates(CoalDistances(collision_scene(planned, ())), seed=0)
@@ -185,11 +263,14 @@ def test_what_is_physically_wrong_is_said_with_the_proposal(tmp_path: Path) -> N
     source = tmp_path / "theirs.urdf"
     thin = HULL.replace("izz='0.3'", "izz='0.7'")
     source.write_text(f"<robot name='r'>{thin}{AHEAD}</robot>", encoding="utf-8")
-    assert "inertias: link 'rov/hull'" in told("new-robot", "--from", str(source), str(tmp_path / "mine"))
+    assert "inertias: link 'rov/hull'" in told(
+        "new-robot", "--from", str(source), str(tmp_path / "mine")
+    )
 
 
 def test_options_of_reading_are_written_into_the_mission(tmp_path: Path) -> None:
-    source, mission = tmp_path / "theirs.urdf", tmp_path / "m.py"
+    source = tmp_path / "theirs.urdf"
+    mission = tmp_path / "m.py"
     source.write_text(f"<robot name='r'>{HULL}{arm('left', 0.1)}{AHEAD}</robot>", encoding="utf-8")
     told(
         "new-mission",
@@ -203,7 +284,10 @@ def test_options_of_reading_are_written_into_the_mission(tmp_path: Path) -> None
         "--tool",
         "left_fore",
     )
-    assert "lock={'fan_0_joint': 0.0, 'fan_1_joint': 0.0}, tool=['left_fore'])" in mission.read_text(encoding="utf-8")
+    assert (
+        "lock={'fan_0_joint': 0.0, 'fan_1_joint': 0.0}, tool=['left_fore'])"
+        in mission.read_text(encoding="utf-8")
+    )
     assert "accepted" in told("check", str(mission))
 
 
@@ -219,20 +303,34 @@ def test_a_velocity_log_is_found_where_there_is_one_and_listed_where_there_are_m
     names: tuple[str, ...], said: str, tmp_path: Path
 ) -> None:
     source = tmp_path / "theirs.urdf"
-    logs = "".join(link(name, 0) + joint("rov/hull", name, "fixed", f"0 {k} -0.2") for k, name in enumerate(names))
+    logs = "".join(
+        link(name, 0) + joint("rov/hull", name, "fixed", f"0 {k} -0.2")
+        for k, name in enumerate(names)
+    )
     loose = link("dvl_wrist", 0) + joint("left_fore", "dvl_wrist", "fixed", "0.1 0 0")
-    source.write_text(f"<robot name='r'>{HULL}{arm('left', 0.1)}{loose}{AHEAD}{logs}</robot>", encoding="utf-8")
+    source.write_text(
+        f"<robot name='r'>{HULL}{arm('left', 0.1)}{loose}{AHEAD}{logs}</robot>", encoding="utf-8"
+    )
     asked = " ".join(told("new-robot", "--from", str(source), str(tmp_path / "mine")).split())
     assert said in asked
     assert ("dvl:" in asked) == bool(said)
 
 
-def test_a_vehicle_without_thrusters_is_planned_by_the_way_that_plan_ocp_names(tmp_path: Path) -> None:
-    source, place = tmp_path / "theirs.urdf", tmp_path / "mine"
+def test_a_vehicle_without_thrusters_is_planned_by_the_way_that_plan_ocp_names(
+    tmp_path: Path,
+) -> None:
+    source = tmp_path / "theirs.urdf"
+    place = tmp_path / "mine"
     source.write_text(f"<robot name='r'>{HULL}</robot>", encoding="utf-8")
     told("new-robot", "--from", str(source), str(place))
     robot = load_robot(urdf=place / "robot.urdf", hydrodynamics=place / "hydrodynamics.yaml")
-    asked = {"robot": robot, "start": robot.configuration(), "goal": PostureGoal(position=(0.5, 0.0, 0.0))}
-    with pytest.raises(InvalidInput, match=r"give some in hydrodynamics\.yaml, plan without forces by `plan curve`"):
+    asked = {
+        "robot": robot,
+        "start": robot.configuration(),
+        "goal": PostureGoal(position=(0.5, 0.0, 0.0)),
+    }
+    with pytest.raises(
+        InvalidInput, match=r"give some in hydrodynamics\.yaml, plan without forces by `plan curve`"
+    ):
         solve_ocp(OcpRequest(**asked))
     assert plan_path(PlanRequest(**asked)).plan is not None

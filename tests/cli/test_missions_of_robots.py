@@ -1,4 +1,6 @@
-"""From the files of a robot, odd or shipped, to a mission that is accepted and completed, without a line edited."""
+"""From the files of a robot, odd or shipped, to a mission that is accepted and completed, without a
+line edited.
+"""
 
 from __future__ import annotations
 
@@ -22,7 +24,8 @@ def told(*words: str) -> str:
 
 @pytest.mark.parametrize("kind", ODD)
 def test_the_mission_of_the_template_is_accepted(kind: str, tmp_path: Path) -> None:
-    robot, mission = tmp_path / "robot", tmp_path / "m.py"
+    robot = tmp_path / "robot"
+    mission = tmp_path / "m.py"
     robot.mkdir()
     ODD[kind][0].write(robot)
     assert "usable" in told("check-robot", str(robot))
@@ -33,7 +36,8 @@ def test_the_mission_of_the_template_is_accepted(kind: str, tmp_path: Path) -> N
 @pytest.mark.slow
 @pytest.mark.parametrize("kind", ODD)
 def test_the_mission_of_the_template_is_completed(kind: str, tmp_path: Path) -> None:
-    robot, mission = tmp_path / "robot", tmp_path / "m.py"
+    robot = tmp_path / "robot"
+    mission = tmp_path / "m.py"
     robot.mkdir()
     ODD[kind][0].write(robot)
     told("new-mission", str(mission), "--robot", str(robot))
@@ -42,13 +46,29 @@ def test_the_mission_of_the_template_is_completed(kind: str, tmp_path: Path) -> 
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("name", "solver"), [*((name, "active_set") for name in list_robots()), ("planar5", "icat")])
-def test_the_mission_of_the_template_is_completed_by_every_shipped_robot(name: str, solver: str, tmp_path: Path) -> None:
+@pytest.mark.parametrize(
+    ("name", "solver"), [*((name, "active_set") for name in list_robots()), ("planar5", "icat")]
+)
+def test_the_mission_of_the_template_is_completed_by_every_shipped_robot(
+    name: str, solver: str, tmp_path: Path
+) -> None:
     told("new-mission", str(tmp_path / "m.py"), "--robot", name)
-    words = ("--plant", "kinematic", "--solver", solver, "--out", str(tmp_path / "run"), "--figures", "none")
+    words = (
+        "--plant",
+        "kinematic",
+        "--solver",
+        solver,
+        "--out",
+        str(tmp_path / "run"),
+        "--figures",
+        "none",
+    )
     assert "complete" in told("run", str(tmp_path / "m.py"), *words)
 
 
 def test_a_scenario_of_vehicles_says_what_a_robot_without_one_is_given() -> None:
-    with pytest.raises(InvalidInput, match="planar5: a fixed base; give a vehicle, or run what `uvms-ocp new-mission` writes"):
+    with pytest.raises(
+        InvalidInput,
+        match="planar5: a fixed base; give a vehicle, or run what `uvms-ocp new-mission` writes",
+    ):
         reach(robot="planar5")

@@ -21,17 +21,25 @@ from uvms_ocp.scenario.preflight.robot_check import check_robot
 def test_a_mission_of_a_robot_with_frames_of_other_names_can_be_made(tmp_path: Path) -> None:
     folder = robot_folder("girona_maris7")
     urdf = (folder / "robot.urdf").read_text(encoding="utf-8")
-    water = safe_load((folder / "hydrodynamics.yaml").read_text(encoding="utf-8").replace("base_link", "hull"))
+    water = safe_load(
+        (folder / "hydrodynamics.yaml").read_text(encoding="utf-8").replace("base_link", "hull")
+    )
     for name in ("trim", "thrusters"):
         water[name] = [{"link": "hull"} | entry for entry in water[name]]
-    (tmp_path / "robot.urdf").write_text(urdf.replace("base_link", "hull").replace('"tool"', '"gripper"'))
+    (tmp_path / "robot.urdf").write_text(
+        urdf.replace("base_link", "hull").replace('"tool"', '"gripper"')
+    )
     (tmp_path / "hydrodynamics.yaml").write_text(safe_dump(water))
-    told = CliRunner().invoke(app, ["new-mission", str(tmp_path / "m.py"), "--robot", str(tmp_path)])
+    told = CliRunner().invoke(
+        app, ["new-mission", str(tmp_path / "m.py"), "--robot", str(tmp_path)]
+    )
     assert told.exit_code == 0, told.output
     code = own_code(str(tmp_path / "m.py"))
     assert code is not None
     scenario = code.load()()
-    frames = {task.frame for task in scenario.mission.hierarchy.tasks if getattr(task, "frame", None)}
+    frames = {
+        task.frame for task in scenario.mission.hierarchy.tasks if getattr(task, "frame", None)
+    }
     assert frames == {"base_link", "tool"}
     here = Kinematics(scenario.robot, scenario.start)
     assert here.pose("base_link") == here.pose("hull")
@@ -40,15 +48,33 @@ def test_a_mission_of_a_robot_with_frames_of_other_names_can_be_made(tmp_path: P
 
 @pytest.mark.slow
 @pytest.mark.parametrize("current", [(0.0, 0.0, 0.0), (0.0, 0.2, 0.0)])
-def test_two_arms_on_six_thrusters_reach_both_targets(current: tuple[float, float, float], tmp_path: Path) -> None:
-    """Within 10 mm, on a vehicle whose pitch nobody drives and which both arms, carried ahead, pitch by some 0.4 rad."""
+def test_two_arms_on_six_thrusters_reach_both_targets(
+    current: tuple[float, float, float], tmp_path: Path
+) -> None:
+    """Within 10 mm, on a vehicle whose pitch nobody drives and which both arms, carried ahead,
+    pitch by some 0.4 rad.
+    """
     folder, six = (robot_folder(name) for name in ("bluerov2_two_alpha5", "bluerov2"))
-    water, driven = (safe_load((place / "hydrodynamics.yaml").read_text(encoding="utf-8")) for place in (folder, six))
-    (tmp_path / "robot.urdf").write_text((folder / "robot.urdf").read_text(encoding="utf-8"), encoding="utf-8")
-    (tmp_path / "hydrodynamics.yaml").write_text(safe_dump(water | {"thrusters": driven["thrusters"]}), encoding="utf-8")
-    assert CliRunner().invoke(app, ["new-mission", str(tmp_path / "m.py"), "--robot", str(tmp_path)]).exit_code == 0
+    water, driven = (
+        safe_load((place / "hydrodynamics.yaml").read_text(encoding="utf-8"))
+        for place in (folder, six)
+    )
+    (tmp_path / "robot.urdf").write_text(
+        (folder / "robot.urdf").read_text(encoding="utf-8"), encoding="utf-8"
+    )
+    (tmp_path / "hydrodynamics.yaml").write_text(
+        safe_dump(water | {"thrusters": driven["thrusters"]}), encoding="utf-8"
+    )
+    assert (
+        CliRunner()
+        .invoke(app, ["new-mission", str(tmp_path / "m.py"), "--robot", str(tmp_path)])
+        .exit_code
+        == 0
+    )
     mission = tmp_path / "m.py"
-    mission.write_text(mission.read_text(encoding="utf-8").replace("limit=0.02)", "limit=0.01)"), encoding="utf-8")
+    mission.write_text(
+        mission.read_text(encoding="utf-8").replace("limit=0.02)", "limit=0.01)"), encoding="utf-8"
+    )
     code = own_code(str(mission))
     assert code is not None
     report = summarize(code.load()(current=current).run())

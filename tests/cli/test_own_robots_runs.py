@@ -1,4 +1,6 @@
-"""A run or a plan of a robot of one's own is shown without a word about the robot, wherever both have gone together."""
+"""A run or a plan of a robot of one's own is shown without a word about the robot, wherever both
+have gone together.
+"""
 
 from __future__ import annotations
 
@@ -22,7 +24,14 @@ from uvms_ocp.record.meta_values import RobotFilesMeta
 from uvms_ocp.record.record import Record
 from uvms_ocp.report.planned_motion import motion_record
 from uvms_ocp.robot import loading
-from uvms_ocp.robot.loading import list_variants, load_robot, recorded_robot, robot_called, robot_folder, robot_meta
+from uvms_ocp.robot.loading import (
+    list_variants,
+    load_robot,
+    recorded_robot,
+    robot_called,
+    robot_folder,
+    robot_meta,
+)
 from uvms_ocp.robot.robot import Robot
 from uvms_ocp.robot.signals import State
 from uvms_ocp.scenario.own_code import load_scenario
@@ -57,7 +66,9 @@ def ran(robot: Robot) -> Record:
 
 def planned(robot: Robot) -> Record:
     goal = PostureGoal(position=(0.5, 0.0, -5.0))
-    found = plan_path(PlanRequest(robot=robot, start=robot.configuration(position=(0.0, 0.0, -5.0)), goal=goal))
+    found = plan_path(
+        PlanRequest(robot=robot, start=robot.configuration(position=(0.0, 0.0, -5.0)), goal=goal)
+    )
     assert found.plan is not None
     return motion_record(found, found.plan)
 
@@ -66,13 +77,18 @@ READINGS: dict[str, dict[str, Any]] = {
     "a folder": {},
     "water of another place": {"hydrodynamics": "water/other.yaml"},
     "a locked joint": {"loading": {"lock": {"wrist": 0.3}}},
-    "no meshes, another tool": {"loading": {"meshes": False, "tool": "base_link", "package_dirs": ["water"]}},
+    "no meshes, another tool": {
+        "loading": {"meshes": False, "tool": "base_link", "package_dirs": ["water"]}
+    },
 }
 
 
 @pytest.mark.parametrize("kind", READINGS)
-def test_a_record_finds_the_robot_that_it_was_made_with(kind: str, project: Path, tmp_path: Path) -> None:
-    robot, folder = robot_called("mine", **READINGS[kind]), project / "runs" / "X"
+def test_a_record_finds_the_robot_that_it_was_made_with(
+    kind: str, project: Path, tmp_path: Path
+) -> None:
+    robot = robot_called("mine", **READINGS[kind])
+    folder = project / "runs" / "X"
     folder.mkdir(parents=True)
     planned(robot).save(folder / "record.npz")
     there = project.rename(tmp_path / "elsewhere") / "runs" / "X"
@@ -86,7 +102,9 @@ def test_a_record_finds_the_robot_that_it_was_made_with(kind: str, project: Path
 
 
 @pytest.mark.parametrize("motion", [ran, planned])
-def test_a_motion_of_ones_own_robot_is_shown_until_its_folder_moves(motion: Any, project: Path) -> None:
+def test_a_motion_of_ones_own_robot_is_shown_until_its_folder_moves(
+    motion: Any, project: Path
+) -> None:
     motion(robot_called("mine")).save(project / "record.npz")
     assert "scene.html" in told("show", "record.npz", "--out", "scene.html")
     (project / "mine").rename(project / "other")
@@ -124,16 +142,21 @@ def test_a_robot_of_the_library_that_is_read_in_another_way_is_known_to_any_mach
     assert found.urdf == (there / "robot.urdf").resolve()
 
 
-def test_a_robot_of_the_library_that_is_read_in_another_way_is_shown_as_it_was_read(project: Path) -> None:
+def test_a_robot_of_the_library_that_is_read_in_another_way_is_shown_as_it_was_read(
+    project: Path,
+) -> None:
     planned(load_robot(ARM, lock={"joint1": 0.2})).save(project / "record.npz")
     assert "scene.html" in told("show", "record.npz", "--out", "scene.html")
 
 
 @pytest.mark.parametrize("name", ["mine", ARM])
 def test_frames_that_were_moved_in_python_are_where_they_were(name: str, project: Path) -> None:
-    robot, nudge = robot_called(name), pin.SE3(pin.rpy.rpyToMatrix(0.3, -0.2, 0.1), np.array([0.05, 0.02, -0.03]))
+    robot = robot_called(name)
+    nudge = pin.SE3(pin.rpy.rpyToMatrix(0.3, -0.2, 0.1), np.array([0.05, 0.02, -0.03]))
     for frame in ("tool", "altimeter", "tool"):
-        robot = robot.with_frame_pose(frame, nudge * robot.model.frames[robot.frame_id(frame)].placement)
+        robot = robot.with_frame_pose(
+            frame, nudge * robot.model.frames[robot.frame_id(frame)].placement
+        )
     planned(robot).save(project / "record.npz")
     found = shown_robot(Record.load(project / "record.npz"), project)
     assert found.description == robot.description
@@ -145,10 +168,14 @@ def test_a_frame_of_a_file_that_cannot_be_moved_is_refused_by_name(project: Path
     yaml = project / "mine" / "hydrodynamics.yaml"
     for frame, wrong in (("base_link", "is a moving link"), ("sonar", "unknown frame")):
         (project / "mine" / "moved.yaml").write_text(
-            yaml.read_text(encoding="utf-8") + f"\nloading: {{frames: [{{frame: {frame}, position: [0, 0, 1]}}]}}\n",
+            yaml.read_text(encoding="utf-8")
+            + f"\nloading: {{frames: [{{frame: {frame}, position: [0, 0, 1]}}]}}\n",
             encoding="utf-8",
         )
-        with pytest.raises(RobotDataError, match=f"loading.frames: .*{frame}.*{wrong}|loading.frames: {wrong}.*{frame}"):
+        with pytest.raises(
+            RobotDataError,
+            match=f"loading.frames: .*{frame}.*{wrong}|loading.frames: {wrong}.*{frame}",
+        ):
             robot_called("mine", "mine/moved.yaml")
 
 
@@ -156,11 +183,16 @@ def renamed(name: str, folder: Path) -> Path:
     """A folder with planar5 under that name."""
     shutil.copytree(robot_folder("planar5"), folder)
     urdf = folder / "robot.urdf"
-    urdf.write_text(urdf.read_text(encoding="utf-8").replace('name="planar5"', f'name="{name}"'), encoding="utf-8")
+    urdf.write_text(
+        urdf.read_text(encoding="utf-8").replace('name="planar5"', f'name="{name}"'),
+        encoding="utf-8",
+    )
     return folder
 
 
-def test_a_record_is_drawn_with_the_robot_of_its_own_project(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_record_is_drawn_with_the_robot_of_its_own_project(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     for place in "ab":
         renamed("own", tmp_path / place / "arm")
     files = RobotFilesMeta(urdf="arm/robot.urdf", description="{}")
@@ -168,24 +200,39 @@ def test_a_record_is_drawn_with_the_robot_of_its_own_project(tmp_path: Path, mon
     found = recorded_robot("own", files, Path("../a/runs/X"))
     assert found is not None
     assert found.urdf == (tmp_path / "a" / "arm" / "robot.urdf").resolve()
-    with pytest.raises(InvalidInput, match=r"a record of mine, but .* is own; give it: --robot DIR"):
+    with pytest.raises(
+        InvalidInput, match=r"a record of mine, but .* is own; give it: --robot DIR"
+    ):
         recorded_robot("mine", files, tmp_path)
 
 
 def test_a_record_whose_robot_is_not_read_says_so_in_one_line(tmp_path: Path) -> None:
     renamed("own", tmp_path / "arm")
     for broken in ('{"of_later": 1}', "{"):
-        with pytest.raises(InvalidInput, match=r"description of own is not read .* give it: --robot DIR") as caught:
-            recorded_robot("own", RobotFilesMeta(urdf="arm/robot.urdf", description=broken), tmp_path)
+        with pytest.raises(
+            InvalidInput, match=r"description of own is not read .* give it: --robot DIR"
+        ) as caught:
+            recorded_robot(
+                "own", RobotFilesMeta(urdf="arm/robot.urdf", description=broken), tmp_path
+            )
         assert "\n" not in str(caught.value)
-        assert recorded_robot("own", RobotFilesMeta(urdf="gone/robot.urdf", description=broken), tmp_path) is None
-    assert recorded_robot("own", RobotFilesMeta(urdf="a" * 4096, description="{}"), tmp_path) is None
+        assert (
+            recorded_robot(
+                "own", RobotFilesMeta(urdf="gone/robot.urdf", description=broken), tmp_path
+            )
+            is None
+        )
+    assert (
+        recorded_robot("own", RobotFilesMeta(urdf="a" * 4096, description="{}"), tmp_path) is None
+    )
     with pytest.raises(ValidationError, match="at most 4096"):
         RobotFilesMeta(urdf="a" * 4097, description="{}")
 
 
 def test_packages_are_seen_from_the_urdf_that_a_record_names(tmp_path: Path) -> None:
-    real, linked, meshes = renamed("own", tmp_path / "a" / "real"), tmp_path / "linked", tmp_path / "meshes"
+    real = renamed("own", tmp_path / "a" / "real")
+    linked = tmp_path / "linked"
+    meshes = tmp_path / "meshes"
     linked.mkdir()
     meshes.mkdir()
     (linked / "robot.urdf").symlink_to(real / "robot.urdf")
@@ -196,10 +243,14 @@ def test_packages_are_seen_from_the_urdf_that_a_record_names(tmp_path: Path) -> 
 
 
 def test_no_record_names_the_home_folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    home, outside = tmp_path / "somebody", tmp_path / "elsewhere"
+    home = tmp_path / "somebody"
+    outside = tmp_path / "elsewhere"
     robot = robot_called(str(renamed("own", home / "robots" / "arm")))
     monkeypatch.setenv("HOME", str(home))
-    for here, place in ((home / "missions", "../robots/arm/robot.urdf"), (outside, "arm/robot.urdf")):
+    for here, place in (
+        (home / "missions", "../robots/arm/robot.urdf"),
+        (outside, "arm/robot.urdf"),
+    ):
         here.mkdir()
         monkeypatch.chdir(here)
         assert robot_meta(robot)["robot_files"].urdf == place
@@ -208,17 +259,24 @@ def test_no_record_names_the_home_folder(tmp_path: Path, monkeypatch: pytest.Mon
 
 
 @pytest.mark.parametrize("way", ["absolute", "relative", "given"])
-def test_no_record_names_the_home_folder_by_packages(way: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    home, arm = tmp_path / "somebody", renamed("own", tmp_path / "arm")
+def test_no_record_names_the_home_folder_by_packages(
+    way: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    home = tmp_path / "somebody"
+    arm = renamed("own", tmp_path / "arm")
     meshes = home / "ws" / "src"
     meshes.mkdir(parents=True)
     monkeypatch.setenv("HOME", str(home))
     monkeypatch.chdir(tmp_path)
     folder = {"absolute": str(meshes), "relative": "../somebody/ws/src", "given": None}[way]
     if folder:
-        (arm / "own.yaml").write_text(f"base: fixed\nloading: {{packages: ['{folder}']}}\n", encoding="utf-8")
+        (arm / "own.yaml").write_text(
+            f"base: fixed\nloading: {{packages: ['{folder}']}}\n", encoding="utf-8"
+        )
     robot = load_robot(
-        urdf=arm / "robot.urdf", hydrodynamics=arm / "own.yaml" if folder else None, package_dirs=() if folder else [meshes]
+        urdf=arm / "robot.urdf",
+        hydrodynamics=arm / "own.yaml" if folder else None,
+        package_dirs=() if folder else [meshes],
     )
     files = robot_meta(robot)["robot_files"].model_dump_json()
     assert "somebody" not in files
@@ -229,7 +287,9 @@ def test_a_plan_alone_is_shown_with_its_robot(project: Path) -> None:
     arm = robot_called(str(renamed("own", project / "arm").name))
     start = State(q=arm.configuration(), v=np.zeros(arm.n_v))
     levels = [OcpLevel(name="effort", terms=(Effort(),))]
-    problem = single_phase(robot=arm, start=start, duration=1.0, n_steps=2, levels=levels, water=False)
+    problem = single_phase(
+        robot=arm, start=start, duration=1.0, n_steps=2, levels=levels, water=False
+    )
     Planner(problem).plan().save(project / "plan.npz")
     assert "give the record.npz beside it" in told("show", "plan.npz", "--out", "scene.html")
     assert "scene.html" in told("show", "plan.npz", "--robot", "arm", "--out", "scene.html")

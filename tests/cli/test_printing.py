@@ -1,4 +1,6 @@
-"""What commands print reads on a console of 80 columns: no line is wider, no short word is broken, nothing is left out."""
+"""What commands print reads on a console of 80 columns: no line is wider, no short word is broken,
+nothing is left out.
+"""
 
 from __future__ import annotations
 
@@ -37,7 +39,8 @@ FAULT = {
 
 def printed(show: Any, width: int = WIDTH) -> str:
     console = console_of()
-    console.file, console.width = io.StringIO(), width
+    console.file = io.StringIO()
+    console.width = width
     show(console)
     return console.file.getvalue()
 
@@ -64,7 +67,9 @@ def test_a_table_with_too_many_columns_goes_on_below_with_its_first_column_again
 
 def test_a_table_that_fits_is_one() -> None:
     rows = by_kind([FAULT])
-    text = printed(lambda console: console.print(table_of("faults", rows, tuple(rows[0]))), width=300)
+    text = printed(
+        lambda console: console.print(table_of("faults", rows, tuple(rows[0]))), width=300
+    )
     assert [row[0] for row in cells(text)] == ["kind", "altimeter_stuck"]
 
 
@@ -77,19 +82,25 @@ def test_a_column_alone_needs_no_other() -> None:
 def test_a_line_goes_on_below_between_two_words() -> None:
     text = "word " * 40 + "x" * 100
     lines = printed(lambda console: print_line(console, text)).splitlines()
-    assert [len(line) <= WIDTH for line in lines] == [True] * (len(lines) - 1) + [False], "a path is not broken"
+    assert [len(line) <= WIDTH for line in lines] == [True] * (len(lines) - 1) + [False], (
+        "a path is not broken"
+    )
     assert all(line.startswith("  ") for line in lines[1:])
     assert " ".join(" ".join(lines).split()) == text
 
 
-@pytest.mark.parametrize("words", [["check", "case1"], ["check-robot", "girona_maris7"], ["list"]], ids=" ".join)
+@pytest.mark.parametrize(
+    "words", [["check", "case1"], ["check-robot", "girona_maris7"], ["list"]], ids=" ".join
+)
 def test_commands_read_on_80_columns(words: list[str]) -> None:
     result = CliRunner().invoke(app, words, env={"COLUMNS": str(WIDTH)})
     assert result.exit_code == 0
     assert max(map(len, result.stdout.splitlines())) <= WIDTH
 
 
-def test_too_little_memory_is_told_in_one_line(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
+def test_too_little_memory_is_told_in_one_line(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
     def greedy(words: list[str]) -> None:
         np.empty(1 << 55)
 
@@ -99,4 +110,6 @@ def test_too_little_memory_is_told_in_one_line(monkeypatch: pytest.MonkeyPatch, 
     with pytest.raises(SystemExit) as end:
         commands.main()
     assert end.value.code == 2
-    assert re.fullmatch(r"error: out of memory \(.*\): give less at a time.*\n", capsys.readouterr().err)
+    assert re.fullmatch(
+        r"error: out of memory \(.*\): give less at a time.*\n", capsys.readouterr().err
+    )

@@ -1,4 +1,5 @@
-"""What is refused is refused before anything is compiled, and its line is the last one, where stderr is no terminal the only one.
+"""What is refused is refused before anything is compiled, and its line is the last one, where
+stderr is no terminal the only one.
 
 The cache is empty, as on a machine that has never run the project.
 """
@@ -40,11 +41,16 @@ def place(tmp_path: Path) -> Path:
 
 def called(*words: str, cwd: Path, **environment: str) -> subprocess.CompletedProcess[str]:
     env = os.environ | environment
-    return subprocess.run([*COMMAND, *words], cwd=cwd, env=env, capture_output=True, text=True, check=False)
+    return subprocess.run(
+        [*COMMAND, *words], cwd=cwd, env=env, capture_output=True, text=True, check=False
+    )
 
 
-def test_what_is_refused_is_refused_in_one_line_and_nothing_is_compiled_for_it(empty: Path, place: Path) -> None:
-    script, expected = Path(__file__).with_name("refusals.py"), dict(REFUSED)
+def test_what_is_refused_is_refused_in_one_line_and_nothing_is_compiled_for_it(
+    empty: Path, place: Path
+) -> None:
+    script = Path(__file__).with_name("refusals.py")
+    expected = dict(REFUSED)
     command = [sys.executable, str(script), *expected]
     process = subprocess.run(command, cwd=place, capture_output=True, text=True, check=False)
     assert process.returncode == 0, process.stderr
@@ -59,7 +65,9 @@ def _is_one_line(row: dict[str, object], text: str) -> bool:
     err = str(row["err"])
     one = len(err.splitlines()) == 1 and err.startswith("error: ") and err.endswith("\n")
     quiet = not row["out"] or text.startswith("pre-flight refuses")  # whose findings are printed
-    return one and quiet and text in err and (row["code"], row["reached"], row["new"]) == (2, "", [])
+    return (
+        one and quiet and text in err and (row["code"], row["reached"], row["new"]) == (2, "", [])
+    )
 
 
 @pytest.mark.parametrize(
@@ -111,7 +119,9 @@ def test_progress_is_not_said_where_stderr_is_no_terminal(empty: Path, place: Pa
 
 
 @pytest.mark.parametrize("reason", ["no compiler", "no cache"])
-def test_what_makes_it_slower_is_said_once_in_one_line(reason: str, empty: Path, place: Path) -> None:
+def test_what_makes_it_slower_is_said_once_in_one_line(
+    reason: str, empty: Path, place: Path
+) -> None:
     environment = {"PATH": str(place), "CC": ""} if reason == "no compiler" else {}
     if reason == "no cache":
         empty.write_text("a file")
@@ -124,10 +134,16 @@ def test_what_makes_it_slower_is_said_once_in_one_line(reason: str, empty: Path,
 @pytest.mark.skipif(sys.platform == "win32", reason="no pseudo-terminals there")
 @pytest.mark.parametrize(
     "words",
-    [pytest.param(FAILS, marks=needs_compiler), ("run", "mission.py:swept"), ("plan", "mission", "transit")],
+    [
+        pytest.param(FAILS, marks=needs_compiler),
+        ("run", "mission.py:swept"),
+        ("plan", "mission", "transit"),
+    ],
     ids=" ".join,
 )
-def test_on_a_terminal_an_error_is_the_last_line(words: tuple[str, ...], empty: Path, place: Path) -> None:
+def test_on_a_terminal_an_error_is_the_last_line(
+    words: tuple[str, ...], empty: Path, place: Path
+) -> None:
     furnish(place)
     lines = _on_a_terminal(*words, cwd=place)
     assert lines[-1].startswith("error: ")
@@ -137,12 +153,16 @@ def test_on_a_terminal_an_error_is_the_last_line(words: tuple[str, ...], empty: 
 
 
 def _on_a_terminal(*words: str, cwd: Path) -> list[str]:
-    """What stays on a terminal that all streams of a command are, without colours and what is drawn over."""
+    """What stays on a terminal that all streams of a command are, without colours and what is drawn
+    over.
+    """
     import pty
 
     ours, theirs = pty.openpty()
     env = os.environ | {"TERM": "xterm", "COLUMNS": "300", "LINES": "50"}
-    with subprocess.Popen([*COMMAND, *words], cwd=cwd, env=env, stdin=theirs, stdout=theirs, stderr=theirs) as process:
+    with subprocess.Popen(
+        [*COMMAND, *words], cwd=cwd, env=env, stdin=theirs, stdout=theirs, stderr=theirs
+    ) as process:
         os.close(theirs)
         told = b""
         while piece := _read(ours):

@@ -39,12 +39,26 @@ def _fails(record: Record, **options: object) -> None:
     raise ValueError("no axes\nleft")
 
 
-def test_a_figure_that_fails_costs_that_figure(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(run_figures, "FIGURES", MappingProxyType({**run_figures.FIGURES, "errors": _fails}))
+def test_a_figure_that_fails_costs_that_figure(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(
+        run_figures, "FIGURES", MappingProxyType({**run_figures.FIGURES, "errors": _fails})
+    )
     console = Console(record=True, width=200, file=StringIO())
-    report = run.run_and_write(_tiny(), tmp_path / "out", console, drawn=("scene", "errors", "joints", "quantities"))
-    written = {path.relative_to(tmp_path / "out").as_posix() for path in (tmp_path / "out").rglob("*.*")}
-    expected = {"record.npz", "report.json", "scene.html", "figures/joints.png", "figures/quantities.png"}
+    report = run.run_and_write(
+        _tiny(), tmp_path / "out", console, drawn=("scene", "errors", "joints", "quantities")
+    )
+    written = {
+        path.relative_to(tmp_path / "out").as_posix() for path in (tmp_path / "out").rglob("*.*")
+    }
+    expected = {
+        "record.npz",
+        "report.json",
+        "scene.html",
+        "figures/joints.png",
+        "figures/quantities.png",
+    }
     assert expected <= written
     assert "figures/errors.png" not in written
     said = [line for line in console.export_text().splitlines() if "not drawn" in line]
@@ -54,12 +68,28 @@ def test_a_figure_that_fails_costs_that_figure(tmp_path: Path, monkeypatch: pyte
 
 @pytest.mark.parametrize(
     ("asked", "written"),
-    [("none", set()), ("path, scene", {"figures/path.png", "scene.html"}), ("joints", {"figures/joints.png"})],
+    [
+        ("none", set()),
+        ("path, scene", {"figures/path.png", "scene.html"}),
+        ("joints", {"figures/joints.png"}),
+    ],
 )
 def test_only_what_is_asked_for_is_drawn(asked: str, written: set[str], tmp_path: Path) -> None:
     out = tmp_path / "out"
     result = CliRunner().invoke(
-        app, ["run", "case1", "--plant", "kinematic", "--duration", "0.2", "--figures", asked, "--out", str(out)]
+        app,
+        [
+            "run",
+            "case1",
+            "--plant",
+            "kinematic",
+            "--duration",
+            "0.2",
+            "--figures",
+            asked,
+            "--out",
+            str(out),
+        ],
     )
     assert result.exit_code == NOT_COMPLETED
     found = {path.relative_to(out).as_posix() for path in out.rglob("[!.]*.*")}
@@ -67,20 +97,26 @@ def test_only_what_is_asked_for_is_drawn(asked: str, written: set[str], tmp_path
 
 
 def test_figures_that_there_are_not_are_refused_before_the_run(tmp_path: Path) -> None:
-    result = CliRunner().invoke(app, ["run", "case1", "--figures", "path,paths", "--out", str(tmp_path / "out")])
+    result = CliRunner().invoke(
+        app, ["run", "case1", "--figures", "path,paths", "--out", str(tmp_path / "out")]
+    )
     assert isinstance(result.exception, NameNotFound)
     assert "unknown figure 'paths'" in str(result.exception)
     assert not (tmp_path / "out").exists()
 
 
-def test_a_report_that_fails_leaves_the_record(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_report_that_fails_leaves_the_record(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.setattr(run, "summarize", _fails)
     with pytest.raises(ValueError, match="no axes"):
         run.run_and_write(_tiny(), tmp_path, Console(quiet=True))
     assert len(Record.load(tmp_path / "record.npz")) > 1
 
 
-def test_what_was_flown_before_ctrl_c_is_written(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_what_was_flown_before_ctrl_c_is_written(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     def press(t: float, state: State, command: Command) -> None:
         if t >= 0.1:
             signal.raise_signal(signal.SIGINT)
@@ -103,7 +139,9 @@ def test_what_was_flown_before_ctrl_c_is_written(tmp_path: Path, monkeypatch: py
     assert "by hand; phase" in done.output
 
 
-def test_a_plan_that_is_stopped_by_hand_is_kept(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_plan_that_is_stopped_by_hand_is_kept(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     def press(moment: IterationReport) -> str:
         if moment.iteration == 1:
             signal.raise_signal(signal.SIGINT)
@@ -113,7 +151,17 @@ def test_a_plan_that_is_stopped_by_hand_is_kept(tmp_path: Path, monkeypatch: pyt
     monkeypatch.setattr("uvms_ocp.cli.plan.drawer", lambda: nullcontext(lambda drawings: []))
     before = signal.signal(signal.SIGINT, signal.default_int_handler)
     try:
-        words = ["plan", "ocp", "--robot", "planar5", "--joint", "x0=0.9", "--out", str(tmp_path / "out"), "--json"]
+        words = [
+            "plan",
+            "ocp",
+            "--robot",
+            "planar5",
+            "--joint",
+            "x0=0.9",
+            "--out",
+            str(tmp_path / "out"),
+            "--json",
+        ]
         done = CliRunner().invoke(app, words)
     finally:
         signal.signal(signal.SIGINT, before)
@@ -121,10 +169,19 @@ def test_a_plan_that_is_stopped_by_hand_is_kept(tmp_path: Path, monkeypatch: pyt
     assert Plan.load(tmp_path / "out" / "plan.npz").status is OcpStatus.INTERRUPTED
 
 
-def test_a_figure_of_a_plan_that_fails_costs_that_figure(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(run_figures, "PLAN_FIGURES", MappingProxyType({**run_figures.PLAN_FIGURES, "clearance": _fails}))
-    robot, before = robot_of(TINY["fixed base, no thrusters"]), set[str]()
-    request = PlanRequest(robot=robot, start=robot.configuration(), goal=PostureGoal(joints={"turn0": 0.3}))
+def test_a_figure_of_a_plan_that_fails_costs_that_figure(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(
+        run_figures,
+        "PLAN_FIGURES",
+        MappingProxyType({**run_figures.PLAN_FIGURES, "clearance": _fails}),
+    )
+    robot = robot_of(TINY["fixed base, no thrusters"])
+    before = set[str]()
+    request = PlanRequest(
+        robot=robot, start=robot.configuration(), goal=PostureGoal(joints={"turn0": 0.3})
+    )
     said = list[str]()
 
     @contextmanager
@@ -139,7 +196,9 @@ def test_a_figure_of_a_plan_that_fails_costs_that_figure(tmp_path: Path, monkeyp
 
     monkeypatch.setattr(plan, "drawer", drawer)
     plan.make_and_write_plan(lambda _: plan._by_curve(request), tmp_path / "out", False)
-    written = {path.relative_to(tmp_path / "out").as_posix() for path in (tmp_path / "out").rglob("*.*")}
+    written = {
+        path.relative_to(tmp_path / "out").as_posix() for path in (tmp_path / "out").rglob("*.*")
+    }
     saved = {"report.json", "plan.npz", "plan.csv", "record.npz"}
     assert saved <= before
     assert saved | {"scene.html", "figures/joint_motion.png"} <= written
@@ -149,7 +208,12 @@ def test_a_figure_of_a_plan_that_fails_costs_that_figure(tmp_path: Path, monkeyp
 
 
 @pytest.mark.parametrize(
-    "failing", ["scenario.Scenario._true_measurement", "run_metadata.quantity_stds", "run_metadata.floor_relief"]
+    "failing",
+    [
+        "scenario.Scenario._true_measurement",
+        "run_metadata.quantity_stds",
+        "run_metadata.floor_relief",
+    ],
 )
 def test_what_fails_after_a_run_costs_itself(
     failing: str, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
@@ -167,10 +231,16 @@ def test_what_fails_after_a_run_costs_itself(
 
 
 @pytest.mark.parametrize("records", ["none", "all"])
-def test_metrics_that_fail_leave_the_record_of_a_run_of_a_campaign(records: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("uvms_ocp.campaign.jobs.run_metrics", lambda scenario, record: _fails(record))
+def test_metrics_that_fail_leave_the_record_of_a_run_of_a_campaign(
+    records: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(
+        "uvms_ocp.campaign.jobs.run_metrics", lambda scenario, record: _fails(record)
+    )
     design = Design(sampler="random", runs=1, parameters=0, seed=0)
-    done = MissionJob(scenario=_tiny, variations=(), names=(), design=design, records=records).make(0)
+    done = MissionJob(scenario=_tiny, variations=(), names=(), design=design, records=records).make(
+        0
+    )
     assert (done.row["outcome"], done.row["success"]) == ("error", False)
     assert "no axes left" in str(done.row["cause"])
     assert bool(done.attachment) == (records == "all")

@@ -1,4 +1,6 @@
-"""A bench's table becomes a curve in newtons, by what it says itself of its unit and of its sheets."""
+"""A bench's table becomes a curve in newtons, by what it says itself of its unit and of its
+sheets.
+"""
 
 from __future__ import annotations
 
@@ -16,7 +18,9 @@ FORCE = 5.0 * np.sign(PWM - 1500.0) * ((PWM - 1500.0) / 400.0) ** 2  # [kgf]
 
 
 def curve_of(*arguments: str) -> tuple[np.ndarray, str]:
-    shown = CliRunner().invoke(app, ["thruster-curve", *arguments, "--pwm", "PWM", "--thrust", "Force"])
+    shown = CliRunner().invoke(
+        app, ["thruster-curve", *arguments, "--pwm", "PWM", "--thrust", "Force"]
+    )
     assert shown.exit_code == 0, shown.stderr
     return np.array(yaml.safe_load(shown.stdout)["curve"]), " ".join(shown.stderr.split())
 
@@ -24,7 +28,12 @@ def curve_of(*arguments: str) -> tuple[np.ndarray, str]:
 @pytest.mark.parametrize(
     ("header", "given", "newtons"),
     [
-        *(("Force (Kg f)", [], 9.80665), ("Force [kgf]", [], 9.80665), ("Force [N]", [], 1.0), ("Force", [], 1.0)),
+        *(
+            ("Force (Kg f)", [], 9.80665),
+            ("Force [kgf]", [], 9.80665),
+            ("Force [N]", [], 1.0),
+            ("Force", [], 1.0),
+        ),
         *(("Force [gf]", ["--unit", "kgf"], 9.80665), ("Force", ["--unit", "lbf"], 4.448222)),
     ],
 )
@@ -40,7 +49,9 @@ def test_thrust_is_in_the_unit_that_is_given_or_else_as_the_header_says(
 
 def test_a_unit_that_is_none_of_thrust_is_refused(tmp_path: Path) -> None:
     (tmp_path / "bench.csv").write_text("PWM,Force (W)\n1500,0\n1900,40\n")
-    shown = CliRunner().invoke(app, ["thruster-curve", str(tmp_path / "bench.csv"), "--pwm", "PWM", "--thrust", "Force"])
+    shown = CliRunner().invoke(
+        app, ["thruster-curve", str(tmp_path / "bench.csv"), "--pwm", "PWM", "--thrust", "Force"]
+    )
     assert "unknown unit 'W'; known: N, kgf, gf, lbf" in str(shown.exception)
 
 
@@ -60,4 +71,8 @@ def test_sheets_of_voltages_are_one_table(tmp_path: Path) -> None:
     np.testing.assert_allclose(first[:, 1], 9.80665 * FORCE, rtol=1e-3)
     assert "sheet 12 V of Sheet, 12 V, 16 V" in said
     both = ["--sheet", "12 V", "--sheet", "16 V", "--voltage", "Voltage", "--at", "14"]
-    np.testing.assert_allclose(curve_of(str(tmp_path / "bench.xlsx"), *both)[0][:, 1], 14.0 / 12.0 * 9.80665 * FORCE, rtol=1e-3)
+    np.testing.assert_allclose(
+        curve_of(str(tmp_path / "bench.xlsx"), *both)[0][:, 1],
+        14.0 / 12.0 * 9.80665 * FORCE,
+        rtol=1e-3,
+    )

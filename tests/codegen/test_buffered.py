@@ -67,7 +67,9 @@ def test_a_wrong_number_of_arguments_is_told_the_names(buffered: BufferedFunctio
 
 def test_what_is_empty_stays_empty() -> None:
     x, E = ca.SX.sym("x", 0), ca.SX.sym("E", 3, 0)
-    x_out, E_out, two = BufferedFunction(ca.Function("f", [x, E], [x, E, ca.SX(2)]))(np.zeros(0), np.zeros((3, 0)))
+    x_out, E_out, two = BufferedFunction(ca.Function("f", [x, E], [x, E, ca.SX(2)]))(
+        np.zeros(0), np.zeros((3, 0))
+    )
     assert (x_out.shape, E_out.shape) == ((0,), (3, 0))
     assert two[0] == 2.0
 
@@ -104,7 +106,10 @@ def test_arguments_that_are_adopted_are_read_where_they_are(buffered: BufferedFu
 
 def test_memory_with_gaps_is_refused_where_its_address_is_kept(buffered: BufferedFunction) -> None:
     """Side by side it would be a copy, which is let go while CasADi reads there."""
-    x, A, B, y = np.zeros(6)[::2], np.zeros((3, 2), order="F"), np.zeros((6, 2), order="F")[::2], np.zeros(2)
+    x = np.zeros(6)[::2]
+    A = np.zeros((3, 2), order="F")
+    B = np.zeros((6, 2), order="F")[::2]
+    y = np.zeros(2)
     for given in (((x, A), (np.zeros((3, 2), order="F"), y)), ((np.zeros(3), A), (B, y))):
         with pytest.raises(NotImplementedError):
             _buffer_on(buffered.function, *given)

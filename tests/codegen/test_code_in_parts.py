@@ -1,4 +1,6 @@
-"""Long functions are compiled in parts, which compilers take in a time that grows with their length alone."""
+"""Long functions are compiled in parts, which compilers take in a time that grows with their length
+alone.
+"""
 
 from __future__ import annotations
 
@@ -33,12 +35,20 @@ ARITHMETIC = (
 )
 
 
-def long_function(seed: int, n: int = LONG, kinds: Sequence[Callable[[ca.SX, ca.SX], ca.SX]] = KINDS) -> ca.Function:
-    """Statements that read what others wrote long before, with two results and an input that may be missing."""
-    rng, x, y = np.random.default_rng(seed), ca.SX.sym("x", 5), ca.SX.sym("y", 2)
+def long_function(
+    seed: int, n: int = LONG, kinds: Sequence[Callable[[ca.SX, ca.SX], ca.SX]] = KINDS
+) -> ca.Function:
+    """Statements that read what others wrote long before, with two results and an input that may be
+    missing.
+    """
+    rng = np.random.default_rng(seed)
+    x = ca.SX.sym("x", 5)
+    y = ca.SX.sym("y", 2)
     made = [*ca.vertsplit(x), *ca.vertsplit(y)]
     for _ in range(n):
-        one, other = (made[int(len(made) * (1.0 - share**2))] for share in rng.uniform(0.01, 1.0, 2))
+        one, other = (
+            made[int(len(made) * (1.0 - share**2))] for share in rng.uniform(0.01, 1.0, 2)
+        )
         made.append(kinds[rng.integers(len(kinds))](one, other))
     return ca.Function("many", [x, y], [ca.vertcat(*made[-40:]), ca.vertcat(*made[7::9])])
 
@@ -52,7 +62,8 @@ def code_of(function: ca.Function) -> str:
 @needs_compiler
 @pytest.mark.parametrize("seed", range(2))
 def test_parts_give_what_the_whole_gives(seed: int) -> None:
-    function, X = long_function(seed), np.random.default_rng(9).normal(size=7)
+    function = long_function(seed)
+    X = np.random.default_rng(9).normal(size=7)
     compiled = compile_function(function)
     assert compiled is not function
     for found, known in zip(compiled(X[:5], X[5:]), function(X[:5], X[5:]), strict=True):
@@ -65,14 +76,19 @@ def test_parts_take_nothing_for_zeros_and_write_what_is_wanted() -> None:
     address = compiled_symbol(function)
     assert address is not None
     call = ctypes.CFUNCTYPE(ctypes.c_int, *(ctypes.c_void_p,) * 4, ctypes.c_int)(address)
-    X, found, known = np.full(5, 0.4), np.zeros(40), np.array(function(np.full(5, 0.4), np.zeros(2))[0]).ravel()
-    arguments, results = (ctypes.c_void_p * 8)(X.ctypes.data, None), (ctypes.c_void_p * 8)(found.ctypes.data, None)
+    X = np.full(5, 0.4)
+    found = np.zeros(40)
+    known = np.array(function(np.full(5, 0.4), np.zeros(2))[0]).ravel()
+    arguments = (ctypes.c_void_p * 8)(X.ctypes.data, None)
+    results = (ctypes.c_void_p * 8)(found.ctypes.data, None)
     assert call(arguments, results, None, None, 0) == 0
     np.testing.assert_allclose(found, known, rtol=1e-11, atol=1e-13)
 
 
 @needs_compiler
-def test_code_is_taken_apart_only_where_it_is_not_kept(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+def test_code_is_taken_apart_only_where_it_is_not_kept(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
     monkeypatch.setenv("UVMS_OCP_CACHE", str(tmp_path))
     calls: list[str] = []
 
@@ -99,7 +115,11 @@ def test_no_part_has_many_variables_and_short_functions_have_none() -> None:
 
 def test_code_with_branches_stays_as_it_is() -> None:
     x = ca.MX.sym("x", 30)
-    code = code_of(ca.Function("many", [x], [ca.vertcat(*(ca.if_else(x[i] > 0, x @ x[i], x, True) for i in range(30)))]))
+    code = code_of(
+        ca.Function(
+            "many", [x], [ca.vertcat(*(ca.if_else(x[i] > 0, x @ x[i], x, True) for i in range(30)))]
+        )
+    )
     assert in_parts(code) == code
 
 
@@ -108,11 +128,17 @@ def arithmetic() -> ca.Function:
     function = long_function(3, kinds=ARITHMETIC)
     x, y = ca.SX.sym("x", 5), ca.SX.sym("y", 2)
     rows, others = function(x, y)
-    return compile_function(ca.Function("plain", [x, y], [ca.vertcat(rows, ca.sin(x), ca.fmax(y, 0.0)), others]))
+    return compile_function(
+        ca.Function("plain", [x, y], [ca.vertcat(rows, ca.sin(x), ca.fmax(y, 0.0)), others])
+    )
 
 
-def results_of(function: ca.Function, X: np.ndarray, *, wanted: bool = True) -> tuple[np.ndarray, np.ndarray]:
-    """Of calls one after the other, which may be made two at a time; the second result of the first call only where `wanted`."""
+def results_of(
+    function: ca.Function, X: np.ndarray, *, wanted: bool = True
+) -> tuple[np.ndarray, np.ndarray]:
+    """Of calls one after the other, which may be made two at a time; the second result of the first
+    call only where `wanted`.
+    """
     first, second = (np.zeros((len(X), function.numel_out(i))) for i in range(2))
     calls = BoundCalls()
     for k, x in enumerate(X):
@@ -123,14 +149,19 @@ def results_of(function: ca.Function, X: np.ndarray, *, wanted: bool = True) -> 
 
 def has_pairs() -> bool:
     """Check whether the compiler here knows vectors of numbers."""
-    path = compile_library(f"{compile.PARTS}\nint size(void) {{ return sizeof(pair) / sizeof(double); }}\n")
+    path = compile_library(
+        f"{compile.PARTS}\nint size(void) {{ return sizeof(pair) / sizeof(double); }}\n"
+    )
     return path is not None and ctypes.CDLL(str(path)).size() == 2
 
 
 @needs_compiler
 @pytest.mark.parametrize("n", [1, 2, 5])
-def test_two_calls_at_once_give_the_bits_of_one_after_the_other(monkeypatch: pytest.MonkeyPatch, n: int) -> None:
-    function, X = arithmetic(), np.random.default_rng(4).normal(size=(n, 7))
+def test_two_calls_at_once_give_the_bits_of_one_after_the_other(
+    monkeypatch: pytest.MonkeyPatch, n: int
+) -> None:
+    function = arithmetic()
+    X = np.random.default_rng(4).normal(size=(n, 7))
     assert (two_calls(function) is not None) == has_pairs()
     found = results_of(function, X)
     monkeypatch.setattr(buffered, "two_calls", lambda function: None)
@@ -142,7 +173,8 @@ def test_two_calls_at_once_give_the_bits_of_one_after_the_other(monkeypatch: pyt
 
 @needs_compiler
 def test_what_is_no_number_in_one_of_two_calls_is_none_in_the_other() -> None:
-    function, X = arithmetic(), np.random.default_rng(5).normal(size=(2, 7))
+    function = arithmetic()
+    X = np.random.default_rng(5).normal(size=(2, 7))
     X[0] = np.nan
     first, second = results_of(function, X, wanted=False)
     assert np.isnan(first[0, :5]).any()
@@ -154,7 +186,9 @@ def test_what_is_no_number_in_one_of_two_calls_is_none_in_the_other() -> None:
 
 @needs_compiler
 def test_a_call_that_builds_on_the_one_before_is_made_after_it() -> None:
-    function, x, y = arithmetic(), np.linspace(0.1, 0.5, 5), np.array([0.3, -0.2])
+    function = arithmetic()
+    x = np.linspace(0.1, 0.5, 5)
+    y = np.array([0.3, -0.2])
     first, second = np.zeros(function.numel_out(0)), np.zeros(function.numel_out(0))
     calls = BoundCalls()
     calls.add(function, [x, y], [first, None])

@@ -45,7 +45,8 @@ def _own_cache(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
 def _answer(path: Path | None) -> float:
     assert path is not None
     function = ctypes.CDLL(str(path)).answer
-    function.restype, function.argtypes = ctypes.c_double, [ctypes.c_double]
+    function.restype = ctypes.c_double
+    function.argtypes = [ctypes.c_double]
     return float(function(21.0))
 
 
@@ -70,7 +71,9 @@ def test_a_library_is_compiled_once(tmp_path: Path) -> None:
 
 
 @needs_compiler
-def test_the_cache_keeps_what_was_used_last(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+def test_the_cache_keeps_what_was_used_last(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
     used, other = (_compile_visible(SOURCE + f"/* {k} */") for k in range(2))
     assert used is not None
     assert other is not None
@@ -111,7 +114,9 @@ def test_garbage_in_the_cache_is_compiled_anew(garbage: bytes) -> None:
 
 
 @needs_compiler
-def test_processes_that_want_the_same_compile_it_once(pretend: Callable[[str], Path], tmp_path: Path) -> None:
+def test_processes_that_want_the_same_compile_it_once(
+    pretend: Callable[[str], Path], tmp_path: Path
+) -> None:
     pretend(f"echo call >> '{tmp_path}/calls'; sleep 1; exec '{COMPILER}' \"$@\"")
     context = multiprocessing.get_context("spawn")
     results = context.Queue()
@@ -142,7 +147,9 @@ def test_a_process_killed_while_compiling_breaks_nothing() -> None:
 
 
 @needs_compiler
-def test_a_cache_that_others_can_write_is_refused(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
+def test_a_cache_that_others_can_write_is_refused(
+    tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
     (tmp_path / "cache").mkdir()
     (tmp_path / "cache").chmod(0o777)
     building._SAID.clear()
@@ -151,7 +158,9 @@ def test_a_cache_that_others_can_write_is_refused(tmp_path: Path, caplog: pytest
     assert "can be written by others" in caplog.text
 
 
-def test_without_a_compiler_it_says_so_once(monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture) -> None:
+def test_without_a_compiler_it_says_so_once(
+    monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
     monkeypatch.setenv("PATH", "")
     monkeypatch.delenv("CC", raising=False)
     building._compiler.cache_clear()
@@ -166,7 +175,12 @@ def _stderr_of(program: str, **environment: str) -> list[str]:
     """Lines that a new process writes to stderr, without any logging set up."""
     kept = {name: value for name, value in os.environ.items() if name != "CC"}
     done = subprocess.run(
-        [sys.executable, "-c", program], env=kept | environment, capture_output=True, text=True, timeout=60, check=True
+        [sys.executable, "-c", program],
+        env=kept | environment,
+        capture_output=True,
+        text=True,
+        timeout=60,
+        check=True,
     )
     return done.stderr.splitlines()
 
@@ -179,7 +193,9 @@ for number in (1, 2, 2):
 
 
 @needs_compiler
-def test_the_first_compilation_is_announced_on_stderr_once_and_the_next_process_is_silent(tmp_path: Path) -> None:
+def test_the_first_compilation_is_announced_on_stderr_once_and_the_next_process_is_silent(
+    tmp_path: Path,
+) -> None:
     cache = str(tmp_path / "fresh")
     (line,) = _stderr_of(TWO_LIBRARIES, UVMS_OCP_CACHE=cache)
     assert line == f"compiling C code for the first time, which takes a while; kept in {cache}"
@@ -211,7 +227,10 @@ def pretend(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Callabl
 
 BAD_COMPILERS = {
     "writes nothing": ("exit 0", "cannot be loaded"),
-    "writes garbage": ('while [ "$1" != -o ]; do shift; done; echo garbage > "$2"', "cannot be loaded"),
+    "writes garbage": (
+        'while [ "$1" != -o ]; do shift; done; echo garbage > "$2"',
+        "cannot be loaded",
+    ),
     "says garbage": ("head -c 1000000 /dev/urandom >&2; exit 1", "failed"),
     "meets a full disk": ("echo 'No space left on device' >&2; echo x > /dev/full", "failed"),
     "crashes": ("kill -SEGV $$", "failed"),
@@ -245,7 +264,8 @@ def _runs(process: int) -> bool:
 
 
 def _await_end(process: int, seconds: float = 10.0) -> None:
-    # A signal is on its way when the call returns: on a busy machine the process may take a moment to end.
+    # A signal is on its way when the call returns: on a busy machine the process may take a moment
+    # to end.
     until = time.monotonic() + seconds
     while _runs(process):
         assert time.monotonic() < until, f"process {process} still runs"
@@ -254,7 +274,10 @@ def _await_end(process: int, seconds: float = 10.0) -> None:
 
 @pytest.mark.skipif(sys.platform == "win32", reason="shell scripts")
 def test_a_compiler_that_hangs_is_stopped_with_its_children_and_not_called_again(
-    pretend: Callable[[str], Path], tmp_path: Path, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+    pretend: Callable[[str], Path],
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    caplog: pytest.LogCaptureFixture,
 ) -> None:
     monkeypatch.setenv("UVMS_OCP_COMPILE_TIMEOUT", "0.3")
     pretend(f"echo call >> '{tmp_path}/calls'; sleep 300 & echo $! > '{tmp_path}/child'; wait")
@@ -274,11 +297,16 @@ def test_functions_that_are_begun_are_compiled_side_by_side(
     monkeypatch.setattr(building, "_workers", lambda process: workers)
     calls = f"'{tmp_path}/calls'"
     # Each ends when it has seen the other, or after ten seconds without.
-    wait = f"for i in $(seq 200); do [ \"$(wc -l < {calls})\" -ge 2 ] && echo met >> '{tmp_path}/met' && break; sleep 0.05; done"
+    wait = (
+        f"for i in $(seq 200); do [ \"$(wc -l < {calls})\" -ge 2 ] && echo met >> '{tmp_path}/met'"
+        " && break; sleep 0.05; done"
+    )
     pretend(f"echo call >> {calls}; {wait}; exit 1")
     x = ca.SX.sym("x")
     with ThreadPool(2) as workers:
-        functions = [building.start_compiling(ca.Function(name, [x], [x])) for name in ("one", "two")]
+        functions = [
+            building.start_compiling(ca.Function(name, [x], [x])) for name in ("one", "two")
+        ]
         assert [building.compile_function(function) for function in functions] == functions
     assert (tmp_path / "met").read_text() == "met\n" * 2
 
@@ -304,16 +332,24 @@ def _made(calls: list[float], number: float, content: str) -> float:
 
     function = building.compiled_from("f", content, make, __file__)
     building.finish_compiling()
-    result, calls_of_it = np.zeros(1), BoundCalls()
+    result = np.zeros(1)
+    calls_of_it = BoundCalls()
     calls_of_it.add(function, [np.array([2.0])], [result])
     calls_of_it()
     return float(result[0])
 
 
 @needs_compiler
-def test_what_was_compiled_before_is_not_made_again_whatever_happened_to_the_cache(tmp_path: Path) -> None:
+def test_what_was_compiled_before_is_not_made_again_whatever_happened_to_the_cache(
+    tmp_path: Path,
+) -> None:
     calls = list[float]()
-    assert [_made(calls, number, f"of {number}") for number in (3.5, 0.25, 3.5, 0.25)] == [7.0, 0.5, 7.0, 0.5]
+    assert [_made(calls, number, f"of {number}") for number in (3.5, 0.25, 3.5, 0.25)] == [
+        7.0,
+        0.5,
+        7.0,
+        0.5,
+    ]
     assert calls == [3.5, 0.25]
     cache = tmp_path / "cache"
     entries = [path for path in cache.iterdir() if path.suffix == ".numbers"]
@@ -348,11 +384,17 @@ while not os.path.exists(sys.argv[1]):
 def test_what_a_process_leaves_at_its_end_another_one_compiles_for_the_next(
     pretend: Callable[[str], Path], tmp_path: Path
 ) -> None:
-    child, calls = tmp_path / "child", tmp_path / "calls"
+    child = tmp_path / "child"
+    calls = tmp_path / "calls"
     first = f"echo $$ > '{tmp_path}/part'; mv '{tmp_path}/part' '{child}'; sleep 300"
-    compiler = pretend(f"[ -e '{child}' ] || {{ {first}; }}; echo call >> '{calls}'; exec '{COMPILER}' \"$@\"")
+    compiler = pretend(
+        f"[ -e '{child}' ] || {{ {first}; }}; echo call >> '{calls}'; exec '{COMPILER}' \"$@\""
+    )
     done = subprocess.run(
-        [sys.executable, "-c", BEGIN, str(child)], env=os.environ | {"CC": str(compiler)}, capture_output=True, timeout=60
+        [sys.executable, "-c", BEGIN, str(child)],
+        env=os.environ | {"CC": str(compiler)},
+        capture_output=True,
+        timeout=60,
     )
     assert done.returncode == 0
     _await_end(int(child.read_text()))
@@ -370,14 +412,24 @@ def test_what_a_process_leaves_at_its_end_another_one_compiles_for_the_next(
 def test_the_process_that_goes_on_imports_what_this_one_has_and_nothing_from_where_it_was_started(
     pretend: Callable[[str], Path], tmp_path: Path
 ) -> None:
-    child, script, here = tmp_path / "child", tmp_path / "program.py", tmp_path / "here"
+    child = tmp_path / "child"
+    script = tmp_path / "program.py"
+    here = tmp_path / "here"
     here.mkdir()
     (here / "casadi.py").write_text("raise SystemExit")
     script.write_text(BEGIN)
-    compiler = pretend(f"[ -e '{child}' ] || {{ touch '{child}'; sleep 300; }}; exec '{COMPILER}' \"$@\"")
+    compiler = pretend(
+        f"[ -e '{child}' ] || {{ touch '{child}'; sleep 300; }}; exec '{COMPILER}' \"$@\""
+    )
     whole = os.pathsep.join(path for path in sys.path if path)
     environment = os.environ | {"CC": str(compiler), "PYTHONPATH": whole}
-    done = subprocess.run([sys.executable, str(script), str(child)], cwd=here, env=environment, capture_output=True, timeout=60)
+    done = subprocess.run(
+        [sys.executable, str(script), str(child)],
+        cwd=here,
+        env=environment,
+        capture_output=True,
+        timeout=60,
+    )
     assert done.returncode == 0, done.stderr
     until = time.monotonic() + 30.0
     while not list((tmp_path / "cache").glob("*.sha256")):
@@ -386,7 +438,9 @@ def test_the_process_that_goes_on_imports_what_this_one_has_and_nothing_from_whe
 
 
 @pytest.mark.parametrize("executable", ["/opt/robot/console", "", None])
-def test_a_program_that_python_is_part_of_is_not_started_again(executable: str | None, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_program_that_python_is_part_of_is_not_started_again(
+    executable: str | None, monkeypatch: pytest.MonkeyPatch
+) -> None:
     begun: list[object] = []
     monkeypatch.setattr(sys, "executable", executable)
     monkeypatch.setattr(subprocess, "Popen", lambda *words, **named: begun.append(words))
@@ -394,8 +448,12 @@ def test_a_program_that_python_is_part_of_is_not_started_again(executable: str |
     assert not begun
 
 
-def test_what_no_other_process_finds_by_its_name_is_left_without_a_word(monkeypatch: pytest.MonkeyPatch) -> None:
-    """As functions of a module that a notebook has loaded anew: at the end of a process nobody can do anything about it."""
+def test_what_no_other_process_finds_by_its_name_is_left_without_a_word(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """As functions of a module that a notebook has loaded anew: at the end of a process nobody can
+    do anything about it.
+    """
     begun: list[object] = []
     monkeypatch.setattr(subprocess, "Popen", lambda *words, **named: begun.append(words))
     building._hand_over([lambda: None])
@@ -426,12 +484,17 @@ assert os.waitpid(child, 0)[1] == 0, "it waits for itself"
 
 @needs_compiler
 @pytest.mark.skipif(not hasattr(os, "fork"), reason="forks")
-def test_a_fork_begun_while_a_library_is_made_finds_it_too(pretend: Callable[[str], Path], tmp_path: Path) -> None:
-    begun, forked = tmp_path / "begun", tmp_path / "forked"
+def test_a_fork_begun_while_a_library_is_made_finds_it_too(
+    pretend: Callable[[str], Path], tmp_path: Path
+) -> None:
+    begun = tmp_path / "begun"
+    forked = tmp_path / "forked"
     wait = f"touch '{begun}'; while [ ! -e '{forked}' ]; do sleep 0.05; done; sleep 0.5"
     compiler = pretend(f"{wait}; exec '{COMPILER}' \"$@\"")
     words = [sys.executable, "-c", FORK, str(begun), str(forked)]
-    done = subprocess.run(words, env=os.environ | {"CC": str(compiler)}, capture_output=True, text=True, timeout=90)
+    done = subprocess.run(
+        words, env=os.environ | {"CC": str(compiler)}, capture_output=True, text=True, timeout=90
+    )
     assert done.returncode == 0, done.stderr
 
 
@@ -463,8 +526,12 @@ starting.join()
 
 @pytest.mark.skipif(not hasattr(os, "fork"), reason="forks")
 def test_no_fork_begins_in_the_middle_of_a_start_of_a_compiler() -> None:
-    """A thread that starts a process waits for the end of a pipe, and a fork that waits for that thread held it open."""
-    done = subprocess.run([sys.executable, "-c", FORK_OF_A_START], capture_output=True, text=True, timeout=90)
+    """A thread that starts a process waits for the end of a pipe, and a fork that waits for that
+    thread held it open.
+    """
+    done = subprocess.run(
+        [sys.executable, "-c", FORK_OF_A_START], capture_output=True, text=True, timeout=90
+    )
     assert done.returncode == 0, done.stderr
 
 
@@ -490,7 +557,9 @@ def test_nobody_waits_for_longer_than_a_compiler_may_take_and_who_works_behind_a
     if behind:
         monkeypatch.setattr(building._BEHIND, "is_set", lambda: True)
     monkeypatch.setenv("UVMS_OCP_COMPILE_TIMEOUT", "30" if behind else "3")
-    with subprocess.Popen([sys.executable, "-c", HOLD, str(library)], stdout=subprocess.PIPE) as holder:
+    with subprocess.Popen(
+        [sys.executable, "-c", HOLD, str(library)], stdout=subprocess.PIPE
+    ) as holder:
         assert holder.stdout is not None
         assert holder.stdout.readline() == b"mine\n"
         begin = time.monotonic()
@@ -504,7 +573,9 @@ def test_nobody_waits_for_longer_than_a_compiler_may_take_and_who_works_behind_a
 def test_what_was_left_half_made_a_day_ago_is_removed(tmp_path: Path) -> None:
     library = _compile_visible()
     assert library is not None
-    old, new, foreign = (library.parent / name for name in (f"{HALF_MADE}old", f"{HALF_MADE}new", "build-release"))
+    old, new, foreign = (
+        library.parent / name for name in (f"{HALF_MADE}old", f"{HALF_MADE}new", "build-release")
+    )
     lock, package = library.with_suffix(".lock"), library.with_name("package.lock")
     for folder in (old, new, foreign):
         folder.mkdir()
@@ -520,7 +591,9 @@ def test_what_was_left_half_made_a_day_ago_is_removed(tmp_path: Path) -> None:
 
 
 @needs_compiler
-def test_who_lets_a_function_go_before_it_is_compiled_is_not_waited_for(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_who_lets_a_function_go_before_it_is_compiled_is_not_waited_for(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
     class Never:
         def ready(self) -> bool:
             return False
@@ -538,7 +611,9 @@ def test_who_lets_a_function_go_before_it_is_compiled_is_not_waited_for(monkeypa
     building.finish_compiling()
 
 
-def test_ctrl_c_ends_what_is_waited_for_and_nobody_goes_on_with_it(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_ctrl_c_ends_what_is_waited_for_and_nobody_goes_on_with_it(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
     class Never:
         def ready(self) -> bool:
             return False
@@ -559,9 +634,12 @@ def test_ctrl_c_ends_what_is_waited_for_and_nobody_goes_on_with_it(monkeypatch: 
 @needs_compiler
 @pytest.mark.skipif(sys.platform == "win32", reason="timers by signals")
 @PYTHON_MAY_LOSE_IT
-def test_whenever_it_is_pressed_nothing_half_made_is_left(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_whenever_it_is_pressed_nothing_half_made_is_left(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.setenv("UVMS_OCP_CACHE", str(tmp_path))
-    x, draw = ca.SX.sym("x", 200), random.Random(44)
+    x = ca.SX.sym("x", 200)
+    draw = random.Random(44)
     y = x
     for _ in range(20):
         y = ca.sin(y) + ca.vertcat(y[1:], y[0])
@@ -589,7 +667,9 @@ def test_whenever_it_is_pressed_nothing_half_made_is_left(tmp_path: Path, monkey
 
 
 @needs_compiler
-def test_it_is_said_of_long_code_how_long_it_takes(caplog: pytest.LogCaptureFixture, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_it_is_said_of_long_code_how_long_it_takes(
+    caplog: pytest.LogCaptureFixture, monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.setattr(building, "_PACE", 3.0 / len(SOURCE))
     for _ in range(2):
         building.compile_library(SOURCE, name="the answer")
@@ -601,7 +681,9 @@ def test_it_is_said_of_long_code_how_long_it_takes(caplog: pytest.LogCaptureFixt
 def test_a_time_limit_that_is_none_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
     for words in ("soon", "0", "-1", "nan", "inf"):
         monkeypatch.setenv("UVMS_OCP_COMPILE_TIMEOUT", words)
-        with pytest.raises(InvalidInput, match=f"UVMS_OCP_COMPILE_TIMEOUT = '{words}'; give seconds"):
+        with pytest.raises(
+            InvalidInput, match=f"UVMS_OCP_COMPILE_TIMEOUT = '{words}'; give seconds"
+        ):
             compile_timeout()
 
 
@@ -654,7 +736,9 @@ def test_a_cache_on_a_disk_that_runs_no_programs_is_said_and_not_compiled_to(
 
 
 @needs_compiler
-def test_source_that_does_not_compile_gives_nothing_but_a_warning(caplog: pytest.LogCaptureFixture) -> None:
+def test_source_that_does_not_compile_gives_nothing_but_a_warning(
+    caplog: pytest.LogCaptureFixture,
+) -> None:
     building._SAID.clear()
     with caplog.at_level(logging.WARNING):
         assert building.compile_library("this is not C") is None
@@ -670,10 +754,14 @@ def test_a_compiled_function_keeps_names_sparsity_and_values() -> None:
     assert compiled.name_in() == function.name_in()
     assert compiled.name_out() == function.name_out()
     assert compiled.sparsity_out(1) == function.sparsity_out(1)
-    np.testing.assert_allclose(np.asarray(compiled([1, 2, 3])[0]), np.sin([[1.0], [2.0], [3.0]]), rtol=1e-15)
+    np.testing.assert_allclose(
+        np.asarray(compiled([1, 2, 3])[0]), np.sin([[1.0], [2.0], [3.0]]), rtol=1e-15
+    )
 
 
-def test_without_a_compiler_a_function_is_returned_as_it_is(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_without_a_compiler_a_function_is_returned_as_it_is(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
     x = ca.SX.sym("x")
     function = ca.Function("f", [x], [x])
     monkeypatch.setattr(building, "_compiler", lambda: None)

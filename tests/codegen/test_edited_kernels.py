@@ -24,7 +24,9 @@ def step(m: Pair) -> None:
 """
 
 
-def test_a_kernel_that_is_edited_and_loaded_again_is_the_new_one(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_kernel_that_is_edited_and_loaded_again_is_the_new_one(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     file = tmp_path / "edited_kernel.py"
     monkeypatch.syspath_prepend(tmp_path)
     for k, factor in enumerate((2.5, 4.5)):

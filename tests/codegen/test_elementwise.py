@@ -8,7 +8,14 @@ import casadi as ca
 import numpy as np
 import pytest
 
-from uvms_ocp.codegen.elementwise import all_entries, clipped, logical_and, logical_or, row_sums, where
+from uvms_ocp.codegen.elementwise import (
+    all_entries,
+    clipped,
+    logical_and,
+    logical_or,
+    row_sums,
+    where,
+)
 
 A = np.array([[1.0, -2.0, np.inf], [0.0, 3.0, -1.0]])  # inf - inf is NaN
 OPERATIONS: dict[str, Callable] = {
@@ -28,7 +35,8 @@ OPERATIONS: dict[str, Callable] = {
 @pytest.mark.parametrize("name", OPERATIONS)
 @np.errstate(invalid="ignore")
 def test_expressions_and_numbers_agree(kind: type, name: str) -> None:
-    x, operation = kind.sym("x", *A.shape), OPERATIONS[name]
+    x = kind.sym("x", *A.shape)
+    operation = OPERATIONS[name]
     expected = np.asarray(operation(A), dtype=float)
     found = np.array(ca.Function("f", [x], [operation(x)])(A))
     np.testing.assert_array_equal(found.reshape(expected.shape), expected)

@@ -80,9 +80,15 @@ for work, number in ((run, 300), (plan, 100)):
 
 @pytest.mark.slow
 @long_without_compiler
-@pytest.mark.skipif(sys.platform != "linux", reason="reads the memory of a process where Linux tells it")
+@pytest.mark.skipif(
+    sys.platform != "linux", reason="reads the memory of a process where Linux tells it"
+)
 def test_hundreds_of_changed_runs_and_planners_take_no_more_than_ten() -> None:
-    """Within 30 MB: what is kept of each is bounded, such as the machine code that has its numbers."""
-    done = subprocess.run([sys.executable, "-c", CHANGED], capture_output=True, text=True, timeout=1800, check=True)
+    """Within 30 MB: what is kept of each is bounded, such as the machine code that has its
+    numbers.
+    """
+    done = subprocess.run(
+        [sys.executable, "-c", CHANGED], capture_output=True, text=True, timeout=1800, check=True
+    )
     for tenth, last in map(json.loads, done.stdout.splitlines()):
         assert last - tenth < 30.0, done.stdout

@@ -28,14 +28,20 @@ X = np.random.default_rng(4).normal(size=3)
 
 def function_of(a: float, b: float) -> ca.Function:
     x, y = ca.SX.sym("x", 3), ca.SX.sym("y")
-    first = ca.vertcat(a * ca.sin(x[0]) + b, ca.fmin(x[1], b) / (y + a), ca.if_else(x[2] > a, x[2], 0.0))
+    first = ca.vertcat(
+        a * ca.sin(x[0]) + b, ca.fmin(x[1], b) / (y + a), ca.if_else(x[2] > a, x[2], 0.0)
+    )
     return ca.Function("f", [x, y], [first, ca.sumsqr(x) * b], ["x", "y"], ["first", "second"])
 
 
 def of_matrices(a: float, b: float) -> ca.Function:
     x, y = ca.MX.sym("x", 3), ca.MX.sym("y")
     known = ca.MX(ca.DM([[a, 0.5, 0.0], [1.0, -b, 3.0], [np.inf, 2.0, b]]))
-    return ca.Function("f", [x, y], [ca.fmin(known, y) @ x - a, ca.if_else(x[0] > b, x * a, -b) + ca.DM([a, b, 1.0]), known])
+    return ca.Function(
+        "f",
+        [x, y],
+        [ca.fmin(known, y) @ x - a, ca.if_else(x[0] > b, x * a, -b) + ca.DM([a, b, 1.0]), known],
+    )
 
 
 def source_of(function: ca.Function) -> str:
@@ -47,7 +53,9 @@ def source_of(function: ca.Function) -> str:
 @needs_compiler
 @pytest.mark.parametrize("function_with", [function_of, of_matrices])
 @pytest.mark.parametrize(("a", "b"), [(0.3, 1.7), (-2.2, 1e-9), (1e6, np.pi), (0.0, 1.0)])
-def test_compiled_functions_have_numbers_of_their_own(function_with: type[ca.Function], a: float, b: float) -> None:
+def test_compiled_functions_have_numbers_of_their_own(
+    function_with: type[ca.Function], a: float, b: float
+) -> None:
     functions = [function_with(a, b), function_with(0.31, 5.5), function_with(a, b)]
     compiled = [compile_function(function) for function in functions]
     for function, one in zip(functions, compiled, strict=True):
@@ -57,8 +65,12 @@ def test_compiled_functions_have_numbers_of_their_own(function_with: type[ca.Fun
 
 
 @pytest.mark.parametrize("function_with", [function_of, of_matrices])
-def test_code_without_its_numbers_is_the_same_for_all_of_them(function_with: type[ca.Function]) -> None:
-    (one, few), (other, others) = (without_numbers(source_of(function_with(*pair))) for pair in ((0.3, 1.7), (0.31, 5.5)))
+def test_code_without_its_numbers_is_the_same_for_all_of_them(
+    function_with: type[ca.Function],
+) -> None:
+    (one, few), (other, others) = (
+        without_numbers(source_of(function_with(*pair))) for pair in ((0.3, 1.7), (0.31, 5.5))
+    )
     assert one == other
     assert len(few) == len(others)
     assert (few != others).any()
@@ -69,16 +81,27 @@ def test_code_without_its_numbers_is_the_same_for_all_of_them(function_with: typ
 def test_numbers_of_tasks_and_gains_compile_nothing_whatever_they_are(
     given: Callable[..., Scenario], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Before, one that was equal to another, or to 0 or 1, or no longer so, made code of its own."""
+    """Before, one that was equal to another, or to 0 or 1, or no longer so, made code of its
+    own.
+    """
     known = given(duration=0.02)
     known.run()
-    begun, build, tried = list[str](), compiling._build, 0
-    monkeypatch.setattr(compiling, "_build", lambda *given: begun.append(given[-1]) or build(*given))
+    begun = list[str]()
+    build = compiling._build
+    tried = 0
+    monkeypatch.setattr(
+        compiling, "_build", lambda *given: begun.append(given[-1]) or build(*given)
+    )
     for name in available_parameters(known):
         # The lead is that of another law, and an observer without bandwidth is none.
-        if name.startswith(("tasks.", "gains.")) and name not in ("gains.lead", "gains.observer_vehicle"):
+        if name.startswith(("tasks.", "gains.")) and name not in (
+            "gains.lead",
+            "gains.observer_vehicle",
+        ):
             for value in (0.0, 0.5, 1.0):
-                with suppress(InvalidInput):  # a margin of half the range, a gain that has to be > 0
+                with suppress(
+                    InvalidInput
+                ):  # a margin of half the range, a gain that has to be > 0
                     vary(known, {name: value}).run()
                     tried += 1
                 assert begun == [], (name, value)
@@ -86,12 +109,20 @@ def test_numbers_of_tasks_and_gains_compile_nothing_whatever_they_are(
 
 
 @needs_compiler
-def test_machine_code_is_there_as_long_as_its_function_and_no_longer(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(compiling, "_external", lru_cache(maxsize=2)(compiling._external.__wrapped__))
+def test_machine_code_is_there_as_long_as_its_function_and_no_longer(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr(
+        compiling, "_external", lru_cache(maxsize=2)(compiling._external.__wrapped__)
+    )
 
     def loaded() -> int:
         gc.collect()
-        return Path("/proc/self/maps").read_text(encoding="utf-8").count("r-xp") if sys.platform == "linux" else 0
+        return (
+            Path("/proc/self/maps").read_text(encoding="utf-8").count("r-xp")
+            if sys.platform == "linux"
+            else 0
+        )
 
     kept = [function_of(0.3, 1.0 + k) for k in range(3)]
     addresses = [compiled_symbol(function) for function in kept]

@@ -16,7 +16,13 @@ from scipy.optimize import linprog
 
 from uvms_ocp.codegen.kernel_layout import assign, structure_of
 from uvms_ocp.codegen.kernels import bind_kernels, make_memory
-from uvms_ocp.control.faults.authority import Authority, AuthorityMemory, authority_in, authority_sizes, judge_authority
+from uvms_ocp.control.faults.authority import (
+    Authority,
+    AuthorityMemory,
+    authority_in,
+    authority_sizes,
+    judge_authority,
+)
 from uvms_ocp.control.faults.detection import (
     FaultDetection,
     JointFaultMemory,
@@ -35,7 +41,12 @@ from uvms_ocp.control.faults.monitor import (
     write_joint_watch,
     write_thruster_watch,
 )
-from uvms_ocp.control.faults.thrusters import FaultFit, ThrusterFaultMemory, classify_fault, detect_thruster_faults
+from uvms_ocp.control.faults.thrusters import (
+    FaultFit,
+    ThrusterFaultMemory,
+    classify_fault,
+    detect_thruster_faults,
+)
 from uvms_ocp.control.faults.verdicts import (
     ActuatorHealthTuning,
     FaultKind,
@@ -76,7 +87,10 @@ def authority_of(
     compiled: bool = True,
 ) -> Authority:
     """The control authority left with this effectiveness, for a robot that `trim` holds still."""
-    kinds = [structure_of(kind, **authority_sizes(len(lower))) for kind in (AuthorityMemory, ThrusterEffectiveness)]
+    kinds = [
+        structure_of(kind, **authority_sizes(len(lower)))
+        for kind in (AuthorityMemory, ThrusterEffectiveness)
+    ]
     (judge,), memory = bind_kernels((judge_authority,), kinds, compiled=compiled), kinds[0]()
     assign(memory, matrix=matrix, lower=lower, upper=upper, trim=trim, righting=righting)
     judge(memory, kinds[1](tuple(effectiveness.share), tuple(effectiveness.constant)))
@@ -96,9 +110,14 @@ class Watched:
         compiled: bool,
     ) -> None:
         sizes = {"n_thrusters": 8, "n_looks": window_capacity(tuning, period)}
-        structures = structure_of(ThrusterFaultMemory, **sizes), structure_of(ThrusterEffectiveness, **sizes)
+        structures = (
+            structure_of(ThrusterFaultMemory, **sizes),
+            structure_of(ThrusterEffectiveness, **sizes),
+        )
         self.watch, self.effectiveness = (structure() for structure in structures)
-        write_thruster_watch(self.watch, matrix, lower, upper, tuning=tuning, bandwidth=3.0, period=period)
+        write_thruster_watch(
+            self.watch, matrix, lower, upper, tuning=tuning, bandwidth=3.0, period=period
+        )
         self.effectiveness.share[:] = [1.0] * 8
         (self._look,) = bind_kernels((detect_thruster_faults,), structures, compiled=compiled)
 
@@ -115,20 +134,31 @@ def vector(values: np.ndarray) -> Any:
 
 
 def watched(
-    robot: str, thruster: int, share: float, constant: float, push: np.ndarray, busy: float = 0.02, compiled: bool = True
+    robot: str,
+    thruster: int,
+    share: float,
+    constant: float,
+    push: np.ndarray,
+    busy: float = 0.02,
+    compiled: bool = True,
 ) -> list[ThrusterVerdict]:
-    """Verdicts after 12 s in which one thruster gives ``share * asked + constant`` of its limit from 4 s on.
+    """Verdicts after 12 s in which one thruster gives ``share * asked + constant`` of its limit
+    from 4 s on.
 
-    All are asked smooth noise, which grows with `busy`; push (k, 6), shares of the reach, acts as the observer sees
-    it, and what is asked makes up for it half a second later.
+    All are asked smooth noise, which grows with `busy`; push (k, 6), shares of the reach, acts as
+    the observer sees it, and what is asked makes up for it half a second later.
     """
     machine = load_robot(robot)
     matrix, (lower, upper) = thruster_matrix(machine), thrust_limits(machine)
     tuning = ActuatorHealthTuning()
-    residual_filter, known = residual_filter_for(tuning, bandwidth=3.0, dt=0.02), nothing_asked(8, 6)
+    residual_filter = residual_filter_for(tuning, bandwidth=3.0, dt=0.02)
+    known = nothing_asked(8, 6)
     watch = Watched(matrix, lower, upper, tuning, 0.02 * residual_filter.every, compiled=compiled)
-    rng, noise, seen = np.random.default_rng(thruster), np.zeros(8), np.zeros(6)
-    reach, back = np.abs(matrix) @ upper, np.linalg.pinv(matrix)
+    rng = np.random.default_rng(thruster)
+    noise = np.zeros(8)
+    seen = np.zeros(6)
+    reach = np.abs(matrix) @ upper
+    back = np.linalg.pinv(matrix)
     for k in range(600):
         noise += busy * rng.normal(size=8) * upper - 0.02 * noise
         asked = noise - back @ (reach * push[max(k - 25, 0)])
@@ -143,15 +173,24 @@ def watched(
 
 
 STILL = np.zeros((600, 6))
-MANNERS = {FaultKind.DEAD: (0.0, 0.0), FaultKind.WEAK: (0.4, 0.0), FaultKind.REVERSED: (-1.0, 0.0), FaultKind.STUCK: (0.0, 0.4)}
+MANNERS = {
+    FaultKind.DEAD: (0.0, 0.0),
+    FaultKind.WEAK: (0.4, 0.0),
+    FaultKind.REVERSED: (-1.0, 0.0),
+    FaultKind.STUCK: (0.0, 0.4),
+}
 
 
 @pytest.mark.parametrize("kind", MANNERS)
 @pytest.mark.parametrize("thruster", [0, 2, 5, 7])
 @pytest.mark.parametrize("robot", [FULL, "bluerov2_alpha5"])
-def test_the_thruster_that_fails_is_named_alone_and_how(robot: str, thruster: int, kind: FaultKind) -> None:
+def test_the_thruster_that_fails_is_named_alone_and_how(
+    robot: str, thruster: int, kind: FaultKind
+) -> None:
     verdicts = watched(robot, thruster, *MANNERS[kind], STILL)
-    assert {i: verdict.kind for i, verdict in enumerate(verdicts) if verdict.kind} == {thruster: kind}
+    assert {i: verdict.kind for i, verdict in enumerate(verdicts) if verdict.kind} == {
+        thruster: kind
+    }
 
 
 @pytest.mark.parametrize("axis", range(6))
@@ -164,24 +203,33 @@ def test_a_push_along_an_axis_and_what_makes_up_for_it_is_no_fault(robot: str, a
 
 
 @pytest.mark.parametrize("thruster", range(8))
-def test_a_push_just_where_a_thruster_pushes_is_no_fault_if_what_is_asked_follows_it(thruster: int) -> None:
+def test_a_push_just_where_a_thruster_pushes_is_no_fault_if_what_is_asked_follows_it(
+    thruster: int,
+) -> None:
     machine = load_robot(FULL)
     matrix, (_, upper) = thruster_matrix(machine), thrust_limits(machine)
-    push = np.outer(np.repeat([0.0, 1.0], 300), 0.3 * upper[thruster] * matrix[:, thruster] / (np.abs(matrix) @ upper))
+    push = np.outer(
+        np.repeat([0.0, 1.0], 300),
+        0.3 * upper[thruster] * matrix[:, thruster] / (np.abs(matrix) @ upper),
+    )
     assert not any(verdict.kind for verdict in watched(FULL, thruster, 1.0, 0.0, push, busy=0.005))
 
 
 @pytest.mark.parametrize("dead", [(0,), (5,), (0, 4), (4, 7)])
 def test_a_mission_goes_on_without_one_thruster_or_two(dead: tuple[int, ...]) -> None:
     robot = load_robot(FULL)
-    left = authority_of(thruster_matrix(robot), *thrust_limits(robot), without(*dead), np.zeros(6), RIGHTING)
+    left = authority_of(
+        thruster_matrix(robot), *thrust_limits(robot), without(*dead), np.zeros(6), RIGHTING
+    )
     assert left.can_go_on
     assert (left.reach <= left.sound + 1e-6).all()
 
 
 def test_a_mission_ends_where_no_thruster_drives_an_axis() -> None:
     robot = load_robot(FULL)
-    left = authority_of(thruster_matrix(robot), *thrust_limits(robot), without(0, 1, 2), np.zeros(6), RIGHTING)
+    left = authority_of(
+        thruster_matrix(robot), *thrust_limits(robot), without(0, 1, 2), np.zeros(6), RIGHTING
+    )
     assert not left.can_go_on
     assert "yaw" in (*left.lost, *left.one_sided)
     assert "yaw" in str(left)
@@ -189,21 +237,33 @@ def test_a_mission_ends_where_no_thruster_drives_an_axis() -> None:
 
 def test_what_sound_thrusters_reach_is_all_there() -> None:
     robot = load_robot(FULL)
-    left = authority_of(thruster_matrix(robot), *thrust_limits(robot), without(), np.zeros(6), RIGHTING)
+    left = authority_of(
+        thruster_matrix(robot), *thrust_limits(robot), without(), np.zeros(6), RIGHTING
+    )
     assert str(left) == "nothing is out of reach"
 
 
 def pushed(effort: float, moves: float, way: float = 1.0, compiled: bool = True) -> list[FaultKind]:
-    """After 3 s in which two joints are asked for 0.2 rad/s: one stands, one goes at `moves` [rad/s], against `effort` [N m].
+    """After 3 s in which two joints are asked for 0.2 rad/s: one stands, one goes at `moves`
+    [rad/s], against `effort` [N m].
 
     way: the sign of what is asked.
     """
     structure = structure_of(JointFaultMemory, n_joints=2)
-    watch, (look,) = structure(), bind_kernels((detect_joint_faults,), (structure,), compiled=compiled)
+    watch, (look,) = (
+        structure(),
+        bind_kernels((detect_joint_faults,), (structure,), compiled=compiled),
+    )
     write_joint_watch(watch, np.array([10.0, 10.0]))
     for k in range(30):
         q = np.array([0.0, 0.1 * k * moves])
-        look(watch, vector(way * np.array([0.02, 0.02])), vector(way * q), vector(-way * np.array([effort, effort])), 0.1 * k)
+        look(
+            watch,
+            vector(way * np.array([0.02, 0.02])),
+            vector(way * q),
+            vector(-way * np.array([effort, effort])),
+            0.1 * k,
+        )
     return [verdict.kind for verdict in joint_verdicts(watch)]
 
 
@@ -222,16 +282,23 @@ def test_a_joint_jams_whichever_way_it_is_asked_and_not_where_it_is_drawn_along(
 
 
 def test_the_wrench_that_holds_the_robot_is_the_mean_over_the_second_half_of_the_wait() -> None:
-    balance, rng, began = structure_of(WrenchBalance)(), np.random.default_rng(0), 2.0
+    balance = structure_of(WrenchBalance)()
+    rng = np.random.default_rng(0)
+    began = 2.0
     for _ in range(2):  # what the wait before has summed up counts for nothing
         begin_wrench_balance(balance, began)
-        balance.runs, waits, wrenches, due = True, [], [], False
+        balance.runs = True
+        waits = []
+        wrenches = []
+        due = False
         while not due:
             waits.append(0.1 * len(waits))
             wrenches.append(rng.normal(size=6))
             due = update_wrench_balance(balance, vector(wrenches[-1]), began + waits[-1])
         second = np.array(waits) > 0.5 * waits[-1] + 1e-6
-        np.testing.assert_allclose(balance.mean, np.array(wrenches)[second].mean(axis=0), rtol=0, atol=1e-12)
+        np.testing.assert_allclose(
+            balance.mean, np.array(wrenches)[second].mean(axis=0), rtol=0, atol=1e-12
+        )
         assert not balance.runs
 
 
@@ -244,12 +311,18 @@ FAILS = {  # share and constant [N] of a thruster that fails
 
 
 @pytest.mark.parametrize("kind", FAILS)
-def test_share_constant_and_onset_are_those_that_the_residual_was_made_with(kind: FaultKind) -> None:
+def test_share_constant_and_onset_are_those_that_the_residual_was_made_with(
+    kind: FaultKind,
+) -> None:
     (share, constant), onset, rng, n, bandwidth = FAILS[kind], 25, np.random.default_rng(4), 70, 3.0
     fit = structure_of(FaultFit, n_looks=n)()
-    fit.count, fit.bandwidth, time = n, bandwidth, 0.1 * np.arange(n)
+    fit.count = n
+    fit.bandwidth = bandwidth
+    time = 0.1 * np.arange(n)
     asked = 8.0 * np.sin(1.3 * time) + 5.0 * np.sin(3.1 * time)
-    faded = np.exp(-bandwidth * np.maximum(time - time[onset], 0.0))  # of what was before, in a filter of first order
+    faded = np.exp(
+        -bandwidth * np.maximum(time - time[onset], 0.0)
+    )  # of what was before, in a filter of first order
     lost = (share - 1.0) * (asked - asked[onset] * faded) + constant * (1.0 - faded)
     along = np.where(time > time[onset], lost, 0.0) + 0.01 * rng.normal(size=n)
     assign(fit, time=time, asked=asked, along=along)
@@ -262,8 +335,14 @@ def test_share_constant_and_onset_are_those_that_the_residual_was_made_with(kind
 @pytest.mark.parametrize(
     ("verdict", "told"),
     [
-        (ThrusterVerdict(kind=FaultKind.WEAK, share=0.4), "thruster3 weak (aft): gives 40 % of what it is asked; asked for more"),
-        (ThrusterVerdict(kind=FaultKind.DEAD, share=0.0), "thruster3 dead (aft): gives 0 % of what it is asked; taken out"),
+        (
+            ThrusterVerdict(kind=FaultKind.WEAK, share=0.4),
+            "thruster3 weak (aft): gives 40 % of what it is asked; asked for more",
+        ),
+        (
+            ThrusterVerdict(kind=FaultKind.DEAD, share=0.0),
+            "thruster3 dead (aft): gives 0 % of what it is asked; taken out",
+        ),
     ],
 )
 def test_an_alarm_tells_the_share_in_percent(verdict: ThrusterVerdict, told: str) -> None:
@@ -278,7 +357,8 @@ def test_impossible_tunings_are_refused() -> None:
 
 
 def test_commands_are_the_same_to_the_last_bit_while_nothing_is_faulty() -> None:
-    watched, alone = run(Hover(duration=4.0, seed=2)), run(Hover(duration=4.0, seed=2, watched=False))
+    watched = run(Hover(duration=4.0, seed=2))
+    alone = run(Hover(duration=4.0, seed=2, watched=False))
     np.testing.assert_array_equal(watched.commands, alone.commands)
     assert watched.alarms == []
 
@@ -286,13 +366,20 @@ def test_commands_are_the_same_to_the_last_bit_while_nothing_is_faulty() -> None
 def test_the_way_of_a_joint_that_turns_without_end_is_known(tmp_path: Path) -> None:
     source = ROBOTS / "bluerov2_alpha5"
     text = (source / "robot.urdf").read_text(encoding="utf-8")
-    (tmp_path / "robot.urdf").write_text(text.replace('type="revolute"', 'type="continuous"', 1), encoding="utf-8")
+    (tmp_path / "robot.urdf").write_text(
+        text.replace('type="revolute"', 'type="continuous"', 1), encoding="utf-8"
+    )
     machine = load_robot(urdf=tmp_path / "robot.urdf", hydrodynamics=source / "hydrodynamics.yaml")
     assert machine.n_q == machine.n_v + 2
     memory, look, every = looks_of(machine)
-    q, v = machine.configuration(), np.zeros(machine.n_v)
+    q = machine.configuration()
+    v = np.zeros(machine.n_v)
     v[machine.joint_v] = 0.3
-    memory.encoders_trusted, memory.way[:], memory.residual[:] = True, (every * v).tolist(), (-10.0 * v).tolist()
+    memory.encoders_trusted, memory.way[:], memory.residual[:] = (
+        True,
+        (every * v).tolist(),
+        (-10.0 * v).tolist(),
+    )
     for k in range(1, 100):
         q = pin.integrate(machine.model, q, 0.1 * v)
         memory.q[:] = q.tolist()
@@ -301,16 +388,20 @@ def test_the_way_of_a_joint_that_turns_without_end_is_known(tmp_path: Path) -> N
 
 
 def test_thrust_is_taken_in_as_late_as_the_residual_tells_of_it() -> None:
-    residual_filter, known = residual_filter_for(ActuatorHealthTuning(), bandwidth=3.0, dt=0.02), nothing_asked(2, 0)
+    residual_filter = residual_filter_for(ActuatorHealthTuning(), bandwidth=3.0, dt=0.02)
+    known = nothing_asked(2, 0)
     for k in range(1, 101):
         known = residual_filter.after(known, np.array([5.0, -40.0]), np.zeros(0))
-        np.testing.assert_allclose(known.thrust, (1.0 - np.exp(-3.0 * 0.02 * k)) * np.array([5.0, -40.0]))
+        np.testing.assert_allclose(
+            known.thrust, (1.0 - np.exp(-3.0 * 0.02 * k)) * np.array([5.0, -40.0])
+        )
 
 
 @pytest.mark.parametrize("dt", [1 / 200, 1 / 50, 1.0])
 def test_a_look_is_due_at_its_period_and_hears_of_every_velocity_once(dt: float) -> None:
     tuning = ActuatorHealthTuning()
-    residual_filter, known = residual_filter_for(tuning, bandwidth=0.5, dt=dt), nothing_asked(0, 1)
+    residual_filter = residual_filter_for(tuning, bandwidth=0.5, dt=dt)
+    known = nothing_asked(0, 1)
     looks = []
     for k in range(1, 201):
         known = residual_filter.after(known, np.zeros(0), np.array([float(k)]))
@@ -323,9 +414,12 @@ def test_a_look_is_due_at_its_period_and_hears_of_every_velocity_once(dt: float)
 
 def looks_of(machine: Robot) -> tuple[Any, Callable[..., int], int]:
     """The memory of looks at a robot, the kernel, and the ticks from look to look."""
-    tuning, dt = ActuatorHealthTuning(), 0.02
+    tuning = ActuatorHealthTuning()
+    dt = 0.02
     residual_filter = residual_filter_for(tuning, bandwidth=3.0, dt=dt)
-    sizes = detection_sizes(machine, robot_dynamics(machine).symbolic, tuning, residual_filter.every * dt)
+    sizes = detection_sizes(
+        machine, robot_dynamics(machine).symbolic, tuning, residual_filter.every * dt
+    )
     memory, (look,) = make_memory(structure_of(FaultDetection, **sizes), (detect_faults,))
     write_detection(memory, machine, tuning, residual_filter, bandwidth=3.0, dt=dt)
     return memory, look, residual_filter.every
@@ -334,7 +428,9 @@ def looks_of(machine: Robot) -> tuple[Any, Callable[..., int], int]:
 @needs_compiler
 @pytest.mark.parametrize("kind", MANNERS)
 def test_in_c_and_in_python_a_fault_is_judged_by_the_same_bits(kind: FaultKind) -> None:
-    told, same = (watched(FULL, 2, *MANNERS[kind], STILL, compiled=compiled)[2] for compiled in (True, False))
+    told, same = (
+        watched(FULL, 2, *MANNERS[kind], STILL, compiled=compiled)[2] for compiled in (True, False)
+    )
     assert told.kind == kind
     assert told == same
 
@@ -342,23 +438,41 @@ def test_in_c_and_in_python_a_fault_is_judged_by_the_same_bits(kind: FaultKind) 
 @pytest.mark.parametrize("seed", range(30))
 def test_authority_is_that_of_linear_programs(seed: int) -> None:
     rng = np.random.default_rng(seed)
-    n, righting = (4, 6, 8)[seed % 3], np.r_[np.zeros(3), rng.uniform(0.0, 40.0, 2), 0.0]
+    n = (4, 6, 8)[seed % 3]
+    righting = np.r_[np.zeros(3), rng.uniform(0.0, 40.0, 2), 0.0]
     upper = rng.uniform(10.0, 100.0, n)
-    matrix, lower = rng.normal(size=(6, n)), -rng.uniform(0.0, 1.0, n) * upper
-    share, trim = (rng.choice([0.0, 1.0, 0.5, -1.0], n, p=[0.2, 0.6, 0.1, 0.1]), rng.choice([0.0, 20.0]) * rng.normal(size=6))
-    effectiveness = ThrusterEffectiveness(share=share, constant=np.where(share == 0.0, rng.choice([0.0, 0.3], n) * upper, 0.0))
+    matrix = rng.normal(size=(6, n))
+    lower = -rng.uniform(0.0, 1.0, n) * upper
+    share = rng.choice([0.0, 1.0, 0.5, -1.0], n, p=[0.2, 0.6, 0.1, 0.1])
+    trim = rng.choice([0.0, 20.0]) * rng.normal(size=6)
+    effectiveness = ThrusterEffectiveness(
+        share=share, constant=np.where(share == 0.0, rng.choice([0.0, 0.3], n) * upper, 0.0)
+    )
     # Some in Python, where no array can be read beyond its end.
     left = authority_of(matrix, lower, upper, effectiveness, trim, righting, compiled=seed % 10 > 0)
     ends = np.sort([effectiveness.given(lower), effectiveness.given(upper)], axis=0)
-    for found, limits, balance in ((left.reach, ends, trim), (left.sound, (lower, upper), np.zeros(6))):
-        oracle = [[largest(matrix, limits, balance, righting, axis, way) for way in (-1, 1)] for axis in range(6)]
+    for found, limits, balance in (
+        (left.reach, ends, trim),
+        (left.sound, (lower, upper), np.zeros(6)),
+    ):
+        oracle = [
+            [largest(matrix, limits, balance, righting, axis, way) for way in (-1, 1)]
+            for axis in range(6)
+        ]
         np.testing.assert_allclose(found, oracle, rtol=1e-7, atol=1e-7)
 
 
 def largest(
-    matrix: np.ndarray, limits: Sequence[np.ndarray], trim: np.ndarray, righting: np.ndarray, axis: int, way: int
+    matrix: np.ndarray,
+    limits: Sequence[np.ndarray],
+    trim: np.ndarray,
+    righting: np.ndarray,
+    axis: int,
+    way: int,
 ) -> float:
-    """Largest x with ``matrix T + s = trim + way x e``, T within its limits, s within what the water balances, by SciPy."""
+    """Largest x with ``matrix T + s = trim + way x e``, T within its limits, s within what the
+    water balances, by SciPy.
+    """
     direction = -way * np.eye(6)[:, [axis]]
     own = np.arange(6) == axis if axis in (3, 4) else np.zeros(6, dtype=bool)
     trim, righting = np.where(own, 0.0, trim), np.where(own, 0.0, righting)

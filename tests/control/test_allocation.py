@@ -8,7 +8,13 @@ import pytest
 from scipy.linalg import null_space
 from scipy.optimize import LinearConstraint, lsq_linear, minimize
 
-from uvms_ocp.control.force.allocation import Allocation, ThrusterLag, allocate_thrust, allocation_of, apply_effectiveness
+from uvms_ocp.control.force.allocation import (
+    Allocation,
+    ThrusterLag,
+    allocate_thrust,
+    allocation_of,
+    apply_effectiveness,
+)
 from uvms_ocp.control.force.minimum_power import majorizing_weight
 from uvms_ocp.errors import InvalidInput
 from uvms_ocp.robot.loading import list_robots, load_robot
@@ -35,11 +41,15 @@ def test_thrust_stays_inside_the_limits(allocation: Allocation, wrenches: np.nda
         assert (thrust <= allocation.upper).all()
 
 
-def test_reached_and_unreachable_add_up_to_the_wrench(allocation: Allocation, wrenches: np.ndarray) -> None:
+def test_reached_and_unreachable_add_up_to_the_wrench(
+    allocation: Allocation, wrenches: np.ndarray
+) -> None:
     for wrench in wrenches:
         result = allocation.allocate(wrench)
         np.testing.assert_allclose(result.reached, allocation.matrix @ result.thrust, atol=1e-9)
-        np.testing.assert_allclose(result.reached + result.unreachable, wrench, rtol=1e-12, atol=1e-12)
+        np.testing.assert_allclose(
+            result.reached + result.unreachable, wrench, rtol=1e-12, atol=1e-12
+        )
 
 
 def test_what_thrust_inside_the_limits_can_give_is_given_exactly(allocation: Allocation) -> None:
@@ -51,37 +61,50 @@ def test_what_thrust_inside_the_limits_can_give_is_given_exactly(allocation: All
         assert not result.saturated
 
 
-def test_no_thrust_inside_the_limits_comes_closer(allocation: Allocation, wrenches: np.ndarray) -> None:
+def test_no_thrust_inside_the_limits_comes_closer(
+    allocation: Allocation, wrenches: np.ndarray
+) -> None:
     for wrench in wrenches:
         weight = allocation.wrench_weight
         cost = 0.5 * np.sum((weight * allocation.allocate(wrench).unreachable) ** 2)
         limits = (allocation.lower, allocation.upper)
-        oracle = lsq_linear(weight[:, None] * allocation.matrix, weight * wrench, limits, method="bvls", tol=1e-15)
+        oracle = lsq_linear(
+            weight[:, None] * allocation.matrix, weight * wrench, limits, method="bvls", tol=1e-15
+        )
         assert cost <= oracle.cost + 1e-9 * (1.0 + np.sum((weight * wrench) ** 2))
 
 
 @pytest.mark.parametrize("name", ROBOTS)
-def test_what_is_given_up_costs_the_least_acceleration_in_the_norm_of_the_kinetic_energy(name: str) -> None:
+def test_what_is_given_up_costs_the_least_acceleration_in_the_norm_of_the_kinetic_energy(
+    name: str,
+) -> None:
     robot = load_robot(name)
     inertia = np.diag(pin.crba(robot.model, robot.model.createData(), robot.configuration()))[:6]
-    constraint = allocation_of(robot, compiled=False).wrench_weight ** 2 * inertia  # Gauss: (F / m)^2 m, of each axis
+    constraint = (
+        allocation_of(robot, compiled=False).wrench_weight ** 2 * inertia
+    )  # Gauss: (F / m)^2 m, of each axis
     np.testing.assert_allclose(constraint, constraint[0], rtol=1e-12)
 
 
 def test_optimality_conditions_hold(allocation: Allocation, wrenches: np.ndarray) -> None:
     for wrench in wrenches:
         result = allocation.allocate(wrench)
-        push = allocation.matrix.T @ (allocation.wrench_weight**2 * result.unreachable)  # where more thrust would help
+        push = allocation.matrix.T @ (
+            allocation.wrench_weight**2 * result.unreachable
+        )  # where more thrust would help
         tolerance = 1e-6 * (1.0 + np.linalg.norm(allocation.wrench_weight**2 * wrench))
         assert (push[result.thrust < allocation.upper - 1e-6] <= tolerance).all()
         assert (push[result.thrust > allocation.lower + 1e-6] >= -tolerance).all()
 
 
-def test_saturated_says_that_limits_cost_wrench(allocation: Allocation, wrenches: np.ndarray) -> None:
+def test_saturated_says_that_limits_cost_wrench(
+    allocation: Allocation, wrenches: np.ndarray
+) -> None:
     weight = allocation.wrench_weight
     B = weight[:, None] * allocation.matrix
     for wrench in wrenches:
-        result, weighted = allocation.allocate(wrench), weight * wrench
+        result = allocation.allocate(wrench)
+        weighted = weight * wrench
         without_limits = weighted - B @ np.linalg.lstsq(B, weighted, rcond=None)[0]
         lost = np.linalg.norm(weight * result.unreachable) - np.linalg.norm(without_limits)
         assert result.saturated == (lost > 1e-9 * np.linalg.norm(weighted))
@@ -102,7 +125,9 @@ def test_weights_decide_what_is_given_up_first() -> None:
     assert abs(force_first[2]) < abs(moment_first[2])
 
 
-@pytest.mark.parametrize("bad", [[1.0] * 5, [np.nan] * 6, [np.inf, 0, 0, 0, 0, 0], np.zeros((6, 1))])
+@pytest.mark.parametrize(
+    "bad", [[1.0] * 5, [np.nan] * 6, [np.inf, 0, 0, 0, 0, 0], np.zeros((6, 1))]
+)
 def test_a_bad_wrench_is_refused(allocation: Allocation, bad: object) -> None:
     with pytest.raises(InvalidInput, match="wrench"):
         allocation.allocate(bad)
@@ -152,14 +177,24 @@ def test_a_dead_zone_costs_little_wrench(allocation: Allocation, wrenches: np.nd
 
 def with_dead_zone(allocation: Allocation, share: float) -> Allocation:
     names = ("matrix", "lower", "upper", "power_factor", "power_exponent", "wrench_weight")
-    return Allocation(**{name: getattr(allocation, name) for name in names}, dead_zone=share * allocation.upper)
+    return Allocation(
+        **{name: getattr(allocation, name) for name in names}, dead_zone=share * allocation.upper
+    )
 
 
 @pytest.fixture(params=["equal", "unequal", "of other kinds"])
 def powered(request: pytest.FixtureRequest, allocation: Allocation) -> Allocation:
     """The same layout, where some thrusters take more power than others."""
     n = len(allocation.upper)
-    names = ("matrix", "lower", "upper", "power_factor", "power_exponent", "dead_zone", "wrench_weight")
+    names = (
+        "matrix",
+        "lower",
+        "upper",
+        "power_factor",
+        "power_exponent",
+        "dead_zone",
+        "wrench_weight",
+    )
     values = {name: getattr(allocation, name) for name in names}
     if request.param != "equal":
         values["power_factor"] = allocation.power_factor * np.geomspace(0.4, 2.5, n)
@@ -190,8 +225,11 @@ def test_gentle_thrust_is_within_a_ten_thousandth_of_the_least_power(powered: Al
         assert power(powered, thrust) <= (1.0 + 1e-4) * least_power(powered, thrust, free)
 
 
-def test_thrust_that_may_be_at_its_limits_is_within_a_thousandth_of_the_least_power(powered: Allocation) -> None:
-    free, rng = null_space(powered.matrix), np.random.default_rng(4)
+def test_thrust_that_may_be_at_its_limits_is_within_a_thousandth_of_the_least_power(
+    powered: Allocation,
+) -> None:
+    free = null_space(powered.matrix)
+    rng = np.random.default_rng(4)
     for _ in range(30):
         thrust = powered.allocate(powered.matrix @ rng.uniform(powered.lower, powered.upper)).thrust
         assert power(powered, thrust) <= (1.0 + 1e-3) * least_power(powered, thrust, free)
@@ -220,9 +258,13 @@ def test_without_thrusters_nothing_is_reached() -> None:
 
 
 def test_parabolas_meet_the_power_at_the_largest_thrust_and_touch_it_elsewhere() -> None:
-    factor, exponent, most = np.array([0.4, 1.0, 3.0]), np.array([1.0, 1.5, 2.0]), np.array([40.0, 5.0, 150.0])
+    factor = np.array([0.4, 1.0, 3.0])
+    exponent = np.array([1.0, 1.5, 2.0])
+    most = np.array([40.0, 5.0, 150.0])
     given = {"power_factor": factor, "power_exponent": exponent, "dead_zone": np.zeros(3)}
-    powers = Allocation(matrix=np.eye(6)[:, :3], lower=-most, upper=most, **given).memory.left.powers
+    powers = Allocation(
+        matrix=np.eye(6)[:, :3], lower=-most, upper=most, **given
+    ).memory.left.powers
     np.testing.assert_allclose(powers.quadratic[:3] * most**2, most**exponent * factor, rtol=1e-12)
     for share in (0.1, 0.5, 1.0):
         thrust = share * most
@@ -241,10 +283,14 @@ def test_without_data_every_thruster_takes_the_same_power_at_its_larger_limit() 
     bare = replace(robot, description=robot.description.model_copy(update={"thrusters": thrusters}))
     allocation = allocation_of(bare)
     largest = np.maximum(-allocation.lower, allocation.upper)
-    np.testing.assert_allclose(allocation.power_factor * largest**allocation.power_exponent, 1.0, rtol=1e-12)
+    np.testing.assert_allclose(
+        allocation.power_factor * largest**allocation.power_exponent, 1.0, rtol=1e-12
+    )
 
 
-def test_a_wrench_is_shared_out_by_the_same_bits_in_c_and_in_python(powered: Allocation, wrenches: np.ndarray) -> None:
+def test_a_wrench_is_shared_out_by_the_same_bits_in_c_and_in_python(
+    powered: Allocation, wrenches: np.ndarray
+) -> None:
     dead = with_dead_zone(powered, 0.05)
     other = type(dead.memory)()
     dead.write(other)
@@ -259,7 +305,10 @@ def test_a_wrench_is_shared_out_by_the_same_bits_in_c_and_in_python(powered: All
 
 def test_the_lead_over_the_lag_asks_nothing_inside_a_dead_zone() -> None:
     """And what is allocated is reached all the same."""
-    rng, n, dt, late = np.random.default_rng(0), 400, 0.02, 0.2
+    rng = np.random.default_rng(0)
+    n = 400
+    dt = 0.02
+    late = 0.2
     zone = rng.choice([0.0, 1.0, 3.0], n)
     lag = ThrusterLag(
         lower=np.full(n, -30.0),

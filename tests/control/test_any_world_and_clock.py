@@ -1,4 +1,6 @@
-"""Robots and solvers of the registries command the same in any world, by any clock and however rows are written: their laws."""
+"""Robots and solvers of the registries command the same in any world, by any clock and however rows
+are written: their laws.
+"""
 
 from __future__ import annotations
 
@@ -15,10 +17,18 @@ from uvms_ocp.control.velocity.kinematic import KinematicController
 from uvms_ocp.robot.loading import list_robots
 from uvms_ocp.robot.signals import StateEstimate
 from uvms_ocp.solvers.hierarchy.solution import Status
-from uvms_ocp.tasks import HorizontalAttitude, JointLimits, MinimumAltitude, ToolPosition, VehiclePose
+from uvms_ocp.tasks import (
+    HorizontalAttitude,
+    JointLimits,
+    MinimumAltitude,
+    ToolPosition,
+    VehiclePose,
+)
 from uvms_ocp.tasks.task import Rows, Task
 
-DT, TICKS, STATUSES = 0.02, 25, tuple(Status)
+DT = 0.02
+TICKS = 25
+STATUSES = tuple(Status)
 CASES = {  # X_NW of the new world N, and by how much [s] its clock is ahead
     "moved by 1 km": (pin.SE3(np.eye(3), np.array([800.0, -600.0, 0.0])), 0.0),
     "half turned": (pin.SE3(pin.rpy.rpyToMatrix(0.0, 0.0, np.pi), np.zeros(3)), 0.0),
@@ -26,10 +36,15 @@ CASES = {  # X_NW of the new world N, and by how much [s] its clock is ahead
     "a clock of 1e3 s": (pin.SE3.Identity(), 1e3),
     "Unix time": (pin.SE3.Identity(), 1.76e9),
 }
-START, GOAL = uo.pose_at((0.0, 0.0, -5.0), (0.0, 0.1, 0.7)), uo.pose_at((0.4, -0.3, -5.2), (0.0, 0.0, -2.9))
+START, GOAL = (
+    uo.pose_at((0.0, 0.0, -5.0), (0.0, 0.1, 0.7)),
+    uo.pose_at((0.4, -0.3, -5.2), (0.0, 0.0, -2.9)),
+)
 
 
-def mission(robot: uo.Robot, X_NW: pin.SE3, tool: np.ndarray, changed: Callable[[Task], Task]) -> uo.Mission:
+def mission(
+    robot: uo.Robot, X_NW: pin.SE3, tool: np.ndarray, changed: Callable[[Task], Task]
+) -> uo.Mission:
     tasks: list[Task] = [JointLimits()]
     if robot.n_vehicle:
         tasks += [MinimumAltitude()] if robot.description.altimeter else []
@@ -43,19 +58,35 @@ def mission(robot: uo.Robot, X_NW: pin.SE3, tool: np.ndarray, changed: Callable[
     return uo.Mission(hierarchy=uo.Hierarchy(tasks), phases=(phase,))
 
 
-def commands(robot: uo.Robot, solver: str, X_NW: pin.SE3, ahead: float, changed: Callable[[Task], Task] = as_it_is) -> np.ndarray:
-    """(n, n_v) [m/s, rad/s] on the way, until the solver calls one inexact; a fixed base is its own world."""
+def commands(
+    robot: uo.Robot,
+    solver: str,
+    X_NW: pin.SE3,
+    ahead: float,
+    changed: Callable[[Task], Task] = as_it_is,
+) -> np.ndarray:
+    """(n, n_v) [m/s, rad/s] on the way, until the solver calls one inexact; a fixed base is its own
+    world.
+    """
     here = X_NW if robot.n_vehicle else pin.SE3.Identity()
-    q = robot.configuration(position=(0.0, 0.0, 0.0)).copy() if robot.n_vehicle else robot.configuration().copy()
+    q = (
+        robot.configuration(position=(0.0, 0.0, 0.0)).copy()
+        if robot.n_vehicle
+        else robot.configuration().copy()
+    )
     q[:7] = pin.SE3ToXYZQUAT(here * START) if robot.n_vehicle else q[:7]
     tool = np.zeros(3)
     if robot.tools:
-        data, there = robot.model.createData(), robot.configuration().copy()
+        data = robot.model.createData()
+        there = robot.configuration().copy()
         there[:7] = pin.SE3ToXYZQUAT(START) if robot.n_vehicle else there[:7]
         pin.framesForwardKinematics(robot.model, data, there)
         tool = data.oMf[robot.frame_id(robot.tools[0])].translation + np.array([0.2, 0.1, -0.05])
-    control = KinematicController(robot=robot, mission=mission(robot, here, tool, changed), solver=SOLVERS[solver](), dt=DT)
-    v, rows = np.zeros(robot.n_v), []
+    control = KinematicController(
+        robot=robot, mission=mission(robot, here, tool, changed), solver=SOLVERS[solver](), dt=DT
+    )
+    v = np.zeros(robot.n_v)
+    rows = []
     for k in range(TICKS):
         echo = q[2] + 20.0 if robot.n_vehicle else np.nan
         command = control(StateEstimate(q=q, v=v, altimeter_range=echo), ahead + k * DT)
@@ -77,8 +108,12 @@ def test_the_same_is_commanded_in_any_world_and_by_any_clock(name: str, solver: 
         found = commands(robot, solver, X_NW, ahead)
         n = min(len(found), len(usual))
         assert n == TICKS if solver != "lexqp" else n >= 5
-        exact = 1e-4 if solver == "lexqp" else 1e-6  # a cascade of QPs, each solved to a tolerance that the next inherits
-        allowed = exact + 50.0 * np.spacing(ahead)  # velocities change by 1 m/s2 and more within the resolution of a clock
+        exact = (
+            1e-4 if solver == "lexqp" else 1e-6
+        )  # a cascade of QPs, each solved to a tolerance that the next inherits
+        allowed = exact + 50.0 * np.spacing(
+            ahead
+        )  # velocities change by 1 m/s2 and more within the resolution of a clock
         assert np.abs(found[:n] - usual[:n]).max() <= allowed, case
 
 
@@ -92,11 +127,19 @@ def test_the_same_is_commanded_in_any_world_and_by_any_clock(name: str, solver: 
         ("planar5", with_its_last_row_twice),
     ],
 )
-def test_rows_that_ask_for_nothing_new_change_nothing(name: str, solver: str, more: Callable[[Rows, Task], Rows]) -> None:
+def test_rows_that_ask_for_nothing_new_change_nothing(
+    name: str, solver: str, more: Callable[[Rows, Task], Rows]
+) -> None:
     """In every task at once."""
-    robot, here = uo.load_robot(name), pin.SE3.Identity()
-    usual, found = (commands(robot, solver, here, 0.0, changed) for changed in (as_it_is, lambda task: extended(task, more)))
+    robot = uo.load_robot(name)
+    here = pin.SE3.Identity()
+    usual, found = (
+        commands(robot, solver, here, 0.0, changed)
+        for changed in (as_it_is, lambda task: extended(task, more))
+    )
     n = min(len(found), len(usual))
     assert n >= (5 if solver == "lexqp" else TICKS)
     assert np.abs(usual).max() > 0.01
-    np.testing.assert_allclose(found[:n], usual[:n], atol={"lexqp": 1e-4, "icat": 1e-2}.get(solver, 1e-6))
+    np.testing.assert_allclose(
+        found[:n], usual[:n], atol={"lexqp": 1e-4, "icat": 1e-2}.get(solver, 1e-6)
+    )

@@ -1,4 +1,6 @@
-"""Sensors that fall silent in closed loop: the robot slows down, the arm holds, and it recovers gently."""
+"""Sensors that fall silent in closed loop: the robot slows down, the arm holds, and it recovers
+gently.
+"""
 
 from __future__ import annotations
 
@@ -22,14 +24,26 @@ from uvms_ocp.sim.plant import DynamicPlant
 from uvms_ocp.sim.sensors import SensorSuite
 
 BLACKOUT = 6.0  # [s] when it begins
-ALL = ("position", "depth", "attitude", "angular_velocity", "linear_velocity", "joint_positions", "joint_velocities",
-       "altimeter_range")  # fmt: skip
+ALL = (
+    "position",
+    "depth",
+    "attitude",
+    "angular_velocity",
+    "linear_velocity",
+    "joint_positions",
+    "joint_velocities",
+    "altimeter_range",
+)
 
 
-def run(lost: tuple[str, ...], duration: float, back: float = math.inf) -> tuple[Record, KinematicController]:
+def run(
+    lost: tuple[str, ...], duration: float, back: float = math.inf
+) -> tuple[Record, KinematicController]:
     """Case 1 from the start, with some channels frozen from `BLACKOUT` until `back` [s]."""
     scenario = case1()
-    robot, kinematic, dynamics = scenario.robot, scenario.kinematic_controller(), robot_dynamics(scenario.robot)
+    robot = scenario.robot
+    kinematic = scenario.kinematic_controller()
+    dynamics = robot_dynamics(scenario.robot)
     suite = SensorSuite(robot, scenario.environment.seafloor, IDEAL_SENSORS)
     frozen: dict[str, object] = {}
 
@@ -41,7 +55,9 @@ def run(lost: tuple[str, ...], duration: float, back: float = math.inf) -> tuple
         return readings if t >= back else replace(readings, **frozen)
 
     recorder = simulate(
-        plant=DynamicPlant(robot, scenario.start, dynamics=dynamics, environment=scenario.environment),
+        plant=DynamicPlant(
+            robot, scenario.start, dynamics=dynamics, environment=scenario.environment
+        ),
         sensors=read,
         estimator=PassThrough(robot, IDEAL_SENSORS),
         controller=DynamicController(robot=robot, dynamics=dynamics, kinematic=kinematic),
@@ -62,7 +78,9 @@ def run(lost: tuple[str, ...], duration: float, back: float = math.inf) -> tuple
     return recorder.freeze(meta), kinematic
 
 
-@pytest.mark.parametrize("lost", [ALL, ("linear_velocity",), ("joint_positions",), ("altimeter_range",)])
+@pytest.mark.parametrize(
+    "lost", [ALL, ("linear_velocity",), ("joint_positions",), ("altimeter_range",)]
+)
 def test_a_robot_without_sensors_slows_down_and_holds_its_arm(lost: tuple[str, ...]) -> None:
     record, kinematic = run(lost, BLACKOUT + 6.0)
     after = record["t"] >= BLACKOUT

@@ -1,4 +1,6 @@
-"""No change of trust, in any channel, changes the reference by more than the acceleration limits allow, at any rate of ticks."""
+"""No change of trust, in any channel, changes the reference by more than the acceleration limits
+allow, at any rate of ticks.
+"""
 
 from __future__ import annotations
 
@@ -18,24 +20,36 @@ from uvms_ocp.robot.signals import CHANNELS, ChannelHealth, StateEstimate, Trust
 from uvms_ocp.scenario.cases.case1 import case1
 
 EVERY = 0.6  # [s] between two changes
-FAILURES = [frozenset({channel}) for channel in CHANNELS] + [mode.without for mode in DEGRADED_MODES if len(mode.without) > 1]
+FAILURES = [frozenset({channel}) for channel in CHANNELS] + [
+    mode.without for mode in DEGRADED_MODES if len(mode.without) > 1
+]
 
 
 @pytest.mark.parametrize("dt", [1 / 20, 1 / 50, 1 / 200])
 def test_the_reference_brakes_and_goes_on_within_its_acceleration_limits(dt: float) -> None:
     scenario = case1(plant="kinematic", dt=dt)
     control, robot = scenario.kinematic_controller(), scenario.robot
-    limits, q, commands, moved = robot.limits.acceleration * dt, scenario.start.copy(), [np.zeros(robot.n_v)], 0
-    levels = [(lost, trust) for lost in FAILURES for trust in (Trust.SUSPECT, Trust.LOST, Trust.GOOD)]
+    limits = robot.limits.acceleration * dt
+    q = scenario.start.copy()
+    commands = [np.zeros(robot.n_v)]
+    moved = 0
+    levels = [
+        (lost, trust) for lost in FAILURES for trust in (Trust.SUSPECT, Trust.LOST, Trust.GOOD)
+    ]
     begun = [0.0]
     for k in range(round(EVERY * len(levels) / dt)):
         t = k * dt
         lost, trust = levels[min(int(t / EVERY + 1e-9), len(levels) - 1)]
         begun += [t] if t - begun[-1] >= EVERY - 1e-9 else []
         bad = {channel: trust if channel in lost else Trust.GOOD for channel in CHANNELS}
-        health = tuple(ChannelHealth(channel=channel, trust=level, since=begun[-1]) for channel, level in bad.items())
+        health = tuple(
+            ChannelHealth(channel=channel, trust=level, since=begun[-1])
+            for channel, level in bad.items()
+        )
         echo = math.nan if bad["altimeter_range"] is Trust.LOST else q[2] + 40.0
-        command = control(StateEstimate(q=q, v=commands[-1], altimeter_range=echo, health=health), t)
+        command = control(
+            StateEstimate(q=q, v=commands[-1], altimeter_range=echo, health=health), t
+        )
         commands.append(command.v.copy())
         q = pin.integrate(robot.model, q, command.v * dt)
         moved += np.abs(command.v).max() > 0.01
@@ -45,9 +59,14 @@ def test_the_reference_brakes_and_goes_on_within_its_acceleration_limits(dt: flo
 
 
 @pytest.mark.parametrize("altimeter", [False, True])
-def test_without_descent_neither_vehicle_nor_altimeter_sinks_in_any_attitude_and_nothing_else_changes(altimeter: bool) -> None:
-    rng, zero, lifted = np.random.default_rng(7), doubles(np.zeros(6)), 0
-    limits, less = structure_of(SpeedLimitMemory, n_v=6)(), structure_of(RestrictionMemory)()
+def test_without_descent_neither_vehicle_nor_altimeter_sinks_in_any_attitude_and_nothing_else_changes(
+    altimeter: bool,
+) -> None:
+    rng = np.random.default_rng(7)
+    zero = doubles(np.zeros(6))
+    lifted = 0
+    limits = structure_of(SpeedLimitMemory, n_v=6)()
+    less = structure_of(RestrictionMemory)()
     beam = structure_of(AltimeterMemory, n_v=6, look=ca.Function("look", [], []))()
     assign(limits, step=np.full(6, 1e3), has_vehicle=True)
     assign(less, speed=1.0, no_descent=True)
@@ -55,12 +74,15 @@ def test_without_descent_neither_vehicle_nor_altimeter_sinks_in_any_attitude_and
         q = rng.normal(size=7)
         q[3:] /= np.linalg.norm(q[3:])
         R = pin.Quaternion(*q[[6, 3, 4, 5]]).matrix()
-        jacobian, wanted = np.concatenate([R[2], rng.normal(size=3)]), rng.normal(size=6)
+        jacobian = np.concatenate([R[2], rng.normal(size=3)])
+        wanted = rng.normal(size=6)
         assign(beam, exists=altimeter, height_jacobian=jacobian)
         v = doubles(wanted)
         assert limit_speed(limits, less, beam, doubles(q), zero, 1.0, v) == 1.0
         sinks = max(0.0, -R[2] @ wanted[:3], -(jacobian @ wanted) if altimeter else 0.0)
-        np.testing.assert_allclose(R @ v[:3], R @ wanted[:3] + [0.0, 0.0, sinks], rtol=0, atol=1e-12)
+        np.testing.assert_allclose(
+            R @ v[:3], R @ wanted[:3] + [0.0, 0.0, sinks], rtol=0, atol=1e-12
+        )
         np.testing.assert_array_equal(v[3:], wanted[3:])
         lifted += sinks > 0.0
     assert 10 < lifted < 50

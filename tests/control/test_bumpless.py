@@ -1,4 +1,6 @@
-"""Bumpless transfer: another share of the bandwidth changes no lasting force, at any rate of ticks, with or without observer."""
+"""Bumpless transfer: another share of the bandwidth changes no lasting force, at any rate of ticks,
+with or without observer.
+"""
 
 from __future__ import annotations
 
@@ -25,19 +27,28 @@ def test_each_axis_keeps_the_force_of_its_integral_at_another_share(name: str) -
     (q, v), n = (ca.SX(ca.DM(part)) for part in scene(name)), laws(name).robot.n_v
     integral, before, share = (ca.SX.sym(part, n) for part in ("integral", "before", "share"))
     kept = velocity.bumpless(q, v, integral, share, before)
-    forces = [velocity.force(q, v, v, ca.SX(n, 1), i, part) for i, part in ((integral, before), (kept, share))]
+    forces = [
+        velocity.force(q, v, v, ca.SX(n, 1), i, part)
+        for i, part in ((integral, before), (kept, share))
+    ]
     function = ca.Function("forces", [integral, before, share], forces)
     for first, second in pairwise(SHARES):
         for axis in range(n):
-            old, new = (np.array(force).ravel() for force in function(np.eye(n)[axis], first, second))
+            old, new = (
+                np.array(force).ravel() for force in function(np.eye(n)[axis], first, second)
+            )
             rest = np.array(function(np.zeros(n), first, second)[0]).ravel()
             assert abs(old - rest)[axis] > 1e-3
             assert new[axis] == pytest.approx(old[axis], rel=1e-9, abs=1e-9)
 
 
 @pytest.mark.parametrize(("dt", "observed"), [(1 / 20, False), (1 / 50, True), (1 / 200, False)])
-def test_a_load_that_rests_is_borne_alike_whatever_share_the_loops_come_to(dt: float, observed: bool) -> None:
-    """Before, the lasting force went with the square of the share: a doubted DVL let a sixteenth of it be."""
+def test_a_load_that_rests_is_borne_alike_whatever_share_the_loops_come_to(
+    dt: float, observed: bool
+) -> None:
+    """Before, the lasting force went with the square of the share: a doubted DVL let a sixteenth of
+    it be.
+    """
     usual, model, (q, _) = laws("planar5"), dynamics("planar5"), scene("planar5")
     observer = replace(usual.observer, dt=dt) if observed and usual.observer else None
     tick = ForceTick(
@@ -49,12 +60,16 @@ def test_a_load_that_rests_is_borne_alike_whatever_share_the_loops_come_to(dt: f
             residual_filter=None,
         )
     )
-    still, load, v = Command(v=np.zeros(usual.robot.n_v)), np.array([1.0, -2.0, 1.0, -0.5, 0.2]), np.zeros(usual.robot.n_v)
+    still = Command(v=np.zeros(usual.robot.n_v))
+    load = np.array([1.0, -2.0, 1.0, -0.5, 0.2])
+    v = np.zeros(usual.robot.n_v)
     torques = []
     for seconds, share in ((12.0, 1.0), (3.0, 0.25), (3.0, 1.0)):
         for _ in range(round(seconds / dt)):
             tick.give(q, v, still, (share, share))
-            told = ForceOutputs(**dict(zip(ForceOutputs.__dataclass_fields__, tick.step(0.0), strict=True)))
+            told = ForceOutputs(
+                **dict(zip(ForceOutputs.__dataclass_fields__, tick.step(0.0), strict=True))
+            )
             for _ in range(max(1, round(dt / 0.005))):  # of a place where q stays as it is
                 v = v + min(dt, 0.005) * model.forward_dynamics(q, v, told.torque + load)
             torques.append(told.torque)

@@ -1,4 +1,6 @@
-"""A robot's clock begins where it likes: what is commanded depends on time that has passed, not on what the clock shows."""
+"""A robot's clock begins where it likes: what is commanded depends on time that has passed, not on
+what the clock shows.
+"""
 
 from __future__ import annotations
 
@@ -30,9 +32,13 @@ class Swing:
 
 
 def mission_of_moving_goals(joints: Sequence[str]) -> uo.Mission:
-    """Two phases: goals of tasks and of phases that move, in tables and asked for, a hold, an abort."""
+    """Two phases: goals of tasks and of phases that move, in tables and asked for, a hold, an
+    abort.
+    """
     first, second = joints
-    ramp = PiecewisePolynomial(breaks=[0.0, 3.0], coefficients=np.array([[[0.0], [0.1]]]).transpose(1, 0, 2))
+    ramp = PiecewisePolynomial(
+        breaks=[0.0, 3.0], coefficients=np.array([[[0.0], [0.1]]]).transpose(1, 0, 2)
+    )
     tasks = [
         HorizontalAttitude(),
         VehiclePose(goal=uo.pose_at((0.05, 0.0, -5.0))),
@@ -46,8 +52,14 @@ def mission_of_moving_goals(joints: Sequence[str]) -> uo.Mission:
         uo.Phase(name="begin", activations=on, transitions=(go,), goals={"asked": Swing()}),
         uo.Phase(name="on", activations=on, transitions=(never,), goals={"table": ramp}),
     )
-    climb = uo.Phase(name="climb", activations=on, transitions=(uo.Transition(to=ABORT, when=never.when),))
-    return uo.Mission(hierarchy=uo.Hierarchy(tasks), phases=phases, abort=Abort(phase=climb, ascent_task="PC", stall_after=0.61))
+    climb = uo.Phase(
+        name="climb", activations=on, transitions=(uo.Transition(to=ABORT, when=never.when),)
+    )
+    return uo.Mission(
+        hierarchy=uo.Hierarchy(tasks),
+        phases=phases,
+        abort=Abort(phase=climb, ascent_task="PC", stall_after=0.61),
+    )
 
 
 def scenario_of(robot: uo.Robot, joints: Sequence[str]) -> uo.Scenario:
@@ -62,11 +74,16 @@ def scenario_of(robot: uo.Robot, joints: Sequence[str]) -> uo.Scenario:
 
 
 def commands(scenario: uo.Scenario, began: float) -> tuple[np.ndarray, list[tuple[str, float]]]:
-    """What is estimated and commanded at each tick, and events with the time that has passed, as the clock began at [s]."""
+    """What is estimated and commanded at each tick, and events with the time that has passed, as
+    the clock began at [s].
+    """
     estimator, controller = scenario.estimator(), scenario.controller()
     robot = scenario.robot
     suite = SensorSuite(robot, scenario.environment.seafloor, scenario.sensors, 0)
-    command, rows, q, v = None, [], np.array(scenario.start), np.zeros(robot.n_v)
+    command = None
+    rows = []
+    q = np.array(scenario.start)
+    v = np.zeros(robot.n_v)
     for k in range(TICKS):
         passed = k * scenario.dt
         readings = suite.read(State(q=q, v=v, a=np.zeros(robot.n_v)), passed)
@@ -75,16 +92,27 @@ def commands(scenario: uo.Scenario, began: float) -> tuple[np.ndarray, list[tupl
         v = command.v
         q = pin.integrate(robot.model, q, v * scenario.dt)
         rows.append(np.concatenate([estimate.q, command.v, command.thrust, command.torque]))
-    return np.array(rows), [(event.target, event.t - began) for event in controller.kinematic.events]
+    return np.array(rows), [
+        (event.target, event.t - began) for event in controller.kinematic.events
+    ]
 
 
 def _shifted(readings: Readings, began: float) -> Readings:
     given = {name: getattr(readings, name) for name in CHANNELS}
-    return Readings(**{name: None if r is None else Reading(value=r.value, t=r.t + began) for name, r in given.items()})
+    return Readings(
+        **{
+            name: None if r is None else Reading(value=r.value, t=r.t + began)
+            for name, r in given.items()
+        }
+    )
 
 
 BEGINNINGS = [-64.0, 50.0, 1e3, 1.76e9]
-OTHERS = [name for name in list_robots() if uo.load_robot(name).n_vehicle and uo.load_robot(name).n_joints > 1][1:]
+OTHERS = [
+    name
+    for name in list_robots()
+    if uo.load_robot(name).n_vehicle and uo.load_robot(name).n_joints > 1
+][1:]
 
 
 @pytest.mark.parametrize("sensors", SENSORS)
@@ -96,18 +124,30 @@ def test_commands_are_the_same_whatever_the_clock_shows(sensors: str, began: flo
 @pytest.mark.slow
 @pytest.mark.parametrize("began", BEGINNINGS)
 @pytest.mark.parametrize("name", OTHERS)
-def test_commands_of_every_robot_are_the_same_whatever_the_clock_shows(name: str, began: float) -> None:
+def test_commands_of_every_robot_are_the_same_whatever_the_clock_shows(
+    name: str, began: float
+) -> None:
     _same_commands(uo.load_robot(name), SENSORS["noisy"], began, fastest=1e4)
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("kind", ODD)
-def test_commands_of_robots_with_an_odd_joint_are_the_same_whatever_the_clock_shows(kind: str) -> None:
+def test_commands_of_robots_with_an_odd_joint_are_the_same_whatever_the_clock_shows(
+    kind: str,
+) -> None:
     _same_commands(pair_of(kind).odd, SENSORS["noisy"], 1e3, joints=("turn0", "turn2"))
 
 
-def _same_commands(robot: uo.Robot, specs: SensorSpecs, began: float, joints: Sequence[str] = (), fastest: float = 1e3) -> None:
-    """But for what changes within the resolution of the clock, at most this fast [N/s and the like]."""
+def _same_commands(
+    robot: uo.Robot,
+    specs: SensorSpecs,
+    began: float,
+    joints: Sequence[str] = (),
+    fastest: float = 1e3,
+) -> None:
+    """But for what changes within the resolution of the clock, at most this fast [N/s and the
+    like].
+    """
     here = replace(scenario_of(robot, joints or robot.joint_names[:2]), sensors=specs)
     wanted, events = commands(here, 0.0)
     assert [target for target, _ in events][:1] == ["on"]
@@ -115,4 +155,6 @@ def _same_commands(robot: uo.Robot, specs: SensorSpecs, began: float, joints: Se
     resolution = np.spacing(abs(began))  # [s] of times
     np.testing.assert_allclose(found, wanted, rtol=0, atol=1e-9 + fastest * resolution)
     assert [target for target, _ in found_events] == [target for target, _ in events]
-    np.testing.assert_allclose([t for _, t in found_events], [t for _, t in events], rtol=0, atol=1e-9 + 2 * resolution)
+    np.testing.assert_allclose(
+        [t for _, t in found_events], [t for _, t in events], rtol=0, atol=1e-9 + 2 * resolution
+    )

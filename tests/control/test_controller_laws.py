@@ -1,4 +1,6 @@
-"""Laws of both controllers as callables: what they do follows from their measurements alone, each looked at once."""
+"""Laws of both controllers as callables: what they do follows from their measurements alone, each
+looked at once.
+"""
 
 from __future__ import annotations
 
@@ -30,7 +32,9 @@ def kinematic(scenario: Scenario) -> KinematicController:
 
 def dynamic(scenario: Scenario) -> DynamicController:
     robot = scenario.robot
-    return DynamicController(robot=robot, dynamics=robot_dynamics(robot), kinematic=scenario.kinematic_controller())
+    return DynamicController(
+        robot=robot, dynamics=robot_dynamics(robot), kinematic=scenario.kinematic_controller()
+    )
 
 
 @pytest.fixture(scope="module")
@@ -40,16 +44,24 @@ def scenario() -> Scenario:
 
 @pytest.fixture(scope="module")
 def measurements(scenario: Scenario) -> list[StateEstimate]:
-    """Noisy ones along Case 1, with numbers that are none, lost echoes, and a blackout towards the end."""
-    robot, rng, control = scenario.robot, np.random.default_rng(8), kinematic(scenario)
-    q, v, found = scenario.start, np.zeros(robot.n_v), []
+    """Noisy ones along Case 1, with numbers that are none, lost echoes, and a blackout towards the
+    end.
+    """
+    robot = scenario.robot
+    rng = np.random.default_rng(8)
+    control = kinematic(scenario)
+    q = scenario.start
+    v = np.zeros(robot.n_v)
+    found = []
     for k in range(600):
         noise = 1e-3 * rng.standard_normal(robot.n_v)
         measured = np.array(pin.integrate(robot.model, q, noise))
         measured[k % robot.n_q] = np.nan if k % 37 == 5 else measured[k % robot.n_q]
         echo = np.nan if k % 11 < 3 else q[2] + 40.0
         age = max(0.0, (k - 500) * scenario.dt)
-        found.append(StateEstimate(q=measured, v=v + noise, altimeter_range=echo, age=age, joint_age=age))
+        found.append(
+            StateEstimate(q=measured, v=v + noise, altimeter_range=echo, age=age, joint_age=age)
+        )
         v = control(found[-1], k * scenario.dt).v
         q = pin.integrate(robot.model, q, v * scenario.dt)
     return found
@@ -84,7 +96,9 @@ def test_the_dynamic_layer_leaves_the_velocities_of_the_kinematic_one_as_they_ar
     scenario: Scenario, measurements: list[StateEstimate]
 ) -> None:
     pairs = zip(
-        fed(kinematic(scenario), measurements, scenario.dt), fed(dynamic(scenario), measurements, scenario.dt), strict=True
+        fed(kinematic(scenario), measurements, scenario.dt),
+        fed(dynamic(scenario), measurements, scenario.dt),
+        strict=True,
     )
     for first, second in pairs:
         np.testing.assert_array_equal(first.v, second.v)
@@ -93,9 +107,13 @@ def test_the_dynamic_layer_leaves_the_velocities_of_the_kinematic_one_as_they_ar
 
 @pytest.mark.parametrize("build", [kinematic, dynamic])
 def test_a_tick_asks_once_whether_its_measurement_is_sound(
-    scenario: Scenario, measurements: list[StateEstimate], build: Build, monkeypatch: pytest.MonkeyPatch
+    scenario: Scenario,
+    measurements: list[StateEstimate],
+    build: Build,
+    monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    asked, ask = [], LastValidEstimate.substitute
+    asked = []
+    ask = LastValidEstimate.substitute
 
     def counting(self: LastValidEstimate, measurement: StateEstimate) -> StateEstimate:
         asked.append(measurement)
@@ -103,7 +121,9 @@ def test_a_tick_asks_once_whether_its_measurement_is_sound(
 
     monkeypatch.setattr(LastValidEstimate, "substitute", counting)
     fed(build(scenario), measurements[:50], scenario.dt)
-    assert [id(measurement) for measurement in asked] == [id(measurement) for measurement in measurements[:50]]
+    assert [id(measurement) for measurement in asked] == [
+        id(measurement) for measurement in measurements[:50]
+    ]
 
 
 @pytest.mark.parametrize("build", [kinematic, dynamic])
@@ -116,7 +136,9 @@ def test_a_controller_has_all_its_memory_from_the_start(
     assert set(vars(control)) == before
 
 
-def test_what_a_tick_knows_is_finite_and_cannot_be_changed(scenario: Scenario, measurements: list[StateEstimate]) -> None:
+def test_what_a_tick_knows_is_finite_and_cannot_be_changed(
+    scenario: Scenario, measurements: list[StateEstimate]
+) -> None:
     control = kinematic(scenario)
     for k, measurement in enumerate(measurements[:100]):
         tick = control.observe(measurement, k * scenario.dt)
@@ -129,8 +151,11 @@ def test_what_a_tick_knows_is_finite_and_cannot_be_changed(scenario: Scenario, m
         tick.t = 0.0  # type: ignore[misc]
 
 
-def test_evaluating_a_measurement_leaves_the_commands_as_they_are(scenario: Scenario, measurements: list[StateEstimate]) -> None:
-    plain, asked = kinematic(scenario), kinematic(scenario)
+def test_evaluating_a_measurement_leaves_the_commands_as_they_are(
+    scenario: Scenario, measurements: list[StateEstimate]
+) -> None:
+    plain = kinematic(scenario)
+    asked = kinematic(scenario)
     for k, measurement in enumerate(measurements[:60]):
         if np.isfinite(measurement.q).all():
             asked.evaluate(measurement, k * scenario.dt)
@@ -142,7 +167,10 @@ class Asking(KinematicController):
     """A velocity layer that asks for v0 + a t on every axis, whatever the mission."""
 
     def __init__(self, *, v0: np.ndarray, a: np.ndarray, dt: float = 0.02) -> None:
-        self.v0, self.a, self.dt, self.guide = v0, a, dt, None
+        self.v0 = v0
+        self.a = a
+        self.dt = dt
+        self.guide = None
 
     def observe(self, measurement: StateEstimate, t: float) -> SimpleNamespace:
         return SimpleNamespace(measurement=measurement, t=t, restriction=FREE)
@@ -156,31 +184,47 @@ def dynamics(scenario: Scenario) -> Dynamics:
     return robot_dynamics(scenario.robot)
 
 
-def efforts_after(scenario: Scenario, dynamics: Dynamics, asking: Asking, error: np.ndarray) -> np.ndarray:
-    """Wrench and torque (n_v,) that a controller asks for when nothing is amiss, 20 ticks after such errors of velocity."""
+def efforts_after(
+    scenario: Scenario, dynamics: Dynamics, asking: Asking, error: np.ndarray
+) -> np.ndarray:
+    """Wrench and torque (n_v,) that a controller asks for when nothing is amiss, 20 ticks after
+    such errors of velocity.
+    """
     gains = VelocityGains(observer_vehicle=0.0)
-    control = DynamicController(robot=scenario.robot, dynamics=dynamics, kinematic=asking, gains=gains)
+    control = DynamicController(
+        robot=scenario.robot, dynamics=dynamics, kinematic=asking, gains=gains
+    )
     for k in range(21):
         v = asking.v0 + asking.a * k * asking.dt
         measured = v - error if k < 20 else v
-        command = control(StateEstimate(q=scenario.start, v=measured, altimeter_range=3.0), k * asking.dt)
+        command = control(
+            StateEstimate(q=scenario.start, v=measured, altimeter_range=3.0), k * asking.dt
+        )
     return np.concatenate([command.telemetry["wrench"], command.torque])
 
 
 @pytest.mark.parametrize("sign", [1.0, -1.0])
 @pytest.mark.parametrize("axis", [0, 5, 9])
-def test_an_axis_at_the_end_of_its_force_does_not_wind_up(scenario: Scenario, dynamics: Dynamics, axis: int, sign: float) -> None:
+def test_an_axis_at_the_end_of_its_force_does_not_wind_up(
+    scenario: Scenario, dynamics: Dynamics, axis: int, sign: float
+) -> None:
     still = Asking(v0=np.zeros(scenario.robot.n_v), a=np.zeros(scenario.robot.n_v))
     unit = sign * np.eye(scenario.robot.n_v)[axis]
-    fresh, pushed, leaned = (efforts_after(scenario, dynamics, still, size * unit) for size in (0.0, 50.0, 1e-3))
+    fresh, pushed, leaned = (
+        efforts_after(scenario, dynamics, still, size * unit) for size in (0.0, 50.0, 1e-3)
+    )
     np.testing.assert_allclose(pushed, fresh, atol=1e-9)
     assert (leaned - fresh) @ unit > 1e-6
 
 
 @pytest.mark.parametrize("sign", [1.0, -1.0])
 @pytest.mark.parametrize("axis", [0, 5])
-def test_an_axis_at_the_end_of_its_force_still_unwinds(scenario: Scenario, dynamics: Dynamics, axis: int, sign: float) -> None:
+def test_an_axis_at_the_end_of_its_force_still_unwinds(
+    scenario: Scenario, dynamics: Dynamics, axis: int, sign: float
+) -> None:
     unit = sign * np.eye(scenario.robot.n_v)[axis]
     hurried = Asking(v0=unit, a=20.0 * unit)  # too fast from the first tick on
-    on_time, ahead = (efforts_after(scenario, dynamics, hurried, error * unit) for error in (0.0, -1e-2))
+    on_time, ahead = (
+        efforts_after(scenario, dynamics, hurried, error * unit) for error in (0.0, -1e-2)
+    )
     assert (ahead - on_time) @ unit < -1e-4

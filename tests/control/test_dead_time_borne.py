@@ -1,4 +1,6 @@
-"""How late a configuration may be known whose weight the loops carry: the border is where motions in time stop to die out."""
+"""How late a configuration may be known whose weight the loops carry: the border is where motions
+in time stop to die out.
+"""
 
 from __future__ import annotations
 
@@ -9,20 +11,28 @@ import pytest
 
 from uvms_ocp.control.force.velocity_law import DeadTimes, bandwidth_derating, largest_dead_time
 
-BEHIND, TIMES = 200, 120
+BEHIND = 200
+TIMES = 120
 LOOP: dict[str, float] = {"bandwidth": 12.0, "reset": 3.0, "observer": 4.0}
 
 
 def growth(stiffness: float, late: float) -> float:
-    """Of one axis after a push: its largest velocity in the last of four quarters over that in the second."""
-    share = bandwidth_derating(DeadTimes(joints=late), vehicle=1.0, joints=LOOP["bandwidth"], dt=0.0).joints
+    """Of one axis after a push: its largest velocity in the last of four quarters over that in the
+    second.
+    """
+    share = bandwidth_derating(
+        DeadTimes(joints=late), vehicle=1.0, joints=LOOP["bandwidth"], dt=0.0
+    ).joints
     k, r, w = (share * LOOP[name] for name in ("bandwidth", "reset", "observer"))
-    dt, x, v = late / BEHIND, np.zeros(TIMES * BEHIND), np.zeros(TIMES * BEHIND)
+    dt = late / BEHIND
+    x = np.zeros(TIMES * BEHIND)
+    v = np.zeros(TIMES * BEHIND)
     v[BEHIND], total, d, expected = 1.0, 0.0, 0.0, 0.0
     for i in range(BEHIND, len(v) - 1):
         seen = v[i - BEHIND]
         total += dt * seen
-        command, missed = -k * (seen + r * total) - d, seen - expected
+        command = -k * (seen + r * total) - d
+        missed = seen - expected
         a = stiffness * (x[i - BEHIND] + late * seen - x[i]) + command
         d, expected = d + dt * w**2 * missed, expected + dt * (command + d + 2 * w * missed)
         v[i + 1] = v[i] + dt * a
@@ -32,7 +42,9 @@ def growth(stiffness: float, late: float) -> float:
 
 
 @pytest.mark.parametrize("stiffness", [-14.0, -2.0, 30.0, 80.0])
-def test_what_is_pushed_comes_to_rest_below_the_dead_time_borne_and_swings_beyond_it(stiffness: float) -> None:
+def test_what_is_pushed_comes_to_rest_below_the_dead_time_borne_and_swings_beyond_it(
+    stiffness: float,
+) -> None:
     borne = largest_dead_time(np.array([[stiffness]]), **LOOP)
     assert growth(stiffness, 0.9 * borne) < 0.5
     assert growth(stiffness, 1.1 * borne) > 2.0

@@ -19,18 +19,26 @@ NEAR = 0.01  # [m]
 def thrusting(dead_zone: float, time_constant: float) -> Robot:
     robot = uo.load_robot("bluerov2_alpha5")
     change = {"dead_zone": dead_zone, "time_constant": time_constant}
-    thrusters = tuple(thruster.model_copy(update=change) for thruster in robot.description.thrusters)
+    thrusters = tuple(
+        thruster.model_copy(update=change) for thruster in robot.description.thrusters
+    )
     return replace(robot, description=checked_copy(robot.description, thrusters=thrusters))
 
 
 def hover(robot: Robot) -> uo.Record:
-    endless = uo.Transition(to=uo.DONE, when=(uo.Below(quantity="PC.position_error", limit=1e-9),), hold=1e4)
+    endless = uo.Transition(
+        to=uo.DONE, when=(uo.Below(quantity="PC.position_error", limit=1e-9),), hold=1e4
+    )
     phase = uo.Phase(name="hover", activations={"PC": 1}, transitions=(endless,))
     scenario = uo.Scenario(
         name="hover",
         robot=robot,
-        mission=uo.Mission(hierarchy=uo.Hierarchy([VehiclePose(goal=uo.pose_at(GOAL))]), phases=(phase,)),
-        environment=uo.Environment(seafloor=uo.FlatSeafloor(z=-40), current=uo.UniformCurrent([0.1, 0.05, 0])),
+        mission=uo.Mission(
+            hierarchy=uo.Hierarchy([VehiclePose(goal=uo.pose_at(GOAL))]), phases=(phase,)
+        ),
+        environment=uo.Environment(
+            seafloor=uo.FlatSeafloor(z=-40), current=uo.UniformCurrent([0.1, 0.05, 0])
+        ),
         start=robot.configuration(position=(0.25, 0.15, -5.15)),
         duration=20.0,
         dt=0.02,

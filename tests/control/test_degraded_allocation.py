@@ -64,14 +64,18 @@ def test_no_thrust_without_the_faulty_ones_comes_closer(
     degraded = replace(whole, effectiveness=effectiveness)
     left = effectiveness.share != 0.0
     ends = np.array([effectiveness.share * whole.lower, effectiveness.share * whole.upper])[:, left]
-    known, weight = whole.matrix @ effectiveness.constant, whole.wrench_weight
+    known = whole.matrix @ effectiveness.constant
+    weight = whole.wrench_weight
     for wrench in wrenches:
         result = degraded.allocate(wrench)
-        np.testing.assert_allclose(result.reached + result.unreachable, wrench, rtol=1e-12, atol=1e-9)
+        np.testing.assert_allclose(
+            result.reached + result.unreachable, wrench, rtol=1e-12, atol=1e-9
+        )
         np.testing.assert_allclose(whole.matrix @ result.thrust, result.reached, atol=1e-9)
         cost = 0.5 * np.sum((weight * result.unreachable) ** 2)
         limits = (ends.min(axis=0), ends.max(axis=0))
-        matrix, asked = weight[:, None] * whole.matrix[:, left], weight * (wrench - known)
+        matrix = weight[:, None] * whole.matrix[:, left]
+        asked = weight * (wrench - known)
         oracle = lsq_linear(matrix, asked, limits, method="bvls", tol=1e-15)
         assert cost <= oracle.cost + 1e-9 * (1.0 + asked @ asked)
 
@@ -80,10 +84,16 @@ def test_fewer_thrusters_never_come_closer_nor_take_less_power_for_the_same_wren
     whole: Allocation, wrenches: np.ndarray
 ) -> None:
     n = len(whole.upper)
-    degraded = replace(whole, effectiveness=ThrusterEffectiveness(share=np.r_[0.0, np.ones(n - 1)], constant=np.zeros(n)))
+    degraded = replace(
+        whole,
+        effectiveness=ThrusterEffectiveness(share=np.r_[0.0, np.ones(n - 1)], constant=np.zeros(n)),
+    )
     for wrench in wrenches:
-        few, all_of_them = degraded.allocate(wrench), whole.allocate(wrench)
-        lost, least = (np.linalg.norm(whole.wrench_weight * one.unreachable) for one in (few, all_of_them))
+        few = degraded.allocate(wrench)
+        all_of_them = whole.allocate(wrench)
+        lost, least = (
+            np.linalg.norm(whole.wrench_weight * one.unreachable) for one in (few, all_of_them)
+        )
         assert lost >= least - 1e-9 * max(1.0, least)
         same = whole.allocate(few.reached)
         assert power(whole, few.thrust) >= (1.0 - 5e-3) * power(whole, same.thrust)
@@ -97,7 +107,9 @@ def test_a_weak_thruster_is_spared_for_its_power() -> None:
     thrust = left.allocate([0, 0, 40.0, 0, 0, 0]).thrust
     np.testing.assert_allclose(whole.matrix @ thrust, [0, 0, 40.0, 0, 0, 0], atol=1e-6)
     # The others can only do as much as the balance of roll and pitch allows.
-    np.testing.assert_allclose(thrust[4:], [thrust[4], 20.0 - thrust[4], 20.0 - thrust[4], thrust[4]], atol=1e-6)
+    np.testing.assert_allclose(
+        thrust[4:], [thrust[4], 20.0 - thrust[4], 20.0 - thrust[4], thrust[4]], atol=1e-6
+    )
     assert 0.0 < thrust[4] < 9.0
 
 
@@ -106,7 +118,8 @@ def power(allocation: Allocation, thrust: np.ndarray) -> float:
 
 
 def test_sound_thrusters_give_what_they_are_asked_to_the_last_bit() -> None:
-    effectiveness, thrust = ThrusterEffectiveness.sound(8), np.random.default_rng(0).normal(size=8)
+    effectiveness = ThrusterEffectiveness.sound(8)
+    thrust = np.random.default_rng(0).normal(size=8)
     np.testing.assert_array_equal(effectiveness.given(thrust), thrust)
     np.testing.assert_array_equal(effectiveness.asked(thrust), thrust)
 
@@ -114,27 +127,42 @@ def test_sound_thrusters_give_what_they_are_asked_to_the_last_bit() -> None:
 def test_without_limits_it_is_the_thrust_of_least_squares_and_least_weighted_norm(
     whole: Allocation, effectiveness: ThrusterEffectiveness
 ) -> None:
-    left, n = effectiveness.works, len(whole.upper)
+    left = effectiveness.works
+    n = len(whole.upper)
     factor = np.linspace(1.0, 3.0, n)
     square = {"power_exponent": np.full(n, 2.0), "power_factor": factor, "dead_zone": np.zeros(n)}
-    free = replace(whole, lower=np.full(n, -1e6), upper=np.full(n, 1e6), effectiveness=effectiveness, **square)
+    free = replace(
+        whole, lower=np.full(n, -1e6), upper=np.full(n, 1e6), effectiveness=effectiveness, **square
+    )
     root = np.sqrt(factor[left]) / np.abs(effectiveness.share[left])
     weight = whole.wrench_weight
-    oracle = np.linalg.pinv(weight[:, None] * whole.matrix[:, left] / root, rcond=1e-9) / root[:, None]
+    oracle = (
+        np.linalg.pinv(weight[:, None] * whole.matrix[:, left] / root, rcond=1e-9) / root[:, None]
+    )
     for wrench in WRENCHES:
         thrust = oracle @ (weight * (wrench - whole.matrix @ effectiveness.constant))
         scale = np.abs(thrust).max()
-        np.testing.assert_allclose(free.allocate(wrench).thrust[left], thrust, rtol=1e-9, atol=1e-9 * scale)
+        np.testing.assert_allclose(
+            free.allocate(wrench).thrust[left], thrust, rtol=1e-9, atol=1e-9 * scale
+        )
 
 
 def test_the_thrust_of_random_thrusters_of_any_rank_is_that_of_least_squares() -> None:
     rng = np.random.default_rng(5)
     for k in range(200):
-        n, rank = int(rng.integers(1, 13)), int(rng.integers(1, 7))
+        n = int(rng.integers(1, 13))
+        rank = int(rng.integers(1, 7))
         matrix = rng.normal(size=(6, rank)) @ rng.normal(size=(rank, n))
         most = np.full(n, 1e6)
-        plain = {"power_factor": np.ones(n), "power_exponent": np.full(n, 2.0), "dead_zone": np.zeros(n)}
-        free, wrench = Allocation(matrix=matrix, lower=-most, upper=most, **plain), rng.normal(size=6)
+        plain = {
+            "power_factor": np.ones(n),
+            "power_exponent": np.full(n, 2.0),
+            "dead_zone": np.zeros(n),
+        }
+        free = Allocation(matrix=matrix, lower=-most, upper=most, **plain)
+        wrench = rng.normal(size=6)
         thrust = np.linalg.lstsq(matrix, wrench, rcond=1e-9)[0]
         scale = np.abs(thrust).max()
-        np.testing.assert_allclose(free.allocate(wrench).thrust, thrust, rtol=1e-7, atol=1e-7 * scale, err_msg=str(k))
+        np.testing.assert_allclose(
+            free.allocate(wrench).thrust, thrust, rtol=1e-7, atol=1e-7 * scale, err_msg=str(k)
+        )

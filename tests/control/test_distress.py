@@ -1,4 +1,6 @@
-"""What sends a mission into its abort phase beside lost sensors, and that phase on the dynamic plant."""
+"""What sends a mission into its abort phase beside lost sensors, and that phase on the dynamic
+plant.
+"""
 
 from __future__ import annotations
 
@@ -64,18 +66,24 @@ def reasons(
     control, mission = scenario.kinematic_controller(), scenario.mission
     names = quantities_read(mission.all_phases)
     sizes = {"n_tasks": mission.n_tasks, "n_quantities": len(names), **sizes_of(mission.all_phases)}
-    phases, memory = structure_of(MissionMemory, **sizes)(), structure_of(AbortMemory, **sizes)()
+    phases = structure_of(MissionMemory, **sizes)()
+    memory = structure_of(AbortMemory, **sizes)()
     write_mission(phases, mission, names)
     distress = AbortMonitor(mission, memory)
     distress.on_actuation_feedback(feedback)
-    measured = StateEstimate(q=scenario.start, v=np.zeros(scenario.robot.n_v), altimeter_range=3.0, health=health)
+    measured = StateEstimate(
+        q=scenario.start, v=np.zeros(scenario.robot.n_v), altimeter_range=3.0, health=health
+    )
     found = []
     for k in range(round(seconds / DT)):
         now = dict.fromkeys(control.problem.quantity_names, error * np.exp(-rate * k * DT))
         tick = control.observe(measured, k * DT)
         write_state(phases, tick.mission)
-        values, ended = [now[name] for name in names], bool(tick.restriction.abort)
-        why = abort_reason(memory, phases, tick.t, tick.gates.tolist(), values, False, ended, clearance)
+        values = [now[name] for name in names]
+        ended = bool(tick.restriction.abort)
+        why = abort_reason(
+            memory, phases, tick.t, tick.gates.tolist(), values, False, ended, clearance
+        )
         found.append(distress.describe(AbortReason(why), tick, now, feedback))
     return found
 
@@ -90,7 +98,9 @@ def test_each_reason_needs_its_time_and_says_what_it_was(still: Scenario) -> Non
     pushed = reasons(given, ActuationFeedback(push=0.31, short=True), 0.7)
     assert first(pushed) == pytest.approx(0.5, abs=3 * DT)
     assert "31 % of the thrusters' lift" in pushed[-1]
-    short = reasons(given, ActuationFeedback(push=0.29, short=True, at_limits="thruster2, thruster5"), 1.2)
+    short = reasons(
+        given, ActuationFeedback(push=0.29, short=True, at_limits="thruster2, thruster5"), 1.2
+    )
     assert first(short) == pytest.approx(1.0, abs=3 * DT)
     assert short[-1].endswith("limits for 1 s (thruster2, thruster5)")
     stalled = reasons(given, ActuationFeedback(), 2.2)
@@ -109,19 +119,40 @@ def test_hull_or_arm_in_the_floor_that_is_seen_ends_the_mission(still: Scenario)
 
 @pytest.mark.parametrize(
     ("trust", "silent", "ends"),
-    [(Trust.GOOD, False, True), (Trust.GOOD, True, False), (Trust.SUSPECT, False, False), (Trust.LOST, True, False)],
+    [
+        (Trust.GOOD, False, True),
+        (Trust.GOOD, True, False),
+        (Trust.SUSPECT, False, False),
+        (Trust.LOST, True, False),
+    ],
 )
-def test_a_floor_that_nobody_sees_ends_no_mission(still: Scenario, trust: Trust, silent: bool, ends: bool) -> None:
-    """Before, the floor that is assumed in doubt, which rises with the way, ended every long way."""
-    control, echo = still.kinematic_controller(), 3.0
-    q = still.robot.configuration(position=(0.0, 0.0, -36.0), rpy=(0.0, 0.5, 0.0)).copy()  # the hull reaches below the altimeter
-    bad = (ChannelHealth(channel="altimeter_range", trust=trust),) if trust is not Trust.GOOD else ()
+def test_a_floor_that_nobody_sees_ends_no_mission(
+    still: Scenario, trust: Trust, silent: bool, ends: bool
+) -> None:
+    """Before, the floor that is assumed in doubt, which rises with the way, ended every long
+    way.
+    """
+    control = still.kinematic_controller()
+    echo = 3.0
+    q = still.robot.configuration(
+        position=(0.0, 0.0, -36.0), rpy=(0.0, 0.5, 0.0)
+    ).copy()  # the hull reaches below the altimeter
+    bad = (
+        (ChannelHealth(channel="altimeter_range", trust=trust),) if trust is not Trust.GOOD else ()
+    )
     why = set()
     for k in range(120):
         health = ()
         if k >= 10:
-            q[0], q[2], echo, health = q[0] + 0.3, q[2] - 0.05, np.nan if silent else max(0.02, echo - 0.1), bad
-        measured = StateEstimate(q=q.copy(), v=np.zeros(still.robot.n_v), altimeter_range=echo, health=health)
+            q[0], q[2], echo, health = (
+                q[0] + 0.3,
+                q[2] - 0.05,
+                np.nan if silent else max(0.02, echo - 0.1),
+                bad,
+            )
+        measured = StateEstimate(
+            q=q.copy(), v=np.zeros(still.robot.n_v), altimeter_range=echo, health=health
+        )
         control(measured, k * DT)
         why.add(AbortReason(control.memory.why))
     assert (AbortReason.FLOOR in why) is ends
@@ -131,7 +162,10 @@ def test_a_floor_that_nobody_sees_ends_no_mission(still: Scenario, trust: Trust,
 def test_how_deep_the_floor_is_does_not_depend_on_where_the_world_begins(still: Scenario) -> None:
     """Before, an altimeter that the task alone names was taken for at the origin of the world."""
     robot = replace(still.robot, description=checked_copy(still.robot.description, altimeter=None))
-    tasks = [replace(task, frame="altimeter") if task.needs_altimeter else task for task in still.mission.hierarchy.tasks]
+    tasks = [
+        replace(task, frame="altimeter") if task.needs_altimeter else task
+        for task in still.mission.hierarchy.tasks
+    ]
     mission = replace(still.mission, hierarchy=Hierarchy(tasks, [task.name for task in tasks]))
     memory = replace(still, robot=robot, mission=mission).kinematic_controller().memory
     heights = []
@@ -144,7 +178,11 @@ def test_how_deep_the_floor_is_does_not_depend_on_where_the_world_begins(still: 
 @pytest.mark.slow
 def test_an_arm_that_works_downhill_is_not_in_the_floor() -> None:
     target = np.array([12.2025, 37.3748])
-    hill = {"centres": target[None] - [3.0, 0.0], "heights": np.array([0.6]), "radii": np.array([6.0])}
+    hill = {
+        "centres": target[None] - [3.0, 0.0],
+        "heights": np.array([0.6]),
+        "radii": np.array([6.0]),
+    }
     z = -40.0 - HeightField(z=0.0, **hill).height(*target)
     scenario = case1(plant="dynamic", dt=DT, noise=True)
     environment = replace(scenario.environment, seafloor=HeightField(z=z, **hill))
@@ -154,22 +192,35 @@ def test_an_arm_that_works_downhill_is_not_in_the_floor() -> None:
 
 
 def test_the_lowest_point_is_that_of_hull_joints_and_tool(still: Scenario) -> None:
-    robot, rng = still.robot, np.random.default_rng(4)
-    data, found = robot.model.createData(), lowest_point(robot)
+    robot = still.robot
+    rng = np.random.default_rng(4)
+    data = robot.model.createData()
+    found = lowest_point(robot)
     for _ in range(20):
-        q = robot.configuration(position=(1.0, 2.0, -9.0), rpy=tuple(rng.uniform(-2.0, 2.0, 3))).copy()
+        q = robot.configuration(
+            position=(1.0, 2.0, -9.0), rpy=tuple(rng.uniform(-2.0, 2.0, 3))
+        ).copy()
         q[robot.joint_q] = rng.uniform(robot.limits.position_lower, robot.limits.position_upper)
         pin.framesForwardKinematics(robot.model, data, q)
         points = [data.oMi[k].translation for k in range(2, robot.model.njoints)]
-        points += [data.oMf[robot.frame_id("tool")].translation, *(data.oMi[1].act(point) for point in skid_points(robot))]
+        points += [
+            data.oMf[robot.frame_id("tool")].translation,
+            *(data.oMi[1].act(point) for point in skid_points(robot)),
+        ]
         assert float(found(q)) == pytest.approx(min(point[2] for point in points), abs=1e-9)
         there = data.oMf[robot.frame_id("altimeter")].translation
         fallen = [point[2] + 0.3 * np.linalg.norm(point[:2] - there[:2]) for point in points]
-        assert float(lowest_point(robot, 0.3, "altimeter")(q)) == pytest.approx(min(fallen), abs=1e-9)
+        assert float(lowest_point(robot, 0.3, "altimeter")(q)) == pytest.approx(
+            min(fallen), abs=1e-9
+        )
 
 
-def test_an_error_that_grows_at_the_thrusters_limits_ends_the_mission_at_once(still: Scenario) -> None:
-    """Within two spans of its time; not where it shrinks, hardly grows, or thrust is left to bring it back."""
+def test_an_error_that_grows_at_the_thrusters_limits_ends_the_mission_at_once(
+    still: Scenario,
+) -> None:
+    """Within two spans of its time; not where it shrinks, hardly grows, or thrust is left to bring
+    it back.
+    """
     short = ActuationFeedback(short=True)
     fled = reasons(still, short, 11.0, rate=-0.05)
     assert 5.0 < first(fled) < 10.0 + 3 * DT
@@ -180,25 +231,40 @@ def test_an_error_that_grows_at_the_thrusters_limits_ends_the_mission_at_once(st
 
 
 def test_a_stall_says_once_for_all_sensors_why_they_hold_it_back(still: Scenario) -> None:
-    given, why = with_abort(still, stall_after=1.0), "0.05 s later than its delay is said to be, allowed 0.025 s"
-    late = [ChannelHealth(channel=name, trust=Trust.SUSPECT, why=why) for name in ("position", "depth")]
+    given = with_abort(still, stall_after=1.0)
+    why = "0.05 s later than its delay is said to be, allowed 0.025 s"
+    late = [
+        ChannelHealth(channel=name, trust=Trust.SUSPECT, why=why) for name in ("position", "depth")
+    ]
     stalled = reasons(given, ActuationFeedback(), 1.2, health=tuple(late))[-1]
     assert stalled.startswith("stall: PC.position_error = 1 not < 0.1, no nearer for 1 s; ")
     assert f"end no phase: {why} (depth, position); see to them" in stalled
 
 
 @pytest.mark.parametrize(("error", "rate"), [(1.0, 0.05), (0.05, 0.0)])
-def test_a_mission_that_comes_nearer_or_waits_for_nothing_is_not_stalled(still: Scenario, error: float, rate: float) -> None:
-    assert not any(reasons(with_abort(still, stall_after=1.0), ActuationFeedback(), 4.0, error=error, rate=rate))
-    assert any(reasons(with_abort(still, stall_after=1.0), ActuationFeedback(), 4.0, error=1.0, rate=0.001))
+def test_a_mission_that_comes_nearer_or_waits_for_nothing_is_not_stalled(
+    still: Scenario, error: float, rate: float
+) -> None:
+    assert not any(
+        reasons(
+            with_abort(still, stall_after=1.0), ActuationFeedback(), 4.0, error=error, rate=rate
+        )
+    )
+    assert any(
+        reasons(with_abort(still, stall_after=1.0), ActuationFeedback(), 4.0, error=1.0, rate=0.001)
+    )
 
 
 @pytest.mark.parametrize("beyond", [1e-3, 30.0])
-def test_a_robot_that_takes_its_joints_for_beyond_their_limits_still_climbs(still: Scenario, beyond: float) -> None:
+def test_a_robot_that_takes_its_joints_for_beyond_their_limits_still_climbs(
+    still: Scenario, beyond: float
+) -> None:
     yaw = 2.5
     q = still.robot.configuration(position=(1.0, 2.0, -9.0), rpy=(0.3, -0.4, yaw)).copy()
     q[still.robot.joint_q] = still.robot.limits.position_upper + beyond
-    memory = structure_of(AscentMemory, **ascent_sizes(still.robot, still.mission, None))(altitude=2.5)
+    memory = structure_of(AscentMemory, **ascent_sizes(still.robot, still.mission, None))(
+        altitude=2.5
+    )
     for floor, rise in ((np.nan, 2.5), (q[2] - 1.0, 1.5), (q[2] - 3.0, 0.0)):
         aim_ascent(memory, doubles(q), floor)
         goal = ascent_goal(memory)
@@ -215,7 +281,9 @@ def test_pushing_counts_only_while_a_minimum_altitude_is_asked_for(still: Scenar
 class High(PassThrough):
     """An altimeter that tells 5 m too much, which nobody notices."""
 
-    def __call__(self, readings: Readings, t: float, command: Command | None = None) -> StateEstimate:
+    def __call__(
+        self, readings: Readings, t: float, command: Command | None = None
+    ) -> StateEstimate:
         measured = super().__call__(readings, t, command)
         return replace(measured, altimeter_range=measured.altimeter_range + 5.0)
 
@@ -228,8 +296,11 @@ def steps(scenario: Scenario, record: Record) -> float:
 
 @long_without_compiler
 def test_a_vehicle_that_its_altimeter_sends_into_the_floor_feels_it_and_climbs() -> None:
-    start, below = pose_at((10.0, 37.5, -38.8)), pose_at((10.4, 37.45, -39.9))
-    scenario = replace(case1(dt=DT, start=start, way_point=below), estimator=lambda scenario: High(scenario.robot))
+    start = pose_at((10.0, 37.5, -38.8))
+    below = pose_at((10.4, 37.45, -39.9))
+    scenario = replace(
+        case1(dt=DT, start=start, way_point=below), estimator=lambda scenario: High(scenario.robot)
+    )
     record = scenario.run()
     cause = cause_of_end(record)
     assert cause["kind"] == "aborted"
@@ -241,22 +312,37 @@ def test_a_vehicle_that_its_altimeter_sends_into_the_floor_feels_it_and_climbs()
 @long_without_compiler
 def test_thrusters_at_their_limits_for_too_long_end_the_mission() -> None:
     scenario = with_abort(case1(dt=DT, current=(2.0, 0.0, 0.0)), thrust_after=1.0, time_limit=1.0)
-    report, why = summarize(scenario.run()), "thrust: the thrusters have been at their limits for 1 s (thruster1, thruster4)"
+    report = summarize(scenario.run())
+    why = "thrust: the thrusters have been at their limits for 1 s (thruster1, thruster4)"
     assert not report["completed"]
-    assert report["cause"] == {"kind": "aborted", "text": f"{why}; phase climb: 1 s were not enough for it"}
+    assert report["cause"] == {
+        "kind": "aborted",
+        "text": f"{why}; phase climb: 1 s were not enough for it",
+    }
     assert report["pending"] == f"given up, {why}"
     assert report["phases"][-1]["name"] == "climb"
 
 
 @long_without_compiler
 @pytest.mark.parametrize(("lost", "phase"), [("altimeter_range", 2), ("joint_positions", 3)])
-def test_in_water_a_lost_channel_leads_up_with_the_arm_held(monkeypatch: pytest.MonkeyPatch, lost: str, phase: int) -> None:
-    """The mission begins with the phase in question: landing low above the floor, the tool on its way."""
+def test_in_water_a_lost_channel_leads_up_with_the_arm_held(
+    monkeypatch: pytest.MonkeyPatch, lost: str, phase: int
+) -> None:
+    """The mission begins with the phase in question: landing low above the floor, the tool on its
+    way.
+    """
     scenario = case1(dt=DT, start=pose_at((10.7, 37.25, -39.2), (0.0, 0.0, 0.15)))
-    scenario = replace(scenario, mission=replace(scenario.mission, phases=scenario.mission.phases[phase:]))
-    monkeypatch.setattr(Scenario, "estimator", lambda self: BrokenSensors(robot=self.robot, channels=(lost,), start=2.0))
+    scenario = replace(
+        scenario, mission=replace(scenario.mission, phases=scenario.mission.phases[phase:])
+    )
+    monkeypatch.setattr(
+        Scenario,
+        "estimator",
+        lambda self: BrokenSensors(robot=self.robot, channels=(lost,), start=2.0),
+    )
     record = scenario.run()
-    cause, after = cause_of_end(record), record["t"] > 4.0
+    cause = cause_of_end(record)
+    after = record["t"] > 4.0
     assert cause["text"].startswith(f"{lost} lost: broken by a test since 2.0 s")
     assert record["q"][-1, 2] > -40.0 + 3.0 - 0.35
     z = record["q"][record["t"] >= 2.0, 2]

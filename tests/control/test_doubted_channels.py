@@ -1,4 +1,6 @@
-"""Whatever becomes of a channel, at any rate of ticks, no change of trust kicks vehicle or arm that works at the floor."""
+"""Whatever becomes of a channel, at any rate of ticks, no change of trust kicks vehicle or arm that
+works at the floor.
+"""
 
 from __future__ import annotations
 
@@ -12,7 +14,10 @@ from uvms_ocp.robot.dynamics import robot_dynamics
 from uvms_ocp.scenario.cases.case1 import case1
 from uvms_ocp.sim.faults import parse_fault
 
-ONSET, UNTIL, END = 40.0, 43.0, 46.0  # [s]: the arm reaches for its goal, and the channel is good again
+# [s]: the arm reaches for its goal, and the channel is good again
+ONSET = 40.0
+UNTIL = 43.0
+END = 46.0
 SIZES = {  # of spikes [unit of the channel], bias [the same], delay [s]
     "position": (50.0, "5,0,0", 1.5),
     "depth": (50.0, "2", 0.5),
@@ -28,20 +33,28 @@ QUICK = {("linear_velocity", "bias={}", 20), ("joint_positions", "lost", 20)}
 
 def runs() -> list[object]:
     """Channels by defects by rates [Hz]; most are slow."""
-    cases = [(channel, defect, rate) for channel in SIZES for defect in DEFECTS for rate in (20, 50)]
+    cases = [
+        (channel, defect, rate) for channel in SIZES for defect in DEFECTS for rate in (20, 50)
+    ]
     return [pytest.param(*case, marks=() if case in QUICK else pytest.mark.slow) for case in cases]
 
 
 @cache
 def flown(rate: int, fault: str = "") -> tuple[np.ndarray, np.ndarray, float]:
-    """After the onset: true velocities as shares of their limits, errors of the linear one [m/s], and the largest change.
+    """After the onset: true velocities as shares of their limits, errors of the linear one [m/s],
+    and the largest change.
 
-    That is of the acceleration of a joint that the commanded force makes, in a tick, as a share of the limit.
+    That is of the acceleration of a joint that the commanded force makes, in a tick, as a share of
+    the limit.
     """
-    scenario = case1(noise=True, dt=1 / rate, duration=END, faults=(parse_fault(fault),) if fault else ())
+    scenario = case1(
+        noise=True, dt=1 / rate, duration=END, faults=(parse_fault(fault),) if fault else ()
+    )
     record, robot = scenario.run(), scenario.robot
-    mass_matrix, joints = robot_dynamics(robot).mass_matrix, robot.joint_v
-    asked, largest = np.column_stack([record["wrench"], record["torque"]]), 0.0
+    mass_matrix = robot_dynamics(robot).mass_matrix
+    joints = robot.joint_v
+    asked = np.column_stack([record["wrench"], record["torque"]])
+    largest = 0.0
     first = int(np.searchsorted(record["t"], ONSET)) if fault else rate
     for k in range(first, len(asked)):
         change = np.linalg.solve(mass_matrix(record["q"][k]), asked[k] - asked[k - 1])
@@ -53,8 +66,12 @@ def flown(rate: int, fault: str = "") -> tuple[np.ndarray, np.ndarray, float]:
 @long_without_compiler
 @pytest.mark.parametrize(("channel", "defect", "rate"), runs())
 def test_no_change_of_trust_kicks(channel: str, defect: str, rate: int) -> None:
-    """A DVL with a bias was doubted late: the vehicle went 1.5 times, a joint 1.7 times as fast as it may."""
-    size = dict(zip(("spikes={},0.1", "bias={}", "late={}"), SIZES[channel], strict=True)).get(defect, "")
+    """A DVL with a bias was doubted late: the vehicle went 1.5 times, a joint 1.7 times as fast as
+    it may.
+    """
+    size = dict(zip(("spikes={},0.1", "bias={}", "late={}"), SIZES[channel], strict=True)).get(
+        defect, ""
+    )
     shares, errors, change = flown(rate, f"{channel}:{defect.format(size)}@{ONSET:g}-{UNTIL:g}")
     assert shares[:, :6].max() <= 1.0
     assert shares[:, 6:].max() <= 1.2
@@ -74,14 +91,20 @@ ACTUATORS = {  # faults, and what is named
 def struck_runs() -> list[object]:
     """What strikes actuators, alone and with a channel, and blind vehicles, by rates [Hz]."""
     return [
-        pytest.param(faults, rate, marks=() if rate == 20 else pytest.mark.slow) for faults in ACTUATORS for rate in (20, 50, 200)
+        pytest.param(faults, rate, marks=() if rate == 20 else pytest.mark.slow)
+        for faults in ACTUATORS
+        for rate in (20, 50, 200)
     ]
 
 
 @long_without_compiler
 @pytest.mark.parametrize(("faults", "rate"), struck_runs())
-def test_no_verdict_and_no_mode_kicks_the_arm_and_faults_are_found_at_every_rate(faults: str, rate: int) -> None:
-    """At 20 Hz nobody looked at the thrusters, and a reversed one drove the arm at 17 times its limit."""
+def test_no_verdict_and_no_mode_kicks_the_arm_and_faults_are_found_at_every_rate(
+    faults: str, rate: int
+) -> None:
+    """At 20 Hz nobody looked at the thrusters, and a reversed one drove the arm at 17 times its
+    limit.
+    """
     struck = tuple(parse_fault(f"{fault}@28.6") for fault in faults.split())
     scenario = case1(noise=True, dt=1 / rate, duration=42.0, faults=struck)
     record, robot = scenario.run(), scenario.robot

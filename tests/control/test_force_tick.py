@@ -1,4 +1,6 @@
-"""Laws of a tick of the force layer: what it wants, what it remembers, and what it does where little can be trusted."""
+"""Laws of a tick of the force layer: what it wants, what it remembers, and what it does where
+little can be trusted.
+"""
 
 from __future__ import annotations
 
@@ -14,7 +16,11 @@ from tiny_robots import TINY, robot_of
 from uvms_ocp.checks import replace_unchecked
 from uvms_ocp.codegen import compile_function
 from uvms_ocp.codegen.kernel_layout import arrays_of, column_view, view
-from uvms_ocp.control.faults.verdicts import ActuatorHealthTuning, ResidualFilter, ThrusterEffectiveness
+from uvms_ocp.control.faults.verdicts import (
+    ActuatorHealthTuning,
+    ResidualFilter,
+    ThrusterEffectiveness,
+)
 from uvms_ocp.control.force.allocation import thruster_lag
 from uvms_ocp.control.force.observer import ObserverLaw
 from uvms_ocp.control.force.tick import ForceTick
@@ -49,7 +55,9 @@ def laws_of(robot: Robot) -> ForceLaws:
     ones = np.ones(robot.n_v)
     return ForceLaws(
         robot=robot,
-        velocity=VelocityLaw(dynamics=robot_dynamics(robot).symbolic, K_p=3.0 * ones, reset=ones, dt=DT),
+        velocity=VelocityLaw(
+            dynamics=robot_dynamics(robot).symbolic, K_p=3.0 * ones, reset=ones, dt=DT
+        ),
         lag=thruster_lag(robot, lead=4.0, dt=DT),
         lift=500.0,
         observer=ObserverLaw(bandwidth=3.0 * ones, limit=500.0 * ones, dt=DT),
@@ -64,12 +72,17 @@ def dynamics(name: str) -> Dynamics:
 
 def scene(name: str, seed: int = 0) -> tuple[np.ndarray, np.ndarray]:
     """A configuration and a slow velocity."""
-    robot, rng = load_robot(name), np.random.default_rng(seed)
-    q = pin.integrate(robot.model, np.array(robot.configuration()), 0.3 * rng.normal(size=robot.n_v))
+    robot = load_robot(name)
+    rng = np.random.default_rng(seed)
+    q = pin.integrate(
+        robot.model, np.array(robot.configuration()), 0.3 * rng.normal(size=robot.n_v)
+    )
     return q, 0.02 * rng.normal(size=robot.n_v)
 
 
-def ticked(tick: ForceTick, q: np.ndarray, v: np.ndarray, command: Command, *, joints: bool = True) -> ForceOutputs:
+def ticked(
+    tick: ForceTick, q: np.ndarray, v: np.ndarray, command: Command, *, joints: bool = True
+) -> ForceOutputs:
     tick.give(q, v, command, (1.0, 1.0))
     told = tick.step(0.0, joint_age=0.0 if joints else 1.0)
     return ForceOutputs(**dict(zip(ForceOutputs.__dataclass_fields__, told, strict=True)))
@@ -78,24 +91,33 @@ def ticked(tick: ForceTick, q: np.ndarray, v: np.ndarray, command: Command, *, j
 @pytest.mark.parametrize("name", ROBOTS)
 def test_without_errors_the_force_is_that_of_the_model(name: str) -> None:
     tick, (q, v) = ForceTick(laws(name)), scene(name)
-    n, limit = laws(name).robot.n_vehicle, laws(name).robot.limits.effort
+    n = laws(name).robot.n_vehicle
+    limit = laws(name).robot.limits.effort
     first = ticked(tick, q, v, Command(v=v))
     wanted = dynamics(name).inverse_dynamics(q, v, v / DT)
     np.testing.assert_allclose(first.vehicle_force, wanted[:n], rtol=1e-9, atol=1e-9)
-    np.testing.assert_allclose(first.torque, np.clip(wanted[n:], -limit, limit), rtol=1e-9, atol=1e-9)
+    np.testing.assert_allclose(
+        first.torque, np.clip(wanted[n:], -limit, limit), rtol=1e-9, atol=1e-9
+    )
 
 
 @pytest.mark.parametrize("name", [FULL, "planar5"])
 def test_a_push_that_the_model_does_not_know_is_found_and_worked_against(name: str) -> None:
     tick, (q, _) = ForceTick(laws(name)), scene(name)
-    model, rng = dynamics(name), np.random.default_rng(1)
+    model = dynamics(name)
+    rng = np.random.default_rng(1)
     still = Command(v=np.zeros(laws(name).robot.n_v))
     push = np.minimum(0.1 * np.diag(model.mass_matrix(q)), 5.0) * rng.normal(size=len(still.v))
     v = np.zeros(len(push))
     for _ in range(1000):  # of a place where q stays as it is
         told = ticked(tick, q, v, still)
         given = np.concatenate(
-            [(thruster_matrix(laws(name).robot) @ tick.observed.thrust)[: len(told.vehicle_force)], told.torque]
+            [
+                (thruster_matrix(laws(name).robot) @ tick.observed.thrust)[
+                    : len(told.vehicle_force)
+                ],
+                told.torque,
+            ]
         )
         acceleration = model.forward_dynamics(q, v, given + push)
         v = v + DT * acceleration
@@ -107,12 +129,18 @@ def test_a_push_that_the_model_does_not_know_is_found_and_worked_against(name: s
 @pytest.mark.parametrize("name", ROBOTS)
 def test_compiled_and_not_a_tick_gives_the_same(name: str) -> None:
     rng = np.random.default_rng(2)
-    for function in (transfer_function(laws(name)), observe_function(laws(name)), control_function(laws(name))):
+    for function in (
+        transfer_function(laws(name)),
+        observe_function(laws(name)),
+        control_function(laws(name)),
+    ):
         compiled = compile_function(function)
         for _ in range(5):
             given = [rng.normal(size=function.size1_in(i)) for i in range(function.n_in())]
             expected = np.array(function(*given))
-            np.testing.assert_allclose(np.array(compiled(*given)), expected, rtol=0, atol=1e-12 * np.abs(expected).max())
+            np.testing.assert_allclose(
+                np.array(compiled(*given)), expected, rtol=0, atol=1e-12 * np.abs(expected).max()
+            )
 
 
 def test_a_tick_tells_arrays_of_its_own() -> None:
@@ -134,12 +162,16 @@ def busy(ticks: int = 30) -> tuple[ForceTick, np.ndarray, np.ndarray]:
 
 def known(tick: ForceTick) -> ForceState:
     """Now, in arrays of its own."""
-    return ForceState(**{name: getattr(tick.observed, name).copy() for name in ForceState.__dataclass_fields__})
+    return ForceState(
+        **{name: getattr(tick.observed, name).copy() for name in ForceState.__dataclass_fields__}
+    )
 
 
 @pytest.mark.parametrize("dt", [1 / 20, 1 / 100, 1 / 200])
 def test_brakes_that_lock_ask_no_acceleration_of_thrusters(dt: float) -> None:
-    """The reference of joints ends at once where brakes lock: taken for an acceleration, the thrusters were to bear it."""
+    """The reference of joints ends at once where brakes lock: taken for an acceleration, the
+    thrusters were to bear it.
+    """
     usual, (q, v) = laws(), scene(FULL)
     slower = replace(
         usual,
@@ -148,7 +180,8 @@ def test_brakes_that_lock_ask_no_acceleration_of_thrusters(dt: float) -> None:
         observer=None,
         residual_filter=None,
     )
-    tick, n = ForceTick(slower), usual.robot.n_vehicle
+    tick = ForceTick(slower)
+    n = usual.robot.n_vehicle
     stopped = np.concatenate([v[:n], np.zeros(usual.robot.n_joints)])
     ticked(tick, q, v, Command(v=v))
     locked = ticked(tick, q, stopped, Command(v=stopped, brakes=True))
@@ -157,7 +190,8 @@ def test_brakes_that_lock_ask_no_acceleration_of_thrusters(dt: float) -> None:
 
 
 def test_a_velocity_that_is_not_to_be_trusted_is_not_fed_back_and_changes_no_disturbance() -> None:
-    commands, kept = [], []
+    commands = []
+    kept = []
     for wrong in (1.0, -100.0):
         tick, q, v = busy()
         before = known(tick)
@@ -182,7 +216,8 @@ def test_joints_that_are_not_to_be_trusted_leave_the_vehicle_as_it_is() -> None:
 def test_a_stop_cuts_the_thrust_and_forgets() -> None:
     tick, q, v = busy()
     stop = Command(v=np.zeros(len(v)), hold=True, stop=True)
-    told, n = ticked(tick, q, v, stop), laws().robot.n_vehicle
+    told = ticked(tick, q, v, stop)
+    n = laws().robot.n_vehicle
     for array in (told.command, told.vehicle_force, told.disturbance, tick.observed.integral[:n]):
         np.testing.assert_array_equal(array, 0.0)
     assert np.abs(told.torque).max() > 0.0
@@ -191,7 +226,11 @@ def test_a_stop_cuts_the_thrust_and_forgets() -> None:
 def test_the_monitor_hears_only_what_can_be_trusted() -> None:
     tick, q, v = busy(4)
     seen = [known(tick)]
-    for command, joints in ((Command(v=v), True), (Command(v=v, hold=True), True), (Command(v=v), False)):
+    for command, joints in (
+        (Command(v=v), True),
+        (Command(v=v, hold=True), True),
+        (Command(v=v), False),
+    ):
         ticked(tick, q, v, command, joints=joints)
         seen.append(known(tick))
     assert [MonitorStep(int(now.watch[0])) for now in seen] == [
@@ -218,24 +257,35 @@ def test_the_bandwidths_of_vehicle_and_joints_come_to_what_each_bears() -> None:
 
 def test_a_verdict_moves_what_a_thruster_fails_to_give_from_the_disturbance_to_the_model() -> None:
     tick, q, v = busy()
-    matrix, before = thruster_matrix(laws().robot), known(tick)
-    effectiveness = ThrusterEffectiveness(share=np.r_[0.0, 0.5, np.ones(6)], constant=np.r_[3.0, np.zeros(7)])
+    matrix = thruster_matrix(laws().robot)
+    before = known(tick)
+    effectiveness = ThrusterEffectiveness(
+        share=np.r_[0.0, 0.5, np.ones(6)], constant=np.r_[3.0, np.zeros(7)]
+    )
     tick.memory.detection.n_vehicle = 6
-    tick.memory.detection.effectiveness.share[:], tick.memory.detection.effectiveness.constant[:] = (
+    (
+        tick.memory.detection.effectiveness.share[:],
+        tick.memory.detection.effectiveness.constant[:],
+    ) = (
         effectiveness.share,
         effectiveness.constant,
     )
     tick._adapt(tick.memory)
     acting = matrix @ effectiveness.given(before.thrust) + tick.observed.estimate[:6]
-    np.testing.assert_allclose(acting, matrix @ before.thrust + before.estimate[:6], rtol=1e-12, atol=1e-9)
+    np.testing.assert_allclose(
+        acting, matrix @ before.thrust + before.estimate[:6], rtol=1e-12, atol=1e-9
+    )
     for _ in range(200):
         told = ticked(tick, q, v, Command(v=2.0 * v))
-    np.testing.assert_allclose(told.command[0], 0.0, atol=1e-6, err_msg="nothing is asked of what does not follow")
+    np.testing.assert_allclose(
+        told.command[0], 0.0, atol=1e-6, err_msg="nothing is asked of what does not follow"
+    )
 
 
 def test_a_thrust_that_limits_keep_from_being_reached_is_told() -> None:
     tick, (q, v) = ForceTick(laws()), scene(FULL)
-    command, limits = ticked(tick, q, v, Command(v=np.full(len(v), 50.0))).command, laws().lag
+    command = ticked(tick, q, v, Command(v=np.full(len(v), 50.0))).command
+    limits = laws().lag
     assert tick.memory.allocation.saturated
     assert (command >= limits.lower).all()
     assert (command <= limits.upper).all()
@@ -251,7 +301,9 @@ def test_a_force_that_is_no_number_is_refused_and_what_was_known_stays() -> None
 
 
 def test_whatever_is_given_what_is_told_and_remembered_is_numbers() -> None:
-    tick, rng, refused = ForceTick(replace(laws(), search=ActuatorHealthTuning())), np.random.default_rng(6), 0
+    tick = ForceTick(replace(laws(), search=ActuatorHealthTuning()))
+    rng = np.random.default_rng(6)
+    refused = 0
     q, v = scene(FULL)
     for k in range(2000):
         tick.give(q, v * rng.normal(), Command(v=v * rng.normal(), hold=k % 97 == 0), (1.0, 1.0))
@@ -271,14 +323,18 @@ def test_whatever_is_given_what_is_told_and_remembered_is_numbers() -> None:
 def test_without_joints_brakes_lock_where_the_vehicle_holds() -> None:
     """There are no encoders that could be silent."""
     robot = robot_of(TINY["no joints"])
-    tick, still = ForceTick(laws_of(robot), compiled=False), np.zeros(robot.n_v)
+    tick = ForceTick(laws_of(robot), compiled=False)
+    still = np.zeros(robot.n_v)
     for hold in (True, False):
         ticked(tick, robot.configuration(), still, Command(v=still, hold=hold))
         assert bool(tick.memory.locks) == hold
 
 
 def test_a_place_that_is_no_number_is_not_looked_at_though_no_force_depends_on_it() -> None:
-    tick, (q, v) = ForceTick(replace(laws(), search=ActuatorHealthTuning()), compiled=False), scene(FULL)
+    tick, (q, v) = (
+        ForceTick(replace(laws(), search=ActuatorHealthTuning()), compiled=False),
+        scene(FULL),
+    )
     places = []
     for x in (1.0, np.nan, np.inf, 2.0):
         for _ in range(5):
@@ -295,14 +351,20 @@ def test_in_c_and_in_python_a_tick_gives_the_same(name: str) -> None:
     """Up to rounding: what is smooth comes from CasADi, in C and in its virtual machine."""
     tuning = ActuatorHealthTuning(sample_time=0.02, window=0.4, settling=0.02)
     searching = replace(laws(name), search=tuning if laws(name).robot.n_vehicle else None)
-    mine, other = ForceTick(searching), ForceTick(searching, compiled=False)
+    mine = ForceTick(searching)
+    other = ForceTick(searching, compiled=False)
     q, v = scene(name)
     for k in range(40):
         command = Command(v=(2.0 + np.sin(k)) * v, hold=k == 20, stop=k == 30)
-        for array, same in zip(*(step(tick, q, np.cos(k) * v, command, 0.01 * k) for tick in (mine, other)), strict=True):
+        for array, same in zip(
+            *(step(tick, q, np.cos(k) * v, command, 0.01 * k) for tick in (mine, other)),
+            strict=True,
+        ):
             np.testing.assert_allclose(array, same, rtol=1e-9, atol=1e-9)
 
 
-def step(tick: ForceTick, q: np.ndarray, v: np.ndarray, command: Command, t: float) -> list[np.ndarray]:
+def step(
+    tick: ForceTick, q: np.ndarray, v: np.ndarray, command: Command, t: float
+) -> list[np.ndarray]:
     tick.give(q, v, command, (1.0, 0.9))
     return tick.step(t)

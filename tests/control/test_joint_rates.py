@@ -26,20 +26,34 @@ def test_a_joint_that_is_faster_than_commanded_is_commanded_less(noise: bool) ->
 
 
 def learnt(memory: TickMemory, axis: int, *, command: float, change: float, v: float) -> float:
-    """[rad/s] by which a joint is thought to be faster after half a second with this [rad/s] at every tick."""
-    memory.faster[axis], memory.command[axis], memory.change[axis], memory.v[axis] = 0.0, command, change, v
+    """[rad/s] by which a joint is thought to be faster after half a second with this [rad/s] at
+    every tick.
+    """
+    memory.faster[axis], memory.command[axis], memory.change[axis], memory.v[axis] = (
+        0.0,
+        command,
+        change,
+        v,
+    )
     for _ in range(50):
         _shorten(memory)
     return float(memory.faster[axis])
 
 
 def test_a_joint_is_faster_only_where_it_is_driven_on() -> None:
-    """Before, what pushed it at rest counted, in one direction, and what lags behind as it brakes."""
+    """Before, what pushed it at rest counted, in one direction, and what lags behind as it
+    brakes.
+    """
     scenario = reach(robot="bluerov2_alpha5", dt=1 / 100)
-    memory, axis = scenario.kinematic_controller().memory, scenario.robot.joint_v.start
+    memory = scenario.kinematic_controller().memory
+    axis = scenario.robot.joint_v.start
     for sign in (1.0, -1.0):
-        assert learnt(memory, axis, command=0.2 * sign, change=0.0, v=0.22 * sign) == pytest.approx(0.026)
-        assert learnt(memory, axis, command=0.2 * sign, change=0.01 * sign, v=0.22 * sign) == pytest.approx(0.026)
+        assert learnt(memory, axis, command=0.2 * sign, change=0.0, v=0.22 * sign) == pytest.approx(
+            0.026
+        )
+        assert learnt(
+            memory, axis, command=0.2 * sign, change=0.01 * sign, v=0.22 * sign
+        ) == pytest.approx(0.026)
         assert learnt(memory, axis, command=0.2 * sign, change=-0.01 * sign, v=0.22 * sign) == 0.0
         assert learnt(memory, axis, command=0.2 * sign, change=0.0, v=0.1 * sign) == 0.0
         assert learnt(memory, axis, command=0.0, change=0.0, v=0.1 * sign) == 0.0
@@ -48,7 +62,9 @@ def test_a_joint_is_faster_only_where_it_is_driven_on() -> None:
 def test_a_joint_that_is_faster_takes_its_own_speed_alone() -> None:
     """Before, the vehicle slowed down with it."""
     scenario = reach(robot="bluerov2_alpha5", dt=1 / 100)
-    memory, axis, limit = scenario.kinematic_controller().memory, scenario.robot.joint_v.start, scenario.robot.limits.velocity
+    memory = scenario.kinematic_controller().memory
+    axis = scenario.robot.joint_v.start
+    limit = scenario.robot.limits.velocity
     learnt(memory, axis, command=0.9 * limit[axis], change=0.0, v=limit[axis])
     memory.solved[:] = [float(value) for value in limit]
     _shorten(memory)

@@ -62,7 +62,9 @@ def circle(robot: Robot, *, radius: float = 0.3, speed: float = 0.1) -> PoseRefe
     return at
 
 
-def following(robot: Robot, goal: PoseGoal, duration: float | tuple[float, float] = 3.0, **options: Any) -> OcpProblem:
+def following(
+    robot: Robot, goal: PoseGoal, duration: float | tuple[float, float] = 3.0, **options: Any
+) -> OcpProblem:
     task = ToolPose(goal=goal)
     terms = (TaskTerm(task=task, at=At.PATH, weight=100.0), TaskTerm(task=task, weight=9.0))
     levels = (OcpLevel(name="follow", terms=(*terms, Effort(), Smoothness(weight=0.09))),)
@@ -76,10 +78,14 @@ def following(robot: Robot, goal: PoseGoal, duration: float | tuple[float, float
 
 
 class Stopwatch:
-    """A clock that moves on by a millisecond whenever it is read, and now and then by a tenth of a second."""
+    """A clock that moves on by a millisecond whenever it is read, and now and then by a tenth of a
+    second.
+    """
 
     def __init__(self, nth: int) -> None:
-        self.readings, self.nth, self.time = 0, nth, 0.0
+        self.readings = 0
+        self.nth = nth
+        self.time = 0.0
 
     def __call__(self) -> float:
         self.readings += 1
@@ -93,7 +99,9 @@ def largest_error(robot: Robot, nmpc: Nmpc, goal: PoseGoal, seconds: float) -> f
     environment = Environment(seafloor=FlatSeafloor(z=-40), current=current)
     dt = 1 / 200
     record = simulate(
-        plant=DynamicPlant(robot, start_of(robot), dynamics=robot_dynamics(robot), environment=environment),
+        plant=DynamicPlant(
+            robot, start_of(robot), dynamics=robot_dynamics(robot), environment=environment
+        ),
         sensors=SensorSuite(robot, environment.seafloor, IDEAL_SENSORS).read,
         estimator=PassThrough(robot),
         controller=nmpc,
@@ -125,7 +133,9 @@ def test_the_tool_follows_a_moving_goal_in_a_gusty_current(robot: Robot) -> None
 @pytest.mark.slow
 def test_strict_priority_of_the_tool_follows_more_closely_than_a_sum(robot: Robot) -> None:
     goal = circle(robot)
-    tool = OcpLevel(name="tool", terms=(TaskTerm(task=ToolPose(goal=goal), at=At.PATH, weight=100.0),))
+    tool = OcpLevel(
+        name="tool", terms=(TaskTerm(task=ToolPose(goal=goal), at=At.PATH, weight=100.0),)
+    )
     cheap = OcpLevel(name="effort", terms=(Effort(), Smoothness(weight=0.09)))
     strict = Nmpc(following(robot, goal, levels=(tool, cheap)), clock=lambda: 0.0)
     summed = Nmpc(following(robot, goal), clock=lambda: 0.0)
@@ -139,10 +149,18 @@ def test_while_a_plan_is_late_the_last_one_goes_on(robot: Robot) -> None:
     assert 15 <= nmpc.statistics.missed < len(nmpc.statistics.solve_times) < 65
 
 
-def test_plans_that_break_constraints_are_not_used_and_mended_by_the_next_solve(robot: Robot) -> None:
+def test_plans_that_break_constraints_are_not_used_and_mended_by_the_next_solve(
+    robot: Robot,
+) -> None:
     goal = circle(robot)
-    accuracy = 1e-3 if MISSING else 1e-5  # hpipm, which is there without a compiler, is not as sharp
-    nmpc = Nmpc(following(robot, goal), clock=lambda: 0.0, options=SqpOptions(max_steps=1, accuracy=accuracy))
+    accuracy = (
+        1e-3 if MISSING else 1e-5
+    )  # hpipm, which is there without a compiler, is not as sharp
+    nmpc = Nmpc(
+        following(robot, goal),
+        clock=lambda: 0.0,
+        options=SqpOptions(max_steps=1, accuracy=accuracy),
+    )
     assert largest_error(robot, nmpc, goal, 4.0) < 0.02
     assert 2 <= nmpc.statistics.rejected <= 40
 

@@ -1,4 +1,6 @@
-"""Law of the disturbance observer: two poles at its bandwidth, so that a step is found along a known curve."""
+"""Law of the disturbance observer: two poles at its bandwidth, so that a step is found along a
+known curve.
+"""
 
 from __future__ import annotations
 
@@ -51,25 +53,38 @@ class Pair:
 
 
 def observer_of(masses: np.ndarray, w: np.ndarray, limit: float = 1e3) -> DisturbanceObserver:
-    return DisturbanceObserver(ObserverLaw(bandwidth=w, limit=np.full(2, limit), dt=DT), Mass(masses), 0)
+    return DisturbanceObserver(
+        ObserverLaw(bandwidth=w, limit=np.full(2, limit), dt=DT), Mass(masses), 0
+    )
 
 
 @pytest.mark.parametrize("bandwidth", [(0.5, 1.0), (3.0, 4.0), (10.0, 20.0)])
-def test_a_step_of_the_disturbance_is_found_as_fast_as_the_bandwidth_says(bandwidth: tuple[float, float]) -> None:
-    w, masses, push = np.array(bandwidth), np.array([2.0, 180.0]), np.array([7.0, -40.0])
+def test_a_step_of_the_disturbance_is_found_as_fast_as_the_bandwidth_says(
+    bandwidth: tuple[float, float],
+) -> None:
+    w = np.array(bandwidth)
+    masses = np.array([2.0, 180.0])
+    push = np.array([7.0, -40.0])
     observer = observer_of(masses, w)
-    v, n = np.zeros(2), round(6.0 / w.min() / DT)
+    v = np.zeros(2)
+    n = round(6.0 / w.min() / DT)
     for k in range(n):
         estimate = observer.update(np.zeros(0), v, np.zeros(2))
         if k % (n // 20) == 0:
             elapsed = w * k * DT
-            np.testing.assert_allclose(estimate / push, 1 - (1 + elapsed) * np.exp(-elapsed), atol=2e-3)
+            np.testing.assert_allclose(
+                estimate / push, 1 - (1 + elapsed) * np.exp(-elapsed), atol=2e-3
+            )
         v = v + DT * push / masses
 
 
 def test_what_a_disturbance_does_to_an_axis_is_kept_where_that_loses_its_inertia() -> None:
-    masses, push, v = np.array([2.0, 180.0]), np.array([7.0, -40.0]), np.zeros(2)
-    observer = DisturbanceObserver(ObserverLaw(bandwidth=np.full(2, 10.0), limit=np.full(2, 1e3), dt=DT), Scaled(masses), 1)
+    masses = np.array([2.0, 180.0])
+    push = np.array([7.0, -40.0])
+    v = np.zeros(2)
+    observer = DisturbanceObserver(
+        ObserverLaw(bandwidth=np.full(2, 10.0), limit=np.full(2, 1e3), dt=DT), Scaled(masses), 1
+    )
     for _ in range(20_000):
         found = observer.update(np.ones(1), v, np.zeros(2))
         v = v + DT * push / masses
@@ -79,7 +94,8 @@ def test_what_a_disturbance_does_to_an_axis_is_kept_where_that_loses_its_inertia
 
 
 def test_a_disturbance_is_never_more_than_its_limit() -> None:
-    observer, v = observer_of(np.ones(2), np.full(2, 10.0), limit=2.0), np.zeros(2)
+    observer = observer_of(np.ones(2), np.full(2, 10.0), limit=2.0)
+    v = np.zeros(2)
     for _ in range(10_000):
         estimate = observer.update(np.zeros(0), v, np.zeros(2))
         v = v + DT * np.array([3.0, -5.0])
@@ -104,9 +120,13 @@ def test_a_bandwidth_that_the_period_does_not_bear_is_refused(bandwidth: float) 
 def test_what_acts_on_the_faster_axis_is_not_taken_for_a_push_on_the_slower_one(
     bandwidth: tuple[float, float], dt: float
 ) -> None:
-    """A reversed thruster whose push grew was a torque of 17 N m on joints whose encoders were doubted; they drove the arm."""
+    """A reversed thruster whose push grew was a torque of 17 N m on joints whose encoders were
+    doubted; they drove the arm.
+    """
     law = ObserverLaw(bandwidth=np.array(bandwidth), limit=np.full(2, 1e3), dt=dt)
-    observer, fast, v = DisturbanceObserver(law, Pair(), 0), int(np.argmax(bandwidth)), np.zeros(2)
+    observer = DisturbanceObserver(law, Pair(), 0)
+    fast = int(np.argmax(bandwidth))
+    v = np.zeros(2)
     for k in range(round(4.0 / dt)):
         estimate = observer.update(np.zeros(0), v, np.zeros(2))
         v = v + dt * np.linalg.solve(Pair.M, 20.0 * k * dt * np.eye(2)[fast])
@@ -115,9 +135,15 @@ def test_what_acts_on_the_faster_axis_is_not_taken_for_a_push_on_the_slower_one(
 
 
 @pytest.mark.parametrize("fast", [0, 1])
-def test_a_slow_axis_whose_velocity_is_wrong_drives_the_fast_one_by_no_more_than_its_own_gain(fast: int) -> None:
+def test_a_slow_axis_whose_velocity_is_wrong_drives_the_fast_one_by_no_more_than_its_own_gain(
+    fast: int,
+) -> None:
     bandwidth = np.where(np.arange(2) == fast, 8.0, 1.0)
-    observer = DisturbanceObserver(ObserverLaw(bandwidth=bandwidth, limit=np.full(2, 1e3), dt=0.01), Pair(), 0)
+    observer = DisturbanceObserver(
+        ObserverLaw(bandwidth=bandwidth, limit=np.full(2, 1e3), dt=0.01), Pair(), 0
+    )
     observer.update(np.zeros(0), np.zeros(2), np.zeros(2))
     wrong = 0.3 * np.eye(2)[1 - fast]
-    np.testing.assert_allclose(observer.update(np.zeros(0), wrong, np.zeros(2)), 0.01 * Pair.M @ wrong, rtol=1e-9)
+    np.testing.assert_allclose(
+        observer.update(np.zeros(0), wrong, np.zeros(2)), 0.01 * Pair.M @ wrong, rtol=1e-9
+    )

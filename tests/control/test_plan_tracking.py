@@ -31,13 +31,19 @@ def push_off(robot: Robot, duration: float = 2.0) -> Trajectory:
     """Half of the time forward, half of it slower again, by constant accelerations."""
     a = np.zeros((2, robot.n_v))
     a[:, 0], a[:, 8] = [0.1, -0.1], [0.2, -0.2]
-    h, q = duration / 2, [np.array(robot.configuration(position=(0.0, 0.0, -5.0)))]
+    h = duration / 2
+    q = [np.array(robot.configuration(position=(0.0, 0.0, -5.0)))]
     v = np.array([np.zeros(robot.n_v), h * a[0], np.zeros(robot.n_v)])
     for k in range(2):
         q.append(pin.integrate(robot.model, q[k], h * v[k] + 0.5 * h * h * a[k]))
     n = len(robot.description.thrusters)
     return Trajectory(
-        t=np.array([0.0, h, 2 * h]), q=np.array(q), v=v, a=a, thrust=np.zeros((2, n)), torque=np.zeros((2, robot.n_joints))
+        t=np.array([0.0, h, 2 * h]),
+        q=np.array(q),
+        v=v,
+        a=a,
+        thrust=np.zeros((2, n)),
+        torque=np.zeros((2, robot.n_joints)),
     )
 
 
@@ -45,7 +51,9 @@ def tracker(robot: Robot, plan: Trajectory) -> PlanTracker:
     return PlanTracker(plan, robot, robot_dynamics(robot), dt=DT)
 
 
-def carried_out(robot: Robot, plan: Trajectory, gains: TrackingGains | None = None) -> dict[str, np.ndarray]:
+def carried_out(
+    robot: Robot, plan: Trajectory, gains: TrackingGains | None = None
+) -> dict[str, np.ndarray]:
     environment = Environment(seafloor=FlatSeafloor(z=-40))
     return tracked(robot, plan, environment, dt=DT, duration=10.0, gains=gains)
 
@@ -66,8 +74,11 @@ def test_feedback_brings_a_plant_nearer_to_the_plan(robot: Robot) -> None:
     assert found[0].end_position < found[1].end_position
 
 
-def test_a_plan_that_is_followed_exactly_has_no_mismatch_and_a_shift_is_its_length(robot: Robot) -> None:
-    plan, times = push_off(robot), np.linspace(0.0, 2.0, 21)
+def test_a_plan_that_is_followed_exactly_has_no_mismatch_and_a_shift_is_its_length(
+    robot: Robot,
+) -> None:
+    plan = push_off(robot)
+    times = np.linspace(0.0, 2.0, 21)
     q = np.array([plan.state_at(robot.model, float(t))[0] for t in times])
     exact = tracking_error(plan, times, q, robot=robot, frame="tool")
     assert max(exact.position, exact.end_position, exact.end_orientation) < 1e-9
@@ -81,7 +92,8 @@ def test_a_plan_that_is_followed_exactly_has_no_mismatch_and_a_shift_is_its_leng
 
 
 def test_a_measurement_that_is_no_number_still_gives_a_command(robot: Robot) -> None:
-    plan, rest = push_off(robot), np.zeros(robot.n_v)
+    plan = push_off(robot)
+    rest = np.zeros(robot.n_v)
     control = tracker(robot, plan)
     control(StateEstimate(q=plan.q[0], v=rest, altimeter_range=35.0), 0.0)
     command = control(StateEstimate(q=np.full(robot.n_q, np.nan), v=rest, altimeter_range=35.0), DT)
@@ -90,9 +102,13 @@ def test_a_measurement_that_is_no_number_still_gives_a_command(robot: Robot) -> 
 
 
 def test_the_same_measurements_give_the_same_commands(robot: Robot) -> None:
-    plan, rng = push_off(robot), np.random.default_rng(2)
+    plan = push_off(robot)
+    rng = np.random.default_rng(2)
     noise = 1e-3 * rng.standard_normal((50, robot.n_v))
-    measurements = [StateEstimate(q=pin.integrate(robot.model, plan.q[0], row), v=row, altimeter_range=35.0) for row in noise]
+    measurements = [
+        StateEstimate(q=pin.integrate(robot.model, plan.q[0], row), v=row, altimeter_range=35.0)
+        for row in noise
+    ]
     runs = [
         [control(measurement, k * DT) for k, measurement in enumerate(measurements)]
         for control in (tracker(robot, plan), tracker(robot, plan))
@@ -104,7 +120,8 @@ def test_the_same_measurements_give_the_same_commands(robot: Robot) -> None:
 
 @pytest.mark.parametrize("name", ["girona_maris7_full", "bluerov2_alpha5", "planar5"])
 def test_a_force_within_the_limits_is_realized_and_one_beyond_them_is_cut(name: str) -> None:
-    machine, rng = load_robot(name), np.random.default_rng(1)
+    machine = load_robot(name)
+    rng = np.random.default_rng(1)
     actuators = Actuators(machine, lead=4.0, dt=DT)
     small = 1e-2 * rng.standard_normal(machine.n_v)
     np.testing.assert_allclose(actuators.realize(small).force, small, atol=1e-9)
@@ -115,7 +132,8 @@ def test_a_force_within_the_limits_is_realized_and_one_beyond_them_is_cut(name: 
 
 
 def test_thrusters_that_are_driven_come_to_the_force_that_was_realized(robot: Robot) -> None:
-    actuators, wanted = Actuators(robot, lead=4.0, dt=DT), np.linspace(-2.0, 2.0, robot.n_v)
+    actuators = Actuators(robot, lead=4.0, dt=DT)
+    wanted = np.linspace(-2.0, 2.0, robot.n_v)
     assert not actuators.force.any()
     for _ in range(400):
         realized = actuators.realize(wanted)
@@ -130,5 +148,9 @@ def test_gains_that_make_no_sense_are_refused() -> None:
 
 
 def test_the_open_loop_feeds_nothing_back() -> None:
-    gains = {name: getattr(OPEN_LOOP, name) for name in TrackingGains.__dataclass_fields__ if name != "lead"}
+    gains = {
+        name: getattr(OPEN_LOOP, name)
+        for name in TrackingGains.__dataclass_fields__
+        if name != "lead"
+    }
     assert gains == dict.fromkeys(gains, 0.0)

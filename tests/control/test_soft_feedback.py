@@ -17,7 +17,9 @@ from uvms_ocp.scenario.cases.case1 import case1
 from uvms_ocp.scenario.scenario import Scenario
 from uvms_ocp.sim import parse_fault
 
-ONSET, END = 20.0, 40.0  # [s]
+# [s]
+ONSET = 20.0
+END = 40.0
 USUAL = {"noise": True, "dt": 1 / 50, "duration": END}
 
 
@@ -41,14 +43,17 @@ def test_a_dvl_that_is_off_is_found_out_by_position_fixes() -> None:
     way = usual_way()
     biased = case1(**USUAL, faults=(parse_fault(f"linear_velocity:bias=0.3,0,0@{ONSET:g}"),)).run()
     assert cKDTree(way).query(biased["q"][:, :3])[0].max() < 5.0
-    estimated, true = biased["q_estimated"][:, :3], biased["q"][:, :3]
+    estimated = biased["q_estimated"][:, :3]
+    true = biased["q"][:, :3]
     assert np.abs(estimated - true)[biased["t"] > ONSET + 8.0].max() < 0.2
 
 
 @pytest.mark.slow
 @long_without_compiler
 def test_encoders_that_are_late_shake_neither_arm_nor_vehicle() -> None:
-    """Fed back at full bandwidth, joints that are known 50 ms late swing up as soon as the arm is to move."""
+    """Fed back at full bandwidth, joints that are known 50 ms late swing up as soon as the arm is
+    to move.
+    """
     usual = {"noise": True, "duration": 55.0}
     way = case1(**usual).run()["q"][:, :3]
     late = case1(**usual, faults=(parse_fault("joint_positions:late=0.05@28.6"),)).run()
@@ -71,7 +76,9 @@ class Drift:
 
 class DriftOfRun:
     def __init__(self, fault: Drift) -> None:
-        self.fault, self.seen, self.told = fault, None, None
+        self.fault = fault
+        self.seen = None
+        self.told = None
 
     def readings(self, readings: Readings, t: float) -> Readings:
         reading = readings.linear_velocity
@@ -79,7 +86,8 @@ class DriftOfRun:
             return readings
         if reading is not self.seen:
             off = np.array([self.fault.rate * (reading.t - self.fault.onset), 0.0, 0.0])
-            self.seen, self.told = reading, Reading(value=reading.value + off, t=reading.t)
+            self.seen = reading
+            self.told = Reading(value=reading.value + off, t=reading.t)
         return replace(readings, linear_velocity=self.told)
 
     def command(self, command: Command, t: float) -> Command:
@@ -89,10 +97,16 @@ class DriftOfRun:
 @pytest.mark.slow
 @long_without_compiler
 def test_a_dvl_that_is_doubted_while_the_arm_works_at_the_floor_kicks_no_joint() -> None:
-    """The correction of the velocity went to the joints: true rates of 1.5 times their limit, encoders blamed."""
+    """The correction of the velocity went to the joints: true rates of 1.5 times their limit,
+    encoders blamed.
+    """
     scenario = case1(noise=True, dt=1 / 50, duration=43.0)
     record = replace(scenario, faults=(Drift(rate=0.02, onset=34.0),)).run()
-    doubted = [alarm.t for alarm in record.run_meta.alarms if alarm.text.startswith("linear_velocity suspect")]
+    doubted = [
+        alarm.t
+        for alarm in record.run_meta.alarms
+        if alarm.text.startswith("linear_velocity suspect")
+    ]
     assert doubted
     assert not [alarm.text for alarm in record.run_meta.alarms if "joint" in alarm.text]
     after = record["t"] >= doubted[0]

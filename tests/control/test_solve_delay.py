@@ -22,22 +22,31 @@ def reach() -> OcpProblem:
         start=State(q=robot.configuration(joints=[0.3] * robot.n_joints), v=np.zeros(robot.n_v)),
         duration=1.0,
         n_steps=5,
-        levels=[OcpLevel(name="tool", terms=(TaskTerm(task=tool, at=At.PATH, weight=10.0), Effort()))],
+        levels=[
+            OcpLevel(name="tool", terms=(TaskTerm(task=tool, at=At.PATH, weight=10.0), Effort()))
+        ],
         hessian=HessianKind.GAUSS_NEWTON,
     )
 
 
 @pytest.mark.parametrize("delay", [0.004, 0.05, 0.11])
-def test_a_plan_begins_where_the_present_one_leaves_the_measured_state_by_then(delay: float) -> None:
+def test_a_plan_begins_where_the_present_one_leaves_the_measured_state_by_then(
+    delay: float,
+) -> None:
     problem = reach()
     replanner = Replanner(problem, options=None, time_limit=np.inf, clock=lambda: 0.0)
-    first = replanner(ReplanningRequest(state=problem.start, t=0.0, in_use=HOLD, begin=0.0, delay=delay)).planned
+    first = replanner(
+        ReplanningRequest(state=problem.start, t=0.0, in_use=HOLD, begin=0.0, delay=delay)
+    ).planned
     assert first is not None
-    model, t = problem.robot.model, 0.1
+    model = problem.robot.model
+    t = 0.1
     q, v, _ = first.trajectory.state_at(model, t)
     apart = 1e-3 * np.arange(problem.robot.n_v)
     measured = State(q=pin.integrate(model, q, apart), v=v + apart)
-    plan = replanner(ReplanningRequest(state=measured, t=t, in_use=first.number, begin=first.begin, delay=delay)).planned
+    plan = replanner(
+        ReplanningRequest(state=measured, t=t, in_use=first.number, begin=first.begin, delay=delay)
+    ).planned
     assert plan is not None
     assert plan.begin == pytest.approx(t + delay)
     q, v, _ = first.trajectory.state_at(model, t + delay)

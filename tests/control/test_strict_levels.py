@@ -46,30 +46,53 @@ def problem(robot: Robot) -> OcpProblem:
     tool = TaskTerm(task=ToolPosition(goal=goal), at=At.PATH, weight=100.0)
     levels = [
         OcpLevel(name="tool", terms=(tool,)),
-        OcpLevel(name="posture", terms=(Posture(q=robot.configuration(joints=[0.5] * robot.n_joints)),)),
+        OcpLevel(
+            name="posture", terms=(Posture(q=robot.configuration(joints=[0.5] * robot.n_joints)),)
+        ),
         OcpLevel(name="effort", terms=(Effort(),)),
     ]
     start = State(q=robot.configuration(joints=[0.2] * robot.n_joints), v=np.zeros(robot.n_v))
     return single_phase(
-        robot=robot, start=start, duration=1.5, n_steps=8, levels=levels, water=False, hessian=HessianKind.GAUSS_NEWTON
+        robot=robot,
+        start=start,
+        duration=1.5,
+        n_steps=8,
+        levels=levels,
+        water=False,
+        hessian=HessianKind.GAUSS_NEWTON,
     )
 
 
 def residuals(program: LexicographicProgram, x: np.ndarray, p: np.ndarray) -> np.ndarray:
-    levels, rows = program.ranges.levels, program.values.call([x, p])
-    return np.array([np.linalg.norm(level.distance(np.array(y).ravel())) for level, y in zip(levels, rows, strict=True)])
+    levels = program.ranges.levels
+    rows = program.values.call([x, p])
+    return np.array(
+        [
+            np.linalg.norm(level.distance(np.array(y).ravel()))
+            for level, y in zip(levels, rows, strict=True)
+        ]
+    )
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("plugin", ["piqp", "stagewise"])
-def test_no_level_above_rises_by_more_than_the_tolerance_in_random_steps(robot: Robot, plugin: str) -> None:
-    own, options = problem(robot), replace(OPTIONS, plugin=plugin)
+def test_no_level_above_rises_by_more_than_the_tolerance_in_random_steps(
+    robot: Robot, plugin: str
+) -> None:
+    own = problem(robot)
+    options = replace(OPTIONS, plugin=plugin)
     transcription = Transcription(own)
-    staged, sparse = StagewiseProgram(transcription), transcription.program
-    sqp, rng, gained = RealTimeSqp(staged if plugin == "stagewise" else sparse, options), np.random.default_rng(1), 0
+    staged = StagewiseProgram(transcription)
+    sparse = transcription.program
+    sqp = RealTimeSqp(staged if plugin == "stagewise" else sparse, options)
+    rng = np.random.default_rng(1)
+    gained = 0
     lower, upper = transcription.bounds()
     for i in range(N_STEPS):
-        start = State(q=robot.configuration(joints=rng.uniform(-1.0, 1.0, robot.n_joints)), v=rng.uniform(-0.3, 0.3, robot.n_v))
+        start = State(
+            q=robot.configuration(joints=rng.uniform(-1.0, 1.0, robot.n_joints)),
+            v=rng.uniform(-0.3, 0.3, robot.n_v),
+        )
         p = transcription.parameters(t0=float(i), start=start)
         x = transcription.pack(hold_guess(own, start))
         guess = x + 0.1 * rng.standard_normal(len(x))
@@ -82,8 +105,11 @@ def test_no_level_above_rises_by_more_than_the_tolerance_in_random_steps(robot: 
 
 
 @needs_compiler
-def test_levels_take_few_factors_once_there_is_a_plan_to_start_from(robot: Robot, monkeypatch: pytest.MonkeyPatch) -> None:
-    own, factors = problem(robot), list[int]()
+def test_levels_take_few_factors_once_there_is_a_plan_to_start_from(
+    robot: Robot, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    own = problem(robot)
+    factors = list[int]()
     solve_flat = StageQpSolver.solve_flat
 
     def counted(self: StageQpSolver, *args: Any, **kwargs: Any) -> FlatSolution:
@@ -93,7 +119,9 @@ def test_levels_take_few_factors_once_there_is_a_plan_to_start_from(robot: Robot
 
     monkeypatch.setattr(StageQpSolver, "solve_flat", counted)
     transcription = Transcription(own)
-    sqp = RealTimeSqp(StagewiseProgram(transcription), replace(OPTIONS, plugin="stagewise", tolerance=1e-2))
+    sqp = RealTimeSqp(
+        StagewiseProgram(transcription), replace(OPTIONS, plugin="stagewise", tolerance=1e-2)
+    )
     x, p = transcription.pack(hold_guess(own)), transcription.parameters()
     lower, upper = transcription.bounds()
     for _ in range(10):
@@ -104,9 +132,14 @@ def test_levels_take_few_factors_once_there_is_a_plan_to_start_from(robot: Robot
 
 
 @needs_compiler
-def test_a_step_that_mends_another_is_given_up_soon(robot: Robot, monkeypatch: pytest.MonkeyPatch) -> None:
-    """It is welcome, but where bounds that are reached are guessed wrong it would take longer than all other QPs of the step."""
-    own, solves = problem(robot), list[tuple[StageQpSolver, int]]()
+def test_a_step_that_mends_another_is_given_up_soon(
+    robot: Robot, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """It is welcome, but where bounds that are reached are guessed wrong it would take longer than
+    all other QPs of the step.
+    """
+    own = problem(robot)
+    solves = list[tuple[StageQpSolver, int]]()
     solve_flat = StageQpSolver.solve_flat
 
     def counted(self: StageQpSolver, *args: Any, **kwargs: Any) -> FlatSolution:
@@ -115,7 +148,8 @@ def test_a_step_that_mends_another_is_given_up_soon(robot: Robot, monkeypatch: p
         return found
 
     monkeypatch.setattr(StageQpSolver, "solve_flat", counted)
-    transcription, rng = Transcription(own), np.random.default_rng(1)
+    transcription = Transcription(own)
+    rng = np.random.default_rng(1)
     sqp = RealTimeSqp(StagewiseProgram(transcription), replace(OPTIONS, plugin="stagewise"))
     lower, upper = transcription.bounds()
     for i in range(N_STEPS):
@@ -130,7 +164,8 @@ def test_a_level_that_may_be_relaxed_keeps_its_share_of_the_cost(robot: Robot) -
     own = problem(robot)
     levels = (replace(own.levels[0], relax=0.1), *own.levels[1:])
     transcription = Transcription(replace(own, levels=levels))
-    sqp, rng = RealTimeSqp(transcription.program, OPTIONS), np.random.default_rng(2)
+    sqp = RealTimeSqp(transcription.program, OPTIONS)
+    rng = np.random.default_rng(2)
     cost = transcription.program.nlps[0].functions["nlp_grad_f"]
     for i in range(20):
         p = transcription.parameters(t0=float(i), start=own.start)

@@ -1,4 +1,6 @@
-"""A pitch that no thruster drives: joints counter what it swings by, thrust does not, and rows hold how the vehicle leans."""
+"""A pitch that no thruster drives: joints counter what it swings by, thrust does not, and rows hold
+how the vehicle leans.
+"""
 
 from __future__ import annotations
 
@@ -8,7 +10,12 @@ import pinocchio as pin
 import pytest
 from six_thrusters import command_of, six_thrusters, unit_laws
 
-from uvms_ocp.control.force.tick_functions import ForceInputs, ForceState, column_places, control_function
+from uvms_ocp.control.force.tick_functions import (
+    ForceInputs,
+    ForceState,
+    column_places,
+    control_function,
+)
 from uvms_ocp.control.velocity.levels import tick_symbols
 from uvms_ocp.control.velocity.swing import (
     N_PASSIVE,
@@ -26,7 +33,9 @@ from uvms_ocp.robot.robot import Robot
 from uvms_ocp.scenario.scenario import pose_at
 from uvms_ocp.tasks import ToolPosition, UnderActuation
 
-PITCH, STEP, DT = 4, 1e-5, 0.005
+PITCH = 4
+STEP = 1e-5
+DT = 0.005
 POSTURES = ((0.0, 0.9, 0.4), (0.5, 0.3, -0.6), (-0.8, -0.5, 1.0))
 GOAL = np.array([1.4, 0.2, -0.5])
 
@@ -38,16 +47,35 @@ def robot() -> Robot:
 
 @pytest.fixture(scope="module")
 def rows(robot: Robot) -> ca.Function:
-    """Of a tool task: ``q, v, passive -> jacobian, rate, its jacobian and rate where nobody minds a swing, lean``."""
-    symbols, passive, task = tick_symbols(robot, DT), ca.SX.sym("passive", N_PASSIVE), ToolPosition(goal=pose_at(GOAL))
-    still, plain = mean_attitude(symbols, passive), task.rows(symbols, ca.SX([*GOAL, 0, 0, 0]))
-    lean, mean = lean_of(still, passive), task.rows(still, ca.SX([*GOAL, 0, 0, 0]))
-    found, held = countered_rows(plain, mean, symbols, passive, lean), lean_rows(still, lean)
-    parts = [found.jacobian, found.rate, plain.jacobian, mean.rate, lean.slope, held.lower, held.upper]
-    return ca.Function("rows", [symbols.q, symbols.velocity, passive], [ca.densify(part) for part in parts])
+    """Of a tool task: ``q, v, passive -> jacobian, rate, its jacobian and rate where nobody minds a
+    swing, lean``.
+    """
+    symbols = tick_symbols(robot, DT)
+    passive = ca.SX.sym("passive", N_PASSIVE)
+    task = ToolPosition(goal=pose_at(GOAL))
+    still = mean_attitude(symbols, passive)
+    plain = task.rows(symbols, ca.SX([*GOAL, 0, 0, 0]))
+    lean = lean_of(still, passive)
+    mean = task.rows(still, ca.SX([*GOAL, 0, 0, 0]))
+    found = countered_rows(plain, mean, symbols, passive, lean)
+    held = lean_rows(still, lean)
+    parts = [
+        found.jacobian,
+        found.rate,
+        plain.jacobian,
+        mean.rate,
+        lean.slope,
+        held.lower,
+        held.upper,
+    ]
+    return ca.Function(
+        "rows", [symbols.q, symbols.velocity, passive], [ca.densify(part) for part in parts]
+    )
 
 
-def evaluated(rows: ca.Function, q: np.ndarray, pitching: float = 0.0, swing: float = 0.0, weight: float = 0.0) -> list:
+def evaluated(
+    rows: ca.Function, q: np.ndarray, pitching: float = 0.0, swing: float = 0.0, weight: float = 0.0
+) -> list:
     v = np.zeros(rows.size1_in(1))
     v[PITCH] = pitching
     return [np.array(part) for part in rows(q, v, [0.0, swing, 0.0, weight])]
@@ -55,21 +83,33 @@ def evaluated(rows: ca.Function, q: np.ndarray, pitching: float = 0.0, swing: fl
 
 def test_nothing_swings_where_every_rotation_is_driven(robot: Robot) -> None:
     assert swinging_axes(robot) == [PITCH]
-    assert [swinging_axes(load_robot(name)) for name in ("girona_maris7_full", "planar5")] == [[], []]
+    assert [swinging_axes(load_robot(name)) for name in ("girona_maris7_full", "planar5")] == [
+        [],
+        [],
+    ]
 
 
 def test_the_frequency_is_that_of_small_swings_in_water(robot: Robot) -> None:
     """By the moment that rights a small pitch, over the inertia about it."""
-    dynamics, tilted = cached_dynamics(robot), robot.configuration(rpy=(0.0, 0.01, 0.0))
+    dynamics = cached_dynamics(robot)
+    tilted = robot.configuration(rpy=(0.0, 0.01, 0.0))
     moment = dynamics.inverse_dynamics(tilted, np.zeros(robot.n_v), np.zeros(robot.n_v))[PITCH]
-    level = dynamics.inverse_dynamics(robot.configuration(), np.zeros(robot.n_v), np.zeros(robot.n_v))[PITCH]
+    level = dynamics.inverse_dynamics(
+        robot.configuration(), np.zeros(robot.n_v), np.zeros(robot.n_v)
+    )[PITCH]
     inertia = dynamics.mass_matrix(tilted)[PITCH, PITCH]
-    assert swing_frequency(robot) == pytest.approx(np.sqrt((moment - level) / 0.01 / inertia), rel=1e-3)
+    assert swing_frequency(robot) == pytest.approx(
+        np.sqrt((moment - level) / 0.01 / inertia), rel=1e-3
+    )
 
 
 def balance(robot: Robot, joints: np.ndarray, weight: float) -> float:
-    """Pitch [rad] at which a vehicle with a weight [N] at its tool is at rest, by bisection of its moment."""
-    dynamics, low, high = cached_dynamics(robot), -1.4, 1.4
+    """Pitch [rad] at which a vehicle with a weight [N] at its tool is at rest, by bisection of its
+    moment.
+    """
+    dynamics = cached_dynamics(robot)
+    low = -1.4
+    high = 1.4
     for _ in range(60):
         middle = (low + high) / 2
         q = robot.configuration(rpy=(0.0, middle, 0.0), joints=joints)
@@ -85,14 +125,20 @@ def test_the_vehicle_leans_after_its_joints_as_the_rows_say(
     robot: Robot, rows: ca.Function, posture: tuple[float, ...], weight: float
 ) -> None:
     pitch = balance(robot, np.array(posture), weight)
-    slope = evaluated(rows, robot.configuration(rpy=(0.0, pitch, 0.0), joints=posture), weight=weight)[4][0]
+    slope = evaluated(
+        rows, robot.configuration(rpy=(0.0, pitch, 0.0), joints=posture), weight=weight
+    )[4][0]
     for k, step in enumerate(STEP * np.eye(3)):
-        leant = balance(robot, np.array(posture) + step, weight) - balance(robot, np.array(posture) - step, weight)
+        leant = balance(robot, np.array(posture) + step, weight) - balance(
+            robot, np.array(posture) - step, weight
+        )
         assert slope[k] == pytest.approx(leant / (2 * STEP), rel=0.03, abs=1e-3)
 
 
 @pytest.mark.parametrize("weight", [0.0, 20.0])
-def test_what_the_tool_moves_by_in_the_end_is_what_its_row_says(robot: Robot, rows: ca.Function, weight: float) -> None:
+def test_what_the_tool_moves_by_in_the_end_is_what_its_row_says(
+    robot: Robot, rows: ca.Function, weight: float
+) -> None:
     """A motion of the joints, and the vehicle leaning after it."""
     joints, direction = np.array(POSTURES[0]), np.array([0.3, -1.0, 0.7])
 
@@ -111,8 +157,11 @@ def test_what_the_tool_moves_by_in_the_end_is_what_its_row_says(robot: Robot, ro
 def test_a_swing_is_countered_by_joints_alone_in_phase_within_their_limits(
     robot: Robot, rows: ca.Function, posture: tuple[float, ...]
 ) -> None:
-    """What is asked for beside the rate at rest is a motion of the joints, which goes against the tool's own."""
-    q, limit = robot.configuration(joints=posture), robot.limits.velocity[6:]
+    """What is asked for beside the rate at rest is a motion of the joints, which goes against the
+    tool's own.
+    """
+    q = robot.configuration(joints=posture)
+    limit = robot.limits.velocity[6:]
     for pitching in (-2.0, -0.02, 0.02, 2.0):
         J, rate, plain, mean, *_ = evaluated(rows, q, pitching=pitching)
         joints, *_ = np.linalg.lstsq(J[:, 6:], (rate - mean)[:, 0], rcond=None)
@@ -124,15 +173,21 @@ def test_a_swing_is_countered_by_joints_alone_in_phase_within_their_limits(
 
 
 def test_thrust_answers_a_swing_by_its_mean_alone(robot: Robot, rows: ca.Function) -> None:
-    """Whatever the pitch at the moment is, the rate is that of the tool where the vehicle would be without the swing."""
+    """Whatever the pitch at the moment is, the rate is that of the tool where the vehicle would be
+    without the swing.
+    """
     upright = evaluated(rows, robot.configuration())
     for swing in (-0.3, 0.1):
         pitched = evaluated(rows, robot.configuration(rpy=(0.0, swing, 0.0)), swing=swing)
         assert pitched[3] == pytest.approx(upright[3], abs=1e-9)
 
 
-def test_joints_lean_the_vehicle_no_farther_than_it_rights_itself(robot: Robot, rows: ca.Function) -> None:
-    """Bounds close where the balance, not the swing, comes to the largest lean, and beyond it lead back."""
+def test_joints_lean_the_vehicle_no_farther_than_it_rights_itself(
+    robot: Robot, rows: ca.Function
+) -> None:
+    """Bounds close where the balance, not the swing, comes to the largest lean, and beyond it lead
+    back.
+    """
     q = robot.configuration(joints=(0.0, 0.0, 0.0))
     for weight, leads_back in ((0.0, False), (60.0, True)):
         pitch = balance(robot, np.zeros(3), weight)
@@ -144,7 +199,9 @@ def test_joints_lean_the_vehicle_no_farther_than_it_rights_itself(robot: Robot, 
 def test_no_command_leads_the_tool_away_from_its_target(robot: Robot) -> None:
     rng = np.random.default_rng(3)
     for _ in range(10):
-        q = robot.configuration(rpy=(0.0, 0.0, rng.uniform(-3, 3)), joints=rng.uniform(-0.8, 0.8, 3))
+        q = robot.configuration(
+            rpy=(0.0, 0.0, rng.uniform(-3, 3)), joints=rng.uniform(-0.8, 0.8, 3)
+        )
         tool = Kinematics(robot, q)
         goal = tool.pose("tool").translation + rng.uniform(-2, 2, 3)
         tasks = [UnderActuation(axes=(PITCH,)), ToolPosition(goal=pin.SE3(np.eye(3), goal))]
@@ -154,13 +211,19 @@ def test_no_command_leads_the_tool_away_from_its_target(robot: Robot) -> None:
 
 def test_driven_axes_accelerate_as_asked_whatever_pitch_makes_of_it(robot: Robot) -> None:
     """Pitch takes no force, and what it takes along of the driven axes is fed forward."""
-    dynamics, rng, n = cached_dynamics(robot), np.random.default_rng(5), robot.n_v
+    dynamics = cached_dynamics(robot)
+    rng = np.random.default_rng(5)
+    n = robot.n_v
     laws = unit_laws(robot, DT)
-    control, driven = control_function(laws), [axis for axis in range(n) if axis != PITCH]
-    q, v = robot.configuration(rpy=(0.1, 0.4, 0.3)), 0.05 * rng.normal(size=n)
-    wanted, disturbance = 0.1 * rng.normal(size=n), rng.normal(size=n)
+    control = control_function(laws)
+    driven = [axis for axis in range(n) if axis != PITCH]
+    q = robot.configuration(rpy=(0.1, 0.4, 0.3))
+    v = 0.05 * rng.normal(size=n)
+    wanted = 0.1 * rng.normal(size=n)
+    disturbance = rng.normal(size=n)
     inputs, observed = np.zeros(control.size1_in(0)), np.zeros(control.size1_in(1))
-    places, state = column_places(ForceInputs, laws.sizes), column_places(ForceState, laws.sizes)
+    places = column_places(ForceInputs, laws.sizes)
+    state = column_places(ForceState, laws.sizes)
     inputs[places["q"]], inputs[places["v"]], inputs[places["reference"]] = q, v, v
     inputs[places["joints"]], observed[state["share"]] = 1.0, 1.0
     observed[state["before"]], observed[state["estimate"]] = v - DT * wanted, disturbance

@@ -1,4 +1,6 @@
-"""The kernels of a tick: the same in C and in Python, through sound ticks, doubted and lost channels, and distress."""
+"""The kernels of a tick: the same in C and in Python, through sound ticks, doubted and lost
+channels, and distress.
+"""
 
 from __future__ import annotations
 
@@ -40,23 +42,37 @@ def scenario() -> Scenario:
 
 
 def babble(scenario: Scenario, n: int) -> list[tuple[StateEstimate, ActuationFeedback]]:
-    """Measurements near the start; channels are doubted and lost and good again, echoes come and go."""
-    rng, rest, found = np.random.default_rng(3), np.zeros(scenario.robot.n_v), []
+    """Measurements near the start; channels are doubted and lost and good again, echoes come and
+    go.
+    """
+    rng = np.random.default_rng(3)
+    rest = np.zeros(scenario.robot.n_v)
+    found = []
     for k in range(n):
         bad = {CHANNELS[k // 40 % 5]: Trust(int(k % 40 > 20) + int(k % 40 > 30))}
-        health = tuple(ChannelHealth(channel=name, trust=bad.get(name, Trust.GOOD)) for name in CHANNELS)
+        health = tuple(
+            ChannelHealth(channel=name, trust=bad.get(name, Trust.GOOD)) for name in CHANNELS
+        )
         measurement = StateEstimate(
-            q=scenario.start + np.concatenate([rng.normal(0.0, 0.01, 3), np.zeros(len(scenario.start) - 3)]),
+            q=scenario.start
+            + np.concatenate([rng.normal(0.0, 0.01, 3), np.zeros(len(scenario.start) - 3)]),
             v=rest + rng.normal(0.0, 0.01, len(rest)),
             altimeter_range=np.nan if k % 7 == 0 else 4.0 + float(rng.normal(0.0, 0.1)),
             age=1.0 if 150 < k < 160 else 0.0,
             health=health,
         )
-        found.append((measurement, ActuationFeedback(push=0.2, short=k % 3 == 0, jammed=(7,) if k > 100 else ())))
+        found.append(
+            (
+                measurement,
+                ActuationFeedback(push=0.2, short=k % 3 == 0, jammed=(7,) if k > 100 else ()),
+            )
+        )
     return found
 
 
-def twins(build: Callable[[], KinematicController], monkeypatch: pytest.MonkeyPatch) -> tuple[KinematicController, ...]:
+def twins(
+    build: Callable[[], KinematicController], monkeypatch: pytest.MonkeyPatch
+) -> tuple[KinematicController, ...]:
     """Two controllers, the second with kernels in Python."""
     quick = build()
     bound: list[object] = []
@@ -72,13 +88,16 @@ def twins(build: Callable[[], KinematicController], monkeypatch: pytest.MonkeyPa
 
 
 @needs_compiler
-def test_a_controller_whose_kernels_are_python_gives_the_same_bits(scenario: Scenario, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_controller_whose_kernels_are_python_gives_the_same_bits(
+    scenario: Scenario, monkeypatch: pytest.MonkeyPatch
+) -> None:
     quick, slow = twins(scenario.controller, monkeypatch)
     fed = babble(scenario, 260)
     for k, (measurement, feedback) in enumerate(fed):
         for control in (quick, slow):
             control.on_actuation_feedback(feedback)
-        first, second = quick(measurement, k * DT), slow(measurement, k * DT)
+        first = quick(measurement, k * DT)
+        second = slow(measurement, k * DT)
         np.testing.assert_array_equal(first.v, second.v)
         for name in ("quantities", "activations", "freshness"):
             np.testing.assert_array_equal(first.telemetry[name], second.telemetry[name])
@@ -90,20 +109,28 @@ def test_a_controller_whose_kernels_are_python_gives_the_same_bits(scenario: Sce
 
 def test_what_babble_feeds_meets_every_branch(scenario: Scenario) -> None:
     """Otherwise the test above would say less than it seems to."""
-    control, seen = scenario.controller(), set()
+    control = scenario.controller()
+    seen = set()
     for k, (measurement, feedback) in enumerate(babble(scenario, 260)):
         control.on_actuation_feedback(feedback)
         tick = control.observe(measurement, k * DT)
         command = control.command(tick)
         less = tick.restriction
-        seen |= {name for name in ("no_descent", "joints_held", "hold", "blind") if getattr(less, name)}
+        seen |= {
+            name for name in ("no_descent", "joints_held", "hold", "blind") if getattr(less, name)
+        }
         seen |= {name for name, so in (("slow", less.speed < 1.0), ("held", command.hold)) if so}
     assert {"no_descent", "joints_held", "hold", "slow", "held"} <= seen
 
 
-def test_a_channel_that_is_good_again_holds_nothing_back_and_is_told_no_longer(scenario: Scenario) -> None:
-    control, told = scenario.controller(), []
-    for k, trust in enumerate((Trust.GOOD, Trust.LOST, Trust.GOOD, Trust.SUSPECT, Trust.LOST, Trust.GOOD)):
+def test_a_channel_that_is_good_again_holds_nothing_back_and_is_told_no_longer(
+    scenario: Scenario,
+) -> None:
+    control = scenario.controller()
+    told = []
+    for k, trust in enumerate(
+        (Trust.GOOD, Trust.LOST, Trust.GOOD, Trust.SUSPECT, Trust.LOST, Trust.GOOD)
+    ):
         health = (ChannelHealth(channel="position", trust=trust, since=k * DT),)
         control(replace(measured(scenario), health=health), k * DT)
         told.append("; position " in control.pending())
@@ -112,13 +139,23 @@ def test_a_channel_that_is_good_again_holds_nothing_back_and_is_told_no_longer(s
 
 
 def going_to_and_fro(scenario: Scenario) -> Mission:
-    """Two phases that lead to each other, at most three times, as what they wait for is never near."""
+    """Two phases that lead to each other, at most three times, as what they wait for is never
+    near.
+    """
     never = Above(quantity="PC.position_error", limit=0.1)
     there = Transition(to="B", when=(never,), hold=0.1, retries=3)
-    back = Transition(to="A", when=(Below(quantity="PC.position_error", limit=0.01), never)), replace(there, to="A")
+    back = (
+        Transition(to="A", when=(Below(quantity="PC.position_error", limit=0.01), never)),
+        replace(there, to="A"),
+    )
     phases = (
         Phase(name="A", activations={"PC": 1.0}, transitions=(there,)),
-        Phase(name="B", activations={"PC": 1.0, "HA": 0.5}, transitions=back, goals={"PC": pose_at((0.0, 0.0, -5.0))}),
+        Phase(
+            name="B",
+            activations={"PC": 1.0, "HA": 0.5},
+            transitions=back,
+            goals={"PC": pose_at((0.0, 0.0, -5.0))},
+        ),
     )
     return replace(scenario.mission, phases=phases, ramp=0.3)
 
@@ -129,14 +166,17 @@ def test_transitions_are_those_of_the_mission_alone_in_c_and_in_python(
 ) -> None:
     mission = going_to_and_fro(scenario)
     quick, slow = twins(replace(scenario, mission=mission).controller, monkeypatch)
-    state, alone = mission.start(), []
+    state = mission.start()
+    alone = []
     for k in range(50):
         for control in (quick, slow):
             control(measured(scenario), k * DT)
         state, event = mission.step(state, k * DT, quick.quantities)
         alone += [] if event is None else [event]
         for control in (quick, slow):
-            np.testing.assert_array_equal(control.state.activations_before, state.activations_before)
+            np.testing.assert_array_equal(
+                control.state.activations_before, state.activations_before
+            )
             for name in ("phase", "since", "held_since", "fired", "aborted", "completed"):
                 assert getattr(control.state, name) == getattr(state, name), name
     assert [event.target for event in alone] == ["B", "A", "B", "A", "B", "A", ABORT]
@@ -145,9 +185,14 @@ def test_transitions_are_those_of_the_mission_alone_in_c_and_in_python(
 
 
 @needs_compiler
-def test_giving_up_is_that_of_the_mission_alone_in_c_and_in_python(scenario: Scenario, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_giving_up_is_that_of_the_mission_alone_in_c_and_in_python(
+    scenario: Scenario, monkeypatch: pytest.MonkeyPatch
+) -> None:
     assert scenario.mission.abort is not None
-    mission = replace(scenario.mission, abort=replace(scenario.mission.abort, stall_after=0.3, time_limit=0.4, altitude=6.0))
+    mission = replace(
+        scenario.mission,
+        abort=replace(scenario.mission.abort, stall_after=0.3, time_limit=0.4, altitude=6.0),
+    )
     controls = twins(replace(scenario, mission=mission).controller, monkeypatch)
     for k in range(50):
         commands = [control(measured(scenario), k * DT) for control in controls]
@@ -159,18 +204,30 @@ def test_giving_up_is_that_of_the_mission_alone_in_c_and_in_python(scenario: Sce
         goal = ascent_goal(control.memory.ascent)
         began, event = mission.abandon(before, stalled.t, stalled.reason, goal)
         assert event == stalled
-        assert (began.phase, began.since, began.abort_reason) == (climbing.phase, climbing.since, climbing.abort_reason)
-        np.testing.assert_array_equal(mission.references(began, 1.0)[mission.hierarchy.index("PC")][:3], goal.translation)
+        assert (began.phase, began.since, began.abort_reason) == (
+            climbing.phase,
+            climbing.since,
+            climbing.abort_reason,
+        )
+        np.testing.assert_array_equal(
+            mission.references(began, 1.0)[mission.hierarchy.index("PC")][:3], goal.translation
+        )
         assert mission.abandon(climbing, late.t, late.reason, goal)[1] == late
         assert control.state.aborted == stalled.reason
         assert 1.0 < goal.translation[2] - scenario.start[2] < 3.0
 
 
-def test_a_climb_is_towards_a_goal_that_rests_and_the_goals_of_kernels_are_those_of_the_mission(scenario: Scenario) -> None:
+def test_a_climb_is_towards_a_goal_that_rests_and_the_goals_of_kernels_are_those_of_the_mission(
+    scenario: Scenario,
+) -> None:
     assert scenario.mission.abort is not None
-    mission = replace(scenario.mission, abort=replace(scenario.mission.abort, stall_after=0.1, altitude=6.0))
-    control, at = replace(scenario, mission=mission).controller(), measured(scenario)
-    gates, phases = np.ones(mission.n_tasks), set()
+    mission = replace(
+        scenario.mission, abort=replace(scenario.mission.abort, stall_after=0.1, altitude=6.0)
+    )
+    control = replace(scenario, mission=mission).controller()
+    at = measured(scenario)
+    gates = np.ones(mission.n_tasks)
+    phases = set()
     for k in range(10):
         before = control.state
         control(at, k * DT)
@@ -178,12 +235,16 @@ def test_a_climb_is_towards_a_goal_that_rests_and_the_goals_of_kernels_are_those
         np.testing.assert_array_equal(control.memory.goals.values, wanted)
         phases.add(mission.all_phases[control.memory.mission.phase].name)
     assert "climb" in phases
-    np.testing.assert_array_equal(mission.references(control.state, 1.0)[mission.hierarchy.index("PC")][12:], 0.0)
+    np.testing.assert_array_equal(
+        mission.references(control.state, 1.0)[mission.hierarchy.index("PC")][12:], 0.0
+    )
 
 
 def towards_a_ball(robot: Robot) -> KinematicController:
     """With a collision model of its own: coal begins a search where its last one ended."""
-    ball = Obstacle(name="ball", shape=coal.Sphere(0.4), X_WO=pin.SE3(np.eye(3), np.array([1.9, 0.3, 0.1])))
+    ball = Obstacle(
+        name="ball", shape=coal.Sphere(0.4), X_WO=pin.SE3(np.eye(3), np.array([1.9, 0.3, 0.1]))
+    )
     tasks = (
         Clearance(model=CollisionModel(robot, [ball], self_collision=False)),
         VehiclePose(goal=pose_at((4.0, 0.0, 0.0)), gain_linear=2.0),
@@ -195,13 +256,18 @@ def towards_a_ball(robot: Robot) -> KinematicController:
 
 
 @needs_compiler
-def test_distances_and_their_limits_in_python_give_the_same_bits(scenario: Scenario, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_distances_and_their_limits_in_python_give_the_same_bits(
+    scenario: Scenario, monkeypatch: pytest.MonkeyPatch
+) -> None:
     robot = scenario.robot
     quick, slow = twins(lambda: towards_a_ball(robot), monkeypatch)
-    q, v, moving = robot.configuration(), np.zeros(robot.n_v), 0
+    q = robot.configuration()
+    v = np.zeros(robot.n_v)
+    moving = 0
     for k in range(250):
         measurement = StateEstimate(q=q, v=v, altimeter_range=5.0)
-        first, second = quick(measurement, k * DT), slow(measurement, k * DT)
+        first = quick(measurement, k * DT)
+        second = slow(measurement, k * DT)
         np.testing.assert_array_equal(first.v, second.v)
         np.testing.assert_array_equal(quick.memory.goals.values, slow.memory.goals.values)
         moving += quick.memory.nearest.moves

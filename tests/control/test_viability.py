@@ -1,4 +1,6 @@
-"""Limits on positions hold whatever is asked for: the viability rule alone, in Case 1, and from random starts."""
+"""Limits on positions hold whatever is asked for: the viability rule alone, in Case 1, and from
+random starts.
+"""
 
 from __future__ import annotations
 
@@ -15,7 +17,14 @@ from studies.random_limits import limit_violations, random_limits
 
 from uvms_ocp.codegen.kernel_layout import assign, connect, doubles, structure_of
 from uvms_ocp.codegen.kernels import bind_memory
-from uvms_ocp.control.velocity.braking import StopMemory, begin_stop, finite_acceleration, slow_down, step_stop, stop_sizes
+from uvms_ocp.control.velocity.braking import (
+    StopMemory,
+    begin_stop,
+    finite_acceleration,
+    slow_down,
+    step_stop,
+    stop_sizes,
+)
 from uvms_ocp.control.velocity.viability import (
     ViabilityMemory,
     ViabilitySetup,
@@ -45,7 +54,9 @@ def robot() -> Robot:
 
 
 def ball(name: str, x: float, y: float, z: float, radius: float) -> Obstacle:
-    return Obstacle(name=name, shape=coal.Sphere(radius), X_WO=pin.SE3(np.eye(3), np.array([x, y, z])))
+    return Obstacle(
+        name=name, shape=coal.Sphere(radius), X_WO=pin.SE3(np.eye(3), np.array([x, y, z]))
+    )
 
 
 class Stop:
@@ -72,19 +83,32 @@ class Stop:
 class Viability:
     """The rule for a robot and the tasks of its hierarchy, by itself."""
 
-    def __init__(self, *, robot: Robot, tasks: tuple, quantity_names: tuple[str, ...], dt: float) -> None:
+    def __init__(
+        self, *, robot: Robot, tasks: tuple, quantity_names: tuple[str, ...], dt: float
+    ) -> None:
         guards = position_guards(robot, tasks, quantity_names)
-        sizes = {**viability_sizes(robot, guards, dt), **distance_layout_sizes(models_of(guards), robot)}
-        self.memory, self.stop = structure_of(ViabilityMemory, **sizes)(), Stop(robot, dt)
+        sizes = {
+            **viability_sizes(robot, guards, dt),
+            **distance_layout_sizes(models_of(guards), robot),
+        }
+        self.memory = structure_of(ViabilityMemory, **sizes)()
+        self.stop = Stop(robot, dt)
         self.near, self.enforce = bind_memory(self.memory, (may_reach_limit, enforce_viability))
         self.setup = ViabilitySetup(robot, guards, dt, self.memory)
 
     def kept(
-        self, *, q: np.ndarray, previous: np.ndarray, wanted: np.ndarray, gates: np.ndarray, quantities: np.ndarray
+        self,
+        *,
+        q: np.ndarray,
+        previous: np.ndarray,
+        wanted: np.ndarray,
+        gates: np.ndarray,
+        quantities: np.ndarray,
     ) -> np.ndarray:
         """The velocity for this tick in place of the wanted one."""
         now, before, v, on, measured = map(doubles, (q, previous, wanted, gates, quantities))
-        self.is_near, self.share = bool(self.near(self.memory, v, on, measured)), 1.0
+        self.is_near = bool(self.near(self.memory, v, on, measured))
+        self.share = 1.0
         if self.is_near:
             self.share = self.enforce(self.memory, now, before, v, on, measured)
             self.setup.answer.check()
@@ -97,31 +121,48 @@ class Guarded:
     def __init__(self, robot: Robot) -> None:
         balls = [ball("stern", -1.6, 0.0, 0.2, 0.4), ball("side", 0.0, 1.2, 0.0, 0.3)]
         self.robot = robot
-        self.clearance = Clearance(model=CollisionModel(robot, balls, self_collision=False), threshold=0.05)
+        self.clearance = Clearance(
+            model=CollisionModel(robot, balls, self_collision=False), threshold=0.05
+        )
         self.altitude = MinimumAltitude(threshold=1.0)
         self.altimeter = robot.frame_id("altimeter")
         self.rule = Viability(
-            robot=robot, tasks=(self.altitude, self.clearance), quantity_names=("MAC.altitude", "CL.clearance"), dt=DT
+            robot=robot,
+            tasks=(self.altitude, self.clearance),
+            quantity_names=("MAC.altitude", "CL.clearance"),
+            dt=DT,
         )
 
     def quantities(self, q: np.ndarray) -> np.ndarray:
         data = self.robot.model.createData()
         pin.framesForwardKinematics(self.robot.model, data, q)
-        return np.array([data.oMf[self.altimeter].translation[2] + 2.0, self.clearance.model.values(q).min()])
+        return np.array(
+            [data.oMf[self.altimeter].translation[2] + 2.0, self.clearance.model.values(q).min()]
+        )
 
     def slack(self, q: np.ndarray) -> np.ndarray:
         return self.quantities(q) - [self.altitude.threshold, self.clearance.threshold]
 
-    def kept(self, q: np.ndarray, previous: np.ndarray, wanted: np.ndarray, gates: tuple[float, float]) -> np.ndarray:
+    def kept(
+        self, q: np.ndarray, previous: np.ndarray, wanted: np.ndarray, gates: tuple[float, float]
+    ) -> np.ndarray:
         quantities = self.quantities(q)
-        return self.rule.kept(q=q, previous=previous, wanted=wanted, gates=np.array(gates), quantities=quantities)
+        return self.rule.kept(
+            q=q, previous=previous, wanted=wanted, gates=np.array(gates), quantities=quantities
+        )
 
 
 def reckless(guarded: Guarded, seed: int) -> tuple[int, float]:
-    """Ticks at which the rule stepped in, and the smallest slack [m], under full acceleration this way and that."""
-    robot, rng = guarded.robot, np.random.default_rng(seed)
-    limits, q, v = robot.limits, robot.configuration(), np.zeros(robot.n_v)
-    slowed, lowest = 0, np.inf
+    """Ticks at which the rule stepped in, and the smallest slack [m], under full acceleration this
+    way and that.
+    """
+    robot = guarded.robot
+    rng = np.random.default_rng(seed)
+    limits = robot.limits
+    q = robot.configuration()
+    v = np.zeros(robot.n_v)
+    slowed = 0
+    lowest = np.inf
     for index in range(250):
         if index % 50 == 0:
             push = rng.choice([-1.0, 1.0], robot.n_v)
@@ -144,10 +185,17 @@ def test_reckless_wishes_break_no_limit(robot: Robot) -> None:
 
 
 @needs_compiler
-def test_distances_that_kernels_measure_make_the_velocities_that_those_of_python_do(robot: Robot) -> None:
-    """Kernels pass over what a bound tells to be clear, and Python is asked for every pair that counts."""
-    kernels, python = Guarded(robot), Guarded(robot)
-    asked, model, clearance = [0], python.clearance.model, python.clearance.position_limit(robot)
+def test_distances_that_kernels_measure_make_the_velocities_that_those_of_python_do(
+    robot: Robot,
+) -> None:
+    """Kernels pass over what a bound tells to be clear, and Python is asked for every pair that
+    counts.
+    """
+    kernels = Guarded(robot)
+    python = Guarded(robot)
+    asked = [0]
+    model = python.clearance.model
+    clearance = python.clearance.position_limit(robot)
 
     def values(q: np.ndarray, rows: np.ndarray | None) -> np.ndarray:
         asked[0] += 1
@@ -155,8 +203,17 @@ def test_distances_that_kernels_measure_make_the_velocities_that_those_of_python
 
     limit = replace(clearance, values=values)
     task = SimpleNamespace(name="CL", position_limit=lambda robot: limit)
-    python.rule = Viability(robot=robot, tasks=(python.altitude, task), quantity_names=("MAC.altitude", "CL.clearance"), dt=DT)
-    limits, q, v, rng, slowed = robot.limits, robot.configuration(), np.zeros(robot.n_v), np.random.default_rng(3), 0
+    python.rule = Viability(
+        robot=robot,
+        tasks=(python.altitude, task),
+        quantity_names=("MAC.altitude", "CL.clearance"),
+        dt=DT,
+    )
+    limits = robot.limits
+    q = robot.configuration()
+    v = np.zeros(robot.n_v)
+    rng = np.random.default_rng(3)
+    slowed = 0
     for index in range(400):
         if index % 50 == 0:
             push = rng.choice([-1.0, 1.0], robot.n_v)
@@ -182,11 +239,16 @@ def straight(name: str, axis: int, upper: float, reach: float = 1.0) -> SimpleNa
 
 
 def test_between_two_velocities_that_keep_a_limit_the_answer_keeps_it_too() -> None:
-    """Of what is wanted, slow to stop, and of what there was, quick to stop, a mixture can go farther than both."""
-    planar, rng = load_robot("planar5"), np.random.default_rng(5)
+    """Of what is wanted, slow to stop, and of what there was, quick to stop, a mixture can go
+    farther than both.
+    """
+    planar = load_robot("planar5")
+    rng = np.random.default_rng(5)
     mixed = 0
     for _ in range(100):
-        rest, previous, wanted = np.zeros(5), np.zeros(5), np.zeros(5)
+        rest = np.zeros(5)
+        previous = np.zeros(5)
+        wanted = np.zeros(5)
         previous[3], wanted[1] = rng.uniform(0.1, 0.5), rng.uniform(0.5, 1.0)
         upper = rng.uniform([0.05, 0.005], [0.4, 0.1])
         tasks = (straight("y", 1, upper[0]), straight("theta1", 3, upper[1]))
@@ -194,7 +256,9 @@ def test_between_two_velocities_that_keep_a_limit_the_answer_keeps_it_too() -> N
         end = np.array([q for q, _ in rule.stop.path(rest, rule.stop.slower(rest, previous))])
         if (end[:, [1, 3]] > upper).any():
             continue
-        kept = rule.kept(q=rest, previous=previous, wanted=wanted, gates=np.ones(2), quantities=upper)
+        kept = rule.kept(
+            q=rest, previous=previous, wanted=wanted, gates=np.ones(2), quantities=upper
+        )
         way = np.array([q for q, _ in rule.stop.path(rest, kept)])
         assert (way[:, [1, 3]] <= upper + 1e-9).all(), (previous, wanted, upper)
         mixed += int(0.0 < rule.share < 1.0)
@@ -203,22 +267,38 @@ def test_between_two_velocities_that_keep_a_limit_the_answer_keeps_it_too() -> N
 
 @pytest.mark.parametrize("unknown", [np.inf, np.nan])
 def test_a_reach_that_nobody_knows_guards_all_the_same(unknown: float) -> None:
-    planar, wanted, upper = load_robot("planar5"), np.zeros(5), 0.05
+    planar = load_robot("planar5")
+    wanted = np.zeros(5)
+    upper = 0.05
     wanted[1] = 1.0
-    rule = Viability(robot=planar, tasks=(straight("y", 1, upper, reach=unknown),), quantity_names=("y.room",), dt=DT)
-    kept = rule.kept(q=np.zeros(5), previous=np.zeros(5), wanted=wanted, gates=np.ones(1), quantities=np.array([upper]))
+    rule = Viability(
+        robot=planar,
+        tasks=(straight("y", 1, upper, reach=unknown),),
+        quantity_names=("y.room",),
+        dt=DT,
+    )
+    kept = rule.kept(
+        q=np.zeros(5),
+        previous=np.zeros(5),
+        wanted=wanted,
+        gates=np.ones(1),
+        quantities=np.array([upper]),
+    )
     assert rule.is_near
     assert max(q[1] for q, _ in rule.stop.path(np.zeros(5), kept)) <= upper
 
 
 @pytest.mark.parametrize("compiled", IN_C_AND_PYTHON)
-def test_what_a_limit_raises_is_raised_by_the_rule(compiled: bool, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_what_a_limit_raises_is_raised_by_the_rule(
+    compiled: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
     def refuse(q: np.ndarray, rows: np.ndarray | None) -> np.ndarray:
         raise ValueError("no such place")
 
     if not compiled:
         monkeypatch.setattr(f"{__name__}.bind_memory", lambda memory, kernels: kernels)
-    planar, limit = load_robot("planar5"), PositionLimit(quantity="room", lower=0.0, values=refuse, reach=np.ones(5))
+    planar = load_robot("planar5")
+    limit = PositionLimit(quantity="room", lower=0.0, values=refuse, reach=np.ones(5))
     task = SimpleNamespace(name="y", position_limit=lambda robot: limit)
     rule = Viability(robot=planar, tasks=(task,), quantity_names=("y.room",), dt=DT)
     given = {"q": np.zeros(5), "previous": np.zeros(5), "wanted": np.ones(5), "gates": np.ones(1)}
@@ -229,14 +309,18 @@ def test_what_a_limit_raises_is_raised_by_the_rule(compiled: bool, monkeypatch: 
 
 
 @needs_compiler
-def test_the_rule_without_compiler_gives_the_same_bits(robot: Robot, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_rule_without_compiler_gives_the_same_bits(
+    robot: Robot, monkeypatch: pytest.MonkeyPatch
+) -> None:
     quick = Guarded(robot)
     with monkeypatch.context() as without:
         without.setattr(f"{__name__}.bind_memory", lambda memory, kernels: kernels)
         slow = Guarded(robot)
     assert slow.rule.enforce is enforce_viability
     assert quick.rule.enforce is not enforce_viability
-    rng, q, slowed = np.random.default_rng(0), robot.configuration(position=(-0.3, 0.0, 0.0)), 0
+    rng = np.random.default_rng(0)
+    q = robot.configuration(position=(-0.3, 0.0, 0.0))
+    slowed = 0
     for _ in range(40):
         wanted = rng.uniform(-1.0, 1.0, robot.n_v) * robot.limits.velocity
         previous = wanted - rng.uniform(-1.0, 1.0, robot.n_v) * robot.limits.acceleration * DT
@@ -247,7 +331,8 @@ def test_the_rule_without_compiler_gives_the_same_bits(robot: Robot, monkeypatch
 
 
 def test_a_limit_that_is_off_or_far_away_changes_nothing(robot: Robot) -> None:
-    guarded, q = Guarded(robot), robot.configuration()
+    guarded = Guarded(robot)
+    q = robot.configuration()
     slow, fast = np.zeros(robot.n_v), np.zeros(robot.n_v)
     slow[0], fast[0] = -0.02, -1.0  # 1 m/s takes 0.5 m to stop, the ball astern leaves 0.35 m
     np.testing.assert_array_equal(guarded.kept(q, slow, slow, (1.0, 1.0)), slow)
@@ -257,14 +342,20 @@ def test_a_limit_that_is_off_or_far_away_changes_nothing(robot: Robot) -> None:
 
 @pytest.mark.parametrize("gate", [1e-9, 0.3, 1.0])
 def test_a_limit_counts_fully_while_its_task_is_on_at_all(robot: Robot, gate: float) -> None:
-    guarded, q, fast = Guarded(robot), robot.configuration(), np.zeros(robot.n_v)
+    guarded = Guarded(robot)
+    q = robot.configuration()
+    fast = np.zeros(robot.n_v)
     fast[0] = -1.0
     assert guarded.kept(q, fast, fast, (1.0, gate))[0] == pytest.approx(-1.0 + DT)
 
 
-def test_a_limit_that_is_broken_already_is_never_broken_further_than_a_stop_does(robot: Robot) -> None:
+def test_a_limit_that_is_broken_already_is_never_broken_further_than_a_stop_does(
+    robot: Robot,
+) -> None:
     guarded = Guarded(robot)
-    q, away, nearer = robot.configuration(position=(-0.45, 0.0, 0.0)), np.zeros(robot.n_v), np.zeros(robot.n_v)
+    q = robot.configuration(position=(-0.45, 0.0, 0.0))
+    away = np.zeros(robot.n_v)
+    nearer = np.zeros(robot.n_v)
     away[0], nearer[0] = 0.01, -0.01
     rest = np.zeros(robot.n_v)
     assert guarded.slack(q)[1] < -0.01
@@ -272,13 +363,17 @@ def test_a_limit_that_is_broken_already_is_never_broken_further_than_a_stop_does
     np.testing.assert_array_equal(guarded.kept(q, rest, nearer, (1.0, 1.0)), rest)
 
 
-def test_a_stop_keeps_joint_limits_and_accelerations_and_the_direction_of_the_vehicle(robot: Robot) -> None:
-    limits, rng = robot.limits, np.random.default_rng(3)
+def test_a_stop_keeps_joint_limits_and_accelerations_and_the_direction_of_the_vehicle(
+    robot: Robot,
+) -> None:
+    limits = robot.limits
+    rng = np.random.default_rng(3)
     stop = Stop(robot, DT)
     for _ in range(20):
         v = rng.uniform(-1.0, 1.0, robot.n_v) * limits.velocity
         # As near to its limit as each joint may be at this speed.
-        a, speed = limits.acceleration[robot.joint_v], v[robot.joint_v]
+        a = limits.acceleration[robot.joint_v]
+        speed = v[robot.joint_v]
         way = np.abs(speed) * DT + speed**2 / (2.0 * a)
         joints = np.where(speed > 0, limits.position_upper - way, limits.position_lower + way)
         previous = v
@@ -293,7 +388,9 @@ def test_a_stop_keeps_joint_limits_and_accelerations_and_the_direction_of_the_ve
 
 @pytest.fixture(scope="module")
 def case1_among_obstacles() -> Scenario:
-    """A ball beside the way to the way point, another one above the target; clearance is off while landing."""
+    """A ball beside the way to the way point, another one above the target; clearance is off while
+    landing.
+    """
     scenario = case1(plant="kinematic", dt=1 / 100)
     obstacles = [ball("beside", 9.4, 37.4, -37.0, 0.4), ball("above", 12.3, 38.2, -39.3, 0.25)]
     robot, mission = scenario.robot, scenario.mission
@@ -303,21 +400,36 @@ def case1_among_obstacles() -> Scenario:
         Clearance(name="SC", model=CollisionModel(robot), threshold=0.02, margin=0.02),
     ]
     phases = tuple(
-        replace(phase, activations={**phase.activations, "SC": 1.0, **({} if phase.name == "C" else {"CL": 1.0})})
+        replace(
+            phase,
+            activations={
+                **phase.activations,
+                "SC": 1.0,
+                **({} if phase.name == "C" else {"CL": 1.0}),
+            },
+        )
         for phase in mission.phases
     )
     environment = replace(scenario.environment, obstacles=tuple(obstacles))
-    return replace(scenario, mission=replace(mission, hierarchy=Hierarchy(tasks), phases=phases), environment=environment)
+    return replace(
+        scenario,
+        mission=replace(mission, hierarchy=Hierarchy(tasks), phases=phases),
+        environment=environment,
+    )
 
 
 @pytest.mark.slow
-def test_case_1_among_obstacles_steps_within_the_accelerations_and_keeps_clear(case1_among_obstacles: Scenario) -> None:
+def test_case_1_among_obstacles_steps_within_the_accelerations_and_keeps_clear(
+    case1_among_obstacles: Scenario,
+) -> None:
     scenario = case1_among_obstacles
     limits = scenario.robot.limits
     record = scenario.run()
     assert record.meta.completed
     assert [event.target for event in record.meta.events] == ["B", "C", "D", "done"]
-    steps = np.abs(np.diff(record["command"], axis=0, prepend=0.0)) / (limits.acceleration * scenario.dt)
+    steps = np.abs(np.diff(record["command"], axis=0, prepend=0.0)) / (
+        limits.acceleration * scenario.dt
+    )
     assert steps.max() <= 1.0 + 1e-6
     violations = limit_violations(scenario, record)
     assert violations["CL_m"] <= 1e-6

@@ -1,4 +1,6 @@
-"""Controllers of one's own: the record, the phases and the report are those of our own controller."""
+"""Controllers of one's own: the record, the phases and the report are those of our own
+controller.
+"""
 
 from __future__ import annotations
 
@@ -34,16 +36,22 @@ def copied(scenario: Scenario) -> Controller:
 def test_our_controller_under_another_name_gives_the_same_record(plant: str) -> None:
     ours = case1(plant=plant, dt=0.02, duration=40.0)
     theirs = replace(ours, controller=copied)
-    record, watched = ours.run(), theirs.run()
+    record = ours.run()
+    watched = theirs.run()
     for name in ("q", "command", "phase", "quantities"):
         np.testing.assert_array_equal(watched[name], record[name], err_msg=name)
-    assert [event.target for event in watched.run_meta.events] == [event.target for event in record.run_meta.events]
+    assert [event.target for event in watched.run_meta.events] == [
+        event.target for event in record.run_meta.events
+    ]
     np.testing.assert_allclose(watched["own_number"], 2.0 * watched["t"])
 
 
 def still(scenario: Scenario) -> Controller:
-    n_v, n_thrusters = scenario.robot.n_v, len(scenario.robot.description.thrusters)
-    zero = Command(v=np.zeros(n_v), thrust=np.zeros(n_thrusters), torque=np.zeros(scenario.robot.n_joints))
+    n_v = scenario.robot.n_v
+    n_thrusters = len(scenario.robot.description.thrusters)
+    zero = Command(
+        v=np.zeros(n_v), thrust=np.zeros(n_thrusters), torque=np.zeros(scenario.robot.n_joints)
+    )
     return lambda measurement, t: zero
 
 
@@ -63,14 +71,22 @@ def test_a_changed_scenario_keeps_its_controller() -> None:
 @pytest.mark.parametrize(
     ("change", "message"),
     [
-        ({"v": np.zeros(3)}, r"the command of controller wrong has v of shape \(3,\); give 13 finite numbers"),
+        (
+            {"v": np.zeros(3)},
+            r"the command of controller wrong has v of shape \(3,\); give 13 finite numbers",
+        ),
         ({"thrust": None}, "has thrust None; give 8 finite numbers"),
         ({"torque": np.full(7, np.nan)}, "has torque not finite; give 7 finite numbers"),
-        ({"telemetry": {"phase": 1}}, "telemetry of controller wrong has 'phase', which the mission tells; rename it"),
+        (
+            {"telemetry": {"phase": 1}},
+            "telemetry of controller wrong has 'phase', which the mission tells; rename it",
+        ),
         ({"telemetry": {"q": 1}}, r"telemetry \['q'\] is what the loop records; rename it"),
     ],
 )
-def test_a_command_that_no_plant_can_take_is_refused_in_one_line(change: dict[str, Any], message: str) -> None:
+def test_a_command_that_no_plant_can_take_is_refused_in_one_line(
+    change: dict[str, Any], message: str
+) -> None:
     def wrong(scenario: Scenario) -> Controller:
         right = still(scenario)
         return lambda measurement, t: replace(right(measurement, t), **change)
@@ -82,8 +98,14 @@ def test_a_command_that_no_plant_can_take_is_refused_in_one_line(change: dict[st
 @pytest.mark.parametrize(
     ("maker", "message"),
     [
-        (lambda scenario: None, r"controller made NoneType; make a callable \(StateEstimate, t\) -> Command"),
-        (lambda scenario: lambda measurement, t: 3.0, "controller lambda returned float; return a Command"),
+        (
+            lambda scenario: None,
+            r"controller made NoneType; make a callable \(StateEstimate, t\) -> Command",
+        ),
+        (
+            lambda scenario: lambda measurement, t: 3.0,
+            "controller lambda returned float; return a Command",
+        ),
     ],
 )
 def test_what_is_no_controller_is_refused_in_one_line(maker: Any, message: str) -> None:

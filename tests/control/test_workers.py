@@ -1,4 +1,6 @@
-"""Laws of the worker of receding-horizon control: the same plans beside as in line, and no tick that fails or waits with it."""
+"""Laws of the worker of receding-horizon control: the same plans beside as in line, and no tick
+that fails or waits with it.
+"""
 
 from __future__ import annotations
 
@@ -82,16 +84,22 @@ def ticks(nmpc: Nmpc, robot: Robot, begin: float, n: int) -> list[Command]:
 
 def test_plans_made_beside_are_those_made_in_line(robot: Robot, beside: RunningWorker) -> None:
     within = start_worker(SynchronousWorker(), job(robot))
-    number, began = HOLD, 0.0
+    number = HOLD
+    began = 0.0
     for t in (0.0, 0.0, 0.05, 0.1):
-        request = ReplanningRequest(state=start(robot), t=t, in_use=number, begin=began, delay=PERIOD)
-        one, other = answered(within, request), answered(beside, request)
+        request = ReplanningRequest(
+            state=start(robot), t=t, in_use=number, begin=began, delay=PERIOD
+        )
+        one = answered(within, request)
+        other = answered(beside, request)
         assert one.first is other.first is (number == HOLD)
         assert one.planned is not None
         assert other.planned is not None
         for name in ("t", "q", "v", "a", "torque"):
             found, expected = (getattr(answer.planned.trajectory, name) for answer in (other, one))
-            np.testing.assert_allclose(found, expected, rtol=1e-6, atol=1e-6)  # accuracy of a step's QP
+            np.testing.assert_allclose(
+                found, expected, rtol=1e-6, atol=1e-6
+            )  # accuracy of a step's QP
         number, began = one.planned.number, one.planned.begin
         assert (other.planned.number, other.planned.begin) == (number, began)
 
@@ -100,7 +108,8 @@ def test_the_robot_stays_until_the_first_plan_beside_and_follows_it_then(robot: 
     with Nmpc(reach(robot), worker=ProcessWorker(timeout=60.0, lead=0.01)) as nmpc:
         held = ticks(nmpc, robot, 0.0, 1)[0]
         assert np.abs(held.v).max() == 0.0
-        moved, t = False, 0.005
+        moved = False
+        t = 0.005
         for _ in range(PATIENCE):
             moved = bool(np.abs(ticks(nmpc, robot, t, 1)[0].v).max() > 1e-3)
             t += 0.005
@@ -135,7 +144,9 @@ def test_a_solve_that_takes_too_long_is_stopped(robot: Robot) -> None:
     assert not process.is_alive()
 
 
-def test_closing_ends_the_process_and_may_be_done_twice(robot: Robot, beside: RunningWorker) -> None:
+def test_closing_ends_the_process_and_may_be_done_twice(
+    robot: Robot, beside: RunningWorker
+) -> None:
     process = beside._process  # type: ignore[attr-defined]
     assert process.is_alive()
     beside.close()

@@ -1,4 +1,6 @@
-"""Code of someone who uses the package, to be looked at by a strict type checker; it is never run."""
+"""Code of someone who uses the package, to be looked at by a strict type checker; it is never
+run.
+"""
 
 import numpy as np
 
@@ -9,14 +11,18 @@ from uvms_ocp.viz import plot, show
 
 def mission(robot: uo.Robot) -> uo.Scenario:
     goal = uo.pose_at((2.0, 0.0, -6.0))
-    hierarchy = uo.Hierarchy([VehiclePose(goal=goal), MinimumAltitude(threshold=1.5), HorizontalAttitude()])
+    hierarchy = uo.Hierarchy(
+        [VehiclePose(goal=goal), MinimumAltitude(threshold=1.5), HorizontalAttitude()]
+    )
     reached = uo.Transition(to=uo.DONE, when=(uo.Below(quantity="PC.position_error", limit=0.05),))
     phase = uo.Phase(name="go", activations={"PC": 1, "MAC": 1, "HA": 1}, transitions=(reached,))
     return uo.Scenario(
         name="go",
         robot=robot,
         mission=uo.Mission(hierarchy=hierarchy, phases=(phase,)),
-        environment=uo.Environment(seafloor=uo.FlatSeafloor(z=-10.0), current=uo.UniformCurrent(np.array([0.1, 0.0, 0.0]))),
+        environment=uo.Environment(
+            seafloor=uo.FlatSeafloor(z=-10.0), current=uo.UniformCurrent(np.array([0.1, 0.0, 0.0]))
+        ),
         start=robot.configuration(position=(0, 0, -5)),
         solver=uo.LexicographicActiveSet(),
     )

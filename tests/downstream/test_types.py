@@ -16,8 +16,18 @@ SAMPLE = Path(__file__).with_name("own_mission.py")
 
 
 def _checked(sample: Path, folder: Path) -> subprocess.CompletedProcess[str]:
-    command = [sys.executable, "-m", "mypy", "--strict", "--config-file=", f"--cache-dir={folder}", str(sample)]
-    return subprocess.run(command, cwd=folder, capture_output=True, text=True, timeout=600, check=False)
+    command = [
+        sys.executable,
+        "-m",
+        "mypy",
+        "--strict",
+        "--config-file=",
+        f"--cache-dir={folder}",
+        str(sample),
+    ]
+    return subprocess.run(
+        command, cwd=folder, capture_output=True, text=True, timeout=600, check=False
+    )
 
 
 @pytest.fixture(scope="module")
@@ -35,7 +45,10 @@ def test_the_sample_is_right(cache: Path) -> None:
     [
         ("robot.configuration(", "robot.konfiguration("),
         ('name="go",\n        robot', "name=5,\n        robot"),
-        ('plot(record, "PC.position_error").savefig', 'plot(record, "PC.position_error").save_figure'),
+        (
+            'plot(record, "PC.position_error").savefig',
+            'plot(record, "PC.position_error").save_figure',
+        ),
     ],
 )
 def test_mistakes_in_it_are_found(cache: Path, right: str, wrong: str) -> None:

@@ -23,8 +23,10 @@ SPECS = SensorSpecs()
 
 def test_the_estimate_of_a_robot_at_rest_spreads_as_promised() -> None:
     robot = load_robot("girona_maris7")
-    q, dt = robot.configuration(position=(0.0, 0.0, -5.0)), 0.01
-    state, estimator = State(q=q, v=np.zeros(robot.n_v)), Estimator(robot, SPECS)
+    q = robot.configuration(position=(0.0, 0.0, -5.0))
+    dt = 0.01
+    state = State(q=q, v=np.zeros(robot.n_v))
+    estimator = Estimator(robot, SPECS)
     sensors = SensorSuite(robot, FlatSeafloor(z=-20.0), SPECS, seed=5)
     errors = []
     for k in range(7000):
@@ -33,7 +35,8 @@ def test_the_estimate_of_a_robot_at_rest_spreads_as_promised() -> None:
             error = pin.difference(robot.model, q, measured)
             errors.append(np.concatenate([measured[:3] - q[:3], error[3:]]))
     share = np.sqrt(np.mean(np.square(errors), axis=0)) / std_at_rest(robot, SPECS)
-    # The filter expects more motion than there is at rest, so that it knows a little more than it says.
+    # The filter expects more motion than there is at rest, so that it knows a little more than it
+    # says.
     assert share.max() < 1.5
     assert share.min() > 0.25
 
@@ -41,9 +44,11 @@ def test_the_estimate_of_a_robot_at_rest_spreads_as_promised() -> None:
 def test_between_readings_the_spread_grows_with_what_may_have_happened_since() -> None:
     """Of a position fix a second: nothing else tells where the vehicle is."""
     robot = load_robot("girona_maris7")
-    estimator, spreads = Estimator(robot, SPECS), []
+    estimator = Estimator(robot, SPECS)
+    spreads = []
     for k in range(3000):
-        fix, dt = k // 100, 0.01
+        fix = k // 100
+        dt = 0.01
         readings = Readings(position=Reading(value=np.zeros(3), t=float(fix)))
         estimator(readings, k * dt)
         spreads.append(estimator.std[0])
@@ -56,8 +61,12 @@ def test_between_readings_the_spread_grows_with_what_may_have_happened_since() -
 def test_better_sensors_allow_more(name: str) -> None:
     robot = load_robot(name)
     noisy = std_at_rest(robot, SPECS)
-    fields = {item: getattr(SPECS, item) for item in SPECS.__slots__ if getattr(SPECS, item) is not None}
-    better = SensorSpecs(**{item: replace(spec, sigma=spec.sigma / 4) for item, spec in fields.items()})
+    fields = {
+        item: getattr(SPECS, item) for item in SPECS.__slots__ if getattr(SPECS, item) is not None
+    }
+    better = SensorSpecs(
+        **{item: replace(spec, sigma=spec.sigma / 4) for item, spec in fields.items()}
+    )
     assert (std_at_rest(robot, better) < 0.7 * noisy).all()
     biased = replace(SPECS, joint_positions=replace(SPECS.joint_positions, bias=0.01))
     np.testing.assert_allclose(std_at_rest(robot, biased)[-1], np.hypot(noisy[-1], 0.01))
@@ -74,7 +83,9 @@ def with_limit(scenario: Scenario, limit: float) -> Scenario:
                 replace(
                     transition,
                     when=tuple(
-                        Below(quantity=c.quantity, limit=limit) if c.quantity == "T.position_error" else c
+                        Below(quantity=c.quantity, limit=limit)
+                        if c.quantity == "T.position_error"
+                        else c
                         for c in transition.when
                     ),
                 )

@@ -1,4 +1,6 @@
-"""The linear motion is expected as lively as the innovations of the DVL show it, and the velocity errs as much as it says."""
+"""The linear motion is expected as lively as the innovations of the DVL show it, and the velocity
+errs as much as it says.
+"""
 
 from __future__ import annotations
 
@@ -29,14 +31,21 @@ def flown(
 ) -> tuple[float, float, float]:
     """Fly Case 1 with a DVL late by that delay [s], ticks at a rate [Hz].
 
-    NEES of the velocity per degree of freedom, its root mean square error [m/s], and the share of the jerk at the end.
+    NEES of the velocity per degree of freedom, its root mean square error [m/s], and the share of
+    the jerk at the end.
     """
     seen: list[tuple[np.ndarray, np.ndarray, float]] = []
     estimate = Estimator.__call__
 
     def noted(self: Estimator, *given: Any) -> Any:
         found = estimate(self, *given)
-        seen.append((self.memory.x[SPEED].copy(), self.covariance[SPEED, SPEED], float(self.structure.jerk_share)))
+        seen.append(
+            (
+                self.memory.x[SPEED].copy(),
+                self.covariance[SPEED, SPEED],
+                float(self.structure.jerk_share),
+            )
+        )
         return found
 
     monkeypatch.setattr(Estimator, "__call__", noted)
@@ -44,7 +53,8 @@ def flown(
     sensors = SensorSpecs(linear_velocity=dvl, specific_force=force)
     scenario = replace(case1(noise=True, dt=1 / rate, seed=1, faults=faults), sensors=sensors)
     record = scenario.run(observer=lambda t, state, command: None)  # tick by tick
-    squared, errors = [], []
+    squared = []
+    errors = []
     for k in range(round(SETTLED * rate), len(record["t"])):
         error = seen[k][0] - quaternion_to_matrix(record["q"][k, 3:7]) @ record["v"][k, :3]
         squared.append(error @ np.linalg.solve(seen[k][1], error) / 3)
@@ -67,7 +77,9 @@ def flown(
 def test_the_velocity_of_a_mission_errs_as_much_as_it_says_however_late_the_dvl(
     monkeypatch: pytest.MonkeyPatch, delay: float, rate: int, force: SensorSpec | None
 ) -> None:
-    """Taken to jerk as a vehicle may, not as one does that follows commands, it had variances six times too large at 0.3 s."""
+    """Taken to jerk as a vehicle may, not as one does that follows commands, it had variances six
+    times too large at 0.3 s.
+    """
     nees, error, share = flown(monkeypatch, delay=delay, rate=rate, force=force)
     assert 0.5 < nees < 1.5
     assert error < 0.006

@@ -1,4 +1,6 @@
-"""Where the origin of the world lies, and where north is, changes no estimate: it is the same in the other world."""
+"""Where the origin of the world lies, and where north is, changes no estimate: it is the same in
+the other world.
+"""
 
 from __future__ import annotations
 
@@ -14,7 +16,8 @@ from uvms_ocp.robot.signals import IDEAL_SENSORS, Readings, SensorSpecs, State
 from uvms_ocp.scenario.cases import reach
 from uvms_ocp.sim import SensorSuite
 
-DT, TICKS = 0.02, 300
+DT = 0.02
+TICKS = 300
 FLOOR = uo.FlatSeafloor(z=-40.0)
 WORLDS = {  # X_NW of the new world N
     "moved by 1 km": pin.SE3(np.eye(3), np.array([800.0, -600.0, 0.0])),
@@ -25,11 +28,15 @@ WORLDS = {  # X_NW of the new world N
 
 
 def moved(X_NW: pin.SE3, readings: Readings, sign: float) -> Readings:
-    """What sensors of the same errors read there, with either of the two quaternions of an attitude."""
+    """What sensors of the same errors read there, with either of the two quaternions of an
+    attitude.
+    """
     found = {}
-    if (place := readings.position) is not None:
+    place = readings.position
+    if place is not None:
         found["position"] = replace(place, value=X_NW.act(np.asarray(place.value)))
-    if (attitude := readings.attitude) is not None:
+    attitude = readings.attitude
+    if attitude is not None:
         turned = pin.Quaternion(X_NW.rotation) * pin.Quaternion(np.array(attitude.value))
         found["attitude"] = replace(attitude, value=sign * turned.coeffs())
     return replace(readings, **found)
@@ -39,7 +46,8 @@ def recorded(robot: uo.Robot, specs: SensorSpecs) -> list[Readings]:
     """Of a vehicle that sways while it turns by more than a turn, and of its arm."""
     suite = SensorSuite(robot, FLOOR, specs, seed=3)
     q = robot.configuration(position=(1.0, 2.0, -36.0), rpy=(0.1, -0.05, 0.5))
-    rows, amplitude = [], np.array([0.4, 0.3, 0.2, 0.1, 0.1, 0.0] + [0.2] * robot.n_joints)
+    rows = []
+    amplitude = np.array([0.4, 0.3, 0.2, 0.1, 0.1, 0.0] + [0.2] * robot.n_joints)
     for k in range(TICKS):
         v = amplitude * np.sin(np.linspace(0.6, 1.2, robot.n_v) * k * DT)
         v[5] = 1.2
@@ -50,7 +58,10 @@ def recorded(robot: uo.Robot, specs: SensorSpecs) -> list[Readings]:
 
 ESTIMATORS = {
     "filter": (SensorSpecs(), lambda robot: Estimator(robot, SensorSpecs())),
-    "filter with health": (SensorSpecs(), lambda robot: reach(robot=robot, noise=True, dt=DT).estimator()),
+    "filter with health": (
+        SensorSpecs(),
+        lambda robot: reach(robot=robot, noise=True, dt=DT).estimator(),
+    ),
     "ideal": (IDEAL_SENSORS, lambda robot: Estimator(robot, IDEAL_SENSORS)),
     "none": (IDEAL_SENSORS, PassThrough),
 }
@@ -72,5 +83,7 @@ def test_an_estimate_is_the_same_in_any_world(kind: str) -> None:
             assert np.abs(apart).max() < 1e-6, (name, k)
             np.testing.assert_allclose(found.q[7:], usual[k].q[7:], atol=1e-7, err_msg=name)
             np.testing.assert_allclose(found.v, usual[k].v, atol=1e-6, err_msg=name)
-            np.testing.assert_allclose(found.altimeter_range, usual[k].altimeter_range, atol=1e-6, err_msg=name)
+            np.testing.assert_allclose(
+                found.altimeter_range, usual[k].altimeter_range, atol=1e-6, err_msg=name
+            )
             assert found.age == usual[k].age

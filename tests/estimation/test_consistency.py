@@ -1,4 +1,6 @@
-"""Laws of the estimator in simulations of its own model: it errs as much as it says, however late its readings are."""
+"""Laws of the estimator in simulations of its own model: it errs as much as it says, however late
+its readings are.
+"""
 
 from __future__ import annotations
 
@@ -16,13 +18,16 @@ from uvms_ocp.robot.signals import CHANNELS, SensorSpecs
 def test_errors_and_innovations_are_as_large_as_their_covariances_say(specs: SensorSpecs) -> None:
     """The short form of `benchmarks/navigation.py`."""
     rows = consistency(load_robot("girona_maris7"), specs, seeds=4, duration=9.0)
-    assert {f"NIS {name}" for name in CHANNELS} | {f"NEES {name}" for name in APART} <= {row["of"] for row in rows}
+    assert {f"NIS {name}" for name in CHANNELS} | {f"NEES {name}" for name in APART} <= {
+        row["of"] for row in rows
+    }
     assert [row for row in rows if not row["inside"]] == []
 
 
 @pytest.mark.slow
 def test_a_late_channel_costs_little_where_the_acceleration_is_measured() -> None:
-    robot, exact = load_robot("girona_maris7"), {}
+    robot = load_robot("girona_maris7")
+    exact = {}
     for case, delays in CASES.items():
         errors = rms_errors(robot, late(WITH, delays), seeds=range(3), duration=12.0)
         exact = exact or errors

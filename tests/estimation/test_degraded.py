@@ -1,4 +1,6 @@
-"""Channels lost or suspect at any time in any phase of Case 1: what the controller does meanwhile, and how the mission ends."""
+"""Channels lost or suspect at any time in any phase of Case 1: what the controller does meanwhile,
+and how the mission ends.
+"""
 
 from __future__ import annotations
 
@@ -29,7 +31,8 @@ from uvms_ocp.robot.signals import CHANNELS, ChannelHealth, Trust
 from uvms_ocp.scenario.cases.case1 import case1
 from uvms_ocp.scenario.scenario import Scenario
 
-DT, PHASES = 0.04, ("A", "B", "C", "D")
+DT = 0.04
+PHASES = ("A", "B", "C", "D")
 PAIRS = (("position", "linear_velocity"), ("attitude", "angular_velocity"))
 LOSSES = (*((name,) for name in CHANNELS), *PAIRS)
 HELD = (*PAIRS, ("attitude",))
@@ -52,7 +55,9 @@ def run(scenario: Scenario, monkeypatch: pytest.MonkeyPatch) -> Run:
     """A run of Case 1, or of another scenario, with broken sensors."""
 
     def of(given: Scenario = scenario, **broken: object) -> Record:
-        monkeypatch.setattr(Scenario, "estimator", lambda self: BrokenSensors(robot=self.robot, **broken))
+        monkeypatch.setattr(
+            Scenario, "estimator", lambda self: BrokenSensors(robot=self.robot, **broken)
+        )
         return given.run()
 
     return of
@@ -81,7 +86,8 @@ def events_after(record: Record, t: float) -> list[EventMeta]:
 def test_whatever_is_lost_limits_hold_and_the_run_ends_for_a_reason_that_names_it(
     scenario: Scenario, sound: Record, run: Run, lost: tuple[str, ...], phase: str
 ) -> None:
-    robot, start = scenario.robot, some_time_in(sound, phase, CHANNELS.index(lost[0]))
+    robot = scenario.robot
+    start = some_time_in(sound, phase, CHANNELS.index(lost[0]))
     record = run(channels=lost, start=start)
     steps = np.abs(np.diff(record["command"], axis=0, prepend=0.0))
     assert (steps <= robot.limits.acceleration * DT * (1 + 1e-9)).all()
@@ -89,16 +95,25 @@ def test_whatever_is_lost_limits_hold_and_the_run_ends_for_a_reason_that_names_i
     assert (joints >= robot.limits.position_lower - 1e-9).all()
     assert (joints <= robot.limits.position_upper + 1e-9).all()
     rests_on = scenario.kinematic_controller().problem.rests_on
-    ended = [c.quantity for event in events_after(record, start) if event.source != "climb" for c in event.conditions]
+    ended = [
+        c.quantity
+        for event in events_after(record, start)
+        if event.source != "climb"
+        for c in event.conditions
+    ]
     for channel in set(lost) & rests_on.keys():
         assert not [q for q in ended if rests_on[channel][record.meta.quantities.index(q)]]
-    cause, last = cause_of_end(record), record.run_meta.events[-1]
+    cause = cause_of_end(record)
+    last = record.run_meta.events[-1]
     goes_on = lost not in (*CLIMBING, *HELD) or (lost == ("altimeter_range",) and phase == "D")
     assert (last.target, cause["kind"]) == ((DONE, "completed") if goes_on else (ABORT, "aborted"))
-    assert goes_on or all(f"{name} lost: broken by a test since {start:.1f} s" in cause["text"] for name in lost)
+    assert goes_on or all(
+        f"{name} lost: broken by a test since {start:.1f} s" in cause["text"] for name in lost
+    )
     if lost in CLIMBING and not goes_on:
         (entered,) = (event for event in record.run_meta.events if event.target == "climb")
-        floor, here = record.meta.surroundings.floor_z, float(after(record, "q", entered.t)[0, 2])
+        floor = record.meta.surroundings.floor_z
+        here = float(after(record, "q", entered.t)[0, 2])
         safe = here + 3.0 if lost == ("altimeter_range",) else max(here, floor + 3.0)
         assert record["q"][-1, 2] > safe - 0.35
     if lost in HELD:
@@ -121,7 +136,9 @@ def test_without_altimeter_nothing_sinks_for_longer_than_it_takes_to_stop(
 
 
 @long_without_compiler
-@pytest.mark.parametrize("channel", ["position", "linear_velocity", "attitude", "joint_positions", "altimeter_range"])
+@pytest.mark.parametrize(
+    "channel", ["position", "linear_velocity", "attitude", "joint_positions", "altimeter_range"]
+)
 def test_a_suspect_channel_holds_the_mission_back_until_it_is_good_again(
     scenario: Scenario, sound: Record, run: Run, channel: str
 ) -> None:
@@ -141,13 +158,20 @@ def test_a_channel_that_comes_back_in_time_lets_the_mission_go_on(sound: Record,
     start = some_time_in(sound, "A", 1)
     record = run(channels=("attitude",), start=start, end=start + 6.0)
     assert record.run_meta.completed
-    assert np.abs(record["command"][(record["t"] > start + 2.0) & (record["t"] < start + 5.9)]).max() < 1e-9
+    assert (
+        np.abs(record["command"][(record["t"] > start + 2.0) & (record["t"] < start + 5.9)]).max()
+        < 1e-9
+    )
 
 
 @long_without_compiler
-def test_without_an_abort_phase_the_robot_holds_and_says_what_holds_it_back(scenario: Scenario, run: Run) -> None:
+def test_without_an_abort_phase_the_robot_holds_and_says_what_holds_it_back(
+    scenario: Scenario, run: Run
+) -> None:
     mission = replace(scenario.mission, abort=None)
-    record = run(replace(scenario, mission=mission, duration=25.0), channels=("joint_positions",), start=8.0)
+    record = run(
+        replace(scenario, mission=mission, duration=25.0), channels=("joint_positions",), start=8.0
+    )
     assert np.abs(after(record, "command", 20.0)).max() < 1e-9
     assert not record.run_meta.events
     assert record.run_meta.pending.endswith("; joint_positions lost: broken by a test since 8.0 s")
@@ -155,32 +179,42 @@ def test_without_an_abort_phase_the_robot_holds_and_says_what_holds_it_back(scen
 
 @long_without_compiler
 @pytest.mark.parametrize("start", [4.0, 8.9, 12.3])
-def test_a_doubt_that_is_over_leaves_no_haste_behind(scenario: Scenario, sound: Record, run: Run, start: float) -> None:
-    """In phase A the robot only ever gets slower as it comes nearer, and whether it paused to doubt makes no difference."""
+def test_a_doubt_that_is_over_leaves_no_haste_behind(
+    scenario: Scenario, sound: Record, run: Run, start: float
+) -> None:
+    """In phase A the robot only ever gets slower as it comes nearer, and whether it paused to doubt
+    makes no difference.
+    """
     short = replace(scenario, duration=start + 6.0)
     record = run(short, channels=("position",), start=start, end=start + 2.0, trust=Trust.SUSPECT)
     before = np.abs(sound["command"][sound["t"] < start][-1])
     assert (np.abs(after(record, "command", start))[:, :3] <= 1.01 * before[:3] + 1e-3).all()
-    way, gone = sound["q"][:, :3], record["q"][:, :3]
+    way = sound["q"][:, :3]
+    gone = record["q"][:, :3]
     assert max(np.linalg.norm(way - place, axis=1).min() for place in gone) < 0.02
 
 
 @long_without_compiler
 def test_a_slower_robot_goes_the_same_way(scenario: Scenario, sound: Record, run: Run) -> None:
     """Else a strict hierarchy lets other axes join in for what one may not do."""
-    ends = [record["q"][-1, :2] for record in (sound, run(channels=("linear_velocity",), start=8.0))]
+    ends = [
+        record["q"][-1, :2] for record in (sound, run(channels=("linear_velocity",), start=8.0))
+    ]
     assert np.linalg.norm(ends[1] - ends[0]) < 0.03
 
 
 @long_without_compiler
-def test_where_every_channel_is_good_nothing_is_other_than_where_nobody_judges(sound: Record, run: Run) -> None:
+def test_where_every_channel_is_good_nothing_is_other_than_where_nobody_judges(
+    sound: Record, run: Run
+) -> None:
     judged = run(channels=(), start=0.0)
     np.testing.assert_array_equal(judged["command"], sound["command"])
     np.testing.assert_array_equal(judged["q"], sound["q"])
 
 
 def restriction_for(health: Sequence[ChannelHealth], t: float) -> Restriction:
-    memory, bad = structure_of(RestrictionMemory)(), degraded_channels(health)
+    memory = structure_of(RestrictionMemory)()
+    bad = degraded_channels(health)
     write_modes(memory)
     write_channels(memory, bad)
     restrict(memory, t, True)
@@ -197,8 +231,17 @@ def test_every_mode_says_what_is_still_known_and_losing_more_never_allows_more()
     assert all(mode.substitute and mode.without <= set(CHANNELS) for mode in DEGRADED_MODES)
 
     def lost(names: set[str]) -> tuple[float, ...]:
-        found = restriction_for([ChannelHealth(channel=name, trust=Trust.LOST) for name in names], 60.0)
-        bars = (found.no_descent, found.joints_held, found.hold, found.blind, not found.can_ascend, bool(found.abort))
+        found = restriction_for(
+            [ChannelHealth(channel=name, trust=Trust.LOST) for name in names], 60.0
+        )
+        bars = (
+            found.no_descent,
+            found.joints_held,
+            found.hold,
+            found.blind,
+            not found.can_ascend,
+            bool(found.abort),
+        )
         return (1.0 - found.speed, *map(float, bars))
 
     for first in CHANNELS:

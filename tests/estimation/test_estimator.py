@@ -11,7 +11,15 @@ from uvms_ocp.errors import FrameNotFound, InvalidInput
 from uvms_ocp.estimation.estimator import Estimator, PassThrough, age_of
 from uvms_ocp.estimation.filter_memory import EstimatorTuning
 from uvms_ocp.robot.loading import list_robots, load_robot
-from uvms_ocp.robot.signals import IDEAL_SENSORS, Command, Reading, Readings, SensorSpec, SensorSpecs, State
+from uvms_ocp.robot.signals import (
+    IDEAL_SENSORS,
+    Command,
+    Reading,
+    Readings,
+    SensorSpec,
+    SensorSpecs,
+    State,
+)
 from uvms_ocp.sim.seafloor import FlatSeafloor
 from uvms_ocp.sim.sensors import Altimeter, SensorSuite
 
@@ -31,29 +39,56 @@ def _start(robot):
 
 
 class Run:
-    """A motion v(t), what sensors and estimator make of it, and the errors of the estimate per tick."""
+    """A motion v(t), what sensors and estimator make of it, and the errors of the estimate per
+    tick.
+    """
 
-    def __init__(self, robot, q, motion, duration, *, specs=DEFAULT, seed=0, commanded=False, lag=0.0, expected=None):
-        suite, estimator = SensorSuite(robot, FLOOR, specs, seed=seed), Estimator(robot, expected or specs)
+    def __init__(
+        self,
+        robot,
+        q,
+        motion,
+        duration,
+        *,
+        specs=DEFAULT,
+        seed=0,
+        commanded=False,
+        lag=0.0,
+        expected=None,
+    ):
+        suite = SensorSuite(robot, FLOOR, specs, seed=seed)
+        estimator = Estimator(robot, expected or specs)
         altimeter = Altimeter(robot, FLOOR)
         self.t = DT * np.arange(round(duration / DT))
-        rows, v = [], motion(0.0)
+        rows = []
+        v = motion(0.0)
         for t in self.t:
             v = motion(t) if lag == 0.0 else v + (motion(t) - v) * DT / lag
             command = Command(v=motion(t)) if commanded else None
             m = estimator(suite.read(State(q=q, v=v), t), t, command)
             turn = pin.log3((pin.Quaternion(q[3:7]).inverse() * pin.Quaternion(m.q[3:7])).matrix())
-            error = [m.q[:3] - q[:3], turn, m.q[7:] - q[7:], m.v - v, [m.altimeter_range - altimeter.measure(q)]]
+            error = [
+                m.q[:3] - q[:3],
+                turn,
+                m.q[7:] - q[7:],
+                m.v - v,
+                [m.altimeter_range - altimeter.measure(q)],
+            ]
             rows.append((np.concatenate(error), v, m.v, m.age))
             q = pin.integrate(robot.model, q, (v if lag else motion(t + DT / 2)) * DT)
-        errors, self.v, self.v_estimated, self.age = (np.array(column) for column in zip(*rows, strict=True))
+        errors, self.v, self.v_estimated, self.age = (
+            np.array(column) for column in zip(*rows, strict=True)
+        )
         n = robot.n_joints
-        self.position, self.attitude, self.joints = errors[:, :3], errors[:, 3:6], errors[:, 6 : 6 + n]
+        self.position = errors[:, :3]
+        self.attitude = errors[:, 3:6]
+        self.joints = errors[:, 6 : 6 + n]
         self.velocity, self.altimeter = errors[:, 6 + n : -1], errors[:, -1]
 
     def lag_of(self, i):
         """Delay [s] of an estimated velocity that fits best."""
-        true, estimated = self.v[400:, i], self.v_estimated[400:, i]
+        true = self.v[400:, i]
+        estimated = self.v_estimated[400:, i]
         shifts = range(-20, 41)
         misfit = [np.mean((estimated[40:-40] - np.roll(true, s)[40:-40]) ** 2) for s in shifts]
         return DT * shifts[int(np.argmin(misfit))]
@@ -71,7 +106,9 @@ def swaying(robot):
 
 def steps(robot):
     rng = np.random.default_rng(1)
-    levels = rng.uniform(-1.0, 1.0, (20, robot.n_v)) * ([0.3, 0.2, 0.2, 0.1, 0.1, 0.2] + [0.4] * robot.n_joints)
+    levels = rng.uniform(-1.0, 1.0, (20, robot.n_v)) * (
+        [0.3, 0.2, 0.2, 0.1, 0.1, 0.2] + [0.4] * robot.n_joints
+    )
     ramp = 0.5  # [s] from one level to the next
 
     def motion(t):
@@ -119,8 +156,14 @@ def test_estimated_velocities_lag_by_less_than_fifty_milliseconds(robot, start, 
 
 
 def test_a_known_command_halves_the_velocity_error(robot, start):
-    blind, told = (Run(robot, start, steps(robot), 30.0, commanded=commanded, lag=0.1) for commanded in (False, True))
-    assert deviation([told], "velocity", 2.0)[:3].max() < 0.5 * deviation([blind], "velocity", 2.0)[:3].max()
+    blind, told = (
+        Run(robot, start, steps(robot), 30.0, commanded=commanded, lag=0.1)
+        for commanded in (False, True)
+    )
+    assert (
+        deviation([told], "velocity", 2.0)[:3].max()
+        < 0.5 * deviation([blind], "velocity", 2.0)[:3].max()
+    )
 
 
 def test_in_motion_the_pose_stays_known(robot, start):
@@ -148,24 +191,33 @@ def test_late_readings_are_compared_with_the_past(robot, start):
     def cruise(t):
         return np.array([0.4, 0.0, 0.1, 0.0, 0.0, 0.1] + [0.2] * robot.n_joints) * min(t / 2.0, 1.0)
 
-    run = Run(robot, start, cruise, 15.0, specs=late)  # a filter blind to delays would be 80 mm behind
+    run = Run(
+        robot, start, cruise, 15.0, specs=late
+    )  # a filter blind to delays would be 80 mm behind
     assert np.abs(run.position[run.t > 10.0].mean(axis=0)).max() < 0.02
     assert deviation([run], "altimeter", 5.0).max() < 0.015
 
 
 class Gliding:
-    """Truth with constant acceleration in W, and a spin about z that is constant or grows; exact readings, one of them late."""
+    """Truth with constant acceleration in W, and a spin about z that is constant or grows; exact
+    readings, one of them late.
+    """
 
     def __init__(self, robot, spin_up):
-        self.robot, self.spin_up = robot, spin_up
-        self.p, self.v, self.a = np.array([1.0, 2.0, -36.0]), np.array([0.1, -0.2, 0.05]), np.array([0.06, 0.04, -0.03])
+        self.robot = robot
+        self.spin_up = spin_up
+        self.p = np.array([1.0, 2.0, -36.0])
+        self.v = np.array([0.1, -0.2, 0.05])
+        self.a = np.array([0.06, 0.04, -0.03])
         self.rates = np.linspace(-0.05, 0.05, robot.n_joints)
 
     def state(self, t):
         R = pin.exp3(np.array([0.0, 0.0, 0.1 * t + self.spin_up * t**2 / 2]))
         twist = [R.T @ (self.v + self.a * t), [0.0, 0.0, 0.1 + self.spin_up * t]]
         p = self.p + self.v * t + self.a * t**2 / 2
-        q = np.concatenate([p, pin.Quaternion(R).coeffs(), self.robot.configuration()[7:] + self.rates * t])
+        q = np.concatenate(
+            [p, pin.Quaternion(R).coeffs(), self.robot.configuration()[7:] + self.rates * t]
+        )
         return State(q=q, v=np.concatenate([*twist, self.rates]))
 
     def readings(self, t, late, delay):
@@ -197,7 +249,9 @@ class Gliding:
 )
 def test_a_late_exact_reading_of_steady_acceleration_tells_nothing_new(robot, late, spin_up):
     sharp = SensorSpecs(**{name: SensorSpec(sigma=1e-3) for name in DEFAULT.__slots__})
-    truth, estimator, dt = Gliding(robot, spin_up), Estimator(robot, sharp), 0.02
+    truth = Gliding(robot, spin_up)
+    estimator = Estimator(robot, sharp)
+    dt = 0.02
     for t in 1.0 + dt * np.arange(500):
         measurement = estimator(truth.readings(t, late, delay=0.2), t)
     error = pin.difference(robot.model, truth.state(t).q, measurement.q)
@@ -206,7 +260,9 @@ def test_a_late_exact_reading_of_steady_acceleration_tells_nothing_new(robot, la
 
 
 def test_a_gyro_bias_is_found_from_the_attitude(robot, start):
-    biased = replace(DEFAULT, angular_velocity=SensorSpec(rate=100.0, sigma=0.002, bias=(0.002, -0.001, 0.003)))
+    biased = replace(
+        DEFAULT, angular_velocity=SensorSpec(rate=100.0, sigma=0.002, bias=(0.002, -0.001, 0.003))
+    )
     run = Run(robot, start, at_rest(robot), 40.0, specs=biased)
     assert np.abs(run.velocity[run.t > 35.0, 3:6].mean(axis=0)).max() < 5e-4
     assert deviation([run], "attitude", 35.0).max() < 5e-4
@@ -236,12 +292,17 @@ def test_the_same_readings_give_the_same_estimate(robot, start):
 
 
 def test_a_reading_counts_once_however_often_it_is_repeated(robot, start):
-    suite, estimators = SensorSuite(robot, FLOOR), (Estimator(robot), Estimator(robot))
+    suite = SensorSuite(robot, FLOOR)
+    estimators = (Estimator(robot), Estimator(robot))
     for k in range(100):
         readings = suite.read(State(q=start, v=np.zeros(robot.n_v)), k * DT)
         names = [name for name in readings.__slots__ if getattr(readings, name) is not None]
-        copies = {n: Reading(value=getattr(readings, n).value, t=getattr(readings, n).t) for n in names}
-        a, b = (e(r, k * DT) for e, r in zip(estimators, (readings, Readings(**copies)), strict=True))
+        copies = {
+            n: Reading(value=getattr(readings, n).value, t=getattr(readings, n).t) for n in names
+        }
+        a, b = (
+            e(r, k * DT) for e, r in zip(estimators, (readings, Readings(**copies)), strict=True)
+        )
         np.testing.assert_array_equal(a.q, b.q)
 
 
@@ -254,7 +315,8 @@ def test_the_age_is_that_of_the_oldest_reading_that_matters(robot, start):
 
 
 def test_the_age_grows_while_a_sensor_is_silent(robot, start):
-    suite, estimator = SensorSuite(robot, FLOOR), Estimator(robot)
+    suite = SensorSuite(robot, FLOOR)
+    estimator = Estimator(robot)
     readings = suite.read(State(q=start, v=np.zeros(robot.n_v)), 0.0)
     ages = [estimator(readings, t).age for t in (0.0, 0.5, 3.0)]
     assert ages == [0.0, 0.5, 3.0]
@@ -268,26 +330,31 @@ def test_before_the_first_reading_the_age_is_infinite(robot):
 
 
 def test_the_altitude_is_forgotten_a_second_after_the_last_echo(robot, start):
-    suite, estimator = SensorSuite(robot, FLOOR), Estimator(robot)
+    suite = SensorSuite(robot, FLOOR)
+    estimator = Estimator(robot)
     readings = suite.read(State(q=start, v=np.zeros(robot.n_v)), 0.0)
     ranges = [estimator(readings, t).altimeter_range for t in (0.0, 0.9, 1.1)]
     assert [math.isfinite(r) for r in ranges] == [True, True, False]
 
 
 def test_a_step_of_the_floor_is_believed_at_once(robot, start):
-    state, estimator = State(q=start, v=np.zeros(robot.n_v)), Estimator(robot)
+    state = State(q=start, v=np.zeros(robot.n_v))
+    estimator = Estimator(robot)
     for z, end in ((-40.0, 5.0), (-38.0, 5.0 + DT)):
         suite = SensorSuite(robot, FlatSeafloor(z=z), seed=1)
         for t in np.arange(0.0, 5.0, DT) if z == -40.0 else [end]:
             measured = estimator(suite.read(state, t), t).altimeter_range
-        assert measured == pytest.approx(Altimeter(robot, FlatSeafloor(z=z)).measure(start), abs=0.05)
+        assert measured == pytest.approx(
+            Altimeter(robot, FlatSeafloor(z=z)).measure(start), abs=0.05
+        )
 
 
 @pytest.mark.parametrize("name", list_robots())
 def test_every_robot_can_be_estimated(name):
     robot = load_robot(name)
     state = State(q=robot.configuration(), v=np.zeros(robot.n_v))
-    suite, estimator = SensorSuite(robot, FLOOR), Estimator(robot)
+    suite = SensorSuite(robot, FLOOR)
+    estimator = Estimator(robot)
     for k in range(400):
         measurement = estimator(suite.read(state, k * DT), k * DT)
     assert np.linalg.norm(pin.difference(robot.model, state.q, measurement.q)) < 0.05
@@ -296,7 +363,8 @@ def test_every_robot_can_be_estimated(name):
 
 
 def test_the_pass_through_repeats_ideal_sensors_exactly(robot, start):
-    suite, through = SensorSuite(robot, FLOOR, IDEAL_SENSORS), PassThrough(robot)
+    suite = SensorSuite(robot, FLOOR, IDEAL_SENSORS)
+    through = PassThrough(robot)
     state = State(q=start, v=swaying(robot)(2.0))
     measurement = through(suite.read(state, 0.4), 0.4)
     np.testing.assert_array_equal(measurement.q, state.q)
@@ -309,7 +377,9 @@ def test_the_pass_through_of_a_fixed_base_needs_joints_only():
     robot = load_robot("planar5")
     specs = SensorSpecs(joint_velocities=SensorSpec())
     state = State(q=robot.configuration(), v=np.ones(robot.n_v))
-    np.testing.assert_array_equal(PassThrough(robot, specs)(SensorSuite(robot, FLOOR, specs).read(state, 0.0), 0.0).v, state.v)
+    np.testing.assert_array_equal(
+        PassThrough(robot, specs)(SensorSuite(robot, FLOOR, specs).read(state, 0.0), 0.0).v, state.v
+    )
 
 
 def test_the_pass_through_says_what_it_lacks(robot):

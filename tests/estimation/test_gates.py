@@ -1,4 +1,6 @@
-"""Readings that must not be believed: what is no number, of the wrong time, or contradicts the estimate; and the way back."""
+"""Readings that must not be believed: what is no number, of the wrong time, or contradicts the
+estimate; and the way back.
+"""
 
 from __future__ import annotations
 
@@ -29,7 +31,9 @@ from uvms_ocp.sim.sensors import SensorSuite
 from uvms_ocp.types import Array
 
 DT = 0.01
-SPECS = SensorSpecs(specific_force=ACCELEROMETER, joint_velocities=SensorSpec(rate=50.0, sigma=0.01))
+SPECS = SensorSpecs(
+    specific_force=ACCELEROMETER, joint_velocities=SensorSpec(rate=50.0, sigma=0.01)
+)
 JUMPS = {
     "position": np.array([50.0, 50.0, 0.0]),  # a depth that stays would contradict it
     "depth": 20.0,
@@ -44,7 +48,9 @@ JUMPS = {
 
 
 class AtRest:
-    """A robot at rest, its sensors, and an estimator that is given what `spoil` makes of a channel's readings."""
+    """A robot at rest, its sensors, and an estimator that is given what `spoil` makes of a
+    channel's readings.
+    """
 
     def __init__(self, specs: SensorSpecs = SPECS, seed: int = 0) -> None:
         self.robot: Robot = load_robot("girona_maris7")
@@ -60,7 +66,8 @@ class AtRest:
             readings = self.suite.read(self.state, t)
             if channel and getattr(readings, channel) is not None:
                 readings = replace(readings, **{channel: spoil(getattr(readings, channel))})
-            measurement, self.k = self.estimator(readings, t), self.k + 1
+            measurement = self.estimator(readings, t)
+            self.k = self.k + 1
         return measurement
 
     def error(self, measurement: StateEstimate) -> float:
@@ -71,7 +78,9 @@ def jumped(channel, share=1.0):
     def spoil(reading):
         size = share * JUMPS[channel]
         if channel == "attitude":
-            turned = pin.Quaternion(reading.value) * pin.Quaternion(pin.exp3(np.array([0.0, 0.0, size])))
+            turned = pin.Quaternion(reading.value) * pin.Quaternion(
+                pin.exp3(np.array([0.0, 0.0, size]))
+            )
             return Reading(value=turned.coeffs(), t=reading.t)
         return Reading(value=reading.value + size, t=reading.t)
 
@@ -82,7 +91,9 @@ def jumped(channel, share=1.0):
 def test_a_burst_of_what_is_no_number_leaves_no_trace(channel: str) -> None:
     rest = AtRest()
     rest.run(3.0)
-    burst = rest.run(0.5, channel, lambda reading: Reading(value=reading.value * np.nan, t=reading.t))
+    burst = rest.run(
+        0.5, channel, lambda reading: Reading(value=reading.value * np.nan, t=reading.t)
+    )
     assert np.isfinite(burst.q).all()
     assert np.isfinite(burst.v).all()
     after = rest.run(1.0)
@@ -97,7 +108,11 @@ def test_a_reading_of_the_future_or_of_the_past_is_never_used(channel: str) -> N
     used = rest.estimator.used(channel)
     jump = jumped(channel)
     for shift in (5.0, -3.0):
-        rest.run(0.3, channel, lambda reading, shift=shift: Reading(value=jump(reading).value, t=reading.t + shift))
+        rest.run(
+            0.3,
+            channel,
+            lambda reading, shift=shift: Reading(value=jump(reading).value, t=reading.t + shift),
+        )
         assert rest.estimator.used(channel) == used
     assert rest.error(rest.run(0.5)) < 0.03
 
@@ -125,7 +140,9 @@ def test_a_jump_is_refused_and_believed_only_where_it_lasts(channel: str) -> Non
 def test_a_floor_that_comes_nearer_is_believed_at_once() -> None:
     rest = AtRest()
     far = rest.run(3.0).altimeter_range
-    near = rest.run(0.11, "altimeter_range", lambda reading: Reading(value=reading.value - 2.0, t=reading.t)).altimeter_range
+    near = rest.run(
+        0.11, "altimeter_range", lambda reading: Reading(value=reading.value - 2.0, t=reading.t)
+    ).altimeter_range
     assert near == pytest.approx(far - 2.0, abs=0.1)
 
 
@@ -158,12 +175,14 @@ def test_a_refused_channel_is_not_used_until_it_is_trusted_again() -> None:
 @pytest.mark.parametrize("seed", range(3))
 def test_no_delay_makes_the_estimate_diverge(seed: int) -> None:
     """Of any channel, from 0 to 2 s, which the filter has not been told of."""
-    rest, rng = AtRest(seed=seed), np.random.default_rng(seed)
+    rest = AtRest(seed=seed)
+    rng = np.random.default_rng(seed)
     late = {name: float(rng.uniform(0.0, 2.0)) for name in CHANNELS}
     past: dict[str, list[Reading]] = {name: [] for name in CHANNELS}
     for k in range(1200):
         t = k * DT
-        readings, arrived = rest.suite.read(rest.state, t), {}
+        readings = rest.suite.read(rest.state, t)
+        arrived = {}
         for name in CHANNELS:
             past[name].append(getattr(readings, name))
             if t >= late[name]:
@@ -177,12 +196,17 @@ def test_no_delay_makes_the_estimate_diverge(seed: int) -> None:
 
 
 class Twins:
-    """The filter in C and that in NumPy, of a robot at the origin, both given what `spoil` makes of the truth."""
+    """The filter in C and that in NumPy, of a robot at the origin, both given what `spoil` makes of
+    the truth.
+    """
 
     def __init__(self, specs: SensorSpecs) -> None:
         robot = load_robot("girona_maris7")
         self.both = Estimator(robot, specs), Estimator(robot, specs, compiled=False)
-        truth = dict.fromkeys(CHANNELS, np.zeros(3)) | {"attitude": np.array([0.0, 0.0, 0.0, 1.0]), "depth": 0.0}
+        truth = dict.fromkeys(CHANNELS, np.zeros(3)) | {
+            "attitude": np.array([0.0, 0.0, 0.0, 1.0]),
+            "depth": 0.0,
+        }
         truth |= dict.fromkeys(("joint_positions", "joint_velocities"), np.zeros(robot.n_joints))
         truth |= {"altimeter_range": 5.0, "specific_force": np.array([0.0, 0.0, 9.81])}
         self.truth = {name: truth[name] for name in CHANNELS if getattr(specs, name) is not None}
@@ -192,8 +216,11 @@ class Twins:
         for _ in range(round(seconds / dt)):
             t = self.k * dt
             values = {name: spoil(name, value) for name, value in self.truth.items()}
-            readings = Readings(**{name: Reading(value=value, t=t) for name, value in values.items()})
-            told, self.k = [estimator(readings, t) for estimator in self.both], self.k + 1
+            readings = Readings(
+                **{name: Reading(value=value, t=t) for name, value in values.items()}
+            )
+            told = [estimator(readings, t) for estimator in self.both]
+            self.k = self.k + 1
         return told
 
     def are_finite(self, told: list[StateEstimate]) -> bool:
@@ -206,16 +233,22 @@ class Twins:
 @pytest.mark.parametrize("size", [np.nan, np.inf, -1.0, 1e200, -1e200, 1e6])
 @pytest.mark.parametrize("channel", CHANNELS)
 def test_no_number_leaves_an_estimate_that_is_not_finite(channel: str, size: float) -> None:
-    """For one reading or for 1.5 s, of a filter that nothing guards; the last size is believed after a while."""
+    """For one reading or for 1.5 s, of a filter that nothing guards; the last size is believed
+    after a while.
+    """
     twins = Twins(SPECS)
     twins.run(0.5, 0.1)
     for seconds in (0.1, 1.5):
-        twins.run(seconds, 0.1, lambda name, value: value * 0.0 + size if name == channel else value)
+        twins.run(
+            seconds, 0.1, lambda name, value: value * 0.0 + size if name == channel else value
+        )
         told = twins.run(2.0, 0.1)
         assert twins.are_finite(told)
         # What is left of 1e6 m after a jump back is rounding.
         for part in ("q", "v", "std", "age", "altimeter_range") if size != 1e6 else ("age",):
-            np.testing.assert_allclose(getattr(told[0], part), getattr(told[1], part), rtol=1e-9, atol=1e-9, err_msg=part)
+            np.testing.assert_allclose(
+                getattr(told[0], part), getattr(told[1], part), rtol=1e-9, atol=1e-9, err_msg=part
+            )
 
 
 @pytest.mark.parametrize("value", [-1.0, np.inf, -np.inf, 1e200, -1e200])
@@ -233,9 +266,16 @@ def test_a_range_that_cannot_be_is_no_echo_and_no_answer(value: float) -> None:
 
 @pytest.mark.parametrize(
     ("channel", "jump"),
-    [("position", np.array([10.0, 0.0, 0.0])), ("position", 300.0), ("depth", 1e3), ("linear_velocity", 300.0)],
+    [
+        ("position", np.array([10.0, 0.0, 0.0])),
+        ("position", 300.0),
+        ("depth", 1e3),
+        ("linear_velocity", 300.0),
+    ],
 )
-def test_exact_sensors_that_jump_and_come_back_are_followed(channel: str, jump: Array | float) -> None:
+def test_exact_sensors_that_jump_and_come_back_are_followed(
+    channel: str, jump: Array | float
+) -> None:
     twins = Twins(IDEAL_SENSORS)
     told = twins.run(1.0, 0.02)
     for _ in range(75):
@@ -252,15 +292,22 @@ def test_exact_sensors_that_jump_and_come_back_are_followed(channel: str, jump: 
 @pytest.mark.parametrize("delay", [0.0, pytest.param(0.3, marks=pytest.mark.slow), 1.0])
 def test_late_readings_find_the_estimate_again_after_a_long_silence(delay: float) -> None:
     """When the filter knows nothing any more, however late what is read is."""
-    twins, dt = Twins(SPECS), 0.05
+    twins = Twins(SPECS)
+    dt = 0.05
     for k in range(round(75.0 / dt)):
         t = k * dt
         there = {} if t < delay or 5.0 <= t < 65.0 else twins.truth
-        readings = Readings(**{name: Reading(value=value, t=t - delay) for name, value in there.items()})
-        measurement, *twin = [estimator(readings, t) for estimator in (twins.both if delay == 0.3 else twins.both[:1])]
+        readings = Readings(
+            **{name: Reading(value=value, t=t - delay) for name, value in there.items()}
+        )
+        measurement, *twin = [
+            estimator(readings, t) for estimator in (twins.both if delay == 0.3 else twins.both[:1])
+        ]
         for other in twin:
             for part in ("q", "v", "std", "age"):
-                np.testing.assert_allclose(getattr(measurement, part), getattr(other, part), rtol=1e-7, atol=1e-7)
+                np.testing.assert_allclose(
+                    getattr(measurement, part), getattr(other, part), rtol=1e-7, atol=1e-7
+                )
     assert measurement.age < delay + 0.3
     assert measurement.std.max() < 0.5
     assert np.abs(measurement.v).max() < 0.1

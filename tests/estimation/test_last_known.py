@@ -1,4 +1,6 @@
-"""What stands in for missing measurements, in both controllers: finite commands, and limits that hold all the same."""
+"""What stands in for missing measurements, in both controllers: finite commands, and limits that
+hold all the same.
+"""
 
 from __future__ import annotations
 
@@ -27,7 +29,8 @@ from uvms_ocp.tasks.clearance import Clearance
 from uvms_ocp.tasks.pose import VehiclePose
 from uvms_ocp.tasks.task import Hierarchy, Task
 
-DT, THRESHOLD = 0.02, 1.0
+DT = 0.02
+THRESHOLD = 1.0
 CALM = 0.55  # [s] shorter than the watchdog waits
 
 
@@ -38,14 +41,23 @@ def robot() -> Robot:
 
 def controller(robot: Robot, *tasks: Task) -> KinematicController:
     reached = uo.Transition(to=uo.DONE, when=(uo.Below(quantity="PC.position_error", limit=1e-9),))
-    phase = uo.Phase(name="go", activations={task.name: 1 for task in tasks}, transitions=(reached,))
+    phase = uo.Phase(
+        name="go", activations={task.name: 1 for task in tasks}, transitions=(reached,)
+    )
     mission = uo.Mission(hierarchy=Hierarchy(list(tasks)), phases=(phase,), ramp=0.0)
-    return KinematicController(robot=robot, mission=mission, solver=uo.LexicographicActiveSet(), dt=DT)
+    return KinematicController(
+        robot=robot, mission=mission, solver=uo.LexicographicActiveSet(), dt=DT
+    )
 
 
 def diving(robot: Robot) -> KinematicController:
     pose = VehiclePose(goal=uo.pose_at((0, 0, -20)), gain_linear=2.0)
-    return controller(robot, pose, MinimumAltitude(threshold=THRESHOLD, gain=20.0, margin=0.05), HorizontalAttitude())
+    return controller(
+        robot,
+        pose,
+        MinimumAltitude(threshold=THRESHOLD, gain=20.0, margin=0.05),
+        HorizontalAttitude(),
+    )
 
 
 def dynamic(robot: Robot) -> DynamicController:
@@ -55,13 +67,19 @@ def dynamic(robot: Robot) -> DynamicController:
 @pytest.mark.parametrize("build", [diving, dynamic])
 @pytest.mark.parametrize(("field", "index"), [("q", 0), ("q", 4), ("q", 10), ("v", 2), ("v", 9)])
 def test_a_number_that_is_none_counts_as_a_silent_sensor(
-    robot: Robot, build: Callable[[Robot], Callable[[StateEstimate, float], Command]], field: str, index: int
+    robot: Robot,
+    build: Callable[[Robot], Callable[[StateEstimate, float], Command]],
+    field: str,
+    index: int,
 ) -> None:
-    control, q = build(robot), robot.configuration(position=(0, 0, -4))
+    control = build(robot)
+    q = robot.configuration(position=(0, 0, -4))
     broken = {"q": np.array(q), "v": np.zeros(robot.n_v)}
     broken[field][index] = np.nan
     control(StateEstimate(q=q, v=np.zeros(robot.n_v), altimeter_range=1.005), 0.0)
-    commands = [control(StateEstimate(**broken, altimeter_range=1.005), DT * k) for k in range(1, 200)]
+    commands = [
+        control(StateEstimate(**broken, altimeter_range=1.005), DT * k) for k in range(1, 200)
+    ]
     for command in commands:
         assert np.isfinite(command.v).all()
         assert command.thrust is None or np.isfinite(command.thrust).all()
@@ -73,15 +91,26 @@ def test_a_number_that_is_none_counts_as_a_silent_sensor(
 
 def any_joints() -> SimpleNamespace:
     """A robot with every kind of joint that has a norm in it."""
-    model, joint = pin.Model(), 0
-    for kind in (pin.JointModelFreeFlyer, pin.JointModelSpherical, pin.JointModelPlanar, pin.JointModelRUBZ, pin.JointModelRX):
+    model = pin.Model()
+    joint = 0
+    for kind in (
+        pin.JointModelFreeFlyer,
+        pin.JointModelSpherical,
+        pin.JointModelPlanar,
+        pin.JointModelRUBZ,
+        pin.JointModelRX,
+    ):
         joint = model.addJoint(joint, kind(), pin.SE3.Identity(), kind.__name__)
-    return SimpleNamespace(model=model, n_q=model.nq, n_v=model.nv, configuration=lambda: pin.neutral(model))
+    return SimpleNamespace(
+        model=model, n_q=model.nq, n_v=model.nv, configuration=lambda: pin.neutral(model)
+    )
 
 
 def test_a_configuration_is_sound_where_every_quaternion_and_circle_in_it_has_norm_one() -> None:
     """By Pinocchio, which knows the manifold of each joint."""
-    anything, rng, seen = any_joints(), np.random.default_rng(1), set()
+    anything = any_joints()
+    rng = np.random.default_rng(1)
+    seen = set()
     sound, v = LastValidEstimate(anything), np.zeros(anything.n_v)  # type: ignore[arg-type]
     assert sound.memory.n_units == 4
     for _ in range(100):
@@ -95,7 +124,9 @@ def test_a_configuration_is_sound_where_every_quaternion_and_circle_in_it_has_no
 
 
 def test_a_robot_that_has_never_measured_is_stopped(robot: Robot) -> None:
-    broken = StateEstimate(q=np.full(robot.n_q, np.nan), v=np.zeros(robot.n_v), altimeter_range=math.nan)
+    broken = StateEstimate(
+        q=np.full(robot.n_q, np.nan), v=np.zeros(robot.n_v), altimeter_range=math.nan
+    )
     assert LastValidEstimate(robot)(broken, 0.0).age == np.inf
     command = diving(robot)(broken, 0.0)
     assert command.stop
@@ -104,39 +135,59 @@ def test_a_robot_that_has_never_measured_is_stopped(robot: Robot) -> None:
 
 @pytest.mark.parametrize("outage", [0.0, CALM])
 def test_minimum_altitude_holds_while_echoes_are_missing(robot: Robot, outage: float) -> None:
-    control, q, v = diving(robot), robot.configuration(position=(0, 0, -4)), np.zeros(robot.n_v)
-    data, sensor, since, lowest = robot.model.createData(), robot.frame_id("altimeter"), math.inf, math.inf
+    control = diving(robot)
+    q = robot.configuration(position=(0, 0, -4))
+    v = np.zeros(robot.n_v)
+    data = robot.model.createData()
+    sensor = robot.frame_id("altimeter")
+    since = math.inf
+    lowest = math.inf
     for k in range(700):
         pin.framesForwardKinematics(robot.model, data, q)
-        altitude, t = data.oMf[sensor].translation[2] + 7.0, DT * k
+        altitude = data.oMf[sensor].translation[2] + 7.0
+        t = DT * k
         since = min(since, t) if altitude < 1.35 else since
         lost = since <= t < since + outage
-        command = control(StateEstimate(q=q, v=v, altimeter_range=math.nan if lost else altitude), t)
+        command = control(
+            StateEstimate(q=q, v=v, altimeter_range=math.nan if lost else altitude), t
+        )
         assert not command.hold
-        v, lowest = command.v, min(lowest, altitude)
+        v = command.v
+        lowest = min(lowest, altitude)
         q = pin.integrate(robot.model, q, v * DT)
     assert THRESHOLD - 1e-6 <= lowest < 1.1
 
 
 @pytest.mark.slow
-def test_a_blackout_beside_an_obstacle_leads_along_the_stop_that_was_found_clear(robot: Robot) -> None:
-    rng, near = np.random.default_rng(0), 0
+def test_a_blackout_beside_an_obstacle_leads_along_the_stop_that_was_found_clear(
+    robot: Robot,
+) -> None:
+    rng = np.random.default_rng(0)
+    near = 0
     for _ in range(40):
         place = pin.SE3(np.eye(3), rng.uniform(-2.5, 2.5, 3))
         ball = Obstacle(name="ball", shape=coal.Sphere(0.4), X_WO=place)
         model = CollisionModel(robot, [ball], self_collision=False)
-        q, v = robot.configuration(), np.zeros(robot.n_v)
+        q = robot.configuration()
+        v = np.zeros(robot.n_v)
         if model.values(q).min() < 0.3:
             continue
-        pose = VehiclePose(goal=uo.pose_at(tuple(place.translation), (0.0, 0.0, rng.uniform(-3, 3))), gain_linear=5.0)
+        pose = VehiclePose(
+            goal=uo.pose_at(tuple(place.translation), (0.0, 0.0, rng.uniform(-3, 3))),
+            gain_linear=5.0,
+        )
         control = controller(robot, Clearance(model=model, threshold=0.05, gain=50.0), pose)
         for k in range(400):
             blind = near_limit = model.values(q).min() < 0.12
-            command = control(StateEstimate(q=q, v=v, altimeter_range=5.0, age=1.0 if blind else 0.0), DT * k)
+            command = control(
+                StateEstimate(q=q, v=v, altimeter_range=5.0, age=1.0 if blind else 0.0), DT * k
+            )
             near += near_limit
             if blind:
                 # All axes in proportion, as the stop that the tick before has found clear.
-                np.testing.assert_allclose(command.v * np.linalg.norm(v), v * np.linalg.norm(command.v), atol=1e-9)
+                np.testing.assert_allclose(
+                    command.v * np.linalg.norm(v), v * np.linalg.norm(command.v), atol=1e-9
+                )
             v = command.v
             q = pin.integrate(robot.model, q, v * DT)
             assert model.values(q).min() >= 0.05 - 1e-6

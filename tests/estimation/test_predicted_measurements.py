@@ -1,4 +1,6 @@
-"""What the filter expects of each sensor of the vehicle is what the state says, and its slopes are those of that."""
+"""What the filter expects of each sensor of the vehicle is what the state says, and its slopes are
+those of that.
+"""
 
 from __future__ import annotations
 
@@ -18,7 +20,11 @@ from uvms_ocp.estimation.measurement_update import _set_floor
 from uvms_ocp.estimation.vehicle_model import predict_measurement, turn_by
 from uvms_ocp.robot.signals import SensorSpecs
 
-CHANNELS = [c for c in ChannelIndex if c not in (ChannelIndex.JOINT_POSITIONS, ChannelIndex.JOINT_VELOCITIES)]
+CHANNELS = [
+    c
+    for c in ChannelIndex
+    if c not in (ChannelIndex.JOINT_POSITIONS, ChannelIndex.JOINT_VELOCITIES)
+]
 ROWS = {ChannelIndex.DEPTH: 1, ChannelIndex.ALTIMETER_RANGE: 1}
 
 
@@ -46,9 +52,14 @@ def _expected(m: Any, c: ChannelIndex) -> np.ndarray:
 
 
 @pytest.mark.parametrize("seed", range(3))
-@pytest.mark.parametrize("channel", [c for c in CHANNELS if c != ChannelIndex.ATTITUDE], ids=lambda c: c.name)
-def test_slopes_are_those_of_what_is_expected(channel: ChannelIndex, seed: int, memory: Any) -> None:
-    step, m = 1e-6, memory
+@pytest.mark.parametrize(
+    "channel", [c for c in CHANNELS if c != ChannelIndex.ATTITUDE], ids=lambda c: c.name
+)
+def test_slopes_are_those_of_what_is_expected(
+    channel: ChannelIndex, seed: int, memory: Any
+) -> None:
+    step = 1e-6
+    m = memory
     _tilt(m, seed)
     _expected(m, channel)
     n = ROWS.get(channel, 3)
@@ -74,14 +85,16 @@ def test_the_range_is_along_the_beam_from_where_the_altimeter_is(seed: int, memo
     m = memory
     _tilt(m, seed)
     X_WB = pin.SE3(pin.Quaternion(np.array(m.turn)), np.array(m.x)[Part.PLACE : Part.SPEED])
-    altimeter, up = X_WB.act(np.array(m.beam_at)), X_WB.rotation @ np.array(m.beam_up)
+    altimeter = X_WB.act(np.array(m.beam_at))
+    up = X_WB.rotation @ np.array(m.beam_up)
     distance = _expected(m, ChannelIndex.ALTIMETER_RANGE)[0]
     assert (altimeter - distance * up)[2] == pytest.approx(m.x[Part.FLOOR], abs=1e-12)
 
 
 @pytest.mark.parametrize("seed", range(3))
 def test_the_first_echo_puts_the_floor_where_it_came_from(seed: int, memory: Any) -> None:
-    m, c = memory, ChannelIndex.ALTIMETER_RANGE
+    m = memory
+    c = ChannelIndex.ALTIMETER_RANGE
     _tilt(m, seed)
     predict_measurement(m, c, MAIN)
     m.value[c][0] = 4.0
@@ -95,10 +108,12 @@ def test_the_monitor_places_an_echo_on_the_beam_of_a_tilted_vehicle(seed: int, m
     m = HealthMonitor(uo.load_robot("bluerov2_alpha5"), SensorSpecs(), compiled=False).memory
     view(m.now.q)[:7] = [*view(memory.x)[Part.PLACE : Part.SPEED], *view(memory.turn)]
     view(m.now.beam_at)[:], view(m.now.beam_up)[:] = memory.beam_at, memory.beam_up
-    channel, here = m.channels[ChannelIndex.ALTIMETER_RANGE], m.floor.here
+    channel = m.channels[ChannelIndex.ALTIMETER_RANGE]
+    here = m.floor.here
     channel.value[0] = 4.0
     screening._is_floor(m, channel, m.now, m.belief.why)
     X_WB = pin.XYZQUATToSE3(np.array(m.now.q[:7]))
-    sensor, up = X_WB.act(np.array(m.now.beam_at)), X_WB.rotation @ np.array(m.now.beam_up)
+    sensor = X_WB.act(np.array(m.now.beam_at))
+    up = X_WB.rotation @ np.array(m.now.beam_up)
     np.testing.assert_allclose([here.sensor_x, here.sensor_y, here.sensor_z], sensor, atol=1e-12)
     np.testing.assert_allclose([here.x, here.y, here.z], sensor - 4.0 * up, atol=1e-12)

@@ -11,23 +11,37 @@ from uvms_ocp.checks import unchecked_constructor
 from uvms_ocp.estimation.estimator import Estimator
 from uvms_ocp.robot.loading import load_robot
 from uvms_ocp.robot.robot import Robot
-from uvms_ocp.robot.signals import CHANNELS, IDEAL_SENSORS, Command, Reading, Readings, SensorSpec, SensorSpecs
+from uvms_ocp.robot.signals import (
+    CHANNELS,
+    IDEAL_SENSORS,
+    Command,
+    Reading,
+    Readings,
+    SensorSpec,
+    SensorSpecs,
+)
 from uvms_ocp.types import Array
 
 EVERYTHING_LATE = late(SPECS, {name: 0.03 + 0.1 * k for k, name in enumerate(CHANNELS)})
 
 
 class Babble:
-    """Readings at random: of any motion, at times lost, not finite, of the future, or out of order."""
+    """Readings at random: of any motion, at times lost, not finite, of the future, or out of
+    order.
+    """
 
     def __init__(self, robot: Robot, specs: SensorSpecs, seed: int) -> None:
-        self.robot, self.specs, self.rng = robot, specs, np.random.default_rng(seed)
+        self.robot = robot
+        self.specs = specs
+        self.rng = np.random.default_rng(seed)
         self.sizes = {"depth": (), "altimeter_range": (), "attitude": (4,)}
         self.sizes |= dict.fromkeys(("joint_positions", "joint_velocities"), (robot.n_joints,))
 
     def readings(self, t: float) -> Readings:
         there = [name for name in CHANNELS if getattr(self.specs, name) is not None]
-        return Readings(**{name: self.reading(name, t) for name in there if self.rng.random() < 0.5})
+        return Readings(
+            **{name: self.reading(name, t) for name in there if self.rng.random() < 0.5}
+        )
 
     def reading(self, name: str, t: float) -> Reading:
         spec: SensorSpec = getattr(self.specs, name)
@@ -50,20 +64,29 @@ class Babble:
         return float(drawn) + 5.0 * (name == "altimeter_range") if np.ndim(drawn) == 0 else drawn
 
     def command(self) -> Command | None:
-        return None if self.rng.random() < 0.1 else Command(v=0.1 * self.rng.standard_normal(self.robot.n_v))
+        return (
+            None
+            if self.rng.random() < 0.1
+            else Command(v=0.1 * self.rng.standard_normal(self.robot.n_v))
+        )
 
 
 @needs_compiler
 @pytest.mark.parametrize("name", ["girona_maris7", "planar5"])
-@pytest.mark.parametrize("specs", [SensorSpecs(), SPECS, late(SPECS, DELAYS), EVERYTHING_LATE], ids=range(4))
+@pytest.mark.parametrize(
+    "specs", [SensorSpecs(), SPECS, late(SPECS, DELAYS), EVERYTHING_LATE], ids=range(4)
+)
 def test_in_c_and_in_python_the_numbers_are_the_same(name: str, specs: SensorSpecs) -> None:
     robot = load_robot(name)
-    compiled, plain = Estimator(robot, specs), Estimator(robot, specs, compiled=False)
-    babble, t = Babble(robot, specs, seed=len(name)), 0.0
+    compiled = Estimator(robot, specs)
+    plain = Estimator(robot, specs, compiled=False)
+    babble = Babble(robot, specs, seed=len(name))
+    t = 0.0
     for _ in range(300):
         t += float(babble.rng.choice([0.0, 0.005, 0.01, 0.02]))
         readings, command = babble.readings(t), babble.command()
-        a, b = compiled(readings, t, command), plain(readings, t, command)
+        a = compiled(readings, t, command)
+        b = plain(readings, t, command)
         for part in ("q", "v", "std", "age", "altimeter_range"):
             np.testing.assert_array_equal(getattr(a, part), getattr(b, part), err_msg=part)
     np.testing.assert_array_equal(compiled.memory.outcome, plain.memory.outcome)
@@ -71,20 +94,23 @@ def test_in_c_and_in_python_the_numbers_are_the_same(name: str, specs: SensorSpe
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("specs", [SensorSpecs(), IDEAL_SENSORS, late(SPECS, DELAYS)], ids=["default", "ideal", "late"])
+@pytest.mark.parametrize(
+    "specs", [SensorSpecs(), IDEAL_SENSORS, late(SPECS, DELAYS)], ids=["default", "ideal", "late"]
+)
 def test_covariances_stay_symmetric_and_positive(specs: SensorSpecs) -> None:
     """Of the vehicle with its clones, and of the joints, after 3e4 ticks."""
     robot = load_robot("girona_maris7")
     given = {name: getattr(specs, name) for name in CHANNELS if getattr(specs, name) is not None}
     values = {name: np.zeros(3) for name in given} | {"depth": 0.0, "altimeter_range": 5.0}
     values |= {name: np.zeros(robot.n_joints) for name in ("joint_positions", "joint_velocities")}
-    values |= {"attitude": np.array([0.0, 0.0, 0.0, 1.0]), "specific_force": np.array([0.0, 0.0, 9.81])}
-    estimator, dt, reading, all_readings = (
-        Estimator(robot, specs),
-        0.01,
-        unchecked_constructor(Reading),
-        unchecked_constructor(Readings),
-    )
+    values |= {
+        "attitude": np.array([0.0, 0.0, 0.0, 1.0]),
+        "specific_force": np.array([0.0, 0.0, 9.81]),
+    }
+    estimator = Estimator(robot, specs)
+    dt = 0.01
+    reading = unchecked_constructor(Reading)
+    all_readings = unchecked_constructor(Readings)
     steps = {name: max(1, round(1.0 / (spec.rate * dt))) for name, spec in given.items()}
     for k in range(30_000):
         readings = {}

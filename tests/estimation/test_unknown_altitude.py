@@ -1,4 +1,6 @@
-"""An altitude that no echo tells is unknown: in quantities, for conditions, at events and in what tasks do meanwhile."""
+"""An altitude that no echo tells is unknown: in quantities, for conditions, at events and in what
+tasks do meanwhile.
+"""
 
 from __future__ import annotations
 
@@ -22,9 +24,17 @@ from uvms_ocp.robot.kinematics import STEEP, AltimeterBeam
 from uvms_ocp.robot.robot import Robot
 from uvms_ocp.robot.signals import SensorSpecs, StateEstimate
 from uvms_ocp.scenario.preflight.setup import Severity
-from uvms_ocp.tasks import Hierarchy, HorizontalAttitude, LandingAltitude, MinimumAltitude, Task, VehiclePose
+from uvms_ocp.tasks import (
+    Hierarchy,
+    HorizontalAttitude,
+    LandingAltitude,
+    MinimumAltitude,
+    Task,
+    VehiclePose,
+)
 
-DT, FLOOR = 0.02, -10.0
+DT = 0.02
+FLOOR = -10.0
 LANDED = uo.Below(quantity="LA.altitude", limit=0.17)
 
 
@@ -51,7 +61,11 @@ def scenario(
     floor: uo.FlatSeafloor | None = None,
 ) -> uo.Scenario:
     """One phase, 4 m above the floor."""
-    go = uo.Phase(name="go", activations={task.name: 1.0 for task in tasks}, transitions=(uo.Transition(to=uo.DONE, when=when),))
+    go = uo.Phase(
+        name="go",
+        activations={task.name: 1.0 for task in tasks},
+        transitions=(uo.Transition(to=uo.DONE, when=when),),
+    )
     return uo.Scenario(
         name="landing",
         robot=robot,
@@ -65,7 +79,9 @@ def scenario(
 
 
 def controller(robot: Robot, *tasks: Task, solver: object | None = None) -> KinematicController:
-    given = scenario(robot, tasks=tasks, when=(uo.Below(quantity=f"{tasks[0].name}.altitude", limit=1e-9),))
+    given = scenario(
+        robot, tasks=tasks, when=(uo.Below(quantity=f"{tasks[0].name}.altitude", limit=1e-9),)
+    )
     return replace(given, **({} if solver is None else {"solver": solver})).kinematic_controller()
 
 
@@ -82,7 +98,8 @@ def altitudes(record: Record) -> np.ndarray:
 
 def rise(robot: Robot, q: np.ndarray, v: np.ndarray) -> float:
     """Velocity [m/s] of the altimeter in z of W."""
-    data, frame = robot.model.createData(), robot.frame_id("altimeter")
+    data = robot.model.createData()
+    frame = robot.frame_id("altimeter")
     pin.forwardKinematics(robot.model, data, q, v)
     return float(pin.getFrameVelocity(robot.model, data, frame, pin.LOCAL_WORLD_ALIGNED).linear[2])
 
@@ -90,7 +107,9 @@ def rise(robot: Robot, q: np.ndarray, v: np.ndarray) -> float:
 @long_without_compiler
 @pytest.mark.parametrize("roll", [1.9, 2.5, math.pi])
 @pytest.mark.parametrize("condition", [LANDED, uo.Above(quantity="LA.altitude", limit=0.17)])
-def test_a_robot_whose_altimeter_looks_up_has_not_landed(robot: Robot, roll: float, condition: Condition) -> None:
+def test_a_robot_whose_altimeter_looks_up_has_not_landed(
+    robot: Robot, roll: float, condition: Condition
+) -> None:
     given = scenario(robot, roll=roll, when=(condition,))
     (finding,) = given.check().of_check("echo")
     assert finding.severity is Severity.WARNING
@@ -100,7 +119,8 @@ def test_a_robot_whose_altimeter_looks_up_has_not_landed(robot: Robot, roll: flo
     assert not report["completed"]
     assert report["goals"] == []
     assert report["pending"].startswith(
-        f"LA.altitude is not known, asked {condition.sign} 0.17; altimeter_range suspect: no echo for "
+        f"LA.altitude is not known, asked {condition.sign} 0.17; altimeter_range suspect: no echo"
+        " for "
     )
     assert np.isnan(altitudes(record)).all()
     assert report["phases"][-1]["final_errors"]["LA.altitude"] is None
@@ -109,15 +129,20 @@ def test_a_robot_whose_altimeter_looks_up_has_not_landed(robot: Robot, roll: flo
 
 
 @long_without_compiler
-def test_a_robot_on_its_side_that_rights_itself_lands_on_its_first_echo_not_before(robot: Robot) -> None:
+def test_a_robot_on_its_side_that_rights_itself_lands_on_its_first_echo_not_before(
+    robot: Robot,
+) -> None:
     record = scenario(robot, roll=1.62, duration=40.0).run()
     assert record.run_meta.completed
-    tilt, altitude = quantity(record, "HA.tilt"), altitudes(record)
+    tilt = quantity(record, "HA.tilt")
+    altitude = altitudes(record)
     assert tilt is not None
     tilted = tilt >= math.acos(STEEP)
     assert np.isnan(altitude[tilted]).all()
     upright = record["t"][tilted].max()
-    assert not np.isnan(altitude[record["t"] > upright + 1.0]).any(), "believed again once a few echoes agree"
+    assert not np.isnan(altitude[record["t"] > upright + 1.0]).any(), (
+        "believed again once a few echoes agree"
+    )
     assert np.isnan(altitude[0])
     assert altitude[-1] < LANDED.limit <= np.nanmin(altitude[:-1])
 
@@ -134,7 +159,9 @@ def test_upright_without_an_echo_the_altitude_is_unknown_and_nothing_sinks(robot
 
 
 @long_without_compiler
-def test_with_an_echo_the_altitude_is_what_it_was_and_the_truth_is_that_of_the_floor(robot: Robot) -> None:
+def test_with_an_echo_the_altitude_is_what_it_was_and_the_truth_is_that_of_the_floor(
+    robot: Robot,
+) -> None:
     given = scenario(robot, duration=40.0)
     assert not given.check().of_check("echo")
     record = given.run()
@@ -148,8 +175,11 @@ def test_with_an_echo_the_altitude_is_what_it_was_and_the_truth_is_that_of_the_f
 @pytest.mark.parametrize("solver", [uo.LexicographicActiveSet(), uo.Icat()])
 @pytest.mark.parametrize("roll", [0.0, 0.5, 1.62, 3.0])
 @pytest.mark.parametrize("task", [LandingAltitude(), MinimumAltitude()])
-def test_before_the_first_echo_no_task_on_altitude_sinks(robot: Robot, solver: object, roll: float, task: Task) -> None:
-    control, down = controller(robot, task, solver=solver), VehiclePose(goal=uo.pose_at((0, 0, -9)))
+def test_before_the_first_echo_no_task_on_altitude_sinks(
+    robot: Robot, solver: object, roll: float, task: Task
+) -> None:
+    control = controller(robot, task, solver=solver)
+    down = VehiclePose(goal=uo.pose_at((0, 0, -9)))
     for asked in (control, controller(robot, MinimumAltitude(), down)):
         for k in range(8):
             measurement = measured(robot, math.nan, roll=roll)
@@ -159,11 +189,13 @@ def test_before_the_first_echo_no_task_on_altitude_sinks(robot: Robot, solver: o
 
 
 def test_an_echo_is_carried_for_as_long_as_the_watchdog_waits_and_no_longer(robot: Robot) -> None:
-    control, moved = controller(robot, LandingAltitude()), -0.01
+    control = controller(robot, LandingAltitude())
+    moved = -0.01
     control(measured(robot, 3.0), 0.0)
     assert control.quantities["LA.altitude"] == 3.0
     for k in range(1, 60):
-        t, z = k * DT, -6.0 + moved * k
+        t = k * DT
+        z = -6.0 + moved * k
         command = control(measured(robot, math.nan, z=z), t)
         shown = command.telemetry["quantities"][control.problem.quantity_names.index("LA.altitude")]
         if t <= Watchdog().hold_after:
@@ -174,7 +206,9 @@ def test_an_echo_is_carried_for_as_long_as_the_watchdog_waits_and_no_longer(robo
 
 
 @pytest.mark.parametrize("roll", [0.4, 1.5, 2.5])
-def test_a_carried_echo_stands_for_the_height_above_its_floor_however_the_robot_is_turned(robot: Robot, roll: float) -> None:
+def test_a_carried_echo_stands_for_the_height_above_its_floor_however_the_robot_is_turned(
+    robot: Robot, roll: float
+) -> None:
     memory = LastFloorRange(robot, "altimeter").memory
 
     def carried(measurement: StateEstimate, t: float) -> float:
@@ -188,12 +222,19 @@ def test_a_carried_echo_stands_for_the_height_above_its_floor_however_the_robot_
     assert carried(turned, DT) * beam.cosine == pytest.approx(float(beam.origin[2]) - floor)
 
 
-@pytest.mark.parametrize(("roll", "tells"), [(math.acos(STEEP) - 1e-6, True), (math.acos(STEEP) + 1e-6, False)])
-def test_an_echo_of_a_beam_too_far_from_straight_down_tells_no_altitude(robot: Robot, roll: float, tells: bool) -> None:
+@pytest.mark.parametrize(
+    ("roll", "tells"), [(math.acos(STEEP) - 1e-6, True), (math.acos(STEEP) + 1e-6, False)]
+)
+def test_an_echo_of_a_beam_too_far_from_straight_down_tells_no_altitude(
+    robot: Robot, roll: float, tells: bool
+) -> None:
     control = controller(robot, LandingAltitude())
     control(measured(robot, 20.0, roll=roll), 0.0)
     assert math.isfinite(control.quantities["LA.altitude"]) is tells
-    assert math.isfinite(control.evaluate(measured(robot, 20.0, roll=roll), 0.0)["LA.altitude"]) is tells
+    assert (
+        math.isfinite(control.evaluate(measured(robot, 20.0, roll=roll), 0.0)["LA.altitude"])
+        is tells
+    )
 
 
 def test_the_truth_is_never_a_stand_in(robot: Robot) -> None:
@@ -206,22 +247,31 @@ def test_the_truth_is_never_a_stand_in(robot: Robot) -> None:
 def test_before_anything_is_measured_nothing_is_known(robot: Robot) -> None:
     control = controller(robot, LandingAltitude(), HorizontalAttitude())
     assert all(map(math.isnan, control.quantities.values()))
-    broken = StateEstimate(q=np.full(robot.n_q, np.nan), v=np.zeros(robot.n_v), altimeter_range=math.nan)
+    broken = StateEstimate(
+        q=np.full(robot.n_q, np.nan), v=np.zeros(robot.n_v), altimeter_range=math.nan
+    )
     assert np.isnan(control(broken, 0.0).telemetry["quantities"]).all()
     assert control.pending() == "LA.altitude is not known, asked < 1e-09"
 
 
 def test_only_what_rests_on_the_range_is_unknown(robot: Robot) -> None:
-    control = controller(robot, MinimumAltitude(), HorizontalAttitude(), VehiclePose(goal=pin.SE3.Identity()))
+    control = controller(
+        robot, MinimumAltitude(), HorizontalAttitude(), VehiclePose(goal=pin.SE3.Identity())
+    )
     control(measured(robot, math.nan), 0.0)
     unknown = {name for name, value in control.quantities.items() if math.isnan(value)}
     assert unknown == {"MAC.altitude"}
 
 
-def test_the_exported_tick_gets_finite_inputs_without_an_echo_and_says_what_is_unknown(robot: Robot) -> None:
+def test_the_exported_tick_gets_finite_inputs_without_an_echo_and_says_what_is_unknown(
+    robot: Robot,
+) -> None:
     recording = RecordingSolver(solver=uo.LexicographicActiveSet())
     control = controller(robot, LandingAltitude(), HorizontalAttitude(), solver=recording)
-    commands = [control(measured(robot, math.nan, roll=roll), 0.1 * k).v for k, roll in enumerate((0.0, 1.0, 2.0))]
+    commands = [
+        control(measured(robot, math.nan, roll=roll), 0.1 * k).v
+        for k, roll in enumerate((0.0, 1.0, 2.0))
+    ]
     for tick, v in zip(recording.ticks, commands, strict=True):
         assert all(np.isfinite(values).all() for values in tick.inputs)
         np.testing.assert_array_equal(tick.v, v)
@@ -238,5 +288,8 @@ def test_a_mission_by_altitude_without_an_altimeter_is_refused(robot: Robot) -> 
     (finding,) = replace(deaf, mission=off).check().of_check("echo")
     assert finding.severity is Severity.WARNING
     tilt = uo.Below(quantity="HA.tilt", limit=0.1)
-    free = replace(off, phases=(replace(off.phases[0], transitions=(uo.Transition(to=uo.DONE, when=(tilt,)),)),))
+    free = replace(
+        off,
+        phases=(replace(off.phases[0], transitions=(uo.Transition(to=uo.DONE, when=(tilt,)),)),),
+    )
     assert not replace(deaf, mission=free).check().of_check("echo")

@@ -46,7 +46,9 @@ def test_first_readings_that_are_under_way_are_no_alarm_unless_they_never_come()
 def test_a_noisy_run_whose_first_fix_is_late_begins_without_an_alarm() -> None:
     scenario = case1(duration=0.5, noise=True)
     late = dataclasses.replace(scenario.specs.position, delay=0.1)
-    record = dataclasses.replace(scenario, sensors=dataclasses.replace(scenario.specs, position=late)).run()
+    record = dataclasses.replace(
+        scenario, sensors=dataclasses.replace(scenario.specs, position=late)
+    ).run()
     assert record["freshness"][0] == Freshness.LOST
     assert record["freshness"][-1] == Freshness.FRESH
     assert record.meta.alarms == ()
@@ -60,14 +62,18 @@ def test_impossible_times_are_refused() -> None:
 def test_a_controller_brakes_then_cuts_the_thrust_when_sensors_go_silent() -> None:
     scenario = case1()
     kinematic = scenario.kinematic_controller()
-    layer = DynamicController(robot=scenario.robot, dynamics=robot_dynamics(scenario.robot), kinematic=kinematic)
+    layer = DynamicController(
+        robot=scenario.robot, dynamics=robot_dynamics(scenario.robot), kinematic=kinematic
+    )
     measured = StateEstimate(q=scenario.start, v=np.zeros(13), altimeter_range=3.0)
     commands: list[Command] = []
     for k in range(1200):
         t = 0.005 * k
         age = max(0.0, t - 1.0)
         commands.append(layer(dataclasses.replace(measured, age=age), t))
-    moving, held, stopped = commands[199], commands[500], commands[-1]
+    moving = commands[199]
+    held = commands[500]
+    stopped = commands[-1]
     assert np.abs(moving.v).max() > 0.1
     assert not held.v.any()
     assert not held.stop
@@ -82,7 +88,9 @@ def test_a_controller_brakes_then_cuts_the_thrust_when_sensors_go_silent() -> No
 @long_without_compiler
 def test_silent_sensors_are_reported_and_the_mission_does_not_go_on() -> None:
     rare = SensorSpec(rate=0.2)
-    dead = dataclasses.replace(IDEAL_SENSORS, linear_velocity=rare, position=rare)  # one stands in for the other
+    dead = dataclasses.replace(
+        IDEAL_SENSORS, linear_velocity=rare, position=rare
+    )  # one stands in for the other
     scenario = dataclasses.replace(case1(duration=6.0), sensors=dead)
     record = scenario.run()
     texts = [alarm.text for alarm in record.meta.alarms]

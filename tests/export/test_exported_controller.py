@@ -34,7 +34,9 @@ pytestmark = [needs_compiler, pytest.mark.slow]
 STRICT = ("-std=c99", "-Wall", "-Wextra", "-Werror", "-pedantic")
 GENERATED = ("controller.c", "initial.c", "functions.c", "solver.c")
 SANITIZED = ("-O0", "-g", "-fsanitize=address,undefined", "-fno-sanitize-recover=all")
-RANDOM_INPUTS, SET_PARAMETERS = (Path(__file__).with_name(name) for name in ("random_inputs.c", "set_parameters.c"))
+RANDOM_INPUTS, SET_PARAMETERS = (
+    Path(__file__).with_name(name) for name in ("random_inputs.c", "set_parameters.c")
+)
 CHANGED = {
     "PC": {"gain_linear": 0.31},
     "T": {"gain_angular": 0.44, "saturation_linear": 0.3},
@@ -48,7 +50,9 @@ def scenario_of(name: str) -> Scenario:
     if name == "faulty":
         return case1(noise=True, faults=FAULTY, duration=25.0)
     if name in {"kinematic", "icat"}:
-        return case1(plant="kinematic", dt=0.02, **({"solver": uo.Icat()} if name == "icat" else {}))
+        return case1(
+            plant="kinematic", dt=0.02, **({"solver": uo.Icat()} if name == "icat" else {})
+        )
     if name in ODD:
         return reach_of(pair_of(name).odd, plant="dynamic", sensors=SensorSpecs())
     if name == "patrol":
@@ -80,21 +84,50 @@ def built(folder: Path, program: str, main: Path, options: Sequence[str] = ("-O0
     for source in (main, *(folder / name for name in GENERATED)):
         objects.append(folder / f"{program}_{source.stem}.o")
         own = ("-Wno-unused-parameter",) if source.name in GENERATED else ()
-        command = [COMPILER, *STRICT, *own, *options, "-ffp-contract=off", f"-I{folder}", "-c", source, "-o", objects[-1]]
+        command = [
+            COMPILER,
+            *STRICT,
+            *own,
+            *options,
+            "-ffp-contract=off",
+            f"-I{folder}",
+            "-c",
+            source,
+            "-o",
+            objects[-1],
+        ]
         subprocess.run([str(part) for part in command], check=True)
-    subprocess.run([COMPILER, *options, *map(str, objects), "-lm", "-o", str(folder / program)], check=True)
+    subprocess.run(
+        [COMPILER, *options, *map(str, objects), "-lm", "-o", str(folder / program)], check=True
+    )
     return folder / program
 
 
 @pytest.mark.parametrize(
     "name",
-    ["kinematic", "case1", "case2", "current_drift", "obstacle_field", "bluerov_inspection", "faulty", "patrol", "icat", *ODD],
+    [
+        "kinematic",
+        "case1",
+        "case2",
+        "current_drift",
+        "obstacle_field",
+        "bluerov_inspection",
+        "faulty",
+        "patrol",
+        "icat",
+        *ODD,
+    ],
 )
 def test_fed_with_the_recorded_measurements_it_gives_the_recorded_commands(name: str) -> None:
     folder = exported(name)
-    level = ("-O2",) if name == "bluerov_inspection" else ("-O0",)  # one shows that bits do not depend on it
+    level = (
+        ("-O2",) if name == "bluerov_inspection" else ("-O0",)
+    )  # one shows that bits do not depend on it
     said = subprocess.run(
-        [built(folder, "replay", folder / "replay.c", level), folder / "recorded.bin"], check=True, capture_output=True, text=True
+        [built(folder, "replay", folder / "replay.c", level), folder / "recorded.bin"],
+        check=True,
+        capture_output=True,
+        text=True,
     ).stdout
     assert ", 0 apart, " in said
     assert int(said.split()[0]) > 100
@@ -102,19 +135,28 @@ def test_fed_with_the_recorded_measurements_it_gives_the_recorded_commands(name:
 
 @pytest.mark.parametrize("began", [1e3, 1.76e9])
 @pytest.mark.parametrize("name", ["kinematic", "faulty", "patrol"])
-def test_in_c_commands_are_the_same_whatever_the_clock_shows(name: str, began: float, tmp_path: Path) -> None:
+def test_in_c_commands_are_the_same_whatever_the_clock_shows(
+    name: str, began: float, tmp_path: Path
+) -> None:
     """But for what changes within the resolution of the clock, at most by 2e5 N/s and the like."""
-    folder, told = exported(name), []
+    folder = exported(name)
+    told = []
     program = built(folder, "replay", folder / "replay.c")
     recorded = np.fromfile(folder / "recorded.bin", dtype="<f8")
-    n = int(subprocess.run([program, folder / "recorded.bin"], capture_output=True, text=True).stdout.split()[0])
+    n = int(
+        subprocess.run(
+            [program, folder / "recorded.bin"], capture_output=True, text=True
+        ).stdout.split()[0]
+    )
     robot = scenario_of(name).robot
     since = 1 + robot.n_q + robot.n_v + 3 + len(CHANNELS)
     for start in (0.0, began):
         rows = recorded.reshape(n, -1).copy()
         rows[:, [0, *range(since, since + len(CHANNELS))]] += start
         rows.tofile(tmp_path / "later.bin")
-        subprocess.run([program, tmp_path / "later.bin", tmp_path / "ticks.txt"], capture_output=True)
+        subprocess.run(
+            [program, tmp_path / "later.bin", tmp_path / "ticks.txt"], capture_output=True
+        )
         told.append(np.loadtxt(tmp_path / "ticks.txt"))
     np.testing.assert_allclose(*told, rtol=0, atol=1e-9 + 2e5 * np.spacing(began))
 
@@ -126,23 +168,30 @@ def test_a_replay_that_differs_fails(tmp_path: Path) -> None:
     first = 1 + robot.n_q + robot.n_v + 3 + 2 * len(CHANNELS)  # what is told, behind what is given
     np.frombuffer(changed, dtype="<f8")[first] += 1e-3
     (tmp_path / "other.bin").write_bytes(bytes(changed))
-    process = subprocess.run([built(folder, "replay", folder / "replay.c"), tmp_path / "other.bin"], capture_output=True)
+    process = subprocess.run(
+        [built(folder, "replay", folder / "replay.c"), tmp_path / "other.bin"], capture_output=True
+    )
     assert process.returncode == 1
 
 
 @pytest.mark.parametrize("name", ["kinematic", "faulty", "icat"])
 def test_no_input_does_harm(name: str) -> None:
-    """10,000 random ones, NaN and infinities among them, under the sanitizers; what it tells stays finite."""
+    """10,000 random ones, NaN and infinities among them, under the sanitizers; what it tells stays
+    finite.
+    """
     folder = exported(name)
     program = built(folder, "random", RANDOM_INPUTS, SANITIZED)
-    subprocess.run([program, folder / "recorded.bin"], check=True, capture_output=True, timeout=300.0)
+    subprocess.run(
+        [program, folder / "recorded.bin"], check=True, capture_output=True, timeout=300.0
+    )
 
 
 def test_in_the_loop_it_takes_the_place_of_pythons(tmp_path: Path) -> None:
     ours = case1(noise=True, dt=0.01, duration=12.0)
     export_controller(ours, tmp_path / "c")
     theirs = replace(ours, controller=exported_controller(tmp_path / "c"))
-    record, watched = ours.run(), theirs.run()
+    record = ours.run()
+    watched = theirs.run()
     for name in ("q", "command", "thrust", "torque", "phase"):
         np.testing.assert_allclose(watched[name], record[name], rtol=0.0, atol=1e-9, err_msg=name)
 
@@ -153,10 +202,19 @@ def test_numbers_of_tasks_are_parameters_that_need_no_compiler(tmp_path: Path) -
     export_controller(case1(plant="kinematic", dt=0.02, tasks=CHANGED), tmp_path / "other")
     recorded = str(tmp_path / "other" / "recorded.bin")
     assert subprocess.run([program, recorded], capture_output=True).returncode == 1
-    numbers = [word for task, by in CHANGED.items() for name, value in by.items() for word in (f"{task}.{name}", repr(value))]
-    said = subprocess.run([program, recorded, *numbers], check=True, capture_output=True, text=True).stdout
+    numbers = [
+        word
+        for task, by in CHANGED.items()
+        for name, value in by.items()
+        for word in (f"{task}.{name}", repr(value))
+    ]
+    said = subprocess.run(
+        [program, recorded, *numbers], check=True, capture_output=True, text=True
+    ).stdout
     assert ", 0 apart, " in said
-    assert subprocess.run([program, recorded, "MAC.threshold", "1.2"]).returncode == 3, "safety rules rest on it"
+    assert subprocess.run([program, recorded, "MAC.threshold", "1.2"]).returncode == 3, (
+        "safety rules rest on it"
+    )
 
 
 @pytest.mark.parametrize("name", ["kinematic", "obstacle_field"])
@@ -166,13 +224,16 @@ def test_a_parameter_is_what_the_memory_does_not_know(name: str) -> None:
     core = LexicographicActiveSet().core_source(problem.function.size2_out(0), problem.sizes)
 
     def initial(tasks: Sequence[Task]) -> str:
-        mission = replace(scenario.mission, hierarchy=Hierarchy(tasks, [task.name for task in tasks]))
+        mission = replace(
+            scenario.mission, hierarchy=Hierarchy(tasks, [task.name for task in tasks])
+        )
         made = our_controller(replace(scenario, mission=mission))
         return initial_value(controller.controller_memory(made, core))
 
     tasks = list(scenario.mission.hierarchy.tasks)
     numbers, places = controller.task_numbers(tasks, scenario.robot)
-    known, every = initial(tasks), [(k, item) for k, task in enumerate(tasks) for item in numbers_of(task)]
+    known = initial(tasks)
+    every = [(k, item) for k, task in enumerate(tasks) for item in numbers_of(task)]
     assert numbers == [*(getattr(tasks[k], item) for k, item in every), 0.0, 1.0]
     for k, item in every:
         other = replace(tasks[k], **{item: 1.1 * getattr(tasks[k], item) + 0.01})
@@ -191,8 +252,12 @@ def test_tasks_without_numbers_have_no_parameters(tmp_path: Path) -> None:
 
 
 def test_a_controller_of_another_robot_is_refused() -> None:
-    other = replace(SCENARIOS["bluerov_inspection"](), controller=exported_controller(exported("case1")))
-    with pytest.raises(InvalidInput, match="is of a controller for another robot or mission; export this one"):
+    other = replace(
+        SCENARIOS["bluerov_inspection"](), controller=exported_controller(exported("case1"))
+    )
+    with pytest.raises(
+        InvalidInput, match="is of a controller for another robot or mission; export this one"
+    ):
         other.run()
 
 
@@ -204,11 +269,19 @@ def test_a_folder_without_a_controller_is_refused(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("changes", "message"),
     [
-        ({"solver": uo.LexicographicQp()}, "no form in C: solver LexicographicQp; LexicographicActiveSet and Icat have"),
-        ({"controller": lambda scenario: None}, "no form in C: controller lambda; the toolkit's own has"),
+        (
+            {"solver": uo.LexicographicQp()},
+            "no form in C: solver LexicographicQp; LexicographicActiveSet and Icat have",
+        ),
+        (
+            {"controller": lambda scenario: None},
+            "no form in C: controller lambda; the toolkit's own has",
+        ),
     ],
 )
-def test_what_has_no_form_in_c_is_refused_by_its_name(changes: dict, message: str, tmp_path: Path) -> None:
+def test_what_has_no_form_in_c_is_refused_by_its_name(
+    changes: dict, message: str, tmp_path: Path
+) -> None:
     with pytest.raises(InvalidInput, match=message):
         export_controller(replace(case1(), **changes), tmp_path / "c")
     assert not (tmp_path / "c").exists()

@@ -1,8 +1,9 @@
 """Strategies that draw the same on every machine, out of booleans alone.
 
-Of the integers, floats, texts and bytes of its own Hypothesis takes one in twenty from constants in the source of those
-modules that happen to be loaded and that are not in site-packages: other inputs where the package is installed in another
-way or after another test. What is drawn in lists of them counts too. Its booleans know nothing of that.
+Of the integers, floats, texts and bytes of its own Hypothesis takes one in twenty from constants in
+the source of those modules that happen to be loaded and that are not in site-packages: other inputs
+where the package is installed in another way or after another test. What is drawn in lists of them
+counts too. Its booleans know nothing of that.
 """
 
 from __future__ import annotations
@@ -18,23 +19,33 @@ T = TypeVar("T")
 _EVEN = 2  # bits more than needed, so that all values are about as likely
 _ODD_FLOATS = (
     *(0.0, -0.0, 1.0, -1.0, 0.5, 2.0, math.pi, 1e-9, 1e9, 1e16, 1e30, 1e155, 1e-155),
-    *(5e-324, 2.2250738585072014e-308, 1.7976931348623157e308, -1.7976931348623157e308, 1.0000000000000002),
+    *(
+        5e-324,
+        2.2250738585072014e-308,
+        1.7976931348623157e308,
+        -1.7976931348623157e308,
+        1.0000000000000002,
+    ),
     *(math.inf, -math.inf, math.nan, -math.nan),
 )
 _ODD_LETTERS = "\0\x00\t\n\r\x1b\x7f\x85\xa0\xad\u0130\u0301\u0660\u200b\u202e\u2028\ufeff\uffff\U0001f41f\U0010ffff"
 _LETTERS = "".join(map(chr, range(32, 127)))
-_LAST_LETTER, _SURROGATES = 0x10FFFF, range(0xD800, 0xE000)
+_LAST_LETTER = 0x10FFFF
+_SURROGATES = range(0xD800, 0xE000)
 
 
 def integers(most: int, least: int = 0) -> st.SearchStrategy[int]:
     """Whole numbers from `least` to `most`, about evenly; the simplest is `least`."""
-    n, bits = most - least + 1, (most - least).bit_length()
+    n = most - least + 1
+    bits = (most - least).bit_length()
     bits += _EVEN if n != 1 << bits else 0
     return _bits(bits).map(lambda drawn: least + (drawn * n >> bits))
 
 
 def _bits(n: int) -> st.SearchStrategy[int]:
-    return st.tuples(*[st.booleans()] * n).map(lambda bits: sum(bit << k for k, bit in enumerate(reversed(bits))))
+    return st.tuples(*[st.booleans()] * n).map(
+        lambda bits: sum(bit << k for k, bit in enumerate(reversed(bits)))
+    )
 
 
 def chosen(values: Sequence[T]) -> st.SearchStrategy[T]:
@@ -54,7 +65,11 @@ def _float_of(pattern: int) -> float:
 
 def floats() -> st.SearchStrategy[float]:
     """Any: odd ones, everyday ones, and ones of every size."""
-    return either(chosen(_ODD_FLOATS), integers(8191, -8192).map(lambda n: n / 64.0 + 0.1), _bits(16).map(_float_of))
+    return either(
+        chosen(_ODD_FLOATS),
+        integers(8191, -8192).map(lambda n: n / 64.0 + 0.1),
+        _bits(16).map(_float_of),
+    )
 
 
 def shares() -> st.SearchStrategy[float]:
@@ -68,12 +83,19 @@ def _letter(code: int) -> str:
 
 def letters() -> st.SearchStrategy[str]:
     """Any that can be written as UTF-8; every second one is on keyboards."""
-    return either(chosen(_LETTERS), chosen(_LETTERS), chosen(_ODD_LETTERS), integers(_LAST_LETTER).map(_letter))
+    return either(
+        chosen(_LETTERS),
+        chosen(_LETTERS),
+        chosen(_ODD_LETTERS),
+        integers(_LAST_LETTER).map(_letter),
+    )
 
 
 def texts(alphabet: str = "", *, least: int = 0, most: int) -> st.SearchStrategy[str]:
     """From `least` to `most` letters of an alphabet, or of any."""
-    return st.lists(chosen(alphabet) if alphabet else letters(), min_size=least, max_size=most).map("".join)
+    return st.lists(chosen(alphabet) if alphabet else letters(), min_size=least, max_size=most).map(
+        "".join
+    )
 
 
 def binary(*, least: int = 0, most: int) -> st.SearchStrategy[bytes]:

@@ -1,4 +1,6 @@
-"""What is promised for any input: a value that keeps its contract, or a `UvmsError` of one line; and how many were bad."""
+"""What is promised for any input: a value that keeps its contract, or a `UvmsError` of one line;
+and how many were bad.
+"""
 
 from __future__ import annotations
 
@@ -20,11 +22,15 @@ class Tally:
 
     def __init__(self, *, bad: int, good: int = 1) -> None:
         """How many of each there have to be at least."""
-        self.least_bad, self.least_good = bad, good
-        self.good, self.bad = 0, 0
+        self.least_bad = bad
+        self.least_good = good
+        self.good = 0
+        self.bad = 0
 
     def outcome(self, make: Callable[[], T]) -> T | None:
-        """What `make` gives; `None` where it refuses as promised. Anything else that it raises is let through."""
+        """What `make` gives; `None` where it refuses as promised. Anything else that it raises is
+        let through.
+        """
         try:
             value = make()
         except UvmsError as error:
@@ -46,8 +52,36 @@ class Tally:
 ODD: tuple[Any, ...] = (
     *(None, True, False, 0, -1, 1, 3, 1 << 70, -(10**90), 10**99),
     *(0.0, -0.0, 0.5, -1.5, 1e-320, 1e308, -1e308, float("inf"), float("-inf"), float("nan")),
-    *("", " ", "x", "yes", "1", "1e3", "1_0", "nan", "base_link", "\n", "\u0660", "é\u202e", "{", "$", "a" * 300),
-    *([], [0.0], [0.0] * 3, [1.0] * 6, [[1.0] * 6] * 6, [None], [[]], {}, {"a": 1}, {"": None}, [{}] * 3),
+    *(
+        "",
+        " ",
+        "x",
+        "yes",
+        "1",
+        "1e3",
+        "1_0",
+        "nan",
+        "base_link",
+        "\n",
+        "\u0660",
+        "é\u202e",
+        "{",
+        "$",
+        "a" * 300,
+    ),
+    *(
+        [],
+        [0.0],
+        [0.0] * 3,
+        [1.0] * 6,
+        [[1.0] * 6] * 6,
+        [None],
+        [[]],
+        {},
+        {"a": 1},
+        {"": None},
+        [{}] * 3,
+    ),
 )
 """Values that somebody will write where something else belongs."""
 
@@ -100,7 +134,10 @@ def _rename(container: Any, key: Any) -> None:
 
 
 CHANGES: st.SearchStrategy[Callable[[Any, Any], None]] = either(
-    chosen(ODD).map(_replace), floats().map(_replace), texts(most=8).map(_replace), chosen([_remove, _repeat, _rename])
+    chosen(ODD).map(_replace),
+    floats().map(_replace),
+    texts(most=8).map(_replace),
+    chosen([_remove, _repeat, _rename]),
 )
 
 
@@ -117,9 +154,14 @@ def damaged(draw: st.DrawFn, whole: Any, most: int = 3) -> Any:
 
 
 Damage = tuple[str, float, float, bytes]
-"""What happens to a file, from where to where in shares of its length, and what is written there."""
+"""What happens to a file, from where to where in shares of its length, and what is written
+there.
+"""
 DAMAGES: st.SearchStrategy[Damage] = st.tuples(
-    chosen(["cut", "overwrite", "flip", "twice", "without", "nothing"]), shares(), shares(), binary(least=1, most=6)
+    chosen(["cut", "overwrite", "flip", "twice", "without", "nothing"]),
+    shares(),
+    shares(),
+    binary(least=1, most=6),
 )
 
 
@@ -131,7 +173,9 @@ def damaged_bytes(whole: bytes, damage: Damage) -> bytes:
     results = {
         "cut": whole[:start],
         "overwrite": whole[:start] + new + whole[start + len(new) :],
-        "flip": whole[:start] + bytes(byte ^ (1 << new[0] % 8) for byte in here) + whole[start + 1 :],
+        "flip": whole[:start]
+        + bytes(byte ^ (1 << new[0] % 8) for byte in here)
+        + whole[start + 1 :],
         "twice": whole[:end] + whole[start:],
         "without": whole[:start] + whole[end:],
         "nothing": whole,

@@ -1,4 +1,5 @@
-"""Any options: exit 0, 2 or 3 and one line; what takes days or gigabytes is refused with the reason.
+"""Any options: exit 0, 2 or 3 and one line; what takes days or gigabytes is refused with the
+reason.
 
 Commands are called in this process and end where the work would begin.
 """
@@ -54,7 +55,9 @@ def in_front(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Iterator[None]:
     assert list(tmp_path.iterdir()) == []
 
 
-def called(words: Sequence[str], monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> tuple[int, str]:
+def called(
+    words: Sequence[str], monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> tuple[int, str]:
     """Exit code and what was said on stderr; 0 too where the work would begin."""
     monkeypatch.setattr(sys, "argv", ["uvms-ocp", *words])
     code: Any = 0
@@ -67,19 +70,33 @@ def called(words: Sequence[str], monkeypatch: pytest.MonkeyPatch, capsys: pytest
     return code, capsys.readouterr().err
 
 
-OCP, CURVE, RUN = ("plan", "ocp", "--to", "3", "0", "0"), ("plan", "curve", "--to", "3", "0", "0"), ("run", "reach")
+OCP = ("plan", "ocp", "--to", "3", "0", "0")
+CURVE = ("plan", "curve", "--to", "3", "0", "0")
+RUN = ("run", "reach")
 BOUNDED = [
     ((*RUN, "--duration", "1e308"), "duration = 1e+308 s; give at most 86400 s, a day"),
     ((*RUN, "--duration", "inf"), "duration = inf s; give a finite time > 0"),
     ((*RUN, "--seabed", "-1e300"), "give a finite height [m] from -100000 to 100000"),
     ((*RUN, "--current", "1e300", "0", "0"), "m/s; give at most"),
-    (("plan", "curve", "--to", "1e6", "0", "0"), "is 1e+06 m from the start; give one within 10000 m: a plan is proven clear"),
-    (("plan", "ocp", "--to", "1e6", "0", "0"), "is 1e+06 m from the start; give one within 10000 m"),
+    (
+        ("plan", "curve", "--to", "1e6", "0", "0"),
+        "is 1e+06 m from the start; give one within 10000 m: a plan is proven clear",
+    ),
+    (
+        ("plan", "ocp", "--to", "1e6", "0", "0"),
+        "is 1e+06 m from the start; give one within 10000 m",
+    ),
     (("plan", "curve", "--tool", "0", "1e308", "0"), "from the start; give one within 10000 m"),
     ((*CURVE, "--seed", "-1"), "seed = -1; give a whole number >= 0"),
     ((*RUN, "--seed", "-1"), "seed = -1; give a whole number >= 0"),
-    ((*RUN, "--seed", "9" * 23), "give a whole number >= 0, of at most 9223372036854775807 in size"),
-    ((*CURVE, "--seed", "9" * 23), "give a whole number >= 0, of at most 9223372036854775807 in size"),
+    (
+        (*RUN, "--seed", "9" * 23),
+        "give a whole number >= 0, of at most 9223372036854775807 in size",
+    ),
+    (
+        (*CURVE, "--seed", "9" * 23),
+        "give a whole number >= 0, of at most 9223372036854775807 in size",
+    ),
     ((*CURVE, "--position", "1e9", "0", "0"), "from the start; give one within 10000 m"),
     (("plan", "curve", "--to-rpy", "0", "0", "1e9"), "give angles within two turns, 12.57 rad"),
     ((*OCP, "--steps", "1000000"), "n_steps = 1000000; give at most 2000: each step takes"),
@@ -90,10 +107,17 @@ BOUNDED = [
 ]
 
 
-@pytest.mark.parametrize(("words", "message"), BOUNDED, ids=lambda value: " ".join(value) if isinstance(value, tuple) else "")
+@pytest.mark.parametrize(
+    ("words", "message"),
+    BOUNDED,
+    ids=lambda value: " ".join(value) if isinstance(value, tuple) else "",
+)
 @pytest.mark.usefixtures("in_front")
 def test_what_has_no_end_is_refused_with_a_reason(
-    words: tuple[str, ...], message: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+    words: tuple[str, ...],
+    message: str,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
 ) -> None:
     code, said = called(words, monkeypatch, capsys)
     assert code == 2
@@ -101,7 +125,11 @@ def test_what_has_no_end_is_refused_with_a_reason(
     assert len(said.strip().splitlines()) == 1
 
 
-@pytest.mark.parametrize("words", [OCP, CURVE, RUN, (*RUN, "--duration", "20000"), (*OCP, "--steps", "2000")], ids=" ".join)
+@pytest.mark.parametrize(
+    "words",
+    [OCP, CURVE, RUN, (*RUN, "--duration", "20000"), (*OCP, "--steps", "2000")],
+    ids=" ".join,
+)
 @pytest.mark.usefixtures("in_front")
 def test_what_has_one_begins(words: tuple[str, ...], monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(sys, "argv", ["uvms-ocp", *words])
@@ -109,14 +137,45 @@ def test_what_has_one_begins(words: tuple[str, ...], monkeypatch: pytest.MonkeyP
         main()
 
 
-_ODD_NUMBERS = ("", "x", "nan", "inf", "-inf", "1e308", "1e-320", "0", "-0.0", "1,5", "1_0", "0x10", "\u0663", "--", "1e400")
+_ODD_NUMBERS = (
+    "",
+    "x",
+    "nan",
+    "inf",
+    "-inf",
+    "1e308",
+    "1e-320",
+    "0",
+    "-0.0",
+    "1,5",
+    "1_0",
+    "0x10",
+    "\u0663",
+    "--",
+    "1e400",
+)
 _ODD_WORDS = ("", "planar5", "[/]", "$\\frac{$", "a\nb", "../x")
 _number = either(floats().map(repr), integers(10**12, -(10**12)).map(str), chosen(_ODD_NUMBERS))
 _words = either(texts(most=6).filter(lambda text: "\0" not in text), chosen(_ODD_WORDS))
 _NUMBERS = {
     "run": {"--duration": 1, "--seabed": 1, "--seed": 1, "--current": 3},
-    "plan curve": {"--to": 3, "--to-rpy": 3, "--position": 3, "--rpy": 3, "--tool": 3, "--clearance": 1, "--seed": 1},
-    "plan ocp": {"--duration": 1, "--steps": 1, "--time-limit": 1, "--current": 3, "--to": 3, "--clearance": 1},
+    "plan curve": {
+        "--to": 3,
+        "--to-rpy": 3,
+        "--position": 3,
+        "--rpy": 3,
+        "--tool": 3,
+        "--clearance": 1,
+        "--seed": 1,
+    },
+    "plan ocp": {
+        "--duration": 1,
+        "--steps": 1,
+        "--time-limit": 1,
+        "--current": 3,
+        "--to": 3,
+        "--clearance": 1,
+    },
 }
 _WORDS = {
     "run": ("--robot", "--plant", "--solver"),
@@ -140,7 +199,9 @@ def options(draw: st.DrawFn) -> list[str]:
 
 
 @pytest.mark.usefixtures("in_front")
-def test_any_options_begin_or_are_refused(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
+def test_any_options_begin_or_are_refused(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
     tally = Tally(bad=300)
 
     @settings(max_examples=450)
@@ -153,7 +214,8 @@ def test_any_options_begin_or_are_refused(monkeypatch: pytest.MonkeyPatch, capsy
             assert said.strip()
         if said.startswith("error: "):
             assert len(said.strip().splitlines()) == 1
-        tally.bad, tally.good = tally.bad + (code == 2), tally.good + (code == 0)
+        tally.bad = tally.bad + (code == 2)
+        tally.good = tally.good + (code == 0)
 
     holds()
     tally.check()

@@ -44,11 +44,16 @@ def drawn(strategy: st.SearchStrategy[Any], n: int = 60) -> list[str]:
 
 
 @pytest.mark.parametrize("name", ALL)
-def test_values_do_not_depend_on_what_else_is_loaded(name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_values_do_not_depend_on_what_else_is_loaded(
+    name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     """Such as a package that is worked on in its folder, with numbers and texts in it."""
     before = drawn(ALL[name])
     path = tmp_path / f"own_{name}.py"
-    path.write_text(f"VALUES = {[*range(3, 4000, 7), *(f'text {k}' for k in range(50)), *(k / 7 for k in range(1, 300))]}")
+    path.write_text(
+        "VALUES ="
+        f" {[*range(3, 4000, 7), *(f'text {k}' for k in range(50)), *(k / 7 for k in range(1, 300))]}"
+    )
     spec = importlib.util.spec_from_file_location(path.stem, path)
     assert spec is not None
     assert spec.loader is not None
@@ -59,7 +64,9 @@ def test_values_do_not_depend_on_what_else_is_loaded(name: str, tmp_path: Path, 
     assert len(set(before)) > 3
 
 
-@pytest.mark.parametrize("path", sorted(Path(__file__).parent.glob("*.py")), ids=lambda path: path.stem)
+@pytest.mark.parametrize(
+    "path", sorted(Path(__file__).parent.glob("*.py")), ids=lambda path: path.stem
+)
 def test_nothing_else_of_hypothesis_is_drawn(path: Path) -> None:
     assert set(re.findall(r"\bst\.(\w+)", path.read_text())) <= ALLOWED
 

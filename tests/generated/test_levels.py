@@ -22,14 +22,32 @@ _array = either(
     _number,
     st.lists(_number, max_size=4),
     st.lists(st.lists(_number, min_size=1, max_size=3), max_size=3),
-    chosen([None, "a", [], [[]], [["x"]], [[1.0], [1.0, 2.0]], {}, 1j, [None], np.zeros((1, 1, 1)), b"1"]),
+    chosen(
+        [
+            None,
+            "a",
+            [],
+            [[]],
+            [["x"]],
+            [[1.0], [1.0, 2.0]],
+            {},
+            1j,
+            [None],
+            np.zeros((1, 1, 1)),
+            b"1",
+        ]
+    ),
 )
 
 
 @st.composite
 def arguments(draw: st.DrawFn) -> dict[str, Any]:
     """Those of a level of two rows and three velocities, one to three of them anything."""
-    good: dict[str, Any] = {"jacobian": np.arange(6.0).reshape(2, 3), "lower": [-1.0, 0.0], "upper": [1.0, 0.0]}
+    good: dict[str, Any] = {
+        "jacobian": np.arange(6.0).reshape(2, 3),
+        "lower": [-1.0, 0.0],
+        "upper": [1.0, 0.0],
+    }
     for name in draw(st.lists(chosen(FIELDS), max_size=3)):
         good[name] = draw(_array)
     return good
@@ -63,7 +81,9 @@ SIZES = ([1], [6, 3], [2, 0, 4], [5, 5, 1, 5])
 
 
 def _levels(sizes: list[int], seed: int, dependent: bool) -> list[Level]:
-    """Equalities, inequalities and gates of everyday sizes; some levels repeat the rows of the one above."""
+    """Equalities, inequalities and gates of everyday sizes; some levels repeat the rows of the one
+    above.
+    """
     rng = np.random.default_rng(seed)
     levels: list[Level] = []
     for size in sizes:
@@ -72,7 +92,9 @@ def _levels(sizes: list[int], seed: int, dependent: bool) -> list[Level]:
             J = J @ np.zeros((5, 5)) + levels[-1].jacobian[rng.integers(0, levels[-1].n_rows, size)]
         lower = np.round(rng.standard_normal(size), 1)
         width = rng.choice([0.0, 1.0, np.inf], size)
-        levels.append(Level(jacobian=J, lower=lower, upper=lower + width, gate=rng.choice([0.0, 1.0], size)))
+        levels.append(
+            Level(jacobian=J, lower=lower, upper=lower + width, gate=rng.choice([0.0, 1.0], size))
+        )
     return levels
 
 
@@ -84,7 +106,9 @@ def _levels(sizes: list[int], seed: int, dependent: bool) -> list[Level]:
         pytest.param(Icat(), Status.REGULARISED, id="Icat"),
     ],
 )
-def test_any_hierarchy_has_a_finite_velocity_and_a_status_that_its_residuals_bear_out(solver: Any, usual: Status) -> None:
+def test_any_hierarchy_has_a_finite_velocity_and_a_status_that_its_residuals_bear_out(
+    solver: Any, usual: Status
+) -> None:
     seen: set[Status] = set()
 
     @settings(max_examples=120)
@@ -98,7 +122,9 @@ def test_any_hierarchy_has_a_finite_velocity_and_a_status_that_its_residuals_bea
         for level, residual in zip(levels, solution.residuals, strict=True):
             rates = level.jacobian @ solution.v
             wanted = (rates - np.clip(rates, level.lower, level.upper)) * (level.gate > 0.0)
-            np.testing.assert_allclose(residual, wanted, atol=1e-9 * (1.0 + np.abs(rates).max(initial=0.0)))
+            np.testing.assert_allclose(
+                residual, wanted, atol=1e-9 * (1.0 + np.abs(rates).max(initial=0.0))
+            )
 
     holds()
     assert usual in seen

@@ -1,4 +1,6 @@
-"""Any file in the place of a record or of a trajectory: read and as promised, or refused in one line."""
+"""Any file in the place of a record or of a trajectory: read and as promised, or refused in one
+line.
+"""
 
 from __future__ import annotations
 
@@ -82,14 +84,34 @@ def check_record(record: Record) -> None:
 
 
 ARRAYS: tuple[Any, ...] = (
-    *(np.zeros(0), np.array(1.0), np.zeros(4), np.zeros((4, 1)), np.zeros((3, 13)), np.zeros((4, 0)), np.zeros((4, 13, 2))),
-    *(np.full((4, 13), np.nan), np.full(4, 7), np.arange(4.0)[::-1], np.array(["a"] * 4), np.array([None] * 4)),
-    *(np.full((4, 14), 1e308), np.zeros(4, dtype=complex), np.zeros(4, dtype=">f8"), np.zeros(4, dtype="<M8[s]")),
+    *(
+        np.zeros(0),
+        np.array(1.0),
+        np.zeros(4),
+        np.zeros((4, 1)),
+        np.zeros((3, 13)),
+        np.zeros((4, 0)),
+        np.zeros((4, 13, 2)),
+    ),
+    *(
+        np.full((4, 13), np.nan),
+        np.full(4, 7),
+        np.arange(4.0)[::-1],
+        np.array(["a"] * 4),
+        np.array([None] * 4),
+    ),
+    *(
+        np.full((4, 14), 1e308),
+        np.zeros(4, dtype=complex),
+        np.zeros(4, dtype=">f8"),
+        np.zeros(4, dtype="<M8[s]"),
+    ),
 )
 
 
 def test_any_change_of_a_record_is_as_promised_or_refused_in_one_line(tmp_path: Path) -> None:
-    tally, path = Tally(bad=600), tmp_path / "record.npz"
+    tally = Tally(bad=600)
+    path = tmp_path / "record.npz"
     kinds = [parts("run_v0_1.npz"), parts("plan_ocp_v0_1.npz")]
 
     def holds(content: bytes) -> None:
@@ -134,19 +156,38 @@ REPORTS: tuple[Callable[[Record], Any], ...] = (
     lambda record: transition_table({"one": record}),
 )
 ODD_SERIES: tuple[Callable[[np.ndarray], np.ndarray], ...] = (
-    *(lambda a: a[..., None], lambda a: a.reshape(len(a), -1)[:, 0], lambda a: a.reshape(len(a), -1)[:, :0]),
-    *(lambda a: a.reshape(len(a), -1)[:, 1:], lambda a: np.hstack([a, a]), lambda a: a[:1], lambda a: a[::-1]),
+    *(
+        lambda a: a[..., None],
+        lambda a: a.reshape(len(a), -1)[:, 0],
+        lambda a: a.reshape(len(a), -1)[:, :0],
+    ),
+    *(
+        lambda a: a.reshape(len(a), -1)[:, 1:],
+        lambda a: np.hstack([a, a]),
+        lambda a: a[:1],
+        lambda a: a[::-1],
+    ),
     *(lambda a, kind=kind: a.astype(kind) for kind in ("f2", "f4", "i8", "u1", "?", ">f8", "i2")),
-    *(lambda a, x=x: np.full_like(a, x, dtype=float) for x in (0.0, 1e30, -1e30, 1e31, 5e-324, np.nan, np.inf)),
-    *(lambda a, x=x: np.where(np.arange(a.size).reshape(a.shape) == 7, x, a) for x in (0.0, 1e30, np.nan, -np.inf)),
+    *(
+        lambda a, x=x: np.full_like(a, x, dtype=float)
+        for x in (0.0, 1e30, -1e30, 1e31, 5e-324, np.nan, np.inf)
+    ),
+    *(
+        lambda a, x=x: np.where(np.arange(a.size).reshape(a.shape) == 7, x, a)
+        for x in (0.0, 1e30, np.nan, -np.inf)
+    ),
 )
 """What may have become of a series; in the last line, of one of its numbers."""
 
 
 @pytest.mark.parametrize("form", ["parquet", "mcap"])
-def test_any_change_of_an_exported_record_is_as_promised_or_refused_in_one_line(form: str, tmp_path: Path) -> None:
-    tally, path = Tally(bad=30), tmp_path / f"record.{form}"
-    content, load = (RECORDS / f"run_v1.{form}").read_bytes(), getattr(Record, f"from_{form}")
+def test_any_change_of_an_exported_record_is_as_promised_or_refused_in_one_line(
+    form: str, tmp_path: Path
+) -> None:
+    tally = Tally(bad=30)
+    path = tmp_path / f"record.{form}"
+    content = (RECORDS / f"run_v1.{form}").read_bytes()
+    load = getattr(Record, f"from_{form}")
 
     @settings(max_examples=100)
     @given(DAMAGES)
@@ -164,7 +205,8 @@ def test_any_change_of_an_exported_record_is_as_promised_or_refused_in_one_line(
 
 def test_any_record_that_is_read_can_be_reported_or_is_refused(tmp_path: Path) -> None:
     """What a loader lets through, reports must bear."""
-    tally, path = Tally(bad=300, good=100), tmp_path / "record.npz"
+    tally = Tally(bad=300, good=100)
+    path = tmp_path / "record.npz"
     meta, series = (parts("run_v0_1.npz")[part] for part in ("meta", "series"))
 
     def holds(meta: Any, series: dict[str, np.ndarray]) -> None:
@@ -192,9 +234,12 @@ def test_any_record_that_is_read_can_be_reported_or_is_refused(tmp_path: Path) -
 
 
 def test_any_change_of_a_trajectory_is_as_promised_or_refused_in_one_line(tmp_path: Path) -> None:
-    tally, path = Tally(bad=250), tmp_path / "plan.npz"
+    tally = Tally(bad=250)
+    path = tmp_path / "plan.npz"
     rng = np.random.default_rng(0)
-    PiecewisePolynomial(breaks=np.arange(3.0), coefficients=rng.standard_normal((4, 2, 3))).to_numpy(path)
+    PiecewisePolynomial(
+        breaks=np.arange(3.0), coefficients=rng.standard_normal((4, 2, 3))
+    ).to_numpy(path)
     whole = path.read_bytes()
 
     def holds(content: bytes) -> None:
@@ -205,7 +250,9 @@ def test_any_change_of_a_trajectory_is_as_promised_or_refused_in_one_line(tmp_pa
             assert np.isfinite(curve.coefficients).all()
             assert curve.coefficients.shape[1] == len(curve.breaks) - 1
 
-    settings(max_examples=400)(given(DAMAGES.map(lambda damage: damaged_bytes(whole, damage)))(holds))()
+    settings(max_examples=400)(
+        given(DAMAGES.map(lambda damage: damaged_bytes(whole, damage)))(holds)
+    )()
 
     @settings(max_examples=150)
     @given(chosen(["breaks", "coefficients", "more"]), integers(len(ARRAYS) - 1))
@@ -220,12 +267,15 @@ def test_any_change_of_a_trajectory_is_as_promised_or_refused_in_one_line(tmp_pa
 
 
 def test_members_of_archives_may_be_called_anything(tmp_path: Path) -> None:
-    tally, path = Tally(bad=60, good=0), tmp_path / "record.npz"
+    tally = Tally(bad=60, good=0)
+    path = tmp_path / "record.npz"
 
     @settings(max_examples=60)
     @given(
         st.lists(
-            st.tuples(texts(least=1, most=6), binary(most=20)), max_size=4, unique_by=lambda m: zipfile.ZipInfo(m[0]).filename
+            st.tuples(texts(least=1, most=6), binary(most=20)),
+            max_size=4,
+            unique_by=lambda m: zipfile.ZipInfo(m[0]).filename,
         )
     )
     def holds(members: list[tuple[str, bytes]]) -> None:
@@ -239,10 +289,13 @@ def test_members_of_archives_may_be_called_anything(tmp_path: Path) -> None:
 
 
 def test_any_change_of_a_plan_is_as_promised_or_refused_in_one_line(tmp_path: Path) -> None:
-    tally, arm = Tally(bad=250), load_robot("planar5")
+    tally = Tally(bad=250)
+    arm = load_robot("planar5")
     start = State(q=arm.configuration(), v=np.zeros(arm.n_v))
     level = OcpLevel(name="effort", terms=(Effort(),))
-    plan = Planner(single_phase(robot=arm, start=start, duration=1.0, n_steps=2, levels=[level], water=False)).plan()
+    plan = Planner(
+        single_phase(robot=arm, start=start, duration=1.0, n_steps=2, levels=[level], water=False)
+    ).plan()
     for suffix in ("npz", "json"):
         path = plan.save(tmp_path / f"plan.{suffix}")
         whole = path.read_bytes()
@@ -257,6 +310,8 @@ def test_any_change_of_a_plan_is_as_promised_or_refused_in_one_line(tmp_path: Pa
                 found.to_record()
 
         settings(max_examples=300)(
-            given(DAMAGES.map(lambda damage, whole=whole: damaged_bytes(whole, damage)))(lambda content: holds(content))
+            given(DAMAGES.map(lambda damage, whole=whole: damaged_bytes(whole, damage)))(
+                lambda content: holds(content)
+            )
         )()
     tally.check()

@@ -1,4 +1,6 @@
-"""Any URDF: a model with the masses, shapes and limits that its XML says, or refused in one line."""
+"""Any URDF: a model with the masses, shapes and limits that its XML says, or refused in one
+line.
+"""
 
 from __future__ import annotations
 
@@ -40,7 +42,25 @@ WHOLE = "".join(
 _VALUES = [match.span(1) for match in re.finditer(r'="([^"]*)"', WHOLE)]
 _NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?", re.ASCII)
 _ODD = (
-    *("", " ", "1 ", " 1", "1\n", "1_0", "\u0661", "0x10", "1e400", "-1", "0", "nan", "inf", "1,5", "1.5.2", "1e", "--1"),
+    *(
+        "",
+        " ",
+        "1 ",
+        " 1",
+        "1\n",
+        "1_0",
+        "\u0661",
+        "0x10",
+        "1e400",
+        "-1",
+        "0",
+        "nan",
+        "inf",
+        "1,5",
+        "1.5.2",
+        "1e",
+        "--1",
+    ),
     *("1 2", "0 0 0", "0 0 0 ", "1 2 3 4", "a", "base_link", "link1"),
     *("revolute", "continuous", "fixed", "mimic", "&lt;", "\u202e"),
 )
@@ -50,16 +70,30 @@ _ODD = (
 def damaged_values(draw: st.DrawFn) -> bytes:
     """One or two values of attributes are others."""
     text = WHOLE
-    for start, end in sorted(draw(st.lists(chosen(_VALUES), min_size=1, max_size=2, unique=True)), reverse=True):
+    for start, end in sorted(
+        draw(st.lists(chosen(_VALUES), min_size=1, max_size=2, unique=True)), reverse=True
+    ):
         old = WHOLE[start:end]
-        blanks = chosen([f"{old} ", f" {old}", f"{old}\n", f"{old}\t", f"{old}_0", f"{old}f", old.replace(".", ",")])
+        blanks = chosen(
+            [
+                f"{old} ",
+                f" {old}",
+                f"{old}\n",
+                f"{old}\t",
+                f"{old}_0",
+                f"{old}f",
+                old.replace(".", ","),
+            ]
+        )
         new = draw(either(chosen(_ODD), floats().map(repr), blanks))
         text = text[:start] + new.replace("<", "") + text[end:]
     return text.encode()
 
 
 def numbers(text: str | None, n: int = 1) -> list[float]:
-    """As a strict reader understands them: blanks before a number are skipped, after it they are not."""
+    """As a strict reader understands them: blanks before a number are skipped, after it they are
+    not.
+    """
     words = (text or "").lstrip().split(" ")
     assert len(words) == n, text
     assert all(_NUMBER.fullmatch(word) for word in words), text
@@ -75,7 +109,11 @@ def sizes(shape: ElementTree.Element) -> list[float]:
 def is_sound(shape: ElementTree.Element) -> bool:
     """Whether what only draws can be drawn; what cannot is left out, too."""
     try:
-        places = [numbers(value, n=3) for origin in shape.iterfind("origin") for value in origin.attrib.values()]
+        places = [
+            numbers(value, n=3)
+            for origin in shape.iterfind("origin")
+            for value in origin.attrib.values()
+        ]
         return min(sizes(shape)) > 0.0 and bool(np.isfinite(places).all())
     except (AssertionError, ValueError):
         return False
@@ -86,7 +124,9 @@ def check_model(path: Path, models: UrdfModels) -> None:
     model = models.model
     masses = [numbers(mass.get("value"))[0] for mass in root.iterfind("link/inertial/mass")]
     assert np.isclose(sum(inertia.mass for inertia in model.inertias), sum(masses), rtol=1e-12)
-    assert models.collision.ngeoms == sum(any(sizes(shape)) for shape in root.iterfind("link/collision"))
+    assert models.collision.ngeoms == sum(
+        any(sizes(shape)) for shape in root.iterfind("link/collision")
+    )
     drawn = root.findall("link/visual")
     assert sum(map(is_sound, drawn)) <= models.visual.ngeoms <= len(drawn)
     for joint in root.iterfind("joint"):
@@ -101,7 +141,8 @@ def check_model(path: Path, models: UrdfModels) -> None:
 
 
 def test_any_change_of_a_urdf_is_built_as_it_says_or_refused_in_one_line(tmp_path: Path) -> None:
-    tally, path = Tally(bad=350), tmp_path / "robot.urdf"
+    tally = Tally(bad=350)
+    path = tmp_path / "robot.urdf"
     path.write_text(WHOLE)
     check_model(path, read_urdf(path, free_flyer=False))
     bytes_of_it = DAMAGES.map(lambda damage: damaged_bytes(WHOLE.encode(), damage))

@@ -17,7 +17,13 @@ from promises import DAMAGES, Tally, damaged, damaged_bytes
 
 from uvms_ocp.robot.description import RobotDescription, as_matrix6, read_description
 from uvms_ocp.robot.loading import robot_folder
-from uvms_ocp.robot.shapes.obstacles import Obstacle, build_obstacle, describe_obstacle, parse_obstacle, read_obstacles
+from uvms_ocp.robot.shapes.obstacles import (
+    Obstacle,
+    build_obstacle,
+    describe_obstacle,
+    parse_obstacle,
+    read_obstacles,
+)
 
 pytestmark = pytest.mark.slow
 
@@ -27,7 +33,13 @@ ROBOT = {
     "vehicle_limits": {"velocity": [1.0, 1, 1, 2, 2, 2], "acceleration": [1.0] * 6},
     "joints": {"joint1": {"home": 0.1, "acceleration": 2.0}},
     "links": {
-        "base_link": {"coefficients": {"added_mass": [9.0] * 6, "linear_drag": [4.0] * 6, "quadratic_drag": [5.0] * 6}},
+        "base_link": {
+            "coefficients": {
+                "added_mass": [9.0] * 6,
+                "linear_drag": [4.0] * 6,
+                "quadratic_drag": [5.0] * 6,
+            }
+        },
         "link1": {"cylinder": {"radius": 0.1, "length": 0.4, "pose": {"position": [0.0, 0, 0.2]}}},
     },
     "trim": [{"name": "float", "position": [0.0, 0, 1], "mass": 1.0, "volume": 0.01}],
@@ -48,7 +60,13 @@ ROBOT = {
 OBSTACLES = {
     "obstacles": [
         {"name": "ball", "shape": "sphere", "size": [0.3], "position": [1.0, 0.0, 0.0]},
-        {"name": "box", "shape": "box", "size": [1.0, 1, 2], "position": [1.0, 2, 3], "rpy": [0.1, 0, 0]},
+        {
+            "name": "box",
+            "shape": "box",
+            "size": [1.0, 1, 2],
+            "position": [1.0, 2, 3],
+            "rpy": [0.1, 0, 0],
+        },
         {
             "name": "tent",
             "shape": "mesh",
@@ -75,7 +93,8 @@ def check_robot(description: RobotDescription) -> None:
     assert RobotDescription.model_validate(plain) == description
     for link in description.links.values():
         if link.coefficients is not None:
-            mass, drag = as_matrix6(link.coefficients.added_mass), as_matrix6(link.coefficients.linear_drag)
+            mass = as_matrix6(link.coefficients.added_mass)
+            drag = as_matrix6(link.coefficients.linear_drag)
             np.testing.assert_allclose(mass, mass.T, atol=1e-9 * max(1.0, np.abs(mass).max()))
             assert np.linalg.eigvalsh(drag + drag.T).min() >= -1e-9 * max(1.0, np.abs(drag).max())
 
@@ -98,7 +117,8 @@ def check_obstacles(obstacles: tuple[Obstacle, ...]) -> None:
 def test_any_change_of_a_file_is_read_or_refused_in_one_line(
     whole: Any, read: Callable[[Path], Any], check: Callable[[Any], None], tmp_path: Path
 ) -> None:
-    tally, path = Tally(bad=500), tmp_path / "file.yaml"
+    tally = Tally(bad=500)
+    path = tmp_path / "file.yaml"
     path.write_text(json.dumps(whole))
     check(read(path))
 
@@ -113,7 +133,8 @@ def test_any_change_of_a_file_is_read_or_refused_in_one_line(
 
 
 def test_any_text_is_read_or_refused_in_one_line(tmp_path: Path) -> None:
-    tally, path = Tally(bad=300), tmp_path / "file.yaml"
+    tally = Tally(bad=300)
+    path = tmp_path / "file.yaml"
     whole = (robot_folder("planar5") / "hydrodynamics.yaml").read_bytes()
     marks = texts("{}[]:,-&*!|>'\"%@`?# \n\tab01.e", most=40).map(str.encode)
 
@@ -132,7 +153,10 @@ def test_any_text_is_read_or_refused_in_one_line(tmp_path: Path) -> None:
 
 def test_any_words_are_an_obstacle_or_refused_in_one_line() -> None:
     tally = Tally(bad=300)
-    number = either(floats().map(repr), chosen(["1", "0.5", "x", "", "1e400", "-1", "nan", "0x1", "1_0", "\u0661"]))
+    number = either(
+        floats().map(repr),
+        chosen(["1", "0.5", "x", "", "1e400", "-1", "nan", "0x1", "1_0", "\u0661"]),
+    )
     words = st.lists(number, max_size=8).map(",".join)
 
     @settings(max_examples=500)

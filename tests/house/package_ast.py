@@ -49,14 +49,18 @@ def public_classes() -> Iterator[Place]:
 
 
 def public_functions() -> Iterator[Place]:
-    """Functions, and methods of public classes; constructors count, other special methods that take numbers as well."""
+    """Functions, and methods of public classes; constructors count, other special methods that take
+    numbers as well.
+    """
     for path in modules():
         for node in tree_of(path).body:
             if isinstance(node, ast.FunctionDef) and not node.name.startswith("_"):
                 yield Place(module=path, node=node)
     for place in public_classes():
         for node in place.node.body:
-            if isinstance(node, ast.FunctionDef) and (not node.name.startswith("_") or node.name.startswith("__")):
+            if isinstance(node, ast.FunctionDef) and (
+                not node.name.startswith("_") or node.name.startswith("__")
+            ):
                 yield Place(module=place.module, node=node, owner=place.node)  # type: ignore[arg-type]
 
 
@@ -89,7 +93,9 @@ def documentation(place: Place) -> str:
 
 
 def raised(place: Place) -> set[str]:
-    """Names of the exceptions that a function raises itself or through private helpers of its module and class."""
+    """Names of the exceptions that a function raises itself or through private helpers of its
+    module and class.
+    """
     helpers = {n.name: n for n in ast.walk(tree_of(place.module)) if isinstance(n, ast.FunctionDef)}
     found: set[str] = set()
     seen: set[str] = set()
@@ -97,7 +103,9 @@ def raised(place: Place) -> set[str]:
     return found
 
 
-def _collect(node: ast.AST, helpers: dict[str, ast.FunctionDef], found: set[str], seen: set[str]) -> None:
+def _collect(
+    node: ast.AST, helpers: dict[str, ast.FunctionDef], found: set[str], seen: set[str]
+) -> None:
     for item in ast.walk(node):
         if isinstance(item, ast.Raise) and isinstance(item.exc, ast.Call):
             found.add(ast.unparse(item.exc.func).rpartition(".")[2])
@@ -105,7 +113,12 @@ def _collect(node: ast.AST, helpers: dict[str, ast.FunctionDef], found: set[str]
             name = ast.unparse(item.func).rpartition(".")[2]
             found |= {"NameNotFound"} if name == "require_known" else set()
             # A constructor is that of another class, whose own docstring says what it raises.
-            if name.startswith("_") and not name.startswith("__") and name in helpers and name not in seen:
+            if (
+                name.startswith("_")
+                and not name.startswith("__")
+                and name in helpers
+                and name not in seen
+            ):
                 seen.add(name)
                 _collect(helpers[name], helpers, found, seen)
 
@@ -118,7 +131,11 @@ def _inherited(place: Place) -> str:
 
 
 def _text(node: ast.stmt | None) -> str:
-    if isinstance(node, ast.Expr) and isinstance(node.value, ast.Constant) and isinstance(node.value.value, str):
+    if (
+        isinstance(node, ast.Expr)
+        and isinstance(node.value, ast.Constant)
+        and isinstance(node.value.value, str)
+    ):
         return node.value.value
     return ""
 

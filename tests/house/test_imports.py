@@ -42,7 +42,9 @@ except NotInstalled as error:
 
 @pytest.fixture(scope="module")
 def imported() -> set[str]:
-    loaded = subprocess.run([sys.executable, "-c", _CODE], check=True, capture_output=True, text=True).stdout
+    loaded = subprocess.run(
+        [sys.executable, "-c", _CODE], check=True, capture_output=True, text=True
+    ).stdout
     return set(loaded.split())
 
 
@@ -52,12 +54,20 @@ def test_what_few_calls_need_is_not_imported_at_once(imported: set[str], library
 
 
 def test_packages_are_plain_modules_which_code_that_is_sent_to_workers_may_name() -> None:
-    """What loads names lazily guards those that are also modules by a class of its own, which no pickle takes."""
-    packages = [module.name for module in pkgutil.walk_packages(uvms_ocp.__path__, "uvms_ocp.") if module.ispkg]
+    """What loads names lazily guards those that are also modules by a class of its own, which no
+    pickle takes.
+    """
+    packages = [
+        module.name
+        for module in pkgutil.walk_packages(uvms_ocp.__path__, "uvms_ocp.")
+        if module.ispkg
+    ]
     assert {type(importlib.import_module(name)) for name in ("uvms_ocp", *packages)} == {ModuleType}
 
 
-def test_commands_import_without_the_extras_and_a_campaign_says_which_it_needs(tmp_path: Path) -> None:
+def test_commands_import_without_the_extras_and_a_campaign_says_which_it_needs(
+    tmp_path: Path,
+) -> None:
     words = [sys.executable, "-c", _WITHOUT.format(extras=EXTRAS)]
     printed = subprocess.run(words, check=True, capture_output=True, text=True, cwd=tmp_path).stdout
     assert printed.strip().endswith('pip install "uvms-ocp[campaign]"')
@@ -66,7 +76,9 @@ def test_commands_import_without_the_extras_and_a_campaign_says_which_it_needs(t
 
 def test_the_package_itself_loads_nothing_before_it_is_asked_for() -> None:
     code = "import sys, uvms_ocp; print(*sys.modules)"
-    loaded = subprocess.run([sys.executable, "-c", code], check=True, capture_output=True, text=True).stdout.split()
+    loaded = subprocess.run(
+        [sys.executable, "-c", code], check=True, capture_output=True, text=True
+    ).stdout.split()
     assert not {"numpy", "casadi", "pinocchio", "coal", "scipy"} & set(loaded)
     assert {name for name in loaded if name.startswith("uvms_ocp")} == {"uvms_ocp"}
 

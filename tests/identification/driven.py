@@ -9,7 +9,13 @@ import pinocchio as pin
 from vehicles import HULL, vehicle
 
 from uvms_ocp.identification.model import PAST, StageFunctions, Vehicle
-from uvms_ocp.identification.parameters import ActuatorModel, Declaration, NominalParameters, Unknowns, vehicle_declaration
+from uvms_ocp.identification.parameters import (
+    ActuatorModel,
+    Declaration,
+    NominalParameters,
+    Unknowns,
+    vehicle_declaration,
+)
 from uvms_ocp.identification.recording import Channel, Recording
 
 ACTUATORS = ActuatorModel(dead_zone=0.3, lag=0.15, delay=0.2)
@@ -22,7 +28,12 @@ def known() -> Declaration:
 
 
 def vehicle_of(declaration: Declaration) -> Vehicle:
-    return Vehicle(dynamics=vehicle(), shared=Unknowns(declaration), own=Unknowns(declaration, own=True), actuators=ACTUATORS)
+    return Vehicle(
+        dynamics=vehicle(),
+        shared=Unknowns(declaration),
+        own=Unknowns(declaration, own=True),
+        actuators=ACTUATORS,
+    )
 
 
 SIZE = (12.0, 12.0, 10.0, 0.8, 0.8, 3.0)
@@ -39,8 +50,11 @@ def drive(
     size: Sequence[float] = SIZE,
     pose_alone: bool = False,
 ) -> Recording:
-    """A recording at 10 Hz of random steps of all commands, every 2 s, with late commands and velocities as p has it."""
-    rng, n = np.random.default_rng(seed), round(t_end / FINE)
+    """A recording at 10 Hz of random steps of all commands, every 2 s, with late commands and
+    velocities as p has it.
+    """
+    rng = np.random.default_rng(seed)
+    n = round(t_end / FINE)
     commands = rng.normal(size=(round(t_end / 2) + 1, stage.n_u)) * np.array(size)
     delay, late = np.asarray(stage.delays(p)[0]).ravel()
     begun = np.asarray(stage.begun(np.repeat(commands[:1].T, PAST, axis=1), p)[0]).ravel()
@@ -52,7 +66,9 @@ def drive(
         states.append(x)
     every = np.array(states)[::10]
     t = 0.1 * np.arange(len(every))
-    seen = np.asarray(stage.outputs.map(len(t))(every.T, np.repeat(p[:, None], len(t), axis=1))[0]).T
+    seen = np.asarray(
+        stage.outputs.map(len(t))(every.T, np.repeat(p[:, None], len(t), axis=1))[0]
+    ).T
     blur = noise * rng.normal(size=(len(t), 6))
     channels = {
         "attitude": Channel(t=t, values=every[:, 3:7] * _signs(every[:, 3:7])),
@@ -72,7 +88,9 @@ def turned(recording: Recording, yaw: float) -> Recording:
     turn = pin.Quaternion(pin.rpy.rpyToMatrix(0, 0, yaw))
     attitude = recording.channels["attitude"]
     values = np.array([(turn * pin.Quaternion(x)).coeffs() for x in attitude.values])
-    channels = dict(recording.channels) | {"attitude": Channel(t=attitude.t, values=values * _signs(values))}
+    channels = dict(recording.channels) | {
+        "attitude": Channel(t=attitude.t, values=values * _signs(values))
+    }
     return Recording(name=recording.name, channels=channels)
 
 

@@ -1,9 +1,10 @@
 """Equation error: linear least squares of the wrench on the regressor of the inverse dynamics.
 
-``tau = Y(q, v, a) phi + rest``: phi holds the rigid body's mass, first and second moments of mass, and the water's added mass,
-drag, displaced mass and its first moment, for one link. A start for output error, and a first look at what recordings
-determine. Accelerations are derivatives of what was measured, smoothed over a window; noise in them pulls parameters towards
-zero, as it does in every fit of this kind.
+``tau = Y(q, v, a) phi + rest``: phi holds the rigid body's mass, first and second moments of mass,
+and the water's added mass, drag, displaced mass and its first moment, for one link. A start for
+output error, and a first look at what recordings determine. Accelerations are derivatives of what
+was measured, smoothed over a window; noise in them pulls parameters towards zero, as it does in
+every fit of this kind.
 """
 
 from __future__ import annotations
@@ -23,10 +24,12 @@ from uvms_ocp.robot.spatial import skew
 from uvms_ocp.robot.symbolic_dynamics import SymbolicDynamics, WaterCoefficients
 from uvms_ocp.robot.symbolic_model import function
 
-# Inverse dynamics as a matrix times what it is linear in, by differentiation of the symbolic dynamics.
+# Inverse dynamics as a matrix times what it is linear in, by differentiation of the symbolic
+# dynamics.
 #
-# ``tau = Y(q, v, a) phi + rest``: phi holds the rigid body's mass, first and second moments of mass, and the water's added mass,
-# drag, displaced mass and its first moment, for one link; the rest is what other links do.
+# ``tau = Y(q, v, a) phi + rest``: phi holds the rigid body's mass, first and second moments of
+# mass, and the water's added mass, drag, displaced mass and its first moment, for one link; the
+# rest is what other links do.
 
 _MOMENTS = ("xx", "yy", "zz", "xy", "xz", "yz")
 _PLACES = ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2))
@@ -48,10 +51,18 @@ class Regressor:
 
 def regressor_of(dynamics: SymbolicDynamics, link: int = 0) -> Regressor:
     """Build the regressor of a link, given by its place in ``links``."""
-    n_v, n_links = dynamics.model.nv, len(dynamics.links)
-    shapes = {"q": (dynamics.model.nq, 1), "v": (n_v, 1), "a": (n_v, 1), "u": (3, n_links), "Du_Dt": (3, n_links)}
+    n_v = dynamics.model.nv
+    n_links = len(dynamics.links)
+    shapes = {
+        "q": (dynamics.model.nq, 1),
+        "v": (n_v, 1),
+        "a": (n_v, 1),
+        "u": (3, n_links),
+        "Du_Dt": (3, n_links),
+    }
     given = {name: ca.SX.sym(name, *shape) for name, shape in shapes.items()}
-    phi, known = ca.SX.sym("phi", len(_names())), _nominal(dynamics, link)
+    phi = ca.SX.sym("phi", len(_names()))
+    known = _nominal(dynamics, link)
     tau = _with(dynamics, link, phi).inverse_dynamics(*given.values())
     # It does not depend on phi but for a quotient that cancels: it is taken where that is a number.
     Y = ca.substitute(ca.jacobian(tau, phi), phi, ca.DM(known))
@@ -59,10 +70,20 @@ def regressor_of(dynamics: SymbolicDynamics, link: int = 0) -> Regressor:
 
 
 def _names() -> tuple[str, ...]:
-    body = ("mass", *(f"first moment {axis}" for axis in "xyz"), *(f"inertia {moment}" for moment in _MOMENTS))
+    body = (
+        "mass",
+        *(f"first moment {axis}" for axis in "xyz"),
+        *(f"inertia {moment}" for moment in _MOMENTS),
+    )
     added = (f"added mass {AXES[i]}-{AXES[j]}" for i, j in _LOWER)
     drag = (f"{kind} drag {AXES[i]}-{AXES[j]}" for kind in ("linear", "quadratic") for i, j in _ALL)
-    return (*body, *added, *drag, "displaced mass", *(f"first moment of displaced mass {axis}" for axis in "xyz"))
+    return (
+        *body,
+        *added,
+        *drag,
+        "displaced mass",
+        *(f"first moment of displaced mass {axis}" for axis in "xyz"),
+    )
 
 
 def _with(dynamics: SymbolicDynamics, link: int, phi: ca.SX) -> SymbolicDynamics:
@@ -81,7 +102,8 @@ def _with(dynamics: SymbolicDynamics, link: int, phi: ca.SX) -> SymbolicDynamics
 
 
 def _nominal(dynamics: SymbolicDynamics, link: int) -> np.ndarray:
-    body, wet = dynamics.model.inertias[dynamics.joint_of(link)].matrix(), dynamics.links[link]
+    body = dynamics.model.inertias[dynamics.joint_of(link)].matrix()
+    wet = dynamics.links[link]
     first = [body[5, 1], body[3, 2], body[4, 0]]
     displaced = max(dynamics.density * wet.volume, np.finfo(float).tiny)
     return np.concatenate(
@@ -102,11 +124,13 @@ def _symmetric(entries: ca.SX, places: tuple[tuple[int, int], ...], n: int) -> c
     return matrix
 
 
-# Equation error: the regressor times the parameters is the wrench of the actuators, in the sense of least squares.
+# Equation error: the regressor times the parameters is the wrench of the actuators, in the sense of
+# least squares.
 #
-# A start for output error, and a look at what recordings determine at all. Accelerations are derivatives of what was measured,
-# smoothed over a window; noise in them pulls parameters towards zero, as it does in every fit of this kind. The wrench is that
-# of the actuators as they are declared, gains, lag and delay included.
+# A start for output error, and a look at what recordings determine at all. Accelerations are
+# derivatives of what was measured, smoothed over a window; noise in them pulls parameters towards
+# zero, as it does in every fit of this kind. The wrench is that of the actuators as they are
+# declared, gains, lag and delay included.
 
 _EVERY = 2  # of the uniform samples
 
@@ -121,7 +145,9 @@ class LinearFit:
     sigma: np.ndarray
     """(k,) [as `Regressor.phi`] standard errors, from residuals taken as white."""
     explained: np.ndarray
-    """(6,) share of each row's squares, beyond what the other parameters give, that they explain."""
+    """(6,) share of each row's squares, beyond what the other parameters give, that they
+    explain.
+    """
     weakest: tuple[tuple[str, float], ...]
     """The combination that is determined least, of parameters in their standard units."""
     condition: float
@@ -129,14 +155,21 @@ class LinearFit:
 
 
 def fit_equation_error(
-    vehicle: Vehicle, recordings: Sequence[PreparedRecording], names: Sequence[str], window: float = 0.6
+    vehicle: Vehicle,
+    recordings: Sequence[PreparedRecording],
+    names: Sequence[str],
+    window: float = 0.6,
 ) -> LinearFit:
-    """Fit the named parameters of the regressor to recordings of a vehicle without joints; window [s].
+    """Fit the named parameters of the regressor to recordings of a vehicle without joints; window
+    [s].
 
-    Raises NameNotFound for a parameter that there is not, and InvalidInput for a vehicle with joints.
+    Raises NameNotFound for a parameter that there is not, and InvalidInput for a vehicle with
+    joints.
     """
     if vehicle.dynamics.model.nv != 6:
-        raise InvalidInput("a vehicle with joints given; equation error takes one without, output error any")
+        raise InvalidInput(
+            "a vehicle with joints given; equation error takes one without, output error any"
+        )
     regressor = regressor_of(vehicle.dynamics, vehicle.link)
     for name in names:
         if name not in regressor.names:
@@ -148,7 +181,9 @@ def fit_equation_error(
     return _solved(tuple(names), Y[:, :, columns], tau - Y[:, :, others] @ regressor.phi[others])
 
 
-def _rows(vehicle: Vehicle, regressor: Regressor, one: PreparedRecording, window: float) -> tuple[np.ndarray, np.ndarray]:
+def _rows(
+    vehicle: Vehicle, regressor: Regressor, one: PreparedRecording, window: float
+) -> tuple[np.ndarray, np.ndarray]:
     """Regressors (m, 6, n) and wrenches (m, 6) where everything is known."""
     attitude = one.recording.channel("attitude")
     t, v, a = _motion(one, window)
@@ -166,15 +201,23 @@ def _motion(one: PreparedRecording, window: float) -> tuple[np.ndarray, np.ndarr
     found = []
     for channel in channels:
         t, values = smoothed(channel.undelayed_t, channel.values, window)
-        found.append((t, values, smoothed(channel.undelayed_t, channel.values, window, derivative=1)[1]))
+        found.append(
+            (t, values, smoothed(channel.undelayed_t, channel.values, window, derivative=1)[1])
+        )
     times = found[0][0][::_EVERY]
     times = times[(times > begin + window) & (times < end - window) & (times < found[1][0][-1])]
-    v, a = (np.column_stack([np.interp(times, part[0], column) for part in found for column in part[k].T]) for k in (1, 2))
+    v, a = (
+        np.column_stack(
+            [np.interp(times, part[0], column) for part in found for column in part[k].T]
+        )
+        for k in (1, 2)
+    )
     return times, v, a
 
 
 def _wrench(vehicle: Vehicle, one: PreparedRecording, t: np.ndarray) -> np.ndarray:
-    stage, p = stage_of(vehicle), np.concatenate([vehicle.shared.start, vehicle.own.start])
+    stage = stage_of(vehicle)
+    p = np.concatenate([vehicle.shared.start, vehicle.own.start])
     values = vehicle.values(ca.SX(ca.DM(p)))
     late = float(np.asarray(stage.delays(p)[0])[0, 0])
     edges = np.arange(t[0] - late - PAST * PAST_STEP, t[-1] - late + PAST_STEP, PAST_STEP)
@@ -191,7 +234,8 @@ def _solved(names: tuple[str, ...], Y: np.ndarray, tau: np.ndarray) -> LinearFit
     """Weighted by what each row leaves, twice."""
     sigma = tau.std(axis=0) + 1e-12
     for _ in range(3):
-        A, b = (Y / sigma[:, None]).reshape(-1, len(names)), (tau / sigma).ravel()
+        A = (Y / sigma[:, None]).reshape(-1, len(names))
+        b = (tau / sigma).ravel()
         length = np.linalg.norm(A, axis=0) + 1e-300
         U, s, Vt = np.linalg.svd(A / length, full_matrices=False)
         phi = (Vt.T @ ((U.T @ b) / np.maximum(s, 1e-9 * s[0]))) / length

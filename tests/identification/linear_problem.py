@@ -1,4 +1,6 @@
-"""A problem in which all is linear and noise is Gaussian: what sensors show is a fixed matrix times the unknowns."""
+"""A problem in which all is linear and noise is Gaussian: what sensors show is a fixed matrix times
+the unknowns.
+"""
 
 from __future__ import annotations
 
@@ -13,7 +15,14 @@ from uvms_ocp.identification.model import Vehicle
 from uvms_ocp.identification.output_error import FitStatus, Noise, OutputErrorProblem
 from uvms_ocp.identification.parameters import Prior
 from uvms_ocp.identification.recording import Channel, ZeroOrderHold
-from uvms_ocp.identification.rollout import N_START, PredictedOutputs, Rollout, Segment, SegmentStart, Weights
+from uvms_ocp.identification.rollout import (
+    N_START,
+    PredictedOutputs,
+    Rollout,
+    Segment,
+    SegmentStart,
+    Weights,
+)
 
 NOISE = Noise(velocity=0.1, rate=0.1, vertical=0.1, outliers=1e6)
 
@@ -22,10 +31,15 @@ class LinearRollout(Rollout):
     """Shows ``G (p + bend p^2)``, whatever the start."""
 
     def __init__(self, G: tuple[np.ndarray, ...], bend: float = 0.0) -> None:
-        self.G, self._bend = G, bend
+        self.G = G
+        self._bend = bend
 
     def predict(
-        self, stretches: Sequence[Segment], starts: Sequence[SegmentStart], p: np.ndarray, weights: Weights | None = None
+        self,
+        stretches: Sequence[Segment],
+        starts: Sequence[SegmentStart],
+        p: np.ndarray,
+        weights: Weights | None = None,
     ) -> list[PredictedOutputs]:
         return [self._seen(k, row, weights) for k, row in enumerate(p)]
 
@@ -57,14 +71,18 @@ class _One:
 
 def problem(seed: int = 0, n: int = 40, bend: float = 0.0) -> FitContext:
     """Solved, with unknowns that weigh differently and together."""
-    rng, one = np.random.default_rng(seed), vehicle()
+    rng = np.random.default_rng(seed)
+    one = vehicle()
     mixed = np.array([[1.0, 0.9, 0.0], [0.0, 0.4, 0.3], [0.0, 0.0, 0.2]])
     G = tuple(rng.normal(size=(n, 3, 3)) @ mixed for _ in range(3))
-    truth, rollout = np.array([0.3, 0.2, 0.4]), LinearRollout(G, bend)
+    truth = np.array([0.3, 0.2, 0.4])
+    rollout = LinearRollout(G, bend)
     seen = tuple(g @ (truth + bend * truth**2) + 0.1 * rng.normal(size=(n, 3)) for g in G)
     error = OutputErrorProblem(one, [_stretch(seen)], NOISE, rollout)
     found = error.solve(error.start(), tolerance=1e-13)
-    estimate = replace(found, status=FitStatus.CONVERGED)  # to the last digit, where no step is left
+    estimate = replace(
+        found, status=FitStatus.CONVERGED
+    )  # to the last digit, where no step is left
     given = {"prepared": (_One(stretch=_stretch(seen)),), "estimate": estimate}
     return FitContext(vehicle=one, rollout=rollout, noise=NOISE, search=Search(), **given)  # type: ignore[arg-type]
 
@@ -73,5 +91,11 @@ def _stretch(seen: tuple[np.ndarray, ...]) -> Segment:
     n = len(seen[0])
     times = 0.1 * np.arange(n)
     commands = ZeroOrderHold(Channel(t=times, values=np.zeros((n, 6))))
-    still = {"q": np.array([0, 0, 0, 0, 0, 0, 1.0]), "v": np.zeros(6), "joints": np.zeros((0, n - 1))}
-    return Segment(recording="made", edges=times, commands=commands, t=(times,) * 3, measured=seen, **still)
+    still = {
+        "q": np.array([0, 0, 0, 0, 0, 0, 1.0]),
+        "v": np.zeros(6),
+        "joints": np.zeros((0, n - 1)),
+    }
+    return Segment(
+        recording="made", edges=times, commands=commands, t=(times,) * 3, measured=seen, **still
+    )

@@ -1,4 +1,6 @@
-"""Runs of the toolkit's own whose thrusters are driven here and there, as slowly as a test wants them to be."""
+"""Runs of the toolkit's own whose thrusters are driven here and there, as slowly as a test wants
+them to be.
+"""
 
 from __future__ import annotations
 
@@ -21,7 +23,8 @@ from uvms_ocp.sim.environment import Environment
 from uvms_ocp.sim.seafloor import FlatSeafloor
 from uvms_ocp.tasks.pose import VehiclePose
 
-LAG, DEAD_ZONE = 0.25, 0.2
+LAG = 0.25
+DEAD_ZONE = 0.2
 """[s], [N] of all thrusters."""
 
 
@@ -36,7 +39,9 @@ def slow(dead_zone: float = DEAD_ZONE) -> Robot:
 
 def as_before(record: Record) -> Record:
     """As records were that did not hold what was asked of thrusters."""
-    return replace(record, series={name: one for name, one in record.series.items() if name != "asked_thrust"})
+    return replace(
+        record, series={name: one for name, one in record.series.items() if name != "asked_thrust"}
+    )
 
 
 def driven_run(
@@ -49,7 +54,8 @@ def driven_run(
     dead_zone: float = DEAD_ZONE,
     **options: Any,
 ) -> Record:
-    """A run whose thrusters get random thrust of some size [N], each held [s] long; floor: [m] its height.
+    """A run whose thrusters get random thrust of some size [N], each held [s] long; floor: [m] its
+    height.
 
     dead_zone: [N] of thrusters. options: those of `Scenario`.
     """
@@ -57,7 +63,12 @@ def driven_run(
     goal = pose_at((50.0, 0.0, -20.0))
     arrived = Transition(to=DONE, when=(Below(quantity="PC.position_error", limit=0.1),))
     phase = Phase(name="A", activations=activate("PC"), transitions=(arrived,))
-    given = {"environment": Environment(seafloor=FlatSeafloor(z=floor)), "dt": 0.02, "duration": duration, **options}
+    given = {
+        "environment": Environment(seafloor=FlatSeafloor(z=floor)),
+        "dt": 0.02,
+        "duration": duration,
+        **options,
+    }
     return Scenario(
         name="driven",
         robot=robot,
@@ -68,8 +79,11 @@ def driven_run(
     ).run()
 
 
-def _random(scenario: Scenario, size: float, held: float, seed: int) -> Callable[[StateEstimate, float], Command]:
-    robot, rng = scenario.robot, np.random.default_rng(seed)
+def _random(
+    scenario: Scenario, size: float, held: float, seed: int
+) -> Callable[[StateEstimate, float], Command]:
+    robot = scenario.robot
+    rng = np.random.default_rng(seed)
     n = round(scenario.duration / held) + 2
     thrust = size * rng.normal(size=(n, len(robot.thruster_names)))
     still, arm = np.zeros(robot.n_v), np.zeros(robot.n_joints)

@@ -24,21 +24,34 @@ def combination(*names: str) -> UnidentifiableDirection:
 @cache
 def problem() -> tuple[Vehicle, Rollout]:
     free = Free(only=("surge", "yaw"))
-    one = vehicle_of(known().with_status(added_mass=free, quadratic_drag=free, gain=Free(only=("heave",))))
+    one = vehicle_of(
+        known().with_status(added_mass=free, quadratic_drag=free, gain=Free(only=("heave",)))
+    )
     return one, Rollout(stage_of(one))
 
 
 def left(size: Sequence[float]) -> tuple[UnidentifiableDirection, ...]:
     one, rollout = problem()
-    recording = drive(rollout.stage, np.concatenate([one.shared.start, one.own.start]), seed=0, noise=0.005, size=size)
-    error = OutputErrorProblem(one, PreparedRecording.of(recording, one).stretches(0.1, 10.0), Noise(), rollout)
+    recording = drive(
+        rollout.stage,
+        np.concatenate([one.shared.start, one.own.start]),
+        seed=0,
+        noise=0.005,
+        size=size,
+    )
+    error = OutputErrorProblem(
+        one, PreparedRecording.of(recording, one).stretches(0.1, 10.0), Noise(), rollout
+    )
     return unidentifiable_directions(one, error.solve(error.start(), iterations=3))
 
 
 @pytest.mark.slow
 def test_what_did_not_move_is_to_be_driven_and_then_is_known() -> None:
     told = [advice(one) for one in left((0.0, 0.0, 10.0, 0.0, 0.0, 0.0))]
-    assert sorted(text[: len("drive yaw fast")] for text in told) == ["drive yaw fast", "drive yaw to a"]
+    assert sorted(text[: len("drive yaw fast")] for text in told) == [
+        "drive yaw fast",
+        "drive yaw to a",
+    ]
     (text,) = (advice(one) for one in left((12.0, 12.0, 0.0, 0.8, 0.8, 3.0)))
     assert text.startswith("drive actuator heave ahead")
     assert not left(SIZE)
@@ -56,7 +69,10 @@ def test_what_did_not_move_is_to_be_driven_and_then_is_known() -> None:
         (("quadratic_drag surge from pitch",), "surge and pitch together"),
         (("linear_drag pitch-surge",), "pitch and surge together"),
         (("reverse T3", "dead_zone T2"), "actuator T3 astern"),
-        (("gain T4", "reverse T5"), "actuator T4 ahead with much of its force; drive actuator T5 astern"),
+        (
+            ("gain T4", "reverse T5"),
+            "actuator T4 ahead with much of its force; drive actuator T5 astern",
+        ),
     ],
 )
 def test_what_is_open_together_has_advice_of_its_own(names: tuple[str, ...], words: str) -> None:

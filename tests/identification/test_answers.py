@@ -53,7 +53,11 @@ def predictor() -> Predictor:
 
 def estimate(*given: Recording) -> Estimate:
     one, rollout = problem()
-    stretches = [stretch for each in given for stretch in PreparedRecording.of(each, one).stretches(0.1, 10.0)]
+    stretches = [
+        stretch
+        for each in given
+        for stretch in PreparedRecording.of(each, one).stretches(0.1, 10.0)
+    ]
     error = OutputErrorProblem(one, stretches, NOISE, rollout)
     return error.solve(error.start())
 
@@ -66,16 +70,25 @@ def test_the_true_vehicle_predicts_nearly_all() -> None:
 
 
 def test_what_is_seen_later_changes_no_prediction() -> None:
-    honest, one = recording(), problem()[0]
+    honest = recording()
+    one = problem()[0]
     velocity = honest.channels["linear_velocity"]
     values = np.where((velocity.t > 2.5)[:, None], 7.0, velocity.values)
-    lying = replace(honest, channels={**honest.channels, "linear_velocity": Channel(t=velocity.t, values=values)})
-    rows = [predictor().of(PreparedRecording.of(each, one).stretches(0.1)[0]).rows[0] for each in (honest, lying)]
+    lying = replace(
+        honest,
+        channels={**honest.channels, "linear_velocity": Channel(t=velocity.t, values=values)},
+    )
+    rows = [
+        predictor().of(PreparedRecording.of(each, one).stretches(0.1)[0]).rows[0]
+        for each in (honest, lying)
+    ]
     np.testing.assert_array_equal(*rows)
 
 
 @pytest.mark.parametrize(("own", "least", "most"), [(True, 90.0, 100.0), (False, -1e3, 60.0)])
-def test_a_force_of_one_recording_is_found_at_its_beginning_where_that_is_asked(own: bool, least: float, most: float) -> None:
+def test_a_force_of_one_recording_is_found_at_its_beginning_where_that_is_asked(
+    own: bool, least: float, most: float
+) -> None:
     one = vehicle_of(known().with_status(wrench_offset=Prior(sigma=10.0, only=("heave",))))
     rollout = Rollout(stage_of(one))
     drifting = drive(rollout.stage, np.array([8.0]), seed=0, t_end=20.0, size=(0.0,) * 6)
@@ -100,7 +113,8 @@ def test_a_fit_is_a_hundred_where_all_is_right_and_zero_at_the_mean() -> None:
 
 
 def test_an_actuator_that_was_never_asked_is_left_open_and_the_others_are_determined() -> None:
-    one, found = problem()[0], estimate(recording(0, 0.02, size=(12.0, 0.0, 10.0, 0.8, 0.8, 3.0)))
+    one = problem()[0]
+    found = estimate(recording(0, 0.02, size=(12.0, 0.0, 10.0, 0.8, 0.8, 3.0)))
     sigma = dict(zip(one.shared.names, standard_errors(one, found), strict=True))
     assert sigma["gain surge"] < DETERMINED
     assert sigma["added_mass surge"] < DETERMINED
@@ -110,7 +124,8 @@ def test_an_actuator_that_was_never_asked_is_left_open_and_the_others_are_determ
 
 
 def test_a_prior_is_not_taken_for_knowledge_of_the_recordings() -> None:
-    one, found = problem()[0], estimate(recording(0, 0.02))
+    one = problem()[0]
+    found = estimate(recording(0, 0.02))
     nothing = replace(found, information=np.diag(1.0 / one.shared.sigma**2))
     sigma = dict(zip(one.shared.names, standard_errors(one, nothing), strict=True))
     assert not any(number.informed or number.determined for number in numbers(one, nothing))
@@ -125,4 +140,6 @@ def test_samples_that_miss_alike_count_for_fewer() -> None:
     rows = tuple(np.zeros((4000, 3)) for _ in range(3))
     seen = tuple(sigma * rng.normal(size=(4000, 3)) for sigma in (0.02, 0.02, 0.02))
     t = tuple(np.arange(4000.0) for _ in range(3))
-    assert variance_inflation(Predicted(t=t, rows=rows, measured=seen), NOISE) == pytest.approx(1.0, abs=0.2)
+    assert variance_inflation(Predicted(t=t, rows=rows, measured=seen), NOISE) == pytest.approx(
+        1.0, abs=0.2
+    )

@@ -1,4 +1,6 @@
-"""What can be known before a search is said before it: it takes long, and what it has found would be lost."""
+"""What can be known before a search is said before it: it takes long, and what it has found would
+be lost.
+"""
 
 from __future__ import annotations
 
@@ -46,15 +48,26 @@ def _no_search(monkeypatch: pytest.MonkeyPatch) -> None:
 
 @cache
 def recording() -> Recording:
-    one = calibrated_robot(CalibrationSettings.model_validate(yaml.safe_load(SETTINGS)), Path()).vehicle
+    one = calibrated_robot(
+        CalibrationSettings.model_validate(yaml.safe_load(SETTINGS)), Path()
+    ).vehicle
     return drive(stage_of(one), one.shared.start, seed=2, t_end=8.0)
 
 
-def identify(folder: Path, settings: str, given: Recording, *words: str) -> tuple[str, BaseException | None]:
+def identify(
+    folder: Path, settings: str, given: Recording, *words: str
+) -> tuple[str, BaseException | None]:
     """What is told, and what stops the command."""
     (folder / "my.yaml").write_text(settings)
     write_recording(given, folder / "drive.csv")
-    words = ("identify", str(folder / "my.yaml"), str(folder / "drive.csv"), "--out", str(folder / "out"), *words)
+    words = (
+        "identify",
+        str(folder / "my.yaml"),
+        str(folder / "drive.csv"),
+        "--out",
+        str(folder / "out"),
+        *words,
+    )
     result = CliRunner().invoke(app, words, env={"COLUMNS": "200"})
     return result.output, result.exception
 
@@ -80,13 +93,43 @@ def with_arm() -> Recording:
 
 REFUSED: dict[str, tuple[str, Callable[[], Recording], tuple[str, ...], str]] = {
     "one recording to be left out": (SETTINGS, recording, ("--leave-one-out",), "at least 2"),
-    "a step longer than the recording": (SETTINGS + "step: 9", recording, (), "a step takes 9 s: record more"),
-    "a step longer than a stretch": (SETTINGS + "stretch: 0.01", recording, (), "or give longer stretches"),
-    "nothing to be learnt": (SETTINGS.replace("{}", "{free: []}"), recording, (), "nothing in it is free"),
-    "a delay beyond the longest": (SETTINGS + "delay: 2", recording, (), "delay: given 2; allowed: less than 1"),
+    "a step longer than the recording": (
+        SETTINGS + "step: 9",
+        recording,
+        (),
+        "a step takes 9 s: record more",
+    ),
+    "a step longer than a stretch": (
+        SETTINGS + "stretch: 0.01",
+        recording,
+        (),
+        "or give longer stretches",
+    ),
+    "nothing to be learnt": (
+        SETTINGS.replace("{}", "{free: []}"),
+        recording,
+        (),
+        "nothing in it is free",
+    ),
+    "a delay beyond the longest": (
+        SETTINGS + "delay: 2",
+        recording,
+        (),
+        "delay: given 2; allowed: less than 1",
+    ),
     "channels of other times": (SETTINGS, lambda: later(90.0), (), "give channels of one clock"),
-    "an arm that was taken off": (SETTINGS, with_arm, (), "joint_positions has 4 columns; the vehicle has joints of no arm"),
-    "commands that are not there": (SETTINGS.replace("wrench", "thrust"), recording, (), "no thrust is recorded, only "),
+    "an arm that was taken off": (
+        SETTINGS,
+        with_arm,
+        (),
+        "joint_positions has 4 columns; the vehicle has joints of no arm",
+    ),
+    "commands that are not there": (
+        SETTINGS.replace("wrench", "thrust"),
+        recording,
+        (),
+        "no thrust is recorded, only ",
+    ),
     "a pose alone": (SETTINGS, pose, (), "no linear_velocity is recorded, only attitude, wrench"),
 }
 
@@ -107,10 +150,16 @@ SHAPES = {
 
 
 @pytest.mark.parametrize("link", SHAPES.values(), ids=SHAPES)
-def test_a_robot_without_coefficients_to_be_replaced_is_refused(link: dict[str, object], tmp_path: Path) -> None:
+def test_a_robot_without_coefficients_to_be_replaced_is_refused(
+    link: dict[str, object], tmp_path: Path
+) -> None:
     content = yaml.safe_load((robot_folder("bluerov2_alpha5") / "hydrodynamics.yaml").read_text())
     coefficients = content["links"]["base_link"]["coefficients"]
-    merged = {"coefficients": {**coefficients, **one}} if isinstance(one := link.get("coefficients"), dict) else link
+    merged = (
+        {"coefficients": {**coefficients, **one}}
+        if isinstance(one := link.get("coefficients"), dict)
+        else link
+    )
     content["links"]["base_link"] = merged
     (tmp_path / "water.yaml").write_text(yaml.safe_dump(content))
     _, stopped = identify(tmp_path, SETTINGS + "hydrodynamics: water.yaml", recording())
@@ -132,16 +181,26 @@ def test_a_robot_whose_vehicle_is_in_no_water_is_refused(tmp_path: Path) -> None
 
 def test_the_vehicle_is_its_largest_link_in_whatever_order_a_file_has_them(tmp_path: Path) -> None:
     content = yaml.safe_load((robot_folder("bluerov2_alpha5") / "hydrodynamics.yaml").read_text())
-    settings = CalibrationSettings.model_validate(yaml.safe_load(SETTINGS.replace("taken off", "as it is")))
-    for name, links in (("first", content["links"]), ("last", dict(reversed(content["links"].items())))):
+    settings = CalibrationSettings.model_validate(
+        yaml.safe_load(SETTINGS.replace("taken off", "as it is"))
+    )
+    for name, links in (
+        ("first", content["links"]),
+        ("last", dict(reversed(content["links"].items()))),
+    ):
         (tmp_path / name).write_text(yaml.safe_dump({**content, "links": links}, sort_keys=False))
-        assert calibrated_robot(settings.model_copy(update={"hydrodynamics": name}), tmp_path).frame == "base_link"
+        assert (
+            calibrated_robot(settings.model_copy(update={"hydrodynamics": name}), tmp_path).frame
+            == "base_link"
+        )
 
 
 def test_doubts_are_told_before_the_search(tmp_path: Path) -> None:
     turning = recording().channel("angular_velocity")
     told, stopped = identify(
-        tmp_path, SETTINGS, with_channel("angular_velocity", replace(turning, values=np.rad2deg(turning.values)))
+        tmp_path,
+        SETTINGS,
+        with_channel("angular_velocity", replace(turning, values=np.rad2deg(turning.values))),
     )
     assert isinstance(stopped, Searched)
     assert "doubtful: drive: angular_velocity: " in told

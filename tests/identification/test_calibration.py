@@ -28,7 +28,13 @@ from uvms_ocp.identification.parameters import DELAYS, NominalParameters, Unknow
 from uvms_ocp.identification.recording import Recording
 from uvms_ocp.identification.results import report_text, variant_text, whole_text
 from uvms_ocp.identification.rollout import PreparedRecording, Rollout
-from uvms_ocp.identification.settings import CalibrationSettings, NoiseSettings, calibrated_robot, read_settings, with_delays
+from uvms_ocp.identification.settings import (
+    CalibrationSettings,
+    NoiseSettings,
+    calibrated_robot,
+    read_settings,
+    with_delays,
+)
 from uvms_ocp.identification.tables import write_recording
 from uvms_ocp.identification.uncertainty import MISSES, numbers
 from uvms_ocp.identification.validation import errors
@@ -52,7 +58,9 @@ learn:
 noise: {velocity: 0.02, rate: 0.02, vertical: 0.01}
 step: 0.05
 """
-HEAVIER, ROUGHER, NOISE = 0.1, 0.25, 0.01
+HEAVIER = 0.1
+ROUGHER = 0.25
+NOISE = 0.01
 """logarithms of the root of added mass and of drag in surge; [m/s, rad/s] of sensors."""
 
 
@@ -73,8 +81,12 @@ def _yaml() -> object:
 
 
 def test_numbers_of_the_robot_are_found() -> None:
-    start, told = case()[2].subject.start, {one.name: one for one in case()[2].numbers}
-    wanted = start.added_mass[0, 0] * np.exp(2 * HEAVIER), start.quadratic_drag[0, 0] * np.exp(ROUGHER)
+    start = case()[2].subject.start
+    told = {one.name: one for one in case()[2].numbers}
+    wanted = (
+        start.added_mass[0, 0] * np.exp(2 * HEAVIER),
+        start.quadratic_drag[0, 0] * np.exp(ROUGHER),
+    )
     for name, value in zip(("added_mass surge", "quadratic_drag surge"), wanted, strict=True):
         assert told[name].determined
         assert abs(told[name].value - value) < 3.0 * told[name].sigma
@@ -94,7 +106,9 @@ def test_the_file_makes_the_robot_that_was_found(tmp_path: Path) -> None:
     assert made.added_mass[1, 1] == pytest.approx(told["added_mass sway"], rel=1e-5)
     assert made.quadratic_drag[0, 0] == pytest.approx(told["quadratic_drag surge"], rel=1e-5)
     assert made.volume == pytest.approx(told["volume"], rel=1e-5)
-    np.testing.assert_allclose(made.centre_of_buoyancy, case()[2].subject.start.centre_of_buoyancy, atol=1e-6)
+    np.testing.assert_allclose(
+        made.centre_of_buoyancy, case()[2].subject.start.centre_of_buoyancy, atol=1e-6
+    )
 
 
 def test_every_number_of_the_file_has_its_source() -> None:
@@ -120,7 +134,10 @@ def test_a_calibration_shows_its_numbers_with_intervals_and_units() -> None:
 
 def test_a_calibrated_robot_misses_by_the_noise_alone_and_more_before() -> None:
     (one,) = case()[2].comparisons
-    errors = [np.linalg.norm((each.rows[0] - each.measured[0])[:, 0]) for each in (one.calibrated, one.before)]
+    errors = [
+        np.linalg.norm((each.rows[0] - each.measured[0])[:, 0])
+        for each in (one.calibrated, one.before)
+    ]
     floor = NOISE * np.sqrt(len(one.before.t[0]))
     assert errors[0] < 1.1 * floor < 0.8 * errors[1]
 
@@ -132,7 +149,8 @@ def test_whenever_it_is_pressed_a_calibration_stops_in_one_line() -> None:
     settings, recording, done = case()
     begin = perf_counter()
     calibrate(done.subject, settings, [recording])
-    lasts, draw = perf_counter() - begin, random.Random(44)
+    lasts = perf_counter() - begin
+    draw = random.Random(44)
     told: list[list[str]] = []
     for _ in range(20):
         with pressed_after(draw.uniform(0.01, 0.8 * lasts)) as pressed:
@@ -147,10 +165,13 @@ def test_whenever_it_is_pressed_a_calibration_stops_in_one_line() -> None:
 
 
 def test_the_command_writes_all_of_it(tmp_path: Path) -> None:
-    settings, recording = tmp_path / "my.yaml", tmp_path / "drive.csv"
+    settings = tmp_path / "my.yaml"
+    recording = tmp_path / "drive.csv"
     settings.write_text(SETTINGS)
     write_recording(case()[1], recording)
-    result = CliRunner().invoke(app, ["identify", str(settings), str(recording), "--out", str(tmp_path / "out")])
+    result = CliRunner().invoke(
+        app, ["identify", str(settings), str(recording), "--out", str(tmp_path / "out")]
+    )
     assert result.exit_code == 0, result.output
     assert (tmp_path / "out/calibrated.yaml").read_text() == variant_text(case()[2], ["drive"])
     for name in (
@@ -166,13 +187,21 @@ def test_the_command_writes_all_of_it(tmp_path: Path) -> None:
 def test_what_stays_open_is_told_as_it_was_before() -> None:
     found = replace(case()[2], exported=replace(case()[2].exported, kept=("added_mass sway",)))
     assert "sway not determined, as before" in variant_text(found, ["drive2"])
-    row = next(line for line in report_text(found).splitlines() if line.startswith("| added_mass sway |"))
+    row = next(
+        line for line in report_text(found).splitlines() if line.startswith("| added_mass sway |")
+    )
     assert row.endswith("| as before |")
 
 
-@pytest.mark.parametrize("delay", [0.05, *(pytest.param(delay, marks=pytest.mark.slow) for delay in (0.02, 0.1))])
-def test_a_fit_with_a_wrong_delay_says_what_it_does_not_explain_and_claims_no_wrong_number(delay: float) -> None:
-    """It converged, with small standard errors, at numbers that were wrong, one of them called determined."""
+@pytest.mark.parametrize(
+    "delay", [0.05, *(pytest.param(delay, marks=pytest.mark.slow) for delay in (0.02, 0.1))]
+)
+def test_a_fit_with_a_wrong_delay_says_what_it_does_not_explain_and_claims_no_wrong_number(
+    delay: float,
+) -> None:
+    """It converged, with small standard errors, at numbers that were wrong, one of them called
+    determined.
+    """
     settings, recording, right = case()
     wrong = settings.model_copy(update={"delay": delay})
     found = calibrate(calibrated_robot(wrong, Path()), wrong, [recording])
@@ -182,7 +211,9 @@ def test_a_fit_with_a_wrong_delay_says_what_it_does_not_explain_and_claims_no_wr
     assert f"does not explain {', '.join(missed)}**" in report_text(found)
     assert "does not explain" not in report_text(right)
     assert found.inflation > 4.0 * right.inflation
-    sharp = wrong.model_copy(update={"noise": NoiseSettings(velocity=0.002, rate=0.002, vertical=0.001)})
+    sharp = wrong.model_copy(
+        update={"noise": NoiseSettings(velocity=0.002, rate=0.002, vertical=0.001)}
+    )
     missed_by_far = calibrate(calibrated_robot(sharp, Path()), sharp, [recording])
     assert max(each.size for each in missed_by_far.whiteness) > MISSES
     assert not any(one.determined for one in missed_by_far.numbers)
@@ -195,11 +226,23 @@ def test_a_fit_with_a_wrong_delay_says_what_it_does_not_explain_and_claims_no_wr
 def test_constants_are_given_of_the_file_or_assumed_and_what_is_assumed_widens_intervals() -> None:
     found = case()[2]
     known = {one.quantity: one.known for one in found.constants}
-    assumed = ("gain", "reverse", "velocity_point", "attitude_turn", "attitude_offset", "rate_bias", "noise process")
+    assumed = (
+        "gain",
+        "reverse",
+        "velocity_point",
+        "attitude_turn",
+        "attitude_offset",
+        "rate_bias",
+        "noise process",
+    )
     seen = ("bias", "wrench_offset", "current")
     given = ("lag", "delay", "velocity_delay", "noise velocity", "noise rate", "noise vertical")
     filed = dict.fromkeys(("mass", "centre_of_mass", "second_moment"), "robot's file")
-    assert known == {**dict.fromkeys((*assumed, *seen), "assumed"), **dict.fromkeys(given, "given"), **filed}
+    assert known == {
+        **dict.fromkeys((*assumed, *seen), "assumed"),
+        **dict.fromkeys(given, "given"),
+        **filed,
+    }
     change = {one.quantity: one.change for one in found.constants}
     assert change["wrench_offset"] == change["bias"] > 1.0
     alone = numbers(found.subject.vehicle, replace(found.estimate, assumed=0.0), found.inflation)
@@ -221,20 +264,28 @@ def test_constants_are_given_of_the_file_or_assumed_and_what_is_assumed_widens_i
 def test_what_a_current_would_change_is_what_a_fit_with_it_finds() -> None:
     """To first order; each recording has one for itself."""
     settings, recording, found = case()
-    one, noise = found.subject.vehicle, Noise(**settings.noise.model_dump())
+    one = found.subject.vehicle
+    noise = Noise(**settings.noise.model_dump())
     known = {
         "vehicle": one,
         "prepared": (PreparedRecording.of(recording, one),),
         "noise": noise,
         "rollout": Rollout(stage_of(one)),
     }
-    fitted = FitContext(**known, search=Search(step=settings.step, stretch=settings.stretch), estimate=found.estimate)  # type: ignore[arg-type]
+    fitted = FitContext(
+        **known,
+        search=Search(step=settings.step, stretch=settings.stretch),
+        estimate=found.estimate,
+    )  # type: ignore[arg-type]
     names, slopes = constant_slopes(fitted, ["current"])
-    ends, size = [], 0.002
+    ends = []
+    size = 0.002
     for way in (-size, size):
         moved = one.shared.declaration.with_start(current=way * np.eye(3)[0])
         other = replace(one, shared=Unknowns(moved), own=Unknowns(moved, own=True))
-        problem = replace(fitted, vehicle=other, rollout=Rollout(stage_of(other, sharp=True))).problem()
+        problem = replace(
+            fitted, vehicle=other, rollout=Rollout(stage_of(other, sharp=True))
+        ).problem()
         ends.append(problem.solve(problem.resumed(found.estimate), tolerance=1e-9).shared)
     expected = 2.0 * size * slopes[:, names.index("current x")]
     assert np.abs(ends[1] - ends[0] - expected).max() < 0.1 * np.abs(expected).max()
@@ -244,22 +295,42 @@ def test_what_a_current_would_change_is_what_a_fit_with_it_finds() -> None:
 def test_what_twice_the_noise_changes_is_what_a_fit_with_it_finds() -> None:
     settings, recording, found = case()
     noise = settings.noise.model_copy(update={"velocity": 2.0 * settings.noise.velocity})
-    other = calibrate(calibrated_robot(settings, Path()), settings.model_copy(update={"noise": noise}), [recording])
+    other = calibrate(
+        calibrated_robot(settings, Path()),
+        settings.model_copy(update={"noise": noise}),
+        [recording],
+    )
     said = next(one for one in found.constants if one.quantity == "noise velocity")
     alone = numbers(found.subject.vehicle, replace(found.estimate, assumed=0.0), found.inflation)
-    moved = {one.name: abs(two.value - one.value) / one.sigma for one, two in zip(alone, other.numbers, strict=True)}
-    assert moved[said.most] == pytest.approx(said.change, rel=0.25)  # of errors with what the step of the simulation adds
+    moved = {
+        one.name: abs(two.value - one.value) / one.sigma
+        for one, two in zip(alone, other.numbers, strict=True)
+    }
+    assert moved[said.most] == pytest.approx(
+        said.change, rel=0.25
+    )  # of errors with what the step of the simulation adds
     assert max(moved.values()) < 1.3 * said.change
 
 
 @pytest.mark.slow
 def test_profiles_and_leave_one_out_come_when_they_are_asked_for(tmp_path: Path) -> None:
-    settings, parts = tmp_path / "my.yaml", [tmp_path / f"part{k}.csv" for k in range(2)]
+    settings = tmp_path / "my.yaml"
+    parts = [tmp_path / f"part{k}.csv" for k in range(2)]
     settings.write_text(SETTINGS.replace("step: 0.05", "step: 0.1"))
     one = case()[2].subject.vehicle
     for k, path in enumerate(parts):
-        write_recording(drive(stage_of(one), one.shared.start, seed=k, noise=NOISE, t_end=16.0), path)
-    words = ["identify", str(settings), *map(str, parts), "--profiles", "--leave-one-out", "--out", str(tmp_path)]
+        write_recording(
+            drive(stage_of(one), one.shared.start, seed=k, noise=NOISE, t_end=16.0), path
+        )
+    words = [
+        "identify",
+        str(settings),
+        *map(str, parts),
+        "--profiles",
+        "--leave-one-out",
+        "--out",
+        str(tmp_path),
+    ]
     result = CliRunner().invoke(app, words)
     assert result.exit_code == 0, result.output
     text = (tmp_path / "report.md").read_text()
@@ -281,7 +352,9 @@ def test_every_figure_of_a_prediction_stands_beside_those_that_know_less() -> No
     _, _, found = case()
     (one,), text = found.comparisons, report_text(found)
     row = next(line for line in text.splitlines() if line.startswith("| drive2 |"))
-    told = [f"{errors(each)[-1]:.2g}" for each in (one.calibrated, one.before, one.static, one.balance)]
+    told = [
+        f"{errors(each)[-1]:.2g}" for each in (one.calibrated, one.before, one.static, one.balance)
+    ]
     assert f"{told[0]} ({'; '.join(told[1:])})" in row
     for each in found.whiteness:
         assert f"| {each.channel} | {each.size:.2g} |" in text

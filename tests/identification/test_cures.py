@@ -40,19 +40,26 @@ def lost(value: float) -> Callable[[np.ndarray], np.ndarray]:
 
 
 def in_world(x: np.ndarray) -> np.ndarray:
-    return np.einsum("nij,nj->ni", rotations(moved().channels["attitude"], moved().channels["linear_velocity"].t), x)
+    return np.einsum(
+        "nij,nj->ni",
+        rotations(moved().channels["attitude"], moved().channels["linear_velocity"].t),
+        x,
+    )
 
 
 def columns(found: re.Match[str]) -> Keys:
     axes = [axis.strip() for axis in found["value"].split(",")]
-    return {"columns": [f"{'-' if axis[0] == '-' else ''}c{'xyz'.index(axis[-1])}" for axis in axes]}
+    return {
+        "columns": [f"{'-' if axis[0] == '-' else ''}c{'xyz'.index(axis[-1])}" for axis in axes]
+    }
 
 
 def keys(text: str) -> Callable[[re.Match[str]], Keys]:
     return lambda found: yaml.safe_load(text.replace("VALUE", found.groupdict().get("value") or ""))  # type: ignore[no-any-return]
 
 
-UNIT, FACTOR = r"NAME: up to .* is it in (?P<value>[a-z/]+)[,?]", r"NAME: \S+ times the rate of the \w+: in (?P<value>\S+)\?"
+UNIT = r"NAME: up to .* is it in (?P<value>[a-z/]+)[,?]"
+FACTOR = r"NAME: \S+ times the rate of the \w+: in (?P<value>\S+)\?"
 SECOND = r"NAME: up to .* is it in \S+, or (?P<value>[a-z/]+)\?"
 AXES = r"NAME: its (axes fit|rate fits) the \w+( of the \w+)? (as|with axes) \((?P<value>.*?)\)"
 LATE = r"NAME: (?P<value>[\d.]+) s late"
@@ -77,54 +84,104 @@ CURES: list[tuple[str, Callable[[Channel], Channel], str, Callable[[re.Match[str
     ("joint_velocities", values(np.degrees), FACTOR, keys("{unit: VALUE}")),
     ("specific_force", values(lambda x: x / 9.80665), "NAME: .* in g,", keys("{unit: g}")),
     ("specific_force", values(lambda x: x @ DOWN), "NAME: points down .*FRD", keys("{body: FRD}")),
-    *(("linear_velocity", times(lambda t, n=n: n * t), r"NAME: .*unit of its times. give (?P<value>.+: \w+)", keys("{VALUE}"))
-      for n in (1e3, 1e6, 1e9)),
+    *(
+        (
+            "linear_velocity",
+            times(lambda t, n=n: n * t),
+            r"NAME: .*unit of its times. give (?P<value>.+: \w+)",
+            keys("{VALUE}"),
+        )
+        for n in (1e3, 1e6, 1e9)
+    ),
     ("linear_velocity", times(lambda t: t + 0.6), LATE, keys("{delay: VALUE}")),
-    ("angular_velocity", times(lambda t: t - 0.6), LATE.replace("late", "early"), keys("{delay: -VALUE}")),
-    ("linear_velocity", times(in_bursts), r"NAME: .*give (?P<value>sent_every: [\d.]+)", keys("{VALUE}")),
-    ("linear_velocity", values(lost(-32.768)), r"NAME: .*give (?P<value>missing: \[[-\d.e+]+\])", keys("{VALUE}")),
+    (
+        "angular_velocity",
+        times(lambda t: t - 0.6),
+        LATE.replace("late", "early"),
+        keys("{delay: -VALUE}"),
+    ),
+    (
+        "linear_velocity",
+        times(in_bursts),
+        r"NAME: .*give (?P<value>sent_every: [\d.]+)",
+        keys("{VALUE}"),
+    ),
+    (
+        "linear_velocity",
+        values(lost(-32.768)),
+        r"NAME: .*give (?P<value>missing: \[[-\d.e+]+\])",
+        keys("{VALUE}"),
+    ),
     ("linear_velocity", values(lost(0.0)), "NAME: .* exactly zero", keys("{lost: all zero}")),
-    ("angular_velocity", values(lambda x: np.minimum(x, [0.8 * x[:, 0].max(), np.inf, np.inf])),
-     r"NAME: .*saturated\? give (?P<value>missing: \[[-\d.e+]+\])", keys("{VALUE}")),
-]  # fmt: skip
+    (
+        "angular_velocity",
+        values(lambda x: np.minimum(x, [0.8 * x[:, 0].max(), np.inf, np.inf])),
+        r"NAME: .*saturated\? give (?P<value>missing: \[[-\d.e+]+\])",
+        keys("{VALUE}"),
+    ),
+]
 
 
 def files(recording: Recording, folder: Path) -> dict[str, Keys]:
     """The channels as tables of others."""
     folder.mkdir()
     for name, one in recording.channels.items():
-        write_columns(folder / f"{name}.csv", {"t": one.t, **{f"c{k}": column for k, column in enumerate(one.values.T)}})
-    return {name: {"file": f"{name}.csv", "time": "t", "columns": [f"c{k}" for k in range(one.values.shape[1])]}
-            for name, one in recording.channels.items()}  # fmt: skip
+        write_columns(
+            folder / f"{name}.csv",
+            {"t": one.t, **{f"c{k}": column for k, column in enumerate(one.values.T)}},
+        )
+    return {
+        name: {
+            "file": f"{name}.csv",
+            "time": "t",
+            "columns": [f"c{k}" for k in range(one.values.shape[1])],
+        }
+        for name, one in recording.channels.items()
+    }
 
 
 def read(folder: Path, channels: dict[str, Keys]) -> str:
     return told(mapped_recording(folder, RecordingMapping.model_validate({"channels": channels})))
 
 
-@pytest.mark.parametrize(("name", "spoil", "doubt", "cure"), CURES, ids=[f"{k} {one[0]}" for k, one in enumerate(CURES)])
+@pytest.mark.parametrize(
+    ("name", "spoil", "doubt", "cure"), CURES, ids=[f"{k} {one[0]}" for k, one in enumerate(CURES)]
+)
 def test_what_is_proposed_removes_the_doubt(
-    name: str, spoil: Callable[[Channel], Channel], doubt: str, cure: Callable[[re.Match[str]], Keys], tmp_path: Path
+    name: str,
+    spoil: Callable[[Channel], Channel],
+    doubt: str,
+    cure: Callable[[re.Match[str]], Keys],
+    tmp_path: Path,
 ) -> None:
     good = moved()
     folder = tmp_path / "log"
-    channels = files(replace(good, channels={**good.channels, name: spoil(good.channels[name])}), folder)
+    channels = files(
+        replace(good, channels={**good.channels, name: spoil(good.channels[name])}), folder
+    )
     before = read(folder, channels)
     found = re.search(doubt.replace("NAME", name), before)
     assert found, before
     after = read(folder, {**channels, name: channels[name] | cure(found)})
-    left_out = r"\w+: (\d+ of \d+ rows have NaN \(.*?\) and are left out|\d+ gaps, the longest .* set\?)"  # which is so
+    # which is so
+    left_out = (
+        r"\w+: (\d+ of \d+ rows have NaN \(.*?\) and are left out|\d+ gaps, the longest .* set\?)"
+    )
     assert re.sub(left_out, "", after).strip("; ") == ""
 
 
 @pytest.mark.parametrize(("scale", "offset"), [(400.0, 1500.0), (1.0, 0.0)])
-def test_commands_that_are_no_newtons_become_what_is_proposed(scale: float, offset: float, tmp_path: Path) -> None:
+def test_commands_that_are_no_newtons_become_what_is_proposed(
+    scale: float, offset: float, tmp_path: Path
+) -> None:
     given = driven().channels["wrench"]
     signals = Channel(t=given.t, values=scale * given.values / np.abs(given.values).max() + offset)
     folder = tmp_path / "log"
     channels = files(Recording(name="log", channels={"thrust": signals}), folder)
     before = read(folder, channels)
-    found = re.search(r"(give (?P<keys>offset: .*, scale: .*), as|give them as) propeller_commands", before)
+    found = re.search(
+        r"(give (?P<keys>offset: .*, scale: .*), as|give them as) propeller_commands", before
+    )
     assert found, before
     given_keys = yaml.safe_load(f"{{{found['keys'] or ''}}}")
     assert read(folder, {"propeller_commands": channels["thrust"] | given_keys}) == ""

@@ -1,4 +1,6 @@
-"""Equation error finds what made a recording where accelerations are good, and tells what they do not determine."""
+"""Equation error finds what made a recording where accelerations are good, and tells what they do
+not determine.
+"""
 
 from __future__ import annotations
 
@@ -14,7 +16,13 @@ from uvms_ocp.errors import InvalidInput, NameNotFound
 from uvms_ocp.identification.model import Vehicle, stage_of
 from uvms_ocp.identification.rollout import PreparedRecording
 
-ASKED = ("linear drag surge-surge", "linear drag sway-sway", "added mass surge-surge", "added mass heave-heave", "displaced mass")
+ASKED = (
+    "linear drag surge-surge",
+    "linear drag sway-sway",
+    "added mass surge-surge",
+    "added mass heave-heave",
+    "displaced mass",
+)
 
 
 @cache
@@ -33,7 +41,8 @@ def fit(*names: str) -> LinearFit:
 
 
 def test_what_made_a_recording_is_found_again() -> None:
-    regressor, found = regressor_of(vehicle()), fit(*ASKED)
+    regressor = regressor_of(vehicle())
+    found = fit(*ASKED)
     wanted = np.array([regressor.phi[regressor.names.index(name)] for name in ASKED])
     np.testing.assert_allclose(found.phi, wanted, rtol=0.12)
     assert (found.explained[:3] > 0.9).all()
@@ -41,7 +50,13 @@ def test_what_made_a_recording_is_found_again() -> None:
 
 def test_what_acts_nearly_alike_is_told_as_the_weakest_combination() -> None:
     """Mass is nearly the sum of the added masses of all axes."""
-    found = fit("mass", "added mass surge-surge", "added mass sway-sway", "added mass heave-heave", "displaced mass")
+    found = fit(
+        "mass",
+        "added mass surge-surge",
+        "added mass sway-sway",
+        "added mass heave-heave",
+        "displaced mass",
+    )
     assert found.condition > 5.0 * fit(*ASKED).condition
     assert "mass" in {name for name, _ in found.weakest}
 
@@ -50,6 +65,8 @@ def test_mistakes_are_named() -> None:
     with pytest.raises(NameNotFound, match="unknown parameter 'mas'"):
         fit("mas")
     one = still_known()
-    armed = Vehicle(dynamics=vehicle(n_joints=1), shared=one.shared, own=one.own, actuators=one.actuators)
+    armed = Vehicle(
+        dynamics=vehicle(n_joints=1), shared=one.shared, own=one.own, actuators=one.actuators
+    )
     with pytest.raises(InvalidInput, match="vehicle with joints"):
         fit_equation_error(armed, [prepared()], ["mass"])

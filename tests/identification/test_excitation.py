@@ -13,7 +13,13 @@ from typer.testing import CliRunner
 
 from uvms_ocp.cli.commands import app
 from uvms_ocp.errors import InvalidInput, NameNotFound
-from uvms_ocp.identification.experiment import ExperimentLimits, KnotCommands, TrajectorySimulator, edges_of, multisine
+from uvms_ocp.identification.experiment import (
+    ExperimentLimits,
+    KnotCommands,
+    TrajectorySimulator,
+    edges_of,
+    multisine,
+)
 from uvms_ocp.identification.experiment_design import (
     BY_HAND,
     DesignSettings,
@@ -62,13 +68,15 @@ def found() -> Excitation:
 
 def objective(given: ExperimentTask) -> Objective:
     courses = TrajectorySimulator(rollout(), given.unknowns, 0.1, given.still)
-    aim, history = given.aim(), KnotCommands(4.0, 0.5, 0.1, courses.delay)
+    aim = given.aim()
+    history = KnotCommands(4.0, 0.5, 0.1, courses.delay)
     return Objective(aim, given.limits, history, courses, target_deviations(given, rollout()))
 
 
 @pytest.mark.slow
 def test_the_slope_of_the_objective_is_that_of_its_value() -> None:
-    rng, narrow = np.random.default_rng(1), replace(LIMITS, pool=LIMITS.pool / 50, tilt=0.02)
+    rng = np.random.default_rng(1)
+    narrow = replace(LIMITS, pool=LIMITS.pool / 50, tilt=0.02)
     one = objective(assignment(limits=narrow))
     knots = LIMITS.thrust[:, 1] * multisine(rng, one.history.n_knots, 6, 3.0)
     _, slope = one.value(knots, 10.0)
@@ -79,14 +87,18 @@ def test_the_slope_of_the_objective_is_that_of_its_value() -> None:
 
 @pytest.mark.parametrize(("waves", "fastest"), [(0.3, 1), (1.0, 1), (3.0, 3), (4.4, 4)])
 def test_the_fastest_of_the_sines_turns_as_often_as_it_is_told(waves: float, fastest: int) -> None:
-    sines = multisine(np.random.default_rng(0), 65, 6, waves)[:-1]  # the last knot is the first one again
+    sines = multisine(np.random.default_rng(0), 65, 6, waves)[
+        :-1
+    ]  # the last knot is the first one again
     heard = np.abs(np.fft.rfft(sines, axis=0)).max(axis=1) > 1e-9
     assert np.flatnonzero(heard).tolist() == list(range(1, fastest + 1))
 
 
 def test_the_information_is_what_output_error_finds_in_a_recording() -> None:
-    given, commands = assignment(), found().commands
-    held, t = ZeroOrderHold(commands), 0.1 * np.arange(81)
+    given = assignment()
+    commands = found().commands
+    held = ZeroOrderHold(commands)
+    t = 0.1 * np.arange(81)
     nothing = tuple(np.zeros((len(t), 3)) for _ in range(3))
     stretch = Segment(
         recording="a",
@@ -99,20 +111,35 @@ def test_the_information_is_what_output_error_finds_in_a_recording() -> None:
         v=np.zeros(6),
     )
     # Starts that are known, and losses without outliers, are what a design takes for granted.
-    error = OutputErrorProblem(given.vehicle, [stretch], replace(NOISE, start=1e-9, outliers=1e12), rollout())
-    wanted = error.solve(error.start(), iterations=0).information - np.diag(1.0 / given.vehicle.shared.sigma**2)
+    error = OutputErrorProblem(
+        given.vehicle, [stretch], replace(NOISE, start=1e-9, outliers=1e12), rollout()
+    )
+    wanted = error.solve(error.start(), iterations=0).information - np.diag(
+        1.0 / given.vehicle.shared.sigma**2
+    )
     told = found().information
     late = given.vehicle.shared.names.index("velocity_delay")
-    kept = np.delete(np.arange(len(told)), late)  # it interpolates between samples, which the design does not
-    np.testing.assert_allclose(told[np.ix_(kept, kept)], wanted[np.ix_(kept, kept)], rtol=0.05, atol=0.02 * wanted.max())
+    kept = np.delete(
+        np.arange(len(told)), late
+    )  # it interpolates between samples, which the design does not
+    np.testing.assert_allclose(
+        told[np.ix_(kept, kept)], wanted[np.ix_(kept, kept)], rtol=0.05, atol=0.02 * wanted.max()
+    )
 
 
 def test_commands_are_late_as_channels_are() -> None:
-    history, t, step, delay = KnotCommands(3.0, 0.2, 0.05, 0.13), 0.05 * np.arange(60), 0.05, 0.13
+    history = KnotCommands(3.0, 0.2, 0.05, 0.13)
+    t = 0.05 * np.arange(60)
+    step = 0.05
+    delay = 0.13
     knots = np.random.default_rng(0).normal(size=(history.n_knots, 2))
     held = ZeroOrderHold(Channel(t=t, values=history.sent @ knots))
-    np.testing.assert_allclose(history.acting @ knots, held.mean(edges_of(60, step, delay)), atol=1e-12)
-    np.testing.assert_allclose(history.late @ knots, -held.mean_slope(edges_of(60, step, delay)), atol=1e-10)
+    np.testing.assert_allclose(
+        history.acting @ knots, held.mean(edges_of(60, step, delay)), atol=1e-12
+    )
+    np.testing.assert_allclose(
+        history.late @ knots, -held.mean_slope(edges_of(60, step, delay)), atol=1e-10
+    )
     np.testing.assert_allclose(history.nearest(history.sent @ knots), knots, atol=1e-12)
 
 
@@ -124,9 +151,12 @@ def by_hand(given: ExperimentTask) -> np.ndarray:
 def test_of_what_is_not_believed_half_the_standard_error_by_hand_is_wanted() -> None:
     given = assignment()
     free = [k for k, each in enumerate(found().numbers) if each.quantity == "added_mass"]
-    told, size = by_hand(given)[free], np.array([found().numbers[k].size for k in free])
+    told = by_hand(given)[free]
+    size = np.array([found().numbers[k].size for k in free])
     np.testing.assert_allclose(
-        target_deviations(given, rollout())[free], np.minimum(told / 2, DETERMINED_BELOW * size), rtol=1e-6
+        target_deviations(given, rollout())[free],
+        np.minimum(told / 2, DETERMINED_BELOW * size),
+        rtol=1e-6,
     )
 
 
@@ -136,7 +166,9 @@ def test_what_signals_by_hand_tell_less_of_than_is_believed_is_left_to_belief() 
     given = ExperimentTask(vehicle=one, limits=LIMITS, duration=8.0, noise=NOISE)
     aim = given.aim()
     np.testing.assert_allclose(
-        target_deviations(given, Rollout(stage_of(one))), aim.deviations(np.zeros_like(aim.prior_information)), rtol=1e-6
+        target_deviations(given, Rollout(stage_of(one))),
+        aim.deviations(np.zeros_like(aim.prior_information)),
+        rtol=1e-6,
     )
 
 
@@ -181,7 +213,9 @@ def test_what_earlier_recordings_tell_counts() -> None:
     twice = excitation_of(given, rollout(), found().commands)
     free = [k for k, each in enumerate(twice.numbers) if each.quantity == "added_mass"]
     for k in free:
-        assert twice.numbers[k].sigma == pytest.approx(found().numbers[k].sigma / np.sqrt(2.0), rel=0.05)
+        assert twice.numbers[k].sigma == pytest.approx(
+            found().numbers[k].sigma / np.sqrt(2.0), rel=0.05
+        )
 
 
 def test_a_number_that_there_is_not_is_named() -> None:
@@ -200,7 +234,9 @@ def test_a_number_that_there_is_not_is_named() -> None:
         ({"margin": 1.0}, "margin from 0"),
     ],
 )
-def test_limits_that_do_not_hold_a_vehicle_at_rest_are_refused(wrong: dict[str, object], said: str) -> None:
+def test_limits_that_do_not_hold_a_vehicle_at_rest_are_refused(
+    wrong: dict[str, object], said: str
+) -> None:
     with pytest.raises(InvalidInput, match=said):
         replace(LIMITS, **wrong)
 
@@ -227,7 +263,16 @@ learn: {added_mass: {}}
 @pytest.mark.slow
 def test_a_command_writes_what_thrusters_are_told_and_what_it_will_tell(tmp_path: Path) -> None:
     (tmp_path / "my.yaml").write_text(SETTINGS)
-    words = ["excite", str(tmp_path / "my.yaml"), "--duration", "3", "--share", "0.25", "--out", str(tmp_path / "out")]
+    words = [
+        "excite",
+        str(tmp_path / "my.yaml"),
+        "--duration",
+        "3",
+        "--share",
+        "0.25",
+        "--out",
+        str(tmp_path / "out"),
+    ]
     result = CliRunner().invoke(app, words)
     assert result.exit_code == 0, result.output
     told = stored_recording(tmp_path / "out/excitation.csv").channel("thrust").values
@@ -238,6 +283,8 @@ def test_a_command_writes_what_thrusters_are_told_and_what_it_will_tell(tmp_path
 
 def test_a_design_for_wrenches_asks_for_thrusters(tmp_path: Path) -> None:
     (tmp_path / "my.yaml").write_text(SETTINGS + "commands: wrench\n")
-    result = CliRunner().invoke(app, ["excite", str(tmp_path / "my.yaml"), "--out", str(tmp_path / "out")])
+    result = CliRunner().invoke(
+        app, ["excite", str(tmp_path / "my.yaml"), "--out", str(tmp_path / "out")]
+    )
     assert isinstance(result.exception, InvalidInput)
     assert "commands: thrust" in str(result.exception)

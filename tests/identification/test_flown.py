@@ -1,4 +1,6 @@
-"""What a file says of a search: what stays open is as it was declared, where the recordings allow it."""
+"""What a file says of a search: what stays open is as it was declared, where the recordings allow
+it.
+"""
 
 from __future__ import annotations
 
@@ -22,12 +24,27 @@ SEARCH = Search(step=0.05, stretch=10.0)
 
 @cache
 def fitted() -> FitContext:
-    one = vehicle_of(known().with_status(added_mass=Free(only=("surge",)), quadratic_drag=Free(only=("surge", "yaw"))))
+    one = vehicle_of(
+        known().with_status(
+            added_mass=Free(only=("surge",)), quadratic_drag=Free(only=("surge", "yaw"))
+        )
+    )
     rollout = Rollout(stage_of(one))
-    recording = drive(rollout.stage, one.shared.start + np.array([0.1, 0.3, -0.2]), seed=0, noise=0.02, t_end=12.0)
+    recording = drive(
+        rollout.stage, one.shared.start + np.array([0.1, 0.3, -0.2]), seed=0, noise=0.02, t_end=12.0
+    )
     prepared = (PreparedRecording.of(recording, one),)
-    estimate = replace(search_fit(one, prepared, NOISE, rollout, SEARCH), assumed=0.0)  # what recordings tell alone
-    return FitContext(vehicle=one, rollout=rollout, prepared=prepared, noise=NOISE, search=SEARCH, estimate=estimate)
+    estimate = replace(
+        search_fit(one, prepared, NOISE, rollout, SEARCH), assumed=0.0
+    )  # what recordings tell alone
+    return FitContext(
+        vehicle=one,
+        rollout=rollout,
+        prepared=prepared,
+        noise=NOISE,
+        search=SEARCH,
+        estimate=estimate,
+    )
 
 
 def test_where_all_is_determined_a_file_has_what_the_search_has_found() -> None:
@@ -38,7 +55,8 @@ def test_where_all_is_determined_a_file_has_what_the_search_has_found() -> None:
 
 
 def test_what_stays_open_is_as_declared_and_the_others_are_best_beside_it() -> None:
-    unknowns, left = fitted().vehicle.shared, fitted().estimate
+    unknowns = fitted().vehicle.shared
+    left = fitted().estimate
     sigma = standard_errors(fitted().vehicle, left)
     inflation = (1.1 * DETERMINED / sigma.max()) ** 2
     still_open = standard_errors(fitted().vehicle, left, inflation) > DETERMINED
@@ -47,36 +65,58 @@ def test_what_stays_open_is_as_declared_and_the_others_are_best_beside_it() -> N
     assert found.kept == tuple(np.array(unknowns.names)[still_open])
     np.testing.assert_array_equal(found.estimate.shared[still_open], unknowns.start[still_open])
     beside = replace(left, shared=np.where(still_open, unknowns.start, left.shared))
-    costs = [fitted().problem().solve(fitted().problem().resumed(one), frozen=20).cost for one in (left, beside)]
+    costs = [
+        fitted().problem().solve(fitted().problem().resumed(one), frozen=20).cost
+        for one in (left, beside)
+    ]
     assert costs[0] < found.estimate.cost <= costs[1]
 
 
 def test_of_a_search_that_has_not_converged_no_file_is_made() -> None:
     one = fitted()
-    assert not exported_estimate(replace(one, estimate=replace(one.estimate, status=FitStatus.STALLED)), 1e6).usable
+    assert not exported_estimate(
+        replace(one, estimate=replace(one.estimate, status=FitStatus.STALLED)), 1e6
+    ).usable
 
 
 def test_what_is_believed_of_a_delay_is_as_wide_in_seconds_wherever_it_is_found() -> None:
     one = vehicle_of(known().with_status(velocity_delay=Prior(sigma=2.0)))
-    nothing = replace(fitted().estimate, information=np.diag(1.0 / one.shared.sigma**2), shared=one.shared.start)
-    found = [numbers(one, replace(nothing, shared=one.shared.start + by))[0].sigma for by in (0.0, -1.0, -4.0)]
+    nothing = replace(
+        fitted().estimate, information=np.diag(1.0 / one.shared.sigma**2), shared=one.shared.start
+    )
+    found = [
+        numbers(one, replace(nothing, shared=one.shared.start + by))[0].sigma
+        for by in (0.0, -1.0, -4.0)
+    ]
     np.testing.assert_allclose(found, found[0], rtol=0.03)
 
 
 def test_what_a_constant_would_change_is_what_a_fit_with_another_one_changes() -> None:
-    one, longer = fitted(), 0.02
+    one = fitted()
+    longer = 0.02
     names, slopes = constant_slopes(one, ["lag", "gain"])
-    known = one.vehicle.shared.declaration.with_start(lag=np.array([ACTUATORS.lag * np.exp(longer)]))
+    known = one.vehicle.shared.declaration.with_start(
+        lag=np.array([ACTUATORS.lag * np.exp(longer)])
+    )
     rollout = Rollout(stage_of(other := vehicle_of(known), sharp=True))
     found = search_fit(other, one.prepared, NOISE, rollout, SEARCH)
-    sharp = search_fit(one.vehicle, one.prepared, NOISE, Rollout(stage_of(one.vehicle, sharp=True)), SEARCH)
+    sharp = search_fit(
+        one.vehicle, one.prepared, NOISE, Rollout(stage_of(one.vehicle, sharp=True)), SEARCH
+    )
     expected = slopes[:, names.index("lag")] * longer
-    np.testing.assert_allclose(found.shared - sharp.shared, expected, atol=0.15 * np.abs(expected).max())
+    np.testing.assert_allclose(
+        found.shared - sharp.shared, expected, atol=0.15 * np.abs(expected).max()
+    )
 
 
 def test_what_a_long_step_does_to_numbers_is_in_their_standard_errors() -> None:
-    one, truth = fitted(), fitted().vehicle.shared.start + np.array([0.1, 0.3, -0.2])
-    exact = (PreparedRecording.of(drive(one.rollout.stage, truth, seed=0, noise=1e-4, t_end=12.0), one.vehicle),)
+    one = fitted()
+    truth = fitted().vehicle.shared.start + np.array([0.1, 0.3, -0.2])
+    exact = (
+        PreparedRecording.of(
+            drive(one.rollout.stage, truth, seed=0, noise=1e-4, t_end=12.0), one.vehicle
+        ),
+    )
     fine = Noise(velocity=2e-4, rate=2e-4, vertical=2e-4, process=1e-3, start=1e-3)
     found = search_fit(one.vehicle, exact, fine, one.rollout, Search(step=0.2, stretch=6.0))
     off = np.abs(found.shared - truth)

@@ -14,7 +14,12 @@ from scipy.spatial.transform import Rotation
 
 from uvms_ocp.errors import InvalidInput
 from uvms_ocp.identification.experiment import ExperimentLimits
-from uvms_ocp.identification.experiment_design import DesignSettings, DesignStatus, ExperimentTask, design_experiment
+from uvms_ocp.identification.experiment_design import (
+    DesignSettings,
+    DesignStatus,
+    ExperimentTask,
+    design_experiment,
+)
 from uvms_ocp.identification.model import stage_of
 from uvms_ocp.identification.parameters import Free
 from uvms_ocp.identification.results import excitation_text
@@ -48,7 +53,9 @@ def test_corners_of_the_hull_are_inside_exactly_where_nothing_is_beyond() -> Non
     outside = ((places < LIMITS.pool[0]) | (places > LIMITS.pool[1])).any(axis=(1, 2))
     np.testing.assert_array_equal(beyond, outside)
     assert 0.1 < outside.mean() < 0.9
-    np.testing.assert_allclose(LIMITS.swept(x), [places.min(axis=(0, 1)), places.max(axis=(0, 1))], atol=1e-12)
+    np.testing.assert_allclose(
+        LIMITS.swept(x), [places.min(axis=(0, 1)), places.max(axis=(0, 1))], atol=1e-12
+    )
 
 
 def test_the_slope_of_what_is_beyond_is_that_of_its_value() -> None:
@@ -58,7 +65,9 @@ def test_the_slope_of_what_is_beyond_is_that_of_its_value() -> None:
     found, slope = LIMITS.beyond(x)
     wanted = (ahead - back) / 2e-6
     smooth = (ahead > 0) == (back > 0)
-    np.testing.assert_allclose(np.einsum("nik,nk->ni", slope, along)[smooth], wanted[smooth], rtol=1e-5, atol=1e-6)
+    np.testing.assert_allclose(
+        np.einsum("nik,nk->ni", slope, along)[smooth], wanted[smooth], rtol=1e-5, atol=1e-6
+    )
     assert (found > 0.0).any(axis=0).all()
 
 
@@ -66,16 +75,22 @@ def test_the_slope_of_what_is_beyond_is_that_of_its_value() -> None:
 def test_a_design_keeps_the_whole_hull_inside_and_tells_where_it_sweeps() -> None:
     one = vehicle_of(known().with_status(added_mass=Free()))
     given = ExperimentTask(vehicle=one, limits=LIMITS, duration=5.0)
-    found = design_experiment(given, Rollout(stage_of(one)), DesignSettings(step=0.1, knots=0.5, starts=1, iterations=15))
+    found = design_experiment(
+        given, Rollout(stage_of(one)), DesignSettings(step=0.1, knots=0.5, starts=1, iterations=15)
+    )
     assert found.status is DesignStatus.INSIDE
     places = corners(found.states)
     assert (places >= LIMITS.pool[0]).all()
     assert (places <= LIMITS.pool[1]).all()
-    assert f"{places[:, :, 0].min():+.2f} to {places[:, :, 0].max():+.2f}" in excitation_text(found, "abcdef")
+    assert f"{places[:, :, 0].min():+.2f} to {places[:, :, 0].max():+.2f}" in excitation_text(
+        found, "abcdef"
+    )
 
 
 def test_a_hull_that_does_not_fit_is_refused() -> None:
-    with pytest.raises(InvalidInput, match=r"hull of 1.2 x 0.5 x 0.3 m in a pool of 1 x 2.2 x 1.6 m given"):
+    with pytest.raises(
+        InvalidInput, match=r"hull of 1.2 x 0.5 x 0.3 m in a pool of 1 x 2.2 x 1.6 m given"
+    ):
         replace(LIMITS, pool=LIMITS.pool * [1 / 3, 1, 1])
     with pytest.raises(InvalidInput, match="its lowest corner, then its highest"):
         replace(LIMITS, hull=LIMITS.hull[::-1])
@@ -83,8 +98,12 @@ def test_a_hull_that_does_not_fit_is_refused() -> None:
 
 def test_the_hull_of_settings_is_turned_from_its_link_to_the_body() -> None:
     hull = [[-0.3, -0.2, -0.1], [0.5, 0.2, 0.1]]
-    text = yaml.safe_load(f"{{robot: bluerov2_alpha5, arm: taken off, hull: {hull}, learn: {{lag: {{}}}}}}")
+    text = yaml.safe_load(
+        f"{{robot: bluerov2_alpha5, arm: taken off, hull: {hull}, learn: {{lag: {{}}}}}}"
+    )
     subject = calibrated_robot(CalibrationSettings.model_validate(text), Path())
     X = subject.robot.model.frames[subject.robot.model.getFrameId(subject.frame)].placement
     places = np.array([X.act(np.array(corner)) for corner in product(*np.transpose(hull))])
-    np.testing.assert_allclose(subject.hull_in_body(hull), [places.min(axis=0), places.max(axis=0)], atol=1e-12)
+    np.testing.assert_allclose(
+        subject.hull_in_body(hull), [places.min(axis=0), places.max(axis=0)], atol=1e-12
+    )

@@ -1,4 +1,6 @@
-"""A recording that is left out is never seen, and what predicts it is told beside what knows less."""
+"""A recording that is left out is never seen, and what predicts it is told beside what knows
+less.
+"""
 
 from __future__ import annotations
 
@@ -42,7 +44,11 @@ UPRIGHT = 998.0 * 0.0205 * np.array([0.01, 0.0, 0.05]) - 20.0 * np.array([0.02, 
 
 @cache
 def problem() -> tuple[Vehicle, Rollout]:
-    one = vehicle_of(known().with_status(added_mass=Free(only=("surge",)), quadratic_drag=Free(only=("surge", "yaw"))))
+    one = vehicle_of(
+        known().with_status(
+            added_mass=Free(only=("surge",)), quadratic_drag=Free(only=("surge", "yaw"))
+        )
+    )
     return one, Rollout(stage_of(one))
 
 
@@ -50,14 +56,23 @@ def problem() -> tuple[Vehicle, Rollout]:
 def recordings() -> tuple[Recording, ...]:
     one, rollout = problem()
     truth = one.shared.start + np.array([0.1, 0.3, -0.2])
-    return tuple(drive(rollout.stage, truth, seed=seed, noise=0.02, t_end=12.0) for seed in range(3))
+    return tuple(
+        drive(rollout.stage, truth, seed=seed, noise=0.02, t_end=12.0) for seed in range(3)
+    )
 
 
 def solved(given: Sequence[Recording]) -> FitContext:
     one, rollout = problem()
     prepared = tuple(PreparedRecording.of(each, one) for each in given)
     estimate = search_fit(one, prepared, NOISE, rollout, SEARCH)
-    return FitContext(vehicle=one, rollout=rollout, prepared=prepared, noise=NOISE, search=SEARCH, estimate=estimate)
+    return FitContext(
+        vehicle=one,
+        rollout=rollout,
+        prepared=prepared,
+        noise=NOISE,
+        search=SEARCH,
+        estimate=estimate,
+    )
 
 
 @cache
@@ -72,11 +87,18 @@ def found() -> tuple[HeldOutRecording, ...]:
 
 def lying(one: Recording) -> Recording:
     velocity = one.channels["linear_velocity"]
-    return replace(one, channels={**one.channels, "linear_velocity": Channel(t=velocity.t, values=-3.0 * velocity.values)})
+    return replace(
+        one,
+        channels={
+            **one.channels,
+            "linear_velocity": Channel(t=velocity.t, values=-3.0 * velocity.values),
+        },
+    )
 
 
 def test_what_is_judged_does_not_change_what_the_others_tell() -> None:
-    honest, other = fitted(), solved([*recordings()[:2], lying(recordings()[2])])
+    honest = fitted()
+    other = solved([*recordings()[:2], lying(recordings()[2])])
     assert (honest.estimate.shared != other.estimate.shared).all()
     one, two = (without(each, each.prepared[2]).estimate for each in (honest, other))
     np.testing.assert_array_equal(one.shared, two.shared)
@@ -90,7 +112,9 @@ def test_horizons_are_cut_where_recordings_are_too_short_and_longer_ones_left_ou
     for one in found():
         assert [each.asked for each in one.horizons] == [3.0, 60.0]
         begin, end = next(each for each in recordings() if each.name == one.name).span
-        assert one.horizons[1].length == pytest.approx(end - begin - one.predictor.start_window, abs=2 * SEARCH.step)
+        assert one.horizons[1].length == pytest.approx(
+            end - begin - one.predictor.start_window, abs=2 * SEARCH.step
+        )
 
 
 def test_all_predict_the_same_samples_after_what_was_known() -> None:
@@ -101,7 +125,9 @@ def test_all_predict_the_same_samples_after_what_was_known() -> None:
             first = horizon.by[OTHERS]
             assert min(t[0] for t in first.t) > begin + one.predictor.start_window
             for other in horizon.by.values():
-                for pair in zip((*first.t, *first.measured), (*other.t, *other.measured), strict=True):
+                for pair in zip(
+                    (*first.t, *first.measured), (*other.t, *other.measured), strict=True
+                ):
                     np.testing.assert_array_equal(*pair)
 
 
@@ -124,11 +150,19 @@ def test_predictions_err_by_what_is_expected_of_them() -> None:
 def test_what_the_others_never_did_is_extrapolated() -> None:
     one, rollout = problem()
     truth = one.shared.start + np.array([0.1, 0.3, -0.2])
-    still, turning = (0.0,) * 6, (0.0, 0.0, 0.0, 0.0, 0.0, 12.0)
-    given = [drive(rollout.stage, truth, seed=k, noise=0.02, t_end=12.0, size=still if k < 2 else turning) for k in range(3)]
+    still = (0.0,) * 6
+    turning = (0.0, 0.0, 0.0, 0.0, 0.0, 12.0)
+    given = [
+        drive(
+            rollout.stage, truth, seed=k, noise=0.02, t_end=12.0, size=still if k < 2 else turning
+        )
+        for k in range(3)
+    ]
     first, _, last = leave_one_out(solved(given), horizons=(5.0,))
     assert "yaw" in last.horizons[0].extrapolated
-    assert f"{last.name}: {', '.join(last.horizons[0].extrapolated)} rest on" in "\n".join(left_out_tables([last]))
+    assert f"{last.name}: {', '.join(last.horizons[0].extrapolated)} rest on" in "\n".join(
+        left_out_tables([last])
+    )
     assert "yaw" in first.horizons[0].uninformative  # nothing turned it
 
 

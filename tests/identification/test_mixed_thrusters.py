@@ -1,4 +1,6 @@
-"""Thrusters that were recorded in another order, or with another sign, are named; those that push as they should are not."""
+"""Thrusters that were recorded in another order, or with another sign, are named; those that push
+as they should are not.
+"""
 
 from __future__ import annotations
 
@@ -19,7 +21,8 @@ WAYS = {
     "all reversed": -np.eye(8),
     "c reversed": np.diag([1.0, 1, -1, 1, 1, 1, 1, 1]),
     "a and b exchanged": np.eye(8)[[1, 0, 2, 3, 4, 5, 6, 7]],
-    "a and b exchanged and c reversed": np.eye(8)[[1, 0, 2, 3, 4, 5, 6, 7]] @ np.diag([1.0, 1, -1, 1, 1, 1, 1, 1]),
+    "a and b exchanged and c reversed": np.eye(8)[[1, 0, 2, 3, 4, 5, 6, 7]]
+    @ np.diag([1.0, 1, -1, 1, 1, 1, 1, 1]),
 }
 
 
@@ -30,11 +33,15 @@ def recording() -> Recording:
 
 def told(way: np.ndarray) -> str:
     one = recording().channel("thrust")
-    return mixed_thrusters(recording(), Channel(t=one.t, values=one.values @ way.T), thruster_matrix(slow()), NAMES)
+    return mixed_thrusters(
+        recording(), Channel(t=one.t, values=one.values @ way.T), thruster_matrix(slow()), NAMES
+    )
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("text", "way"), WAYS.items(), ids=lambda one: one or "as it is" if isinstance(one, str) else "")
+@pytest.mark.parametrize(
+    ("text", "way"), WAYS.items(), ids=lambda one: one or "as it is" if isinstance(one, str) else ""
+)
 def test_what_was_done_to_the_thrusters_is_named(text: str, way: np.ndarray) -> None:
     assert set(told(way).split(" and ")) == set(text.split(" and "))
 

@@ -1,4 +1,6 @@
-"""What is learnt is told in numbers of the vehicle: with units, intervals and what is not determined."""
+"""What is learnt is told in numbers of the vehicle: with units, intervals and what is not
+determined.
+"""
 
 from __future__ import annotations
 
@@ -27,8 +29,12 @@ LEARNT = {
 def found() -> tuple[Vehicle, Estimate]:
     one = vehicle_of(known().with_status(**LEARNT))
     rollout = Rollout(stage_of(one))
-    recording = drive(rollout.stage, np.concatenate([one.shared.start, one.own.start]), seed=1, noise=0.02)
-    error = OutputErrorProblem(one, PreparedRecording.of(recording, one).stretches(0.1, 10.0), Noise(), rollout)
+    recording = drive(
+        rollout.stage, np.concatenate([one.shared.start, one.own.start]), seed=1, noise=0.02
+    )
+    error = OutputErrorProblem(
+        one, PreparedRecording.of(recording, one).stretches(0.1, 10.0), Noise(), rollout
+    )
     return one, error.solve(error.start())
 
 
@@ -39,7 +45,10 @@ def told(inflation: float = 1.0) -> dict[str, IdentifiedNumber]:
 def test_errors_of_numbers_are_those_of_a_change_of_the_unknowns() -> None:
     one, estimate = found()
     eps = 1e-6 * np.eye(len(estimate.shared))
-    slopes = [(values_of(one, estimate.shared + e) - values_of(one, estimate.shared - e)) / 2e-6 for e in eps]
+    slopes = [
+        (values_of(one, estimate.shared + e) - values_of(one, estimate.shared - e)) / 2e-6
+        for e in eps
+    ]
     C = np.linalg.inv(estimate.information)
     wanted = np.sqrt(np.diag(np.array(slopes).T @ C @ np.array(slopes)))
     np.testing.assert_allclose([each.sigma for each in told().values()], wanted, rtol=1e-5)
@@ -58,9 +67,12 @@ def test_lengths_are_compared_with_five_centimetres() -> None:
 
 
 def test_samples_that_miss_alike_widen_intervals() -> None:
-    wide, narrow = told(25.0)["added_mass surge"], told()["added_mass surge"]
+    wide = told(25.0)["added_mass surge"]
+    narrow = told()["added_mass surge"]
     assert wide.sigma > 2.0 * narrow.sigma
-    assert wide.interval[0] < narrow.interval[0] < narrow.value < narrow.interval[1] < wide.interval[1]
+    assert (
+        wide.interval[0] < narrow.interval[0] < narrow.value < narrow.interval[1] < wide.interval[1]
+    )
     assert wide.interval[0] > 0.0
 
 
@@ -71,7 +83,16 @@ def test_what_priors_say_alone_is_not_determined() -> None:
 
 
 def test_a_number_determined_to_a_tenth_of_its_size_is_called_so() -> None:
-    one = IdentifiedNumber(quantity="lag", entry="", unit="s", value=0.1, sigma=0.004, size=0.05, informed=True, positive=True)
+    one = IdentifiedNumber(
+        quantity="lag",
+        entry="",
+        unit="s",
+        value=0.1,
+        sigma=0.004,
+        size=0.05,
+        informed=True,
+        positive=True,
+    )
     assert one.determined
     assert not replace(one, sigma=0.006).determined
     assert not replace(one, informed=False).determined

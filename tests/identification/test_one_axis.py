@@ -1,4 +1,6 @@
-"""Decay and towing tests: a vehicle that moves along some axes alone, whose table has little else than a time and a speed."""
+"""Decay and towing tests: a vehicle that moves along some axes alone, whose table has little else
+than a time and a speed.
+"""
 
 from __future__ import annotations
 
@@ -46,7 +48,8 @@ def _along(column: int, values: np.ndarray, width: int) -> np.ndarray:
 def _towed() -> tuple[Recording, float, float]:
     """A recording of surge alone, its mass with added mass, and its quadratic drag."""
     start = calibrated_robot(_settings("surge"), Path()).start
-    mass, drag = start.mass + 1.2 * start.added_mass[0, 0], 1.3 * start.quadratic_drag[0, 0]
+    mass = start.mass + 1.2 * start.added_mass[0, 0]
+    drag = 1.3 * start.quadratic_drag[0, 0]
     pushes = (0.0, 20.0, -15.0, 35.0, 8.0)
     t, speed = moved(mass, start.linear_drag[0, 0], drag, pushes, 0.0)
     channels = {
@@ -57,7 +60,9 @@ def _towed() -> tuple[Recording, float, float]:
 
 
 def _fitted(recording: Recording, settings: CalibrationSettings) -> Calibration:
-    return calibrate(calibrated_robot(settings, Path()), settings, [recording], progress=lambda _: None)
+    return calibrate(
+        calibrated_robot(settings, Path()), settings, [recording], progress=lambda _: None
+    )
 
 
 def test_a_towing_test_of_one_axis_gives_its_numbers() -> None:
@@ -81,17 +86,30 @@ def test_a_decay_test_needs_neither_commands_nor_attitude(commands: str) -> None
     subject = calibrated_robot(settings, Path())
     level = ca.SX(ca.DM([0.0] * 6 + [1.0]))
     about_z = float(ca.evalf(subject.vehicle.dynamics.mass_matrix(level)[5, 5]))
-    t, rate = moved(about_z, subject.start.linear_drag[5, 5], 1.5 * subject.start.quadratic_drag[5, 5], (0.0, 0.0), 2.0)
-    recording = Recording(name="decay", channels={"angular_velocity": Channel(t=t, values=_along(2, rate, 3))})
+    t, rate = moved(
+        about_z,
+        subject.start.linear_drag[5, 5],
+        1.5 * subject.start.quadratic_drag[5, 5],
+        (0.0, 0.0),
+        2.0,
+    )
+    recording = Recording(
+        name="decay", channels={"angular_velocity": Channel(t=t, values=_along(2, rate, 3))}
+    )
     found = _fitted(recording, settings)
     drag = next(one for one in found.numbers if one.name == "quadratic_drag yaw")
     assert abs(drag.value - 1.5 * subject.start.quadratic_drag[5, 5]) < 3.0 * drag.sigma
     assert drag.determined
-    assert any("not recorded: a fit along some axes takes nothing to push it" in issue for issue in found.issues)
+    assert any(
+        "not recorded: a fit along some axes takes nothing to push it" in issue
+        for issue in found.issues
+    )
 
 
 def test_commands_of_another_kind_than_the_settings_name_are_no_decay_test() -> None:
-    settings = CalibrationSettings(**SETTINGS | {"commands": "propeller_commands"}, axes=("surge",), learn=LEARN)
+    settings = CalibrationSettings(
+        **SETTINGS | {"commands": "propeller_commands"}, axes=("surge",), learn=LEARN
+    )
     with pytest.raises(InvalidInput, match="no propeller_commands is recorded"):
         _fitted(_towed()[0], settings)
 
@@ -100,14 +118,23 @@ def test_along_all_axes_nothing_is_made_up() -> None:
     recording = _towed()[0]
     every = CalibrationSettings(**SETTINGS, learn=LEARN)
     assert along_axes(recording, every, 6).channels == recording.channels
-    with pytest.raises(InvalidInput, match=r"no attitude is recorded.*or give the axes along which alone it moves"):
+    with pytest.raises(
+        InvalidInput, match=r"no attitude is recorded.*or give the axes along which alone it moves"
+    ):
         _fitted(recording, every)
 
 
 def test_what_is_needed_along_an_axis_is_not_made_up() -> None:
     towed = _towed()[0]
-    turning = Recording(name="turning", channels={"angular_velocity": towed.channels["linear_velocity"]})
-    assert set(along_axes(turning, _settings("yaw"), 6).channels) == {"attitude", "linear_velocity", "angular_velocity", "wrench"}
+    turning = Recording(
+        name="turning", channels={"angular_velocity": towed.channels["linear_velocity"]}
+    )
+    assert set(along_axes(turning, _settings("yaw"), 6).channels) == {
+        "attitude",
+        "linear_velocity",
+        "angular_velocity",
+        "wrench",
+    }
     with pytest.raises(InvalidInput, match="no attitude is recorded"):
         _fitted(turning, _settings("roll"))
     with pytest.raises(InvalidInput, match="no linear_velocity is recorded"):
@@ -117,7 +144,9 @@ def test_what_is_needed_along_an_axis_is_not_made_up() -> None:
 def test_a_vehicle_that_is_held_stays_where_it_is() -> None:
     """Along the other axes nothing moves it, whatever pushes."""
     stage = stage_of(calibrated_robot(_settings("surge", "yaw"), Path()).vehicle)
-    x = np.concatenate([[0.0, 0.0, -2.0, 0.0, 0.0, 0.0, 1.0], 0.2 * np.ones(6), np.zeros(stage.n_u)])
+    x = np.concatenate(
+        [[0.0, 0.0, -2.0, 0.0, 0.0, 0.0, 1.0], 0.2 * np.ones(6), np.zeros(stage.n_u)]
+    )
     p = np.zeros(stage.n_p)
     for _ in range(20):
         x = np.asarray(stage.step(x, 10.0 * np.ones(stage.n_u), np.zeros(0), p, 0.05)).ravel()
@@ -138,22 +167,47 @@ def test_coordinates_of_other_axes_are_not_learnt_and_unknown_ones_are_refused()
         calibrated_robot(_settings("surge", added_mass={"free": ["sway"]}), Path())
 
 
-def test_the_command_takes_axes_and_refuses_others(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    (tmp_path / "learn.yaml").write_text("".join(f"{key}: {value}\n" for key, value in (SETTINGS | {"learn": LEARN}).items()))
-    np.savetxt(tmp_path / "tow.csv", np.arange(40.0).reshape(20, 2), header="t,u", comments="", delimiter=",")
-    (tmp_path / "map.yaml").write_text("channels: {linear_velocity: {time: t, columns: [u, 0.0, 0.0]}}")
-    given = ["identify", str(tmp_path / "learn.yaml"), str(tmp_path / "tow.csv"), "--mapping", str(tmp_path / "map.yaml")]
+def test_the_command_takes_axes_and_refuses_others(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / "learn.yaml").write_text(
+        "".join(f"{key}: {value}\n" for key, value in (SETTINGS | {"learn": LEARN}).items())
+    )
+    np.savetxt(
+        tmp_path / "tow.csv",
+        np.arange(40.0).reshape(20, 2),
+        header="t,u",
+        comments="",
+        delimiter=",",
+    )
+    (tmp_path / "map.yaml").write_text(
+        "channels: {linear_velocity: {time: t, columns: [u, 0.0, 0.0]}}"
+    )
+    given = [
+        "identify",
+        str(tmp_path / "learn.yaml"),
+        str(tmp_path / "tow.csv"),
+        "--mapping",
+        str(tmp_path / "map.yaml"),
+    ]
     given += ["--out", str(tmp_path / "out")]
     seen: list[CalibrationSettings] = []
 
-    def only_look(subject: CalibratedRobot, settings: CalibrationSettings, *_: object, **__: object) -> None:
+    def only_look(
+        subject: CalibratedRobot, settings: CalibrationSettings, *_: object, **__: object
+    ) -> None:
         assert subject.vehicle.axes == (0, 5)
         seen.append(settings)
         raise InvalidInput("seen")
 
     monkeypatch.setattr("uvms_ocp.cli.identify.calibrate", only_look)
-    assert "axes.0: given 'up'; allowed: 'surge'" in str(CliRunner().invoke(app, [*given, "--axes", "up"]).exception)
+    assert "axes.0: given 'up'; allowed: 'surge'" in str(
+        CliRunner().invoke(app, [*given, "--axes", "up"]).exception
+    )
     assert not seen
-    assert str(CliRunner().invoke(app, [*given, "--axes", "surge", "--axes", "yaw"]).exception) == "seen"
+    assert (
+        str(CliRunner().invoke(app, [*given, "--axes", "surge", "--axes", "yaw"]).exception)
+        == "seen"
+    )
     assert seen[0].axes == ("surge", "yaw")
     assert seen[0].noise.velocity == SETTINGS["noise"]["velocity"]

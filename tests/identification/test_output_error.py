@@ -13,10 +13,23 @@ from driven import drive, known, turned, vehicle_of
 from uvms_ocp.errors import InvalidInput
 from uvms_ocp.identification import rollout as rollouts
 from uvms_ocp.identification.model import Vehicle, stage_of
-from uvms_ocp.identification.output_error import Estimate, FitStatus, Noise, NormalEquations, OutputErrorProblem, SearchPoint
+from uvms_ocp.identification.output_error import (
+    Estimate,
+    FitStatus,
+    Noise,
+    NormalEquations,
+    OutputErrorProblem,
+    SearchPoint,
+)
 from uvms_ocp.identification.parameters import Free, Prior
 from uvms_ocp.identification.recording import Channel, Recording
-from uvms_ocp.identification.rollout import N_START, PreparedRecording, Rollout, Segment, SegmentStart
+from uvms_ocp.identification.rollout import (
+    N_START,
+    PreparedRecording,
+    Rollout,
+    Segment,
+    SegmentStart,
+)
 
 LEARNT = {
     "added_mass": Free(only=("surge", "sway", "heave", "yaw")),
@@ -43,7 +56,9 @@ def truth() -> np.ndarray:
     one, _ = problem()
     rng = np.random.default_rng(11)
     shared = one.shared.start + 0.3 * rng.normal(size=len(one.shared.start))
-    shared[one.shared.names.index("delay")] = np.arctanh(2 * 0.25 - 1)  # of 1 s; whole steps of the simulation
+    shared[one.shared.names.index("delay")] = np.arctanh(
+        2 * 0.25 - 1
+    )  # of 1 s; whole steps of the simulation
     return np.concatenate([shared, [1.5]])
 
 
@@ -52,7 +67,9 @@ def recording(seed: int = 0, noise: float = 0.0) -> Recording:
     return drive(problem()[1].stage, truth(), seed=seed, noise=noise)
 
 
-def stretches(given: Recording, duration: float | None = 10.0, step: float = 0.05) -> tuple[Segment, ...]:
+def stretches(
+    given: Recording, duration: float | None = 10.0, step: float = 0.05
+) -> tuple[Segment, ...]:
     return PreparedRecording.of(given, problem()[0]).stretches(step, duration)
 
 
@@ -65,31 +82,48 @@ def fit(*given: Recording, noise: Noise = EXACT, **options: float) -> Estimate:
 
 def test_slopes_of_what_is_seen_are_differences() -> None:
     _, rollout = problem()
-    one, step, rng = stretches(recording(), 3.0)[1], 1e-6, np.random.default_rng(0)
+    one = stretches(recording(), 3.0)[1]
+    step = 1e-6
+    rng = np.random.default_rng(0)
     n_p = rollout.stage.n_p
-    begin, p = SegmentStart(q=one.q, v=one.v), truth() + 0.003  # so that no command and no sample is at an edge of a step
+    # so that no command and no sample is at an edge of a step
+    begin = SegmentStart(q=one.q, v=one.v)
+    p = truth() + 0.003
     drawn = [rng.uniform(0.5, 2.0, size=values.shape) for values in one.measured]
     pulls = [rng.normal(size=values.shape) for values in one.measured]
-    (seen,) = rollout.predict([one], [begin], p[None], lambda k, rows: list(zip(drawn, pulls, strict=True)))
+    (seen,) = rollout.predict(
+        [one], [begin], p[None], lambda k, rows: list(zip(drawn, pulls, strict=True))
+    )
     slopes = np.zeros((sum(values.size for values in one.measured), n_p + N_START))
     for k in range(n_p + N_START):
         ends = []
         for sign in (1, -1):
             change = sign * step * np.eye(n_p + N_START)[k]
-            moved, at = begin.moved(change[n_p:]), p + change[:n_p]
-            ends.append(np.concatenate([rows.ravel() for rows in rollout.predict([one], [moved], at[None])[0].rows]))
+            moved = begin.moved(change[n_p:])
+            at = p + change[:n_p]
+            ends.append(
+                np.concatenate(
+                    [rows.ravel() for rows in rollout.predict([one], [moved], at[None])[0].rows]
+                )
+            )
         slopes[:, k] = (ends[0] - ends[1]) / (2 * step)
     w, wr = (np.concatenate([values.ravel() for values in each]) for each in (drawn, pulls))
     size = np.linalg.norm(slopes, axis=0) + 1.0
     np.testing.assert_allclose(seen.g / size, slopes.T @ wr / size, atol=1e-5)
-    np.testing.assert_allclose(seen.H / np.outer(size, size), (slopes.T * w) @ slopes / np.outer(size, size), atol=1e-5)
+    np.testing.assert_allclose(
+        seen.H / np.outer(size, size), (slopes.T * w) @ slopes / np.outer(size, size), atol=1e-5
+    )
 
 
 @pytest.mark.parametrize("processors", [1, 2, 3])
-def test_stretches_are_simulated_beside_each_other_as_alone(processors: int, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_stretches_are_simulated_beside_each_other_as_alone(
+    processors: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.setattr(rollouts, "n_processors", lambda: processors)
-    parts, rollout = stretches(recording(), 1.0)[:5], Rollout(problem()[1].stage)
-    begins, p = [SegmentStart(q=one.q, v=one.v) for one in parts], np.tile(truth(), (len(parts), 1))
+    parts = stretches(recording(), 1.0)[:5]
+    rollout = Rollout(problem()[1].stage)
+    begins = [SegmentStart(q=one.q, v=one.v) for one in parts]
+    p = np.tile(truth(), (len(parts), 1))
     weigh = lambda _, rows: [(np.ones_like(values), values) for values in rows]  # noqa: E731
     together = rollout.predict(parts, begins, p, weigh)
     for one, begin, seen in zip(parts, begins, together, strict=True):
@@ -100,22 +134,33 @@ def test_stretches_are_simulated_beside_each_other_as_alone(processors: int, mon
 
 
 def test_starts_are_eliminated_as_from_a_dense_matrix() -> None:
-    rng, n, m, count, damping = np.random.default_rng(3), 4, 2, 5, 0.1
+    rng = np.random.default_rng(3)
+    n = 4
+    m = 2
+    count = 5
+    damping = 0.1
     J = rng.normal(size=(200, n + m + N_START * count))
     for i in range(count):  # a row is of one start and the next
         others = np.ones(N_START * count, dtype=bool)
         others[N_START * i : N_START * (i + 2)] = False
         J[i::count, n + m :][:, others] = 0.0
-    H, g = J.T @ J + np.eye(J.shape[1]), J.T @ rng.normal(size=200)
+    H = J.T @ J + np.eye(J.shape[1])
+    g = J.T @ rng.normal(size=200)
     local = H[n + m :, n + m :]
     band = np.array([np.pad(np.diagonal(local, -d), (0, d)) for d in range(2 * N_START)])
-    block = NormalEquations(0.0, H[: n + m, : n + m], g[: n + m], band, g[n + m :], H[n + m :, : n + m])
+    block = NormalEquations(
+        0.0, H[: n + m, : n + m], g[: n + m], band, g[n + m :], H[n + m :, : n + m]
+    )
     inverse = np.linalg.inv(H[n:, n:] + damping * np.diag(np.diag(H)[n:]))
     found_H, found_g, others_of = block.without_starts(damping, n)
-    np.testing.assert_allclose(found_H, H[:n, :n] - H[:n, n:] @ inverse @ H[n:, :n], rtol=1e-9, atol=1e-9)
+    np.testing.assert_allclose(
+        found_H, H[:n, :n] - H[:n, n:] @ inverse @ H[n:, :n], rtol=1e-9, atol=1e-9
+    )
     np.testing.assert_allclose(found_g, g[:n] - H[:n, n:] @ inverse @ g[n:], rtol=1e-9, atol=1e-9)
     change = rng.normal(size=n)
-    np.testing.assert_allclose(others_of(change), -inverse @ (g[n:] + H[n:, :n] @ change), rtol=1e-9, atol=1e-9)
+    np.testing.assert_allclose(
+        others_of(change), -inverse @ (g[n:] + H[n:, :n] @ change), rtol=1e-9, atol=1e-9
+    )
 
 
 def test_what_made_a_recording_is_found_again() -> None:
@@ -145,9 +190,13 @@ def test_outliers_move_a_robust_fit_less() -> None:
     velocity = good.channels["linear_velocity"]
     values = velocity.values.copy()
     values[::9] += [0.5, 0.0, 0.0]
-    bad = replace(good, channels={**good.channels, "linear_velocity": Channel(t=velocity.t, values=values)})
-    wrong = {name: np.abs(fit(bad, noise=noise).shared - truth()[:-1]).max()
-             for name, noise in {"robust": Noise(outliers=1.0), "squares": EXACT}.items()}  # fmt: skip
+    bad = replace(
+        good, channels={**good.channels, "linear_velocity": Channel(t=velocity.t, values=values)}
+    )
+    wrong = {
+        name: np.abs(fit(bad, noise=noise).shared - truth()[:-1]).max()
+        for name, noise in {"robust": Noise(outliers=1.0), "squares": EXACT}.items()
+    }
     assert wrong["robust"] < 0.5 * wrong["squares"]
 
 
@@ -173,17 +222,26 @@ def test_stretches_cover_a_recording_without_overlap() -> None:
 def test_what_is_missing_is_told() -> None:
     channels = dict(recording().channels)
     del channels["wrench"]
-    with pytest.raises(InvalidInput, match=r"commands \[\] recorded; allowed: one of thrust, wrench"):
+    with pytest.raises(
+        InvalidInput, match=r"commands \[\] recorded; allowed: one of thrust, wrench"
+    ):
         PreparedRecording.of(Recording(name="r", channels=channels), problem()[0])
     with pytest.raises(InvalidInput, match="no attitude is recorded"):
-        PreparedRecording.of(Recording(name="r", channels={"wrench": recording().channels["wrench"]}), problem()[0])
+        PreparedRecording.of(
+            Recording(name="r", channels={"wrench": recording().channels["wrench"]}), problem()[0]
+        )
     thrust = Channel(t=np.array([0.0, 1.0]), values=np.zeros((2, 8)))
-    with pytest.raises(InvalidInput, match="thrust has 8 columns; the actuators' allocation takes 6"):
-        PreparedRecording.of(Recording(name="r", channels={**channels, "thrust": thrust}), problem()[0])
+    with pytest.raises(
+        InvalidInput, match="thrust has 8 columns; the actuators' allocation takes 6"
+    ):
+        PreparedRecording.of(
+            Recording(name="r", channels={**channels, "thrust": thrust}), problem()[0]
+        )
 
 
 def test_of_several_commands_those_are_taken_that_the_actuators_name() -> None:
-    given, one = recording().channels, problem()[0]
+    given = recording().channels
+    one = problem()[0]
     both = {**given, "thrust": replace(given["wrench"], values=2.0 * given["wrench"].values)}
     for name in ("thrust", "wrench"):
         named = replace(one, actuators=replace(one.actuators, commands=name))
@@ -197,15 +255,21 @@ def test_of_several_commands_those_are_taken_that_the_actuators_name() -> None:
 def test_a_search_that_begins_where_the_simulation_runs_away_ends_with_a_status() -> None:
     one, rollout = problem()
     error = OutputErrorProblem(one, stretches(recording()), EXACT, rollout)
-    stiff = np.where([name.startswith("linear_drag") for name in one.shared.names], 40.0, one.shared.start)
+    stiff = np.where(
+        [name.startswith("linear_drag") for name in one.shared.names], 40.0, one.shared.start
+    )
     found = error.solve(error.start(stiff))
     assert found.status is FitStatus.RUNS_AWAY
     np.testing.assert_array_equal(found.information, np.diag(1.0 / one.shared.sigma**2))
 
 
-def test_a_step_to_where_slopes_are_not_finite_is_shortened(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_step_to_where_slopes_are_not_finite_is_shortened(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
     one, rollout = problem()
-    error, seen, calls = OutputErrorProblem(one, stretches(recording()), EXACT, rollout), OutputErrorProblem.blocks, []
+    error = OutputErrorProblem(one, stretches(recording()), EXACT, rollout)
+    seen = OutputErrorProblem.blocks
+    calls = []
 
     def steep(self: OutputErrorProblem, point: SearchPoint) -> list[NormalEquations]:
         calls.append(point)
@@ -220,18 +284,29 @@ def test_a_step_to_where_slopes_are_not_finite_is_shortened(monkeypatch: pytest.
 
 def test_normal_equations_have_the_gradient_of_the_cost() -> None:
     one, rollout = problem()
-    error, step = OutputErrorProblem(one, stretches(recording(4), 7.0), Noise(outliers=2.0), rollout), 1e-6
+    error = OutputErrorProblem(one, stretches(recording(4), 7.0), Noise(outliers=2.0), rollout)
+    step = 1e-6
     point = error.start(truth()[:-1] + 0.003)  # no command and no sample at an edge of a step
     (block,) = error.blocks(point)
-    n, m, size = len(point.shared), len(point.own[0]), N_START * len(point.starts[0])
-    rng, found, wanted = np.random.default_rng(5), [], []
+    n = len(point.shared)
+    m = len(point.own[0])
+    size = N_START * len(point.starts[0])
+    rng = np.random.default_rng(5)
+    found = []
+    wanted = []
     for _ in range(4):
         way = rng.normal(size=n + m + size)
         ends = []
         for k in (step, -step):
             turns = (k * way[n + m :]).reshape(-1, N_START)
-            starts = tuple(each.moved(turn) for each, turn in zip(point.starts[0], turns, strict=True))
-            moved = SearchPoint(shared=point.shared + k * way[:n], own=(point.own[0] + k * way[n : n + m],), starts=(starts,))
+            starts = tuple(
+                each.moved(turn) for each, turn in zip(point.starts[0], turns, strict=True)
+            )
+            moved = SearchPoint(
+                shared=point.shared + k * way[:n],
+                own=(point.own[0] + k * way[n : n + m],),
+                starts=(starts,),
+            )
             ends.append(error.blocks(moved)[0].cost)
         wanted.append((ends[0] - ends[1]) / (2 * step))
         found.append(np.r_[block.g, block.g_starts] @ way)
@@ -243,7 +318,10 @@ def test_what_is_kept_of_a_recording_grows_with_its_length() -> None:
     parts = stretches(recording(), 2.0)
     errors = [OutputErrorProblem(one, parts[:n], EXACT, rollout) for n in (3, 6, 12)]
     blocks = [error.blocks(error.start())[0] for error in errors]
-    short, middle, long = (sum(getattr(one, name).size for name in ("H", "H_starts", "g_starts", "cross")) for one in blocks)
+    short, middle, long = (
+        sum(getattr(one, name).size for name in ("H", "H_starts", "g_starts", "cross"))
+        for one in blocks
+    )
     assert long - middle == 2 * (middle - short)
 
 
@@ -253,12 +331,19 @@ def test_a_pose_alone_shows_what_velocities_show(noise: float) -> None:
     still = np.array([name == "velocity_point x" or "velocity_delay" in name for name in names])
     p = truth().copy()
     p[:-1][still] = problem()[0].shared.start[still]  # what a velocity alone has
-    seen = [drive(problem()[1].stage, p, seed=seed, noise=noise, t_end=40.0, pose_alone=True) for seed in (0, 1)]
+    seen = [
+        drive(problem()[1].stage, p, seed=seed, noise=noise, t_end=40.0, pose_alone=True)
+        for seed in (0, 1)
+    ]
     found = fit(*seen, noise=Noise(velocity=0.02, rate=0.05, vertical=0.02))
     assert found.status is FitStatus.CONVERGED
     off = {name: found.shared[k] - p[k] for k, name in enumerate(names) if not still[k]}
     assert (
-        max(abs(off.pop(name)) for name in [name for name in off if name.strip() in ("lag", "delay")]) < 0.4
+        max(
+            abs(off.pop(name))
+            for name in [name for name in off if name.strip() in ("lag", "delay")]
+        )
+        < 0.4
     )  # one for the other
     assert max(map(abs, off.values())) < 0.08, off
 
@@ -266,8 +351,13 @@ def test_a_pose_alone_shows_what_velocities_show(noise: float) -> None:
 def test_numbers_that_are_near_end_the_same_if_starts_come_near_before_they_move() -> None:
     vehicle, rollout = problem()
     error = OutputErrorProblem(vehicle, stretches(recording(noise=0.02)), EXACT, rollout)
-    begin = error.start(truth()[:-1] + 0.05 * np.random.default_rng(1).normal(size=len(truth()) - 1))
-    at_once, later = error.solve(begin, tolerance=1e-9), error.solve(begin, tolerance=1e-9, frozen=2)
+    begin = error.start(
+        truth()[:-1] + 0.05 * np.random.default_rng(1).normal(size=len(truth()) - 1)
+    )
+    at_once, later = (
+        error.solve(begin, tolerance=1e-9),
+        error.solve(begin, tolerance=1e-9, frozen=2),
+    )
     assert later.status is FitStatus.CONVERGED
     assert later.iterations > 2
     sigma = np.sqrt(np.diag(np.linalg.inv(at_once.information)))

@@ -1,4 +1,6 @@
-"""Records of the toolkit's own runs tell what was asked of the vehicle, and what a fit should not believe of them."""
+"""Records of the toolkit's own runs tell what was asked of the vehicle, and what a fit should not
+believe of them.
+"""
 
 from __future__ import annotations
 
@@ -67,7 +69,8 @@ def told(record: Record) -> str:
 
 def test_thrust_follows_what_was_asked_through_limits_dead_zone_and_lag() -> None:
     record = run()
-    asked, given = np.clip(record["asked_thrust"][:-1], *thrust_limits(slow())), record["thrust"]
+    asked = np.clip(record["asked_thrust"][:-1], *thrust_limits(slow()))
+    given = record["thrust"]
     target = np.where(np.abs(asked) < DEAD_ZONE, 0.0, asked)
     assert (target != record["asked_thrust"][:-1]).any()
     left = np.exp(-record.run_meta.dt / LAG)
@@ -94,9 +97,16 @@ def test_the_lag_of_thrusters_is_learnt_from_a_run(noise: bool) -> None:
 def test_dead_zones_are_learnt_from_a_run_as_robot_files_have_them() -> None:
     record = driven_run(duration=20.0, size=3.0, held=0.25, dead_zone=2.0)
     learn = {"lag": {}, "dead_zone": {}, "dead_zone_reverse": {}}
-    settings = CalibrationSettings.model_validate(subject()[1].model_dump() | {"learn": learn, "dead_zone": 3.0, "stretch": 10.0})
-    found = calibrate(calibrated_robot(settings, Path()), settings, [run_recording(record, "run")]).numbers
-    (lag,), zones = (one for one in found if one.quantity == "lag"), [one for one in found if one.quantity != "lag"]
+    settings = CalibrationSettings.model_validate(
+        subject()[1].model_dump() | {"learn": learn, "dead_zone": 3.0, "stretch": 10.0}
+    )
+    found = calibrate(
+        calibrated_robot(settings, Path()), settings, [run_recording(record, "run")]
+    ).numbers
+    (lag,), zones = (
+        (one for one in found if one.quantity == "lag"),
+        [one for one in found if one.quantity != "lag"],
+    )
     assert lag.value == pytest.approx(LAG, rel=0.03)
     assert len(zones) == 16
     assert np.median([one.value for one in zones]) == pytest.approx(2.0, rel=0.1)
@@ -107,7 +117,9 @@ def test_of_an_older_run_the_lag_is_lost_and_that_is_told() -> None:
     older = as_before(run())
     assert learnt_lag(older).value < 0.1 * LAG
     assert "thrust: as thrusters gave it, not as it was asked of them" in told(older)
-    np.testing.assert_array_equal(run_recording(older, "run").channel("thrust").values[1:], older["thrust"])
+    np.testing.assert_array_equal(
+        run_recording(older, "run").channel("thrust").values[1:], older["thrust"]
+    )
 
 
 def test_before_a_run_thrusters_are_at_rest() -> None:
@@ -120,10 +132,13 @@ def test_before_a_run_thrusters_are_at_rest() -> None:
 @long_without_compiler
 def test_a_wrench_is_that_which_thrusters_can_give() -> None:
     scenario = case1(robot="girona_maris7", dt=0.02, duration=0.4)
-    record, B = scenario.run(), thruster_matrix(scenario.robot)
+    record = scenario.run()
+    B = thruster_matrix(scenario.robot)
     assert np.abs(record["unreachable"]).max() > 1.0
     wrench = run_recording(record, "run").channel("wrench").values
-    np.testing.assert_allclose(B @ np.linalg.pinv(B) @ wrench.T, wrench.T, atol=1e-9 * np.abs(wrench).max())
+    np.testing.assert_allclose(
+        B @ np.linalg.pinv(B) @ wrench.T, wrench.T, atol=1e-9 * np.abs(wrench).max()
+    )
 
 
 FAULTS = {
@@ -149,7 +164,8 @@ def test_a_run_is_recorded_as_its_sensors_saw_it_when_they_did(delay: float) -> 
         ("linear_velocity", "v", slice(3)),
         ("angular_velocity", "v", slice(3, 6)),
     ):
-        one, spec = channels[name], getattr(late, name)
+        one = channels[name]
+        spec = getattr(late, name)
         at = np.searchsorted(record["t"], one.t - 1e-6)
         np.testing.assert_allclose(one.values, record[series][at, part], atol=5.5 * spec.sigma)
         assert one.rate == pytest.approx(min(spec.rate, 1.0 / record.run_meta.dt), rel=0.02)
@@ -163,13 +179,23 @@ def test_where_sensors_are_ideal_the_estimate_is_what_was_measured() -> None:
 @pytest.mark.slow
 def test_numbers_from_default_sensors_lie_within_their_intervals() -> None:
     record = driven_run(duration=40.0, held=1.0, seed=1, sensors=robot_sensors(slow().description))
-    learn = {"added_mass": {"free": ["surge", "sway", "heave"]}, "quadratic_drag": {"free": ["surge", "sway", "heave"]}}
+    learn = {
+        "added_mass": {"free": ["surge", "sway", "heave"]},
+        "quadratic_drag": {"free": ["surge", "sway", "heave"]},
+    }
     noise = {"velocity": 0.002, "rate": 0.005, "vertical": 0.002}
-    given = subject()[1].model_dump() | {"learn": learn, "noise": noise, "lag": LAG, "dead_zone": DEAD_ZONE}
+    given = subject()[1].model_dump() | {
+        "learn": learn,
+        "noise": noise,
+        "lag": LAG,
+        "dead_zone": DEAD_ZONE,
+    }
     one = calibrated_robot(settings := CalibrationSettings.model_validate(given), Path())
     found = calibrate(one, settings, [run_recording(record, "run")])
     truth = values_of(one.vehicle, one.vehicle.shared.start)
-    off = [(each.value - true) / each.sigma for each, true in zip(found.numbers, truth, strict=True)]
+    off = [
+        (each.value - true) / each.sigma for each, true in zip(found.numbers, truth, strict=True)
+    ]
     assert np.abs(off).max() < 3.0
     assert all(one.determined for one in found.numbers)
 
@@ -191,18 +217,29 @@ def columns_turned(recording: Recording, channel: str) -> Recording:
 
 
 def test_thrusters_go_by_their_names() -> None:
-    recording, vehicle = run_recording(run(), "run"), subject()[0].vehicle
-    straight, turned = (PreparedRecording.of(one, vehicle) for one in (recording, columns_turned(recording, "thrust")))
+    recording = run_recording(run(), "run")
+    vehicle = subject()[0].vehicle
+    straight, turned = (
+        PreparedRecording.of(one, vehicle)
+        for one in (recording, columns_turned(recording, "thrust"))
+    )
     np.testing.assert_array_equal(turned.commands.channel.values, straight.commands.channel.values)
     others = replace(recording.channel("thrust"), columns=tuple("abcdefgh"))
     with pytest.raises(InvalidInput, match=r"run: thrust is of a, b, .*; allowed: T1, T2"):
-        PreparedRecording.of(replace(recording, channels={**recording.channels, "thrust": others}), vehicle)
+        PreparedRecording.of(
+            replace(recording, channels={**recording.channels, "thrust": others}), vehicle
+        )
 
 
 def also_told(record: Record, **changed: object) -> str:
     (one, settings), recording = subject(), run_recording(record, "run")
     other = CalibrationSettings.model_validate(settings.model_dump() | changed)
-    return "; ".join(map(str, check_settings(calibrated_robot(other, Path()) if changed else one, other, recording)))
+    return "; ".join(
+        map(
+            str,
+            check_settings(calibrated_robot(other, Path()) if changed else one, other, recording),
+        )
+    )
 
 
 def test_a_strong_current_that_nothing_learns_is_refused_before_the_search() -> None:
@@ -212,7 +249,9 @@ def test_a_strong_current_that_nothing_learns_is_refused_before_the_search() -> 
     flowing = replace(recording, channels={**recording.channels, "current": flow})
     with pytest.raises(InvalidInput, match=r"run: a current of 0\.14 m/s.*learn it too"):
         calibrate(one, settings, [flowing])
-    learning = CalibrationSettings.model_validate(settings.model_dump() | {"learn": {"current": {}}})
+    learning = CalibrationSettings.model_validate(
+        settings.model_dump() | {"learn": {"current": {}}}
+    )
     require_current(calibrated_robot(learning, Path()), flowing)
     require_current(one, recording)
 
@@ -220,12 +259,17 @@ def test_a_strong_current_that_nothing_learns_is_refused_before_the_search() -> 
 def test_what_a_fit_neglects_is_told_and_nothing_else() -> None:
     assert also_told(run()) == ""
     flowing = driven_run(
-        duration=6.0, environment=Environment(seafloor=FlatSeafloor(z=-40.0), current=UniformCurrent([0.2, 0.0, 0.0]))
+        duration=6.0,
+        environment=Environment(
+            seafloor=FlatSeafloor(z=-40.0), current=UniformCurrent([0.2, 0.0, 0.0])
+        ),
     )
     assert also_told(flowing) == "current: up to 0.2 m/s that a fit takes for still water: learn it"
     assert also_told(flowing, learn={"current": {}}) == ""
-    assert also_told(driven_run(duration=6.0, size=30.0)) == (
-        "thrust: more is asked of T1, T2, T3, T4, T5, T6, T7, T8 than they can give: a fit takes it for given"
+    assert (
+        also_told(driven_run(duration=6.0, size=30.0))
+        == "thrust: more is asked of T1, T2, T3, T4, T5, T6, T7, T8 than they can give: a fit takes"
+        " it for given"
     )
     assert "thrust: commands of a run of this toolkit act at once" in also_told(run(), delay=0.05)
     assert also_told(run(), delay=0.05, learn={"lag": {}, "delay": {}}) == ""
@@ -236,15 +280,21 @@ def test_a_lag_that_is_not_given_begins_with_that_of_the_thrusters() -> None:
     settings = CalibrationSettings.model_validate(subject()[1].model_dump() | given)
     thrusters = load_robot("girona_maris7_full").description.thrusters
     for lag in (None, 0.3):
-        found = calibrated_robot(settings.model_copy(update={"lag": lag}), Path()).vehicle.actuators.lag
+        found = calibrated_robot(
+            settings.model_copy(update={"lag": lag}), Path()
+        ).vehicle.actuators.lag
         assert found == pytest.approx(lag or np.mean([one.time_constant for one in thrusters]))
 
 
 @long_without_compiler
 def test_a_wrench_of_our_controller_is_ahead_of_the_lag_and_that_is_told() -> None:
     record = bluerov_inspection(duration=2.0).run()
-    settings = CalibrationSettings.model_validate(subject()[1].model_dump() | {"arm": "as it is", "commands": "wrench"})
-    doubt, *more = check_settings(calibrated_robot(settings, Path()), settings, run_recording(record, "run"))
+    settings = CalibrationSettings.model_validate(
+        subject()[1].model_dump() | {"arm": "as it is", "commands": "wrench"}
+    )
+    doubt, *more = check_settings(
+        calibrated_robot(settings, Path()), settings, run_recording(record, "run")
+    )
     assert not more
     assert str(doubt).startswith("wrench: thrusters were driven ahead of their lag")
 
@@ -266,4 +316,6 @@ def test_the_folder_of_a_run_is_its_record(tmp_path: Path) -> None:
     for name in ("rows", "results"):
         found = read_recording(tmp_path / name)
         assert found.channels.keys() == expected.channels.keys()
-        np.testing.assert_array_equal(found.channels["thrust"].values, expected.channels["thrust"].values)
+        np.testing.assert_array_equal(
+            found.channels["thrust"].values, expected.channels["thrust"].values
+        )

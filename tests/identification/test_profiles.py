@@ -19,13 +19,17 @@ def told(inflation: float) -> list[IdentifiedNumber]:
 
 
 @pytest.mark.parametrize("inflation", [1.0, 7.0])
-def test_of_a_linear_problem_with_gaussian_noise_it_is_the_interval_of_standard_errors(inflation: float) -> None:
+def test_of_a_linear_problem_with_gaussian_noise_it_is_the_interval_of_standard_errors(
+    inflation: float,
+) -> None:
     found = list(profiles(problem(), told(inflation), inflation))
     assert [one.number.name for one in found] == ["bias surge", "bias sway", "bias heave"]
     for one in found:
         width = one.number.interval[1] - one.number.interval[0]
         np.testing.assert_allclose(one.interval, one.number.interval, atol=1e-3 * width)
-        np.testing.assert_allclose(one.roots, (one.values - one.number.value) / one.number.sigma, atol=2e-3)
+        np.testing.assert_allclose(
+            one.roots, (one.values - one.number.value) / one.number.sigma, atol=2e-3
+        )
         assert not one.differs
 
 

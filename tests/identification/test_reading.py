@@ -1,4 +1,6 @@
-"""Files of our own need no mapping, those of others say that they do, and a command shows what is in either."""
+"""Files of our own need no mapping, those of others say that they do, and a command shows what is
+in either.
+"""
 
 from __future__ import annotations
 
@@ -29,7 +31,9 @@ def run() -> Record:
 
 
 @pytest.mark.parametrize("ending", [".npz", ".parquet", ".mcap"])
-def test_a_record_of_a_run_is_a_recording_of_what_was_measured(ending: str, run: Record, tmp_path: Path) -> None:
+def test_a_record_of_a_run_is_a_recording_of_what_was_measured(
+    ending: str, run: Record, tmp_path: Path
+) -> None:
     if ending in NEEDS:
         pytest.importorskip(NEEDS[ending], reason='needs pip install "uvms-ocp[identify,mcap]"')
     path = tmp_path / f"dive{ending}"
@@ -40,7 +44,10 @@ def test_a_record_of_a_run_is_a_recording_of_what_was_measured(ending: str, run:
         new = run[f"measured_{name}"][np.isfinite(run[f"measured_{name}"]).all(axis=1)]
         np.testing.assert_array_equal(recording.channels[name].t, new[:, 3])
         np.testing.assert_array_equal(recording.channels[name].values, new[:, :3])
-    for name, values in {"joint_positions": run["q_estimated"][:, 7:], "current": run["current"]}.items():
+    for name, values in {
+        "joint_positions": run["q_estimated"][:, 7:],
+        "current": run["current"],
+    }.items():
         np.testing.assert_array_equal(recording.channels[name].t, run["t"])
         np.testing.assert_array_equal(recording.channels[name].values, values)
     np.testing.assert_array_equal(recording.channels["thrust"].t[1:], run["t"])
@@ -66,20 +73,29 @@ def test_messages_of_others_need_a_mapping_and_say_of_which_topics(tmp_path: Pat
         made.start()
         channel = made.register_channel("/state", "json", 0)
         for k in range(3):
-            made.add_message(channel, k, json.dumps({"t": k, "a": 1.0, "b": 2.0, "c": k}).encode(), k)
+            made.add_message(
+                channel, k, json.dumps({"t": k, "a": 1.0, "b": 2.0, "c": k}).encode(), k
+            )
         made.finish()
-    with pytest.raises(InvalidInput, match=r"a\.mcap: no record of ours; give a mapping of its topics: /state"):
+    with pytest.raises(
+        InvalidInput, match=r"a\.mcap: no record of ours; give a mapping of its topics: /state"
+    ):
         read_recording(tmp_path / "a.mcap")
     (tmp_path / "map.yaml").write_text(MAPPING.format(where="topic: /state"))
     read = read_recording(tmp_path / "a.mcap", read_mapping(tmp_path / "map.yaml"))
     np.testing.assert_array_equal(read.channels["linear_velocity"].values[:, 2], [0.0, 1.0, 2.0])
 
 
-def test_a_mapping_is_for_files_of_others_and_ours_beside_them_are_read_as_they_are(tmp_path: Path, run: Record) -> None:
+def test_a_mapping_is_for_files_of_others_and_ours_beside_them_are_read_as_they_are(
+    tmp_path: Path, run: Record
+) -> None:
     run.save(tmp_path / "dive.npz")
     write_recording(GOOD, tmp_path / "good.csv")
     velocity = GOOD.channels["linear_velocity"]
-    write_columns(tmp_path / "other.csv", {"t": velocity.t, **dict(zip("abc", velocity.values.T, strict=True))})
+    write_columns(
+        tmp_path / "other.csv",
+        {"t": velocity.t, **dict(zip("abc", velocity.values.T, strict=True))},
+    )
     (tmp_path / "map.yaml").write_text(MAPPING.format(where="body: FRD"))
     files = [tmp_path / name for name in ("dive.npz", "good.csv", "other.csv")]
     told = json.loads(checked(*files, "--mapping", tmp_path / "map.yaml", "--json"))
@@ -95,8 +111,12 @@ def test_what_is_wrong_with_a_record_of_ours_is_said_with_a_mapping_too(tmp_path
         read_recording(PLAN, read_mapping(tmp_path / "map.yaml"))
 
 
-@pytest.mark.parametrize("name", ["none.csv", "none.csv.gz", "none.parquet", "none.mcap", "none.npz", "none"])
-def test_what_is_not_there_is_said_to_be_so_with_a_mapping_and_without(name: str, tmp_path: Path) -> None:
+@pytest.mark.parametrize(
+    "name", ["none.csv", "none.csv.gz", "none.parquet", "none.mcap", "none.npz", "none"]
+)
+def test_what_is_not_there_is_said_to_be_so_with_a_mapping_and_without(
+    name: str, tmp_path: Path
+) -> None:
     (tmp_path / "map.yaml").write_text(MAPPING.format(where="body: FRD"))
     for mapping in (None, read_mapping(tmp_path / "map.yaml")):
         with pytest.raises(InvalidInput, match=f"{name}: there is no such file"):
@@ -109,16 +129,25 @@ def checked(*words: object) -> str:
     return result.stdout
 
 
-def test_samples_that_are_missing_are_counted_beside_their_channel_and_rows_of_other_channels_are_not(tmp_path: Path) -> None:
+def test_samples_that_are_missing_are_counted_beside_their_channel_and_rows_of_other_channels_are_not(
+    tmp_path: Path,
+) -> None:
     t = np.arange(0.0, 40.0, 0.1)
-    depth = np.where(np.arange(len(t)) % 4 == 0, 3.0 + np.sin(0.3 * t), np.nan)  # beside what comes four times as often
+    depth = np.where(
+        np.arange(len(t)) % 4 == 0, 3.0 + np.sin(0.3 * t), np.nan
+    )  # beside what comes four times as often
     depth[[40, 80, 200]] = -99.0
-    write_columns(tmp_path / "a.csv", {"t": t, "depth": depth, "u": np.sin(t), "v": np.cos(t), "w": np.sin(2.0 * t)})
+    write_columns(
+        tmp_path / "a.csv",
+        {"t": t, "depth": depth, "u": np.sin(t), "v": np.cos(t), "w": np.sin(2.0 * t)},
+    )
     (tmp_path / "map.yaml").write_text(
         "channels: {position: {time: t, columns: [0.0, 0.0, -depth], missing: [-99]}, "
         "linear_velocity: {time: t, columns: [u, v, w]}}"
     )
-    told = json.loads(checked(tmp_path / "a.csv", "--mapping", tmp_path / "map.yaml", "--json"))["a"]
+    told = json.loads(checked(tmp_path / "a.csv", "--mapping", tmp_path / "map.yaml", "--json"))[
+        "a"
+    ]
     assert [row["missing"] for row in told["channels"]] == [3, 0]
     assert told["doubts"] == ["position: 3 of 100 rows have NaN (-depth) and are left out"]
     assert "missing" in checked(tmp_path / "a.csv", "--mapping", tmp_path / "map.yaml")
@@ -133,7 +162,9 @@ def test_a_command_tells_channels_and_doubts_of_every_recording(tmp_path: Path) 
     turned = dict(zip("abc", (GOOD.channels["linear_velocity"].values @ DOWN).T, strict=True))
     position = dict(zip("xyz", GOOD.channels["position"].values.T, strict=True))
     attitude = dict(zip("ijkl", GOOD.channels["attitude"].values.T, strict=True))
-    write_columns(tmp_path / "other.csv", {"t": GOOD.channels["position"].t, **turned, **position, **attitude})
+    write_columns(
+        tmp_path / "other.csv", {"t": GOOD.channels["position"].t, **turned, **position, **attitude}
+    )
     (tmp_path / "map.yaml").write_text(
         MAPPING.format(where="body: FLU")[:-1]
         + ", position: {time: t, columns: [x, y, z]}, attitude: {time: t, columns: [i, j, k, l]}}"

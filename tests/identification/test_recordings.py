@@ -13,9 +13,25 @@ from motions import DOWN, changed, recorded
 
 from uvms_ocp.errors import InvalidInput, NameNotFound
 from uvms_ocp.identification.data_quality import check_data_quality
-from uvms_ocp.identification.reading import RecordingMapping, even_send_times, mapped_recording, read_mapping
-from uvms_ocp.identification.recording import Channel, Recording, ZeroOrderHold, angular_rate, rotations
-from uvms_ocp.identification.tables import read_columns, stored_recording, write_columns, write_recording
+from uvms_ocp.identification.reading import (
+    RecordingMapping,
+    even_send_times,
+    mapped_recording,
+    read_mapping,
+)
+from uvms_ocp.identification.recording import (
+    Channel,
+    Recording,
+    ZeroOrderHold,
+    angular_rate,
+    rotations,
+)
+from uvms_ocp.identification.tables import (
+    read_columns,
+    stored_recording,
+    write_columns,
+    write_recording,
+)
 
 GOOD = recorded()
 ATTITUDE = GOOD.channels["attitude"].values
@@ -39,7 +55,9 @@ def test_a_turned_world_frame_raises_no_doubt() -> None:
 
 
 LINEAR, ANGULAR = (GOOD.channels[f"{kind}_velocity"].values for kind in ("linear", "angular"))
-ON_ITS_BACK = np.array([(pin.Quaternion(x) * pin.Quaternion(np.array([1.0, 0, 0, 0]))).coeffs() for x in ATTITUDE])
+ON_ITS_BACK = np.array(
+    [(pin.Quaternion(x) * pin.Quaternion(np.array([1.0, 0, 0, 0]))).coeffs() for x in ATTITUDE]
+)
 
 
 @pytest.mark.parametrize(
@@ -47,17 +65,27 @@ ON_ITS_BACK = np.array([(pin.Quaternion(x) * pin.Quaternion(np.array([1.0, 0, 0,
     [
         ("linear_velocity", LINEAR[:, [1, 0, 2]], r"linear_velocity: its axes fit .* \(y, x, z\)"),
         ("linear_velocity", LINEAR @ DOWN, r"linear_velocity: its axes fit .* \(x, -y, -z\)"),
-        ("angular_velocity", ANGULAR * [1, 1, -1], r"angular_velocity: its axes fit .* \(x, y, -z\)"),
+        (
+            "angular_velocity",
+            ANGULAR * [1, 1, -1],
+            r"angular_velocity: its axes fit .* \(x, y, -z\)",
+        ),
         ("angular_velocity", np.degrees(ANGULAR), "angular_velocity: 5[78] times .* in deg/s"),
         ("linear_velocity", 1000 * LINEAR, r"linear_velocity: 1e\+03 times the rate"),
         ("angular_velocity", ANGULAR * [1, 0, 1], "angular_velocity: dead: y"),
         ("position", GOOD.channels["position"].values @ DOWN, "position: z is .* z down"),
-        ("attitude", ATTITUDE[:, [3, 0, 1, 2]], "attitude: reads better with format: quaternion wxyz"),
+        (
+            "attitude",
+            ATTITUDE[:, [3, 0, 1, 2]],
+            "attitude: reads better with format: quaternion wxyz",
+        ),
         ("attitude", ON_ITS_BACK, "attitude: the vehicle lies on its back"),
     ],
 )
 def test_bad_channels_are_named(name: str, values: np.ndarray, text: str) -> None:
-    assert re.search(text, told(changed(GOOD, name, values=values))), told(changed(GOOD, name, values=values))
+    assert re.search(text, told(changed(GOOD, name, values=values))), told(
+        changed(GOOD, name, values=values)
+    )
 
 
 def test_a_velocity_in_the_world_frame_is_named() -> None:
@@ -77,16 +105,21 @@ def test_offsets_of_clocks_are_told_and_corrected_by_a_delay(late: float) -> Non
 def test_gaps_bursts_and_lost_samples_are_told() -> None:
     channel = GOOD.channels["linear_velocity"]
     kept = (channel.t < 10.0) | (channel.t > 12.0)
-    assert "1 gaps, the longest 2" in told(changed(GOOD, "linear_velocity", t=channel.t[kept], values=channel.values[kept]))
+    assert "1 gaps, the longest 2" in told(
+        changed(GOOD, "linear_velocity", t=channel.t[kept], values=channel.values[kept])
+    )
     lost = channel.values.copy()
     lost[100:103] = 0.0
-    assert "3 of 800 samples are exactly zero" in told(changed(GOOD, "linear_velocity", values=lost))
+    assert "3 of 800 samples are exactly zero" in told(
+        changed(GOOD, "linear_velocity", values=lost)
+    )
     bursts = np.ceil(channel.t * 2) / 2 + 1e-4 * np.arange(len(channel.t))
     assert "arrives in bursts" in told(changed(GOOD, "linear_velocity", t=bursts))
 
 
 def test_even_messages_are_told_when_they_were_sent() -> None:
-    rng, sent = np.random.default_rng(1), 0.02 * np.arange(3000)
+    rng = np.random.default_rng(1)
+    sent = 0.02 * np.arange(3000)
     lost = (sent < 20.0) | (sent > 20.3)
     arrived = np.maximum.accumulate(sent[lost] + 0.05 + rng.exponential(0.1, size=lost.sum()))
     late, left = (times - sent[lost] - 0.05 for times in (arrived, even_send_times(arrived, 0.02)))
@@ -115,24 +148,28 @@ def test_a_stored_recording_comes_back(ending: str, tmp_path: Path) -> None:
 
 def test_foreign_columns_in_degrees_and_ned_become_ours(tmp_path: Path) -> None:
     t = GOOD.channels["position"].t
-    rpy = np.array([pin.rpy.matrixToRpy(DOWN @ pin.Quaternion(x).toRotationMatrix() @ DOWN) for x in ATTITUDE])
+    rpy = np.array(
+        [pin.rpy.matrixToRpy(DOWN @ pin.Quaternion(x).toRotationMatrix() @ DOWN) for x in ATTITUDE]
+    )
     ned = {"stamp": 1e9 * (t + 100.0)}
     ned |= {f"p{k}": x for k, x in enumerate((GOOD.channels["position"].values @ DOWN).T)}
     ned |= {f"a{k}": x for k, x in enumerate(np.degrees(rpy).T)}
     ned |= {f"v{k}": x for k, x in enumerate((GOOD.channels["linear_velocity"].values @ DOWN).T)}
     write_columns(tmp_path / "nav_7.csv", ned)
-    (tmp_path / "map.yaml").write_text(
-        """channels:
+    (tmp_path / "map.yaml").write_text("""channels:
   position: {file: "nav_{name}.csv", time: stamp, time_unit: ns, columns: [p0, p1, p2], world: NED}
   attitude: {file: "nav_{name}.csv", time: stamp, time_unit: ns, columns: [a0, a1, a2], format: rpy, unit: deg,
     world: NED, body: FRD}
   linear_velocity: {file: "nav_{name}.csv", time: stamp, time_unit: ns, columns: [v0, v1, v2], body: FRD, delay: 0.1}
-"""
-    )
+""")
     read = mapped_recording(tmp_path, read_mapping(tmp_path / "map.yaml"), "7")
     for name in ("position", "linear_velocity"):
-        np.testing.assert_allclose(read.channels[name].values, GOOD.channels[name].values, atol=1e-9)
-    np.testing.assert_allclose(rotations(read.channels["attitude"], t), rotations(GOOD.channels["attitude"], t), atol=1e-6)
+        np.testing.assert_allclose(
+            read.channels[name].values, GOOD.channels[name].values, atol=1e-9
+        )
+    np.testing.assert_allclose(
+        rotations(read.channels["attitude"], t), rotations(GOOD.channels["attitude"], t), atol=1e-6
+    )
     assert read.channels["linear_velocity"].delay == 0.1
     assert read.channels["position"].t[0] == 0.0
 
@@ -165,7 +202,9 @@ def test_wrong_files_are_told_in_a_line(tmp_path: Path) -> None:
     with pytest.raises(InvalidInput, match="no table of numbers"):
         read_columns(tmp_path / "d.csv.gz", ["t"])
     (tmp_path / "e.csv").write_text("t,r,p,y\n0,0,0,0\n1,10,20,30\n")
-    angles = RecordingMapping(channels={"attitude": {"time": "t", "columns": ["r", "p", "y"], "format": "rpy"}})
+    angles = RecordingMapping(
+        channels={"attitude": {"time": "t", "columns": ["r", "p", "y"], "format": "rpy"}}
+    )
     with pytest.raises(InvalidInput, match="in deg"):
         mapped_recording(tmp_path / "e.csv", angles)
 
@@ -178,7 +217,9 @@ def test_wrong_files_are_told_in_a_line(tmp_path: Path) -> None:
         ([0.0, 1.0], [1.0, 2.0], r"\(n,\) and \(n, k\)"),
     ],
 )
-def test_channels_that_cannot_be_are_refused(t: list[float], values: list[object], message: str) -> None:
+def test_channels_that_cannot_be_are_refused(
+    t: list[float], values: list[object], message: str
+) -> None:
     with pytest.raises(InvalidInput, match=message):
         Channel(t=np.array(t), values=np.array(values))
 
@@ -204,7 +245,11 @@ def test_the_rate_of_an_attitude_is_its_angular_velocity() -> None:
 
 def test_the_mean_of_a_held_command_is_its_integral_and_its_slope_a_difference() -> None:
     rng = np.random.default_rng(5)
-    held = ZeroOrderHold(Channel(t=np.sort(rng.uniform(0, 10, size=200)), values=rng.normal(size=(200, 2)), delay=0.1))
+    held = ZeroOrderHold(
+        Channel(
+            t=np.sort(rng.uniform(0, 10, size=200)), values=rng.normal(size=(200, 2)), delay=0.1
+        )
+    )
     edges = np.linspace(1.0, 9.0, 41)
     fine = np.linspace(1.0, 9.0, 400_001)
     values = held.at((fine[1:] + fine[:-1]) / 2)
@@ -216,12 +261,18 @@ def test_the_mean_of_a_held_command_is_its_integral_and_its_slope_a_difference()
 
 def with_holes(tmp_path: Path, name: str, holes: np.ndarray) -> Recording:
     """A table of a velocity and thrust whose cells are empty in holes (n,) of one of both."""
-    n, rng = len(holes), np.random.default_rng(0)
-    table = {"t": 0.1 * np.arange(n), **{f"{key}{k}": rng.normal(size=n) for key in ("v", "f") for k in range(3)}}
+    n = len(holes)
+    rng = np.random.default_rng(0)
+    table = {
+        "t": 0.1 * np.arange(n),
+        **{f"{key}{k}": rng.normal(size=n) for key in ("v", "f") for k in range(3)},
+    }
     table |= {f"{name}{k}": np.where(holes, np.nan, table[f"{name}{k}"]) for k in range(3)}
     write_columns(tmp_path / "a.csv", table)
     pairs = (("linear_velocity", "v"), ("thrust", "f"))
-    channels = {key: {"time": "t", "columns": [f"{column}{k}" for k in range(3)]} for key, column in pairs}
+    channels = {
+        key: {"time": "t", "columns": [f"{column}{k}" for k in range(3)]} for key, column in pairs
+    }
     return mapped_recording(tmp_path / "a.csv", RecordingMapping(channels=channels))
 
 
@@ -232,7 +283,10 @@ def test_rows_with_nan_are_counted_and_of_a_command_it_is_said_what_a_fit_makes_
     holes = np.arange(70) % 7 == 3
     one = with_holes(tmp_path, name, holes)
     assert len(one.channels[channel].t) == 60
-    assert f"{channel}: 10 of 70 rows have NaN ({name}0, {name}1, {name}2) and are left out" in told(one)
+    assert (
+        f"{channel}: 10 of 70 rows have NaN ({name}0, {name}1, {name}2) and are left out"
+        in told(one)
+    )
     assert ("the command before them" in told(one)) == (channel == "thrust")
 
 

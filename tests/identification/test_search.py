@@ -18,14 +18,20 @@ NOISE = Noise(velocity=0.005, rate=0.005, vertical=0.005, process=0.02, start=0.
 
 
 def vehicle() -> Vehicle:
-    return vehicle_of(known().with_status(added_mass=Free(), quadratic_drag=Free(only=("surge", "yaw")), lag=Free()))
+    return vehicle_of(
+        known().with_status(
+            added_mass=Free(), quadratic_drag=Free(only=("surge", "yaw")), lag=Free()
+        )
+    )
 
 
 @pytest.mark.slow
 def test_what_is_twice_as_large_is_found() -> None:
     one = vehicle()
     rollout = Rollout(stage_of(one))
-    truth = one.shared.start + np.where([name.startswith("added_mass") for name in one.shared.names], 0.35, 0.7)
+    truth = one.shared.start + np.where(
+        [name.startswith("added_mass") for name in one.shared.names], 0.35, 0.7
+    )
     prepared = PreparedRecording.of(drive(rollout.stage, truth, seed=4, noise=0.005), one)
     found = search_fit(one, [prepared], NOISE, rollout, Search(step=0.025, stretch=15.0))
     assert found.status is FitStatus.CONVERGED
@@ -34,10 +40,12 @@ def test_what_is_twice_as_large_is_found() -> None:
 
 def test_a_lag_shorter_than_a_step_leaves_its_whole_impulse() -> None:
     one = vehicle()
-    stage, p = stage_of(one), one.shared.start.copy()
+    stage = stage_of(one)
+    p = one.shared.start.copy()
     p[one.shared.names.index("lag")] = np.log(0.02)
     x = np.concatenate([[0, 0, 0, 0, 0, 0, 1.0], np.zeros(6), np.zeros(6)])
-    u, fine = np.array([10.0, 0, 0, 0, 0, 0]), x
+    u = np.array([10.0, 0, 0, 0, 0, 0])
+    fine = x
     for _ in range(100):
         fine = np.asarray(stage.step(fine, u, np.zeros(0), p, 0.0005)).ravel()
     rough = np.asarray(stage.step(x, u, np.zeros(0), p, 0.05)).ravel()
@@ -49,10 +57,14 @@ def test_a_search_goes_on_by_itself_where_its_iterations_are_too_few() -> None:
     rollout = Rollout(stage_of(one))
     truth = one.shared.start + 0.1
     error = OutputErrorProblem(
-        one, PreparedRecording.of(drive(rollout.stage, truth, seed=4), one).stretches(0.05, 15.0), NOISE, rollout
+        one,
+        PreparedRecording.of(drive(rollout.stage, truth, seed=4), one).stretches(0.05, 15.0),
+        NOISE,
+        rollout,
     )
     short = error.solve(error.start(), iterations=1)
-    found, wanted = resumed_search(error, short, 1), error.solve(error.start(), iterations=20)
+    found = resumed_search(error, short, 1)
+    wanted = error.solve(error.start(), iterations=20)
     assert (short.status, wanted.status) == (FitStatus.ITERATION_LIMIT, FitStatus.CONVERGED)
     assert found.status is FitStatus.CONVERGED
     assert 1 < found.iterations < 10
@@ -62,17 +74,22 @@ def test_a_search_goes_on_by_itself_where_its_iterations_are_too_few() -> None:
 @pytest.mark.parametrize("every", [2, 3, 5])
 def test_motions_that_alternate_are_all_among_some_minutes(every: int) -> None:
     one = vehicle()
-    tow = PreparedRecording.of(drive(stage_of(one), one.shared.start, seed=1, t_end=5.0), one).stretches(0.05, 10.0)[0]
+    tow = PreparedRecording.of(
+        drive(stage_of(one), one.shared.start, seed=1, t_end=5.0), one
+    ).stretches(0.05, 10.0)[0]
     chosen = _some([replace(tow, recording=f"tow {k}") for k in range(30)], every)
     assert len(chosen) == -(-30 // every)
     kinds = [int(part.recording.split()[1]) % 2 for part in chosen]
     assert min(kinds.count(0), kinds.count(1)) >= len(chosen) // 4
 
 
-def test_long_recordings_are_searched_along_some_minutes_first_and_give_the_same(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_long_recordings_are_searched_along_some_minutes_first_and_give_the_same(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
     one = vehicle()
     rollout = Rollout(stage_of(one))
-    truth, said = one.shared.start + 0.1, list[str]()
+    truth = one.shared.start + 0.1
+    said = list[str]()
     drives = [drive(rollout.stage, truth, seed=seed, t_end=20.0, noise=0.005) for seed in range(3)]
     prepared = [PreparedRecording.of(each, one) for each in drives]
     search = Search(step=0.05, stretch=10.0, progress=said.append)
@@ -83,6 +100,11 @@ def test_long_recordings_are_searched_along_some_minutes_first_and_give_the_same
     assert any("search 4 of 4" in line for line in said)
     errors = 1.0 / np.sqrt(np.diag(wanted.information))
     assert (np.abs(found.shared - wanted.shared) < 0.1 * errors).all()
-    np.testing.assert_allclose(found.information, wanted.information, rtol=0.01, atol=0.01 * np.abs(wanted.information).max())
+    np.testing.assert_allclose(
+        found.information,
+        wanted.information,
+        rtol=0.01,
+        atol=0.01 * np.abs(wanted.information).max(),
+    )
     assert found.own.keys() == wanted.own.keys()
     assert len(found.starts) == len(wanted.starts)

@@ -1,4 +1,6 @@
-"""A robot whose hull is a shape is identified as it is: what the shape gives is the prior of its coefficients."""
+"""A robot whose hull is a shape is identified as it is: what the shape gives is the prior of its
+coefficients.
+"""
 
 from __future__ import annotations
 
@@ -17,7 +19,12 @@ from uvms_ocp.identification.calibration import calibrate
 from uvms_ocp.identification.parameters import AXES
 from uvms_ocp.identification.recording import Channel, Recording
 from uvms_ocp.identification.results import report_text, variant_text, whole_text
-from uvms_ocp.identification.settings import SHAPE_SPREADS, CalibratedRobot, CalibrationSettings, calibrated_robot
+from uvms_ocp.identification.settings import (
+    SHAPE_SPREADS,
+    CalibratedRobot,
+    CalibrationSettings,
+    calibrated_robot,
+)
 from uvms_ocp.robot.assembly import without_arm
 from uvms_ocp.robot.coefficients import links_in_water
 from uvms_ocp.robot.description import as_matrix6
@@ -44,7 +51,10 @@ LINKS: dict[str, dict[str, Any]] = {
     "box away": {"box": BOX | AWAY},
     "box by the flow": {"box": BOX | {"drag_by": "flow"}},
     "sphere": {"sphere": {"radius": 0.3}},
-    "coefficients away": {"coefficients": {"added_mass": [9.0] * 6, "quadratic_drag": [60.0] * 6, "volume": 0.02} | AWAY},
+    "coefficients away": {
+        "coefficients": {"added_mass": [9.0] * 6, "quadratic_drag": [60.0] * 6, "volume": 0.02}
+        | AWAY
+    },
 }
 COEFFICIENTS = ("added_mass", "linear_drag", "quadratic_drag", "volume", "centre_of_buoyancy")
 
@@ -66,7 +76,9 @@ def subject_of(folder: Path, **changed: Any) -> tuple[CalibratedRobot, Calibrati
 
 
 def hull_of(robot: Robot) -> LinkHydrodynamics:
-    (found,) = (one for one in links_in_water(without_arm(robot).description) if one.frame == "base_link")
+    (found,) = (
+        one for one in links_in_water(without_arm(robot).description) if one.frame == "base_link"
+    )
     return found
 
 
@@ -75,37 +87,55 @@ def towed(subject: CalibratedRobot, mass: float, drag: float) -> Recording:
     pushes = (0.0, 20.0, -15.0, 35.0, 8.0)
     t, speed = moved(mass, subject.start.linear_drag[0, 0], drag, pushes, 0.0)
     along = {"linear_velocity": (t, speed, 3), "wrench": (5.0 * np.arange(5), np.array(pushes), 6)}
-    channels = {name: Channel(t=t, values=np.outer(x, np.arange(n) == 0)) for name, (t, x, n) in along.items()}
+    channels = {
+        name: Channel(t=t, values=np.outer(x, np.arange(n) == 0))
+        for name, (t, x, n) in along.items()
+    }
     return Recording(name="towed", channels=channels)
 
 
 @pytest.mark.parametrize("name", LINKS)
-def test_numbers_replace_the_shape_in_the_file_and_all_others_stay_as_it_gave_them(name: str, tmp_path: Path) -> None:
+def test_numbers_replace_the_shape_in_the_file_and_all_others_stay_as_it_gave_them(
+    name: str, tmp_path: Path
+) -> None:
     one, settings = subject_of(shaped(tmp_path, LINKS[name]), axes=["surge"])
-    mass, drag = one.start.mass + 0.6 * one.start.added_mass[0, 0], 0.7 * one.start.quadratic_drag[0, 0]
+    mass = one.start.mass + 0.6 * one.start.added_mass[0, 0]
+    drag = 0.7 * one.start.quadratic_drag[0, 0]
     found = calibrate(one, settings, [towed(one, mass, drag)], progress=lambda _: None)
     numbers = {each.name: each for each in found.numbers}
     for number, truth in (("mass and added mass surge", mass), ("quadratic_drag surge", drag)):
         assert abs(numbers[number].value - truth) < 3.0 * numbers[number].sigma
         assert numbers[number].sigma < 0.1 * truth
-    assert ("is the prior of its coefficients" in report_text(found)) == ("coefficients" not in name)
+    assert ("is the prior of its coefficients" in report_text(found)) == (
+        "coefficients" not in name
+    )
     (tmp_path / "variant.yaml").write_text(variant_text(found, ["towed"]))
     (tmp_path / "whole.yaml").write_text(whole_text(found, tmp_path / "variant.yaml"))
     after = load_robot(urdf=tmp_path / "mine/robot.urdf", hydrodynamics=tmp_path / "whole.yaml")
-    before = load_robot(urdf=tmp_path / "mine/robot.urdf", hydrodynamics=tmp_path / "mine/hydrodynamics.yaml")
+    before = load_robot(
+        urdf=tmp_path / "mine/robot.urdf", hydrodynamics=tmp_path / "mine/hydrodynamics.yaml"
+    )
     expected = {field: np.array(getattr(hull_of(before), field)) for field in COEFFICIENTS}
     for quantity in SETTINGS["learn"]:
         expected[quantity][0, 0] = numbers[f"{quantity} surge"].value
     for field in COEFFICIENTS:
-        np.testing.assert_allclose(getattr(hull_of(after), field), expected[field], rtol=1e-5, atol=1e-8)
-    np.testing.assert_allclose(hull_of(after).X_FL.homogeneous, hull_of(before).X_FL.homogeneous, atol=1e-9)
+        np.testing.assert_allclose(
+            getattr(hull_of(after), field), expected[field], rtol=1e-5, atol=1e-8
+        )
+    np.testing.assert_allclose(
+        hull_of(after).X_FL.homogeneous, hull_of(before).X_FL.homogeneous, atol=1e-9
+    )
     assert hull_of(after).by_flow == hull_of(before).by_flow == ("flow" in name)
 
 
 @pytest.mark.parametrize("name", LINKS)
 def test_buoyancy_is_where_it_was_when_nothing_says_otherwise(name: str, tmp_path: Path) -> None:
     """Whatever the frame of the coefficients; the hull's box is around the same place, too."""
-    one, settings = subject_of(shaped(tmp_path, LINKS[name]), learn={"volume": {}, "centre_of_buoyancy": {}}, axes=["surge"])
+    one, settings = subject_of(
+        shaped(tmp_path, LINKS[name]),
+        learn={"volume": {}, "centre_of_buoyancy": {}},
+        axes=["surge"],
+    )
     still = Channel(t=np.arange(100.0) / 10.0, values=np.zeros((100, 3)))
     wrench = Channel(t=np.arange(100.0) / 10.0, values=np.zeros((100, 6)))
     rest = Recording(name="rest", channels={"linear_velocity": still, "wrench": wrench})
@@ -115,14 +145,23 @@ def test_buoyancy_is_where_it_was_when_nothing_says_otherwise(name: str, tmp_pat
     (tmp_path / "whole.yaml").write_text(whole_text(found, tmp_path / "variant.yaml"))
     after = load_robot(urdf=tmp_path / "mine/robot.urdf", hydrodynamics=tmp_path / "whole.yaml")
     np.testing.assert_allclose(hull_of(after).volume, hull_of(one.robot).volume, rtol=1e-5)
-    np.testing.assert_allclose(hull_of(after).centre_of_buoyancy, hull_of(one.robot).centre_of_buoyancy, atol=1e-5)
+    np.testing.assert_allclose(
+        hull_of(after).centre_of_buoyancy, hull_of(one.robot).centre_of_buoyancy, atol=1e-5
+    )
     assert text["volume"] > 0.0
 
 
 def test_what_a_shape_gives_is_a_prior_unless_settings_know_better(tmp_path: Path) -> None:
-    learn = {"added_mass": {}, "linear_drag": {"prior": 0.1}, "volume": {"bounds": [0.01, 0.5]}, "mass": {}}
+    learn = {
+        "added_mass": {},
+        "linear_drag": {"prior": 0.1},
+        "volume": {"bounds": [0.01, 0.5]},
+        "mass": {},
+    }
     for link, prior in (("box", SHAPE_SPREADS["added_mass"]), ("coefficients away", np.inf)):
-        known = subject_of(shaped(tmp_path, LINKS[link]), learn=learn)[0].vehicle.shared.declaration.quantities
+        known = subject_of(shaped(tmp_path, LINKS[link]), learn=learn)[
+            0
+        ].vehicle.shared.declaration.quantities
         np.testing.assert_array_equal(known["added_mass"].sigma, [prior] * len(AXES))
         assert set(known["linear_drag"].sigma) <= {0.1}
         assert np.isinf([*known["volume"].sigma, *known["mass"].sigma]).all()
@@ -131,7 +170,9 @@ def test_what_a_shape_gives_is_a_prior_unless_settings_know_better(tmp_path: Pat
 def test_a_turned_shape_is_refused_for_its_axes_are_not_those_of_the_link(tmp_path: Path) -> None:
     cylinder = {"radius": 0.2, "length": 0.9, "pose": {"rpy": [0.0, 1.5707963267948966, 0.0]}}
     one, _ = subject_of(shaped(tmp_path, {"cylinder": cylinder}))
-    with pytest.raises(InvalidInput, match="base_link: give it coefficients along the axes of its link"):
+    with pytest.raises(
+        InvalidInput, match="base_link: give it coefficients along the axes of its link"
+    ):
         one.coefficients()
 
 
@@ -141,5 +182,7 @@ def test_a_robot_that_is_begun_with_is_one_to_identify(tmp_path: Path) -> None:
     one, _ = subject_of(tmp_path, arm="as it is", commands="thrust", axes=[*AXES])
     found = one.coefficients()
     for field in COEFFICIENTS[:3]:
-        np.testing.assert_allclose(getattr(hull_of(one.robot), field), as_matrix6(getattr(found, field)))
+        np.testing.assert_allclose(
+            getattr(hull_of(one.robot), field), as_matrix6(getattr(found, field))
+        )
     assert "added_mass roll" in one.vehicle.shared.names

@@ -10,14 +10,22 @@ from motions import changed, recorded
 
 from uvms_ocp.errors import InvalidInput
 from uvms_ocp.identification.data_quality import check_data_quality
-from uvms_ocp.identification.recording import LONGEST_GAP, SHORTEST, Channel, Recording, split_at_gaps
+from uvms_ocp.identification.recording import (
+    LONGEST_GAP,
+    SHORTEST,
+    Channel,
+    Recording,
+    split_at_gaps,
+)
 
 GOOD = recorded(t_end=30.0)
 
 
 def later(one: Recording, at: float, by: float) -> Recording:
     """With a clock that was moved by some time [s] at another [s]."""
-    moved = {name: replace(each, t=each.t + by * (each.t > at)) for name, each in one.channels.items()}
+    moved = {
+        name: replace(each, t=each.t + by * (each.t > at)) for name, each in one.channels.items()
+    }
     return replace(one, channels=moved)
 
 
@@ -41,7 +49,9 @@ def test_parts_have_every_sample_and_no_silence_and_the_first_says_what_was_cut(
         joined = np.vstack([one.channels[name].values for one in found])
         np.testing.assert_array_equal(joined, channel.values)
         assert all(np.diff(one.channels[name].t).max() < LONGEST_GAP for one in found)
-    assert f"nothing is recorded for {by + 0.05:.3g} s at 10 s" in "; ".join(map(str, check_data_quality(found[0])))
+    assert f"nothing is recorded for {by + 0.05:.3g} s at 10 s" in "; ".join(
+        map(str, check_data_quality(found[0]))
+    )
     assert check_data_quality(found[1]) == ()
     assert split_at_gaps(found) == found
 
@@ -52,6 +62,9 @@ def test_a_part_that_is_too_short_is_left_out() -> None:
 
 
 def test_samples_that_are_all_far_apart_are_refused() -> None:
-    sparse = {name: Channel(t=10.0 * np.arange(5), values=one.values[:5]) for name, one in GOOD.channels.items()}
+    sparse = {
+        name: Channel(t=10.0 * np.arange(5), values=one.values[:5])
+        for name, one in GOOD.channels.items()
+    }
     with pytest.raises(InvalidInput, match="nothing is recorded for up to 10 s, again and again"):
         split_at_gaps([replace(GOOD, channels=sparse)])

@@ -1,4 +1,6 @@
-"""White noise passes the test of whiteness as often as its level says; what is correlated does not."""
+"""White noise passes the test of whiteness as often as its level says; what is correlated does
+not.
+"""
 
 from __future__ import annotations
 
@@ -44,12 +46,17 @@ def test_the_statistic_is_that_of_ljung_and_box() -> None:
 
 
 def test_each_channel_is_told_by_itself_with_its_size() -> None:
-    rng, n = np.random.default_rng(2), 500
+    rng = np.random.default_rng(2)
+    n = 500
     seen = [sigma * rng.normal(size=(n, 3)) for sigma in (0.2, 0.3, 0.1)]
     seen[1][:, 2] = 0.3 * coloured(rng, n, 0.9)
     seen[2][:, 1] = 0.0
-    left = Predicted(t=(0.1 * np.arange(n),) * 3, rows=(np.zeros((n, 3)),) * 3, measured=tuple(seen))
-    told = {one.channel: one for one in whiteness(left, Noise(velocity=0.1, rate=0.3, vertical=0.1))}
+    left = Predicted(
+        t=(0.1 * np.arange(n),) * 3, rows=(np.zeros((n, 3)),) * 3, measured=tuple(seen)
+    )
+    told = {
+        one.channel: one for one in whiteness(left, Noise(velocity=0.1, rate=0.3, vertical=0.1))
+    }
     assert set(told) == set(CHANNELS) - {"vertical y"}
     assert told["surge"].size == pytest.approx(2.0, rel=0.1)
     assert told["vertical z"].size == pytest.approx(1.0, rel=0.1)

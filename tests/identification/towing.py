@@ -4,15 +4,23 @@ from __future__ import annotations
 
 import numpy as np
 
-NOISE, FINE = 0.005, 1e-3
+NOISE = 0.005
+FINE = 1e-3
 """[m/s, rad/s] of what is seen, [s] of a step."""
 
 
-def moved(mass: float, linear: float, quadratic: float, pushes: tuple[float, ...], speed: float) -> tuple[np.ndarray, np.ndarray]:
+def moved(
+    mass: float, linear: float, quadratic: float, pushes: tuple[float, ...], speed: float
+) -> tuple[np.ndarray, np.ndarray]:
     """Speeds at 10 Hz under pushes that last 5 s each: ``mass v' = push - linear v - quadratic |v| v``, by small steps."""
-    rng, found = np.random.default_rng(3), []
+    rng = np.random.default_rng(3)
+    found = []
     for k in range(int(5.0 * len(pushes) / FINE)):
         if k % 100 == 0:
             found.append(speed)
-        speed += FINE * (pushes[int(k * FINE / 5.0)] - linear * speed - quadratic * abs(speed) * speed) / mass
+        speed += (
+            FINE
+            * (pushes[int(k * FINE / 5.0)] - linear * speed - quadratic * abs(speed) * speed)
+            / mass
+        )
     return 0.1 * np.arange(len(found)), np.array(found) + NOISE * rng.normal(size=len(found))

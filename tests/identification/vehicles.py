@@ -5,30 +5,48 @@ from __future__ import annotations
 import numpy as np
 import pinocchio as pin
 
-from uvms_ocp.identification.parameters import ActuatorModel, AxisCouplings, Declaration, NominalParameters, vehicle_declaration
+from uvms_ocp.identification.parameters import (
+    ActuatorModel,
+    AxisCouplings,
+    Declaration,
+    NominalParameters,
+    vehicle_declaration,
+)
 from uvms_ocp.robot.hydrodynamics import LinkHydrodynamics
 from uvms_ocp.robot.symbolic_dynamics import SymbolicDynamics
 
 HULL = np.array([[-0.4, -0.3, -0.2], [0.4, 0.3, 0.2]])
 PAIRS = tuple((i, j) for i in range(6) for j in range(i))
-COUPLED = AxisCouplings(added_mass=PAIRS, linear_drag=PAIRS, quadratic_drag=((0, 4), (1, 5), (5, 1), (2, 4)))
+COUPLED = AxisCouplings(
+    added_mass=PAIRS, linear_drag=PAIRS, quadratic_drag=((0, 4), (1, 5), (5, 1), (2, 4))
+)
 
 
 def vehicle(n_joints: int = 0) -> SymbolicDynamics:
-    """A vehicle in fresh water, its centre of mass off the origin, with an arm of some joints in water too."""
+    """A vehicle in fresh water, its centre of mass off the origin, with an arm of some joints in
+    water too.
+    """
     model = pin.Model()
     joint = model.addJoint(0, pin.JointModelFreeFlyer(), pin.SE3.Identity(), "root")
     model.addFrame(pin.Frame("base_link", joint, 0, pin.SE3.Identity(), pin.FrameType.BODY))
     model.appendBodyToJoint(
-        joint, pin.Inertia(20.0, np.array([0.02, -0.01, -0.03]), np.diag([0.5, 0.6, 0.7])), pin.SE3.Identity()
+        joint,
+        pin.Inertia(20.0, np.array([0.02, -0.01, -0.03]), np.diag([0.5, 0.6, 0.7])),
+        pin.SE3.Identity(),
     )
     links = [base()]
     for k in range(n_joints):
-        joint = model.addJoint(joint, pin.JointModelRY(), pin.SE3(np.eye(3), np.array([0.3, 0.0, 0.0])), f"joint{k}")
+        joint = model.addJoint(
+            joint, pin.JointModelRY(), pin.SE3(np.eye(3), np.array([0.3, 0.0, 0.0])), f"joint{k}"
+        )
         model.addFrame(pin.Frame(f"link{k}", joint, 0, pin.SE3.Identity(), pin.FrameType.BODY))
         inertia = pin.Inertia(1.0, np.array([0.15, 0.0, 0.0]), np.diag([1e-3, 0.01, 0.01]))
         model.appendBodyToJoint(joint, inertia, pin.SE3.Identity())
-        links.append(LinkHydrodynamics(frame=f"link{k}", added_mass=[0.1, 0.6, 0.6, 0.001, 0.01, 0.01], volume=8e-4))
+        links.append(
+            LinkHydrodynamics(
+                frame=f"link{k}", added_mass=[0.1, 0.6, 0.6, 0.001, 0.01, 0.01], volume=8e-4
+            )
+        )
     return SymbolicDynamics(model=model, links=tuple(links), density=998.0)
 
 
@@ -44,6 +62,8 @@ def base() -> LinkHydrodynamics:
     )
 
 
-def declaration(couplings: AxisCouplings = COUPLED, actuators: ActuatorModel | None = None) -> Declaration:
+def declaration(
+    couplings: AxisCouplings = COUPLED, actuators: ActuatorModel | None = None
+) -> Declaration:
     """Of the vehicle alone, all known."""
     return vehicle_declaration(NominalParameters.of(vehicle()), HULL, actuators, couplings)

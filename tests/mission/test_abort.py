@@ -1,4 +1,6 @@
-"""Missions with an abort phase: how it is entered, what it knows, how it ends, and where it shows."""
+"""Missions with an abort phase: how it is entered, what it knows, how it ends, and where it
+shows.
+"""
 
 from __future__ import annotations
 
@@ -24,7 +26,9 @@ UP = pose_at((1.0, 2.0, 3.0))
 
 
 def phase(name: str, to: str, **activations: float) -> Phase:
-    return Phase(name=name, activations=activations, transitions=(Transition(to=to, when=(THERE,)),))
+    return Phase(
+        name=name, activations=activations, transitions=(Transition(to=to, when=(THERE,)),)
+    )
 
 
 def mission(abort: Abort | None = None) -> Mission:
@@ -47,12 +51,20 @@ def test_the_abort_phase_has_a_goal_of_its_own_and_ends_for_the_reason_it_began_
     np.testing.assert_array_equal(m.references(m.start(), 0.0)[1][:3], np.zeros(3))
     np.testing.assert_array_equal(m.activations(began, 5.0), m.activations(m.start(), 5.0))
     np.testing.assert_array_equal(m.activations(began, 6.0), [1, 1])
-    assert m.pending(began, {"PC.position_error": 2.0}) == "giving up, why; PC.position_error = 2 not < 0.3"
+    assert (
+        m.pending(began, {"PC.position_error": 2.0})
+        == "giving up, why; PC.position_error = 2 not < 0.3"
+    )
     state = began
     for t in (6.0, 8.1):
         state, event = m.step(state, t, {"PC.position_error": 0.2})
     assert event is not None
-    assert (event.source, event.target, state.aborted, state.completed) == ("climb", ABORT, "why", False)
+    assert (event.source, event.target, state.aborted, state.completed) == (
+        "climb",
+        ABORT,
+        "why",
+        False,
+    )
 
 
 @pytest.mark.parametrize("abort", [None, climbing()])
@@ -89,12 +101,18 @@ def test_gates_for_every_phase_reach_the_abort_phase_and_leave_those_that_are_se
 @pytest.mark.parametrize(
     ("abort", "message"),
     [
-        (lambda: replace(climbing(), ascent_task="HA"), "climbs by HA, a HorizontalAttitude; give a task on a pose"),
+        (
+            lambda: replace(climbing(), ascent_task="HA"),
+            "climbs by HA, a HorizontalAttitude; give a task on a pose",
+        ),
         (
             lambda: replace(climbing(), ascent_task="XX"),
             "abort: ascent_task = 'XX', off in phase 'climb'; name a task that is on",
         ),
-        (lambda: Abort(phase=phase("climb", "A", PC=1.0)), r"leads to \['A'\]; lead to 'abort' alone"),
+        (
+            lambda: Abort(phase=phase("climb", "A", PC=1.0)),
+            r"leads to \['A'\]; lead to 'abort' alone",
+        ),
         (lambda: Abort(phase=phase("A", ABORT, PC=1.0)), "phase 'A'; give each a name of its own"),
     ],
 )

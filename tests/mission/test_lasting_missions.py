@@ -1,4 +1,6 @@
-"""Missions end and go on by time, energy, how often they have been there, and the depth and speed of the vehicle."""
+"""Missions end and go on by time, energy, how often they have been there, and the depth and speed
+of the vehicle.
+"""
 
 from __future__ import annotations
 
@@ -39,7 +41,9 @@ def test_station_is_kept_for_a_time() -> None:
     (event,) = record.run_meta.events
     assert event.reason.startswith("mission.time = 65")
     assert event.truth["mission.time"] == pytest.approx(event.t)
-    assert record["quantities"][:, record.meta.quantities.index("mission.time")] == pytest.approx(record["t"])
+    assert record["quantities"][:, record.meta.quantities.index("mission.time")] == pytest.approx(
+        record["t"]
+    )
 
 
 def test_what_is_missing_of_the_time_is_said() -> None:
@@ -66,7 +70,10 @@ def test_rounds_are_counted() -> None:
     assert record.run_meta.completed
     assert way(record) == [*2 * [("out", "home"), ("home", "out")], ("out", DONE)]
     stays = [
-        event.t - before.t for before, event in zip(record.run_meta.events[:4:2], record.run_meta.events[1:4:2], strict=True)
+        event.t - before.t
+        for before, event in zip(
+            record.run_meta.events[:4:2], record.run_meta.events[1:4:2], strict=True
+        )
     ]
     assert stays == pytest.approx([2.0, 2.0], abs=2 * DT)
 
@@ -75,22 +82,33 @@ def test_steps_by_hand_take_the_same_way() -> None:
     """Kernels and `Mission.step`."""
     scenario = patrol(rounds=2, duration=60.0, **KINEMATIC)
     record, mission = scenario.run(), scenario.mission
-    state, found = mission.start(0.0), []
+    state = mission.start(0.0)
+    found = []
     for t, row in zip(record["t"], record["quantities"], strict=True):
-        tasks = {name: value for name, value in zip(record.meta.quantities, row, strict=True) if name not in OWN_QUANTITIES}
+        tasks = {
+            name: value
+            for name, value in zip(record.meta.quantities, row, strict=True)
+            if name not in OWN_QUANTITIES
+        }
         state, event = mission.step(state, float(t), tasks)
         found += [] if event is None else [(event.source, event.target)]
     assert found == way(record)
 
 
 def test_a_phase_that_time_ends_does_not_stall() -> None:
-    """The tool never comes nearer: without a time limit of its own the phase is given up after 60 s."""
+    """The tool never comes nearer: without a time limit of its own the phase is given up after 60
+    s.
+    """
     never = Transition(to=DONE, when=(Below(quantity="TP.position_error", limit=0.01),))
     held = Transition(to="home", when=(Above(quantity="phase.time", limit=70.0),))
     home = going_to("home", (0.3, 0.0, -5.0), Transition(to=DONE, when=(NEAR,)))
     limited = lasting(going_to("stay", START, never, held), home, duration=100.0, **KINEMATIC).run()
     assert way(limited) == [("stay", "home"), ("home", DONE)]
-    (first, *_) = lasting(going_to("stay", START, never), home, duration=65.0, **KINEMATIC).run().run_meta.events
+    (first, *_) = (
+        lasting(going_to("stay", START, never), home, duration=65.0, **KINEMATIC)
+        .run()
+        .run_meta.events
+    )
     assert first.t == pytest.approx(60.0, abs=1.0)
     assert "no nearer for 60 s" in first.reason
 
@@ -113,7 +131,10 @@ def test_a_quantity_that_nothing_measures_is_refused_with_those_there_are() -> N
 
 
 def test_a_plan_of_the_mission_says_that_it_cannot_state_time() -> None:
-    with pytest.raises(InvalidInput, match=r"looks at phase\.visits > 1\.5, which no residual states; fly this mission without"):
+    with pytest.raises(
+        InvalidInput,
+        match=r"looks at phase\.visits > 1\.5, which no residual states; fly this mission without",
+    ):
         plan_mission(patrol(rounds=2))
 
 
@@ -135,13 +156,22 @@ def test_figures_of_many_rounds_name_no_phase_on_another() -> None:
     figure.draw_without_rendering()
     boxes = [text.get_window_extent() for text in figure.axes[0].texts if text.get_text()]
     assert all(not one.overlaps(other) for k, one in enumerate(boxes) for other in boxes[k + 1 :])
-    colours = {line.get_color() for line in figure_path(record).axes[0].get_lines() if line.get_linewidth() == 2}
+    colours = {
+        line.get_color()
+        for line in figure_path(record).axes[0].get_lines()
+        if line.get_linewidth() == 2
+    }
     assert len(colours) == 2
 
 
 def test_time_beside_an_error_does_not_end_a_phase_and_hides_no_stall() -> None:
-    never = (Below(quantity="TP.position_error", limit=0.01), Above(quantity="phase.time", limit=5.0))
-    record = lasting(going_to("stay", START, Transition(to=DONE, when=never)), duration=65.0, **KINEMATIC).run()
+    never = (
+        Below(quantity="TP.position_error", limit=0.01),
+        Above(quantity="phase.time", limit=5.0),
+    )
+    record = lasting(
+        going_to("stay", START, Transition(to=DONE, when=never)), duration=65.0, **KINEMATIC
+    ).run()
     (first, *_) = record.run_meta.events
     assert "no nearer for 60 s" in first.reason
 
@@ -151,7 +181,9 @@ def test_the_phase_of_an_abort_is_visited_once() -> None:
     memory = scenario.kinematic_controller().memory.mission
     memory.own[:] = [-1, -1, 0, -1, -1, -1]
     for given_up, phase, visits in ((False, 0, 1.0), (False, 1, 0.0), (True, 2, 1.0)):
-        memory.given_up, memory.phase, found = given_up, phase, [np.nan]
+        memory.given_up = given_up
+        memory.phase = phase
+        found = [np.nan]
         measure_own(memory, 0.0, 0.0, 0.0, found)
         assert found == [visits]
 
@@ -165,7 +197,9 @@ def test_a_speed_is_unknown_to_phases_while_the_velocity_is_doubted() -> None:
         altimeter_range=3.0,
         health=(ChannelHealth(channel="linear_velocity", trust=Trust.SUSPECT),),
     )
-    assert np.isnan([control(still, k * DT) and control.quantities["vehicle.speed"] for k in range(3)]).all()
+    assert np.isnan(
+        [control(still, k * DT) and control.quantities["vehicle.speed"] for k in range(3)]
+    ).all()
 
 
 def test_an_error_that_grows_is_not_still_improving() -> None:
@@ -184,9 +218,15 @@ def test_a_phase_ends_by_what_the_vehicle_carries(mass: float) -> None:
     """Of either sign, and not while it carries nothing."""
     weight = mass * 9.81
     sign = Above if mass > 0.0 else Below
-    carried = Transition(to=DONE, when=(sign(quantity="vehicle.load", limit=0.8 * weight),), hold=0.5)
+    carried = Transition(
+        to=DONE, when=(sign(quantity="vehicle.load", limit=0.8 * weight),), hold=0.5
+    )
     payload = TrimBody(
-        name="load", link="base_link", position=(0.0, 0.0, 0.0), mass=2.0, volume=0.0 if mass > 0.0 else 4.0 / 1025.0
+        name="load",
+        link="base_link",
+        position=(0.0, 0.0, 0.0),
+        mass=2.0,
+        volume=0.0 if mass > 0.0 else 4.0 / 1025.0,
     )
     for body in (payload, None):
         record = lasting(going_to("keep", START, carried), duration=10.0, payload=body).run()
@@ -198,7 +238,9 @@ def test_a_phase_ends_by_what_the_vehicle_carries(mass: float) -> None:
 
 
 def test_phases_end_by_the_energy_that_was_used() -> None:
-    """As the controller finds it, which is that of the plant to what its model of the thrusters leaves out."""
+    """As the controller finds it, which is that of the plant to what its model of the thrusters
+    leaves out.
+    """
     away = Transition(to="home", when=(Above(quantity="phase.energy", limit=300.0),))
     over = Transition(to=DONE, when=(Above(quantity="mission.energy", limit=450.0),))
     phases = going_to("out", (0.5, 0.0, -5.0), away), going_to("home", START, over)
@@ -206,7 +248,9 @@ def test_phases_end_by_the_energy_that_was_used() -> None:
     assert scenario.check().accepted
     record = scenario.run()
     assert record.run_meta.completed
-    for event, of_phase, of_all in zip(record.run_meta.events, (300.0, 150.0), (300.0, 450.0), strict=True):
+    for event, of_phase, of_all in zip(
+        record.run_meta.events, (300.0, 150.0), (300.0, 450.0), strict=True
+    ):
         assert event.truth["phase.energy"] == pytest.approx(of_phase, abs=3.0)
         assert event.truth["mission.energy"] == pytest.approx(of_all, abs=3.0)
     found = record["quantities"][:, record.meta.quantities.index("mission.energy")]
@@ -217,11 +261,27 @@ def test_phases_end_by_the_energy_that_was_used() -> None:
 
 
 def test_an_energy_that_nobody_knows_is_refused_as_a_condition() -> None:
-    over = going_to("keep", START, Transition(to=DONE, when=(Above(quantity="mission.energy", limit=450.0),)))
-    (kinematic,) = [item.text for item in lasting(over, **KINEMATIC).check().findings if item.check == "energy"]
-    assert kinematic.endswith("waits for mission.energy, but the kinematic plant uses none; use the dynamic plant")
+    over = going_to(
+        "keep", START, Transition(to=DONE, when=(Above(quantity="mission.energy", limit=450.0),))
+    )
+    (kinematic,) = [
+        item.text for item in lasting(over, **KINEMATIC).check().findings if item.check == "energy"
+    ]
+    assert kinematic.endswith(
+        "waits for mission.energy, but the kinematic plant uses none; use the dynamic plant"
+    )
     scenario = lasting(over)
-    silent = tuple(thruster.model_copy(update={"power": None}) for thruster in scenario.robot.description.thrusters)
-    robot = replace(scenario.robot, description=scenario.robot.description.model_copy(update={"thrusters": silent}))
-    (unknown, *_) = [item.text for item in replace(scenario, robot=robot).check().findings if "waits for" in item.text]
+    silent = tuple(
+        thruster.model_copy(update={"power": None})
+        for thruster in scenario.robot.description.thrusters
+    )
+    robot = replace(
+        scenario.robot,
+        description=scenario.robot.description.model_copy(update={"thrusters": silent}),
+    )
+    (unknown, *_) = [
+        item.text
+        for item in replace(scenario, robot=robot).check().findings
+        if "waits for" in item.text
+    ]
     assert "no power is given for thruster T1, T2, " in unknown

@@ -19,7 +19,11 @@ NEAR = Below(quantity="HA.tilt", limit=0.1)
 
 
 def phase(name: str, to: str, activations: dict[str, float], hold: float = 0.0) -> Phase:
-    return Phase(name=name, activations=activations, transitions=(Transition(to=to, when=(NEAR,), hold=hold),))
+    return Phase(
+        name=name,
+        activations=activations,
+        transitions=(Transition(to=to, when=(NEAR,), hold=hold),),
+    )
 
 
 def mission(hold: float = 0.0, ramp: float = 0.2) -> Mission:
@@ -33,7 +37,9 @@ def mission(hold: float = 0.0, ramp: float = 0.2) -> Mission:
 def test_classes_sort_the_hierarchy_and_ties_keep_their_order() -> None:
     tasks = [HorizontalAttitude(), MinimumAltitude(), NullVelocity(), JointLimits()]
     assert Hierarchy(tasks).names == ("NR", "HA", "MAC", "JL")
-    assert [task.task_class for task in Hierarchy(tasks).tasks] == [TaskClass.CONSTRAINT] + 3 * [TaskClass.SAFETY]
+    assert [task.task_class for task in Hierarchy(tasks).tasks] == [TaskClass.CONSTRAINT] + 3 * [
+        TaskClass.SAFETY
+    ]
 
 
 def test_an_explicit_order_overrides_the_classes() -> None:
@@ -49,7 +55,9 @@ def test_an_explicit_order_overrides_the_classes() -> None:
         (("HA", "XX"), NameNotFound, "unknown task 'XX'; known: HA, NR"),
     ],
 )
-def test_a_wrong_order_is_refused(order: tuple[str, ...], error: type[Exception], message: str) -> None:
+def test_a_wrong_order_is_refused(
+    order: tuple[str, ...], error: type[Exception], message: str
+) -> None:
     with pytest.raises(error, match=message):
         Hierarchy([HorizontalAttitude(), NullVelocity()], order=order)
 
@@ -73,7 +81,8 @@ def test_gates_rise_from_zero_at_the_start_and_cross_over_at_a_transition() -> N
 
 
 def test_gates_never_jump_even_when_a_phase_ends_during_its_ramp() -> None:
-    m, dt = mission(), 1e-3
+    m = mission()
+    dt = 1e-3
     state = m.start()
     history = []
     for k in range(600):
@@ -119,7 +128,12 @@ def test_a_phase_goal_replaces_the_goal_of_its_task() -> None:
         hierarchy=Hierarchy([Alignment(goal=np.zeros(3)), HorizontalAttitude()]),
         phases=(
             phase("A", "B", {"AT": 1.0}),
-            Phase(name="B", activations={}, goals={"AT": np.ones(3)}, transitions=(Transition(to=DONE, when=(NEAR,)),)),
+            Phase(
+                name="B",
+                activations={},
+                goals={"AT": np.ones(3)},
+                transitions=(Transition(to=DONE, when=(NEAR,)),),
+            ),
         ),
     )
     state = m.start()
@@ -168,24 +182,39 @@ def test_unknown_names_in_a_mission_are_refused(phases: tuple[Phase, ...], messa
 @pytest.mark.parametrize("name", ["A", DONE, ABORT])
 def test_phases_of_one_name_or_called_like_an_end_are_refused(name: str) -> None:
     """Records tell phases by their names."""
-    with pytest.raises(InvalidInput, match=f"phase '{name}'; give each a name of its own, and not 'done' or 'abort'"):
+    with pytest.raises(
+        InvalidInput,
+        match=f"phase '{name}'; give each a name of its own, and not 'done' or 'abort'",
+    ):
         Mission(
-            hierarchy=Hierarchy([HorizontalAttitude()]), phases=(phase("A", DONE, {"HA": 1.0}), phase(name, DONE, {"HA": 1.0}))
+            hierarchy=Hierarchy([HorizontalAttitude()]),
+            phases=(phase("A", DONE, {"HA": 1.0}), phase(name, DONE, {"HA": 1.0})),
         )
 
 
-def adrift(limit: float = 0.5, release: float | None = None, hold: float = 0.0, retries: int | None = None) -> Mission:
+def adrift(
+    limit: float = 0.5, release: float | None = None, hold: float = 0.0, retries: int | None = None
+) -> Mission:
     """Phase B leads back to A where the tilt exceeds `limit`."""
-    back = Transition(to="A", when=(Above(quantity="HA.tilt", limit=limit, release=release),), hold=hold, retries=retries)
+    back = Transition(
+        to="A",
+        when=(Above(quantity="HA.tilt", limit=limit, release=release),),
+        hold=hold,
+        retries=retries,
+    )
     end = Transition(to=DONE, when=(Below(quantity="HA.tilt", limit=0.01),))
     return Mission(
         hierarchy=Hierarchy([HorizontalAttitude(), NullVelocity()]),
-        phases=(phase("A", "B", {"HA": 1.0}), Phase(name="B", activations={"NR": 1.0}, transitions=(end, back))),
+        phases=(
+            phase("A", "B", {"HA": 1.0}),
+            Phase(name="B", activations={"NR": 1.0}, transitions=(end, back)),
+        ),
     )
 
 
 def follow(m: Mission, tilts: list[float], dt: float = 0.1) -> tuple[MissionState, list[Event]]:
-    state, events = m.start(), []
+    state = m.start()
+    events = []
     for k, tilt in enumerate(tilts):
         state, event = m.step(state, k * dt, {"HA.tilt": tilt})
         events += [event] if event else []
@@ -194,9 +223,16 @@ def follow(m: Mission, tilts: list[float], dt: float = 0.1) -> tuple[MissionStat
 
 def test_a_back_step_returns_to_an_earlier_phase_and_the_mission_can_still_end() -> None:
     state, events = follow(adrift(), [0.05, 0.6, 0.05, 0.005])
-    assert [(event.source, event.target) for event in events] == [("A", "B"), ("B", "A"), ("A", "B"), ("B", DONE)]
+    assert [(event.source, event.target) for event in events] == [
+        ("A", "B"),
+        ("B", "A"),
+        ("A", "B"),
+        ("B", DONE),
+    ]
     assert events[1].reason == "HA.tilt = 0.6 > 0.5"
-    assert [(c.quantity, c.sign, c.limit, value) for c, value in events[1].conditions] == [("HA.tilt", ">", 0.5, 0.6)]
+    assert [(c.quantity, c.sign, c.limit, value) for c, value in events[1].conditions] == [
+        ("HA.tilt", ">", 0.5, 0.6)
+    ]
     assert state.completed
 
 
@@ -224,7 +260,8 @@ def test_back_steps_beyond_the_retries_give_the_mission_up_with_a_reason() -> No
 
 def test_phases_that_cannot_be_reached_or_left_are_found() -> None:
     m = Mission(
-        hierarchy=Hierarchy([HorizontalAttitude()]), phases=(phase("A", DONE, {}), phase("X", "Y", {}), phase("Y", "X", {}))
+        hierarchy=Hierarchy([HorizontalAttitude()]),
+        phases=(phase("A", DONE, {}), phase("X", "Y", {}), phase("Y", "X", {})),
     )
     assert m.unreachable_phases() == ("X", "Y")
     assert m.phases_without_exit() == ("X", "Y")
@@ -232,7 +269,11 @@ def test_phases_that_cannot_be_reached_or_left_are_found() -> None:
 
 
 def test_a_mission_prints_as_a_table_and_as_a_diagram() -> None:
-    assert str(mission()).splitlines() == ["task  type         A    B", "NR    [NR,E,C]     .    1", "HA    [R,I,S]      1    ."]
+    assert str(mission()).splitlines() == [
+        "task  type         A    B",
+        "NR    [NR,E,C]     .    1",
+        "HA    [R,I,S]      1    .",
+    ]
     diagram = adrift(hold=0.3, retries=2).mermaid()
     assert diagram.startswith("stateDiagram-v2\n    [*] --> A\n")
     assert "    B --> A : HA.tilt > 0.5 for 0.3 s (at most 2 times)\n" in diagram
@@ -242,8 +283,14 @@ def test_a_mission_prints_as_a_table_and_as_a_diagram() -> None:
 @pytest.mark.parametrize(
     ("build", "message"),
     [
-        (lambda: Above(quantity="x", limit=0.5, release=0.6), "release of x = 0.6; give at most the limit 0.5"),
-        (lambda: Below(quantity="x", limit=0.5, release=0.4), "release of x = 0.4; give at least the limit 0.5"),
+        (
+            lambda: Above(quantity="x", limit=0.5, release=0.6),
+            "release of x = 0.6; give at most the limit 0.5",
+        ),
+        (
+            lambda: Below(quantity="x", limit=0.5, release=0.4),
+            "release of x = 0.4; give at least the limit 0.5",
+        ),
         (lambda: Above(quantity="x", limit=float("nan")), "threshold of x = nan"),
         (lambda: adrift(retries=-1), "retries = -1; give a whole number >= 0"),
     ],

@@ -1,4 +1,6 @@
-"""A plan is flown while the mission goes as planned; where it does not the hierarchy takes over, and the record says why."""
+"""A plan is flown while the mission goes as planned; where it does not the hierarchy takes over,
+and the record says why.
+"""
 
 from __future__ import annotations
 
@@ -26,20 +28,28 @@ def left_at(record: Record) -> tuple[float, str]:
     return alarm.t, alarm.text
 
 
-def test_in_water_that_the_plan_does_not_know_the_hierarchy_takes_over(planned: MissionPlan) -> None:
-    record = planned.fly(reach(seed=3, current=(1.2, 0.8, 0.0), duration=8.0), tuning=FollowingTuning(position=0.05))
+def test_in_water_that_the_plan_does_not_know_the_hierarchy_takes_over(
+    planned: MissionPlan,
+) -> None:
+    record = planned.fly(
+        reach(seed=3, current=(1.2, 0.8, 0.0), duration=8.0), tuning=FollowingTuning(position=0.05)
+    )
     t, text = left_at(record)
     assert "away from it" in text
     np.testing.assert_array_equal(record["guided"], record["t"] < t)
 
 
 def test_a_sensor_that_fails_ends_the_plan(planned: MissionPlan) -> None:
-    t, text = left_at(planned.fly(reach(seed=3, faults="altimeter:frozen@4", noise=True, duration=8.0)))
+    t, text = left_at(
+        planned.fly(reach(seed=3, faults="altimeter:frozen@4", noise=True, duration=8.0))
+    )
     assert t > 4.0
     assert "altimeter_range" in text
 
 
-def test_a_phase_that_does_not_end_is_left_to_the_hierarchy_which_completes_it(mission: Scenario, planned: MissionPlan) -> None:
+def test_a_phase_that_does_not_end_is_left_to_the_hierarchy_which_completes_it(
+    mission: Scenario, planned: MissionPlan
+) -> None:
     blunt = replace(planned, trajectory=replace(planned.trajectory, q=stopped_short(planned)))
     record = blunt.fly(mission, tuning=FollowingTuning(late=0.5))
     assert "phase 'B' does not end" in left_at(record)[1]
@@ -63,7 +73,9 @@ def test_a_flight_says_what_its_plan_takes_and_what_quick_thrust_adds(
     noisy = summarize(planned.fly(reach(seed=3, noise=True)))
     more = noisy["energy_j"] - report["energy_j"]
     assert more > 0.0
-    assert noisy["energy_of_quick_thrust_j"] - report["energy_of_quick_thrust_j"] == pytest.approx(more, rel=0.3)
+    assert noisy["energy_of_quick_thrust_j"] - report["energy_of_quick_thrust_j"] == pytest.approx(
+        more, rel=0.3
+    )
 
 
 def test_on_the_kinematic_plant_the_plan_is_flown_as_it_is(planned: MissionPlan) -> None:
@@ -79,7 +91,9 @@ def test_a_saved_plan_is_the_plan(planned: MissionPlan, tmp_path: Path) -> None:
     again = MissionPlan.load(planned.save(tmp_path / "plan.npz"))
     assert again.summary() == planned.summary()
     for name in ("t", "q", "v", "a", "thrust", "torque"):
-        np.testing.assert_array_equal(getattr(again.trajectory, name), getattr(planned.trajectory, name))
+        np.testing.assert_array_equal(
+            getattr(again.trajectory, name), getattr(planned.trajectory, name)
+        )
 
 
 @pytest.mark.parametrize(
@@ -91,8 +105,12 @@ def test_a_saved_plan_is_the_plan(planned: MissionPlan, tmp_path: Path) -> None:
     ],
     ids=["goal", "start", "threshold"],
 )
-def test_the_plan_of_another_mission_is_refused(planned: MissionPlan, other: Scenario, what: str) -> None:
-    with pytest.raises(InvalidInput, match=f"^the plan is of reach with {what} than reach; plan reach"):
+def test_the_plan_of_another_mission_is_refused(
+    planned: MissionPlan, other: Scenario, what: str
+) -> None:
+    with pytest.raises(
+        InvalidInput, match=f"^the plan is of reach with {what} than reach; plan reach"
+    ):
         planned.fly(other)
 
 
@@ -105,16 +123,22 @@ def garbled(path: Path, **changed: object) -> Path:
 
 
 @pytest.mark.parametrize(
-    "changed", [{"status": "splendid"}, {"phases": 3}, {"identity": None}, {"phases": [{"name": "A"}]}], ids=str
+    "changed",
+    [{"status": "splendid"}, {"phases": 3}, {"identity": None}, {"phases": [{"name": "A"}]}],
+    ids=str,
 )
-def test_a_garbled_file_is_refused_in_one_line(planned: MissionPlan, tmp_path: Path, changed: dict[str, object]) -> None:
+def test_a_garbled_file_is_refused_in_one_line(
+    planned: MissionPlan, tmp_path: Path, changed: dict[str, object]
+) -> None:
     path = garbled(planned.save(tmp_path / "plan.npz"), **changed)
     with pytest.raises(InvalidInput, match=r"plan\.npz") as caught:
         MissionPlan.load(path)
     assert "\n" not in str(caught.value)
 
 
-def test_a_summary_that_is_nested_without_end_is_refused_in_one_line(planned: MissionPlan, tmp_path: Path) -> None:
+def test_a_summary_that_is_nested_without_end_is_refused_in_one_line(
+    planned: MissionPlan, tmp_path: Path
+) -> None:
     path = planned.save(tmp_path / "plan.npz")
     arrays = dict(np.load(path)) | {"mission_plan": np.array("[" * 100_000)}
     np.savez(path, **arrays)

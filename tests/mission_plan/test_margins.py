@@ -1,4 +1,6 @@
-"""What a mission plan keeps from obstacles and between links is what the mission's own tasks ask for each of them."""
+"""What a mission plan keeps from obstacles and between links is what the mission's own tasks ask
+for each of them.
+"""
 
 from __future__ import annotations
 
@@ -27,5 +29,7 @@ def test_each_pair_keeps_what_is_asked_for_it(of_links: float, of_obstacles: flo
     kept = terms.clearance(replace(given, mission=mission), margins)
     assert kept is not None
     links = np.isfinite(kept.scene.room)
-    assert kept.margins[links] == pytest.approx(np.minimum(max(margins.links, of_links), kept.scene.room[links]))
+    assert kept.margins[links] == pytest.approx(
+        np.minimum(max(margins.links, of_links), kept.scene.room[links])
+    )
     assert kept.margins[~links] == pytest.approx(max(margins.position, of_obstacles or 0.0))

@@ -1,4 +1,6 @@
-"""How a plan ends does not depend on how busy the machine is: iterations end a search, a time only where one is asked for."""
+"""How a plan ends does not depend on how busy the machine is: iterations end a search, a time only
+where one is asked for.
+"""
 
 from __future__ import annotations
 
@@ -22,7 +24,9 @@ def test_no_search_has_a_time_limit_by_default() -> None:
 
 
 @pytest.mark.slow
-def test_no_solve_of_a_mission_plan_has_a_time_limit_that_was_not_asked_for(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_no_solve_of_a_mission_plan_has_a_time_limit_that_was_not_asked_for(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
     """Nor has that which keeps links apart, which come near each other there."""
     limits = list[float]()
 

@@ -1,4 +1,6 @@
-"""A mission as one problem: what its phases ask for holds at the nodes, and costs less than one phase after the other."""
+"""A mission as one problem: what its phases ask for holds at the nodes, and costs less than one
+phase after the other.
+"""
 
 from __future__ import annotations
 
@@ -48,21 +50,34 @@ def energy(record: Record) -> float:
     return float(resources(record)[-1]["energy_j"])
 
 
-def test_the_plan_is_solved_and_no_longer_than_it_may_be(planned: MissionPlan, greedy: Record) -> None:
+def test_the_plan_is_solved_and_no_longer_than_it_may_be(
+    planned: MissionPlan, greedy: Record
+) -> None:
     assert planned.status is OcpStatus.SOLVED
     assert planned.duration <= greedy["t"][-1]
     assert planned.names == ("A", "B")
 
 
-def test_the_way_point_is_reached_where_its_phase_ends(mission: Scenario, planned: MissionPlan) -> None:
+def test_the_way_point_is_reached_where_its_phase_ends(
+    mission: Scenario, planned: MissionPlan
+) -> None:
     q = planned.trajectory.state_at(mission.robot.model, planned.phases[0].end)[0]
-    goal, X_WB = task_of(mission, VehiclePose).goal, placed(mission, q, "base_link")
-    assert np.linalg.norm(X_WB.translation - goal.translation) <= 0.2 - Margins().position + _ROUNDING
-    assert np.linalg.norm(pin.log3(goal.rotation @ X_WB.rotation.T)) <= 0.2 - Margins().angle + _ROUNDING
+    goal = task_of(mission, VehiclePose).goal
+    X_WB = placed(mission, q, "base_link")
+    assert (
+        np.linalg.norm(X_WB.translation - goal.translation) <= 0.2 - Margins().position + _ROUNDING
+    )
+    assert (
+        np.linalg.norm(pin.log3(goal.rotation @ X_WB.rotation.T))
+        <= 0.2 - Margins().angle + _ROUNDING
+    )
 
 
-def test_the_tool_is_within_its_threshold_for_as_long_as_it_has_to_be(mission: Scenario, planned: MissionPlan) -> None:
-    trajectory, goal = planned.trajectory, task_of(mission, ToolPosition).goal
+def test_the_tool_is_within_its_threshold_for_as_long_as_it_has_to_be(
+    mission: Scenario, planned: MissionPlan
+) -> None:
+    trajectory = planned.trajectory
+    goal = task_of(mission, ToolPosition).goal
     held = trajectory.q[trajectory.t >= planned.duration - 1.0 - Margins().hold - _ROUNDING]
     assert len(held) > 2
     for q in held:
@@ -75,11 +90,15 @@ def test_tilt_and_altitude_are_kept_at_every_node(mission: Scenario, planned: Mi
     for q in planned.trajectory.q[1:]:
         R_WB = placed(mission, q, "base_link").rotation
         assert np.arccos(R_WB[2, 2]) <= 0.1 - Margins().angle + 1e-4
-        height = placed(mission, q, mission.robot.description.altimeter or "altimeter").translation[2]
+        height = placed(mission, q, mission.robot.description.altimeter or "altimeter").translation[
+            2
+        ]
         assert height >= -10.0 + 1.0 + Margins().altitude - _ROUNDING
 
 
-def test_a_flown_plan_completes_the_mission_for_less_energy_in_no_more_time(greedy: Record, flown: Record) -> None:
+def test_a_flown_plan_completes_the_mission_for_less_energy_in_no_more_time(
+    greedy: Record, flown: Record
+) -> None:
     assert flown.run_meta.completed
     assert not flown.run_meta.alarms
     assert flown["guided"].all()
@@ -87,8 +106,12 @@ def test_a_flown_plan_completes_the_mission_for_less_energy_in_no_more_time(gree
     assert energy(flown) < 0.5 * energy(greedy)
 
 
-def test_thrust_stays_within_the_limits_of_the_thrusters(mission: Scenario, planned: MissionPlan) -> None:
-    limits = [(thruster.minimum, thruster.maximum) for thruster in mission.robot.description.thrusters]
+def test_thrust_stays_within_the_limits_of_the_thrusters(
+    mission: Scenario, planned: MissionPlan
+) -> None:
+    limits = [
+        (thruster.minimum, thruster.maximum) for thruster in mission.robot.description.thrusters
+    ]
     lower, upper = np.array(limits).T
     assert (planned.trajectory.thrust >= lower - 1e-3).all()
     assert (planned.trajectory.thrust <= upper + 1e-3).all()
@@ -101,7 +124,9 @@ def test_a_solver_that_is_stopped_makes_no_plan_that_could_be_flown(mission: Sce
         stopped.fly(mission)
 
 
-def test_a_stop_by_hand_keeps_the_best_plan_so_far(mission: Scenario, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_stop_by_hand_keeps_the_best_plan_so_far(
+    mission: Scenario, monkeypatch: pytest.MonkeyPatch
+) -> None:
     solve = Planner.solve
 
     def pressed(self: Planner, *given: Any, **more: Any) -> Any:
@@ -127,11 +152,15 @@ def test_a_plan_that_takes_longer_than_is_allowed_is_not_called_solved(mission: 
 def ended_by(scenario: Scenario, *conditions: Condition) -> Scenario:
     """With another end of its last phase."""
     last = replace(scenario.mission.phases[-1], transitions=(Transition(to=DONE, when=conditions),))
-    return replace(scenario, mission=replace(scenario.mission, phases=(*scenario.mission.phases[:-1], last)))
+    return replace(
+        scenario, mission=replace(scenario.mission, phases=(*scenario.mission.phases[:-1], last))
+    )
 
 
 def test_a_condition_that_no_residual_states_is_refused_by_its_name(mission: Scenario) -> None:
-    with pytest.raises(InvalidInput, match=r"phase 'B' looks at JL\.margin < 0\.1, which no residual"):
+    with pytest.raises(
+        InvalidInput, match=r"phase 'B' looks at JL\.margin < 0\.1, which no residual"
+    ):
         plan_mission(ended_by(mission, Below(quantity="JL.margin", limit=0.1)))
 
 
@@ -171,7 +200,11 @@ def test_no_back_step_is_triggered_on_the_way(mission: Scenario) -> None:
     back = Transition(to="A", when=(Above(quantity="PC.position_error", limit=0.5),))
     first, last = mission.mission.phases
     phases = (first, replace(last, transitions=(*last.transitions, back)))
-    posed = mission_problem(replace(mission, mission=replace(mission.mission, phases=phases)), margins=Margins(), step=2.0)
+    posed = mission_problem(
+        replace(mission, mission=replace(mission.mission, phases=phases)),
+        margins=Margins(),
+        step=2.0,
+    )
     kept = [term for term in posed.terms.constraints if term.name == "PC"]
     assert {term.phase for term in kept} == {"B", "B held"}
     assert all(term.at is At.PATH for term in kept)
@@ -182,6 +215,8 @@ def test_water_that_changes_later_than_a_plan_may_last_does_not_matter() -> None
     posed = mission_problem(reach(seed=3, current=late), margins=Margins(), step=2.0)
     assert posed.steady_until == 30.0
     longer = replace(posed.guess, t=posed.guess.t * (60.0 / posed.guess.t[-1]))
-    before, all_along = (posed.at(MissionWeights(), longer, longest=s).currents for s in (posed.steady_until, 60.0))
+    before, all_along = (
+        posed.at(MissionWeights(), longer, longest=s).currents for s in (posed.steady_until, 60.0)
+    )
     assert not before.any()
     np.testing.assert_allclose(all_along[-1], [0.4, 0.0, 0.0])

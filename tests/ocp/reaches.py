@@ -30,7 +30,9 @@ def tool_goal(robot: Robot, q: np.ndarray, shift: tuple[float, float, float]) ->
     return ToolPose(goal=pin.SE3(turn @ X_WT.rotation, X_WT.translation + np.array(shift)))
 
 
-def reach(robot: Robot, *, shift: tuple[float, float, float] = (1.0, -0.5, -0.6), **options: object) -> OcpProblem:
+def reach(
+    robot: Robot, *, shift: tuple[float, float, float] = (1.0, -0.5, -0.6), **options: object
+) -> OcpProblem:
     q = robot.configuration(position=(0, 0, -5), rpy=(0, -0.06, 0.5))
     tool = OcpLevel(name="tool", terms=(TaskTerm(task=tool_goal(robot, q, shift)),))
     chosen = {

@@ -1,4 +1,6 @@
-"""Laws of calls on memory that stays: the same numbers however they are made, and nothing written that nobody wants."""
+"""Laws of calls on memory that stays: the same numbers however they are made, and nothing written
+that nobody wants.
+"""
 
 from __future__ import annotations
 
@@ -21,8 +23,13 @@ def _function() -> ca.Function:
 
 
 def _chained(function: ca.Function) -> tuple[np.ndarray, np.ndarray]:
-    """What a first call gives, and the Jacobian there that a second one gives, which has no use for its own values."""
-    first, second, jacobian, y = np.array([0.1, 0.2, 0.3]), np.zeros(3), np.zeros((3, 3)), np.array([2.0])
+    """What a first call gives, and the Jacobian there that a second one gives, which has no use for
+    its own values.
+    """
+    first = np.array([0.1, 0.2, 0.3])
+    second = np.zeros(3)
+    jacobian = np.zeros((3, 3))
+    y = np.array([2.0])
     calls = BoundCalls()
     calls.add(function, [first, y], [second, None])
     calls.add(function, [second, y], [None, jacobian])
@@ -50,8 +57,12 @@ def test_no_calls_do_nothing() -> None:
 
 
 @pytest.mark.parametrize("memory", [np.zeros(2), np.zeros(3, dtype=np.float32), np.zeros(6)[::2]])
-def test_memory_of_another_size_kind_or_order_is_refused_where_it_is_given(memory: np.ndarray) -> None:
-    with pytest.raises(InvalidInput, match=r"wave: memory of shape .*; give 3 numbers side by side"):
+def test_memory_of_another_size_kind_or_order_is_refused_where_it_is_given(
+    memory: np.ndarray,
+) -> None:
+    with pytest.raises(
+        InvalidInput, match=r"wave: memory of shape .*; give 3 numbers side by side"
+    ):
         BoundCalls().add(_function(), [memory, np.zeros(1)], [None, None])
 
 
@@ -71,9 +82,13 @@ def test_what_a_call_that_fails_leaves_unwritten_is_not_taken_for_a_result(
 ) -> None:
     path = compile_library(FAILING, name="what fails")
     assert path is not None
-    address = ctypes.cast(loaded_library(path).failing, ctypes.c_void_p).value if by_address else None
+    address = (
+        ctypes.cast(loaded_library(path).failing, ctypes.c_void_p).value if by_address else None
+    )
     monkeypatch.setattr(bound_calls, "compiled_symbol", lambda function: address)
-    function, given, found = ca.external("failing", str(path)), np.array([[1.0], [3.0], [5.0]]), np.zeros((3, 1))
+    function = ca.external("failing", str(path))
+    given = np.array([[1.0], [3.0], [5.0]])
+    found = np.zeros((3, 1))
     calls = BoundCalls()
     for argument, result in zip(given, found, strict=True):
         calls.add(function, [argument], [result])

@@ -1,4 +1,6 @@
-"""Without a guess a search begins with the cheapest of some motions over few steps, which end in several postures of the arm."""
+"""Without a guess a search begins with the cheapest of some motions over few steps, which end in
+several postures of the arm.
+"""
 
 from __future__ import annotations
 
@@ -15,7 +17,10 @@ from uvms_ocp.ocp.trajectory import COARSE_STEPS, coarse_guesses, coarse_problem
 from uvms_ocp.robot.robot import Robot
 from uvms_ocp.solvers.nlp.level_solver import IterationReport, NlpOptions
 
-SHIFTS = [(-0.5, -0.5, -0.5), (0.0, -1.0, 0.0)]  # of the tool, which reaches there in several postures
+SHIFTS = [
+    (-0.5, -0.5, -0.5),
+    (0.0, -1.0, 0.0),
+]  # of the tool, which reaches there in several postures
 
 
 @pytest.fixture(scope="module")
@@ -46,7 +51,9 @@ def test_a_plan_costs_less_than_one_that_begins_where_the_robot_stays(
 def test_a_plan_is_no_dearer_than_from_where_the_robot_stays(
     shift: tuple[float, float, float], robot: Robot, staged: Planner
 ) -> None:
-    """Of motions over few steps the order may be another than over all: there the best of them are compared once more."""
+    """Of motions over few steps the order may be another than over all: there the best of them are
+    compared once more.
+    """
     chosen, stayed = chosen_and_stayed(reach(robot, shift=shift), staged)
     assert chosen.levels[1].residual ** 2 < 1.005 * stayed.levels[1].residual ** 2
 
@@ -59,14 +66,20 @@ def test_the_search_itself_tells_of_its_own_iterations_alone(robot: Robot, stage
 
 
 @pytest.mark.slow
-def test_a_goal_out_of_reach_is_missed_by_as_much_as_from_the_start(robot: Robot, staged: Planner) -> None:
+def test_a_goal_out_of_reach_is_missed_by_as_much_as_from_the_start(
+    robot: Robot, staged: Planner
+) -> None:
     given = reach(robot, shift=(40.0, 0.0, 0.0))
-    chosen, stayed = (staged.plan(given, guess=guess, diagnose=False) for guess in (None, hold_guess(given)))
+    chosen, stayed = (
+        staged.plan(given, guess=guess, diagnose=False) for guess in (None, hold_guess(given))
+    )
     assert chosen.status is stayed.status is not OcpStatus.SOLVED
     assert chosen.levels[0].residual == pytest.approx(stayed.levels[0].residual, rel=1e-3)
 
 
-def test_motions_over_few_steps_go_to_postures_all_over_the_ranges_of_the_joints(robot: Robot) -> None:
+def test_motions_over_few_steps_go_to_postures_all_over_the_ranges_of_the_joints(
+    robot: Robot,
+) -> None:
     problem = coarse_problem(reach(robot))
     assert problem.n_steps == COARSE_STEPS
     first, *others = coarse_guesses(problem)
@@ -78,7 +91,10 @@ def test_motions_over_few_steps_go_to_postures_all_over_the_ranges_of_the_joints
         assert column.min() < 0.5 < column.max()
         assert np.ptp(column) > 0.5
     places = problem.start.q[7:]
-    ways = [np.abs(guess.q[-1, 7:] - places) / np.maximum(upper - places, places - lower) for guess in others]
+    ways = [
+        np.abs(guess.q[-1, 7:] - places) / np.maximum(upper - places, places - lower)
+        for guess in others
+    ]
     assert (np.array(ways[1::2]) <= 0.5).all()  # every second one goes half the way
     for guess in others:
         np.testing.assert_array_equal(guess.q[0], problem.start.q)
@@ -86,7 +102,10 @@ def test_motions_over_few_steps_go_to_postures_all_over_the_ranges_of_the_joints
 
 
 def test_few_steps_are_shared_by_all_phases_and_see_the_mean_current(robot: Robot) -> None:
-    phases = (OcpPhase(name="near", n_steps=30, duration=6.0), OcpPhase(name="far", n_steps=1, duration=1.0))
+    phases = (
+        OcpPhase(name="near", n_steps=30, duration=6.0),
+        OcpPhase(name="far", n_steps=1, duration=1.0),
+    )
     current = np.linspace(0.0, 0.3, 31)[:, None] * [1.0, 0.0, 0.0]
     few = coarse_problem(replace(reach(robot), phases=phases, current=current))
     assert [phase.n_steps for phase in few.phases] == [8, 1]

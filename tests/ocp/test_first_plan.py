@@ -1,4 +1,6 @@
-"""Laws of the first plan of a robot: it waits for no compiler, and is the plan that machine code gives."""
+"""Laws of the first plan of a robot: it waits for no compiler, and is the plan that machine code
+gives.
+"""
 
 from __future__ import annotations
 
@@ -23,7 +25,13 @@ from uvms_ocp.ocp.stagewise import sqp
 from uvms_ocp.ocp.transcription import term_rows
 from uvms_ocp.robot.robot import Robot
 from uvms_ocp.robot.symbolic_dynamics import SymbolicDynamics
-from uvms_ocp.solvers.nlp.level_solver import IterationReport, LevelSolver, NlpOptions, NlpOutcome, NlpPoint
+from uvms_ocp.solvers.nlp.level_solver import (
+    IterationReport,
+    LevelSolver,
+    NlpOptions,
+    NlpOutcome,
+    NlpPoint,
+)
 from uvms_ocp.solvers.nlp.program import NlpStatus
 
 
@@ -46,7 +54,8 @@ class LaterResult:
     """Of one of them."""
 
     def __init__(self, work: Callable[[], Any]) -> None:
-        self._work, self._found = work, list[Any]()
+        self._work = work
+        self._found = list[Any]()
 
     def ready(self) -> bool:
         return bool(self._found)
@@ -71,15 +80,21 @@ def assert_same(one: Plan, other: Plan) -> None:
     """Down to the last bit."""
     assert (one.status, one.iterations) == (other.status, other.iterations)
     for name in ("q", "v", "a", "thrust", "torque"):
-        np.testing.assert_array_equal(getattr(one.trajectory, name), getattr(other.trajectory, name))
+        np.testing.assert_array_equal(
+            getattr(one.trajectory, name), getattr(other.trajectory, name)
+        )
 
 
 @needs_compiler
 @pytest.mark.parametrize("after", [None, 3])
-def test_the_plan_does_not_depend_on_when_machine_code_is_there(robot: Robot, later: Later, after: int | None) -> None:
+def test_the_plan_does_not_depend_on_when_machine_code_is_there(
+    robot: Robot, later: Later, after: int | None
+) -> None:
     planner = Planner(reach(robot))
     assert planner.options.plugin == "stagewise"
-    assert all(not one.ready() for one in later.works[1:]), "nobody waits, but for what all programs share"
+    assert all(not one.ready() for one in later.works[1:]), (
+        "nobody waits, but for what all programs share"
+    )
 
     def compile_now(moment: IterationReport) -> None:
         if moment.iteration == after:
@@ -94,7 +109,9 @@ def test_the_plan_does_not_depend_on_when_machine_code_is_there(robot: Robot, la
 
 
 @needs_compiler
-def test_ipopt_begins_at_once_and_the_next_planner_has_machine_code(robot: Robot, later: Later) -> None:
+def test_ipopt_begins_at_once_and_the_next_planner_has_machine_code(
+    robot: Robot, later: Later
+) -> None:
     options = NlpOptions(plugin="ipopt")
     first = Planner(reach(robot), options)
     assert not any(one.ready() for one in later.works)
@@ -126,23 +143,33 @@ def test_problems_that_tie_steps_to_one_another_are_solved_by_ipopt(robot: Robot
 
 
 @needs_compiler
-def test_ipopt_is_tried_where_the_solver_by_stages_does_not_come_to_an_end(robot: Robot, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_ipopt_is_tried_where_the_solver_by_stages_does_not_come_to_an_end(
+    robot: Robot, monkeypatch: pytest.MonkeyPatch
+) -> None:
     direct = Planner(reach(robot), NlpOptions(plugin="ipopt")).plan()
     assert direct.plugin == "ipopt"
     assert Planner(reach(robot)).plan().plugin == "stagewise"
     monkeypatch.setattr(sqp.StageSqp, "_iterate", lambda self, here: (NlpStatus.STALLED, here))
-    planner, begin = Planner(reach(robot)), perf_counter()
+    planner = Planner(reach(robot))
+    begin = perf_counter()
     plan = planner.plan()
-    assert plan.solve_time == pytest.approx(perf_counter() - begin, rel=0.1), "of both, and of what it takes to build the second"
+    assert plan.solve_time == pytest.approx(perf_counter() - begin, rel=0.1), (
+        "of both, and of what it takes to build the second"
+    )
     assert plan.status is OcpStatus.SOLVED
     assert plan.plugin == "ipopt"
     assert plan.reason == "all goals are met; by ipopt: stagewise ended 'stalled'"
     assert_same(plan, direct)
-    assert Planner(reach(robot), NlpOptions(plugin="stagewise")).plan(diagnose=False).plugin == "stagewise"
+    assert (
+        Planner(reach(robot), NlpOptions(plugin="stagewise")).plan(diagnose=False).plugin
+        == "stagewise"
+    )
 
 
 @needs_compiler
-def test_where_neither_solver_ends_the_better_plan_alone_is_diagnosed(robot: Robot, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_where_neither_solver_ends_the_better_plan_alone_is_diagnosed(
+    robot: Robot, monkeypatch: pytest.MonkeyPatch
+) -> None:
     judged: list[Diagnosis] = []
 
     def court(**given: Any) -> Diagnosis:
@@ -180,4 +207,6 @@ def test_a_second_planner_of_a_robot_writes_no_equations_of_motion_and_asks_term
     count(term_rows, "residual_of")
     problem = reach(robot, shift=(0.9, -0.5, -0.6))
     Planner(problem)
-    assert calls == {"residual_of": len(problem.terms)}  # of one phase, at whose end or along which each counts
+    assert calls == {
+        "residual_of": len(problem.terms)
+    }  # of one phase, at whose end or along which each counts

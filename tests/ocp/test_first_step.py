@@ -1,4 +1,6 @@
-"""A start is called impossible only if no duration of the range allows its first step, and always then."""
+"""A start is called impossible only if no duration of the range allows its first step, and always
+then.
+"""
 
 from __future__ import annotations
 
@@ -14,7 +16,8 @@ from uvms_ocp.robot.robot import Robot
 from uvms_ocp.robot.signals import State
 from uvms_ocp.solvers.nlp.level_solver import NlpOptions
 
-N_STEPS, JOINT = 10, 4
+N_STEPS = 10
+JOINT = 4
 
 
 @pytest.fixture(scope="module")
@@ -22,7 +25,9 @@ def planar() -> Robot:
     return load_robot("planar5")
 
 
-def approaching(robot: Robot, room: float, speed: float, duration: float | tuple[float, float]) -> OcpProblem:
+def approaching(
+    robot: Robot, room: float, speed: float, duration: float | tuple[float, float]
+) -> OcpProblem:
     """The last joint `room` [rad] before its upper limit, moving at `speed` [rad/s]."""
     q, v = np.array(robot.configuration()), np.zeros(robot.n_v)
     q[JOINT], v[JOINT] = robot.limits.position_upper[JOINT] - room, speed
@@ -43,10 +48,14 @@ def test_a_range_is_possible_exactly_if_one_of_its_durations_is(planar: Robot) -
         room, speed = rng.uniform(0.0, 0.1), rng.uniform(0.0, 1.9)
         shortest, longest = np.sort(rng.uniform(0.05, 30.0, 2) ** rng.choice([0.3, 1.0]))
         durations = np.linspace(shortest, longest, 400)
-        alone = [impossible_start(approaching(planar, room, speed, float(d))) is None for d in durations]
+        alone = [
+            impossible_start(approaching(planar, room, speed, float(d))) is None for d in durations
+        ]
         verdict = impossible_start(approaching(planar, room, speed, (shortest, longest)))
         # A sample can miss the one duration that works only where it just works.
-        if any(alone) or impossible_start(approaching(planar, room + 1e-3, speed, (shortest, longest))):
+        if any(alone) or impossible_start(
+            approaching(planar, room + 1e-3, speed, (shortest, longest))
+        ):
             assert (verdict is None) == any(alone), (room, speed, shortest, longest)
             verdicts.append(verdict is None)
     assert 20 < sum(verdicts) < len(verdicts) - 20

@@ -47,7 +47,10 @@ def start(robot: Robot) -> np.ndarray:
 @pytest.fixture(scope="module")
 def goal(robot: Robot, start: np.ndarray) -> pin.SE3:
     tool = Kinematics(robot, start).pose("tool")
-    return pin.SE3(pin.rpy.rpyToMatrix(0.2, 0.1, 0.3) @ tool.rotation, tool.translation + np.array([1.0, -0.5, -0.6]))
+    return pin.SE3(
+        pin.rpy.rpyToMatrix(0.2, 0.1, 0.3) @ tool.rotation,
+        tool.translation + np.array([1.0, -0.5, -0.6]),
+    )
 
 
 @pytest.fixture(scope="module")
@@ -62,12 +65,16 @@ def plan(planner: Planner) -> Plan:
 
 def rollout(planner: Planner, goal: pin.SE3) -> Trajectory:
     """What the velocity hierarchy does in the time of the plan."""
-    robot, dt = planner.problem.robot, 1 / 50
+    robot = planner.problem.robot
+    dt = 1 / 50
     tasks = [JointLimits(), ToolPose(goal=goal, gain_linear=0.8, gain_angular=0.8)]
     phase = Phase(name="reach", transitions=(), activations={task.name: 1.0 for task in tasks})
     mission = Mission(hierarchy=Hierarchy(tasks), phases=(phase,))
-    controller = KinematicController(robot=robot, mission=mission, solver=LexicographicActiveSet(), dt=dt)
-    plant, times = KinematicPlant(robot, planner.problem.start.q), np.arange(0.0, DURATION + dt, dt)
+    controller = KinematicController(
+        robot=robot, mission=mission, solver=LexicographicActiveSet(), dt=dt
+    )
+    plant = KinematicPlant(robot, planner.problem.start.q)
+    times = np.arange(0.0, DURATION + dt, dt)
     configurations = [plant.state.q]
     for t in times[:-1]:
         measurement = StateEstimate(q=plant.state.q, v=plant.state.v, altimeter_range=30.0)
@@ -80,7 +87,8 @@ def rollout(planner: Planner, goal: pin.SE3) -> Trajectory:
 
 def snap(planner: Planner, goal: pin.SE3) -> Trajectory:
     """The smoothest curve to a posture of inverse kinematics."""
-    robot, q = planner.problem.robot, planner.problem.start.q
+    robot = planner.problem.robot
+    q = planner.problem.start.q
     planned = coordinates(robot, reference=q)
     x = planned.x(q)
     end = tool_goal(CoalDistances(collision_scene(planned, [])), "tool", goal, x)
@@ -90,11 +98,21 @@ def snap(planner: Planner, goal: pin.SE3) -> Trajectory:
 
 
 @pytest.mark.parametrize("way", WAYS)
-def test_every_guess_leads_to_the_same_optimum(way: str, planner: Planner, goal: pin.SE3, plan: Plan) -> None:
+def test_every_guess_leads_to_the_same_optimum(
+    way: str, planner: Planner, goal: pin.SE3, plan: Plan
+) -> None:
     guess: Trajectory | Plan
-    guess = plan if way == "last solution" else rollout(planner, goal) if way == "hierarchy" else snap(planner, goal)
+    guess = (
+        plan
+        if way == "last solution"
+        else rollout(planner, goal)
+        if way == "hierarchy"
+        else snap(planner, goal)
+    )
     again = planner.plan(guess=guess)
     assert plan.status is again.status is OcpStatus.SOLVED
     assert again.levels[0].residual < 1e-5
-    assert again.levels[1].residual ** 2 == pytest.approx(plan.levels[1].residual ** 2, rel=SAME[planner.options.plugin])
+    assert again.levels[1].residual ** 2 == pytest.approx(
+        plan.levels[1].residual ** 2, rel=SAME[planner.options.plugin]
+    )
     assert again.iterations <= (1 if way == "last solution" else 60)

@@ -1,4 +1,6 @@
-"""Laws of whoever looks on: every iteration is told, and a stop by hand returns the best point so far."""
+"""Laws of whoever looks on: every iteration is told, and a stop by hand returns the best point so
+far.
+"""
 
 from __future__ import annotations
 
@@ -49,11 +51,15 @@ def far(planner: Planner, robot: Robot) -> Planner:
     """Whose levels are solved in order."""
     goal = TaskTerm(task=tool_goal(robot, planner.problem.start.q, (100.0, 0.0, 0.0)))
     levels = (replace(planner.problem.levels[0], terms=(goal,)), planner.problem.levels[1])
-    return Planner(replace(planner.problem, levels=levels), replace(planner.options, anticipate=False))
+    return Planner(
+        replace(planner.problem, levels=levels), replace(planner.options, anticipate=False)
+    )
 
 
 @pytest.mark.parametrize("at", [0, 1, 20])
-def test_a_stop_by_hand_returns_the_best_point_so_far(planner: Planner, robot: Robot, at: int) -> None:
+def test_a_stop_by_hand_returns_the_best_point_so_far(
+    planner: Planner, robot: Robot, at: int
+) -> None:
     told: list[IterationReport] = []
 
     def stop(moment: IterationReport) -> None:
@@ -70,7 +76,9 @@ def test_a_stop_by_hand_returns_the_best_point_so_far(planner: Planner, robot: R
     if kept:
         assert plan.levels[0].residual == pytest.approx(min(kept), rel=1e-6)
     else:
-        assert plan.result.violation == pytest.approx(min(moment.violation for moment in told), rel=1e-6)
+        assert plan.result.violation == pytest.approx(
+            min(moment.violation for moment in told), rel=1e-6
+        )
     assert np.isfinite(plan.trajectory.q).all()
 
 
@@ -108,7 +116,9 @@ def test_the_signal_of_ctrl_c_does_the_same_and_its_handler_is_put_back(planner:
 @needs_compiler
 @pytest.mark.skipif(sys.platform == "win32", reason="timers by signals")
 def test_whenever_it_is_pressed_a_new_planner_and_its_plan_end_in_one_line(robot: Robot) -> None:
-    """While it was built one press in four was lost within CasADi, and the plan went on to its end."""
+    """While it was built one press in four was lost within CasADi, and the plan went on to its
+    end.
+    """
 
     def work() -> OcpStatus:
         return Planner(reach(robot), wait_for_compiler=True).plan().status
@@ -116,7 +126,8 @@ def test_whenever_it_is_pressed_a_new_planner_and_its_plan_end_in_one_line(robot
     work()
     begin = perf_counter()
     assert work() is OcpStatus.SOLVED
-    lasts, draw = perf_counter() - begin, random.Random(44)
+    lasts = perf_counter() - begin
+    draw = random.Random(44)
     told: list[list[str]] = []
     for _ in range(50):
         with pressed_after(draw.uniform(0.001, 0.9 * lasts)) as pressed:
@@ -141,16 +152,23 @@ def test_an_error_of_the_one_who_looks_on_is_his(planner: Planner) -> None:
 
 
 def test_a_watched_plan_is_the_same_plan(planner: Planner, robot: Robot) -> None:
-    silent, watched = planner.plan(reach(robot)), planner.plan(reach(robot), progress=lambda moment: None)
+    silent, watched = (
+        planner.plan(reach(robot)),
+        planner.plan(reach(robot), progress=lambda moment: None),
+    )
     np.testing.assert_allclose(silent.trajectory.q, watched.trajectory.q, atol=1e-9)
 
 
 @pytest.fixture
 def stalled(robot: Robot, monkeypatch: pytest.MonkeyPatch) -> Planner:
-    """Whose solver by stages stalls where hardly anything is broken any more, so that IPOPT is tried."""
+    """Whose solver by stages stalls where hardly anything is broken any more, so that IPOPT is
+    tried.
+    """
     iterate = sqp.StageSqp._iterate
 
-    def stalls(self: sqp.StageSqp, here: sqp.FilterMerit) -> tuple[NlpStatus | None, sqp.FilterMerit]:
+    def stalls(
+        self: sqp.StageSqp, here: sqp.FilterMerit
+    ) -> tuple[NlpStatus | None, sqp.FilterMerit]:
         status, here = iterate(self, here)
         return (NlpStatus.STALLED if self._worst < 1e-3 else status), here
 
@@ -194,7 +212,9 @@ def test_a_stop_in_the_last_iteration_of_the_first_solver_begins_no_second_one(
 
 
 @needs_compiler
-def test_ctrl_c_between_two_solves_ends_the_next_one_at_once(stalled: Planner, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_ctrl_c_between_two_solves_ends_the_next_one_at_once(
+    stalled: Planner, monkeypatch: pytest.MonkeyPatch
+) -> None:
     made = planning.program_for
 
     def press(plugin: str, whole: Transcription) -> object:
@@ -215,9 +235,13 @@ def test_ctrl_c_between_two_solves_ends_the_next_one_at_once(stalled: Planner, m
 def test_ctrl_c_while_a_first_guess_is_looked_for_ends_the_search_with_a_plan(
     place: str, robot: Robot, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """While what finds it is built, and in the first of its solves, after which there is one more, of the search itself."""
-    planner, calls = patient(reach(robot), "stagewise"), list[str]()
-    found, solve = getattr(Transcription, place), Planner.solve
+    """While what finds it is built, and in the first of its solves, after which there is one more,
+    of the search itself.
+    """
+    planner = patient(reach(robot), "stagewise")
+    calls = list[str]()
+    found = getattr(Transcription, place)
+    solve = Planner.solve
 
     def press(*given: object, **named: object) -> object:
         if not calls:
@@ -242,10 +266,14 @@ def test_ctrl_c_while_a_first_guess_is_looked_for_ends_the_search_with_a_plan(
     assert solves == ([20] if place == "__init__" else [8, 20])
 
 
-def test_time_that_others_take_for_their_turn_is_not_taken_from_the_time_limit(robot: Robot) -> None:
+def test_time_that_others_take_for_their_turn_is_not_taken_from_the_time_limit(
+    robot: Robot,
+) -> None:
     problem = reach(robot)
     slow = patient(problem, "ipopt")
-    hasty = Planner(problem, replace(slow.options, time_limit=30.0), transcription=slow.transcription)
+    hasty = Planner(
+        problem, replace(slow.options, time_limit=30.0), transcription=slow.transcription
+    )
     ends: list[float] = []
     planned = hasty._planned
     hasty._planned = lambda *given: ends.append(given[3]) or planned(*given)  # type: ignore[method-assign, func-returns-value]

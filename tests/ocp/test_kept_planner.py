@@ -1,6 +1,8 @@
-"""Laws of a planner that is kept: a changed problem is solved as by a new planner, or refused by the name of the change.
+"""Laws of a planner that is kept: a changed problem is solved as by a new planner, or refused by
+the name of the change.
 
-The changes are all fields of all terms, tasks, levels, phases and problems: a new field is tested by being there.
+The changes are all fields of all terms, tasks, levels, phases and problems: a new field is tested
+by being there.
 """
 
 from __future__ import annotations
@@ -20,7 +22,13 @@ import pytest
 from same_words import require_same_words
 
 from uvms_ocp.errors import InvalidInput
-from uvms_ocp.mission_plan.terms import BoundedRows, FloorClearance, Rim, TaskPreference, ZeroVelocities
+from uvms_ocp.mission_plan.terms import (
+    BoundedRows,
+    FloorClearance,
+    Rim,
+    TaskPreference,
+    ZeroVelocities,
+)
 from uvms_ocp.ocp.clearance import Ball, BallClearance, ShapeClearance
 from uvms_ocp.ocp.plan import OcpStatus
 from uvms_ocp.ocp.planner import Planner
@@ -54,7 +62,8 @@ from uvms_ocp.tasks.pose import NullVelocity, ToolPose, ToolPosition, VehiclePos
 from uvms_ocp.tasks.task import Residual, Task, zero_residual
 
 GOAL = pin.SE3(np.eye(3), np.array([1.0, 0.2, 0.0]))
-ROBOT_BALL, STONE = Ball(frame="tool", radius=0.1), Ball(centre=(3.0, 1.0, 0.0), radius=0.2)
+ROBOT_BALL = Ball(frame="tool", radius=0.1)
+STONE = Ball(centre=(3.0, 1.0, 0.0), radius=0.2)
 RIM = Rim(joint=5, centre=np.array([0.5, 0.0, 0.0]), axis=np.array([1.0, 0.0, 0.0]), radius=0.1)
 
 
@@ -87,8 +96,16 @@ TERMS: dict[str, Term] = {
     "duration": Duration(),
     "posture": Posture(q=np.zeros(5)),
     "balls": BallClearance(robot_balls=(ROBOT_BALL,), obstacles=(STONE,)),
-    "own": residual_term("own", lambda stage, goal: stage.tick.q[:3] - goal, lower=-1.0, upper=1.0, parameters=np.zeros(3)),
-    "shapes": ShapeClearance(scene=among(3.0, 0.2), margins=np.full(4, 0.05), n_rows=3, n_own_rows=1),
+    "own": residual_term(
+        "own",
+        lambda stage, goal: stage.tick.q[:3] - goal,
+        lower=-1.0,
+        upper=1.0,
+        parameters=np.zeros(3),
+    ),
+    "shapes": ShapeClearance(
+        scene=among(3.0, 0.2), margins=np.full(4, 0.05), n_rows=3, n_own_rows=1
+    ),
     "rows": BoundedRows(task=ToolPosition(goal=GOAL), rows=(0, 1), lower=-0.1, upper=0.1),
     "liked": TaskPreference(task=ToolPosition(goal=GOAL)),
     "rest": ZeroVelocities(axes=(0, 1)),
@@ -140,12 +157,18 @@ def planar() -> Robot:
 @cache
 def problem_of(name: str) -> OcpProblem:
     robot = planar()
-    phases = (OcpPhase(name="go", n_steps=2, duration=2.0), OcpPhase(name="stay", n_steps=1, duration=1.0))
+    phases = (
+        OcpPhase(name="go", n_steps=2, duration=2.0),
+        OcpPhase(name="stay", n_steps=1, duration=1.0),
+    )
     return OcpProblem(
         robot=robot,
         start=State(q=np.zeros(5), v=np.zeros(5)),
         phases=phases,
-        levels=(OcpLevel(name="it", terms=(TERMS[name],), relax=0.1), OcpLevel(name="cheap", terms=(Effort(),))),
+        levels=(
+            OcpLevel(name="it", terms=(TERMS[name],), relax=0.1),
+            OcpLevel(name="cheap", terms=(Effort(),)),
+        ),
         constraints=(AtRest(),),
         floor=-2.0,
         water=False,
@@ -183,12 +206,21 @@ def cases() -> Iterator[Any]:
         problem = problem_of(name)
         own = () if isinstance(term, TaskTerm) and name not in ("T", "HA") else fields(term)
         for field in own:
-            changed = with_term(problem, replace(term, **{field.name: other(field.name, getattr(term, field.name))}))
-            yield pytest.param(Case(problem=problem, changed=changed, field=field.name), id=f"{name}-{field.name}")
+            changed = with_term(
+                problem, replace(term, **{field.name: other(field.name, getattr(term, field.name))})
+            )
+            yield pytest.param(
+                Case(problem=problem, changed=changed, field=field.name), id=f"{name}-{field.name}"
+            )
         for field in fields(term.task) if isinstance(term, TaskTerm) else ():
-            task = replace(term.task, **{field.name: other(field.name, getattr(term.task, field.name))})
+            task = replace(
+                term.task, **{field.name: other(field.name, getattr(term.task, field.name))}
+            )
             changed = with_term(problem, replace(term, task=task))
-            yield pytest.param(Case(problem=problem, changed=changed, field=field.name), id=f"{name}-task-{field.name}")
+            yield pytest.param(
+                Case(problem=problem, changed=changed, field=field.name),
+                id=f"{name}-task-{field.name}",
+            )
     yield from _cases_of_problems()
 
 
@@ -198,13 +230,19 @@ def _cases_of_problems() -> Iterator[Any]:
         value = getattr(problem, field.name)
         if field.name not in ("phases", "levels"):
             changed = replace(problem, **{field.name: other(field.name, value)})
-            yield pytest.param(Case(problem=problem, changed=changed, field=field.name), id=f"problem-{field.name}")
+            yield pytest.param(
+                Case(problem=problem, changed=changed, field=field.name), id=f"problem-{field.name}"
+            )
     for part in ("phases", "levels"):
         first, *rest = getattr(problem, part)
         for field in fields(first):
-            changed_part = replace(first, **{field.name: other(field.name, getattr(first, field.name))})
+            changed_part = replace(
+                first, **{field.name: other(field.name, getattr(first, field.name))}
+            )
             changed = replace(problem, **{part: (changed_part, *rest)})
-            yield pytest.param(Case(problem=problem, changed=changed, field=field.name), id=f"{part}-{field.name}")
+            yield pytest.param(
+                Case(problem=problem, changed=changed, field=field.name), id=f"{part}-{field.name}"
+            )
         changed = replace(problem, **{part: tuple(getattr(problem, part))[:1]})
         yield pytest.param(Case(problem=problem, changed=changed, field=part), id=f"{part}-fewer")
 
@@ -214,7 +252,8 @@ CASES = list(cases())
 
 @pytest.mark.parametrize("case", CASES)
 def test_a_changed_field_is_obeyed_or_refused_by_name(case: Case) -> None:
-    transcription, refusal = kept(case.problem), refused(case)
+    transcription = kept(case.problem)
+    refusal = refused(case)
     if refusal:
         assert case.field in refusal
         assert "build a new Planner" in refusal
@@ -223,11 +262,17 @@ def test_a_changed_field_is_obeyed_or_refused_by_name(case: Case) -> None:
     fresh = Transcription(case.changed)
     x = 0.1 * np.random.default_rng(1).standard_normal(fresh.n_x) + 0.2
     for found, wanted in zip(
-        numbers(transcription, x, p, case.changed), numbers(fresh, x, fresh.parameters(t0=0.3), case.changed), strict=True
+        numbers(transcription, x, p, case.changed),
+        numbers(fresh, x, fresh.parameters(t0=0.3), case.changed),
+        strict=True,
     ):
         np.testing.assert_allclose(found, wanted, rtol=1e-12, atol=1e-12)
-    assert transcription.violations(x, p, case.changed) == pytest.approx(fresh.violations(x, fresh.parameters(t0=0.3)))
-    (row, broken), (expected, by) = (one.obstruction(case.changed) or ("", 0.0) for one in (transcription, fresh))
+    assert transcription.violations(x, p, case.changed) == pytest.approx(
+        fresh.violations(x, fresh.parameters(t0=0.3))
+    )
+    (row, broken), (expected, by) = (
+        one.obstruction(case.changed) or ("", 0.0) for one in (transcription, fresh)
+    )
     assert row == expected
     assert broken == pytest.approx(by, rel=1e-9)
 
@@ -241,32 +286,50 @@ def refused(case: Case) -> str:
     return ""
 
 
-def numbers(transcription: Transcription, x: np.ndarray, p: np.ndarray, problem: OcpProblem) -> list[np.ndarray]:
+def numbers(
+    transcription: Transcription, x: np.ndarray, p: np.ndarray, problem: OcpProblem
+) -> list[np.ndarray]:
     """All that an NLP solver is told."""
     ranges, program = transcription.ranges(problem), transcription.program
-    values = [np.array(value).ravel() for nlp in program.nlps for value in nlp.functions["nlp_jac_g"].call([x, p])]
-    values += [np.array(value).ravel() for nlp in program.nlps for value in nlp.functions["nlp_grad_f"].call([x, p])]
+    values = [
+        np.array(value).ravel()
+        for nlp in program.nlps
+        for value in nlp.functions["nlp_jac_g"].call([x, p])
+    ]
+    values += [
+        np.array(value).ravel()
+        for nlp in program.nlps
+        for value in nlp.functions["nlp_grad_f"].call([x, p])
+    ]
     values += [np.array(value).ravel() for value in program.values.call([x, p])]
     values += [ranges.lower, ranges.upper, *transcription.bounds(problem)]
     for level in ranges.levels:
-        values += [level.lower, level.upper, np.array([-1.0 if level.relax is None else level.relax])]
+        values += [
+            level.lower,
+            level.upper,
+            np.array([-1.0 if level.relax is None else level.relax]),
+        ]
     return values
 
 
 @pytest.mark.parametrize("name", TERMS)
 def test_a_weight_is_a_factor_on_the_squares(name: str) -> None:
     problem = problem_of(name)
-    transcription, heavier = kept(problem), with_term(problem, replace(TERMS[name], weight=3.0))
+    transcription = kept(problem)
+    heavier = with_term(problem, replace(TERMS[name], weight=3.0))
     x = 9.0 * np.random.default_rng(2).standard_normal(transcription.n_x)
     cost, three = (
-        float(transcription.program.nlps[0].functions["nlp_f"](x, transcription.parameters(one))) for one in (problem, heavier)
+        float(transcription.program.nlps[0].functions["nlp_f"](x, transcription.parameters(one)))
+        for one in (problem, heavier)
     )
     assert three == pytest.approx(3.0 * cost, rel=1e-12)
     assert cost > 0 or name in ("MAC", "HA", "balls", "shapes")  # ranges that these states are in
 
 
 def test_the_registry_knows_every_term_and_every_task_with_rows_over_a_horizon() -> None:
-    assert {cls for cls in _below(Term) if not _below(cls)} == {type(term) for term in TERMS.values()}
+    assert {cls for cls in _below(Term) if not _below(cls)} == {
+        type(term) for term in TERMS.values()
+    }
     planned = {cls for cls in _below(Task) if not _below(cls) and cls.residual is not Task.residual}
     assert planned == {type(task) for task in TASKS.values()}
 
@@ -274,7 +337,9 @@ def test_the_registry_knows_every_term_and_every_task_with_rows_over_a_horizon()
 def _below(cls: type) -> list[type]:
     below = [found for own in cls.__subclasses__() for found in (own, *_below(own))]
     # Classes with slots are made twice; the first one is no longer anybody's.
-    public = [own for own in below if getattr(sys.modules[own.__module__], own.__name__, None) is own]
+    public = [
+        own for own in below if getattr(sys.modules[own.__module__], own.__name__, None) is own
+    ]
     return [own for own in public if own.__module__.startswith("uvms_ocp.")]
 
 
@@ -310,7 +375,12 @@ def test_all_numbers_that_may_differ_are_tested() -> None:
 
 
 def reach(**options: Any) -> OcpProblem:
-    chosen: dict[str, Any] = {"weight": 1.0, "stone": STONE, "task": ToolPosition(goal=GOAL), "duration": 4.0}
+    chosen: dict[str, Any] = {
+        "weight": 1.0,
+        "stone": STONE,
+        "task": ToolPosition(goal=GOAL),
+        "duration": 4.0,
+    }
     chosen |= {"posture": Posture(q=np.zeros(5), weight=0.1)} | options
     clearance = BallClearance(robot_balls=(ROBOT_BALL,), obstacles=(chosen["stone"],))
     cheap = tuple(term for term in (Effort(), chosen["posture"]) if term is not None)
@@ -336,7 +406,10 @@ def kept_planner() -> Planner:
 
 PLANS: dict[str, dict[str, Any]] = {
     "weight of a cost": {"posture": Posture(q=np.zeros(5), weight=25.0)},
-    "weight of a goal": {"weight": 4.0, "task": ToolPosition(goal=pin.SE3(np.eye(3), np.array([30.0, 0.0, 0.0])))},
+    "weight of a goal": {
+        "weight": 4.0,
+        "task": ToolPosition(goal=pin.SE3(np.eye(3), np.array([30.0, 0.0, 0.0]))),
+    },
     "moved stone": {"stone": replace(STONE, centre=(1.45, -0.6, 0.0), radius=0.5)},
     "stone at the start": {"stone": replace(STONE, centre=(1.3, -0.8, 0.0), radius=0.5)},
     "other posture": {"posture": Posture(q=np.full(5, 0.6), weight=0.1)},
@@ -347,12 +420,18 @@ PLANS: dict[str, dict[str, Any]] = {
 @pytest.mark.parametrize("options", PLANS.values(), ids=PLANS)
 def test_a_kept_planner_finds_the_plan_of_a_new_one(options: dict[str, Any]) -> None:
     problem = reach(**options)
-    found, wanted, before = kept_planner().plan(problem), Planner(problem).plan(), kept_planner().plan()
+    found = kept_planner().plan(problem)
+    wanted = Planner(problem).plan()
+    before = kept_planner().plan()
     assert found.status is wanted.status
     require_same_words(found.reason, wanted.reason)
     residuals = [[level.residual for level in plan.levels] for plan in (found, wanted, before)]
     np.testing.assert_allclose(residuals[0], residuals[1], rtol=1e-5, atol=1e-6)
-    assert not np.allclose(residuals[0], residuals[2], rtol=1e-3) if residuals[0] else found.status is OcpStatus.OBSTRUCTED
+    assert (
+        not np.allclose(residuals[0], residuals[2], rtol=1e-3)
+        if residuals[0]
+        else found.status is OcpStatus.OBSTRUCTED
+    )
 
 
 @pytest.mark.parametrize(
@@ -360,7 +439,10 @@ def test_a_kept_planner_finds_the_plan_of_a_new_one(options: dict[str, Any]) -> 
     [
         ({"hessian": HessianKind.GAUSS_NEWTON}, "the problem has hessian"),
         ({"posture": None}, "level 'cheap' has 1 terms, the planner was built for 2"),
-        ({"task": ToolPose(goal=GOAL)}, r"level 'tool': term 'T' differs in task \(ToolPose, not ToolPosition\)"),
+        (
+            {"task": ToolPose(goal=GOAL)},
+            r"level 'tool': term 'T' differs in task \(ToolPose, not ToolPosition\)",
+        ),
         ({"task": ToolPosition(goal=GOAL, frame="link2")}, r"differs in task\.frame"),
     ],
 )
@@ -389,7 +471,9 @@ def test_a_term_is_asked_for_its_rows_once_wherever_it_counts() -> None:
         asked.append(stage)
         return stage.tick.q[:2]
 
-    counted = residual_term("counted", rows, lower=-100.0, upper=100.0, at=At.PATH)  # of the state: at the end, too
+    counted = residual_term(
+        "counted", rows, lower=-100.0, upper=100.0, at=At.PATH
+    )  # of the state: at the end, too
     Planner(replace(reach(), constraints=(*reach().constraints, counted)))
     assert len(asked) == 1
 
@@ -399,7 +483,9 @@ def test_what_a_term_carries_beside_its_fields_is_looked_at(slots: tuple[str, ..
     kind = type("Reach", (Reach,), {"__slots__": slots})
     one, same, other = (with_term(problem_of("T"), kind(x)) for x in (1.0, 1.0, 2.0))
     assert refused(Case(problem=one, changed=same, field="x")) == ""
-    assert "term 'reach' differs in x from the planner's" in refused(Case(problem=one, changed=other, field="x"))
+    assert "term 'reach' differs in x from the planner's" in refused(
+        Case(problem=one, changed=other, field="x")
+    )
 
 
 def test_free_durations_stay_in_the_range_of_the_problem_given() -> None:
@@ -430,8 +516,11 @@ def test_a_plan_of_another_problem_is_no_guess() -> None:
 
 def test_parameters_of_another_length_and_a_limit_that_is_no_time_are_refused_by_name() -> None:
     planner = kept_planner()
-    guess, p = hold_guess(planner.problem), planner.transcription.parameters()
-    with pytest.raises(InvalidInput, match=rf"^Planner\.solve: p has shape \(3,\); give \({len(p)},\)$"):
+    guess = hold_guess(planner.problem)
+    p = planner.transcription.parameters()
+    with pytest.raises(
+        InvalidInput, match=rf"^Planner\.solve: p has shape \(3,\); give \({len(p)},\)$"
+    ):
         planner.solve(np.zeros(3), guess)
     with pytest.raises(InvalidInput, match=r"^Planner\.solve: time_limit = nan"):
         planner.solve(p, guess, time_limit=np.nan)

@@ -1,4 +1,6 @@
-"""Laws of optimal control problems: goals within all limits, priorities, warm starts, and what is refused."""
+"""Laws of optimal control problems: goals within all limits, priorities, warm starts, and what is
+refused.
+"""
 
 from __future__ import annotations
 
@@ -28,12 +30,15 @@ from uvms_ocp.solvers.stage_qp import StageQp, StageQpOptions, StageQpSolver, St
 from uvms_ocp.tasks.pose import NullVelocity, UnderActuation, VehiclePose
 
 
-def test_the_tool_reaches_its_goal_within_all_limits(robot: Robot, planner_of_each: Planner) -> None:
+def test_the_tool_reaches_its_goal_within_all_limits(
+    robot: Robot, planner_of_each: Planner
+) -> None:
     plan = planner_of_each.plan()
     assert plan.status is OcpStatus.SOLVED
     assert plan.iterations <= 60
     assert plan.levels[0].residual < 1e-5
-    trajectory, limits = plan.trajectory, robot.limits
+    trajectory = plan.trajectory
+    limits = robot.limits
     assert (np.abs(trajectory.v) <= limits.velocity + 1e-6).all()
     assert (np.abs(trajectory.a) <= limits.acceleration + 1e-6).all()
     assert (np.abs(trajectory.torque) <= limits.effort + 1e-4).all()
@@ -50,8 +55,11 @@ def test_a_warm_solve_of_the_same_problem_needs_no_iterations(planner_of_each: P
     np.testing.assert_allclose(again.trajectory.q, first.trajectory.q, atol=1e-5)
 
 
-def test_no_rounding_decides_whether_a_qp_is_solved_without_a_compiler(robot: Robot, monkeypatch: pytest.MonkeyPatch) -> None:
-    asked, solve = list[StageQp](), StageQpSolver.solve_flat
+def test_no_rounding_decides_whether_a_qp_is_solved_without_a_compiler(
+    robot: Robot, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    asked = list[StageQp]()
+    solve = StageQpSolver.solve_flat
 
     def kept(solver: StageQpSolver, qp: StageQp, *near: object, **options: object) -> object:
         asked.append(copied(qp))
@@ -60,7 +68,8 @@ def test_no_rounding_decides_whether_a_qp_is_solved_without_a_compiler(robot: Ro
     monkeypatch.setattr(StageQpSolver, "solve_flat", kept)
     patient(reach(robot), "stagewise").plan()
     monkeypatch.undo()
-    solver, rng = StageQpSolver(asked[0].shape, StageQpOptions(compiled=False)), np.random.default_rng(0)
+    solver = StageQpSolver(asked[0].shape, StageQpOptions(compiled=False))
+    rng = np.random.default_rng(0)
     for _ in range(10):
         qp = copied(asked[0])
         for name in ("dynamics", "J"):
@@ -76,7 +85,9 @@ def copied(qp: StageQp) -> StageQp:
     return other
 
 
-def test_a_guess_through_configurations_leads_to_the_same_plan(robot: Robot, planner_of_each: Planner) -> None:
+def test_a_guess_through_configurations_leads_to_the_same_plan(
+    robot: Robot, planner_of_each: Planner
+) -> None:
     first = planner_of_each.plan()
     guess = guess_through(planner_of_each.problem, first.trajectory.t, first.trajectory.q)
     again = planner_of_each.plan(guess=guess)
@@ -94,12 +105,21 @@ def test_a_plan_is_carried_out_to_millimetres(robot: Robot, plugin: str) -> None
 
 
 @pytest.mark.slow
-def test_the_higher_level_wins_where_two_goals_exclude_each_other(robot: Robot, plugin: str) -> None:
+def test_the_higher_level_wins_where_two_goals_exclude_each_other(
+    robot: Robot, plugin: str
+) -> None:
     problem = reach(robot)
     q = problem.start.q
     stay = TaskTerm(task=VehiclePose(goal=pin.SE3(pin.Quaternion(q[3:7]).matrix(), q[:3])))
     far = TaskTerm(task=tool_goal(robot, q, (3.0, 0.0, 0.0)))
-    first = replace(problem, levels=(OcpLevel(name="vehicle", terms=(stay,)), OcpLevel(name="tool", terms=(far,)), CHEAP))
+    first = replace(
+        problem,
+        levels=(
+            OcpLevel(name="vehicle", terms=(stay,)),
+            OcpLevel(name="tool", terms=(far,)),
+            CHEAP,
+        ),
+    )
     second = replace(first, levels=(first.levels[1], first.levels[0], CHEAP))
     options = NlpOptions(time_limit=PATIENCE, max_iterations=100, plugin=plugin)
     vehicle_first = Planner(first, options).plan(diagnose=False)
@@ -113,7 +133,10 @@ def test_a_clearance_is_kept_on_the_way(robot: Robot, plugin: str) -> None:
     ball = Ball(frame="base_link", radius=0.9)
     obstacle = Ball(centre=(2.0, 0.6, -5.0), radius=0.5)
     clearance = BallClearance(robot_balls=(ball,), obstacles=(obstacle,), margin=0.1)
-    plan = patient(reach(robot, shift=(3.0, 1.0, 0.0), duration=16.0, constraints=(AtRest(), clearance)), plugin).plan()
+    plan = patient(
+        reach(robot, shift=(3.0, 1.0, 0.0), duration=16.0, constraints=(AtRest(), clearance)),
+        plugin,
+    ).plan()
     assert plan.status is OcpStatus.SOLVED
     distance = np.linalg.norm(plan.trajectory.q[:, :3] - obstacle.centre, axis=1)
     assert distance.min() >= 0.9 + 0.5 + 0.1 - 1e-5

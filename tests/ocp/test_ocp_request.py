@@ -46,7 +46,9 @@ def test_the_tool_reaches_its_goal_around_an_obstacle(planar: Robot) -> None:
     tool = Kinematics(planar, planar.configuration()).pose("tool").translation
     goal = (float(tool[0]) + 3.0, float(tool[1]) + 1.0, float(tool[2]))
     free = solve_ocp(asked(planar, ToolGoal(position=goal), duration=20.0))
-    x, y, z = Kinematics(planar, free.samples[1][len(free.samples[0]) // 2]).pose("base_link").translation
+    x, y, z = (
+        Kinematics(planar, free.samples[1][len(free.samples[0]) // 2]).pose("base_link").translation
+    )
     wall = obstacle("wall", coal.Cylinder(0.15, 1.0), (x, y + 0.1, z))
     around = solve_ocp(asked(planar, ToolGoal(position=goal), duration=20.0, obstacles=(wall,)))
     for result in (free, around):
@@ -62,7 +64,10 @@ def test_the_tool_reaches_its_goal_around_an_obstacle(planar: Robot) -> None:
 
 def test_links_keep_a_clearance_of_their_own(planar: Robot) -> None:
     goal = PostureGoal(joints={"theta1": 0.3})
-    one, two = (asked(planar, goal, obstacles=(BALL,), clearance=0.05, **other) for other in ({}, {"link_clearance": 0.01}))
+    one, two = (
+        asked(planar, goal, obstacles=(BALL,), clearance=0.05, **other)
+        for other in ({}, {"link_clearance": 0.01})
+    )
     scene = solve_ocp(one).scene
     links = scene.groups().get("its own links", [])
     assert links
@@ -74,7 +79,11 @@ def test_links_keep_a_clearance_of_their_own(planar: Robot) -> None:
 
 @pytest.mark.parametrize(
     ("way", "at"),
-    [((1.3, 0.1, -0.2), (0.6, 0.1, -0.1)), ((1.2, 0.97, 0.03), (0.59, 0.46, 0.04)), ((-0.19, 1.02, 0.1), (-0.18, 0.52, 0.05))],
+    [
+        ((1.3, 0.1, -0.2), (0.6, 0.1, -0.1)),
+        ((1.2, 0.97, 0.03), (0.59, 0.46, 0.04)),
+        ((-0.19, 1.02, 0.1), (-0.18, 0.52, 0.05)),
+    ],
 )
 def test_a_vehicle_does_not_roll_over_on_its_way_around_a_rock(
     way: tuple[float, float, float], at: tuple[float, float, float]
@@ -99,30 +108,54 @@ def test_a_posture_moves_what_was_asked_and_ends_at_rest(planar: Robot) -> None:
     np.testing.assert_allclose(trajectory.v[-1], 0.0, atol=1e-6)
 
 
-def test_what_is_nearer_at_the_start_comes_no_nearer_and_what_touches_is_refused(planar: Robot) -> None:
+def test_what_is_nearer_at_the_start_comes_no_nearer_and_what_touches_is_refused(
+    planar: Robot,
+) -> None:
     near = ball_at(0.0, 0.45, 0.0)
-    result = solve_ocp(asked(planar, PostureGoal(joints={"x0": 0.5}), obstacles=(near,), clearance=0.2))
+    result = solve_ocp(
+        asked(planar, PostureGoal(joints={"x0": 0.5}), obstacles=(near,), clearance=0.2)
+    )
     assert result.plan.status is OcpStatus.SOLVED
     assert result.collision_free
     at_start = result.distances[0]
-    kept = np.minimum(0.2, at_start * np.where([pair.first_joint != 0 for pair in result.scene.pairs], 0.75, 0.99))
+    kept = np.minimum(
+        0.2, at_start * np.where([pair.first_joint != 0 for pair in result.scene.pairs], 0.75, 0.99)
+    )
     assert at_start.min() < 0.1
     assert (result.distances.min(axis=0) > kept - 5e-4).all()
     with pytest.raises(InvalidInput, match="the start is in collision: ball"):
         solve_ocp(asked(planar, PostureGoal(joints={"x0": 0.5}), obstacles=(ball_at(0, 0, 0),)))
 
 
-def test_a_goal_inside_an_obstacle_is_named_with_its_depth_before_anything_is_solved(planar: Robot) -> None:
-    tool = Kinematics(planar, planar.configuration()).pose("tool").translation + np.array([3.0, 0.0, 0.0])
+def test_a_goal_inside_an_obstacle_is_named_with_its_depth_before_anything_is_solved(
+    planar: Robot,
+) -> None:
+    tool = Kinematics(planar, planar.configuration()).pose("tool").translation + np.array(
+        [3.0, 0.0, 0.0]
+    )
     ball = ball_at(*tool)
-    with pytest.raises(InvalidInput, match=r"the goal is in collision: ball - tool overlap by 0\.2 m; move it"):
+    with pytest.raises(
+        InvalidInput, match=r"the goal is in collision: ball - tool overlap by 0\.2 m; move it"
+    ):
         solve_ocp(asked(planar, ToolGoal(position=tuple(tool)), obstacles=(ball,)))
-    with pytest.raises(InvalidInput, match=r"the goal is in collision: ball - link2_0 overlap by 0\.\d+ m; move it"):
-        solve_ocp(asked(planar, ToolGoal(position=tuple(tool), rpy=(0.0, 0.0, 0.0)), obstacles=(ball,)))
+    with pytest.raises(
+        InvalidInput, match=r"the goal is in collision: ball - link2_0 overlap by 0\.\d+ m; move it"
+    ):
+        solve_ocp(
+            asked(planar, ToolGoal(position=tuple(tool), rpy=(0.0, 0.0, 0.0)), obstacles=(ball,))
+        )
     names = ("x0", "y0", "alpha")
     base = ball_at(3.0, 0.0, 0.0)
-    with pytest.raises(InvalidInput, match=r"the goal is in collision: ball - base_link_0 overlap by 0\.\d+ m"):
-        solve_ocp(asked(planar, PostureGoal(joints=dict(zip(names, (3.0, 0.0, 0.0), strict=True))), obstacles=(base,)))
+    with pytest.raises(
+        InvalidInput, match=r"the goal is in collision: ball - base_link_0 overlap by 0\.\d+ m"
+    ):
+        solve_ocp(
+            asked(
+                planar,
+                PostureGoal(joints=dict(zip(names, (3.0, 0.0, 0.0), strict=True))),
+                obstacles=(base,),
+            )
+        )
 
 
 def test_a_guess_along_a_curve_has_its_pace_and_takes_all_the_time(planar: Robot) -> None:
@@ -136,7 +169,9 @@ def test_a_guess_along_a_curve_has_its_pace_and_takes_all_the_time(planar: Robot
         water=False,
     )
     way = np.linspace(0.1, 0.5, planar.n_v)
-    curve = PiecewisePolynomial(breaks=np.array([2.0, 5.0]), coefficients=np.array([[np.zeros(planar.n_v)], [way]]))
+    curve = PiecewisePolynomial(
+        breaks=np.array([2.0, 5.0]), coefficients=np.array([[np.zeros(planar.n_v)], [way]])
+    )
     guess = along_curve(problem, coordinates(planar), curve)
     np.testing.assert_allclose(guess.t, [0.0, 2.0, 4.0, 6.0, 8.0])
     np.testing.assert_allclose(guess.q, np.outer([0.0, 0.25, 0.5, 0.75, 1.0], way), atol=1e-12)
@@ -157,7 +192,9 @@ def test_a_level_floor_is_kept_clear_of() -> None:
 
 def test_samples_of_iterates_that_left_their_manifold_are_configurations() -> None:
     robot = load_robot("girona_maris7_full")
-    result = solve_ocp(asked(robot, PostureGoal(position=(2.0, 0.0, 0.0)), n_steps=2, current=(3.0, 0.0, 0.0)))
+    result = solve_ocp(
+        asked(robot, PostureGoal(position=(2.0, 0.0, 0.0)), n_steps=2, current=(3.0, 0.0, 0.0))
+    )
     assert not result.plan.status.usable
     assert np.abs(np.linalg.norm(result.plan.trajectory.q[:, 3:7], axis=1) - 1.0).max() < 1e-12
     for q in result.samples[1]:
@@ -173,8 +210,11 @@ def test_a_goal_out_of_reach_is_a_verdict_with_a_motion(planar: Robot) -> None:
 
 
 def test_the_record_adds_up(planar: Robot) -> None:
-    result = solve_ocp(asked(planar, PostureGoal(joints={"x0": 0.5}), obstacles=(BALL,), n_steps=10))
-    record, plan = ocp_record(result), result.plan
+    result = solve_ocp(
+        asked(planar, PostureGoal(joints={"x0": 0.5}), obstacles=(BALL,), n_steps=10)
+    )
+    record = ocp_record(result)
+    plan = result.plan
     taken = record["thruster_energy"][-1].sum() + record["joint_energy"][-1]
     assert taken == pytest.approx(plan.energy, rel=1e-9)
     assert ocp_report(result)["energy_j"] == pytest.approx(plan.energy)

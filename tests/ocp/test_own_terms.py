@@ -1,4 +1,6 @@
-"""Laws of what a user adds: own residuals, starts that are free, motions that close, obstacles that move, records of all."""
+"""Laws of what a user adds: own residuals, starts that are free, motions that close, obstacles that
+move, records of all.
+"""
 
 from __future__ import annotations
 
@@ -45,7 +47,9 @@ def arm() -> Robot:
     return load_robot("planar5")
 
 
-def on_arm(arm: Robot, *constraints: Term, levels: tuple[OcpLevel, ...] = (), **options: Any) -> OcpProblem:
+def on_arm(
+    arm: Robot, *constraints: Term, levels: tuple[OcpLevel, ...] = (), **options: Any
+) -> OcpProblem:
     cheap = OcpLevel(name="effort", terms=(Effort(),))
     start = State(q=arm.configuration(), v=np.zeros(arm.n_v))
     chosen = {"duration": 2.0, "n_steps": 6, "constraints": constraints, "water": False}
@@ -57,21 +61,26 @@ def test_an_error_in_a_residual_is_told_with_the_name_of_its_term(arm: Robot) ->
         return {}["speed"]
 
     term = residual_term("my speed", rows)
-    with pytest.raises(InvalidInput, match=r"term 'my speed': its residual raised KeyError: 'speed'") as raised:
+    with pytest.raises(
+        InvalidInput, match=r"term 'my speed': its residual raised KeyError: 'speed'"
+    ) as raised:
         Planner(on_arm(arm, term))
     assert isinstance(raised.value.__cause__, KeyError)
     assert "\n" not in str(raised.value)
 
 
 def test_two_levels_of_one_name_are_refused(arm: Robot) -> None:
-    with pytest.raises(InvalidInput, match=r"levels \['effort', 'effort'\] share a name; give each its own"):
+    with pytest.raises(
+        InvalidInput, match=r"levels \['effort', 'effort'\] share a name; give each its own"
+    ):
         on_arm(arm, levels=(OcpLevel(name="effort", terms=(Effort(),)),))
 
 
 @pytest.mark.parametrize("integrator", Integrator)
 def test_a_motion_between_nodes_goes_through_them(integrator: Integrator) -> None:
     """Whatever the integrator makes of an acceleration, a step ends where the next one begins."""
-    bluerov, dt = load_robot("bluerov2_alpha5"), 1e-9
+    bluerov = load_robot("bluerov2_alpha5")
+    dt = 1e-9
     turn = residual_term("turn", lambda stage: stage.tick.velocity[5] - 0.5)
     given = on_arm(bluerov, levels=(OcpLevel(name="turn", terms=(turn,)),), integrator=integrator)
     path = Planner(given).plan().trajectory
@@ -86,7 +95,9 @@ def test_a_motion_between_nodes_goes_through_them(integrator: Integrator) -> Non
 
 def test_an_own_residual_is_reached_and_an_own_constraint_kept(arm: Robot) -> None:
     half = residual_term("half", lambda stage: stage.tick.q[0] - 0.5)
-    slow = residual_term("slow", lambda stage: stage.tick.velocity[0], lower=-0.35, upper=0.35, at=At.PATH)
+    slow = residual_term(
+        "slow", lambda stage: stage.tick.velocity[0], lower=-0.35, upper=0.35, at=At.PATH
+    )
     plan = Planner(on_arm(arm, slow, levels=(OcpLevel(name="go", terms=(half,)),))).plan()
     assert plan.status is OcpStatus.SOLVED
     assert plan.trajectory.q[-1, 0] == pytest.approx(0.5, abs=1e-5)
@@ -94,7 +105,9 @@ def test_an_own_residual_is_reached_and_an_own_constraint_kept(arm: Robot) -> No
 
 
 def test_an_own_cost_on_inputs_is_no_goal(arm: Robot) -> None:
-    jerky = residual_term("gentle", lambda stage: stage.acceleration, at=At.PATH, goal=False, inputs=True)
+    jerky = residual_term(
+        "gentle", lambda stage: stage.acceleration, at=At.PATH, goal=False, inputs=True
+    )
     push = residual_term("push", lambda stage: stage.tick.q[0] - 0.5)
     plan = Planner(on_arm(arm, push, levels=(OcpLevel(name="gentle", terms=(jerky,)),))).plan()
     assert plan.status is OcpStatus.SOLVED
@@ -108,20 +121,31 @@ def test_parameters_of_an_own_term_are_given_anew_to_a_kept_planner(arm: Robot) 
 
     planner = Planner(at(np.array([0.1, 0.1])))
     for place in ([0.3, -0.2], [0.0, 0.4]):
-        np.testing.assert_allclose(planner.plan(at(np.array(place))).trajectory.q[-1, :2], place, atol=1e-5)
+        np.testing.assert_allclose(
+            planner.plan(at(np.array(place))).trajectory.q[-1, :2], place, atol=1e-5
+        )
     moving = planner.plan(at(lambda t: (np.array([0.1 * t, 0.0]), np.zeros(2))), t0=1.0)
     np.testing.assert_allclose(moving.trajectory.q[-1, :2], [0.3, 0.0], atol=1e-5)
 
 
 WRONG: dict[str, tuple[dict[str, Any], str]] = {
-    "a number": ({"rows": lambda stage: 3.0}, r"gave float of shape \(\); give a column \(m, 1\) of casadi.SX"),
+    "a number": (
+        {"rows": lambda stage: 3.0},
+        r"gave float of shape \(\); give a column \(m, 1\) of casadi.SX",
+    ),
     "numpy": ({"rows": lambda stage: np.zeros(2)}, "gave ndarray"),
     "MX": ({"rows": lambda stage: ca.MX.sym("x")}, "gave MX"),
     "a row": ({"rows": lambda stage: stage.tick.q.T}, r"SX of shape \(1, 5\)"),
     "nothing": ({"rows": lambda stage: ca.SX(0, 1)}, r"SX of shape \(0, 1\)"),
     "silent inputs": ({"rows": lambda stage: stage.torque}, "give inputs=True"),
-    "bounds of another size": ({"rows": lambda stage: stage.tick.q[:2], "lower": np.zeros(3)}, "or 2 of them"),
-    "swapped bounds": ({"rows": lambda stage: stage.tick.q, "lower": 1.0, "upper": 0.0}, "are swapped"),
+    "bounds of another size": (
+        {"rows": lambda stage: stage.tick.q[:2], "lower": np.zeros(3)},
+        "or 2 of them",
+    ),
+    "swapped bounds": (
+        {"rows": lambda stage: stage.tick.q, "lower": 1.0, "upper": 0.0},
+        "are swapped",
+    ),
 }
 
 
@@ -135,7 +159,10 @@ def test_a_mistake_in_an_own_term_is_told_with_its_name(arm: Robot, mistake: str
 @pytest.mark.filterwarnings("ignore")
 def test_rows_that_are_no_number_at_the_start_are_named(arm: Robot) -> None:
     q = ca.DM(arm.configuration())
-    for rows in (lambda stage: ca.sqrt(stage.tick.q[0] - 1), lambda stage: ca.sqrt(ca.sumsqr(stage.tick.q - q))):
+    for rows in (
+        lambda stage: ca.sqrt(stage.tick.q[0] - 1),
+        lambda stage: ca.sqrt(ca.sumsqr(stage.tick.q - q)),
+    ):
         plan = Planner(on_arm(arm, residual_term("mine", rows, upper=np.inf))).plan()
         assert plan.status is OcpStatus.UNFINISHED
         assert "not a number: at the start mine" in plan.reason
@@ -176,7 +203,9 @@ def test_a_periodic_motion_ends_in_its_first_state(name: str) -> None:
     plan = patient(swing(robot, water=water, periodic=True, start_freedom=free)).plan()
     assert plan.status is OcpStatus.SOLVED, plan.reason
     assert apart(robot, plan) < 1e-6
-    np.testing.assert_allclose(np.linalg.norm(plan.trajectory.q[:, 3:7], axis=1)[: 13 * water], 1.0, atol=1e-7)
+    np.testing.assert_allclose(
+        np.linalg.norm(plan.trajectory.q[:, 3:7], axis=1)[: 13 * water], 1.0, atol=1e-7
+    )
     fixed = patient(swing(robot, water=water)).plan()
     assert fixed.status is OcpStatus.SOLVED
     assert apart(robot, fixed) > 0.1
@@ -186,7 +215,9 @@ def test_a_start_is_free_as_far_as_it_says(arm: Robot) -> None:
     freedom = np.zeros(2 * arm.n_v)
     freedom[0], freedom[arm.n_v] = 0.2, np.inf
     push = residual_term("push", lambda stage: stage.tick.q[0] - 0.5)
-    problem = replace(on_arm(arm, levels=(OcpLevel(name="go", terms=(push,)),)), start_freedom=freedom)
+    problem = replace(
+        on_arm(arm, levels=(OcpLevel(name="go", terms=(push,)),)), start_freedom=freedom
+    )
     plan = Planner(problem).plan()
     moved = plan.trajectory.q[0] - problem.start.q
     assert plan.status is OcpStatus.SOLVED
@@ -221,11 +252,17 @@ def test_an_obstacle_that_moves_is_kept_clear_of_where_it_is(arm: Robot) -> None
         velocity = np.array([0.0, -0.5, 0.0])
         return tool + np.array([0.0, 1.0, 0.0]) + t * velocity, velocity
 
-    clear = BallClearance(robot_balls=(Ball(frame="tool", radius=0.05),), obstacles=(Ball(centre=crossing, radius=0.2),))
+    clear = BallClearance(
+        robot_balls=(Ball(frame="tool", radius=0.05),),
+        obstacles=(Ball(centre=crossing, radius=0.2),),
+    )
     plan = Planner(on_arm(arm, clear, duration=3.0, n_steps=15)).plan()
     assert plan.status is OcpStatus.SOLVED, plan.reason
     way = [Kinematics(arm, q).pose("tool").translation for q in plan.trajectory.q]
-    gaps = [np.linalg.norm(p - crossing(t)[0]) - 0.25 for p, t in zip(way, plan.trajectory.t, strict=True)]
+    gaps = [
+        np.linalg.norm(p - crossing(t)[0]) - 0.25
+        for p, t in zip(way, plan.trajectory.t, strict=True)
+    ]
     assert min(gaps) >= 0.05 - 1e-5
     assert np.linalg.norm(np.diff(way, axis=0), axis=1).sum() > 0.1, "it gave way"
     last = plan.surroundings.obstacles[0]
@@ -237,7 +274,9 @@ def test_an_obstacle_that_moves_is_kept_clear_of_where_it_is(arm: Robot) -> None
 # --- what becomes of a plan ---------------------------------------------------------------------------
 
 
-def test_every_plan_is_a_record_with_figures_and_a_scene(arm: Robot, planner: Planner, tmp_path: Path) -> None:
+def test_every_plan_is_a_record_with_figures_and_a_scene(
+    arm: Robot, planner: Planner, tmp_path: Path
+) -> None:
     wrench = reach(planner.problem.robot, actuation=Actuation.WRENCH, n_steps=4)
     plans = (planner.plan(), Planner(on_arm(arm)).plan(), patient(wrench).plan(diagnose=False))
     for plan in plans:
@@ -256,7 +295,9 @@ def test_every_plan_is_a_record_with_figures_and_a_scene(arm: Robot, planner: Pl
         assert len(figures) >= 2
         for figure in figures:
             plt.close(figure)
-        assert len(show(plan).html) == len(show(record, plan.robot).html), "but for identifiers drawn anew"
+        assert len(show(plan).html) == len(show(record, plan.robot).html), (
+            "but for identifiers drawn anew"
+        )
 
 
 def test_a_plan_is_replayed_in_the_plant_within_10_mm(planner: Planner, tmp_path: Path) -> None:
@@ -269,7 +310,9 @@ def test_a_plan_is_replayed_in_the_plant_within_10_mm(planner: Planner, tmp_path
     assert flight.record["t"][-1] == pytest.approx(plan.duration, abs=0.006)
     blind = replay(plan, SEA, feedback=False)
     assert blind.mismatch.end_position > flight.mismatch.end_position
-    plant = DynamicPlant(plan.robot, plan.trajectory.q[0], dynamics=robot_dynamics(plan.robot), environment=SEA)
+    plant = DynamicPlant(
+        plan.robot, plan.trajectory.q[0], dynamics=robot_dynamics(plan.robot), environment=SEA
+    )
     again = replay(plan, plant)
     np.testing.assert_array_equal(again.record["q"], flight.record["q"])
 
@@ -283,13 +326,17 @@ def test_a_plan_below_the_sea_floor_is_told_when_it_is_replayed(planner: Planner
 
 
 def test_a_plan_of_a_wrench_has_nothing_to_replay(planner: Planner) -> None:
-    wrench = patient(reach(planner.problem.robot, actuation=Actuation.WRENCH, n_steps=4)).plan(diagnose=False)
+    wrench = patient(reach(planner.problem.robot, actuation=Actuation.WRENCH, n_steps=4)).plan(
+        diagnose=False
+    )
     with pytest.raises(InvalidInput, match=r"plan with Actuation\.THRUSTERS"):
         replay(wrench, SEA)
 
 
 def test_a_planned_wrench_is_recorded_as_one_and_names_no_thruster(planner: Planner) -> None:
-    plan = patient(reach(planner.problem.robot, actuation=Actuation.WRENCH, n_steps=4)).plan(diagnose=False)
+    plan = patient(reach(planner.problem.robot, actuation=Actuation.WRENCH, n_steps=4)).plan(
+        diagnose=False
+    )
     record = plan.to_record()
     assert "thrust" not in record.series
     assert plan.peak_thrust is plan.summary()["peak_thrust"] is None
@@ -297,10 +344,16 @@ def test_a_planned_wrench_is_recorded_as_one_and_names_no_thruster(planner: Plan
     assert np.array_equal(record["wrench"], plan.trajectory.thrust[steps])
     figure = PLAN_FIGURES["efforts"](record)
     assert [axis.get_ylabel() for axis in figure.axes[:2]] == ["force [N]", "moment [N m]"]
-    assert not any("thruster1" in text.get_text() for axis in figure.axes for text in axis.get_legend().get_texts())
+    assert not any(
+        "thruster1" in text.get_text()
+        for axis in figure.axes
+        for text in axis.get_legend().get_texts()
+    )
 
 
-def test_a_plan_of_an_arm_without_water_is_replayed_on_a_kinematic_plant_as_it_stands(arm: Robot) -> None:
+def test_a_plan_of_an_arm_without_water_is_replayed_on_a_kinematic_plant_as_it_stands(
+    arm: Robot,
+) -> None:
     plan = Planner(on_arm(arm)).plan()
     flight = replay(plan, KinematicPlant(arm, plan.trajectory.q[0]))
     assert flight.mismatch.position < 1e-6

@@ -1,4 +1,6 @@
-"""Laws of plans by every solver: optimality by the derivatives of the sparse program, levels that keep what they have, prices."""
+"""Laws of plans by every solver: optimality by the derivatives of the sparse program, levels that
+keep what they have, prices.
+"""
 
 from __future__ import annotations
 
@@ -55,7 +57,9 @@ def by_ipopt(in_conflict: OcpProblem) -> Plan:
 
 
 def on_arm(n_levels: int) -> OcpProblem:
-    """A tool's goal out of reach, a posture that is none of those nearest to it, and least effort."""
+    """A tool's goal out of reach, a posture that is none of those nearest to it, and least
+    effort.
+    """
     arm = load_robot("planar5")
     q = arm.configuration()
     tool = OcpLevel(name="tool", terms=(TaskTerm(task=tool_goal(arm, q, (0.0, 0.0, 2.0))),))
@@ -72,11 +76,13 @@ def on_arm(n_levels: int) -> OcpProblem:
 
 
 def stationarity(transcription: Transcription, plan: Plan, level: int) -> float:
-    """What of the gradient of a level's cost the multipliers of inequalities leave, and laws and equalities cannot take.
+    """What of the gradient of a level's cost the multipliers of inequalities leave, and laws and
+    equalities cannot take.
 
     Relative to the gradient, or 1. Multipliers of equalities are those that leave least.
     """
-    point, nlp = plan.result.points[level], transcription.program.nlps[level]
+    point = plan.result.points[level]
+    nlp = transcription.program.nlps[level]
     p = transcription.parameters()
     _, gradient = (np.array(part).ravel() for part in nlp.functions["nlp_grad_f"](point.x, p))
     J = np.array(nlp.functions["nlp_jac_g"](point.x, p)[1])
@@ -97,7 +103,9 @@ def test_a_level_that_is_solved_is_stationary_by_the_derivatives_of_the_sparse_p
     assert stationarity(transcription, plan, level) < 1e-4
 
 
-def test_no_level_rises_by_more_than_the_tolerance_where_levels_are_added_below(plugin: str) -> None:
+def test_no_level_rises_by_more_than_the_tolerance_where_levels_are_added_below(
+    plugin: str,
+) -> None:
     plans = [patient(on_arm(n), plugin).plan(diagnose=False) for n in (1, 2, 3)]
     assert min(level.residual for level in plans[2].levels) > 0.01  # none has all it wants
     for fewer, more in pairwise(plans):
@@ -123,23 +131,38 @@ def test_a_level_costs_those_below_what_ipopt_says(plan: Plan, by_ipopt: Plan) -
 @pytest.mark.slow
 @pytest.mark.parametrize("plugin", PLUGINS[1:])
 @pytest.mark.parametrize(
-    "options", [{"actuation": Actuation.WRENCH}, {"current": np.array([0.1, 0.0, 0.0])}], ids=["wrench", "current"]
+    "options",
+    [{"actuation": Actuation.WRENCH}, {"current": np.array([0.1, 0.0, 0.0])}],
+    ids=["wrench", "current"],
 )
-def test_a_goal_costs_effort_what_ipopt_says(robot: Robot, options: dict[str, object], plugin: str) -> None:
-    own, theirs = (patient(reach(robot, n_steps=N, **options), name).plan(diagnose=False) for name in (plugin, "ipopt"))
+def test_a_goal_costs_effort_what_ipopt_says(
+    robot: Robot, options: dict[str, object], plugin: str
+) -> None:
+    own, theirs = (
+        patient(reach(robot, n_steps=N, **options), name).plan(diagnose=False)
+        for name in (plugin, "ipopt")
+    )
     assert len(own.levels[1].prices) == 1
     assert own.levels[1].residual == pytest.approx(theirs.levels[1].residual, rel=1e-5)
     assert own.levels[1].prices == pytest.approx(theirs.levels[1].prices, rel=1e-3)
 
 
 @pytest.mark.parametrize("beyond", [9e-6, 1e-2])
-def test_what_a_solver_passes_a_limit_by_within_its_tolerance_is_no_part_of_its_plan(beyond: float, robot: Robot) -> None:
+def test_what_a_solver_passes_a_limit_by_within_its_tolerance_is_no_part_of_its_plan(
+    beyond: float, robot: Robot
+) -> None:
     problem = reach(robot)
     guess = hold_guess(problem)
-    q, lowest, place = guess.q.copy(), robot.limits.position_lower[0], robot.joints[0].q.start
+    q = guess.q.copy()
+    lowest = robot.limits.position_lower[0]
+    place = robot.joints[0].q.start
     q[3, place] = lowest - beyond
     q[3, 3:7] *= 1.0 + 1e-6
     kept = admissible(replace(guess, q=q), robot)
     assert np.linalg.norm(kept.q[3, 3:7]) == pytest.approx(1.0, abs=1e-15)
-    assert kept.q[3, place] == (lowest if beyond < 1e-4 else q[3, place]), "a limit that is broken stays so"
-    np.testing.assert_allclose(np.delete(kept.q[3], place), np.delete(guess.q[3], place), atol=1e-15)
+    assert kept.q[3, place] == (lowest if beyond < 1e-4 else q[3, place]), (
+        "a limit that is broken stays so"
+    )
+    np.testing.assert_allclose(
+        np.delete(kept.q[3], place), np.delete(guess.q[3], place), atol=1e-15
+    )

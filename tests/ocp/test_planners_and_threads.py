@@ -47,9 +47,15 @@ def restless() -> Iterator[None]:
 def test_threads_get_their_own_plans(restless: None, plugin: str, sharing: str) -> None:
     options = NlpOptions(plugin=plugin)
     one = Planner(problem(0.1), options)
-    other = one if sharing == "planner" else Planner(problem(0.1), options, transcription=one.transcription)
+    other = (
+        one
+        if sharing == "planner"
+        else Planner(problem(0.1), options, transcription=one.transcription)
+    )
     asked = [replace(one.problem, levels=problem(x).levels) for x in (0.1, -0.3)]
-    alone = [planner.plan(given).trajectory.q for planner, given in zip((one, other), asked, strict=True)]
+    alone = [
+        planner.plan(given).trajectory.q for planner, given in zip((one, other), asked, strict=True)
+    ]
 
     def wrong(planner: Planner, given: OcpProblem, wanted: np.ndarray) -> int:
         found = [planner.plan(given).trajectory.q for _ in range(ROUNDS)]

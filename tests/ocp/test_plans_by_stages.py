@@ -1,4 +1,6 @@
-"""Laws of problems that are solved stage by stage: the same optimum as IPOPT, derivatives, and what is infeasible."""
+"""Laws of problems that are solved stage by stage: the same optimum as IPOPT, derivatives, and what
+is infeasible.
+"""
 
 from __future__ import annotations
 
@@ -45,14 +47,17 @@ def stage_planner(robot: Robot) -> Planner:
 
 
 def test_the_tool_reach_has_the_optimum_of_ipopt(stage_planner: Planner, planner: Planner) -> None:
-    ours, theirs = stage_planner.plan(), planner.plan()
+    ours = stage_planner.plan()
+    theirs = planner.plan()
     assert ours.status is OcpStatus.SOLVED
     assert ours.levels[0].residual < 1e-6
     assert ours.levels[1].residual ** 2 == pytest.approx(theirs.levels[1].residual ** 2, rel=1e-6)
     np.testing.assert_allclose(ours.trajectory.q, theirs.trajectory.q, atol=1e-3)
 
 
-def test_what_it_finds_keeps_the_constraints_of_the_sparse_program(stage_planner: Planner, planner: Planner) -> None:
+def test_what_it_finds_keeps_the_constraints_of_the_sparse_program(
+    stage_planner: Planner, planner: Planner
+) -> None:
     plan = stage_planner.plan()
     broken = planner.transcription.violations(plan.result.x, planner.transcription.parameters())
     assert max(broken.values()) < 1e-6
@@ -61,7 +66,9 @@ def test_what_it_finds_keeps_the_constraints_of_the_sparse_program(stage_planner
     assert (plan.result.x <= upper + 1e-6).all()
 
 
-def test_a_moved_start_is_solved_from_the_last_plan_in_fewer_iterations(stage_planner: Planner, robot: Robot) -> None:
+def test_a_moved_start_is_solved_from_the_last_plan_in_fewer_iterations(
+    stage_planner: Planner, robot: Robot
+) -> None:
     cold, problem = stage_planner.plan(), stage_planner.problem
     q = pin.integrate(robot.model, problem.start.q, np.array([0.02, *np.zeros(robot.n_v - 1)]))
     moved = replace(problem, start=State(q=q, v=problem.start.v))
@@ -71,10 +78,14 @@ def test_a_moved_start_is_solved_from_the_last_plan_in_fewer_iterations(stage_pl
 
 
 @pytest.mark.parametrize("integrator", list(Integrator))
-def test_every_integrator_gives_the_optimum_of_ipopt_without_water(weightless: Robot, integrator: Integrator) -> None:
+def test_every_integrator_gives_the_optimum_of_ipopt_without_water(
+    weightless: Robot, integrator: Integrator
+) -> None:
     problem = reach(weightless, n_steps=8, integrator=integrator, **DRY)
     ours = stagewise(problem, convergence=1e-7).plan()
-    theirs = Planner(problem, NlpOptions(time_limit=PATIENCE, convergence=1e-7)).plan(guess=ours.trajectory)
+    theirs = Planner(problem, NlpOptions(time_limit=PATIENCE, convergence=1e-7)).plan(
+        guess=ours.trajectory
+    )
     assert ours.status is theirs.status is OcpStatus.SOLVED
     assert ours.levels[1].residual == pytest.approx(theirs.levels[1].residual, rel=1e-4)
 
@@ -89,7 +100,8 @@ def test_an_arm_without_a_vehicle_is_solved_in_the_least_time_as_by_ipopt() -> N
         constraints=(AtRest(),),
         water=False,
     )
-    ours, theirs = stagewise(problem).plan(), Planner(problem, NlpOptions(time_limit=PATIENCE)).plan()
+    ours = stagewise(problem).plan()
+    theirs = Planner(problem, NlpOptions(time_limit=PATIENCE)).plan()
     assert ours.status is theirs.status is OcpStatus.SOLVED
     assert ours.duration == pytest.approx(theirs.duration, rel=1e-3)
 
@@ -97,19 +109,29 @@ def test_an_arm_without_a_vehicle_is_solved_in_the_least_time_as_by_ipopt() -> N
 def test_an_arm_of_one_joint_is_solved_as_by_ipopt() -> None:
     robot = robot_of(TINY["fixed base, no thrusters"])
     start = State(q=robot.configuration(), v=np.full(robot.n_v, 0.3))
-    problem = single_phase(robot=robot, start=start, duration=2.0, n_steps=6, levels=[CHEAP], constraints=(AtRest(),))
-    ours, theirs = stagewise(problem).plan(), patient(problem, "ipopt").plan()
+    problem = single_phase(
+        robot=robot, start=start, duration=2.0, n_steps=6, levels=[CHEAP], constraints=(AtRest(),)
+    )
+    ours = stagewise(problem).plan()
+    theirs = patient(problem, "ipopt").plan()
     assert ours.status is theirs.status is OcpStatus.SOLVED
     assert ours.levels[0].residual == pytest.approx(theirs.levels[0].residual, rel=1e-4)
 
 
 @pytest.mark.parametrize("options", [{}, DRY, {"n_steps": 2}], ids=["wet", "dry", "short"])
-def test_derivatives_of_stages_equal_differences_on_the_manifold(robot: Robot, options: dict[str, object]) -> None:
+def test_derivatives_of_stages_equal_differences_on_the_manifold(
+    robot: Robot, options: dict[str, object]
+) -> None:
     problem = reach(robot, **({"n_steps": 3} | options))
     tangent = Tangent(model=StageModel(problem, eliminated=True))
-    model, rng, e = tangent.model, np.random.default_rng(2), 1e-6
-    function = BlockFunctions(block=term_blocks(model)[0], tangent=tangent, forces=force_rows(model), extra=0)
-    n, layout = tangent.n_x + tangent.n_u, model.layout
+    model = tangent.model
+    rng = np.random.default_rng(2)
+    e = 1e-6
+    function = BlockFunctions(
+        block=term_blocks(model)[0], tangent=tangent, forces=force_rows(model), extra=0
+    )
+    n = tangent.n_x + tangent.n_u
+    layout = model.layout
     z = 0.1 * rng.standard_normal(layout.n_z)
     z[layout.q], z[layout.h] = problem.start.q, 0.4
     s, u = np.ones(function.block.rows.n_parameters), np.array([0.1, -0.2, 0.05])
@@ -119,35 +141,56 @@ def test_derivatives_of_stages_equal_differences_on_the_manifold(robot: Robot, o
     force, slope = tangent.forces[1](z, u)
     found = function.linear.call([z, s, u, force, slope])
     d = rng.standard_normal(n)
-    ends = [values_of(tangent, function, np.array(moved(z, sign * e * d)).ravel(), s, u) for sign in (1.0, -1.0)]
+    ends = [
+        values_of(tangent, function, np.array(moved(z, sign * e * d)).ravel(), s, u)
+        for sign in (1.0, -1.0)
+    ]
     for value, J, ahead, behind in zip(found[:groups], found[groups:], *ends, strict=False):
         slope = (np.array(ahead) - np.array(behind)).ravel() / (2 * e)
         np.testing.assert_allclose(np.array(J).T @ d, slope, atol=1e-5)
         assert value.numel() == len(slope)
 
 
-def values_of(tangent: Tangent, function: BlockFunctions, z: np.ndarray, s: np.ndarray, u: np.ndarray) -> list[ca.DM]:
+def values_of(
+    tangent: Tangent, function: BlockFunctions, z: np.ndarray, s: np.ndarray, u: np.ndarray
+) -> list[ca.DM]:
     """Rows at z with the forces there."""
-    return list(function.values.call([z, s, u, tangent.forces[0](z, u), np.zeros(tangent.force_slope.shape)]))
+    return list(
+        function.values.call(
+            [z, s, u, tangent.forces[0](z, u), np.zeros(tangent.force_slope.shape)]
+        )
+    )
 
 
 @pytest.mark.parametrize("options", [{}, {"integrator": Integrator.EULER}], ids=["middle", "euler"])
 def test_curvature_of_stages_is_the_second_difference_on_the_manifold(
     robot: Robot, options: dict[str, object], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("uvms_ocp.ocp.stagewise.functions.compiled_from", lambda name, content, make, *modules: make())
+    monkeypatch.setattr(
+        "uvms_ocp.ocp.stagewise.functions.compiled_from",
+        lambda name, content, make, *modules: make(),
+    )
     tangent = Tangent(model=StageModel(reach(robot, **({"n_steps": 3} | options)), eliminated=True))
-    model, rng, e = tangent.model, np.random.default_rng(3), 1e-3
-    function = BlockFunctions(block=term_blocks(model)[0], tangent=tangent, forces=force_rows(model), extra=0)
-    z, s, u = 0.1 * rng.standard_normal(model.layout.n_z), np.ones(function.block.rows.n_parameters), np.full(3, 0.1)
+    model = tangent.model
+    rng = np.random.default_rng(3)
+    e = 1e-3
+    function = BlockFunctions(
+        block=term_blocks(model)[0], tangent=tangent, forces=force_rows(model), extra=0
+    )
+    z = 0.1 * rng.standard_normal(model.layout.n_z)
+    s = np.ones(function.block.rows.n_parameters)
+    u = np.full(3, 0.1)
     z[model.layout.q], z[model.layout.h] = model.problem.start.q, 0.4
-    after, step = z + 0.01 * rng.standard_normal(len(z)), ca.SX.sym("step", tangent.n_x + tangent.n_u)
+    after = z + 0.01 * rng.standard_normal(len(z))
+    step = ca.SX.sym("step", tangent.n_x + tangent.n_u)
     after[model.layout.q] = model.problem.start.q
     assert function.weights is not None
     y, r = (rng.standard_normal(function.weights.numel_in(i)) for i in (5, 6))
     costates, d = rng.standard_normal(tangent.n_x), rng.standard_normal(step.numel())
     here = (z, s, u, *tangent.forces[1](z, u))
-    bent = tangent.step_curvature(z, after, costates, model.bend(z[: model.n_motion], u, function.weights(*here, y, r)))
+    bent = tangent.step_curvature(
+        z, after, costates, model.bend(z[: model.n_motion], u, function.weights(*here, y, r))
+    )
     H = function.curvature(*here, y, r, bent)
     moved = ca.Function("moved", [model.z, step], [tangent.moved(step)])
     motion = ca.Function("motion", [model.z], [tangent.motion(ca.SX(ca.DM(after)))])
@@ -171,7 +214,10 @@ def test_a_current_that_thrusters_cannot_hold_against_is_named_infeasible(robot:
 
 
 def test_it_works_without_a_compiler(robot: Robot, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("uvms_ocp.ocp.stagewise.functions.compiled_from", lambda name, content, make, *modules: make())
+    monkeypatch.setattr(
+        "uvms_ocp.ocp.stagewise.functions.compiled_from",
+        lambda name, content, make, *modules: make(),
+    )
     q = load_robot("planar5")
     problem = single_phase(
         robot=q,

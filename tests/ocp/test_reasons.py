@@ -1,4 +1,6 @@
-"""Laws of reasons: a problem that cannot be solved names what makes it so, and what would have to change."""
+"""Laws of reasons: a problem that cannot be solved names what makes it so, and what would have to
+change.
+"""
 
 from __future__ import annotations
 
@@ -12,7 +14,15 @@ import pytest
 from reaches import CHEAP, PATIENCE, reach, tool_goal
 
 from uvms_ocp.ocp.clearance import Ball, BallClearance
-from uvms_ocp.ocp.diagnosis import BoundGroup, GroupIndex, RelaxationUnit, _constraint_rows, _Elastic, bindings, phase_one
+from uvms_ocp.ocp.diagnosis import (
+    BoundGroup,
+    GroupIndex,
+    RelaxationUnit,
+    _constraint_rows,
+    _Elastic,
+    bindings,
+    phase_one,
+)
 from uvms_ocp.ocp.plan import OcpStatus, Plan
 from uvms_ocp.ocp.planner import Planner
 from uvms_ocp.ocp.problem import OcpLevel, OcpProblem, single_phase
@@ -51,9 +61,12 @@ def along(robot: Robot, name: str, lower: float, upper: float, at: At = At.PATH)
 
 def goal_in_an_obstacle(robot: Robot) -> Case:
     problem = posed(robot, (1.0, -0.5, -0.6))
-    place = Kinematics(robot, problem.start.q).pose("tool").translation + np.array([1.05, -0.48, -0.57])
+    place = Kinematics(robot, problem.start.q).pose("tool").translation + np.array(
+        [1.05, -0.48, -0.57]
+    )
     clear = BallClearance(
-        robot_balls=(Ball(frame="tool", radius=0.1),), obstacles=(Ball(centre=tuple(place.tolist()), radius=0.3),)
+        robot_balls=(Ball(frame="tool", radius=0.1),),
+        obstacles=(Ball(centre=tuple(place.tolist()), radius=0.3),),
     )
     return replace(problem, constraints=(AtRest(), clear)), MISSES, "constraint 'clearance'"
 
@@ -68,7 +81,15 @@ def goal_out_of_reach_of_a_fixed_base(robot: Robot) -> Case:
 def on_arm(arm: Robot, q: np.ndarray, goal: Term, duration: float) -> OcpProblem:
     levels = [level(goal), OcpLevel(name="effort", terms=(Effort(),))]
     start = State(q=q, v=np.zeros(arm.n_v))
-    return single_phase(robot=arm, start=start, duration=duration, n_steps=N, levels=levels, constraints=(AtRest(),), water=False)
+    return single_phase(
+        robot=arm,
+        start=start,
+        duration=duration,
+        n_steps=N,
+        levels=levels,
+        constraints=(AtRest(),),
+        water=False,
+    )
 
 
 def tether_too_short(robot: Robot) -> Case:
@@ -79,11 +100,19 @@ def tether_too_short(robot: Robot) -> Case:
         return ca.sqrt(ca.sumsqr(stage.tick.kinematics.pose("tool")[1] - ca.DM(anchor)) + 1e-9)
 
     tether = residual_term("tether", length, lower=-np.inf, upper=0.7, at=At.PATH)
-    return posed(robot, (1.0, -0.5, -0.6), constraints=(AtRest(), tether)), MISSES, "constraint 'tether'"
+    return (
+        posed(robot, (1.0, -0.5, -0.6), constraints=(AtRest(), tether)),
+        MISSES,
+        "constraint 'tether'",
+    )
 
 
 def thrust_too_weak_for_the_current(robot: Robot) -> Case:
-    return reach(robot, current=np.array([3.0, 0.0, 0.0]), n_steps=N), (OcpStatus.INFEASIBLE,), "the thrust limits"
+    return (
+        reach(robot, current=np.array([3.0, 0.0, 0.0]), n_steps=N),
+        (OcpStatus.INFEASIBLE,),
+        "the thrust limits",
+    )
 
 
 def torque_too_weak_to_lift(robot: Robot) -> Case:
@@ -113,18 +142,27 @@ def too_fast_to_stop(robot: Robot) -> Case:
     v[0] = 0.9 * robot.limits.velocity[0]
     start = State(q=robot.configuration(position=(0, 0, -5)), v=v)
     wall = along(robot, "wall", -np.inf, 0.02)
-    return (reach(robot, start=start, constraints=(AtRest(), wall), n_steps=N), (OcpStatus.INFEASIBLE,), "constraint 'wall'")
+    return (
+        reach(robot, start=start, constraints=(AtRest(), wall), n_steps=N),
+        (OcpStatus.INFEASIBLE,),
+        "constraint 'wall'",
+    )
 
 
 def contradictory_constraints(robot: Robot) -> Case:
-    left, right = along(robot, "left", -np.inf, -0.2, At.END), along(robot, "right", 0.2, np.inf, At.END)
+    left = along(robot, "left", -np.inf, -0.2, At.END)
+    right = along(robot, "right", 0.2, np.inf, At.END)
     problem = reach(robot, constraints=(AtRest(), left, right), n_steps=N)
     return problem, (OcpStatus.INFEASIBLE,), "constraint 'right'"
 
 
 def floor_above_the_goal(robot: Robot) -> Case:
     keep = TaskTerm(task=MinimumAltitude(threshold=1.0), at=At.PATH)
-    return posed(robot, (0.5, 0.0, -2.5), floor=-6.5, constraints=(AtRest(), keep)), MISSES, "constraint 'MAC'"
+    return (
+        posed(robot, (0.5, 0.0, -2.5), floor=-6.5, constraints=(AtRest(), keep)),
+        MISSES,
+        "constraint 'MAC'",
+    )
 
 
 CASES: tuple[Callable[[Robot], Case], ...] = (
@@ -143,7 +181,9 @@ CASES: tuple[Callable[[Robot], Case], ...] = (
 
 @pytest.mark.slow
 @pytest.mark.parametrize("case", CASES, ids=lambda case: case.__name__)
-def test_an_infeasible_problem_names_its_true_cause(case: Callable[[Robot], Case], robot: Robot) -> None:
+def test_an_infeasible_problem_names_its_true_cause(
+    case: Callable[[Robot], Case], robot: Robot
+) -> None:
     problem, allowed, cause = case(robot)
     plan = Planner(problem, NlpOptions(time_limit=PATIENCE)).plan()
     assert plan.status in allowed, plan.reason
@@ -153,13 +193,18 @@ def test_an_infeasible_problem_names_its_true_cause(case: Callable[[Robot], Case
 
 
 def wall_at(robot: Robot, upper: float) -> OcpProblem:
-    return replace(too_fast_to_stop(robot)[0], constraints=(AtRest(), along(robot, "wall", -np.inf, upper)))
+    return replace(
+        too_fast_to_stop(robot)[0], constraints=(AtRest(), along(robot, "wall", -np.inf, upper))
+    )
 
 
 @pytest.mark.slow
 def test_what_would_have_to_give_way_is_enough_and_no_more_than_that(robot: Robot) -> None:
     planner = Planner(wall_at(robot, 0.02), NlpOptions(time_limit=PATIENCE))
-    p, x = planner.transcription.parameters(), planner.transcription.pack(hold_guess(planner.problem))
+    p, x = (
+        planner.transcription.parameters(),
+        planner.transcription.pack(hold_guess(planner.problem)),
+    )
     least = phase_one(planner.transcription, planner.problem, p, x, time_limit=PATIENCE)
     assert least.converged
     assert [item.group.name for item in least.relaxations] == ["constraint 'wall'"]
@@ -170,7 +215,10 @@ def test_what_would_have_to_give_way_is_enough_and_no_more_than_that(robot: Robo
 
 
 def test_nothing_gives_way_where_a_motion_keeps_all(planner: Planner) -> None:
-    p, x = planner.transcription.parameters(), planner.transcription.pack(hold_guess(planner.problem))
+    p, x = (
+        planner.transcription.parameters(),
+        planner.transcription.pack(hold_guess(planner.problem)),
+    )
     least = phase_one(planner.transcription, planner.problem, p, x, time_limit=PATIENCE)
     assert least.converged
     assert not least.relaxations
@@ -178,7 +226,9 @@ def test_nothing_gives_way_where_a_motion_keeps_all(planner: Planner) -> None:
 
 
 def priced(shift: float) -> Plan:
-    """The first joint to be somewhere, and the second, priced by what the first costs it, close to it."""
+    """The first joint to be somewhere, and the second, priced by what the first costs it, close to
+    it.
+    """
     arm = load_robot("planar5")
 
     def first(stage: StageSymbols) -> ca.SX:
@@ -192,12 +242,16 @@ def priced(shift: float) -> Plan:
         OcpLevel(name="close", terms=(residual_term("close", close), Effort(weight=1e-3))),
     ]
     start = State(q=arm.configuration(), v=np.zeros(arm.n_v))
-    problem = single_phase(robot=arm, start=start, duration=3.0, n_steps=6, levels=levels, water=False)
+    problem = single_phase(
+        robot=arm, start=start, duration=3.0, n_steps=6, levels=levels, water=False
+    )
     return Planner(problem, NlpOptions(time_limit=PATIENCE)).plan(diagnose=False)
 
 
 def test_the_search_for_what_gives_way_begins_where_all_that_can_give_way_does_so_enough() -> None:
-    """And hardly more than that: somewhere in each group that is broken, a little less would not do."""
+    """And hardly more than that: somewhere in each group that is broken, a little less would not
+    do.
+    """
     arm = load_robot("planar5")
     fast = np.linspace(0.5, 4.0, arm.n_v)
     arm = replace(arm, limits=replace(arm.limits, velocity=fast, acceleration=fast[::-1].copy()))
@@ -207,12 +261,16 @@ def test_the_search_for_what_gives_way_begins_where_all_that_can_give_way_does_s
     elastic = _Elastic(transcription, problem, _constraint_rows(transcription, problem), p)
     x = hold + np.random.default_rng(1).normal(scale=20.0, size=len(hold))
     values = np.concatenate([np.array(elastic.functions["nlp_g"](x, p)).ravel(), x])
-    amounts, P, Q = elastic._amounts(values), elastic.P.full(), elastic.Q.full()
+    amounts = elastic._amounts(values)
+    P = elastic.P.full()
+    Q = elastic.Q.full()
     soft = Q.any(axis=1)
 
     def broken(given: np.ndarray) -> np.ndarray:
         rows = P @ values + Q @ given
-        missed: np.ndarray = np.maximum(np.maximum(rows - elastic.upper, elastic.lower - rows), 0.0)[soft]
+        missed: np.ndarray = np.maximum(
+            np.maximum(rows - elastic.upper, elastic.lower - rows), 0.0
+        )[soft]
         return missed
 
     assert broken(amounts).max() == 0.0
@@ -228,14 +286,17 @@ def test_the_axes_on_which_most_lies_are_named_whatever_the_unit(unit: float) ->
     """Rows of one axis count together, and those of other groups not at all."""
     group = BoundGroup(name="the limits", measure=RelaxationUnit.ROW)
     axes = ("surge", "sway", "heave", "sway", "surge")
-    index = GroupIndex(groups=(group, group), number=np.array([0, 0, 0, 0, 1]), scale=np.ones(5), axes=axes)
+    index = GroupIndex(
+        groups=(group, group), number=np.array([0, 0, 0, 0, 1]), scale=np.ones(5), axes=axes
+    )
     assert index.strongest(0, unit * np.array([0.5, 0.4, 0.0, 0.3, 9.0])) == ("sway", "surge")
     assert index.strongest(1, unit * np.array([0.5, 0.4, 0.0, 0.3, 9.0])) == ("surge",)
     assert index.strongest(0, np.zeros(5)) == ()
 
 
 def test_the_price_of_a_level_is_the_slope_of_the_cost_below_it() -> None:
-    step, plan = 1e-4, priced(-0.2)
+    step = 1e-4
+    plan = priced(-0.2)
     costs = [0.5 * priced(-0.2 + side * step).levels[1].residual ** 2 for side in (-1, 1)]
     slope = -(costs[1] - costs[0]) / (2 * step)
     assert plan.levels[0].prices == ()
@@ -256,7 +317,9 @@ SHORT: tuple[tuple[float, float, str], ...] = (
 
 
 @pytest.mark.parametrize(("duration", "way", "cause"), SHORT)
-def test_what_is_said_to_hold_back_is_what_gives_the_gain_where_it_is_loosened(duration: float, way: float, cause: str) -> None:
+def test_what_is_said_to_hold_back_is_what_gives_the_gain_where_it_is_loosened(
+    duration: float, way: float, cause: str
+) -> None:
     arm = load_robot("planar5")
     q = arm.configuration()
     goal = TaskTerm(task=JointTracking(joints=("theta1", "theta2"), goal=q[3:] + way))
@@ -265,17 +328,25 @@ def test_what_is_said_to_hold_back_is_what_gives_the_gain_where_it_is_loosened(d
     assert plan.status is OcpStatus.TOO_SHORT, plan.reason
     assert cause in plan.reason, plan.reason
     assert plan.result is not None
-    found = bindings(transcription, planner.problem, transcription.parameters(), plan.result, 0, time_limit=PATIENCE)
+    found = bindings(
+        transcription,
+        planner.problem,
+        transcription.parameters(),
+        plan.result,
+        0,
+        time_limit=PATIENCE,
+    )
     assert found
-    left, share = found[0].left, {item.group.name: 1 + item.amount for item in found[0].relaxations}
+    left = found[0].left
+    share = {item.group.name: 1 + item.amount for item in found[0].relaxations}
     limits = replace(
         arm.limits,
         velocity=arm.limits.velocity * share.pop("the velocity limits", 1.0),
         acceleration=arm.limits.acceleration * share.pop("the acceleration limits", 1.0),
     )
     assert not share, plan.reason
-    loosened = Planner(on_arm(replace(arm, limits=limits), q, goal, duration), NlpOptions(time_limit=PATIENCE)).plan(
-        diagnose=False
-    )
+    loosened = Planner(
+        on_arm(replace(arm, limits=limits), q, goal, duration), NlpOptions(time_limit=PATIENCE)
+    ).plan(diagnose=False)
     missed = plan.levels[0].residual
     assert loosened.levels[0].residual <= left * missed + 0.02 * (1 - left) * missed

@@ -1,4 +1,6 @@
-"""Laws of steps from stage to stage: which of them a filter lets pass, and the way back to rows that no linear step keeps."""
+"""Laws of steps from stage to stage: which of them a filter lets pass, and the way back to rows
+that no linear step keeps.
+"""
 
 from __future__ import annotations
 
@@ -29,15 +31,20 @@ def test_a_filter_refuses_what_a_point_before_beats_in_cost_and_violation() -> N
 
 
 @pytest.mark.parametrize("cost", [0.0, 1.0, 1e6])
-def test_a_filter_takes_a_worse_cost_of_a_point_without_violation_for_rounding_alone(cost: float) -> None:
-    seen, here = Filter(first=0.0, most=1.0), FilterMerit(cost=cost, violation=0.0)
+def test_a_filter_takes_a_worse_cost_of_a_point_without_violation_for_rounding_alone(
+    cost: float,
+) -> None:
+    seen = Filter(first=0.0, most=1.0)
+    here = FilterMerit(cost=cost, violation=0.0)
     for share, passes in ((0.5e-13, True), (1e-12, False)):
         trial = FilterMerit(cost=cost + share * max(1.0, cost), violation=1e-13)
         assert seen.accepts(trial, here, 0.0, 1.0) == passes
         assert not seen.accepts(FilterMerit(cost=trial.cost, violation=1e-9), here, 0.0, 1.0)
 
 
-def test_a_level_that_others_follow_ends_where_no_step_is_worth_one_and_the_last_one_tries_for_a_while() -> None:
+def test_a_level_that_others_follow_ends_where_no_step_is_worth_one_and_the_last_one_tries_for_a_while() -> (
+    None
+):
     here = FilterMerit(cost=1.0, violation=0.0)
     above, last = (steps_of_level(level) for level in (0, 1))
     assert above._is_flat(here, -1e-20)
@@ -53,7 +60,8 @@ def steps_of_level(level: int) -> StageSqp:
     """Of one of two, before its first iteration, where all rows are kept."""
     memory = SimpleNamespace(z=np.zeros(1), n_levels=2)
     steps = StageSqp(SimpleNamespace(memory=memory, level=level), None, NlpOptions(), None, None)  # type: ignore[arg-type]
-    steps._worst, steps._count = 0.0, 1
+    steps._worst = 0.0
+    steps._count = 1
     return steps
 
 
@@ -68,9 +76,13 @@ def test_a_plan_from_itself_takes_no_iteration() -> None:
 
 
 def turn_of_arm(theta1: float) -> OcpProblem:
-    """A joint that has turned so far that its square is 0.3 or more at the end, with little effort."""
+    """A joint that has turned so far that its square is 0.3 or more at the end, with little
+    effort.
+    """
     arm = load_robot("planar5")
-    bent = residual_term("bent", lambda stage: stage.tick.q[3] ** 2, lower=0.3, upper=np.inf, at=At.END)
+    bent = residual_term(
+        "bent", lambda stage: stage.tick.q[3] ** 2, lower=0.3, upper=np.inf, at=At.END
+    )
     return single_phase(
         robot=arm,
         start=State(q=arm.configuration(joints={"theta1": theta1}), v=np.zeros(arm.n_v)),
@@ -84,6 +96,8 @@ def turn_of_arm(theta1: float) -> OcpProblem:
 
 def test_rows_that_no_linear_step_within_the_limits_keeps_are_reached_by_several() -> None:
     """Where the slope is small a step to the rows would have to be longer than joints can turn."""
-    plan = Planner(turn_of_arm(0.02), NlpOptions(time_limit=PATIENCE, plugin="stagewise")).plan(diagnose=False)
+    plan = Planner(turn_of_arm(0.02), NlpOptions(time_limit=PATIENCE, plugin="stagewise")).plan(
+        diagnose=False
+    )
     assert plan.status is OcpStatus.SOLVED, plan.reason
     assert plan.trajectory.q[-1, 3] ** 2 == pytest.approx(0.3, abs=1e-6)

@@ -36,12 +36,18 @@ def weightless(robot: Robot) -> Robot:
     return replace(robot, model=model)
 
 
-@pytest.mark.parametrize("options", [{}, DRY, DRY | {"integrator": Integrator.EULER}], ids=["wet", "dry", "euler"])
+@pytest.mark.parametrize(
+    "options", [{}, DRY, DRY | {"integrator": Integrator.EULER}], ids=["wet", "dry", "euler"]
+)
 def test_derivatives_equal_finite_differences(robot: Robot, options: dict[str, object]) -> None:
     transcription = Transcription(reach(robot, n_steps=3, **options))
-    rng, p = np.random.default_rng(1), transcription.parameters()
-    x = transcription.pack(hold_guess(transcription.problem)) + 0.05 * rng.standard_normal(transcription.n_x)
-    d, e = rng.standard_normal(transcription.n_x), 1e-6
+    rng = np.random.default_rng(1)
+    p = transcription.parameters()
+    x = transcription.pack(hold_guess(transcription.problem)) + 0.05 * rng.standard_normal(
+        transcription.n_x
+    )
+    d = rng.standard_normal(transcription.n_x)
+    e = 1e-6
     for level in transcription.program.nlps:
         functions = level.functions
         lam = rng.standard_normal(len(level.rows))
@@ -51,19 +57,26 @@ def test_derivatives_equal_finite_differences(robot: Robot, options: dict[str, o
             return np.array(functions["nlp_grad_f"].call([at, p])[-1]).ravel() + J.T @ lam
 
         f, g = functions["nlp_f"], functions["nlp_g"]
-        total = [float(f(at, p)) + lam @ np.array(g(at, p)).ravel() for at in (x + e * d, x - e * d)]
+        total = [
+            float(f(at, p)) + lam @ np.array(g(at, p)).ravel() for at in (x + e * d, x - e * d)
+        ]
         assert (total[0] - total[1]) / (2 * e) == pytest.approx(slope(x) @ d, rel=1e-6)
         H = functions["nlp_hess_l"].call([x, p, 1.0, lam])[-1].full()
         H = np.triu(H) + np.triu(H, 1).T
-        np.testing.assert_allclose((slope(x + e * d) - slope(x - e * d)) / (2 * e), H @ d, atol=1e-5)
+        np.testing.assert_allclose(
+            (slope(x + e * d) - slope(x - e * d)) / (2 * e), H @ d, atol=1e-5
+        )
 
 
 @pytest.mark.parametrize("last", [(0.2, -0.1, 0.0), (-0.2, 0.1, 0.1)], ids=["uniform", "turning"])
-def test_forces_are_those_of_the_motion_in_the_middle_of_every_step(robot: Robot, last: tuple[float, float, float]) -> None:
+def test_forces_are_those_of_the_motion_in_the_middle_of_every_step(
+    robot: Robot, last: tuple[float, float, float]
+) -> None:
     currents = np.linspace((0.2, -0.1, 0.0), last, 10)
     problem = reach(robot, n_steps=10, current=currents)
     trajectory = patient(problem).plan().trajectory
-    dynamics, matrix = robot_dynamics(robot), thruster_matrix(robot)
+    dynamics = robot_dynamics(robot)
+    matrix = thruster_matrix(robot)
     for k, h in enumerate(np.diff(trajectory.t)):
         q, v, a = trajectory.state_at(robot.model, trajectory.t[k] + h / 2)
         wanted = dynamics.inverse_dynamics(q, v, a, Water(velocity=currents[k]))
@@ -75,13 +88,18 @@ def test_forces_that_are_no_variables_are_those_of_the_motion(weightless: Robot)
     trajectory = patient(reach(weightless, n_steps=10, **DRY)).plan().trajectory
     data = weightless.model.createData()
     for k, h in enumerate(np.diff(trajectory.t)):
-        wanted = pin.rnea(weightless.model, data, *trajectory.state_at(weightless.model, trajectory.t[k] + h / 2))
+        wanted = pin.rnea(
+            weightless.model, data, *trajectory.state_at(weightless.model, trajectory.t[k] + h / 2)
+        )
         given = np.concatenate([trajectory.thrust[k], trajectory.torque[k]])
         np.testing.assert_allclose(given, wanted, atol=1e-8)
 
 
 def test_plans_with_and_without_forces_as_variables_are_the_same(weightless: Robot) -> None:
-    unlimited = {field.name: np.full_like(getattr(weightless.limits, field.name), np.inf) for field in fields(Limits)}
+    unlimited = {
+        field.name: np.full_like(getattr(weightless.limits, field.name), np.inf)
+        for field in fields(Limits)
+    }
     unlimited["position_lower"] = -unlimited["position_lower"]
     free = replace(weightless, limits=Limits(**unlimited))
     problems = [reach(free, n_steps=10, **DRY | {"limited": limited}) for limited in (False, True)]
@@ -90,41 +108,58 @@ def test_plans_with_and_without_forces_as_variables_are_the_same(weightless: Rob
     np.testing.assert_allclose(without.thrust, with_forces.thrust, atol=1e-2)
 
 
-def test_a_semi_implicit_step_moves_with_the_new_velocity_under_the_forces_of_the_old_state(weightless: Robot) -> None:
-    trajectory = patient(reach(weightless, n_steps=10, **DRY, integrator=Integrator.EULER)).plan().trajectory
+def test_a_semi_implicit_step_moves_with_the_new_velocity_under_the_forces_of_the_old_state(
+    weightless: Robot,
+) -> None:
+    trajectory = (
+        patient(reach(weightless, n_steps=10, **DRY, integrator=Integrator.EULER)).plan().trajectory
+    )
     data = weightless.model.createData()
     for k, h in enumerate(np.diff(trajectory.t)):
         given = np.concatenate([trajectory.thrust[k], trajectory.torque[k]])
         a = pin.aba(weightless.model, data, trajectory.q[k], trajectory.v[k], given)
         v = trajectory.v[k] + h * a
         np.testing.assert_allclose(trajectory.v[k + 1], v, atol=1e-7)
-        np.testing.assert_allclose(trajectory.q[k + 1], pin.integrate(weightless.model, trajectory.q[k], h * v), atol=1e-7)
+        np.testing.assert_allclose(
+            trajectory.q[k + 1], pin.integrate(weightless.model, trajectory.q[k], h * v), atol=1e-7
+        )
 
 
 def test_both_solvers_find_the_same_cost(robot: Robot, planner: Planner) -> None:
     ipopt = patient(reach(robot), "ipopt").plan()
     assert ipopt.status is OcpStatus.SOLVED
-    assert planner.plan().levels[1].residual ** 2 == pytest.approx(ipopt.levels[1].residual ** 2, rel=1e-6)
+    assert planner.plan().levels[1].residual ** 2 == pytest.approx(
+        ipopt.levels[1].residual ** 2, rel=1e-6
+    )
 
 
-def test_gauss_newton_finds_the_same_cost_as_the_exact_hessian(robot: Robot, planner: Planner) -> None:
+def test_gauss_newton_finds_the_same_cost_as_the_exact_hessian(
+    robot: Robot, planner: Planner
+) -> None:
     exact = planner.plan()
     # Without the curvature of the dynamics convergence is linear.
     loose = NlpOptions(time_limit=PATIENCE, convergence=1e-6)
     gauss_newton = Planner(reach(robot, hessian=HessianKind.GAUSS_NEWTON), loose).plan()
     assert gauss_newton.status is OcpStatus.SOLVED
-    assert gauss_newton.levels[1].residual ** 2 == pytest.approx(exact.levels[1].residual ** 2, rel=1e-3)
+    assert gauss_newton.levels[1].residual ** 2 == pytest.approx(
+        exact.levels[1].residual ** 2, rel=1e-3
+    )
 
 
 def test_the_magnus_integrator_follows_constant_acceleration_more_closely(robot: Robot) -> None:
-    q, rng = robot.configuration(), np.random.default_rng(3)
-    v, a, h = 0.5 * rng.standard_normal(robot.n_v), 0.5 * rng.standard_normal(robot.n_v), 0.5
+    q = robot.configuration()
+    rng = np.random.default_rng(3)
+    v = 0.5 * rng.standard_normal(robot.n_v)
+    a = 0.5 * rng.standard_normal(robot.n_v)
+    h = 0.5
     exact = q
     for i in range(2000):
         exact = pin.integrate(robot.model, exact, (v + (i + 0.5) * h / 2000 * a) * h / 2000)
     errors = []
     for kind in Integrator:
         problem = reach(robot, n_steps=1, integrator=kind)
-        moved = np.array(ca.DM(StageModel(problem).moved(ca.SX(q), ca.SX(v), ca.SX(a), ca.SX(h)))).ravel()
+        moved = np.array(
+            ca.DM(StageModel(problem).moved(ca.SX(q), ca.SX(v), ca.SX(a), ca.SX(h)))
+        ).ravel()
         errors.append(np.linalg.norm(pin.difference(robot.model, exact, moved)))
     assert errors[1] < 0.1 * errors[0]

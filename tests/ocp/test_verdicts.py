@@ -1,4 +1,6 @@
-"""Laws of verdicts: what cannot be planned is told with its reason, and nothing is claimed without proof."""
+"""Laws of verdicts: what cannot be planned is told with its reason, and nothing is claimed without
+proof.
+"""
 
 from __future__ import annotations
 
@@ -40,7 +42,9 @@ from uvms_ocp.tasks.task import Residual, zero_residual
 
 
 @pytest.mark.slow
-def test_a_horizon_that_is_too_short_says_how_long_it_should_be(planner_of_each: Planner, robot: Robot) -> None:
+def test_a_horizon_that_is_too_short_says_how_long_it_should_be(
+    planner_of_each: Planner, robot: Robot
+) -> None:
     plan = planner_of_each.plan(reach(robot, duration=1.2))
     assert plan.status is OcpStatus.TOO_SHORT
     assert "level 'tool' is missed by" in plan.reason
@@ -48,7 +52,9 @@ def test_a_horizon_that_is_too_short_says_how_long_it_should_be(planner_of_each:
 
 
 @pytest.mark.parametrize("weight", [1.0, 1e-8])
-def test_a_goal_out_of_reach_of_a_fixed_arm_is_unreachable_whatever_its_weight(weight: float, plugin: str) -> None:
+def test_a_goal_out_of_reach_of_a_fixed_arm_is_unreachable_whatever_its_weight(
+    weight: float, plugin: str
+) -> None:
     robot = load_robot("planar5")
     q = robot.configuration()
     goal = TaskTerm(task=tool_goal(robot, q, (0.0, 0.0, 2.0)), weight=weight)
@@ -68,7 +74,9 @@ def test_a_goal_out_of_reach_of_a_fixed_arm_is_unreachable_whatever_its_weight(w
 
 def test_a_start_inside_an_obstacle_is_reported_at_once(robot: Robot) -> None:
     ball = Ball(frame="base_link", radius=0.9)
-    clearance = BallClearance(robot_balls=(ball,), obstacles=(Ball(centre=(0.5, 0.0, -5.0), radius=0.3),))
+    clearance = BallClearance(
+        robot_balls=(ball,), obstacles=(Ball(centre=(0.5, 0.0, -5.0), radius=0.3),)
+    )
     plan = patient(reach(robot, constraints=(AtRest(), clearance))).plan()
     assert plan.status is OcpStatus.OBSTRUCTED
     assert "clearance is broken by" in plan.reason
@@ -76,7 +84,9 @@ def test_a_start_inside_an_obstacle_is_reported_at_once(robot: Robot) -> None:
 
 def test_a_constraint_that_is_no_number_at_the_start_is_not_called_an_obstacle(plugin: str) -> None:
     robot = load_robot("planar5")
-    rows = residual_term("root", lambda stage: ca.sqrt(stage.tick.q[0] - 50.0), upper=1.0, at=At.PATH)
+    rows = residual_term(
+        "root", lambda stage: ca.sqrt(stage.tick.q[0] - 50.0), upper=1.0, at=At.PATH
+    )
     problem = single_phase(
         robot=robot,
         start=State(q=robot.configuration(), v=np.zeros(robot.n_v)),
@@ -91,18 +101,26 @@ def test_a_constraint_that_is_no_number_at_the_start_is_not_called_an_obstacle(p
     assert "not a number: at the start root" in plan.reason
 
 
-def test_a_start_that_is_too_fast_for_the_limits_is_proven_impossible(planner: Planner, robot: Robot) -> None:
+def test_a_start_that_is_too_fast_for_the_limits_is_proven_impossible(
+    planner: Planner, robot: Robot
+) -> None:
     tumbling = np.zeros(robot.n_v)
     tumbling[4] = 5.0
-    plan = planner.plan(replace(planner.problem, start=State(q=planner.problem.start.q, v=tumbling)))
+    plan = planner.plan(
+        replace(planner.problem, start=State(q=planner.problem.start.q, v=tumbling))
+    )
     assert plan.status is OcpStatus.INFEASIBLE
     assert "pitch rate starts at 5" in plan.reason
     assert plan.iterations == 0
     assert np.isfinite(plan.trajectory.q).all()
 
 
-def test_a_joint_that_runs_into_its_stop_is_proven_impossible(planner: Planner, robot: Robot) -> None:
-    q, v, joint = planner.problem.start.q.copy(), np.zeros(robot.n_v), 3
+def test_a_joint_that_runs_into_its_stop_is_proven_impossible(
+    planner: Planner, robot: Robot
+) -> None:
+    q = planner.problem.start.q.copy()
+    v = np.zeros(robot.n_v)
+    joint = 3
     q[7 + joint] = robot.limits.position_upper[joint] - 1e-3
     v[6 + joint] = robot.limits.velocity[6 + joint]
     plan = planner.plan(replace(planner.problem, start=State(q=q, v=v)))
@@ -111,16 +129,22 @@ def test_a_joint_that_runs_into_its_stop_is_proven_impossible(planner: Planner, 
     assert "first step" in plan.reason
 
 
-def test_the_limits_of_the_first_step_condemn_no_start_that_has_a_plan(planner_of_each: Planner, robot: Robot) -> None:
+def test_the_limits_of_the_first_step_condemn_no_start_that_has_a_plan(
+    planner_of_each: Planner, robot: Robot
+) -> None:
     moving = np.zeros(robot.n_v)
     moving[0], moving[9] = 0.3, 0.2
-    problem = replace(planner_of_each.problem, start=State(q=planner_of_each.problem.start.q, v=moving))
+    problem = replace(
+        planner_of_each.problem, start=State(q=planner_of_each.problem.start.q, v=moving)
+    )
     assert planner_of_each.plan(problem).status is OcpStatus.SOLVED
     assert impossible_start(problem) is None
 
 
 @pytest.mark.slow
-def test_a_current_that_thrusters_cannot_hold_against_names_level_and_constraint(robot: Robot, plugin: str) -> None:
+def test_a_current_that_thrusters_cannot_hold_against_names_level_and_constraint(
+    robot: Robot, plugin: str
+) -> None:
     problem = reach(robot, current=np.array([3.0, 0.0, 0.0]), n_steps=10)
     plan = Planner(problem, NlpOptions(time_limit=10.0, plugin=plugin)).plan()
     assert plan.status in (OcpStatus.INFEASIBLE, OcpStatus.UNFINISHED)
@@ -132,10 +156,15 @@ def test_a_current_that_thrusters_cannot_hold_against_names_level_and_constraint
 
 @pytest.mark.slow
 @pytest.mark.parametrize("limit", [0.02, 0.6])
-def test_the_time_limit_holds_for_the_whole_plan_without_a_nan(robot: Robot, planner_of_each: Planner, limit: float) -> None:
+def test_the_time_limit_holds_for_the_whole_plan_without_a_nan(
+    robot: Robot, planner_of_each: Planner, limit: float
+) -> None:
     far = TaskTerm(task=tool_goal(robot, planner_of_each.problem.start.q, (100.0, 0.0, 0.0)))
     problem = reach(robot, levels=[OcpLevel(name="tool", terms=(far,)), CHEAP])
-    plan = Planner(problem, NlpOptions(time_limit=limit, max_iterations=3000, plugin=planner_of_each.options.plugin)).plan()
+    plan = Planner(
+        problem,
+        NlpOptions(time_limit=limit, max_iterations=3000, plugin=planner_of_each.options.plugin),
+    ).plan()
     assert plan.status in (OcpStatus.UNFINISHED, OcpStatus.MISSED, OcpStatus.TOO_SHORT)
     assert plan.iterations < 3000
     assert np.isfinite(plan.trajectory.q).all()
@@ -143,14 +172,20 @@ def test_the_time_limit_holds_for_the_whole_plan_without_a_nan(robot: Robot, pla
 
 @pytest.mark.slow
 def test_a_limit_of_iterations_is_no_proof_of_infeasibility(robot: Robot, plugin: str) -> None:
-    plan = Planner(reach(robot), NlpOptions(time_limit=PATIENCE, max_iterations=3, plugin=plugin)).plan()
+    plan = Planner(
+        reach(robot), NlpOptions(time_limit=PATIENCE, max_iterations=3, plugin=plugin)
+    ).plan()
     assert plan.status is OcpStatus.UNFINISHED
     assert "iteration limit" in plan.reason
 
 
 @pytest.mark.slow
-def test_a_missed_goal_is_not_called_unreachable_before_more_time_was_tried(planner_of_each: Planner, robot: Robot) -> None:
-    assert planner_of_each.plan(reach(robot, duration=1.2), diagnose=False).status is OcpStatus.MISSED
+def test_a_missed_goal_is_not_called_unreachable_before_more_time_was_tried(
+    planner_of_each: Planner, robot: Robot
+) -> None:
+    assert (
+        planner_of_each.plan(reach(robot, duration=1.2), diagnose=False).status is OcpStatus.MISSED
+    )
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
@@ -193,31 +228,49 @@ def test_costs_of_the_package_are_no_goals(robot: Robot) -> None:
 
 
 def test_a_level_that_minimises_time_must_leave_the_lower_ones_some(robot: Robot) -> None:
-    fast, slow = OcpLevel(name="fast", terms=(Duration(),)), OcpLevel(name="cheap", terms=(Effort(),))
+    fast = OcpLevel(name="fast", terms=(Duration(),))
+    slow = OcpLevel(name="cheap", terms=(Effort(),))
     with pytest.raises(InvalidInput, match="level 'fast' minimises time: give it `relax`"):
         reach(robot, levels=[fast, slow])
     assert reach(robot, levels=[replace(fast, relax=0.01), slow]).levels[0].relax == 0.01
 
 
-def test_electrical_power_that_is_not_known_is_neither_minimised_nor_reported_as_none(robot: Robot) -> None:
+def test_electrical_power_that_is_not_known_is_neither_minimised_nor_reported_as_none(
+    robot: Robot,
+) -> None:
     cheap = [OcpLevel(name="cheap", terms=(Energy(),))]
     with pytest.raises(InvalidInput, match="energy: the power of a wrench is not known"):
         reach(robot, levels=cheap, actuation=Actuation.WRENCH)
-    thrusters = tuple(item.model_copy(update={"power": None}) for item in robot.description.thrusters)
+    thrusters = tuple(
+        item.model_copy(update={"power": None}) for item in robot.description.thrusters
+    )
     mute = replace(robot, description=robot.description.model_copy(update={"thrusters": thrusters}))
     with pytest.raises(InvalidInput, match="energy: no power is given for thruster"):
         reach(mute, levels=cheap)
-    for machine, actuation in ((robot, Actuation.WRENCH), (mute, Actuation.THRUSTERS), (robot, Actuation.THRUSTERS)):
+    for machine, actuation in (
+        (robot, Actuation.WRENCH),
+        (mute, Actuation.THRUSTERS),
+        (robot, Actuation.THRUSTERS),
+    ):
         known = machine is robot and actuation is Actuation.THRUSTERS
         guess = hold_guess(reach(machine, actuation=actuation))
-        plan = Plan(robot=machine, trajectory=guess, status=OcpStatus.SOLVED, reason="", levels=(), solve_time=0.0)
+        plan = Plan(
+            robot=machine,
+            trajectory=guess,
+            status=OcpStatus.SOLVED,
+            reason="",
+            levels=(),
+            solve_time=0.0,
+        )
         assert (plan.energy is None) != known
         assert (plan.summary()["energy"] is None) != known
         assert np.isnan(plan.powers()[0]).all() != known
 
 
 def judge_of(planner: Planner, *trials: LexicographicResult) -> Diagnosis:
-    """That of its plans, to which longer horizons end as given; without them there is no time left to try any."""
+    """That of its plans, to which longer horizons end as given; without them there is no time left
+    to try any.
+    """
     left = iter(trials)
     return Diagnosis(
         transcription=planner.transcription,

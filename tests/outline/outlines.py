@@ -1,6 +1,8 @@
-"""What Case 1 and a plan of each method come to, in a few numbers: ``python tests/outline/outlines.py --reason WORDS``.
+"""What Case 1 and a plan of each method come to, in a few numbers: ``python
+tests/outline/outlines.py --reason WORDS``.
 
-Records `outlines.json` anew, for a change that is meant to move them; the reason is kept beside the numbers.
+Records `outlines.json` anew, for a change that is meant to move them; the reason is kept beside the
+numbers.
 """
 
 from __future__ import annotations
@@ -49,7 +51,11 @@ def plan(command: str) -> dict[str, Any]:
 
 
 OUTLINES: dict[str, Callable[[], dict[str, Any]]] = {
-    **{f"{plant} {name}": partial(mission, plant, name) for plant in PLANTS for name in ("active_set", "lexqp", "icat")},
+    **{
+        f"{plant} {name}": partial(mission, plant, name)
+        for plant in PLANTS
+        for name in ("active_set", "lexqp", "icat")
+    },
     **{command: partial(plan, command) for command in PLANS},
 }
 
@@ -60,7 +66,9 @@ def main() -> None:
     parser.add_argument("--reason", required=True, help="why the numbers move")
     given = parser.parse_args()
     found = {name: outline() for name, outline in OUTLINES.items()}
-    RECORDED.write_text(json.dumps({"reason": given.reason, "outlines": found}, indent=2) + "\n", encoding="utf-8")
+    RECORDED.write_text(
+        json.dumps({"reason": given.reason, "outlines": found}, indent=2) + "\n", encoding="utf-8"
+    )
 
 
 if __name__ == "__main__":

@@ -1,4 +1,6 @@
-"""Case 1 on both plants with three solvers, and a plan of each method, come to what was recorded."""
+"""Case 1 on both plants with three solvers, and a plan of each method, come to what was
+recorded.
+"""
 
 from __future__ import annotations
 
@@ -10,8 +12,16 @@ from outlines import OUTLINES, RECORDED
 
 pytestmark = pytest.mark.slow
 
-TOLERANCES = {"_s": (0.05, 0.0), "_m": (1e-4, 0.02), "_rad": (1e-4, 0.02), "_j": (0.0, 0.02), "_n": (0.0, 0.02)}
-"""Absolute and relative, by unit: last bits differ from one processor to the next, and what follows from them a little."""
+TOLERANCES = {
+    "_s": (0.05, 0.0),
+    "_m": (1e-4, 0.02),
+    "_rad": (1e-4, 0.02),
+    "_j": (0.0, 0.02),
+    "_n": (0.0, 0.02),
+}
+"""Absolute and relative, by unit: last bits differ from one processor to the next, and what follows
+from them a little.
+"""
 KEPT = json.loads(RECORDED.read_text(encoding="utf-8"))
 
 
@@ -26,7 +36,8 @@ def near(name: str, value: Any) -> Any:
 
 @pytest.mark.parametrize("name", OUTLINES)
 def test_numbers_stay_unless_they_are_recorded_anew_with_a_reason(name: str) -> None:
-    found, kept = OUTLINES[name](), KEPT["outlines"][name]
+    found = OUTLINES[name]()
+    kept = KEPT["outlines"][name]
     phases = kept.pop("phases", {})
     assert found.pop("phases", {}) == {phase: near("end_s", end) for phase, end in phases.items()}
     assert found == {key: near(key, value) for key, value in kept.items()}

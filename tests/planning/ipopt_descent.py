@@ -15,16 +15,21 @@ from uvms_ocp.types import Array, Indices, Mask
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Ipopt:
-    """IPOPT with the model's gradient and positive semi-definite Hessian; keeps the bounds, and does not stop early."""
+    """IPOPT with the model's gradient and positive semi-definite Hessian; keeps the bounds, and
+    does not stop early.
+    """
 
     max_iterations: int = 100
     tolerance: float = 1e-4
     """Largest error of the optimality conditions, as IPOPT scales them."""
 
     def minimise(self, problem: DescentProblem) -> Descent:
-        free, oracle = problem.free, _Oracle(problem.model, problem.start, problem.free)
+        free = problem.free
+        oracle = _Oracle(problem.model, problem.start, problem.free)
         y = ca.MX.sym("y", oracle.size)
-        value, gradient, hessian = _value_function(oracle), _gradient_function(oracle), _hessian_function(oracle)
+        value = _value_function(oracle)
+        gradient = _gradient_function(oracle)
+        hessian = _hessian_function(oracle)
         settings = {
             "grad_f": gradient,
             "hess_lag": hessian,
@@ -44,12 +49,19 @@ class Ipopt:
         found = solver(x0=problem.start[free], lbx=problem.lower[free], ubx=problem.upper[free])
         x = oracle.full(np.asarray(found["x"]).ravel())
         stats = solver.stats()
-        return Descent(variables=x, model=problem.model(x), iterations=int(stats["iter_count"]), converged=bool(stats["success"]))
+        return Descent(
+            variables=x,
+            model=problem.model(x),
+            iterations=int(stats["iter_count"]),
+            converged=bool(stats["success"]),
+        )
 
 
 @dataclass(slots=True, eq=False)
 class _Oracle:
-    """Value, gradient and Hessian in the free variables; the last point is remembered, IPOPT asks for it thrice."""
+    """Value, gradient and Hessian in the free variables; the last point is remembered, IPOPT asks
+    for it thrice.
+    """
 
     model: Callable[[Array], LocalModel]
     """Local model as in `DescentProblem`."""
@@ -95,13 +107,21 @@ class _Oracle:
 
 
 class _Callback(ca.Callback):
-    """A Python function of dense columns with given output sparsities, under the names that nlpsol expects."""
+    """A Python function of dense columns with given output sparsities, under the names that nlpsol
+    expects.
+    """
 
     def __init__(
-        self, name: str, inputs: dict[str, int], outputs: dict[str, ca.Sparsity], call: Callable[[list[ca.DM]], list[ca.DM]]
+        self,
+        name: str,
+        inputs: dict[str, int],
+        outputs: dict[str, ca.Sparsity],
+        call: Callable[[list[ca.DM]], list[ca.DM]],
     ) -> None:
         ca.Callback.__init__(self)
-        self.inputs, self.outputs, self.call_back = inputs, outputs, call
+        self.inputs = inputs
+        self.outputs = outputs
+        self.call_back = call
         self.construct(name, {})
 
     def get_n_in(self) -> int:

@@ -35,7 +35,8 @@ def test_columns_are_looked_for_once(planned: Coordinates) -> None:
 
 
 def test_gradients_of_coal_distances_match_differences(scene: CollisionScene) -> None:
-    distances, x = CoalDistances(scene), random_x(scene.coordinates, 10)
+    distances = CoalDistances(scene)
+    x = random_x(scene.coordinates, 10)
     near = distances.near(x, np.full(scene.n_pairs, 0.3))
     assert near.sample.size > 50
     for sample in range(10):
@@ -46,26 +47,33 @@ def test_gradients_of_coal_distances_match_differences(scene: CollisionScene) ->
 
 
 def test_remembered_bounds_do_not_change_what_is_near(scene: CollisionScene) -> None:
-    warm, x = CoalDistances(scene), random_x(scene.coordinates, 30)
+    warm = CoalDistances(scene)
+    x = random_x(scene.coordinates, 30)
     thresholds = np.full(scene.n_pairs, 0.1)
     for size in (0.0, 0.01, 0.1, 0.01):
         x = x + size
-        again, fresh = warm.near(x, thresholds), CoalDistances(scene).near(x, thresholds)
+        again = warm.near(x, thresholds)
+        fresh = CoalDistances(scene).near(x, thresholds)
         np.testing.assert_array_equal(again.pair, fresh.pair)
         np.testing.assert_array_equal(again.sample, fresh.sample)
         np.testing.assert_allclose(again.gradient, fresh.gradient, atol=1e-4)
 
 
 def test_no_distance_changes_faster_than_its_reach(scene: CollisionScene) -> None:
-    near = CoalDistances(scene).near(random_x(scene.coordinates, 50, 0.5), np.full(scene.n_pairs, 10.0))
+    near = CoalDistances(scene).near(
+        random_x(scene.coordinates, 50, 0.5), np.full(scene.n_pairs, 10.0)
+    )
     assert (np.abs(near.gradient) <= scene.reach[near.pair] + 1e-9).all()
 
 
 def test_closed_forms_equal_coal(capsule_scene: CollisionScene) -> None:
-    x, thresholds = random_x(capsule_scene.coordinates, 100), np.full(capsule_scene.n_pairs, 0.2)
-    closed, exact = ClosedFormDistances(capsule_scene), CoalDistances(capsule_scene)
+    x = random_x(capsule_scene.coordinates, 100)
+    thresholds = np.full(capsule_scene.n_pairs, 0.2)
+    closed = ClosedFormDistances(capsule_scene)
+    exact = CoalDistances(capsule_scene)
     np.testing.assert_allclose(closed.distances(x), exact.distances(x), atol=1e-9)
-    a, b = closed.near(x, thresholds), exact.near(x, thresholds)
+    a = closed.near(x, thresholds)
+    b = exact.near(x, thresholds)
     np.testing.assert_array_equal(a.pair, b.pair)
     np.testing.assert_allclose(a.gradient, b.gradient, atol=1e-9)
     np.testing.assert_allclose(a.centre, b.centre, atol=1e-12)
@@ -74,8 +82,13 @@ def test_closed_forms_equal_coal(capsule_scene: CollisionScene) -> None:
 def test_a_robot_covered_by_capsules_is_nowhere_smaller(robot: Robot, planned: Coordinates) -> None:
     x = random_x(planned, 50)
     exact = collision_scene(planned, [SPHERE, PIPE], self_collision=False)
-    covered = collision_scene(coordinates(capsule_robot(robot)), [SPHERE, PIPE], self_collision=False)
-    assert (CoalDistances(covered).distances(x).min(axis=1) <= CoalDistances(exact).distances(x).min(axis=1) + 1e-6).all()
+    covered = collision_scene(
+        coordinates(capsule_robot(robot)), [SPHERE, PIPE], self_collision=False
+    )
+    assert (
+        CoalDistances(covered).distances(x).min(axis=1)
+        <= CoalDistances(exact).distances(x).min(axis=1) + 1e-6
+    ).all()
 
 
 def test_shapes_without_closed_form_are_refused(scene: CollisionScene) -> None:

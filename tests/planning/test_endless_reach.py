@@ -1,4 +1,6 @@
-"""An axis that reaches without end leaves no collision unseen: "cannot tell" counts as near, in every check of a plan."""
+"""An axis that reaches without end leaves no collision unseen: "cannot tell" counts as near, in
+every check of a plan.
+"""
 
 from __future__ import annotations
 
@@ -39,25 +41,36 @@ def scene(tmp_path: Path) -> CollisionScene:
 
 def turn_at(radius: float) -> PiecewisePolynomial:
     """From -1 to 1 rad in 1 s with the trolley at rest."""
-    return PiecewisePolynomial(breaks=np.array([0.0, 1.0]), coefficients=np.array([[[-1.0, radius]], [[2.0, 0.0]]]))
+    return PiecewisePolynomial(
+        breaks=np.array([0.0, 1.0]), coefficients=np.array([[[-1.0, radius]], [[2.0, 0.0]]])
+    )
 
 
 def test_a_collision_between_samples_is_not_certified_away(scene: CollisionScene) -> None:
-    through = PiecewisePolynomial(breaks=np.array([0.0, 1.0]), coefficients=np.array([[[0.25, 0.0]], [[0.0, 2.0]]]))
+    through = PiecewisePolynomial(
+        breaks=np.array([0.0, 1.0]), coefficients=np.array([[[0.25, 0.0]], [[0.0, 2.0]]])
+    )
     for trajectory in (turn_at(1.0), through):
         assert not check_clearance(CoalDistances(scene), trajectory, per_piece=2).collision_free
 
 
-def test_a_turn_of_unknown_reach_is_undecided_at_worst_and_standing_still_is_free(scene: CollisionScene) -> None:
+def test_a_turn_of_unknown_reach_is_undecided_at_worst_and_standing_still_is_free(
+    scene: CollisionScene,
+) -> None:
     far = check_clearance(CoalDistances(scene), turn_at(0.3), per_piece=2, shortest=1e-2)
     assert far.undecided
     assert not far.collision_free
-    still = PiecewisePolynomial(breaks=np.array([0.0, 1.0]), coefficients=np.array([[[-1.0, 1.0]], [[0.0, 0.0]]]))
+    still = PiecewisePolynomial(
+        breaks=np.array([0.0, 1.0]), coefficients=np.array([[[-1.0, 1.0]], [[0.0, 0.0]]])
+    )
     assert check_clearance(CoalDistances(scene), still).collision_free
 
 
-def test_pairs_that_an_endless_axis_may_have_brought_near_are_looked_at_again(scene: CollisionScene) -> None:
-    distances, threshold = CoalDistances(scene), np.full(scene.n_pairs, 0.1)
+def test_pairs_that_an_endless_axis_may_have_brought_near_are_looked_at_again(
+    scene: CollisionScene,
+) -> None:
+    distances = CoalDistances(scene)
+    threshold = np.full(scene.n_pairs, 0.1)
     assert distances.near(np.array([[-1.0, 1.0]]), threshold).pair.size == 0
     assert distances.near(np.array([[-1.0, 1.0]]), threshold).pair.size == 0
     assert distances.near(np.array([[0.25, 1.0]]), threshold).pair.size == 1

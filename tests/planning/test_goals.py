@@ -29,7 +29,9 @@ def empty(robot: Robot, start: np.ndarray) -> CollisionScene:
     [
         PostureGoal(position=(1.0, 2.0, -3.0)),
         PostureGoal(rpy=(0.1, -0.2, 1.0)),
-        PostureGoal(position=(1.0, 2.0, -3.0), rpy=(0.1, -0.2, 1.0), joints={"joint1": 0.4, "joint3": 0.1}),
+        PostureGoal(
+            position=(1.0, 2.0, -3.0), rpy=(0.1, -0.2, 1.0), joints={"joint1": 0.4, "joint3": 0.1}
+        ),
     ],
 )
 def test_a_posture_is_the_same_in_axes_and_in_tasks(
@@ -42,7 +44,9 @@ def test_a_posture_is_the_same_in_axes_and_in_tasks(
     np.testing.assert_allclose(vehicle.goal.homogeneous, X_WB.homogeneous, atol=1e-12)
     assert [task.joints for task in joints] == ([tuple(goal.joints)] if goal.joints else [])
     for name, value in zip(robot.joint_names, q[7:], strict=True):
-        assert value == pytest.approx(goal.joints.get(name, start[7 + robot.joint_names.index(name)]))
+        assert value == pytest.approx(
+            goal.joints.get(name, start[7 + robot.joint_names.index(name)])
+        )
 
 
 @pytest.mark.parametrize("rpy", [None, (np.pi, 0.0, 0.3)])
@@ -59,8 +63,11 @@ def test_a_tool_goal_is_the_same_in_axes_and_in_tasks(
         np.testing.assert_allclose(pin.log3(X_WT.rotation.T @ task.goal.rotation), 0.0, atol=1e-5)
 
 
-def test_goals_that_the_robot_does_not_have_are_refused(robot: Robot, start: np.ndarray, empty: CollisionScene) -> None:
-    distances, elsewhere = CoalDistances(empty), PostureGoal(joints={"joint9": 0.1})
+def test_goals_that_the_robot_does_not_have_are_refused(
+    robot: Robot, start: np.ndarray, empty: CollisionScene
+) -> None:
+    distances = CoalDistances(empty)
+    elsewhere = PostureGoal(joints={"joint9": 0.1})
     with pytest.raises(NameNotFound, match="joint9"):
         elsewhere.as_coordinates(distances, seed=0)
     with pytest.raises(NameNotFound, match="joint9"):
@@ -72,11 +79,17 @@ def test_goals_that_the_robot_does_not_have_are_refused(robot: Robot, start: np.
         unknown.as_tasks(robot, start)
 
 
-def test_a_goal_on_an_axis_that_is_not_planned_is_refused_by_name(robot: Robot, start: np.ndarray) -> None:
+def test_a_goal_on_an_axis_that_is_not_planned_is_refused_by_name(
+    robot: Robot, start: np.ndarray
+) -> None:
     arm = collision_scene(coordinates(robot, reference=start, axes=robot.joint_names), [])
-    with pytest.raises(InvalidInput, match=r"the goal moves yaw from 0\.3 to 1, but the planned axes are joint1, "):
+    with pytest.raises(
+        InvalidInput, match=r"the goal moves yaw from 0\.3 to 1, but the planned axes are joint1, "
+    ):
         PostureGoal(rpy=(0.0, 0.0, 1.0)).as_coordinates(CoalDistances(arm), seed=0)
-    stays = PostureGoal(rpy=(0.0, 0.0, 0.3), joints={"joint1": 0.2}).as_coordinates(CoalDistances(arm), seed=0)
+    stays = PostureGoal(rpy=(0.0, 0.0, 0.3), joints={"joint1": 0.2}).as_coordinates(
+        CoalDistances(arm), seed=0
+    )
     np.testing.assert_allclose(stays, [0.2, *start[8:]], atol=1e-12)
 
 
@@ -84,21 +97,33 @@ def test_shapes_that_touch_are_told_with_their_place(empty: CollisionScene) -> N
     apart = np.full(empty.n_pairs, 0.1)
     empty.check_no_overlap(apart, "the start")
     apart[1] = -0.02
-    with pytest.raises(InvalidInput, match=f"the start is in collision: {empty.pairs[1].name} overlap by 0.02 m"):
+    with pytest.raises(
+        InvalidInput, match=f"the start is in collision: {empty.pairs[1].name} overlap by 0.02 m"
+    ):
         empty.check_no_overlap(apart, "the start")
 
 
-@pytest.mark.parametrize(("here", "there"), [(170, -170), (-175, 175), (200, 200), (10, 30), (10, 550), (-100, 100)])
-def test_an_attitude_is_reached_the_short_way_round(robot: Robot, here: float, there: float) -> None:
+@pytest.mark.parametrize(
+    ("here", "there"), [(170, -170), (-175, 175), (200, 200), (10, 30), (10, 550), (-100, 100)]
+)
+def test_an_attitude_is_reached_the_short_way_round(
+    robot: Robot, here: float, there: float
+) -> None:
     start = robot.configuration(rpy=(0.0, 0.0, np.radians(here)))
     scene = collision_scene(coordinates(robot, reference=start, axes=("x", "y", "z", "yaw")), [])
     way = np.radians(there - here)
     short = np.arctan2(np.sin(way), np.cos(way))
-    for rpy in ((0.0, 0.0, np.radians(there)), (2 * np.pi, 0.0, np.radians(there)), (np.pi, np.pi, np.radians(there - 180))):
+    for rpy in (
+        (0.0, 0.0, np.radians(there)),
+        (2 * np.pi, 0.0, np.radians(there)),
+        (np.pi, np.pi, np.radians(there - 180)),
+    ):
         x = PostureGoal(rpy=rpy).as_coordinates(CoalDistances(scene), seed=0)
         assert x[3] - scene.coordinates.x(start)[3] == pytest.approx(short, abs=1e-9)
     tool = Kinematics(robot, robot.configuration(rpy=(0.0, 0.0, np.radians(there)))).pose("tool")
     rpy = tuple(pin.rpy.matrixToRpy(tool.rotation).tolist())
-    x = ToolGoal(position=tuple(tool.translation.tolist()), rpy=rpy).as_coordinates(CoalDistances(scene), seed=0)
+    x = ToolGoal(position=tuple(tool.translation.tolist()), rpy=rpy).as_coordinates(
+        CoalDistances(scene), seed=0
+    )
     assert x is not None
     assert abs(x[3] - scene.coordinates.x(start)[3]) <= np.pi + 1e-9

@@ -24,24 +24,37 @@ from uvms_ocp.trajectories.min_snap import MotionLimits
 
 
 def test_the_penalty_is_twice_differentiable_and_convex() -> None:
-    y, h = np.linspace(-0.5, 3.0, 701), 1e-6
-    up, here, down = penalty(y + h), penalty(y), penalty(y - h)
+    y = np.linspace(-0.5, 3.0, 701)
+    h = 1e-6
+    up = penalty(y + h)
+    here = penalty(y)
+    down = penalty(y - h)
     np.testing.assert_allclose(here.slope, (up.value - down.value) / (2 * h), atol=1e-8)
     np.testing.assert_allclose(here.curvature, (up.slope - down.slope) / (2 * h), atol=1e-6)
     assert (here.curvature >= 0.0).all()
 
 
 def test_limit_penalties_match_their_differences_on_both_sides() -> None:
-    v, h = np.linspace(-2.0, 2.0, 401), 1e-6
-    for f in (lambda z: two_sided(z, np.array(1.0), 0.2), lambda z: outside(z, np.array(-1.0), np.array(0.5), 0.1)):
-        np.testing.assert_allclose(f(v).slope, (f(v + h).value - f(v - h).value) / (2 * h), atol=1e-6)
-        np.testing.assert_allclose(f(v).curvature, (f(v + h).slope - f(v - h).slope) / (2 * h), atol=1e-3)
+    v = np.linspace(-2.0, 2.0, 401)
+    h = 1e-6
+    for f in (
+        lambda z: two_sided(z, np.array(1.0), 0.2),
+        lambda z: outside(z, np.array(-1.0), np.array(0.5), 0.1),
+    ):
+        np.testing.assert_allclose(
+            f(v).slope, (f(v + h).value - f(v - h).value) / (2 * h), atol=1e-6
+        )
+        np.testing.assert_allclose(
+            f(v).curvature, (f(v + h).slope - f(v - h).slope) / (2 * h), atol=1e-3
+        )
     assert two_sided(np.array([1e9]), np.array([np.inf]), 0.1).value == 0.0
 
 
 def test_speeds_of_links_match_differences(scene: CollisionScene) -> None:
-    distances, thresholds = CoalDistances(scene), np.full(scene.n_pairs, 10.0)
-    x, v = random_x(scene.coordinates, 1)[0], 0.3 * np.random.default_rng(1).normal(size=N)
+    distances = CoalDistances(scene)
+    thresholds = np.full(scene.n_pairs, 10.0)
+    x = random_x(scene.coordinates, 1)[0]
+    v = 0.3 * np.random.default_rng(1).normal(size=N)
 
     def speeds(z: np.ndarray, rates: np.ndarray) -> np.ndarray:
         near = distances.near(z[None], thresholds)
@@ -49,17 +62,24 @@ def test_speeds_of_links_match_differences(scene: CollisionScene) -> None:
 
     near = distances.near(x[None], thresholds)
     found = link_speeds(scene, near, np.tile(v, (near.sample.size, 1)), 0.02)
-    np.testing.assert_allclose(found.by_position, differences(lambda z: speeds(z, v), x, 1e-6).T, atol=1e-7)
-    np.testing.assert_allclose(found.by_rate, differences(lambda z: speeds(x, z), v, 1e-6).T, atol=1e-7)
+    np.testing.assert_allclose(
+        found.by_position, differences(lambda z: speeds(z, v), x, 1e-6).T, atol=1e-7
+    )
+    np.testing.assert_allclose(
+        found.by_rate, differences(lambda z: speeds(x, z), v, 1e-6).T, atol=1e-7
+    )
 
 
 def cost_of(distances: DistanceSource, weights: CostWeights) -> tuple[PathCost, np.ndarray]:
-    rng, n_pieces = np.random.default_rng(3), 4
+    rng = np.random.default_rng(3)
+    n_pieces = 4
     pieces = pieces_of(rng.uniform(1.0, 2.0, n_pieces), 4)
     limits = MotionLimits(velocity=0.3, acceleration=0.5)
     cost = PathCost(distances=distances, pieces=pieces, weights=weights, limits=limits)
     values = 0.1 * rng.normal(size=(4, n_pieces + 1, N))
-    values[0] += random_x(distances.scene.coordinates, 1)[0] + np.linspace(0, 0.5, n_pieces + 1)[:, None]
+    values[0] += (
+        random_x(distances.scene.coordinates, 1)[0] + np.linspace(0, 0.5, n_pieces + 1)[:, None]
+    )
     return cost, cost.variables(values)
 
 
@@ -72,7 +92,9 @@ def cost_of(distances: DistanceSource, weights: CostWeights) -> tuple[PathCost, 
     ],
     ids=["smoothness", "collision", "limits"],
 )
-def test_each_part_of_the_gradient_matches_differences(capsule_scene: CollisionScene, weights: CostWeights) -> None:
+def test_each_part_of_the_gradient_matches_differences(
+    capsule_scene: CollisionScene, weights: CostWeights
+) -> None:
     cost, y = cost_of(ClosedFormDistances(capsule_scene), weights)
     found = cost.model(y)
     assert found.parts.total > 0.0
@@ -82,20 +104,27 @@ def test_each_part_of_the_gradient_matches_differences(capsule_scene: CollisionS
 
 def test_the_gradient_with_coal_matches_differences(scene: CollisionScene) -> None:
     cost, y = cost_of(CoalDistances(scene), CostWeights(clearance=0.3, smoothness=1e-6))
-    found, rng = cost.model(y), np.random.default_rng(0)
+    found = cost.model(y)
+    rng = np.random.default_rng(0)
     for _ in range(20):
         step = 1e-5 * rng.normal(size=y.shape)
         slope = cost.model(y + step).parts.total - cost.model(y - step).parts.total
-        assert slope == pytest.approx(2.0 * np.sum(found.gradient * step), rel=1e-4, abs=1e-7 * np.abs(found.gradient).max())
+        assert slope == pytest.approx(
+            2.0 * np.sum(found.gradient * step), rel=1e-4, abs=1e-7 * np.abs(found.gradient).max()
+        )
 
 
-def test_the_hessian_of_the_optimiser_is_positive_semi_definite(capsule_scene: CollisionScene) -> None:
+def test_the_hessian_of_the_optimiser_is_positive_semi_definite(
+    capsule_scene: CollisionScene,
+) -> None:
     cost, y = cost_of(ClosedFormDistances(capsule_scene), CostWeights(clearance=0.3))
     eigenvalues = np.linalg.eigvalsh(cost.model(y).hessian.dense())
     assert eigenvalues[0] > -1e-10 * eigenvalues[-1]
 
 
-def test_the_exact_hessian_of_the_collision_cost_matches_differences(capsule_scene: CollisionScene) -> None:
+def test_the_exact_hessian_of_the_collision_cost_matches_differences(
+    capsule_scene: CollisionScene,
+) -> None:
     weights = CostWeights(clearance=0.3)
     hessian = density_hessian(collision_density(capsule_scene, weights))
     x = random_x(capsule_scene.coordinates, 3)
@@ -115,17 +144,28 @@ def test_the_collision_cost_equals_its_closed_form(capsule_scene: CollisionScene
     x, v, _ = cost.samples(y)
     density = collision_density(capsule_scene, weights)
     h = cost.pieces.durations * cost.pieces.unit / weights.samples
-    total = sum(h[j] * float(density(x[i, j], v[i, j])) for i in range(weights.samples) for j in range(len(h)))
+    total = sum(
+        h[j] * float(density(x[i, j], v[i, j]))
+        for i in range(weights.samples)
+        for j in range(len(h))
+    )
     assert cost.model(y).parts.collision == pytest.approx(total, rel=1e-9)
 
 
 def test_a_block_tridiagonal_solve_is_the_dense_one() -> None:
     rng = np.random.default_rng(0)
     A = rng.normal(size=(6, 4, 4))
-    matrix = BlockTridiagonal(diagonal=A @ A.transpose(0, 2, 1) + 20 * np.eye(4), below=rng.normal(size=(5, 4, 4)))
-    right, factor = rng.normal(size=(6, 4)), matrix.cholesky()
+    matrix = BlockTridiagonal(
+        diagonal=A @ A.transpose(0, 2, 1) + 20 * np.eye(4), below=rng.normal(size=(5, 4, 4))
+    )
+    right = rng.normal(size=(6, 4))
+    factor = matrix.cholesky()
     assert factor is not None
-    np.testing.assert_allclose(factor.solve(right).ravel(), np.linalg.solve(matrix.dense(), right.ravel()), rtol=1e-10)
-    np.testing.assert_allclose(matrix.times(right).ravel(), matrix.dense() @ right.ravel(), rtol=1e-12)
+    np.testing.assert_allclose(
+        factor.solve(right).ravel(), np.linalg.solve(matrix.dense(), right.ravel()), rtol=1e-10
+    )
+    np.testing.assert_allclose(
+        matrix.times(right).ravel(), matrix.dense() @ right.ravel(), rtol=1e-12
+    )
     indefinite = BlockTridiagonal(diagonal=-np.ones((2, 1, 1)), below=np.zeros((1, 1, 1)))
     assert indefinite.cholesky() is None

@@ -1,4 +1,6 @@
-"""Where north and the origin lie, and in which turn an angle is written, changes no plan; limits hold wherever one looks."""
+"""Where north and the origin lie, and in which turn an angle is written, changes no plan; limits
+hold wherever one looks.
+"""
 
 from __future__ import annotations
 
@@ -31,9 +33,17 @@ def world(turn: float, *origin: float) -> pin.SE3:
     return pin.SE3(pin.rpy.rpyToMatrix(0.0, 0.0, turn), np.array(origin))
 
 
-START, END = uo.pose_at((0.0, 0.0, -5.0), (0.0, 0.0, 0.2)), uo.pose_at((1.2, 0.3, -5.2), (0.0, 0.0, 1.0))
-MOVED = {"moved by 1 km": world(0.0, 800.0, -600.0, 0.0), "turned once around": world(2 * np.pi, 0.0, 0.0, 0.0)}
-TURNED = {f"turned by {turn:g}": world(turn, -600.0, 800.0, 0.0) for turn in (-1.9, 0.8, 3.0, np.pi, 3.3)}
+START, END = (
+    uo.pose_at((0.0, 0.0, -5.0), (0.0, 0.0, 0.2)),
+    uo.pose_at((1.2, 0.3, -5.2), (0.0, 0.0, 1.0)),
+)
+MOVED = {
+    "moved by 1 km": world(0.0, 800.0, -600.0, 0.0),
+    "turned once around": world(2 * np.pi, 0.0, 0.0, 0.0),
+}
+TURNED = {
+    f"turned by {turn:g}": world(turn, -600.0, 800.0, 0.0) for turn in (-1.9, 0.8, 3.0, np.pi, 3.3)
+}
 
 
 def start_in(robot: Robot, X_NW: pin.SE3) -> np.ndarray:
@@ -59,15 +69,21 @@ def seen_from(X_NW: pin.SE3, q: np.ndarray) -> np.ndarray:
 
 
 def curve(robot: Robot, X_NW: pin.SE3, goal: Goal) -> tuple[np.ndarray, np.ndarray]:
-    """Poses (n, 9) along the curve, and largest velocities and accelerations (2, n_v) as shares of their limits."""
+    """Poses (n, 9) along the curve, and largest velocities and accelerations (2, n_v) as shares of
+    their limits.
+    """
     ball = obstacle("ball", coal.Sphere(0.1), X_NW.act(np.array([0.7, 0.9, -4.6])))
-    result = plan_path(PlanRequest(robot=robot, start=start_in(robot, X_NW), goal=goal, obstacles=(ball,)))
+    result = plan_path(
+        PlanRequest(robot=robot, start=start_in(robot, X_NW), goal=goal, obstacles=(ball,))
+    )
     assert result.plan is not None
     assert result.collision_free
     record = motion_record(result, result.plan)
     rates = record["v"], np.gradient(record["v"], record["t"], axis=0)
     limits = robot.limits.velocity, robot.limits.acceleration
-    return seen_from(X_NW, record["q"]), np.array([np.abs(r).max(axis=0) / limit for r, limit in zip(rates, limits, strict=True)])
+    return seen_from(X_NW, record["q"]), np.array(
+        [np.abs(r).max(axis=0) / limit for r, limit in zip(rates, limits, strict=True)]
+    )
 
 
 @pytest.mark.parametrize("goal", [posture, tool])
@@ -83,15 +99,25 @@ def test_a_curve_is_the_same_in_any_world(goal: Callable[[pin.SE3], Goal]) -> No
 
 @pytest.mark.parametrize("bearing", [0.0, np.pi / 4, np.pi / 2, -2.0])
 @pytest.mark.parametrize("turn", [0.0, np.pi / 2, 2.5])
-def test_a_long_way_takes_the_same_time_whatever_its_bearing_is_called(bearing: float, turn: float) -> None:
-    """Of a vehicle that is half as fast abeam as ahead, which turns on the way: one path, at one speed."""
+def test_a_long_way_takes_the_same_time_whatever_its_bearing_is_called(
+    bearing: float, turn: float
+) -> None:
+    """Of a vehicle that is half as fast abeam as ahead, which turns on the way: one path, at one
+    speed.
+    """
     robot = uo.load_robot("bluerov2_alpha5")
-    end = pin.SE3(pin.rpy.rpyToMatrix(0.0, 0.0, turn), 8.0 * np.array([np.cos(bearing), np.sin(bearing), 0.0]))
-    durations, halfway = [], []
+    end = pin.SE3(
+        pin.rpy.rpyToMatrix(0.0, 0.0, turn), 8.0 * np.array([np.cos(bearing), np.sin(bearing), 0.0])
+    )
+    durations = []
+    halfway = []
     for north in (0.0, 0.4, 1.2, np.pi / 2, 2.3, -3.0):
         X_NW = world(north, 0.0, 0.0, 0.0)
         start = robot.configuration(rpy=(0.0, 0.0, north))
-        goal = PostureGoal(position=tuple((X_NW * end).translation), rpy=tuple(pin.rpy.matrixToRpy((X_NW * end).rotation)))
+        goal = PostureGoal(
+            position=tuple((X_NW * end).translation),
+            rpy=tuple(pin.rpy.matrixToRpy((X_NW * end).rotation)),
+        )
         plan = plan_path(PlanRequest(robot=robot, start=start, goal=goal)).plan
         assert plan is not None
         way = plan.trajectory
@@ -103,15 +129,24 @@ def test_a_long_way_takes_the_same_time_whatever_its_bearing_is_called(bearing: 
 
 
 def test_what_is_found_at_random_is_the_same_in_any_world() -> None:
-    """A posture for a tool that looks back, and a way around a wall: neither is found from the first guess."""
+    """A posture for a tool that looks back, and a way around a wall: neither is found from the
+    first guess.
+    """
     robot = uo.load_robot("bluerov2_alpha5")
-    durations, ends = [], []
+    durations = []
+    ends = []
     for north in (0.0, 0.4, np.pi / 2, -3.0):
         X_NW = world(north, 0.0, 0.0, 0.0)
         pose = X_NW * uo.pose_at((2.0, 0.5, -5.3), (0.4, 0.9, 2.8))
-        goal = ToolGoal(position=tuple(pose.translation), rpy=tuple(pin.rpy.matrixToRpy(pose.rotation)))
-        wall = obstacle("wall", coal.Box(0.2, 2.0, 2.0), X_NW.act(np.array([1.2, 0.3, -5.0])), X_NW.rotation)
-        start = robot.configuration(position=tuple(X_NW.act(np.array([0.0, 0.0, -5.0]))), rpy=(0.0, 0.0, north))
+        goal = ToolGoal(
+            position=tuple(pose.translation), rpy=tuple(pin.rpy.matrixToRpy(pose.rotation))
+        )
+        wall = obstacle(
+            "wall", coal.Box(0.2, 2.0, 2.0), X_NW.act(np.array([1.2, 0.3, -5.0])), X_NW.rotation
+        )
+        start = robot.configuration(
+            position=tuple(X_NW.act(np.array([0.0, 0.0, -5.0]))), rpy=(0.0, 0.0, north)
+        )
         result = plan_path(PlanRequest(robot=robot, start=start, goal=goal, obstacles=(wall,)))
         assert result.plan is not None
         assert result.plan.attempts > 1
@@ -126,15 +161,23 @@ def test_what_is_found_at_random_is_the_same_in_any_world() -> None:
 
 def test_straight_ahead_needs_no_limit_abeam_wherever_the_vehicle_looks() -> None:
     robot = uo.load_robot("bluerov2_alpha5")
-    velocity, acceleration = robot.limits.velocity.copy(), robot.limits.acceleration.copy()
+    velocity = robot.limits.velocity.copy()
+    acceleration = robot.limits.acceleration.copy()
     velocity[1] = acceleration[1] = np.inf
-    keel = replace(robot, limits=replace(robot.limits, velocity=velocity, acceleration=acceleration))
+    keel = replace(
+        robot, limits=replace(robot.limits, velocity=velocity, acceleration=acceleration)
+    )
     for north in (0.0, 0.4, np.pi / 2, -3.0):
         X_NW = world(north, 0.0, 0.0, -5.0)
         start = keel.configuration(position=tuple(X_NW.translation), rpy=(0.0, 0.0, north))
-        ahead, abeam = (PostureGoal(position=tuple(X_NW.act(np.array(p)))) for p in ([3.0, 0.0, 0.0], [3.0, 1.0, 0.0]))
+        ahead, abeam = (
+            PostureGoal(position=tuple(X_NW.act(np.array(p))))
+            for p in ([3.0, 0.0, 0.0], [3.0, 1.0, 0.0])
+        )
         result = plan_path(PlanRequest(robot=keel, start=start, goal=ahead))
-        assert plan_report(result)["limit_ratios"]["velocity"]["surge"] == pytest.approx(1.0, abs=5e-3)
+        assert plan_report(result)["limit_ratios"]["velocity"]["surge"] == pytest.approx(
+            1.0, abs=5e-3
+        )
         with pytest.raises(InvalidInput, match=r"^y: no limit of velocity or acceleration"):
             plan_path(PlanRequest(robot=keel, start=start, goal=abeam))
 
@@ -143,7 +186,9 @@ VEHICLES = [name for name in list_robots() if uo.load_robot(name).n_vehicle]
 
 
 @pytest.mark.parametrize("name", VEHICLES)
-def test_a_curve_keeps_the_limits_of_the_vehicle_along_its_own_axes_and_takes_all_they_give(name: str) -> None:
+def test_a_curve_keeps_the_limits_of_the_vehicle_along_its_own_axes_and_takes_all_they_give(
+    name: str,
+) -> None:
     robot = uo.load_robot(name)
     for turn in (0.0, 0.8, np.pi / 2):
         X_NW = world(turn, 0.0, 0.0, 0.0)
@@ -152,15 +197,27 @@ def test_a_curve_keeps_the_limits_of_the_vehicle_along_its_own_axes_and_takes_al
             assert shares.max() == pytest.approx(1.0, abs=5e-3)
 
 
-HEADINGS = [(0.0, 0.0), (np.pi / 2, np.pi / 2), (np.pi / 2, 0.0), (0.0, np.pi / 2), (0.8, 0.8), (0.8, 0.0)]
+HEADINGS = [
+    (0.0, 0.0),
+    (np.pi / 2, np.pi / 2),
+    (np.pi / 2, 0.0),
+    (0.0, np.pi / 2),
+    (0.8, 0.8),
+    (0.8, 0.0),
+]
 
 
 @pytest.mark.parametrize("name", ["bluerov2_alpha5", "girona_maris7_full"])
 @pytest.mark.parametrize(("first", "last"), HEADINGS)
-def test_limits_of_axes_are_recorded_and_drawn_where_they_hold(name: str, first: float, last: float) -> None:
-    """No plan that keeps the limits of its vehicle is seen to break one; along the vehicle's own axes, each axis has its own."""
+def test_limits_of_axes_are_recorded_and_drawn_where_they_hold(
+    name: str, first: float, last: float
+) -> None:
+    """No plan that keeps the limits of its vehicle is seen to break one; along the vehicle's own
+    axes, each axis has its own.
+    """
     robot = uo.load_robot(name)
-    start, goal = robot.configuration(rpy=(0.0, 0.0, first)), PostureGoal(position=(8.0, 1.0, -0.5), rpy=(0.0, 0.0, last))
+    start = robot.configuration(rpy=(0.0, 0.0, first))
+    goal = PostureGoal(position=(8.0, 1.0, -0.5), rpy=(0.0, 0.0, last))
     result = plan_path(PlanRequest(robot=robot, start=start, goal=goal))
     assert result.plan is not None
     record = motion_record(result, result.plan)
@@ -169,11 +226,17 @@ def test_limits_of_axes_are_recorded_and_drawn_where_they_hold(name: str, first:
     for series, largest in (("x_rate", limits.x_rate), ("x_acceleration", limits.x_acceleration)):
         assert (np.abs(record[series]).max(axis=0) <= np.array(largest) * 1.005).all()
     surge, sway, heave, yaw = robot.limits.velocity[[0, 1, 2, 5]]
-    along = {(0.0, 0.0): (surge, sway), (np.pi / 2, np.pi / 2): (sway, surge)}.get((first, last), (np.inf, np.inf))
+    along = {(0.0, 0.0): (surge, sway), (np.pi / 2, np.pi / 2): (sway, surge)}.get(
+        (first, last), (np.inf, np.inf)
+    )
     np.testing.assert_allclose(limits.x_rate, [*along, heave, yaw, *robot.limits.velocity[6:]])
     for row in figure_vehicle_motion(record).axes[1:3]:
         lines = [line for line in row.get_lines() if len(line.get_xdata()) > 2]
-        bounds = [line for line in row.get_lines() if len(line.get_xdata()) == 2 and np.ptp(line.get_ydata()) == 0.0]
+        bounds = [
+            line
+            for line in row.get_lines()
+            if len(line.get_xdata()) == 2 and np.ptp(line.get_ydata()) == 0.0
+        ]
         for line, bound in itertools.product(lines, bounds):
             if bound.get_color() in (line.get_color(), THRESHOLD):
                 assert np.abs(line.get_ydata()).max() <= 1.005 * abs(bound.get_ydata()[0])
@@ -181,14 +244,19 @@ def test_limits_of_axes_are_recorded_and_drawn_where_they_hold(name: str, first:
 
 @pytest.mark.slow
 def test_optimal_control_takes_the_short_way_in_any_world() -> None:
-    """Also where the quaternion of the start has another sign than that of the curve it begins from."""
+    """Also where the quaternion of the start has another sign than that of the curve it begins
+    from.
+    """
     robot = uo.load_robot("bluerov2_alpha5")
     plans = {}
     for name, X_NW in ({"here": HERE} | MOVED | TURNED).items():
         for turns in (0, 1):
             ball = obstacle("ball", coal.Sphere(0.1), X_NW.act(np.array([0.6, -0.6, -5.1])))
-            start, goal = start_in(robot, X_NW), posture(X_NW, turns)
-            plan = solve_ocp(OcpRequest(robot=robot, start=start, goal=goal, obstacles=(ball,), n_steps=10)).plan
+            start = start_in(robot, X_NW)
+            goal = posture(X_NW, turns)
+            plan = solve_ocp(
+                OcpRequest(robot=robot, start=start, goal=goal, obstacles=(ball,), n_steps=10)
+            ).plan
             assert plan.status is OcpStatus.SOLVED
             plans[name, turns] = plan.levels[-1].residual, seen_from(X_NW, plan.trajectory.q)
     cost, usual = plans["here", 0]

@@ -45,8 +45,11 @@ def blocked(planned: Coordinates) -> CollisionScene:
     return collision_scene(planned, [obstacle("ball", coal.Sphere(0.25), [0.9, 0.8, -0.5])])
 
 
-def test_a_straight_line_through_an_obstacle_is_bent_around_it(robot: Robot, blocked: CollisionScene, ends: np.ndarray) -> None:
-    exact, limits = CoalDistances(blocked), limits_of(robot)
+def test_a_straight_line_through_an_obstacle_is_bent_around_it(
+    robot: Robot, blocked: CollisionScene, ends: np.ndarray
+) -> None:
+    exact = CoalDistances(blocked)
+    limits = limits_of(robot)
     assert not check_clearance(exact, straight_guess(ends, limits)).collision_free
     plan = plan_soft_collision(blocked, ends, limits=limits)
     t = np.linspace(plan.trajectory.start, plan.trajectory.end, 3000)
@@ -59,14 +62,18 @@ def test_a_straight_line_through_an_obstacle_is_bent_around_it(robot: Robot, blo
     assert plan.status.advice
 
 
-def test_given_times_are_kept_where_the_limits_allow(robot: Robot, blocked: CollisionScene, ends: np.ndarray) -> None:
+def test_given_times_are_kept_where_the_limits_allow(
+    robot: Robot, blocked: CollisionScene, ends: np.ndarray
+) -> None:
     slow = plan_soft_collision(blocked, ends, limits=limits_of(robot), times=[2.0, 62.0])
     assert (slow.trajectory.start, slow.trajectory.end) == (2.0, 62.0)
     hurried = plan_soft_collision(blocked, ends, limits=limits_of(robot), times=[0.0, 0.5])
     assert limits_of(robot).ratio(hurried.trajectory) == pytest.approx(1.0, abs=1e-9)
 
 
-def test_way_points_are_kept_on_request(robot: Robot, blocked: CollisionScene, ends: np.ndarray) -> None:
+def test_way_points_are_kept_on_request(
+    robot: Robot, blocked: CollisionScene, ends: np.ndarray
+) -> None:
     over = ends.mean(axis=0)
     over[2] += 1.0
     waypoints = np.stack([ends[0], over, ends[1]])
@@ -79,18 +86,26 @@ def test_way_points_are_kept_on_request(robot: Robot, blocked: CollisionScene, e
 
 def test_ipopt_finds_the_same_plan(robot: Robot, blocked: CollisionScene, ends: np.ndarray) -> None:
     mine = plan_soft_collision(blocked, ends, limits=limits_of(robot))
-    theirs = plan_soft_collision(blocked, ends, limits=limits_of(robot), options=SoftCollisionOptions(solver=Ipopt()))
+    theirs = plan_soft_collision(
+        blocked, ends, limits=limits_of(robot), options=SoftCollisionOptions(solver=Ipopt())
+    )
     assert theirs.collision_free
     assert theirs.cost.total == pytest.approx(mine.cost.total, rel=0.05)
 
 
-def test_the_same_seed_gives_the_same_plan(robot: Robot, blocked: CollisionScene, ends: np.ndarray) -> None:
+def test_the_same_seed_gives_the_same_plan(
+    robot: Robot, blocked: CollisionScene, ends: np.ndarray
+) -> None:
     a, b = (plan_soft_collision(blocked, ends, limits=limits_of(robot)) for _ in range(2))
     np.testing.assert_array_equal(a.trajectory.coefficients, b.trajectory.coefficients)
 
 
 def test_a_plan_that_collides_says_so(robot: Robot, planned: Coordinates, ends: np.ndarray) -> None:
-    wall = collision_scene(planned, [obstacle("wall", coal.Box(60.0, 0.1, 60.0), [0.0, 0.8, 0.0])], self_collision=False)
+    wall = collision_scene(
+        planned,
+        [obstacle("wall", coal.Box(60.0, 0.1, 60.0), [0.0, 0.8, 0.0])],
+        self_collision=False,
+    )
     options = SoftCollisionOptions(restarts=0, sampling=SamplingOptions(max_samples=3))
     plan = plan_soft_collision(wall, ends, limits=limits_of(robot), options=options)
     assert plan.status is PlanStatus.COLLIDING
@@ -99,9 +114,13 @@ def test_a_plan_that_collides_says_so(robot: Robot, planned: Coordinates, ends: 
     assert plan.clearance.nearest.pair.startswith("wall")
 
 
-def test_an_end_point_in_collision_or_out_of_limits_is_refused(robot: Robot, planned: Coordinates, ends: np.ndarray) -> None:
+def test_an_end_point_in_collision_or_out_of_limits_is_refused(
+    robot: Robot, planned: Coordinates, ends: np.ndarray
+) -> None:
     on_goal = collision_scene(planned, [obstacle("rock", coal.Sphere(0.2), ends[1, :3])])
-    with pytest.raises(InvalidInput, match=r"way point 1 \(the goal\) is in collision: rock - base_link"):
+    with pytest.raises(
+        InvalidInput, match=r"way point 1 \(the goal\) is in collision: rock - base_link"
+    ):
         plan_soft_collision(on_goal, ends, limits=limits_of(robot))
     far = ends.copy()
     far[1, 7] = 3.0
@@ -115,8 +134,14 @@ def test_an_end_point_in_collision_or_out_of_limits_is_refused(robot: Robot, pla
         obstacle("x", coal.Sphere(1.0), [0.0, np.nan, 0.0])
 
 
-def test_the_certificate_finds_a_thin_wall_between_samples(planned: Coordinates, ends: np.ndarray) -> None:
-    thin = collision_scene(planned, [obstacle("sheet", coal.Box(60.0, 1e-4, 60.0), [0.0, 0.8, 0.0])], self_collision=False)
+def test_the_certificate_finds_a_thin_wall_between_samples(
+    planned: Coordinates, ends: np.ndarray
+) -> None:
+    thin = collision_scene(
+        planned,
+        [obstacle("sheet", coal.Box(60.0, 1e-4, 60.0), [0.0, 0.8, 0.0])],
+        self_collision=False,
+    )
     line = straight_guess(ends, MotionLimits(velocity=1.0))
     report = check_clearance(CoalDistances(thin), line, per_piece=1)
     assert not report.collision_free
@@ -132,8 +157,11 @@ def test_sampled_legs_are_free_of_collision(blocked: CollisionScene, ends: np.nd
         assert exact.distances(a + np.linspace(0, 1, 200)[:, None] * (b - a)).min() > 0.0
 
 
-def test_a_tool_goal_puts_the_tool_there_clear_of_collision(robot: Robot, blocked: CollisionScene, ends: np.ndarray) -> None:
-    exact, data = CoalDistances(blocked), robot.model.createData()
+def test_a_tool_goal_puts_the_tool_there_clear_of_collision(
+    robot: Robot, blocked: CollisionScene, ends: np.ndarray
+) -> None:
+    exact = CoalDistances(blocked)
+    data = robot.model.createData()
     X_WT = pin.SE3(pin.rpy.rpyToMatrix(np.pi, 0.0, 0.3), np.array([1.2, 1.5, -0.8]))
     x = tool_goal(exact, "tool", X_WT, ends[1])
     assert x is not None
@@ -141,10 +169,14 @@ def test_a_tool_goal_puts_the_tool_there_clear_of_collision(robot: Robot, blocke
     assert ((x >= lower) & (x <= upper)).all()
     assert exact.distances(x[None]).min() > 0.0
     pin.framesForwardKinematics(robot.model, data, blocked.coordinates.configurations(x[None])[0])
-    np.testing.assert_allclose(data.oMf[robot.frame_id("tool")].homogeneous, X_WT.homogeneous, atol=1e-5)
+    np.testing.assert_allclose(
+        data.oMf[robot.frame_id("tool")].homogeneous, X_WT.homogeneous, atol=1e-5
+    )
 
 
-def test_a_tool_goal_inside_an_obstacle_is_not_found(blocked: CollisionScene, ends: np.ndarray) -> None:
+def test_a_tool_goal_inside_an_obstacle_is_not_found(
+    blocked: CollisionScene, ends: np.ndarray
+) -> None:
     inside = pin.SE3(np.eye(3), np.array([0.9, 0.8, -0.5]))
     options = ToolGoalOptions(attempts=3)
     assert tool_goal(CoalDistances(blocked), "tool", inside, ends[1], options) is None

@@ -1,4 +1,5 @@
-"""Commands that are cut off, or refused by the disk, at each of their file operations; one JSON value on stdout.
+"""Commands that are cut off, or refused by the disk, at each of their file operations; one JSON
+value on stdout.
 
 python interrupted.py killed|refused|full FOLDER: the same small set of files, written anew for every operation.
 python interrupted.py commands FOLDER: `run`, `plan` and `export` themselves, once each. What a kill leaves is what is in
@@ -20,12 +21,31 @@ from pathlib import Path
 from typing import Any
 
 from uvms_ocp.errors import OutputError
-from uvms_ocp.record.output import RUNNING, Manifest, Replacement, claim_folder, is_same, recover_folder
+from uvms_ocp.record.output import (
+    RUNNING,
+    Manifest,
+    Replacement,
+    claim_folder,
+    is_same,
+    recover_folder,
+)
 
 CHANGING = {"open", "os.rename", "os.remove", "os.mkdir", "os.rmdir", "os.link"}
 FOREIGN = {"mine.txt": "mine", "figures/mine.png": "mine"}
-OLD = {"report.json": "old", "record.npz": "old", "plan.csv": "old", "figures/a.png": "old", "gone/b.png": "old"}
-NEW = {"report.json": "new", "record.npz": "new", "figures/a.png": "new", "figures/c.png": "new", "made/d.png": "new"}
+OLD = {
+    "report.json": "old",
+    "record.npz": "old",
+    "plan.csv": "old",
+    "figures/a.png": "old",
+    "gone/b.png": "old",
+}
+NEW = {
+    "report.json": "new",
+    "record.npz": "new",
+    "figures/a.png": "new",
+    "figures/c.png": "new",
+    "made/d.png": "new",
+}
 COMMANDS = {
     "run": ["run", "--plant", "kinematic", "--duration", "0.1", "--force"],
     "plan": ["plan", "curve", "--robot", "planar5", "--joint", "x0=0.5"],
@@ -38,14 +58,19 @@ class Watch:
     """Calls `act` with the number and the kind of every operation in `root` that changes files."""
 
     def __init__(self) -> None:
-        self.root, self.n, self.act = "", 0, lambda n, event: None
+        self.root = ""
+        self.n = 0
+        self.act = lambda n, event: None
         self.watching = False
         sys.addaudithook(self._hear)
         os.fsync = self._sync  # which kills need not wait for
 
     @contextmanager
     def on(self, root: Path, act: Callable[[int, str], None]) -> Iterator[None]:
-        self.root, self.n, self.act, self.watching = str(root), 0, act, True
+        self.root = str(root)
+        self.n = 0
+        self.act = act
+        self.watching = True
         try:
             yield
         finally:
@@ -53,9 +78,19 @@ class Watch:
 
     def _hear(self, event: str, arguments: tuple[Any, ...]) -> None:
         if self.watching and event in CHANGING:
-            path = os.fspath(arguments[0]) if isinstance(arguments[0], (str, bytes, os.PathLike)) else ""
-            if not os.path.isabs(path) or str(path).startswith(self.root):  # what is removed from trees is relative
-                self._tell("reading" if event == "open" and not arguments[2] & (os.O_WRONLY | os.O_RDWR) else event)
+            path = (
+                os.fspath(arguments[0])
+                if isinstance(arguments[0], (str, bytes, os.PathLike))
+                else ""
+            )
+            if not os.path.isabs(path) or str(path).startswith(
+                self.root
+            ):  # what is removed from trees is relative
+                self._tell(
+                    "reading"
+                    if event == "open" and not arguments[2] & (os.O_WRONLY | os.O_RDWR)
+                    else event
+                )
 
     def _sync(self, descriptor: int) -> None:
         if self.watching:
@@ -84,7 +119,9 @@ def state(folder: Path) -> State:
     """Every file with its contents, but of the store only that nothing is left over in it."""
     kept = {".uvms_ocp/lock", ".uvms_ocp/manifest.json"}
     running = f"{RUNNING}/"  # rows of a run that goes on, which are there beside all else
-    files = {path.relative_to(folder).as_posix(): path for path in folder.rglob("*") if path.is_file()}
+    files = {
+        path.relative_to(folder).as_posix(): path for path in folder.rglob("*") if path.is_file()
+    }
     return {
         name: hashlib.sha256(path.read_bytes()).hexdigest()
         for name, path in files.items()
@@ -98,7 +135,9 @@ def recovered(folder: Path) -> State:
 
 
 def name_of(found: State, states: dict[str, State]) -> str:
-    return next((name for name, known in states.items() if found == known), f"neither: {sorted(found)}")
+    return next(
+        (name for name, known in states.items() if found == known), f"neither: {sorted(found)}"
+    )
 
 
 def prepared(folder: Path, old: State) -> Path:
@@ -117,7 +156,8 @@ def small_states(folder: Path) -> tuple[Path, dict[str, State]]:
 
 def in_child(work: Callable[[], None]) -> bool:
     """Whether it was killed."""
-    if (child := os.fork()) == 0:
+    child = os.fork()
+    if child == 0:
         code = 1
         try:
             work()
@@ -144,11 +184,15 @@ def killed_at(folder: Path, k: int, work: Callable[[], None]) -> bool:
 def killed(folder: Path) -> Any:
     """A kill at every operation, and at every operation of the recovery from it."""
     before, states = small_states(folder)
-    found, again, k = [], [], 1
+    found = []
+    again = []
+    k = 1
     while killed_at(work := copy_of(before, folder / "work"), k, lambda: write(work, NEW)):
         left = copy_of(work, folder / "left")
         j = 1
-        while k % 9 == 0 and killed_at(second := copy_of(left, folder / "second"), j, lambda: recover_folder(second)):
+        while k % 9 == 0 and killed_at(
+            second := copy_of(left, folder / "second"), j, lambda: recover_folder(second)
+        ):
             again.append(name_of(recovered(second), states))
             j += 1
         found.append(name_of(recovered(work), states))
@@ -164,7 +208,9 @@ def copy_of(folder: Path, target: Path) -> Path:
 
 
 def refused_at(k: int, *, stays: bool) -> Callable[[int, str], None]:
-    """The disk is full at operation k; if that stays, everything that takes room fails from then on."""
+    """The disk is full at operation k; if that stays, everything that takes room fails from then
+    on.
+    """
 
     def act(n: int, event: str) -> None:
         if n == k or (stays and n > k and event in ("open", "os.mkdir", "os.link", "os.fsync")):
@@ -176,35 +222,48 @@ def refused_at(k: int, *, stays: bool) -> Callable[[int, str], None]:
 def refused(folder: Path, *, stays: bool) -> Any:
     """What is there after the disk refused operation k, before any recovery, and what was said."""
     before, states = small_states(folder)
-    found, k = [], 1
+    found = []
+    k = 1
     while k == 1 or k - 1 <= WATCH.n:  # until no operation k is left
-        work, said = copy_of(before, folder / "work"), None
+        work = copy_of(before, folder / "work")
+        said = None
         try:
             with WATCH.on(work, refused_at(k, stays=stays)):
                 write(work, NEW)
         except OutputError as error:
             said = str(error)
-        settled = {name: text for name, text in state(work).items() if not name.startswith(".uvms_ocp/")}
+        settled = {
+            name: text for name, text in state(work).items() if not name.startswith(".uvms_ocp/")
+        }
         found.append((name_of(settled, states), name_of(recovered(work), states), said))
         k += 1
     return found
 
 
 def commands(folder: Path) -> Any:
-    os.cpu_count = lambda: 1  # a copy of this process beside it would be out of the watch's sight, and not wait for it
+    os.cpu_count = lambda: (
+        1
+    )  # a copy of this process beside it would be out of the watch's sight, and not wait for it
     return {name: command(folder / name, arguments) for name, arguments in COMMANDS.items()}
 
 
 def command(folder: Path, arguments: list[str]) -> Any:
-    """The states recovered from before every operation, and what is left by a kill between the moves of another call.
+    """The states recovered from before every operation, and what is left by a kill between the
+    moves of another call.
 
     The other call writes other times of computation, so its files are known by the manifest alone.
     """
     from uvms_ocp.cli.commands import app
 
-    written = {"report.json": "old", "controller.h": "old", "scene.html": "old", "figures/path.png": "old"}
+    written = {
+        "report.json": "old",
+        "controller.h": "old",
+        "scene.html": "old",
+        "figures/path.png": "old",
+    }
     target = prepared(folder, written)
-    old, seen = state(target), []
+    old = state(target)
+    seen = []
 
     def copy_and_recover(n: int, event: str) -> None:
         WATCH.watching = False
@@ -214,7 +273,8 @@ def command(folder: Path, arguments: list[str]) -> Any:
     place = [str(target)] if arguments[0] == "export" else ["--out", str(target)]
     with WATCH.on(target, copy_and_recover):
         app([*arguments, *place], standalone_mode=False)
-    new, moves = state(target), []
+    new = state(target)
+    moves = []
     known = {"old": old, "new": new}
     if arguments[0] != "export":  # what is safe before anything is drawn of it
         drawn = [name for name in new if name.startswith("figures/") or name == "scene.html"]
@@ -235,7 +295,9 @@ def command(folder: Path, arguments: list[str]) -> Any:
         "killed": in_child(again),
         "is_mixed": (target / ".uvms_ocp" / "journal.json").exists(),
         "left": sorted(recovered(target)),
-        "as_in_manifest": all(is_same(target / name, known) for name, known in manifest_in(target).files.items()),
+        "as_in_manifest": all(
+            is_same(target / name, known) for name, known in manifest_in(target).files.items()
+        ),
         "files": sorted([*manifest_in(target).files, *FOREIGN]),
     }
 

@@ -1,4 +1,6 @@
-"""No file of arrays makes the reader execute, wait, or take more memory than the file is allowed."""
+"""No file of arrays makes the reader execute, wait, or take more memory than the file is
+allowed.
+"""
 
 from __future__ import annotations
 
@@ -80,31 +82,42 @@ def test_a_file_that_is_not_there_is_not_called_damaged(tmp_path: Path) -> None:
         read_arrays(tmp_path / "a.npz")
 
 
-def test_a_small_file_of_many_zeros_is_not_unpacked(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_small_file_of_many_zeros_is_not_unpacked(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     path = archive(tmp_path / "a.npz", a__npy=npy(np.zeros(1 << 20)))
     assert path.stat().st_size < 1 << 14
     assert len(read_arrays(path)["a"]) == 1 << 20
     monkeypatch.setattr(array_file, "SMALL", 1 << 20)
-    with pytest.raises(InvalidInput, match=r"0\.00839 GB of arrays in 0\.008\d\d MB; at most 400 times a file"):
+    with pytest.raises(
+        InvalidInput, match=r"0\.00839 GB of arrays in 0\.008\d\d MB; at most 400 times a file"
+    ):
         read_arrays(path)
 
 
 @pytest.mark.parametrize(("more", "refused"), [(0, False), (1, True)])
 def test_what_a_file_may_unpack_to_grows_with_it(more: int, refused: bool, tmp_path: Path) -> None:
     """By its own word: nothing of it is there, and none of it is read where it says too much."""
-    path = archive(tmp_path / "a.npz", a__npy=npy(ONE), b__npy=np.random.default_rng(0).bytes(1 << 18))
+    path = archive(
+        tmp_path / "a.npz", a__npy=npy(ONE), b__npy=np.random.default_rng(0).bytes(1 << 18)
+    )
     said = array_file.DENSEST * path.stat().st_size - (1 << 18) + more
     assert said > array_file.SMALL
     content = path.read_bytes()
-    place = content.rindex(b"PK\x01\x02", 0, content.rindex(b"PK\x01\x02")) + 24  # the size in the list of members
+    place = (
+        content.rindex(b"PK\x01\x02", 0, content.rindex(b"PK\x01\x02")) + 24
+    )  # the size in the list of members
     path.write_bytes(content[:place] + said.to_bytes(4, "little") + content[place + 4 :])
-    with pytest.raises(InvalidInput, match=r"at most 400 times a file are read" if refused else r"'a' declares"):
+    with pytest.raises(
+        InvalidInput, match=r"at most 400 times a file are read" if refused else r"'a' declares"
+    ):
         read_arrays(path)
 
 
 def test_a_directory_that_hides_the_size_is_found_out(tmp_path: Path) -> None:
     path = archive(tmp_path / "a.npz", a__npy=npy(np.zeros(1 << 16)))
-    size, lie = (1 << 19) + len(npy(np.zeros(0))), len(npy(ONE))
+    size = (1 << 19) + len(npy(np.zeros(0)))
+    lie = len(npy(ONE))
     content = path.read_bytes()
     path.write_bytes(content.replace(size.to_bytes(4, "little"), lie.to_bytes(4, "little")))
     with pytest.raises(InvalidInput, match=r"damaged|declares"):
@@ -113,7 +126,8 @@ def test_a_directory_that_hides_the_size_is_found_out(tmp_path: Path) -> None:
 
 def test_nothing_is_unpickled(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
-    bare, packed = tmp_path / "bare.npz", tmp_path / "packed.npz"
+    bare = tmp_path / "bare.npz"
+    packed = tmp_path / "packed.npz"
     bare.write_bytes(pickle.dumps(Trap()))
     np.savez(packed, a=np.array([Trap()], dtype=object))
     for path in (bare, packed):

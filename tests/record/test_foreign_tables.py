@@ -48,7 +48,9 @@ def test_rows_that_a_parquet_file_holds_in_a_few_bytes_are_refused_unread(
         read_columns(path, ["t"])
 
 
-def test_a_record_is_refused_by_the_same_law(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_record_is_refused_by_the_same_law(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     pytest.importorskip("pyarrow", reason='needs pip install "uvms-ocp[campaign]"')
     Record.load(RUN / "plan_curve_v0_1.npz").to_parquet(tmp_path / "a.parquet")
     Record.from_parquet(tmp_path / "a.parquet")
@@ -61,8 +63,13 @@ def test_a_record_is_refused_by_the_same_law(tmp_path: Path, monkeypatch: pytest
 def test_what_is_not_there_is_no_number_whatever_the_column_holds(tmp_path: Path) -> None:
     pa = pytest.importorskip("pyarrow")
     stamps = pa.array([1_700_000_000_000, None], pa.timestamp("ms"))
-    path = parquet_of(tmp_path / "a.parquet", {"t": stamps, "on": pa.array([True, None]), "n": pa.array([3, None])})
-    np.testing.assert_array_equal(read_columns(path, ["t", "on", "n"]), [[1.7e12, 1.0, 3.0], [np.nan] * 3])
+    path = parquet_of(
+        tmp_path / "a.parquet",
+        {"t": stamps, "on": pa.array([True, None]), "n": pa.array([3, None])},
+    )
+    np.testing.assert_array_equal(
+        read_columns(path, ["t", "on", "n"]), [[1.7e12, 1.0, 3.0], [np.nan] * 3]
+    )
 
 
 def test_columns_of_text_are_no_numbers(tmp_path: Path) -> None:
@@ -79,11 +86,15 @@ def test_a_line_without_end_is_refused_before_it_is_whole(tmp_path: Path) -> Non
         read_columns(tmp_path / "a.csv.gz", ["t"])
 
 
-def mcap_of(path: Path, data: bytes, compression: str = "ZSTD", uncompressed: int | None = None) -> Path:
+def mcap_of(
+    path: Path, data: bytes, compression: str = "ZSTD", uncompressed: int | None = None
+) -> Path:
     """One message; uncompressed: what its chunk says of its size [B], instead of the truth."""
     writer = pytest.importorskip("mcap.writer", reason='needs pip install "uvms-ocp[mcap]"')
     with path.open("wb") as file:
-        made = writer.Writer(file, compression=getattr(writer.CompressionType, compression), chunk_size=1 << 30)
+        made = writer.Writer(
+            file, compression=getattr(writer.CompressionType, compression), chunk_size=1 << 30
+        )
         made.start()
         channel = made.register_channel("/a", "json", 0)
         made.add_message(channel, 0, data, 0)
@@ -106,7 +117,9 @@ def test_messages_are_unpacked_as_they_were(compression: str, tmp_path: Path) ->
 
 
 @pytest.mark.parametrize("compression", ["ZSTD", "LZ4"])
-def test_a_chunk_that_holds_more_than_it_says_is_refused_unread(compression: str, tmp_path: Path) -> None:
+def test_a_chunk_that_holds_more_than_it_says_is_refused_unread(
+    compression: str, tmp_path: Path
+) -> None:
     path = mcap_of(tmp_path / "a.mcap", bytes(LARGE), compression, uncompressed=1000)
     with little_memory(), pytest.raises(InvalidInput, match="does not hold the 1000 bytes"):
         list(mcap_messages(path))
@@ -118,7 +131,9 @@ def test_a_chunk_that_says_to_hold_gigabytes_is_refused_unread(tmp_path: Path) -
         list(mcap_messages(path))
 
 
-def test_many_chunks_that_pack_too_well_are_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_many_chunks_that_pack_too_well_are_refused(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     path = mcap_of(tmp_path / "a.mcap", bytes(LARGE))
     assert len(list(mcap_messages(path))) == 1
     monkeypatch.setattr(mcap_records, "SMALL", 1 << 20)

@@ -1,4 +1,6 @@
-"""Killed, or refused by the disk, at any of its file operations, a command leaves all of the old files or all of the new."""
+"""Killed, or refused by the disk, at any of its file operations, a command leaves all of the old
+files or all of the new.
+"""
 
 from __future__ import annotations
 
@@ -28,7 +30,9 @@ def in_turn(found: list[str]) -> list[str]:
 
 
 @pytest.mark.slow
-def test_a_kill_at_any_operation_and_at_any_of_the_recovery_leaves_all_old_files_or_all_new_ones(tmp_path: Path) -> None:
+def test_a_kill_at_any_operation_and_at_any_of_the_recovery_leaves_all_old_files_or_all_new_ones(
+    tmp_path: Path,
+) -> None:
     states = answer("killed", tmp_path)
     assert len(states["found"]) > 50
     assert in_turn(states["found"]) == ["old", "new"]
@@ -40,7 +44,11 @@ def test_so_does_one_at_any_operation_of_run_plan_and_export(tmp_path: Path) -> 
     for name, command in answer("commands", tmp_path).items():
         assert len(command["found"]) > 40, name
         # The record of a run or a plan is safe before its figures are drawn.
-        assert in_turn(command["found"]) == ["old", *(["record"] if name != "export" else []), "new"], name
+        assert in_turn(command["found"]) == [
+            "old",
+            *(["record"] if name != "export" else []),
+            "new",
+        ], name
         assert command["killed"], name
         assert command["is_mixed"], name
         assert command["left"] == command["files"], name
@@ -48,7 +56,9 @@ def test_so_does_one_at_any_operation_of_run_plan_and_export(tmp_path: Path) -> 
 
 
 @pytest.mark.parametrize("what", ["refused", "full"])
-def test_an_operation_that_the_disk_refuses_changes_nothing_and_is_one_line(what: str, tmp_path: Path) -> None:
+def test_an_operation_that_the_disk_refuses_changes_nothing_and_is_one_line(
+    what: str, tmp_path: Path
+) -> None:
     """Once, or from then on; without the help of another command."""
     for k, (found, recovered, said) in enumerate(answer(what, tmp_path), 1):
         assert found == recovered == ("old" if said else "new"), (k, found, recovered, said)

@@ -72,7 +72,8 @@ def test_every_series_keeps_its_type_its_shape_and_its_place(capacity: int) -> N
 
 
 def test_a_recorder_keeps_what_it_was_given_when_that_is_written_to() -> None:
-    recorder, q = Recorder(), np.zeros(3)
+    recorder = Recorder()
+    q = np.zeros(3)
     for k in range(3):
         q[:] = k
         recorder.append({"t": 0.1 * k, "q": q, "v": q})
@@ -92,7 +93,9 @@ def test_one_number_stands_for_a_whole_column() -> None:
     np.testing.assert_array_equal(recorder.last("v"), [1.0, 1.0])
 
 
-@pytest.mark.parametrize("other", [{"q": np.zeros(2), "v": np.zeros(3)}, {"q": np.zeros(3), "v": np.zeros(3)}])
+@pytest.mark.parametrize(
+    "other", [{"q": np.zeros(2), "v": np.zeros(3)}, {"q": np.zeros(3), "v": np.zeros(3)}]
+)
 def test_columns_that_only_fit_together_are_refused(other: dict[str, np.ndarray]) -> None:
     recorder = Recorder()
     recorder.append({"q": np.zeros(3), "v": np.zeros(2)})
@@ -100,7 +103,9 @@ def test_columns_that_only_fit_together_are_refused(other: dict[str, np.ndarray]
         recorder.append(other)
 
 
-@pytest.mark.parametrize("other", [{"t": 0.1}, {"t": 0.1, "v": 0.0}, {"t": 0.1, "q": 0.0, "v": 0.0}])
+@pytest.mark.parametrize(
+    "other", [{"t": 0.1}, {"t": 0.1, "v": 0.0}, {"t": 0.1, "q": 0.0, "v": 0.0}]
+)
 def test_a_row_of_other_series_is_refused(other: dict[str, float]) -> None:
     recorder = Recorder()
     recorder.append({"t": 0.0, "q": 0.0})
@@ -109,9 +114,14 @@ def test_a_row_of_other_series_is_refused(other: dict[str, float]) -> None:
     assert list(recorder.series()["t"]) == [0.0]
 
 
-def test_a_record_of_a_robot_that_stands_still_is_dense_and_read(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """All that changes are the time and two readings of a clock, as in any run, which keep it from looking like a bomb."""
-    n, clock = 20_000, np.random.default_rng(0)
+def test_a_record_of_a_robot_that_stands_still_is_dense_and_read(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """All that changes are the time and two readings of a clock, as in any run, which keep it from
+    looking like a bomb.
+    """
+    n = 20_000
+    clock = np.random.default_rng(0)
     still = Record(
         series={
             "t": 0.005 * np.arange(n),
@@ -192,42 +202,86 @@ def test_a_file_without_times_is_refused(tmp_path: Path) -> None:
 
 def changed(**series: object) -> dict[str, object]:
     """Series of a record of five times, some of them others."""
-    good = {"t": np.arange(5.0), "q": np.zeros((5, 3)), "v": np.zeros((5, 2)), "phase": np.zeros(5, dtype=int)}
+    good = {
+        "t": np.arange(5.0),
+        "q": np.zeros((5, 3)),
+        "v": np.zeros((5, 2)),
+        "phase": np.zeros(5, dtype=int),
+    }
     return {**good, **series}
 
 
 WRONG = {
-    "a shorter series": (changed(q=np.zeros((4, 3))), "series 'q' is float64 of shape (4, 3); allowed: 5 rows of numbers"),
+    "a shorter series": (
+        changed(q=np.zeros((4, 3))),
+        "series 'q' is float64 of shape (4, 3); allowed: 5 rows of numbers",
+    ),
     "one number": (changed(q=np.array(1.0)), "series['q'] = array(1.); give an array of numbers"),
     "words": (changed(x=np.array(["a"] * 5)), "give an array of numbers"),
-    "no times": (changed(t=np.zeros(0)), "times t of shape (0,); allowed: one or more [s], finite, each later"),
+    "no times": (
+        changed(t=np.zeros(0)),
+        "times t of shape (0,); allowed: one or more [s], finite, each later",
+    ),
     "times in a table": (changed(t=np.zeros((5, 1))), "times t of shape (5, 1)"),
     "whole numbers as times": (changed(t=np.arange(5)), "times t of shape (5,)"),
-    "time that stands still": (changed(t=np.array([0.0, 1.0, 1.0, 2.0, 3.0])), "each later than the one before"),
-    "a time that is none": (changed(t=np.array([0.0, 1.0, np.nan, 2.0, 3.0])), "finite, each later"),
+    "time that stands still": (
+        changed(t=np.array([0.0, 1.0, 1.0, 2.0, 3.0])),
+        "each later than the one before",
+    ),
+    "a time that is none": (
+        changed(t=np.array([0.0, 1.0, np.nan, 2.0, 3.0])),
+        "finite, each later",
+    ),
     "an endless time": (changed(t=np.array([0.0, 1.0, 2.0, 3.0, np.inf])), "finite, each later"),
-    "a place that is none": (changed(q=np.diag([1.0, np.nan, 1.0, 1.0, 1.0])), "'q' has NaN or infinity at t = 1 s; record it"),
+    "a place that is none": (
+        changed(q=np.diag([1.0, np.nan, 1.0, 1.0, 1.0])),
+        "'q' has NaN or infinity at t = 1 s; record it",
+    ),
     "more joints than columns": (
         changed(q=np.zeros((5, 1))),
         "series 'q' has shape (5, 1); its metadata allow 5 rows of 2 or more",
     ),
-    "a place that is a number": (changed(q=np.zeros(5)), "'q' is float64 of shape (5,); allowed: 5 rows of numbers"),
+    "a place that is a number": (
+        changed(q=np.zeros(5)),
+        "'q' is float64 of shape (5,); allowed: 5 rows of numbers",
+    ),
     "activations of no task": (
         changed(activations=np.zeros((5, 3))),
         "'activations' has shape (5, 3); its metadata allow 5 rows of 0",
     ),
-    "a phase that there is not": (changed(phase=np.full(5, 1)), "'phase' counts what the metadata do not have; allowed: whole"),
+    "a phase that there is not": (
+        changed(phase=np.full(5, 1)),
+        "'phase' counts what the metadata do not have; allowed: whole",
+    ),
     "a negative phase": (changed(phase=np.full(5, -1)), "series 'phase' counts"),
-    "another width of numbers": (changed(v=np.zeros((5, 2), dtype=np.float32)), "series 'v' is float32; allowed: float64"),
-    "a velocity whose square is endless": (changed(v=np.full((5, 2), 1e160)), "series 'v' is larger than 1e+30 at t = 0 s"),
+    "another width of numbers": (
+        changed(v=np.zeros((5, 2), dtype=np.float32)),
+        "series 'v' is float32; allowed: float64",
+    ),
+    "a velocity whose square is endless": (
+        changed(v=np.full((5, 2), 1e160)),
+        "series 'v' is larger than 1e+30 at t = 0 s",
+    ),
     "a command of another robot": (
         changed(command=np.zeros((5, 3))),
         "series 'command' has shape (5, 3); its metadata allow 5 rows of 2",
     ),
-    "a place of fewer numbers than axes": (changed(v=np.zeros((5, 4))), "'q' has shape (5, 3); its metadata allow 5 rows"),
-    "a beginning in the middle": (changed(t=np.arange(5.0) + 1.0), "a run that begins at t = 1 s; allowed: 0 s"),
-    "a status without a word": (changed(status=np.zeros(5, dtype=int)), "series 'status' counts what the metadata do not"),
-    "thrust of one column": (changed(thrust=np.zeros(5)), "series 'thrust' is float64 of shape (5,); allowed: 5 rows"),
+    "a place of fewer numbers than axes": (
+        changed(v=np.zeros((5, 4))),
+        "'q' has shape (5, 3); its metadata allow 5 rows",
+    ),
+    "a beginning in the middle": (
+        changed(t=np.arange(5.0) + 1.0),
+        "a run that begins at t = 1 s; allowed: 0 s",
+    ),
+    "a status without a word": (
+        changed(status=np.zeros(5, dtype=int)),
+        "series 'status' counts what the metadata do not",
+    ),
+    "thrust of one column": (
+        changed(thrust=np.zeros(5)),
+        "series 'thrust' is float64 of shape (5,); allowed: 5 rows",
+    ),
     "half a phase": (changed(phase=np.full(5, 0.5)), "series 'phase' counts"),
 }
 
@@ -245,13 +299,17 @@ def test_a_file_that_breaks_what_a_record_promises_is_refused(case: str, tmp_pat
     assert "\n" not in str(caught.value)
 
 
-def test_a_trajectory_in_the_place_of_a_record_is_named_and_the_other_way_round(tmp_path: Path) -> None:
+def test_a_trajectory_in_the_place_of_a_record_is_named_and_the_other_way_round(
+    tmp_path: Path,
+) -> None:
     curve = PiecewisePolynomial(breaks=np.array([0.0, 1.0]), coefficients=np.zeros((2, 1, 1)))
     curve.to_numpy(tmp_path / "plan.npz")
     record().save(tmp_path / "record.npz")
     np.savez(tmp_path / "nodes.npz", t=np.zeros(1), summary=np.array("{}"))
     for name in ("plan.npz", "nodes.npz"):
-        with pytest.raises(InvalidInput, match=r"a plan's trajectory; give the record\.npz beside it"):
+        with pytest.raises(
+            InvalidInput, match=r"a plan's trajectory; give the record\.npz beside it"
+        ):
             Record.load(tmp_path / name)
     with pytest.raises(InvalidInput, match=r"\(a record; give the plan\.npz beside it\)"):
         PiecewisePolynomial.from_numpy(tmp_path / "record.npz")

@@ -1,4 +1,6 @@
-"""Records as MCAP: ROS 2 finds poses, odometry, joints, wrenches and what was said, and the same record comes back."""
+"""Records as MCAP: ROS 2 finds poses, odometry, joints, wrenches and what was said, and the same
+record comes back.
+"""
 
 from __future__ import annotations
 
@@ -33,17 +35,27 @@ def record() -> Record:
 
 @pytest.fixture(scope="module")
 def topics(record: Record, tmp_path_factory: pytest.TempPathFactory) -> dict[str, list[Any]]:
-    return read(record, tmp_path_factory.mktemp("mcap") / "run.mcap", urdf=robot_folder(record.meta.robot) / "robot.urdf")
+    return read(
+        record,
+        tmp_path_factory.mktemp("mcap") / "run.mcap",
+        urdf=robot_folder(record.meta.robot) / "robot.urdf",
+    )
 
 
 def read(record: Record, path: Path, **options: Any) -> dict[str, list[Any]]:
-    """All messages by topic: time, type and what a reader of ROS 2 that is none of ours makes of them."""
-    highlevel = pytest.importorskip("rosbags.highlevel", reason='needs pip install "uvms-ocp[rosbags]"')
+    """All messages by topic: time, type and what a reader of ROS 2 that is none of ours makes of
+    them.
+    """
+    highlevel = pytest.importorskip(
+        "rosbags.highlevel", reason='needs pip install "uvms-ocp[rosbags]"'
+    )
     record.to_mcap(path, **options)
     found: dict[str, list[Any]] = defaultdict(list)
     with highlevel.AnyReader([path]) as reader:
         for connection, when, data in reader.messages():
-            found[connection.topic].append((when, connection.msgtype, reader.deserialize(data, connection.msgtype)))
+            found[connection.topic].append(
+                (when, connection.msgtype, reader.deserialize(data, connection.msgtype))
+            )
     return found
 
 
@@ -81,7 +93,9 @@ def test_types_are_those_that_ros_2_has(topics: dict[str, list[Any]]) -> None:
     )
 
 
-def test_the_robot_is_described_by_its_file(record: Record, topics: dict[str, list[Any]], tmp_path: Path) -> None:
+def test_the_robot_is_described_by_its_file(
+    record: Record, topics: dict[str, list[Any]], tmp_path: Path
+) -> None:
     ((when, kind, told),) = topics["/robot_description"]
     assert (when, kind) == (0, "std_msgs/msg/String")
     assert told.data == (robot_folder(record.meta.robot) / "robot.urdf").read_text(encoding="utf-8")
@@ -93,17 +107,31 @@ def test_the_robot_is_described_by_its_file(record: Record, topics: dict[str, li
 def test_poses_are_transforms_at_their_times(record: Record, topics: dict[str, list[Any]]) -> None:
     times = np.rint(1e9 * record["t"]).astype(int).tolist()
     assert [when for when, _, _ in topics["/tf"]] == times
-    for (_, _, told), q, estimated, now in zip(topics["/tf"], record["q"], record["q_estimated"], times, strict=True):
-        for one, frame, row in zip(told.transforms, ("base_link", "base_link_estimated"), (q, estimated), strict=True):
-            assert (one.header.frame_id, one.child_frame_id, nanoseconds(one.header.stamp)) == ("world", frame, now)
+    for (_, _, told), q, estimated, now in zip(
+        topics["/tf"], record["q"], record["q_estimated"], times, strict=True
+    ):
+        for one, frame, row in zip(
+            told.transforms, ("base_link", "base_link_estimated"), (q, estimated), strict=True
+        ):
+            assert (one.header.frame_id, one.child_frame_id, nanoseconds(one.header.stamp)) == (
+                "world",
+                frame,
+                now,
+            )
             assert pose_of(one.transform.translation, one.transform.rotation) == row[:7].tolist()
     ((_, _, goals),) = topics["/tf_static"]
-    assert [goal.child_frame_id for goal in goals.transforms] == [frame.name for frame in record.meta.surroundings.frames]
+    assert [goal.child_frame_id for goal in goals.transforms] == [
+        frame.name for frame in record.meta.surroundings.frames
+    ]
 
 
-def test_odometry_has_pose_velocity_and_what_the_filter_says_of_its_error(record: Record, topics: dict[str, list[Any]]) -> None:
+def test_odometry_has_pose_velocity_and_what_the_filter_says_of_its_error(
+    record: Record, topics: dict[str, list[Any]]
+) -> None:
     for name, suffix in (("/odometry", ""), ("/odometry_estimated", "_estimated")):
-        for (_, _, told), q, v in zip(topics[name], record[f"q{suffix}"], record[f"v{suffix}"], strict=True):
+        for (_, _, told), q, v in zip(
+            topics[name], record[f"q{suffix}"], record[f"v{suffix}"], strict=True
+        ):
             assert (told.header.frame_id, told.child_frame_id) == ("world", "base_link")
             assert pose_of(told.pose.pose.position, told.pose.pose.orientation) == q[:7].tolist()
             twist = told.twist.twist
@@ -111,10 +139,17 @@ def test_odometry_has_pose_velocity_and_what_the_filter_says_of_its_error(record
     covariance = topics["/odometry_estimated"][-1][2].pose.covariance.reshape(6, 6)
     turn = pin.XYZQUATToSE3(record["q_estimated"][-1, :7]).rotation
     of_turn = turn @ np.diag(record["q_std"][-1, 3:6] ** 2) @ turn.T
-    np.testing.assert_allclose(covariance, block_diag(np.diag(record["q_std"][-1, :3] ** 2), of_turn), rtol=1e-9, atol=1e-15)
+    np.testing.assert_allclose(
+        covariance,
+        block_diag(np.diag(record["q_std"][-1, :3] ** 2), of_turn),
+        rtol=1e-9,
+        atol=1e-15,
+    )
 
 
-def test_joints_have_states_by_which_a_urdf_moves(record: Record, topics: dict[str, list[Any]]) -> None:
+def test_joints_have_states_by_which_a_urdf_moves(
+    record: Record, topics: dict[str, list[Any]]
+) -> None:
     _, _, last = topics["/joint_states"][-1]
     assert last.name == list(record.meta.joints)
     assert last.position.tolist() == record["q"][-1, 7:].tolist()
@@ -122,15 +157,24 @@ def test_joints_have_states_by_which_a_urdf_moves(record: Record, topics: dict[s
     assert last.effort.tolist() == record["torque"][-1].tolist()
 
 
-def test_wrenches_are_forces_and_torques_of_the_vehicle(record: Record, topics: dict[str, list[Any]]) -> None:
+def test_wrenches_are_forces_and_torques_of_the_vehicle(
+    record: Record, topics: dict[str, list[Any]]
+) -> None:
     for name in ("wrench", "unreachable", "disturbance"):
         for (_, _, told), row in zip(topics[f"/{name}"], record[name], strict=True):
             assert told.header.frame_id == "base_link"
-            assert numbers(told.wrench.force, *"xyz") + numbers(told.wrench.torque, *"xyz") == row[:6].tolist()
+            assert (
+                numbers(told.wrench.force, *"xyz") + numbers(told.wrench.torque, *"xyz")
+                == row[:6].tolist()
+            )
 
 
-def test_series_have_fields_with_the_names_of_their_columns(record: Record, topics: dict[str, list[Any]]) -> None:
-    assert {name.removeprefix("/series/") for name in topics if name.startswith("/series/")} == set(record.series)
+def test_series_have_fields_with_the_names_of_their_columns(
+    record: Record, topics: dict[str, list[Any]]
+) -> None:
+    assert {name.removeprefix("/series/") for name in topics if name.startswith("/series/")} == set(
+        record.series
+    )
     assert [told.joint3 for _, _, told in topics["/series/q"]] == record["q"][:, 9].tolist()
     errors = [told.T_position_error for _, _, told in topics["/series/quantities"]]
     assert errors == record["T.position_error"].tolist()
@@ -150,7 +194,11 @@ def test_channels_say_what_their_columns_are(record: Record, tmp_path: Path) -> 
     record.to_mcap(tmp_path / "run.mcap")
     with (tmp_path / "run.mcap").open("rb") as file:
         channels = make_reader(file).get_summary().channels.values()
-    told = {channel.metadata["series"]: channel.metadata for channel in channels if "series" in channel.metadata}
+    told = {
+        channel.metadata["series"]: channel.metadata
+        for channel in channels
+        if "series" in channel.metadata
+    }
     assert told["thrust"]["units"].split("\n") == [unit_of("thrust")] * record["thrust"].shape[1]
     assert told["q"]["units"].split("\n")[2:5] == ["m", "-", "-"]
 
@@ -173,7 +221,12 @@ def comes_back(record: Record, folder: Path) -> None:
 
 @pytest.mark.parametrize("dtype", ["f8", "f4", "i1", "i8", "u8", "?"])
 def test_messages_keep_every_digit_and_type(dtype: str) -> None:
-    odd = {"f": [np.nan, np.inf, -1e-310, 0.1], "i": [-128, 127, 0, 1], "u": [0, 2**64 - 1, 1, 2], "b": [1, 0, 0, 1]}
+    odd = {
+        "f": [np.nan, np.inf, -1e-310, 0.1],
+        "i": [-128, 127, 0, 1],
+        "u": [0, 2**64 - 1, 1, 2],
+        "b": [1, 0, 0, 1],
+    }
     array = np.array(odd[np.dtype(dtype).kind], dtype=dtype).reshape(2, 2)
     stored = {"f": "f8", "i": "i8", "u": "u8", "b": "?"}[array.dtype.kind]
     sent = [row.tobytes() for row in cdr_messages(2, (array.astype(stored),))]
@@ -183,7 +236,13 @@ def test_messages_keep_every_digit_and_type(dtype: str) -> None:
 
 
 def test_names_of_fields_are_such_as_messages_may_have_and_differ() -> None:
-    assert field_names(["T.position error", "1", "a-b", "a.b", "é"]) == ["T_position_error", "c1", "a_b", "a_b_4", "c"]
+    assert field_names(["T.position error", "1", "a-b", "a.b", "é"]) == [
+        "T_position_error",
+        "c1",
+        "a_b",
+        "a_b_4",
+        "c",
+    ]
 
 
 def test_a_file_of_version_1_with_messages_in_protobuf_is_read() -> None:
@@ -192,7 +251,9 @@ def test_a_file_of_version_1_with_messages_in_protobuf_is_read() -> None:
     assert {len(values) for values in record.series.values()} == {len(record["t"])}
 
 
-@pytest.mark.parametrize("content", [b"", b"\x89MCAP0\r\n", b"PAR1" * 9], ids=("empty", "head", "other"))
+@pytest.mark.parametrize(
+    "content", [b"", b"\x89MCAP0\r\n", b"PAR1" * 9], ids=("empty", "head", "other")
+)
 def test_a_file_of_others_is_refused_in_one_line(content: bytes, tmp_path: Path) -> None:
     (tmp_path / "a.mcap").write_bytes(content)
     with pytest.raises(InvalidInput, match=r"^[^\n]*a\.mcap[^\n]*$"):
@@ -214,11 +275,14 @@ def test_chosen_series_come_at_a_chosen_rate(record: Record, tmp_path: Path) -> 
             record.to_mcap(path, rate=rate)
 
 
-def test_fewer_rows_have_the_figures_of_all_and_every_newest_reading(record: Record, tmp_path: Path) -> None:
+def test_fewer_rows_have_the_figures_of_all_and_every_newest_reading(
+    record: Record, tmp_path: Path
+) -> None:
     record = Record(series={**record.series, "v": np.ones_like(record["v"])}, meta=record.meta)
     record.to_mcap(tmp_path / "thin.mcap", rate=10.0)
     part = Record.from_mcap(tmp_path / "thin.mcap")
-    t, kept = record["t"], part["t"]
+    t = record["t"]
+    kept = part["t"]
     assert part.run_meta.dt == pytest.approx(t[-1] / (len(part) - 1))
     ways = [figures_between(one, 0.0, t[-1])["joint_path_rad"] for one in (record, part)]
     assert ways[1] == pytest.approx(ways[0])
@@ -229,13 +293,22 @@ def test_fewer_rows_have_the_figures_of_all_and_every_newest_reading(record: Rec
             between = record[name][(t > before) & (t <= end)]
             known = between[np.isfinite(between[:, -1])]
             readings += len(known) > 0
-            np.testing.assert_array_equal(part[name][row], known[-1] if len(known) else np.full(record[name].shape[1], np.nan))
+            np.testing.assert_array_equal(
+                part[name][row], known[-1] if len(known) else np.full(record[name].shape[1], np.nan)
+            )
     assert readings > len(part)
     record.to_mcap(tmp_path / "all.mcap", rate=1e3)
     assert Record.from_mcap(tmp_path / "all.mcap").meta == record.meta
 
 
-def test_a_part_without_a_series_that_the_summary_needs_is_refused_by_its_name(record: Record) -> None:
-    part = Record(series={name: array for name, array in record.series.items() if name != "quantities"}, meta=record.meta)
-    with pytest.raises(InvalidInput, match=r"^part of a record: no series 'quantities'; give one with all series$"):
+def test_a_part_without_a_series_that_the_summary_needs_is_refused_by_its_name(
+    record: Record,
+) -> None:
+    part = Record(
+        series={name: array for name, array in record.series.items() if name != "quantities"},
+        meta=record.meta,
+    )
+    with pytest.raises(
+        InvalidInput, match=r"^part of a record: no series 'quantities'; give one with all series$"
+    ):
         summarize(part)

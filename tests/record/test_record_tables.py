@@ -27,7 +27,9 @@ PLANS = [Record.load(RECORDS / f"{name}.npz") for name in ("plan_curve_v0_1", "p
 def test_every_series_that_is_recorded_is_in_the_table(record: Record) -> None:
     for one in (record, *PLANS):
         assert set(one.series) <= set(SERIES)
-    assert all(kind.meaning and kind.unit and kind.shape.startswith("(") for kind in SERIES.values())
+    assert all(
+        kind.meaning and kind.unit and kind.shape.startswith("(") for kind in SERIES.values()
+    )
 
 
 def test_the_shape_of_a_series_is_what_the_table_says(record: Record) -> None:
@@ -41,11 +43,24 @@ def test_every_column_has_its_unit(record: Record) -> None:
         column: unit
         for name, array in record.series.items()
         for column, unit in zip(
-            column_names(name, array[0].size, record.meta), column_units(name, array[0].size, record.meta), strict=True
+            column_names(name, array[0].size, record.meta),
+            column_units(name, array[0].size, record.meta),
+            strict=True,
         )
     }
-    wanted = {"q.x": "m", "q.qw": "-", "q.joint3": "rad", "v.yaw_rate": "rad/s", "wrench.yaw_rate": "N m"}
-    wanted |= {"q_std.yaw_rate": "rad", "torque.joint1": "N m", "T.position_error": "m", "HA.tilt": "rad"}
+    wanted = {
+        "q.x": "m",
+        "q.qw": "-",
+        "q.joint3": "rad",
+        "v.yaw_rate": "rad/s",
+        "wrench.yaw_rate": "N m",
+    }
+    wanted |= {
+        "q_std.yaw_rate": "rad",
+        "torque.joint1": "N m",
+        "T.position_error": "m",
+        "HA.tilt": "rad",
+    }
     assert {name: units[name] for name in wanted} == wanted
     of_plan = column_units("x_rate", len(PLANS[1].plan_meta.axes), PLANS[1].meta)
     assert dict(zip(PLANS[1].plan_meta.axes, of_plan, strict=True))["yaw"] == "rad/s"
@@ -62,10 +77,14 @@ def test_a_quantity_is_found_by_its_name(record: Record) -> None:
         record["T.positon_error"]
 
 
-def test_a_table_has_a_column_for_every_number_and_names_that_say_whose_it_is(record: Record) -> None:
+def test_a_table_has_a_column_for_every_number_and_names_that_say_whose_it_is(
+    record: Record,
+) -> None:
     table = record.to_dataframe()
     assert len(table) == len(record)
-    assert table.shape[1] == sum(array[0].size if array.ndim > 1 else 1 for array in record.series.values())
+    assert table.shape[1] == sum(
+        array[0].size if array.ndim > 1 else 1 for array in record.series.values()
+    )
     assert table.columns.is_unique
     assert (table["q.joint3"] == record["q"][:, 9]).all()
     assert (table["v.yaw_rate"] == record["v"][:, 5]).all()

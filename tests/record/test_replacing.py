@@ -1,4 +1,6 @@
-"""A folder of results appears whole or not at all, and nothing in it that is not ours is touched."""
+"""A folder of results appears whole or not at all, and nothing in it that is not ours is
+touched.
+"""
 
 from __future__ import annotations
 
@@ -44,7 +46,11 @@ def test_a_folder_appears_whole(tmp_path: Path) -> None:
 
 
 def test_an_error_leaves_nothing_behind(tmp_path: Path) -> None:
-    with pytest.raises(RuntimeError), claim_folder(tmp_path / "a" / "b", NAMES) as claim, claim.staged() as staging:
+    with (
+        pytest.raises(RuntimeError),
+        claim_folder(tmp_path / "a" / "b", NAMES) as claim,
+        claim.staged() as staging,
+    ):
         (staging / "half").write_text("x")
         raise RuntimeError
     assert not list(tmp_path.iterdir())
@@ -99,7 +105,9 @@ CHANGES: dict[str, tuple[str, Callable[[Path], object], str]] = {
 
 
 @pytest.mark.parametrize("change", CHANGES)
-def test_ours_that_was_changed_since_is_refused_before_the_work_and_kept(change: str, tmp_path: Path) -> None:
+def test_ours_that_was_changed_since_is_refused_before_the_work_and_kept(
+    change: str, tmp_path: Path
+) -> None:
     name, apply, message = CHANGES[change]
     target = tmp_path / "out"
     write(target, *NAMES, "extra.csv")
@@ -112,17 +120,25 @@ def test_ours_that_was_changed_since_is_refused_before_the_work_and_kept(change:
 
 
 @pytest.mark.parametrize("name", [*NAMES, "figures", "report.json/inside"])
-def test_foreign_files_where_we_would_write_are_refused_before_the_work(name: str, tmp_path: Path) -> None:
+def test_foreign_files_where_we_would_write_are_refused_before_the_work(
+    name: str, tmp_path: Path
+) -> None:
     (tmp_path / name).parent.mkdir(parents=True, exist_ok=True)
     (tmp_path / name).write_text("mine")
-    with pytest.raises(InvalidInput, match="move it away or choose another folder"), claim_folder(tmp_path, NAMES):
+    with (
+        pytest.raises(InvalidInput, match="move it away or choose another folder"),
+        claim_folder(tmp_path, NAMES),
+    ):
         pytest.fail("the work began")
     assert contents(tmp_path) == {name: "mine"}
     assert not (tmp_path / ".uvms_ocp").exists()
 
 
 def test_a_foreign_file_that_appears_during_the_work_is_refused_then(tmp_path: Path) -> None:
-    with pytest.raises(InvalidInput, match=r"report\.json: not written by"), claim_folder(tmp_path, NAMES) as claim:
+    with (
+        pytest.raises(InvalidInput, match=r"report\.json: not written by"),
+        claim_folder(tmp_path, NAMES) as claim,
+    ):
         (tmp_path / "report.json").write_text("mine")
         with claim.staged() as staging:
             (staging / "report.json").write_text("new")
@@ -132,17 +148,29 @@ def test_a_foreign_file_that_appears_during_the_work_is_refused_then(tmp_path: P
 
 def test_two_commands_do_not_write_to_one_folder(tmp_path: Path) -> None:
     with claim_folder(tmp_path, NAMES):
-        with pytest.raises(OutputError, match="another command writes there"), claim_folder(tmp_path, NAMES):
+        with (
+            pytest.raises(OutputError, match="another command writes there"),
+            claim_folder(tmp_path, NAMES),
+        ):
             pytest.fail("the work began")
-        recover_folder(tmp_path)  # the results are those of an earlier command: reading needs no lock
+        recover_folder(
+            tmp_path
+        )  # the results are those of an earlier command: reading needs no lock
     write(tmp_path, *NAMES)
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="names of devices")
-@pytest.mark.parametrize("name", ["/dev/full/out", "/dev/full", "x" * 300, "a/" * 3000, "/proc/out"])
-def test_what_cannot_be_a_folder_is_one_line(name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+@pytest.mark.parametrize(
+    "name", ["/dev/full/out", "/dev/full", "x" * 300, "a/" * 3000, "/proc/out"]
+)
+def test_what_cannot_be_a_folder_is_one_line(
+    name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.chdir(tmp_path)
-    with pytest.raises(OutputError, match=r"cannot write there \(.*\); choose another folder"), claim_folder(Path(name), NAMES):
+    with (
+        pytest.raises(OutputError, match=r"cannot write there \(.*\); choose another folder"),
+        claim_folder(Path(name), NAMES),
+    ):
         pytest.fail("the work began")
     assert not list(tmp_path.iterdir())
 
@@ -151,8 +179,12 @@ OTHER_MANIFESTS = {
     "garbage": "no",
     "empty": "",
     "deep": "[" * 100_000,
-    "lying": json.dumps({"version": 1, "files": {"../mine": {"size": 1, "sha256": "x"}}, "folders": []}),
-    "absolute": json.dumps({"version": 1, "files": {"/mine": {"size": 1, "sha256": "x"}}, "folders": []}),
+    "lying": json.dumps(
+        {"version": 1, "files": {"../mine": {"size": 1, "sha256": "x"}}, "folders": []}
+    ),
+    "absolute": json.dumps(
+        {"version": 1, "files": {"/mine": {"size": 1, "sha256": "x"}}, "folders": []}
+    ),
     "later": json.dumps({"version": 2, "files": {}, "folders": []}),
 }
 
@@ -165,7 +197,10 @@ def test_a_damaged_manifest_or_journal_is_one_line(kind: str, name: str, tmp_pat
     write(target, *NAMES)
     (target / ".uvms_ocp" / name).write_text(OTHER_MANIFESTS[kind])
     before = contents(tmp_path)
-    with pytest.raises(InvalidInput, match=rf"{name}: damaged") as caught, claim_folder(target, NAMES):
+    with (
+        pytest.raises(InvalidInput, match=rf"{name}: damaged") as caught,
+        claim_folder(target, NAMES),
+    ):
         pytest.fail("the work began")
     assert "\n" not in str(caught.value)
     assert contents(tmp_path) == before
@@ -173,20 +208,24 @@ def test_a_damaged_manifest_or_journal_is_one_line(kind: str, name: str, tmp_pat
 
 def test_a_manifest_that_cannot_be_read_is_named(tmp_path: Path) -> None:
     (tmp_path / ".uvms_ocp" / "manifest.json").mkdir(parents=True)
-    with pytest.raises(OutputError, match=r"manifest.json: cannot read it \(.*\); choose another"), claim_folder(tmp_path, NAMES):
+    with (
+        pytest.raises(OutputError, match=r"manifest.json: cannot read it \(.*\); choose another"),
+        claim_folder(tmp_path, NAMES),
+    ):
         pytest.fail("the work began")
 
 
 def test_a_foreign_file_in_the_way_of_a_recovery_is_refused_and_kept(tmp_path: Path) -> None:
     program = (
-        "import os, pathlib, sys; from uvms_ocp.record.output import claim_folder\n"
-        "with claim_folder(pathlib.Path(sys.argv[1]), ['b']) as claim:\n"
-        "    with claim.staged() as staging:\n"
-        "        (staging / 'b').write_text('new')\n"
-        "        os.link = os.replace = lambda a, b: os._exit(9) if 'new' in str(a) else rename(a, b)\n"
-        "        rename = os.rename\n"
+        "import os, pathlib, sys; from uvms_ocp.record.output import claim_folder\nwith"
+        " claim_folder(pathlib.Path(sys.argv[1]), ['b']) as claim:\n    with claim.staged() as"
+        " staging:\n        (staging / 'b').write_text('new')\n        os.link = os.replace ="
+        " lambda a, b: os._exit(9) if 'new' in str(a) else rename(a, b)\n        rename ="
+        " os.rename\n"
     )
-    assert subprocess.run([sys.executable, "-c", program, str(tmp_path)], check=False).returncode == 9
+    assert (
+        subprocess.run([sys.executable, "-c", program, str(tmp_path)], check=False).returncode == 9
+    )
     (tmp_path / "b").write_text("mine")
     with pytest.raises(InvalidInput, match="b: in the way"):
         recover_folder(tmp_path)

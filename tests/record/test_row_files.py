@@ -1,4 +1,6 @@
-"""Rows on the disk while a run goes on: the same as in memory, there whatever ends the program, read in little memory."""
+"""Rows on the disk while a run goes on: the same as in memory, there whatever ends the program,
+read in little memory.
+"""
 
 from __future__ import annotations
 
@@ -33,13 +35,26 @@ from uvms_ocp.types import memory_of
 from uvms_ocp.viz.series import thinned
 
 WORDS = {"scenario": "é", "robot": "any", "plant": "kinematic", "solver": "none"}
-META = RunMeta(**WORDS, joints=("a",), phases=(PhaseMeta(name="A"),), floating=False, dt=0.1, completed=False, stopped="cut off")
+META = RunMeta(
+    **WORDS,
+    joints=("a",),
+    phases=(PhaseMeta(name="A"),),
+    floating=False,
+    dt=0.1,
+    completed=False,
+    stopped="cut off",
+)
 CLOCKS = ("tick_time", "solve_time", "controller_time")
 
 
 def row(k: int) -> dict[str, object]:
     """Row k of a record, of every type and shape that there is."""
-    own = {"own/table é": np.arange(3.0) + k, "codes": np.full(2, k % 3, np.int8), "none": np.zeros(0), "late": k > 3}
+    own = {
+        "own/table é": np.arange(3.0) + k,
+        "codes": np.full(2, k % 3, np.int8),
+        "none": np.zeros(0),
+        "late": k > 3,
+    }
     return {"t": 0.1 * k, "q": np.full(1, float(k)), **own}
 
 
@@ -58,7 +73,8 @@ def require_same(found: Record, whole: Record, rows: int) -> None:
 
 @pytest.mark.parametrize("rows", [1, 3, 7, 12])
 def test_rows_on_the_disk_are_those_in_memory(rows: int, tmp_path: Path) -> None:
-    recorder, whole = filled(Recorder(3, tmp_path / "new" / "rows"), rows), filled(Recorder(3), rows).series()
+    recorder = filled(Recorder(3, tmp_path / "new" / "rows"), rows)
+    whole = filled(Recorder(3), rows).series()
     np.testing.assert_array_equal(recorder.series()["q"][rows // 2], whole["q"][rows // 2])
     recorder.append(row(rows))  # after they were looked at
     written = recorder.freeze(META)
@@ -71,13 +87,17 @@ def test_rows_on_the_disk_are_those_in_memory(rows: int, tmp_path: Path) -> None
 
 
 def test_only_a_run_with_a_folder_is_longer_than_memory() -> None:
-    with pytest.raises(InvalidInput, match="give a folder for it, or at most 4,000,000 ticks, 20000 s"):
+    with pytest.raises(
+        InvalidInput, match="give a folder for it, or at most 4,000,000 ticks, 20000 s"
+    ):
         replace(_tiny(), duration=20_001.0).run()
 
 
 def test_a_folder_of_rows_is_not_written_over(tmp_path: Path) -> None:
     filled(Recorder(1, tmp_path / "rows"), 2)
-    with pytest.raises(OutputError, match="rows is there already; give a folder that is not there yet"):
+    with pytest.raises(
+        OutputError, match="rows is there already; give a folder that is not there yet"
+    ):
         Recorder(1, tmp_path / "rows")
 
 
@@ -94,15 +114,20 @@ def _tiny() -> Scenario:
 
 @pytest.mark.skipif(sys.platform == "win32", reason="processes are not copied")
 @pytest.mark.parametrize("seconds", [0.45, 2.9])
-def test_a_run_that_is_killed_leaves_all_but_its_last_seconds(seconds: float, tmp_path: Path) -> None:
-    folder, scenario, whole = tmp_path / "rows", _tiny(), _tiny().run()
+def test_a_run_that_is_killed_leaves_all_but_its_last_seconds(
+    seconds: float, tmp_path: Path
+) -> None:
+    folder = tmp_path / "rows"
+    scenario = _tiny()
+    whole = _tiny().run()
 
     def kill(t: float, state: State, command: Command) -> None:
         if t >= seconds:
             os.kill(os.getpid(), signal.SIGKILL)
 
     assert whole["t"][-1] > seconds
-    if (child := os.fork()) == 0:
+    child = os.fork()
+    if child == 0:
         scenario.run(observer=kill, folder=folder)
         os._exit(0)
     assert os.waitstatus_to_exitcode(os.waitpid(child, 0)[1]) == -signal.SIGKILL
@@ -129,14 +154,19 @@ def files_of_at_most(size: int) -> Iterator[None]:
 
 def test_a_full_disk_ends_a_run_and_leaves_what_was_written(tmp_path: Path) -> None:
     recorder = Recorder(10, tmp_path / "rows", lambda: META)
-    with files_of_at_most(4096), pytest.raises(OutputError, match="make room; what was written before can be read"):
+    with (
+        files_of_at_most(4096),
+        pytest.raises(OutputError, match="make room; what was written before can be read"),
+    ):
         filled(recorder, 200)
     found = Record.load(tmp_path / "rows")
     assert len(found) == 160  # of the largest row, 24 B, as many blocks as fit beside the header
     require_same(found, filled(Recorder(), 200).freeze(META), len(found))
 
 
-def test_what_a_run_was_cut_off_with_is_shown_and_kept_by_the_next(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_what_a_run_was_cut_off_with_is_shown_and_kept_by_the_next(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     whole = filled(Recorder(3, tmp_path / RUNNING, lambda: META), 9).freeze(META)
     assert _file_at(tmp_path, ("record.npz",), "") == tmp_path / RUNNING
     monkeypatch.setattr(run, "_simulate", lambda *given: 1 / 0)
@@ -146,7 +176,9 @@ def test_what_a_run_was_cut_off_with_is_shown_and_kept_by_the_next(tmp_path: Pat
     assert not (tmp_path / RUNNING).exists()
 
 
-def test_a_run_that_is_refused_leaves_what_was_cut_off(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_run_that_is_refused_leaves_what_was_cut_off(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     whole = filled(Recorder(3, tmp_path / RUNNING, lambda: META), 9).freeze(META)
     monkeypatch.setattr(Scenario, "check", lambda scenario: 1 / 0)
     with pytest.raises(ZeroDivisionError):
@@ -154,7 +186,9 @@ def test_a_run_that_is_refused_leaves_what_was_cut_off(tmp_path: Path, monkeypat
     require_same(Record.load(tmp_path / RUNNING), whole, 9)
 
 
-def test_rows_that_are_damaged_are_moved_aside_and_the_run_goes_on(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_rows_that_are_damaged_are_moved_aside_and_the_run_goes_on(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     filled(Recorder(3, tmp_path / RUNNING, lambda: META), 9).freeze(META)
     next((tmp_path / RUNNING).glob("*.npy")).write_bytes(b"")
     monkeypatch.setattr(run, "_simulate", lambda *given: 1 / 0)
@@ -163,7 +197,9 @@ def test_rows_that_are_damaged_are_moved_aside_and_the_run_goes_on(tmp_path: Pat
     assert any((tmp_path / RUNNING).with_name("damaged").iterdir())
 
 
-def test_a_mapped_record_is_saved_over_its_own_file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_mapped_record_is_saved_over_its_own_file(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     """Before, the file was cut while its rows were read from it: a bus error, and nothing left."""
     monkeypatch.setattr("uvms_ocp.record.record.SMALL", 100)
     monkeypatch.setattr("uvms_ocp.record.untrusted._LARGE", 8)
@@ -184,7 +220,9 @@ def peak(work: object, *args: object) -> int:
     return most
 
 
-def test_memory_of_a_run_does_not_grow_with_its_length(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_memory_of_a_run_does_not_grow_with_its_length(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.setattr(row_files, "_PART", 1 << 18)
 
     def record(rows: int) -> Record:
@@ -200,7 +238,9 @@ def test_memory_of_a_run_does_not_grow_with_its_length(tmp_path: Path, monkeypat
     assert many < 0.8 * 6000 * 500 * 8
 
 
-def test_large_series_are_mapped_and_what_is_damaged_is_found(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_large_series_are_mapped_and_what_is_damaged_is_found(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     whole = filled(Recorder(), 9).freeze(META)
     monkeypatch.setattr(records, "SMALL", 0)
     monkeypatch.setattr(untrusted, "_LARGE", 16)
@@ -231,8 +271,14 @@ def test_what_is_drawn_of_a_long_record_has_its_extremes_and_its_ends(rows: int)
     rng = np.random.default_rng(rows)
     known = rng.standard_normal((rows, 2))
     known[rng.random(rows) < 0.1] = np.nan
-    series = {"t": 0.005 * np.arange(rows), "thrust": known, "q": rng.standard_normal((rows, 1)), "late": known[:, 0] > 3.0}
-    few, whole = thinned(Record(series=series, meta=META)), Record(series=series, meta=META)
+    series = {
+        "t": 0.005 * np.arange(rows),
+        "thrust": known,
+        "q": rng.standard_normal((rows, 1)),
+        "late": known[:, 0] > 3.0,
+    }
+    few = thinned(Record(series=series, meta=META))
+    whole = Record(series=series, meta=META)
     assert len(few) == rows if rows <= 50_000 else len(few) <= 8192
     assert {len(array) for array in few.series.values()} == {len(few)}
     assert [few["t"][0], few["t"][-1]] == [whole["t"][0], whole["t"][-1]]

@@ -27,7 +27,9 @@ RATE = 10.0  # [Hz]
 
 @pytest.mark.parametrize("every", [1, 2, 7, 100])
 @pytest.mark.parametrize("capacity", [1, 3, 64])
-def test_what_is_kept_of_any_row_is_that_of_its_ticks(every: int, capacity: int, tmp_path: Path) -> None:
+def test_what_is_kept_of_any_row_is_that_of_its_ticks(
+    every: int, capacity: int, tmp_path: Path
+) -> None:
     """Whatever the block, in memory and on the disk."""
     rng = np.random.default_rng(every)
     reading = rng.standard_normal((200, 2))
@@ -57,13 +59,26 @@ def test_what_is_kept_of_any_row_is_that_of_its_ticks(every: int, capacity: int,
     last = np.round(few["t"] / 0.01).astype(int)
     assert {0, 56, 136, 199, *range(0, 200, every)} <= set(last)
     spans = [slice(first, end + 1) for first, end in zip([0, *(last[:-1] + 1)], last, strict=True)]
-    for name, of in (("v_least", np.min), ("v_most", np.max), ("v_mean", lambda x, axis: np.abs(x).mean(axis=axis))):
-        np.testing.assert_allclose(few[name], [of(series["v"][span], axis=0) for span in spans], rtol=1e-12)
-    np.testing.assert_allclose(few["saturated_mean"] @ np.diff(last, prepend=-1), series["saturated"].sum())
-    np.testing.assert_array_equal(few["saturated"], [series["saturated"][span].any() for span in spans])
+    for name, of in (
+        ("v_least", np.min),
+        ("v_most", np.max),
+        ("v_mean", lambda x, axis: np.abs(x).mean(axis=axis)),
+    ):
+        np.testing.assert_allclose(
+            few[name], [of(series["v"][span], axis=0) for span in spans], rtol=1e-12
+        )
+    np.testing.assert_allclose(
+        few["saturated_mean"] @ np.diff(last, prepend=-1), series["saturated"].sum()
+    )
+    np.testing.assert_array_equal(
+        few["saturated"], [series["saturated"][span].any() for span in spans]
+    )
     np.testing.assert_array_equal(few["command"], series["command"][last])
     newest = [np.flatnonzero(np.isfinite(reading[span, -1])) for span in spans]
-    wanted = [reading[span][some[-1]] if some.size else np.full(2, np.nan) for span, some in zip(spans, newest, strict=True)]
+    wanted = [
+        reading[span][some[-1]] if some.size else np.full(2, np.nan)
+        for span, some in zip(spans, newest, strict=True)
+    ]
     np.testing.assert_array_equal(few["measured_depth"], wanted)
 
 
@@ -88,41 +103,69 @@ def test_no_peak_and_no_sum_is_lost_between_rows(both: tuple[Record, Record]) ->
     assert len(few) == pytest.approx(len(whole) / 5, abs=5)
     ours, theirs = (figures_between(record, 0.0, record["t"][-1]) for record in both)
     for name, figure in theirs.items():
-        assert ours[name] == pytest.approx(figure, rel=1e-2 if name.startswith(("path", "joint_path")) else 1e-9, abs=1e-12), name
-    report, wanted = summarize(few), summarize(whole)
-    for name in ("largest_tilt_rad", "min_altimeter_m", "passed_rates", "tool_position_error_m", "energy_j", "events"):
+        assert ours[name] == pytest.approx(
+            figure, rel=1e-2 if name.startswith(("path", "joint_path")) else 1e-9, abs=1e-12
+        ), name
+    report = summarize(few)
+    wanted = summarize(whole)
+    for name in (
+        "largest_tilt_rad",
+        "min_altimeter_m",
+        "passed_rates",
+        "tool_position_error_m",
+        "energy_j",
+        "events",
+    ):
         assert report.get(name) == wanted.get(name), name
     assert max_velocity_step(few) is None
     assert report["energy_of_quick_thrust_j"] is None
     for name in {*MEASURED} & whole.series.keys():
-        found, known = few[name], whole[name]
-        assert set(found[np.isfinite(found[:, -1]), -1]) <= set(known[np.isfinite(known[:, -1]), -1])
+        found = few[name]
+        known = whole[name]
+        assert set(found[np.isfinite(found[:, -1]), -1]) <= set(
+            known[np.isfinite(known[:, -1]), -1]
+        )
 
 
 @pytest.mark.slow
-def test_paths_and_times_at_limits_of_every_phase_are_those_of_all_ticks_however_few_the_rows() -> None:
+def test_paths_and_times_at_limits_of_every_phase_are_those_of_all_ticks_however_few_the_rows() -> (
+    None
+):
     scenario = case1(noise=True, duration=60.0, dt=0.02, current=(0.9, 0.3, 0.0), seed=3)
     whole = resources(record := scenario.run())
     assert record.run_meta.completed
     assert max(row["saturation_time_s"] for row in whole) > 0.05
-    for ours, theirs in zip(resources(dataclasses.replace(scenario, record_rate=1.0).run()), whole, strict=True):
-        # A mean covers the ticks up to its row, a sum over ticks those from its row on: one tick lies between them.
+    for ours, theirs in zip(
+        resources(dataclasses.replace(scenario, record_rate=1.0).run()), whole, strict=True
+    ):
+        # A mean covers the ticks up to its row, a sum over ticks those from its row on: one tick
+        # lies between them.
         assert ours["joint_path_rad"] == pytest.approx(theirs["joint_path_rad"], rel=1e-3)
-        assert ours["saturation_time_s"] == pytest.approx(theirs["saturation_time_s"], abs=1.01 * scenario.dt)
+        assert ours["saturation_time_s"] == pytest.approx(
+            theirs["saturation_time_s"], abs=1.01 * scenario.dt
+        )
 
 
-def test_a_campaign_has_the_peaks_of_all_ticks_and_no_count_of_rows_for_one_of_ticks(both: tuple[Record, Record]) -> None:
+def test_a_campaign_has_the_peaks_of_all_ticks_and_no_count_of_rows_for_one_of_ticks(
+    both: tuple[Record, Record],
+) -> None:
     whole, few = both
     scenario = case1()
     ours, theirs = (run_metrics(scenario, record) for record in both)
     for name in ("min_altimeter_m", "tilt_rad", "failed_ticks", "peak_thrust_n"):
         assert ours[name] == theirs[name], name
     assert whole.run_meta.statuses[0] == "solved"
-    failing = dataclasses.replace(few, series=dict(few.series) | {"status": np.ones_like(few["status"])})
-    assert run_metrics(scenario, failing)["failed_ticks"] is summarize(failing)["failed_ticks"] is None
+    failing = dataclasses.replace(
+        few, series=dict(few.series) | {"status": np.ones_like(few["status"])}
+    )
+    assert (
+        run_metrics(scenario, failing)["failed_ticks"] is summarize(failing)["failed_ticks"] is None
+    )
 
 
-def test_a_summary_has_the_largest_times_of_all_ticks_and_no_drift_between_rows(both: tuple[Record, Record]) -> None:
+def test_a_summary_has_the_largest_times_of_all_ticks_and_no_drift_between_rows(
+    both: tuple[Record, Record],
+) -> None:
     whole, few = both
     report = summarize(few)
     assert report["tick_us"]["max"] == pytest.approx(1e6 * few["tick_time_most"].max())
@@ -132,12 +175,18 @@ def test_a_summary_has_the_largest_times_of_all_ticks_and_no_drift_between_rows(
 
 
 def test_what_compares_ticks_refuses_a_record_of_fewer_rows(both: tuple[Record, Record]) -> None:
-    for refuses in (transition_series, lambda few: run_recording(few, "few"), lambda few: estimate_recording(few, case1().robot)):
+    for refuses in (
+        transition_series,
+        lambda few: run_recording(few, "few"),
+        lambda few: estimate_recording(few, case1().robot),
+    ):
         with pytest.raises(InvalidInput, match="fewer rows than ticks; record it with every tick"):
             refuses(both[1])
 
 
-def test_a_record_of_fewer_rows_is_saved_and_read_as_any(both: tuple[Record, Record], tmp_path: Path) -> None:
+def test_a_record_of_fewer_rows_is_saved_and_read_as_any(
+    both: tuple[Record, Record], tmp_path: Path
+) -> None:
     _, few = both
     few.save(tmp_path / "few.npz")
     loaded = Record.load(tmp_path / "few.npz")
@@ -147,7 +196,9 @@ def test_a_record_of_fewer_rows_is_saved_and_read_as_any(both: tuple[Record, Rec
 
 
 def _tiny(**options: float) -> Scenario:
-    return dataclasses.replace(scenario_of(robot_of(TINY["one wet link"]), "kinematic", duration=4.0), **options)
+    return dataclasses.replace(
+        scenario_of(robot_of(TINY["one wet link"]), "kinematic", duration=4.0), **options
+    )
 
 
 def test_a_rate_above_that_of_ticks_is_theirs_and_one_without_end_is_refused() -> None:

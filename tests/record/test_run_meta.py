@@ -1,4 +1,6 @@
-"""Metadata of records: typed, unchangeable, the same after JSON; files of 0.1 still work; damage is told in one line."""
+"""Metadata of records: typed, unchangeable, the same after JSON; files of 0.1 still work; damage is
+told in one line.
+"""
 
 from __future__ import annotations
 
@@ -29,9 +31,14 @@ from uvms_ocp.viz.scene.show import write_scene
 from uvms_ocp.viz.task_figures import figure_row_activations
 
 RECORDS = Path(__file__).parents[1] / "records"
-RUN, PLANS = "run_v0_1.npz", ("plan_curve_v0_1.npz", "plan_ocp_v0_1.npz")
+RUN = "run_v0_1.npz"
+PLANS = ("plan_curve_v0_1.npz", "plan_ocp_v0_1.npz")
 UNLIMITED = LimitsMeta(
-    position_lower=(-math.inf,), position_upper=(math.inf,), velocity=(1.0,), acceleration=(0.1 + 0.2,), effort=(1e-300,)
+    position_lower=(-math.inf,),
+    position_upper=(math.inf,),
+    velocity=(1.0,),
+    acceleration=(0.1 + 0.2,),
+    effort=(1e-300,),
 )
 BARE = RunMeta(
     scenario="bare",
@@ -89,7 +96,12 @@ def test_infinity_and_nan_survive_json() -> None:
 
 def test_nothing_in_metadata_can_be_changed() -> None:
     meta = Record.load(RECORDS / RUN).run_meta
-    for value, field in ((meta, "completed"), (meta.events[0], "t"), (meta.surroundings, "floor"), (meta.limits, "effort")):
+    for value, field in (
+        (meta, "completed"),
+        (meta.events[0], "t"),
+        (meta.surroundings, "floor"),
+        (meta.limits, "effort"),
+    ):
         with pytest.raises(ValidationError, match="frozen"):
             setattr(value, field, None)
     hash(meta)  # no list and no dictionary anywhere
@@ -101,12 +113,28 @@ def test_a_field_that_does_not_exist_is_refused() -> None:
 
 
 def test_a_run_of_0_1_says_what_it_said() -> None:
-    old, meta = raw(RUN), Record.load(RECORDS / RUN).run_meta
+    old = raw(RUN)
+    meta = Record.load(RECORDS / RUN).run_meta
     assert "version" not in old
-    for name in ("scenario", "robot", "plant", "solver", "dt", "wall_s", "seed", "noise", "floating", "completed", "pending"):
+    for name in (
+        "scenario",
+        "robot",
+        "plant",
+        "solver",
+        "dt",
+        "wall_s",
+        "seed",
+        "noise",
+        "floating",
+        "completed",
+        "pending",
+    ):
         assert getattr(meta, name) == old[name]
     for name in ("events", "alarms", "thresholds", "tasks", "levels"):
-        assert [item.model_dump(exclude={"true_quantities", "conditions", "tool"}) for item in getattr(meta, name)] == old[name]
+        assert [
+            item.model_dump(exclude={"true_quantities", "conditions", "tool"})
+            for item in getattr(meta, name)
+        ] == old[name]
     assert not any(event.true_quantities for event in meta.events)
     assert {item.name: item.value for item in meta.true_quantities} == old["true_quantities"]
     assert {item.name: list(item.position) for item in meta.surroundings.markers} == old["markers"]
@@ -118,12 +146,15 @@ def test_a_run_of_0_1_says_what_it_said() -> None:
 
 @pytest.mark.parametrize("name", PLANS)
 def test_a_plan_of_0_1_says_what_it_said(name: str) -> None:
-    old, meta = raw(name), Record.load(RECORDS / name).plan_meta
+    old = raw(name)
+    meta = Record.load(RECORDS / name).plan_meta
     for field in ("axes", "breaks", "clearance_groups"):
         assert list(getattr(meta, field)) == old[field]
     assert meta.min_clearance is not None
     assert list(meta.min_clearance.model_dump().values()) == old["min_clearance"]
-    assert meta.axis_limits.model_dump(exclude_none=True) == {key: tuple(old["axis_limits"][key]) for key in old["axis_limits"]}
+    assert meta.axis_limits.model_dump(exclude_none=True) == {
+        key: tuple(old["axis_limits"][key]) for key in old["axis_limits"]
+    }
 
 
 def test_a_plan_of_0_1_that_can_meet_nothing_has_no_smallest_distance() -> None:
@@ -135,7 +166,8 @@ def test_a_plan_of_0_1_that_can_meet_nothing_has_no_smallest_distance() -> None:
 
 @pytest.mark.slow
 def test_every_figure_report_and_scene_works_from_a_run_of_0_1(tmp_path: Path) -> None:
-    record, robot = Record.load(RECORDS / RUN), load_robot("girona_maris7_full")
+    record = Record.load(RECORDS / RUN)
+    robot = load_robot("girona_maris7_full")
     known = [name for name in FIGURES if name not in ("health", "estimate")]
     assert [path.stem for path in write_figures(record, tmp_path)] == known
     assert write_plan_figures(record, tmp_path / "plan") == (tmp_path / "plan" / "efforts.png",)
@@ -154,10 +186,15 @@ def test_every_figure_report_and_scene_works_from_a_run_of_0_1(tmp_path: Path) -
 @pytest.mark.slow
 @pytest.mark.parametrize("name", PLANS)
 def test_every_figure_report_and_scene_works_from_a_plan_of_0_1(name: str, tmp_path: Path) -> None:
-    record, robot = Record.load(RECORDS / name), load_robot("girona_maris7_full")
+    record = Record.load(RECORDS / name)
+    robot = load_robot("girona_maris7_full")
     figures = {path.stem for path in write_plan_figures(record, tmp_path)}
-    assert figures == {"vehicle_motion", "joint_motion", "clearance"} | ({"efforts"} if "ocp" in name else set())
-    assert {"velocities", "joints", "path"} <= {path.stem for path in write_figures(record, tmp_path)}
+    assert figures == {"vehicle_motion", "joint_motion", "clearance"} | (
+        {"efforts"} if "ocp" in name else set()
+    )
+    assert {"velocities", "joints", "path"} <= {
+        path.stem for path in write_figures(record, tmp_path)
+    }
     assert write_scene(record, robot, tmp_path / "scene.html").exists()
     assert {row["figure"]: row["first"] for row in compare(record, record)}["min_clearance_m"] > 0.0
     with pytest.raises(InvalidInput, match=r"of a plan \(.*\); give that of a run"):
@@ -176,34 +213,69 @@ DAMAGES = [
     ("{", "metadata that is no JSON"),
     ("[]", "metadata that is a list; allowed: an object"),
     ("{}", "neither a run nor a plan"),
-    (write_meta(BARE).replace('"0.2"', '"7.0"'), "format '7.0'; this version reads 0.2 and 0.1: install a newer one"),
+    (
+        write_meta(BARE).replace('"0.2"', '"7.0"'),
+        "format '7.0'; this version reads 0.2 and 0.1: install a newer one",
+    ),
     (write_meta(BARE).replace('"run"', '"walk"'), "neither a run nor a plan, but 'walk'"),
-    (write_meta(BARE).replace('"plant"', '"plnt"'), "plant: missing; give it a value; and plnt: unknown key; did you mean"),
-    (write_meta(BARE).replace('"completed":true', '"completed":"yes"'), "completed: given 'yes'; allowed: a valid boolean"),
-    (write_meta(BARE).replace('"title":""', '"title":"","colour":1'), "phases.0.colour: unknown key; known here: name, tasks"),
+    (
+        write_meta(BARE).replace('"plant"', '"plnt"'),
+        "plant: missing; give it a value; and plnt: unknown key; did you mean",
+    ),
+    (
+        write_meta(BARE).replace('"completed":true', '"completed":"yes"'),
+        "completed: given 'yes'; allowed: a valid boolean",
+    ),
+    (
+        write_meta(BARE).replace('"title":""', '"title":"","colour":1'),
+        "phases.0.colour: unknown key; known here: name, tasks",
+    ),
     (write_meta(PLAN).replace('"axes":["j"]', '"axes":"j"'), "axes: given 'j'"),
     (json.dumps(raw(RUN) | {"markers": 3}), "surroundings.markers: given 3"),
     (json.dumps(raw(RUN) | {"phases": []}), "phases: given"),
-    (json.dumps(raw(RUN) | {"floor": {"x": [0, 1], "y": [1, 0], "z": []}}), "x and y of a floor ascend"),
-    (json.dumps(raw(RUN) | {"floor": {"x": [0, 1], "y": [0, 1], "z": [[1, 2]]}}), "2 rows of 2 heights"),
+    (
+        json.dumps(raw(RUN) | {"floor": {"x": [0, 1], "y": [1, 0], "z": []}}),
+        "x and y of a floor ascend",
+    ),
+    (
+        json.dumps(raw(RUN) | {"floor": {"x": [0, 1], "y": [0, 1], "z": [[1, 2]]}}),
+        "2 rows of 2 heights",
+    ),
     (json.dumps(raw(RUN) | {"remark": "x"}), "remark: unknown key"),
     (changed(events=raw(RUN)["events"][::-1]), "leads from 'C' to 'D'; the mission was in 'A'"),
-    (changed(events=[EVENT, EVENT | {"source": "B", "target": "A"}]), "after one at 1 s; events stand in order of time"),
-    (changed(events=[EVENT | {"target": "Q"}]), "an event at 1 s leads from 'A' to 'Q'; the mission was in 'A'"),
-    (changed(events=[EVENT | {"target": "done"}, EVENT | {"t": 2.0}]), "from 'A' to 'B'; the mission was in 'done'"),
+    (
+        changed(events=[EVENT, EVENT | {"source": "B", "target": "A"}]),
+        "after one at 1 s; events stand in order of time",
+    ),
+    (
+        changed(events=[EVENT | {"target": "Q"}]),
+        "an event at 1 s leads from 'A' to 'Q'; the mission was in 'A'",
+    ),
+    (
+        changed(events=[EVENT | {"target": "done"}, EVENT | {"t": 2.0}]),
+        "from 'A' to 'B'; the mission was in 'done'",
+    ),
     (changed(phases=[{"name": "A"}, {"name": "A"}]), "two phases are called 'A'"),
     (changed(phases=[{"name": "A"}, {"name": "abort"}]), "two phases are called 'abort'"),
     (changed(dt=0.0), "dt: given 0.0; allowed: greater than or equal to 0.000000001"),
-    (changed(thresholds=[{"phase": "A", "quantity": "x", "limit": math.nan, "sign": "<"}]), "thresholds.0.limit: given nan"),
+    (
+        changed(thresholds=[{"phase": "A", "quantity": "x", "limit": math.nan, "sign": "<"}]),
+        "thresholds.0.limit: given nan",
+    ),
     (changed(frames={"goal": [0.0] * 7}), "has norm 1, not 0"),
     (changed(markers={"x": [0.0, 0.0, 1e308]}), "surroundings.markers.0.position.2: given 1e+308"),
-    (json.dumps(raw(PLANS[0]) | {"axis_limits": {"x_rate": [1.0]}}), "axis_limits have one number for each of 11 axes"),
+    (
+        json.dumps(raw(PLANS[0]) | {"axis_limits": {"x_rate": [1.0]}}),
+        "axis_limits have one number for each of 11 axes",
+    ),
     (json.dumps(raw(PLANS[0]) | {"min_clearance": [1, 2]}), "min_clearance: given"),
 ]
 
 
 @pytest.mark.parametrize(("text", "message"), DAMAGES)
-def test_damaged_metadata_are_told_in_one_line_that_names_the_file(text: str, message: str, tmp_path: Path) -> None:
+def test_damaged_metadata_are_told_in_one_line_that_names_the_file(
+    text: str, message: str, tmp_path: Path
+) -> None:
     np.savez(tmp_path / "r.npz", t=np.zeros(2), __meta__=np.array(text))
     with pytest.raises(InvalidInput) as caught:
         Record.load(tmp_path / "r.npz")
@@ -219,6 +291,8 @@ def test_no_code_looks_up_metadata_by_a_string() -> None:
         for node in ast.walk(ast.parse(path.read_text())):
             inner = node.value if isinstance(node, ast.Subscript | ast.Attribute) else None
             name = inner.attr if isinstance(inner, ast.Attribute) else getattr(inner, "id", "")
-            if name.endswith("meta") and (isinstance(node, ast.Subscript) or getattr(node, "attr", "") in ("get", "items")):
+            if name.endswith("meta") and (
+                isinstance(node, ast.Subscript) or getattr(node, "attr", "") in ("get", "items")
+            ):
                 found.append(f"{path.name}:{node.lineno}")
     assert not found

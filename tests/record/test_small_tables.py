@@ -1,4 +1,6 @@
-"""Public values show themselves as small tables: 80 columns in a shell, a table in a notebook, names as text."""
+"""Public values show themselves as small tables: 80 columns in a shell, a table in a notebook,
+names as text.
+"""
 
 from __future__ import annotations
 
@@ -42,11 +44,16 @@ def record() -> uo.Record:
         dt=0.1,
         completed=True,
     )
-    return uo.Record(series={"t": np.array([0.0, 0.1]), "q": np.zeros((2, 1)), "own": np.zeros(2)}, meta=meta)
+    return uo.Record(
+        series={"t": np.array([0.0, 0.1]), "q": np.zeros((2, 1)), "own": np.zeros(2)}, meta=meta
+    )
 
 
 def report() -> PreflightReport:
-    text = "the target is out of reach by so much that no posture of this long arm leads there, whatever the vehicle does"
+    text = (
+        "the target is out of reach by so much that no posture of this long arm leads there,"
+        " whatever the vehicle does"
+    )
     return PreflightReport(findings=(Finding(severity=Severity.ERROR, check=EVIL, text=text),))
 
 
@@ -58,7 +65,9 @@ def problem() -> OcpProblem:
     robot = uo.load_robot("planar5")
     start = State(q=np.zeros(robot.n_q), v=np.zeros(robot.n_v))
     levels = [OcpLevel(name="effort", terms=(Effort(),))]
-    return single_phase(robot=robot, start=start, duration=1.0, n_steps=4, levels=levels, water=False)
+    return single_phase(
+        robot=robot, start=start, duration=1.0, n_steps=4, levels=levels, water=False
+    )
 
 
 VALUES: dict[str, Callable[[], Any]] = {
@@ -69,7 +78,9 @@ VALUES: dict[str, Callable[[], Any]] = {
     "scenario": uo.scenario.case1,
     "phase": lambda: uo.scenario.case1().mission.phases[0],
     "limits": lambda: uo.load_robot("planar5").limits,
-    "kinematics": lambda: uo.Kinematics(uo.load_robot("planar5"), uo.load_robot("planar5").configuration()),
+    "kinematics": lambda: uo.Kinematics(
+        uo.load_robot("planar5"), uo.load_robot("planar5").configuration()
+    ),
     "dynamics": lambda: uo.robot_dynamics(uo.load_robot("planar5")),
     "level": level,
     "solution": lambda: uo.LexicographicActiveSet().solve([level()]),
@@ -78,7 +89,9 @@ VALUES: dict[str, Callable[[], Any]] = {
     "run_meta": lambda: record().meta,
     "kinematic controller": lambda: uo.scenario.case1(plant="kinematic").controller(),
     "dynamic controller": lambda: uo.scenario.case1(learn_load=True).controller(),
-    "watched controller": lambda: replace(uo.scenario.case1(), controller=lambda scenario: print).controller(),
+    "watched controller": lambda: replace(
+        uo.scenario.case1(), controller=lambda scenario: print
+    ).controller(),
     "receding horizon": lambda: Nmpc(problem()),
     "estimator": lambda: uo.scenario.case1(noise=True).estimator().estimator,
     "guarded estimator": lambda: uo.scenario.case1(noise=True).estimator(),
@@ -116,7 +129,14 @@ def test_a_record_tells_its_series_with_their_units() -> None:
 def test_a_mission_tells_which_tasks_are_on_when() -> None:
     rows = repr(uo.scenario.case1().mission).splitlines()
     assert rows[1].split()[:3] == ["task", "type", "A"]
-    assert next(row for row in rows if " PC " in row).split()[:6] == ["PC", "[R,E,AD]", "1", "0", "0", "0"]
+    assert next(row for row in rows if " PC " in row).split()[:6] == [
+        "PC",
+        "[R,E,AD]",
+        "1",
+        "0",
+        "0",
+        "0",
+    ]
 
 
 def test_a_controller_tells_where_its_mission_is() -> None:
@@ -178,7 +198,9 @@ def test_rows_beyond_the_first_are_counted() -> None:
 
 
 def test_a_finding_of_pre_flight_is_printed_to_its_last_word() -> None:
-    finding = Finding(severity=Severity.ERROR, check="reach", phase="approach", text=report().findings[0].text)
+    finding = Finding(
+        severity=Severity.ERROR, check="reach", phase="approach", text=report().findings[0].text
+    )
     lines = str(PreflightReport(findings=(finding, finding))).splitlines()
     assert max(map(len, lines)) <= 80
     words = [word for line in lines[2:] for word in line.split()]

@@ -1,4 +1,6 @@
-"""Files that earlier versions wrote are read by this one: each format has its version, and a stored file of it."""
+"""Files that earlier versions wrote are read by this one: each format has its version, and a stored
+file of it.
+"""
 
 from __future__ import annotations
 
@@ -20,7 +22,8 @@ LOADERS = {"run_v1.parquet": Record.from_parquet, "run_v1.mcap": Record.from_mca
 
 @pytest.mark.parametrize("name", LOADERS)
 def test_exported_files_of_version_1_hold_the_record_of_the_same_run(name: str) -> None:
-    wanted, found = Record.load(RECORDS / "run_v0_2.npz"), LOADERS[name](RECORDS / name)
+    wanted = Record.load(RECORDS / "run_v0_2.npz")
+    found = LOADERS[name](RECORDS / name)
     assert found.meta == wanted.meta
     assert found.series.keys() == wanted.series.keys()
     for series, array in wanted.series.items():
@@ -30,7 +33,8 @@ def test_exported_files_of_version_1_hold_the_record_of_the_same_run(name: str) 
 
 def test_a_folder_of_a_campaign_of_version_1_is_read_reported_and_its_runs_are_made_again() -> None:
     folder = RECORDS / "campaign_v1"
-    table, report = read_table(folder), campaign_report(folder)
+    table = read_table(folder)
+    report = campaign_report(folder)
     assert table["run"].tolist() == list(range(6))
     assert (report["runs"], report["finished"]) == (6, 6)
     kept = kept_campaign(folder)

@@ -17,12 +17,24 @@ READERS: tuple[Callable[[Path], object], ...] = (read_description, read_obstacle
 _NINE = ", ".join(["*b{0}"] * 9)
 BEYOND = {
     "lists in lists": ("[" * 3000 + "]" * 3000, "deeper than 32 levels"),
-    "mappings in mappings": ("".join(f"{' ' * i}a:\n" for i in range(500)), "deeper than 32 levels"),
+    "mappings in mappings": (
+        "".join(f"{' ' * i}a:\n" for i in range(500)),
+        "deeper than 32 levels",
+    ),
     "lists in blocks": ("- " * 500 + "a", "deeper than 32 levels"),
-    "a long whole number": (f"water_density: {'9' * 5000}", "a number of 5000 characters; at most 100 are read"),
-    "a long number to another base": (f"water_density: 0x{'f' * 5000}", "a number of 5002 characters"),
+    "a long whole number": (
+        f"water_density: {'9' * 5000}",
+        "a number of 5000 characters; at most 100 are read",
+    ),
+    "a long number to another base": (
+        f"water_density: 0x{'f' * 5000}",
+        "a number of 5002 characters",
+    ),
     "a value in itself": ("a: &a [*a]", "a value that contains itself"),
-    "laughter": ("b0: &b0 [1]\n" + "".join(f"b{i}: &b{i} [{_NINE.format(i - 1)}]\n" for i in range(1, 10)), "more than 50"),
+    "laughter": (
+        "b0: &b0 [1]\n" + "".join(f"b{i}: &b{i} [{_NINE.format(i - 1)}]\n" for i in range(1, 10)),
+        "more than 50",
+    ),
     "a date that is none": ("a: 2001-99-99", "month must be in 1..12"),
     "an object": ("a: !!python/object/apply:os.mkdir [trap]", "could not determine a constructor"),
     "bytes that are none": ("a: !!binary 'a'", "not valid YAML"),
@@ -34,7 +46,9 @@ BEYOND = {
 
 @pytest.mark.parametrize("reader", READERS)
 @pytest.mark.parametrize("case", BEYOND)
-def test_what_is_beyond_the_bounds_is_said_in_one_line(case: str, reader: Callable[[Path], object], tmp_path: Path) -> None:
+def test_what_is_beyond_the_bounds_is_said_in_one_line(
+    case: str, reader: Callable[[Path], object], tmp_path: Path
+) -> None:
     text, message = BEYOND[case]
     path = tmp_path / "a.yaml"
     path.write_bytes(text.encode("utf-8", "surrogateescape"))
@@ -45,7 +59,9 @@ def test_what_is_beyond_the_bounds_is_said_in_one_line(case: str, reader: Callab
 
 
 @pytest.mark.parametrize("reader", READERS)
-def test_twenty_thousand_unknown_keys_are_told_by_the_first_few(reader: Callable[[Path], object], tmp_path: Path) -> None:
+def test_twenty_thousand_unknown_keys_are_told_by_the_first_few(
+    reader: Callable[[Path], object], tmp_path: Path
+) -> None:
     path = tmp_path / "a.yaml"
     path.write_text("obstacles: []\n" + "".join(f"k{i}: {i}\n" for i in range(20_000)))
     with pytest.raises(InvalidInput, match="k0") as caught:
@@ -73,7 +89,11 @@ def test_effort_grows_with_the_number_of_mistakes_and_not_with_its_square(tmp_pa
 def test_anchors_count_as_often_as_they_are_used(tmp_path: Path) -> None:
     path = tmp_path / "a.yaml"
     path.write_text("a: &a {x: 1, y: 2}\nb: *a\nc: [*a, *a]")
-    assert read_yaml(path) == {"a": {"x": 1, "y": 2}, "b": {"x": 1, "y": 2}, "c": [{"x": 1, "y": 2}] * 2}
+    assert read_yaml(path) == {
+        "a": {"x": 1, "y": 2},
+        "b": {"x": 1, "y": 2},
+        "c": [{"x": 1, "y": 2}] * 2,
+    }
 
     class Few(BoundedLoader):
         most_values = 20

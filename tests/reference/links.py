@@ -28,7 +28,9 @@ class _Page(HTMLParser):
 
 def broken_links(folder: Path) -> tuple[str, ...]:
     """``page: link`` of every link between pages of the folder that leads nowhere."""
-    pages = {path.resolve(): _Page(path.read_text(encoding="utf-8")) for path in folder.rglob("*.html")}
+    pages = {
+        path.resolve(): _Page(path.read_text(encoding="utf-8")) for path in folder.rglob("*.html")
+    }
     return tuple(
         f"{path.relative_to(folder.resolve())}: {link}"
         for path, page in pages.items()

@@ -25,7 +25,9 @@ def outside_links(folder: Path) -> Iterator[str]:
     """Scripts, styles and pictures that a page would load from a network."""
     for path in folder.rglob("*.html"):
         text = path.read_text(encoding="utf-8")
-        yield from (f"{path.name}: {word}" for word in ("@import", 'src="http', "src='http") if word in text)
+        yield from (
+            f"{path.name}: {word}" for word in ("@import", 'src="http', "src='http") if word in text
+        )
 
 
 @pytest.fixture(scope="module")
@@ -37,20 +39,31 @@ def test_it_is_whole_and_loads_nothing_from_a_network(reference: Path) -> None:
     assert broken_links(reference) == ()
     assert list(outside_links(reference)) == []
     first = (reference / "index.html").read_text(encoding="utf-8")
-    for name in ("motion.html", "robot_files.html", "series.html", "commands.html", "uvms_ocp/tasks.html"):
+    for name in (
+        "motion.html",
+        "robot_files.html",
+        "series.html",
+        "commands.html",
+        "uvms_ocp/tasks.html",
+    ):
         assert f'href="{name}"' in first
 
 
 def test_the_search_of_every_page_has_all_pages_and_all_names_of_the_code(reference: Path) -> None:
     text = (reference / "pages.js").read_text(encoding="utf-8")
     pages = json.loads(text.removeprefix("window.pages = ").removesuffix(";\n"))
-    assert {address for address, _, _ in pages} | {"index.html"} == {path.name for path in reference.glob("*.html")} - {
-        "uvms_ocp.html"
-    }
-    assert any(address == "statuses.html" and "horizon too short" in body for address, _, body in pages)
+    assert {address for address, _, _ in pages} | {"index.html"} == {
+        path.name for path in reference.glob("*.html")
+    } - {"uvms_ocp.html"}
+    assert any(
+        address == "statuses.html" and "horizon too short" in body for address, _, body in pages
+    )
     assert "window.pdocSearch" in (reference / "search.js").read_text(encoding="utf-8")
     for path in (reference / address for address, _, _ in pages):
-        assert all(word in path.read_text(encoding="utf-8") for word in ('src="pages.js"', '"search.js"', 'id="find"'))
+        assert all(
+            word in path.read_text(encoding="utf-8")
+            for word in ('src="pages.js"', '"search.js"', 'id="find"')
+        )
 
 
 def test_formulas_are_drawn_by_the_browser_itself(reference: Path) -> None:
@@ -60,7 +73,10 @@ def test_formulas_are_drawn_by_the_browser_itself(reference: Path) -> None:
 
 
 def test_arguments_are_shown_by_what_they_allow(reference: Path) -> None:
-    inside = ("object at 0x", "PydanticUndefined")  # of the interpreter, and of what checks settings
+    inside = (
+        "object at 0x",
+        "PydanticUndefined",
+    )  # of the interpreter, and of what checks settings
     pages = {page.name: page.read_text(encoding="utf-8") for page in reference.rglob("*.html")}
     assert [name for name, text in pages.items() if any(word in text for word in inside)] == []
 
@@ -70,7 +86,9 @@ def test_a_name_that_is_not_there_is_refused() -> None:
         body_of("`uvms_ocp.tasks.pose.PoseTsk`", ("uvms_ocp.tasks.pose",))
 
 
-def test_a_folder_that_cannot_be_one_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_folder_that_cannot_be_one_is_refused(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.setattr(build, "documented_modules", lambda pages: ("uvms_ocp.version",))
     (tmp_path / "file").write_text("")
     with pytest.raises(OutputError, match="choose another folder"):

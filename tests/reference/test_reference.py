@@ -1,4 +1,6 @@
-"""The reference builds without a warning, its links lead somewhere, and nothing public is left without a word."""
+"""The reference builds without a warning, its links lead somewhere, and nothing public is left
+without a word.
+"""
 
 from __future__ import annotations
 
@@ -17,7 +19,14 @@ from uvms_ocp.identification.recording import CHANNEL_KINDS
 from uvms_ocp.identification.settings import CalibrationSettings, NoiseSettings, QuantitySettings
 from uvms_ocp.record.tables import SERIES
 from uvms_ocp.reference import build
-from uvms_ocp.reference.build import CITED, documented_modules, generated_pages, guide_pages, place_of, theory_pages
+from uvms_ocp.reference.build import (
+    CITED,
+    documented_modules,
+    generated_pages,
+    guide_pages,
+    place_of,
+    theory_pages,
+)
 from uvms_ocp.report.summary import ENDS
 
 EQUATION = re.compile(r"\$\$.+?\$\$", re.DOTALL)
@@ -46,7 +55,10 @@ def test_every_equation_says_which_code_states_it(name: str) -> None:
 
 def test_pages_that_are_written_by_hand_are_all_in_their_order() -> None:
     place = Path(build.__file__)
-    assert {path.stem for path in place.with_name("theory").iterdir()} == {*build.ORDER, "first_page"}
+    assert {path.stem for path in place.with_name("theory").iterdir()} == {
+        *build.ORDER,
+        "first_page",
+    }
     assert {path.stem for path in place.with_name("guide").iterdir()} == set(build.GUIDE)
 
 
@@ -69,18 +81,29 @@ def test_every_end_of_a_mission_and_of_a_run_of_a_campaign_stands_with_what_to_d
 
 def test_every_status_stands_with_what_to_do() -> None:
     page = generated_pages()["statuses"]
-    assert {"Status", "OcpStatus", "PlanStatus", "FitStatus"} <= {kind.__name__ for kind in AdvisedStatus.__subclasses__()}
+    assert {"Status", "OcpStatus", "PlanStatus", "FitStatus"} <= {
+        kind.__name__ for kind in AdvisedStatus.__subclasses__()
+    }
     for kind in AdvisedStatus.__subclasses__():
         assert f"`{kind.__module__}.{kind.__name__}`" in page
         for one in kind:
-            assert f"| `{one.value}` | {' '.join(one.advice.replace('|', chr(92) + '|').split())} |" in page
+            assert (
+                f"| `{one.value}` | {' '.join(one.advice.replace('|', chr(92) + '|').split())} |"
+                in page
+            )
 
 
 def test_tables_hold_every_series_every_field_and_every_command() -> None:
     pages = generated_pages()
     assert all(f"`{name}`" in pages["series"] for name in SERIES)
-    assert all(f"## uvms-ocp {name}\n" in pages["commands"] for name in ("run", "show", "plan mission", "export controller"))
-    assert all(f"| `{name}` |" in pages["channels"] for name in (*CHANNEL_KINDS, *ChannelMapping.model_fields))
+    assert all(
+        f"## uvms-ocp {name}\n" in pages["commands"]
+        for name in ("run", "show", "plan mission", "export controller")
+    )
+    assert all(
+        f"| `{name}` |" in pages["channels"]
+        for name in (*CHANNEL_KINDS, *ChannelMapping.model_fields)
+    )
     assert "`--ghost PATH`" in pages["commands"]
     assert "[Thruster](#thruster)" in pages["robot_files"]
     known = (
@@ -94,6 +117,8 @@ def test_tables_hold_every_series_every_field_and_every_command() -> None:
 
 
 def test_links_that_lead_nowhere_are_found(tmp_path: Path) -> None:
-    (tmp_path / "a.html").write_text('<p id="here"></p><a href="#here"></a><a href="b.html#there"></a><a href="c.html"></a>')
+    (tmp_path / "a.html").write_text(
+        '<p id="here"></p><a href="#here"></a><a href="b.html#there"></a><a href="c.html"></a>'
+    )
     (tmp_path / "b.html").write_text('<a href="a.html#here"></a><a href="https://example.org"></a>')
     assert broken_links(tmp_path) == ("a.html: b.html#there", "a.html: c.html")

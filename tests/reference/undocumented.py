@@ -12,7 +12,9 @@ _ABOUT_ITSELF = (Enum, BaseException)
 
 
 def undocumented_names(modules: Collection[str]) -> Iterator[str]:
-    """Modules, and of what they make public the functions, classes and methods, that have no docstring, not even inherited."""
+    """Modules, and of what they make public the functions, classes and methods, that have no
+    docstring, not even inherited.
+    """
     for name in modules:
         module = importlib.import_module(name)
         if not module.__doc__:
@@ -22,7 +24,11 @@ def undocumented_names(modules: Collection[str]) -> Iterator[str]:
 
 
 def _own_names(module: Any) -> list[str]:
-    return [key for key, thing in vars(module).items() if key[0] != "_" and getattr(thing, "__module__", "") == module.__name__]
+    return [
+        key
+        for key, thing in vars(module).items()
+        if key[0] != "_" and getattr(thing, "__module__", "") == module.__name__
+    ]
 
 
 def _silent(name: str, thing: Any) -> Iterator[str]:

@@ -1,4 +1,6 @@
-"""The bound of a true error holds as often as it says, however large the estimated error is beside its doubt."""
+"""The bound of a true error holds as often as it says, however large the estimated error is beside
+its doubt.
+"""
 
 from __future__ import annotations
 
@@ -16,7 +18,8 @@ from uvms_ocp.scenario.cases.case1 import case1
 @pytest.mark.parametrize("told", [0.0, 0.3, 1.0, 3.0, 30.0])
 @pytest.mark.parametrize("spread", [1e-3, 1.0])
 def test_the_bound_holds_as_often_as_it_says(told: float, spread: float) -> None:
-    rng, mean = np.random.default_rng(1), np.array([told * spread, 0.0, 0.0])
+    rng = np.random.default_rng(1)
+    mean = np.array([told * spread, 0.0, 0.0])
     true = np.linalg.norm(mean + spread / np.sqrt(3.0) * rng.standard_normal((100_000, 3)), axis=1)
     held = float((true <= norm_bound(told * spread, spread)).mean())
     assert held == pytest.approx(CHANCE, abs=0.01)
@@ -34,7 +37,8 @@ JUMPS = ("attitude:bias=0,0,0.05@20", "attitude:bias=0.1,0,0@20", "joint_positio
 def test_what_jumped_and_was_used_again_is_in_the_bound(fault: str | None) -> None:
     """Readings that came back elsewhere, or were wrong before: 15 cm were told as 9 mm."""
     record = case1(noise=True, seed=1, faults=() if fault is None else (fault,)).run()
-    summary, jumped = summarize(record), [alarm.text for alarm in record.run_meta.alarms if "from where it was" in alarm.text]
+    summary = summarize(record)
+    jumped = [alarm.text for alarm in record.run_meta.alarms if "from where it was" in alarm.text]
     assert summary["tool_position_error_m"] <= summary["tool_position_bound_m"]
     assert summary["tool_orientation_error_rad"] <= summary["tool_orientation_bound_rad"]
     assert bool(jumped) == (fault is not None)
@@ -47,6 +51,8 @@ def test_a_declared_constant_error_is_in_the_bound() -> None:
     robot = load_robot("girona_maris7_full")
     sensors = robot_sensors(robot.description)
     encoders = replace(sensors.joint_positions, bias=0.01)
-    record = replace(case1(robot=robot, noise=True, seed=1), sensors=replace(sensors, joint_positions=encoders)).run()
+    record = replace(
+        case1(robot=robot, noise=True, seed=1), sensors=replace(sensors, joint_positions=encoders)
+    ).run()
     summary = summarize(record)
     assert 0.01 < summary["tool_position_error_m"] <= summary["tool_position_bound_m"]

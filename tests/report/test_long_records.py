@@ -1,4 +1,6 @@
-"""What a report of a long record takes of memory beyond the record does not grow with all of its columns at once."""
+"""What a report of a long record takes of memory beyond the record does not grow with all of its
+columns at once.
+"""
 
 from __future__ import annotations
 
@@ -40,7 +42,10 @@ def peak_of(call: object) -> float:
 
 def test_margins_of_joints_are_found_part_by_part(short: Record, long: Record) -> None:
     found = figures_between(long, 0.0, float(long["t"][-1]))
-    assert found["joint_margin_rad"] == figures_between(short, 0.0, float(short["t"][-1]))["joint_margin_rad"]
+    assert (
+        found["joint_margin_rad"]
+        == figures_between(short, 0.0, float(short["t"][-1]))["joint_margin_rad"]
+    )
     columns = long["q"][:, :3].nbytes / 1e6
     assert peak_of(lambda: figures_between(long, 0.0, float(long["t"][-1]))) < 4.5 * columns
 

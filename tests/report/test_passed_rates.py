@@ -20,7 +20,8 @@ def moved(joint: int, share: float, t: float, faults: tuple[FaultMeta, ...]) -> 
     stored = Record.load(STORED)
     meta = stored.run_meta.model_copy(update={"faults": faults, "completed": True, "events": ()})
     assert meta.limits is not None
-    n, first = round(3.0 / meta.dt), len(meta.limits.velocity) - len(meta.limits.position_lower)
+    n = round(3.0 / meta.dt)
+    first = len(meta.limits.velocity) - len(meta.limits.position_lower)
     series = {name: np.repeat(values[:1], n, axis=0) for name, values in stored.series.items()}
     series["t"], series["v"] = meta.dt * np.arange(n), 0.0 * series["v"]
     series["v"][round(t / meta.dt), first + joint] = -share * meta.limits.velocity[first + joint]
@@ -28,8 +29,12 @@ def moved(joint: int, share: float, t: float, faults: tuple[FaultMeta, ...]) -> 
 
 
 @pytest.mark.parametrize("faults", [(), (FAULT,)])
-@pytest.mark.parametrize(("share", "t"), [(1.01, 2.0), (1.03, 2.0), (1.03, 1.2), (1.15, 1.2), (1.25, 1.2)])
-def test_a_true_rate_beyond_its_limit_is_named(share: float, t: float, faults: tuple[FaultMeta, ...]) -> None:
+@pytest.mark.parametrize(
+    ("share", "t"), [(1.01, 2.0), (1.03, 2.0), (1.03, 1.2), (1.15, 1.2), (1.25, 1.2)]
+)
+def test_a_true_rate_beyond_its_limit_is_named(
+    share: float, t: float, faults: tuple[FaultMeta, ...]
+) -> None:
     rows = summarize(moved(1, share, t, faults))["passed_rates"]
     if share <= (1.2 if faults and 1.0 <= t <= 1.5 else 1.02):
         assert rows == []

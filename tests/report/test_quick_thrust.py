@@ -11,7 +11,8 @@ from scipy.integrate import cumulative_trapezoid
 from uvms_ocp.record.record import Record
 from uvms_ocp.report.metrics import energy_of_quick_thrust
 
-SECONDS, STORED = 40.0, Path(__file__).parents[1] / "records" / "run_v0_2.npz"
+SECONDS = 40.0
+STORED = Path(__file__).parents[1] / "records" / "run_v0_2.npz"
 
 
 @pytest.fixture(scope="module")
@@ -22,7 +23,8 @@ def stored() -> Record:
 
 def flown(stored: Record, thrust: np.ndarray) -> Record:
     """With thrust (n,) [N] of the first thruster, each of which takes 2 |thrust|^1.5 [W]."""
-    n, dt = len(thrust), stored.run_meta.dt
+    n = len(thrust)
+    dt = stored.run_meta.dt
     series = {name: np.repeat(values[:1], n, axis=0) for name, values in stored.series.items()}
     series["t"], series["thrust"] = dt * np.arange(n), np.column_stack([thrust, np.zeros(n)])
     power = 2.0 * np.abs(series["thrust"]) ** 1.5
@@ -31,11 +33,15 @@ def flown(stored: Record, thrust: np.ndarray) -> Record:
 
 
 @pytest.mark.parametrize(("steady", "quick"), [(8.0, 0.0), (8.0, 3.0), (0.0, 3.0)])
-def test_it_is_what_power_that_grows_faster_than_thrust_makes_of_its_changes(stored: Record, steady: float, quick: float) -> None:
+def test_it_is_what_power_that_grows_faster_than_thrust_makes_of_its_changes(
+    stored: Record, steady: float, quick: float
+) -> None:
     t = np.arange(0.0, SECONDS, stored.run_meta.dt)
     thrust = steady + quick * np.sin(2.0 * np.pi * 2.0 * t)
     excess = energy_of_quick_thrust(flown(stored, thrust))
-    assert excess == pytest.approx(2.0 * SECONDS * (np.mean(np.abs(thrust) ** 1.5) - steady**1.5), rel=0.05, abs=1.0)
+    assert excess == pytest.approx(
+        2.0 * SECONDS * (np.mean(np.abs(thrust) ** 1.5) - steady**1.5), rel=0.05, abs=1.0
+    )
 
 
 def test_a_record_without_energy_or_shorter_than_a_second_does_not_tell_it(stored: Record) -> None:

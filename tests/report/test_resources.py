@@ -48,7 +48,9 @@ def test_shares_stay_below_one_within_the_limits(record: Record) -> None:
 @long_without_compiler
 def test_a_kinematic_plant_has_no_forces_to_report() -> None:
     total = resources(case1(plant="kinematic", duration=0.2).run())[-1]
-    assert total["thruster_energy_j"] is total["peak_thrust_n"] is total["saturation_time_s"] is None
+    assert (
+        total["thruster_energy_j"] is total["peak_thrust_n"] is total["saturation_time_s"] is None
+    )
     assert total["duration_s"] == pytest.approx(0.2)
 
 

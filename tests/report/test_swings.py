@@ -1,4 +1,6 @@
-"""A regular oscillation at the end of a run is told with its period, amplitude and growth, and is a cause of its own."""
+"""A regular oscillation at the end of a run is told with its period, amplitude and growth, and is a
+cause of its own.
+"""
 
 from __future__ import annotations
 
@@ -20,9 +22,16 @@ T = np.arange(0.0, 20.0, DT)
 
 @pytest.mark.parametrize("period", [1.1, 2.2, 4.0])
 @pytest.mark.parametrize("growth", [0.9, 1.0, 1.1])
-def test_period_amplitude_and_growth_are_those_of_the_oscillation(period: float, growth: float) -> None:
-    rng, drift = np.random.default_rng(1), 0.3 - 0.01 * T
-    values = drift + 0.05 * growth ** (T / period) * np.sin(2 * np.pi * T / period) + 1e-3 * rng.normal(size=len(T))
+def test_period_amplitude_and_growth_are_those_of_the_oscillation(
+    period: float, growth: float
+) -> None:
+    rng = np.random.default_rng(1)
+    drift = 0.3 - 0.01 * T
+    values = (
+        drift
+        + 0.05 * growth ** (T / period) * np.sin(2 * np.pi * T / period)
+        + 1e-3 * rng.normal(size=len(T))
+    )
     found = swing_of("error", values, DT)
     assert found is not None
     assert found.period == pytest.approx(period, rel=0.05)
@@ -45,13 +54,21 @@ def test_what_does_not_oscillate_is_no_swing(kind: str) -> None:
 
 
 def watched(amplitude: float, period: float, *, phases: int = 1) -> list[tuple[float, str]]:
-    """When [s] which swing is told of while a pitch swings by this [rad] for 30 s in each of some phases."""
-    watch, told = SwingWatch(DT, floating=True), []
+    """When [s] which swing is told of while a pitch swings by this [rad] for 30 s in each of some
+    phases.
+    """
+    watch = SwingWatch(DT, floating=True)
+    told = []
     for k in range(round(30.0 * phases / DT)):
         pitch = amplitude * np.sin(2 * np.pi * k * DT / period)
-        q = np.array([0.0, 0.0, 0.0, *pin.Quaternion(pin.rpy.rpyToMatrix(0.0, pitch, 0.4)).coeffs()])
+        q = np.array(
+            [0.0, 0.0, 0.0, *pin.Quaternion(pin.rpy.rpyToMatrix(0.0, pitch, 0.4)).coeffs()]
+        )
         errors = np.array([0.2 + pitch, np.nan])
-        told += [(k * DT, swing.what) for swing in watch.after(k * DT // 30.0, q, errors, {0: ("PC.position_error", 0.1)})]
+        told += [
+            (k * DT, swing.what)
+            for swing in watch.after(k * DT // 30.0, q, errors, {0: ("PC.position_error", 0.1)})
+        ]
     return told
 
 
@@ -66,7 +83,9 @@ def test_a_swing_is_told_of_once_a_phase_within_four_of_its_periods(period: floa
 
 @pytest.mark.parametrize(("speed", "swinging"), [(0.0, True), (0.05, True), (0.4, False)])
 @pytest.mark.parametrize("noise", [0.0, 0.01])
-def test_an_error_that_only_falls_does_not_swing(speed: float, swinging: bool, noise: float) -> None:
+def test_an_error_that_only_falls_does_not_swing(
+    speed: float, swinging: bool, noise: float
+) -> None:
     """A vehicle that slows down past each of three rocks on its way comes nearer all the time."""
     rng = np.random.default_rng(4)
     values = 11.0 - speed * T + 0.2 * np.sin(2 * np.pi * T / 5.0) + noise * rng.normal(size=len(T))
@@ -76,19 +95,27 @@ def test_an_error_that_only_falls_does_not_swing(speed: float, swinging: bool, n
 
 @pytest.mark.parametrize("dt", [0.15, 3.0, 50.0])
 def test_any_control_period_is_watched(dt: float) -> None:
-    watch, q, told = SwingWatch(dt, floating=False), np.zeros(7), []
+    watch = SwingWatch(dt, floating=False)
+    q = np.zeros(7)
+    told = []
     for k in range(200):
         told += watch.after(0, q, np.array([0.3 * (-1) ** (k // 2)]), {0: ("error", 0.1)})
     assert all(swing.what == "error" for swing in told)
 
 
 def swung(amplitude: float) -> Record:
-    """A stored run that does not complete, held in its last phase, with a pitch of this amplitude [rad]."""
+    """A stored run that does not complete, held in its last phase, with a pitch of this amplitude
+    [rad].
+    """
     stored = Record.load(STORED)
-    n, meta = round(20.0 / stored.run_meta.dt), stored.run_meta.model_copy(update={"events": (), "completed": False})
+    n = round(20.0 / stored.run_meta.dt)
+    meta = stored.run_meta.model_copy(update={"events": (), "completed": False})
     series = {name: np.repeat(values[:1], n, axis=0) for name, values in stored.series.items()}
     t = meta.dt * np.arange(n)
-    quaternions = [pin.Quaternion(pin.rpy.rpyToMatrix(0.0, amplitude * np.sin(2 * np.pi * x / 2.2), 0.4)) for x in t]
+    quaternions = [
+        pin.Quaternion(pin.rpy.rpyToMatrix(0.0, amplitude * np.sin(2 * np.pi * x / 2.2), 0.4))
+        for x in t
+    ]
     series["q"][:, 3:7] = [quaternion.coeffs() for quaternion in quaternions]
     return Record(series={**series, "t": t}, meta=meta)
 

@@ -33,11 +33,15 @@ def test_the_largest_tilt_is_that_of_the_time_in_which_a_task_on_it_is_on() -> N
 
 
 def test_without_a_task_on_it_the_largest_tilt_is_the_vehicles() -> None:
-    """As of missions that `new-mission` writes for a vehicle whose pitch nobody drives: there it is the figure to look at."""
+    """As of missions that `new-mission` writes for a vehicle whose pitch nobody drives: there it is
+    the figure to look at.
+    """
     record = Record.load(STORED)
     kept = [name for name in record.run_meta.quantities if name != "HA.tilt"]
     columns = [record.run_meta.quantities.index(name) for name in kept]
     series = {**record.series, "quantities": record["quantities"][:, columns]}
     meta = record.run_meta.model_copy(update={"quantities": tuple(kept)})
     up = [pin.Quaternion(q[3:7]).matrix()[2, 2] for q in record["q"]]
-    assert largest_tilt(Record(series=series, meta=meta)) == pytest.approx(float(np.arccos(min(up))), abs=1e-7)
+    assert largest_tilt(Record(series=series, meta=meta)) == pytest.approx(
+        float(np.arccos(min(up))), abs=1e-7
+    )

@@ -19,7 +19,9 @@ DT = 0.1
 
 @pytest.fixture
 def record() -> Record:
-    """Two axes with limits of 1 and 2; phase A for 2 s, then B; in B a safety task and an action miss their rate."""
+    """Two axes with limits of 1 and 2; phase A for 2 s, then B; in B a safety task and an action
+    miss their rate.
+    """
     n = 41
     t = DT * np.arange(n)
     command = np.zeros((n, 2))
@@ -32,7 +34,11 @@ def record() -> Record:
     residual[30:, 3] = 0.7  # the action
     unlimited = (np.inf, np.inf)
     limits = LimitsMeta(
-        position_lower=(-np.inf, -np.inf), position_upper=unlimited, velocity=unlimited, acceleration=(1.0, 2.0), effort=unlimited
+        position_lower=(-np.inf, -np.inf),
+        position_upper=unlimited,
+        velocity=unlimited,
+        acceleration=(1.0, 2.0),
+        effort=unlimited,
     )
     meta = RunMeta(
         scenario="two axes",
@@ -40,7 +46,9 @@ def record() -> Record:
         joints=("x", "y"),
         phases=(PhaseMeta(name="A"), PhaseMeta(name="B")),
         tasks=(TaskMeta(name="S", label="[R,I,S]"), TaskMeta(name="G", label="[R,E,AD]")),
-        levels=tuple(LevelMeta(name=name, rows=rows) for name, rows in (("limits", 2), ("S", 1), ("G", 1))),
+        levels=tuple(
+            LevelMeta(name=name, rows=rows) for name, rows in (("limits", 2), ("S", 1), ("G", 1))
+        ),
         limits=limits,
         plant="kinematic",
         solver="none",
@@ -49,11 +57,19 @@ def record() -> Record:
         completed=True,
     )
     phase = (t > 1.95).astype(int)
-    series = {"t": t, "command": command, "activations": activations, "residual": residual, "phase": phase}
+    series = {
+        "t": t,
+        "command": command,
+        "activations": activations,
+        "residual": residual,
+        "phase": phase,
+    }
     return Record(series=series, meta=meta)
 
 
-def test_series_are_shares_of_the_acceleration_second_differences_and_what_full_tasks_above_miss(record: Record) -> None:
+def test_series_are_shares_of_the_acceleration_second_differences_and_what_full_tasks_above_miss(
+    record: Record,
+) -> None:
     series = transition_series(record)
     assert series["step"][10] == pytest.approx(0.5)
     assert series["step"][25] == pytest.approx(2.0)
@@ -74,14 +90,19 @@ def test_the_table_has_every_change_and_the_whole_run(record: Record) -> None:
 def test_a_step_back_is_named_after_the_phase_that_it_left(record: Record) -> None:
     phases = tuple(PhaseMeta(name=name) for name in "ABC")
     phase = np.repeat([0, 2, 1], [10, 10, 21])
-    again = Record(series={**record.series, "phase": phase}, meta=record.meta.model_copy(update={"phases": phases}))
+    again = Record(
+        series={**record.series, "phase": phase},
+        meta=record.meta.model_copy(update={"phases": phases}),
+    )
     assert [row["change"] for row in transition_table({"one": again})] == ["A-C", "C-B", "all"]
 
 
 def test_an_axis_that_may_not_move_has_no_share(record: Record) -> None:
     assert record.meta.limits is not None
     still = record.meta.limits.model_copy(update={"acceleration": (0.0, 2.0)})
-    series = transition_series(replace(record, meta=record.meta.model_copy(update={"limits": still})))
+    series = transition_series(
+        replace(record, meta=record.meta.model_copy(update={"limits": still}))
+    )
     assert series["step"][10] == 0.0
     assert series["step"].max() == pytest.approx(2.0)
 

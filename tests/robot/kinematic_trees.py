@@ -40,7 +40,11 @@ def function_of(expression: Callable[..., ca.SX | tuple[ca.SX, ...]], *sizes: in
     """The expression as a function of columns of these sizes."""
     columns = [ca.SX.sym(f"x{k}", size) for k, size in enumerate(sizes)]
     values = expression(*columns)
-    return ca.Function("f", columns, [ca.densify(value) for value in (values if isinstance(values, tuple) else (values,))])
+    return ca.Function(
+        "f",
+        columns,
+        [ca.densify(value) for value in (values if isinstance(values, tuple) else (values,))],
+    )
 
 
 def built_model(*joint_types: str, branch_at: int | None = None) -> pin.Model:
@@ -79,7 +83,9 @@ MODELS: dict[str, Callable[[], pin.Model]] = {
     **{name: lambda name=name: built_model(name, name) for name in _TYPES},
     "continuous_unaligned": continuous_unaligned,
     "every_type_in_a_chain": lambda: built_model(*_TYPES),
-    "two_branches": lambda: built_model("free_flyer", "revolute_unaligned", "prismatic_x", "revolute_z", branch_at=3),
+    "two_branches": lambda: built_model(
+        "free_flyer", "revolute_unaligned", "prismatic_x", "revolute_z", branch_at=3
+    ),
     **{name: lambda name=name: arm(name) for name in _ARMS},
     **{name: lambda name=name: load_robot(name).model for name in list_robots()},
 }

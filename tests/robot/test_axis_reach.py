@@ -1,4 +1,6 @@
-"""The reach of an axis bounds the motion of points and distances, for every joint type anywhere in a tree."""
+"""The reach of an axis bounds the motion of points and distances, for every joint type anywhere in
+a tree.
+"""
 
 from __future__ import annotations
 
@@ -22,7 +24,9 @@ STEP = 1e-6
 
 def machine(model: pin.Model) -> Robot:
     """On a fixed base, with a ball on every link, off its joint."""
-    model, shapes, rng = model.copy(), pin.GeometryModel(), np.random.default_rng(1)
+    model = model.copy()
+    shapes = pin.GeometryModel()
+    rng = np.random.default_rng(1)
     for joint in range(1, model.njoints):
         X = pin.SE3(np.eye(3), rng.uniform(-0.3, 0.3, 3))
         shapes.addGeometryObject(pin.GeometryObject(f"ball{joint}", joint, X, coal.Sphere(0.05)))
@@ -31,7 +35,9 @@ def machine(model: pin.Model) -> Robot:
 
 
 def random_tree(seed: int) -> pin.Model:
-    """A chain of four joints, or two branches; joints with a position per velocity travel at most 0.7."""
+    """A chain of four joints, or two branches; joints with a position per velocity travel at most
+    0.7.
+    """
     rng = np.random.default_rng(seed)
     model = built_model(*rng.choice(TYPES, 4), branch_at=3 if seed % 2 else None)
     for joint in model.joints[1:]:
@@ -49,15 +55,21 @@ def motions(model: pin.Model, rng: np.random.Generator) -> list[tuple[np.ndarray
 
 @pytest.mark.parametrize("seed", range(24))
 def test_no_distance_changes_faster_than_the_reach_allows(seed: int) -> None:
-    robot, rng = machine(random_tree(seed)), np.random.default_rng(seed)
+    robot = machine(random_tree(seed))
+    rng = np.random.default_rng(seed)
     pin.seed(seed)
-    for obstacles, itself in (([obstacle("rock", coal.Sphere(0.3), [0.4, 0.5, -0.2])], False), ([], True)):
+    for obstacles, itself in (
+        ([obstacle("rock", coal.Sphere(0.3), [0.4, 0.5, -0.2])], False),
+        ([], True),
+    ):
         pairs = CollisionModel(robot, obstacles, self_collision=itself)
         assert not np.isnan(pairs.reach).any()
         for q, v in motions(robot.model, rng) if pairs.n_pairs else ():
             moved = np.abs(pairs.values(pin.integrate(robot.model, q, STEP * v)) - pairs.values(q))
             apart = pairs.values(q) > 0.01
-            assert (moved[apart] <= STEP * largest_change(pairs.reach, np.abs(v)) * 1.001 + 1e-8).all(), (q, v)
+            assert (
+                moved[apart] <= STEP * largest_change(pairs.reach, np.abs(v)) * 1.001 + 1e-8
+            ).all(), (q, v)
 
 
 @pytest.mark.parametrize("seed", range(24))
@@ -71,11 +83,13 @@ def test_no_point_of_any_known_tree_moves_faster_than_its_reach_allows(name: str
 
 
 def check_points(robot: Robot, seed: int) -> None:
-    rng, data = np.random.default_rng(seed), robot.model.createData()
+    rng = np.random.default_rng(seed)
+    data = robot.model.createData()
     pin.seed(seed)
     frames = [frame.name for frame in robot.model.frames[1:]][-4:]
     for frame in frames:
-        reach, index = point_reach(robot, frame), robot.frame_id(frame)
+        reach = point_reach(robot, frame)
+        index = robot.frame_id(frame)
         for q, v in motions(robot.model, rng):
             pin.forwardKinematics(robot.model, data, q, v)
             pin.updateFramePlacements(robot.model, data)
@@ -96,11 +110,17 @@ def test_a_reach_is_finite_where_no_travel_is_unlimited() -> None:
 def test_what_turns_an_unlimited_slide_is_near_to_everything_unless_it_stands_still() -> None:
     robot = machine(built_model("revolute_x", "prismatic_x"))
     reach = CollisionModel(robot, [obstacle("rock", coal.Sphere(0.3), [9.0, 0, 0])]).reach
-    np.testing.assert_allclose(largest_change(reach, np.array([[0.1, 0.0], [0.0, 0.1]])), [np.inf, 0.1])
-    np.testing.assert_allclose(largest_change(np.stack([reach, [0.0, 1.0]]), np.array([[0.1, 0.2]])), [[np.inf, 0.2]])
+    np.testing.assert_allclose(
+        largest_change(reach, np.array([[0.1, 0.0], [0.0, 0.1]])), [np.inf, 0.1]
+    )
+    np.testing.assert_allclose(
+        largest_change(np.stack([reach, [0.0, 1.0]]), np.array([[0.1, 0.2]])), [[np.inf, 0.2]]
+    )
 
 
-def test_an_axis_that_carries_both_shapes_of_a_pair_does_not_count_even_if_it_reaches_without_end() -> None:
+def test_an_axis_that_carries_both_shapes_of_a_pair_does_not_count_even_if_it_reaches_without_end() -> (
+    None
+):
     robot = machine(built_model("revolute_x", "prismatic_x", "revolute_y", "revolute_z"))
     itself = CollisionModel(robot)
     assert itself.pair_names == ("ball1 - ball3", "ball1 - ball4", "ball2 - ball4")

@@ -26,9 +26,13 @@ def shaped(**shape: object) -> LinkHydrodynamics:
 def test_a_cylinder_carries_its_displaced_mass_sideways() -> None:
     link = shaped(cylinder={"radius": 0.05, "length": 0.4, "pose": {"position": (0.0, 0.0, 0.2)}})
     volume = np.pi * 0.05**2 * 0.4
-    side, end = 0.6 * RHO / 2 * 0.1 * 0.4, 0.6 * RHO / 2 * np.pi * 0.05**2
+    side = 0.6 * RHO / 2 * 0.1 * 0.4
+    end = 0.6 * RHO / 2 * np.pi * 0.05**2
     tumbling = RHO * np.pi * 0.05**2 * 0.4**3 / 12
-    np.testing.assert_allclose(np.diag(link.added_mass), [RHO * volume, RHO * volume, 0.1 * RHO * volume, tumbling, tumbling, 0])
+    np.testing.assert_allclose(
+        np.diag(link.added_mass),
+        [RHO * volume, RHO * volume, 0.1 * RHO * volume, tumbling, tumbling, 0],
+    )
     np.testing.assert_allclose(np.diag(link.linear_drag), [0.4, 0.4, 0.4, 0, 0, 0])
     np.testing.assert_allclose(np.diag(link.quadratic_drag)[:3], [side, side, end])
     assert link.volume == pytest.approx(volume)
@@ -83,14 +87,32 @@ def test_ned_coefficients_become_forward_left_up() -> None:
 def test_floats_share_the_centre_of_buoyancy_by_volume() -> None:
     link = only_link(
         links={"hull": {"coefficients": {"volume": 0.03, "centre_of_buoyancy": (0.0, 0.0, 0.1)}}},
-        trim=[{"name": "float", "link": "hull", "position": (0.4, 0.0, 0.1), "mass": 1.0, "volume": 0.01}],
+        trim=[
+            {
+                "name": "float",
+                "link": "hull",
+                "position": (0.4, 0.0, 0.1),
+                "mass": 1.0,
+                "volume": 0.01,
+            }
+        ],
     )
     assert link.volume == pytest.approx(0.04)
     np.testing.assert_allclose(link.centre_of_buoyancy, [0.1, 0.0, 0.1])
 
 
 def test_ballast_on_a_dry_link_makes_it_wet() -> None:
-    link = only_link(trim=[{"name": "lead", "link": "keel", "position": (0.4, 0.0, 0.1), "mass": 1.0, "volume": 1e-4}])
+    link = only_link(
+        trim=[
+            {
+                "name": "lead",
+                "link": "keel",
+                "position": (0.4, 0.0, 0.1),
+                "mass": 1.0,
+                "volume": 1e-4,
+            }
+        ]
+    )
     assert link.frame == "keel"
     assert link.volume == pytest.approx(1e-4)
 

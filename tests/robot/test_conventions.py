@@ -30,12 +30,18 @@ def test_positions_and_directions_turn_about_x() -> None:
 
 
 def test_flu_data_stay_as_they_are() -> None:
-    same = RobotDescription.model_validate({"trim": [{"name": "f", "position": (1, 2, 3), "mass": 1, "volume": 0}]})
+    same = RobotDescription.model_validate(
+        {"trim": [{"name": "f", "position": (1, 2, 3), "mass": 1, "volume": 0}]}
+    )
     assert forward_left_up(same) is same
 
 
-@pytest.mark.parametrize("shape", [{"cylinder": {"radius": 0.1, "length": 1.0}}, {"box": {"size": (1.0, 0.5, 0.2)}}])
-def test_an_axis_given_in_ned_points_the_same_way_in_flu(shape: dict[str, dict[str, object]]) -> None:
+@pytest.mark.parametrize(
+    "shape", [{"cylinder": {"radius": 0.1, "length": 1.0}}, {"box": {"size": (1.0, 0.5, 0.2)}}]
+)
+def test_an_axis_given_in_ned_points_the_same_way_in_flu(
+    shape: dict[str, dict[str, object]],
+) -> None:
     (kind, values), rpy = next(iter(shape.items())), (0.3, -0.4, 0.5)
     pose = {"position": (0.1, 0.2, 0.3), "rpy": rpy}
     (link,) = links_in_water(description(links={"a": {kind: {**values, "pose": pose}}}))
@@ -47,10 +53,14 @@ def test_an_axis_given_in_ned_points_the_same_way_in_flu(shape: dict[str, dict[s
 def test_drag_power_does_not_depend_on_the_convention() -> None:
     rng = np.random.default_rng(2)
     root = rng.normal(size=(6, 6))
-    water = {"linear_drag": (root @ root.T).tolist(), "pose": {"position": (0.1, 0.2, 0.3), "rpy": (0.1, 0.2, 0.3)}}
+    water = {
+        "linear_drag": (root @ root.T).tolist(),
+        "pose": {"position": (0.1, 0.2, 0.3), "rpy": (0.1, 0.2, 0.3)},
+    }
     (ned,) = links_in_water(description(convention="FLU", links={"a": {"coefficients": water}}))
     (flu,) = links_in_water(description(links={"a": {"coefficients": water}}))
     nu = rng.normal(size=6)
     turned = np.kron(np.eye(2), S) @ nu
-    in_ned, in_flu = ned.X_FL.inverse().action @ nu, flu.X_FL.inverse().action @ turned
+    in_ned = ned.X_FL.inverse().action @ nu
+    in_flu = flu.X_FL.inverse().action @ turned
     assert in_ned @ ned.linear_drag @ in_ned == pytest.approx(in_flu @ flu.linear_drag @ in_flu)

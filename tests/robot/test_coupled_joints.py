@@ -1,4 +1,6 @@
-"""Joints that mimic another one are one degree of freedom with it: all is that of free joints, held to ``q_f = G q + o``."""
+"""Joints that mimic another one are one degree of freedom with it: all is that of free joints, held
+to ``q_f = G q + o``.
+"""
 
 from __future__ import annotations
 
@@ -32,7 +34,8 @@ from uvms_ocp.robot.symbolic_model import SymbolicModel
 from uvms_ocp.viz.scene.show import joint_motion
 
 BODY = (
-    "<inertial><origin xyz='.3 .1 0'/><mass value='2'/><inertia ixx='1' ixy='.1' ixz='0' iyy='2' iyz='0' izz='2.5'/></inertial>"
+    "<inertial><origin xyz='.3 .1 0'/><mass value='2'/><inertia ixx='1' ixy='.1' ixz='0' iyy='2'"
+    " iyz='0' izz='2.5'/></inertial>"
 )
 SHAPE = "<collision><geometry><box size='.1 .2 .3'/></geometry></collision>"
 LINKS = ("base_link", "l1", "l2", "l3", "l4")
@@ -42,26 +45,48 @@ SCALES = {"lead": (1.0, 0.0), "slider": (-2.0, 0.1), "third": (-1.0, 0.05)}
 
 
 def machine(folder: Path, lead: str, **options: object) -> Robot:
-    """A chain lead, elbow, slider, and beside it a third joint; lead: its name, which tells where it is in Pinocchio's order."""
+    """A chain lead, elbow, slider, and beside it a third joint; lead: its name, which tells where
+    it is in Pinocchio's order.
+    """
 
     def joint(name: str, kind: str, parent: str, child: str, axis: str, mimic: str = "") -> str:
-        limit = f"<limit lower='-1' upper='{0.5 if name == lead else 9}' velocity='0.7' effort='6'/><dynamics damping='2'/>"
-        ends = f"<parent link='{parent}'/><child link='{child}'/><origin xyz='.5 .1 .2' rpy='.1 .2 .3'/><axis xyz='{axis}'/>"
+        limit = (
+            f"<limit lower='-1' upper='{0.5 if name == lead else 9}' velocity='0.7'"
+            " effort='6'/><dynamics damping='2'/>"
+        )
+        ends = (
+            f"<parent link='{parent}'/><child link='{child}'/><origin xyz='.5 .1 .2' rpy='.1 .2"
+            f" .3'/><axis xyz='{axis}'/>"
+        )
         return f"<joint name='{name}' type='{kind}'>{ends}{limit}{mimic}</joint>"
 
     text = "".join(f"<link name='{name}'>{BODY}{SHAPE}</link>" for name in LINKS)
-    text += joint(lead, "revolute", "base_link", "l1", "0 1 0") + joint("elbow", "revolute", "l1", "l2", "1 1 0")
-    text += joint("slider", "prismatic", "l2", "l3", "0 1 1", f"<mimic joint='{lead}' multiplier='-2' offset='0.1'/>")
-    text += joint("third", "revolute", "base_link", "l4", "0 0 1", "<mimic joint='slider' multiplier='0.5'/>")
+    text += joint(lead, "revolute", "base_link", "l1", "0 1 0") + joint(
+        "elbow", "revolute", "l1", "l2", "1 1 0"
+    )
+    text += joint(
+        "slider",
+        "prismatic",
+        "l2",
+        "l3",
+        "0 1 1",
+        f"<mimic joint='{lead}' multiplier='-2' offset='0.1'/>",
+    )
+    text += joint(
+        "third", "revolute", "base_link", "l4", "0 0 1", "<mimic joint='slider' multiplier='0.5'/>"
+    )
     (folder / "robot.urdf").write_text(f"<robot name='r'>{text}</robot>", encoding="utf-8")
     (folder / "water.yaml").write_text(WATER, encoding="utf-8")
     return load_robot(urdf=folder / "robot.urdf", hydrodynamics=folder / "water.yaml", **options)  # type: ignore[arg-type]
 
 
 @pytest.fixture(params=["alpha", "zeta"])
-def pair(request: pytest.FixtureRequest, tmp_path: Path) -> tuple[Robot, Robot, np.ndarray, np.ndarray, np.ndarray]:
+def pair(
+    request: pytest.FixtureRequest, tmp_path: Path
+) -> tuple[Robot, Robot, np.ndarray, np.ndarray, np.ndarray]:
     """Coupled and free, a configuration of each, and the map G (n_v of the free one, n_v)."""
-    one, free = machine(tmp_path, request.param), machine(tmp_path, request.param, mimic="free")
+    one = machine(tmp_path, request.param)
+    free = machine(tmp_path, request.param, mimic="free")
     scales = {request.param if name == "lead" else name: entry for name, entry in SCALES.items()}
     (leading,) = one.leading_joints
     scale, offset = scales[leading]
@@ -70,10 +95,13 @@ def pair(request: pytest.FixtureRequest, tmp_path: Path) -> tuple[Robot, Robot, 
     G = np.zeros((free.n_v, one.n_v))
     G[:6, :6] = np.eye(6)
     for row, name in enumerate(free.joint_names, start=6):
-        G[row, one.joint(name if name == "elbow" else leading).idx_v] = 1.0 if name == "elbow" else scales[name][0] / scale
+        G[row, one.joint(name if name == "elbow" else leading).idx_v] = (
+            1.0 if name == "elbow" else scales[name][0] / scale
+        )
     rng = np.random.default_rng(1)
     at, turn = rng.normal(size=3), rng.normal(size=3)
-    q, q_free = one.configuration(at, turn, joints=values), free.configuration(at, turn, joints=places)
+    q = one.configuration(at, turn, joints=values)
+    q_free = free.configuration(at, turn, joints=places)
     return one, free, q, q_free, G
 
 
@@ -84,23 +112,30 @@ def test_dynamics_in_water_are_those_of_free_joints_along_the_coupling(pair: Pai
     one, free, q, q_free, G = pair
     rng = np.random.default_rng(2)
     v, a = rng.normal(size=(2, one.n_v))
-    here, there = robot_dynamics(one), robot_dynamics(free)
-    tau, tau_free = here.inverse_dynamics(q, v, a), there.inverse_dynamics(q_free, G @ v, G @ a)
+    here = robot_dynamics(one)
+    there = robot_dynamics(free)
+    tau = here.inverse_dynamics(q, v, a)
+    tau_free = there.inverse_dynamics(q_free, G @ v, G @ a)
     assert_allclose(tau, G.T @ tau_free, atol=1e-9)
     assert_allclose(here.inverse_dynamics(q, v, here.forward_dynamics(q, v, tau)), tau, atol=1e-9)
     assert_allclose(here.mass_matrix(q), G.T @ there.mass_matrix(q_free) @ G, atol=1e-10)
-    assert_allclose(here.damping_matrix(q, v), G.T @ there.damping_matrix(q_free, G @ v) @ G, atol=1e-10)
+    assert_allclose(
+        here.damping_matrix(q, v), G.T @ there.damping_matrix(q_free, G @ v) @ G, atol=1e-10
+    )
 
 
 def test_kinematics_and_distances_are_those_of_free_joints_along_the_coupling(pair: Pair) -> None:
     one, free, q, q_free, G = pair
     for link in ("l3", "l4"):
-        here, there = Kinematics(one, q), Kinematics(free, q_free)
+        here = Kinematics(one, q)
+        there = Kinematics(free, q_free)
         assert_allclose(here.pose(link).homogeneous, there.pose(link).homogeneous, atol=1e-12)
         assert_allclose(here.jacobian(link), there.jacobian(link) @ G, atol=1e-12)
         jacobian = function_of(partial(_jacobian, SymbolicModel(one.model), link), one.n_q)
         assert_allclose(jacobian(q), there.jacobian(link) @ G, atol=1e-12)
-        assert (np.linalg.norm(here.jacobian(link)[:3], axis=0) <= point_reach(one, link) + 1e-12).all()
+        assert (
+            np.linalg.norm(here.jacobian(link)[:3], axis=0) <= point_reach(one, link) + 1e-12
+        ).all()
 
 
 def _jacobian(symbolic: SymbolicModel, link: str, q: ca.SX) -> ca.SX:
@@ -108,14 +143,17 @@ def _jacobian(symbolic: SymbolicModel, link: str, q: ca.SX) -> ca.SX:
 
 
 @pytest.mark.parametrize("engine", [CompiledPairs, CoalPairs])
-def test_distances_change_as_those_of_free_joints_along_the_coupling(engine: type[CoalPairs], pair: Pair) -> None:
+def test_distances_change_as_those_of_free_joints_along_the_coupling(
+    engine: type[CoalPairs], pair: Pair
+) -> None:
     one, free, q, q_free, G = pair
     ball = obstacle("ball", coal.Sphere(0.5), (3.0, 2.0, 1.0))
     found = []
     for robot, at in ((one, q), (free, q_free)):
         geometry = shapes_among(robot, [ball])
         pairs = list(combinations(range(geometry.ngeoms), 2))
-        measured, every = engine(robot.model, geometry, pairs), np.arange(len(pairs))
+        measured = engine(robot.model, geometry, pairs)
+        every = np.arange(len(pairs))
         found.append((measured.values(at, every), measured.gradients(at, every)))
     (here, row), (there, row_free) = found
     apart = there > 0.0
@@ -127,9 +165,12 @@ def test_distances_change_as_those_of_free_joints_along_the_coupling(engine: typ
 def test_the_first_joint_has_the_limits_of_the_leader_and_the_friction_of_all(pair: Pair) -> None:
     one, free, _, _, G = pair
     (leading,) = one.leading_joints
-    k, lead = one.joint(leading).idx_v, next(name for name in free.joint_names if name in ("alpha", "zeta"))
+    k = one.joint(leading).idx_v
+    lead = next(name for name in free.joint_names if name in ("alpha", "zeta"))
     scale = 1.0 / G[free.joint(lead).idx_v, k]
-    bounds = sorted(scale * bound + (0.0 if leading == lead else SCALES[leading][1]) for bound in (-1.0, 0.5))
+    bounds = sorted(
+        scale * bound + (0.0 if leading == lead else SCALES[leading][1]) for bound in (-1.0, 0.5)
+    )
     found = one.limits
     assert_allclose([found.position_lower[k - 6], found.position_upper[k - 6]], bounds)
     assert_allclose([found.velocity[k], found.effort[k - 6]], [0.7 * abs(scale), 6.0 / abs(scale)])
@@ -142,11 +183,23 @@ def test_costs_of_curves_are_those_of_free_joints_along_the_coupling(pair: Pair)
     found = []
     for robot, at, v in ((one, q, np.eye(one.n_v)), (free, q_free, G)):
         scene = collision_scene(coordinates(robot, reference=at), [ball])
-        near = CoalDistances(scene).near(scene.coordinates.x(at)[None], np.full(scene.n_pairs, 20.0))
+        near = CoalDistances(scene).near(
+            scene.coordinates.x(at)[None], np.full(scene.n_pairs, 20.0)
+        )
         rates = np.tile(v @ np.linspace(0.2, -0.3, one.n_v), (near.pair.size, 1))
         speeds = link_speeds(scene, near, rates, 0.02)
-        rows = (near.gradient @ v, speeds.speed[:, None], speeds.by_position @ v, speeds.by_rate @ v)
-        found.append({scene.pairs[k].name: np.concatenate([row[i] for row in rows]) for i, k in enumerate(near.pair)})
+        rows = (
+            near.gradient @ v,
+            speeds.speed[:, None],
+            speeds.by_position @ v,
+            speeds.by_rate @ v,
+        )
+        found.append(
+            {
+                scene.pairs[k].name: np.concatenate([row[i] for row in rows])
+                for i, k in enumerate(near.pair)
+            }
+        )
     shared = found[0].keys() & found[1].keys()
     assert len(shared) > 6
     for name in shared:
@@ -159,8 +212,10 @@ def test_distances_in_closed_form_are_those_of_coal(pair: Pair) -> None:
     one, _, q, _, _ = pair
     ball = obstacle("ball", coal.Sphere(0.5), (1.5, 0.5, 0.5))
     scene = collision_scene(coordinates(capsule_robot(one), reference=q), [ball])
-    x, far = scene.coordinates.x(q)[None], np.full(scene.n_pairs, 20.0)
-    closed, exact = ClosedFormDistances(scene).near(x, far), CoalDistances(scene).near(x, far)
+    x = scene.coordinates.x(q)[None]
+    far = np.full(scene.n_pairs, 20.0)
+    closed = ClosedFormDistances(scene).near(x, far)
+    exact = CoalDistances(scene).near(x, far)
     assert closed.pair.size == scene.n_pairs > 6
     assert_allclose(closed.gradient, exact.gradient, atol=1e-6)
     assert_allclose(closed.screws, exact.screws, atol=1e-9)
@@ -170,19 +225,29 @@ def test_a_curve_moves_joints_that_are_one(tmp_path: Path) -> None:
     robot = machine(tmp_path, "alpha")
     ball = obstacle("ball", coal.Sphere(0.2), (1.0, -1.5, 0.3))
     goal = PostureGoal(joints={"alpha": 0.3, "elbow": -0.3})
-    found = plan_path(PlanRequest(robot=robot, start=robot.configuration(), goal=goal, obstacles=(ball,)))
+    found = plan_path(
+        PlanRequest(robot=robot, start=robot.configuration(), goal=goal, obstacles=(ball,))
+    )
     assert found.collision_free
     assert found.plan is not None
     record = motion_record(found, found.plan)
-    ends = [robot.joint_values(row)[robot.joint_names.index("alpha")] for row in record["q"][[0, -1]]]
+    ends = [
+        robot.joint_values(row)[robot.joint_names.index("alpha")] for row in record["q"][[0, -1]]
+    ]
     assert_allclose(ends, [0.0, 0.3], atol=1e-9)
-    assert (np.abs(record["v"][:, robot.joint("alpha").idx_v]) <= robot.limits.velocity[robot.joint("alpha").idx_v] + 1e-6).all()
+    assert (
+        np.abs(record["v"][:, robot.joint("alpha").idx_v])
+        <= robot.limits.velocity[robot.joint("alpha").idx_v] + 1e-6
+    ).all()
 
 
 def test_a_slider_of_the_page_moves_all_that_follow(tmp_path: Path) -> None:
     robot = machine(tmp_path, "alpha")
     q = robot.configuration(joints={"alpha": 0.2, "elbow": 0.0})
-    told = {entry["name"]: entry for entry in (joint_motion(robot, k, q) for k in range(1, robot.model.njoints))}
+    told = {
+        entry["name"]: entry
+        for entry in (joint_motion(robot, k, q) for k in range(1, robot.model.njoints))
+    }
     assert told["alpha"]["values"] == [0.2]
     for name in ("slider", "third"):
         leader, scale, offset = told[name]["follows"]
@@ -198,17 +263,23 @@ def test_a_slider_of_the_page_moves_all_that_follow(tmp_path: Path) -> None:
         (("mimic joint='alpha'", "mimic joint='nobody'"), {"slider", "third"}),
     ],
 )
-def test_what_cannot_move_as_one_stays_where_it_is_put(change: tuple[str, str], still: set[str], tmp_path: Path) -> None:
+def test_what_cannot_move_as_one_stays_where_it_is_put(
+    change: tuple[str, str], still: set[str], tmp_path: Path
+) -> None:
     machine(tmp_path, "alpha")
     text = (tmp_path / "robot.urdf").read_text(encoding="utf-8")
     assert change[0] in text
     (tmp_path / "robot.urdf").write_text(text.replace(*change), encoding="utf-8")
     robot = load_robot(urdf=tmp_path / "robot.urdf")
     assert not still & {*robot.model.names}
-    assert robot.joint_names == tuple(joint.name for joint in joints_of(robot.model, free_flyer=True))
+    assert robot.joint_names == tuple(
+        joint.name for joint in joints_of(robot.model, free_flyer=True)
+    )
 
 
-def test_what_is_said_of_joints_and_links_that_are_left_out_counts_for_nothing(tmp_path: Path) -> None:
+def test_what_is_said_of_joints_and_links_that_are_left_out_counts_for_nothing(
+    tmp_path: Path,
+) -> None:
     machine(tmp_path, "alpha")
     more = "tool: l3\naltimeter: l4\njoints: {elbow: {home: 0.1}, third: {home: 0.2}}\n"
     more += "trim: [{name: lead, link: l4, position: [0, 0, 0], mass: 1, volume: 0}]\n"
@@ -218,8 +289,15 @@ def test_what_is_said_of_joints_and_links_that_are_left_out_counts_for_nothing(t
     locked = load_robot(**files, lock={"elbow": 0.3})
     assert locked.joint_names == ("alpha",)
     dropped = load_robot(**files, drop=["l2", "l4"])
-    assert (dropped.joint_names, dropped.description.trim, dropped.description.altimeter) == (("alpha",), (), None)
+    assert (dropped.joint_names, dropped.description.trim, dropped.description.altimeter) == (
+        ("alpha",),
+        (),
+        None,
+    )
     assert set(dropped.description.links) == {"base_link", "l1"}
-    with pytest.raises(RobotDataError, match="joints: 'elbo' is no joint of the URDF that moves; allowed: alpha, elbow"):
+    with pytest.raises(
+        RobotDataError,
+        match="joints: 'elbo' is no joint of the URDF that moves; allowed: alpha, elbow",
+    ):
         (tmp_path / "water.yaml").write_text("joints: {elbo: {home: 0.1}}\n", encoding="utf-8")
         load_robot(**files)

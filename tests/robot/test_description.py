@@ -1,4 +1,6 @@
-"""The schema of hydrodynamics.yaml: a mistake is one line with the file, the key, the value and what is allowed."""
+"""The schema of hydrodynamics.yaml: a mistake is one line with the file, the key, the value and
+what is allowed.
+"""
 
 from __future__ import annotations
 
@@ -8,9 +10,17 @@ import pytest
 import yaml
 
 from uvms_ocp.errors import RobotDataError
-from uvms_ocp.robot.description import LinkCoefficients, RobotDescription, as_matrix6, read_description
+from uvms_ocp.robot.description import (
+    LinkCoefficients,
+    RobotDescription,
+    as_matrix6,
+    read_description,
+)
 
-THRUSTER = "name: t, position: [0, 0, 0], direction: [1, 0, 0], minimum: -40, maximum: 40, time_constant: 0.1"
+THRUSTER = (
+    "name: t, position: [0, 0, 0], direction: [1, 0, 0], minimum: -40, maximum: 40,"
+    " time_constant: 0.1"
+)
 INDEFINITE = [[1.0 if i == j else 0.0 for j in range(6)] for i in range(6)]
 INDEFINITE[0][1] = INDEFINITE[1][0] = 2.0
 SKEWED = [[1.0 if i == j else 0.0 for j in range(6)] for i in range(6)]
@@ -30,35 +40,91 @@ def coefficients(text: str) -> str:
 
 
 MISTAKES = {
-    "misspelt key": ("water_densty: 1000", "water_densty", "unknown key; did you mean 'water_density'?"),
-    "true for a number": ("water_density: true", "water_density: given 'true';", "allowed: a valid number"),
-    "millimetres": (coefficients("volume: 1, centre_of_buoyancy: [0, 0, 100]"), "centre_of_buoyancy.2", "50"),
+    "misspelt key": (
+        "water_densty: 1000",
+        "water_densty",
+        "unknown key; did you mean 'water_density'?",
+    ),
+    "true for a number": (
+        "water_density: true",
+        "water_density: given 'true';",
+        "allowed: a valid number",
+    ),
+    "millimetres": (
+        coefficients("volume: 1, centre_of_buoyancy: [0, 0, 100]"),
+        "centre_of_buoyancy.2",
+        "50",
+    ),
     "unknown key": ("qqq: 1000", "qqq", "unknown key; known here: altimeter, base"),
-    "unknown key in a thruster": (f"thrusters: [{{{THRUSTER}, colour: red}}]", r"thrusters.0.colour", "unknown key"),
+    "unknown key in a thruster": (
+        f"thrusters: [{{{THRUSTER}, colour: red}}]",
+        r"thrusters.0.colour",
+        "unknown key",
+    ),
     "word for a number": ("water_density: heavy", "water_density", "'heavy'"),
-    "density in g/cm3": ("water_density: 1", "water_density: given 1;", "greater than or equal to 900"),
+    "density in g/cm3": (
+        "water_density: 1",
+        "water_density: given 1;",
+        "greater than or equal to 900",
+    ),
     "NaN": ("water_density: .nan", "water_density", "finite"),
     "wrong base": ("base: wheels", "base", "'free_flyer' or 'fixed'"),
-    "negative volume": (coefficients("volume: -0.1"), "links.hull.coefficients.volume: given -0.1;", "or equal to 0"),
-    "buoyancy without volume": (coefficients("centre_of_buoyancy: [0, 0, 0.1]"), "links.hull.coefficients", "volume > 0"),
-    "five coefficients": (coefficients("quadratic_drag: [1, 1, 1, 1, 1]"), "quadratic_drag", "missing"),
-    "negative quadratic drag": (coefficients("quadratic_drag: [1, 1, -1, 1, 1, 1]"), r"quadratic_drag.2: given -1;", "0"),
+    "negative volume": (
+        coefficients("volume: -0.1"),
+        "links.hull.coefficients.volume: given -0.1;",
+        "or equal to 0",
+    ),
+    "buoyancy without volume": (
+        coefficients("centre_of_buoyancy: [0, 0, 0.1]"),
+        "links.hull.coefficients",
+        "volume > 0",
+    ),
+    "five coefficients": (
+        coefficients("quadratic_drag: [1, 1, 1, 1, 1]"),
+        "quadratic_drag",
+        "missing",
+    ),
+    "negative quadratic drag": (
+        coefficients("quadratic_drag: [1, 1, -1, 1, 1, 1]"),
+        r"quadratic_drag.2: given -1;",
+        "0",
+    ),
     "drag that feeds energy": (
         coefficients("linear_drag: [1, 1, -2, 1, 1, 1]"),
         "linear_drag",
         "feeds 2 W at nu = (0, 0, 1, 0, 0, 0)",
     ),
-    "drag matrix that feeds energy": (coefficients(f"linear_drag: {GENERATING}"), "linear_drag", "feeds"),
-    "negative added mass": (coefficients("added_mass: [-1, 1, 1, 1, 1, 1]"), "added_mass", "indefinite"),
-    "indefinite added mass": (coefficients(f"added_mass: {INDEFINITE}"), "added_mass", "indefinite"),
+    "drag matrix that feeds energy": (
+        coefficients(f"linear_drag: {GENERATING}"),
+        "linear_drag",
+        "feeds",
+    ),
+    "negative added mass": (
+        coefficients("added_mass: [-1, 1, 1, 1, 1, 1]"),
+        "added_mass",
+        "indefinite",
+    ),
+    "indefinite added mass": (
+        coefficients(f"added_mass: {INDEFINITE}"),
+        "added_mass",
+        "indefinite",
+    ),
     "non-symmetric added mass": (coefficients(f"added_mass: {SKEWED}"), "added_mass", "symmetric"),
     "two ways to describe a link": (
         "links: {arm: {sphere: {radius: 0.1}, box: {size: [1, 1, 1]}}}",
         "links.arm",
         "exactly one of",
     ),
-    "zero radius": ("links: {arm: {sphere: {radius: 0}}}", "links.arm.sphere.radius: given 0;", "greater than 0"),
-    "negative mass": ("trim: [{name: a, position: [0, 0, 0], mass: -1, volume: 0}]", r"trim.0.mass: given -1;", "0"),
+    "zero radius": (
+        "links: {arm: {sphere: {radius: 0}}}",
+        "links.arm.sphere.radius: given 0;",
+        "greater than 0",
+    ),
+    "negative mass": (
+        "trim: [{name: a, position: [0, 0, 0], mass: -1, volume: 0}]",
+        r"trim.0.mass: given -1;",
+        "0",
+    ),
     "missing key": ("trim: [{name: a, position: [0, 0, 0], mass: 1}]", "trim.0.volume", "missing"),
     "thruster without direction": (
         f"thrusters: [{{{THRUSTER.replace('[1, 0, 0]', '[0, 0, 0]')}}}]",
@@ -75,13 +141,21 @@ MISTAKES = {
         "thrusters.0.minimum: given 40;",
         "0",
     ),
-    "dead zone beyond the limit": (f"thrusters: [{{{THRUSTER}, dead_zone: 50}}]", "thrusters.0", "dead_zone 50"),
+    "dead zone beyond the limit": (
+        f"thrusters: [{{{THRUSTER}, dead_zone: 50}}]",
+        "thrusters.0",
+        "dead_zone 50",
+    ),
     "falling thrust curve": (
         f"thrusters: [{{{THRUSTER}, curve: [[0, 1], [1, 0]]}}]",
         "thrusters.0.curve",
         "point 2, [1.0, 0.0], does not",
     ),
-    "two thrusters of one name": (f"thrusters: [{{{THRUSTER}}}, {{{THRUSTER}}}]", "thrusters", "unique"),
+    "two thrusters of one name": (
+        f"thrusters: [{{{THRUSTER}}}, {{{THRUSTER}}}]",
+        "thrusters",
+        "unique",
+    ),
     "speed limit 0": (
         "vehicle_limits: {velocity: [0, 1, 1, 1, 1, 1], acceleration: [1, 1, 1, 1, 1, 1]}",
         "velocity.0",
@@ -111,7 +185,9 @@ def test_several_mistakes_are_told_at_once_and_a_section_knows_its_own_keys(tmp_
     first, second, third = str(caught.value).split("; and ")
     assert "water_density: given 'heavy'" in first
     assert second == "links.hull.coefficients.volumn: unknown key; did you mean 'volume'?"
-    assert third.startswith("links.hull.coefficients.qqq: unknown key; known here: added_mass, centre_of_buoyancy, ")
+    assert third.startswith(
+        "links.hull.coefficients.qqq: unknown key; known here: added_mass, centre_of_buoyancy, "
+    )
     assert "water_density" not in third
 
 
@@ -141,11 +217,15 @@ def test_the_json_schema_says_every_unit_and_forbids_other_keys() -> None:
     schema = RobotDescription.model_json_schema()
     assert schema["additionalProperties"] is False
     assert "[kg/m3]" in schema["properties"]["water_density"]["description"]
-    assert schema["$defs"]["Thruster"]["properties"]["time_constant"]["description"].startswith("first-order lag [s]")
+    assert schema["$defs"]["Thruster"]["properties"]["time_constant"]["description"].startswith(
+        "first-order lag [s]"
+    )
 
 
 def test_a_description_survives_a_round_trip_through_yaml(tmp_path: Path) -> None:
-    description = read(tmp_path, f"thrusters: [{{{THRUSTER}}}]\nlinks: {{arm: {{sphere: {{radius: 0.1}}}}}}")
+    description = read(
+        tmp_path, f"thrusters: [{{{THRUSTER}}}]\nlinks: {{arm: {{sphere: {{radius: 0.1}}}}}}"
+    )
     text = yaml.safe_dump(description.model_dump(mode="json", exclude_none=True))
     assert read(tmp_path, text) == description
 

@@ -1,4 +1,6 @@
-"""Quadratic drag by the direction of the flow: the published numbers on the axes, and no way that is cheaper between them."""
+"""Quadratic drag by the direction of the flow: the published numbers on the axes, and no way that
+is cheaper between them.
+"""
 
 from __future__ import annotations
 
@@ -17,7 +19,12 @@ from uvms_ocp.errors import InvalidInput
 from uvms_ocp.ocp import OcpRequest, OcpStatus, solve_ocp
 from uvms_ocp.planning import PostureGoal
 from uvms_ocp.robot.coefficients import links_in_water
-from uvms_ocp.robot.description import LinkCoefficients, LinkDescription, RobotDescription, checked_copy
+from uvms_ocp.robot.description import (
+    LinkCoefficients,
+    LinkDescription,
+    RobotDescription,
+    checked_copy,
+)
 from uvms_ocp.robot.dynamics import robot_dynamics
 from uvms_ocp.robot.hydrodynamics import LinkHydrodynamics, damping_matrix, drag_wrench
 from uvms_ocp.robot.loading import load_robot
@@ -31,20 +38,28 @@ RNG = np.random.default_rng(3)
 def test_on_an_axis_it_is_that_of_the_axis(axis: int, speed: float) -> None:
     nu = speed * np.eye(6)[axis]
     assert drag_wrench(NONE, Q, nu, True) == pytest.approx(drag_wrench(NONE, Q, nu), abs=1e-6)
-    assert damping_matrix(NONE, Q, nu, True) @ nu == pytest.approx(drag_wrench(NONE, Q, nu, True), abs=1e-9)
+    assert damping_matrix(NONE, Q, nu, True) @ nu == pytest.approx(
+        drag_wrench(NONE, Q, nu, True), abs=1e-9
+    )
 
 
 def test_a_body_with_the_same_drag_on_all_axes_has_it_in_all_directions() -> None:
     for R in [pin.Quaternion(RNG.normal(size=4)).normalized().matrix() for _ in range(20)]:
         u = R @ np.array([0.8, 0.0, 0.0])
-        wrench = drag_wrench(NONE, np.diag([30.0] * 3 + [1.0] * 3), np.concatenate([u, np.zeros(3)]), True)
+        wrench = drag_wrench(
+            NONE, np.diag([30.0] * 3 + [1.0] * 3), np.concatenate([u, np.zeros(3)]), True
+        )
         assert wrench[:3] == pytest.approx(30.0 * 0.8 * u, abs=1e-6)
 
 
 def test_rotation_is_dragged_by_axes_either_way() -> None:
-    """What is published of a turn about an axis holds while the body turns about others, and however fast it swims."""
+    """What is published of a turn about an axis holds while the body turns about others, and
+    however fast it swims.
+    """
     for nu in RNG.normal(size=(20, 6)):
-        assert drag_wrench(NONE, Q, nu, True)[3:] == pytest.approx(drag_wrench(NONE, Q, nu)[3:], abs=1e-12)
+        assert drag_wrench(NONE, Q, nu, True)[3:] == pytest.approx(
+            drag_wrench(NONE, Q, nu)[3:], abs=1e-12
+        )
 
 
 def test_it_takes_power_always_and_never_less_than_by_axes() -> None:
@@ -55,7 +70,9 @@ def test_it_takes_power_always_and_never_less_than_by_axes() -> None:
 
 def test_it_has_a_slope_at_rest() -> None:
     nu = ca.SX.sym("nu", 6)
-    slope = ca.Function("slope", [nu], [ca.jacobian(drag_wrench(ca.DM(NONE), ca.DM(Q), nu, True), nu)])(0)
+    slope = ca.Function(
+        "slope", [nu], [ca.jacobian(drag_wrench(ca.DM(NONE), ca.DM(Q), nu, True), nu)]
+    )(0)
     assert np.array(slope) == pytest.approx(0.0, abs=1e-3)
 
 
@@ -70,18 +87,33 @@ def test_couplings_are_refused() -> None:
 
 
 @pytest.mark.parametrize(
-    "shape", [{"box": {"size": (0.8, 0.5, 0.3)}}, {"cylinder": {"radius": 0.1, "length": 1.0}}, {"sphere": {"radius": 0.2}}]
+    "shape",
+    [
+        {"box": {"size": (0.8, 0.5, 0.3)}},
+        {"cylinder": {"radius": 0.1, "length": 1.0}},
+        {"sphere": {"radius": 0.2}},
+    ],
 )
-def test_shapes_have_it_too_and_a_sphere_is_then_dragged_alike_in_all_directions(shape: dict[str, dict[str, Any]]) -> None:
+def test_shapes_have_it_too_and_a_sphere_is_then_dragged_alike_in_all_directions(
+    shape: dict[str, dict[str, Any]],
+) -> None:
     ((name, sizes),) = shape.items()
     by_axes, by_flow = (
-        links_in_water(RobotDescription(links={"hull": LinkDescription(**{name: sizes | extra})}))[0]
+        links_in_water(RobotDescription(links={"hull": LinkDescription(**{name: sizes | extra})}))[
+            0
+        ]
         for extra in ({}, {"drag_by": "flow"})
     )
     assert (by_axes.by_flow, by_flow.by_flow) == (False, True)
     np.testing.assert_array_equal(by_axes.quadratic_drag, by_flow.quadratic_drag)
-    ahead, askew = np.array([0.6, 0.0, 0.0, 0.0, 0.0, 0.0]), np.array([0.36, 0.48, 0.0, 0.0, 0.0, 0.0])
-    power = {nu is askew: nu @ drag_wrench(NONE, by_flow.quadratic_drag, nu, True) for nu in (ahead, askew)}
+    ahead, askew = (
+        np.array([0.6, 0.0, 0.0, 0.0, 0.0, 0.0]),
+        np.array([0.36, 0.48, 0.0, 0.0, 0.0, 0.0]),
+    )
+    power = {
+        nu is askew: nu @ drag_wrench(NONE, by_flow.quadratic_drag, nu, True)
+        for nu in (ahead, askew)
+    }
     assert name != "sphere" or power[True] == pytest.approx(power[False])
 
 
@@ -93,25 +125,40 @@ def test_across_a_long_thin_body_each_way_errs_between_other_axes() -> None:
     for link in arm:
         assert not link.by_flow
         across = link.quadratic_drag[0, 0]
-        for way, by_axes, by_flow in (([1, 0, 1], 1.0, np.sqrt(2.0)), ([1, 1, 0], np.sqrt(0.5), 1.0)):
+        for way, by_axes, by_flow in (
+            ([1, 0, 1], 1.0, np.sqrt(2.0)),
+            ([1, 1, 0], np.sqrt(0.5), 1.0),
+        ):
             nu = np.array([*way, 0, 0, 0]) * 0.4
             law = across * np.linalg.norm(nu[:2]) * nu[:2]
             assert drag_wrench(NONE, link.quadratic_drag, nu)[:2] == pytest.approx(by_axes * law)
-            assert drag_wrench(NONE, link.quadratic_drag, nu, True)[:2] == pytest.approx(by_flow * law, rel=1e-4)
+            assert drag_wrench(NONE, link.quadratic_drag, nu, True)[:2] == pytest.approx(
+                by_flow * law, rel=1e-4
+            )
 
 
 def test_a_robot_of_a_file_has_it_and_keeps_it_where_its_drag_is_varied() -> None:
     robot = robot_of(TINY["no joints"])
     (name, hull), *_ = robot.description.links.items()
     assert hull.coefficients is not None
-    flow = {name: hull.model_copy(update={"coefficients": hull.coefficients.model_copy(update={"drag_by": "flow"})})}
+    flow = {
+        name: hull.model_copy(
+            update={"coefficients": hull.coefficients.model_copy(update={"drag_by": "flow"})}
+        )
+    }
     description = checked_copy(robot.description, links=flow)
     by_flow = replace(robot, description=description, hydrodynamics=links_in_water(description))
     thicker = _scaled("water.drag", ("linear_drag", "quadratic_drag"), by_flow, 2.0)
-    q, rest, v = robot.configuration(), np.zeros(robot.n_v), np.array([0.5, 0.4, -0.3, 0.0, 0.0, 0.0])
-    plain, new, twice = (robot_dynamics(one).inverse_dynamics(q, v, rest)[:3] for one in (robot, by_flow, thicker))
+    q = robot.configuration()
+    rest = np.zeros(robot.n_v)
+    v = np.array([0.5, 0.4, -0.3, 0.0, 0.0, 0.0])
+    plain, new, twice = (
+        robot_dynamics(one).inverse_dynamics(q, v, rest)[:3] for one in (robot, by_flow, thicker)
+    )
     (link,) = robot.hydrodynamics
-    wanted = [drag_wrench(link.linear_drag, link.quadratic_drag, v, flow)[:3] for flow in (False, True)]
+    wanted = [
+        drag_wrench(link.linear_drag, link.quadratic_drag, v, flow)[:3] for flow in (False, True)
+    ]
     assert new - plain == pytest.approx(wanted[1] - wanted[0], abs=1e-6)
     assert twice - new == pytest.approx(wanted[1], abs=1e-6)
 
@@ -122,13 +169,31 @@ def test_a_plan_swims_straight_where_nothing_is_gained_askew() -> None:
     robot = load_robot("bluerov2_alpha5")
     hull = robot.description.links["base_link"]
     assert hull.coefficients is not None
-    by_axes = {"base_link": hull.model_copy(update={"coefficients": hull.coefficients.model_copy(update={"drag_by": "axes"})})}
+    by_axes = {
+        "base_link": hull.model_copy(
+            update={"coefficients": hull.coefficients.model_copy(update={"drag_by": "axes"})}
+        )
+    }
     description = checked_copy(robot.description, links=robot.description.links | by_axes)
     turns = []
-    for one in (replace(robot, description=description, hydrodynamics=links_in_water(description)), robot):
+    for one in (
+        replace(robot, description=description, hydrodynamics=links_in_water(description)),
+        robot,
+    ):
         goal = PostureGoal(position=(3.0, 0.0, -5.0))
-        plan = solve_ocp(OcpRequest(robot=one, start=one.configuration(position=(0.0, 0.0, -5.0)), goal=goal, duration=6.0)).plan
+        plan = solve_ocp(
+            OcpRequest(
+                robot=one,
+                start=one.configuration(position=(0.0, 0.0, -5.0)),
+                goal=goal,
+                duration=6.0,
+            )
+        ).plan
         assert plan.status is OcpStatus.SOLVED
-        turns.append(max(np.linalg.norm(pin.log3(pin.Quaternion(q[3:7]).matrix())) for q in plan.trajectory.q))
+        turns.append(
+            max(
+                np.linalg.norm(pin.log3(pin.Quaternion(q[3:7]).matrix())) for q in plan.trajectory.q
+            )
+        )
     assert turns[0] > 0.5
     assert turns[1] < 0.06

@@ -38,7 +38,8 @@ class MachineState:
 def states(dynamics: Dynamics) -> list[MachineState]:
     """Random states, with water that moves differently at every link."""
     pin.seed(2)
-    rng, model = np.random.default_rng(2), dynamics.symbolic.model
+    rng = np.random.default_rng(2)
+    model = dynamics.symbolic.model
     shape = (len(dynamics.symbolic.links), 3)
     return [
         MachineState(
@@ -53,7 +54,9 @@ def states(dynamics: Dynamics) -> list[MachineState]:
 
 
 def close(actual: np.ndarray, wanted: np.ndarray, relative: float) -> None:
-    """Compare vectors relative to the largest entry: small entries of a large force carry its rounding."""
+    """Compare vectors relative to the largest entry: small entries of a large force carry its
+    rounding.
+    """
     scale = max(1.0, float(np.abs(wanted).max(initial=0.0)))
     np.testing.assert_allclose(actual, wanted, rtol=0, atol=relative * scale)
 
@@ -70,7 +73,9 @@ def test_bias_forces_are_the_inverse_dynamics_without_acceleration(dynamics: Dyn
         close(dynamics.bias_force(s.q, s.v, s.water), wanted, EXACT)
 
 
-def test_mass_matrices_equal_the_slow_reference_and_are_positive_definite(dynamics: Dynamics) -> None:
+def test_mass_matrices_equal_the_slow_reference_and_are_positive_definite(
+    dynamics: Dynamics,
+) -> None:
     for s in states(dynamics):
         M = dynamics.mass_matrix(s.q)
         close(M, slow.mass_matrix(dynamics.symbolic, s.q), EXACT)
@@ -135,7 +140,9 @@ def test_power_is_balanced_in_the_frame_that_drifts_with_a_current(floating: Dyn
         assert rate == pytest.approx(put_in - lost, rel=1e-6, abs=1e-6 * (abs(put_in) + lost))
 
 
-def test_a_machine_that_drifts_with_a_uniform_current_feels_no_hydrodynamic_force(floating: Dynamics) -> None:
+def test_a_machine_that_drifts_with_a_uniform_current_feels_no_hydrodynamic_force(
+    floating: Dynamics,
+) -> None:
     u = np.array([0.3, -0.5, 0.2])
     for s in states(floating):
         v = drift(floating, s.q, u)
@@ -152,11 +159,16 @@ def test_water_that_falls_freely_with_the_machine_carries_no_weight(floating: Dy
 
 
 def test_one_water_velocity_is_the_same_as_equal_ones_at_every_link(dynamics: Dynamics) -> None:
-    s, n_links = states(dynamics)[0], len(dynamics.symbolic.links)
+    s = states(dynamics)[0]
+    n_links = len(dynamics.symbolic.links)
     u, Du_Dt = np.array([0.1, 0.2, 0.3]), np.array([-0.3, 0.1, 0.2])
     everywhere = Water(velocity=np.tile(u, (n_links, 1)), acceleration=np.tile(Du_Dt, (n_links, 1)))
     one = Water(velocity=u, acceleration=Du_Dt)
-    close(dynamics.inverse_dynamics(s.q, s.v, s.a, one), dynamics.inverse_dynamics(s.q, s.v, s.a, everywhere), EXACT)
+    close(
+        dynamics.inverse_dynamics(s.q, s.v, s.a, one),
+        dynamics.inverse_dynamics(s.q, s.v, s.a, everywhere),
+        EXACT,
+    )
 
 
 def test_link_positions_are_the_origins_of_the_coefficient_frames(dynamics: Dynamics) -> None:
@@ -167,7 +179,8 @@ def test_link_positions_are_the_origins_of_the_coefficient_frames(dynamics: Dyna
 
 
 def test_derivatives_of_inverse_dynamics_equal_finite_differences(dynamics: Dynamics) -> None:
-    model, n_links = dynamics.symbolic.model, len(dynamics.symbolic.links)
+    model = dynamics.symbolic.model
+    n_links = len(dynamics.symbolic.links)
     q, x = ca.SX.sym("q", model.nq), ca.SX.sym("x", 3 * model.nv)
     u, Du_Dt = ca.SX.sym("u", 3, n_links), ca.SX.sym("Du_Dt", 3, n_links)
     step, v, a = ca.vertsplit(x, [0, model.nv, 2 * model.nv, 3 * model.nv])
@@ -182,7 +195,9 @@ def test_derivatives_of_inverse_dynamics_equal_finite_differences(dynamics: Dyna
     h = 1e-6
     for s in states(dynamics)[:3]:
         point = np.r_[0 * s.v, s.v, s.a]
-        differences = [force(s, point + h * e) - force(s, point - h * e) for e in np.eye(3 * model.nv)]
+        differences = [
+            force(s, point + h * e) - force(s, point - h * e) for e in np.eye(3 * model.nv)
+        ]
         exact = np.asarray(derivative(s.q, point, s.u.T, s.Du_Dt.T))
         close(exact, np.transpose(differences) / (2 * h), 1e-6)
 
@@ -190,7 +205,8 @@ def test_derivatives_of_inverse_dynamics_equal_finite_differences(dynamics: Dyna
 @pytest.mark.parametrize("name", MODELS)
 def test_without_water_the_dynamics_are_pinocchio_s(name: str) -> None:
     model = MODELS[name]()
-    dry, data = Dynamics(SymbolicDynamics(model=model)), model.createData()
+    dry = Dynamics(SymbolicDynamics(model=model))
+    data = model.createData()
     for s in states(dry):
         tau = pin.rnea(model, data, s.q, s.v, s.a)
         close(dry.inverse_dynamics(s.q, s.v, s.a), tau, EXACT)
@@ -205,7 +221,8 @@ def test_without_water_the_dynamics_are_pinocchio_s(name: str) -> None:
 
 def test_density_scales_buoyancy() -> None:
     robot = load_robot("girona_maris7_full")
-    q, still = robot.configuration(), np.zeros(robot.n_v)
+    q = robot.configuration()
+    still = np.zeros(robot.n_v)
     fresh, sea = (robot_dynamics(robot, density) for density in (998.0, 1025.0))
     volume = sum(link.volume for link in fresh.symbolic.links)
     lift = fresh.bias_force(q, still)[2] - sea.bias_force(q, still)[2]

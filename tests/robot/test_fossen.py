@@ -1,8 +1,8 @@
 """A vehicle alone against Fossen's closed form in NED, of the published BlueROV2 Heavy.
 
-Coefficients: von Benzon et al., An Open-Source Benchmark Simulator: Control of a BlueROV2 Underwater Robot,
-J. Mar. Sci. Eng. 2022. The closed form is [Fossen2021] eqs. (3.53), (6.44) ff., (8.5) for three planes of
-symmetry.
+Coefficients: von Benzon et al., An Open-Source Benchmark Simulator: Control of a BlueROV2
+Underwater Robot, J. Mar. Sci. Eng. 2022. The closed form is [Fossen2021] eqs. (3.53), (6.44) ff.,
+(8.5) for three planes of symmetry.
 """
 
 from __future__ import annotations
@@ -18,7 +18,10 @@ from uvms_ocp.robot.dynamics import Dynamics
 from uvms_ocp.robot.hydrodynamics import LinkHydrodynamics, Water
 from uvms_ocp.robot.symbolic_dynamics import SymbolicDynamics
 
-MASS, VOLUME, DENSITY, GRAVITY = 13.5, 0.0134, 1000.0, 9.81
+MASS = 13.5
+VOLUME = 0.0134
+DENSITY = 1000.0
+GRAVITY = 9.81
 INERTIA = np.array([0.26, 0.23, 0.37])
 ADDED = np.array([6.36, 7.12, 18.68, 0.189, 0.135, 0.222])
 LINEAR = np.array([13.7, 0.0, 33.0, 0.0, 0.8, 0.0])
@@ -53,7 +56,9 @@ def description() -> RobotDescription:
 def hull() -> pin.Model:
     model = pin.Model()
     joint = model.addJoint(0, pin.JointModelFreeFlyer(), pin.SE3.Identity(), "float")
-    model.appendBodyToJoint(joint, pin.Inertia(MASS, np.zeros(3), np.diag(INERTIA)), pin.SE3.Identity())
+    model.appendBodyToJoint(
+        joint, pin.Inertia(MASS, np.zeros(3), np.diag(INERTIA)), pin.SE3.Identity()
+    )
     model.addFrame(pin.Frame("hull", joint, 0, pin.SE3.Identity(), pin.FrameType.BODY))
     return model
 
@@ -86,10 +91,16 @@ def added_coriolis(nu: np.ndarray) -> np.ndarray:
 
 
 def restoring(roll: float, pitch: float) -> np.ndarray:
-    W, B = MASS * GRAVITY, DENSITY * GRAVITY * VOLUME
-    sr, cr, sp, cp = np.sin(roll), np.cos(roll), np.sin(pitch), np.cos(pitch)
+    W = MASS * GRAVITY
+    B = DENSITY * GRAVITY * VOLUME
+    sr = np.sin(roll)
+    cr = np.cos(roll)
+    sp = np.sin(pitch)
+    cp = np.cos(pitch)
     heavy = W - B
-    return np.array([heavy * sp, -heavy * cp * sr, -heavy * cp * cr, -Z_B * B * cp * sr, -Z_B * B * sp, 0.0])
+    return np.array(
+        [heavy * sp, -heavy * cp * sr, -heavy * cp * cr, -Z_B * B * cp * sr, -Z_B * B * sp, 0.0]
+    )
 
 
 def fossen(rpy: np.ndarray, nu: np.ndarray, nu_dot: np.ndarray, current: np.ndarray) -> np.ndarray:
@@ -106,12 +117,15 @@ def fossen(rpy: np.ndarray, nu: np.ndarray, nu_dot: np.ndarray, current: np.ndar
 
 @pytest.mark.parametrize("state", STATES)
 def test_a_vehicle_alone_equals_the_closed_form(dynamics: Dynamics, state: np.ndarray) -> None:
-    rpy, current = np.clip(state[0, :3], -1.4, 1.4), state[1, :3]
+    rpy = np.clip(state[0, :3], -1.4, 1.4)
+    current = state[1, :3]
     nu, nu_dot = state[2], state[3]
     R_WB = FLIP @ pin.rpy.rpyToMatrix(rpy) @ FLIP
     q = pin.SE3ToXYZQUAT(pin.SE3(R_WB, state[0, 3:]))
     tau = dynamics.inverse_dynamics(q, FLIP6 @ nu, FLIP6 @ nu_dot, Water(velocity=FLIP @ current))
-    np.testing.assert_allclose(FLIP6 @ tau, fossen(rpy, nu, nu_dot, current), atol=1e-10, rtol=1e-12)
+    np.testing.assert_allclose(
+        FLIP6 @ tau, fossen(rpy, nu, nu_dot, current), atol=1e-10, rtol=1e-12
+    )
 
 
 def test_the_mass_matrix_is_the_sum_of_rigid_body_and_added_mass(dynamics: Dynamics) -> None:
@@ -123,9 +137,12 @@ def test_the_mass_matrix_is_the_sum_of_rigid_body_and_added_mass(dynamics: Dynam
 def test_the_same_terms_serve_arrays_and_expressions(dynamics: Dynamics, state: np.ndarray) -> None:
     """The numeric terms of the link, added to the rigid body by hand, equal the recursion."""
     (link,) = dynamics.symbolic.links
-    nu, a, current = state[2], state[3], state[1, :3]
+    nu = state[2]
+    a = state[3]
+    current = state[1, :3]
     R_WB = pin.rpy.rpyToMatrix(state[0, :3])
-    u_L, w_L = R_WB.T @ current, R_WB.T @ np.array([0.0, 0.0, GRAVITY])
+    u_L = R_WB.T @ current
+    w_L = R_WB.T @ np.array([0.0, 0.0, GRAVITY])
     free = a + np.r_[w_L, 0, 0, 0]
     total = rigid_wrench(nu, free) + water_wrench(link, nu, free, u_L, w_L)
     q = pin.SE3ToXYZQUAT(pin.SE3(R_WB, np.zeros(3)))
@@ -137,7 +154,9 @@ def rigid_wrench(nu: np.ndarray, a: np.ndarray) -> np.ndarray:
     return np.r_[MASS * np.ones(3), INERTIA] * a + rigid_coriolis(nu) @ nu
 
 
-def water_wrench(link: LinkHydrodynamics, nu: np.ndarray, a: np.ndarray, u_L: np.ndarray, w_L: np.ndarray) -> np.ndarray:
+def water_wrench(
+    link: LinkHydrodynamics, nu: np.ndarray, a: np.ndarray, u_L: np.ndarray, w_L: np.ndarray
+) -> np.ndarray:
     nu_r = hydrodynamics.relative_velocity(nu, u_L)
     nu_r_dot = hydrodynamics.relative_acceleration(a, nu, u_L, w_L)
     return (

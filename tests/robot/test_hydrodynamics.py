@@ -29,28 +29,44 @@ def coupled(above: float, below: float) -> np.ndarray:
     [
         ("added_mass", np.zeros(3), r"fin: added_mass has shape \(3,\); allowed: \(6, 6\)"),
         ("linear_drag", np.full(6, np.nan), "fin: linear_drag has NaN .*; allowed: finite numbers"),
-        ("centre_of_buoyancy", np.zeros(2), r"fin: centre_of_buoyancy has shape \(2,\); allowed: \(3,\)"),
+        (
+            "centre_of_buoyancy",
+            np.zeros(2),
+            r"fin: centre_of_buoyancy has shape \(2,\); allowed: \(3,\)",
+        ),
         ("added_mass", np.triu(np.ones((6, 6))), "fin: added_mass is not symmetric"),
         ("added_mass", -np.ones(6), r"fin: added_mass has the eigenvalue -1; allowed: 0 or more"),
         (
             "linear_drag",
             np.array([1, 1, -2, 0, 0, 0]),
-            r"fin: linear_drag feeds 2 W at nu = \(0, 0, 1, 0, 0, 0\) m/s, rad/s; allowed: no eigenvalue below 0",
+            (
+                r"fin: linear_drag feeds 2 W at nu = \(0, 0, 1, 0, 0, 0\) m/s, rad/s; allowed: no"
+                r" eigenvalue below 0"
+            ),
         ),
         (
             "quadratic_drag",
             np.array([0, -1, 0, 0, 0, 0]),
-            r"fin: quadratic_drag feeds 1 W at nu = \(0, 1, 0, 0, 0, 0\) m/s, rad/s; allowed: a diagonal of 0 or more",
+            (
+                r"fin: quadratic_drag feeds 1 W at nu = \(0, 1, 0, 0, 0, 0\) m/s, rad/s; allowed: a"
+                r" diagonal of 0 or more"
+            ),
         ),
         (
             "quadratic_drag",
             coupled(10.0, 10.0),
-            r"fin: quadratic_drag feeds 18 W at nu = \(1, -1, 0, 0, 0, 0\) .*; allowed: couplings at most 0\.1 times as large",
+            (
+                r"fin: quadratic_drag feeds 18 W at nu = \(1, -1, 0, 0, 0, 0\) .*; allowed:"
+                r" couplings at most 0\.1 times as large"
+            ),
         ),
         (
             "quadratic_drag",
             coupled(2.5, -2.5),
-            "fin: quadratic_drag may feed energy: its diagonal does not outweigh its couplings; allowed: couplings at most 0.4",
+            (
+                "fin: quadratic_drag may feed energy: its diagonal does not outweigh its couplings;"
+                " allowed: couplings at most 0.4"
+            ),
         ),
         ("volume", -0.1, r"fin: volume -0\.1 m3 given; allowed: 0 or more"),
         ("volume", np.inf, "fin: volume inf m3 given"),
@@ -89,15 +105,24 @@ def test_the_water_carried_along_does_no_work_by_coriolis_forces(nu: np.ndarray)
 
 def test_the_centre_of_buoyancy_is_given_in_the_link_s_frame() -> None:
     X_FL = pin.SE3(pin.exp3(np.array([0.1, 0.2, 0.3])), np.array([1.0, 2.0, 3.0]))
-    link = LinkHydrodynamics(frame="fin", X_FL=X_FL, volume=1.0, centre_of_buoyancy=np.array([1.0, 2.0, 3.5]))
+    link = LinkHydrodynamics(
+        frame="fin", X_FL=X_FL, volume=1.0, centre_of_buoyancy=np.array([1.0, 2.0, 3.5])
+    )
     np.testing.assert_allclose(X_FL.rotation @ link.p_LB, [0.0, 0.0, 0.5], atol=1e-15)
 
 
 def random_couplings(seed: int, *, adverse: bool) -> tuple[np.ndarray, np.ndarray]:
-    """A diagonal (6, 6) in units of any size, and couplings (6, 6); adverse ones can all act against it at once."""
+    """A diagonal (6, 6) in units of any size, and couplings (6, 6); adverse ones can all act
+    against it at once.
+    """
     rng = np.random.default_rng(seed)
-    units, signs = 10 ** rng.uniform(-1, 1, 6), rng.choice([-1.0, 1.0], 6)
-    Q = rng.normal(size=(6, 6)) * (rng.random((6, 6)) < rng.choice([0.1, 0.3, 1.0])) * (1 - np.eye(6))
+    units = 10 ** rng.uniform(-1, 1, 6)
+    signs = rng.choice([-1.0, 1.0], 6)
+    Q = (
+        rng.normal(size=(6, 6))
+        * (rng.random((6, 6)) < rng.choice([0.1, 0.3, 1.0]))
+        * (1 - np.eye(6))
+    )
     Q[4, 1] = 1.0
     Q = -np.abs(Q) * np.outer(signs, signs) if adverse else Q
     scale = np.outer(units, units**2)
@@ -115,9 +140,13 @@ def power(link: LinkHydrodynamics, nu: np.ndarray) -> float:
 
 @pytest.mark.parametrize("adverse", [False, True])
 @pytest.mark.parametrize("seed", range(12))
-def test_drag_that_is_accepted_feeds_no_velocity_that_a_search_finds(seed: int, adverse: bool) -> None:
+def test_drag_that_is_accepted_feeds_no_velocity_that_a_search_finds(
+    seed: int, adverse: bool
+) -> None:
     diagonal, couplings = random_couplings(seed, adverse=adverse)
-    link = LinkHydrodynamics(frame="fin", quadratic_drag=diagonal + 0.999 * largest(diagonal, couplings) * couplings)
+    link = LinkHydrodynamics(
+        frame="fin", quadratic_drag=diagonal + 0.999 * largest(diagonal, couplings) * couplings
+    )
     root = np.cbrt(np.diag(diagonal))
 
     def normed(x: np.ndarray) -> float:
@@ -125,16 +154,21 @@ def test_drag_that_is_accepted_feeds_no_velocity_that_a_search_finds(seed: int, 
 
     starts = np.random.default_rng(seed).normal(size=(3000, 6)) ** 3
     starts = sorted((x / np.linalg.norm(x) for x in starts), key=normed)[:4]
-    least = min(minimize(normed, x, method="Nelder-Mead", options={"maxfev": 800}).fun for x in starts)
+    least = min(
+        minimize(normed, x, method="Nelder-Mead", options={"maxfev": 800}).fun for x in starts
+    )
     assert least > 0.0
 
 
 @pytest.mark.parametrize("seed", range(12))
-def test_couplings_that_all_act_against_the_diagonal_are_refused_from_where_they_feed_a_velocity(seed: int) -> None:
+def test_couplings_that_all_act_against_the_diagonal_are_refused_from_where_they_feed_a_velocity(
+    seed: int,
+) -> None:
     diagonal, couplings = random_couplings(seed, adverse=True)
     couplings *= largest(diagonal, couplings)
     LinkHydrodynamics(frame="fin", quadratic_drag=diagonal + 0.999 * couplings)
-    linear, quadratic = np.eye(6), diagonal + 1.05 * couplings
+    linear = np.eye(6)
+    quadratic = diagonal + 1.05 * couplings
     with pytest.raises(InvalidInput, match=r"quadratic_drag feeds .* times as large") as error:
         LinkHydrodynamics(frame="fin", linear_drag=linear, quadratic_drag=quadratic)
     assert "\n" not in str(error.value)
@@ -165,7 +199,9 @@ def test_an_axis_without_drag_of_its_own_bears_no_couplings() -> None:
 
 @pytest.mark.parametrize("largest", [1.0, 1e3, 1e9, 1e30])
 @pytest.mark.parametrize("name", ["linear_drag", "quadratic_drag"])
-def test_a_small_axis_may_feed_nothing_however_large_the_others_are(name: str, largest: float) -> None:
+def test_a_small_axis_may_feed_nothing_however_large_the_others_are(
+    name: str, largest: float
+) -> None:
     for least in (0.9, 1e-9, 1e-30):
         LinkHydrodynamics(frame="fin", **{name: np.array([largest, least, 0, 0, 0, 0])})
         with pytest.raises(InvalidInput, match=f"{name} feeds {least:.3g} W at nu = \\(0, 1, 0"):
@@ -175,7 +211,8 @@ def test_a_small_axis_may_feed_nothing_however_large_the_others_are(name: str, l
 @pytest.mark.parametrize("seed", range(8))
 def test_linear_couplings_are_judged_in_the_units_of_their_axes(seed: int) -> None:
     rng = np.random.default_rng(seed)
-    units, root = 10 ** rng.uniform(-8, 8, 6), rng.normal(size=(6, 4))
+    units = 10 ** rng.uniform(-8, 8, 6)
+    root = rng.normal(size=(6, 4))
     definite = root @ root.T  # of rank 4: on the edge of what is allowed
     LinkHydrodynamics(frame="fin", linear_drag=units[:, None] * definite * units)
     indefinite = definite - 1e-6 * np.diag(np.diag(definite))
@@ -184,8 +221,12 @@ def test_linear_couplings_are_judged_in_the_units_of_their_axes(seed: int) -> No
     assert "\n" not in str(error.value)
 
 
-@pytest.mark.parametrize(("own", "coupling"), [(0.0, 1e-9), (1e-320, 1.0), (1e-12, 1e-5), (0.0, 1e30)])
-def test_an_axis_with_hardly_any_linear_drag_bears_hardly_any_couplings(own: float, coupling: float) -> None:
+@pytest.mark.parametrize(
+    ("own", "coupling"), [(0.0, 1e-9), (1e-320, 1.0), (1e-12, 1e-5), (0.0, 1e30)]
+)
+def test_an_axis_with_hardly_any_linear_drag_bears_hardly_any_couplings(
+    own: float, coupling: float
+) -> None:
     for i, j in ((0, 1), (4, 2)):
         D = np.eye(6)
         D[i, i], D[i, j] = own, coupling

@@ -13,12 +13,17 @@ from uvms_ocp.robot.loading import list_robots, load_robot
 from uvms_ocp.robot.robot import Robot
 from uvms_ocp.robot.symbolic_model import SymbolicModel
 
-POSITION, RPY = (1.0, -2.0, -3.0), (0.2, -0.4, 1.3)
+POSITION = (1.0, -2.0, -3.0)
+RPY = (0.2, -0.4, 1.3)
 
 
 def posed(name: str) -> Kinematics:
     robot = load_robot(name)
-    q = robot.configuration(position=POSITION, rpy=RPY) if robot.n_vehicle else robot.configuration()
+    q = (
+        robot.configuration(position=POSITION, rpy=RPY)
+        if robot.n_vehicle
+        else robot.configuration()
+    )
     return Kinematics(robot, q)
 
 
@@ -38,7 +43,9 @@ def test_poses_and_jacobians_agree_with_the_symbolic_ones_at_every_frame(name: s
     q = ca.SX.sym("q", kinematics.robot.model.nq)
     symbolic = SymbolicModel(kinematics.robot.model).forward_kinematics(q)
     for frame in kinematics.robot.frame_names:
-        R, p, J = ca.Function("frame", [q], [*symbolic.pose(frame), ca.densify(symbolic.jacobian(frame))])(kinematics.q)
+        R, p, J = ca.Function(
+            "frame", [q], [*symbolic.pose(frame), ca.densify(symbolic.jacobian(frame))]
+        )(kinematics.q)
         X_WF = kinematics.pose(frame)
         np.testing.assert_allclose(R, X_WF.rotation, atol=1e-12)
         np.testing.assert_allclose(np.asarray(p).ravel(), X_WF.translation, atol=1e-12)
@@ -48,14 +55,19 @@ def test_poses_and_jacobians_agree_with_the_symbolic_ones_at_every_frame(name: s
 def test_a_jacobian_maps_velocities_to_the_motion_of_its_frame(uvms: Kinematics) -> None:
     h = 1e-6
     for column, step in zip(uvms.jacobian("tool").T, h * np.eye(uvms.robot.n_v), strict=True):
-        ahead, behind = moved(uvms, step, "tool"), moved(uvms, -step, "tool")
+        ahead = moved(uvms, step, "tool")
+        behind = moved(uvms, -step, "tool")
         linear = (ahead.translation - behind.translation) / (2 * h)
         angular = pin.log3(ahead.rotation @ behind.rotation.T) / (2 * h)
         np.testing.assert_allclose(column, np.concatenate([linear, angular]), atol=1e-8)
 
 
-def test_a_jacobian_expressed_in_the_vehicle_is_a_unit_matrix_at_the_vehicle(uvms: Kinematics) -> None:
-    np.testing.assert_allclose(uvms.jacobian("base_link", expressed_in="B"), np.eye(6, uvms.robot.n_v), atol=1e-14)
+def test_a_jacobian_expressed_in_the_vehicle_is_a_unit_matrix_at_the_vehicle(
+    uvms: Kinematics,
+) -> None:
+    np.testing.assert_allclose(
+        uvms.jacobian("base_link", expressed_in="B"), np.eye(6, uvms.robot.n_v), atol=1e-14
+    )
 
 
 def test_a_jacobian_can_be_expressed_in_the_axes_of_any_frame(uvms: Kinematics) -> None:
@@ -68,7 +80,9 @@ def test_a_jacobian_can_be_expressed_in_the_axes_of_any_frame(uvms: Kinematics) 
 def test_a_fixed_base_has_the_axes_of_the_world() -> None:
     planar = posed("planar5")
     frame = planar.robot.frame_names[-1]
-    np.testing.assert_allclose(planar.jacobian(frame, expressed_in="B"), planar.jacobian(frame), atol=1e-14)
+    np.testing.assert_allclose(
+        planar.jacobian(frame, expressed_in="B"), planar.jacobian(frame), atol=1e-14
+    )
 
 
 def test_a_changed_pose_does_not_change_the_kinematics(uvms: Kinematics) -> None:
@@ -90,14 +104,17 @@ def test_unknown_frames_are_refused(uvms: Kinematics) -> None:
 
 @pytest.mark.parametrize("name", ["girona_maris7_full", "bluerov2_alpha5"])
 def test_the_beam_of_the_altimeter_looks_along_minus_z_of_its_frame(name: str) -> None:
-    robot, rng = load_robot(name), np.random.default_rng(5)
+    robot = load_robot(name)
+    rng = np.random.default_rng(5)
     beam = AltimeterBeam(robot, "altimeter")
     for _ in range(20):
         q = robot.configuration(position=rng.uniform(-5, 5, 3), rpy=rng.uniform(-0.5, 0.5, 3))
         found = beam.at(q)
         pose = Kinematics(robot, q).pose("altimeter")
         np.testing.assert_allclose(found.origin, pose.translation, atol=1e-12)
-        np.testing.assert_allclose(found.direction, pose.act(np.array([0, 0, -1.0])) - pose.translation, atol=1e-12)
+        np.testing.assert_allclose(
+            found.direction, pose.act(np.array([0, 0, -1.0])) - pose.translation, atol=1e-12
+        )
         assert found.cosine == pytest.approx(-found.direction[2])
 
 

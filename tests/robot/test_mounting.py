@@ -9,7 +9,13 @@ import pinocchio as pin
 import pytest
 
 from uvms_ocp.errors import FrameNotFound, InvalidInput
-from uvms_ocp.robot.assembly import cylinders_around_links, mount, trimmed, without_arm, without_trim
+from uvms_ocp.robot.assembly import (
+    cylinders_around_links,
+    mount,
+    trimmed,
+    without_arm,
+    without_trim,
+)
 from uvms_ocp.robot.description import LinkDescription, Sphere
 from uvms_ocp.robot.dynamics import robot_dynamics
 from uvms_ocp.robot.loading import example_robot_data, list_robots, load_robot
@@ -33,7 +39,9 @@ def bare(vehicle: str) -> Robot:
 
 @cache
 def arm_of(name: str) -> Robot:
-    return load_robot(urdf=example_robot_data() / "robots" / ARMS[name][0], base="fixed", mimic="free")
+    return load_robot(
+        urdf=example_robot_data() / "robots" / ARMS[name][0], base="fixed", mimic="free"
+    )
 
 
 @cache
@@ -53,30 +61,45 @@ def total_mass(robot: Robot) -> float:
 
 @pytest.mark.parametrize(("vehicle", "arm"), PAIRS)
 def test_a_mounted_arm_moves_as_it_did_alone(vehicle: str, arm: str) -> None:
-    robot, alone = mounted(vehicle, arm), arm_of(arm)
+    robot = mounted(vehicle, arm)
+    alone = arm_of(arm)
     joints = alone.configuration()
-    q = np.concatenate([robot.configuration(position=(1.0, 2.0, 3.0), rpy=(0.3, 0.2, 0.1))[:7], joints])
+    q = np.concatenate(
+        [robot.configuration(position=(1.0, 2.0, 3.0), rpy=(0.3, 0.2, 0.1))[:7], joints]
+    )
     X_WE = pose(robot, q, "base_link") * X_BA * pose(alone, joints, ARMS[arm][1])
     assert pose(robot, q, "tool").isApprox(X_WE, 1e-10)
 
 
 @pytest.mark.parametrize(("vehicle", "arm"), PAIRS)
 def test_mounting_loses_no_mass_no_shape_and_no_limit(vehicle: str, arm: str) -> None:
-    robot, alone, hull = mounted(vehicle, arm), arm_of(arm), bare(vehicle)
+    robot = mounted(vehicle, arm)
+    alone = arm_of(arm)
+    hull = bare(vehicle)
     assert total_mass(robot) == pytest.approx(total_mass(alone) + total_mass(hull))
     assert robot.visual_model.ngeoms == alone.visual_model.ngeoms + hull.visual_model.ngeoms
-    assert robot.collision_model.ngeoms == alone.collision_model.ngeoms + hull.collision_model.ngeoms
+    assert (
+        robot.collision_model.ngeoms == alone.collision_model.ngeoms + hull.collision_model.ngeoms
+    )
     assert np.array_equal(robot.limits.position_upper, alone.limits.position_upper)
     assert np.array_equal(robot.limits.velocity, [*hull.limits.velocity, *alone.limits.velocity])
     assert robot.joint_names == tuple(f"{alone.name}_{name}" for name in alone.joint_names)
 
 
 @pytest.mark.parametrize(("vehicle", "arm"), PAIRS)
-def test_an_arm_without_water_data_gets_the_cylinder_rule_on_every_link(vehicle: str, arm: str) -> None:
-    robot, alone, hull = mounted(vehicle, arm), arm_of(arm), bare(vehicle)
-    volume = sum(link.volume for link in robot.hydrodynamics) - sum(link.volume for link in hull.hydrodynamics)
+def test_an_arm_without_water_data_gets_the_cylinder_rule_on_every_link(
+    vehicle: str, arm: str
+) -> None:
+    robot = mounted(vehicle, arm)
+    alone = arm_of(arm)
+    hull = bare(vehicle)
+    volume = sum(link.volume for link in robot.hydrodynamics) - sum(
+        link.volume for link in hull.hydrodynamics
+    )
     assert 0.2e-3 < volume / total_mass(alone) < 3e-3
-    wet = {robot.model.frames[robot.frame_id(link.frame)].parentJoint for link in robot.hydrodynamics}
+    wet = {
+        robot.model.frames[robot.frame_id(link.frame)].parentJoint for link in robot.hydrodynamics
+    }
     assert len(wet) >= len(alone.joints)
 
 
@@ -96,7 +119,8 @@ def test_a_mounted_robot_can_be_trimmed(vehicle: str, arm: str) -> None:
 
 @pytest.mark.parametrize("vehicle", VEHICLES)
 def test_a_vehicle_without_its_arm_keeps_hull_thrusters_and_water(vehicle: str) -> None:
-    robot, alone = load_robot(vehicle), without_arm(load_robot(vehicle))
+    robot = load_robot(vehicle)
+    alone = without_arm(load_robot(vehicle))
     assert (alone.n_q, alone.n_v, alone.n_joints) == (7, 6, 0)
     assert alone.model.inertias[1].isApprox(robot.model.inertias[1])
     assert np.array_equal(thruster_matrix(alone), thruster_matrix(robot))
@@ -127,16 +151,21 @@ def test_a_cylinder_around_a_link_lies_along_its_longest_side() -> None:
     across = cylinders_around_links(load_robot("planar5"))["link1"].cylinder
     assert across is not None
     assert across.length == pytest.approx(0.4)
-    assert pin.rpy.rpyToMatrix(np.array(across.pose.rpy))[:, 2] == pytest.approx([1.0, 0.0, 0.0], abs=1e-12)
+    assert pin.rpy.rpyToMatrix(np.array(across.pose.rpy))[:, 2] == pytest.approx(
+        [1.0, 0.0, 0.0], abs=1e-12
+    )
 
 
 def test_parts_that_do_not_fit_are_refused() -> None:
-    hull, arm = bare("girona_maris7"), arm_of("ur5")
+    hull = bare("girona_maris7")
+    arm = arm_of("ur5")
     with pytest.raises(InvalidInput, match="fixed base; load it with base='free_flyer'"):
         mount(arm, arm, X_BA)
     with pytest.raises(InvalidInput, match="free-flying base; load it with base='fixed'"):
         mount(hull, hull, X_BA)
-    with pytest.raises(InvalidInput, match="vehicle and arm both have base_link; give another prefix"):
+    with pytest.raises(
+        InvalidInput, match="vehicle and arm both have base_link; give another prefix"
+    ):
         mount(hull, arm, X_BA, prefix="")
     with pytest.raises(FrameNotFound, match="unknown frame 'tool9'"):
         mount(hull, arm, X_BA, flange="tool9")
@@ -147,8 +176,19 @@ def test_parts_that_do_not_fit_are_refused() -> None:
 
 
 def test_the_original_parts_do_not_change() -> None:
-    hull, arm = bare("girona_maris7"), arm_of("ur5")
-    before = (hull.n_v, hull.frame_names, arm.frame_names, arm.collision_model.geometryObjects[0].name)
+    hull = bare("girona_maris7")
+    arm = arm_of("ur5")
+    before = (
+        hull.n_v,
+        hull.frame_names,
+        arm.frame_names,
+        arm.collision_model.geometryObjects[0].name,
+    )
     mount(hull, arm, X_BA, flange="tool0")
-    assert before == (hull.n_v, hull.frame_names, arm.frame_names, arm.collision_model.geometryObjects[0].name)
+    assert before == (
+        hull.n_v,
+        hull.frame_names,
+        arm.frame_names,
+        arm.collision_model.geometryObjects[0].name,
+    )
     assert "girona_maris7" in list_robots()

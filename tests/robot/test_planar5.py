@@ -1,4 +1,6 @@
-"""The planar system of [Gao2022] eqs. (11)-(15): the Lagrangian of eq. (13), differentiated by CasADi."""
+"""The planar system of [Gao2022] eqs. (11)-(15): the Lagrangian of eq. (13), differentiated by
+CasADi.
+"""
 
 from __future__ import annotations
 
@@ -33,20 +35,32 @@ def lagrangian(robot: Robot, q: ca.SX, q_dot: ca.SX) -> ca.SX:
     (m0, c0, J0), (m1, c1, J1), (m2, c2, J2) = map(_body, list(robot.model.inertias)[3:])
     L0, L1 = (robot.model.jointPlacements[i].translation[0] for i in (4, 5))
     f1 = (m0 + m1 + m2) / 2
-    f2, f3, f4 = (_rotation(J0, m0, c0, m1 + m2, L0), _rotation(J1, m1, c1, m2, L1), _rotation(J2, m2, c2, 0, 0))
-    f5, f6, f7 = m0 * c0 + (m1 + m2) * L0, m1 * c1 + m2 * L1, m2 * c2
-    f8, f9, f10 = L0 * f6, L0 * f7, L1 * f7
+    f2 = _rotation(J0, m0, c0, m1 + m2, L0)
+    f3 = _rotation(J1, m1, c1, m2, L1)
+    f4 = _rotation(J2, m2, c2, 0, 0)
+    f5 = m0 * c0 + (m1 + m2) * L0
+    f6 = m1 * c1 + m2 * L1
+    f7 = m2 * c2
+    f8 = L0 * f6
+    f9 = L0 * f7
+    f10 = L1 * f7
     _, _, alpha, theta1, theta2 = ca.vertsplit(q)
     x_dot, y_dot, w0, theta1_dot, theta2_dot = ca.vertsplit(q_dot)
-    a1, a2 = alpha + theta1, alpha + theta1 + theta2
-    w1, w2 = w0 + theta1_dot, w0 + theta1_dot + theta2_dot
+    a1 = alpha + theta1
+    a2 = alpha + theta1 + theta2
+    w1 = w0 + theta1_dot
+    w2 = w0 + theta1_dot + theta2_dot
 
     def along(angle: ca.SX) -> ca.SX:
         return x_dot * ca.cos(angle) - y_dot * ca.sin(angle)
 
     translation = f1 * (x_dot**2 + y_dot**2) + f2 * w0**2 + f3 * w1**2 + f4 * w2**2
     coupling = f5 * w0 * along(alpha) + f6 * w1 * along(a1) + f7 * w2 * along(a2)
-    arm = f8 * w0 * w1 * ca.cos(theta1) + f9 * w0 * w2 * ca.cos(theta1 + theta2) + f10 * w1 * w2 * ca.cos(theta2)
+    arm = (
+        f8 * w0 * w1 * ca.cos(theta1)
+        + f9 * w0 * w2 * ca.cos(theta1 + theta2)
+        + f10 * w1 * w2 * ca.cos(theta2)
+    )
     return translation + coupling + arm
 
 
@@ -60,7 +74,9 @@ def _rotation(J: float, mass: float, centre: float, carried: float, length: floa
 
 @pytest.fixture(scope="module")
 def euler_lagrange(robot: Robot) -> ca.Function:
-    """Function ``q, q_dot -> D(q), H(q, q_dot) q_dot`` of [Gao2022] eqs. (14)-(15), in the paper's angles."""
+    """Function ``q, q_dot -> D(q), H(q, q_dot) q_dot`` of [Gao2022] eqs. (14)-(15), in the paper's
+    angles.
+    """
     q, q_dot = ca.SX.sym("q", 5), ca.SX.sym("q_dot", 5)
     L = lagrangian(robot, q, q_dot)
     momentum = ca.gradient(L, q_dot)
@@ -79,7 +95,8 @@ def test_mass_matrix_and_coriolis_force_equal_the_paper_s_lagrangian(
     friction = robot.model.damping
     for q_paper, v_paper in states(robot):
         D, h = euler_lagrange(q_paper, v_paper)
-        q, v = SIGNS * q_paper + OFFSET, SIGNS * v_paper
+        q = SIGNS * q_paper + OFFSET
+        v = SIGNS * v_paper
         M = SIGNS[:, None] * np.asarray(D) * SIGNS
         np.testing.assert_allclose(dynamics.mass_matrix(q), M, atol=1e-10)
         wanted = SIGNS * np.asarray(h).ravel() + friction * v

@@ -1,4 +1,6 @@
-"""A robot whose files are as they were is read once: the same robot, with the same warnings, and anew where one has changed."""
+"""A robot whose files are as they were is read once: the same robot, with the same warnings, and
+anew where one has changed.
+"""
 
 from __future__ import annotations
 
@@ -30,11 +32,16 @@ endsolid
 """
 
 
-def _written(folder: Path, *, mass: float = 10.0, size: float | None = 1.0, drag: float = 5.0) -> None:
-    """A robot of one link with a picture; size [m]: of the picture, which is missing without one."""
+def _written(
+    folder: Path, *, mass: float = 10.0, size: float | None = 1.0, drag: float = 5.0
+) -> None:
+    """A robot of one link with a picture; size [m]: of the picture, which is missing without
+    one.
+    """
     (folder / "robot.urdf").write_text(URDF.format(mass=mass))
     (folder / "hydrodynamics.yaml").write_text(
-        f"tool: base_link\nlinks: {{base_link: {{coefficients: {{linear_drag: [{drag}, 5, 5, 1, 1, 1]}}}}}}\n"
+        f"tool: base_link\nlinks: {{base_link: {{coefficients: {{linear_drag: [{drag}, 5, 5, 1, 1,"
+        " 1]}}}\n"
     )
     if size is not None:
         (folder / "hull.stl").write_text(STL.format(size=size))
@@ -47,8 +54,11 @@ def _loaded(folder: Path) -> Robot:
 @pytest.fixture
 def reads(monkeypatch: pytest.MonkeyPatch) -> list[int]:
     """One entry for each time that a URDF is read."""
-    found, read = list[int](), loading.models_and_notes
-    monkeypatch.setattr(loading, "models_and_notes", lambda *given, **how: found.append(1) or read(*given, **how))
+    found = list[int]()
+    read = loading.models_and_notes
+    monkeypatch.setattr(
+        loading, "models_and_notes", lambda *given, **how: found.append(1) or read(*given, **how)
+    )
     return found
 
 
@@ -56,7 +66,8 @@ def test_unchanged_files_are_read_once_with_the_same_warnings(
     tmp_path: Path, reads: list[int], caplog: pytest.LogCaptureFixture
 ) -> None:
     _written(tmp_path)
-    said, robots = [], []
+    said = []
+    robots = []
     for _ in range(2):
         caplog.clear()
         with caplog.at_level(logging.WARNING):
@@ -67,8 +78,12 @@ def test_unchanged_files_are_read_once_with_the_same_warnings(
     assert len(reads) == 1
 
 
-@pytest.mark.parametrize("change", [{"mass": 11.0}, {"size": 2.0}, {"drag": 6.0}], ids=["URDF", "mesh", "description"])
-def test_a_changed_file_is_read_anew(tmp_path: Path, change: dict[str, float], reads: list[int]) -> None:
+@pytest.mark.parametrize(
+    "change", [{"mass": 11.0}, {"size": 2.0}, {"drag": 6.0}], ids=["URDF", "mesh", "description"]
+)
+def test_a_changed_file_is_read_anew(
+    tmp_path: Path, change: dict[str, float], reads: list[int]
+) -> None:
     _written(tmp_path)
     before = _loaded(tmp_path)
     _written(tmp_path, **change)
@@ -78,8 +93,13 @@ def test_a_changed_file_is_read_anew(tmp_path: Path, change: dict[str, float], r
 
 def test_another_way_of_loading_is_another_robot(tmp_path: Path) -> None:
     _written(tmp_path)
-    urdf, yaml = tmp_path / "robot.urdf", tmp_path / "hydrodynamics.yaml"
-    robots = {_loaded(tmp_path), uo.load_robot(urdf=urdf, hydrodynamics=yaml, base="fixed"), uo.load_robot(urdf=urdf)}
+    urdf = tmp_path / "robot.urdf"
+    yaml = tmp_path / "hydrodynamics.yaml"
+    robots = {
+        _loaded(tmp_path),
+        uo.load_robot(urdf=urdf, hydrodynamics=yaml, base="fixed"),
+        uo.load_robot(urdf=urdf),
+    }
     assert len(robots) == 3
 
 
@@ -87,15 +107,20 @@ def test_a_mesh_that_was_missing_is_seen_once_it_is_there(tmp_path: Path) -> Non
     _written(tmp_path, size=None)
     before = _loaded(tmp_path)
     _written(tmp_path)
-    assert len(_loaded(tmp_path).visual_model.geometryObjects) > len(before.visual_model.geometryObjects)
+    assert len(_loaded(tmp_path).visual_model.geometryObjects) > len(
+        before.visual_model.geometryObjects
+    )
 
 
 def test_a_file_of_the_same_size_that_was_given_its_old_time_is_read_anew(tmp_path: Path) -> None:
     _written(tmp_path)
     urdf = tmp_path / "robot.urdf"
-    before, stamp = _loaded(tmp_path), urdf.stat()
+    before = _loaded(tmp_path)
+    stamp = urdf.stat()
     urdf.write_text(URDF.format(mass=11.0))
-    os.utime(urdf, ns=(stamp.st_atime_ns, stamp.st_mtime_ns))  # as `cp -p` and `rsync -t --inplace` do
+    os.utime(
+        urdf, ns=(stamp.st_atime_ns, stamp.st_mtime_ns)
+    )  # as `cp -p` and `rsync -t --inplace` do
     assert urdf.stat().st_size == stamp.st_size
     assert _loaded(tmp_path).model.inertias[1].mass == before.model.inertias[1].mass + 1.0
 
@@ -110,10 +135,13 @@ def _moved(robot: Robot) -> None:
 
 
 @pytest.mark.parametrize("change", [_heavier, _moved])
-def test_a_robot_that_its_user_has_changed_is_not_the_next_ones(change: Callable[[Robot], None], tmp_path: Path) -> None:
+def test_a_robot_that_its_user_has_changed_is_not_the_next_ones(
+    change: Callable[[Robot], None], tmp_path: Path
+) -> None:
     _written(tmp_path)
     kept = _loaded(tmp_path)
-    model, shapes = kept.model.copy(), kept.visual_model.clone()
+    model = kept.model.copy()
+    shapes = kept.visual_model.clone()
     change(kept)
     other = _loaded(tmp_path)
     assert other is not kept
@@ -121,7 +149,9 @@ def test_a_robot_that_its_user_has_changed_is_not_the_next_ones(change: Callable
     assert other.visual_model == shapes
 
 
-def test_packages_are_those_of_the_working_directory(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_packages_are_those_of_the_working_directory(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     _written(tmp_path)
     text = (tmp_path / "robot.urdf").read_text().replace("hull.stl", "package://own/hull.stl")
     (tmp_path / "robot.urdf").write_text(text)
@@ -142,4 +172,8 @@ def test_results_of_a_robot_that_is_given_again_depend_on_its_files(tmp_path: Pa
         robot = uo.load_robot(tmp_path)
     with record_files_read() as second:
         assert uo.load_robot(tmp_path) is robot
-    assert {path.name for path in first} == {path.name for path in second} == {"robot.urdf", "hydrodynamics.yaml", "hull.stl"}
+    assert (
+        {path.name for path in first}
+        == {path.name for path in second}
+        == {"robot.urdf", "hydrodynamics.yaml", "hull.stl"}
+    )

@@ -1,4 +1,6 @@
-"""How a URDF is read is part of the robot: the same in its YAML and by option, and a joint that is locked moves nowhere."""
+"""How a URDF is read is part of the robot: the same in its YAML and by option, and a joint that is
+locked moves nowhere.
+"""
 
 from __future__ import annotations
 
@@ -30,8 +32,11 @@ def as_said(folder: Path, loading: str) -> object:
         ("meshes: no", {"meshes": False}),
     ],
 )
-def test_the_file_and_the_option_say_the_same(loading: str, options: dict[str, object], tmp_path: Path) -> None:
-    said, given = as_said(tmp_path, loading), load_robot(urdf=URDF, **options)
+def test_the_file_and_the_option_say_the_same(
+    loading: str, options: dict[str, object], tmp_path: Path
+) -> None:
+    said = as_said(tmp_path, loading)
+    given = load_robot(urdf=URDF, **options)
     assert said.joint_names == given.joint_names
     assert said.frame_names == given.frame_names
     for one, other in zip(said.model.inertias, given.model.inertias, strict=True):
@@ -41,7 +46,8 @@ def test_the_file_and_the_option_say_the_same(loading: str, options: dict[str, o
 
 def test_a_locked_joint_leaves_the_robot_as_it_is_there() -> None:
     whole = load_robot(urdf=URDF)
-    name, at = whole.joint_names[1], 0.4
+    name = whole.joint_names[1]
+    at = 0.4
     locked = load_robot(urdf=URDF, lock={name: at})
     assert locked.joint_names == tuple(joint for joint in whole.joint_names if joint != name)
     q = whole.configuration(joints={name: at})
@@ -51,7 +57,9 @@ def test_a_locked_joint_leaves_the_robot_as_it_is_there() -> None:
     M_locked = pin.crba(locked.model, locked.model.createData(), np.array(q_locked))
     assert_allclose(np.triu(M_locked), np.triu(M)[np.ix_(moving, moving)], atol=1e-9)
     for frame in ("tool", "base_link"):
-        here, there = (Kinematics(r, np.array(c)).pose(frame) for r, c in ((whole, q), (locked, q_locked)))
+        here, there = (
+            Kinematics(r, np.array(c)).pose(frame) for r, c in ((whole, q), (locked, q_locked))
+        )
         assert_allclose(here.homogeneous, there.homogeneous, atol=1e-12)
 
 
@@ -75,35 +83,49 @@ def test_a_joint_that_follows_stays_where_its_leader_puts_it(tmp_path: Path) -> 
 
 
 @pytest.mark.parametrize(
-    ("leading", "home", "leader"), [("'-1' upper='1'", "", 0.0), ("'0.2' upper='1'", "", 0.6), ("'-1' upper='1'", "0.3", 0.3)]
+    ("leading", "home", "leader"),
+    [("'-1' upper='1'", "", 0.0), ("'0.2' upper='1'", "", 0.6), ("'-1' upper='1'", "0.3", 0.3)],
 )
 def test_a_joint_that_follows_is_where_the_home_of_its_leader_puts_it(
     leading: str, home: str, leader: float, tmp_path: Path
 ) -> None:
     third = (
-        "<link name='c'/><joint name='third' type='prismatic'><parent link='hull'/><child link='c'/><axis xyz='1 0 0'/>"
-        "<limit lower='-9' upper='9' velocity='1' effort='1'/><mimic joint='follow' multiplier='3'/></joint></robot>"
+        "<link name='c'/><joint name='third' type='prismatic'><parent link='hull'/><child"
+        " link='c'/><axis xyz='1 0 0'/><limit lower='-9' upper='9' velocity='1' effort='1'/><mimic"
+        " joint='follow' multiplier='3'/></joint></robot>"
     )
     text = FOLLOWING.replace("'-1' upper='1'", leading).replace("</robot>", third)
     (tmp_path / "robot.urdf").write_text(text, encoding="utf-8")
-    (tmp_path / "water.yaml").write_text(f"joints: {{lead: {{{f'home: {home}' if home else ''}}}}}\n", encoding="utf-8")
-    robot = load_robot(urdf=tmp_path / "robot.urdf", hydrodynamics=tmp_path / "water.yaml", mimic="fixed")
+    (tmp_path / "water.yaml").write_text(
+        f"joints: {{lead: {{{f'home: {home}' if home else ''}}}}}\n", encoding="utf-8"
+    )
+    robot = load_robot(
+        urdf=tmp_path / "robot.urdf", hydrodynamics=tmp_path / "water.yaml", mimic="fixed"
+    )
     here = Kinematics(robot, robot.configuration())
     for name, x in (("a", leader), ("b", -2 * leader + 0.5), ("c", -6 * leader + 1.5)):
         assert_allclose(here.pose(name).translation, [x, 0.0, 0.0], atol=1e-14)
 
 
 @pytest.mark.parametrize("leader", ["nobody", "follow"])
-def test_a_joint_that_follows_none_is_at_its_offset(leader: str, tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
+def test_a_joint_that_follows_none_is_at_its_offset(
+    leader: str, tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
     path = tmp_path / "mine.urdf"
-    path.write_text(FOLLOWING.replace("mimic joint='lead'", f"mimic joint='{leader}'"), encoding="utf-8")
+    path.write_text(
+        FOLLOWING.replace("mimic joint='lead'", f"mimic joint='{leader}'"), encoding="utf-8"
+    )
     robot = load_robot(urdf=path, mimic="fixed")
     assert f"'follow' mimics '{leader}', which leads nowhere; that is taken as 0" in caplog.text
-    assert_allclose(Kinematics(robot, robot.configuration()).pose("b").translation, [0.5, 0.0, 0.0], atol=1e-15)
+    assert_allclose(
+        Kinematics(robot, robot.configuration()).pose("b").translation, [0.5, 0.0, 0.0], atol=1e-15
+    )
 
 
 def test_what_is_to_be_locked_or_dropped_must_be_there(tmp_path: Path) -> None:
-    with pytest.raises(RobotDataError, match=r"drop: link 'x' is not.*; and lock: joint 'y' does not move"):
+    with pytest.raises(
+        RobotDataError, match=r"drop: link 'x' is not.*; and lock: joint 'y' does not move"
+    ):
         load_robot(urdf=URDF, drop=["x"], lock={"y": 0.0})
 
 
@@ -120,10 +142,14 @@ def coupled(i: int, j: int, first: float, second: float) -> list[list[float]]:
 def test_a_last_digit_that_is_rounded_is_told_and_both_halves_are_meant(
     first: float, second: float, tmp_path: Path, caplog: pytest.LogCaptureFixture
 ) -> None:
-    rows = coupled(0, 2, 100 * first, 100 * second) if first == -0.55 else coupled(0, 2, first, second)
+    rows = (
+        coupled(0, 2, 100 * first, 100 * second) if first == -0.55 else coupled(0, 2, first, second)
+    )
     rows[0][0] = 900.0
     path = tmp_path / "water.yaml"
-    path.write_text(f"links: {{hull: {{coefficients: {{added_mass: {rows}}}}}}}\n", encoding="utf-8")
+    path.write_text(
+        f"links: {{hull: {{coefficients: {{added_mass: {rows}}}}}}}\n", encoding="utf-8"
+    )
     if abs(rows[0][2] - rows[2][0]) > 0.01 * abs(rows[0][2]):
         with pytest.raises(RobotDataError, match="but for a rounded last digit: entry 1, 3 is"):
             read_description(path)
@@ -140,7 +166,9 @@ def test_quadratic_drag_takes_a_matrix_that_takes_energy(tmp_path: Path) -> None
     assert_allclose(np.diag(diagonal.quadratic_drag), MATRIX)
     path = tmp_path / "water.yaml"
     path.write_text(
-        f"convention: NED\nlinks: {{base_link: {{coefficients: {{quadratic_drag: {rows}, volume: 0.01}}}}}}\n", encoding="utf-8"
+        f"convention: NED\nlinks: {{base_link: {{coefficients: {{quadratic_drag: {rows}, volume:"
+        " 0.01}}}\n",
+        encoding="utf-8",
     )
     turned = forward_left_up(read_description(path)).links["base_link"].coefficients
     T = np.diag([1.0, -1.0, -1.0, 1.0, -1.0, -1.0])

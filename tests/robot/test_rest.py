@@ -17,7 +17,9 @@ from uvms_ocp.robot.thrusters import unactuated_axes
 
 def flat(robot: Robot) -> Robot:
     """With its level thrusters alone: neither roll nor pitch, nor heave."""
-    level = tuple(thruster for thruster in robot.description.thrusters if thruster.direction[2] == 0.0)
+    level = tuple(
+        thruster for thruster in robot.description.thrusters if thruster.direction[2] == 0.0
+    )
     return replace(robot, description=checked_copy(robot.description, thrusters=level))
 
 
@@ -38,13 +40,18 @@ def test_a_vehicle_comes_to_rest_where_weight_and_buoyancy_no_longer_turn_it(fre
     inwards = np.sign(robot.limits.position_upper + robot.limits.position_lower - 2.0 * robot.home)
     q = robot.configuration(joints=robot.home + 0.6 * inwards)
     up = up_at_rest(robot, q)
-    roll, pitch = np.arctan2(up[1], up[2]), -np.arcsin(up[0])
+    roll = np.arctan2(up[1], up[2])
+    pitch = -np.arcsin(up[0])
     assert np.linalg.norm(up) == pytest.approx(1.0)
     assert max(abs(roll), abs(pitch)) > 0.03
     assert len(moments(robot, roll, pitch, q[7:])) == len(free.split(" and "))
     assert np.abs(moments(robot, 0.0, 0.0, q[7:])).max() > 1.0
     assert np.abs(moments(robot, roll, pitch, q[7:])).max() < 1e-4
-    assert moments(robot, roll + 0.01, pitch, q[7:])[0] < 0.0 < moments(robot, roll - 0.01, pitch, q[7:])[0]
+    assert (
+        moments(robot, roll + 0.01, pitch, q[7:])[0]
+        < 0.0
+        < moments(robot, roll - 0.01, pitch, q[7:])[0]
+    )
 
 
 def test_a_vehicle_that_holds_every_axis_rests_level_however_it_is_trimmed() -> None:

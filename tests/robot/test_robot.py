@@ -46,7 +46,13 @@ def with_shape(name: str, shape: str, mass: object = 1.0) -> str:
     return f"<link name='{name}'><inertial><mass value='{mass}'/>{INERTIA}</inertial>{shape}</link>"
 
 
-def joint(kind: str = "revolute", limit: str = LIMIT, child: str = "b", axis: str = "0 0 1", name: str = "j") -> str:
+def joint(
+    kind: str = "revolute",
+    limit: str = LIMIT,
+    child: str = "b",
+    axis: str = "0 0 1",
+    name: str = "j",
+) -> str:
     ends = f"<parent link='a'/><child link='{child}'/>"
     return f"<joint name='{name}' type='{kind}'>{ends}<axis xyz='{axis}'/>{limit}</joint>"
 
@@ -56,7 +62,9 @@ def test_the_robots_of_the_paper_are_listed() -> None:
 
 
 def test_an_unknown_robot_names_the_alternatives() -> None:
-    with pytest.raises(NameNotFound, match=r"unknown robot 'girona'; known: .*girona_maris7_full.*Did you mean"):
+    with pytest.raises(
+        NameNotFound, match=r"unknown robot 'girona'; known: .*girona_maris7_full.*Did you mean"
+    ):
         load_robot("girona")
 
 
@@ -66,7 +74,9 @@ def test_a_name_or_a_path_is_needed_but_not_both(tmp_path: Path) -> None:
             load_robot(**arguments)
 
 
-def test_a_folder_or_a_urdf_stands_in_place_of_a_name(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_folder_or_a_urdf_stands_in_place_of_a_name(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     named = load_robot("bluerov2")
     shutil.copytree(robot_folder("bluerov2"), tmp_path / "mine")
     monkeypatch.chdir(tmp_path)
@@ -82,7 +92,11 @@ def test_a_folder_or_a_urdf_stands_in_place_of_a_name(tmp_path: Path, monkeypatc
 def test_a_free_flyer_has_the_vehicle_before_the_joints(girona: Robot) -> None:
     assert (girona.n_q, girona.n_v, girona.n_vehicle, girona.n_joints) == (14, 13, 6, 7)
     assert girona.joint_names == tuple(f"joint{i}" for i in range(1, 8))
-    assert (girona.vehicle_v, girona.joint_v, girona.joint_q) == (slice(0, 6), slice(6, 13), slice(7, 14))
+    assert (girona.vehicle_v, girona.joint_v, girona.joint_q) == (
+        slice(0, 6),
+        slice(6, 13),
+        slice(7, 14),
+    )
     assert [j.idx_v for j in girona.joints] == list(range(6, 13))
 
 
@@ -154,7 +168,9 @@ def test_a_moving_link_cannot_be_placed(girona: Robot, frame: str) -> None:
 
 
 def test_a_configuration_is_built_from_its_parts(girona: Robot) -> None:
-    q = girona.configuration(position=(1.0, 2.0, 3.0), rpy=(0.0, 0.0, np.pi / 2), joints={"joint2": 0.5})
+    q = girona.configuration(
+        position=(1.0, 2.0, 3.0), rpy=(0.0, 0.0, np.pi / 2), joints={"joint2": 0.5}
+    )
     assert q[:3].tolist() == [1.0, 2.0, 3.0]
     assert q[3:7] == pytest.approx([0.0, 0.0, np.sqrt(0.5), np.sqrt(0.5)])
     expected = girona.home.copy()
@@ -206,7 +222,9 @@ def test_an_arm_of_example_robot_data_loads_with_a_fixed_base(name: str) -> None
 
 
 def test_a_continuous_joint_has_no_position_limit_and_an_angle_as_its_value() -> None:
-    robot = load_robot(urdf=example_robot_data() / "robots" / EXAMPLE_ARMS["kinova"][0], base="fixed")
+    robot = load_robot(
+        urdf=example_robot_data() / "robots" / EXAMPLE_ARMS["kinova"][0], base="fixed"
+    )
     assert robot.limits.position_lower[0] == -np.inf
     first = robot.joints[0]
     q = robot.configuration(joints={first.name: 20.0})
@@ -217,7 +235,9 @@ def test_a_continuous_joint_has_no_position_limit_and_an_angle_as_its_value() ->
         robot.check_configuration(broken)
 
 
-def test_without_example_robot_data_the_error_tells_how_to_install_it(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_without_example_robot_data_the_error_tells_how_to_install_it(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
     def absent(name: str) -> None:
         raise importlib.metadata.PackageNotFoundError(name)
 
@@ -234,10 +254,15 @@ def test_a_users_robot_needs_no_hydrodynamics(tmp_path: Path) -> None:
 
 def test_trim_bodies_add_their_mass(tmp_path: Path) -> None:
     water = tmp_path / "water.yaml"
-    water.write_text("trim: [{name: lead, link: b, position: [0, 0, 1], mass: 3, volume: 0}]", encoding="utf-8")
+    water.write_text(
+        "trim: [{name: lead, link: b, position: [0, 0, 1], mass: 3, volume: 0}]", encoding="utf-8"
+    )
     path = urdf(tmp_path, link("a") + link("b") + joint())
-    dry, trimmed = load_robot(urdf=path), load_robot(urdf=path, hydrodynamics=water)
-    assert pin.computeTotalMass(trimmed.model) - pin.computeTotalMass(dry.model) == pytest.approx(3.0)
+    dry = load_robot(urdf=path)
+    trimmed = load_robot(urdf=path, hydrodynamics=water)
+    assert pin.computeTotalMass(trimmed.model) - pin.computeTotalMass(dry.model) == pytest.approx(
+        3.0
+    )
     assert trimmed.model.inertias[2].lever[2] == pytest.approx(0.75)
 
 
@@ -246,25 +271,42 @@ BROKEN_URDFS = {
     "no links": ("", "no <link>"),
     "no mass": ("<link name='a'/>", "no link has a mass"),
     "negative mass": (link("a", -1), "link 'a' mass: given -1.0 kg; allowed: >= 0 kg"),
-    "mass is a word": (link("a", "heavy"), "link 'a' mass: given 'heavy'; allowed: a finite number in plain digits"),
+    "mass is a word": (
+        link("a", "heavy"),
+        "link 'a' mass: given 'heavy'; allowed: a finite number in plain digits",
+    ),
     "mass is NaN": (link("a", "nan"), "link 'a' mass: given 'nan'; allowed: a finite number"),
     "unnamed link": (link(""), "a <link> has no name"),
     "two links of one name": (link("a") + link("a"), "repeated: a"),
     "two roots": (link("a") + link("b"), "2 root links"),
-    "child that does not exist": (link("a") + joint(child="ghost"), "child link 'ghost' does not exist"),
-    "unknown joint type": (link("a") + link("b") + joint("hinge"), "type 'hinge'; allowed: revolute"),
+    "child that does not exist": (
+        link("a") + joint(child="ghost"),
+        "child link 'ghost' does not exist",
+    ),
+    "unknown joint type": (
+        link("a") + link("b") + joint("hinge"),
+        "type 'hinge'; allowed: revolute",
+    ),
     "no limits": (link("a") + link("b") + joint(limit=""), "joint 'j' limit is missing"),
     "limits swapped": (
-        link("a") + link("b") + joint(limit="<limit lower='1' upper='-1' velocity='1' effort='1'/>"),
+        link("a")
+        + link("b")
+        + joint(limit="<limit lower='1' upper='-1' velocity='1' effort='1'/>"),
         "lower 1.0 > upper -1.0",
     ),
-    "endless axis": (link("a") + link("b") + joint(axis="0 0 1e200"), "axis: given '0 0 1e200'; allowed: a length from"),
+    "endless axis": (
+        link("a") + link("b") + joint(axis="0 0 1e200"),
+        "axis: given '0 0 1e200'; allowed: a length from",
+    ),
     "zero axis": (link("a") + link("b") + joint(axis="0 0 0"), "joint 'j' axis: given '0 0 0'"),
     "two parents": (link("a") + link("b") + joint() + joint(name="k"), "link 'b' has two parents"),
     "loop": (link("a") + link("b") + joint() + BACK_TO_A, "root links"),
     "missing mesh": (
         with_shape("a", MESH.replace("visual", "collision").format("package://x/y.stl")),
-        "link 'a' collision: mesh 'package://x/y.stl' not found, and nothing would be told of what the link touches; --pack",
+        (
+            "link 'a' collision: mesh 'package://x/y.stl' not found, and nothing would be told of"
+            " what the link touches; --pack"
+        ),
     ),
     "shape that does not exist": (
         with_shape("a", "<collision><geometry><cone/></geometry></collision>"),
@@ -322,7 +364,9 @@ WRONG_NAMES = {
     "links: {ghost: {sphere: {radius: 1}}}": "links: 'ghost' is not in the URDF",
     "altimeter: ghost": "altimeter: 'ghost' is not in the URDF",
     "joints: {ghost: {home: 0}}": "joints: 'ghost' is no joint of the URDF that moves",
-    "trim: [{name: t, link: ghost, position: [0, 0, 0], mass: 1, volume: 0}]": "trim 't' link: 'ghost'",
+    "trim: [{name: t, link: ghost, position: [0, 0, 0], mass: 1, volume: 0}]": (
+        "trim 't' link: 'ghost'"
+    ),
     "joints: {j: {home: 2}}": "home: joint 'j': given 2; allowed: -1 to 1",
 }
 
@@ -338,7 +382,9 @@ def test_a_description_must_fit_its_urdf(text: str, tmp_path: Path) -> None:
 def test_a_named_robot_can_get_other_water(tmp_path: Path) -> None:
     water = tmp_path / "sea.yaml"
     text = (robot_folder("girona_maris7") / "hydrodynamics.yaml").read_text(encoding="utf-8")
-    water.write_text(text.replace("water_density: 998.0", "water_density: 1025.0"), encoding="utf-8")
+    water.write_text(
+        text.replace("water_density: 998.0", "water_density: 1025.0"), encoding="utf-8"
+    )
     assert load_robot("girona_maris7", hydrodynamics=water).description.water_density == 1025.0
 
 
@@ -346,7 +392,9 @@ def test_a_thruster_must_sit_on_the_vehicle(tmp_path: Path) -> None:
     water = tmp_path / "water.yaml"
     ends = "position: [0, 0, 0], direction: [1, 0, 0], minimum: -1, maximum: 1, time_constant: 0"
     water.write_text(f"thrusters: [{{name: t, link: b, {ends}}}]", encoding="utf-8")
-    with pytest.raises(RobotDataError, match="thruster 't' link: given 'b'; allowed: links fixed to the vehicle"):
+    with pytest.raises(
+        RobotDataError, match="thruster 't' link: given 'b'; allowed: links fixed to the vehicle"
+    ):
         load_robot(urdf=urdf(tmp_path, link("a") + link("b") + joint()), hydrodynamics=water)
 
 

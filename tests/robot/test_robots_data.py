@@ -1,4 +1,6 @@
-"""Laws that every robot shipped with the package keeps; a new folder in robots/ is tested by being there."""
+"""Laws that every robot shipped with the package keeps; a new folder in robots/ is tested by being
+there.
+"""
 
 from __future__ import annotations
 
@@ -85,7 +87,9 @@ def test_the_flange_is_at_its_golden_position(name: str) -> None:
 def test_the_frames_of_the_gironas_are_where_the_paper_puts_them(name: str) -> None:
     robot = load_robot(name)
     q = robot.configuration()
-    assert frame_pose(robot, q, "altimeter").isApprox(pin.SE3(np.eye(3), np.array([0.0, 0.0, -0.33])))
+    assert frame_pose(robot, q, "altimeter").isApprox(
+        pin.SE3(np.eye(3), np.array([0.0, 0.0, -0.33]))
+    )
     arm = pin.SE3(pin.rpy.rpyToMatrix(0.0, 0.0, np.pi), np.array([0.85, 0.0, -0.42]))
     assert frame_pose(robot, q, "arm_base").isApprox(arm)
     assert frame_pose(robot, q, "tool").isApprox(frame_pose(robot, q, "flange"))
@@ -107,12 +111,15 @@ def test_the_stowed_arm_does_not_touch_the_hull(name: str) -> None:
         for j, b in enumerate(shapes.geometryObjects):
             if a.parentJoint == 1 and b.parentJoint > 1:
                 shapes.addCollisionPair(pin.CollisionPair(i, j))
-    data, shape_data = robot.model.createData(), shapes.createData()
+    data = robot.model.createData()
+    shape_data = shapes.createData()
     pin.computeDistances(robot.model, data, shapes, shape_data, robot.configuration())
     assert min(result.min_distance for result in shape_data.distanceResults) > 0.03
 
 
-@pytest.mark.parametrize("name", [name for name in ROBOTS if load_robot(name).description.thrusters])
+@pytest.mark.parametrize(
+    "name", [name for name in ROBOTS if load_robot(name).description.thrusters]
+)
 def test_a_trimmed_robot_floats_level_with_its_arm_stowed(name: str) -> None:
     robot = load_robot(name)
     force, moment = static_balance(robot, robot.configuration())
@@ -124,8 +131,13 @@ def static_balance(robot: Robot, q: np.ndarray) -> tuple[float, np.ndarray]:
     """Net upward force and moment about the vehicle's origin, from the description alone."""
     density = robot.description.water_density
     volumes = [(link, *displaced(entry)) for link, entry in robot.description.links.items()]
-    volumes += [(body.link, body.volume, np.array(body.position)) for body in robot.description.trim]
-    lifts = [(frame_pose(robot, q, link).act(centre), density * GRAVITY * V) for link, V, centre in volumes]
+    volumes += [
+        (body.link, body.volume, np.array(body.position)) for body in robot.description.trim
+    ]
+    lifts = [
+        (frame_pose(robot, q, link).act(centre), density * GRAVITY * V)
+        for link, V, centre in volumes
+    ]
     data = robot.model.createData()
     mass = pin.computeTotalMass(robot.model)
     lifts.append((pin.centerOfMass(robot.model, data, q), -mass * GRAVITY))
@@ -149,7 +161,9 @@ def frame_pose(robot: Robot, q: np.ndarray, frame: str) -> pin.SE3:
     return data.oMf[robot.frame_id(frame)]
 
 
-@pytest.mark.parametrize(("name", "rank"), [("girona_maris7", 5), ("girona_maris7_full", 6), ("bluerov2_alpha5", 6)])
+@pytest.mark.parametrize(
+    ("name", "rank"), [("girona_maris7", 5), ("girona_maris7_full", 6), ("bluerov2_alpha5", 6)]
+)
 def test_the_thrusters_reach_as_many_axes_as_stated(name: str, rank: int) -> None:
     assert np.linalg.matrix_rank(thruster_matrix(load_robot(name))) == rank
 
@@ -162,7 +176,9 @@ def test_the_bluerov_thrusters_have_the_published_singular_values() -> None:
 def test_a_thruster_pushes_at_its_position() -> None:
     matrix = thruster_matrix(load_robot("girona_maris7"))
     names = [thruster.name for thruster in load_robot("girona_maris7").description.thrusters]
-    assert matrix[:, names.index("surge_port")] == pytest.approx([1.0, 0.0, 0.0, 0.0, -0.021, -0.2587])
+    assert matrix[:, names.index("surge_port")] == pytest.approx(
+        [1.0, 0.0, 0.0, 0.0, -0.021, -0.2587]
+    )
     assert matrix[:, names.index("heave_bow")] == pytest.approx([0.0, 0.0, 1.0, 0.0, -0.5347, 0.0])
 
 
@@ -177,7 +193,9 @@ def test_five_published_sets_exist_for_the_bluerov_and_span_its_surge_drag() -> 
 
 
 @pytest.mark.parametrize("name", [name for name in ROBOTS if name.startswith("bluerov2")])
-def test_the_hull_of_a_bluerov_is_dragged_by_the_flow_under_every_set_and_its_arm_by_axes(name: str) -> None:
+def test_the_hull_of_a_bluerov_is_dragged_by_the_flow_under_every_set_and_its_arm_by_axes(
+    name: str,
+) -> None:
     """Nobody published its drag between the axes."""
     for variant in (None, *list_variants(name)):
         hull, *arm = load_robot(name, variant=variant).hydrodynamics
@@ -186,7 +204,9 @@ def test_the_hull_of_a_bluerov_is_dragged_by_the_flow_under_every_set_and_its_ar
 
 
 def test_an_unknown_variant_names_the_alternatives() -> None:
-    with pytest.raises(NameNotFound, match=r"unknown variant of bluerov2_alpha5 'blue'; known: angler, blue_sdf"):
+    with pytest.raises(
+        NameNotFound, match=r"unknown variant of bluerov2_alpha5 'blue'; known: angler, blue_sdf"
+    ):
         load_robot("bluerov2_alpha5", variant="blue")
     with pytest.raises(NameNotFound, match="known: none"):
         load_robot("planar5", variant="blue")
@@ -195,7 +215,10 @@ def test_an_unknown_variant_names_the_alternatives() -> None:
 def test_the_bluerov_arm_has_the_published_lengths() -> None:
     robot = load_robot("bluerov2_alpha5")
     q = robot.configuration()
-    p = [frame_pose(robot, q, frame).translation for frame in ("arm_base", "link2", "link3", "link4", "flange")]
+    p = [
+        frame_pose(robot, q, frame).translation
+        for frame in ("arm_base", "link2", "link3", "link4", "flange")
+    ]
     lengths = [np.linalg.norm(b - a) for a, b in pairwise(p)]
     assert lengths == pytest.approx([np.hypot(0.02, 0.0462), 0.150705, 0.02, 0.18])
     assert p[0] == pytest.approx([0.203, 0.0, -0.1317])
@@ -203,8 +226,12 @@ def test_the_bluerov_arm_has_the_published_lengths() -> None:
 
 def test_the_bluerov_arm_weighs_eight_newtons_in_water() -> None:
     robot = load_robot("bluerov2_alpha5")
-    volume = sum(displaced(link)[0] for name, link in robot.description.links.items() if name != "base_link")
-    mass = pin.computeTotalMass(robot.model) - 13.5 - sum(body.mass for body in robot.description.trim)
+    volume = sum(
+        displaced(link)[0] for name, link in robot.description.links.items() if name != "base_link"
+    )
+    mass = (
+        pin.computeTotalMass(robot.model) - 13.5 - sum(body.mass for body in robot.description.trim)
+    )
     assert GRAVITY * (mass - 998.0 * volume) == pytest.approx(8.0, abs=0.5)
 
 
@@ -212,11 +239,15 @@ def test_another_water_density_changes_buoyancy_only_where_data_say_so() -> None
     robot = load_robot("girona_maris7")
     sea = robot.with_water_density(1025.0)
     assert sea.description.water_density == 1025.0
-    assert [link.volume for link in sea.hydrodynamics] == [link.volume for link in robot.hydrodynamics]
+    assert [link.volume for link in sea.hydrodynamics] == [
+        link.volume for link in robot.hydrodynamics
+    ]
     assert np.array_equal(sea.hydrodynamics[0].added_mass, robot.hydrodynamics[0].added_mass)
     ratio = sea.hydrodynamics[1].added_mass[0, 0] / robot.hydrodynamics[1].added_mass[0, 0]
     assert ratio == pytest.approx(1025.0 / 998.0)
-    with pytest.raises(InvalidInput, match=r"water_density: given 1.0; .*greater than or equal to 900"):
+    with pytest.raises(
+        InvalidInput, match=r"water_density: given 1.0; .*greater than or equal to 900"
+    ):
         robot.with_water_density(1)
 
 

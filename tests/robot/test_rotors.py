@@ -27,17 +27,23 @@ def bare() -> Robot:
 @pytest.fixture(scope="module")
 def geared(bare: Robot) -> Robot:
     joints = {name: {"rotor_inertia": ROTOR} for name in bare.joint_names[1:]}
-    return load_robot("bluerov2_alpha5", hydrodynamics=checked_copy(bare.description, joints=joints))
+    return load_robot(
+        "bluerov2_alpha5", hydrodynamics=checked_copy(bare.description, joints=joints)
+    )
 
 
 def test_a_rotor_adds_to_the_inertia_of_its_joint_alone(bare: Robot, geared: Robot) -> None:
     q = bare.configuration(joints=np.full(bare.n_joints, 0.4))
     added = robot_dynamics(geared).mass_matrix(q) - robot_dynamics(bare).mass_matrix(q)
-    np.testing.assert_allclose(added, np.diag([0.0] * 7 + [ROTOR] * (bare.n_joints - 1)), atol=1e-12)
+    np.testing.assert_allclose(
+        added, np.diag([0.0] * 7 + [ROTOR] * (bare.n_joints - 1)), atol=1e-12
+    )
 
 
 def test_a_rotor_stays_where_bodies_come_and_go(geared: Robot) -> None:
-    ballast = TrimBody(name="ballast", link="base_link", position=(0.1, 0.0, 0.0), mass=1.0, volume=0.0)
+    ballast = TrimBody(
+        name="ballast", link="base_link", position=(0.1, 0.0, 0.0), mass=1.0, volume=0.0
+    )
     for robot in (with_trim(geared, [ballast]), without_trim(geared)):
         np.testing.assert_array_equal(robot.model.armature, geared.model.armature)
 
@@ -45,18 +51,29 @@ def test_a_rotor_stays_where_bodies_come_and_go(geared: Robot) -> None:
 def test_rotors_come_along_with_an_arm_that_is_mounted(bare: Robot) -> None:
     urdf = example_robot_data() / "robots/ur_description/urdf/ur5_robot.urdf"
     joints = {"elbow_joint": {"rotor_inertia": ROTOR}}
-    arm = load_robot(urdf=urdf, hydrodynamics=checked_copy(RobotDescription(), base="fixed", joints=joints))
+    arm = load_robot(
+        urdf=urdf, hydrodynamics=checked_copy(RobotDescription(), base="fixed", joints=joints)
+    )
     both = mount(without_arm(bare), arm, pin.SE3.Identity(), prefix="ur5_")
-    assert dict(zip(both.joint_names, both.model.armature[both.joint_v].tolist(), strict=True))["ur5_elbow_joint"] == ROTOR
+    assert (
+        dict(zip(both.joint_names, both.model.armature[both.joint_v].tolist(), strict=True))[
+            "ur5_elbow_joint"
+        ]
+        == ROTOR
+    )
     assert both.model.armature.sum() == ROTOR
 
 
 @pytest.mark.parametrize("gear", [1.0, 50.0])
-def test_full_effort_brings_a_proposed_rotor_to_full_speed_in_a_time_that_no_gear_changes(gear: float, tmp_path: Path) -> None:
+def test_full_effort_brings_a_proposed_rotor_to_full_speed_in_a_time_that_no_gear_changes(
+    gear: float, tmp_path: Path
+) -> None:
     plain = example_robot_data() / "robots/ur_description/urdf/ur5_robot.urdf"
     text = plain.read_text(encoding="utf-8")
     effort = re.compile(r'effort="([^"]+)" (.*?)velocity="([^"]+)"')
-    geared = effort.sub(lambda m: f'effort="{float(m[1]) * gear}" {m[2]}velocity="{float(m[3]) / gear}"', text)
+    geared = effort.sub(
+        lambda m: f'effort="{float(m[1]) * gear}" {m[2]}velocity="{float(m[3]) / gear}"', text
+    )
     (tmp_path / "ur5.urdf").write_text(geared, encoding="utf-8")
     robot = propose(tmp_path / "ur5.urdf", loading={"meshes": "no"}).robot
     time = robot.model.armature[robot.joint_v] * robot.limits.velocity / robot.limits.effort

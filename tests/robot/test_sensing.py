@@ -23,7 +23,10 @@ def test_the_channels_of_a_file_are_those_of_the_readings() -> None:
 
 
 def test_a_file_changes_what_it_names_and_nothing_else(tmp_path: Path) -> None:
-    specs = described(tmp_path, "sensors: {altimeter_range: {sigma: 0.05}, depth: null, joint_velocities: {rate: 50}}")
+    specs = described(
+        tmp_path,
+        "sensors: {altimeter_range: {sigma: 0.05}, depth: null, joint_velocities: {rate: 50}}",
+    )
     assert specs.altimeter_range == SensorSpec(rate=10.0, sigma=0.05)
     assert specs.depth is None
     assert specs.joint_velocities == SensorSpec(rate=50.0)
@@ -35,7 +38,10 @@ def test_a_file_changes_what_it_names_and_nothing_else(tmp_path: Path) -> None:
     [
         ("sensors: {sonar: {rate: 1}}", "sensors.sonar"),
         ("sensors: {depth: {rate: 0}}", "sensors.depth.rate: given 0; allowed: greater than 0"),
-        ("sensors: {depth: {sigma: -1}}", "sensors.depth.sigma: given -1; allowed: greater than or equal to 0"),
+        (
+            "sensors: {depth: {sigma: -1}}",
+            "sensors.depth.sigma: given -1; allowed: greater than or equal to 0",
+        ),
         ("sensors: {depth: {rate: .nan}}", "sensors.depth.rate: given nan"),
         ("sensors: {depth: {dropout: 2}}", "sensors.depth.dropout: given 2"),
     ],

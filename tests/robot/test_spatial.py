@@ -13,7 +13,21 @@ from uvms_ocp.robot import spatial
 
 RNG = np.random.default_rng(5)
 AXES = [*np.eye(3), *-np.eye(3), *(axis / np.linalg.norm(axis) for axis in RNG.normal(size=(6, 3)))]
-ANGLES = [0.0, 1e-12, 1e-8, 1e-4, 0.05, 0.0999, 0.1001, 0.2, 1.0, 2.0, 3.0, np.pi - 1e-3, np.pi - 1e-7]
+ANGLES = [
+    0.0,
+    1e-12,
+    1e-8,
+    1e-4,
+    0.05,
+    0.0999,
+    0.1001,
+    0.2,
+    1.0,
+    2.0,
+    3.0,
+    np.pi - 1e-3,
+    np.pi - 1e-7,
+]
 VECTORS = [angle * axis for angle in ANGLES for axis in AXES]
 
 
@@ -105,7 +119,9 @@ def test_quaternions_of_either_sign_are_one_rotation(vector: np.ndarray) -> None
 def test_quaternion_products_follow_matrix_products() -> None:
     a, b = (spatial.quaternion_exp(vector) for vector in RNG.normal(size=(2, 3)))
     product = spatial.quaternion_to_matrix(spatial.quaternion_multiply(a, b))
-    np.testing.assert_allclose(product, spatial.quaternion_to_matrix(a) @ spatial.quaternion_to_matrix(b), atol=1e-15)
+    np.testing.assert_allclose(
+        product, spatial.quaternion_to_matrix(a) @ spatial.quaternion_to_matrix(b), atol=1e-15
+    )
 
 
 def test_skew_matrices_multiply_like_cross_products() -> None:

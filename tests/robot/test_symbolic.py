@@ -31,13 +31,21 @@ def symbolic(model: pin.Model) -> SymbolicModel:
 def states(model: pin.Model) -> list[tuple[np.ndarray, np.ndarray, np.ndarray]]:
     pin.seed(3)
     rng = np.random.default_rng(3)
-    return [(random_configuration(model), rng.normal(size=model.nv), rng.normal(size=model.nv)) for _ in range(N_STATES)]
+    return [
+        (random_configuration(model), rng.normal(size=model.nv), rng.normal(size=model.nv))
+        for _ in range(N_STATES)
+    ]
 
 
 def force_of(dynamics: SymbolicDynamics) -> ca.Function:
     """Inverse dynamics without water, of q, v and a."""
     model = dynamics.model
-    return function_of(lambda q, v, a: dynamics.inverse_dynamics(q, v, a, STILL, STILL), model.nq, model.nv, model.nv)
+    return function_of(
+        lambda q, v, a: dynamics.inverse_dynamics(q, v, a, STILL, STILL),
+        model.nq,
+        model.nv,
+        model.nv,
+    )
 
 
 def symmetric(upper: np.ndarray) -> np.ndarray:
@@ -64,29 +72,37 @@ def test_poses_and_jacobians_equal_pinocchio(model: pin.Model, symbolic: Symboli
 
 
 def test_inverse_dynamics_equal_pinocchio(model: pin.Model) -> None:
-    data, rnea = model.createData(), force_of(SymbolicDynamics(model=model))
+    data = model.createData()
+    rnea = force_of(SymbolicDynamics(model=model))
     for q, v, a in states(model):
         np.testing.assert_allclose(flat(rnea(q, v, a)), pin.rnea(model, data, q, v, a), atol=EXACT)
 
 
 def test_mass_matrices_equal_pinocchio(model: pin.Model) -> None:
-    data, mass_matrix = model.createData(), function_of(SymbolicDynamics(model=model).mass_matrix, model.nq)
+    data = model.createData()
+    mass_matrix = function_of(SymbolicDynamics(model=model).mass_matrix, model.nq)
     for q, _, _ in states(model):
         np.testing.assert_allclose(mass_matrix(q), symmetric(pin.crba(model, data, q)), atol=EXACT)
 
 
 @pytest.mark.parametrize("step", [0.0, 1e-12, 1e-6, 0.05, 0.3, 1.0, 3.0, 10.0])
-def test_steps_on_the_configuration_space_equal_pinocchio(model: pin.Model, symbolic: SymbolicModel, step: float) -> None:
+def test_steps_on_the_configuration_space_equal_pinocchio(
+    model: pin.Model, symbolic: SymbolicModel, step: float
+) -> None:
     integrate = function_of(symbolic.integrate, model.nq, model.nv)
     for q, v, _ in states(model):
-        np.testing.assert_allclose(flat(integrate(q, step * v)), pin.integrate(model, q, step * v), atol=EXACT)
+        np.testing.assert_allclose(
+            flat(integrate(q, step * v)), pin.integrate(model, q, step * v), atol=EXACT
+        )
 
 
 def test_differences_equal_pinocchio(model: pin.Model, symbolic: SymbolicModel) -> None:
     difference = function_of(symbolic.difference, model.nq, model.nq)
     configurations = [q for q, _, _ in states(model)]
     for q0, q1 in zip(configurations[1:], configurations[:-1], strict=True):
-        np.testing.assert_allclose(flat(difference(q0, q1)), pin.difference(model, q0, q1), atol=EXACT)
+        np.testing.assert_allclose(
+            flat(difference(q0, q1)), pin.difference(model, q0, q1), atol=EXACT
+        )
 
 
 @pytest.mark.parametrize("step", [0.0, 1e-9, 1e-3, 0.5])
@@ -94,10 +110,14 @@ def test_a_difference_undoes_a_step(model: pin.Model, symbolic: SymbolicModel, s
     integrate = function_of(symbolic.integrate, model.nq, model.nv)
     difference = function_of(symbolic.difference, model.nq, model.nq)
     for q, v, _ in states(model):
-        np.testing.assert_allclose(flat(difference(q, integrate(q, step * v))), step * v, atol=EXACT)
+        np.testing.assert_allclose(
+            flat(difference(q, integrate(q, step * v))), step * v, atol=EXACT
+        )
 
 
-def test_jacobians_are_the_derivative_along_steps(model: pin.Model, symbolic: SymbolicModel) -> None:
+def test_jacobians_are_the_derivative_along_steps(
+    model: pin.Model, symbolic: SymbolicModel
+) -> None:
     frame = model.frames[model.nframes - 1].name
     q, v = ca.SX.sym("q", model.nq), ca.SX.sym("v", model.nv)
     _, p = symbolic.forward_kinematics(symbolic.integrate(q, v)).pose(frame)
@@ -110,7 +130,10 @@ def test_jacobians_are_the_derivative_along_steps(model: pin.Model, symbolic: Sy
 
 def test_rounding_errors_of_steps_do_not_accumulate() -> None:
     model = built_model("free_flyer", "planar", "unbounded_z")
-    integrate, (q, v, _) = function_of(SymbolicModel(model).integrate, model.nq, model.nv), states(model)[0]
+    integrate, (q, v, _) = (
+        function_of(SymbolicModel(model).integrate, model.nq, model.nv),
+        states(model)[0],
+    )
     stretched = q.copy()
     for unit in (slice(3, 7), slice(9, 11), slice(11, 13)):
         stretched[unit] *= 1 + 1e-5
@@ -132,9 +155,12 @@ def test_either_sign_of_a_quaternion_is_the_same_configuration() -> None:
 
 def test_added_inertia_on_every_body_enters_force_and_mass_matrix_alike() -> None:
     model = built_model("free_flyer", "revolute_unaligned", "prismatic_unaligned", "unbounded_y")
-    model.gravity, rng = pin.Motion.Zero(), np.random.default_rng(0)
+    model.gravity = pin.Motion.Zero()
+    rng = np.random.default_rng(0)
     roots = rng.normal(size=(model.njoints, 6, 6))
-    inertias = [ca.SX(Y.matrix() + root @ root.T) for Y, root in zip(model.inertias, roots, strict=True)]
+    inertias = [
+        ca.SX(Y.matrix() + root @ root.T) for Y, root in zip(model.inertias, roots, strict=True)
+    ]
     dynamics = SymbolicDynamics(model=model).with_coefficients(rigid=dict(enumerate(inertias)))
     q, a = ca.SX.sym("q", model.nq), ca.SX.sym("a", model.nv)
     at_rest = dynamics.inverse_dynamics(q, ca.SX(model.nv, 1), a, STILL, STILL)
@@ -146,7 +172,9 @@ def test_added_inertia_on_every_body_enters_force_and_mass_matrix_alike() -> Non
 
 def test_an_unknown_frame_is_named_with_the_frames_there_are() -> None:
     symbolic = SymbolicModel(built_model("revolute_x"))
-    with pytest.raises(FrameNotFound, match=r"unknown frame '0_revolute_x_tap'.* Did you mean '0_revolute_x_tip'"):
+    with pytest.raises(
+        FrameNotFound, match=r"unknown frame '0_revolute_x_tap'.* Did you mean '0_revolute_x_tip'"
+    ):
         symbolic.forward_kinematics(ca.SX.sym("q")).pose("0_revolute_x_tap")
 
 

@@ -48,7 +48,9 @@ def test_taking_the_trim_off_and_putting_it_back_changes_nothing(name: str) -> N
     again = with_trim(without_trim(robot), robot.description.trim)
     assert again.model.inertias[1].isApprox(robot.model.inertias[1], 1e-9)
     assert again.description == robot.description
-    assert again.hydrodynamics[0].centre_of_buoyancy == pytest.approx(robot.hydrodynamics[0].centre_of_buoyancy)
+    assert again.hydrodynamics[0].centre_of_buoyancy == pytest.approx(
+        robot.hydrodynamics[0].centre_of_buoyancy
+    )
 
 
 @pytest.mark.parametrize("name", FLOATING)
@@ -62,7 +64,10 @@ def test_a_robot_can_be_trimmed_for_the_sea(name: str) -> None:
 def test_trim_that_does_not_fit_is_refused() -> None:
     robot = load_robot("girona_maris7")
     with pytest.raises(FrameNotFound, match="unknown frame 'ghost'"):
-        with_trim(robot, [TrimBody(name="t", link="ghost", position=(0.0, 0.0, 0.0), mass=1.0, volume=0.0)])
+        with_trim(
+            robot,
+            [TrimBody(name="t", link="ghost", position=(0.0, 0.0, 0.0), mass=1.0, volume=0.0)],
+        )
     with pytest.raises(InvalidInput, match="names must be unique"):
         with_trim(robot, robot.description.trim)
     with pytest.raises(InvalidInput, match="ahead of stern"):

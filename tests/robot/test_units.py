@@ -1,4 +1,6 @@
-"""In grams, millimetres and minutes the dynamics, and the shares of thrust, are what they are in SI units."""
+"""In grams, millimetres and minutes the dynamics, and the shares of thrust, are what they are in SI
+units.
+"""
 
 from __future__ import annotations
 
@@ -15,7 +17,9 @@ from uvms_ocp.robot.loading import list_robots, load_robot
 from uvms_ocp.robot.robot import Robot
 from uvms_ocp.robot.symbolic_dynamics import SymbolicDynamics
 
-M, L, T = 7.0, 3.0, 0.4
+M = 7.0
+L = 3.0
+T = 0.4
 """What a kilogram, a metre and a second are in the other units."""
 _SPATIAL = np.array([L] * 3 + [1.0] * 3)
 """Of a twist, but for the time."""
@@ -59,34 +63,50 @@ def axes_of(robot: Robot) -> np.ndarray:
 
 @pytest.mark.parametrize("name", list_robots())
 def test_forces_are_the_same_in_other_units(name: str) -> None:
-    robot, rng = load_robot(name), np.random.default_rng(2)
-    own, axes = robot_dynamics(robot).symbolic, axes_of(robot)
+    robot = load_robot(name)
+    rng = np.random.default_rng(2)
+    own = robot_dynamics(robot).symbolic
+    axes = axes_of(robot)
     force = M * L**2 / (T**2 * axes)  # so that power is a power
     model = model_of(own.model)
     model.armature = own.model.armature * M * L**2 / axes**2
     friction = None if own.damping is None else own.damping * M * L**2 / (T * axes**2)
     links = tuple(link_of(link) for link in own.links)
-    other = Dynamics(SymbolicDynamics(model=model, links=links, density=own.density * M / L**3, damping=friction))
+    other = Dynamics(
+        SymbolicDynamics(model=model, links=links, density=own.density * M / L**3, damping=friction)
+    )
     here = Dynamics(own)
     for _ in range(5):
         q = pin.integrate(robot.model, robot.configuration(), rng.uniform(-0.8, 0.8, robot.n_v))
-        v, a, u = rng.normal(size=robot.n_v), rng.normal(size=robot.n_v), rng.normal(size=3)
+        v = rng.normal(size=robot.n_v)
+        a = rng.normal(size=robot.n_v)
+        u = rng.normal(size=3)
         there = q.copy()
         lengths = [range(3)] if robot.n_vehicle else []
         lengths += [range(joint.q.start, joint.q.stop) for joint in robot.joints if joint.slides]
         for entries in lengths:
             there[list(entries)] *= L
         tau = here.inverse_dynamics(q, v, a, Water(velocity=u))
-        found = other.inverse_dynamics(there, v * axes / T, a * axes / T**2, Water(velocity=u * L / T))
-        np.testing.assert_allclose(found, tau * force, rtol=1e-9, atol=1e-9 * np.abs(tau * force).max())
+        found = other.inverse_dynamics(
+            there, v * axes / T, a * axes / T**2, Water(velocity=u * L / T)
+        )
+        np.testing.assert_allclose(
+            found, tau * force, rtol=1e-9, atol=1e-9 * np.abs(tau * force).max()
+        )
 
 
-@pytest.mark.parametrize("name", [name for name in list_robots() if load_robot(name).description.thrusters])
+@pytest.mark.parametrize(
+    "name", [name for name in list_robots() if load_robot(name).description.thrusters]
+)
 def test_a_wrench_in_other_units_of_force_is_shared_out_alike(name: str) -> None:
-    allocation, rng = allocation_of(load_robot(name)), np.random.default_rng(3)
+    allocation = allocation_of(load_robot(name))
+    rng = np.random.default_rng(3)
     other = replace(allocation, lower=M * allocation.lower, upper=M * allocation.upper)
     for _ in range(50):
         wrench = allocation.matrix @ rng.uniform(1.5 * allocation.lower, 1.5 * allocation.upper)
-        usual, found = allocation.allocate(wrench), other.allocate(M * wrench)
-        np.testing.assert_allclose(found.reached, M * usual.reached, atol=1e-5 * M * np.abs(wrench).max())
+        usual = allocation.allocate(wrench)
+        found = other.allocate(M * wrench)
+        np.testing.assert_allclose(
+            found.reached, M * usual.reached, atol=1e-5 * M * np.abs(wrench).max()
+        )
         assert found.saturated == usual.saturated

@@ -17,9 +17,39 @@ from uvms_ocp.robot.loading import list_robots, load_robot, robot_folder
 from uvms_ocp.robot.urdf import UrdfModels, check_agreement, read_urdf
 from uvms_ocp.robot.urdf_checks import to_float
 
-READ = ("5", " 5", "\t5", "\n5", "+5", "-5", "5.", ".5", "5e1", "5E+1", "5e-1", "1e-400", "0005", "1e308")
+READ = (
+    "5",
+    " 5",
+    "\t5",
+    "\n5",
+    "+5",
+    "-5",
+    "5.",
+    ".5",
+    "5e1",
+    "5E+1",
+    "5e-1",
+    "1e-400",
+    "0005",
+    "1e308",
+)
 NOT_READ = (
-    *("5 ", "5.9682 ", "10\n", "5\t", "1_0", "５", "٥", "nan", "-nan", "inf", "infinity", "1e400", "0x10", "0x1p3"),
+    *(
+        "5 ",
+        "5.9682 ",
+        "10\n",
+        "5\t",
+        "1_0",
+        "５",
+        "٥",
+        "nan",
+        "-nan",
+        "inf",
+        "infinity",
+        "1e400",
+        "0x10",
+        "0x1p3",
+    ),
     *("1,5", "1'000", "", "  ", "--5", "5e", "5d1", "5f", "\u00a05", "five", "5 6", "1/2"),
 )
 BODY = """<robot name='mine'><link name='a'><inertial><origin xyz='{com}' rpy='{turn}'/><mass value='{mass}'/>
@@ -32,7 +62,9 @@ BODY = """<robot name='mine'><link name='a'><inertial><origin xyz='{com}' rpy='{
 <limit lower='-1' upper='{upper}' velocity='{velocity}' effort='{effort}'/><dynamics damping='{damping}'/>{more}</joint>
 </robot>"""
 SOUND = {
-    **dict.fromkeys(("mass", "moment", "radius", "length", "upper", "velocity", "effort", "damping"), "1"),
+    **dict.fromkeys(
+        ("mass", "moment", "radius", "length", "upper", "velocity", "effort", "damping"), "1"
+    ),
     **dict.fromkeys(("com", "turn", "box", "place"), "1 1 1"),
     "axis": "0 0 1",
     "kind": "revolute",
@@ -42,14 +74,19 @@ NUMBERS = [name for name, text in SOUND.items() if text.startswith("1")]
 
 
 def written(folder: Path, **texts: str) -> Path:
-    path, safe = folder / "mine.urdf", str.maketrans({"\n": "&#10;", "\t": "&#9;", "'": "&apos;"})
+    path = folder / "mine.urdf"
+    safe = str.maketrans({"\n": "&#10;", "\t": "&#9;", "'": "&apos;"})
     escaped = {key: text if key == "more" else text.translate(safe) for key, text in texts.items()}
     path.write_text(BODY.format(**SOUND | escaped), encoding="utf-8")
     return path
 
 
-@pytest.mark.parametrize("parent", ["link", "link/inertial", "link/collision", "link/collision/geometry", "joint"])
-def test_what_stands_twice_and_differs_where_parsers_take_the_first_is_refused(parent: str, tmp_path: Path) -> None:
+@pytest.mark.parametrize(
+    "parent", ["link", "link/inertial", "link/collision", "link/collision/geometry", "joint"]
+)
+def test_what_stands_twice_and_differs_where_parsers_take_the_first_is_refused(
+    parent: str, tmp_path: Path
+) -> None:
     whole = ElementTree.fromstring(BODY.format(**SOUND))
     for tag in {child.tag for child in whole.find(parent)} - {"collision", "visual"}:
         root = copy.deepcopy(whole)
@@ -58,7 +95,9 @@ def test_what_stands_twice_and_differs_where_parsers_take_the_first_is_refused(p
         element[-1].set("other", "1")
         path = tmp_path / f"{tag}.urdf"
         path.write_text(ElementTree.tostring(root, encoding="unicode"), encoding="utf-8")
-        with pytest.raises(RobotDataError, match=rf"'[aj]'.*: given <{tag}> 2 times; allowed: once"):
+        with pytest.raises(
+            RobotDataError, match=rf"'[aj]'.*: given <{tag}> 2 times; allowed: once"
+        ):
             load_robot(urdf=path)
 
 
@@ -67,7 +106,8 @@ def test_a_number_is_read_where_urdfdom_reads_it_and_as_the_same(text: str) -> N
     root = ElementTree.fromstring(BODY.format(**SOUND))
     root.find("link/inertial/mass").set("value", text)
     model = pin.buildModelFromXML(ElementTree.tostring(root, encoding="unicode"))
-    read, built = to_float(text), model.inertias[0].mass
+    read = to_float(text)
+    built = model.inertias[0].mass
     assert math.isnan(read) == (text in NOT_READ)
     assert built == (0.0 if text in NOT_READ else read)
 
@@ -76,7 +116,11 @@ def test_a_number_is_read_where_urdfdom_reads_it_and_as_the_same(text: str) -> N
 def test_a_number_that_urdfdom_does_not_read_is_refused_by_name(
     name: str, tmp_path: Path, capfd: pytest.CaptureFixture[str]
 ) -> None:
-    place = "joint 'j'" if name in ("place", "axis", "upper", "velocity", "effort", "damping") else "link '"
+    place = (
+        "joint 'j'"
+        if name in ("place", "axis", "upper", "velocity", "effort", "damping")
+        else "link '"
+    )
     for bad in NOT_READ:
         vector = SOUND[name] == "1 1 1"
         if vector and bad in ("", "  ", "5 ", "5.9682 ", "5 6"):
@@ -97,23 +141,37 @@ def test_a_number_that_urdfdom_does_not_read_is_refused_by_name(
         ({"com": "1 1"}, "link 'a' origin xyz: given '1 1'; allowed: three finite numbers"),
         ({"com": "1\t1 1"}, "link 'a' origin xyz: given '1\\t1 1'"),
         ({"mass": "1" * 5000}, "link 'a' mass: given '1111111111"),
-        ({"kind": "planar", "axis": "0 1 0"}, "joint 'j' axis: the file says '[0. 1. 0.]', the model that"),
-        ({"kind": "planar", "velocity": "1"}, "joint 'j' limit velocity: the file says '[1. 1. 1.]'"),
+        (
+            {"kind": "planar", "axis": "0 1 0"},
+            "joint 'j' axis: the file says '[0. 1. 0.]', the model that",
+        ),
+        (
+            {"kind": "planar", "velocity": "1"},
+            "joint 'j' limit velocity: the file says '[1. 1. 1.]'",
+        ),
         ({"kind": "continuous", "effort": "1 "}, "joint 'j' limit effort: given '1 '"),
         ({"more": "<calibration rising='1 '/>"}, "joint 'j' calibration rising: given '1 '"),
         ({"more": "<safety_controller/>"}, "joint 'j' safety_controller k_velocity: given nothing"),
     ],
 )
-def test_what_the_model_would_not_hold_is_refused(texts: dict[str, str], message: str, tmp_path: Path) -> None:
+def test_what_the_model_would_not_hold_is_refused(
+    texts: dict[str, str], message: str, tmp_path: Path
+) -> None:
     with pytest.raises(RobotDataError) as caught:
         load_robot(urdf=written(tmp_path, **texts))
     assert message in str(caught.value)
     assert len(str(caught.value)) < 300
 
 
-@pytest.mark.parametrize("scale", ["0 1 1", "1e-320 1 1", "1 1e-7 1", "1 -1e7 1", "nan 1 1", "1 1", "1 1 1e400", "1 1 1_0"])
+@pytest.mark.parametrize(
+    "scale",
+    ["0 1 1", "1e-320 1 1", "1 1e-7 1", "1 -1e7 1", "nan 1 1", "1 1", "1 1 1e400", "1 1 1_0"],
+)
 def test_a_mesh_of_no_size_is_refused(scale: str, tmp_path: Path) -> None:
-    mesh = f"<collision><geometry><mesh filename='y.stl' scale='{scale}'/></geometry></collision></link>"
+    mesh = (
+        "<collision><geometry><mesh filename='y.stl'"
+        f" scale='{scale}'/></geometry></collision></link>"
+    )
     path = written(tmp_path)
     path.write_text(path.read_text(encoding="utf-8").replace("</link>", mesh, 1), encoding="utf-8")
     with pytest.raises(RobotDataError, match=f"link 'a' collision mesh scale: given '{scale}'"):
@@ -138,7 +196,11 @@ def _poses(root: ElementTree.Element) -> dict[str, np.ndarray]:
     def pose(link: str) -> np.ndarray:
         if link not in poses:
             joint = joints.get(link)
-            poses[link] = np.eye(4) if joint is None else pose(joint.find("parent").get("link")) @ _origin(joint)
+            poses[link] = (
+                np.eye(4)
+                if joint is None
+                else pose(joint.find("parent").get("link")) @ _origin(joint)
+            )
         return poses[link]
 
     for link in root.findall("link"):
@@ -148,7 +210,11 @@ def _poses(root: ElementTree.Element) -> dict[str, np.ndarray]:
 
 def _origin(element: ElementTree.Element) -> np.ndarray:
     origin = element.find("origin")
-    texts = ("0 0 0", "0 0 0") if origin is None else (origin.get("xyz", "0 0 0"), origin.get("rpy", "0 0 0"))
+    texts = (
+        ("0 0 0", "0 0 0")
+        if origin is None
+        else (origin.get("xyz", "0 0 0"), origin.get("rpy", "0 0 0"))
+    )
     xyz, (r, p, y) = (np.array([float(word) for word in text.split()]) for text in texts)
     turns = [pin.utils.rotate(axis, angle) for axis, angle in (("z", y), ("y", p), ("x", r))]
     X = np.eye(4)
@@ -158,10 +224,12 @@ def _origin(element: ElementTree.Element) -> np.ndarray:
 
 def _stated_inertia(root: ElementTree.Element) -> np.ndarray:
     """Mass, mass x centre (3,) and second moments (3, 3) about the root, joints at zero, (13,)."""
-    total, poses = np.zeros(13), _poses(root)
+    total = np.zeros(13)
+    poses = _poses(root)
     for link in root.findall("link[inertial]"):
         inertial = link.find("inertial")
-        X, m = poses[link.get("name")] @ _origin(inertial), float(inertial.find("mass").get("value"))
+        X = poses[link.get("name")] @ _origin(inertial)
+        m = float(inertial.find("mass").get("value"))
         values = {key: float(text) for key, text in inertial.find("inertia").attrib.items()}
         own = np.array([[values["i" + "".join(sorted(a + b))] for b in "xyz"] for a in "xyz"])
         R, c = X[:3, :3], X[:3, 3]
@@ -171,7 +239,8 @@ def _stated_inertia(root: ElementTree.Element) -> np.ndarray:
 
 
 def _built_inertia(model: pin.Model) -> np.ndarray:
-    data, total = model.createData(), np.zeros((6, 6))
+    data = model.createData()
+    total = np.zeros((6, 6))
     pin.forwardKinematics(model, data, pin.neutral(model))
     for X, inertia in zip(data.oMi, model.inertias, strict=True):
         total += X.dualAction @ inertia.matrix() @ X.actionInverse
@@ -180,9 +249,12 @@ def _built_inertia(model: pin.Model) -> np.ndarray:
 
 
 def _assert_same(root: ElementTree.Element, models: UrdfModels) -> None:
-    stated, built = _stated_inertia(root), _built_inertia(models.model)
+    stated = _stated_inertia(root)
+    built = _built_inertia(models.model)
     for part in (np.s_[:1], np.s_[1:4], np.s_[4:]):
-        assert np.abs(stated[part] - built[part]).max() <= 1e-9 * max(np.abs(stated[part]).max(), stated[0])
+        assert np.abs(stated[part] - built[part]).max() <= 1e-9 * max(
+            np.abs(stated[part]).max(), stated[0]
+        )
     assert models.collision.ngeoms == len(root.findall("link/collision"))
     for joint in root.findall("joint[limit]"):
         at = models.model.joints[models.model.getJointId(joint.get("name"))].idx_v
@@ -194,10 +266,15 @@ def _assert_same(root: ElementTree.Element, models: UrdfModels) -> None:
 @pytest.mark.parametrize("name", list_robots())
 def test_a_perturbed_number_loads_with_its_value_or_is_refused(name: str, tmp_path: Path) -> None:
     source = ElementTree.parse(robot_folder(name) / "robot.urdf").getroot()
-    rng, path, loaded, refused = np.random.default_rng(12), tmp_path / "robot.urdf", 0, 0
+    rng = np.random.default_rng(12)
+    path = tmp_path / "robot.urdf"
+    loaded = 0
+    refused = 0
     for _ in range(40):
         root = copy.deepcopy(source)
-        places = [(e, key) for e in root.iter() for key, text in e.attrib.items() if _is_number(text)]
+        places = [
+            (e, key) for e in root.iter() for key, text in e.attrib.items() if _is_number(text)
+        ]
         element, key = places[rng.integers(len(places))]
         element.set(key, _perturbed(element.get(key, ""), rng))
         path.write_text(ElementTree.tostring(root, encoding="unicode"), encoding="utf-8")
@@ -219,7 +296,17 @@ def _perturbed(text: str, rng: np.random.Generator) -> str:
     words = text.split()
     i = rng.integers(len(words))
     value = float(words[i])
-    ways = (f"{1.01 * value!r}", f"{value:+.6e}", f"{words[i]}e0", f" {words[i]}", *NOT_READ[:6], "0", "-1", "1e100", "1_0")
+    ways = (
+        f"{1.01 * value!r}",
+        f"{value:+.6e}",
+        f"{words[i]}e0",
+        f" {words[i]}",
+        *NOT_READ[:6],
+        "0",
+        "-1",
+        "1e100",
+        "1_0",
+    )
     words[i] = ways[rng.integers(len(ways))]
     return " ".join(words)
 
@@ -258,7 +345,10 @@ def _lost(models: UrdfModels) -> None:
 
 
 TAMPERING: dict[str, Callable[[UrdfModels], None]] = {
-    **{field: _scaled(field) for field in ("upperVelocityLimit", "upperEffortLimit", "damping", "upperDryFrictionLimit")},
+    **{
+        field: _scaled(field)
+        for field in ("upperVelocityLimit", "upperEffortLimit", "damping", "upperDryFrictionLimit")
+    },
     **{field: _scaled(field) for field in ("lowerPositionLimit", "upperPositionLimit")},
     **{f.__name__: f for f in (_heavier, _shifted, _larger, _moved, _lost)},
 }
@@ -298,10 +388,21 @@ def test_a_mesh_whose_name_no_disk_takes_is_not_found(start: str, tmp_path: Path
 @pytest.mark.parametrize(
     ("changes", "named"),
     [
-        ({"kind": "continuous"}, "continuous <limit> lower and upper not kept of joint 'j'; make it revolute"),
         (
-            {"more": "<safety_controller soft_lower_limit='-1' soft_upper_limit='1' k_position='1' k_velocity='1'/>"},
-            "<safety_controller> soft_lower_limit and soft_upper_limit not kept of joint 'j'; write those",
+            {"kind": "continuous"},
+            "continuous <limit> lower and upper not kept of joint 'j'; make it revolute",
+        ),
+        (
+            {
+                "more": (
+                    "<safety_controller soft_lower_limit='-1' soft_upper_limit='1' k_position='1'"
+                    " k_velocity='1'/>"
+                )
+            },
+            (
+                "<safety_controller> soft_lower_limit and soft_upper_limit not kept of joint 'j';"
+                " write those"
+            ),
         ),
         ({"more": "<safety_controller soft_lower_limit='0' k_velocity='1'/>"}, ""),
         ({}, ""),

@@ -43,8 +43,12 @@ def test_a_misspelt_element_is_refused_with_the_one_that_was_meant(name: str) ->
     for path in {(parent.tag, child.tag) for parent in whole.iter() for child in parent}:
         for wrong in misspelt(path[1]):
             root = copy.deepcopy(whole)
-            next(child for parent in root.iter(path[0]) for child in parent if child.tag == path[1]).tag = wrong
-            assert f"unknown element <{wrong}>; did you mean '{path[1]}'? allowed: " in refusal(root)
+            next(
+                child for parent in root.iter(path[0]) for child in parent if child.tag == path[1]
+            ).tag = wrong
+            assert f"unknown element <{wrong}>; did you mean '{path[1]}'? allowed: " in refusal(
+                root
+            )
 
 
 @pytest.mark.parametrize("name", list_robots())
@@ -61,14 +65,38 @@ def test_a_misspelt_attribute_is_refused(name: str) -> None:
 @pytest.mark.parametrize(
     ("place", "text", "message"),
     [
-        ("joint", "<dynamics dampning='1'/>", "joint 'j' dynamics: unknown attribute dampning; did you mean 'damping'?"),
-        ("joint", "<origin xyz='0 0 0' xzy='1 1 1'/>", "joint 'j' origin: unknown attribute xzy; did you mean"),
-        ("joint", "<origin quat_xyzw='0 0 0 1'/>", "joint 'j' origin: unknown attribute quat_xyzw; allowed: rpy, xyz"),
-        ("joint", "<axis rpy='0 1.57 0' xyz='0 0 1'/>", "joint 'j' axis: unknown attribute rpy; allowed: xyz"),
-        ("joint", "<dynamics friction_='1'/>", "unknown attribute friction_; did you mean 'friction'?"),
+        (
+            "joint",
+            "<dynamics dampning='1'/>",
+            "joint 'j' dynamics: unknown attribute dampning; did you mean 'damping'?",
+        ),
+        (
+            "joint",
+            "<origin xyz='0 0 0' xzy='1 1 1'/>",
+            "joint 'j' origin: unknown attribute xzy; did you mean",
+        ),
+        (
+            "joint",
+            "<origin quat_xyzw='0 0 0 1'/>",
+            "joint 'j' origin: unknown attribute quat_xyzw; allowed: rpy, xyz",
+        ),
+        (
+            "joint",
+            "<axis rpy='0 1.57 0' xyz='0 0 1'/>",
+            "joint 'j' axis: unknown attribute rpy; allowed: xyz",
+        ),
+        (
+            "joint",
+            "<dynamics friction_='1'/>",
+            "unknown attribute friction_; did you mean 'friction'?",
+        ),
         ("link", "<Inertial/>", "link 'a': unknown element <Inertial>; did you mean 'inertial'?"),
         ("robot", "<jiont/>", "mine.urdf: robot: unknown element <jiont>; did you mean 'joint'?"),
-        ("robot", "<x:include xmlns:x='http://www.ros.org/wiki/xacro'/>", "<include> is of xacro; give the URDF that"),
+        (
+            "robot",
+            "<x:include xmlns:x='http://www.ros.org/wiki/xacro'/>",
+            "<include> is of xacro; give the URDF that",
+        ),
     ],
 )
 def test_what_can_only_be_a_mistake_is_refused(place: str, text: str, message: str) -> None:
@@ -78,7 +106,11 @@ def test_what_can_only_be_a_mistake_is_refused(place: str, text: str, message: s
 @pytest.mark.parametrize(
     ("place", "text", "told"),
     [
-        ("robot", "<gazebo><Mass>1</Mass><material/></gazebo><transmission/><ros2_control/><sensor/><plugin/>", ""),
+        (
+            "robot",
+            "<gazebo><Mass>1</Mass><material/></gazebo><transmission/><ros2_control/><sensor/><plugin/>",
+            "",
+        ),
         ("link", "<verbose value='1'/><contact/><contact_coefficients/><sensor/>", ""),
         ("collision", "<verbose value='1'/><material/>", ""),
         ("joint", "<safety_controller k_velocity='1'/><calibration rising='0'/>", ""),
@@ -86,7 +118,11 @@ def test_what_can_only_be_a_mistake_is_refused(place: str, text: str, message: s
         ("robot", "<n:mass xmlns:n='http://a.b'/>", "<mass> in <robot>"),
         ("link", "<mass value='3'/>", "<mass> in <link>"),
         ("joint", "<inertial/>", "<inertial> in <joint>"),
-        ("limit", "gear_velocity='2' current='1'", "attribute gear_velocity of <limit>, attribute current of <limit>"),
+        (
+            "limit",
+            "gear_velocity='2' current='1'",
+            "attribute gear_velocity of <limit>, attribute current of <limit>",
+        ),
         ("joint", "<axis rpy='0 0 0' xyz='0 0 1'/>", "attribute rpy of <axis>"),
         ("joint", "<dynamics damping='1'>friction='1'</dynamics>", "text in <dynamics>"),
         ("link", "mass 3", "text in <link>"),
@@ -105,7 +141,9 @@ def test_what_others_add_loads_and_is_told_once(
 def test_of_two_shapes_none_gets_lost(tmp_path: Path) -> None:
     path = tmp_path / "mine.urdf"
     path.write_text(SOUND.format(**PLACES).replace("</geometry>", "<box size='1 1 1'/></geometry>"))
-    with pytest.raises(RobotDataError, match="collision geometry: given <sphere>, <box>; allowed: one shape"):
+    with pytest.raises(
+        RobotDataError, match="collision geometry: given <sphere>, <box>; allowed: one shape"
+    ):
         read_urdf(path, free_flyer=True)
 
 

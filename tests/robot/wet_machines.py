@@ -30,8 +30,11 @@ def random_link(frame: str, rng: np.random.Generator) -> LinkHydrodynamics:
 
 def built_machine(*joint_types: str, branch_at: int | None = None) -> Dynamics:
     """A random tree with water on every tip, twice on the first, none on the third."""
-    model, rng = built_model(*joint_types, branch_at=branch_at), np.random.default_rng(11)
-    model.armature = model.armature * (np.arange(model.nv) >= 6)  # a vehicle has no rotor at its free-flyer
+    model = built_model(*joint_types, branch_at=branch_at)
+    rng = np.random.default_rng(11)
+    model.armature = model.armature * (
+        np.arange(model.nv) >= 6
+    )  # a vehicle has no rotor at its free-flyer
     tips = [frame.name for frame in model.frames if frame.name.endswith("_tip")]
     wet = [tips[0], *tips[:2], *tips[3:]]
     return Dynamics(
@@ -45,14 +48,26 @@ def built_machine(*joint_types: str, branch_at: int | None = None) -> Dynamics:
 
 
 FLOATING: dict[str, Callable[[], Dynamics]] = {
-    **{name: lambda name=name: robot_dynamics(load_robot(name)) for name in list_robots() if load_robot(name).n_vehicle},
-    "chain": lambda: built_machine("free_flyer", "revolute_unaligned", "unbounded_y", "prismatic_unaligned"),
-    "two_arms": lambda: built_machine("free_flyer", "revolute_z", "revolute_y", "revolute_unaligned", "prismatic_x", branch_at=3),
+    **{
+        name: lambda name=name: robot_dynamics(load_robot(name))
+        for name in list_robots()
+        if load_robot(name).n_vehicle
+    },
+    "chain": lambda: built_machine(
+        "free_flyer", "revolute_unaligned", "unbounded_y", "prismatic_unaligned"
+    ),
+    "two_arms": lambda: built_machine(
+        "free_flyer", "revolute_z", "revolute_y", "revolute_unaligned", "prismatic_x", branch_at=3
+    ),
 }
 """Machines on a free-flyer, which a current can carry along."""
 
 FIXED: dict[str, Callable[[], Dynamics]] = {
-    **{name: lambda name=name: robot_dynamics(load_robot(name)) for name in list_robots() if not load_robot(name).n_vehicle},
+    **{
+        name: lambda name=name: robot_dynamics(load_robot(name))
+        for name in list_robots()
+        if not load_robot(name).n_vehicle
+    },
     "fixed_arm": lambda: built_machine("revolute_unaligned", "planar", "prismatic_z", "revolute_x"),
 }
 

@@ -1,4 +1,6 @@
-"""The order in which equals are listed decides nothing: tasks that share no axis, thrusters, obstacles, faults, terms."""
+"""The order in which equals are listed decides nothing: tasks that share no axis, thrusters,
+obstacles, faults, terms.
+"""
 
 from __future__ import annotations
 
@@ -47,7 +49,9 @@ def hovering(robot: uo.Robot, order: tuple[str, ...], solver: str) -> uo.Scenari
 
 
 @pytest.mark.parametrize("solver", SOLVERS)
-def test_tasks_that_share_no_axis_command_the_same_in_either_order(robot: uo.Robot, solver: str) -> None:
+def test_tasks_that_share_no_axis_command_the_same_in_either_order(
+    robot: uo.Robot, solver: str
+) -> None:
     orders = ("JL", "HA", "PC", "MP"), ("JL", "HA", "MP", "PC")
     one, other = (hovering(robot, order, solver).run()["v"] for order in orders)
     assert np.abs(one).max() > 0.1
@@ -66,23 +70,32 @@ def test_thrusters_and_faults_may_be_listed_in_any_order(robot: uo.Robot) -> Non
     found = reach(robot=turned, dt=0.02, duration=3.0).run()
     np.testing.assert_allclose(found["q"], usual["q"], atol=1e-6)
     np.testing.assert_allclose(found["thrust"][:, ::-1], usual["thrust"], atol=1e-3)
-    one, other = (reach(robot=robot, dt=0.02, duration=3.0, noise=True, faults=f).run() for f in (FAULTS, FAULTS[::-1]))
+    one, other = (
+        reach(robot=robot, dt=0.02, duration=3.0, noise=True, faults=f).run()
+        for f in (FAULTS, FAULTS[::-1])
+    )
     np.testing.assert_array_equal(one["q"], other["q"])
 
 
-BALLS = tuple(obstacle(name, coal.Sphere(0.1), at) for name, at in {"a": (0.6, -0.6, -5.1), "b": (0.5, 0.9, -4.9)}.items())
+BALLS = tuple(
+    obstacle(name, coal.Sphere(0.1), at)
+    for name, at in {"a": (0.6, -0.6, -5.1), "b": (0.5, 0.9, -4.9)}.items()
+)
 
 
 @pytest.mark.slow
 def test_obstacles_may_be_listed_in_any_order(robot: uo.Robot) -> None:
     start = robot.configuration(position=(0.0, 0.0, -5.0))
     goal = PostureGoal(position=(1.2, 0.3, -5.2), rpy=(0.0, 0.0, 0.8))
-    curves, costs = [], []
+    curves = []
+    costs = []
     for balls in (BALLS, BALLS[::-1]):
         curve = plan_path(PlanRequest(robot=robot, start=start, goal=goal, obstacles=balls)).plan
         assert curve is not None
         curves.append(curve.trajectory.evaluate(np.linspace(0.0, curve.trajectory.end, 50)))
-        plan = solve_ocp(OcpRequest(robot=robot, start=start, goal=goal, obstacles=balls, n_steps=10)).plan
+        plan = solve_ocp(
+            OcpRequest(robot=robot, start=start, goal=goal, obstacles=balls, n_steps=10)
+        ).plan
         costs.append(plan.levels[-1].residual)
     np.testing.assert_allclose(*curves, atol=1e-4)
     assert costs[0] == pytest.approx(costs[1], rel=1e-5)
@@ -93,9 +106,14 @@ def planned(robot: uo.Robot, turned: bool) -> OcpProblem:
     goals = (TaskTerm(task=VehiclePose(goal=uo.pose_at((0.6, 0.1, -5.1)))), TaskTerm(task=arm))
     costs = (Effort(), Smoothness(weight=0.09))
     way = -1 if turned else 1
-    levels = [OcpLevel(name="goal", terms=goals[::way]), OcpLevel(name="effort", terms=costs[::way])]
+    levels = [
+        OcpLevel(name="goal", terms=goals[::way]),
+        OcpLevel(name="effort", terms=costs[::way]),
+    ]
     start = State(q=robot.configuration(position=(0.0, 0.0, -5.0)), v=np.zeros(robot.n_v))
-    return single_phase(robot=robot, start=start, duration=5.0, n_steps=10, levels=levels, constraints=(AtRest(),))
+    return single_phase(
+        robot=robot, start=start, duration=5.0, n_steps=10, levels=levels, constraints=(AtRest(),)
+    )
 
 
 @pytest.mark.slow

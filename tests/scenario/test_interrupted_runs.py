@@ -45,16 +45,20 @@ def test_whenever_it_is_pressed_a_run_ends_with_what_was_flown() -> None:
     scenario().run()  # whatever is compiled once
     begin = perf_counter()
     whole = scenario().run()
-    lasts, draw, before = perf_counter() - begin, random.Random(44), sys.getprofile()
+    lasts = perf_counter() - begin
+    draw = random.Random(44)
+    before = sys.getprofile()
     for _ in range(MOMENTS):
-        given, record = scenario(), None
+        given = scenario()
+        record = None
         with pressed_after(draw.uniform(0.001, lasts)) as pressed:
             try:
                 given.run()
                 signal.setitimer(signal.ITIMER_REAL, 0.0)
                 end = "finished"
             except uo.Interrupted as stop:
-                end, record = "flying", stop.result
+                end = "flying"
+                record = stop.result
             except KeyboardInterrupt:
                 end = "set-up"
             assert signal.getsignal(signal.SIGINT) is signal.default_int_handler
@@ -80,9 +84,14 @@ class PressWithinCasadi(ca.Callback):
         return [arg[0]]
 
 
-@pytest.mark.parametrize("press", [lambda: PressWithinCasadi()(1.0), lambda: signal.raise_signal(signal.SIGINT)])
-def test_a_press_while_a_run_is_set_up_ends_it(press: Callable[[], object], monkeypatch: pytest.MonkeyPatch) -> None:
-    sensors, profile = uo.Scenario._sensors, sys.getprofile()
+@pytest.mark.parametrize(
+    "press", [lambda: PressWithinCasadi()(1.0), lambda: signal.raise_signal(signal.SIGINT)]
+)
+def test_a_press_while_a_run_is_set_up_ends_it(
+    press: Callable[[], object], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    sensors = uo.Scenario._sensors
+    profile = sys.getprofile()
 
     def pressed(self: uo.Scenario) -> object:
         press()
@@ -118,11 +127,16 @@ def test_the_record_of_a_run_that_was_stopped_says_so() -> None:
         if t >= 0.2:
             signal.raise_signal(signal.SIGINT)
 
-    with default_answer(), pytest.raises(uo.Interrupted, match=r"stopped by hand at t = 0\.2 s") as stop:
+    with (
+        default_answer(),
+        pytest.raises(uo.Interrupted, match=r"stopped by hand at t = 0\.2 s") as stop,
+    ):
         scenario().run(press)
     record = stop.value.result
     assert record["t"][-1] == pytest.approx(0.2)
     assert not record.run_meta.completed
     assert cause_of_end(record)["kind"] == "stopped"
     assert cause_of_end(record)["text"].startswith("by hand; phase ")
-    assert stop.value._render_traceback_() == [f"{stop.value}; sys.last_value.result has what there is so far"]
+    assert stop.value._render_traceback_() == [
+        f"{stop.value}; sys.last_value.result has what there is so far"
+    ]

@@ -17,13 +17,17 @@ from uvms_ocp.scenario.scenario import Scenario
 
 
 def _said(scenario: Scenario) -> str:
-    return "\n".join(f"{finding.severity.value}: {finding.text}" for finding in scenario.check().findings)
+    return "\n".join(
+        f"{finding.severity.value}: {finding.text}" for finding in scenario.check().findings
+    )
 
 
 def test_a_hull_that_starts_in_the_floor_is_refused_with_the_link_that_is_lowest() -> None:
     robot = robot_of(STANDING)
     scenario = scenario_of(robot, "dynamic")
-    assert "error: the hull starts 1.10 m inside the floor, lowest with link stand" in _said(scenario)
+    assert "error: the hull starts 1.10 m inside the floor, lowest with link stand" in _said(
+        scenario
+    )
     assert not scenario.check().accepted
     above = scenario_of(robot_of(TINY["one wet link"]), "dynamic")
     assert "inside the floor" not in _said(above)
@@ -41,7 +45,12 @@ def test_joints_without_limits_are_given_those_of_a_published_arm_which_is_said_
     robot = robot_of(OPEN)
     np.testing.assert_array_equal(robot.limits.velocity[6:], ASSUMED_VELOCITY)
     np.testing.assert_array_equal(robot.limits.acceleration[6:], ASSUMED_ACCELERATION)
-    assert _said(scenario_of(robot, "dynamic")).count("no limit of velocity or effort for joint turn0, turn1") == 1
+    assert (
+        _said(scenario_of(robot, "dynamic")).count(
+            "no limit of velocity or effort for joint turn0, turn1"
+        )
+        == 1
+    )
     told = [finding for finding in check_robot(robot).findings if "Gao2022" in finding.text]
     assert len(told) == 1
 
@@ -60,7 +69,9 @@ def test_a_joint_without_range_is_held_and_named() -> None:
 
 
 @pytest.mark.parametrize(("depth", "refused"), [(5.0, False), (6.0, True)])
-def test_a_vehicle_that_nothing_drives_up_or_down_is_refused_a_goal_at_another_depth(depth: float, refused: bool) -> None:
+def test_a_vehicle_that_nothing_drives_up_or_down_is_refused_a_goal_at_another_depth(
+    depth: float, refused: bool
+) -> None:
     scenario = scenario_of(robot_of(TINY["no lift"]), "dynamic", depth=depth)
     assert ("no thruster drives heave" in _said(scenario)) == refused
     with_lift = scenario_of(robot_of(TINY["one wet link"]), "dynamic", depth=depth)
@@ -81,8 +92,14 @@ LEVEL = tuple((x, y, 0.0, 1, -1 if x * y > 0 else 1, 0) for x in (0.2, -0.2) for
         ),
     ],
 )
-def test_free_motions_are_roll_and_pitch_or_refused(thrusters: tuple[tuple[float, ...], ...], said: str) -> None:
-    found = scenario_of(robot_of(Tiny(thrusters=thrusters)), "dynamic").check().of_check("axes without thrust")
+def test_free_motions_are_roll_and_pitch_or_refused(
+    thrusters: tuple[tuple[float, ...], ...], said: str
+) -> None:
+    found = (
+        scenario_of(robot_of(Tiny(thrusters=thrusters)), "dynamic")
+        .check()
+        .of_check("axes without thrust")
+    )
     errors = " ".join(finding.text for finding in found if finding.severity is Severity.ERROR)
     assert said in errors
     assert bool(errors) == bool(said)

@@ -1,4 +1,6 @@
-"""A joint without end, in a plane or without range changes nothing else: what is checked, flown and planned is the twin's."""
+"""A joint without end, in a plane or without range changes nothing else: what is checked, flown and
+planned is the twin's.
+"""
 
 from __future__ import annotations
 
@@ -37,8 +39,13 @@ def test_pre_flight_finds_the_same_of_both(kind: str) -> None:
     odd, twin = (reach_of(robot, sensors=SensorSpecs()).check() for robot in (pair.odd, pair.twin))
     assert odd.accepted
     assert twin.accepted
-    own = {"continuous": (), "planar": ("limits",), "zero range": ("joints", "forces")}[kind]  # no speed; no range, a motor
-    told = [[(one.check, one.phase, one.text) for one in report.findings if one.check not in own] for report in (odd, twin)]
+    own = {"continuous": (), "planar": ("limits",), "zero range": ("joints", "forces")}[
+        kind
+    ]  # no speed; no range, a motor
+    told = [
+        [(one.check, one.phase, one.text) for one in report.findings if one.check not in own]
+        for report in (odd, twin)
+    ]
     assert told[0] == told[1]
 
 
@@ -46,18 +53,24 @@ def test_pre_flight_finds_the_same_of_both(kind: str) -> None:
 @pytest.mark.parametrize("solver", SOLVERS)
 @pytest.mark.parametrize("kind", ODD)
 def test_each_solver_moves_both_alike(kind: str, solver: str) -> None:
-    flown_alike(pair_of(kind), 2e-3, plant="kinematic", sensors=IDEAL_SENSORS, solver=SOLVERS[solver]())
+    flown_alike(
+        pair_of(kind), 2e-3, plant="kinematic", sensors=IDEAL_SENSORS, solver=SOLVERS[solver]()
+    )
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("kind", ODD)
 def test_in_water_and_noise_both_are_flown_alike(kind: str) -> None:
-    """Estimator, health, controller and plant together; of another number of encoders the noise is another."""
+    """Estimator, health, controller and plant together; of another number of encoders the noise is
+    another.
+    """
     flown_alike(pair_of(kind), 0.02, plant="dynamic", sensors=SensorSpecs())
 
 
 GOALS = {
-    "a posture": lambda tool: PostureGoal(position=(1.0, 0.3, -5.0), rpy=(0.0, 0.0, 0.6), joints={"turn2": 0.4}),
+    "a posture": lambda tool: PostureGoal(
+        position=(1.0, 0.3, -5.0), rpy=(0.0, 0.0, 0.6), joints={"turn2": 0.4}
+    ),
     "a tool": lambda tool: ToolGoal(position=tuple(tool + np.array([0.5, 0.3, -0.1]))),
 }
 
@@ -83,15 +96,28 @@ def test_optimal_control_plans_alike(kind: str) -> None:
     costs = []
     for robot in (pair_of(kind).odd, pair_of(kind).twin):
         goal = GOALS["a posture"](None)
-        plan = solve_ocp(OcpRequest(robot=robot, start=start_of(robot), goal=goal, obstacles=(BALL,), n_steps=15)).plan
+        plan = solve_ocp(
+            OcpRequest(robot=robot, start=start_of(robot), goal=goal, obstacles=(BALL,), n_steps=15)
+        ).plan
         assert plan.status is OcpStatus.SOLVED
         costs.append(plan.levels[-1].residual)
-    assert costs[0] == pytest.approx(costs[1], rel=2e-3) if kind == "continuous" else costs[0] > costs[1]
+    assert (
+        costs[0] == pytest.approx(costs[1], rel=2e-3)
+        if kind == "continuous"
+        else costs[0] > costs[1]
+    )
 
 
 @pytest.mark.parametrize("planned", [plan_path, solve_ocp])
-def test_what_plans_one_number_a_joint_refuses_a_joint_of_three_with_the_way_out(planned: Any) -> None:
+def test_what_plans_one_number_a_joint_refuses_a_joint_of_three_with_the_way_out(
+    planned: Any,
+) -> None:
     robot = pair_of("planar").odd
     request = {plan_path: PlanRequest, solve_ocp: OcpRequest}[planned]
-    with pytest.raises(InvalidInput, match=r"joint 'turn1' has 3 axes; planning needs joints of one; --lock fixes it"):
-        planned(request(robot=robot, start=start_of(robot), goal=PostureGoal(joints={"turn0": 0.4})))
+    with pytest.raises(
+        InvalidInput,
+        match=r"joint 'turn1' has 3 axes; planning needs joints of one; --lock fixes it",
+    ):
+        planned(
+            request(robot=robot, start=start_of(robot), goal=PostureGoal(joints={"turn0": 0.4}))
+        )

@@ -54,12 +54,21 @@ def test_defaults_are_those_of_every_other_scenario(name: str) -> None:
     assert scenario.sensors == IDEAL_SENSORS
 
 
-@pytest.mark.parametrize("name", [name for name in SCENARIOS if name != "case2"])  # whose plan depends on the floor
+@pytest.mark.parametrize(
+    "name", [name for name in SCENARIOS if name != "case2"]
+)  # whose plan depends on the floor
 def test_every_common_option_reaches_the_scenario(name: str) -> None:
     scenario = chosen(name)
     assert isinstance(scenario.solver, Icat)
-    assert (scenario.plant, scenario.seed, scenario.dt, scenario.duration) == ("kinematic", 3, 0.01, 7.0)
-    np.testing.assert_array_equal(scenario.environment.current.velocity(np.zeros((1, 3)), 0.0)[0], [0.1, 0.0, 0.0])
+    assert (scenario.plant, scenario.seed, scenario.dt, scenario.duration) == (
+        "kinematic",
+        3,
+        0.01,
+        7.0,
+    )
+    np.testing.assert_array_equal(
+        scenario.environment.current.velocity(np.zeros((1, 3)), 0.0)[0], [0.1, 0.0, 0.0]
+    )
     assert scenario.sensors != IDEAL_SENSORS
     assert scenario.gains.observer_vehicle == 0.0
     assert scenario.plant_robot is not None
@@ -68,23 +77,32 @@ def test_every_common_option_reaches_the_scenario(name: str) -> None:
     assert floor == pytest.approx(-41.0, abs=0.01)
 
 
-@pytest.mark.parametrize("name", [name for name in SCENARIOS if name != "current_drift"])  # which has its own
+@pytest.mark.parametrize(
+    "name", [name for name in SCENARIOS if name != "current_drift"]
+)  # which has its own
 def test_the_observer_is_on_unless_it_is_turned_off(name: str) -> None:
     assert default(name).gains.observer_vehicle > 0.0
 
 
 def test_options_default_to_what_a_scenario_made_by_hand_has() -> None:
     def defaults(cls: type) -> dict[str, object]:
-        return {item.name: item.default if item.default_factory is MISSING else item.default_factory for item in fields(cls)}
+        return {
+            item.name: item.default if item.default_factory is MISSING else item.default_factory
+            for item in fields(cls)
+        }
 
-    by_hand, common = defaults(Scenario), defaults(RunOptions)
+    by_hand = defaults(Scenario)
+    common = defaults(RunOptions)
     shared = ("solver", "plant", "seed", "dt", "duration")
     assert {name: common[name] for name in shared} == {name: by_hand[name] for name in shared}
 
 
 def test_an_option_that_there_is_not_is_told_those_there_are() -> None:
     with pytest.raises(
-        NameNotFound, match=r"unknown option of all scenarios 'durration'; known: robot, .*Did you mean 'duration'"
+        NameNotFound,
+        match=(
+            r"unknown option of all scenarios 'durration'; known: robot, .*Did you mean 'duration'"
+        ),
     ):
         SCENARIOS["reach"](durration=3.0)
 
@@ -99,8 +117,13 @@ def test_a_robot_may_be_given_by_name_and_none_is_the_default() -> None:
 
 
 def test_options_need_nothing_that_has_a_default() -> None:
-    assert not [item.name for item in fields(RunOptions) if item.default is MISSING and item.default_factory is MISSING]
-    alone, named = RunOptions(), run_options({})
+    assert not [
+        item.name
+        for item in fields(RunOptions)
+        if item.default is MISSING and item.default_factory is MISSING
+    ]
+    alone = RunOptions()
+    named = run_options({})
     assert (alone.robot, alone.seabed) == (named.robot, named.seabed)
 
 

@@ -1,4 +1,6 @@
-"""Scenarios of one's own: from a file, by a name in it, from a module; what is wrong with them is told in one line."""
+"""Scenarios of one's own: from a file, by a name in it, from a module; what is wrong with them is
+told in one line.
+"""
 
 from __future__ import annotations
 
@@ -50,7 +52,9 @@ def test_a_file_gives_its_scenario_with_the_options_that_it_takes(mission: Path)
 
 
 def test_a_scenario_that_is_a_value_takes_what_can_be_changed_of_it(mission: Path) -> None:
-    changed = chosen(f"{mission}:fixed", seed=5, seabed=-41.0, current=(0.1, 0.0, 0.0), noise=True, duration=3.0)
+    changed = chosen(
+        f"{mission}:fixed", seed=5, seabed=-41.0, current=(0.1, 0.0, 0.0), noise=True, duration=3.0
+    )
     assert (changed.seed, changed.duration, changed.environment.seafloor.z) == (5, 3.0, -41.0)
     assert changed.sensors.position.sigma > 0
     assert changed.environment.current.value[0] == 0.1
@@ -68,7 +72,12 @@ def test_a_module_by_its_name(mission: Path, monkeypatch: pytest.MonkeyPatch) ->
         (":scenaro", {}, NameNotFound, "Did you mean 'scenario'"),
         (":number", {}, InvalidInput, "is a int; give a Scenario"),
         (":fixed", {"robot": "planar5"}, InvalidInput, "whose robot is fixed"),
-        (":scenario", {"seabed": 1.0}, InvalidInput, "takes no option seabed; it takes plant, robot"),
+        (
+            ":scenario",
+            {"seabed": 1.0},
+            InvalidInput,
+            "takes no option seabed; it takes plant, robot",
+        ),
     ],
 )
 def test_what_is_wrong_is_told(
@@ -79,7 +88,9 @@ def test_what_is_wrong_is_told(
     assert "\n" not in str(told.value)
 
 
-@pytest.mark.parametrize(("text", "message"), [("1 / 0", "mission.py:1: ZeroDivisionError"), ("x = (", "mission.py:1:")])
+@pytest.mark.parametrize(
+    ("text", "message"), [("1 / 0", "mission.py:1: ZeroDivisionError"), ("x = (", "mission.py:1:")]
+)
 def test_code_that_fails_is_told_with_its_line(tmp_path: Path, text: str, message: str) -> None:
     (tmp_path / "mission.py").write_text(text)
     with pytest.raises(InvalidInput, match=message):
@@ -100,14 +111,19 @@ def test_a_file_that_changed_is_run_anew(mission: Path) -> None:
 
 def test_a_robot_is_a_name_a_folder_or_a_file_with_its_water(mission: Path) -> None:
     folder = robot_folder("girona_maris7")
-    for words, water in ((str(folder), None), (str(folder / "robot.urdf"), str(folder / "hydrodynamics.yaml"))):
+    for words, water in (
+        (str(folder), None),
+        (str(folder / "robot.urdf"), str(folder / "hydrodynamics.yaml")),
+    ):
         options = {"robot": words} | ({"hydrodynamics": water} if water else {})
         assert len(chosen(mission, **options).robot.description.thrusters) == 5
     with pytest.raises(InvalidInput, match="without a robot"):
         chosen(mission, hydrodynamics="water.yaml")
 
 
-def test_code_goes_to_other_machines_with_the_files_that_it_reads(mission: Path, tmp_path: Path) -> None:
+def test_code_goes_to_other_machines_with_the_files_that_it_reads(
+    mission: Path, tmp_path: Path
+) -> None:
     source = CodeSource.gathered(f"{mission}:own_robot")
     assert {"mission.py", "helper.py", "r/robot.urdf", "r/h.yaml"} <= set(source.files)
     for path in (*mission.parent.glob("*.py"), *(mission.parent / "r").iterdir()):

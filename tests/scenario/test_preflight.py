@@ -25,7 +25,13 @@ from uvms_ocp.robot.signals import SensorSpecs
 from uvms_ocp.scenario.cases.case1 import case1, case1_unreachable
 from uvms_ocp.scenario.cases.transit import FIELD, obstacle_field
 from uvms_ocp.scenario.options import mission_of, phase_of, run_options
-from uvms_ocp.scenario.preflight.setup import Finding, PreflightReport, Severity, forecast, main_path
+from uvms_ocp.scenario.preflight.setup import (
+    Finding,
+    PreflightReport,
+    Severity,
+    forecast,
+    main_path,
+)
 from uvms_ocp.scenario.scenario import Scenario, pose_at
 from uvms_ocp.tasks import VehiclePose
 
@@ -74,7 +80,9 @@ def test_a_mission_that_waits_for_less_tilt_than_there_will_be_is_refused() -> N
     first, *others = level.mission.phases
     wait = Transition(to=others[0].name, when=(Below(quantity="HA.tilt", limit=0.05),))
     waiting = with_phases(level, (replace(first, transitions=(wait,)), *others))
-    (finding,) = replace(waiting, robot=with_trim(level.robot, [lead])).check().of_check("attitude at rest")
+    (finding,) = (
+        replace(waiting, robot=with_trim(level.robot, [lead])).check().of_check("attitude at rest")
+    )
     assert (finding.severity, finding.phase) == (Severity.ERROR, first.name)
 
 
@@ -82,12 +90,16 @@ def test_a_mission_that_waits_for_less_tilt_than_there_will_be_is_refused() -> N
 def test_an_unreachable_goal_is_refused_with_the_distance_missing(refused: PreflightReport) -> None:
     (finding,) = refused.errors
     assert finding.check == "reachability"
-    assert 0.15 < finding.figures["missing_best_m"] < 0.35 < finding.figures["missing_worst_m"] < 0.45
+    assert (
+        0.15 < finding.figures["missing_best_m"] < 0.35 < finding.figures["missing_worst_m"] < 0.45
+    )
     assert "misses the goal" in finding.text
 
 
 def test_the_distances_agree_with_an_independent_optimum(refused: PreflightReport) -> None:
-    """Random search polished by Nelder-Mead on the tool error, from the two ends of the ball of the way point."""
+    """Random search polished by Nelder-Mead on the tool error, from the two ends of the ball of the
+    way point.
+    """
     scenario = case1_unreachable(plant="kinematic")
     target = np.array([12.2025, 37.3748, -39.886])
     way_point = np.array([10.2, 37.5])
@@ -103,9 +115,12 @@ def test_the_distances_agree_with_an_independent_optimum(refused: PreflightRepor
 def independent_optimum(scenario: Scenario, X_WB: pin.SE3, target: np.ndarray) -> float:
     """Position distance missing [m] at the best posture found."""
     robot = scenario.robot
-    model, data, frame = robot.model, robot.model.createData(), robot.frame_id("tool")
+    model = robot.model
+    data = robot.model.createData()
+    frame = robot.frame_id("tool")
     lower, upper = robot.limits.position_lower, robot.limits.position_upper
-    base, goal = pin.SE3ToXYZQUAT(X_WB), pin.rpy.rpyToMatrix(np.pi, 0.0, 0.0)
+    base = pin.SE3ToXYZQUAT(X_WB)
+    goal = pin.rpy.rpyToMatrix(np.pi, 0.0, 0.0)
 
     def error(joints: np.ndarray) -> tuple[float, float]:
         q = np.concatenate([base, np.clip(joints, lower, upper)])
@@ -124,10 +139,20 @@ def independent_optimum(scenario: Scenario, X_WB: pin.SE3, target: np.ndarray) -
     return float(error(min(polished, key=cost))[0])
 
 
-@pytest.mark.parametrize(("start_x", "severity", "completes"), [(8.5, Severity.ERROR, False), (13.5, Severity.WARNING, True)])
-def test_the_side_from_which_the_vehicle_comes_decides(start_x: float, severity: Severity, completes: bool) -> None:
-    """It stops where it enters the ball of its way point: near enough coming over the target, too far from behind."""
-    options = {"way_point": pose_at((10.53, 37.47, -38.0)), "start": pose_at((start_x, 37.4, -37.0))}
+@pytest.mark.parametrize(
+    ("start_x", "severity", "completes"),
+    [(8.5, Severity.ERROR, False), (13.5, Severity.WARNING, True)],
+)
+def test_the_side_from_which_the_vehicle_comes_decides(
+    start_x: float, severity: Severity, completes: bool
+) -> None:
+    """It stops where it enters the ball of its way point: near enough coming over the target, too
+    far from behind.
+    """
+    options = {
+        "way_point": pose_at((10.53, 37.47, -38.0)),
+        "start": pose_at((start_x, 37.4, -37.0)),
+    }
     scenario = case1(plant="kinematic", dt=0.02, duration=60.0, **options)
     (finding,) = scenario.check().of_check("reachability")
     assert finding.severity is severity
@@ -137,7 +162,11 @@ def test_the_side_from_which_the_vehicle_comes_decides(start_x: float, severity:
 
 def test_the_suggested_way_point_is_accepted(refused: PreflightReport) -> None:
     suggested = refused.errors[0].figures["suggested_way_point"]
-    assert case1(plant="kinematic", way_point=pose_at(tuple(suggested), (0.0, -0.06, 0.5))).check().accepted
+    assert (
+        case1(plant="kinematic", way_point=pose_at(tuple(suggested), (0.0, -0.06, 0.5)))
+        .check()
+        .accepted
+    )
 
 
 def test_a_seabed_at_39_m_keeps_the_vehicle_out_of_its_way_point() -> None:
@@ -154,12 +183,15 @@ def test_a_seabed_above_the_goals_is_refused_for_every_cause() -> None:
     assert {finding.check for finding in report.errors} >= {"minimum altitude", "goal"}
     (goal,) = report.of_check("goal")
     assert goal.phase == "D"
-    assert goal.text.startswith("the goal of T, z = -39.886 m, is 0.89 m below the seafloor, z = -39 m")
+    assert goal.text.startswith(
+        "the goal of T, z = -39.886 m, is 0.89 m below the seafloor, z = -39 m"
+    )
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize(
-    ("options", "task"), [({"way_point": pose_at((10.0, 37.0, -41.0))}, "PC"), ({"target": (12.0, 37.0, -40.5)}, "T")]
+    ("options", "task"),
+    [({"way_point": pose_at((10.0, 37.0, -41.0))}, "PC"), ({"target": (12.0, 37.0, -40.5)}, "T")],
 )
 def test_a_goal_below_the_floor_is_refused(options: dict[str, Any], task: str) -> None:
     (finding,) = case1(plant="kinematic", **options).check().of_check("goal")
@@ -170,9 +202,13 @@ def test_a_goal_below_the_floor_is_refused(options: dict[str, Any], task: str) -
 @pytest.mark.slow
 def test_a_moving_goal_that_dives_below_the_floor_is_refused() -> None:
     def dive(t: float) -> tuple[pin.SE3, np.ndarray]:
-        return pose_at((12.2, 37.37, -39.8 - 0.1 * t), (np.pi, 0.0, 0.0)), np.array([0, 0, -0.1, 0, 0, 0])
+        return pose_at((12.2, 37.37, -39.8 - 0.1 * t), (np.pi, 0.0, 0.0)), np.array(
+            [0, 0, -0.1, 0, 0, 0]
+        )
 
-    assert "below the seafloor" in texts(case1(plant="kinematic", tool_goal=dive).check(), Severity.ERROR)
+    assert "below the seafloor" in texts(
+        case1(plant="kinematic", tool_goal=dive).check(), Severity.ERROR
+    )
 
 
 def test_a_way_point_a_little_below_the_minimum_altitude_is_a_warning() -> None:
@@ -187,24 +223,40 @@ def test_a_current_beyond_the_thrusters_is_refused() -> None:
     (finding,) = (found for found in report.of_check("forces") if found.severity is Severity.ERROR)
     axes = re.findall(r"(\d+) N(?: m)? of (surge|sway|heave|roll|pitch|yaw)", finding.text)
     assert {"surge"} <= {axis for _, axis in axes}
-    assert np.hypot.reduce([float(short) for short, _ in axes]) == pytest.approx(finding.figures["missing_N"], abs=2.0)
+    assert np.hypot.reduce([float(short) for short, _ in axes]) == pytest.approx(
+        finding.figures["missing_N"], abs=2.0
+    )
 
 
-def test_what_drag_makes_up_for_is_told_and_not_refused_and_the_vehicle_gives_way_as_slowly_as_is_said() -> None:
+def test_what_drag_makes_up_for_is_told_and_not_refused_and_the_vehicle_gives_way_as_slowly_as_is_said() -> (
+    None
+):
     def held(speed: float, **options: Any) -> Scenario:
-        run = run_options({"robot": "bluerov2", "current": (speed, 0.0, 0.0), "duration": 30.0, **options}, seabed=-15.0)
+        run = run_options(
+            {"robot": "bluerov2", "current": (speed, 0.0, 0.0), "duration": 30.0, **options},
+            seabed=-15.0,
+        )
         never = Below(quantity="PC.position_error", limit=1e-9)
         phase = phase_of("A", "hold", ("PC",), DONE, never, PC=pose_at((0.0, 0.0, -6.0)))
         mission = mission_of(run.robot, [VehiclePose(goal=pose_at((0.0, 0.0, -6.0)))], [phase])
-        return run.scenario(name="held", mission=mission, start=run.start(pose_at((0.0, 0.0, -6.0))), markers={})
+        return run.scenario(
+            name="held", mission=mission, start=run.start(pose_at((0.0, 0.0, -6.0))), markers={}
+        )
 
     def forces(speed: float) -> Finding:
-        return next(found for found in held(speed).check().of_check("forces") if "missing_N" in found.figures)
+        return next(
+            found
+            for found in held(speed).check().of_check("forces")
+            if "missing_N" in found.figures
+        )
 
-    enough, short = 0.1, 4.0
+    enough = 0.1
+    short = 4.0
     while short - enough > 1e-4:
         middle = 0.5 * (enough + short)
-        enough, short = (enough, middle) if forces(middle).figures["missing_N"] > 1e-3 else (middle, short)
+        enough, short = (
+            (enough, middle) if forces(middle).figures["missing_N"] > 1e-3 else (middle, short)
+        )
     assert forces(short).severity is Severity.WARNING
     assert "gives way by at most 5 mm/s" in forces(short).text
     assert forces(1.05 * short).severity is Severity.ERROR
@@ -218,7 +270,9 @@ def test_a_current_on_the_plant_without_water_is_a_warning() -> None:
     assert "ignores the current of 0.2 m/s" in texts(report, Severity.WARNING)
 
 
-@pytest.mark.parametrize(("x", "place"), [(0.3, "the start"), (11.2, "the place where the vehicle is likeliest to stop")])
+@pytest.mark.parametrize(
+    ("x", "place"), [(0.3, "the start"), (11.2, "the place where the vehicle is likeliest to stop")]
+)
 def test_an_obstacle_where_the_robot_stands_is_refused(x: float, place: str) -> None:
     around = (*FIELD, obstacle("rock", coal.Sphere(0.3), (x, 0.0, -37.0)))
     (finding,) = obstacle_field(plant="kinematic", obstacles=around).check().of_check("obstacles")
@@ -252,7 +306,9 @@ def test_a_phase_that_waits_for_a_task_that_is_off_is_a_warning() -> None:
 def test_a_phase_that_nothing_leads_to_is_a_warning_and_one_without_exit_an_error() -> None:
     scenario = case1(plant="kinematic")
     lost = Phase(
-        name="X", activations={"PC": 1.0}, transitions=(Transition(to="X", when=(Below(quantity="HA.tilt", limit=1.0),)),)
+        name="X",
+        activations={"PC": 1.0},
+        transitions=(Transition(to="X", when=(Below(quantity="HA.tilt", limit=1.0),)),),
     )
     report = with_phases(scenario, (*scenario.mission.phases, lost)).check()
     assert "no transition leads to phase 'X'" in texts(report, Severity.WARNING)
@@ -280,7 +336,11 @@ def test_the_forecast_of_the_landing_is_where_the_vehicle_lands() -> None:
 def test_the_main_path_skips_back_steps() -> None:
     def phase(name: str, *targets: str) -> Phase:
         near = (Below(quantity="HA.tilt", limit=1.0),)
-        return Phase(name=name, activations={}, transitions=tuple(Transition(to=to, when=near) for to in targets))
+        return Phase(
+            name=name,
+            activations={},
+            transitions=tuple(Transition(to=to, when=near) for to in targets),
+        )
 
     assert main_path([phase("A", "B"), phase("B", "A", "C"), phase("C", "A", DONE)]) == [0, 1, 2]
 
@@ -300,7 +360,9 @@ def test_checks_do_not_depend_on_the_solver_or_leave_traces() -> None:
 
 def late(**delays: float) -> Scenario:
     """Case 1 whose sensors are late by so much [s], as everybody knows."""
-    specs = {name: replace(getattr(SensorSpecs(), name), delay=delay) for name, delay in delays.items()}
+    specs = {
+        name: replace(getattr(SensorSpecs(), name), delay=delay) for name, delay in delays.items()
+    }
     return replace(case1(), sensors=replace(SensorSpecs(), **specs))
 
 
@@ -316,17 +378,24 @@ def late(**delays: float) -> Scenario:
     ],
     ids=str,
 )
-def test_delays_that_the_loops_do_not_bear_are_told(delays: dict[str, float], severity: Severity | None) -> None:
+def test_delays_that_the_loops_do_not_bear_are_told(
+    delays: dict[str, float], severity: Severity | None
+) -> None:
     found = late(**delays).check().of_check("delays")
     assert [finding.severity for finding in found] == ([] if severity is None else [severity])
     for finding in found:
-        assert f"{finding.figures['delay_s']:.3g} s late, allowed {finding.figures['allowed_s']:.2g} s" in finding.text
+        assert (
+            f"{finding.figures['delay_s']:.3g} s late, allowed {finding.figures['allowed_s']:.2g} s"
+            in finding.text
+        )
         assert finding.figures["allowed_s"] < finding.figures["swings_from_s"]
 
 
 def test_what_is_refused_for_its_delays_swings_and_what_is_allowed_does_not() -> None:
     allowed = late(joint_positions=0.3).check().of_check("delays")[0].figures["allowed_s"]
-    calm, wild = (replace(late(joint_positions=delay), duration=8.0).run() for delay in (0.99 * allowed, 0.3))
+    calm, wild = (
+        replace(late(joint_positions=delay), duration=8.0).run() for delay in (0.99 * allowed, 0.3)
+    )
     joints = [np.abs(record["v"][-600:, 6:]).max() for record in (calm, wild)]
     assert joints[0] < 0.1 < 0.5 < joints[1]
 

@@ -28,7 +28,10 @@ def test_every_scenario_promises_something() -> None:
 
 @long_without_compiler
 def test_the_swap_loses_the_attitude_that_the_right_order_keeps() -> None:
-    lost, kept = (priority_swap(swapped=swapped, plant="kinematic", duration=20.0).run() for swapped in (True, False))
+    lost, kept = (
+        priority_swap(swapped=swapped, plant="kinematic", duration=20.0).run()
+        for swapped in (True, False)
+    )
     assert largest_tilt(lost) > 0.25
     assert largest_tilt(kept) < 0.1
 
@@ -39,7 +42,16 @@ def test_two_targets_are_reached_one_after_the_other() -> None:
     assert scenario.check().accepted
     report = summarize(scenario.run())
     assert report["completed"]
-    assert [phase["name"] for phase in report["phases"]] == ["A1", "B1", "C1", "D1", "A2", "B2", "C2", "D2"]
+    assert [phase["name"] for phase in report["phases"]] == [
+        "A1",
+        "B1",
+        "C1",
+        "D1",
+        "A2",
+        "B2",
+        "C2",
+        "D2",
+    ]
     for name in ("D1", "D2"):
         final = next(phase for phase in report["phases"] if phase["name"] == name)["final_errors"]
         assert final["T.position_error"] < 1e-3
@@ -104,7 +116,12 @@ def test_the_arm_follows_its_plan_past_the_rock() -> None:
     assert report["tool_position_error_m"] < 1e-3
     activations = record["activations"][50:, scenario.mission.hierarchy.index("JL")]
     assert (activations == 1.0).all()
-    assert closest_approach(scenario.robot, scenario.environment, record["q"][::10], floor=False).distance > 0.02
+    assert (
+        closest_approach(
+            scenario.robot, scenario.environment, record["q"][::10], floor=False
+        ).distance
+        > 0.02
+    )
     error = quantity(record, "T.position_error")
     assert error is not None
     assert error[in_phase(record, "D")][300:].max() < 0.05
@@ -113,7 +130,8 @@ def test_the_arm_follows_its_plan_past_the_rock() -> None:
 @long_without_compiler
 def test_the_preferred_motion_follows_its_plan_closer_than_the_arm_does_without_it() -> None:
     """Deviation of the last four joints from their plan during D, with MP and without."""
-    scenario, deviations = case2(plant="kinematic", dt=0.02), []
+    scenario = case2(plant="kinematic", dt=0.02)
+    deviations = []
     plan = scenario.mission.phases[-1].goals["MP"]
     for run in (scenario, case2(with_mp=False, plant="kinematic", dt=0.02)):
         record = run.run()
@@ -142,7 +160,8 @@ def test_the_valve_is_turned_in_view_of_the_camera() -> None:
     record = scenario.run()
     assert record.meta.completed
     turning = in_phase(record, "C")
-    error, angle = quantity(record, "TP.position_error"), quantity(record, "FV.angle")
+    error = quantity(record, "TP.position_error")
+    angle = quantity(record, "FV.angle")
     assert error is not None
     assert angle is not None
     assert error[turning].max() < 0.02
@@ -156,8 +175,14 @@ def test_clearance_keeps_the_whole_robot_away_from_the_obstacles_that_it_would_h
     kept = scenario.run()
     lost = obstacle_field(with_clearance=False, dt=0.02, duration=12.0).run()
     assert kept.meta.completed
-    assert [item.name for item in kept.meta.surroundings.obstacles] == ["boulder", "pillar", "wreck"]
-    closest = closest_approach(scenario.robot, scenario.environment, kept["q"][::5], self_collision=True)
+    assert [item.name for item in kept.meta.surroundings.obstacles] == [
+        "boulder",
+        "pillar",
+        "wreck",
+    ]
+    closest = closest_approach(
+        scenario.robot, scenario.environment, kept["q"][::5], self_collision=True
+    )
     assert closest.distance > 0.02
     assert closest_approach(scenario.robot, scenario.environment, kept["q"][::5]).distance > 0.1
     assert closest_approach(scenario.robot, scenario.environment, lost["q"][::5]).distance < 0
@@ -168,4 +193,6 @@ def test_without_water_the_obstacles_are_kept_at_the_threshold() -> None:
     scenario = obstacle_field(plant="kinematic", dt=0.02)
     record = scenario.run()
     assert record.meta.completed
-    assert closest_approach(scenario.robot, scenario.environment, record["q"]).distance > 0.15 - 1e-6
+    assert (
+        closest_approach(scenario.robot, scenario.environment, record["q"]).distance > 0.15 - 1e-6
+    )

@@ -1,4 +1,6 @@
-"""The estimate over a recording is that of the run, and says how well each sensor agrees with it."""
+"""The estimate over a recording is that of the run, and says how well each sensor agrees with
+it.
+"""
 
 from __future__ import annotations
 
@@ -21,8 +23,21 @@ from uvms_ocp.scenario import Scenario, estimate_recording, reach
 from uvms_ocp.scenario.cases import SCENARIOS
 from uvms_ocp.sim import parse_fault
 
-OF_THE_ESTIMATE = ("q_estimated", "v_estimated", "q_std", "altimeter_range", "altimeter_std", "health")
-FAULTS = ("position:bias=0.5@2-4", "joint_positions:lost@1-4", "attitude:late=0.2@2", "altimeter:frozen@2", "depth:nan@1-3")
+OF_THE_ESTIMATE = (
+    "q_estimated",
+    "v_estimated",
+    "q_std",
+    "altimeter_range",
+    "altimeter_std",
+    "health",
+)
+FAULTS = (
+    "position:bias=0.5@2-4",
+    "joint_positions:lost@1-4",
+    "attitude:late=0.2@2",
+    "altimeter:frozen@2",
+    "depth:nan@1-3",
+)
 FAULTS_OF_SCENARIOS = {
     "case1": "thruster3:dead@3",
     "case2": "altimeter:frozen@2",
@@ -44,13 +59,19 @@ def sound() -> Record:
 def require_the_same(run: Record, found: Record) -> None:
     for name in OF_THE_ESTIMATE:
         assert np.array_equal(run[name], found[name], equal_nan=run[name].dtype.kind == "f"), name
-    said = [(alarm.t, alarm.text) for alarm in run.run_meta.alarms if alarm.text.partition(" ")[0] in run.run_meta.channels]
+    said = [
+        (alarm.t, alarm.text)
+        for alarm in run.run_meta.alarms
+        if alarm.text.partition(" ")[0] in run.run_meta.channels
+    ]
     assert said == [(alarm.t, alarm.text) for alarm in found.run_meta.alarms]
 
 
 def replayed(record: Record, scenario: Scenario) -> Iterator[StateEstimate]:
     """The estimate at every tick."""
-    estimator, last, command = scenario.estimator(), {}, None
+    estimator = scenario.estimator()
+    last = {}
+    command = None
     for k, t in enumerate(record["t"].tolist()):
         for channel in record.run_meta.channels:
             *value, taken = record.series[f"measured_{channel}"][k].tolist()
@@ -64,9 +85,16 @@ def replayed(record: Record, scenario: Scenario) -> Iterator[StateEstimate]:
 def require_the_same_by_hand(record: Record, scenario: Scenario) -> None:
     for k, found in enumerate(replayed(record, scenario)):
         trusts = [channel.trust for channel in found.health]
-        for name, value in (("q_estimated", found.q), ("v_estimated", found.v), ("q_std", found.std), ("health", trusts)):
+        for name, value in (
+            ("q_estimated", found.q),
+            ("v_estimated", found.v),
+            ("q_std", found.std),
+            ("health", trusts),
+        ):
             assert np.array_equal(value, record.series[name][k]), (name, k)
-        assert np.array_equal(found.altimeter_range, record.series["altimeter_range"][k], equal_nan=True)
+        assert np.array_equal(
+            found.altimeter_range, record.series["altimeter_range"][k], equal_nan=True
+        )
 
 
 @pytest.mark.parametrize("fault", FAULTS)
@@ -90,14 +118,18 @@ def test_over_the_record_of_every_scenario(name: str) -> None:
 
 def test_over_a_record_that_was_saved_with_rows_on_the_disk(sound: Record, tmp_path: Path) -> None:
     sound.save(tmp_path / "record.npz")
-    found = estimate_recording(Record.load(tmp_path / "record.npz"), mission().robot, folder=tmp_path / "rows")
+    found = estimate_recording(
+        Record.load(tmp_path / "record.npz"), mission().robot, folder=tmp_path / "rows"
+    )
     assert found.same
     found.record.save(tmp_path / "estimate.npz")
     require_the_same(sound, Record.load(tmp_path / "estimate.npz"))
 
 
 def test_a_fault_on_top_is_what_the_run_with_it_would_have_read(sound: Record) -> None:
-    """Commands are those of the sound run, so that the same holds until the fault has moved the vehicle."""
+    """Commands are those of the sound run, so that the same holds until the fault has moved the
+    vehicle.
+    """
     fault = "depth:bias=2@1"
     faulty = mission(faults=fault).run()
     found = estimate_recording(sound, mission().robot, faults=(parse_fault(fault),))
@@ -111,8 +143,15 @@ def test_a_fault_on_top_is_what_the_run_with_it_would_have_read(sound: Record) -
 
 
 def test_channels_of_others_are_estimated_from_what_they_read(sound: Record) -> None:
-    robot, channels = mission().robot, {}
-    for channel in ("position", "attitude", "linear_velocity", "angular_velocity", "joint_positions"):
+    robot = mission().robot
+    channels = {}
+    for channel in (
+        "position",
+        "attitude",
+        "linear_velocity",
+        "angular_velocity",
+        "joint_positions",
+    ):
         rows = sound[f"measured_{channel}"]
         rows = rows[np.isfinite(rows).all(axis=1)]
         channels[channel] = Channel(t=1.7e9 + rows[:, -1], values=rows[:, :-1])
@@ -128,11 +167,15 @@ def test_channels_of_others_are_estimated_from_what_they_read(sound: Record) -> 
 def test_noise_that_is_larger_than_expected_is_proposed() -> None:
     scenario = mission()
     expected = robot_sensors(scenario.robot.description)
-    real = replace(expected, attitude=replace(expected.attitude, sigma=3.0 * expected.attitude.sigma))
+    real = replace(
+        expected, attitude=replace(expected.attitude, sigma=3.0 * expected.attitude.sigma)
+    )
     louder = estimate_recording(replace(scenario, real_sensors=real).run(), scenario.robot)
     rows = {row["channel"]: row for row in louder.channels}
     assert rows["attitude"]["ratio"] == pytest.approx(3.0, rel=0.25)
-    assert rows["attitude"]["proposed_sigma"] == pytest.approx(3.0 * expected.attitude.sigma, rel=0.25)
+    assert rows["attitude"]["proposed_sigma"] == pytest.approx(
+        3.0 * expected.attitude.sigma, rel=0.25
+    )
     assert all(row["ratio"] < 1.25 for name, row in rows.items() if name != "attitude")
 
 
@@ -146,8 +189,14 @@ def test_the_delay_of_readings_is_told(sound: Record) -> None:
 def test_what_cannot_be_estimated_is_refused_in_one_line(sound: Record) -> None:
     robot = mission().robot
     for wrong, text in (
-        (lambda: estimate_recording(reach(duration=0.05).run(), robot), "record it anew, with noise"),
-        (lambda: estimate_recording(sound, robot, faults=(parse_fault("thruster1:dead"),)), "give those of sensors"),
+        (
+            lambda: estimate_recording(reach(duration=0.05).run(), robot),
+            "record it anew, with noise",
+        ),
+        (
+            lambda: estimate_recording(sound, robot, faults=(parse_fault("thruster1:dead"),)),
+            "give those of sensors",
+        ),
         (lambda: estimate_recording(sound, SCENARIOS["case1"]().robot), "give the robot recorded"),
     ):
         with pytest.raises(InvalidInput, match=text) as raised:
@@ -158,16 +207,29 @@ def test_what_cannot_be_estimated_is_refused_in_one_line(sound: Record) -> None:
 def test_the_command_says_that_it_is_the_estimate_of_the_run(sound: Record, tmp_path: Path) -> None:
     (tmp_path / "run").mkdir()
     sound.save(tmp_path / "run" / "record.npz")
-    words = ["estimate", str(tmp_path / "run"), "--out", str(tmp_path / "out"), "--robot", sound.meta.robot]
+    words = [
+        "estimate",
+        str(tmp_path / "run"),
+        "--out",
+        str(tmp_path / "out"),
+        "--robot",
+        sound.meta.robot,
+    ]
     said = CliRunner().invoke(app, words)
     assert said.exit_code == 0, said.output
     assert "the estimate is that of the run" in said.output
-    written = {path.name for path in (tmp_path / "out").rglob("*") if path.is_file() and ".uvms_ocp" not in path.parts}
+    written = {
+        path.name
+        for path in (tmp_path / "out").rglob("*")
+        if path.is_file() and ".uvms_ocp" not in path.parts
+    }
     assert written == {"record.npz", "report.json", "estimate.png", "health.png"}
     assert Record.load(tmp_path / "out" / "record.npz").run_meta.plant == "recorded"
 
 
-def test_a_table_of_a_run_is_refused_for_it_has_estimates_in_place_of_readings(sound: Record, tmp_path: Path) -> None:
+def test_a_table_of_a_run_is_refused_for_it_has_estimates_in_place_of_readings(
+    sound: Record, tmp_path: Path
+) -> None:
     sound.save(tmp_path / "record.npz")
     with pytest.raises(InvalidInput, match=r"record\.npz, which has the readings"):
         estimate_recording(read_recording(tmp_path / "record.npz"), mission().robot)

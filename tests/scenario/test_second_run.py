@@ -1,4 +1,6 @@
-"""A second run of a robot and mission makes no expression anew, and gives the record that it gives alone."""
+"""A second run of a robot and mission makes no expression anew, and gives the record that it gives
+alone.
+"""
 
 from __future__ import annotations
 
@@ -16,7 +18,8 @@ from uvms_ocp.scenario.scenario import pose_at
 from uvms_ocp.tasks.pose import VehiclePose
 from uvms_ocp.tasks.task import Hierarchy, Rows
 
-DT, SPEED = 1 / 200, "vehicle.speed"
+DT = 1 / 200
+SPEED = "vehicle.speed"
 CLOCKS = {"solve_time", "controller_time", "tick_time"}
 
 
@@ -56,7 +59,8 @@ class OwnPose(VehiclePose):
 
 
 def test_levels_are_shared_by_goals_and_by_nothing_else() -> None:
-    robot, here = load_robot("bluerov2"), pose_at((0.0, 0.0, -3.0))
+    robot = load_robot("bluerov2")
+    here = pose_at((0.0, 0.0, -3.0))
     task = VehiclePose(goal=here)
 
     def of(*tasks: Any, dt: float = DT, beside: tuple[str, ...] = ()) -> levels.LevelsProblem:
@@ -65,7 +69,13 @@ def test_levels_are_shared_by_goals_and_by_nothing_else() -> None:
     first = of(task)
     assert of(replace(task, goal=pose_at((1.0, 0.0, -3.0)))) is first
     other = replace(task, name="PC2")
-    differing = [of(replace(task, gain_linear=0.3)), of(other), of(task, other), of(task, dt=0.01), of(task, beside=(SPEED,))]
+    differing = [
+        of(replace(task, gain_linear=0.3)),
+        of(other),
+        of(task, other),
+        of(task, dt=0.01),
+        of(task, beside=(SPEED,)),
+    ]
     assert first not in differing
     own = OwnPose(goal=here)
     assert of(own) is not of(own)

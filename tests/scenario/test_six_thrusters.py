@@ -1,4 +1,6 @@
-"""A vehicle whose pitch nobody drives reaches way points, with tasks on its attitude and with a load that nobody told it of."""
+"""A vehicle whose pitch nobody drives reaches way points, with tasks on its attitude and with a
+load that nobody told it of.
+"""
 
 from __future__ import annotations
 
@@ -12,23 +14,49 @@ import uvms_ocp as uo
 from uvms_ocp.control.velocity.tick import _shorten
 from uvms_ocp.report.metrics import swings
 from uvms_ocp.robot.description import TrimBody
-from uvms_ocp.scenario.options import RunOptions, abort_phase, activate, current_from, mission_of, run_options
+from uvms_ocp.scenario.options import (
+    RunOptions,
+    abort_phase,
+    activate,
+    current_from,
+    mission_of,
+    run_options,
+)
 from uvms_ocp.scenario.preflight import Severity
 from uvms_ocp.scenario.scenario import Scenario
-from uvms_ocp.tasks import Alignment, HorizontalAttitude, JointLimits, JointTracking, MinimumAltitude, ToolPosition, VehiclePose
+from uvms_ocp.tasks import (
+    Alignment,
+    HorizontalAttitude,
+    JointLimits,
+    JointTracking,
+    MinimumAltitude,
+    ToolPosition,
+    VehiclePose,
+)
 from uvms_ocp.types import Point
 
-WAY_POINT, TARGET = (3.0, 0.0, -8.0), (4.1, 0.0, -8.6)
+WAY_POINT = (3.0, 0.0, -8.0)
+TARGET = (4.1, 0.0, -8.6)
 
 
 def loaded(load: float) -> RunOptions:
-    """Options of a run of a minute in still water and without noise, with a load [kg] at the tool."""
+    """Options of a run of a minute in still water and without noise, with a load [kg] at the
+    tool.
+    """
     body = TrimBody(name="load", link="tool", position=(0.0, 0.0, 0.0), mass=load, volume=0.0)
-    return run_options({"robot": six_thrusters(), "payload": body if load else None, "duration": 60.0}, seabed=-12.0)
+    return run_options(
+        {"robot": six_thrusters(), "payload": body if load else None, "duration": 60.0},
+        seabed=-12.0,
+    )
 
 
 def scenario_of(
-    run: RunOptions, start: Point, target: Point, on: tuple[str, ...], ends: uo.Transition, tools: tuple[ToolPosition, ...] = ()
+    run: RunOptions,
+    start: Point,
+    target: Point,
+    on: tuple[str, ...],
+    ends: uo.Transition,
+    tools: tuple[ToolPosition, ...] = (),
 ) -> Scenario:
     """One phase from a start, with its bow on a target, with the tasks that are on."""
     robot = run.robot
@@ -51,13 +79,18 @@ def swim(load: float, *, aligned: bool = True) -> Scenario:
     on = ("JL", "MAC", "HA", *(("AT",) if aligned else ()), "PC", "MP")
     arrived = uo.Below(quantity="PC.position_error", limit=0.1)
     there = (arrived, uo.Below(quantity="AT.misalignment", limit=0.1)) if aligned else (arrived,)
-    return scenario_of(loaded(load), (0.0, 0.0, -6.0), TARGET, on, uo.Transition(to=uo.DONE, when=there, hold=1.0))
+    return scenario_of(
+        loaded(load), (0.0, 0.0, -6.0), TARGET, on, uo.Transition(to=uo.DONE, when=there, hold=1.0)
+    )
 
 
 def reach(run: RunOptions, limit: float) -> Scenario:
     """With the tool, from rest at the way point, until it is nearer than the limit [m]."""
-    target, on = (4.3, 0.0, -8.6), ("JL", "MAC", "HA", "AT", "TP", "PC", "MP")
-    there = uo.Transition(to=uo.DONE, when=(uo.Below(quantity="TP.position_error", limit=limit),), hold=1.0)
+    target = (4.3, 0.0, -8.6)
+    on = ("JL", "MAC", "HA", "AT", "TP", "PC", "MP")
+    there = uo.Transition(
+        to=uo.DONE, when=(uo.Below(quantity="TP.position_error", limit=limit),), hold=1.0
+    )
     return scenario_of(run, WAY_POINT, target, on, there, (ToolPosition(goal=uo.pose_at(target)),))
 
 
@@ -86,8 +119,12 @@ def test_the_way_point_is_reached_with_any_load_and_never_fled(load: float, alig
 
 @pytest.mark.slow
 @pytest.mark.parametrize("load", [0.0, 2.0, 4.0])
-def test_a_tool_reaches_its_target_on_a_swinging_vehicle_and_the_swing_dies_away(load: float) -> None:
-    """From rest at the way point, where the load lets go: it pitches the vehicle by 20 deg and more, which no thruster holds."""
+def test_a_tool_reaches_its_target_on_a_swinging_vehicle_and_the_swing_dies_away(
+    load: float,
+) -> None:
+    """From rest at the way point, where the load lets go: it pitches the vehicle by 20 deg and
+    more, which no thruster holds.
+    """
     record = reach(loaded(load), 0.01).run()
     assert record.meta.events[-1].target == uo.DONE
     energy = record.series["v"][:, 4] ** 2
@@ -99,7 +136,9 @@ def test_a_tool_reaches_its_target_on_a_swinging_vehicle_and_the_swing_dies_away
 @pytest.mark.slow
 @pytest.mark.parametrize("current", [(0.2, 0.0, 0.0), (-0.2, 0.0, 0.0), (0.0, 0.2, 0.0)])
 def test_the_heaviest_load_is_held_in_a_current(current: tuple[float, float, float]) -> None:
-    """It leans the vehicle by 40 deg, and drag on a leaning hull pitches it: the tool comes to rest all the same."""
+    """It leans the vehicle by 40 deg, and drag on a leaning hull pitches it: the tool comes to rest
+    all the same.
+    """
     record = reach(replace(loaded(4.0), current=current_from(current)), 1e-6).run()
     held = record.series["quantities"][-1000:, record.meta.quantities.index("TP.position_error")]
     assert held.max() < 0.005

@@ -1,4 +1,6 @@
-"""Where the origin of the world lies, and where north is, changes no mission: laws over scenarios."""
+"""Where the origin of the world lies, and where north is, changes no mission: laws over
+scenarios.
+"""
 
 from __future__ import annotations
 
@@ -19,8 +21,11 @@ def turned(angle: float) -> pin.SE3:
     return pin.SE3(pin.rpy.rpyToMatrix(0.0, 0.0, angle), np.array([-600.0, 800.0, 0.0]))
 
 
-# A way is eased along the axes of the world (`common_share`), so that a turn moves it by millimetres.
-WORLDS: dict[str, tuple[pin.SE3, float, float]] = {  # with how far [m, rad] the way may be another, on the way and at its end
+# A way is eased along the axes of the world (`common_share`), so that a turn moves it by
+# millimetres.
+WORLDS: dict[
+    str, tuple[pin.SE3, float, float]
+] = {  # with how far [m, rad] the way may be another, on the way and at its end
     "moved by 1 km": (MOVED, 1e-8, 1e-8),
     "half turned": (turned(np.pi), 1e-8, 1e-8),
     "turned once around": (turned(2 * np.pi), 1e-8, 1e-8),
@@ -39,12 +44,20 @@ def moved(X_NW: pin.SE3, q: np.ndarray) -> np.ndarray:
 
 
 def reach(X_NW: pin.SE3) -> uo.Scenario:
-    target, start = np.array([1.5, -1.2, -6.0]), pose_at((0.0, 0.0, -5.0), (0.0, 0.0, 0.7))
-    return uo.scenario.reach(start=X_NW * start, target=X_NW.act(target), current=X_NW.rotation @ CURRENT, duration=25.0, dt=0.01)
+    target = np.array([1.5, -1.2, -6.0])
+    start = pose_at((0.0, 0.0, -5.0), (0.0, 0.0, 0.7))
+    return uo.scenario.reach(
+        start=X_NW * start,
+        target=X_NW.act(target),
+        current=X_NW.rotation @ CURRENT,
+        duration=25.0,
+        dt=0.01,
+    )
 
 
 def case1(X_NW: pin.SE3) -> uo.Scenario:
-    start, way_point = pose_at((8.5, 38.5, -36.0), (0.0, -0.06, 0.5)), pose_at((10.8, 37.45, -38.0), (0.0, -0.06, 0.5))
+    start = pose_at((8.5, 38.5, -36.0), (0.0, -0.06, 0.5))
+    way_point = pose_at((10.8, 37.45, -38.0), (0.0, -0.06, 0.5))
     target = np.array([12.2025, 37.3748, -39.886])
     return uo.scenario.case1(
         start=X_NW * start,
@@ -62,7 +75,10 @@ SCENARIOS: Sequence[Callable[[pin.SE3], uo.Scenario]] = (reach, case1)
 
 @pytest.mark.parametrize("made", SCENARIOS)
 def test_pre_flight_finds_the_same_in_any_world(made: Callable[[pin.SE3], uo.Scenario]) -> None:
-    here, *there = ([(one.check, one.phase, one.text) for one in made(X_NW).check().findings] for X_NW in _worlds())
+    here, *there = (
+        [(one.check, one.phase, one.text) for one in made(X_NW).check().findings]
+        for X_NW in _worlds()
+    )
     assert here
     assert all(findings == here for findings in there)
 
@@ -78,9 +94,13 @@ def test_a_mission_is_flown_the_same_in_any_world(made: Callable[[pin.SE3], uo.S
     assert here.run_meta.completed
     for world, (X_NW, on_the_way, at_the_end) in WORLDS.items():
         there = made(X_NW).run()
-        assert [event.target for event in there.run_meta.events] == [event.target for event in here.run_meta.events], world
+        assert [event.target for event in there.run_meta.events] == [
+            event.target for event in here.run_meta.events
+        ], world
         n = min(len(here), len(there))
         assert max(len(here), len(there)) < 1.01 * n, world
-        error = np.abs(np.delete(there["q"][:n] - moved(X_NW, here["q"][:n]), np.s_[3:7], axis=1)).max(axis=1)
+        error = np.abs(
+            np.delete(there["q"][:n] - moved(X_NW, here["q"][:n]), np.s_[3:7], axis=1)
+        ).max(axis=1)
         assert error.max() < on_the_way, world
         assert error[-1] < at_the_end, world

@@ -10,7 +10,15 @@ import pinocchio as pin
 
 from uvms_ocp.control import Estimator, PassThrough
 from uvms_ocp.robot.dynamics import robot_dynamics
-from uvms_ocp.robot.signals import IDEAL_SENSORS, Command, Reading, Readings, SensorSpecs, State, StateEstimate
+from uvms_ocp.robot.signals import (
+    IDEAL_SENSORS,
+    Command,
+    Reading,
+    Readings,
+    SensorSpecs,
+    State,
+    StateEstimate,
+)
 from uvms_ocp.robot.thrusters import thruster_matrix
 from uvms_ocp.scenario.scenario import Scenario
 from uvms_ocp.sim import DynamicPlant, KinematicPlant, SensorSuite
@@ -19,7 +27,9 @@ from uvms_ocp.tasks import VehiclePose
 
 @dataclass(frozen=True, kw_only=True)
 class ExtraDrag:
-    """The dynamic plant, slowed down by something that its model does not know; without it, the dynamic plant."""
+    """The dynamic plant, slowed down by something that its model does not know; without it, the
+    dynamic plant.
+    """
 
     rate: float = 0.0
     """[1/s] of the decay of all velocities."""
@@ -33,17 +43,26 @@ class ExtraDrag:
 class DraggedPlant:
     def __init__(self, scenario: Scenario, rate: float) -> None:
         robot = scenario.plant_robot or scenario.robot
-        options: dict[str, Any] = {"environment": scenario.environment, "faults": scenario.toolkit_faults}
-        self.plant, self.rate = DynamicPlant(robot, scenario.start, dynamics=robot_dynamics(robot), **options), rate
+        options: dict[str, Any] = {
+            "environment": scenario.environment,
+            "faults": scenario.toolkit_faults,
+        }
+        self.plant = DynamicPlant(robot, scenario.start, dynamics=robot_dynamics(robot), **options)
+        self.rate = rate
         self.state = self.plant.state
 
     def step(self, command: Command, dt: float) -> None:
         self.plant.step(command, dt)
         after = self.plant.state
-        self.state = self.plant.state = State(q=after.q, v=after.v * np.exp(-self.rate * dt), a=after.a)
+        self.state = self.plant.state = State(
+            q=after.q, v=after.v * np.exp(-self.rate * dt), a=after.a
+        )
 
     def telemetry(self) -> dict[str, Any]:
-        return {**self.plant.telemetry(), "lost_speed": self.rate * float(np.linalg.norm(self.state.v))}
+        return {
+            **self.plant.telemetry(),
+            "lost_speed": self.rate * float(np.linalg.norm(self.state.v)),
+        }
 
 
 class CopiedKinematics:
@@ -83,7 +102,9 @@ class DoubleIntegrator:
 
 @dataclass(frozen=True, kw_only=True)
 class Bursts:
-    """Sensors whose DVL loses sight for seconds at a time; `share` of the time, 0 for the toolkit's sensors."""
+    """Sensors whose DVL loses sight for seconds at a time; `share` of the time, 0 for the toolkit's
+    sensors.
+    """
 
     share: float
     specs: SensorSpecs
@@ -96,9 +117,13 @@ class BurstySensors:
     def __init__(self, settings: Bursts, scenario: Scenario) -> None:
         floor = scenario.environment.seafloor
         specs = scenario.real_sensors or settings.specs
-        self.suite = SensorSuite(scenario.robot, floor, specs, scenario.seed, scenario.altimeter_frame)
-        self.share, self.random = settings.share, np.random.default_rng([scenario.seed, 7])
-        self.second, self.blind = -1, False
+        self.suite = SensorSuite(
+            scenario.robot, floor, specs, scenario.seed, scenario.altimeter_frame
+        )
+        self.share = settings.share
+        self.random = np.random.default_rng([scenario.seed, 7])
+        self.second = -1
+        self.blind = False
         self.last: Reading[np.ndarray] | None = None
 
     def __call__(self, state: State, t: float) -> Readings:
@@ -113,19 +138,25 @@ class BurstySensors:
 
 
 class ComplementaryFilter:
-    """What is quick from gyro and DVL, what lasts from attitude, fixes and depth; joints as read."""
+    """What is quick from gyro and DVL, what lasts from attitude, fixes and depth; joints as
+    read.
+    """
 
     def __init__(self, scenario: Scenario) -> None:
-        self.robot, self.t = scenario.robot, 0.0
+        self.robot = scenario.robot
+        self.t = 0.0
         self.q, self.v = np.array(scenario.start), np.zeros(scenario.robot.n_v)
         self.seen: dict[str, Reading[Any]] = {}
 
     def __call__(self, readings: Readings, t: float, command: Command | None) -> StateEstimate:
-        dt, self.t = t - self.t, t
+        dt = t - self.t
+        self.t = t
         fresh = {name: self._fresh(name, readings) for name in Readings.__dataclass_fields__}
-        if (rates := fresh["angular_velocity"]) is not None:
+        rates = fresh["angular_velocity"]
+        if rates is not None:
             self.v[3:6] = rates
-        if (velocity := fresh["linear_velocity"]) is not None:
+        velocity = fresh["linear_velocity"]
+        if velocity is not None:
             self.v[:3] = velocity
         self.q = pin.integrate(self.robot.model, self.q, self.v * dt)
         self._correct(fresh, dt)
@@ -135,14 +166,18 @@ class ComplementaryFilter:
 
     def _correct(self, fresh: dict[str, Any], dt: float) -> None:
         q = self.q
-        if (p := fresh["position"]) is not None:
+        p = fresh["position"]
+        if p is not None:
             q[:2] += 0.2 * (p[:2] - q[:2])
-        if (z := fresh["depth"]) is not None:
+        z = fresh["depth"]
+        if z is not None:
             q[2] += 0.2 * (z - q[2])
-        if (turn := fresh["attitude"]) is not None:
+        turn = fresh["attitude"]
+        if turn is not None:
             ours, theirs = pin.Quaternion(*q[[6, 3, 4, 5]]), pin.Quaternion(*turn[[3, 0, 1, 2]])
             q[3:7] = ours.slerp(0.3, theirs).coeffs()
-        if (joints := fresh["joint_positions"]) is not None:
+        joints = fresh["joint_positions"]
+        if joints is not None:
             missed, q[7:] = joints - q[7:], joints
             self.v[6:] += 0.3 * missed / max(dt, 1e-3)
 
@@ -161,7 +196,10 @@ class CopiedFilter:
         self.ours: Any = PassThrough(scenario.robot)
         if scenario.specs != IDEAL_SENSORS:
             self.ours = Estimator(scenario.robot, scenario.specs)
-            self.outcomes, self.inflate_velocity_variance = self.ours.outcomes, self.ours.inflate_velocity_variance
+            self.outcomes, self.inflate_velocity_variance = (
+                self.ours.outcomes,
+                self.ours.inflate_velocity_variance,
+            )
 
     def __call__(self, readings: Readings, t: float, command: Command | None) -> StateEstimate:
         return self.ours(readings, t, command)
@@ -184,29 +222,44 @@ class Pid:
 
 class PidOfRun:
     def __init__(self, gains: Pid, scenario: Scenario) -> None:
-        self.gains, self.robot, self.dt = gains, scenario.robot, scenario.dt
+        self.gains = gains
+        self.robot = scenario.robot
+        self.dt = scenario.dt
         self.dynamics = robot_dynamics(scenario.robot)
         self.effect = np.linalg.pinv(thruster_matrix(scenario.robot))
-        task = next(task for task in scenario.mission.hierarchy.tasks if isinstance(task, VehiclePose))
+        task = next(
+            task for task in scenario.mission.hierarchy.tasks if isinstance(task, VehiclePose)
+        )
         assert isinstance(task.goal, pin.SE3)
         self.goal = np.array(scenario.start)
         self.goal[:7] = pin.SE3ToXYZQUAT(task.goal)
         self.sum = np.zeros(scenario.robot.n_v)
 
     def __call__(self, measurement: StateEstimate, t: float) -> Command:
-        gains, q, v = self.gains, measurement.q, measurement.v
+        gains = self.gains
+        q = measurement.q
+        v = measurement.v
         error = pin.difference(self.robot.model, q, self.goal)
-        error[:3] *= min(1.0, 0.5 / max(1e-9, float(np.linalg.norm(error[:3]))))  # far goals are as near as half a metre
+        error[:3] *= min(
+            1.0, 0.5 / max(1e-9, float(np.linalg.norm(error[:3])))
+        )  # far goals are as near as half a metre
         self.sum += error * self.dt
         a = gains.stiffness * error - gains.damping * v + gains.integral * self.sum
         force = self.dynamics.inverse_dynamics(q, np.zeros_like(v), a)
         thrust = self.effect @ force[:6]
-        return Command(v=np.zeros_like(v), thrust=thrust, torque=force[self.robot.joint_v], telemetry={"pull": error[:3]})
+        return Command(
+            v=np.zeros_like(v),
+            thrust=thrust,
+            torque=force[self.robot.joint_v],
+            telemetry={"pull": error[:3]},
+        )
 
 
 @dataclass(frozen=True, kw_only=True)
 class LooseCable:
-    """Readings of the DVL are those of the moment when it came loose; thrusters hear half of what they are asked."""
+    """Readings of the DVL are those of the moment when it came loose; thrusters hear half of what
+    they are asked.
+    """
 
     onset: float
     end: float = float("inf")
@@ -226,4 +279,8 @@ class LooseCableOfRun:
         return replace(readings, linear_velocity=self.kept)
 
     def command(self, command: Command, t: float) -> Command:
-        return command if command.thrust is None else replace(command, thrust=self.share * command.thrust)
+        return (
+            command
+            if command.thrust is None
+            else replace(command, thrust=self.share * command.thrust)
+        )

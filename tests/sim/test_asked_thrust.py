@@ -35,12 +35,16 @@ class Told(KinematicPlant):
         return {"thrust": np.full(8, 7.0)}
 
 
-def run(thrust: Mapping[int, np.ndarray | None], plant: type[KinematicPlant] = Told, **more: Any) -> Recorder:
+def run(
+    thrust: Mapping[int, np.ndarray | None], plant: type[KinematicPlant] = Told, **more: Any
+) -> Recorder:
     """Ticks with thrust (8,) [N], the last of which finishes; more: telemetry of the controller."""
 
     def control(_: object, t: float) -> Command:
         k = round(t / DT)
-        return Command(v=np.zeros(13), thrust=thrust[k], finished=k == len(thrust) - 1, telemetry=more)
+        return Command(
+            v=np.zeros(13), thrust=thrust[k], finished=k == len(thrust) - 1, telemetry=more
+        )
 
     return simulate(
         plant=plant(robot(), robot().configuration(position=[0.0, 0.0, -5.0])),

@@ -1,4 +1,6 @@
-"""Laws of the loop in machine code: the same rows, events and alarms as tick by tick, to the last bit, or it is not used."""
+"""Laws of the loop in machine code: the same rows, events and alarms as tick by tick, to the last
+bit, or it is not used.
+"""
 
 from __future__ import annotations
 
@@ -61,9 +63,15 @@ SCENARIOS: dict[str, Callable[[], Scenario]] = {
     "all sensors": _all_sensors,
     "obstacles": lambda: obstacle_field(**SHORT),
     "six thrusters": lambda: reach(**NOISY),
-    "thrusters that fail": lambda: case1(**NOISY, faults=("thruster3:dead@1.003", "thruster5:weak=0.3@1-2.5")),
-    "a sensor that fails": lambda: case1(**NOISY, faults=("linear_velocity:lost@1-2", "position:spikes=3,0.2@2")),
-    "readings in the wrong order": lambda: case1(**NOISY, faults=("attitude:late=0.05@1-2", "depth:ahead=0.1@1")),
+    "thrusters that fail": lambda: case1(
+        **NOISY, faults=("thruster3:dead@1.003", "thruster5:weak=0.3@1-2.5")
+    ),
+    "a sensor that fails": lambda: case1(
+        **NOISY, faults=("linear_velocity:lost@1-2", "position:spikes=3,0.2@2")
+    ),
+    "readings in the wrong order": lambda: case1(
+        **NOISY, faults=("attitude:late=0.05@1-2", "depth:ahead=0.1@1")
+    ),
     "a current that comes up": lambda: case1(**NOISY, faults=("current:step=0.2,0,0@1",)),
     "few rows": lambda: replace(case1(**NOISY), record_rate=7.0),
     "a period of 3 ms": lambda: replace(case1(**NOISY), dt=0.003, duration=1.0),
@@ -85,7 +93,11 @@ def _require_same(one: Record, other: Record) -> None:
         else:
             np.testing.assert_array_equal(values, other[name], err_msg=name)
     told = [
-        {key: value for key, value in record.run_meta.model_dump().items() if key not in ("wall_s", "created")}
+        {
+            key: value
+            for key, value in record.run_meta.model_dump().items()
+            if key not in ("wall_s", "created")
+        }
         for record in (one, other)
     ]
     assert told[0] == told[1]
@@ -93,9 +105,14 @@ def _require_same(one: Record, other: Record) -> None:
 
 @needs_compiler
 @pytest.mark.parametrize("name", SCENARIOS)
-def test_rows_events_and_alarms_are_those_of_single_ticks(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    used, run = [], compiled_loop.CompiledLoop.run
-    monkeypatch.setattr(compiled_loop.CompiledLoop, "run", lambda *given: used.append(1) or run(*given))
+def test_rows_events_and_alarms_are_those_of_single_ticks(
+    name: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    used = []
+    run = compiled_loop.CompiledLoop.run
+    monkeypatch.setattr(
+        compiled_loop.CompiledLoop, "run", lambda *given: used.append(1) or run(*given)
+    )
     scenario = SCENARIOS[name]()
     quick = scenario.run()
     assert used
@@ -135,7 +152,11 @@ def test_who_has_to_be_asked_is(name: str, monkeypatch: pytest.MonkeyPatch) -> N
 @needs_compiler
 def test_a_run_that_diverges_ends_as_tick_by_tick(caplog: pytest.LogCaptureFixture) -> None:
     """Thrusts that grow: the gains are far beyond what the period allows."""
-    wild = replace(case1(duration=30.0), gains=VelocityGains(vehicle=3000.0, joints=9000.0, observer_vehicle=0.0), dt=1 / 20)
+    wild = replace(
+        case1(duration=30.0),
+        gains=VelocityGains(vehicle=3000.0, joints=9000.0, observer_vehicle=0.0),
+        dt=1 / 20,
+    )
     quick = wild.run()
     said = [record.getMessage() for record in caplog.records]
     caplog.clear()
@@ -145,7 +166,8 @@ def test_a_run_that_diverges_ends_as_tick_by_tick(caplog: pytest.LogCaptureFixtu
 
 @needs_compiler
 def test_ctrl_c_leaves_the_rows_so_far(monkeypatch: pytest.MonkeyPatch) -> None:
-    scenario, caught = case1(**SHORT), []
+    scenario = case1(**SHORT)
+    caught = []
     look = compiled_loop.CompiledLoop._look
 
     def press(quick: compiled_loop.CompiledLoop, *given: Any) -> None:
@@ -166,6 +188,7 @@ def test_ctrl_c_leaves_the_rows_so_far(monkeypatch: pytest.MonkeyPatch) -> None:
 
 def test_parts_of_robots_of_other_sizes_are_refused_as_tick_by_tick() -> None:
     """Kernels would write past the end of their memories."""
-    scenario, other = case1(**SHORT), load_robot("bluerov2_alpha5")
+    scenario = case1(**SHORT)
+    other = load_robot("bluerov2_alpha5")
     with pytest.raises(UvmsError, match=r"allowed: .* finite numbers|has shape"):
         replace(scenario, plant_robot=other).run()

@@ -9,11 +9,20 @@ import pytest
 
 from uvms_ocp.errors import InvalidInput
 from uvms_ocp.robot.shapes.obstacles import Obstacle
-from uvms_ocp.sim.currents import GustyCurrent, OnsetCurrent, ShearedCurrent, StillWater, UniformCurrent, water_at
+from uvms_ocp.sim.currents import (
+    GustyCurrent,
+    OnsetCurrent,
+    ShearedCurrent,
+    StillWater,
+    UniformCurrent,
+    water_at,
+)
 from uvms_ocp.sim.environment import Environment
 from uvms_ocp.sim.seafloor import FlatSeafloor
 
-SHEARED = ShearedCurrent(z=[-40.0, -30.0, 0.0], velocities=[[0.0, 0.0, 0.0], [0.2, 0.1, 0.0], [0.5, 0.0, 0.0]])
+SHEARED = ShearedCurrent(
+    z=[-40.0, -30.0, 0.0], velocities=[[0.0, 0.0, 0.0], [0.2, 0.1, 0.0], [0.5, 0.0, 0.0]]
+)
 CURRENTS = {
     "still": StillWater(),
     "uniform": UniformCurrent([0.3, -0.1, 0.05]),
@@ -37,7 +46,10 @@ def test_rate_and_gradient_are_the_derivatives_of_the_velocity(current):
     for t in np.random.default_rng(1).uniform(0.01, 60.0, 50):
         difference = (current.velocity(POINTS, t + h) - current.velocity(POINTS, t - h)) / (2 * h)
         np.testing.assert_allclose(current.rate(POINTS, t), difference, atol=1e-6)
-        slopes = [(current.velocity(POINTS + h * e, t) - current.velocity(POINTS - h * e, t)) / (2 * h) for e in np.eye(3)]
+        slopes = [
+            (current.velocity(POINTS + h * e, t) - current.velocity(POINTS - h * e, t)) / (2 * h)
+            for e in np.eye(3)
+        ]
         np.testing.assert_allclose(current.gradient(POINTS, t), np.stack(slopes, axis=2), atol=1e-6)
 
 
@@ -59,7 +71,9 @@ def test_water_in_steady_parallel_layers_does_not_accelerate(name):
 def test_a_vertical_gust_carries_water_from_layer_to_layer():
     gust = GustyCurrent(sigma=(0.0, 0.0, 0.1), seed=3)
     up, before = gust.velocity(POINTS, 7.0), gust.rate(POINTS, 7.0)
-    slope = np.array([[0.02, 0.01, 0.0] if z < -30 else [0.01, -1 / 300, 0.0] for z in POINTS[:, 2]])
+    slope = np.array(
+        [[0.02, 0.01, 0.0] if z < -30 else [0.01, -1 / 300, 0.0] for z in POINTS[:, 2]]
+    )
     slope[POINTS[:, 2] < -40] = 0.0
     through = water_at(GustyCurrent(base=SHEARED, sigma=(0.0, 0.0, 0.1), seed=3), POINTS, 7.0)
     assert abs(up[0, 2]) > 0.01
@@ -80,7 +94,8 @@ def test_every_point_gets_one_velocity(current):
 
 def test_a_gust_is_a_function_of_time_whatever_the_order_of_the_questions():
     times = np.random.default_rng(2).uniform(0.0, 600.0, 40)
-    forward, backward = GustyCurrent(seed=9), GustyCurrent(seed=9)
+    forward = GustyCurrent(seed=9)
+    backward = GustyCurrent(seed=9)
     ascending = {t: forward.velocity(POINTS, t) for t in np.sort(times)}
     descending = {t: backward.velocity(POINTS, t) for t in np.sort(times)[::-1]}
     for t in times:
@@ -88,7 +103,12 @@ def test_a_gust_is_a_function_of_time_whatever_the_order_of_the_questions():
 
 
 def test_another_seed_gives_another_gust():
-    assert np.abs(GustyCurrent(seed=1).velocity(POINTS, 5.0) - GustyCurrent(seed=2).velocity(POINTS, 5.0)).max() > 1e-3
+    assert (
+        np.abs(
+            GustyCurrent(seed=1).velocity(POINTS, 5.0) - GustyCurrent(seed=2).velocity(POINTS, 5.0)
+        ).max()
+        > 1e-3
+    )
 
 
 def test_a_gust_has_the_deviation_and_correlation_time_that_were_asked_for():
@@ -103,7 +123,13 @@ def test_a_gust_has_the_deviation_and_correlation_time_that_were_asked_for():
 
 def test_shear_is_linear_between_heights_and_constant_beyond():
     p = np.array([[0.0, 0.0, z] for z in (-50.0, -35.0, -30.0, -15.0, 10.0)])
-    expected = [[0.0, 0.0, 0.0], [0.1, 0.05, 0.0], [0.2, 0.1, 0.0], [0.35, 0.05, 0.0], [0.5, 0.0, 0.0]]
+    expected = [
+        [0.0, 0.0, 0.0],
+        [0.1, 0.05, 0.0],
+        [0.2, 0.1, 0.0],
+        [0.35, 0.05, 0.0],
+        [0.5, 0.0, 0.0],
+    ]
     np.testing.assert_allclose(SHEARED.velocity(p, 3.0), expected, atol=1e-12)
 
 
@@ -147,4 +173,8 @@ def test_obstacles_need_finite_poses_and_names_of_their_own():
     with pytest.raises(InvalidInput, match="name"):
         Obstacle(name="", shape=coal.Sphere(0.5), X_WO=pin.SE3.Identity())
     with pytest.raises(InvalidInput, match="X_WO"):
-        Obstacle(name="rock", shape=coal.Sphere(0.5), X_WO=pin.SE3(np.eye(3), np.array([0.0, math.nan, 0.0])))
+        Obstacle(
+            name="rock",
+            shape=coal.Sphere(0.5),
+            X_WO=pin.SE3(np.eye(3), np.array([0.0, math.nan, 0.0])),
+        )

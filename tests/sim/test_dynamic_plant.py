@@ -47,15 +47,25 @@ def idle(robot: Robot, torque: np.ndarray | None = None) -> Command:
     )
 
 
-def plant_of(robot: Robot, q: np.ndarray | None = None, max_step: float = 1e-3, env: Environment = DEEP) -> DynamicPlant:
+def plant_of(
+    robot: Robot, q: np.ndarray | None = None, max_step: float = 1e-3, env: Environment = DEEP
+) -> DynamicPlant:
     start = robot.configuration() if q is None else q
-    return DynamicPlant(robot, start, dynamics=robot_dynamics(robot), environment=env, max_step=max_step)
+    return DynamicPlant(
+        robot, start, dynamics=robot_dynamics(robot), environment=env, max_step=max_step
+    )
 
 
-def plant_with_held_joints(robot: Robot, q: np.ndarray | None = None, env: Environment = DEEP) -> DynamicPlant:
-    """Brakes on the joints: friction so large that they creep by less than a microradian per second."""
+def plant_with_held_joints(
+    robot: Robot, q: np.ndarray | None = None, env: Environment = DEEP
+) -> DynamicPlant:
+    """Brakes on the joints: friction so large that they creep by less than a microradian per
+    second.
+    """
     symbolic = robot_dynamics(robot).symbolic
-    braked = Dynamics(dataclasses.replace(symbolic, damping=np.repeat([0.0, 1e9], [6, robot.n_joints])))
+    braked = Dynamics(
+        dataclasses.replace(symbolic, damping=np.repeat([0.0, 1e9], [6, robot.n_joints]))
+    )
     start = robot.configuration() if q is None else q
     return DynamicPlant(robot, start, dynamics=braked, environment=env)
 
@@ -81,22 +91,29 @@ def mid_range(robot: Robot) -> np.ndarray:
 
 
 def rise_of_energy(robot: Robot, max_step: float, duration: float) -> float:
-    """Largest rise of the energy of the unforced robot above any earlier value, without stops or floor [J]."""
+    """Largest rise of the energy of the unforced robot above any earlier value, without stops or
+    floor [J].
+    """
     free = dataclasses.replace(
         robot,
         limits=dataclasses.replace(
-            robot.limits, position_lower=np.full(robot.n_joints, -np.inf), position_upper=np.full(robot.n_joints, np.inf)
+            robot.limits,
+            position_lower=np.full(robot.n_joints, -np.inf),
+            position_upper=np.full(robot.n_joints, np.inf),
         ),
     )
     rng = np.random.default_rng(5)
     q = free.configuration(joints=mid_range(robot))
     plant = with_velocity(plant_of(free, q, max_step), 0.3 * rng.normal(size=robot.n_v))
-    dynamics, command = robot_dynamics(free), idle(free)
-    lowest, rise = energy(dynamics, plant), 0.0
+    dynamics = robot_dynamics(free)
+    command = idle(free)
+    lowest = energy(dynamics, plant)
+    rise = 0.0
     for _ in range(round(duration / 0.02)):
         plant.step(command, 0.02)
         now = energy(dynamics, plant)
-        rise, lowest = max(rise, now - lowest), min(lowest, now)
+        rise = max(rise, now - lowest)
+        lowest = min(lowest, now)
     return rise
 
 
@@ -135,7 +152,9 @@ def test_a_trimmed_robot_with_held_joints_stays(name: str) -> None:
 
 
 def test_a_robot_adrift_takes_the_velocity_of_the_current(girona: Robot) -> None:
-    environment = Environment(seafloor=FlatSeafloor(z=-1000.0), current=UniformCurrent([0.3, -0.2, 0.0]))
+    environment = Environment(
+        seafloor=FlatSeafloor(z=-1000.0), current=UniformCurrent([0.3, -0.2, 0.0])
+    )
     plant = plant_with_held_joints(girona, env=environment)
     let_go(plant, girona, 60.0)
     R = girona_rotation(plant)
@@ -145,12 +164,21 @@ def test_a_robot_adrift_takes_the_velocity_of_the_current(girona: Robot) -> None
 def sphere_plant(current: Current, v: np.ndarray, max_step: float) -> DynamicPlant:
     """A neutrally buoyant sphere without drag, 1 m above the floor at -40 m."""
     robot = without_arm(load_robot("bluerov2_alpha5"))
-    model, mass, density = robot.model.copy(), 10.0, 1000.0
+    model = robot.model.copy()
+    mass = 10.0
+    density = 1000.0
     model.inertias[1] = pin.Inertia(mass, np.zeros(3), 0.1 * np.eye(3))
-    link = LinkHydrodynamics(frame="base_link", added_mass=mass / 2 * np.r_[np.ones(3), np.zeros(3)], volume=mass / density)
+    link = LinkHydrodynamics(
+        frame="base_link",
+        added_mass=mass / 2 * np.r_[np.ones(3), np.zeros(3)],
+        volume=mass / density,
+    )
     dynamics = Dynamics(SymbolicDynamics(model=model, links=(link,), density=density))
-    q, environment = (robot.configuration(position=[0, 0, -39.0]), Environment(seafloor=FlatSeafloor(z=-40.0), current=current))
-    return with_velocity(DynamicPlant(robot, q, dynamics=dynamics, environment=environment, max_step=max_step), v)
+    q = robot.configuration(position=[0, 0, -39.0])
+    environment = Environment(seafloor=FlatSeafloor(z=-40.0), current=current)
+    return with_velocity(
+        DynamicPlant(robot, q, dynamics=dynamics, environment=environment, max_step=max_step), v
+    )
 
 
 LAYER = ShearedCurrent.over_floor([0.3, 0.0, 0.0], floor_z=-40.0, thickness=5.0)
@@ -167,31 +195,44 @@ def test_a_sphere_without_drag_falls_straight_through_steady_layers() -> None:
 
 def test_a_sphere_without_drag_accelerates_as_the_water_where_it_is() -> None:
     current = GustyCurrent(base=LAYER, sigma=(0.05, 0.05, 0.1), correlation_time=2.0, seed=5)
-    v, dt, duration = np.array([0.1, 0.0, -0.2, 0.0, 0.0, 0.0]), 2e-3, 3.0
+    v = np.array([0.1, 0.0, -0.2, 0.0, 0.0, 0.0])
+    dt = 2e-3
+    duration = 3.0
     plant = sphere_plant(current, v, max_step=dt)
     for _ in range(round(duration / dt)):
         plant.step(Command(v=v, thrust=np.zeros(8), torque=np.zeros(0)), dt)
 
     def motion(t: float, x: np.ndarray) -> np.ndarray:
-        h, p = 1e-6, x[None, :3]
+        h = 1e-6
+        p = x[None, :3]
         u = current.velocity(p, t)
         return np.r_[x[3:], (current.velocity(p + h * u, t + h) - u)[0] / h]
 
-    exact = solve_ivp(motion, (0.0, duration), np.r_[0.0, 0.0, -39.0, v[:3]], max_step=0.05).y[:, -1]
+    exact = solve_ivp(motion, (0.0, duration), np.r_[0.0, 0.0, -39.0, v[:3]], max_step=0.05).y[
+        :, -1
+    ]
     assert np.abs(exact[3:] - v[:3]).max() > 0.05
     np.testing.assert_allclose(np.r_[plant.state.q[:3], plant.state.v[:3]], exact, atol=5e-4)
 
 
 @pytest.mark.parametrize("speed", [0.0, 0.2])
 def test_shear_along_and_across_the_flow_pushes_a_sphere_as_in_closed_form(speed: float) -> None:
-    """Water with u_x = s h and u_z = k h at height h: ``h'' = k^2 h`` along the flow, ``x'' = s k h`` across its gradient."""
-    s, k, dt, duration = 0.4, 0.3, 1e-3, 2.0
-    rising = ShearedCurrent(z=[-40.0, -30.0], velocities=[[0.0, 0.0, 0.0], [10.0 * s, 0.0, 10.0 * k]])
+    """Water with u_x = s h and u_z = k h at height h: ``h'' = k^2 h`` along the flow, ``x'' = s k
+    h`` across its gradient.
+    """
+    s = 0.4
+    k = 0.3
+    dt = 1e-3
+    duration = 2.0
+    rising = ShearedCurrent(
+        z=[-40.0, -30.0], velocities=[[0.0, 0.0, 0.0], [10.0 * s, 0.0, 10.0 * k]]
+    )
     v = np.array([0.1, 0.0, speed, 0.0, 0.0, 0.0])
     plant = sphere_plant(rising, v, max_step=dt)
     for _ in range(round(duration / dt)):
         plant.step(Command(v=v, thrust=np.zeros(8), torque=np.zeros(0)), dt)
-    grown, rest = np.sinh(k * duration), np.cosh(k * duration) - 1.0
+    grown = np.sinh(k * duration)
+    rest = np.cosh(k * duration) - 1.0
     v_z = k * grown + speed * (rest + 1.0)  # from 1 m above the floor
     v_x = 0.1 + s * (grown + speed / k * rest)
     np.testing.assert_allclose(plant.state.v[:3], [v_x, 0.0, v_z], atol=2e-4)
@@ -216,8 +257,12 @@ def test_a_heavy_robot_lands_on_its_skid_and_rests(girona: Robot) -> None:
 
 
 def test_friction_holds_a_landed_robot_in_a_current(girona: Robot) -> None:
-    heavy = with_trim(girona, [TrimBody(name="ballast", position=(0.0, 0.0, -0.3), mass=10.0, volume=0.0)])
-    environment = Environment(seafloor=FlatSeafloor(z=-10.0), current=UniformCurrent([0.2, 0.0, 0.0]))
+    heavy = with_trim(
+        girona, [TrimBody(name="ballast", position=(0.0, 0.0, -0.3), mass=10.0, volume=0.0)]
+    )
+    environment = Environment(
+        seafloor=FlatSeafloor(z=-10.0), current=UniformCurrent([0.2, 0.0, 0.0])
+    )
     plant = plant_with_held_joints(heavy, heavy.configuration(position=[0, 0, -9.503]), environment)
     let_go(plant, heavy, 10.0)
     assert np.abs(plant.state.v[:3]).max() < 0.005
@@ -243,7 +288,9 @@ def test_motors_give_no_more_than_their_limit(girona: Robot) -> None:
 
 
 def test_a_command_without_thrust_is_refused(girona: Robot) -> None:
-    with pytest.raises(InvalidInput, match="needs thrust and torque; wrap the controller in a DynamicController"):
+    with pytest.raises(
+        InvalidInput, match="needs thrust and torque; wrap the controller in a DynamicController"
+    ):
         plant_of(girona).step(Command(v=np.zeros(13)), 0.005)
 
 
@@ -254,8 +301,12 @@ def test_an_impossible_step_is_refused(max_step: float, girona: Robot) -> None:
 
 
 @pytest.mark.parametrize("depth", [-1.0, 0.0, 0.002])
-def test_the_slope_of_contact_is_that_of_its_force_and_nothing_above_the_floor(depth: float) -> None:
-    v, normal, dt = ca.SX.sym("v", 3), ca.SX([0.0, 0.6, 0.8]), 1e-3
+def test_the_slope_of_contact_is_that_of_its_force_and_nothing_above_the_floor(
+    depth: float,
+) -> None:
+    v = ca.SX.sym("v", 3)
+    normal = ca.SX([0.0, 0.6, 0.8])
+    dt = 1e-3
     force, slope = ContactModel().force(ca.SX(depth), v, normal, ca.SX(dt))
     sinking = ca.DM([0.0, -0.006, -0.008])
     found = ca.Function("contact", [v], [slope, ca.jacobian(force, v)])(sinking)
@@ -266,7 +317,8 @@ def test_the_slope_of_contact_is_that_of_its_force_and_nothing_above_the_floor(d
 @pytest.mark.parametrize("depth", [1e-4, 0.1])
 def test_the_floor_holds_back_nothing_that_leaves_it(depth: float) -> None:
     """The damper would pull; a spring and damper in series with a floor that only pushes let go."""
-    v, normal = ca.SX.sym("v", 3), ca.SX([0.0, 0.6, 0.8])
+    v = ca.SX.sym("v", 3)
+    normal = ca.SX([0.0, 0.6, 0.8])
     force, slope = ContactModel().force(ca.SX(depth), v, normal, ca.SX(1e-3))
     for found in ca.Function("contact", [v], [force, slope])(ca.DM([0.3, 1.2, 1.6])):
         np.testing.assert_array_equal(np.array(found), 0.0)

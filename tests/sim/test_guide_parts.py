@@ -15,7 +15,11 @@ GUIDE = Path(uo.__file__).parent / "reference" / "guide" / "python.md"
 
 
 def test_the_parts_that_the_guide_shows_run_as_printed_and_the_plant_lags_by_what_it_says() -> None:
-    (block,) = [block for block in re.findall(r"```python\n(.*?)```", GUIDE.read_text(), re.S) if "class Lagging" in block]
+    (block,) = [
+        block
+        for block in re.findall(r"```python\n(.*?)```", GUIDE.read_text(), re.S)
+        if "class Lagging" in block
+    ]
     space: dict[str, Any] = {"uo": uo, "np": np, "replace": replace}
     exec(block, space)
     record = space["record"]

@@ -1,4 +1,6 @@
-"""Records of noisy runs hold every reading of every sensor, when it was taken, and whether the brakes were locked."""
+"""Records of noisy runs hold every reading of every sensor, when it was taken, and whether the
+brakes were locked.
+"""
 
 from __future__ import annotations
 
@@ -54,15 +56,29 @@ def test_locked_brakes_are_in_the_record() -> None:
         ({"position": -1}, "give a whole number >= 0"),
     ],
 )
-def test_what_is_to_be_kept_is_asked_for_by_channel_and_size(kept: dict[str, int], why: str) -> None:
+def test_what_is_to_be_kept_is_asked_for_by_channel_and_size(
+    kept: dict[str, int], why: str
+) -> None:
     scenario = reach(noise=True, duration=0.1)
-    parts = {"plant": scenario._plant(), "sensors": scenario._sensors(), "estimator": scenario.estimator()}
+    parts = {
+        "plant": scenario._plant(),
+        "sensors": scenario._sensors(),
+        "estimator": scenario.estimator(),
+    }
     with pytest.raises(UvmsError, match=why):
-        simulate(**parts, controller=scenario.controller(), dt=scenario.dt, duration=0.1, kept_readings=kept)
+        simulate(
+            **parts,
+            controller=scenario.controller(),
+            dt=scenario.dt,
+            duration=0.1,
+            kept_readings=kept,
+        )
 
 
 @pytest.mark.parametrize("name", ["measured_joint_positions", "brakes"])
-def test_readings_of_joints_have_one_column_for_each_and_one_for_the_time(sound: Record, name: str) -> None:
+def test_readings_of_joints_have_one_column_for_each_and_one_for_the_time(
+    sound: Record, name: str
+) -> None:
     wide = np.column_stack([sound[name], sound["t"]])
     check_series(sound.series, sound.run_meta)
     with pytest.raises(InvalidInput, match=f"series '{name}'"):

@@ -1,4 +1,6 @@
-"""Parts of a user's own: they fly the mission, and keep record, report, figures, scene and pre-flight."""
+"""Parts of a user's own: they fly the mission, and keep record, report, figures, scene and
+pre-flight.
+"""
 
 from __future__ import annotations
 
@@ -14,7 +16,15 @@ from typing import Any
 import numpy as np
 import pytest
 from compiler import long_without_compiler
-from own_examples import Bursts, ComplementaryFilter, CopiedFilter, CopiedKinematics, DoubleIntegrator, ExtraDrag, Pid
+from own_examples import (
+    Bursts,
+    ComplementaryFilter,
+    CopiedFilter,
+    CopiedKinematics,
+    DoubleIntegrator,
+    ExtraDrag,
+    Pid,
+)
 
 from uvms_ocp.campaign.campaign import MissionJob
 from uvms_ocp.campaign.distributions import Design, Uniform
@@ -62,7 +72,9 @@ def same(own: Record, ours: Record) -> Iterator[str]:
         ("dynamic", {"controller": lambda scenario: our_controller(scenario)}),
     ],
 )
-def test_the_toolkits_own_part_as_somebody_elses_gives_the_same_record(plant: str, parts: Any, noise: bool) -> None:
+def test_the_toolkits_own_part_as_somebody_elses_gives_the_same_record(
+    plant: str, parts: Any, noise: bool
+) -> None:
     ours = flown(plant=plant, noise=noise)
     own = replace(ours, **parts)
     assert list(same(own.run(), ours.run())) == []
@@ -79,7 +91,8 @@ def test_the_toolkits_sensors_as_somebody_elses_give_the_same_record(noise: bool
 @long_without_compiler
 def test_a_plant_of_ones_own_is_struck_by_the_faults_that_it_says_it_suffers() -> None:
     ours = flown(faults=("thruster3:dead@1",))
-    own, sound = replace(ours, plant=ExtraDrag()).run(), replace(ours, faults=()).run()
+    own = replace(ours, plant=ExtraDrag()).run()
+    sound = replace(ours, faults=()).run()
     assert list(same(own, ours.run())) == []
     assert "thrust" in list(same(own, sound))
 
@@ -122,13 +135,17 @@ def test_a_complementary_filter_flies_the_mission() -> None:
 def test_sensors_of_ones_own_are_judged_by_the_monitor() -> None:
     scenario = flown(noise=True)
     record = replace(scenario, sensors=Bursts(share=0.9, specs=scenario.specs)).run()
-    assert any(alarm.text.startswith("linear_velocity suspect: silent") for alarm in record.run_meta.alarms)
+    assert any(
+        alarm.text.startswith("linear_velocity suspect: silent") for alarm in record.run_meta.alarms
+    )
 
 
 @long_without_compiler
 def test_runs_with_parts_of_ones_own_are_the_same_again_for_the_same_seed_alone() -> None:
     scenario = all_own()
-    first, again, other = scenario.run(), scenario.run(), replace(scenario, seed=1).run()
+    first = scenario.run()
+    again = scenario.run()
+    other = replace(scenario, seed=1).run()
     assert list(same(first, again)) == []
     assert {"q", "q_estimated"} <= set(same(first, other))
 
@@ -149,11 +166,24 @@ def test_parts_of_ones_own_go_to_another_process_with_their_scenario() -> None:
 
 @long_without_compiler
 def test_records_and_reports_name_the_parts() -> None:
-    ours, own = flown(duration=0.1), replace(all_own(), duration=0.1)
+    ours = flown(duration=0.1)
+    own = replace(all_own(), duration=0.1)
     names = ("plant", "sensors", "estimator", "controller")
-    assert [summarize(ours.run())[name] for name in names] == ["dynamic", "SensorSuite", "PassThrough", "DynamicController"]
-    assert [summarize(own.run())[name] for name in names] == ["ExtraDrag", "Bursts", "ComplementaryFilter", "Pid"]
-    assert replace(ours, controller=partial(our_controller, guide=None)).own_parts == {"controller": "our_controller"}
+    assert [summarize(ours.run())[name] for name in names] == [
+        "dynamic",
+        "SensorSuite",
+        "PassThrough",
+        "DynamicController",
+    ]
+    assert [summarize(own.run())[name] for name in names] == [
+        "ExtraDrag",
+        "Bursts",
+        "ComplementaryFilter",
+        "Pid",
+    ]
+    assert replace(ours, controller=partial(our_controller, guide=None)).own_parts == {
+        "controller": "our_controller"
+    }
 
 
 @pytest.mark.slow
@@ -184,7 +214,9 @@ def a_slowed_mission() -> Scenario:
 def test_campaigns_vary_the_numbers_of_parts_of_ones_own() -> None:
     drag = Variation("parts.plant.rate", Uniform(1.0, 2.0))
     design = Design(sampler="random", runs=2, parameters=1, seed=3)
-    work = MissionJob(scenario=a_slowed_mission, variations=[drag], names=(drag.name,), design=design)
+    work = MissionJob(
+        scenario=a_slowed_mission, variations=[drag], names=(drag.name,), design=design
+    )
     sent = pickle.loads(pickle.dumps(work))
     for run in range(2):
         plant = sent.scenario_of(run).plant

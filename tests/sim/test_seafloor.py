@@ -19,7 +19,9 @@ FLOORS = {
         y=np.arange(-30.0, 41.0, 7.0),
         z=np.random.default_rng(6).uniform(-44.0, -38.5, (11, 17)),
     ),
-    "no bumps": HeightField(z=-40.0, centres=np.zeros((0, 2)), heights=np.zeros(0), radii=np.zeros(0)),
+    "no bumps": HeightField(
+        z=-40.0, centres=np.zeros((0, 2)), heights=np.zeros(0), radii=np.zeros(0)
+    ),
 }
 
 
@@ -64,13 +66,17 @@ def test_a_level_ray_hits_a_bump_on_its_way():
 
 
 def test_a_sensor_below_the_floor_reads_no_positive_range(floor):
-    x, y = 3.0, 4.0
+    x = 3.0
+    y = 4.0
     down = np.array([0.0, 0.0, -1.0])
-    assert floor.range_along(np.array([x, y, floor.height(x, y) - 0.1]), down) == pytest.approx(-0.1)
+    assert floor.range_along(np.array([x, y, floor.height(x, y) - 0.1]), down) == pytest.approx(
+        -0.1
+    )
 
 
 def test_the_normal_is_a_unit_vector_across_the_surface(floor):
-    rng, step = np.random.default_rng(2), 1e-5
+    rng = np.random.default_rng(2)
+    step = 1e-5
     for x, y in rng.uniform(-40.0, 40.0, (50, 2)):
         slope_x = (floor.height(x + step, y) - floor.height(x - step, y)) / (2 * step)
         slope_y = (floor.height(x, y + step) - floor.height(x, y - step)) / (2 * step)
@@ -83,13 +89,18 @@ def test_slopes_are_continuous_across_the_rims_of_bumps(name):
     floor = FLOORS[name]
     rims = floor.centres + np.stack([floor.radii, np.zeros_like(floor.radii)], axis=1)
     for x, y in rims:
-        np.testing.assert_allclose(floor.gradient(x - 1e-6, y), floor.gradient(x + 1e-6, y), atol=1e-4)
+        np.testing.assert_allclose(
+            floor.gradient(x - 1e-6, y), floor.gradient(x + 1e-6, y), atol=1e-4
+        )
 
 
 @pytest.mark.parametrize("name", RELIEFS)
 def test_the_same_seed_gives_the_same_floor_and_another_seed_another(name):
     points = np.random.default_rng(0).uniform(-40.0, 40.0, (100, 2))
-    same, other = HeightField.random(name, z=-40.0, seed=4), HeightField.random(name, z=-40.0, seed=5)
+    same, other = (
+        HeightField.random(name, z=-40.0, seed=4),
+        HeightField.random(name, z=-40.0, seed=5),
+    )
     np.testing.assert_array_equal(same.ground_at(points)[0], FLOORS[name].ground_at(points)[0])
     assert np.abs(other.ground_at(points)[0] - FLOORS[name].ground_at(points)[0]).max() > 0.01
 
@@ -109,7 +120,9 @@ def test_a_height_field_lies_on_its_plane_and_never_below():
 def test_many_points_at_once_equal_points_one_by_one():
     floor = FLOORS["small"]
     points = np.random.default_rng(0).uniform(-50.0, 50.0, (20, 2))
-    np.testing.assert_allclose(floor.ground_at(points)[0], [floor.height(*point) for point in points], atol=1e-12)
+    np.testing.assert_allclose(
+        floor.ground_at(points)[0], [floor.height(*point) for point in points], atol=1e-12
+    )
 
 
 def test_a_mesh_lies_on_the_floor_and_faces_up(floor):
@@ -132,7 +145,9 @@ def test_the_clearance_to_the_shape_of_a_mesh_is_that_to_the_floor():
         point = np.array([x, y, floor.height(x, y)]) + 0.5 * floor.normal(x, y)
         pose = coal.Transform3s(np.eye(3), point)
         request, result = coal.DistanceRequest(), coal.DistanceResult()
-        distance = coal.distance(coal.Sphere(0.1), pose, shape, coal.Transform3s.Identity(), request, result)
+        distance = coal.distance(
+            coal.Sphere(0.1), pose, shape, coal.Transform3s.Identity(), request, result
+        )
         assert distance == pytest.approx(0.4, abs=0.02)
         assert floor.range_along(point, drop) >= distance
 
@@ -179,7 +194,10 @@ def test_a_survey_is_read_from_a_file_and_goes_through_its_points(form, tmp_path
     else:
         lines = [f"{a},{b},{float(z[j, i])!r}" for i, a in enumerate(x) for j, b in enumerate(y)]
         np.random.default_rng(2).shuffle(lines)
-        path.write_text("\n".join([*(["east,north,height"] if "titled" in form else []), *lines]), encoding="utf-8")
+        path.write_text(
+            "\n".join([*(["east,north,height"] if "titled" in form else []), *lines]),
+            encoding="utf-8",
+        )
     floor = Bathymetry.read(path, origin=(501.0, 60.0, -5.0))
     for i, a in enumerate(x):
         for j, b in enumerate(y):
@@ -188,8 +206,12 @@ def test_a_survey_is_read_from_a_file_and_goes_through_its_points(form, tmp_path
 
 
 def test_a_survey_of_depths_is_not_taken_for_a_floor_above_the_water(tmp_path):
-    (tmp_path / "floor.csv").write_text("East;North;Depth [m]\n0;0;9\n1;0;9\n0;1;8\n1;1;8\n", encoding="utf-8")
-    with pytest.raises(InvalidInput, match=r"'East North Depth \[m\]' are depths, not heights: change their sign"):
+    (tmp_path / "floor.csv").write_text(
+        "East;North;Depth [m]\n0;0;9\n1;0;9\n0;1;8\n1;1;8\n", encoding="utf-8"
+    )
+    with pytest.raises(
+        InvalidInput, match=r"'East North Depth \[m\]' are depths, not heights: change their sign"
+    ):
         Bathymetry.read(tmp_path / "floor.csv")
 
 
@@ -216,7 +238,9 @@ HEIGHTS = (
 
 @pytest.mark.parametrize("title", DEPTHS + HEIGHTS)
 def test_depths_are_what_the_last_column_of_a_title_is_called(title, tmp_path):
-    (tmp_path / "floor.csv").write_text(f"{title}\n0,0,-9\n1,0,-9\n0,1,-8\n1,1,-8\n", encoding="utf-8")
+    (tmp_path / "floor.csv").write_text(
+        f"{title}\n0,0,-9\n1,0,-9\n0,1,-8\n1,1,-8\n", encoding="utf-8"
+    )
     if title in DEPTHS:
         with pytest.raises(InvalidInput, match="are depths, not heights"):
             Bathymetry.read(tmp_path / "floor.csv")
@@ -226,12 +250,23 @@ def test_depths_are_what_the_last_column_of_a_title_is_called(title, tmp_path):
 
 @pytest.mark.parametrize("title", ["", "# x y z\n", "x y height\n"])
 def test_a_survey_may_have_blanks_between_its_numbers(title, tmp_path):
-    (tmp_path / "floor.xyz").write_text(title + "0 0 -9\n 1\t0  -9\n0 1 -8\n1 1 -8\n", encoding="utf-8")
+    (tmp_path / "floor.xyz").write_text(
+        title + "0 0 -9\n 1\t0  -9\n0 1 -8\n1 1 -8\n", encoding="utf-8"
+    )
     assert Bathymetry.read(tmp_path / "floor.xyz").height(0.5, 0.5) == pytest.approx(-8.5)
 
 
 @pytest.mark.parametrize(
-    "text", ["", "x,y,z", ",,", "0,0,1\n1,0,1\n0,1,1", "0,0,1\n0,0,1\n1,0,1\n1,1,1", "0,0\n1,1", "0,0,1\n1,0,nan\n0,1,1\n1,1,1"]
+    "text",
+    [
+        "",
+        "x,y,z",
+        ",,",
+        "0,0,1\n1,0,1\n0,1,1",
+        "0,0,1\n0,0,1\n1,0,1\n1,1,1",
+        "0,0\n1,1",
+        "0,0,1\n1,0,nan\n0,1,1\n1,1,1",
+    ],
 )
 def test_a_survey_with_holes_is_refused_in_one_line(text, tmp_path):
     (tmp_path / "floor.csv").write_text(text, encoding="utf-8")

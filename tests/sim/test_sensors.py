@@ -31,7 +31,11 @@ def _robot():
 def state_of(robot, seed=0):
     rng = np.random.default_rng(seed)
     free = {"position": (1.0, 2.0, -36.0), "rpy": (0.1, -0.06, 0.5)} if robot.n_vehicle else {}
-    return State(q=robot.configuration(**free), v=rng.uniform(-0.2, 0.2, robot.n_v), a=rng.uniform(-0.2, 0.2, robot.n_v))
+    return State(
+        q=robot.configuration(**free),
+        v=rng.uniform(-0.2, 0.2, robot.n_v),
+        a=rng.uniform(-0.2, 0.2, robot.n_v),
+    )
 
 
 def one(name, spec, robot, seed=0):
@@ -47,7 +51,9 @@ def series(suite, state, duration, dt=DT):
 def error_of(name, reading, truth, robot):
     """Tangent-space error of one reading against that of an ideal sensor."""
     if name == "attitude":
-        return pin.log3((pin.Quaternion(truth.value).inverse() * pin.Quaternion(reading.value)).matrix())
+        return pin.log3(
+            (pin.Quaternion(truth.value).inverse() * pin.Quaternion(reading.value)).matrix()
+        )
     return np.atleast_1d(reading.value - truth.value)
 
 
@@ -82,7 +88,9 @@ def test_readings_do_not_change_with_the_state_that_they_were_taken_from(robot):
 
 @pytest.mark.parametrize("seed", [0, 1])
 def test_the_same_seed_gives_the_same_readings(robot, seed):
-    first, second = (series(SensorSuite(robot, FLOOR, seed=seed), state_of(robot), 2.0)[1] for _ in range(2))
+    first, second = (
+        series(SensorSuite(robot, FLOOR, seed=seed), state_of(robot), 2.0)[1] for _ in range(2)
+    )
     for a, b in zip(first, second, strict=True):
         for name in CHANNELS:
             if getattr(a, name) is not None:
@@ -99,7 +107,8 @@ def test_who_writes_to_a_reading_leaves_the_truth_and_the_other_readings_alone(s
     state = state_of(robot)
     names = [name for name in CHANNELS if name not in ("depth", "altimeter_range")]
     suite = SensorSuite(robot, FLOOR, replace(IDEAL_SENSORS, **dict.fromkeys(CHANNELS, spec)))
-    q, v = state.q.copy(), state.v.copy()
+    q = state.q.copy()
+    v = state.v.copy()
     suite.read(state, 0.0)
     readings = suite.read(state, 1.0)
     for name in names:
@@ -119,16 +128,22 @@ def test_the_same_time_has_the_same_readings(robot):
 
 
 def test_the_altimeter_looks_along_its_frame_from_where_it_is(robot):
-    rng, altimeter = np.random.default_rng(4), Altimeter(robot, FLOOR)
+    rng = np.random.default_rng(4)
+    altimeter = Altimeter(robot, FLOOR)
     for _ in range(20):
-        q = robot.configuration(position=rng.normal(size=3), rpy=0.4 * rng.normal(size=3), joints=robot.home)
+        q = robot.configuration(
+            position=rng.normal(size=3), rpy=0.4 * rng.normal(size=3), joints=robot.home
+        )
         beam = AltimeterBeam(robot, "altimeter").at(q)
-        assert altimeter.measure(q) == pytest.approx(FLOOR.range_along(beam.origin, beam.direction), rel=1e-13)
+        assert altimeter.measure(q) == pytest.approx(
+            FLOOR.range_along(beam.origin, beam.direction), rel=1e-13
+        )
 
 
 @pytest.mark.parametrize("angle", [0.0, 1e-9, 0.3, 2.0, 3.1])
 def test_an_error_turns_the_attitude_about_the_axes_of_the_vehicle(angle, robot):
-    state, bias = state_of(robot), tuple(angle * np.array([0.6, 0.0, -0.8]))
+    state = state_of(robot)
+    bias = tuple(angle * np.array([0.6, 0.0, -0.8]))
     value = one("attitude", SensorSpec(bias=bias), robot).read(state, 0.0).attitude.value
     turned = pin.Quaternion(state.q[3:7]).matrix() @ pin.exp3(np.array(bias))
     np.testing.assert_allclose(pin.Quaternion(value).matrix(), turned, atol=1e-14)
@@ -136,7 +151,10 @@ def test_an_error_turns_the_attitude_about_the_axes_of_the_vehicle(angle, robot)
 
 def test_the_noise_of_a_channel_does_not_depend_on_the_other_channels(robot):
     specs = replace(DEFAULT, position=None, depth=SensorSpec(rate=3.0, sigma=0.5, dropout=0.5))
-    a, b = (series(SensorSuite(robot, FLOOR, s, seed=3), state_of(robot), 1.0)[1][-1] for s in (DEFAULT, specs))
+    a, b = (
+        series(SensorSuite(robot, FLOOR, s, seed=3), state_of(robot), 1.0)[1][-1]
+        for s in (DEFAULT, specs)
+    )
     np.testing.assert_array_equal(a.linear_velocity.value, b.linear_velocity.value)
     assert a.altimeter_range.value == b.altimeter_range.value
 
@@ -156,7 +174,9 @@ def test_readings_come_at_the_rate_of_the_sensor_or_of_the_ticks(robot, rate, dt
 
 @pytest.mark.parametrize("delay", [0.02, 0.13, 0.5])
 def test_a_reading_arrives_after_its_delay_and_not_before(robot, delay):
-    times, readings = series(one("position", SensorSpec(rate=10.0, delay=delay), robot), state_of(robot), 3.0)
+    times, readings = series(
+        one("position", SensorSpec(rate=10.0, delay=delay), robot), state_of(robot), 3.0
+    )
     for t, r in zip(times, readings, strict=True):
         if t < delay - 1e-9:
             assert r.position is None
@@ -173,12 +193,18 @@ def test_a_delayed_reading_holds_the_value_of_the_time_at_which_it_was_taken(rob
 
 
 def test_a_drop_out_leaves_the_old_reading_with_its_old_time(robot):
-    times, readings = series(one("position", SensorSpec(rate=10.0, sigma=1.0, dropout=0.5), robot), state_of(robot), 60)
+    times, readings = series(
+        one("position", SensorSpec(rate=10.0, sigma=1.0, dropout=0.5), robot), state_of(robot), 60
+    )
     expected = np.floor(times * 10.0 + 1e-9) / 10.0
     fresh = [r.position for r in readings if r.position is not None]
     changes = sum(a is not b for a, b in pairwise(fresh)) + 1
     assert 0.4 < changes / 600 < 0.6
-    assert any(r.position.t < e - 0.05 for r, e in zip(readings, expected, strict=True) if r.position is not None)
+    assert any(
+        r.position.t < e - 0.05
+        for r, e in zip(readings, expected, strict=True)
+        if r.position is not None
+    )
     for a, b in pairwise(fresh):
         assert (a.t == b.t) == (a.value is b.value)
 
@@ -186,7 +212,11 @@ def test_a_drop_out_leaves_the_old_reading_with_its_old_time(robot):
 def test_drop_outs_leave_the_other_readings_as_they_were(robot):
     spec = SensorSpec(rate=10.0, sigma=1.0)
     whole, holey = (
-        {r.position.t: r.position.value for r in series(one("position", s, robot), state_of(robot), 5)[1] if r.position}
+        {
+            r.position.t: r.position.value
+            for r in series(one("position", s, robot), state_of(robot), 5)[1]
+            if r.position
+        }
         for s in (spec, replace(spec, dropout=0.5))
     )
     assert len(holey) < len(whole)
@@ -195,7 +225,10 @@ def test_drop_outs_leave_the_other_readings_as_they_were(robot):
 
 
 def test_a_sensor_that_loses_everything_never_reads(robot):
-    assert series(one("depth", SensorSpec(dropout=1.0), robot), state_of(robot), 1.0)[1][-1].depth is None
+    assert (
+        series(one("depth", SensorSpec(dropout=1.0), robot), state_of(robot), 1.0)[1][-1].depth
+        is None
+    )
 
 
 @pytest.mark.parametrize("name", CHANNELS)
@@ -203,7 +236,12 @@ def test_noise_is_unbiased_and_of_the_given_deviation(robot, name):
     state = state_of(robot)
     truth = getattr(one(name, SensorSpec(), robot).read(state, 0.0), name)
     suite = one(name, SensorSpec(sigma=0.03), robot)
-    errors = np.array([error_of(name, getattr(suite.read(state, k * DT), name), truth, robot) for k in range(4000)])
+    errors = np.array(
+        [
+            error_of(name, getattr(suite.read(state, k * DT), name), truth, robot)
+            for k in range(4000)
+        ]
+    )
     assert np.abs(errors.mean(axis=0)).max() < 4 * 0.03 / math.sqrt(4000)
     np.testing.assert_allclose(errors.std(axis=0), 0.03, rtol=0.06)
 
@@ -215,21 +253,32 @@ def test_a_bias_shifts_every_reading(robot, name):
     n = UNITS.get(name, robot.n_joints)
     for bias in (0.02, tuple(np.linspace(0.01, 0.03, n))):
         reading = getattr(one(name, SensorSpec(bias=bias), robot).read(state, 0.0), name)
-        np.testing.assert_allclose(error_of(name, reading, truth, robot), np.broadcast_to(bias, (n,)), atol=1e-12)
+        np.testing.assert_allclose(
+            error_of(name, reading, truth, robot), np.broadcast_to(bias, (n,)), atol=1e-12
+        )
 
 
 def test_an_accelerometer_shows_how_the_velocity_in_the_world_changes_less_gravity(robot):
-    state, h = state_of(robot), 1e-4
-    R_WB, (v, w), a = pin.Quaternion(state.q[3:7]).matrix(), (state.v[:3], state.v[3:6]), state.a[:3]
+    state = state_of(robot)
+    h = 1e-4
+    R_WB, (v, w), a = (
+        pin.Quaternion(state.q[3:7]).matrix(),
+        (state.v[:3], state.v[3:6]),
+        state.a[:3],
+    )
     before, after = (R_WB @ pin.exp3(s * h * w) @ (v + s * h * a) for s in (-1.0, 1.0))
     shown = one("specific_force", SensorSpec(), robot).read(state, 0.0).specific_force.value
-    np.testing.assert_allclose(R_WB @ shown + robot.model.gravity.linear, (after - before) / (2 * h), atol=1e-7)
+    np.testing.assert_allclose(
+        R_WB @ shown + robot.model.gravity.linear, (after - before) / (2 * h), atol=1e-7
+    )
 
 
 def test_the_noise_of_the_attitude_keeps_quaternions_at_unit_length(robot):
     suite = one("attitude", SensorSpec(sigma=0.5), robot)
     for k in range(100):
-        assert np.linalg.norm(suite.read(state_of(robot), k * DT).attitude.value) == pytest.approx(1.0, abs=1e-12)
+        assert np.linalg.norm(suite.read(state_of(robot), k * DT).attitude.value) == pytest.approx(
+            1.0, abs=1e-12
+        )
 
 
 def test_a_robot_upside_down_has_no_echo(robot):
@@ -262,7 +311,9 @@ def test_wrong_numbers_are_refused_in_one_line_that_names_them(bad):
 
 
 def test_a_bias_of_the_wrong_length_is_refused(robot):
-    with pytest.raises(InvalidInput, match="bias of position has 2 entries; give a number or 3 numbers"):
+    with pytest.raises(
+        InvalidInput, match="bias of position has 2 entries; give a number or 3 numbers"
+    ):
         one("position", SensorSpec(bias=(0.1, 0.2)), robot)
 
 
@@ -275,14 +326,22 @@ def test_an_unknown_altimeter_frame_is_refused(robot):
 def _mounted():
     """A vehicle whose DVL is 0.6 m from the origin and turned."""
     urdf = robot_folder("bluerov2") / "robot.urdf"
-    robot = load_robot(urdf=urdf, hydrodynamics=urdf.with_name("hydrodynamics.yaml"), dvl="altimeter")
-    return robot.with_frame_pose("altimeter", pin.SE3(pin.rpy.rpyToMatrix(0.4, -0.3, 2.0), np.array([0.5, -0.3, 0.2])))
+    robot = load_robot(
+        urdf=urdf, hydrodynamics=urdf.with_name("hydrodynamics.yaml"), dvl="altimeter"
+    )
+    return robot.with_frame_pose(
+        "altimeter", pin.SE3(pin.rpy.rpyToMatrix(0.4, -0.3, 2.0), np.array([0.5, -0.3, 0.2]))
+    )
 
 
 @pytest.mark.parametrize("bias", [0.0, 0.03])
 def test_a_dvl_errs_along_its_axes_and_by_what_the_gyroscope_says_of_its_place(mounted, bias):
     state = state_of(mounted)
-    specs = replace(IDEAL_SENSORS, linear_velocity=SensorSpec(bias=(0.01, 0.02, -0.03)), angular_velocity=SensorSpec(bias=bias))
+    specs = replace(
+        IDEAL_SENSORS,
+        linear_velocity=SensorSpec(bias=(0.01, 0.02, -0.03)),
+        angular_velocity=SensorSpec(bias=bias),
+    )
     suite = SensorSuite(mounted, FLOOR, specs)
     suite.read(state, 0.0)
     reading = suite.read(state, 0.1)
@@ -290,7 +349,10 @@ def test_a_dvl_errs_along_its_axes_and_by_what_the_gyroscope_says_of_its_place(m
     pin.forwardKinematics(mounted.model, data, state.q, state.v)
     frame = mounted.frame_id("dvl")
     X = mounted.model.frames[frame].placement
-    at_sensor = pin.getFrameVelocity(mounted.model, data, frame, pin.LOCAL).linear + specs.linear_velocity.biases
+    at_sensor = (
+        pin.getFrameVelocity(mounted.model, data, frame, pin.LOCAL).linear
+        + specs.linear_velocity.biases
+    )
     carried = X.rotation @ at_sensor - np.cross(reading.angular_velocity.value, X.translation)
     np.testing.assert_allclose(reading.linear_velocity.value, carried, atol=1e-14)
 
@@ -298,7 +360,10 @@ def test_a_dvl_errs_along_its_axes_and_by_what_the_gyroscope_says_of_its_place(m
 def test_an_ideal_dvl_tells_of_the_vehicle_wherever_it_is_and_a_fault_errs_along_its_axes(mounted):
     state = state_of(mounted)
     faults = parse_faults(["linear_velocity:bias=0.01,0.02,-0.03"])
-    sound, faulty = (SensorSuite(mounted, FLOOR, IDEAL_SENSORS, faults=own).read(state, 0.0) for own in ((), faults))
+    sound, faulty = (
+        SensorSuite(mounted, FLOOR, IDEAL_SENSORS, faults=own).read(state, 0.0)
+        for own in ((), faults)
+    )
     np.testing.assert_array_equal(sound.linear_velocity.value, state.v[:3])
     error = mounted.model.frames[mounted.frame_id("dvl")].placement.rotation @ [0.01, 0.02, -0.03]
     np.testing.assert_allclose(faulty.linear_velocity.value, state.v[:3] + error, atol=1e-14)
@@ -306,5 +371,7 @@ def test_an_ideal_dvl_tells_of_the_vehicle_wherever_it_is_and_a_fault_errs_along
 
 def test_a_dvl_on_a_link_that_moves_is_refused():
     urdf = robot_folder("bluerov2_alpha5") / "robot.urdf"
-    with pytest.raises(RobotDataError, match="dvl: given 'tool'; allowed: links fixed to the vehicle"):
+    with pytest.raises(
+        RobotDataError, match="dvl: given 'tool'; allowed: links fixed to the vehicle"
+    ):
         load_robot(urdf=urdf, hydrodynamics=urdf.with_name("hydrodynamics.yaml"), dvl="tool")

@@ -1,4 +1,6 @@
-"""Laws of what the plant samples: shortcuts for what is the same everywhere or always change nothing."""
+"""Laws of what the plant samples: shortcuts for what is the same everywhere or always change
+nothing.
+"""
 
 from __future__ import annotations
 
@@ -12,7 +14,15 @@ from uvms_ocp.robot.dynamics import robot_dynamics
 from uvms_ocp.robot.loading import load_robot
 from uvms_ocp.robot.shapes.hull import skid_points
 from uvms_ocp.robot.spatial import quaternion_to_matrix
-from uvms_ocp.sim.currents import Current, GustyCurrent, OnsetCurrent, ShearedCurrent, StillWater, UniformCurrent, water_at
+from uvms_ocp.sim.currents import (
+    Current,
+    GustyCurrent,
+    OnsetCurrent,
+    ShearedCurrent,
+    StillWater,
+    UniformCurrent,
+    water_at,
+)
 from uvms_ocp.sim.environment import Environment, EnvironmentSampler
 from uvms_ocp.sim.seafloor import FlatSeafloor, HeightField, Seafloor, ground_at
 
@@ -29,8 +39,12 @@ CURRENTS: dict[str, Current] = {
     "sheared": SHEARED,
     "gusty and sheared": GustyCurrent(base=SHEARED, seed=2),
 }
-FLOORS: dict[str, Seafloor] = {"flat": FlatSeafloor(z=-40.0), "bumpy": HeightField.random("small", z=-40.0, extent=40.0, seed=1)}
-T, DT = 2.3, 0.005
+FLOORS: dict[str, Seafloor] = {
+    "flat": FlatSeafloor(z=-40.0),
+    "bumpy": HeightField.random("small", z=-40.0, extent=40.0, seed=1),
+}
+T = 2.3
+DT = 0.005
 
 
 class OwnCurrent(Current):
@@ -73,10 +87,13 @@ class HigherFloor(HeightField):
 
 
 def sampled(current: Current, floor: Seafloor, q: np.ndarray) -> dict[str, np.ndarray]:
-    n_links, n_points = len(DYNAMICS.symbolic.links), len(POINTS)
+    n_links = len(DYNAMICS.symbolic.links)
+    n_points = len(POINTS)
     given = {name: np.full((n_links, 3), np.nan) for name in ("u", "Du_Dt")}
     given |= {"floor_z": np.full(n_points, np.nan), "floor_normal": np.full((n_points, 3), np.nan)}
-    around = EnvironmentSampler(Environment(seafloor=floor, current=current), DYNAMICS.symbolic, POINTS)
+    around = EnvironmentSampler(
+        Environment(seafloor=floor, current=current), DYNAMICS.symbolic, POINTS
+    )
     around.bind(**given)
     around.sample(ROBOT.configuration(position=(5.0, 5.0, 0.0)), 0.1, DT)
     around.sample(q, T, DT)
@@ -87,18 +104,26 @@ def sampled(current: Current, floor: Seafloor, q: np.ndarray) -> dict[str, np.nd
 @pytest.mark.parametrize("name", CURRENTS)
 def test_every_link_and_point_feels_what_is_there(name: str, floor: str) -> None:
     q = ROBOT.configuration(position=(1.0, 2.0, -39.5), rpy=(0.1, -0.2, 0.5))
-    links, corners = DYNAMICS.link_positions(q), POINTS @ quaternion_to_matrix(q[3:7]).T + q[:3]
-    given, water, ground = sampled(CURRENTS[name], FLOORS[floor], q), water_at(CURRENTS[name], links, T), FLOORS[floor]
+    links = DYNAMICS.link_positions(q)
+    corners = POINTS @ quaternion_to_matrix(q[3:7]).T + q[:3]
+    given = sampled(CURRENTS[name], FLOORS[floor], q)
+    water = water_at(CURRENTS[name], links, T)
+    ground = FLOORS[floor]
     np.testing.assert_allclose(given["u"], water.velocity, atol=1e-14)
     np.testing.assert_allclose(given["Du_Dt"], water.acceleration, atol=1e-14)
-    np.testing.assert_allclose(given["floor_z"], [ground.height(x, y) for x, y, _ in corners], rtol=1e-14)
-    np.testing.assert_allclose(given["floor_normal"], [ground.normal(x, y) for x, y, _ in corners], atol=1e-14)
+    np.testing.assert_allclose(
+        given["floor_z"], [ground.height(x, y) for x, y, _ in corners], rtol=1e-14
+    )
+    np.testing.assert_allclose(
+        given["floor_normal"], [ground.normal(x, y) for x, y, _ in corners], atol=1e-14
+    )
 
 
 @pytest.mark.parametrize("name", CURRENTS)
 def test_a_current_and_a_floor_of_ones_own_are_asked_at_every_point(name: str) -> None:
     q = ROBOT.configuration(position=(1.0, 2.0, -39.5), rpy=(0.1, -0.2, 0.5))
-    known, own = (sampled(CURRENTS[name], FLOORS["bumpy"], q), sampled(OwnCurrent(CURRENTS[name]), OwnFloor(FLOORS["bumpy"]), q))
+    known = sampled(CURRENTS[name], FLOORS["bumpy"], q)
+    own = sampled(OwnCurrent(CURRENTS[name]), OwnFloor(FLOORS["bumpy"]), q)
     for key, value in known.items():
         np.testing.assert_allclose(own[key], value, atol=1e-13, err_msg=key)
 

@@ -12,14 +12,23 @@ from uvms_ocp.errors import InvalidInput
 from uvms_ocp.robot.description import Thruster
 from uvms_ocp.robot.loading import load_robot
 from uvms_ocp.robot.robot import Robot
-from uvms_ocp.robot.thrusters import curve_of_table, joint_power, thrust_of_signals, unactuated_axes, unreachable_axes
+from uvms_ocp.robot.thrusters import (
+    curve_of_table,
+    joint_power,
+    thrust_of_signals,
+    unactuated_axes,
+    unreachable_axes,
+)
 from uvms_ocp.sim.thrusters import N_DECAYS, Thrusters
 
 
 def robot_with(**changes: object) -> Robot:
     """girona_maris7 with every thruster changed."""
     robot = load_robot("girona_maris7")
-    thrusters = tuple(Thruster.model_validate({**dict(thruster), **changes}) for thruster in robot.description.thrusters)
+    thrusters = tuple(
+        Thruster.model_validate({**dict(thruster), **changes})
+        for thruster in robot.description.thrusters
+    )
     return replace(robot, description=robot.description.model_copy(update={"thrusters": thrusters}))
 
 
@@ -27,17 +36,27 @@ class ThrusterBank:
     """The expressions of `Thrusters`, called step by step."""
 
     def __init__(self, robot: Robot) -> None:
-        self.model, n = Thrusters.of(robot), len(robot.description.thrusters)
-        thrust, asked, decay, dt = ca.SX.sym("f", n), ca.SX.sym("c", n), ca.SX.sym("d", n, N_DECAYS), ca.SX.sym("h")
+        self.model = Thrusters.of(robot)
+        n = len(robot.description.thrusters)
+        thrust = ca.SX.sym("f", n)
+        asked = ca.SX.sym("c", n)
+        decay = ca.SX.sym("d", n, N_DECAYS)
+        dt = ca.SX.sym("h")
         share, offset = ca.SX.sym("s", n), ca.SX.sym("o", n)
         after = self.model.step(thrust, self.model.target(asked, share, offset), decay, dt)
         self._step = ca.Function("bank", [thrust, asked, share, offset, decay, dt], after)
-        self.thrust, self.energy, self.share, self.offset = np.zeros(n), np.zeros(n), np.ones(n), np.zeros(n)
+        self.thrust = np.zeros(n)
+        self.energy = np.zeros(n)
+        self.share = np.ones(n)
+        self.offset = np.zeros(n)
 
     def step(self, command: ArrayLike, dt: float) -> np.ndarray:
         decay = self.model.decay(dt)
-        after, taken = self._step(self.thrust, np.array(command), self.share, self.offset, decay, dt)
-        self.thrust, self.energy = np.array(after)[:, 0], self.energy + np.array(taken)[:, 0]
+        after, taken = self._step(
+            self.thrust, np.array(command), self.share, self.offset, decay, dt
+        )
+        self.thrust = np.array(after)[:, 0]
+        self.energy = self.energy + np.array(taken)[:, 0]
         return self.thrust
 
     @property
@@ -56,7 +75,9 @@ def test_lag_is_the_exact_exponential(dt: float) -> None:
 
 def test_without_lag_thrust_is_the_command() -> None:
     bank = ThrusterBank(robot_with(time_constant=0.0))
-    np.testing.assert_array_equal(bank.step([100.0, -50.0, 10.0, 1.0, 0.0], 1e-3), [100.0, -50.0, 10.0, 1.0, 0.0])
+    np.testing.assert_array_equal(
+        bank.step([100.0, -50.0, 10.0, 1.0, 0.0], 1e-3), [100.0, -50.0, 10.0, 1.0, 0.0]
+    )
 
 
 def test_thrust_never_leaves_the_limits() -> None:
@@ -70,20 +91,25 @@ def test_thrust_never_leaves_the_limits() -> None:
 
 def test_a_command_inside_the_dead_zone_gives_no_thrust() -> None:
     bank = ThrusterBank(robot_with(dead_zone=5.0, time_constant=0.0))
-    np.testing.assert_array_equal(bank.step([4.9, -4.9, 5.0, -5.0, 0.0], 1e-3), [0.0, 0.0, 5.0, -5.0, 0.0])
+    np.testing.assert_array_equal(
+        bank.step([4.9, -4.9, 5.0, -5.0, 0.0], 1e-3), [0.0, 0.0, 5.0, -5.0, 0.0]
+    )
 
 
 def test_energy_is_the_integral_of_the_power() -> None:
     bank = ThrusterBank(robot_with(time_constant=0.2))
     bank.step(np.full(5, 100.0), 0.1)
-    start, spent = bank.thrust[0], bank.energy[0]
+    start = bank.thrust[0]
+    spent = bank.energy[0]
     for _ in range(50):
         bank.step(np.full(5, 20.0), 0.01)
 
     def power(t: float) -> float:
         return 800.0 * (abs(20.0 + (start - 20.0) * np.exp(-t / 0.2)) / 150.0) ** 1.5
 
-    assert bank.energy[0] - spent == pytest.approx(quad(power, 0.0, 0.5, epsabs=1e-12)[0], rel=1e-10)
+    assert bank.energy[0] - spent == pytest.approx(
+        quad(power, 0.0, 0.5, epsabs=1e-12)[0], rel=1e-10
+    )
     assert bank.power[0] == pytest.approx(power(0.5))
 
 
@@ -117,13 +143,19 @@ def test_what_takes_unknown_power_takes_unknown_energy() -> None:
 
 def test_a_condition_acts_behind_the_dead_zone_and_within_the_limits() -> None:
     bank = ThrusterBank(robot_with(dead_zone=5.0, minimum=-20.0, maximum=30.0, time_constant=0.0))
-    bank.share, bank.offset = np.array([1.0, 0.5, -1.0, 0.0, 0.0]), np.array([0.0, 0.0, 0.0, 12.0, 90.0])
-    np.testing.assert_array_equal(bank.step([4.0, 6.0, 28.0, -9.0, 0.0], 1e-3), [0.0, 3.0, -20.0, 12.0, 30.0])
+    bank.share, bank.offset = (
+        np.array([1.0, 0.5, -1.0, 0.0, 0.0]),
+        np.array([0.0, 0.0, 0.0, 12.0, 90.0]),
+    )
+    np.testing.assert_array_equal(
+        bank.step([4.0, 6.0, 28.0, -9.0, 0.0], 1e-3), [0.0, 3.0, -20.0, 12.0, 30.0]
+    )
 
 
 @pytest.mark.parametrize("minimum", [-40.0, 0.0])
 def test_without_a_curve_signals_are_shares_of_the_limits(minimum: float) -> None:
-    robot, signals = robot_with(minimum=minimum, maximum=80.0), np.array([-2.0, -1.0, -0.25, 0.5, 1.5])
+    robot = robot_with(minimum=minimum, maximum=80.0)
+    signals = np.array([-2.0, -1.0, -0.25, 0.5, 1.5])
     thrust = [minimum, minimum, 0.25 * minimum, 40.0, 80.0]
     np.testing.assert_allclose(thrust_of_signals(robot, signals), thrust, atol=1e-12)
 
@@ -148,8 +180,11 @@ def test_axes_out_of_reach_follow_from_the_layout() -> None:
 
 @pytest.mark.parametrize("seed", range(8))
 def test_of_axes_that_are_equally_out_of_reach_rounding_decides_nothing(seed: int) -> None:
-    """One thruster that pushes ahead beside the middle: its moment, in the layout's own units, weighs as much as its force."""
-    one, rng = np.array([[1.0], [0.0], [0.0], [0.0], [0.0], [0.3]]), np.random.default_rng(seed)
+    """One thruster that pushes ahead beside the middle: its moment, in the layout's own units,
+    weighs as much as its force.
+    """
+    one = np.array([[1.0], [0.0], [0.0], [0.0], [0.0], [0.3]])
+    rng = np.random.default_rng(seed)
     assert unreachable_axes(one * (1.0 + 1e-15 * rng.normal(size=one.shape))) == (1, 2, 3, 4, 5)
     assert unreachable_axes(one + 1e-16 * rng.normal(size=one.shape)) == (1, 2, 3, 4, 5)
 
@@ -182,10 +217,14 @@ def bench(volts: float) -> np.ndarray:
 
 def test_the_curve_of_a_table_is_the_thruster_s() -> None:
     order = np.random.default_rng(2).permutation(2 * len(PWM))
-    curve, off = curve_of_table(np.tile(PWM, 2)[order], np.r_[bench(16.0) + 0.5, bench(16.0) - 0.5][order])
+    curve, off = curve_of_table(
+        np.tile(PWM, 2)[order], np.r_[bench(16.0) + 0.5, bench(16.0) - 0.5][order]
+    )
     np.testing.assert_allclose(curve, np.column_stack([PWM, bench(16.0)]), atol=1e-12)
     assert off == pytest.approx(0.0, abs=1e-12)
-    assert len(robot_with(curve=curve).description.thrusters[0].curve) == len(PWM)  # as a robot file takes it
+    assert len(robot_with(curve=curve).description.thrusters[0].curve) == len(
+        PWM
+    )  # as a robot file takes it
 
 
 def test_a_voltage_between_those_of_the_table_is_between_their_curves() -> None:

@@ -1,4 +1,6 @@
-"""Random hierarchies, and a reference solution that shares no code and no method with the package."""
+"""Random hierarchies, and a reference solution that shares no code and no method with the
+package.
+"""
 
 from __future__ import annotations
 
@@ -11,8 +13,12 @@ from uvms_ocp.solvers.hierarchy.level import Level
 Array = np.ndarray
 
 
-def random_hierarchy(seed: int, n: int = 13, sizes: tuple[int, ...] = (13, 3, 6, 1, 1, 6, 4, 6, 3, 3, 13)) -> list[Level]:
-    """A box, then conflicting equalities and one- and two-sided inequalities, then least velocity."""
+def random_hierarchy(
+    seed: int, n: int = 13, sizes: tuple[int, ...] = (13, 3, 6, 1, 1, 6, 4, 6, 3, 3, 13)
+) -> list[Level]:
+    """A box, then conflicting equalities and one- and two-sided inequalities, then least
+    velocity.
+    """
     rng = np.random.default_rng(seed)
     middle = [_random_level(rng, n, size) for size in sizes[1:-1]]
     box = Level(jacobian=np.eye(n), lower=-rng.uniform(0.5, 1.5, n), upper=rng.uniform(0.5, 1.5, n))
@@ -26,14 +32,18 @@ def _random_level(rng: np.random.Generator, n: int, size: int) -> Level:
     return Level(jacobian=rng.standard_normal((size, n)), lower=lower, upper=lower + width)
 
 
-def dependent_hierarchy(seed: int, n: int, sizes: tuple[int, ...], nearly: float = 0.0) -> list[Level]:
+def dependent_hierarchy(
+    seed: int, n: int, sizes: tuple[int, ...], nearly: float = 0.0
+) -> list[Level]:
     """Duplicated, combined, zero and random rows with bounds of every kind."""
     rng = np.random.default_rng(seed)
     earlier: list[Array] = [np.zeros(n)]
     return [_dependent_level(rng, n, size, earlier, nearly) for size in sizes]
 
 
-def _dependent_level(rng: np.random.Generator, n: int, size: int, earlier: list[Array], nearly: float) -> Level:
+def _dependent_level(
+    rng: np.random.Generator, n: int, size: int, earlier: list[Array], nearly: float
+) -> Level:
     for _ in range(size):
         parts = rng.integers(0, len(earlier), 2)
         combined = earlier[parts[0]] + rng.choice([-1.0, 0.0, 2.0]) * earlier[parts[1]]
@@ -44,7 +54,9 @@ def _dependent_level(rng: np.random.Generator, n: int, size: int, earlier: list[
     width = np.select([kind < 2, kind == 2], [0.0, rng.uniform(0.0, 1.0, size)], np.inf)
     below = np.where(kind == 4, -np.inf, low)
     above = np.where(kind == 4, low, low + width)
-    return Level(jacobian=np.reshape(earlier[len(earlier) - size :], (size, n)), lower=below, upper=above)
+    return Level(
+        jacobian=np.reshape(earlier[len(earlier) - size :], (size, n)), lower=below, upper=above
+    )
 
 
 def distance(y: Array, lower: Array, upper: Array) -> Array:
@@ -52,18 +64,23 @@ def distance(y: Array, lower: Array, upper: Array) -> Array:
 
 
 def reference(levels: list[Level]) -> tuple[Array, Array]:
-    """Norm of each level's optimal slack, and the largest error of the optimality conditions of any level.
+    """Norm of each level's optimal slack, and the largest error of the optimality conditions of any
+    level.
 
-    Method of multipliers, each of whose problems is solved by Newton steps on its piecewise quadratic; optimality is
-    verified with non-negative least squares.
+    Method of multipliers, each of whose problems is solved by Newton steps on its piecewise
+    quadratic; optimality is verified with non-negative least squares.
     """
     n = levels[0].n_velocities
-    v, held, errors = np.zeros(n), (np.zeros((0, n)), np.zeros(0), np.zeros(0)), []
+    v = np.zeros(n)
+    held = (np.zeros((0, n)), np.zeros(0), np.zeros(0))
+    errors = []
     for level in levels:
         v = _optimum(level, held, v)
         errors.append(_optimality_error(level, held, v))
         held = _held(level, held, v)
-    norms = [np.linalg.norm(distance(level.jacobian @ v, level.lower, level.upper)) for level in levels]
+    norms = [
+        np.linalg.norm(distance(level.jacobian @ v, level.lower, level.upper)) for level in levels
+    ]
     return np.array(norms), np.array(errors)
 
 
@@ -72,14 +89,16 @@ def _held(level: Level, held: tuple[Array, Array, Array], v: Array) -> tuple[Arr
     y = level.jacobian @ v
     low, up = np.minimum(level.lower, y), np.maximum(level.upper, y)
     slack = distance(y, level.lower, level.upper)
-    # At an optimum the rows of a level that had to be violated have one and the same value everywhere.
+    # At an optimum the rows of a level that had to be violated have one and the same value
+    # everywhere.
     low, up = np.where(np.abs(slack) > 1e-7, y, low), np.where(np.abs(slack) > 1e-7, y, up)
     return np.vstack([C, level.jacobian]), np.hstack([lower, low]), np.hstack([upper, up])
 
 
 def _optimum(level: Level, held: tuple[Array, Array, Array], v: Array) -> Array:
     C, lower, upper = held
-    multipliers, penalty = np.zeros(len(C)), 1e5
+    multipliers = np.zeros(len(C))
+    penalty = 1e5
     for _ in range(400):
         v = _newton(level, (C, lower - multipliers, upper - multipliers), v, penalty)
         updated = distance(C @ v + multipliers, lower, upper)
@@ -100,8 +119,13 @@ def _newton(level: Level, held: tuple[Array, Array, Array], v: Array, penalty: f
         if not active.any():
             break
         step = lstsq(J[active], -slack[active], cond=1e-12)[0]
-        cost, slope, length = slack @ slack, slack @ (J @ step), 1.0
-        while _cost(J, lower, upper, v + length * step) > cost + 1e-4 * length * slope and length > 1e-9:
+        cost = slack @ slack
+        slope = slack @ (J @ step)
+        length = 1.0
+        while (
+            _cost(J, lower, upper, v + length * step) > cost + 1e-4 * length * slope
+            and length > 1e-9
+        ):
             length *= 0.5
         v = v + length * step
         if np.abs(length * step).max() < 1e-15:

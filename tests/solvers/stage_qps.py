@@ -11,7 +11,9 @@ from uvms_ocp.solvers.stage_qp import StageQp, StageQpSolution, StageShape
 def random_shape(rng: np.random.Generator, N: int) -> StageShape:
     """Sizes differ from stage to stage; some stages have no control, no residual, no row."""
     sizes = {"n_x": (1, 6, N + 1), "n_u": (0, 5, N), "n_r": (0, 8, N + 1), "n_c": (0, 4, N + 1)}
-    return StageShape(**{name: tuple(rng.integers(a, b, n).tolist()) for name, (a, b, n) in sizes.items()})
+    return StageShape(
+        **{name: tuple(rng.integers(a, b, n).tolist()) for name, (a, b, n) in sizes.items()}
+    )
 
 
 def random_qp(seed: int, *, equalities: bool = False, inequalities: bool = True) -> StageQp:
@@ -25,9 +27,14 @@ def random_qp(seed: int, *, equalities: bool = False, inequalities: bool = True)
     if rng.random() < 0.7:
         qp.fix_initial_state(rng.standard_normal(qp.shape.n_x[0]))
     for k, z in enumerate(random_trajectory(rng, qp)):
-        for lower, upper, value in ((qp.lower[k], qp.upper[k], qp.C[k] @ z), (qp.z_lower[k], qp.z_upper[k], z)):
+        for lower, upper, value in (
+            (qp.lower[k], qp.upper[k], qp.C[k] @ z),
+            (qp.z_lower[k], qp.z_upper[k], z),
+        ):
             draw = np.where(lower == upper, 0.7, rng.random(len(value)))
-            room = np.where(rng.random((2, len(value))) < 0.8, rng.exponential(0.5, (2, len(value))), 0.0)
+            room = np.where(
+                rng.random((2, len(value))) < 0.8, rng.exponential(0.5, (2, len(value))), 0.0
+            )
             if inequalities:
                 lower[draw < 0.4] = (value - room[0])[draw < 0.4]
                 middle = (draw > 0.2) & (draw < 0.6)
@@ -38,11 +45,16 @@ def random_qp(seed: int, *, equalities: bool = False, inequalities: bool = True)
 
 
 def reach_qp(seed: int, *, goal: bool, N: int = 30, n: int = 6) -> StageQp:
-    """A double integrator of n axes that goes for a tool's goal of three rows, a constraint at the end or a cost all along."""
-    rng, dt, n_x = np.random.default_rng(seed), 0.05, 2 * n
+    """A double integrator of n axes that goes for a tool's goal of three rows, a constraint at the
+    end or a cost all along.
+    """
+    rng = np.random.default_rng(seed)
+    dt = 0.05
+    n_x = 2 * n
     rows = {"n_r": (3 + n_x + n,) * N + (3 + n_x,), "n_c": (n,) * N + (3 if goal else 0,)}
     qp = StageQp(StageShape(n_x=(n_x,) * (N + 1), n_u=(n,) * N, **rows))
-    tool, M = rng.standard_normal((3, n)), np.eye(n) + 0.1 * rng.standard_normal((n, n))
+    tool = rng.standard_normal((3, n))
+    M = np.eye(n) + 0.1 * rng.standard_normal((n, n))
     for k in range(N + 1):
         weight = 10.0 if k == N else 0.7
         qp.J[k][:3, :n], qp.r[k][:3] = weight * tool, -0.5 * weight
@@ -63,7 +75,8 @@ def reach_qp(seed: int, *, goal: bool, N: int = 30, n: int = 6) -> StageQp:
 def random_trajectory(rng: np.random.Generator, qp: StageQp) -> list[np.ndarray]:
     n_x = qp.shape.n_x
     fixed = np.isfinite(qp.z_lower[0][: n_x[0]])
-    x, states = np.where(fixed, qp.z_lower[0][: n_x[0]], rng.standard_normal(n_x[0])), []
+    x = np.where(fixed, qp.z_lower[0][: n_x[0]], rng.standard_normal(n_x[0]))
+    states = []
     for k, n_z in enumerate(qp.shape.n_z):
         states.append(np.concatenate([x, rng.standard_normal(n_z - n_x[k])]))
         if k < qp.shape.N:
@@ -75,19 +88,29 @@ def dense(qp: StageQp) -> tuple[np.ndarray, ...]:
     """H, g, A, lower and upper of all stages at once, dynamics as rows."""
     begin = np.concatenate([[0], np.cumsum(qp.shape.n_z)])
     n = int(begin[-1])
-    H, g, A, lower, upper = np.zeros((n, n)), np.zeros(n), [], [], []
+    H = np.zeros((n, n))
+    g = np.zeros(n)
+    A = []
+    lower = []
+    upper = []
     for k in range(qp.shape.N + 1):
         own = slice(begin[k], begin[k + 1])
         H[own, own] = qp.J[k].T @ qp.J[k] + qp.H[k] + np.diag(qp.damping[k])
         g[own] = qp.J[k].T @ qp.r[k] + qp.g[k]
         rows = np.zeros((qp.shape.n_c[k], n))
         rows[:, own] = qp.C[k]
-        A, lower, upper = [*A, rows], [*lower, qp.lower[k]], [*upper, qp.upper[k]]
+        A = [*A, rows]
+        lower = [*lower, qp.lower[k]]
+        upper = [*upper, qp.upper[k]]
         if k < qp.shape.N:
             rows = np.zeros((qp.shape.n_x[k + 1], n))
             rows[:, own] = qp.dynamics[k]
-            rows[:, begin[k + 1] : begin[k + 1] + qp.shape.n_x[k + 1]] -= np.eye(qp.shape.n_x[k + 1])
-            A, lower, upper = [*A, rows], [*lower, -qp.b[k]], [*upper, -qp.b[k]]
+            rows[:, begin[k + 1] : begin[k + 1] + qp.shape.n_x[k + 1]] -= np.eye(
+                qp.shape.n_x[k + 1]
+            )
+            A = [*A, rows]
+            lower = [*lower, -qp.b[k]]
+            upper = [*upper, -qp.b[k]]
     return H, g, np.vstack(A), np.concatenate(lower), np.concatenate(upper)
 
 
@@ -102,11 +125,13 @@ def conic_optimum(qp: StageQp, plugin: str, **options: object) -> np.ndarray:
 def softened(qp: StageQp, l1: float, l2: float) -> np.ndarray:
     """The optimum where all rows but dynamics may be missed by slacks, which are variables here."""
     H, g, A, lower, upper = dense(qp)
-    begin, rows = 0, []
+    begin = 0
+    rows = []
     for k, n in enumerate(qp.shape.n_c):
         rows += range(begin, begin + n)
         begin += n + (qp.shape.n_x[k + 1] if k < qp.shape.N else 0)
-    m, n = len(rows), len(g)
+    m = len(rows)
+    n = len(g)
     slack = np.zeros((len(A), 2 * m))
     slack[rows] = np.hstack([np.eye(m), -np.eye(m)])
     H = np.block([[H, np.zeros((n, 2 * m))], [np.zeros((2 * m, n)), (l2 + 1e-9) * np.eye(2 * m)]])
@@ -130,7 +155,8 @@ def flat(parts: tuple[np.ndarray, ...]) -> np.ndarray:
 def kkt_failure(qp: StageQp, found: StageQpSolution) -> float:
     """Largest failure of the optimality conditions of hard rows, from the data alone."""
     H, g, A, lower, upper = dense(qp)
-    z, y_z = flat(found.z), flat(found.y_z)
+    z = flat(found.z)
+    y_z = flat(found.y_z)
     y = []
     for k in range(qp.shape.N + 1):
         y.append(found.y[k])
@@ -142,5 +168,8 @@ def kkt_failure(qp: StageQp, found: StageQpSolution) -> float:
     for value, low, high, multiplier in everything:
         failures += [(low - value).max(initial=0.0), (value - high).max(initial=0.0)]
         above, below = np.maximum(multiplier, 0.0), np.maximum(-multiplier, 0.0)
-        failures += [np.minimum(above, high - value).max(initial=0.0), np.minimum(below, value - low).max(initial=0.0)]
+        failures += [
+            np.minimum(above, high - value).max(initial=0.0),
+            np.minimum(below, value - low).max(initial=0.0),
+        ]
     return float(max(failures))

@@ -25,8 +25,15 @@ from uvms_ocp.solvers.hierarchy.level import Level, stack, widen_bounds
 from uvms_ocp.solvers.hierarchy.solution import Status
 from uvms_ocp.solvers.hierarchy.tolerances import iteration_budget
 
-COMPILED, NUMPY = LexicographicActiveSet(), LexicographicActiveSet(compiled=False)
-STRUCTURES = [(1, (2, 0, 1)), (4, (3, 2, 2)), (7, (1, 0, 6, 2, 7)), (13, (6, 6, 6, 3, 13)), (60, (20, 9, 30))]
+COMPILED = LexicographicActiveSet()
+NUMPY = LexicographicActiveSet(compiled=False)
+STRUCTURES = [
+    (1, (2, 0, 1)),
+    (4, (3, 2, 2)),
+    (7, (1, 0, 6, 2, 7)),
+    (13, (6, 6, 6, 3, 13)),
+    (60, (20, 9, 30)),
+]
 
 
 @pytest.mark.parametrize("seed", range(40))
@@ -58,7 +65,8 @@ def test_nearly_dependent_rows_end_with_a_truthful_status(nearly: float, compile
             solution = solver.solve(levels)
             assert np.isfinite(solution.v).all()
             size = max(1.0, solution.level_residuals.max())
-            # Without end no bound can be told where rows are nearly dependent: multipliers have too few digits.
+            # Without end no bound can be told where rows are nearly dependent: multipliers have too
+            # few digits.
             lost = certificate(levels, solution.v, radius=tolerances.REACH * asked_velocity(levels))
             assert not solution.status.exact or lost < 5e-7 * size, (n, seed)
 
@@ -78,13 +86,20 @@ def test_rows_dependent_to_1e_4_are_solved() -> None:
 
 @pytest.mark.parametrize("solver", [pytest.param(COMPILED, marks=needs_compiler), NUMPY])
 @pytest.mark.parametrize("decades", [1, 4])
-def test_rows_of_very_different_scale_end_with_a_truthful_status(solver: LexicographicActiveSet, decades: int) -> None:
+def test_rows_of_very_different_scale_end_with_a_truthful_status(
+    solver: LexicographicActiveSet, decades: int
+) -> None:
     exact = 0
     for seed in range(40 if solver.compiled else 8):
         rng = np.random.default_rng(seed)
-        sizes = [10.0 ** rng.uniform(-decades, decades, level.n_rows) for level in random_hierarchy(seed, 8, (8, 2, 4, 2, 8))]
+        sizes = [
+            10.0 ** rng.uniform(-decades, decades, level.n_rows)
+            for level in random_hierarchy(seed, 8, (8, 2, 4, 2, 8))
+        ]
         levels = [
-            Level(jacobian=level.jacobian * f[:, None], lower=level.lower * f, upper=level.upper * f)
+            Level(
+                jacobian=level.jacobian * f[:, None], lower=level.lower * f, upper=level.upper * f
+            )
             for level, f in zip(random_hierarchy(seed, 8, (8, 2, 4, 2, 8)), sizes, strict=True)
         ]
         solution = solver.solve(levels)
@@ -106,7 +121,8 @@ def test_what_is_given_up_on_nearly_dependent_rows_is_never_the_box_on_top() -> 
 def test_numpy_and_c_give_the_same(n: int, sizes: tuple[int, ...]) -> None:
     for seed in range(20):
         levels = dependent_hierarchy(seed, n, sizes)
-        ours, theirs = COMPILED.solve(levels), NUMPY.solve(levels)
+        ours = COMPILED.solve(levels)
+        theirs = NUMPY.solve(levels)
         np.testing.assert_allclose(ours.level_residuals, theirs.level_residuals, atol=1e-10)
         assert ours.status is theirs.status
         if np.linalg.matrix_rank(levels[-1].jacobian) == n:
@@ -124,21 +140,31 @@ def test_a_warm_tick_follows_slow_changes_exactly(solver: LexicographicActiveSet
         result = tick(J, *rest)
         assert result.status is Status.SOLVED
         start = np.cumsum([0, *(level.n_rows for level in levels)])
-        now = [Level(jacobian=J[a:b], lower=rest[0][a:b], upper=rest[1][a:b]) for a, b in pairwise(start)]
+        now = [
+            Level(jacobian=J[a:b], lower=rest[0][a:b], upper=rest[1][a:b])
+            for a, b in pairwise(start)
+        ]
         assert certificate(now, result.v) < 1e-9
 
 
 @pytest.mark.parametrize("solver", [pytest.param(COMPILED, marks=needs_compiler), NUMPY])
-def test_a_tick_that_reads_its_inputs_where_they_are_gives_what_a_call_gives(solver: LexicographicActiveSet) -> None:
+def test_a_tick_that_reads_its_inputs_where_they_are_gives_what_a_call_gives(
+    solver: LexicographicActiveSet,
+) -> None:
     """Also where it recovers from an input that is no number."""
-    rng, levels = np.random.default_rng(0), random_hierarchy(2)
+    rng = np.random.default_rng(0)
+    levels = random_hierarchy(2)
     sizes = [level.n_rows for level in levels]
-    called, inputs = solver.bind(_tick_function(13, 59), sizes), [np.asfortranarray(x) for x in _arguments(levels)]
+    called = solver.bind(_tick_function(13, 59), sizes)
+    inputs = [np.asfortranarray(x) for x in _arguments(levels)]
     adopted = solver.bind(_tick_function(13, 59), sizes).adopt(*inputs)
     for k in range(20):
-        inputs[0] += np.where(np.arange(59)[:, None] < 46, 1e-3, 0.0) * rng.standard_normal((59, 13))
+        inputs[0] += np.where(np.arange(59)[:, None] < 46, 1e-3, 0.0) * rng.standard_normal(
+            (59, 13)
+        )
         inputs[1][3] = np.nan if k == 10 else -1.0
-        mine, other = adopted(), called(*inputs)
+        mine = adopted()
+        other = called(*inputs)
         np.testing.assert_allclose(mine.v, other.v, atol=1e-9)
         np.testing.assert_allclose(mine.residual, other.residual, atol=1e-9)
         assert mine.status is other.status
@@ -199,7 +225,10 @@ def test_the_certificate_fails_for_a_perturbed_solution() -> None:
 
 def test_the_certificate_sees_a_level_that_gave_way_to_a_lower_one() -> None:
     upper, lower = np.array([[1.0, 0.0]]), np.array([[1.0, 0.0], [0.0, 1.0]])
-    levels = [Level(jacobian=upper, lower=1.0, upper=1.0), Level(jacobian=lower, lower=0.0, upper=0.0)]
+    levels = [
+        Level(jacobian=upper, lower=1.0, upper=1.0),
+        Level(jacobian=lower, lower=0.0, upper=0.0),
+    ]
     assert certificate(levels, np.array([1.0, 0.0])) < 1e-15
     assert certificate(levels, np.array([0.5, 0.0])) > 0.1
 
@@ -220,7 +249,9 @@ def test_empty_hierarchies_and_levels_are_handled() -> None:
 
 
 def test_the_core_needs_libm_only() -> None:
-    includes = [line for line in core_source(3, (1, 0, 2)).splitlines() if line.startswith("#include")]
+    includes = [
+        line for line in core_source(3, (1, 0, 2)).splitlines() if line.startswith("#include")
+    ]
     assert includes == ["#include <math.h>", "#include <string.h>"]
     assert "#define LEVEL_SIZES 1, 2" in core_source(3, (1, 0, 2))
 
@@ -232,8 +263,12 @@ def test_the_core_in_c_has_the_tolerances_and_the_patience_of_python() -> None:
         assert float(defined) == value
 
 
-@pytest.mark.parametrize("solver", [pytest.param(COMPILED, marks=needs_compiler), NUMPY, LexicographicQp()])
-def test_threads_that_share_a_solver_get_their_own_answers(solver: LexicographicActiveSet | LexicographicQp) -> None:
+@pytest.mark.parametrize(
+    "solver", [pytest.param(COMPILED, marks=needs_compiler), NUMPY, LexicographicQp()]
+)
+def test_threads_that_share_a_solver_get_their_own_answers(
+    solver: LexicographicActiveSet | LexicographicQp,
+) -> None:
     def wrong(value: float) -> int:
         level = Level(jacobian=np.eye(4), lower=value, upper=value)
         return sum(not np.allclose(solver.solve([level]).v, value) for _ in range(400))

@@ -11,14 +11,26 @@ from scipy.optimize import lsq_linear, minimize
 
 from uvms_ocp.codegen.kernel_layout import structure_of
 from uvms_ocp.codegen.kernels import bind_kernels
-from uvms_ocp.solvers.bounded_least_squares import BoundedProblem, LeastSquaresRows, room_for, solve_bounded
+from uvms_ocp.solvers.bounded_least_squares import (
+    BoundedProblem,
+    LeastSquaresRows,
+    room_for,
+    solve_bounded,
+)
 
 
 def bounded_least_squares(
-    A: np.ndarray, b: np.ndarray, lower: np.ndarray, upper: np.ndarray, weight: np.ndarray, *, compiled: bool = True
+    A: np.ndarray,
+    b: np.ndarray,
+    lower: np.ndarray,
+    upper: np.ndarray,
+    weight: np.ndarray,
+    *,
+    compiled: bool = True,
 ) -> np.ndarray:
-    """Return x (n,) [x] for A (m, n) [b/x], b (m,) [b], lower, upper (n,) [x] and weight (n,) [1/x^2]; in C unless `compiled` is
-    false or there is no compiler."""
+    """Return x (n,) [x] for A (m, n) [b/x], b (m,) [b], lower, upper (n,) [x] and weight (n,)
+    [1/x^2]; in C unless `compiled` is false or there is no compiler.
+    """
     (m, n), sizes = A.shape, (A.shape[0], room_for(A.shape[1]))
     problem, solve = _bound(*sizes, compiled)
     p: Any = problem()
@@ -33,7 +45,8 @@ def bounded_least_squares(
 
 @lru_cache(maxsize=16)
 def _bound(m: int, n: int, compiled: bool) -> tuple[type[BoundedProblem], Callable[..., Any]]:
-    problem, inner = structure_of(BoundedProblem, m=m, n=n), structure_of(LeastSquaresRows, m=m, n=n)
+    problem = structure_of(BoundedProblem, m=m, n=n)
+    inner = structure_of(LeastSquaresRows, m=m, n=n)
     return problem, bind_kernels((solve_bounded,), (inner, problem), compiled=compiled)[0]
 
 
@@ -64,13 +77,20 @@ def test_among_equal_residuals_the_weighted_norm_is_the_smallest(seed: int) -> N
     bounds = list(zip(lower, upper, strict=True))
     options = {"ftol": 1e-14, "maxiter": 500}
     oracle = minimize(
-        lambda y: y @ (weight * y), x, jac=lambda y: 2 * weight * y, bounds=bounds, constraints=same, options=options
+        lambda y: y @ (weight * y),
+        x,
+        jac=lambda y: 2 * weight * y,
+        bounds=bounds,
+        constraints=same,
+        options=options,
     )
     assert x @ (weight * x) <= oracle.fun + 1e-6 * (1.0 + oracle.fun)
 
 
 def test_equal_bounds_fix_a_variable() -> None:
-    x = bounded_least_squares(np.eye(2), np.array([3.0, 3.0]), np.array([1.0, -9.0]), np.array([1.0, 9.0]), np.ones(2))
+    x = bounded_least_squares(
+        np.eye(2), np.array([3.0, 3.0]), np.array([1.0, -9.0]), np.array([1.0, 9.0]), np.ones(2)
+    )
     np.testing.assert_allclose(x, [1.0, 3.0], atol=1e-12)
 
 
@@ -78,7 +98,9 @@ def test_equal_bounds_fix_a_variable() -> None:
 @pytest.mark.parametrize("seed", range(20))
 def test_python_and_c_give_the_same_bits(seed: int) -> None:
     problem = random_problem(seed)
-    np.testing.assert_array_equal(bounded_least_squares(*problem), bounded_least_squares(*problem, compiled=False))
+    np.testing.assert_array_equal(
+        bounded_least_squares(*problem), bounded_least_squares(*problem, compiled=False)
+    )
 
 
 @pytest.mark.parametrize("seed", range(30))
@@ -92,5 +114,11 @@ def test_without_bounds_it_is_the_weighted_least_squares_of_least_norm(seed: int
 
 
 def test_rows_that_are_all_zero_leave_the_smallest_norm() -> None:
-    x = bounded_least_squares(np.zeros((6, 3)), np.ones(6), np.array([-1.0, 0.5, -3.0]), np.array([1.0, 2.0, -1.0]), np.ones(3))
+    x = bounded_least_squares(
+        np.zeros((6, 3)),
+        np.ones(6),
+        np.array([-1.0, 0.5, -3.0]),
+        np.array([1.0, 2.0, -1.0]),
+        np.ones(3),
+    )
     np.testing.assert_allclose(x, [0.0, 0.5, -1.0], atol=1e-12)

@@ -1,4 +1,6 @@
-"""The certificate is a bound: nobody finds a better velocity than it allows, in Python and in C, and at optima it is small."""
+"""The certificate is a bound: nobody finds a better velocity than it allows, in Python and in C,
+and at optima it is small.
+"""
 
 from __future__ import annotations
 
@@ -15,7 +17,13 @@ from uvms_ocp.codegen.compile import compile_library
 from uvms_ocp.errors import InvalidInput
 from uvms_ocp.solvers.hierarchy import tolerances
 from uvms_ocp.solvers.hierarchy.active_set import LexicographicActiveSet, core_source
-from uvms_ocp.solvers.hierarchy.certificate import NormalRows, certificate, level_excesses, normal_certificate, normal_rows
+from uvms_ocp.solvers.hierarchy.certificate import (
+    NormalRows,
+    certificate,
+    level_excesses,
+    normal_certificate,
+    normal_rows,
+)
 from uvms_ocp.solvers.hierarchy.level import Level, stack
 
 SIZES = (5, 2, 3, 1, 3, 5)
@@ -46,8 +54,13 @@ NORMAL = [_in_python] if MISSING else [_in_python, _in_c]
 
 
 def _better(levels: list[Level], k: int, v: np.ndarray, low: np.ndarray, up: np.ndarray) -> float:
-    """By how much level k can be improved with the rows above at their residuals or better, and y in [low, up]."""
-    above = [Level(jacobian=np.eye(len(v)), lower=np.minimum(low, v), upper=np.maximum(up, v)), *levels[:k]]
+    """By how much level k can be improved with the rows above at their residuals or better, and y
+    in [low, up].
+    """
+    above = [
+        Level(jacobian=np.eye(len(v)), lower=np.minimum(low, v), upper=np.maximum(up, v)),
+        *levels[:k],
+    ]
     J = np.concatenate([level.jacobian for level in above])
     lower = np.minimum(np.concatenate([level.lower for level in above]), J @ v)
     upper = np.maximum(np.concatenate([level.upper for level in above]), J @ v)
@@ -69,7 +82,9 @@ def _missed(level: Level, v: np.ndarray) -> float:
 
 
 def _nearly_slack(seed: int, slack: float) -> tuple[list[Level], np.ndarray]:
-    """A box, rows missed by nearly nothing, and a level that wants to go where these rows let it."""
+    """A box, rows missed by nearly nothing, and a level that wants to go where these rows let
+    it.
+    """
     rng = np.random.default_rng(seed)
     J, v = rng.standard_normal((3, 5)), rng.uniform(-0.5, 0.5, 5)
     size = 10.0 ** rng.uniform(-3, 1)
@@ -83,16 +98,19 @@ def _nearly_slack(seed: int, slack: float) -> tuple[list[Level], np.ndarray]:
 def _cases() -> list[tuple[list[Level], np.ndarray]]:
     cases = [_nearly_slack(seed, 10.0 ** (seed % 10 - 12)) for seed in range(30)]
     for seed in range(30):
-        levels, rng = random_hierarchy(seed, 5, SIZES), np.random.default_rng(seed)
+        levels = random_hierarchy(seed, 5, SIZES)
+        rng = np.random.default_rng(seed)
         v = ACTIVE_SET.solve(levels).v
         cases.append((levels, v + 10.0 ** rng.uniform(-13, 0) * rng.standard_normal(5)))
     return cases
 
 
 def test_no_better_velocity_is_found_than_the_certificate_allows() -> None:
-    tight, tried = 0, []
+    tight = 0
+    tried = []
     for levels, v in _cases():
-        box, unit = levels[0], _normal(levels)
+        box = levels[0]
+        unit = _normal(levels)
         found = [_better(levels, k, v, box.lower, box.upper) for k in range(len(levels))]
         tried += np.isfinite(found).tolist()
         bounds = level_excesses(levels, v)
@@ -108,7 +126,9 @@ def test_no_better_velocity_is_found_than_the_certificate_allows() -> None:
 @needs_compiler
 @pytest.mark.parametrize("size", [1e-3, 1.0, 1e3])
 @pytest.mark.parametrize("slack", [2e-9, 1e-12, 1e-6])
-def test_a_slack_of_nearly_nothing_does_not_hide_what_a_lower_level_is_short_of(size: float, slack: float) -> None:
+def test_a_slack_of_nearly_nothing_does_not_hide_what_a_lower_level_is_short_of(
+    size: float, slack: float
+) -> None:
     levels = [Level(jacobian=[[size]], upper=0.0), Level(jacobian=[[1.0]], lower=-1.0, upper=-1.0)]
     assert certificate(levels, [slack]) == pytest.approx(1.0, rel=1e-5)
     assert _in_c(levels, np.array([slack])) > 0.1
@@ -121,7 +141,11 @@ def test_a_wrong_velocity_of_seven_joints_is_seen() -> None:
     J, direction = rng.standard_normal((3, 7)), rng.standard_normal(7)
     direction *= 0.21 / np.linalg.norm(direction)
     box = Level(jacobian=np.eye(7), lower=-1.0, upper=1.0)
-    levels = [box, Level(jacobian=1e-3 * J, upper=0.0), Level(jacobian=J[:1], lower=-0.2, upper=-0.2)]
+    levels = [
+        box,
+        Level(jacobian=1e-3 * J, upper=0.0),
+        Level(jacobian=J[:1], lower=-0.2, upper=-0.2),
+    ]
     v = ACTIVE_SET.solve([*levels, Level(jacobian=np.eye(7), lower=0.0, upper=0.0)]).v
     assert certificate(levels, v) < 1e-12
     wrong = v - 0.21 * np.linalg.pinv(J) @ [-1.0, 0.0, 0.0]
@@ -134,7 +158,14 @@ def test_a_wrong_velocity_of_seven_joints_is_seen() -> None:
 CONTRADICTING: list[tuple[Level, list[float]]] = [
     (Level(jacobian=[[1.0], [1.0]], lower=[1.0, -1.0], upper=[1.0, -1.0]), [0.9]),
     (Level(jacobian=[[1.0], [1.0]], lower=[-2.0, 1.0], upper=[-1.0, 2.0]), [0.5]),
-    (Level(jacobian=[[1.0, 0.0], [0.0, 1.0], [1.0, 1.0]], lower=[-1.0, -1.0, 10.0], upper=[1.0, 1.0, 10.0]), [1.0, 1.0]),
+    (
+        Level(
+            jacobian=[[1.0, 0.0], [0.0, 1.0], [1.0, 1.0]],
+            lower=[-1.0, -1.0, 10.0],
+            upper=[1.0, 1.0, 10.0],
+        ),
+        [1.0, 1.0],
+    ),
 ]
 
 
@@ -147,11 +178,15 @@ def test_a_first_level_that_contradicts_its_own_box_is_no_optimum_because_the_bo
     assert certificate([level], v) >= short > 0.1
     assert solution.status.exact
     for normal in NORMAL:
-        assert normal([level], solution.v) <= tolerances.CERTIFIED < 0.1 < normal([level], np.array(v))
+        assert (
+            normal([level], solution.v) <= tolerances.CERTIFIED < 0.1 < normal([level], np.array(v))
+        )
 
 
 @pytest.mark.parametrize("normal", [_in_python, pytest.param(_in_c, marks=needs_compiler)])
-def test_an_optimum_has_a_small_certificate(normal: Callable[[list[Level], np.ndarray], float]) -> None:
+def test_an_optimum_has_a_small_certificate(
+    normal: Callable[[list[Level], np.ndarray], float],
+) -> None:
     for seed in range(30):
         levels = random_hierarchy(seed)
         v = ACTIVE_SET.solve(levels).v
@@ -172,7 +207,10 @@ def test_the_radius_is_how_far_a_better_velocity_is_looked_for() -> None:
 
 
 def test_what_is_left_of_a_cancellation_asks_for_no_velocity() -> None:
-    levels = [Level(jacobian=[[1e-17, 0.0]], lower=1.0, upper=1.0), *random_hierarchy(0, 2, (2, 1, 1, 2))]
+    levels = [
+        Level(jacobian=[[1e-17, 0.0]], lower=1.0, upper=1.0),
+        *random_hierarchy(0, 2, (2, 1, 1, 2)),
+    ]
     solution = ACTIVE_SET.solve(levels)
     assert solution.status.exact
     assert solution.certificate(levels) < 1e-10
@@ -189,15 +227,24 @@ def test_what_is_no_velocity_has_no_certificate(value: float) -> None:
 
 @pytest.mark.parametrize("power", [-300, -12, 11, 300])
 def test_the_certificate_has_the_unit_of_its_rows(power: int) -> None:
-    levels, scale = random_hierarchy(1, 5, SIZES), 2.0 ** (3 * power)
-    scaled = [Level(jacobian=lv.jacobian * scale, lower=lv.lower * scale, upper=lv.upper * scale) for lv in levels]
+    levels = random_hierarchy(1, 5, SIZES)
+    scale = 2.0 ** (3 * power)
+    scaled = [
+        Level(jacobian=lv.jacobian * scale, lower=lv.lower * scale, upper=lv.upper * scale)
+        for lv in levels
+    ]
     v = ACTIVE_SET.solve(levels).v + 1e-3
-    assert certificate(scaled, v) == pytest.approx(certificate(levels, v) * scale, rel=1e-9, abs=0.0)
+    assert certificate(scaled, v) == pytest.approx(
+        certificate(levels, v) * scale, rel=1e-9, abs=0.0
+    )
 
 
 @pytest.mark.parametrize("slope", [1.0, 1e-3, 1e-5])
 def test_without_a_box_what_is_far_away_counts(slope: float) -> None:
-    levels = [Level(jacobian=[[1.0, 0.0]], lower=0.0, upper=0.0), Level(jacobian=[[1.0, slope]], lower=1.0, upper=1.0)]
+    levels = [
+        Level(jacobian=[[1.0, 0.0]], lower=0.0, upper=0.0),
+        Level(jacobian=[[1.0, slope]], lower=1.0, upper=1.0),
+    ]
     assert certificate(levels, [0.0, 0.0]) == pytest.approx(1.0)
     assert certificate(levels, [0.0, 0.5 / slope]) == pytest.approx(0.5)
     assert certificate(levels, [0.0, 1.0 / slope]) < 1e-9
@@ -205,13 +252,17 @@ def test_without_a_box_what_is_far_away_counts(slope: float) -> None:
 
 @pytest.mark.parametrize("seed", range(20))
 def test_without_a_box_no_loss_is_larger_than_the_certificate(seed: int) -> None:
-    """Equalities of random rows, of which some are nearly dependent, against least squares in the null space."""
+    """Equalities of random rows, of which some are nearly dependent, against least squares in the
+    null space.
+    """
     rng = np.random.default_rng(seed)
     A, B = rng.normal(size=(2, 4)), rng.normal(size=(3, 4))
     B[0] = A[0] + 10.0 ** rng.uniform(-4, 0) * B[0]
-    a, b = A @ rng.normal(size=4), rng.normal(size=3)
+    a = A @ rng.normal(size=4)
+    b = rng.normal(size=3)
     levels = [Level(jacobian=A, lower=a, upper=a), Level(jacobian=B, lower=b, upper=b)]
-    on_first, null = np.linalg.lstsq(A, a, rcond=None)[0], np.linalg.svd(A)[2][2:].T
+    on_first = np.linalg.lstsq(A, a, rcond=None)[0]
+    null = np.linalg.svd(A)[2][2:].T
     best = on_first + null @ np.linalg.lstsq(B @ null, b - B @ on_first, rcond=None)[0]
     least = np.linalg.norm(B @ best - b)
     assert certificate(levels, best) < 1e-7 * max(1.0, np.abs(best).max())

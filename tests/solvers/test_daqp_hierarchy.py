@@ -35,7 +35,10 @@ def test_levels_without_slack_are_met_within_the_tolerance() -> None:
     for seed in range(20):
         rng = np.random.default_rng(seed)
         J, v = rng.normal(size=(9, 12)), rng.normal(size=12)
-        levels = [Level(jacobian=J[:4], lower=J[:4] @ v, upper=J[:4] @ v), Level(jacobian=J[4:], lower=J[4:] @ v)]
+        levels = [
+            Level(jacobian=J[:4], lower=J[:4] @ v, upper=J[:4] @ v),
+            Level(jacobian=J[4:], lower=J[4:] @ v),
+        ]
         assert Daqp().solve(levels).level_residuals.max() < 1e-4
 
 
@@ -58,7 +61,11 @@ def test_dependent_rows_give_a_finite_velocity_and_a_truthful_status(nearly: flo
         J = np.vstack([J, J[:1] + J[1:2] + nearly * rng.normal(size=(1, 6)), np.zeros((1, 6)), J])
         b = rng.normal(size=8)
         box = Level(jacobian=np.eye(6), lower=-1.0, upper=1.0)
-        levels = [box, Level(jacobian=J[:4], lower=b[:4], upper=b[:4]), Level(jacobian=J[4:], lower=b[4:])]
+        levels = [
+            box,
+            Level(jacobian=J[:4], lower=b[:4], upper=b[:4]),
+            Level(jacobian=J[4:], lower=b[4:]),
+        ]
         solution = Daqp().solve(levels)
         assert np.isfinite(solution.v).all()
         if solution.status.exact:
@@ -75,7 +82,9 @@ def test_where_daqp_gives_up_the_exact_solver_takes_over() -> None:
 
 def test_a_missing_package_is_named_with_the_way_to_get_it(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "daqp", None)
-    with pytest.raises(NotInstalled, match=r"solver Daqp needs the package daqp, .*pip install daqp"):
+    with pytest.raises(
+        NotInstalled, match=r"solver Daqp needs the package daqp, .*pip install daqp"
+    ):
         Daqp()
     assert issubclass(NotInstalled, UvmsError)
 

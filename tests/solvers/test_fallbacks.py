@@ -1,4 +1,6 @@
-"""Where the core gives up, what is tried next finds the same optimum, or keeps the levels in their order and says so."""
+"""Where the core gives up, what is tried next finds the same optimum, or keeps the levels in their
+order and says so.
+"""
 
 from __future__ import annotations
 
@@ -23,13 +25,15 @@ from uvms_ocp.solvers.hierarchy.level import Level, stack
 from uvms_ocp.solvers.hierarchy.solution import Status
 from uvms_ocp.solvers.hierarchy.tolerances import iteration_budget
 
-COMPILED, NUMPY = LexicographicActiveSet(), LexicographicActiveSet(compiled=False)
+COMPILED = LexicographicActiveSet()
+NUMPY = LexicographicActiveSet(compiled=False)
 SIZES = (6, 2, 3, 2, 6)
 FIRST = """  attempt(s, state);
   if (is_proven(s)) return SOLVED;
 """
 LEVEL_BY_LEVEL = "by_levels(s, &ORDINARY) || by_levels(s, &CAREFUL) || by_fewer_levels(s)"
-# What the core leaves unsolved: by how much rows are dependent, velocities, rows of each level, seeds.
+# What the core leaves unsolved: by how much rows are dependent, velocities, rows of each level,
+# seeds.
 LEFT = [
     (1e-6, 7, (1, 0, 6, 2, 7), (26,)),
     (1e-6, 13, (6, 6, 6, 3, 13), (0, 6, 7, 12, 28)),
@@ -42,7 +46,11 @@ LEFT = [
 
 
 def _left() -> list[list[Level]]:
-    return [dependent_hierarchy(seed, n, sizes, nearly) for nearly, n, sizes, seeds in LEFT for seed in seeds]
+    return [
+        dependent_hierarchy(seed, n, sizes, nearly)
+        for nearly, n, sizes, seeds in LEFT
+        for seed in seeds
+    ]
 
 
 def _broken(levels: list[Level], source: Callable[[str], str]) -> SolvedRows:
@@ -52,11 +60,19 @@ def _broken(levels: list[Level], source: Callable[[str], str]) -> SolvedRows:
     v, active_set, (code, iterations), residual = (
         np.array(found).ravel()
         for found in _function(source(core_source(n, rows.sizes)))(
-            rows.jacobian, rows.lower, rows.upper, rows.rate, rows.activation, rows.gate, np.zeros(len(rows.lower))
+            rows.jacobian,
+            rows.lower,
+            rows.upper,
+            rows.rate,
+            rows.activation,
+            rows.gate,
+            np.zeros(len(rows.lower)),
         )
     )
     status = STATUSES[int(code)]
-    return SolvedRows(v=v, active_set=active_set, status=status, residual=residual, iterations=int(iterations))
+    return SolvedRows(
+        v=v, active_set=active_set, status=status, residual=residual, iterations=int(iterations)
+    )
 
 
 @cache
@@ -88,8 +104,11 @@ def _certificate(levels: list[Level], v: np.ndarray) -> float:
 def test_level_by_level_finds_what_the_core_finds(care: str) -> None:
     only = _without(FIRST, LEVEL_BY_LEVEL, f"by_levels(s, &{care})")
     for seed in range(40):
-        levels = random_hierarchy(seed, 6, SIZES) if seed % 2 else dependent_hierarchy(seed, 6, SIZES)
-        found, usual = _broken(levels, only), COMPILED.solve(levels)
+        levels = (
+            random_hierarchy(seed, 6, SIZES) if seed % 2 else dependent_hierarchy(seed, 6, SIZES)
+        )
+        found = _broken(levels, only)
+        usual = COMPILED.solve(levels)
         assert found.status is Status.CASCADED, seed
         assert _certificate(levels, found.v) <= tolerances.CERTIFIED
         np.testing.assert_allclose(found.residual, np.concatenate(usual.residuals), atol=1e-7)
@@ -98,7 +117,8 @@ def test_level_by_level_finds_what_the_core_finds(care: str) -> None:
 @needs_compiler
 def test_with_fewer_levels_those_above_are_at_their_optimum() -> None:
     """As if only the levels below could not be solved."""
-    only, statuses = _without(FIRST, LEVEL_BY_LEVEL, "by_fewer_levels(s)"), set()
+    only = _without(FIRST, LEVEL_BY_LEVEL, "by_fewer_levels(s)")
+    statuses = set()
     sizes = (6, 1, 1, 2, 6)
     for seed in range(20):
         levels = random_hierarchy(seed, 6, sizes)
@@ -112,8 +132,11 @@ def test_with_fewer_levels_those_above_are_at_their_optimum() -> None:
 
 
 @pytest.mark.parametrize("fails", [1, 2])
-def test_in_numpy_level_by_level_takes_over_where_the_core_gives_up(fails: int, monkeypatch: pytest.MonkeyPatch) -> None:
-    honest, calls = fallbacks.lexicographic_least_squares, []
+def test_in_numpy_level_by_level_takes_over_where_the_core_gives_up(
+    fails: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    honest = fallbacks.lexicographic_least_squares
+    calls = []
 
     def lost(*arguments: object) -> tuple[np.ndarray, np.ndarray, int]:
         calls.append(arguments)
@@ -129,7 +152,9 @@ def test_in_numpy_level_by_level_takes_over_where_the_core_gives_up(fails: int, 
 
 
 @needs_compiler
-def test_a_velocity_that_is_not_certified_is_the_best_and_called_inexact(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_velocity_that_is_not_certified_is_the_best_and_called_inexact(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
     """In C and in NumPy, whose runs all end at the optimum here, which nobody certifies."""
     monkeypatch.setattr(fallbacks, "normal_certificate", lambda rows, w: np.inf)
     never = _without("#define CERTIFIED 1e-07", "#define CERTIFIED -1")
@@ -141,7 +166,9 @@ def test_a_velocity_that_is_not_certified_is_the_best_and_called_inexact(monkeyp
             np.testing.assert_allclose(found.v, usual.v, atol=1e-8)
 
 
-def test_where_no_run_ends_at_a_number_the_velocity_is_zero(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_where_no_run_ends_at_a_number_the_velocity_is_zero(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
     def lost(rows: NormalRows, *_: object) -> tuple[np.ndarray, np.ndarray, int]:
         return np.full(rows.J.shape[1], np.nan), np.zeros(len(rows.J)), 1
 
@@ -169,8 +196,11 @@ def test_from_where_quadratic_programs_end_it_is_solved_too() -> None:
 
 @needs_compiler
 def test_where_velocities_have_limits_the_status_does_not_depend_on_a_compiler() -> None:
-    """Without limits velocities of a million come of nearly dependent rows, and rounding decides what can be proven."""
-    box, seen = Level(jacobian=np.eye(7), lower=-0.5, upper=0.5), set()
+    """Without limits velocities of a million come of nearly dependent rows, and rounding decides
+    what can be proven.
+    """
+    box = Level(jacobian=np.eye(7), lower=-0.5, upper=0.5)
+    seen = set()
     for seed in range(60):
         levels = [box, *dependent_hierarchy(seed, 7, (1, 0, 6, 2, 7), 10.0 ** -(5 + seed % 5))]
         status = COMPILED.solve(levels).status
@@ -187,8 +217,11 @@ def test_in_numpy_nearly_all_of_it_is_solved_too() -> None:
 
 @pytest.mark.parametrize("solver", [pytest.param(COMPILED, marks=needs_compiler), NUMPY])
 def test_no_level_is_worse_for_those_below_it(solver: LexicographicActiveSet) -> None:
-    """Also where rows are so nearly dependent that nothing is certified: the first level that differs is better."""
-    box, compared = Level(jacobian=np.eye(7), lower=-0.5, upper=0.5), 0
+    """Also where rows are so nearly dependent that nothing is certified: the first level that
+    differs is better.
+    """
+    box = Level(jacobian=np.eye(7), lower=-0.5, upper=0.5)
+    compared = 0
     for seed in range(60 if solver.compiled else 6):
         levels = [box, *dependent_hierarchy(seed, 7, (1, 2, 6, 2, 7), 1e-9)]
         whole = solver.solve(levels).level_residuals
@@ -203,7 +236,9 @@ def test_no_level_is_worse_for_those_below_it(solver: LexicographicActiveSet) ->
 
 
 def _adversaries() -> list[list[Level]]:
-    """Rows of few whole numbers, copied, combined and turned around, which stall and cycle; nearly dependent ones."""
+    """Rows of few whole numbers, copied, combined and turned around, which stall and cycle; nearly
+    dependent ones.
+    """
     found = [dependent_hierarchy(seed, 6, SIZES, 10.0 ** -(seed % 12)) for seed in range(60)]
     for seed in range(120):
         rng = np.random.default_rng(seed)
@@ -233,14 +268,18 @@ def test_numpy_keeps_to_the_same_iterations(monkeypatch: pytest.MonkeyPatch) -> 
     monkeypatch.setattr(fallbacks, "normal_certificate", lambda rows, w: np.inf)
     for levels in _adversaries()[::30]:
         rows = stack(levels)
-        found = solve_levels(rows.jacobian, rows.lower, rows.upper, rows.gate, np.zeros(len(rows.lower)), SIZES)
+        found = solve_levels(
+            rows.jacobian, rows.lower, rows.upper, rows.gate, np.zeros(len(rows.lower)), SIZES
+        )
         assert 3 * len(SIZES) <= found.iterations <= iteration_budget(len(rows.lower)).most_of_all
 
 
 @needs_compiler
 @pytest.mark.parametrize("fill", [0x7F, 0xFF])
 def test_what_the_memory_held_before_changes_nothing(fill: int) -> None:
-    soiled = _without("int status = INVALID_INPUT;", f"int status = INVALID_INPUT; memset(&s, {fill}, sizeof(s));")
+    soiled = _without(
+        "int status = INVALID_INPUT;", f"int status = INVALID_INPUT; memset(&s, {fill}, sizeof(s));"
+    )
     for seed in range(40):
         levels = dependent_hierarchy(seed, 6, SIZES, 10.0 ** -(seed % 12))
         np.testing.assert_array_equal(_broken(levels, soiled).v, _broken(levels, str).v)
@@ -248,10 +287,14 @@ def test_what_the_memory_held_before_changes_nothing(fill: int) -> None:
 
 @needs_compiler
 def test_ticks_whose_rows_are_dependent_to_1e_7_are_solved_warm_in_c_as_in_numpy() -> None:
-    """Two of obstacle_field. That they are solved is proven by multipliers of 1e7, which are hard to find."""
+    """Two of obstacle_field. That they are solved is proven by multipliers of 1e7, which are hard
+    to find.
+    """
     kept = np.load(Path(__file__).with_name("dependent_ticks.npz"))
     sizes = tuple(kept["sizes"].tolist())
-    for rows in zip(*(kept[name] for name in ("jacobian", "lower", "upper", "gate", "active_set")), strict=True):
+    for rows in zip(
+        *(kept[name] for name in ("jacobian", "lower", "upper", "gate", "active_set")), strict=True
+    ):
         J, lower, upper, *others = rows
         core = _function(core_source(J.shape[1], sizes))
         v, _, report, _ = (np.array(x).ravel() for x in core(J, lower, upper, 0.0, 0.0, *others))

@@ -17,9 +17,15 @@ from uvms_ocp.solvers.hierarchy.cascade import LexicographicQp
 from uvms_ocp.solvers.hierarchy.core import STATUSES
 from uvms_ocp.solvers.hierarchy.level import Level, is_valid, residual, widen_bounds
 
-M, N = 4, 3
+M = 4
+N = 3
 Strict = LexicographicActiveSet | LexicographicQp | Daqp
-STRICT = [LexicographicActiveSet(), LexicographicActiveSet(compiled=False), LexicographicQp(), Daqp()]
+STRICT = [
+    LexicographicActiveSet(),
+    LexicographicActiveSet(compiled=False),
+    LexicographicQp(),
+    Daqp(),
+]
 Rows = tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]
 ODD = (np.nan, np.inf, -np.inf, 1e15, -1e16, 2.0, -0.1)
 
@@ -48,7 +54,11 @@ def _cases(count: int) -> Iterator[Rows]:
 def expressions() -> ca.Function:
     J, v = ca.MX.sym("J", M, N), ca.MX.sym("v", N)
     lower, upper, gate = (ca.MX.sym(name, M) for name in ("lower", "upper", "gate"))
-    outputs = [is_valid(J, lower, upper, gate), *widen_bounds(J, lower, upper, gate), residual(J, v, lower, upper, gate)]
+    outputs = [
+        is_valid(J, lower, upper, gate),
+        *widen_bounds(J, lower, upper, gate),
+        residual(J, v, lower, upper, gate),
+    ]
     return ca.Function("rows", [J, lower, upper, gate, v], outputs)
 
 
@@ -59,7 +69,9 @@ def core() -> ca.Function:
     return function
 
 
-def _solved(core: ca.Function, J: np.ndarray, lower: np.ndarray, upper: np.ndarray, gate: np.ndarray) -> list:
+def _solved(
+    core: ca.Function, J: np.ndarray, lower: np.ndarray, upper: np.ndarray, gate: np.ndarray
+) -> list:
     unread, cold = np.zeros(M), np.zeros(M)
     v, _, report, missed, _ = core(J, lower, upper, unread, unread, gate, cold)
     return [np.array(v).ravel(), STATUSES[int(report[0])], np.array(missed).ravel()]
@@ -90,7 +102,9 @@ def test_the_core_in_c_takes_the_rows_that_are_valid_and_no_others(core: ca.Func
 
 
 @needs_compiler
-def test_the_core_in_c_gates_the_rows_and_tells_their_residuals_as_numpy_does(core: ca.Function) -> None:
+def test_the_core_in_c_gates_the_rows_and_tells_their_residuals_as_numpy_does(
+    core: ca.Function,
+) -> None:
     for seed in range(300):
         J, lower, upper, gate = _random_rows(np.random.default_rng(seed))
         v, _, missed = _solved(core, J, lower, upper, gate)
@@ -102,12 +116,17 @@ def test_the_core_in_c_gates_the_rows_and_tells_their_residuals_as_numpy_does(co
 def test_a_gate_of_one_keeps_the_bounds_and_a_gate_of_zero_leaves_none() -> None:
     J, lower, upper, _ = _random_rows(np.random.default_rng(0))
     np.testing.assert_array_equal(widen_bounds(J, lower, upper, np.ones(M)), [lower, upper])
-    np.testing.assert_array_equal(widen_bounds(J, lower, upper, np.zeros(M)), [np.full(M, -np.inf), np.full(M, np.inf)])
+    np.testing.assert_array_equal(
+        widen_bounds(J, lower, upper, np.zeros(M)), [np.full(M, -np.inf), np.full(M, np.inf)]
+    )
 
 
 def test_bounds_widen_without_a_jump_as_the_gate_closes() -> None:
     J, bound = np.ones((1, N)), np.ones(1)
-    widths = [float(np.diff(widen_bounds(J, bound, bound, np.array([gate])), axis=0)[0, 0]) for gate in (1.0, 0.999, 0.5, 0.1)]
+    widths = [
+        float(np.diff(widen_bounds(J, bound, bound, np.array([gate])), axis=0)[0, 0])
+        for gate in (1.0, 0.999, 0.5, 0.1)
+    ]
     np.testing.assert_allclose(widths, [0.0, 2 * N * np.sqrt(0.001 / 0.999), 2 * N, 6 * N])
 
 
@@ -121,15 +140,20 @@ def test_the_smallest_gates_leave_numbers_also_of_rows_of_zeros(gate: float) -> 
 
 
 @pytest.mark.parametrize("solver", STRICT)
-def test_a_gate_that_closes_leads_to_the_problem_without_its_rows_and_one_that_opens_to_that_with_them(solver: Strict) -> None:
+def test_a_gate_that_closes_leads_to_the_problem_without_its_rows_and_one_that_opens_to_that_with_them(
+    solver: Strict,
+) -> None:
     mattered = 0
     for seed in range(20):
         levels = random_hierarchy(seed, 7, (7, 2, 3, 1, 2, 7))
         index = 1 + seed % 4
-        removed, kept = _velocity(solver, levels, index, 0.0), _velocity(solver, levels, index, 1.0)
+        removed = _velocity(solver, levels, index, 0.0)
+        kept = _velocity(solver, levels, index, 1.0)
         mattered += int(np.abs(removed - kept).max() > 1e-3)
         for gate in (5e-324, 1e-9, 1e-3):
-            np.testing.assert_allclose(_velocity(solver, levels, index, gate), removed, rtol=0.0, atol=1e-6)
+            np.testing.assert_allclose(
+                _velocity(solver, levels, index, gate), removed, rtol=0.0, atol=1e-6
+            )
         for left in (1e-14, 1e-10):
             # The band is as wide as the root of what is left.
             difference = np.abs(_velocity(solver, levels, index, 1.0 - left) - kept).max()

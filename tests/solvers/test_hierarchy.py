@@ -29,7 +29,8 @@ def _good(solver: Icat | LexicographicQp | Daqp) -> Status:
 def _equalities(seed: int, n: int = 13) -> list[Level]:
     """Fully active equalities whose projected singular values all exceed 0.2."""
     rng = np.random.default_rng(seed)
-    levels, Q = [], np.eye(n)
+    levels = []
+    Q = np.eye(n)
     while np.trace(Q) > 0.5:
         J = rng.standard_normal((int(rng.integers(1, 4)), n))
         s = np.linalg.svd(J @ Q, compute_uv=False)
@@ -47,7 +48,9 @@ def _tick_function(n: int, m: int, names: tuple[str, ...] = ()) -> ca.Function:
     rows = [ca.SX.sym(name, m) for name in ("lower", "upper", "rate", "activation", "gate")]
     outputs = ["J", "lower", "upper", "rate", "activation", "gate", "extra"]
     inputs = [J, *rows]
-    return ca.Function("levels", inputs, [*inputs, rows[0] + 1], [f"{name}_in" for name in outputs[:-1]], outputs)
+    return ca.Function(
+        "levels", inputs, [*inputs, rows[0] + 1], [f"{name}_in" for name in outputs[:-1]], outputs
+    )
 
 
 def _arguments(levels: list[Level]) -> list[np.ndarray]:
@@ -55,7 +58,9 @@ def _arguments(levels: list[Level]) -> list[np.ndarray]:
     return [rows.jacobian, rows.lower, rows.upper, rows.rate, rows.activation, rows.gate]
 
 
-@pytest.mark.parametrize("solver", [*SOLVERS, LexicographicActiveSet(), LexicographicActiveSet(compiled=False)])
+@pytest.mark.parametrize(
+    "solver", [*SOLVERS, LexicographicActiveSet(), LexicographicActiveSet(compiled=False)]
+)
 def test_a_level_without_rows_changes_nothing_below_it(solver: AnySolver) -> None:
     levels = random_hierarchy(3, 5, (5, 2, 3))
     nothing = Level(jacobian=np.zeros((0, 5)), lower=np.zeros(0), upper=np.zeros(0))
@@ -64,7 +69,9 @@ def test_a_level_without_rows_changes_nothing_below_it(solver: AnySolver) -> Non
     assert among.status is alone.status
 
 
-@pytest.mark.parametrize("block", [0, 1, *(pytest.param(k, marks=pytest.mark.slow) for k in range(2, 8))])
+@pytest.mark.parametrize(
+    "block", [0, 1, *(pytest.param(k, marks=pytest.mark.slow) for k in range(2, 8))]
+)
 def test_lexicographic_qp_reaches_the_reference_on_random_hierarchies(block: int) -> None:
     solver = LexicographicQp()
     for seed in range(25 * block, 25 * block + 25):
@@ -72,7 +79,9 @@ def test_lexicographic_qp_reaches_the_reference_on_random_hierarchies(block: int
         optimum, error = reference(levels)
         assert error.max() < 1e-10
         solution = solver.solve(levels)
-        np.testing.assert_allclose(solution.level_residuals, optimum, atol=1e-6, err_msg=f"seed {seed}")
+        np.testing.assert_allclose(
+            solution.level_residuals, optimum, atol=1e-6, err_msg=f"seed {seed}"
+        )
 
 
 @pytest.mark.parametrize("seed", range(20))
@@ -101,7 +110,9 @@ def test_a_last_level_of_zero_velocity_gives_the_shortest_velocity() -> None:
 
 
 @pytest.mark.parametrize("solver", SOLVERS)
-def test_a_tick_is_the_same_as_a_solve_and_passes_extras_on(solver: Icat | LexicographicQp | Daqp) -> None:
+def test_a_tick_is_the_same_as_a_solve_and_passes_extras_on(
+    solver: Icat | LexicographicQp | Daqp,
+) -> None:
     levels = random_hierarchy(3)
     solution = solver.solve(levels)
     tick = solver.bind(_tick_function(13, 59), [level.n_rows for level in levels])
@@ -113,7 +124,9 @@ def test_a_tick_is_the_same_as_a_solve_and_passes_extras_on(solver: Icat | Lexic
 
 @pytest.mark.parametrize("solver", SOLVERS)
 @pytest.mark.parametrize("wrong", range(6))
-def test_nan_in_a_tick_gives_zero_velocity_and_says_so(solver: Icat | LexicographicQp | Daqp, wrong: int) -> None:
+def test_nan_in_a_tick_gives_zero_velocity_and_says_so(
+    solver: Icat | LexicographicQp | Daqp, wrong: int
+) -> None:
     if isinstance(solver, Icat) and wrong in (1, 2, 5):
         wrong = 3  # bounds and gate are not read by this solver
     levels = random_hierarchy(4)
@@ -131,7 +144,9 @@ def test_nan_in_a_tick_gives_zero_velocity_and_says_so(solver: Icat | Lexicograp
 
 @pytest.mark.parametrize("solver", SOLVERS)
 @pytest.mark.parametrize(("n", "m"), [(1, 2), (3, 0), (2, 1)])
-def test_ticks_work_at_the_smallest_sizes(solver: Icat | LexicographicQp | Daqp, n: int, m: int) -> None:
+def test_ticks_work_at_the_smallest_sizes(
+    solver: Icat | LexicographicQp | Daqp, n: int, m: int
+) -> None:
     result = solver.bind(_tick_function(n, m), [m])(np.ones((m, n)), *[np.ones(m)] * 5)
     assert result.status is _good(solver)
     np.testing.assert_allclose(np.ones((m, n)) @ result.v, np.ones(m), atol=1e-3)
@@ -148,7 +163,9 @@ def test_a_tick_refuses_wrong_inputs_and_levels() -> None:
     tick = LexicographicQp().bind(_tick_function(2, 1), [1])
     with pytest.raises(InvalidInput, match="tick: 2 arguments given; allowed: 6, J_in, lower_in"):
         tick(0.0, 0.0)
-    with pytest.raises(InvalidInput, match=r"tick: lower_in of shape \(2,\) given; allowed: \(1,\)"):
+    with pytest.raises(
+        InvalidInput, match=r"tick: lower_in of shape \(2,\) given; allowed: \(1,\)"
+    ):
         tick(np.ones((1, 2)), np.zeros(2), *[np.zeros(1)] * 4)
     with pytest.raises(InvalidInput, match=r"sizes \(2,\) sum to 2; the levels have 1 rows"):
         LexicographicQp().bind(_tick_function(2, 1), [2])
@@ -158,7 +175,9 @@ def test_a_tick_refuses_wrong_inputs_and_levels() -> None:
 
 
 @pytest.mark.parametrize("solver", SOLVERS)
-def test_levels_without_effect_leave_the_velocity_at_zero(solver: Icat | LexicographicQp | Daqp) -> None:
+def test_levels_without_effect_leave_the_velocity_at_zero(
+    solver: Icat | LexicographicQp | Daqp,
+) -> None:
     J = np.random.default_rng(0).standard_normal((3, 5))
     cases = [
         [Level(jacobian=np.zeros((0, 5)))],
@@ -180,12 +199,15 @@ def test_an_empty_hierarchy_is_refused(solver: Icat | LexicographicQp | Daqp) ->
 
 def test_conflicting_and_dependent_rows_share_the_error() -> None:
     J = np.array([[1.0, 0.0], [1.0, 0.0], [2.0, 0.0]])
-    solution = LexicographicQp().solve([Level(jacobian=J, lower=[1.0, 3.0, 4.0], upper=[1.0, 3.0, 4.0])])
+    solution = LexicographicQp().solve(
+        [Level(jacobian=J, lower=[1.0, 3.0, 4.0], upper=[1.0, 3.0, 4.0])]
+    )
     np.testing.assert_allclose(solution.v, [2.0, 0.0], atol=1e-8)
 
 
 def test_a_gate_removes_a_row_continuously() -> None:
-    J, solver = np.array([[1.0, 0.0]]), LexicographicQp()
+    J = np.array([[1.0, 0.0]])
+    solver = LexicographicQp()
 
     def reached(gate: float) -> float:
         rest = Level(jacobian=np.eye(2), lower=0.0, upper=0.0)
@@ -202,10 +224,14 @@ def test_a_gate_removes_a_row_continuously() -> None:
 @pytest.mark.parametrize("plugin", conic_plugins())
 def test_whatever_the_plugin_results_are_those_of_the_active_set(plugin: str) -> None:
     """Before, most of daqp, all of 60 variables, and two thirds of dependent rows were inexact."""
-    kinds = [lambda seed: random_hierarchy(seed, 6, (6, 2, 3, 6)), lambda seed: dependent_hierarchy(seed, 9, (2, 3, 4, 2), 0.0)]
+    kinds = [
+        lambda seed: random_hierarchy(seed, 6, (6, 2, 3, 6)),
+        lambda seed: dependent_hierarchy(seed, 9, (2, 3, 4, 2), 0.0),
+    ]
     for seed in range(3):
         for levels in (kind(seed) for kind in kinds):
-            solution, exact = LexicographicQp(plugin=plugin).solve(levels), LexicographicActiveSet().solve(levels)
+            solution = LexicographicQp(plugin=plugin).solve(levels)
+            exact = LexicographicActiveSet().solve(levels)
             assert solution.status.exact
             np.testing.assert_allclose(solution.level_residuals, exact.level_residuals, atol=1e-6)
 
@@ -213,9 +239,15 @@ def test_whatever_the_plugin_results_are_those_of_the_active_set(plugin: str) ->
 @pytest.mark.parametrize("plugin", ["daqp", "piqp", "qrqp"])
 def test_levels_that_the_first_program_meets_are_given_to_no_second_one(plugin: str) -> None:
     """Below active bounds too, whose multipliers are zero but for rounding."""
-    rows = [([[1.0, 0.0, 0.0]], 1.0, 2.0), ([[1.0, 1.0, 0.0]], 3.0, np.inf), ([[0.3, 1.0, 1.0]], 2.0, 2.0)]
+    rows = [
+        ([[1.0, 0.0, 0.0]], 1.0, 2.0),
+        ([[1.0, 1.0, 0.0]], 3.0, np.inf),
+        ([[0.3, 1.0, 1.0]], 2.0, 2.0),
+    ]
     levels = [Level(jacobian=J, lower=lower, upper=upper) for J, lower, upper in rows]
-    once, often = (LexicographicQp(plugin=plugin, attempts=attempts).solve(levels) for attempts in (1, 3))
+    once, often = (
+        LexicographicQp(plugin=plugin, attempts=attempts).solve(levels) for attempts in (1, 3)
+    )
     assert once.status is often.status is Status.SOLVED
     np.testing.assert_array_equal(once.v, often.v)
 
@@ -229,13 +261,18 @@ def test_many_variables_are_exact_by_quadratic_programs_too() -> None:
 
 @pytest.mark.parametrize("seed", range(3))
 def test_a_program_with_small_rows_keeps_them(seed: int) -> None:
-    """As of model predictive control: entries of 1e-3 to 1e-1. Rows were missed by 1.5, where plain qpOASES was right."""
+    """As of model predictive control: entries of 1e-3 to 1e-1. Rows were missed by 1.5, where plain
+    qpOASES was right.
+    """
     rng = np.random.default_rng(seed)
     A = rng.choice([-1.0, 1.0], (32, 16)) * 10.0 ** rng.uniform(-3.0, -1.0, (32, 16))
     upper = A @ (5.0 * rng.standard_normal(16)) + rng.uniform(0.0, 1.0, 32)
     G = np.tril(rng.standard_normal((16, 16))) + 4.0 * np.eye(16)
     goal = G @ (30.0 * rng.standard_normal(16))
-    levels = [Level(jacobian=A, lower=-np.inf, upper=upper), Level(jacobian=G, lower=goal, upper=goal)]
+    levels = [
+        Level(jacobian=A, lower=-np.inf, upper=upper),
+        Level(jacobian=G, lower=goal, upper=goal),
+    ]
     solution = LexicographicQp().solve(levels)
     assert solution.status.exact
     assert (A @ solution.v - upper).max() < 1e-7  # to which results are certified
@@ -243,12 +280,18 @@ def test_a_program_with_small_rows_keeps_them(seed: int) -> None:
 
 @pytest.mark.parametrize("plugin", ["clp", "hpipm", "nlpsol"])
 def test_a_plugin_for_other_programs_is_refused_in_one_line(plugin: str) -> None:
-    with pytest.raises(InvalidInput, match=rf"conic plugin '{plugin}' takes no dense program .*give one of .*qpoases"):
+    with pytest.raises(
+        InvalidInput,
+        match=rf"conic plugin '{plugin}' takes no dense program .*give one of .*qpoases",
+    ):
         LexicographicQp(plugin=plugin).solve(random_hierarchy(0, 6, (6, 2, 3, 6)))
 
 
 def test_an_unknown_plugin_is_refused_with_the_names_that_exist() -> None:
-    with pytest.raises(NameNotFound, match=r"unknown conic plugin 'qpoase'; known: .*qpoases.*Did you mean 'qpoases'"):
+    with pytest.raises(
+        NameNotFound,
+        match=r"unknown conic plugin 'qpoase'; known: .*qpoases.*Did you mean 'qpoases'",
+    ):
         LexicographicQp(plugin="qpoase")
 
 
@@ -275,7 +318,9 @@ class _Misled:
     failed = False
 
     def __init__(self, honest: Callable[..., tuple[np.ndarray, ...]], cured: int) -> None:
-        self.honest, self.cured, self.calls = honest, cured, 0
+        self.honest = honest
+        self.cured = cured
+        self.calls = 0
 
     def __call__(self, *inputs: np.ndarray) -> tuple[np.ndarray, ...]:
         self.calls += 1
@@ -284,12 +329,15 @@ class _Misled:
 
 
 @pytest.mark.parametrize(
-    ("cured", "certified", "status"), [(1, True, Status.SOLVED), (99, True, Status.SOLVED), (99, False, Status.INEXACT)]
+    ("cured", "certified", "status"),
+    [(1, True, Status.SOLVED), (99, True, Status.SOLVED), (99, False, Status.INEXACT)],
 )
 def test_misled_plugins_are_replaced_once(cured: int, certified: bool, status: Status) -> None:
     """And what they miss then is found from the rows that they hold."""
     levels = random_hierarchy(3)
-    tick = LexicographicQp(certified=certified).bind(_tick_function(13, 59), [level.n_rows for level in levels])
+    tick = LexicographicQp(certified=certified).bind(
+        _tick_function(13, 59), [level.n_rows for level in levels]
+    )
     assert isinstance(tick, QpTick)
     misled = tick._tick = _Misled(tick._tick, cured)
     results = [tick(*_arguments(levels)) for _ in range(3)]
@@ -300,21 +348,37 @@ def test_misled_plugins_are_replaced_once(cured: int, certified: bool, status: S
 @pytest.mark.parametrize("number", [np.inf, np.nan, 0.0, -1.0])
 @pytest.mark.parametrize(
     ("solver", "name"),
-    [(Icat, "damping"), (Icat, "threshold"), (Icat, "weight"), (LexicographicQp, "proximal"), (LexicographicQp, "tolerance")],
+    [
+        (Icat, "damping"),
+        (Icat, "threshold"),
+        (Icat, "weight"),
+        (LexicographicQp, "proximal"),
+        (LexicographicQp, "tolerance"),
+    ],
 )
-def test_a_setting_with_which_nothing_can_be_solved_is_refused_at_once(solver: type, name: str, number: float) -> None:
+def test_a_setting_with_which_nothing_can_be_solved_is_refused_at_once(
+    solver: type, name: str, number: float
+) -> None:
     with pytest.raises(InvalidInput, match=f"{name} = {number}; give a number > 0"):
         solver(**{name: number})
 
 
-OWN: list[AnySolver] = [Icat(), LexicographicQp(), LexicographicActiveSet(), LexicographicActiveSet(compiled=False)]
+OWN: list[AnySolver] = [
+    Icat(),
+    LexicographicQp(),
+    LexicographicActiveSet(),
+    LexicographicActiveSet(compiled=False),
+]
 """DAQP loses its way where a row is there twice."""
 
 
 def _with_row(level: Level, row: np.ndarray, value: float) -> Level:
     """The level with one more row, asked to be `value` in full."""
     extra = Level(jacobian=row[None], lower=value, upper=value, rate=value, activation=1.0)
-    columns = (np.concatenate([getattr(level, name), getattr(extra, name)]) for name in ("jacobian", *_ROWS))
+    columns = (
+        np.concatenate([getattr(level, name), getattr(extra, name)])
+        for name in ("jacobian", *_ROWS)
+    )
     return Level(**dict(zip(("jacobian", *_ROWS), columns, strict=True)))
 
 
@@ -329,21 +393,32 @@ def test_a_row_that_nothing_moves_changes_nothing(solver: AnySolver, value: floa
         levels = _equalities(seed)
         alone = solver.solve(levels)
         among = solver.solve([_with_row(level, np.zeros(13), value) for level in levels])
-        np.testing.assert_allclose(among.v, alone.v, atol=1e-3 if isinstance(solver, Icat) else 1e-6)
+        np.testing.assert_allclose(
+            among.v, alone.v, atol=1e-3 if isinstance(solver, Icat) else 1e-6
+        )
         for k, residual in enumerate(among.residuals):
             np.testing.assert_allclose(abs(residual[-1]), value, atol=1e-9)
-            np.testing.assert_allclose(residual[:-1], alone.residuals[k], atol=1e-3 if isinstance(solver, Icat) else 1e-6)
+            np.testing.assert_allclose(
+                residual[:-1], alone.residuals[k], atol=1e-3 if isinstance(solver, Icat) else 1e-6
+            )
 
 
 @pytest.mark.parametrize("solver", OWN)
 @pytest.mark.parametrize("times", [1.0, -1.0, 3.0])
-def test_a_row_that_is_there_twice_changes_nothing_where_it_can_be_met(solver: AnySolver, times: float) -> None:
+def test_a_row_that_is_there_twice_changes_nothing_where_it_can_be_met(
+    solver: AnySolver, times: float
+) -> None:
     """In its own level and in the one below, as it is and by a factor."""
     for seed in range(3):
         levels = _equalities(seed)
         alone = solver.solve(levels).v
         rows = [(level.jacobian[0] * times, float(level.lower[0]) * times) for level in levels]
         same = [_with_row(level, *row) for level, row in zip(levels, rows, strict=True)]
-        below = [levels[0], *(_with_row(level, *row) for level, row in zip(levels[1:], rows[:-1], strict=True))]
+        below = [
+            levels[0],
+            *(_with_row(level, *row) for level, row in zip(levels[1:], rows[:-1], strict=True)),
+        ]
         for doubled in (same, below):
-            np.testing.assert_allclose(solver.solve(doubled).v, alone, atol=1e-2 if isinstance(solver, Icat) else 1e-5)
+            np.testing.assert_allclose(
+                solver.solve(doubled).v, alone, atol=1e-2 if isinstance(solver, Icat) else 1e-5
+            )

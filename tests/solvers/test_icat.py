@@ -27,17 +27,34 @@ def _problems(count: int, structures: list[tuple[int, tuple[int, ...]]]) -> Iter
             if rng.random() < 0.2:
                 J[r] = J[rng.integers(0, r)] * rng.choice([1.0, -2.0, 0.0])
         kind = rng.integers(0, 3, len(J))
-        yield J, rng.standard_normal(len(J)), np.select([kind == 0, kind == 1], [0.0, 1.0], rng.random(len(J))), sizes
+        yield (
+            J,
+            rng.standard_normal(len(J)),
+            np.select([kind == 0, kind == 1], [0.0, 1.0], rng.random(len(J))),
+            sizes,
+        )
 
 
 def _given(J: np.ndarray, rate: np.ndarray, activation: np.ndarray) -> list[np.ndarray]:
     """What a core is called with."""
-    return [J, -np.ones(len(J)), np.ones(len(J)), rate, activation, np.ones(len(J)), np.zeros(len(J))]
+    return [
+        J,
+        -np.ones(len(J)),
+        np.ones(len(J)),
+        rate,
+        activation,
+        np.ones(len(J)),
+        np.zeros(len(J)),
+    ]
 
 
-def _as_printed(J: np.ndarray, rate: np.ndarray, activation: np.ndarray, sizes: tuple[int, ...]) -> np.ndarray:
+def _as_printed(
+    J: np.ndarray, rate: np.ndarray, activation: np.ndarray, sizes: tuple[int, ...]
+) -> np.ndarray:
     """Eq. (27) term by term."""
-    solver, v, Q = Icat(), np.zeros(J.shape[1]), np.eye(J.shape[1])
+    solver = Icat()
+    v = np.zeros(J.shape[1])
+    Q = np.eye(J.shape[1])
 
     def P(X: np.ndarray, A: np.ndarray, Q: np.ndarray) -> np.ndarray:
         free = np.eye(len(Q)) - Q
@@ -47,7 +64,9 @@ def _as_printed(J: np.ndarray, rate: np.ndarray, activation: np.ndarray, sizes: 
         return np.asarray(U @ np.diag(s / (s * s + solver.damping * bell)) @ U.T @ X.T @ A @ A)
 
     for rows in row_slices(sizes):
-        X, A, same = J[rows] @ Q, np.diag(activation[rows]), np.eye(len(Q))
+        X = J[rows] @ Q
+        A = np.diag(activation[rows])
+        same = np.eye(len(Q))
         W = X @ P(X, A, Q)
         v = (same - Q @ P(X, A, same) @ W @ J[rows]) @ v + Q @ P(X, A, same) @ W @ rate[rows]
         Q = Q @ (same - P(X, A, same) @ X)
@@ -55,20 +74,35 @@ def _as_printed(J: np.ndarray, rate: np.ndarray, activation: np.ndarray, sizes: 
 
 
 def test_in_numpy_it_is_the_printed_equation() -> None:
-    for J, rate, activation, sizes in _problems(50, [(5, (2, 3, 1)), (9, (3, 6, 4)), (13, (6, 6, 3, 1))]):
+    for J, rate, activation, sizes in _problems(
+        50, [(5, (2, 3, 1)), (9, (3, 6, 4)), (13, (6, 6, 3, 1))]
+    ):
         expected = _as_printed(J, rate, activation, sizes)
         found = Icat().velocity(J, rate, activation, sizes)
-        np.testing.assert_allclose(found, expected, rtol=0, atol=1e-9 * max(1.0, np.abs(expected).max()))
+        np.testing.assert_allclose(
+            found, expected, rtol=0, atol=1e-9 * max(1.0, np.abs(expected).max())
+        )
 
 
-STRUCTURES = [(1, (1,)), (2, (3, 0, 1)), (5, (2, 3, 1)), (9, (3, 6, 4)), (13, (6, 6, 3, 1, 2, 4)), (34, (34, 6, 12, 1, 34))]
+STRUCTURES = [
+    (1, (1,)),
+    (2, (3, 0, 1)),
+    (5, (2, 3, 1)),
+    (9, (3, 6, 4)),
+    (13, (6, 6, 3, 1, 2, 4)),
+    (34, (34, 6, 12, 1, 34)),
+]
 
 
 @needs_compiler
 @pytest.mark.parametrize("structure", STRUCTURES, ids=[f"n={n}" for n, _ in STRUCTURES])
 @pytest.mark.parametrize("solver", [Icat(), SHARP], ids=["usual", "sharp"])
-def test_in_c_it_finds_what_numpy_finds(solver: Icat, structure: tuple[int, tuple[int, ...]]) -> None:
-    """To the rounding of both: with the least damping, a change of an eigenvalue is one of up to 1 / damping."""
+def test_in_c_it_finds_what_numpy_finds(
+    solver: Icat, structure: tuple[int, tuple[int, ...]]
+) -> None:
+    """To the rounding of both: with the least damping, a change of an eigenvalue is one of up to 1
+    / damping.
+    """
     core = external_core(solver.core_source(*structure))
     assert core is not None
     for J, rate, activation, sizes in _problems(60, [structure]):
@@ -76,7 +110,9 @@ def test_in_c_it_finds_what_numpy_finds(solver: Icat, structure: tuple[int, tupl
         v, _, report, residual = (np.array(x).ravel() for x in core(*given))
         expected, _, _, missed = solver.in_python(J.shape[1], sizes)(*given)
         size = max(1.0, np.abs(expected).max())
-        np.testing.assert_allclose(v, expected, rtol=0, atol=(1e-12 if solver is not SHARP else 1e-9) * size)
+        np.testing.assert_allclose(
+            v, expected, rtol=0, atol=(1e-12 if solver is not SHARP else 1e-9) * size
+        )
         np.testing.assert_allclose(residual, missed, rtol=0, atol=1e-8 * size)
         assert STATUSES[int(report[0])] is Status.REGULARISED
 
@@ -84,7 +120,8 @@ def test_in_c_it_finds_what_numpy_finds(solver: Icat, structure: tuple[int, tupl
 @needs_compiler
 @pytest.mark.parametrize("kind", ["graded", "repeated", "zero", "tiny", "tridiagonal"])
 def test_in_c_special_matrices_are_made_diagonal_too(kind: str) -> None:
-    n, rng = 8, np.random.default_rng(1)
+    n = 8
+    rng = np.random.default_rng(1)
     J = {
         "graded": np.diag(10.0 ** -np.arange(n)),
         "repeated": np.ones((n, n)),
@@ -98,7 +135,9 @@ def test_in_c_special_matrices_are_made_diagonal_too(kind: str) -> None:
     ]
     found, expected = (Icat(compiled=compiled).solve(levels) for compiled in (True, False))
     assert found.status is expected.status is Status.REGULARISED
-    np.testing.assert_allclose(found.v, expected.v, rtol=0, atol=1e-11 * max(1.0, np.abs(expected.v).max()))
+    np.testing.assert_allclose(
+        found.v, expected.v, rtol=0, atol=1e-11 * max(1.0, np.abs(expected.v).max())
+    )
 
 
 @needs_compiler
@@ -119,7 +158,10 @@ def test_an_activation_that_is_none_is_invalid_in_both(J: np.ndarray, activation
     given = _given(J, np.ones(3), np.array([1.0, activation, 1.0]))
     core = external_core(Icat().core_source(3, (3,)))
     assert core is not None
-    for v, _, (code, _), _ in ([np.array(one).ravel() for one in core(*given)], Icat().in_python(3, (3,))(*given)):
+    for v, _, (code, _), _ in (
+        [np.array(one).ravel() for one in core(*given)],
+        Icat().in_python(3, (3,))(*given),
+    ):
         assert STATUSES[int(code)] is Status.INVALID_INPUT
         np.testing.assert_array_equal(v, np.zeros(3))
 

@@ -22,7 +22,11 @@ def test_the_distance_is_negative_below_zero_inside_and_positive_above() -> None
 @pytest.mark.parametrize("kind", [ca.SX, ca.MX])
 def test_expressions_and_numbers_agree(kind: type) -> None:
     y, lower, upper = (kind.sym(name, len(Y)) for name in ("y", "lower", "upper"))
-    function = ca.Function("f", [y, lower, upper], [interval_distance(y, lower, upper), interval_excess(y, lower, upper)])
+    function = ca.Function(
+        "f",
+        [y, lower, upper],
+        [interval_distance(y, lower, upper), interval_excess(y, lower, upper)],
+    )
     signed, size = (np.array(value).ravel() for value in function(Y, LOWER, UPPER))
     np.testing.assert_array_equal(signed, SIGNED)
     np.testing.assert_array_equal(size, np.abs(SIGNED))

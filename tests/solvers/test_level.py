@@ -19,7 +19,9 @@ def test_omitted_fields_are_neutral() -> None:
 
 
 def test_rate_is_zero_clipped_into_the_bounds_and_activated_there() -> None:
-    level = Level(jacobian=np.ones((4, 2)), lower=[0.5, -1.0, -2.0, 0.0], upper=[1.0, 1.0, -1.5, 0.0])
+    level = Level(
+        jacobian=np.ones((4, 2)), lower=[0.5, -1.0, -2.0, 0.0], upper=[1.0, 1.0, -1.5, 0.0]
+    )
     np.testing.assert_array_equal(level.rate, [0.5, 0.0, -1.5, 0.0])
     np.testing.assert_array_equal(level.activation, [1.0, 0.0, 1.0, 1.0])
 
@@ -40,11 +42,20 @@ def test_arrays_are_copied_and_read_only() -> None:
         ({"jacobian": np.full((1, 2), np.nan)}, "jacobian contains NaN"),
         ({"jacobian": np.full((1, 2), np.inf)}, "jacobian contains an infinite value"),
         ({"jacobian": "no"}, "jacobian is not numeric"),
-        ({"jacobian": np.ones((2, 2)), "lower": [0.0, 0.0, 0.0]}, "lower has shape (3,); give a scalar or (2,)"),
-        ({"jacobian": np.ones((2, 2)), "lower": [1.0, 2.0], "upper": 1.5}, "lower[1] = 2 and upper[1] = 1.5"),
+        (
+            {"jacobian": np.ones((2, 2)), "lower": [0.0, 0.0, 0.0]},
+            "lower has shape (3,); give a scalar or (2,)",
+        ),
+        (
+            {"jacobian": np.ones((2, 2)), "lower": [1.0, 2.0], "upper": 1.5},
+            "lower[1] = 2 and upper[1] = 1.5",
+        ),
         ({"jacobian": np.ones((1, 2)), "lower": np.inf}, "infinity only outwards"),
         ({"jacobian": np.ones((1, 2)), "rate": np.inf}, "rate contains an infinite value"),
-        ({"jacobian": np.ones((1, 2)), "gate": 1.5}, "gate spans [1.5, 1.5]; give values in [0, 1]"),
+        (
+            {"jacobian": np.ones((1, 2)), "gate": 1.5},
+            "gate spans [1.5, 1.5]; give values in [0, 1]",
+        ),
         ({"jacobian": np.ones((1, 2)), "activation": -0.1}, "activation spans"),
     ],
 )
@@ -57,5 +68,7 @@ def test_a_wrong_field_is_named_with_its_level(fields: dict, message: str) -> No
 def test_stacking_needs_levels_of_one_width() -> None:
     with pytest.raises(InvalidInput, match="levels is empty"):
         stack([])
-    with pytest.raises(InvalidInput, match=r"level 'b': jacobian \(number 1\) has 3 columns; the first level has 2"):
+    with pytest.raises(
+        InvalidInput, match=r"level 'b': jacobian \(number 1\) has 3 columns; the first level has 2"
+    ):
         stack([Level(jacobian=np.ones((1, 2))), Level(jacobian=np.ones((1, 3)), name="b")])

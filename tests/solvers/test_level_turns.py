@@ -1,4 +1,6 @@
-"""Laws of the parts of a step: which share of it is taken, how far it may go, and when there is no time for another."""
+"""Laws of the parts of a step: which share of it is taken, how far it may go, and when there is no
+time for another.
+"""
 
 from __future__ import annotations
 
@@ -7,11 +9,20 @@ import pytest
 
 from uvms_ocp.solvers.nlp.level_solver import SqpOptions
 from uvms_ocp.solvers.nlp.program import LevelRows, RowBounds
-from uvms_ocp.solvers.nlp.real_time_sqp import LevelMerit, LexicographicSqp, ProximalWeights, SqpPoint, TimeBudget, acceptance
+from uvms_ocp.solvers.nlp.real_time_sqp import (
+    LevelMerit,
+    LexicographicSqp,
+    ProximalWeights,
+    SqpPoint,
+    TimeBudget,
+    acceptance,
+)
 
 
 def level(relax: float | None = None) -> LevelRows:
-    return LevelRows(name="level", lower=np.zeros(1), upper=np.zeros(1), relax=relax, frozen=slice(0, 1))
+    return LevelRows(
+        name="level", lower=np.zeros(1), upper=np.zeros(1), relax=relax, frozen=slice(0, 1)
+    )
 
 
 def merit(violation: float, *residuals: float) -> LevelMerit:
@@ -24,7 +35,8 @@ class Stuck:
     slack = 0.0
 
     def __init__(self, point: SqpPoint) -> None:
-        self.point, self.stepped = point, list[int]()
+        self.point = point
+        self.stepped = list[int]()
 
     def begin(self, x: np.ndarray, p: np.ndarray, bounds: RowBounds) -> SqpPoint:
         return self.point
@@ -39,12 +51,16 @@ class Stuck:
         return point.x
 
 
-@pytest.mark.parametrize(("lacking", "turns"), [((1.0, 0.1, 2.0), [0, 2]), ((0.0, 0.11, 0.0), [0, 1])])
+@pytest.mark.parametrize(
+    ("lacking", "turns"), [((1.0, 0.1, 2.0), [0, 2]), ((0.0, 0.11, 0.0), [0, 1])]
+)
 def test_below_the_first_only_levels_that_lack_more_than_they_may_lose_have_their_turn(
     lacking: tuple[float, ...], turns: list[int]
 ) -> None:
     model = Stuck(SqpPoint(x=np.zeros(1), rows=(np.zeros(1),) * 3, merit=merit(0.0, *lacking)))
-    bounds = RowBounds(lower=np.zeros(3), upper=np.zeros(3), x_lower=np.zeros(1), x_upper=np.zeros(1))
+    bounds = RowBounds(
+        lower=np.zeros(3), upper=np.zeros(3), x_lower=np.zeros(1), x_upper=np.zeros(1)
+    )
     point, failure = LexicographicSqp(model, SqpOptions(tolerance=0.1), 3).step(
         model.point, (level(),) * 3, bounds, TimeBudget(np.inf, lambda: 0.0)
     )
@@ -66,8 +82,12 @@ def test_below_the_first_only_levels_that_lack_more_than_they_may_lose_have_thei
         (merit(np.nan, 1.0, 2.0), False),
     ],
 )
-def test_a_step_may_cost_no_level_above_and_no_constraint_more_than_the_tolerance(found: LevelMerit, allowed: bool) -> None:
-    rule = acceptance([level(), level()], [1.0], merit(0.0, 1.05, 2.0), accuracy=0.01, tolerance=0.1)
+def test_a_step_may_cost_no_level_above_and_no_constraint_more_than_the_tolerance(
+    found: LevelMerit, allowed: bool
+) -> None:
+    rule = acceptance(
+        [level(), level()], [1.0], merit(0.0, 1.05, 2.0), accuracy=0.01, tolerance=0.1
+    )
     assert rule.allows(found) is allowed
 
 

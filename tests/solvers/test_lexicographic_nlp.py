@@ -1,4 +1,6 @@
-"""Laws of lexicographic nonlinear programs: known optima, and levels that keep what they reached."""
+"""Laws of lexicographic nonlinear programs: known optima, and levels that keep what they
+reached.
+"""
 
 from __future__ import annotations
 
@@ -25,7 +27,9 @@ def rosenbrock(x: ca.SX) -> ca.SX:
     return ca.vertcat(10 * (x[1] - x[0] ** 2), 1 - x[0])
 
 
-def solve(x: ca.SX, levels: list[NlpLevel], start: np.ndarray, options: NlpOptions = TIGHT) -> LexicographicResult:
+def solve(
+    x: ca.SX, levels: list[NlpLevel], start: np.ndarray, options: NlpOptions = TIGHT
+) -> LexicographicResult:
     return LexicographicNlp(lexicographic_program(x, levels), options).solve(start)
 
 
@@ -44,7 +48,9 @@ def test_himmelblau_below_rosenbrock_does_not_move_its_minimum() -> None:
 
 def test_rosenbrock_on_a_curve_of_himmelblau_equals_the_minimum_along_the_curve() -> None:
     x = ca.SX.sym("x", 2)
-    result = solve(x, [NlpLevel(y=himmelblau(x)[0]), NlpLevel(y=rosenbrock(x))], np.array([1.0, 2.0]))
+    result = solve(
+        x, [NlpLevel(y=himmelblau(x)[0]), NlpLevel(y=rosenbrock(x))], np.array([1.0, 2.0])
+    )
 
     def along(s: float) -> float:
         return (10 * (11 - 2 * s**2)) ** 2 + (1 - s) ** 2
@@ -85,7 +91,9 @@ def test_a_relaxed_level_pays_no_more_than_its_share() -> None:
 def test_no_lower_level_raises_the_residual_of_a_higher_one(seed: int) -> None:
     rng = np.random.default_rng(seed)
     x = ca.SX.sym("x", 6)
-    levels = [NlpLevel(y=random_rows(rng, x), upper=float(rng.choice([0.0, 0.3]))) for _ in range(3)]
+    levels = [
+        NlpLevel(y=random_rows(rng, x), upper=float(rng.choice([0.0, 0.3]))) for _ in range(3)
+    ]
     start = rng.standard_normal(6)
     options = NlpOptions(anticipate=False)
     everything = solve(x, levels, start, options)
@@ -102,7 +110,9 @@ def random_rows(rng: np.random.Generator, x: ca.SX) -> ca.SX:
 
 def test_a_second_solve_from_the_first_needs_no_iterations() -> None:
     x = ca.SX.sym("x", 2)
-    nlp = LexicographicNlp(lexicographic_program(x, [NlpLevel(y=himmelblau(x)[0]), NlpLevel(y=rosenbrock(x))]))
+    nlp = LexicographicNlp(
+        lexicographic_program(x, [NlpLevel(y=himmelblau(x)[0]), NlpLevel(y=rosenbrock(x))])
+    )
     first = nlp.solve(np.array([1.0, 2.0]))
     again = nlp.solve(first)
     assert sum(again.iterations) <= 1
@@ -111,10 +121,16 @@ def test_a_second_solve_from_the_first_needs_no_iterations() -> None:
 
 def test_anticipation_gives_the_same_answer_as_solving_in_order() -> None:
     x = ca.SX.sym("x", 3)
-    levels = [NlpLevel(y=ca.sumsqr(x) - 4), NlpLevel(y=x[0] - x[1]), NlpLevel(y=x - ca.DM([1, 2, 3]))]
+    levels = [
+        NlpLevel(y=ca.sumsqr(x) - 4),
+        NlpLevel(y=x[0] - x[1]),
+        NlpLevel(y=x - ca.DM([1, 2, 3])),
+    ]
     start = np.array([1.0, 1.0, 1.0])
     first = solve(x, levels, start)
-    in_order = solve(x, levels, start, NlpOptions(tolerance=1e-9, convergence=1e-10, anticipate=False))
+    in_order = solve(
+        x, levels, start, NlpOptions(tolerance=1e-9, convergence=1e-10, anticipate=False)
+    )
     assert first.anticipated
     assert first.iterations[-1] > 0
     assert not any(first.iterations[:-1])  # those levels were not solved
@@ -132,7 +148,9 @@ def test_constraints_that_exclude_each_other_are_reported_as_infeasible() -> Non
 
 def test_a_time_limit_ends_all_levels_where_they_stand() -> None:
     x = ca.SX.sym("x", 2)
-    nlp = LexicographicNlp(lexicographic_program(x, [NlpLevel(y=rosenbrock(x)), NlpLevel(y=himmelblau(x))]))
+    nlp = LexicographicNlp(
+        lexicographic_program(x, [NlpLevel(y=rosenbrock(x)), NlpLevel(y=himmelblau(x))])
+    )
     result = nlp.solve(np.array([-1.2, 1.0]), time_limit=0.0)
     assert result.level_status == (NlpStatus.TIME_LIMIT, NlpStatus.TIME_LIMIT)
     assert sum(result.iterations) == 0
@@ -140,8 +158,11 @@ def test_a_time_limit_ends_all_levels_where_they_stand() -> None:
     assert nlp.solve(result.x).status is NlpStatus.SOLVED
 
 
-def test_a_machine_that_is_busy_changes_no_result_unless_time_is_asked_for(monkeypatch: pytest.MonkeyPatch) -> None:
-    x, start = ca.SX.sym("x", 2), np.array([-1.2, 1.0])
+def test_a_machine_that_is_busy_changes_no_result_unless_time_is_asked_for(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    x = ca.SX.sym("x", 2)
+    start = np.array([-1.2, 1.0])
     levels = [NlpLevel(y=rosenbrock(x)), NlpLevel(y=himmelblau(x))]
     quiet = LexicographicNlp(lexicographic_program(x, levels)).solve(start)
     readings = itertools.count(0.0, 60.0)  # a minute between any two
@@ -179,6 +200,8 @@ def test_misuse_is_refused() -> None:
 
 @pytest.mark.parametrize("tolerance", [0.0, 1e-12, 1e-9, 1e-6, 1e-3])
 def test_frozen_rows_do_not_move_by_what_bounds_give_way(tolerance: float) -> None:
-    relaxed = solver_options(NlpOptions(plugin="ipopt", tolerance=tolerance), warm=False)["bound_relax_factor"]
+    relaxed = solver_options(NlpOptions(plugin="ipopt", tolerance=tolerance), warm=False)[
+        "bound_relax_factor"
+    ]
     assert 0.0 < relaxed <= 1e-8
     assert relaxed <= 0.01 * tolerance or tolerance == 0.0

@@ -11,19 +11,37 @@ from scipy.optimize import linprog
 
 from uvms_ocp.codegen.kernel_layout import structure_of
 from uvms_ocp.codegen.kernels import bind_kernels
-from uvms_ocp.solvers.bounded_least_squares import LinearProgram, program_sizes, solve_program, value_of
+from uvms_ocp.solvers.bounded_least_squares import (
+    LinearProgram,
+    program_sizes,
+    solve_program,
+    value_of,
+)
 
 SIZES = ((1, 3), (3, 4), (4, 9), (6, 15))
 
 
-def solved(A: np.ndarray, b: np.ndarray, c: np.ndarray, lower: np.ndarray, upper: np.ndarray, *, compiled: bool = True) -> Any:
+def solved(
+    A: np.ndarray,
+    b: np.ndarray,
+    c: np.ndarray,
+    lower: np.ndarray,
+    upper: np.ndarray,
+    *,
+    compiled: bool = True,
+) -> Any:
     """The program, or `None` without an answer."""
     m, n = A.shape
     structure = structure_of(LinearProgram, **program_sizes(m, n))
     p: Any = structure()
     for i in range(m):
         p.A[i][:] = A[i].tolist()
-    p.b[:], p.c[:], p.lower[:n], p.upper[:n] = b.tolist(), c.tolist(), lower.tolist(), upper.tolist()
+    p.b[:], p.c[:], p.lower[:n], p.upper[:n] = (
+        b.tolist(),
+        c.tolist(),
+        lower.tolist(),
+        upper.tolist(),
+    )
     return p if bind_kernels((solve_program,), (structure,), compiled=compiled)[0](p) else None
 
 
@@ -54,8 +72,14 @@ def test_the_answer_is_the_largest_value_and_there_is_one_where_scipy_finds_one(
 @needs_compiler
 def test_in_c_and_in_python_the_answer_is_the_same_to_the_bit() -> None:
     rng = np.random.default_rng(1)
-    A, c, lower, upper = rng.normal(size=(4, 9)), rng.normal(size=9), -np.ones(9), np.ones(9)
-    mine, same = (solved(A, 0.3 * A.sum(axis=1), c, lower, upper, compiled=compiled) for compiled in (True, False))
+    A = rng.normal(size=(4, 9))
+    c = rng.normal(size=9)
+    lower = -np.ones(9)
+    upper = np.ones(9)
+    mine, same = (
+        solved(A, 0.3 * A.sum(axis=1), c, lower, upper, compiled=compiled)
+        for compiled in (True, False)
+    )
     assert mine.x[:] == same.x[:]
 
 

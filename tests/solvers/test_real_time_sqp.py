@@ -1,4 +1,6 @@
-"""Laws of real-time SQP: on linear rows one step is the lexicographic optimum, whichever QP solver takes it."""
+"""Laws of real-time SQP: on linear rows one step is the lexicographic optimum, whichever QP solver
+takes it.
+"""
 
 from __future__ import annotations
 
@@ -11,12 +13,19 @@ import pytest
 from uvms_ocp.errors import InvalidInput
 from uvms_ocp.solvers.nlp.level_solver import NlpOptions, SqpOptions
 from uvms_ocp.solvers.nlp.lexicographic_nlp import LexicographicNlp
-from uvms_ocp.solvers.nlp.program import LexicographicProgram, NlpLevel, NlpStatus, lexicographic_program
+from uvms_ocp.solvers.nlp.program import (
+    LexicographicProgram,
+    NlpLevel,
+    NlpStatus,
+    lexicographic_program,
+)
 from uvms_ocp.solvers.nlp.real_time_sqp import RealTimeSqp
 
 
 def with_derivatives(program: LexicographicProgram) -> LexicographicProgram:
-    """The same with derivative functions; the costs are squares of linear rows, so the exact Hessian will do."""
+    """The same with derivative functions; the costs are squares of linear rows, so the exact
+    Hessian will do.
+    """
     nlps = []
     for level in program.nlps:
         x, p, f, g = (level.nlp[key] for key in ("x", "p", "f", "g"))
@@ -33,9 +42,14 @@ def with_derivatives(program: LexicographicProgram) -> LexicographicProgram:
 
 
 def linear_program(seed: int) -> LexicographicProgram:
-    rng, x = np.random.default_rng(seed), ca.SX.sym("x", 6)
-    levels = [NlpLevel(y=ca.DM(rng.standard_normal((2, 6))) @ x - rng.standard_normal()) for _ in range(4)]
-    return with_derivatives(lexicographic_program(x, levels, g=ca.sum1(x), g_lower=-1.0, g_upper=1.0))
+    rng = np.random.default_rng(seed)
+    x = ca.SX.sym("x", 6)
+    levels = [
+        NlpLevel(y=ca.DM(rng.standard_normal((2, 6))) @ x - rng.standard_normal()) for _ in range(4)
+    ]
+    return with_derivatives(
+        lexicographic_program(x, levels, g=ca.sum1(x), g_lower=-1.0, g_upper=1.0)
+    )
 
 
 @pytest.mark.parametrize("plugin", ["proxqp", "piqp"])
@@ -43,9 +57,9 @@ def linear_program(seed: int) -> LexicographicProgram:
 def test_one_step_reaches_the_lexicographic_optimum_of_linear_rows(plugin: str, seed: int) -> None:
     program = linear_program(seed)
     exact = LexicographicNlp(linear_program(seed), NlpOptions(anticipate=False)).solve(np.zeros(6))
-    result = RealTimeSqp(program, SqpOptions(plugin=plugin, damping=1e-9, proximal=1e-9, tolerance=1e-4)).solve(
-        np.ones(6), p=np.zeros(0)
-    )
+    result = RealTimeSqp(
+        program, SqpOptions(plugin=plugin, damping=1e-9, proximal=1e-9, tolerance=1e-4)
+    ).solve(np.ones(6), p=np.zeros(0))
     assert result.status is NlpStatus.SOLVED
     assert result.steps == 1
     residuals = [np.linalg.norm(np.array(y)) for y in program.values.call([result.x, np.zeros(0)])]
@@ -53,19 +67,28 @@ def test_one_step_reaches_the_lexicographic_optimum_of_linear_rows(plugin: str, 
 
 
 def test_a_horizon_without_bounds_is_solved_by_hpipm() -> None:
-    rng, N = np.random.default_rng(0), 5
+    rng = np.random.default_rng(0)
+    N = 5
     states = [ca.SX.sym(f"x{k}", 4) for k in range(N + 1)]
     controls = [ca.SX.sym(f"u{k}", 2) for k in range(N)]
     steps = [
         ca.DM(rng.standard_normal((4, 4))) @ x + ca.DM(rng.standard_normal((4, 2))) @ u - after
         for x, u, after in zip(states, controls, states[1:], strict=False)
     ]
-    z = ca.vertcat(*(part for pair in zip(states, controls, strict=False) for part in pair), states[-1])
+    z = ca.vertcat(
+        *(part for pair in zip(states, controls, strict=False) for part in pair), states[-1]
+    )
     level = NlpLevel(y=ca.vertcat(z - 1.0, states[-1] + 1.0))
-    program = with_derivatives(lexicographic_program(z, [level], g=ca.vertcat(*steps), g_lower=0.0, g_upper=0.0))
-    result = RealTimeSqp(program, SqpOptions(plugin="hpipm")).solve(np.zeros(z.numel()), p=np.zeros(0))
+    program = with_derivatives(
+        lexicographic_program(z, [level], g=ca.vertcat(*steps), g_lower=0.0, g_upper=0.0)
+    )
+    result = RealTimeSqp(program, SqpOptions(plugin="hpipm")).solve(
+        np.zeros(z.numel()), p=np.zeros(0)
+    )
     assert result.status is NlpStatus.SOLVED
-    other = RealTimeSqp(program, SqpOptions(plugin="piqp")).solve(np.zeros(z.numel()), p=np.zeros(0))
+    other = RealTimeSqp(program, SqpOptions(plugin="piqp")).solve(
+        np.zeros(z.numel()), p=np.zeros(0)
+    )
     np.testing.assert_allclose(result.x, other.x, atol=1e-5)
 
 
@@ -83,7 +106,9 @@ def test_a_step_along_rows_that_are_curved_is_mended_instead_of_cut() -> None:
 
 def test_steps_go_on_until_the_constraints_are_kept() -> None:
     x = ca.SX.sym("x", 2)
-    circle = with_derivatives(lexicographic_program(x, [NlpLevel(y=x - 0.8)], g=ca.sumsqr(x), g_lower=1.0, g_upper=1.0))
+    circle = with_derivatives(
+        lexicographic_program(x, [NlpLevel(y=x - 0.8)], g=ca.sumsqr(x), g_lower=1.0, g_upper=1.0)
+    )
     options = SqpOptions(plugin="piqp", max_steps=20, accuracy=1e-8)
     result = RealTimeSqp(circle, options).solve(np.array([1.5, 0.5]), p=np.zeros(0))
     assert result.status is NlpStatus.SOLVED
@@ -93,10 +118,14 @@ def test_steps_go_on_until_the_constraints_are_kept() -> None:
 
 def test_no_step_begins_that_would_end_after_the_time_limit() -> None:
     x = ca.SX.sym("x", 2)
-    circle = with_derivatives(lexicographic_program(x, [NlpLevel(y=x - 0.8)], g=ca.sumsqr(x), g_lower=1.0, g_upper=1.0))
+    circle = with_derivatives(
+        lexicographic_program(x, [NlpLevel(y=x - 0.8)], g=ca.sumsqr(x), g_lower=1.0, g_upper=1.0)
+    )
     readings = iter(np.arange(100.0))
     sqp = RealTimeSqp(circle, SqpOptions(plugin="piqp", max_steps=20, accuracy=1e-8))
-    result = sqp.solve(np.array([1.5, 0.5]), p=np.zeros(0), time_limit=1.5, clock=lambda: float(next(readings)))
+    result = sqp.solve(
+        np.array([1.5, 0.5]), p=np.zeros(0), time_limit=1.5, clock=lambda: float(next(readings))
+    )
     assert result.status is NlpStatus.TIME_LIMIT
     assert result.steps == 1
     assert np.isfinite(result.x).all()

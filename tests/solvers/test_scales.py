@@ -1,4 +1,6 @@
-"""A hierarchy in other units has the same solution in those units, or a status that says that it was not found."""
+"""A hierarchy in other units has the same solution in those units, or a status that says that it
+was not found.
+"""
 
 from __future__ import annotations
 
@@ -42,25 +44,33 @@ def _is_right(solution: Solution, levels: list[Level], of_bounds: list[float]) -
 
 @pytest.mark.parametrize("solver", SOLVERS)
 @pytest.mark.parametrize("kind", KINDS)
-def test_a_scaled_hierarchy_is_solved_or_the_status_says_that_it_is_not(solver: Solver, kind: str) -> None:
+def test_a_scaled_hierarchy_is_solved_or_the_status_says_that_it_is_not(
+    solver: Solver, kind: str
+) -> None:
     on_jacobian, on_bounds = KINDS[kind]
     for seed, power in enumerate(POWERS):
         levels = random_hierarchy(seed, 5, SIZES)
-        of_jacobian, of_bounds = [10.0 ** (power * on_jacobian)] * 5, [10.0 ** (power * on_bounds)] * 5
+        of_jacobian = [10.0 ** (power * on_jacobian)] * 5
+        of_bounds = [10.0 ** (power * on_bounds)] * 5
         solution = solver.solve(_scaled(levels, of_jacobian, of_bounds))
         assert np.isfinite(solution.v).all()
         assert not solution.status.exact or _is_right(solution, levels, of_bounds), power
 
 
 @pytest.mark.parametrize("solver", ACTIVE_SETS)
-@pytest.mark.parametrize(("kind", "largest"), [("rows", 14), ("velocities", 299), ("Jacobians", 14)])
-def test_the_active_set_is_exact_at_every_scale(solver: LexicographicActiveSet, kind: str, largest: int) -> None:
+@pytest.mark.parametrize(
+    ("kind", "largest"), [("rows", 14), ("velocities", 299), ("Jacobians", 14)]
+)
+def test_the_active_set_is_exact_at_every_scale(
+    solver: LexicographicActiveSet, kind: str, largest: int
+) -> None:
     on_jacobian, on_bounds = KINDS[kind]
     for seed, power in enumerate((*POWERS[1:], -290, -200, 3, 8, 13)):
         if power > largest:
             continue
         levels = random_hierarchy(seed, 5, SIZES)
-        of_jacobian, of_bounds = [10.0 ** (power * on_jacobian)] * 5, [10.0 ** (power * on_bounds)] * 5
+        of_jacobian = [10.0 ** (power * on_jacobian)] * 5
+        of_bounds = [10.0 ** (power * on_bounds)] * 5
         solution = solver.solve(_scaled(levels, of_jacobian, of_bounds))
         assert solution.status.exact, power
         assert _is_right(solution, levels, of_bounds), power
@@ -77,7 +87,9 @@ def test_every_level_may_have_its_own_unit(solver: LexicographicActiveSet) -> No
 
 
 def _is_proven(solution: Solution, levels: list[Level], units: list[float]) -> bool:
-    """Whether no level can be better by more than 1e-6 of its own unit, or by what nobody would notice."""
+    """Whether no level can be better by more than 1e-6 of its own unit, or by what nobody would
+    notice.
+    """
     excess = level_excesses(levels, solution.v)
     size = np.maximum(solution.level_residuals, units)
     return bool((excess < np.maximum(1e-6 * size, 1e-11)).all())
@@ -85,7 +97,8 @@ def _is_proven(solution: Solution, levels: list[Level], units: list[float]) -> b
 
 @pytest.mark.parametrize("solver", SOLVERS)
 def test_no_result_is_exact_where_rows_that_vanish_beside_others_are_missed(solver: Solver) -> None:
-    small, large = (Level(jacobian=[[1.0, 0.0]], lower=1.0, upper=1.0), Level(jacobian=[[0.0, 1.0]], lower=1.0, upper=1.0))
+    small = Level(jacobian=[[1.0, 0.0]], lower=1.0, upper=1.0)
+    large = Level(jacobian=[[0.0, 1.0]], lower=1.0, upper=1.0)
     for power in (10, 12, 13, 14):
         units = [1.0, 10.0**power]
         levels = _scaled([small, large], units, units)
@@ -129,7 +142,9 @@ def test_an_overflow_in_the_regularised_solver_is_invalid_and_no_velocity(size: 
     np.testing.assert_array_equal(result.v, np.zeros(3))
 
 
-@pytest.mark.parametrize("solver", [LexicographicQp(), LexicographicQp(tolerance=1e-3), Daqp(), Daqp(tolerance=1e-3)])
+@pytest.mark.parametrize(
+    "solver", [LexicographicQp(), LexicographicQp(tolerance=1e-3), Daqp(), Daqp(tolerance=1e-3)]
+)
 def test_what_others_find_is_exact_only_if_it_is_certified(solver: LexicographicQp | Daqp) -> None:
     exact = []
     for seed in range(60):

@@ -29,7 +29,8 @@ def _symbols(built: Path) -> list[list[str]]:
 
 
 def _compiled(source: str, folder: Path, *options: str) -> Path:
-    code, built = folder / "source.c", folder / "built"
+    code = folder / "source.c"
+    built = folder / "built"
     code.write_text(source)
     subprocess.run([COMPILER, *STRICT, *options, str(code), "-o", str(built), "-lm"], check=True)
     return built
@@ -42,7 +43,9 @@ CHOICE = {"_GLOBAL_OFFSET_TABLE_", "__cpu_indicator_init", "__cpu_model"}
 @needs_compiler
 @pytest.mark.parametrize("level", ["-O0", "-O3"])
 @pytest.mark.parametrize(("n", "sizes"), STRUCTURES)
-def test_it_compiles_without_a_warning(n: int, sizes: tuple[int, ...], level: str, tmp_path: Path) -> None:
+def test_it_compiles_without_a_warning(
+    n: int, sizes: tuple[int, ...], level: str, tmp_path: Path
+) -> None:
     for source in (solver_source, core_source, Icat().core_source):
         _compiled(source(n, sizes), tmp_path, level, "-fPIC", "-c")
 
@@ -52,9 +55,25 @@ def test_it_compiles_without_a_warning(n: int, sizes: tuple[int, ...], level: st
 def test_it_defines_one_function_and_takes_what_libm_and_memory_calls_give(tmp_path: Path) -> None:
     built = _compiled(solver_source(13, STRUCTURES[-1][1]), tmp_path, "-O2", "-c")
     symbols = _symbols(built)
-    assert [name for kind, name in symbols if kind.isupper() and kind not in "UR"] == ["solve_levels"]
+    assert [name for kind, name in symbols if kind.isupper() and kind not in "UR"] == [
+        "solve_levels"
+    ]
     needed = {name for kind, name in symbols if kind == "U"}
-    assert needed <= {"sqrt", "frexp", "ldexp", "fmax", "fmin", "memset", "memcpy", "memmove", "__stack_chk_fail"} | CHOICE
+    assert (
+        needed
+        <= {
+            "sqrt",
+            "frexp",
+            "ldexp",
+            "fmax",
+            "fmin",
+            "memset",
+            "memcpy",
+            "memmove",
+            "__stack_chk_fail",
+        }
+        | CHOICE
+    )
     assert not any(kind in "bdBD" for kind, _ in symbols)  # nothing is kept between calls
 
 

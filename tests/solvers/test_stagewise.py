@@ -1,4 +1,6 @@
-"""Laws of QPs of stages: their optimality conditions, which others confirm, in C and by PIQP alike."""
+"""Laws of QPs of stages: their optimality conditions, which others confirm, in C and by PIQP
+alike.
+"""
 
 from __future__ import annotations
 
@@ -8,8 +10,19 @@ from compiler import IN_C_AND_PYTHON, needs_compiler
 from stage_qps import conic_optimum, dense, flat, kkt_failure, random_qp, reach_qp, softened
 
 from uvms_ocp.errors import InvalidInput
-from uvms_ocp.solvers.stage_qp import StageQp, StageQpOptions, StageQpSolution, StageQpSolver, StageQpStatus, StageShape
-from uvms_ocp.solvers.stage_qp.solver import is_recession_direction, may_be_unbounded, recession_problem
+from uvms_ocp.solvers.stage_qp import (
+    StageQp,
+    StageQpOptions,
+    StageQpSolution,
+    StageQpSolver,
+    StageQpStatus,
+    StageShape,
+)
+from uvms_ocp.solvers.stage_qp.solver import (
+    is_recession_direction,
+    may_be_unbounded,
+    recession_problem,
+)
 
 PIQP = StageQpOptions(compiled=False)
 
@@ -22,14 +35,19 @@ def solved(qp: StageQp, warm: StageQpSolution | None = None) -> StageQpSolution:
 
 @pytest.mark.parametrize("equalities", [False, True])
 @pytest.mark.parametrize("block", range(5))
-def test_every_random_qp_ends_where_the_optimality_conditions_hold(block: int, equalities: bool) -> None:
+def test_every_random_qp_ends_where_the_optimality_conditions_hold(
+    block: int, equalities: bool
+) -> None:
     for seed in range(50 * block, 50 * (block + 1)):
         qp = random_qp(seed, equalities=equalities)
         found = StageQpSolver(qp.shape).solve(qp)
         assert found.status is StageQpStatus.SOLVED, seed
-        # The smaller of a multiplier and what is left to its bound is the root of complementarity where both vanish.
+        # The smaller of a multiplier and what is left to its bound is the root of complementarity
+        # where both vanish.
         assert kkt_failure(qp, found) < 1e-5, seed
-        assert found.kkt.stationarity < 1e-8 * (1.0 + np.abs(dense(qp)[1]).max() + np.abs(flat(found.y_z)).max()), seed
+        assert found.kkt.stationarity < 1e-8 * (
+            1.0 + np.abs(dense(qp)[1]).max() + np.abs(flat(found.y_z)).max()
+        ), seed
 
 
 @pytest.mark.parametrize("seed", [seed for seed in range(20) if seed not in (7, 13)])
@@ -39,7 +57,9 @@ def test_the_optimum_is_the_one_that_an_active_set_method_finds(seed: int) -> No
 
 
 @pytest.mark.parametrize("seed", range(10))
-def test_without_inequalities_the_optimum_solves_the_dense_kkt_system_with_one_factor(seed: int) -> None:
+def test_without_inequalities_the_optimum_solves_the_dense_kkt_system_with_one_factor(
+    seed: int,
+) -> None:
     qp = random_qp(seed, inequalities=False)
     H, g, A, lower, _ = dense(qp)
     fixed = np.flatnonzero(qp.flat["z_lower"] == qp.flat["z_upper"])
@@ -47,7 +67,9 @@ def test_without_inequalities_the_optimum_solves_the_dense_kkt_system_with_one_f
     right = np.concatenate([lower[np.isfinite(lower)], qp.flat["z_lower"][fixed]])
     kkt = np.block([[H, rows.T], [rows, np.zeros((len(rows), len(rows)))]])
     found = solved(qp)
-    np.testing.assert_allclose(flat(found.z), np.linalg.solve(kkt, np.concatenate([-g, right]))[: len(g)], atol=1e-8)
+    np.testing.assert_allclose(
+        flat(found.z), np.linalg.solve(kkt, np.concatenate([-g, right]))[: len(g)], atol=1e-8
+    )
     assert found.iterations == 1
 
 
@@ -64,7 +86,8 @@ def test_bounds_that_are_not_reached_cost_no_further_factor() -> None:
 @pytest.mark.parametrize("seed", range(30))
 def test_c_and_piqp_find_the_same(seed: int) -> None:
     qp = random_qp(seed, equalities=seed % 2 > 0)
-    ours, twin = solved(qp), StageQpSolver(qp.shape, PIQP).solve(qp)
+    ours = solved(qp)
+    twin = StageQpSolver(qp.shape, PIQP).solve(qp)
     assert ours.status is twin.status
     # How many factors that takes is theirs: bounds that only just bind hold or not by rounding.
     assert max(kkt_failure(qp, ours), kkt_failure(qp, twin)) < 1e-5
@@ -79,9 +102,12 @@ def test_c_and_piqp_find_the_same_multipliers_where_there_is_one_choice(seed: in
     free = flat(solved(qp).u)
     for k, n_x in enumerate(qp.shape.n_x[:-1]):
         qp.z_upper[k][n_x:] = np.median(free)
-    ours, twin = solved(qp), StageQpSolver(qp.shape, PIQP).solve(qp)
+    ours = solved(qp)
+    twin = StageQpSolver(qp.shape, PIQP).solve(qp)
     for name in ("z", "y", "y_z", "costate"):
-        np.testing.assert_allclose(flat(getattr(ours, name)), flat(getattr(twin, name)), atol=1e-9, rtol=1e-9)
+        np.testing.assert_allclose(
+            flat(getattr(ours, name)), flat(getattr(twin, name)), atol=1e-9, rtol=1e-9
+        )
 
 
 def test_the_same_qp_gives_the_same_bits() -> None:
@@ -104,7 +130,12 @@ def random_like(qp: StageQp) -> StageQp:
 @pytest.mark.parametrize("seed", range(20))
 def test_rows_that_depend_on_each_other_change_nothing(seed: int) -> None:
     qp = random_qp(seed, equalities=True)
-    shape = StageShape(n_x=qp.shape.n_x, n_u=qp.shape.n_u, n_r=qp.shape.n_r, n_c=tuple(2 * n + 1 for n in qp.shape.n_c))
+    shape = StageShape(
+        n_x=qp.shape.n_x,
+        n_u=qp.shape.n_u,
+        n_r=qp.shape.n_r,
+        n_c=tuple(2 * n + 1 for n in qp.shape.n_c),
+    )
     twice = StageQp(shape)
     for name in ("dynamics", "b", "J", "r", "g", "damping", "z_lower", "z_upper"):
         twice.flat[name][:] = qp.flat[name]
@@ -154,7 +185,9 @@ def test_equalities_that_contradict_each_other_are_infeasible_and_missed_least()
 @pytest.mark.parametrize("compiled", IN_C_AND_PYTHON)
 @pytest.mark.parametrize(("l1", "l2"), [(0.3, 0.0), (0.3, 2.0), (0.0, 2.0)])
 @pytest.mark.parametrize("seed", [0, 2, 5])
-def test_soft_rows_are_those_of_a_qp_with_slacks(seed: int, l1: float, l2: float, compiled: bool) -> None:
+def test_soft_rows_are_those_of_a_qp_with_slacks(
+    seed: int, l1: float, l2: float, compiled: bool
+) -> None:
     qp = random_qp(seed, equalities=seed > 0)
     expected = softened(qp, l1, l2)
     qp.flat["l1"][:], qp.flat["l2"][:] = l1, l2
@@ -183,7 +216,9 @@ def test_soft_bounds_are_missed_where_the_dynamics_leave_no_choice() -> None:
 
 @pytest.mark.parametrize("goal", [False, True])
 @pytest.mark.parametrize("seed", range(3))
-def test_a_reach_with_bounds_on_velocities_and_forces_takes_few_factors(seed: int, goal: bool) -> None:
+def test_a_reach_with_bounds_on_velocities_and_forces_takes_few_factors(
+    seed: int, goal: bool
+) -> None:
     qp = reach_qp(seed, goal=goal)
     cold = solved(qp)
     assert cold.iterations <= 20
@@ -197,17 +232,22 @@ def test_a_warm_start_leads_to_the_same_optimum_sooner(seed: int) -> None:
     qp = random_qp(seed)
     before = solved(qp)
     qp.flat["r"][:] += 1e-4
-    cold, warm = solved(qp), solved(qp, warm=before)
+    cold = solved(qp)
+    warm = solved(qp, warm=before)
     assert warm.iterations <= max(7, cold.iterations)
     np.testing.assert_allclose(flat(warm.z), flat(cold.z), atol=1e-6)
-    assert solved(qp, warm=cold).iterations <= 2  # bounds that only just bind may be guessed wrong once
+    assert (
+        solved(qp, warm=cold).iterations <= 2
+    )  # bounds that only just bind may be guessed wrong once
 
 
 @needs_compiler
 @pytest.mark.parametrize("seed", [3, 55, 66, 84, 124, 130, 153, 154])
 def test_a_cold_solve_knows_which_bounds_are_not_reached(seed: int) -> None:
     qp = random_qp(seed)
-    lower, upper = (np.concatenate([qp.flat[name], qp.flat[f"z_{name}"]]) for name in ("lower", "upper"))
+    lower, upper = (
+        np.concatenate([qp.flat[name], qp.flat[f"z_{name}"]]) for name in ("lower", "upper")
+    )
     found = StageQpSolver(qp.shape, StageQpOptions(tolerance=1e-7)).solve_flat(qp)
     bounded = (lower < upper) & (np.isfinite(lower) | np.isfinite(upper))
     assert not found.y[bounded].all()
@@ -215,7 +255,8 @@ def test_a_cold_solve_knows_which_bounds_are_not_reached(seed: int) -> None:
 
 def test_the_multiplier_of_the_initial_state_is_how_the_cost_rises() -> None:
     qp = random_qp(1, inequalities=False)
-    x, gradient = np.array([0.3] * qp.shape.n_x[0]), []
+    x = np.array([0.3] * qp.shape.n_x[0])
+    gradient = []
     for i in range(len(x)):
         costs = []
         for step in (1e-4, -1e-4):
@@ -244,10 +285,15 @@ def test_numbers_that_are_none_are_a_status(name: str, value: float, compiled: b
 
 @pytest.mark.parametrize("compiled", IN_C_AND_PYTHON)
 @pytest.mark.parametrize("value", [np.nan, np.inf])
-def test_a_residual_that_is_none_is_noticed_where_nothing_moves_it(value: float, compiled: bool) -> None:
+def test_a_residual_that_is_none_is_noticed_where_nothing_moves_it(
+    value: float, compiled: bool
+) -> None:
     qp = random_qp(0)
     qp.J[-1][-1], qp.r[-1][-1] = 0.0, value
-    assert StageQpSolver(qp.shape, StageQpOptions(compiled=compiled)).solve(qp).status is StageQpStatus.NOT_A_NUMBER
+    assert (
+        StageQpSolver(qp.shape, StageQpOptions(compiled=compiled)).solve(qp).status
+        is StageQpStatus.NOT_A_NUMBER
+    )
 
 
 @pytest.mark.parametrize("compiled", IN_C_AND_PYTHON)
@@ -255,20 +301,32 @@ def test_a_cost_that_is_not_convex_is_named(compiled: bool) -> None:
     qp = random_qp(0, inequalities=False)
     qp.H[-1][:] = -100.0 * np.eye(len(qp.H[-1]))
     qp.dynamics[-1][:] = 1.0
-    assert StageQpSolver(qp.shape, StageQpOptions(compiled=compiled)).solve(qp).status is StageQpStatus.NOT_CONVEX
+    assert (
+        StageQpSolver(qp.shape, StageQpOptions(compiled=compiled)).solve(qp).status
+        is StageQpStatus.NOT_CONVEX
+    )
 
 
 @pytest.mark.parametrize("compiled", IN_C_AND_PYTHON)
 def test_a_cost_that_falls_without_end_is_named(compiled: bool) -> None:
     qp = falling_qp()
     qp.z_upper[1][:] = 1.0
-    assert StageQpSolver(qp.shape, StageQpOptions(compiled=compiled)).solve(qp).status is StageQpStatus.UNBOUNDED
+    assert (
+        StageQpSolver(qp.shape, StageQpOptions(compiled=compiled)).solve(qp).status
+        is StageQpStatus.UNBOUNDED
+    )
 
 
 @pytest.mark.parametrize("compiled", IN_C_AND_PYTHON)
-@pytest.mark.parametrize(("penalty", "status"), [(0.1, StageQpStatus.UNBOUNDED), (0.6, StageQpStatus.SOLVED)])
-def test_soft_bounds_end_a_fall_where_missing_them_costs_more(penalty: float, status: StageQpStatus, compiled: bool) -> None:
-    """One unit down gains 1, and is paid for twice: by the state at the end, and by the input that leads there."""
+@pytest.mark.parametrize(
+    ("penalty", "status"), [(0.1, StageQpStatus.UNBOUNDED), (0.6, StageQpStatus.SOLVED)]
+)
+def test_soft_bounds_end_a_fall_where_missing_them_costs_more(
+    penalty: float, status: StageQpStatus, compiled: bool
+) -> None:
+    """One unit down gains 1, and is paid for twice: by the state at the end, and by the input that
+    leads there.
+    """
     qp = falling_qp()
     qp.flat["z_lower"][:], qp.flat["z_upper"][:], qp.flat["z_l1"][:] = -1.0, 1.0, penalty
     assert StageQpSolver(qp.shape, StageQpOptions(compiled=compiled)).solve(qp).status is status
@@ -325,7 +383,8 @@ def test_shapes_that_do_not_fit_are_refused() -> None:
 
 def moved_to(qp: StageQp, z: np.ndarray) -> StageQp:
     """The same with z as its origin."""
-    there, parts = StageQp(qp.shape), np.split(z, np.cumsum(qp.shape.n_z)[:-1])
+    there = StageQp(qp.shape)
+    parts = np.split(z, np.cumsum(qp.shape.n_z)[:-1])
     for name, array in qp.flat.items():
         there.flat[name][:] = array
     for k, own in enumerate(parts):
@@ -342,7 +401,9 @@ def moved_to(qp: StageQp, z: np.ndarray) -> StageQp:
 
 @pytest.mark.parametrize("options", [StageQpOptions(), PIQP], ids=["c", "piqp"])
 @pytest.mark.parametrize("seed", range(10))
-def test_multipliers_miss_the_conditions_nowhere_but_away_from_the_optimum(seed: int, options: StageQpOptions) -> None:
+def test_multipliers_miss_the_conditions_nowhere_but_away_from_the_optimum(
+    seed: int, options: StageQpOptions
+) -> None:
     qp = random_qp(seed, equalities=seed % 2 > 0)
     solver = StageQpSolver(qp.shape, options)
     found = solver.solve_flat(qp)
@@ -355,11 +416,14 @@ def test_multipliers_miss_the_conditions_nowhere_but_away_from_the_optimum(seed:
 @needs_compiler
 @pytest.mark.parametrize("seed", range(20))
 def test_from_a_qp_nearby_c_and_piqp_find_the_same(seed: int) -> None:
-    qp, other = random_qp(seed), random_qp(seed)
+    qp = random_qp(seed)
+    other = random_qp(seed)
     other.flat["r"][:] *= 1.1
-    ours, twin = StageQpSolver(qp.shape), StageQpSolver(qp.shape, PIQP)
+    ours = StageQpSolver(qp.shape)
+    twin = StageQpSolver(qp.shape, PIQP)
     near = ours.solve_flat(other).warm_start()
-    found, same = ours.solve_flat(qp, near), twin.solve_flat(qp, near)
+    found = ours.solve_flat(qp, near)
+    same = twin.solve_flat(qp, near)
     assert found.status is same.status is StageQpStatus.SOLVED
     np.testing.assert_allclose(found.z, same.z, atol=1e-8)
     np.testing.assert_allclose(found.z, flat(solved(qp).z), atol=1e-6)
@@ -374,10 +438,13 @@ def test_a_loose_tolerance_costs_fewer_factors() -> None:
 
 @needs_compiler
 @pytest.mark.parametrize("seed", range(3))
-def test_a_rough_optimum_has_multipliers_of_reached_bounds_alone_so_that_the_next_qp_can_start_from_them(seed: int) -> None:
+def test_a_rough_optimum_has_multipliers_of_reached_bounds_alone_so_that_the_next_qp_can_start_from_them(
+    seed: int,
+) -> None:
     qp = reach_qp(seed, goal=False)
     found = StageQpSolver(qp.shape, StageQpOptions(tolerance=1e-3)).solve(qp)
-    z, y = flat(found.z), flat(found.y_z)
+    z = flat(found.z)
+    y = flat(found.y_z)
     left = np.where(y > 0.0, qp.flat["z_upper"] - z, z - qp.flat["z_lower"])
     limited = np.isfinite(qp.flat["z_upper"]) & (qp.flat["z_lower"] < qp.flat["z_upper"])
     assert 0 < (limited & (y != 0.0)).sum() < limited.sum()

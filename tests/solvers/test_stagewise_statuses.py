@@ -1,4 +1,6 @@
-"""Laws of what a QP of stages ends with: linear programs say as well whether it has a point, and whether its cost has an end."""
+"""Laws of what a QP of stages ends with: linear programs say as well whether it has a point, and
+whether its cost has an end.
+"""
 
 from __future__ import annotations
 
@@ -8,14 +10,24 @@ from compiler import IN_C_AND_PYTHON
 from scipy.optimize import linprog
 from stage_qps import dense, flat, kkt_failure, random_shape
 
-from uvms_ocp.solvers.stage_qp import StageQp, StageQpOptions, StageQpSolution, StageQpSolver, StageQpStatus
+from uvms_ocp.solvers.stage_qp import (
+    StageQp,
+    StageQpOptions,
+    StageQpSolution,
+    StageQpSolver,
+    StageQpStatus,
+)
 
 SEEDS = (*range(40), 97, 165, 282, 289, 330, 333, 384)
-"""The last ones bend little, or not at all, in most directions; in the same QPs stiff residuals bend much."""
+"""The last ones bend little, or not at all, in most directions; in the same QPs stiff residuals
+bend much.
+"""
 
 
 def wild_qp(seed: int) -> StageQp:
-    """Scales from 1e-6 to 1e6, directions without curvature, rows that repeat or contradict each other."""
+    """Scales from 1e-6 to 1e6, directions without curvature, rows that repeat or contradict each
+    other.
+    """
     rng = np.random.default_rng(seed)
     qp = StageQp(random_shape(rng, int(rng.integers(1, 5))))
     flat_qp = qp.flat
@@ -31,7 +43,9 @@ def wild_qp(seed: int) -> StageQp:
         bound(rng, qp.z_lower[k], qp.z_upper[k], z, equal=0.0)
     bent = rng.random(len(flat_qp["damping"])) < 0.3
     flat_qp["damping"][bent] = 10 ** rng.uniform(-6, 6, int(bent.sum()))
-    flat_qp["g"][:] = rng.integers(0, 2) * rng.standard_normal(len(flat_qp["g"])) * 10 ** rng.uniform(-3, 3)
+    flat_qp["g"][:] = (
+        rng.integers(0, 2) * rng.standard_normal(len(flat_qp["g"])) * 10 ** rng.uniform(-3, 3)
+    )
     return qp
 
 
@@ -39,10 +53,21 @@ def scales(rng: np.random.Generator, n: int) -> np.ndarray:
     return 10 ** rng.uniform(-6, 6, n) if rng.random() < 0.3 else np.ones(n)
 
 
-def bound(rng: np.random.Generator, lower: np.ndarray, upper: np.ndarray, value: np.ndarray, *, equal: float) -> None:
+def bound(
+    rng: np.random.Generator,
+    lower: np.ndarray,
+    upper: np.ndarray,
+    value: np.ndarray,
+    *,
+    equal: float,
+) -> None:
     """About a value, which some miss."""
-    draw, room = rng.random((2, len(value))), (np.abs(value) + 1e-6) * (rng.random((2, len(value))) - 0.05)
-    lower[draw[0] < 0.4], upper[draw[1] < 0.4] = (value - room[0])[draw[0] < 0.4], (value + room[1])[draw[1] < 0.4]
+    draw = rng.random((2, len(value)))
+    room = (np.abs(value) + 1e-6) * (rng.random((2, len(value))) - 0.05)
+    lower[draw[0] < 0.4], upper[draw[1] < 0.4] = (
+        (value - room[0])[draw[0] < 0.4],
+        (value + room[1])[draw[1] < 0.4],
+    )
     swapped = lower > upper
     lower[swapped] = upper[swapped] = value[swapped]
     both = draw[0] > 1.0 - equal
@@ -59,7 +84,9 @@ def least_violation(qp: StageQp) -> float:
     """Of all rows, relative to their largest entry, where bounds of variables are kept."""
     _, _, A, lower, upper = dense(qp)
     norm = scaled(A)
-    A, lower, upper = A / norm[:, None], lower / norm, upper / norm
+    A = A / norm[:, None]
+    lower = lower / norm
+    upper = upper / norm
     above, below = np.isfinite(upper), np.isfinite(lower)
     rows = np.vstack([A[above], -A[below]])
     found = linprog(
@@ -72,7 +99,9 @@ def least_violation(qp: StageQp) -> float:
 
 
 def steepest_way(qp: StageQp) -> float:
-    """Slope of the cost, relative to its gradient, along the steepest way in a box on which only the linear cost changes."""
+    """Slope of the cost, relative to its gradient, along the steepest way in a box on which only
+    the linear cost changes.
+    """
     H, _, A, lower, upper = dense(qp)
     g = qp.flat["g"]
     if not g.any():
@@ -95,7 +124,9 @@ def steepest_way(qp: StageQp) -> float:
 
 def relative_failure(qp: StageQp, found: StageQpSolution) -> float:
     z = flat(found.z)
-    terms = [np.abs(flat(part)).max(initial=0.0) for part in (found.y, found.y_z, found.costate, found.z)]
+    terms = [
+        np.abs(flat(part)).max(initial=0.0) for part in (found.y, found.y_z, found.costate, found.z)
+    ]
     return kkt_failure(qp, found) / (1.0 + np.abs(dense(qp)[0] @ z).max() + max(terms))
 
 
@@ -108,7 +139,9 @@ def test_what_rows_are_missed_by_is_that_of_the_point(compiled: bool) -> None:
         for k, z in enumerate(found.z):
             y = qp.C[k] @ z
             missed = y - np.clip(y, qp.lower[k], qp.upper[k])
-            np.testing.assert_allclose(found.excess[k], missed, rtol=1e-9, atol=1e-9 * (1.0 + np.abs(y).max(initial=0.0)))
+            np.testing.assert_allclose(
+                found.excess[k], missed, rtol=1e-9, atol=1e-9 * (1.0 + np.abs(y).max(initial=0.0))
+            )
 
 
 @pytest.mark.parametrize("compiled", IN_C_AND_PYTHON)

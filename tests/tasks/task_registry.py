@@ -1,6 +1,7 @@
 """One registry of tasks: a new member is tested by being listed here.
 
-Each entry gives a task and, computed with Pinocchio alone, the displacement of its rows between two configurations.
+Each entry gives a task and, computed with Pinocchio alone, the displacement of its rows between two
+configurations.
 """
 
 from __future__ import annotations
@@ -37,7 +38,8 @@ def _pose(robot: Robot, q: np.ndarray, frame: str) -> pin.SE3:
 
 def _moved_frame(frame: str, rows: int = 6) -> Displacement:
     def displacement(robot: Robot, q0: np.ndarray, q1: np.ndarray) -> np.ndarray:
-        X0, X1 = _pose(robot, q0, frame), _pose(robot, q1, frame)
+        X0 = _pose(robot, q0, frame)
+        X1 = _pose(robot, q1, frame)
         turn = pin.log3(X1.rotation @ X0.rotation.T)
         return np.concatenate([X1.translation - X0.translation, turn])[:rows]
 
@@ -73,15 +75,18 @@ def _view_angle(robot: Robot, q: np.ndarray) -> float:
 
 
 def _manipulability(robot: Robot, q: np.ndarray) -> float:
-    J = pin.computeFrameJacobian(robot.model, robot.model.createData(), q, robot.frame_id("tool"), pin.ReferenceFrame.LOCAL)[
-        :, robot.joint_v
-    ]
+    J = pin.computeFrameJacobian(
+        robot.model, robot.model.createData(), q, robot.frame_id("tool"), pin.ReferenceFrame.LOCAL
+    )[:, robot.joint_v]
     return float(np.sqrt(np.linalg.det(J @ J.T)))
 
 
 REGISTRY: dict[str, Entry] = {
     "NR": Entry(NullVelocity(), _velocities(0, 6)),
-    "UA": Entry(UnderActuation(axes=(1, 3)), lambda robot, q0, q1: pin.difference(robot.model, q0, q1)[[1, 3]]),
+    "UA": Entry(
+        UnderActuation(axes=(1, 3)),
+        lambda robot, q0, q1: pin.difference(robot.model, q0, q1)[[1, 3]],
+    ),
     "JL": Entry(JointLimits(), _velocities(6, 13)),
     "MAC": Entry(MinimumAltitude(), _scalar(_height)),
     "HA": Entry(HorizontalAttitude(), _scalar(_tilt)),
@@ -92,5 +97,8 @@ REGISTRY: dict[str, Entry] = {
     "PC": Entry(VehiclePose(goal=GOAL), _moved_frame("base_link")),
     "T": Entry(ToolPose(goal=GOAL), _moved_frame("tool")),
     "TP": Entry(ToolPosition(goal=GOAL), _moved_frame("tool", 3)),
-    "MP": Entry(JointTracking(joints=("joint4", "joint7"), goal=np.zeros(2)), lambda robot, q0, q1: (q1 - q0)[[10, 13]]),
+    "MP": Entry(
+        JointTracking(joints=("joint4", "joint7"), goal=np.zeros(2)),
+        lambda robot, q0, q1: (q1 - q0)[[10, 13]],
+    ),
 }

@@ -30,11 +30,17 @@ def task_function(robot: Robot, task: Task, dt: float = 0.005) -> ca.Function:
 
 
 def evaluate(
-    robot: Robot, task: Task, q: np.ndarray, v: np.ndarray | None = None, altimeter_range: float = 2.0
+    robot: Robot,
+    task: Task,
+    q: np.ndarray,
+    v: np.ndarray | None = None,
+    altimeter_range: float = 2.0,
 ) -> dict[str, np.ndarray]:
     function = task_function(robot, task)
     velocity = np.zeros(robot.n_v) if v is None else v
-    values = function.call([q, velocity, altimeter_range, task_parameters(task, task.reference(0.0), q)])
+    values = function.call(
+        [q, velocity, altimeter_range, task_parameters(task, task.reference(0.0), q)]
+    )
     return {name: np.array(value) for name, value in zip(function.name_out(), values, strict=True)}
 
 

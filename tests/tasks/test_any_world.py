@@ -1,4 +1,6 @@
-"""Where the origin of the world lies, where north is, and how often somebody has turned changes no task."""
+"""Where the origin of the world lies, where north is, and how often somebody has turned changes no
+task.
+"""
 
 from __future__ import annotations
 
@@ -31,22 +33,40 @@ def moved(task: Task, X_NW: pin.SE3) -> Task:
     goal = getattr(task, "goal", None)
     if isinstance(goal, pin.SE3):
         return task.with_goal(X_NW * goal)
-    return task.with_goal(X_NW.act(np.asarray(goal))) if isinstance(task, Alignment | FieldOfView) else task
+    return (
+        task.with_goal(X_NW.act(np.asarray(goal)))
+        if isinstance(task, Alignment | FieldOfView)
+        else task
+    )
 
 
 @pytest.mark.parametrize("world", WORLDS)
 @pytest.mark.parametrize("name", REGISTRY)
-def test_a_task_measures_and_asks_the_same_in_any_world(name: str, world: str, robot: Robot) -> None:
-    X_NW, task, rng = WORLDS[world], REGISTRY[name].task, np.random.default_rng(3)
+def test_a_task_measures_and_asks_the_same_in_any_world(
+    name: str, world: str, robot: Robot
+) -> None:
+    X_NW = WORLDS[world]
+    task = REGISTRY[name].task
+    rng = np.random.default_rng(3)
     there = moved(task, X_NW)
     for _ in range(5):
         q = random_configuration(robot, rng)
         q_moved = np.concatenate([pin.SE3ToXYZQUAT(X_NW * pin.XYZQUATToSE3(q[:7])), q[7:]])
-        expected, found = evaluate(robot, task, q), evaluate(robot, there, q_moved)
+        expected = evaluate(robot, task, q)
+        found = evaluate(robot, there, q_moved)
         for quantity in expected.keys() - {"jacobian", "rate", "lower", "upper"}:
-            np.testing.assert_allclose(found[quantity], expected[quantity], rtol=0, atol=1e-9, err_msg=quantity)
-        for wanted in ("rate", "lower", "upper"):  # rows may be along axes of the world: what they ask of the robot is the same
-            motions = [np.linalg.lstsq(values["jacobian"], values[wanted])[0] for values in (expected, found)]
+            np.testing.assert_allclose(
+                found[quantity], expected[quantity], rtol=0, atol=1e-9, err_msg=quantity
+            )
+        for wanted in (
+            "rate",
+            "lower",
+            "upper",
+        ):  # rows may be along axes of the world: what they ask of the robot is the same
+            motions = [
+                np.linalg.lstsq(values["jacobian"], values[wanted])[0]
+                for values in (expected, found)
+            ]
             np.testing.assert_allclose(*reversed(motions), rtol=0, atol=1e-7, err_msg=wanted)
         gram = [values["jacobian"].T @ values["jacobian"] for values in (expected, found)]
         np.testing.assert_allclose(*reversed(gram), rtol=0, atol=1e-9)

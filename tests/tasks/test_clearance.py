@@ -1,4 +1,6 @@
-"""Clearance of obstacles and of the robot itself: distances, gradients, and what the task asks for."""
+"""Clearance of obstacles and of the robot itself: distances, gradients, and what the task asks
+for.
+"""
 
 from __future__ import annotations
 
@@ -29,18 +31,26 @@ def robot() -> Robot:
 
 
 def ball(x: float, y: float, z: float, radius: float = 0.3) -> Obstacle:
-    return Obstacle(name="ball", shape=coal.Sphere(radius), X_WO=pin.SE3(np.eye(3), np.array([x, y, z])))
+    return Obstacle(
+        name="ball", shape=coal.Sphere(radius), X_WO=pin.SE3(np.eye(3), np.array([x, y, z]))
+    )
 
 
 def test_gradients_equal_finite_differences(robot: Robot) -> None:
-    """Central differences; a shape whose nearest feature changes in between is not differentiable there."""
+    """Central differences; a shape whose nearest feature changes in between is not differentiable
+    there.
+    """
     model = CollisionModel(robot, [ball(3.0, 0.0, 0.0)])
-    rng, right, total = np.random.default_rng(4), 0, 0
+    rng = np.random.default_rng(4)
+    right = 0
+    total = 0
     for _ in range(5):
         q = random_configuration(robot, rng)
         v = rng.normal(size=robot.n_v)
         found = model.distances(q)
-        ahead, behind = (model.values(pin.integrate(robot.model, q, sign * STEP * v)) for sign in (1.0, -1.0))
+        ahead, behind = (
+            model.values(pin.integrate(robot.model, q, sign * STEP * v)) for sign in (1.0, -1.0)
+        )
         slope = (ahead - behind) / (2 * STEP)
         apart = found.value > 1e-3
         right += int((np.abs(found.gradient @ v - slope)[apart] < 5e-3).sum())
@@ -57,9 +67,13 @@ def test_links_that_touch_by_design_are_left_out(robot: Robot) -> None:
 def test_a_flat_floor_and_its_mesh_are_equally_far(robot: Robot) -> None:
     q = robot.configuration(position=(0.0, 0.0, 0.0), rpy=(0.1, -0.05, 0.7))
     exact = floor_obstacle(FlatSeafloor(z=-2.0), centre=(0.0, 0.0), extent=10.0)
-    field = HeightField(z=-2.0, centres=np.array([[40.0, 40.0]]), heights=np.ones(1), radii=np.ones(1))
+    field = HeightField(
+        z=-2.0, centres=np.array([[40.0, 40.0]]), heights=np.ones(1), radii=np.ones(1)
+    )
     meshed = floor_obstacle(field, centre=(0.0, 0.0), extent=10.0)
-    first, second = (CollisionModel(robot, [floor], self_collision=False).values(q) for floor in (exact, meshed))
+    first, second = (
+        CollisionModel(robot, [floor], self_collision=False).values(q) for floor in (exact, meshed)
+    )
     np.testing.assert_allclose(first, second, atol=1e-6)
 
 
@@ -67,13 +81,22 @@ def test_a_mesh_below_a_box_is_touched_at_zero() -> None:
     floor = mesh_shape(np.array([[-1.0, -1, 0], [1, -1, 0], [0, 1, 0]]), np.array([[0, 1, 2]]))
     result = coal.DistanceResult()
     pose = coal.Transform3s(np.eye(3), np.array([0.0, 0.0, 0.25]))
-    distance = coal.distance(coal.Box(0.5, 0.5, 0.5), pose, floor, coal.Transform3s.Identity(), coal.DistanceRequest(), result)
+    distance = coal.distance(
+        coal.Box(0.5, 0.5, 0.5),
+        pose,
+        floor,
+        coal.Transform3s.Identity(),
+        coal.DistanceRequest(),
+        result,
+    )
     assert distance == pytest.approx(0.0, abs=1e-6)
 
 
 def test_the_task_forbids_to_come_nearer_than_its_threshold(robot: Robot) -> None:
     model = CollisionModel(robot, [ball(-0.4, 0.0, -0.95)], self_collision=False)
-    rows = evaluate(robot, Clearance(model=model, threshold=0.1, n_nearest=3), robot.configuration())
+    rows = evaluate(
+        robot, Clearance(model=model, threshold=0.1, n_nearest=3), robot.configuration()
+    )
     assert rows["clearance"].item() == pytest.approx(0.15, abs=1e-6)
     assert rows["lower"][0] == pytest.approx(-0.5 * 0.05, abs=1e-6)
     assert rows["activation"][0] > 0.8
@@ -81,24 +104,32 @@ def test_the_task_forbids_to_come_nearer_than_its_threshold(robot: Robot) -> Non
 
 
 def test_pairs_that_are_missing_are_far_away(robot: Robot) -> None:
-    task = Clearance(model=CollisionModel(robot, [ball(3, 0, 0)], self_collision=False, links=["link7_0"]))
+    task = Clearance(
+        model=CollisionModel(robot, [ball(3, 0, 0)], self_collision=False, links=["link7_0"])
+    )
     assert task.reference(0.0).shape == (task.n_parameters(robot),)
     assert task.reference(0.0)[0] > 100.0
 
 
 def test_an_unknown_shape_is_named(robot: Robot) -> None:
-    with pytest.raises(InvalidInput, match=r"\['link9'\] to check for collision; allowed: base_link_0"):
+    with pytest.raises(
+        InvalidInput, match=r"\['link9'\] to check for collision; allowed: base_link_0"
+    ):
         CollisionModel(robot, links=["link9"])
 
 
 def test_a_model_without_pairs_is_refused(robot: Robot) -> None:
-    with pytest.raises(InvalidInput, match="CL: a collision model without pairs; give obstacles or self_collision=True"):
+    with pytest.raises(
+        InvalidInput,
+        match="CL: a collision model without pairs; give obstacles or self_collision=True",
+    ):
         Clearance(model=CollisionModel(robot, self_collision=False))
 
 
 def test_no_gradient_exceeds_the_reach_of_its_axis(robot: Robot) -> None:
     model = CollisionModel(robot, [ball(1.0, 0.5, 0.0)])
-    itself, rng = CollisionModel(robot), np.random.default_rng(2)
+    itself = CollisionModel(robot)
+    rng = np.random.default_rng(2)
     assert not itself.reach[:6].any()
     assert (itself.reach[6:] > 0).any()
     for _ in range(20):

@@ -1,4 +1,6 @@
-"""Rows that ask for nothing new change nothing that any task of the registry commands, whichever solver finds it."""
+"""Rows that ask for nothing new change nothing that any task of the registry commands, whichever
+solver finds it.
+"""
 
 from __future__ import annotations
 
@@ -18,7 +20,8 @@ from uvms_ocp.robot.signals import StateEstimate
 from uvms_ocp.tasks import JointLimits, JointTracking
 from uvms_ocp.tasks.task import Task
 
-DT, TICKS = 0.02, 25
+DT = 0.02
+TICKS = 25
 
 
 def alone(task: Task, solver: str, changed: Callable[[Task], Task]) -> np.ndarray:
@@ -26,10 +29,14 @@ def alone(task: Task, solver: str, changed: Callable[[Task], Task]) -> np.ndarra
     robot = uo.load_robot("bluerov2_alpha5")
     tasks = [JointLimits(), changed(task)] if task.name != "JL" else [changed(task)]
     for_ever = uo.Transition(to=uo.DONE, when=(uo.Above(quantity="phase.time", limit=1e3),))
-    phase = uo.Phase(name="go", activations={one.name: 1.0 for one in tasks}, transitions=(for_ever,))
+    phase = uo.Phase(
+        name="go", activations={one.name: 1.0 for one in tasks}, transitions=(for_ever,)
+    )
     mission = uo.Mission(hierarchy=uo.Hierarchy(tasks), phases=(phase,))
     control = KinematicController(robot=robot, mission=mission, solver=SOLVERS[solver](), dt=DT)
-    q, v, rows = robot.configuration(position=(0.0, 0.0, -5.0), rpy=(0.1, 0.5, 0.7)), np.zeros(robot.n_v), []
+    q = robot.configuration(position=(0.0, 0.0, -5.0), rpy=(0.1, 0.5, 0.7))
+    v = np.zeros(robot.n_v)
+    rows = []
     for k in range(TICKS):
         v = control(StateEstimate(q=q, v=v, altimeter_range=0.8), k * DT).v.copy()
         rows.append(v)
@@ -46,4 +53,6 @@ def test_idle_rows_change_nothing_that_a_task_commands(name: str, solver: str) -
     usual = alone(task, solver, as_it_is)
     for more in (with_a_row_of_zeros, with_its_last_row_twice):
         found = alone(task, solver, lambda own, more=more: extended(own, more))  # type: ignore[misc]
-        np.testing.assert_allclose(found, usual, atol={"icat": 1e-2}.get(solver, 1e-4), err_msg=more.__name__)
+        np.testing.assert_allclose(
+            found, usual, atol={"icat": 1e-2}.get(solver, 1e-4), err_msg=more.__name__
+        )

@@ -26,7 +26,8 @@ def test_a_stopping_speed_of_numbers_is_that_of_expressions() -> None:
 @pytest.mark.parametrize("deceleration", [0.1, 1.0, 15.0])
 def test_a_stop_from_the_stopping_speed_ends_at_the_limit_at_most(deceleration: float) -> None:
     for distance in np.linspace(0.0, 2.0, 21):
-        speed, travelled = float(stopping_speed(distance, deceleration=deceleration, dt=DT)), 0.0
+        speed = float(stopping_speed(distance, deceleration=deceleration, dt=DT))
+        travelled = 0.0
         while speed > 0.0:
             travelled += speed * DT
             speed -= deceleration * DT

@@ -30,7 +30,8 @@ def robot() -> Robot:
 
 @pytest.mark.parametrize("name", REGISTRY)
 def test_jacobian_equals_finite_differences_at_random_states(name: str, robot: Robot) -> None:
-    entry, rng = REGISTRY[name], np.random.default_rng(7)
+    entry = REGISTRY[name]
+    rng = np.random.default_rng(7)
     function = task_function(robot, entry.task)
     for _ in range(100):
         q = random_configuration(robot, rng)
@@ -39,14 +40,18 @@ def test_jacobian_equals_finite_differences_at_random_states(name: str, robot: R
         for i in range(robot.n_v):
             step = np.zeros(robot.n_v)
             step[i] = STEP
-            ahead, behind = pin.integrate(robot.model, q, step), pin.integrate(robot.model, q, -step)
+            ahead, behind = (
+                pin.integrate(robot.model, q, step),
+                pin.integrate(robot.model, q, -step),
+            )
             difference[:, i] = entry.displacement(robot, behind, ahead) / (2 * STEP)
         np.testing.assert_allclose(J, difference, atol=1e-6 * max(1.0, np.abs(J).max()), rtol=0)
 
 
 @pytest.mark.parametrize("name", REGISTRY)
 def test_rows_are_finite_and_consistent(name: str, robot: Robot) -> None:
-    entry, rng = REGISTRY[name], np.random.default_rng(3)
+    entry = REGISTRY[name]
+    rng = np.random.default_rng(3)
     for _ in range(5):
         values = evaluate(robot, entry.task, random_configuration(robot, rng))
         assert np.isfinite(values["jacobian"]).all()
@@ -77,14 +82,20 @@ def test_every_range_of_the_registry_is_listed() -> None:
 @pytest.mark.parametrize("name", RANGES)
 def test_a_range_is_the_same_over_a_horizon_as_in_the_hierarchy(name: str, robot: Robot) -> None:
     """At rest the rows of a tick allow to stay exactly where the residual is in its range."""
-    task, rng, stays = RANGES[name], np.random.default_rng(5), []
-    rows_at, residual_at = task_function(robot, task), residual_function(robot, task)
+    task = RANGES[name]
+    rng = np.random.default_rng(5)
+    stays = []
+    rows_at = task_function(robot, task)
+    residual_at = residual_function(robot, task)
     for _ in range(60):
-        q, reach = random_configuration(robot, rng), float(rng.uniform(0.2, 3.0))
+        q = random_configuration(robot, rng)
+        reach = float(rng.uniform(0.2, 3.0))
         q[robot.joint_q] *= rng.uniform(0.0, 1.3)
         rows = rows_at.call([q, np.zeros(robot.n_v), reach, task.reference(0.0)])
         _, _, low, high, _ = (np.array(part).ravel() for part in rows[: len(OUTPUTS)])
-        value, lower, upper = (np.array(part).ravel() for part in residual_at(q, reach, task.reference(0.0)))
+        value, lower, upper = (
+            np.array(part).ravel() for part in residual_at(q, reach, task.reference(0.0))
+        )
         inside = (lower <= value) & (value <= upper)
         np.testing.assert_array_equal((low <= 0) & (high >= 0), inside)
         stays += inside.tolist()
@@ -92,10 +103,13 @@ def test_a_range_is_the_same_over_a_horizon_as_in_the_hierarchy(name: str, robot
 
 
 def residual_function(robot: Robot, task: Task) -> ca.Function:
-    symbols, goals = tick_symbols(robot, 0.005), ca.SX.sym("goals", task.n_parameters(robot))
+    symbols = tick_symbols(robot, 0.005)
+    goals = ca.SX.sym("goals", task.n_parameters(robot))
     residual = task.residual(symbols, goals)
     inputs = [symbols.q, symbols.altimeter_range, goals]
-    return ca.Function("residual", inputs, [residual.value, ca.DM(residual.lower), ca.DM(residual.upper)])
+    return ca.Function(
+        "residual", inputs, [residual.value, ca.DM(residual.lower), ca.DM(residual.upper)]
+    )
 
 
 def test_rpy_of_the_start_is_the_tilt(robot: Robot) -> None:
@@ -104,7 +118,9 @@ def test_rpy_of_the_start_is_the_tilt(robot: Robot) -> None:
 
 
 @pytest.mark.parametrize(("roll", "tilt"), [(0.0, 0.0), (np.pi, np.pi)])
-def test_horizontal_attitude_survives_upright_and_upside_down(roll: float, tilt: float, robot: Robot) -> None:
+def test_horizontal_attitude_survives_upright_and_upside_down(
+    roll: float, tilt: float, robot: Robot
+) -> None:
     values = evaluate(robot, HorizontalAttitude(), robot.configuration(rpy=[roll, 0.0, 0.0]))
     assert values["tilt"].item() == pytest.approx(tilt, abs=1e-6)
     assert np.linalg.norm(values["jacobian"]) == pytest.approx(1.0)
@@ -118,7 +134,9 @@ def test_alignment_survives_facing_away_from_the_target(robot: Robot) -> None:
     assert values["upper"].item() < 0
 
 
-def test_alignment_reports_a_target_straight_below_instead_of_dividing_by_zero(robot: Robot) -> None:
+def test_alignment_reports_a_target_straight_below_instead_of_dividing_by_zero(
+    robot: Robot,
+) -> None:
     values = evaluate(robot, Alignment(goal=np.array([0.0, 0.0, -2.0])), robot.configuration())
     assert values["overhead"].item() == 1
     assert not values["jacobian"].any()
@@ -126,15 +144,20 @@ def test_alignment_reports_a_target_straight_below_instead_of_dividing_by_zero(r
 
 
 def test_a_target_that_moves_sideways_turns_the_line_of_sight(robot: Robot) -> None:
-    """The strict bound leaves room for the target's own motion: at rest the misalignment changes by its part."""
-    speed, distance = 0.3, 2.0
+    """The strict bound leaves room for the target's own motion: at rest the misalignment changes by
+    its part.
+    """
+    speed = 0.3
+    distance = 2.0
 
     def moving(t: float) -> tuple[np.ndarray, np.ndarray]:
         return np.array([distance, 0.1 + speed * t, 0.0]), np.array([0.0, speed, 0.0])
 
     task = Alignment(goal=moving)
     q = robot.configuration()
-    still, ahead = (evaluate(robot, Alignment(goal=moving(t)[0]), q)["misalignment"].item() for t in (0.0, 1e-6))
+    still, ahead = (
+        evaluate(robot, Alignment(goal=moving(t)[0]), q)["misalignment"].item() for t in (0.0, 1e-6)
+    )
     drift = (ahead - still) / 1e-6
     fixed = evaluate(robot, Alignment(goal=moving(0.0)[0]), q)["upper"].item()
     assert evaluate(robot, task, q)["upper"].item() == pytest.approx(fixed - drift, rel=1e-5)
@@ -182,18 +205,29 @@ def test_a_joint_beyond_its_limit_is_asked_to_come_back(robot: Robot) -> None:
 def test_a_goal_can_be_a_function_of_time(robot: Robot) -> None:
     task = JointTracking(joints=("joint5",), goal=lambda t: (np.array([2 * t]), np.array([2.0])))
     np.testing.assert_allclose(task.reference(0.25), [0.5, 2.0])
-    assert evaluate(robot, task, robot.configuration())["rate"].item() == pytest.approx(2.0 - 0.5 * 0.0137)
+    assert evaluate(robot, task, robot.configuration())["rate"].item() == pytest.approx(
+        2.0 - 0.5 * 0.0137
+    )
 
 
 @pytest.mark.parametrize(
     ("build", "message"),
     [
-        (lambda: VehiclePose(goal=GOAL, gain_linear=-1.0), "VehiclePose: gain_linear = -1.0; give a number > 0"),
+        (
+            lambda: VehiclePose(goal=GOAL, gain_linear=-1.0),
+            "VehiclePose: gain_linear = -1.0; give a number > 0",
+        ),
         (lambda: ToolPose(goal=np.eye(4)), "ToolPose: goal = array.*; give a pinocchio.SE3"),
         (lambda: Alignment(goal=np.zeros(2)), r"AT: goal of shape \(2,\)"),
-        (lambda: JointTracking(joints=("joint1",), goal=np.array([np.nan])), "MP: goal .*nan.* give finite"),
+        (
+            lambda: JointTracking(joints=("joint1",), goal=np.array([np.nan])),
+            "MP: goal .*nan.* give finite",
+        ),
         (lambda: JointLimits(margin=0.6), "JL: margin = 0.6"),
-        (lambda: JointLimits(margin=0.3, guard=0.2), "guard = 0.2; give shares of the range, together below 0.5"),
+        (
+            lambda: JointLimits(margin=0.3, guard=0.2),
+            "guard = 0.2; give shares of the range, together below 0.5",
+        ),
         (lambda: JointLimits(guard=-0.1), "guard = -0.1"),
         (lambda: NullVelocity(axes=(7,)), r"NR: axes \(7,\)"),
         (lambda: SmoothActivation(0.2, 0.1), r"SmoothActivation\(0.2, 0.1\)"),

@@ -10,14 +10,25 @@ import pytest
 from uvms_ocp.errors import InvalidInput
 from uvms_ocp.trajectories import min_snap
 from uvms_ocp.trajectories.free_derivatives import end_data, piece_costs, pieces_of
-from uvms_ocp.trajectories.min_snap import Bound, Boundary, Constraint, CurveSpecification, MinSnap, min_snap_qp
+from uvms_ocp.trajectories.min_snap import (
+    Bound,
+    Boundary,
+    Constraint,
+    CurveSpecification,
+    MinSnap,
+    min_snap_qp,
+)
 
 RNG = np.random.default_rng
 
 
-def random_problem(n: int, axes: int = 3, seed: int = 0, ratio: float = 3.0) -> tuple[np.ndarray, np.ndarray]:
+def random_problem(
+    n: int, axes: int = 3, seed: int = 0, ratio: float = 3.0
+) -> tuple[np.ndarray, np.ndarray]:
     rng = RNG(seed)
-    return rng.normal(size=(n + 1, axes)), np.concatenate([[0.0], np.cumsum(rng.uniform(1.0, ratio, n))])
+    return rng.normal(size=(n + 1, axes)), np.concatenate(
+        [[0.0], np.cumsum(rng.uniform(1.0, ratio, n))]
+    )
 
 
 def largest_jump(found: MinSnap, derivative: int) -> float:
@@ -57,7 +68,8 @@ def test_neighbouring_ratios_up_to_three_are_continuous_up_to_the_sixth_derivati
 def test_no_perturbation_of_the_free_derivatives_is_cheaper(k: int) -> None:
     waypoints, times = random_problem(6)
     found = min_snap(waypoints, times, CurveSpecification(derivative=k))
-    pieces, rng = pieces_of(np.diff(times), k), RNG(2)
+    pieces = pieces_of(np.diff(times), k)
+    rng = RNG(2)
     for size in np.repeat([1e-3, 1e-1], 100):
         moved = found.node_derivatives.copy()
         moved[1:, 1:-1] += size * rng.normal(size=moved[1:, 1:-1].shape)
@@ -88,7 +100,11 @@ def test_the_qp_keeps_bounds_that_bind() -> None:
 
 def test_contradictory_bounds_are_refused() -> None:
     with pytest.raises(InvalidInput, match="no solution"):
-        min_snap_qp([0.0, 1.0, 0.0], [0.0, 1.0, 2.0], bounds=[Bound(node=1, derivative=1, lower=2.0, upper=1.0)])
+        min_snap_qp(
+            [0.0, 1.0, 0.0],
+            [0.0, 1.0, 2.0],
+            bounds=[Bound(node=1, derivative=1, lower=2.0, upper=1.0)],
+        )
 
 
 def test_constraints_are_met_on_the_chosen_axes_only() -> None:
@@ -97,12 +113,15 @@ def test_constraints_are_met_on_the_chosen_axes_only() -> None:
     stop = Constraint(node=2, derivative=1, value=0.0, axes=(1,))
     held = min_snap(waypoints, times, CurveSpecification(constraints=(stop,)))
     np.testing.assert_allclose(held.trajectory.evaluate(times[2], 1)[1], 0.0, atol=1e-12)
-    np.testing.assert_allclose(held.node_derivatives[:, :, [0, 2]], plain.node_derivatives[:, :, [0, 2]], rtol=1e-9)
+    np.testing.assert_allclose(
+        held.node_derivatives[:, :, [0, 2]], plain.node_derivatives[:, :, [0, 2]], rtol=1e-9
+    )
 
 
 def test_boundary_rows_fix_the_first_derivatives_and_leave_the_others_free() -> None:
     waypoints, times = random_problem(4)
-    moving, stopping = Boundary(start=[[1.0, 2.0, 3.0]], end=None), Boundary(start=[[1.0, 2.0, 3.0]])
+    moving = Boundary(start=[[1.0, 2.0, 3.0]], end=None)
+    stopping = Boundary(start=[[1.0, 2.0, 3.0]])
     found = min_snap(waypoints, times, CurveSpecification(boundary=moving))
     np.testing.assert_allclose(found.trajectory.evaluate(times[0], 1), [1.0, 2.0, 3.0], atol=1e-12)
     assert found.cost < min_snap(waypoints, times, CurveSpecification(boundary=stopping)).cost
@@ -135,7 +154,9 @@ def test_gradients_of_the_optimal_cost_match_differences(k: int) -> None:
         for axis in range(3):
             move = h * np.outer(np.eye(6)[i], np.eye(3)[axis])
             up, down = (min_snap(waypoints + s * move, times, specification).cost for s in (1, -1))
-            assert (up - down) / (2 * h) == pytest.approx(gradients.waypoints[i, axis], rel=1e-6, abs=1e-6)
+            assert (up - down) / (2 * h) == pytest.approx(
+                gradients.waypoints[i, axis], rel=1e-6, abs=1e-6
+            )
 
 
 @pytest.mark.parametrize(
@@ -177,16 +198,23 @@ def test_bad_constraints_are_refused_with_the_offending_index() -> None:
 
 def test_a_curve_with_too_little_fixed_is_refused() -> None:
     with pytest.raises(InvalidInput, match="not determined"):
-        min_snap([0.0, 1.0], [0.0, 1.0], CurveSpecification(boundary=Boundary(start=None, end=None)))
+        min_snap(
+            [0.0, 1.0], [0.0, 1.0], CurveSpecification(boundary=Boundary(start=None, end=None))
+        )
     with pytest.raises(InvalidInput, match="start boundary"):
-        min_snap([0.0, 1.0], [0.0, 1.0], CurveSpecification(boundary=Boundary(start=np.zeros((4, 1)))))
+        min_snap(
+            [0.0, 1.0], [0.0, 1.0], CurveSpecification(boundary=Boundary(start=np.zeros((4, 1))))
+        )
 
 
 def test_a_specification_that_does_not_exist_is_refused() -> None:
     with pytest.raises(InvalidInput, match="derivative is 0; allowed is 1 or more"):
         CurveSpecification(derivative=0)
     for node in (3, -4):
-        with pytest.raises(InvalidInput, match=f"the position of way point {node} is to be free; allowed are -3 to 2"):
+        with pytest.raises(
+            InvalidInput,
+            match=f"the position of way point {node} is to be free; allowed are -3 to 2",
+        ):
             min_snap([0.0, 1.0, 0.0], [0.0, 1.0, 2.0], CurveSpecification(free_positions=(node,)))
 
 
@@ -197,18 +225,25 @@ def _nearly_coincident(short: float) -> tuple[np.ndarray, np.ndarray]:
 @pytest.mark.parametrize("short", [1.0, 1e-1, 1e-2])
 def test_the_cost_is_that_of_rational_numbers(short: float) -> None:
     waypoints, times = _nearly_coincident(short)
-    assert min_snap(waypoints, times).cost == pytest.approx(_rational_cost(waypoints, times), rel=1e-4)
+    assert min_snap(waypoints, times).cost == pytest.approx(
+        _rational_cost(waypoints, times), rel=1e-4
+    )
 
 
 @pytest.mark.parametrize("short", [1e-4, 1e-5, 1e-6])
 def test_a_curve_that_rounding_decides_is_refused(short: float) -> None:
-    with pytest.raises(InvalidInput, match=r"rounding decides the curve|is not determined at way point"):
+    with pytest.raises(
+        InvalidInput, match=r"rounding decides the curve|is not determined at way point"
+    ):
         min_snap(*_nearly_coincident(short))
 
 
 def _rational_cost(waypoints: np.ndarray, times: np.ndarray) -> float:
-    """Least cost from rest to rest, by the equations of optimality of all pieces in rational numbers."""
-    k, n = 4, len(times) - 1
+    """Least cost from rest to rest, by the equations of optimality of all pieces in rational
+    numbers.
+    """
+    k = 4
+    n = len(times) - 1
     h = [Fraction(float(b)) - Fraction(float(a)) for a, b in pairwise(times)]
 
     def falling(i: int, d: int) -> int:
@@ -235,7 +270,12 @@ def _rational_cost(waypoints: np.ndarray, times: np.ndarray) -> float:
     pieces = [x[2 * k * p :][: 2 * k] for p in range(n)]
     return float(
         sum(
-            falling(i, k) * falling(j, k) * c[i] * c[j] * t ** (i + j - 2 * k + 1) / (i + j - 2 * k + 1)
+            falling(i, k)
+            * falling(j, k)
+            * c[i]
+            * c[j]
+            * t ** (i + j - 2 * k + 1)
+            / (i + j - 2 * k + 1)
             for c, t in zip(pieces, h, strict=True)
             for i in range(k, 2 * k)
             for j in range(k, 2 * k)

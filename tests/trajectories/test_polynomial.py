@@ -22,7 +22,9 @@ def test_a_curve_is_a_reference_of_value_and_rate(curve: PiecewisePolynomial) ->
         np.testing.assert_allclose(rate, curve.evaluate(t, 1), rtol=1e-12)
 
 
-def test_before_the_start_and_after_the_end_the_curve_rests_at_its_ends(curve: PiecewisePolynomial) -> None:
+def test_before_the_start_and_after_the_end_the_curve_rests_at_its_ends(
+    curve: PiecewisePolynomial,
+) -> None:
     for t, end in ((0.0, 1.0), (9.0, 4.1)):
         value, rate = curve(t)
         np.testing.assert_array_equal(value, curve(end)[0])
@@ -30,11 +32,16 @@ def test_before_the_start_and_after_the_end_the_curve_rests_at_its_ends(curve: P
 
 
 @pytest.mark.parametrize("order", [1, 2, 3, 4, 5])
-def test_each_derivative_is_the_difference_quotient_of_the_one_before(curve: PiecewisePolynomial, order: int) -> None:
-    t, h = np.array([1.2, 2.0, 3.7]), 1e-5
+def test_each_derivative_is_the_difference_quotient_of_the_one_before(
+    curve: PiecewisePolynomial, order: int
+) -> None:
+    t = np.array([1.2, 2.0, 3.7])
+    h = 1e-5
     quotient = (curve.evaluate(t + h, order - 1) - curve.evaluate(t - h, order - 1)) / (2 * h)
     np.testing.assert_allclose(curve.derivative(order).evaluate(t), quotient, rtol=1e-6, atol=1e-5)
-    np.testing.assert_allclose(curve.evaluate(t, order), curve.derivative(order).evaluate(t), rtol=1e-10)
+    np.testing.assert_allclose(
+        curve.evaluate(t, order), curve.derivative(order).evaluate(t), rtol=1e-10
+    )
 
 
 def test_a_derivative_beyond_the_degree_is_zero(curve: PiecewisePolynomial) -> None:
@@ -56,7 +63,9 @@ def test_the_peak_is_no_less_than_any_sample_and_is_attained(curve: PiecewisePol
         np.testing.assert_allclose(curve.peak(d), seen, rtol=1e-2)
 
 
-def test_slowing_down_divides_the_nth_derivative_by_the_nth_power(curve: PiecewisePolynomial) -> None:
+def test_slowing_down_divides_the_nth_derivative_by_the_nth_power(
+    curve: PiecewisePolynomial,
+) -> None:
     slow = curve.scaled(2.0)
     assert slow.duration == pytest.approx(2.0 * curve.duration)
     for d in range(5):
@@ -71,17 +80,23 @@ def test_concatenation_plays_one_curve_after_the_other(curve: PiecewisePolynomia
     np.testing.assert_allclose(both.evaluate(2.0), curve.evaluate(2.0))
 
 
-def test_numpy_export_is_lossless_and_csv_holds_the_samples(curve: PiecewisePolynomial, tmp_path: Path) -> None:
+def test_numpy_export_is_lossless_and_csv_holds_the_samples(
+    curve: PiecewisePolynomial, tmp_path: Path
+) -> None:
     curve.to_numpy(tmp_path / "c.npz")
     again = PiecewisePolynomial.from_numpy(tmp_path / "c.npz")
     np.testing.assert_array_equal(again.coefficients, curve.coefficients)
     curve.to_csv(tmp_path / "c.csv", 0.5, derivatives=1)
-    assert (tmp_path / "c.csv").read_text().splitlines()[0] == "t,d0_axis0,d0_axis1,d1_axis0,d1_axis1"
+    assert (tmp_path / "c.csv").read_text().splitlines()[
+        0
+    ] == "t,d0_axis0,d0_axis1,d1_axis0,d1_axis1"
     rows = np.loadtxt(tmp_path / "c.csv", delimiter=",", skiprows=1)
     np.testing.assert_allclose(rows[:, 1:3], curve.evaluate(rows[:, 0]), rtol=1e-12, atol=1e-12)
 
 
-def test_bad_input_is_refused_with_the_offending_index(curve: PiecewisePolynomial, tmp_path: Path) -> None:
+def test_bad_input_is_refused_with_the_offending_index(
+    curve: PiecewisePolynomial, tmp_path: Path
+) -> None:
     with pytest.raises(InvalidInput, match="break 2 is"):
         PiecewisePolynomial(breaks=[0.0, 2.0, 1.0], coefficients=np.zeros((2, 2, 1)))
     with pytest.raises(InvalidInput, match="piece 1 are not finite"):

@@ -22,12 +22,15 @@ def random_waypoints(n: int) -> np.ndarray:
 
 
 def test_a_trapezoid_cruises_and_a_triangle_does_not() -> None:
-    long, short = trapezoidal_times([0.0, 8.0], LIMITS), trapezoidal_times([0.0, 0.02], LIMITS)
+    long = trapezoidal_times([0.0, 8.0], LIMITS)
+    short = trapezoidal_times([0.0, 0.02], LIMITS)
     assert long[1] == pytest.approx(8.0 / 0.8 + 0.8 / 2.0)
     assert short[1] == pytest.approx(2.0 * np.sqrt(0.02 / 2.0))
 
 
-@pytest.mark.parametrize("limits", [LIMITS, MotionLimits(jerk=0.5), MotionLimits(velocity=np.linspace(0.1, 1, 7))])
+@pytest.mark.parametrize(
+    "limits", [LIMITS, MotionLimits(jerk=0.5), MotionLimits(velocity=np.linspace(0.1, 1, 7))]
+)
 @pytest.mark.parametrize("n", [1, 20])
 def test_scaling_makes_the_largest_ratio_exactly_one(n: int, limits: MotionLimits) -> None:
     waypoints = random_waypoints(n)
@@ -59,7 +62,9 @@ def test_times_and_a_free_way_point_are_best_together() -> None:
     waypoints = random_waypoints(4)
     guess = trapezoidal_times(waypoints, LIMITS)
     free = CurveSpecification(free_positions=(2,))
-    through, past = (optimal_times(waypoints, guess, given, time_weight=1.0) for given in (MINIMUM_SNAP, free))
+    through, past = (
+        optimal_times(waypoints, guess, given, time_weight=1.0) for given in (MINIMUM_SNAP, free)
+    )
     np.testing.assert_allclose(past.gradients().durations, -1.0, rtol=1e-4)
     np.testing.assert_allclose(past.gradients().waypoints[2], 0.0, atol=1e-6)
     assert past.trajectory.duration + past.cost < through.trajectory.duration + through.cost

@@ -1,4 +1,6 @@
-"""The picture of a scene that tests compare with: ``python tests/viz/scene_picture.py`` takes it anew; look at it."""
+"""The picture of a scene that tests compare with: ``python tests/viz/scene_picture.py`` takes it
+anew; look at it.
+"""
 
 from __future__ import annotations
 
@@ -26,16 +28,25 @@ _BOULDER = ObstacleMeta(name="boulder", shape="sphere", size=(0.4,), position=(2
 
 def record_to_look_at(robot: Robot) -> Record:
     """With all that a scene can draw."""
-    record = synthetic_record(robot, surroundings=SURROUNDINGS.model_copy(update={"obstacles": (_BOULDER,)}))
+    record = synthetic_record(
+        robot, surroundings=SURROUNDINGS.model_copy(update={"obstacles": (_BOULDER,)})
+    )
     n = len(record)
     pressing = np.outer(np.linspace(0.0, 40.0, n), [1.0, 0.8, 0.6, 0.4])
-    return Record(series={**record.series, "current": np.tile([0.3, 0.1, 0.0], (n, 1)), "contact": pressing}, meta=record.meta)
+    return Record(
+        series={**record.series, "current": np.tile([0.3, 0.1, 0.0], (n, 1)), "contact": pressing},
+        meta=record.meta,
+    )
 
 
 def at(page: Any, t: float) -> np.ndarray:
     """The picture (height, width, 3) of an open page at t [s]."""
     page.evaluate("setPlaying(false)")
-    page.evaluate("(t) => new Promise((done) => { showTime(t); requestAnimationFrame(() => requestAnimationFrame(done)); })", t)
+    page.evaluate(
+        "(t) => new Promise((done) => { showTime(t); requestAnimationFrame(() =>"
+        " requestAnimationFrame(done)); })",
+        t,
+    )
     picture: np.ndarray = mpl_image.imread(BytesIO(page.screenshot()))[..., :3]
     return picture
 
@@ -43,7 +54,9 @@ def at(page: Any, t: float) -> np.ndarray:
 def coarse(picture: np.ndarray) -> np.ndarray:
     """The mean colour of every block of the picture (height, width, 3)."""
     height, width = (n // _BLOCK for n in picture.shape[:2])
-    blocks: np.ndarray = picture[: height * _BLOCK, : width * _BLOCK].reshape(height, _BLOCK, width, _BLOCK, 3)
+    blocks: np.ndarray = picture[: height * _BLOCK, : width * _BLOCK].reshape(
+        height, _BLOCK, width, _BLOCK, 3
+    )
     means: np.ndarray = blocks.mean(axis=(1, 3))
     return means
 

@@ -1,4 +1,6 @@
-"""A made-up run with the structure of a real one: two phases, a vehicle that descends, an arm that unfolds."""
+"""A made-up run with the structure of a real one: two phases, a vehicle that descends, an arm that
+unfolds.
+"""
 
 from __future__ import annotations
 
@@ -7,7 +9,15 @@ from typing import Any
 import numpy as np
 import pinocchio as pin
 
-from uvms_ocp.record.meta_values import AlarmMeta, LevelMeta, MarkerMeta, PhaseMeta, SurroundingsMeta, TaskMeta, ThresholdMeta
+from uvms_ocp.record.meta_values import (
+    AlarmMeta,
+    LevelMeta,
+    MarkerMeta,
+    PhaseMeta,
+    SurroundingsMeta,
+    TaskMeta,
+    ThresholdMeta,
+)
 from uvms_ocp.record.record import Record
 from uvms_ocp.record.run_meta import RunMeta
 from uvms_ocp.robot.robot import Robot
@@ -23,12 +33,19 @@ QUANTITIES = (
 
 SURROUNDINGS = SurroundingsMeta(
     floor_z=-40.0,
-    markers=(MarkerMeta(name="target", position=(2.5, 1.0, -39.9)), MarkerMeta(name="way point", position=(1.5, 0.5, -38.0))),
+    markers=(
+        MarkerMeta(name="target", position=(2.5, 1.0, -39.9)),
+        MarkerMeta(name="way point", position=(1.5, 0.5, -38.0)),
+    ),
 )
 
 
-def synthetic_record(robot: Robot, *, duration: float = 6.0, dt: float = 0.02, **meta: Any) -> Record:
-    """A smooth motion of `duration` [s] from the robot's neutral posture; `meta` adds to or replaces fields of `RunMeta`."""
+def synthetic_record(
+    robot: Robot, *, duration: float = 6.0, dt: float = 0.02, **meta: Any
+) -> Record:
+    """A smooth motion of `duration` [s] from the robot's neutral posture; `meta` adds to or
+    replaces fields of `RunMeta`.
+    """
     t = np.arange(round(duration / dt) + 1) * dt
     q, v = _motion(robot, t)
     phase = (t > 0.6 * duration).astype(int)
@@ -42,8 +59,12 @@ def synthetic_record(robot: Robot, *, duration: float = 6.0, dt: float = 0.02, *
         "altimeter_range": np.linspace(4.0, 0.2, len(t)),
         "phase": phase,
         "activations": np.column_stack([1.0 - phase, phase, np.ones(len(t))]),
-        "activity": np.column_stack([np.ones((len(t), robot.n_v)), 1.0 - phase, 1.0 - phase, phase]),
-        "quantities": np.exp(-np.outer(t, np.arange(1, 1 + len(meta.get("quantities", QUANTITIES))))),
+        "activity": np.column_stack(
+            [np.ones((len(t), robot.n_v)), 1.0 - phase, 1.0 - phase, phase]
+        ),
+        "quantities": np.exp(
+            -np.outer(t, np.arange(1, 1 + len(meta.get("quantities", QUANTITIES))))
+        ),
         "status": np.zeros(len(t), dtype=int),
         "health": _health(t),
         "tick_time": 1e-4 * (1.5 + np.sin(7 * t)),
@@ -54,7 +75,9 @@ def synthetic_record(robot: Robot, *, duration: float = 6.0, dt: float = 0.02, *
 
 def _health(t: np.ndarray) -> np.ndarray:
     """One channel that is good throughout, one that is suspect, lost and suspect again."""
-    codes = np.array([0, 1, 2, 1, 0], dtype=np.int8)[np.clip(5 * np.arange(len(t)) // max(len(t), 1), 0, 4)]
+    codes = np.array([0, 1, 2, 1, 0], dtype=np.int8)[
+        np.clip(5 * np.arange(len(t)) // max(len(t), 1), 0, 4)
+    ]
     return np.column_stack([np.zeros_like(codes), codes])
 
 
@@ -83,7 +106,9 @@ def _motion(robot: Robot, t: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     rate = np.zeros(robot.n_v)
     rate[robot.joint_v] = 0.05
     rate[robot.vehicle_v] = (0.3, 0.1, -0.4, 0.0, 0.0, 0.15)[: robot.n_vehicle]
-    return np.array([pin.integrate(robot.model, start, rate * s) for s in t]), np.tile(rate, (len(t), 1))
+    return np.array([pin.integrate(robot.model, start, rate * s) for s in t]), np.tile(
+        rate, (len(t), 1)
+    )
 
 
 def _meta(robot: Robot) -> dict[str, Any]:

@@ -1,4 +1,6 @@
-"""Figures of anything that a record holds, in the formats that papers take, with obstacles where they stand."""
+"""Figures of anything that a record holds, in the formats that papers take, with obstacles where
+they stand.
+"""
 
 from __future__ import annotations
 
@@ -39,7 +41,9 @@ def test_every_column_of_a_series_is_drawn_and_called_by_a_name_of_its_own(recor
         labels = [text.get_text() for text in axis.get_legend().get_texts()]
         assert len(set(labels)) == len(labels) == record[name].shape[1]
     (axis,) = plot(record, "quantities").axes
-    assert [text.get_text() for text in axis.get_legend().get_texts()] == list(record.meta.quantities)
+    assert [text.get_text() for text in axis.get_legend().get_texts()] == list(
+        record.meta.quantities
+    )
 
 
 def test_several_names_at_once_are_as_good_as_one_after_the_other(record: Record) -> None:
@@ -70,8 +74,12 @@ def test_without_a_name_a_run_gives_every_figure_and_a_notebook_shows_them(recor
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("format", "head"), [("pdf", b"%PDF"), ("svg", b"<?xml"), ("png", b"\x89PNG")])
-def test_figures_are_written_in_the_formats_of_papers(record: Record, tmp_path: Path, format: str, head: bytes) -> None:
+@pytest.mark.parametrize(
+    ("format", "head"), [("pdf", b"%PDF"), ("svg", b"<?xml"), ("png", b"\x89PNG")]
+)
+def test_figures_are_written_in_the_formats_of_papers(
+    record: Record, tmp_path: Path, format: str, head: bytes
+) -> None:
     paths = write_figures(record, tmp_path, format)
     assert {path.suffix for path in paths} == {f".{format}"}
     assert all(path.read_bytes().startswith(head) for path in paths)
@@ -80,12 +88,20 @@ def test_figures_are_written_in_the_formats_of_papers(record: Record, tmp_path: 
 def test_quantities_of_own_tasks_appear_by_themselves(robot: Robot) -> None:
     record = synthetic_record(robot, quantities=("OWN.swing", *QUANTITIES[1:]))
     assert _labels(figure_quantities(record)) == ["OWN.swing [-]", "MP.posture_error [rad or m]"]
-    assert figure_quantities(synthetic_record(robot, quantities=(*QUANTITIES[:5], "HA.tilt"))) is None
+    assert (
+        figure_quantities(synthetic_record(robot, quantities=(*QUANTITIES[:5], "HA.tilt"))) is None
+    )
 
 
 BALL = ObstacleMeta(name="ball", shape="sphere", size=(0.5,), position=(1.0, 2.0, -3.0))
 PILE = ObstacleMeta(name="pile", shape="cylinder", size=(0.2, 3.0), position=(0.0, 0.0, 0.0))
-CRATE = ObstacleMeta(name="crate", shape="box", size=(2.0, 1.0, 0.5), position=(0.0, 0.0, 0.0), rpy=(0.0, 0.0, np.pi / 2))
+CRATE = ObstacleMeta(
+    name="crate",
+    shape="box",
+    size=(2.0, 1.0, 0.5),
+    position=(0.0, 0.0, 0.0),
+    rpy=(0.0, 0.0, np.pi / 2),
+)
 PLATE = ObstacleMeta(
     name="plate",
     shape="mesh",
@@ -107,7 +123,10 @@ PLATE = ObstacleMeta(
     ],
 )
 def test_an_obstacle_covers_what_it_covers(
-    obstacle: ObstacleMeta, axes: tuple[int, int], low: tuple[float, float], high: tuple[float, float]
+    obstacle: ObstacleMeta,
+    axes: tuple[int, int],
+    low: tuple[float, float],
+    high: tuple[float, float],
 ) -> None:
     outline = obstacle_outline(obstacle, *axes)
     np.testing.assert_allclose(outline.min(axis=0), low, atol=0.01)
@@ -116,18 +135,25 @@ def test_an_obstacle_covers_what_it_covers(
 
 def test_names_of_two_goals_at_one_place_do_not_hide_each_other(robot: Robot) -> None:
     """Those of two tools are a hand apart, in a figure of some metres."""
-    markers = tuple(MarkerMeta(name=f"{side}_tool", position=(2.5, 1.0, -39.9)) for side in ("port", "starboard"))
+    markers = tuple(
+        MarkerMeta(name=f"{side}_tool", position=(2.5, 1.0, -39.9))
+        for side in ("port", "starboard")
+    )
     figure = figure_path(synthetic_record(robot, surroundings=SurroundingsMeta(markers=markers)))
     assert figure is not None
     figure.draw_without_rendering()
     for axis in figure.axes:
-        port, starboard = (text.get_window_extent() for text in axis.texts if text.get_text().endswith("_tool"))
+        port, starboard = (
+            text.get_window_extent() for text in axis.texts if text.get_text().endswith("_tool")
+        )
         assert not port.overlaps(starboard)
 
 
 def test_obstacles_stand_in_the_figure_of_the_path(record: Record) -> None:
     around = record.meta.surroundings.model_copy(update={"obstacles": (BALL, PILE)})
-    figure = figure_path(replace(record, meta=record.meta.model_copy(update={"surroundings": around})))
+    figure = figure_path(
+        replace(record, meta=record.meta.model_copy(update={"surroundings": around}))
+    )
     assert figure is not None
     for axis in figure.axes:
         assert len(axis.patches) == 2

@@ -1,4 +1,6 @@
-"""Sockets: this machine alone is served, with few connections at a time, and without a word on those that break."""
+"""Sockets: this machine alone is served, with few connections at a time, and without a word on
+those that break.
+"""
 
 from __future__ import annotations
 
@@ -18,8 +20,15 @@ import uvms_ocp
 from uvms_ocp.viz.scene import page
 
 PAGE = page.ScenePage(html="<p>" + "x" * 2_000_000, height=100)
-OPENS_SOCKETS = {"viz/scene/page.py", "campaign/cluster.py", "campaign/dispatch.py"}  # the last on the client of the second
-NETWORKS = re.compile(r"^ *(from|import) (asyncio|distributed|ftplib|http|socket|socketserver|tornado|xmlrpc|zmq)\b", re.M)
+OPENS_SOCKETS = {
+    "viz/scene/page.py",
+    "campaign/cluster.py",
+    "campaign/dispatch.py",
+}  # the last on the client of the second
+NETWORKS = re.compile(
+    r"^ *(from|import) (asyncio|distributed|ftplib|http|socket|socketserver|tornado|xmlrpc|zmq)\b",
+    re.M,
+)
 
 
 def _connected(address: str) -> socket.socket:
@@ -27,18 +36,24 @@ def _connected(address: str) -> socket.socket:
     return socket.create_connection((place.hostname, place.port), timeout=10)
 
 
-def test_a_browser_that_goes_in_the_middle_of_a_page_prints_nothing(capfd: pytest.CaptureFixture[str]) -> None:
+def test_a_browser_that_goes_in_the_middle_of_a_page_prints_nothing(
+    capfd: pytest.CaptureFixture[str],
+) -> None:
     with page.served(PAGE) as address:
         for _ in range(5):
             with _connected(address) as gone:
                 gone.sendall(b"GET / HTTP/1.1\r\nHost: 127.0.0.1\r\n\r\n")
                 gone.recv(1)
-                gone.setsockopt(socket.SOL_SOCKET, socket.SO_LINGER, struct.pack("ii", 1, 0))  # reset, not closed
+                gone.setsockopt(
+                    socket.SOL_SOCKET, socket.SO_LINGER, struct.pack("ii", 1, 0)
+                )  # reset, not closed
         time.sleep(0.2)
     assert capfd.readouterr().err == ""
 
 
-def test_who_connects_and_asks_nothing_keeps_nobody_out_for_long(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_who_connects_and_asks_nothing_keeps_nobody_out_for_long(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
     monkeypatch.setattr(page, "_PATIENCE", 0.3)
     before = active_count()
     with page.served(PAGE) as address, ExitStack() as idle:
@@ -55,7 +70,11 @@ def test_who_connects_and_asks_nothing_keeps_nobody_out_for_long(monkeypatch: py
 
 def test_few_modules_open_sockets() -> None:
     package = Path(uvms_ocp.__file__).parent
-    found = {path.relative_to(package).as_posix() for path in package.rglob("*.py") if NETWORKS.search(path.read_text("utf-8"))}
+    found = {
+        path.relative_to(package).as_posix()
+        for path in package.rglob("*.py")
+        if NETWORKS.search(path.read_text("utf-8"))
+    }
     assert found <= OPENS_SOCKETS
     assert "viz/scene/page.py" in found
 

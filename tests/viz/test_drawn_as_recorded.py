@@ -17,11 +17,14 @@ from uvms_ocp.scenario.cases import SCENARIOS
 from uvms_ocp.viz import show
 
 FPS = 25.0
-_MISSED = 1.5e-3  # [m, -] keys that lines between others miss by 0.5e-3 are left out, and frames lie between rows
+# [m, -] keys that lines between others miss by 0.5e-3 are left out, and frames lie between rows
+_MISSED = 1.5e-3
 
 
 def _block(page: str, name: str) -> Any:
-    (found,) = re.findall(rf'<script type="application/json" id="{name}">(.*?)</script', page, re.DOTALL)
+    (found,) = re.findall(
+        rf'<script type="application/json" id="{name}">(.*?)</script', page, re.DOTALL
+    )
     return json.loads(found)
 
 
@@ -33,7 +36,10 @@ def _tracks(page: str) -> dict[tuple[str, str], Any]:
     for one in command["animations"]:
         for track in one["clip"]["tracks"]:
             times = np.array([key["time"] for key in track["keys"]]) / one["clip"]["fps"]
-            found[one["path"].split("/")[-1], track["name"]] = times, np.array([key["value"] for key in track["keys"]])
+            found[one["path"].split("/")[-1], track["name"]] = (
+                times,
+                np.array([key["value"] for key in track["keys"]]),
+            )
     return found
 
 
@@ -42,9 +48,12 @@ def _tracks(page: str) -> dict[tuple[str, str], Any]:
 @pytest.mark.parametrize("name", SCENARIOS)
 def test_links_and_quantities_are_those_of_the_record(name: str) -> None:
     scenario = SCENARIOS[name](duration=4.0)
-    record, model = scenario.run(), scenario.robot.model
+    record = scenario.run()
+    model = scenario.robot.model
     page = show(record, scenario.robot, fps=FPS).html
-    details, tracks, data = _block(page, "details"), _tracks(page), model.createData()
+    details = _block(page, "details")
+    tracks = _tracks(page)
+    data = model.createData()
     t = record["t"] - record["t"][0]
     for row in range(0, len(t), max(1, len(t) // 60)):
         pin.forwardKinematics(model, data, record["q"][row])
@@ -52,13 +61,15 @@ def test_links_and_quantities_are_those_of_the_record(name: str) -> None:
             node = f"{joint:02d} {model.names[joint]}"
             times, places = tracks[node, ".position"]
             shown = [np.interp(t[row], times, column) for column in places.T]
-            np.testing.assert_allclose(shown, data.oMi[joint].translation, atol=_MISSED, err_msg=f"{node} at {t[row]:g} s")
-            times, turns = tracks[node, ".quaternion"]
-            turn, wanted = (
-                np.array([np.interp(t[row], times, column) for column in turns.T]),
-                pin.SE3ToXYZQUAT(data.oMi[joint])[3:],
+            np.testing.assert_allclose(
+                shown, data.oMi[joint].translation, atol=_MISSED, err_msg=f"{node} at {t[row]:g} s"
             )
-            np.testing.assert_allclose(abs(turn @ wanted) / np.linalg.norm(turn), 1.0, atol=_MISSED**2)
+            times, turns = tracks[node, ".quaternion"]
+            turn = np.array([np.interp(t[row], times, column) for column in turns.T])
+            wanted = pin.SE3ToXYZQUAT(data.oMi[joint])[3:]
+            np.testing.assert_allclose(
+                abs(turn @ wanted) / np.linalg.norm(turn), 1.0, atol=_MISSED**2
+            )
     rows = np.searchsorted(t, np.array(details["times"]) - 1e-3)
     told = {item["label"]: item["values"] for item in details["readouts"]}
     for k, quantity in enumerate(record.meta.quantities):

@@ -1,4 +1,6 @@
-"""Figures as parts of the caller's: on their axes and figures, in their style, as wide as a column, and legible on any paper."""
+"""Figures as parts of the caller's: on their axes and figures, in their style, as wide as a column,
+and legible on any paper.
+"""
 
 from __future__ import annotations
 
@@ -85,30 +87,48 @@ def test_nothing_of_a_column_leaves_the_sheet(record: Record, name: str) -> None
 
 
 @pytest.mark.parametrize("width", ["page", "column"])
-@pytest.mark.parametrize("name", ["efforts", "activations", "estimate", "altitude", "health", "velocities"])
+@pytest.mark.parametrize(
+    "name", ["efforts", "activations", "estimate", "altitude", "health", "velocities"]
+)
 def test_names_of_phases_stand_apart(record: Record, name: str, width: str) -> None:
     """Beside a legend there is less room, in a column above all."""
-    phases = [phase.model_copy(update={"title": f"{phase.title} and back"}) for phase in record.meta.phases]
-    figure = FIGURES[name](Record(series=record.series, meta=record.meta.model_copy(update={"phases": phases})), width=width)
+    phases = [
+        phase.model_copy(update={"title": f"{phase.title} and back"})
+        for phase in record.meta.phases
+    ]
+    figure = FIGURES[name](
+        Record(series=record.series, meta=record.meta.model_copy(update={"phases": phases})),
+        width=width,
+    )
     assert figure is not None
     figure.canvas.draw()
     labels = {f"{phase.name} {phase.title}" for phase in phases} | {phase.name for phase in phases}
     for axis in figure.axes:
-        boxes = sorted((t.get_window_extent() for t in axis.texts if t.get_text() in labels), key=lambda box: box.x0)
+        boxes = sorted(
+            (t.get_window_extent() for t in axis.texts if t.get_text() in labels),
+            key=lambda box: box.x0,
+        )
         assert all(left.x1 < right.x0 for left, right in itertools.pairwise(boxes))
 
 
 def test_the_line_of_an_even_altitude_is_inside_its_panel(record: Record) -> None:
     """It ran along the upper edge."""
     even = np.linspace(2.667, 2.67, len(record))[:, None]
-    changed = {**record.series, "quantities": np.where(np.isfinite(record["quantities"]), even, np.nan)}
-    figure = FIGURES["altitude"](Record(series=changed, meta=record.meta.model_copy(update={"thresholds": ()})))
+    changed = {
+        **record.series,
+        "quantities": np.where(np.isfinite(record["quantities"]), even, np.nan),
+    }
+    figure = FIGURES["altitude"](
+        Record(series=changed, meta=record.meta.model_copy(update={"thresholds": ()}))
+    )
     assert figure is not None
     assert figure.axes[0].get_ylim()[1] > 1.03 * 2.67
 
 
 @pytest.mark.parametrize(("width", "inches"), [("page", 7.2), ("column", 3.5), (3.3, 3.3)])
-def test_figures_are_as_wide_as_asked_for(record: Record, width: float | str, inches: float) -> None:
+def test_figures_are_as_wide_as_asked_for(
+    record: Record, width: float | str, inches: float
+) -> None:
     figure = viz.plot(record, "q.z", "thrust", width=width)
     assert figure.get_figwidth() == pytest.approx(inches)
 
@@ -122,9 +142,18 @@ def test_columns_are_written(record: Record, tmp_path: Path) -> None:
 def test_names_are_drawn_on_the_axes_of_the_caller(record: Record) -> None:
     page = _page()
     axes = page.subplots(2, 2)
-    assert viz.plot(record, "PC.position_error", "q.z", "thrust", ax=[*axes[:, 1].tolist(), axes[0, 0]]) is page
+    assert (
+        viz.plot(
+            record, "PC.position_error", "q.z", "thrust", ax=[*axes[:, 1].tolist(), axes[0, 0]]
+        )
+        is page
+    )
     np.testing.assert_array_equal(axes[1, 1].get_lines()[0].get_ydata(), record["q"][:, 2])
-    assert [axis.get_ylabel().split()[0] for axis in axes.ravel() if axis.lines] == ["thrust", "PC.position_error", "q.z"]
+    assert [axis.get_ylabel().split()[0] for axis in axes.ravel() if axis.lines] == [
+        "thrust",
+        "PC.position_error",
+        "q.z",
+    ]
     viz.plot(record, "q.z", ax=axes[1, 0])
     assert len(page.axes) == 4
 
@@ -166,7 +195,9 @@ def test_the_layout_of_the_callers_axes_stays_theirs(record: Record, layout: str
 
 
 def test_a_figure_of_the_callers_is_laid_out_only_where_nobody_has_begun(record: Record) -> None:
-    margins, begun, empty = _page(), _page(), _page()
+    margins = _page()
+    begun = _page()
+    empty = _page()
     margins.subplots_adjust(left=0.3)
     left, right = begun.subfigures(1, 2)
     left.add_axes((0.3, 0.3, 0.5, 0.5))

@@ -21,8 +21,13 @@ pytestmark = pytest.mark.slow
 
 
 @pytest.mark.skipif(bool(pictures.missing()), reason=pictures.missing() or "all is there")
-def test_frames_of_a_video_are_pictures_of_the_run_without_controls(robot: Robot, tmp_path: Path) -> None:
-    short = replace(run := synthetic_record(robot), series={name: values[:21] for name, values in run.series.items()})
+def test_frames_of_a_video_are_pictures_of_the_run_without_controls(
+    robot: Robot, tmp_path: Path
+) -> None:
+    short = replace(
+        run := synthetic_record(robot),
+        series={name: values[:21] for name, values in run.series.items()},
+    )
     paths = write_frames(show(short, robot), tmp_path / "film", fps=5, width=320, height=180)
     assert [path.name for path in paths] == ["00000.png", "00001.png", "00002.png"]
     pictures = [mpl_image.imread(BytesIO(path.read_bytes())) for path in paths]

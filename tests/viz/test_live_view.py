@@ -1,4 +1,6 @@
-"""A run that is looked at while it goes on: what is seen is what happened, in its order, and the run is the same."""
+"""A run that is looked at while it goes on: what is seen is what happened, in its order, and the
+run is the same.
+"""
 
 from __future__ import annotations
 
@@ -73,7 +75,9 @@ def seen(scenario: Scenario) -> tuple[Record, Listener]:
 
 
 @long_without_compiler
-def test_frames_come_in_order_and_the_last_one_is_the_end_of_the_run(seen: tuple[Record, Listener]) -> None:
+def test_frames_come_in_order_and_the_last_one_is_the_end_of_the_run(
+    seen: tuple[Record, Listener],
+) -> None:
     record, listener = seen
     times = [frame["t"] for frame in listener.frames]
     assert listener.kind == "text/event-stream"
@@ -83,7 +87,9 @@ def test_frames_come_in_order_and_the_last_one_is_the_end_of_the_run(seen: tuple
 
 
 @long_without_compiler
-def test_a_frame_has_the_links_where_pinocchio_has_them_at_that_time(seen: tuple[Record, Listener], scenario: Scenario) -> None:
+def test_a_frame_has_the_links_where_pinocchio_has_them_at_that_time(
+    seen: tuple[Record, Listener], scenario: Scenario
+) -> None:
     record, listener = seen
     model = scenario.robot.model
     data = model.createData()
@@ -92,12 +98,16 @@ def test_a_frame_has_the_links_where_pinocchio_has_them_at_that_time(seen: tuple
         pin.forwardKinematics(model, data, record["q"][row])
         expected = np.array([pin.SE3ToXYZQUAT(X) for X in list(data.oMi)[1:]])
         np.testing.assert_allclose(frame["poses"], expected, rtol=1e-6, atol=1e-9)
-        np.testing.assert_allclose(frame["values"], record["quantities"][row], rtol=6e-3, atol=1e-12)
+        np.testing.assert_allclose(
+            frame["values"], record["quantities"][row], rtol=6e-3, atol=1e-12
+        )
         assert frame["phase"] == record["phase"][row]
 
 
 @long_without_compiler
-def test_the_record_is_the_same_to_the_last_bit(seen: tuple[Record, Listener], scenario: Scenario) -> None:
+def test_the_record_is_the_same_to_the_last_bit(
+    seen: tuple[Record, Listener], scenario: Scenario
+) -> None:
     runs = [seen[0], scenario.run()]
     watched, alone = (
         Record(
@@ -135,7 +145,10 @@ def test_it_is_served_to_this_machine_alone(scenario: Scenario) -> None:
 
 
 def test_only_a_live_page_may_ask_whoever_serves_it(scenario: Scenario) -> None:
-    with live(scenario) as view, closing(HTTPConnection(urlsplit(view.address).netloc, timeout=30)) as connection:
+    with (
+        live(scenario) as view,
+        closing(HTTPConnection(urlsplit(view.address).netloc, timeout=30)) as connection,
+    ):
         connection.request("GET", "/")
         assert b"connect-src 'self'" in connection.getresponse().read()
     assert "connect-src" not in show(scenario.robot).html.partition("<title>")[0]
@@ -151,8 +164,12 @@ def test_a_browser_shows_where_the_robot_has_come_to(chromium: Any, scenario: Sc
         page.on("pageerror", lambda error: wrong.append(str(error)))
         page.goto(view.address)
         record = longer.run(observer=view)
-        page.wait_for_function(f"byId('clock').textContent === '{record['t'][-1]:.1f} s'", timeout=20_000)
-        place = page.evaluate("(() => { const {x, y, z} = nodeAt(DETAILS.body).position; return [x, y, z]; })()")
+        page.wait_for_function(
+            f"byId('clock').textContent === '{record['t'][-1]:.1f} s'", timeout=20_000
+        )
+        place = page.evaluate(
+            "(() => { const {x, y, z} = nodeAt(DETAILS.body).position; return [x, y, z]; })()"
+        )
         told = page.locator("#readouts").inner_text()
         page.close()
     np.testing.assert_allclose(place, record["q"][-1, :3], atol=1e-4)
@@ -161,10 +178,14 @@ def test_a_browser_shows_where_the_robot_has_come_to(chromium: Any, scenario: Sc
 
 
 @long_without_compiler
-def test_a_notebook_shows_it_by_its_own_channel(chromium: Any, scenario: Scenario, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_notebook_shows_it_by_its_own_channel(
+    chromium: Any, scenario: Scenario, monkeypatch: pytest.MonkeyPatch
+) -> None:
     """Whose kernel may be where no browser reaches its addresses."""
     shells = pytest.importorskip("IPython.display")
-    longer, told, wrong = replace(scenario, duration=2.0), list[str](), list[str]()
+    longer = replace(scenario, duration=2.0)
+    told = list[str]()
+    wrong = list[str]()
 
     class Output:
         def update(self, data: dict[str, str], *, raw: bool) -> None:
@@ -172,7 +193,9 @@ def test_a_notebook_shows_it_by_its_own_channel(chromium: Any, scenario: Scenari
 
     shown = list[dict[str, str]]()
     monkeypatch.setattr(
-        shells, "display", lambda data, **given: shown.append(data) or (Output() if "display_id" in given else None)
+        shells,
+        "display",
+        lambda data, **given: shown.append(data) or (Output() if "display_id" in given else None),
     )
     with live(longer, speed=2.0) as view:
         view._ipython_display_()
@@ -184,12 +207,16 @@ def test_a_notebook_shows_it_by_its_own_channel(chromium: Any, scenario: Scenari
     page.on("pageerror", lambda error: wrong.append(str(error)))
     page.set_content(shown[0]["text/html"])
     frame = page.frames[1]
-    frame.wait_for_function("typeof byId === 'function' && byId('clock').textContent === 'not begun'", timeout=20_000)
+    frame.wait_for_function(
+        "typeof byId === 'function' && byId('clock').textContent === 'not begun'", timeout=20_000
+    )
     for script in told:
         page.evaluate(script)
     last = float(json.loads(told[-1].partition("postMessage(")[2].rpartition(", '*'")[0])["t"])
     frame.wait_for_function(f"byId('clock').textContent === '{last:.1f} s'", timeout=20_000)
-    place = frame.evaluate("(() => { const {x, y, z} = nodeAt(DETAILS.body).position; return [x, y, z]; })()")
+    place = frame.evaluate(
+        "(() => { const {x, y, z} = nodeAt(DETAILS.body).position; return [x, y, z]; })()"
+    )
     row = int(np.argmin(np.abs(record["t"] - last)))
     np.testing.assert_allclose(place, record["q"][row, :3], atol=1e-4)
     assert wrong == []
@@ -203,7 +230,12 @@ def robot() -> Robot:
 def _links(page: Any, robot: Robot) -> Any:
     """Where the page has the links, in W."""
     nodes = [f"{k:02d} {name}" for k, name in enumerate(robot.model.names) if k]
-    return np.array(page.evaluate(f"{nodes}.map((name) => nodeAt([...DETAILS.body.slice(0, -1), name]).position.toArray())"))
+    return np.array(
+        page.evaluate(
+            f"{nodes}.map((name) => nodeAt([...DETAILS.body.slice(0, -1),"
+            " name]).position.toArray())"
+        )
+    )
 
 
 def _places(robot: Robot, q: np.ndarray) -> Any:
@@ -213,7 +245,9 @@ def _places(robot: Robot, q: np.ndarray) -> Any:
 
 
 def _other(robot: Robot) -> np.ndarray:
-    return robot.configuration(position=(0.4, -0.3, 0.2), rpy=(0.1, 0.2, -0.5), joints=robot.home + 0.2)
+    return robot.configuration(
+        position=(0.4, -0.3, 0.2), rpy=(0.1, 0.2, -0.5), joints=robot.home + 0.2
+    )
 
 
 def test_a_loop_of_ones_own_moves_a_robot_in_the_browser(chromium: Any, robot: Robot) -> None:
@@ -242,7 +276,9 @@ def test_a_loop_of_ones_own_comes_to_25_pictures_a_second(robot: Robot) -> None:
 
 
 class _Notebook:
-    """A page with what a live view displays: scripts run, and the text of its widget is an input that the test hands on."""
+    """A page with what a live view displays: scripts run, and the text of its widget is an input
+    that the test hands on.
+    """
 
     def __init__(self, chromium: Any, view: LiveView, monkeypatch: pytest.MonkeyPatch) -> None:
         shells, widgets = pytest.importorskip("IPython.display"), pytest.importorskip("ipywidgets")
@@ -257,18 +293,22 @@ class _Notebook:
         self.page.evaluate(script["application/javascript"])
         self.frame = self.page.frames[1]
         self.frame.wait_for_function(
-            "() => typeof goal === 'object' && goal !== null && clock.last !== undefined", timeout=20_000
+            "() => typeof goal === 'object' && goal !== null && clock.last !== undefined",
+            timeout=20_000,
         )
 
     def hand_on(self) -> None:
         self.page.wait_for_timeout(200)
-        self.widget.value = self.page.evaluate(f"document.querySelector('.{self.name} input').value")
+        self.widget.value = self.page.evaluate(
+            f"document.querySelector('.{self.name} input').value"
+        )
 
     def drag(self, place: str, by: tuple[float, float]) -> None:
         """What is at a place of the scene, by pixels."""
         on_screen = f"{place}.project(camera)"
         x, y = self.frame.evaluate(
-            f"(() => {{ const p = {on_screen}; return [innerWidth * (p.x + 1) / 2, innerHeight * (1 - p.y) / 2]; }})()"
+            f"(() => {{ const p = {on_screen}; return [innerWidth * (p.x + 1) / 2, innerHeight * (1"
+            " - p.y) / 2]; })()"
         )
         box = self.page.locator("iframe").bounding_box()
         self.page.mouse.move(box["x"] + x, box["y"] + y)
@@ -279,12 +319,16 @@ class _Notebook:
 
 
 @pytest.mark.slow
-def test_what_is_dragged_in_a_notebook_is_told_to_python(chromium: Any, robot: Robot, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_what_is_dragged_in_a_notebook_is_told_to_python(
+    chromium: Any, robot: Robot, monkeypatch: pytest.MonkeyPatch
+) -> None:
     told = list[np.ndarray]()
     with live(robot) as view:
         view.on_change = lambda view: told.append(view.q)
         notebook = _Notebook(chromium, view, monkeypatch)
-        start, goal, camera = view.q.copy(), view.goal.copy(), notebook.frame.evaluate("camera.position.toArray()")
+        start = view.q.copy()
+        goal = view.goal.copy()
+        camera = notebook.frame.evaluate("camera.position.toArray()")
         notebook.frame.locator("#joints input").first.fill("1.5")
         notebook.hand_on()
         assert view.q[0] == pytest.approx(1.5, abs=0.01)
@@ -296,17 +340,25 @@ def test_what_is_dragged_in_a_notebook_is_told_to_python(chromium: Any, robot: R
         np.testing.assert_allclose(view.goal.rotation, goal.rotation, atol=1e-6)
         np.testing.assert_allclose(view.q[:7], start[:7], atol=1e-6)
         link = len(robot.model.names) - 4
-        notebook.drag(f"nodeAt(DETAILS.joints[{link}].path).getWorldPosition(new THREE.Vector3())", (25.0, 25.0))
+        notebook.drag(
+            f"nodeAt(DETAILS.joints[{link}].path).getWorldPosition(new THREE.Vector3())",
+            (25.0, 25.0),
+        )
         changed = np.flatnonzero(np.abs(view.q - start) > 0.01)
         assert len(changed) == 1, "a joint of the arm alone"
         assert changed[0] >= 7
         np.testing.assert_allclose(_links(notebook.frame, robot), _places(robot, view.q), atol=2e-3)
-        np.testing.assert_allclose(notebook.frame.evaluate("camera.position.toArray()"), camera, atol=1e-9)
+        np.testing.assert_allclose(
+            notebook.frame.evaluate("camera.position.toArray()"), camera, atol=1e-9
+        )
         notebook.page.close()
 
 
-def test_without_the_widgets_a_live_robot_is_shown_all_the_same(robot: Robot, monkeypatch: pytest.MonkeyPatch) -> None:
-    shells, shown = pytest.importorskip("IPython.display"), list[Any]()
+def test_without_the_widgets_a_live_robot_is_shown_all_the_same(
+    robot: Robot, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    shells = pytest.importorskip("IPython.display")
+    shown = list[Any]()
     monkeypatch.setattr(shells, "display", lambda data, **given: shown.append(data))
     monkeypatch.setattr("uvms_ocp.viz.scene.live.find_spec", lambda name: None)
     with live(robot) as view:

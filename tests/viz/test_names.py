@@ -1,4 +1,6 @@
-"""Laws of names: whatever a robot, a phase, a task, a marker is called, every output shows it and does nothing else with it."""
+"""Laws of names: whatever a robot, a phase, a task, a marker is called, every output shows it and
+does nothing else with it.
+"""
 
 from __future__ import annotations
 
@@ -25,7 +27,15 @@ from uvms_ocp.errors import plain_line
 from uvms_ocp.export.controller import ControllerNames, table
 from uvms_ocp.mission.mission import Mission
 from uvms_ocp.mission.phase import Below, Phase, Transition
-from uvms_ocp.record.meta_values import DONE, FrameMeta, LevelMeta, MarkerMeta, PhaseMeta, TaskMeta, ThresholdMeta
+from uvms_ocp.record.meta_values import (
+    DONE,
+    FrameMeta,
+    LevelMeta,
+    MarkerMeta,
+    PhaseMeta,
+    TaskMeta,
+    ThresholdMeta,
+)
 from uvms_ocp.record.record import Record
 from uvms_ocp.report.summary import summarize
 from uvms_ocp.robot.loading import load_robot
@@ -75,7 +85,10 @@ def hostile_record(robot: Robot, first: int) -> Record:
     own = [*NAMES[first:], *NAMES[:first]]
     a, b, c, d = own[:4]
     frame = FrameMeta(name=d, pose=(2.5, 1.0, -39.9, 1.0, 0.0, 0.0, 0.0))
-    markers = (MarkerMeta(name=a, position=(2.5, 1.0, -39.9)), MarkerMeta(name=b, position=(1.5, 0.5, -38.0)))
+    markers = (
+        MarkerMeta(name=a, position=(2.5, 1.0, -39.9)),
+        MarkerMeta(name=b, position=(1.5, 0.5, -38.0)),
+    )
     record = synthetic_record(
         robot,
         duration=0.4,
@@ -84,8 +97,16 @@ def hostile_record(robot: Robot, first: int) -> Record:
         phases=(PhaseMeta(name=a, title=b), PhaseMeta(name=c, title=d)),
         tasks=tuple(TaskMeta(name=name, label=own[5]) for name in (a, b, c)),
         tool_task=b,
-        levels=tuple(LevelMeta(name=name, rows=n) for name, n in ((d, robot.n_v), (a, 2), (b, 1), (c, 0))),
-        quantities=(f"{a}.x", "LA.altitude", f"{c}.y", f"{b}.orientation_error", f"{b}.position_error"),
+        levels=tuple(
+            LevelMeta(name=name, rows=n) for name, n in ((d, robot.n_v), (a, 2), (b, 1), (c, 0))
+        ),
+        quantities=(
+            f"{a}.x",
+            "LA.altitude",
+            f"{c}.y",
+            f"{b}.orientation_error",
+            f"{b}.position_error",
+        ),
         thresholds=(ThresholdMeta(quantity=f"{b}.position_error", limit=0.17, sign="<", phase=a),),
         joints=tuple(own[: robot.n_joints]),
         surroundings=SURROUNDINGS.model_copy(update={"markers": markers, "frames": (frame,)}),
@@ -99,9 +120,14 @@ def hostile_record(robot: Robot, first: int) -> Record:
 @pytest.mark.slow
 @pytest.mark.parametrize("draw", FIGURES.values(), ids=FIGURES)
 def test_every_figure_draws_every_name_as_it_is(draw: Any, records: list[Record]) -> None:
-    chosen = records[::2] if draw is FIGURES["joints"] else records  # which shows seven names at once
+    chosen = (
+        records[::2] if draw is FIGURES["joints"] else records
+    )  # which shows seven names at once
     drawn = [figure for record in chosen if (figure := draw(record)) is not None]
-    assert drawn or draw in (FIGURES["errors"], FIGURES["misalignment"])  # of tasks that are not in these records
+    assert drawn or draw in (
+        FIGURES["errors"],
+        FIGURES["misalignment"],
+    )  # of tasks that are not in these records
     for figure in drawn:
         figure.set_dpi(30)
         figure.canvas.draw()
@@ -110,8 +136,13 @@ def test_every_figure_draws_every_name_as_it_is(draw: Any, records: list[Record]
 
 def test_figures_of_two_runs_draw_every_name_as_it_is(records: list[Record]) -> None:
     paths = np.linspace(0.0, 1.0, 6).reshape(2, 3)
-    figures = [figure_paths(dict.fromkeys(NAMES[k : k + 4], paths)) for k in range(0, len(NAMES), 4)]
-    figures += [figure_joint_comparison({record.meta.robot: record}, record.meta.phases[1].name) for record in records[::3]]
+    figures = [
+        figure_paths(dict.fromkeys(NAMES[k : k + 4], paths)) for k in range(0, len(NAMES), 4)
+    ]
+    figures += [
+        figure_joint_comparison({record.meta.robot: record}, record.meta.phases[1].name)
+        for record in records[::3]
+    ]
     for figure in figures:
         figure.set_dpi(30)
         figure.canvas.draw()
@@ -123,8 +154,15 @@ def test_figures_of_a_plan_draw_every_name_as_it_is() -> None:
     axes = record.plan_meta.axes
     for k in range(0, len(NAMES), 7):
         joints = (NAMES + NAMES)[k : k + 7]
-        least = record.plan_meta.min_clearance.model_copy(update={"between": f"{joints[0]} - {joints[1]}"})
-        names = {"joints": joints, "axes": (*axes[:4], *joints), "clearance_groups": joints[:2], "min_clearance": least}
+        least = record.plan_meta.min_clearance.model_copy(
+            update={"between": f"{joints[0]} - {joints[1]}"}
+        )
+        names = {
+            "joints": joints,
+            "axes": (*axes[:4], *joints),
+            "clearance_groups": joints[:2],
+            "min_clearance": least,
+        }
         meta = record.meta.model_copy(update=names)
         for draw in (figure_joint_motion, figure_clearance):
             figure = draw(replace(record, meta=meta))
@@ -159,7 +197,9 @@ def test_no_name_adds_anything_to_the_page_but_data(records: list[Record], robot
         details = json.loads(blocks_of(page)["details"])
         assert details["phases"][0]["name"] == record.meta.phases[0].name
         assert details["scenario"] == record.meta.scenario
-        assert [label["text"] for label in details["labels"]] == [m.name for m in record.meta.surroundings.markers]
+        assert [label["text"] for label in details["labels"]] == [
+            m.name for m in record.meta.surroundings.markers
+        ]
 
 
 def scripts_of(page: str) -> list[str]:
@@ -167,10 +207,14 @@ def scripts_of(page: str) -> list[str]:
 
 
 def blocks_of(page: str) -> dict[str, str]:
-    return dict(re.findall(r'<script type="application/json" id="(\w+)">(.*?)</script>', page, re.DOTALL))
+    return dict(
+        re.findall(r'<script type="application/json" id="(\w+)">(.*?)</script>', page, re.DOTALL)
+    )
 
 
-def test_the_page_makes_no_markup_and_runs_its_own_scripts_only(records: list[Record], robot: Robot) -> None:
+def test_the_page_makes_no_markup_and_runs_its_own_scripts_only(
+    records: list[Record], robot: Robot
+) -> None:
     page = show(records[0], robot).html
     own = scripts_of(page)[-1]
     for word in ("innerHTML", "outerHTML", "insertAdjacentHTML", "document.write", "eval("):
@@ -179,18 +223,25 @@ def test_the_page_makes_no_markup_and_runs_its_own_scripts_only(records: list[Re
     assert policy is not None
     rules = dict(rule.split(" ", 1) for rule in policy[1].split("; "))
     assert rules["default-src"] == "'none'"
-    assert len(re.findall(r"'sha256-[\w+/=]{44}'", rules["script-src"])) == len(scripts_of(page)) == 2
+    assert (
+        len(re.findall(r"'sha256-[\w+/=]{44}'", rules["script-src"])) == len(scripts_of(page)) == 2
+    )
     assert "unsafe" not in rules["script-src"]
 
 
-def test_the_frame_in_a_notebook_may_run_scripts_and_nothing_else(records: list[Record], robot: Robot) -> None:
+def test_the_frame_in_a_notebook_may_run_scripts_and_nothing_else(
+    records: list[Record], robot: Robot
+) -> None:
     for record in records:
         frame = show(record, robot)._repr_html_()
         assert tags_of(frame) == ["iframe", "img"]
         assert 'sandbox="allow-scripts"' in frame.split("srcdoc")[0]
-        # In the frame, for where there are no frames: a picture that holds lines alone, whatever is called what.
+        # In the frame, for where there are no frames: a picture that holds lines alone, whatever is
+        # called what.
         _, _, inside = frame.removesuffix("</iframe>").partition("<img ")
-        picture = re.fullmatch(r'alt="[a-z ]+" src="data:image/svg\+xml;base64,([\w+/=]+)"/>[^<>]+', inside)
+        picture = re.fullmatch(
+            r'alt="[a-z ]+" src="data:image/svg\+xml;base64,([\w+/=]+)"/>[^<>]+', inside
+        )
         assert picture is not None
         assert tags_of(base64.b64decode(picture[1]).decode()) == ["svg", "path"]
 
@@ -198,7 +249,8 @@ def test_the_frame_in_a_notebook_may_run_scripts_and_nothing_else(records: list[
 def printed(show_on: Any) -> str:
     """What a terminal gets, apart from blanks, line ends and the lines of tables."""
     console = console_of()
-    console.file, console.width = io.StringIO(), 400
+    console.file = io.StringIO()
+    console.width = 400
     show_on(console)
     return console.file.getvalue()
 
@@ -212,7 +264,14 @@ def test_tables_and_lines_show_every_name(name: str) -> None:
     finding = Finding(severity=Severity.ERROR, check=name, text=name, phase=name)
     rows = [{name: name, "value": 1.0}]
     report = {"status": name, "advice": name, "links_without_shape": [name]}
-    plan = PlanOutput(robot=load_robot("planar5"), report=report, record=None, good=False, save=None, show=_print_motion)
+    plan = PlanOutput(
+        robot=load_robot("planar5"),
+        report=report,
+        record=None,
+        good=False,
+        save=None,
+        show=_print_motion,
+    )
     outputs = [
         printed(lambda console: console.print(table_of(name, rows, (name, "value")))),
         printed(lambda console: print_findings(console, PreflightReport(findings=(finding,)))),
@@ -237,7 +296,9 @@ def test_the_check_of_a_robot_shows_every_name(monkeypatch: pytest.MonkeyPatch) 
     output = io.StringIO()
     monkeypatch.setattr(
         "uvms_ocp.cli.robots.console_of",
-        lambda: Console(file=output, width=2000, markup=console_of()._markup, emoji=console_of()._emoji),
+        lambda: Console(
+            file=output, width=2000, markup=console_of()._markup, emoji=console_of()._emoji
+        ),
     )
     for name in NAMES:
         finding = RobotFinding(subject=name, verdict=RobotVerdict.ERROR, text=name)
@@ -303,5 +364,9 @@ def test_a_scene_of_a_robot_with_any_names_is_written(tmp_path: Path) -> None:
     model = robot.model.copy()
     for joint, name in zip(range(1, model.njoints), NAMES, strict=False):
         model.names[joint] = name
-    page = show(record, replace(robot, model=model)).write(tmp_path / "scene.html").read_text(encoding="utf-8")
+    page = (
+        show(record, replace(robot, model=model))
+        .write(tmp_path / "scene.html")
+        .read_text(encoding="utf-8")
+    )
     assert tags_of(page).count("script") == 4

@@ -1,4 +1,6 @@
-"""Figures: all that the record can fill, none that it cannot, and no trace in Matplotlib's global state."""
+"""Figures: all that the record can fill, none that it cannot, and no trace in Matplotlib's global
+state.
+"""
 
 from __future__ import annotations
 
@@ -27,13 +29,22 @@ from uvms_ocp.viz.plan_figures import PLAN_FIGURES
 from uvms_ocp.viz.run_figures import FIGURES, write_figures
 from uvms_ocp.viz.series import PLAN_NAMES, RUN_NAMES, phase_spans, task_activity
 from uvms_ocp.viz.style import DPI, png_of, save_figure
-from uvms_ocp.viz.task_figures import figure_activations, figure_altitude, figure_errors, figure_tool_error
+from uvms_ocp.viz.task_figures import (
+    figure_activations,
+    figure_altitude,
+    figure_errors,
+    figure_tool_error,
+)
 
 _PNG = b"\x89PNG"
 
 
 def _texts(figure: Figure) -> str:
-    words = [text for axis in figure.axes for text in (axis.get_xlabel(), axis.get_ylabel(), axis.get_title())]
+    words = [
+        text
+        for axis in figure.axes
+        for text in (axis.get_xlabel(), axis.get_ylabel(), axis.get_title())
+    ]
     notes = [text.get_text() for axis in figure.axes for text in axis.texts]
     return "\n".join([*words, *notes])
 
@@ -42,14 +53,17 @@ def test_figures_have_the_names_that_are_known_beforehand() -> None:
     assert (tuple(FIGURES), tuple(PLAN_FIGURES)) == (RUN_NAMES, PLAN_NAMES)
 
 
-def test_every_figure_of_a_complete_record_is_written_as_png(record: Record, tmp_path: Path) -> None:
+def test_every_figure_of_a_complete_record_is_written_as_png(
+    record: Record, tmp_path: Path
+) -> None:
     paths = write_figures(record, tmp_path / "figures")
     assert [path.stem for path in paths] == list(FIGURES)
     assert all(path.read_bytes().startswith(_PNG) for path in paths)
 
 
 def test_a_figure_is_written_as_matplotlib_itself_writes_it(record: Record, tmp_path: Path) -> None:
-    first, second = figure_joints(record), figure_joints(record)
+    first = figure_joints(record)
+    second = figure_joints(record)
     assert first is not None
     assert second is not None
     first.savefig(tmp_path / "own.png", dpi=DPI)
@@ -64,7 +78,12 @@ def test_labels_of_ticks_can_be_read(record: Record) -> None:
     for figure in drawn:
         figure.set_dpi(30)
         figure.canvas.draw()
-    labels = {label.get_text() for figure in drawn for axis in figure.axes for label in axis.get_yticklabels(which="both")}
+    labels = {
+        label.get_text()
+        for figure in drawn
+        for axis in figure.axes
+        for label in axis.get_yticklabels(which="both")
+    }
     assert "10⁻²" in labels
     assert not [label for label in labels if set(label) & set("$\\{}^")]
 
@@ -76,10 +95,24 @@ def test_figures_whose_quantities_are_missing_are_left_out(record: Record) -> No
     assert figure_velocities(poor) is not None
 
 
-def test_a_record_with_nothing_but_time_and_motion_still_gives_figures(record: Record, tmp_path: Path) -> None:
+def test_a_record_with_nothing_but_time_and_motion_still_gives_figures(
+    record: Record, tmp_path: Path
+) -> None:
     series = {name: record[name] for name in ("t", "q", "v")}
-    told = ("scenario", "robot", "joints", "phases", "plant", "solver", "floating", "dt", "completed")
-    bare = Record(series=series, meta=RunMeta(**{name: getattr(record.meta, name) for name in told}))
+    told = (
+        "scenario",
+        "robot",
+        "joints",
+        "phases",
+        "plant",
+        "solver",
+        "floating",
+        "dt",
+        "completed",
+    )
+    bare = Record(
+        series=series, meta=RunMeta(**{name: getattr(record.meta, name) for name in told})
+    )
     assert {path.stem for path in write_figures(bare, tmp_path)} == {"velocities", "joints", "path"}
 
 
@@ -91,18 +124,24 @@ def test_a_robot_without_a_free_vehicle_has_no_vehicle_figures() -> None:
 
 
 @pytest.mark.parametrize("name", list(FIGURES))
-def test_every_panel_has_units_or_a_task_and_every_phase_is_named(record: Record, name: str) -> None:
+def test_every_panel_has_units_or_a_task_and_every_phase_is_named(
+    record: Record, name: str
+) -> None:
     figure = FIGURES[name](record)
     assert figure is not None
     labels = [axis.get_xlabel() for axis in figure.axes]
     assert any("[" in label for label in labels)
-    named = _texts(figure) + "".join(text.get_text() for legend in figure.legends for text in legend.texts)
+    named = _texts(figure) + "".join(
+        text.get_text() for legend in figure.legends for text in legend.texts
+    )
     assert "A way point" in named
     assert "B tool frame" in named
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("rows", [slice(None), slice(0, 20), slice(-20, None)], ids=["all", "first", "last"])
+@pytest.mark.parametrize(
+    "rows", [slice(None), slice(0, 20), slice(-20, None)], ids=["all", "first", "last"]
+)
 @pytest.mark.parametrize("names", [("LA.altitude",), QUANTITIES], ids=["altitude", "everything"])
 def test_every_figure_bears_quantities_that_are_not_known(
     record: Record, names: tuple[str, ...], rows: slice, tmp_path: Path
@@ -122,7 +161,9 @@ def test_a_view_near_the_floor_is_drawn_where_the_vehicle_comes_near(record: Rec
         quantities = record["quantities"].copy()
         column = record.meta.quantities.index("LA.altitude")
         quantities[:, column] = np.linspace(5.0 + height, 5.0, len(record))
-        figure = figure_altitude(replace(record, series={**record.series, "quantities": quantities}))
+        figure = figure_altitude(
+            replace(record, series={**record.series, "quantities": quantities})
+        )
         assert figure is not None
         return len(figure.axes)
 
@@ -169,9 +210,16 @@ def test_drawing_leaves_the_settings_of_matplotlib_alone(record: Record) -> None
 
 
 @pytest.mark.parametrize(
-    "own", ["dark_background", "seaborn-v0_8-darkgrid", {"font.size": 20, "axes.labelcolor": "white", "savefig.dpi": 9}]
+    "own",
+    [
+        "dark_background",
+        "seaborn-v0_8-darkgrid",
+        {"font.size": 20, "axes.labelcolor": "white", "savefig.dpi": 9},
+    ],
 )
-def test_no_style_of_the_caller_changes_a_figure(record: Record, own: str | dict[str, object]) -> None:
+def test_no_style_of_the_caller_changes_a_figure(
+    record: Record, own: str | dict[str, object]
+) -> None:
     """White words on white paper were the end of figures in notebooks with a dark style."""
 
     def pictures() -> list[bytes]:
@@ -204,19 +252,28 @@ def test_an_altitude_without_any_echo_is_not_drawn(record: Record) -> None:
     for unknown in (np.nan, np.inf):
         quantities = record["quantities"].copy()
         quantities[:, record.meta.quantities.index("LA.altitude")] = unknown
-        assert figure_altitude(replace(record, series={**record.series, "quantities": quantities})) is None
+        assert (
+            figure_altitude(replace(record, series={**record.series, "quantities": quantities}))
+            is None
+        )
 
 
 def test_an_altitude_with_some_echoes_is_drawn(record: Record) -> None:
     quantities = record["quantities"].copy()
     quantities[::2, record.meta.quantities.index("LA.altitude")] = np.inf
-    assert figure_altitude(replace(record, series={**record.series, "quantities": quantities})) is not None
+    assert (
+        figure_altitude(replace(record, series={**record.series, "quantities": quantities}))
+        is not None
+    )
 
 
 def test_joints_of_another_robot_are_not_compared(record: Record) -> None:
     other = replace(record, meta=record.meta.model_copy(update={"joints": tuple("abcdefg")}))
     for records in ({"one": record, "two": other}, {}):
-        with pytest.raises(InvalidInput, match=f"records = {len(records)} runs; give one or more with the same joints"):
+        with pytest.raises(
+            InvalidInput,
+            match=f"records = {len(records)} runs; give one or more with the same joints",
+        ):
             figure_joint_comparison(records)
 
 
@@ -229,7 +286,9 @@ def test_a_joint_of_several_axes_has_its_torques_by_number(record: Record) -> No
 
 def test_errors_of_several_tools_are_drawn_by_their_names(record: Record) -> None:
     tools = {"T": "left_hand", "PC": "right_hand"}
-    tasks = tuple(task.model_copy(update={"tool": tools.get(task.name)}) for task in record.meta.tasks)
+    tasks = tuple(
+        task.model_copy(update={"tool": tools.get(task.name)}) for task in record.meta.tasks
+    )
     both = figure_tool_error(replace(record, meta=record.meta.model_copy(update={"tasks": tasks})))
     assert both is not None
     labels = [axis.get_ylabel() for axis in both.axes]
@@ -243,15 +302,21 @@ def test_errors_of_several_tools_are_drawn_by_their_names(record: Record) -> Non
 def test_every_thruster_has_a_line_of_its_own_in_the_legend(record: Record) -> None:
     figure = figure_efforts(record)
     assert figure is not None
-    lines, n = figure.axes[0].get_lines(), record["thrust"].shape[1]
+    lines = figure.axes[0].get_lines()
+    n = record["thrust"].shape[1]
     named = [text.get_text() for text in figure.axes[0].get_legend().get_texts()]
     assert named == [f"t{i + 1}" for i in range(n)]
     assert len({(line.get_color(), line.get_linestyle()) for line in lines[:n]}) == n
 
 
-def test_a_line_at_a_threshold_says_which_phase_waits_for_it_and_which_is_the_abort(record: Record) -> None:
+def test_a_line_at_a_threshold_says_which_phase_waits_for_it_and_which_is_the_abort(
+    record: Record,
+) -> None:
     limits = {"A": 0.1, "climb": 0.3}
-    waits = tuple(ThresholdMeta(quantity="PC.position_error", limit=x, sign="<", phase=p) for p, x in limits.items())
+    waits = tuple(
+        ThresholdMeta(quantity="PC.position_error", limit=x, sign="<", phase=p)
+        for p, x in limits.items()
+    )
     phases = (*record.meta.phases, record.meta.phases[0].model_copy(update={"name": "climb"}))
     changed = {"thresholds": waits, "abort_phase": "climb", "phases": phases}
     figure = figure_errors(replace(record, meta=record.meta.model_copy(update=changed)))
@@ -272,13 +337,24 @@ def test_every_panel_over_time_marks_where_something_went_wrong() -> None:
         FaultMeta(text="altimeter_range:frozen@2", target="altimeter_range", kind="frozen", t=2.0),
         FaultMeta(text="thruster3:dead@3-4", target="thruster3", kind="dead", t=3.0, end=4.0),
     )
-    sound, struck = (synthetic_record(load_robot("girona_maris7"), faults=given) for given in ((), faults))
-    for draw in (figure_errors, figure_activations, figure_joints, figure_efforts, figure_velocities):
-        plain, marked = draw(sound), draw(struck)
+    sound, struck = (
+        synthetic_record(load_robot("girona_maris7"), faults=given) for given in ((), faults)
+    )
+    for draw in (
+        figure_errors,
+        figure_activations,
+        figure_joints,
+        figure_efforts,
+        figure_velocities,
+    ):
+        plain = draw(sound)
+        marked = draw(struck)
         assert plain is not None
         assert marked is not None
         for before, after in zip(plain.axes, marked.axes, strict=True):
             assert len(after.lines) - len(before.lines) == 3
-            assert {2.0, 3.0, 4.0} <= {float(line.get_xdata()[0]) for line in after.lines if len(line.get_xdata()) == 2}
+            assert {2.0, 3.0, 4.0} <= {
+                float(line.get_xdata()[0]) for line in after.lines if len(line.get_xdata()) == 2
+            }
         told = [text.get_text() for axis in marked.axes for text in axis.texts]
         assert {"altimeter_range:frozen", "thruster3:dead"} <= set(told)

@@ -20,7 +20,14 @@ from synthetic_record import QUANTITIES, SURROUNDINGS, synthetic_record, without
 
 from uvms_ocp import scenarios
 from uvms_ocp.errors import InvalidInput, OutputError
-from uvms_ocp.record.meta_values import FaultMeta, FloorRelief, FrameMeta, MarkerMeta, ObstacleMeta, SurroundingsMeta
+from uvms_ocp.record.meta_values import (
+    FaultMeta,
+    FloorRelief,
+    FrameMeta,
+    MarkerMeta,
+    ObstacleMeta,
+    SurroundingsMeta,
+)
 from uvms_ocp.record.record import Record
 from uvms_ocp.robot.loading import load_robot
 from uvms_ocp.robot.robot import Robot
@@ -42,7 +49,9 @@ def _commands(page: str) -> list[Any]:
 
 def _data(page: str, name: str) -> Any:
     """A block of data as a browser finds it."""
-    found = re.search(rf'<script type="application/json" id="{name}">(.*?)</script', page, re.DOTALL)
+    found = re.search(
+        rf'<script type="application/json" id="{name}">(.*?)</script', page, re.DOTALL
+    )
     assert found is not None
     return json.loads(found[1])
 
@@ -62,7 +71,11 @@ def _details(page: str) -> dict[str, Any]:
 
 
 def _positions(page: str, end: str) -> Any:
-    (keys,) = [keys for (path, name), keys in _tracks(page).items() if name == ".position" and path.endswith(end)]
+    (keys,) = [
+        keys
+        for (path, name), keys in _tracks(page).items()
+        if name == ".position" and path.endswith(end)
+    ]
     return keys
 
 
@@ -74,7 +87,11 @@ class _References(HTMLParser):
         self.found: list[str] = []
 
     def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
-        self.found += [value or "" for name, value in attrs if name in ("src", "href", "srcset", "data", "poster")]
+        self.found += [
+            value or ""
+            for name, value in attrs
+            if name in ("src", "href", "srcset", "data", "poster")
+        ]
 
 
 @pytest.fixture(scope="module")
@@ -103,7 +120,11 @@ def test_the_animation_covers_the_run(page: str, record: Record) -> None:
 
 
 def test_the_vehicle_is_animated_through_the_recorded_poses(page: str, record: Record) -> None:
-    (positions,) = [keys for (path, name), keys in _tracks(page).items() if name == ".position" and "root_joint" in path]
+    (positions,) = [
+        keys
+        for (path, name), keys in _tracks(page).items()
+        if name == ".position" and "root_joint" in path
+    ]
     np.testing.assert_allclose(positions[-1]["value"], record["q"][-1, :3], atol=1e-5)
     np.testing.assert_allclose(positions[0]["value"], record["q"][0, :3], atol=1e-5)
 
@@ -127,18 +148,28 @@ def test_between_keys_the_vehicle_is_where_the_record_has_it(record: Record, rob
 
 
 def test_every_visual_shape_is_drawn(page: str, robot: Robot) -> None:
-    drawn = {c["path"].rsplit("/", 2)[0] for c in _commands(page) if c["type"] == "set_object" and "/robot/" in c["path"]}
+    drawn = {
+        c["path"].rsplit("/", 2)[0]
+        for c in _commands(page)
+        if c["type"] == "set_object" and "/robot/" in c["path"]
+    }
     assert len(drawn) == len(robot.visual_model.geometryObjects)
 
 
 def test_links_whose_meshes_are_missing_are_drawn_by_their_collision_shapes(robot: Robot) -> None:
-    solid, seen, partly = robot.collision_model.geometryObjects, robot.visual_model, pin.GeometryModel()
+    solid = robot.collision_model.geometryObjects
+    seen = robot.visual_model
+    partly = pin.GeometryModel()
     bare = {robot.model.frames[shape.parentFrame].name for shape in list(solid)[1::2]}
     for shape in seen.geometryObjects:
         if robot.model.frames[shape.parentFrame].name not in bare:
             partly.addGeometryObject(shape)
     page = show(replace(robot, visual_model=partly)).html
-    drawn = {c["path"].rsplit("/", 3)[1][4:] for c in _commands(page) if c["type"] == "set_object" and "/robot/" in c["path"]}
+    drawn = {
+        c["path"].rsplit("/", 3)[1][4:]
+        for c in _commands(page)
+        if c["type"] == "set_object" and "/robot/" in c["path"]
+    }
     hidden = {shape.name for shape in solid if robot.model.frames[shape.parentFrame].name in bare}
     assert hidden
     assert drawn == {shape.name for shape in partly.geometryObjects} | hidden
@@ -146,14 +177,26 @@ def test_links_whose_meshes_are_missing_are_drawn_by_their_collision_shapes(robo
 
 def test_markers_and_trails_are_drawn(page: str) -> None:
     objects = {command["path"] for command in _commands(page) if command["type"] == "set_object"}
-    for name in ("trails/vehicle", "trails/tool", "goals/marker 0/ball", "goals/marker 1/ball", "beam/ray"):
+    for name in (
+        "trails/vehicle",
+        "trails/tool",
+        "goals/marker 0/ball",
+        "goals/marker 1/ball",
+        "beam/ray",
+    ):
         assert f"/meshcat/scene/{name}" in objects
 
 
 def test_each_tool_leaves_a_path_of_its_own(record: Record, robot: Robot) -> None:
-    both = replace(robot, description=robot.description.model_copy(update={"tool": ("tool", "flange")}))
+    both = replace(
+        robot, description=robot.description.model_copy(update={"tool": ("tool", "flange")})
+    )
     details = _details(show(record, both).html)
-    rows = {row["label"]: row["colour"] for row in details["legend"] if row["label"].startswith("path of")}
+    rows = {
+        row["label"]: row["colour"]
+        for row in details["legend"]
+        if row["label"].startswith("path of")
+    }
     assert set(rows) == {f"path of the {name}" for name in ("vehicle", "tool", "flange")}
     assert len(set(rows.values())) == len(rows)
     assert {trail["name"] for trail in details["trails"]} == {"vehicle", "tool", "flange"}
@@ -172,8 +215,13 @@ def _with_surroundings(record: Record, **values: Any) -> Record:
 
 def test_obstacles_of_the_record_are_drawn_where_they_are(record: Record, robot: Robot) -> None:
     ball = ObstacleMeta(name="ball", shape="sphere", size=(0.5,), position=(1.0, 2.0, -38.0))
-    pages = [_commands(show(item, robot).html) for item in (record, _with_surroundings(record, obstacles=(ball,)))]
-    drawn, placed = ([c for c in pages[1] if c["type"] == kind and "/obstacles/" in c["path"]] for kind in _KINDS)
+    pages = [
+        _commands(show(item, robot).html)
+        for item in (record, _with_surroundings(record, obstacles=(ball,)))
+    ]
+    drawn, placed = (
+        [c for c in pages[1] if c["type"] == kind and "/obstacles/" in c["path"]] for kind in _KINDS
+    )
     assert not any("/obstacles/" in command.get("path", "") for command in pages[0])
     assert drawn[0]["object"]["geometries"][0]["radius"] == 0.5
     moved = next(c for c in placed if c["path"].endswith("/obstacles/000"))
@@ -193,7 +241,9 @@ def test_a_floor_with_protuberances_is_part_of_the_page(record: Record, robot: R
 
 def test_markers_stand_on_the_floor_below_them(record: Record) -> None:
     floor = FloorRelief(x=(0.0, 2.0), y=(0.0, 2.0), z=((-40.0, -40.0), (-39.0, -39.0)))
-    heights = floor_heights(_with_surroundings(record, floor=floor), np.array([[1.0, 0.0], [1.0, 1.0], [1.0, 9.0]]))
+    heights = floor_heights(
+        _with_surroundings(record, floor=floor), np.array([[1.0, 0.0], [1.0, 1.0], [1.0, 9.0]])
+    )
     np.testing.assert_allclose(heights, [-40.0, -39.5, -39.0])
     np.testing.assert_allclose(floor_heights(record, np.zeros((2, 2))), -40.0)
 
@@ -212,7 +262,9 @@ def test_no_server_and_no_browser_are_started(
 def test_text_of_a_user_cannot_break_out_of_the_page(robot: Robot) -> None:
     evil = "</script><img src=http://example.org>"
     marker = MarkerMeta(name=evil.replace("/", ""), position=(0, 0, -39))
-    record = synthetic_record(robot, scenario=evil, surroundings=SurroundingsMeta(markers=(marker,)))
+    record = synthetic_record(
+        robot, scenario=evil, surroundings=SurroundingsMeta(markers=(marker,))
+    )
     parser = _References()
     parser.feed(show(record, robot).html)
     assert all(reference.startswith("data:") for reference in parser.found)
@@ -237,28 +289,37 @@ def test_health_and_alarms_stand_on_the_time_line(page: str, record: Record) -> 
 
 def test_arrows_are_in_the_frame_of_the_vehicle(record: Record, robot: Robot) -> None:
     current = np.tile([0.3, -0.1, 0.0], (len(record), 1))
-    groups = _details(show(replace(record, series={**record.series, "current": current}), robot).html)["arrows"]
+    groups = _details(
+        show(replace(record, series={**record.series, "current": current}), robot).html
+    )["arrows"]
     by_label = {group["label"]: group for group in groups}
     assert list(by_label) == ["thrust", "current", "disturbance, force", "disturbance, moment"]
     assert len(by_label["thrust"]["arrows"]) == len(robot.description.thrusters)
     R_WB = pin.XYZQUATToSE3(record["q"][-1, :7]).rotation
-    np.testing.assert_allclose(R_WB @ by_label["current"]["arrows"][0]["vectors"][-1], current[-1], atol=2e-3)
+    np.testing.assert_allclose(
+        R_WB @ by_label["current"]["arrows"][0]["vectors"][-1], current[-1], atol=2e-3
+    )
     wrench = np.zeros(6)
     for arrow in by_label["thrust"]["arrows"]:
         force = np.array(arrow["vectors"][-1])
         wrench += np.concatenate([force, np.cross(arrow["at"], force)])
     np.testing.assert_allclose(
-        wrench, thruster_matrix(robot) @ record["thrust"][-1][: len(robot.description.thrusters)], atol=1.0
+        wrench,
+        thruster_matrix(robot) @ record["thrust"][-1][: len(robot.description.thrusters)],
+        atol=1.0,
     )
 
 
-def test_a_line_leads_to_the_nearest_point_of_an_obstacle_and_is_left_out_afar(record: Record, robot: Robot) -> None:
+def test_a_line_leads_to_the_nearest_point_of_an_obstacle_and_is_left_out_afar(
+    record: Record, robot: Robot
+) -> None:
     near, far = (
         ObstacleMeta(name=name, shape="sphere", size=(0.4,), position=(2.0, y, -37.0))
         for name, y in (("near", 1.5), ("far", 30.0))
     )
     details = _details(show(_with_surroundings(record, obstacles=(near, far)), robot).html)
-    witness, centre = details["witness"], np.array(near.position) - _position_of(details, "near")
+    witness = details["witness"]
+    centre = np.array(near.position) - _position_of(details, "near")
     distance = CollisionModel(robot, [build_obstacle(near)], self_collision=False)
     told_of, lines = (witness["obstacles"][0][key][::20] for key in ("distance", "line"))
     for t, told, line in zip(witness["t"][::20], told_of, lines, strict=True):
@@ -284,17 +345,25 @@ def test_a_name_stands_once_at_each_place(record: Record, robot: Robot) -> None:
     assert [label["text"] for label in labels] == ["target", "way point"]
 
 
-def test_ghosts_move_beside_the_run_and_the_page_lasts_as_long_as_the_longest(record: Record, robot: Robot) -> None:
+def test_ghosts_move_beside_the_run_and_the_page_lasts_as_long_as_the_longest(
+    record: Record, robot: Robot
+) -> None:
     longer = synthetic_record(robot, duration=9.0)
     html = show(record, robot, ghosts={"slower": longer}).html
-    keys = next(keys for (path, name), keys in _tracks(html).items() if "/ghost 0/" in path and name == ".position")
+    keys = next(
+        keys
+        for (path, name), keys in _tracks(html).items()
+        if "/ghost 0/" in path and name == ".position"
+    )
     assert keys[-1]["time"] / _FPS == pytest.approx(9.0)
     details = _details(html)
     assert details["duration"] == pytest.approx(9.0)
     assert "slower" in [row["label"] for row in details["legend"]]
 
 
-def test_a_ghost_of_another_robot_and_more_than_can_be_told_apart_are_refused(record: Record, robot: Robot) -> None:
+def test_a_ghost_of_another_robot_and_more_than_can_be_told_apart_are_refused(
+    record: Record, robot: Robot
+) -> None:
     with pytest.raises(InvalidInput, match="its own robot"):
         show(record, robot, ghosts={"arm": synthetic_record(load_robot("planar5"))})
     with pytest.raises(InvalidInput, match="4 at most"):
@@ -321,12 +390,18 @@ def test_the_page_is_served_to_this_machine_alone() -> None:
     with served(ScenePage(html="<p>a page</p>")) as address:
         host, port = address.removeprefix("http://").rstrip("/").split(":")
         assert host == "127.0.0.1"
-        assert [_asked(port, *asked) for asked in (("/", host), ("/other", host), ("/", "elsewhere.example"))] == [
+        assert [
+            _asked(port, *asked)
+            for asked in (("/", host), ("/other", host), ("/", "elsewhere.example"))
+        ] == [
             (200, b"<p>a page</p>"),
             (404, b""),
             (403, b""),
         ]
-        with pytest.raises(OutputError, match="give another"), served(ScenePage(html=""), int(port)):
+        with (
+            pytest.raises(OutputError, match="give another"),
+            served(ScenePage(html=""), int(port)),
+        ):
             pass
 
 
@@ -343,7 +418,8 @@ def test_what_is_not_known_is_no_number_in_the_readouts(record: Record, robot: R
     html = show(without(record, "LA.altitude", rows=slice(0, 40)), robot).html
     details = _details(html)
     readouts = {item["label"]: item["values"] for item in details["readouts"]}
-    altitude, times = readouts["LA altitude"], np.array(details["times"])
+    altitude = readouts["LA altitude"]
+    times = np.array(details["times"])
     assert [value is None for value in altitude] == (times < record["t"][40] - 1e-9).tolist()
     assert None not in readouts["T position error"]
     assert 'value === null ? "-"' in html
@@ -372,7 +448,9 @@ def test_an_impossible_frame_rate_is_refused(record: Record, robot: Robot, fps: 
         show(record, robot, fps=fps)
 
 
-def test_a_place_that_cannot_be_written_is_an_output_error(record: Record, robot: Robot, tmp_path: Path) -> None:
+def test_a_place_that_cannot_be_written_is_an_output_error(
+    record: Record, robot: Robot, tmp_path: Path
+) -> None:
     with pytest.raises(OutputError):
         write_scene(record, robot, tmp_path)
 
@@ -416,7 +494,9 @@ def test_every_shape_of_a_urdf_can_be_drawn(shape: coal.CollisionGeometry, parts
 
 
 def test_a_shape_without_end_is_not_drawn() -> None:
-    assert not draw_shape(CommandLog().visualizer(), coal.Halfspace(np.array([0, 0, 1.0]), 0.0), np.ones(4))
+    assert not draw_shape(
+        CommandLog().visualizer(), coal.Halfspace(np.array([0, 0, 1.0]), 0.0), np.ones(4)
+    )
 
 
 def test_a_tube_keeps_its_radius_around_a_bent_path() -> None:
@@ -430,7 +510,9 @@ def test_poses_in_the_page_agree_with_pinocchio(page: str, record: Record, robot
     pin.forwardKinematics(robot.model, data, record["q"][-1])
     last = f"{robot.model.njoints - 1:02d} {robot.model.names[robot.model.njoints - 1]}"
     keys = _positions(page, last)
-    np.testing.assert_allclose(keys[-1]["value"], data.oMi[robot.model.njoints - 1].translation, atol=1e-5)
+    np.testing.assert_allclose(
+        keys[-1]["value"], data.oMi[robot.model.njoints - 1].translation, atol=1e-5
+    )
 
 
 def test_the_page_tells_what_went_wrong_and_when(tmp_path: Path) -> None:
@@ -440,22 +522,40 @@ def test_the_page_tells_what_went_wrong_and_when(tmp_path: Path) -> None:
         FaultMeta(text="thruster3:dead@3-4", target="thruster3", kind="dead", t=3.0, end=4.0),
         FaultMeta(text="joint2:jam@60", target="joint2", kind="jam", t=60.0),
     )
-    page = write_scene(synthetic_record(robot, faults=faults), robot, tmp_path / "scene.html").read_text()
+    page = write_scene(
+        synthetic_record(robot, faults=faults), robot, tmp_path / "scene.html"
+    ).read_text()
     frozen, dead = _details(page)["faults"]
-    assert (frozen["name"], frozen["start"], frozen["end"], frozen["ended"]) == ("altimeter_range:frozen", 2.0, 6.0, False)
-    assert (dead["name"], dead["start"], dead["end"], dead["ended"]) == ("thruster3:dead", 3.0, 4.0, True)
+    assert (frozen["name"], frozen["start"], frozen["end"], frozen["ended"]) == (
+        "altimeter_range:frozen",
+        2.0,
+        6.0,
+        False,
+    )
+    assert (dead["name"], dead["start"], dead["end"], dead["ended"]) == (
+        "thruster3:dead",
+        3.0,
+        4.0,
+        True,
+    )
 
 
 def test_a_goal_that_moves_is_drawn_where_it_is() -> None:
     X_WG = pin.SE3(pin.rpy.rpyToMatrix(0.0, 0.4, 3.0), np.array([12.2, 37.4, -39.5]))
 
     def goal(t: float) -> tuple[pin.SE3, np.ndarray]:
-        return X_WG * pin.SE3(pin.rpy.rpyToMatrix(0.0, 0.0, 0.5 * t), np.array([0.3 * np.sin(t), 0.0, 0.1 * t])), np.zeros(6)
+        return X_WG * pin.SE3(
+            pin.rpy.rpyToMatrix(0.0, 0.0, 0.5 * t), np.array([0.3 * np.sin(t), 0.0, 0.1 * t])
+        ), np.zeros(6)
 
     scenario = scenarios.case1(tool_goal=goal, duration=6.0, dt=0.02, plant="kinematic")
     keys = _tracks(show(scenario.run(), scenario.robot, fps=_FPS).html)
     for name, number in ((".position", slice(3)), (".quaternion", slice(3, 7))):
-        (track,) = [found for (path, kind), found in keys.items() if kind == name and path.endswith("/goals/frame 1")]
+        (track,) = [
+            found
+            for (path, kind), found in keys.items()
+            if kind == name and path.endswith("/goals/frame 1")
+        ]
         times, values = (np.array([key[kind] for key in track]) for kind in ("time", "value"))
         for t in np.linspace(0.0, 5.98, 60):
             wanted = pin.SE3ToXYZQUAT(goal(t)[0])[number]
@@ -464,7 +564,9 @@ def test_a_goal_that_moves_is_drawn_where_it_is() -> None:
             np.testing.assert_allclose(sign * shown, wanted, atol=3e-3)
 
 
-def test_a_goal_of_a_phase_moves_from_the_beginning_of_each_visit(record: Record, robot: Robot) -> None:
+def test_a_goal_of_a_phase_moves_from_the_beginning_of_each_visit(
+    record: Record, robot: Robot
+) -> None:
     span = phase_spans(record)[1]
     still = (0.0, 0.0, 0.0, 1.0)
     way = ((0.0, 1.0, 0.0, 0.0, *still), (100.0, 11.0, 0.0, 0.0, *still))
@@ -472,4 +574,6 @@ def test_a_goal_of_a_phase_moves_from_the_beginning_of_each_visit(record: Record
     page = show(_with_surroundings(record, frames=(goal,)), robot, fps=_FPS).html
     for key in _positions(page, "/goals/frame 0"):
         t = key["time"] / _FPS
-        assert key["value"][0] == pytest.approx(1.0 + 0.1 * np.clip(t - span.start, 0.0, span.end - span.start), abs=0.01)
+        assert key["value"][0] == pytest.approx(
+            1.0 + 0.1 * np.clip(t - span.start, 0.0, span.end - span.start), abs=0.01
+        )

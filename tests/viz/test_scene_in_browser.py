@@ -1,4 +1,6 @@
-"""The scene as a browser shows it: drawn by Chromium without a window, where playwright and Chromium are found."""
+"""The scene as a browser shows it: drawn by Chromium without a window, where playwright and
+Chromium are found.
+"""
 
 from __future__ import annotations
 
@@ -14,7 +16,13 @@ import pytest
 from scene_picture import EXPECTED, SIZE, at, coarse, record_to_look_at
 from synthetic_record import synthetic_record
 
-from uvms_ocp.record.meta_values import AlarmMeta, FaultMeta, MarkerMeta, PhaseMeta, SurroundingsMeta
+from uvms_ocp.record.meta_values import (
+    AlarmMeta,
+    FaultMeta,
+    MarkerMeta,
+    PhaseMeta,
+    SurroundingsMeta,
+)
 from uvms_ocp.record.record import Record
 from uvms_ocp.robot.loading import load_robot
 from uvms_ocp.robot.robot import Robot
@@ -46,7 +54,9 @@ def _open(chromium: Any, page: ScenePage, viewport: dict[str, int]) -> Iterator[
         sheet.page.on("console", lambda message: sheet.wrong.append(message.text))
         sheet.page.on("pageerror", lambda error: sheet.wrong.append(str(error)))
         sheet.page.on("dialog", lambda dialog: sheet.wrong.append(dialog.message))
-        sheet.page.on("request", lambda request: sheet.asked.append(request.url.removeprefix(address)))
+        sheet.page.on(
+            "request", lambda request: sheet.asked.append(request.url.removeprefix(address))
+        )
         sheet.page.goto(f"{address}#t=0")
         yield sheet
         sheet.page.close()
@@ -68,15 +78,20 @@ def posed(chromium: Any, robot: Robot) -> Iterator[Sheet]:
 
 
 def test_the_picture_is_the_expected_one_but_for_noise(sheet: Sheet) -> None:
-    found, expected = coarse(at(sheet.page, 3.0)), mpl_image.imread(EXPECTED)[..., :3]
+    found = coarse(at(sheet.page, 3.0))
+    expected = mpl_image.imread(EXPECTED)[..., :3]
     assert np.std(found, axis=(0, 1)).min() > 0.05, "not empty"
     assert np.abs(found - expected).mean() < 0.02
-    assert np.abs(found - coarse(at(sheet.page, 0.0))).mean() > 0.005, "another time looks different"
+    assert np.abs(found - coarse(at(sheet.page, 0.0))).mean() > 0.005, (
+        "another time looks different"
+    )
 
 
 def test_nothing_is_asked_of_a_network_and_nothing_is_complained_about(sheet: Sheet) -> None:
     at(sheet.page, 1.0)
-    assert [address for address in sheet.asked if not address.startswith(("data:", "blob:"))] == [""], "the page itself"
+    assert [address for address in sheet.asked if not address.startswith(("data:", "blob:"))] == [
+        ""
+    ], "the page itself"
     assert sheet.wrong == []
 
 
@@ -147,7 +162,9 @@ def test_what_a_sensor_is_and_what_was_said_is_read_out_while_it_holds(sheet: Sh
     assert re.search(r"altimeter_range lost\n", told[2])
 
 
-def test_sliders_move_the_links_as_pinocchio_does_and_say_how_in_python(posed: Sheet, robot: Robot) -> None:
+def test_sliders_move_the_links_as_pinocchio_does_and_say_how_in_python(
+    posed: Sheet, robot: Robot
+) -> None:
     rng = np.random.default_rng(3)
     sliders = posed.page.locator("#joints input")
     for k in range(sliders.count()):
@@ -158,7 +175,9 @@ def test_sliders_move_the_links_as_pinocchio_does_and_say_how_in_python(posed: S
     data = robot.model.createData()
     pin.forwardKinematics(robot.model, data, q)
     expected = np.array([X.translation for X in list(data.oMi)[1:]])
-    found = np.array([_place(posed, f"[...DETAILS.body.slice(0, -1), {name!r}]") for name in _nodes(robot)])
+    found = np.array(
+        [_place(posed, f"[...DETAILS.body.slice(0, -1), {name!r}]") for name in _nodes(robot)]
+    )
     np.testing.assert_allclose(found - found[0], expected - expected[0], atol=2e-3)
     assert np.linalg.norm(q[:3]) > 0.1, "the vehicle was moved too"
 
@@ -175,17 +194,24 @@ def test_hostile_names_are_text(chromium: Any, robot: Robot) -> None:
         surroundings=SurroundingsMeta(markers=(MarkerMeta(name=evil, position=(1.0, 0.0, -37.0)),)),
         quantities=(f"{evil}.error", *record_to_look_at(robot).meta.quantities[1:]),
     )
-    for sheet in _open(chromium, show(record, robot, ghosts={evil: record}), {"width": 640, "height": 400}):
+    for sheet in _open(
+        chromium, show(record, robot, ghosts={evil: record}), {"width": 640, "height": 400}
+    ):
         at(sheet.page, 1.5)
         assert sheet.page.locator("img").count() == 0
         assert evil in sheet.page.locator("body").inner_text()
         assert sheet.wrong == []
 
 
-def test_on_a_phone_nothing_is_cut_off_and_nothing_lies_on_the_controls(chromium: Any, run: Record, robot: Robot) -> None:
+def test_on_a_phone_nothing_is_cut_off_and_nothing_lies_on_the_controls(
+    chromium: Any, run: Record, robot: Robot
+) -> None:
     for sheet in _open(chromium, show(run, robot), PHONE):
         at(sheet.page, 1.5)
-        boxes = [item.bounding_box() for item in sheet.page.locator("#bar > *, #heading, #readouts, #side").all()]
+        boxes = [
+            item.bounding_box()
+            for item in sheet.page.locator("#bar > *, #heading, #readouts, #side").all()
+        ]
         assert len(boxes) == 8
         for box in boxes:
             assert 0 <= box["x"] <= box["x"] + box["width"] <= PHONE["width"]
@@ -198,6 +224,8 @@ def test_on_a_phone_nothing_is_cut_off_and_nothing_lies_on_the_controls(chromium
 
 def test_a_fixed_base_robot_is_drawn_too(chromium: Any) -> None:
     planar = load_robot("planar5")
-    for sheet in _open(chromium, show(synthetic_record(planar), planar), {"width": 640, "height": 400}):
+    for sheet in _open(
+        chromium, show(synthetic_record(planar), planar), {"width": 640, "height": 400}
+    ):
         assert np.std(coarse(at(sheet.page, 3.0)), axis=(0, 1)).min() > 0.02
         assert sheet.wrong == []

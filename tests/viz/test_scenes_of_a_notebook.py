@@ -1,4 +1,6 @@
-"""Scenes of a notebook: the viewer comes once, scenes beside it are data, and what is in sight is drawn."""
+"""Scenes of a notebook: the viewer comes once, scenes beside it are data, and what is in sight is
+drawn.
+"""
 
 from __future__ import annotations
 
@@ -25,20 +27,27 @@ from uvms_ocp.viz.scene.page import ScenePage, served
 
 VIEWER = "class Viewer{"
 IDE = (  # the policy of a page of outputs in VS Code
-    "default-src 'none'; script-src 'self' 'unsafe-inline' 'unsafe-eval'; style-src 'self' 'unsafe-inline' https: http: data:; "
-    "img-src 'self' https: http: data:; font-src https: http: data:; connect-src https: http: data:; child-src https: data:"
+    "default-src 'none'; script-src 'self' 'unsafe-inline' 'unsafe-eval'; style-src 'self'"
+    " 'unsafe-inline' https: http: data:; img-src 'self' https: http: data:; font-src https: http:"
+    " data:; connect-src https: http: data:; child-src https: data:"
 )
 Run = Callable[..., str]
 
 
 @pytest.fixture
 def run(monkeypatch: pytest.MonkeyPatch) -> Run:
-    """Shows pages as a cell of a notebook does, by the kernel's message for that cell: its outputs."""
+    """Shows pages as a cell of a notebook does, by the kernel's message for that cell: its
+    outputs.
+    """
     messages = iter(range(1000))
 
     def run(cell: str, *shown: ScenePage, named: bool = True) -> str:
         metadata = {"cellId": cell} if named else {}
-        parent = {"header": {"msg_id": str(next(messages))}, "metadata": metadata, "content": {"code": cell}}
+        parent = {
+            "header": {"msg_id": str(next(messages))},
+            "metadata": metadata,
+            "content": {"code": cell},
+        }
         shell = SimpleNamespace(kernel=SimpleNamespace(get_parent=lambda: parent))
         monkeypatch.setattr("IPython.get_ipython", lambda: shell)
         return "".join(page._repr_html_() for page in shown)
@@ -58,15 +67,23 @@ def _viewers(*outputs: str) -> list[int]:
 
 
 @pytest.mark.parametrize("named", [True, False])
-def test_the_viewer_comes_with_the_first_scene_alone(run: Run, page: ScenePage, named: bool) -> None:
-    outputs = [run("a", page, page, named=named), run("b", page, named=named), run("c", page, named=named)]
+def test_the_viewer_comes_with_the_first_scene_alone(
+    run: Run, page: ScenePage, named: bool
+) -> None:
+    outputs = [
+        run("a", page, page, named=named),
+        run("b", page, named=named),
+        run("c", page, named=named),
+    ]
     assert _viewers(*outputs) == [1, 0, 0]
     assert len(outputs[1]) < 200_000 < 800_000 < len(outputs[0])
 
 
 def test_a_cell_that_is_run_again_brings_it_again(run: Run, page: ScenePage) -> None:
     """It may be the one that brought it, or stand where that one was cleared."""
-    assert _viewers(run("a", page), run("b", page), run("a", page), run("c", page), run("b", page, page)) == [1, 0, 1, 0, 1]
+    assert _viewers(
+        run("a", page), run("b", page), run("a", page), run("c", page), run("b", page, page)
+    ) == [1, 0, 1, 0, 1]
 
 
 def test_where_each_cell_is_a_page_of_its_own_each_scene_is_whole(
@@ -80,7 +97,9 @@ def test_without_a_notebook_each_scene_is_whole(page: ScenePage) -> None:
     assert _viewers(page._repr_html_(), page._repr_html_()) == [1, 1]
 
 
-def test_what_is_shown_out_of_any_cell_is_drawn_too(run: Run, page: ScenePage, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_what_is_shown_out_of_any_cell_is_drawn_too(
+    run: Run, page: ScenePage, monkeypatch: pytest.MonkeyPatch
+) -> None:
     """By the callback of a slider, or before any message."""
     before = [run("a", page)]
     for parent in ({"header": {"msg_id": "m"}, "metadata": {}, "content": {"comm_id": "c"}}, {}):
@@ -88,10 +107,14 @@ def test_what_is_shown_out_of_any_cell_is_drawn_too(run: Run, page: ScenePage, m
         monkeypatch.setattr("IPython.get_ipython", lambda shell=shell: shell)
         assert page.html.partition("<title>")[0] in html.unescape(page._repr_html_())
     monkeypatch.setattr("IPython.get_ipython", lambda: SimpleNamespace(kernel=object()))
-    assert _viewers(*before, page._repr_html_()) == [1, 1], "an old kernel, of which nothing is known"
+    assert _viewers(*before, page._repr_html_()) == [1, 1], (
+        "an old kernel, of which nothing is known"
+    )
 
 
-def test_where_frames_are_taken_out_a_picture_and_a_sentence_are_left(run: Run, page: ScenePage, robot: Robot) -> None:
+def test_where_frames_are_taken_out_a_picture_and_a_sentence_are_left(
+    run: Run, page: ScenePage, robot: Robot
+) -> None:
     for output in (run("a", page), run("b", page)):
         left = re.sub(r"<script>.*?</script>|<[^>]*>", "", output, flags=re.DOTALL)
         assert left.startswith("A scene is drawn here by scripts")
@@ -114,7 +137,10 @@ def _opened(chromium: Any, document: ScenePage) -> Iterator[Any]:
         sheet = chromium.new_page(viewport={"width": 900, "height": 700})
         sheet.wrong = list[str]()
         sheet.on("pageerror", lambda error: sheet.wrong.append(str(error)))
-        sheet.on("console", lambda message: sheet.wrong.append(message.text) if message.type == "error" else None)
+        sheet.on(
+            "console",
+            lambda message: sheet.wrong.append(message.text) if message.type == "error" else None,
+        )
         sheet.goto(address)
         yield sheet
         sheet.close()
@@ -126,7 +152,8 @@ def _picture(sheet: Any, k: int) -> np.ndarray:
     frame.scroll_into_view_if_needed()
     content = frame.element_handle().content_frame()  # the same where the page in it is replaced
     content.wait_for_function(
-        "typeof renderer === 'object' && !renderer.getContext().isContextLost() && renderer.info.render.triangles > 0",
+        "typeof renderer === 'object' && !renderer.getContext().isContextLost() &&"
+        " renderer.info.render.triangles > 0",
         timeout=10_000,
     )
     sheet.wait_for_timeout(300)
@@ -155,14 +182,21 @@ def test_scenes_that_are_data_look_as_the_one_that_is_whole(
 def test_a_page_that_has_lost_the_viewer_says_what_to_do_and_draws_once_it_comes(
     chromium: Any, run: Run, page: ScenePage
 ) -> None:
-    whole, data = run("a", page), run("b", page)
+    whole = run("a", page)
+    data = run("b", page)
     for sheet in _opened(chromium, _document(data)):
         sheet.frame_locator("iframe").get_by_text("Run this cell again").wait_for(timeout=20_000)
-        sheet.evaluate("(output) => { document.body.append(document.createRange().createContextualFragment(output)); }", whole)
+        sheet.evaluate(
+            "(output) => {"
+            " document.body.append(document.createRange().createContextualFragment(output)); }",
+            whole,
+        )
         assert np.std(_picture(sheet, 0), axis=(0, 1)).min() > 0.02
         sheet.evaluate("document.querySelectorAll('iframe')[1].remove()")
         sheet.evaluate(
-            "(output) => { document.body.append(document.createRange().createContextualFragment(output)); }", run("c", page)
+            "(output) => {"
+            " document.body.append(document.createRange().createContextualFragment(output)); }",
+            run("c", page),
         )
         assert np.std(_picture(sheet, 1), axis=(0, 1)).min() > 0.02, "the page remembers the viewer"
 
@@ -179,13 +213,18 @@ def test_of_more_scenes_than_a_page_has_contexts_for_each_is_drawn_where_it_is_s
 
 
 @pytest.mark.slow
-def test_a_context_that_was_lost_comes_back_with_all_that_it_drew(chromium: Any, record: Record, robot: Robot) -> None:
+def test_a_context_that_was_lost_comes_back_with_all_that_it_drew(
+    chromium: Any, record: Record, robot: Robot
+) -> None:
     lose = "renderer.getContext().getExtension('WEBGL_lose_context').loseContext()"
     with served(show(record, robot)) as address:
         sheet = chromium.new_page(viewport={"width": 640, "height": 400})
         sheet.goto(f"{address}#t=0")
         before = at(sheet, 3.0)
-        sheet.evaluate("renderer.domElement.addEventListener('webglcontextrestored', () => { window.again = true; })")
+        sheet.evaluate(
+            "renderer.domElement.addEventListener('webglcontextrestored', () => { window.again ="
+            " true; })"
+        )
         sheet.evaluate(lose)
         for _ in range(100):
             if sheet.evaluate("window.again"):

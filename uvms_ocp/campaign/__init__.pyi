@@ -8,4 +8,8 @@ from .distributions import (
 )
 from .report import campaign_report as campaign_report, compare_campaigns as compare_campaigns
 from .store import read_table as read_table
-from .variations import Variation as Variation, available_parameters as available_parameters, vary as vary
+from .variations import (
+    Variation as Variation,
+    available_parameters as available_parameters,
+    vary as vary,
+)

@@ -13,7 +13,14 @@ from typing import Any
 
 from uvms_ocp.campaign import cluster, distributions, jobs
 from uvms_ocp.campaign.code_source import CodeSource
-from uvms_ocp.campaign.store import MOST_RUNS, SOURCES, CampaignManifest, read_manifest, read_table, types_of
+from uvms_ocp.campaign.store import (
+    MOST_RUNS,
+    SOURCES,
+    CampaignManifest,
+    read_manifest,
+    read_table,
+    types_of,
+)
 from uvms_ocp.campaign.variations import Variation, quantiles, require_available, vary
 from uvms_ocp.checks import checked, checked_dataclass
 from uvms_ocp.errors import InvalidInput, require_known
@@ -62,7 +69,12 @@ class MissionJob(jobs.CampaignJob):
 
     def scenario_of(self, run: int) -> Scenario:
         """Build the scenario of a run."""
-        return vary(self.base(), self.values(run), variations=built(self.variations), seed=self.design.seed_of(run))
+        return vary(
+            self.base(),
+            self.values(run),
+            variations=built(self.variations),
+            seed=self.design.seed_of(run),
+        )
 
     def base(self) -> Scenario:
         """The scenario that is varied."""
@@ -76,12 +88,19 @@ class MissionJob(jobs.CampaignJob):
             return self._result(run, scenario, record)
         except Exception as error:  # what was simulated is not lost by what is made of it
             row = jobs.failed_row(self, run, jobs.ERROR, jobs.describe(error))
-            return jobs.RunResult(row=row, attachment=b"" if self.records == "none" else _packed(record))
+            return jobs.RunResult(
+                row=row, attachment=b"" if self.records == "none" else _packed(record)
+            )
 
     def _result(self, run: int, scenario: Scenario, record: Record) -> jobs.RunResult:
         cause = cause_of_end(record)
         success = cause["kind"] == jobs.COMPLETED
-        ending = {"outcome": cause["kind"], "success": success, "cause": cause["text"], "finished": record.run_meta.completed}
+        ending = {
+            "outcome": cause["kind"],
+            "success": success,
+            "cause": cause["text"],
+            "finished": record.run_meta.completed,
+        }
         keep = self.records == "all" or (self.records == "failures" and not success)
         row = {**self.head(run), **jobs.run_metrics(scenario, record), **ending}
         return jobs.RunResult(row=row, attachment=_packed(record) if keep else b"")
@@ -107,14 +126,20 @@ def _packed(record: Record) -> bytes:
 
 # A campaign as a value: a mission, what is uncertain about it, and how many runs of it.
 
-_NUMBERS = ("runs", "seed", "sampler", "records")  # fields of a campaign that its folder keeps as they are
+_NUMBERS = (
+    "runs",
+    "seed",
+    "sampler",
+    "records",
+)  # fields of a campaign that its folder keeps as they are
 
 
 @checked_dataclass(eq=False, repr=False)
 class Campaign(FieldTable):
     """Runs of one scenario with parameters drawn anew for each.
 
-    Raises `NameNotFound` for an unknown parameter or sampler, and `InvalidInput` for numbers that make no campaign.
+    Raises `NameNotFound` for an unknown parameter or sampler, and `InvalidInput` for numbers that
+    make no campaign.
     """
 
     scenario: str | CodeSource | Callable[[], Scenario]
@@ -139,11 +164,21 @@ class Campaign(FieldTable):
         scenario = _gathered(self.scenario, self.options, "scenario")
         variations = _gathered(self.variations, {}, "variations")
         values: Any = built(variations)
-        if not isinstance(values, Sequence) or not all(isinstance(value, Variation) for value in values):
+        if not isinstance(values, Sequence) or not all(
+            isinstance(value, Variation) for value in values
+        ):
             raise InvalidInput(f"variations = {str(values)[:80]}; give a list of Variation values")
-        design = distributions.Design(sampler=self.sampler, runs=self.runs, parameters=len(values), seed=self.seed)
+        design = distributions.Design(
+            sampler=self.sampler, runs=self.runs, parameters=len(values), seed=self.seed
+        )
         names = tuple(variation.name for variation in values)
-        work = MissionJob(scenario=scenario, variations=variations, names=names, design=design, records=self.records)
+        work = MissionJob(
+            scenario=scenario,
+            variations=variations,
+            names=names,
+            design=design,
+            records=self.records,
+        )
         require_available(values, work.base())
         object.__setattr__(self, "work", work)
 
@@ -164,23 +199,36 @@ class Campaign(FieldTable):
         time_limit: Period = 3600.0,
         progress: cluster.Progress | None = None,
     ) -> Any:
-        """Make all runs that are not finished in the folder `out`, and return the table of all: a pandas.DataFrame.
+        """Make all runs that are not finished in the folder `out`, and return the table of all: a
+        pandas.DataFrame.
 
-        workers: processes of this machine, by default as many as it has processors. scheduler: address of a Dask cluster in
-        their place. time_limit [s]: of a run, whose row says so where it takes longer. Killed at any moment
-        and called again, it neither loses nor repeats a run whose row is on the disk.
-        Raises `InvalidInput` where another campaign is in the folder, `OutputError` where it cannot be written, and
-        `NotInstalled` without the extra ``uvms-ocp[campaign]``.
+        workers: processes of this machine, by default as many as it has processors. scheduler:
+        address of a Dask cluster in their place. time_limit [s]: of a run, whose row says so where
+        it takes longer. Killed at any moment and called again, it neither loses nor repeats a run
+        whose row is on the disk. Raises `InvalidInput` where another campaign is in the folder,
+        `OutputError` where it cannot be written, and `NotInstalled` without the extra
+        ``uvms-ocp[campaign]``.
         """
         out = Path(out)
         where: dict[str, Any] = {"workers": workers, "scheduler": scheduler}
-        cluster.run_jobs(out, self.identity(), self.work, self.sources(), **where, limit=time_limit, progress=progress)
+        cluster.run_jobs(
+            out,
+            self.identity(),
+            self.work,
+            self.sources(),
+            **where,
+            limit=time_limit,
+            progress=progress,
+        )
         return read_table(out)
 
     def scenario_of(self, run: Count) -> Scenario:
         """Build the scenario of run `run`. Raises `InvalidInput` for one that there is not."""
         if not 0 <= run < self.runs:
-            raise InvalidInput(f"run {run} of a campaign with {self.runs} runs; give a number from 0 to {self.runs - 1}")
+            raise InvalidInput(
+                f"run {run} of a campaign with {self.runs} runs; give a number from 0 to"
+                f" {self.runs - 1}"
+            )
         return self.work.scenario_of(run)
 
     def identity(self) -> CampaignManifest:
@@ -209,24 +257,33 @@ class Campaign(FieldTable):
 
 @checked
 def kept_campaign(folder: Path) -> Campaign:
-    """The campaign of a folder, made of the copies that it keeps: whatever has become of the files since.
+    """The campaign of a folder, made of the copies that it keeps: whatever has become of the files
+    since.
 
-    Raises `InvalidInput` where there is none, where a copy was changed, and for one whose scenario is a function of Python,
-    which is not kept.
+    Raises `InvalidInput` where there is none, where a copy was changed, and for one whose scenario
+    is a function of Python, which is not kept.
     """
     known = read_manifest(folder)
     variations: Any = known.variations
     if "words" not in known.scenario or variations.get("values", ()):
         scenario = "words" not in known.scenario
-        what = "scenario was a function in Python, which is" if scenario else "variations were values in Python, which are"
+        what = (
+            "scenario was a function in Python, which is"
+            if scenario
+            else "variations were values in Python, which are"
+        )
         raise InvalidInput(f"{folder}: its {what} not kept; use Campaign.scenario_of there")
     kept = Campaign(
         scenario=CodeSource.restored(known.scenario, folder / SOURCES / "scenario"),
-        variations=CodeSource.restored(variations, folder / SOURCES / "variations") if "words" in variations else (),
+        variations=CodeSource.restored(variations, folder / SOURCES / "variations")
+        if "words" in variations
+        else (),
         **{name: getattr(known, name) for name in _NUMBERS},
     )
     if kept.identity().parameters != known.parameters:
-        raise InvalidInput(f"{folder}: its parameters are not those of its variations; put back what was")
+        raise InvalidInput(
+            f"{folder}: its parameters are not those of its variations; put back what was"
+        )
     return kept
 
 

@@ -1,4 +1,6 @@
-"""Make the runs of a campaign on a Dask cluster, this machine or another, into the campaign's folder."""
+"""Make the runs of a campaign on a Dask cluster, this machine or another, into the campaign's
+folder.
+"""
 
 from __future__ import annotations
 
@@ -16,16 +18,25 @@ import numpy as np
 from uvms_ocp.campaign.jobs import CampaignJob
 from uvms_ocp.campaign.store import CampaignManifest, arrow, opened
 from uvms_ocp.codegen.compile import n_processors, warn_if_slower
-from uvms_ocp.errors import InvalidInput, OutputError, UvmsError, optional_module, require_first_reading
+from uvms_ocp.errors import (
+    InvalidInput,
+    OutputError,
+    UvmsError,
+    optional_module,
+    require_first_reading,
+)
 from uvms_ocp.progress import progress_bar, show_progress
 from uvms_ocp.record.tables import CAMPAIGN_EXTRA
 from uvms_ocp.types import Range
 
-# Loaded by workers of this machine as they start: Ctrl-C is for the command, which then ends them itself.
+# Loaded by workers of this machine as they start: Ctrl-C is for the command, which then ends them
+# itself.
 
 
 def dask_setup(worker: Any) -> None:
-    """Set a worker up, called by Dask: interrupts go past this process, and its runs show no bars."""
+    """Set a worker up, called by Dask: interrupts go past this process, and its runs show no
+    bars.
+    """
     show_progress(False)
     if threading.current_thread() is threading.main_thread():
         signal.signal(signal.SIGINT, signal.SIG_IGN)
@@ -34,10 +45,13 @@ def dask_setup(worker: Any) -> None:
 # A Dask cluster: processes of this machine, or the one at an address.
 
 DEATHS = 3
-"""Deaths of workers after which a run is taken for the cause. A cluster of others has its own number."""
+"""Deaths of workers after which a run is taken for the cause. A cluster of others has its own
+number.
+"""
 _SETTINGS = {
     "distributed.scheduler.allowed-failures": DEATHS - 1,
-    "distributed.scheduler.worker-saturation": 1.0,  # no run waits on a worker, where it would be blamed for another's end
+    # no run waits on a worker, where it would be blamed for another's end
+    "distributed.scheduler.worker-saturation": 1.0,
     "distributed.worker.daemon": True,
     "distributed.comm.retry.count": 3,
     "distributed.admin.log-format": "%(message)s",
@@ -51,17 +65,22 @@ def dask() -> Any:
 
 
 def connected(scheduler: str | None, workers: int | None) -> AbstractContextManager[Any]:
-    """A `distributed.Client` of the cluster at an address, or of as many `workers` of this machine as it has processors.
+    """A `distributed.Client` of the cluster at an address, or of as many `workers` of this machine
+    as it has processors.
 
-    Raises `OutputError` where nobody answers at the address, `InvalidInput` for an empty address and for an address and a
-    number of workers, and `UvmsError` where workers end as they start.
+    Raises `OutputError` where nobody answers at the address, `InvalidInput` for an empty address
+    and for an address and a number of workers, and `UvmsError` where workers end as they start.
     """
     if scheduler is None:
         return _of_this_machine(workers or n_processors())
     if workers is not None:
-        raise InvalidInput(f"workers = {workers} with a scheduler; a cluster has its own: leave it out")
+        raise InvalidInput(
+            f"workers = {workers} with a scheduler; a cluster has its own: leave it out"
+        )
     if not scheduler.strip():
-        raise InvalidInput("scheduler is empty; give the address of a Dask cluster such as tcp://host:8786")
+        raise InvalidInput(
+            "scheduler is empty; give the address of a Dask cluster such as tcp://host:8786"
+        )
     return _client(scheduler)
 
 
@@ -78,13 +97,18 @@ def _of_this_machine(workers: int) -> Iterator[Any]:
                 processes=True,
                 host="127.0.0.1",
                 dashboard_address=None,
-                scheduler_kwargs={"dashboard_address": "127.0.0.1:0"},  # its other pages, beside another campaign's
+                scheduler_kwargs={
+                    "dashboard_address": "127.0.0.1:0"
+                },  # its other pages, beside another campaign's
                 local_directory=folder,
                 silence_logs=50,
                 preload=["uvms_ocp.campaign.cluster"],
             )
         except RuntimeError:
-            raise UvmsError("a campaign: its worker processes ended as they started; see their last words on stderr") from None
+            raise UvmsError(
+                "a campaign: its worker processes ended as they started; see their last words on"
+                " stderr"
+            ) from None
         with cluster, distributed.Client(cluster) as client:
             yield client
 
@@ -94,7 +118,9 @@ def _client(address: str) -> Any:
         return dask().Client(address, timeout=_PATIENCE)
     except (OSError, ValueError, TimeoutError) as error:
         reason = " ".join(str(error).split())[:200]
-        raise OutputError(f"no Dask scheduler answers at {address} ({reason}); give one such as tcp://host:8786") from None
+        raise OutputError(
+            f"no Dask scheduler answers at {address} ({reason}); give one such as tcp://host:8786"
+        ) from None
 
 
 # Execute a campaign: from its folder to its cluster and back.
@@ -116,10 +142,11 @@ def run_jobs(
     limit: float = math.inf,
     progress: Progress | None = None,
 ) -> None:
-    """Make all runs of `work` that are not finished in the folder `out`; workers: processes of this machine;
-    limit [s] of a run.
+    """Make all runs of `work` that are not finished in the folder `out`; workers: processes of this
+    machine; limit [s] of a run.
 
-    Raises what `opened`, `connected` and `Dispatch.run` raise, and `NotInstalled` without the extra ``uvms-ocp[campaign]``.
+    Raises what `opened`, `connected` and `Dispatch.run` raise, and `NotInstalled` without the extra
+    ``uvms-ocp[campaign]``.
     """
     require_first_reading("Campaign.run")
     dask(), arrow()
@@ -128,8 +155,11 @@ def run_jobs(
         client = None if scheduler is None else held.enter_context(connected(scheduler, workers))
         folder = held.enter_context(opened(out, identity, sources or {}))
 
-        begun, total = int(np.sum(folder.finished)), len(folder.finished)
-        bar = held.enter_context(progress_bar(shown=progress is None, unit="run", initial=begun, total=total))
+        begun = int(np.sum(folder.finished))
+        total = len(folder.finished)
+        bar = held.enter_context(
+            progress_bar(shown=progress is None, unit="run", initial=begun, total=total)
+        )
 
         def report_progress() -> None:
             done = int(np.sum(folder.finished))
@@ -145,4 +175,6 @@ def run_jobs(
             if client is None:
                 warn_if_slower()  # which workers would not say
                 client = held.enter_context(connected(None, workers))
-            Dispatch(client, work, folder, limit=limit, exclusive=scheduler is None).run(folder.left.tolist(), report_progress)
+            Dispatch(client, work, folder, limit=limit, exclusive=scheduler is None).run(
+                folder.left.tolist(), report_progress
+            )

@@ -1,4 +1,6 @@
-"""A scenario or a list of variations by the code that makes it, with every file it read: built again anywhere."""
+"""A scenario or a list of variations by the code that makes it, with every file it read: built
+again anywhere.
+"""
 
 from __future__ import annotations
 
@@ -35,7 +37,9 @@ class _Identity(FileModel, strict=True):
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class CodeSource:
-    """Words, options and files. Where the files are as they were, they are used in their place, and elsewhere a copy."""
+    """Words, options and files. Where the files are as they were, they are used in their place, and
+    elsewhere a copy.
+    """
 
     words: str
     """A name, ``file.py:name`` or ``package.module:name``."""
@@ -49,10 +53,15 @@ class CodeSource:
     """Contents by the path below `root`."""
 
     @staticmethod
-    def gathered(words: str, options: Mapping[str, Any] | None = None, attribute: str = "scenario") -> CodeSource:
+    def gathered(
+        words: str, options: Mapping[str, Any] | None = None, attribute: str = "scenario"
+    ) -> CodeSource:
         """Make it with the files that the code reads now. Raises what building it raises."""
         code = own_code(words, attribute)
-        given = {name: _absolute(value) if name in _PLACES else value for name, value in (options or {}).items()}
+        given = {
+            name: _absolute(value) if name in _PLACES else value
+            for name, value in (options or {}).items()
+        }
         bare = CodeSource(words=_placed(words, Path.cwd()), attribute=attribute, options=given)
         forget_user_code()
         with untrusted.record_files_read() as found:
@@ -71,13 +80,19 @@ class CodeSource:
         here = self.located()
         if self.attribute == "scenario":
             return load_scenario(here.words, here.options, SCENARIOS)
-        if (code := own_code(here.words, self.attribute)) is None:
-            raise InvalidInput(f"{here.words!r} is no Python code; give FILE.py, FILE.py:NAME or PACKAGE.MODULE:NAME")
+        code = own_code(here.words, self.attribute)
+        if code is None:
+            raise InvalidInput(
+                f"{here.words!r} is no Python code; give FILE.py, FILE.py:NAME or"
+                " PACKAGE.MODULE:NAME"
+            )
         found = code.load()
         return found() if callable(found) else found
 
     def located(self) -> CodeSource:
-        """Return it with words and options that point to files with the right contents on this machine."""
+        """Return it with words and options that point to files with the right contents on this
+        machine.
+        """
         if not self.files or _is_intact(Path(self.root), self.files):
             return self
         folder = _unpacked(self.digest(), tuple(self.files.items()))
@@ -93,30 +108,53 @@ class CodeSource:
 
     def hashes(self) -> dict[str, str]:
         """Hash of each file."""
-        return {name: hashlib.sha256(content).hexdigest() for name, content in sorted(self.files.items())}
+        return {
+            name: hashlib.sha256(content).hexdigest()
+            for name, content in sorted(self.files.items())
+        }
 
     def identity(self) -> dict[str, Any]:
-        """Return its identity, from which `restored` makes it: JSON values, paths below the root with ``./``."""
+        """Return its identity, from which `restored` makes it: JSON values, paths below the root
+        with ``./``.
+        """
         options = {name: _each(value, self._below) for name, value in sorted(self.options.items())}
-        return {"words": self._below(self.words), "attribute": self.attribute, "options": options, "files": self.hashes()}
+        return {
+            "words": self._below(self.words),
+            "attribute": self.attribute,
+            "options": options,
+            "files": self.hashes(),
+        }
 
     @staticmethod
     def restored(identity: Mapping[str, Any], copies: Path) -> CodeSource:
         """Restore it from an `identity` and the copies of files in a folder.
 
-        Raises `InvalidInput` for a changed copy, an identity that is none, and words that name a file without a copy.
+        Raises `InvalidInput` for a changed copy, an identity that is none, and words that name a
+        file without a copy.
         """
         root = str(copies.resolve())
         try:
             known = _Identity.model_validate(identity)
         except ValidationError as error:
-            raise InvalidInput(f"{copies}: not what a campaign keeps of it ({one_line(error, _Identity)})") from None
+            raise InvalidInput(
+                f"{copies}: not what a campaign keeps of it ({one_line(error, _Identity)})"
+            ) from None
         code = own_code(known.words)
-        if code is not None and code.file is not None and code.file.as_posix().removeprefix("./") not in known.files:
-            raise InvalidInput(f"{copies}: {known.words[:80]!r} is not among its files; put back what was")
+        if (
+            code is not None
+            and code.file is not None
+            and code.file.as_posix().removeprefix("./") not in known.files
+        ):
+            raise InvalidInput(
+                f"{copies}: {known.words[:80]!r} is not among its files; put back what was"
+            )
 
         def placed(value: Any) -> Any:
-            return os.path.join(root, value[2:]) if isinstance(value, str) and value.startswith("./") else value
+            return (
+                os.path.join(root, value[2:])
+                if isinstance(value, str) and value.startswith("./")
+                else value
+            )
 
         source = CodeSource(
             words=placed(identity["words"]),
@@ -127,7 +165,9 @@ class CodeSource:
         )
         for name, digest in source.hashes().items():
             if digest != identity["files"][name]:
-                raise InvalidInput(f"{copies / name}: changed since the campaign began; put back what was")
+                raise InvalidInput(
+                    f"{copies / name}: changed since the campaign began; put back what was"
+                )
         return source
 
     def _below(self, value: Any) -> Any:
@@ -142,7 +182,10 @@ class CodeSource:
 @lru_cache(maxsize=8)
 def _unpacked(digest: str, files: tuple[tuple[str, bytes], ...]) -> Path:
     """A folder with the files; other processes of this machine use the same."""
-    folder = Path(tempfile.gettempdir(), f"uvms_ocp_{os.getuid() if hasattr(os, 'getuid') else ''}_{digest[:24]}")
+    folder = Path(
+        tempfile.gettempdir(),
+        f"uvms_ocp_{os.getuid() if hasattr(os, 'getuid') else ''}_{digest[:24]}",
+    )
     if folder.is_dir() and _is_intact(folder, dict(files)):
         return folder
     fresh = Path(tempfile.mkdtemp(prefix="uvms_ocp_"))
@@ -160,16 +203,23 @@ def _unpacked(digest: str, files: tuple[tuple[str, bytes], ...]) -> Path:
 
 def _is_intact(root: Path, files: Mapping[str, bytes]) -> bool:
     try:
-        return all((root / name).read_bytes() == content for name, content in files.items() if not name.startswith(_PACKED))
+        return all(
+            (root / name).read_bytes() == content
+            for name, content in files.items()
+            if not name.startswith(_PACKED)
+        )
     except OSError:
         return False
 
 
 def _contents(paths: set[Path]) -> dict[str, bytes]:
     """Read files by name: below the root, or, for the toolkit's own robots, below `_PACKED`."""
-    root, packed = _common(paths), robots_folder().resolve()
+    root = _common(paths)
+    packed = robots_folder().resolve()
     names = {
-        path: _PACKED + path.relative_to(packed).as_posix() if path.is_relative_to(packed) else path.relative_to(root).as_posix()
+        path: _PACKED + path.relative_to(packed).as_posix()
+        if path.is_relative_to(packed)
+        else path.relative_to(root).as_posix()
         for path in sorted(paths)
     }
     return {name: path.read_bytes() for path, name in names.items()}
@@ -184,7 +234,9 @@ def _copy(path: Path) -> bytes:
     try:
         return path.read_bytes()
     except OSError as error:
-        raise InvalidInput(f"{path}: cannot be read ({error.strerror}); put back what was") from None
+        raise InvalidInput(
+            f"{path}: cannot be read ({error.strerror}); put back what was"
+        ) from None
 
 
 def _each(value: Any, change: Callable[[Any], Any]) -> Any:
@@ -195,7 +247,11 @@ def _each(value: Any, change: Callable[[Any], Any]) -> Any:
 
 
 def _absolute(value: Any) -> Any:
-    return str(Path(value).resolve()) if isinstance(value, str | Path) and Path(value).exists() else value
+    return (
+        str(Path(value).resolve())
+        if isinstance(value, str | Path) and Path(value).exists()
+        else value
+    )
 
 
 def _placed(words: str, folder: Path) -> str:
@@ -203,4 +259,6 @@ def _placed(words: str, folder: Path) -> str:
     code = own_code(words)
     if code is None or code.file is None:
         return words
-    return str((folder / code.file).resolve()) + ("" if words.endswith(".py") else ":" + words.rpartition(":")[2])
+    return str((folder / code.file).resolve()) + (
+        "" if words.endswith(".py") else ":" + words.rpartition(":")[2]
+    )

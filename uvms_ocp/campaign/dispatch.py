@@ -1,4 +1,6 @@
-"""Dispatch runs to the workers of a cluster and collect rows: a bounded number at a time, whatever becomes of the workers."""
+"""Dispatch runs to the workers of a cluster and collect rows: a bounded number at a time, whatever
+becomes of the workers.
+"""
 
 from __future__ import annotations
 
@@ -19,7 +21,16 @@ from uuid import uuid4
 from distributed import WorkerPlugin, get_worker
 
 from uvms_ocp.campaign.cluster import dask
-from uvms_ocp.campaign.jobs import ERROR, KILLED, TIME_LIMIT, CampaignJob, RunResult, attempt_job, failed_row, over_time
+from uvms_ocp.campaign.jobs import (
+    ERROR,
+    KILLED,
+    TIME_LIMIT,
+    CampaignJob,
+    RunResult,
+    attempt_job,
+    failed_row,
+    over_time,
+)
 from uvms_ocp.campaign.store import CampaignFolder
 from uvms_ocp.errors import OutputError
 
@@ -33,7 +44,8 @@ class JobPlugin(WorkerPlugin):
 
     def __init__(self, name: str, work: CampaignJob) -> None:
         """name: of the campaign, by which its runs find it."""
-        self.name, self.work = name, work
+        self.name = name
+        self.work = work
 
     def setup(self, worker: Any) -> None:
         """Keep quiet: what a run has to say stands in its row."""
@@ -69,23 +81,38 @@ class Dispatch:
     """Dispatcher of the runs of one campaign on one cluster."""
 
     def __init__(
-        self, client: Any, work: CampaignJob, folder: CampaignFolder, *, limit: float = math.inf, exclusive: bool = False
+        self,
+        client: Any,
+        work: CampaignJob,
+        folder: CampaignFolder,
+        *,
+        limit: float = math.inf,
+        exclusive: bool = False,
     ) -> None:
-        """client: a `distributed.Client`. limit [s] of a run. exclusive: whether workers have one at a time, alone to blame."""
-        self._client, self._work, self._folder = client, work, folder
-        self._name, self._limit = f"runs-{uuid4().hex}", limit
+        """client: a `distributed.Client`. limit [s] of a run. exclusive: whether workers have one
+        at a time, alone to blame.
+        """
+        self._client = client
+        self._work = work
+        self._folder = folder
+        self._name = f"runs-{uuid4().hex}"
+        self._limit = limit
         self._overdue: queue.SimpleQueue[Any] = queue.SimpleQueue()
         self._running: dict[Any, Sequence[int]] = {}
         self._alone: deque[int] = deque()
-        self._exclusive, self._suspects, self._tried = exclusive, deque[int](), set[int]()
+        self._exclusive = exclusive
+        self._suspects = deque[int]()
+        self._tried = set[int]()
         self._arrived: queue.SimpleQueue[Any] = queue.SimpleQueue()
-        self._wall, self._made = 0.0, 0
+        self._wall = 0.0
+        self._made = 0
         self._alone_since: float | None = None
 
     def run(self, runs: Iterable[int], progress: Any) -> None:
         """Make all of these runs; progress: called without arguments whenever rows have come.
 
-        Raises `OutputError` where the cluster is lost. Rows that have come are in the folder then, as after an interrupt.
+        Raises `OutputError` where the cluster is lost. Rows that have come are in the folder then,
+        as after an interrupt.
         """
         todo = iter(runs)
         self._client.register_plugin(JobPlugin(self._name, self._work), name=self._name)
@@ -102,8 +129,14 @@ class Dispatch:
             self._stop()
 
     def _fill(self, todo: Any) -> None:
-        workers = self._client.scheduler_info(n_workers=-1)["workers"].values() if self._running else ()
-        counts = [worker["nthreads"] for worker in workers] if self._running else self._client.nthreads().values()
+        workers = (
+            self._client.scheduler_info(n_workers=-1)["workers"].values() if self._running else ()
+        )
+        counts = (
+            [worker["nthreads"] for worker in workers]
+            if self._running
+            else self._client.nthreads().values()
+        )
         threads = max(1, sum(counts))
         while len(self._running) < _AHEAD * threads and (chunk := self._next(todo)):
             self._send(chunk)
@@ -111,7 +144,9 @@ class Dispatch:
             self._send([self._suspects.popleft()])  # with nothing beside it
 
     def _next(self, todo: Any) -> list[int]:
-        """Runs of the next task: those under suspicion one by one, others together as far as they are short."""
+        """Runs of the next task: those under suspicion one by one, others together as far as they
+        are short.
+        """
         if self._alone:
             return [self._alone.popleft()]
         mean = self._wall / self._made if self._made else _TASK
@@ -144,14 +179,18 @@ class Dispatch:
             self._alone_since = monotonic()
         elif monotonic() - self._alone_since > _ALONE:
             self._alone_since = math.inf
-            _log.warning("the cluster has had no worker for %g s; they need this version of uvms_ocp, too", _ALONE)
+            _log.warning(
+                "the cluster has had no worker for %g s; they need this version of uvms_ocp, too",
+                _ALONE,
+            )
 
     def _take(self, futures: Sequence[Any]) -> None:
         whole = {future: future for future in futures if future.status == "finished"}
         for future, found in self._client.gather(whole, errors="skip").items():
             if found is not None:  # else its worker has gone since, and with it the rows
                 for done in found:
-                    self._wall, self._made = self._wall + float(done.row["wall_s"] or 0.0), self._made + 1
+                    self._wall = self._wall + float(done.row["wall_s"] or 0.0)
+                    self._made = self._made + 1
                     self._folder.add(done)
                 self._running.pop(future)
         for future in futures:
@@ -159,21 +198,33 @@ class Dispatch:
                 self._judge(future, self._running.pop(future))
 
     def _judge(self, future: Any, chunk: Sequence[int]) -> None:
-        """A task that gave no rows: several runs are tried one by one, one that ended its processes is a row."""
+        """A task that gave no rows: several runs are tried one by one, one that ended its processes
+        is a row.
+        """
         error = future.exception() if future.status == "error" else None
         if error is None or len(chunk) > 1:
             self._require_cluster()
             self._alone.extend(chunk)
-        elif isinstance(error, dask().KilledWorker) and not self._exclusive and chunk[0] not in self._tried:
+        elif (
+            isinstance(error, dask().KilledWorker)
+            and not self._exclusive
+            and chunk[0] not in self._tried
+        ):
             self._tried.add(chunk[0])
             self._suspects.append(chunk[0])
         else:
             outcome = KILLED if isinstance(error, dask().KilledWorker) else ERROR
-            text = f"the process of the run ended: {error}" if outcome == KILLED else f"{type(error).__name__}: {error}"
+            text = (
+                f"the process of the run ended: {error}"
+                if outcome == KILLED
+                else f"{type(error).__name__}: {error}"
+            )
             self._folder.add(RunResult(row=failed_row(self._work, chunk[0], outcome, text)))
 
     def _give_up(self) -> None:
-        """Runs that did not end in their time, nor when they were told to: their processes end just now."""
+        """Runs that did not end in their time, nor when they were told to: their processes end just
+        now.
+        """
         while not self._overdue.empty():
             _, overdue = self._overdue.get_nowait()
             for future, chunk in list(self._running.items()):
@@ -181,15 +232,25 @@ class Dispatch:
                     self._running.pop(future)
                     self._client.cancel([future], force=True)
                     self._alone.extend(run for run in chunk if run != overdue["run"])
-                    self._folder.add(RunResult(row=failed_row(self._work, overdue["run"], TIME_LIMIT, over_time(self._limit))))
+                    self._folder.add(
+                        RunResult(
+                            row=failed_row(
+                                self._work, overdue["run"], TIME_LIMIT, over_time(self._limit)
+                            )
+                        )
+                    )
 
     def _require_cluster(self) -> None:
         if self._client.status not in ("running", "connecting"):
-            raise OutputError("the Dask scheduler is gone; start it, then give the same command again to go on")
+            raise OutputError(
+                "the Dask scheduler is gone; start it, then give the same command again to go on"
+            )
 
     def _stop(self) -> None:
         """Nothing of ours stays on the cluster."""
-        with suppress(OSError, ValueError, RuntimeError, TimeoutError):  # a cluster that is gone keeps nothing
+        with suppress(
+            OSError, ValueError, RuntimeError, TimeoutError
+        ):  # a cluster that is gone keeps nothing
             self._client.cancel(list(self._running), force=True)
             self._running.clear()
             self._client.unregister_worker_plugin(self._name)

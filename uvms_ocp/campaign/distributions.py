@@ -1,7 +1,8 @@
-"""Uncertain parameters: what one is, its distribution by quantiles, and the sampling design of all runs.
+"""Uncertain parameters: what one is, its distribution by quantiles, and the sampling design of all
+runs.
 
-A sampler draws numbers from 0 to 1, so that a distribution serves random, Latin hypercube and Sobol' samples alike. Any frozen
-distribution of scipy.stats can stand in its place.
+A sampler draws numbers from 0 to 1, so that a distribution serves random, Latin hypercube and
+Sobol' samples alike. Any frozen distribution of scipy.stats can stand in its place.
 """
 
 from __future__ import annotations
@@ -37,13 +38,17 @@ class Parameter:
 
 def real_numbers(value: Any) -> list[str]:
     """Fields of a dataclass that it is made of and that are real numbers."""
-    return [item.name for item in fields(value) if item.init and type(getattr(value, item.name)) is float]
+    return [
+        item.name
+        for item in fields(value)
+        if item.init and type(getattr(value, item.name)) is float
+    ]
 
 
 # Distributions of one parameter, each by its quantiles: what a number from 0 to 1 stands for.
 #
-# A sampler draws such numbers, so that a distribution serves random, Latin hypercube and Sobol' samples alike. Any frozen
-# distribution of scipy.stats can stand in their place.
+# A sampler draws such numbers, so that a distribution serves random, Latin hypercube and Sobol'
+# samples alike. Any frozen distribution of scipy.stats can stand in their place.
 
 Share = Annotated[float, Range(0.0, 1.0)]
 
@@ -57,7 +62,9 @@ class Distribution(Protocol):
 
 @checked_dataclass(kw_only=False)
 class Uniform(Distribution):
-    """Every value between two is as likely. Raises `InvalidInput` where they are in the wrong order."""
+    """Every value between two is as likely. Raises `InvalidInput` where they are in the wrong
+    order.
+    """
 
     lower: Finite
     """[unit of the parameter]"""
@@ -66,7 +73,10 @@ class Uniform(Distribution):
 
     def __post_init__(self) -> None:
         if not self.lower < self.upper:
-            raise InvalidInput(f"Uniform: lower = {self.lower:g}, upper = {self.upper:g}; give a larger upper bound")
+            raise InvalidInput(
+                f"Uniform: lower = {self.lower:g}, upper = {self.upper:g}; give a larger upper"
+                " bound"
+            )
 
     def quantile(self, u: Share) -> float:
         """The value [unit of the parameter] below which a share u lies."""
@@ -75,7 +85,9 @@ class Uniform(Distribution):
 
 @checked_dataclass(kw_only=False)
 class Normal(Distribution):
-    """Gauss's bell; it has no bounds, so that a parameter that cannot be below 0 is better a `LogNormal`."""
+    """Gauss's bell; it has no bounds, so that a parameter that cannot be below 0 is better a
+    `LogNormal`.
+    """
 
     mean: Finite
     """[unit of the parameter]"""
@@ -103,7 +115,9 @@ class LogNormal(Distribution):
 
 @checked_dataclass(kw_only=False)
 class Triangular(Distribution):
-    """Most likely at a mode, never beyond two bounds. Raises `InvalidInput` where they are in the wrong order."""
+    """Most likely at a mode, never beyond two bounds. Raises `InvalidInput` where they are in the
+    wrong order.
+    """
 
     lower: Finite
     """[unit of the parameter]"""
@@ -119,7 +133,8 @@ class Triangular(Distribution):
 
     def quantile(self, u: Share) -> float:
         """The value [unit of the parameter] below which a share u lies."""
-        width, left = self.upper - self.lower, self.mode - self.lower
+        width = self.upper - self.lower
+        left = self.mode - self.lower
         if u * width <= left:
             return self.lower + math.sqrt(u * width * left)
         return self.upper - math.sqrt((1.0 - u) * width * (self.upper - self.mode))
@@ -153,38 +168,53 @@ class OfScipy(Distribution):
         return float(self.frozen.ppf(u))
 
     def __repr__(self) -> str:
-        given = [*map(repr, self.frozen.args), *(f"{name}={value!r}" for name, value in self.frozen.kwds.items())]
+        given = [
+            *map(repr, self.frozen.args),
+            *(f"{name}={value!r}" for name, value in self.frozen.kwds.items()),
+        ]
         return f"scipy.stats.{self.frozen.dist.name}({', '.join(given)})"
 
 
 def distribution_of(given: Any) -> Distribution:
-    """One of ours as it is, one of scipy.stats in our words. Raises `InvalidInput` for what is neither."""
+    """One of ours as it is, one of scipy.stats in our words. Raises `InvalidInput` for what is
+    neither.
+    """
     if hasattr(given, "quantile"):
         return given
     if hasattr(given, "ppf") and hasattr(given, "dist"):
         return OfScipy(given)
-    allowed = "Uniform, Normal, LogNormal, Triangular, Choice or a frozen distribution of scipy.stats"
+    allowed = (
+        "Uniform, Normal, LogNormal, Triangular, Choice or a frozen distribution of scipy.stats"
+    )
     raise InvalidInput(f"distribution = {given!r}; give {allowed}")
 
 
 def _standard_normal(u: float) -> float:
     from scipy.special import ndtri
 
-    return float(ndtri(min(max(u, 1e-16), 1.0 - 1e-16)))  # finite at the ends, which samplers can give
+    return float(
+        ndtri(min(max(u, 1e-16), 1.0 - 1e-16))
+    )  # finite at the ends, which samplers can give
 
 
 # Numbers from 0 to 1 for every run: a table of which run k has row k, whatever runs before it.
 
 SAMPLERS = ("random", "latin", "sobol", "indices")
-"""Independent draws; a Latin hypercube; a scrambled Sobol' sequence; the design that Sobol' indices need."""
+"""Independent draws; a Latin hypercube; a scrambled Sobol' sequence; the design that Sobol' indices
+need.
+"""
 GROWING = ("random", "sobol")
 """Those of which more runs begin with the same."""
-_DRAWN, _SEED = 0, 1  # streams of a run
+# streams of a run
+_DRAWN = 0
+_SEED = 1
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Design:
-    """Design of samples in the unit cube. Raises `NameNotFound` for a sampler, `InvalidInput` for a number of runs."""
+    """Design of samples in the unit cube. Raises `NameNotFound` for a sampler, `InvalidInput` for a
+    number of runs.
+    """
 
     sampler: str
     runs: int
@@ -198,15 +228,21 @@ class Design:
             return
         block = self.parameters + 2
         if self.parameters < 2:
-            raise InvalidInput(f"the sampler indices with {self.parameters} parameters; give 2 or more to compare")
+            raise InvalidInput(
+                f"the sampler indices with {self.parameters} parameters; give 2 or more to compare"
+            )
         base = self.runs // block
         if base < 2 or base * block != self.runs or base & (base - 1):
             near = 2 ** max(1, round(np.log2(max(self.runs / block, 2))))
-            allowed = f"a power of 2 times {block}, the parameters and 2 more, such as {near * block}"
+            allowed = (
+                f"a power of 2 times {block}, the parameters and 2 more, such as {near * block}"
+            )
             raise InvalidInput(f"{self.runs} runs with the sampler indices; give {allowed}")
 
     def row(self, run: int) -> np.ndarray:
-        """Numbers (parameters,) of a run, from 0 to 1. Raises `NotInstalled` for indices without SALib."""
+        """Numbers (parameters,) of a run, from 0 to 1. Raises `NotInstalled` for indices without
+        SALib.
+        """
         if not self.parameters:
             return np.zeros(0)
         if self.sampler == "random":
@@ -229,11 +265,18 @@ def _table(design: Design) -> Any:
     if design.sampler == "indices":
         sobol = optional_module("SALib.sample.sobol", "the sampler indices", CAMPAIGN_EXTRA)
         problem = problem_of([f"x{k}" for k in range(design.parameters)])
-        return sobol.sample(problem, design.runs // (design.parameters + 2), calc_second_order=False, seed=design.seed)
+        return sobol.sample(
+            problem,
+            design.runs // (design.parameters + 2),
+            calc_second_order=False,
+            seed=design.seed,
+        )
     if design.sampler == "latin":
         return qmc.LatinHypercube(design.parameters, rng=design.seed).random(design.runs)
     with warnings.catch_warnings():
-        warnings.filterwarnings("ignore", message="The balance properties")  # any number of runs is allowed
+        warnings.filterwarnings(
+            "ignore", message="The balance properties"
+        )  # any number of runs is allowed
         return qmc.Sobol(design.parameters, rng=design.seed).random(design.runs)
 
 

@@ -1,4 +1,6 @@
-"""Jobs of a campaign: run k on any machine with its time limit, its metrics, and a row whatever goes wrong."""
+"""Jobs of a campaign: run k on any machine with its time limit, its metrics, and a row whatever
+goes wrong.
+"""
 
 from __future__ import annotations
 
@@ -29,7 +31,9 @@ from uvms_ocp.version import __version__
 # An end for runs that find none.
 
 GRACE = 3.0
-"""[s] that Python has to leave a run whose time is over; what is deeper, in a call that does not come back, is ended."""
+"""[s] that Python has to leave a run whose time is over; what is deeper, in a call that does not
+come back, is ended.
+"""
 
 
 _WAITS = 50  # [ms] in which an interrupt that is on its way arrives
@@ -41,9 +45,11 @@ class OverTime(BaseException):
 
 @contextmanager
 def time_limit(seconds: float, stuck: Callable[[], None]) -> Iterator[None]:
-    """Raise `OverTime` in the block after so many seconds [s], wherever it is; stuck: called where it does not get there.
+    """Raise `OverTime` in the block after so many seconds [s], wherever it is; stuck: called where
+    it does not get there.
 
-    It comes between two steps of Python, so that a single call that never returns, such as a sleep, is for `stuck`.
+    It comes between two steps of Python, so that a single call that never returns, such as a sleep,
+    is for `stuck`.
     """
     watch = _Watch(threading.get_ident(), stuck)
     timer = threading.Timer(seconds, watch.end)
@@ -62,8 +68,11 @@ class _Watch:
     """Watchdog of one run in one thread."""
 
     def __init__(self, thread: int, stuck: Callable[[], None]) -> None:
-        self._thread, self._stuck = thread, stuck
-        self._lock, self._left, self._fired = threading.Lock(), threading.Event(), False
+        self._thread = thread
+        self._stuck = stuck
+        self._lock = threading.Lock()
+        self._left = threading.Event()
+        self._fired = False
 
     def end(self) -> None:
         """Interrupt the run, unless it has ended."""
@@ -71,7 +80,9 @@ class _Watch:
             if self._left.is_set():
                 return
             self._fired = True
-            ctypes.pythonapi.PyThreadState_SetAsyncExc(ctypes.c_ulong(self._thread), ctypes.py_object(OverTime))
+            ctypes.pythonapi.PyThreadState_SetAsyncExc(
+                ctypes.c_ulong(self._thread), ctypes.py_object(OverTime)
+            )
         if not self._left.wait(GRACE):
             self._stuck()
 
@@ -80,19 +91,34 @@ class _Watch:
         try:
             with self._lock:
                 self._left.set()
-            for _ in range(_WAITS if self._fired and not isinstance(sys.exc_info()[1], OverTime) else 0):
+            for _ in range(
+                _WAITS if self._fired and not isinstance(sys.exc_info()[1], OverTime) else 0
+            ):
                 time.sleep(0.001)
         finally:
             self._left.set()
 
 
-# What a campaign runs: something that makes a row of a number, on any machine, and a row of whatever goes wrong.
+# What a campaign runs: something that makes a row of a number, on any machine, and a row of
+# whatever goes wrong.
 
 Row = Mapping[str, Any]
-COMPLETED, ERROR, KILLED, TIME_LIMIT = "completed", "error", "killed", "time limit"
-"""Outcomes: success, an exception, the end of the process, no end in the time allowed. Other outcomes are those of missions."""
+COMPLETED = "completed"
+ERROR = "error"
+KILLED = "killed"
+TIME_LIMIT = "time limit"
+"""Outcomes: success, an exception, the end of the process, no end in the time allowed. Other
+outcomes are those of missions.
+"""
 FIRST: Mapping[str, type] = {"run": int}
-LAST: Mapping[str, type] = {"outcome": str, "success": bool, "cause": str, "wall_s": float, "worker": str, "version": str}
+LAST: Mapping[str, type] = {
+    "outcome": str,
+    "success": bool,
+    "cause": str,
+    "wall_s": float,
+    "worker": str,
+    "version": str,
+}
 """Columns of every campaign, before and after its own."""
 VARYING = ("wall_s", "worker")
 """Columns that differ when a run is repeated."""
@@ -129,9 +155,14 @@ def columns_of(work: CampaignJob) -> dict[str, type]:
 
 
 def attempt_job(
-    work: CampaignJob, run: int, worker: str, limit: float = THREADS_WAIT, stuck: Callable[[], None] = lambda: None
+    work: CampaignJob,
+    run: int,
+    worker: str,
+    limit: float = THREADS_WAIT,
+    stuck: Callable[[], None] = lambda: None,
 ) -> RunResult:
-    """The whole row of a run; an exception is one too, with its text, and the end of the time `limit` [s].
+    """The whole row of a run; an exception is one too, with its text, and the end of the time
+    `limit` [s].
 
     stuck: called where a run does not end by itself then.
     """
@@ -140,10 +171,18 @@ def attempt_job(
         with time_limit(min(limit, THREADS_WAIT), stuck):
             done = work.make(run)
     except OverTime as error:
-        done = RunResult(row=failed_row(work, run, TIME_LIMIT, f"{over_time(limit)}{_place(error)}"))
+        done = RunResult(
+            row=failed_row(work, run, TIME_LIMIT, f"{over_time(limit)}{_place(error)}")
+        )
     except (Exception, SystemExit) as error:
         done = RunResult(row=failed_row(work, run, ERROR, describe(error)))
-    row = {"run": run, **done.row, "wall_s": perf_counter() - begin, "worker": worker, "version": __version__}
+    row = {
+        "run": run,
+        **done.row,
+        "wall_s": perf_counter() - begin,
+        "worker": worker,
+        "version": __version__,
+    }
     return RunResult(row=row, attachment=done.attachment)
 
 
@@ -152,7 +191,8 @@ def failed_row(work: CampaignJob, run: int, outcome: str, text: str) -> dict[str
     try:
         head = dict(work.head(run))
     except Exception as error:
-        head, text = {}, f"{text}; and its parameters cannot be drawn: {describe(error)}"
+        head = {}
+        text = f"{text}; and its parameters cannot be drawn: {describe(error)}"
     own = {"outcome": outcome, "success": False, "cause": plain_line(text, _LONGEST)}
     return {"run": run, **head, **own, "version": __version__}
 
@@ -179,19 +219,40 @@ _TABLE = (files("uvms_ocp.campaign") / "metrics.csv").read_text(encoding="utf-8"
 METRICS: Mapping[str, str] = {row["metric"]: row["meaning"] for row in csv.DictReader(_TABLE)}
 """Metrics of a run, with unit and meaning."""
 OF_EACH_TOOL = ("tool_position_error_m", "tool_orientation_error_rad", "clearance_m")
-"""Those that a robot with several tools has of each, such as ``clearance_m[port_tool]``, that of its arm."""
-_FROM_REPORT = ("energy_j", "path_length_m", "joint_margin_rad", "joint_margin_m", "saturation_time_s", "peak_thrust_n")
+"""Those that a robot with several tools has of each, such as ``clearance_m[port_tool]``, that of
+its arm.
+"""
+_FROM_REPORT = (
+    "energy_j",
+    "path_length_m",
+    "joint_margin_rad",
+    "joint_margin_m",
+    "saturation_time_s",
+    "peak_thrust_n",
+)
 _LOOKS = 200  # configurations at which the clearance is measured
 
 
 def tool_metrics(robot: Robot) -> dict[str, str]:
     """The tool of each metric that is of one of several; none where there is one tool."""
-    return {f"{name}[{tool}]": tool for tool in robot.tools if len(robot.tools) > 1 for name in OF_EACH_TOOL}
+    return {
+        f"{name}[{tool}]": tool
+        for tool in robot.tools
+        if len(robot.tools) > 1
+        for name in OF_EACH_TOOL
+    }
 
 
 def metrics_among(columns: Iterable[str]) -> dict[str, str]:
     """`METRICS`, and those of tools among the columns of a campaign, with their meanings."""
-    return {**METRICS, **{name: f"{METRICS[kind]}, of {name}" for name in columns if name != (kind := kind_of(name)) in METRICS}}
+    return {
+        **METRICS,
+        **{
+            name: f"{METRICS[kind]}, of {name}"
+            for name in columns
+            if name != (kind := kind_of(name)) in METRICS
+        },
+    }
 
 
 def kind_of(name: str) -> str:
@@ -200,8 +261,12 @@ def kind_of(name: str) -> str:
 
 
 def run_metrics(scenario: Scenario, record: Record) -> dict[str, float | None]:
-    """Compute the metrics of a run by name, as in `METRICS` and `tool_metrics`; `None` where a run has no such figure."""
-    meta, task, end = record.run_meta, record.run_meta.tool_task, float(record["t"][-1])
+    """Compute the metrics of a run by name, as in `METRICS` and `tool_metrics`; `None` where a run
+    has no such figure.
+    """
+    meta = record.run_meta
+    task = record.run_meta.tool_task
+    end = float(record["t"][-1])
     spent = metrics.figures_between(record, 0.0, end)
     tilt = quantity(record, "HA.tilt", metrics.extremes_of(record, "quantities")[-1])
     figures = {
@@ -213,24 +278,37 @@ def run_metrics(scenario: Scenario, record: Record) -> dict[str, float | None]:
         "min_altimeter_m": metrics.least_altimeter_range(record),
         "tilt_rad": metrics.largest_tilt(record) if tilt is None else metrics.largest_or_none(tilt),
         "alarms": float(len(meta.alarms)),
-        "failed_ticks": None if (failed := metrics.failed_ticks(record)) is None else float(sum(failed.values())),
+        "failed_ticks": None
+        if (failed := metrics.failed_ticks(record)) is None
+        else float(sum(failed.values())),
     }
     for name, tool in tool_metrics(scenario.robot).items():
         own = next((one.name for one in meta.tasks if one.tool == tool), "")
         error = f"{own}.{kind_of(name).removeprefix('tool_').rpartition('_')[0]}"
-        figures[name] = _clearance(scenario, record, tool) if kind_of(name) == "clearance_m" else meta.true_quantity(error)
-    return {name: None if figure is None or not np.isfinite(figure) else float(figure) for name, figure in figures.items()}
+        figures[name] = (
+            _clearance(scenario, record, tool)
+            if kind_of(name) == "clearance_m"
+            else meta.true_quantity(error)
+        )
+    return {
+        name: None if figure is None or not np.isfinite(figure) else float(figure)
+        for name, figure in figures.items()
+    }
 
 
 def _clearance(scenario: Scenario, record: Record, tool: str | None) -> float | None:
-    """Compute the least distance [m] to obstacles along a run, of the whole robot or of the arm that moves the tool."""
+    """Compute the least distance [m] to obstacles along a run, of the whole robot or of the arm
+    that moves the tool.
+    """
     if not scenario.environment.obstacles:
         return None
     q: Any = record["q"][:: max(1, len(record) // _LOOKS)]
     if not np.isfinite(q).all():
         return None
     links = None if tool is None else scenario.robot.arm_shapes(tool)
-    return closest_approach(scenario.robot, scenario.environment, q, floor=False, links=links).distance
+    return closest_approach(
+        scenario.robot, scenario.environment, q, floor=False, links=links
+    ).distance
 
 
 # Distributions of figures of merit.
@@ -240,12 +318,16 @@ _NAMES = ("least", "5 %", "25 %", "median", "75 %", "95 %", "largest")
 
 
 def metric_values(table: Any, name: str) -> np.ndarray:
-    """(n,) [unit of the merit] of all runs, NaN where one has none, as in a campaign of a version without that merit."""
+    """(n,) [unit of the merit] of all runs, NaN where one has none, as in a campaign of a version
+    without that merit.
+    """
     return np.asarray(table.reindex(columns=[name])[name].to_numpy(dtype=float, na_value=np.nan))
 
 
 def distribution_table(table: Any) -> list[dict[str, Any]]:
-    """One row per figure that some run has: quantiles over the runs that have it, failed ones too."""
+    """One row per figure that some run has: quantiles over the runs that have it, failed ones
+    too.
+    """
     rows = []
     for name, meaning in metrics_among(table).items():
         values = metric_values(table, name)

@@ -1,4 +1,6 @@
-"""Report of a campaign, finished or not, by one's own criterion of success, and two campaigns side by side."""
+"""Report of a campaign, finished or not, by one's own criterion of success, and two campaigns side
+by side.
+"""
 
 from __future__ import annotations
 
@@ -26,7 +28,9 @@ _FEW = 10  # of either kind, below which Wilson's normal approximation is left
 
 @checked_dataclass()
 class Rate:
-    """Rate of an event with its confidence interval. Raises `InvalidInput` for more cases than runs."""
+    """Rate of an event with its confidence interval. Raises `InvalidInput` for more cases than
+    runs.
+    """
 
     number: Count
     """Number of runs with the event."""
@@ -66,17 +70,26 @@ class Rate:
         return f"{shown}, 95 % interval {100 * lower:.2f} to {100 * upper:.2f} % ({self.method})"
 
 
-# Group the failures of runs by cause: those that differ only in their numbers are one, shown with the numbers of one run.
+# Group the failures of runs by cause: those that differ only in their numbers are one, shown with
+# the numbers of one run.
 
 _NUMBER = re.compile(r"(?<![\w.])[-+]?\d+(?:\.\d+)?(?:e[-+]?\d+)?(?![\w])")
-_MOST, _LONGEST = 20, 300  # causes, letters of one
+# causes, letters of one
+_MOST = 20
+_LONGEST = 300
 
 
 def cause_table(table: Any) -> list[dict[str, Any]]:
-    """One row per outcome and kind of cause of the runs that failed, the most frequent first, each as its first run has it."""
+    """One row per outcome and kind of cause of the runs that failed, the most frequent first, each
+    as its first run has it.
+    """
     failed = table[~table["success"].astype(bool)]
-    shortened = failed["cause"].fillna("").map(_shortened).astype(str)  # no runs keep the type of the column
-    kind = shortened.str.replace(_NUMBER, "#", regex=True)  # so that causes that differ in their numbers alone are equal
+    shortened = (
+        failed["cause"].fillna("").map(_shortened).astype(str)
+    )  # no runs keep the type of the column
+    kind = shortened.str.replace(
+        _NUMBER, "#", regex=True
+    )  # so that causes that differ in their numbers alone are equal
     groups = failed.assign(shortened=shortened, kind=kind).groupby(["outcome", "kind"], sort=False)
     rows = [
         {
@@ -93,7 +106,10 @@ def cause_table(table: Any) -> list[dict[str, Any]]:
 def outcome_table(table: Any) -> list[dict[str, Any]]:
     """One row per outcome of all runs, the most frequent first."""
     counts = table["outcome"].value_counts()
-    return [{"outcome": name, **Rate(number=int(n), runs=len(table)).to_dict()} for name, n in counts.items()]
+    return [
+        {"outcome": name, **Rate(number=int(n), runs=len(table)).to_dict()}
+        for name, n in counts.items()
+    ]
 
 
 def _shortened(text: str) -> str:
@@ -101,36 +117,53 @@ def _shortened(text: str) -> str:
     return plain_line("; ".join(text.partition("; last alarm")[0].split("; ")[:2]), _LONGEST)
 
 
-# Which parameters matter: rank correlation as a first look, PAWN from any sample, Sobol' indices from their own design.
+# Which parameters matter: rank correlation as a first look, PAWN from any sample, Sobol' indices
+# from their own design.
 
 _FEWEST = 30  # runs with a value, below which nothing is said
-SILENT = f"nothing is told of fewer than {_FEWEST} runs with a figure, of figures that are all alike, or where nothing is varied"
+SILENT = (
+    f"nothing is told of fewer than {_FEWEST} runs with a figure, of figures that are all alike, or"
+    " where nothing is varied"
+)
 _SLICES = 10
 _DUMMY = "(of no effect)"
 
 
-def sensitivity_table(table: Any, parameters: Sequence[str], *, indices: bool) -> list[dict[str, Any]]:
-    """One row per figure and parameter; indices: whether the runs are of the design that Sobol' indices need.
+def sensitivity_table(
+    table: Any, parameters: Sequence[str], *, indices: bool
+) -> list[dict[str, Any]]:
+    """One row per figure and parameter; indices: whether the runs are of the design that Sobol'
+    indices need.
 
-    rank_correlation [-1, 1] is Spearman's with its p-value. pawn [0, 1] is the median over slices of the distance between the
-    distribution of the figure and that where the parameter is known; pawn_floor is that of a number of no effect: what is not
-    clearly above it says nothing. s1 and st are the shares of variance that a parameter has alone and with all others.
-    Raises `NotInstalled` without SALib.
+    rank_correlation [-1, 1] is Spearman's with its p-value. pawn [0, 1] is the median over slices
+    of the distance between the distribution of the figure and that where the parameter is known;
+    pawn_floor is that of a number of no effect: what is not clearly above it says nothing. s1 and
+    st are the shares of variance that a parameter has alone and with all others. Raises
+    `NotInstalled` without SALib.
     """
     if not parameters:
         return []
     rows = []
     for name in ("success", *jobs.metrics_among(table)):
-        y = table[name].to_numpy(dtype=float, na_value=np.nan) if name == "success" else jobs.metric_values(table, name)
+        y = (
+            table[name].to_numpy(dtype=float, na_value=np.nan)
+            if name == "success"
+            else jobs.metric_values(table, name)
+        )
         known = np.isfinite(y)
         if known.sum() >= _FEWEST and np.ptp(y[known]) > 0.0:
-            rows += _of_figure(name, table[list(parameters)].to_numpy(dtype=float), y, parameters, indices)
+            rows += _of_figure(
+                name, table[list(parameters)].to_numpy(dtype=float), y, parameters, indices
+            )
     return rows
 
 
-def _of_figure(name: str, X: np.ndarray, y: np.ndarray, parameters: Sequence[str], indices: bool) -> list[dict[str, Any]]:
+def _of_figure(
+    name: str, X: np.ndarray, y: np.ndarray, parameters: Sequence[str], indices: bool
+) -> list[dict[str, Any]]:
     known = np.isfinite(y)
-    ranks, pawn = _ranks(X[known], y[known]), _pawn(X[known], y[known])
+    ranks = _ranks(X[known], y[known])
+    pawn = _pawn(X[known], y[known])
     shares = _sobol(y, len(parameters)) if indices else {}
     return [
         {
@@ -175,10 +208,16 @@ def _sobol(y: np.ndarray, n: int) -> dict[str, np.ndarray]:
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
         found = sobol.analyze(problem, whole.ravel(), calc_second_order=False, seed=0)
-    return {"s1": found["S1"], "s1_within": found["S1_conf"], "st": found["ST"], "st_within": found["ST_conf"]}
+    return {
+        "s1": found["S1"],
+        "s1_within": found["S1_conf"],
+        "st": found["ST"],
+        "st_within": found["ST_conf"],
+    }
 
 
-# Which runs succeeded: those that the mission counts, or those that finished within limits of one's own.
+# Which runs succeeded: those that the mission counts, or those that finished within limits of one's
+# own.
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -201,7 +240,9 @@ class MetricBound:
 
 
 def parse_bounds(texts: Sequence[str]) -> tuple[MetricBound, ...]:
-    """Parse texts such as ``tool_position_error_m<0.01``. Raises `InvalidInput` or, for an unknown figure, `NameNotFound`."""
+    """Parse texts such as ``tool_position_error_m<0.01``. Raises `InvalidInput` or, for an unknown
+    figure, `NameNotFound`.
+    """
     return tuple(map(_parse, texts))
 
 
@@ -211,20 +252,26 @@ def _parse(text: str) -> MetricBound:
         name, sign, limit = found.groups() if found else ("", "", "")
         value = float(limit)
     except ValueError:
-        raise InvalidInput(f"success {text!r}; give a figure, < or > and a number: tool_position_error_m<0.01") from None
+        raise InvalidInput(
+            f"success {text!r}; give a figure, < or > and a number: tool_position_error_m<0.01"
+        ) from None
     if jobs.kind_of(name) not in jobs.METRICS:
         raise NameNotFound("figure of merit", name, jobs.METRICS)
     return MetricBound(merit=name, sign=sign, limit=value)
 
 
 def judged(table: Any, bounds: Sequence[MetricBound]) -> Any:
-    """The table with `success`, and `outcome` of what finished without it, by these bounds; as it is without any.
+    """The table with `success`, and `outcome` of what finished without it, by these bounds; as it
+    is without any.
 
     Raises `NameNotFound` for a bound on what the campaign does not measure.
     """
     if not bounds:
         return table
-    if unknown := next((bound.merit for bound in bounds if bound.merit not in jobs.metrics_among(table)), None):
+    unknown = next(
+        (bound.merit for bound in bounds if bound.merit not in jobs.metrics_among(table)), None
+    )
+    if unknown:
         raise NameNotFound("figure of merit", unknown, jobs.metrics_among(table))
     kept = np.array([bound.kept(table) for bound in bounds])
     finished = table["finished"].fillna(False).to_numpy(dtype=bool)
@@ -232,26 +279,36 @@ def judged(table: Any, bounds: Sequence[MetricBound]) -> Any:
     outcome = np.where(success, jobs.COMPLETED, table["outcome"].to_numpy(dtype=object))
     missed = finished & ~success
     outcome[missed] = [_missed(bounds, column) for column in kept[:, missed].T]
-    return table.assign(success=success, outcome=outcome, cause=np.where(missed, outcome, table["cause"]))
+    return table.assign(
+        success=success, outcome=outcome, cause=np.where(missed, outcome, table["cause"])
+    )
 
 
 def _missed(bounds: Sequence[MetricBound], kept: np.ndarray) -> str:
-    return "not " + ", not ".join(str(bound) for bound, good in zip(bounds, kept, strict=True) if not good)
+    return "not " + ", not ".join(
+        str(bound) for bound, good in zip(bounds, kept, strict=True) if not good
+    )
 
 
 # The report of a campaign, finished or not.
 
 _WORST = 10
-WORST_FIRST = "failures before successes; among them runs without a tool position error first, then the largest, then the longest"
-_FINISHED_WORSE = ("tool_position_error_m", "duration_s")  # by which runs are compared that end alike
+WORST_FIRST = (
+    "failures before successes; among them runs without a tool position error first, then the"
+    " largest, then the longest"
+)
+_FINISHED_WORSE = (
+    "tool_position_error_m",
+    "duration_s",
+)  # by which runs are compared that end alike
 
 
 @checked
 def campaign_report(folder: Path | str, success: Sequence[MetricBound] = ()) -> dict[str, Any]:
     """Report on the finished runs of the campaign in a folder, as JSON values.
 
-    success: bounds that a run has to keep, in place of what the mission itself counts. Raises `InvalidInput` where there is no
-    campaign, or none of its runs is finished.
+    success: bounds that a run has to keep, in place of what the mission itself counts. Raises
+    `InvalidInput` where there is no campaign, or none of its runs is finished.
     """
     folder = Path(folder)
     return report_of(folder, table_with_success(folder, success), success)
@@ -259,18 +316,27 @@ def campaign_report(folder: Path | str, success: Sequence[MetricBound] = ()) -> 
 
 def report_of(folder: Path, table: Any, success: Sequence[MetricBound]) -> dict[str, Any]:
     """`campaign_report` of the `table_with_success` of that folder."""
-    identity, rate = store.read_manifest(folder), Rate(number=int(table["success"].sum()), runs=len(table))
-    which = {"campaign": identity.name, "folder": str(folder), "runs": identity.runs, "finished": len(table)}
+    identity = store.read_manifest(folder)
+    rate = Rate(number=int(table["success"].sum()), runs=len(table))
+    which = {
+        "campaign": identity.name,
+        "folder": str(folder),
+        "runs": identity.runs,
+        "finished": len(table),
+    }
     return which | {
         **{name: getattr(identity, name) for name in ("package", "sampler", "seed", "parameters")},
-        "criterion": [str(bound) for bound in success] or ["the mission completed, and its goals truly reached"],
+        "criterion": [str(bound) for bound in success]
+        or ["the mission completed, and its goals truly reached"],
         "success": rate.to_dict(),
         "success_text": str(rate),
         "outcomes": outcome_table(table),
         "causes": cause_table(table),
         "distributions": jobs.distribution_table(table),
         "sensitivity": sensitivity_table(
-            table, [*identity.parameters], indices=identity.sampler == "indices" and len(table) == identity.runs
+            table,
+            [*identity.parameters],
+            indices=identity.sampler == "indices" and len(table) == identity.runs,
         ),
         "sensitivity_silent": SILENT,
         "worst": worst_runs(table, folder),
@@ -283,13 +349,24 @@ def table_with_success(folder: Path, success: Sequence[MetricBound] = ()) -> Any
     """Return all finished runs with their success. Raises `InvalidInput` where there are none."""
     table = store.read_table(folder)
     if not len(table):
-        raise InvalidInput(f"{folder}: no run of its campaign is finished yet; start it, or wait a few seconds")
-    if missing := [name for name in ("seed", "duration_s", "finished") if name not in table]:
-        raise InvalidInput(f"{folder}: its rows have no {missing[0]!r}; give the folder of a campaign of missions")
-    if unknown := sorted({*table["outcome"]} - {*ENDS, jobs.ERROR, jobs.KILLED, jobs.TIME_LIMIT}):
-        raise InvalidInput(f"{folder}: a run with the outcome {unknown[0][:80]!r}, which no run has; put back what was")
+        raise InvalidInput(
+            f"{folder}: no run of its campaign is finished yet; start it, or wait a few seconds"
+        )
+    missing = [name for name in ("seed", "duration_s", "finished") if name not in table]
+    if missing:
+        raise InvalidInput(
+            f"{folder}: its rows have no {missing[0]!r}; give the folder of a campaign of missions"
+        )
+    unknown = sorted({*table["outcome"]} - {*ENDS, jobs.ERROR, jobs.KILLED, jobs.TIME_LIMIT})
+    if unknown:
+        raise InvalidInput(
+            f"{folder}: a run with the outcome {unknown[0][:80]!r}, which no run has; put back"
+            " what was"
+        )
     if (table["success"] & ~table["finished"].fillna(False).astype(bool)).any():
-        raise InvalidInput(f"{folder}: a run that did not finish counts as success; put back what was")
+        raise InvalidInput(
+            f"{folder}: a run that did not finish counts as success; put back what was"
+        )
     return judged(table, success)
 
 
@@ -298,13 +375,17 @@ def worst_runs(table: Any, folder: Path) -> list[dict[str, Any]]:
     merits = np.array([jobs.metric_values(table, name) for name in _FINISHED_WORSE]).T
     keys = list(np.nan_to_num(merits, nan=np.inf).T[::-1])
     order = np.lexsort([-key for key in keys] + [table["success"].to_numpy(dtype=bool)])[:_WORST]
-    rows, merits = table.iloc[order], merits[order]
+    rows = table.iloc[order]
+    merits = merits[order]
     return [
         {
             "run": int(row["run"]),
             "outcome": row["outcome"],
             "cause": row["cause"] or "",
-            **{name: None if np.isnan(metric) else float(metric) for name, metric in zip(_FINISHED_WORSE, own, strict=True)},
+            **{
+                name: None if np.isnan(metric) else float(metric)
+                for name, metric in zip(_FINISHED_WORSE, own, strict=True)
+            },
             "repeat": f"uvms-ocp campaign {shlex.quote(str(folder))} --rerun {row['run']}",
         }
         for (_, row), own in zip(rows.iterrows(), merits, strict=True)
@@ -319,12 +400,15 @@ _DRAWN = ("runs", "seed", "sampler", "parameters")  # of campaigns that draw the
 
 
 @checked
-def compare_campaigns(first: Path | str, second: Path | str, success: Sequence[MetricBound] = ()) -> dict[str, Any]:
+def compare_campaigns(
+    first: Path | str, second: Path | str, success: Sequence[MetricBound] = ()
+) -> dict[str, Any]:
     """Success and figures of both campaigns, as JSON values.
 
-    Of campaigns with the same seed, sampler, number of runs and parameters runs of the same number are pairs: then only those
-    count in which one succeeded and the other did not (McNemar's exact test), and differences have intervals by the bootstrap.
-    success: bounds as for `campaign_report`. Raises `InvalidInput` where there is no campaign or no finished run.
+    Of campaigns with the same seed, sampler, number of runs and parameters runs of the same number
+    are pairs: then only those count in which one succeeded and the other did not (McNemar's exact
+    test), and differences have intervals by the bootstrap. success: bounds as for
+    `campaign_report`. Raises `InvalidInput` where there is no campaign or no finished run.
     """
     folders = (Path(first), Path(second))
     tables = [table_with_success(folder, success) for folder in folders]
@@ -372,4 +456,9 @@ def _difference(name: str, a: Any, b: Any) -> dict[str, Any] | None:
     means = [known[rng.integers(0, known.size, known.size)].mean() for _ in range(_RESAMPLED)]
     lower, upper = np.quantile(means, [0.025, 0.975])
     own = {"figure": name, "pairs": int(known.size), "mean_change": float(known.mean())}
-    return {**own, "lower": float(lower), "upper": float(upper), "median_change": float(np.median(known))}
+    return {
+        **own,
+        "lower": float(lower),
+        "upper": float(upper),
+        "median_change": float(np.median(known)),
+    }

@@ -1,4 +1,6 @@
-"""Store of a campaign: its manifest, its rows as a Parquet data set in parts, its records; whole at any moment."""
+"""Store of a campaign: its manifest, its rows as a Parquet data set in parts, its records; whole at
+any moment.
+"""
 
 from __future__ import annotations
 
@@ -24,7 +26,8 @@ from uvms_ocp.record.tables import arrow as required_arrow
 
 # What a campaign is, written down beside its rows: another one, or a changed one, is refused.
 
-FILE, SOURCES = "campaign.json", "sources"
+FILE = "campaign.json"
+SOURCES = "sources"
 MOST_RUNS = 10_000_000
 """Runs that a campaign may have."""
 Kind: TypeAlias = Literal["int", "float", "str", "bool"]
@@ -59,7 +62,9 @@ class CampaignManifest(FileModel, strict=True):
         needed = {**FIRST, **dict.fromkeys(self.parameters, float), **LAST}
         for name, kind in needed.items():
             if self.columns.get(name) != kind.__name__:
-                raise ValueError(f"columns have no {name!r} of kind {kind.__name__}; put back what was")
+                raise ValueError(
+                    f"columns have no {name!r} of kind {kind.__name__}; put back what was"
+                )
         try:
             _ = self.design
         except UvmsError as error:
@@ -69,7 +74,9 @@ class CampaignManifest(FileModel, strict=True):
     @property
     def design(self) -> Design:
         """Design of the samples."""
-        return Design(sampler=self.sampler, runs=self.runs, parameters=len(self.parameters), seed=self.seed)
+        return Design(
+            sampler=self.sampler, runs=self.runs, parameters=len(self.parameters), seed=self.seed
+        )
 
     @property
     def types(self) -> dict[str, type]:
@@ -84,26 +91,41 @@ def types_of(work: CampaignJob) -> dict[str, Kind]:
 
 
 def read_manifest(folder: Path) -> CampaignManifest:
-    """Read the manifest of the campaign in a folder. Raises `InvalidInput` where there is none, or a damaged one."""
-    if (found := read_as(CampaignManifest, folder / FILE)) is None:
-        raise InvalidInput(f"{folder}: no campaign is there; give the folder of one, or a mission with --out")
+    """Read the manifest of the campaign in a folder. Raises `InvalidInput` where there is none, or
+    a damaged one.
+    """
+    found = read_as(CampaignManifest, folder / FILE)
+    if found is None:
+        raise InvalidInput(
+            f"{folder}: no campaign is there; give the folder of one, or a mission with --out"
+        )
     return found
 
 
 def claim_manifest(folder: Path, wanted: CampaignManifest) -> None:
     """Write down what a new campaign is, or of how many more runs one is now that can grow.
 
-    Raises `InvalidInput`, naming what differs, for another campaign, and for a folder of something else.
+    Raises `InvalidInput`, naming what differs, for another campaign, and for a folder of something
+    else.
     """
-    known, values = read_as(CampaignManifest, folder / FILE), json.loads(wanted.model_dump_json())
+    known = read_as(CampaignManifest, folder / FILE)
+    values = json.loads(wanted.model_dump_json())
     if known is None:
-        if others := [path.name for path in folder.iterdir() if path.name != STORE]:
-            raise InvalidInput(f"{folder}: holds {others[0]} and no campaign; give a folder that is empty or new")
+        others = [path.name for path in folder.iterdir() if path.name != STORE]
+        if others:
+            raise InvalidInput(
+                f"{folder}: holds {others[0]} and no campaign; give a folder that is empty or new"
+            )
     else:
         grows = known.sampler in GROWING and wanted.runs > known.runs
-        if differs := list(_differences("", known.model_dump() | ({"runs": wanted.runs} if grows else {}), values)):
+        differs = list(
+            _differences("", known.model_dump() | ({"runs": wanted.runs} if grows else {}), values)
+        )
+        if differs:
             advice = "take the folder of a new campaign, or put back what was"
-            raise InvalidInput(f"{folder}: another campaign is there; not the same: {differs[0]}; {advice}")
+            raise InvalidInput(
+                f"{folder}: another campaign is there; not the same: {differs[0]}; {advice}"
+            )
     if known is None or known.runs != wanted.runs:
         durable_files.write_durably(folder / FILE, json.dumps(values, indent=1) + "\n")
 
@@ -111,13 +133,18 @@ def claim_manifest(folder: Path, wanted: CampaignManifest) -> None:
 def _differences(place: str, known: Any, wanted: Any) -> Any:
     if isinstance(known, dict) and isinstance(wanted, dict):
         for name in [*known, *(name for name in wanted if name not in known)]:
-            yield from _differences(f"{place}{' ' if place else ''}{name}", known.get(name), wanted.get(name))
+            yield from _differences(
+                f"{place}{' ' if place else ''}{name}", known.get(name), wanted.get(name)
+            )
     elif known != wanted:
-        was, now = (plain_line("none" if value is None else str(value), 40) for value in (known, wanted))
+        was, now = (
+            plain_line("none" if value is None else str(value), 40) for value in (known, wanted)
+        )
         yield f"{place} ({was}, now {now})"
 
 
-# A Parquet data set in parts: each is written once, whole or not at all, and a run is finished when its part is there.
+# A Parquet data set in parts: each is written once, whole or not at all, and a run is finished when
+# its part is there.
 
 FOLDER = "rows"
 _MANY = 200  # parts, before they are joined
@@ -129,7 +156,11 @@ arrow = partial(required_arrow, "a campaign")
 
 def part_paths(folder: Path) -> list[Path]:
     """Files of the data set of a campaign, the oldest first."""
-    return sorted(path for path in (folder / FOLDER).glob("part-*.parquet") if path.stem[len("part-") :].isdigit())
+    return sorted(
+        path
+        for path in (folder / FOLDER).glob("part-*.parquet")
+        if path.stem[len("part-") :].isdigit()
+    )
 
 
 def read_rows(folder: Path, identity: CampaignManifest) -> Any:
@@ -137,12 +168,18 @@ def read_rows(folder: Path, identity: CampaignManifest) -> Any:
 
     Raises `InvalidInput` for a file that is damaged, and for rows that are not of this campaign.
     """
-    pa, schema = arrow(), schema_of(identity.types)
-    if not (tables := [_read(path, schema) for path in part_paths(folder)]):
+    pa = arrow()
+    schema = schema_of(identity.types)
+    tables = [_read(path, schema) for path in part_paths(folder)]
+    if not tables:
         return schema.empty_table()
     table = pa.concat_tables(tables)
-    if wrong := _not_of(table, identity):
-        raise InvalidInput(f"{folder / FOLDER}: {wrong}; put back what was, or move it away, and its runs are made again")
+    wrong = _not_of(table, identity)
+    if wrong:
+        raise InvalidInput(
+            f"{folder / FOLDER}: {wrong}; put back what was, or move it away, and its runs are made"
+            " again"
+        )
     return table.take(np.unique(table["run"].to_numpy(), return_index=True)[1])
 
 
@@ -153,7 +190,9 @@ def _read(path: Path, schema: Any) -> Any:
         found = pa.parquet.read_table(path, partitioning=None)
     if sorted(map(str, found.schema)) != sorted(map(str, schema)):
         text = f"{path}: its columns or their kinds are not those of {FILE}"
-        raise InvalidInput(f"{text}; put back what was, or move it away, and its runs are made again")
+        raise InvalidInput(
+            f"{text}; put back what was, or move it away, and its runs are made again"
+        )
     return found.select(schema.names)
 
 
@@ -162,16 +201,22 @@ _NEEDED = ("run", "outcome", "success", "version")
 
 
 def _not_of(table: Any, identity: CampaignManifest) -> str:
-    """Why these rows are not of the campaign; empty where they may be. What is not a number counts as none."""
+    """Why these rows are not of the campaign; empty where they may be. What is not a number counts
+    as none.
+    """
     rows = table.to_pandas()
-    if bare := [name for name in _NEEDED if table[name].null_count]:
+    bare = [name for name in _NEEDED if table[name].null_count]
+    if bare:
         return f"a run without {bare[0]}"
     if (outside := ~rows["run"].between(0, identity.runs - 1)).any():
         return f"run {rows['run'][outside].iloc[0]} of a campaign with {identity.runs} runs"
     if (twice := rows.drop_duplicates()["run"].duplicated()).any():
         return f"run {rows.drop_duplicates()['run'][twice].iloc[0]} is there twice, not alike"
     named = rows.set_index("run")
-    drawn = {run: identity.design.seed_of(run) for run in named.index[:: 1 + len(rows) // _LOOKS].tolist()}
+    drawn = {
+        run: identity.design.seed_of(run)
+        for run in named.index[:: 1 + len(rows) // _LOOKS].tolist()
+    }
     numbers = named[[name for name, kind in identity.types.items() if kind is float]]
     failed = ~named["success"].astype(bool)
     if "seed" in named:
@@ -188,7 +233,10 @@ def _not_of(table: Any, identity: CampaignManifest) -> str:
     for name, wrong in found.items():
         if wrong.any():
             run = named.index[np.flatnonzero(wrong)[0]]
-            return f"run {run} has {name} = {named[name].to_numpy()[np.flatnonzero(wrong)[0]]}, which no run of it has"
+            return (
+                f"run {run} has {name} = {named[name].to_numpy()[np.flatnonzero(wrong)[0]]}, which"
+                " no run of it has"
+            )
     return ""
 
 
@@ -211,18 +259,22 @@ class CampaignFolder:
 
     def __init__(self, folder: Path, identity: CampaignManifest) -> None:
         """folder: it is there, and locked."""
-        self.folder, self._identity = folder, identity
+        self.folder = folder
+        self._identity = identity
         (folder / FOLDER).mkdir(parents=True, exist_ok=True)
         for left in (folder / FOLDER).glob("*.tmp"):
             durable_files.discard(left)
         names = part_paths(folder)
-        self._next, self._n = 1 + max((int(path.stem.rpartition("-")[2]) for path in names), default=-1), len(names)
+        self._next = 1 + max((int(path.stem.rpartition("-")[2]) for path in names), default=-1)
+        self._n = len(names)
         self._waiting: list[dict[str, Any]] = []
         self._since = monotonic()
         self.finished = np.zeros(identity.runs, dtype=bool)
         table = read_rows(folder, identity)
         self.finished[table["run"].to_numpy()] = True
-        self.failed = table.num_rows - int(np.sum(table["success"].to_numpy(zero_copy_only=False).astype(bool)))
+        self.failed = table.num_rows - int(
+            np.sum(table["success"].to_numpy(zero_copy_only=False).astype(bool))
+        )
 
     @property
     def left(self) -> np.ndarray:
@@ -230,7 +282,9 @@ class CampaignFolder:
         return np.flatnonzero(~self.finished)
 
     def add(self, done: RunResult) -> None:
-        """Keep a row, and the record that comes with it, which is written first. Raises `OutputError` where the disk refuses."""
+        """Keep a row, and the record that comes with it, which is written first. Raises
+        `OutputError` where the disk refuses.
+        """
         run = int(done.row["run"])
         if self.finished[run]:
             return
@@ -244,8 +298,12 @@ class CampaignFolder:
 
     def flush(self, *, now: bool = False) -> None:
         """Bring rows to the disk that have waited for long enough; now: all of them."""
-        if self._waiting and (now or len(self._waiting) >= _BATCH or monotonic() - self._since > _BATCH_AGE):
-            self._write(arrow().Table.from_pylist(self._waiting, schema=schema_of(self._identity.types)))
+        if self._waiting and (
+            now or len(self._waiting) >= _BATCH or monotonic() - self._since > _BATCH_AGE
+        ):
+            self._write(
+                arrow().Table.from_pylist(self._waiting, schema=schema_of(self._identity.types))
+            )
             self._waiting = []
             if self._n >= _MANY:
                 self._join()
@@ -257,7 +315,9 @@ class CampaignFolder:
             self._join()
 
     def _join(self) -> None:
-        """One file in place of many. Cut off, some rows are there twice, which readers know. Raises `OutputError`."""
+        """One file in place of many. Cut off, some rows are there twice, which readers know. Raises
+        `OutputError`.
+        """
         paths = part_paths(self.folder)
         if len(paths) > 1:
             self._write(read_rows(self.folder, self._identity))
@@ -270,15 +330,19 @@ class CampaignFolder:
         path = self.folder / FOLDER / f"part-{self._next:08d}.parquet"
         with whole_file(path, "free some space") as file:
             arrow().parquet.write_table(table, file, row_group_size=_GROUP)
-        self._next, self._n = self._next + 1, self._n + 1
+        self._next = self._next + 1
+        self._n = self._n + 1
 
 
 @contextmanager
-def opened(folder: Path, identity: CampaignManifest, sources: Mapping[str, bytes]) -> Iterator[CampaignFolder]:
-    """The folder of this campaign, new or as it was left; rows are on the disk when the block ends, however it does.
+def opened(
+    folder: Path, identity: CampaignManifest, sources: Mapping[str, bytes]
+) -> Iterator[CampaignFolder]:
+    """The folder of this campaign, new or as it was left; rows are on the disk when the block ends,
+    however it does.
 
-    sources: copies to keep, by name. Raises `InvalidInput` for another campaign there, and `OutputError` where it cannot be
-    written or another process is at it.
+    sources: copies to keep, by name. Raises `InvalidInput` for another campaign there, and
+    `OutputError` where it cannot be written or another process is at it.
     """
     with ExitStack() as stack:
         with as_output_errors(folder):
@@ -307,9 +371,11 @@ def _write_whole(path: Path, content: bytes) -> None:
 
 @checked
 def read_table(folder: Path | str) -> Any:
-    """A pandas.DataFrame of all finished runs of the campaign in a folder, by run number; also while it goes on.
+    """A pandas.DataFrame of all finished runs of the campaign in a folder, by run number; also
+    while it goes on.
 
-    Raises `InvalidInput` where there is none, and `NotInstalled` without the extra ``uvms-ocp[campaign]``.
+    Raises `InvalidInput` where there is none, and `NotInstalled` without the extra
+    ``uvms-ocp[campaign]``.
     """
     folder = Path(folder)
     return read_rows(folder, read_manifest(folder)).to_pandas()

@@ -14,7 +14,13 @@ from rich.console import Console
 from uvms_ocp.campaign.campaign import Campaign, kept_campaign
 from uvms_ocp.campaign.distributions import SAMPLERS
 from uvms_ocp.campaign.jobs import metric_values, metrics_among
-from uvms_ocp.campaign.report import MetricBound, compare_campaigns, parse_bounds, report_of, table_with_success
+from uvms_ocp.campaign.report import (
+    MetricBound,
+    compare_campaigns,
+    parse_bounds,
+    report_of,
+    table_with_success,
+)
 from uvms_ocp.campaign.store import FILE
 from uvms_ocp.campaign.variations import available_parameters
 from uvms_ocp.cli import INTERRUPTED, options as opt, printing
@@ -22,7 +28,10 @@ from uvms_ocp.cli.run import run_and_write
 from uvms_ocp.errors import InvalidInput, plain_line
 from uvms_ocp.record import durable_files, output
 
-_WHAT = "A scenario as for `run` (your own file is run to load it: give only what you trust), or a campaign's folder."
+_WHAT = (
+    "A scenario as for `run` (your own file is run to load it: give only what you trust), or a"
+    " campaign's folder."
+)
 _DPI = 110
 _SHOWN = 8  # rows of a table on a terminal
 _SENSITIVITY = ("figure", "parameter", "rank_correlation", "pawn", "pawn_floor")
@@ -31,35 +40,64 @@ _SENSITIVITY = ("figure", "parameter", "rank_correlation", "pawn", "pawn_floor")
 def campaign(
     what: Annotated[str, typer.Argument(metavar="SCENARIO|DIR", help=_WHAT)],
     vary: Annotated[str | None, typer.Option(metavar="FILE.py", help=opt.HELP["vary"])] = None,
-    runs: Annotated[int | None, typer.Option(metavar="N", help="Number of runs; default: 100.")] = None,
-    out: Annotated[Path | None, typer.Option(metavar="DIR", parser=opt.folder, help="Folder of the campaign.")] = None,
+    runs: Annotated[
+        int | None, typer.Option(metavar="N", help="Number of runs; default: 100.")
+    ] = None,
+    out: Annotated[
+        Path | None, typer.Option(metavar="DIR", parser=opt.folder, help="Folder of the campaign.")
+    ] = None,
     seed: Annotated[int, typer.Option(help="Seed of all that is drawn.")] = 0,
-    sampler: Annotated[str, typer.Option(help=f"{', '.join(SAMPLERS)}; indices: the design of Sobol' indices.")] = "sobol",
-    scheduler: Annotated[str | None, typer.Option(metavar="ADDRESS", help=opt.HELP["scheduler"])] = None,
-    workers: Annotated[int | None, typer.Option(metavar="N", help="Processes of this machine; default: all.")] = None,
+    sampler: Annotated[
+        str, typer.Option(help=f"{', '.join(SAMPLERS)}; indices: the design of Sobol' indices.")
+    ] = "sobol",
+    scheduler: Annotated[
+        str | None, typer.Option(metavar="ADDRESS", help=opt.HELP["scheduler"])
+    ] = None,
+    workers: Annotated[
+        int | None, typer.Option(metavar="N", help="Processes of this machine; default: all.")
+    ] = None,
     time_limit: Annotated[float, typer.Option(metavar="S", help=opt.HELP["time_limit"])] = 3600.0,
-    records: Annotated[str, typer.Option(help="Whole records to keep: none, failures or all.")] = "none",
+    records: Annotated[
+        str, typer.Option(help="Whole records to keep: none, failures or all.")
+    ] = "none",
     changes: opt.ScenarioOptions = opt.AS_IT_IS,
     noise: opt.Noise = None,
     duration: opt.Duration = None,
     fault: opt.Faults = None,
-    force: Annotated[bool, typer.Option("--force", help="Run even if pre-flight finds errors.")] = False,
-    parameters: Annotated[bool, typer.Option("--parameters", help="List what can be varied, and do no more.")] = False,
-    report: Annotated[bool, typer.Option("--report", help="Write report.html and report.json of a folder.")] = False,
-    rerun: Annotated[int | None, typer.Option(metavar="K", help="Repeat run K of a folder, with record and scene.")] = None,
-    against: Annotated[Path | None, typer.Option(metavar="DIR2", help="Compare a folder with that of another.")] = None,
-    success: Annotated[list[str] | None, typer.Option(metavar="BOUND", help=opt.HELP["success"])] = None,
+    force: Annotated[
+        bool, typer.Option("--force", help="Run even if pre-flight finds errors.")
+    ] = False,
+    parameters: Annotated[
+        bool, typer.Option("--parameters", help="List what can be varied, and do no more.")
+    ] = False,
+    report: Annotated[
+        bool, typer.Option("--report", help="Write report.html and report.json of a folder.")
+    ] = False,
+    rerun: Annotated[
+        int | None,
+        typer.Option(metavar="K", help="Repeat run K of a folder, with record and scene."),
+    ] = None,
+    against: Annotated[
+        Path | None, typer.Option(metavar="DIR2", help="Compare a folder with that of another.")
+    ] = None,
+    success: Annotated[
+        list[str] | None, typer.Option(metavar="BOUND", help=opt.HELP["success"])
+    ] = None,
     as_json: opt.Json = False,
 ) -> None:
-    """Run a mission many times with everything uncertain, on all cores or a Dask cluster; stopped, it goes on where it was.
+    """Run a mission many times with everything uncertain, on all cores or a Dask cluster; stopped,
+    it goes on where it was.
 
     Rows go to DIR/rows as Parquet. Of a folder: --report, --rerun K, --against DIR2.
 
-    \f
-    Raises `InvalidInput` where options do not fit, and `OutputError` for a report that cannot be written.
+    \f Raises `InvalidInput` where options do not fit, and `OutputError` for a report that cannot be
+    written.
     """
-    console, bounds = printing.console_of(stderr=as_json), parse_bounds(success or ())
-    options = changes.chosen | opt.given(noise=noise, duration=duration, faults=tuple(fault) if fault else None)
+    console = printing.console_of(stderr=as_json)
+    bounds = parse_bounds(success or ())
+    options = changes.chosen | opt.given(
+        noise=noise, duration=duration, faults=tuple(fault) if fault else None
+    )
     folder = Path(what)
     found: Any
     if (folder / FILE).is_file():
@@ -71,7 +109,9 @@ def campaign(
         else:
             found = _write_report(folder, bounds, console)
     elif report or rerun is not None or against is not None:
-        raise InvalidInput(f"{what}: no campaign is there; --report, --rerun and --against need the folder of one")
+        raise InvalidInput(
+            f"{what}: no campaign is there; --report, --rerun and --against need the folder of one"
+        )
     elif parameters:
         found = _list_parameters(what, options, console)
     else:
@@ -81,7 +121,10 @@ def campaign(
             runs=100 if runs is None else runs,
             seed=seed,
             sampler=sampler,
-            options={name: list(value) if isinstance(value, tuple) else value for name, value in options.items()},
+            options={
+                name: list(value) if isinstance(value, tuple) else value
+                for name, value in options.items()
+            },
             records=records,
         )
         folder = out or opt.default_folder(("campaign", opt.label(what)), options)
@@ -110,7 +153,9 @@ def _require_fit(wanted: Campaign, force: bool, console: Console) -> None:
 def _list_parameters(what: str, options: dict[str, Any], console: Console) -> list[dict[str, str]]:
     known = available_parameters(opt.build_scenario(what, options)).values()
     rows = [{"parameter": p.name, "unit": p.unit, "meaning": p.meaning} for p in known]
-    console.print(printing.table_of(f"what can be varied of {what}", rows, ("parameter", "unit", "meaning")))
+    console.print(
+        printing.table_of(f"what can be varied of {what}", rows, ("parameter", "unit", "meaning"))
+    )
     return rows
 
 
@@ -120,13 +165,17 @@ def _interruptible(folder: Path, console: Console) -> Iterator[None]:
     try:
         yield
     except KeyboardInterrupt:
-        text = f"stopped; what is finished is in {folder}, and the same command goes on with the rest"
+        text = (
+            f"stopped; what is finished is in {folder}, and the same command goes on with the rest"
+        )
         printing.print_line(console, text, "yellow")
         raise typer.Exit(INTERRUPTED) from None
 
 
 def _write_report(folder: Path, success: Sequence[MetricBound], console: Console) -> dict[str, Any]:
-    """Write report.json and report.html into the folder of a campaign, and print what matters. Raises `OutputError`."""
+    """Write report.json and report.html into the folder of a campaign, and print what matters.
+    Raises `OutputError`.
+    """
     from uvms_ocp.viz.campaign_report import report_page
 
     table = table_with_success(folder, success)
@@ -151,37 +200,55 @@ def _figures(table: Any, report: dict[str, Any]) -> dict[str, bytes]:
     drawn = {
         "success rate": figures.figure_rate(good, (rate["lower"], rate["upper"])),
         "outcomes": figures.figure_outcomes(report["outcomes"]),
-        "distributions": figures.figure_spread({name: metric_values(table, name) for name in metrics_among(table)}, good),
+        "distributions": figures.figure_spread(
+            {name: metric_values(table, name) for name in metrics_among(table)}, good
+        ),
     }
     for name in ("success", "tool_position_error_m", "duration_s"):
         if any(row["figure"] == name for row in report["sensitivity"]):
-            drawn[f"sensitivity of {name}"] = figures.figure_sensitivity(report["sensitivity"], name)
+            drawn[f"sensitivity of {name}"] = figures.figure_sensitivity(
+                report["sensitivity"], name
+            )
     return {name: png_of(figure, _DPI) for name, figure in drawn.items()}
 
 
 def _print_report(report: dict[str, Any], console: Console) -> None:
     console.print(plain_line(f"success: {report['success_text']}"), style="bold", highlight=False)
-    console.print(plain_line(f"counted as success: {'; '.join(report['criterion'])}"), highlight=False)
+    console.print(
+        plain_line(f"counted as success: {'; '.join(report['criterion'])}"), highlight=False
+    )
     if report["finished"] < report["runs"]:
-        console.print(f"so far: {report['finished']} of {report['runs']} runs are finished", highlight=False)
+        console.print(
+            f"so far: {report['finished']} of {report['runs']} runs are finished", highlight=False
+        )
     causes = "causes of failure, with the numbers of the run that is named"
     _print_table(console, causes, report["causes"], ("number", "outcome", "cause", "run"))
     spread = ("figure", "least", "5 %", "median", "95 %", "largest")
-    _print_table(console, "distributions", report["distributions"], spread, len(report["distributions"]))
+    _print_table(
+        console, "distributions", report["distributions"], spread, len(report["distributions"])
+    )
     ranked = sorted(report["sensitivity"], key=lambda row: row["pawn_floor"] - row["pawn"])
     own = [row for row in ranked if row["figure"] in ("success", "tool_position_error_m")]
     _print_table(console, "sensitivity", own, _SENSITIVITY)
     if not own:
         console.print(f"sensitivity: {report['sensitivity_silent']}", highlight=False)
     worst = f"worst runs: {report['worst_first']}"
-    _print_table(console, worst, report["worst"], ("run", "outcome", "cause", "repeat"), len(report["worst"]))
+    _print_table(
+        console, worst, report["worst"], ("run", "outcome", "cause", "repeat"), len(report["worst"])
+    )
 
 
 def _print_table(
-    console: Console, title: str, rows: Sequence[dict[str, Any]], columns: tuple[str, ...], most: int = _SHOWN
+    console: Console,
+    title: str,
+    rows: Sequence[dict[str, Any]],
+    columns: tuple[str, ...],
+    most: int = _SHOWN,
 ) -> None:
     if rows:
-        part = f" (the first {most} of {len(rows)}; report.html has all)" if len(rows) > most else ""
+        part = (
+            f" (the first {most} of {len(rows)}; report.html has all)" if len(rows) > most else ""
+        )
         console.print(printing.table_of(title + part, rows[:most], columns))
 
 
@@ -190,11 +257,22 @@ def _print_comparison(found: dict[str, Any], console: Console) -> None:
     for place, text in zip(found["campaigns"], found["success_text"], strict=True):
         console.print(plain_line(f"{place}: success {text}"), highlight=False)
     if not found["paired"]:
-        console.print("not paired: other parameters, seeds, sampler or numbers of runs", highlight=False)
+        console.print(
+            "not paired: other parameters, seeds, sampler or numbers of runs", highlight=False
+        )
         return
-    text = f"of {found['pairs']} pairs the first alone succeeds in {found['first_only']}, the second alone in"
-    text = f"{text} {found['second_only']}; p = {found['p_value']:.3g} (McNemar, exact): how likely so uneven a share would be"
+    text = (
+        f"of {found['pairs']} pairs the first alone succeeds in {found['first_only']}, the second"
+        " alone in"
+    )
+    text = (
+        f"{text} {found['second_only']}; p = {found['p_value']:.3g} (McNemar, exact): how likely so"
+        " uneven a share would be"
+    )
     console.print(f"{text} of two campaigns that succeed equally often", highlight=False)
     columns = ("figure", "pairs", "mean_change", "lower", "upper", "median_change")
-    title = "second less first: mean over the pairs with its 95 % interval (lower, upper) by the bootstrap, and median"
+    title = (
+        "second less first: mean over the pairs with its 95 % interval (lower, upper) by the"
+        " bootstrap, and median"
+    )
     _print_table(console, title, found["figures"], columns, len(found["figures"]))

@@ -21,7 +21,8 @@ from uvms_ocp.cli import BAD_INPUT, compilation, json_output
 from uvms_ocp.errors import UvmsError, plain_line
 from uvms_ocp.version import __version__
 
-# Groups of commands, each of which is imported when its turn comes: that takes longer than what many of them do.
+# Groups of commands, each of which is imported when its turn comes: that takes longer than what
+# many of them do.
 
 Place = str | typer.Typer
 """Where a command is defined, MODULE.FUNCTION of this package, or a group of commands."""
@@ -31,7 +32,8 @@ class Commands(Mapping[str, Any]):
     """Commands by name, made when they are looked up."""
 
     def __init__(self, places: Mapping[str, Place]) -> None:
-        self._places, self._made = places, dict[str, Any]()
+        self._places = places
+        self._made = dict[str, Any]()
 
     def __getitem__(self, name: str) -> Any:
         if name not in self._made:
@@ -56,7 +58,9 @@ def _made(name: str, place: Place) -> Any:
 
     module, function = place.split(".")
     alone = typer.Typer(add_completion=False, rich_markup_mode=None)
-    alone.command(name=name)(expand_options(getattr(import_module(f"uvms_ocp.cli.{module}"), function)))
+    alone.command(name=name)(
+        expand_options(getattr(import_module(f"uvms_ocp.cli.{module}"), function))
+    )
     return typer.main.get_command(alone)
 
 
@@ -66,7 +70,11 @@ def _summary(place: Place) -> str:
     module, function = place.split(".")
     source = Path(__file__).with_name(f"{module}.py").read_text(encoding="utf-8")
     nodes = (node for node in ast.parse(source).body if isinstance(node, ast.FunctionDef))
-    return " ".join(next(ast.get_docstring(node) or "" for node in nodes if node.name == function).partition("\n\n")[0].split())
+    return " ".join(
+        next(ast.get_docstring(node) or "" for node in nodes if node.name == function)
+        .partition("\n\n")[0]
+        .split()
+    )
 
 
 def _group(places: Mapping[str, Place], **options: Any) -> typer.Typer:
@@ -87,15 +95,38 @@ def _group(places: Mapping[str, Place], **options: Any) -> typer.Typer:
 
 # The commands.
 
-_EXAMPLES = (files("uvms_ocp.cli") / "examples.txt").read_text(encoding="utf-8").replace(r"\b", "\b")
+_EXAMPLES = (
+    (files("uvms_ocp.cli") / "examples.txt").read_text(encoding="utf-8").replace(r"\b", "\b")
+)
 _EXPORT = {"controller": "robots.controller"}
 _PLAN = {"curve": "plan.curve", "ocp": "plan.ocp", "mission": "plan.mission"}
-_ALL: dict[str, Place] = {"run": "run.run", "check": "show.check", "mission": "show.mission", "campaign": "campaign.campaign"}
-_ALL |= {"compare": "show.compare_runs", "show": "show.show_scene", "estimate": "show.estimate", "excite": "identify.excite"}
-_ALL |= {"map": "identify.map_recording", "check-recording": "identify.check_recording", "identify": "identify.identify"}
-_ALL |= {"thruster-curve": "identify.thruster_curve", "list": "robots.list_all", "check-robot": "robots.check_robot"}
+_ALL: dict[str, Place] = {
+    "run": "run.run",
+    "check": "show.check",
+    "mission": "show.mission",
+    "campaign": "campaign.campaign",
+}
+_ALL |= {
+    "compare": "show.compare_runs",
+    "show": "show.show_scene",
+    "estimate": "show.estimate",
+    "excite": "identify.excite",
+}
+_ALL |= {
+    "map": "identify.map_recording",
+    "check-recording": "identify.check_recording",
+    "identify": "identify.identify",
+}
+_ALL |= {
+    "thruster-curve": "identify.thruster_curve",
+    "list": "robots.list_all",
+    "check-robot": "robots.check_robot",
+}
 _ALL |= {"schema": "robots.schema", "cache": "compilation.cache", "new-robot": "robots.new_robot"}
-_ALL |= {"new-mission": "robots.new_mission", "export": _group(_EXPORT, help="Write what runs without Python.")}
+_ALL |= {
+    "new-mission": "robots.new_mission",
+    "export": _group(_EXPORT, help="Write what runs without Python."),
+}
 _ALL |= {"plan": _group(_PLAN, help="Plan a motion among obstacles, or a whole mission.")}
 app = _group(
     _ALL,
@@ -116,9 +147,15 @@ _TRACEBACK = "--traceback"
 
 @app.callback()
 def common(
-    version: Annotated[bool, typer.Option("--version", callback=_show_version, is_eager=True, help="Print the version.")] = False,
+    version: Annotated[
+        bool,
+        typer.Option("--version", callback=_show_version, is_eager=True, help="Print the version."),
+    ] = False,
     traceback: Annotated[
-        bool, typer.Option(_TRACEBACK, help="Print where an error comes from, not its line alone; anywhere.")
+        bool,
+        typer.Option(
+            _TRACEBACK, help="Print where an error comes from, not its line alone; anywhere."
+        ),
     ] = False,
 ) -> None:
     """Task-priority planning of underwater vehicle-manipulator systems."""
@@ -130,12 +167,19 @@ _SIZE = 3
 
 
 def expand_vectors(app: typer.Typer, words: Sequence[str]) -> list[str]:
-    """The words of a command line with every such option followed by its numbers one by one, as the parser takes them."""
+    """The words of a command line with every such option followed by its numbers one by one, as the
+    parser takes them.
+    """
     command: Any = typer.main.get_command(app)
     for word in words:
         if word in getattr(command, "commands", ()):
             command = command.commands[word]
-    return list(_spread(words, {option for item in command.params if item.nargs == _SIZE for option in item.opts}))
+    return list(
+        _spread(
+            words,
+            {option for item in command.params if item.nargs == _SIZE for option in item.opts},
+        )
+    )
 
 
 def _spread(words: Sequence[str], vectors: Collection[str]) -> Iterator[str]:
@@ -155,10 +199,15 @@ def main() -> None:
     """Entry point of the console script."""
     if sys.stdout is None:  # closed by the caller
         sys.stdout = open(os.devnull, "w")  # noqa: SIM115 - for as long as the process lives
-    gc.set_threshold(200_000)  # new objects: to look for garbage sooner is a tenth of the time of imports and of expressions
+    gc.set_threshold(
+        200_000
+    )  # new objects: to look for garbage sooner is a tenth of the time of imports and of expressions
     words = [word for word in sys.argv[1:] if word != _TRACEBACK]
     try:
-        with compilation.warned_behind_errors(), json_output.json_alone_on_stdout() if "--json" in words else nullcontext():
+        with (
+            compilation.warned_behind_errors(),
+            json_output.json_alone_on_stdout() if "--json" in words else nullcontext(),
+        ):
             try:
                 app(expand_vectors(app, words))
             finally:
@@ -169,7 +218,10 @@ def main() -> None:
     except (Exception, SystemExit) as error:
         text = str(error) if isinstance(error, UvmsError | OSError) else _failure_of_own_code(error)
         if isinstance(error, MemoryError):
-            text = f"out of memory ({error}): give less at a time, such as shorter recordings or fewer rows"
+            text = (
+                f"out of memory ({error}): give less at a time, such as shorter recordings or fewer"
+                " rows"
+            )
         if not text:
             if isinstance(error.__context__, KeyboardInterrupt):
                 print(str(error.__context__) or "stopped by hand", file=sys.stderr)
@@ -179,7 +231,9 @@ def main() -> None:
             print_exception(error)
         from uvms_ocp.cli.printing import console_of
 
-        console_of(stderr=True).print(plain_line(f"error: {text}"), style="red", highlight=False, soft_wrap=True)
+        console_of(stderr=True).print(
+            plain_line(f"error: {text}"), style="red", highlight=False, soft_wrap=True
+        )
         sys.exit(BAD_INPUT)
 
 

@@ -1,4 +1,6 @@
-"""``cache``; what is being compiled, where a command shows what it does, and what the compiler's log has to say beside it."""
+"""``cache``; what is being compiled, where a command shows what it does, and what the compiler's
+log has to say beside it.
+"""
 
 from __future__ import annotations
 
@@ -15,7 +17,8 @@ import typer
 from uvms_ocp.cli import BAD_INPUT
 from uvms_ocp.errors import InvalidInput
 
-_LOGGER, _LINES = logging.getLogger("uvms_ocp.codegen.compile"), cast(logging.Handler, logging.lastResort)
+_LOGGER = logging.getLogger("uvms_ocp.codegen.compile")
+_LINES = cast(logging.Handler, logging.lastResort)
 
 
 @contextmanager
@@ -45,7 +48,8 @@ def _warns(record: logging.LogRecord) -> bool:
 
 @contextmanager
 def warned_behind_errors() -> Iterator[None]:
-    """Inside goes a command. Whatever made it slower is said on stderr, but an error is the only line there.
+    """Inside goes a command. Whatever made it slower is said on stderr, but an error is the only
+    line there.
 
     On a terminal it is said at once, with what is being compiled, and an error comes last.
     """
@@ -68,10 +72,11 @@ def warned_behind_errors() -> Iterator[None]:
 
 
 def cache(clear: Annotated[bool, typer.Option("--clear", help="Remove them all.")] = False) -> None:
-    """Show the folder of compiled libraries, how many there are, their size, and how long ago they were used.
+    """Show the folder of compiled libraries, how many there are, their size, and how long ago they
+    were used.
 
-    It keeps itself below 1 GB: those used longest ago are removed. What is removed is compiled again when it is needed.
-    Raises `InvalidInput` where there is no folder for it.
+    It keeps itself below 1 GB: those used longest ago are removed. What is removed is compiled
+    again when it is needed. Raises `InvalidInput` where there is no folder for it.
     """
     from uvms_ocp.codegen.cache import cache_folder, cached_libraries, shrink_cache
 
@@ -79,7 +84,11 @@ def cache(clear: Annotated[bool, typer.Option("--clear", help="Remove them all."
     if folder is None:
         raise InvalidInput(f"{reason}; set UVMS_OCP_CACHE to a folder that can be written")
     paths = shrink_cache(folder, 0.0) if clear else cached_libraries(folder)
-    found, n = paths.values(), sum(path.suffix == ".so" for path in paths)
+    found = paths.values()
+    n = sum(path.suffix == ".so" for path in paths)
     days = (time.time() - min((one.st_mtime for one in found), default=time.time())) / 86400.0
-    what = f"{'removed ' if clear else ''}libraries: {n}, {sum(one.st_size for one in found) / 1e6:.1f} MB"
+    what = (
+        f"{'removed ' if clear else ''}libraries: {n},"
+        f" {sum(one.st_size for one in found) / 1e6:.1f} MB"
+    )
     typer.echo(f"{folder}: {what}{f', the oldest used {days:.1f} days ago' if found else ''}")

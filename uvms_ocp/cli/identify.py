@@ -12,14 +12,37 @@ from uvms_ocp.cli import NOT_COMPLETED
 from uvms_ocp.cli.options import HELP, Json, folder
 from uvms_ocp.cli.printing import busy, console_of, print_json, print_line, print_paths, table_of
 from uvms_ocp.errors import InvalidInput, require_known
-from uvms_ocp.identification import ExperimentLimits, Noise, Rollout, check_data_quality, stage_of, write_recording
+from uvms_ocp.identification import (
+    ExperimentLimits,
+    Noise,
+    Rollout,
+    check_data_quality,
+    stage_of,
+    write_recording,
+)
 from uvms_ocp.identification.calibration import Calibration, calibrate
-from uvms_ocp.identification.experiment_design import DesignSettings, DesignStatus, ExperimentTask, design_experiment
+from uvms_ocp.identification.experiment_design import (
+    DesignSettings,
+    DesignStatus,
+    ExperimentTask,
+    design_experiment,
+)
 from uvms_ocp.identification.proposed_mapping import propose_mapping
 from uvms_ocp.identification.reading import UNITS, read_mapping, read_recording
-from uvms_ocp.identification.recording import CHANNEL_KINDS, Channel, Recording, split_at_gaps, unit_named
+from uvms_ocp.identification.recording import (
+    CHANNEL_KINDS,
+    Channel,
+    Recording,
+    split_at_gaps,
+    unit_named,
+)
 from uvms_ocp.identification.results import excitation_text, report_text, variant_text, whole_text
-from uvms_ocp.identification.settings import CalibratedRobot, CalibrationSettings, calibrated_robot, read_settings
+from uvms_ocp.identification.settings import (
+    CalibratedRobot,
+    CalibrationSettings,
+    calibrated_robot,
+    read_settings,
+)
 from uvms_ocp.identification.tables import read_table
 from uvms_ocp.identification.text_tables import TextFormat
 from uvms_ocp.record.output import claim_folder
@@ -28,8 +51,22 @@ from uvms_ocp.robot.thrusters import curve_of_table, thrust_limits
 # ``check-recording``: what is in recordings, and what is doubtful about them.
 
 Recordings = Annotated[list[Path], typer.Argument(metavar="RECORDINGS...", help=HELP["recordings"])]
-MappingFile = Annotated[Path | None, typer.Option("--mapping", metavar="YAML", help=HELP["mapping"])]
-_COLUMNS = ("channel", "columns", "unit", "frame", "least", "largest", "from [s]", "to [s]", "rate [Hz]", "missing", "delay [s]")
+MappingFile = Annotated[
+    Path | None, typer.Option("--mapping", metavar="YAML", help=HELP["mapping"])
+]
+_COLUMNS = (
+    "channel",
+    "columns",
+    "unit",
+    "frame",
+    "least",
+    "largest",
+    "from [s]",
+    "to [s]",
+    "rate [Hz]",
+    "missing",
+    "delay [s]",
+)
 
 
 def check_recording(paths: Recordings, mapping: MappingFile = None, as_json: Json = False) -> None:
@@ -47,18 +84,22 @@ def check_recording(paths: Recordings, mapping: MappingFile = None, as_json: Jso
 
 
 def map_recording(
-    path: Annotated[Path, typer.Argument(metavar="RECORDING", help="A file of others, or a folder of ROS 2.")],
+    path: Annotated[
+        Path, typer.Argument(metavar="RECORDING", help="A file of others, or a folder of ROS 2.")
+    ],
 ) -> None:
     """Propose a mapping of a recording of others, to be edited.
 
-    Channels are found by names, units and frames by what values say; every guess has its evidence beside it. Write it to a
-    file by `uvms-ocp map RECORDING > mapping.yaml`.
+    Channels are found by names, units and frames by what values say; every guess has its evidence
+    beside it. Write it to a file by `uvms-ocp map RECORDING > mapping.yaml`.
     """
     typer.echo(propose_mapping(path), nl=False)
 
 
 def read_recordings(paths: list[Path], mapping: Path | None) -> list[Recording]:
-    """All of them, by one mapping where they need one. Raises InvalidInput, NameNotFound and NotInstalled."""
+    """All of them, by one mapping where they need one. Raises InvalidInput, NameNotFound and
+    NotInstalled.
+    """
     given = None if mapping is None else read_mapping(mapping)
     return [read_recording(path, given) for path in paths]
 
@@ -72,29 +113,50 @@ def _recording_data(recording: Recording) -> dict[str, Any]:
 
 
 def _row(name: str, channel: Channel) -> dict[str, Any]:
-    kind, values, t = CHANNEL_KINDS[name], channel.values, channel.t
-    about = (name, values.shape[1], kind.unit, kind.frame, float(values.min()), float(values.max()), float(t[0]), float(t[-1]))
+    kind = CHANNEL_KINDS[name]
+    values = channel.values
+    t = channel.t
+    about = (
+        name,
+        values.shape[1],
+        kind.unit,
+        kind.frame,
+        float(values.min()),
+        float(values.max()),
+        float(t[0]),
+        float(t[-1]),
+    )
     return dict(zip(_COLUMNS, (*about, channel.rate, channel.missing, channel.delay), strict=True))
 
 
 # ``identify``: a robot's own numbers, from its own recordings.
 
-VARIANT, WHOLE, IDENTIFY_REPORT, FIGURES = "calibrated.yaml", "hydrodynamics.yaml", "report.md", "figures"
+VARIANT = "calibrated.yaml"
+WHOLE = "hydrodynamics.yaml"
+IDENTIFY_REPORT = "report.md"
+FIGURES = "figures"
 
 
 def identify(
-    settings: Annotated[Path, typer.Argument(metavar="YAML", help="What of which robot is to be learnt.")],
+    settings: Annotated[
+        Path, typer.Argument(metavar="YAML", help="What of which robot is to be learnt.")
+    ],
     recordings: Recordings,
-    out: Annotated[Path, typer.Option(metavar="DIR", parser=folder, help="Folder for the results.")],
+    out: Annotated[
+        Path, typer.Option(metavar="DIR", parser=folder, help="Folder for the results.")
+    ],
     mapping: MappingFile = None,
     profiles: Annotated[bool, typer.Option("--profiles", help=HELP["profiles"])] = False,
-    leave_one_out: Annotated[bool, typer.Option("--leave-one-out", help=HELP["leave_one_out"])] = False,
+    leave_one_out: Annotated[
+        bool, typer.Option("--leave-one-out", help=HELP["leave_one_out"])
+    ] = False,
     axes: Annotated[list[str] | None, typer.Option(metavar="AXIS", help=HELP["axes"])] = None,
 ) -> None:
     """Identify a robot from recordings: calibrated file, report and figures.
 
-    calibrated.yaml has what was learnt, each number with its source; hydrodynamics.yaml is the robot's file with these in
-    their places, for --hydrodynamics of other commands. Where the search does not converge neither is written.
+    calibrated.yaml has what was learnt, each number with its source; hydrodynamics.yaml is the
+    robot's file with these in their places, for --hydrodynamics of other commands. Where the search
+    does not converge neither is written.
     """
     given = read_settings(settings)
     if axes:
@@ -105,13 +167,20 @@ def identify(
     console = console_of()
     with claim_folder(out, _names(len(found), profiles, leave_one_out)) as claim:
         with busy(console, "identifying") as show:
-            voices = {"progress": show, "warn": lambda doubt: print_line(console, f"doubtful: {doubt}")}
-            result = calibrate(subject, given, found, profiled=profiles, leave_one_out=leave_one_out, **voices)
+            voices = {
+                "progress": show,
+                "warn": lambda doubt: print_line(console, f"doubtful: {doubt}"),
+            }
+            result = calibrate(
+                subject, given, found, profiled=profiles, leave_one_out=leave_one_out, **voices
+            )
         with claim.staged() as staging:
             _write(result, [one.name for one in found], staging)
         written = claim.written()
     known = sum(one.determined for one in result.numbers)
-    console.print(f"{result.estimate.status.value}; {known} of {len(result.numbers)} numbers determined")
+    console.print(
+        f"{result.estimate.status.value}; {known} of {len(result.numbers)} numbers determined"
+    )
     print_paths(console, written)
     if not result.exported.usable:
         print_line(console, f"no robot file is written: {result.exported.estimate.status.advice}")
@@ -119,8 +188,13 @@ def identify(
 
 
 def _names(n: int, profiles: bool, leave_one_out: bool) -> list[str]:
-    pictures = ["intervals", *(f"{kind}_{k}" for k in range(n) for kind in ("predicted", "residuals"))]
-    pictures += [name for name, wanted in (("profiles", profiles), ("left_out", leave_one_out)) if wanted]
+    pictures = [
+        "intervals",
+        *(f"{kind}_{k}" for k in range(n) for kind in ("predicted", "residuals")),
+    ]
+    pictures += [
+        name for name, wanted in (("profiles", profiles), ("left_out", leave_one_out)) if wanted
+    ]
     return [VARIANT, WHOLE, IDENTIFY_REPORT, *(f"{FIGURES}/{name}.png" for name in pictures)]
 
 
@@ -136,14 +210,25 @@ def _write(result: Calibration, names: list[str], staging: Path) -> None:
 
 # ``excite``: commands for a robot that is to be identified.
 
-COMMANDS, EXCITE_REPORT = "excitation.csv", "report.md"
-_POOL, _DURATION, _SHARE, _SLEW, _SEED = (6.0, 4.0, 2.0), 60.0, 0.5, 100.0, DesignSettings().seed
+COMMANDS = "excitation.csv"
+EXCITE_REPORT = "report.md"
+_POOL = (6.0, 4.0, 2.0)
+_DURATION = 60.0
+_SHARE = 0.5
+_SLEW = 100.0
+_SEED = DesignSettings().seed
 
 
 def excite(
-    settings: Annotated[Path, typer.Argument(metavar="YAML", help="What of which robot is to be learnt.")],
-    out: Annotated[Path, typer.Option(metavar="DIR", parser=folder, help="Folder for the results.")],
-    pool: Annotated[tuple[float, float, float], typer.Option(metavar="X Y Z", help=HELP["pool"])] = _POOL,
+    settings: Annotated[
+        Path, typer.Argument(metavar="YAML", help="What of which robot is to be learnt.")
+    ],
+    out: Annotated[
+        Path, typer.Option(metavar="DIR", parser=folder, help="Folder for the results.")
+    ],
+    pool: Annotated[
+        tuple[float, float, float], typer.Option(metavar="X Y Z", help=HELP["pool"])
+    ] = _POOL,
     duration: Annotated[float, typer.Option(help="Of a recording [s].")] = _DURATION,
     share: Annotated[float, typer.Option(help="Of the thrusters' limits.")] = _SHARE,
     slew: Annotated[float, typer.Option(help="Largest change of thrust [N/s].")] = _SLEW,
@@ -151,33 +236,56 @@ def excite(
 ) -> None:
     """Design thrust that shows what is to be learnt, within a pool.
 
-    excitation.csv has what each thruster is told and when; report.md what a recording of it is expected to determine.
+    excitation.csv has what each thruster is told and when; report.md what a recording of it is
+    expected to determine.
     """
     given = read_settings(settings)
-    subject, console = calibrated_robot(given, settings.parent), console_of()
+    subject = calibrated_robot(given, settings.parent)
+    console = console_of()
     subject.coefficients()  # or it is refused, rather than after it was driven
     thrust = thrust_within(subject, given, share)
-    limits = ExperimentLimits(thrust=thrust, pool=np.outer([-0.5, 0.5], pool), hull=subject.hull_in_body(given.hull), slew=slew)
-    noise, joints = Noise(**given.noise.model_dump()), tuple(subject.robot.home.tolist())
-    wanted = ExperimentTask(vehicle=subject.vehicle, limits=limits, duration=duration, noise=noise, joints=joints)
+    limits = ExperimentLimits(
+        thrust=thrust,
+        pool=np.outer([-0.5, 0.5], pool),
+        hull=subject.hull_in_body(given.hull),
+        slew=slew,
+    )
+    noise = Noise(**given.noise.model_dump())
+    joints = tuple(subject.robot.home.tolist())
+    wanted = ExperimentTask(
+        vehicle=subject.vehicle, limits=limits, duration=duration, noise=noise, joints=joints
+    )
     with claim_folder(out, [COMMANDS, EXCITE_REPORT]) as claim:
         with busy(console, "designing"):
-            found = design_experiment(wanted, Rollout(stage_of(subject.vehicle)), DesignSettings(seed=seed))
+            found = design_experiment(
+                wanted, Rollout(stage_of(subject.vehicle)), DesignSettings(seed=seed)
+            )
         with claim.staged() as staging:
-            write_recording(Recording(name="excitation", channels={"thrust": found.commands}), staging / COMMANDS)
-            (staging / EXCITE_REPORT).write_text(excitation_text(found, subject.vehicle.actuators.names), encoding="utf-8")
+            write_recording(
+                Recording(name="excitation", channels={"thrust": found.commands}),
+                staging / COMMANDS,
+            )
+            (staging / EXCITE_REPORT).write_text(
+                excitation_text(found, subject.vehicle.actuators.names), encoding="utf-8"
+            )
         written = claim.written()
     known = sum(one.determined for one in found.numbers)
-    console.print(f"{found.status.value}; {known} of {len(found.numbers)} numbers will be determined")
+    console.print(
+        f"{found.status.value}; {known} of {len(found.numbers)} numbers will be determined"
+    )
     print_paths(console, written)
     if found.status is not DesignStatus.INSIDE:
         raise typer.Exit(NOT_COMPLETED)
 
 
 def thrust_within(subject: CalibratedRobot, given: CalibrationSettings, share: float) -> np.ndarray:
-    """(n_u, 2) [N] a share of what thrusters can do. Raises InvalidInput for wrenches, and for no share."""
+    """(n_u, 2) [N] a share of what thrusters can do. Raises InvalidInput for wrenches, and for no
+    share.
+    """
     if given.commands != "thrust":
-        raise InvalidInput(f"commands: {given.commands} given; thrust alone has limits: give commands: thrust")
+        raise InvalidInput(
+            f"commands: {given.commands} given; thrust alone has limits: give commands: thrust"
+        )
     if not 0.0 < share <= 1.0:
         raise InvalidInput(f"--share {share} given; allowed: more than 0, at most 1")
     return share * np.transpose(thrust_limits(subject.robot))
@@ -189,21 +297,38 @@ _NEWTONS = UNITS["N"]
 
 
 def thruster_curve(
-    table: Annotated[Path, typer.Argument(metavar="TABLE", help="Table of a bench: text, .xlsx, Parquet, .mat or .npz.")],
-    pwm: Annotated[str, typer.Option(metavar="COLUMN", help="What was sent: pulse widths, or shares of the largest.")],
+    table: Annotated[
+        Path,
+        typer.Argument(
+            metavar="TABLE", help="Table of a bench: text, .xlsx, Parquet, .mat or .npz."
+        ),
+    ],
+    pwm: Annotated[
+        str,
+        typer.Option(
+            metavar="COLUMN", help="What was sent: pulse widths, or shares of the largest."
+        ),
+    ],
     thrust: Annotated[str, typer.Option(metavar="COLUMN", help="Thrust that was measured.")],
-    unit: Annotated[str, typer.Option(help=f"Of the thrust: {', '.join(_NEWTONS)}; else as its header says, or N.")] = "",
-    voltage: Annotated[str | None, typer.Option(metavar="COLUMN", help="Voltage of each measurement.")] = None,
-    at: Annotated[float | None, typer.Option(metavar="V", help="Voltage that the curve is wanted for.")] = None,
+    unit: Annotated[
+        str,
+        typer.Option(help=f"Of the thrust: {', '.join(_NEWTONS)}; else as its header says, or N."),
+    ] = "",
+    voltage: Annotated[
+        str | None, typer.Option(metavar="COLUMN", help="Voltage of each measurement.")
+    ] = None,
+    at: Annotated[
+        float | None, typer.Option(metavar="V", help="Voltage that the curve is wanted for.")
+    ] = None,
     sheet: Annotated[list[str] | None, typer.Option(metavar="NAME", help=HELP["sheet"])] = None,
 ) -> None:
     """Turn a table of thrust into the lines of a thruster in hydrodynamics.yaml.
 
-    Measurements of the same signal are averaged, dead bands kept; what falls where the signal rises is levelled, and it is
-    said by how much.
+    Measurements of the same signal are averaged, dead bands kept; what falls where the signal rises
+    is levelled, and it is said by how much.
 
-    \f
-    Raises `NameNotFound` for a unit or a column that there is not, `InvalidInput` for a voltage without its column.
+    \f Raises `NameNotFound` for a unit or a column that there is not, `InvalidInput` for a voltage
+    without its column.
     """
     if (voltage is None) != (at is None):
         raise InvalidInput("--voltage and --at belong together: give both, or neither")
@@ -214,10 +339,19 @@ def thruster_curve(
     require_known("unit", said, _NEWTONS)
     rows = np.concatenate([one.values for one in read])
     rows = rows[np.isfinite(rows).all(axis=1)]
-    curve, off = curve_of_table(rows[:, 0], _NEWTONS[said] * rows[:, 1], rows[:, 2] if voltage else None, at or 0.0)
+    curve, off = curve_of_table(
+        rows[:, 0], _NEWTONS[said] * rows[:, 1], rows[:, 2] if voltage else None, at or 0.0
+    )
     points = ", ".join(f"[{signal:.6g}, {force:.4g}]" for signal, force in curve)
-    typer.echo(f"minimum: {min(curve[0][1], 0.0):.4g}\nmaximum: {curve[-1][1]:.4g}\ncurve: [{points}]")
+    typer.echo(
+        f"minimum: {min(curve[0][1], 0.0):.4g}\nmaximum: {curve[-1][1]:.4g}\ncurve: [{points}]"
+    )
     stderr = console_of(stderr=True)
-    print_line(stderr, "; ".join([f"thrust in {said}", *(f"{table.name}: {one.layout}" for one in read if one.layout)]))
+    print_line(
+        stderr,
+        "; ".join(
+            [f"thrust in {said}", *(f"{table.name}: {one.layout}" for one in read if one.layout)]
+        ),
+    )
     if off > 0.0:
         print_line(stderr, f"levelled by up to {off:.2g} N, where thrust fell as the signal rose")

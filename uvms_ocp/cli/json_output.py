@@ -19,7 +19,9 @@ def print_json(value: Any) -> None:
 
 @contextmanager
 def json_alone_on_stdout() -> Iterator[None]:
-    """Send all else that is printed, by missions and the programs that they start too, to stderr."""
+    """Send all else that is printed, by missions and the programs that they start too, to
+    stderr.
+    """
     out = sys.stdout
     with ExitStack() as ends:
         if out is sys.__stdout__ and sys.stderr is not None:

@@ -1,4 +1,6 @@
-"""Write a mission of what a robot has: a way point for its vehicle, a target for each of its tools, and what is uncertain."""
+"""Write a mission of what a robot has: a way point for its vehicle, a target for each of its tools,
+and what is uncertain.
+"""
 
 from __future__ import annotations
 
@@ -18,15 +20,24 @@ from uvms_ocp.robot.loading import files_of
 
 TEMPLATES = Path(str(files("uvms_ocp.scenario"))) / "templates"
 
-_START, _WAY_POINT, _YAW = (0.0, 0.0, -6.0), (3.0, 1.0, -8.0), 0.4  # [m, rad]
-_FLOOR, _OVER = -10.0, 1.2  # [m] the floor, and what stays between it and all parts at their goals
-_FORWARD, _DOWN = 0.25, 0.1  # [m] from where a tool is anyway to its target
+# [m, rad]
+_START = (0.0, 0.0, -6.0)
+_WAY_POINT = (3.0, 1.0, -8.0)
+_YAW = 0.4
+# [m] the floor, and what stays between it and all parts at their goals
+_FLOOR = -10.0
+_OVER = 1.2
+# [m] from where a tool is anyway to its target
+_FORWARD = 0.25
+_DOWN = 0.1
 _SMALL = 0.15  # of the range of each joint, for the target of an arm that stands
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class NewMission:
-    """A mission of a robot, ready to be written. robot: `None` for bluerov2_alpha5 of the package, by name."""
+    """A mission of a robot, ready to be written. robot: `None` for bluerov2_alpha5 of the package,
+    by name.
+    """
 
     robot: Robot
     place: str
@@ -36,7 +47,8 @@ class NewMission:
 
     def text(self, file: Path, vary: Path) -> str:
         """Write the source of the mission's file."""
-        robot, tasks = self.robot, list(self._tasks())
+        robot = self.robot
+        tasks = list(self._tasks())
         names = [name for _, name in tasks if name]
         safe = [name for name in names if name in ("JL", "MAC", "HA", "MP")]
         template = (TEMPLATES / "mission.py.txt").read_text(encoding="utf-8")
@@ -54,7 +66,9 @@ class NewMission:
             conditions="\n".join(f"    {line}" for line in self._conditions()),
             phases="\n".join(self._phases(names)),
             name=file.stem if file.stem.isidentifier() else "my_mission",
-            abort=f", abort=abort_phase({', '.join(map(_quoted, safe))})" if robot.n_vehicle else "",
+            abort=f", abort=abort_phase({', '.join(map(_quoted, safe))})"
+            if robot.n_vehicle
+            else "",
             start="run.start(START)" if robot.n_vehicle else "robot.configuration()",
             markers=self._markers(),
         )
@@ -62,7 +76,11 @@ class NewMission:
     @property
     def title(self) -> str:
         """Summarize the mission in a phrase."""
-        bring = "bring the tool to a target and hold it there" if len(self.tools) == 1 else "bring each tool to its target"
+        bring = (
+            "bring the tool to a target and hold it there"
+            if len(self.tools) == 1
+            else "bring each tool to its target"
+        )
         swim = "swim to a way point"
         if not self.robot.n_vehicle:
             return bring if self.tools else "hold the posture"
@@ -80,13 +98,18 @@ class NewMission:
 
     @property
     def level_frame(self) -> str:
-        """Argument of tasks of the vehicle where ``base_link`` does not lie as the vehicle does: the root has a frame, too."""
-        R, root = Kinematics(self.robot, self.robot.configuration()).pose(roles.BASE).rotation, self.robot.frame_names[1]
+        """Argument of tasks of the vehicle where ``base_link`` does not lie as the vehicle does:
+        the root has a frame, too.
+        """
+        R = Kinematics(self.robot, self.robot.configuration()).pose(roles.BASE).rotation
+        root = self.robot.frame_names[1]
         return "" if np.allclose(R, np.eye(3), atol=1e-6) else f"frame={_quoted(root)}"
 
     @property
     def has_forces(self) -> bool:
-        """Check that the dynamic plant can move it: by thrusters, or an arm that stands by its motors."""
+        """Check that the dynamic plant can move it: by thrusters, or an arm that stands by its
+        motors.
+        """
         return bool(self.robot.description.thrusters) or not self.robot.n_vehicle
 
     @property
@@ -101,14 +124,29 @@ class NewMission:
 
     def notes(self) -> Iterator[str]:
         """Yield what is left out, one line each, with how to have it."""
-        yield from (text for good, text in roles.role_notes(self.robot.model, self.robot.description) if not good)
+        yield from (
+            text
+            for good, text in roles.role_notes(self.robot.model, self.robot.description)
+            if not good
+        )
         if not self.has_forces:
-            yield "thrusters: none, so that the mission flies on the kinematic plant; write them into hydrodynamics.yaml"
-        if loose := [joint.name for joint in self.robot.joints if joint.name not in self.held]:
-            yield f"joint {', '.join(loose)}: has several degrees of freedom, which no posture holds; --lock JOINT fixes it"
+            yield (
+                "thrusters: none, so that the mission flies on the kinematic plant; write them into"
+                " hydrodynamics.yaml"
+            )
+        loose = [joint.name for joint in self.robot.joints if joint.name not in self.held]
+        if loose:
+            yield (
+                f"joint {', '.join(loose)}: has several degrees of freedom, which no posture holds;"
+                " --lock JOINT fixes it"
+            )
         if self.missing:
             lost = ", ".join(thrusters.AXES[axis] for axis in self.missing)
-            way = "it turns to the way point first" if self.turns_first else "the way point lies where the others lead"
+            way = (
+                "it turns to the way point first"
+                if self.turns_first
+                else "the way point lies where the others lead"
+            )
             yield f"thrusters: none for {lost}; {way}, and these axes are left free"
 
     def _goal(self) -> np.ndarray:
@@ -120,7 +158,9 @@ class NewMission:
         return np.asarray(robot.configuration(position=position, rpy=(0.0, 0.0, yaw)))
 
     def _way_point(self) -> tuple[tuple[float, float, float], float]:
-        """Where all axes lead; straight ahead where some are missing and it cannot turn there first."""
+        """Where all axes lead; straight ahead where some are missing and it cannot turn there
+        first.
+        """
         x, _, z = [_START[axis] if axis in self.missing else _WAY_POINT[axis] for axis in range(3)]
         if self.turns_first:
             return (x, _WAY_POINT[1], z), round(float(np.arctan2(_WAY_POINT[1], x)), 3)
@@ -138,16 +178,24 @@ class NewMission:
         for joint, low, up in limits.bounded_joints(robot.joints, robot.limits):
             here = float(goal[joint.idx_q])
             room = max(low, here - np.pi), min(up, here + np.pi)  # rails may be as long as a tank
-            values[joint.v] = _SMALL * (room[1] - room[0]) * (1.0 if room[1] - here > here - room[0] else -1.0)
+            values[joint.v] = (
+                _SMALL * (room[1] - room[0]) * (1.0 if room[1] - here > here - room[0] else -1.0)
+            )
         moved = pin.integrate(robot.model, goal, values)
-        return [tuple(np.round(Kinematics(robot, moved).pose(tool).translation, 3).tolist()) for tool in self.tools]
+        return [
+            tuple(np.round(Kinematics(robot, moved).pose(tool).translation, 3).tolist())
+            for tool in self.tools
+        ]
 
     def _constants(self, goal: np.ndarray) -> Iterator[str]:
         targets = self._targets(goal)
         yield f"FLOOR = {self._floor(goal, targets)}  # [m] z of the floor in W; z is up"
         if self.robot.n_vehicle:
             position, yaw = self._way_point()
-            yield f"START = uo.pose_at({_START}, (0.0, 0.0, 0.0))  # position [m]; roll, pitch, yaw [rad]"
+            yield (
+                f"START = uo.pose_at({_START}, (0.0, 0.0, 0.0))  # position [m]; roll, pitch, yaw"
+                " [rad]"
+            )
             yield f"WAY_POINT = uo.pose_at({position}, (0.0, 0.0, {yaw}))"
         for name, target, tool in zip(self._numbered("TARGET"), targets, self.tools, strict=True):
             yield f"{name} = {target}  # [m] where {'the tool' if len(targets) == 1 else tool} goes"
@@ -155,13 +203,23 @@ class NewMission:
     def _floor(self, goal: np.ndarray, targets: list[tuple[float, ...]]) -> float:
         data = self.robot.model.createData()
         pin.framesForwardKinematics(self.robot.model, data, goal)
-        heights = [float(X.translation[2]) for X in list(data.oMf)[1:]] + [target[2] for target in targets]
+        heights = [float(X.translation[2]) for X in list(data.oMf)[1:]] + [
+            target[2] for target in targets
+        ]
         lowest = min(heights) - _OVER
-        return min(_FLOOR, float(np.floor(lowest))) if self.robot.n_vehicle else float(np.floor(lowest - 1.0))
+        return (
+            min(_FLOOR, float(np.floor(lowest)))
+            if self.robot.n_vehicle
+            else float(np.floor(lowest - 1.0))
+        )
 
     def _numbered(self, name: str, mark: str = "_") -> list[str]:
         """Names of what there is one of for each tool: the name itself for a single tool."""
-        return [name] if len(self.tools) == 1 else [f"{name}{mark}{k}" for k in range(1, len(self.tools) + 1)]
+        return (
+            [name]
+            if len(self.tools) == 1
+            else [f"{name}{mark}{k}" for k in range(1, len(self.tools) + 1)]
+        )
 
     def _tasks(self) -> Iterator[tuple[str, str]]:
         """Lines, each with the name of its task, if it is one."""
@@ -176,23 +234,37 @@ class NewMission:
             if not {3, 4} & set(self.missing):
                 yield f"HorizontalAttitude({self.level_frame}),", "HA"
         if self.turns_first:
-            yield f"Alignment(goal=WAY_POINT.translation{', ' if self.level_frame else ''}{self.level_frame}),", "AT"
-        for name, tool, target in zip(self._numbered("TP", ""), self.tools, self._numbered("TARGET"), strict=True):
+            yield (
+                (
+                    f"Alignment(goal=WAY_POINT.translation{', ' if self.level_frame else ''}{self.level_frame}),"
+                ),
+                "AT",
+            )
+        for name, tool, target in zip(
+            self._numbered("TP", ""), self.tools, self._numbered("TARGET"), strict=True
+        ):
             which = "" if len(self.tools) == 1 else f'name="{name}", frame={_quoted(tool)}, '
             yield f"ToolPosition({which}goal=uo.pose_at({target})),", name
         if robot.n_vehicle:
-            yield f"VehiclePose(goal=WAY_POINT{', ' if self.level_frame else ''}{self.level_frame}),", "PC"
+            yield (
+                f"VehiclePose(goal=WAY_POINT{', ' if self.level_frame else ''}{self.level_frame}),",
+                "PC",
+            )
         if len(self.held) == len(robot.joints) > 0:
             yield "JointTracking(joints=robot.joint_names, goal=robot.home),", "MP"
         elif self.held:
-            names, places = ", ".join(map(_quoted, self.held)), [joint.idx_v - robot.n_vehicle for joint in self.held.values()]
+            names = ", ".join(map(_quoted, self.held))
+            places = [joint.idx_v - robot.n_vehicle for joint in self.held.values()]
             yield f"JointTracking(joints=({names},), goal=robot.home[{places}]),", "MP"
 
     def _conditions(self) -> Iterator[str]:
         if self.robot.n_vehicle:
             # The axes that nothing drives drift as weight and buoyancy have it.
             error = "horizontal_error" if 2 in self.missing else "position_error"
-            yield f'arrived = uo.Below(quantity="PC.{error}", limit={"0.1" if not self.missing else "0.3"})  # [m]'
+            yield (
+                f'arrived = uo.Below(quantity="PC.{error}",'
+                f" limit={'0.1' if not self.missing else '0.3'})  # [m]"
+            )
         if self.turns_first:
             yield 'turned = uo.Below(quantity="AT.misalignment", limit=0.07)  # [rad]'
         for reached, name in zip(self._numbered("reached"), self._numbered("TP", ""), strict=True):
@@ -210,12 +282,24 @@ class NewMission:
                 yield _phase("T", "turn", [name for name in on if name != "PC"], '"A"', "turned")
             yield _phase("A", "way point", on, to, "arrived", "  # [s]: noise alone ends no phase")
         if self.tools:
-            yield _phase("B", "reach", [name for name in names if name != "AT"], "uo.DONE", ", ".join(self._numbered("reached")))
+            yield _phase(
+                "B",
+                "reach",
+                [name for name in names if name != "AT"],
+                "uo.DONE",
+                ", ".join(self._numbered("reached")),
+            )
         if not self.robot.n_vehicle and not self.tools:
             yield _phase("A", "posture", names, "uo.DONE", "still")
 
     def _markers(self) -> str:
-        named = dict(zip(["target"] if len(self.tools) == 1 else self.tools, self._numbered("TARGET"), strict=True))
+        named = dict(
+            zip(
+                ["target"] if len(self.tools) == 1 else self.tools,
+                self._numbered("TARGET"),
+                strict=True,
+            )
+        )
         items = [f"{_quoted(name)}: {value}" for name, value in named.items()]
         if self.robot.n_vehicle:
             items.append('"way point": tuple(np.asarray(WAY_POINT.translation).tolist())')
@@ -223,7 +307,12 @@ class NewMission:
 
     def _imports(self, tasks: list[tuple[str, str]]) -> Iterator[str]:
         made = sorted({line.partition("(")[0] for line, name in tasks if name})
-        options = [*(["abort_phase"] if self.robot.n_vehicle else []), "activate", "mission_of", "run_options"]
+        options = [
+            *(["abort_phase"] if self.robot.n_vehicle else []),
+            "activate",
+            "mission_of",
+            "run_options",
+        ]
         if self.robot.n_vehicle:
             yield "import numpy as np\n"
         yield "import uvms_ocp as uo"
@@ -247,30 +336,42 @@ def _quoted(name: str) -> str:
     return '"' + name.replace("\\", "\\\\").replace('"', '\\"') + '"'
 
 
-def loading_line(file: Path, robot: Path, hydrodynamics: str | None, loading: Mapping[str, Any]) -> tuple[str, str]:
+def loading_line(
+    file: Path, robot: Path, hydrodynamics: str | None, loading: Mapping[str, Any]
+) -> tuple[str, str]:
     """Return the expression for ROBOT and the statement that loads it, for a mission's file."""
 
     def beside(path: Path) -> str:
         return os.path.relpath(path.resolve(), file.resolve().parent).replace(os.sep, "/")
 
     found = files_of(robot, hydrodynamics)
-    urdf, water = Path(found["urdf"]), found["hydrodynamics"]
+    urdf = Path(found["urdf"])
+    water = found["hydrodynamics"]
     parts = [f'urdf=ROBOT / "{urdf.name}"']
     if water is not None:
         inside = Path(water).resolve().parent == urdf.resolve().parent
-        where = f"ROBOT / {_quoted(Path(water).name)}" if inside else f"HERE / {_quoted(beside(Path(water)))}"
+        where = (
+            f"ROBOT / {_quoted(Path(water).name)}"
+            if inside
+            else f"HERE / {_quoted(beside(Path(water)))}"
+        )
         parts.append(f"hydrodynamics={where}")
     for key, value in loading.items():
         if key == "package_dirs":
-            parts.append(f"{key}=[{', '.join(f'HERE / {_quoted(beside(Path(folder)))}' for folder in value)}]")
+            parts.append(
+                f"{key}=[{', '.join(f'HERE / {_quoted(beside(Path(folder)))}' for folder in value)}]"
+            )
         else:
             parts.append(f"{key}={value!r}")
     return f"HERE / {_quoted(beside(urdf.parent))}", f"return uo.load_robot({', '.join(parts)})"
 
 
 def variations_text(mission: NewMission) -> str:
-    """Write the variations of a robot's mission, without the lines about what the robot, or its plant, has not."""
-    robot, text = mission.robot, (TEMPLATES / "variations.py.txt").read_text(encoding="utf-8")
+    """Write the variations of a robot's mission, without the lines about what the robot, or its
+    plant, has not.
+    """
+    robot = mission.robot
+    text = (TEMPLATES / "variations.py.txt").read_text(encoding="utf-8")
     lacks = [
         ("payload.", bool(mission.tools and mission.has_forces)),
         ("start.yaw", bool(robot.n_vehicle)),

@@ -27,7 +27,8 @@ if TYPE_CHECKING:  # plans need none of it, and would wait a tenth of a second
 
 
 def expand_options(command: Callable[..., None]) -> Callable[..., None]:
-    """A command some of whose parameters are dataclasses, as one that has the fields of them as options of its own.
+    """A command some of whose parameters are dataclasses, as one that has the fields of them as
+    options of its own.
 
     typer reads the options of a command from its signature.
     """
@@ -38,12 +39,16 @@ def expand_options(command: Callable[..., None]) -> Callable[..., None]:
     @wraps(command)
     def spread(**options: Any) -> None:
         made = {
-            name: groups[name](**{parameter.name: options.pop(parameter.name) for parameter in parameters})
+            name: groups[name](
+                **{parameter.name: options.pop(parameter.name) for parameter in parameters}
+            )
             for name, parameters in shared.items()
         }
         command(**made, **options)
 
-    parameters = [q for p in own for q in shared.get(p.name, [p.replace(kind=Parameter.KEYWORD_ONLY)])]
+    parameters = [
+        q for p in own for q in shared.get(p.name, [p.replace(kind=Parameter.KEYWORD_ONLY)])
+    ]
     spread.__annotations__ = {parameter.name: parameter.annotation for parameter in parameters}
     spread.__signature__ = Signature(parameters)  # type: ignore[attr-defined]
     return spread
@@ -51,29 +56,42 @@ def expand_options(command: Callable[..., None]) -> Callable[..., None]:
 
 def _fields_as_parameters(group: Any) -> list[Parameter]:
     hints = get_type_hints(group, include_extras=True)
-    return [Parameter(f.name, Parameter.KEYWORD_ONLY, default=f.default, annotation=hints[f.name]) for f in fields(group)]
+    return [
+        Parameter(f.name, Parameter.KEYWORD_ONLY, default=f.default, annotation=hints[f.name])
+        for f in fields(group)
+    ]
 
 
 def defaults_of(kind: type[Any]) -> dict[str, Any]:
-    """Defaults of the fields of a dataclass that have one, for options that are to have the same."""
+    """Defaults of the fields of a dataclass that have one, for options that are to have the
+    same.
+    """
     return {field.name: field.default for field in fields(kind) if field.default is not MISSING}
 
 
 # Options that commands share, and the scenario that they describe.
 
-HELP: dict[str, str] = tomllib.loads((files("uvms_ocp.cli") / "help.toml").read_text(encoding="utf-8"))
-SOLVERS: dict[str, type[HierarchySolver]] = {"active_set": LexicographicActiveSet, "lexqp": LexicographicQp, "icat": Icat}
+HELP: dict[str, str] = tomllib.loads(
+    (files("uvms_ocp.cli") / "help.toml").read_text(encoding="utf-8")
+)
+SOLVERS: dict[str, type[HierarchySolver]] = {
+    "active_set": LexicographicActiveSet,
+    "lexqp": LexicographicQp,
+    "icat": Icat,
+}
 _OLD_SOLVER_NAMES = {"lexls": "active_set"}
 
 
 def folder(words: str | Path) -> Path:
     """The folder of that name.
 
-    Raises `OutputError` for no name, which would mean the working directory, and for line breaks and the like, which would
-    be refused only when results are written.
+    Raises `OutputError` for no name, which would mean the working directory, and for line breaks
+    and the like, which would be refused only when results are written.
     """
     if not str(words).strip():
-        raise OutputError(f"{words!r} names no folder for the results; give one, or . for the working directory")
+        raise OutputError(
+            f"{words!r} names no folder for the results; give one, or . for the working directory"
+        )
     if any(letter < " " for letter in str(words)):
         raise OutputError(f"{words!r} has control characters; give a folder without")
     return Path(words)
@@ -96,8 +114,12 @@ def _scenarios() -> Mapping[str, Callable[..., Scenario]]:
     return SCENARIOS
 
 
-Name = Annotated[str, typer.Argument(metavar="SCENARIO", help=SCENARIO_HELP, autocompletion=among(_scenarios))]
-RobotName = Annotated[str | None, typer.Option(help=HELP["robot"], autocompletion=among(list_robots))]
+Name = Annotated[
+    str, typer.Argument(metavar="SCENARIO", help=SCENARIO_HELP, autocompletion=among(_scenarios))
+]
+RobotName = Annotated[
+    str | None, typer.Option(help=HELP["robot"], autocompletion=among(list_robots))
+]
 
 
 _Words = list[str] | None
@@ -106,25 +128,50 @@ _TOOL = "Frame of the tool; several times for several arms."
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class RobotFiles:
-    """How the files of a robot are read; what is left out is as its hydrodynamics.yaml says, under the same names."""
+    """How the files of a robot are read; what is left out is as its hydrodynamics.yaml says, under
+    the same names.
+    """
 
-    hydrodynamics: Annotated[str | None, typer.Option(metavar="YAML", help=HELP["hydrodynamics"])] = None
+    hydrodynamics: Annotated[
+        str | None, typer.Option(metavar="YAML", help=HELP["hydrodynamics"])
+    ] = None
     base: Annotated[str | None, typer.Option(metavar="free_flyer|fixed", help=HELP["base"])] = None
-    packages: Annotated[_Words, typer.Option(metavar="DIR", help="Where package:// meshes are; repeatable.")] = None
-    meshes: Annotated[bool | None, typer.Option("--meshes/--no-meshes", help="Whether shapes that are meshes are read.")] = None
-    mimic: Annotated[str | None, typer.Option(metavar="coupled|free|fixed", help=HELP["mimic"])] = None
-    lock: Annotated[_Words, typer.Option(metavar="JOINT[=Q]", help="Fix a joint, at 0 unless given; repeatable.")] = None
-    drop: Annotated[_Words, typer.Option(metavar="LINK", help="Leave out a link and what hangs on it; repeatable.")] = None
-    tool_link: Annotated[_Words, typer.Option("--tool", "--tool-link", metavar="LINK", help=_TOOL)] = None
+    packages: Annotated[
+        _Words, typer.Option(metavar="DIR", help="Where package:// meshes are; repeatable.")
+    ] = None
+    meshes: Annotated[
+        bool | None,
+        typer.Option("--meshes/--no-meshes", help="Whether shapes that are meshes are read."),
+    ] = None
+    mimic: Annotated[str | None, typer.Option(metavar="coupled|free|fixed", help=HELP["mimic"])] = (
+        None
+    )
+    lock: Annotated[
+        _Words,
+        typer.Option(metavar="JOINT[=Q]", help="Fix a joint, at 0 unless given; repeatable."),
+    ] = None
+    drop: Annotated[
+        _Words,
+        typer.Option(metavar="LINK", help="Leave out a link and what hangs on it; repeatable."),
+    ] = None
+    tool_link: Annotated[
+        _Words, typer.Option("--tool", "--tool-link", metavar="LINK", help=_TOOL)
+    ] = None
     altimeter: Annotated[str | None, typer.Option(metavar="LINK", help=HELP["altimeter"])] = None
-    dvl: Annotated[str | None, typer.Option(metavar="LINK", help="Frame of the Doppler velocity log.")] = None
+    dvl: Annotated[
+        str | None, typer.Option(metavar="LINK", help="Frame of the Doppler velocity log.")
+    ] = None
 
     @property
     def loading(self) -> dict[str, Any]:
-        """Arguments of `uvms_ocp.load_robot`, those that were given. Raises `InvalidInput` for a position that is none."""
+        """Arguments of `uvms_ocp.load_robot`, those that were given. Raises `InvalidInput` for a
+        position that is none.
+        """
         return given(
             base=self.base,
-            package_dirs=[str(Path(folder).resolve()) for folder in self.packages] if self.packages else None,
+            package_dirs=[str(Path(folder).resolve()) for folder in self.packages]
+            if self.packages
+            else None,
             meshes=self.meshes,
             mimic=self.mimic,
             lock=dict(map(_position, self.lock)) if self.lock else None,
@@ -156,18 +203,32 @@ def _position(words: str) -> tuple[str, float]:
     try:
         return name, float(value) if equals else 0.0
     except ValueError:
-        raise InvalidInput(f"--lock {words!r}: give JOINT or JOINT=POSITION, such as propeller_joint=0.5") from None
+        raise InvalidInput(
+            f"--lock {words!r}: give JOINT or JOINT=POSITION, such as propeller_joint=0.5"
+        ) from None
 
 
 PlantName = Annotated[
-    str | None, typer.Option(help=f"Plant: {', '.join(PLANTS)}; default: the scenario's.", autocompletion=among(lambda: PLANTS))
+    str | None,
+    typer.Option(
+        help=f"Plant: {', '.join(PLANTS)}; default: the scenario's.",
+        autocompletion=among(lambda: PLANTS),
+    ),
 ]
 SolverName = Annotated[
     str | None,
-    typer.Option(help=f"Hierarchy solver: {', '.join(SOLVERS)}; default: the scenario's.", autocompletion=among(lambda: SOLVERS)),
+    typer.Option(
+        help=f"Hierarchy solver: {', '.join(SOLVERS)}; default: the scenario's.",
+        autocompletion=among(lambda: SOLVERS),
+    ),
 ]
-CurrentVelocity = Annotated[tuple[float, float, float] | None, typer.Option(metavar="X Y Z", help=HELP["current"])]
-Seabed = Annotated[float | None, typer.Option(metavar="Z", help="Height of the floor in W [m]; default: the scenario's.")]
+CurrentVelocity = Annotated[
+    tuple[float, float, float] | None, typer.Option(metavar="X Y Z", help=HELP["current"])
+]
+Seabed = Annotated[
+    float | None,
+    typer.Option(metavar="Z", help="Height of the floor in W [m]; default: the scenario's."),
+]
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -182,17 +243,29 @@ class ScenarioOptions(RobotFiles):
     @property
     def chosen(self) -> dict[str, Any]:
         """Options of a scenario, those that were given."""
-        return given(robot=self.robot, **self.options, plant=self.plant, current=self.current, seabed=self.seabed)
+        return given(
+            robot=self.robot,
+            **self.options,
+            plant=self.plant,
+            current=self.current,
+            seabed=self.seabed,
+        )
 
 
 AS_IT_IS = ScenarioOptions()
 """No option given: all is as the scenario has it."""
 Seed = Annotated[int | None, typer.Option(help="Seed of everything random.")]
-Noise = Annotated[bool | None, typer.Option("--noise/--no-noise", help="Sensors with noise, rates and delays.")]
+Noise = Annotated[
+    bool | None, typer.Option("--noise/--no-noise", help="Sensors with noise, rates and delays.")
+]
 Duration = Annotated[float | None, typer.Option(metavar="S", help="Time limit of the mission [s].")]
 Faults = Annotated[_Words, typer.Option(metavar="TEXT", help=HELP["fault"])]
-Out = Annotated[Path | None, typer.Option(metavar="DIR", parser=folder, help="Folder for the results.")]
-Json = Annotated[bool, typer.Option("--json", help="Print the report on stdout, the rest on stderr.")]
+Out = Annotated[
+    Path | None, typer.Option(metavar="DIR", parser=folder, help="Folder for the results.")
+]
+Json = Annotated[
+    bool, typer.Option("--json", help="Print the report on stdout, the rest on stderr.")
+]
 
 
 def given(**options: Any) -> dict[str, Any]:
@@ -203,7 +276,8 @@ def given(**options: Any) -> dict[str, Any]:
 def build_scenario(name: str, options: Mapping[str, Any], solver: str | None = None) -> Scenario:
     """The scenario with the options of the command line.
 
-    Raises `NameNotFound` for an unknown scenario or solver, and `UvmsError` where an option is wrong.
+    Raises `NameNotFound` for an unknown scenario or solver, and `UvmsError` where an option is
+    wrong.
     """
     from uvms_ocp.scenario.own_code import load_scenario, own_code
 
@@ -211,7 +285,9 @@ def build_scenario(name: str, options: Mapping[str, Any], solver: str | None = N
 
 
 def with_solver(options: Mapping[str, Any], solver: str | None) -> Mapping[str, Any]:
-    """The options with the solver of that name, if one is given. Raises `NameNotFound` for an unknown one."""
+    """The options with the solver of that name, if one is given. Raises `NameNotFound` for an
+    unknown one.
+    """
     if solver is None:
         return options
     if solver in _OLD_SOLVER_NAMES:
@@ -223,28 +299,45 @@ def with_solver(options: Mapping[str, Any], solver: str | None) -> Mapping[str, 
 
 def solver_name(solver: HierarchySolver) -> str:
     """The name by which the command line knows a solver of that kind."""
-    return next((name for name, kind in SOLVERS.items() if kind is type(solver)), label(type(solver).__name__))
+    return next(
+        (name for name, kind in SOLVERS.items() if kind is type(solver)),
+        label(type(solver).__name__),
+    )
 
 
 def default_folder(parts: Sequence[str], options: Mapping[str, Any]) -> Path:
-    """Where the results go unless told otherwise: what was asked for is part of the name, so that nothing else is there."""
-    return Path("uvms_runs", "-".join((*parts, *(_word(name, value) for name, value in options.items()))))
+    """Where the results go unless told otherwise: what was asked for is part of the name, so that
+    nothing else is there.
+    """
+    return Path(
+        "uvms_runs", "-".join((*parts, *(_word(name, value) for name, value in options.items())))
+    )
 
 
 def _word(name: str, value: Any) -> str:
     if isinstance(value, bool):
         return name if value else f"no_{name}"
     if name == "faults":
-        return "-".join(re.sub(r"\W", "_", str(fault).replace("-", "to").replace(".", "p")) for fault in value)
+        return "-".join(
+            re.sub(r"\W", "_", str(fault).replace("-", "to").replace(".", "p")) for fault in value
+        )
     if isinstance(value, tuple):
         return name + "_".join(map(str, value))
     if name in ("robot", "hydrodynamics"):
         return label(str(value))
-    return label("-".join(f"{key}_{word}" for key, word in value.items())) if name == "loading" else f"{name}{value}"
+    return (
+        label("-".join(f"{key}_{word}" for key, word in value.items()))
+        if name == "loading"
+        else f"{name}{value}"
+    )
 
 
 def label(words: str) -> str:
     """A name for folders, of a name, a file or code of one's own."""
     place, _, attribute = words.partition(":")
-    plain = re.sub(r"[^\w.]+", "_", "-".join(filter(None, (Path(place).stem if "." in place else Path(place).name, attribute))))
+    plain = re.sub(
+        r"[^\w.]+",
+        "_",
+        "-".join(filter(None, (Path(place).stem if "." in place else Path(place).name, attribute))),
+    )
     return plain.strip("_") or "run"

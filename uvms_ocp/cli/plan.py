@@ -1,4 +1,6 @@
-"""``plan curve``, ``plan ocp`` and ``plan mission``: plan a motion among obstacles, or a whole mission."""
+"""``plan curve``, ``plan ocp`` and ``plan mission``: plan a motion among obstacles, or a whole
+mission.
+"""
 
 from __future__ import annotations
 
@@ -17,7 +19,15 @@ from uvms_ocp.cli.run import SCENE, drawer, drawings_of
 from uvms_ocp.errors import InvalidInput, plain_line
 from uvms_ocp.interrupts import Interrupted
 from uvms_ocp.ocp import OcpRequest, OcpStatus, solve_ocp
-from uvms_ocp.planning.request import AXES, Goal, PlanRequest, PostureGoal, ToolGoal, Triple, plan_path
+from uvms_ocp.planning.request import (
+    AXES,
+    Goal,
+    PlanRequest,
+    PostureGoal,
+    ToolGoal,
+    Triple,
+    plan_path,
+)
 from uvms_ocp.record.output import RECORD, claim_folder
 from uvms_ocp.record.record import Record
 from uvms_ocp.report.planned_motion import motion_record, ocp_record, ocp_report, plan_report
@@ -28,32 +38,58 @@ from uvms_ocp.viz.series import PLAN_NAMES
 
 # Options of every plan: where it starts, where it goes, and what stands in the way.
 
-_Clearance = Annotated[float, typer.Option(metavar="M", help="Distance wanted from obstacles, and between links [m].")]
+_Clearance = Annotated[
+    float, typer.Option(metavar="M", help="Distance wanted from obstacles, and between links [m].")
+]
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class MotionOptions:
     """As they stand on the command line."""
 
-    tool: Annotated[Triple | None, typer.Option(metavar="X Y Z", help="Goal of the tool in W [m].")] = None
-    tool_rpy: Annotated[Triple | None, typer.Option(metavar="R P Y", help="Its orientation; default: any.")] = None
-    joint: Annotated[list[str] | None, typer.Option(metavar="NAME=Q", help="Goal of a joint; repeatable.")] = None
-    to: Annotated[Triple | None, typer.Option(metavar="X Y Z", help="Goal of the vehicle [m].")] = None
-    to_rpy: Annotated[Triple | None, typer.Option(metavar="R P Y", help="Goal of its attitude [rad].")] = None
-    position: Annotated[Triple | None, typer.Option(metavar="X Y Z", help="Start of the vehicle [m].")] = None
-    rpy: Annotated[Triple | None, typer.Option(metavar="R P Y", help="Attitude at the start [rad].")] = None
-    sphere: Annotated[list[str] | None, typer.Option(metavar="X,Y,Z,R", help="Obstacle; repeatable.")] = None
-    box: Annotated[list[str] | None, typer.Option(metavar="X,Y,Z,LX,LY,LZ", help="Obstacle; repeatable.")] = None
-    obstacles: Annotated[Path | None, typer.Option(metavar="YAML", help="File of obstacles.")] = None
-    robot: Annotated[str, typer.Option(help="Robot, see `uvms-ocp list`, a URDF or a folder.")] = "girona_maris7_full"
+    tool: Annotated[
+        Triple | None, typer.Option(metavar="X Y Z", help="Goal of the tool in W [m].")
+    ] = None
+    tool_rpy: Annotated[
+        Triple | None, typer.Option(metavar="R P Y", help="Its orientation; default: any.")
+    ] = None
+    joint: Annotated[
+        list[str] | None, typer.Option(metavar="NAME=Q", help="Goal of a joint; repeatable.")
+    ] = None
+    to: Annotated[Triple | None, typer.Option(metavar="X Y Z", help="Goal of the vehicle [m].")] = (
+        None
+    )
+    to_rpy: Annotated[
+        Triple | None, typer.Option(metavar="R P Y", help="Goal of its attitude [rad].")
+    ] = None
+    position: Annotated[
+        Triple | None, typer.Option(metavar="X Y Z", help="Start of the vehicle [m].")
+    ] = None
+    rpy: Annotated[
+        Triple | None, typer.Option(metavar="R P Y", help="Attitude at the start [rad].")
+    ] = None
+    sphere: Annotated[
+        list[str] | None, typer.Option(metavar="X,Y,Z,R", help="Obstacle; repeatable.")
+    ] = None
+    box: Annotated[
+        list[str] | None, typer.Option(metavar="X,Y,Z,LX,LY,LZ", help="Obstacle; repeatable.")
+    ] = None
+    obstacles: Annotated[Path | None, typer.Option(metavar="YAML", help="File of obstacles.")] = (
+        None
+    )
+    robot: Annotated[str, typer.Option(help="Robot, see `uvms-ocp list`, a URDF or a folder.")] = (
+        "girona_maris7_full"
+    )
     clearance: _Clearance = opt.defaults_of(PlanRequest)["clearance"]
-    link_clearance: Annotated[float | None, typer.Option(metavar="M", help="Between links [m]; default: the same.")] = None
+    link_clearance: Annotated[
+        float | None, typer.Option(metavar="M", help="Between links [m]; default: the same.")
+    ] = None
 
     def asked(self, files: opt.RobotFiles) -> dict[str, Any]:
         """The fields that requests of all methods have.
 
-        Raises `InvalidInput` for goals that are none, several or not the robot's, a start that is not valid and obstacles
-        that cannot be read, and `NameNotFound` for an unknown robot.
+        Raises `InvalidInput` for goals that are none, several or not the robot's, a start that is
+        not valid and obstacles that cannot be read, and `NameNotFound` for an unknown robot.
         """
         robot = loading.robot_called(self.robot, files.hydrodynamics, files.loading)
         self._check_vehicle(robot)
@@ -71,23 +107,31 @@ class MotionOptions:
         for name in opt.given(**poses):
             if not robot.n_vehicle:
                 raise InvalidInput(
-                    f"--{name}: {robot.name} has no free vehicle pose; give --joint NAME=Q with any of "
-                    f"{', '.join(robot.joint_names)}, or --tool"
+                    f"--{name}: {robot.name} has no free vehicle pose; give --joint NAME=Q with any"
+                    f" of {', '.join(robot.joint_names)}, or --tool"
                 )
 
     def _goal(self) -> Goal:
         """The one goal that was given."""
         has_posture = bool(self.joint or self.to or self.to_rpy)
         if (self.tool is None) != has_posture or (self.tool is None and self.tool_rpy is not None):
-            raise InvalidInput("give one goal: --tool, with or without --tool-rpy, or any of --to, --to-rpy and --joint")
+            raise InvalidInput(
+                "give one goal: --tool, with or without --tool-rpy, or any of --to, --to-rpy and"
+                " --joint"
+            )
         if self.tool is not None:
             return ToolGoal(position=self.tool, rpy=self.tool_rpy)
-        return PostureGoal(position=self.to, rpy=self.to_rpy, joints=dict(map(_joint_goal, self.joint or ())))
+        return PostureGoal(
+            position=self.to, rpy=self.to_rpy, joints=dict(map(_joint_goal, self.joint or ()))
+        )
 
     def _obstacles(self) -> tuple[Obstacle, ...]:
         return (
             *(read_obstacles(self.obstacles) if self.obstacles else ()),
-            *(parse_obstacle("sphere", words, f"sphere{i}") for i, words in enumerate(self.sphere or (), 1)),
+            *(
+                parse_obstacle("sphere", words, f"sphere{i}")
+                for i, words in enumerate(self.sphere or (), 1)
+            ),
             *(parse_obstacle("box", words, f"box{i}") for i, words in enumerate(self.box or (), 1)),
         )
 
@@ -103,7 +147,9 @@ def _joint_goal(words: str) -> tuple[str, float]:
 # What a plan of any method writes and prints.
 
 _FILES = ("report.json", "plan.npz", "plan.csv", "plan.json", RECORD, "scene.html")
-"""Files that a plan may write beside its figures; which of them depends on the method and the outcome."""
+"""Files that a plan may write beside its figures; which of them depends on the method and the
+outcome.
+"""
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
@@ -124,7 +170,9 @@ class PlanOutput:
     """Prints the figures of the plan."""
 
     def write(self, folder: Path) -> list[str]:
-        """The report always, the rest where there is any, but for drawings; returns names of what was written."""
+        """The report always, the rest where there is any, but for drawings; returns names of what
+        was written.
+        """
         (folder / "report.json").write_text(json.dumps(self.report, indent=2) + "\n")
         if self.save is not None:
             self.save(folder)
@@ -138,12 +186,17 @@ Progress = Callable[[str], None]
 
 
 def make_and_write_plan(make: Callable[[Progress], PlanOutput], out: Path, as_json: bool) -> None:
-    """Make the plan, write it to the folder `out` and print what came of it; exit where it is not good.
+    """Make the plan, write it to the folder `out` and print what came of it; exit where it is not
+    good.
 
     The plan is safe before it is drawn; a colliding one is worth looking at.
     """
-    console, missing = console_of(stderr=as_json), list[str]()
-    with claim_folder(out, (*_FILES, *(f"figures/{name}.png" for name in PLAN_NAMES))) as claim, drawer() as draw:
+    console = console_of(stderr=as_json)
+    missing = list[str]()
+    with (
+        claim_folder(out, (*_FILES, *(f"figures/{name}.png" for name in PLAN_NAMES))) as claim,
+        drawer() as draw,
+    ):
         with busy(console, "planning") as show:
             made = make(lambda text: show(plain_line(f"planning: {text}")))
         with claim.staged() as staging:
@@ -163,13 +216,17 @@ def make_and_write_plan(make: Callable[[Progress], PlanOutput], out: Path, as_js
 
 def _print_plan(console: Console, made: PlanOutput, paths: list[Path]) -> None:
     reason = f" ({made.report['reason']})" if "reason" in made.report else ""
-    console.print(plain_line(f"plan: {made.report['status']}{reason}; advice: {made.report['advice']}"))
+    console.print(
+        plain_line(f"plan: {made.report['status']}{reason}; advice: {made.report['advice']}")
+    )
     made.show(console, made)
     print_paths(console, paths)
 
 
 def _or_best(search: Callable[[], Any]) -> tuple[Any, bool]:
-    """Return the result of a search, or its best so far where Ctrl-C ended it, and whether it did."""
+    """Return the result of a search, or its best so far where Ctrl-C ended it, and whether it
+    did.
+    """
     try:
         return search(), False
     except Interrupted as stop:
@@ -180,13 +237,26 @@ def _print_motion(console: Console, made: PlanOutput) -> None:
     report = made.report
     if made.record is not None:
         least = report["min_clearance_m"]
-        near = "" if least is None else f", {least:.3g} m between {report['min_clearance_between']} "
+        near = (
+            "" if least is None else f", {least:.3g} m between {report['min_clearance_between']} "
+        )
         near += "" if least is None else f"at {report['min_clearance_at_s']:.2f} s"
-        each = [f"{d:.3g} m to {name}" for d, name in sorted((d, name) for name, d in (report["clearances_m"] or {}).items())]
+        each = [
+            f"{d:.3g} m to {name}"
+            for d, name in sorted((d, name) for name, d in (report["clearances_m"] or {}).items())
+        ]
         near += f" ({', '.join(each[:4])})" if len(each) > 1 else ""
-        console.print(plain_line(f"{report['duration_s']:.1f} s long{near}; found in {report['solve_time_s']:.2f} s"))
-    if unshaped := report["links_without_shape"]:
-        text = f"{', '.join(unshaped)}: no collision shape in the robot's file, so that nothing is said of what they touch"
+        console.print(
+            plain_line(
+                f"{report['duration_s']:.1f} s long{near}; found in {report['solve_time_s']:.2f} s"
+            )
+        )
+    unshaped = report["links_without_shape"]
+    if unshaped:
+        text = (
+            f"{', '.join(unshaped)}: no collision shape in the robot's file, so that nothing is"
+            " said of what they touch"
+        )
         console.print(plain_line(text), style="yellow")
     if report.get("peak_thrust_n") is not None:
         energy = "- J (not known)" if report["energy_j"] is None else f"{report['energy_j']:.0f} J"
@@ -195,7 +265,8 @@ def _print_motion(console: Console, made: PlanOutput) -> None:
 
 # ``plan mission``: all phases of a scenario as one problem, for ``run --follow``.
 
-_COLUMNS, _NLP = ("name", "begin_s", "end_s"), opt.defaults_of(NlpOptions)
+_COLUMNS = ("name", "begin_s", "end_s")
+_NLP = opt.defaults_of(NlpOptions)
 
 
 def mission(
@@ -204,14 +275,17 @@ def mission(
     noise: opt.Noise = None,
     within: Annotated[float | None, typer.Option(metavar="S", help=opt.HELP["within"])] = None,
     step: Annotated[float, typer.Option(metavar="S", help="Step of the horizon [s].")] = 1.0,
-    time_limit: Annotated[float, typer.Option(metavar="S", help="Time limit of each solve [s].")] = _NLP["time_limit"],
+    time_limit: Annotated[
+        float, typer.Option(metavar="S", help="Time limit of each solve [s].")
+    ] = _NLP["time_limit"],
     nlp: Annotated[str, typer.Option(help=f"Solver: {' or '.join(PLUGINS)}.")] = _NLP["plugin"],
     out: opt.Out = None,
     as_json: opt.Json = False,
 ) -> None:
     """A whole mission as one problem of least energy.
 
-    Current, obstacles, floor and all limits included; `run SCENARIO --follow DIR/plan.npz` flies it, with the same options.
+    Current, obstacles, floor and all limits included; `run SCENARIO --follow DIR/plan.npz` flies
+    it, with the same options.
     """
     from uvms_ocp.mission_plan.planner import OPTIONS, plan_mission  # a tenth of a second
 
@@ -221,7 +295,9 @@ def mission(
     target = out or opt.default_folder(("plan", "mission", opt.label(name)), options)
 
     def by_mission(_: Progress) -> PlanOutput:
-        found, stopped = _or_best(lambda: plan_mission(scenario, duration=within, step=step, options=solver))
+        found, stopped = _or_best(
+            lambda: plan_mission(scenario, duration=within, step=step, options=solver)
+        )
         return PlanOutput(
             robot=scenario.robot,
             report=found.summary(),
@@ -242,17 +318,21 @@ def _print_mission(console: Console, made: PlanOutput) -> None:
         energy = "- J (not known)" if report["energy_j"] is None else f"{report['energy_j']:.0f} J"
         greedy = f"greedy {report['greedy_duration_s']:.1f} s"
         console.print(
-            f"{report['duration_s']:.1f} s ({greedy}), {energy}, thrust up to {report['peak_thrust_n']:.0f} N; "
-            f"{report['iterations']} iterations, found in {report['solve_time_s']:.1f} s"
+            f"{report['duration_s']:.1f} s ({greedy}), {energy}, thrust up to"
+            f" {report['peak_thrust_n']:.0f} N; {report['iterations']} iterations, found in"
+            f" {report['solve_time_s']:.1f} s"
         )
 
 
-# ``plan curve`` and ``plan ocp``: a motion among obstacles, by a smooth curve or by optimal control.
+# ``plan curve`` and ``plan ocp``: a motion among obstacles, by a smooth curve or by optimal
+# control.
 
 _PERIOD = 0.02  # [s] between rows of plan.csv
 _CURVE, _OCP = opt.defaults_of(PlanRequest), opt.defaults_of(OcpRequest)
 _MOTION, _AS_WRITTEN = opt.defaults_of(MotionOptions), opt.PlannedRobotFiles()
-_Axes = Annotated[str, typer.Option(help=f"Planned axes, of {', '.join(AXES)}; level: no roll, no pitch.")]
+_Axes = Annotated[
+    str, typer.Option(help=f"Planned axes, of {', '.join(AXES)}; level: no roll, no pitch.")
+]
 
 
 def curve(
@@ -265,30 +345,40 @@ def curve(
 ) -> None:
     """A smooth curve of the shapes alone, proven free of collision.
 
-    From the stowed posture to a goal of the tool, of the vehicle or of joints, as fast as the limits of velocity and
-    acceleration allow; without water and forces.
+    From the stowed posture to a goal of the tool, of the vehicle or of joints, as fast as the
+    limits of velocity and acceleration allow; without water and forces.
     """
     request = PlanRequest(**motion.asked(files), axes=axes, seed=seed)
     changed = _changed(_CURVE | _MOTION, robot=motion.robot, seed=seed)
-    make_and_write_plan(lambda _: _by_curve(request), out or opt.default_folder(("plan", "curve"), changed), as_json)
+    make_and_write_plan(
+        lambda _: _by_curve(request), out or opt.default_folder(("plan", "curve"), changed), as_json
+    )
 
 
 def ocp(
     motion: MotionOptions,
     files: opt.PlannedRobotFiles = _AS_WRITTEN,
     duration: Annotated[float, typer.Option(metavar="S", help="Length [s].")] = _OCP["duration"],
-    steps: Annotated[int, typer.Option(metavar="N", help="Steps of the horizon.")] = _OCP["n_steps"],
-    current: Annotated[Triple, typer.Option(metavar="X Y Z", help="Current in W [m/s].")] = _OCP["current"],
-    seabed: Annotated[float | None, typer.Option(metavar="Z", help="Height of a level floor [m].")] = None,
-    time_limit: Annotated[float, typer.Option(metavar="S", help="Time limit of the solver [s].")] = _OCP["time_limit"],
+    steps: Annotated[int, typer.Option(metavar="N", help="Steps of the horizon.")] = _OCP[
+        "n_steps"
+    ],
+    current: Annotated[Triple, typer.Option(metavar="X Y Z", help="Current in W [m/s].")] = _OCP[
+        "current"
+    ],
+    seabed: Annotated[
+        float | None, typer.Option(metavar="Z", help="Height of a level floor [m].")
+    ] = None,
+    time_limit: Annotated[
+        float, typer.Option(metavar="S", help="Time limit of the solver [s].")
+    ] = _OCP["time_limit"],
     nlp: Annotated[str, typer.Option(help=f"Solver: {' or '.join(PLUGINS)}.")] = _OCP["plugin"],
     out: opt.Out = None,
     as_json: opt.Json = False,
 ) -> None:
     """Optimal control in water, within thrust and torque.
 
-    From rest in the stowed posture to rest at a goal of the tool, of the vehicle or of joints, with little effort, and
-    proven free of collision with obstacles, the floor and its own links.
+    From rest in the stowed posture to rest at a goal of the tool, of the vehicle or of joints, with
+    little effort, and proven free of collision with obstacles, the floor and its own links.
     """
     request = OcpRequest(
         **motion.asked(files),
@@ -300,7 +390,11 @@ def ocp(
         plugin=nlp,
     )
     changed = _changed(_OCP | _MOTION, robot=motion.robot, current=current)
-    make_and_write_plan(lambda progress: _by_ocp(request, progress), out or opt.default_folder(("plan", "ocp"), changed), as_json)
+    make_and_write_plan(
+        lambda progress: _by_ocp(request, progress),
+        out or opt.default_folder(("plan", "ocp"), changed),
+        as_json,
+    )
 
 
 def _changed(defaults: Mapping[str, Any], **options: Any) -> dict[str, Any]:
@@ -327,7 +421,9 @@ def _by_curve(request: PlanRequest) -> PlanOutput:
 
 
 def _by_ocp(request: OcpRequest, progress: Progress) -> PlanOutput:
-    result, stopped = _or_best(lambda: solve_ocp(request, progress=lambda moment: progress(_words(moment))))
+    result, stopped = _or_best(
+        lambda: solve_ocp(request, progress=lambda moment: progress(_words(moment)))
+    )
 
     def save(folder: Path) -> None:
         for name in ("plan.npz", "plan.json"):
@@ -346,5 +442,8 @@ def _by_ocp(request: OcpRequest, progress: Progress) -> PlanOutput:
 
 def _words(moment: IterationReport) -> str:
     """Ctrl-C keeps the best plan so far."""
-    found = f"iteration {moment.iteration}, residual {moment.residual:.3g}, constraints broken by {moment.violation:.1e}"
+    found = (
+        f"iteration {moment.iteration}, residual {moment.residual:.3g}, constraints broken by"
+        f" {moment.violation:.1e}"
+    )
     return f"level {moment.level!r}, {found} (Ctrl-C stops)"

@@ -32,7 +32,9 @@ def console_of(*, stderr: bool = False) -> Console:
 
 @contextmanager
 def busy(console: Console, text: str) -> Iterator[Callable[[str], None]]:
-    """Show a line on a terminal meanwhile: the text, what is being compiled, or what the function yielded is called with."""
+    """Show a line on a terminal meanwhile: the text, what is being compiled, or what the function
+    yielded is called with.
+    """
     with console.status(text) as status, show_compilation(status.update):
         yield status.update
 
@@ -44,12 +46,22 @@ def print_paths(console: Console, paths: Iterable[Path]) -> None:
 
 
 def print_line(console: Console, text: str, style: str = "") -> None:
-    """A text, whatever it holds, as one line, which goes on below between two words where the console is narrower."""
-    lines = textwrap.wrap(plain_line(text), console.width, subsequent_indent="  ", break_long_words=False, break_on_hyphens=False)
+    """A text, whatever it holds, as one line, which goes on below between two words where the
+    console is narrower.
+    """
+    lines = textwrap.wrap(
+        plain_line(text),
+        console.width,
+        subsequent_indent="  ",
+        break_long_words=False,
+        break_on_hyphens=False,
+    )
     console.print("\n".join(lines), style=style, highlight=False, soft_wrap=True)
 
 
-def table_of(title: str, rows: Sequence[Mapping[str, Any]], columns: tuple[str, ...]) -> FoldingTable:
+def table_of(
+    title: str, rows: Sequence[Mapping[str, Any]], columns: tuple[str, ...]
+) -> FoldingTable:
     """A table of the given columns of all rows."""
     cells = tuple(tuple(cell(row[column]) for row in rows) for column in columns)
     return FoldingTable(title=plain_line(title), head=tuple(map(plain_line, columns)), cells=cells)
@@ -57,7 +69,9 @@ def table_of(title: str, rows: Sequence[Mapping[str, Any]], columns: tuple[str, 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class FoldingTable:
-    """A table that breaks no short word: columns for which a console has no room come below, beside the first one again."""
+    """A table that breaks no short word: columns for which a console has no room come below, beside
+    the first one again.
+    """
 
     title: str
     head: tuple[str, ...]
@@ -86,13 +100,16 @@ class FoldingTable:
         texts = (self.head[k], *self.cells[k])
         if self.head[k] in _TYPED:
             return max(map(len, texts))
-        return max((len(word) for text in texts for word in text.split() if len(word) <= _SHORT), default=1)
+        return max(
+            (len(word) for text in texts for word in text.split() if len(word) <= _SHORT), default=1
+        )
 
 
 def _parts(needs: Sequence[int], width: int) -> list[list[int]]:
     """Columns of tables that fit side by side, each with the first one."""
     room = width - needs[0] - _BESIDE - 1
-    parts, left = [[0]], room
+    parts = [[0]]
+    left = room
     for k, need in enumerate(needs[1:], 1):
         if need + _BESIDE > left and len(parts[-1]) > 1:
             parts.append([0])
@@ -102,17 +119,23 @@ def _parts(needs: Sequence[int], width: int) -> list[list[int]]:
     return parts
 
 
-def require_accepted(preflight: PreflightReport, what: str, console: Console, *, force: bool) -> None:
+def require_accepted(
+    preflight: PreflightReport, what: str, console: Console, *, force: bool
+) -> None:
     """Print what pre-flight has found of a mission.
 
-    Raises `InvalidInput` for one that it refuses, unless forced; that is the only line then on a stderr that is no terminal.
+    Raises `InvalidInput` for one that it refuses, unless forced; that is the only line then on a
+    stderr that is no terminal.
     """
     refused = not (preflight.accepted or force)
     if not refused or not console.stderr or console.is_terminal:
         print_findings(console, preflight)
     if refused:
         n = len(preflight.errors)
-        text = f"pre-flight refuses {what} ({n} error{'s' if n > 1 else ''}): {preflight.errors[0].text}"
+        text = (
+            f"pre-flight refuses {what} ({n} error{'s' if n > 1 else ''}):"
+            f" {preflight.errors[0].text}"
+        )
         raise InvalidInput(f"{text}; mend that, or --force runs it all the same")
 
 
@@ -121,7 +144,12 @@ def print_findings(console: Console, preflight: PreflightReport, *, notes: bool 
     styles = {"error": "red", "warning": "yellow"}
     for finding in preflight.findings:
         if notes or finding.severity.value in styles:
-            where, style = f" (phase {finding.phase})" if finding.phase else "", styles.get(finding.severity.value, "")
-            print_line(console, f"{finding.severity.value}: {finding.check}{where}: {finding.text}", style)
+            where = f" (phase {finding.phase})" if finding.phase else ""
+            style = styles.get(finding.severity.value, "")
+            print_line(
+                console, f"{finding.severity.value}: {finding.check}{where}: {finding.text}", style
+            )
     if notes:
-        console.print(f"pre-flight: {'accepted' if preflight.accepted else 'refused'}", highlight=False)
+        console.print(
+            f"pre-flight: {'accepted' if preflight.accepted else 'refused'}", highlight=False
+        )

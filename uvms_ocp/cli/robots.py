@@ -1,4 +1,6 @@
-"""``check-robot``, ``schema``, ``list``, ``new-robot``, ``new-mission`` and ``export``: robot files, templates and C sources."""
+"""``check-robot``, ``schema``, ``list``, ``new-robot``, ``new-mission`` and ``export``: robot
+files, templates and C sources.
+"""
 
 from __future__ import annotations
 
@@ -36,7 +38,10 @@ def check_robot(
     """Check a robot: inertias, trim, thruster rank, frames, meshes."""
     report = robot_check.check_robot_files(_files(robot), files.hydrodynamics, **files.loading)
     if as_json:
-        findings = [{"subject": f.subject, "verdict": f.verdict.value, "text": f.text} for f in report.findings]
+        findings = [
+            {"subject": f.subject, "verdict": f.verdict.value, "text": f.text}
+            for f in report.findings
+        ]
         print_json({"usable": report.usable, "findings": findings})
     else:
         _print_robot(report)
@@ -52,11 +57,17 @@ def schema() -> None:
 def _files(robot: str) -> Path:
     """The path as it is where there is one, or else the folder of the robot of that name."""
     path = Path(robot)
-    return robot_folder(robot) if robot == path.name and not path.suffix and not path.exists() else path
+    return (
+        robot_folder(robot)
+        if robot == path.name and not path.suffix and not path.exists()
+        else path
+    )
 
 
 def _print_robot(report: robot_check.RobotReport) -> None:
-    table = Table("", "what", "finding", box=None, title=plain_line(report.name), title_justify="left")
+    table = Table(
+        "", "what", "finding", box=None, title=plain_line(report.name), title_justify="left"
+    )
     for finding in report.findings:
         table.add_row(finding.verdict.value, cell(finding.subject), cell(finding.text))
     console = console_of()
@@ -69,7 +80,12 @@ def _print_robot(report: robot_check.RobotReport) -> None:
 
 def list_all(as_json: _Json = False) -> None:
     """List scenarios, robots, plants and solvers."""
-    known = {"scenarios": list(SCENARIOS), "robots": list(list_robots()), "plants": list(PLANTS), "solvers": list(opt.SOLVERS)}
+    known = {
+        "scenarios": list(SCENARIOS),
+        "robots": list(list_robots()),
+        "plants": list(PLANTS),
+        "solvers": list(opt.SOLVERS),
+    }
     if as_json:
         print_json(known)
         return
@@ -83,27 +99,42 @@ def list_all(as_json: _Json = False) -> None:
 
 
 def new_robot(
-    out: Annotated[Path, typer.Argument(metavar="DIR", parser=opt.folder, help="Folder for robot.urdf and hydrodynamics.yaml.")],
-    source: Annotated[Path | None, typer.Option("--from", metavar="URDF|DIR", help=opt.HELP["source"])] = None,
+    out: Annotated[
+        Path,
+        typer.Argument(
+            metavar="DIR", parser=opt.folder, help="Folder for robot.urdf and hydrodynamics.yaml."
+        ),
+    ],
+    source: Annotated[
+        Path | None, typer.Option("--from", metavar="URDF|DIR", help=opt.HELP["source"])
+    ] = None,
     files: opt.RobotFiles = opt.AS_WRITTEN,
 ) -> None:
-    """Write a robot to begin with: of a URDF, with its roles and water proposed, or a box of a vehicle with an arm.
+    """Write a robot to begin with: of a URDF, with its roles and water proposed, or a box of a
+    vehicle with an arm.
 
-    With --from the folder gets a copy of the URDF and its meshes, and a hydrodynamics.yaml in which every proposal is marked;
-    what the URDF leaves open is asked in one line each, and answered by options.
+    With --from the folder gets a copy of the URDF and its meshes, and a hydrodynamics.yaml in which
+    every proposal is marked; what the URDF leaves open is asked in one line each, and answered by
+    options.
 
-    \f
-    Raises `InvalidInput` for files that are there, `OutputError` where they cannot be written, `RobotDataError` for a URDF
-    that cannot be read.
+    \f Raises `InvalidInput` for files that are there, `OutputError` where they cannot be written,
+    `RobotDataError` for a URDF that cannot be read.
     """
     if source is None:
         if files != opt.AS_WRITTEN:
             raise InvalidInput("options of a robot's files need one: give --from URDF")
-        _write({out / name: (TEMPLATES / name).read_text(encoding="utf-8") for name in ("robot.urdf", "hydrodynamics.yaml")})
+        _write(
+            {
+                out / name: (TEMPLATES / name).read_text(encoding="utf-8")
+                for name in ("robot.urdf", "hydrodynamics.yaml")
+            }
+        )
         return
     urdf = proposal.find_urdf(source)
     folders = [Path(place) for place in files.packages or ()]
-    loading = {key: value for key, value in files.loading.items() if key in ("mimic", "lock", "drop")}
+    loading = {
+        key: value for key, value in files.loading.items() if key in ("mimic", "lock", "drop")
+    }
     loading |= {} if files.meshes is None else {"meshes": "yes" if files.meshes else "no"}
     found = proposal.propose(
         urdf,
@@ -115,32 +146,48 @@ def new_robot(
         dvl=files.dvl,
     )
     text, meshes = with_own_meshes(urdf, folders)
-    _write({out / "robot.urdf": text, out / "hydrodynamics.yaml": found.text}, {out / to: at for to, at in meshes.items()})
-    wrong = (f for f in robot_check.check_robot(found.robot).findings if f.verdict is robot_check.RobotVerdict.ERROR)
+    _write(
+        {out / "robot.urdf": text, out / "hydrodynamics.yaml": found.text},
+        {out / to: at for to, at in meshes.items()},
+    )
+    wrong = (
+        f
+        for f in robot_check.check_robot(found.robot).findings
+        if f.verdict is robot_check.RobotVerdict.ERROR
+    )
     _say([*found.questions, *(f"{finding.subject}: {finding.text}" for finding in wrong)])
 
 
 def new_mission(
-    file: Annotated[Path, typer.Argument(metavar="FILE.py", help="The file; what varies goes beside it.")],
-    robot: Annotated[str | None, typer.Option(metavar="DIR", help=opt.HELP["robot_of_mission"])] = None,
+    file: Annotated[
+        Path, typer.Argument(metavar="FILE.py", help="The file; what varies goes beside it.")
+    ],
+    robot: Annotated[
+        str | None, typer.Option(metavar="DIR", help=opt.HELP["robot_of_mission"])
+    ] = None,
     files: opt.RobotFiles = opt.AS_WRITTEN,
 ) -> None:
     """Write a mission of what the robot has, and what is uncertain about it, with comments.
 
-    \f
-    Raises `InvalidInput` for files that are there or another name, `RobotDataError` for a robot that cannot be loaded,
-    whose frames the tasks name, `OutputError` where they cannot be written.
+    \f Raises `InvalidInput` for files that are there or another name, `RobotDataError` for a robot
+    that cannot be loaded, whose frames the tasks name, `OutputError` where they cannot be written.
     """
     if file.suffix != ".py":
         raise InvalidInput(f"{file}: give the name of a Python file, such as my_mission.py")
     vary = file.with_name(f"{file.stem}_variations.py")
     name = robot or "bluerov2_alpha5"
-    place, load = repr(name).replace("'", '"'), "return uo.load_robot(ROBOT)"
+    place = repr(name).replace("'", '"')
+    load = "return uo.load_robot(ROBOT)"
     if Path(name).exists():
         place, load = loading_line(file, Path(name), files.hydrodynamics, files.loading)
     elif files != opt.AS_WRITTEN:
-        load = f"return uo.load_robot(ROBOT, {', '.join(f'{key}={value!r}' for key, value in files.loading.items())})"
-    mission = NewMission(robot=robot_called(name, files.hydrodynamics, files.loading), place=place, load=load)
+        load = (
+            "return uo.load_robot(ROBOT,"
+            f" {', '.join(f'{key}={value!r}' for key, value in files.loading.items())})"
+        )
+    mission = NewMission(
+        robot=robot_called(name, files.hydrodynamics, files.loading), place=place, load=load
+    )
     _write({file: mission.text(file, vary), vary: variations_text(mission)})
     _say(mission.notes())
 
@@ -170,13 +217,19 @@ def _write(files: dict[Path, str], copies: Mapping[Path, Path] | None = None) ->
 
 def controller(
     scenario: Annotated[str, typer.Argument(help=opt.SCENARIO_HELP)],
-    out: Annotated[Path, typer.Argument(metavar="DIR", parser=opt.folder, help="Folder for the sources.")],
+    out: Annotated[
+        Path, typer.Argument(metavar="DIR", parser=opt.folder, help="Folder for the sources.")
+    ],
     plant: Annotated[str | None, typer.Option(help=opt.HELP["plant"])] = None,
     robot: opt.RobotName = None,
     files: opt.RobotFiles = opt.AS_WRITTEN,
 ) -> None:
-    """Write the whole controller as C source that needs libm only, with a recorded run to compare with."""
+    """Write the whole controller as C source that needs libm only, with a recorded run to compare
+    with.
+    """
     console = console_of()
     with busy(console, "running the scenario once"):
-        paths = export_controller(opt.build_scenario(scenario, opt.given(plant=plant, robot=robot, **files.options)), out)
+        paths = export_controller(
+            opt.build_scenario(scenario, opt.given(plant=plant, robot=robot, **files.options)), out
+        )
     print_paths(console, paths)

@@ -43,33 +43,49 @@ if TYPE_CHECKING:
     from uvms_ocp.scenario.scenario import Scenario
     from uvms_ocp.sim.loop import TickObserver
 
-# What writes figures and scenes, shared by copies of this process: Matplotlib and meshcat keep one processor busy each.
+# What writes figures and scenes, shared by copies of this process: Matplotlib and meshcat keep one
+# processor busy each.
 
 Job = Callable[[], object]
-_COPIES, _DIE_WITH_PARENT = 2, 1  # that draw at a time; `PR_SET_PDEATHSIG` of Linux
+# that draw at a time; `PR_SET_PDEATHSIG` of Linux
+_COPIES = 2
+_DIE_WITH_PARENT = 1
 
 
 @contextmanager
 def drawer(*, wanted: bool = True) -> Iterator[Callable[..., list[str]]]:
-    """Yield what writes all figures and scenes: one that fails costs no other, and is returned as a line that says why.
+    """Yield what writes all figures and scenes: one that fails costs no other, and is returned as a
+    line that says why.
 
-    It takes the functions that write them, by name, each of which may be called twice, and the status to show meanwhile; what
-    the disk refuses is raised. On Linux, with processors for them, copies of this process write: until then the first imports
-    what draws, which takes half a second, and the others are copied from it.
+    It takes the functions that write them, by name, each of which may be called twice, and the
+    status to show meanwhile; what the disk refuses is raised. On Linux, with processors for them,
+    copies of this process write: until then the first imports what draws, which takes half a
+    second, and the others are copied from it.
     """
     apart = wanted and sys.platform == "linux" and (os.cpu_count() or 1) >= _COPIES
-    pool = ProcessPoolExecutor(1, get_context("fork" if apart else None), _load_drawing, (os.getpid(),))
+    pool = ProcessPoolExecutor(
+        1, get_context("fork" if apart else None), _load_drawing, (os.getpid(),)
+    )
     before = active_children()
-    with warnings.catch_warnings(action="ignore", category=DeprecationWarning):  # of threads of libraries, which wait for work
+    with warnings.catch_warnings(
+        action="ignore", category=DeprecationWarning
+    ):  # of threads of libraries, which wait for work
         if apart:
             pool.submit(int)  # which begins it
     copies = set(active_children()).difference(before)
 
-    def draw(drawings: Mapping[str, Job], status: AbstractContextManager[object] | None = None) -> list[str]:
-        with status or nullcontext(), suppress(BrokenProcessPool, PicklingError, AttributeError, TypeError):
+    def draw(
+        drawings: Mapping[str, Job], status: AbstractContextManager[object] | None = None
+    ) -> list[str]:
+        with (
+            status or nullcontext(),
+            suppress(BrokenProcessPool, PicklingError, AttributeError, TypeError),
+        ):
             if apart:
                 return pool.submit(_draw_in_copies, drawings).result()
-        return [*filter(None, map(_attempt, drawings, drawings.values()))]  # or a copy was killed, or cannot be sent something
+        return [
+            *filter(None, map(_attempt, drawings, drawings.values()))
+        ]  # or a copy was killed, or cannot be sent something
 
     try:
         yield draw
@@ -89,7 +105,9 @@ def _load_drawing(parent: int) -> None:
 
 
 def _end_with(parent: int) -> None:
-    ctypes.CDLL(None).prctl(_DIE_WITH_PARENT, signal.SIGKILL)  # else a command that is killed leaves copies behind
+    ctypes.CDLL(None).prctl(
+        _DIE_WITH_PARENT, signal.SIGKILL
+    )  # else a command that is killed leaves copies behind
     if os.getppid() != parent:
         os._exit(1)
 
@@ -125,33 +143,54 @@ def run(
     seed: opt.Seed = None,
     noise: opt.Noise = None,
     duration: opt.Duration = None,
-    record_rate: Annotated[float | None, typer.Option(metavar="HZ", help="Rows of the record; default: every tick.")] = None,
+    record_rate: Annotated[
+        float | None, typer.Option(metavar="HZ", help="Rows of the record; default: every tick.")
+    ] = None,
     fault: opt.Faults = None,
     follow: Follow = None,
     out: opt.Out = None,
-    force: Annotated[bool, typer.Option("--force", help="Run even if pre-flight finds errors.")] = False,
-    live: Annotated[bool, typer.Option("--live", help="Show it in the browser meanwhile, no faster than the clock.")] = False,
-    figures: Annotated[str, typer.Option(metavar="NAMES", help="What to draw: all, none, or names such as path,scene.")] = "all",
+    force: Annotated[
+        bool, typer.Option("--force", help="Run even if pre-flight finds errors.")
+    ] = False,
+    live: Annotated[
+        bool,
+        typer.Option("--live", help="Show it in the browser meanwhile, no faster than the clock."),
+    ] = False,
+    figures: Annotated[
+        str,
+        typer.Option(metavar="NAMES", help="What to draw: all, none, or names such as path,scene."),
+    ] = "all",
     as_json: opt.Json = False,
 ) -> None:
     """Run a scenario; write its record, report, figures and 3-D scene.
 
     What is left out is as the scenario has it.
 
-    \f
-    Raises `InvalidInput` for what pre-flight refuses, unless forced, and for --follow with another mission's plan, and
-    `NameNotFound` for a figure that there is not.
+    \f Raises `InvalidInput` for what pre-flight refuses, unless forced, and for --follow with
+    another mission's plan, and `NameNotFound` for a figure that there is not.
     """
-    console, drawn = printing.console_of(stderr=as_json), _drawn(figures)
-    options = changes.chosen | opt.given(noise=noise, seed=seed, duration=duration, record_rate=record_rate)
+    console = printing.console_of(stderr=as_json)
+    drawn = _drawn(figures)
+    options = changes.chosen | opt.given(
+        noise=noise, seed=seed, duration=duration, record_rate=record_rate
+    )
     options |= {"faults": parse_faults(fault)} if fault else {}
     scenario = opt.build_scenario(name, options, solver)
     from uvms_ocp.sim.own_parts import plant_name
 
     plan = None if follow is None else _plan_of(scenario, follow)
-    parts = (opt.label(name), plant_name(scenario.plant), opt.solver_name(scenario.solver), *(("followed",) if plan else ()))
-    folder = out or opt.default_folder(parts, {key: value for key, value in options.items() if key != "plant"})
-    report = run_and_write(scenario, folder, console, force=force, plan=plan, live=live, drawn=drawn)
+    parts = (
+        opt.label(name),
+        plant_name(scenario.plant),
+        opt.solver_name(scenario.solver),
+        *(("followed",) if plan else ()),
+    )
+    folder = out or opt.default_folder(
+        parts, {key: value for key, value in options.items() if key != "plant"}
+    )
+    report = run_and_write(
+        scenario, folder, console, force=force, plan=plan, live=live, drawn=drawn
+    )
     if as_json:
         printing.print_json(report)
     if not report["completed"]:
@@ -178,15 +217,18 @@ def run_and_write(
     live: bool = False,
     drawn: Iterable[str] | None = None,
 ) -> dict[str, Any]:
-    """Run a scenario, by a plan if given, write all that comes of it into a folder, print a summary; returns its report.
+    """Run a scenario, by a plan if given, write all that comes of it into a folder, print a
+    summary; returns its report.
 
-    The record grows on the disk, and is safe before anything is made of it; Ctrl-C ends the simulation, and what was flown is
-    written. What a run that was cut off left is kept as ``cut_off.npz``. live: show it in the browser meanwhile. drawn: names of
-    figures, and ``scene``; all of them by default.
+    The record grows on the disk, and is safe before anything is made of it; Ctrl-C ends the
+    simulation, and what was flown is written. What a run that was cut off left is kept as
+    ``cut_off.npz``. live: show it in the browser meanwhile. drawn: names of figures, and ``scene``;
+    all of them by default.
 
     Raises `InvalidInput` for what pre-flight refuses, unless forced.
     """
-    running, names = out / RUNNING, (RECORD, "report.json", "scene.html", *(f"figures/{name}.png" for name in RUN_NAMES))
+    running = out / RUNNING
+    names = (RECORD, "report.json", "scene.html", *(f"figures/{name}.png" for name in RUN_NAMES))
     wanted = (SCENE, *RUN_NAMES) if drawn is None else tuple(drawn)
     with claim_folder(out, names) as claim, drawer(wanted=bool(wanted)) as draw:
         preflight = scenario.check()
@@ -203,7 +245,9 @@ def run_and_write(
         with claim.staged(keep=[RECORD]) as staging:
             (staging / "report.json").write_text(json.dumps(report, indent=2) + "\n")
             (staging / "figures").mkdir()
-            ghosts = {"plan": plan.to_record(scenario)} if plan is not None and SCENE in wanted else None
+            ghosts = (
+                {"plan": plan.to_record(scenario)} if plan is not None and SCENE in wanted else None
+            )
             drawings = drawings_of(record, scenario.robot, staging, wanted, ghosts)
             missing = draw(drawings, console.status("writing report, figures and scene"))
         written = claim.written()
@@ -236,9 +280,15 @@ def _watched(scenario: Scenario, console: Console) -> Iterator[TickObserver]:
 
 
 def _simulate(
-    scenario: Scenario, plan: MissionPlan | None, console: Console, observer: TickObserver | None, folder: Path
+    scenario: Scenario,
+    plan: MissionPlan | None,
+    console: Console,
+    observer: TickObserver | None,
+    folder: Path,
 ) -> Record:
-    """Run the scenario, and show what is compiled before; a run that Ctrl-C ends is returned as far as it came."""
+    """Run the scenario, and show what is compiled before; a run that Ctrl-C ends is returned as far
+    as it came.
+    """
     with printing.busy(console, "building the controller"):
         controller = scenario.controller() if plan is None else plan.controller(scenario)
     try:
@@ -260,38 +310,70 @@ def _drawn(names: str) -> list[str]:
 
 
 def drawings_of(
-    record: Record, robot: Robot, folder: Path, figures: Iterable[str], ghosts: Mapping[str, Record] | None = None
+    record: Record,
+    robot: Robot,
+    folder: Path,
+    figures: Iterable[str],
+    ghosts: Mapping[str, Record] | None = None,
 ) -> Mapping[str, Job]:
     """Return the function that writes each file, by its name, the slowest first.
 
-    ghosts: drawn in the scene, too, which is among the figures by its name. A record that stands in the folder, and may be larger
-    than memory, is read from there by what draws the scene.
+    ghosts: drawn in the scene, too, which is among the figures by its name. A record that stands in
+    the folder, and may be larger than memory, is read from there by what draws the scene.
     """
-    few, into, kept = thinned(record), folder / "figures", folder / RECORD
+    few = thinned(record)
+    into = folder / "figures"
+    kept = folder / RECORD
     given = kept if kept.is_file() else record
-    scene = partial(_write, "scene.show", "write_scene", given, robot, folder / "scene.html", ghosts=ghosts or {})
-    drawn = {name: partial(_write, "run_figures", "write_figure", few, name, into) for name in figures if name != SCENE}
-    return ({"scene.html": scene} if SCENE in figures else {}) | {f"figures/{name}.png": draw for name, draw in drawn.items()}
+    scene = partial(
+        _write,
+        "scene.show",
+        "write_scene",
+        given,
+        robot,
+        folder / "scene.html",
+        ghosts=ghosts or {},
+    )
+    drawn = {
+        name: partial(_write, "run_figures", "write_figure", few, name, into)
+        for name in figures
+        if name != SCENE
+    }
+    return ({"scene.html": scene} if SCENE in figures else {}) | {
+        f"figures/{name}.png": draw for name, draw in drawn.items()
+    }
 
 
-def _write(module: str, function: str, record: Record | Path, *given: object, **named: object) -> None:
+def _write(
+    module: str, function: str, record: Record | Path, *given: object, **named: object
+) -> None:
     """Load what draws, and a record of which the path is given, where it is called."""
     whole = Record.load(record) if isinstance(record, Path) else record
     getattr(import_module(f"uvms_ocp.viz.{module}"), function)(whole, *given, **named)
 
 
 def _print_summary(console: Console, report: dict[str, Any], paths: list[Path]) -> None:
-    table = Table(title=plain_line(f"{report['scenario']}, {report['robot']}, {report['plant']} plant, {report['solver']}"))
+    table = Table(
+        title=plain_line(
+            f"{report['scenario']}, {report['robot']}, {report['plant']} plant, {report['solver']}"
+        )
+    )
     for column in ("phase", "start [s]", "end [s]", "J", "m"):
         table.add_column(column, no_wrap=True, justify="left" if column == "phase" else "right")
     for phase in report["phases"]:
         times = (f"{phase['start_s']:.2f}", f"{phase['end_s']:.2f}")
         energy = printing.cell(phase["energy_j"])
-        table.add_row(plain_line(f"{phase['name']} {phase['title']}", 40), *times, energy, f"{phase['path_length_m']:.2f}")
+        table.add_row(
+            plain_line(f"{phase['name']} {phase['title']}", 40),
+            *times,
+            energy,
+            f"{phase['path_length_m']:.2f}",
+        )
     console.print(table)
     for phase in report["phases"]:  # why it ended and, indented below, the errors at its end
         console.print(Text(plain_line(f"{phase['name']} ended: {phase['reason']}")))
-        if errors := "; ".join(_active_errors(phase)):
+        errors = "; ".join(_active_errors(phase))
+        if errors:
             console.print(Padding(Text(plain_line(errors), style="dim"), (0, 0, 0, 4)))
     _print_what_went_wrong(console, report)
     for tool, load in report["loads"].items():
@@ -300,9 +382,17 @@ def _print_summary(console: Console, report: dict[str, Any], paths: list[Path]) 
     console.print(printing.table_of("resources", resources, tuple(resources[0])))
     times = report["controller_us"]
     whole = f", whole controller {times['p50']:.0f} us" if times else ""
-    verdict = "complete" if report["completed"] else plain_line(f"not completed: {report['pending']}")
-    tick = f"tick p50 {report['tick_us']['p50']:.0f} us{whole}, largest tilt {printing.cell(report['largest_tilt_rad'])} rad"
-    console.print(f"mission {verdict}; simulated {report['simulated_s']:.1f} s in {report['wall_s']:.1f} s, {tick}")
+    verdict = (
+        "complete" if report["completed"] else plain_line(f"not completed: {report['pending']}")
+    )
+    tick = (
+        f"tick p50 {report['tick_us']['p50']:.0f} us{whole}, largest tilt"
+        f" {printing.cell(report['largest_tilt_rad'])} rad"
+    )
+    console.print(
+        f"mission {verdict}; simulated {report['simulated_s']:.1f} s in {report['wall_s']:.1f} s,"
+        f" {tick}"
+    )
     if not report["completed"] or report["ended_too_early"]:
         console.print(plain_line(f"cause: {report['cause']['kind']}: {report['cause']['text']}"))
     printing.print_paths(console, paths)
@@ -316,16 +406,27 @@ def _print_what_went_wrong(console: Console, report: dict[str, Any]) -> None:
     for alarm in report["alarms"]:
         console.print(plain_line(f"alarm at {alarm['t']:.2f} s: {alarm['text']}"), style="yellow")
     for row in report["passed_rates"]:
-        rate, limit = f"{row['rate']:.3g} {row['unit']}", f"{row['share']:.2f} times its limit"
-        console.print(plain_line(f"joint {row['joint']} moved at {rate} at {row['t']:.2f} s, {limit}"), style="yellow")
+        rate = f"{row['rate']:.3g} {row['unit']}"
+        limit = f"{row['share']:.2f} times its limit"
+        console.print(
+            plain_line(f"joint {row['joint']} moved at {rate} at {row['t']:.2f} s, {limit}"),
+            style="yellow",
+        )
     for row in report["sensor_health"]:
         if row["first_s"] is not None:  # a channel that was not always good
             spans = f"suspect for {row['suspect_s']:.2f} s, lost for {row['lost_s']:.2f} s"
-            console.print(plain_line(f"{row['channel']} {spans}, first at {row['first_s']:.2f} s: {row['why']}"), style="yellow")
+            console.print(
+                plain_line(
+                    f"{row['channel']} {spans}, first at {row['first_s']:.2f} s: {row['why']}"
+                ),
+                style="yellow",
+            )
 
 
 def _active_errors(phase: dict[str, Any]) -> Iterator[str]:
-    """Errors of the tasks that the phase had turned on: as estimated, and where sensors are noisy the truth beside it."""
+    """Errors of the tasks that the phase had turned on: as estimated, and where sensors are noisy
+    the truth beside it.
+    """
     for name, value in phase["final_errors"].items():
         task, _, quantity = name.rpartition(".")
         if task in phase["tasks"] and "error" in quantity:
@@ -336,10 +437,15 @@ def _active_errors(phase: dict[str, Any]) -> Iterator[str]:
 
 
 def _transposed(rows: list[dict[str, Any]]) -> list[dict[str, Any]]:
-    """One row per figure that some phase has, one column per visit to a phase; energy that is not known has its row too."""
+    """One row per figure that some phase has, one column per visit to a phase; energy that is not
+    known has its row too.
+    """
     names = [*(f"{k + 1} {row['phase']}" for k, row in enumerate(rows[:-1])), rows[-1]["phase"]]
     had = {name for name in rows[0] if any(row[name] is not None for row in rows)}
     if "joint_energy_j" in had:
         had |= {"thruster_energy_j", "energy_j"}
     figures = [name for name in rows[0] if name != "phase" and name in had]
-    return [{"figure": figure, **dict(zip(names, (row[figure] for row in rows), strict=True))} for figure in figures]
+    return [
+        {"figure": figure, **dict(zip(names, (row[figure] for row in rows), strict=True))}
+        for figure in figures
+    ]

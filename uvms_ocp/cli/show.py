@@ -17,7 +17,15 @@ from rich.console import Console
 
 from uvms_ocp.cli import BAD_INPUT, options as opt
 from uvms_ocp.cli.identify import MappingFile, read_recordings
-from uvms_ocp.cli.printing import busy, console_of, print_findings, print_json, print_line, print_paths, table_of
+from uvms_ocp.cli.printing import (
+    busy,
+    console_of,
+    print_findings,
+    print_json,
+    print_line,
+    print_paths,
+    table_of,
+)
 from uvms_ocp.errors import InvalidInput, plain_line
 from uvms_ocp.mission_plan.planner import MissionPlan
 from uvms_ocp.ocp.plan import Plan
@@ -37,7 +45,9 @@ if TYPE_CHECKING:
 # ``check`` and ``mission``: look at a mission without running it.
 
 
-def check(name: opt.Name = "case1", changes: opt.ScenarioOptions = opt.AS_IT_IS, as_json: opt.Json = False) -> None:
+def check(
+    name: opt.Name = "case1", changes: opt.ScenarioOptions = opt.AS_IT_IS, as_json: opt.Json = False
+) -> None:
     """Check whether a mission can be completed, without running it; exit code 2 where it cannot."""
     preflight = opt.build_scenario(name, changes.chosen).check()
     print_findings(console_of(stderr=as_json), preflight, notes=True)
@@ -51,7 +61,9 @@ def mission(
     name: opt.Name = "case1",
     robot: opt.RobotName = None,
     files: opt.RobotFiles = opt.AS_WRITTEN,
-    mermaid: Annotated[bool, typer.Option("--mermaid", help="Print a state diagram in Mermaid's notation.")] = False,
+    mermaid: Annotated[
+        bool, typer.Option("--mermaid", help="Print a state diagram in Mermaid's notation.")
+    ] = False,
 ) -> None:
     """Print which tasks are on in which phase of a scenario, or its phases as a diagram."""
     plan = opt.build_scenario(name, opt.given(robot=robot, **files.options)).mission
@@ -75,18 +87,26 @@ def compare_runs(
     """
     console = console_of(stderr=as_json)
     given = [_given(words) for words in (first, second)]  # both, before either is run
-    records = [_record(words, one, console) for words, one in zip((first, second), given, strict=True)]
+    records = [
+        _record(words, one, console) for words, one in zip((first, second), given, strict=True)
+    ]
     rows = compare(records[0], records[1])
     shown = [row | {"change": _percent(row["change"])} for row in rows]
-    console.print(table_of(f"{first} against {second}", shown, ("figure", "first", "second", "change")))
+    console.print(
+        table_of(f"{first} against {second}", shown, ("figure", "first", "second", "change"))
+    )
     if as_json:
         print_json(rows)
 
 
 def _given(words: str) -> Record | Scenario:
     """A record of a folder or a file, or a scenario to be run."""
-    if (Path(words).exists() and own_code(words) is None) or not (own_code(words) or words in SCENARIOS):
-        return Record.load(_file_at(Path(words), (RECORD,), "the folder of a run, or of a plan of `plan`"))
+    if (Path(words).exists() and own_code(words) is None) or not (
+        own_code(words) or words in SCENARIOS
+    ):
+        return Record.load(
+            _file_at(Path(words), (RECORD,), "the folder of a run, or of a plan of `plan`")
+        )
     return opt.build_scenario(words, {})
 
 
@@ -98,50 +118,85 @@ def _record(words: str, given: Record | Scenario, console: Console) -> Record:
 
 
 def _percent(change: float | None) -> str | None:
-    return None if change is None else f"{round(change, 4) + 0.0:+.4g} %"  # without the noise of sums, and no -0
+    return (
+        None if change is None else f"{round(change, 4) + 0.0:+.4g} %"
+    )  # without the noise of sums, and no -0
 
 
 # ``estimate``: what filter and health monitor make of a recording.
 
-_AGREEMENT = ("channel", "readings", "delay_s", "compared", "refused", "ratio", "sigma", "proposed_sigma")
+_AGREEMENT = (
+    "channel",
+    "readings",
+    "delay_s",
+    "compared",
+    "refused",
+    "ratio",
+    "sigma",
+    "proposed_sigma",
+)
 _DOUBTS = ("channel", "suspect_s", "lost_s", "first_s", "why")
-RobotOfRecord = Annotated[str | None, typer.Option(help="Robot of the record, by name, folder or URDF; default: as it says.")]
+RobotOfRecord = Annotated[
+    str | None,
+    typer.Option(help="Robot of the record, by name, folder or URDF; default: as it says."),
+]
 
 
 def estimate(
-    path: Annotated[Path, typer.Argument(metavar="RECORDING", help="Folder of a run, its record, or a recording of others.")],
-    out: Annotated[Path, typer.Option(metavar="DIR", parser=opt.folder, help="Folder for the results.")],
+    path: Annotated[
+        Path,
+        typer.Argument(
+            metavar="RECORDING", help="Folder of a run, its record, or a recording of others."
+        ),
+    ],
+    out: Annotated[
+        Path, typer.Option(metavar="DIR", parser=opt.folder, help="Folder for the results.")
+    ],
     robot: RobotOfRecord = None,
     files: opt.RobotFiles = opt.AS_WRITTEN,
     mapping: MappingFile = None,
     fault: opt.Faults = None,
     as_json: opt.Json = False,
 ) -> None:
-    """Run filter and health monitor over a recording, and say how well each sensor agrees with them.
+    """Run filter and health monitor over a recording, and say how well each sensor agrees with
+    them.
 
     Of a run the estimate is that of the run, to the last bit. Faults are those of sensors.
 
-    \f
-    Raises `InvalidInput` for a recording of others without a robot, and as `estimate_recording` does.
+    \f Raises `InvalidInput` for a recording of others without a robot, and as `estimate_recording`
+    does.
     """
     from uvms_ocp.scenario.recorded_estimate import estimate_recording
     from uvms_ocp.viz.run_figures import write_figure
     from uvms_ocp.viz.scene.show import robot_of as recorded
     from uvms_ocp.viz.series import thinned
 
-    console, own = console_of(stderr=as_json), with_robot(opt.given(robot=robot, **files.options)).get("robot")
+    console = console_of(stderr=as_json)
+    own = with_robot(opt.given(robot=robot, **files.options)).get("robot")
     is_run = mapping is None and (path.is_dir() or path.suffix == ".npz")
-    given = Record.load(_file_at(path, (RECORD,), "the folder of a run")) if is_run else read_recordings([path], mapping)[0]
+    given = (
+        Record.load(_file_at(path, (RECORD,), "the folder of a run"))
+        if is_run
+        else read_recordings([path], mapping)[0]
+    )
     if own is None:
         if not isinstance(given, Record):
             raise InvalidInput(f"{path} does not say of which robot it is; give --robot")
         own = recorded(given, path)
-    names, rows = ("estimate", "health"), out / STORE / "estimate"
-    with claim_folder(out, (RECORD, "report.json", *(f"figures/{name}.png" for name in names))) as claim:
+    names = ("estimate", "health")
+    rows = out / STORE / "estimate"
+    with claim_folder(
+        out, (RECORD, "report.json", *(f"figures/{name}.png" for name in names))
+    ) as claim:
         durable_files.discard(rows)
         with busy(console, "estimating"):
             found = estimate_recording(given, own, faults=parse_faults(fault or ()), folder=rows)
-        report = {"recording": str(path), "robot": own.name, "same_as_run": found.same, "channels": list(found.channels)}
+        report = {
+            "recording": str(path),
+            "robot": own.name,
+            "same_as_run": found.same,
+            "channels": list(found.channels),
+        }
         with claim.staged() as staging:
             found.record.save(staging / RECORD)
             (staging / "report.json").write_text(json.dumps(report, indent=2) + "\n")
@@ -152,7 +207,9 @@ def estimate(
     for columns in (_AGREEMENT, _DOUBTS):
         console.print(table_of(found.record.meta.scenario, found.channels, columns))
     if found.same is not None:
-        print_line(console, f"the estimate {'is' if found.same else 'differs from'} that of the run")
+        print_line(
+            console, f"the estimate {'is' if found.same else 'differs from'} that of the run"
+        )
     print_paths(console, written)
     if as_json:
         print_json(report)
@@ -163,13 +220,19 @@ def estimate(
 
 def show_scene(
     what: Annotated[str, typer.Argument(metavar="WHAT", help=opt.HELP["what"])],
-    ghost: Annotated[list[Path] | None, typer.Option(metavar="PATH", help=opt.HELP["ghost"])] = None,
+    ghost: Annotated[
+        list[Path] | None, typer.Option(metavar="PATH", help=opt.HELP["ghost"])
+    ] = None,
     robot: RobotOfRecord = None,
     files: opt.RobotFiles = opt.AS_WRITTEN,
     fps: Annotated[float, typer.Option(metavar="HZ", help="Frames per second.")] = 25.0,
-    out: Annotated[Path | None, typer.Option(metavar="HTML", help="Write this file, and serve nothing.")] = None,
+    out: Annotated[
+        Path | None, typer.Option(metavar="HTML", help="Write this file, and serve nothing.")
+    ] = None,
     frames: Annotated[Path | None, typer.Option(metavar="DIR", help=opt.HELP["frames"])] = None,
-    port: Annotated[int, typer.Option(metavar="N", help="Of the loopback address; 0: any that is free.")] = 0,
+    port: Annotated[
+        int, typer.Option(metavar="N", help="Of the loopback address; 0: any that is free.")
+    ] = 0,
     browser: Annotated[bool, typer.Option("--browser/--no-browser", help="Open a browser.")] = True,
 ) -> None:
     """Show a run, a plan or a robot in three dimensions, until Ctrl-C.
@@ -207,10 +270,15 @@ def _film(console: Console, page: ScenePage, folder: Path, fps: float) -> None:
 
     with console.status("drawing frames"):
         n = len(write_frames(page, folder, fps=fps))
-    console.print(f"{n} frames; for a video: ffmpeg -framerate {fps:g} -i {folder}/%05d.png -pix_fmt yuv420p video.mp4")
+    console.print(
+        f"{n} frames; for a video: ffmpeg -framerate {fps:g} -i {folder}/%05d.png -pix_fmt yuv420p"
+        " video.mp4"
+    )
 
 
-def _page(what: str, ghosts: tuple[Path, ...], robot: str | None, files: opt.RobotFiles, fps: float) -> ScenePage:
+def _page(
+    what: str, ghosts: tuple[Path, ...], robot: str | None, files: opt.RobotFiles, fps: float
+) -> ScenePage:
     from uvms_ocp.viz.scene.show import robot_of as recorded, show
 
     is_name = what in list_robots() and not Path(what).exists()
@@ -221,13 +289,27 @@ def _page(what: str, ghosts: tuple[Path, ...], robot: str | None, files: opt.Rob
     if len(others) < len(ghosts):
         raise InvalidInput("two ghosts of one name; their folders, or files, need different names")
     shown = _motion(Path(what), own)
-    return show(shown, None if isinstance(shown, Plan) else own or recorded(shown, Path(what)), ghosts=others, fps=fps)
+    return show(
+        shown,
+        None if isinstance(shown, Plan) else own or recorded(shown, Path(what)),
+        ghosts=others,
+        fps=fps,
+    )
 
 
 def _motion(path: Path, robot: Robot | None) -> Record | Plan:
-    """The record of a folder or file, or else the plan, of that robot unless it is one of the library."""
-    file = _file_at(path, (RECORD, "plan.npz", "plan.json"), "the folder of a run, a plan or a robot, or a robot's name")
-    readers: tuple[Callable[[Path], Record | Plan], ...] = (Record.load, partial(Plan.load, robot=robot))
+    """The record of a folder or file, or else the plan, of that robot unless it is one of the
+    library.
+    """
+    file = _file_at(
+        path,
+        (RECORD, "plan.npz", "plan.json"),
+        "the folder of a run, a plan or a robot, or a robot's name",
+    )
+    readers: tuple[Callable[[Path], Record | Plan], ...] = (
+        Record.load,
+        partial(Plan.load, robot=robot),
+    )
     wrong: list[str] = []
     for read in readers[1:] if file.suffix == ".json" else readers:
         try:
@@ -236,12 +318,16 @@ def _motion(path: Path, robot: Robot | None) -> Record | Plan:
             wrong.append(str(error))
     with suppress(InvalidInput):
         MissionPlan.load(file)
-        wrong[0] = f"{file}: a plan of a mission, which is shown once flown; give the folder of `run NAME --follow PLAN`"
+        wrong[0] = (
+            f"{file}: a plan of a mission, which is shown once flown; give the folder of `run NAME"
+            " --follow PLAN`"
+        )
     raise InvalidInput(wrong[0])
 
 
 def _file_at(path: Path, names: tuple[str, ...], advice: str) -> Path:
-    """A file itself, or the first of these that a folder holds; what a command left unfinished there is ended before.
+    """A file itself, or the first of these that a folder holds; what a command left unfinished
+    there is ended before.
 
     Of a run that goes on, or that was cut off, the folder of its rows so far.
     """
@@ -256,4 +342,8 @@ def _file_at(path: Path, names: tuple[str, ...], advice: str) -> Path:
 
 def _name_of(path: Path) -> str:
     """Return the name of a run: that of its folder."""
-    return (path if path.is_dir() else path.parent if path.stem in ("record", "plan") else path).resolve().name
+    return (
+        (path if path.is_dir() else path.parent if path.stem in ("record", "plan") else path)
+        .resolve()
+        .name
+    )

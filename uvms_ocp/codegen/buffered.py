@@ -1,7 +1,7 @@
 """Call CasADi functions through fixed memory: ten times less overhead than ``Function.call``.
 
-Where all of them are machine code they are made by machine code: between two short functions the interpreter takes as long as
-they do, and holds its lock.
+Where all of them are machine code they are made by machine code: between two short functions the
+interpreter takes as long as they do, and holds its lock.
 """
 
 from __future__ import annotations
@@ -19,7 +19,14 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from uvms_ocp.checks import checked_on_failure
-from uvms_ocp.codegen.compile import compile_library, compiled_symbol, has_compiler, is_being_compiled, loaded_library, two_calls
+from uvms_ocp.codegen.compile import (
+    compile_library,
+    compiled_symbol,
+    has_compiler,
+    is_being_compiled,
+    loaded_library,
+    two_calls,
+)
 from uvms_ocp.errors import InvalidInput
 from uvms_ocp.types import Array
 
@@ -30,9 +37,9 @@ from uvms_ocp.types import Array
 class BufferedFunction:
     """Call a function of dense inputs and outputs through fixed memory.
 
-    Arguments and results are shaped as CasADi shapes them, (m, n), but columns are (m,). A column may also be given as
-    (m, 1), and one column (m,) for all n columns of a matrix. Results are fresh arrays in C order. Not for use from two
-    threads at once: every thread needs its own.
+    Arguments and results are shaped as CasADi shapes them, (m, n), but columns are (m,). A column
+    may also be given as (m, 1), and one column (m,) for all n columns of a matrix. Results are
+    fresh arrays in C order. Not for use from two threads at once: every thread needs its own.
     """
 
     __slots__ = ("_arguments", "_buffer", "evaluate", "function", "results")
@@ -41,24 +48,34 @@ class BufferedFunction:
         self.function = function
         self._arguments = [_memory(function.size_in(i)) for i in range(function.n_in())]
         self.results = [_memory(function.size_out(i)) for i in range(function.n_out())]
-        """(m,) or (m, n) [any] of the last evaluation, overwritten by the next; matrices in column-major order."""
+        """(m,) or (m, n) [any] of the last evaluation, overwritten by the next; matrices in
+        column-major order.
+        """
         self._buffer, self.evaluate = _buffer_on(function, self._arguments, self.results)
-        """And the function of no arguments that reads those which were written last, or are adopted, and writes `results`."""
+        """And the function of no arguments that reads those which were written last, or are
+        adopted, and writes `results`.
+        """
 
     def __reduce__(self) -> tuple[Any, ...]:
         return BufferedFunction, (self.function,)
 
     def __call__(self, *arguments: ArrayLike) -> tuple[Array, ...]:
-        """Evaluate. Raises `InvalidInput` for a wrong number of arguments, or one of the wrong shape."""
+        """Evaluate. Raises `InvalidInput` for a wrong number of arguments, or one of the wrong
+        shape.
+        """
         self.write(*arguments)
         self.evaluate()
         return tuple([result.copy() for result in self.results])
 
     def write(self, *arguments: ArrayLike) -> None:
-        """Write arguments for `evaluate`. Raises `InvalidInput` for a wrong number of them, or one of the wrong shape."""
+        """Write arguments for `evaluate`. Raises `InvalidInput` for a wrong number of them, or one
+        of the wrong shape.
+        """
         if len(arguments) != len(self._arguments):
             allowed = f"{len(self._arguments)}, {', '.join(self.function.name_in())}"
-            raise InvalidInput(f"{self.function.name()}: {len(arguments)} arguments given; allowed: {allowed}")
+            raise InvalidInput(
+                f"{self.function.name()}: {len(arguments)} arguments given; allowed: {allowed}"
+            )
         for i, memory in enumerate(self._arguments):
             argument = arguments[i]
             if type(argument) is not np.ndarray or argument.shape != memory.shape:
@@ -66,14 +83,18 @@ class BufferedFunction:
             memory[...] = argument
 
     def adopt(self, *arguments: Array) -> None:
-        """Adopt arguments, (m,) or (m, n) [any]: from now on `evaluate` reads them where they are, and a call writes there.
+        """Adopt arguments, (m,) or (m, n) [any]: from now on `evaluate` reads them where they are,
+        and a call writes there.
 
         Raises `InvalidInput` for another shape, and matrices that are not in column-major order.
         """
         for i, argument in enumerate(arguments):
             if argument.shape != self._arguments[i].shape or not argument.flags.f_contiguous:
                 name = f"{self.function.name()}: {self.function.name_in(i)}"
-                raise InvalidInput(f"{name} of shape {argument.shape} given; allowed: {self._arguments[i].shape}, column-major")
+                raise InvalidInput(
+                    f"{name} of shape {argument.shape} given; allowed: {self._arguments[i].shape},"
+                    " column-major"
+                )
             self._arguments[i] = argument
             self._buffer.set_arg(i, argument.T.data)
 
@@ -83,8 +104,12 @@ class BufferedFunction:
         return bool(self._buffer.ret())
 
     def _fitted(self, i: int, argument: ArrayLike) -> Array:
-        shape, array = self._arguments[i].shape, np.asarray(argument, dtype=np.float64)
-        if array.size == self._arguments[i].size and array.squeeze().shape == self._arguments[i].squeeze().shape:
+        shape = self._arguments[i].shape
+        array = np.asarray(argument, dtype=np.float64)
+        if (
+            array.size == self._arguments[i].size
+            and array.squeeze().shape == self._arguments[i].squeeze().shape
+        ):
             return array.reshape(shape)
         if array.shape == shape[:1]:
             return array[:, None]
@@ -94,10 +119,14 @@ class BufferedFunction:
 
 def argument_sizes(function: ca.Function) -> list[int]:
     """Numbers of every argument, then of every result."""
-    return [function.numel_in(i) for i in range(function.n_in())] + [function.numel_out(i) for i in range(function.n_out())]
+    return [function.numel_in(i) for i in range(function.n_in())] + [
+        function.numel_out(i) for i in range(function.n_out())
+    ]
 
 
-def _buffer_on(function: ca.Function, arguments: Sequence[Array], results: Sequence[Array | None]) -> tuple[Any, Any]:
+def _buffer_on(
+    function: ca.Function, arguments: Sequence[Array], results: Sequence[Array | None]
+) -> tuple[Any, Any]:
     """Buffer on contiguous memory, and what evaluates it; None for results that nobody wants."""
     buffer, evaluate = function.buffer()
     for i, argument in enumerate(arguments):
@@ -109,7 +138,9 @@ def _buffer_on(function: ca.Function, arguments: Sequence[Array], results: Seque
 
 
 def _side_by_side(given: Array) -> memoryview:
-    """The numbers as they lie there, never a copy, whose address CasADi would keep: it refuses those with gaps."""
+    """The numbers as they lie there, never a copy, whose address CasADi would keep: it refuses
+    those with gaps.
+    """
     return (given.T if given.flags.f_contiguous else given).data
 
 
@@ -117,10 +148,11 @@ def _memory(size: tuple[int, int]) -> Array:
     return np.zeros(size[0]) if size[1] == 1 else np.zeros(size, order="F")
 
 
-# Calls of CasADi functions on memory that stays where it is; results that nobody wants are not written.
+# Calls of CasADi functions on memory that stays where it is; results that nobody wants are not
+# written.
 #
-# Where all of them are machine code they are made by machine code: between two short functions the interpreter takes as long as
-# they do, and holds its lock.
+# Where all of them are machine code they are made by machine code: between two short functions the
+# interpreter takes as long as they do, and holds its lock.
 
 _SOURCE = (files("uvms_ocp.codegen") / "calls.c").read_text(encoding="utf-8")
 
@@ -134,14 +166,17 @@ class _Call:
     results: Sequence[Array | None]
 
     def fail(self) -> None:
-        """Clear the results: they are unknown, and must not be taken for those of an earlier call."""
+        """Clear the results: they are unknown, and must not be taken for those of an earlier
+        call.
+        """
         for result in self.results:
             if result is not None:
                 result[...] = np.nan
 
 
 class BoundCalls:
-    """Calls one after the other. The results of one that fails are nan. Not for use from two threads at once.
+    """Calls one after the other. The results of one that fails are nan. Not for use from two
+    threads at once.
 
     Until machine code is there CasADi's virtual machine makes them, with the same results.
     """
@@ -153,9 +188,11 @@ class BoundCalls:
         self._make: Callable[[], None] | None = None
         self._for_now = False
 
-    def add(self, function: ca.Function, arguments: Sequence[Array], results: Sequence[Array | None]) -> None:
-        """One more call; arguments and results, (m,) or (m, n) [any], are contiguous, column by column as CasADi has them, of
-        sparse ones the entries.
+    def add(
+        self, function: ca.Function, arguments: Sequence[Array], results: Sequence[Array | None]
+    ) -> None:
+        """One more call; arguments and results, (m,) or (m, n) [any], are contiguous, column by
+        column as CasADi has them, of sparse ones the entries.
 
         Raises `InvalidInput` for memory of another size.
         """
@@ -165,7 +202,9 @@ class BoundCalls:
         for i, result in enumerate(wanted):
             if result is not None:
                 _require(function, result, function.nnz_out(i))
-        self._calls.append(_Call(function=function, arguments=tuple(arguments), results=tuple(wanted)))
+        self._calls.append(
+            _Call(function=function, arguments=tuple(arguments), results=tuple(wanted))
+        )
         self._make = None
 
     def __call__(self) -> None:
@@ -178,13 +217,17 @@ class BoundCalls:
     def _bind(self) -> None:
         waits = any(is_being_compiled(call.function) for call in self._calls)
         if self._make is None or not waits:
-            self._make = (None if waits else _in_machine_code(self._calls)) or _by_buffers(self._calls)
+            self._make = (None if waits else _in_machine_code(self._calls)) or _by_buffers(
+                self._calls
+            )
         self._for_now = waits
 
 
 def _require(function: ca.Function, given: Array, size: int) -> None:
     if given.size != size or given.dtype != np.float64 or not given.flags.c_contiguous:
-        raise InvalidInput(f"{function.name()}: memory of shape {given.shape}; give {size} numbers side by side")
+        raise InvalidInput(
+            f"{function.name()}: memory of shape {given.shape}; give {size} numbers side by side"
+        )
 
 
 def _by_buffers(calls: Sequence[_Call]) -> Callable[[], None]:
@@ -200,12 +243,21 @@ def _by_buffers(calls: Sequence[_Call]) -> Callable[[], None]:
 
 
 def _in_machine_code(calls: Sequence[_Call]) -> Callable[[], None] | None:
-    """None where one of them is none; each function is looked for once, as looking for one that cannot be compiled takes long."""
+    """None where one of them is none; each function is looked for once, as looking for one that
+    cannot be compiled takes long.
+    """
     library = calls_library() if has_compiler() else None
     if library is None:
         return None
-    symbols = {function: compiled_symbol(function) for function in dict.fromkeys(call.function for call in calls)}
-    return None if None in symbols.values() else _MachineCode(library, [symbols[call.function] for call in calls], calls)
+    symbols = {
+        function: compiled_symbol(function)
+        for function in dict.fromkeys(call.function for call in calls)
+    }
+    return (
+        None
+        if None in symbols.values()
+        else _MachineCode(library, [symbols[call.function] for call in calls], calls)
+    )
 
 
 class _MachineCode:
@@ -213,30 +265,46 @@ class _MachineCode:
 
     __slots__ = ("_calls", "_given", "_kept", "_make")
 
-    def __init__(self, library: ctypes.CDLL, symbols: Sequence[int | None], calls: Sequence[_Call]) -> None:
+    def __init__(
+        self, library: ctypes.CDLL, symbols: Sequence[int | None], calls: Sequence[_Call]
+    ) -> None:
         taken = [_addresses(call.arguments, call.function.sz_arg()) for call in calls]
         given = [_addresses(call.results, call.function.sz_res()) for call in calls]
-        rows = [(*at, a.ctypes.data, r.ctypes.data) for *at, a, r in zip(symbols, _pairs(calls), taken, given, strict=True)]
+        rows = [
+            (*at, a.ctypes.data, r.ctypes.data)
+            for *at, a, r in zip(symbols, _pairs(calls), taken, given, strict=True)
+        ]
         table = np.array(rows, dtype=np.uintp)
         whole = np.zeros(max((call.function.sz_iw() for call in calls), default=0), dtype=np.int64)
         work = np.zeros(max((call.function.sz_w() for call in calls), default=0))
         pointers = (ctypes.c_void_p(array.ctypes.data) for array in (table, whole, work))
-        self._make, self._given = library.make_calls, (ctypes.c_int(len(calls)), *pointers)
-        self._calls, self._kept = calls, (taken, given, table, whole, work)
+        self._make = library.make_calls
+        self._given = (ctypes.c_int(len(calls)), *pointers)
+        self._calls = calls
+        self._kept = (taken, given, table, whole, work)
 
     def __call__(self) -> None:
-        failed, n = self._make(0, *self._given), len(self._calls)
+        failed = self._make(0, *self._given)
+        n = len(self._calls)
         while failed < n:
             self._calls[failed].fail()
             failed = self._make(failed + 1, *self._given)
 
 
 def _pairs(calls: Sequence[_Call]) -> list[int]:
-    """(n,) what makes a call and the next one at once, where these do not build on each other; else 0."""
+    """(n,) what makes a call and the next one at once, where these do not build on each other; else
+    0.
+    """
     found = [0] * len(calls)
     for i, (one, other) in enumerate(pairwise(calls)):
-        twice = two_calls(one.function) if one.function is other.function and not (i and found[i - 1]) else None
-        if twice and not any(np.may_share_memory(*pair) for pair in product(one.results, other.arguments)):
+        twice = (
+            two_calls(one.function)
+            if one.function is other.function and not (i and found[i - 1])
+            else None
+        )
+        if twice and not any(
+            np.may_share_memory(*pair) for pair in product(one.results, other.arguments)
+        ):
             found[i] = twice
     return found
 

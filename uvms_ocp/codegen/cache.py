@@ -1,4 +1,6 @@
-"""The folder that compiled libraries are kept in: the user's own, writable by nobody else, on a disk that runs programs."""
+"""The folder that compiled libraries are kept in: the user's own, writable by nobody else, on a
+disk that runs programs.
+"""
 
 from __future__ import annotations
 
@@ -13,7 +15,9 @@ from pathlib import Path
 from time import monotonic, sleep, time
 
 KEPT_NUMBERS = ".numbers"
-"""Suffix of the files that tell in which library a function is, with its numbers, or kernels are."""
+"""Suffix of the files that tell in which library a function is, with its numbers, or kernels
+are.
+"""
 HALF_MADE = "uvms-ocp-half-made-"
 """Prefix of folders in which something is made."""
 _HASH = "[0-9a-f]" * 64
@@ -22,20 +26,24 @@ _FORGOTTEN = 86400.0  # [s] after which nobody works on what is half made
 
 
 def cache_folder() -> tuple[Path | None, str]:
-    """The first folder that can be used, made if need be; None with the reason why the last one cannot.
+    """The first folder that can be used, made if need be; None with the reason why the last one
+    cannot.
 
-    ``UVMS_OCP_CACHE`` where it is set. Otherwise inside the user's cache, and where there is none, as without a home or
-    with one that is read-only, a folder of the user among the temporary ones.
+    ``UVMS_OCP_CACHE`` where it is set. Otherwise inside the user's cache, and where there is none,
+    as without a home or with one that is read-only, a folder of the user among the temporary ones.
     """
     reason = ""
     for folder in _candidates():
-        if not (reason := _problem(folder)):
+        reason = _problem(folder)
+        if not reason:
             return folder, ""
     return None, reason
 
 
 def cached_libraries(folder: Path) -> dict[Path, os.stat_result]:
-    """Those of a cache folder, and the numbers of functions in them, used last first: when, is their time of modification."""
+    """Those of a cache folder, and the numbers of functions in them, used last first: when, is
+    their time of modification.
+    """
     found = dict[Path, os.stat_result]()
     for path in (path for kind in (".so", KEPT_NUMBERS) for path in folder.glob(_HASH + kind)):
         with suppress(OSError):  # another process removes it
@@ -44,7 +52,8 @@ def cached_libraries(folder: Path) -> dict[Path, os.stat_result]:
 
 
 def shrink_cache(folder: Path, most: float) -> dict[Path, os.stat_result]:
-    """Remove those used longest ago until at most that many bytes are left; returns what was removed.
+    """Remove those used longest ago until at most that many bytes are left; returns what was
+    removed.
 
     Gone is also what processes that were killed a day ago have left half made.
     """
@@ -52,7 +61,8 @@ def shrink_cache(folder: Path, most: float) -> dict[Path, os.stat_result]:
         with suppress(OSError):
             if time() - path.stat().st_mtime > _FORGOTTEN:
                 shutil.rmtree(path) if path.is_dir() else path.unlink()
-    left, gone = 0, dict[Path, os.stat_result]()
+    left = 0
+    gone = dict[Path, os.stat_result]()
     for path, status in cached_libraries(folder).items():
         left += status.st_size
         if left > most:
@@ -67,18 +77,26 @@ def _candidates() -> list[Path]:
     given = os.environ.get("UVMS_OCP_CACHE")
     if given:
         return [Path(given)]
-    home = os.environ.get("HOME", os.path.expanduser("~"))  # without an entry of the user it stays "~", which is no place
+    home = os.environ.get(
+        "HOME", os.path.expanduser("~")
+    )  # without an entry of the user it stays "~", which is no place
     bases = (os.environ.get("XDG_CACHE_HOME", ""), os.path.join(home, ".cache"))
     base = next((base for base in bases if os.path.isabs(base)), None)
     user = os.getuid() if sys.platform != "win32" else "user"
-    return [*([Path(base) / "uvms_ocp"] if base else []), Path(tempfile.gettempdir()) / f"uvms_ocp-{user}"]
+    return [
+        *([Path(base) / "uvms_ocp"] if base else []),
+        Path(tempfile.gettempdir()) / f"uvms_ocp-{user}",
+    ]
 
 
 def _problem(folder: Path) -> str:
     """Why the folder cannot be used; empty where it can."""
     try:
         folder.mkdir(mode=0o700, parents=True, exist_ok=True)
-        return _unsafe(folder, folder.lstat() if folder.parent == Path(tempfile.gettempdir()) else folder.stat())
+        return _unsafe(
+            folder,
+            folder.lstat() if folder.parent == Path(tempfile.gettempdir()) else folder.stat(),
+        )
     except OSError as error:
         return f"cache {folder} cannot be used ({error.strerror})"
 
@@ -97,7 +115,9 @@ def _unsafe(folder: Path, status: os.stat_result) -> str:
 
 @contextmanager
 def turn_to_make(library: Path, seconds: float) -> Iterator[None]:
-    """One process at a time makes a library; the others find it then, or make it themselves after so many `seconds` [s]."""
+    """One process at a time makes a library; the others find it then, or make it themselves after
+    so many `seconds` [s].
+    """
     if sys.platform == "win32":
         yield
         return
@@ -111,7 +131,8 @@ def turn_to_make(library: Path, seconds: float) -> Iterator[None]:
                 return False
         return True
 
-    lock, ends = library.with_suffix(".lock"), monotonic() + seconds
+    lock = library.with_suffix(".lock")
+    ends = monotonic() + seconds
     with lock.open("w") as file:
         while not is_ours() and monotonic() < ends:
             sleep(_PAUSE)
@@ -120,4 +141,6 @@ def turn_to_make(library: Path, seconds: float) -> Iterator[None]:
         finally:
             lock.unlink(missing_ok=True)
             with suppress(OSError):
-                fcntl.flock(file, fcntl.LOCK_UN)  # closing lets go of nothing that a fork has open, too
+                fcntl.flock(
+                    file, fcntl.LOCK_UN
+                )  # closing lets go of nothing that a fork has open, too

@@ -1,4 +1,6 @@
-"""C code that CasADi writes, as compilers take it best: numbers apart from it, and long functions in parts."""
+"""C code that CasADi writes, as compilers take it best: numbers apart from it, and long functions
+in parts.
+"""
 
 from __future__ import annotations
 
@@ -18,12 +20,17 @@ _OF_FORM = frozenset(("0.", "1."))
 
 
 def without_numbers(code: str) -> tuple[str, np.ndarray]:
-    """C code as CasADi writes it with its numbers (n,) taken out, which its library has to be given, and these."""
+    """C code as CasADi writes it with its numbers (n,) taken out, which its library has to be
+    given, and these.
+    """
     found: list[str] = []
 
     def array(match: re.Match[str]) -> str:
         found.extend(match[2].replace("casadi_", "").split(","))  # inf, nan
-        return f"#undef {match[1]}\n#define {match[1]} (numbers + {len(found) - match[2].count(',') - 1})"
+        return (
+            f"#undef {match[1]}\n#define {match[1]} (numbers +"
+            f" {len(found) - match[2].count(',') - 1})"
+        )
 
     def number(match: re.Match[str]) -> str:
         if match[0] in _OF_FORM:
@@ -35,32 +42,54 @@ def without_numbers(code: str) -> tuple[str, np.ndarray]:
 
 
 def with_numbers(function: ca.Function, numbers: Sequence[float]) -> ca.Function:
-    """``function`` at these numbers [any], its last input: whatever they are, CasADi writes the same code but for an array."""
+    """``function`` at these numbers [any], its last input: whatever they are, CasADi writes the
+    same code but for an array.
+    """
     names = function.name_in()[:-1]
     symbols = [ca.MX.sym(name, function.sparsity_in(name)) for name in names]
     values = ca.MX(ca.DM([*numbers, 0.0, 1.0]))[:-2]  # equal ones alone would be no array
-    return ca.Function(function.name(), symbols, function.call([*symbols, values]), names, function.name_out())
+    return ca.Function(
+        function.name(), symbols, function.call([*symbols, values]), names, function.name_out()
+    )
 
 
 def with_variable(code: str, name: str, values: Sequence[float]) -> str:
-    """C code as CasADi writes it, whose constant array of these `values` [any] is the variable `name` of a file beside it."""
-    arrays = ((one, np.fromstring(one[2].replace("casadi_", ""), sep=",")) for one in _ARRAY.finditer(code))
+    """C code as CasADi writes it, whose constant array of these `values` [any] is the variable
+    `name` of a file beside it.
+    """
+    arrays = (
+        (one, np.fromstring(one[2].replace("casadi_", ""), sep=","))
+        for one in _ARRAY.finditer(code)
+    )
     found = next(one for one, numbers in arrays if np.array_equal(numbers, values))
-    return code.replace(found[0], f"extern double {name}[];\n#undef {found[1]}\n#define {found[1]} {name}")
+    return code.replace(
+        found[0], f"extern double {name}[];\n#undef {found[1]}\n#define {found[1]} {name}"
+    )
 
 
-# Functions of thousands of statements call parts of theirs: compilers share registers out among all variables of a function,
-# which takes longer than all else where these are many, and is no better for it.
+# Functions of thousands of statements call parts of theirs: compilers share registers out among all
+# variables of a function, which takes longer than all else where these are many, and is no better
+# for it.
 
 _PART = 400  # statements: compiled in the least time, and the code is no slower
 _STRAIGHT = re.compile(
-    r"(static int casadi_f\d+\(.*\) \{\n)(?:  casadi_real a.*;\n)+((?:  (?:a\d+=|if \(res\[\d+\]!=0\) ).*;\n)+)  return 0;\n"
+    r"(static int casadi_f\d+\(.*\) \{\n)(?:  casadi_real a.*;\n)+((?:  (?:a\d+=|if"
+    r" \(res\[\d+\]!=0\) ).*;\n)+)  return 0;\n"
 )
 _STATEMENT, _VARIABLE = re.compile(r"  (?:(a\d+)=)?(.*\n)"), re.compile(r"\ba\d+\b")
-_IF_WANTED, _IF_GIVEN = re.compile(r"if \(res\[\d+\]!=0\) "), re.compile(r"arg\[(\d+)\]\? arg\[\1\]\[(\d+)\] : 0")
-_VECTOR, _ARITHMETIC = re.compile(r"\b(?:arg|res)\["), re.compile(r"  a\d+=\((?:-|(?:a\d+|numbers\[\d+\])[-+*/])a\d+\);\n")
-# Where nearly all is arithmetic one call takes as long as two at once, each in its half of a register.
-_PAIRED, TWO_CALLS = 0.9, "two_calls"  # share of arithmetic from which it does; name in C of what makes both
+_IF_WANTED, _IF_GIVEN = (
+    re.compile(r"if \(res\[\d+\]!=0\) "),
+    re.compile(r"arg\[(\d+)\]\? arg\[\1\]\[(\d+)\] : 0"),
+)
+_VECTOR, _ARITHMETIC = (
+    re.compile(r"\b(?:arg|res)\["),
+    re.compile(r"  a\d+=\((?:-|(?:a\d+|numbers\[\d+\])[-+*/])a\d+\);\n"),
+)
+# Where nearly all is arithmetic one call takes as long as two at once, each in its half of a
+# register.
+# share of arithmetic from which it does; name in C of what makes both
+_PAIRED = 0.9
+TWO_CALLS = "two_calls"
 
 
 class _Statement(NamedTuple):
@@ -72,34 +101,55 @@ class _Statement(NamedTuple):
 
 
 def in_parts(code: str) -> str:
-    """C code as CasADi writes it, where long functions without branches call parts of theirs; they give the same bits."""
+    """C code as CasADi writes it, where long functions without branches call parts of theirs; they
+    give the same bits.
+    """
     numbers = count()
     return _STRAIGHT.sub(lambda found: _parted(found, next(numbers)), code)
 
 
 def _parted(found: re.Match[str], number: int) -> str:
     body = _IF_GIVEN.sub(r"arg[\1][\2]", _IF_WANTED.sub("", found[2]))
-    statements = [_Statement(one[0], one[1], [*dict.fromkeys(_VARIABLE.findall(one[2]))]) for one in _STATEMENT.finditer(body)]
+    statements = [
+        _Statement(one[0], one[1], [*dict.fromkeys(_VARIABLE.findall(one[2]))])
+        for one in _STATEMENT.finditer(body)
+    ]
     if len(statements) < 2 * _PART:
         return found[0]
-    calls = "".join(f"  part{number}_{first}(given, wanted, kept);\n" for first in range(0, len(statements), _PART))
+    calls = "".join(
+        f"  part{number}_{first}(given, wanted, kept);\n"
+        for first in range(0, len(statements), _PART)
+    )
     targets = [one.target for one in statements if one.target]
     (n_given, most_given), (n_wanted, most_wanted) = _sizes("arg", body), _sizes("res", body)
-    sizes, n = f"{1 + max(map(_place, targets))}, {n_given}, {most_given}, {n_wanted}, {most_wanted}", max(n_given, n_wanted)
+    sizes = f"{1 + max(map(_place, targets))}, {n_given}, {most_given}, {n_wanted}, {most_wanted}"
+    n = max(n_given, n_wanted)
     plain = sum(_ARITHMETIC.fullmatch(one.line) is not None for one in statements)
     if "casadi_f0(" not in found[1] or plain < _PAIRED * len(targets):
-        return f"{_parts(number, statements, 'double')}{found[1]}  MEMORY_OF_PARTS({sizes})\n{calls}  return 0;\n"
-    statements = [one if _ARITHMETIC.fullmatch(one.line) else one._replace(line=_paired(one.line, n)) for one in statements]
+        return (
+            f"{_parts(number, statements, 'double')}{found[1]}  MEMORY_OF_PARTS({sizes})\n{calls} "
+            " return 0;\n"
+        )
+    statements = [
+        one if _ARITHMETIC.fullmatch(one.line) else one._replace(line=_paired(one.line, n))
+        for one in statements
+    ]
     both = f"TWO_CALLS {{\n  MEMORY_OF_PAIRS({sizes}, {n})\n{calls}}}\n"
-    return f"{_parts(number, statements, 'pair')}{both}{found[1]}  ONE_CALL({n_wanted})\n  return 0;\n"
+    return (
+        f"{_parts(number, statements, 'pair')}{both}{found[1]}  ONE_CALL({n_wanted})\n  return 0;\n"
+    )
 
 
 def _parts(number: int, statements: Sequence[_Statement], kind: str) -> str:
     """Functions for some statements each, of numbers of a kind in C."""
-    later, texts = set[str | None](), list[str]()
+    later = set[str | None]()
+    texts = list[str]()
     for first in reversed(range(0, len(statements), _PART)):
         part = statements[first : first + _PART]
-        head = f"static __attribute__((noinline)) void part{number}_{first}(const double** arg, double** res, {kind}* kept)"
+        head = (
+            f"static __attribute__((noinline)) void part{number}_{first}(const double** arg,"
+            f" double** res, {kind}* kept)"
+        )
         texts.append(f"{head} {{\n{_part(part, later, kind)}}}\n")
         for one in reversed(part):
             later.discard(one.target)
@@ -108,7 +158,9 @@ def _parts(number: int, statements: Sequence[_Statement], kind: str) -> str:
 
 
 def _paired(line: str, n: int) -> str:
-    """A statement that is no arithmetic for two calls; what the second one is given, or wants, stands n places later."""
+    """A statement that is no arithmetic for two calls; what the second one is given, or wants,
+    stands n places later.
+    """
     lanes = {"FIRST": line.strip(), "OTHER": _VECTOR.sub(rf"\g<0>{n} + ", line.strip())}
     first, other = (_VARIABLE.sub(rf"{lane}(\g<0>)", one) for lane, one in lanes.items())
     return f"  {first} AND_OTHER({other})\n"
@@ -121,9 +173,12 @@ def _sizes(kind: str, body: str) -> tuple[int, int]:
 
 
 def _part(statements: Sequence[_Statement], later: Set[str | None], kind: str) -> str:
-    """Statements that read what they need of earlier ones from memory, and leave there what is read `later`."""
+    """Statements that read what they need of earlier ones from memory, and leave there what is read
+    `later`.
+    """
     last = {one.target: k for k, one in enumerate(statements)}
-    known, text = dict[str, None](), list[str]()
+    known = dict[str, None]()
+    text = list[str]()
     for k, (line, target, read) in enumerate(statements):
         text += [f"  {name}=kept[{_place(name)}];\n" for name in read if name not in known]
         text.append(line)

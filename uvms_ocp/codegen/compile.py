@@ -1,14 +1,17 @@
 """Compile C source and CasADi functions into shared libraries, once, in a cache of the user's own.
 
-Where that cannot be done callers fall back to slower code. Functions that differ in their numbers alone share machine code:
-each gets a copy of the library with numbers of its own, which is let go with the function.
+Where that cannot be done callers fall back to slower code. Functions that differ in their numbers
+alone share machine code: each gets a copy of the library with numbers of its own, which is let go
+with the function.
 
-Either is said once per process as a warning of the logger ``uvms_ocp.codegen.compile``: no compiler, one that fails, hangs
-or writes garbage, a full disk, a cache that cannot be written or whose libraries cannot be loaded.
+Either is said once per process as a warning of the logger ``uvms_ocp.codegen.compile``: no
+compiler, one that fails, hangs or writes garbage, a full disk, a cache that cannot be written or
+whose libraries cannot be loaded.
 
-A library is found by the hash of its source, flags and compiler; its own hash is stored beside it and checked before
-every use, so that an interrupted compilation, a damaged file or garbage in the cache leads to a new compilation.
-Every process compiles to a file of its own and moves it into place, which the operating system does atomically.
+A library is found by the hash of its source, flags and compiler; its own hash is stored beside it
+and checked before every use, so that an interrupted compilation, a damaged file or garbage in the
+cache leads to a new compilation. Every process compiles to a file of its own and moves it into
+place, which the operating system does atomically.
 """
 
 from __future__ import annotations
@@ -53,31 +56,42 @@ T = TypeVar("T")
 
 _TIMEOUT = 300.0  # [s], ten times what the longest of ours takes
 _KEPT = 2000  # [bytes] of what a compiler says
-_STARTING, _RUNNING = threading.RLock(), set[subprocess.Popen[bytes]]()
+_STARTING = threading.RLock()
+_RUNNING = set[subprocess.Popen[bytes]]()
 _BEHIND = threading.Event()  # all other work of the machine
 
 
 def compile_timeout() -> float:
-    """[s] after which a compiler is stopped: ``UVMS_OCP_COMPILE_TIMEOUT``. Raises `InvalidInput` where that is no time."""
+    """[s] after which a compiler is stopped: ``UVMS_OCP_COMPILE_TIMEOUT``. Raises `InvalidInput`
+    where that is no time.
+    """
     given = os.environ.get("UVMS_OCP_COMPILE_TIMEOUT", "")
     try:
         seconds = float(given or _TIMEOUT)
     except ValueError:
         seconds = -1.0
     if not 0.0 < seconds < 1e9:
-        raise InvalidInput(f"UVMS_OCP_COMPILE_TIMEOUT = {given!r}; give seconds, such as {_TIMEOUT:g}")
+        raise InvalidInput(
+            f"UVMS_OCP_COMPILE_TIMEOUT = {given!r}; give seconds, such as {_TIMEOUT:g}"
+        )
     return seconds
 
 
 def run_compiler(command: Sequence[str], seconds: float) -> tuple[int, str]:
-    """Return code and the end of what was said on both outputs, after at most that many `seconds` [s].
+    """Return code and the end of what was said on both outputs, after at most that many `seconds`
+    [s].
 
-    Raises `OSError` where it cannot be run, and `subprocess.TimeoutExpired` where it was stopped, with all its children.
+    Raises `OSError` where it cannot be run, and `subprocess.TimeoutExpired` where it was stopped,
+    with all its children.
     """
     with tempfile.TemporaryFile() as said:
         with _STARTING:
             process = subprocess.Popen(
-                command, stdin=subprocess.DEVNULL, stdout=said, stderr=subprocess.STDOUT, start_new_session=True
+                command,
+                stdin=subprocess.DEVNULL,
+                stdout=said,
+                stderr=subprocess.STDOUT,
+                start_new_session=True,
             )
             _RUNNING.add(process)
         try:
@@ -92,7 +106,9 @@ def run_compiler(command: Sequence[str], seconds: float) -> tuple[int, str]:
 
 
 @atexit.register
-def _end_compilers() -> None:  # as the process ends, of which threads that wait for them hear nothing
+def _end_compilers() -> (
+    None
+):  # as the process ends, of which threads that wait for them hear nothing
     _STARTING.acquire()  # and none begins any more
     left = [work for result, work in _BEGUN if not result.ready()]
     for process in _RUNNING.copy():
@@ -102,7 +118,9 @@ def _end_compilers() -> None:  # as the process ends, of which threads that wait
 
 
 def _hand_over(left: Sequence[Callable[[], object]]) -> None:
-    """Give what nobody has waited for to a process of its own, for the next process that needs it."""
+    """Give what nobody has waited for to a process of its own, for the next process that needs
+    it.
+    """
     if "python" not in Path(sys.executable or "").name.lower():
         return  # but a program that has Python in it, and would begin anew
     imports = f"import sys; sys.path[:] = {sys.path!r}; from {__name__} import compile_what_is_left"
@@ -119,7 +137,9 @@ def _hand_over(left: Sequence[Callable[[], object]]) -> None:
 
 
 def compile_what_is_left() -> None:
-    """Compile what another process has begun and left on stdin, behind all other work of the machine."""
+    """Compile what another process has begun and left on stdin, behind all other work of the
+    machine.
+    """
     if sys.platform != "win32":
         os.nice(19)
     _BEHIND.set()
@@ -135,8 +155,11 @@ def _forget_threads() -> None:  # in a fork, where they are its parent's, as are
 
 
 if sys.platform != "win32":
-    # A fork in the middle of a start would hold open the pipe by which the starting thread hears that its compiler runs.
-    os.register_at_fork(before=_STARTING.acquire, after_in_parent=_STARTING.release, after_in_child=_forget_threads)
+    # A fork in the middle of a start would hold open the pipe by which the starting thread hears
+    # that its compiler runs.
+    os.register_at_fork(
+        before=_STARTING.acquire, after_in_parent=_STARTING.release, after_in_child=_forget_threads
+    )
 
 
 def _kill(process: subprocess.Popen[bytes]) -> None:
@@ -153,7 +176,11 @@ def _kill(process: subprocess.Popen[bytes]) -> None:
 
 def constants_of(module: ModuleType) -> dict[str, float]:
     """Return the numbers that a module names in capitals."""
-    return {name: value for name, value in vars(module).items() if name.isupper() and isinstance(value, int | float)}
+    return {
+        name: value
+        for name, value in vars(module).items()
+        if name.isupper() and isinstance(value, int | float)
+    }
 
 
 def c_macros(values: Mapping[str, object]) -> str:
@@ -164,13 +191,23 @@ def c_macros(values: Mapping[str, object]) -> str:
 # C source to shared library, compiled once and cached, several at once on the cores there are.
 
 _FLAGS = ("-O3", "-shared", "-fPIC", "-ffp-contract=off")
-# Code without loops gains nothing from more optimisation but the time that takes: half of it with the first two for long code.
-_LONG_STRAIGHT, _LONG_CODE = ("-Og", "-finline-small-functions", "-fno-semantic-interposition"), 200_000  # [bytes]
+# Code without loops gains nothing from more optimisation but the time that takes: half of it with
+# the first two for long code.
+# [bytes]
+_LONG_STRAIGHT = ("-Og", "-finline-small-functions", "-fno-semantic-interposition")
+_LONG_CODE = 200_000
 _STRAIGHT = ("-O1", "-fstrict-aliasing", *_LONG_STRAIGHT[1:])
-# fmax and fmin are calls into libm, hundreds in a tick; like them these return what is a number where one of both is.
-MATH, PARTS, WIDE_MACROS = ((files("uvms_ocp.codegen") / f"{name}.c").read_text("utf-8") for name in ("math", "parts", "wide"))
-"""Before the code of CasADi functions, also where these are in parts, and before what is marked WIDE or INLINE."""
-_KNOWN = '__attribute__((visibility("hidden"))) extern const double numbers[{n} + 1];\n'  # they stay while code runs
+# fmax and fmin are calls into libm, hundreds in a tick; like them these return what is a number
+# where one of both is.
+MATH, PARTS, WIDE_MACROS = (
+    (files("uvms_ocp.codegen") / f"{name}.c").read_text("utf-8")
+    for name in ("math", "parts", "wide")
+)
+"""Before the code of CasADi functions, also where these are in parts, and before what is marked
+WIDE or INLINE.
+"""
+# they stay while code runs
+_KNOWN = '__attribute__((visibility("hidden"))) extern const double numbers[{n} + 1];\n'
 _NUMBERS = """__attribute__((visibility("hidden"))) double numbers[{n} + 1];
 void* numbers_address(void) {{ return numbers; }}
 """
@@ -182,29 +219,42 @@ _VERSION_TIMEOUT = 30.0  # [s]
 _HUNG: set[str] = set()  # compilers, which are not called again
 _SAID: set[str] = set()
 _KEPT_FUNCTIONS = 48
-_ADDRESSES = WeakKeyDictionary[ca.Function, dict[str, int | None]]()  # by symbol, of compiled functions
-_BESIDE = WeakKeyDictionary[ca.Function, tuple[AsyncResult[Path | None], np.ndarray]]()  # that are being compiled
+_ADDRESSES = WeakKeyDictionary[
+    ca.Function, dict[str, int | None]
+]()  # by symbol, of compiled functions
+_BESIDE = WeakKeyDictionary[
+    ca.Function, tuple[AsyncResult[Path | None], np.ndarray]
+]()  # that are being compiled
 _BEGUN: list[tuple[AsyncResult[Any], Callable[[], Any]]] = []  # whether anybody waits for it or not
 _WAITS = ContextVar("waits", default=True)
 _NONE = np.zeros(0)
 _MOST_COMPILERS = 4  # at once, of a process: those of a campaign are many
-_PACE, _LONG = 1.2e-6, 2.0  # [s] a byte of long code takes; [s] of silence that look like a hang
+# [s] a byte of long code takes; [s] of silence that look like a hang
+_PACE = 1.2e-6
+_LONG = 2.0
 _SLOWER = "everything works, only slower"
 _log = logging.getLogger(__name__)
 
 
 @checked
 def compile_library(
-    source: str, flags: Sequence[str] = (), name: str = "C code", others: Sequence[str] = (), prepare: Callable[[str], str] = str
+    source: str,
+    flags: Sequence[str] = (),
+    name: str = "C code",
+    others: Sequence[str] = (),
+    prepare: Callable[[str], str] = str,
 ) -> Path | None:
-    """Path of the library of ``source`` (C, linked with libm), which can be loaded; None where there is none (logged once).
+    """Path of the library of ``source`` (C, linked with libm), which can be loaded; None where
+    there is none (logged once).
 
-    name: what it is called where the log tells, at level INFO, that it is being compiled. others: more sources of the same
-    library, each compiled by itself. prepare: makes of the source what is compiled, where it is not kept already.
+    name: what it is called where the log tells, at level INFO, that it is being compiled. others:
+    more sources of the same library, each compiled by itself. prepare: makes of the source what is
+    compiled, where it is not kept already.
 
-    The path is inside the user's cache, or inside ``UVMS_OCP_CACHE`` if that is set. A compiler is stopped after
-    ``UVMS_OCP_COMPILE_TIMEOUT`` seconds, 300 by default. Raises `InvalidInput` where that is no time. Flags of
-    ``UVMS_OCP_CFLAGS`` come last: with ``-O0`` compilation takes half the time, and what runs two to five times as long.
+    The path is inside the user's cache, or inside ``UVMS_OCP_CACHE`` if that is set. A compiler is
+    stopped after ``UVMS_OCP_COMPILE_TIMEOUT`` seconds, 300 by default. Raises `InvalidInput` where
+    that is no time. Flags of ``UVMS_OCP_CFLAGS`` come last: with ``-O0`` compilation takes half the
+    time, and what runs two to five times as long.
     """
     compiler = _compiler()
     if compiler is None or compiler in _HUNG:
@@ -233,7 +283,8 @@ def compile_library(
 
 @checked
 def compile_function(function: ca.Function) -> ca.Function:
-    """``function`` in machine code with the same names and sparsities; itself where it cannot be compiled.
+    """``function`` in machine code with the same names and sparsities; itself where it cannot be
+    compiled.
 
     What is returned is of this process: give others ``function``.
     """
@@ -256,8 +307,12 @@ def _awaited(result: AsyncResult[Path | None]) -> Path | None:
 
 @contextmanager
 def compiling_beside(beside: bool) -> Iterator[None]:
-    """Inside, `available_function` waits for no compiler, unless ``UVMS_OCP_WAIT_FOR_COMPILER`` is set."""
-    before = _WAITS.set(not beside or os.environ.get("UVMS_OCP_WAIT_FOR_COMPILER", "0") not in {"", "0"})
+    """Inside, `available_function` waits for no compiler, unless ``UVMS_OCP_WAIT_FOR_COMPILER`` is
+    set.
+    """
+    before = _WAITS.set(
+        not beside or os.environ.get("UVMS_OCP_WAIT_FOR_COMPILER", "0") not in {"", "0"}
+    )
     try:
         yield
     finally:
@@ -276,7 +331,9 @@ def is_being_compiled(function: ca.Function) -> bool:
 
 
 def available_function(function: ca.Function) -> ca.Function:
-    """Return `compile_function` of a function, or inside `compiling_beside` the function itself while it is being compiled."""
+    """Return `compile_function` of a function, or inside `compiling_beside` the function itself
+    while it is being compiled.
+    """
     if waits_for_compiler() or not is_being_compiled(function):
         return compile_function(function)
     _BESIDE.pop(function, None)
@@ -285,53 +342,78 @@ def available_function(function: ca.Function) -> ca.Function:
 
 @checked
 def start_compiling(function: ca.Function, entry: Path | None = None) -> ca.Function:
-    """``function`` itself, which is compiled beside what follows: `compile_function` and `compiled_symbol` wait for the end.
+    """``function`` itself, which is compiled beside what follows: `compile_function` and
+    `compiled_symbol` wait for the end.
 
     entry: file of the cache in which it is kept what came of it.
     """
     if has_compiler():
         compilation, numbers = _compilation(function)
-        _BESIDE[function] = start_beside(compilation if entry is None else partial(_keep, entry, numbers, compilation)), numbers
+        _BESIDE[function] = (
+            start_beside(
+                compilation if entry is None else partial(_keep, entry, numbers, compilation)
+            ),
+            numbers,
+        )
     return function
 
 
 def start_beside(work: Callable[[], T]) -> AsyncResult[T]:
-    """Start what compiles; where the process ends before, one of its own finishes it. work: is found by its name, or bound."""
+    """Start what compiles; where the process ends before, one of its own finishes it. work: is
+    found by its name, or bound.
+    """
     _BEGUN[:] = [begun for begun in _BEGUN if not begun[0].ready()]
     _BEGUN.append((_workers(os.getpid()).apply_async(work), work))
     return _BEGUN[-1][0]
 
 
 @checked
-def compiled_from(name: str, content: str, make: Callable[[], ca.Function], *modules: str) -> ca.Function:
+def compiled_from(
+    name: str, content: str, make: Callable[[], ca.Function], *modules: str
+) -> ca.Function:
     """The function of that name which `make` makes of a content, as `start_compiling` has it.
 
-    Where that was compiled before it is not made at all: the cache keeps in which library it is, and with which numbers.
-    content: of all that the function depends on but CasADi, the compiler, and the files `modules` of the code that `make` runs.
+    Where that was compiled before it is not made at all: the cache keeps in which library it is,
+    and with which numbers. content: of all that the function depends on but CasADi, the compiler,
+    and the files `modules` of the code that `make` runs.
     """
     entry, kept = _looked_up(name, content, *modules)
     return (kept and _function_in(kept[0], name, kept[1])) or start_compiling(make(), entry)
 
 
 def library_from(name: str, content: str, make: Callable[[], str], *modules: str) -> Path | None:
-    """`compile_library` of the source that `make` makes of a content, which is kept as by `compiled_from`."""
+    """`compile_library` of the source that `make` makes of a content, which is kept as by
+    `compiled_from`.
+    """
     entry, kept = _looked_up(name, content, *modules)
     return kept[0] if kept else _keep(entry, _NONE, partial(compile_library, make(), name=name))
 
 
-def _looked_up(name: str, content: str, *modules: str) -> tuple[Path | None, tuple[Path, np.ndarray] | None]:
+def _looked_up(
+    name: str, content: str, *modules: str
+) -> tuple[Path | None, tuple[Path, np.ndarray] | None]:
     """File of the cache for what comes of a content, where there is a cache, and what is in it."""
-    compiler, folder = _compiler(), cache_folder()[0]
+    compiler = _compiler()
+    folder = cache_folder()[0]
     if compiler is None or folder is None:
         return None, None
-    flags = (_code_of(__file__), *map(_code_of, modules), ca.__version__, os.environ.get("UVMS_OCP_CFLAGS", ""))
+    flags = (
+        _code_of(__file__),
+        *map(_code_of, modules),
+        ca.__version__,
+        os.environ.get("UVMS_OCP_CFLAGS", ""),
+    )
     entry = folder / f"{_key((name, content), flags, compiler)}{KEPT_NUMBERS}"
     return entry, _kept(entry)
 
 
 def content_of(inputs: Sequence[ca.SX], outputs: Sequence[ca.SX], *more: object) -> str:
-    """Hash of expressions, for which nothing is differentiated, and of whatever else a function is made of."""
-    return _digest(f"{ca.Function('content', list(inputs), list(outputs)).serialize()} {more}".encode())
+    """Hash of expressions, for which nothing is differentiated, and of whatever else a function is
+    made of.
+    """
+    return _digest(
+        f"{ca.Function('content', list(inputs), list(outputs)).serialize()} {more}".encode()
+    )
 
 
 @cache
@@ -339,11 +421,16 @@ def _code_of(module: str) -> str:
     return _digest(Path(module).read_bytes())
 
 
-def _keep(entry: Path | None, numbers: np.ndarray, compilation: Callable[[], Path | None]) -> Path | None:
+def _keep(
+    entry: Path | None, numbers: np.ndarray, compilation: Callable[[], Path | None]
+) -> Path | None:
     library = compilation()
     if library is not None and entry is not None:
         data = f"{library.name}\n".encode() + numbers.tobytes()
-        with suppress(OSError), tempfile.TemporaryDirectory(prefix=HALF_MADE, dir=entry.parent) as folder:
+        with (
+            suppress(OSError),
+            tempfile.TemporaryDirectory(prefix=HALF_MADE, dir=entry.parent) as folder,
+        ):
             (Path(folder) / entry.name).write_bytes(_digest(data).encode() + data)
             os.replace(Path(folder) / entry.name, entry)
     return library
@@ -379,7 +466,9 @@ def n_processors() -> int:
 
 @cache
 def _workers(process: int) -> ThreadPool:
-    """One for each process, as a fork has no threads; ended with it, whatever is still being compiled."""
+    """One for each process, as a fork has no threads; ended with it, whatever is still being
+    compiled.
+    """
     pool = ThreadPool(min(_MOST_COMPILERS, n_processors()))
     atexit.register(lambda: pool.terminate() if os.getpid() == process else None)
     return pool
@@ -390,15 +479,25 @@ def _compilation(function: ca.Function) -> tuple[Callable[[], Path | None], np.n
     generator = ca.CodeGenerator("function.c", {"verbose": False})
     generator.add(function)
     form, numbers = casadi_code.without_numbers(generator.dump())
-    source = f"/* {_code_of(casadi_code.__file__)} */\n" + MATH + PARTS + _KNOWN.format(n=len(numbers)) + form
+    source = (
+        f"/* {_code_of(casadi_code.__file__)} */\n"
+        + MATH
+        + PARTS
+        + _KNOWN.format(n=len(numbers))
+        + form
+    )
     flags = _STRAIGHT if len(form) < _LONG_CODE else _LONG_STRAIGHT
     others = (_NUMBERS.format(n=len(numbers)),)
-    return partial(compile_library, source, flags, function.name(), others, casadi_code.in_parts), numbers
+    return partial(
+        compile_library, source, flags, function.name(), others, casadi_code.in_parts
+    ), numbers
 
 
 @checked
 def external_function(name: str, source: str, flags: Sequence[str] = ()) -> ca.Function | None:
-    """The CasADi function ``name`` that ``source`` defines, compiled; None where that cannot be (logged once)."""
+    """The CasADi function ``name`` that ``source`` defines, compiled; None where that cannot be
+    (logged once).
+    """
     return _function_in(compile_library(source, flags, name), name)
 
 
@@ -415,7 +514,9 @@ def _function_in(path: Path | None, name: str, numbers: np.ndarray = _NONE) -> c
 @lru_cache(maxsize=_KEPT_FUNCTIONS)
 def _external(name: str, path: Path, numbers: bytes) -> ca.Function:
     """One for all callers: a run of the same robot and mission takes up no more memory."""
-    with tempfile.TemporaryDirectory(prefix=HALF_MADE, dir=path.parent, ignore_cleanup_errors=True) as folder:
+    with tempfile.TemporaryDirectory(
+        prefix=HALF_MADE, dir=path.parent, ignore_cleanup_errors=True
+    ) as folder:
         if numbers:  # a library of its own, which needs no file once it is loaded
             path = Path(shutil.copy(path, folder))
         library = ctypes.CDLL(str(path))
@@ -424,13 +525,16 @@ def _external(name: str, path: Path, numbers: bytes) -> ca.Function:
             ctypes.memmove(library.numbers_address(), numbers, len(numbers))
         function = ca.external(name, str(path))
         known = (symbol for symbol in (name, casadi_code.TWO_CALLS) if hasattr(library, symbol))
-        _ADDRESSES[function] = {symbol: ctypes.cast(library[symbol], ctypes.c_void_p).value for symbol in known}
+        _ADDRESSES[function] = {
+            symbol: ctypes.cast(library[symbol], ctypes.c_void_p).value for symbol in known
+        }
         _close(library)  # the function holds it
     return function
 
 
 def compiled_symbol(function: ca.Function) -> int | None:
-    """Address of the machine code of ``function``, for other machine code to call; None where it cannot be compiled.
+    """Address of the machine code of ``function``, for other machine code to call; None where it
+    cannot be compiled.
 
     It is valid as long as ``function``.
     """
@@ -445,8 +549,12 @@ def compiled_symbol(function: ca.Function) -> int | None:
 
 
 def two_calls(function: ca.Function) -> int | None:
-    """Address of the machine code for two calls of ``function`` at once, once that is compiled; None where there is none."""
-    return _ADDRESSES.get(getattr(function, "machine_code", function), {}).get(casadi_code.TWO_CALLS)
+    """Address of the machine code for two calls of ``function`` at once, once that is compiled;
+    None where there is none.
+    """
+    return _ADDRESSES.get(getattr(function, "machine_code", function), {}).get(
+        casadi_code.TWO_CALLS
+    )
 
 
 @cache
@@ -461,7 +569,9 @@ def _key(sources: Sequence[str], flags: Sequence[str], compiler: str) -> str:
 
 
 def warn_if_slower() -> None:
-    """Log now, once, that there is no compiler or no cache: for who starts processes that say nothing."""
+    """Log now, once, that there is no compiler or no cache: for who starts processes that say
+    nothing.
+    """
     if _compiler() is not None:
         directory, reason = cache_folder()
         if directory is None:
@@ -469,7 +579,9 @@ def warn_if_slower() -> None:
 
 
 def has_compiler() -> bool:
-    """Check that there is a compiler that has not been found to hang, and a folder for what it makes."""
+    """Check that there is a compiler that has not been found to hang, and a folder for what it
+    makes.
+    """
     return _compiler() not in {None, *_HUNG} and cache_folder()[0] is not None
 
 
@@ -490,7 +602,9 @@ def _version(compiler: str) -> str:
 
 
 def _warn_once(what: str, detail: str = "") -> None:
-    if what not in _SAID and threading.main_thread().is_alive():  # not where its compiler was ended with it
+    if (
+        what not in _SAID and threading.main_thread().is_alive()
+    ):  # not where its compiler was ended with it
         _SAID.add(what)
         _log.warning("%s: %s", f"{what} ({detail})" if detail else what, _SLOWER)
 
@@ -498,7 +612,11 @@ def _warn_once(what: str, detail: str = "") -> None:
 @lru_cache(maxsize=1)
 def _announce(directory: Path) -> None:
     # A warning, as Python shows it by default: a silent half minute looks like a hang.
-    _log.warning("compiling C code for the first time, which takes a while; kept in %s", directory, extra={PROGRESS: True})
+    _log.warning(
+        "compiling C code for the first time, which takes a while; kept in %s",
+        directory,
+        extra={PROGRESS: True},
+    )
 
 
 def _digest(data: bytes) -> str:
@@ -508,13 +626,17 @@ def _digest(data: bytes) -> str:
 def _is_usable(library: Path) -> bool:
     """Check that it is what was compiled, and can be loaded."""
     with suppress(OSError, UnicodeDecodeError):
-        intact = library.with_suffix(".sha256").read_text(encoding="ascii") == _digest(library.read_bytes())
+        intact = library.with_suffix(".sha256").read_text(encoding="ascii") == _digest(
+            library.read_bytes()
+        )
         return intact and not _load_error(library)
     return False
 
 
 def _load_error(library: Path) -> str:
-    """Why it cannot be loaded, empty where it can; it is let go again, as the file may be replaced before it is used."""
+    """Why it cannot be loaded, empty where it can; it is let go again, as the file may be replaced
+    before it is used.
+    """
     try:
         _close(ctypes.CDLL(str(library)))
     except OSError as error:
@@ -529,11 +651,16 @@ def _close(library: ctypes.CDLL) -> None:
         _ctypes.dlclose(library._handle)
 
 
-def _build(compiler: str, sources: Sequence[str], flags: Sequence[str], library: Path, name: str) -> bool:
+def _build(
+    compiler: str, sources: Sequence[str], flags: Sequence[str], library: Path, name: str
+) -> bool:
     _announce(library.parent)
     _log.info("compiling %s", name)
-    if (seconds := _PACE * sum(map(len, sources))) > _LONG:
-        _log.warning("compiling %s, which takes about %.0f s", name, seconds, extra={PROGRESS: True})
+    seconds = _PACE * sum(map(len, sources))
+    if seconds > _LONG:
+        _log.warning(
+            "compiling %s, which takes about %.0f s", name, seconds, extra={PROGRESS: True}
+        )
     try:
         # Who works behind all others takes no turn, or they would wait for that.
         turn = nullcontext() if _BEHIND.is_set() else turn_to_make(library, compile_timeout())
@@ -544,15 +671,21 @@ def _build(compiler: str, sources: Sequence[str], flags: Sequence[str], library:
         return False
 
 
-def _build_in(folder: Path, compiler: str, sources: Sequence[str], flags: Sequence[str], library: Path) -> bool:
-    built, codes = folder / "library.so", [folder / f"source{k}.c" for k in range(len(sources))]
+def _build_in(
+    folder: Path, compiler: str, sources: Sequence[str], flags: Sequence[str], library: Path
+) -> bool:
+    built = folder / "library.so"
+    codes = [folder / f"source{k}.c" for k in range(len(sources))]
     for code, source in zip(codes, sources, strict=True):
         code.write_text(source, encoding="utf-8")
-    failed, said = run_compiler([compiler, *flags, "-o", str(built), *map(str, codes), "-lm"], compile_timeout())
+    failed, said = run_compiler(
+        [compiler, *flags, "-o", str(built), *map(str, codes), "-lm"], compile_timeout()
+    )
     if failed:
         _warn_once(f"{compiler} failed", ascii(" ".join(said.split())[-200:]))
         return False
-    if problem := _load_error(built):
+    problem = _load_error(built)
+    if problem:
         _warn_once(f"what {compiler} made cannot be loaded", problem)
         return False
     # Into the cache, with the hash of what it is.

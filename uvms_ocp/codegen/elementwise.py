@@ -1,4 +1,5 @@
-"""Spell elementwise operations alike for NumPy arrays and CasADi expressions; every function answers in kind.
+"""Spell elementwise operations alike for NumPy arrays and CasADi expressions; every function
+answers in kind.
 
 Arguments are of any one shape, (...), and of any one unit, [any], where nothing else is said.
 """
@@ -10,7 +11,8 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
-# Operations on numbers that NumPy arrays and CasADi expressions spell differently; every function answers in kind.
+# Operations on numbers that NumPy arrays and CasADi expressions spell differently; every function
+# answers in kind.
 #
 # Arguments are of any one shape, (...), and of any one unit, [any], where nothing else is said.
 
@@ -24,8 +26,14 @@ def is_symbolic(*values: Array) -> bool:
 
 
 def clipped(y: Array, lower: Array, upper: Array) -> Array:
-    """The nearest to y (...) [any] between `lower` and `upper`, (...) [any]; the bounds must not be NaN."""
-    return ca.fmin(ca.fmax(y, lower), upper) if is_symbolic(y, lower, upper) else np.minimum(np.maximum(y, lower), upper)
+    """The nearest to y (...) [any] between `lower` and `upper`, (...) [any]; the bounds must not be
+    NaN.
+    """
+    return (
+        ca.fmin(ca.fmax(y, lower), upper)
+        if is_symbolic(y, lower, upper)
+        else np.minimum(np.maximum(y, lower), upper)
+    )
 
 
 def where(condition: Array, if_true: Array, if_false: Array) -> Array:
@@ -50,7 +58,11 @@ def logical_or(a: Array, b: Array) -> Array:
 
 def all_entries(condition: Array) -> Array:
     """True if the condition (...) holds for all entries, also where there are none."""
-    return ca.sum1(ca.vec(condition)) >= condition.numel() if is_symbolic(condition) else condition.all()
+    return (
+        ca.sum1(ca.vec(condition)) >= condition.numel()
+        if is_symbolic(condition)
+        else condition.all()
+    )
 
 
 def row_sums(matrix: Array) -> Array:
@@ -62,11 +74,13 @@ def _spread(value: Array, condition: Array) -> Array:
     return value if is_symbolic(value) else value * ca.DM.ones(condition.shape)
 
 
-# How far numbers are from the interval they should be in, for NumPy arrays and CasADi expressions alike.
+# How far numbers are from the interval they should be in, for NumPy arrays and CasADi expressions
+# alike.
 
 
 def interval_distance(y: Array, lower: Array, upper: Array) -> Array:
-    """Signed distance of y to [lower, upper], entry by entry: negative below, 0 inside; NaN where y is.
+    """Signed distance of y to [lower, upper], entry by entry: negative below, 0 inside; NaN where y
+    is.
 
     y, lower and upper (...) [unit of y].
     """
@@ -74,7 +88,8 @@ def interval_distance(y: Array, lower: Array, upper: Array) -> Array:
 
 
 def interval_excess(y: Array, lower: Array, upper: Array) -> Array:
-    """Return by how much y is outside of [lower, upper], entry by entry, on either side; NaN where y is.
+    """Return by how much y is outside of [lower, upper], entry by entry, on either side; NaN where
+    y is.
 
     y, lower and upper (...) [unit of y].
     """

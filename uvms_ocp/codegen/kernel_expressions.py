@@ -29,7 +29,9 @@ def require(kept: bool, node: ast.AST, why: str) -> None:
 
 @dataclass(frozen=True, slots=True)
 class CType:
-    """A type by its name in C: "double", "int" or that of a structure, which is passed by pointer, or an array of one of them."""
+    """A type by its name in C: "double", "int" or that of a structure, which is passed by pointer,
+    or an array of one of them.
+    """
 
     name: str
     sizes: tuple[int, ...] = ()
@@ -53,7 +55,9 @@ class CType:
         return f"{self.name} {name}{''.join(f'[{size}]' for size in self.sizes)}"
 
 
-DOUBLE, INT, NOTHING = CType("double"), CType("int"), CType("void")
+DOUBLE = CType("double")
+INT = CType("int")
+NOTHING = CType("void")
 VECTOR = CType("double", (0,))
 
 
@@ -69,7 +73,9 @@ def of_ctypes(kind: Any) -> CType:
 
 
 def field_of(owner: CType, name: str) -> CType:
-    """Return the type of a field of a structure. Raises `InvalidInput` where it has none of that name."""
+    """Return the type of a field of a structure. Raises `InvalidInput` where it has none of that
+    name.
+    """
     fields = dict(owner.structure._fields_)
     if name not in fields:
         raise InvalidInput(f"{owner.name} has no field {name!r}; it has {', '.join(fields)}")
@@ -77,7 +83,9 @@ def field_of(owner: CType, name: str) -> CType:
 
 
 def column_size(kind: CType) -> int:
-    """Numbers of a structure of nothing else, which are one after the other; 0 of any other type."""
+    """Numbers of a structure of nothing else, which are one after the other; 0 of any other
+    type.
+    """
     if kind.structure is None or kind.sizes:
         return 0
     alone = all(of_ctypes(item[1]).name == "double" for item in kind.structure._fields_)
@@ -88,10 +96,29 @@ def column_size(kind: CType) -> int:
 
 _OPERATORS: dict[type, str] = {ast.Add: "+", ast.Sub: "-", ast.Mult: "*", ast.Div: "/"}
 _WHOLE: dict[type, str] = {ast.FloorDiv: "/", ast.Mod: "%"}
-_ORDER: dict[type, str] = {ast.Lt: "<", ast.LtE: "<=", ast.Gt: ">", ast.GtE: ">=", ast.Eq: "==", ast.NotEq: "!="}
-_ROOTS = (math.sqrt, math.exp, math.log, math.erf, math.sin, math.cos, math.asin, math.acos, math.atan2)
+_ORDER: dict[type, str] = {
+    ast.Lt: "<",
+    ast.LtE: "<=",
+    ast.Gt: ">",
+    ast.GtE: ">=",
+    ast.Eq: "==",
+    ast.NotEq: "!=",
+}
+_ROOTS = (
+    math.sqrt,
+    math.exp,
+    math.log,
+    math.erf,
+    math.sin,
+    math.cos,
+    math.asin,
+    math.acos,
+    math.atan2,
+)
 _PARTS = (math.floor, math.ceil, math.copysign, math.fabs, math.remainder)
-_OF_NUMBERS = {function: function.__name__ for function in (*_ROOTS, *_PARTS)}  # C calls them as Python does
+_OF_NUMBERS = {
+    function: function.__name__ for function in (*_ROOTS, *_PARTS)
+}  # C calls them as Python does
 _TESTS = {math.isfinite: "isfinite", math.isnan: "isnan", math.isinf: "isinf"}
 PREFIX = "k_"
 """Prefix of the names of kernels in C, which has names of its own."""
@@ -120,7 +147,9 @@ class Signature:
     """Signature of a kernel."""
 
     name: str
-    """In C, behind the prefix: that in Python, with a number where another kernel of the program has it already."""
+    """In C, behind the prefix: that in Python, with a number where another kernel of the program
+    has it already.
+    """
     parameters: Mapping[str, CType]
     result: CType
 
@@ -154,7 +183,9 @@ def refused(node: ast.AST, scope: Scope) -> NoReturn:
 def number(node: ast.expr, scope: Scope) -> CExpression:
     """An expression that is a number."""
     found = expression(node, scope)
-    require(found.type.is_number and found.type != NOTHING, node, f"is no number but {found.type.name}")
+    require(
+        found.type.is_number and found.type != NOTHING, node, f"is no number but {found.type.name}"
+    )
     return found
 
 
@@ -163,13 +194,21 @@ def literal(value: Any) -> CExpression | None:
     if isinstance(value, (bool, int, IntEnum)):
         return CExpression(str(int(value)), INT)
     if isinstance(value, float):
-        text = "NAN" if math.isnan(value) else f"{'-' if value < 0 else ''}INFINITY" if math.isinf(value) else repr(value)
+        text = (
+            "NAN"
+            if math.isnan(value)
+            else f"{'-' if value < 0 else ''}INFINITY"
+            if math.isinf(value)
+            else repr(value)
+        )
         return CExpression(f"({text})" if text.startswith("-") else text, DOUBLE)
     return None
 
 
 def constant(node: ast.expr, scope: Scope) -> Any:
-    """Return the value in Python of a name or an attribute of the module; `None` where it is none of the module's."""
+    """Return the value in Python of a name or an attribute of the module; `None` where it is none
+    of the module's.
+    """
     if isinstance(node, ast.Name) and node.id not in scope.local:
         return scope.names.get(node.id)
     if isinstance(node, ast.Attribute):
@@ -202,18 +241,29 @@ def _attribute(node: ast.Attribute, scope: Scope) -> CExpression:
     require(owner.type.structure is not None and not owner.type.sizes, node.value, "has no fields")
     kind = field_of(owner.type, node.attr)
     text = f"{owner.text}->{c_name(node.attr)}"
-    return CExpression(f"(&{text})" if kind.structure is not None and not kind.sizes else text, kind)
+    return CExpression(
+        f"(&{text})" if kind.structure is not None and not kind.sizes else text, kind
+    )
 
 
 def _subscript(node: ast.Subscript, scope: Scope) -> CExpression:
-    owner, index = expression(node.value, scope), expression(node.slice, scope)
-    require(bool(owner.type.sizes) and index.type == INT, node, "has to be an entry of an array, by a whole number")
-    kind, text = owner.type.entry(), f"{owner.text}[{index.text}]"
-    return CExpression(f"(&{text})" if kind.structure is not None and not kind.sizes else text, kind)
+    owner = expression(node.value, scope)
+    index = expression(node.slice, scope)
+    require(
+        bool(owner.type.sizes) and index.type == INT,
+        node,
+        "has to be an entry of an array, by a whole number",
+    )
+    kind = owner.type.entry()
+    text = f"{owner.text}[{index.text}]"
+    return CExpression(
+        f"(&{text})" if kind.structure is not None and not kind.sizes else text, kind
+    )
 
 
 def _binary(node: ast.BinOp, scope: Scope) -> CExpression:
-    left, right = number(node.left, scope), number(node.right, scope)
+    left = number(node.left, scope)
+    right = number(node.right, scope)
     whole = left.type == right.type == INT
     if type(node.op) in _WHOLE:
         require(whole, node, "is only for whole numbers, which are not negative")
@@ -221,7 +271,10 @@ def _binary(node: ast.BinOp, scope: Scope) -> CExpression:
     if type(node.op) not in _OPERATORS:
         refused(node, scope)
     cast = "(double)" if whole and isinstance(node.op, ast.Div) else ""
-    return CExpression(f"({cast}{left.text} {_OPERATORS[type(node.op)]} {right.text})", INT if whole and not cast else DOUBLE)
+    return CExpression(
+        f"({cast}{left.text} {_OPERATORS[type(node.op)]} {right.text})",
+        INT if whole and not cast else DOUBLE,
+    )
 
 
 def _unary(node: ast.UnaryOp, scope: Scope) -> CExpression:
@@ -236,19 +289,26 @@ def _unary(node: ast.UnaryOp, scope: Scope) -> CExpression:
 def _logic(node: ast.BoolOp, scope: Scope) -> CExpression:
     parts = [number(value, scope) for value in node.values]
     require(all(part.type == INT for part in parts), node, "is only for truth values")
-    return CExpression(f"({(' && ' if isinstance(node.op, ast.And) else ' || ').join(part.text for part in parts)})", INT)
+    return CExpression(
+        f"({(' && ' if isinstance(node.op, ast.And) else ' || ').join(part.text for part in parts)})",
+        INT,
+    )
 
 
 def _comparison(node: ast.Compare, scope: Scope) -> CExpression:
     terms = [number(term, scope).text for term in (node.left, *node.comparators)]
     require(all(type(op) in _ORDER for op in node.ops), node, "does not compare numbers by size")
-    pairs = [f"{a} {_ORDER[type(op)]} {b}" for a, op, b in zip(terms, node.ops, terms[1:], strict=False)]
+    pairs = [
+        f"{a} {_ORDER[type(op)]} {b}" for a, op, b in zip(terms, node.ops, terms[1:], strict=False)
+    ]
     return CExpression(f"({' && '.join(pairs)})", INT)
 
 
 def _choice(node: ast.IfExp, scope: Scope) -> CExpression:
     test, yes, no = (number(part, scope) for part in (node.test, node.body, node.orelse))
-    return CExpression(f"({test.text} ? {yes.text} : {no.text})", INT if yes.type == no.type == INT else DOUBLE)
+    return CExpression(
+        f"({test.text} ? {yes.text} : {no.text})", INT if yes.type == no.type == INT else DOUBLE
+    )
 
 
 def _call(node: ast.Call, scope: Scope) -> CExpression:
@@ -282,9 +342,13 @@ _BUILTINS: dict[str, Any] = {f.__name__: f for f in (len, min, max, abs, int, fl
 
 
 def length(node: ast.expr, array: ast.expr, scope: Scope) -> int:
-    """Return the ``len`` of an array, which `node` asks for. Raises `InvalidInput` where it is unknown."""
+    """Return the ``len`` of an array, which `node` asks for. Raises `InvalidInput` where it is
+    unknown.
+    """
     of = expression(array, scope).type
-    require(bool(of.sizes and of.sizes[0]), node, "is not known here; give the number to the kernel")
+    require(
+        bool(of.sizes and of.sizes[0]), node, "is not known here; give the number to the kernel"
+    )
     return of.sizes[0]
 
 
@@ -300,15 +364,36 @@ def _extreme(node: ast.Call, name: str, scope: Scope) -> CExpression:
 def _kernel_call(node: ast.Call, function: Any, scope: Scope) -> CExpression:
     require(function is not zeros, node, "can only be what a variable is set to")
     signature = scope.signature_of(function)
-    require(len(node.args) == len(signature.parameters), node, f"has to give {len(signature.parameters)} arguments")
+    require(
+        len(node.args) == len(signature.parameters),
+        node,
+        f"has to give {len(signature.parameters)} arguments",
+    )
     given = [expression(argument, scope) for argument in node.args]
     for argument, (name, wanted) in zip(given, signature.parameters.items(), strict=True):
-        alike = argument.type.is_number == wanted.is_number and (wanted.is_number or argument.type.name == wanted.name)
+        alike = argument.type.is_number == wanted.is_number and (
+            wanted.is_number or argument.type.name == wanted.name
+        )
         require(alike, node, f"gives {argument.type.name} as {name}, which is {wanted.name}")
         require(wanted != INT or argument.type != DOUBLE, node, f"gives {name} no whole number")
-    return CExpression(f"{PREFIX}{signature.name}({', '.join(argument.text for argument in given)})", signature.result)
+    return CExpression(
+        f"{PREFIX}{signature.name}({', '.join(argument.text for argument in given)})",
+        signature.result,
+    )
 
 
 _TRANSLATED = dict[type, Callable[[Any, Scope], CExpression]]()
-_TRANSLATED |= {ast.Constant: _constant, ast.Name: _name, ast.Attribute: _attribute, ast.Subscript: _subscript, ast.Call: _call}
-_TRANSLATED |= {ast.BinOp: _binary, ast.UnaryOp: _unary, ast.BoolOp: _logic, ast.Compare: _comparison, ast.IfExp: _choice}
+_TRANSLATED |= {
+    ast.Constant: _constant,
+    ast.Name: _name,
+    ast.Attribute: _attribute,
+    ast.Subscript: _subscript,
+    ast.Call: _call,
+}
+_TRANSLATED |= {
+    ast.BinOp: _binary,
+    ast.UnaryOp: _unary,
+    ast.BoolOp: _logic,
+    ast.Compare: _comparison,
+    ast.IfExp: _choice,
+}

@@ -1,4 +1,6 @@
-"""Declare the memory of kernels: numbers, arrays, parts, CasADi functions and callbacks, alike in Python and in C."""
+"""Declare the memory of kernels: numbers, arrays, parts, CasADi functions and callbacks, alike in
+Python and in C.
+"""
 
 from __future__ import annotations
 
@@ -21,11 +23,12 @@ from uvms_ocp.errors import InvalidInput
 
 
 class FunctionField:
-    """A field of a layout: a function that kernels call as ``m.levels(q, v, J, lower)``, what it reads first, then what it fills.
+    """A field of a layout: a function that kernels call as ``m.levels(q, v, J, lower)``, what it
+    reads first, then what it fills.
 
-    ``structure_of(Memory, levels=function)`` says which. Every argument is a vector of its own size, column after column, or a
-    layout of nothing but arrays of numbers, which is their column. A number is a vector of one to read; None is zeros to read,
-    or nothing to fill.
+    ``structure_of(Memory, levels=function)`` says which. Every argument is a vector of its own
+    size, column after column, or a layout of nothing but arrays of numbers, which is their column.
+    A number is a vector of one to read; None is zeros to read, or nothing to fill.
     """
 
     def __call__(self, *vectors: Any) -> None:
@@ -41,8 +44,11 @@ class FunctionStructure(ctypes.Structure):
 
     def __call__(self, *vectors: Any) -> None:
         """Call the function without a compiler, as C does."""
-        call, n = _buffered(self.function), self.function.n_in()
-        found = call(*(_given(vector, self.function.size_in(i)) for i, vector in enumerate(vectors[:n])))
+        call = _buffered(self.function)
+        n = self.function.n_in()
+        found = call(
+            *(_given(vector, self.function.size_in(i)) for i, vector in enumerate(vectors[:n]))
+        )
         for target, values in zip(vectors[n:], found, strict=True):
             if target is not None:
                 _numbers(target)[: values.size] = values.ravel(order="F")
@@ -50,26 +56,38 @@ class FunctionStructure(ctypes.Structure):
 
 @lru_cache(maxsize=48)
 def function_structure(function: ca.Function) -> type[FunctionStructure]:
-    """The type of the field. Raises `InvalidInput` for a function with structural zeros among what it takes or gives."""
+    """The type of the field. Raises `InvalidInput` for a function with structural zeros among what
+    it takes or gives.
+    """
     if not all(function.sparsity_in(i).is_dense() for i in range(function.n_in())) or not all(
         function.sparsity_out(i).is_dense() for i in range(function.n_out())
     ):
         raise InvalidInput(f"{function.name()} has sparse arguments; make them dense")
     sizes = work_sizes(function)
     kinds: tuple[Any, ...] = (ctypes.c_void_p, ctypes.c_void_p, ctypes.c_longlong, ctypes.c_double)
-    memory = [(name, kind * size) for name, kind, size in zip(("arg", "res", "iw", "w"), kinds, sizes, strict=True)]
+    memory = [
+        (name, kind * size)
+        for name, kind, size in zip(("arg", "res", "iw", "w"), kinds, sizes, strict=True)
+    ]
     fields: list[tuple[str, Any]] = [("call", ctypes.c_void_p), *memory]
     name = "Smooth_" + "_".join(map(str, (function.name(), *sizes)))
-    return type(name, (FunctionStructure,), {"__slots__": (), "_fields_": fields, "function": function})
+    return type(
+        name, (FunctionStructure,), {"__slots__": (), "_fields_": fields, "function": function}
+    )
 
 
 def work_sizes(function: ca.Function) -> tuple[int, int, int, int]:
     """Pointers to arguments and results, whole numbers and numbers that a call needs memory for."""
-    return tuple(max(1, size) for size in (function.sz_arg(), function.sz_res(), function.sz_iw(), function.sz_w()))
+    return tuple(
+        max(1, size)
+        for size in (function.sz_arg(), function.sz_res(), function.sz_iw(), function.sz_w())
+    )
 
 
 def connect(memory: Layout) -> bool:
-    """Give the functions in `memory` the addresses of their machine code; false where one of them cannot be compiled."""
+    """Give the functions in `memory` the addresses of their machine code; false where one of them
+    cannot be compiled.
+    """
     done = True
     for part in functions_in(memory):
         if part.function.n_out():
@@ -94,12 +112,18 @@ _FUNCTIONS = WeakKeyDictionary[Any, tuple[str, ...]]()
 
 
 def _with_functions(kind: Any) -> tuple[str, ...]:
-    """Names of the fields of a structure that hold functions; of an array those of its entries. The same for every memory."""
+    """Names of the fields of a structure that hold functions; of an array those of its entries. The
+    same for every memory.
+    """
     if kind not in _FUNCTIONS:
         if issubclass(kind, (ctypes.Array, FunctionStructure)):
-            _FUNCTIONS[kind] = _with_functions(kind._type_) if issubclass(kind, ctypes.Array) else ("",)
+            _FUNCTIONS[kind] = (
+                _with_functions(kind._type_) if issubclass(kind, ctypes.Array) else ("",)
+            )
         else:
-            _FUNCTIONS[kind] = tuple(name for name, of, *_ in getattr(kind, "_fields_", ()) if _with_functions(of))
+            _FUNCTIONS[kind] = tuple(
+                name for name, of, *_ in getattr(kind, "_fields_", ()) if _with_functions(of)
+            )
     return _FUNCTIONS[kind]
 
 
@@ -107,7 +131,9 @@ _buffered = lru_cache(maxsize=96)(BufferedFunction)
 
 
 def column_view(layout: Any) -> np.ndarray:
-    """A layout of nothing but arrays of numbers as one array of them (n,) [any] on the same memory."""
+    """A layout of nothing but arrays of numbers as one array of them (n,) [any] on the same
+    memory.
+    """
     n = ctypes.sizeof(layout) // ctypes.sizeof(ctypes.c_double)
     return np.ctypeslib.as_array((ctypes.c_double * n).from_buffer(layout))
 
@@ -116,11 +142,19 @@ def _numbers(vector: Any) -> np.ndarray:
     """On the memory of the vector, if it is one of ctypes."""
     if isinstance(vector, ctypes.Structure):
         return column_view(vector)
-    return np.ctypeslib.as_array(vector) if isinstance(vector, ctypes.Array) else np.array(vector, dtype=float)
+    return (
+        np.ctypeslib.as_array(vector)
+        if isinstance(vector, ctypes.Array)
+        else np.array(vector, dtype=float)
+    )
 
 
 def _given(vector: Any, size: tuple[int, int]) -> Any:
-    return np.zeros(size) if vector is None else _numbers(vector).ravel()[: size[0] * size[1]].reshape(size, order="F")
+    return (
+        np.zeros(size)
+        if vector is None
+        else _numbers(vector).ravel()[: size[0] * size[1]].reshape(size, order="F")
+    )
 
 
 # Questions of kernels to Python: for what has no other form.
@@ -130,14 +164,18 @@ _NOTHING = ca.Function("ask", [], [])
 
 
 class CallbackField:
-    """Field of a layout: a call of Python, in kernels ``m.ask()``, once a `CallbackBinding` is bound to the memory."""
+    """Field of a layout: a call of Python, in kernels ``m.ask()``, once a `CallbackBinding` is
+    bound to the memory.
+    """
 
     def __call__(self) -> None:
         """Declare the call in a kernel."""
 
 
 class CallbackStructure(function_structure(_NOTHING)):  # type: ignore[misc]
-    """Callback in memory: a function of nothing, at the place where a `FunctionField` has its machine code."""
+    """Callback in memory: a function of nothing, at the place where a `FunctionField` has its
+    machine code.
+    """
 
     __slots__ = ()
 
@@ -157,7 +195,8 @@ class CallbackBinding:
 
     def check(self) -> None:
         """Raise what the function has raised, which kernels do not."""
-        error, self._error = self._error, None
+        error = self._error
+        self._error = None
         if error is not None:
             raise error
 
@@ -170,7 +209,8 @@ class CallbackBinding:
         return 0
 
 
-# What kernels remember: named numbers, arrays and parts, in Python and in C at the same place in memory.
+# What kernels remember: named numbers, arrays and parts, in Python and in C at the same place in
+# memory.
 
 Vector: TypeAlias = MutableSequence[float]
 """A parameter of a kernel: numbers that it reads or changes in place."""
@@ -178,7 +218,9 @@ Vector: TypeAlias = MutableSequence[float]
 
 @dataclass(frozen=True, slots=True, init=False)
 class Sized:
-    """Sizes of an array in a layout, ``Annotated[Vector, Sized(3, "n")]``: numbers, or names that `structure_of` is given."""
+    """Sizes of an array in a layout, ``Annotated[Vector, Sized(3, "n")]``: numbers, or names that
+    `structure_of` is given.
+    """
 
     sizes: tuple[int | str, ...]
 
@@ -187,9 +229,11 @@ class Sized:
 
 
 class Layout:
-    """Base of classes that only declare: ``float``, ``int``, ``bool``, sized arrays of them, layouts, functions and callbacks.
+    """Base of classes that only declare: ``float``, ``int``, ``bool``, sized arrays of them,
+    layouts, functions and callbacks.
 
-    ``structure_of(Class, n_joints=4)`` is the type whose instances kernels work on; all of it is zero at first.
+    ``structure_of(Class, n_joints=4)`` is the type whose instances kernels work on; all of it is
+    zero at first.
     """
 
 
@@ -202,12 +246,13 @@ NUMBERS: dict[Any, Any] = {float: ctypes.c_double, int: ctypes.c_int, bool: ctyp
 
 
 def structure_of(layout: type[Memory], **sizes: int | ca.Function | type[Layout]) -> type[Memory]:
-    """The type of a layout in memory, with the sizes that its arrays and those of its parts are declared with, and functions.
+    """The type of a layout in memory, with the sizes that its arrays and those of its parts are
+    declared with, and functions.
 
     It is a structure of ctypes with the fields of the layout, and typed as the layout itself.
 
-    A part whose type is made already is given by its name. Raises `InvalidInput` for a size or function that is not given, and
-    a field of another type.
+    A part whose type is made already is given by its name. Raises `InvalidInput` for a size or
+    function that is not given, and a field of another type.
     """
     key: Any = layout
     return cast(type[Memory], _structure(key, tuple(sorted(sizes.items()))))
@@ -217,7 +262,9 @@ def structure_of(layout: type[Memory], **sizes: int | ca.Function | type[Layout]
 def _structure(layout: Any, sizes: tuple[tuple[str, Any], ...]) -> type[ctypes.Structure]:
     known = dict(sizes)
     hints = get_type_hints(layout, include_extras=True)
-    fields = [(name, _field(f"{layout.__name__}.{name}", hint, known)) for name, hint in hints.items()]
+    fields = [
+        (name, _field(f"{layout.__name__}.{name}", hint, known)) for name, hint in hints.items()
+    ]
     arrays = {name: lengths for name, hint in hints.items() if (lengths := _lengths(hint, known))}
     body = {"__slots__": (), "_fields_": fields, "__doc__": layout.__doc__, "_arrays_": arrays}
     return type(layout.__name__, (ctypes.Structure,), body)
@@ -241,7 +288,10 @@ def _field(name: str, hint: Any, sizes: Mapping[str, Any]) -> Any:
         return function_structure(_required(name, name.rpartition(".")[2], sizes))
     item = _item(hint)
     if item is None:
-        raise InvalidInput(f"{name} is {hint}; give float, int, bool, a Layout, or a sequence of one of them with its Sized")
+        raise InvalidInput(
+            f"{name} is {hint}; give float, int, bool, a Layout, or a sequence of one of them with"
+            " its Sized"
+        )
     kind = _field(name, item, sizes)
     for size in reversed(get_args(hint)[1].sizes):
         # C knows no empty array.
@@ -269,7 +319,9 @@ def _item(hint: Any) -> Any:
 
 
 def assign(memory: Layout, **values: Any) -> None:
-    """Set numbers in a memory by their names, and arrays from their first entry on; of one number, all entries."""
+    """Set numbers in a memory by their names, and arrays from their first entry on; of one number,
+    all entries.
+    """
     for name, value in values.items():
         field = getattr(memory, name)
         if isinstance(field, ctypes.Array):
@@ -280,24 +332,40 @@ def assign(memory: Layout, **values: Any) -> None:
 
 
 def arrays_of(memory: Layout) -> Any:
-    """The arrays of numbers in a memory: under their names, on the same memory, of the sizes that they were declared with."""
+    """The arrays of numbers in a memory: under their names, on the same memory, of the sizes that
+    they were declared with.
+    """
     sizes: dict[str, tuple[int, ...]] = getattr(memory, "_arrays_")  # noqa: B009
-    return SimpleNamespace(**{name: view(getattr(memory, name))[tuple(map(slice, shape))] for name, shape in sizes.items()})
+    return SimpleNamespace(
+        **{
+            name: view(getattr(memory, name))[tuple(map(slice, shape))]
+            for name, shape in sizes.items()
+        }
+    )
 
 
 def declared_sizes(layout: type[Layout], sizes: Mapping[str, int]) -> dict[str, int]:
-    """Entries of each array of one dimension in a layout of nothing else, by name, with the `sizes` given for names."""
-    declared = {name: get_args(hint)[1].sizes[0] for name, hint in get_type_hints(layout, include_extras=True).items()}
+    """Entries of each array of one dimension in a layout of nothing else, by name, with the `sizes`
+    given for names.
+    """
+    declared = {
+        name: get_args(hint)[1].sizes[0]
+        for name, hint in get_type_hints(layout, include_extras=True).items()
+    }
     return {name: sizes[size] if isinstance(size, str) else size for name, size in declared.items()}
 
 
 def zeros(n: int) -> list[float]:
-    """A local array of a kernel: n numbers, which is a constant, or the `len` of an array in a layout."""
+    """A local array of a kernel: n numbers, which is a constant, or the `len` of an array in a
+    layout.
+    """
     return [0.0] * n
 
 
 def wide(kernel: Kernel) -> Kernel:
-    """Mark a kernel for wider registers where the processor has them: for long loops. The numbers are the same."""
+    """Mark a kernel for wider registers where the processor has them: for long loops. The numbers
+    are the same.
+    """
     WIDE.add(kernel)
     return kernel
 
@@ -308,5 +376,7 @@ def doubles(values: np.ndarray) -> Any:
 
 
 def view(array: Any) -> np.ndarray:
-    """An array of a structure as one of NumPy on the same memory; make it once, as that takes long."""
+    """An array of a structure as one of NumPy on the same memory; make it once, as that takes
+    long.
+    """
     return np.ctypeslib.as_array(array)

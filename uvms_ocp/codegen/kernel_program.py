@@ -18,7 +18,14 @@ from typing import Any, get_type_hints
 
 from uvms_ocp.codegen import buffered, kernel_expressions as c_code, kernel_layout
 from uvms_ocp.codegen.compile import WIDE_MACROS
-from uvms_ocp.codegen.kernel_layout import WIDE, FunctionStructure, Layout, Vector, work_sizes, zeros
+from uvms_ocp.codegen.kernel_layout import (
+    WIDE,
+    FunctionStructure,
+    Layout,
+    Vector,
+    work_sizes,
+    zeros,
+)
 from uvms_ocp.errors import InvalidInput
 
 # Statements of kernels, from Python to C.
@@ -26,11 +33,17 @@ from uvms_ocp.errors import InvalidInput
 
 def block(nodes: Sequence[ast.stmt], scope: c_code.Scope) -> list[str]:
     """Lines of C, indented by two blanks. Raises `InvalidInput` for what kernels cannot do."""
-    return [f"  {line}" for node in nodes for line in _TRANSLATED.get(type(node), c_code.refused)(node, scope)]
+    return [
+        f"  {line}"
+        for node in nodes
+        for line in _TRANSLATED.get(type(node), c_code.refused)(node, scope)
+    ]
 
 
 def _assign(node: ast.Assign | ast.AnnAssign, scope: c_code.Scope) -> list[str]:
-    """One after the other, which is the same as at once where no value depends on what the others change."""
+    """One after the other, which is the same as at once where no value depends on what the others
+    change.
+    """
     if node.value is None:
         raise c_code.kernel_error(node, "has to give a value")
     pairs: list[tuple[ast.expr, ast.expr]] = []
@@ -41,26 +54,44 @@ def _assign(node: ast.Assign | ast.AnnAssign, scope: c_code.Scope) -> list[str]:
             pairs += zip(target.elts, values, strict=True)
         else:
             pairs.append((target, node.value))
-    alone = len(pairs) < 2 or not any(_reads(value, target) for target, _ in pairs for _, value in pairs)
+    alone = len(pairs) < 2 or not any(
+        _reads(value, target) for target, _ in pairs for _, value in pairs
+    )
     c_code.require(alone, node, "has to give values that depend on nothing that it changes")
     return [line for target, value in pairs for line in _to_place(target, value, scope)]
 
 
 def _reads(value: ast.expr, target: ast.expr) -> bool:
     """Check whether a value may depend on a target, which other names may stand for too."""
-    parts, whole = list(ast.walk(value)), isinstance(target, ast.Subscript)
+    parts = list(ast.walk(value))
+    whole = isinstance(target, ast.Subscript)
     while isinstance(target, ast.Subscript):
         target = target.value
     if isinstance(target, ast.Name) and not whole:
         return any(isinstance(part, ast.Name) and part.id == target.id for part in parts)
     name = target.attr if isinstance(target, ast.Attribute) else ""
-    called = any(isinstance(part, ast.Call) and ast.unparse(part.func) not in _PURE for part in parts)
+    called = any(
+        isinstance(part, ast.Call) and ast.unparse(part.func) not in _PURE for part in parts
+    )
     others = [part.value for part in parts if isinstance(part, ast.Subscript)] if whole else []
     aliases = any(not isinstance(part, ast.Attribute) or not name for part in others)
-    return called or aliases or any(isinstance(part, ast.Attribute) and part.attr == name for part in parts)
+    return (
+        called
+        or aliases
+        or any(isinstance(part, ast.Attribute) and part.attr == name for part in parts)
+    )
 
 
-_PURE = ("abs", "bool", "float", "int", "len", "max", "min", *(f"math.{name}" for name in vars(math)))
+_PURE = (
+    "abs",
+    "bool",
+    "float",
+    "int",
+    "len",
+    "max",
+    "min",
+    *(f"math.{name}" for name in vars(math)),
+)
 
 
 def _to_place(target: ast.expr, value: ast.expr, scope: c_code.Scope) -> list[str]:
@@ -72,19 +103,40 @@ def _to_place(target: ast.expr, value: ast.expr, scope: c_code.Scope) -> list[st
     return [f"{place.text} = {_fitting(target, place.type, found)};"]
 
 
-def _copy(target: ast.Subscript, part: ast.Slice, value: ast.expr, scope: c_code.Scope) -> list[str]:
-    """The first n numbers, ``to[:n] = x[:n]``, or all numbers of an array in a layout, ``m.to[:] = x``, as many."""
-    n, of = part.upper, value
-    if n is not None and isinstance(value, ast.Subscript) and ast.unparse(value.slice) == f":{ast.unparse(n)}":
+def _copy(
+    target: ast.Subscript, part: ast.Slice, value: ast.expr, scope: c_code.Scope
+) -> list[str]:
+    """The first n numbers, ``to[:n] = x[:n]``, or all numbers of an array in a layout, ``m.to[:] =
+    x``, as many.
+    """
+    n = part.upper
+    of = value
+    if (
+        n is not None
+        and isinstance(value, ast.Subscript)
+        and ast.unparse(value.slice) == f":{ast.unparse(n)}"
+    ):
         of = value.value
     to, source = c_code.expression(target.value, scope), c_code.expression(of, scope)
     fits = to.type.name == source.type.name and len(to.type.sizes) == len(source.type.sizes) == 1
-    equal = n is not None or len({to.type.sizes, source.type.sizes} - {(0,)}) < 2  # as far as they are known
+    equal = (
+        n is not None or len({to.type.sizes, source.type.sizes} - {(0,)}) < 2
+    )  # as far as they are known
     first = not (part.lower or part.step) and (n is not None) == (of is not value)
-    c_code.require(first and fits and equal, target, "has to become the first numbers of another array, as many")
+    c_code.require(
+        first and fits and equal,
+        target,
+        "has to become the first numbers of another array, as many",
+    )
     end = c_code.length(target, target.value, scope) if n is None else c_code.number(n, scope).text
-    k, last = f"at_{target.lineno}", f"end_{target.lineno}"
-    return [f"for (int {k} = 0, {last} = {end}; {k} < {last}; ++{k}) {to.text}[{k}] = {source.text}[{k}];"]
+    k = f"at_{target.lineno}"
+    last = f"end_{target.lineno}"
+    return [
+        (
+            f"for (int {k} = 0, {last} = {end}; {k} < {last}; ++{k}) {to.text}[{k}] ="
+            f" {source.text}[{k}];"
+        )
+    ]
 
 
 def _to_variable(target: Any, value: ast.expr, scope: c_code.Scope) -> list[str]:
@@ -95,19 +147,31 @@ def _to_variable(target: Any, value: ast.expr, scope: c_code.Scope) -> list[str]
         return [f"memset({name}, 0, sizeof {name});"]
     found = c_code.expression(value, scope)
     sizes = len(found.type.sizes)
-    c_code.require(sizes < 2 and found.type != c_code.NOTHING, target, f"would be {found.type.name} of {sizes} dimensions")
-    c_code.require(target.id not in scope.own, target, "is an array of its own, and cannot become another one")
+    c_code.require(
+        sizes < 2 and found.type != c_code.NOTHING,
+        target,
+        f"would be {found.type.name} of {sizes} dimensions",
+    )
+    c_code.require(
+        target.id not in scope.own, target, "is an array of its own, and cannot become another one"
+    )
     _declare(target, found.type, scope)
     return [f"{name} = {_fitting(target, scope.local[target.id], found)};"]
 
 
 def _size(call: ast.Call, scope: c_code.Scope) -> int:
     (of,) = call.args
-    if isinstance(of, ast.Call) and c_code.constant(of.func, scope) is None and ast.unparse(of.func) == "len":
+    if (
+        isinstance(of, ast.Call)
+        and c_code.constant(of.func, scope) is None
+        and ast.unparse(of.func) == "len"
+    ):
         return c_code.length(of, of.args[0], scope)
     value = of.value if isinstance(of, ast.Constant) else c_code.constant(of, scope)
     if not isinstance(value, int) or value < 1:
-        raise c_code.kernel_error(call, "needs a size that is known: a number > 0 or the len of an array in a layout")
+        raise c_code.kernel_error(
+            call, "needs a size that is known: a number > 0 or the len of an array in a layout"
+        )
     return int(value)
 
 
@@ -118,7 +182,11 @@ def _declare(target: ast.Name, kind: c_code.CType, scope: c_code.Scope) -> None:
 
 
 def _fitting(node: ast.AST, wanted: c_code.CType, value: c_code.CExpression) -> str:
-    c_code.require(wanted != c_code.INT or value.type != c_code.DOUBLE, node, "is a whole number; make the value one by int()")
+    c_code.require(
+        wanted != c_code.INT or value.type != c_code.DOUBLE,
+        node,
+        "is a whole number; make the value one by int()",
+    )
     return value.text
 
 
@@ -142,19 +210,29 @@ def _if(node: ast.If, scope: c_code.Scope) -> list[str]:
 
 def _for(node: ast.For, scope: c_code.Scope) -> list[str]:
     over = node.iter
-    if not (isinstance(over, ast.Call) and ast.unparse(over.func) == "range" and isinstance(node.target, ast.Name)):
+    if not (
+        isinstance(over, ast.Call)
+        and ast.unparse(over.func) == "range"
+        and isinstance(node.target, ast.Name)
+    ):
         raise c_code.kernel_error(node, "has to go over a range")
     bounds = [c_code.number(bound, scope) for bound in over.args]
-    plain = not node.orelse and len(bounds) < 3 and all(bound.type == c_code.INT for bound in bounds)
+    plain = (
+        not node.orelse and len(bounds) < 3 and all(bound.type == c_code.INT for bound in bounds)
+    )
     c_code.require(plain, node, "has to go over a range of one or two whole numbers, without else")
     start, end = ("0", bounds[0].text) if len(bounds) == 1 else (bounds[0].text, bounds[1].text)
-    k, last = f"at_{node.lineno}", f"end_{node.lineno}"  # as Python, which looks at the bounds once
+    # as Python, which looks at the bounds once
+    k = f"at_{node.lineno}"
+    last = f"end_{node.lineno}"
     head = f"for (int {k} = {start}, {last} = {end}; {k} < {last}; ++{k}) {{"
     return [head, *_counter(node.target, k, scope), *block(node.body, scope), "}"]
 
 
 def _counter(target: ast.Name, k: str, scope: c_code.Scope) -> list[str]:
-    """A variable of the kernel's own, as it keeps its value after the loop; none where it is called ``_``."""
+    """A variable of the kernel's own, as it keeps its value after the loop; none where it is called
+    ``_``.
+    """
     if target.id == "_":
         return []
     _declare(target, c_code.INT, scope)
@@ -169,7 +247,11 @@ def _while(node: ast.While, scope: c_code.Scope) -> list[str]:
 def _return(node: ast.Return, scope: c_code.Scope) -> list[str]:
     fits = (node.value is None) == (scope.result == c_code.NOTHING)
     c_code.require(fits, node, "does not return what the kernel is annotated with")
-    value = "" if node.value is None else f" {_fitting(node, scope.result, c_code.number(node.value, scope))}"
+    value = (
+        ""
+        if node.value is None
+        else f" {_fitting(node, scope.result, c_code.number(node.value, scope))}"
+    )
     return [f"return{value};"]
 
 
@@ -179,7 +261,11 @@ def _alone(node: ast.Expr, scope: c_code.Scope) -> list[str]:
     if not isinstance(node.value, ast.Call):
         raise c_code.kernel_error(node, "does nothing")
     function = _called_function(node.value, scope)
-    return [f"{c_code.expression(node.value, scope).text};"] if function is None else _smooth_call(node.value, function, scope)
+    return (
+        [f"{c_code.expression(node.value, scope).text};"]
+        if function is None
+        else _smooth_call(node.value, function, scope)
+    )
 
 
 def _called_function(call: ast.Call, scope: c_code.Scope) -> c_code.CExpression | None:
@@ -187,19 +273,41 @@ def _called_function(call: ast.Call, scope: c_code.Scope) -> c_code.CExpression 
     owner = call.func
     while isinstance(owner, ast.Attribute):
         owner = owner.value
-    return c_code.expression(call.func, scope) if isinstance(owner, ast.Name) and owner.id in scope.local else None
+    return (
+        c_code.expression(call.func, scope)
+        if isinstance(owner, ast.Name) and owner.id in scope.local
+        else None
+    )
 
 
 def _smooth_call(call: ast.Call, target: c_code.CExpression, scope: c_code.Scope) -> list[str]:
     structure = target.type.structure
-    c_code.require(isinstance(structure, type) and issubclass(structure, FunctionStructure), call, "calls what is no function")
+    c_code.require(
+        isinstance(structure, type) and issubclass(structure, FunctionStructure),
+        call,
+        "calls what is no function",
+    )
     function = structure.function
-    n, sizes = function.n_in(), buffered.argument_sizes(function)
-    c_code.require(len(call.args) == len(sizes), call, f"has to give {n} vectors to read and {len(sizes) - n} to fill")
-    given = [_vector(argument, size, k < n, scope) for k, (argument, size) in enumerate(zip(call.args, sizes, strict=True))]
+    n = function.n_in()
+    sizes = buffered.argument_sizes(function)
+    c_code.require(
+        len(call.args) == len(sizes),
+        call,
+        f"has to give {n} vectors to read and {len(sizes) - n} to fill",
+    )
+    given = [
+        _vector(argument, size, k < n, scope)
+        for k, (argument, size) in enumerate(zip(call.args, sizes, strict=True))
+    ]
     places = [f"arg[{k}]" if k < n else f"res[{k - n}]" for k in range(len(sizes))]
     filled = [f"  f->{place} = {vector};" for place, vector in zip(places, given, strict=True)]
-    return ["{", f"  {target.type.name} *f = {target.text};", *filled, "  f->call(f->arg, f->res, f->iw, f->w, 0);", "}"]
+    return [
+        "{",
+        f"  {target.type.name} *f = {target.text};",
+        *filled,
+        "  f->call(f->arg, f->res, f->iw, f->w, 0);",
+        "}",
+    ]
 
 
 def _vector(node: ast.expr, size: int, read: bool, scope: c_code.Scope) -> str:
@@ -222,7 +330,13 @@ def _word(word: str) -> Callable[[Any, c_code.Scope], list[str]]:
 
 
 _TRANSLATED = dict[type, Callable[[Any, c_code.Scope], list[str]]]()
-_TRANSLATED |= {ast.Assign: _assign, ast.AnnAssign: _assign, ast.AugAssign: _augmented, ast.Return: _return, ast.Expr: _alone}
+_TRANSLATED |= {
+    ast.Assign: _assign,
+    ast.AnnAssign: _assign,
+    ast.AugAssign: _augmented,
+    ast.Return: _return,
+    ast.Expr: _alone,
+}
 _TRANSLATED |= {ast.If: _if, ast.For: _for, ast.While: _while}
 _TRANSLATED |= {ast.Break: _word("break;"), ast.Continue: _word("continue;"), ast.Pass: _word(";")}
 
@@ -232,30 +346,57 @@ _TRANSLATED |= {ast.Break: _word("break;"), ast.Continue: _word("continue;"), as
 TRANSLATOR = __file__, c_code.__file__, kernel_layout.__file__, buffered.__file__
 """Files of the code that makes a C program of kernels."""
 _HEAD = (files("uvms_ocp.codegen") / "kernels.c").read_text(encoding="utf-8")
-_PLAIN = {float: c_code.DOUBLE, int: c_code.INT, bool: c_code.INT, Vector: c_code.VECTOR, type(None): c_code.NOTHING}
+_PLAIN = {
+    float: c_code.DOUBLE,
+    int: c_code.INT,
+    bool: c_code.INT,
+    Vector: c_code.VECTOR,
+    type(None): c_code.NOTHING,
+}
 
 
-def c_program(kernels: Sequence[Callable[..., Any]], structures: Iterable[type[Any]]) -> tuple[str, str]:
-    """The `kernels`, under their names behind ``k_``, and what they call: C99 that needs libm only, types and then functions.
+def c_program(
+    kernels: Sequence[Callable[..., Any]], structures: Iterable[type[Any]]
+) -> tuple[str, str]:
+    """The `kernels`, under their names behind ``k_``, and what they call: C99 that needs libm only,
+    types and then functions.
 
-    structures: those that their parameters are annotated with, as `structure_of` makes them. Raises `InvalidInput` for a
-    function that is no kernel, with the line.
+    structures: those that their parameters are annotated with, as `structure_of` makes them. Raises
+    `InvalidInput` for a function that is no kernel, with the line.
     """
     program = _Program(structures)
     for kernel in kernels:
         program.signature_of(kernel)
     while program.waiting:
         program.translate(program.waiting.pop(0))
-    heads = {k: f"{'' if k in kernels else 'static '}{_head(signature)}" for k, signature in program.signatures.items()}
+    heads = {
+        k: f"{'' if k in kernels else 'static '}{_head(signature)}"
+        for k, signature in program.signatures.items()
+    }
     wide = WIDE.intersection(heads)
-    bodies = [f"{'WIDE ' if kernel in wide else ''}{head} {{\n{program.bodies[kernel]}}}\n" for kernel, head in heads.items()]
-    code = "\n".join([_HEAD, *([WIDE_MACROS] if wide else []), *(f"{head};" for head in heads.values()), "", *bodies])
+    bodies = [
+        f"{'WIDE ' if kernel in wide else ''}{head} {{\n{program.bodies[kernel]}}}\n"
+        for kernel, head in heads.items()
+    ]
+    code = "\n".join(
+        [
+            _HEAD,
+            *([WIDE_MACROS] if wide else []),
+            *(f"{head};" for head in heads.values()),
+            "",
+            *bodies,
+        ]
+    )
     return "\n".join(program.declared), code
 
 
 def program_content(kernels: Iterable[Any]) -> str:
-    """All that a C program is made of but its structures: texts of kernels and of what they call, and what they name."""
-    reached, parts, texts = [*filter(inspect.isfunction, kernels)], list[Any](), {"head": _HEAD, "wide": WIDE_MACROS}
+    """All that a C program is made of but its structures: texts of kernels and of what they call,
+    and what they name.
+    """
+    reached = [*filter(inspect.isfunction, kernels)]
+    parts = list[Any]()
+    texts = {"head": _HEAD, "wide": WIDE_MACROS}
     for kernel in reached:  # which grows
         place, names = kernel.__code__, kernel.__globals__
         texts[place.co_filename] = texts.get(place.co_filename) or _text(place.co_filename)
@@ -263,11 +404,19 @@ def program_content(kernels: Iterable[Any]) -> str:
         values = [(word, names[word]) for word in words if word in names]
         for path, owner in values:  # as before
             if not isinstance(owner, float | int | FunctionType) and path.count(".") < _DEEPEST:
-                values += [(f"{path}.{word}", getattr(owner, word)) for word in words if hasattr(owner, word)]
+                values += [
+                    (f"{path}.{word}", getattr(owner, word))
+                    for word in words
+                    if hasattr(owner, word)
+                ]
         parts.append((kernel.__module__, kernel.__name__, place.co_firstlineno, kernel in WIDE))
         parts += [(path, _named_value(value)) for path, value in values]
         called = dict.fromkeys(value for _, value in values if inspect.isfunction(value))
-        reached += [other for other in called if other.__name__ == other.__qualname__ and other not in reached]
+        reached += [
+            other
+            for other in called
+            if other.__name__ == other.__qualname__ and other not in reached
+        ]
     return f"{parts} {texts}"
 
 
@@ -285,7 +434,11 @@ def structure_signature(kind: Any) -> Any:
         return kind.__name__, *buffered.argument_sizes(kind.function)
     if issubclass(kind, ctypes.Structure):
         return kind.__name__, *((name, structure_signature(part)) for name, part in kind._fields_)
-    return (kind._length_, structure_signature(kind._type_)) if issubclass(kind, ctypes.Array) else kind
+    return (
+        (kind._length_, structure_signature(kind._type_))
+        if issubclass(kind, ctypes.Array)
+        else kind
+    )
 
 
 class _Program:
@@ -305,17 +458,24 @@ class _Program:
         """Return the signature of a kernel, which is translated later."""
         name = getattr(kernel, "__name__", str(kernel))
         if not inspect.isfunction(kernel):
-            raise InvalidInput(f"{name} is no function written in Python; call kernels and functions of math")
+            raise InvalidInput(
+                f"{name} is no function written in Python; call kernels and functions of math"
+            )
         if kernel not in self.signatures:
             self._names[name] += 1
-            self.signatures[kernel] = self._read(name if self._names[name] == 1 else f"{name}_{self._names[name]}", kernel)
+            self.signatures[kernel] = self._read(
+                name if self._names[name] == 1 else f"{name}_{self._names[name]}", kernel
+            )
             self.waiting.append(kernel)
         return self.signatures[kernel]
 
     def _read(self, name: str, kernel: Callable[..., Any]) -> c_code.Signature:
         hints = get_type_hints(kernel)
         result = self._type(f"what {name} returns", hints.pop("return", None))
-        parameters = {p: self._type(f"{name}: {p}", hints.get(p)) for p in inspect.signature(kernel).parameters}
+        parameters = {
+            p: self._type(f"{name}: {p}", hints.get(p))
+            for p in inspect.signature(kernel).parameters
+        }
         return c_code.Signature(name, parameters, result)
 
     def translate(self, kernel: Callable[..., Any]) -> None:
@@ -330,7 +490,9 @@ class _Program:
         try:
             lines = block(_syntax(kernel).body, scope)
         except InvalidInput as error:
-            raise InvalidInput(f"{kernel.__module__}.{kernel.__name__} is no kernel: {error}") from None
+            raise InvalidInput(
+                f"{kernel.__module__}.{kernel.__name__} is no kernel: {error}"
+            ) from None
         own = [
             f"  {_variable(name, kind, own=name in scope.own)};"
             for name, kind in scope.local.items()
@@ -341,10 +503,21 @@ class _Program:
     def _type(self, what: str, hint: Any) -> c_code.CType:
         if hint is None or hint in _PLAIN:
             return _PLAIN.get(hint, c_code.NOTHING)
-        if isinstance(hint, type) and issubclass(hint, Layout) and hint.__name__ in self._structures:
+        if (
+            isinstance(hint, type)
+            and issubclass(hint, Layout)
+            and hint.__name__ in self._structures
+        ):
             return c_code.CType(hint.__name__, (), self._structures[hint.__name__])
-        layouts = [name for name, kind in self._structures.items() if not issubclass(kind, FunctionStructure)]
-        raise InvalidInput(f"{what} is annotated with {hint}; give float, int, bool, Vector or a layout of {layouts}")
+        layouts = [
+            name
+            for name, kind in self._structures.items()
+            if not issubclass(kind, FunctionStructure)
+        ]
+        raise InvalidInput(
+            f"{what} is annotated with {hint}; give float, int, bool, Vector or a layout of"
+            f" {layouts}"
+        )
 
     def _declare(self, structure: type[ctypes.Structure]) -> None:
         name = structure.__name__
@@ -356,8 +529,13 @@ class _Program:
             self._structures[name] = structure
             n_arg, n_res, n_iw, n_w = work_sizes(structure.function)
             call = "int (*call)(const double **, double **, long long int *, double *, int);"
-            memory = f"const double *arg[{n_arg}];\n  double *res[{n_res}];\n  long long int iw[{n_iw}];\n  double w[{n_w}];"
-            self.declared.append(f"typedef struct {{\n  {call}\n  {memory}\n}} {structure.__name__};\n")
+            memory = (
+                f"const double *arg[{n_arg}];\n  double *res[{n_res}];\n  long long int"
+                f" iw[{n_iw}];\n  double w[{n_w}];"
+            )
+            self.declared.append(
+                f"typedef struct {{\n  {call}\n  {memory}\n}} {structure.__name__};\n"
+            )
             return
         kinds = {field: c_code.of_ctypes(kind) for field, kind in structure._fields_}  # type: ignore[misc]
         for kind in kinds.values():
@@ -369,7 +547,10 @@ class _Program:
 
 
 def _head(signature: c_code.Signature) -> str:
-    given = ", ".join(kind.declared(c_code.c_name(p)) for p, kind in signature.parameters.items()) or "void"
+    given = (
+        ", ".join(kind.declared(c_code.c_name(p)) for p, kind in signature.parameters.items())
+        or "void"
+    )
     return f"{signature.result.name} {c_code.PREFIX}{signature.name}({given})"
 
 
@@ -378,7 +559,9 @@ def _field(name: str, kind: c_code.CType) -> str:
 
 
 def _variable(name: str, kind: c_code.CType, *, own: bool) -> str:
-    """A declaration: an array of one's own, a pointer to somebody else's, or a number, which is set before it is read."""
+    """A declaration: an array of one's own, a pointer to somebody else's, or a number, which is set
+    before it is read.
+    """
     if own:
         return kind.declared(c_code.c_name(name))
     return f"{kind.name} {'' if kind.is_number else '*'}{c_code.c_name(name)} = 0"
@@ -388,7 +571,9 @@ def _syntax(kernel: Callable[..., Any]) -> ast.FunctionDef:
     place = kernel.__code__
     found = _functions_in(_text(place.co_filename)).get(place.co_firstlineno)
     if found is None or len(found.decorator_list) > (kernel in WIDE):
-        raise InvalidInput(f"{kernel.__name__} is no plain function; kernels have no decorators but `wide`")
+        raise InvalidInput(
+            f"{kernel.__name__} is no plain function; kernels have no decorators but `wide`"
+        )
     return found
 
 
@@ -399,6 +584,11 @@ def _text(file: str) -> str:
 
 @lru_cache(maxsize=128)
 def _functions_in(text: str) -> dict[int, ast.FunctionDef]:
-    """Functions at the top level of a file, by the line in which each begins: one parse is quicker than a search for each."""
+    """Functions at the top level of a file, by the line in which each begins: one parse is quicker
+    than a search for each.
+    """
     functions = (node for node in ast.parse(text).body if isinstance(node, ast.FunctionDef))
-    return {node.decorator_list[0].lineno if node.decorator_list else node.lineno: node for node in functions}
+    return {
+        node.decorator_list[0].lineno if node.decorator_list else node.lineno: node
+        for node in functions
+    }

@@ -1,16 +1,20 @@
-"""Bind kernels: functions of numbers, written once in Python, which run as C where there is a compiler.
+"""Bind kernels: functions of numbers, written once in Python, which run as C where there is a
+compiler.
 
-What branches, loops and remembers at every tick is written as a kernel; what is smooth is a CasADi expression. A kernel is a
-function at the top level of a module. Its parameters are annotated with ``float``, ``int``, ``bool``, `Vector` or a `Layout`; its
-body keeps to assignments, ``if``, ``for`` over ``range``, ``while``, ``return``, arithmetic, comparisons, ``min``, ``max``,
-``abs``, ``len`` of an array in a layout, copies ``m.x[:] = y`` and ``x[:n] = y[:n]``, `zeros`, functions of ``math`` and other
-kernels. Constants are numbers and members of integer enumerations of its module. A CasADi function is a field of a layout
-(`FunctionField`), called with vectors and layouts of them, and so is a callback to Python (`CallbackField`), for what has no
-other form. A local variable keeps the type that it has first. Layouts and vectors are changed in place. `wide` marks a kernel
-with long loops for the processor's wider registers.
+What branches, loops and remembers at every tick is written as a kernel; what is smooth is a CasADi
+expression. A kernel is a function at the top level of a module. Its parameters are annotated with
+``float``, ``int``, ``bool``, `Vector` or a `Layout`; its body keeps to assignments, ``if``, ``for``
+over ``range``, ``while``, ``return``, arithmetic, comparisons, ``min``, ``max``, ``abs``, ``len``
+of an array in a layout, copies ``m.x[:] = y`` and ``x[:n] = y[:n]``, `zeros`, functions of ``math``
+and other kernels. Constants are numbers and members of integer enumerations of its module. A CasADi
+function is a field of a layout (`FunctionField`), called with vectors and layouts of them, and so
+is a callback to Python (`CallbackField`), for what has no other form. A local variable keeps the
+type that it has first. Layouts and vectors are changed in place. `wide` marks a kernel with long
+loops for the processor's wider registers.
 
-Python and C give the same bits as long as nothing is divided by zero, taken the root of below zero or made an integer out of
-range: there Python raises, and C goes on. Kernels guard against it, and multiply where they would take a power.
+Python and C give the same bits as long as nothing is divided by zero, taken the root of below zero
+or made an integer out of range: there Python raises, and C goes on. Kernels guard against it, and
+multiply where they would take a power.
 """
 
 from __future__ import annotations
@@ -27,15 +31,29 @@ import casadi as ca
 
 from uvms_ocp.codegen.compile import MATH, library_from, loaded_library
 from uvms_ocp.codegen.kernel_expressions import PREFIX, c_name
-from uvms_ocp.codegen.kernel_layout import NUMBERS, FunctionStructure, Layout, Memory, connect, functions_in
-from uvms_ocp.codegen.kernel_program import TRANSLATOR, c_program, program_content, structure_signature
+from uvms_ocp.codegen.kernel_layout import (
+    NUMBERS,
+    FunctionStructure,
+    Layout,
+    Memory,
+    connect,
+    functions_in,
+)
+from uvms_ocp.codegen.kernel_program import (
+    TRANSLATOR,
+    c_program,
+    program_content,
+    structure_signature,
+)
 from uvms_ocp.types import Keyed
 
 # A memory as C text: what initialises another one like it.
 
 
 def initial_value(memory: Layout) -> str:
-    """A constant expression of C99, with its functions under their own names; what is zero is left out."""
+    """A constant expression of C99, with its functions under their own names; what is zero is left
+    out.
+    """
     return _text(memory) or "{0}"
 
 
@@ -74,17 +92,22 @@ Kernels = Sequence[Callable[..., Any]]
 BoundKernels = tuple[Callable[..., Any], ...]
 
 
-def bind_kernels(kernels: Kernels, structures: Iterable[type[Layout]], *, compiled: bool = True) -> BoundKernels:
+def bind_kernels(
+    kernels: Kernels, structures: Iterable[type[Layout]], *, compiled: bool = True
+) -> BoundKernels:
     """The `kernels`, in C unless `compiled` is false or there is no compiler; themselves otherwise.
 
-    structures: those that they work on, as `structure_of` makes them. A vector is given as an array in a structure. Raises
-    `InvalidInput` for a function that is no kernel.
+    structures: those that they work on, as `structure_of` makes them. A vector is given as an array
+    in a structure. Raises `InvalidInput` for a function that is no kernel.
     """
     return _bound(tuple(kernels), tuple(structures)) if compiled else tuple(kernels)
 
 
-def make_memory(structure: type[Memory], kernels: Kernels, *, compiled: bool = True) -> tuple[Memory, BoundKernels]:
-    """A new memory whose functions are at their places, and the `kernels` that work on it, as `bind_kernels` gives them.
+def make_memory(
+    structure: type[Memory], kernels: Kernels, *, compiled: bool = True
+) -> tuple[Memory, BoundKernels]:
+    """A new memory whose functions are at their places, and the `kernels` that work on it, as
+    `bind_kernels` gives them.
 
     Where one of its functions cannot be compiled the kernels stay in Python.
     """
@@ -93,7 +116,9 @@ def make_memory(structure: type[Memory], kernels: Kernels, *, compiled: bool = T
 
 
 def bind_memory(memory: Layout, kernels: Kernels, *, compiled: bool = True) -> BoundKernels:
-    """The `kernels` for a memory, as `make_memory` gives them, once its functions are at their places."""
+    """The `kernels` for a memory, as `make_memory` gives them, once its functions are at their
+    places.
+    """
     return bind_kernels(kernels, (type(memory),), compiled=compiled and connect(memory))
 
 
@@ -109,8 +134,11 @@ def _bound(kernels: BoundKernels, structures: tuple[Any, ...]) -> BoundKernels:
 
 @lru_cache(maxsize=64)
 def _compiled(kernels: BoundKernels, structures: Keyed) -> Path | None:
-    name, content = ", ".join(kernel.__name__ for kernel in kernels), f"{program_content(kernels)} {structures.key}"
-    return library_from(name, content, lambda: "".join(c_program(kernels, structures.value)), *TRANSLATOR)
+    name = ", ".join(kernel.__name__ for kernel in kernels)
+    content = f"{program_content(kernels)} {structures.key}"
+    return library_from(
+        name, content, lambda: "".join(c_program(kernels, structures.value)), *TRANSLATOR
+    )
 
 
 def _function(library: ctypes.CDLL, kernel: Callable[..., Any]) -> Callable[..., Any]:
@@ -122,7 +150,9 @@ def _function(library: ctypes.CDLL, kernel: Callable[..., Any]) -> Callable[...,
 
 
 class _ByReference:
-    """Argument type of layouts; ``ctypes.POINTER`` keeps every type that it was ever asked for, and all that hangs on it."""
+    """Argument type of layouts; ``ctypes.POINTER`` keeps every type that it was ever asked for, and
+    all that hangs on it.
+    """
 
     from_param = ctypes.byref
 
@@ -153,7 +183,9 @@ class CLibrary:
 
 
 def c_library(kernels: Kernels, memory: Layout, others: Sequence[type[Layout]] = ()) -> CLibrary:
-    """The `kernels`, which work on a `memory` such as this and on `others`. Raises `InvalidInput`, as `c_program`."""
+    """The `kernels`, which work on a `memory` such as this and on `others`. Raises `InvalidInput`,
+    as `c_program`.
+    """
     types, code = c_program(kernels, (type(memory), *others))
     functions = dict.fromkeys(part.function for part in functions_in(memory))
     generator = ca.CodeGenerator("functions.c")

@@ -1,4 +1,6 @@
-"""Run kernels one after the other, again and again, with a row of numbers after each pass: Python is asked once for many."""
+"""Run kernels one after the other, again and again, with a row of numbers after each pass: Python
+is asked once for many.
+"""
 
 from __future__ import annotations
 
@@ -18,8 +20,14 @@ Step = tuple[Any, ...]
 """A kernel of `bind_kernels`, and up to four memories that it works on."""
 _SOURCE = (files("uvms_ocp.codegen") / "sequence.c").read_text(encoding="utf-8")
 _MEMORIES = 4
-_SAME, _DIFFERENCE = 0, 4
-_KINDS = {("int32", "int64"): 1, ("int32", "int8"): 2, ("int32", "bool"): 2, ("float64", "int64"): 3}
+_SAME = 0
+_DIFFERENCE = 4
+_KINDS = {
+    ("int32", "int64"): 1,
+    ("int32", "int8"): 2,
+    ("int32", "bool"): 2,
+    ("float64", "int64"): 3,
+}
 """How numbers of one type become those of another."""
 
 
@@ -43,31 +51,41 @@ class Elapsed:
 
     def __init__(self, first: int, last: int) -> None:
         """first, last: steps, the last included."""
-        self.first, self.n = first, last + 1 - first
+        self.first = first
+        self.n = last + 1 - first
 
 
 class KernelSequence:
-    """Passes of kernels over memories that stay where they are. Not for use from two threads at once."""
+    """Passes of kernels over memories that stay where they are. Not for use from two threads at
+    once.
+    """
 
     def __init__(self, steps: Sequence[Step], stop: np.ndarray) -> None:
-        """stop (), a whole number of C in one of the memories: it ends the passes where it is not 0, after the pass, whose row
-        is not written, or at once above 1. Raises `InvalidInput` for kernels that are not in machine code.
+        """stop (), a whole number of C in one of the memories: it ends the passes where it is not
+        0, after the pass, whose row is not written, or at once above 1. Raises `InvalidInput` for
+        kernels that are not in machine code.
         """
         if not compiles(steps):
             raise InvalidInput("kernels in Python; a sequence takes those that are compiled")
         self._table = (_Step * len(steps))(*map(_in_c, steps))
-        self._clock, self._stop = np.zeros(len(steps) + 1), stop
+        self._clock = np.zeros(len(steps) + 1)
+        self._stop = stop
         self._kept: tuple[Any, ...] = tuple(steps)
         self._columns = (_Column * 0)()
 
-    def write_rows(self, sources: Mapping[str, np.ndarray | Elapsed], block: Mapping[str, np.ndarray]) -> None:
-        """Write numbers of the memories, (...) by name, or what steps took, into the rows of the same names, (n_rows, ...)."""
+    def write_rows(
+        self, sources: Mapping[str, np.ndarray | Elapsed], block: Mapping[str, np.ndarray]
+    ) -> None:
+        """Write numbers of the memories, (...) by name, or what steps took, into the rows of the
+        same names, (n_rows, ...).
+        """
         made = [self._column(source, block[name]) for name, source in sources.items()]
         self._columns = (_Column * len(made))(*made)
         self._kept = (*self._kept, sources, block)
 
     def run(self, n: int, row: int, *, done: bool = False) -> int:
-        """Make up to n passes, and write their rows from this one on; return how many rows were written.
+        """Make up to n passes, and write their rows from this one on; return how many rows were
+        written.
 
         done: the first pass has been made already, by the last call, which it ended.
         """
@@ -76,9 +94,12 @@ class KernelSequence:
         return int(_runner()(n, ctypes.c_longlong(row), int(done), *tables, stop, clock))
 
     def _column(self, source: np.ndarray | Elapsed, rows: np.ndarray) -> _Column:
-        to, stride = rows.ctypes.data, rows.strides[0]
+        to = rows.ctypes.data
+        stride = rows.strides[0]
         if isinstance(source, Elapsed):
-            return _Column(self._clock.ctypes.data + 8 * source.first, to, 8, stride, source.n, _DIFFERENCE)
+            return _Column(
+                self._clock.ctypes.data + 8 * source.first, to, 8, stride, source.n, _DIFFERENCE
+            )
         kind = _SAME if source.dtype == rows.dtype else _KINDS[source.dtype.name, rows.dtype.name]
         return _Column(source.ctypes.data, to, source.nbytes, stride, source.size, kind)
 

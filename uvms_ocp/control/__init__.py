@@ -2,7 +2,11 @@
 
 import lazy_loader
 
-from uvms_ocp.estimation.estimator import Estimator as Estimator, GateOutcome as GateOutcome, PassThrough as PassThrough
+from uvms_ocp.estimation.estimator import (
+    Estimator as Estimator,
+    GateOutcome as GateOutcome,
+    PassThrough as PassThrough,
+)
 from uvms_ocp.estimation.filter_memory import EstimatorTuning as EstimatorTuning
 
 __getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

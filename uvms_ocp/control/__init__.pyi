@@ -4,7 +4,11 @@ import uvms_ocp.estimation.filter_memory
 from .force.dynamic import DynamicController as DynamicController, VelocityGains as VelocityGains
 from .nmpc import Nmpc as Nmpc
 from .payload import LoadLearning as LoadLearning
-from .solve_workers import ProcessWorker as ProcessWorker, SynchronousWorker as SynchronousWorker, WorkerStatus as WorkerStatus
+from .solve_workers import (
+    ProcessWorker as ProcessWorker,
+    SynchronousWorker as SynchronousWorker,
+    WorkerStatus as WorkerStatus,
+)
 from .velocity.kinematic import KinematicController as KinematicController
 from .velocity.levels import LevelsProblem as LevelsProblem, build_levels as build_levels
 

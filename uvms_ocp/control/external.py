@@ -16,11 +16,13 @@ from uvms_ocp.robot.signals import Command, StateEstimate
 
 
 class SupervisedController(TableDisplay):
-    """A callable ``(StateEstimate, t) -> Command`` that asks another one, and tells what the mission makes of it.
+    """A callable ``(StateEstimate, t) -> Command`` that asks another one, and tells what the
+    mission makes of it.
 
-    A kinematic layer of its own measures all quantities, goes through the phases and ends the run; what it would command goes
-    nowhere. So a PID, a learned policy or the exported controller gets the record, report and figures of our own. What thrusters
-    and joints meet it does not hear: it gives no mission up for thrust, contact or a faulty actuator.
+    A kinematic layer of its own measures all quantities, goes through the phases and ends the run;
+    what it would command goes nowhere. So a PID, a learned policy or the exported controller gets
+    the record, report and figures of our own. What thrusters and joints meet it does not hear: it
+    gives no mission up for thrust, contact or a faulty actuator.
     """
 
     def __init__(
@@ -31,19 +33,24 @@ class SupervisedController(TableDisplay):
         n_thrusters: int | None,
         name: str,
     ) -> None:
-        """n_thrusters: of the plant; `None` for one that takes velocities, without thrust and torque.
+        """n_thrusters: of the plant; `None` for one that takes velocities, without thrust and
+        torque.
 
         name: what messages call the controller.
         """
         self.kinematic = kinematic
         """Which watches."""
-        self._wrapped, self.name, robot = controller, name, kinematic.robot
+        self._wrapped = controller
+        self.name = name
+        robot = kinematic.robot
         self._shapes: dict[str, tuple[int, ...]] = {"v": (robot.n_v,)}
         if n_thrusters is not None:
             self._shapes |= {"thrust": (n_thrusters,), "torque": (robot.n_joints,)}
 
     def __call__(self, measurement: StateEstimate, t: float) -> Command:
-        """Their command for the tick at time t [s]. Raises `InvalidInput` for one that the plant cannot take."""
+        """Their command for the tick at time t [s]. Raises `InvalidInput` for one that the plant
+        cannot take.
+        """
         watched = self.kinematic.command(self.kinematic.observe(measurement, t))
         begin = perf_counter()
         command = self._wrapped(measurement, t)
@@ -52,23 +59,38 @@ class SupervisedController(TableDisplay):
         self.kinematic.follow(command)
         times = {"solve_time": 0.0, "tick_time": spent, "controller_time": spent}
         telemetry = {**watched.telemetry, **times, **command.telemetry}
-        return replace_unchecked(command, finished=watched.finished or command.finished, telemetry=telemetry)
+        return replace_unchecked(
+            command, finished=watched.finished or command.finished, telemetry=telemetry
+        )
 
     def _table(self) -> SmallTable:
-        return SmallTable(title=f"{type(self).__name__} of {self.name}", rows=self.kinematic._table().rows)
+        return SmallTable(
+            title=f"{type(self).__name__} of {self.name}", rows=self.kinematic._table().rows
+        )
 
     def _require(self, command: Any, watched: Command) -> None:
         if not isinstance(command, Command):
-            raise InvalidInput(f"controller {self.name} returned {type(command).__name__}; return a Command")
+            raise InvalidInput(
+                f"controller {self.name} returned {type(command).__name__}; return a Command"
+            )
         for name, shape in self._shapes.items():
-            require_numbers(f"the command of controller {self.name}", name, getattr(command, name), shape)
-        if taken := command.telemetry.keys() & watched.telemetry.keys():
-            given = f"telemetry of controller {self.name} has {sorted(taken)[0]!r}, which the mission tells"
+            require_numbers(
+                f"the command of controller {self.name}", name, getattr(command, name), shape
+            )
+        taken = command.telemetry.keys() & watched.telemetry.keys()
+        if taken:
+            given = (
+                f"telemetry of controller {self.name} has {sorted(taken)[0]!r}, which the mission"
+                " tells"
+            )
             raise InvalidInput(f"{given}; rename it")
 
 
-def require_numbers(whose: str, name: str, value: np.ndarray | None, shape: tuple[int, ...]) -> None:
-    """Raise `InvalidInput`, with the words that say whose it is, for a value (n,) [any unit] that is not as wanted.
+def require_numbers(
+    whose: str, name: str, value: np.ndarray | None, shape: tuple[int, ...]
+) -> None:
+    """Raise `InvalidInput`, with the words that say whose it is, for a value (n,) [any unit] that
+    is not as wanted.
 
     shape: that it has to have.
     """

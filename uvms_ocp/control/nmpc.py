@@ -1,4 +1,6 @@
-"""Receding-horizon control: plan from the estimated state again and again, and track the newest plan in between."""
+"""Receding-horizon control: plan from the estimated state again and again, and track the newest
+plan in between.
+"""
 
 from __future__ import annotations
 
@@ -41,17 +43,20 @@ class NmpcStatistics:
 class Nmpc(TableDisplay):
     """A callable ``(StateEstimate, t) -> Command``.
 
-    Once per `period` a plan is made: from the state in which the present plan will leave the measured one by the time that
-    the new one is ready, and from the solution of the last problem moved on in time, by real-time SQP. Until then the last
-    plan goes on. So it does if the best point found breaks constraints; the next solve starts from that point all the same,
-    because a second step mends what one step left. Between plans the newest is tracked at the control rate, against
-    disturbances that an observer measures.
+    Once per `period` a plan is made: from the state in which the present plan will leave the
+    measured one by the time that the new one is ready, and from the solution of the last problem
+    moved on in time, by real-time SQP. Until then the last plan goes on. So it does if the best
+    point found breaks constraints; the next solve starts from that point all the same, because a
+    second step mends what one step left. Between plans the newest is tracked at the control rate,
+    against disturbances that an observer measures.
 
-    By default the solve runs within the call that begins a period, and its plan takes over when the next one begins, or,
-    where it took longer, the one after: simulations are reproducible. With ``worker=Beside()`` it runs in a process of its
-    own: no call waits for it, the plan takes over as soon as solves of late would have been ready, or when it comes, and the
-    robot stays where it is until there is a first plan. If that process fails the last plan goes on, and its end is held;
-    see `worker_status`. Close the controller, or use it as a context manager, to end the process.
+    By default the solve runs within the call that begins a period, and its plan takes over when the
+    next one begins, or, where it took longer, the one after: simulations are reproducible. With
+    ``worker=Beside()`` it runs in a process of its own: no call waits for it, the plan takes over
+    as soon as solves of late would have been ready, or when it comes, and the robot stays where it
+    is until there is a first plan. If that process fails the last plan goes on, and its end is
+    held; see `worker_status`. Close the controller, or use it as a context manager, to end the
+    process.
     """
 
     def __init__(
@@ -66,31 +71,48 @@ class Nmpc(TableDisplay):
         clock: Callable[[], float] = perf_counter,
         worker: solve_workers.SynchronousWorker | solve_workers.ProcessWorker | None = None,
     ) -> None:
-        """problem: fixed durations; the measured state replaces its start, its Hessian is that of Gauss and Newton.
+        """problem: fixed durations; the measured state replaces its start, its Hessian is that of
+        Gauss and Newton.
 
-        dt, period [s]: of control and planning. clock [s]: by which deadlines in line are judged. worker: where solves run,
-        by default `SynchronousWorker`. Raises `InvalidInput` unless 0 < dt <= period, for a problem with free durations, a
-        current per step or an end that is as its start, and for one that cannot be sent to a worker process; `UvmsError` where
-        that does not start.
+        dt, period [s]: of control and planning. clock [s]: by which deadlines in line are judged.
+        worker: where solves run, by default `SynchronousWorker`. Raises `InvalidInput` unless 0 <
+        dt <= period, for a problem with free durations, a current per step or an end that is as its
+        start, and for one that cannot be sent to a worker process; `UvmsError` where that does not
+        start.
         """
         if not (np.isfinite([dt, period]).all() and 0 < dt <= period):
             raise InvalidInput(f"dt = {dt} s, period = {period} s; give 0 < dt <= period")
         if problem.free_time:
-            raise InvalidInput("receding-horizon control needs fixed durations; give every phase one number")
+            raise InvalidInput(
+                "receding-horizon control needs fixed durations; give every phase one number"
+            )
         if problem.periodic:
-            raise InvalidInput("receding-horizon control has no end to be as its start: leave periodic out")
+            raise InvalidInput(
+                "receding-horizon control has no end to be as its start: leave periodic out"
+            )
         if np.ndim(problem.current) != 1:
-            raise InvalidInput("receding-horizon control needs one current; give three numbers [m/s], not some per step")
-        self._robot, self.period = problem.robot, period
+            raise InvalidInput(
+                "receding-horizon control needs one current; give three numbers [m/s], not some per"
+                " step"
+            )
+        self._robot = problem.robot
+        self.period = period
         self._problem = replace(problem, hessian=HessianKind.GAUSS_NEWTON)
         self._worker = solve_workers.start_worker(
             worker or solve_workers.SynchronousWorker(),
-            solve_workers.ReplanningJob(problem=self._problem, period=period, options=options, clock=clock),
+            solve_workers.ReplanningJob(
+                problem=self._problem, period=period, options=options, clock=clock
+            ),
         )
-        robot, dynamics = problem.robot, robot_dynamics(problem.robot)
-        self._observer = observer_of(robot, dynamics, observer or VelocityGains(), dt, problem.current)
+        robot = problem.robot
+        dynamics = robot_dynamics(problem.robot)
+        self._observer = observer_of(
+            robot, dynamics, observer or VelocityGains(), dt, problem.current
+        )
         self._sound = LastValidEstimate(robot)
-        self._law = ComputedTorque(robot, dynamics, dt=dt, gains=gains, water=Water(velocity=problem.current))
+        self._law = ComputedTorque(
+            robot, dynamics, dt=dt, gains=gains, water=Water(velocity=problem.current)
+        )
         self._now: solve_workers.TimedPlan | None = None
         self._coming: solve_workers.TimedPlan | None = None
         self._takes_over = np.inf
@@ -104,8 +126,15 @@ class Nmpc(TableDisplay):
 
     def _table(self) -> SmallTable:
         horizon = float(self._problem.nominal_times()[-1])
-        values: dict[str, object] = {"robot": self._robot.name, "levels": ", ".join(level.name for level in self._problem.levels)}
-        values |= {"horizon [s]": horizon, "period of planning [s]": self.period, "plans": self.worker_status.value}
+        values: dict[str, object] = {
+            "robot": self._robot.name,
+            "levels": ", ".join(level.name for level in self._problem.levels),
+        }
+        values |= {
+            "horizon [s]": horizon,
+            "period of planning [s]": self.period,
+            "plans": self.worker_status.value,
+        }
         values |= {"solved": len(self._times), "missed": self._missed, "rejected": self._rejected}
         return SmallTable(title=type(self).__name__, rows=rows_of(values))
 
@@ -153,19 +182,27 @@ class Nmpc(TableDisplay):
     def _followed(self, state: State, t: float) -> solve_workers.TimedPlan:
         """The plan for this tick."""
         if self._now is None:
-            self._now = solve_workers.TimedPlan(number=solve_workers.HOLD, trajectory=hold_guess(self._problem, state), begin=t)
+            self._now = solve_workers.TimedPlan(
+                number=solve_workers.HOLD, trajectory=hold_guess(self._problem, state), begin=t
+            )
             self._plan_ahead(state, t, t + self._worker.lead)
         self._collect(t)
         if self._coming is not None and t >= self._takes_over - _ROUNDING:
-            self._now, self._coming = self._coming, None
+            self._now = self._coming
+            self._coming = None
         return self._now
 
     def _plan_ahead(self, state: State, t: float, begin: float) -> None:
         """Ask for the next plan, at the beginning of a period; begin [s]: of the present one."""
         if self._now is None or self._asked is not None or t < self._next - _ROUNDING:
             return
-        self._asked, delay = t, self._worker.delay
-        self._worker.ask(solve_workers.ReplanningRequest(state=state, t=t, in_use=self._now.number, begin=begin, delay=delay))
+        self._asked = t
+        delay = self._worker.delay
+        self._worker.ask(
+            solve_workers.ReplanningRequest(
+                state=state, t=t, in_use=self._now.number, begin=begin, delay=delay
+            )
+        )
         self._collect(t)
 
     def _collect(self, t: float) -> None:
@@ -173,7 +210,8 @@ class Nmpc(TableDisplay):
         answer = self._worker.answer() if self._asked is not None else None
         if answer is None or self._asked is None:
             return
-        asked, self._asked = self._asked, None
+        asked = self._asked
+        self._asked = None
         if answer.first and answer.planned is not None:
             self._next = self._takes_over = max(answer.planned.begin, t)
             self._coming = replace(answer.planned, begin=self._next)
@@ -181,9 +219,15 @@ class Nmpc(TableDisplay):
         self._times.append((answer.solve_time, answer.processor_time))
         self._missed += answer.solve_time > self.period
         self._rejected += answer.planned is None
-        # A late plan keeps its time stamps, so that it is still of use; planning is slower meanwhile. That of a solve in
-        # line is as late as if it had been made beside.
-        late = 0.0 if t > asked else self.period * max(0.0, np.ceil(answer.solve_time / self.period) - 1)
+        # A late plan keeps its time stamps, so that it is still of use; planning is slower
+        # meanwhile. That of a solve in line is as late as if it had been made beside.
+        late = (
+            0.0
+            if t > asked
+            else self.period * max(0.0, np.ceil(answer.solve_time / self.period) - 1)
+        )
         self._coming = answer.planned
-        self._takes_over = max((asked if answer.planned is None else answer.planned.begin) + late, t)
+        self._takes_over = max(
+            (asked if answer.planned is None else answer.planned.begin) + late, t
+        )
         self._next = max(asked + self.period + late, self._takes_over)

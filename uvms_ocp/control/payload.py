@@ -1,4 +1,6 @@
-"""Payload at the tool: its generalized force, and its estimate from the disturbance observer by an extended Kalman filter."""
+"""Payload at the tool: its generalized force, and its estimate from the disturbance observer by an
+extended Kalman filter.
+"""
 
 from __future__ import annotations
 
@@ -28,7 +30,9 @@ LOAD_FRAME = "tool"
 
 @checked_dataclass()
 class LoadLearning:
-    """Tuning of `LoadLearner`. Raises `InvalidInput` for a number that is not finite and > 0, and a share outside 0 to 1."""
+    """Tuning of `LoadLearner`. Raises `InvalidInput` for a number that is not finite and > 0, and a
+    share outside 0 to 1.
+    """
 
     feed_forward: bool = True
     """The learnt weight follows the arm's posture at once, and not as fast as the observer."""
@@ -45,31 +49,46 @@ class LoadLearning:
     drag: Annotated[float, Range(0.0, 1.0)] = 0.1
     """Share of its slope that the drag of a moving tool's velocity may be wrong by."""
     scale: Annotated[float, Range(0.0, 1.0)] = 0.03
-    """to which the forces of thrusters and motors are known: standard errors of weight and mass are no smaller share."""
+    """to which the forces of thrusters and motors are known: standard errors of weight and mass are
+    no smaller share.
+    """
 
 
-# Net weight and mass of the load of each tool from disturbances: an extended Kalman filter of what does not change by itself.
+# Net weight and mass of the load of each tool from disturbances: an extended Kalman filter of what
+# does not change by itself.
 #
-# Beside these it knows the current, whose drag pushes the hull and the arm as the model says, and a lasting force on every axis,
-# for what the model lacks. A weight is told from these by its moment arm and by the torques of the joints.
+# Beside these it knows the current, whose drag pushes the hull and the arm as the model says, and a
+# lasting force on every axis, for what the model lacks. A weight is told from these by its moment
+# arm and by the torques of the joints.
 
-WEIGHT, MASS = 0, 1
+WEIGHT = 0
+MASS = 1
 """Where the state has those of the first tool; the next two are of the second, and so on."""
 _CURRENT_WALK = 0.01  # [m/s] by which the current may change within a second
 LASTING_FORCE = 0.005
-"""Force that the model lacks for long on every axis, share of the most that thrusters or motors give there."""
+"""Force that the model lacks for long on every axis, share of the most that thrusters or motors
+give there.
+"""
 _LASTING_TIME = 60.0  # [s] after which that has become another
 _UNSTEADY = 0.001  # force, the same share, below which the disturbance is noise at least
-_ALIKE = 2.0  # [s] for which the disturbance is wrong in the same way: what the model lacks of a motion lasts longer than noise
+# [s] for which the disturbance is wrong in the same way: what the model lacks of a motion lasts
+# longer than noise
+_ALIKE = 2.0
 LEAST_ACCELERATION = 0.05
-"""[m/s2] of the tool, below which nothing is learnt of the mass: noise of the velocity looks the same."""
-_SURPRISE = 4.0  # standard deviations, root mean square of all axes, beyond which another load or current is there
+"""[m/s2] of the tool, below which nothing is learnt of the mass: noise of the velocity looks the
+same.
+"""
+# standard deviations, root mean square of all axes, beyond which another load or current is there
+_SURPRISE = 4.0
 _MEMORY = 10.0  # [s] over which the size of the noise is taken
 _OUTLIER = 3.0  # times its size, beyond which a change of the noise counts as that
-_FIRST_NOISE, _COOLING = 300.0, 1.0  # times that noise is taken for more at first, and [s] after which it is by e less
+# times that noise is taken for more at first, and [s] after which it is by e less
+_FIRST_NOISE = 300.0
+_COOLING = 1.0
 _PATIENCE = 3  # looks at a surprise, one after the other, that are one
 _NO_FORCE = 1e-6  # [N, N m] what rounding leaves of an axis that no thruster acts on
-_COLOUR = 4.0  # noise of an observer is alike for so many times 1 / bandwidth, by the integral of its correlation
+# noise of an observer is alike for so many times 1 / bandwidth, by the integral of its correlation
+_COLOUR = 4.0
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
@@ -95,7 +114,9 @@ class LoadSample:
 class LoadFilter:
     """Kalman filter of the loads and the current. Holds its estimate: build one per run."""
 
-    def __init__(self, settings: LoadLearning, limit: np.ndarray, bandwidth: np.ndarray, n_tools: int = 1) -> None:
+    def __init__(
+        self, settings: LoadLearning, limit: np.ndarray, bandwidth: np.ndarray, n_tools: int = 1
+    ) -> None:
         """Limit (n_v,) [N, N m] of thrusters and motors; bandwidth (n_v,) [rad/s] of the observer.
 
         Raises `InvalidInput` for a limit that is none, or nothing.
@@ -103,18 +124,24 @@ class LoadFilter:
         n = require_limits(limit)
         # Looks whose noise has little in common lie as far apart.
         apart = max(1, round(_COLOUR / (float(bandwidth.min()) * settings.period)))
-        self._settings, self._last = settings, deque[np.ndarray](maxlen=apart)
+        self._settings = settings
+        self._last = deque[np.ndarray](maxlen=apart)
         lasting = (LASTING_FORCE * limit) ** 2
-        self.loads, self.current = slice(2 * n_tools), slice(2 * n_tools, 2 * n_tools + 3)
+        self.loads = slice(2 * n_tools)
+        self.current = slice(2 * n_tools, 2 * n_tools + 3)
         """Where the state has weight and mass by turns, and the current."""
         prior = [*n_tools * [settings.weight**2, settings.mass**2], *3 * [settings.current**2]]
         self._prior = np.concatenate([prior, lasting])
         self._least = (_UNSTEADY * limit) ** 2
         self._variance = self._least.copy()
         self._colour = np.maximum(_COLOUR / bandwidth, _ALIKE) / settings.period
-        self._surprised, self._waits, self._heat = 0, 0, _FIRST_NOISE
+        self._surprised = 0
+        self._waits = 0
+        self._heat = _FIRST_NOISE
         self.x = np.zeros(self.current.stop + n)
-        """(2 n_tools + 3 + n_v,) net weight [N], mass [kg] by turns, current (3,) [m/s] in W, lasting force (n_v,) [N, N m]."""
+        """(2 n_tools + 3 + n_v,) net weight [N], mass [kg] by turns, current (3,) [m/s] in W,
+        lasting force (n_v,) [N, N m].
+        """
         self.P = np.diag(self._prior)
         """Its covariance."""
 
@@ -125,12 +152,21 @@ class LoadFilter:
     def update(self, look: LoadSample) -> None:
         """One look, a period after the last."""
         self._forget()
-        accelerates = np.linalg.norm(look.mass, axis=0) > LEAST_ACCELERATION * np.linalg.norm(look.weight, axis=0)
+        accelerates = np.linalg.norm(look.mass, axis=0) > LEAST_ACCELERATION * np.linalg.norm(
+            look.weight, axis=0
+        )
         mass = np.where(accelerates, look.mass, 0.0)
-        H = np.hstack([np.stack([look.weight, mass], axis=2).reshape(len(mass), -1), look.slopes, np.eye(len(mass))])
+        H = np.hstack(
+            [
+                np.stack([look.weight, mass], axis=2).reshape(len(mass), -1),
+                look.slopes,
+                np.eye(len(mass)),
+            ]
+        )
         missed = look.disturbance - H @ self.x - look.drag
         self._listen(missed, look.usable)
-        variance, usable = np.einsum("ij,jk,ik->i", H, self.P, H) + self._variance, look.usable
+        variance = np.einsum("ij,jk,ik->i", H, self.P, H) + self._variance
+        usable = look.usable
         # What is known cannot be true any more: another load, or another current.
         surprises = usable.any() and np.mean(missed[usable] ** 2 / variance[usable]) > _SURPRISE**2
         self._surprised = self._surprised + 1 if surprises else 0
@@ -139,10 +175,14 @@ class LoadFilter:
         if self._waits:
             self._waits -= 1
             return
-        # Looks count little until the drag is that of the current there is: its slopes at others mislead for good. Drag that is
-        # not as the model has it, and masses that are not looked at, are noise too.
+        # Looks count little until the drag is that of the current there is: its slopes at others
+        # mislead for good. Drag that is not as the model has it, and masses that are not looked at,
+        # are noise too.
         self._heat *= math.exp(-self._settings.period / _COOLING)
-        variance = self._variance + (self._settings.drag * np.abs(look.slopes @ look.velocity).max(axis=1)) ** 2
+        variance = (
+            self._variance
+            + (self._settings.drag * np.abs(look.slopes @ look.velocity).max(axis=1)) ** 2
+        )
         squares = (np.diag(self.P) + self.x**2)[self.loads][MASS::2]
         noise = (1.0 + self._heat) * self._colour * variance + (look.mass - mass) ** 2 @ squares
         self._correct(H[look.usable], missed[look.usable], noise[look.usable])
@@ -162,12 +202,15 @@ class LoadFilter:
         if len(self._last) == self._last.maxlen:
             square = np.minimum((missed - self._last[0]) ** 2 / 2, _OUTLIER**2 * self._variance)
             gain = np.where(usable, self._settings.period / _MEMORY, 0.0)
-            self._variance = np.maximum(self._variance + gain * (square - self._variance), self._least)
+            self._variance = np.maximum(
+                self._variance + gain * (square - self._variance), self._least
+            )
         self._last.append(missed)
 
     def _begin_anew(self) -> None:
         """Once the observer has come to what there is now."""
-        self._surprised, self._heat = 0, _FIRST_NOISE
+        self._surprised = 0
+        self._heat = _FIRST_NOISE
         # What was missed was missed by what is forgotten now: at least that look is left out.
         self._waits = max(1, round(self._settings.settling / self._settings.period))
         self.x, self.P = np.zeros_like(self.x), np.diag(self._prior)
@@ -182,11 +225,15 @@ class LoadFilter:
 
 
 def require_limits(limit: np.ndarray) -> int:
-    """How many axes a limit (n_v,) [N, N m] is of. Raises `InvalidInput` where one bears no force, or any."""
+    """How many axes a limit (n_v,) [N, N m] is of. Raises `InvalidInput` where one bears no force,
+    or any.
+    """
     wrong = np.flatnonzero(~((limit > _NO_FORCE) & (limit < np.inf)))
     if len(wrong):
         given = f"axes {wrong.tolist()} of {len(limit)} bear no force, or have no limit of it"
-        raise InvalidInput(f"{given}; a load is learnt in shares of it: give joints an effort, or load=None")
+        raise InvalidInput(
+            f"{given}; a load is learnt in shares of it: give joints an effort, or load=None"
+        )
     return len(limit)
 
 
@@ -199,16 +246,21 @@ def require_learnable(robot: Robot, *, observed: bool) -> None:
     That is where an axis bears no force or any, and where the disturbance is not observed.
     """
     if not observed:
-        raise InvalidInput("a load is learnt from the disturbance observer; give it a bandwidth, or load=None")
+        raise InvalidInput(
+            "a load is learnt from the disturbance observer; give it a bandwidth, or load=None"
+        )
     robot.frame_id(LOAD_FRAME)
     require_limits(thrusters.largest_force(robot))
 
 
-# What a load at the tool, and a current, add to the generalized force that an observer takes for a disturbance.
+# What a load at the tool, and a current, add to the generalized force that an observer takes for a
+# disturbance.
 
 COLUMNS = 5
 """Columns of `response_function` beside the two of each tool."""
-_LEAST_FLOW = 0.1  # [m/s] of drag's slope: that of quadratic drag vanishes in still water, where no step would be the right one
+# [m/s] of drag's slope: that of quadratic drag vanishes in still water, where no step would be the
+# right one
+_LEAST_FLOW = 0.1
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
@@ -222,14 +274,19 @@ class ForceResponse:
 
 
 ObserverResponse = Callable[[ForceResponse, ca.SX, ca.SX, ca.SX], ForceResponse]
-"""`ObserverLaw.response`: a tick later, by the mass matrix, forces (n_v, k) [N, N m], and a share (n_v,) of the bandwidth."""
+"""`ObserverLaw.response`: a tick later, by the mass matrix, forces (n_v, k) [N, N m], and a share
+(n_v,) of the bandwidth.
+"""
 
 
-def load_force(body: SymbolicDynamics, q: ca.SX, acceleration: ca.SX, tool: str = LOAD_FRAME) -> ca.SX:
+def load_force(
+    body: SymbolicDynamics, q: ca.SX, acceleration: ca.SX, tool: str = LOAD_FRAME
+) -> ca.SX:
     """Generalized force (n_v, 2) of 1 N of net weight, and of 1 kg, at q (n_q,) [m, rad].
 
-    acceleration (3,) [m/s2] of the tool, a frame, in W. A point load of mass m and volume V gives ``J.T (W down - m a)`` with
-    the net weight ``W = (m - rho V) g``: what it has of its mass alone shows only where the tool accelerates.
+    acceleration (3,) [m/s2] of the tool, a frame, in W. A point load of mass m and volume V gives
+    ``J.T (W down - m a)`` with the net weight ``W = (m - rho V) g``: what it has of its mass alone
+    shows only where the tool accelerates.
     """
     J = body.symbolic.forward_kinematics(q).jacobian(tool)[:3, :]
     gravity = symbolic_bodies.sparse(body.model.gravity.linear)
@@ -237,11 +294,13 @@ def load_force(body: SymbolicDynamics, q: ca.SX, acceleration: ca.SX, tool: str 
 
 
 def current_force(body: SymbolicDynamics, q: ca.SX, v: ca.SX, current: ca.SX) -> ca.SX:
-    """Generalized force (n_v, 4) of the currents u near `current` (3,) [m/s] in W: the first column plus the others times u.
+    """Generalized force (n_v, 4) of the currents u near `current` (3,) [m/s] in W: the first column
+    plus the others times u.
 
     At q (n_q,) [m, rad] and v (n_v,) [m/s, rad/s].
     """
-    n, still = len(body.links), ca.SX(3, len(body.links))
+    n = len(body.links)
+    still = ca.SX(3, len(body.links))
     flow = ca.SX.sym("flow", 3)
     drag = body.bias_force(q, v, still, still) - body.bias_force(q, v, ca.repmat(flow, 1, n), still)
     quicker = current + ca.if_else(current < 0, -_LEAST_FLOW, _LEAST_FLOW)
@@ -250,26 +309,43 @@ def current_force(body: SymbolicDynamics, q: ca.SX, v: ca.SX, current: ca.SX) ->
 
 
 def tool_function(body: SymbolicDynamics, tools: Sequence[str] = (LOAD_FRAME,)) -> ca.Function:
-    """Function ``q, v -> weight, velocity``: `load_force` of 1 N, and the velocity [m/s] in W, a column for each of the tools."""
+    """Function ``q, v -> weight, velocity``: `load_force` of 1 N, and the velocity [m/s] in W, a
+    column for each of the tools.
+    """
     q, v = ca.SX.sym("q", body.model.nq), ca.SX.sym("v", body.model.nv)
     kinematics = body.symbolic.forward_kinematics(q)
     velocity = ca.horzcat(*(kinematics.jacobian(tool)[:3, :] @ v for tool in tools))
     weight = ca.horzcat(*(load_force(body, q, ca.SX(3, 1), tool)[:, 0] for tool in tools))
-    return ca.Function("tool", [q, v], [ca.densify(weight), velocity], ["q", "v"], ["weight", "velocity"])
+    return ca.Function(
+        "tool", [q, v], [ca.densify(weight), velocity], ["q", "v"], ["weight", "velocity"]
+    )
 
 
-def response_function(body: SymbolicDynamics, response: ObserverResponse, tools: Sequence[str] = (LOAD_FRAME,)) -> ca.Function:
-    """Function ``q, v, acceleration, current, share, estimate, innovation -> estimate, innovation``.
+def response_function(
+    body: SymbolicDynamics, response: ObserverResponse, tools: Sequence[str] = (LOAD_FRAME,)
+) -> ca.Function:
+    """Function ``q, v, acceleration, current, share, estimate, innovation -> estimate,
+    innovation``.
 
-    The response of the observer to what is put into its estimate and bears no force, to `load_force` of each of the tools, whose
-    acceleration is (3, n_tools), and to `current_force`.
+    The response of the observer to what is put into its estimate and bears no force, to
+    `load_force` of each of the tools, whose acceleration is (3, n_tools), and to `current_force`.
     """
-    n, n_columns, symbol = body.model.nv, COLUMNS + 2 * len(tools), ca.SX.sym
-    x = {"q": symbol("q", body.model.nq), "v": symbol("v", n), "acceleration": symbol("acceleration", 3, len(tools))}
+    n = body.model.nv
+    n_columns = COLUMNS + 2 * len(tools)
+    symbol = ca.SX.sym
+    x = {
+        "q": symbol("q", body.model.nq),
+        "v": symbol("v", n),
+        "acceleration": symbol("acceleration", 3, len(tools)),
+    }
     x |= {"current": symbol("current", 3), "share": symbol("share", n)}
-    before = ForceResponse(estimate=symbol("estimate", n, n_columns), innovation=symbol("innovation", n, n_columns))
+    before = ForceResponse(
+        estimate=symbol("estimate", n, n_columns), innovation=symbol("innovation", n, n_columns)
+    )
     drag = current_force(body, x["q"], x["v"], x["current"])
-    loads = [load_force(body, x["q"], x["acceleration"][:, k], tool) for k, tool in enumerate(tools)]
+    loads = [
+        load_force(body, x["q"], x["acceleration"][:, k], tool) for k, tool in enumerate(tools)
+    ]
     force = ca.horzcat(ca.SX(n, 1), *loads, drag)
     after = response(before, body.mass_matrix(x["q"]), force, x["share"])
     outputs = ca.cse([ca.densify(after.estimate), ca.densify(after.innovation)])
@@ -298,9 +374,15 @@ class LoadEstimate:
 
 
 @lru_cache(maxsize=8)
-def load_functions(body: SymbolicDynamics, response: ObserverResponse, tools: tuple[str, ...]) -> tuple[ca.Function, ca.Function]:
-    """`tool_function` and `response_function` for a learner, made once; compiled where there is a compiler."""
-    return compile_function(tool_function(body, tools)), compile_function(response_function(body, response, tools))
+def load_functions(
+    body: SymbolicDynamics, response: ObserverResponse, tools: tuple[str, ...]
+) -> tuple[ca.Function, ca.Function]:
+    """`tool_function` and `response_function` for a learner, made once; compiled where there is a
+    compiler.
+    """
+    return compile_function(tool_function(body, tools)), compile_function(
+        response_function(body, response, tools)
+    )
 
 
 class LoadLearner:
@@ -320,14 +402,24 @@ class LoadLearner:
         bandwidth: np.ndarray,
         dt: float,
     ) -> None:
-        """Limit (n_v,) [N, N m] and bandwidth (n_v,) [rad/s] of the observer of the `body`, dt [s] its period; tools: frames."""
+        """Limit (n_v,) [N, N m] and bandwidth (n_v,) [rad/s] of the observer of the `body`, dt [s]
+        its period; tools: frames.
+        """
         self._tool, self._response = map(BufferedFunction, load_functions(body, response, tools))
-        self._every, self._settling = max(1, round(settings.period / dt)), round(settings.settling / dt)
-        self._settings, self._dt, self._limit, n = settings, dt, limit, len(limit)
+        self._every = max(1, round(settings.period / dt))
+        self._settling = round(settings.settling / dt)
+        self._settings = settings
+        self._dt = dt
+        self._limit = limit
+        n = len(limit)
         # Looks are whole ticks apart.
-        self.filter = LoadFilter(replace(settings, period=self._every * dt), limit, bandwidth, len(tools))
+        self.filter = LoadFilter(
+            replace(settings, period=self._every * dt), limit, bandwidth, len(tools)
+        )
         """Filter of the loads."""
-        self._estimate, self._innovation = (np.zeros((n, COLUMNS + 2 * len(tools))) for _ in range(2))
+        self._estimate, self._innovation = (
+            np.zeros((n, COLUMNS + 2 * len(tools))) for _ in range(2)
+        )
         self._weight = np.zeros((n, len(tools)))
         self._velocity = self._acceleration = np.zeros((3, len(tools)))
         self._ticks = 0
@@ -342,38 +434,60 @@ class LoadLearner:
         weight, mass = self.filter.x[place : place + 2].tolist()
         weight_error, error = self.filter.error(place), self.filter.error(place + 1)
         is_accurate = error <= max(_MASS_ERROR, _MASS_SHARE * abs(mass))
-        return LoadEstimate(weight=weight, weight_error=weight_error, mass=mass if is_accurate else np.nan, mass_error=error)
+        return LoadEstimate(
+            weight=weight,
+            weight_error=weight_error,
+            mass=mass if is_accurate else np.nan,
+            mass_error=error,
+        )
 
     def leave(self, jammed: Sequence[int]) -> None:
         """Axes of v that do not move, and tell nothing."""
         self._free[list(jammed)] = False
 
     def carry(self, q: np.ndarray, v: np.ndarray, estimate: np.ndarray) -> None:
-        """Turn the learnt weight in the observer's estimate (n_v,) [N, N m], which is changed, with the arm.
+        """Turn the learnt weight in the observer's estimate (n_v,) [N, N m], which is changed, with
+        the arm.
 
         q (n_q,) [m, rad], v (n_v,) [m/s, rad/s], about to be observed.
         """
         before, was = self._weight, self._velocity
-        self._weight, self._velocity = (found.reshape(-1, before.shape[1]) for found in self._tool(q, v))
+        self._weight, self._velocity = (
+            found.reshape(-1, before.shape[1]) for found in self._tool(q, v)
+        )
         # What is no number would never be forgotten.
         follows = self._ticks > 0 and bool(np.isfinite(self._velocity - was).all())
         self._acceleration = (self._velocity - was) / self._dt if follows else np.zeros_like(was)
-        known = [load.weight if abs(load.weight) > _CERTAIN * load.weight_error else 0.0 for load in self.loads]
+        known = [
+            load.weight if abs(load.weight) > _CERTAIN * load.weight_error else 0.0
+            for load in self.loads
+        ]
         if follows and self._settings.feed_forward and any(known):
             moved = np.where(self._free, (self._weight - before) @ known, 0.0)
             estimate += moved
             self._estimate[:, 0] += moved
 
-    def learn(self, q: np.ndarray, v: np.ndarray, estimate: np.ndarray, share: np.ndarray, sure: bool) -> None:
-        """Learn from the observer's estimate (n_v,) [N, N m] of this tick, at q (n_q,) [m, rad] and v (n_v,) [m/s, rad/s].
+    def learn(
+        self, q: np.ndarray, v: np.ndarray, estimate: np.ndarray, share: np.ndarray, sure: bool
+    ) -> None:
+        """Learn from the observer's estimate (n_v,) [N, N m] of this tick, at q (n_q,) [m, rad] and
+        v (n_v,) [m/s, rad/s].
 
-        share (n_v,) of its bandwidth; sure: whether it observes, at velocities that are to be trusted. An estimate at
-        its limit tells nothing either.
+        share (n_v,) of its bandwidth; sure: whether it observes, at velocities that are to be
+        trusted. An estimate at its limit tells nothing either.
         """
         if not (sure and (np.abs(estimate) < self._limit).all()):
             self._ticks, self._innovation[:] = 0, 0.0
             return
-        given = (q, v, self._acceleration, self.filter.x[self.filter.current], share, self._estimate, self._innovation)
+        given = (
+            q,
+            v,
+            self._acceleration,
+            self.filter.x[self.filter.current],
+            share,
+            self._estimate,
+            self._innovation,
+        )
         self._estimate, self._innovation = self._response(*given)
         self._ticks += 1
         if self._ticks > self._settling and self._ticks % self._every == 0:
@@ -382,7 +496,10 @@ class LoadLearner:
     def telemetry(self) -> dict[str, np.ndarray]:
         """For the record [N, N, kg, kg]: numbers, or of several tools one each."""
         loads = self.loads
-        return {f"load_{name}": np.squeeze([getattr(load, name) for load in loads]) for name in loads[0].__slots__}
+        return {
+            f"load_{name}": np.squeeze([getattr(load, name) for load in loads])
+            for name in loads[0].__slots__
+        }
 
     def _look(self, estimate: np.ndarray) -> LoadSample:
         loads = self._estimate[:, 1:-4]

@@ -24,7 +24,8 @@ from uvms_ocp.types import Magnitude, Positive
 
 
 class PlanTracker:
-    """Follows one trajectory to its end: a callable ``(StateEstimate, t) -> Command`` with thrust and torque.
+    """Follows one trajectory to its end: a callable ``(StateEstimate, t) -> Command`` with thrust
+    and torque.
 
     By computed torque. Build one per run.
     """
@@ -40,7 +41,8 @@ class PlanTracker:
         water: Water = STILL_WATER,
     ) -> None:
         """Dt [s]: control period. gains, water: as `ComputedTorque` takes them."""
-        self._trajectory, self._model = trajectory, robot.model
+        self._trajectory = trajectory
+        self._model = robot.model
         self._law = ComputedTorque(robot, dynamics, dt=dt, gains=gains, water=water)
         self._end = float(trajectory.t[-1]) - 0.5 * dt
         self._sound = fallbacks.LastValidEstimate(robot)
@@ -49,13 +51,18 @@ class PlanTracker:
         """The command for the tick at time t [s] of the trajectory; finished at its end."""
         measurement = self._sound(measurement, t)
         q, v, a = self._trajectory.state_at(self._model, t)
-        command = self._law.command(signals.unchecked_state(q=measurement.q, v=measurement.v), q=q, v=v, a=a)
+        command = self._law.command(
+            signals.unchecked_state(q=measurement.q, v=measurement.v), q=q, v=v, a=a
+        )
         return replace_unchecked(command, finished=t > self._end)
 
 
-# A plan of a whole mission as a guide: followed while the mission goes as planned, left where it does not.
+# A plan of a whole mission as a guide: followed while the mission goes as planned, left where it
+# does not.
 
-_CATCH_UP = 1.2  # speed of the plan's clock where a goal that moves has begun before its phase in the plan
+_CATCH_UP = (
+    1.2  # speed of the plan's clock where a goal that moves has begun before its phase in the plan
+)
 _LEFT = GuideOutput(v=None)
 
 
@@ -70,7 +77,9 @@ class PlannedPhase:
     end: Magnitude
     """[s]"""
     moves: bool
-    """It has goals of its own that move: it begins when the mission says so, and the plan waits for that."""
+    """It has goals of its own that move: it begins when the mission says so, and the plan waits for
+    that.
+    """
 
 
 @checked_dataclass()
@@ -96,7 +105,9 @@ class FollowingTuning:
 
 
 class PlanGuide:
-    """Velocities along a trajectory, corrected by the deviation from it: a `Guide`. Build one per run."""
+    """Velocities along a trajectory, corrected by the deviation from it: a `Guide`. Build one per
+    run.
+    """
 
     def __init__(
         self,
@@ -109,24 +120,36 @@ class PlanGuide:
         tuning: FollowingTuning | None = None,
         energy: float | None = None,
     ) -> None:
-        """phases: on the way, in their order. dt [s]: control period. energy [J]: what the plan takes, where it is known."""
+        """phases: on the way, in their order. dt [s]: control period. energy [J]: what the plan
+        takes, where it is known.
+        """
         self.energy = energy
-        self._trajectory, self._phases, self._mission, self._model = trajectory, tuple(phases), mission, robot.model
-        self._tuning, self._dt, n = tuning or FollowingTuning(), dt, robot.n_vehicle
+        self._trajectory = trajectory
+        self._phases = tuple(phases)
+        self._mission = mission
+        self._model = robot.model
+        self._tuning = tuning or FollowingTuning()
+        self._dt = dt
+        n = robot.n_vehicle
         chosen = self._tuning
         self._gain = np.repeat([chosen.vehicle, chosen.joints], [n, robot.n_joints])
-        self._bounds = np.repeat([chosen.position, chosen.attitude, chosen.posture], [n // 2, n // 2, robot.n_joints])
+        self._bounds = np.repeat(
+            [chosen.position, chosen.attitude, chosen.posture], [n // 2, n // 2, robot.n_joints]
+        )
         self._most = robot.limits.velocity
         self._correction = np.zeros(robot.n_v)
         self._clock = self._late = 0.0
-        self._at, self._left = 0, False
+        self._at = 0
+        self._left = False
 
     @property
     def bandwidth(self) -> float:
         """Bandwidth of the velocity loop, all of it once the plan is left."""
         return 1.0 if self._left else self._tuning.bandwidth
 
-    def __call__(self, tick: TickInputs, feedback: ActuationFeedback, waiting: Callable[[], str]) -> GuideOutput:
+    def __call__(
+        self, tick: TickInputs, feedback: ActuationFeedback, waiting: Callable[[], str]
+    ) -> GuideOutput:
         """The velocity along the plan, or that it is left."""
         if self._left:
             return _LEFT
@@ -138,13 +161,23 @@ class PlanGuide:
             return GuideOutput(v=None, why=f"plan left at {self._clock:.2f} s of it: {why}")
         rate = self._rate(tick)
         self._clock += rate * self._dt
-        self._correction += self._dt / self._tuning.smoothing * (self._gain * error - self._correction)
+        self._correction += (
+            self._dt / self._tuning.smoothing * (self._gain * error - self._correction)
+        )
         return GuideOutput(v=np.clip(rate * v + self._correction, -self._most, self._most))
 
-    def _why(self, tick: TickInputs, feedback: ActuationFeedback, error: np.ndarray, waiting: Callable[[], str]) -> str:
+    def _why(
+        self,
+        tick: TickInputs,
+        feedback: ActuationFeedback,
+        error: np.ndarray,
+        waiting: Callable[[], str],
+    ) -> str:
         """Why the plan is left, or nothing."""
         if tick.restriction.bad or tick.blind:
-            return degraded_modes.describe_channels(tick.restriction.bad) or "measurements are too old"
+            return (
+                degraded_modes.describe_channels(tick.restriction.bad) or "measurements are too old"
+            )
         if feedback.fault or feedback.fault_summary:
             return feedback.fault or feedback.fault_summary
         return self._other_phase(tick) or self._away(error) or self._too_late(waiting)
@@ -152,7 +185,8 @@ class PlanGuide:
     def _other_phase(self, tick: TickInputs) -> str:
         following = self._at + 1
         if following < len(self._phases) and tick.mission.phase == self._phases[following].phase:
-            self._at, self._late = following, 0.0
+            self._at = following
+            self._late = 0.0
         if tick.mission.phase == self._phases[self._at].phase:
             return ""
         name = self._mission.phase_names[tick.mission.phase]
@@ -162,7 +196,11 @@ class PlanGuide:
     def _away(self, error: np.ndarray) -> str:
         beyond = np.abs(error) / self._bounds
         worst = int(np.argmax(beyond))
-        return f"{abs(error[worst]):.2g} away from it along axis {worst} of the velocities" if beyond[worst] > 1.0 else ""
+        return (
+            f"{abs(error[worst]):.2g} away from it along axis {worst} of the velocities"
+            if beyond[worst] > 1.0
+            else ""
+        )
 
     def _too_late(self, waiting: Callable[[], str]) -> str:
         phase = self._phases[self._at]
@@ -173,7 +211,14 @@ class PlanGuide:
 
     def _rate(self, tick: TickInputs) -> float:
         """Speed of the plan's clock."""
-        now, following = self._phases[self._at], self._phases[min(self._at + 1, len(self._phases) - 1)]
+        now, following = (
+            self._phases[self._at],
+            self._phases[min(self._at + 1, len(self._phases) - 1)],
+        )
         if following.moves and following is not now and self._clock >= now.end:
             return 0.0
-        return _CATCH_UP if now.moves and self._clock < now.begin + tick.t - tick.mission.since else 1.0
+        return (
+            _CATCH_UP
+            if now.moves and self._clock < now.begin + tick.t - tick.mission.since
+            else 1.0
+        )

@@ -37,7 +37,9 @@ _SENT = 1e-3
 
 
 class SolveDelay:
-    """The longest solve of late. A plan that is late all the same keeps its time stamps; one that is early has to wait."""
+    """The longest solve of late. A plan that is late all the same keeps its time stamps; one that
+    is early has to wait.
+    """
 
     def __init__(self, first: float) -> None:
         """First [s]: before any solve was made."""
@@ -53,10 +55,13 @@ class SolveDelay:
         self._longest = max(solve_time, _FORGOTTEN * self._longest)
 
 
-# The solves of receding-horizon control, one after the other: the same in line and in a process beside.
+# The solves of receding-horizon control, one after the other: the same in line and in a process
+# beside.
 
 HOLD = -1
-"""Number of the plan to stay where the robot was at first, which is in use until there is another."""
+"""Number of the plan to stay where the robot was at first, which is in use until there is
+another.
+"""
 _FIRST_SOLVES = 10
 """For the first plan, whose guess is to stay where the robot is."""
 
@@ -84,8 +89,9 @@ class ReplanningRequest:
     in_use: int
     """Number of the plan that is tracked then."""
     begin: float
-    """[s] when that one began, which is later than planned for a first plan that came late; of the request for the first plan,
-    when that is to begin."""
+    """[s] when that one began, which is later than planned for a first plan that came late; of the
+    request for the first plan, when that is to begin.
+    """
     delay: float
     """[s] from t to the beginning of the plan; for the first one it does not count."""
 
@@ -105,37 +111,59 @@ class ReplanningResult:
 
 
 class Replanner:
-    """Solves of one problem. Holds the plans that may be in use, and the newest point as a guess: build one per run."""
+    """Solves of one problem. Holds the plans that may be in use, and the newest point as a guess:
+    build one per run.
+    """
 
     def __init__(
-        self, problem: OcpProblem, *, options: SqpOptions | None, time_limit: float, clock: Callable[[], float] = perf_counter
+        self,
+        problem: OcpProblem,
+        *,
+        options: SqpOptions | None,
+        time_limit: float,
+        clock: Callable[[], float] = perf_counter,
     ) -> None:
         """problem: with Gauss-Newton Hessian.
 
         time_limit [s]: after which no further step begins. clock [s]: by which solves are timed.
         """
-        self._problem, self._time_limit, self._clock = problem, time_limit, clock
+        self._problem = problem
+        self._time_limit = time_limit
+        self._clock = clock
         self._transcription = Transcription(problem)
         self._bounds = self._transcription.bounds()
         chosen = options or SqpOptions()
-        self._sqp = RealTimeSqp(program_for(chosen.plugin or stagewise_or(SPARSE_PLUGIN, problem), self._transcription), chosen)
+        self._sqp = RealTimeSqp(
+            program_for(chosen.plugin or stagewise_or(SPARSE_PLUGIN, problem), self._transcription),
+            chosen,
+        )
         self._plans: dict[int, TimedPlan] = {}
         self._newest: TimedPlan | None = None
         """Fit for use or not."""
         self._solves = 0
 
     def __call__(self, request: ReplanningRequest) -> ReplanningResult:
-        """A plan that begins as long after it was asked for as the request has it, or the first one."""
-        wall, processor = self._clock(), process_time()
+        """A plan that begins as long after it was asked for as the request has it, or the first
+        one.
+        """
+        wall = self._clock()
+        processor = process_time()
         first = self._newest is None
         planned = self._first(request) if first else self._replanned(request)
         spent = self._clock() - wall
-        return ReplanningResult(planned=planned, first=first, solve_time=spent, processor_time=process_time() - processor)
+        return ReplanningResult(
+            planned=planned,
+            first=first,
+            solve_time=spent,
+            processor_time=process_time() - processor,
+        )
 
     def _first(self, request: ReplanningRequest) -> TimedPlan | None:
         """Converge the first plan by a few solves, from the guess to stay."""
         stay = last = hold_guess(self._problem, request.state)
-        self._plans[HOLD] = self._newest = best = TimedPlan(number=HOLD, trajectory=stay, begin=request.t)
+        self._plans[HOLD] = self._newest = best = TimedPlan(
+            number=HOLD, trajectory=stay, begin=request.t
+        )
         for _ in range(_FIRST_SOLVES):
             result = self._solved(last, request.state, request.begin, np.inf)
             last = self._transcription.unpack(result.x)
@@ -145,8 +173,11 @@ class Replanner:
         return best
 
     def _replanned(self, request: ReplanningRequest) -> TimedPlan | None:
-        self._plans = {number: plan for number, plan in self._plans.items() if number >= request.in_use}
-        now, begin = replace(self._plans[request.in_use], begin=request.begin), request.t + request.delay
+        self._plans = {
+            number: plan for number, plan in self._plans.items() if number >= request.in_use
+        }
+        now = replace(self._plans[request.in_use], begin=request.begin)
+        begin = request.t + request.delay
         last = now if self._newest is None or self._newest.number == now.number else self._newest
         start = self._expected(now, request)
         guess = shift_guess(self._problem, last.trajectory, begin - last.begin, start)
@@ -175,24 +206,43 @@ class Replanner:
 
     def _expected(self, now: TimedPlan, request: ReplanningRequest) -> State:
         """The state in which the plan will begin: the measured one, moved as planned."""
-        model, age, state = self._problem.robot.model, request.t - now.begin, request.state
+        model = self._problem.robot.model
+        age = request.t - now.begin
+        state = request.state
         q, v, _ = now.trajectory.state_at(model, age)
         q_next, v_next, _ = now.trajectory.state_at(model, age + request.delay)
-        return unchecked_state(q=pin.integrate(model, state.q, pin.difference(model, q, q_next)), v=state.v + v_next - v)
+        return unchecked_state(
+            q=pin.integrate(model, state.q, pin.difference(model, q, q_next)),
+            v=state.v + v_next - v,
+        )
 
 
 # Where the solves of receding-horizon control run: within the tick, or in a process beside it.
 
 _PATIENCE = 3
-"""periods after which a solve beside begins no further step: a plan that comes late is of more use than none."""
+"""periods after which a solve beside begins no further step: a plan that comes late is of more use
+than none.
+"""
 
 
 class WorkerStatus(AdvisedStatus):
     """Plans are still being made. Where they are not, the last one goes on and its end is held."""
 
     WORKING = "working", "nothing to do"
-    CRASHED = "crashed", "the process of the solver has ended; see its last words on stderr, and build a new controller"
-    SILENT = "silent", "a solve did not end in time, and its process was stopped; raise timeout, or shorten the horizon"
+    CRASHED = (
+        "crashed",
+        (
+            "the process of the solver has ended; see its last words on stderr, and build a new"
+            " controller"
+        ),
+    )
+    SILENT = (
+        "silent",
+        (
+            "a solve did not end in time, and its process was stopped; raise timeout, or shorten"
+            " the horizon"
+        ),
+    )
     CLOSED = "closed", "the controller was closed; build a new one"
 
 
@@ -210,7 +260,9 @@ class ReplanningJob:
 
 @checked_dataclass()
 class SynchronousWorker:
-    """Within the tick that asks, which lasts as long: simulations are reproducible. Plans are as late as their solves took."""
+    """Within the tick that asks, which lasts as long: simulations are reproducible. Plans are as
+    late as their solves took.
+    """
 
 
 @checked_dataclass()
@@ -219,9 +271,10 @@ class ProcessWorker:
 
     It begins where the vehicle will be then, as long after the measurement as solves take of late.
 
-    The process is started anew, not forked: what starts it must be importable (``if __name__ == "__main__":`` around a
-    script), and so must all that the problem is made of, such as functions and classes that give moving goals. It ends
-    with the controller, or with the process that started it.
+    The process is started anew, not forked: what starts it must be importable (``if __name__ ==
+    "__main__":`` around a script), and so must all that the problem is made of, such as functions
+    and classes that give moving goals. It ends with the controller, or with the process that
+    started it.
     """
 
     lead: Positive = 1.0
@@ -235,22 +288,30 @@ class ProcessWorker:
 def start_worker(worker: SynchronousWorker | ProcessWorker, job: ReplanningJob) -> RunningWorker:
     """A worker that is ready; a process is waited for.
 
-    Raises `InvalidInput` for a problem that cannot be sent to a process, and `UvmsError` where that does not get ready.
+    Raises `InvalidInput` for a problem that cannot be sent to a process, and `UvmsError` where that
+    does not get ready.
     """
-    return RunningProcess(job, worker) if isinstance(worker, ProcessWorker) else RunningSynchronously(job)
+    return (
+        RunningProcess(job, worker)
+        if isinstance(worker, ProcessWorker)
+        else RunningSynchronously(job)
+    )
 
 
 class RunningSynchronously:
     """A worker at work on one job, within the tick."""
 
     def __init__(self, job: ReplanningJob) -> None:
-        self._replanner = Replanner(job.problem, options=job.options, time_limit=job.period, clock=job.clock)
+        self._replanner = Replanner(
+            job.problem, options=job.options, time_limit=job.period, clock=job.clock
+        )
         self._answer: ReplanningResult | None = None
         self.lead = 0.0
         """[s] from the request for the first plan to its beginning."""
         self.delay = job.period
-        """[s] from any other request to the beginning of the plan, however long a solve takes: runs are the same on every
-        machine."""
+        """[s] from any other request to the beginning of the plan, however long a solve takes: runs
+        are the same on every machine.
+        """
         self.status = WorkerStatus.WORKING
 
     def ask(self, request: ReplanningRequest) -> None:
@@ -259,8 +320,11 @@ class RunningSynchronously:
             self._answer = self._replanner(request)
 
     def answer(self) -> ReplanningResult | None:
-        """Return the result of the solve that was asked for, once; `None` while there is none. Never waits."""
-        answer, self._answer = self._answer, None
+        """Return the result of the solve that was asked for, once; `None` while there is none.
+        Never waits.
+        """
+        answer = self._answer
+        self._answer = None
         return answer
 
     def close(self) -> None:
@@ -269,16 +333,23 @@ class RunningSynchronously:
 
 
 class RunningProcess:
-    """A worker at work on one job, in a process of its own; members as those of `RunningSynchronously`."""
+    """A worker at work on one job, in a process of its own; members as those of
+    `RunningSynchronously`.
+    """
 
     def __init__(self, job: ReplanningJob, limits: ProcessWorker) -> None:
         """Raises `InvalidInput` and `UvmsError` as `start_worker` does."""
         require_first_reading("Scenario.run with a ProcessWorker")
-        words, self.lead = _sent(job), limits.lead
+        words = _sent(job)
+        self.lead = limits.lead
         context = get_context("spawn")
         self._connection, other = context.Pipe()
-        self._process: BaseProcess = context.Process(target=_serve, args=(other, words), daemon=True, name="nmpc")
-        self._limits, self.status, self._asked = limits, WorkerStatus.WORKING, 0.0
+        self._process: BaseProcess = context.Process(
+            target=_serve, args=(other, words), daemon=True, name="nmpc"
+        )
+        self._limits = limits
+        self.status = WorkerStatus.WORKING
+        self._asked = 0.0
         self._delay = SolveDelay(job.period)
         self._selector = DefaultSelector()
         self._selector.register(self._connection, EVENT_READ)
@@ -287,7 +358,9 @@ class RunningProcess:
         self._await_start()
 
     def _await_start(self) -> None:
-        error: object = f"it was not ready after {self._limits.start_timeout:g} s; raise start_timeout"
+        error: object = (
+            f"it was not ready after {self._limits.start_timeout:g} s; raise start_timeout"
+        )
         try:
             if self._connection.poll(self._limits.start_timeout):
                 error = self._connection.recv()
@@ -318,7 +391,8 @@ class RunningProcess:
         if self.status is not WorkerStatus.WORKING:
             return None
         try:
-            # Connection.poll makes a selector at every call, which takes as long as a tenth of a tick.
+            # Connection.poll makes a selector at every call, which takes as long as a tenth of a
+            # tick.
             if self._selector.select(0):
                 answer: ReplanningResult = self._connection.recv()
                 if not answer.first:
@@ -353,8 +427,8 @@ def _sent(job: ReplanningJob) -> bytes:
         return pickle.dumps((job.problem, job.period, job.options))
     except (pickle.PicklingError, AttributeError, TypeError) as error:
         raise InvalidInput(
-            f"the problem cannot be sent to another process ({error}); define its goals and tasks at the top level of a"
-            " module, or solve with SynchronousWorker()"
+            f"the problem cannot be sent to another process ({error}); define its goals and tasks"
+            " at the top level of a module, or solve with SynchronousWorker()"
         ) from error
 
 
@@ -368,7 +442,8 @@ def _serve(connection: Connection, words: bytes) -> None:
     except Exception as error:
         connection.send(f"{type(error).__name__}: {error}")
         return
-    # All that was built stays: whoever looked through it for garbage would keep a plan waiting for longer than it takes.
+    # All that was built stays: whoever looked through it for garbage would keep a plan waiting for
+    # longer than it takes.
     gc.collect()
     gc.freeze()
     connection.send(None)

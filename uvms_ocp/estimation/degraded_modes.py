@@ -1,4 +1,6 @@
-"""Degraded modes: what the controller may do without some channels, as one table and the restriction of a tick."""
+"""Degraded modes: what the controller may do without some channels, as one table and the
+restriction of a tick.
+"""
 
 from __future__ import annotations
 
@@ -13,7 +15,8 @@ import tomllib
 from uvms_ocp.codegen.kernel_layout import Layout, Sized, Vector, assign
 from uvms_ocp.robot.signals import ChannelHealth, Readings, Trust
 
-ALTIMETER, ENCODERS = "altimeter_range", "joint_positions"
+ALTIMETER = "altimeter_range"
+ENCODERS = "joint_positions"
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -23,7 +26,9 @@ class ModeLimits:
     speed: float = 1.0
     """More than 0; share of what the tasks and limits make it otherwise."""
     no_descent: bool = False
-    """Nothing sinks, landing is off; tasks on altitude take the floor for higher, the farther the robot has moved."""
+    """Nothing sinks, landing is off; tasks on altitude take the floor for higher, the farther the
+    robot has moved.
+    """
     joints_held: bool = False
     """The arm stops, its brakes lock."""
     hold: bool = False
@@ -31,7 +36,9 @@ class ModeLimits:
     blind: bool = False
     """Without feedback of the vehicle's velocity."""
     feedback: float = 1.0
-    """More than 0; share of the usual bandwidth of the velocity loop: a late velocity allows less."""
+    """More than 0; share of the usual bandwidth of the velocity loop: a late velocity allows
+    less.
+    """
     joint_feedback: float = 1.0
     """More than 0; the same of the joints."""
     can_ascend: bool = True
@@ -54,7 +61,9 @@ class DegradedMode(ModeLimits):
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Restriction(ModeLimits):
-    """All modes that apply at one tick, as one: the least of their shares, and whatever one of them forbids."""
+    """All modes that apply at one tick, as one: the least of their shares, and whatever one of them
+    forbids.
+    """
 
     abort: str = ""
     """Why the mission cannot go on, or nothing."""
@@ -76,15 +85,20 @@ FREE = Restriction()
 """Restriction of a robot whose channels are all good, or not monitored."""
 
 
-_TABLE = tomllib.loads((files("uvms_ocp.estimation") / "degraded_modes.toml").read_text(encoding="utf-8"))
+_TABLE = tomllib.loads(
+    (files("uvms_ocp.estimation") / "degraded_modes.toml").read_text(encoding="utf-8")
+)
 DEGRADED_MODES = tuple(
-    DegradedMode(**one | {"without": frozenset(one["without"]), "trust": Trust[one["trust"]]}) for one in _TABLE["modes"]
+    DegradedMode(**one | {"without": frozenset(one["without"]), "trust": Trust[one["trust"]]})
+    for one in _TABLE["modes"]
 )
 """Depth and joint velocities are not in it alone: other channels replace them."""
 CHANNELS = tuple(Readings.__dataclass_fields__)
 """Channels in the order of a `RestrictionMemory`."""
-_N_MODES, _N_CHANNELS = len(DEGRADED_MODES), len(CHANNELS)
-_SHARES, _FLAGS = ("speed", "feedback", "joint_feedback"), ("no_descent", "joints_held", "hold", "blind", "can_ascend")
+_N_MODES = len(DEGRADED_MODES)
+_N_CHANNELS = len(CHANNELS)
+_SHARES = ("speed", "feedback", "joint_feedback")
+_FLAGS = ("no_descent", "joints_held", "hold", "blind", "can_ascend")
 
 
 def degraded_channels(health: Sequence[ChannelHealth]) -> list[ChannelHealth]:
@@ -155,14 +169,17 @@ def _nothing(r: RestrictionMemory) -> None:
 
 
 def _applies(r: RestrictionMemory, k: int) -> bool:
-    needs, applies = r.needs[k], True
+    needs = r.needs[k]
+    applies = True
     for c in range(len(r.level)):
         applies = applies and (needs[c] == 0 or r.level[c] >= r.trust[k])
     return applies
 
 
 def _apply(r: RestrictionMemory, k: int, t: float, altitude_matters: bool) -> None:
-    needs, flags, since = r.needs[k], r.flags[k], -math.inf
+    needs = r.needs[k]
+    flags = r.flags[k]
+    since = -math.inf
     r.speed = min(r.speed, r.mode_speed[k])
     r.feedback = min(r.feedback, r.mode_feedback[k])
     r.joint_feedback = min(r.joint_feedback, r.mode_joint_feedback[k])
@@ -193,7 +210,10 @@ def write_modes(memory: RestrictionMemory) -> None:
         max_duration=[mode.max_duration for mode in modes],
         flags=[[getattr(mode, name) for name in _FLAGS] for mode in modes],
     )
-    memory.speed, memory.feedback, memory.joint_feedback, memory.can_ascend = 1.0, 1.0, 1.0, True
+    memory.speed = 1.0
+    memory.feedback = 1.0
+    memory.joint_feedback = 1.0
+    memory.can_ascend = True
 
 
 def write_channels(memory: RestrictionMemory, bad: Sequence[ChannelHealth]) -> None:
@@ -209,7 +229,11 @@ def read_restriction(memory: RestrictionMemory, bad: Sequence[ChannelHealth]) ->
     """Read the restriction that `restrict` has found."""
     if not bad:
         return FREE
-    at_fault = [item for item in bad if item.channel in CHANNELS and memory.at_fault[CHANNELS.index(item.channel)]]
+    at_fault = [
+        item
+        for item in bad
+        if item.channel in CHANNELS and memory.at_fault[CHANNELS.index(item.channel)]
+    ]
     return Restriction(
         **{name: getattr(memory, name) for name in _SHARES},
         **{name: bool(getattr(memory, name)) for name in _FLAGS},
@@ -221,4 +245,7 @@ def read_restriction(memory: RestrictionMemory, bad: Sequence[ChannelHealth]) ->
 def describe_channels(channels: Iterable[ChannelHealth]) -> str:
     """Describe channels that are not good, in a few words each."""
     whys = ((item, f": {item.why}" if item.why else "") for item in channels)
-    return ", ".join(f"{item.channel} {item.trust.name.lower()}{why} since {item.since:.1f} s" for item, why in whys)
+    return ", ".join(
+        f"{item.channel} {item.trust.name.lower()}{why} since {item.since:.1f} s"
+        for item, why in whys
+    )

@@ -11,16 +11,36 @@ from typing import Any
 import numpy as np
 import pinocchio as pin
 
-from uvms_ocp.checks import checked, checked_constructor, checked_dataclass, checked_on_failure, unchecked_constructor
+from uvms_ocp.checks import (
+    checked,
+    checked_constructor,
+    checked_dataclass,
+    checked_on_failure,
+    unchecked_constructor,
+)
 from uvms_ocp.codegen import kernel_layout, kernels
 from uvms_ocp.errors import InvalidInput, NameNotFound
-from uvms_ocp.estimation import filter_memory as filtering, joint_filters, measurement_update, vehicle_model
+from uvms_ocp.estimation import (
+    filter_memory as filtering,
+    joint_filters,
+    measurement_update,
+    vehicle_model,
+)
 from uvms_ocp.estimation.filter_memory import NUMBER, ChannelIndex, EstimatorTuning, Part
 from uvms_ocp.record.display import SmallTable, TableDisplay, rows_of
 from uvms_ocp.robot import signals
 from uvms_ocp.robot.kinematics import STEEP
 from uvms_ocp.robot.robot import Robot
-from uvms_ocp.robot.signals import CHANNELS, IDEAL_SENSORS, Command, Reading, Readings, SensorSpec, SensorSpecs, StateEstimate
+from uvms_ocp.robot.signals import (
+    CHANNELS,
+    IDEAL_SENSORS,
+    Command,
+    Reading,
+    Readings,
+    SensorSpec,
+    SensorSpecs,
+    StateEstimate,
+)
 from uvms_ocp.types import Array, read_only
 
 # One tick of the Kalman filter, as a kernel: from the inputs in its memory to the outputs there.
@@ -48,7 +68,8 @@ def advance_filter(m: filtering.FilterMemory) -> None:
 
 
 def _write_vehicle_outputs(m: filtering.FilterMemory) -> None:
-    R, s = kernel_layout.zeros(9), m.predicted
+    R = kernel_layout.zeros(9)
+    s = m.predicted
     vehicle_model.rotation(m.turn, R)
     vehicle_model.rotate_back(R, m.x, Part.SPEED, m.twist)
     for i in range(3):
@@ -65,7 +86,11 @@ def _write_vehicle_outputs(m: filtering.FilterMemory) -> None:
 
 JOINT_CHANNELS = ("joint_positions",)
 _VEHICLE_CHANNELS = ("position", "attitude", "linear_velocity", "angular_velocity")
-_OPTIONAL_CHANNELS = ("depth", "joint_velocities", "specific_force")  # improve an estimate that does not need them
+_OPTIONAL_CHANNELS = (
+    "depth",
+    "joint_velocities",
+    "specific_force",
+)  # improve an estimate that does not need them
 
 
 def age_of(readings: Readings, channels: tuple[str, ...], t: float) -> float:
@@ -74,52 +99,69 @@ def age_of(readings: Readings, channels: tuple[str, ...], t: float) -> float:
 
 
 def oldest_of(readings: Readings, channels: tuple[str, ...], t: float) -> tuple[float, str]:
-    """Age [s] at time t [s] of the oldest of the channels' readings, inf where one is missing, and which channel that is."""
-    taken, oldest = t, ""
+    """Age [s] at time t [s] of the oldest of the channels' readings, inf where one is missing, and
+    which channel that is.
+    """
+    taken = t
+    oldest = ""
     for name in channels:
         reading = getattr(readings, name)
         if reading is None:
             return math.inf, name
         if reading.t < taken:
-            taken, oldest = reading.t, name
+            taken = reading.t
+            oldest = name
     return t - taken, oldest
 
 
-def needed_channels(robot: Robot, specs: SensorSpecs, altimeter_frame: str | None) -> tuple[str, ...]:
+def needed_channels(
+    robot: Robot, specs: SensorSpecs, altimeter_frame: str | None
+) -> tuple[str, ...]:
     """Channels that the robot has and that no other replaces."""
     skipped = (
         *_OPTIONAL_CHANNELS,
         *(() if robot.n_vehicle else _VEHICLE_CHANNELS),
         *(() if altimeter_frame and robot.n_vehicle else ("altimeter_range",)),
     )
-    return tuple(name for name in CHANNELS if getattr(specs, name) is not None and name not in skipped)
+    return tuple(
+        name for name in CHANNELS if getattr(specs, name) is not None and name not in skipped
+    )
 
 
 # Where the altimeter looks from, for the filter and for who watches the floor.
 
 
 class AltimeterMount:
-    """The altimeter in B: fixed to the vehicle, or carried by the arm, which a tick then has to look at."""
+    """The altimeter in B: fixed to the vehicle, or carried by the arm, which a tick then has to
+    look at.
+    """
 
     __slots__ = ("_data", "_frame", "_memory", "_robot", "moves")
 
     def __init__(self, robot: Robot, frame: str, memory: Any) -> None:
         """frame: that of the altimeter. Raises `FrameNotFound`.
 
-        memory: who is told, with `beam_at` (3,) [m] the altimeter in B, and `beam_up` (3,) its z axis there.
+        memory: who is told, with `beam_at` (3,) [m] the altimeter in B, and `beam_up` (3,) its z
+        axis there.
         """
-        self._robot, self._frame, self._memory = robot, robot.frame_id(frame), memory
+        self._robot = robot
+        self._frame = robot.frame_id(frame)
+        self._memory = memory
         self._data = robot.model.createData()
         self.moves = robot.model.frames[self._frame].parentJoint > 1
         self._look(pin.neutral(robot.model)[robot.joint_q])
 
     def place(self, joints: Array) -> None:
-        """Tell it, if the altimeter may have moved; `joints` (n_joint_q,) is that part of q [rad or m]."""
+        """Tell it, if the altimeter may have moved; `joints` (n_joint_q,) is that part of q [rad or
+        m].
+        """
         if self.moves:
             self._look(joints)
 
     def _look(self, joints: Array) -> None:
-        model, memory, q = self._robot.model, self._memory, pin.neutral(self._robot.model)
+        model = self._robot.model
+        memory = self._memory
+        q = pin.neutral(self._robot.model)
         q[self._robot.joint_q] = joints
         pin.forwardKinematics(model, self._data, q)
         X_BS = pin.updateFramePlacement(model, self._data, self._frame)
@@ -136,7 +178,9 @@ class GateOutcome:
     t: float
     """[s] when it was taken."""
     squared: float
-    """Innovation, normalised and squared: chi-squared with `degrees` where sensor and vehicle are as expected."""
+    """Innovation, normalised and squared: chi-squared with `degrees` where sensor and vehicle are
+    as expected.
+    """
     degrees: int
     """Degrees of freedom."""
     accepted: bool
@@ -144,16 +188,22 @@ class GateOutcome:
 
 
 class JointChart:
-    """Displacements of the joints from an origin, which follows the estimate where q is no vector space."""
+    """Displacements of the joints from an origin, which follows the estimate where q is no vector
+    space.
+    """
 
     __slots__ = ("_memory", "_origin", "_robot", "is_plain")
 
     def __init__(self, robot: Robot, memory: Any) -> None:
-        self._robot, self._memory, self._origin = robot, memory, pin.neutral(robot.model)
+        self._robot = robot
+        self._memory = memory
+        self._origin = pin.neutral(robot.model)
         self.is_plain = all(joint.n_q == joint.n_v for joint in robot.joints)
 
     def values(self, channel: str, reading: Array) -> Array:
-        """(n_joints,) of a reading (n_joint_q,) [rad or m] of joint positions, or (n_joints,) [rad/s or m/s] of velocities."""
+        """(n_joints,) of a reading (n_joint_q,) [rad or m] of joint positions, or (n_joints,)
+        [rad/s or m/s] of velocities.
+        """
         if self.is_plain or channel != "joint_positions":
             return reading
         if not np.isfinite(reading).all():
@@ -184,16 +234,19 @@ _LATEST = 1e10  # [s] of any clock; Unix time reaches it in 2286
 
 @checked
 class Estimator(TableDisplay):
-    """Error-state Kalman filter, a callable ``(Readings, t, command) -> StateEstimate``. Holds its estimate: build one per run.
+    """Error-state Kalman filter, a callable ``(Readings, t, command) -> StateEstimate``. Holds its
+    estimate: build one per run.
 
-    Until a channel has its first reading its part of the estimate means nothing, and `StateEstimate.age` is inf. A reading
-    that is late is fused at the time it was taken. One that is not finite, larger than 1e9 in the unit of its channel, of
-    the future or older than the last of its channel is never used, nor is an altimeter's range below zero; only its nan says
-    something, that there is no echo. One that contradicts the estimate by more than five standard deviations is not used
-    until others agree with it for a second. The age is that of the last one that was used.
+    Until a channel has its first reading its part of the estimate means nothing, and
+    `StateEstimate.age` is inf. A reading that is late is fused at the time it was taken. One that
+    is not finite, larger than 1e9 in the unit of its channel, of the future or older than the last
+    of its channel is never used, nor is an altimeter's range below zero; only its nan says
+    something, that there is no echo. One that contradicts the estimate by more than five standard
+    deviations is not used until others agree with it for a second. The age is that of the last one
+    that was used.
 
-    The current is no part of the state: without a sensor of the velocity in water, or a model of thrust and drag, nothing
-    that is read depends on it.
+    The current is no part of the state: without a sensor of the velocity in water, or a model of
+    thrust and drag, nothing that is read depends on it.
     """
 
     def __init__(
@@ -204,12 +257,14 @@ class Estimator(TableDisplay):
         altimeter_frame: str | None = None,
         compiled: bool = True,
     ) -> None:
-        """specs: the noise to expect. altimeter_frame: the one of the robot's description unless given.
+        """specs: the noise to expect. altimeter_frame: the one of the robot's description unless
+        given.
 
-        compiled: in C where there is a compiler; the numbers are the same without. Raises `FrameNotFound` for an unknown
-        altimeter frame.
+        compiled: in C where there is a compiler; the numbers are the same without. Raises
+        `FrameNotFound` for an unknown altimeter frame.
         """
-        specs, tuning = specs or SensorSpecs(), tuning or EstimatorTuning()
+        specs = specs or SensorSpecs()
+        tuning = tuning or EstimatorTuning()
         altimeter_frame = altimeter_frame or robot.description.altimeter
         frame = None if specs.altimeter_range is None or not robot.n_vehicle else altimeter_frame
         self._n_vehicle = robot.n_vehicle
@@ -225,7 +280,9 @@ class Estimator(TableDisplay):
         self._beam = None if frame is None else AltimeterMount(robot, frame, memory)
         self._chart = JointChart(robot, memory)
         self._joints = self._chart.configuration()
-        (self.tick,) = kernels.bind_kernels((advance_filter,), (type(self.structure),), compiled=compiled)
+        (self.tick,) = kernels.bind_kernels(
+            (advance_filter,), (type(self.structure),), compiled=compiled
+        )
         """Kernel of the filter alone, from the inputs in its memory to its outputs."""
         self.advance: Callable[[], None] = partial(self.tick, self.structure)
         """And that on its memory."""
@@ -235,17 +292,23 @@ class Estimator(TableDisplay):
         self._t: float | None = None
 
     @checked_on_failure
-    def __call__(self, readings: Readings, t: float, command: Command | None = None) -> StateEstimate:
+    def __call__(
+        self, readings: Readings, t: float, command: Command | None = None
+    ) -> StateEstimate:
         """The estimate at time t [s]; `command` has been acting since the last call.
 
         Raises `InvalidInput` for a time before that of the last call, or beyond 1e10 s.
         """
         dt = self._elapsed(t)
         if command is not None:
-            self._response = command.v + math.exp(-dt / filtering.RESPONSE_TIME) * (self._response - command.v)
+            self._response = command.v + math.exp(-dt / filtering.RESPONSE_TIME) * (
+                self._response - command.v
+            )
             self.memory.commanded[6 - self._n_vehicle :] = self._response
             if command.brakes:
-                self.memory.joint_x[:, 1] = 0.0  # carried on as fast as before, nothing would agree with it again
+                self.memory.joint_x[:, 1] = (
+                    0.0  # carried on as fast as before, nothing would agree with it again
+                )
         self.structure.has_command = command is not None
         self._take_in(readings)
         if self._beam is not None:
@@ -254,42 +317,61 @@ class Estimator(TableDisplay):
         return self.estimate()
 
     def _table(self) -> SmallTable:
-        times = {name: self.memory.used[NUMBER[name]] for name in CHANNELS if self.memory.needed[NUMBER[name]]}
-        used = {name: f"used until {t:.4g} s" if math.isfinite(t) else "no reading yet" for name, t in times.items()}
+        times = {
+            name: self.memory.used[NUMBER[name]]
+            for name in CHANNELS
+            if self.memory.needed[NUMBER[name]]
+        }
+        used = {
+            name: f"used until {t:.4g} s" if math.isfinite(t) else "no reading yet"
+            for name, t in times.items()
+        }
         return SmallTable(title=type(self).__name__, rows=rows_of(used))
 
     @checked_on_failure
     def outcome(self, channel: str) -> GateOutcome | None:
         """Return the gate's outcome for the newest reading of a channel; `None` before the first.
 
-        A channel's first reading is no news, and one that no sensor gives, of the wrong time or so late that its past is
-        forgotten is not compared. Raises `NameNotFound` for an unknown channel.
+        A channel's first reading is no news, and one that no sensor gives, of the wrong time or so
+        late that its past is forgotten is not compared. Raises `NameNotFound` for an unknown
+        channel.
         """
         t, squared, degrees, accepted = self.memory.outcome[_number(channel)].tolist()
-        return None if math.isnan(t) else _outcome(t=t, squared=squared, degrees=int(degrees), accepted=bool(accepted))
+        return (
+            None
+            if math.isnan(t)
+            else _outcome(t=t, squared=squared, degrees=int(degrees), accepted=bool(accepted))
+        )
 
     @property
     def outcomes(self) -> Array:
-        """(9, 4) [s, -, -, -] of all channels, in the order of `ChannelIndex`; changed in place by every call.
+        """(9, 4) [s, -, -, -] of all channels, in the order of `ChannelIndex`; changed in place by
+        every call.
 
-        When the reading was taken, squared innovation, degrees of freedom, 1 if it was used; nan before the first.
+        When the reading was taken, squared innovation, degrees of freedom, 1 if it was used; nan
+        before the first.
         """
         return self.memory.outcome
 
     def used(self, channel: str) -> float:
-        """Time [s] of the newest reading of a channel that was used, -inf before the first; an echo that is missing counts.
+        """Time [s] of the newest reading of a channel that was used, -inf before the first; an echo
+        that is missing counts.
 
         Raises `NameNotFound` for an unknown channel.
         """
         return float(self.memory.used[_number(channel)])
 
     def refuse(self, channel: str, refused: bool = True) -> None:
-        """Use no readings of a channel from now on, or again. Raises `NameNotFound` for an unknown channel."""
+        """Use no readings of a channel from now on, or again. Raises `NameNotFound` for an unknown
+        channel.
+        """
         _number(channel)
         self._refused = self._refused | {channel} if refused else self._refused - {channel}
 
     def inflate_velocity_variance(self, *, rests: bool = False) -> None:
-        """Take linear velocity and acceleration for unknown: their source proved wrong. rests: and for zero, at a guess."""
+        """Take linear velocity and acceleration for unknown: their source proved wrong. rests: and
+        for zero, at a guess.
+        """
         vehicle_model.inflate_velocity_variance(self.structure, rests)
 
     @property
@@ -300,15 +382,21 @@ class Estimator(TableDisplay):
 
     @property
     def std(self) -> np.ndarray:
-        """Standard deviations (n_v,) [m, rad] of the estimated q: position in W, attitude in B, joints."""
+        """Standard deviations (n_v,) [m, rad] of the estimated q: position in W, attitude in B,
+        joints.
+        """
         return self.memory.std[6 - self._n_vehicle :].copy()
 
     def _elapsed(self, t: float) -> float:
         if not abs(t) <= _LATEST:
-            raise InvalidInput(f"estimator called at t = {t} s; give a time of at most {_LATEST:g} s")
+            raise InvalidInput(
+                f"estimator called at t = {t} s; give a time of at most {_LATEST:g} s"
+            )
         dt = 0.0 if self._t is None else t - self._t
         if dt < 0:
-            raise InvalidInput(f"estimator called at t = {t} s after t = {self._t} s; give increasing times")
+            raise InvalidInput(
+                f"estimator called at t = {t} s after t = {self._t} s; give increasing times"
+            )
         self._t = self.structure.now = t
         return dt
 
@@ -321,24 +409,42 @@ class Estimator(TableDisplay):
             if c < filtering.N_VEHICLE:
                 memory.value[c, : np.size(reading.value)] = reading.value
             else:
-                memory.joint_value[c - filtering.N_VEHICLE] = self._chart.values(name, reading.value)
+                memory.joint_value[c - filtering.N_VEHICLE] = self._chart.values(
+                    name, reading.value
+                )
             memory.fresh[c], memory.stamp[c] = 1.0, reading.t
 
     @property
     def is_plain(self) -> bool:
-        """Nothing but the kernel is needed: q is a vector space but for the vehicle, and the altimeter is fixed to that."""
-        return self._chart.is_plain and not self._refused and (self._beam is None or not self._beam.moves)
+        """Nothing but the kernel is needed: q is a vector space but for the vehicle, and the
+        altimeter is fixed to that.
+        """
+        return (
+            self._chart.is_plain
+            and not self._refused
+            and (self._beam is None or not self._beam.moves)
+        )
 
     def estimate(self) -> StateEstimate:
         """Return what the kernel has left in memory."""
-        memory, v = self.memory, self.memory.joint_x[:, 1]
+        memory = self.memory
+        v = self.memory.joint_x[:, 1]
         q = self._joints = self._chart.configuration()
         if self._n_vehicle:
-            q, v = (np.concatenate([memory.x[Part.PLACE : Part.SPEED], memory.turn, q]), np.concatenate([memory.twist, v]))
+            q, v = (
+                np.concatenate([memory.x[Part.PLACE : Part.SPEED], memory.turn, q]),
+                np.concatenate([memory.twist, v]),
+            )
         echo, echo_std = memory.range.tolist() if self.has_range else (math.nan, math.nan)
         age, joint_age = memory.age.tolist()
         return signals.unchecked_estimate(
-            q=q, v=v.copy(), altimeter_range=echo, age=age, joint_age=joint_age, std=self.std, altimeter_std=echo_std
+            q=q,
+            v=v.copy(),
+            altimeter_range=echo,
+            age=age,
+            joint_age=joint_age,
+            std=self.std,
+            altimeter_std=echo_std,
         )
 
 
@@ -354,18 +460,25 @@ _SETTLED = 20.0  # [s] after which its covariance no longer changes
 
 @lru_cache(maxsize=16)
 def std_at_rest(robot: Robot, specs: SensorSpecs) -> np.ndarray:
-    """Compute the standard deviation (n_v,) [m, rad] of the estimated q of a robot at rest, once the filter has settled.
+    """Compute the standard deviation (n_v,) [m, rad] of the estimated q of a robot at rest, once
+    the filter has settled.
 
-    The vehicle's position in W, its attitude in B, the joints. From the filter's own covariance, which rests on the noise,
-    rates and delays of the sensors and on the motion that it expects; constant errors are added as squares. Kept for
-    the next run of the same robot and sensors: it is not to be written to.
+    The vehicle's position in W, its attitude in B, the joints. From the filter's own covariance,
+    which rests on the noise, rates and delays of the sensors and on the motion that it expects;
+    constant errors are added as squares. Kept for the next run of the same robot and sensors: it is
+    not to be written to.
     """
-    estimator, truth = Estimator(robot, specs), _truth(robot)
+    estimator = Estimator(robot, specs)
+    truth = _truth(robot)
     channels = {name: spec for name in truth if (spec := getattr(specs, name)) is not None}
     for k in range(int(_SETTLED * _RATE)):
         t = k / _RATE
         taken = {name: _taken(spec, t) for name, spec in channels.items()}
-        readings = {name: signals.unchecked_reading(value=truth[name], t=at) for name, at in taken.items() if at >= 0.0}
+        readings = {
+            name: signals.unchecked_reading(value=truth[name], t=at)
+            for name, at in taken.items()
+            if at >= 0.0
+        }
         estimator(signals.unchecked_readings(**readings), t)
     return read_only(np.hypot(estimator.std, declared_bias(robot, specs)))
 
@@ -373,7 +486,10 @@ def std_at_rest(robot: Robot, specs: SensorSpecs) -> np.ndarray:
 def _truth(robot: Robot) -> dict[str, Any]:
     """Return the reading of each channel of the robot at rest."""
     q = robot.configuration()
-    joints = {"joint_positions": q[robot.joint_q], "joint_velocities": np.zeros(robot.n_v)[robot.joint_v]}
+    joints = {
+        "joint_positions": q[robot.joint_q],
+        "joint_velocities": np.zeros(robot.n_v)[robot.joint_v],
+    }
     if not robot.n_vehicle:
         return joints
     rates = {"linear_velocity": np.zeros(3), "angular_velocity": np.zeros(3)}
@@ -381,25 +497,35 @@ def _truth(robot: Robot) -> dict[str, Any]:
 
 
 def _taken(spec: SensorSpec, t: float) -> float:
-    """Time [s] of the reading that is the last one at time t [s]; below 0 before the first one. Losses make it rarer."""
+    """Time [s] of the reading that is the last one at time t [s]; below 0 before the first one.
+    Losses make it rarer.
+    """
     rate = min(spec.rate * (1.0 - spec.dropout), _RATE)
     return math.floor((t - spec.delay) * rate + 1e-6) / rate if rate > 0.0 else -math.inf
 
 
 def declared_bias(robot: Robot, specs: SensorSpecs) -> np.ndarray:
-    """Return the constant errors (n_v,) [m, rad] of position, attitude and joints that the sensors are said to have."""
+    """Return the constant errors (n_v,) [m, rad] of position, attitude and joints that the sensors
+    are said to have.
+    """
     channels = [("joint_positions", robot.n_joints)]
     if robot.n_vehicle:
         channels = [("position", 3), ("attitude", 3), *channels]
     given = ((getattr(specs, name), n) for name, n in channels)
-    return np.concatenate([np.zeros(n) if spec is None else np.broadcast_to(spec.biases, (n,)) for spec, n in given])
+    return np.concatenate(
+        [np.zeros(n) if spec is None else np.broadcast_to(spec.biases, (n,)) for spec, n in given]
+    )
 
 
 @checked_constructor
 class PassThrough(TableDisplay):
-    """Estimator that takes readings for the truth: for sensors without noise, which it repeats exactly."""
+    """Estimator that takes readings for the truth: for sensors without noise, which it repeats
+    exactly.
+    """
 
-    def __init__(self, robot: Robot, specs: SensorSpecs = IDEAL_SENSORS, altimeter_frame: str | None = None) -> None:
+    def __init__(
+        self, robot: Robot, specs: SensorSpecs = IDEAL_SENSORS, altimeter_frame: str | None = None
+    ) -> None:
         """altimeter_frame: the one of the robot's description unless given.
 
         Raises `InvalidInput` where a channel that it needs is missing: it estimates nothing.
@@ -407,22 +533,36 @@ class PassThrough(TableDisplay):
         free = robot.n_vehicle > 0
         self.q_channels = (*(("position", "attitude") if free else ()), "joint_positions")
         """Channels whose readings are q, one after the other."""
-        self.v_channels = (*(("linear_velocity", "angular_velocity") if free else ()), "joint_velocities")
+        self.v_channels = (
+            *(("linear_velocity", "angular_velocity") if free else ()),
+            "joint_velocities",
+        )
         """Channels whose readings are v."""
         for name in (*self.q_channels, *self.v_channels):
             if getattr(specs, name) is None:
-                raise InvalidInput(f"sensor {name} is missing; add it, or use an Estimator instead of PassThrough")
-        self._needed = (*needed_channels(robot, specs, altimeter_frame or robot.description.altimeter), "joint_velocities")
+                raise InvalidInput(
+                    f"sensor {name} is missing; add it, or use an Estimator instead of PassThrough"
+                )
+        self._needed = (
+            *needed_channels(robot, specs, altimeter_frame or robot.description.altimeter),
+            "joint_velocities",
+        )
 
     def _table(self) -> SmallTable:
         rows = {"q from": ", ".join(self.q_channels), "v from": ", ".join(self.v_channels)}
         return SmallTable(title=type(self).__name__, rows=rows_of(rows))
 
-    def __call__(self, readings: Readings, t: float, command: Command | None = None) -> StateEstimate:
-        """The last readings at time t [s]; `command` is not read. Raises `InvalidInput` before the first ones."""
+    def __call__(
+        self, readings: Readings, t: float, command: Command | None = None
+    ) -> StateEstimate:
+        """The last readings at time t [s]; `command` is not read. Raises `InvalidInput` before the
+        first ones.
+        """
         age, oldest = oldest_of(readings, self._needed, t)
         if age == math.inf:
-            raise InvalidInput(f"no reading of every channel yet at t = {t} s; use an Estimator for such sensors")
+            raise InvalidInput(
+                f"no reading of every channel yet at t = {t} s; use an Estimator for such sensors"
+            )
         q = np.concatenate([getattr(readings, name).value for name in self.q_channels])
         v = np.concatenate([getattr(readings, name).value for name in self.v_channels])
         echo = readings.altimeter_range

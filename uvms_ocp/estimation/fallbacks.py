@@ -1,4 +1,6 @@
-"""Fallbacks for an estimate that is missing: the last valid one, the last altimeter echo, and the watchdog of its age."""
+"""Fallbacks for an estimate that is missing: the last valid one, the last altimeter echo, and the
+watchdog of its age.
+"""
 
 from __future__ import annotations
 
@@ -12,7 +14,15 @@ import casadi as ca
 import numpy as np
 
 from uvms_ocp.checks import checked, checked_on_failure, replace_unchecked
-from uvms_ocp.codegen.kernel_layout import FunctionField, Layout, Sized, Vector, assign, doubles, structure_of
+from uvms_ocp.codegen.kernel_layout import (
+    FunctionField,
+    Layout,
+    Sized,
+    Vector,
+    assign,
+    doubles,
+    structure_of,
+)
 from uvms_ocp.errors import InvalidInput
 from uvms_ocp.robot import Robot, StateEstimate, SymbolicModel
 from uvms_ocp.robot.kinematics import STEEP
@@ -66,21 +76,35 @@ class Watchdog:
 
     @checked_on_failure
     def judge(self, age: float, t: float, channel: str = "") -> Freshness:
-        """The verdict on a measurement of `age` [s] at time t [s], that of `channel` if known; nan counts as lost."""
+        """The verdict on a measurement of `age` [s] at time t [s], that of `channel` if known; nan
+        counts as lost.
+        """
         verdict = Freshness(freshness_of(age, self.hold_after, self.stop_after))
         self._waits = self._waits and age == math.inf
         self._begun = t if math.isnan(self._begun) else self._begun
         early = self._waits and t - self._begun <= self.stop_after
         if verdict is not self._verdict and not early:
-            text = _TEXTS[verdict].format(what=f"{channel} is" if channel else "measurements are", age=age)
-            self.alarms.append((t, f"no {channel or 'measurements'}: stopped" if age == math.inf else text))
+            text = _TEXTS[verdict].format(
+                what=f"{channel} is" if channel else "measurements are", age=age
+            )
+            self.alarms.append(
+                (t, f"no {channel or 'measurements'}: stopped" if age == math.inf else text)
+            )
             self._verdict = verdict
         return verdict
 
 
 def freshness_of(age: float, hold_after: float, stop_after: float) -> int:
-    """The `Freshness` of a measurement of `age` [s], by `hold_after` [s] and `stop_after` [s] of a `Watchdog`. A kernel."""
-    return Freshness.FRESH if age <= hold_after else Freshness.STALE if age <= stop_after else Freshness.LOST
+    """The `Freshness` of a measurement of `age` [s], by `hold_after` [s] and `stop_after` [s] of a
+    `Watchdog`. A kernel.
+    """
+    return (
+        Freshness.FRESH
+        if age <= hold_after
+        else Freshness.STALE
+        if age <= stop_after
+        else Freshness.LOST
+    )
 
 
 _TEXTS = {
@@ -96,7 +120,9 @@ UNSEEN_SLOPE = 0.3
 """Slope of a floor that nobody sees: it rises or falls by so much of the way."""
 _FORGETTING = 0.05  # [m/s] with which the highest floor sinks to the present one
 _UNIT = 1e-3  # by which the norm of a quaternion may differ from 1, as in records
-_LEVEL = 1e-6  # cosine of a tilt; a beam nearer to the horizon has no range that stands for a height
+_LEVEL = (
+    1e-6  # cosine of a tilt; a beam nearer to the horizon has no range that stands for a height
+)
 
 
 class LastValidMemory(Layout):
@@ -122,8 +148,11 @@ class LastValidMemory(Layout):
     """The measurement of now."""
 
 
-def hold_last_valid(m: LastValidMemory, t: float, q: Vector, v: Vector, age: float, joint_age: float) -> None:
-    """A measurement of q [m, rad] and v [m/s, rad/s] at t [s], or where it is not sound, the last in its place. A kernel.
+def hold_last_valid(
+    m: LastValidMemory, t: float, q: Vector, v: Vector, age: float, joint_age: float
+) -> None:
+    """A measurement of q [m, rad] and v [m/s, rad/s] at t [s], or where it is not sound, the last
+    in its place. A kernel.
 
     age, joint_age [s]: as those of `StateEstimate`; the memory holds those that hold true.
     """
@@ -148,7 +177,8 @@ def _is_sound(m: LastValidMemory, q: Vector, v: Vector) -> bool:
     for i in range(len(m.v)):
         sound = sound and math.isfinite(v[i])
     for k in range(m.n_units):
-        unit, square = m.unit[k], 0.0
+        unit = m.unit[k]
+        square = 0.0
         for i in range(unit[0], unit[1]):
             square += q[i] * q[i]
         sound = sound and abs(math.sqrt(square) - 1.0) <= _UNIT
@@ -156,18 +186,28 @@ def _is_sound(m: LastValidMemory, q: Vector, v: Vector) -> bool:
 
 
 class LastValidEstimate:
-    """The measurement, or where its q or v is not finite or its quaternion none, the last that was sound, with its true age."""
+    """The measurement, or where its q or v is not finite or its quaternion none, the last that was
+    sound, with its true age.
+    """
 
     __slots__ = ("_last", "_shapes", "memory")
 
     def __init__(self, robot: Robot, memory: LastValidMemory | None = None) -> None:
         """memory: a `LastValidMemory` of the caller's, who asks the kernel."""
-        self.memory = structure_of(LastValidMemory, n_q=robot.n_q, n_v=robot.n_v)() if memory is None else memory
-        self._last = StateEstimate(q=robot.configuration(), v=np.zeros(robot.n_v), altimeter_range=np.nan)
+        self.memory = (
+            structure_of(LastValidMemory, n_q=robot.n_q, n_v=robot.n_v)()
+            if memory is None
+            else memory
+        )
+        self._last = StateEstimate(
+            q=robot.configuration(), v=np.zeros(robot.n_v), altimeter_range=np.nan
+        )
         self._shapes = self._last.q.shape, self._last.v.shape
         # Where quaternions, and cosine and sine of joints without end, are in q.
         lengths = {"JointModelFreeFlyer": 4, "JointModelSpherical": 4, "JointModelPlanar": 2}
-        ends = [(joint.idx_q + joint.nq, joint) for joint in robot.model.joints if joint.nq > joint.nv]
+        ends = [
+            (joint.idx_q + joint.nq, joint) for joint in robot.model.joints if joint.nq > joint.nv
+        ]
         units = [(end - lengths.get(joint.shortname(), 2), end) for end, joint in ends]
         assign(self.memory, q=self._last.q, since=-math.inf, n_units=len(units))
         if units:
@@ -176,7 +216,8 @@ class LastValidEstimate:
     def __call__(self, measurement: StateEstimate, t: float) -> StateEstimate:
         """T [s]: time of the tick. Raises `InvalidInput` for a q or v of another robot's size."""
         self.check(measurement)
-        q, v = doubles(measurement.q), doubles(measurement.v)
+        q = doubles(measurement.q)
+        v = doubles(measurement.v)
         hold_last_valid(self.memory, t, q, v, measurement.age, measurement.joint_age)
         return self.substitute(measurement)
 
@@ -184,11 +225,20 @@ class LastValidEstimate:
         """Raise `InvalidInput` for a q or v of another robot's size."""
         if (measurement.q.shape, measurement.v.shape) != self._shapes:
             pairs = zip("qv", (measurement.q, measurement.v), self._shapes, strict=True)
-            wrong = [(name, value.shape, right) for name, value, right in pairs if value.shape != right]
-            raise InvalidInput(", ".join(f"measurement.{name} has shape {shape}; give {right}" for name, shape, right in wrong))
+            wrong = [
+                (name, value.shape, right) for name, value, right in pairs if value.shape != right
+            ]
+            raise InvalidInput(
+                ", ".join(
+                    f"measurement.{name} has shape {shape}; give {right}"
+                    for name, shape, right in wrong
+                )
+            )
 
     def substitute(self, measurement: StateEstimate) -> StateEstimate:
-        """The measurement that the kernel was asked with, if it is sound, or what stands in for it."""
+        """The measurement that the kernel was asked with, if it is sound, or what stands in for
+        it.
+        """
         if self.memory.is_valid:
             self._last = measurement
             return measurement
@@ -229,10 +279,15 @@ def point_altimeter(m: AltimeterMemory, q: Vector) -> None:
         m.look(q, m.beam, m.height_jacobian)
 
 
-def echo_range(m: AltimeterMemory, t: float, echo: float, unknown: float, distrusted: bool) -> float:
-    """Compute `LastFloorRange.range` at t [s], of the echo [m] along the beam in memory, or `unknown` [m]. A kernel."""
+def echo_range(
+    m: AltimeterMemory, t: float, echo: float, unknown: float, distrusted: bool
+) -> float:
+    """Compute `LastFloorRange.range` at t [s], of the echo [m] along the beam in memory, or
+    `unknown` [m]. A kernel.
+    """
     if distrusted and m.exists:
-        x, y = m.beam[0] - m.place[0], m.beam[1] - m.place[1]
+        x = m.beam[0] - m.place[0]
+        y = m.beam[1] - m.place[1]
         m.highest += UNSEEN_SLOPE * math.sqrt(x * x + y * y)
         m.floor, m.place[0], m.place[1] = m.highest, m.beam[0], m.beam[1]
     if distrusted or not has_altitude(m, echo):
@@ -250,7 +305,9 @@ def has_altitude(m: AltimeterMemory, echo: float) -> bool:
 
 
 def range_to_last_floor(m: AltimeterMemory, unknown: float) -> float:
-    """Range [m] to the floor of the last echo; before the first one, to an altitude of `unknown` [m]. A kernel."""
+    """Range [m] to the floor of the last echo; before the first one, to an altitude of `unknown`
+    [m]. A kernel.
+    """
     if not m.exists:
         return 0.0
     height = max(0.0, m.beam[2] - m.floor) if math.isfinite(m.floor) else unknown
@@ -258,43 +315,64 @@ def range_to_last_floor(m: AltimeterMemory, unknown: float) -> float:
 
 
 class LastFloorRange:
-    """How high the altimeter is above the floor: by its echo, or by the last one, carried along with the measured motion.
+    """How high the altimeter is above the floor: by its echo, or by the last one, carried along
+    with the measured motion.
 
-    Carrying takes the floor for level, except in doubt: then it is the highest of late, as the echoes may have lied for some
-    time, and rises with the way. An echo along a beam that does not look down tells no height.
+    Carrying takes the floor for level, except in doubt: then it is the highest of late, as the
+    echoes may have lied for some time, and rises with the way. An echo along a beam that does not
+    look down tells no height.
     """
 
     __slots__ = ("memory",)
 
-    def __init__(self, robot: Robot, frame: str | None, memory: AltimeterMemory | None = None) -> None:
-        """frame: that of the altimeter; `None` or one that the robot does not have: no altitude is ever known.
+    def __init__(
+        self, robot: Robot, frame: str | None, memory: AltimeterMemory | None = None
+    ) -> None:
+        """frame: that of the altimeter; `None` or one that the robot does not have: no altitude is
+        ever known.
 
         memory: an `AltimeterMemory` of the caller's, of the `echo_sizes` of the frame.
         """
-        self.memory = structure_of(AltimeterMemory, **echo_sizes(robot, frame))() if memory is None else memory
+        self.memory = (
+            structure_of(AltimeterMemory, **echo_sizes(robot, frame))()
+            if memory is None
+            else memory
+        )
         self.memory.exists = frame is not None and robot.has_frame(frame)
         self.memory.floor = self.memory.highest = math.nan
 
     def at(self, measurement: StateEstimate) -> tuple[float, bool]:
-        """Range [m], always finite, at a measurement that is not remembered, and whether its echo tells the altitude."""
+        """Range [m], always finite, at a measurement that is not remembered, and whether its echo
+        tells the altitude.
+        """
         point_altimeter(self.memory, doubles(measurement.q))
         measured = has_altitude(self.memory, measurement.altimeter_range)
-        return (measurement.altimeter_range, True) if measured else (range_to_last_floor(self.memory, 0.0), False)
+        return (
+            (measurement.altimeter_range, True)
+            if measured
+            else (range_to_last_floor(self.memory, 0.0), False)
+        )
 
 
 def echo_sizes(robot: Robot, frame: str | None) -> dict[str, Any]:
     """Return the sizes of an `AltimeterMemory`, and the function of its beam."""
-    return {"n_v": robot.n_v, "look": _beam(robot, frame if frame is not None and robot.has_frame(frame) else None)}
+    return {
+        "n_v": robot.n_v,
+        "look": _beam(robot, frame if frame is not None and robot.has_frame(frame) else None),
+    }
 
 
 @lru_cache(maxsize=8)
 def _beam(robot: Robot, frame: str | None) -> ca.Function:
-    """Q -> origin (3,) [m] and cosine of the beam, and how the origin rises with each velocity (n_v,) [m, or 1]."""
+    """Q -> origin (3,) [m] and cosine of the beam, and how the origin rises with each velocity
+    (n_v,) [m, or 1].
+    """
     q = ca.SX.sym("q", robot.n_q)
     beam, height_jacobian = ca.SX.zeros(4), ca.SX.zeros(robot.n_v)
     if frame is not None:
         kinematics = SymbolicModel(robot.model).forward_kinematics(q)
         R_WS, p_WS = kinematics.pose(frame)
-        beam, height_jacobian = ca.vertcat(p_WS, R_WS[2, 2]), kinematics.jacobian(frame)[2, :].T
+        beam = ca.vertcat(p_WS, R_WS[2, 2])
+        height_jacobian = kinematics.jacobian(frame)[2, :].T
     outputs = [ca.densify(beam), ca.densify(height_jacobian)]
     return ca.Function("beam", [q], outputs, ["q"], ["beam", "height_jacobian"], {"cse": True})

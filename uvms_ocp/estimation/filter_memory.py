@@ -1,9 +1,10 @@
 """Memory of the Kalman filter, its constants, and the numbers of its channels and states.
 
-The error state of the vehicle has `MAIN` entries, in the order of `Part`: attitude (a rotation vector in B), position, velocity
-and acceleration in W, angular velocity and acceleration in B, the biases of gyro, DVL and accelerometer in B, and the height of
-the floor below the altimeter. After them come clones: the predicted measurement of a late channel at the time of a reading that
-has not arrived yet, three rows each. Joints are independent of the vehicle and of each other.
+The error state of the vehicle has `MAIN` entries, in the order of `Part`: attitude (a rotation
+vector in B), position, velocity and acceleration in W, angular velocity and acceleration in B, the
+biases of gyro, DVL and accelerometer in B, and the height of the floor below the altimeter. After
+them come clones: the predicted measurement of a late channel at the time of a reading that has not
+arrived yet, three rows each. Joints are independent of the vehicle and of each other.
 """
 
 from __future__ import annotations
@@ -22,7 +23,9 @@ from uvms_ocp.types import Positive
 
 
 class ChannelIndex(IntEnum):
-    """Numbers of the channels, those of the vehicle first, in the order in which readings of one tick are used."""
+    """Numbers of the channels, those of the vehicle first, in the order in which readings of one
+    tick are used.
+    """
 
     ATTITUDE = 0
     ANGULAR_VELOCITY = 1
@@ -37,7 +40,8 @@ class ChannelIndex(IntEnum):
 
 NUMBER = {name: ChannelIndex[name.upper()] for name in CHANNELS}
 """Index of each channel, by its name in `Readings`."""
-N_VEHICLE, N_CHANNELS = 7, len(ChannelIndex)
+N_VEHICLE = 7
+N_CHANNELS = len(ChannelIndex)
 
 
 def rows_of(c: int) -> int:
@@ -73,7 +77,8 @@ SLOTS = 48
 """Clones of the vehicle's channels at most."""
 JOINT_SLOTS = 24
 """Clones of the joints at most."""
-STATES, JOINT_STATES = MAIN + 3 * SLOTS, 2 + JOINT_SLOTS
+STATES = MAIN + 3 * SLOTS
+JOINT_STATES = 2 + JOINT_SLOTS
 
 
 class ProcessNoise(IntEnum):
@@ -97,9 +102,14 @@ LONGEST_STEP = 1.0
 LONGEST_LAG = 3.0
 """[s] of readings that are older no state is remembered."""
 GATE_RELAXATION = 4.0
-"""Gate relaxation: variance, in squared innovations, added to the states that rejected readings contradict."""
-EXPOSED, EXPOSED_FOR = 1.0, 3.0
-"""[m/s, m/s2], [s] by which the motion may be wrong where its source proves wrong: more than vehicles make."""
+"""Gate relaxation: variance, in squared innovations, added to the states that rejected readings
+contradict.
+"""
+EXPOSED = 1.0
+EXPOSED_FOR = 3.0
+"""[m/s, m/s2], [s] by which the motion may be wrong where its source proves wrong: more than
+vehicles make.
+"""
 LARGEST = 1e9
 """[unit of the channel] no sensor reads more: a larger number is none."""
 UNKNOWN = 0.25
@@ -135,13 +145,17 @@ class FilterMemory(Layout):
     period: Annotated[Vector, Sized(N_CHANNELS)]
     """(9,) [s] between its readings, 0 for once per tick."""
     gate: Annotated[Vector, Sized(N_CHANNELS)]
-    """(9,) chi-square gate: largest squared innovation that is accepted; of one joint for the joints."""
+    """(9,) chi-square gate: largest squared innovation that is accepted; of one joint for the
+    joints.
+    """
     agility: Annotated[Vector, Sized(N_CHANNELS)]
     """(9,) [m/s2, rad/s2] largest change of acceleration of what each channel measures."""
     jolt: Annotated[Vector, Sized(N_CHANNELS)]
     """(9,) [m/s2, rad/s2] `JOLTS`"""
     surprise: Annotated[Vector, Sized(N_CHANNELS)]
-    """(9,) [unit of the channel] innovation of the last reading that was believed, where it is beyond the noise; it fades."""
+    """(9,) [unit of the channel] innovation of the last reading that was believed, where it is
+    beyond the noise; it fades.
+    """
     recovery: Annotated[Vector, Sized(N_CHANNELS)]
     """(9,) [s] for which rejected readings must agree to be accepted."""
     needed: Annotated[Vector, Sized(N_CHANNELS)]
@@ -186,13 +200,17 @@ class FilterMemory(Layout):
     dt: float
     """[s]"""
     least_jerk_share: float
-    """Least `jerk_share`; 1 with an accelerometer, and with an exact DVL, whose innovations are no noise."""
+    """Least `jerk_share`; 1 with an accelerometer, and with an exact DVL, whose innovations are no
+    noise.
+    """
     jerk_share: float
     """Share of `ProcessNoise.JERK` that the vehicle shows, by the innovations of its DVL."""
     turn: Annotated[Vector, Sized(4)]
     """(4,) quaternion xyzw of R_WB."""
     x: Annotated[Vector, Sized(MAIN)]
-    """(MAIN,) [SI] the parts by their places; those of `Part.TURN` are 0, as the attitude is in `turn`."""
+    """(MAIN,) [SI] the parts by their places; those of `Part.TURN` are 0, as the attitude is in
+    `turn`.
+    """
     P: Annotated[list[Vector], Sized(STATES, STATES)]
     """(STATES, STATES) [SI] covariance of the errors; only its upper triangle counts."""
     commanded_W: Annotated[Vector, Sized(3)]
@@ -253,11 +271,15 @@ class FilterMemory(Layout):
     change: Annotated[Vector, Sized(STATES)]
     """(STATES,) [SI] of the errors, by the last correction."""
     outcome: Annotated[list[Vector], Sized(N_CHANNELS, 4)]
-    """(9, 4) [s, -, -, -] time, squared innovation, degrees of freedom, 1 if accepted; nan before the first."""
+    """(9, 4) [s, -, -, -] time, squared innovation, degrees of freedom, 1 if accepted; nan before
+    the first.
+    """
     twist: Annotated[Vector, Sized(6)]
     """(6,) [m/s, rad/s] in B."""
     range: Annotated[Vector, Sized(2)]
-    """(2,) [m] along the altimeter's beam, nan where it is not known, and its standard deviation."""
+    """(2,) [m] along the altimeter's beam, nan where it is not known, and its standard
+    deviation.
+    """
     age: Annotated[Vector, Sized(2)]
     """(2,) [s] of the oldest needed channel, and of the joint positions."""
     std: Annotated[Vector, Sized("n_commanded")]
@@ -282,11 +304,15 @@ class EstimatorTuning:
     """
 
     jerk: Positive = 0.1
-    """[m/s3/sqrt(Hz)] of the vehicle at most; without an accelerometer less, where the innovations of the DVL are smaller."""
+    """[m/s3/sqrt(Hz)] of the vehicle at most; without an accelerometer less, where the innovations
+    of the DVL are smaller.
+    """
     angular_jerk: Positive = 0.5
     """[rad/s3/sqrt(Hz)] of the vehicle."""
     gyro_bias: Positive = 1e-3
-    """[rad/s] expected at first, beside the one that the sensor is said to have; so are the next two."""
+    """[rad/s] expected at first, beside the one that the sensor is said to have; so are the next
+    two.
+    """
     dvl_bias: Positive = 1e-4
     """[m/s]"""
     force_bias: Positive = 0.02
@@ -297,12 +323,15 @@ class EstimatorTuning:
     """Slope."""
 
 
-# What the filter is told once: the noise of the sensors, how the robot is expected to move, and what it knows at first.
+# What the filter is told once: the noise of the sensors, how the robot is expected to move, and
+# what it knows at first.
 
 JOLTS = (30.0, 30.0, 0.0, 0.0, 0.0, 0.0, 0.0, 200.0, 0.0)
-"""(9,) [m/s2, rad/s2] of each channel: light vehicles turn, and light joints under a load fall, as fast unplanned.
+"""(9,) [m/s2, rad/s2] of each channel: light vehicles turn, and light joints under a load fall, as
+fast unplanned.
 
-Gates that grant more find nothing. Linear motion is slow and seen rarely; positions of joints tell their velocities as soon.
+Gates that grant more find nothing. Linear motion is slow and seen rarely; positions of joints tell
+their velocities as soon.
 """
 JOLT_TIME = 0.015
 """[s] for which gates grant that at most: what lasts longer shows in other readings."""
@@ -313,20 +342,28 @@ ALTITUDE_DRIFT = 0.005
 RESPONSE_TIME = 0.1
 """[s] with which velocities are taken to follow commands."""
 _ECHO_MEMORY = 1.0  # [s] for which the altitude is known without an echo
-_RESPONSE_UNCERTAINTY = 0.5  # standard deviation of a velocity after a step of the commanded one, as a share of that step
-_RECOVERY = 1.0  # [s] for which readings that contradict the estimate must agree with each other to be believed
+# standard deviation of a velocity after a step of the commanded one, as a share of that step
+_RESPONSE_UNCERTAINTY = 0.5
+# [s] for which readings that contradict the estimate must agree with each other to be believed
+_RECOVERY = 1.0
 _LEAST_JERK_SHARE = 0.02
 _SMALLEST_SIGMA = 1e-5  # stands in for the noise of an exact sensor, and keeps covariances regular
 _LIMITS = (3.0, 1e2, 30.0, 10.0, 3.0, 3.0, 1.0, 10.0, 10.0)  # of each `Part` but the floor
 _FIRST = (3.0, 1e2, 1.0, 0.1, 1.0, 0.1)  # of those that are not biases
 _FLOOR = 1e2  # [m]
-_JOINT_LIMIT, _JOINT_FIRST = (10.0, 10.0), (10.0, 1.0)
-_GATES = {1: 25.0, 3: 31.8125}  # chi-squared that 6e-7 exceed: five standard deviations of one number
+_JOINT_LIMIT = (10.0, 10.0)
+_JOINT_FIRST = (10.0, 1.0)
+_GATES = {
+    1: 25.0,
+    3: 31.8125,
+}  # chi-squared that 6e-7 exceed: five standard deviations of one number
 _MOST_AGILE = 10.0  # [m/s2, rad/s2] where limits are infinite
 _EARLY_STEP = 0.25  # [s] for which echoes must agree that the floor has gone down
 
 
-def initialise(structure: FilterMemory, robot: Robot, specs: SensorSpecs, tuning: EstimatorTuning) -> None:
+def initialise(
+    structure: FilterMemory, robot: Robot, specs: SensorSpecs, tuning: EstimatorTuning
+) -> None:
     """Write what the filter knows before the first tick."""
     memory = arrays_of(structure)
     for name in CHANNELS:
@@ -334,26 +371,44 @@ def initialise(structure: FilterMemory, robot: Robot, specs: SensorSpecs, tuning
         memory.sigma[NUMBER[name]] = max(0.0 if spec is None else spec.sigma, _SMALLEST_SIGMA)
         memory.period[NUMBER[name]] = 0.0 if spec is None else 1.0 / spec.rate
         memory.lag[NUMBER[name]] = 0.0 if spec is None else spec.delay
-        memory.gate[NUMBER[name]], memory.recovery[NUMBER[name]] = _GATES[rows_of(NUMBER[name])], _RECOVERY
+        memory.gate[NUMBER[name]], memory.recovery[NUMBER[name]] = (
+            _GATES[rows_of(NUMBER[name])],
+            _RECOVERY,
+        )
     memory.recovery[ChannelIndex.ALTIMETER_RANGE] = _EARLY_STEP
     memory.limit[:] = [*np.repeat(_LIMITS, 3), _FLOOR]
     memory.joint_limit[:] = _JOINT_LIMIT
     memory.gravity[:] = robot.model.gravity.linear
     memory.beam_up[2], memory.agility[:], memory.jolt[:] = 1.0, _agility(robot), JOLTS
-    structure.floating, structure.guided = robot.n_vehicle > 0, specs.specific_force is None
-    structure.echo_memory, structure.echo, structure.jerk_share = _ECHO_MEMORY, -math.inf, 1.0
+    structure.floating = robot.n_vehicle > 0
+    structure.guided = specs.specific_force is None
+    structure.echo_memory = _ECHO_MEMORY
+    structure.echo = -math.inf
+    structure.jerk_share = 1.0
     noisy = memory.sigma[ChannelIndex.LINEAR_VELOCITY] > _SMALLEST_SIGMA
     structure.least_jerk_share = _LEAST_JERK_SHARE if structure.guided and noisy else 1.0
-    memory.drive[ProcessNoise.JERK], memory.drive[ProcessNoise.ANGULAR_JERK] = tuning.jerk, tuning.angular_jerk
-    memory.drive[ProcessNoise.GYRO], memory.drive[ProcessNoise.DVL], memory.drive[ProcessNoise.FORCE] = BIAS_DRIFTS
-    memory.drive[ProcessNoise.ROUGHNESS], memory.drive[ProcessNoise.SETTLING] = tuning.floor_roughness, ALTITUDE_DRIFT
+    memory.drive[ProcessNoise.JERK], memory.drive[ProcessNoise.ANGULAR_JERK] = (
+        tuning.jerk,
+        tuning.angular_jerk,
+    )
+    (
+        memory.drive[ProcessNoise.GYRO],
+        memory.drive[ProcessNoise.DVL],
+        memory.drive[ProcessNoise.FORCE],
+    ) = BIAS_DRIFTS
+    memory.drive[ProcessNoise.ROUGHNESS], memory.drive[ProcessNoise.SETTLING] = (
+        tuning.floor_roughness,
+        ALTITUDE_DRIFT,
+    )
     memory.drive[ProcessNoise.JOINT] = tuning.joint_acceleration
     memory.drive[ProcessNoise.REPLY] = _RESPONSE_UNCERTAINTY * math.sqrt(2.0 * RESPONSE_TIME)
     _set_first(memory, specs, tuning)
 
 
 def _agility(robot: Robot) -> np.ndarray:
-    """(9,) [m/s2, rad/s2] the largest acceleration of what each channel measures, from full acceleration the other way."""
+    """(9,) [m/s2, rad/s2] the largest acceleration of what each channel measures, from full
+    acceleration the other way.
+    """
     limits = 2.0 * np.minimum(robot.limits.acceleration, _MOST_AGILE)
     joint = float(limits[robot.joint_v].max(initial=0.0))
     linear, angular = (limits[:3].max(), limits[3:6].max()) if robot.n_vehicle else (0.0, 0.0)
@@ -367,8 +422,14 @@ def _set_first(memory: Any, specs: SensorSpecs, tuning: EstimatorTuning) -> None
         (Part.FORCE_BIAS, tuning.force_bias, specs.specific_force),
     )
     sigma = np.concatenate([np.repeat(_FIRST, 3), np.zeros(9), [_FLOOR]])
-    for first, usual, spec in biases:  # of one that a sensor is said to have the sign is for the filter to find
-        sigma[first : first + 3] = math.hypot(usual, 0.0 if spec is None else np.sqrt(np.mean(np.square(spec.biases))))
+    for (
+        first,
+        usual,
+        spec,
+    ) in biases:  # of one that a sensor is said to have the sign is for the filter to find
+        sigma[first : first + 3] = math.hypot(
+            usual, 0.0 if spec is None else np.sqrt(np.mean(np.square(spec.biases)))
+        )
     memory.P[range(MAIN), range(MAIN)] = sigma**2
     memory.turn[3] = 1.0
     memory.joint_P[:, 0, 0], memory.joint_P[:, 1, 1] = np.square(_JOINT_FIRST)

@@ -5,7 +5,11 @@ from __future__ import annotations
 import math
 
 from uvms_ocp.codegen.kernel_layout import zeros
-from uvms_ocp.estimation import filter_memory as filtering, measurement_update as update, vehicle_model
+from uvms_ocp.estimation import (
+    filter_memory as filtering,
+    measurement_update as update,
+    vehicle_model,
+)
 from uvms_ocp.estimation.filter_memory import JOINT_SLOTS, JOINT_STATES, FilterMemory
 
 _FIRST = int(filtering.ChannelIndex.JOINT_POSITIONS)
@@ -13,8 +17,10 @@ _FIRST = int(filtering.ChannelIndex.JOINT_POSITIONS)
 
 def predict_joints(m: FilterMemory) -> None:
     """Advance by the time of the tick."""
-    dt, drive = m.dt, m.drive[filtering.ProcessNoise.JOINT] * m.drive[filtering.ProcessNoise.JOINT]
-    h, n = min(filtering.LONGEST_STEP, dt), _active(m)
+    dt = m.dt
+    drive = m.drive[filtering.ProcessNoise.JOINT] * m.drive[filtering.ProcessNoise.JOINT]
+    h = min(filtering.LONGEST_STEP, dt)
+    n = _active(m)
     for j in range(m.n_joints):
         x = m.joint_x[j]
         if m.has_command:
@@ -47,7 +53,9 @@ def _active(m: FilterMemory) -> int:
 
 def _bound(m: FilterMemory, j: int, i: int) -> None:
     """Bound variances by `joint_limit`: what is lost or unknown falls back to it."""
-    most, lost, P = m.joint_limit[i] * m.joint_limit[i], not math.isfinite(m.joint_x[j][i]), m.joint_P[j][i][i]
+    most = m.joint_limit[i] * m.joint_limit[i]
+    lost = not math.isfinite(m.joint_x[j][i])
+    P = m.joint_P[j][i][i]
     if not lost and vehicle_model.is_determined(P, most):
         return
     if i == 1 and not lost and P > 0.0 and math.isfinite(P):
@@ -84,7 +92,9 @@ def fuse_joints(m: FilterMemory) -> None:
 
 
 def _ingest(m: FilterMemory, c: int) -> None:
-    value, count, limit = m.joint_value[c - _FIRST], 0, filtering.UNKNOWN * m.joint_limit[0] * m.joint_limit[0]
+    value = m.joint_value[c - _FIRST]
+    count = 0
+    limit = filtering.UNKNOWN * m.joint_limit[0] * m.joint_limit[0]
     if not update.is_of_now(m, c):
         return
     for j in range(m.n_joints):
@@ -96,7 +106,8 @@ def _ingest(m: FilterMemory, c: int) -> None:
         m.joint_unknown[j] = c == _FIRST and m.joint_P[j][0][0] > limit
         if m.joint_unknown[j] != 0.0:
             # Take the first reading for the truth.
-            age, sigma = m.now - m.stamp[_FIRST], m.sigma[_FIRST]
+            age = m.now - m.stamp[_FIRST]
+            sigma = m.sigma[_FIRST]
             m.joint_x[j][0] = m.joint_value[0][j] + age * m.joint_x[j][1]
             _clear(m, j, 0, sigma * sigma + age * age * m.joint_P[j][1][1])
             count += 1
@@ -128,7 +139,13 @@ def _rate_variance(m: FilterMemory, j: int, k: int, slot: int) -> float:
 
 def _gate(m: FilterMemory, c: int, slot: int, delta: float) -> None:
     """Believe the readings of the joints or not, and use them."""
-    k, n, accepted, degrees, total, walk, surprise = c - _FIRST, _active(m), True, 0, 0.0, 0.0, 0.0
+    k = c - _FIRST
+    n = _active(m)
+    accepted = True
+    degrees = 0
+    total = 0.0
+    walk = 0.0
+    surprise = 0.0
     state = k if slot < 0 else 2 + slot
     if k != 0:
         walk = m.drive[filtering.ProcessNoise.JOINT] * m.drive[filtering.ProcessNoise.JOINT]
@@ -136,12 +153,16 @@ def _gate(m: FilterMemory, c: int, slot: int, delta: float) -> None:
         if m.joint_unknown[j] != 0.0:
             m.joint_since[k][j] = math.nan
             continue
-        variance, h, rate = _rate_variance(m, j, k, slot), _predicted(m, j, k, slot), _rate(m, j, k, slot)
+        variance = _rate_variance(m, j, k, slot)
+        h = _predicted(m, j, k, slot)
+        rate = _rate(m, j, k, slot)
         own = m.sigma[c] * m.sigma[c] + delta * delta * max(variance, 0.0) + abs(delta) * walk
         nu = m.joint_value[k][j] - h - delta * rate
         S = m.joint_P[j][state][state] + own
         # Beside what accelerations can do, a joint with a rate may stop.
-        stop = abs(h if k != 0 else rate) * (update.time_since_accepted(m, c) if c == _FIRST else 1.0)
+        stop = abs(h if k != 0 else rate) * (
+            update.time_since_accepted(m, c) if c == _FIRST else 1.0
+        )
         root = math.sqrt(update.planned_allowance(m, c)) + stop / 5.0
         granted = max(root * root, update.jolt_allowance(m, c))
         believed = nu * nu <= m.gate[c] * (S + granted)
@@ -164,7 +185,8 @@ def _gate(m: FilterMemory, c: int, slot: int, delta: float) -> None:
 
 def _is_consistent(m: FilterMemory, c: int, j: int, nu: float, S: float) -> bool:
     """Return whether a reading outside the gate agrees with those before it, for long enough."""
-    since, refused = m.joint_since[c - _FIRST], m.joint_refused[c - _FIRST]
+    since = m.joint_since[c - _FIRST]
+    refused = m.joint_refused[c - _FIRST]
     change = nu - refused[j]
     agrees = math.isfinite(since[j]) and change * change <= m.gate[c] * S
     if not agrees:
@@ -176,11 +198,16 @@ def _is_consistent(m: FilterMemory, c: int, j: int, nu: float, S: float) -> bool
 def _inflate_surprised(m: FilterMemory, j: int, c: int, squared: float) -> None:
     """A joint has done what it can and the process model did not expect.
 
-    What is more than twice an acceleration that is planned came at once, where positions are in time and alone tell of it: it was
-    faster ever since the last reading that was believed. Less may be a delay that nobody knows of.
+    What is more than twice an acceleration that is planned came at once, where positions are in
+    time and alone tell of it: it was faster ever since the last reading that was believed. Less may
+    be a delay that nobody knows of.
     """
-    time, since = update.time_since_accepted(m, c), max(m.stamp[c] - m.used[c], m.dt)
-    alone = m.lag[c] <= 0.0 and m.stamp[c] - m.used[filtering.ChannelIndex.JOINT_VELOCITIES] > m.recovery[c] / 2.0
+    time = update.time_since_accepted(m, c)
+    since = max(m.stamp[c] - m.used[c], m.dt)
+    alone = (
+        m.lag[c] <= 0.0
+        and m.stamp[c] - m.used[filtering.ChannelIndex.JOINT_VELOCITIES] > m.recovery[c] / 2.0
+    )
     jolted = c == _FIRST and alone and math.sqrt(squared) > 2.0 * m.agility[c] * time * since
     _inflate_own(m, j, c, squared)
     if c == _FIRST:
@@ -214,7 +241,9 @@ def _is_of(m: FilterMemory, c: int, state: int) -> bool:
 
 def _correct(m: FilterMemory, j: int, state: int, nu: float, own: float, n: int) -> None:
     """The Kalman update."""
-    S, gain, row = m.joint_P[j][state][state] + own, zeros(JOINT_STATES), zeros(JOINT_STATES)
+    S = m.joint_P[j][state][state] + own
+    gain = zeros(JOINT_STATES)
+    row = zeros(JOINT_STATES)
     for a in range(n):
         row[a] = m.joint_P[j][state][a]
         gain[a] = m.joint_P[j][a][state] / S
@@ -228,7 +257,8 @@ def _correct(m: FilterMemory, j: int, state: int, nu: float, own: float, n: int)
 
 
 def _clone(m: FilterMemory, c: int) -> None:
-    slot, k = update.free_slot(m.joint_owner, JOINT_SLOTS), c - _FIRST
+    slot = update.free_slot(m.joint_owner, JOINT_SLOTS)
+    k = c - _FIRST
     if slot < 0:
         return
     at = 2 + slot

@@ -1,6 +1,7 @@
 """Gate and fuse the readings of the vehicle, late ones by stochastic cloning, as kernels.
 
-A late reading is compared with its clone and corrects it, the state of now and all other clones by their covariances.
+A late reading is compared with its clone and corrects it, the state of now and all other clones by
+their covariances.
 """
 
 from __future__ import annotations
@@ -9,22 +10,42 @@ import math
 
 from uvms_ocp.codegen.kernel_layout import Vector, wide, zeros
 from uvms_ocp.estimation import filter_memory as filtering, vehicle_model as vehicle
-from uvms_ocp.estimation.filter_memory import EARLY, MAIN, SLOTS, ChannelIndex, FilterMemory, Part, rows_of
+from uvms_ocp.estimation.filter_memory import (
+    EARLY,
+    MAIN,
+    SLOTS,
+    ChannelIndex,
+    FilterMemory,
+    Part,
+    rows_of,
+)
 from uvms_ocp.robot.kinematics import STEEP
 
 # When readings are taken that arrive late, and which clone stands for one.
 
-NOW, NONE = -1, -2  # in place of a clone
+# in place of a clone
+NOW = -1
+NONE = -2
 _MOST_CLONES = 24.0  # of one channel; where more are needed they stand further apart
-_SPACING = 0.01  # [s] between two clones at least, for each time that an acceleration is integrated in what they see
-_OUTGROWN, _FADING = 4.0, 0.05  # by which a motion that surprised may surprise more, and [s] for how long
-_ADAPTATION, _MOST_ADAPTED = 0.1, 20.0  # gain of the share of the jerk, and largest squared innovation that counts
-_SURPRISE = 0.05  # [s] for which the robot may have accelerated as it can before the process model notices
+# [s] between two clones at least, for each time that an acceleration is integrated in what they see
+_SPACING = 0.01
+# by which a motion that surprised may surprise more, and [s] for how long
+_OUTGROWN = 4.0
+_FADING = 0.05
+# gain of the share of the jerk, and largest squared innovation that counts
+_ADAPTATION = 0.1
+_MOST_ADAPTED = 20.0
+_SURPRISE = (
+    0.05  # [s] for which the robot may have accelerated as it can before the process model notices
+)
 
 
 def space_clones(m: FilterMemory, first: int, last: int, slots: int) -> None:
-    """Share the slots among the late ones of channels first to last: where all their readings do not fit, none has many."""
-    most, total = _MOST_CLONES, slots + 1.0
+    """Share the slots among the late ones of channels first to last: where all their readings do
+    not fit, none has many.
+    """
+    most = _MOST_CLONES
+    total = slots + 1.0
     while most > 2.0:
         total = 0.0
         for c in range(first, last):
@@ -41,12 +62,16 @@ def space_clones(m: FilterMemory, first: int, last: int, slots: int) -> None:
 
 
 def _least(c: int) -> float:
-    """[s] between two clones at least: motion is smooth enough in between. Joints have no need to save."""
+    """[s] between two clones at least: motion is smooth enough in between. Joints have no need to
+    save.
+    """
     return _SPACING * filtering.orders_of(c) if c < filtering.N_VEHICLE else 0.0
 
 
 def is_of_now(m: FilterMemory, c: int) -> bool:
-    """Return whether the fresh reading of channel c is newer than the last, and not of the future."""
+    """Return whether the fresh reading of channel c is newer than the last, and not of the
+    future.
+    """
     return m.last[c] < m.stamp[c] <= m.now + EARLY
 
 
@@ -58,11 +83,14 @@ def update_lag(m: FilterMemory, c: int) -> None:
 
 
 def nearest_clone(m: FilterMemory, c: int, owner: Vector, taken: Vector, slots: int) -> int:
-    """The clone for the fresh reading of channel c, `NOW` for none, `NONE` where what there is is not near enough.
+    """The clone for the fresh reading of channel c, `NOW` for none, `NONE` where what there is is
+    not near enough.
 
     owner (slots,) and taken (slots,) [s]: channel and time of each clone.
     """
-    best, nearest, reach = NOW, abs(m.stamp[c] - m.now), 1.5 * m.dt + EARLY
+    best = NOW
+    nearest = abs(m.stamp[c] - m.now)
+    reach = 1.5 * m.dt + EARLY
     for slot in range(slots):
         if owner[slot] == c and abs(m.stamp[c] - taken[slot]) < nearest:
             best = slot
@@ -73,10 +101,14 @@ def nearest_clone(m: FilterMemory, c: int, owner: Vector, taken: Vector, slots: 
 
 
 def is_due(m: FilterMemory, c: int) -> bool:
-    """Return whether channel c is late and takes a reading at this tick; if so the next time is noted."""
+    """Return whether channel c is late and takes a reading at this tick; if so the next time is
+    noted.
+    """
     if m.lag[c] <= 0.0 or m.now < m.due[c] - EARLY:
         return False
-    apart, period, phase = m.apart[c], m.period[c], m.last[c] if math.isfinite(m.last[c]) else 0.0
+    apart = m.apart[c]
+    period = m.period[c]
+    phase = m.last[c] if math.isfinite(m.last[c]) else 0.0
     if apart <= m.dt + EARLY:
         m.due[c] = m.now
     elif period <= m.dt:
@@ -107,7 +139,8 @@ def free_slot(owner: Vector, slots: int) -> int:
 
 
 def time_since_accepted(m: FilterMemory, c: int) -> float:
-    """Time [s] in which the robot can have done something else since the last reading of channel c that was believed.
+    """Time [s] in which the robot can have done something else since the last reading of channel c
+    that was believed.
 
     Of depths, since the last of a fix, too: both tell the height.
     """
@@ -116,10 +149,12 @@ def time_since_accepted(m: FilterMemory, c: int) -> float:
 
 
 def planned_allowance(m: FilterMemory, c: int) -> float:
-    """Variance that the gate grants channel c for accelerations that the process model does not expect.
+    """Variance that the gate grants channel c for accelerations that the process model does not
+    expect.
 
-    Of what the robot can have planned since the last reading that was believed; the gate is five standard deviations wide. A
-    velocity that nothing but the channel tells of is that of two readings ago.
+    Of what the robot can have planned since the last reading that was believed; the gate is five
+    standard deviations wide. A velocity that nothing but the channel tells of is that of two
+    readings ago.
     """
     moved = _moved(c, m.agility[c], time_since_accepted(m, c))
     if _is_place(c) and _is_velocity_unseen(m, c):
@@ -145,7 +180,9 @@ def _moved(c: int, acceleration: float, time: float) -> float:
 
 
 def _is_velocity_unseen(m: FilterMemory, c: int) -> bool:
-    """Return whether no DVL has been used for so long that channel c alone tells of the velocity."""
+    """Return whether no DVL has been used for so long that channel c alone tells of the
+    velocity.
+    """
     return m.stamp[c] - m.used[ChannelIndex.LINEAR_VELOCITY] > m.recovery[c] / 2.0
 
 
@@ -154,7 +191,9 @@ def _is_place(c: int) -> bool:
 
 
 def record_outcome(m: FilterMemory, c: int, squared: float, degrees: int, believed: bool) -> None:
-    """Record the outcome for the fresh reading of channel c: `squared` and its degrees of freedom."""
+    """Record the outcome for the fresh reading of channel c: `squared` and its degrees of
+    freedom.
+    """
     outcome = m.outcome[c]
     outcome[0] = m.stamp[c]
     outcome[1], outcome[2], outcome[3] = squared, degrees, believed
@@ -172,7 +211,8 @@ def fuse(m: FilterMemory) -> None:
     if m.now - m.used[velocity] > m.lag[velocity] + m.recovery[velocity]:
         m.jerk_share = 1.0  # nothing shows it any more
     if m.fresh[velocity] != 0.0 and m.outcome[velocity][1] > m.gate[velocity]:
-        # The reading before has made an acceleration, which this one may end: no fix is to blame a bias for it.
+        # The reading before has made an acceleration, which this one may end: no fix is to blame a
+        # bias for it.
         _ingest(m, velocity)
     for c in range(filtering.N_VEHICLE):
         if m.fresh[c] != 0.0:
@@ -194,7 +234,13 @@ def _corrected_by(c: int) -> int:
         return Part.SPEED
     if c == ChannelIndex.SPECIFIC_FORCE:
         return Part.ACCELERATION
-    return Part.FLOOR if c == ChannelIndex.ALTIMETER_RANGE else Part.PLACE if c == ChannelIndex.POSITION else Part.PLACE + 2
+    return (
+        Part.FLOOR
+        if c == ChannelIndex.ALTIMETER_RANGE
+        else Part.PLACE
+        if c == ChannelIndex.POSITION
+        else Part.PLACE + 2
+    )
 
 
 def _is_blind(m: FilterMemory, c: int) -> bool:
@@ -206,7 +252,9 @@ def _is_uninitialised(m: FilterMemory, c: int) -> bool:
     """Return whether a channel's next reading is the first."""
     # Channels whose first reading is taken for the truth.
     absolute = c == ChannelIndex.ATTITUDE or c == ChannelIndex.POSITION or c == ChannelIndex.DEPTH
-    return (absolute or c == ChannelIndex.ALTIMETER_RANGE) and vehicle.is_unknown(m, _corrected_by(c), rows_of(c))
+    return (absolute or c == ChannelIndex.ALTIMETER_RANGE) and vehicle.is_unknown(
+        m, _corrected_by(c), rows_of(c)
+    )
 
 
 def _ingest(m: FilterMemory, c: int) -> None:
@@ -228,7 +276,9 @@ def _ingest(m: FilterMemory, c: int) -> None:
 
 
 def _is_usable(m: FilterMemory, c: int) -> bool:
-    """Return whether the fresh reading is one: of a size that can be, newer than the last, not of the future."""
+    """Return whether the fresh reading is one: of a size that can be, newer than the last, not of
+    the future.
+    """
     value = m.value[c]
     if not is_of_now(m, c):
         return False
@@ -241,11 +291,20 @@ def _is_usable(m: FilterMemory, c: int) -> bool:
 
 
 def _initialise(m: FilterMemory, c: int) -> None:
-    """Take the first reading for the truth, unless it is too old to be. Nothing that was cloned before can be right."""
-    s, first, age, value, moved = m.predicted, _corrected_by(c), m.now - m.stamp[c], m.value[c], zeros(3)
+    """Take the first reading for the truth, unless it is too old to be. Nothing that was cloned
+    before can be right.
+    """
+    s = m.predicted
+    first = _corrected_by(c)
+    age = m.now - m.stamp[c]
+    value = m.value[c]
+    moved = zeros(3)
     noise = m.sigma[c] * m.sigma[c]
     vehicle.predict_measurement(m, c, vehicle.active(m))
-    if noise + vehicle.process_variance(m, c, age) > filtering.UNKNOWN * m.limit[first] * m.limit[first]:
+    if (
+        noise + vehicle.process_variance(m, c, age)
+        > filtering.UNKNOWN * m.limit[first] * m.limit[first]
+    ):
         return
     for slot in range(SLOTS):
         m.owner[slot] = -1.0
@@ -271,15 +330,21 @@ def _initialise(m: FilterMemory, c: int) -> None:
 
 
 def _set_floor(m: FilterMemory, age: float, n: int) -> None:
-    c, at, s, R, row = int(ChannelIndex.ALTIMETER_RANGE), int(Part.FLOOR), m.predicted, zeros(9), m.predicted.HP[0]
-    cosine, arm = s.h[1], 0.0
+    c = int(ChannelIndex.ALTIMETER_RANGE)
+    at = int(Part.FLOOR)
+    s = m.predicted
+    R = zeros(9)
+    row = m.predicted.HP[0]
+    cosine = s.h[1]
+    arm = 0.0
     if cosine <= STEEP:
         return
     noise = cosine * m.sigma[c]
     vehicle.rotation(m.turn, R)
     for i in range(3):
         arm += R[6 + i] * m.beam_at[i]
-    late, moved = vehicle.process_variance(m, c, age), age * s.rate[0] - age * age / 2.0 * vehicle.second_derivative(m, c, 0)
+    late = vehicle.process_variance(m, c, age)
+    moved = age * s.rate[0] - age * age / 2.0 * vehicle.second_derivative(m, c, 0)
     m.x[at] = m.x[Part.PLACE + 2] + arm - (cosine * m.value[c][0] + moved)
     own = s.S[0][0] + 2.0 * row[at] + m.P[at][at]
     for j in range(n):  # of the height of the altimeter
@@ -293,30 +358,43 @@ def _set_floor(m: FilterMemory, age: float, n: int) -> None:
 
 def _gate(m: FilterMemory, c: int, slot: int, delta: float) -> None:
     """Believe a reading or not, and use it."""
-    nu, rows, s = zeros(3), rows_of(c), m.predicted
+    nu = zeros(3)
+    rows = rows_of(c)
+    s = m.predicted
     vehicle.recall_measurement(m, c, slot, vehicle.active(m))
     if c == ChannelIndex.ALTIMETER_RANGE and s.h[1] <= STEEP:
         return
     _innovation(m, c, delta, nu)
-    own, granted = _noise(m, c, delta), max(planned_allowance(m, c), jolt_allowance(m, c))
-    squared, size = _squared_innovation(m, own, rows, nu), nu[0] * nu[0] + nu[1] * nu[1] + nu[2] * nu[2]
+    own = _noise(m, c, delta)
+    granted = max(planned_allowance(m, c), jolt_allowance(m, c))
+    squared = _squared_innovation(m, own, rows, nu)
+    size = nu[0] * nu[0] + nu[1] * nu[1] + nu[2] * nu[2]
     believed = _squared_innovation(m, own + granted, rows, nu) <= m.gate[c]
-    # The estimate may be wrong where the channel contradicts it, but not the height, which fixes tell too.
-    not_by_fixes = c != ChannelIndex.DEPTH or m.stamp[c] - m.used[ChannelIndex.POSITION] > m.recovery[c]
+    # The estimate may be wrong where the channel contradicts it, but not the height, which fixes
+    # tell too.
+    not_by_fixes = (
+        c != ChannelIndex.DEPTH or m.stamp[c] - m.used[ChannelIndex.POSITION] > m.recovery[c]
+    )
     if believed:
         m.since[c] = math.nan
         m.surprise[c] = math.sqrt(size) if squared > m.gate[c] else 0.0
         if squared > m.gate[c]:
             _inflate_surprised(m, c, size)
             vehicle.recall_measurement(m, c, slot, vehicle.active(m))
-    elif not_by_fixes and math.isfinite(squared) and math.isfinite(size) and _is_consistent(m, c, 2.0 * own + granted, nu):
+    elif (
+        not_by_fixes
+        and math.isfinite(squared)
+        and math.isfinite(size)
+        and _is_consistent(m, c, 2.0 * own + granted, nu)
+    ):
         believed = True
         _relax(m, c, size)
         vehicle.recall_measurement(m, c, slot, vehicle.active(m))
     record_outcome(m, c, squared, rows, believed)
     if c == ChannelIndex.LINEAR_VELOCITY:
-        # Innovation-based adaptive estimation ([Mehra1972]): squared innovations per degree of freedom have a mean of one where
-        # the process noise is right, and a vehicle that follows its commands jerks less than vehicles can.
+        # Innovation-based adaptive estimation ([Mehra1972]): squared innovations per degree of
+        # freedom have a mean of one where the process noise is right, and a vehicle that follows
+        # its commands jerks less than vehicles can.
         change = _ADAPTATION * (min(squared / rows, _MOST_ADAPTED) - 1.0)
         m.jerk_share = min(max(m.jerk_share * math.exp(change), m.least_jerk_share), 1.0)
     if believed:
@@ -327,13 +405,16 @@ def _gate(m: FilterMemory, c: int, slot: int, delta: float) -> None:
 
 def _innovation(m: FilterMemory, c: int, delta: float, nu: Vector) -> None:
     """Measured minus predicted, which is carried on by delta [s], (rows,)."""
-    s, value = m.predicted, m.value[c]
+    s = m.predicted
+    value = m.value[c]
     if c != ChannelIndex.ATTITUDE:
         scale = s.h[1] if c == ChannelIndex.ALTIMETER_RANGE else 1.0
         for i in range(rows_of(c)):
             nu[i] = value[i] * scale - s.h[i] - delta * s.rate[i]
         return
-    by, back, error = zeros(3), zeros(4), zeros(4)
+    by = zeros(3)
+    back = zeros(4)
+    error = zeros(4)
     back[:4] = s.h[:4]
     for i in range(3):
         by[i] = delta * s.rate[i]
@@ -352,14 +433,16 @@ def _innovation(m: FilterMemory, c: int, delta: float, nu: Vector) -> None:
 
 def _noise(m: FilterMemory, c: int, delta: float) -> float:
     """Variance of every entry of the reading."""
-    sigma, walk = m.sigma[c] * (m.predicted.h[1] if c == ChannelIndex.ALTIMETER_RANGE else 1.0), 0.0
+    sigma = m.sigma[c] * (m.predicted.h[1] if c == ChannelIndex.ALTIMETER_RANGE else 1.0)
+    walk = 0.0
     if c == ChannelIndex.SPECIFIC_FORCE:
         walk = m.drive[filtering.ProcessNoise.JERK] * m.drive[filtering.ProcessNoise.JERK]
     return sigma * sigma + delta * delta * max(m.predicted.rate_variance, 0.0) + abs(delta) * walk
 
 
 def _squared_innovation(m: FilterMemory, more: float, n: int, nu: Vector) -> float:
-    x, total = zeros(3), 0.0
+    x = zeros(3)
+    total = 0.0
     x[:n] = nu[:n]
     vehicle.factorise(m.predicted, more, n)
     vehicle.divide(m.predicted, n, x)
@@ -369,8 +452,12 @@ def _squared_innovation(m: FilterMemory, more: float, n: int, nu: Vector) -> flo
 
 
 def _is_consistent(m: FilterMemory, c: int, more: float, nu: Vector) -> bool:
-    """Return whether a reading outside the gate agrees with those before it, for long enough; a nearer floor needs no witness."""
-    change, refused, rows = zeros(3), m.refused[c], rows_of(c)
+    """Return whether a reading outside the gate agrees with those before it, for long enough; a
+    nearer floor needs no witness.
+    """
+    change = zeros(3)
+    refused = m.refused[c]
+    rows = rows_of(c)
     for i in range(rows):
         change[i] = nu[i] - refused[i]
     agrees = math.isfinite(m.since[c]) and _squared_innovation(m, more, rows, change) <= m.gate[c]
@@ -383,7 +470,9 @@ def _is_consistent(m: FilterMemory, c: int, more: float, nu: Vector) -> bool:
 
 
 def _relax(m: FilterMemory, c: int, squared: float) -> None:
-    """Inflate the variance of the part that this channel alone observes, now and in its clones, by a common error."""
+    """Inflate the variance of the part that this channel alone observes, now and in its clones, by
+    a common error.
+    """
     for slot in range(SLOTS):
         if m.owner[slot] != c:
             m.owner[slot] = -1.0
@@ -391,18 +480,23 @@ def _relax(m: FilterMemory, c: int, squared: float) -> None:
     _inflate_own(m, c, filtering.GATE_RELAXATION * squared, 0.0)
     if not _is_place(c):
         return
-    # It took the time of recovery to go so far: with a speed that nobody knew of, or an acceleration.
+    # It took the time of recovery to go so far: with a speed that nobody knew of, or an
+    # acceleration.
     time = m.recovery[c]
-    speed = min(filtering.EXPOSED * filtering.EXPOSED, filtering.GATE_RELAXATION * squared / (time * time))
+    speed = min(
+        filtering.EXPOSED * filtering.EXPOSED, filtering.GATE_RELAXATION * squared / (time * time)
+    )
     for i in range(_corrected_by(c), _corrected_by(c) + rows_of(c)):
         m.P[i + 3][i + 3] += speed
         m.P[i + 6][i + 6] += speed / (time * time)
 
 
 def _inflate_surprised(m: FilterMemory, c: int, squared: float) -> None:
-    """The robot has done what it can and the process model did not expect, or what carries the estimate is biased.
+    """The robot has done what it can and the process model did not expect, or what carries the
+    estimate is biased.
 
-    The bias of DVLs is not in doubt by their own readings: fixes are too rough to find it again soon.
+    The bias of DVLs is not in doubt by their own readings: fixes are too rough to find it again
+    soon.
     """
     time = time_since_accepted(m, c) if filtering.orders_of(c) > 1 else 1.0
     bias = int(Part.GYRO_BIAS) if c <= ChannelIndex.ANGULAR_VELOCITY else int(Part.DVL_BIAS)
@@ -419,8 +513,15 @@ def _inflate_own(m: FilterMemory, c: int, variance: float, rate: float) -> None:
 
     rate [1/s]: by which it has grown, where nothing but the channel tells of the velocity.
     """
-    rows, n, first, R, s = rows_of(c), vehicle.active(m), _corrected_by(c), zeros(9), m.predicted
-    if c == ChannelIndex.ANGULAR_VELOCITY and m.used[ChannelIndex.ATTITUDE] - m.used[c] > m.recovery[c] / 2.0:
+    rows = rows_of(c)
+    n = vehicle.active(m)
+    first = _corrected_by(c)
+    R = zeros(9)
+    s = m.predicted
+    if (
+        c == ChannelIndex.ANGULAR_VELOCITY
+        and m.used[ChannelIndex.ATTITUDE] - m.used[c] > m.recovery[c] / 2.0
+    ):
         first = int(Part.GYRO_BIAS)  # the angular velocity follows from attitudes by now
     in_body = c == ChannelIndex.LINEAR_VELOCITY or c == ChannelIndex.SPECIFIC_FORCE
     vehicle.rotation(m.turn, R)
@@ -437,16 +538,25 @@ def _inflate_own(m: FilterMemory, c: int, variance: float, rate: float) -> None:
                 for j in range(rows):
                     own = 0.0 if i != j else -1.0 if c == ChannelIndex.ALTIMETER_RANGE else 1.0
                     s.HP[j][MAIN + 3 * slot + i] = R[3 * j + i] if in_body else own
-    u, v, w = s.HP[0], s.HP[1], s.HP[2]
+    u = s.HP[0]
+    v = s.HP[1]
+    w = s.HP[2]
     for i in range(n):
         for j in range(i, n):
             m.P[i][j] += variance * (u[i] * u[j] + v[i] * v[j] + w[i] * w[j])
 
 
 def _correct(m: FilterMemory, c: int, nu: Vector, own: float) -> None:
-    """The Kalman update. Echoes move the floor alone, and its clones: they are no means to tell where the vehicle is."""
-    s, rows, n, dx = m.predicted, rows_of(c), vehicle.active(m), m.change
-    u, v, w = s.HP[0], s.HP[1], s.HP[2]
+    """The Kalman update. Echoes move the floor alone, and its clones: they are no means to tell
+    where the vehicle is.
+    """
+    s = m.predicted
+    rows = rows_of(c)
+    n = vehicle.active(m)
+    dx = m.change
+    u = s.HP[0]
+    v = s.HP[1]
+    w = s.HP[2]
     vehicle.factorise(s, own, rows)
     vehicle.divide(s, rows, nu)
     for j in range(n):
@@ -468,7 +578,10 @@ def _correct(m: FilterMemory, c: int, nu: Vector, own: float) -> None:
 def _lose(m: FilterMemory, u: Vector, v: Vector, w: Vector, n: int) -> None:
     """The loss of variance of a reading of three numbers."""
     for i in range(n):
-        row, a, b, d = m.P[i], u[i], v[i], w[i]
+        row = m.P[i]
+        a = u[i]
+        b = v[i]
+        d = w[i]
         for j in range(i, n):
             row[j] -= a * u[j] + b * v[j] + d * w[j]
 
@@ -496,7 +609,9 @@ def _apply(m: FilterMemory, dx: Vector) -> None:
     for i in range(int(Part.PLACE), MAIN):
         m.x[i] += dx[i]
     for slot in range(SLOTS):
-        c, h, change = int(m.owner[slot]), m.h[slot], zeros(3)
+        c = int(m.owner[slot])
+        h = m.h[slot]
+        change = zeros(3)
         if c >= 0:
             for i in range(3):
                 change[i] = dx[MAIN + 3 * slot + i]
@@ -509,7 +624,10 @@ def _apply(m: FilterMemory, dx: Vector) -> None:
 
 def _clone(m: FilterMemory, c: int) -> None:
     """Keep what channel c sees now, with its covariances, until its reading arrives."""
-    s, slot, before, rows = m.predicted, free_slot(m.owner, SLOTS), vehicle.active(m), rows_of(c)
+    s = m.predicted
+    slot = free_slot(m.owner, SLOTS)
+    before = vehicle.active(m)
+    rows = rows_of(c)
     if slot < 0 or _is_blind(m, c) or _is_uninitialised(m, c):
         return
     at = MAIN + 3 * slot

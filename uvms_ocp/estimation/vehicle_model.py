@@ -1,6 +1,7 @@
 """Process model and measurement models of the vehicle in the Kalman filter, as kernels.
 
-The covariance of the errors is kept in its upper triangle; what is lost (not finite) or unknown falls back to its limits.
+The covariance of the errors is kept in its upper triangle; what is lost (not finite) or unknown
+falls back to its limits.
 """
 
 from __future__ import annotations
@@ -9,7 +10,14 @@ import math
 
 from uvms_ocp.codegen.kernel_layout import Vector, wide, zeros
 from uvms_ocp.estimation import filter_memory as filtering
-from uvms_ocp.estimation.filter_memory import MAIN, ChannelIndex, FilterMemory, Part, PredictedMeasurement, ProcessNoise
+from uvms_ocp.estimation.filter_memory import (
+    MAIN,
+    ChannelIndex,
+    FilterMemory,
+    Part,
+    PredictedMeasurement,
+    ProcessNoise,
+)
 from uvms_ocp.robot.kinematics import STEEP
 from uvms_ocp.robot.shapes.gjk import rotated
 
@@ -18,7 +26,10 @@ from uvms_ocp.robot.shapes.gjk import rotated
 
 def rotation(q: Vector, R: Vector) -> None:
     """R (9,) of the quaternion q (4,)."""
-    x, y, z, w = q[0], q[1], q[2], q[3]
+    x = q[0]
+    y = q[1]
+    z = q[2]
+    w = q[3]
     R[0], R[1] = 1.0 - 2.0 * (y * y + z * z), 2.0 * (x * y - w * z)
     R[2], R[3] = 2.0 * (x * z + w * y), 2.0 * (x * y + w * z)
     R[4], R[5] = 1.0 - 2.0 * (x * x + z * z), 2.0 * (y * z - w * x)
@@ -61,9 +72,12 @@ def normalize(q: Vector) -> None:
 
 
 def turn_by(q: Vector, by: Vector) -> None:
-    """Turn the quaternion q (4,) by a rotation vector (3,) [rad] in its own frame, and give it norm 1."""
+    """Turn the quaternion q (4,) by a rotation vector (3,) [rad] in its own frame, and give it norm
+    1.
+    """
     squared = by[0] * by[0] + by[1] * by[1] + by[2] * by[2]
-    angle, e = math.sqrt(squared), zeros(4)
+    angle = math.sqrt(squared)
+    e = zeros(4)
     share = math.sin(angle / 2.0) / angle if angle > 1e-4 else 0.5 - squared / 48.0
     for i in range(3):
         e[i] = share * by[i]
@@ -73,9 +87,12 @@ def turn_by(q: Vector, by: Vector) -> None:
 
 
 def turn_maps(angle: Vector, E: Vector, J: Vector) -> None:
-    """Compute E = exp(-angle) and J, the right Jacobian of exp at the angle (3,) [rad]; (9,) each."""
+    """Compute E = exp(-angle) and J, the right Jacobian of exp at the angle (3,) [rad]; (9,)
+    each.
+    """
     squared = angle[0] * angle[0] + angle[1] * angle[1] + angle[2] * angle[2]
-    size, K = math.sqrt(squared), zeros(9)
+    size = math.sqrt(squared)
+    K = zeros(9)
     sine = 1.0 - squared / 6.0 + squared * squared / 120.0
     cosine = 0.5 - squared / 24.0 + squared * squared / 720.0
     third = 1.0 / 6.0 - squared / 120.0 + squared * squared / 5040.0
@@ -91,7 +108,8 @@ def turn_maps(angle: Vector, E: Vector, J: Vector) -> None:
     K[7] = angle[0]
     for i in range(3):
         for j in range(3):
-            K2, one = angle[i] * angle[j] - (squared if i == j else 0.0), 1.0 if i == j else 0.0
+            K2 = angle[i] * angle[j] - (squared if i == j else 0.0)
+            one = 1.0 if i == j else 0.0
             E[3 * i + j] = one - sine * K[3 * i + j] + cosine * K2
             J[3 * i + j] = one - cosine * K[3 * i + j] + third * K2
 
@@ -108,7 +126,9 @@ def active(m: FilterMemory) -> int:
 
 
 def clear(m: FilterMemory, i: int, n: int, variance: float) -> None:
-    """Take entry i out of all correlations among the first n and give it a variance [square of its unit]."""
+    """Take entry i out of all correlations among the first n and give it a variance [square of its
+    unit].
+    """
     for j in range(i):
         m.P[j][i] = 0.0
     for j in range(i, n):
@@ -117,7 +137,9 @@ def clear(m: FilterMemory, i: int, n: int, variance: float) -> None:
 
 
 def _limit_to(m: FilterMemory, i: int, n: int, variance: float) -> None:
-    """Less variance and no less correlation: clones whose readings are on their way still depend on entry i."""
+    """Less variance and no less correlation: clones whose readings are on their way still depend on
+    entry i.
+    """
     share = math.sqrt(variance / m.P[i][i])
     for j in range(i):
         m.P[j][i] *= share
@@ -140,15 +162,18 @@ def mean_variance(m: FilterMemory, first: int) -> float:
 
 
 def is_determined(variance: float, most: float) -> bool:
-    """Return whether a variance [square of a unit] is within `most` [the same]; below zero rounding has eaten it."""
+    """Return whether a variance [square of a unit] is within `most` [the same]; below zero rounding
+    has eaten it.
+    """
     return 0.0 <= variance <= most
 
 
 def response_variance(m: FilterMemory, change: float) -> float:
-    """Variance of a velocity after a tick in which the asked one made a change [m/s, rad/s]: the faster, the less it follows.
+    """Variance of a velocity after a tick in which the asked one made a change [m/s, rad/s]: the
+    faster, the less it follows.
 
-    That of an error with the time constant of the response and a standard deviation in proportion to the asked acceleration:
-    a share of a step, however it is divided into ticks.
+    That of an error with the time constant of the response and a standard deviation in proportion
+    to the asked acceleration: a share of a step, however it is divided into ticks.
     """
     drive = m.drive[ProcessNoise.REPLY] * change
     return drive * drive / m.dt if m.dt > 0.0 else 0.0
@@ -161,10 +186,16 @@ def predict(m: FilterMemory) -> None:
     """Advance by the time of the tick."""
     if m.has_command:
         _follow(m)
-    dt, angle, E, J, hJ, hhJ = m.dt, zeros(3), zeros(9), zeros(9), zeros(9), zeros(9)
+    dt = m.dt
+    angle = zeros(3)
+    E = zeros(9)
+    J = zeros(9)
+    hJ = zeros(9)
+    hhJ = zeros(9)
     if not dt > 0.0:
         return
-    h, n = min(filtering.LONGEST_STEP, dt), active(m)
+    h = min(filtering.LONGEST_STEP, dt)
+    n = active(m)
     for i in range(3):
         angle[i] = h * m.x[Part.SPIN + i] + h * h / 2.0 * m.x[Part.SPIN_UP + i]
     turn_maps(angle, E, J)
@@ -186,7 +217,8 @@ def predict(m: FilterMemory) -> None:
 
 
 def _follow(m: FilterMemory) -> None:
-    R, commanded = zeros(9), zeros(3)
+    R = zeros(9)
+    commanded = zeros(3)
     rotation(m.turn, R)
     rotated(R, m.commanded, commanded)
     for i in range(3):
@@ -205,7 +237,8 @@ def _change(m: FilterMemory, i: int, change: float) -> None:
 @wide
 def _move_rows(m: FilterMemory, n: int, h: float, E: Vector, hJ: Vector, hhJ: Vector) -> None:
     """Rows of F P, columns 0 to n, in which turns have E and h J and h^2 J / 2."""
-    half, t = h * h / 2.0, zeros(3)
+    half = h * h / 2.0
+    t = zeros(3)
     for j in range(n):
         for i in range(3):
             t[i] = 0.0
@@ -219,14 +252,17 @@ def _move_rows(m: FilterMemory, n: int, h: float, E: Vector, hJ: Vector, hhJ: Ve
             m.P[Part.TURN + i][j] = t[i]
     for i in range(3):
         for j in range(n):
-            m.P[Part.PLACE + i][j] += h * m.P[Part.SPEED + i][j] + half * m.P[Part.ACCELERATION + i][j]
+            m.P[Part.PLACE + i][j] += (
+                h * m.P[Part.SPEED + i][j] + half * m.P[Part.ACCELERATION + i][j]
+            )
             m.P[Part.SPEED + i][j] += h * m.P[Part.ACCELERATION + i][j]
             m.P[Part.SPIN + i][j] += h * m.P[Part.SPIN_UP + i][j]
 
 
 def _move_columns(m: FilterMemory, h: float, E: Vector, hJ: Vector, hhJ: Vector) -> None:
     """The same on the columns of the vehicle's own block."""
-    half, t = h * h / 2.0, zeros(3)
+    half = h * h / 2.0
+    t = zeros(3)
     for j in range(MAIN):
         row = m.P[j]
         for i in range(3):
@@ -246,8 +282,12 @@ def _move_columns(m: FilterMemory, h: float, E: Vector, hJ: Vector, hhJ: Vector)
 
 def _diffuse(m: FilterMemory, dt: float, J: Vector) -> None:
     """Add what the driving noise does in a tick, which J turns with the vehicle."""
-    dt2, jerk, spin = dt * dt, m.jerk_share * m.drive[ProcessNoise.JERK], m.drive[ProcessNoise.ANGULAR_JERK]
-    third = zeros(9)  # covariance (3, 3), row by row, of a value and its derivatives after white noise of the third
+    dt2 = dt * dt
+    jerk = m.jerk_share * m.drive[ProcessNoise.JERK]
+    spin = m.drive[ProcessNoise.ANGULAR_JERK]
+    third = zeros(
+        9
+    )  # covariance (3, 3), row by row, of a value and its derivatives after white noise of the third
     third[0], third[1] = dt2 * dt2 * dt / 20.0, dt2 * dt2 / 8.0
     third[2], third[4], third[5] = dt2 * dt / 6.0, dt2 * dt / 3.0, dt2 / 2.0
     third[8] = dt
@@ -267,30 +307,43 @@ def _diffuse(m: FilterMemory, dt: float, J: Vector) -> None:
         m.P[Part.SPIN + i][Part.SPIN_UP + i] += spin * third[5]
         m.P[Part.SPIN_UP + i][Part.SPIN_UP + i] += spin * third[8]
         for k in range(3):
-            drift, at = m.drive[ProcessNoise.GYRO + k], Part.GYRO_BIAS + 3 * k + i
+            drift = m.drive[ProcessNoise.GYRO + k]
+            at = Part.GYRO_BIAS + 3 * k + i
             m.P[at][at] += dt * drift * drift
     m.P[Part.FLOOR][Part.FLOOR] += dt * _relief(m)
 
 
 def _relief(m: FilterMemory) -> float:
     """Variance [m2/s] of the floor that passes below the altimeter."""
-    R, arm, velocity = zeros(9), zeros(3), zeros(3)
+    R = zeros(9)
+    arm = zeros(3)
+    velocity = zeros(3)
     rough, settling = m.drive[ProcessNoise.ROUGHNESS], m.drive[ProcessNoise.SETTLING]
     rotation(m.turn, R)
     cross(m.x, Part.SPIN, m.beam_at, arm)
     rotated(R, arm, velocity)
     for i in range(2):
         velocity[i] += m.x[Part.SPEED + i]
-    return settling * settling + rough * rough * (velocity[0] * velocity[0] + velocity[1] * velocity[1])
+    return settling * settling + rough * rough * (
+        velocity[0] * velocity[0] + velocity[1] * velocity[1]
+    )
 
 
 def _forget_unknown(m: FilterMemory, n: int) -> None:
-    """Bound variances by `limit`: no growth beyond it, and no correlation if a reading can set the part."""
+    """Bound variances by `limit`: no growth beyond it, and no correlation if a reading can set the
+    part.
+    """
     for i in range(MAIN):
-        most, lost = m.limit[i] * m.limit[i], not math.isfinite(norm(m.turn) if i < Part.PLACE else m.x[i])
+        most = m.limit[i] * m.limit[i]
+        lost = not math.isfinite(norm(m.turn) if i < Part.PLACE else m.x[i])
         if not lost and is_determined(m.P[i][i], most):
             continue
-        if not lost and Part.SPEED <= i < Part.FLOOR and m.P[i][i] > 0.0 and math.isfinite(m.P[i][i]):
+        if (
+            not lost
+            and Part.SPEED <= i < Part.FLOOR
+            and m.P[i][i] > 0.0
+            and math.isfinite(m.P[i][i])
+        ):
             _limit_to(m, i, n, most)
         else:
             clear(m, i, n, most)
@@ -304,15 +357,19 @@ def _forget_unknown(m: FilterMemory, n: int) -> None:
 def inflate_velocity_variance(m: FilterMemory, rests: bool) -> None:
     """Linear velocity may be anything that vehicles do. A kernel.
 
-    It has been so for `EXPOSED_FOR`, and the position that it was carried on with is wrong along with it: were that right, the
-    next fix would be explained by a velocity of the last tick alone. rests: it was right until its readings ended; from here
-    on it and the acceleration are taken for zero, as what is carried on without readings leads ever farther astray.
+    It has been so for `EXPOSED_FOR`, and the position that it was carried on with is wrong along
+    with it: were that right, the next fix would be explained by a velocity of the last tick alone.
+    rests: it was right until its readings ended; from here on it and the acceleration are taken for
+    zero, as what is carried on without readings leads ever farther astray.
     """
-    known, way = filtering.EXPOSED * filtering.EXPOSED, filtering.EXPOSED_FOR
+    known = filtering.EXPOSED * filtering.EXPOSED
+    way = filtering.EXPOSED_FOR
     for k in range(len(m.owner)):
         m.owner[k] = -1.0
     for i in range(3):
-        place, speed, acceleration = Part.PLACE + i, Part.SPEED + i, Part.ACCELERATION + i
+        place = Part.PLACE + i
+        speed = Part.SPEED + i
+        acceleration = Part.ACCELERATION + i
         m.P[speed][speed] += known
         if rests:
             m.P[acceleration][acceleration] += known
@@ -327,7 +384,8 @@ def inflate_velocity_variance(m: FilterMemory, rests: bool) -> None:
 
 def predict_measurement(m: FilterMemory, c: int, n: int) -> None:
     """Predict the measurement of channel c now, with its covariances with the first n errors."""
-    s, rows = m.predicted, filtering.rows_of(c)
+    s = m.predicted
+    rows = filtering.rows_of(c)
     _model(m, s, c)
     for i in range(rows):
         for j in range(n):
@@ -385,7 +443,11 @@ def _see_in_body(m: FilterMemory, s: PredictedMeasurement, force: bool) -> None:
     """The velocity in B, or the specific force."""
     own = int(Part.ACCELERATION) if force else int(Part.SPEED)
     bias = int(Part.FORCE_BIAS) if force else int(Part.DVL_BIAS)
-    R, v, in_B, rate, turning = zeros(9), zeros(3), zeros(3), zeros(3), zeros(3)
+    R = zeros(9)
+    v = zeros(3)
+    in_B = zeros(3)
+    rate = zeros(3)
+    turning = zeros(3)
     rotation(m.turn, R)
     for i in range(3):
         v[i] = m.x[own + i] - (m.gravity[i] if force else 0.0)
@@ -405,13 +467,19 @@ def _see_in_body(m: FilterMemory, s: PredictedMeasurement, force: bool) -> None:
         s.h[i] = in_B[i] + m.x[bias + i]
         s.rate[i] = (0.0 if force else rate[i]) - turning[i]
     size = in_B[0] * in_B[0] + in_B[1] * in_B[1] + in_B[2] * in_B[2]
-    s.rate_variance = mean_variance(m, Part.SPIN) * size if force else mean_variance(m, Part.ACCELERATION)
+    s.rate_variance = (
+        mean_variance(m, Part.SPIN) * size if force else mean_variance(m, Part.ACCELERATION)
+    )
 
 
 def _see_floor(m: FilterMemory, s: PredictedMeasurement) -> None:
     """Altitude of the altimeter above the floor, and cosine of the tilt of its beam."""
-    R, down, arm, tilt = zeros(9), zeros(3), zeros(3), zeros(3)
-    cosine, altitude = 0.0, m.x[Part.PLACE + 2] - m.x[Part.FLOOR]
+    R = zeros(9)
+    down = zeros(3)
+    arm = zeros(3)
+    tilt = zeros(3)
+    cosine = 0.0
+    altitude = m.x[Part.PLACE + 2] - m.x[Part.FLOOR]
     rotation(m.turn, R)
     for i in range(3):
         down[i] = R[6 + i]
@@ -420,7 +488,9 @@ def _see_floor(m: FilterMemory, s: PredictedMeasurement) -> None:
     cross(m.beam_at, 0, down, arm)
     cross(m.beam_up, 0, down, tilt)
     for i in range(3):
-        s.H[0][Part.TURN + i] = arm[i] - (altitude / cosine * tilt[i] if abs(cosine) > STEEP else 0.0)
+        s.H[0][Part.TURN + i] = arm[i] - (
+            altitude / cosine * tilt[i] if abs(cosine) > STEEP else 0.0
+        )
     s.H[0][Part.PLACE + 2], s.H[0][Part.FLOOR], s.h[0] = 1.0, -1.0, altitude
     s.h[1], s.rate[0] = cosine, m.x[Part.SPEED + 2]
     s.rate_variance = m.P[Part.SPEED + 2][Part.SPEED + 2]
@@ -431,7 +501,8 @@ def recall_measurement(m: FilterMemory, c: int, slot: int, n: int) -> None:
     if slot < 0:
         predict_measurement(m, c, n)
         return
-    s, at = m.predicted, MAIN + 3 * slot
+    s = m.predicted
+    at = MAIN + 3 * slot
     s.h[:] = m.h[slot]
     s.rate[:] = m.rate[slot]
     s.rate_variance = m.rate_variance[slot]
@@ -445,7 +516,9 @@ def recall_measurement(m: FilterMemory, c: int, slot: int, n: int) -> None:
 
 
 def factorise(s: PredictedMeasurement, more: float, n: int) -> None:
-    """Find the lower factor of S + more [square of its unit] on its diagonal, which bounds the pivots but for rounding."""
+    """Find the lower factor of S + more [square of its unit] on its diagonal, which bounds the
+    pivots but for rounding.
+    """
     for j in range(n):
         for i in range(j, n):
             total = s.S[i][j] + (more if i == j else 0.0)
@@ -474,7 +547,8 @@ def second_derivative(m: FilterMemory, c: int, i: int) -> float:
 
 def process_variance(m: FilterMemory, c: int, age: float) -> float:
     """Variance of the way since a reading of that age [s], by the predicted measurement."""
-    turns, squared = c == ChannelIndex.ATTITUDE, age * age
+    turns = c == ChannelIndex.ATTITUDE
+    squared = age * age
     drive = m.drive[ProcessNoise.ANGULAR_JERK if turns else ProcessNoise.JERK]
     second = mean_variance(m, Part.SPIN_UP if turns else Part.ACCELERATION)
     rate = squared * m.predicted.rate_variance

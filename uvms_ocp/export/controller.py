@@ -59,8 +59,13 @@ class ControllerNames:
     """In that of `ControllerInputs.trust`."""
 
     def texts(self) -> dict[str, list[str]]:
-        """Return them by the names of their arrays in C, as far as they can stand in a text there; never empty."""
-        found = {name: [_plain(text) for text in getattr(self, name)] for name in self.__dataclass_fields__}
+        """Return them by the names of their arrays in C, as far as they can stand in a text there;
+        never empty.
+        """
+        found = {
+            name: [_plain(text) for text in getattr(self, name)]
+            for name in self.__dataclass_fields__
+        }
         return {f"CONTROLLER_{name.upper()}": texts or [""] for name, texts in found.items()}
 
 
@@ -71,17 +76,35 @@ def header(library: CLibrary, names: ControllerNames, memory: str) -> str:
         memory=memory,
         inputs=_documented(ControllerInputs),
         outputs=_documented(ControllerOutputs),
-        names="\n".join(f"extern const char *const {name}[{len(texts)}];" for name, texts in names.texts().items()),
+        names="\n".join(
+            f"extern const char *const {name}[{len(texts)}];"
+            for name, texts in names.texts().items()
+        ),
     )
 
 
-def source(library: CLibrary, names: ControllerNames, kernel: str, numbers: list[float], places: Mapping[str, int]) -> str:
+def source(
+    library: CLibrary,
+    names: ControllerNames,
+    kernel: str,
+    numbers: list[float],
+    places: Mapping[str, int],
+) -> str:
     """Controller.c, whose tick is the `kernel` of that name."""
     quoted = '", "'
-    texts = (f'const char *const {name}[] = {{"{quoted.join(texts)}"}};' for name, texts in names.texts().items())
-    parts = {"declarations": library.declarations, "kernels": library.kernels, "names": "\n".join(texts)}
+    texts = (
+        f'const char *const {name}[] = {{"{quoted.join(texts)}"}};'
+        for name, texts in names.texts().items()
+    )
+    parts = {
+        "declarations": library.declarations,
+        "kernels": library.kernels,
+        "names": "\n".join(texts),
+    }
     parts["values"] = ", ".join(number(value) or "0" for value in numbers)
-    parts["parameters"] = "".join(f'{{"{_plain(name)}", {_NUMBERS} + {k}}}, ' for name, k in places.items())
+    parts["parameters"] = "".join(
+        f'{{"{_plain(name)}", {_NUMBERS} + {k}}}, ' for name, k in places.items()
+    )
     return Template(template("controller.c")).substitute(parts, kernel=kernel)
 
 
@@ -89,26 +112,38 @@ _NUMBERS = "controller_numbers"
 
 
 def task_numbers(tasks: Sequence[Task], robot: Robot) -> tuple[list[float], dict[str, int]]:
-    """Return the numbers of all tasks [as their fields] in the order of their rows, with the two that `with_numbers` appends.
+    """Return the numbers of all tasks [as their fields] in the order of their rows, with the two
+    that `with_numbers` appends.
 
-    And, by ``task.field``, the places of those that may be changed in C, as rows alone depend on them: safety rules beside the
-    rows are compiled with the others.
+    And, by ``task.field``, the places of those that may be changed in C, as rows alone depend on
+    them: safety rules beside the rows are compiled with the others.
     """
     every = [(task, name) for task in tasks for name in numbers_of(task)]
-    places = {f"{task.name}.{name}": k for k, (task, name) in enumerate(every) if _of_rows_alone(task, robot, name)}
+    places = {
+        f"{task.name}.{name}": k
+        for k, (task, name) in enumerate(every)
+        if _of_rows_alone(task, robot, name)
+    }
     return [*(getattr(*one) for one in every), 0.0, 1.0], places
 
 
 def _of_rows_alone(task: Task, robot: Robot, name: str) -> bool:
-    """Check that rules beside the rows of a task are the same for another number in the field of that name."""
+    """Check that rules beside the rows of a task are the same for another number in the field of
+    that name.
+    """
     other = copy(task)
     object.__setattr__(other, name, getattr(task, name) + 1.0)
-    rules = [(one.rest_altitude, (limit := one.position_limit(robot)) and limit.lower) for one in (task, other)]
+    rules = [
+        (one.rest_altitude, (limit := one.position_limit(robot)) and limit.lower)
+        for one in (task, other)
+    ]
     return rules[0] == rules[1]
 
 
 def template(name: str) -> str:
-    """The text of a file that is the same for all controllers, or of one with what is to be filled in."""
+    """The text of a file that is the same for all controllers, or of one with what is to be filled
+    in.
+    """
     return files("uvms_ocp.export").joinpath("templates", name).read_text(encoding="utf-8")
 
 
@@ -129,14 +164,17 @@ def _plain(name: str) -> str:
 
 def _documented(layout: type[Layout]) -> str:
     lines = [f"   {name}: {text}" for name, text in field_docs(layout).items()]
-    return "\n".join([f"/* {layout.__name__}: {inspect.cleandoc(layout.__doc__ or '')}", *lines, "*/"])
+    return "\n".join(
+        [f"/* {layout.__name__}: {inspect.cleandoc(layout.__doc__ or '')}", *lines, "*/"]
+    )
 
 
 def field_docs(layout: type[Layout]) -> Mapping[str, str]:
     """Return the docstring of each field of a layout, or of the next one that has one."""
     (found,) = ast.parse(textwrap.dedent(inspect.getsource(layout))).body
     body = found.body if isinstance(found, ast.ClassDef) else []
-    texts, waiting = dict[str, str](), list[str]()
+    texts = dict[str, str]()
+    waiting = list[str]()
     for node in body:
         if isinstance(node, ast.AnnAssign) and isinstance(node.target, ast.Name):
             waiting.append(node.target.id)
@@ -151,28 +189,41 @@ def field_docs(layout: type[Layout]) -> Mapping[str, str]:
 
 def interface_sizes(controller: KinematicController, n_thrusters: int) -> dict[str, int]:
     """Return the sizes of `ControllerInputs` and `ControllerOutputs`."""
-    return {**column_sizes(controller.robot), "n_thrusters": n_thrusters, "n_quantities": len(controller.problem.quantity_names)}
+    return {
+        **column_sizes(controller.robot),
+        "n_thrusters": n_thrusters,
+        "n_quantities": len(controller.problem.quantity_names),
+    }
 
 
 def controller_memory(controller: KinematicController | DynamicController, core: str) -> Any:
-    """A `VelocityController` at the beginning of the mission of a fresh one, or a `ForceController` where it has that layer.
+    """A `VelocityController` at the beginning of the mission of a fresh one, or a `ForceController`
+    where it has that layer.
 
-    core: source of the solver, as `CompiledSolver.core_source`. Raises `InvalidInput` without a C compiler.
+    core: source of the solver, as `CompiledSolver.core_source`. Raises `InvalidInput` without a C
+    compiler.
     """
     kinematic = controller.kinematic
     below = tick.velocity_controller(kinematic.memory, kinematic.problem, external_core(core))
     if below is None:
-        raise InvalidInput("the controller cannot be written without a C compiler; give one (CC, cc, gcc, clang)")
+        raise InvalidInput(
+            "the controller cannot be written without a C compiler; give one (CC, cc, gcc, clang)"
+        )
     if not isinstance(controller, DynamicController):
         return below
-    memory: Any = structure_of(exported_tick.ForceController, velocity=type(below), force=type(controller.memory))()
-    memory.velocity, memory.force = below, controller.memory
+    memory: Any = structure_of(
+        exported_tick.ForceController, velocity=type(below), force=type(controller.memory)
+    )()
+    memory.velocity = below
+    memory.force = controller.memory
     return memory
 
 
 def kernel_of(memory: Any) -> Callable[..., None]:
     """The tick of a `controller_memory`."""
-    return exported_tick.control_force if hasattr(memory, "force") else exported_tick.control_velocity
+    return (
+        exported_tick.control_force if hasattr(memory, "force") else exported_tick.control_velocity
+    )
 
 
 def controller_library(memory: Any, sizes: dict[str, int]) -> CLibrary:
@@ -182,16 +233,26 @@ def controller_library(memory: Any, sizes: dict[str, int]) -> CLibrary:
 
 # Export the controller of a scenario as files of C, and fly one of these in a scenario.
 
-FILES = ("controller.h", "controller.c", "initial.c", "functions.c", "solver.c", "recorded.bin", "README.md", *TEMPLATES)
+FILES = (
+    "controller.h",
+    "controller.c",
+    "initial.c",
+    "functions.c",
+    "solver.c",
+    "recorded.bin",
+    "README.md",
+    *TEMPLATES,
+)
 """Files that `export_controller` writes."""
 
 
 @checked
 def export_controller(scenario: Scenario, folder: Path | str) -> list[Path]:
-    """Write the controller of a scenario into `folder` as C99 that needs libm only, with a run to compare with.
+    """Write the controller of a scenario into `folder` as C99 that needs libm only, with a run to
+    compare with.
 
-    The scenario is run for that. Returns the files. Raises `InvalidInput` for what has no form in C, by its name, and
-    `OutputError` where the folder cannot be written.
+    The scenario is run for that. Returns the files. Raises `InvalidInput` for what has no form in
+    C, by its name, and `OutputError` where the folder cannot be written.
     """
     with claim_folder(Path(folder), FILES) as claim:
         _require_c_form(scenario)
@@ -205,14 +266,20 @@ def export_controller(scenario: Scenario, folder: Path | str) -> list[Path]:
 
 @checked
 def exported_controller(folder: Path | str) -> Callable[[Scenario], CController]:
-    """Load the files of `export_controller`, for ``Scenario(controller=exported_controller(folder))``; needs a C compiler.
+    """Load the files of `export_controller`, for
+    ``Scenario(controller=exported_controller(folder))``; needs a C compiler.
 
-    Where it begins to run it raises `InvalidInput` for a folder without a controller, or with that of another mission.
+    Where it begins to run it raises `InvalidInput` for a folder without a controller, or with that
+    of another mission.
     """
 
     def exported(scenario: Scenario) -> CController:
         kinematic = scenario.kinematic_controller()
-        return CController(Path(folder), interface_sizes(kinematic, _n_thrusters(scenario)), forces=scenario.takes_forces)
+        return CController(
+            Path(folder),
+            interface_sizes(kinematic, _n_thrusters(scenario)),
+            forces=scenario.takes_forces,
+        )
 
     return exported
 
@@ -231,7 +298,8 @@ def _texts_controller(scenario: Scenario) -> tuple[dict[str, str], bytes]:
     numbers, places = task_numbers(scenario.mission.hierarchy.tasks, scenario.robot)
     solver: Any = scenario.solver
     core = solver.core_source(kinematic.problem.function.size2_out(0), kinematic.problem.sizes)
-    memory, run = controller_memory(controller, core), _recorded(scenario, sizes)
+    memory = controller_memory(controller, core)
+    run = _recorded(scenario, sizes)
     library = controller_library(memory, sizes)
     readme = template("README.md").format(
         scenario=literal(scenario.name),
@@ -240,7 +308,10 @@ def _texts_controller(scenario: Scenario) -> tuple[dict[str, str], bytes]:
         ticks=len(run.ticks),
         size=ctypes.sizeof(memory),
         period=scenario.dt,
-        bound=f"iterations of the solver (`MOST_OF_ALL` or `TURNS` in `solver.c`), {ROUNDS} rounds for every distance",
+        bound=(
+            f"iterations of the solver (`MOST_OF_ALL` or `TURNS` in `solver.c`), {ROUNDS} rounds"
+            " for every distance"
+        ),
         channels=table(names.channels),
         phases=table(names.phases),
         parameters=table([f"{name} = {numbers[place]:g}" for name, place in places.items()]),
@@ -248,9 +319,14 @@ def _texts_controller(scenario: Scenario) -> tuple[dict[str, str], bytes]:
     made = {
         "controller.h": header(library, names, type(memory).__name__),
         "controller.c": source(library, names, kernel_of(memory).__name__, numbers, places),
-        # A file of its own, as compilers that see megabytes of it look for what follows from them for minutes.
-        "initial.c": Template(template("initial.c")).substitute(declarations=library.declarations, value=library.initial),
-        "functions.c": with_variable(library.functions, _NUMBERS, numbers) if places else library.functions,
+        # A file of its own, as compilers that see megabytes of it look for what follows from them
+        # for minutes.
+        "initial.c": Template(template("initial.c")).substitute(
+            declarations=library.declarations, value=library.initial
+        ),
+        "functions.c": with_variable(library.functions, _NUMBERS, numbers)
+        if places
+        else library.functions,
         "solver.c": core,
         "README.md": readme,
     }
@@ -281,7 +357,9 @@ def _require_c_form(scenario: Scenario) -> None:
         found.append(f"solver {type(solver).__name__}; LexicographicActiveSet and Icat have")
     if scenario.takes_forces and scenario.load is not None:
         found.append("load LoadLearning; a controller that learns none has")
-    tasks = viability.without_c_form(scenario.robot, scenario.mission, scenario.dt, problem.quantity_names)
+    tasks = viability.without_c_form(
+        scenario.robot, scenario.mission, scenario.dt, problem.quantity_names
+    )
     found += [f"task {name}: {why}" for name, why in tasks.items()]
     if found:
         raise InvalidInput(f"no form in C: {'; '.join(found)}")
@@ -294,20 +372,25 @@ _INCLUDE = '#include "controller.h"\n'
 
 
 class CController:
-    """Exported controller, a callable ``(StateEstimate, t) -> Command``, at the beginning of its mission."""
+    """Exported controller, a callable ``(StateEstimate, t) -> Command``, at the beginning of its
+    mission.
+    """
 
     def __init__(self, folder: Path, sizes: dict[str, int], *, forces: bool) -> None:
         """folder: where the files of C are. sizes: of `interface_types`.
 
-        forces: its commands have thrust and torque. Raises `InvalidInput` where the files cannot be compiled, or are of
-        a controller for another robot or mission.
+        forces: its commands have thrust and torque. Raises `InvalidInput` where the files cannot be
+        compiled, or are of a controller for another robot or mission.
         """
         types: Any = interface_types(sizes)
         self._inputs, self._outputs = (kind() for kind in types)
-        self._forces, library = forces, _library(folder)
+        self._forces = forces
+        library = _library(folder)
         size, *compiled = (ctypes.c_ulong * 3).in_dll(library, "CONTROLLER_SIZES")
         if compiled != [ctypes.sizeof(kind) for kind in types]:
-            raise InvalidInput(f"{folder} is of a controller for another robot or mission; export this one")
+            raise InvalidInput(
+                f"{folder} is of a controller for another robot or mission; export this one"
+            )
         self._memory = ctypes.create_string_buffer(size)
         self._step = library["controller_step"]
         self._step.restype = None
@@ -320,8 +403,12 @@ class CController:
         return exported_tick.command_in(self._outputs, forces=self._forces)
 
 
-def interface_types(sizes: dict[str, int]) -> tuple[type[ControllerInputs], type[ControllerOutputs]]:
-    """Return the structures of inputs and outputs for n_q, n_v, n_joints, n_thrusters and n_quantities."""
+def interface_types(
+    sizes: dict[str, int],
+) -> tuple[type[ControllerInputs], type[ControllerOutputs]]:
+    """Return the structures of inputs and outputs for n_q, n_v, n_joints, n_thrusters and
+    n_quantities.
+    """
     return structure_of(ControllerInputs, **sizes), structure_of(ControllerOutputs, **sizes)
 
 
@@ -329,10 +416,15 @@ def _library(folder: Path) -> ctypes.CDLL:
     try:
         header, *files = ((folder / name).read_text(encoding="utf-8") for name in _FILES)
     except OSError as error:
-        raise InvalidInput(f"{folder} has no controller: {error.strerror}; `uvms-ocp export controller` writes one") from None
+        raise InvalidInput(
+            f"{folder} has no controller: {error.strerror}; `uvms-ocp export controller` writes one"
+        ) from None
     source, *others = (text.replace(_INCLUDE, header) for text in files)
-    if (path := compile_library(source, name="the exported controller", others=others)) is None:
-        raise InvalidInput(f"the controller in {folder} cannot be compiled; give a C compiler (CC, cc, gcc, clang)")
+    path = compile_library(source, name="the exported controller", others=others)
+    if path is None:
+        raise InvalidInput(
+            f"the controller in {folder} cannot be compiled; give a C compiler (CC, cc, gcc, clang)"
+        )
     return loaded_library(path)
 
 
@@ -340,7 +432,9 @@ _TELEMETRY = ("phase", "freshness", "status", "viable_share")
 
 
 class RecordingController:
-    """Record of a controller: for each tick, `ControllerInputs` and `ControllerOutputs` as numbers."""
+    """Record of a controller: for each tick, `ControllerInputs` and `ControllerOutputs` as
+    numbers.
+    """
 
     def __init__(
         self,
@@ -352,7 +446,9 @@ class RecordingController:
         """inputs, outputs: structures through which the numbers go."""
         self.kinematic = kinematic
         """The layer below."""
-        self._controller, self._inputs, self._outputs = controller, inputs, outputs
+        self._controller = controller
+        self._inputs = inputs
+        self._outputs = outputs
         self.ticks: list[list[float]] = []
         """(n,) each [in their units]."""
 

@@ -1,4 +1,6 @@
-"""One tick of the whole controller as one kernel, with its inputs and outputs: the same structures for C and Python."""
+"""One tick of the whole controller as one kernel, with its inputs and outputs: the same structures
+for C and Python.
+"""
 
 from __future__ import annotations
 
@@ -8,7 +10,13 @@ import numpy as np
 
 from uvms_ocp.codegen.kernel_layout import Layout, Sized, Vector, view
 from uvms_ocp.control.force.tick import ForceMemory, ask_forces, force_step, hear_forces
-from uvms_ocp.control.velocity.tick import VelocityController, is_blind, is_stopped, prepare_tick, solve_and_finish
+from uvms_ocp.control.velocity.tick import (
+    VelocityController,
+    is_blind,
+    is_stopped,
+    prepare_tick,
+    solve_and_finish,
+)
 from uvms_ocp.control.velocity.tick_memory import TickMemory
 from uvms_ocp.estimation.degraded_modes import CHANNELS
 from uvms_ocp.mission.progress import is_over
@@ -18,7 +26,9 @@ _PLACE = {name: place for place, name in enumerate(CHANNELS)}
 
 
 class ControllerInputs(Layout):
-    """State estimate of a tick, as in `StateEstimate`. Numbers that are not finite are a sensor that fails."""
+    """State estimate of a tick, as in `StateEstimate`. Numbers that are not finite are a sensor
+    that fails.
+    """
 
     t: float
     """[s] time of the tick; they follow each other by the control period."""
@@ -69,7 +79,8 @@ class ControllerOutputs(Layout):
 
 def write_measurement(inputs: Any, measurement: StateEstimate, t: float) -> None:
     """Write a measurement at time t [s] into `ControllerInputs`."""
-    inputs.t, inputs.altimeter_range = t, measurement.altimeter_range
+    inputs.t = t
+    inputs.altimeter_range = measurement.altimeter_range
     inputs.age, inputs.joint_age = measurement.age, measurement.joint_age
     view(inputs.q)[:], view(inputs.v)[:] = measurement.q, measurement.v
     for place in range(len(CHANNELS)):
@@ -80,10 +91,16 @@ def write_measurement(inputs: Any, measurement: StateEstimate, t: float) -> None
 
 
 def command_in(outputs: Any, *, forces: bool) -> Command:
-    """Read the command in `ControllerOutputs`, without thrust and torque unless there are forces."""
+    """Read the command in `ControllerOutputs`, without thrust and torque unless there are
+    forces.
+    """
     v, thrust, torque = (np.array(getattr(outputs, name)) for name in ("v", "thrust", "torque"))
-    flags: dict[str, Any] = {name: bool(getattr(outputs, name)) for name in ("hold", "stop", "brakes", "finished")}
-    return unchecked_command(v=v, thrust=thrust if forces else None, torque=torque if forces else None, **flags)
+    flags: dict[str, Any] = {
+        name: bool(getattr(outputs, name)) for name in ("hold", "stop", "brakes", "finished")
+    }
+    return unchecked_command(
+        v=v, thrust=thrust if forces else None, torque=torque if forces else None, **flags
+    )
 
 
 class ForceController(Layout):
@@ -95,7 +112,9 @@ class ForceController(Layout):
     """The layer of forces."""
 
 
-def control_velocity(c: VelocityController, inputs: ControllerInputs, outputs: ControllerOutputs) -> None:
+def control_velocity(
+    c: VelocityController, inputs: ControllerInputs, outputs: ControllerOutputs
+) -> None:
     """Run one tick of velocities alone."""
     m = c.tick
     _read_inputs(m, inputs)
@@ -107,7 +126,8 @@ def control_velocity(c: VelocityController, inputs: ControllerInputs, outputs: C
 
 def control_force(c: ForceController, inputs: ControllerInputs, outputs: ControllerOutputs) -> None:
     """Run one tick down to thrust and torque; a force that is not finite cuts the thrust."""
-    m, f = c.velocity.tick, c.force
+    m = c.velocity.tick
+    f = c.force
     control_velocity(c.velocity, inputs, outputs)
     ask_forces(m, f)
     possible = force_step(f)

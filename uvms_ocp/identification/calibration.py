@@ -1,7 +1,8 @@
 """Calibrate a robot: from recordings to all that is known of it after them.
 
-An unknown that recordings do not determine ends anywhere, often at next to nothing, and a vehicle would fly with it: the exported
-estimate holds these where they were declared, and fits all others anew about them.
+An unknown that recordings do not determine ends anywhere, often at next to nothing, and a vehicle
+would fly with it: the exported estimate holds these where they were declared, and fits all others
+anew about them.
 """
 
 from __future__ import annotations
@@ -15,7 +16,14 @@ import numpy as np
 
 from uvms_ocp.errors import InvalidInput
 from uvms_ocp.identification import model, parameters, uncertainty, validation
-from uvms_ocp.identification.data_quality import MAY, SHIFTS, ExplainedMotion, check_data_quality, commanded, motion_of
+from uvms_ocp.identification.data_quality import (
+    MAY,
+    SHIFTS,
+    ExplainedMotion,
+    check_data_quality,
+    commanded,
+    motion_of,
+)
 from uvms_ocp.identification.fit import FitContext, Predicted, Search, constant_slopes, search_fit
 from uvms_ocp.identification.output_error import Estimate, FitStatus, Noise
 from uvms_ocp.identification.recording import Channel, Recording, ZeroOrderHold, split_at_gaps
@@ -31,19 +39,25 @@ from uvms_ocp.robot.thrusters import thrust_limits, thrust_of_signals, thruster_
 # Whether a vehicle accelerates as its thrusters push, or as if some were exchanged or reversed.
 
 _BETTER = 0.5  # of one axis, by which another way must explain more
-_WELL = 0.4  # of what moves, that it must explain: what holds a vehicle against waves pushes against its motion
+# of what moves, that it must explain: what holds a vehicle against waves pushes against its motion
+_WELL = 0.4
 _MOST = 4  # changes that are looked for, one after the other
 
 
-def mixed_thrusters(recording: Recording, thrust: Channel, B: np.ndarray, names: Sequence[str]) -> str:
-    """Detect thrusters that were exchanged or reversed, by commands that explain the motion better; empty if none is clear.
+def mixed_thrusters(
+    recording: Recording, thrust: Channel, B: np.ndarray, names: Sequence[str]
+) -> str:
+    """Detect thrusters that were exchanged or reversed, by commands that explain the motion better;
+    empty if none is clear.
 
     thrust: [N] columns in the order of names, which push by B (6, n) [-, m].
     """
     motion = motion_of(recording)
     if motion is None or thrust.values.shape[1] != B.shape[1]:
         return ""
-    agreement, changes, axes = _agreement(motion, thrust), list[str](), int((np.abs(B) > 1e-9).any(axis=1).sum())
+    agreement = _agreement(motion, thrust)
+    changes = list[str]()
+    axes = int((np.abs(B) > 1e-9).any(axis=1).sum())
     best = agreement(B)
     for _ in range(_MOST):
         ways = {text: B @ Q for text, Q in _ways(names).items()}
@@ -51,20 +65,24 @@ def mixed_thrusters(recording: Recording, thrust: Channel, B: np.ndarray, names:
         text = max(found, key=lambda one: found[one])
         if found[text] < best + _BETTER:
             break
-        best, B = found[text], ways[text]
+        best = found[text]
+        B = ways[text]
         changes.append(text)
     return " and ".join(changes) if best > _WELL * axes else ""
 
 
 def _agreement(motion: ExplainedMotion, thrust: Channel) -> Callable[[np.ndarray], float]:
-    """Shares that thrusters B (6, n) [-, m] explain, less where a vehicle accelerates against them; mean over axes.
+    """Shares that thrusters B (6, n) [-, m] explain, less where a vehicle accelerates against them;
+    mean over axes.
 
-    From correlations of accelerations, in units of their own size, with thrust, at time shifts of the one before the other.
+    From correlations of accelerations, in units of their own size, with thrust, at time shifts of
+    the one before the other.
     """
     held = ZeroOrderHold(thrust)
     given = np.array([commanded(held, motion, shift) for shift in SHIFTS[MAY]])
     size = np.maximum(np.linalg.norm(motion.acceleration, axis=0), 1e-300)
-    common, gram = (motion.acceleration / size).T @ given, given.swapaxes(1, 2) @ given
+    common = (motion.acceleration / size).T @ given
+    gram = given.swapaxes(1, 2) @ given
 
     def of(B: np.ndarray) -> float:
         along = (B * common).sum(axis=2)
@@ -80,7 +98,10 @@ def _ways(names: Sequence[str]) -> dict[str, np.ndarray]:
     """(n, n) each, by what they do."""
     places = np.arange(len(names))
     found = {"all reversed": -np.eye(len(names))}
-    found |= {f"{name} reversed": np.diag(np.where(places == k, -1.0, 1.0)) for k, name in enumerate(names)}
+    found |= {
+        f"{name} reversed": np.diag(np.where(places == k, -1.0, 1.0))
+        for k, name in enumerate(names)
+    }
     for i, j in combinations(range(len(names)), 2):
         order = places.copy()
         order[[i, j]] = j, i
@@ -88,7 +109,8 @@ def _ways(names: Sequence[str]) -> dict[str, np.ndarray]:
     return found
 
 
-# What a recording says, and a fit with these settings takes for something else: doubts about both together.
+# What a recording says, and a fit with these settings takes for something else: doubts about both
+# together.
 
 _FLOWS = 0.01  # [m/s] of a current that is told
 _STRONG = 0.05  # [m/s] of one that spoils a fit without it: added mass and drag take its place
@@ -97,41 +119,67 @@ _BEYOND = 1e-3  # of a limit
 _LEVEL = (0.0, 0.0, 0.0, 1.0)
 
 
-def check_settings(subject: CalibratedRobot, settings: CalibrationSettings, recording: Recording) -> Iterator[QualityIssue]:
+def check_settings(
+    subject: CalibratedRobot, settings: CalibrationSettings, recording: Recording
+) -> Iterator[QualityIssue]:
     """One after the other."""
-    known, channels = subject.vehicle.own.declaration.quantities, recording.channels
+    known = subject.vehicle.own.declaration.quantities
+    channels = recording.channels
     if "current" in channels:
         yield from _of_current(channels["current"], learnt=bool(known["current"].free.all()))
     if not channels.keys() & {"thrust", "wrench"}:
-        yield QualityIssue(channel=settings.commands, problem="not recorded: a fit along some axes takes nothing to push it")
+        yield QualityIssue(
+            channel=settings.commands,
+            problem="not recorded: a fit along some axes takes nothing to push it",
+        )
     if "linear_velocity" not in channels and "position" in channels:
-        text = f"not recorded: means between poses {POSE_INTERVAL:g} s apart or more take its place, with large noise"
+        text = (
+            f"not recorded: means between poses {POSE_INTERVAL:g} s apart or more take its place,"
+            " with large noise"
+        )
         yield QualityIssue(channel="linear_velocity", problem=text)
-    delayed = settings.delay is not None and settings.delay > _SOON and not known["delay"].free.any()
+    delayed = (
+        settings.delay is not None and settings.delay > _SOON and not known["delay"].free.any()
+    )
     if recording.at_once and delayed:
-        text = f"commands of a run of this toolkit act at once, and a fit holds their delay at {settings.delay:g} s: leave it out"
+        text = (
+            "commands of a run of this toolkit act at once, and a fit holds their delay at"
+            f" {settings.delay:g} s: leave it out"
+        )
         yield QualityIssue(channel=settings.commands, problem=text)
     if recording.at_once and settings.commands == "wrench" and "thrust" in channels:
-        text = "thrusters were driven ahead of their lag to give it, and a lag by it is not theirs: give commands: thrust"
+        text = (
+            "thrusters were driven ahead of their lag to give it, and a lag by it is not theirs:"
+            " give commands: thrust"
+        )
         yield QualityIssue(channel="wrench", problem=text)
     if "thrust" in channels and settings.commands != "wrench":
-        yield from _of_thrust(recording, channels["thrust"].of(subject.robot.thruster_names, "thrust"), subject)
+        yield from _of_thrust(
+            recording, channels["thrust"].of(subject.robot.thruster_names, "thrust"), subject
+        )
 
 
 def along_axes(recording: Recording, settings: CalibrationSettings, n_commands: int) -> Recording:
     """The recording of a vehicle that moves along some axes alone, with what it need not have.
 
-    It stands level, is at rest along the others, and nothing pushes it where no commands are recorded, as in a decay test.
+    It stands level, is at rest along the others, and nothing pushes it where no commands are
+    recorded, as in a decay test.
     """
-    held, names = frozenset(parameters.AXES).difference(settings.axes), parameters.AXES
+    held = frozenset(parameters.AXES).difference(settings.axes)
+    names = parameters.AXES
     commands = "wrench" if settings.commands == "wrench" else "thrust"
-    rest: dict[str, tuple[tuple[str, ...], Any]] = {commands: ((), [0.0] * n_commands), "attitude": (names[3:5], _LEVEL)}
+    rest: dict[str, tuple[tuple[str, ...], Any]] = {
+        commands: ((), [0.0] * n_commands),
+        "attitude": (names[3:5], _LEVEL),
+    }
     rest |= {"linear_velocity": (names[:3], [0.0] * 3), "angular_velocity": (names[3:], [0.0] * 3)}
     longest = max(recording.channels.values(), key=lambda one: len(one.t))
     assumed = {
         name: replace(longest, values=np.tile(value, (len(longest.t), 1)), columns=())
         for name, (axes, value) in rest.items()
-        if held and held.issuperset(axes) and not (name == "linear_velocity" and "position" in recording.channels)
+        if held
+        and held.issuperset(axes)
+        and not (name == "linear_velocity" and "position" in recording.channels)
     }
     return replace(recording, channels={**assumed, **recording.channels})
 
@@ -141,35 +189,60 @@ def require_current(subject: CalibratedRobot, recording: Recording) -> None:
 
     Such a fit converges where its numbers are wrong by many of their standard errors.
     """
-    current, free = recording.channels.get("current"), subject.vehicle.own.declaration.quantities["current"].free
+    current = recording.channels.get("current")
+    free = subject.vehicle.own.declaration.quantities["current"].free
     size = 0.0 if current is None else float(np.linalg.norm(current.values.mean(axis=0)))
     if size > _STRONG and not free.any():
-        given = f"{recording.name}: a current of {size:.2g} m/s, which the fit would take for still water"
-        raise InvalidInput(f"{given}; learn it too: `current: {{prior: 0.2}}`, or leave the recording out")
+        given = (
+            f"{recording.name}: a current of {size:.2g} m/s, which the fit would take for still"
+            " water"
+        )
+        raise InvalidInput(
+            f"{given}; learn it too: `current: {{prior: 0.2}}`, or leave the recording out"
+        )
 
 
 def _of_current(current: Channel, *, learnt: bool) -> Iterator[QualityIssue]:
     values = current.values - (current.values.mean(axis=0) if learnt else 0.0)
-    if (size := float(np.linalg.norm(values, axis=1).max())) > _FLOWS:
-        taken = ("that a fit takes for still water: learn it", "about its mean, and a fit takes it for steady")[learnt]
+    size = float(np.linalg.norm(values, axis=1).max())
+    if size > _FLOWS:
+        taken = (
+            "that a fit takes for still water: learn it",
+            "about its mean, and a fit takes it for steady",
+        )[learnt]
         yield QualityIssue(channel="current", problem=f"up to {size:.2g} m/s {taken}")
 
 
-def _of_thrust(recording: Recording, thrust: Channel, subject: CalibratedRobot) -> Iterator[QualityIssue]:
+def _of_thrust(
+    recording: Recording, thrust: Channel, subject: CalibratedRobot
+) -> Iterator[QualityIssue]:
     lower, upper = thrust_limits(subject.robot)
-    beyond = ((thrust.values > upper * (1.0 + _BEYOND)) | (thrust.values < lower * (1.0 + _BEYOND))).any(axis=0)
+    beyond = (
+        (thrust.values > upper * (1.0 + _BEYOND)) | (thrust.values < lower * (1.0 + _BEYOND))
+    ).any(axis=0)
     if beyond.any():
         names = ", ".join(np.array(subject.robot.thruster_names)[beyond])
-        yield QualityIssue(channel="thrust", problem=f"more is asked of {names} than they can give: a fit takes it for given")
-    if mixed := mixed_thrusters(recording, thrust, thruster_matrix(subject.robot), subject.robot.thruster_names):
-        yield QualityIssue(channel="thrust", problem=f"the vehicle accelerates as with {mixed}: their order, their signs?")
+        yield QualityIssue(
+            channel="thrust",
+            problem=f"more is asked of {names} than they can give: a fit takes it for given",
+        )
+    mixed = mixed_thrusters(
+        recording, thrust, thruster_matrix(subject.robot), subject.robot.thruster_names
+    )
+    if mixed:
+        yield QualityIssue(
+            channel="thrust",
+            problem=f"the vehicle accelerates as with {mixed}: their order, their signs?",
+        )
 
 
-# What a robot's file may say of what was learnt: what stays open is as it was declared, and all else is fitted anew about it.
+# What a robot's file may say of what was learnt: what stays open is as it was declared, and all
+# else is fitted anew about it.
 #
-# An unknown that recordings do not determine ends anywhere, often at next to nothing, and a vehicle would fly with it. The others
-# have taken its part where they were fitted with it: they are not kept as they were either. What is next to nothing because the
-# recordings say so, as drag that another one takes the place of, stays so: as it was before it would contradict them.
+# An unknown that recordings do not determine ends anywhere, often at next to nothing, and a vehicle
+# would fly with it. The others have taken its part where they were fitted with it: they are not
+# kept as they were either. What is next to nothing because the recordings say so, as drag that
+# another one takes the place of, stays so: as it was before it would contradict them.
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
@@ -187,19 +260,25 @@ class ExportedEstimate:
 
 
 def exported_estimate(fitted: FitContext, inflation: float) -> ExportedEstimate:
-    """Hold undetermined numbers at their declared values where the recordings allow it, else one quantity after the other.
+    """Hold undetermined numbers at their declared values where the recordings allow it, else one
+    quantity after the other.
 
     inflation: samples that miss alike, as `variance_inflation` finds.
     """
-    shared, estimate = fitted.vehicle.shared, fitted.estimate
-    is_open = uncertainty.standard_errors(fitted.vehicle, estimate, inflation) > uncertainty.DETERMINED
-    kept, best = np.zeros(len(is_open), dtype=bool), estimate
+    shared = fitted.vehicle.shared
+    estimate = fitted.estimate
+    is_open = (
+        uncertainty.standard_errors(fitted.vehicle, estimate, inflation) > uncertainty.DETERMINED
+    )
+    kept = np.zeros(len(is_open), dtype=bool)
+    best = estimate
     if estimate.status is FitStatus.CONVERGED:
         for chosen in _chosen(shared, is_open):
             found = None if (chosen <= kept).all() else _held(fitted, kept | chosen)
             allowed = uncertainty.INTERVAL**2 * inflation * int((kept | chosen).sum())
             if found is not None and 2.0 * (found.cost - estimate.cost) < allowed:
-                kept, best = kept | chosen, found
+                kept = kept | chosen
+                best = found
     return ExportedEstimate(estimate=best, kept=tuple(np.array(shared.names)[kept].tolist()))
 
 
@@ -215,25 +294,45 @@ def _held(fitted: FitContext, which: np.ndarray) -> Estimate | None:
     """Refit with those of which (n,) bool held as declared; `None` where that does not converge."""
     shared = fitted.vehicle.shared
     problem = replace(fitted, vehicle=replace(fitted.vehicle, shared=shared.held(which))).problem()
-    near = problem.resumed(replace(fitted.estimate, shared=np.where(which, shared.start, fitted.estimate.shared)))
-    found = problem.solve(near, iterations=fitted.search.iterations, tolerance=1e-3)  # from near: a step leaves its square
+    near = problem.resumed(
+        replace(fitted.estimate, shared=np.where(which, shared.start, fitted.estimate.shared))
+    )
+    found = problem.solve(
+        near, iterations=fitted.search.iterations, tolerance=1e-3
+    )  # from near: a step leaves its square
     exact = replace(found, shared=np.where(which, shared.start, found.shared))
     return exact if found.status is FitStatus.CONVERGED else None
 
 
-# What a fit takes for known: what numbers would be if it were otherwise. What is assumed widens intervals by it.
+# What a fit takes for known: what numbers would be if it were otherwise. What is assumed widens
+# intervals by it.
 
 _SPREADS = {"gain": 0.03, "reverse": 0.03, "lag": 0.1, "delay": 0.01, "velocity_delay": 0.01}
-_SPREADS |= {"mass": 0.02, "centre_of_mass": 0.005, "second_moment": 0.1, "velocity_point": 0.02, "attitude_turn": 0.01}
+_SPREADS |= {
+    "mass": 0.02,
+    "centre_of_mass": 0.005,
+    "second_moment": 0.1,
+    "velocity_point": 0.02,
+    "attitude_turn": 0.01,
+}
 _SPREADS |= {"bias": 0.003, "current": 0.01, "rate_bias": 0.002}
-"""Assumed standard deviations of constants: relative for gains, lags and masses, delays [s], points [m], turns [rad], rates
-[rad/s], currents [m/s], biases by shares of the weight, and that at an arm of 1 m."""
+"""Assumed standard deviations of constants: relative for gains, lags and masses, delays [s], points
+[m], turns [rad], rates [rad/s], currents [m/s], biases by shares of the weight, and that at an arm
+of 1 m.
+"""
 _ALIKE = {"wrench_offset": "bias", "attitude_offset": "attitude_turn"}
-"""Constants that each recording has one of, and the constant of all recordings that a fit adds to it."""
-_FILED, _SEEN = ("mass", "centre_of_mass", "second_moment"), ("bias", "current")
-"""Constants of the robot's file, and assumed ones that are no part of intervals: recordings show them where they are not 0."""
+"""Constants that each recording has one of, and the constant of all recordings that a fit adds to
+it.
+"""
+_FILED = ("mass", "centre_of_mass", "second_moment")
+_SEEN = ("bias", "current")
+"""Constants of the robot's file, and assumed ones that are no part of intervals: recordings show
+them where they are not 0.
+"""
 _NOISIER = {"velocity": "m/s", "rate": "rad/s", "vertical": "-", "process": "m/s, rad/s, rad"}
-"""Deviations of noise that weigh samples, and units: what they would change if they were twice as large."""
+"""Deviations of noise that weigh samples, and units: what they would change if they were twice as
+large.
+"""
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -244,7 +343,9 @@ class HeldConstant:
     known: str
     """``given`` by the settings, of the ``robot's file``, or ``assumed``."""
     spread: float
-    """Assumed standard deviation, relative or in [s], [m] or [rad]; of noise by how much it is larger, relative."""
+    """Assumed standard deviation, relative or in [s], [m] or [rad]; of noise by how much it is
+    larger, relative.
+    """
     most: str
     """Number that it moves farthest by that."""
     change: float
@@ -258,16 +359,28 @@ class HeldConstant:
 def held_constants(
     fitted: FitContext, settings: CalibrationSettings, inflation: float
 ) -> tuple[Estimate, tuple[HeldConstant, ...]]:
-    """The estimate of recordings of others, less certain by what was assumed, and all constants that could be off."""
+    """The estimate of recordings of others, less certain by what was assumed, and all constants
+    that could be off.
+    """
     quantities = fitted.vehicle.shared.declaration.quantities
-    names, slopes = constant_slopes(fitted, [name for name in _SPREADS if not quantities[name].free.any()])
+    names, slopes = constant_slopes(
+        fitted, [name for name in _SPREADS if not quantities[name].free.any()]
+    )
     owners = np.array([name.partition(" ")[0] for name in names])
-    units = {name: 1.0 / max(quantities[name].value.item(), parameters.AT_ONCE) for name in parameters.DELAYS}
-    units["bias"] = float(np.linalg.norm(fitted.vehicle.dynamics.model.gravity.linear)) * quantities["mass"].value.item()
+    units = {
+        name: 1.0 / max(quantities[name].value.item(), parameters.AT_ONCE)
+        for name in parameters.DELAYS
+    }
+    units["bias"] = (
+        float(np.linalg.norm(fitted.vehicle.dynamics.model.gravity.linear))
+        * quantities["mass"].value.item()
+    )
     moved = slopes * [_SPREADS[name] * units.get(name, 1.0) for name in owners]
     numbered, with_unknowns = uncertainty.slopes_of(fitted.vehicle, fitted.estimate.shared)
     C = uncertainty.covariance(fitted.vehicle, fitted.estimate, inflation)
-    errors, found, assumed = np.sqrt(np.einsum("ij,jk,ik->i", with_unknowns, C, with_unknowns)), [], fitted.estimate.assumed
+    errors = np.sqrt(np.einsum("ij,jk,ik->i", with_unknowns, C, with_unknowns))
+    found = []
+    assumed = fitted.estimate.assumed
 
     def most(own: np.ndarray) -> dict[str, Any]:
         """Number that changes (n, m) of unknowns move farthest, and how far."""
@@ -276,17 +389,43 @@ def held_constants(
 
     for name in dict.fromkeys(owners.tolist()):
         of_file = name in _FILED or (name == "lag" and settings.commands != "wrench")
-        known = "given" if getattr(settings, name, None) is not None else "robot's file" if of_file else "assumed"
+        known = (
+            "given"
+            if getattr(settings, name, None) is not None
+            else "robot's file"
+            if of_file
+            else "assumed"
+        )
         own = moved[:, owners == name]
         assumed = assumed + own @ own.T * (known == "assumed" and name not in _SEEN)
-        alike = [name, *(one for one, other in _ALIKE.items() if other == name and not quantities[one].free.any())]
-        found += [HeldConstant(quantity=one, known=known, spread=_SPREADS[name], **most(own)) for one in alike]
+        alike = [
+            name,
+            *(
+                one
+                for one, other in _ALIKE.items()
+                if other == name and not quantities[one].free.any()
+            ),
+        ]
+        found += [
+            HeldConstant(quantity=one, known=known, spread=_SPREADS[name], **most(own))
+            for one in alike
+        ]
     for name, unit in _NOISIER.items():
-        sigma, known = getattr(fitted.noise, name), "given" if name in settings.noise.model_fields_set else "assumed"
+        sigma = getattr(fitted.noise, name)
+        known = "given" if name in settings.noise.model_fields_set else "assumed"
         noisier = replace(fitted, noise=replace(fitted.noise, **{name: 2.0 * sigma})).problem()
         point, _ = noisier.stepped(noisier.resumed(fitted.estimate))
         moved_by = most((point.shared - fitted.estimate.shared)[:, None])
-        found.append(HeldConstant(quantity=f"noise {name}", known=known, spread=1.0, value=sigma, unit=unit, **moved_by))
+        found.append(
+            HeldConstant(
+                quantity=f"noise {name}",
+                known=known,
+                spread=1.0,
+                value=sigma,
+                unit=unit,
+                **moved_by,
+            )
+        )
     return replace(fitted.estimate, assumed=assumed), tuple(found)
 
 
@@ -323,13 +462,17 @@ class Calibration(TableDisplay):
     open: tuple[uncertainty.UnidentifiableDirection, ...]
     """Combinations of unknowns that the recordings do not determine."""
     inflation: float
-    """samples that miss alike: intervals are wider by its root than white residuals would have them."""
+    """samples that miss alike: intervals are wider by its root than white residuals would have
+    them.
+    """
     whiteness: tuple[uncertainty.Whiteness, ...]
     """Whiteness of the residuals of all recordings."""
     comparisons: tuple[Comparison, ...]
     issues: tuple[str, ...]
     constants: tuple[HeldConstant, ...] = ()
-    """Constants that the fit held fixed though they are uncertain; none for runs of this toolkit, whose constants are known."""
+    """Constants that the fit held fixed though they are uncertain; none for runs of this toolkit,
+    whose constants are known.
+    """
     profiles: tuple[validation.Profile, ...] = ()
     """Profiles of the determined numbers, if asked for."""
     left_out: tuple[validation.HeldOutRecording, ...] = ()
@@ -337,10 +480,19 @@ class Calibration(TableDisplay):
 
     def _table(self) -> SmallTable:
         found = (
-            (one.name, one.value, *one.interval, one.unit, "" if one.determined else "not determined") for one in self.numbers
+            (
+                one.name,
+                one.value,
+                *one.interval,
+                one.unit,
+                "" if one.determined else "not determined",
+            )
+            for one in self.numbers
         )
         head = ("number", "value", "from", "to, 95 %", "unit", "")
-        return SmallTable(title="Calibration", head=head, rows=tuple(tuple(map(cell, row)) for row in found))
+        return SmallTable(
+            title="Calibration", head=head, rows=tuple(tuple(map(cell, row)) for row in found)
+        )
 
 
 @raised_outside_casadi()
@@ -354,44 +506,70 @@ def calibrate(
     progress: Callable[[str], None] | None = None,
     warn: Callable[[str], None] = lambda _: None,
 ) -> Calibration:
-    """Identify; with profiles and leave-one-out, which take longer, if wanted. progress: gets a line at each step, not a bar.
+    """Identify; with profiles and leave-one-out, which take longer, if wanted. progress: gets a
+    line at each step, not a bar.
 
     warn gets every issue before anything is searched. Recordings with silences are cut there.
-    Raises InvalidInput for no recordings, one alone to be left out, equal names, a channel that is missing, or a current that is
-    recorded and not learnt.
+    Raises InvalidInput for no recordings, one alone to be left out, equal names, a channel that is
+    missing, or a current that is recorded and not learnt.
     """
     if settings.commands == "propeller_commands":
-        free = len(subject.vehicle.axes) == len(parameters.AXES)  # others may have no commands, as decay tests
-        recordings = [with_thrust(subject.robot, one) if free or one.channels.keys() & COMMANDS else one for one in recordings]
+        free = len(subject.vehicle.axes) == len(
+            parameters.AXES
+        )  # others may have no commands, as decay tests
+        recordings = [
+            with_thrust(subject.robot, one) if free or one.channels.keys() & COMMANDS else one
+            for one in recordings
+        ]
     recordings = split_at_gaps(recordings)
     names = [one.name for one in recordings]
     if not names or len(set(names)) < len(names):
-        raise InvalidInput(f"recordings {names} given; allowed: one at least, each with a name of its own")
+        raise InvalidInput(
+            f"recordings {names} given; allowed: one at least, each with a name of its own"
+        )
     if leave_one_out and len({one.source for one in recordings}) < 2:
         raise InvalidInput(f"recordings {names} given; leave-one-out needs at least 2")
     at_once = all(one.at_once for one in recordings)
     subject = with_delays(subject, settings, at_once=at_once)
     n = subject.vehicle.actuators.allocation.shape[1]
-    prepared = tuple(PreparedRecording.of(along_axes(one, settings, n), subject.vehicle) for one in recordings)
+    prepared = tuple(
+        PreparedRecording.of(along_axes(one, settings, n), subject.vehicle) for one in recordings
+    )
     for one in prepared:
         one.stretches(settings.step, settings.stretch)  # or it is too short
         require_current(subject, one.recording)
     doubtful = []
     for recording in recordings:
-        for doubt in (*check_data_quality(recording), *check_settings(subject, settings, recording)):
+        for doubt in (
+            *check_data_quality(recording),
+            *check_settings(subject, settings, recording),
+        ):
             doubtful.append(f"{recording.name}: {doubt}")
             warn(doubtful[-1])
-    vehicle, noise = subject.vehicle, Noise(**settings.noise.model_dump())
+    vehicle = subject.vehicle
+    noise = Noise(**settings.noise.model_dump())
     rollout = Rollout(model.stage_of(vehicle, sharp=True))
     with progress_bar(shown=progress is None, bar_format="{elapsed} {desc}") as bar:
         progress = progress or bar.set_description_str
         search = Search(step=settings.step, stretch=settings.stretch, progress=progress)
-        known: dict[str, Any] = {"vehicle": vehicle, "prepared": prepared, "noise": noise, "rollout": rollout}
-        fitted = FitContext(**known, search=search, estimate=search_fit(vehicle, prepared, noise, rollout, search))
+        known: dict[str, Any] = {
+            "vehicle": vehicle,
+            "prepared": prepared,
+            "noise": noise,
+            "rollout": rollout,
+        }
+        fitted = FitContext(
+            **known, search=search, estimate=search_fit(vehicle, prepared, noise, rollout, search)
+        )
         residuals = fitted.residuals()
         left = Predicted.joined(list(residuals.values()))
-        inflation, constants = uncertainty.variance_inflation(left, fitted.noise), tuple[HeldConstant, ...]()
-        if not at_once and fitted.estimate.status is FitStatus.CONVERGED and len(fitted.estimate.shared):
+        inflation = uncertainty.variance_inflation(left, fitted.noise)
+        constants = tuple[HeldConstant, ...]()
+        if (
+            not at_once
+            and fitted.estimate.status is FitStatus.CONVERGED
+            and len(fitted.estimate.shared)
+        ):
             progress("what constants would change")
             estimate, constants = held_constants(fitted, settings, inflation)
             fitted = replace(fitted, estimate=estimate)
@@ -406,35 +584,54 @@ def calibrate(
             open=uncertainty.unidentifiable_directions(subject.vehicle, fitted.estimate, inflation),
             inflation=inflation,
             whiteness=white,
-            comparisons=tuple(_comparison(fitted, balance, one, residuals[one.recording.name]) for one in prepared),
+            comparisons=tuple(
+                _comparison(fitted, balance, one, residuals[one.recording.name]) for one in prepared
+            ),
             issues=tuple(doubtful),
             constants=constants,
-            profiles=tuple(validation.profiles(fitted, identified, inflation, progress)) if profiled else (),
-            left_out=tuple(validation.leave_one_out(fitted, progress=progress)) if leave_one_out else (),
+            profiles=tuple(validation.profiles(fitted, identified, inflation, progress))
+            if profiled
+            else (),
+            left_out=tuple(validation.leave_one_out(fitted, progress=progress))
+            if leave_one_out
+            else (),
         )
 
 
 def with_thrust(robot: Robot, recording: Recording) -> Recording:
-    """The recording with the steady thrust of its `propeller_commands`, by the robot's thrust curves.
+    """The recording with the steady thrust of its `propeller_commands`, by the robot's thrust
+    curves.
 
-    Without a curve -1 and 1 are a thruster's limits. Raises InvalidInput without that channel, or for one of other
-    thrusters.
+    Without a curve -1 and 1 are a thruster's limits. Raises InvalidInput without that channel, or
+    for one of other thrusters.
     """
     signals = recording.channel("propeller_commands").of(robot.thruster_names, "propeller_commands")
     n = len(robot.thruster_names)
     if signals.values.shape[1] != n:
         given = f"{recording.name}: propeller_commands of {signals.values.shape[1]} thrusters given"
-        raise InvalidInput(f"{given}; allowed: {n}, those that drive it, in the order of the robot's file")
-    ends = ((one.curve[0][0], one.curve[-1][0]) if one.curve else (-1.0, 1.0) for one in robot.description.thrusters)
+        raise InvalidInput(
+            f"{given}; allowed: {n}, those that drive it, in the order of the robot's file"
+        )
+    ends = (
+        (one.curve[0][0], one.curve[-1][0]) if one.curve else (-1.0, 1.0)
+        for one in robot.description.thrusters
+    )
     low, high = np.transpose(list(ends))
     share = float(((signals.values < low - 1e-6) | (signals.values > high + 1e-6)).mean())
-    text = f"{100.0 * share:.2g} % of its numbers are beyond the thrust curves, and taken for their ends: scale, pulses of 0?"
+    text = (
+        f"{100.0 * share:.2g} % of its numbers are beyond the thrust curves, and taken for their"
+        " ends: scale, pulses of 0?"
+    )
     issues = recording.issues_in_file + ((("propeller_commands", text),) if share > _BEYOND else ())
     thrust = replace(signals, values=thrust_of_signals(robot, signals.values))
-    return replace(recording, channels={**recording.channels, "thrust": thrust}, issues_in_file=issues)
+    return replace(
+        recording, channels={**recording.channels, "thrust": thrust}, issues_in_file=issues
+    )
 
 
-def _comparison(fitted: FitContext, balance: validation.StaticBalance, one: PreparedRecording, left: Predicted) -> Comparison:
+def _comparison(
+    fitted: FitContext, balance: validation.StaticBalance, one: PreparedRecording, left: Predicted
+) -> Comparison:
     (whole,) = one.stretches(fitted.search.step)
     after, before = fitted.predictor(), fitted.predictor(fitted.vehicle.shared.start)
     return Comparison(

@@ -1,9 +1,10 @@
-"""Coordinates of physical quantities: any real vector stands for values that are physically possible.
+"""Coordinates of physical quantities: any real vector stands for values that are physically
+possible.
 
-Positive numbers, intervals, positive definite matrices (log-Cholesky), drag that dissipates whatever the motion, inertia of
-some distribution of mass [Rucker2022]. A quantity is decoded from its coordinates as a CasADi expression, so that models are
-differentiated through it. Standard deviations of priors are those of coordinates: relative ones, about, for what must be
-positive.
+Positive numbers, intervals, positive definite matrices (log-Cholesky), drag that dissipates
+whatever the motion, inertia of some distribution of mass [Rucker2022]. A quantity is decoded from
+its coordinates as a CasADi expression, so that models are differentiated through it. Standard
+deviations of priors are those of coordinates: relative ones, about, for what must be positive.
 """
 
 from __future__ import annotations
@@ -20,9 +21,9 @@ from uvms_ocp.robot.spatial import skew
 
 # Coordinates of quantities: any real vector stands for values that are physically possible.
 #
-# A quantity is decoded from its coordinates as a CasADi expression, so that models are differentiated through it, and its
-# coordinates are found from its value. Standard deviations of priors are those of coordinates: relative ones, about, for what
-# must be positive.
+# A quantity is decoded from its coordinates as a CasADi expression, so that models are
+# differentiated through it, and its coordinates are found from its value. Standard deviations of
+# priors are those of coordinates: relative ones, about, for what must be positive.
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
@@ -36,7 +37,9 @@ class Reals:
         return x
 
     def encode(self, value: np.ndarray) -> np.ndarray:
-        """Return value (n,) [unit of the quantity] unchanged. Raises InvalidInput for another shape."""
+        """Return value (n,) [unit of the quantity] unchanged. Raises InvalidInput for another
+        shape.
+        """
         return _column(value, self.names)
 
 
@@ -51,7 +54,9 @@ class Positives:
         return ca.exp(x)
 
     def encode(self, value: np.ndarray) -> np.ndarray:
-        """Logarithms of value (n,) [unit of the quantity]. Raises InvalidInput for another shape, or what is not positive."""
+        """Logarithms of value (n,) [unit of the quantity]. Raises InvalidInput for another shape,
+        or what is not positive.
+        """
         return np.log(positive(_column(value, self.names), "value"))
 
 
@@ -70,20 +75,28 @@ class Interval:
         return ca.DM(self.lower + self.upper) / 2 + ca.DM(self.upper - self.lower) / 2 * ca.tanh(x)
 
     def encode(self, value: np.ndarray) -> np.ndarray:
-        """X (n,) of value (n,) [unit of the quantity]. Raises InvalidInput for one that is not inside."""
-        share = (2 * _column(value, self.names) - self.lower - self.upper) / (self.upper - self.lower)
+        """X (n,) of value (n,) [unit of the quantity]. Raises InvalidInput for one that is not
+        inside.
+        """
+        share = (2 * _column(value, self.names) - self.lower - self.upper) / (
+            self.upper - self.lower
+        )
         if not (np.abs(share) < 1.0).all():
             ends = f"{self.lower.tolist()} to {self.upper.tolist()}"
-            raise InvalidInput(f"{np.asarray(value).tolist()} given; allowed: strictly inside {ends}")
+            raise InvalidInput(
+                f"{np.asarray(value).tolist()} given; allowed: strictly inside {ends}"
+            )
         return np.arctanh(share)
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class PositiveDefinite:
-    """A symmetric positive definite matrix ``S L L' S``: L is lower triangular with a positive diagonal.
+    """A symmetric positive definite matrix ``S L L' S``: L is lower triangular with a positive
+    diagonal.
 
-    Coordinates are the logarithms of that diagonal, then L below it, where rows of `axes` are coupled. Axes whose scale is 0
-    have no coordinates, and their rows are 0: the matrix is then semidefinite.
+    Coordinates are the logarithms of that diagonal, then L below it, where rows of `axes` are
+    coupled. Axes whose scale is 0 have no coordinates, and their rows are 0: the matrix is then
+    semidefinite.
     """
 
     axes: tuple[str, ...]
@@ -95,7 +108,10 @@ class PositiveDefinite:
     @property
     def names(self) -> tuple[str, ...]:
         """Axes, then pairs of them."""
-        return (*(self.axes[i] for i in self.own), *(f"{self.axes[i]}-{self.axes[j]}" for i, j in self.below))
+        return (
+            *(self.axes[i] for i in self.own),
+            *(f"{self.axes[i]}-{self.axes[j]}" for i, j in self.below),
+        )
 
     @property
     def own(self) -> tuple[int, ...]:
@@ -118,19 +134,25 @@ class PositiveDefinite:
         return scaled @ scaled.T
 
     def encode(self, value: np.ndarray) -> np.ndarray:
-        """X of a value (n, n) [unit of the quantity]. Raises InvalidInput for one that is not positive definite on its axes."""
+        """X of a value (n, n) [unit of the quantity]. Raises InvalidInput for one that is not
+        positive definite on its axes.
+        """
         own = np.ix_(self.own, self.own)
         L = np.zeros((len(self.axes),) * 2)
         unit = np.diag(1.0 / self.scale[list(self.own)])
         try:
             L[own] = np.linalg.cholesky(unit @ np.asarray(value, dtype=float)[own] @ unit)
         except np.linalg.LinAlgError:
-            raise InvalidInput("a matrix that is not positive definite is given; give one that is") from None
+            raise InvalidInput(
+                "a matrix that is not positive definite is given; give one that is"
+            ) from None
         return np.array([np.log(L[i, i]) for i in self.own] + [L[i, j] for i, j in self.below])
 
 
 def positive(values: np.ndarray, what: str) -> np.ndarray:
-    """The values (...) [any]. Raises InvalidInput for one that is not positive and finite; `what` names them."""
+    """The values (...) [any]. Raises InvalidInput for one that is not positive and finite; `what`
+    names them.
+    """
     if not (np.isfinite(values).all() and (values > 0.0).all()):
         raise InvalidInput(f"{what} {values.tolist()} given; allowed: finite, more than 0")
     return values
@@ -139,14 +161,17 @@ def positive(values: np.ndarray, what: str) -> np.ndarray:
 def _column(value: np.ndarray, names: Sequence[str]) -> np.ndarray:
     array = np.atleast_1d(np.asarray(value, dtype=float))
     if array.shape != (len(names),):
-        raise InvalidInput(f"a value of shape {array.shape} given; allowed: ({len(names)},), {', '.join(names)}")
+        raise InvalidInput(
+            f"a value of shape {array.shape} given; allowed: ({len(names)},), {', '.join(names)}"
+        )
     return array
 
 
 # Drag that takes energy out of every motion, whatever the coordinates.
 #
-# Linear drag is a positive definite matrix plus a skew one, whose power is zero. Quadratic drag obeys the condition of
-# `uvms_ocp.robot.hydrodynamics` by construction: the diagonal is what the couplings ask for, and a positive number more.
+# Linear drag is a positive definite matrix plus a skew one, whose power is zero. Quadratic drag
+# obeys the condition of `uvms_ocp.robot.hydrodynamics` by construction: the diagonal is what the
+# couplings ask for, and a positive number more.
 
 _SMOOTH = 1e-3  # of the unit of a coupling: below it the size of a coupling is rounded up
 
@@ -161,7 +186,10 @@ class LinearDrag:
     def names(self) -> tuple[str, ...]:
         """Names of the coordinates of P, then of K."""
         axes = self.symmetric.axes
-        return (*self.symmetric.names, *(f"{axes[i]}-{axes[j]} skew" for i, j in self.symmetric.below))
+        return (
+            *self.symmetric.names,
+            *(f"{axes[i]}-{axes[j]} skew" for i, j in self.symmetric.below),
+        )
 
     def decode(self, x: ca.SX) -> ca.SX:
         """D (6, 6) [N/(m/s), N m/(rad/s)]."""
@@ -173,7 +201,9 @@ class LinearDrag:
         return D
 
     def encode(self, value: np.ndarray) -> np.ndarray:
-        """X of D value (6, 6) [N/(m/s), N m/(rad/s)]. Raises InvalidInput for one that does not dissipate."""
+        """X of D value (6, 6) [N/(m/s), N m/(rad/s)]. Raises InvalidInput for one that does not
+        dissipate.
+        """
         D = np.asarray(value, dtype=float)
         skew = [(D[i, j] - D[j, i]) / 2 / self._unit(i, j) for i, j in self.symmetric.below]
         return np.concatenate([self.symmetric.encode((D + D.T) / 2), skew])
@@ -194,10 +224,15 @@ class QuadraticDrag:
     couplings: tuple[tuple[int, int], ...] = ()
 
     def __post_init__(self) -> None:
-        """Raises `InvalidInput` for a coupling of an axis with itself, or with one that has no drag of its own."""
+        """Raises `InvalidInput` for a coupling of an axis with itself, or with one that has no drag
+        of its own.
+        """
         for i, j in self.couplings:
             if i == j or not self.scale[i] * self.scale[j] > 0.0:
-                raise InvalidInput(f"quadratic drag: coupling {(i, j)} given; allowed: two axes with drag of their own")
+                raise InvalidInput(
+                    f"quadratic drag: coupling {(i, j)} given; allowed: two axes with drag of"
+                    " their own"
+                )
 
     @property
     def own(self) -> tuple[int, ...]:
@@ -212,49 +247,65 @@ class QuadraticDrag:
 
     def decode(self, x: ca.SX) -> ca.SX:
         """Q (6, 6) [N/(m/s)^2, N m/(rad/s)^2]."""
-        Q, n = ca.SX(6, 6), len(self.own)
+        Q = ca.SX(6, 6)
+        n = len(self.own)
         for k, (i, j) in enumerate(self.couplings, start=n):
             Q[i, j] = x[k] * self._unit(i, j)
-        needed = self._needed({(i, j): _size(x[k]) for k, (i, j) in enumerate(self.couplings, start=n)})
+        needed = self._needed(
+            {(i, j): _size(x[k]) for k, (i, j) in enumerate(self.couplings, start=n)}
+        )
         for k, i in enumerate(self.own):
             Q[i, i] = self.scale[i] * ca.exp(x[k]) + needed[i]
         return Q
 
     def encode(self, value: np.ndarray) -> np.ndarray:
-        """X of Q value (6, 6) [N/(m/s)^2, N m/(rad/s)^2]. Raises InvalidInput where couplings outweigh the diagonal."""
+        """X of Q value (6, 6) [N/(m/s)^2, N m/(rad/s)^2]. Raises InvalidInput where couplings
+        outweigh the diagonal.
+        """
         Q = np.asarray(value, dtype=float)
         coupled = {(i, j): Q[i, j] / self._unit(i, j) for i, j in self.couplings}
         needed = self._needed({pair: float(_size(x)) for pair, x in coupled.items()})
         own = np.array([(Q[i, i] - needed[i]) / self.scale[i] for i in self.own])
-        return np.concatenate([np.log(positive(own, "drag left for the diagonal")), list(coupled.values())])
+        return np.concatenate(
+            [np.log(positive(own, "drag left for the diagonal")), list(coupled.values())]
+        )
 
     def _needed(self, sizes: dict[tuple[int, int], ca.SX | float]) -> list[ca.SX | float]:
         """Diagonal (6,) that the couplings need: `dissipation` with these speeds as weights."""
         d: list[ca.SX | float] = [0.0] * 6
         for (i, j), size in sizes.items():
-            force, s = size * self._unit(i, j), self.speed
+            force = size * self._unit(i, j)
+            s = self.speed
             d[i] += force * s[j] ** 2 / (3 * s[i] ** 2)
             d[j] += 2 * force * s[i] / (3 * s[j])
         return d
 
     def _unit(self, i: int, j: int) -> float:
-        return float(np.sqrt(self.scale[i] * self.speed[i] ** 2 * self.scale[j] * self.speed[j] ** 2) / self.speed[j] ** 2)
+        return float(
+            np.sqrt(self.scale[i] * self.speed[i] ** 2 * self.scale[j] * self.speed[j] ** 2)
+            / self.speed[j] ** 2
+        )
 
 
 def _size(x: ca.SX | float) -> ca.SX | float:
     return ca.sqrt(x * x + _SMOOTH**2)
 
 
-QuantityCoordinates: TypeAlias = Reals | Positives | Interval | PositiveDefinite | LinearDrag | QuadraticDrag
-"""A quantity by its coordinates x (n,) [-, or the unit of the quantity]: their names, which follow that of the quantity, the
-quantity at x, and x of a value, for which InvalidInput is raised where no x stands for it."""
+QuantityCoordinates: TypeAlias = (
+    Reals | Positives | Interval | PositiveDefinite | LinearDrag | QuadraticDrag
+)
+"""A quantity by its coordinates x (n,) [-, or the unit of the quantity]: their names, which follow
+that of the quantity, the quantity at x, and x of a value, for which InvalidInput is raised where no
+x stands for it.
+"""
 
 
 # Inertia of a rigid body that some distribution of mass has, whatever the coordinates [Rucker2022].
 #
-# A body has mass m, centre of mass c and the second moment of its mass about c, ``S = int (r - c)(r - c)' dm``. Exactly where
-# m > 0 and S is positive definite, its pseudo-inertia ``[[S + m c c', m c], [m c', m]]`` is, and some mass that fills a volume
-# has these numbers: the triangle inequality of inertias follows. log m, c and the log-Cholesky factor of S are the factor of the
+# A body has mass m, centre of mass c and the second moment of its mass about c, ``S = int (r - c)(r
+# - c)' dm``. Exactly where m > 0 and S is positive definite, its pseudo-inertia ``[[S + m c c', m
+# c], [m c', m]]`` is, and some mass that fills a volume has these numbers: the triangle inequality
+# of inertias follows. log m, c and the log-Cholesky factor of S are the factor of the
 # pseudo-inertia, up to a smooth change that lets mass and centre be known apart from the rest.
 
 
@@ -265,12 +316,17 @@ def second_moment(inertia: np.ndarray) -> np.ndarray:
     """
     S = np.trace(inertia) / 2 * np.eye(3) - inertia
     if not np.linalg.eigvalsh(S).min() > 0.0:
-        raise InvalidInput("inertia of no body given; allowed: each principal moment less than the sum of the other two")
+        raise InvalidInput(
+            "inertia of no body given; allowed: each principal moment less than the sum of the"
+            " other two"
+        )
     return S
 
 
 def spatial_inertia(mass: ca.SX, centre: ca.SX, S: ca.SX) -> ca.SX:
-    """(6, 6) [kg, kg m, kg m2] about the origin of the frame in which the centre of mass (3,) [m] is given, linear first."""
+    """(6, 6) [kg, kg m, kg m2] about the origin of the frame in which the centre of mass (3,) [m]
+    is given, linear first.
+    """
     c = skew(centre)
     upper = ca.horzcat(mass * ca.SX.eye(3), -mass * c)
     rotational = ca.trace(S) * ca.SX.eye(3) - S  # about the centre of mass

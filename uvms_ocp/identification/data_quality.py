@@ -1,7 +1,8 @@
-"""Check the quality of a recording by what must hold for any vehicle: velocity is the rate of pose, motion follows commands.
+"""Check the quality of a recording by what must hold for any vehicle: velocity is the rate of pose,
+motion follows commands.
 
-Axes are searched among all 48 ways to swap and turn them; one is reported where it explains much more than the axes as they are,
-so that axes in which nothing moved raise no issue.
+Axes are searched among all 48 ways to swap and turn them; one is reported where it explains much
+more than the axes as they are, so that axes in which nothing moved raise no issue.
 """
 
 from __future__ import annotations
@@ -12,7 +13,15 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from uvms_ocp.identification import recording as recordings, sample_checks as checks
-from uvms_ocp.identification.recording import CHANNEL_KINDS, Channel, Recording, ZeroOrderHold, angular_rate, rotations, smoothed
+from uvms_ocp.identification.recording import (
+    CHANNEL_KINDS,
+    Channel,
+    Recording,
+    ZeroOrderHold,
+    angular_rate,
+    rotations,
+    smoothed,
+)
 from uvms_ocp.identification.sample_checks import QualityIssue as QualityIssue
 from uvms_ocp.record.row_files import forget
 
@@ -20,11 +29,17 @@ from uvms_ocp.record.row_files import forget
 
 _INSIDE = slice(round(checks.WINDOW / recordings.GRID), -round(checks.WINDOW / recordings.GRID))
 """Smoothed samples whose window is whole."""
-_HALF, _MOST = 0.5, 0.8  # of the motion that a way to read axes must explain: at least, and as magnitudes agree
+# of the motion that a way to read axes must explain: at least, and as magnitudes agree
+_HALF = 0.5
+_MOST = 0.8
 _EVEN = 0.03  # by which one way must explain more than another where little speaks for it
 _LEVEL = 0.9  # cosine of tilt of a vehicle that is level, or nearly
 _AS_LARGE = 0.7  # correlation of magnitudes from which on two things are the same
-_PARTNER = {"linear_velocity": "position", "angular_velocity": "attitude", "specific_force": "attitude"}
+_PARTNER = {
+    "linear_velocity": "position",
+    "angular_velocity": "attitude",
+    "specific_force": "attitude",
+}
 _READINGS = recordings.CHANNEL_TABLE["readings"]
 """Other ways to read an attitude: places and signs of its numbers."""
 
@@ -43,28 +58,62 @@ class _Reference:
 
 
 def of_rates(recording: Recording) -> Iterator[tuple[str, str]]:
-    """Channels and what speaks against them; of an attitude that is read wrong this alone, for all else follows from it."""
+    """Channels and what speaks against them; of an attitude that is read wrong this alone, for all
+    else follows from it.
+    """
     found = list(_other_attitude(recording))
-    yield from found or (issue for name, one in _references(recording) for issue in _rate_issues(recording, name, one))
+    yield from found or (
+        issue
+        for name, one in _references(recording)
+        for issue in _rate_issues(recording, name, one)
+    )
 
 
 def _other_attitude(recording: Recording) -> Iterator[tuple[str, str]]:
-    """Another way to read the attitude, with which all that depends on it agrees better, and other axes alone would not."""
-    own, channels = _agreement(recording), recording.channels
+    """Another way to read the attitude, with which all that depends on it agrees better, and other
+    axes alone would not.
+    """
+    own = _agreement(recording)
+    channels = recording.channels
     attitude = channels.get("attitude")
-    turned = {how: replace(attitude, values=attitude.values[:, order] * signs) for how, (order, signs) in _READINGS if attitude}
-    if attitude and not own and _level(attitude) < _HALF:  # no vehicle is level for long by numbers in another order
-        order = (how for how, one in turned.items() if how.startswith("format") and _level(one) > _LEVEL)
-        yield from (("attitude", f"reads better with {how}: it is level then, which it is not as it is") for how in order)
-    ways = {how: _agreement(replace(recording, channels={**channels, "attitude": one})) for how, one in turned.items() if own}
-    for how, found in sorted(ways.items(), key=lambda way: -sum(share for share, _ in way[1].values())):
+    turned = {
+        how: replace(attitude, values=attitude.values[:, order] * signs)
+        for how, (order, signs) in _READINGS
+        if attitude
+    }
+    if (
+        attitude and not own and _level(attitude) < _HALF
+    ):  # no vehicle is level for long by numbers in another order
+        order = (
+            how for how, one in turned.items() if how.startswith("format") and _level(one) > _LEVEL
+        )
+        yield from (
+            ("attitude", f"reads better with {how}: it is level then, which it is not as it is")
+            for how in order
+        )
+    ways = {
+        how: _agreement(replace(recording, channels={**channels, "attitude": one}))
+        for how, one in turned.items()
+        if own
+    }
+    for how, found in sorted(
+        ways.items(), key=lambda way: -sum(share for share, _ in way[1].values())
+    ):
         more = [found.get(name, (0.0, 0.0))[0] - share for name, (share, _) in own.items()]
-        least, better = min(found.get(name, (0.0, 0.0))[0] for name in own), sum(one > checks.EXPLAINED for one in more)
-        clearer = better and all(found[name][0] > best + _EVEN for name, (_, best) in own.items() if name in found)
+        least = min(found.get(name, (0.0, 0.0))[0] for name in own)
+        better = sum(one > checks.EXPLAINED for one in more)
+        clearer = better and all(
+            found[name][0] > best + _EVEN for name, (_, best) in own.items() if name in found
+        )
         if least > _HALF and min(more) > -_EVEN and (better > 1 or clearer):
-            shares = ", ".join(f"{100 * share:.0f} % of {name}" for name, (share, _) in found.items())
+            shares = ", ".join(
+                f"{100 * share:.0f} % of {name}" for name, (share, _) in found.items()
+            )
             before = ", ".join(f"{100 * share:.0f} %" for share, _ in own.values())
-            yield "attitude", f"reads better with {how}: it agrees with {shares}, and as it is with {before}"
+            yield (
+                "attitude",
+                f"reads better with {how}: it agrees with {shares}, and as it is with {before}",
+            )
             return
 
 
@@ -74,11 +123,17 @@ def _level(attitude: Channel) -> float:
 
 
 def _agreement(recording: Recording) -> dict[str, tuple[float, float]]:
-    """Share of each channel's motion that its reference explains with the axes as they are, and with those that fit best."""
+    """Share of each channel's motion that its reference explains with the axes as they are, and
+    with those that fit best.
+    """
     found = {}
     for name, reference in _references(recording):
-        if (aligned := _aligned(recording, name, reference)) is not None:
-            found[name] = checks.explained(aligned[0], reference.body), max(_ways(reference, aligned[0], name).values())
+        aligned = _aligned(recording, name, reference)
+        if aligned is not None:
+            found[name] = (
+                checks.explained(aligned[0], reference.body),
+                max(_ways(reference, aligned[0], name).values()),
+            )
     return found
 
 
@@ -91,21 +146,38 @@ def _references(recording: Recording) -> Iterator[tuple[str, _Reference]]:
         t, omega, R = t[_INSIDE], omega[_INSIDE], rotations(channels["attitude"], t[_INSIDE])
         yield "angular_velocity", _Reference(t, omega, np.einsum("nij,nj->ni", R, omega), R)
     if "specific_force" in channels:
-        t, _ = smoothed(channels["attitude"].undelayed_t, channels["attitude"].values, checks.WINDOW)
+        t, _ = smoothed(
+            channels["attitude"].undelayed_t, channels["attitude"].values, checks.WINDOW
+        )
         up = checks.G * rotations(channels["attitude"], t[_INSIDE])[:, 2]
-        way = np.sign(up.mean(axis=0) @ channels["specific_force"].values.mean(axis=0))  # where down is another matter
+        way = np.sign(
+            up.mean(axis=0) @ channels["specific_force"].values.mean(axis=0)
+        )  # where down is another matter
         yield "specific_force", _Reference(t[_INSIDE], way * (up - up.mean(axis=0)))
     if "linear_velocity" in channels and "position" in channels:
-        t, rate = smoothed(channels["position"].undelayed_t, channels["position"].values, checks.WINDOW, derivative=1)
-        t, rate = t[_INSIDE], rate[_INSIDE]
+        t, rate = smoothed(
+            channels["position"].undelayed_t,
+            channels["position"].values,
+            checks.WINDOW,
+            derivative=1,
+        )
+        t = t[_INSIDE]
+        rate = rate[_INSIDE]
         R = rotations(channels["attitude"], t)
         yield "linear_velocity", _Reference(t, np.einsum("nji,nj->ni", R, rate), rate, R)
 
 
-def _aligned(recording: Recording, name: str, reference: _Reference) -> tuple[np.ndarray, float, bool, float] | None:
-    """A channel (m, 3) as its reference has it, by how much it was late [s], whether always, and larger; None for no motion."""
+def _aligned(
+    recording: Recording, name: str, reference: _Reference
+) -> tuple[np.ndarray, float, bool, float] | None:
+    """A channel (m, 3) as its reference has it, by how much it was late [s], whether always, and
+    larger; None for no motion.
+    """
     measured = recording.channels[name]
-    if np.ptp(measured.values, axis=0).max() < checks.DEAD or reference.body.std(axis=0).max() < checks.MOVES[name]:
+    if (
+        np.ptp(measured.values, axis=0).max() < checks.DEAD
+        or reference.body.std(axis=0).max() < checks.MOVES[name]
+    ):
         return None
     t, values = smoothed(measured.undelayed_t, measured.values, checks.WINDOW)
     if name == "specific_force":  # whose mean is gravity
@@ -116,12 +188,21 @@ def _aligned(recording: Recording, name: str, reference: _Reference) -> tuple[np
     return seen / factor, late, steady, factor
 
 
-def _rate_issues(recording: Recording, name: str, reference: _Reference) -> Iterator[tuple[str, str]]:
-    if (aligned := _aligned(recording, name, reference)) is None:
+def _rate_issues(
+    recording: Recording, name: str, reference: _Reference
+) -> Iterator[tuple[str, str]]:
+    aligned = _aligned(recording, name, reference)
+    if aligned is None:
         return
     (seen, late, steady, factor), partner = aligned, _PARTNER[name]
-    jump = "its clock and that of the {} differ at the end by another time than at the beginning: a jump?"
-    texts = [checks.describe_delay(late) if steady else jump, checks.describe_factor(reference.body, factor * seen)]
+    jump = (
+        "its clock and that of the {} differ at the end by another time than at the beginning: a"
+        " jump?"
+    )
+    texts = [
+        checks.describe_delay(late) if steady else jump,
+        checks.describe_factor(reference.body, factor * seen),
+    ]
     if name != "specific_force":
         yield from ((name, text.format(partner)) for text in texts if text)
     yield from _rate_axes(reference, seen, name)
@@ -129,27 +210,43 @@ def _rate_issues(recording: Recording, name: str, reference: _Reference) -> Iter
 
 def _rate_axes(reference: _Reference, seen: np.ndarray, name: str) -> Iterator[tuple[str, str]]:
     """Other axes that explain more of the motion than the axes as they are."""
-    own, ways = checks.explained(seen, reference.body), _ways(reference, seen, name)
+    own = checks.explained(seen, reference.body)
+    ways = _ways(reference, seen, name)
     best = max(ways, key=lambda way: ways[way])
     alike = checks.correlation(*(np.linalg.norm(x, axis=1) for x in (seen, reference.body)))
     if ways[best] > max(own + checks.EXPLAINED, _HALF, _MOST * alike):
         yield best[0], f"{best[1]} ({100 * ways[best]:.0f} % of it, {100 * own:.0f} % as they are)"
-    elif name == "linear_velocity" and alike > _AS_LARGE and reference.R is not None and reference.world is not None:
+    elif (
+        name == "linear_velocity"
+        and alike > _AS_LARGE
+        and reference.R is not None
+        and reference.world is not None
+    ):
         turn, share = _turn(np.einsum("nij,nj->ni", reference.R, seen), reference.world)
         if own < max(_HALF * alike, share - checks.EXPLAINED if share > _HALF else 0.0):
-            text = "with it the velocity is as large as the rate of the position, and points elsewhere"
+            text = (
+                "with it the velocity is as large as the rate of the position, and points elsewhere"
+            )
             yield "attitude", f"{text}, by {np.rad2deg(turn):.0f} deg about z: format, axes, yaw?"
 
 
 def _ways(reference: _Reference, seen: np.ndarray, name: str) -> dict[tuple[str, str], float]:
     """Ways to read axes, as a channel and a text, and what each explains of the motion."""
-    fits = f"its axes fit the {'tilt' if name == 'specific_force' else 'rate'} of the {_PARTNER[name]} as"
-    ways = {(name, f"{fits} {checks.named(Q)}"): checks.explained(seen @ Q.T, reference.body) for Q in checks.WAYS}
+    fits = (
+        f"its axes fit the {'tilt' if name == 'specific_force' else 'rate'} of the"
+        f" {_PARTNER[name]} as"
+    )
+    ways = {
+        (name, f"{fits} {checks.named(Q)}"): checks.explained(seen @ Q.T, reference.body)
+        for Q in checks.WAYS
+    }
     return ways | _in_world(reference, seen, name)
 
 
 def _turn(seen: np.ndarray, wanted: np.ndarray) -> tuple[float, float]:
-    """Angle about z [rad] from wanted (m, 3) to seen (m, 3), and what would be explained without it."""
+    """Angle about z [rad] from wanted (m, 3) to seen (m, 3), and what would be explained without
+    it.
+    """
     plane, reference = (x[:, 0] + 1j * x[:, 1] for x in (seen, wanted))
     turn = float(np.angle(np.vdot(reference, plane)))
     plane = plane * np.exp(-1j * turn)
@@ -160,16 +257,21 @@ def _in_world(reference: _Reference, seen: np.ndarray, name: str) -> dict[tuple[
     """Ways that only a world frame tells; less likely than those of B, where both will do."""
     if reference.world is None or reference.R is None:
         return {}
-    partner, world = _PARTNER[name], reference.world
+    partner = _PARTNER[name]
+    world = reference.world
     found = {(name, f"its axes fit the rate of the {partner} in W"): checks.explained(seen, world)}
     if name == "linear_velocity":
         turned = np.einsum("nij,nj->ni", reference.R, seen)
         fits = "its rate fits the velocity with axes {}: NED against ENU? give columns so"
-        found |= {(partner, fits.format(checks.named(Q))): checks.explained(turned, world @ Q.T) for Q in checks.WAYS}
+        found |= {
+            (partner, fits.format(checks.named(Q))): checks.explained(turned, world @ Q.T)
+            for Q in checks.WAYS
+        }
     return {way: share - checks.EXPLAINED / 2 for way, share in found.items()}
 
 
-# Whether velocities of joints are the rates of their positions: order, sign, units, clocks, and what is dead in one alone.
+# Whether velocities of joints are the rates of their positions: order, sign, units, clocks, and
+# what is dead in one alone.
 
 _MOVING_JOINT = 0.01  # [rad/s, m/s] standard deviation; less says nothing
 _OTHER = 0.5  # correlation below which a joint may be another
@@ -183,11 +285,16 @@ def of_joints(recording: Recording) -> Iterator[tuple[str, str]]:
         return
     positions, velocities = (recording.channels[name] for name in _NAMES)
     if positions.values.shape[1] != velocities.values.shape[1]:
-        yield _NAMES[1], f"{velocities.values.shape[1]} of them, and {positions.values.shape[1]} positions"
+        yield (
+            _NAMES[1],
+            f"{velocities.values.shape[1]} of them, and {positions.values.shape[1]} positions",
+        )
         return
     t, rate = smoothed(positions.undelayed_t, positions.values, checks.WINDOW, derivative=1)
     t_seen, seen = smoothed(velocities.undelayed_t, velocities.values, checks.WINDOW)
-    yield from _dead(rate, seen, np.ptp(positions.values, axis=0), np.ptp(velocities.values, axis=0))
+    yield from _dead(
+        rate, seen, np.ptp(positions.values, axis=0), np.ptp(velocities.values, axis=0)
+    )
     if rate.std(axis=0).max() < _MOVING_JOINT or seen.std(axis=0).max() < checks.DEAD:
         return
     late, _ = checks.offset(t, rate, t_seen, seen)
@@ -197,7 +304,9 @@ def of_joints(recording: Recording) -> Iterator[tuple[str, str]]:
     yield from _columns(rate, shifted)
 
 
-def _dead(rate: np.ndarray, seen: np.ndarray, width: np.ndarray, speeds: np.ndarray) -> Iterator[tuple[str, str]]:
+def _dead(
+    rate: np.ndarray, seen: np.ndarray, width: np.ndarray, speeds: np.ndarray
+) -> Iterator[tuple[str, str]]:
     for k in range(len(width)):
         if width[k] < checks.DEAD and seen[:, k].std() > _MOVING_JOINT:
             yield _NAMES[0], f"dead: {k} stays where it is, and its velocity does not"
@@ -206,15 +315,21 @@ def _dead(rate: np.ndarray, seen: np.ndarray, width: np.ndarray, speeds: np.ndar
 
 
 def _columns(rate: np.ndarray, seen: np.ndarray) -> Iterator[tuple[str, str]]:
-    moving = [k for k in range(rate.shape[1]) if min(rate[:, k].std(), seen[:, k].std()) > _MOVING_JOINT]
+    moving = [
+        k for k in range(rate.shape[1]) if min(rate[:, k].std(), seen[:, k].std()) > _MOVING_JOINT
+    ]
     for k in moving:
         fits = {j: checks.correlation(seen[:, k], rate[:, j]) for j in moving}
         best = max(fits, key=lambda j: abs(fits[j]))
         if fits[k] < _OTHER and abs(fits[best]) > fits[k] + _BETTER:
-            yield _NAMES[1], f"{k} fits {'minus ' if fits[best] < 0 else ''}the rate of position {best}"
+            yield (
+                _NAMES[1],
+                f"{k} fits {'minus ' if fits[best] < 0 else ''}the rate of position {best}",
+            )
 
 
-# What accelerates a vehicle beside drag, weight and the turning of its frame, and what of a command stands beside these.
+# What accelerates a vehicle beside drag, weight and the turning of its frame, and what of a command
+# stands beside these.
 
 SHIFTS = np.arange(-2.0, 3.0 + 1e-9, recordings.GRID)
 """[s] by which motion comes after a command."""
@@ -232,7 +347,9 @@ class ExplainedMotion:
     t: np.ndarray
     """(m,) [s]"""
     acceleration: np.ndarray
-    """(m, 6) linear and angular in B, in units of their own spread, without what drag and weight explain."""
+    """(m, 6) linear and angular in B, in units of their own spread, without what drag and weight
+    explain.
+    """
     beside: np.ndarray
     """(m, l) orthonormal: drag, weight and the turning of the frame."""
     R: np.ndarray
@@ -260,7 +377,9 @@ def motion_of(recording: Recording) -> ExplainedMotion | None:
     parts = [_at(t, one) for one in (channels["linear_velocity"], turning)]
     v, a = (np.hstack([part[k] for part in parts]) for k in range(2))
     R = rotations(channels["attitude"], t)
-    beside, _ = np.linalg.qr(np.hstack([np.ones((len(t), 1)), v, v * np.abs(v), R[:, 2], np.cross(v[:, 3:], v[:, :3])]))
+    beside, _ = np.linalg.qr(
+        np.hstack([np.ones((len(t), 1)), v, v * np.abs(v), R[:, 2], np.cross(v[:, 3:], v[:, :3])])
+    )
     left = np.where(v.std(axis=0) > _MOVING_VEHICLE, a - beside @ (beside.T @ a), 0.0)
     return ExplainedMotion(t, left / np.maximum(left.std(axis=0), 1e-9), beside, R)
 
@@ -272,13 +391,17 @@ def _at(t: np.ndarray, channel: Channel) -> tuple[np.ndarray, np.ndarray]:
     return recordings.interpolated(t, grid, values), recordings.interpolated(t, grid, rates)
 
 
-def commanded(held: ZeroOrderHold, motion: ExplainedMotion, shift: float, *, turned: bool = False) -> np.ndarray:
+def commanded(
+    held: ZeroOrderHold, motion: ExplainedMotion, shift: float, *, turned: bool = False
+) -> np.ndarray:
     """Means (m, k) of a command over the window of the rates, without what drag and weight explain.
 
     shift: [s] before the rates. turned: from W, which a wrench would be in, to B.
     """
     edges = motion.t - shift
-    values = (held.total(edges + checks.WINDOW / 2) - held.total(edges - checks.WINDOW / 2)) / checks.WINDOW
+    values = (
+        held.total(edges + checks.WINDOW / 2) - held.total(edges - checks.WINDOW / 2)
+    ) / checks.WINDOW
     if turned:
         values = np.einsum("nji,nkj->nki", motion.R, values.reshape(-1, 2, 3)).reshape(-1, 6)
     rest = motion.rest(values)
@@ -287,11 +410,14 @@ def commanded(held: ZeroOrderHold, motion: ExplainedMotion, shift: float, *, tur
 
 # Whether motion follows its commands: after them, soon, and along the axes of a wrench.
 #
-# An acceleration is explained by a command at an earlier time, beside drag, weight and the turning of the frame. Where one at a
-# time that cannot be explains much more than all that can be, the clocks differ.
+# An acceleration is explained by a command at an earlier time, beside drag, weight and the turning
+# of the frame. Where one at a time that cannot be explains much more than all that can be, the
+# clocks differ.
 
 _COMMANDS = tuple(name for name, kind in CHANNEL_KINDS.items() if kind.command)
-_CLEARER, _CLEAR = 0.1, 0.3  # of what drag leaves: by how much more another time must explain, and how much
+# of what drag leaves: by how much more another time must explain, and how much
+_CLEARER = 0.1
+_CLEAR = 0.3
 _MORE = 0.3  # by which other axes of a wrench must explain more, of one axis
 _PARTS = {"forces": slice(0, 3), "moments": slice(3, 6)}
 
@@ -301,7 +427,10 @@ def of_commands(recording: Recording) -> Iterator[tuple[str, str]]:
     given = [name for name in _COMMANDS if name in recording.channels]
     if given and (motion := motion_of(recording)) is not None:
         for name in given:
-            yield from ((name, text) for text in _command_issues(name, ZeroOrderHold(recording.channels[name]), motion))
+            yield from (
+                (name, text)
+                for text in _command_issues(name, ZeroOrderHold(recording.channels[name]), motion)
+            )
 
 
 def _command_issues(name: str, held: ZeroOrderHold, motion: ExplainedMotion) -> Iterator[str]:
@@ -320,10 +449,15 @@ def _command_issues(name: str, held: ZeroOrderHold, motion: ExplainedMotion) -> 
 
 
 def _wrench_axes(held: ZeroOrderHold, motion: ExplainedMotion, late: float) -> Iterator[str]:
-    """Other axes of a wrench, along which the vehicle accelerates more than along those that it has."""
+    """Other axes of a wrench, along which the vehicle accelerates more than along those that it
+    has.
+    """
     inside, outside = (commanded(held, motion, late, turned=turned) for turned in (False, True))
     for part, rows in _PARTS.items():
-        ways = {checks.named(Q): _along(motion.acceleration[:, rows], inside[:, rows], Q) for Q in checks.WAYS}
+        ways = {
+            checks.named(Q): _along(motion.acceleration[:, rows], inside[:, rows], Q)
+            for Q in checks.WAYS
+        }
         ways["in W"] = _along(motion.acceleration[:, rows], outside[:, rows], np.eye(3)) - _MORE / 2
         best = max(ways, key=lambda way: ways[way])
         if ways[best] > max(ways[checks.named(np.eye(3))], 0.0) + _MORE:
@@ -331,41 +465,68 @@ def _wrench_axes(held: ZeroOrderHold, motion: ExplainedMotion, late: float) -> I
 
 
 def _along(acceleration: np.ndarray, seen: np.ndarray, Q: np.ndarray) -> float:
-    """Shares that each axis of Q seen (m, 3) explains of its acceleration (m, 3), less where it points away; their sum."""
+    """Shares that each axis of Q seen (m, 3) explains of its acceleration (m, 3), less where it
+    points away; their sum.
+    """
     along = np.diag(_correlations(acceleration, seen @ Q.T))
     return float((along * np.abs(along)).sum())
 
 
 def _shares(motion: ExplainedMotion, seen: np.ndarray, signed: bool) -> np.ndarray:
-    """Shares (6,) of all accelerations that a command explains; signed: of its own axis, and along it."""
+    """Shares (6,) of all accelerations that a command explains; signed: of its own axis, and along
+    it.
+    """
     if signed:
         return np.maximum(np.diag(_correlations(motion.acceleration, seen)), 0.0) ** 2
     seen = seen / np.maximum(np.linalg.norm(seen, axis=0), 1e-300)
     common = seen.T @ motion.acceleration
-    along = (common * (np.linalg.pinv(seen.T @ seen, rcond=1e-12, hermitian=True) @ common)).sum(axis=0)
+    along = (common * (np.linalg.pinv(seen.T @ seen, rcond=1e-12, hermitian=True) @ common)).sum(
+        axis=0
+    )
     return np.asarray(along / np.maximum((motion.acceleration**2).sum(axis=0), 1e-9))
 
 
 def _correlations(x: np.ndarray, y: np.ndarray) -> np.ndarray:
     """Correlations of columns (k, l)."""
-    return np.asarray(x.T @ y / np.maximum(np.outer(np.linalg.norm(x, axis=0), np.linalg.norm(y, axis=0)), 1e-300))
+    return np.asarray(
+        x.T @ y / np.maximum(np.outer(np.linalg.norm(x, axis=0), np.linalg.norm(y, axis=0)), 1e-300)
+    )
 
 
 # In: a recording. Out: what is doubtful about it, found by what must hold whatever the vehicle.
 #
-# Velocity is the rate of position, what is at rest is held up against gravity, and motion follows its command. Axes are looked
-# for among all 48 ways to swap and turn them; a way is told where it explains much more than the axes as they are, so that axes
-# in which nothing moved raise no doubt.
+# Velocity is the rate of position, what is at rest is held up against gravity, and motion follows
+# its command. Axes are looked for among all 48 ways to swap and turn them; a way is told where it
+# explains much more than the axes as they are, so that axes in which nothing moved raise no doubt.
 
 
 def check_data_quality(recording: Recording) -> tuple[QualityIssue, ...]:
-    """Check a recording for inconsistent clocks, frames, units and thrusters; returns one issue for each."""
-    wrong = {name for name, text in recording.issues_in_file if "rad: in deg?" in text}  # all else would follow from it
-    sound = {name: one for name, one in recording.channels.items() if CHANNEL_KINDS[name].command or checks.has_times(one)}
-    others = replace(recording, channels={name: one for name, one in sound.items() if name not in wrong})
+    """Check a recording for inconsistent clocks, frames, units and thrusters; returns one issue for
+    each.
+    """
+    wrong = {
+        name for name, text in recording.issues_in_file if "rad: in deg?" in text
+    }  # all else would follow from it
+    sound = {
+        name: one
+        for name, one in recording.channels.items()
+        if CHANNEL_KINDS[name].command or checks.has_times(one)
+    }
+    others = replace(
+        recording, channels={name: one for name, one in sound.items() if name not in wrong}
+    )
     found = [*recording.issues_in_file, *checks.of_samples(recording)]
-    for kind in (checks.of_poses, of_rates, of_joints, checks.of_gravity, checks.of_stuck, of_commands):
-        turned = kind is of_commands and any(name in _PARTNER and "its axes fit" in text for name, text in found)
+    for kind in (
+        checks.of_poses,
+        of_rates,
+        of_joints,
+        checks.of_gravity,
+        checks.of_stuck,
+        of_commands,
+    ):
+        turned = kind is of_commands and any(
+            name in _PARTNER and "its axes fit" in text for name, text in found
+        )
         found += () if turned else kind(others)  # by such axes no vehicle follows its commands
         forget(one.values for one in others.channels.values())
     return tuple(QualityIssue(channel=name, problem=text) for name, text in found)

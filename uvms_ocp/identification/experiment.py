@@ -1,7 +1,9 @@
-"""Experiments: limits of thrust and pool, commands as knots, the trajectory that follows from them and its Fisher information.
+"""Experiments: limits of thrust and pool, commands as knots, the trajectory that follows from them
+and its Fisher information.
 
-The information is that of sensors which see every step; its derivative needs the second derivatives of the stage, but only in the
-one direction that adjoints ask for: a trajectory costs a few simulations with slopes, whatever the number of commands.
+The information is that of sensors which see every step; its derivative needs the second derivatives
+of the stage, but only in the one direction that adjoints ask for: a trajectory costs a few
+simulations with slopes, whatever the number of commands.
 """
 
 from __future__ import annotations
@@ -27,58 +29,90 @@ from uvms_ocp.types import Array, Shape
 
 @checked_dataclass(checked_constructor, eq=False)
 class ExperimentLimits:
-    """Limits of commands and motion. Raises InvalidInput for limits that the start already violates."""
+    """Limits of commands and motion. Raises InvalidInput for limits that the start already
+    violates.
+    """
 
     thrust: Annotated[Array, Shape("n_u", 2)]
     """(n_u, 2) [N, N m] lowest and highest command of each actuator, around 0."""
     pool: Annotated[Array, Shape(2, 3)]
-    """(2, 3) [m] corners between which the hull stays, in W, from where the vehicle's origin begins."""
+    """(2, 3) [m] corners between which the hull stays, in W, from where the vehicle's origin
+    begins.
+    """
     hull: Annotated[Array, Shape(2, 3)] = field(default_factory=lambda: np.zeros((2, 3)))
-    """(2, 3) [m] lowest and highest corner of a box that holds the hull, in B; default: the origin alone."""
+    """(2, 3) [m] lowest and highest corner of a box that holds the hull, in B; default: the origin
+    alone.
+    """
     slew: float = np.inf
     """[N/s, N m/s] by which a command may change."""
     tilt: float = 0.7
     """[rad] between the vehicle's z axis and W's."""
     margin: float = 0.1
-    """Share of the pool's half width and of the tilt that is kept free: other numbers lead elsewhere."""
+    """Share of the pool's half width and of the tilt that is kept free: other numbers lead
+    elsewhere.
+    """
 
     def __post_init__(self) -> None:
         if not (_are_sizes(self.thrust * [-1, 1]) and _are_sizes(self.pool * [[-1], [1]])):
-            raise InvalidInput("thrust or pool without 0 inside given; allowed: lowest below 0, highest above, finite")
+            raise InvalidInput(
+                "thrust or pool without 0 inside given; allowed: lowest below 0, highest above,"
+                " finite"
+            )
         if not (self.slew > 0.0 and 0.0 < self.tilt < np.pi / 2 and 0.0 <= self.margin < 1.0):
             given = f"slew = {self.slew}, tilt = {self.tilt}, margin = {self.margin} given"
-            raise InvalidInput(f"{given}; allowed: slew > 0, tilt from 0 to pi/2, margin from 0 to 1")
+            raise InvalidInput(
+                f"{given}; allowed: slew > 0, tilt from 0 to pi/2, margin from 0 to 1"
+            )
         if not (self.hull[0] <= self.hull[1]).all():
-            raise InvalidInput(f"hull {self.hull.tolist()} given; allowed: its lowest corner, then its highest")
+            raise InvalidInput(
+                f"hull {self.hull.tolist()} given; allowed: its lowest corner, then its highest"
+            )
         if not (self.room > 0.0).all():
-            sides = (" x ".join(f"{side:.4g}" for side in one[1] - one[0]) for one in (self.hull, self.pool))
-            raise InvalidInput("hull of {} m in a pool of {} m given; give a pool that leaves it room".format(*sides))
+            sides = (
+                " x ".join(f"{side:.4g}" for side in one[1] - one[0])
+                for one in (self.hull, self.pool)
+            )
+            raise InvalidInput(
+                "hull of {} m in a pool of {} m given; give a pool that leaves it room".format(
+                    *sides
+                )
+            )
 
     @property
     def room(self) -> np.ndarray:
-        """(3,) [m] that the vehicle can go either way before the hull, turned as at first, comes to a wall."""
+        """(3,) [m] that the vehicle can go either way before the hull, turned as at first, comes to
+        a wall.
+        """
         return np.asarray(((self.pool - self.hull) * [[-1.0], [1.0]]).min(axis=0))
 
     def swept(self, x: np.ndarray) -> np.ndarray:
-        """(2, 3) [m] lowest and highest corner of a box in W around the hull at all states x (n, n_x) [as `StageFunctions`]."""
+        """(2, 3) [m] lowest and highest corner of a box in W around the hull at all states x (n,
+        n_x) [as `StageFunctions`].
+        """
         R = _turned(x[:, 3:7])
-        middle, reach = x[:, :3] + R @ self.hull.mean(axis=0), np.abs(R) @ (np.diff(self.hull, axis=0)[0] / 2)
+        middle = x[:, :3] + R @ self.hull.mean(axis=0)
+        reach = np.abs(R) @ (np.diff(self.hull, axis=0)[0] / 2)
         return np.array([(middle - reach).min(axis=0), (middle + reach).max(axis=0)])
 
     def kept(self, commands: np.ndarray, step: float) -> np.ndarray:
-        """The commands (n, n_u) [N, N m], a step [s] apart, as near as thrust and slew allow; they begin from 0."""
+        """The commands (n, n_u) [N, N m], a step [s] apart, as near as thrust and slew allow; they
+        begin from 0.
+        """
         found, before = np.empty_like(commands), np.zeros(commands.shape[1])
         for k, wanted in enumerate(commands):
             before = found[k] = self.after(before, wanted, step)
         return found
 
     def after(self, before: np.ndarray, wanted: np.ndarray, step: float) -> np.ndarray:
-        """The command (n_u,) [N, N m] nearest to wanted (n_u,) [N, N m], a step [s] after before (n_u,) [N, N m]."""
+        """The command (n_u,) [N, N m] nearest to wanted (n_u,) [N, N m], a step [s] after before
+        (n_u,) [N, N m].
+        """
         most = self.slew * step
         return np.asarray(np.clip(np.clip(wanted, *self.thrust.T), before - most, before + most))
 
     def beyond(self, x: np.ndarray, margin: float | None = None) -> tuple[np.ndarray, np.ndarray]:
-        """Compute by how much states x (n, n_x) leave pool and tilt (n, 4) [-, in half widths], and the slope with x (n, 4, 7).
+        """Compute by how much states x (n, n_x) leave pool and tilt (n, 4) [-, in half widths], and
+        the slope with x (n, 4, 7).
 
         margin: default: the limits' own.
         """
@@ -92,13 +126,21 @@ class ExperimentLimits:
         return np.maximum(over, 0.0), slope * (over > 0.0)[:, :, None]
 
     def _far(self, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Distance of the hull's outermost corners from the pool's middle (n, 3) [-, in half widths]; slope (n, 3, 7)."""
-        centre, (size, half) = self.hull.mean(axis=0), (np.diff(one, axis=0)[0] / 2 for one in (self.hull, self.pool))
-        R, with_q = _turned(x[:, 3:7]), np.einsum("ijkl,nl->nijk", _BENT, x[:, 3:7])
+        """Distance of the hull's outermost corners from the pool's middle (n, 3) [-, in half
+        widths]; slope (n, 3, 7).
+        """
+        centre, (size, half) = (
+            self.hull.mean(axis=0),
+            (np.diff(one, axis=0)[0] / 2 for one in (self.hull, self.pool)),
+        )
+        R = _turned(x[:, 3:7])
+        with_q = np.einsum("ijkl,nl->nijk", _BENT, x[:, 3:7])
         off = x[:, :3] + R @ centre - np.asarray(self.pool.mean(axis=0))
         side = np.where(off < 0.0, -1.0, 1.0)
         corner = centre + side[:, :, None] * np.sign(R) * size  # the outermost in each direction
-        slope = np.concatenate([np.tile(np.eye(3), (len(x), 1, 1)), np.einsum("nijk,nij->nik", with_q, corner)], axis=2)
+        slope = np.concatenate(
+            [np.tile(np.eye(3), (len(x), 1, 1)), np.einsum("nijk,nij->nik", with_q, corner)], axis=2
+        )
         return (np.abs(off) + np.abs(R) @ size) / half, slope * (side / half)[:, :, None]
 
 
@@ -108,7 +150,9 @@ def _turned(q: np.ndarray) -> np.ndarray:
 
 
 def _rotation_curvature() -> np.ndarray:
-    """(3, 3, 4, 4) second derivatives of a rotation matrix with its quaternion, in which it is a quadratic form."""
+    """(3, 3, 4, 4) second derivatives of a rotation matrix with its quaternion, in which it is a
+    quadratic form.
+    """
     e = np.eye(4)
     one = _turned(e) - np.eye(3)
     both = _turned((e[:, None] + e).reshape(-1, 4)).reshape(4, 4, 3, 3) - np.eye(3)
@@ -124,8 +168,9 @@ def _are_sizes(values: np.ndarray) -> bool:
 
 # What commands lead to, with what it tells of the unknowns, and how both change with the commands.
 #
-# The information is that of sensors which see every step; its derivative needs the second derivatives of the stage, but only
-# in the one direction that adjoints ask for: a course costs a few simulations with slopes, whatever the number of commands.
+# The information is that of sensors which see every step; its derivative needs the second
+# derivatives of the stage, but only in the one direction that adjoints ask for: a course costs a
+# few simulations with slopes, whatever the number of commands.
 
 _AT_REST = np.array([0.0, 0, 0, 0, 0, 0, 1])
 
@@ -153,22 +198,37 @@ class ExperimentTrajectory:
 
 
 class TrajectorySimulator:
-    """Simulator of a vehicle with unknowns p (n_p,) [as `Unknowns.start`], steps h [s], joints (3 n_j,) [as `StageFunctions`]."""
+    """Simulator of a vehicle with unknowns p (n_p,) [as `Unknowns.start`], steps h [s], joints (3
+    n_j,) [as `StageFunctions`].
+    """
 
     def __init__(self, rollout: Rollout, p: np.ndarray, h: float, joints: np.ndarray) -> None:
-        self._rollout, self._stage, self._p, self.h = rollout, rollout.stage, p, h
-        self._joints, self._called = joints, dict[tuple[str, int], BufferedFunction]()
+        self._rollout = rollout
+        self._stage = rollout.stage
+        self._p = p
+        self.h = h
+        self._joints = joints
+        self._called = dict[tuple[str, int], BufferedFunction]()
         delays, slopes = (np.asarray(one) for one in self._stage.delays(p))
-        self.delay, self._late, self._seen_late = float(delays[0, 0]), slopes[0], slopes[1]
+        self.delay = float(delays[0, 0])
+        self._late = slopes[0]
+        self._seen_late = slopes[1]
 
     def states(self, u: np.ndarray) -> np.ndarray:
         """(n + 1, n_x) [as `StageFunctions`] after commands u (n, n_u) [N, N m] as they act."""
         x = np.concatenate([_AT_REST, np.zeros(model.N_V + self._stage.n_u)])
-        (after,) = self._outputs(("step", len(u)), self._rollout.many("step", self._rollout.step, len(u), 1), x, *self._given(u))
+        (after,) = self._outputs(
+            ("step", len(u)),
+            self._rollout.many("step", self._rollout.step, len(u), 1),
+            x,
+            *self._given(u),
+        )
         return np.vstack([x, after.T])
 
     def of(self, u: np.ndarray, late: np.ndarray) -> ExperimentTrajectory:
-        """Simulate commands u (n, n_u) [N, N m] as they act, which change with the delay by late (n, n_u) [N/s, N m/s]."""
+        """Simulate commands u (n, n_u) [N, N m] as they act, which change with the delay by late
+        (n, n_u) [N/s, N m/s].
+        """
         x, stage = self.states(u), self._stage
         A, B, C = self._mapped("slope", self._rollout.slope, x[:-1].T, *self._given(u))
         B += np.einsum("kij,kj->ki", C, late)[:, :, None] * self._late
@@ -176,19 +236,28 @@ class TrajectorySimulator:
         y, y_x, y_p = self._mapped("seen", stage.outputs, x.T, self._p)
         J = y_x @ S + y_p
         J[1:, :3] -= np.diff(y[:, :3], axis=0) / self.h * self._seen_late
-        return ExperimentTrajectory(x=x, u=u, late=late, y=y[:, :, 0], slopes=(A, B, C), S=S, y_x=y_x, J=J)
+        return ExperimentTrajectory(
+            x=x, u=u, late=late, y=y[:, :, 0], slopes=(A, B, C), S=S, y_x=y_x, J=J
+        )
 
-    def pulled(self, one: ExperimentTrajectory, M: np.ndarray, with_x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Compute the gradient of a criterion by u and late (n, n_u) [1/N, 1/(N m), and s times these] (adjoint method).
+    def pulled(
+        self, one: ExperimentTrajectory, M: np.ndarray, with_x: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Compute the gradient of a criterion by u and late (n, n_u) [1/N, 1/(N m), and s times
+        these] (adjoint method).
 
-        M: (n + 1, 9, n_p) [1 / unit of J] is how it changes with J, with_x: (n + 1, n_x) [1 / unit of x] with x itself.
+        M: (n + 1, 9, n_p) [1 / unit of J] is how it changes with J, with_x: (n + 1, n_x) [1 / unit
+        of x] with x itself.
         """
         A, _, C = one.slopes
         L = _backward(A, np.swapaxes(one.y_x, 1, 2) @ M)[1:]
         late = L @ self._late
         weights = L @ np.swapaxes(one.S[:-1], 1, 2), L, late[:, :, None] * one.late[:, None, :]
-        found = self._mapped("bent", self._functions[0], one.x[:-1].T, *self._given(one.u), *_wide(weights))
-        bent_x, bent_u = found[0][:, :, 0], found[1][:, :, 0]
+        found = self._mapped(
+            "bent", self._functions[0], one.x[:-1].T, *self._given(one.u), *_wide(weights)
+        )
+        bent_x = found[0][:, :, 0]
+        bent_u = found[1][:, :, 0]
         own = with_x + self._bent_seen(one, M) + np.vstack([bent_x, np.zeros(len(one.x[0]))])
         adjoint = _backward(A, own[:, :, None])[1:, :, 0]
         return bent_u + np.einsum("kij,ki->kj", C, adjoint), np.einsum("kij,ki->kj", C, late)
@@ -211,12 +280,16 @@ class TrajectorySimulator:
         return u.T, self._joints, self._p, np.full(1, self.h)
 
     def _mapped(self, name: str, function: ca.Function, *given: np.ndarray) -> list[np.ndarray]:
-        """Outputs (n, rows, columns), where given[0] has n columns; what has one is the same for all."""
+        """Outputs (n, rows, columns), where given[0] has n columns; what has one is the same for
+        all.
+        """
         n = given[0].shape[1]
         found = self._outputs((name, n), self._rollout.many(name, function, 0, n), *given)
         return [np.ascontiguousarray(one.reshape(len(one), n, -1).swapaxes(0, 1)) for one in found]
 
-    def _outputs(self, key: tuple[str, int], function: ca.Function, *given: np.ndarray) -> tuple[np.ndarray, ...]:
+    def _outputs(
+        self, key: tuple[str, int], function: ca.Function, *given: np.ndarray
+    ) -> tuple[np.ndarray, ...]:
         if key not in self._called:
             self._called[key] = BufferedFunction(function)
         return self._called[key](*given)
@@ -248,16 +321,25 @@ def _bent_seen(stage: model.StageFunctions) -> ca.Function:
     return _weighted_gradient("bent_seen", given, stage.outputs(*given)[1:], given[:1])
 
 
-def _weighted_gradient(name: str, given: list[ca.SX], slopes: list[ca.SX], along: list[ca.SX]) -> ca.Function:
+def _weighted_gradient(
+    name: str, given: list[ca.SX], slopes: list[ca.SX], along: list[ca.SX]
+) -> ca.Function:
     weights = [ca.SX.sym("weights", *one.shape) for one in slopes]
     total = sum((ca.dot(w, one) for w, one in zip(weights, slopes, strict=True)), ca.SX(0))
-    return ca.Function(name, [*given, *weights], [ca.densify(ca.gradient(total, one)) for one in along], {"cse": True})
+    return ca.Function(
+        name,
+        [*given, *weights],
+        [ca.densify(ca.gradient(total, one)) for one in along],
+        {"cse": True},
+    )
 
 
 # What a course tells of the numbers that matter, as one figure with its slope.
 
 _NOTHING = 1e-6  # of information: what is known of an unknown without a prior
-_SHARP = 20.0  # power of standard errors whose mean counts: 0 would make all count alike, more and more the worst alone
+# power of standard errors whose mean counts: 0 would make all count alike, more and more the worst
+# alone
+_SHARP = 20.0
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
@@ -282,24 +364,39 @@ class InformationCriterion:
         J = (one.J * np.sqrt(self.weights(h))[:, None]).reshape(-1, one.J.shape[-1])
         return np.asarray(J.T @ J)
 
-    def figure(self, one: ExperimentTrajectory, h: float, wanted: np.ndarray) -> tuple[float, np.ndarray]:
-        """Logarithm of the numbers' standard errors over those wanted (m,) [units of numbers], those farthest off first.
+    def figure(
+        self, one: ExperimentTrajectory, h: float, wanted: np.ndarray
+    ) -> tuple[float, np.ndarray]:
+        """Logarithm of the numbers' standard errors over those wanted (m,) [units of numbers],
+        those farthest off first.
 
         With its slope with J (n + 1, 9, n_p); steps h [s].
         """
         with_numbers = self.slopes @ self.covariance(self.information(one, h))
         squares = np.maximum(np.einsum("ij,ij->i", with_numbers, self.slopes), 1e-300)
         value, share = _softly_largest(np.log(squares) / 2 - np.log(wanted))
-        with_information = -np.einsum("ij,ik,i->jk", with_numbers, with_numbers, 0.5 * share / squares)
+        with_information = -np.einsum(
+            "ij,ik,i->jk", with_numbers, with_numbers, 0.5 * share / squares
+        )
         return value, 2.0 * self.weights(h)[:, None] * (one.J @ with_information)
 
     def deviations(self, information: np.ndarray) -> np.ndarray:
-        """(m,) [units of numbers] standard errors after recordings of some information (n_p, n_p) [1 / unknowns^2]."""
-        return np.asarray(np.sqrt(np.einsum("ij,jk,ik->i", self.slopes, self.covariance(information), self.slopes)))
+        """(m,) [units of numbers] standard errors after recordings of some information (n_p, n_p)
+        [1 / unknowns^2].
+        """
+        return np.asarray(
+            np.sqrt(
+                np.einsum("ij,jk,ik->i", self.slopes, self.covariance(information), self.slopes)
+            )
+        )
 
     def covariance(self, information: np.ndarray) -> np.ndarray:
-        """(n_p, n_p) [unknowns^2] after recordings of some information (n_p, n_p) [1 / unknowns^2]."""
-        whole = information + self.prior_information + _NOTHING * np.eye(len(self.prior_information))
+        """(n_p, n_p) [unknowns^2] after recordings of some information (n_p, n_p) [1 /
+        unknowns^2].
+        """
+        whole = (
+            information + self.prior_information + _NOTHING * np.eye(len(self.prior_information))
+        )
         # Unknowns differ by powers of ten in what is known of them.
         scale = 1.0 / np.sqrt(np.diag(whole))
         return np.asarray(scale[:, None] * np.linalg.inv(whole * np.outer(scale, scale)) * scale)
@@ -318,17 +415,26 @@ _WITHIN = 1e-9  # of a step
 
 
 class KnotCommands:
-    """Piecewise linear commands that begin and end with 0, as sparse linear maps from knots (n_knots, n_u) [N, N m]."""
+    """Piecewise linear commands that begin and end with 0, as sparse linear maps from knots
+    (n_knots, n_u) [N, N m].
+    """
 
     def __init__(self, duration: float, every: float, step: float, delay: float) -> None:
-        """Commands of a duration [s], knots about `every` [s], in steps of `step` [s], which act with a delay [s]."""
-        n, inner = round(duration / step), max(1, round(duration / every) - 1)
-        self.sent, t = _lines(n, inner, step * (inner + 1) / duration), step * np.arange(n)
+        """Commands of a duration [s], knots about `every` [s], in steps of `step` [s], which act
+        with a delay [s].
+        """
+        n = round(duration / step)
+        inner = max(1, round(duration / every) - 1)
+        self.sent = _lines(n, inner, step * (inner + 1) / duration)
+        t = step * np.arange(n)
         """(n, n_knots) commands as they are sent, held for a step each."""
         # A command of one step only: what it does is the same at any time.
-        held, edges = recording.ZeroOrderHold(recording.Channel(t=t, values=np.eye(n, 1, -1))), edges_of(n, step, delay)
-        acting, late = _shifted(held.mean(edges)[:, 0]), _shifted(-held.mean_slope(edges)[:, 0])
-        self.acting, self.late = acting @ self.sent, late @ self.sent
+        held = recording.ZeroOrderHold(recording.Channel(t=t, values=np.eye(n, 1, -1)))
+        edges = edges_of(n, step, delay)
+        acting = _shifted(held.mean(edges)[:, 0])
+        late = _shifted(-held.mean_slope(edges)[:, 0])
+        self.acting = acting @ self.sent
+        self.late = late @ self.sent
         """(n, n_knots) commands as they act, late; and [1/s] how they change with the delay."""
 
     @property
@@ -345,24 +451,33 @@ class KnotCommands:
 
 
 def edges_of(n: int, step: float, delay: float) -> np.ndarray:
-    """(n + 1,) [s] when what acts in steps of `step` [s] was told, from 0, where commands act by delay [s] late."""
-    # Delays are often whole steps: rounding would decide, edge by edge, which of two commands changes with them.
+    """(n + 1,) [s] when what acts in steps of `step` [s] was told, from 0, where commands act by
+    delay [s] late.
+    """
+    # Delays are often whole steps: rounding would decide, edge by edge, which of two commands
+    # changes with them.
     return step * (np.arange(n + 1) + _WITHIN) - delay
 
 
 def _lines(n: int, inner: int, each: float) -> Any:
-    """(n, inner) shares of knots in n samples that lie `each` knots apart; the first knot and the last are 0."""
+    """(n, inner) shares of knots in n samples that lie `each` knots apart; the first knot and the
+    last are 0.
+    """
     from scipy.sparse import csr_array
 
     place = each * np.arange(n)
     knot = np.minimum(place.astype(int), inner)
     share = place - knot
     rows, columns = np.tile(np.arange(n), 2), np.concatenate([knot, knot + 1])
-    return csr_array((np.concatenate([1.0 - share, share]), (rows, columns)), shape=(n, inner + 2))[:, 1:-1]
+    return csr_array((np.concatenate([1.0 - share, share]), (rows, columns)), shape=(n, inner + 2))[
+        :, 1:-1
+    ]
 
 
 def _shifted(response: np.ndarray) -> Any:
-    """(n, n) [any] what commands do, of which the one in the second step does response (n,) [any]."""
+    """(n, n) [any] what commands do, of which the one in the second step does response (n,)
+    [any].
+    """
     from scipy.sparse import diags
 
     later = np.flatnonzero(response)
@@ -370,7 +485,13 @@ def _shifted(response: np.ndarray) -> Any:
 
 
 def multisine(rng: np.random.Generator, n_knots: int, n_u: int, waves: float) -> np.ndarray:
-    """Knots (n_knots, n_u) of sines with drawn phases, at most 1; waves: of the fastest from begin to end."""
-    turns = 2 * np.pi * np.arange(1, max(1, round(waves)) + 1)[:, None] * np.linspace(0.0, 1.0, n_knots)
-    found = np.sin(turns[:, :, None] + 2 * np.pi * rng.uniform(size=(len(turns), 1, n_u))).sum(axis=0)
+    """Knots (n_knots, n_u) of sines with drawn phases, at most 1; waves: of the fastest from begin
+    to end.
+    """
+    turns = (
+        2 * np.pi * np.arange(1, max(1, round(waves)) + 1)[:, None] * np.linspace(0.0, 1.0, n_knots)
+    )
+    found = np.sin(turns[:, :, None] + 2 * np.pi * rng.uniform(size=(len(turns), 1, n_u))).sum(
+        axis=0
+    )
     return np.asarray(found / np.abs(found).max(axis=0))

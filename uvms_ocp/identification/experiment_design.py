@@ -1,9 +1,11 @@
-"""Optimal experiment design: commands after which the numbers that matter are known best, within thrust, pool and time.
+"""Optimal experiment design: commands after which the numbers that matter are known best, within
+thrust, pool and time.
 
-Single shooting: commands at knots are the unknowns, the trajectory follows from them, and its information has a gradient by
-all. The search begins with drawn sines, flown so that they stay in the pool. Limits of thrust hold all along; slew, pool and
-tilt are penalties with a margin, dearer from round to round. What comes out is limited in thrust and slew exactly. Finer steps
-say where it leads: by how much they differ is added to the trajectories of the next round.
+Single shooting: commands at knots are the unknowns, the trajectory follows from them, and its
+information has a gradient by all. The search begins with drawn sines, flown so that they stay in
+the pool. Limits of thrust hold all along; slew, pool and tilt are penalties with a margin, dearer
+from round to round. What comes out is limited in thrust and slew exactly. Finer steps say where it
+leads: by how much they differ is added to the trajectories of the next round.
 """
 
 from __future__ import annotations
@@ -21,18 +23,26 @@ from uvms_ocp.identification.model import N_Q, N_V, Vehicle
 from uvms_ocp.identification.output_error import Noise
 from uvms_ocp.identification.recording import Channel, ZeroOrderHold
 from uvms_ocp.identification.rollout import Rollout
-from uvms_ocp.identification.uncertainty import DETERMINED_BELOW, IdentifiedNumber, numbers_at, slopes_of
+from uvms_ocp.identification.uncertainty import (
+    DETERMINED_BELOW,
+    IdentifiedNumber,
+    numbers_at,
+    slopes_of,
+)
 from uvms_ocp.robot.spatial import quaternion_to_matrix
 from uvms_ocp.types import Positive, Range
 
 # What an excitation is to find out, and with which means.
 
-_SHORTEST, _LONGEST = 1.0, 1800.0  # [s]: maps from knots to commands grow with the square
+# [s]: maps from knots to commands grow with the square
+_SHORTEST = 1.0
+_LONGEST = 1800.0
 
 
 @checked_dataclass(eq=False)
 class ExperimentTask:
-    """Experiment to be designed: its vehicle, limits, sensors, and the numbers that are to be known well.
+    """Experiment to be designed: its vehicle, limits, sensors, and the numbers that are to be known
+    well.
 
     Raises InvalidInput for limits of other actuators, and too little time or too much.
     """
@@ -56,7 +66,9 @@ class ExperimentTask:
     def __post_init__(self) -> None:
         n_u = len(self.vehicle.actuators.names)
         if len(self.limits.thrust) != n_u:
-            raise InvalidInput(f"thrust of {len(self.limits.thrust)} actuators given; allowed: {n_u}")
+            raise InvalidInput(
+                f"thrust of {len(self.limits.thrust)} actuators given; allowed: {n_u}"
+            )
 
     @property
     def unknowns(self) -> np.ndarray:
@@ -74,7 +86,11 @@ class ExperimentTask:
         names, slopes = slopes_of(self.vehicle, self.vehicle.shared.start)
         chosen = slopes[_chosen(names, self.matter)]
         priors = np.concatenate([self.vehicle.shared.sigma, self.vehicle.own.sigma])
-        known = np.zeros((len(priors),) * 2) if self.prior_information is None else self.prior_information
+        known = (
+            np.zeros((len(priors),) * 2)
+            if self.prior_information is None
+            else self.prior_information
+        )
         return experiment.InformationCriterion(
             slopes=np.hstack([chosen, np.zeros((len(chosen), len(self.vehicle.own.start)))]),
             prior_information=known + np.diag(1.0 / priors**2),
@@ -91,7 +107,8 @@ def _chosen(names: Sequence[tuple[str, str]], matter: Sequence[str]) -> list[int
     return [k for k, pair in enumerate(names) if not matter or set(pair) & set(matter)]
 
 
-# What commands are expected to tell where the vehicle is as it is believed to be, and where they lead it.
+# What commands are expected to tell where the vehicle is as it is believed to be, and where they
+# lead it.
 
 FINER = 5
 """Steps of the simulation that says where commands lead, in one of the search."""
@@ -101,7 +118,10 @@ class DesignStatus(AdvisedStatus):
     """Outcome of a design."""
 
     INSIDE = "inside the pool", "See how far vehicles with other numbers go before it drives one."
-    OUTSIDE = ("leaves the pool or tilts too far", "Give a larger pool, less thrust or less time, or allow more iterations.")
+    OUTSIDE = (
+        "leaves the pool or tilts too far",
+        "Give a larger pool, less thrust or less time, or allow more iterations.",
+    )
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
@@ -111,9 +131,13 @@ class Excitation:
     commands: Channel
     """(n, n_u) [N, N m] held for a step each; they begin with 0."""
     states: np.ndarray
-    """(k, n_x) [as `StageFunctions`] that they lead to, from rest, in the finer steps of the last simulation."""
+    """(k, n_x) [as `StageFunctions`] that they lead to, from rest, in the finer steps of the last
+    simulation.
+    """
     swept: np.ndarray
-    """(2, 3) [m] lowest and highest corner of what the hull sweeps, in W, from where the vehicle's origin begins."""
+    """(2, 3) [m] lowest and highest corner of what the hull sweeps, in W, from where the vehicle's
+    origin begins.
+    """
     numbers: tuple[IdentifiedNumber, ...]
     """Expected numbers after one recording, if the vehicle is as the priors have it."""
     information: np.ndarray
@@ -124,63 +148,88 @@ class Excitation:
 def excitation_of(given: ExperimentTask, rollout: Rollout, commands: Channel) -> Excitation:
     """Predict what other commands, held for equal steps, would determine."""
     step = float(commands.t[1] - commands.t[0])
-    courses, held = experiment.TrajectorySimulator(rollout, given.unknowns, step, given.still), ZeroOrderHold(commands)
+    courses = experiment.TrajectorySimulator(rollout, given.unknowns, step, given.still)
+    held = ZeroOrderHold(commands)
     edges = commands.t[0] + experiment.edges_of(len(commands.t), step, courses.delay)
     aim = given.aim()
     information = aim.information(courses.of(held.mean(edges), -held.mean_slope(edges)), step)
-    n, states = len(given.vehicle.shared.start), simulate_commands(given, rollout, commands, given.unknowns)
+    n = len(given.vehicle.shared.start)
+    states = simulate_commands(given, rollout, commands, given.unknowns)
     left = given.limits.beyond(states, margin=0.0)[0].any()
     return Excitation(
         commands=commands,
         states=states,
         swept=given.limits.swept(states),
-        numbers=numbers_at(given.vehicle, given.vehicle.shared.start, aim.covariance(information)[:n, :n]),
+        numbers=numbers_at(
+            given.vehicle, given.vehicle.shared.start, aim.covariance(information)[:n, :n]
+        ),
         information=information,
         status=DesignStatus.OUTSIDE if left else DesignStatus.INSIDE,
     )
 
 
-def simulate_commands(given: ExperimentTask, rollout: Rollout, commands: Channel, p: np.ndarray) -> np.ndarray:
-    """States (k, n_x) [as `StageFunctions`] to which commands lead a vehicle with unknowns p (n_p,) [as `Unknowns.start`]."""
+def simulate_commands(
+    given: ExperimentTask, rollout: Rollout, commands: Channel, p: np.ndarray
+) -> np.ndarray:
+    """States (k, n_x) [as `StageFunctions`] to which commands lead a vehicle with unknowns p (n_p,)
+    [as `Unknowns.start`].
+    """
     step = float(commands.t[1] - commands.t[0]) / FINER
     courses = experiment.TrajectorySimulator(rollout, p, step, given.still)
     edges = commands.t[0] + experiment.edges_of(FINER * len(commands.t), step, courses.delay)
     return courses.states(ZeroOrderHold(commands).mean(edges))
 
 
-# Any commands, made to stay in the pool: where they lead out of it, a spring at the actuators pulls back.
+# Any commands, made to stay in the pool: where they lead out of it, a spring at the actuators pulls
+# back.
 
 _AHEAD = 1.0  # [s] that the spring looks ahead
 
 
-def keep_inside_pool(given: ExperimentTask, rollout: Rollout, wanted: np.ndarray, step: float) -> np.ndarray:
-    """(n, n_u) [N, N m] within thrust and slew; wanted: (n, 6) of what each axis can get alone, held for a step [s].
+def keep_inside_pool(
+    given: ExperimentTask, rollout: Rollout, wanted: np.ndarray, step: float
+) -> np.ndarray:
+    """(n, n_u) [N, N m] within thrust and slew; wanted: (n, 6) of what each axis can get alone,
+    held for a step [s].
 
     At a wall the spring balances all that an axis can get; the vehicle is as it is believed to be.
     """
-    B, p, joints = given.vehicle.actuators.wrench, given.unknowns, given.still
+    B = given.vehicle.actuators.wrench
+    p = given.unknowns
+    joints = given.still
     spread = np.linalg.pinv(B)
-    most = 1.0 / (np.abs(spread) / np.abs(given.limits.thrust).min(axis=1)[:, None]).max(axis=0).clip(1e-9)
-    stiff = most / np.concatenate([given.limits.room, [given.limits.tilt, given.limits.tilt, np.inf]])
-    x, found, before = np.zeros(rollout.stage.n_x), [], np.zeros(len(spread))
+    most = 1.0 / (np.abs(spread) / np.abs(given.limits.thrust).min(axis=1)[:, None]).max(
+        axis=0
+    ).clip(1e-9)
+    stiff = most / np.concatenate(
+        [given.limits.room, [given.limits.tilt, given.limits.tilt, np.inf]]
+    )
+    x = np.zeros(rollout.stage.n_x)
+    found = []
+    before = np.zeros(len(spread))
     x[N_Q - 1] = 1.0
     for one in wanted:
         # (6,) [m, rad] from where it began and from upright, in B; yaw is free.
         R = np.array(quaternion_to_matrix(x[3:N_Q]))
-        back = stiff * (np.concatenate([R.T @ x[:3], [R[2, 1], -R[2, 0], 0.0]]) + _AHEAD * x[N_Q : N_Q + N_V])
+        back = stiff * (
+            np.concatenate([R.T @ x[:3], [R[2, 1], -R[2, 0], 0.0]]) + _AHEAD * x[N_Q : N_Q + N_V]
+        )
         before = given.limits.after(before, spread @ (one * most - back), step)
         found.append(before)
         x = np.asarray(rollout.step(x, before, joints, p, step)).ravel()
     return np.array(found)
 
 
-# Thrust as one would think of it: steps, chirps, and both at once; each flown within the same pool, as large as it allows.
+# Thrust as one would think of it: steps, chirps, and both at once; each flown within the same pool,
+# as large as it allows.
 
 STEP = 0.05
 """[s] for which a command is held."""
 _AMPLITUDES = np.linspace(1.0, 0.05, 20)  # of the largest thrust, tried one after the other
 _HOLD = 2.0  # [s] of a step
-_SLOWEST, _FASTEST = 0.1, 1.0  # [Hz] of chirps
+# [Hz] of chirps
+_SLOWEST = 0.1
+_FASTEST = 1.0
 
 
 def steps(t: np.ndarray, rng: np.random.Generator) -> np.ndarray:
@@ -214,13 +263,18 @@ def largest(given: ExperimentTask, rollout: Rollout, name: str, seed: int = 0) -
     t = STEP * np.arange(round(given.duration / STEP))
     wanted = BY_HAND[name](t, np.random.default_rng(seed))
     for share in _AMPLITUDES:
-        found = excitation_of(given, rollout, Channel(t=t, values=keep_inside_pool(given, rollout, share * wanted, STEP)))
+        found = excitation_of(
+            given,
+            rollout,
+            Channel(t=t, values=keep_inside_pool(given, rollout, share * wanted, STEP)),
+        )
         if found.status is DesignStatus.INSIDE:
             break
     return found
 
 
-# How well numbers are to be known: twice as well as steps and chirps by hand tell them, and well enough to count.
+# How well numbers are to be known: twice as well as steps and chirps by hand tell them, and well
+# enough to count.
 
 HALF = 0.5
 """Target, as a share of the smallest standard error by hand."""
@@ -229,20 +283,27 @@ HALF = 0.5
 def target_deviations(given: ExperimentTask, rollout: Rollout) -> np.ndarray:
     """(m,) [units of numbers] standard errors of those that matter.
 
-    Recordings can only add to what is believed: it is their own information that is to be more. Where those by hand say less
-    than that, belief is left to stand. Raises NameNotFound for a number that there is not.
+    Recordings can only add to what is believed: it is their own information that is to be more.
+    Where those by hand say less than that, belief is left to stand. Raises NameNotFound for a
+    number that there is not.
     """
-    aim, chosen = given.aim(), _chosen(slopes_of(given.vehicle, given.vehicle.shared.start)[0], given.matter)
+    aim = given.aim()
+    chosen = _chosen(slopes_of(given.vehicle, given.vehicle.shared.start)[0], given.matter)
     by_hand = [largest(given, rollout, name).numbers for name in BY_HAND]
     least = np.array([[one.sigma for one in numbers] for numbers in by_hand]).min(axis=0)[chosen]
-    learnt = np.array([[one.informed for one in numbers] for numbers in by_hand]).max(axis=0)[chosen]
+    learnt = np.array([[one.informed for one in numbers] for numbers in by_hand]).max(axis=0)[
+        chosen
+    ]
     sizes = np.array([one.size or np.inf for one in by_hand[0]])[chosen]
     believed = 1.0 / aim.deviations(np.zeros_like(aim.prior_information)) ** 2
     wanted = np.where(learnt, 1.0 / least**2 - believed, 0.0)
-    return np.asarray((believed + np.maximum(wanted / HALF**2, 1.0 / (DETERMINED_BELOW * sizes) ** 2)) ** -0.5)
+    return np.asarray(
+        (believed + np.maximum(wanted / HALF**2, 1.0 / (DETERMINED_BELOW * sizes) ** 2)) ** -0.5
+    )
 
 
-# What a search of commands lowers: what is left unknown, and what it costs to leave the pool or to hurry thrusters.
+# What a search of commands lowers: what is left unknown, and what it costs to leave the pool or to
+# hurry thrusters.
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -259,19 +320,30 @@ class Objective:
     """(n + 1, n_x) [as `StageFunctions`], or none (1,), that states are truly beside the course."""
 
     def value(self, knots: np.ndarray, price: float) -> tuple[float, np.ndarray]:
-        """At knots (n_knots, n_u) [N, N m], with its slope [1/N, 1/(N m)]; price of leaving the pool."""
+        """At knots (n_knots, n_u) [N, N m], with its slope [1/N, 1/(N m)]; price of leaving the
+        pool.
+        """
         one = self.courses.of(self.history.acting @ knots, self.history.late @ knots)
         figure, M = self.aim.figure(one, self.courses.h, self.wanted)
         out, slope = self.limits.beyond(one.x + self.off)
         share = 2.0 * price / len(one.x)
-        with_x = np.pad(share * np.einsum("ki,kij->kj", out, slope), ((0, 0), (0, one.x.shape[1] - slope.shape[2])))
+        with_x = np.pad(
+            share * np.einsum("ki,kij->kj", out, slope),
+            ((0, 0), (0, one.x.shape[1] - slope.shape[2])),
+        )
         with_u, with_late = self.courses.pulled(one, M, with_x)
         hurry, with_sent = self._hurry(self.history.sent @ knots, price)
-        pulled = self.history.acting.T @ with_u + self.history.late.T @ with_late + self.history.sent.T @ with_sent
+        pulled = (
+            self.history.acting.T @ with_u
+            + self.history.late.T @ with_late
+            + self.history.sent.T @ with_sent
+        )
         return figure + share * float((out**2).sum()) / 2.0 + hurry, pulled
 
     def lowered(self, knots: np.ndarray, price: float, iterations: int) -> np.ndarray:
-        """Better knots (n_knots, n_u) [N, N m], by a quasi-Newton method within the limits of thrust; price."""
+        """Better knots (n_knots, n_u) [N, N m], by a quasi-Newton method within the limits of
+        thrust; price.
+        """
         from scipy.optimize import minimize  # half a second, which few need
 
         size = np.abs(self.limits.thrust).max(axis=1)
@@ -282,12 +354,20 @@ class Objective:
 
         bounds = np.tile(self.limits.thrust / size[:, None], (len(knots), 1))
         options = {"maxiter": iterations, "maxcor": 30}
-        found = minimize(lower, (knots / size).ravel(), jac=True, method="L-BFGS-B", bounds=bounds, options=options)
+        found = minimize(
+            lower,
+            (knots / size).ravel(),
+            jac=True,
+            method="L-BFGS-B",
+            bounds=bounds,
+            options=options,
+        )
         return np.asarray(found.x.reshape(knots.shape) * size)
 
     def _hurry(self, commands: np.ndarray, price: float) -> tuple[float, np.ndarray]:
         """Penalty of steps beyond the slew limit, with its slope (n, n_u) [1/N, 1/(N m)]."""
-        slope, most = np.zeros_like(commands), self.limits.slew * self.courses.h
+        slope = np.zeros_like(commands)
+        most = self.limits.slew * self.courses.h
         if not np.isfinite(most):
             return 0.0, slope
         change = np.diff(commands, axis=0)
@@ -298,12 +378,15 @@ class Objective:
         return price / len(commands) * float((over**2).sum()), slope
 
 
-# Excitation design: commands after which the numbers that matter are known best, within thrust, pool and time.
+# Excitation design: commands after which the numbers that matter are known best, within thrust,
+# pool and time.
 #
-# Optimal control in its simplest form: commands at knots are the unknowns, the course follows from them, and its information
-# has a slope with all of them at once. The search begins with drawn sines, flown so that they stay in the pool. Limits of thrust
-# hold all along; slew, pool and tilt are penalties with a margin, dearer from round to round. What comes out is limited in thrust
-# and slew exactly. Finer steps say where it leads: by how much they differ is added to the courses of the next round.
+# Optimal control in its simplest form: commands at knots are the unknowns, the course follows from
+# them, and its information has a slope with all of them at once. The search begins with drawn
+# sines, flown so that they stay in the pool. Limits of thrust hold all along; slew, pool and tilt
+# are penalties with a margin, dearer from round to round. What comes out is limited in thrust and
+# slew exactly. Finer steps say where it leads: by how much they differ is added to the courses of
+# the next round.
 
 _PRICES = 100.0, 300.0, 1000.0, 1000.0  # of leaving the pool, round by round
 _DEARER = 3000.0, 10000.0, 30000.0  # where the finer steps still find it outside
@@ -326,10 +409,14 @@ class DesignSettings:
     seed: int = 0
 
 
-def design_experiment(given: ExperimentTask, rollout: Rollout, effort: DesignSettings | None = None) -> Excitation:
-    """Search for commands that determine what matters best: `uvms_ocp.identification.experiment_design.Excitation`.
+def design_experiment(
+    given: ExperimentTask, rollout: Rollout, effort: DesignSettings | None = None
+) -> Excitation:
+    """Search for commands that determine what matters best:
+    `uvms_ocp.identification.experiment_design.Excitation`.
 
-    rollout: ``Rollout(stage_of(given.vehicle))``. Raises NameNotFound for a number that there is not.
+    rollout: ``Rollout(stage_of(given.vehicle))``. Raises NameNotFound for a number that there is
+    not.
     """
     search = _DesignSearch(given, rollout, effort or DesignSettings())
     knots = search.begun()
@@ -346,17 +433,26 @@ class _DesignSearch:
     """For knots (n_knots, n_u) [N, N m]."""
 
     def __init__(self, given: ExperimentTask, rollout: Rollout, effort: DesignSettings) -> None:
-        self.given, self.rollout, self.effort = given, rollout, effort
-        aim, courses = given.aim(), experiment.TrajectorySimulator(rollout, given.unknowns, effort.step, given.still)
+        self.given = given
+        self.rollout = rollout
+        self.effort = effort
+        aim = given.aim()
+        courses = experiment.TrajectorySimulator(rollout, given.unknowns, effort.step, given.still)
         history = experiment.KnotCommands(given.duration, effort.knots, effort.step, courses.delay)
-        self.objective = Objective(aim, given.limits, history, courses, target_deviations(given, rollout))
+        self.objective = Objective(
+            aim, given.limits, history, courses, target_deviations(given, rollout)
+        )
 
     def begun(self) -> np.ndarray:
         """The best of sines that are made to stay in the pool."""
-        given, history, rng = self.given, self.objective.history, np.random.default_rng(self.effort.seed)
+        given = self.given
+        history = self.objective.history
+        rng = np.random.default_rng(self.effort.seed)
         found = []
         for share in _START_AMPLITUDES * self.effort.starts:
-            sines = experiment.multisine(rng, history.sent.shape[0], 6, given.duration * _START_FREQUENCY)
+            sines = experiment.multisine(
+                rng, history.sent.shape[0], 6, given.duration * _START_FREQUENCY
+            )
             exported = keep_inside_pool(given, self.rollout, share * sines, self.effort.step)
             found.append(np.clip(history.nearest(exported), *given.limits.thrust.T))
         return min(found, key=lambda knots: self.objective.value(knots, _PRICES[0])[0])
@@ -371,4 +467,6 @@ class _DesignSearch:
         """Predict the experiment of these knots, clipped to thrust and slew limits."""
         step = self.effort.step
         commands = self.given.limits.kept(self.objective.history.sent @ knots, step)
-        return excitation_of(self.given, self.rollout, Channel(t=step * np.arange(len(commands)), values=commands))
+        return excitation_of(
+            self.given, self.rollout, Channel(t=step * np.arange(len(commands)), values=commands)
+        )

@@ -22,18 +22,25 @@ MESSAGES: tuple[Kind, ...] = get_args(Messages)
 """Kinds that hold messages of topics; all others are tables."""
 BAG_METADATA = "metadata.yaml"
 """of a folder of ROS 2."""
-_TABLE = (files("uvms_ocp.identification") / "file_kinds.csv").read_text(encoding="utf-8").splitlines()
+_TABLE = (
+    (files("uvms_ocp.identification") / "file_kinds.csv").read_text(encoding="utf-8").splitlines()
+)
 _KINDS: dict[bytes, tuple[Any, str]] = {
-    row[0].encode().decode("unicode_escape").encode("latin-1"): (row[1], row[2]) for row in csv.reader(_TABLE[1:])
+    row[0].encode().decode("unicode_escape").encode("latin-1"): (row[1], row[2])
+    for row in csv.reader(_TABLE[1:])
 }
-"""Maps the first bytes of a file to its kind, or for one that is not read to what it is and what to do."""
+"""Maps the first bytes of a file to its kind, or for one that is not read to what it is and what to
+do.
+"""
 _JSON = re.compile(rb"(\xef\xbb\xbf)?\s*(\{|\[\s*[{\[])")
 _MAVLINK_STARTS = (0xFD, 0xFE)
 _STAMP = 8  # [B] before each message of a .tlog
 
 
 def kind_of(path: Path) -> Kind:
-    """Kind of a file. Raises InvalidInput for one that is empty, of a kind that is not read, or no file."""
+    """Kind of a file. Raises InvalidInput for one that is empty, of a kind that is not read, or no
+    file.
+    """
     require_regular_file(path)
     with path.open("rb") as file:
         head = file.read(64)
@@ -55,8 +62,13 @@ def kind_of(path: Path) -> Kind:
 def _kind_of_json(path: Path) -> Kind:
     """Lines of objects are messages; one object, or one list, has arrays."""
     with path.open(encoding="utf-8-sig", errors="replace") as file:
-        first, more = file.readline(LONGEST_LINE).strip(), file.read(64).strip()
-    return "json" if first.startswith("{") and first.endswith("}") and (more or "[" not in first) else "arrays"
+        first = file.readline(LONGEST_LINE).strip()
+        more = file.read(64).strip()
+    return (
+        "json"
+        if first.startswith("{") and first.endswith("}") and (more or "[" not in first)
+        else "arrays"
+    )
 
 
 def _archive(path: Path) -> Kind:
@@ -74,13 +86,22 @@ def _archive(path: Path) -> Kind:
 
 
 def _packed_text(path: Path) -> Kind:
-    with as_input_errors(path, OSError, EOFError, zlib.error, what="no table of numbers"), gzip.open(path) as file:
+    with (
+        as_input_errors(path, OSError, EOFError, zlib.error, what="no table of numbers"),
+        gzip.open(path) as file,
+    ):
         head = file.read(64)
     if _JSON.match(head) or any(head.startswith(start) for start in _KINDS):
-        raise InvalidInput(f"{path}: packed by gzip, in which tables of text alone are read; unpack it")
+        raise InvalidInput(
+            f"{path}: packed by gzip, in which tables of text alone are read; unpack it"
+        )
     return "text"
 
 
 def holds_messages(path: Path) -> bool:
     """Recognise a file or a folder of messages; nothing that is not there."""
-    return (path / BAG_METADATA).is_file() if path.is_dir() else path.is_file() and kind_of(path) in MESSAGES
+    return (
+        (path / BAG_METADATA).is_file()
+        if path.is_dir()
+        else path.is_file() and kind_of(path) in MESSAGES
+    )

@@ -1,6 +1,7 @@
 """Fit a vehicle to recordings from far away, and predict recordings with the fit.
 
-In segments of a second everything is nearly linear in the unknowns, as in an equation error; that solution starts long ones.
+In segments of a second everything is nearly linear in the unknowns, as in an equation error; that
+solution starts long ones.
 """
 
 from __future__ import annotations
@@ -14,11 +15,18 @@ from operator import getitem
 import numpy as np
 
 from uvms_ocp.identification.model import Vehicle, stage_of
-from uvms_ocp.identification.output_error import Estimate, FitStatus, Noise, OutputErrorProblem, ProfilePenalty
+from uvms_ocp.identification.output_error import (
+    Estimate,
+    FitStatus,
+    Noise,
+    OutputErrorProblem,
+    ProfilePenalty,
+)
 from uvms_ocp.identification.parameters import Declaration, Unknowns
 from uvms_ocp.identification.rollout import PreparedRecording, Rollout, Segment, SegmentStart
 
-# What a vehicle predicts of a recording from its commands alone, once it is known how the vehicle moved at the beginning.
+# What a vehicle predicts of a recording from its commands alone, once it is known how the vehicle
+# moved at the beginning.
 
 _ITERATIONS = 10
 
@@ -37,12 +45,16 @@ class Predicted:
     def after(self, t: float) -> Predicted:
         """Return the part from t [s] on."""
         later = [times > t for times in self.t]
-        times, rows, measured = (tuple(map(getitem, every, later)) for every in (self.t, self.rows, self.measured))
+        times, rows, measured = (
+            tuple(map(getitem, every, later)) for every in (self.t, self.rows, self.measured)
+        )
         return Predicted(t=times, rows=rows, measured=measured)
 
     @property
     def finite(self) -> bool:
-        """True if every prediction is finite: a vehicle that was identified on too little may run away."""
+        """True if every prediction is finite: a vehicle that was identified on too little may run
+        away.
+        """
         return all(bool(np.isfinite(rows).all()) for rows in self.rows)
 
     @staticmethod
@@ -55,8 +67,12 @@ class Predicted:
         return Predicted(t=t, rows=rows, measured=measured)
 
 
-def rolled_out(rollout: Rollout, stretch: Segment, start: SegmentStart, shared: np.ndarray, own: np.ndarray) -> Predicted:
-    """A stretch from where it begins, with unknowns shared (n,) and own (m,) [as `Unknowns.start`]."""
+def rolled_out(
+    rollout: Rollout, stretch: Segment, start: SegmentStart, shared: np.ndarray, own: np.ndarray
+) -> Predicted:
+    """A stretch from where it begins, with unknowns shared (n,) and own (m,) [as
+    `Unknowns.start`].
+    """
     (found,) = rollout.predict([stretch], [start], np.concatenate([shared, own])[None])
     return Predicted(t=stretch.t, rows=found.rows, measured=stretch.measured)
 
@@ -72,40 +88,58 @@ class Predictor:
     noise: Noise
     """Noise by which starts are fitted."""
     start_window: float = 2.0
-    """[s] of the beginning of a stretch, from which its start is found; nothing later is looked at."""
+    """[s] of the beginning of a stretch, from which its start is found; nothing later is looked
+    at.
+    """
     own: bool = False
     """True to fit there, too, what a recording has for itself; else it stays as declared."""
 
     def of(self, stretch: Segment) -> Predicted:
         """Predict a whole stretch."""
-        error = OutputErrorProblem(self.vehicle, [stretch.first(self.start_window)], self.noise, self.rollout)
+        error = OutputErrorProblem(
+            self.vehicle, [stretch.first(self.start_window)], self.noise, self.rollout
+        )
         found = error.solve(error.start(self.shared), iterations=_ITERATIONS, frozen=_ITERATIONS)
         own = found.own[stretch.recording] if self.own else self.vehicle.own.start
         return rolled_out(self.rollout, stretch, found.starts[0], self.shared, own)
 
     def over(self, prepared: PreparedRecording, step: float, horizon: float) -> Predicted:
-        """Predict a recording horizon by horizon [s], in steps of `step` [s], each from what was known before it."""
+        """Predict a recording horizon by horizon [s], in steps of `step` [s], each from what was
+        known before it.
+        """
         windows = prepared.windows(step, self.start_window, horizon)
-        return Predicted.joined([self.of(one).after(float(one.edges[0]) + self.start_window) for one in windows])
+        return Predicted.joined(
+            [self.of(one).after(float(one.edges[0]) + self.start_window) for one in windows]
+        )
 
 
 def fit_percent(measured: np.ndarray, predicted: np.ndarray) -> float:
     """Normalised fit [%], ``100 (1 - |error| / |measured - mean|)``, of measured and predicted (m,); 0: as good as the mean."""
-    return 100.0 * (1.0 - float(np.linalg.norm(predicted - measured) / np.linalg.norm(measured - measured.mean())))
+    return 100.0 * (
+        1.0
+        - float(np.linalg.norm(predicted - measured) / np.linalg.norm(measured - measured.mean()))
+    )
 
 
 # Output error from far away: roughly in short stretches first, then as it is meant.
 #
-# In stretches of a second everything is nearly linear in the unknowns, as in an equation error, if what their beginnings showed
-# is trusted and the end of one need not be the beginning of the next. What is found there is near enough for long ones.
+# In stretches of a second everything is nearly linear in the unknowns, as in an equation error, if
+# what their beginnings showed is trusted and the end of one need not be the beginning of the next.
+# What is found there is near enough for long ones.
 
 _COARSER = 10.0  # noise of the first search, which is to find the way and not the place
-_COARSE = 4.0  # times the steps with which most of the way is gone: few of the fine ones, which take long, are left
+# times the steps with which most of the way is gone: few of the fine ones, which take long, are
+# left
+_COARSE = 4.0
 _COARSER_STEP = 1.5  # times the step, at least, with which another search tells what the step does
-_ROUGH_STEP, _ROUGH_STRETCH = 0.05, 1.0  # [s]
-_ROUGH_ITERATIONS, _ROUGH_TOLERANCE = 20, 1e-3
+# [s]
+_ROUGH_STEP = 0.05
+_ROUGH_STRETCH = 1.0
+_ROUGH_ITERATIONS = 20
+_ROUGH_TOLERANCE = 1e-3
 _NOTHING = 1e-9  # of information
-_ENOUGH = 600.0  # [s] of recordings, on which the way is found that the last search goes on along all of them
+# [s] of recordings, on which the way is found that the last search goes on along all of them
+_ENOUGH = 600.0
 _ROUNDS = 10  # of iterations, the first among them, while each of them still lowers the cost
 
 
@@ -124,24 +158,37 @@ class Search:
 
 
 def search_fit(
-    vehicle: Vehicle, recordings: Sequence[PreparedRecording], noise: Noise, rollout: Rollout, search: Search | None = None
+    vehicle: Vehicle,
+    recordings: Sequence[PreparedRecording],
+    noise: Noise,
+    rollout: Rollout,
+    search: Search | None = None,
 ) -> Estimate:
     """The unknowns that explain the recordings best, from where the declaration has them."""
-    chosen, long = search or Search(), sum(float(np.ptp(one.recording.span)) for one in recordings)
-    some, coarse = max(1, round(long / _ENOUGH)), max(_COARSER_STEP * chosen.step, min(_COARSE * chosen.step, _ROUGH_STEP))
-    steps, found = [(coarse, some), (chosen.step, some), *([(chosen.step, 1)] if some > 1 else [])], list[np.ndarray]()
+    chosen = search or Search()
+    long = sum(float(np.ptp(one.recording.span)) for one in recordings)
+    some = max(1, round(long / _ENOUGH))
+    coarse = max(_COARSER_STEP * chosen.step, min(_COARSE * chosen.step, _ROUGH_STEP))
+    steps = [(coarse, some), (chosen.step, some), *([(chosen.step, 1)] if some > 1 else [])]
+    found = list[np.ndarray]()
 
-    def error(number: int, noise: Noise, step: float, stretch: float, every: int) -> OutputErrorProblem:
+    def error(
+        number: int, noise: Noise, step: float, stretch: float, every: int
+    ) -> OutputErrorProblem:
         parts = [part for one in recordings for part in one.stretches(step, stretch)]
         problem = OutputErrorProblem(vehicle, _some(parts, every), noise, rollout)
-        problem.progress = lambda text: chosen.progress(f"search {number} of {len(steps) + 1}, {text}")
+        problem.progress = lambda text: chosen.progress(
+            f"search {number} of {len(steps) + 1}, {text}"
+        )
         return problem
 
     rough = error(1, _rough(noise), _ROUGH_STEP, _ROUGH_STRETCH, some)
     near = rough.solve(rough.start(), iterations=_ROUGH_ITERATIONS, tolerance=_ROUGH_TOLERANCE)
     for k, (step, every) in enumerate(steps, start=2):
         fine = error(k, noise, step, chosen.stretch, every)
-        near = fine.solve(fine.start(near.shared), iterations=chosen.iterations, frozen=int(k > 2))  # starts come near first
+        near = fine.solve(
+            fine.start(near.shared), iterations=chosen.iterations, frozen=int(k > 2)
+        )  # starts come near first
         near = resumed_search(fine, near, chosen.iterations)
         found.append(near.shared)
     # Errors of the simulation grow with the square of its step (Richardson's extrapolation).
@@ -150,15 +197,24 @@ def search_fit(
 
 
 def _some(stretches: Sequence[Segment], every: int) -> Sequence[Segment]:
-    """Those of one minute of so many, drawn by lot, as recordings of their own; for one all, as they are."""
-    minutes = [list(group) for _, group in groupby(stretches, key=lambda one: (one.recording, one.edges[0] // 60.0))]
-    drawn = sorted(np.random.default_rng(0).permutation(len(minutes))[: -(-len(minutes) // every)])  # motions may alternate
+    """Those of one minute of so many, drawn by lot, as recordings of their own; for one all, as
+    they are.
+    """
+    minutes = [
+        list(group)
+        for _, group in groupby(stretches, key=lambda one: (one.recording, one.edges[0] // 60.0))
+    ]
+    drawn = sorted(
+        np.random.default_rng(0).permutation(len(minutes))[: -(-len(minutes) // every)]
+    )  # motions may alternate
     some = [replace(one, recording=f"{one.recording} {k}") for k in drawn for one in minutes[k]]
     return some if every > 1 else stretches
 
 
 def resumed_search(error: OutputErrorProblem, found: Estimate, iterations: int) -> Estimate:
-    """Resume a search that reached its iteration limit, in rounds, until it converges or no step is left."""
+    """Resume a search that reached its iteration limit, in rounds, until it converges or no step is
+    left.
+    """
     for _ in range(_ROUNDS - 1):
         if found.status is not FitStatus.ITERATION_LIMIT:
             break
@@ -190,51 +246,87 @@ class FitContext:
     @property
     def stretches(self) -> tuple[Segment, ...]:
         """Segments of all recordings, in the order of the estimate's starts."""
-        return tuple(part for one in self.prepared for part in one.stretches(self.search.step, self.search.stretch))
+        return tuple(
+            part
+            for one in self.prepared
+            for part in one.stretches(self.search.step, self.search.stretch)
+        )
 
     def residuals(self) -> dict[str, Predicted]:
-        """Return measurements beside the simulation in the segments of each recording, by its name."""
-        found, shared, own = defaultdict[str, list[Predicted]](list), self.estimate.shared, self.estimate.own
+        """Return measurements beside the simulation in the segments of each recording, by its
+        name.
+        """
+        found = defaultdict[str, list[Predicted]](list)
+        shared = self.estimate.shared
+        own = self.estimate.own
         for one, start in zip(self.stretches, self.estimate.starts, strict=True):
-            found[one.recording].append(rolled_out(self.rollout, one, start, shared, own[one.recording]))
+            found[one.recording].append(
+                rolled_out(self.rollout, one, start, shared, own[one.recording])
+            )
         return {name: Predicted.joined(parts) for name, parts in found.items()}
 
     def predictor(self, shared: np.ndarray | None = None) -> Predictor:
-        """Make a predictor with the unknowns of the estimate, or with shared (n,) [as `Unknowns.start`]."""
+        """Make a predictor with the unknowns of the estimate, or with shared (n,) [as
+        `Unknowns.start`].
+        """
         chosen = self.estimate.shared if shared is None else shared
-        return Predictor(vehicle=self.vehicle, rollout=self.rollout, shared=chosen, noise=self.noise)
+        return Predictor(
+            vehicle=self.vehicle, rollout=self.rollout, shared=chosen, noise=self.noise
+        )
 
     def problem(self, pull: ProfilePenalty | None = None) -> OutputErrorProblem:
-        """Build the problem that the estimate solves, with a penalty that draws one number to a value if given."""
+        """Build the problem that the estimate solves, with a penalty that draws one number to a
+        value if given.
+        """
         return OutputErrorProblem(self.vehicle, self.stretches, self.noise, self.rollout, pull)
 
     def inflated(self, inflation: float) -> FitContext:
-        """Build the problem with inflated variances, for intervals: the same optimum with less information.
+        """Build the problem with inflated variances, for intervals: the same optimum with less
+        information.
 
-        inflation: samples that miss alike, as `variance_inflation` finds. The cost of what is seen is divided by it. Priors are
-        not; they are moved, so that they draw as little as the recordings do and the estimate stays where it is.
+        inflation: samples that miss alike, as `variance_inflation` finds. The cost of what is seen
+        is divided by it. Priors are not; they are moved, so that they draw as little as the
+        recordings do and the estimate stays where it is.
         """
-        root, shared = float(np.sqrt(inflation)), self.estimate.shared
-        wider = {name: root * getattr(self.noise, name) for name in ("velocity", "rate", "vertical", "process", "start")}
+        root = float(np.sqrt(inflation))
+        shared = self.estimate.shared
+        wider = {
+            name: root * getattr(self.noise, name)
+            for name in ("velocity", "rate", "vertical", "process", "start")
+        }
         about = shared - (shared - self.vehicle.shared.start) / inflation
         own = self.vehicle.own.believed(self.vehicle.own.start, root)
         vehicle = replace(self.vehicle, shared=self.vehicle.shared.believed(about), own=own)
-        return replace(self, vehicle=vehicle, noise=replace(self.noise, **wider, outliers=self.noise.outliers / root))
+        return replace(
+            self,
+            vehicle=vehicle,
+            noise=replace(self.noise, **wider, outliers=self.noise.outliers / root),
+        )
 
 
 def constant_slopes(fitted: FitContext, held: Sequence[str]) -> tuple[tuple[str, ...], np.ndarray]:
-    """Coordinates of the quantities that a fit held, and slopes (n, m) of its n unknowns with m of these.
+    """Coordinates of the quantities that a fit held, and slopes (n, m) of its n unknowns with m of
+    these.
 
     What each recording may have for itself is off in all of them alike.
     """
-    known, freed = fitted.vehicle.shared, dict(fitted.vehicle.shared.declaration.quantities)
-    freed |= {name: replace(freed[name], free=np.ones_like(freed[name].free), own=False) for name in held}
+    known = fitted.vehicle.shared
+    freed = dict(fitted.vehicle.shared.declaration.quantities)
+    freed |= {
+        name: replace(freed[name], free=np.ones_like(freed[name].free), own=False) for name in held
+    }
     wider = Unknowns(Declaration(quantities=freed))
     learnt = np.isin(wider.names, known.names)
     point = wider.start
     point[learnt] = fitted.estimate.shared
     vehicle = replace(fitted.vehicle, shared=wider, own=Unknowns(wider.declaration, own=True))
-    problem = replace(fitted, vehicle=vehicle, rollout=Rollout(stage_of(vehicle, sharp=True))).problem()
-    H = problem.solve(problem.resumed(replace(fitted.estimate, shared=point)), iterations=0).information
+    problem = replace(
+        fitted, vehicle=vehicle, rollout=Rollout(stage_of(vehicle, sharp=True))
+    ).problem()
+    H = problem.solve(
+        problem.resumed(replace(fitted.estimate, shared=point)), iterations=0
+    ).information
     stiff = H[np.ix_(learnt, learnt)] + _NOTHING * np.eye(int(learnt.sum()))
-    return tuple(np.array(wider.names)[~learnt].tolist()), -np.linalg.solve(stiff, H[np.ix_(learnt, ~learnt)])
+    return tuple(np.array(wider.names)[~learnt].tolist()), -np.linalg.solve(
+        stiff, H[np.ix_(learnt, ~learnt)]
+    )

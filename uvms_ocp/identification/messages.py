@@ -1,8 +1,9 @@
-"""Columns of numbers from messages, by paths of fields: MCAP files, ROS 1 and ROS 2 bags, lines of JSON, logs of MAVLink and PX4.
+"""Columns of numbers from messages, by paths of fields: MCAP files, ROS 1 and ROS 2 bags, lines of
+JSON, logs of MAVLink and PX4.
 
-``pose.pose.position.x`` is a path; ``actuators[3]`` and ``position.2`` are elements; ``position[elbow]`` and
-``transforms[base_link].translation.x`` are those of a name, which a ``name`` or ``child_frame_id`` says. A path to a whole array
-has all its elements.
+``pose.pose.position.x`` is a path; ``actuators[3]`` and ``position.2`` are elements;
+``position[elbow]`` and ``transforms[base_link].translation.x`` are those of a name, which a
+``name`` or ``child_frame_id`` says. A path to a whole array has all its elements.
 """
 
 from __future__ import annotations
@@ -34,10 +35,14 @@ Message = tuple[str, int, Any]
 # All kinds: the files that hold messages, and the topics of each.
 
 
-def messages(path: Path, topics: Collection[str], definitions: Path | None, remarks: list[str]) -> Iterator[Message]:
-    """Yield the messages of some topics as logged; definitions: folder with ``.msg`` files that a bag of ROS 2 lacks.
+def messages(
+    path: Path, topics: Collection[str], definitions: Path | None, remarks: list[str]
+) -> Iterator[Message]:
+    """Yield the messages of some topics as logged; definitions: folder with ``.msg`` files that a
+    bag of ROS 2 lacks.
 
-    remarks: gets what was left out. Raises NotInstalled, and InvalidInput for damaged or too large files.
+    remarks: gets what was left out. Raises NotInstalled, and InvalidInput for damaged or too large
+    files.
     """
     for file in _files(path):
         with untrusted.as_input_errors(file):
@@ -81,7 +86,9 @@ def _files(path: Path) -> list[Path]:
 # MCAP: JSON, protobuf and messages of ROS 2.
 
 
-def _mcap_messages(path: Path, topics: Collection[str], definitions: Path | None, _: list[str]) -> Iterator[Message]:
+def _mcap_messages(
+    path: Path, topics: Collection[str], definitions: Path | None, _: list[str]
+) -> Iterator[Message]:
     decoders: dict[tuple[str, int], Callable[[bytes], Any]] = {}
     for schema, channel, message in mcap.mcap_messages(path, topics):
         key = (channel.message_encoding, channel.schema_id)
@@ -97,26 +104,38 @@ def _decoder(channel: Any, schema: Any, definitions: Path | None) -> Callable[[b
         return ros_decoder(schema.name, schema.encoding, schema.data.decode(), definitions)
     from mcap_protobuf.decoder import DecoderFactory
 
-    found: Callable[[bytes], Any] | None = DecoderFactory().decoder_for(channel.message_encoding, schema)
+    found: Callable[[bytes], Any] | None = DecoderFactory().decoder_for(
+        channel.message_encoding, schema
+    )
     if found is None:
         said = channel.message_encoding[:40]
-        raise InvalidInput(f"{channel.topic[:80]} is encoded as {said!r}; json, protobuf and cdr with a schema are read")
+        raise InvalidInput(
+            f"{channel.topic[:80]} is encoded as {said!r}; json, protobuf and cdr with a schema are"
+            " read"
+        )
     return found
 
 
-# ROS, by the library of the extra ``uvms-ocp[rosbags]``: what messages mean, bags of ROS 1, and those of ROS 2 in SQLite.
+# ROS, by the library of the extra ``uvms-ocp[rosbags]``: what messages mean, bags of ROS 1, and
+# those of ROS 2 in SQLite.
 
 _PARTED = "=" * 80 + "\n"
 """Between the definitions of a schema in IDL."""
 
 
-def ros_decoder(name: str, encoding: str, text: str, definitions: Path | None = None) -> Callable[[bytes], Any]:
-    """Make the decoder of a message type; encoding: ros2msg or ros2idl, of the text; without text by those that are known.
+def ros_decoder(
+    name: str, encoding: str, text: str, definitions: Path | None = None
+) -> Callable[[bytes], Any]:
+    """Make the decoder of a message type; encoding: ros2msg or ros2idl, of the text; without text
+    by those that are known.
 
     definitions: folder with more of these, ``.msg`` files. Raises NotInstalled, InvalidInput.
     """
     typesys = _typesystem()
-    known = {"ros2msg": lambda: typesys.get_types_from_msg(text, name), "ros2idl": lambda: _of_idl(typesys, text)}
+    known = {
+        "ros2msg": lambda: typesys.get_types_from_msg(text, name),
+        "ros2idl": lambda: _of_idl(typesys, text),
+    }
     if text.strip() and encoding not in known:
         raise InvalidInput(f"{name}: a schema as {encoding[:40]!r}; allowed: {', '.join(known)}")
     store = typesys.get_typestore(typesys.Stores.EMPTY if text.strip() else typesys.Stores.LATEST)
@@ -125,14 +144,19 @@ def ros_decoder(name: str, encoding: str, text: str, definitions: Path | None = 
     elif definitions is not None:
         store.register(_of_folder(typesys, definitions))
     if name not in store.fielddefs:
-        raise InvalidInput(f"no definition of {name[:80]} in it; give a folder with its .msg file as `messages: FOLDER`")
+        raise InvalidInput(
+            f"no definition of {name[:80]} in it; give a folder with its .msg file as `messages:"
+            " FOLDER`"
+        )
     return lambda data: store.deserialize_cdr(data, name)
 
 
 def _of_idl(typesys: Any, text: str) -> dict[str, Any]:
     found: dict[str, Any] = {}
     for part in filter(str.strip, text.split(_PARTED)):
-        found |= typesys.get_types_from_idl(part.partition("\n")[2] if part.startswith("IDL: ") else part)
+        found |= typesys.get_types_from_idl(
+            part.partition("\n")[2] if part.startswith("IDL: ") else part
+        )
     return found
 
 
@@ -141,9 +165,13 @@ def _of_folder(typesys: Any, folder: Path) -> dict[str, Any]:
     found: dict[str, Any] = {}
     for file in sorted(folder.rglob("*.msg")):
         package = file.parent.parent.name if file.parent.name == "msg" else file.parent.name
-        found |= typesys.get_types_from_msg(file.read_text(encoding="utf-8"), f"{package}/msg/{file.stem}")
+        found |= typesys.get_types_from_msg(
+            file.read_text(encoding="utf-8"), f"{package}/msg/{file.stem}"
+        )
     if not found:
-        raise InvalidInput(f"messages: {folder} has no .msg files; give a folder of PACKAGE/msg/NAME.msg")
+        raise InvalidInput(
+            f"messages: {folder} has no .msg files; give a folder of PACKAGE/msg/NAME.msg"
+        )
     return found
 
 
@@ -172,25 +200,44 @@ def _ros1_topics(path: Path) -> Collection[str]:
 
 @contextmanager
 def _data_base(path: Path) -> Iterator[sqlite3.Connection]:
-    """A data base of tables alone: one that makes up its rows has as many, of a few bytes, as there is time for."""
-    with closing(sqlite3.connect(f"{path.resolve().as_uri()}?mode=ro&immutable=1", uri=True)) as base:
-        (others,) = base.execute("SELECT count(*) FROM sqlite_master WHERE type NOT IN ('table', 'index')").fetchone()
+    """A data base of tables alone: one that makes up its rows has as many, of a few bytes, as there
+    is time for.
+    """
+    with closing(
+        sqlite3.connect(f"{path.resolve().as_uri()}?mode=ro&immutable=1", uri=True)
+    ) as base:
+        (others,) = base.execute(
+            "SELECT count(*) FROM sqlite_master WHERE type NOT IN ('table', 'index')"
+        ).fetchone()
         made_up = base.execute(
-            "SELECT count(*) FROM sqlite_master AS one, pragma_table_xinfo(one.name) AS it WHERE it.hidden <> 0"
+            "SELECT count(*) FROM sqlite_master AS one, pragma_table_xinfo(one.name) AS it WHERE"
+            " it.hidden <> 0"
         ).fetchone()[0]
         if others or made_up:
-            raise InvalidInput(f"{path}: {others + made_up} views, triggers or made up columns; plain tables are read")
+            raise InvalidInput(
+                f"{path}: {others + made_up} views, triggers or made up columns; plain tables are"
+                " read"
+            )
         yield base
 
 
-def _sqlite_messages(path: Path, topics: Collection[str], definitions: Path | None, _: list[str]) -> Iterator[Message]:
+def _sqlite_messages(
+    path: Path, topics: Collection[str], definitions: Path | None, _: list[str]
+) -> Iterator[Message]:
     with _data_base(path) as base:
-        chosen = {k: (topic, kind) for k, topic, kind in base.execute("SELECT id, name, type FROM topics") if topic in topics}
+        chosen = {
+            k: (topic, kind)
+            for k, topic, kind in base.execute("SELECT id, name, type FROM topics")
+            if topic in topics
+        }
         texts = _definitions(base)
-        decoders = {k: ros_decoder(kind, *texts.get(kind, ("", "")), definitions) for k, (_, kind) in chosen.items()}
+        decoders = {
+            k: ros_decoder(kind, *texts.get(kind, ("", "")), definitions)
+            for k, (_, kind) in chosen.items()
+        }
         rows = base.execute(
-            f"SELECT topic_id, timestamp, data FROM messages WHERE topic_id IN ({','.join('?' * len(chosen))})"
-            " ORDER BY timestamp",
+            "SELECT topic_id, timestamp, data FROM messages WHERE topic_id IN"
+            f" ({','.join('?' * len(chosen))}) ORDER BY timestamp",
             tuple(chosen),
         )
         for k, logged, data in rows:
@@ -198,11 +245,18 @@ def _sqlite_messages(path: Path, topics: Collection[str], definitions: Path | No
 
 
 def _definitions(base: sqlite3.Connection) -> dict[str, tuple[str, str]]:
-    """Encoding and text of the definition of each type, which bags of Humble and before do not hold."""
-    if not base.execute("SELECT count(*) FROM sqlite_master WHERE name = 'message_definitions'").fetchone()[0]:
+    """Encoding and text of the definition of each type, which bags of Humble and before do not
+    hold.
+    """
+    if not base.execute(
+        "SELECT count(*) FROM sqlite_master WHERE name = 'message_definitions'"
+    ).fetchone()[0]:
         return {}
     columns = "topic_type, encoding, encoded_message_definition"
-    return {kind: (encoding, text) for kind, encoding, text in base.execute(f"SELECT {columns} FROM message_definitions")}
+    return {
+        kind: (encoding, text)
+        for kind, encoding, text in base.execute(f"SELECT {columns} FROM message_definitions")
+    }
 
 
 def _sqlite_topics(path: Path) -> Collection[str]:
@@ -216,26 +270,35 @@ def _sqlite_topics(path: Path) -> Collection[str]:
 _loads = partial(json.loads, parse_int=float)  # any number of digits
 
 
-def _json_messages(path: Path, topics: Collection[str] | None, _: Path | None, remarks: list[str]) -> Iterator[Message]:
+def _json_messages(
+    path: Path, topics: Collection[str] | None, _: Path | None, remarks: list[str]
+) -> Iterator[Message]:
     with path.open(encoding="utf-8-sig") as file:
         for number, line in enumerate(iter(lambda: file.readline(LONGEST_LINE), ""), 1):
             if number > MOST_ROWS or len(line) == LONGEST_LINE:
-                raise InvalidInput(f"{path}: more than {MOST_ROWS} lines, or one of {LONGEST_LINE >> 20} MB")
+                raise InvalidInput(
+                    f"{path}: more than {MOST_ROWS} lines, or one of {LONGEST_LINE >> 20} MB"
+                )
             if not line.strip():
                 continue
             try:
                 message = _loads(line)
             except ValueError as error:
-                if number > 1 and not line.endswith("\n") and line.count("{") > line.count("}"):  # as where power was cut
+                if (
+                    number > 1 and not line.endswith("\n") and line.count("{") > line.count("}")
+                ):  # as where power was cut
                     remarks.append(f"the last line, {number}, breaks off and is left out")
                     return
-                raise InvalidInput(f"{path}: line {number} is no JSON ({error}); mend it, or leave it out") from None
+                raise InvalidInput(
+                    f"{path}: line {number} is no JSON ({error}); mend it, or leave it out"
+                ) from None
             topic = str(message.get("type", "")) if isinstance(message, dict) else ""
             if topics is None or topic in topics:
                 yield topic, number, message
 
 
-# Logs of MAVLink by pymavlink: dataflash (.BIN) and telemetry (.tlog); topics are the types of messages.
+# Logs of MAVLink by pymavlink: dataflash (.BIN) and telemetry (.tlog); topics are the types of
+# messages.
 
 
 class _WithUnits(dict[str, Any]):
@@ -246,15 +309,23 @@ class _WithUnits(dict[str, Any]):
 
 def _mavlink(path: Path) -> closing[Any]:
     mavutil = optional_module("pymavlink.mavutil", "a log of MAVLink", '"uvms-ocp[mavlink]"')
-    return closing(mavutil.mavlink_connection(str(path), dialect="ardupilotmega", robust_parsing=True))
+    return closing(
+        mavutil.mavlink_connection(str(path), dialect="ardupilotmega", robust_parsing=True)
+    )
 
 
 def _mavlink_messages(path: Path, topics: Collection[str], *_: object) -> Iterator[Message]:
     with _mavlink(path) as log:
         while (message := log.recv_match(type=list(topics))) is not None:
             said = _WithUnits(message.to_dict())
-            layout = getattr(message, "fmt", None)  # of dataflash, whose first messages say it; of telemetry the protocol does
-            said.units = dict(zip(layout.columns, layout.units or (), strict=False)) if layout else message.fieldunits_by_name
+            layout = getattr(
+                message, "fmt", None
+            )  # of dataflash, whose first messages say it; of telemetry the protocol does
+            said.units = (
+                dict(zip(layout.columns, layout.units or (), strict=False))
+                if layout
+                else message.fieldunits_by_name
+            )
             yield message.get_type(), round(1e9 * message._timestamp), said
 
 
@@ -269,15 +340,23 @@ def _mavlink_topics(path: Path) -> Collection[str]:
 def _ulog(path: Path) -> dict[str, Mapping[str, np.ndarray]]:
     pyulog = optional_module("pyulog", "a ULog of PX4", '"uvms-ocp[ulog]"')
     with path.open("rb") as file:
-        return {f"{one.name}_{one.multi_id}" if one.multi_id else one.name: one.data for one in pyulog.ULog(file).data_list}
+        return {
+            f"{one.name}_{one.multi_id}" if one.multi_id else one.name: one.data
+            for one in pyulog.ULog(file).data_list
+        }
 
 
 def _ulog_messages(path: Path, topics: Collection[str], *_: object) -> Iterator[Message]:
-    for topic, columns in ((topic, columns) for topic, columns in _ulog(path).items() if topic in topics):
+    for topic, columns in (
+        (topic, columns) for topic, columns in _ulog(path).items() if topic in topics
+    ):
         fields = defaultdict[str, list[list[float]]](list)
         for name, column in columns.items():
             fields[re.sub(r"\[\d+\]$", "", name)].append(column.tolist())
-        for row in zip(*(each[0] if len(each) == 1 else zip(*each, strict=True) for each in fields.values()), strict=True):
+        for row in zip(
+            *(each[0] if len(each) == 1 else zip(*each, strict=True) for each in fields.values()),
+            strict=True,
+        ):
             said = _WithUnits(zip(fields, row, strict=True))
             said.units = {"timestamp": "us"}
             yield topic, 1000 * said["timestamp"], said
@@ -287,7 +366,9 @@ _READERS = {
     "mcap": _Reader(_mcap_messages, mcap.mcap_topics),
     "bag": _Reader(_ros1_messages, _ros1_topics),
     "sqlite": _Reader(_sqlite_messages, _sqlite_topics),
-    "json": _Reader(_json_messages, lambda path: {topic for topic, _, _ in _json_messages(path, None, None, [])}),
+    "json": _Reader(
+        _json_messages, lambda path: {topic for topic, _, _ in _json_messages(path, None, None, [])}
+    ),
     "dataflash": _Reader(_mavlink_messages, _mavlink_topics),
     "tlog": _Reader(_mavlink_messages, _mavlink_topics),
     "ulog": _Reader(_ulog_messages, lambda path: _ulog(path).keys()),
@@ -306,18 +387,24 @@ _STAMPS = (("sec", "nanosec"), ("sec", "nsec"), ("secs", "nsecs"), ("seconds", "
 def steps_of(path: str) -> tuple[str, ...]:
     """Split a path into its steps. Raises InvalidInput for a malformed one."""
     if not _PATH.match(path):
-        raise InvalidInput(f"field {path!r} given; allowed: names with dots between them, such as pose.position.x or a[3]")
+        raise InvalidInput(
+            f"field {path!r} given; allowed: names with dots between them, such as pose.position.x"
+            " or a[3]"
+        )
     return tuple(element or name for element, name in _STEP.findall(path))
 
 
 def numbers_at(message: Any, steps: Sequence[str]) -> list[float]:
-    """Return the number there, or all of an array. Raises NameNotFound, and InvalidInput for what is no number."""
+    """Return the number there, or all of an array. Raises NameNotFound, and InvalidInput for what
+    is no number.
+    """
     value = _value_at(message, steps)
     return [_number(x, steps) for x in value] if _is_array(value) else [_number(value, steps)]
 
 
 def seconds_at(message: Any, steps: Sequence[str], unit: float) -> float:
-    """A time [s]; unit: that of a plain number [s], which a stamp of seconds and nanoseconds does not need.
+    """A time [s]; unit: that of a plain number [s], which a stamp of seconds and nanoseconds does
+    not need.
 
     Raises NameNotFound, and InvalidInput for what is neither.
     """
@@ -330,9 +417,13 @@ def seconds_at(message: Any, steps: Sequence[str], unit: float) -> float:
 
 
 def _value_at(message: Any, steps: Sequence[str]) -> Any:
-    parent, value = None, message
+    parent = None
+    value = message
     for step in steps:
-        parent, value = value, _element(parent, value, step) if _is_array(value) else _field(value, step)
+        parent, value = (
+            value,
+            _element(parent, value, step) if _is_array(value) else _field(value, step),
+        )
     return value
 
 
@@ -378,7 +469,9 @@ def _number(value: Any, steps: Sequence[str]) -> float:
     if isinstance(value, (int, float, np.number, np.bool_)):
         return float(value)
     known = ", ".join(_names_in(value))
-    raise InvalidInput(f"{'.'.join(steps)} is no number{f', it has {known}' if known else ''}; give a path to one")
+    raise InvalidInput(
+        f"{'.'.join(steps)} is no number{f', it has {known}' if known else ''}; give a path to one"
+    )
 
 
 # Columns of numbers out of messages, those of all channels in one pass.
@@ -396,14 +489,18 @@ class TopicColumns:
     unit: float = 1.0
     """[s] of a time that is a plain number."""
     words: tuple[str | None, ...] = ()
-    """For each column of text, the word that reads as 1 (every other word as 0); None for columns of numbers."""
+    """For each column of text, the word that reads as 1 (every other word as 0); None for columns
+    of numbers.
+    """
 
 
-def message_rows(path: Path, wanted: Mapping[str, TopicColumns], definitions: Path | None = None) -> dict[str, TableColumns]:
+def message_rows(
+    path: Path, wanted: Mapping[str, TopicColumns], definitions: Path | None = None
+) -> dict[str, TableColumns]:
     """Times [s] and values [as they are] (n, 1 + k) of all that is wanted, by the same names.
 
-    definitions: folder with ``.msg`` files that a bag of ROS 2 lacks. A message without such a field gives no row.
-    Raises NameNotFound where none has it, NotInstalled and InvalidInput.
+    definitions: folder with ``.msg`` files that a bag of ROS 2 lacks. A message without such a
+    field gives no row. Raises NameNotFound where none has it, NotInstalled and InvalidInput.
     """
     state = tuple((one.stat().st_mtime_ns, one.stat().st_size) for one in _files(path))
     return dict(_rows_of(path, tuple(wanted.items()), definitions, state))
@@ -422,7 +519,8 @@ def _rows_of(
         for rows in by_topic[topic]:
             rows.add(logged, content)
     return {
-        name: TableColumns(values=rows.whole(path), units=rows.units(), remarks=tuple(remarks)) for name, rows in found.items()
+        name: TableColumns(values=rows.whole(path), units=rows.units(), remarks=tuple(remarks))
+        for name, rows in found.items()
     }
 
 
@@ -430,9 +528,11 @@ class _Rows:
     """Rows of one channel, read so far."""
 
     def __init__(self, wanted: TopicColumns) -> None:
-        self.wanted, self.time = wanted, steps_of(wanted.time) if wanted.time else ()
+        self.wanted = wanted
+        self.time = steps_of(wanted.time) if wanted.time else ()
         self.columns = tuple(map(steps_of, wanted.columns))
-        self.numbers, self.width = array("d"), 0
+        self.numbers = array("d")
+        self.width = 0
         self.missing: NameNotFound | None = None
         self.said: Mapping[str, str] = {}
 
@@ -440,20 +540,31 @@ class _Rows:
         try:
             row = [seconds_at(content, self.time, self.wanted.unit) if self.time else 1e-9 * logged]
             for steps, word in zip_longest(self.columns, self.wanted.words):
-                row += numbers_at(content, steps) if word is None else [float(str(_value_at(content, steps)) == word)]
+                row += (
+                    numbers_at(content, steps)
+                    if word is None
+                    else [float(str(_value_at(content, steps)) == word)]
+                )
         except NameNotFound as error:
             self.missing = self.missing or error
             return
         self.width = self.width or len(row)
         if len(row) != self.width:
-            raise InvalidInput(f"{self.wanted.topic}: {self.width - 1} numbers at first, then {len(row) - 1}; give elements")
+            raise InvalidInput(
+                f"{self.wanted.topic}: {self.width - 1} numbers at first, then {len(row) - 1}; give"
+                " elements"
+            )
         if len(self.numbers) >= self.width * MOST_ROWS:
-            raise InvalidInput(f"{self.wanted.topic}: more than {MOST_ROWS} messages; give recordings one by one")
+            raise InvalidInput(
+                f"{self.wanted.topic}: more than {MOST_ROWS} messages; give recordings one by one"
+            )
         self.numbers.extend(row)
         self.said = content.units if isinstance(content, _WithUnits) else self.said
 
     def units(self) -> tuple[str, ...]:
-        """Return the unit of each column as the file says it, empty where it does not; arrays have more columns than paths."""
+        """Return the unit of each column as the file says it, empty where it does not; arrays have
+        more columns than paths.
+        """
         found = tuple(self.said.get(name, "") for name in (self.wanted.time, *self.wanted.columns))
         return found if len(found) == self.width else (found[0], *("",) * (self.width - 1))
 
@@ -464,5 +575,7 @@ class _Rows:
             raise InvalidInput(f"{path.name}: {self.wanted.topic}: {self.missing}")
         topics = topics_of(path)
         if self.wanted.topic in topics:
-            raise InvalidInput(f"{path.name}: {self.wanted.topic} has no messages; leave the channel out")
+            raise InvalidInput(
+                f"{path.name}: {self.wanted.topic} has no messages; leave the channel out"
+            )
         raise NameNotFound(f"topic of {path.name}", self.wanted.topic, topics)

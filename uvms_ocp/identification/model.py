@@ -1,10 +1,11 @@
 """Model of an identified vehicle: one step in time, with its derivatives.
 
-The state is ``x = [q of the vehicle (7), its velocity in B (6), actuator outputs (n_u)]``. Joints move as they were measured,
-and the vehicle's six rows of the inverse dynamics give its acceleration. A command is held over the step; what actuators give
-follows it with a lag of first order, exactly, and acts by its mean over the step: also a lag shorter than a step leaves its
-whole impulse. The vehicle drifts for half a step, its velocity changes by the forces there, and it drifts on: swings keep their
-period and their size better than by other rules of two evaluations.
+The state is ``x = [q of the vehicle (7), its velocity in B (6), actuator outputs (n_u)]``. Joints
+move as they were measured, and the vehicle's six rows of the inverse dynamics give its
+acceleration. A command is held over the step; what actuators give follows it with a lag of first
+order, exactly, and acts by its mean over the step: also a lag shorter than a step leaves its whole
+impulse. The vehicle drifts for half a step, its velocity changes by the forces there, and it drifts
+on: swings keep their period and their size better than by other rules of two evaluations.
 """
 
 from __future__ import annotations
@@ -20,11 +21,16 @@ from uvms_ocp.identification.parameters import ActuatorModel, Unknowns
 from uvms_ocp.robot.spatial import cross, exp3, quaternion_to_matrix
 from uvms_ocp.robot.symbolic_dynamics import SymbolicDynamics, WaterCoefficients
 
-# The equations of motion of a vehicle whose quantities are expressions: those of the symbolic dynamics, nothing new.
+# The equations of motion of a vehicle whose quantities are expressions: those of the symbolic
+# dynamics, nothing new.
 
 
-def vehicle_dynamics(dynamics: SymbolicDynamics, values: Mapping[str, ca.SX], link: int = 0) -> SymbolicDynamics:
-    """The dynamics with the quantities of `vehicle_declaration` for the body that carries a link, and the water on it."""
+def vehicle_dynamics(
+    dynamics: SymbolicDynamics, values: Mapping[str, ca.SX], link: int = 0
+) -> SymbolicDynamics:
+    """The dynamics with the quantities of `vehicle_declaration` for the body that carries a link,
+    and the water on it.
+    """
     water = WaterCoefficients(
         added_mass=values["added_mass"],
         linear_drag=values["linear_drag"],
@@ -39,16 +45,22 @@ def vehicle_dynamics(dynamics: SymbolicDynamics, values: Mapping[str, ca.SX], li
 
 # One step of an identified vehicle in time, with its derivatives.
 #
-# The state is ``x = [q of the vehicle (7), its velocity in B (6), what its actuators give (n_u)]``. Joints move as they were
-# measured, and the vehicle's six rows of the inverse dynamics give its acceleration. A command is held over the step; what
-# actuators give follows it with a lag of first order, exactly, and acts by its mean over the step: also a lag shorter than a step
-# leaves its whole impulse. The vehicle drifts for half a step, its velocity changes by the forces there, and it drifts on: swings
-# keep their period and their size better than by other rules of two evaluations.
+# The state is ``x = [q of the vehicle (7), its velocity in B (6), what its actuators give (n_u)]``.
+# Joints move as they were measured, and the vehicle's six rows of the inverse dynamics give its
+# acceleration. A command is held over the step; what actuators give follows it with a lag of first
+# order, exactly, and acts by its mean over the step: also a lag shorter than a step leaves its
+# whole impulse. The vehicle drifts for half a step, its velocity changes by the forces there, and
+# it drifts on: swings keep their period and their size better than by other rules of two
+# evaluations.
 
-N_Q, N_V = 7, 6
-PAST, PAST_STEP = 12, 0.05
+N_Q = 7
+N_V = 6
+PAST = 12
+PAST_STEP = 0.05
 """, [s] of commands before a start: what actuators give there has a past."""
-_EDGE, _SHARP = 0.2, 0.01  # of the dead zone, in which its edge is rounded where it is learnt, and where it is known
+# of the dead zone, in which its edge is rounded where it is learnt, and where it is known
+_EDGE = 0.2
+_SHARP = 0.01
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
@@ -81,8 +93,8 @@ class Vehicle:
 class StageFunctions:
     """CasADi functions of ``x (n_x,), u (n_u,), joints (3 n_j,), p (n_p,), h``, and of ``x, p``.
 
-    u: commands of actuators. joints: position, velocity and acceleration of the joints, one under the other, in the middle of
-    the step. p: unknowns, the shared ones first. h [s].
+    u: commands of actuators. joints: position, velocity and acceleration of the joints, one under
+    the other, in the middle of the step. p: unknowns, the shared ones first. h [s].
     """
 
     step: ca.Function
@@ -90,9 +102,13 @@ class StageFunctions:
     slope: ca.Function
     """``x, u, joints, p, h -> A = dx_next/dx, B = dx_next/dp, C = dx_next/du``"""
     outputs: ca.Function
-    """``x, p -> y (9,), dy/dx, dy/dp``: velocity where it is measured, in B; angular velocity, W's vertical, as they are seen."""
+    """``x, p -> y (9,), dy/dx, dy/dp``: velocity where it is measured, in B; angular velocity, W's
+    vertical, as they are seen.
+    """
     begun: ca.Function
-    """``u (n_u, PAST), p -> w, dw/dp, dw/du (n_u, n_u PAST)``: what actuators give after commands of `PAST_STEP` each."""
+    """``u (n_u, PAST), p -> w, dw/dp, dw/du (n_u, n_u PAST)``: what actuators give after commands
+    of `PAST_STEP` each.
+    """
     delays: ca.Function
     """``p -> d (2,), dd/dp`` [s] of commands, and of measured velocity."""
     n_x: int
@@ -106,21 +122,39 @@ def stage_of(vehicle: Vehicle, *, sharp: bool = False) -> StageFunctions:
 
     sharp: dead zones that are known have sharp edges, which commands that are searched cannot have.
     """
-    n_u, n_j = len(vehicle.actuators.names), vehicle.dynamics.model.nv - N_V
-    x, u, joints = ca.SX.sym("x", N_Q + N_V + n_u), ca.SX.sym("u", n_u), ca.SX.sym("joints", 3 * n_j)
+    n_u = len(vehicle.actuators.names)
+    n_j = vehicle.dynamics.model.nv - N_V
+    x = ca.SX.sym("x", N_Q + N_V + n_u)
+    u = ca.SX.sym("u", n_u)
+    joints = ca.SX.sym("joints", 3 * n_j)
     p, h = ca.SX.sym("p", vehicle.n_p), ca.SX.sym("h")
     values = vehicle.values(p)
-    zones = (vehicle.shared.declaration.quantities[name] for name in ("dead_zone", "dead_zone_reverse"))
+    zones = (
+        vehicle.shared.declaration.quantities[name] for name in ("dead_zone", "dead_zone_reverse")
+    )
     edge = _SHARP if sharp and not any(one.free.any() for one in zones) else _EDGE
-    after, outputs = _after(vehicle, values, x, u, joints, h, edge), _outputs(values, x)
+    after = _after(vehicle, values, x, u, joints, h, edge)
+    outputs = _outputs(values, x)
     past = ca.SX.sym("past", n_u, PAST)
-    begun, late = _begun(vehicle, values, past, edge), ca.vertcat(values["delay"], values["velocity_delay"])
-    given, options = [x, u, joints, p, h], {"cse": True}
+    begun = _begun(vehicle, values, past, edge)
+    late = ca.vertcat(values["delay"], values["velocity_delay"])
+    given = [x, u, joints, p, h]
+    options = {"cse": True}
     return StageFunctions(
         step=ca.Function("step", given, [ca.densify(after)], options),
-        slope=ca.Function("slope", given, [ca.densify(ca.jacobian(after, one)) for one in (x, p, u)], options),
-        outputs=ca.Function("seen", [x, p], [ca.densify(outputs), *(ca.densify(ca.jacobian(outputs, one)) for one in (x, p))]),
-        begun=ca.Function("begun", [past, p], [ca.densify(begun), *(ca.densify(ca.jacobian(begun, one)) for one in (p, past))]),
+        slope=ca.Function(
+            "slope", given, [ca.densify(ca.jacobian(after, one)) for one in (x, p, u)], options
+        ),
+        outputs=ca.Function(
+            "seen",
+            [x, p],
+            [ca.densify(outputs), *(ca.densify(ca.jacobian(outputs, one)) for one in (x, p))],
+        ),
+        begun=ca.Function(
+            "begun",
+            [past, p],
+            [ca.densify(begun), *(ca.densify(ca.jacobian(begun, one)) for one in (p, past))],
+        ),
         delays=ca.Function("delays", [p], [ca.densify(late), ca.densify(ca.jacobian(late, p))]),
         n_x=x.numel(),
         n_u=n_u,
@@ -129,11 +163,22 @@ def stage_of(vehicle: Vehicle, *, sharp: bool = False) -> StageFunctions:
     )
 
 
-def _after(vehicle: Vehicle, values: dict[str, ca.SX], x: ca.SX, u: ca.SX, joints: ca.SX, h: ca.SX, edge: float) -> ca.SX:
+def _after(
+    vehicle: Vehicle,
+    values: dict[str, ca.SX],
+    x: ca.SX,
+    u: ca.SX,
+    joints: ca.SX,
+    h: ca.SX,
+    edge: float,
+) -> ca.SX:
     moved = vehicle.dynamics.symbolic.joints[0].kind.integrate
-    q, given, moves = x[:N_Q], x[N_Q + N_V :], ca.DM(np.isin(np.arange(N_V), vehicle.axes).astype(float))
+    q = x[:N_Q]
+    given = x[N_Q + N_V :]
+    moves = ca.DM(np.isin(np.arange(N_V), vehicle.axes).astype(float))
     nu = x[N_Q : N_Q + N_V] * moves
-    target, left = _target(vehicle, values, u, edge), ca.exp(-h / values["lag"])
+    target = _target(vehicle, values, u, edge)
+    left = ca.exp(-h / values["lag"])
     mean = target + (given - target) * (1 - left) * values["lag"] / h
     middle = moved(q, nu * h / 2)
     slope = _acceleration(vehicle, values, middle, nu, mean, joints)
@@ -142,9 +187,12 @@ def _after(vehicle: Vehicle, values: dict[str, ca.SX], x: ca.SX, u: ca.SX, joint
 
 
 def _target(vehicle: Vehicle, values: dict[str, ca.SX], u: ca.SX, edge: float) -> ca.SX:
-    """Compute the steady thrust for commands u: next to nothing in the dead zone; beyond it all, or less by the zone's size."""
+    """Compute the steady thrust for commands u: next to nothing in the dead zone; beyond it all, or
+    less by the zone's size.
+    """
     beyond = _whole_beyond if vehicle.actuators.whole_beyond else _less_beyond
-    ahead, back = beyond(u, values["dead_zone"], edge), beyond(-u, values["dead_zone_reverse"], edge)
+    ahead = beyond(u, values["dead_zone"], edge)
+    back = beyond(-u, values["dead_zone_reverse"], edge)
     return values["gain"] * (ahead - values["reverse"] * back)
 
 
@@ -166,14 +214,18 @@ def _whole_beyond(u: ca.SX, dead: ca.SX, edge: float) -> ca.SX:
     return u * (1 + ca.tanh((u - dead) / (2 * edge * dead))) / 2
 
 
-def _acceleration(vehicle: Vehicle, values: dict[str, ca.SX], q: ca.SX, nu: ca.SX, given: ca.SX, joints: ca.SX) -> ca.SX:
+def _acceleration(
+    vehicle: Vehicle, values: dict[str, ca.SX], q: ca.SX, nu: ca.SX, given: ca.SX, joints: ca.SX
+) -> ca.SX:
     dynamics = vehicle_dynamics(vehicle.dynamics, values, vehicle.link)
-    n_j, n_links = joints.numel() // 3, len(dynamics.links)
+    n_j = joints.numel() // 3
+    n_links = len(dynamics.links)
     all_q, all_v = ca.vertcat(q, joints[:n_j]), ca.vertcat(nu, joints[n_j : 2 * n_j])
     held = ca.vertcat(ca.SX(N_V, 1), joints[2 * n_j :])
     water = ca.repmat(values["current"], 1, n_links), ca.SX(3, n_links)
     wrench = ca.DM(vehicle.actuators.wrench) @ given + values["bias"] + values["wrench_offset"]
-    force, axes = wrench - dynamics.inverse_dynamics(all_q, all_v, held, *water)[:N_V], list(vehicle.axes)
+    force = wrench - dynamics.inverse_dynamics(all_q, all_v, held, *water)[:N_V]
+    axes = list(vehicle.axes)
     D, L_transposed, order = ca.ldl(dynamics.mass_matrix(all_q)[axes, axes], False)
     acceleration = ca.SX(N_V, 1)
     acceleration[axes] = ca.ldl_solve(force[axes], D, L_transposed, order)
@@ -184,7 +236,9 @@ def _outputs(values: dict[str, ca.SX], x: ca.SX) -> ca.SX:
     linear, angular = x[N_Q : N_Q + 3], x[N_Q + 3 : N_Q + N_V]
     vertical = quaternion_to_matrix(x[3:N_Q])[2, :].T
     at_point = linear + cross(angular, values["velocity_point"])
-    return ca.vertcat(at_point, as_measured(values, angular) + values["rate_bias"], as_measured(values, vertical))
+    return ca.vertcat(
+        at_point, as_measured(values, angular) + values["rate_bias"], as_measured(values, vertical)
+    )
 
 
 def as_measured(values: dict[str, ca.SX], vector: ca.SX) -> ca.SX:

@@ -1,8 +1,8 @@
 """Output-error identification by multiple shooting and Gauss-Newton, with a pseudo-Huber loss.
 
-Every segment begins where it likes; where it ends may differ from where the next one begins, at the price of process noise.
-Unknowns of single recordings, and starts, are eliminated recording by recording, so that a step costs little more than the
-simulation.
+Every segment begins where it likes; where it ends may differ from where the next one begins, at the
+price of process noise. Unknowns of single recordings, and starts, are eliminated recording by
+recording, so that a step costs little more than the simulation.
 """
 
 from __future__ import annotations
@@ -16,10 +16,18 @@ import numpy as np
 
 from uvms_ocp.errors import AdvisedStatus
 from uvms_ocp.identification.model import N_Q, N_V, Vehicle
-from uvms_ocp.identification.rollout import N_START, PredictedOutputs, Rollout, Segment, SegmentStart, turn_slope
+from uvms_ocp.identification.rollout import (
+    N_START,
+    PredictedOutputs,
+    Rollout,
+    Segment,
+    SegmentStart,
+    turn_slope,
+)
 from uvms_ocp.robot.spatial import quaternion_conjugate, quaternion_log, quaternion_multiply
 
-# What a residual costs: half its square near zero, and linearly more far away, where outliers are (pseudo-Huber's loss).
+# What a residual costs: half its square near zero, and linearly more far away, where outliers are
+# (pseudo-Huber's loss).
 
 
 def loss(r: np.ndarray, outliers: float) -> float:
@@ -28,22 +36,28 @@ def loss(r: np.ndarray, outliers: float) -> float:
 
 
 def weights(r: np.ndarray, outliers: float) -> np.ndarray:
-    """Weights (...) of squares of residuals r (...) that have the gradient of the loss, less beyond outliers."""
+    """Weights (...) of squares of residuals r (...) that have the gradient of the loss, less beyond
+    outliers.
+    """
     return np.asarray((1.0 + (r / outliers) ** 2) ** -0.5)
 
 
-# Normal equations of one recording, its local unknowns apart: those of its own, and the starts of its stretches.
+# Normal equations of one recording, its local unknowns apart: those of its own, and the starts of
+# its stretches.
 
 Elimination = Callable[[np.ndarray], np.ndarray]
-"""Maps a change (n,) of the shared unknowns to those (m + 9 l,) of the others [as `Unknowns.start`]."""
+"""Maps a change (n,) of the shared unknowns to those (m + 9 l,) of the others [as
+`Unknowns.start`].
+"""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class NormalEquations:
-    """Gauss-Newton normal equations of n shared unknowns, m of the recording, and the starts of its l segments.
+    """Gauss-Newton normal equations of n shared unknowns, m of the recording, and the starts of its
+    l segments.
 
-    Together the first are border: a start is coupled with these and with the next one only, so that all are eliminated in a
-    time and a memory that grow with l.
+    Together the first are border: a start is coupled with these and with the next one only, so that
+    all are eliminated in a time and a memory that grow with l.
     """
 
     cost: float
@@ -60,13 +74,18 @@ class NormalEquations:
     """(9 l, n + m) [1 / unknowns^2]"""
 
     def without_starts(self, damping: float, n: int) -> tuple[np.ndarray, np.ndarray, Elimination]:
-        """Schur complement (n, n), (n,) of n shared unknowns, and what gives the others, their diagonal raised by damping."""
+        """Schur complement (n, n), (n,) of n shared unknowns, and what gives the others, their
+        diagonal raised by damping.
+        """
         from scipy.linalg import solveh_banded  # a tenth of a second
 
         band = self.H_starts.copy()
         band[0] *= 1.0 + damping
-        solved = solveh_banded(band, np.column_stack([self.cross, self.g_starts]), lower=True, check_finite=False)
-        H, g = self.H - self.cross.T @ solved[:, :-1], self.g - self.cross.T @ solved[:, -1]
+        solved = solveh_banded(
+            band, np.column_stack([self.cross, self.g_starts]), lower=True, check_finite=False
+        )
+        H = self.H - self.cross.T @ solved[:, :-1]
+        g = self.g - self.cross.T @ solved[:, -1]
         own = H[n:, n:] + damping * np.diag(np.diag(self.H)[n:])
         solved_own = np.linalg.solve(own, np.column_stack([H[n:, :n], g[n:]]))
 
@@ -75,12 +94,20 @@ class NormalEquations:
             moved = -solved_own @ np.r_[change, 1.0]
             return np.r_[moved, -solved @ np.r_[change, moved, 1.0]]
 
-        return H[:n, :n] - H[:n, n:] @ solved_own[:, :-1], g[:n] - H[:n, n:] @ solved_own[:, -1], others
+        return (
+            H[:n, :n] - H[:n, n:] @ solved_own[:, :-1],
+            g[:n] - H[:n, n:] @ solved_own[:, -1],
+            others,
+        )
 
 
 def finite(blocks: Sequence[NormalEquations]) -> bool:
-    """Check that all entries are finite: where a simulation runs away, its slopes do before its cost."""
-    return all(np.isfinite(part).all() for one in blocks for part in (one.cost, one.H, one.H_starts))
+    """Check that all entries are finite: where a simulation runs away, its slopes do before its
+    cost.
+    """
+    return all(
+        np.isfinite(part).all() for one in blocks for part in (one.cost, one.H, one.H_starts)
+    )
 
 
 # Values of everything that a search moves.
@@ -106,7 +133,8 @@ def difference(of: SegmentStart, to: SegmentStart) -> np.ndarray:
 
 # A number of the unknowns that is drawn to a value, as if it had been measured.
 #
-# Where a search ends, the number is a little off the value, and all else is where it is best for the number as it is there.
+# Where a search ends, the number is a little off the value, and all else is where it is best for
+# the number as it is there.
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
@@ -114,7 +142,9 @@ class ProfilePenalty:
     """Quadratic penalty that draws one number to a value, for profile likelihood."""
 
     number: Callable[[np.ndarray], tuple[float, np.ndarray]]
-    """Maps the unknowns (n,) [as `Unknowns.start`] to the number [any] and its slope (n,) [any per unknown]."""
+    """Maps the unknowns (n,) [as `Unknowns.start`] to the number [any] and its slope (n,) [any per
+    unknown].
+    """
     target: float
     """[as the number]"""
     sigma: float
@@ -125,28 +155,45 @@ class ProfilePenalty:
         return ((self.number(shared)[0] - self.target) / self.sigma) ** 2 / 2
 
     def normal(self, shared: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Compute its part of the normal equations, (n, n) and (n,), at the unknowns shared (n,) [as `Unknowns.start`]."""
+        """Compute its part of the normal equations, (n, n) and (n,), at the unknowns shared (n,)
+        [as `Unknowns.start`].
+        """
         value, slope = self.number(shared)
         return np.outer(slope, slope) / self.sigma**2, slope * (value - self.target) / self.sigma**2
 
 
-# Output error: the unknowns with which simulated stretches show what was seen, by multiple shooting and Gauss-Newton.
+# Output error: the unknowns with which simulated stretches show what was seen, by multiple shooting
+# and Gauss-Newton.
 #
-# Every stretch begins where it likes; where it ends may differ from where the next one begins, at the price of process noise.
-# Unknowns of single recordings, and starts, are eliminated recording by recording, so that a step costs little more than the
-# simulation.
+# Every stretch begins where it likes; where it ends may differ from where the next one begins, at
+# the price of process noise. Unknowns of single recordings, and starts, are eliminated recording by
+# recording, so that a step costs little more than the simulation.
 
 _NEARLY_NONE = 1e-9  # of damping
-_MOST_STEPS = 4_000  # of segments that are simulated at once: what they take stays in tens of megabytes
+_MOST_STEPS = (
+    4_000  # of segments that are simulated at once: what they take stays in tens of megabytes
+)
 
 
 class FitStatus(AdvisedStatus):
     """Reason for which a fit ended."""
 
     CONVERGED = "converged", "Look at what is not determined before numbers are used."
-    ITERATION_LIMIT = "iteration limit", "Look at the recordings' doubts, learn less, or give shorter stretches."
-    RUNS_AWAY = ("runs away", "The simulation is not finite where the search begins: look at times and units of the recordings.")
-    STALLED = "stalled", "No step lowers the cost: look at the recordings' doubts, and at starts and priors."
+    ITERATION_LIMIT = (
+        "iteration limit",
+        "Look at the recordings' doubts, learn less, or give shorter stretches.",
+    )
+    RUNS_AWAY = (
+        "runs away",
+        (
+            "The simulation is not finite where the search begins: look at times and units of the"
+            " recordings."
+        ),
+    )
+    STALLED = (
+        "stalled",
+        "No step lowers the cost: look at the recordings' doubts, and at starts and priors.",
+    )
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -184,26 +231,47 @@ class Estimate:
     status: FitStatus
     iterations: int
     assumed: np.ndarray | float = 0.0
-    """(n, n) [unknowns^2] covariance from what the recordings do not tell: the step of the simulation, assumed constants."""
+    """(n, n) [unknowns^2] covariance from what the recordings do not tell: the step of the
+    simulation, assumed constants.
+    """
 
 
 class OutputErrorProblem:
-    """A problem: a vehicle, stretches of recordings and noise. Stretches of a recording follow each other."""
+    """A problem: a vehicle, stretches of recordings and noise. Stretches of a recording follow each
+    other.
+    """
 
     def __init__(
-        self, vehicle: Vehicle, stretches: Sequence[Segment], noise: Noise, rollout: Rollout, pull: ProfilePenalty | None = None
+        self,
+        vehicle: Vehicle,
+        stretches: Sequence[Segment],
+        noise: Noise,
+        rollout: Rollout,
+        pull: ProfilePenalty | None = None,
     ) -> None:
-        self._vehicle, self._noise, self._rollout, self._pull = vehicle, noise, rollout, pull
-        self._recordings = [tuple(group) for _, group in groupby(stretches, key=lambda one: one.recording)]
-        self._n, self._m = len(vehicle.shared.start), len(vehicle.own.start)
+        self._vehicle = vehicle
+        self._noise = noise
+        self._rollout = rollout
+        self._pull = pull
+        self._recordings = [
+            tuple(group) for _, group in groupby(stretches, key=lambda one: one.recording)
+        ]
+        self._n = len(vehicle.shared.start)
+        self._m = len(vehicle.own.start)
         self._sigma = noise.velocity, noise.rate, noise.vertical
         self.progress: Callable[[str], None] = lambda _: None  # gets a line before each step
 
     def start(self, shared: np.ndarray | None = None) -> SearchPoint:
-        """Return the first iterate: unknowns as declared, or shared (n,) [as `Unknowns.start`]; segments begin as measured."""
-        begins = tuple(tuple(SegmentStart(q=one.q, v=one.v) for one in group) for group in self._recordings)
+        """Return the first iterate: unknowns as declared, or shared (n,) [as `Unknowns.start`];
+        segments begin as measured.
+        """
+        begins = tuple(
+            tuple(SegmentStart(q=one.q, v=one.v) for one in group) for group in self._recordings
+        )
         own = tuple(self._vehicle.own.start for _ in self._recordings)
-        return SearchPoint(shared=self._vehicle.shared.start if shared is None else shared, own=own, starts=begins)
+        return SearchPoint(
+            shared=self._vehicle.shared.start if shared is None else shared, own=own, starts=begins
+        )
 
     def resumed(self, estimate: Estimate) -> SearchPoint:
         """Return the iterate at which an estimate from the same segments ended."""
@@ -212,32 +280,50 @@ class OutputErrorProblem:
         begins = tuple(tuple(next(left) for _ in group) for group in self._recordings)
         return SearchPoint(shared=estimate.shared, own=own, starts=begins)
 
-    def stepped(self, point: SearchPoint, blocks: list[NormalEquations] | None = None) -> tuple[SearchPoint, float]:
-        """After one step of Gauss and Newton, and the cost there. blocks: of the point, the same whatever number is pulled."""
-        after = self._moved(point, self.blocks(point) if blocks is None else blocks, _NEARLY_NONE, frozen=False)
+    def stepped(
+        self, point: SearchPoint, blocks: list[NormalEquations] | None = None
+    ) -> tuple[SearchPoint, float]:
+        """After one step of Gauss and Newton, and the cost there. blocks: of the point, the same
+        whatever number is pulled.
+        """
+        after = self._moved(
+            point, self.blocks(point) if blocks is None else blocks, _NEARLY_NONE, frozen=False
+        )
         with np.errstate(all="ignore"):
-            return after, self._total(after, [self._cost(k, after, seen) for k, seen in enumerate(self._all_seen(after))])
+            return after, self._total(
+                after, [self._cost(k, after, seen) for k, seen in enumerate(self._all_seen(after))]
+            )
 
     def solve(
-        self, point: SearchPoint, *, iterations: int = 20, frozen: int = 0, tolerance: float = 1e-4, damping: float = 1e-3
+        self,
+        point: SearchPoint,
+        *,
+        iterations: int = 20,
+        frozen: int = 0,
+        tolerance: float = 1e-4,
+        damping: float = 1e-3,
     ) -> Estimate:
-        """Levenberg and Marquardt's method. frozen: in so many steps shared unknowns stay. tolerance: share of the cost worth a
-        step.
+        """Levenberg and Marquardt's method. frozen: in so many steps shared unknowns stay.
+        tolerance: share of the cost worth a step.
 
         damping: of the first step.
         """
-        blocks, status, done = self.blocks(point), FitStatus.ITERATION_LIMIT, 0
+        blocks = self.blocks(point)
+        status = FitStatus.ITERATION_LIMIT
+        done = 0
         if not finite(blocks):
             return self._estimate(point, blocks, FitStatus.RUNS_AWAY, 0)
         while done < iterations:
             done += 1
             self.progress(f"step {done} of at most {iterations}")
-            if (tried := self._step(point, blocks, damping, done <= frozen)) is None:
+            tried = self._step(point, blocks, damping, done <= frozen)
+            if tried is None:
                 status = FitStatus.STALLED
                 break
             after, damping, cost, further = tried
             gained = 1.0 - cost / self._total(point, [block.cost for block in blocks])
-            point, blocks = after, further
+            point = after
+            blocks = further
             if gained < tolerance and (done > frozen or frozen >= iterations):
                 status = FitStatus.CONVERGED
                 break
@@ -246,7 +332,9 @@ class OutputErrorProblem:
     def _step(
         self, point: SearchPoint, blocks: list[NormalEquations], damping: float, frozen: bool
     ) -> tuple[SearchPoint, float, float, list[NormalEquations]] | None:
-        """Find a step that lowers the cost (Levenberg-Marquardt); returns point, damping, cost and problem, all finite."""
+        """Find a step that lowers the cost (Levenberg-Marquardt); returns point, damping, cost and
+        problem, all finite.
+        """
         before = self._total(point, [block.cost for block in blocks])
         for _ in range(8):
             after = self._moved(point, blocks, damping, frozen)
@@ -257,23 +345,36 @@ class OutputErrorProblem:
             damping *= 8.0
         return None
 
-    def _moved(self, point: SearchPoint, blocks: list[NormalEquations], damping: float, frozen: bool) -> SearchPoint:
+    def _moved(
+        self, point: SearchPoint, blocks: list[NormalEquations], damping: float, frozen: bool
+    ) -> SearchPoint:
         H, g, others = self._reduced(point, blocks, damping)
         change = np.zeros(self._n)
         if not frozen and self._n:
             damped = H + damping * np.diag(np.diag(H) + 1e-9)
             if self._pull is not None:
                 stiff, force = self._pull.normal(point.shared)
-                damped, g = damped + stiff, g + force
+                damped = damped + stiff
+                g = g + force
             change = -np.linalg.solve(damped, g)
-        shared = np.clip(point.shared + np.clip(change, -1.0, 1.0), self._vehicle.shared.lower, self._vehicle.shared.upper)
+        shared = np.clip(
+            point.shared + np.clip(change, -1.0, 1.0),
+            self._vehicle.shared.lower,
+            self._vehicle.shared.upper,
+        )
         change = shared - point.shared
-        own, starts = [], []
+        own = []
+        starts = []
         for k, changed in enumerate(others):
             local = changed(change)
             own.append(point.own[k] + local[: self._m])
             turns = local[self._m :].reshape(-1, N_START)
-            starts.append(tuple(one.moved(np.clip(c, -0.5, 0.5)) for one, c in zip(point.starts[k], turns, strict=True)))
+            starts.append(
+                tuple(
+                    one.moved(np.clip(c, -0.5, 0.5))
+                    for one, c in zip(point.starts[k], turns, strict=True)
+                )
+            )
         return SearchPoint(shared=shared, own=tuple(own), starts=tuple(starts))
 
     def _reduced(
@@ -283,13 +384,21 @@ class OutputErrorProblem:
         weight = 1.0 / self._vehicle.shared.sigma**2
         parts = [block.without_starts(damping, self._n) for block in blocks]
         H = np.diag(weight) + sum(part[0] for part in parts)
-        return H, weight * (point.shared - self._vehicle.shared.start) + sum(part[1] for part in parts), [one[2] for one in parts]
+        return (
+            H,
+            weight * (point.shared - self._vehicle.shared.start) + sum(part[1] for part in parts),
+            [one[2] for one in parts],
+        )
 
-    def _estimate(self, point: SearchPoint, blocks: list[NormalEquations], status: FitStatus, done: int) -> Estimate:
+    def _estimate(
+        self, point: SearchPoint, blocks: list[NormalEquations], status: FitStatus, done: int
+    ) -> Estimate:
         informative = [] if status is FitStatus.RUNS_AWAY else blocks  # of which nothing is learnt
         return Estimate(
             shared=point.shared,
-            own=dict(zip((group[0].recording for group in self._recordings), point.own, strict=True)),
+            own=dict(
+                zip((group[0].recording for group in self._recordings), point.own, strict=True)
+            ),
             starts=tuple(one for group in point.starts for one in group),
             cost=self._total(point, [block.cost for block in blocks]),
             information=self._reduced(point, informative, 0.0)[0],
@@ -304,10 +413,17 @@ class OutputErrorProblem:
 
     def blocks(self, point: SearchPoint) -> list[NormalEquations]:
         with np.errstate(all="ignore"):
-            return [self._block(k, point, seen) for k, seen in enumerate(self._all_seen(point, slopes=True))]
+            return [
+                self._block(k, point, seen)
+                for k, seen in enumerate(self._all_seen(point, slopes=True))
+            ]
 
-    def _all_seen(self, point: SearchPoint, *, slopes: bool = False) -> list[list[PredictedOutputs]]:
-        """Simulate every recording; segments with equally many steps are simulated together, as many as memory is to hold."""
+    def _all_seen(
+        self, point: SearchPoint, *, slopes: bool = False
+    ) -> list[list[PredictedOutputs]]:
+        """Simulate every recording; segments with equally many steps are simulated together, as
+        many as memory is to hold.
+        """
         flat = [
             (k, stretch, start)
             for k, group in enumerate(self._recordings)
@@ -318,59 +434,92 @@ class OutputErrorProblem:
             alike = [i for i, (_, stretch, _) in enumerate(flat) if len(stretch.edges) == n]
             size = max(1, _MOST_STEPS // n)
             for chosen in (alike[first : first + size] for first in range(0, len(alike), size)):
-                p = np.array([np.concatenate([point.shared, point.own[flat[i][0]]]) for i in chosen])
-                parts, starts = [flat[i][1] for i in chosen], [flat[i][2] for i in chosen]
-                seen = self._rollout.predict(parts, starts, p, partial(self._weights, parts) if slopes else None)
+                p = np.array(
+                    [np.concatenate([point.shared, point.own[flat[i][0]]]) for i in chosen]
+                )
+                parts = [flat[i][1] for i in chosen]
+                starts = [flat[i][2] for i in chosen]
+                seen = self._rollout.predict(
+                    parts, starts, p, partial(self._weights, parts) if slopes else None
+                )
                 for i, part, one in zip(chosen, parts, seen, strict=True):
-                    losses = (loss(r, self._noise.outliers) for r in self._residuals(part, one.rows))
+                    losses = (
+                        loss(r, self._noise.outliers) for r in self._residuals(part, one.rows)
+                    )
                     found[i] = replace(one, rows=(), loss=sum(losses))
-        return [[found[i] for i, (k, _, _) in enumerate(flat) if k == group] for group in range(len(self._recordings))]
+        return [
+            [found[i] for i, (k, _, _) in enumerate(flat) if k == group]
+            for group in range(len(self._recordings))
+        ]
 
     def _residuals(self, stretch: Segment, rows: Sequence[np.ndarray]) -> list[np.ndarray]:
         return [(rows[j] - stretch.measured[j]) / self._sigma[j] for j in range(3)]
 
-    def _weights(self, parts: Sequence[Segment], k: int, rows: Sequence[np.ndarray]) -> list[tuple[np.ndarray, np.ndarray]]:
+    def _weights(
+        self, parts: Sequence[Segment], k: int, rows: Sequence[np.ndarray]
+    ) -> list[tuple[np.ndarray, np.ndarray]]:
         pairs = zip(self._residuals(parts[k], rows), self._sigma, strict=True)
-        return [(w / sigma**2, w * r / sigma) for r, sigma in pairs for w in (weights(r, self._noise.outliers),)]
+        return [
+            (w / sigma**2, w * r / sigma)
+            for r, sigma in pairs
+            for w in (weights(r, self._noise.outliers),)
+        ]
 
     def _cost(self, k: int, point: SearchPoint, seen: list[PredictedOutputs]) -> float:
         squares = sum(d @ d for d, _ in self._gaps(k, point, seen))
         return float(sum(one.loss for one in seen) + self._beginnings(k, point)[1] + squares / 2)
 
     def _beginnings(self, k: int, point: SearchPoint) -> tuple[list[np.ndarray], float]:
-        """Compute weighted residuals of the starts against what was measured there, and their cost."""
-        far = [difference(SegmentStart(q=one.q, v=one.v), start) / self._noise.start
-               for one, start in zip(self._recordings[k], point.starts[k], strict=True)]  # fmt: skip
+        """Compute weighted residuals of the starts against what was measured there, and their
+        cost.
+        """
+        far = [
+            difference(SegmentStart(q=one.q, v=one.v), start) / self._noise.start
+            for one, start in zip(self._recordings[k], point.starts[k], strict=True)
+        ]
         own = (point.own[k] - self._vehicle.own.start) / self._vehicle.own.sigma
         return far, float(sum(one @ one for one in far) + own @ own) / 2
 
-    def _gaps(self, k: int, point: SearchPoint, seen: list[PredictedOutputs]) -> list[tuple[np.ndarray, np.ndarray]]:
-        """Between the ends of stretches and the next ones, weighted, with their slopes with end states (9, n_x)."""
+    def _gaps(
+        self, k: int, point: SearchPoint, seen: list[PredictedOutputs]
+    ) -> list[tuple[np.ndarray, np.ndarray]]:
+        """Between the ends of stretches and the next ones, weighted, with their slopes with end
+        states (9, n_x).
+        """
         found = []
         for one, after in zip(seen[:-1], point.starts[k][1:], strict=True):
             end = SegmentStart(q=one.end[:N_Q], v=one.end[N_Q : N_Q + N_V])
             slope = np.zeros((N_START, len(one.end)))
             slope[:N_V, N_Q : N_Q + N_V] = np.eye(N_V)
             slope[N_V:, 3:N_Q] = 4.0 * turn_slope(end.q[3:]).T
-            found.append((difference(after, end) / self._noise.process, slope / self._noise.process))
+            found.append(
+                (difference(after, end) / self._noise.process, slope / self._noise.process)
+            )
         return found
 
     def _block(self, k: int, point: SearchPoint, seen: list[PredictedOutputs]) -> NormalEquations:
-        n, size, back = self._n, self._n + self._m, -1.0 / self._noise.process
-        weight, far = 1.0 / self._vehicle.own.sigma**2, self._beginnings(k, point)[0]
+        n = self._n
+        size = self._n + self._m
+        back = -1.0 / self._noise.process
+        weight = 1.0 / self._vehicle.own.sigma**2
+        far = self._beginnings(k, point)[0]
         # Of each segment: with itself, and of its start with the next one.
         every, pulls = np.array([one.H for one in seen]), np.array([one.g for one in seen])
         every[:, size:, size:] += np.eye(N_START) / self._noise.start**2
         pulls[:, size:] += np.array(far) / self._noise.start
-        if gaps := self._gaps(k, point, seen):
-            J = np.array([slope @ one.end_slope for one, (_, slope) in zip(seen, gaps, strict=False)])
+        gaps = self._gaps(k, point, seen)
+        if gaps:
+            J = np.array(
+                [slope @ one.end_slope for one, (_, slope) in zip(seen, gaps, strict=False)]
+            )
             gap = np.array([one for one, _ in gaps])
             every[:-1] += J.swapaxes(1, 2) @ J
             every[1:, size:, size:] += back**2 * np.eye(N_START)
             every[1:, size:, :size] += back * J[:, :, :size]
             pulls[:-1] += np.einsum("lij,li->lj", J, gap)
             pulls[1:, size:] += back * gap
-        # Both, one under the other: row r of a column is on the diagonal that is so far below that of the column's own entry.
+        # Both, one under the other: row r of a column is on the diagonal that is so far below that
+        # of the column's own entry.
         both = np.zeros((3 * N_START, len(seen), N_START))
         both[:N_START] = np.moveaxis(every[:, size:, size:], 1, 0)
         if gaps:
@@ -379,7 +528,8 @@ class OutputErrorProblem:
         return NormalEquations(
             cost=self._cost(k, point, seen),
             H=np.diag(np.r_[np.zeros(n), weight]) + every[:, :size, :size].sum(axis=0),
-            g=np.r_[np.zeros(n), weight * (point.own[k] - self._vehicle.own.start)] + pulls[:, :size].sum(axis=0),
+            g=np.r_[np.zeros(n), weight * (point.own[k] - self._vehicle.own.start)]
+            + pulls[:, :size].sum(axis=0),
             H_starts=np.take_along_axis(both, rows, axis=0).reshape(2 * N_START, -1),
             g_starts=pulls[:, size:].ravel(),
             cross=every[:, size:, :size].reshape(-1, size),

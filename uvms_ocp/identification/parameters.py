@@ -1,4 +1,6 @@
-"""Parameters of a vehicle that may be identified: quantities, which of them are fixed, free or have priors, and the unknowns."""
+"""Parameters of a vehicle that may be identified: quantities, which of them are fixed, free or have
+priors, and the unknowns.
+"""
 
 from __future__ import annotations
 
@@ -12,7 +14,14 @@ import numpy as np
 from uvms_ocp.checks import checked_dataclass
 from uvms_ocp.errors import InvalidInput, require_known
 from uvms_ocp.identification import coordinates
-from uvms_ocp.identification.coordinates import Interval, PositiveDefinite, Positives, QuantityCoordinates, Reals, second_moment
+from uvms_ocp.identification.coordinates import (
+    Interval,
+    PositiveDefinite,
+    Positives,
+    QuantityCoordinates,
+    Reals,
+    second_moment,
+)
 from uvms_ocp.robot.symbolic_dynamics import SymbolicDynamics
 from uvms_ocp.robot.thrusters import AXES as AXES
 from uvms_ocp.types import Positive
@@ -39,7 +48,9 @@ class Free:
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Bounded:
-    """Unknown within bounds; for quantities whose coordinates are entries: not for coupled matrices."""
+    """Unknown within bounds; for quantities whose coordinates are entries: not for coupled
+    matrices.
+    """
 
     lower: float
     """[unit of the quantity]"""
@@ -50,7 +61,9 @@ class Bounded:
     def __post_init__(self) -> None:
         """Raises `InvalidInput` for bounds in the wrong order."""
         if not self.lower < self.upper:
-            raise InvalidInput(f"bounds {self.lower} and {self.upper} given; allowed: lower < upper")
+            raise InvalidInput(
+                f"bounds {self.lower} and {self.upper} given; allowed: lower < upper"
+            )
 
 
 @checked_dataclass()
@@ -70,7 +83,9 @@ ParameterStatus: TypeAlias = Fixed | Free | Bounded | Prior
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class Quantity:
-    """One quantity with what is known of each of its coordinates; fixed unless it is said otherwise."""
+    """One quantity with what is known of each of its coordinates; fixed unless it is said
+    otherwise.
+    """
 
     unit: str
     coordinates: QuantityCoordinates
@@ -87,7 +102,9 @@ class Quantity:
     own: bool = False
     """True where every recording has its own."""
     begin: np.ndarray | None = None
-    """(n,) [as x] where a search begins, in place of x: from the edge of an interval none leads away."""
+    """(n,) [as x] where a search begins, in place of x: from the edge of an interval none leads
+    away.
+    """
 
     @property
     def value(self) -> np.ndarray:
@@ -95,25 +112,50 @@ class Quantity:
         return np.array(ca.evalf(self.coordinates.decode(ca.SX(ca.DM(self.x)))))
 
     @staticmethod
-    def fixed(unit: str, coordinates: QuantityCoordinates, value: np.ndarray, *, own: bool = False) -> Quantity:
-        """Known to be value (...) [unit of the quantity]. Raises InvalidInput for a value that coordinates do not reach."""
+    def fixed(
+        unit: str, coordinates: QuantityCoordinates, value: np.ndarray, *, own: bool = False
+    ) -> Quantity:
+        """Known to be value (...) [unit of the quantity]. Raises InvalidInput for a value that
+        coordinates do not reach.
+        """
         x = coordinates.encode(value)
         none, endless = np.zeros(len(x), dtype=bool), np.full(len(x), np.inf)
-        return Quantity(unit=unit, coordinates=coordinates, x=x, free=none, own=own, sigma=endless, lower=-endless, upper=endless)
+        return Quantity(
+            unit=unit,
+            coordinates=coordinates,
+            x=x,
+            free=none,
+            own=own,
+            sigma=endless,
+            lower=-endless,
+            upper=endless,
+        )
 
     def with_status(self, status: ParameterStatus, called: str = "it") -> Quantity:
-        """A copy of which this is known; called: its name. Raises NameNotFound for no coordinate of it, and InvalidInput."""
+        """A copy of which this is known; called: its name. Raises NameNotFound for no coordinate of
+        it, and InvalidInput.
+        """
         names = self.coordinates.names
         for name in status.only or ():
-            require_known(f"coordinate of {called}, which has none for what is 0 in the robot's file:", name, names)
-        chosen = np.array([status.only is None or name in status.only for name in names], dtype=bool)
+            require_known(
+                f"coordinate of {called}, which has none for what is 0 in the robot's file:",
+                name,
+                names,
+            )
+        chosen = np.array(
+            [status.only is None or name in status.only for name in names], dtype=bool
+        )
         if self.begin is not None and not isinstance(status, Fixed):
-            return replace(self, x=np.where(chosen, self.begin, self.x), begin=None).with_status(status, called)
+            return replace(self, x=np.where(chosen, self.begin, self.x), begin=None).with_status(
+                status, called
+            )
         lower, upper = self._bounds(status)
         return replace(
             self,
             free=np.where(chosen, not isinstance(status, Fixed), self.free),
-            sigma=np.where(chosen, status.sigma if isinstance(status, Prior) else np.inf, self.sigma),
+            sigma=np.where(
+                chosen, status.sigma if isinstance(status, Prior) else np.inf, self.sigma
+            ),
             lower=np.where(chosen, lower, self.lower),
             upper=np.where(chosen, upper, self.upper),
         )
@@ -122,9 +164,13 @@ class Quantity:
         n = len(self.x)
         if not isinstance(status, Bounded):
             return np.full(n, -np.inf), np.full(n, np.inf)
-        lower, upper = (self.coordinates.encode(np.full(n, value)) for value in (status.lower, status.upper))
+        lower, upper = (
+            self.coordinates.encode(np.full(n, value)) for value in (status.lower, status.upper)
+        )
         if not ((lower <= self.x) & (self.x <= upper)).all():
-            raise InvalidInput(f"bounds {status.lower} and {status.upper} given; allowed: around what the value is")
+            raise InvalidInput(
+                f"bounds {status.lower} and {status.upper} given; allowed: around what the value is"
+            )
         return lower, upper
 
 
@@ -135,13 +181,24 @@ class Declaration:
     quantities: Mapping[str, Quantity]
 
     def with_status(self, **status: ParameterStatus) -> Declaration:
-        """A copy in which these quantities are known so. Raises NameNotFound for one that there is not, and InvalidInput."""
-        return self._with({name: self._found(name).with_status(one, name) for name, one in status.items()})
+        """A copy in which these quantities are known so. Raises NameNotFound for one that there is
+        not, and InvalidInput.
+        """
+        return self._with(
+            {name: self._found(name).with_status(one, name) for name, one in status.items()}
+        )
 
     def with_start(self, **values: np.ndarray) -> Declaration:
-        """A copy whose quantities start at other values (...) [unit of the quantity]. Raises NameNotFound, InvalidInput."""
+        """A copy whose quantities start at other values (...) [unit of the quantity]. Raises
+        NameNotFound, InvalidInput.
+        """
         found = {name: self._found(name) for name in values}
-        return self._with({name: replace(one, x=one.coordinates.encode(values[name])) for name, one in found.items()})
+        return self._with(
+            {
+                name: replace(one, x=one.coordinates.encode(values[name]))
+                for name, one in found.items()
+            }
+        )
 
     def _found(self, name: str) -> Quantity:
         require_known("quantity", name, self.quantities)
@@ -158,7 +215,9 @@ _HELD = 1e-4  # [as start] deviation of what is held
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Unknowns:
-    """Unknowns theta (n,) that all recordings share, or kappa (m,) that each has for itself, of a declaration."""
+    """Unknowns theta (n,) that all recordings share, or kappa (m,) that each has for itself, of a
+    declaration.
+    """
 
     declaration: Declaration
     own: bool = False
@@ -196,7 +255,8 @@ class Unknowns:
 
     def values(self, theta: ca.SX) -> dict[str, ca.SX]:
         """Every quantity of this kind by its name, where theta (n,) [as start] are the unknowns."""
-        found, first = {}, 0
+        found = {}
+        first = 0
         for name, one in self._items():
             n = int(one.free.sum())
             x = ca.SX(ca.DM(one.x))
@@ -206,7 +266,9 @@ class Unknowns:
         return found
 
     def believed(self, about: np.ndarray, wider: float = 1.0) -> Unknowns:
-        """A copy that starts, and whose priors are, about (n,) [as start]; wider: factor of their deviations."""
+        """A copy that starts, and whose priors are, about (n,) [as start]; wider: factor of their
+        deviations.
+        """
         moved = self._with("x", about)
         found = {name: replace(one, sigma=wider * one.sigma) for name, one in moved._items()}
         return Unknowns(Declaration(quantities={**moved.declaration.quantities, **found}), self.own)
@@ -217,18 +279,24 @@ class Unknowns:
 
     def _with(self, column: str, values: np.ndarray) -> Unknowns:
         """A copy with other values (n,) of a column of all unknowns."""
-        found, first = dict(self.declaration.quantities), 0
+        found = dict(self.declaration.quantities)
+        first = 0
         for name, one in self._items():
-            changed, n = getattr(one, column).copy(), int(one.free.sum())
+            changed = getattr(one, column).copy()
+            n = int(one.free.sum())
             changed[one.free] = values[first : first + n]
             found[name], first = replace(one, **{column: changed}), first + n
         return Unknowns(Declaration(quantities=found), self.own)
 
     def _items(self) -> Iterator[tuple[str, Quantity]]:
-        return ((name, one) for name, one in self.declaration.quantities.items() if one.own == self.own)
+        return (
+            (name, one) for name, one in self.declaration.quantities.items() if one.own == self.own
+        )
 
     def _free(self, column: str) -> np.ndarray:
-        return np.concatenate([np.zeros(0), *(getattr(one, column)[one.free] for _, one in self._items())])
+        return np.concatenate(
+            [np.zeros(0), *(getattr(one, column)[one.free] for _, one in self._items())]
+        )
 
 
 # The quantities of a vehicle, all of them known to be what its model says.
@@ -258,7 +326,9 @@ class ActuatorModel:
     dead_zone: float = 1e-3
     """[N, N m] below which nothing comes of a command."""
     whole_beyond: bool = False
-    """True where a command beyond it acts in full, as for thrusters of robot files; else the size of the dead zone is missing."""
+    """True where a command beyond it acts in full, as for thrusters of robot files; else the size
+    of the dead zone is missing.
+    """
     delay: float = 0.1
     """[s] between a command and its effect, lag aside."""
     commands: str = ""
@@ -277,7 +347,9 @@ class AxisCouplings:
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class NominalParameters:
-    """Nominal numbers of the vehicle, where the search begins and by which coordinates are scaled; positive for each axis."""
+    """Nominal numbers of the vehicle, where the search begins and by which coordinates are scaled;
+    positive for each axis.
+    """
 
     mass: float
     """[kg]"""
@@ -322,17 +394,26 @@ def vehicle_declaration(
 ) -> Declaration:
     """Declare every quantity of a vehicle as fixed; `Declaration.with_status` frees some.
 
-    hull: (2, 3) [m] lowest and highest corner of a box that holds the hull, in the frame of the coefficients.
-    velocity_delay: [s] of measured velocity. Raises InvalidInput for numbers that no vehicle has.
+    hull: (2, 3) [m] lowest and highest corner of a box that holds the hull, in the frame of the
+    coefficients. velocity_delay: [s] of measured velocity. Raises InvalidInput for numbers that no
+    vehicle has.
     """
-    known = _body(start, hull) | _water(start, couplings or AxisCouplings()) | _actuation(actuators or ActuatorModel())
+    known = (
+        _body(start, hull)
+        | _water(start, couplings or AxisCouplings())
+        | _actuation(actuators or ActuatorModel())
+    )
     return Declaration(quantities=known | _sensing(velocity_delay))
 
 
 def _body(start: NominalParameters, hull: np.ndarray) -> dict[str, Quantity]:
     S = second_moment(start.inertia)
-    moments = PositiveDefinite(axes=_XYZ, scale=np.sqrt(np.diag(S)), couplings=((0, 1), (0, 2), (1, 2)))
-    box = Interval(names=_XYZ, lower=np.asarray(hull[0], dtype=float), upper=np.asarray(hull[1], dtype=float))
+    moments = PositiveDefinite(
+        axes=_XYZ, scale=np.sqrt(np.diag(S)), couplings=((0, 1), (0, 2), (1, 2))
+    )
+    box = Interval(
+        names=_XYZ, lower=np.asarray(hull[0], dtype=float), upper=np.asarray(hull[1], dtype=float)
+    )
     return {
         "mass": Quantity.fixed("kg", Positives(names=("",)), np.array([start.mass])),
         "centre_of_mass": Quantity.fixed("m", Reals(names=_XYZ), start.centre_of_mass),
@@ -347,16 +428,23 @@ def _water(start: NominalParameters, coupled: AxisCouplings) -> dict[str, Quanti
     added = PositiveDefinite(axes=AXES, scale=root["added_mass"], couplings=coupled.added_mass)
     linear = PositiveDefinite(axes=AXES, scale=root["linear_drag"], couplings=coupled.linear_drag)
     own = np.diag(start.quadratic_drag)
-    quadratic = coordinates.QuadraticDrag(axes=AXES, scale=own, speed=np.full(6, _SPEED), couplings=coupled.quadratic_drag)
+    quadratic = coordinates.QuadraticDrag(
+        axes=AXES, scale=own, speed=np.full(6, _SPEED), couplings=coupled.quadratic_drag
+    )
     return {
         "added_mass": Quantity.fixed("kg, kg m, kg m2", added, start.added_mass),
-        "linear_drag": Quantity.fixed("N/(m/s), N m/(rad/s)", coordinates.LinearDrag(symmetric=linear), start.linear_drag),
-        "quadratic_drag": Quantity.fixed("N/(m/s)^2, N m/(rad/s)^2", quadratic, start.quadratic_drag),
+        "linear_drag": Quantity.fixed(
+            "N/(m/s), N m/(rad/s)", coordinates.LinearDrag(symmetric=linear), start.linear_drag
+        ),
+        "quadratic_drag": Quantity.fixed(
+            "N/(m/s)^2, N m/(rad/s)^2", quadratic, start.quadratic_drag
+        ),
     }
 
 
 def _actuation(driven: ActuatorModel) -> dict[str, Quantity]:
-    each, ones = Positives(names=driven.names), np.ones(len(driven.names))
+    each = Positives(names=driven.names)
+    ones = np.ones(len(driven.names))
     return {
         "gain": Quantity.fixed("-", each, ones),
         "reverse": Quantity.fixed("-", each, ones),
@@ -369,9 +457,11 @@ def _actuation(driven: ActuatorModel) -> dict[str, Quantity]:
 
 
 def _sensing(late: float) -> dict[str, Quantity]:
-    """The sensor of attitude and its rate sits in B turned by a rotation vector, to which each recording adds its own.
+    """The sensor of attitude and its rate sits in B turned by a rotation vector, to which each
+    recording adds its own.
 
-    A recording has for itself, too, its current, a force that nobody knows, and the bias of its gyro.
+    A recording has for itself, too, its current, a force that nobody knows, and the bias of its
+    gyro.
     """
     return {
         "velocity_point": Quantity.fixed("m", Reals(names=_XYZ), np.zeros(3)),
@@ -387,4 +477,7 @@ def _sensing(late: float) -> dict[str, Quantity]:
 def _delay(known: float, begin: float) -> Quantity:
     """A delay [s] that is known, and from where a search of it would begin."""
     inside = Interval(names=("",), lower=np.zeros(1), upper=np.full(1, LONGEST_DELAY))
-    return replace(Quantity.fixed("s", inside, np.array([max(known, AT_ONCE)])), begin=inside.encode(np.array([begin])))
+    return replace(
+        Quantity.fixed("s", inside, np.array([max(known, AT_ONCE)])),
+        begin=inside.encode(np.array([begin])),
+    )

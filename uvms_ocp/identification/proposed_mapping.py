@@ -1,8 +1,10 @@
-"""Propose a mapping for a file that nobody has described: by names, then by what its values say against a first reading.
+"""Propose a mapping for a file that nobody has described: by names, then by what its values say
+against a first reading.
 
-What columns and fields are called, and what cures a doubt, stands in ``proposed_mapping.toml``. A cure is proposed only where the
-recording, read with it, raises fewer doubts than without. Columns without names are guessed by their values, and by what those
-of some say of others; the names that they are given are such as files with a header have, and known by the forms.
+What columns and fields are called, and what cures a doubt, stands in ``proposed_mapping.toml``. A
+cure is proposed only where the recording, read with it, raises fewer doubts than without. Columns
+without names are guessed by their values, and by what those of some say of others; the names that
+they are given are such as files with a header have, and known by the forms.
 """
 
 from __future__ import annotations
@@ -20,11 +22,19 @@ import tomllib
 import yaml
 
 from uvms_ocp.errors import InvalidInput, UvmsError
-from uvms_ocp.identification import data_quality, file_kinds, reading, sample_checks as checks, tables
+from uvms_ocp.identification import (
+    data_quality,
+    file_kinds,
+    reading,
+    sample_checks as checks,
+    tables,
+)
 from uvms_ocp.identification.messages import messages, topics_of
 from uvms_ocp.identification.recording import CHANNEL_KINDS, smoothed, unit_named
 
-_TABLE = tomllib.loads((files("uvms_ocp.identification") / "proposed_mapping.toml").read_text(encoding="utf-8"))
+_TABLE = tomllib.loads(
+    (files("uvms_ocp.identification") / "proposed_mapping.toml").read_text(encoding="utf-8")
+)
 _ROUNDS = 3  # of cures, one of which may show what another one cures
 _SUFFIX = re.compile(_TABLE["unit"])
 _Found = dict[str, dict[str, Any]]
@@ -34,49 +44,97 @@ _Doubt = tuple[str, str]  # of which channel, and what
 def propose_mapping(path: Path) -> str:
     """A mapping as YAML, to be edited: every channel with the evidence for it in comments.
 
-    Raises InvalidInput for a file in which nothing has a name that is known, with the names that there are, and NotInstalled.
+    Raises InvalidInput for a file in which nothing has a name that is known, with the names that
+    there are, and NotInstalled.
     """
     known = not path.is_dir() and file_kinds.kind_of(path) in _TABLE["kinds"]
     forms = [form for form in _TABLE["forms"] if ("topic" in form) == known]
-    named = dict(_fields(path, forms)) if file_kinds.holds_messages(path) else {"": list(tables.column_names(path))}
-    found, labels = _Found(), dict[str, tuple[str, str]]()
+    named = (
+        dict(_fields(path, forms))
+        if file_kinds.holds_messages(path)
+        else {"": list(tables.column_names(path))}
+    )
+    found = _Found()
+    labels = dict[str, tuple[str, str]]()
     if all(name == f"#{k}" for k, name in enumerate(named.get("", [""]), start=1)):
         labels = guessed_names(named[""], tables.read_columns(path, named[""]), _TABLE["guesses"])
     for form, (topic, names) in product(forms, named.items()):
-        used = {name for one in found.values() if one.get("topic", "") == topic for name in _names_of(one)}
-        left = [name for name in names if name not in used and (name[:1].isupper() or "capitals" not in form)]
+        used = {
+            name
+            for one in found.values()
+            if one.get("topic", "") == topic
+            for name in _names_of(one)
+        }
+        left = [
+            name
+            for name in names
+            if name not in used and (name[:1].isupper() or "capitals" not in form)
+        ]
         labelled = {name: labels.get(name, (_label(topic, name), ""))[0] for name in names}
         asked = CHANNEL_KINDS[form["channel"]].command or re.compile(_TABLE["asked"])
-        free = {name: labelled[name] for name in left if asked is True or not asked.search(_plain(labelled[name]))}
+        free = {
+            name: labelled[name]
+            for name in left
+            if asked is True or not asked.search(_plain(labelled[name]))
+        }
         columns = _matched(form, free, re.compile("$.")) or _matched(form, free, _SUFFIX)
         columns *= any(re.fullmatch(form.get("beside", ".*"), _plain(name)) for name in names)
-        if columns and form["channel"] not in found and re.fullmatch(form.get("topic", ".*"), topic):
-            given = {key: form[key] for key in ("format", "frame", "world", "body", "offset", "scale") if key in form}
+        if (
+            columns
+            and form["channel"] not in found
+            and re.fullmatch(form.get("topic", ".*"), topic)
+        ):
+            given = {
+                key: form[key]
+                for key in ("format", "frame", "world", "body", "offset", "scale")
+                if key in form
+            }
             units = {_unit_of(name) for name in columns if isinstance(name, str)}
-            if len(units) == 1 and units <= reading.units_of(form["channel"], form.get("format")).keys():
+            if (
+                len(units) == 1
+                and units <= reading.units_of(form["channel"], form.get("format")).keys()
+            ):
                 given["unit"] = units.pop()
-            if rows := {name: value for name, value in form.get("rows", {}).items() if name in names}:
+            rows = {name: value for name, value in form.get("rows", {}).items() if name in names}
+            if rows:
                 given["rows"] = rows
             whole = {"topic": topic} if topic else {}
-            found[form["channel"]] = whole | _time(labelled, of_messages=bool(topic)) | {"columns": columns} | given
+            found[form["channel"]] = (
+                whole | _time(labelled, of_messages=bool(topic)) | {"columns": columns} | given
+            )
     if not found:
-        there = "; ".join(f"{topic} {', '.join(names[:40])}".strip() for topic, names in named.items())
-        raise InvalidInput(f"{path}: nothing in it has a name that is known: {there}; write a mapping of these")
+        there = "; ".join(
+            f"{topic} {', '.join(names[:40])}".strip() for topic, names in named.items()
+        )
+        raise InvalidInput(
+            f"{path}: nothing in it has a name that is known: {there}; write a mapping of these"
+        )
     found, cured = _cured(path, found)
     ranges, doubts = _judged(path, found)
     lines = ["channels:"]
     for name, one in found.items():
-        lines.append(f"  {name}: {yaml.safe_dump(one, default_flow_style=True, sort_keys=False, width=10_000).strip()}")
-        known_axes = one.keys() & {"world", "body", "frame"} or found.keys() & _TABLE["tells"].get(name, found)
+        lines.append(
+            f"  {name}:"
+            f" {yaml.safe_dump(one, default_flow_style=True, sort_keys=False, width=10_000).strip()}"
+        )
+        known_axes = one.keys() & {"world", "body", "frame"} or found.keys() & _TABLE["tells"].get(
+            name, found
+        )
         notes = {
-            "by values": [labels[at][1] for at in (str(one.get("time")), *_names_of(one)) if at in labels],
+            "by values": [
+                labels[at][1] for at in (str(one.get("time")), *_names_of(one)) if at in labels
+            ],
             "by names": [ranges[name]] if name in ranges else [],
             "assumed": [] if known_axes or 0.0 in one["columns"] else [_TABLE["assumed"]],
             "not measured": [_TABLE["constant"]] if 0.0 in one["columns"] else [],
             "cured": cured[name],
             "doubtful": [why for key, why in doubts if key == name],
         }
-        lines += [f"    # {kind}: {text}" for kind, texts in notes.items() for text in dict.fromkeys(texts)]
+        lines += [
+            f"    # {kind}: {text}"
+            for kind, texts in notes.items()
+            for text in dict.fromkeys(texts)
+        ]
     return "\n".join(lines) + "\n"
 
 
@@ -86,11 +144,20 @@ def _names_of(one: Mapping[str, Any]) -> list[str]:
 
 
 def _fields(path: Path, forms: Sequence[Mapping[str, Any]]) -> Iterator[tuple[str, list[str]]]:
-    """Topics that a form may be of, with the fields of their second message: one that is sent once is no measurement."""
+    """Topics that a form may be of, with the fields of their second message: one that is sent once
+    is no measurement.
+    """
     for topic in topics_of(path):
         if any(re.fullmatch(form.get("topic", ".*"), topic) for form in forms):
             try:
-                yield topic, [name for _, _, one in islice(messages(path, [topic], None, []), 1, 2) for name in _leaves("", one)]
+                yield (
+                    topic,
+                    [
+                        name
+                        for _, _, one in islice(messages(path, [topic], None, []), 1, 2)
+                        for name in _leaves("", one)
+                    ],
+                )
             except UvmsError as error:  # such as for want of its definition
                 yield topic, [f"({error})"]
 
@@ -117,129 +184,229 @@ def _unit_of(name: str) -> str:
 
 
 def _label(topic: str, name: str) -> str:
-    """Name that says what a field holds: the topic's where it is ``data`` alone, as in ROS standard messages."""
+    """Name that says what a field holds: the topic's where it is ``data`` alone, as in ROS standard
+    messages.
+    """
     return re.sub(r"^data(?=$|\[)", topic.rpartition("/")[2], name)
 
 
-def _matched(form: Mapping[str, Any], names: Mapping[str, str], left_out: re.Pattern[str]) -> list[str | float]:
-    """Columns of all axes of a form, by labels without what is left out of them; empty where there are too few."""
-    axes, groups = form.get("axes", _TABLE["numbers"]), defaultdict[str, dict[int, str]](dict)
+def _matched(
+    form: Mapping[str, Any], names: Mapping[str, str], left_out: re.Pattern[str]
+) -> list[str | float]:
+    """Columns of all axes of a form, by labels without what is left out of them; empty where there
+    are too few.
+    """
+    axes = form.get("axes", _TABLE["numbers"])
+    groups = defaultdict[str, dict[int, str]](dict)
     for (name, label), (k, axis) in product(names.items(), enumerate(axes)):
-        if match := re.fullmatch(form["pattern"].replace("AXIS", axis), left_out.sub("", _plain(label))):
+        match = re.fullmatch(form["pattern"].replace("AXIS", axis), left_out.sub("", _plain(label)))
+        if match:
             groups[match["pre"]].setdefault(k, name)
-    fitting = [one for one in groups.values() if one.keys() & set(form.get("must", range(len(axes))))]
-    best, signs = max(fitting, key=len, default={}), form.get("signs", [""] * len(axes))
+    fitting = [
+        one for one in groups.values() if one.keys() & set(form.get("must", range(len(axes))))
+    ]
+    best = max(fitting, key=len, default={})
+    signs = form.get("signs", [""] * len(axes))
     there = range(len(axes)) if "axes" in form else sorted(best)
-    return [signs[k] + best[k] if k in best else 0.0 for k in there] if len(best) >= form.get("least", len(axes)) else []
+    return (
+        [signs[k] + best[k] if k in best else 0.0 for k in there]
+        if len(best) >= form.get("least", len(axes))
+        else []
+    )
 
 
 def _time(names: Mapping[str, str], *, of_messages: bool) -> dict[str, Any]:
     if any(name.startswith("header.stamp") for name in names) and of_messages:
         return {"time": "header.stamp"}
-    pairs = [[one, other] for one, other in product(names, names) if re.fullmatch(_TABLE["stamp"], f"{one} {other}")]
+    pairs = [
+        [one, other]
+        for one, other in product(names, names)
+        if re.fullmatch(_TABLE["stamp"], f"{one} {other}")
+    ]
     if pairs and not of_messages:
         return {"time": pairs[0]}
-    found = [(name, match["unit"]) for name, label in names.items() if (match := re.fullmatch(_TABLE["time"], _plain(label)))]
+    found = [
+        (name, match["unit"])
+        for name, label in names.items()
+        if (match := re.fullmatch(_TABLE["time"], _plain(label)))
+    ]
     found.sort(key=lambda one: "header" not in one[0])  # rather than when it was logged
-    return {"time": found[0][0]} | ({"time_unit": unit_named(found[0][1])} if found[0][1] else {}) if found else {}
+    return (
+        {"time": found[0][0]} | ({"time_unit": unit_named(found[0][1])} if found[0][1] else {})
+        if found
+        else {}
+    )
 
 
 # Cures: what a doubt says, applied and judged by what is doubtful then.
 
 
 def _cured(path: Path, found: _Found) -> tuple[_Found, Mapping[str, list[str]]]:
-    """Apply of the cures for each doubt the one that leaves fewest; returns the channels, and doubts that were cured."""
+    """Apply of the cures for each doubt the one that leaves fewest; returns the channels, and
+    doubts that were cured.
+    """
     cured, (ranges, doubts) = defaultdict[str, list[str]](list), _judged(path, found)
     for _ in range(_ROUNDS):
         for doubt in tuple(doubts):
-            least, chosen = _left(found, ranges, doubts, doubts), None
+            least = _left(found, ranges, doubts, doubts)
+            chosen = None
             for named, other in _others(doubt, found) if doubt in doubts else ():
                 seen, left = _judged(path, other)
-                if (score := _left(other, seen, left, doubts)) < least:
-                    least, chosen = score, (named, other, seen, left)
+                score = _left(other, seen, left, doubts)
+                if score < least:
+                    least = score
+                    chosen = (named, other, seen, left)
             if chosen:
                 named, found, ranges, doubts = chosen
                 cured[named].append(doubt[1])
     return found, cured
 
 
-def _left(found: _Found, ranges: Mapping[str, str], doubts: Sequence[_Doubt], before: Sequence[_Doubt]) -> tuple[int, int, int]:
-    """Count what a cure leaves: channels that cannot be read, doubts, and doubts of `before` whose channel no longer reads."""
+def _left(
+    found: _Found, ranges: Mapping[str, str], doubts: Sequence[_Doubt], before: Sequence[_Doubt]
+) -> tuple[int, int, int]:
+    """Count what a cure leaves: channels that cannot be read, doubts, and doubts of `before` whose
+    channel no longer reads.
+    """
     hiding = sum("rad: in deg?" in why for _, why in doubts)  # others, that would follow from these
-    return len(found) - len(ranges) + hiding, len(doubts), sum(one in before for one in doubts if one[0] not in ranges)
+    return (
+        len(found) - len(ranges) + hiding,
+        len(doubts),
+        sum(one in before for one in doubts if one[0] not in ranges),
+    )
 
 
 def _others(doubt: _Doubt, found: _Found) -> Iterator[tuple[str, _Found]]:
     """For each cure of a doubt the channel that it is of, and all channels with it."""
     for cure in _TABLE["cures"]:
-        channel, match = cure.get("of", doubt[0]), re.search(cure["doubt"], doubt[1])
+        channel = cure.get("of", doubt[0])
+        match = re.search(cure["doubt"], doubt[1])
         if match is None or cure.get("channel", doubt[0]) != doubt[0] or channel not in found:
             continue
-        keys = yaml.safe_load(cure.get("keys", "{}").replace("VALUE", match.groupdict().get("value", "")))
-        if axes := cure.get("axes", match.groupdict().get("axes", "")):
+        keys = yaml.safe_load(
+            cure.get("keys", "{}").replace("VALUE", match.groupdict().get("value", ""))
+        )
+        axes = cure.get("axes", match.groupdict().get("axes", ""))
+        if axes:
             keys["columns"] = _turned(found[channel], axes.split(", "))
         named = cure.get("becomes", channel)
         if "all" in cure:
             meant = {name: reading.frames_of(name, one.get("frame")) for name, one in found.items()}
-            yield channel, {name: one | {key: keys[key] for key in keys if key in meant[name]} for name, one in found.items()}
+            yield (
+                channel,
+                {
+                    name: one | {key: keys[key] for key in keys if key in meant[name]}
+                    for name, one in found.items()
+                },
+            )
         elif keys.get("columns") != []:
-            other = {named if name == channel else name: one | keys if name == channel else one for name, one in found.items()}
+            other = {
+                named if name == channel else name: one | keys if name == channel else one
+                for name, one in found.items()
+            }
             yield named, other
 
 
 def _turned(one: Mapping[str, Any], axes: Sequence[str]) -> list[str | float]:
-    """Columns for axes such as ``-y`` of those that there are; empty for others than one for each."""
+    """Columns for axes such as ``-y`` of those that there are; empty for others than one for
+    each.
+    """
     letters = "wxyz" if str(one.get("format")).endswith("wxyz") else "xyzw"
     if len(one["columns"]) != len(axes):
         return []
     columns = dict(zip(letters, one["columns"], strict=False))
-    turned = {axis[-1]: _opposite(columns[axis[-1]]) if axis[0] == "-" else columns[axis[-1]] for axis in axes}
-    return [turned[letter] for letter in letters] if len(axes) == len(letters) else [turned[axis[-1]] for axis in axes]
+    turned = {
+        axis[-1]: _opposite(columns[axis[-1]]) if axis[0] == "-" else columns[axis[-1]]
+        for axis in axes
+    }
+    return (
+        [turned[letter] for letter in letters]
+        if len(axes) == len(letters)
+        else [turned[axis[-1]] for axis in axes]
+    )
 
 
 def _opposite(column: str | float) -> str | float:
-    return -column if isinstance(column, float) else column[1:] if column.startswith("-") else f"-{column}"
+    return (
+        -column
+        if isinstance(column, float)
+        else column[1:]
+        if column.startswith("-")
+        else f"-{column}"
+    )
 
 
 def _judged(path: Path, found: _Found) -> tuple[dict[str, str], list[tuple[str, str]]]:
-    """Ranges of channels that can be read, and what speaks against each; one that cannot be is left out for the others."""
+    """Ranges of channels that can be read, and what speaks against each; one that cannot be is left
+    out for the others.
+    """
     try:
-        recording = reading.mapped_recording(path, reading.RecordingMapping.model_validate({"channels": found}))
+        recording = reading.mapped_recording(
+            path, reading.RecordingMapping.model_validate({"channels": found})
+        )
     except UvmsError as error:
         text = str(error)
-        wrong = min(found, key=lambda name: text.find(name) if name in text else len(text))  # the first that is named
+        wrong = min(
+            found, key=lambda name: text.find(name) if name in text else len(text)
+        )  # the first that is named
         others = {name: one for name, one in found.items() if name != wrong}
         ranges, doubts = _judged(path, others) if others else ({}, [])
         return ranges, [(wrong, text), *doubts]
     issues = data_quality.check_data_quality(recording)
     ranges = {
-        name: f"{one.values.min():.4g} to {one.values.max():.4g} {CHANNEL_KINDS[name].unit} at {one.rate:.3g} Hz"
+        name: (
+            f"{one.values.min():.4g} to {one.values.max():.4g} {CHANNEL_KINDS[name].unit} at"
+            f" {one.rate:.3g} Hz"
+        )
         for name, one in recording.channels.items()
     }
-    return ranges, [(one.channel, one.problem) for one in issues if "are left out" not in one.problem]
+    return ranges, [
+        (one.channel, one.problem) for one in issues if "are left out" not in one.problem
+    ]
 
 
-# What columns without names hold: what is looked for, one after the other, stands in ``proposed_mapping.toml`` as guesses.
+# What columns without names hold: what is looked for, one after the other, stands in
+# ``proposed_mapping.toml`` as guesses.
 
-_LEAST, _MOST = 100, 20_000  # rows that are looked at
-_STEP, _WINDOW = 0.1, 1.5  # [s] assumed between rows, and to smooth over: magnitudes are compared, whatever their scale
-_AGREES, _PLANAR, _SMOOTH = 0.8, 0.98, 0.15  # correlations; steps beside what values spread
-_PEAKS, _PULSES = 95.0, (900.0, 2200.0)  # [%] of samples below peaks, as where an angle jumps; [us]
+# rows that are looked at
+_LEAST = 100
+_MOST = 20_000
+# [s] assumed between rows, and to smooth over: magnitudes are compared, whatever their scale
+_STEP = 0.1
+_WINDOW = 1.5
+# correlations; steps beside what values spread
+_AGREES = 0.8
+_PLANAR = 0.98
+_SMOOTH = 0.15
+# [%] of samples below peaks, as where an angle jumps; [us]
+_PEAKS = 95.0
+_PULSES = (900.0, 2200.0)
 
 
-def guessed_names(places: Sequence[str], values: np.ndarray, guesses: Sequence[Mapping[str, Any]]) -> dict[str, tuple[str, str]]:
-    """Guess a name, with the evidence for it, for columns (n, k) [as they are], by their places; unknown ones are left out."""
-    known, labels = np.isfinite(values), dict[str, tuple[str, str]]()
-    values = np.where(known.any(axis=0), values, 0.0)[known[:, known.any(axis=0)].all(axis=1)][:_MOST]
+def guessed_names(
+    places: Sequence[str], values: np.ndarray, guesses: Sequence[Mapping[str, Any]]
+) -> dict[str, tuple[str, str]]:
+    """Guess a name, with the evidence for it, for columns (n, k) [as they are], by their places;
+    unknown ones are left out.
+    """
+    known = np.isfinite(values)
+    labels = dict[str, tuple[str, str]]()
+    values = np.where(known.any(axis=0), values, 0.0)[known[:, known.any(axis=0)].all(axis=1)][
+        :_MOST
+    ]
     if len(values) < _LEAST:
         return labels
     table = _Columns(values)
     for guess in (one for one in guesses if one["names"] not in table.found):
-        conditions, names = guess.keys() & _CONDITIONS.keys(), guess["names"].split()
+        conditions = guess.keys() & _CONDITIONS.keys()
+        names = guess["names"].split()
         for group in table.left(len(names)):
             if all(_CONDITIONS[key](table, group, guess[key]) for key in conditions):
                 table.found[guess["names"]] = group
-                said = f"{' to '.join(dict.fromkeys((places[group[0]], places[group[-1]])))}: {guess['why']}"
+                said = (
+                    f"{' to '.join(dict.fromkeys((places[group[0]], places[group[-1]])))}:"
+                    f" {guess['why']}"
+                )
                 labels |= {places[k]: (name, said) for k, name in zip(group, names, strict=True)}
                 break
     return labels
@@ -250,46 +417,70 @@ class _Columns:
 
     def __init__(self, values: np.ndarray) -> None:
         t = _STEP * np.arange(len(values))
-        self.values, self.steps, self.spread = values, np.diff(values, axis=0), values.std(axis=0)
+        self.values = values
+        self.steps = np.diff(values, axis=0)
+        self.spread = values.std(axis=0)
         self.smooth, self.rates = (smoothed(t, values, _WINDOW, derivative=k)[1] for k in (0, 1))
         self.found: dict[str, range] = {}
 
     def left(self, width: int) -> list[range]:
         free = np.ptp(self.values, axis=0) > 0.0
         free[[k for group in self.found.values() for k in group]] = False
-        return [range(k, k + width) for k in range(len(free) - width + 1) if free[k : k + width].all()]
+        return [
+            range(k, k + width) for k in range(len(free) - width + 1) if free[k : k + width].all()
+        ]
 
     def rates_of(self, pose: range) -> Iterator[range]:
         """Groups that are as large as the rate of a pose, whatever their axes."""
         for group in (one for one in self.left(3) if not set(one) & set(pose)):
-            sizes = [np.linalg.norm(x, axis=1) for x in (self.rates[:, pose], self.smooth[:, group])]
-            if checks.correlation(*(np.minimum(size, np.percentile(size, _PEAKS)) for size in sizes)) > _AGREES:
+            sizes = [
+                np.linalg.norm(x, axis=1) for x in (self.rates[:, pose], self.smooth[:, group])
+            ]
+            if (
+                checks.correlation(
+                    *(np.minimum(size, np.percentile(size, _PEAKS)) for size in sizes)
+                )
+                > _AGREES
+            ):
                 yield group
 
     def is_planar(self, pose: range, group: range) -> bool:
         """Check whether a rate is turned by the third number of a pose, its heading."""
-        plane, moved = (x[:, 0] + 1j * x[:, 1] for x in (self.rates[:, pose], self.smooth[:, group]))
+        plane, moved = (
+            x[:, 0] + 1j * x[:, 1] for x in (self.rates[:, pose], self.smooth[:, group])
+        )
         turned = float(np.vdot(plane * np.exp(-1j * self.smooth[:, pose[2]]), moved).real)
         return turned > _PLANAR * float(np.linalg.norm(plane) * np.linalg.norm(moved))
 
     def differ(self, group: range, size: float) -> float:
         """Share by which norms differ from a size, most of the time."""
-        return float(np.percentile(np.abs(np.linalg.norm(self.values[:, group], axis=1) / size - 1.0), 90.0))
+        return float(
+            np.percentile(np.abs(np.linalg.norm(self.values[:, group], axis=1) / size - 1.0), 90.0)
+        )
 
     def are_commands(self, group: range) -> bool:
         """Recognise pulse widths, and what stays from row to row."""
-        pulses, held = (self.values > _PULSES[0]) & (self.values < _PULSES[1]), self.steps == 0.0
+        pulses = (self.values > _PULSES[0]) & (self.values < _PULSES[1])
+        held = self.steps == 0.0
         return bool((pulses.all(axis=0) | (held.mean(axis=0) > 0.5))[list(group)].all())
 
 
 _CONDITIONS: Mapping[str, Callable[[_Columns, range, Any], bool]] = {
-    "rises": lambda of, one, by: bool((of.steps[:, one] >= 0.0).all() and (of.steps[:, one] > 0.0).mean() > by),
+    "rises": lambda of, one, by: bool(
+        (of.steps[:, one] >= 0.0).all() and (of.steps[:, one] > 0.0).mean() > by
+    ),
     "counts": lambda of, one, given: bool((of.steps[:, one] == 1.0).all()) is given,
     "size": lambda of, one, is_: of.differ(one, is_[0]) < is_[1],
     "rate_of": lambda of, one, names: names in of.found and one in of.rates_of(of.found[names]),
-    "has_rate": lambda of, one, planar: any(of.is_planar(one, other) or not planar for other in of.rates_of(one)),
+    "has_rate": lambda of, one, planar: any(
+        of.is_planar(one, other) or not planar for other in of.rates_of(one)
+    ),
     "commands": lambda of, one, given: of.are_commands(one) is given,
-    "smooth": lambda of, one, given: bool((of.steps[:, one].std(axis=0) < _SMOOTH * of.spread[one]).all()) is given,
+    "smooth": lambda of, one, given: (
+        bool((of.steps[:, one].std(axis=0) < _SMOOTH * of.spread[one]).all()) is given
+    ),
     "begins_at": lambda of, one, within: bool(np.abs(of.values[:, one]).min() < within),
-    "unless": lambda of, one, names: not set(names) & {name for group in of.found for name in group.split()},
+    "unless": lambda of, one, names: (
+        not set(names) & {name for group in of.found for name in group.split()}
+    ),
 }

@@ -10,19 +10,19 @@ The mapping is a YAML file, or the same as a value:
         columns: [velocity.x, velocity.y, velocity.z]
         body: FRD
 
-Messages of MCAP files and rosbag2 folders have a topic, and fields by their paths; without a time they count as measured when
-they were logged:
+Messages of MCAP files and rosbag2 folders have a topic, and fields by their paths; without a time
+they count as measured when they were logged:
 
       attitude:
-        topic: /odometry
-        time: header.stamp
-        columns: [pose.pose.orientation.x, pose.pose.orientation.y, pose.pose.orientation.z, pose.pose.orientation.w]
+        topic: /odometry time: header.stamp columns: [pose.pose.orientation.x,
+        pose.pose.orientation.y, pose.pose.orientation.z, pose.pose.orientation.w]
       joint_positions:
         topic: /joint_states
         columns: ["position[shoulder]", "position[elbow]"]
 
-What a table of text looks like is found, or given (``table: {delimiter: tab}``). Frames: ``world: NED`` and ``body: FRD`` are
-turned to W with z up and B forward-left-up. A world with z up is taken as it is: where it has its x axis changes no fit.
+What a table of text looks like is found, or given (``table: {delimiter: tab}``). Frames: ``world:
+NED`` and ``body: FRD`` are turned to W with z up and B forward-left-up. A world with z up is taken
+as it is: where it has its x axis changes no fit.
 """
 
 from __future__ import annotations
@@ -50,11 +50,13 @@ from uvms_ocp.record.row_files import META
 
 
 def even_send_times(arrived: np.ndarray, period: float) -> np.ndarray:
-    """Times (n,) [s] at which messages were sent every `period` [s], from when they arrived (n,) [s].
+    """Times (n,) [s] at which messages were sent every `period` [s], from when they arrived (n,)
+    [s].
 
-    A message was sent no later than it arrived, and at least a period before the next one: of all these bounds the least. Where
-    messages are lost, the times after the gap are right again as soon as one comes without delay. What all messages are
-    late by stays. Raises InvalidInput for a period that is not positive.
+    A message was sent no later than it arrived, and at least a period before the next one: of all
+    these bounds the least. Where messages are lost, the times after the gap are right again as soon
+    as one comes without delay. What all messages are late by stays. Raises InvalidInput for a
+    period that is not positive.
     """
     if not period > 0.0:
         raise InvalidInput(f"period = {period} s given; allowed: more than 0")
@@ -64,14 +66,19 @@ def even_send_times(arrived: np.ndarray, period: float) -> np.ndarray:
 
 # How the columns of foreign files become channels: a YAML file, or the same as a value.
 
-_DAY, _AROUND_MIDNIGHT = 86_400.0, 600.0  # [s]; the latter on each side
+# [s]; the latter on each side
+_DAY = 86_400.0
+_AROUND_MIDNIGHT = 600.0
 _DOWN = np.diag([1.0, -1.0, -1.0])  # from axes with z down to axes with z up, and back
 UNITS: Mapping[str, Mapping[str, float]] = recordings.CHANNEL_TABLE["units"]
 """By the unit of a channel: units that its values may be given in, and factors."""
 _OF_CHANNEL = recordings.CHANNEL_TABLE["of_channel"]
 _FOREIGN = 0.5  # of all rows, above which those without any cell are of other channels
-_LARGEST_ANGLE = 2.5 * np.pi  # [rad] of roll, pitch and yaw as files have them, unless yaw is unwound
-_AT_ONCE = 0.05  # of the usual interval, within which a message that says the same again is the same message
+_LARGEST_ANGLE = (
+    2.5 * np.pi
+)  # [rad] of roll, pitch and yaw as files have them, unless yaw is unwound
+# of the usual interval, within which a message that says the same again is the same message
+_AT_ONCE = 0.05
 _Numbers = float | tuple[float, ...]
 
 
@@ -83,15 +90,21 @@ class ChannelMapping(FileModel, allow_inf_nan=False, use_attribute_docstrings=Tr
     topic: str = ""
     """of the messages, in MCAP files, bags, logs of MAVLink; `type` of JSON lines"""
     time: str | Annotated[float, Field(gt=0.0, strict=True)] | tuple[str, str] = ""
-    """column or field of the times; of messages, empty for when they were logged; a number is the period of rows that have none;
-    two columns of a table are whole seconds and nanoseconds"""
+    """column or field of the times; of messages, empty for when they were logged; a number is the
+    period of rows that have none; two columns of a table are whole seconds and nanoseconds
+    """
     time_unit: Literal["s", "ms", "us", "ns", "min", "h", "d"] | None = None
-    """of times that are plain numbers, default: as a header says, or s; stamps and ISO 8601 need none"""
+    """of times that are plain numbers, default: as a header says, or s; stamps and ISO 8601 need
+    none
+    """
     columns: tuple[str | float, ...] = Field(min_length=1)
-    """in the order that the channel has; -name for the opposite, a number for what is not measured; of messages, paths such as
-    position.x, actuators[3]; of tables also places, #1"""
+    """in the order that the channel has; -name for the opposite, a number for what is not measured;
+    of messages, paths such as position.x, actuators[3]; of tables also places, #1
+    """
     rows: dict[str, float | str] = Field(default={})
-    """only rows or messages that have these values, such as {instance: 0, valid: 1, sensor: left}"""
+    """only rows or messages that have these values, such as {instance: 0, valid: 1, sensor:
+    left}
+    """
     missing: tuple[float, ...] = ()
     """values that stand where nothing was measured"""
     format: Literal["rpy", "quaternion xyzw", "quaternion wxyz"] | None = None
@@ -122,8 +135,13 @@ class ChannelMapping(FileModel, allow_inf_nan=False, use_attribute_docstrings=Tr
 
     @property
     def words(self) -> tuple[str | None, ...]:
-        """For each column, then each row: the word that reads as 1 (every other word as 0); None where numbers are read."""
-        return (*(None for _ in self.fields), *(one if isinstance(one, str) else None for one in self.rows.values()))
+        """For each column, then each row: the word that reads as 1 (every other word as 0); None
+        where numbers are read.
+        """
+        return (
+            *(None for _ in self.fields),
+            *(one if isinstance(one, str) else None for one in self.rows.values()),
+        )
 
 
 @one_line_errors
@@ -146,25 +164,45 @@ def read_mapping(path: Path | str) -> RecordingMapping:
     found = untrusted.read_yaml_as(path, RecordingMapping)
     for key, one in found.channels.items():
         _require_meaning(key, one)
-    return found.model_copy(update={"messages": str(path.parent / found.messages)}) if found.messages else found
+    return (
+        found.model_copy(update={"messages": str(path.parent / found.messages)})
+        if found.messages
+        else found
+    )
 
 
 def _require_meaning(key: str, one: ChannelMapping) -> None:
-    """Raises NameNotFound for no channel, InvalidInput for what means nothing of this one: never ignored."""
+    """Raises NameNotFound for no channel, InvalidInput for what means nothing of this one: never
+    ignored.
+    """
     require_known("channel", key, recordings.CHANNEL_KINDS)
     for name in ("format", "frame", "world", "body"):
         if getattr(one, name) is not None and name not in frames_of(key, one.frame):
-            raise InvalidInput(f"{key}: {name}: {getattr(one, name)} given, which means nothing of it; leave it out")
+            raise InvalidInput(
+                f"{key}: {name}: {getattr(one, name)} given, which means nothing of it; leave"
+                " it out"
+            )
     if one.unit is not None and one.unit not in (allowed := units_of(key, one.format)):
-        raise InvalidInput(f"{key}: unit {one.unit!r} given; allowed: {', '.join(allowed) or 'none, it has no unit'}")
+        raise InvalidInput(
+            f"{key}: unit {one.unit!r} given; allowed:"
+            f" {', '.join(allowed) or 'none, it has no unit'}"
+        )
     for name in ("offset", "scale"):
         given = getattr(one, name)
         if isinstance(given, tuple) and len(given) != len(one.columns):
-            raise InvalidInput(f"{key}: {len(given)} numbers of {name} given; allowed: one, or one for each column")
+            raise InvalidInput(
+                f"{key}: {len(given)} numbers of {name} given; allowed: one, or one for each column"
+            )
     wanted = 3 if one.format == "rpy" else len(recordings.CHANNEL_KINDS[key].columns)
-    arrays = any("." in column or "[" in column for column in one.fields) or one.topic  # which may have all of them
+    arrays = (
+        any("." in column or "[" in column for column in one.fields) or one.topic
+    )  # which may have all of them
     if wanted and (len(one.columns) > wanted or (len(one.columns) < wanted and not arrays)):
-        constant = "; a number may stand for one that is not measured, such as 0.0" if len(one.columns) < wanted else ""
+        constant = (
+            "; a number may stand for one that is not measured, such as 0.0"
+            if len(one.columns) < wanted
+            else ""
+        )
         raise InvalidInput(f"{key}: {len(one.columns)} columns given; allowed: {wanted}{constant}")
 
 
@@ -178,15 +216,22 @@ def frames_of(key: str, frame: str | None) -> tuple[str, ...]:
 
 def units_of(key: str, form: str | None) -> dict[str, float]:
     """Units that a channel may be given in, an attitude in a form, and their factors."""
-    bases = _OF_CHANNEL.get(key, (recordings.CHANNEL_KINDS[key].unit,)) if key != "attitude" or form == "rpy" else ()
+    bases = (
+        _OF_CHANNEL.get(key, (recordings.CHANNEL_KINDS[key].unit,))
+        if key != "attitude" or form == "rpy"
+        else ()
+    )
     return {unit: factor for base in bases for unit, factor in UNITS[base].items()}
 
 
-def mapped_recording(source: Path | str, mapping: RecordingMapping, name: str = "") -> recordings.Recording:
-    """A recording of a file, or of files in a folder whose names have the name of the recording in them.
+def mapped_recording(
+    source: Path | str, mapping: RecordingMapping, name: str = ""
+) -> recordings.Recording:
+    """A recording of a file, or of files in a folder whose names have the name of the recording in
+    them.
 
-    Times begin with the first sample of any channel. Rows with NaN are left out, and a doubt says how many.
-    Raises NameNotFound, NotInstalled and InvalidInput.
+    Times begin with the first sample of any channel. Rows with NaN are left out, and a doubt says
+    how many. Raises NameNotFound, NotInstalled and InvalidInput.
     """
     source = Path(source)
     for key, one in mapping.channels.items():
@@ -201,21 +246,36 @@ def mapped_recording(source: Path | str, mapping: RecordingMapping, name: str = 
     return recordings.Recording(
         name=name,
         channels={key: replace(one, t=one.t - start) for key, one in found.items()},
-        issues_in_file=tuple(doubt for key, one in mapping.channels.items() for doubt in _unknown(key, one, rows[key])),
-        layout=tuple(filter(None, dict.fromkeys(text for one in rows.values() for text in (one.layout, *one.notes)))),
+        issues_in_file=tuple(
+            doubt
+            for key, one in mapping.channels.items()
+            for doubt in _unknown(key, one, rows[key])
+        ),
+        layout=tuple(
+            filter(
+                None,
+                dict.fromkeys(text for one in rows.values() for text in (one.layout, *one.notes)),
+            )
+        ),
     )
 
 
 def _in_body(key: str, read: Mapping[str, recordings.Channel]) -> np.ndarray:
     """Values of a channel that was given in W, turned to B."""
     if "attitude" not in read:
-        raise InvalidInput(f"{key}: frame: W given, which needs the attitude; give that channel too")
+        raise InvalidInput(
+            f"{key}: frame: W given, which needs the attitude; give that channel too"
+        )
     R = recordings.rotations(read["attitude"], read[key].undelayed_t)
     return np.einsum("nji,nkj->nki", R, read[key].values.reshape(len(R), -1, 3)).reshape(len(R), -1)
 
 
-def _mapped_rows(source: Path, mapping: RecordingMapping, name: str) -> dict[str, tables.TableColumns]:
-    """Times [s] and values [as they are] (n, 1 + k) of every channel; of a file of messages all at once."""
+def _mapped_rows(
+    source: Path, mapping: RecordingMapping, name: str
+) -> dict[str, tables.TableColumns]:
+    """Times [s] and values [as they are] (n, 1 + k) of every channel; of a file of messages all at
+    once.
+    """
     found: dict[str, tables.TableColumns] = {}
     by_path: dict[Path, dict[str, TopicColumns]] = defaultdict(dict)
     known_topics = cache(topics_of)  # which may read all of a file
@@ -223,47 +283,81 @@ def _mapped_rows(source: Path, mapping: RecordingMapping, name: str) -> dict[str
         path = source / one.file.replace("{name}", name) if one.file else source
         if file_kinds.holds_messages(path):
             if not one.topic and "" not in known_topics(path):  # as messages that name no type are
-                raise InvalidInput(f"{path}: {key} has no topic; give one of {', '.join(known_topics(path))}")
+                raise InvalidInput(
+                    f"{path}: {key} has no topic; give one of {', '.join(known_topics(path))}"
+                )
             time = one.time if isinstance(one.time, str) else ""
             unit = recordings.SECONDS[one.time_unit or "s"]
             columns = (*one.fields, *one.rows)
-            by_path[path][key] = TopicColumns(topic=one.topic, columns=columns, time=time, unit=unit, words=one.words)
+            by_path[path][key] = TopicColumns(
+                topic=one.topic, columns=columns, time=time, unit=unit, words=one.words
+            )
         else:
             found[key] = _chosen(key, one, _table_rows(key, one, path, mapping.table))
     for path, wanted in by_path.items():
-        for key, rows in message_rows(path, wanted, Path(mapping.messages) if mapping.messages else None).items():
+        for key, rows in message_rows(
+            path, wanted, Path(mapping.messages) if mapping.messages else None
+        ).items():
             one = mapping.channels[key]
-            found[key] = _chosen(key, one, rows if one.time_unit and isinstance(one.time, str) else _in_seconds(one, rows))
+            found[key] = _chosen(
+                key,
+                one,
+                rows if one.time_unit and isinstance(one.time, str) else _in_seconds(one, rows),
+            )
     return found
 
 
 _UNIX_TIME = {"ns": 1e17, "us": 1e14, "ms": 1e11}
-"""Least number of a time since 1970 in each unit: read as seconds it would be some thousand years."""
+"""Least number of a time since 1970 in each unit: read as seconds it would be some thousand
+years.
+"""
 
 
 def _in_seconds(one: ChannelMapping, rows: tables.TableColumns) -> tables.TableColumns:
-    """Convert times, in the first column, to seconds: of a unit that is given or said, or whose size tells it; or even ones."""
-    times, said = rows.values[:, 0], rows.units[0]
+    """Convert times, in the first column, to seconds: of a unit that is given or said, or whose
+    size tells it; or even ones.
+    """
+    times = rows.values[:, 0]
+    said = rows.units[0]
     if isinstance(one.time, float):
-        times, said = one.time * np.arange(len(times)), "s"
-    unit, layout = one.time_unit or recordings.unit_named(said), rows.layout
+        times = one.time * np.arange(len(times))
+        said = "s"
+    unit = one.time_unit or recordings.unit_named(said)
+    layout = rows.layout
     if unit not in recordings.SECONDS:
         largest = np.abs(times).max(initial=0.0, where=np.isfinite(times))
         unit = next((name for name, least in _UNIX_TIME.items() if largest >= least), "s")
         layout = layout if unit == "s" else ", ".join(filter(None, (layout, f"times in {unit}")))
-    return replace(rows, values=np.column_stack([recordings.SECONDS[unit] * times, rows.values[:, 1:]]), layout=layout)
+    return replace(
+        rows,
+        values=np.column_stack([recordings.SECONDS[unit] * times, rows.values[:, 1:]]),
+        layout=layout,
+    )
 
 
-def _table_rows(key: str, one: ChannelMapping, path: Path, given: TextFormat | None) -> tables.TableColumns:
+def _table_rows(
+    key: str, one: ChannelMapping, path: Path, given: TextFormat | None
+) -> tables.TableColumns:
     named = (*one.fields, *one.rows)
     if one.topic or not one.time or not named:
-        raise InvalidInput(f"{path}: {key} is in a table; give its time, a column or the period [s] of its rows, and no topic")
+        raise InvalidInput(
+            f"{path}: {key} is in a table; give its time, a column or the period [s] of its rows,"
+            " and no topic"
+        )
     # a period stands for as many times as there are rows of another column
-    times = one.time if isinstance(one.time, tuple) else (one.time if isinstance(one.time, str) else named[0],)
+    times = (
+        one.time
+        if isinstance(one.time, tuple)
+        else (one.time if isinstance(one.time, str) else named[0],)
+    )
     table = tables.read_table(path, [*times, *named], given, (*(None for _ in times), *one.words))
     if isinstance(one.time, tuple):
         both = table.values[:, :2] @ [1.0, 1e-9]
-        table = replace(table, values=np.column_stack([both, table.values[:, 2:]]), units=("s", *table.units[2:]))
+        table = replace(
+            table,
+            values=np.column_stack([both, table.values[:, 2:]]),
+            units=("s", *table.units[2:]),
+        )
     table = _in_seconds(one, table)
     return replace(table, layout=f"{path.name}: {table.layout}" if table.layout else "")
 
@@ -274,32 +368,58 @@ def _chosen(key: str, one: ChannelMapping, table: tables.TableColumns) -> tables
     Where most rows have no cell at all, a file has those of other channels between them.
     """
     n = len(one.rows)
-    values, which = table.values[:, : table.values.shape[1] - n], table.values[:, table.values.shape[1] - n :]
+    values, which = (
+        table.values[:, : table.values.shape[1] - n],
+        table.values[:, table.values.shape[1] - n :],
+    )
     if n:
-        values = values[(which == [1.0 if isinstance(each, str) else each for each in one.rows.values()]).all(axis=1)]
+        values = values[
+            (which == [1.0 if isinstance(each, str) else each for each in one.rows.values()]).all(
+                axis=1
+            )
+        ]
     if not len(values) and len(table.values):
-        raise InvalidInput(f"{key}: no row has {one.rows}; leave rows out, or give values that there are")
+        raise InvalidInput(
+            f"{key}: no row has {one.rows}; leave rows out, or give values that there are"
+        )
     empty = ~np.isfinite(values[:, 1:]).any(axis=1)
-    values = values[~empty] if _FOREIGN * len(empty) < empty.sum() < len(empty) else values  # those are of other channels
+    values = (
+        values[~empty] if _FOREIGN * len(empty) < empty.sum() < len(empty) else values
+    )  # those are of other channels
     for missing in one.missing:
-        values = np.hstack([values[:, :1], np.where(np.isclose(values[:, 1:], missing, rtol=1e-12), np.nan, values[:, 1:])])
+        values = np.hstack(
+            [
+                values[:, :1],
+                np.where(np.isclose(values[:, 1:], missing, rtol=1e-12), np.nan, values[:, 1:]),
+            ]
+        )
     factors, notes, remarks = _factors(key, one, table.units[1 : values.shape[1]])
     numbers = values[:, 1:] * factors
     if len(one.fields) < len(one.columns) or any(str(name).startswith("-") for name in one.columns):
         measured = iter(numbers.T)
         columns = [
-            next(measured) * (-1 if name[:1] == "-" else 1) if isinstance(name, str) else np.full(len(values), name)
+            next(measured) * (-1 if name[:1] == "-" else 1)
+            if isinstance(name, str)
+            else np.full(len(values), name)
             for name in one.columns
         ]
         numbers = np.column_stack(columns)
-    if key == "attitude" and one.format != "rpy" and one.lost == "never":  # zeros: its sender knows no attitude
+    if (
+        key == "attitude" and one.format != "rpy" and one.lost == "never"
+    ):  # zeros: its sender knows no attitude
         numbers = np.where(np.linalg.norm(numbers, axis=1, keepdims=True) > 0.0, numbers, np.nan)
-    found = np.column_stack([values[:, 0], (numbers + np.asarray(one.offset)) * np.asarray(one.scale)])
+    found = np.column_stack(
+        [values[:, 0], (numbers + np.asarray(one.offset)) * np.asarray(one.scale)]
+    )
     return replace(table, values=found, units=(), notes=notes, remarks=(*table.remarks, *remarks))
 
 
-def _factors(key: str, one: ChannelMapping, said: Sequence[str]) -> tuple[np.ndarray, tuple[str, ...], list[str]]:
-    """Factors (k,) of columns to the unit of the channel, as given or as the file says, what it says, and remarks about it."""
+def _factors(
+    key: str, one: ChannelMapping, said: Sequence[str]
+) -> tuple[np.ndarray, tuple[str, ...], list[str]]:
+    """Factors (k,) of columns to the unit of the channel, as given or as the file says, what it
+    says, and remarks about it.
+    """
     known = units_of(key, one.format)
     if one.unit is not None or one.scale != 1.0:
         return np.full(len(said), known.get(one.unit or "", 1.0)), (), []
@@ -308,30 +428,71 @@ def _factors(key: str, one: ChannelMapping, said: Sequence[str]) -> tuple[np.nda
     turned = sorted({unit for unit in units if known.get(unit, 1.0) != 1.0})
     notes = (f"{key}: in {', '.join(turned)}, as the file says",) if turned else ()
     plain = " or ".join(unit for unit, factor in known.items() if factor == 1.0)
-    doubtful = f"in {', '.join(other)} as the file says, and taken for {plain}: give its unit, or a scale"
-    return np.array([known.get(unit, 1.0) for unit in units]), notes, [doubtful] if other and known else []
+    doubtful = (
+        f"in {', '.join(other)} as the file says, and taken for {plain}: give its unit, or a scale"
+    )
+    return (
+        np.array([known.get(unit, 1.0) for unit in units]),
+        notes,
+        [doubtful] if other and known else [],
+    )
 
 
-def _unknown(key: str, one: ChannelMapping, table: tables.TableColumns) -> Iterator[tuple[str, str]]:
+def _unknown(
+    key: str, one: ChannelMapping, table: tables.TableColumns
+) -> Iterator[tuple[str, str]]:
     """Columns that stand for others, rows that are no numbers, and units that cannot be."""
     rows = table.values
     yield from ((key, remark) for remark in table.remarks)
-    if twice := sorted({name for name in one.fields if one.fields.count(name) > 1}):
-        yield key, f"{', '.join(twice)} stands for more than one of its axes: give a number for what is not measured"
+    twice = sorted({name for name in one.fields if one.fields.count(name) > 1})
+    if twice:
+        yield (
+            key,
+            (
+                f"{', '.join(twice)} stands for more than one of its axes: give a number for what"
+                " is not measured"
+            ),
+        )
     open_cells = ~np.isfinite(rows)
-    if n := int(open_cells.any(axis=1).sum()):
-        text = f"{n} of {len(rows)} rows have NaN ({_named(one, open_cells.any(axis=0))}) and are left out"
+    n = int(open_cells.any(axis=1).sum())
+    if n:
+        text = (
+            f"{n} of {len(rows)} rows have NaN ({_named(one, open_cells.any(axis=0))}) and are"
+            " left out"
+        )
         command = recordings.CHANNEL_KINDS[key].command
-        yield key, text + (", and a fit takes the command before them for what was asked" if command else "")
-    geographic = [name for name in one.fields if name.rpartition(".")[2].lower().startswith(("lat", "lon", "lng"))]
+        yield (
+            key,
+            text
+            + (", and a fit takes the command before them for what was asked" if command else ""),
+        )
+    geographic = [
+        name
+        for name in one.fields
+        if name.rpartition(".")[2].lower().startswith(("lat", "lon", "lng"))
+    ]
     if key == "position" and geographic:
-        yield key, f"{', '.join(geographic)} are degrees on the globe: give metres east and north of a point"
+        yield (
+            key,
+            (
+                f"{', '.join(geographic)} are degrees on the globe: give metres east and north of a"
+                " point"
+            ),
+        )
     if key == "attitude" and one.format == "rpy" and one.unit is None and _like_degrees(rows):
-        yield (key, f"yaw up to {np.nanmax(np.abs(rows[:, 3])):.4g} rad: in deg? give its unit, deg, or rad where it is so")
+        yield (
+            key,
+            (
+                f"yaw up to {np.nanmax(np.abs(rows[:, 3])):.4g} rad: in deg? give its unit, deg, or"
+                " rad where it is so"
+            ),
+        )
 
 
 def _like_degrees(rows: np.ndarray) -> bool:
-    """Judge yaw of rows (n, 4): one that is unwound begins within a turn, and no vehicle turns in a second by half of one."""
+    """Judge yaw of rows (n, 4): one that is unwound begins within a turn, and no vehicle turns in a
+    second by half of one.
+    """
     t, yaw = rows[np.isfinite(rows).all(axis=1)][:, [0, 3]].T
     if len(yaw) < 2 or np.abs(yaw).max() < _LARGEST_ANGLE:
         return False
@@ -340,7 +501,9 @@ def _like_degrees(rows: np.ndarray) -> bool:
 
 
 def _named(one: ChannelMapping, chosen: np.ndarray) -> str:
-    """Names of the chosen ones of its time and columns (1 + k,); a path to an array stands for all of its columns."""
+    """Names of the chosen ones of its time and columns (1 + k,); a path to an array stands for all
+    of its columns.
+    """
     names = [str(one.time or "time"), *map(str, one.columns)]
     if len(names) != len(chosen):
         return ", ".join(names[1:])
@@ -359,9 +522,13 @@ def _samples(key: str, one: ChannelMapping, table: tables.TableColumns) -> recor
     if len(rows) < 2:
         raise InvalidInput(f"fewer than two samples of {key}; leave the channel out")
     back = float((np.maximum.accumulate(rows[:, 0]) - rows[:, 0]).max())
-    n, rows = len(rows), _without_echoes(rows)
+    n = len(rows)
+    rows = _without_echoes(rows)
     given = rows[:, 0]
-    t, first = np.unique(given if one.sent_every is None else even_send_times(given, one.sent_every), return_index=True)
+    t, first = np.unique(
+        given if one.sent_every is None else even_send_times(given, one.sent_every),
+        return_index=True,
+    )
     return recordings.Channel(
         t=t,
         values=_converted(key, one, rows[first, 1:]),
@@ -375,31 +542,51 @@ def _samples(key: str, one: ChannelMapping, table: tables.TableColumns) -> recor
 
 
 def _pass_midnight(read: Iterable[tables.TableColumns]) -> None:
-    """Let times of day [s] go on from one day to the next, in all channels where those of any do; other times stay.
+    """Let times of day [s] go on from one day to the next, in all channels where those of any do;
+    other times stay.
 
     All are then within half a day, from middle to middle, of the first that does.
     """
-    times = [t for t in (one.values[:, 0] for one in read) if np.isfinite(t).any() and not ((t < 0.0) | (t >= _DAY)).any()]
-    going_on = [np.unwrap(t[np.isfinite(t)], _DAY - 2.0 * _AROUND_MIDNIGHT, period=_DAY) for t in times]
+    times = [
+        t
+        for t in (one.values[:, 0] for one in read)
+        if np.isfinite(t).any() and not ((t < 0.0) | (t >= _DAY)).any()
+    ]
+    going_on = [
+        np.unwrap(t[np.isfinite(t)], _DAY - 2.0 * _AROUND_MIDNIGHT, period=_DAY) for t in times
+    ]
     middles = [0.5 * (t.min() + t.max()) for t in going_on]
-    passing = [middle for middle, t in zip(middles, going_on, strict=True) if t.min() < 0.0 or t.max() >= _DAY]
+    passing = [
+        middle
+        for middle, t in zip(middles, going_on, strict=True)
+        if t.min() < 0.0 or t.max() >= _DAY
+    ]
     for given, t, middle in zip(times, going_on, middles, strict=True) if passing else ():
         given[np.isfinite(given)] = t + _DAY * np.round((passing[0] - middle) / _DAY)
 
 
 def _without_echoes(rows: np.ndarray) -> np.ndarray:
-    """Rows (n, 1 + k) without messages that say the same again at nearly the same time, as topics that are republished do."""
-    steps, same = np.diff(rows[:, 0]), (np.diff(rows[:, 1:], axis=0) == 0.0).all(axis=1)
+    """Rows (n, 1 + k) without messages that say the same again at nearly the same time, as topics
+    that are republished do.
+    """
+    steps = np.diff(rows[:, 0])
+    same = (np.diff(rows[:, 1:], axis=0) == 0.0).all(axis=1)
     if (~same).sum() < 2:
         return rows
-    echo = same & (steps >= 0.0) & (steps < _AT_ONCE * float(np.median(np.diff(rows[np.r_[True, ~same], 0]))))
+    echo = (
+        same
+        & (steps >= 0.0)
+        & (steps < _AT_ONCE * float(np.median(np.diff(rows[np.r_[True, ~same], 0]))))
+    )
     return rows[np.r_[True, ~echo]]
 
 
 def _converted(key: str, one: ChannelMapping, values: np.ndarray) -> np.ndarray:
     if key == "attitude":
         return recordings.continuous_quaternions(_quaternions(one, values))
-    turned = {"W": one.world == "NED", "B": one.body == "FRD"}.get(one.frame or recordings.CHANNEL_KINDS[key].frame, False)
+    turned = {"W": one.world == "NED", "B": one.body == "FRD"}.get(
+        one.frame or recordings.CHANNEL_KINDS[key].frame, False
+    )
     return values * np.tile(np.diag(_DOWN), values.shape[1] // 3) if turned else values
 
 
@@ -409,42 +596,79 @@ def _quaternions(one: ChannelMapping, values: np.ndarray) -> np.ndarray:
 
     width = 3 if one.format == "rpy" else 4
     if values.shape[1] != width:
-        raise InvalidInput(f"attitude: {values.shape[1]} columns given; allowed: 4, or 3 with format: rpy")
+        raise InvalidInput(
+            f"attitude: {values.shape[1]} columns given; allowed: 4, or 3 with format: rpy"
+        )
     if width == 3 and np.abs(values[:, :2]).max() > _LARGEST_ANGLE:
         most = float(values.flat[np.argmax(np.abs(values))])
-        there, others = (values == most).any(axis=1), np.abs(values[values != most]).max(initial=0.0)
+        there = (values == most).any(axis=1)
+        others = np.abs(values[values != most]).max(initial=0.0)
         raw = most / units_of("attitude", "rpy")[one.unit or "rad"]
         if there.sum() > 1 and abs(most) > 2.0 * others:
-            raise InvalidInput(f"attitude: {raw:.10g} in {there.sum()} of {len(values)} rows: give missing: [{raw:.10g}]")
-        raise InvalidInput(f"attitude: angles up to {np.abs(values).max():.4g} rad given; in deg? give its unit")
+            raise InvalidInput(
+                f"attitude: {raw:.10g} in {there.sum()} of {len(values)} rows: give missing:"
+                f" [{raw:.10g}]"
+            )
+        raise InvalidInput(
+            f"attitude: angles up to {np.abs(values).max():.4g} rad given; in deg? give its unit"
+        )
     w_first = one.format == "quaternion wxyz"
-    R = Rotation.from_euler("xyz", values) if width == 3 else Rotation.from_quat(values, scalar_first=w_first)
-    world, body = (Rotation.from_matrix(_DOWN if z_down else np.eye(3)) for z_down in (one.world == "NED", one.body == "FRD"))
+    R = (
+        Rotation.from_euler("xyz", values)
+        if width == 3
+        else Rotation.from_quat(values, scalar_first=w_first)
+    )
+    world, body = (
+        Rotation.from_matrix(_DOWN if z_down else np.eye(3))
+        for z_down in (one.world == "NED", one.body == "FRD")
+    )
     return np.asarray((world * R * body).as_quat())
 
 
-# Records of the toolkit's own runs as recordings: what the robot measured, what was asked of its thrusters, and the truth of
-# what no sensor tells: torque as joints gave it, and the current.
+# Records of the toolkit's own runs as recordings: what the robot measured, what was asked of its
+# thrusters, and the truth of what no sensor tells: torque as joints gave it, and the current.
 
 _TRUTH = {"joint_torques": "torque", "current": "current"}
 """Channels that are whole series."""
-_MEASURED = tuple(f"measured_{name}" for name in ("position", "attitude", "linear_velocity", "angular_velocity"))
-_POSE, _TWIST = 7, 6
+_MEASURED = tuple(
+    f"measured_{name}" for name in ("position", "attitude", "linear_velocity", "angular_velocity")
+)
+_POSE = 7
+_TWIST = 6
 
 
 def run_recording(record: Record, name: str) -> recordings.Recording:
-    """Channels of a run. Raises InvalidInput for a plan, which nobody has measured, and for fewer rows than ticks."""
+    """Channels of a run. Raises InvalidInput for a plan, which nobody has measured, and for fewer
+    rows than ticks.
+    """
     meta = require_every_tick(record)
     rows = dict(_estimated_rows(record, run_meta.is_floating(record.series, meta)))
-    rows |= {channel: record[series] for channel, series in _TRUTH.items() if series in record.series}
-    channels, t = dict(_measured(record)), record["t"]
-    channels |= {key: _channel(t, values) for key, values in rows.items() if values.size and key not in channels}
+    rows |= {
+        channel: record[series] for channel, series in _TRUTH.items() if series in record.series
+    }
+    channels = dict(_measured(record))
+    t = record["t"]
+    channels |= {
+        key: _channel(t, values)
+        for key, values in rows.items()
+        if values.size and key not in channels
+    }
     for key, values in _asked(record):
         one = _channel(t, values)  # a run begins with thrusters at rest
-        channels[key] = replace(one, t=np.r_[one.t[0] - meta.dt, one.t], values=np.vstack([0.0 * one.values[:1], one.values]))
-    named = {"joint_positions": meta.joints, "joint_velocities": meta.joints, "thrust": meta.thrusters}
+        channels[key] = replace(
+            one,
+            t=np.r_[one.t[0] - meta.dt, one.t],
+            values=np.vstack([0.0 * one.values[:1], one.values]),
+        )
+    named = {
+        "joint_positions": meta.joints,
+        "joint_velocities": meta.joints,
+        "thrust": meta.thrusters,
+    }
     channels = {key: _with_names(one, named.get(key, ())) for key, one in channels.items()}
-    return recordings.Recording(name=name, channels=channels, issues_in_file=tuple(_spoiled(record)), at_once=True)
+    return recordings.Recording(
+        name=name, channels=channels, issues_in_file=tuple(_spoiled(record)), at_once=True
+    )
 
 
 def _estimated_rows(record: Record, floating: bool) -> Iterator[tuple[str, np.ndarray]]:
@@ -459,13 +683,21 @@ def _estimated_rows(record: Record, floating: bool) -> Iterator[tuple[str, np.nd
 
 
 def _measured(record: Record) -> Iterator[tuple[str, recordings.Channel]]:
-    """Yield what sensors read: an estimate between slow readings is late, and a fit would take that for less added mass."""
+    """Yield what sensors read: an estimate between slow readings is late, and a fit would take that
+    for less added mass.
+    """
     for name in [name for name in _MEASURED if name in record.series]:
         channel, (values, t) = name.removeprefix("measured_"), np.split(record[name], [-1], axis=1)
         taken = np.where(np.isfinite(record[name]).all(axis=1), t[:, 0], -np.inf)
-        known = taken > np.r_[-np.inf, np.maximum.accumulate(taken)[:-1]]  # clocks that fail give times again
+        known = (
+            taken > np.r_[-np.inf, np.maximum.accumulate(taken)[:-1]]
+        )  # clocks that fail give times again
         if known.sum() > 1:
-            right = recordings.continuous_quaternions(values[known]) if channel == "attitude" else values[known]
+            right = (
+                recordings.continuous_quaternions(values[known])
+                if channel == "attitude"
+                else values[known]
+            )
             yield channel, recordings.Channel(t=t[known, 0], values=right)
 
 
@@ -475,7 +707,9 @@ def _with_names(channel: recordings.Channel, names: tuple[str, ...]) -> recordin
 
 
 def _asked(record: Record) -> Iterator[tuple[str, np.ndarray]]:
-    """Yield the commanded thrust, and the commanded wrench without what thrusters cannot give of it."""
+    """Yield the commanded thrust, and the commanded wrench without what thrusters cannot give of
+    it.
+    """
     found = record.series
     for name in ("asked_thrust", "thrust"):
         if name in found and found[name].size:
@@ -489,23 +723,52 @@ def _spoiled(record: Record) -> Iterator[tuple[str, str]]:
     """Channels and what the record itself says against them."""
     t, found = record["t"], record.series
     if "thrust" in found and "asked_thrust" not in found:
-        yield "thrust", "as thrusters gave it, not as it was asked of them: lag and dead zone are in it, run it anew"
+        yield (
+            "thrust",
+            (
+                "as thrusters gave it, not as it was asked of them: lag and dead zone are in it,"
+                " run it anew"
+            ),
+        )
     for fault in record.run_meta.faults:
         if fault.t <= t[-1]:
-            yield fault.target, f"{fault.text}, a fault of this run: a fit takes vehicle and sensors for sound"
+            yield (
+                fault.target,
+                f"{fault.text}, a fault of this run: a fit takes vehicle and sensors for sound",
+            )
     if "contact" in found and (touches := (found["contact"] != 0.0).any(axis=1)).any():
-        yield "position", f"on the floor at {t[np.argmax(touches)]:.2f} s first: a fit knows no floor that pushes"
+        yield (
+            "position",
+            (
+                f"on the floor at {t[np.argmax(touches)]:.2f} s first: a fit knows no floor that"
+                " pushes"
+            ),
+        )
 
 
 def _channel(t: np.ndarray, values: np.ndarray) -> recordings.Channel:
     known = np.isfinite(values).all(axis=1)
-    return recordings.Channel(t=t, values=values) if known.all() else recordings.Channel(t=t[known], values=values[known])
+    return (
+        recordings.Channel(t=t, values=values)
+        if known.all()
+        else recordings.Channel(t=t[known], values=values[known])
+    )
 
 
 # A recording of any file: one of ours, a record of a run, or one of others with a mapping.
 
 _OWN_MEMBER = b"__meta__.npy"
-_READ = ("q_estimated", "v_estimated", "asked_thrust", "thrust", "wrench", "unreachable", "contact", *_MEASURED, *_TRUTH.values())
+_READ = (
+    "q_estimated",
+    "v_estimated",
+    "asked_thrust",
+    "thrust",
+    "wrench",
+    "unreachable",
+    "contact",
+    *_MEASURED,
+    *_TRUTH.values(),
+)
 """Series that a recording is made of, a quarter of a record."""
 _RECORDS: Mapping[str, Callable[[Path], Record]] = {
     ".npz": partial(Record.load, only=_READ),
@@ -514,7 +777,9 @@ _RECORDS: Mapping[str, Callable[[Path], Record]] = {
 }
 
 
-def read_recording(path: Path | str, mapping: RecordingMapping | None = None) -> recordings.Recording:
+def read_recording(
+    path: Path | str, mapping: RecordingMapping | None = None
+) -> recordings.Recording:
     """The recording of a file or a folder; mapping: for what is none of ours.
 
     Raises InvalidInput for one that needs a mapping, NameNotFound and NotInstalled.
@@ -539,7 +804,9 @@ def _is_own_archive(path: Path) -> bool:
 
 def _own(path: Path) -> recordings.Recording:
     if path.is_dir():
-        if any((path / name).is_file() for name in (output.RECORD, META)):  # results of a run, or its rows
+        if any(
+            (path / name).is_file() for name in (output.RECORD, META)
+        ):  # results of a run, or its rows
             return _of_record(path)
         raise _needs_mapping(path)
     kind = file_kinds.kind_of(path)
@@ -547,7 +814,11 @@ def _own(path: Path) -> recordings.Recording:
         return _of_record(path)
     if file_kinds.holds_messages(path):
         raise _needs_mapping(path)
-    return tables.stored_recording(path) if kind != "parquet" or tables.is_stored(tables.column_names(path)) else _of_record(path)
+    return (
+        tables.stored_recording(path)
+        if kind != "parquet" or tables.is_stored(tables.column_names(path))
+        else _of_record(path)
+    )
 
 
 def _of_record(path: Path) -> recordings.Recording:
@@ -557,8 +828,12 @@ def _of_record(path: Path) -> recordings.Recording:
         if file_kinds.holds_messages(path):
             raise _needs_mapping(path) from None
         raise
-    return run_recording(record, path.parent.name if path.stem == "record" else path.name.partition(".")[0])
+    return run_recording(
+        record, path.parent.name if path.stem == "record" else path.name.partition(".")[0]
+    )
 
 
 def _needs_mapping(path: Path) -> InvalidInput:
-    return InvalidInput(f"{path}: no record of ours; give a mapping of its topics: {', '.join(topics_of(path))}")
+    return InvalidInput(
+        f"{path}: no record of ours; give a mapping of its topics: {', '.join(topics_of(path))}"
+    )

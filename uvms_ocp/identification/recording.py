@@ -1,7 +1,7 @@
 """Recordings of a moving vehicle as values: channels of samples, resampling, and cuts at gaps.
 
-Frames are those of `uvms_ocp.robot.spatial`: W with z up, B forward-left-up. What a file has otherwise is turned when it is read,
-see `uvms_ocp.identification.reading`.
+Frames are those of `uvms_ocp.robot.spatial`: W with z up, B forward-left-up. What a file has
+otherwise is turned when it is read, see `uvms_ocp.identification.reading`.
 """
 
 from __future__ import annotations
@@ -34,15 +34,22 @@ class ChannelKind:
     """Asked for, not measured: held from one sample to the next."""
 
 
-CHANNEL_TABLE = tomllib.loads((files("uvms_ocp.identification") / "channels.toml").read_text(encoding="utf-8"))
+CHANNEL_TABLE = tomllib.loads(
+    (files("uvms_ocp.identification") / "channels.toml").read_text(encoding="utf-8")
+)
 """Channels, and units that their values may be given in."""
 CHANNEL_KINDS: Mapping[str, ChannelKind] = {
-    name: ChannelKind(**one | {"columns": tuple(one.get("columns", ()))}) for name, one in CHANNEL_TABLE["channels"].items()
+    name: ChannelKind(**one | {"columns": tuple(one.get("columns", ()))})
+    for name, one in CHANNEL_TABLE["channels"].items()
 }
 """Every channel that a recording may have, by its name."""
 SECONDS: Mapping[str, float] = CHANNEL_TABLE["units"]["s"]
 """[s] of the units that times are given in."""
-_BY_SPELLING = {name.lower().replace(" ", ""): name for units in CHANNEL_TABLE["units"].values() for name in units}
+_BY_SPELLING = {
+    name.lower().replace(" ", ""): name
+    for units in CHANNEL_TABLE["units"].values()
+    for name in units
+}
 _NORM = 1e-2  # by which quaternions may differ from 1: they are stored with few digits
 
 
@@ -56,7 +63,9 @@ def unit_named(said: str) -> str:
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class Channel:
-    """Samples of one thing, at times of their own. Raises InvalidInput for times that do not increase, and wrong shapes."""
+    """Samples of one thing, at times of their own. Raises InvalidInput for times that do not
+    increase, and wrong shapes.
+    """
 
     t: np.ndarray
     """(n,) [s] when it was measured, or sent."""
@@ -80,13 +89,26 @@ class Channel:
     def __post_init__(self) -> None:
         object.__setattr__(self, "t", read_only(self.t, np.float64))
         object.__setattr__(self, "values", read_only(self.values, np.float64))
-        if self.t.ndim != 1 or self.values.ndim != 2 or len(self.t) != len(self.values) or len(self.t) < 2:
-            raise InvalidInput(f"{self.t.shape} times, {self.values.shape} values given; allowed: (n,) and (n, k), n > 1")
-        if not (np.isfinite(self.t).all() and np.isfinite(self.values).all() and np.isfinite(self.delay)):
+        if (
+            self.t.ndim != 1
+            or self.values.ndim != 2
+            or len(self.t) != len(self.values)
+            or len(self.t) < 2
+        ):
+            raise InvalidInput(
+                f"{self.t.shape} times, {self.values.shape} values given; allowed: (n,) and (n, k),"
+                " n > 1"
+            )
+        if not (
+            np.isfinite(self.t).all() and np.isfinite(self.values).all() and np.isfinite(self.delay)
+        ):
             raise InvalidInput("NaN or infinity given; leave out samples that are not known")
         if not (np.diff(self.t) > 0.0).all():
             first = int(np.argmin(np.diff(self.t) > 0.0))
-            raise InvalidInput(f"time goes from {self.t[first]:.6f} to {self.t[first + 1]:.6f} s; allowed: increasing")
+            raise InvalidInput(
+                f"time goes from {self.t[first]:.6f} to {self.t[first + 1]:.6f} s; allowed:"
+                " increasing"
+            )
 
     def of(self, names: tuple[str, ...], where: str) -> Channel:
         """The same with its columns in the order of names, as far as it names them itself.
@@ -96,8 +118,12 @@ class Channel:
         if not self.columns or self.columns == names:
             return self
         if sorted(self.columns) != sorted(names):
-            raise InvalidInput(f"{where} is of {', '.join(self.columns)}; allowed: {', '.join(names) or 'none'}")
-        return replace(self, values=self.values[:, [self.columns.index(name) for name in names]], columns=names)
+            raise InvalidInput(
+                f"{where} is of {', '.join(self.columns)}; allowed: {', '.join(names) or 'none'}"
+            )
+        return replace(
+            self, values=self.values[:, [self.columns.index(name) for name in names]], columns=names
+        )
 
     @property
     def rate(self) -> float:
@@ -112,7 +138,9 @@ class Channel:
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class Recording:
-    """Channels by the names of `KINDS`, their times on one clock. Raises NameNotFound and InvalidInput."""
+    """Channels by the names of `KINDS`, their times on one clock. Raises NameNotFound and
+    InvalidInput.
+    """
 
     name: str
     channels: Mapping[str, Channel]
@@ -129,12 +157,21 @@ class Recording:
         object.__setattr__(self, "channels", frozen_mapping(self.channels))
         for name, channel in self.channels.items():
             require_known("channel", name, CHANNEL_KINDS)
-            own, width = CHANNEL_KINDS[name].columns, channel.values.shape[1]
+            own = CHANNEL_KINDS[name].columns
+            width = channel.values.shape[1]
             if own and width != len(own):
-                raise InvalidInput(f"{self.name}: {name}: {width} columns given; allowed: {len(own)}, {', '.join(own)}")
+                raise InvalidInput(
+                    f"{self.name}: {name}: {width} columns given; allowed: {len(own)},"
+                    f" {', '.join(own)}"
+                )
         attitude = self.channels.get("attitude")
-        if attitude is not None and np.abs(np.linalg.norm(attitude.values, axis=1) - 1.0).max() > _NORM:
-            raise InvalidInput(f"{self.name}: attitude holds no unit quaternions; say what it holds by its format")
+        if (
+            attitude is not None
+            and np.abs(np.linalg.norm(attitude.values, axis=1) - 1.0).max() > _NORM
+        ):
+            raise InvalidInput(
+                f"{self.name}: attitude holds no unit quaternions; say what it holds by its format"
+            )
 
     @property
     def source(self) -> str:
@@ -145,9 +182,14 @@ class Recording:
         """One of them. Raises InvalidInput with those that there are."""
         if name not in self.channels:
             given = f"{self.name}: no {name} is recorded, only {', '.join(self.channels)}"
-            needs = "a fit needs attitude, linear_velocity or position, commands, and positions of joints: map it too"
+            needs = (
+                "a fit needs attitude, linear_velocity or position, commands, and positions of"
+                " joints: map it too"
+            )
             needs += ", or give the axes along which alone it moves"
-            raise InvalidInput(f"{given}; {needs}, or see what `uvms-ocp check-recording` says of these alone")
+            raise InvalidInput(
+                f"{given}; {needs}, or see what `uvms-ocp check-recording` says of these alone"
+            )
         return self.channels[name]
 
     @property
@@ -169,8 +211,11 @@ class ZeroOrderHold:
 
     def __init__(self, channel: Channel) -> None:
         t, values = channel.undelayed_t, channel.values
-        self.channel, self._t = channel, t
-        self._whole = np.cumsum(np.vstack([np.zeros(values.shape[1]), values[:-1] * np.diff(t)[:, None]]), axis=0)
+        self.channel = channel
+        self._t = t
+        self._whole = np.cumsum(
+            np.vstack([np.zeros(values.shape[1]), values[:-1] * np.diff(t)[:, None]]), axis=0
+        )
         """(n, k) [unit of the channel times s] integral up to each sample."""
 
     def at(self, t: np.ndarray) -> np.ndarray:
@@ -178,7 +223,9 @@ class ZeroOrderHold:
         return self.channel.values[self._index(t)]
 
     def mean(self, edges: np.ndarray) -> np.ndarray:
-        """Means (m - 1, k) [unit of the channel] between edges (m,) [s]: smooth in these, whatever the samples do."""
+        """Means (m - 1, k) [unit of the channel] between edges (m,) [s]: smooth in these, whatever
+        the samples do.
+        """
         return np.asarray(np.diff(self.total(edges), axis=0) / np.diff(edges)[:, None])
 
     def total(self, t: np.ndarray) -> np.ndarray:
@@ -187,56 +234,84 @@ class ZeroOrderHold:
         return self._whole[index] + self.channel.values[index] * (t - self._t[index])[:, None]
 
     def mean_slope(self, edges: np.ndarray) -> np.ndarray:
-        """Rate (m - 1, k) [unit of the channel per s] of these means where all edges (m,) [s] move together."""
+        """Rate (m - 1, k) [unit of the channel per s] of these means where all edges (m,) [s] move
+        together.
+        """
         return np.asarray(np.diff(self.at(edges), axis=0) / np.diff(edges)[:, None])
 
     def _index(self, t: np.ndarray) -> np.ndarray:
-        return np.asarray(np.clip(np.searchsorted(self._t, t, side="right") - 1, 0, len(self.channel.t) - 1))
+        return np.asarray(
+            np.clip(np.searchsorted(self._t, t, side="right") - 1, 0, len(self.channel.t) - 1)
+        )
 
 
 def interpolated(at: np.ndarray, t: np.ndarray, values: np.ndarray) -> np.ndarray:
-    """Values (m, k) [any] at times at (m,) [s], linear between samples (n, k) [any] at t (n,) [s]."""
+    """Values (m, k) [any] at times at (m,) [s], linear between samples (n, k) [any] at t (n,)
+    [s].
+    """
     return np.column_stack([np.interp(at, t, column) for column in values.T])
 
 
-def smoothed(t: np.ndarray, values: np.ndarray, window: float, derivative: int = 0) -> tuple[np.ndarray, np.ndarray]:
-    """Uniform times (m,) [s] and there, by local quadratics over `window` [s], values or their derivative (m, k) [any].
+def smoothed(
+    t: np.ndarray, values: np.ndarray, window: float, derivative: int = 0
+) -> tuple[np.ndarray, np.ndarray]:
+    """Uniform times (m,) [s] and there, by local quadratics over `window` [s], values or their
+    derivative (m, k) [any].
 
-    t: (n,) [s] and values: (n, k) [any] of the samples, interpolated between them. Raises InvalidInput for times that are
-    too far apart or too near to each other.
+    t: (n,) [s] and values: (n, k) [any] of the samples, interpolated between them. Raises
+    InvalidInput for times that are too far apart or too near to each other.
     """
     from scipy.signal import savgol_filter  # half a second, which few need
 
     if not 2 * window < t[-1] - t[0] < GRID * _MOST:
-        raise InvalidInput(f"times from {t[0]:g} to {t[-1]:g} s given; allowed: {2 * window:g} s to {GRID * _MOST:g} s")
+        raise InvalidInput(
+            f"times from {t[0]:g} to {t[-1]:g} s given; allowed: {2 * window:g} s to"
+            f" {GRID * _MOST:g} s"
+        )
     grid = np.arange(t[0], t[-1], GRID)
     length = max(3, round(window / GRID) // 2 * 2 + 1)
-    return grid, savgol_filter(interpolated(grid, t, values), length, 2, deriv=derivative, delta=GRID, axis=0)
+    return grid, savgol_filter(
+        interpolated(grid, t, values), length, 2, deriv=derivative, delta=GRID, axis=0
+    )
 
 
 def continuous_quaternions(quaternions: np.ndarray) -> np.ndarray:
-    """The same attitudes (n, 4) by those quaternions (n, 4) of the two for each that do not jump."""
+    """The same attitudes (n, 4) by those quaternions (n, 4) of the two for each that do not
+    jump.
+    """
     signs = np.cumprod(np.where((quaternions[1:] * quaternions[:-1]).sum(axis=1) < 0.0, -1.0, 1.0))
     return quaternions * np.concatenate([[1.0], signs])[:, None]
 
 
 def angular_rate(attitude: Channel, window: float) -> tuple[np.ndarray, np.ndarray]:
-    """Uniform times (m,) [s] and the angular velocity in B (m, 3) [rad/s] of an attitude, smoothed over `window` [s]."""
+    """Uniform times (m,) [s] and the angular velocity in B (m, 3) [rad/s] of an attitude, smoothed
+    over `window` [s].
+    """
     t, quaternions = smoothed(attitude.undelayed_t, attitude.values, window)
     _, rates = smoothed(attitude.undelayed_t, attitude.values, window, derivative=1)
     x, y, z, w = (quaternions / np.linalg.norm(quaternions, axis=1, keepdims=True)).T
     a, b, c, d = rates.T
     # Twice the vector part of the conjugate times the rate.
-    omega = 2 * np.column_stack([w * a - x * d - y * c + z * b, w * b - y * d - z * a + x * c, w * c - z * d - x * b + y * a])
+    omega = 2 * np.column_stack(
+        [
+            w * a - x * d - y * c + z * b,
+            w * b - y * d - z * a + x * c,
+            w * c - z * d - x * b + y * a,
+        ]
+    )
     return t, omega
 
 
 def pose_velocity(position: Channel, attitude: Channel, interval: float) -> Channel:
-    """Mean velocities in B (m, 3) [m/s] between poses about `interval` [s] apart, in the middle of each."""
-    times, span = position.undelayed_t, attitude.undelayed_t[[0, -1]]
+    """Mean velocities in B (m, 3) [m/s] between poses about `interval` [s] apart, in the middle of
+    each.
+    """
+    times = position.undelayed_t
+    span = attitude.undelayed_t[[0, -1]]
     every = max(1, round(interval / float(np.median(np.diff(times)))))
     chosen = np.flatnonzero((times >= span[0]) & (times <= span[1]))[::every]
-    t, rates = times[chosen], np.diff(position.values[chosen], axis=0) / np.diff(times[chosen])[:, None]
+    t = times[chosen]
+    rates = np.diff(position.values[chosen], axis=0) / np.diff(times[chosen])[:, None]
     at = (t[1:] + t[:-1]) / 2
     return Channel(t=at, values=np.einsum("nji,nj->ni", rotations(attitude, at), rates))
 
@@ -248,7 +323,8 @@ def rotations(attitude: Channel, t: np.ndarray) -> np.ndarray:
     return np.moveaxis(np.array(quaternion_to_matrix(found.T)), -1, 0)
 
 
-# Recordings with silences, cut there: what was commanded while nothing was recorded is known to nobody.
+# Recordings with silences, cut there: what was commanded while nothing was recorded is known to
+# nobody.
 #
 # A clock that is set while it records leaves one too, as long as it was moved.
 
@@ -259,7 +335,9 @@ SHORTEST = 5.0
 
 
 def split_at_gaps(recordings: Sequence[Recording]) -> tuple[Recording, ...]:
-    """The same, those with silences in parts. Raises InvalidInput for one that has no part of `SHORTEST`."""
+    """The same, those with silences in parts. Raises InvalidInput for one that has no part of
+    `SHORTEST`.
+    """
     return tuple(part for one in recordings for part in _parts(one))
 
 
@@ -268,18 +346,36 @@ def _parts(one: Recording) -> tuple[Recording, ...]:
     t = np.unique(np.concatenate([channel.undelayed_t for channel in one.channels.values()]))
     last = np.flatnonzero(np.diff(t) > LONGEST_GAP)
     silences, (begin, end) = np.column_stack([t[last], t[last + 1]]), one.span
-    if not len(silences) or begin >= end:  # channels without a time in common are no matter of silences
+    if (
+        not len(silences) or begin >= end
+    ):  # channels without a time in common are no matter of silences
         return (one,)
     ends = [-np.inf, *silences.ravel(), np.inf]
-    found = [part for pair in zip(ends[::2], ends[1::2], strict=True) if (part := _between(one, *pair))]
+    found = [
+        part for pair in zip(ends[::2], ends[1::2], strict=True) if (part := _between(one, *pair))
+    ]
     longest = float(np.diff(silences).max())
     if not found:
         given = f"{one.name}: nothing is recorded for up to {longest:.3g} s, again and again"
-        raise InvalidInput(f"{given}; allowed: {SHORTEST:g} s at least without {LONGEST_GAP:g} s of silence: look at its times")
-    silence = f"nothing is recorded for {longest:.3g} s at {silences[int(np.argmax(np.diff(silences))), 0]:.3g} s"
-    issues = (*one.issues_in_file, ("times", f"{silence}: lost, or a clock that was set? It is cut where it is silent"))
+        raise InvalidInput(
+            f"{given}; allowed: {SHORTEST:g} s at least without {LONGEST_GAP:g} s of silence: look"
+            " at its times"
+        )
+    silence = (
+        f"nothing is recorded for {longest:.3g} s at"
+        f" {silences[int(np.argmax(np.diff(silences))), 0]:.3g} s"
+    )
+    issues = (
+        *one.issues_in_file,
+        ("times", f"{silence}: lost, or a clock that was set? It is cut where it is silent"),
+    )
     return tuple(
-        replace(part, name=f"{one.name} part {k}", whole=one.name, issues_in_file=issues if k == 1 else one.issues_in_file)
+        replace(
+            part,
+            name=f"{one.name} part {k}",
+            whole=one.name,
+            issues_in_file=issues if k == 1 else one.issues_in_file,
+        )
         for k, part in enumerate(found, start=1)
     )
 
@@ -294,4 +390,8 @@ def _between(one: Recording, begin: float, end: float) -> Recording | None:
 
 def _cut(channel: Channel, begin: float, end: float) -> Channel | None:
     inside = (channel.undelayed_t >= begin) & (channel.undelayed_t <= end)
-    return replace(channel, t=channel.t[inside], values=channel.values[inside]) if inside.sum() > 1 else None
+    return (
+        replace(channel, t=channel.t[inside], values=channel.values[inside])
+        if inside.sum() > 1
+        else None
+    )

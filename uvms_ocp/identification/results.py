@@ -1,6 +1,8 @@
-"""Results of an identification: the report, the robot file with the identified coefficients, and the report of an experiment.
+"""Results of an identification: the report, the robot file with the identified coefficients, and
+the report of an experiment.
 
-A robot file holds coefficients of water. Mass and inertia are the URDF's, gains and delays the driver's: the report has them.
+A robot file holds coefficients of water. Mass and inertia are the URDF's, gains and delays the
+driver's: the report has them.
 """
 
 from __future__ import annotations
@@ -14,19 +16,36 @@ import numpy as np
 import tomllib
 import yaml
 
-from uvms_ocp.identification import coordinates, experiment_design, fit, parameters, settings, uncertainty
+from uvms_ocp.identification import (
+    coordinates,
+    experiment_design,
+    fit,
+    parameters,
+    settings,
+    uncertainty,
+)
 from uvms_ocp.identification.calibration import Calibration, Comparison
 from uvms_ocp.identification.uncertainty import DETERMINED_BELOW, LEAST_P, LEVEL, IdentifiedNumber
-from uvms_ocp.identification.validation import OTHERS, SCORED, HeldOutRecording, HorizonPrediction, errors
+from uvms_ocp.identification.validation import (
+    OTHERS,
+    SCORED,
+    HeldOutRecording,
+    HorizonPrediction,
+    errors,
+)
 from uvms_ocp.robot.description import read_description
 
-_PROSE = tomllib.loads((files("uvms_ocp.identification") / "report.toml").read_text(encoding="utf-8"))
+_PROSE = tomllib.loads(
+    (files("uvms_ocp.identification") / "report.toml").read_text(encoding="utf-8")
+)
 """Texts of the report."""
 
-# What to do about a combination that recordings leave open, in words: which motion shows it, or what has to be measured.
+# What to do about a combination that recordings leave open, in words: which motion shows it, or
+# what has to be measured.
 #
-# A motion shows a number by the force that comes of it: added mass by accelerations, drag by speeds, two of them apart by two
-# speeds, what holds it upright by tilts. What enters every force alike no motion shows: a scale does, or a gauge of thrust.
+# A motion shows a number by the force that comes of it: added mass by accelerations, drag by
+# speeds, two of them apart by two speeds, what holds it upright by tilts. What enters every force
+# alike no motion shows: a scale does, or a gauge of thrust.
 
 _SHARES = 3  # of a combination, the largest first, that are told of
 _DRAGS = frozenset({"linear_drag", "quadratic_drag"})
@@ -37,19 +56,30 @@ _DRIVEN = frozenset({"added_mass", "volume"}) | _DRAGS | _BODY
 def advice(one: uncertainty.UnidentifiableDirection) -> str:
     """Name the motion or knowledge that would determine a combination; as ``drive yaw fast``."""
     shares = [name.partition(" ")[::2] for name, _ in one.shares[:_SHARES]]
-    return _of_all(shares) or "; ".join(dict.fromkeys(_motion(_PROSE["motions"][quantity], entry) for quantity, entry in shares))
+    return _of_all(shares) or "; ".join(
+        dict.fromkeys(_motion(_PROSE["motions"][quantity], entry) for quantity, entry in shares)
+    )
 
 
 def _of_all(shares: Sequence[tuple[str, str]]) -> str | None:
-    """Advice for numbers of which only a combination is undetermined; `None` if there is no special one."""
-    quantities, entries = frozenset(one for one, _ in shares), {entry for _, entry in shares}
+    """Advice for numbers of which only a combination is undetermined; `None` if there is no special
+    one.
+    """
+    quantities = frozenset(one for one, _ in shares)
+    entries = {entry for _, entry in shares}
     if quantities == _DRAGS and len(entries) == 1:
         return _motion(_PROSE["advice"]["speeds"], entries.pop())
     if "added_mass" in quantities and len(quantities) > 1 and quantities <= _BODY | {"added_mass"}:
         return _PROSE["advice"]["weighed"].format(body=" and ".join(sorted(quantities & _BODY)))
-    if "gain" in quantities and quantities & _DRIVEN and quantities <= _DRIVEN | {"gain", "reverse"}:
+    if (
+        "gain" in quantities
+        and quantities & _DRIVEN
+        and quantities <= _DRIVEN | {"gain", "reverse"}
+    ):
         return _PROSE["advice"]["scale"]
-    name = {frozenset({"mass", "volume"}): "net", frozenset({"lag", "delay"}): "edges"}.get(quantities)
+    name = {frozenset({"mass", "volume"}): "net", frozenset({"lag", "delay"}): "edges"}.get(
+        quantities
+    )
     return _PROSE["advice"][name] if name else None
 
 
@@ -59,9 +89,11 @@ def _motion(text: str, entry: str) -> str:
     return text.format(entry=entry, axes=driven, tilt=_PROSE["tilts"].get(entry, "every way"))
 
 
-# What has been learnt as a robot file: a variant, whose keys replace those of the robot's own, with the source of each number.
+# What has been learnt as a robot file: a variant, whose keys replace those of the robot's own, with
+# the source of each number.
 #
-# A file holds coefficients of water. Mass and inertia are the URDF's, gains and delays the driver's: the report tells them.
+# A file holds coefficients of water. Mass and inertia are the URDF's, gains and delays the
+# driver's: the report tells them.
 
 _OF_FILE = ("mass", "centre_of_mass", "second_moment", "dead_zone", "dead_zone_reverse")
 IN_FILE = ("added_mass", "linear_drag", "quadratic_drag", "volume", "centre_of_buoyancy")
@@ -69,9 +101,12 @@ IN_FILE = ("added_mass", "linear_drag", "quadratic_drag", "volume", "centre_of_b
 
 
 def variant_text(one: Calibration, recordings: Sequence[str]) -> str:
-    """Write what was learnt as a variant of the robot's file, in YAML. Raises InvalidInput, as `CalibratedRobot.coefficients`."""
+    """Write what was learnt as a variant of the robot's file, in YAML. Raises InvalidInput, as
+    `CalibratedRobot.coefficients`.
+    """
     shape = settings.shape_of(one.subject.robot, one.subject.frame)
-    lines, learnt = [f"# Identified from: {', '.join(recordings)}."], list(_lines(one, shape))
+    lines = [f"# Identified from: {', '.join(recordings)}."]
+    learnt = list(_lines(one, shape))
     if learnt:
         lines += ["links:", f"  {one.subject.frame}:", *([f"    {shape}: null"] if shape else [])]
         lines += ["    coefficients:", *(f"      {line}" for line in learnt)]
@@ -83,17 +118,27 @@ def variant_text(one: Calibration, recordings: Sequence[str]) -> str:
 def whole_text(one: Calibration, variant: Path | str) -> str:
     """The robot's file with what a variant says in its place."""
     variant = Path(variant)
-    described = read_description(one.subject.file, variant).model_dump(mode="json", exclude_unset=True, exclude_none=True)
-    head = f"# Of {one.subject.file.name}, with identified coefficients of {one.subject.frame}: see {variant.name}.\n"
+    described = read_description(one.subject.file, variant).model_dump(
+        mode="json", exclude_unset=True, exclude_none=True
+    )
+    head = (
+        f"# Of {one.subject.file.name}, with identified coefficients of {one.subject.frame}: see"
+        f" {variant.name}.\n"
+    )
     return head + yaml.safe_dump(described, sort_keys=False, width=130)
 
 
 def _lines(one: Calibration, shape: str) -> Iterator[str]:
-    """Lines of coefficients that were learnt; where they take the place of a shape of all that there are."""
+    """Lines of coefficients that were learnt; where they take the place of a shape of all that
+    there are.
+    """
     values = _of_file(one)
     learnt = {number.quantity for number in one.numbers}
     if learnt & {"volume", "centre_of_buoyancy"}:
-        learnt |= {"volume", "centre_of_buoyancy"}  # with floats beside the hull one follows from the other
+        learnt |= {
+            "volume",
+            "centre_of_buoyancy",
+        }  # with floats beside the hull one follows from the other
     learnt, by_shape = learnt & set(IN_FILE), set(IN_FILE) - learnt if shape else set[str]()
     if learnt and shape:
         yield f"pose: {{position: {_row(np.array(one.subject.coefficients().pose.position))}}}"
@@ -105,7 +150,8 @@ def _lines(one: Calibration, shape: str) -> Iterator[str]:
 
 
 def _of_file(one: Calibration) -> dict[str, np.ndarray]:
-    """Convert to the file's numbers: those of the vehicle hold floats and ballast, those of its link do not.
+    """Convert to the file's numbers: those of the vehicle hold floats and ballast, those of its
+    link do not.
 
     A file has the centre of buoyancy in the link's frame, an estimate in that of the coefficients.
     """
@@ -115,15 +161,23 @@ def _of_file(one: Calibration) -> dict[str, np.ndarray]:
     now = {name: np.asarray(ca.DM(value)) for name, value in found.items() if name in IN_FILE}
     start = one.subject.start
     volume = float(now["volume"].item()) + before.volume - start.volume
-    centre = np.zeros(3) if before.centre_of_buoyancy is None else np.array(before.centre_of_buoyancy)
+    centre = (
+        np.zeros(3) if before.centre_of_buoyancy is None else np.array(before.centre_of_buoyancy)
+    )
     floats = start.volume * (start.centre_of_buoyancy + origin) - before.volume * centre
     first = float(now["volume"].item()) * (now["centre_of_buoyancy"].ravel() + origin) - floats
     return {**now, "volume": np.array(volume), "centre_of_buoyancy": first / volume}
 
 
 def _source(name: str, one: Calibration) -> str:
-    parts = [f"{each.entry or name} {_word(each, one)}" for each in one.numbers if each.quantity == name]
-    return "; ".join(parts) + "; the others as before" if parts else "follows from the others: floats are apart"
+    parts = [
+        f"{each.entry or name} {_word(each, one)}" for each in one.numbers if each.quantity == name
+    ]
+    return (
+        "; ".join(parts) + "; the others as before"
+        if parts
+        else "follows from the others: floats are apart"
+    )
 
 
 def _word(number: IdentifiedNumber, one: Calibration) -> str:
@@ -146,7 +200,8 @@ def _row(values: np.ndarray) -> str:
     return "[" + ", ".join(f"{float(value):.6g}" for value in values) + "]"
 
 
-# How well recordings are predicted, as tables: nothing is told without what predictors that know less make of it.
+# How well recordings are predicted, as tables: nothing is told without what predictors that know
+# less make of it.
 
 _STILL = 1e-3  # [m/s, rad/s] deviation below which a channel has no fit
 
@@ -157,14 +212,23 @@ def fits(comparisons: Sequence[Comparison]) -> Iterator[str]:
     yield "| recording | " + " | ".join((*parameters.AXES, "tilt")) + " |"
     yield "|---" * (2 + len(parameters.AXES)) + "|"
     for each in comparisons:
-        columns = zip(*(_by_axis(one) for one in (each.calibrated, each.before, each.static)), strict=True)
+        columns = zip(
+            *(_by_axis(one) for one in (each.calibrated, each.before, each.static)), strict=True
+        )
         cells = [f"{after} ({before}; {still})" for after, before, still in columns]
-        after, *others = (errors(one)[-1] for one in (each.calibrated, each.before, each.static, each.balance))
-        yield f"| {each.name} | {' | '.join(cells)} | {after:.2g} ({'; '.join(f'{x:.2g}' for x in others)}) |"
+        after, *others = (
+            errors(one)[-1] for one in (each.calibrated, each.before, each.static, each.balance)
+        )
+        yield (
+            f"| {each.name} | {' | '.join(cells)} | {after:.2g}"
+            f" ({'; '.join(f'{x:.2g}' for x in others)}) |"
+        )
 
 
 def _by_axis(predicted: fit.Predicted) -> list[str]:
-    pairs = [(predicted.measured[k][:, i], predicted.rows[k][:, i]) for k in range(2) for i in range(3)]
+    pairs = [
+        (predicted.measured[k][:, i], predicted.rows[k][:, i]) for k in range(2) for i in range(3)
+    ]
     return [f"{fit.fit_percent(*pair):.0f}" if np.std(pair[0]) > _STILL else "-" for pair in pairs]
 
 
@@ -174,16 +238,22 @@ def left_out_tables(one: Sequence[HeldOutRecording]) -> Iterator[str]:
         return
     yield _PROSE["left_out"]
     for asked in sorted({each.asked for left in one for each in left.horizons}):
-        yield from _horizon(asked, [each for left in one for each in left.horizons if each.asked == asked])
+        yield from _horizon(
+            asked, [each for left in one for each in left.horizons if each.asked == asked]
+        )
     yield from _by_recording(one)
 
 
 def _horizon(asked: float, found: Sequence[HorizonPrediction]) -> Iterator[str]:
     short = min(each.length for each in found)
-    yield f"\n### {asked:g} s" + (f" (recordings have {short:.3g} s)" if short < asked - 1e-6 else "")
+    yield f"\n### {asked:g} s" + (
+        f" (recordings have {short:.3g} s)" if short < asked - 1e-6 else ""
+    )
     yield "\n| predicted by | " + " | ".join(SCORED) + " |"
     yield "|---" + "|---:" * len(SCORED) + "|"
-    rows = {name: np.median([errors(each.by[name]) for each in found], axis=0) for name in found[0].by}
+    rows = {
+        name: np.median([errors(each.by[name]) for each in found], axis=0) for name in found[0].by
+    }
     best = np.min([row for name, row in rows.items() if name != OTHERS], axis=0)
     for name, row in rows.items():
         worse = (row > best) & (name == OTHERS)
@@ -192,7 +262,10 @@ def _horizon(asked: float, found: Sequence[HorizonPrediction]) -> Iterator[str]:
 
 def _by_recording(one: Sequence[HeldOutRecording]) -> Iterator[str]:
     yield "\n### Each recording, over the longest horizon that it has\n"
-    yield "In brackets: the best that knows less, and by how much the prediction was expected to err.\n"
+    yield (
+        "In brackets: the best that knows less, and by how much the prediction was expected to"
+        " err.\n"
+    )
     yield "| recording | " + " | ".join(SCORED) + " |"
     yield "|---" * (1 + len(SCORED)) + "|"
     for each in one:
@@ -200,11 +273,20 @@ def _by_recording(one: Sequence[HeldOutRecording]) -> Iterator[str]:
             yield f"| {each.name} | {' | '.join(_beside(each.horizons[-1]))} |"
     for each in one:
         if not each.horizons:
-            yield f"\n{each.name}: the others determine too little to predict it (their search: {each.estimate.status.value})."
+            yield (
+                f"\n{each.name}: the others determine too little to predict it (their search:"
+                f" {each.estimate.status.value})."
+            )
         elif extrapolated := each.horizons[-1].extrapolated:
-            yield f"\n{each.name}: {', '.join(extrapolated)} rest on what the others do not determine: do not rely on them."
+            yield (
+                f"\n{each.name}: {', '.join(extrapolated)} rest on what the others do not"
+                " determine: do not rely on them."
+            )
         if each.horizons and (less := each.horizons[-1].uninformative):
-            yield f"\n{each.name}: {', '.join(less)} move less than the prediction may err: it says nothing of them."
+            yield (
+                f"\n{each.name}: {', '.join(less)} move less than the prediction may err: it says"
+                " nothing of them."
+            )
 
 
 def _beside(one: HorizonPrediction) -> Iterator[str]:
@@ -218,15 +300,26 @@ def _cell(value: float, worse: bool) -> str:
     return f"**{value:.2g}**" if worse else f"{value:.2g}"
 
 
-# A calibration in words: numbers, how sure they are, what is not determined, and how well recordings are predicted.
+# A calibration in words: numbers, how sure they are, what is not determined, and how well
+# recordings are predicted.
 
 _MOST_COMBINATIONS = 6  # combinations, the worst first
 _DECADES = 1e3  # between the ends of an interval that is told of what is positive
 
 
 def report_text(one: Calibration) -> str:
-    """Write the report of a calibration as Markdown: numbers, intervals, what stays open, predictions, doubts."""
-    parts = ["# Calibration", *_number_table(one), *_own(one), *_profiles(one), *_open(one), *_held(one), *_white(one)]
+    """Write the report of a calibration as Markdown: numbers, intervals, what stays open,
+    predictions, doubts.
+    """
+    parts = [
+        "# Calibration",
+        *_number_table(one),
+        *_own(one),
+        *_profiles(one),
+        *_open(one),
+        *_held(one),
+        *_white(one),
+    ]
     parts += fits(one.comparisons)
     parts += [*left_out_tables(one.left_out), "", "## Doubts about the recordings", ""]
     return "\n".join([*parts, *(f"- {doubt}" for doubt in one.issues or ("none",))]) + "\n"
@@ -235,25 +328,36 @@ def report_text(one: Calibration) -> str:
 def _number_table(one: Calibration) -> Iterator[str]:
     known = {"status": one.estimate.status, "inflation": one.inflation}
     yield _PROSE["numbers"].format(**known, below=100 * DETERMINED_BELOW, most=uncertainty.MISSES)
-    if missed := [each.channel for each in one.whiteness if each.unexplained]:
+    missed = [each.channel for each in one.whiteness if each.unexplained]
+    if missed:
         yield _PROSE["unexplained"].format(missed=", ".join(missed))
     if len(axes := one.subject.vehicle.axes) < len(parameters.AXES):
         yield _PROSE["axes"].format(axes=", ".join(parameters.AXES[k] for k in axes))
-    if shape := settings.shape_of(one.subject.robot, one.subject.frame):
+    shape = settings.shape_of(one.subject.robot, one.subject.frame)
+    if shape:
         yield _PROSE["shape"].format(shape=shape, frame=one.subject.frame, **settings.SHAPE_SPREADS)
     yield _PROSE["number_table"]
     for each in one.numbers:
         columns = f"{each.value:.4g} | {each.unit} | {each.sigma:.2g} | {_ends(each.interval)}"
-        yield f"| {each.name} | {columns} | {'yes' if each.determined else 'no'} | {_in_file(one, each)} |"
+        yield (
+            f"| {each.name} | {columns} | {'yes' if each.determined else 'no'} |"
+            f" {_in_file(one, each)} |"
+        )
 
 
 def _own(one: Calibration) -> Iterator[str]:
-    """Tabulate the numbers that each recording has for itself, such as its current; nothing where none are learnt."""
+    """Tabulate the numbers that each recording has for itself, such as its current; nothing where
+    none are learnt.
+    """
     own = one.subject.vehicle.own
     if own.names:
         units = [own.declaration.quantities[name.partition(" ")[0]].unit for name in own.names]
         yield _PROSE["own"]
-        yield "| recording | " + " | ".join(f"{name} [{unit}]" for name, unit in zip(own.names, units, strict=True)) + " |"
+        yield (
+            "| recording | "
+            + " | ".join(f"{name} [{unit}]" for name, unit in zip(own.names, units, strict=True))
+            + " |"
+        )
         yield "|---" + "|---:" * len(units) + "|"
         for name, values in one.estimate.own.items():
             yield f"| {name} | {' | '.join(f'{value:.3g}' for value in values)} |"
@@ -270,13 +374,21 @@ def _profiles(one: Calibration) -> Iterator[str]:
         return
     yield _PROSE["profiles"]
     for each in one.profiles:
-        number, word = each.number, "differs" if each.differs else ""
-        yield f"| {number.name} | {number.unit} | {_ends(number.interval)} | {_ends(each.interval)} | {word} |"
+        number = each.number
+        word = "differs" if each.differs else ""
+        yield (
+            f"| {number.name} | {number.unit} | {_ends(number.interval)} | {_ends(each.interval)} |"
+            f" {word} |"
+        )
 
 
 def _ends(interval: tuple[float, float]) -> str:
     wide = interval[1] > _DECADES * abs(interval[0]) and interval[0] >= 0.0
-    return f"{interval[0]:.4g} to {interval[1]:.4g}" if np.isfinite(interval).all() and not wide else "open"
+    return (
+        f"{interval[0]:.4g} to {interval[1]:.4g}"
+        if np.isfinite(interval).all() and not wide
+        else "open"
+    )
 
 
 def _open(one: Calibration) -> Iterator[str]:
@@ -285,7 +397,10 @@ def _open(one: Calibration) -> Iterator[str]:
         yield "None."
     for each in one.open[:_MOST_COMBINATIONS]:
         shares = " ".join(f"{share:+.2f} {name}" for name, share in each.shares)
-        yield f"- {shares}: standard error {min(each.sigma, 1e3):.2g} without priors. To determine it: {advice(each)}."
+        yield (
+            f"- {shares}: standard error {min(each.sigma, 1e3):.2g} without priors. To determine"
+            f" it: {advice(each)}."
+        )
 
 
 def _held(one: Calibration) -> Iterator[str]:
@@ -294,21 +409,37 @@ def _held(one: Calibration) -> Iterator[str]:
     for name, each in one.subject.vehicle.shared.declaration.quantities.items():
         if name not in IN_FILE and not each.free.any():
             values = np.round(each.value.ravel(), 5)
-            shown = f"{values.min():.4g}" if np.ptp(values) == 0.0 else f"{values.min():.4g} to {values.max():.4g}"
-            of, other = effects.get(name), "robot's file" if name in _OF_FILE or not one.constants else "assumed"
-            effect = f"{of.known} | {of.spread:g} | {of.most} by {of.change:.2g}" if of else f"{other} | - | -"
+            shown = (
+                f"{values.min():.4g}"
+                if np.ptp(values) == 0.0
+                else f"{values.min():.4g} to {values.max():.4g}"
+            )
+            of = effects.get(name)
+            other = "robot's file" if name in _OF_FILE or not one.constants else "assumed"
+            effect = (
+                f"{of.known} | {of.spread:g} | {of.most} by {of.change:.2g}"
+                if of
+                else f"{other} | - | -"
+            )
             yield f"| {name} | {shown} | {each.unit} | {effect} |"
     box = one.subject.vehicle.shared.declaration.quantities["centre_of_buoyancy"].coordinates
     if isinstance(box, coordinates.Interval):
-        yield f"| hull | {box.lower.min():.4g} to {box.upper.max():.4g} | m | given | - | centre_of_buoyancy at its ends |"
+        yield (
+            f"| hull | {box.lower.min():.4g} to {box.upper.max():.4g} | m | given | - |"
+            " centre_of_buoyancy at its ends |"
+        )
     for of in (effects[name] for name in effects if effects[name].unit):
-        yield f"| {of.quantity} | {of.value:g} | {of.unit} | {of.known} | {of.spread:g} | {of.most} by {of.change:.2g} |"
+        yield (
+            f"| {of.quantity} | {of.value:g} | {of.unit} | {of.known} | {of.spread:g} | {of.most}"
+            f" by {of.change:.2g} |"
+        )
 
 
 def _white(one: Calibration) -> Iterator[str]:
     yield _PROSE["white"].format(level=LEVEL)
     for each in one.whiteness:
-        word, p = "yes" if each.white else "no", f"{each.p:.2g}" if each.p > LEAST_P else f"below {LEAST_P:g}"
+        word = "yes" if each.white else "no"
+        p = f"{each.p:.2g}" if each.p > LEAST_P else f"below {LEAST_P:g}"
         yield f"| {each.channel} | {each.size:.2g} | {each.inflation:.3g} | {p} | {word} |"
 
 
@@ -316,7 +447,9 @@ def _white(one: Calibration) -> Iterator[str]:
 
 
 def excitation_text(one: experiment_design.Excitation, actuators: Sequence[str]) -> str:
-    """Write the report of an excitation as Markdown. actuators: names, in the order of its commands."""
+    """Write the report of an excitation as Markdown. actuators: names, in the order of its
+    commands.
+    """
     return "\n".join(["# Excitation", "", *_course(one, actuators)]) + "\n"
 
 
@@ -325,7 +458,13 @@ def _course(one: experiment_design.Excitation, actuators: Sequence[str]) -> Iter
     step = float(one.commands.t[1] - one.commands.t[0])
     tilt = 2.0 * np.arcsin(np.hypot(*one.states[:, 3:5].T).max())
     yield f"{one.status.value}: {one.status.advice}\n"
-    yield f"Commands last {step * len(one.commands.t):.4g} s, held for {step:.4g} s each, of {', '.join(actuators)}.\n"
+    yield (
+        f"Commands last {step * len(one.commands.t):.4g} s, held for {step:.4g} s each, of"
+        f" {', '.join(actuators)}.\n"
+    )
     yield _PROSE["excitation"].format(spans=", ".join(spans), tilt=tilt)
     for each in one.numbers:
-        yield f"| {each.name} | {each.value:.4g} | {each.unit} | {each.sigma:.2g} | {'yes' if each.determined else 'no'} |"
+        yield (
+            f"| {each.name} | {each.value:.4g} | {each.unit} | {each.sigma:.2g} |"
+            f" {'yes' if each.determined else 'no'} |"
+        )

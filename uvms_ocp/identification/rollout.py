@@ -1,7 +1,8 @@
 """Shooting segments of recordings, and their simulation, many at once, with sensitivities.
 
-The derivatives of single steps come from the stage, and are chained here: ``S_next = A S + B + C du/dp``. That is the variational
-equation of the discrete model, so that slopes are those of what is simulated.
+The derivatives of single steps come from the stage, and are chained here: ``S_next = A S + B + C
+du/dp``. That is the variational equation of the discrete model, so that slopes are those of what is
+simulated.
 """
 
 from __future__ import annotations
@@ -19,10 +20,13 @@ from uvms_ocp.identification import recording as recordings
 from uvms_ocp.identification.model import N_Q, N_V, PAST, PAST_STEP, StageFunctions, Vehicle
 from uvms_ocp.robot import limits, spatial
 
-# A stretch of a recording as a simulation needs it: what was commanded step by step, and what was seen when.
+# A stretch of a recording as a simulation needs it: what was commanded step by step, and what was
+# seen when.
 
 N_SEEN = 9
-"""Rows of what is seen, as `Stage.outputs` has them: velocity, angular velocity, vertical; three of each."""
+"""Rows of what is seen, as `Stage.outputs` has them: velocity, angular velocity, vertical; three of
+each.
+"""
 RATE_WINDOW = 0.6
 """[s] over which attitude is smoothed for an angular velocity that is not recorded."""
 POSE_INTERVAL = 0.2
@@ -57,12 +61,16 @@ class Segment:
 
     def first(self, duration: float) -> Segment:
         """Return its first part of some duration [s], at least a step."""
-        return _cut(self, 0, min(max(1, round(duration / self.step)), len(self.edges) - 1), self.q, self.v)
+        return _cut(
+            self, 0, min(max(1, round(duration / self.step)), len(self.edges) - 1), self.q, self.v
+        )
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class PreparedRecording:
-    """A recording with what follows from its channels: a rate of turning, commands of actuators, joints."""
+    """A recording with what follows from its channels: a rate of turning, commands of actuators,
+    joints.
+    """
 
     recording: recordings.Recording
     rate: recordings.Channel
@@ -73,33 +81,44 @@ class PreparedRecording:
     """(n, 3) [-] W's vertical in B, of each sample of the attitude."""
 
     @staticmethod
-    def of(recording: recordings.Recording, vehicle: Vehicle, window: float = RATE_WINDOW) -> PreparedRecording:
+    def of(
+        recording: recordings.Recording, vehicle: Vehicle, window: float = RATE_WINDOW
+    ) -> PreparedRecording:
         """window: [s] over which attitude is smoothed where no angular velocity is recorded.
 
         Without a linear velocity means between positions take its place.
 
-        Raises InvalidInput for a channel that is missing or of other joints or actuators, and for channels that have no time in
-        common.
+        Raises InvalidInput for a channel that is missing or of other joints or actuators, and for
+        channels that have no time in common.
         """
         attitude, channels = recording.channel("attitude"), recording.channels
         begin, end = recording.span
         if not begin < end:
             given = f"one channel begins at {begin:.6g} s, and another has ended at {end:.6g} s"
-            raise InvalidInput(f"{recording.name}: {given}; give channels of one clock, with times in common")
+            raise InvalidInput(
+                f"{recording.name}: {given}; give channels of one clock, with times in common"
+            )
         if "linear_velocity" not in channels and "position" in channels:
             velocity = recordings.pose_velocity(channels["position"], attitude, POSE_INTERVAL)
             recording = replace(recording, channels={**channels, "linear_velocity": velocity})
         recording.channel("linear_velocity")
-        if (rate := recording.channels.get("angular_velocity")) is None:
+        rate = recording.channels.get("angular_velocity")
+        if rate is None:
             t, omega = recordings.angular_rate(attitude, window)
-            at = attitude.undelayed_t[(attitude.undelayed_t >= t[0]) & (attitude.undelayed_t <= t[-1])]
+            at = attitude.undelayed_t[
+                (attitude.undelayed_t >= t[0]) & (attitude.undelayed_t <= t[-1])
+            ]
             rate = recordings.Channel(t=at, values=recordings.interpolated(at, t, omega))
-        commands, joints = recordings.ZeroOrderHold(_actuator_commands(recording, vehicle)), _moved(recording, vehicle)
+        commands = recordings.ZeroOrderHold(_actuator_commands(recording, vehicle))
+        joints = _moved(recording, vehicle)
         vertical = recordings.rotations(attitude, attitude.undelayed_t)[:, 2, :].copy()
-        return PreparedRecording(recording=recording, rate=rate, commands=commands, joints=joints, vertical=vertical)
+        return PreparedRecording(
+            recording=recording, rate=rate, commands=commands, joints=joints, vertical=vertical
+        )
 
     def stretches(self, step: float, duration: float | None = None) -> tuple[Segment, ...]:
-        """The recording in steps of `step` [s], cut into equal stretches of about `duration` [s]; all of it by default.
+        """The recording in steps of `step` [s], cut into equal stretches of about `duration` [s];
+        all of it by default.
 
         Raises InvalidInput where they would not have a step.
         """
@@ -107,21 +126,35 @@ class PreparedRecording:
         total = int((end - begin) / step)
         n = max(1, round(total * step / duration)) if duration else 1
         if total < n:
-            given = f"{self.recording.name}: {end - begin:.4g} s in stretches of {duration or np.inf:g} s"
-            raise InvalidInput(f"{given}; a step takes {step:g} s: record more, or give longer stretches or shorter steps")
-        return self._parts(self._whole(begin + step * np.arange(total + 1)), total // n * np.arange(n), total // n)
+            given = (
+                f"{self.recording.name}: {end - begin:.4g} s in stretches of"
+                f" {duration or np.inf:g} s"
+            )
+            raise InvalidInput(
+                f"{given}; a step takes {step:g} s: record more, or give longer stretches or"
+                " shorter steps"
+            )
+        return self._parts(
+            self._whole(begin + step * np.arange(total + 1)), total // n * np.arange(n), total // n
+        )
 
     def windows(self, step: float, known: float, horizon: float) -> tuple[Segment, ...]:
-        """Stretches in steps of `step` [s], of the times `known` [s] and `horizon` [s] after it, that begin a horizon apart.
+        """Stretches in steps of `step` [s], of the times `known` [s] and `horizon` [s] after it,
+        that begin a horizon apart.
 
         Their horizons follow each other without gaps; the last one, if it is cut off, is left out.
         """
         (whole,) = self.stretches(step)
-        before, after, n = round(known / step), round(horizon / step), len(whole.edges) - 1
+        before = round(known / step)
+        after = round(horizon / step)
+        n = len(whole.edges) - 1
         return self._parts(whole, np.arange(0, n - before - after + 1, after), before + after)
 
     def _whole(self, edges: np.ndarray) -> Segment:
-        attitude, velocity = self.recording.channel("attitude"), self.recording.channel("linear_velocity")
+        attitude, velocity = (
+            self.recording.channel("attitude"),
+            self.recording.channel("linear_velocity"),
+        )
         return Segment(
             recording=self.recording.name,
             edges=edges,
@@ -135,22 +168,30 @@ class PreparedRecording:
 
     def _parts(self, whole: Segment, begins: np.ndarray, n: int) -> tuple[Segment, ...]:
         """Cut segments of n steps that begin at edges begins (m,)."""
-        t, attitude = whole.edges[begins], self.recording.channel("attitude")
+        t = whole.edges[begins]
+        attitude = self.recording.channel("attitude")
         turns = recordings.interpolated(t, attitude.undelayed_t, attitude.values)
         q = np.hstack([np.zeros((len(t), 3)), turns / np.linalg.norm(turns, axis=1, keepdims=True)])
         v = np.hstack([recordings.interpolated(t, whole.t[k], whole.measured[k]) for k in (0, 1)])
-        return tuple(_cut(whole, k, k + n, *at) for k, *at in zip(begins.tolist(), q, v, strict=True))
+        return tuple(
+            _cut(whole, k, k + n, *at) for k, *at in zip(begins.tolist(), q, v, strict=True)
+        )
 
 
 def _cut(whole: Segment, first: int, last: int, q: np.ndarray, v: np.ndarray) -> Segment:
     edges = whole.edges[first : last + 1]
-    inside = [slice(np.searchsorted(t, edges[0]), np.searchsorted(t, edges[-1], side="right")) for t in whole.t]
+    inside = [
+        slice(np.searchsorted(t, edges[0]), np.searchsorted(t, edges[-1], side="right"))
+        for t in whole.t
+    ]
     return replace(
         whole,
         edges=edges,
         joints=whole.joints[:, first:last],
         t=tuple(t[chosen] for t, chosen in zip(whole.t, inside, strict=True)),
-        measured=tuple(values[chosen] for values, chosen in zip(whole.measured, inside, strict=True)),
+        measured=tuple(
+            values[chosen] for values, chosen in zip(whole.measured, inside, strict=True)
+        ),
         q=q,
         v=v,
     )
@@ -159,19 +200,24 @@ def _cut(whole: Segment, first: int, last: int, q: np.ndarray, v: np.ndarray) ->
 def _actuator_commands(recording: recordings.Recording, vehicle: Vehicle) -> recordings.Channel:
     """Return the command of each actuator."""
     name = vehicle.actuators.commands or _only_commands(recording)
-    channel, allocation = recording.channel(name), vehicle.actuators.allocation
+    channel = recording.channel(name)
+    allocation = vehicle.actuators.allocation
     if name == "thrust":
         channel = channel.of(vehicle.actuators.names, f"{recording.name}: thrust")
     if channel.values.shape[1] != allocation.shape[1]:
         given = f"{recording.name}: {name} has {channel.values.shape[1]} columns"
         raise InvalidInput(f"{given}; the actuators' allocation takes {allocation.shape[1]}")
-    return recordings.Channel(t=channel.t, values=channel.values @ allocation.T, delay=channel.delay)
+    return recordings.Channel(
+        t=channel.t, values=channel.values @ allocation.T, delay=channel.delay
+    )
 
 
 def _only_commands(recording: recordings.Recording) -> str:
     names = [name for name in COMMANDS if name in recording.channels]
     if len(names) != 1:
-        raise InvalidInput(f"{recording.name}: commands {names} recorded; allowed: one of {', '.join(COMMANDS)}")
+        raise InvalidInput(
+            f"{recording.name}: commands {names} recorded; allowed: one of {', '.join(COMMANDS)}"
+        )
     return names[0]
 
 
@@ -187,11 +233,16 @@ def _moved(recording: recordings.Recording, vehicle: Vehicle) -> recordings.Chan
     return channel
 
 
-def _joints(channel: recordings.Channel | None, edges: np.ndarray, window: float = 0.4) -> np.ndarray:
+def _joints(
+    channel: recordings.Channel | None, edges: np.ndarray, window: float = 0.4
+) -> np.ndarray:
     middle = (edges[1:] + edges[:-1]) / 2
     if channel is None:
         return np.zeros((0, len(middle)))
-    parts = [recordings.smoothed(channel.undelayed_t, channel.values, window, derivative) for derivative in range(3)]
+    parts = [
+        recordings.smoothed(channel.undelayed_t, channel.values, window, derivative)
+        for derivative in range(3)
+    ]
     return np.array([np.interp(middle, t, column) for t, values in parts for column in values.T])
 
 
@@ -215,20 +266,28 @@ class SegmentStart:
 
     def moved(self, change: np.ndarray) -> SegmentStart:
         """Return the start moved by a change (9,) [m/s, rad/s, rad]."""
-        turned = np.asarray(spatial.quaternion_multiply(self.q[3:], spatial.quaternion_exp(change[N_V:])))
-        return SegmentStart(q=np.concatenate([self.q[:3], turned / np.linalg.norm(turned)]), v=self.v + change[:N_V])
+        turned = np.asarray(
+            spatial.quaternion_multiply(self.q[3:], spatial.quaternion_exp(change[N_V:]))
+        )
+        return SegmentStart(
+            q=np.concatenate([self.q[:3], turned / np.linalg.norm(turned)]), v=self.v + change[:N_V]
+        )
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class PredictedOutputs:
-    """Predicted outputs of the three sensors over a segment, and the state at its end; with slopes, weighted squares of them."""
+    """Predicted outputs of the three sensors over a segment, and the state at its end; with slopes,
+    weighted squares of them.
+    """
 
     rows: tuple[np.ndarray, ...]
     """Three of (m, 3) [m/s, rad/s, -]"""
     end: np.ndarray
     """(n_x,) [as the state] where it is last."""
     H: np.ndarray = field(default_factory=lambda: np.zeros(0))
-    """(n_p + 9, n_p + 9) [1 / unknowns^2] ``sum w s s'`` of the slopes s of all rows with the unknowns, then with the start."""
+    """(n_p + 9, n_p + 9) [1 / unknowns^2] ``sum w s s'`` of the slopes s of all rows with the
+    unknowns, then with the start.
+    """
     g: np.ndarray = field(default_factory=lambda: np.zeros(0))
     """(n_p + 9,) [1 / unknowns] ``sum w r s``"""
     loss: float = 0.0
@@ -238,35 +297,53 @@ class PredictedOutputs:
 
 
 Weights = Callable[[int, tuple[np.ndarray, ...]], Sequence[tuple[np.ndarray, np.ndarray]]]
-"""Maps the index of a segment and its rows to weights w and weighted residuals w r of each sensor, both (m, 3)."""
+"""Maps the index of a segment and its rows to weights w and weighted residuals w r of each sensor,
+both (m, 3).
+"""
 
 
 class Rollout:
-    """Simulator of segments by one stage; functions are compiled where there is a compiler, once for each number of steps."""
+    """Simulator of segments by one stage; functions are compiled where there is a compiler, once
+    for each number of steps.
+    """
 
     def __init__(self, stage: StageFunctions) -> None:
         self.stage = stage
-        self.step, self.slope = compile_function(stage.step), compile_function(stage.slope)
+        self.step = compile_function(stage.step)
+        self.slope = compile_function(stage.slope)
         self._many: dict[tuple[str, int, int], ca.Function] = {}
 
     def predict(
-        self, stretches: Sequence[Segment], starts: Sequence[SegmentStart], p: np.ndarray, weights: Weights | None = None
+        self,
+        stretches: Sequence[Segment],
+        starts: Sequence[SegmentStart],
+        p: np.ndarray,
+        weights: Weights | None = None,
     ) -> list[PredictedOutputs]:
-        """Simulate stretches of equally many steps, all with unknowns p (n, n_p) [any], a row for each; with slopes if weighted.
+        """Simulate stretches of equally many steps, all with unknowns p (n, n_p) [any], a row for
+        each; with slopes if weighted.
 
-        Raises InvalidInput where they have different numbers of steps, or joints other than the vehicle's.
+        Raises InvalidInput where they have different numbers of steps, or joints other than the
+        vehicle's.
         """
         n = {len(one.edges) - 1 for one in stretches}
         if len(n) != 1 or any(one.joints.shape[0] != 3 * self.stage.n_j for one in stretches):
-            raise InvalidInput(f"stretches of {sorted(n)} steps; allowed: equally many, with all joints of the vehicle")
+            raise InvalidInput(
+                f"stretches of {sorted(n)} steps; allowed: equally many, with all joints of the"
+                " vehicle"
+            )
         run = _StretchRun(self, stretches, starts, p, n.pop())
         return run.rows() if weights is None else run.with_slopes(weights)
 
     def many(self, name: str, function: ca.Function, n: int, m: int) -> ca.Function:
-        """A function n times after itself, m of these beside each other, on all processors; or, with n = 0, only the latter."""
+        """A function n times after itself, m of these beside each other, on all processors; or,
+        with n = 0, only the latter.
+        """
         key = (name, n, m)
         if key not in self._many:
-            self._many[key] = (function.mapaccum(n) if n else function).map(m, "thread", min(m, n_processors()))
+            self._many[key] = (function.mapaccum(n) if n else function).map(
+                m, "thread", min(m, n_processors())
+            )
         return self._many[key]
 
 
@@ -274,12 +351,25 @@ class _StretchRun:
     """One simulation of m stretches in n steps: states (m, n + 1, n_x)."""
 
     def __init__(
-        self, rollout: Rollout, stretches: Sequence[Segment], starts: Sequence[SegmentStart], p: np.ndarray, n: int
+        self,
+        rollout: Rollout,
+        stretches: Sequence[Segment],
+        starts: Sequence[SegmentStart],
+        p: np.ndarray,
+        n: int,
     ) -> None:
-        self._rollout, self._stage, self._stretches, self._n = rollout, rollout.stage, stretches, n
+        self._rollout = rollout
+        self._stage = rollout.stage
+        self._stretches = stretches
+        self._n = n
         self._p = p
         self._delays = self._each("delays", self._stage.delays, p.T)
-        u = np.vstack([one.commands.mean(one.edges - d[0, 0]) for one, (d, _) in zip(stretches, self._delays, strict=True)])
+        u = np.vstack(
+            [
+                one.commands.mean(one.edges - d[0, 0])
+                for one, (d, _) in zip(stretches, self._delays, strict=True)
+            ]
+        )
         past = np.hstack([one.commands.mean(self._past(k)).T for k, one in enumerate(stretches)])
         self._begun = self._each("begun", self._stage.begun, past, p.T)
         self._given = (
@@ -289,70 +379,110 @@ class _StretchRun:
             np.repeat([one.step for one in stretches], n)[None],
         )
         self._x = np.empty((len(p), n + 1, self._stage.n_x))
-        self._x[:, 0] = [np.concatenate([s.q, s.v, w.ravel()]) for s, (w, _, _) in zip(starts, self._begun, strict=True)]
+        self._x[:, 0] = [
+            np.concatenate([s.q, s.v, w.ravel()])
+            for s, (w, _, _) in zip(starts, self._begun, strict=True)
+        ]
         for k in range(0, n, _MOST_STEPS):
-            part = [one.reshape(len(one), len(p), n)[:, :, k : k + _MOST_STEPS] for one in self._given]
+            part = [
+                one.reshape(len(one), len(p), n)[:, :, k : k + _MOST_STEPS] for one in self._given
+            ]
             steps = part[0].shape[2]
             given = (one.reshape(len(one), len(p) * steps) for one in part)
-            (after,) = _evaluated(rollout.many("step", rollout.step, steps, len(p)), self._x[:, k].T, *given)
+            (after,) = _evaluated(
+                rollout.many("step", rollout.step, steps, len(p)), self._x[:, k].T, *given
+            )
             self._x[:, k + 1 : k + 1 + steps] = after.T.reshape(len(p), steps, -1)
 
     def rows(self) -> list[PredictedOutputs]:
         m, n, _ = self._x.shape
         parts = np.array_split(np.arange(m * n), -(-m * n // _MOST_STEPS))
         y = np.vstack([self._outputs(part)[0].T for part in parts]).reshape(m, n, N_SEEN)
-        return [PredictedOutputs(rows=self._sampled(k, y[k]), end=self._x[k, -1]) for k in range(len(self._stretches))]
+        return [
+            PredictedOutputs(rows=self._sampled(k, y[k]), end=self._x[k, -1])
+            for k in range(len(self._stretches))
+        ]
 
     def with_slopes(self, weights: Weights) -> list[PredictedOutputs]:
         m, n, _ = self._x.shape
         y, *slopes = self._outputs(np.arange(m * n))
         y, (y_x, y_p) = y.T.reshape(m, n, N_SEEN), (_blocks(one, -1, m, n) for one in slopes)
-        S, found = self._sensitivities(), []
+        S = self._sensitivities()
+        found = []
         for k in range(len(self._stretches)):
             slopes = y_x[k] @ S[k]
             slopes[:, :, : self._stage.n_p] += y_p[k]
             rows = self._sampled(k, y[k])
             H, g = self._squares(k, y[k], slopes, weights(k, rows))
-            found.append(PredictedOutputs(rows=rows, H=H, g=g, end=self._x[k, -1], end_slope=S[k, -1].copy()))
+            found.append(
+                PredictedOutputs(rows=rows, H=H, g=g, end=self._x[k, -1], end_slope=S[k, -1].copy())
+            )
         return found
 
     def _squares(
-        self, k: int, y: np.ndarray, slopes: np.ndarray, weights: Sequence[tuple[np.ndarray, np.ndarray]]
+        self,
+        k: int,
+        y: np.ndarray,
+        slopes: np.ndarray,
+        weights: Sequence[tuple[np.ndarray, np.ndarray]],
     ) -> tuple[np.ndarray, np.ndarray]:
-        """Sum over the samples by sums of their weights over steps: there may be many in one, and slopes are linear within it."""
-        n, n_p, step = self._n, slopes.shape[2], self._stretches[k].step
-        H, g, late = np.zeros((n_p, n_p)), np.zeros(n_p), np.concatenate([-self._delays[k][1][1], np.zeros(N_START)])
+        """Sum over the samples by sums of their weights over steps: there may be many in one, and
+        slopes are linear within it.
+        """
+        n = self._n
+        n_p = slopes.shape[2]
+        step = self._stretches[k].step
+        H = np.zeros((n_p, n_p))
+        g = np.zeros(n_p)
+        late = np.concatenate([-self._delays[k][1][1], np.zeros(N_START)])
         for sensor, (w, wr) in enumerate(weights):
             (index, share), s = self._place(k, sensor), slopes[:, 3 * sensor : 3 * sensor + 3]
-            # A delay shifts all samples along the rate of their step, but those before the first, where there is only its start.
+            # A delay shifts all samples along the rate of their step, but those before the first,
+            # where there is only its start.
             steps, place = np.unique(np.where(index + share > 0.0, index, n), return_inverse=True)
             first, last = (np.where(steps < n, steps + one, 0) for one in (0, 1))
             shift = (y[last, :3] - y[first, :3])[..., None] / step * late if sensor == 0 else 0.0
             ends = [(s[at] + shift).reshape(-1, n_p) for at in (first, last)]
-            place, size = (3 * place.reshape(-1, 1) + np.arange(3)).ravel(), 3 * len(steps)
+            place = (3 * place.reshape(-1, 1) + np.arange(3)).ravel()
+            size = 3 * len(steps)
             sides = list(zip((1.0 - share[:, None], share[:, None]), ends, strict=True))
             for part, end in sides:
-                sums = [np.bincount(place, (w * part * other).ravel(), size)[:, None] * far for other, far in sides]
+                sums = [
+                    np.bincount(place, (w * part * other).ravel(), size)[:, None] * far
+                    for other, far in sides
+                ]
                 H += end.T @ (sums[0] + sums[1])
                 g += end.T @ np.bincount(place, (wr * part).ravel(), size)
         return H, g
 
     def _outputs(self, chosen: np.ndarray) -> list[np.ndarray]:
-        """Evaluate the outputs and their derivatives, side by side, at the chosen (l,) of all states."""
-        function, n = self._rollout.many("seen", self._stage.outputs, 0, len(chosen)), self._x.shape[1]
-        return _evaluated(function, self._x.reshape(-1, self._stage.n_x)[chosen].T, self._p[chosen // n].T)
+        """Evaluate the outputs and their derivatives, side by side, at the chosen (l,) of all
+        states.
+        """
+        function = self._rollout.many("seen", self._stage.outputs, 0, len(chosen))
+        n = self._x.shape[1]
+        return _evaluated(
+            function, self._x.reshape(-1, self._stage.n_x)[chosen].T, self._p[chosen // n].T
+        )
 
     def _each(self, name: str, function: ca.Function, *given: np.ndarray) -> list[list[np.ndarray]]:
         """Results of a function for every stretch, whose arguments are side by side."""
         m = len(self._p)
         results = _evaluated(self._rollout.many(name, function, 0, m), *given)
-        return [[one[:, k * (w := one.shape[1] // m) : (k + 1) * w] for one in results] for k in range(m)]
+        return [
+            [one[:, k * (w := one.shape[1] // m) : (k + 1) * w] for one in results]
+            for k in range(m)
+        ]
 
     def _sensitivities(self) -> np.ndarray:
         """(m, n + 1, n_x, n_p + 9)"""
-        m, n, stage = len(self._stretches), self._n, self._stage
+        m = len(self._stretches)
+        n = self._n
+        stage = self._stage
         before = self._x[:, :-1].reshape(-1, stage.n_x).T
-        found = _evaluated(self._rollout.many("slope", self._rollout.slope, 0, m * n), before, *self._given)
+        found = _evaluated(
+            self._rollout.many("slope", self._rollout.slope, 0, m * n), before, *self._given
+        )
         widths = stage.n_x, stage.n_p, stage.n_u
         A, B, C = (_blocks(one, width, m, n) for one, width in zip(found, widths, strict=True))
         for k, one in enumerate(self._stretches):
@@ -364,12 +494,16 @@ class _StretchRun:
 
     def _past(self, k: int) -> np.ndarray:
         """Edges of the commands before the start."""
-        return self._stretches[k].edges[0] - self._delays[k][0][0, 0] + PAST_STEP * np.arange(-PAST, 1)
+        return (
+            self._stretches[k].edges[0] - self._delays[k][0][0, 0] + PAST_STEP * np.arange(-PAST, 1)
+        )
 
     def _start_slope(self, k: int) -> np.ndarray:
         S = np.zeros((self._stage.n_x, self._stage.n_p + N_START))
         _, with_p, with_past = self._begun[k]
-        later = with_past @ -self._stretches[k].commands.mean_slope(self._past(k)).ravel()  # command by command
+        later = (
+            with_past @ -self._stretches[k].commands.mean_slope(self._past(k)).ravel()
+        )  # command by command
         S[N_Q + N_V :, : self._stage.n_p] = with_p + np.outer(later, self._delays[k][1][0])
         S[N_Q : N_Q + N_V, self._stage.n_p : self._stage.n_p + N_V] = np.eye(N_V)
         S[3:N_Q, self._stage.n_p + N_V :] = turn_slope(self._x[k, 0, 3:N_Q])
@@ -380,7 +514,8 @@ class _StretchRun:
         found = []
         for sensor in range(3):
             index, share = self._place(k, sensor)
-            rows, later = values[:, 3 * sensor : 3 * sensor + 3], share[:, None]
+            rows = values[:, 3 * sensor : 3 * sensor + 3]
+            later = share[:, None]
             found.append((1.0 - later) * rows[index] + later * rows[index + 1])
         return tuple(found)
 
@@ -393,7 +528,8 @@ class _StretchRun:
 
 
 def chained(A: np.ndarray, B: np.ndarray, first: np.ndarray) -> np.ndarray:
-    """(n + 1, ..., n_x, k) [any] ``S_next = A S + B``, B for the first n_p columns only, those of unknowns.
+    """(n + 1, ..., n_x, k) [any] ``S_next = A S + B``, B for the first n_p columns only, those of
+    unknowns.
 
     A: (n, ..., n_x, n_x) [any], B: (n, ..., n_x, n_p) [any], first: (..., n_x, k) [any].
     """
@@ -412,13 +548,19 @@ def turn_slope(quaternion: np.ndarray) -> np.ndarray:
 
 
 def _evaluated(function: ca.Function, *given: np.ndarray) -> list[np.ndarray]:
-    """Results of a function, column by column in memory of their own: in lists of numbers they would take longer than it."""
+    """Results of a function, column by column in memory of their own: in lists of numbers they
+    would take longer than it.
+    """
     evaluated = BufferedFunction(function)
     evaluated.write(*given)
     evaluated.evaluate()
-    return [one.reshape(function.size_out(k), order="F") for k, one in enumerate(evaluated.results)]  # columns are (m,) there
+    return [
+        one.reshape(function.size_out(k), order="F") for k, one in enumerate(evaluated.results)
+    ]  # columns are (m,) there
 
 
 def _blocks(wide: np.ndarray, width: int, m: int, n: int) -> np.ndarray:
-    """(m, n, rows, width) of m n blocks side by side, in the same memory where that is column by column."""
+    """(m, n, rows, width) of m n blocks side by side, in the same memory where that is column by
+    column.
+    """
     return np.moveaxis(wide.T.reshape(m, n, width, len(wide)), 2, 3)

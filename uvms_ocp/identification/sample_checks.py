@@ -1,4 +1,6 @@
-"""Check the quality of single channels: times, units, gravity, frozen values; and measures of how well two series agree."""
+"""Check the quality of single channels: times, units, gravity, frozen values; and measures of how
+well two series agree.
+"""
 
 from __future__ import annotations
 
@@ -8,7 +10,15 @@ from itertools import permutations, product
 import numpy as np
 
 from uvms_ocp.checks import checked_dataclass
-from uvms_ocp.identification.recording import CHANNEL_KINDS, SECONDS, Channel, Recording, angular_rate, rotations, smoothed
+from uvms_ocp.identification.recording import (
+    CHANNEL_KINDS,
+    SECONDS,
+    Channel,
+    Recording,
+    angular_rate,
+    rotations,
+    smoothed,
+)
 
 # One doubt about a recording.
 
@@ -28,17 +38,28 @@ class QualityIssue:
 
 EXPLAINED = 0.15
 """Of the motion, by which other axes must explain more."""
-WAYS = tuple(np.diag(signs) @ np.eye(3)[[*axes]] for axes in permutations(range(3)) for signs in product((1.0, -1.0), repeat=3))
+WAYS = tuple(
+    np.diag(signs) @ np.eye(3)[[*axes]]
+    for axes in permutations(range(3))
+    for signs in product((1.0, -1.0), repeat=3)
+)
 """(3, 3) each: all ways to swap and turn axes."""
 _LATEST = 1.5  # [s] offsets of clocks that are looked for
 _SHIFTS = 0.05 * np.arange(-30, 31)  # [s] up to these
 _LEAST_SAMPLES = 20  # samples
 _LATE = 0.175  # [s] offsets that are told
 _JUMP = 0.3  # [s] between offsets of the two halves
-_AGREES, _BETTER = 0.6, 0.01  # correlation from which on an offset is one, and by which it is better than others
+# correlation from which on an offset is one, and by which it is better than others
+_AGREES = 0.6
+_BETTER = 0.01
 _PARTED = 0.2  # of it, by which two halves must disagree
 _SCALE = 1.9  # beyond which a factor is one of units: the least is that of knots
-_UNITS = {180.0 / np.pi: ("deg/s", "deg"), 1e3: ("mm/s", "mm"), 1e2: ("cm/s", "cm"), 1.0 / 0.514444: ("kn", "")}
+_UNITS = {
+    180.0 / np.pi: ("deg/s", "deg"),
+    1e3: ("mm/s", "mm"),
+    1e2: ("cm/s", "cm"),
+    1.0 / 0.514444: ("kn", ""),
+}
 """Factors of units of a rate, and of a pose."""
 _CLOSE = 1.25  # to the factor of a unit
 
@@ -55,9 +76,11 @@ def named(Q: np.ndarray) -> str:
 
 
 def describe_factor(wanted: np.ndarray, seen: np.ndarray) -> str:
-    """How much larger seen (m, k) [any] is than wanted (m, k) [any], and of which unit that is; empty where it may be equal.
+    """How much larger seen (m, k) [any] is than wanted (m, k) [any], and of which unit that is;
+    empty where it may be equal.
 
-    Whatever part of either is noise, the factor lies between the slopes of their magnitudes upon each other.
+    Whatever part of either is noise, the factor lies between the slopes of their magnitudes upon
+    each other.
     """
     x, y = (np.linalg.norm(values, axis=1) for values in (wanted, seen))
     low, high = _slopes(x - x.mean(), y - y.mean())
@@ -69,7 +92,9 @@ def describe_factor(wanted: np.ndarray, seen: np.ndarray) -> str:
 
 
 def _slopes(x: np.ndarray, y: np.ndarray) -> tuple[float, float]:
-    """Of y upon x, and what that of x upon y says of it; anything where they have nothing in common."""
+    """Of y upon x, and what that of x upon y says of it; anything where they have nothing in
+    common.
+    """
     common = float(x @ y)
     if correlation(x, y) < _AGREES:
         return 0.0, np.inf
@@ -85,45 +110,64 @@ def _of_unit(factor: float, one: float, of_rate: str, of_pose: str) -> Iterator[
 
 def describe_delay(late: float) -> str:
     """An offset late [s] in words; empty where it is none."""
-    return f"{abs(late):.2f} s {'late' if late > 0 else 'early'} against the rate of the {{}}" if abs(late) > _LATE else ""
+    return (
+        f"{abs(late):.2f} s {'late' if late > 0 else 'early'} against the rate of the {{}}"
+        if abs(late) > _LATE
+        else ""
+    )
 
 
-def offset(t: np.ndarray, wanted: np.ndarray, t_seen: np.ndarray, seen: np.ndarray) -> tuple[float, bool]:
-    """By how much [s] seen comes after wanted, and whether that is so from beginning to end; 0 where they do not agree.
+def offset(
+    t: np.ndarray, wanted: np.ndarray, t_seen: np.ndarray, seen: np.ndarray
+) -> tuple[float, bool]:
+    """By how much [s] seen comes after wanted, and whether that is so from beginning to end; 0
+    where they do not agree.
 
-    Of wanted (m, k) [any] at t (m,) [s] and seen (n, k) [any] at t_seen (n,) [s], from magnitudes, which have no axes.
+    Of wanted (m, k) [any] at t (m,) [s] and seen (n, k) [any] at t_seen (n,) [s], from magnitudes,
+    which have no axes.
     """
     size, magnitude = np.linalg.norm(wanted, axis=1), np.linalg.norm(seen, axis=1)
     inside = np.flatnonzero((t > t_seen[0] + _LATEST) & (t < t_seen[-1] - _LATEST))
     if len(inside) < 2 * _LEAST_SAMPLES:
         return 0.0, True
     whole, *halves = (
-        np.array([correlation(size[part], np.interp(t[part] + shift, t_seen, magnitude)) for shift in _SHIFTS])
+        np.array(
+            [
+                correlation(size[part], np.interp(t[part] + shift, t_seen, magnitude))
+                for shift in _SHIFTS
+            ]
+        )
         for part in (inside, *np.array_split(inside, 2))
     )
     return float(_SHIFTS[_best(whole)]), not _differ(*halves)
 
 
 def _best(agreement: np.ndarray) -> int:
-    """Where it is largest; of swings that agree again a period later the nearest, and no offset where that does not matter."""
+    """Where it is largest; of swings that agree again a period later the nearest, and no offset
+    where that does not matter.
+    """
     middle = len(_SHIFTS) // 2
     if agreement.max() < max(_AGREES, agreement[middle] + _BETTER):
         return middle
-    peaks = np.flatnonzero((agreement >= np.roll(agreement, 1)) & (agreement >= np.roll(agreement, -1)))
+    peaks = np.flatnonzero(
+        (agreement >= np.roll(agreement, 1)) & (agreement >= np.roll(agreement, -1))
+    )
     good = peaks[agreement[peaks] > agreement.max() - _BETTER]
     return int(good[np.argmin(np.abs(_SHIFTS[good]))])
 
 
 def _differ(one: np.ndarray, other: np.ndarray) -> bool:
     """Check whether each agrees at an offset at which the other does not."""
-    a, b = _best(one), _best(other)
+    a = _best(one)
+    b = _best(other)
     parted = min(one[a] - one[b], other[b] - other[a]) > _PARTED
     return bool(parted and abs(_SHIFTS[a] - _SHIFTS[b]) > _JUMP)
 
 
 def correlation(x: np.ndarray, y: np.ndarray) -> float:
     """Of two series x (m,) [any] and y (m,) [any], from -1 to 1; 0 where one does not change."""
-    x, y = x - x.mean(), y - y.mean()
+    x = x - x.mean()
+    y = y - y.mean()
     return float(x @ y / max(np.linalg.norm(x) * np.linalg.norm(y), 1e-300))
 
 
@@ -135,12 +179,23 @@ DEAD = 1e-5
 """[unit] below which nothing that a sensor measures stays."""
 MOVES = {"linear_velocity": 0.01, "angular_velocity": 0.01, "specific_force": 0.5}
 """[m/s, rad/s, m/s2] Less says nothing; of an acceleration, what tilt makes of gravity."""
-_GAP, _BURST = 8.0, 0.5  # of the usual interval; of the mean one
+# of the usual interval; of the mean one
+_GAP = 8.0
+_BURST = 0.5
 _OFTEN = 0.02  # of all intervals, from which on gaps are what bursts leave
-_SHORTEST, _LIKELY, _LONGEST = 1e-5, 0.05, 5.0  # [s] between samples, of any sensor
+# [s] between samples, of any sensor
+_SHORTEST = 1e-5
+_LIKELY = 0.05
+_LONGEST = 5.0
 _AT_ONCE = 0.05  # of the usual interval
 _FAR = 3.0  # widths of all others by which values are far off
-_FARTHEST = {"position": 20.0, "linear_velocity": 5.0, "angular_velocity": 10.0, "specific_force": 100.0, "current": 5.0}
+_FARTHEST = {
+    "position": 20.0,
+    "linear_velocity": 5.0,
+    "angular_velocity": 10.0,
+    "specific_force": 100.0,
+    "current": 5.0,
+}
 """[unit] by which they are at least."""
 _SATURATES = ("linear_velocity", "angular_velocity", "specific_force")
 _SPIKE = 10.0  # usual steps that a jump is
@@ -149,7 +204,9 @@ _PULSES = (900.0, 2200.0)  # [us]
 _NARROW = 0.1  # of the size of commands, in which all of them stay: no vehicle is driven so
 _SELDOM = ("current", *(name for name, kind in CHANNEL_KINDS.items() if kind.command))
 """What may be told when it changes alone."""
-_SHORTEST_RECORDING, _SPARSEST = 5.0, 100.0  # [s] of a recording; of it over what its samples take up
+# [s] of a recording; of it over what its samples take up
+_SHORTEST_RECORDING = 5.0
+_SPARSEST = 100.0
 _FASTEST = dict.fromkeys(("linear_velocity", "current"), (10.0, "mm/s, or cm/s"))
 _FASTEST |= dict.fromkeys(("angular_velocity", "joint_velocities"), (4 * np.pi, "deg/s"))
 _FASTEST["joint_positions"] = (4 * np.pi, "deg")
@@ -163,7 +220,10 @@ def of_samples(recording: Recording) -> Iterator[tuple[str, str]]:
     if end - begin < _SHORTEST_RECORDING:
         few = f"{end - begin:.3g} s are in all channels, which are too few to look at"
         text = few if end > begin else "no time is in all channels"
-        yield next(iter(recording.channels)), f"{text}: other clocks, or other units of times, such as min?"
+        yield (
+            next(iter(recording.channels)),
+            f"{text}: other clocks, or other units of times, such as min?",
+        )
     for name, channel in recording.channels.items():
         checks = (_times, _dead, _lost, _far_off, _spikes, _saturated, _units, _no_force)
         yield from ((name, text) for check in checks for text in check(name, channel))
@@ -171,43 +231,75 @@ def of_samples(recording: Recording) -> Iterator[tuple[str, str]]:
 
 def has_times(channel: Channel) -> bool:
     """Check whether its times are such that rates can be taken."""
-    usual, span = float(np.median(np.diff(channel.t))), channel.t[-1] - channel.t[0]
-    return bool(_SHORTEST < usual < _LONGEST and _SHORTEST_RECORDING < span < _SPARSEST * usual * len(channel.t))
+    usual = float(np.median(np.diff(channel.t)))
+    span = channel.t[-1] - channel.t[0]
+    return bool(
+        _SHORTEST < usual < _LONGEST
+        and _SHORTEST_RECORDING < span < _SPARSEST * usual * len(channel.t)
+    )
 
 
 def of_poses(recording: Recording) -> Iterator[tuple[str, str]]:
     """Poses and what their rates say against them."""
-    if "position" in recording.channels and not any(_far_off("position", recording.channels["position"])):
+    if "position" in recording.channels and not any(
+        _far_off("position", recording.channels["position"])
+    ):
         one = recording.channels["position"]
-        _, rate = smoothed(one.undelayed_t, one.values[:, : 2 if one.values[:, 2].min() > _PRESSURE else 3], WINDOW, derivative=1)
+        _, rate = smoothed(
+            one.undelayed_t,
+            one.values[:, : 2 if one.values[:, 2].min() > _PRESSURE else 3],
+            WINDOW,
+            derivative=1,
+        )
         yield from (("position", text) for text in _too_fast(rate, 10.0, "m/s", "mm, or cm"))
     if "attitude" in recording.channels:
         _, omega = angular_rate(recording.channels["attitude"], WINDOW)
-        yield from (("attitude", text) for text in _too_fast(omega, 4 * np.pi, "rad/s", "deg, or of another format"))
+        yield from (
+            ("attitude", text)
+            for text in _too_fast(omega, 4 * np.pi, "rad/s", "deg, or of another format")
+        )
 
 
 def _times(name: str, channel: Channel) -> Iterator[str]:
     if channel.back > 0.0:
         yield f"times go back by up to {channel.back:.3g} s in the file: a clock that was set?"
     if channel.repeated > len(channel.t) / 10:
-        yield f"{channel.repeated} samples had the time of another and are left out: times with too few digits?"
+        yield (
+            f"{channel.repeated} samples had the time of another and are left out: times with too"
+            " few digits?"
+        )
     steps = np.diff(channel.t)
     usual = float(np.median(steps))
     gaps = steps > max(_GAP * usual, WINDOW / 2)
-    if (pairs := _pairs(channel)) > _OFTEN:
-        yield f"{100 * pairs:.0f} % of its samples follow another at once and differ: two sensors? give rows: {{NAME: VALUE}}"
+    pairs = _pairs(channel)
+    if pairs > _OFTEN:
+        yield (
+            f"{100 * pairs:.0f} % of its samples follow another at once and differ: two sensors?"
+            " give rows: {NAME: VALUE}"
+        )
     elif name not in _SELDOM and not _SHORTEST < usual < _LONGEST:
         unit = min(SECONDS, key=lambda unit: abs(np.log(usual * SECONDS[unit] / _LIKELY)))
-        yield f"{usual:.3g} s between samples: the unit of its times?{f' give time_unit: {unit}' if unit != 's' else ''}"
+        yield (
+            f"{usual:.3g} s between samples: the unit of its"
+            f" times?{f' give time_unit: {unit}' if unit != 's' else ''}"
+        )
     elif usual < _BURST * steps.mean() and gaps.mean() > _OFTEN:
-        yield f"arrives in bursts, half of the intervals below {usual:.3g} s: give sent_every: {steps.mean():.3g}, their mean"
+        yield (
+            f"arrives in bursts, half of the intervals below {usual:.3g} s: give sent_every:"
+            f" {steps.mean():.3g}, their mean"
+        )
     elif gaps.any() and (name not in _SELDOM or np.percentile(steps, _FOR_LONG) < 2 * usual):
-        at, n = channel.t[int(np.argmax(steps))], int(gaps.sum())
-        yield f"{n} gaps, the longest {steps.max():.3g} s at {at:.3g} s: lost, or a clock that was set?"
+        at = channel.t[int(np.argmax(steps))]
+        n = int(gaps.sum())
+        yield (
+            f"{n} gaps, the longest {steps.max():.3g} s at {at:.3g} s: lost, or a clock that was"
+            " set?"
+        )
 
 
 def _dead(name: str, channel: Channel) -> Iterator[str]:
-    kind, spread = CHANNEL_KINDS[name], np.ptp(channel.values, axis=0)
+    kind = CHANNEL_KINDS[name]
+    spread = np.ptp(channel.values, axis=0)
     if kind.command:
         if spread.max() == 0.0 and channel.values.any():
             yield "dead: nothing in it ever changes"
@@ -216,7 +308,9 @@ def _dead(name: str, channel: Channel) -> Iterator[str]:
         return
     named = enumerate(zip(kind.columns, spread, strict=True))
     dead = [label for k, (label, width) in named if width < DEAD and k not in channel.constants]
-    if dead and (name != "attitude" or len(dead) == len(kind.columns)):  # whose numbers have no sensor each
+    if dead and (
+        name != "attitude" or len(dead) == len(kind.columns)
+    ):  # whose numbers have no sensor each
         yield f"dead: {', '.join(dead)} stay within {DEAD:g} {kind.unit}"
 
 
@@ -228,16 +322,19 @@ def _lost(name: str, channel: Channel) -> Iterator[str]:
         return
     moved, at = channel.t[~zero], channel.t[zero]
     at = at[(at > moved[0]) & (at < moved[-1])]  # before and after it may have been at rest
-    if lost := int((np.interp(at, moved, size[~zero]) > MOVES[name]).sum()):
+    lost = int((np.interp(at, moved, size[~zero]) > MOVES[name]).sum())
+    if lost:
         yield f"{lost} of {len(channel.t)} samples are exactly zero: lost ones?"
 
 
 def _pairs(channel: Channel) -> float:
-    """Share of samples that follow another at once, within its own interval, and differ from it as much as that from the last.
+    """Share of samples that follow another at once, within its own interval, and differ from it as
+    much as that from the last.
 
     In bursts, of messages that were held up, what follows at once comes after a longer silence.
     """
-    steps, values = np.diff(channel.t), channel.values
+    steps = np.diff(channel.t)
+    values = channel.values
     usual = float(np.percentile(steps, 75))
     close = np.flatnonzero(steps < _AT_ONCE * usual)
     close = close[(close > 0) & (close < len(steps) - 1)]
@@ -246,7 +343,11 @@ def _pairs(channel: Channel) -> float:
         return 0.0
     apart = np.abs(values[close + 1] - values[close]).max(axis=1)
     moved = np.abs(values[close] - values[close - 1]).max(axis=1)
-    return float((apart > 0.0).mean() * len(close) / len(steps)) if np.median(apart) >= np.median(moved) / 2 else 0.0
+    return (
+        float((apart > 0.0).mean() * len(close) / len(steps))
+        if np.median(apart) >= np.median(moved) / 2
+        else 0.0
+    )
 
 
 def _far_off(name: str, channel: Channel) -> Iterator[str]:
@@ -257,35 +358,72 @@ def _far_off(name: str, channel: Channel) -> Iterator[str]:
         for extreme in (float(values.min()), float(values.max())):
             others = values[values != extreme]
             low, high = np.percentile(others, [0.1, 99.9]) if len(others) else (extreme, extreme)
-            gap, n = max(low - extreme, extreme - high), len(values) - len(others)
-            if gap > max(_FAR * (high - low), _FARTHEST.get(name, 0.0)) and n < _FOR_LONG / 100 * len(values):
-                cure = f"{'mistyped? ' * (n == 1)}give missing: [{extreme:.10g}] where it stands for nothing"
-                yield f"{label} is {extreme:.6g} in {n} of {len(values)} samples, all others {low:.3g} to {high:.3g}: {cure}"
+            gap = max(low - extreme, extreme - high)
+            n = len(values) - len(others)
+            if gap > max(
+                _FAR * (high - low), _FARTHEST.get(name, 0.0)
+            ) and n < _FOR_LONG / 100 * len(values):
+                cure = (
+                    f"{'mistyped? ' * (n == 1)}give missing: [{extreme:.10g}] where it stands for"
+                    " nothing"
+                )
+                yield (
+                    f"{label} is {extreme:.6g} in {n} of {len(values)} samples, all others"
+                    f" {low:.3g} to {high:.3g}: {cure}"
+                )
 
 
 def _spikes(name: str, channel: Channel) -> Iterator[str]:
-    """One and the same value, to which a channel jumps for a sample, and from which it jumps back."""
-    for label, values in zip(() if name == "attitude" else CHANNEL_KINDS[name].columns, channel.values.T, strict=False):
-        steps, sizes, width = np.diff(values), np.abs(np.diff(values)), np.ptp(np.percentile(values, [5.0, 95.0]))
-        least = max(_SPIKE * np.percentile(sizes, 80.0), width / 4, _FAR * sizes[sizes > 0.0].min(initial=np.inf))
-        there = values[1:-1][(sizes[:-1] > least) & (sizes[1:] > least) & (steps[:-1] * steps[1:] < 0.0)]
+    """One and the same value, to which a channel jumps for a sample, and from which it jumps
+    back.
+    """
+    for label, values in zip(
+        () if name == "attitude" else CHANNEL_KINDS[name].columns, channel.values.T, strict=False
+    ):
+        steps = np.diff(values)
+        sizes = np.abs(np.diff(values))
+        width = np.ptp(np.percentile(values, [5.0, 95.0]))
+        least = max(
+            _SPIKE * np.percentile(sizes, 80.0),
+            width / 4,
+            _FAR * sizes[sizes > 0.0].min(initial=np.inf),
+        )
+        there = values[1:-1][
+            (sizes[:-1] > least) & (sizes[1:] > least) & (steps[:-1] * steps[1:] < 0.0)
+        ]
         each, counts = np.unique(there, return_counts=True)
-        if counts.max(initial=0) >= max(_CLIPPED, 0.8 * len(there)) and not any(_far_off(name, channel)):
+        if counts.max(initial=0) >= max(_CLIPPED, 0.8 * len(there)) and not any(
+            _far_off(name, channel)
+        ):
             value = f"{each[np.argmax(counts)]:.10g}"
-            yield f"{label} jumps to {value} and back {counts.max()} times: give missing: [{value}] where it stands for nothing"
+            yield (
+                f"{label} jumps to {value} and back {counts.max()} times: give missing: [{value}]"
+                " where it stands for nothing"
+            )
 
 
 def _saturated(name: str, channel: Channel) -> Iterator[str]:
-    """Ends of a range that are met exactly, again and again, and far more often than the values next to them."""
+    """Ends of a range that are met exactly, again and again, and far more often than the values
+    next to them.
+    """
     kind = CHANNEL_KINDS[name]
     looked_at = kind.columns if name in _SATURATES and not any(_far_off(name, channel)) else ()
     for label, values in zip(looked_at, channel.values.T, strict=False):
         for way in (1.0, -1.0):
             ends, counts = np.unique(way * values, return_counts=True)
-            visits, n = int((np.diff(1 * (way * values == ends[-1])) > 0).sum()), int(counts[-1])
-            if len(ends) > _LEAST_SAMPLES and ends[-1] > 0.0 and visits > 1 and n >= max(_CLIPPED, 3 * counts[-2]):
+            visits = int((np.diff(1 * (way * values == ends[-1])) > 0).sum())
+            n = int(counts[-1])
+            if (
+                len(ends) > _LEAST_SAMPLES
+                and ends[-1] > 0.0
+                and visits > 1
+                and n >= max(_CLIPPED, 3 * counts[-2])
+            ):
                 end = f"{way * ends[-1]:.10g}"
-                yield f"{label} is never beyond {end} {kind.unit}, and there in {n} samples: saturated? give missing: [{end}]"
+                yield (
+                    f"{label} is never beyond {end} {kind.unit}, and there in {n} samples:"
+                    f" saturated? give missing: [{end}]"
+                )
 
 
 def _no_force(name: str, channel: Channel) -> Iterator[str]:
@@ -296,23 +434,42 @@ def _no_force(name: str, channel: Channel) -> Iterator[str]:
     if name != "thrust" or not len(values):
         return
     low, high = np.percentile(values, [1.0, 99.0])
-    narrow = 0.5 if channel.values.shape[1] > 2 else 1.0 / (1.0 + _NARROW)  # more thrusters do not all push one way
+    narrow = (
+        0.5 if channel.values.shape[1] > 2 else 1.0 / (1.0 + _NARROW)
+    )  # more thrusters do not all push one way
     if _PULSES[0] < low and high < _PULSES[1]:
-        yield f"{low:.0f} to {high:.0f}: pulse widths in us? give offset: -1500, scale: 0.0025, as propeller_commands"
+        yield (
+            f"{low:.0f} to {high:.0f}: pulse widths in us? give offset: -1500, scale: 0.0025, as"
+            " propeller_commands"
+        )
     elif max(-low, high) <= 1.0 and np.abs(values).max() <= 1.0:
-        yield f"{low:.3g} to {high:.3g}: shares of the largest command? give them as propeller_commands"
+        yield (
+            f"{low:.3g} to {high:.3g}: shares of the largest command? give them as"
+            " propeller_commands"
+        )
     elif low * high > 0.0 and min(abs(low), abs(high)) > narrow * max(abs(low), abs(high)):
         yield f"{low:.4g} to {high:.4g} N, and never near 0: its offset, its unit?"
 
 
 def _no_pulse(size: np.ndarray) -> Iterator[str]:
-    """One value of shares (n, k) that is none, where all others are, or values that no share has."""
+    """One value of shares (n, k) that is none, where all others are, or values that no share
+    has.
+    """
     beyond = size[size > 1.0 + _AT_ONCE]
     if 0 < len(beyond) < size.size and np.ptp(beyond) == 0.0:
-        text = "pulses of 0, which are none, or of what is no thruster? give missing: [0], or leave columns out"
-        yield f"{beyond[0]:.3g} in {100.0 * len(beyond) / size.size:.2g} % of its numbers, all others within 1: {text}"
+        text = (
+            "pulses of 0, which are none, or of what is no thruster? give missing: [0], or leave"
+            " columns out"
+        )
+        yield (
+            f"{beyond[0]:.3g} in {100.0 * len(beyond) / size.size:.2g} % of its numbers, all others"
+            f" within 1: {text}"
+        )
     elif len(beyond):
-        yield f"up to {beyond.max():.3g}: shares of the largest command are at most 1: their offset and scale?"
+        yield (
+            f"up to {beyond.max():.3g}: shares of the largest command are at most 1: their offset"
+            " and scale?"
+        )
 
 
 def _units(name: str, channel: Channel) -> Iterator[str]:
@@ -322,11 +479,13 @@ def _units(name: str, channel: Channel) -> Iterator[str]:
 
 
 def _too_fast(values: np.ndarray, most: float, unit: str, other: str) -> Iterator[str]:
-    if (usual := float(np.percentile(np.abs(values).max(axis=1), _FOR_LONG))) > most:
+    usual = float(np.percentile(np.abs(values).max(axis=1), _FOR_LONG))
+    if usual > most:
         yield f"up to {usual:.3g} {unit} for a tenth of the time: is it in {other}?"
 
 
-# Which way is down: what an accelerometer feels at rest, how a vehicle lies, and on which side of the surface it is.
+# Which way is down: what an accelerometer feels at rest, how a vehicle lies, and on which side of
+# the surface it is.
 
 G = 9.81  # [m/s2]
 _LIKE_G = (0.8, 1.2)  # of it
@@ -353,7 +512,9 @@ def of_gravity(recording: Recording) -> Iterator[tuple[str, str]]:
 
 def _felt(force: np.ndarray) -> Iterator[str]:
     """Check the unit and the vertical axis of an accelerometer, by its samples (n, 3) [m/s2]."""
-    mean, size = force.mean(axis=0), float(np.median(np.linalg.norm(force, axis=1))) / G  # whichever way a vehicle tilts
+    # whichever way a vehicle tilts
+    mean = force.mean(axis=0)
+    size = float(np.median(np.linalg.norm(force, axis=1))) / G
     up = float(mean[2] / max(np.linalg.norm(mean), 1e-9))
     if _LIKE_G[0] < size * G < _LIKE_G[1]:
         yield "about 1 on average: in g, not in m/s2?"
@@ -364,7 +525,10 @@ def _felt(force: np.ndarray) -> Iterator[str]:
     if up < -_UPRIGHT:
         yield "points down on average, and at rest it is up: z down (FRD), or its sign?"
     elif up < _UPRIGHT and size > _FREE:
-        yield f"{np.array2string(mean, precision=1)} on average, and at rest it is along z: axes swapped?"
+        yield (
+            f"{np.array2string(mean, precision=1)} on average, and at rest it is along z: axes"
+            " swapped?"
+        )
 
 
 def _lies(attitude: Channel) -> Iterator[str]:
@@ -375,24 +539,36 @@ def _lies(attitude: Channel) -> Iterator[str]:
 
 def _in_world(attitude: Channel, force: Channel) -> np.ndarray:
     """Mean (3,) [m/s2] of what is felt, in W."""
-    return np.asarray(np.einsum("nij,nj->ni", rotations(attitude, force.undelayed_t), force.values).mean(axis=0))
+    return np.asarray(
+        np.einsum("nij,nj->ni", rotations(attitude, force.undelayed_t), force.values).mean(axis=0)
+    )
 
 
 def _turned(up: np.ndarray) -> Iterator[str]:
     if up[2] < -_UPRIGHT * np.linalg.norm(up):
         yield "with it the vehicle is held up against gravity downwards: z down in W (NED)?"
     else:
-        yield f"with it what holds the vehicle up is {np.array2string(up, precision=1)} m/s2 in W: axes or format?"
+        yield (
+            f"with it what holds the vehicle up is {np.array2string(up, precision=1)} m/s2 in W:"
+            " axes or format?"
+        )
 
 
 def _above(z: np.ndarray) -> Iterator[str]:
     if z.min() > _PRESSURE:
-        yield f"z is {z.min():.4g} to {z.max():.4g}: a pressure in mbar? give offset: [0, 0, -1013], scale: [1, 1, -0.0102]"
+        yield (
+            f"z is {z.min():.4g} to {z.max():.4g}: a pressure in mbar? give offset: [0, 0, -1013],"
+            " scale: [1, 1, -0.0102]"
+        )
     elif z.min() > 0.0:
-        yield f"z is {z.min():.3g} to {z.max():.3g} m, above a surface at 0: z down (NED)? give world: NED, or -NAME for z"
+        yield (
+            f"z is {z.min():.3g} to {z.max():.3g} m, above a surface at 0: z down (NED)? give"
+            " world: NED, or -NAME for z"
+        )
 
 
-# What stays as it is while the vehicle moves: a sensor that has stopped, and commands that were not recorded.
+# What stays as it is while the vehicle moves: a sensor that has stopped, and commands that were not
+# recorded.
 
 _LONG = 2.0  # [s] for which no sensor of what moves repeats itself
 _DIFFER = 0.05  # [m/s, rad/s] root mean square by which a velocity and the rate of a pose then do
@@ -411,7 +587,11 @@ def of_stuck(recording: Recording) -> Iterator[tuple[str, str]]:
 def _frozen(recording: Recording, pose: str, velocity: str) -> Iterator[tuple[str, str]]:
     """By magnitudes, which have no axes."""
     one, other = recording.channels[pose], recording.channels[velocity]
-    t, rate = smoothed(one.undelayed_t, one.values, WINDOW, derivative=1) if pose == "position" else angular_rate(one, WINDOW)
+    t, rate = (
+        smoothed(one.undelayed_t, one.values, WINDOW, derivative=1)
+        if pose == "position"
+        else angular_rate(one, WINDOW)
+    )
     speed = np.interp(t, other.undelayed_t, np.linalg.norm(other.values, axis=1))
     apart = np.linalg.norm(rate, axis=1) - speed
     for name, mate, channel in ((pose, velocity, one), (velocity, pose, other)):
@@ -419,17 +599,31 @@ def _frozen(recording: Recording, pose: str, velocity: str) -> Iterator[tuple[st
         new = np.flatnonzero((np.diff(channel.values, axis=0) != 0.0).any(axis=1)) + 1
         first, last = np.r_[0, new], np.r_[new - 1, len(channel.t) - 1]
         k = int(np.argmax(channel.undelayed_t[last] - channel.undelayed_t[first]))
-        begin, end = float(channel.undelayed_t[first[k]]), float(channel.undelayed_t[last[k]])
+        begin = float(channel.undelayed_t[first[k]])
+        end = float(channel.undelayed_t[last[k]])
         inside = (t > begin + WINDOW) & (t < end - WINDOW)
         if end - begin > _LONG and np.sqrt((apart[inside] ** 2).mean()) > _DIFFER:
-            yield (name, f"stays exactly as it is from {begin:.1f} to {end:.1f} s, and the {mate} says otherwise: stopped?")
+            yield (
+                name,
+                (
+                    f"stays exactly as it is from {begin:.1f} to {end:.1f} s, and the {mate} says"
+                    " otherwise: stopped?"
+                ),
+            )
 
 
 def _unrecorded(recording: Recording) -> Iterator[tuple[str, str]]:
     """Commands that are all zero of a vehicle that never comes to rest."""
-    zero = [n for n, one in recording.channels.items() if CHANNEL_KINDS[n].command and not one.values.any()]
+    zero = [
+        n
+        for n, one in recording.channels.items()
+        if CHANNEL_KINDS[n].command and not one.values.any()
+    ]
     if not zero or "linear_velocity" not in recording.channels:
         return
     values = recording.channels["linear_velocity"].values
     if np.linalg.norm(values[len(values) // 2 :].std(axis=0)) > _DRIVEN:
-        yield from ((name, "zero throughout, and the vehicle moves to the end: what drove it?") for name in zero)
+        yield from (
+            (name, "zero throughout, and the vehicle moves to the end: what drove it?")
+            for name in zero
+        )

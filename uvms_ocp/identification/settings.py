@@ -28,7 +28,13 @@ from pydantic import Field
 from uvms_ocp.errors import InvalidInput
 from uvms_ocp.identification import fit, output_error, parameters
 from uvms_ocp.identification.model import Vehicle
-from uvms_ocp.identification.parameters import ActuatorModel, Declaration, NominalParameters, ParameterStatus, Unknowns
+from uvms_ocp.identification.parameters import (
+    ActuatorModel,
+    Declaration,
+    NominalParameters,
+    ParameterStatus,
+    Unknowns,
+)
 from uvms_ocp.model_errors import FileModel, one_line_errors
 from uvms_ocp.record.untrusted import read_yaml_as
 from uvms_ocp.robot import assembly, loading, symbolic_dynamics
@@ -45,7 +51,10 @@ _NonNegative = Annotated[float, Field(ge=0.0)]
 _Delay = Annotated[float, Field(ge=0.0, lt=parameters.LONGEST_DELAY)]
 _Corner = tuple[float, float, float]
 _Axis = Literal["surge", "sway", "heave", "roll", "pitch", "yaw"]
-_NOISE, _SEARCH, _ACTUATORS = output_error.Noise(), fit.Search(), ActuatorModel()  # whose defaults are those of the file
+# whose defaults are those of the file
+_NOISE = output_error.Noise()
+_SEARCH = fit.Search()
+_ACTUATORS = ActuatorModel()
 
 
 class _SettingsSection(FileModel, allow_inf_nan=False, use_attribute_docstrings=True):
@@ -68,7 +77,11 @@ class QuantitySettings(_SettingsSection):
             raise InvalidInput("prior and bounds given; allowed: one of them")
         if self.bounds is not None:
             return parameters.Bounded(lower=self.bounds[0], upper=self.bounds[1], only=self.free)
-        return parameters.Free(only=self.free) if self.prior is None else parameters.Prior(sigma=self.prior, only=self.free)
+        return (
+            parameters.Free(only=self.free)
+            if self.prior is None
+            else parameters.Prior(sigma=self.prior, only=self.free)
+        )
 
 
 class NoiseSettings(_SettingsSection):
@@ -123,14 +136,17 @@ def read_settings(path: Path | str) -> CalibrationSettings:
     return read_yaml_as(Path(path), CalibrationSettings)
 
 
-# The robot that is calibrated, as settings have it: with its file's numbers, and as a vehicle with unknowns.
+# The robot that is calibrated, as settings have it: with its file's numbers, and as a vehicle with
+# unknowns.
 
 _VEHICLE = 1  # joint of Pinocchio's, after the universe
 _DELAY = 0.05  # [s] of commands, where a search of it begins
 _DELAY_SPREAD = 2.0  # of the logarithm of a delay
 _LEAST = 1e-3  # [s], [N] of what is given as 0: logarithms are searched
 SHAPE_SPREADS = {"added_mass": 0.7, "quadratic_drag": 0.7, "volume": 0.7, "linear_drag": 2.0}
-"""Relative deviations of coefficients that a shape gives, priors where settings give none: rules are right to a factor of two."""
+"""Relative deviations of coefficients that a shape gives, priors where settings give none: rules
+are right to a factor of two.
+"""
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
@@ -149,30 +165,40 @@ class CalibratedRobot:
         return self.vehicle.dynamics.links[self.vehicle.link].frame
 
     def hull_in_body(self, hull: Sequence[Sequence[float]]) -> np.ndarray:
-        """(2, 3) [m] box in B that holds one in the link's frame; hull: its lowest and highest corner [m]."""
+        """(2, 3) [m] box in B that holds one in the link's frame; hull: its lowest and highest
+        corner [m].
+        """
         model = self.vehicle.dynamics.model
         return _box_around(model.frames[model.getFrameId(self.frame)].placement, hull)
 
     def coefficients(self) -> LinkCoefficients:
-        """Coefficients of the link in the robot's file, or of its shape there, which identified ones replace.
+        """Coefficients of the link in the robot's file, or of its shape there, which identified
+        ones replace.
 
-        Raises InvalidInput for a link that has neither, or has them along axes that are not its own.
+        Raises InvalidInput for a link that has neither, or has them along axes that are not its
+        own.
         """
-        description, link = self.robot.description, self.robot.description.links.get(self.frame)
+        description = self.robot.description
+        link = self.robot.description.links.get(self.frame)
         found = None if link is None else link.coefficients or _of_shape(description, self.frame)
         if found is None or description.convention != "FLU" or np.round(found.pose.rpy, 9).any():
-            raise InvalidInput(f"{self.frame}: give it coefficients along the axes of its link, in FLU, to have it calibrated")
+            raise InvalidInput(
+                f"{self.frame}: give it coefficients along the axes of its link, in FLU, to have it"
+                " calibrated"
+            )
         return found
 
 
 def _box_around(X: pin.SE3, box: Sequence[Sequence[float]]) -> np.ndarray:
     """(2, 3) [m] lowest and highest corner of a box around one of another frame, which X places."""
-    middle, reach = X.act(np.mean(box, axis=0)), np.abs(X.rotation) @ (np.diff(box, axis=0)[0] / 2)
+    middle = X.act(np.mean(box, axis=0))
+    reach = np.abs(X.rotation) @ (np.diff(box, axis=0)[0] / 2)
     return np.array([middle - reach, middle + reach])
 
 
 def calibrated_robot(settings: CalibrationSettings, folder: Path | str) -> CalibratedRobot:
-    """Load the robot of the settings and declare its unknowns; files are looked for in the settings' folder.
+    """Load the robot of the settings and declare its unknowns; files are looked for in the
+    settings' folder.
 
     Raises InvalidInput, NameNotFound and RobotDataError.
     """
@@ -180,51 +206,91 @@ def calibrated_robot(settings: CalibrationSettings, folder: Path | str) -> Calib
     robot = loading.load_robot(urdf=urdf, hydrodynamics=file)
     robot = assembly.without_arm(robot) if settings.arm == "taken off" else robot
     if not robot.n_vehicle:
-        raise InvalidInput(f"robot {robot.name!r} has a fixed base; a vehicle is identified, which must float")
-    dynamics, actuators = robot_dynamics(robot).symbolic, _actuators(settings, robot)
+        raise InvalidInput(
+            f"robot {robot.name!r} has a fixed base; a vehicle is identified, which must float"
+        )
+    dynamics = robot_dynamics(robot).symbolic
+    actuators = _actuators(settings, robot)
     if file is None or not dynamics.links:
-        raise InvalidInput(f"robot {robot.name!r} has no hydrodynamics of a link in water; give it a file that has")
+        raise InvalidInput(
+            f"robot {robot.name!r} has no hydrodynamics of a link in water; give it a file that has"
+        )
     link = _own_link(robot, dynamics)
     start = NominalParameters.of(dynamics, link)
     learnt = {name: one.status() for name, one in settings.learn.items()}
-    for name in learnt.keys() & SHAPE_SPREADS.keys() if shape_of(robot, dynamics.links[link].frame) else ():
+    for name in (
+        learnt.keys() & SHAPE_SPREADS.keys() if shape_of(robot, dynamics.links[link].frame) else ()
+    ):
         if isinstance(learnt[name], parameters.Free):
             learnt[name] = parameters.Prior(sigma=SHAPE_SPREADS[name], only=learnt[name].only)
     hull = _box_around(dynamics.links[link].X_FL.inverse(), settings.hull)
-    known = parameters.vehicle_declaration(start, hull, actuators, velocity_delay=settings.velocity_delay or 0.0)
-    known = known.with_status(**{name: _along(settings.axes, known, name, one) for name, one in learnt.items()})
-    shared, own = Unknowns(known), Unknowns(known, own=True)
+    known = parameters.vehicle_declaration(
+        start, hull, actuators, velocity_delay=settings.velocity_delay or 0.0
+    )
+    known = known.with_status(
+        **{name: _along(settings.axes, known, name, one) for name, one in learnt.items()}
+    )
+    shared = Unknowns(known)
+    own = Unknowns(known, own=True)
     if not (shared.names or own.names):
-        raise InvalidInput(f"learn: {', '.join(learnt)} given, and nothing in it is free; free some of their coordinates")
+        raise InvalidInput(
+            f"learn: {', '.join(learnt)} given, and nothing in it is free; free some of their"
+            " coordinates"
+        )
     axes = tuple(k for k, name in enumerate(parameters.AXES) if name in settings.axes)
-    vehicle = Vehicle(dynamics=dynamics, shared=shared, own=own, actuators=actuators, link=link, axes=axes)
+    vehicle = Vehicle(
+        dynamics=dynamics, shared=shared, own=own, actuators=actuators, link=link, axes=axes
+    )
     return CalibratedRobot(robot=robot, vehicle=vehicle, start=start, file=file)
 
 
-def _along(axes: Sequence[str], known: Declaration, name: str, status: ParameterStatus) -> ParameterStatus:
-    """Leave out the coordinates of axes along which the vehicle is held: a recording shows nothing of them."""
-    names, others = known.quantities[name].coordinates.names if name in known.quantities else (), set(parameters.AXES) - set(axes)
+def _along(
+    axes: Sequence[str], known: Declaration, name: str, status: ParameterStatus
+) -> ParameterStatus:
+    """Leave out the coordinates of axes along which the vehicle is held: a recording shows nothing
+    of them.
+    """
+    names = known.quantities[name].coordinates.names if name in known.quantities else ()
+    others = set(parameters.AXES) - set(axes)
     held = [one for one in names if others.intersection(one.replace(" from ", "-").split("-"))]
-    return replace(status, only=tuple(one for one in status.only or names if one not in held)) if held else status
+    return (
+        replace(status, only=tuple(one for one in status.only or names if one not in held))
+        if held
+        else status
+    )
 
 
-def with_delays(subject: CalibratedRobot, settings: CalibrationSettings, *, at_once: bool) -> CalibratedRobot:
-    """The same with delays that settings say nothing of: none where commands act at once, else unknown and learnt."""
-    open_ones = [n for n in parameters.DELAYS if getattr(settings, n) is None and n not in settings.learn]
+def with_delays(
+    subject: CalibratedRobot, settings: CalibrationSettings, *, at_once: bool
+) -> CalibratedRobot:
+    """The same with delays that settings say nothing of: none where commands act at once, else
+    unknown and learnt.
+    """
+    open_ones = [
+        n for n in parameters.DELAYS if getattr(settings, n) is None and n not in settings.learn
+    ]
     known = subject.vehicle.shared.declaration
     if at_once:
         known = known.with_start(**dict.fromkeys(open_ones, np.array([parameters.AT_ONCE])))
     else:
         known = known.with_status(**dict.fromkeys(open_ones, parameters.Prior(sigma=_DELAY_SPREAD)))
-    return replace(subject, vehicle=replace(subject.vehicle, shared=Unknowns(known), own=Unknowns(known, own=True)))
+    return replace(
+        subject,
+        vehicle=replace(subject.vehicle, shared=Unknowns(known), own=Unknowns(known, own=True)),
+    )
 
 
 def _own_link(robot: Robot, dynamics: symbolic_dynamics.SymbolicDynamics) -> int:
-    """Place in ``dynamics.links`` of the largest that the vehicle itself carries: a file has them in any order."""
+    """Place in ``dynamics.links`` of the largest that the vehicle itself carries: a file has them
+    in any order.
+    """
     own = [link for link in range(len(dynamics.links)) if dynamics.joint_of(link) == _VEHICLE]
     if not own:
         wet = ", ".join(link.frame for link in dynamics.links)
-        raise InvalidInput(f"robot {robot.name!r} has hydrodynamics of {wet} alone; give it some of the vehicle's own link")
+        raise InvalidInput(
+            f"robot {robot.name!r} has hydrodynamics of {wet} alone; give it some of the vehicle's"
+            " own link"
+        )
     return max(own, key=lambda link: dynamics.links[link].volume)
 
 
@@ -233,18 +299,27 @@ def _files(settings: CalibrationSettings, folder: Path) -> tuple[Path, Path | No
     urdf = folder / settings.robot
     if urdf.suffix != ".urdf":
         urdf = (urdf if urdf.is_dir() else loading.robot_folder(settings.robot)) / "robot.urdf"
-    file = urdf.parent / "hydrodynamics.yaml" if settings.hydrodynamics is None else folder / settings.hydrodynamics
+    file = (
+        urdf.parent / "hydrodynamics.yaml"
+        if settings.hydrodynamics is None
+        else folder / settings.hydrodynamics
+    )
     return urdf, file if settings.hydrodynamics is not None or file.is_file() else None
 
 
 def _actuators(settings: CalibrationSettings, robot: Robot) -> ActuatorModel:
     asked = {name: getattr(settings, name) for name in ("lag", "dead_zone")}
-    given: dict[str, Any] = {name: value or _LEAST for name, value in asked.items() if value is not None}
+    given: dict[str, Any] = {
+        name: value or _LEAST for name, value in asked.items() if value is not None
+    }
     channel = "wrench" if settings.commands == "wrench" else "thrust"
-    known = ActuatorModel(delay=_DELAY if settings.delay is None else settings.delay, commands=channel)
+    known = ActuatorModel(
+        delay=_DELAY if settings.delay is None else settings.delay, commands=channel
+    )
     if settings.commands == "wrench":
         return replace(known, **given)
-    names, thrusters = robot.thruster_names, robot.description.thrusters
+    names = robot.thruster_names
+    thrusters = robot.description.thrusters
     if not names:
         raise InvalidInput(f"robot {robot.name!r} has no thrusters; give commands: wrench")
     described: dict[str, Any] = {
@@ -256,16 +331,24 @@ def _actuators(settings: CalibrationSettings, robot: Robot) -> ActuatorModel:
     return replace(known, names=names, wrench=thruster_matrix(robot), **(described | given))
 
 
-# Coefficients of the calibrated link as a robot file has them: those that it has, or those that its shape amounts to.
+# Coefficients of the calibrated link as a robot file has them: those that it has, or those that its
+# shape amounts to.
 
 
 def shape_of(robot: Robot, frame: str) -> str:
-    """Key of the shape by which the robot's file describes a link, such as ``box``; empty for one with coefficients or none."""
+    """Key of the shape by which the robot's file describes a link, such as ``box``; empty for one
+    with coefficients or none.
+    """
     link = robot.description.links.get(frame)
-    return next((name for name in ("box", "cylinder", "sphere") if getattr(link, name, None) is not None), "")
+    return next(
+        (name for name in ("box", "cylinder", "sphere") if getattr(link, name, None) is not None),
+        "",
+    )
 
 
 def _of_shape(description: RobotDescription, frame: str) -> LinkCoefficients:
     """Coefficients of a link's shape alone, without floats and ballast."""
-    (wet,) = links_in_water(description.model_copy(update={"links": {frame: description.links[frame]}, "trim": ()}))
+    (wet,) = links_in_water(
+        description.model_copy(update={"links": {frame: description.links[frame]}, "trim": ()})
+    )
     return coefficients_of(wet)

@@ -1,8 +1,9 @@
 """Tables of numbers in files that anyone may have written, and recordings stored as such.
 
-Text (see `uvms_ocp.identification.text_tables`) and workbooks, Parquet, and named arrays: NumPy's ``.npz``, MATLAB's ``.mat``,
-HDF5, one object or list of JSON. An array of two dimensions has a column ``name[k]``, k from 0, for each of its shorter side; in
-``.npy``, where it has no name, ``#k``, from 1.
+Text (see `uvms_ocp.identification.text_tables`) and workbooks, Parquet, and named arrays: NumPy's
+``.npz``, MATLAB's ``.mat``, HDF5, one object or list of JSON. An array of two dimensions has a
+column ``name[k]``, k from 0, for each of its shorter side; in ``.npy``, where it has no name,
+``#k``, from 1.
 """
 
 from __future__ import annotations
@@ -25,7 +26,13 @@ import numpy as np
 from uvms_ocp.errors import InvalidInput, optional_module
 from uvms_ocp.identification.file_kinds import kind_of
 from uvms_ocp.identification.recording import CHANNEL_KINDS, Channel, Recording
-from uvms_ocp.identification.text_tables import MOST_ROWS, TextFormat, place_of, text_columns, text_layout
+from uvms_ocp.identification.text_tables import (
+    MOST_ROWS,
+    TextFormat,
+    place_of,
+    text_columns,
+    text_layout,
+)
 from uvms_ocp.record.tables import arrow, require_numbers
 from uvms_ocp.record.untrusted import as_input_errors, read_arrays
 
@@ -43,22 +50,30 @@ class TableColumns:
     layout: str = ""
     """How the file was understood."""
     notes: tuple[str, ...] = ()
-    """Statements of the file about these columns, such as a scale, that were applied in reading them."""
+    """Statements of the file about these columns, such as a scale, that were applied in reading
+    them.
+    """
 
 
 def read_table(
-    path: Path, wanted: Sequence[str], given: TextFormat | None = None, words: Sequence[str | None] = ()
+    path: Path,
+    wanted: Sequence[str],
+    given: TextFormat | None = None,
+    words: Sequence[str | None] = (),
 ) -> TableColumns:
     """The wanted columns of a table; words: of columns of text, such that are 1, all others 0.
 
-    Raises NameNotFound for a column that there is not, NotInstalled, and InvalidInput for what is no table of numbers.
+    Raises NameNotFound for a column that there is not, NotInstalled, and InvalidInput for what is
+    no table of numbers.
     """
     require_there(path)
     kind = kind_of(path)
     if kind in ("text", "workbook"):
         layout = text_layout(path, given)
         places = [place_of(path, layout.names, name) for name in wanted]
-        asked = {place: word for place, word in zip(places, words, strict=False) if word is not None}
+        asked = {
+            place: word for place, word in zip(places, words, strict=False) if word is not None
+        }
         values, remarks = text_columns(path, places, layout, asked)
         units = tuple(layout.units[place] for place in places)
         return TableColumns(values=values, units=units, remarks=remarks, layout=str(layout))
@@ -72,7 +87,9 @@ def read_columns(path: Path, wanted: Sequence[str]) -> np.ndarray:
 
 
 def column_names(path: Path) -> tuple[str, ...]:
-    """Return the names of a table's columns. Raises InvalidInput for what is no table, and NotInstalled."""
+    """Return the names of a table's columns. Raises InvalidInput for what is no table, and
+    NotInstalled.
+    """
     require_there(path)
     kind = kind_of(path)
     if kind == "parquet":
@@ -89,7 +106,8 @@ def require_there(path: Path) -> None:
 
 # Named arrays.
 
-_MOST_NUMBERS, _LARGEST_JSON = 20 * MOST_ROWS, 1 << 25
+_MOST_NUMBERS = 20 * MOST_ROWS
+_LARGEST_JSON = 1 << 25
 
 
 def _from_arrays(path: Path, wanted: Sequence[str]) -> np.ndarray:
@@ -98,25 +116,43 @@ def _from_arrays(path: Path, wanted: Sequence[str]) -> np.ndarray:
     columns = [found[names[place_of(path, names, name)]] for name in wanted]
     lengths = {len(column) for column in columns}
     if len(lengths) > 1 or max(lengths) > MOST_ROWS:
-        given = ", ".join(f"{name}: {len(column)}" for name, column in zip(wanted, columns, strict=True))
-        raise InvalidInput(f"{path}: columns of {given} numbers; allowed: as many of each, at most {MOST_ROWS}")
+        given = ", ".join(
+            f"{name}: {len(column)}" for name, column in zip(wanted, columns, strict=True)
+        )
+        raise InvalidInput(
+            f"{path}: columns of {given} numbers; allowed: as many of each, at most {MOST_ROWS}"
+        )
     return np.column_stack(columns)
 
 
 def _arrays(path: Path) -> dict[str, np.ndarray]:
     """Columns (n,) by name."""
     with as_input_errors(path):
-        readers = {"npz": read_arrays, "npy": _npy_arrays, "mat": _mat_arrays, "hdf5": _hdf5_arrays, "arrays": _json_arrays}
+        readers = {
+            "npz": read_arrays,
+            "npy": _npy_arrays,
+            "mat": _mat_arrays,
+            "hdf5": _hdf5_arrays,
+            "arrays": _json_arrays,
+        }
         arrays = {name: np.asarray(array) for name, array in readers[kind_of(path)](path).items()}
     found: dict[str, np.ndarray] = {}
     for name, array in arrays.items():
-        numbers = array.astype("datetime64[ns]").astype(np.int64) * 1e-9 if array.dtype.kind == "M" else array
+        numbers = (
+            array.astype("datetime64[ns]").astype(np.int64) * 1e-9
+            if array.dtype.kind == "M"
+            else array
+        )
         if numbers.dtype.kind not in "biuf" or numbers.ndim not in (1, 2) or not numbers.size:
             continue
         table = numbers.astype(float).reshape(len(numbers), -1)
         table = table.T if table.shape[1] > len(table) else table
         places = (f"{name}[{k}]" if name else f"#{k + 1}" for k in range(table.shape[1]))
-        found |= {name: table[:, 0]} if name and table.shape[1] == 1 else dict(zip(places, table.T, strict=True))
+        found |= (
+            {name: table[:, 0]}
+            if name and table.shape[1] == 1
+            else dict(zip(places, table.T, strict=True))
+        )
     return found
 
 
@@ -130,27 +166,47 @@ def _mat_arrays(path: Path) -> Mapping[str, np.ndarray]:
     from scipy.io import loadmat, whosmat
 
     _require_few((name, shape) for name, shape, _ in whosmat(path))
-    return dict(_flat("", {k: v for k, v in loadmat(path, squeeze_me=True).items() if not k.startswith("__")}))
+    return dict(
+        _flat(
+            "", {k: v for k, v in loadmat(path, squeeze_me=True).items() if not k.startswith("__")}
+        )
+    )
 
 
 def _json_arrays(path: Path) -> Mapping[str, np.ndarray]:
     if path.stat().st_size > _LARGEST_JSON:
-        raise InvalidInput(f"{path}: {path.stat().st_size >> 20} MB of JSON; at most {_LARGEST_JSON >> 20} are read at once")
+        raise InvalidInput(
+            f"{path}: {path.stat().st_size >> 20} MB of JSON; at most {_LARGEST_JSON >> 20} are"
+            " read at once"
+        )
     try:
         return dict(_flat("", json.loads(path.read_text(encoding="utf-8-sig"), parse_int=float)))
     except ValueError as error:
-        raise InvalidInput(f"{path}: neither lines of JSON nor one object or list ({error}); try `jq -c .`") from None
+        raise InvalidInput(
+            f"{path}: neither lines of JSON nor one object or list ({error}); try `jq -c .`"
+        ) from None
 
 
 def _flat(prefix: str, value: Any) -> Iterator[tuple[str, np.ndarray]]:
-    """Arrays of a structure and of those within it, by names with dots between them; a list of rows has columns."""
-    if isinstance(value, list) and any(value) and all(row is None or isinstance(row, dict) for row in value):
+    """Arrays of a structure and of those within it, by names with dots between them; a list of rows
+    has columns.
+    """
+    if (
+        isinstance(value, list)
+        and any(value)
+        and all(row is None or isinstance(row, dict) for row in value)
+    ):
         rows = [row or {} for row in value]
-        value = {name: [row.get(name) for row in rows] for name in dict.fromkeys(chain.from_iterable(rows))}
+        value = {
+            name: [row.get(name) for row in rows]
+            for name in dict.fromkeys(chain.from_iterable(rows))
+        }
     elif isinstance(value, list):
         with suppress(TypeError, ValueError):  # words, and rows that are not alike
             value = np.array(value, dtype=float)
-    names = value if isinstance(value, dict) else getattr(getattr(value, "dtype", None), "names", None)
+    names = (
+        value if isinstance(value, dict) else getattr(getattr(value, "dtype", None), "names", None)
+    )
     if names:
         for name in names:
             yield from _flat(f"{prefix}.{name}" if prefix else name, value[name])
@@ -164,8 +220,12 @@ def _hdf5_arrays(path: Path) -> Mapping[str, np.ndarray]:
     h5py = optional_module("h5py", "reading HDF5", "h5py")
     with h5py.File(path) as file:
         found: dict[str, Any] = {}
-        file.visititems(lambda name, one: found.update({name: one}) if isinstance(one, h5py.Dataset) else None)
-        found = {name.replace("/", "."): one for name, one in found.items() if one.dtype.kind in "biuf"}
+        file.visititems(
+            lambda name, one: found.update({name: one}) if isinstance(one, h5py.Dataset) else None
+        )
+        found = {
+            name.replace("/", "."): one for name, one in found.items() if one.dtype.kind in "biuf"
+        }
         _require_few((name, one.shape) for name, one in found.items())
         return {name: one[()].T if one.ndim == 2 else one[()] for name, one in found.items()}
 
@@ -174,7 +234,9 @@ def _require_few(shapes: Iterable[tuple[str, Sequence[int]]]) -> None:
     """Raise InvalidInput for more numbers than a recording has: a few bytes may declare any."""
     for name, shape in shapes:
         if prod(map(int, shape)) > _MOST_NUMBERS:
-            raise InvalidInput(f"{name!r} holds {tuple(shape)} numbers; at most {_MOST_NUMBERS} are read")
+            raise InvalidInput(
+                f"{name!r} holds {tuple(shape)} numbers; at most {_MOST_NUMBERS} are read"
+            )
 
 
 # Parquet.
@@ -190,7 +252,9 @@ def _from_parquet(path: Path, wanted: Sequence[str]) -> np.ndarray:
 
 
 def _floats(column: Any) -> np.ndarray:
-    """Convert a column to floats, NaN for missing values; time stamps since 1970, in their own unit."""
+    """Convert a column to floats, NaN for missing values; time stamps since 1970, in their own
+    unit.
+    """
     from pyarrow import types
 
     kind = "int64" if types.is_timestamp(column.type) else "float64"
@@ -201,14 +265,18 @@ def _floats(column: Any) -> np.ndarray:
 def _parquet(path: Path) -> Iterator[Any]:
     pa = arrow("reading Parquet", "pyarrow")
     damage = (pa.ArrowException, OSError, ValueError)
-    with as_input_errors(path, *damage, what="no Parquet file"), pa.parquet.ParquetFile(path) as file:
+    with (
+        as_input_errors(path, *damage, what="no Parquet file"),
+        pa.parquet.ParquetFile(path) as file,
+    ):
         if file.metadata.num_rows > MOST_ROWS:
             raise InvalidInput(f"{path}: more than {MOST_ROWS} rows; give recordings one by one")
         yield file
 
 
 def write_columns(path: Path, columns: Mapping[str, np.ndarray]) -> None:
-    """Write columns (n,) [as they are] by their names, NaN as an empty cell; the ending of the path says what kind of table.
+    """Write columns (n,) [as they are] by their names, NaN as an empty cell; the ending of the path
+    says what kind of table.
 
     Raises NotInstalled where Parquet cannot be written.
     """
@@ -216,20 +284,29 @@ def write_columns(path: Path, columns: Mapping[str, np.ndarray]) -> None:
         pa = arrow("writing Parquet", "pyarrow")
         pa.parquet.write_table(pa.table(dict(columns)), path)
         return
-    with gzip.open(path, "wt", newline="") if path.suffix == ".gz" else path.open("w", newline="") as file:
+    with (
+        gzip.open(path, "wt", newline="")
+        if path.suffix == ".gz"
+        else path.open("w", newline="") as file
+    ):
         rows = csv.writer(file, lineterminator="\n")
         rows.writerow(columns)
-        rows.writerows(["" if np.isnan(x) else repr(float(x)) for x in row] for row in zip(*columns.values(), strict=True))
+        rows.writerows(
+            ["" if np.isnan(x) else repr(float(x)) for x in row]
+            for row in zip(*columns.values(), strict=True)
+        )
 
 
-# A recording as one file, CSV or Parquet, by its ending: a row for every time, cells only for channels that have a sample.
+# A recording as one file, CSV or Parquet, by its ending: a row for every time, cells only for
+# channels that have a sample.
 
 _TIME = "t [s]"
 _COLUMN = re.compile(r"(\w+)\.(\w+)$")
 
 
 def write_recording(recording: Recording, path: Path | str) -> None:
-    """Write a recording as a table, `.csv`, `.csv.gz` or `.parquet`, that `read_recording` takes without a mapping.
+    """Write a recording as a table, `.csv`, `.csv.gz` or `.parquet`, that `read_recording` takes
+    without a mapping.
 
     Raises NotInstalled where Parquet cannot be written.
     """
@@ -237,7 +314,11 @@ def write_recording(recording: Recording, path: Path | str) -> None:
     columns = {_TIME: times}
     for name, channel in recording.channels.items():
         at = np.searchsorted(times, channel.t)
-        for label, values in zip(_labels(name, channel), (*channel.values.T, np.full(len(at), channel.delay)), strict=True):
+        for label, values in zip(
+            _labels(name, channel),
+            (*channel.values.T, np.full(len(at), channel.delay)),
+            strict=True,
+        ):
             columns[label] = np.full(len(times), np.nan)
             columns[label][at] = values
     write_columns(Path(path), columns)
@@ -254,20 +335,28 @@ def is_stored(names: Collection[str]) -> bool:
 
 
 def stored_recording(path: Path) -> Recording:
-    """Read what `write_recording` has written. Raises InvalidInput for another file, and NotInstalled."""
-    names, found = column_names(path), defaultdict[str, list[str]](list)
+    """Read what `write_recording` has written. Raises InvalidInput for another file, and
+    NotInstalled.
+    """
+    names = column_names(path)
+    found = defaultdict[str, list[str]](list)
     for match in filter(None, map(_COLUMN.match, names)):
         found[match[1]].append(match[0])
     if not is_stored(names) or not found:
         raise InvalidInput(f"{path}: no recording of ours; give a mapping of its columns")
     return Recording(
         name=path.name.partition(".")[0],
-        channels={name: _channel(f"{path}: {name}", read_columns(path, [_TIME, *columns])) for name, columns in found.items()},
+        channels={
+            name: _channel(f"{path}: {name}", read_columns(path, [_TIME, *columns]))
+            for name, columns in found.items()
+        },
     )
 
 
 def _channel(where: str, rows: np.ndarray) -> Channel:
     there = rows[np.isfinite(rows).all(axis=1)]
     if len(there) < 2:
-        raise InvalidInput(f"{where} has {len(there)} samples; allowed: 2 or more, or leave its columns out")
+        raise InvalidInput(
+            f"{where} has {len(there)} samples; allowed: 2 or more, or leave its columns out"
+        )
     return Channel(t=there[:, 0], values=there[:, 1:-1], delay=float(there[0, -1]))

@@ -1,8 +1,9 @@
-"""Read tables of text that anyone may have written: encoding, delimiter, decimal sign, header and units are found, or given.
+"""Read tables of text that anyone may have written: encoding, delimiter, decimal sign, header and
+units are found, or given.
 
-A table is what follows a header: rows of equally many cells, in most of whose columns there are numbers. Lines before it are
-passed over, so are comments, of which the last before the first row may be the header. Columns have their names, and their
-places as ``#1``, ``#2``, ...
+A table is what follows a header: rows of equally many cells, in most of whose columns there are
+numbers. Lines before it are passed over, so are comments, of which the last before the first row
+may be the header. Columns have their names, and their places as ``#1``, ``#2``, ...
 """
 
 from __future__ import annotations
@@ -34,23 +35,33 @@ MOST_ROWS = 5_000_000
 """of a file: 14 hours at 100 Hz."""
 LONGEST_LINE = 1 << 20
 """characters: a packed file may have one that fills any memory."""
-_HEAD, _HEAD_BYTES = 200, 1 << 16  # lines, and bytes, from which the layout is found
+# lines, and bytes, from which the layout is found
+_HEAD = 200
+_HEAD_BYTES = 1 << 16
 _DELIMITERS = {"tab": "\t", ";": ";", ",": ",", "|": "|", "blank": ""}
-_GZIP, _ZIP = b"\x1f\x8b", b"PK"
+_GZIP = b"\x1f\x8b"
+_ZIP = b"PK"
 _BYTE_ORDER_MARKS = {b"\xef\xbb\xbf": "utf-8-sig", b"\xff\xfe": "utf-16", b"\xfe\xff": "utf-16"}
-_MISSING = frozenset({"", "-", "--", "na", "n/a", "#n/a", "nan", "-nan", "none", "null", "nil", "missing"})
+_MISSING = frozenset(
+    {"", "-", "--", "na", "n/a", "#n/a", "nan", "-nan", "none", "null", "nil", "missing"}
+)
 _TRUTH = {"true": 1.0, "false": 0.0}
 _NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?|[+-]?inf(inity)?", re.IGNORECASE)
 _DECIMAL_COMMA = re.compile(r"[+-]?\d*,\d+([eE][+-]?\d+)?")
 _GROUPED = re.compile(r"[+-]?\d{1,3}(,\d{3})+(\.\d*)?")
 _TIME = re.compile(
-    r"(?:(?:(?P<Y>\d{4})(?P<dash>[-/.]?)(?P<M>\d\d)(?P=dash)(?P<D>\d\d)|(?P<d>\d\d?)\.(?P<m>\d\d?)\.(?P<y>\d{4}))[T _])?"
+    r"(?:(?:(?P<Y>\d{4})(?P<dash>[-/.]?)(?P<M>\d\d)(?P=dash)(?P<D>\d\d)|(?P<d>\d\d?)\.(?P<m>\d\d?)\.(?P<y>\d{4}))[T"
+    r" _])?"
     r"(?P<hours>\d\d?)(?P<colon>(?(Y)[:-]?|:))(?P<minutes>\d\d)(?P=colon)(?P<seconds>\d\d)"
-    r"(?:[.,](?P<part>\d+)|:(?P<ms>\d{3}))?(?: ?(?P<half>[ap])m)? ?(?:Z|UTC|GMT|(?P<zone>[+-]\d\d):?(?P<more>\d\d)?)?",
+    r"(?:[.,](?P<part>\d+)|:(?P<ms>\d{3}))?(?: ?(?P<half>[ap])m)?"
+    r" ?(?:Z|UTC|GMT|(?P<zone>[+-]\d\d):?(?P<more>\d\d)?)?",
     re.IGNORECASE,
 )
 _UNIT = re.compile(r"[\[(]([^\[\]()]*)[\])]\s*$")
-_OTHER_UNITS = re.compile(r"-|1|none|\[.*\]|\(.*\)|[hmd]?bar|[hk]?pa|psi|[km]?hz|m?[vaw]|(deg|°)? ?c|rpm|kg|lbs?", re.IGNORECASE)
+_OTHER_UNITS = re.compile(
+    r"-|1|none|\[.*\]|\(.*\)|[hmd]?bar|[hk]?pa|psi|[km]?hz|m?[vaw]|(deg|°)? ?c|rpm|kg|lbs?",
+    re.IGNORECASE,
+)
 """Entries of a row of units for columns that no channel reads."""
 
 
@@ -83,7 +94,9 @@ class TextLayout:
     names: tuple[str, ...]
     """Of the columns; their places where there is no header."""
     units: tuple[str, ...]
-    """Of the columns, from a row of units or from brackets in the names; empty where nothing is said."""
+    """Of the columns, from a row of units or from brackets in the names; empty where nothing is
+    said.
+    """
     header: int
     """Its line, from 1; 0 for none."""
     first: int
@@ -95,16 +108,27 @@ class TextLayout:
     """The sheet of a workbook, and all that it has."""
 
     def __str__(self) -> str:
-        header = f"header in line {self.header}" if self.header else "no header, columns are #1, #2, ..."
+        header = (
+            f"header in line {self.header}" if self.header else "no header, columns are #1, #2, ..."
+        )
         others = f" of {', '.join(self.sheets)}" if len(self.sheets) > 1 else ""
-        text = f"sheet {self.sheet}{others}" if self.sheet else f"{self.encoding}, {self.delimiter!r} between cells"
-        return f"{text}, {header}" if self.sheet else f"{text}, decimals after {self.decimal!r}, {header}"
+        text = (
+            f"sheet {self.sheet}{others}"
+            if self.sheet
+            else f"{self.encoding}, {self.delimiter!r} between cells"
+        )
+        return (
+            f"{text}, {header}"
+            if self.sheet
+            else f"{text}, decimals after {self.decimal!r}, {header}"
+        )
 
 
 def text_layout(path: Path, given: TextFormat | None = None) -> TextLayout:
     """Find the layout of a table.
 
-    Raises InvalidInput for what is none, NotInstalled for a workbook without its library, NameNotFound for no such sheet.
+    Raises InvalidInput for what is none, NotInstalled for a workbook without its library,
+    NameNotFound for no such sheet.
     """
     given = given or TextFormat()
     encoding = given.encoding or _encoding(path)
@@ -115,32 +139,63 @@ def text_layout(path: Path, given: TextFormat | None = None) -> TextLayout:
         delimiter = given.delimiter or _delimiter([line for _, line in rows])
         cells = [(k, _split(line, delimiter)) for k, line in rows]
         widest = max((len(row) for _, row in cells), default=0)
-        if widest and not any(row[-1] for _, row in cells if len(row) == widest):  # lines that end by a delimiter
+        if widest and not any(
+            row[-1] for _, row in cells if len(row) == widest
+        ):  # lines that end by a delimiter
             cells = [(k, row[:-1] if row[-1] == "" else row) for k, row in cells]
         width = Counter(len(row) for _, row in cells).most_common(1)[0][0] if cells else 0
         table = [(k, row) for k, row in cells if len(row) == width]
         decimal = given.decimal or _decimal([row for _, row in table], delimiter)
         first = _first_row(table, decimal)
-        before = [(k, row) for k, row in table if k < first and 2 * sum(map(bool, row)) >= width and row[0][:3] != "***"]
-        comments = [(k, _split(line.lstrip().lstrip("#%"), delimiter)) for k, line in head if k < first]
-        before = before or [(k, row) for k, row in comments if len(row) == width and not _is_row(row, decimal)][-1:]
-        of_units = len(before) > 1 and all(unit_named(cell) or _OTHER_UNITS.fullmatch(cell) for cell in before[-1][1] if cell)
+        before = [
+            (k, row)
+            for k, row in table
+            if k < first and 2 * sum(map(bool, row)) >= width and row[0][:3] != "***"
+        ]
+        comments = [
+            (k, _split(line.lstrip().lstrip("#%"), delimiter)) for k, line in head if k < first
+        ]
+        before = (
+            before
+            or [(k, row) for k, row in comments if len(row) == width and not _is_row(row, decimal)][
+                -1:
+            ]
+        )
+        of_units = len(before) > 1 and all(
+            unit_named(cell) or _OTHER_UNITS.fullmatch(cell) for cell in before[-1][1] if cell
+        )
         units = before.pop() if of_units else None
         if given.header is not None:
             before = [(k, row) for k, row in cells + comments if k == given.header]
             first = max(first, given.header + 1)
         line, names = before[-1] if before else (0, [f"#{k + 1}" for k in range(width)])
-        said = tuple(cell.strip("[]() ") for cell in units[1]) if units else tuple(map(_unit_in, names))
-        table_of = {"encoding": encoding, "delimiter": delimiter, "decimal": decimal, "time": given.time}
+        said = (
+            tuple(cell.strip("[]() ") for cell in units[1])
+            if units
+            else tuple(map(_unit_in, names))
+        )
+        table_of = {
+            "encoding": encoding,
+            "delimiter": delimiter,
+            "decimal": decimal,
+            "time": given.time,
+        }
         return TextLayout(
-            **table_of, names=tuple(names), units=said, header=line, first=first, sheet=sheets[0], sheets=tuple(sheets[1:])
+            **table_of,
+            names=tuple(names),
+            units=said,
+            header=line,
+            first=first,
+            sheet=sheets[0],
+            sheets=tuple(sheets[1:]),
         )
 
 
 def text_columns(
     path: Path, places: Sequence[int], layout: TextLayout, words: Mapping[int, str]
 ) -> tuple[np.ndarray, tuple[str, ...]]:
-    """Columns (n, k) [as they are] of a table, NaN where a cell says nothing, and remarks about what was left out.
+    """Columns (n, k) [as they are] of a table, NaN where a cell says nothing, and remarks about
+    what was left out.
 
     places: (k,) of `place_of`. words: by place, such that are 1 and all others 0.
     Times of day and ISO 8601 times are in seconds. Raises InvalidInput, and NotInstalled as
@@ -153,7 +208,8 @@ def text_columns(
 
 
 def place_of(path: Path, names: Sequence[str], wanted: str) -> int:
-    """Place of a column by its name, by its name without case, unit and sign of a comment where that is unambiguous, or ``#k``.
+    """Place of a column by its name, by its name without case, unit and sign of a comment where
+    that is unambiguous, or ``#k``.
 
     Raises NameNotFound, and InvalidInput for a name that stands more than once.
     """
@@ -163,7 +219,10 @@ def place_of(path: Path, names: Sequence[str], wanted: str) -> int:
             return found[0]
         if found:
             places = ", ".join(f"#{k + 1}" for k in found)
-            raise InvalidInput(f"{path.name}: {len(found)} columns are called {wanted!r}; give one by its place: {places}")
+            raise InvalidInput(
+                f"{path.name}: {len(found)} columns are called {wanted!r}; give one by its place:"
+                f" {places}"
+            )
     if re.fullmatch(r"#\d+", wanted) and 0 < int(wanted[1:]) <= len(names):
         return int(wanted[1:]) - 1
     raise NameNotFound(f"column of {path.name}", wanted, [name.strip() for name in names])
@@ -183,12 +242,18 @@ def _unit_in(name: str) -> str:
 def _encoding(path: Path) -> str:
     if _begins_with(path, _ZIP):
         return "utf-8"
-    with _damage_in_a_line(path), gzip.open(path) if _begins_with(path, _GZIP) else path.open("rb") as data:
+    with (
+        _damage_in_a_line(path),
+        gzip.open(path) if _begins_with(path, _GZIP) else path.open("rb") as data,
+    ):
         head = data.read(_HEAD_BYTES)
-    if marked := [encoding for mark, encoding in _BYTE_ORDER_MARKS.items() if head.startswith(mark)]:
+    marked = [encoding for mark, encoding in _BYTE_ORDER_MARKS.items() if head.startswith(mark)]
+    if marked:
         return marked[0]
     if b"\0" in head:
-        raise InvalidInput(f"{path}: no table of numbers (it is binary); CSV and other tables of text are read")
+        raise InvalidInput(
+            f"{path}: no table of numbers (it is binary); CSV and other tables of text are read"
+        )
     try:
         head[: len(head) - 4 if len(head) == _HEAD_BYTES else None].decode("utf-8")
     except UnicodeDecodeError:
@@ -197,7 +262,9 @@ def _encoding(path: Path) -> str:
 
 
 def _delimiter(lines: Sequence[str]) -> str:
-    """Find the delimiter by which most lines have equally many cells, and most cells are numbers."""
+    """Find the delimiter by which most lines have equally many cells, and most cells are
+    numbers.
+    """
 
     def share(name: str) -> float:
         rows = [_split(line, name) for line in lines]
@@ -205,7 +272,9 @@ def _delimiter(lines: Sequence[str]) -> str:
         if width < 2:
             return 0.0
         cells = [cell for row in rows for cell in row if len(row) == width]
-        known = sum(_is_number(cell, "," if name != "," else ".") or _is_missing(cell) for cell in cells)
+        known = sum(
+            _is_number(cell, "," if name != "," else ".") or _is_missing(cell) for cell in cells
+        )
         return n / len(rows) * (0.01 + known / len(cells))
 
     return max(_DELIMITERS, key=share)
@@ -214,7 +283,12 @@ def _delimiter(lines: Sequence[str]) -> str:
 def _split(line: str, delimiter: str) -> list[str]:
     if delimiter == "blank":
         return line.split()
-    return [cell.strip() for cell in next(csv.reader([line], delimiter=_DELIMITERS[delimiter], skipinitialspace=True), [])]
+    return [
+        cell.strip()
+        for cell in next(
+            csv.reader([line], delimiter=_DELIMITERS[delimiter], skipinitialspace=True), []
+        )
+    ]
 
 
 def _decimal(rows: Sequence[Sequence[str]], delimiter: str) -> str:
@@ -222,14 +296,22 @@ def _decimal(rows: Sequence[Sequence[str]], delimiter: str) -> str:
         return "."
     cells = [cell for row in rows for cell in row]
     commas = sum(bool(_DECIMAL_COMMA.fullmatch(cell)) for cell in cells)
-    return "," if commas > sum("." in cell and bool(_NUMBER.fullmatch(cell)) for cell in cells) else "."
+    return (
+        ","
+        if commas > sum("." in cell and bool(_NUMBER.fullmatch(cell)) for cell in cells)
+        else "."
+    )
 
 
 def _first_row(table: Sequence[tuple[int, Sequence[str]]], decimal: str) -> int:
     """Line of the first row of numbers: as the later rows have them, column by column."""
     later = [row for _, row in table[len(table) // 2 :]]
     columns = enumerate(zip(*later, strict=True))
-    numeric = [k for k, column in columns if 2 * sum(_is_number(cell, decimal) for cell in column) >= len(later)]
+    numeric = [
+        k
+        for k, column in columns
+        if 2 * sum(_is_number(cell, decimal) for cell in column) >= len(later)
+    ]
     for line, row in table:
         cells = [row[k] for k in numeric if not _is_missing(row[k])]
         if cells and all(_is_number(cell, decimal) for cell in cells):
@@ -242,20 +324,28 @@ def _is_row(row: Sequence[str], decimal: str) -> bool:
 
 
 def _is_missing(cell: str) -> bool:
-    """Recognise a cell that says nothing, also by asterisks, which stand for a number that found no room."""
+    """Recognise a cell that says nothing, also by asterisks, which stand for a number that found no
+    room.
+    """
     return cell.strip("*").lower() in _MISSING
 
 
 def _is_number(cell: str, decimal: str) -> bool:
     with_comma = decimal == "," and _DECIMAL_COMMA.fullmatch(cell)
-    return bool(with_comma or _NUMBER.fullmatch(cell) or _TIME.fullmatch(cell) or _GROUPED.fullmatch(cell))
+    return bool(
+        with_comma or _NUMBER.fullmatch(cell) or _TIME.fullmatch(cell) or _GROUPED.fullmatch(cell)
+    )
 
 
 # Rows.
 
 
 def _numbers(
-    file: IO[str], layout: TextLayout, places: Sequence[int], words: Mapping[int, str], remarks: list[str]
+    file: IO[str],
+    layout: TextLayout,
+    places: Sequence[int],
+    words: Mapping[int, str],
+    remarks: list[str],
 ) -> Iterator[float]:
     """One row after the other; a last row that breaks off is left out."""
     lines = islice(_lines(file), layout.first - 1, None)
@@ -264,26 +354,37 @@ def _numbers(
         if layout.delimiter == "blank"
         else csv.reader(lines, delimiter=_DELIMITERS[layout.delimiter], skipinitialspace=True)
     )
-    before, number = list[str](), 0
+    before = list[str]()
+    number = 0
     for row in rows:
         if not row or row[0].startswith(("#", "%")):
             continue
         if before:
             yield from _cells(before, layout, number, places, words)
-        before, number = row, number + 1
+        before = row
+        number = number + 1
         if number > MOST_ROWS:
             raise InvalidInput(f"more than {MOST_ROWS} rows; give recordings one by one")
     if before and len(before) < len(layout.names):
-        remarks.append(f"the last row breaks off after {len(before)} of {len(layout.names)} cells and is left out")
+        remarks.append(
+            f"the last row breaks off after {len(before)} of {len(layout.names)} cells and is"
+            " left out"
+        )
     elif before:
         yield from _cells(before, layout, number, places, words)
 
 
 def _cells(
-    row: Sequence[str], layout: TextLayout, number: int, places: Sequence[int], words: Mapping[int, str]
+    row: Sequence[str],
+    layout: TextLayout,
+    number: int,
+    places: Sequence[int],
+    words: Mapping[int, str],
 ) -> Iterator[float]:
     if len(row) <= max(places):
-        raise InvalidInput(f"row {number} has {len(row)} cells; its table has {len(layout.names)} columns")
+        raise InvalidInput(
+            f"row {number} has {len(row)} cells; its table has {len(layout.names)} columns"
+        )
     for place in places:
         cell = row[place].replace(",", ".") if layout.decimal == "," else row[place]
         try:
@@ -304,13 +405,25 @@ def _unusual(cell: str, name: str, number: int, layout: TextLayout) -> float:
         return float(cell.replace(",", ""))
     if layout.time:
         return datetime.strptime(cell, layout.time).replace(tzinfo=timezone.utc).timestamp()
-    if not (found := _TIME.fullmatch(cell)):
+    found = _TIME.fullmatch(cell)
+    if not found:
         given = f"row {number}, column {name!r}: {cell[:40]!r} is no number"
         read = "numbers, empty cells and times as 2024-05-31T23:59:59.5 or 23:59:59.5 are read"
-        raise InvalidInput(f"{given}; {read}, others by `table: {{time: '%d/%m/%Y %H:%M:%S.%f'}}` or their like")
+        raise InvalidInput(
+            f"{given}; {read}, others by `table: {{time: '%d/%m/%Y %H:%M:%S.%f'}}` or their like"
+        )
     said = found.groupdict()
-    hours = int(said["hours"]) % 12 + 12 * (said["half"] in "pP") if said["half"] else int(said["hours"])
-    time = 3600.0 * hours + 60.0 * int(said["minutes"]) + int(said["seconds"]) + float(f"0.{said['part'] or said['ms'] or 0}")
+    hours = (
+        int(said["hours"]) % 12 + 12 * (said["half"] in "pP")
+        if said["half"]
+        else int(said["hours"])
+    )
+    time = (
+        3600.0 * hours
+        + 60.0 * int(said["minutes"])
+        + int(said["seconds"])
+        + float(f"0.{said['part'] or said['ms'] or 0}")
+    )
     year, month, day = (said[key] for key in ("YMD" if said["Y"] else "ymd"))
     if year:
         time += datetime(int(year), int(month), int(day), tzinfo=timezone.utc).timestamp()
@@ -324,7 +437,9 @@ def _unusual(cell: str, name: str, number: int, layout: TextLayout) -> float:
 
 @contextmanager
 def _opened(path: Path, encoding: str, sheet: str) -> Iterator[IO[str]]:
-    """Open a text file, gzipped or not, or a sheet of a workbook as text; damage raises `InvalidInput` in one line."""
+    """Open a text file, gzipped or not, or a sheet of a workbook as text; damage raises
+    `InvalidInput` in one line.
+    """
     with _damage_in_a_line(path):
         if _begins_with(path, _ZIP):
             with _workbook(path) as book:
@@ -343,15 +458,24 @@ def _begins_with(path: Path, mark: bytes) -> bool:
 
 
 def _sheets(path: Path, wanted: str) -> list[str]:
-    """The sheet of a workbook that is read, and the names of all; of a text an empty name. Raises NameNotFound."""
+    """The sheet of a workbook that is read, and the names of all; of a text an empty name. Raises
+    NameNotFound.
+    """
     if not _begins_with(path, _ZIP):
         return [""]
     with _damage_in_a_line(path), _workbook(path) as book:
         names = [sheet.title for sheet in book.worksheets]
         if wanted:
             require_known(f"sheet of {path.name}", wanted, names)
-        heads = ((sheet.title, islice(sheet.iter_rows(values_only=True), _HEAD)) for sheet in book.worksheets)
-        return [wanted or next((name for name, rows in heads if any(map(_has_numbers, rows))), names[0]), *names]
+        heads = (
+            (sheet.title, islice(sheet.iter_rows(values_only=True), _HEAD))
+            for sheet in book.worksheets
+        )
+        return [
+            wanted
+            or next((name for name, rows in heads if any(map(_has_numbers, rows))), names[0]),
+            *names,
+        ]
 
 
 def _has_numbers(row: Sequence[object]) -> bool:
@@ -362,15 +486,30 @@ def _has_numbers(row: Sequence[object]) -> bool:
 def _workbook(path: Path) -> Iterator[Any]:
     openpyxl = optional_module("openpyxl", "reading a workbook", "openpyxl")
     with ZipFile(path) as archive:
-        size, unpacked = path.stat().st_size, sum(one.file_size for one in archive.infolist())
+        size = path.stat().st_size
+        unpacked = sum(one.file_size for one in archive.infolist())
     if unpacked > max(SMALL, DENSEST * size):
-        raise InvalidInput(f"would unpack to {unpacked >> 20} MB; at most {DENSEST} times a file are read")
-    with as_input_errors(path, what="no workbook"), closing(openpyxl.load_workbook(path, read_only=True, data_only=True)) as book:
+        raise InvalidInput(
+            f"would unpack to {unpacked >> 20} MB; at most {DENSEST} times a file are read"
+        )
+    with (
+        as_input_errors(path, what="no workbook"),
+        closing(openpyxl.load_workbook(path, read_only=True, data_only=True)) as book,
+    ):
         yield book
 
 
 def _damage_in_a_line(path: Path) -> AbstractContextManager[None]:
-    return as_input_errors(path, OSError, EOFError, zlib.error, csv.Error, ValueError, LookupError, what="no table of numbers")
+    return as_input_errors(
+        path,
+        OSError,
+        EOFError,
+        zlib.error,
+        csv.Error,
+        ValueError,
+        LookupError,
+        what="no table of numbers",
+    )
 
 
 def _lines(file: IO[str]) -> Iterator[str]:

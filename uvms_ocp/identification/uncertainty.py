@@ -1,8 +1,10 @@
-"""Uncertainty of a fit: covariance inflated for coloured residuals, unidentifiable directions, numbers with units, whiteness.
+"""Uncertainty of a fit: covariance inflated for coloured residuals, unidentifiable directions,
+numbers with units, whiteness.
 
-Errors of a model are not white: samples that follow each other miss alike, and count for less than their number. The information
-is divided by the number of samples that miss together before standard errors are taken from it. Mass and added mass of an axis
-weigh the same in most motions: their sum is often known where neither is.
+Errors of a model are not white: samples that follow each other miss alike, and count for less than
+their number. The information is divided by the number of samples that miss together before standard
+errors are taken from it. Mass and added mass of an axis weigh the same in most motions: their sum
+is often known where neither is.
 """
 
 from __future__ import annotations
@@ -21,7 +23,9 @@ from uvms_ocp.identification.output_error import Estimate, FitStatus, Noise
 # How sure the unknowns are, and which combinations of them the recordings leave open.
 
 DETERMINED = 0.3
-"""Largest standard error of a coordinate, relative for what is positive, with which it counts as determined."""
+"""Largest standard error of a coordinate, relative for what is positive, with which it counts as
+determined.
+"""
 NARROWED = 0.7
 """Share of a prior's deviation below which recordings say more than the prior."""
 _NOTHING = 1e-12  # of information: all that is known where there is none
@@ -39,17 +43,25 @@ class UnidentifiableDirection:
 
 
 def standard_errors(vehicle: Vehicle, estimate: Estimate, inflation: float = 1.0) -> np.ndarray:
-    """(n,) [as `Unknowns.start`] of the shared unknowns. inflation: samples that miss alike, as `variance_inflation` finds."""
+    """(n,) [as `Unknowns.start`] of the shared unknowns. inflation: samples that miss alike, as
+    `variance_inflation` finds.
+    """
     return np.sqrt(np.diag(covariance(vehicle, estimate, inflation)))
 
 
 def covariance(vehicle: Vehicle, estimate: Estimate, inflation: float = 1.0) -> np.ndarray:
-    """(n, n) [unknowns^2] of the shared unknowns, by recordings and priors; together: as in `standard_errors`.
+    """(n, n) [unknowns^2] of the shared unknowns, by recordings and priors; together: as in
+    `standard_errors`.
 
-    Priors of delays are as wide in seconds as where the search began: next to 0 a coordinate says nothing of the other side.
+    Priors of delays are as wide in seconds as where the search began: next to 0 a coordinate says
+    nothing of the other side.
     """
     shared = vehicle.shared
-    wider = np.where([name in parameters.DELAYS for name in shared.names], np.cosh(estimate.shared) / np.cosh(shared.start), 1.0)
+    wider = np.where(
+        [name in parameters.DELAYS for name in shared.names],
+        np.cosh(estimate.shared) / np.cosh(shared.start),
+        1.0,
+    )
     prior = np.diag(1.0 / (shared.sigma * np.maximum(wider, 1.0) ** 2) ** 2 + _NOTHING)
     return np.asarray(np.linalg.inv(_data(vehicle, estimate, inflation) + prior) + estimate.assumed)
 
@@ -57,11 +69,14 @@ def covariance(vehicle: Vehicle, estimate: Estimate, inflation: float = 1.0) -> 
 def unidentifiable_directions(
     vehicle: Vehicle, estimate: Estimate, inflation: float = 1.0
 ) -> tuple[UnidentifiableDirection, ...]:
-    """Combinations of which less is known than `DETERMINED`, the worst first; together: as in `standard_errors`."""
+    """Combinations of which less is known than `DETERMINED`, the worst first; together: as in
+    `standard_errors`.
+    """
     values, axes = np.linalg.eigh(_data(vehicle, estimate, inflation))
     found = []
     for value, axis in zip(values, axes.T, strict=True):
-        if (sigma := 1.0 / np.sqrt(max(float(value), _NOTHING))) > DETERMINED:
+        sigma = 1.0 / np.sqrt(max(float(value), _NOTHING))
+        if sigma > DETERMINED:
             order = np.argsort(-np.abs(axis))
             main = [i for i in order if abs(axis[i]) > _LEAST_SHARE * abs(axis[order[0]])]
             shares = tuple((vehicle.shared.names[i], float(axis[i])) for i in main)
@@ -78,20 +93,29 @@ _MOVED = 0.1  # [noise] less is left of what does not move, as along an axis tha
 
 
 def variance_inflation(predicted: Predicted, noise: Noise) -> float:
-    """Variance inflation: samples of a prediction that miss alike, times their squared miss relative to `noise`; at least 1.
+    """Variance inflation: samples of a prediction that miss alike, times their squared miss
+    relative to `noise`; at least 1.
 
-    By Bartlett's formula, ``1 + 2 sum rho_k``, up to the first lag at which residuals are no longer correlated. The mean over
-    the channels, but no less than of any that the model does not explain: what is wrong with it may be wrong for all numbers.
+    By Bartlett's formula, ``1 + 2 sum rho_k``, up to the first lag at which residuals are no longer
+    correlated. The mean over the channels, but no less than of any that the model does not explain:
+    what is wrong with it may be wrong for all numbers.
     """
-    moved = (residual for _, residual, _ in _residuals(predicted, noise) if np.ptp(residual) > _MOVED)
-    found = [float((residual**2).mean()) * bartlett(residual - residual.mean()) for residual in moved]
+    moved = (
+        residual for _, residual, _ in _residuals(predicted, noise) if np.ptp(residual) > _MOVED
+    )
+    found = [
+        float((residual**2).mean()) * bartlett(residual - residual.mean()) for residual in moved
+    ]
     left = (one.size**2 * one.inflation for one in whiteness(predicted, noise) if one.unexplained)
     return max(1.0, float(np.mean(found or [1.0])), *left)
 
 
 def bartlett(residual: np.ndarray) -> float:
-    """``1 + 2 sum rho_k`` of a residual (m,) [any] with mean zero, up to the first lag without correlation."""
-    n, rho = len(residual), autocorrelation(residual)[1:]
+    """``1 + 2 sum rho_k`` of a residual (m,) [any] with mean zero, up to the first lag without
+    correlation.
+    """
+    n = len(residual)
+    rho = autocorrelation(residual)[1:]
     below = np.flatnonzero(rho < 2.0 / np.sqrt(n))
     return 1.0 + 2.0 * float(rho[: below[0] if len(below) else n].sum())
 
@@ -104,7 +128,8 @@ def autocorrelation(residual: np.ndarray) -> np.ndarray:
     return np.asarray(found / max(float(found[0]), 1e-300))
 
 
-# What has been learnt, as numbers of the vehicle with their units: entries of quantities, and what each axis has to move.
+# What has been learnt, as numbers of the vehicle with their units: entries of quantities, and what
+# each axis has to move.
 
 DETERMINED_BELOW = 0.1
 """Largest standard error, relative to the size of a number, with which it counts as determined."""
@@ -118,7 +143,9 @@ _XYZ = ("x", "y", "z")
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class IdentifiedNumber:
-    """A number of the vehicle with its standard error and 95 % interval, such as the added mass in surge."""
+    """A number of the vehicle with its standard error and 95 % interval, such as the added mass in
+    surge.
+    """
 
     quantity: str
     """Quantity of the declaration, or `TOTAL`."""
@@ -138,7 +165,9 @@ class IdentifiedNumber:
     settled: bool = True
     """True if the search has converged: else its standard error means nothing."""
     explained: bool = True
-    """True unless residuals of a channel are coloured and many times the noise: then numbers lie anywhere."""
+    """True unless residuals of a channel are coloured and many times the noise: then numbers lie
+    anywhere.
+    """
 
     @property
     def name(self) -> str:
@@ -147,8 +176,15 @@ class IdentifiedNumber:
 
     @property
     def determined(self) -> bool:
-        """True if the recordings determine it to within `DETERMINED_BELOW`, and the search has converged and explains them."""
-        return self.settled and self.explained and self.informed and self.sigma < DETERMINED_BELOW * self.size
+        """True if the recordings determine it to within `DETERMINED_BELOW`, and the search has
+        converged and explains them.
+        """
+        return (
+            self.settled
+            and self.explained
+            and self.informed
+            and self.sigma < DETERMINED_BELOW * self.size
+        )
 
     @property
     def interval(self) -> tuple[float, float]:
@@ -174,14 +210,22 @@ def numbers(
     """
     found = numbers_at(vehicle, estimate.shared, covariance(vehicle, estimate, inflation))
     explained = not any(one.unexplained and one.size > MISSES for one in left)
-    return tuple(replace(one, settled=estimate.status is FitStatus.CONVERGED, explained=explained) for one in found)
+    return tuple(
+        replace(one, settled=estimate.status is FitStatus.CONVERGED, explained=explained)
+        for one in found
+    )
 
 
 def numbers_at(vehicle: Vehicle, shared: np.ndarray, C: np.ndarray) -> tuple[IdentifiedNumber, ...]:
-    """The same at unknowns shared (n,) [as `Unknowns.start`] with a covariance C (n, n) [unknowns^2]."""
+    """The same at unknowns shared (n,) [as `Unknowns.start`] with a covariance C (n, n)
+    [unknowns^2].
+    """
     entries, values, slopes = _entries(vehicle, shared)
     alone = np.diag(1.0 / (1.0 / vehicle.shared.sigma**2 + _NOTHING))  # without recordings
-    sigmas, believed = (np.sqrt(np.maximum(np.einsum("ij,jk,ik->i", slopes, one, slopes), 0.0)) for one in (C, alone))
+    sigmas, believed = (
+        np.sqrt(np.maximum(np.einsum("ij,jk,ik->i", slopes, one, slopes), 0.0))
+        for one in (C, alone)
+    )
     return tuple(
         IdentifiedNumber(
             quantity=quantity,
@@ -193,12 +237,15 @@ def numbers_at(vehicle: Vehicle, shared: np.ndarray, C: np.ndarray) -> tuple[Ide
             informed=bool(sigma < NARROWED * prior),
             positive=positive,
         )
-        for (quantity, entry, unit, positive), value, sigma, prior in zip(entries, values, sigmas, believed, strict=True)
+        for (quantity, entry, unit, positive), value, sigma, prior in zip(
+            entries, values, sigmas, believed, strict=True
+        )
     )
 
 
 def slopes_of(vehicle: Vehicle, shared: np.ndarray) -> tuple[list[tuple[str, str]], np.ndarray]:
-    """Quantities and names of the same numbers, and their slopes (m, n) [units of numbers, per unknown].
+    """Quantities and names of the same numbers, and their slopes (m, n) [units of numbers, per
+    unknown].
 
     At unknowns shared (n,) [as `Unknowns.start`].
     """
@@ -206,10 +253,16 @@ def slopes_of(vehicle: Vehicle, shared: np.ndarray) -> tuple[list[tuple[str, str
     return [(quantity, f"{quantity} {entry}".strip()) for quantity, entry, _, _ in entries], slopes
 
 
-def number_of(vehicle: Vehicle, one: IdentifiedNumber) -> Callable[[np.ndarray], tuple[float, np.ndarray]]:
-    """One of `numbers`, as it depends on the unknowns (n,): its value [unit], or logarithm where it is positive; its slope."""
+def number_of(
+    vehicle: Vehicle, one: IdentifiedNumber
+) -> Callable[[np.ndarray], tuple[float, np.ndarray]]:
+    """One of `numbers`, as it depends on the unknowns (n,): its value [unit], or logarithm where it
+    is positive; its slope.
+    """
     theta = ca.SX.sym("theta", len(vehicle.shared.start))
-    (value,) = (each for entry, each in _pairs(vehicle, theta) if entry[:2] == (one.quantity, one.entry))
+    (value,) = (
+        each for entry, each in _pairs(vehicle, theta) if entry[:2] == (one.quantity, one.entry)
+    )
     scaled = ca.log(value) if one.positive else value
     function = ca.Function("number", [theta], [scaled, ca.densify(ca.jacobian(scaled, theta))])
 
@@ -221,7 +274,9 @@ def number_of(vehicle: Vehicle, one: IdentifiedNumber) -> Callable[[np.ndarray],
 
 
 def values_of(vehicle: Vehicle, shared: np.ndarray) -> np.ndarray:
-    """(m,) [units of `numbers`] of the same numbers at other unknowns shared (n,) [as `Unknowns.start`]."""
+    """(m,) [units of `numbers`] of the same numbers at other unknowns shared (n,) [as
+    `Unknowns.start`].
+    """
     return _entries(vehicle, shared)[1]
 
 
@@ -230,26 +285,33 @@ def _entries(vehicle: Vehicle, shared: np.ndarray) -> tuple[list[_Entry], np.nda
     theta = ca.SX.sym("theta", len(shared))
     pairs = _pairs(vehicle, theta)
     stacked = ca.vertcat(*(value for _, value in pairs))
-    function = ca.Function("numbers", [theta], [ca.densify(stacked), ca.densify(ca.jacobian(stacked, theta))])
+    function = ca.Function(
+        "numbers", [theta], [ca.densify(stacked), ca.densify(ca.jacobian(stacked, theta))]
+    )
     values, slopes = (np.asarray(one) for one in function(shared))
     chosen = np.flatnonzero(np.abs(slopes).sum(axis=1))
     return [pairs[k][0] for k in chosen], values.ravel()[chosen], slopes[chosen]
 
 
 def _pairs(vehicle: Vehicle, theta: ca.SX) -> list[tuple[_Entry, ca.SX]]:
-    quantities, found = vehicle.shared.values(theta), list[tuple[_Entry, ca.SX]]()
+    quantities = vehicle.shared.values(theta)
+    found = list[tuple[_Entry, ca.SX]]()
     for name, value in quantities.items():
         one = vehicle.shared.declaration.quantities[name]
         if value.shape[1] > 1:
             found += _of_matrix(name, one.unit, value)
             continue
         positive = one.unit not in SIZES or name == "lag"
-        found += [((name, entry, one.unit, positive), value[k]) for k, entry in enumerate(one.coordinates.names)]
+        found += [
+            ((name, entry, one.unit, positive), value[k])
+            for k, entry in enumerate(one.coordinates.names)
+        ]
     return [*found, *_totals(quantities)]
 
 
 def _of_matrix(name: str, unit: str, value: ca.SX) -> Iterator[tuple[_Entry, ca.SX]]:
-    axes, symmetric = parameters.AXES if value.shape[0] == len(parameters.AXES) else _XYZ, "drag" not in name
+    axes = parameters.AXES if value.shape[0] == len(parameters.AXES) else _XYZ
+    symmetric = "drag" not in name
     for i, row in enumerate(axes):
         for j, column in enumerate(axes):
             if i >= j or not symmetric:
@@ -258,19 +320,27 @@ def _of_matrix(name: str, unit: str, value: ca.SX) -> Iterator[tuple[_Entry, ca.
 
 def _totals(quantities: dict[str, ca.SX]) -> Iterator[tuple[_Entry, ca.SX]]:
     """Yield total inertias of rigid body and added mass, about the frame of the vehicle's joint."""
-    inertia = coordinates.spatial_inertia(*(quantities[name] for name in ("mass", "centre_of_mass", "second_moment")))
+    inertia = coordinates.spatial_inertia(
+        *(quantities[name] for name in ("mass", "centre_of_mass", "second_moment"))
+    )
     for k, axis in enumerate(parameters.AXES):
-        yield (TOTAL, axis, "kg" if k < len(_XYZ) else "kg m2", True), inertia[k, k] + quantities["added_mass"][k, k]
+        yield (
+            (TOTAL, axis, "kg" if k < len(_XYZ) else "kg m2", True),
+            inertia[k, k] + quantities["added_mass"][k, k],
+        )
 
 
-# Whether what a search has left is white noise: then the model has nothing more to say, and samples count one by one.
+# Whether what a search has left is white noise: then the model has nothing more to say, and samples
+# count one by one.
 
 CHANNELS = (*parameters.AXES, "vertical x", "vertical y", "vertical z")
 """Channels of the three sensors, three of each."""
 LEVEL = 0.05
 """Level of the test: share of white residuals that it takes for coloured."""
 MISSES = 5.0
-"""Size of coloured residuals of a channel, in standard deviations of the noise, beyond which no number counts as determined."""
+"""Size of coloured residuals of a channel, in standard deviations of the noise, beyond which no
+number counts as determined.
+"""
 LEAST_P = 1e-6
 """Chance that is not told more exactly."""
 _LAGS = 20
@@ -301,7 +371,9 @@ class Whiteness:
 
     @property
     def unexplained(self) -> bool:
-        """True if residuals are coloured and so large that standard errors of the channel alone would be twice as large."""
+        """True if residuals are coloured and so large that standard errors of the channel alone
+        would be twice as large.
+        """
         return not self.white and self.size**2 * self.inflation > 4.0
 
 
@@ -313,7 +385,9 @@ def whiteness(left: Predicted, noise: Noise) -> tuple[Whiteness, ...]:
 def _residuals(left: Predicted, noise: Noise) -> Iterator[tuple[str, np.ndarray, np.ndarray]]:
     """Channels in `CHANNELS`, their residuals (m,), relative to the noise, and times (m,) [s]."""
     for k, sigma in enumerate((noise.velocity, noise.rate, noise.vertical)):
-        for name, residual in zip(CHANNELS[3 * k :], ((left.rows[k] - left.measured[k]) / sigma).T, strict=False):
+        for name, residual in zip(
+            CHANNELS[3 * k :], ((left.rows[k] - left.measured[k]) / sigma).T, strict=False
+        ):
             yield name, residual, left.t[k]
 
 
@@ -331,10 +405,11 @@ def _whiteness(name: str, residual: np.ndarray, t: np.ndarray) -> Whiteness:
 
 
 def ljung_box(residual: np.ndarray, lags: int = _LAGS) -> tuple[float, np.ndarray]:
-    """P that white noise is as correlated as a residual (m,) [any], and its autocorrelation (k + 1,).
+    """P that white noise is as correlated as a residual (m,) [any], and its autocorrelation (k +
+    1,).
 
-    lags: that are looked at, a fifth of the samples at most. What a model has been fitted to has a little less freedom than
-    the test believes.
+    lags: that are looked at, a fifth of the samples at most. What a model has been fitted to has a
+    little less freedom than the test believes.
     """
     from scipy.special import gammaincc  # a tenth of a second
 

@@ -1,8 +1,9 @@
-"""Validate a fit: profile-likelihood intervals, leave-one-out cross-validation, and static baselines.
+"""Validate a fit: profile-likelihood intervals, leave-one-out cross-validation, and static
+baselines.
 
-The deviance of the best fit with a number held, twice the cost beyond the optimum's, gives the interval: its signed root
-is where a standard normal variable would be. Where everything is linear it is a straight line, and this interval is the one of
-standard errors.
+The deviance of the best fit with a number held, twice the cost beyond the optimum's, gives the
+interval: its signed root is where a standard normal variable would be. Where everything is linear
+it is a straight line, and this interval is the one of standard errors.
 """
 
 from __future__ import annotations
@@ -19,19 +20,33 @@ from uvms_ocp.errors import InvalidInput
 from uvms_ocp.identification import parameters, recording
 from uvms_ocp.identification.fit import FitContext, Predicted, Predictor, search_fit
 from uvms_ocp.identification.model import N_Q, Vehicle, as_measured, vehicle_dynamics
-from uvms_ocp.identification.output_error import Estimate, NormalEquations, ProfilePenalty, SearchPoint
+from uvms_ocp.identification.output_error import (
+    Estimate,
+    NormalEquations,
+    ProfilePenalty,
+    SearchPoint,
+)
 from uvms_ocp.identification.rollout import PreparedRecording, Segment
-from uvms_ocp.identification.uncertainty import INTERVAL, IdentifiedNumber, covariance, number_of, variance_inflation
+from uvms_ocp.identification.uncertainty import (
+    INTERVAL,
+    IdentifiedNumber,
+    covariance,
+    number_of,
+    variance_inflation,
+)
 
-# How sure a number is, without the belief that all is linear: it is held, and all else is fitted anew.
+# How sure a number is, without the belief that all is linear: it is held, and all else is fitted
+# anew.
 #
-# The deviance of the best fit with a number held, twice the cost beyond the optimum's, is what an interval is made of: its signed
-# root is where a standard normal variable would be. Where everything is linear it is a straight line, and this interval is the
-# one of standard errors.
+# The deviance of the best fit with a number held, twice the cost beyond the optimum's, is what an
+# interval is made of: its signed root is where a standard normal variable would be. Where
+# everything is linear it is a straight line, and this interval is the one of standard errors.
 
 _FARTHEST = 4  # standard errors: beyond it an interval is called open
 _SOFT = 0.05  # of a standard error, by which a number is held
-_STEPS, _DAMPING = 3, 1e-9  # of Gauss and Newton, where one is nearly all of the way
+# of Gauss and Newton, where one is nearly all of the way
+_STEPS = 3
+_DAMPING = 1e-9
 _EXACT = 1e-3  # of a deviance
 _KEPT = 0.1  # of a deviance, by which it may miss what a step has promised
 _OTHER = 0.2  # of the half width, by which ends may be apart that are called equal
@@ -47,7 +62,9 @@ class Profile:
     roots: np.ndarray
     """(k,) signed roots of the deviance there."""
     interval: tuple[float, float]
-    """[unit] that holds it with 95 %, as the profile has it; infinite, or 0, where it does not close."""
+    """[unit] that holds it with 95 %, as the profile has it; infinite, or 0, where it does not
+    close.
+    """
 
     @property
     def differs(self) -> bool:
@@ -82,17 +99,23 @@ def profiles(
     inflation: float = 1.0,
     progress: Callable[[str], None] = lambda _: None,
 ) -> Iterator[Profile]:
-    """Yield the profile likelihood of every determined number. inflation: samples that miss alike, as for the numbers.
+    """Yield the profile likelihood of every determined number. inflation: samples that miss alike,
+    as for the numbers.
 
-    progress gets a line for each. A number that follows from one before it alone has the same profile and is left out. One takes
-    a simulation of all recordings for each value at which it is held, and a search where that shows that all is not linear.
+    progress gets a line for each. A number that follows from one before it alone has the same
+    profile and is left out. One takes a simulation of all recordings for each value at which it is
+    held, and a search where that shows that all is not linear.
     """
     wide = fitted.inflated(inflation)
-    if not (chosen := list(_distinct(wide, [one for one in numbers if one.determined]))):
+    chosen = list(_distinct(wide, [one for one in numbers if one.determined]))
+    if not chosen:
         return
     # The optimum itself: searches end a little beside it, which deviances would show.
-    problem, estimate = wide.problem(), fitted.estimate
-    found = problem.solve(problem.resumed(estimate), tolerance=_EXACT / max(estimate.cost, 1.0), damping=_DAMPING)
+    problem = wide.problem()
+    estimate = fitted.estimate
+    found = problem.solve(
+        problem.resumed(estimate), tolerance=_EXACT / max(estimate.cost, 1.0), damping=_DAMPING
+    )
     point = problem.resumed(found)
     best = _Best(wide, found.cost, point, problem.blocks(point))
     for k, one in enumerate(chosen, start=1):
@@ -110,7 +133,8 @@ def _distinct(wide: FitContext, numbers: Sequence[IdentifiedNumber]) -> Iterator
 
 
 def _profile(best: _Best, one: IdentifiedNumber) -> Profile:
-    number, point = number_of(best.wide.vehicle, one), best.point
+    number = number_of(best.wide.vehicle, one)
+    point = best.point
     sigma = one.sigma / one.value if one.positive else one.sigma
     middle = _HeldFit(number(point.shared)[0], 0.0, point)
     below, above = (_side(best, middle, number, way * sigma) for way in (-1, 1))
@@ -118,14 +142,24 @@ def _profile(best: _Best, one: IdentifiedNumber) -> Profile:
     places, roots = (np.array([getattr(each, name) for each in held]) for name in ("place", "root"))
     ends = _crossing(places, roots, -INTERVAL), _crossing(places, roots, INTERVAL)
     values, interval = (np.exp(each) if one.positive else each for each in (places, np.array(ends)))
-    return Profile(number=one, values=values, roots=roots, interval=(float(interval[0]), float(interval[1])))
+    return Profile(
+        number=one, values=values, roots=roots, interval=(float(interval[0]), float(interval[1]))
+    )
 
 
-def _side(best: _Best, middle: _HeldFit, number: Callable[[np.ndarray], tuple[float, np.ndarray]], step: float) -> list[_HeldFit]:
+def _side(
+    best: _Best,
+    middle: _HeldFit,
+    number: Callable[[np.ndarray], tuple[float, np.ndarray]],
+    step: float,
+) -> list[_HeldFit]:
     """One and two standard errors away, and on until the interval closes."""
-    found, last = [], middle
+    found = []
+    last = middle
     for k in range(1, _FARTHEST + 1):
-        pull = ProfilePenalty(number=number, target=middle.place + k * step, sigma=_SOFT * abs(step))
+        pull = ProfilePenalty(
+            number=number, target=middle.place + k * step, sigma=_SOFT * abs(step)
+        )
         last = _held(best, last, pull, k)
         found.append(last)
         if k > 1 and abs(last.root) > INTERVAL:
@@ -134,17 +168,22 @@ def _side(best: _Best, middle: _HeldFit, number: Callable[[np.ndarray], tuple[fl
 
 
 def _held(best: _Best, near: _HeldFit, pull: ProfilePenalty, k: int) -> _HeldFit:
-    """Hold the number by one step from the optimum if its cost is as predicted, else by more steps or a search."""
+    """Hold the number by one step from the optimum if its cost is as predicted, else by more steps
+    or a search.
+    """
     problem = best.wide.problem(pull)
     point, cost = problem.stepped(best.point, best.blocks)
-    gained, share = 2.0 * (cost - pull.cost(point.shared) - best.cost) - k**2, _KEPT * k**2
+    gained = 2.0 * (cost - pull.cost(point.shared) - best.cost) - k**2
+    share = _KEPT * k**2
     for _ in range(_STEPS):
         if abs(gained) < share:
             return _found(best, pull, point, cost)
         after, lower = problem.stepped(point)
         if not lower <= cost:
             break
-        gained, point, cost = 2.0 * (cost - lower), after, lower
+        gained = 2.0 * (cost - lower)
+        point = after
+        cost = lower
     found = problem.solve(near.point, tolerance=_EXACT / max(best.cost, 1.0), damping=_DAMPING)
     return _found(best, pull, problem.resumed(found), found.cost)
 
@@ -156,7 +195,9 @@ def _found(best: _Best, pull: ProfilePenalty, point: SearchPoint, cost: float) -
 
 
 def _crossing(places: np.ndarray, roots: np.ndarray, wanted: float) -> float:
-    """The place where the root is `wanted`, between those that were looked at; infinite where it is beyond them."""
+    """The place where the root is `wanted`, between those that were looked at; infinite where it is
+    beyond them.
+    """
     sides = roots - wanted
     for k, (a, b) in enumerate(pairwise(sides)):
         if a <= 0.0 <= b and a < b:
@@ -176,35 +217,48 @@ _UPRIGHT = ((0.0, -(0.5**0.5), 0.0, 0.5**0.5), (0.5**0.5, 0.0, 0.0, 0.5**0.5), (
 
 
 def static_baseline(stretch: Segment, known: float) -> Predicted:
-    """A vehicle that stays as it was seen last, `known` [s] after the beginning of a stretch, and does not move."""
+    """A vehicle that stays as it was seen last, `known` [s] after the beginning of a stretch, and
+    does not move.
+    """
     before = np.flatnonzero(stretch.t[2] <= stretch.edges[0] + known)
     vertical = stretch.measured[2][before[-1] if len(before) else 0]
     return _resting(stretch, np.broadcast_to(vertical, (len(stretch.t[2]), 3)))
 
 
 class StaticBalance:
-    """The vertical in B at which weight and buoyancy turn a vehicle no further, its arm as it was measured."""
+    """The vertical in B at which weight and buoyancy turn a vehicle no further, its arm as it was
+    measured.
+    """
 
     def __init__(self, vehicle: Vehicle) -> None:
         """For a vehicle, at any values of its unknowns."""
-        n_j, shared = vehicle.dynamics.model.nq - N_Q, ca.SX.sym("shared", len(vehicle.shared.start))
+        n_j = vehicle.dynamics.model.nq - N_Q
+        shared = ca.SX.sym("shared", len(vehicle.shared.start))
         joints = ca.SX.sym("joints", n_j)
         values = vehicle.values(ca.vertcat(shared, ca.DM(vehicle.own.start)))
         dynamics = vehicle_dynamics(vehicle.dynamics, values, vehicle.link)
         poses = [ca.vertcat(ca.DM.zeros(3), ca.DM(turn), joints) for turn in _UPRIGHT]
         g = float(np.linalg.norm(vehicle.dynamics.model.gravity.linear))
-        moment = as_measured(values, ca.vertcat(*(dynamics.potential_energy(pose) for pose in poses)) / g)
+        moment = as_measured(
+            values, ca.vertcat(*(dynamics.potential_energy(pose) for pose in poses)) / g
+        )
         self._function = ca.Function("balance", [joints, shared], [ca.densify(moment)])
-        """``joints (n_j,), shared (n,) -> first moment (3,)`` [kg m] of mass, what is displaced counting negative."""
+        """``joints (n_j,), shared (n,) -> first moment (3,)`` [kg m] of mass, what is displaced
+        counting negative.
+        """
 
     def vertical(self, joints: np.ndarray, shared: np.ndarray) -> np.ndarray:
-        """(3, m) for joints (n_j, m) [rad or m], where unknowns are shared (n,) [as `Unknowns.start`]."""
+        """(3, m) for joints (n_j, m) [rad or m], where unknowns are shared (n,) [as
+        `Unknowns.start`].
+        """
         m = joints.shape[1]
         moment = np.asarray(self._function.map(m)(joints, np.repeat(shared[:, None], m, axis=1)))
         return np.asarray(-moment / np.maximum(np.linalg.norm(moment, axis=0), 1e-300))
 
     def of_stretch(self, stretch: Segment, shared: np.ndarray) -> Predicted:
-        """A vehicle that is where it is in balance and does not move, with unknowns shared (n,) [as `Unknowns.start`]."""
+        """A vehicle that is where it is in balance and does not move, with unknowns shared (n,) [as
+        `Unknowns.start`].
+        """
         middle = (stretch.edges[1:] + stretch.edges[:-1]) / 2
         vertical = self.vertical(stretch.joints[: stretch.joints.shape[0] // 3], shared)
         return _resting(stretch, recording.interpolated(stretch.t[2], middle, vertical.T))
@@ -222,14 +276,17 @@ SCORED = (*parameters.AXES, "tilt")
 
 
 def errors(predicted: Predicted) -> np.ndarray:
-    """(7,) [m/s, rad/s, deg] root mean squares of `SCORED`: velocities, and the angle between verticals."""
+    """(7,) [m/s, rad/s, deg] root mean squares of `SCORED`: velocities, and the angle between
+    verticals.
+    """
     moving = [root_mean_square(predicted.rows[k] - predicted.measured[k]) for k in range(2)]
     return np.concatenate([*moving, root_mean_square(np.rad2deg(tilts(predicted))[:, None])])
 
 
 def tilts(predicted: Predicted) -> np.ndarray:
     """(m,) [rad] angles between the vertical in B as predicted and as seen."""
-    rows, seen = predicted.rows[2], predicted.measured[2]
+    rows = predicted.rows[2]
+    seen = predicted.measured[2]
     return np.arctan2(np.linalg.norm(np.cross(rows, seen), axis=1), (rows * seen).sum(axis=1))
 
 
@@ -238,11 +295,15 @@ def root_mean_square(values: np.ndarray) -> np.ndarray:
     return np.asarray(np.sqrt((values**2).mean(axis=0)))
 
 
-# Every recording, predicted by a vehicle that has not seen it, beside predictions by what knows less.
+# Every recording, predicted by a vehicle that has not seen it, beside predictions by what knows
+# less.
 
 HORIZONS = (5.0, 20.0, 60.0)
 """[s] over which recordings are predicted, the last one as long as they are."""
-OTHERS, BEFORE, STATIC, BALANCE = "identified on the others", "before", "nothing moves", "static balance"
+OTHERS = "identified on the others"
+BEFORE = "before"
+STATIC = "nothing moves"
+BALANCE = "static balance"
 """Names of predictors; the last two predict zero velocities."""
 _DRAWS = 12  # of the unknowns, from what is known of them
 
@@ -258,23 +319,31 @@ class HorizonPrediction:
     by: Mapping[str, Predicted]
     """The same samples, by what predicts."""
     open_error: np.ndarray
-    """(7,) [m/s, rad/s, deg] standard deviation of `SCORED` from what the other recordings leave open of the unknowns."""
+    """(7,) [m/s, rad/s, deg] standard deviation of `SCORED` from what the other recordings leave
+    open of the unknowns.
+    """
     seen_error: np.ndarray
     """(7,) [m/s, rad/s, deg] that the fit has left in the recordings that it was made from."""
 
     @property
     def expected_error(self) -> np.ndarray:
-        """(7,) [m/s, rad/s, deg] by how much the prediction may err, one standard deviation of `SCORED`."""
+        """(7,) [m/s, rad/s, deg] by how much the prediction may err, one standard deviation of
+        `SCORED`.
+        """
         return np.hypot(self.open_error, self.seen_error)
 
     @property
     def extrapolated(self) -> tuple[str, ...]:
-        """Those of `SCORED` that rest on what the other recordings do not determine, more than on what they do."""
+        """Those of `SCORED` that rest on what the other recordings do not determine, more than on
+        what they do.
+        """
         return tuple(np.array(SCORED)[self.open_error > self.seen_error].tolist())
 
     @property
     def uninformative(self) -> tuple[str, ...]:
-        """Those of `SCORED` whose predicted motion is less than the error that is expected of it."""
+        """Those of `SCORED` whose predicted motion is less than the error that is expected of
+        it.
+        """
         moved = errors(replace(self.by[OTHERS], measured=self.by[STATIC].rows))
         return tuple(np.array(SCORED)[moved < self.expected_error].tolist())
 
@@ -293,12 +362,14 @@ class HeldOutRecording:
 
 
 def leave_one_out(
-    fitted: FitContext, horizons: Sequence[float] = HORIZONS, progress: Callable[[str], None] = lambda _: None
+    fitted: FitContext,
+    horizons: Sequence[float] = HORIZONS,
+    progress: Callable[[str], None] = lambda _: None,
 ) -> Iterator[HeldOutRecording]:
     """Hold out and predict each recording; horizons [s]; progress gets a line for each.
 
-    The search on the others begins where the vehicle is declared: nothing of the recording that is left out is known to it.
-    Raises `InvalidInput` where there is one recording alone.
+    The search on the others begins where the vehicle is declared: nothing of the recording that is
+    left out is known to it. Raises `InvalidInput` where there is one recording alone.
     """
     if len({one.recording.source for one in fitted.prepared}) < 2:
         raise InvalidInput("one recording given; leave-one-out needs at least 2")
@@ -317,14 +388,20 @@ def leave_one_out(
 
 
 def without(fitted: FitContext, held: PreparedRecording) -> FitContext:
-    """Fit the other recordings alone, without other parts of the same, from where the vehicle is declared."""
+    """Fit the other recordings alone, without other parts of the same, from where the vehicle is
+    declared.
+    """
     others = tuple(one for one in fitted.prepared if one.recording.source != held.recording.source)
     found = search_fit(fitted.vehicle, others, fitted.noise, fitted.rollout, fitted.search)
     return replace(fitted, prepared=others, estimate=found)
 
 
-def _lengths(one: PreparedRecording, step: float, known: float, asked: Sequence[float]) -> Iterator[tuple[float, float]]:
-    """Horizons, and how long they are: the first that a recording is too short for is cut, longer ones are left out."""
+def _lengths(
+    one: PreparedRecording, step: float, known: float, asked: Sequence[float]
+) -> Iterator[tuple[float, float]]:
+    """Horizons, and how long they are: the first that a recording is too short for is cut, longer
+    ones are left out.
+    """
     begin, end = one.recording.span
     longest = step * (int((end - begin) / step) - round(known / step))
     for horizon in sorted(asked):
@@ -335,19 +412,41 @@ def _lengths(one: PreparedRecording, step: float, known: float, asked: Sequence[
 
 
 def _horizons(
-    others: FitContext, balance: StaticBalance, held: PreparedRecording, asked: Iterable[tuple[float, float]]
+    others: FitContext,
+    balance: StaticBalance,
+    held: PreparedRecording,
+    asked: Iterable[tuple[float, float]],
 ) -> Iterator[HorizonPrediction]:
-    step, predictor, before = others.search.step, others.predictor(), others.predictor(others.vehicle.shared.start)
+    step = others.search.step
+    predictor = others.predictor()
+    before = others.predictor(others.vehicle.shared.start)
     left = Predicted.joined(list(others.residuals().values()))
-    seen, C = errors(left), covariance(others.vehicle, others.estimate, variance_inflation(left, others.noise))
-    drawn = np.random.default_rng(0).multivariate_normal(predictor.shared, C, _DRAWS, method="eigh", check_valid="ignore")
+    seen = errors(left)
+    C = covariance(others.vehicle, others.estimate, variance_inflation(left, others.noise))
+    drawn = np.random.default_rng(0).multivariate_normal(
+        predictor.shared, C, _DRAWS, method="eigh", check_valid="ignore"
+    )
     known = predictor.start_window
-    resting = {STATIC: partial(static_baseline, known=known), BALANCE: partial(balance.of_stretch, shared=predictor.shared)}
+    resting = {
+        STATIC: partial(static_baseline, known=known),
+        BALANCE: partial(balance.of_stretch, shared=predictor.shared),
+    }
     for horizon, length in asked:
         windows = held.windows(step, known, length)
         by = {OTHERS: predictor.over(held, step, length), BEFORE: before.over(held, step, length)}
         for name, predict in resting.items():
-            by[name] = Predicted.joined([predict(one).after(float(one.edges[0]) + known) for one in windows])
-        apart = [replace(others.predictor(each).over(held, step, length), measured=by[OTHERS].rows) for each in drawn]
-        spread = root_mean_square(np.array([errors(each) if each.finite else np.full(len(SCORED), np.inf) for each in apart]))
-        yield HorizonPrediction(asked=horizon, length=length, by=by, open_error=spread, seen_error=seen)
+            by[name] = Predicted.joined(
+                [predict(one).after(float(one.edges[0]) + known) for one in windows]
+            )
+        apart = [
+            replace(others.predictor(each).over(held, step, length), measured=by[OTHERS].rows)
+            for each in drawn
+        ]
+        spread = root_mean_square(
+            np.array(
+                [errors(each) if each.finite else np.full(len(SCORED), np.inf) for each in apart]
+            )
+        )
+        yield HorizonPrediction(
+            asked=horizon, length=length, by=by, open_error=spread, seen_error=seen
+        )

@@ -1,6 +1,7 @@
 """Missions: phases, their transitions, and the log of why they ended ([Gao2022] figures 3 and 4).
 
-`Mission` is a value without memory. Its memory is `MissionState`, another value: `Mission.step` maps one to the next.
+`Mission` is a value without memory. Its memory is `MissionState`, another value: `Mission.step`
+maps one to the next.
 """
 
 import lazy_loader

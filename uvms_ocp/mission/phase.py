@@ -1,4 +1,6 @@
-"""Phases of a mission: conditions on measured quantities, transitions that wait for them, events, and the abort."""
+"""Phases of a mission: conditions on measured quantities, transitions that wait for them, events,
+and the abort.
+"""
 
 from __future__ import annotations
 
@@ -12,7 +14,12 @@ import numpy as np
 from uvms_ocp.checks import checked_dataclass, checked_on_failure
 from uvms_ocp.errors import InvalidInput, NameNotFound
 from uvms_ocp.record.display import FieldTable
-from uvms_ocp.record.meta_values import ABORT as ABORT, DONE as DONE, LARGEST, OWN_QUANTITIES as OWN_QUANTITIES
+from uvms_ocp.record.meta_values import (
+    ABORT as ABORT,
+    DONE as DONE,
+    LARGEST,
+    OWN_QUANTITIES as OWN_QUANTITIES,
+)
 from uvms_ocp.types import Count, Finite, Magnitude, Positive, Shape
 
 # What ends a phase: conditions on measured quantities, and transitions that wait for them.
@@ -25,19 +32,31 @@ class _Threshold:
     sign: ClassVar[str]
     """Between quantity and limit."""
     quantity: str
-    """``task.quantity``, or one that no task measures: `OWN_QUANTITIES`, ``vehicle.depth`` [m] and ``vehicle.speed`` [m/s]."""
+    """``task.quantity``, or one that no task measures: `OWN_QUANTITIES`, ``vehicle.depth`` [m] and
+    ``vehicle.speed`` [m/s].
+    """
     limit: float
     """[unit of the quantity] more than 0; of depth, speed and load any."""
     release: float | None = None
     """[unit of the quantity] on the other side of the limit, or the limit."""
 
     def __post_init__(self) -> None:
-        if not (self.limit > 0 or self.quantity.startswith("vehicle.")) or not abs(self.limit) <= LARGEST:
-            raise InvalidInput(f"threshold of {self.quantity} = {self.limit}; give a finite value > 0, at most {LARGEST:g}")
-        if self.release is None or (math.isfinite(self.release) and not is_met(self.release, self.limit, self.is_below)):
+        if (
+            not (self.limit > 0 or self.quantity.startswith("vehicle."))
+            or not abs(self.limit) <= LARGEST
+        ):
+            raise InvalidInput(
+                f"threshold of {self.quantity} = {self.limit}; give a finite value > 0, at most"
+                f" {LARGEST:g}"
+            )
+        if self.release is None or (
+            math.isfinite(self.release) and not is_met(self.release, self.limit, self.is_below)
+        ):
             return
         least = "at least" if self.is_below else "at most"
-        raise InvalidInput(f"release of {self.quantity} = {self.release}; give {least} the limit {self.limit:g}")
+        raise InvalidInput(
+            f"release of {self.quantity} = {self.release}; give {least} the limit {self.limit:g}"
+        )
 
     @property
     def is_below(self) -> bool:
@@ -64,10 +83,11 @@ class _Threshold:
 
 @checked_dataclass()
 class Below(_Threshold):
-    """True once a measured quantity, named ``task.quantity``, is below `limit`, until it reaches `release` again.
+    """True once a measured quantity, named ``task.quantity``, is below `limit`, until it reaches
+    `release` again.
 
-    Without `release` there is no hysteresis: both are the same. Raises `InvalidInput` for a limit of a task's that is not > 0 and
-    a release below it.
+    Without `release` there is no hysteresis: both are the same. Raises `InvalidInput` for a limit
+    of a task's that is not > 0 and a release below it.
     """
 
     sign: ClassVar[str] = "<"
@@ -75,7 +95,8 @@ class Below(_Threshold):
 
 @checked_dataclass()
 class Above(_Threshold):
-    """True once a measured quantity exceeds `limit`, and until it falls to `release`; mirror of `Below`.
+    """True once a measured quantity exceeds `limit`, and until it falls to `release`; mirror of
+    `Below`.
 
     Raises `InvalidInput` for a limit of a task's that is not > 0 and a release above it.
     """
@@ -88,11 +109,12 @@ Condition: TypeAlias = Below | Above
 
 @checked_dataclass()
 class Transition:
-    """Leads to phase `to` (or `DONE`, or `ABORT`) once every condition has held for `hold` seconds without a gap.
+    """Leads to phase `to` (or `DONE`, or `ABORT`) once every condition has held for `hold` seconds
+    without a gap.
 
-    A transition to an earlier phase is a back-step. It fires at most `retries` times; the next time the mission is
-    given up, with that as the reason. Raises `InvalidInput` where `when` is not a tuple or empty, and for a hold or retries
-    below 0.
+    A transition to an earlier phase is a back-step. It fires at most `retries` times; the next time
+    the mission is given up, with that as the reason. Raises `InvalidInput` where `when` is not a
+    tuple or empty, and for a hold or retries below 0.
     """
 
     to: str
@@ -110,7 +132,9 @@ class Transition:
 
     @checked_on_failure
     def holds(self, quantities: Mapping[str, float], held: bool = False) -> bool:
-        """Check that all conditions are true of the quantities [in their units]; held: they were true before."""
+        """Check that all conditions are true of the quantities [in their units]; held: they were
+        true before.
+        """
         return all(condition.holds(quantities, held) for condition in self.when)
 
     def describe(self, quantities: Mapping[str, float]) -> str:
@@ -119,7 +143,9 @@ class Transition:
 
 
 def is_met(value: float, limit: float, below: bool) -> bool:
-    """Check that a value is on the desired side of a limit [its unit]: below it, or above. A kernel."""
+    """Check that a value is on the desired side of a limit [its unit]: below it, or above. A
+    kernel.
+    """
     return value < limit if below else value > limit
 
 
@@ -134,15 +160,17 @@ def measured(quantity: str, quantities: Mapping[str, float]) -> float:
 # One action of a mission, where a mission is, and why it went on.
 
 GoalFunctions: TypeAlias = tuple[tuple[Callable[[float], np.ndarray], bool], ...]
-"""For each task, highest priority first: its goal at a time [s] as `Task.reference` gives it, and whether that time is the
-time since the start of the phase."""
+"""For each task, highest priority first: its goal at a time [s] as `Task.reference` gives it, and
+whether that time is the time since the start of the phase.
+"""
 
 
 @checked_dataclass(eq=False, repr=False)
 class Phase(FieldTable):
     """One action: the external activation of each task, and what ends it.
 
-    Raises `InvalidInput` where the transitions are not a tuple, and for an activation outside [0, 1].
+    Raises `InvalidInput` where the transitions are not a tuple, and for an activation outside [0,
+    1].
     """
 
     name: str
@@ -150,12 +178,16 @@ class Phase(FieldTable):
     title: str = ""
     """A few words, to print beside the name."""
     activations: Mapping[str, float]
-    """External activation in [0, 1] by the name of a task; tasks that are not named are off. Between 0 and 1 a task has a
-    tolerance with strict solvers (`uvms_ocp.solvers.hierarchy.level`), and less weight with `Icat`."""
+    """External activation in [0, 1] by the name of a task; tasks that are not named are off.
+    Between 0 and 1 a task has a tolerance with strict solvers (`uvms_ocp.solvers.hierarchy.level`),
+    and less weight with `Icat`.
+    """
     transitions: tuple[Transition, ...]
     """The first that fires is taken: several to one phase are alternatives."""
     goals: Mapping[str, Any] = field(default_factory=dict)
-    """Goals by the name of a task, each of which replaces its own in this phase; one that moves starts with the phase."""
+    """Goals by the name of a task, each of which replaces its own in this phase; one that moves
+    starts with the phase.
+    """
 
     def __post_init__(self) -> None:
         bad = {name: gate for name, gate in self.activations.items() if not 0 <= gate <= 1}
@@ -221,7 +253,9 @@ class Event:
     reason: str
     """The conditions, as measured, or why the mission is given up."""
     conditions: tuple[tuple[Condition, float], ...]
-    """The same, each with the value that was measured [unit of the quantity]; none where nothing was waited for."""
+    """The same, each with the value that was measured [unit of the quantity]; none where nothing
+    was waited for.
+    """
 
 
 # How a mission is given up, and what sends it there.
@@ -229,17 +263,25 @@ class Event:
 
 @checked_dataclass(eq=False)
 class Abort:
-    """A phase that leads to safety, and what enters it beside the loss of sensors (`uvms_ocp.estimation.degraded_modes`).
+    """A phase that leads to safety, and what enters it beside the loss of sensors
+    (`uvms_ocp.estimation.degraded_modes`).
 
-    Raises `InvalidInput` for a transition of that phase to anything but `ABORT`, and where it does not have `ascent_task` on.
+    Raises `InvalidInput` for a transition of that phase to anything but `ABORT`, and where it does
+    not have `ascent_task` on.
     """
 
     phase: Phase
-    """Stands beside the phases of the mission: no transition leads there, and its own end the mission."""
+    """Stands beside the phases of the mission: no transition leads there, and its own end the
+    mission.
+    """
     ascent_task: str = "PC"
-    """Name of the task on the vehicle's pose that climbs, upright and where it is; its goal is made as the phase begins."""
+    """Name of the task on the vehicle's pose that climbs, upright and where it is; its goal is made
+    as the phase begins.
+    """
     altitude: Positive = 3.0
-    """[m] that is safe: above the last floor that is known, or where none is, above where the phase begins."""
+    """[m] that is safe: above the last floor that is known, or where none is, above where the phase
+    begins.
+    """
     time_limit: Positive = 60.0
     """[s] after which the mission ends wherever the phase has led to."""
     stall_after: Positive = 60.0
@@ -247,18 +289,27 @@ class Abort:
     thrust_after: Positive = 20.0
     """[s] for which the limits of the thrusters keep them from what is asked for."""
     runaway_after: Positive = 5.0
-    """[s] in which an error that a phase waits for grows, and none shrinks, with thrusters at their limits for most of them."""
+    """[s] in which an error that a phase waits for grows, and none shrinks, with thrusters at their
+    limits for most of them.
+    """
     contact: Positive = 0.3
-    """Upward force that the model does not know, as a share of the thrusters' largest, that counts as contact."""
+    """Upward force that the model does not know, as a share of the thrusters' largest, that counts
+    as contact.
+    """
     contact_after: Positive = 2.0
     """[s] for which it lasts while a minimum altitude is asked for."""
     sunk: Positive = 0.03
-    """[m] of a corner of the hull, joint or tool in the floor that the altimeter shows, which may fall by 0.3 from there on."""
+    """[m] of a corner of the hull, joint or tool in the floor that the altimeter shows, which may
+    fall by 0.3 from there on.
+    """
 
     def __post_init__(self) -> None:
         others = sorted({transition.to for transition in self.phase.transitions} - {ABORT})
         if others:
-            raise InvalidInput(f"phase {self.phase.name!r} aborts a mission but leads to {others}; lead to {ABORT!r} alone")
+            raise InvalidInput(
+                f"phase {self.phase.name!r} aborts a mission but leads to {others}; lead to"
+                f" {ABORT!r} alone"
+            )
         if self.ascent_task not in self.phase.on:
             given = f"abort: ascent_task = {self.ascent_task!r}, off in phase {self.phase.name!r}"
             raise InvalidInput(f"{given}; name a task that is on in it")

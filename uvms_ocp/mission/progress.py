@@ -1,4 +1,5 @@
-"""State machine of a mission as kernels: activations, due transitions, abort; and its memory as `MissionState` and `Event`.
+"""State machine of a mission as kernels: activations, due transitions, abort; and its memory as
+`MissionState` and `Event`.
 
 Transitions are those of all phases one after the other, conditions those of all transitions.
 """
@@ -14,10 +15,19 @@ import numpy as np
 
 from uvms_ocp.checks import replace_unchecked
 from uvms_ocp.codegen.kernel_layout import Layout, Sized, Vector, view
-from uvms_ocp.mission.phase import Below, Condition, Event, GoalFunctions, MissionState, Phase, is_met
+from uvms_ocp.mission.phase import (
+    Below,
+    Condition,
+    Event,
+    GoalFunctions,
+    MissionState,
+    Phase,
+    is_met,
+)
 from uvms_ocp.record.meta_values import ABORT, DONE, OWN_QUANTITIES
 
-# Where a mission is, what ends its phases and where that leads, as numbers: what `Mission` asks at every tick, as kernels.
+# Where a mission is, what ends its phases and where that leads, as numbers: what `Mission` asks at
+# every tick, as kernels.
 #
 # Transitions are those of all phases one after the other, conditions those of all transitions.
 
@@ -104,16 +114,23 @@ def start_at_first_tick(m: MissionMemory, t: float) -> None:
 
 def activations_at(m: MissionMemory, t: float, activations: Vector) -> None:
     """External activation of each task at time t [s] ([Gao2022] eq. 22 in time)."""
-    target, passed = m.targets[m.phase], t - m.since
+    target = m.targets[m.phase]
+    passed = t - m.since
     blend = 0.0
     if 0.0 < passed < m.ramp:
         blend = 0.5 - 0.5 * math.cos(math.pi * (passed / m.ramp))
     for i in range(len(m.activations_before)):
-        activations[i] = target[i] if passed >= m.ramp else (1.0 - blend) * m.activations_before[i] + blend * target[i]
+        activations[i] = (
+            target[i]
+            if passed >= m.ramp
+            else (1.0 - blend) * m.activations_before[i] + blend * target[i]
+        )
 
 
 def measure_own(m: MissionMemory, t: float, load: float, spent: float, quantities: Vector) -> None:
-    """Write those of `OWN_QUANTITIES` that conditions read, at t [s], with a load [N] and energy spent so far [J]."""
+    """Write those of `OWN_QUANTITIES` that conditions read, at t [s], with a load [N] and energy
+    spent so far [J].
+    """
     m.spent = spent
     if m.own[0] != NONE:
         quantities[m.own[0]] = t - m.began
@@ -133,19 +150,28 @@ def measure_own(m: MissionMemory, t: float, load: float, spent: float, quantitie
 
 
 def always_grows(m: MissionMemory, quantity: int) -> bool:
-    """Return whether a quantity, by its index, grows whatever the robot does: time and energy. A kernel."""
-    return quantity == m.own[0] or quantity == m.own[1] or quantity == m.own[4] or quantity == m.own[5]
+    """Return whether a quantity, by its index, grows whatever the robot does: time and energy. A
+    kernel.
+    """
+    return (
+        quantity == m.own[0] or quantity == m.own[1] or quantity == m.own[4] or quantity == m.own[5]
+    )
 
 
 def transition_due(m: MissionMemory, t: float, quantities: Vector) -> int:
-    """The transition of the phase that fires at t [s], or `NONE`; notes since when each of them holds."""
-    due, first = NONE, m.first[m.phase]
+    """The transition of the phase that fires at t [s], or `NONE`; notes since when each of them
+    holds.
+    """
+    due = NONE
+    first = m.first[m.phase]
     m.changed = False
     for i in range(first, m.end[m.phase]):
         held = not math.isnan(m.held_since[i])
         holds = True
         for k in range(m.first_condition[i], m.end_condition[i]):
-            met = is_met(quantities[m.quantity[k]], m.release[k] if held else m.limit[k], m.below[k] != 0)
+            met = is_met(
+                quantities[m.quantity[k]], m.release[k] if held else m.limit[k], m.below[k] != 0
+            )
             holds = holds and met
         if holds != held:
             m.held_since[i] = t if holds else math.nan
@@ -172,7 +198,9 @@ def is_used_up(fired: int, retries: int) -> bool:
 
 
 def abort_mission(m: MissionMemory, t: float, climbs: bool) -> None:
-    """Give the mission up at t [s]: the abort phase begins, or where there is none, or nothing to climb to, all ends."""
+    """Give the mission up at t [s]: the abort phase begins, or where there is none, or nothing to
+    climb to, all ends.
+    """
     m.aborted = not climbs or m.given_up or m.abort_phase == NONE
     if not m.aborted:
         _enter(m, m.abort_phase, t)
@@ -195,25 +223,38 @@ def _enter(m: MissionMemory, phase: int, t: float) -> None:
 
 def sizes_of(phases: Sequence[Phase]) -> dict[str, int]:
     """Sizes of a `MissionMemory`, but for the number of tasks."""
-    n_transitions, n_conditions = (sum(len(getattr(phase, of)) for phase in phases) for of in ("transitions", "conditions"))
+    n_transitions, n_conditions = (
+        sum(len(getattr(phase, of)) for phase in phases) for of in ("transitions", "conditions")
+    )
     return {"n_phases": len(phases), "n_transitions": n_transitions, "n_conditions": n_conditions}
 
 
 def quantities_read(phases: Sequence[Phase]) -> tuple[str, ...]:
     """Names of all quantities in conditions."""
-    return tuple(dict.fromkeys(condition.quantity for phase in phases for condition in phase.conditions))
+    return tuple(
+        dict.fromkeys(condition.quantity for phase in phases for condition in phase.conditions)
+    )
 
 
 def write_conditions(memory: MissionMemory, phases: Sequence[Phase], names: Sequence[str]) -> None:
-    """Write the conditions of all phases into a `MissionMemory`; names: of the vector of quantities that they are asked with."""
-    leads_to = {DONE: Terminal.DONE, ABORT: Terminal.ABORT, **{phase.name: k for k, phase in enumerate(phases)}}
+    """Write the conditions of all phases into a `MissionMemory`; names: of the vector of quantities
+    that they are asked with.
+    """
+    leads_to = {
+        DONE: Terminal.DONE,
+        ABORT: Terminal.ABORT,
+        **{phase.name: k for k, phase in enumerate(phases)},
+    }
     memory.own[:] = [names.index(name) if name in names else NONE for name in OWN_QUANTITIES]
     transitions = conditions = 0
     for index, phase in enumerate(phases):
         memory.first[index] = transitions
         for transition in phase.transitions:
             memory.first_condition[transitions] = conditions
-            memory.hold[transitions], memory.to[transitions] = transition.hold, leads_to[transition.to]
+            memory.hold[transitions], memory.to[transitions] = (
+                transition.hold,
+                leads_to[transition.to],
+            )
             memory.retries[transitions] = -1 if transition.retries is None else transition.retries
             for condition in transition.when:
                 _write_condition(memory, conditions, condition, names)
@@ -223,16 +264,26 @@ def write_conditions(memory: MissionMemory, phases: Sequence[Phase], names: Sequ
         memory.end[index] = transitions
 
 
-def _write_condition(memory: MissionMemory, at: int, condition: Condition, names: Sequence[str]) -> None:
-    memory.quantity[at], memory.below[at] = names.index(condition.quantity), isinstance(condition, Below)
+def _write_condition(
+    memory: MissionMemory, at: int, condition: Condition, names: Sequence[str]
+) -> None:
+    memory.quantity[at], memory.below[at] = (
+        names.index(condition.quantity),
+        isinstance(condition, Below),
+    )
     memory.limit[at] = condition.limit
     memory.release[at] = condition.limit if condition.release is None else condition.release
 
 
 def write_state(memory: MissionMemory, state: MissionState) -> None:
     """Where a mission is."""
-    memory.phase, memory.since, memory.began, memory.started = state.phase, state.since, state.began, True
-    memory.completed, memory.aborted, memory.given_up = state.completed, bool(state.aborted), bool(state.abort_reason)
+    memory.phase = state.phase
+    memory.since = state.since
+    memory.began = state.began
+    memory.started = True
+    memory.completed = state.completed
+    memory.aborted = bool(state.aborted)
+    memory.given_up = bool(state.abort_reason)
     view(memory.activations_before)[: len(state.activations_before)] = state.activations_before
     view(memory.fired)[:] = 0
     for (phase, index), n in state.fired.items():
@@ -242,44 +293,78 @@ def write_state(memory: MissionMemory, state: MissionState) -> None:
         memory.held_since[k] = math.nan if since is None else since
 
 
-# What kernels have made of a mission's memory, in words: the state after, and the event that tells of it.
+# What kernels have made of a mission's memory, in words: the state after, and the event that tells
+# of it.
 
 
 def state_after_transition(
-    phases: Sequence[Phase], state: MissionState, memory: MissionMemory, due: int, t: float, quantities: Mapping[str, float]
+    phases: Sequence[Phase],
+    state: MissionState,
+    memory: MissionMemory,
+    due: int,
+    t: float,
+    quantities: Mapping[str, float],
 ) -> tuple[MissionState, Event | None]:
-    """Return state and event after `transition_due` and, where one was due, `take_transition` at t [s].
+    """Return state and event after `transition_due` and, where one was due, `take_transition` at t
+    [s].
 
     quantities: those that it was due with [in their units].
     """
     if due == NONE:
-        return replace_unchecked(state, held_since=_held_since(memory)) if memory.changed else state, None
+        return replace_unchecked(
+            state, held_since=_held_since(memory)
+        ) if memory.changed else state, None
     phase = phases[state.phase]
-    transition, n_fired = phase.transitions[due], state.fired.get((state.phase, due), 0)
+    transition = phase.transitions[due]
+    n_fired = state.fired.get((state.phase, due), 0)
     held = f" for {transition.hold:g} s" if transition.hold else ""
-    reason, target = (transition.describe(quantities) + held), transition.to
+    reason = transition.describe(quantities) + held
+    target = transition.to
     if transition.retries is not None and is_used_up(n_fired, transition.retries):
-        reason, target = f"{n_fired} retries are used up: {reason}", ABORT
+        reason = f"{n_fired} retries are used up: {reason}"
+        target = ABORT
     values = tuple((condition, quantities[condition.quantity]) for condition in transition.when)
     event = Event(t=t, source=phase.name, target=target, reason=reason, conditions=values)
     return _after(phases, state, memory, reason), event
 
 
 def state_after_abort(
-    phases: Sequence[Phase], state: MissionState, memory: MissionMemory, t: float, reason: str, goals: GoalFunctions
+    phases: Sequence[Phase],
+    state: MissionState,
+    memory: MissionMemory,
+    t: float,
+    reason: str,
+    goals: GoalFunctions,
 ) -> tuple[MissionState, Event]:
     """Return state and event after `abort_mission` at t [s]. goals: of the abort phase."""
-    after, source = _after(phases, state, memory, reason), phases[state.phase].name
-    event = Event(t=t, source=source, target=ABORT if after.over else phases[after.phase].name, reason=reason, conditions=())
-    return after if after.over else replace_unchecked(after, abort_reason=reason, goals=goals), event
+    after = _after(phases, state, memory, reason)
+    source = phases[state.phase].name
+    event = Event(
+        t=t,
+        source=source,
+        target=ABORT if after.over else phases[after.phase].name,
+        reason=reason,
+        conditions=(),
+    )
+    return after if after.over else replace_unchecked(
+        after, abort_reason=reason, goals=goals
+    ), event
 
 
-def _after(phases: Sequence[Phase], state: MissionState, memory: MissionMemory, reason: str) -> MissionState:
+def _after(
+    phases: Sequence[Phase], state: MissionState, memory: MissionMemory, reason: str
+) -> MissionState:
     if is_over(memory):
         return replace_unchecked(
-            state, completed=bool(memory.completed), aborted=(state.abort_reason or reason) * bool(memory.aborted)
+            state,
+            completed=bool(memory.completed),
+            aborted=(state.abort_reason or reason) * bool(memory.aborted),
         )
-    counted = {(k, i): memory.fired[memory.first[k] + i] for k, phase in enumerate(phases) for i in range(len(phase.transitions))}
+    counted = {
+        (k, i): memory.fired[memory.first[k] + i]
+        for k, phase in enumerate(phases)
+        for i in range(len(phase.transitions))
+    }
     return MissionState(
         phase=memory.phase,
         since=memory.since,
@@ -291,5 +376,7 @@ def _after(phases: Sequence[Phase], state: MissionState, memory: MissionMemory, 
 
 
 def _held_since(memory: MissionMemory) -> tuple[float | None, ...]:
-    times = [memory.held_since[k] for k in range(memory.first[memory.phase], memory.end[memory.phase])]
+    times = [
+        memory.held_since[k] for k in range(memory.first[memory.phase], memory.end[memory.phase])
+    ]
     return tuple(None if math.isnan(since) else since for since in times)

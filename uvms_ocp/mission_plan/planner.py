@@ -22,7 +22,16 @@ from uvms_ocp.mission_plan import segments as mission_segments, terms as surroun
 from uvms_ocp.mission_plan.segments import HorizonSegment, Margins
 from uvms_ocp.mission_plan.terms import MissionTerms, MissionWeights, mission_levels, mission_terms
 from uvms_ocp.model_errors import printable
-from uvms_ocp.ocp import OcpProblem, OcpStatus, Plan, Planner, ShapeClearance, Trajectory, guess_through, plan_file
+from uvms_ocp.ocp import (
+    OcpProblem,
+    OcpStatus,
+    Plan,
+    Planner,
+    ShapeClearance,
+    Trajectory,
+    guess_through,
+    plan_file,
+)
 from uvms_ocp.ocp.transcription.transcription import Transcription
 from uvms_ocp.planning.conservative_advancement import ClearanceReport
 from uvms_ocp.record.display import SmallTable, TableDisplay, rows_of
@@ -81,7 +90,8 @@ def _of_task(task: Task) -> Iterator[str]:
 
 
 def _rounded(values: np.ndarray) -> str:
-    return np.array2string(np.round(np.asarray(values, dtype=float), _DIGITS) + 0.0, threshold=np.inf)  # type: ignore[arg-type]
+    rounded = np.round(np.asarray(values, dtype=float), _DIGITS) + 0.0
+    return np.array2string(rounded, threshold=rounded.size + 1)
 
 
 # Plans of missions as files.
@@ -94,7 +104,9 @@ _ARRAYS = {"t": 0, "q": 0, "v": 0, "a": 1, "thrust": 1, "torque": 1}
 
 def write_plan(path: Path | str, trajectory: Trajectory, summary: dict[str, Any]) -> Path:
     """Arrays as they are, the summary as text. Raises `OutputError`."""
-    return plan_file.write_arrays(Path(path), _KEY, json.dumps(summary), plan_file.trajectory_arrays(trajectory))
+    return plan_file.write_arrays(
+        Path(path), _KEY, json.dumps(summary), plan_file.trajectory_arrays(trajectory)
+    )
 
 
 def read_plan(path: Path | str) -> tuple[Trajectory, dict[str, Any]]:
@@ -112,7 +124,9 @@ def _check(arrays: plan_file.Arrays) -> None:
     for name, array in arrays.items():
         flat = array.ndim == 1 + (name != "t") and array.dtype.kind == "f"
         if not flat or len(array) != n - _ARRAYS[name] or not np.isfinite(array).all():
-            raise InvalidInput(f"{name} of shape {array.shape} does not fit {n} times, or is not finite")
+            raise InvalidInput(
+                f"{name} of shape {array.shape} does not fit {n} times, or is not finite"
+            )
     if n < 2 or not (np.diff(arrays["t"]) > 0).all():
         raise InvalidInput("its times do not increase")
 
@@ -163,26 +177,49 @@ class MissionPlan(TableDisplay):
 
     def summary(self) -> dict[str, Any]:
         """Plain numbers and texts, ready for JSON."""
-        ended = {"scenario": self.scenario, "status": self.status.value, "reason": self.reason, "advice": self.status.advice}
-        sizes = {"duration_s": self.duration, "greedy_duration_s": self.greedy_duration, "energy_j": self.energy}
+        ended = {
+            "scenario": self.scenario,
+            "status": self.status.value,
+            "reason": self.reason,
+            "advice": self.status.advice,
+        }
+        sizes = {
+            "duration_s": self.duration,
+            "greedy_duration_s": self.greedy_duration,
+            "energy_j": self.energy,
+        }
         sizes |= {"clearance_m": self.clearance, "peak_thrust_n": self.peak_thrust}
         return {
             **(ended | sizes | {"iterations": self.iterations, "solve_time_s": self.solve_time}),
             "phases": [
-                {"name": name, "phase": part.phase, "begin_s": part.begin, "end_s": part.end, "moves": part.moves}
+                {
+                    "name": name,
+                    "phase": part.phase,
+                    "begin_s": part.begin,
+                    "end_s": part.end,
+                    "moves": part.moves,
+                }
                 for name, part in zip(self.names, self.phases, strict=True)
             ],
             "identity": dict(self.identity),
         }
 
     def _table(self) -> SmallTable:
-        summary = {name: value for name, value in self.summary().items() if name not in ("phases", "identity")}
+        summary = {
+            name: value
+            for name, value in self.summary().items()
+            if name not in ("phases", "identity")
+        }
         phases = zip(self.names, self.phases, strict=True)
         rows = ((f"phase {name}", f"{part.begin:.2f} to {part.end:.2f} s") for name, part in phases)
-        return SmallTable(title=f"MissionPlan of {self.scenario}: {self.status.value}", rows=(*rows_of(summary), *rows))
+        return SmallTable(
+            title=f"MissionPlan of {self.scenario}: {self.status.value}",
+            rows=(*rows_of(summary), *rows),
+        )
 
     def to_record(self, scenario: Scenario) -> Record:
-        """The motion of the scenario's robot as a record, which figures, scenes and comparisons take.
+        """The motion of the scenario's robot as a record, which figures, scenes and comparisons
+        take.
 
         Raises `InvalidInput` as `require_of` does.
         """
@@ -202,35 +239,72 @@ class MissionPlan(TableDisplay):
 
     @staticmethod
     def load(path: Path | str) -> MissionPlan:
-        """Read a file written by `save`. Raises `InvalidInput`, in one line, for what is no such file."""
+        """Read a file written by `save`. Raises `InvalidInput`, in one line, for what is no such
+        file.
+        """
         try:
             return _from_summary(*read_plan(path))
         except InvalidInput as error:
-            raise InvalidInput(f"{printable(path)}: {error}; give the plan.npz that `plan mission` wrote") from error
+            raise InvalidInput(
+                f"{printable(path)}: {error}; give the plan.npz that `plan mission` wrote"
+            ) from error
         except (KeyError, TypeError, ValueError) as error:
-            raise InvalidInput(f"{printable(path)}: its summary lacks or garbles {error}; plan the mission anew") from error
+            raise InvalidInput(
+                f"{printable(path)}: its summary lacks or garbles {error}; plan the mission anew"
+            ) from error
 
     def require_of(self, scenario: Scenario) -> None:
         """Raise `InvalidInput` unless this is a plan of that scenario, and can be flown."""
         if not self.status.usable:
-            raise InvalidInput(f"the plan of {self.scenario} is {self.status.value}; {self.status.advice}")
-        other = [name for name, digest in mission_digests(scenario).items() if self.identity.get(name) != digest]
+            raise InvalidInput(
+                f"the plan of {self.scenario} is {self.status.value}; {self.status.advice}"
+            )
+        other = [
+            name
+            for name, digest in mission_digests(scenario).items()
+            if self.identity.get(name) != digest
+        ]
         if other:
-            given = f"the plan is of {self.scenario} with another {' and '.join(other)} than {scenario.name}"
-            raise InvalidInput(f"{given}; plan {scenario.name} with the same options, or fly it without a plan")
+            given = (
+                f"the plan is of {self.scenario} with another {' and '.join(other)} than"
+                f" {scenario.name}"
+            )
+            raise InvalidInput(
+                f"{given}; plan {scenario.name} with the same options, or fly it without a plan"
+            )
 
     def guide(self, scenario: Scenario, tuning: FollowingTuning | None = None) -> PlanGuide:
-        """Return the guide of a scenario's controller along the plan, for one run. Raises `InvalidInput` as `require_of` does."""
+        """Return the guide of a scenario's controller along the plan, for one run. Raises
+        `InvalidInput` as `require_of` does.
+        """
         self.require_of(scenario)
         mission, robot = scenario.mission, scenario.robot
-        return PlanGuide(self.trajectory, self.phases, mission, robot, dt=scenario.dt, tuning=tuning, energy=self.energy)
+        return PlanGuide(
+            self.trajectory,
+            self.phases,
+            mission,
+            robot,
+            dt=scenario.dt,
+            tuning=tuning,
+            energy=self.energy,
+        )
 
-    def controller(self, scenario: Scenario, tuning: FollowingTuning | None = None) -> MissionController:
+    def controller(
+        self, scenario: Scenario, tuning: FollowingTuning | None = None
+    ) -> MissionController:
         """A fresh one for `Scenario.run`: the hierarchy's, led by `guide`."""
         return scenario.guided(self.guide(scenario, tuning))
 
-    def fly(self, scenario: Scenario, progress: Progress | None = None, *, tuning: FollowingTuning | None = None) -> Record:
-        """Run the scenario along the plan; where that is left, the hierarchy takes over, and an alarm says when and why."""
+    def fly(
+        self,
+        scenario: Scenario,
+        progress: Progress | None = None,
+        *,
+        tuning: FollowingTuning | None = None,
+    ) -> Record:
+        """Run the scenario along the plan; where that is left, the hierarchy takes over, and an
+        alarm says when and why.
+        """
         return scenario.run(progress, self.controller(scenario, tuning))
 
 
@@ -238,7 +312,9 @@ def _from_summary(trajectory: Trajectory, summary: dict[str, Any]) -> MissionPla
     """Build a plan from a file's summary, as `MissionPlan.summary` has it."""
     statuses = {status.value: status for status in OcpStatus}
     parts = [
-        PlannedPhase(phase=part["phase"], begin=part["begin_s"], end=part["end_s"], moves=part["moves"])
+        PlannedPhase(
+            phase=part["phase"], begin=part["begin_s"], end=part["end_s"], moves=part["moves"]
+        )
         for part in summary["phases"]
     ]
     return MissionPlan(
@@ -259,7 +335,9 @@ def _from_summary(trajectory: Trajectory, summary: dict[str, Any]) -> MissionPla
 
 # A mission as an optimal control problem over its whole length, and where the search begins.
 
-_AHEAD, _LOOK = 600.0, 0.5  # [s] how far and how often the water is looked at
+# [s] how far and how often the water is looked at
+_AHEAD = 600.0
+_LOOK = 0.5
 _SAME_WATER = 0.05  # [m/s] by which it may differ
 
 
@@ -272,8 +350,9 @@ class MissionProblem:
     """The phases of the problem."""
     terms: MissionTerms
     shapes: ShapeClearance | None
-    """Shapes that stay apart, obstacles and links; `None` where nothing can meet. Constraints of the problem keep those with
-    obstacles."""
+    """Shapes that stay apart, obstacles and links; `None` where nothing can meet. Constraints of
+    the problem keep those with obstacles.
+    """
     guess: Trajectory
     """The greedy way, over the nominal durations."""
     greedy_duration: float
@@ -284,8 +363,11 @@ class MissionProblem:
 
     @property
     def steady_until(self) -> float:
-        """[s] until when the water at the start is as it is at first; infinite where nothing is found."""
-        p, times = self.problem.start.q[None, :3], np.arange(0.0, _AHEAD, _LOOK)
+        """[s] until when the water at the start is as it is at first; infinite where nothing is
+        found.
+        """
+        p = self.problem.start.q[None, :3]
+        times = np.arange(0.0, _AHEAD, _LOOK)
         u = np.array([self.current.velocity(p, float(t))[0] for t in times])
         changed = np.linalg.norm(u - u[0], axis=1) > _SAME_WATER
         return float(times[np.argmax(changed) - 1]) if changed.any() else np.inf
@@ -302,19 +384,26 @@ class MissionProblem:
         longest [s]: after which no plan goes on, so that the water of later does not matter.
         """
         levels = mission_levels(self.problem.robot, self.terms, weights)
-        t, p = np.minimum((way.t[:-1] + way.t[1:]) / 2, longest), (way.q[:-1, :3] + way.q[1:, :3]) / 2
-        current = np.array([water_at(self.current, p[k : k + 1], float(t[k])).velocity[0] for k in range(len(t))])
+        t = np.minimum((way.t[:-1] + way.t[1:]) / 2, longest)
+        p = (way.q[:-1, :3] + way.q[1:, :3]) / 2
+        current = np.array(
+            [water_at(self.current, p[k : k + 1], float(t[k])).velocity[0] for k in range(len(t))]
+        )
         return replace(self.problem, levels=levels, current=current, longest=longest)
 
 
 def mission_problem(scenario: Scenario, *, margins: Margins, step: float) -> MissionProblem:
     """Step [s] of the horizon. Raises `InvalidInput` as `plan_mission` does."""
-    _stated(scenario, mission_segments.foretold_way(scenario), margins, step)  # or it is refused before anything is compiled
+    _stated(
+        scenario, mission_segments.foretold_way(scenario), margins, step
+    )  # or it is refused before anything is compiled
     way = mission_segments.greedy_rollout(scenario)
     segments, terms, problem = _stated(scenario, way, margins, step)
     shapes = surroundings.clearance(scenario, margins)
     if shapes is not None and scenario.environment.obstacles:
-        problem = replace(problem, constraints=(*problem.constraints, surroundings.obstacle_pairs(shapes)))
+        problem = replace(
+            problem, constraints=(*problem.constraints, surroundings.obstacle_pairs(shapes))
+        )
     # The greedy way in the nominal times of the problem.
     marks = np.cumsum([0.0, *(segment.ocp.nominal for segment in segments)])
     greedy = np.array([segment.greedy[0] for segment in segments] + [segments[-1].greedy[1]])
@@ -347,13 +436,17 @@ def _problem(
     terms: MissionTerms,
     margins: Margins,
 ) -> OcpProblem:
-    robot, floor = scenario.robot, surroundings.floor_along(scenario, way)
+    robot = scenario.robot
+    floor = surroundings.floor_along(scenario, way)
     return OcpProblem(
         robot=robot,
         start=State(q=np.array(scenario.start), v=np.zeros(robot.n_v)),
         phases=tuple(segment.ocp for segment in segments),
         levels=mission_levels(robot, terms, MissionWeights()),
-        constraints=(*terms.constraints, *surroundings.floor_terms(scenario, segments, floor, margins)),
+        constraints=(
+            *terms.constraints,
+            *surroundings.floor_terms(scenario, segments, floor, margins),
+        ),
         floor=floor,
         altimeter_frame=scenario.altimeter_frame or robot.description.altimeter or "altimeter",
     )
@@ -365,11 +458,15 @@ _EASY = MissionWeights(energy=1e-3, effort=1.0)
 """Convex in forces: what costs the least energy is near."""
 _HURRY = MissionWeights(price=1.0)
 _SHARE = 0.975  # of the time allowed that is used: what is flown takes a little longer, or shorter
-_ROUNDS = 3  # in which links that come near are looked for, and in which the water is where the plan is
+_ROUNDS = (
+    3  # in which links that come near are looked for, and in which the water is where the plan is
+)
 _SAME_CURRENT = 0.02  # [m/s] by which the water may differ from what a plan was made for
 _HASTE = 150  # iterations from the greedy way, before the easier problem is tried
 OPTIONS = NlpOptions(max_iterations=400, convergence=1e-5, barrier=1e-5)
-"""Default solver options: a barrier as small as what energy costs. Iterations end it, however busy the machine is."""
+"""Default solver options: a barrier as small as what energy costs. Iterations end it, however busy
+the machine is.
+"""
 
 
 @checked
@@ -381,15 +478,16 @@ def plan_mission(
     step: Positive = 1.0,
     options: NlpOptions | None = None,
 ) -> MissionPlan:
-    """The whole mission of a scenario as one problem with free durations: goals first, then the least energy.
+    """The whole mission of a scenario as one problem with free durations: goals first, then the
+    least energy.
 
-    duration [s]: at most, by default that of the greedy mission without forces. margins: by which the plan is stricter
-    than the mission. step [s]: of the horizon. options: of the solver.
+    duration [s]: at most, by default that of the greedy mission without forces. margins: by which
+    the plan is stricter than the mission. step [s]: of the horizon. options: of the solver.
 
     Ctrl-C raises `Interrupted`, whose `result` is the best so far.
 
-    Raises `InvalidInput`, in one line, for tasks and conditions that no residual states, by name, a floor that is not level,
-    and a mission that no transition completes.
+    Raises `InvalidInput`, in one line, for tasks and conditions that no residual states, by name, a
+    floor that is not level, and a mission that no transition completes.
     """
     begin = perf_counter()
     posed = mission_problem(scenario, margins=margins or Margins(), step=step)
@@ -399,8 +497,11 @@ def plan_mission(
     try:
         plan = search.found(longest)
     except Interrupted as interrupted:
-        stop, plan = interrupted, interrupted.result
-    proof = None if posed.shapes is None else surroundings.certify_along(posed.shapes, plan.trajectory)
+        stop = interrupted
+        plan = interrupted.result
+    proof = (
+        None if posed.shapes is None else surroundings.certify_along(posed.shapes, plan.trajectory)
+    )
     status, reason = _verdict(plan, proof, longest)
     phases = _phases(scenario, posed.segments, plan.trajectory.t[posed.problem.starts_of_phases()])
     found = MissionPlan(
@@ -424,17 +525,28 @@ def plan_mission(
 
 
 def _verdict(plan: Plan, proof: ClearanceReport | None, longest: float) -> tuple[OcpStatus, str]:
-    """Return the verdict of the plan, or of its rejection: it takes longer than `longest` [s], or shapes may touch on it."""
+    """Return the verdict of the plan, or of its rejection: it takes longer than `longest` [s], or
+    shapes may touch on it.
+    """
     if not plan.status.usable:
         return plan.status, plan.reason
     if proof is None or proof.collision_free:
         if plan.duration <= longest:
             return plan.status, plan.reason
-        return (OcpStatus.TOO_SHORT, f"{longest:g} s are allowed, the quickest plan that was found takes {plan.duration:.4g} s")
+        return (
+            OcpStatus.TOO_SHORT,
+            (
+                f"{longest:g} s are allowed, the quickest plan that was found takes"
+                f" {plan.duration:.4g} s"
+            ),
+        )
     nearest = proof.nearest
     text = f"{nearest.pair} overlap by {-nearest.distance:.3g} m at {nearest.time:.3g} s"
     if proof.undecided:
-        text = f"{nearest.pair}, {nearest.distance:.3g} m apart at {nearest.time:.3g} s, may touch between nodes"
+        text = (
+            f"{nearest.pair}, {nearest.distance:.3g} m apart at {nearest.time:.3g} s, may touch"
+            " between nodes"
+        )
     return OcpStatus.INFEASIBLE, f"no motion was found that keeps links and obstacles apart: {text}"
 
 
@@ -442,17 +554,20 @@ class _Search:
     """For the plan of least energy of one mission."""
 
     def __init__(self, posed: MissionProblem, options: NlpOptions) -> None:
-        self._posed, self._options = posed, options
+        self._posed = posed
+        self._options = options
         hasty = replace(options, max_iterations=min(options.max_iterations, _HASTE))
-        self._hasty = Planner(posed.at(MissionWeights(), posed.guess, DAY), hasty, wait_for_compiler=True)
+        self._hasty = Planner(
+            posed.at(MissionWeights(), posed.guess, DAY), hasty, wait_for_compiler=True
+        )
         self.spent = 0
         """Iterations until now."""
 
     def found(self, longest: float) -> Plan:
         """Find a plan that takes `longest` [s] at most, or where there is none the quickest.
 
-        Where the water changes meanwhile, one that is through before is taken if there is one: how much later water costs
-        depends on the durations by what no derivative tells.
+        Where the water changes meanwhile, one that is through before is taken if there is one: how
+        much later water costs depends on the durations by what no derivative tells.
         """
         for limit in sorted({min(longest, self._posed.steady_until), longest}):
             plan = self._within(limit)
@@ -467,7 +582,8 @@ class _Search:
 
     def _within(self, limit: float) -> Plan:
         """Plan from the greedy rollout; where that fails, by way of a problem that is easier."""
-        posed, guess = self._posed, self._posed.guess
+        posed = self._posed
+        guess = self._posed.guess
         plan = self._plan(self._hasty, posed, MissionWeights(), guess, limit)
         if plan.status is OcpStatus.SOLVED:
             return plan
@@ -478,7 +594,9 @@ class _Search:
         return other if other.status.usable else plan
 
     def _apart(self, plan: Plan, limit: float) -> Plan:
-        """Near a plan, one that keeps links apart, with rows for those alone that come near; else the last that was found."""
+        """Near a plan, one that keeps links apart, with rows for those alone that come near; else
+        the last that was found.
+        """
         shapes = self._posed.shapes
         if shapes is None:
             return plan
@@ -489,7 +607,9 @@ class _Search:
             kept |= surroundings.near_links(shapes, plan.trajectory)
             posed = self._posed.keeping(kept)
             problem = posed.at(MissionWeights(), plan.trajectory, limit)
-            shared = Transcription(problem, plugin=self._hasty.transcription.plugin, like=self._hasty.transcription)
+            shared = Transcription(
+                problem, plugin=self._hasty.transcription.plugin, like=self._hasty.transcription
+            )
             planner = Planner(problem, self._options, transcription=shared, wait_for_compiler=True)
             found = self._plan(planner, posed, MissionWeights(), plan.trajectory, limit)
             if not found.status.usable:
@@ -497,9 +617,19 @@ class _Search:
             plan = found
         return plan
 
-    def _plan(self, planner: Planner, posed: MissionProblem, weights: MissionWeights, way: Trajectory, limit: float) -> Plan:
-        """Plan from a trajectory, in the water along it, then along the result, until it stays the same."""
-        given, best = posed.at(weights, way, _SHARE * limit), None
+    def _plan(
+        self,
+        planner: Planner,
+        posed: MissionProblem,
+        weights: MissionWeights,
+        way: Trajectory,
+        limit: float,
+    ) -> Plan:
+        """Plan from a trajectory, in the water along it, then along the result, until it stays the
+        same.
+        """
+        given = posed.at(weights, way, _SHARE * limit)
+        best = None
         for _ in range(_ROUNDS):
             try:
                 plan = planner.plan(given, guess=way, diagnose=False)
@@ -509,21 +639,30 @@ class _Search:
             self.spent += plan.iterations
             if not plan.status.usable:
                 break
-            best, way, before = plan, plan.trajectory, given.currents
+            best = plan
+            way = plan.trajectory
+            before = given.currents
             given = posed.at(weights, way, _SHARE * limit)
             if np.abs(given.currents - before).max() <= _SAME_CURRENT:
                 break
         return best or plan
 
 
-def _phases(scenario: Scenario, segments: Sequence[HorizonSegment], times: np.ndarray) -> tuple[PlannedPhase, ...]:
-    """Return the phases of the mission, in the times (n + 1,) [s] at which the segments begin and end."""
+def _phases(
+    scenario: Scenario, segments: Sequence[HorizonSegment], times: np.ndarray
+) -> tuple[PlannedPhase, ...]:
+    """Return the phases of the mission, in the times (n + 1,) [s] at which the segments begin and
+    end.
+    """
     found: list[PlannedPhase] = []
     for segment, begin, end in zip(segments, times[:-1].tolist(), times[1:].tolist(), strict=True):
         if found and found[-1].phase == segment.phase:
             found[-1] = replace(found[-1], end=end)
             continue
-        phase, tasks = scenario.mission.phases[segment.phase], scenario.mission.tasks_of(segment.phase)
-        moves = mission_segments.goals_end_time(phase, mission_segments.active_tasks(phase, tasks)) > 0
+        phase = scenario.mission.phases[segment.phase]
+        tasks = scenario.mission.tasks_of(segment.phase)
+        moves = (
+            mission_segments.goals_end_time(phase, mission_segments.active_tasks(phase, tasks)) > 0
+        )
         found.append(PlannedPhase(phase=segment.phase, begin=begin, end=end, moves=moves))
     return tuple(found)

@@ -1,4 +1,6 @@
-"""Divide the horizon of a mission into segments of free length, and select the tasks that stay active along each."""
+"""Divide the horizon of a mission into segments of free length, and select the tasks that stay
+active along each.
+"""
 
 from __future__ import annotations
 
@@ -19,7 +21,16 @@ from uvms_ocp.record.meta_values import DONE
 from uvms_ocp.robot.signals import IDEAL_SENSORS
 from uvms_ocp.scenario.preflight.setup import forecast, main_path
 from uvms_ocp.scenario.scenario import Scenario, our_controller
-from uvms_ocp.tasks import Clearance, JointLimits, MinimumAltitude, Task, TaskClass, UnderActuation, attitude, goals
+from uvms_ocp.tasks import (
+    Clearance,
+    JointLimits,
+    MinimumAltitude,
+    Task,
+    TaskClass,
+    UnderActuation,
+    attitude,
+    goals,
+)
 from uvms_ocp.types import Magnitude
 
 # How much stricter a plan is than the mission asks: what is flown departs from what was planned.
@@ -44,7 +55,9 @@ class Margins:
 
 
 def tightened_limit(limit: float, margin: float) -> float:
-    """Tighten a limit [m or rad], so that the motion carried out stays below it; margin [m or rad]."""
+    """Tighten a limit [m or rad], so that the motion carried out stays below it; margin [m or
+    rad].
+    """
     return max(limit - margin, _LEAST * limit)
 
 
@@ -60,18 +73,27 @@ def active_tasks(phase: Phase, tasks: Collection[Task]) -> list[Task]:
 
 
 def active_constraints(
-    phase: Phase, tasks: Collection[Task], out: Transition, before: Collection[str], margins: Margins
+    phase: Phase,
+    tasks: Collection[Task],
+    out: Transition,
+    before: Collection[str],
+    margins: Margins,
 ) -> list[Task]:
-    """Constraints, what keeps the robot safe, and prerequisites that are established: stricter than the mission has them.
+    """Constraints, what keeps the robot safe, and prerequisites that are established: stricter than
+    the mission has them.
 
-    tasks: that are on. out: the transition by which the mission leaves the phase. before: names of the prerequisites that
-    were on in the phase before. Raises `InvalidInput` for a task without residual, by its name.
+    tasks: that are on. out: the transition by which the mission leaves the phase. before: names of
+    the prerequisites that were on in the phase before. Raises `InvalidInput` for a task without
+    residual, by its name.
     """
     asked = {condition.quantity.rpartition(".")[0]: condition.limit for condition in out.when}
     kept = [task for task in tasks if _is_kept(task, asked, before) and not _kept_otherwise(task)]
     for task in kept:
         if type(task).residual is Task.residual:
-            given = f"phase {phase.name!r}: {task.name}, a {type(task).__name__}, has no residual over a horizon"
+            given = (
+                f"phase {phase.name!r}: {task.name}, a {type(task).__name__}, has no residual over"
+                " a horizon"
+            )
             raise InvalidInput(f"{given}; turn it off, or fly this mission without a plan")
     return [_stricter(task, asked, margins) for task in kept]
 
@@ -82,8 +104,9 @@ def is_prerequisite(task: Task) -> bool:
 
 
 def is_violated(task: Task, quantities: Mapping[str, float]) -> bool:
-    """Check whether quantities [in their units] are outside the limits of a task of `active_constraints`, as far as they are
-    given."""
+    """Check whether quantities [in their units] are outside the limits of a task of
+    `active_constraints`, as far as they are given.
+    """
     if isinstance(task, MinimumAltitude):
         return quantities[f"{task.name}.altitude"] < task.threshold
     if isinstance(task, attitude.AngleTask):
@@ -92,27 +115,41 @@ def is_violated(task: Task, quantities: Mapping[str, float]) -> bool:
 
 
 def _is_kept(task: Task, asked: Collection[str], before: Collection[str]) -> bool:
-    """A prerequisite is kept where the phase before has reached it, or no transition out of this one waits for it."""
+    """A prerequisite is kept where the phase before has reached it, or no transition out of this
+    one waits for it.
+    """
     established = task.name not in asked or task.name in before
     return established if is_prerequisite(task) else task.task_class <= TaskClass.SAFETY
 
 
 def _kept_otherwise(task: Task) -> bool:
-    """Check whether the dynamics, the bounds on joints or clearances between shapes keep the task."""
-    return isinstance(task, (UnderActuation, Clearance)) or (isinstance(task, JointLimits) and task.guard == 0)
+    """Check whether the dynamics, the bounds on joints or clearances between shapes keep the
+    task.
+    """
+    return isinstance(task, (UnderActuation, Clearance)) or (
+        isinstance(task, JointLimits) and task.guard == 0
+    )
 
 
 def _stricter(task: Task, asked: Mapping[str, float], margins: Margins) -> Task:
     if isinstance(task, attitude.AngleTask):
-        return replace(task, aim=tightened_limit(asked.get(task.name, task.activation.end), margins.angle))
-    return replace(task, threshold=task.threshold + margins.altitude) if isinstance(task, MinimumAltitude) else task
+        return replace(
+            task, aim=tightened_limit(asked.get(task.name, task.activation.end), margins.angle)
+        )
+    return (
+        replace(task, threshold=task.threshold + margins.altitude)
+        if isinstance(task, MinimumAltitude)
+        else task
+    )
 
 
-# The greedy mission on the kinematic plant: where a search for something better begins; and what is foretold of it.
+# The greedy mission on the kinematic plant: where a search for something better begins; and what is
+# foretold of it.
 
 _DT = 0.05  # [s] control period: a guess needs no better
 _EVERY = 4  # ticks between two configurations that are kept
-_UNKNOWN = 10.0  # [s] of a phase that the greedy mission does not come to, or not out of, or that is foretold
+# [s] of a phase that the greedy mission does not come to, or not out of, or that is foretold
+_UNKNOWN = 10.0
 _FORETOLD = 0.5  # [s] between two configurations that are foretold
 
 
@@ -157,7 +194,8 @@ def greedy_rollout(scenario: Scenario) -> GreedyRollout:
     phases = main_path(scenario.mission.phases)
     names = [scenario.mission.phases[index].name for index in phases]
     kept = slice(None, None, _EVERY)
-    # Beginnings of the phases [s], as far as the greedy mission goes through them in their order, and the last end.
+    # Beginnings of the phases [s], as far as the greedy mission goes through them in their order,
+    # and the last end.
     begins = [0.0]
     for k, name in enumerate(names):
         known = k < len(ends) and ends[k][0] == name
@@ -172,27 +210,43 @@ def greedy_rollout(scenario: Scenario) -> GreedyRollout:
 
 
 def foretold_way(scenario: Scenario) -> GreedyRollout:
-    """Roll the mission out as pre-flight does: what cannot be planned is found before anything is simulated, and compiled for
-    that.
+    """Roll the mission out as pre-flight does: what cannot be planned is found before anything is
+    simulated, and compiled for that.
 
-    Straight from stance to stance, as long in every phase; no quantity is known on it. Raises `FrameNotFound` and
-    `NameNotFound` for what tasks name and the robot does not have.
+    Straight from stance to stance, as long in every phase; no quantity is known on it. Raises
+    `FrameNotFound` and `NameNotFound` for what tasks name and the robot does not have.
     """
     phases = main_path(scenario.mission.phases)
     begins = _UNKNOWN * np.arange(len(phases) + 1)
     t = np.arange(0.0, begins[-1] + _FORETOLD / 2, _FORETOLD)
     q = np.tile(scenario.start, (len(t), 1))
     if scenario.robot.n_vehicle:
-        marks = np.array([scenario.start[:3], *(visit.stances[0].position for visit in forecast(scenario.setup()))])
+        marks = np.array(
+            [
+                scenario.start[:3],
+                *(visit.stances[0].position for visit in forecast(scenario.setup())),
+            ]
+        )
         q[:, :3] = np.stack([np.interp(t, begins, marks[:, axis]) for axis in range(3)], axis=1)
     mission = scenario.mission
-    names = build_levels(scenario.robot, mission.hierarchy, scenario.dt, mission.beside_tasks).quantity_names
-    return GreedyRollout(t=t, q=q, phases=tuple(phases), begins=begins, quantities=dict.fromkeys(names, np.full(len(t), np.nan)))
+    names = build_levels(
+        scenario.robot, mission.hierarchy, scenario.dt, mission.beside_tasks
+    ).quantity_names
+    return GreedyRollout(
+        t=t,
+        q=q,
+        phases=tuple(phases),
+        begins=begins,
+        quantities=dict.fromkeys(names, np.full(len(t), np.nan)),
+    )
 
 
-# The horizon of a mission: each phase as a segment of free length, and what has to be held at its end as one more.
+# The horizon of a mission: each phase as a segment of free length, and what has to be held at its
+# end as one more.
 
-_SHORTEST, _LONGEST = 0.25, 1.5  # shares of the greedy duration of a phase
+# shares of the greedy duration of a phase
+_SHORTEST = 0.25
+_LONGEST = 1.5
 _FEWEST = 4  # steps of a segment
 _FOLLOWED = 0.5  # [s] steps where a goal moves
 _LEEWAY = 1.0  # [s] that a segment may take however soon the greedy mission is through
@@ -217,50 +271,83 @@ class HorizonSegment:
 
 
 def exit_transition(phases: Sequence[Phase], way: Sequence[int], k: int) -> Transition:
-    """The transition by which the mission leaves the k-th phase of its way. Raises `InvalidInput` where there is none."""
+    """The transition by which the mission leaves the k-th phase of its way. Raises `InvalidInput`
+    where there is none.
+    """
     phase = phases[way[k]]
     to = phases[way[k + 1]].name if k + 1 < len(way) else DONE
     for transition in phase.transitions:
         if transition.to == to:
             return transition
-    raise InvalidInput(f"no transition leads from phase {phase.name!r} to {to}; a plan needs a mission that can be completed")
+    raise InvalidInput(
+        f"no transition leads from phase {phase.name!r} to {to}; a plan needs a mission that can be"
+        " completed"
+    )
 
 
-def horizon_segments(mission: Mission, greedy: GreedyRollout, margins: Margins, *, step: float) -> list[HorizonSegment]:
+def horizon_segments(
+    mission: Mission, greedy: GreedyRollout, margins: Margins, *, step: float
+) -> list[HorizonSegment]:
     """All parts in their order. step [s]: of the horizon."""
     found: list[HorizonSegment] = []
     before: set[str] = set()
     for k, index in enumerate(greedy.phases):
-        phase, out = mission.phases[index], exit_transition(mission.phases, greedy.phases, k)
+        phase = mission.phases[index]
+        out = exit_transition(mission.phases, greedy.phases, k)
         on = active_tasks(phase, mission.tasks_of(index))
         kept = active_constraints(phase, on, out, before, margins)
         before = {task.name for task in on if is_prerequisite(task)}
-        moving, hold = goals_end_time(phase, on), out.hold
+        moving = goals_end_time(phase, on)
+        hold = out.hold
         every = min(step, _FOLLOWED) if moving else step
-        begin, entered, end = greedy.begins[k], _entered(greedy, k, kept), greedy.begins[k + 1]
+        begin = greedy.begins[k]
+        entered = _entered(greedy, k, kept)
+        end = greedy.begins[k + 1]
         middle = max(entered, end - hold)
-        broken = frozenset(task.name for task in kept if len(greedy.rows(k)) and is_violated(task, greedy.at(greedy.rows(k)[0])))
+        broken = frozenset(
+            task.name
+            for task in kept
+            if len(greedy.rows(k)) and is_violated(task, greedy.at(greedy.rows(k)[0]))
+        )
         if broken:
             ocp = _free_phase(f"{phase.name} entered", entered - begin, moving, every)
-            found.append(HorizonSegment(phase=index, ocp=ocp, greedy=(begin, entered), waits_for=broken))
-        # A goal that rests while conditions have to hold is followed from the beginning of that: nothing is free then.
+            found.append(
+                HorizonSegment(phase=index, ocp=ocp, greedy=(begin, entered), waits_for=broken)
+            )
+        # A goal that rests while conditions have to hold is followed from the beginning of that:
+        # nothing is free then.
         if not 0 < moving <= hold:
             ocp = _free_phase(phase.name, middle - entered, moving, every)
-            found.append(HorizonSegment(phase=index, ocp=ocp, greedy=(entered, middle), ends=not hold))
+            found.append(
+                HorizonSegment(phase=index, ocp=ocp, greedy=(entered, middle), ends=not hold)
+            )
         if hold:
-            ocp = OcpPhase(name=f"{phase.name} held", n_steps=max(2, math.ceil(hold / every)), duration=hold + margins.hold)
-            found.append(HorizonSegment(phase=index, ocp=ocp, greedy=(middle, end), ends=True, holds=True))
+            ocp = OcpPhase(
+                name=f"{phase.name} held",
+                n_steps=max(2, math.ceil(hold / every)),
+                duration=hold + margins.hold,
+            )
+            found.append(
+                HorizonSegment(phase=index, ocp=ocp, greedy=(middle, end), ends=True, holds=True)
+            )
     return found
 
 
 def _free_phase(name: str, greedy: float, moving: float, step: float) -> OcpPhase:
-    """Phase of a free duration, about as long as the greedy mission takes [s], and no shorter than its goals are moving [s]."""
-    longest, shortest = max(_LONGEST * greedy, moving) + _LEEWAY, max(_SHORTEST * greedy, moving, 0.2 * _LEEWAY)
-    return OcpPhase(name=name, n_steps=max(_FEWEST, math.ceil(greedy / step)), duration=(shortest, longest))
+    """Phase of a free duration, about as long as the greedy mission takes [s], and no shorter than
+    its goals are moving [s].
+    """
+    longest = max(_LONGEST * greedy, moving) + _LEEWAY
+    shortest = max(_SHORTEST * greedy, moving, 0.2 * _LEEWAY)
+    return OcpPhase(
+        name=name, n_steps=max(_FEWEST, math.ceil(greedy / step)), duration=(shortest, longest)
+    )
 
 
 def _entered(greedy: GreedyRollout, k: int, kept: Sequence[Task]) -> float:
-    """When [s] all of the kept tasks hold for the first time in the k-th phase of the greedy way."""
+    """When [s] all of the kept tasks hold for the first time in the k-th phase of the greedy
+    way.
+    """
     for row in greedy.rows(k):
         if not any(is_violated(task, greedy.at(row)) for task in kept):
             return float(greedy.t[row]) if row > greedy.rows(k)[0] else float(greedy.begins[k])
@@ -268,9 +355,20 @@ def _entered(greedy: GreedyRollout, k: int, kept: Sequence[Task]) -> float:
 
 
 def goals_end_time(phase: Phase, on: Sequence[Task]) -> float:
-    """When the goals that are the phase's own come to rest [s after its beginning]; 0 where none moves. on: its tasks."""
+    """When the goals that are the phase's own come to rest [s after its beginning]; 0 where none
+    moves. on: its tasks.
+    """
     own = [phase.goals.get(task.name) for task in on]
-    return max([0.0, *(float(goal.end) for goal in own if callable(goal) and isinstance(goal, goals.EndingReference))])
+    return max(
+        [
+            0.0,
+            *(
+                float(goal.end)
+                for goal in own
+                if callable(goal) and isinstance(goal, goals.EndingReference)
+            ),
+        ]
+    )
 
 
 def _delayed(goal: Callable[[float], Any], start: float, t: float) -> Any:
@@ -281,4 +379,8 @@ def _delayed(goal: Callable[[float], Any], start: float, t: float) -> Any:
 def delay_task(task: Task, phase: Phase, begin: float) -> Task:
     """A task of a phase that begins at `begin` [s] on the horizon."""
     goal = getattr(task, "goal", None)
-    return task.with_goal(partial(_delayed, goal, begin)) if task.name in phase.goals and callable(goal) else task
+    return (
+        task.with_goal(partial(_delayed, goal, begin))
+        if task.name in phase.goals and callable(goal)
+        else task
+    )

@@ -18,7 +18,17 @@ from uvms_ocp.mission_plan import segments as mission_segments
 from uvms_ocp.mission_plan.segments import HorizonSegment, Margins
 from uvms_ocp.ocp import OcpLevel, Trajectory
 from uvms_ocp.ocp.clearance import ShapeClearance, SteppedMotion, certificate, shortfall
-from uvms_ocp.ocp.terms import At, Duration, Effort, Energy, Smoothness, StageSymbols, TaskRows, TaskTerm, Term
+from uvms_ocp.ocp.terms import (
+    At,
+    Duration,
+    Effort,
+    Energy,
+    Smoothness,
+    StageSymbols,
+    TaskRows,
+    TaskTerm,
+    Term,
+)
 from uvms_ocp.planning.conservative_advancement import ClearanceReport
 from uvms_ocp.planning.scene import CollisionScene, collision_scene, coordinates
 from uvms_ocp.robot.assembly import box_corners
@@ -30,7 +40,8 @@ from uvms_ocp.tasks.pose import NullVelocity, PoseTask, ToolPosition
 from uvms_ocp.tasks.task import Residual, Task, TaskClass, bounded_residual, zero_residual
 from uvms_ocp.types import Bound, Mask
 
-# Terms that a mission has beside those of its tasks: what conditions ask for, what is liked, and rest.
+# Terms that a mission has beside those of its tasks: what conditions ask for, what is liked, and
+# rest.
 
 
 @checked_dataclass(eq=False)
@@ -71,7 +82,8 @@ class ZeroVelocities(Term):
         return zero_residual(stage.tick.velocity[list(self.axes)])
 
 
-# Conditions of transitions as terms: what has to be reached to leave a phase, and what must not happen meanwhile.
+# Conditions of transitions as terms: what has to be reached to leave a phase, and what must not
+# happen meanwhile.
 
 _ROWS: dict[tuple[type[Task], str], tuple[int, ...]] = {
     (PoseTask, "position_error"): (0, 1, 2),
@@ -92,23 +104,36 @@ class ConditionPlacement:
     """Segment of the horizon."""
     at: At
 
-    def rows(self, task: Task, rows: tuple[int, ...], lower: float = -np.inf, upper: float = np.inf) -> BoundedRows:
-        """Bound rows of the residual of a task, at least `lower` and at most `upper` [unit of the rows]."""
-        return BoundedRows(task=task, rows=rows, lower=lower, upper=upper, at=self.at, phase=self.segment)
+    def rows(
+        self, task: Task, rows: tuple[int, ...], lower: float = -np.inf, upper: float = np.inf
+    ) -> BoundedRows:
+        """Bound rows of the residual of a task, at least `lower` and at most `upper` [unit of the
+        rows].
+        """
+        return BoundedRows(
+            task=task, rows=rows, lower=lower, upper=upper, at=self.at, phase=self.segment
+        )
 
 
 def condition_term(
-    tasks: Sequence[Task], condition: Condition, place: ConditionPlacement, margins: Margins, *, met: bool
+    tasks: Sequence[Task],
+    condition: Condition,
+    place: ConditionPlacement,
+    margins: Margins,
+    *,
+    met: bool,
 ) -> Term:
     """Rows that make a condition hold, or where it is not to be `met`, fail.
 
-    tasks: with the goals that they have in the phase. Raises `InvalidInput` where no residual states the quantity.
+    tasks: with the goals that they have in the phase. Raises `InvalidInput` where no residual
+    states the quantity.
     """
     name, _, quantity = condition.quantity.rpartition(".")
     task = next((task for task in tasks if task.name == name), None)
     if task is None:
         raise _refused(condition, place, isinstance(condition, Below) is met)
-    limit, below = condition.limit, isinstance(condition, Below) is met
+    limit = condition.limit
+    below = isinstance(condition, Below) is met
     if isinstance(task, attitude.AngleTask) and quantity in mission_segments.ANGLES and below:
         aim = mission_segments.tightened_limit(limit, margins.angle)
         return TaskTerm(task=replace(task, aim=aim), at=place.at, phase=place.segment)
@@ -124,12 +149,19 @@ def condition_term(
 
 
 def _refused(condition: Condition, place: ConditionPlacement, below: bool) -> InvalidInput:
-    asked = f"{condition.quantity} {'<' if below else '>'} {condition.limit:g}, which no residual states"
-    allowed = "fly this mission without a plan, or look at the error of a pose, an angle or an altitude"
+    asked = (
+        f"{condition.quantity} {'<' if below else '>'} {condition.limit:g}, which no residual"
+        " states"
+    )
+    allowed = (
+        "fly this mission without a plan, or look at the error of a pose, an angle or an altitude"
+    )
     return InvalidInput(f"phase {place.phase!r} looks at {asked}; {allowed}")
 
 
-def _heights(task: LandingAltitude | MinimumAltitude, limit: float, margin: float, below: bool) -> tuple[float, float]:
+def _heights(
+    task: LandingAltitude | MinimumAltitude, limit: float, margin: float, below: bool
+) -> tuple[float, float]:
     """Range of the residual [m] for an altitude below the limit [m], or above."""
     level = mission_segments.tightened_limit(limit, margin) if below else limit + margin
     if isinstance(task, LandingAltitude):
@@ -142,11 +174,14 @@ def _heights(task: LandingAltitude | MinimumAltitude, limit: float, margin: floa
 def _rows_of(task: Task, quantity: str) -> tuple[int, ...]:
     if isinstance(task, JointTracking) and quantity == "posture_error":
         return tuple(range(len(task.joints)))
-    found = (rows for (kind, name), rows in _ROWS.items() if isinstance(task, kind) and name == quantity)
+    found = (
+        rows for (kind, name), rows in _ROWS.items() if isinstance(task, kind) and name == quantity
+    )
     return next(found, ())
 
 
-# From a mission to an optimal control problem: what its tasks keep, what its transitions ask for, and then the energy.
+# From a mission to an optimal control problem: what its tasks keep, what its transitions ask for,
+# and then the energy.
 
 _SMOOTH = 0.3  # weight of smoothness: what is free to swing would ring from node to node
 
@@ -166,7 +201,11 @@ class MissionTerms:
 
 
 def mission_terms(
-    robot: Robot, mission: Mission, way: Sequence[int], segments: Sequence[HorizonSegment], margins: Margins
+    robot: Robot,
+    mission: Mission,
+    way: Sequence[int],
+    segments: Sequence[HorizonSegment],
+    margins: Margins,
 ) -> MissionTerms:
     """Raises `InvalidInput` for tasks and conditions that no residual states, by their names."""
     goals: list[tuple[TaskClass, Term]] = []
@@ -182,7 +221,9 @@ def mission_terms(
         preferences += phase.preferences()
         kept = phase.reached
     constraints += _rest(robot, phase.on)
-    return MissionTerms(goals=tuple(goals), constraints=tuple(constraints), preferences=tuple(preferences))
+    return MissionTerms(
+        goals=tuple(goals), constraints=tuple(constraints), preferences=tuple(preferences)
+    )
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -197,13 +238,27 @@ class MissionWeights:
     """[kW] of time."""
 
 
-def mission_levels(robot: Robot, terms: MissionTerms, weights: MissionWeights) -> tuple[OcpLevel, ...]:
-    """Goals in the order of the classes of their tasks, then energy with a little smoothness, as far as it is known."""
+def mission_levels(
+    robot: Robot, terms: MissionTerms, weights: MissionWeights
+) -> tuple[OcpLevel, ...]:
+    """Goals in the order of the classes of their tasks, then energy with a little smoothness, as
+    far as it is known.
+    """
     classes = sorted({kind for kind, _ in terms.goals})
-    asked = [OcpLevel(name=kind.name.lower(), terms=tuple(term for own, term in terms.goals if own is kind)) for kind in classes]
+    asked = [
+        OcpLevel(
+            name=kind.name.lower(), terms=tuple(term for own, term in terms.goals if own is kind)
+        )
+        for kind in classes
+    ]
     powers = [thruster.power for thruster in robot.description.thrusters]
     known: tuple[Term, ...] = () if None in powers else (Energy(weight=weights.energy),)
-    spent = (*known, Effort(weight=weights.effort), Smoothness(weight=_SMOOTH), Duration(weight=weights.price))
+    spent = (
+        *known,
+        Effort(weight=weights.effort),
+        Smoothness(weight=_SMOOTH),
+        Duration(weight=weights.price),
+    )
     return (*asked, OcpLevel(name="energy", terms=(*spent, *terms.preferences)))
 
 
@@ -211,12 +266,23 @@ class _Phase:
     """One phase on the way, with its parts of the horizon."""
 
     def __init__(
-        self, mission: Mission, way: Sequence[int], k: int, parts: Sequence[HorizonSegment], begin: float, margins: Margins
+        self,
+        mission: Mission,
+        way: Sequence[int],
+        k: int,
+        parts: Sequence[HorizonSegment],
+        begin: float,
+        margins: Margins,
     ) -> None:
         self._phase: Phase = mission.phases[way[k]]
-        self._out, self._parts, self._margins = mission_segments.exit_transition(mission.phases, way, k), parts, margins
+        self._out = mission_segments.exit_transition(mission.phases, way, k)
+        self._parts = parts
+        self._margins = margins
         self._last = k + 1 == len(way)
-        self.tasks = tuple(mission_segments.delay_task(task, self._phase, begin) for task in mission.tasks_of(way[k]))
+        self.tasks = tuple(
+            mission_segments.delay_task(task, self._phase, begin)
+            for task in mission.tasks_of(way[k])
+        )
         self.on = mission_segments.active_tasks(self._phase, self.tasks)
         self._asked = {condition.quantity.rpartition(".")[0] for condition in self._out.when}
         self.reached = {task.name for task in self.on if mission_segments.is_prerequisite(task)}
@@ -225,7 +291,9 @@ class _Phase:
         """At the end of the phase, or all along what has to be held."""
         for condition in self._out.when:
             name = condition.quantity.rpartition(".")[0]
-            kind = next((task.task_class for task in self.tasks if task.name == name), TaskClass.ACTION)
+            kind = next(
+                (task.task_class for task in self.tasks if task.name == name), TaskClass.ACTION
+            )
             for part in self._parts:
                 if part.holds:
                     yield kind, self._term(condition, part, At.PATH, met=True)
@@ -233,21 +301,37 @@ class _Phase:
                     yield kind, self._term(condition, part, At.END, met=True)
 
     def kept(self, before: set[str]) -> Iterator[Term]:
-        """Yield the constraints of tasks all along the phase. before: names of prerequisites that the phase before has
-        established."""
-        for task in mission_segments.active_constraints(self._phase, self.on, self._out, before, self._margins):
+        """Yield the constraints of tasks all along the phase. before: names of prerequisites that
+        the phase before has established.
+        """
+        for task in mission_segments.active_constraints(
+            self._phase, self.on, self._out, before, self._margins
+        ):
             for part in self._parts:
-                if task.name not in part.waits_for and not (part.holds and task.name in self._asked):
+                if task.name not in part.waits_for and not (
+                    part.holds and task.name in self._asked
+                ):
                     yield TaskTerm(task=task, at=At.PATH, phase=part.ocp.name)
 
     def preferences(self) -> Iterator[Term]:
-        """Yield the preferences of equality tasks of the lowest class that no transition waits for."""
+        """Yield the preferences of equality tasks of the lowest class that no transition waits
+        for.
+        """
         for task in self.on:
-            if task.task_class is TaskClass.OPTIMIZATION and task.equality and task.name not in self._asked:
-                yield from (TaskPreference(task=task, at=At.PATH, phase=part.ocp.name, weight=_LIKED) for part in self._parts)
+            if (
+                task.task_class is TaskClass.OPTIMIZATION
+                and task.equality
+                and task.name not in self._asked
+            ):
+                yield from (
+                    TaskPreference(task=task, at=At.PATH, phase=part.ocp.name, weight=_LIKED)
+                    for part in self._parts
+                )
 
     def not_triggered(self) -> Iterator[Term]:
-        """Yield for every other way out of the phase the constraint that one of its conditions fails all along."""
+        """Yield for every other way out of the phase the constraint that one of its conditions
+        fails all along.
+        """
         for transition in self._phase.transitions:
             if transition is not self._out:
                 yield from self._prevented(transition.when)
@@ -278,7 +362,8 @@ def _rest(robot: Robot, tasks: Sequence[Task]) -> Iterator[Term]:
         yield ZeroVelocities(axes=axes)
 
 
-# Hull and arm stay above a level floor: the height of what is lowest of every shape, which needs no distance.
+# Hull and arm stay above a level floor: the height of what is lowest of every shape, which needs no
+# distance.
 
 _VERTICAL = 1e-6  # keeps the root of a sine differentiable where a cylinder stands upright
 
@@ -322,22 +407,40 @@ def rims_of(robot: Robot) -> tuple[Rim, ...]:
     """Return the rims of the lower side of the hull, and of every shape of the arm."""
     hull = [Rim(joint=1, centre=point, axis=np.zeros(3)) for point in skid_points(robot)]
     first = 2 if robot.n_vehicle else 1
-    arm = [rim for shape in robot.collision_model.geometryObjects if shape.parentJoint >= first for rim in _rims(shape)]
+    arm = [
+        rim
+        for shape in robot.collision_model.geometryObjects
+        if shape.parentJoint >= first
+        for rim in _rims(shape)
+    ]
     return (*hull, *arm)
 
 
 def _rims(shape: pin.GeometryObject) -> list[Rim]:
     geometry, X = shape.geometry, shape.placement
     if isinstance(geometry, coal.Sphere):
-        return [Rim(joint=shape.parentJoint, centre=X.translation, axis=np.zeros(3), rounding=geometry.radius)]
+        return [
+            Rim(
+                joint=shape.parentJoint,
+                centre=X.translation,
+                axis=np.zeros(3),
+                rounding=geometry.radius,
+            )
+        ]
     if isinstance(geometry, coal.Cylinder | coal.Capsule):
         ends = [X.act(np.array([0.0, 0.0, side * geometry.halfLength])) for side in (-1, 1)]
         size = {"rounding" if isinstance(geometry, coal.Capsule) else "radius": geometry.radius}
-        return [Rim(joint=shape.parentJoint, centre=end, axis=X.rotation[:, 2], **size) for end in ends]
-    return [Rim(joint=shape.parentJoint, centre=X.act(corner), axis=np.zeros(3)) for corner in box_corners(geometry)]
+        return [
+            Rim(joint=shape.parentJoint, centre=end, axis=X.rotation[:, 2], **size) for end in ends
+        ]
+    return [
+        Rim(joint=shape.parentJoint, centre=X.act(corner), axis=np.zeros(3))
+        for corner in box_corners(geometry)
+    ]
 
 
-# What surrounds a mission, as an optimal control problem takes it: one current, a level floor, obstacles.
+# What surrounds a mission, as an optimal control problem takes it: one current, a level floor,
+# obstacles.
 
 _LEVEL = 0.05  # [m] by which a floor may differ along the way
 _MISSED = 2e-3  # [m] of a margin
@@ -350,36 +453,55 @@ def floor_along(scenario: Scenario, way: mission_segments.GreedyRollout) -> floa
     if not scenario.robot.n_vehicle:
         return -np.inf
     heights = [scenario.environment.seafloor.height(float(x), float(y)) for x, y in way.q[:, :2]]
-    low, high = min(heights), max(heights)
+    low = min(heights)
+    high = max(heights)
     if high - low > _LEVEL:
         given = f"the floor rises by {high - low:.2g} m along the way"
         raise InvalidInput(f"{given}; a plan needs one that is level within {_LEVEL:g} m")
     return high
 
 
-def floor_terms(scenario: Scenario, segments: Sequence[HorizonSegment], floor: float, margins: Margins) -> list[Term]:
-    """Hull and arm stay above the floor [m] wherever no task on altitude keeps the robot far from it."""
+def floor_terms(
+    scenario: Scenario, segments: Sequence[HorizonSegment], floor: float, margins: Margins
+) -> list[Term]:
+    """Hull and arm stay above the floor [m] wherever no task on altitude keeps the robot far from
+    it.
+    """
     if not np.isfinite(floor):
         return []
-    rims, found = rims_of(scenario.robot), list[Term]()
+    rims = rims_of(scenario.robot)
+    found = list[Term]()
     for segment in segments:
         phase = scenario.mission.phases[segment.phase]
         on = mission_segments.active_tasks(phase, scenario.mission.hierarchy.tasks)
-        if not any(isinstance(task, MinimumAltitude) and task.name not in segment.waits_for for task in on):
-            found.append(FloorClearance(rims=rims, height=floor + margins.altitude, phase=segment.ocp.name))
+        if not any(
+            isinstance(task, MinimumAltitude) and task.name not in segment.waits_for for task in on
+        ):
+            found.append(
+                FloorClearance(rims=rims, height=floor + margins.altitude, phase=segment.ocp.name)
+            )
     return found
 
 
 def clearance(scenario: Scenario, margins: Margins) -> ShapeClearance | None:
-    """The robot keeps away from obstacles and from itself, each pair by as much as tasks of the mission ask for it.
+    """The robot keeps away from obstacles and from itself, each pair by as much as tasks of the
+    mission ask for it.
 
-    Links that are near each other by design keep half of what they have at rest, and at the start what they have there.
+    Links that are near each other by design keep half of what they have at rest, and at the start
+    what they have there.
     """
-    scene = collision_scene(coordinates(scenario.robot, reference=scenario.start), scenario.environment.obstacles)
-    tasks = sorted((one for one in scenario.mission.hierarchy.tasks if isinstance(one, Clearance)), key=lambda one: one.threshold)
+    scene = collision_scene(
+        coordinates(scenario.robot, reference=scenario.start), scenario.environment.obstacles
+    )
+    tasks = sorted(
+        (one for one in scenario.mission.hierarchy.tasks if isinstance(one, Clearance)),
+        key=lambda one: one.threshold,
+    )
     asked = {name: task.threshold for task in tasks for name in task.model.pair_names}
     least = np.where(_links(scene), margins.links, margins.position)
-    kept = np.minimum(np.maximum(least, [asked.get(pair.name, 0.0) for pair in scene.pairs]), scene.room)
+    kept = np.minimum(
+        np.maximum(least, [asked.get(pair.name, 0.0) for pair in scene.pairs]), scene.room
+    )
     return ShapeClearance(scene=scene, margins=kept) if scene.pairs else None
 
 
@@ -399,11 +521,17 @@ def link_pairs(shapes: ShapeClearance, pairs: Mask) -> ShapeClearance:
 
 
 def _among(shapes: ShapeClearance, pairs: Mask) -> ShapeClearance:
-    return replace(shapes, scene=shapes.scene.among(np.flatnonzero(pairs).tolist()), margins=shapes.margins[pairs])
+    return replace(
+        shapes,
+        scene=shapes.scene.among(np.flatnonzero(pairs).tolist()),
+        margins=shapes.margins[pairs],
+    )
 
 
 def violated_links(shapes: ShapeClearance, way: Trajectory) -> Mask:
-    """(n_pairs,) True for links that do not keep their margins along a way, at its nodes and between them."""
+    """(n_pairs,) True for links that do not keep their margins along a way, at its nodes and
+    between them.
+    """
     return (shortfall(shapes, way, 0.0).max(axis=0) > _MISSED) & _links(shapes.scene)
 
 
@@ -413,7 +541,11 @@ def near_links(shapes: ShapeClearance, way: Trajectory) -> Mask:
 
 
 def certify_along(shapes: ShapeClearance, way: Trajectory) -> ClearanceReport:
-    """The certificate that all pairs stay apart along a way, with the least distance that is met, at its nodes too."""
+    """The certificate that all pairs stay apart along a way, with the least distance that is met,
+    at its nodes too.
+    """
     report = certificate(shapes, way)
     sampled = SteppedMotion(term=shapes, trajectory=way).nearest()
-    return replace(report, nearest=min(report.nearest, sampled, key=lambda nearest: nearest.distance))
+    return replace(
+        report, nearest=min(report.nearest, sampled, key=lambda nearest: nearest.distance)
+    )

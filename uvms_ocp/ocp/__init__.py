@@ -1,4 +1,6 @@
-"""Optimal control with ordered levels over a horizon: problems, planners, and plans with a verdict."""
+"""Optimal control with ordered levels over a horizon: problems, planners, and plans with a
+verdict.
+"""
 
 import lazy_loader
 

@@ -1,4 +1,8 @@
-from .clearance import Ball as Ball, BallClearance as BallClearance, ShapeClearance as ShapeClearance
+from .clearance import (
+    Ball as Ball,
+    BallClearance as BallClearance,
+    ShapeClearance as ShapeClearance,
+)
 from .plan import OcpStatus as OcpStatus, Plan as Plan
 from .planner import Planner as Planner, plan as plan
 from .problem import (
@@ -23,4 +27,8 @@ from .terms import (
     Term as Term,
     residual_term as residual_term,
 )
-from .trajectory import Trajectory as Trajectory, guess_through as guess_through, hold_guess as hold_guess
+from .trajectory import (
+    Trajectory as Trajectory,
+    guess_through as guess_through,
+    hold_guess as hold_guess,
+)

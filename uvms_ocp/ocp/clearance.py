@@ -1,7 +1,8 @@
-"""Clearance of balls and shapes as path constraints, and certificates of what is clear between nodes.
+"""Clearance of balls and shapes as path constraints, and certificates of what is clear between
+nodes.
 
-What moves two bodies alike says nothing of how they are to each other: it is left out of their poses, and so of the
-derivatives.
+What moves two bodies alike says nothing of how they are to each other: it is left out of their
+poses, and so of the derivatives.
 """
 
 from __future__ import annotations
@@ -33,7 +34,8 @@ from uvms_ocp.tasks.goals import VectorReference, evaluate_vector
 from uvms_ocp.tasks.task import Residual, TickSymbols, bounded_residual
 from uvms_ocp.types import Array, AtLeastOne, Count, Finite, Indices, Magnitude, Mask, Shape
 
-# Clearance between balls, for robots and obstacles that a few of them describe, as rows of an optimal control problem.
+# Clearance between balls, for robots and obstacles that a few of them describe, as rows of an
+# optimal control problem.
 
 
 @checked_dataclass(eq=False)
@@ -50,7 +52,9 @@ class Ball:
     frame: str | None = None
 
     def centre_at(self, t: float) -> np.ndarray:
-        """(3,) [m] in the frame at time t [s]. Raises `InvalidInput` for a reference that is not finite there."""
+        """(3,) [m] in the frame at time t [s]. Raises `InvalidInput` for a reference that is not
+        finite there.
+        """
         goal = self.centre if callable(self.centre) else np.array(self.centre, dtype=float)
         centre = evaluate_vector("ball", goal, t)[0]
         if centre.shape != (3,):
@@ -67,7 +71,8 @@ class Ball:
 
 @checked_dataclass(eq=False)
 class BallClearance(Term):
-    """Every ball of the robot stays `margin` away from every obstacle: one row per pair, signed distance [m] >= 0.
+    """Every ball of the robot stays `margin` away from every obstacle: one row per pair, signed
+    distance [m] >= 0.
 
     Raises `InvalidInput` for a ball of the robot whose centre moves by itself.
     """
@@ -82,7 +87,10 @@ class BallClearance(Term):
     def __post_init__(self) -> None:
         Term.__post_init__(self)
         if any(callable(ball.centre) for ball in self.robot_balls):
-            raise InvalidInput("a ball of the robot has a centre that moves; move its frame, only obstacles move on their own")
+            raise InvalidInput(
+                "a ball of the robot has a centre that moves; move its frame, only obstacles move"
+                " on their own"
+            )
 
     def residual(self, stage: StageSymbols, parameters: ca.SX) -> Residual:
         pairs = [(ball, i) for ball in self.robot_balls for i in range(len(self.obstacles))]
@@ -91,7 +99,9 @@ class BallClearance(Term):
         return bounded_residual(ca.vertcat(ca.SX(0, 1), *gaps), lower=0.0)
 
     def _gap(self, ball: Ball, other: Ball, place: ca.SX, symbols: TickSymbols) -> ca.SX:
-        d = ball.placed(symbols, ca.SX(ca.DM(ball.centre_at(0.0)))) - other.placed(symbols, place[:3])
+        d = ball.placed(symbols, ca.SX(ca.DM(ball.centre_at(0.0)))) - other.placed(
+            symbols, place[:3]
+        )
         return ca.sqrt(ca.sumsqr(d) + 1e-12) - ball.radius - place[3]
 
     def n_parameters(self, robot: Robot) -> int:
@@ -99,20 +109,30 @@ class BallClearance(Term):
 
     def reference(self, t: float) -> np.ndarray:
         """Centre of every obstacle at time t [s], and its radius with the margin [m]."""
-        return np.array([(*ball.centre_at(t), ball.radius + self.margin) for ball in self.obstacles]).ravel()
+        return np.array(
+            [(*ball.centre_at(t), ball.radius + self.margin) for ball in self.obstacles]
+        ).ravel()
 
     def scenery(self, t: float) -> tuple[ObstacleMeta, ...]:
-        """Return the balls that are fixed to the world, as they are at time t [s], as spheres; radii of 0 have nothing to
-        draw."""
+        """Return the balls that are fixed to the world, as they are at time t [s], as spheres;
+        radii of 0 have nothing to draw.
+        """
         balls = [ball for ball in self.obstacles if ball.frame is None and ball.radius > 0]
         return tuple(
-            ObstacleMeta(name=name, shape="sphere", size=(ball.radius,), position=tuple(ball.centre_at(t).tolist()))
-            for name, ball in zip((f"obstacle {i}" for i in range(1, len(balls) + 1)), balls, strict=True)
+            ObstacleMeta(
+                name=name,
+                shape="sphere",
+                size=(ball.radius,),
+                position=tuple(ball.centre_at(t).tolist()),
+            )
+            for name, ball in zip(
+                (f"obstacle {i}" for i in range(1, len(balls) + 1)), balls, strict=True
+            )
         )
 
 
-# Rows that keep a point beyond a plane. A joint that moves both bodies alike does not change their distance: it is left
-# out of their poses, and so of the derivatives.
+# Rows that keep a point beyond a plane. A joint that moves both bodies alike does not change their
+# distance: it is left out of their poses, and so of the derivatives.
 
 _PLANE = 3 + 3 + 1  # normal, point, offset
 _NOTHING_NEAR = -1.0  # [m] offset of a row without a plane
@@ -133,7 +153,9 @@ class PlaneRowGroup:
 
     @property
     def size(self) -> int:
-        """Parameters of a row: the shares of the joints where there are several, then the plane and the point."""
+        """Parameters of a row: the shares of the joints where there are several, then the plane and
+        the point.
+        """
         return sum(_n_shares(joints) for joints in (self.second, self.first)) + _PLANE
 
     @property
@@ -141,7 +163,9 @@ class PlaneRowGroup:
         return self.n * self.size
 
     def rows(self, symbols: TickSymbols, parameters: ca.SX) -> list[ca.SX]:
-        """Heights of the points over their planes [m], less offsets, for parameters (n_parameters,)."""
+        """Heights of the points over their planes [m], less offsets, for parameters
+        (n_parameters,).
+        """
         bodies, n = self._bodies(symbols), self.size
         first, second = (_columns(bodies, joints) for joints in (self.first, self.second))
         return [self._height(first, second, parameters[n * i : n * (i + 1)]) for i in range(self.n)]
@@ -149,30 +173,38 @@ class PlaneRowGroup:
     def _height(self, first: ca.SX, second: ca.SX, row: ca.SX) -> ca.SX:
         n = _n_shares(self.second)
         normal, centre, offset = ca.vertsplit(row[-_PLANE:], [0, 3, 6, 7])
-        plane, point = _mixed(first, row[n : n + _n_shares(self.first)]), _mixed(second, row[:n])
+        plane = _mixed(first, row[n : n + _n_shares(self.first)])
+        point = _mixed(second, row[:n])
         return ca.dot(plane.R @ normal, point.p - plane.p + point.R @ centre) - offset
 
     def _bodies(self, symbols: TickSymbols) -> Sequence[SymbolicPose]:
         """Poses of all joints, relative to the last one that carries all of the group."""
         tree = symbols.kinematics.model
-        shared = set.intersection(*(set(tree.model.supports[joint]) for joint in (*self.first, *self.second))) - {0}
+        shared = set.intersection(
+            *(set(tree.model.supports[joint]) for joint in (*self.first, *self.second))
+        ) - {0}
         if not shared:
             return symbols.kinematics.joint_poses
         local = tree.local_poses(symbols.q)
-        return tree.joint_poses([SymbolicPose.identity() if i in shared else pose for i, pose in enumerate(local)])
+        return tree.joint_poses(
+            [SymbolicPose.identity() if i in shared else pose for i, pose in enumerate(local)]
+        )
 
     def write(self, result: Array, found: Planes, offset: Array) -> None:
         """Into parameters of nothing near, those of planes.
 
         result (n_samples, n_parameters) [unit of the parameter], offset (n,) [m].
         """
-        k, slot = found.sample, self.size * ranks(found.sample)
+        k = found.sample
+        slot = self.size * ranks(found.sample)
         place = slot
         for side, joints in ((1, self.second), (0, self.first)):
             if _n_shares(joints):
                 result[k, place + np.searchsorted(joints, found.joints[:, side])] = 1.0
             place = place + _n_shares(joints)
-        result[k[:, None], place[:, None] + np.arange(_PLANE)] = np.column_stack([found.normal, found.centre, offset])
+        result[k[:, None], place[:, None] + np.arange(_PLANE)] = np.column_stack(
+            [found.normal, found.centre, offset]
+        )
 
     def nothing(self) -> Array:
         """(n_parameters,) of rows that are wide of their bounds."""
@@ -210,12 +242,14 @@ Place = Callable[[float], pin.SE3]
 
 @checked_dataclass(slots=False, eq=False)
 class ShapeClearance(Term):
-    """The pairs of a scene stay apart by their margins: rows of signed distance less margin [m] >= 0.
+    """The pairs of a scene stay apart by their margins: rows of signed distance less margin [m] >=
+    0.
 
-    Rows are the planes and points of `uvms_ocp.ocp.separating_planes`, for the nearest pairs of every node at the motion that a
-    solve begins with. As a constraint they keep the distances of convex shapes, wherever the planes are; in a level the
-    squares of what is missing add up. Raises `InvalidInput` for margins of the wrong number or not finite, a scene whose
-    axes are not all planned, and `NameNotFound` for the motion of an obstacle that there is not.
+    Rows are the planes and points of `uvms_ocp.ocp.separating_planes`, for the nearest pairs of
+    every node at the motion that a solve begins with. As a constraint they keep the distances of
+    convex shapes, wherever the planes are; in a level the squares of what is missing add up. Raises
+    `InvalidInput` for margins of the wrong number or not finite, a scene whose axes are not all
+    planned, and `NameNotFound` for the motion of an obstacle that there is not.
     """
 
     name = "clearance"
@@ -228,7 +262,9 @@ class ShapeClearance(Term):
     n_own_rows: AtLeastOne = 6
     """Per node on pairs of the robot's own links."""
     n_pair_rows: Count = 0
-    """Per node on each of these pairs instead, where it is not 0: simpler rows, for a scene of few pairs."""
+    """Per node on each of these pairs instead, where it is not 0: simpler rows, for a scene of few
+    pairs.
+    """
     moving: Mapping[str, Place] = field(default_factory=dict)
     """Places of obstacles that move, by name."""
 
@@ -237,9 +273,14 @@ class ShapeClearance(Term):
         scene = self.scene
         if np.shape(self.margins) != (scene.n_pairs,) or not np.isfinite(self.margins).all():
             given = f"{self.name}: margins {np.shape(self.margins)}"
-            raise InvalidInput(f"{given}; give one finite number [m] for each of {scene.n_pairs} pairs")
+            raise InvalidInput(
+                f"{given}; give one finite number [m] for each of {scene.n_pairs} pairs"
+            )
         if scene.coordinates.n_axes != scene.coordinates.robot.n_v:
-            raise InvalidInput(f"{self.name}: the scene plans {scene.coordinates.names}; give one that plans all axes")
+            raise InvalidInput(
+                f"{self.name}: the scene plans {scene.coordinates.names}; give one that plans all"
+                " axes"
+            )
         names = [item.name for item in scene.geometry.geometryObjects]
         for name in self.moving:
             require_known("moving obstacle", name, names)
@@ -248,31 +289,53 @@ class ShapeClearance(Term):
     def _coal(self) -> CoalDistances:
         """With shapes of its own where it moves them."""
         scene = self.scene
-        return CoalDistances(replace(scene, geometry=pin.GeometryModel(scene.geometry)) if self.moving else scene)
+        return CoalDistances(
+            replace(scene, geometry=pin.GeometryModel(scene.geometry)) if self.moving else scene
+        )
 
     def scenery(self, t: float) -> tuple[ObstacleMeta, ...]:
         """Obstacles that have an end, as they are at time t [s]."""
-        shapes = [item for i, item in enumerate(self.scene.geometry.geometryObjects) if self.scene.is_obstacle(i)]
-        places = [self.moving[item.name](t) if item.name in self.moving else item.placement for item in shapes]
+        shapes = [
+            item
+            for i, item in enumerate(self.scene.geometry.geometryObjects)
+            if self.scene.is_obstacle(i)
+        ]
+        places = [
+            self.moving[item.name](t) if item.name in self.moving else item.placement
+            for item in shapes
+        ]
         pairs = zip(shapes, places, strict=True)
-        return describe_obstacles(Obstacle(name=item.name, shape=item.geometry, X_WO=X) for item, X in pairs)
+        return describe_obstacles(
+            Obstacle(name=item.name, shape=item.geometry, X_WO=X) for item, X in pairs
+        )
 
     # --- rows -------------------------------------------------------------------------------------
 
     def residual(self, stage: StageSymbols, parameters: ca.SX) -> Residual:
         ends = np.cumsum([0, *(group.n_parameters for group in self._groups)]).tolist()
         parts = [parameters[first:stop] for first, stop in pairwise(ends)]
-        rows = [group.rows(stage.tick, part) for group, part in zip(self._groups, parts, strict=True)]
-        return bounded_residual(ca.vertcat(ca.SX(0, 1), *(row for part in rows for row in part)), lower=0.0)
+        rows = [
+            group.rows(stage.tick, part) for group, part in zip(self._groups, parts, strict=True)
+        ]
+        return bounded_residual(
+            ca.vertcat(ca.SX(0, 1), *(row for part in rows for row in part)), lower=0.0
+        )
 
     @cached_property
     def _groups(self) -> tuple[PlaneRowGroup, ...]:
         """Return the row groups: with the world, between links, and of each pair of links."""
         pairs = self.scene.pairs
-        carried = np.array([(pair.first_joint, pair.second_joint) for pair in pairs], dtype=int).reshape(-1, 2)
-        world, n = carried[:, 0] == 0, self.n_pair_rows
+        carried = np.array(
+            [(pair.first_joint, pair.second_joint) for pair in pairs], dtype=int
+        ).reshape(-1, 2)
+        world = carried[:, 0] == 0
+        n = self.n_pair_rows
         groups = [(world, self.n_rows)]
-        groups += [(np.arange(len(pairs)) == k, n) for k in np.flatnonzero(~world)] if n else [(~world, self.n_own_rows)]
+        groups += (
+            [(np.arange(len(pairs)) == k, n) for k in np.flatnonzero(~world)]
+            if n
+            else [(~world, self.n_own_rows)]
+        )
         return tuple(_group(carried, chosen, rows) for chosen, rows in groups if chosen.any())
 
     # --- parameters -------------------------------------------------------------------------------
@@ -285,8 +348,12 @@ class ShapeClearance(Term):
         coordinates = self.scene.coordinates
         return self.references([t], coordinates.configurations(coordinates.reference[None]))[0]
 
-    def references(self, times: Sequence[float], q: Configurations, tightened: Wider | None = None) -> Array:
-        """At times (n,) [s] and configurations q (n, n_q) [m, rad], with margins wider by tightened (n, n_pairs) [m]."""
+    def references(
+        self, times: Sequence[float], q: Configurations, tightened: Wider | None = None
+    ) -> Array:
+        """At times (n,) [s] and configurations q (n, n_q) [m, rad], with margins wider by tightened
+        (n, n_pairs) [m].
+        """
         margins = self._margins(len(q), tightened)
         parts = []
         for group, found in zip(self._groups, self._chosen(times, q, margins), strict=True):
@@ -295,11 +362,13 @@ class ShapeClearance(Term):
         return np.concatenate([np.zeros((len(q), 0)), *parts], axis=1)
 
     def mismatch(self, times: Sequence[float], written: Configurations, q: Configurations) -> float:
-        """[m] By how much rows that decide at q (n, n_q) [m, rad], written at configurations written (n, n_q) [m, rad], are off.
+        """[m] By how much rows that decide at q (n, n_q) [m, rad], written at configurations
+        written (n, n_q) [m, rad], are off.
 
         times (n,) [s].
         """
-        poses, true = Poses.of(self.scene.coordinates.robot.model, q), self.distances(times, q)
+        poses = Poses.of(self.scene.coordinates.robot.model, q)
+        true = self.distances(times, q)
         least = np.full(true.shape, np.inf)
         for found in self._chosen(times, written, self._margins(len(q), None)):
             np.minimum.at(least, (found.sample, found.pair), found.heights(poses))
@@ -307,12 +376,16 @@ class ShapeClearance(Term):
 
     def _margins(self, n: int, tightened: Array | None) -> Array:
         """(n, n_pairs) [m]"""
-        return np.broadcast_to(self.margins if tightened is None else self.margins + tightened, (n, self.scene.n_pairs))
+        return np.broadcast_to(
+            self.margins if tightened is None else self.margins + tightened, (n, self.scene.n_pairs)
+        )
 
     def _chosen(self, times: Sequence[float], q: Array, margins: Array) -> list[Planes]:
-        """Choose in every group as many as there is room for at configurations q (n, n_q): the ones least beyond their
-        margins."""
-        contacts, poses = self._contacts(times, q), Poses.of(self.scene.coordinates.robot.model, q)
+        """Choose in every group as many as there is room for at configurations q (n, n_q): the ones
+        least beyond their margins.
+        """
+        contacts = self._contacts(times, q)
+        poses = Poses.of(self.scene.coordinates.robot.model, q)
         found = planes(self.scene, contacts, poses)
         beyond = found.heights(poses) - margins[found.sample, found.pair]
         kept = []
@@ -325,10 +398,14 @@ class ShapeClearance(Term):
     # --- distances --------------------------------------------------------------------------------
 
     def distances(self, times: Sequence[float], q: Configurations) -> Array:
-        """(n, n_pairs) [m] of all pairs at times (n,) [s] and configurations q (n, n_q) [m, rad], by coal."""
+        """(n, n_pairs) [m] of all pairs at times (n,) [s] and configurations q (n, n_q) [m, rad],
+        by coal.
+        """
         if not self.moving:
             return self._coal.distances_at(q)
-        return np.concatenate([self._placed(t).distances_at(row[None]) for t, row in zip(times, q, strict=True)])
+        return np.concatenate(
+            [self._placed(t).distances_at(row[None]) for t, row in zip(times, q, strict=True)]
+        )
 
     def _contacts(self, times: Sequence[float], q: Array) -> Contacts:
         if not self.moving:
@@ -336,7 +413,10 @@ class ShapeClearance(Term):
         found = [self._placed(t).contacts(row[None]) for t, row in zip(times, q, strict=True)]
         sample = np.repeat(np.arange(len(q)), [len(one.sample) for one in found])
         names = ("pair", "distance", "normal", "first", "second")
-        return Contacts(sample=sample, **{name: np.concatenate([getattr(one, name) for one in found]) for name in names})
+        return Contacts(
+            sample=sample,
+            **{name: np.concatenate([getattr(one, name) for one in found]) for name in names},
+        )
 
     def _placed(self, t: float) -> CoalDistances:
         for item in self._coal.scene.geometry.geometryObjects:
@@ -351,23 +431,30 @@ def _group(carried: Indices, chosen: Mask, n: int) -> PlaneRowGroup:
     return PlaneRowGroup(pairs=chosen, n=n, first=first, second=second)
 
 
-# Certify that the motion of a plan is free of collision between its nodes too, by its own interpolation.
+# Certify that the motion of a plan is free of collision between its nodes too, by its own
+# interpolation.
 #
-# Over a step the configuration is ``q_k (+) Omega(s)`` with ``Omega = s v + s^2/2 a``, where v is the velocity of the node but
-# for what integrators other than MIDPOINT make of it: a step ends at the next node, or nothing would be known of the jump. A
-# joint moves as fast as Omega' says. The vehicle turns no faster than ``|Omega'_w|``, and its origin
-# ``p_k + R_k int_0^1 exp(u Omega_w) du Omega_v`` moves no faster than ``|Omega'_v| + |Omega'_w| |Omega_v| / 2``: the bounds that
+# Over a step the configuration is ``q_k (+) Omega(s)`` with ``Omega = s v + s^2/2 a``, where v is
+# the velocity of the node but for what integrators other than MIDPOINT make of it: a step ends at
+# the next node, or nothing would be known of the jump. A joint moves as fast as Omega' says. The
+# vehicle turns no faster than ``|Omega'_w|``, and its origin ``p_k + R_k int_0^1 exp(u Omega_w) du
+# Omega_v`` moves no faster than ``|Omega'_v| + |Omega'_w| |Omega_v| / 2``: the bounds that
 # conservative advancement needs.
 
 _PER_STEP = 2  # intervals that are looked at first
 _LOOKS = 8  # at each step, where nothing is to be proven
-_CLOSER = (4, 16, 64)  # looks at each step for margins; more of them where a distance changes by as much as is left of it
+_CLOSER = (
+    4,
+    16,
+    64,
+)  # looks at each step for margins; more of them where a distance changes by as much as is left of it
 
 
 @checked
 def certificate(term: ShapeClearance, trajectory: Trajectory) -> ClearanceReport:
-    """Check whether the pairs of the term's scene stay apart along a trajectory; never where obstacles move: their speed is
-    unknown."""
+    """Check whether the pairs of the term's scene stay apart along a trajectory; never where
+    obstacles move: their speed is unknown.
+    """
     motion = SteppedMotion(term=term, trajectory=trajectory)
     return _unproven(motion) if term.moving else check_motion(motion, term.scene)
 
@@ -387,7 +474,8 @@ def _unproven(motion: SteppedMotion) -> ClearanceReport:
 class SteppedMotion:
     """A trajectory of constant accelerations as a `Motion` of the axes of a scene.
 
-    Its bound on a vehicle stands in the columns of x and roll: a way in whatever direction reaches no farther.
+    Its bound on a vehicle stands in the columns of x and roll: a way in whatever direction reaches
+    no farther.
     """
 
     term: ShapeClearance
@@ -420,19 +508,30 @@ class SteppedMotion:
     def configurations(self, t: Array) -> Array:
         """(n, n_q) [m, rad] at times t (n,) [s]."""
         k, s = self._steps(t)
-        path, model = self.trajectory, self.robot.model
+        path = self.trajectory
+        model = self.robot.model
         moved = s * self._v[k] + s * s / 2 * path.a[k]
-        q = [pin.integrate(model, path.q[i], step) for i, step in zip(k.tolist(), moved, strict=True)]
+        q = [
+            pin.integrate(model, path.q[i], step) for i, step in zip(k.tolist(), moved, strict=True)
+        ]
         return np.array([pin.normalize(model, row) for row in q])
 
     def bounds(self, middle: Array, half: Array) -> Array:
-        """(n, n_axes) [m, rad] by which axes move at most within half (n,) [s] of middle (n,) [s]."""
+        """(n, n_axes) [m, rad] by which axes move at most within half (n,) [s] of middle (n,)
+        [s].
+        """
         k, s = self._steps(middle)
-        path, v, n, delta = self.trajectory, self._v, min(self.robot.n_vehicle, 6), half[:, None]
-        speed, a = v[k] + s * path.a[k], path.a[k]
+        path = self.trajectory
+        v = self._v
+        n = min(self.robot.n_vehicle, 6)
+        delta = half[:, None]
+        speed = v[k] + s * path.a[k]
+        a = path.a[k]
         result = np.abs(speed) * delta + np.abs(a) * delta**2 / 2
         if n:
-            way, turn = (_norm(speed[:, part]) * half + _norm(a[:, part]) * half**2 / 2 for part in _PARTS)
+            way, turn = (
+                _norm(speed[:, part]) * half + _norm(a[:, part]) * half**2 / 2 for part in _PARTS
+            )
             h = np.diff(path.t)[k]
             farthest = _norm(v[k, :3]) * h + _norm(a[:, :3]) * h**2 / 2
             result[:, :n] = 0.0
@@ -441,8 +540,11 @@ class SteppedMotion:
 
     @cached_property
     def _v(self) -> Array:
-        """(N, n_v) [m/s, rad/s] at the beginning of every step, with which it ends at the next node."""
-        path, model = self.trajectory, self.robot.model
+        """(N, n_v) [m/s, rad/s] at the beginning of every step, with which it ends at the next
+        node.
+        """
+        path = self.trajectory
+        model = self.robot.model
         return np.array([path.leaving(model, k) for k in range(len(path.a))])
 
     def _steps(self, t: Array) -> tuple[Indices, Array]:
@@ -460,16 +562,23 @@ def _norm(x: Array) -> Array:
 
 
 def shortfall(term: ShapeClearance, trajectory: Trajectory, t0: float) -> Array:
-    """(n_nodes, n_pairs) [m] By how much margins are missed in the steps beside each node; the first is at t0 [s].
+    """(n_nodes, n_pairs) [m] By how much margins are missed in the steps beside each node; the
+    first is at t0 [s].
 
     Steps in which a distance may come near its margin are looked at closely.
     """
-    t, steps, n_pairs = trajectory.t, np.arange(len(trajectory.a)), len(term.margins)
-    motion, of_steps = SteppedMotion(term=term, trajectory=trajectory), np.zeros((len(steps), n_pairs))
+    t = trajectory.t
+    steps = np.arange(len(trajectory.a))
+    n_pairs = len(term.margins)
+    motion = SteppedMotion(term=term, trajectory=trajectory)
+    of_steps = np.zeros((len(steps), n_pairs))
     for looks in _CLOSER:
         at = (t[steps, None] + np.arange(looks) / looks * np.diff(t)[steps, None]).ravel()
-        left = (term.distances((t0 + at).tolist(), motion.configurations(at)) - term.margins).reshape(-1, looks, n_pairs)
-        least, change = left.min(axis=1), np.abs(np.diff(left, axis=1)).max(axis=1)
+        left = (
+            term.distances((t0 + at).tolist(), motion.configurations(at)) - term.margins
+        ).reshape(-1, looks, n_pairs)
+        least = left.min(axis=1)
+        change = np.abs(np.diff(left, axis=1)).max(axis=1)
         of_steps[steps] = np.maximum(-least, 0.0)
         if not len(steps := steps[(least < change).any(axis=1)]):
             break

@@ -1,4 +1,6 @@
-"""Plans: a trajectory with a verdict, as a record and as a file, and how far a plant departed from it."""
+"""Plans: a trajectory with a verdict, as a record and as a file, and how far a plant departed from
+it.
+"""
 
 from __future__ import annotations
 
@@ -41,12 +43,19 @@ class TrackingError:
     """[rad] at the end."""
 
 
-def tracking_error(trajectory: Trajectory, t: np.ndarray, q: np.ndarray, *, robot: Robot, frame: str) -> TrackingError:
-    """The pose of a frame at the recorded q (n, n_q) [m, rad] against the planned one at the times t (n,) [s].
+def tracking_error(
+    trajectory: Trajectory, t: np.ndarray, q: np.ndarray, *, robot: Robot, frame: str
+) -> TrackingError:
+    """The pose of a frame at the recorded q (n, n_q) [m, rad] against the planned one at the times
+    t (n,) [s].
 
     Raises `FrameNotFound` for an unknown frame.
     """
-    pairs = zip(frame_poses(robot, frame, trajectory.states_at(robot.model, t)[0]), frame_poses(robot, frame, q), strict=True)
+    pairs = zip(
+        frame_poses(robot, frame, trajectory.states_at(robot.model, t)[0]),
+        frame_poses(robot, frame, q),
+        strict=True,
+    )
     errors = [wanted.inverse() * found for wanted, found in pairs]
     distances = [float(np.linalg.norm(error.translation)) for error in errors]
     angle = float(np.linalg.norm(pin.log3(errors[-1].rotation)))
@@ -55,7 +64,8 @@ def tracking_error(trajectory: Trajectory, t: np.ndarray, q: np.ndarray, *, robo
 
 def frame_poses(robot: Robot, frame: str, q: np.ndarray) -> list[pin.SE3]:
     """X_WF at configurations q (n, n_q) [m, rad]. Raises `FrameNotFound` for an unknown frame."""
-    data, index = robot.model.createData(), robot.frame_id(frame)
+    data = robot.model.createData()
+    index = robot.frame_id(frame)
     poses = []
     for configuration in q:
         pin.framesForwardKinematics(robot.model, data, configuration)
@@ -63,27 +73,34 @@ def frame_poses(robot: Robot, frame: str, q: np.ndarray) -> list[pin.SE3]:
     return poses
 
 
-# A trajectory sampled as the series of a record: states, the tool, forces, and the energy taken so far.
+# A trajectory sampled as the series of a record: states, the tool, forces, and the energy taken so
+# far.
 
 TOOL = "tool"
 _PERIOD = 0.02  # [s] between samples, longer where there would be more of them than this:
 _MOST_SAMPLES = 5000
 
 Powers = tuple[Array, Array]
-"""[W] of every thruster (N, n_thrusters) and of every joint (N, n_joints) at the steps of a trajectory."""
+"""[W] of every thruster (N, n_thrusters) and of every joint (N, n_joints) at the steps of a
+trajectory.
+"""
 
 
 def sample_times(duration: float) -> Array:
     """Times (n,) [s] from 0 to `duration` [s], both included."""
-    return np.linspace(0.0, duration, max(2, min(int(np.ceil(duration / _PERIOD)) + 1, _MOST_SAMPLES)))
+    return np.linspace(
+        0.0, duration, max(2, min(int(np.ceil(duration / _PERIOD)) + 1, _MOST_SAMPLES))
+    )
 
 
-def motion_series(robot: Robot, trajectory: Trajectory, powers: Powers, t: Array, q: Array) -> dict[str, Array]:
+def motion_series(
+    robot: Robot, trajectory: Trajectory, powers: Powers, t: Array, q: Array
+) -> dict[str, Array]:
     """Series of a record at times t (n,) [s], where the configurations are q (n, n_q) [m, rad].
 
-    ``thrust`` (n, n_thrusters), or ``wrench`` (n, n_vehicle) of `Actuation.WRENCH`, and ``torque`` (n, n_joints) are those of
-    the steps; ``thruster_energy`` (n, n_thrusters) and ``joint_energy`` (n,) [J] what was taken so far; ``tool`` (n, 7) [m, -]
-    the pose X_WT where there is a tool.
+    ``thrust`` (n, n_thrusters), or ``wrench`` (n, n_vehicle) of `Actuation.WRENCH`, and ``torque``
+    (n, n_joints) are those of the steps; ``thruster_energy`` (n, n_thrusters) and ``joint_energy``
+    (n,) [J] what was taken so far; ``tool`` (n, 7) [m, -] the pose X_WT where there is a tool.
     """
     _, v, steps = trajectory.states_at(robot.model, t)
     thrusters, joints = (_taken(trajectory.t, power, t) for power in powers)
@@ -104,12 +121,28 @@ def tool_series(robot: Robot, q: Array) -> Array:
 
 
 def axis_series(planned: Coordinates, x: Array, v: Array) -> dict[str, Array]:
-    """``x`` (n, n_axes) [m, rad] and its rates [m/s, rad/s], where velocities are v (n, n_v) [m/s, rad/s]."""
-    return {"x": x, "x_rate": np.asarray(np.linalg.solve(planned.velocity_map(x), v[..., None])[..., 0], dtype=float)}
+    """``x`` (n, n_axes) [m, rad] and its rates [m/s, rad/s], where velocities are v (n, n_v) [m/s,
+    rad/s].
+    """
+    return {
+        "x": x,
+        "x_rate": np.asarray(
+            np.linalg.solve(planned.velocity_map(x), v[..., None])[..., 0], dtype=float
+        ),
+    }
 
 
-def plan_record(robot: Robot, trajectory: Trajectory, powers: Powers, *, title: str, surroundings: SurroundingsMeta) -> Record:
-    """The record of a plan of any problem. Axes are left out of robots whose joints are no single axes."""
+def plan_record(
+    robot: Robot,
+    trajectory: Trajectory,
+    powers: Powers,
+    *,
+    title: str,
+    surroundings: SurroundingsMeta,
+) -> Record:
+    """The record of a plan of any problem. Axes are left out of robots whose joints are no single
+    axes.
+    """
     t = sample_times(float(trajectory.t[-1]))
     q = admissible_configurations(robot, trajectory.states_at(robot.model, t)[0], TOLERANCE)
     series = motion_series(robot, trajectory, powers, t, q)
@@ -117,7 +150,8 @@ def plan_record(robot: Robot, trajectory: Trajectory, powers: Powers, *, title: 
     limits = AxisLimitsMeta(x_rate=())
     if all(joint.n_v == 1 for joint in robot.joints):
         planned = coordinates(robot, reference=q[0])
-        names, x = planned.names, np.array([planned.x(row) for row in q])
+        names = planned.names
+        x = np.array([planned.x(row) for row in q])
         x[:, planned.endless] = np.unwrap(x[:, planned.endless], axis=0)
         series |= axis_series(planned, x, series["v"])
         limits = AxisLimitsMeta(x_rate=tuple(planned.rate_limits(x)[0].tolist()))
@@ -137,8 +171,14 @@ def plan_record(robot: Robot, trajectory: Trajectory, powers: Powers, *, title: 
 
 def _taken(nodes: Array, power: Array, t: Array) -> Array:
     """Integral (len(t), n) of powers (n_steps, n) that are constant between nodes."""
-    total = np.vstack([np.zeros(power.shape[1]), np.cumsum(np.diff(nodes)[:, None] * power, axis=0)])
-    return np.array([np.interp(t, nodes, column) for column in total.T]).reshape(power.shape[1], len(t)).T
+    total = np.vstack(
+        [np.zeros(power.shape[1]), np.cumsum(np.diff(nodes)[:, None] * power, axis=0)]
+    )
+    return (
+        np.array([np.interp(t, nodes, column) for column in total.T])
+        .reshape(power.shape[1], len(t))
+        .T
+    )
 
 
 # What planning returns: a trajectory with a verdict that says what to do.
@@ -147,30 +187,57 @@ def _taken(nodes: Array, power: Array, t: Array) -> Array:
 class OcpStatus(AdvisedStatus):
     """Verdict on a plan.
 
-    MISSED: a goal is not met, and longer horizons were not tried. UNREACHABLE: they were, up to four times the time, and
-    did not help. INFEASIBLE: the start is proven impossible, or the solver ended where no small change brings the
-    constraints any nearer. UNFINISHED and INTERRUPTED prove nothing.
+    MISSED: a goal is not met, and longer horizons were not tried. UNREACHABLE: they were, up to
+    four times the time, and did not help. INFEASIBLE: the start is proven impossible, or the solver
+    ended where no small change brings the constraints any nearer. UNFINISHED and INTERRUPTED prove
+    nothing.
     """
 
     SOLVED = "solved", "nothing to do"
-    MISSED = ("goal missed", "why is not known: give it more time, move the goal, or loosen the constraints and levels above it")
+    MISSED = (
+        "goal missed",
+        (
+            "why is not known: give it more time, move the goal, or loosen the constraints and"
+            " levels above it"
+        ),
+    )
     TOO_SHORT = "horizon too short", "give the horizon more time, or loosen the limits"
-    UNREACHABLE = ("unreachable", "more time would not help: move the goal, or loosen the constraints and levels above it")
+    UNREACHABLE = (
+        "unreachable",
+        "more time would not help: move the goal, or loosen the constraints and levels above it",
+    )
     INFEASIBLE = (
         "infeasible",
-        "no motion near the guess keeps the constraints: loosen limits, weaken the current, or start slower",
+        (
+            "no motion near the guess keeps the constraints: loosen limits, weaken the current, or"
+            " start slower"
+        ),
     )
-    OBSTRUCTED = ("obstructed start", "the start breaks a constraint: move the start or the obstacle, or lower the margin")
-    INTERRUPTED = ("interrupted", "stopped by hand, at the best point so far: go on from it with guess=plan")
+    OBSTRUCTED = (
+        "obstructed start",
+        "the start breaks a constraint: move the start or the obstacle, or lower the margin",
+    )
+    INTERRUPTED = (
+        "interrupted",
+        "stopped by hand, at the best point so far: go on from it with guess=plan",
+    )
     UNFINISHED = (
         "unfinished",
-        "the solver stopped early: raise time_limit or max_iterations, loosen limits, or improve the guess",
+        (
+            "the solver stopped early: raise time_limit or max_iterations, loosen limits, or"
+            " improve the guess"
+        ),
     )
 
     @property
     def usable(self) -> bool:
         """True if the trajectory keeps all constraints; goals may still be missed."""
-        return self in (OcpStatus.SOLVED, OcpStatus.MISSED, OcpStatus.TOO_SHORT, OcpStatus.UNREACHABLE)
+        return self in (
+            OcpStatus.SOLVED,
+            OcpStatus.MISSED,
+            OcpStatus.TOO_SHORT,
+            OcpStatus.UNREACHABLE,
+        )
 
 
 @checked_dataclass(eq=False, repr=False)
@@ -188,8 +255,9 @@ class Plan(TableDisplay):
     result: LexicographicResult | None = None
     """Start of the next, warm solve."""
     clearance: ClearanceReport | None = None
-    """Certificate of constraints on true shapes: whether these certainly stay apart between nodes too, and where they are
-    nearest."""
+    """Certificate of constraints on true shapes: whether these certainly stay apart between nodes
+    too, and where they are nearest.
+    """
     surroundings: SurroundingsMeta = field(default_factory=SurroundingsMeta)
     """Goals, obstacles and floor of the problem, for records and scenes."""
     current: tuple[float, float, float] = (0.0, 0.0, 0.0)
@@ -199,7 +267,8 @@ class Plan(TableDisplay):
 
     @property
     def certified_free(self) -> bool:
-        """True if it is proven that nothing touches: by true shapes, along the motion between the nodes too.
+        """True if it is proven that nothing touches: by true shapes, along the motion between the
+        nodes too.
 
         Of links without a shape, which ``clearance.unshaped`` names, nothing is proven.
         """
@@ -222,16 +291,26 @@ class Plan(TableDisplay):
     @property
     def peak_thrust(self) -> float | None:
         """[N] Largest of any thruster; `None` where a wrench was planned."""
-        return None if self.trajectory.has_wrench else float(np.abs(self.trajectory.thrust).max(initial=0.0))
+        return (
+            None
+            if self.trajectory.has_wrench
+            else float(np.abs(self.trajectory.thrust).max(initial=0.0))
+        )
 
     def powers(self) -> tuple[np.ndarray, np.ndarray]:
-        """Electrical power of every thruster (N, n_thrusters) and of every joint (N, n_joints) at the steps [W].
+        """Electrical power of every thruster (N, n_thrusters) and of every joint (N, n_joints) at
+        the steps [W].
 
-        NaN where it is not known: of thrusters without power data, and of the axes of a wrench (N, n_vehicle).
+        NaN where it is not known: of thrusters without power data, and of the axes of a wrench (N,
+        n_vehicle).
         """
         factor, exponent = (np.nan, 1.0) if self.trajectory.of_wrench else power_law(self.robot)
         rates = self.trajectory.v[:, self.robot.joint_v]
-        joints = joint_power(self.trajectory.torque, (rates[:-1] + rates[1:]) / 2, self.robot.description.joint_efficiency)
+        joints = joint_power(
+            self.trajectory.torque,
+            (rates[:-1] + rates[1:]) / 2,
+            self.robot.description.joint_efficiency,
+        )
         return factor * np.abs(self.trajectory.thrust) ** exponent, joints
 
     @property
@@ -247,57 +326,86 @@ class Plan(TableDisplay):
             "reason": self.reason,
             "advice": self.advice,
             "robot": self.robot.name,
-            **{name: getattr(self, name) for name in ("duration", "energy", "peak_thrust", "iterations", "solve_time")},
+            **{
+                name: getattr(self, name)
+                for name in ("duration", "energy", "peak_thrust", "iterations", "solve_time")
+            },
             "levels": [
-                {"name": level.name, "status": level.status, "residual": level.residual, "iterations": level.iterations}
+                {
+                    "name": level.name,
+                    "status": level.status,
+                    "residual": level.residual,
+                    "iterations": level.iterations,
+                }
                 for level in self.levels
             ],
         }
 
     def _table(self) -> SmallTable:
         values = {name: value for name, value in self.summary().items() if name != "levels"}
-        levels = ((f"level {level.name}", f"{level.status}, residual {level.residual:.3g}") for level in self.levels)
+        levels = (
+            (f"level {level.name}", f"{level.status}, residual {level.residual:.3g}")
+            for level in self.levels
+        )
         return SmallTable(title=f"Plan: {self.status.value}", rows=(*rows_of(values), *levels))
 
     def to_record(self) -> Record:
-        """The motion as a record, which figures, scenes and comparisons take; see `motion_series` for what it holds."""
+        """The motion as a record, which figures, scenes and comparisons take; see `motion_series`
+        for what it holds.
+        """
         title = f"plan by optimal control, {self.status.value}"
-        return plan_record(self.robot, self.trajectory, self.powers(), title=title, surroundings=self.surroundings)
+        return plan_record(
+            self.robot, self.trajectory, self.powers(), title=title, surroundings=self.surroundings
+        )
 
     def save(self, path: Path | str) -> Path:
-        """Write all of it as ``.npz``, or with the suffix ``.json`` as text; `load` gives it back exactly.
+        """Write all of it as ``.npz``, or with the suffix ``.json`` as text; `load` gives it back
+        exactly.
 
         Raises `OutputError` where the file cannot be written.
         """
-        values = self.summary() | {name: getattr(self, name) for name in ("levels", "surroundings", "current", "plugin")}
+        values = self.summary() | {
+            name: getattr(self, name) for name in ("levels", "surroundings", "current", "plugin")
+        }
         values |= {
             "of_wrench": self.trajectory.of_wrench,
             "solver": None if self.result is None else plan_file.solver_values(self.result),
-            "clearance": None if self.clearance is None else plan_file.clearance_values(self.clearance),
+            "clearance": None
+            if self.clearance is None
+            else plan_file.clearance_values(self.clearance),
         }
-        return plan_file.write_plan(Path(path), plan_file.PlanValues(**values), _arrays(self.trajectory, self.result))
+        return plan_file.write_plan(
+            Path(path), plan_file.PlanValues(**values), _arrays(self.trajectory, self.result)
+        )
 
     @staticmethod
     def load(path: Path | str, robot: Robot | None = None) -> Plan:
         """A plan that `save` wrote, down to the last bit.
 
-        robot: by default that of the same name in the library. Raises `InvalidInput`, in one line, for what is no such file,
-        is damaged, or is of another robot.
+        robot: by default that of the same name in the library. Raises `InvalidInput`, in one line,
+        for what is no such file, is damaged, or is of another robot.
         """
         values, arrays = plan_file.read_plan(Path(path))
         try:
             return _plan_of(values, arrays, robot or _robot_of(values))
         except (InvalidInput, ValueError) as error:
-            raise InvalidInput(f"{printable(str(path))}: not a plan written by uvms_ocp: {error}") from error
+            raise InvalidInput(
+                f"{printable(str(path))}: not a plan written by uvms_ocp: {error}"
+            ) from error
 
 
 def _arrays(trajectory: Trajectory, result: LexicographicResult | None) -> dict[str, np.ndarray]:
-    return plan_file.trajectory_arrays(trajectory) | ({} if result is None else plan_file.result_arrays(result))
+    return plan_file.trajectory_arrays(trajectory) | (
+        {} if result is None else plan_file.result_arrays(result)
+    )
 
 
 def _robot_of(values: plan_file.PlanValues) -> Robot:
     if values.robot not in list_robots():
-        raise InvalidInput(f"robot {values.robot[:60]!r} is not in the library; give it: --robot DIR, or Plan.load(path, robot)")
+        raise InvalidInput(
+            f"robot {values.robot[:60]!r} is not in the library; give it: --robot DIR, or"
+            " Plan.load(path, robot)"
+        )
     return load_robot(values.robot)
 
 
@@ -306,13 +414,19 @@ def _plan_of(values: plan_file.PlanValues, arrays: dict[str, np.ndarray], robot:
         raise InvalidInput(f"a plan of robot {values.robot[:60]!r}, not of {robot.name!r}")
     trajectory = plan_file.stored_trajectory(robot, arrays, of_wrench=values.of_wrench)
     result = None if values.solver is None else plan_file.stored_result(values.solver, arrays)
-    if unknown := arrays.keys() - _arrays(trajectory, result).keys():
+    unknown = arrays.keys() - _arrays(trajectory, result).keys()
+    if unknown:
         raise InvalidInput(f"array {min(unknown)[:60]!r} is none of a plan")
     return Plan(
         robot=robot,
         trajectory=trajectory,
         status=OcpStatus(values.status),  # type: ignore[call-arg]
-        **{name: getattr(values, name) for name in ("reason", "levels", "solve_time", "surroundings", "current", "plugin")},
+        **{
+            name: getattr(values, name)
+            for name in ("reason", "levels", "solve_time", "surroundings", "current", "plugin")
+        },
         result=result,
-        clearance=None if values.clearance is None else plan_file.stored_clearance(values.clearance),
+        clearance=None
+        if values.clearance is None
+        else plan_file.stored_clearance(values.clearance),
     )

@@ -1,6 +1,8 @@
-"""Write and read plans as files: arrays beside one text of values, in ``.npz`` or ``.json``, within bounds.
+"""Write and read plans as files: arrays beside one text of values, in ``.npz`` or ``.json``, within
+bounds.
 
-Every number comes back as it was: arrays are stored as they are, texts hold the shortest decimals that round to the same.
+Every number comes back as it was: arrays are stored as they are, texts hold the shortest decimals
+that round to the same.
 """
 
 from __future__ import annotations
@@ -26,7 +28,8 @@ from uvms_ocp.robot.robot import Robot
 from uvms_ocp.solvers import LexicographicResult, NlpStatus
 from uvms_ocp.solvers.nlp.level_solver import NlpPoint
 
-# A plan as arrays and one text of values, in an ``.npz`` file or all of it in a ``.json`` file; and back, within bounds.
+# A plan as arrays and one text of values, in an ``.npz`` file or all of it in a ``.json`` file; and
+# back, within bounds.
 
 _TEXT = "summary"
 _NO_PLAN = f"no text {_TEXT!r}; give the plan.npz that `Plan.save` wrote"
@@ -44,14 +47,18 @@ class LevelReport:
     """Norm of the distances of its weighted rows to their range."""
     iterations: int
     prices: tuple[float, ...] = ()
-    """Prices of the levels above: by how much the cost of this one, half the sum of squares of its rows, path terms as a mean
-    over time, would fall for each unit of residual, as a norm, that the level above gave up (of cost, where that one has
-    `relax`). To first order; empty where unknown."""
+    """Prices of the levels above: by how much the cost of this one, half the sum of squares of its
+    rows, path terms as a mean over time, would fall for each unit of residual, as a norm, that the
+    level above gave up (of cost, where that one has `relax`). To first order; empty where
+    unknown.
+    """
     __pydantic_config__: ClassVar = MetaValue.model_config
 
 
 class SolverValues(MetaValue):
-    """Values of the solver's result beside its arrays; see `uvms_ocp.solvers.nlp.lexicographic_nlp.LexicographicResult`."""
+    """Values of the solver's result beside its arrays; see
+    `uvms_ocp.solvers.nlp.lexicographic_nlp.LexicographicResult`.
+    """
 
     status: NlpStatus
     level_status: tuple[NlpStatus, ...]
@@ -62,7 +69,9 @@ class SolverValues(MetaValue):
 
 
 class ClearanceValues(MetaValue):
-    """See `uvms_ocp.planning.conservative_advancement.ClearanceReport`, and `NearestPair` for the last three."""
+    """See `uvms_ocp.planning.conservative_advancement.ClearanceReport`, and `NearestPair` for the
+    last three.
+    """
 
     unshaped: tuple[str, ...] = ()
     collision_free: bool
@@ -103,7 +112,9 @@ Arrays = Mapping[str, np.ndarray]
 
 
 def write_plan(target: Path, values: PlanValues, arrays: Arrays) -> Path:
-    """Write ``.json`` where the name ends so, else ``.npz``; returns the path. Raises `OutputError`."""
+    """Write ``.json`` where the name ends so, else ``.npz``; returns the path. Raises
+    `OutputError`.
+    """
     text = values.model_dump_json()
     if target.suffix != ".json":
         return write_arrays(target, _TEXT, text, arrays)
@@ -114,7 +125,9 @@ def write_plan(target: Path, values: PlanValues, arrays: Arrays) -> Path:
 
 
 def write_arrays(target: Path, key: str, text: str, arrays: Arrays) -> Path:
-    """Write a text under a key beside arrays as ``.npz``, with that ending; returns the path. Raises `OutputError`."""
+    """Write a text under a key beside arrays as ``.npz``, with that ending; returns the path.
+    Raises `OutputError`.
+    """
     place = target.with_suffix(".npz")
     with as_output_errors(place, "choose another place"), place.open("wb") as file:
         np.savez(file, allow_pickle=False, **{key: np.array(text)}, **arrays)
@@ -127,21 +140,32 @@ def read_plan(source: Path) -> tuple[PlanValues, dict[str, np.ndarray]]:
     Raises `InvalidInput`, in one line, for what is no such file, is damaged or too large.
     """
     try:
-        values, arrays = _from_text(source) if source.suffix == ".json" else from_arrays(source, _TEXT, _NO_PLAN)
+        values, arrays = (
+            _from_text(source) if source.suffix == ".json" else from_arrays(source, _TEXT, _NO_PLAN)
+        )
         for name, array in arrays.items():
             if array.dtype != np.float64 or not np.isfinite(array).all():
-                raise InvalidInput(f"array {name[:60]!r} is {array.dtype} or not finite; allowed: finite float64")
+                raise InvalidInput(
+                    f"array {name[:60]!r} is {array.dtype} or not finite; allowed: finite float64"
+                )
         return PlanValues.model_validate_json(json.dumps(values), strict=True), arrays
     except ValidationError as error:
-        raise InvalidInput(f"{printable(str(source))}: not a plan: {one_line(error, PlanValues)}") from error
+        raise InvalidInput(
+            f"{printable(str(source))}: not a plan: {one_line(error, PlanValues)}"
+        ) from error
     except OSError as error:
         raise InvalidInput(f"{printable(str(source))}: not a plan: {error.strerror}") from error
     except InvalidInput as error:
-        raise InvalidInput(f"{printable(str(source))}: not a plan written by uvms_ocp: {error}") from error
+        raise InvalidInput(
+            f"{printable(str(source))}: not a plan written by uvms_ocp: {error}"
+        ) from error
 
 
-def from_arrays(source: Path, key: str, missing: str) -> tuple[dict[str, Any], dict[str, np.ndarray]]:
-    """The object in the text under a key, and the arrays beside it, of a file that anyone may have written.
+def from_arrays(
+    source: Path, key: str, missing: str
+) -> tuple[dict[str, Any], dict[str, np.ndarray]]:
+    """The object in the text under a key, and the arrays beside it, of a file that anyone may have
+    written.
 
     missing: what to say where there is none. Raises `InvalidInput`.
     """
@@ -157,14 +181,18 @@ def _from_text(source: Path) -> tuple[dict[str, Any], dict[str, np.ndarray]]:
     whole = json_object(read_text(source, _LARGEST))
     values = {name: whole.pop(name) for name in PlanValues.model_fields if name in whole}
     try:
-        return values, {name: np.atleast_1d(np.array(item, dtype=float)) for name, item in whole.items()}
+        return values, {
+            name: np.atleast_1d(np.array(item, dtype=float)) for name, item in whole.items()
+        }
     except (ValueError, TypeError, OverflowError) as error:
         raise InvalidInput(f"lists that are no arrays of numbers: {str(error)[:100]}") from error
 
 
 # Arrays of a trajectory and of a solver's result, by names, what is proven of it, and back.
 
-_SHORTEST = 1e-6  # norm of a quaternion; that of a plan which breaks its constraints may be far from 1
+_SHORTEST = (
+    1e-6  # norm of a quaternion; that of a plan which breaks its constraints may be far from 1
+)
 
 
 def trajectory_arrays(t: Trajectory) -> dict[str, np.ndarray]:
@@ -173,15 +201,27 @@ def trajectory_arrays(t: Trajectory) -> dict[str, np.ndarray]:
 
 
 def stored_trajectory(robot: Robot, arrays: Arrays, *, of_wrench: bool) -> Trajectory:
-    """The trajectory of `trajectory_arrays`. Raises `InvalidInput` for arrays that are none of this robot."""
+    """The trajectory of `trajectory_arrays`. Raises `InvalidInput` for arrays that are none of this
+    robot.
+    """
     n = len(arrays["t"]) if "t" in arrays and arrays["t"].ndim == 1 else 0
     thrusters = robot.n_vehicle if of_wrench else len(robot.description.thrusters)
-    widths = {"q": robot.n_q, "v": robot.n_v, "a": robot.n_v, "thrust": thrusters, "torque": robot.n_joints}
-    shapes = {name: (n - (name in ("a", "thrust", "torque")), width) for name, width in widths.items()}
+    widths = {
+        "q": robot.n_q,
+        "v": robot.n_v,
+        "a": robot.n_v,
+        "thrust": thrusters,
+        "torque": robot.n_joints,
+    }
+    shapes = {
+        name: (n - (name in ("a", "thrust", "torque")), width) for name, width in widths.items()
+    }
     for name, shape in shapes.items():
         given = arrays[name].shape if name in arrays else None
         if n < 2 or given != shape:
-            raise InvalidInput(f"array {name!r} has shape {given}; {robot.name} with {n} times needs {shape}")
+            raise InvalidInput(
+                f"array {name!r} has shape {given}; {robot.name} with {n} times needs {shape}"
+            )
     t = arrays["t"]
     if t[0] != 0.0 or not (np.diff(t) > 0).all():
         raise InvalidInput("times t do not rise from 0")
@@ -193,10 +233,15 @@ def stored_trajectory(robot: Robot, arrays: Arrays, *, of_wrench: bool) -> Traje
 def result_arrays(result: LexicographicResult) -> dict[str, np.ndarray]:
     """All arrays of the result of a solver; multipliers as far as there are any."""
     arrays = {"x": result.x}
-    for i, (values, residuals, point) in enumerate(zip(result.values, result.residuals, result.points, strict=True)):
+    for i, (values, residuals, point) in enumerate(
+        zip(result.values, result.residuals, result.points, strict=True)
+    ):
         arrays |= {f"values_{i}": values, f"residuals_{i}": residuals, f"point_{i}": point.x}
         if point.x_multipliers is not None and point.row_multipliers is not None:
-            arrays |= {f"x_multipliers_{i}": point.x_multipliers, f"row_multipliers_{i}": point.row_multipliers}
+            arrays |= {
+                f"x_multipliers_{i}": point.x_multipliers,
+                f"row_multipliers_{i}": point.row_multipliers,
+            }
     return arrays
 
 
@@ -206,13 +251,21 @@ def solver_values(result: LexicographicResult) -> SolverValues:
 
 
 def stored_result(values: SolverValues, arrays: Arrays) -> LexicographicResult:
-    """The result of `result_arrays` and `solver_values`. Raises `InvalidInput` for what does not belong together."""
+    """The result of `result_arrays` and `solver_values`. Raises `InvalidInput` for what does not
+    belong together.
+    """
     levels = range(len(values.level_status))
     n = arrays["x"].shape if "x" in arrays and arrays["x"].ndim == 1 else None
     try:
         points = tuple(_point(arrays, i) for i in levels)
-        rows = {point.row_multipliers.shape for point in points if point.row_multipliers is not None}
-        right = len(rows) <= 1 and all(point.x.shape == n for point in points) and len(values.iterations) == len(levels)
+        rows = {
+            point.row_multipliers.shape for point in points if point.row_multipliers is not None
+        }
+        right = (
+            len(rows) <= 1
+            and all(point.x.shape == n for point in points)
+            and len(values.iterations) == len(levels)
+        )
         if n is None or not right:
             raise InvalidInput("arrays of the solver's result do not fit each other")
         return LexicographicResult(
@@ -228,7 +281,9 @@ def stored_result(values: SolverValues, arrays: Arrays) -> LexicographicResult:
 
 def _point(arrays: Arrays, i: int) -> NlpPoint:
     """Raises `KeyError` where it has no x, `InvalidInput` for multipliers of another size."""
-    x, own, rows = arrays[f"point_{i}"], arrays.get(f"x_multipliers_{i}"), arrays.get(f"row_multipliers_{i}")
+    x = arrays[f"point_{i}"]
+    own = arrays.get(f"x_multipliers_{i}")
+    rows = arrays.get(f"row_multipliers_{i}")
     if (own is None) != (rows is None) or (own is not None and own.shape != x.shape):
         raise InvalidInput("multipliers of the solver's result do not fit its points")
     if rows is not None and rows.ndim != 1:
@@ -245,4 +300,7 @@ def clearance_values(report: ClearanceReport) -> ClearanceValues:
 def stored_clearance(values: ClearanceValues) -> ClearanceReport:
     """The report of `clearance_values`."""
     given = values.model_dump()
-    return ClearanceReport(nearest=NearestPair(**{name: given.pop(name) for name in ("distance", "time", "pair")}), **given)
+    return ClearanceReport(
+        nearest=NearestPair(**{name: given.pop(name) for name in ("distance", "time", "pair")}),
+        **given,
+    )

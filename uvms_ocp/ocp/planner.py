@@ -1,4 +1,5 @@
-"""Solve optimal control problems: transcribe once, solve, refine terms that follow the guess, and diagnose failures.
+"""Solve optimal control problems: transcribe once, solve, refine terms that follow the guess, and
+diagnose failures.
 
 What their rows keep at the nodes they may miss between them: there they are tightened.
 """
@@ -29,7 +30,15 @@ from uvms_ocp.ocp.plan import LevelReport, OcpStatus, Plan
 from uvms_ocp.ocp.problem import OcpProblem
 from uvms_ocp.ocp.stagewise.program import program_for, stagewise_or
 from uvms_ocp.ocp.terms import TaskTerm, Term
-from uvms_ocp.ocp.trajectory import COARSE_STEPS, Trajectory, admissible, coarse_guesses, coarse_problem, hold_guess, shift_guess
+from uvms_ocp.ocp.trajectory import (
+    COARSE_STEPS,
+    Trajectory,
+    admissible,
+    coarse_guesses,
+    coarse_problem,
+    hold_guess,
+    shift_guess,
+)
 from uvms_ocp.ocp.transcription.transcription import Transcription
 from uvms_ocp.planning import CoalDistances, CollisionScene
 from uvms_ocp.planning.request import Goal, PostureGoal, ToolGoal
@@ -45,8 +54,14 @@ from uvms_ocp.types import DAY, Bound, Finite, Shape
 
 
 def describe_crowded_start(problem: OcpProblem, constraint: str) -> str:
-    """The pair that a constraint of that name finds nearest for its margin, as a bracket; empty for one without shapes."""
-    terms = [term for term in problem.constraints if isinstance(term, ShapeClearance) and term.name == constraint]
+    """The pair that a constraint of that name finds nearest for its margin, as a bracket; empty for
+    one without shapes.
+    """
+    terms = [
+        term
+        for term in problem.constraints
+        if isinstance(term, ShapeClearance) and term.name == constraint
+    ]
     return max((_lack(term, problem) for term in terms), default=(0.0, ""))[1]
 
 
@@ -54,10 +69,13 @@ def _lack(term: ShapeClearance, problem: OcpProblem) -> tuple[float, str]:
     distances = term.distances([0.0], problem.start.q[None])[0]
     lack = term.margins - distances
     k = int(lack.argmax())
-    return float(lack[k]), f" ({term.scene.pairs[k].name}: {distances[k]:.4g} m apart, margin {term.margins[k]:.4g} m)"
+    return float(
+        lack[k]
+    ), f" ({term.scene.pairs[k].name}: {distances[k]:.4g} m apart, margin {term.margins[k]:.4g} m)"
 
 
-# What no input can bring within the limits in the first step: a proof, before any NLP, that a start is impossible.
+# What no input can bring within the limits in the first step: a proof, before any NLP, that a start
+# is impossible.
 
 _ROUNDING = 1e-9
 
@@ -65,9 +83,10 @@ _ROUNDING = 1e-9
 def impossible_start(problem: OcpProblem) -> str | None:
     """An axis whose limits the second node cannot keep, in words; None where every axis can.
 
-    Velocity changes by at most the acceleration limit times the step, and a joint goes on meanwhile. These are limits
-    of single axes: where they can be kept, forces, constraints or goals may still be out of reach. A free duration
-    counts as impossible only if every step in its range is.
+    Velocity changes by at most the acceleration limit times the step, and a joint goes on
+    meanwhile. These are limits of single axes: where they can be kept, forces, constraints or goals
+    may still be out of reach. A free duration counts as impossible only if every step in its range
+    is.
     """
     if not (problem.limited and problem.fixed_start):
         return None
@@ -78,45 +97,62 @@ def impossible_start(problem: OcpProblem) -> str | None:
 
 def _too_fast(problem: OcpProblem, h: float) -> str | None:
     """After the longest step, which leaves the most time to slow down."""
-    limits, v = problem.robot.limits, problem.start.v
+    limits = problem.robot.limits
+    v = problem.start.v
     excess = np.abs(v) - limits.acceleration * h - limits.velocity
     i = int(np.argmax(excess))
     if excess[i] <= _ROUNDING:
         return None
     return (
-        f"{_axes(problem)[i]} starts at {v[i]:.4g} and must not exceed {limits.velocity[i]:.4g} after the first step: in "
-        f"{h:.3g} s it changes by {limits.acceleration[i] * h:.4g} at most"
+        f"{_axes(problem)[i]} starts at {v[i]:.4g} and must not exceed {limits.velocity[i]:.4g}"
+        f" after the first step: in {h:.3g} s it changes by {limits.acceleration[i] * h:.4g} at"
+        " most"
     )
 
 
 def _too_near(problem: OcpProblem, shortest: float, longest: float) -> str | None:
-    """After the best step: a short one does not get to the limit, a long one may have turned back."""
-    robot, limits = problem.robot, problem.robot.limits
+    """After the best step: a short one does not get to the limit, a long one may have turned
+    back.
+    """
+    robot = problem.robot
+    limits = problem.robot.limits
     lower, upper = robot.configuration_bounds
     for joint in robot.joints:
         for i in range(joint.n_v):
-            q, v = float(problem.start.q[joint.q][i]), float(problem.start.v[joint.idx_v + i])
-            a, speed = limits.acceleration[joint.idx_v + i], limits.velocity[joint.idx_v + i]
+            q = float(problem.start.q[joint.q][i])
+            v = float(problem.start.v[joint.idx_v + i])
+            a = limits.acceleration[joint.idx_v + i]
+            speed = limits.velocity[joint.idx_v + i]
             least = q + _least_way(v, a, speed, shortest, longest)
             most = q - _least_way(-v, a, speed, shortest, longest)
-            low, high = lower[joint.q][i], upper[joint.q][i]
+            low = lower[joint.q][i]
+            high = upper[joint.q][i]
             if least > high + _ROUNDING or most < low - _ROUNDING:
-                span = f"{longest:.3g}" if shortest == longest else f"{shortest:.3g} to {longest:.3g}"
+                span = (
+                    f"{longest:.3g}" if shortest == longest else f"{shortest:.3g} to {longest:.3g}"
+                )
                 return (
-                    f"joint {joint.name!r} starts at {q:.4g} with {v:.4g} per second and cannot stay between {low:.4g} "
-                    f"and {high:.4g} in the first step of {span} s"
+                    f"joint {joint.name!r} starts at {q:.4g} with {v:.4g} per second and cannot"
+                    f" stay between {low:.4g} and {high:.4g} in the first step of {span} s"
                 )
     return None
 
 
 def _least_way(v: float, a: float, speed: float, shortest: float, longest: float) -> float:
-    """Smallest displacement after any step in the range; concave in the step but for where the speed limit is met."""
+    """Smallest displacement after any step in the range; concave in the step but for where the
+    speed limit is met.
+    """
     kink = (v + speed) / a if np.isfinite(a) else 0.0
-    return min(h * (v + max(v - a * h, -speed)) / 2 for h in (shortest, longest, min(max(kink, shortest), longest)))
+    return min(
+        h * (v + max(v - a * h, -speed)) / 2
+        for h in (shortest, longest, min(max(kink, shortest), longest))
+    )
 
 
 def _axes(problem: OcpProblem) -> list[str]:
-    vehicle = ("surge", "sway", "heave", "roll rate", "pitch rate", "yaw rate")[: problem.robot.n_vehicle]
+    vehicle = ("surge", "sway", "heave", "roll rate", "pitch rate", "yaw rate")[
+        : problem.robot.n_vehicle
+    ]
     return [*vehicle, *(f"rate of {name!r}" for name in problem.robot.joint_names)]
 
 
@@ -124,10 +160,11 @@ def _axes(problem: OcpProblem) -> list[str]:
 
 
 def check_goal(scene: CollisionScene, goal: Goal, start: np.ndarray) -> None:
-    """Raise `InvalidInput` where shapes that a goal leaves no choice would touch; start (n_q,) [m, rad].
+    """Raise `InvalidInput` where shapes that a goal leaves no choice would touch; start (n_q,) [m,
+    rad].
 
-    It names the shapes and their depth: of a posture those of the vehicle and the joints that it says; of a tool in a pose those
-    on its link; of a tool at a place the point itself.
+    It names the shapes and their depth: of a posture those of the vehicle and the joints that it
+    says; of a tool in a pose those on its link; of a tool at a place the point itself.
     """
     if isinstance(goal, ToolGoal):
         _check_tool(scene, goal)
@@ -140,7 +177,9 @@ def start_distances(scene: CollisionScene, start: np.ndarray) -> np.ndarray:
 
 
 def goal_distances(scene: CollisionScene, goal: Goal, start: np.ndarray) -> np.ndarray:
-    """(n_pairs,) [m] of the pairs whose places a posture decides, infinite for others; start (n_q,) [m, rad]."""
+    """(n_pairs,) [m] of the pairs whose places a posture decides, infinite for others; start (n_q,)
+    [m, rad].
+    """
     if isinstance(goal, ToolGoal):
         return np.full(scene.n_pairs, np.inf)
     robot = scene.coordinates.robot
@@ -149,23 +188,38 @@ def goal_distances(scene: CollisionScene, goal: Goal, start: np.ndarray) -> np.n
         q[:3] = start[:3] if goal.position is None else q[:3]
         q[3:7] = start[3:7] if goal.rpy is None else q[3:7]
     known = _determined_joints(robot, goal)
-    return np.where([{pair.first_joint, pair.second_joint} <= known for pair in scene.pairs], start_distances(scene, q), np.inf)
+    return np.where(
+        [{pair.first_joint, pair.second_joint} <= known for pair in scene.pairs],
+        start_distances(scene, q),
+        np.inf,
+    )
 
 
 def _determined_joints(robot: Robot, goal: PostureGoal) -> set[int]:
-    """Joints whose places the goal decides, the world among them: those behind joints that it all names."""
-    known, model = {0}, robot.model
+    """Joints whose places the goal decides, the world among them: those behind joints that it all
+    names.
+    """
+    known = {0}
+    model = robot.model
     for joint in range(1, model.njoints):
         vehicle = model.joints[joint].nv == 6
-        named = goal.position is not None or goal.rpy is not None if vehicle else model.names[joint] in goal.joints
+        named = (
+            goal.position is not None or goal.rpy is not None
+            if vehicle
+            else model.names[joint] in goal.joints
+        )
         if named and model.parents[joint] in known:
             known.add(joint)
     return known
 
 
 def _check_tool(scene: CollisionScene, goal: ToolGoal) -> None:
-    robot, shapes = scene.coordinates.robot, list(scene.geometry.geometryObjects)
-    links, obstacles = shapes[: robot.collision_model.ngeoms], shapes[robot.collision_model.ngeoms :]
+    robot = scene.coordinates.robot
+    shapes = list(scene.geometry.geometryObjects)
+    links, obstacles = (
+        shapes[: robot.collision_model.ngeoms],
+        shapes[robot.collision_model.ngeoms :],
+    )
     frame = robot.model.frames[robot.frame_id(goal.frame)]
     placed: list[tuple[str, coal.CollisionGeometry, pin.SE3]] = []
     if isinstance(goal.target, pin.SE3):
@@ -178,26 +232,43 @@ def _check_tool(scene: CollisionScene, goal: ToolGoal) -> None:
         for name, geometry, X in placed:
             depth = -_distance(obstacle.geometry, obstacle.placement, geometry, X)
             if depth >= 0.0:
-                text = f"the goal is in collision: {obstacle.name} - {name} overlap by {depth:.3g} m"
+                text = (
+                    f"the goal is in collision: {obstacle.name} - {name} overlap by {depth:.3g} m"
+                )
                 raise InvalidInput(f"{text}; move it or the obstacle")
 
 
 _POINT = 1e-6  # [m] radius of a ball that stands for a point
 
 
-def _distance(first: coal.CollisionGeometry, X_first: pin.SE3, second: coal.CollisionGeometry, X_second: pin.SE3) -> float:
+def _distance(
+    first: coal.CollisionGeometry,
+    X_first: pin.SE3,
+    second: coal.CollisionGeometry,
+    X_second: pin.SE3,
+) -> float:
     places = [coal.Transform3s(X.rotation, X.translation) for X in (X_first, X_second)]
-    return float(coal.distance(first, places[0], second, places[1], coal.DistanceRequest(), coal.DistanceResult()))
+    return float(
+        coal.distance(
+            first, places[0], second, places[1], coal.DistanceRequest(), coal.DistanceResult()
+        )
+    )
 
 
-# What there is around the robot of a problem, as records keep it: goals of poses, obstacles, a floor.
+# What there is around the robot of a problem, as records keep it: goals of poses, obstacles, a
+# floor.
 
 
 def surroundings(problem: OcpProblem, t0: float) -> SurroundingsMeta:
-    """Describe the surroundings at the end of the horizon, for goals and obstacles that move; t0 [s] is the time of the first
-    node."""
+    """Describe the surroundings at the end of the horizon, for goals and obstacles that move; t0
+    [s] is the time of the first node.
+    """
     end = t0 + float(problem.nominal_times()[-1])
-    poses = [term for term in problem.terms if isinstance(term, TaskTerm) and isinstance(term.task, (PoseTask, ToolPosition))]
+    poses = [
+        term
+        for term in problem.terms
+        if isinstance(term, TaskTerm) and isinstance(term.task, (PoseTask, ToolPosition))
+    ]
     obstacles = [item for term in problem.terms for item in term.scenery(end)]
     seen: Counter[str] = Counter()
     named = []
@@ -218,11 +289,14 @@ def _goal(term: TaskTerm, t: float) -> FrameMeta:
     return FrameMeta(name=f"goal of {term.name}", pose=tuple(pin.SE3ToXYZQUAT(pose).tolist()))
 
 
-# Terms that follow the guess are written anew at the motion that was found, until it is the one they were written at.
+# Terms that follow the guess are written anew at the motion that was found, until it is the one
+# they were written at.
 
 _MOST_ROUNDS = 14
 _AGREES = 8e-4  # [m] between rows that decide and distances
-_NEAR = 5e-3  # [m] of these, from which on what is missing is missing between nodes, not because rows are elsewhere
+# [m] of these, from which on what is missing is missing between nodes, not because rows are
+# elsewhere
+_NEAR = 5e-3
 _GAIN = 1e-3  # share of a residual that is not worth another round
 _ZERO = 1e-4  # residual of a level that is met
 _USABLE = 1e-5  # violation of a point that counts
@@ -255,7 +329,9 @@ class RefinedResult:
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class Refinement:
-    """One problem, solved until its terms are written where its motion is, or the deadline [s] is over."""
+    """One problem, solved until its terms are written where its motion is, or the deadline [s] is
+    over.
+    """
 
     planner: Planner
     given: OcpProblem
@@ -270,11 +346,16 @@ class Refinement:
         """The last that is no worse, or usable."""
         q = (guess.trajectory if isinstance(guess, Plan) else guess).q
         if len(q) != self.given.n_steps + 1:
-            q = np.tile(self.given.start.q, (self.given.n_steps + 1, 1))  # a guess that `solve` refuses
-        best, gained = self._solved(guess, q, {}), np.inf
+            q = np.tile(
+                self.given.start.q, (self.given.n_steps + 1, 1)
+            )  # a guess that `solve` refuses
+        best = self._solved(guess, q, {})
+        gained = np.inf
         for _ in range(_MOST_ROUNDS if self._terms else 0):
             times: list[float] = (self.t0 + self.given.nominal_times()).tolist()
-            path = admissible(self.planner.transcription.unpack(best.result.x, self.given), self.given.robot)
+            path = admissible(
+                self.planner.transcription.unpack(best.result.x, self.given), self.given.robot
+            )
             off = max(term.mismatch(times, best.near, path.q) for term in self._terms)
             settled = best.result.status.optimal and (off <= _AGREES or gained <= _GAIN)
             missing = self._missing(best, path) if settled or off <= _NEAR else {}
@@ -296,15 +377,22 @@ class Refinement:
     def _terms(self) -> list[ShapeClearance]:
         return [term for term in self.given.terms if isinstance(term, ShapeClearance)]
 
-    def _solved(self, guess: Guess, q: np.ndarray, tightened: Mapping[Term, np.ndarray]) -> RefinedResult:
+    def _solved(
+        self, guess: Guess, q: np.ndarray, tightened: Mapping[Term, np.ndarray]
+    ) -> RefinedResult:
         """Written at configurations q (n_nodes, n_q)."""
-        p = self.planner.transcription.parameters(self.given, t0=self.t0, near=q, tightened=tightened)
-        solve, left = unchecked_method(self.planner.solve), max(self._left, 0.0)
+        p = self.planner.transcription.parameters(
+            self.given, t0=self.t0, near=q, tightened=tightened
+        )
+        solve = unchecked_method(self.planner.solve)
+        left = max(self._left, 0.0)
         result = solve(p, guess, problem=self.given, time_limit=left, progress=self.progress)
         return RefinedResult(result=result, p=p, near=q, tightened=tightened)
 
     def _missing(self, best: RefinedResult, path: Trajectory) -> dict[Term, np.ndarray]:
-        """Add the shortfall between nodes to the margins so far; nothing at the last node, whose place is the goal's."""
+        """Add the shortfall between nodes to the margins so far; nothing at the last node, whose
+        place is the goal's.
+        """
         result: dict[Term, np.ndarray] = {}
         for term in _held_apart(self.given):
             padded = np.pad(shortfall(term, path, self.t0), ((_BESIDE, _BESIDE), (0, 0)))
@@ -317,7 +405,8 @@ class Refinement:
 
 def _gain(before: LexicographicResult, after: LexicographicResult) -> float:
     """Share of its residual by which the first level that changed has changed."""
-    old, new = before.level_residuals, after.level_residuals
+    old = before.level_residuals
+    new = after.level_residuals
     share = (old - new) / np.maximum(old, _ZERO)
     changed = np.flatnonzero((np.abs(share) > _GAIN) & (np.maximum(old, new) > _ZERO))
     return float(abs(share[changed[0]])) if len(changed) else 0.0
@@ -332,17 +421,24 @@ def _held_apart(given: OcpProblem) -> list[ShapeClearance]:
 
 _COARSE: dict[str, Any] = {"convergence": 1e-2, "max_iterations": 20}
 _SHARE = 0.2  # of a time limit, for the guess
-_EARLY, _COSTLY = 3, 1.08  # iterations, after which motions of so many times the least residual are given up
+# iterations, after which motions of so many times the least residual are given up
+_EARLY = 3
+_COSTLY = 1.08
 _TRIED = 2  # motions that all fail, as where shapes are in the way, after which no other is tried
-_SAME, _CLOSE, _COMPARED = 5e-4, 1.05, 3  # share within which residuals are one; up to which, and how many, meet over all steps
+# share within which residuals are one; up to which, and how many, meet over all steps
+_SAME = 5e-4
+_CLOSE = 1.05
+_COMPARED = 3
 _FEW_STEPS = 100  # through which the virtual machine takes no longer than a compiler
 
 
 @checked
 class Planner:
-    """Solves problems of one shape, built once with its NLPs; see `uvms_ocp.ocp.transcription.term_rows`.
+    """Solves problems of one shape, built once with its NLPs; see
+    `uvms_ocp.ocp.transcription.term_rows`.
 
-    Threads that share one, or its transcription, take turns: their functions keep memory. Give each a planner, and none waits.
+    Threads that share one, or its transcription, take turns: their functions keep memory. Give each
+    a planner, and none waits.
     """
 
     def __init__(
@@ -353,21 +449,25 @@ class Planner:
         transcription: Transcription | None = None,
         wait_for_compiler: bool = False,
     ) -> None:
-        """transcription: of the same problem for the same plugin, to share it between planners of different options.
-        wait_for_compiler: before the first search, which else begins in CasADi's virtual machine, at a twentieth of the speed,
-        and comes to the same plan: stage by stage it goes on in machine code as soon as that is there, with IPOPT the next
-        planner does. It is waited for always where there is a time limit, and with IPOPT where steps are many.
+        """transcription: of the same problem for the same plugin, to share it between planners of
+        different options. wait_for_compiler: before the first search, which else begins in CasADi's
+        virtual machine, at a twentieth of the speed, and comes to the same plan: stage by stage it
+        goes on in machine code as soon as that is there, with IPOPT the next planner does. It is
+        waited for always where there is a time limit, and with IPOPT where steps are many.
         """
         given = options or NlpOptions()
         plugin = transcription.plugin if transcription is not None else stagewise_or(IPOPT, problem)
         self.options = replace(given, plugin=plugin) if given.plugin == AUTO else given
         """With the solver that was chosen."""
         many = problem.n_steps > _FEW_STEPS and self.options.plugin != STAGEWISE
-        self.problem, self._wait = problem, wait_for_compiler or given.time_limit < DAY or many
+        self.problem = problem
+        self._wait = wait_for_compiler or given.time_limit < DAY or many
         self._tries_ipopt = given.plugin == AUTO and plugin == STAGEWISE
         with compiling_beside(not self._wait), raised_outside_casadi():
             self.transcription = transcription or Transcription(problem, plugin=self.options.plugin)
-            self._nlp = LexicographicNlp(program_for(self.options.plugin, self.transcription), self.options)
+            self._nlp = LexicographicNlp(
+                program_for(self.options.plugin, self.transcription), self.options
+            )
 
     def plan(
         self,
@@ -380,13 +480,15 @@ class Planner:
     ) -> Plan:
         """Plan for `problem`, by default the one this planner was built from.
 
-        problem: of the same shape. Start, current, goals, places and sizes of obstacles, weights, bounds and durations may
-        differ; anything else raises `InvalidInput`, which says what. guess: a trajectory, or an earlier plan to start
-        from, warm; by default the robot holds its start, or, stage by stage with fixed durations, takes the best motion over
-        a few steps towards several postures. t0 [s]: time of the first node, for goals that move. diagnose: where a goal is
-        missed, try longer horizons to say why, and where constraints are, look for what would have to give way, within the
-        time limit of the options. progress: called every iteration; a `KeyboardInterrupt` from it ends the search with the
-        best plan so far, whose status says so. Ctrl-C does too, and raises `Interrupted`, whose `result` is that plan.
+        problem: of the same shape. Start, current, goals, places and sizes of obstacles, weights,
+        bounds and durations may differ; anything else raises `InvalidInput`, which says what.
+        guess: a trajectory, or an earlier plan to start from, warm; by default the robot holds its
+        start, or, stage by stage with fixed durations, takes the best motion over a few steps
+        towards several postures. t0 [s]: time of the first node, for goals that move. diagnose:
+        where a goal is missed, try longer horizons to say why, and where constraints are, look for
+        what would have to give way, within the time limit of the options. progress: called every
+        iteration; a `KeyboardInterrupt` from it ends the search with the best plan so far, whose
+        status says so. Ctrl-C does too, and raises `Interrupted`, whose `result` is that plan.
         """
         presses: list[object] = []
 
@@ -397,25 +499,44 @@ class Planner:
                 progress(moment)
 
         with on_interrupt(presses.append), self.transcription.turn:
-            plan = self._planned(problem or self.problem, guess, t0, perf_counter() + self.options.time_limit, diagnose, report)
+            plan = self._planned(
+                problem or self.problem,
+                guess,
+                t0,
+                perf_counter() + self.options.time_limit,
+                diagnose,
+                report,
+            )
         if presses:
             raise Interrupted(plan.reason, plan)
         return plan
 
     @cached_property
     def _coarse(self) -> Planner:
-        return Planner(coarse_problem(self.problem), replace(self.options, **_COARSE), wait_for_compiler=self._wait)
+        return Planner(
+            coarse_problem(self.problem),
+            replace(self.options, **_COARSE),
+            wait_for_compiler=self._wait,
+        )
 
     def _first_guess(self, given: OcpProblem, t0: float, ends: float) -> Trajectory:
-        """Guess the best motion over a few steps that meets all levels above the last: stage by stage it takes little.
+        """Guess the best motion over a few steps that meets all levels above the last: stage by
+        stage it takes little.
 
-        Those that cost least there are compared over all steps, as far as one iteration brings them.
+        Those that cost least there are compared over all steps, as far as one iteration brings
+        them.
         """
-        seen, presses, most = list[IterationReport](), list[object](), np.inf
-        few, hold, begin = coarse_problem(given), hold_guess(given), perf_counter()
+        seen = list[IterationReport]()
+        presses = list[object]()
+        most = np.inf
+        few = coarse_problem(given)
+        hold = hold_guess(given)
+        begin = perf_counter()
         if self.options.plugin != STAGEWISE or given.free_time or given.n_steps < 2 * COARSE_STEPS:
             return hold
-        kept, compared, best = dict[float, Trajectory](), dict[float, Trajectory](), list[Trajectory]()
+        kept = dict[float, Trajectory]()
+        compared = dict[float, Trajectory]()
+        best = list[Trajectory]()
 
         def look(now: IterationReport) -> None:
             seen.extend([now] if now.level == given.levels[-1].name else [])
@@ -423,53 +544,130 @@ class Planner:
             if now.level != given.levels[-1].name or costly or now.iteration >= most:
                 raise KeyboardInterrupt
 
-        with on_interrupt(presses.append), suppress(Stopped):  # which ends the search that begins here
-            short = Refinement(planner=self._coarse, given=few, t0=t0, deadline=begin + _SHARE * (ends - begin), progress=look)
-            for k, guess in enumerate(takewhile(lambda _: short._left > 0.0 and not presses, coarse_guesses(few))):
+        with (
+            on_interrupt(presses.append),
+            suppress(Stopped),
+        ):  # which ends the search that begins here
+            short = Refinement(
+                planner=self._coarse,
+                given=few,
+                t0=t0,
+                deadline=begin + _SHARE * (ends - begin),
+                progress=look,
+            )
+            for k, guess in enumerate(
+                takewhile(lambda _: short._left > 0.0 and not presses, coarse_guesses(few))
+            ):
                 if k == _TRIED and not kept:
                     break
                 end = short._solved(guess, guess.q, {}).result
-                if end.status.optimal and not np.isclose(list(kept), seen[-1].residual, rtol=_SAME).any():
-                    kept[seen[-1].residual] = shift_guess(given, self._coarse.transcription.unpack(end.x, few), 0.0, given.start)
-            long, most = replace(short, planner=self, given=given), 1
-            best = [kept[residual] for residual in sorted(kept)[:_COMPARED] if residual <= _CLOSE * min(kept)]
-            for guess in takewhile(lambda _: len(best) > 1 and short._left > 0.0 and not presses, best):
-                compared[seen[-1].residual] = self.transcription.unpack(long._solved(guess, guess.q, {}).result.x, given)
+                if (
+                    end.status.optimal
+                    and not np.isclose(list(kept), seen[-1].residual, rtol=_SAME).any()
+                ):
+                    kept[seen[-1].residual] = shift_guess(
+                        given, self._coarse.transcription.unpack(end.x, few), 0.0, given.start
+                    )
+            long = replace(short, planner=self, given=given)
+            most = 1
+            best = [
+                kept[residual]
+                for residual in sorted(kept)[:_COMPARED]
+                if residual <= _CLOSE * min(kept)
+            ]
+            for guess in takewhile(
+                lambda _: len(best) > 1 and short._left > 0.0 and not presses, best
+            ):
+                compared[seen[-1].residual] = self.transcription.unpack(
+                    long._solved(guess, guess.q, {}).result.x, given
+                )
         motions = compared if compared and len(compared) == len(best) else kept
         return motions[min(motions)] if motions else hold
 
     @cached_property
     def _by_ipopt(self) -> Planner:
-        return Planner(self.problem, replace(self.options, plugin=IPOPT), wait_for_compiler=self._wait)
+        return Planner(
+            self.problem, replace(self.options, plugin=IPOPT), wait_for_compiler=self._wait
+        )
 
     def _planned(
-        self, given: OcpProblem, guess: MotionGuess | None, t0: float, ends: float, diagnose: bool, progress: Progress
+        self,
+        given: OcpProblem,
+        guess: MotionGuess | None,
+        t0: float,
+        ends: float,
+        diagnose: bool,
+        progress: Progress,
     ) -> Plan:
         begin = perf_counter()
         obstruction = self.transcription.obstruction(given)
         if obstruction is not None:
             name, depth = obstruction
-            text = f"{name} is broken by {depth:.4g} at the start{describe_crowded_start(given, name)}"
-            return _made(given, 0.0, begin, hold_guess(given), status=OcpStatus.OBSTRUCTED, reason=text, levels=())
-        if (impossible := impossible_start(given)) is not None:
-            return _made(given, 0.0, begin, hold_guess(given), status=OcpStatus.INFEASIBLE, reason=impossible, levels=())
+            text = (
+                f"{name} is broken by {depth:.4g} at the start{describe_crowded_start(given, name)}"
+            )
+            return _made(
+                given,
+                0.0,
+                begin,
+                hold_guess(given),
+                status=OcpStatus.OBSTRUCTED,
+                reason=text,
+                levels=(),
+            )
+        impossible = impossible_start(given)
+        if impossible is not None:
+            return _made(
+                given,
+                0.0,
+                begin,
+                hold_guess(given),
+                status=OcpStatus.INFEASIBLE,
+                reason=impossible,
+                levels=(),
+            )
         refinement = Refinement(planner=self, given=given, t0=t0, deadline=ends, progress=progress)
         start = self._first_guess(given, t0, ends) if guess is None else guess
-        found, finder, note = refinement.solved(start), self, ""
+        found = refinement.solved(start)
+        finder = self
+        note = ""
         status = found.result.status
-        if self._tries_ipopt and not (status.optimal or self._nlp.watch.should_stop or perf_counter() > ends):
+        if self._tries_ipopt and not (
+            status.optimal or self._nlp.watch.should_stop or perf_counter() > ends
+        ):
             second = None
             with suppress(Stopped):  # while it is built
                 second = replace(refinement, planner=self._by_ipopt).solved(start)
-            if second is not None and second.result.violation <= max(found.result.violation, _USABLE):
-                found, finder, note = second, self._by_ipopt, f"; by ipopt: {STAGEWISE} ended {status.value!r}"
-            elif second is None or NlpStatus.INTERRUPTED in second.result.level_status:  # nothing else is begun
-                ended = tuple(one if one.optimal else NlpStatus.INTERRUPTED for one in found.result.level_status)
-                found = replace(found, result=replace(found.result, level_status=ended, status=NlpStatus.INTERRUPTED))
-        plan = finder._plan(given, finder._court(given, found, t0, ends if diagnose else None).verdict(found.result), t0, begin)
+            if second is not None and second.result.violation <= max(
+                found.result.violation, _USABLE
+            ):
+                found = second
+                finder = self._by_ipopt
+                note = f"; by ipopt: {STAGEWISE} ended {status.value!r}"
+            elif (
+                second is None or NlpStatus.INTERRUPTED in second.result.level_status
+            ):  # nothing else is begun
+                ended = tuple(
+                    one if one.optimal else NlpStatus.INTERRUPTED
+                    for one in found.result.level_status
+                )
+                found = replace(
+                    found,
+                    result=replace(found.result, level_status=ended, status=NlpStatus.INTERRUPTED),
+                )
+        plan = finder._plan(
+            given,
+            finder._court(given, found, t0, ends if diagnose else None).verdict(found.result),
+            t0,
+            begin,
+        )
         for term in _held_apart(given) if plan.status.usable else ():
-            if (missed := float(shortfall(term, plan.trajectory, t0).max(initial=0.0))) > _AGREES:
-                note += f"; between nodes {term.name} misses its margin by {missed:.2g} m: take more steps"
+            missed = float(shortfall(term, plan.trajectory, t0).max(initial=0.0))
+            if missed > _AGREES:
+                note += (
+                    f"; between nodes {term.name} misses its margin by {missed:.2g} m: take more"
+                    " steps"
+                )
         return replace_unchecked(plan, reason=plan.reason + note)
 
     def solve(
@@ -481,16 +679,23 @@ class Planner:
         time_limit: Bound | None = None,
         progress: Progress | None = None,
     ) -> LexicographicResult:
-        """The lexicographic solution for parameters p (n_p,) [unit of the parameter] of `Transcription.parameters`.
+        """The lexicographic solution for parameters p (n_p,) [unit of the parameter] of
+        `Transcription.parameters`.
 
-        problem: that of p, by default the one this planner was built from. time_limit [s]: where it is to be shorter than
-        that of the options. progress: as `plan` takes it.
+        problem: that of p, by default the one this planner was built from. time_limit [s]: where it
+        is to be shorter than that of the options. progress: as `plan` takes it.
         """
         with self.transcription.turn:
             lower, upper = self.transcription.bounds(problem)
             ranges = self.transcription.ranges(problem)
             return unchecked_method(self._nlp.solve)(
-                self._start(guess), p=p, x_lower=lower, x_upper=upper, ranges=ranges, time_limit=time_limit, progress=progress
+                self._start(guess),
+                p=p,
+                x_lower=lower,
+                x_upper=upper,
+                ranges=ranges,
+                time_limit=time_limit,
+                progress=progress,
             )
 
     def _start(self, guess: Guess) -> np.ndarray | LexicographicResult:
@@ -498,27 +703,54 @@ class Planner:
             guess = guess.trajectory if guess.result is None else guess.result
         return guess if isinstance(guess, LexicographicResult) else self.transcription.pack(guess)
 
-    def _court(self, given: OcpProblem, found: RefinedResult, t0: float, deadline: float | None) -> Diagnosis:
+    def _court(
+        self, given: OcpProblem, found: RefinedResult, t0: float, deadline: float | None
+    ) -> Diagnosis:
         def solve(other: OcpProblem, x: np.ndarray | None, limit: float) -> LexicographicResult:
-            numbers = self.transcription.parameters(other, t0=t0, near=found.near, tightened=found.tightened)
+            numbers = self.transcription.parameters(
+                other, t0=t0, near=found.near, tightened=found.tightened
+            )
             guess = hold_guess(other) if x is None else self.transcription.unpack(x, other)
             return self.solve(numbers, guess, problem=other, time_limit=limit)
 
         feasibility = self.options.feasibility
         return Diagnosis(
-            transcription=self.transcription, problem=given, p=found.p, feasibility=feasibility, solve=solve, deadline=deadline
+            transcription=self.transcription,
+            problem=given,
+            p=found.p,
+            feasibility=feasibility,
+            solve=solve,
+            deadline=deadline,
         )
 
     def _plan(self, given: OcpProblem, verdict: SolveVerdict, t0: float, begin: float) -> Plan:
         trajectory = admissible(self.transcription.unpack(verdict.result.x, given), given.robot)
-        reports = [certificate(term, trajectory) for term in _held_apart(given)] if verdict.status.usable else []
-        clearance = min(reports, key=lambda report: (report.collision_free, report.nearest.distance), default=None)
+        reports = (
+            [certificate(term, trajectory) for term in _held_apart(given)]
+            if verdict.status.usable
+            else []
+        )
+        clearance = min(
+            reports,
+            key=lambda report: (report.collision_free, report.nearest.distance),
+            default=None,
+        )
         found = {"clearance": clearance, "result": verdict.result, "plugin": self.options.plugin}
         levels = tuple(self._reports(verdict.result))
-        return _made(given, t0, begin, trajectory, status=verdict.status, reason=verdict.reason, levels=levels, **found)
+        return _made(
+            given,
+            t0,
+            begin,
+            trajectory,
+            status=verdict.status,
+            reason=verdict.reason,
+            levels=levels,
+            **found,
+        )
 
     def _reports(self, result: LexicographicResult) -> list[LevelReport]:
-        statuses, residuals = result.level_status, result.level_residuals.tolist()
+        statuses = result.level_status
+        residuals = result.level_residuals.tolist()
         return [
             LevelReport(
                 name=level.name,
@@ -537,11 +769,22 @@ _unchecked = unchecked_constructor(Plan)
 
 def _made(given: OcpProblem, t0: float, begin: float, trajectory: Trajectory, **found: Any) -> Plan:
     """Plan begun at the moment `begin` [s], with what it has of its problem."""
-    around, current, spent = surroundings(given, t0), tuple(given.mean_current.tolist()), perf_counter() - begin
-    return _unchecked(robot=given.robot, trajectory=trajectory, surroundings=around, current=current, solve_time=spent, **found)
+    around = surroundings(given, t0)
+    current = tuple(given.mean_current.tolist())
+    spent = perf_counter() - begin
+    return _unchecked(
+        robot=given.robot,
+        trajectory=trajectory,
+        surroundings=around,
+        current=current,
+        solve_time=spent,
+        **found,
+    )
 
 
 @checked
-def plan(problem: OcpProblem, options: NlpOptions | None = None, guess: Trajectory | None = None) -> Plan:
+def plan(
+    problem: OcpProblem, options: NlpOptions | None = None, guess: Trajectory | None = None
+) -> Plan:
     """Plan once; build a `Planner` to plan again and again."""
     return Planner(problem, options).plan(guess=guess)

@@ -25,9 +25,10 @@ MOST_STEPS = 2000
 class Integrator(Enum):
     """Integrator: how a constant acceleration a moves the configuration over a step h.
 
-    MIDPOINT: ``q (+) (h v + h^2/2 a)``, second order on the manifold. MAGNUS: with the commutator of v and a, fourth
-    order. EULER: semi-implicit, ``q (+) h (v + h a)`` with the forces of the beginning of the step, first order: what
-    shooting solvers for robots usually have, to compare with them.
+    MIDPOINT: ``q (+) (h v + h^2/2 a)``, second order on the manifold. MAGNUS: with the commutator
+    of v and a, fourth order. EULER: semi-implicit, ``q (+) h (v + h a)`` with the forces of the
+    beginning of the step, first order: what shooting solvers for robots usually have, to compare
+    with them.
     """
 
     MIDPOINT = "midpoint"
@@ -36,14 +37,18 @@ class Integrator(Enum):
 
 
 class Actuation(Enum):
-    """THRUSTERS: within each thruster's limits, through the thruster matrix. WRENCH: any wrench on the vehicle."""
+    """THRUSTERS: within each thruster's limits, through the thruster matrix. WRENCH: any wrench on
+    the vehicle.
+    """
 
     THRUSTERS = "thrusters"
     WRENCH = "wrench"
 
 
 class HessianKind(Enum):
-    """EXACT, or GAUSS_NEWTON: cheaper and never indefinite, but blind to the curvature of the constraints."""
+    """EXACT, or GAUSS_NEWTON: cheaper and never indefinite, but blind to the curvature of the
+    constraints.
+    """
 
     EXACT = "exact"
     GAUSS_NEWTON = "gauss-newton"
@@ -51,7 +56,9 @@ class HessianKind(Enum):
 
 @checked_dataclass(eq=False)
 class OcpPhase:
-    """A stretch of the horizon. Raises `InvalidInput` without steps, and for durations that are not finite and positive."""
+    """A stretch of the horizon. Raises `InvalidInput` without steps, and for durations that are not
+    finite and positive.
+    """
 
     name: str = "horizon"
     n_steps: AtLeastOne = 40
@@ -64,9 +71,14 @@ class OcpPhase:
             text = f"phase {self.name!r}: n_steps = {self.n_steps}; give at most {MOST_STEPS}"
             raise InvalidInput(f"{text}: each step takes 0.6 MB and its share of every iteration")
         if not (np.isfinite([shortest, longest]).all() and 0 < shortest <= longest):
-            raise InvalidInput(f"phase {self.name!r}: duration {self.duration} s; give a time > 0, or a range of such")
+            raise InvalidInput(
+                f"phase {self.name!r}: duration {self.duration} s; give a time > 0, or a range of"
+                " such"
+            )
         if longest > DAY:
-            raise InvalidInput(f"phase {self.name!r}: duration {self.duration} s; give at most {DAY:g} s, a day")
+            raise InvalidInput(
+                f"phase {self.name!r}: duration {self.duration} s; give at most {DAY:g} s, a day"
+            )
 
     @property
     def free(self) -> bool:
@@ -85,7 +97,8 @@ class OcpPhase:
 
 @checked_dataclass(eq=False)
 class OcpLevel:
-    """Terms of one priority; their squared distances add up by weight, path terms as a mean over the nominal time.
+    """Terms of one priority; their squared distances add up by weight, path terms as a mean over
+    the nominal time.
 
     Raises `InvalidInput` without terms.
     """
@@ -102,11 +115,13 @@ class OcpLevel:
 
 @checked_dataclass(eq=False, repr=False)
 class OcpProblem(FieldTable):
-    """Levels from the highest priority to the lowest, subject to dynamics, limits of the robot and `constraints`.
+    """Levels from the highest priority to the lowest, subject to dynamics, limits of the robot and
+    `constraints`.
 
-    Raises `NameNotFound` for a term of a phase that there is not, and `InvalidInput` without phases or levels, for phases or
-    levels of one name, a level that minimises time above others without `relax`, thrusters that the robot does not have, power
-    that is not known, a start or current of the wrong shape or not finite, and a freedom of the start that is negative.
+    Raises `NameNotFound` for a term of a phase that there is not, and `InvalidInput` without phases
+    or levels, for phases or levels of one name, a level that minimises time above others without
+    `relax`, thrusters that the robot does not have, power that is not known, a start or current of
+    the wrong shape or not finite, and a freedom of the start that is negative.
     """
 
     robot: Robot
@@ -126,8 +141,10 @@ class OcpProblem(FieldTable):
     """False leaves out all limits of the robot, for comparisons."""
     altimeter_frame: str = "altimeter"
     start_freedom: np.ndarray | None = None
-    """(2 n_v,) [m, rad, m/s, rad/s] By how much each axis of the first state may differ from `start`: those of the
-    configuration, then those of the velocity; infinite where it is free, within the limits. By default not at all."""
+    """(2 n_v,) [m, rad, m/s, rad/s] By how much each axis of the first state may differ from
+    `start`: those of the configuration, then those of the velocity; infinite where it is free,
+    within the limits. By default not at all.
+    """
     periodic: bool = False
     """The motion ends in the state in which it begins."""
     longest: Annotated[float, Range(0.0)] = np.inf
@@ -135,23 +152,49 @@ class OcpProblem(FieldTable):
 
     def __post_init__(self) -> None:
         if not self.phases or not self.levels:
-            raise InvalidInput("an optimal control problem needs phases and levels; give at least one of each")
+            raise InvalidInput(
+                "an optimal control problem needs phases and levels; give at least one of each"
+            )
         self._check_names()
         for level in self.levels[:-1]:
             if level.relax is None and any(term.minimises_time for term in level.terms):
-                raise InvalidInput(f"level {level.name!r} minimises time: give it `relax`, such as 0.01, or put it last")
-        if np.shape(self.current) not in ((3,), (self.n_steps, 3)) or not np.isfinite(self.current).all():
-            raise InvalidInput(f"current {self.current}; give three finite numbers [m/s], or three for each step")
-        if self.robot.n_vehicle and self.actuation is Actuation.THRUSTERS and not self.robot.description.thrusters:
+                raise InvalidInput(
+                    f"level {level.name!r} minimises time: give it `relax`, such as 0.01, or put it"
+                    " last"
+                )
+        if (
+            np.shape(self.current) not in ((3,), (self.n_steps, 3))
+            or not np.isfinite(self.current).all()
+        ):
+            raise InvalidInput(
+                f"current {self.current}; give three finite numbers [m/s], or three for each step"
+            )
+        if (
+            self.robot.n_vehicle
+            and self.actuation is Actuation.THRUSTERS
+            and not self.robot.description.thrusters
+        ):
             others = "plan without forces by `plan curve`, or in Python with Actuation.WRENCH"
-            raise InvalidInput(f"robot {self.robot.name!r} has no thrusters; give some in hydrodynamics.yaml, {others}")
+            raise InvalidInput(
+                f"robot {self.robot.name!r} has no thrusters; give some in hydrodynamics.yaml,"
+                f" {others}"
+            )
         self._check_powers()
         self.robot.check_configuration(self.start.q)
         if np.shape(self.start.v) != (self.robot.n_v,) or not np.isfinite(self.start.v).all():
-            raise InvalidInput(f"velocity at the start has shape {np.shape(self.start.v)}; give {self.robot.n_v} finite numbers")
-        freedom, n = self.start_freedom, 2 * self.robot.n_v
-        if freedom is not None and (np.shape(freedom) != (n,) or not (np.asarray(freedom) >= 0).all()):
-            raise InvalidInput(f"start_freedom {freedom}; give {n} numbers >= 0, of all axes and of their velocities")
+            raise InvalidInput(
+                f"velocity at the start has shape {np.shape(self.start.v)}; give {self.robot.n_v}"
+                " finite numbers"
+            )
+        freedom = self.start_freedom
+        n = 2 * self.robot.n_v
+        if freedom is not None and (
+            np.shape(freedom) != (n,) or not (np.asarray(freedom) >= 0).all()
+        ):
+            raise InvalidInput(
+                f"start_freedom {freedom}; give {n} numbers >= 0, of all axes and of their"
+                " velocities"
+            )
 
     @property
     def n_steps(self) -> int:
@@ -169,7 +212,9 @@ class OcpProblem(FieldTable):
     @property
     def mean_current(self) -> np.ndarray:
         """(3,) [m/s] over the steps."""
-        return np.asarray(self.current if np.ndim(self.current) == 1 else np.mean(self.current, axis=0))
+        return np.asarray(
+            self.current if np.ndim(self.current) == 1 else np.mean(self.current, axis=0)
+        )
 
     @property
     def free_time(self) -> bool:
@@ -196,7 +241,8 @@ class OcpProblem(FieldTable):
 
     def _check_names(self) -> None:
         """Reports, multipliers and terms find phases and levels by them."""
-        names, levels = [phase.name for phase in self.phases], [level.name for level in self.levels]
+        names = [phase.name for phase in self.phases]
+        levels = [level.name for level in self.levels]
         for kind, given in (("phases", names), ("levels", levels)):
             if len(set(given)) < len(given):
                 raise InvalidInput(f"{kind} {given} share a name; give each its own")
@@ -210,17 +256,33 @@ class OcpProblem(FieldTable):
         if not (names and self.robot.n_vehicle):
             return
         if self.actuation is Actuation.WRENCH:
-            raise InvalidInput(f"{names[0]}: the power of a wrench is not known; use Actuation.THRUSTERS, or Effort")
-        unknown = [thruster.name for thruster in self.robot.description.thrusters if thruster.power is None]
+            raise InvalidInput(
+                f"{names[0]}: the power of a wrench is not known; use Actuation.THRUSTERS, or"
+                " Effort"
+            )
+        unknown = [
+            thruster.name for thruster in self.robot.description.thrusters if thruster.power is None
+        ]
         if unknown:
-            raise InvalidInput(f"{names[0]}: no power is given for thruster {', '.join(unknown)}; add it, or use Effort")
+            raise InvalidInput(
+                f"{names[0]}: no power is given for thruster {', '.join(unknown)}; add it, or use"
+                " Effort"
+            )
 
 
 @checked
 def single_phase(
-    *, robot: Robot, start: State, duration: float, n_steps: int, levels: Sequence[OcpLevel], **options: object
+    *,
+    robot: Robot,
+    start: State,
+    duration: float,
+    n_steps: int,
+    levels: Sequence[OcpLevel],
+    **options: object,
 ) -> OcpProblem:
-    """A problem over one horizon of fixed duration [s]; `options` are further fields of `OcpProblem`."""
+    """A problem over one horizon of fixed duration [s]; `options` are further fields of
+    `OcpProblem`.
+    """
     phase = OcpPhase(duration=duration, n_steps=n_steps)
     return OcpProblem(robot=robot, start=start, phases=(phase,), levels=tuple(levels), **options)  # type: ignore[arg-type]
 
@@ -228,7 +290,8 @@ def single_phase(
 def counts(problem: OcpProblem, term: Term, phase: OcpPhase, *, at_end: bool) -> bool:
     """True where the term has rows at the steps of the phase, or at the node that ends it.
 
-    The last node of the horizon has no step of its own: path terms of the state count there as well.
+    The last node of the horizon has no step of its own: path terms of the state count there as
+    well.
     """
     last = phase is problem.phases[-1]
     if term.at is At.PATH:

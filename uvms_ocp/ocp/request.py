@@ -19,8 +19,21 @@ from uvms_ocp.ocp.problem import OcpLevel, OcpProblem, single_phase
 from uvms_ocp.ocp.terms import AtRest, Effort, Posture, Smoothness, TaskTerm
 from uvms_ocp.ocp.trajectory import Trajectory, admissible_configurations, guess_through, hold_guess
 from uvms_ocp.planning.distances import CoalDistances
-from uvms_ocp.planning.request import FiniteTriple, Goal, PlanRequest, PostureGoal, check_goal_distance, plan_path
-from uvms_ocp.planning.scene import CollisionScene, Coordinates, NearestPair, collision_scene, coordinates
+from uvms_ocp.planning.request import (
+    FiniteTriple,
+    Goal,
+    PlanRequest,
+    PostureGoal,
+    check_goal_distance,
+    plan_path,
+)
+from uvms_ocp.planning.scene import (
+    CollisionScene,
+    Coordinates,
+    NearestPair,
+    collision_scene,
+    coordinates,
+)
 from uvms_ocp.robot import Robot, State
 from uvms_ocp.robot.shapes.obstacles import Obstacle, seafloor
 from uvms_ocp.solvers.nlp.level_solver import AUTO, NlpOptions, Progress
@@ -30,37 +43,53 @@ from uvms_ocp.types import DAY, Array, AtLeastOne, Bound, Magnitude, Positive, R
 # A curve around obstacles, of the shapes alone, as the guess of a plan in water.
 
 _SAMPLES = 200
-_BARRIER = 1e-4  # of IPOPT, which leaves the curve behind with more of it: plans roll over on their way
+_BARRIER = (
+    1e-4  # of IPOPT, which leaves the curve behind with more of it: plans roll over on their way
+)
 
 
 @checked
-def along_curve(problem: OcpProblem, coordinates: Coordinates, curve: PiecewisePolynomial) -> Trajectory:
+def along_curve(
+    problem: OcpProblem, coordinates: Coordinates, curve: PiecewisePolynomial
+) -> Trajectory:
     """Guess along a curve of coordinates, at the pace that ends with the problem's nominal time."""
     t = np.linspace(curve.start, curve.end, _SAMPLES)
     share = (t - curve.start) / (curve.end - curve.start)
-    return guess_through(problem, share * problem.nominal_times()[-1], coordinates.configurations(curve.evaluate(t)))
+    return guess_through(
+        problem, share * problem.nominal_times()[-1], coordinates.configurations(curve.evaluate(t))
+    )
 
 
 def curve_guess(problem: OcpProblem, request: PlanRequest) -> Trajectory | None:
-    """Guess along the curve that the request asks for; `None` where no curve is free of collision."""
+    """Guess along the curve that the request asks for; `None` where no curve is free of
+    collision.
+    """
     try:
         found = plan_path(request)
-    except InvalidInput:  # what a curve cannot do, such as a goal of some joints alone, is no mistake here
+    except (
+        InvalidInput
+    ):  # what a curve cannot do, such as a goal of some joints alone, is no mistake here
         return None
     if found.plan is None or not found.plan.collision_free:
         return None
     return along_curve(problem, found.scene.coordinates, found.plan.trajectory)
 
 
-# One plan by optimal control from what an engineer asks for: with water, thrusters and torques, among obstacles.
+# One plan by optimal control from what an engineer asks for: with water, thrusters and torques,
+# among obstacles.
 
-_OF_LINKS, _OF_OBSTACLES = 0.75, 0.99
-"""Shares of the distances at start and goal that are kept where more is asked; arms are stowed close by design."""
+_OF_LINKS = 0.75
+_OF_OBSTACLES = 0.99
+"""Shares of the distances at start and goal that are kept where more is asked; arms are stowed
+close by design.
+"""
 
 
 @checked_dataclass(eq=False)
 class OcpRequest:
-    """Request for a motion: first the goal, at rest and within all limits, then little effort on smooth paths."""
+    """Request for a motion: first the goal, at rest and within all limits, then little effort on
+    smooth paths.
+    """
 
     robot: Robot
     start: Annotated[Array, Shape("robot.n_q"), Range(open=True)]
@@ -68,8 +97,9 @@ class OcpRequest:
     goal: Goal
     obstacles: tuple[Obstacle, ...] = ()
     clearance: Magnitude = 0.06
-    """[m] kept from obstacles, and between links. What is nearer at start or goal keeps what it has there, of the robot's
-    own links three quarters."""
+    """[m] kept from obstacles, and between links. What is nearer at start or goal keeps what it has
+    there, of the robot's own links three quarters.
+    """
     link_clearance: Magnitude | None = None
     """[m] kept between links instead."""
     seabed: Bound = -np.inf
@@ -86,7 +116,9 @@ class OcpRequest:
 
 @checked_dataclass(slots=False, eq=False)
 class OcpResult:
-    """The plan, and what its true shapes keep from each other; of a plan that is not usable that means nothing."""
+    """The plan, and what its true shapes keep from each other; of a plan that is not usable that
+    means nothing.
+    """
 
     request: OcpRequest
     scene: CollisionScene
@@ -94,9 +126,14 @@ class OcpResult:
 
     @cached_property
     def samples(self) -> tuple[Array, Array]:
-        """Times (n,) [s], and configurations (n, n_q) [m, rad] on their manifold, within the limits of the joints."""
-        robot, t = self.request.robot, sample_times(self.plan.duration)
-        return t, admissible_configurations(robot, self.plan.trajectory.states_at(robot.model, t)[0])
+        """Times (n,) [s], and configurations (n, n_q) [m, rad] on their manifold, within the limits
+        of the joints.
+        """
+        robot = self.request.robot
+        t = sample_times(self.plan.duration)
+        return t, admissible_configurations(
+            robot, self.plan.trajectory.states_at(robot.model, t)[0]
+        )
 
     @cached_property
     def coordinates(self) -> Array:
@@ -121,12 +158,15 @@ class OcpResult:
 
 @checked
 def solve_ocp(request: OcpRequest, *, progress: Progress | None = None) -> OcpResult:
-    """Plan by lexicographic optimal control, from a guess around the obstacles where there are some.
+    """Plan by lexicographic optimal control, from a guess around the obstacles where there are
+    some.
 
-    progress is told every iteration of the solver. Ctrl-C raises `Interrupted`, whose `result` is the best so far.
+    progress is told every iteration of the solver. Ctrl-C raises `Interrupted`, whose `result` is
+    the best so far.
 
-    Raises `NameNotFound` for an unknown joint, frame or NLP solver, `InvalidInput` for a goal outside limits, a start or
-    goal in collision, two obstacles of one name, and numbers out of their range.
+    Raises `NameNotFound` for an unknown joint, frame or NLP solver, `InvalidInput` for a goal
+    outside limits, a start or goal in collision, two obstacles of one name, and numbers out of
+    their range.
     """
     check_goal_distance(request.robot, request.start, request.goal)
     planned = coordinates(request.robot, reference=request.start)
@@ -144,11 +184,18 @@ def solve_ocp(request: OcpRequest, *, progress: Progress | None = None) -> OcpRe
 
 
 def _planned(request: OcpRequest, problem: OcpProblem, progress: Progress | None) -> Plan:
-    """The first plan that is solved and proven free, or else the best, of the guesses and then of shorter steps."""
-    plans, options = [], NlpOptions(barrier=_BARRIER) if request.obstacles else NlpOptions()
+    """The first plan that is solved and proven free, or else the best, of the guesses and then of
+    shorter steps.
+    """
+    plans = []
+    options = NlpOptions(barrier=_BARRIER) if request.obstacles else NlpOptions()
     for finer in (1, 2):
-        given = replace(problem, phases=(replace(problem.phases[0], n_steps=finer * request.n_steps),))
-        planner = Planner(given, replace(options, plugin=request.plugin, time_limit=request.time_limit))
+        given = replace(
+            problem, phases=(replace(problem.phases[0], n_steps=finer * request.n_steps),)
+        )
+        planner = Planner(
+            given, replace(options, plugin=request.plugin, time_limit=request.time_limit)
+        )
         for guess in _guesses(request, given):
             try:
                 plans.append(planner.plan(guess=guess, progress=progress))
@@ -163,7 +210,10 @@ def _planned(request: OcpRequest, problem: OcpProblem, progress: Progress | None
 
 
 def _best(plans: Sequence[Plan]) -> Plan:
-    return max(plans, key=lambda plan: (plan.status.usable and _free(plan), plan.status.usable, _is_proven(plan)))
+    return max(
+        plans,
+        key=lambda plan: (plan.status.usable and _free(plan), plan.status.usable, _is_proven(plan)),
+    )
 
 
 def _is_proven(plan: Plan) -> bool:
@@ -178,7 +228,10 @@ def _guesses(request: OcpRequest, problem: OcpProblem) -> Iterator[Trajectory]:
     """Among obstacles a curve around them; then, and without them, the start."""
     if request.obstacles:
         turned = isinstance(request.goal, PostureGoal) and request.goal.rpy is not None
-        asked = {name: getattr(request, name) for name in ("robot", "start", "goal", "obstacles", "clearance", "link_clearance")}
+        asked = {
+            name: getattr(request, name)
+            for name in ("robot", "start", "goal", "obstacles", "clearance", "link_clearance")
+        }
         curve = curve_guess(problem, PlanRequest(**asked, axes="all" if turned else "level"))
         if curve is not None:
             yield curve
@@ -186,7 +239,8 @@ def _guesses(request: OcpRequest, problem: OcpProblem) -> Iterator[Trajectory]:
 
 
 def _problem(request: OcpRequest, scene: CollisionScene) -> OcpProblem:
-    robot, tasks = request.robot, request.goal.as_tasks(request.robot, request.start)
+    robot = request.robot
+    tasks = request.goal.as_tasks(request.robot, request.start)
     clearance = ShapeClearance(scene=scene, margins=_margins(request, scene))
     return single_phase(
         robot=robot,
@@ -195,7 +249,10 @@ def _problem(request: OcpRequest, scene: CollisionScene) -> OcpProblem:
         n_steps=request.n_steps,
         levels=[
             OcpLevel(name="goal", terms=tuple(TaskTerm(task=task) for task in tasks)),
-            OcpLevel(name="effort", terms=(Effort(), Smoothness(weight=0.09), Posture(q=request.start, weight=4.0))),
+            OcpLevel(
+                name="effort",
+                terms=(Effort(), Smoothness(weight=0.09), Posture(q=request.start, weight=4.0)),
+            ),
         ],
         constraints=(AtRest(), clearance) if scene.pairs else (AtRest(),),
         current=np.asarray(request.current, dtype=float),

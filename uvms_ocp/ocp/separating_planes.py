@@ -1,10 +1,13 @@
-"""Separating planes where coal finds two shapes nearest, and the support points that have to stay beyond.
+"""Separating planes where coal finds two shapes nearest, and the support points that have to stay
+beyond.
 
-Rows on all of them keep the shape on one side of a plane while it turns a little; of a round rim only some are taken.
+Rows on all of them keep the shape on one side of a plane while it turns a little; of a round rim
+only some are taken.
 
-A plane is fixed to the first shape of a pair and touches it, so it bounds that shape wherever the robot goes. What the
-points of the second shape have to the plane is never more than the distance of two convex shapes, and equal to it in value
-and gradient at the configuration where coal found the plane.
+A plane is fixed to the first shape of a pair and touches it, so it bounds that shape wherever the
+robot goes. What the points of the second shape have to the plane is never more than the distance of
+two convex shapes, and equal to it in value and gradient at the configuration where coal found the
+plane.
 """
 
 from __future__ import annotations
@@ -21,7 +24,8 @@ from uvms_ocp.planning.scene import CollisionScene
 from uvms_ocp.robot.robot import require_normalized
 from uvms_ocp.types import Array, Indices
 
-# Points of a convex shape of which one is the farthest against a direction, for directions near the one given.
+# Points of a convex shape of which one is the farthest against a direction, for directions near the
+# one given.
 
 _N_VERTICES = 6  # of a mesh, nearest to the plane first
 
@@ -39,8 +43,8 @@ class Support:
 def support_of(shape: coal.CollisionGeometry, normals: Array, witnesses: Array) -> Support:
     """Support a shape in planes with normals (n, 3) towards it.
 
-    Of a mesh only the vertices nearest to each plane count. witnesses (n, 3) [m], points of the shape nearest to the
-    planes, serve where a shape has no form of its own here.
+    Of a mesh only the vertices nearest to each plane count. witnesses (n, 3) [m], points of the
+    shape nearest to the planes, serve where a shape has no form of its own here.
     """
     for kind, points in _FORMS.items():
         if isinstance(shape, kind):
@@ -49,19 +53,26 @@ def support_of(shape: coal.CollisionGeometry, normals: Array, witnesses: Array) 
 
 
 def _of_cylinder(shape: coal.Cylinder, normals: Array) -> Support:
-    rim, up = _rim(shape.radius, normals), np.array([0.0, 0.0, shape.halfLength])
+    rim = _rim(shape.radius, normals)
+    up = np.array([0.0, 0.0, shape.halfLength])
     return Support(centres=np.concatenate([rim - up, rim + up], axis=1))
 
 
 def _of_cone(shape: coal.Cone, normals: Array) -> Support:
     ends = _tiled(_ends(shape), normals)
-    return Support(centres=np.concatenate([_rim(shape.radius, normals) + ends[:, :1], ends[:, 1:]], axis=1))
+    return Support(
+        centres=np.concatenate([_rim(shape.radius, normals) + ends[:, :1], ends[:, 1:]], axis=1)
+    )
 
 
 def _rim(radius: float, normals: Array) -> Array:
-    """(n, 4, 3) [m] of a circle about z: where a plane would touch it, across from there, and halfway."""
+    """(n, 4, 3) [m] of a circle about z: where a plane would touch it, across from there, and
+    halfway.
+    """
     length = np.linalg.norm(normals[:, :2], axis=1, keepdims=True)
-    touch = np.where(length > _NO_LENGTH, -normals[:, :2] / np.maximum(length, _NO_LENGTH), [1.0, 0.0])
+    touch = np.where(
+        length > _NO_LENGTH, -normals[:, :2] / np.maximum(length, _NO_LENGTH), [1.0, 0.0]
+    )
     aside = np.stack([-touch[:, 1], touch[:, 0]], axis=1)
     rim = np.zeros((len(normals), 4, 3))
     rim[:, :, :2] = radius * np.stack([touch, aside, -aside, -touch], axis=1)
@@ -78,7 +89,9 @@ def _of_box(shape: coal.Box, normals: Array) -> Support:
 
 def _of_vertices(shape: coal.ConvexBase, normals: Array) -> Support:
     vertices = np.asarray(shape.points())
-    return Support(centres=vertices[np.argsort(normals @ vertices.T, axis=1, kind="stable")[:, :_N_VERTICES]])
+    return Support(
+        centres=vertices[np.argsort(normals @ vertices.T, axis=1, kind="stable")[:, :_N_VERTICES]]
+    )
 
 
 def _ends(shape: coal.Cylinder | coal.Capsule | coal.Cone) -> Array:
@@ -90,8 +103,12 @@ def _tiled(points: Array, normals: Array) -> Array:
 
 
 _FORMS: Mapping[type, Callable[..., Support]] = {
-    coal.Sphere: lambda shape, normals: Support(centres=np.zeros((len(normals), 1, 3)), radius=float(shape.radius)),
-    coal.Capsule: lambda shape, normals: Support(centres=_tiled(_ends(shape), normals), radius=float(shape.radius)),
+    coal.Sphere: lambda shape, normals: Support(
+        centres=np.zeros((len(normals), 1, 3)), radius=float(shape.radius)
+    ),
+    coal.Capsule: lambda shape, normals: Support(
+        centres=_tiled(_ends(shape), normals), radius=float(shape.radius)
+    ),
     coal.Box: _of_box,
     coal.Cylinder: _of_cylinder,
     coal.Cone: _of_cone,
@@ -99,7 +116,8 @@ _FORMS: Mapping[type, Callable[..., Support]] = {
 }
 
 
-# Planes that part shapes: where coal finds two of them nearest, and the points that have to stay beyond.
+# Planes that part shapes: where coal finds two of them nearest, and the points that have to stay
+# beyond.
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
@@ -115,7 +133,9 @@ class Poses:
     def of(model: pin.Model, q: Array) -> Poses:
         """At configurations q (n, n_q) [m, rad]."""
         require_normalized(model, q)
-        data, R, p = model.createData(), np.empty((len(q), model.njoints, 3, 3)), np.empty((len(q), model.njoints, 3))
+        data = model.createData()
+        R = np.empty((len(q), model.njoints, 3, 3))
+        p = np.empty((len(q), model.njoints, 3))
         for k, row in enumerate(q):
             pin.forwardKinematics(model, data, row)
             R[k], p[k] = [X.rotation for X in data.oMi], [X.translation for X in data.oMi]
@@ -137,11 +157,15 @@ class Planes:
     centre: Array
     """(n, 3) [m] the point, in the frame of its joint."""
     offset: Array
-    """(n,) [m] of the plane from the origin of its joint, and the radius of the ball around the centre."""
+    """(n,) [m] of the plane from the origin of its joint, and the radius of the ball around the
+    centre.
+    """
 
     def heights(self, poses: Poses) -> Array:
         """(n,) [m] of every point over its plane at `poses`, sample by sample."""
-        a, b, k = self.joints[:, 0], self.joints[:, 1], self.sample
+        a = self.joints[:, 0]
+        b = self.joints[:, 1]
+        k = self.sample
         normal = _turned(poses.R[k, a], self.normal)
         centre = _turned(poses.R[k, b], self.centre) + poses.p[k, b] - poses.p[k, a]
         return _dot(normal, centre) - self.offset
@@ -152,11 +176,18 @@ class Planes:
 
 
 def planes(scene: CollisionScene, contacts: Contacts, poses: Poses) -> Planes:
-    """Build the planes of all contacts, with the points of the second shapes that stay beyond them."""
+    """Build the planes of all contacts, with the points of the second shapes that stay beyond
+    them.
+    """
     pairs = scene.pairs
-    joints = np.array([(pair.first_joint, pair.second_joint) for pair in pairs], dtype=np.intp).reshape(-1, 2)
-    shapes, carried = np.array([pair.second for pair in pairs], dtype=np.intp), joints[contacts.pair]
-    a, b, k = carried[:, 0], carried[:, 1], contacts.sample
+    joints = np.array(
+        [(pair.first_joint, pair.second_joint) for pair in pairs], dtype=np.intp
+    ).reshape(-1, 2)
+    shapes = np.array([pair.second for pair in pairs], dtype=np.intp)
+    carried = joints[contacts.pair]
+    a = carried[:, 0]
+    b = carried[:, 1]
+    k = contacts.sample
     normal = _back(poses.R[k, a], contacts.normal)
     offset = _dot(normal, _back(poses.R[k, a], contacts.first - poses.p[k, a]))
     inward = _back(poses.R[k, b], contacts.normal)
@@ -164,7 +195,15 @@ def planes(scene: CollisionScene, contacts: Contacts, poses: Poses) -> Planes:
     found = []
     for shape in np.unique(shapes[contacts.pair]).tolist():
         rows = np.flatnonzero(shapes[contacts.pair] == shape)
-        found.append(_points(scene.geometry.geometryObjects[shape], rows, inward[rows], witness[rows], offset[rows]))
+        found.append(
+            _points(
+                scene.geometry.geometryObjects[shape],
+                rows,
+                inward[rows],
+                witness[rows],
+                offset[rows],
+            )
+        )
     return _planes(contacts, carried, normal, found)
 
 
@@ -185,11 +224,14 @@ def _planes(contacts: Contacts, carried: Indices, normal: Array, found: list[_Fo
     )
 
 
-def _points(item: pin.GeometryObject, rows: Indices, inward: Array, witness: Array, offset: Array) -> _Found:
+def _points(
+    item: pin.GeometryObject, rows: Indices, inward: Array, witness: Array, offset: Array
+) -> _Found:
     """Return the points of one shape, in the frame of its joint."""
     R, p = item.placement.rotation, item.placement.translation
     support = support_of(item.geometry, inward @ R, (witness - p) @ R)
-    k, centres = support.centres.shape[1], support.centres.reshape(-1, 3) @ R.T + p
+    k = support.centres.shape[1]
+    centres = support.centres.reshape(-1, 3) @ R.T + p
     return np.repeat(rows, k), centres, np.repeat(offset + support.radius, k)
 
 

@@ -1,4 +1,5 @@
-"""Terms of an optimal control problem: rows of state and input that serve as objectives and as constraints alike.
+"""Terms of an optimal control problem: rows of state and input that serve as objectives and as
+constraints alike.
 
 In a level the distance of the rows to their range is minimised; as a constraint the range is kept.
 """
@@ -23,7 +24,8 @@ from uvms_ocp.tasks.goals import VectorGoal, evaluate_vector
 from uvms_ocp.tasks.task import Residual, Task, TickSymbols, zero_residual
 from uvms_ocp.types import Array, Bound, Magnitude, Range
 
-_ROUNDING = 0.02  # share of the limit below which powers flatten out, so that they can be differentiated at 0
+# share of the limit below which powers flatten out, so that they can be differentiated at 0
+_ROUNDING = 0.02
 
 
 class At(Enum):
@@ -35,7 +37,9 @@ class At(Enum):
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class StageSymbols:
-    """State and input of one step. Inputs are shares of their limits; see `uvms_ocp.ocp.transcription.stage`."""
+    """State and input of one step. Inputs are shares of their limits; see
+    `uvms_ocp.ocp.transcription.stage`.
+    """
 
     tick: TickSymbols
     acceleration: ca.SX
@@ -57,13 +61,17 @@ class Term(ABC):
     state_only: ClassVar[bool] = True
     """No row depends on inputs."""
     is_goal: ClassVar[bool] = True
-    """Something to be reached: a plan that leaves it away from its range has missed it. False for costs."""
+    """Something to be reached: a plan that leaves it away from its range has missed it. False for
+    costs.
+    """
     minimises_time: ClassVar[bool] = False
     needs_powers: ClassVar[bool] = False
     """Its rows are electrical powers."""
     at: At = At.END
     weight: float = 1.0
-    """[1/unit of the row^2] Factor on the squares of the rows, so that the rows are scaled by its root."""
+    """[1/unit of the row^2] Factor on the squares of the rows, so that the rows are scaled by its
+    root.
+    """
     phase: str | None = None
     """Name of the phase in which it counts; by default all along, or at the very end."""
 
@@ -85,15 +93,19 @@ class Term(ABC):
         return 0
 
     def reference(self, t: float) -> np.ndarray:
-        """Return the parameters of the rows at time t [s] (n_parameters,), which a kept planner may be given anew: goals,
-        obstacles."""
+        """Return the parameters of the rows at time t [s] (n_parameters,), which a kept planner may
+        be given anew: goals, obstacles.
+        """
         return np.zeros(0)
 
-    def references(self, times: Sequence[float], q: np.ndarray, tightened: np.ndarray | None = None) -> np.ndarray:
-        """`reference` (n, n_parameters) at the nodes of times (n,) [s], written at q (n, n_q) [m, rad].
+    def references(
+        self, times: Sequence[float], q: np.ndarray, tightened: np.ndarray | None = None
+    ) -> np.ndarray:
+        """`reference` (n, n_parameters) at the nodes of times (n,) [s], written at q (n, n_q) [m,
+        rad].
 
-        tightened (n, ...) [unit of the row]: by how much more the rows of a term whose references depend on that motion
-        are to keep, as the term counts them.
+        tightened (n, ...) [unit of the row]: by how much more the rows of a term whose references
+        depend on that motion are to keep, as the term counts them.
         """
         if type(self).reference is Term.reference:
             return np.zeros((len(times), 0))
@@ -133,7 +145,11 @@ class TaskTerm(TaskRows):
 
     def residual(self, stage: StageSymbols, parameters: ca.SX) -> Residual:
         given = self.task.residual(stage.tick, parameters)
-        return Residual(value=given.value, lower=given.lower - self.tolerance, upper=given.upper + self.tolerance)
+        return Residual(
+            value=given.value,
+            lower=given.lower - self.tolerance,
+            upper=given.upper + self.tolerance,
+        )
 
 
 @checked_dataclass(eq=False)
@@ -143,7 +159,9 @@ class AtRest(Term):
     name = "at rest"
 
     def residual(self, stage: StageSymbols, parameters: ca.SX) -> Residual:
-        return zero_residual(stage.tick.velocity / ca.DM(finite_or(stage.tick.robot.limits.velocity, 1.0)))
+        return zero_residual(
+            stage.tick.velocity / ca.DM(finite_or(stage.tick.robot.limits.velocity, 1.0))
+        )
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
@@ -170,7 +188,8 @@ class Effort(_PathCost):
 
 @checked_dataclass(eq=False)
 class Energy(_PathCost):
-    """Electrical energy: rows whose squares are the powers of thrusters and joints [kW], smooth at zero.
+    """Electrical energy: rows whose squares are the powers of thrusters and joints [kW], smooth at
+    zero.
 
     Thruster ``k |T|^n`` and joint ``|tau q_dot| / efficiency``, as in the robot's description. For a vehicle it needs the
     power of every thruster, and thrusters instead of a wrench: `OcpProblem` refuses what it would leave out.
@@ -184,7 +203,10 @@ class Energy(_PathCost):
         rows = []
         for i, power in enumerate(thruster.power for thruster in description.thrusters):
             if power is not None:
-                rows.append(np.sqrt(power.watts / 1e3) * _root_of_power(stage.thrust[i] / power.thrust, power.exponent))
+                rows.append(
+                    np.sqrt(power.watts / 1e3)
+                    * _root_of_power(stage.thrust[i] / power.thrust, power.exponent)
+                )
         arm = stage.tick.velocity[stage.tick.robot.joint_v]
         for torque, rate in zip(ca.vertsplit(stage.torque), ca.vertsplit(arm), strict=True):
             rows.append(_root_of_power(torque * rate / (1e3 * description.joint_efficiency), 1.0))
@@ -198,7 +220,9 @@ class Smoothness(_PathCost):
     state_only: ClassVar[bool] = False
 
     def residual(self, stage: StageSymbols, parameters: ca.SX) -> Residual:
-        return zero_residual(stage.acceleration / ca.DM(finite_or(stage.tick.robot.limits.acceleration, 1.0)))
+        return zero_residual(
+            stage.acceleration / ca.DM(finite_or(stage.tick.robot.limits.acceleration, 1.0))
+        )
 
 
 @checked_dataclass(eq=False)
@@ -214,16 +238,24 @@ class Duration(_PathCost):
 
 @checked_dataclass(eq=False)
 class Posture(_PathCost):
-    """Joints away from a preferred posture, in shares of their range, of a turn where they are endless: the squares' integral."""
+    """Joints away from a preferred posture, in shares of their range, of a turn where they are
+    endless: the squares' integral.
+    """
 
     q: Annotated[np.ndarray, Range(open=True)]
     """(n_q,) [m, rad] configuration, of which joints with two limits and endless ones are used."""
 
     def residual(self, stage: StageSymbols, parameters: ca.SX) -> Residual:
         robot = stage.tick.robot
-        ranges = [(one, up - low) for one, low, up in bounded_joints(robot.joints, robot.limits) if 0.0 < up - low < np.inf]
+        ranges = [
+            (one, up - low)
+            for one, low, up in bounded_joints(robot.joints, robot.limits)
+            if 0.0 < up - low < np.inf
+        ]
         ranges += [(joint, 2 * np.pi) for joint in robot.joints if joint.endless]
-        away = [joint.way(parameters, joint.position(stage.tick.q)) / width for joint, width in ranges]
+        away = [
+            joint.way(parameters, joint.position(stage.tick.q)) / width for joint, width in ranges
+        ]
         return zero_residual(ca.vertcat(ca.SX(0, 1), *away))
 
     def n_parameters(self, robot: Robot) -> int:
@@ -247,7 +279,9 @@ def _root_of_power(x: ca.SX, exponent: float) -> ca.SX:
 
 Bounds: TypeAlias = Bound | Annotated[np.ndarray, Range()]
 OwnRows = Callable[..., ca.SX]
-"""``stage -> rows``, or ``stage, parameters -> rows`` for a term that has parameters; rows (m,) as CasADi SX."""
+"""``stage -> rows``, or ``stage, parameters -> rows`` for a term that has parameters; rows (m,) as
+CasADi SX.
+"""
 
 
 @checked_dataclass(eq=False)
@@ -271,19 +305,31 @@ class _FunctionTerm(Term):
         value = self.rows(stage) if self.parameters is None else self.rows(stage, parameters)
         if not isinstance(value, ca.SX) or value.shape[1] != 1 or not value.shape[0]:
             given = f"{type(value).__name__} of shape {getattr(value, 'shape', ())}"
-            raise InvalidInput(f"{self.label}: its function gave {given}; give a column (m, 1) of casadi.SX")
+            raise InvalidInput(
+                f"{self.label}: its function gave {given}; give a column (m, 1) of casadi.SX"
+            )
         if self.state_only and _reads_inputs(value, stage):
-            raise InvalidInput(f"{self.label}: its rows depend on acceleration, thrust or torque; give inputs=True")
-        lower, upper = (_bound(self.label, bound, value.shape[0]) for bound in (self.lower, self.upper))
+            raise InvalidInput(
+                f"{self.label}: its rows depend on acceleration, thrust or torque; give inputs=True"
+            )
+        lower, upper = (
+            _bound(self.label, bound, value.shape[0]) for bound in (self.lower, self.upper)
+        )
         if not (lower <= upper).all():
-            raise InvalidInput(f"{self.label}: bounds {lower} to {upper} are swapped; give lower <= upper")
+            raise InvalidInput(
+                f"{self.label}: bounds {lower} to {upper} are swapped; give lower <= upper"
+            )
         return Residual(value=value, lower=lower, upper=upper)
 
     def n_parameters(self, robot: Robot) -> int:
         return 0 if self.parameters is None else len(self.reference(0.0))
 
     def reference(self, t: float) -> np.ndarray:
-        return np.zeros(0) if self.parameters is None else evaluate_vector(self.label, self.parameters, t)[0].ravel()
+        return (
+            np.zeros(0)
+            if self.parameters is None
+            else evaluate_vector(self.label, self.parameters, t)[0].ravel()
+        )
 
 
 @checked
@@ -300,14 +346,17 @@ def residual_term(
     inputs: bool = False,
     parameters: VectorGoal | None = None,
 ) -> Term:
-    """A term from a function ``rows(stage)`` that gives expressions (m,) of a `StageSymbols`, as `casadi.SX`.
+    """A term from a function ``rows(stage)`` that gives expressions (m,) of a `StageSymbols`, as
+    `casadi.SX`.
 
-    In a level the distance of the rows to ``[lower, upper]`` is minimised, as a constraint the range is kept; bounds are one
-    number or (m,) [unit of the row]. at, weight [1/unit of the row^2], phase: as `Term` has them. goal: to be reached, so
-    that a plan which leaves it has missed it; else a cost. inputs: rows read acceleration, thrust or torque. parameters
-    (n,) [any], or a function ``t -> (value, rate)`` of the time [s] of the node: given to ``rows(stage, parameters)``, and
-    what a kept planner may be given anew. Raises `InvalidInput` as the term does when a planner is built: for rows that are
-    no column of SX, bounds that do not fit them, and rows that read inputs without `inputs`.
+    In a level the distance of the rows to ``[lower, upper]`` is minimised, as a constraint the
+    range is kept; bounds are one number or (m,) [unit of the row]. at, weight [1/unit of the
+    row^2], phase: as `Term` has them. goal: to be reached, so that a plan which leaves it has
+    missed it; else a cost. inputs: rows read acceleration, thrust or torque. parameters (n,) [any],
+    or a function ``t -> (value, rate)`` of the time [s] of the node: given to ``rows(stage,
+    parameters)``, and what a kept planner may be given anew. Raises `InvalidInput` as the term does
+    when a planner is built: for rows that are no column of SX, bounds that do not fit them, and
+    rows that read inputs without `inputs`.
     """
     return _FunctionTerm(
         label=name,
@@ -326,7 +375,9 @@ def residual_term(
 def _bound(name: str, bound: Bounds, m: int) -> Array:
     """(m,) [unit of the row]"""
     if np.shape(bound) not in ((), (m,)):
-        raise InvalidInput(f"{name}: a bound has shape {np.shape(bound)}; give one number, or {m} of them")
+        raise InvalidInput(
+            f"{name}: a bound has shape {np.shape(bound)}; give one number, or {m} of them"
+        )
     return np.array(np.broadcast_to(np.asarray(bound, dtype=float), (m,)))
 
 
@@ -334,5 +385,7 @@ def _reads_inputs(value: ca.SX, stage: StageSymbols) -> bool:
     """Check whether any symbol of acceleration or force is in the rows."""
     inputs = ca.vertcat(stage.acceleration, stage.thrust_share, stage.torque_share)
     state = ca.vertcat(stage.tick.q, stage.tick.velocity)
-    own = {symbol.__hash__() for symbol in ca.symvar(inputs)} - {symbol.__hash__() for symbol in ca.symvar(state)}
+    own = {symbol.__hash__() for symbol in ca.symvar(inputs)} - {
+        symbol.__hash__() for symbol in ca.symvar(state)
+    }
     return any(symbol.__hash__() in own for symbol in ca.symvar(value))

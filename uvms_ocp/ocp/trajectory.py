@@ -31,7 +31,9 @@ class Trajectory:
     a: np.ndarray
     """(N, n_v) [m/s2, rad/s2] constant over each step."""
     thrust: np.ndarray
-    """(N, n_thrusters) [N] at the middle of each step; with `Actuation.WRENCH` (N, n_vehicle) [N, N m]."""
+    """(N, n_thrusters) [N] at the middle of each step; with `Actuation.WRENCH` (N, n_vehicle) [N, N
+    m].
+    """
     torque: np.ndarray
     """(N, n_joints) [N m or N]"""
     of_wrench: bool = False
@@ -43,32 +45,52 @@ class Trajectory:
         return self.of_wrench and self.thrust.shape[1] > 0
 
     def state_at(self, model: pin.Model, t: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Q, v and a at time t [s]; the end is held. Every step ends in the configuration of the next node."""
+        """Q, v and a at time t [s]; the end is held. Every step ends in the configuration of the
+        next node.
+        """
         if t >= self.t[-1]:
             return self.q[-1], self.v[-1], np.zeros_like(self.v[-1])
         k = int(intervals_of(self.t, t))
         s = t - self.t[k]
         a = self.a[k]
-        return pin.integrate(model, self.q[k], s * self.leaving(model, k) + s * s / 2 * a), self.v[k] + s * a, a
+        return (
+            pin.integrate(model, self.q[k], s * self.leaving(model, k) + s * s / 2 * a),
+            self.v[k] + s * a,
+            a,
+        )
 
     def leaving(self, model: pin.Model, k: int) -> np.ndarray:
-        """(n_v,) [m/s, rad/s] Velocity at the beginning of step k with which it ends at the next node.
+        """(n_v,) [m/s, rad/s] Velocity at the beginning of step k with which it ends at the next
+        node.
 
-        That of the node with `Integrator.MIDPOINT`; others make something else of it. Raises `InvalidInput` for no step.
+        That of the node with `Integrator.MIDPOINT`; others make something else of it. Raises
+        `InvalidInput` for no step.
         """
         if not 0 <= k < len(self.a):
             raise InvalidInput(f"k = {k}; give a step of this trajectory, 0 to {len(self.a) - 1}")
-        return _leaving(self.t[k + 1] - self.t[k], pin.difference(model, self.q[k], self.q[k + 1]), self.a[k])
+        return _leaving(
+            self.t[k + 1] - self.t[k], pin.difference(model, self.q[k], self.q[k + 1]), self.a[k]
+        )
 
-    def states_at(self, model: pin.Model, t: Annotated[np.ndarray, Shape("n")]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Q (n, n_q) and v (n, n_v) at times t (n,) [s], and the steps that hold them (n,); the end is held."""
+    def states_at(
+        self, model: pin.Model, t: Annotated[np.ndarray, Shape("n")]
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Q (n, n_q) and v (n, n_v) at times t (n,) [s], and the steps that hold them (n,); the end
+        is held.
+        """
         steps = intervals_of(self.t, t)
-        s, v, a = (t - self.t[steps])[:, None], self.v[steps], self.a[steps]
-        ways = np.array([pin.difference(model, self.q[k], self.q[k + 1]) for k in steps.tolist()]).reshape(v.shape)
+        s = (t - self.t[steps])[:, None]
+        v = self.v[steps]
+        a = self.a[steps]
+        ways = np.array(
+            [pin.difference(model, self.q[k], self.q[k + 1]) for k in steps.tolist()]
+        ).reshape(v.shape)
         leaving = _leaving((self.t[steps + 1] - self.t[steps])[:, None], ways, a)
-        moves, q = s * leaving + s * s / 2 * a, self.q[steps]
+        moves = s * leaving + s * s / 2 * a
+        q = self.q[steps]
         ends = np.array([pin.integrate(model, *pair) for pair in zip(q, moves, strict=True)])
-        q, v = ends.reshape(q.shape), v + s * a
+        q = ends.reshape(q.shape)
+        v = v + s * a
         over = t >= self.t[-1]
         q[over], v[over] = self.q[-1], self.v[-1]
         return q, v, steps
@@ -83,7 +105,9 @@ def _leaving(h: float | np.ndarray, way: np.ndarray, a: np.ndarray) -> np.ndarra
 
 
 def intervals_of(times: np.ndarray, t: np.ndarray | float) -> Indices:
-    """The interval between times (m + 1,) [s] that holds each time t (n,) [s], or one of them; the first or last outside."""
+    """The interval between times (m + 1,) [s] that holds each time t (n,) [s], or one of them; the
+    first or last outside.
+    """
     return np.clip(np.searchsorted(times, t, side="right") - 1, 0, len(times) - 2)
 
 
@@ -98,14 +122,18 @@ def hold_guess(problem: OcpProblem, start: State | None = None) -> Trajectory:
         q=np.tile(state.q, (n, 1)),
         v=np.zeros((n, robot.n_v)),
         a=np.zeros((n - 1, robot.n_v)),
-        thrust=np.zeros((n - 1, len(robot.description.thrusters) if has_thrusters(problem) else robot.n_vehicle)),
+        thrust=np.zeros(
+            (n - 1, len(robot.description.thrusters) if has_thrusters(problem) else robot.n_vehicle)
+        ),
         torque=np.zeros((n - 1, robot.n_joints)),
         of_wrench=not has_thrusters(problem),
     )
 
 
 def shift_guess(problem: OcpProblem, last: Trajectory, delay: float, start: State) -> Trajectory:
-    """Guess from a solution that is `delay` [s] old: the same motion seen from `start`, its end held."""
+    """Guess from a solution that is `delay` [s] old: the same motion seen from `start`, its end
+    held.
+    """
     t = problem.nominal_times()
     q, v, steps = last.states_at(problem.robot.model, t + delay)
     q[0], v[0] = start.q, start.v
@@ -119,16 +147,18 @@ def guess_through(
     times: Annotated[np.ndarray, Shape("n")],
     configurations: Annotated[np.ndarray, Shape("n", "problem.robot.n_q")],
 ) -> Trajectory:
-    """Guess through configurations (n, n_q) [m, rad] at `times` (n,) [s]: a rollout of the hierarchy, or a minimum-snap path.
+    """Guess through configurations (n, n_q) [m, rad] at `times` (n,) [s]: a rollout of the
+    hierarchy, or a minimum-snap path.
 
-    Resampled at the nodes on the manifold, with velocities by differences and the forces that the motion takes. Of the two
-    quaternions of an attitude each node has the one nearer to that before it, from the start of the problem on: solvers that
-    work on their four numbers would turn by 360 deg between the two.
-    Raises `InvalidInput` for times that do not increase.
+    Resampled at the nodes on the manifold, with velocities by differences and the forces that the
+    motion takes. Of the two quaternions of an attitude each node has the one nearer to that before
+    it, from the start of the problem on: solvers that work on their four numbers would turn by 360
+    deg between the two. Raises `InvalidInput` for times that do not increase.
     """
     if len(times) < 2 or not (np.diff(times) > 0).all():
         raise InvalidInput("guess: times must increase and number at least two")
-    model, t = problem.robot.model, problem.nominal_times()
+    model = problem.robot.model
+    t = problem.nominal_times()
     q = np.array([_between(model, times, configurations, moment) for moment in t])
     turn = slice(3, 7) if problem.robot.n_vehicle else slice(0)
     for before, here in zip([problem.start.q, *q[:-1]], q, strict=True):
@@ -143,14 +173,18 @@ def guess_through(
     return Trajectory(t=t, q=q, v=v, a=a, **inputs, of_wrench=not has_thrusters(problem))
 
 
-def _between(model: pin.Model, times: np.ndarray, configurations: np.ndarray, t: float) -> np.ndarray:
+def _between(
+    model: pin.Model, times: np.ndarray, configurations: np.ndarray, t: float
+) -> np.ndarray:
     k = int(intervals_of(times, t))
     share = float(np.clip((t - times[k]) / (times[k + 1] - times[k]), 0.0, 1.0))
     return np.asarray(pin.interpolate(model, configurations[k], configurations[k + 1], share))
 
 
 def _forces(problem: OcpProblem, q: np.ndarray, v: np.ndarray, a: np.ndarray) -> np.ndarray:
-    dynamics = Dynamics(cached_dynamics(problem.robot).symbolic)  # with memory of its own, as threads plan at a time
+    dynamics = Dynamics(
+        cached_dynamics(problem.robot).symbolic
+    )  # with memory of its own, as threads plan at a time
     waters = [Water(velocity=current) for current in problem.currents]
     return np.array([dynamics.inverse_dynamics(q[k], v[k], a[k], waters[k]) for k in range(len(a))])
 
@@ -159,16 +193,21 @@ def _thrust(problem: OcpProblem, wrench: np.ndarray) -> np.ndarray:
     if not has_thrusters(problem):
         return wrench
     lower, upper = thrusters.thrust_limits(problem.robot)
-    return np.clip(wrench @ np.linalg.pinv(thrusters.thruster_matrix(problem.robot)).T, lower, upper)
+    return np.clip(
+        wrench @ np.linalg.pinv(thrusters.thruster_matrix(problem.robot)).T, lower, upper
+    )
 
 
 def has_thrusters(problem: OcpProblem) -> bool:
-    """Check whether `thrust` is that of thrusters; else it is a wrench on the vehicle, or nothing on a fixed base."""
+    """Check whether `thrust` is that of thrusters; else it is a wrench on the vehicle, or nothing
+    on a fixed base.
+    """
     return bool(problem.robot.n_vehicle) and problem.actuation is Actuation.THRUSTERS
 
 
-# Where a search begins that is given no guess: arms reach a goal in several postures, and no descent leads from one to another.
-# Over a few steps motions take little time, and which of them costs least there mostly does so over many.
+# Where a search begins that is given no guess: arms reach a goal in several postures, and no
+# descent leads from one to another. Over a few steps motions take little time, and which of them
+# costs least there mostly does so over many.
 
 COARSE_STEPS = 8
 _POSTURES = 16  # beside that of the start
@@ -177,41 +216,68 @@ _POSTURES = 16  # beside that of the start
 def coarse_problem(problem: OcpProblem) -> OcpProblem:
     """Return the same problem over a few steps, in the mean of its currents."""
     share = COARSE_STEPS / problem.n_steps
-    phases = tuple(replace(phase, n_steps=max(1, round(share * phase.n_steps))) for phase in problem.phases)
+    phases = tuple(
+        replace(phase, n_steps=max(1, round(share * phase.n_steps))) for phase in problem.phases
+    )
     return replace(problem, phases=phases, current=problem.mean_current)
 
 
 def coarse_guesses(problem: OcpProblem) -> Iterator[Trajectory]:
-    """Hold the start; then move the joints straight to postures that fill their ranges evenly, by a Kronecker sequence.
+    """Hold the start; then move the joints straight to postures that fill their ranges evenly, by a
+    Kronecker sequence.
 
     Every second one goes half the way: most goals are reached in a posture near that of the start.
     """
-    hold, robot, (lower, upper) = hold_guess(problem), problem.robot, problem.robot.configuration_bounds
-    places, along = np.flatnonzero(np.isfinite(upper - lower)), np.linspace(0.0, 1.0, problem.n_steps + 1)
+    hold, robot, (lower, upper) = (
+        hold_guess(problem),
+        problem.robot,
+        problem.robot.configuration_bounds,
+    )
+    places, along = (
+        np.flatnonzero(np.isfinite(upper - lower)),
+        np.linspace(0.0, 1.0, problem.n_steps + 1),
+    )
     ratio = np.roots([1.0, *np.zeros(max(len(places) - 1, 0)), -1.0, -1.0]).real.max()
     yield hold
     for k in range(1, 1 + _POSTURES * bool(len(places))):
-        q, shares = problem.start.q.copy(), (0.5 + k * ratio ** -np.arange(1.0, 1 + len(places))) % 1.0
-        q[places] += (1.0 if k % 2 else 0.5) * (lower[places] + shares * (upper - lower)[places] - q[places])
-        yield replace(hold, q=np.array([pin.interpolate(robot.model, hold.q[0], q, share) for share in along]))
+        q = problem.start.q.copy()
+        shares = (0.5 + k * ratio ** -np.arange(1.0, 1 + len(places))) % 1.0
+        q[places] += (1.0 if k % 2 else 0.5) * (
+            lower[places] + shares * (upper - lower)[places] - q[places]
+        )
+        yield replace(
+            hold, q=np.array([pin.interpolate(robot.model, hold.q[0], q, share) for share in along])
+        )
 
 
 TOLERANCE = 1e-4
-"""[m, rad] by which a solver that kept limits of positions may have passed them, ten times its own."""
+"""[m, rad] by which a solver that kept limits of positions may have passed them, ten times its
+own.
+"""
 
 
 def admissible(trajectory: Trajectory, robot: Robot) -> Trajectory:
-    """The same with unit quaternions and joints inside their limits, where an optimiser has kept these to its tolerance.
+    """The same with unit quaternions and joints inside their limits, where an optimiser has kept
+    these to its tolerance.
 
     Numbers that are not finite stay so, and joints that are farther outside.
     """
-    return replace_unchecked(trajectory, q=read_only(admissible_configurations(robot, trajectory.q, TOLERANCE)))
+    return replace_unchecked(
+        trajectory, q=read_only(admissible_configurations(robot, trajectory.q, TOLERANCE))
+    )
 
 
 def admissible_configurations(robot: Robot, q: np.ndarray, most: float = np.inf) -> np.ndarray:
-    """Q (n, n_q) [m, rad] with unit quaternions, and joints inside limits that they pass by at most so much [m, rad]."""
+    """Q (n, n_q) [m, rad] with unit quaternions, and joints inside limits that they pass by at most
+    so much [m, rad].
+    """
     finite = np.isfinite(q).all(axis=1).tolist()
-    unit = np.array([pin.normalize(robot.model, row) if given else row for row, given in zip(q, finite, strict=True)])
+    unit = np.array(
+        [
+            pin.normalize(robot.model, row) if given else row
+            for row, given in zip(q, finite, strict=True)
+        ]
+    )
     with np.errstate(invalid="ignore"):  # rows that are not finite
         inside = np.clip(unit, *robot.configuration_bounds)
         return np.where(np.abs(inside - unit) <= most, inside, unit)

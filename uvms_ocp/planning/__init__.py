@@ -13,4 +13,12 @@ from uvms_ocp.robot.shapes.obstacles import (
 )
 
 __getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)
-__all__ += ["Obstacle", "build_obstacle", "describe_obstacle", "mesh_shape", "obstacle", "parse_obstacle", "read_obstacles"]
+__all__ += [
+    "Obstacle",
+    "build_obstacle",
+    "describe_obstacle",
+    "mesh_shape",
+    "obstacle",
+    "parse_obstacle",
+    "read_obstacles",
+]

@@ -1,6 +1,9 @@
 import uvms_ocp.robot.shapes.obstacles
 
-from .conservative_advancement import check_clearance as check_clearance, clearance_along as clearance_along
+from .conservative_advancement import (
+    check_clearance as check_clearance,
+    clearance_along as clearance_along,
+)
 from .distances import CoalDistances as CoalDistances
 from .request import (
     AXES as AXES,

@@ -1,4 +1,5 @@
-"""Prove that a trajectory is free of collision, between its samples too, by conservative advancement.
+"""Prove that a trajectory is free of collision, between its samples too, by conservative
+advancement.
 
 Around a time t_m the distance of a pair cannot change by more than ``sum_a reach_a |x_a(t) - x_a(t_m)|``, and the
 motion of an axis within delta of t_m is at most ``|v| delta + A delta^2 / 2`` with A a bound on its acceleration.
@@ -52,23 +53,33 @@ class ClearanceReport:
 
 @checked
 def check_clearance(
-    distances: PairDistances, trajectory: PiecewisePolynomial, *, per_piece: int = 16, shortest: Positive = 1e-5
+    distances: PairDistances,
+    trajectory: PiecewisePolynomial,
+    *,
+    per_piece: int = 16,
+    shortest: Positive = 1e-5,
 ) -> ClearanceReport:
     """Check all pairs of a scene along a trajectory of its coordinates, until the first collision.
 
-    `per_piece` intervals of each piece are checked to begin with; shortest is the share of the duration below which an
-    interval is not halved.
+    `per_piece` intervals of each piece are checked to begin with; shortest is the share of the
+    duration below which an interval is not halved.
     """
     c = trajectory.derivative(2).coefficients
     n = c.shape[0] - 1
-    to_bernstein = np.array([[comb(i, j) / comb(n, j) if j <= i else 0.0 for j in range(n + 1)] for i in range(n + 1)])
+    to_bernstein = np.array(
+        [[comb(i, j) / comb(n, j) if j <= i else 0.0 for j in range(n + 1)] for i in range(n + 1)]
+    )
     bound = np.abs(np.tensordot(to_bernstein, c, axes=1)).max(axis=0)
-    curve = _Curve(trajectory=trajectory, measure=distances, per_piece=per_piece, acceleration=bound)
+    curve = _Curve(
+        trajectory=trajectory, measure=distances, per_piece=per_piece, acceleration=bound
+    )
     return check_motion(curve, distances.scene, shortest=shortest)
 
 
 class BoundedMotion(Protocol):
-    """A motion of whatever interpolation, whose distances are measured and whose axes move by bounded ways."""
+    """A motion of whatever interpolation, whose distances are measured and whose axes move by
+    bounded ways.
+    """
 
     @property
     def duration(self) -> float:
@@ -76,7 +87,9 @@ class BoundedMotion(Protocol):
         ...
 
     def intervals(self) -> tuple[Array, Array]:
-        """Middle and half length (n,) [s] of the intervals that are looked at first; they cover all of it."""
+        """Middle and half length (n,) [s] of the intervals that are looked at first; they cover all
+        of it.
+        """
         ...
 
     def distances(self, t: Array) -> Array:
@@ -84,24 +97,33 @@ class BoundedMotion(Protocol):
         ...
 
     def bounds(self, middle: Array, half: Array) -> Array:
-        """(n, n_axes) [m, rad] by which axes move at most within `half` (n,) [s] of `middle` (n,) [s]."""
+        """(n, n_axes) [m, rad] by which axes move at most within `half` (n,) [s] of `middle` (n,)
+        [s].
+        """
         ...
 
 
-def check_motion(motion: BoundedMotion, scene: CollisionScene, *, shortest: float = 1e-5) -> ClearanceReport:
+def check_motion(
+    motion: BoundedMotion, scene: CollisionScene, *, shortest: float = 1e-5
+) -> ClearanceReport:
     """Check all pairs of a scene along a motion; see `check_clearance` for shortest."""
     middle, half = motion.intervals()
-    worst, n_samples, undecided = NearestPair(distance=np.inf, time=0.0, pair=""), 0, False
+    worst = NearestPair(distance=np.inf, time=0.0, pair="")
+    n_samples = 0
+    undecided = False
     while middle.size:
         d = motion.distances(middle)
         n_samples += middle.size
         worst = min(worst, scene.nearest(middle, d), key=lambda near: (near.distance, near.time))
         if worst.distance <= 0.0:
             break
-        open_ = ~(d - largest_change(scene.reach, motion.bounds(middle, half)) > _TOLERANCE).all(axis=1)
+        open_ = ~(d - largest_change(scene.reach, motion.bounds(middle, half)) > _TOLERANCE).all(
+            axis=1
+        )
         short = open_ & (half < shortest * motion.duration)
         undecided |= bool(short.any())
-        middle, half = middle[open_ & ~short], half[open_ & ~short] / 2.0
+        middle = middle[open_ & ~short]
+        half = half[open_ & ~short] / 2.0
         middle, half = np.concatenate([middle - half, middle + half]), np.concatenate([half, half])
     return ClearanceReport(
         collision_free=worst.distance > 0.0 and not undecided,
@@ -112,12 +134,15 @@ def check_motion(motion: BoundedMotion, scene: CollisionScene, *, shortest: floa
     )
 
 
-# Separated distances moved by up to 1e-8 m when coal's tolerance was tightened tenfold (865,000 pairs).
+# Separated distances moved by up to 1e-8 m when coal's tolerance was tightened tenfold (865,000
+# pairs).
 _TOLERANCE = 1e-7
 
 
 @checked
-def clearance_along(distances: PairDistances, trajectory: PiecewisePolynomial, n_samples: Count = 500) -> tuple[Array, Array]:
+def clearance_along(
+    distances: PairDistances, trajectory: PiecewisePolynomial, n_samples: Count = 500
+) -> tuple[Array, Array]:
     """Times (n,) [s] and the distance of every pair at them (n, n_pairs) [m], for figures."""
     times = np.linspace(trajectory.start, trajectory.end, n_samples)
     return times, distances.distances(trajectory.evaluate(times))
@@ -147,6 +172,10 @@ class _Curve:
         return self.measure.distances(self.trajectory.evaluate(t))
 
     def bounds(self, middle: Array, half: Array) -> Array:
-        breaks, last = self.trajectory.breaks, self.trajectory.n_pieces - 1
+        breaks = self.trajectory.breaks
+        last = self.trajectory.n_pieces - 1
         piece = np.clip(np.searchsorted(breaks, middle, side="right") - 1, 0, last)
-        return np.abs(self.trajectory.evaluate(middle, 1)) * half[:, None] + 0.5 * self.acceleration[piece] * half[:, None] ** 2
+        return (
+            np.abs(self.trajectory.evaluate(middle, 1)) * half[:, None]
+            + 0.5 * self.acceleration[piece] * half[:, None] ** 2
+        )

@@ -1,4 +1,6 @@
-"""Signed distances of all pairs of a scene along many configurations, by coal, with exact gradients."""
+"""Signed distances of all pairs of a scene along many configurations, by coal, with exact
+gradients.
+"""
 
 from __future__ import annotations
 
@@ -19,7 +21,9 @@ from uvms_ocp.types import Array, Indices, Mask, Shape
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class NearPairs:
-    """The pairs closer than a threshold, one row per sample and pair, in the order of the samples."""
+    """The pairs closer than a threshold, one row per sample and pair, in the order of the
+    samples.
+    """
 
     sample: Indices
     """(n,)"""
@@ -30,7 +34,9 @@ class NearPairs:
     gradient: Array
     """(n, n_axes) [m per unit of the axis] derivative of the distance."""
     screws: Array
-    """(n, 6, n_columns) [m and rad per unit of the axis] twist of the whole robot at the world origin, linear rows first."""
+    """(n, 6, n_columns) [m and rad per unit of the axis] twist of the whole robot at the world
+    origin, linear rows first.
+    """
     centre: Array
     """(n, 3) [m] origin of the pair's second shape in W."""
 
@@ -55,7 +61,9 @@ class Contacts:
 
 @dataclass(slots=True, eq=False)
 class _Bounds:
-    """Lower bounds of the distances at the samples of the last call, carried along by the reach of every axis."""
+    """Lower bounds of the distances at the samples of the last call, carried along by the reach of
+    every axis.
+    """
 
     x: Array
     """(n, n_axes) [m, rad]"""
@@ -63,7 +71,9 @@ class _Bounds:
     """(n, n_pairs) [m]"""
 
     def moved_to(self, x: Array, scene: CollisionScene) -> None:
-        """Bounds at x: unknown for a new set of samples, else less by what the motion can have cost."""
+        """Bounds at x: unknown for a new set of samples, else less by what the motion can have
+        cost.
+        """
         if x.shape != self.x.shape:
             self.lower = np.full((x.shape[0], scene.n_pairs), -np.inf)
         else:
@@ -79,9 +89,9 @@ Samples = Annotated[Array, Shape("n", "self.scene.coordinates.n_axes")]
 class CoalDistances:
     """Distances by coal, for any shapes.
 
-    Pairs that were far at the last call with as many samples, and cannot have come near since, are not computed again.
-    The pairs found do not depend on it; gradients do by about 1e-5, since coal starts from its last answer.
-    Holds its own working memory, so not for two threads at once.
+    Pairs that were far at the last call with as many samples, and cannot have come near since, are
+    not computed again. The pairs found do not depend on it; gradients do by about 1e-5, since coal
+    starts from its last answer. Holds its own working memory, so not for two threads at once.
     """
 
     scene: CollisionScene
@@ -95,13 +105,17 @@ class CoalDistances:
         object.__setattr__(self, "_bounds", _Bounds(x=np.zeros((0, 0)), lower=np.zeros((0, 0))))
 
     def distances(self, x: Samples) -> Array:
-        """(n, n_pairs) [m] signed distances at x (n, n_axes) [m, rad]; -inf for an overlap whose depth coal cannot tell."""
+        """(n, n_pairs) [m] signed distances at x (n, n_axes) [m, rad]; -inf for an overlap whose
+        depth coal cannot tell.
+        """
         return self.distances_at(self.scene.coordinates.configurations(x))
 
     def distances_at(self, q: Configurations) -> Array:
         """The same at configurations q (n, n_q) [m, rad]."""
         result = np.empty((len(q), self.scene.n_pairs))
-        geometry, data, pairs = self.scene.geometry, self._geometry_data, range(self.scene.n_pairs)
+        geometry = self.scene.geometry
+        data = self._geometry_data
+        pairs = range(self.scene.n_pairs)
         for row, configuration in zip(result, q, strict=True):
             self._place(configuration)
             row[:] = [pin.computeDistance(geometry, data, k).min_distance for k in pairs]
@@ -109,26 +123,38 @@ class CoalDistances:
         return result
 
     def contacts(self, q: Configurations) -> Contacts:
-        """Find where all pairs are nearest at configurations q (n, n_q) [m, rad], without those whose depth coal cannot
-        compute."""
-        geometry, data, n_pairs = self.scene.geometry, self._geometry_data, self.scene.n_pairs
+        """Find where all pairs are nearest at configurations q (n, n_q) [m, rad], without those
+        whose depth coal cannot compute.
+        """
+        geometry = self.scene.geometry
+        data = self._geometry_data
+        n_pairs = self.scene.n_pairs
         found = np.empty((len(q), n_pairs, 10))
         for k, configuration in enumerate(q):
             self._place(configuration)
             for i in range(n_pairs):
-                result, row = pin.computeDistance(geometry, data, i), found[k, i]
+                result = pin.computeDistance(geometry, data, i)
+                row = found[k, i]
                 row[0], row[1:4] = result.min_distance, result.normal
                 row[4:7], row[7:] = result.getNearestPoint1(), result.getNearestPoint2()
         sample, pair = np.nonzero((found[..., 0] > FAILED) & np.isfinite(found).all(axis=-1))
         rows = found[sample, pair]
-        parts = {"distance": rows[:, 0], "normal": rows[:, 1:4], "first": rows[:, 4:7], "second": rows[:, 7:]}
+        parts = {
+            "distance": rows[:, 0],
+            "normal": rows[:, 1:4],
+            "first": rows[:, 4:7],
+            "second": rows[:, 7:],
+        }
         return Contacts(sample=sample, pair=pair, **parts)
 
-    def near(self, x: Samples, thresholds: Annotated[Array, Shape("self.scene.n_pairs")]) -> NearPairs:
+    def near(
+        self, x: Samples, thresholds: Annotated[Array, Shape("self.scene.n_pairs")]
+    ) -> NearPairs:
         """The pairs closer than their thresholds (n_pairs,) [m] at x (n, n_axes) [m, rad].
 
-        The derivative of a distance is ``n'(J_p2 - J_p1)`` with the normal n and the witness points p1, p2, which
-        lie on one line along n: one wrench ``[n; p x n]`` at the origin serves both shapes, in penetration too.
+        The derivative of a distance is ``n'(J_p2 - J_p1)`` with the normal n and the witness points
+        p1, p2, which lie on one line along n: one wrench ``[n; p x n]`` at the origin serves both
+        shapes, in penetration too.
         """
         found: list[_Contact] = []
         jacobians = np.zeros((x.shape[0], 6, self.scene.coordinates.robot.model.nvExtended))
@@ -139,36 +165,60 @@ class CoalDistances:
         for sample, chosen in _grouped(candidates):
             self._place(configurations[sample])
             self._collect(sample, chosen, limits, found)
-            jacobians[sample] = pin.computeJointJacobians(self.scene.coordinates.robot.model, self._data, configurations[sample])
+            jacobians[sample] = pin.computeJointJacobians(
+                self.scene.coordinates.robot.model, self._data, configurations[sample]
+            )
         if not found:
             return no_near_pairs(self.scene.fold)
-        samples, pairs, distances, normals, points, centres = map(np.array, zip(*found, strict=True))
+        samples, pairs, distances, normals, points, centres = map(
+            np.array, zip(*found, strict=True)
+        )
         screws = (jacobians @ self.scene.coordinates.column_map(x))[samples]
         wrench = np.concatenate([normals, np.cross(points, normals)], axis=1)
         gradient = ((wrench[:, None, :] @ screws)[:, 0] * self.scene.moved[pairs]) @ self.scene.fold
-        return NearPairs(sample=samples, pair=pairs, distance=distances, gradient=gradient, screws=screws, centre=centres)
+        return NearPairs(
+            sample=samples,
+            pair=pairs,
+            distance=distances,
+            gradient=gradient,
+            screws=screws,
+            centre=centres,
+        )
 
     def _place(self, q: Array) -> None:
         model = self.scene.coordinates.robot.model
         robot.require_normalized(model, q)
         pin.updateGeometryPlacements(model, self._data, self.scene.geometry, self._geometry_data, q)
 
-    def _collect(self, sample: int, pairs: list[int], thresholds: list[float], found: list[_Contact]) -> None:
-        data, lower = self._geometry_data, self._bounds.lower[sample]
+    def _collect(
+        self, sample: int, pairs: list[int], thresholds: list[float], found: list[_Contact]
+    ) -> None:
+        data = self._geometry_data
+        lower = self._bounds.lower[sample]
         for k in pairs:
             result = pin.computeDistance(self.scene.geometry, data, k)
             distance = lower[k] = result.min_distance
             if FAILED < distance < thresholds[k]:
                 # Results are views of memory that the next sample overwrites.
                 centre = data.oMg[self.scene.pairs[k].second].translation.copy()
-                found.append((sample, k, distance, result.normal.copy(), result.getNearestPoint1().copy(), centre))
+                found.append(
+                    (
+                        sample,
+                        k,
+                        distance,
+                        result.normal.copy(),
+                        result.getNearestPoint1().copy(),
+                        centre,
+                    )
+                )
 
 
 def _grouped(candidates: Mask) -> Iterator[tuple[int, list[int]]]:
     """Each sample that has candidates, with the pairs that are."""
     samples, pairs = np.nonzero(candidates)
     first = np.flatnonzero(np.diff(samples, prepend=-1))
-    bounds, all_pairs = [*first.tolist(), samples.size], pairs.tolist()
+    bounds = [*first.tolist(), samples.size]
+    all_pairs = pairs.tolist()
     for sample, (start, end) in zip(samples[first].tolist(), pairwise(bounds), strict=True):
         yield sample, all_pairs[start:end]
 

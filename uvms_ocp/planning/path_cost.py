@@ -1,4 +1,6 @@
-"""Soft-collision cost of a path in planned axes, with its gradient and its block-tridiagonal Gauss-Newton matrix."""
+"""Soft-collision cost of a path in planned axes, with its gradient and its block-tridiagonal
+Gauss-Newton matrix.
+"""
 
 from __future__ import annotations
 
@@ -30,7 +32,9 @@ class BlockTridiagonal:
     """(n - 1, b, b) [A] row node j + 1, column node j."""
 
     def __add__(self, other: BlockTridiagonal) -> BlockTridiagonal:
-        return BlockTridiagonal(diagonal=self.diagonal + other.diagonal, below=self.below + other.below)
+        return BlockTridiagonal(
+            diagonal=self.diagonal + other.diagonal, below=self.below + other.below
+        )
 
     def scaled(self, factor: float) -> BlockTridiagonal:
         """The matrix times a factor [any]."""
@@ -44,11 +48,15 @@ class BlockTridiagonal:
         return result
 
     def pinned(self, free: Mask) -> BlockTridiagonal:
-        """The matrix with the rows and columns of variables not free (n, b) replaced by those of the identity."""
+        """The matrix with the rows and columns of variables not free (n, b) replaced by those of
+        the identity.
+        """
         diagonal = self.diagonal * (free[:, :, None] & free[:, None, :])
         rows = np.arange(free.shape[1])
         diagonal[:, rows, rows] += ~free
-        return BlockTridiagonal(diagonal=diagonal, below=self.below * (free[1:, :, None] & free[:-1, None, :]))
+        return BlockTridiagonal(
+            diagonal=diagonal, below=self.below * (free[1:, :, None] & free[:-1, None, :])
+        )
 
     def dense(self) -> Array:
         """The whole matrix (n b, n b) [A]."""
@@ -64,7 +72,8 @@ class BlockTridiagonal:
         """The factor, or None where the matrix is not positive definite."""
         from scipy.linalg import lapack  # a tenth of a second, which only those pay who plan
 
-        factors, couplings = [], []
+        factors = []
+        couplings = []
         block = self.diagonal[0]
         for j in range(len(self.diagonal)):
             factor, info = lapack.dpotrf(block, lower=1, clean=1)
@@ -133,7 +142,11 @@ def penalty(y: Array) -> Penalty:
     """Evaluate y^3/6 for 0 < y < 1, y^2/2 - y/2 + 1/6 above, zero below; y (...)."""
     inside = np.clip(y, 0.0, 1.0)
     beyond = np.maximum(y - 1.0, 0.0)
-    return Penalty(value=inside**3 / 6.0 + beyond * (0.5 + 0.5 * beyond), slope=0.5 * inside**2 + beyond, curvature=inside)
+    return Penalty(
+        value=inside**3 / 6.0 + beyond * (0.5 + 0.5 * beyond),
+        slope=0.5 * inside**2 + beyond,
+        curvature=inside,
+    )
 
 
 def two_sided(value: Array, limit: Array, margin: float) -> Penalty:
@@ -143,15 +156,19 @@ def two_sided(value: Array, limit: Array, margin: float) -> Penalty:
     """
     finite = np.where(np.isinf(limit), 1.0, limit) * margin
     p = penalty((np.abs(value) - np.where(np.isinf(limit), np.inf, limit - finite)) / finite)
-    return Penalty(value=p.value, slope=np.sign(value) * p.slope / finite, curvature=p.curvature / finite**2)
+    return Penalty(
+        value=p.value, slope=np.sign(value) * p.slope / finite, curvature=p.curvature / finite**2
+    )
 
 
 def outside(value: Array, lower: Array, upper: Array, margin: float) -> Penalty:
-    """Penalty on a value (..., n_axes) [value] nearer than ``margin`` [value] to either end of its range.
+    """Penalty on a value (..., n_axes) [value] nearer than ``margin`` [value] to either end of its
+    range.
 
     lower and upper (n_axes,) [value].
     """
-    low, high = penalty((lower + margin - value) / margin), penalty((value - upper + margin) / margin)
+    low = penalty((lower + margin - value) / margin)
+    high = penalty((value - upper + margin) / margin)
     return Penalty(
         value=low.value + high.value,
         slope=(high.slope - low.slope) / margin,
@@ -185,21 +202,31 @@ def link_speeds(scene: CollisionScene, near: NearPairs, rates: Array, floor: flo
     twist = (screws @ rates[..., None])[..., 0]
     linear = twist[:, :3] + _cross(twist[:, 3:], near.centre)
     angular = twist[:, 3:]
-    speed = np.sqrt(np.sum(linear**2, axis=1) + gyration[:, 0] * np.sum(angular**2, axis=1) + floor**2)
+    speed = np.sqrt(
+        np.sum(linear**2, axis=1) + gyration[:, 0] * np.sum(angular**2, axis=1) + floor**2
+    )
     turn = screws[:, 3:]
     shift = screws[:, :3] + _cross(turn, near.centre[..., None])
     twist_slope = _twist_slopes(screws, rates, scene.follows)
-    linear_slope = twist_slope[:, :3] + _cross(twist_slope[:, 3:], near.centre[..., None]) + _cross(angular[..., None], shift)
+    linear_slope = (
+        twist_slope[:, :3]
+        + _cross(twist_slope[:, 3:], near.centre[..., None])
+        + _cross(angular[..., None], shift)
+    )
     weighted = gyration * angular
     return LinkSpeeds(
         speed=speed,
-        by_position=(_dot(linear, linear_slope) + _dot(weighted, twist_slope[:, 3:])) @ scene.fold / speed[:, None],
+        by_position=(_dot(linear, linear_slope) + _dot(weighted, twist_slope[:, 3:]))
+        @ scene.fold
+        / speed[:, None],
         by_rate=(_dot(linear, shift) + _dot(weighted, turn)) @ scene.fold / speed[:, None],
     )
 
 
 def _twist_slopes(screws: Array, rates: Array, follows: Array) -> Array:
-    """(n, 6, n_columns) of the twist by the columns: column j turns the screws of those it carries, d s_k = s_j x s_k."""
+    """(n, 6, n_columns) of the twist by the columns: column j turns the screws of those it carries,
+    d s_k = s_j x s_k.
+    """
     carried = screws @ (rates[:, None, :] * follows).transpose(0, 2, 1)
     moved = _cross(screws[:, 3:], carried[:, :3]) + _cross(screws[:, :3], carried[:, 3:])
     return np.concatenate([moved, _cross(screws[:, 3:], carried[:, 3:])], axis=1)
@@ -208,7 +235,11 @@ def _twist_slopes(screws: Array, rates: Array, follows: Array) -> Array:
 def _cross(a: Array, b: Array) -> Array:
     """Cross product along axis 1; ``numpy.cross`` costs several times more on small arrays."""
     return np.stack(
-        [a[:, 1] * b[:, 2] - a[:, 2] * b[:, 1], a[:, 2] * b[:, 0] - a[:, 0] * b[:, 2], a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0]],
+        [
+            a[:, 1] * b[:, 2] - a[:, 2] * b[:, 1],
+            a[:, 2] * b[:, 0] - a[:, 0] * b[:, 2],
+            a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0],
+        ],
         axis=1,
     )
 
@@ -217,7 +248,8 @@ def _dot(vector: Array, matrix: Array) -> Array:
     return (vector[:, None, :] @ matrix)[:, 0]
 
 
-# The soft-collision cost J = l1 Js + l2 Jc + l3 Jd of a trajectory in its node derivatives, [Gao2022] eqs (76)-(82).
+# The soft-collision cost J = l1 Js + l2 Jc + l3 Jd of a trajectory in its node derivatives,
+# [Gao2022] eqs (76)-(82).
 
 
 class DistanceSource(Protocol):
@@ -235,7 +267,8 @@ class DistanceSource(Protocol):
 class CostWeights:
     """L1, l2, l3 and the shape of the penalties.
 
-    Raises `InvalidInput` for a negative weight, and unless clearance, speed floor, margin and samples are positive.
+    Raises `InvalidInput` for a negative weight, and unless clearance, speed floor, margin and
+    samples are positive.
     """
 
     smoothness: Annotated[float, Range(0.0)] = 1e-3
@@ -243,7 +276,9 @@ class CostWeights:
     collision: Annotated[float, Range(0.0)] = 100.0
     """[1/m] Of the penalty of clearance, per metre travelled."""
     limits: Annotated[float, Range(0.0)] = 1.0
-    """[1/s] Of the penalties of positions, velocities and accelerations beyond limits, per second."""
+    """[1/s] Of the penalties of positions, velocities and accelerations beyond limits, per
+    second.
+    """
     clearance: Positive = 0.06
     """[m] distance where the penalty of clearance begins."""
     link_clearance: Positive | None = None
@@ -251,7 +286,9 @@ class CostWeights:
     speed_floor: Positive = 0.02
     """[m/s] speed at which a link at rest counts."""
     margin: Positive = 0.1
-    """Fraction of a limit, and [m or rad] distance from a position limit, where its penalty begins."""
+    """Fraction of a limit, and [m or rad] distance from a position limit, where its penalty
+    begins.
+    """
     samples: AtLeastOne = 15
     """Samples per piece."""
 
@@ -281,11 +318,15 @@ class LocalModel:
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class _SampleSlopes:
-    """A cost, and its derivatives at every sample, (samples, pieces, n_axes) if not said; for axes that turn read rad for m."""
+    """A cost, and its derivatives at every sample, (samples, pieces, n_axes) if not said; for axes
+    that turn read rad for m.
+    """
 
     value: float
     position: Penalty
-    """Slope [1/m] and curvature [1/m2], that (samples, pieces, n_axes, n_axes) where axes are coupled."""
+    """Slope [1/m] and curvature [1/m2], that (samples, pieces, n_axes, n_axes) where axes are
+    coupled.
+    """
     rate: Penalty
     """[s/m], [s2/m2]"""
     acceleration: Penalty
@@ -294,7 +335,9 @@ class _SampleSlopes:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class PathCost:
-    """The cost of trajectories over fixed pieces; variables are scaled node derivatives (n_nodes, k n_axes)."""
+    """The cost of trajectories over fixed pieces; variables are scaled node derivatives (n_nodes, k
+    n_axes).
+    """
 
     distances: DistanceSource
     pieces: Pieces
@@ -306,21 +349,28 @@ class PathCost:
         return self.distances.scene.coordinates.n_axes
 
     def variables(self, values: Array) -> Array:
-        """Scaled variables (n_nodes, k n_axes) [m, rad] from node derivatives: values (k, n_nodes, n_axes) [m/s^d, rad/s^d]."""
+        """Scaled variables (n_nodes, k n_axes) [m, rad] from node derivatives: values (k, n_nodes,
+        n_axes) [m/s^d, rad/s^d].
+        """
         return (values * self._node_scale).transpose(1, 0, 2).reshape(values.shape[1], -1)
 
     def values(self, variables: Array) -> Array:
-        """Node derivatives (k, n_nodes, n_axes) [m/s^d, rad/s^d] from scaled variables (n_nodes, k n_axes) [m, rad]."""
+        """Node derivatives (k, n_nodes, n_axes) [m/s^d, rad/s^d] from scaled variables (n_nodes, k
+        n_axes) [m, rad].
+        """
         return self._by_derivative(variables) / self._node_scale
 
     def samples(self, variables: Array) -> tuple[Array, Array, Array]:
-        """Positions, rates and accelerations at the samples, each (samples per piece, n_pieces, n_axes).
+        """Positions, rates and accelerations at the samples, each (samples per piece, n_pieces,
+        n_axes).
 
         Of variables (n_nodes, k n_axes) [m, rad].
         """
         nodes = self._by_derivative(variables)
         data = np.concatenate([nodes[:, :-1], nodes[:, 1:]]) * self.pieces.scale
-        x, v, a = (np.reshape(P @ data.reshape(len(data), -1), (-1, *data.shape[1:])) for P in self._bases)
+        x, v, a = (
+            np.reshape(P @ data.reshape(len(data), -1), (-1, *data.shape[1:])) for P in self._bases
+        )
         return x, v / self._h, a / self._h**2
 
     def model(self, variables: Array, *, collision_only: bool = False) -> LocalModel:
@@ -343,7 +393,8 @@ class PathCost:
     @cached_property
     def smoothness_hessian(self) -> BlockTridiagonal:
         """Hessian of l1 Js, constant."""
-        k, total = self.pieces.k, float(np.sum(self.pieces.durations))
+        k = self.pieces.k
+        total = float(np.sum(self.pieces.durations))
         factor = 2.0 * self.weights.smoothness * total ** (2 * k - 1) / hermite_cost(k)[k, k]
         unit = hermite_cost(k)[None, :, :, None, None] * np.eye(self.n_axes)
         return self._assembled(factor * self.pieces.weight[:, :, None, None, None] * unit)
@@ -365,13 +416,19 @@ class PathCost:
 
     @cached_property
     def _node_scale(self) -> Array:
-        return (self.pieces.node_times * self.pieces.unit)[None, :, None] ** np.arange(self.pieces.k)[:, None, None]
+        return (self.pieces.node_times * self.pieces.unit)[None, :, None] ** np.arange(
+            self.pieces.k
+        )[:, None, None]
 
     @cached_property
     def _clearances(self) -> Array:
-        """(n_pairs,) [m] where each pair's penalty begins: links close by design keep half their distance."""
+        """(n_pairs,) [m] where each pair's penalty begins: links close by design keep half their
+        distance.
+        """
         scene = self.distances.scene
-        return np.minimum(scene.per_pair(self.weights.clearance, self.weights.link_clearance), scene.room)
+        return np.minimum(
+            scene.per_pair(self.weights.clearance, self.weights.link_clearance), scene.room
+        )
 
     def _by_derivative(self, variables: Array) -> Array:
         return variables.reshape(len(variables), self.pieces.k, -1).transpose(1, 0, 2)
@@ -386,7 +443,8 @@ class PathCost:
         weight = self.weights.collision * (self._h[:, 0] / n_samples)[near.sample % n_pieces]
         toward = -(weight * c.slope * speeds.speed / width)[:, None] * near.gradient
         bend = near.gradient * np.sqrt(weight * c.curvature * speeds.speed / width**2)[:, None]
-        zero, value = np.zeros_like(x), weight * c.value
+        zero = np.zeros_like(x)
+        value = weight * c.value
         by_position = _summed(near.sample, toward + value[:, None] * speeds.by_position, x.shape)
         by_rate = _summed(near.sample, value[:, None] * speeds.by_rate, x.shape)
         coupled = _summed(near.sample, bend[:, :, None] * bend[:, None, :], (*x.shape, n))
@@ -412,9 +470,18 @@ class PathCost:
         )
 
     def _gradient(self, slopes: _SampleSlopes) -> Array:
-        parts = (slopes.position.slope, slopes.rate.slope / self._h, slopes.acceleration.slope / self._h**2)
-        by_end = sum(P.T @ part.reshape(len(part), -1) for P, part in zip(self._bases, parts, strict=True))
-        ends = np.reshape(by_end, (2 * self.pieces.k, *slopes.position.slope.shape[1:])) * self.pieces.scale
+        parts = (
+            slopes.position.slope,
+            slopes.rate.slope / self._h,
+            slopes.acceleration.slope / self._h**2,
+        )
+        by_end = sum(
+            P.T @ part.reshape(len(part), -1) for P, part in zip(self._bases, parts, strict=True)
+        )
+        ends = (
+            np.reshape(by_end, (2 * self.pieces.k, *slopes.position.slope.shape[1:]))
+            * self.pieces.scale
+        )
         nodes = onto_nodes(ends, self.pieces.k)
         return nodes.transpose(1, 0, 2).reshape(nodes.shape[1], -1)
 
@@ -434,9 +501,13 @@ class PathCost:
 
     def _assembled(self, unit: Array) -> BlockTridiagonal:
         """Node blocks from unit-interval piece blocks (n_pieces, 2k, 2k, n_axes, n_axes)."""
-        k, scale = self.pieces.k, self.pieces.scale[..., 0].T
-        rows = (unit * (scale[:, :, None] * scale[:, None, :])[..., None, None]).transpose(0, 1, 3, 2, 4)
-        n_pieces, b = unit.shape[0], k * unit.shape[3]
+        k = self.pieces.k
+        scale = self.pieces.scale[..., 0].T
+        rows = (unit * (scale[:, :, None] * scale[:, None, :])[..., None, None]).transpose(
+            0, 1, 3, 2, 4
+        )
+        n_pieces = unit.shape[0]
+        b = k * unit.shape[3]
         diagonal = np.zeros((n_pieces + 1, b, b))
         diagonal[:-1] += rows[:, :k, :, :k].reshape(n_pieces, b, b)
         diagonal[1:] += rows[:, k:, :, k:].reshape(n_pieces, b, b)
@@ -448,7 +519,9 @@ def _weighted(p: Penalty, weight: Array) -> Penalty:
 
 
 def _summed(sample: Indices, rows: Array, shape: tuple[int, ...]) -> Array:
-    """Rows added up by sample (which come in ascending order), laid out as (samples, pieces, ...)."""
+    """Rows added up by sample (which come in ascending order), laid out as (samples, pieces,
+    ...).
+    """
     result = np.zeros((shape[0] * shape[1], *rows.shape[1:]))
     if sample.size:
         first = np.flatnonzero(np.diff(sample, prepend=-1))

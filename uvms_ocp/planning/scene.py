@@ -1,8 +1,10 @@
-"""Planned coordinates of a robot, its shapes, the obstacles, and the pairs of them that must stay apart.
+"""Planned coordinates of a robot, its shapes, the obstacles, and the pairs of them that must stay
+apart.
 
-x is [p_WB (3) [m], roll, pitch, yaw [rad], joints] for a vehicle with an arm and the joints alone for a fixed base;
-axes that are not planned keep their reference value. Roll-pitch-yaw is R = Rz Ry Rx, [Gao2022] eqs (6)-(9): singular at
-pitch = +-90 deg, which a planned vehicle motion must not cross.
+x is [p_WB (3) [m], roll, pitch, yaw [rad], joints] for a vehicle with an arm and the joints alone
+for a fixed base; axes that are not planned keep their reference value. Roll-pitch-yaw is R = Rz Ry
+Rx, [Gao2022] eqs (6)-(9): singular at pitch = +-90 deg, which a planned vehicle motion must not
+cross.
 """
 
 from __future__ import annotations
@@ -20,11 +22,17 @@ from uvms_ocp.checks import checked, checked_constructor, checked_dataclass, che
 from uvms_ocp.errors import InvalidInput, require_known
 from uvms_ocp.robot.kinematics import shape_reach
 from uvms_ocp.robot.robot import Robot
-from uvms_ocp.robot.shapes.collision_model import self_pairs, shapes_among, stowed_distances, with_pairs
+from uvms_ocp.robot.shapes.collision_model import (
+    self_pairs,
+    shapes_among,
+    stowed_distances,
+    with_pairs,
+)
 from uvms_ocp.robot.shapes.obstacles import Obstacle, require_distinct_names
 from uvms_ocp.types import Array, Finite, Indices, Shape
 
-# Coordinates of a planned motion: a plain vector x (n_axes,) in place of a configuration on the manifold.
+# Coordinates of a planned motion: a plain vector x (n_axes,) in place of a configuration on the
+# manifold.
 
 VEHICLE_AXES = ("x", "y", "z", "roll", "pitch", "yaw")
 
@@ -57,12 +65,17 @@ class Coordinates:
 
     def configurations(self, x: Annotated[Array, Shape("n", "self.n_axes")]) -> Array:
         """(n, n_q) [m, rad] configurations from x (n, n_axes) [m, rad]."""
-        full, n = self.all_axes(x), self.robot.n_vehicle
-        vehicle = np.concatenate([full[:, :3], _quaternions(full[:, 3:6])], axis=1) if n else full[:, :0]
+        full = self.all_axes(x)
+        n = self.robot.n_vehicle
+        vehicle = (
+            np.concatenate([full[:, :3], _quaternions(full[:, 3:6])], axis=1) if n else full[:, :0]
+        )
         return np.concatenate([vehicle, *_joint_columns(self.robot, full[:, n:].T)], axis=1)
 
     def x(self, q: ArrayLike) -> Array:
-        """(n_axes,) [m, rad] coordinates of a configuration q (n_q,) [m, rad]. Raises `InvalidInput` for an invalid one."""
+        """(n_axes,) [m, rad] coordinates of a configuration q (n_q,) [m, rad]. Raises
+        `InvalidInput` for an invalid one.
+        """
         return _axis_values(self.robot, self.robot.check_configuration(q))[self.planned]
 
     def velocity_map(self, x: Annotated[Array, Shape("n", "self.n_axes")]) -> Array:
@@ -70,7 +83,9 @@ class Coordinates:
         return self._map(x, self.robot.n_v)[:, :, self.planned]
 
     def column_map(self, x: Annotated[Array, Shape("n", "self.n_axes")]) -> Array:
-        """(n, n_jacobian, n_columns): of all columns of Pinocchio's Jacobian by `columns`, at x (n, n_axes) [m, rad]."""
+        """(n, n_jacobian, n_columns): of all columns of Pinocchio's Jacobian by `columns`, at x (n,
+        n_axes) [m, rad].
+        """
         return self._map(x, self.robot.model.nvExtended)[:, :, self.columns]
 
     def _map(self, x: Array, size: int) -> Array:
@@ -80,22 +95,35 @@ class Coordinates:
             maps[:, :3, :3], maps[:, 3:6, 3:6] = _body_rate_maps(full[:, 3:6])
         return maps
 
-    def rate_limits(self, x: Annotated[Array, Shape("n", "self.n_axes")], *, shared: bool = False) -> Array:
-        """(2, n_axes) [m/s, rad/s; per s] largest rates and accelerations by the robot's limits, at every x (n, n_axes) [m, rad].
+    def rate_limits(
+        self, x: Annotated[Array, Shape("n", "self.n_axes")], *, shared: bool = False
+    ) -> Array:
+        """(2, n_axes) [m/s, rad/s; per s] largest rates and accelerations by the robot's limits, at
+        every x (n, n_axes) [m, rad].
 
-        The limits are along the vehicle's own axes: one that several planned axes share, or that turns from one to another, has
-        no number for any of them, and is infinite; ``shared``: what it leaves each where the others rest.
+        The limits are along the vehicle's own axes: one that several planned axes share, or that
+        turns from one to another, has no number for any of them, and is infinite; ``shared``: what
+        it leaves each where the others rest.
         """
         along = np.abs(self.velocity_map(x)).max(axis=0)
         moves = along > 1e-9
         alone = ~(moves & (moves.sum(axis=1) > 1)[:, None]).any(axis=0)
         largest = np.stack([self.robot.limits.velocity, self.robot.limits.acceleration])[:, :, None]
-        return np.where(moves & (alone | shared), largest / np.maximum(along, 1e-9), np.inf).min(axis=1)
+        return np.where(moves & (alone | shared), largest / np.maximum(along, 1e-9), np.inf).min(
+            axis=1
+        )
 
     @cached_property
     def columns(self) -> Indices:
-        """(n_columns,) columns of Pinocchio's Jacobian, axis by axis: one each, and one for each joint that mimics it."""
-        return np.concatenate([np.zeros(0, dtype=np.intp), *(np.flatnonzero(self._axes == axis) for axis in self.planned)])
+        """(n_columns,) columns of Pinocchio's Jacobian, axis by axis: one each, and one for each
+        joint that mimics it.
+        """
+        return np.concatenate(
+            [
+                np.zeros(0, dtype=np.intp),
+                *(np.flatnonzero(self._axes == axis) for axis in self.planned),
+            ]
+        )
 
     @cached_property
     def fold(self) -> Array:
@@ -106,10 +134,14 @@ class Coordinates:
     def _axes(self) -> Indices:
         """The axis among all of every column of Pinocchio's Jacobian."""
         joints = list(self.robot.model.joints)[1:]
-        return np.array([joint.idx_v + i for joint in joints for i in range(joint.nvExtended)], dtype=np.intp)
+        return np.array(
+            [joint.idx_v + i for joint in joints for i in range(joint.nvExtended)], dtype=np.intp
+        )
 
     def follows(self) -> Array:
-        """(n_columns, n_columns) 1 where the column's motion is carried by the row's; the vehicle turns yaw, pitch, roll."""
+        """(n_columns, n_columns) 1 where the column's motion is carried by the row's; the vehicle
+        turns yaw, pitch, roll.
+        """
         model = self.robot.model
         result = np.zeros((model.nvExtended, model.nvExtended))
         for joint in range(1, model.njoints):
@@ -123,20 +155,34 @@ class Coordinates:
 
     @property
     def endless(self) -> Indices:
-        """Indices among the planned axes of those that turn without end: roll, yaw and endless joints."""
-        turning = {"roll", "yaw", *(joint_axis(self.robot, name) for name in self.robot.endless_joints)}
+        """Indices among the planned axes of those that turn without end: roll, yaw and endless
+        joints.
+        """
+        turning = {
+            "roll",
+            "yaw",
+            *(joint_axis(self.robot, name) for name in self.robot.endless_joints),
+        }
         return np.array([k for k, name in enumerate(self.names) if name in turning], dtype=np.intp)
 
     def shortest_turn(
-        self, x: Annotated[Array, Shape(..., "self.n_axes")], near: Annotated[Array, Shape(..., "self.n_axes")]
+        self,
+        x: Annotated[Array, Shape(..., "self.n_axes")],
+        near: Annotated[Array, Shape(..., "self.n_axes")],
     ) -> Array:
-        """(..., n_axes) [m, rad] the same configurations as x (..., n_axes) [m, rad], at most half a turn from near."""
-        turn, nearest, ends = 2.0 * np.pi, x.copy(), self.endless
+        """(..., n_axes) [m, rad] the same configurations as x (..., n_axes) [m, rad], at most half
+        a turn from near.
+        """
+        turn = 2.0 * np.pi
+        nearest = x.copy()
+        ends = self.endless
         nearest[..., ends] -= turn * np.round((x - near)[..., ends] / turn)
         return nearest
 
     def limits(self) -> tuple[Array, Array]:
-        """Lower and upper positions (n_axes,) [m, rad]; vehicle axes have none but pitch, which stays within 89 deg."""
+        """Lower and upper positions (n_axes,) [m, rad]; vehicle axes have none but pitch, which
+        stays within 89 deg.
+        """
         free = np.full(self.robot.n_vehicle, np.inf)
         if free.size:
             free[4] = np.deg2rad(89.0)
@@ -146,15 +192,21 @@ class Coordinates:
 
 
 @checked
-def coordinates(robot: Robot, *, reference: ArrayLike | None = None, axes: Sequence[str] | None = None) -> Coordinates:
-    """Choose the planned axes, by their names among x, y, z, roll, pitch, yaw and the joints; default all.
+def coordinates(
+    robot: Robot, *, reference: ArrayLike | None = None, axes: Sequence[str] | None = None
+) -> Coordinates:
+    """Choose the planned axes, by their names among x, y, z, roll, pitch, yaw and the joints;
+    default all.
 
-    reference (n_q,) [m, rad]: configuration that axes not planned keep; default: origin, ``robot.home``. Raises
-    `NameNotFound` for an axis that the robot does not have, and `InvalidInput` for a joint of several axes or a reference that is
-    no valid configuration.
+    reference (n_q,) [m, rad]: configuration that axes not planned keep; default: origin,
+    ``robot.home``. Raises `NameNotFound` for an axis that the robot does not have, and
+    `InvalidInput` for a joint of several axes or a reference that is no valid configuration.
     """
     for joint in (joint for joint in robot.joints if joint.n_v != 1):
-        raise InvalidInput(f"joint {joint.name!r} has {joint.n_v} axes; planning needs joints of one; --lock fixes it")
+        raise InvalidInput(
+            f"joint {joint.name!r} has {joint.n_v} axes; planning needs joints of one; --lock"
+            " fixes it"
+        )
     names = _axis_names(robot)
     wanted = names if axes is None else tuple(axes)
     for name in wanted:
@@ -165,11 +217,16 @@ def coordinates(robot: Robot, *, reference: ArrayLike | None = None, axes: Seque
 
 
 def _axis_names(robot: Robot) -> tuple[str, ...]:
-    return (*(VEHICLE_AXES if robot.n_vehicle else ()), *(joint_axis(robot, name) for name in robot.joint_names))
+    return (
+        *(VEHICLE_AXES if robot.n_vehicle else ()),
+        *(joint_axis(robot, name) for name in robot.joint_names),
+    )
 
 
 def joint_axis(robot: Robot, joint: str) -> str:
-    """Name of the axis of a joint: its own, or another one where an axis of the vehicle is called so."""
+    """Name of the axis of a joint: its own, or another one where an axis of the vehicle is called
+    so.
+    """
     return f"joint {joint}" if robot.n_vehicle and joint in VEHICLE_AXES else joint
 
 
@@ -177,11 +234,15 @@ def _axis_values(robot: Robot, q: Array) -> Array:
     joints = robot.joint_values(q)
     if not robot.n_vehicle:
         return joints
-    return np.concatenate([q[:3], pin.rpy.matrixToRpy(pin.Quaternion(np.array(q[3:7])).toRotationMatrix()), joints])
+    return np.concatenate(
+        [q[:3], pin.rpy.matrixToRpy(pin.Quaternion(np.array(q[3:7])).toRotationMatrix()), joints]
+    )
 
 
 def _joint_columns(robot: Robot, values: Array) -> Iterator[Array]:
-    """The columns (n, 1) of q that each joint has at its values (n_joints, n): of an endless one cosine and sine."""
+    """The columns (n, 1) of q that each joint has at its values (n_joints, n): of an endless one
+    cosine and sine.
+    """
     for joint, value in zip(robot.joints, values, strict=True):
         entries = (np.cos(value), np.sin(value)) if joint.endless else (value,)
         yield from (entry[:, None] for entry in entries)
@@ -190,12 +251,16 @@ def _joint_columns(robot: Robot, values: Array) -> Iterator[Array]:
 def _quaternions(rpy: Array) -> Array:
     """(n, 4) xyzw of Rz Ry Rx."""
     (cr, cp, cy), (sr, sp, sy) = np.cos(rpy / 2.0).T, np.sin(rpy / 2.0).T
-    x, y, z = sr * cp * cy - cr * sp * sy, cr * sp * cy + sr * cp * sy, cr * cp * sy - sr * sp * cy
+    x = sr * cp * cy - cr * sp * sy
+    y = cr * sp * cy + sr * cp * sy
+    z = cr * cp * sy - sr * sp * cy
     return np.stack([x, y, z, cr * cp * cy + sr * sp * sy], axis=1)
 
 
 def _body_rate_maps(rpy: Array) -> tuple[Array, Array]:
-    """R_BW (n, 3, 3), and (n, 3, 3) from Euler rates to the angular velocity in B, [Gao2022] eq. (9)."""
+    """R_BW (n, 3, 3), and (n, 3, 3) from Euler rates to the angular velocity in B, [Gao2022] eq.
+    (9).
+    """
     (cr, cp, cy), (sr, sp, sy) = np.cos(rpy).T, np.sin(rpy).T
     zero, one = np.zeros_like(cr), np.ones_like(cr)
     R_WB = np.array(
@@ -216,7 +281,9 @@ _LINKS = "its own links"
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class Pair:
-    """Two shapes by index in the geometry model, and the joints that carry them (0 is the world)."""
+    """Two shapes by index in the geometry model, and the joints that carry them (0 is the
+    world).
+    """
 
     first: int
     second: int
@@ -245,7 +312,9 @@ class CollisionScene:
     geometry: pin.GeometryModel
     pairs: tuple[Pair, ...]
     moved: Array
-    """(n_pairs, n_columns) -1, 0 or 1: does the column move the second shape minus does it move the first."""
+    """(n_pairs, n_columns) -1, 0 or 1: does the column move the second shape minus does it move the
+    first.
+    """
     reach: Array
     """(n_pairs, n_axes) [m per unit of the axis] upper bound on |d distance / d axis| at any configuration."""
     carried: Array
@@ -257,7 +326,9 @@ class CollisionScene:
     gyration: Array
     """(n_pairs,) [m] radius of gyration of the ball around the second shape."""
     room: Array
-    """(n_pairs,) [m] half the distance of two links at ``robot.home``, close by design; infinite for obstacles."""
+    """(n_pairs,) [m] half the distance of two links at ``robot.home``, close by design; infinite
+    for obstacles.
+    """
 
     @property
     def n_pairs(self) -> int:
@@ -269,75 +340,120 @@ class CollisionScene:
         return shape >= self.coordinates.robot.collision_model.ngeoms
 
     @checked_on_failure
-    def nearest(self, t: Annotated[Array, Shape("n")], distances: Annotated[Array, Shape("n", "self.n_pairs")]) -> NearestPair:
+    def nearest(
+        self,
+        t: Annotated[Array, Shape("n")],
+        distances: Annotated[Array, Shape("n", "self.n_pairs")],
+    ) -> NearestPair:
         """The smallest of the distances (n, n_pairs) [m] at times t (n,) [s]."""
         if not distances.size:
             return NearestPair(distance=np.inf, time=0.0, pair="")
         row, pair = np.unravel_index(int(np.argmin(distances)), distances.shape)
-        return NearestPair(distance=float(distances[row, pair]), time=float(t[row]), pair=self.pairs[pair].name)
+        return NearestPair(
+            distance=float(distances[row, pair]), time=float(t[row]), pair=self.pairs[pair].name
+        )
 
     def among(self, indices: Sequence[int]) -> CollisionScene:
-        """The same scene with these of its pairs alone. Raises `InvalidInput` for an index that no pair has."""
+        """The same scene with these of its pairs alone. Raises `InvalidInput` for an index that no
+        pair has.
+        """
         chosen = np.array(indices, dtype=int)
         if not ((chosen >= 0) & (chosen < len(self.pairs))).all():
-            raise InvalidInput(f"indices are {indices}; give some of 0 to {len(self.pairs) - 1}, the pairs of the scene")
+            raise InvalidInput(
+                f"indices are {indices}; give some of 0 to {len(self.pairs) - 1}, the pairs of the"
+                " scene"
+            )
         pairs = tuple(self.pairs[k] for k in indices)
         geometry = with_pairs(self.geometry, ((pair.first, pair.second) for pair in pairs))
-        parts = {name: getattr(self, name)[chosen] for name in ("moved", "reach", "carried", "gyration", "room")}
+        parts = {
+            name: getattr(self, name)[chosen]
+            for name in ("moved", "reach", "carried", "gyration", "room")
+        }
         return replace(self, geometry=geometry, pairs=pairs, **parts)
 
     def groups(self) -> dict[str, list[int]]:
         """Indices of pairs by the obstacle they are with, and those of two links."""
         groups: dict[str, list[int]] = {}
         for index, pair in enumerate(self.pairs):
-            name = self.geometry.geometryObjects[pair.first].name if self.is_obstacle(pair.first) else _LINKS
+            name = (
+                self.geometry.geometryObjects[pair.first].name
+                if self.is_obstacle(pair.first)
+                else _LINKS
+            )
             groups.setdefault(name, []).append(index)
         return groups
 
     def per_pair(self, of_obstacles: Finite, of_links: Finite | None) -> Array:
-        """(n_pairs,) the one number for pairs with an obstacle, the other, where it is given, for those of two links."""
+        """(n_pairs,) the one number for pairs with an obstacle, the other, where it is given, for
+        those of two links.
+        """
         links = [of_links is not None and not self.is_obstacle(pair.first) for pair in self.pairs]
         return np.where(links, of_obstacles if of_links is None else of_links, of_obstacles)
 
-    def check_no_overlap(self, distances: Annotated[Array, Shape("self.n_pairs")], place: str) -> None:
-        """Raise `InvalidInput` where two shapes touch, by the distances (n_pairs,) [m] at the place of that name."""
+    def check_no_overlap(
+        self, distances: Annotated[Array, Shape("self.n_pairs")], place: str
+    ) -> None:
+        """Raise `InvalidInput` where two shapes touch, by the distances (n_pairs,) [m] at the place
+        of that name.
+        """
         if distances.min(initial=np.inf) <= 0.0:
             nearest = int(np.argmin(distances))
-            given = f"{place} is in collision: {self.pairs[nearest].name} overlap by {abs(distances[nearest]):.3g} m"
+            given = (
+                f"{place} is in collision: {self.pairs[nearest].name} overlap by"
+                f" {abs(distances[nearest]):.3g} m"
+            )
             raise InvalidInput(f"{given}; move it or the obstacle")
 
 
 @checked
-def collision_scene(coordinates: Coordinates, obstacles: Sequence[Obstacle], *, self_collision: bool = True) -> CollisionScene:
-    """All pairs link - obstacle, and the pairs of links of `self_pairs`, except those that no planned axis moves.
+def collision_scene(
+    coordinates: Coordinates, obstacles: Sequence[Obstacle], *, self_collision: bool = True
+) -> CollisionScene:
+    """All pairs link - obstacle, and the pairs of links of `self_pairs`, except those that no
+    planned axis moves.
 
     Raises `InvalidInput` for two obstacles of one name.
     """
     require_distinct_names(obstacles)
     robot = coordinates.robot
-    geometry, n_links = shapes_among(robot, obstacles), robot.collision_model.ngeoms
+    geometry = shapes_among(robot, obstacles)
+    n_links = robot.collision_model.ngeoms
     names = [shape.name for shape in geometry.geometryObjects]
     joints = [shape.parentJoint for shape in geometry.geometryObjects]
     indices = [(o, i) for o in range(n_links, geometry.ngeoms) for i in range(n_links)]
     if self_collision:
         indices += self_pairs(robot)
     pairs = [
-        Pair(first=a, second=b, first_joint=joints[a], second_joint=joints[b], name=f"{names[a]} - {names[b]}")
+        Pair(
+            first=a,
+            second=b,
+            first_joint=joints[a],
+            second_joint=joints[b],
+            name=f"{names[a]} - {names[b]}",
+        )
         for a, b in indices
     ]
     return _with_moving_pairs(coordinates, geometry, pairs)
 
 
-def _with_moving_pairs(coordinates: Coordinates, geometry: pin.GeometryModel, candidates: Sequence[Pair]) -> CollisionScene:
-    supports, fold = _supports(coordinates), coordinates.fold
-    reaches = [shape_reach(coordinates.robot, shape)[coordinates.planned] for shape in geometry.geometryObjects]
+def _with_moving_pairs(
+    coordinates: Coordinates, geometry: pin.GeometryModel, candidates: Sequence[Pair]
+) -> CollisionScene:
+    supports = _supports(coordinates)
+    fold = coordinates.fold
+    reaches = [
+        shape_reach(coordinates.robot, shape)[coordinates.planned]
+        for shape in geometry.geometryObjects
+    ]
     motions = [supports[pair.second_joint] - supports[pair.first_joint] for pair in candidates]
     pairs = [pair for pair, motion in zip(candidates, motions, strict=True) if motion.any()]
     shape = (len(pairs), len(fold))
     moved = np.array([motion for motion in motions if motion.any()]).reshape(shape)
     both = [(reaches[p.first], reaches[p.second]) for p in pairs]
     led = fold.sum(axis=0) > 1.0
-    reach = np.array([np.where(led, a + b, np.maximum(a, b)) for a, b in both]).reshape(len(pairs), coordinates.n_axes)
+    reach = np.array([np.where(led, a + b, np.maximum(a, b)) for a, b in both]).reshape(
+        len(pairs), coordinates.n_axes
+    )
     carried = np.array([supports[p.second_joint] for p in pairs]).reshape(shape)
     radii = np.array([geometry.geometryObjects[p.second].geometry.aabb_radius for p in pairs])
     geometry = with_pairs(geometry, ((pair.first, pair.second) for pair in pairs))

@@ -1,4 +1,6 @@
-"""Plan trajectories around obstacles by a soft collision cost, [Gao2022] eqs (76)-(82), and verify them."""
+"""Plan trajectories around obstacles by a soft collision cost, [Gao2022] eqs (76)-(82), and verify
+them.
+"""
 
 from __future__ import annotations
 
@@ -15,16 +17,44 @@ from threadpoolctl import threadpool_limits
 
 from uvms_ocp.checks import checked, checked_dataclass
 from uvms_ocp.errors import AdvisedStatus, InvalidInput
-from uvms_ocp.planning.conservative_advancement import ClearanceReport, PairDistances, check_clearance
+from uvms_ocp.planning.conservative_advancement import (
+    ClearanceReport,
+    PairDistances,
+    check_clearance,
+)
 from uvms_ocp.planning.distances import CoalDistances
-from uvms_ocp.planning.path_cost import BlockTridiagonal, CostParts, CostWeights, DistanceSource, LocalModel, PathCost
+from uvms_ocp.planning.path_cost import (
+    BlockTridiagonal,
+    CostParts,
+    CostWeights,
+    DistanceSource,
+    LocalModel,
+    PathCost,
+)
 from uvms_ocp.planning.scene import CollisionScene
 from uvms_ocp.robot.kinematics import largest_change
-from uvms_ocp.trajectories import MotionLimits, PiecewisePolynomial, free_derivatives, scale_to_limits, trapezoidal_times
+from uvms_ocp.trajectories import (
+    MotionLimits,
+    PiecewisePolynomial,
+    free_derivatives,
+    scale_to_limits,
+    trapezoidal_times,
+)
 from uvms_ocp.trajectories.min_snap import min_snap, solution_of
-from uvms_ocp.types import Array, AtLeastOne, Count, Indices, Magnitude, Mask, Positive, Range, Shape
+from uvms_ocp.types import (
+    Array,
+    AtLeastOne,
+    Count,
+    Indices,
+    Magnitude,
+    Mask,
+    Positive,
+    Range,
+    Shape,
+)
 
-# Trust-region descent on a block-tridiagonal Gauss-Newton matrix (Levenberg-Marquardt in a smooth metric).
+# Trust-region descent on a block-tridiagonal Gauss-Newton matrix (Levenberg-Marquardt in a smooth
+# metric).
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
@@ -72,8 +102,8 @@ _LONGEST_STEP = 0.3  # [m or rad] that the position of a node moves at most in o
 class TrustRegion:
     """Steps solve ``(H + mu metric) step = -gradient``.
 
-    mu falls when the model predicts well and grows when a step is refused, so a step is never accepted that raises the
-    cost. Bounds are not kept.
+    mu falls when the model predicts well and grows when a step is refused, so a step is never
+    accepted that raises the cost. Bounds are not kept.
     """
 
     max_iterations: int = 40
@@ -83,7 +113,9 @@ class TrustRegion:
     """First weight of the metric that holds steps back."""
 
     def minimise(self, problem: DescentProblem) -> Descent:
-        model, x, mu = problem.model, problem.start, self.damping
+        model = problem.model
+        x = problem.start
+        mu = self.damping
         here = model(x)
         for iteration in range(self.max_iterations):
             if problem.enough(here):
@@ -93,14 +125,22 @@ class TrustRegion:
             actual = here.parts.total - there.parts.total
             refused = actual <= 0.0
             done = (predicted if refused else actual) <= self.tolerance * here.parts.total
-            x, here, mu = (x, here, mu * 8.0) if refused else (x + step, there, mu * _damping_change(actual / predicted))
+            x, here, mu = (
+                (x, here, mu * 8.0)
+                if refused
+                else (x + step, there, mu * _damping_change(actual / predicted))
+            )
             if done:
                 return Descent(variables=x, model=here, iterations=iteration + 1, converged=True)
         return Descent(variables=x, model=here, iterations=self.max_iterations, converged=False)
 
 
-def _step(model: LocalModel, free: Mask, metric: BlockTridiagonal, mu: float) -> tuple[Array, float, float]:
-    """Step, predicted decrease, and the damping that made the step positive definite and short enough."""
+def _step(
+    model: LocalModel, free: Mask, metric: BlockTridiagonal, mu: float
+) -> tuple[Array, float, float]:
+    """Step, predicted decrease, and the damping that made the step positive definite and short
+    enough.
+    """
     slope = model.gradient * free
     while True:
         factor = (model.hessian + metric.scaled(mu)).pinned(free).cholesky()
@@ -122,7 +162,9 @@ def _damping_change(ratio: float) -> float:
 
 @checked_dataclass()
 class SamplingOptions:
-    """Settings of ``sampled_waypoints``. Raises `InvalidInput` for a step or room that is not positive."""
+    """Settings of ``sampled_waypoints``. Raises `InvalidInput` for a step or room that is not
+    positive.
+    """
 
     max_samples: int = 3000
     step: Positive = 0.5
@@ -141,7 +183,8 @@ Place = Annotated[ArrayLike, Shape("distances.scene.coordinates.n_axes"), Range(
 def sampled_waypoints(
     distances: PairDistances, start: Place, goal: Place, options: SamplingOptions | None = None
 ) -> Array | None:
-    """Way points (n, n_axes) [m, rad] whose straight legs are free of collision, or None where none were found in time.
+    """Way points (n, n_axes) [m, rad] whose straight legs are free of collision, or None where none
+    were found in time.
 
     start and goal (n_axes,) [m, rad].
     """
@@ -154,9 +197,11 @@ def sampled_waypoints(
 
 
 def edge_reach(distances: PairDistances, a: Array, b: Array, clearance: float) -> float:
-    """Fraction of the straight edge from a to b (n_axes,) [m, rad] that certainly keeps the clearance [m]; 1 is all of it.
+    """Fraction of the straight edge from a to b (n_axes,) [m, rad] that certainly keeps the
+    clearance [m]; 1 is all of it.
 
-    Advances by the distance at hand over the fastest approach any pair can make, so nothing is skipped.
+    Advances by the distance at hand over the fastest approach any pair can make, so nothing is
+    skipped.
     """
     pace = np.maximum(largest_change(distances.scene.reach, np.abs(b - a)), 1e-12)
     done = 0.0
@@ -172,7 +217,9 @@ def edge_reach(distances: PairDistances, a: Array, b: Array, clearance: float) -
 _SHORTCUTS = 60  # attempts at cutting corners of the path found
 _SHORTEST = 1e-3
 _ONE_THREAD = RLock()
-"""Held while linear algebra is on one thread: that limit is of the whole process, and each who sets it restores what it found."""
+"""Held while linear algebra is on one thread: that limit is of the whole process, and each who sets
+it restores what it found.
+"""
 
 
 class _SearchTree:
@@ -201,9 +248,16 @@ class _SearchTree:
 
 
 def _connected(
-    distances: PairDistances, a: Array, b: Array, lower: Array, upper: Array, rng: np.random.Generator, options: SamplingOptions
+    distances: PairDistances,
+    a: Array,
+    b: Array,
+    lower: Array,
+    upper: Array,
+    rng: np.random.Generator,
+    options: SamplingOptions,
 ) -> Array | None:
-    near, far = _SearchTree(a, 256), _SearchTree(b, 256)
+    near = _SearchTree(a, 256)
+    far = _SearchTree(b, 256)
     for turn in range(options.max_samples):
         target = far.points[0].copy() if turn == 0 else rng.uniform(lower, upper)
         grown = _extended(distances, near, target, options, once=turn > 0)
@@ -215,8 +269,17 @@ def _connected(
     return None
 
 
-def _extended(distances: PairDistances, tree: _SearchTree, target: Array, options: SamplingOptions, *, once: bool) -> int:
-    """Grow towards the target by one step, or until it is reached or blocked; index of the last point."""
+def _extended(
+    distances: PairDistances,
+    tree: _SearchTree,
+    target: Array,
+    options: SamplingOptions,
+    *,
+    once: bool,
+) -> int:
+    """Grow towards the target by one step, or until it is reached or blocked; index of the last
+    point.
+    """
     index = tree.nearest(target)
     while True:
         here = tree.points[index]
@@ -231,8 +294,12 @@ def _extended(distances: PairDistances, tree: _SearchTree, target: Array, option
             return index
 
 
-def _shortened(distances: PairDistances, path: Array, rng: np.random.Generator, options: SamplingOptions) -> Array:
-    """Straight cuts between random points of the path where they are free, then no vertex that can be left out."""
+def _shortened(
+    distances: PairDistances, path: Array, rng: np.random.Generator, options: SamplingOptions
+) -> Array:
+    """Straight cuts between random points of the path where they are free, then no vertex that can
+    be left out.
+    """
     for _ in range(_SHORTCUTS):
         if len(path) < 3:
             break
@@ -245,7 +312,8 @@ def _shortened(distances: PairDistances, path: Array, rng: np.random.Generator, 
 
 
 def _pruned(distances: PairDistances, path: Array, clearance: float) -> Array:
-    kept, i = [path[0]], 0
+    kept = [path[0]]
+    i = 0
     while i < len(path) - 1:
         j = len(path) - 1
         while j > i + 1 and edge_reach(distances, path[i], path[j], clearance) < 1.0:
@@ -260,15 +328,22 @@ def _sampled_box(distances: PairDistances, a: Array, b: Array, room: float) -> t
     return np.maximum(lower, np.minimum(a, b) - room), np.minimum(upper, np.maximum(a, b) + room)
 
 
-# Plan trajectories around obstacles by a soft collision cost, [Gao2022] eqs (76)-(82), and verify them.
+# Plan trajectories around obstacles by a soft collision cost, [Gao2022] eqs (76)-(82), and verify
+# them.
 
 
 class PlanStatus(AdvisedStatus):
     """Outcome of a plan."""
 
     FREE = "free of collision", "none needed."
-    UNDECIDED = ("no collision found, not certified", "the path all but touches something; plan again with a larger clearance.")
-    COLLIDING = ("still in collision", "give way points around the obstacle (see sampled_waypoints), more pieces or restarts.")
+    UNDECIDED = (
+        "no collision found, not certified",
+        "the path all but touches something; plan again with a larger clearance.",
+    )
+    COLLIDING = (
+        "still in collision",
+        "give way points around the obstacle (see sampled_waypoints), more pieces or restarts.",
+    )
 
 
 @checked_dataclass()
@@ -278,7 +353,9 @@ class SoftCollisionOptions:
     pieces: AtLeastOne = 10
     weights: CostWeights = field(default_factory=CostWeights)
     solver: DescentSolver = field(default_factory=TrustRegion)
-    """On the banded structure; or another one, which may take joint limits as hard bounds on the nodes."""
+    """On the banded structure; or another one, which may take joint limits as hard bounds on the
+    nodes.
+    """
     restarts: Count = 2
     """Further attempts, from randomly bent starts, while the result collides."""
     sampling: SamplingOptions | None = field(default_factory=SamplingOptions)
@@ -320,43 +397,60 @@ def plan_soft_collision(
 ) -> CollisionPlan:
     """Bend a minimum-snap trajectory away from collisions, then verify it.
 
-    waypoints (n, n_axes) [m, rad]: of the scene's coordinates, end points included; two are a straight start. times (n,) [s]:
-    of the way points, kept unless they break the limits; by default as fast as the limits allow. distances: for the
-    optimisation, by default coal's, which the verification always uses. Raises `InvalidInput` for an end point in collision
-    or outside the position limits, and as ``min_snap``.
+    waypoints (n, n_axes) [m, rad]: of the scene's coordinates, end points included; two are a
+    straight start. times (n,) [s]: of the way points, kept unless they break the limits; by default
+    as fast as the limits allow. distances: for the optimisation, by default coal's, which the
+    verification always uses. Raises `InvalidInput` for an end point in collision or outside the
+    position limits, and as ``min_snap``.
     """
-    began, settings = perf_counter(), options or SoftCollisionOptions()
+    began = perf_counter()
+    settings = options or SoftCollisionOptions()
     exact = CoalDistances(scene)
     _check_ends(scene, exact, np.asarray(waypoints, dtype=float))
     start = straight_guess(waypoints, limits, times)
     # Of small matrices, on which threads cost eight times what they gain.
     with _ONE_THREAD, threadpool_limits(limits=1, user_api="blas"):
-        given = _PathProblem.of(distances or exact, start, limits, settings, timed=times is not None)
+        given = _PathProblem.of(
+            distances or exact, start, limits, settings, timed=times is not None
+        )
         attempts = _attempts(given, start, exact, settings)
-        plans = (_verified(problem, problem.solve(guess, settings), exact) for problem, guess in attempts)
+        plans = (
+            _verified(problem, problem.solve(guess, settings), exact) for problem, guess in attempts
+        )
         best, n_attempts = _first_free(plans)
     return replace(best, attempts=n_attempts, solve_time=perf_counter() - began)
 
 
 def _first_free(plans: Iterator[CollisionPlan]) -> tuple[CollisionPlan, int]:
     """The first plan free of collision, or else the clearest, and how many were made."""
-    best, n = next(plans), 1
+    best = next(plans)
+    n = 1
     for plan in plans if not best.collision_free else ():
-        best, n = max(best, plan, key=lambda p: (p.collision_free, p.clearance.nearest.distance)), n + 1
+        best = max(best, plan, key=lambda p: (p.collision_free, p.clearance.nearest.distance))
+        n = n + 1
         if best.collision_free:
             break
     return best, n
 
 
-def straight_guess(waypoints: ArrayLike, limits: MotionLimits, times: ArrayLike | None = None) -> PiecewisePolynomial:
-    """Minimum snap through waypoints (n, n_axes) [m, rad], at times (n,) [s] or as fast as the limits allow."""
+def straight_guess(
+    waypoints: ArrayLike, limits: MotionLimits, times: ArrayLike | None = None
+) -> PiecewisePolynomial:
+    """Minimum snap through waypoints (n, n_axes) [m, rad], at times (n,) [s] or as fast as the
+    limits allow.
+    """
     if times is not None:
         return min_snap(waypoints, times).trajectory
-    return scale_to_limits(min_snap(waypoints, trapezoidal_times(waypoints, limits)).trajectory, limits)
+    return scale_to_limits(
+        min_snap(waypoints, trapezoidal_times(waypoints, limits)).trajectory, limits
+    )
 
 
 def _attempts(
-    problem: _PathProblem, start: PiecewisePolynomial, exact: CoalDistances, options: SoftCollisionOptions
+    problem: _PathProblem,
+    start: PiecewisePolynomial,
+    exact: CoalDistances,
+    options: SoftCollisionOptions,
 ) -> Iterator[tuple[_PathProblem, Array]]:
     """Problems and where to start them: as given, bent at random, through sampled way points."""
     yield problem, problem.start
@@ -367,7 +461,13 @@ def _attempts(
         found = sampled_waypoints(exact, ends[0], ends[1], options.sampling)
         if found is not None:
             cost = problem.cost
-            detour = _PathProblem.of(cost.distances, straight_guess(found, cost.limits), cost.limits, options, timed=False)
+            detour = _PathProblem.of(
+                cost.distances,
+                straight_guess(found, cost.limits),
+                cost.limits,
+                options,
+                timed=False,
+            )
             yield detour, detour.start
 
 
@@ -387,7 +487,12 @@ class _PathProblem:
 
     @staticmethod
     def of(
-        distances: DistanceSource, start: PiecewisePolynomial, limits: MotionLimits, options: SoftCollisionOptions, *, timed: bool
+        distances: DistanceSource,
+        start: PiecewisePolynomial,
+        limits: MotionLimits,
+        options: SoftCollisionOptions,
+        *,
+        timed: bool,
     ) -> _PathProblem:
         breaks, is_waypoint = _refined(start.breaks, options.pieces)
         values = np.stack([start.evaluate(breaks, d) for d in range(4)])
@@ -405,7 +510,9 @@ class _PathProblem:
         )
 
     def bent_starts(self, options: SoftCollisionOptions) -> Iterator[Array]:
-        """Smooth random bends of the start: noise whose covariance is the inverse of the snap Hessian."""
+        """Smooth random bends of the start: noise whose covariance is the inverse of the snap
+        Hessian.
+        """
         rng = np.random.default_rng(options.seed)
         factor = self.cost.smoothness_hessian.pinned(self.free).cholesky()
         if factor is None:
@@ -413,18 +520,25 @@ class _PathProblem:
         for attempt in range(options.restarts):
             noise = factor.back(rng.normal(size=self.start.shape) * self.free)
             size = np.abs(self.cost.values(noise)[0]).max()
-            yield self._within_limits(self.start + noise * (options.bend * (1.0 + 0.5 * attempt) / size))
+            yield self._within_limits(
+                self.start + noise * (options.bend * (1.0 + 0.5 * attempt) / size)
+            )
 
     def solve(self, start: Array, options: SoftCollisionOptions) -> Descent:
         """Out of collision first, then the whole cost."""
         low, high = self.cost.distances.scene.coordinates.limits()
         lower, upper = np.full(self.start.shape, -np.inf), np.full(self.start.shape, np.inf)
-        lower[:, : low.size], upper[:, : high.size] = low, high  # positions are the first of the variables of a node
+        lower[:, : low.size], upper[:, : high.size] = (
+            low,
+            high,
+        )  # positions are the first of the variables of a node
         whole = DescentProblem(
             model=self.cost.model,
             start=start,
             free=self.free,
-            metric=self.cost.smoothness_hessian.scaled(1.0 / max(options.weights.smoothness, 1e-12)),
+            metric=self.cost.smoothness_hessian.scaled(
+                1.0 / max(options.weights.smoothness, 1e-12)
+            ),
             lower=lower,
             upper=upper,
         )
@@ -439,9 +553,15 @@ class _PathProblem:
         return replace(second, iterations=first.iterations + second.iterations)
 
     def trajectory(self, variables: Array) -> PiecewisePolynomial:
-        """At the given times unless they break the limits; as fast as the limits allow where none were given."""
+        """At the given times unless they break the limits; as fast as the limits allow where none
+        were given.
+        """
         found = solution_of(self.breaks, self.cost.pieces, self.cost.values(variables)).trajectory
-        return found if self.timed and self.cost.limits.ratio(found) <= 1.0 else scale_to_limits(found, self.cost.limits)
+        return (
+            found
+            if self.timed and self.cost.limits.ratio(found) <= 1.0
+            else scale_to_limits(found, self.cost.limits)
+        )
 
     def _within_limits(self, variables: Array) -> Array:
         values = self.cost.values(variables)
@@ -462,15 +582,22 @@ def _refined(breaks: Array, pieces: int) -> tuple[Array, Indices]:
 def _check_ends(scene: CollisionScene, distances: PairDistances, waypoints: Array) -> None:
     if waypoints.ndim != 2 or waypoints.shape[1] != scene.coordinates.n_axes:
         given = f"way points have shape {waypoints.shape}"
-        raise InvalidInput(f"{given}; allowed is (n, {scene.coordinates.n_axes}), one column per axis.")
+        raise InvalidInput(
+            f"{given}; allowed is (n, {scene.coordinates.n_axes}), one column per axis."
+        )
     lower, upper = scene.coordinates.limits()
     for index, name in ((0, "start"), (len(waypoints) - 1, "goal")):
         outside = (waypoints[index] < lower - 1e-9) | (waypoints[index] > upper + 1e-9)
         if outside.any():
             axis = int(np.argmax(outside))
-            given = f"way point {index} (the {name}) has {scene.coordinates.names[axis]} = {waypoints[index, axis]:.6g}"
+            given = (
+                f"way point {index} (the {name}) has {scene.coordinates.names[axis]} ="
+                f" {waypoints[index, axis]:.6g}"
+            )
             raise InvalidInput(f"{given}; allowed is {lower[axis]:.6g} to {upper[axis]:.6g}.")
-        scene.check_no_overlap(distances.distances(waypoints[index : index + 1])[0], f"way point {index} (the {name})")
+        scene.check_no_overlap(
+            distances.distances(waypoints[index : index + 1])[0], f"way point {index} (the {name})"
+        )
 
 
 def _verified(problem: _PathProblem, descent: Descent, exact: CoalDistances) -> CollisionPlan:

@@ -24,7 +24,9 @@ _GAP = "  "
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class SmallTable:
-    """A title and rows of texts, the first of which are the names of the columns if there are any."""
+    """A title and rows of texts, the first of which are the names of the columns if there are
+    any.
+    """
 
     title: str
     words: str = ""
@@ -33,12 +35,23 @@ class SmallTable:
     rows: tuple[tuple[str, ...], ...]
 
     def text(self) -> str:
-        """Lines of at most 80 characters; what is longer is cut, and rows beyond the first are counted."""
+        """Lines of at most 80 characters; what is longer is cut, and rows beyond the first are
+        counted.
+        """
         lines = [row for row in (self.head, *self._shown()) if row]
-        widths = [max(len(row[k]) for row in lines if k < len(row)) for k in range(max(map(len, lines), default=0))]
-        text = [_GAP.join(cell.ljust(width) for cell, width in zip(row, widths, strict=False)).rstrip() for row in lines]
+        widths = [
+            max(len(row[k]) for row in lines if k < len(row))
+            for k in range(max(map(len, lines), default=0))
+        ]
+        text = [
+            _GAP.join(cell.ljust(width) for cell, width in zip(row, widths, strict=False)).rstrip()
+            for row in lines
+        ]
         words = wrap(plain_line(self.words), WIDTH - len(_GAP))
-        return "\n".join(_cut(line) for line in (self.title, *(f"{_GAP}{line}" for line in (*words, *text)), *self._rest()))
+        return "\n".join(
+            _cut(line)
+            for line in (self.title, *(f"{_GAP}{line}" for line in (*words, *text)), *self._rest())
+        )
 
     def html(self) -> str:
         """The same as a table; names are text, whatever they hold."""
@@ -103,7 +116,11 @@ class TableRows(TableDisplay, list[dict[str, Any]]):
     def _table(self) -> SmallTable:
         head = tuple(self[0]) if self else ()
         rows = tuple(tuple(cell(row.get(name)) for name in head) for row in self)
-        return SmallTable(title=f"{len(self)} rows", head=tuple(name.replace("_", " ") for name in head), rows=rows)
+        return SmallTable(
+            title=f"{len(self)} rows",
+            head=tuple(name.replace("_", " ") for name in head),
+            rows=rows,
+        )
 
 
 # Values that show themselves by their fields: a row for each, in a shell and in a notebook.
@@ -119,8 +136,12 @@ class FieldTable(TableDisplay):
 
     def _table(self) -> SmallTable:
         shown = [field.name for field in fields(self) if field.repr]  # type: ignore[arg-type]
-        title = " ".join(str(part) for part in (type(self).__name__, getattr(self, "name", "")) if part)
-        return SmallTable(title=title, rows=tuple((name, format_value(getattr(self, name))) for name in shown))
+        title = " ".join(
+            str(part) for part in (type(self).__name__, getattr(self, "name", "")) if part
+        )
+        return SmallTable(
+            title=title, rows=tuple((name, format_value(getattr(self, name))) for name in shown)
+        )
 
 
 def format_value(value: Any) -> str:
@@ -145,5 +166,15 @@ def format_value(value: Any) -> str:
     if callable(value) and hasattr(value, "__qualname__"):
         return str(value.__qualname__)
     # Describe it by its own words, where these are few; else by its kind.
-    words = f"{value:.4g}" if isinstance(value, float) else str(value) if isinstance(value, str) else repr(value)
-    return type(value).__name__ if "\n" in words or " at 0x" in words or len(words) > _LONGEST else words
+    words = (
+        f"{value:.4g}"
+        if isinstance(value, float)
+        else str(value)
+        if isinstance(value, str)
+        else repr(value)
+    )
+    return (
+        type(value).__name__
+        if "\n" in words or " at 0x" in words or len(words) > _LONGEST
+        else words
+    )

@@ -17,7 +17,8 @@ from uvms_ocp.errors import InvalidInput, OutputError
 
 @contextmanager
 def replacing(path: Path) -> Iterator[BinaryIO]:
-    """An empty file that takes the place of `path` as the block ends, on the disk: it is found whole, old or new, at any moment.
+    """An empty file that takes the place of `path` as the block ends, on the disk: it is found
+    whole, old or new, at any moment.
 
     Raises `OSError`, with the old file in place.
     """
@@ -35,21 +36,29 @@ def replacing(path: Path) -> Iterator[BinaryIO]:
 
 
 def write_durably(path: Path, text: str) -> None:
-    """Replace a small file by a text, as `replacing` does. Raises `OSError`, with the old file in place."""
+    """Replace a small file by a text, as `replacing` does. Raises `OSError`, with the old file in
+    place.
+    """
     with replacing(path) as file:
         file.write(text.encode())
 
 
 def sync_tree(root: Path) -> None:
-    """Bring every file and folder below `root`, and itself, to the disk. Raises `OSError` where a file does not get there."""
+    """Bring every file and folder below `root`, and itself, to the disk. Raises `OSError` where a
+    file does not get there.
+    """
     for folder, _, names in os.walk(root):
         for name in names:
-            _sync(os.path.join(folder, name), os.O_RDWR)  # for writing, as Windows flushes no other descriptors
+            _sync(
+                os.path.join(folder, name), os.O_RDWR
+            )  # for writing, as Windows flushes no other descriptors
         sync_folders([Path(folder)])
 
 
 def sync_folders(folders: Iterable[Path]) -> None:
-    """Bring names to the disk, where the system can open a folder and the file system can flush it."""
+    """Bring names to the disk, where the system can open a folder and the file system can flush
+    it.
+    """
     for folder in folders:
         with suppress(OSError):
             _sync(folder, os.O_RDONLY)
@@ -86,10 +95,11 @@ _BEGIN_ANEW = 1000
 
 @contextmanager
 def locked(store: Path) -> Iterator[None]:
-    """Hold the lock of a store, which is made where there is none, and removed where it ends up with nothing but the lock.
+    """Hold the lock of a store, which is made where there is none, and removed where it ends up
+    with nothing but the lock.
 
-    Raises `OutputError` while another process holds it, `InvalidInput` for a store that is a link, and `OSError` where it
-    cannot be written.
+    Raises `OutputError` while another process holds it, `InvalidInput` for a store that is a link,
+    and `OSError` where it cannot be written.
     """
     if store.is_symlink():
         raise InvalidInput(f"{store}: a link, which is not followed; remove it")
@@ -101,10 +111,14 @@ def locked(store: Path) -> Iterator[None]:
 
 
 def _acquired(store: Path) -> int:
-    for _ in range(_BEGIN_ANEW):  # a process that lets go may remove store and lock between two of our steps
+    for _ in range(
+        _BEGIN_ANEW
+    ):  # a process that lets go may remove store and lock between two of our steps
         store.mkdir(exist_ok=True)
         try:
-            descriptor = os.open(store / "lock", os.O_RDWR | os.O_CREAT | getattr(os, "O_NOFOLLOW", 0), 0o666)
+            descriptor = os.open(
+                store / "lock", os.O_RDWR | os.O_CREAT | getattr(os, "O_NOFOLLOW", 0), 0o666
+            )
         except FileNotFoundError:
             continue
         try:
@@ -135,7 +149,9 @@ def _lock(descriptor: int, store: Path) -> None:
 
 
 def _busy(store: Path) -> OutputError:
-    return OutputError(f"{store.parent}: another command writes there; wait for it or choose another folder")
+    return OutputError(
+        f"{store.parent}: another command writes there; wait for it or choose another folder"
+    )
 
 
 def _release(store: Path, descriptor: int) -> None:

@@ -1,4 +1,6 @@
-"""Write records as MCAP files, which ROS 2 and Foxglove open, and read MCAP files of anyone within bounds."""
+"""Write records as MCAP files, which ROS 2 and Foxglove open, and read MCAP files of anyone within
+bounds.
+"""
 
 from __future__ import annotations
 
@@ -19,17 +21,21 @@ from uvms_ocp.record import output, run_meta
 from uvms_ocp.record.tables import Series, column_units, flat_columns, series_description
 from uvms_ocp.record.untrusted import DENSEST, SMALL, as_input_errors, require_regular_file
 
-# Messages of an MCAP file in the order that they stand there, unpacked chunk by chunk within what each chunk declares.
+# Messages of an MCAP file in the order that they stand there, unpacked chunk by chunk within what
+# each chunk declares.
 
 LARGEST_CHUNK = 64 << 20
 """[B] when unpacked; writers close one after 1 to 4 MB."""
 _WINDOW = 1 << 27  # [B] that zstd may look back
 
 
-def mcap_messages(path: Path, topics: Collection[str] | None = None) -> Iterator[tuple[Any, Any, Any]]:
+def mcap_messages(
+    path: Path, topics: Collection[str] | None = None
+) -> Iterator[tuple[Any, Any, Any]]:
     """Schema (none for messages that need none), channel and message, of these topics or of all.
 
-    Raises `InvalidInput` for a file that unpacks to far more than it is, and what the library raises for a damaged one.
+    Raises `InvalidInput` for a file that unpacks to far more than it is, and what the library
+    raises for a damaged one.
     """
     require_mcap()
     from mcap.records import Channel, Message, Schema
@@ -59,7 +65,8 @@ def _records(path: Path) -> Iterator[Any]:
     from mcap.records import Chunk
     from mcap.stream_reader import StreamReader, breakup_chunk
 
-    size, total = path.stat().st_size, 0
+    size = path.stat().st_size
+    total = 0
     with path.open("rb") as file:
         for record in StreamReader(file, emit_chunks=True, record_size_limit=size).records:
             if not isinstance(record, Chunk):
@@ -67,22 +74,34 @@ def _records(path: Path) -> Iterator[Any]:
                 continue
             total += record.uncompressed_size
             _require_size(path, record.uncompressed_size, total, size)
-            yield from breakup_chunk(replace(record, compression="", data=_unpacked(path, record)), validate_crc=True)
+            yield from breakup_chunk(
+                replace(record, compression="", data=_unpacked(path, record)), validate_crc=True
+            )
 
 
 def _require_size(path: Path, chunk: int, total: int, size: int) -> None:
     if chunk > LARGEST_CHUNK:
-        raise InvalidInput(f"{path}: a chunk of {chunk >> 20} MB; at most {LARGEST_CHUNK >> 20} MB are read")
+        raise InvalidInput(
+            f"{path}: a chunk of {chunk >> 20} MB; at most {LARGEST_CHUNK >> 20} MB are read"
+        )
     if total > max(SMALL, DENSEST * size):
-        raise InvalidInput(f"{path}: would unpack to more than {total >> 20} MB; at most {DENSEST} times a file are read")
+        raise InvalidInput(
+            f"{path}: would unpack to more than {total >> 20} MB; at most {DENSEST} times a file"
+            " are read"
+        )
 
 
 def _unpacked(path: Path, chunk: Any) -> bytes:
-    """Return the contents of a chunk. Raises `InvalidInput` where they have another size than it states."""
+    """Return the contents of a chunk. Raises `InvalidInput` where they have another size than it
+    states.
+    """
     size = chunk.uncompressed_size
     found = _first(chunk, size + 1)
     if len(found) != size:
-        raise InvalidInput(f"{path}: a chunk does not hold the {size} bytes that it declares; mcap recover may help")
+        raise InvalidInput(
+            f"{path}: a chunk does not hold the {size} bytes that it declares; mcap recover may"
+            " help"
+        )
     return found
 
 
@@ -110,10 +129,13 @@ def require_mcap() -> None:
         optional_module(name, "an MCAP file", '"uvms-ocp[mcap]"')
 
 
-# Messages of ROS 2: their definitions as text, and many of a kind at once in CDR, the form in which they are sent.
+# Messages of ROS 2: their definitions as text, and many of a kind at once in CDR, the form in which
+# they are sent.
 
 _TABLE = (files("uvms_ocp.record") / "ros_messages.csv").read_text(encoding="utf-8").splitlines()
-ROS_MESSAGES: Mapping[str, str] = {row["type"]: row["fields"].replace("; ", "\n") for row in csv.DictReader(_TABLE)}
+ROS_MESSAGES: Mapping[str, str] = {
+    row["type"]: row["fields"].replace("; ", "\n") for row in csv.DictReader(_TABLE)
+}
 """Fields of the types of ROS 2 that are written."""
 _HEAD = np.array([0, 1, 0, 0], dtype="u1")  # little endian, plain CDR
 _NEXT = "=" * 80 + "\nMSG: "
@@ -123,24 +145,39 @@ Part = str | np.ndarray
 
 
 def ros_definition(kind: str) -> str:
-    """Text by which a reader knows a message of that type: its fields, then those of all types in it."""
-    texts, todo = {kind: ROS_MESSAGES[kind]}, [kind]
+    """Text by which a reader knows a message of that type: its fields, then those of all types in
+    it.
+    """
+    texts = {kind: ROS_MESSAGES[kind]}
+    todo = [kind]
     while todo:
-        inside = [word for word in re.split(r"[\s\[\]]+", texts[todo.pop()]) if word in ROS_MESSAGES and word not in texts]
+        inside = [
+            word
+            for word in re.split(r"[\s\[\]]+", texts[todo.pop()])
+            if word in ROS_MESSAGES and word not in texts
+        ]
         texts |= {name: ROS_MESSAGES[name] for name in inside}
         todo += inside
-    return f"\n{_NEXT}".join([texts.pop(kind), *(f"{name}\n{text}" for name, text in texts.items())])
+    return f"\n{_NEXT}".join(
+        [texts.pop(kind), *(f"{name}\n{text}" for name, text in texts.items())]
+    )
 
 
 def cdr_messages(n: int, parts: Iterable[Part]) -> np.ndarray:
-    """Encode n messages of the same parts, (n, size) [B]: numbers at multiples of their size behind the head of four bytes."""
-    blocks, size = [np.tile(_HEAD, (n, 1))], 0
+    """Encode n messages of the same parts, (n, size) [B]: numbers at multiples of their size behind
+    the head of four bytes.
+    """
+    blocks = [np.tile(_HEAD, (n, 1))]
+    size = 0
     for part in parts:
         text = np.frombuffer(part.encode() + b"\0", dtype="u1") if isinstance(part, str) else None
         for values in (part,) if text is None else (np.array([len(text)], dtype="u4"), text):
             rows = np.broadcast_to(values, (n, np.shape(values)[-1]))
             gap = -size % rows.itemsize if rows.shape[1] else 0
-            blocks += [np.zeros((n, gap), dtype="u1"), np.ascontiguousarray(rows, dtype=rows.dtype.newbyteorder("<")).view("u1")]
+            blocks += [
+                np.zeros((n, gap), dtype="u1"),
+                np.ascontiguousarray(rows, dtype=rows.dtype.newbyteorder("<")).view("u1"),
+            ]
             size += gap + blocks[-1].shape[1]
     return np.hstack(blocks)
 
@@ -150,10 +187,13 @@ def _count(n: int) -> np.ndarray:
     return np.array([n], dtype="u4")
 
 
-# A message for every tick of a series, with a field for every column: what is written is read again to the last digit.
+# A message for every tick of a series, with a field for every column: what is written is read again
+# to the last digit.
 
 _KINDS = {"f": ("float64", "f8"), "i": ("int64", "i8"), "u": ("uint64", "u8"), "b": ("bool", "?")}
-"""Type of a ROS 2 field and of its values in NumPy, by `dtype.kind` of a series: the widest of each kind."""
+"""Type of a ROS 2 field and of its values in NumPy, by `dtype.kind` of a series: the widest of each
+kind.
+"""
 
 
 def field_names(columns: Sequence[str]) -> list[str]:
@@ -167,7 +207,8 @@ def field_names(columns: Sequence[str]) -> list[str]:
 
 
 def values_of(messages: Sequence[Any], dtype: str, n_axes: int) -> np.ndarray:
-    """The series (n, k), or (n,) with one axis, of its messages; dtype: as numpy writes it. Raises `ValueError` for another.
+    """The series (n, k), or (n,) with one axis, of its messages; dtype: as numpy writes it. Raises
+    `ValueError` for another.
 
     messages: in CDR, or decoded ones of a file of version 1.
     """
@@ -176,7 +217,9 @@ def values_of(messages: Sequence[Any], dtype: str, n_axes: int) -> np.ndarray:
         raise ValueError(f"a series of {dtype[:20]!r}")
     stored = np.dtype(_KINDS[wanted.kind][1]).newbyteorder("<")
     if isinstance(messages[0], bytes):
-        rows: Any = [np.frombuffer(message, dtype=stored, offset=len(_HEAD)) for message in messages]
+        rows: Any = [
+            np.frombuffer(message, dtype=stored, offset=len(_HEAD)) for message in messages
+        ]
     else:
         fields = [field.name for field in messages[0].DESCRIPTOR.fields]
         rows = [[getattr(message, field) for field in fields] for message in messages]
@@ -184,21 +227,34 @@ def values_of(messages: Sequence[Any], dtype: str, n_axes: int) -> np.ndarray:
     return found[:, 0] if n_axes == 1 else found
 
 
-# What ROS 2 and Foxglove know by themselves: poses as transforms and odometry, states of joints, wrenches, and what was said.
+# What ROS 2 and Foxglove know by themselves: poses as transforms and odometry, states of joints,
+# wrenches, and what was said.
 
-WORLD, VEHICLE = "world", "base_link"
+WORLD = "world"
+VEHICLE = "base_link"
 _POSES = {"q": VEHICLE, "q_estimated": f"{VEHICLE}_estimated", "tool": "tool"}
 """Series that begin with a pose in W, and the frame that has it."""
-_ODOMETRY = {"odometry": ("q", "v", ""), "odometry_estimated": ("q_estimated", "v_estimated", "q_std")}
+_ODOMETRY = {
+    "odometry": ("q", "v", ""),
+    "odometry_estimated": ("q_estimated", "v_estimated", "q_std"),
+}
 """Topics with their pose, velocity, and standard deviations of the pose."""
 _WRENCHES = ("wrench", "unreachable", "disturbance")
-_POSE, _SIX = 7, 6
-_INFO, _WARN, _ERROR = 20, 30, 40
+_POSE = 7
+_SIX = 6
+_INFO = 20
+_WARN = 30
+_ERROR = 40
 
 
 _ENDLESS = "{sec: 9223372036, nsec: 854775807}"
-_KEPT = f"history: 1, depth: 1, reliability: 1, durability: 1, deadline: {_ENDLESS}, lifespan: {_ENDLESS}"
-_LIVE = f"liveliness: 1, liveliness_lease_duration: {_ENDLESS}, avoid_ros_namespace_conventions: false"
+_KEPT = (
+    f"history: 1, depth: 1, reliability: 1, durability: 1, deadline: {_ENDLESS}, lifespan:"
+    f" {_ENDLESS}"
+)
+_LIVE = (
+    f"liveliness: 1, liveliness_lease_duration: {_ENDLESS}, avoid_ros_namespace_conventions: false"
+)
 _LATCHED = {"offered_qos_profiles": f"- {{{_KEPT}, {_LIVE}}}"}
 """Quality of service of what is published once, for those who listen later too."""
 
@@ -216,7 +272,10 @@ class Topic:
 
     def messages(self, rows: slice) -> np.ndarray:
         """Encode those of these rows; of a topic that has none its one message, with the first."""
-        cut = [part[rows] if isinstance(part, np.ndarray) and part.ndim > 1 else part for part in self.parts]
+        cut = [
+            part[rows] if isinstance(part, np.ndarray) and part.ndim > 1 else part
+            for part in self.parts
+        ]
         lengths = [len(part) for part in cut if isinstance(part, np.ndarray) and part.ndim > 1]
         return cdr_messages(max(lengths, default=int(rows.start == 0)), cut)
 
@@ -228,37 +287,66 @@ def stamps(t: np.ndarray) -> np.ndarray:
 
 def topics(series: Series, meta: Any, t: np.ndarray, urdf: str | None) -> Iterator[Topic]:
     """All topics that a record can fill, at t (n,) [ns]; urdf: text of the robot's description."""
-    floating, head = run_meta.is_floating(series, meta), (stamps(t), WORLD)
+    floating = run_meta.is_floating(series, meta)
+    head = (stamps(t), WORLD)
     if urdf is not None:
-        yield Topic(name="/robot_description", kind="std_msgs/String", parts=(urdf,), metadata=_LATCHED)
-    poses = {frame: series[name][:, :_POSE] for name, frame in _POSES.items() if name in series and (floating or name == "tool")}
+        yield Topic(
+            name="/robot_description", kind="std_msgs/String", parts=(urdf,), metadata=_LATCHED
+        )
+    poses = {
+        frame: series[name][:, :_POSE]
+        for name, frame in _POSES.items()
+        if name in series and (floating or name == "tool")
+    }
     if poses:
         yield Topic(name="/tf", kind="tf2_msgs/TFMessage", parts=_transforms(stamps(t), poses))
     if meta.surroundings.frames:
-        goals = {frame.name: np.array(frame.pose) for frame in meta.surroundings.frames if not frame.way}
-        yield Topic(name="/tf_static", kind="tf2_msgs/TFMessage", parts=_transforms(stamps(t)[0], goals), metadata=_LATCHED)
+        goals = {
+            frame.name: np.array(frame.pose) for frame in meta.surroundings.frames if not frame.way
+        }
+        yield Topic(
+            name="/tf_static",
+            kind="tf2_msgs/TFMessage",
+            parts=_transforms(stamps(t)[0], goals),
+            metadata=_LATCHED,
+        )
     for name, (q, v, std) in _ODOMETRY.items():
         if floating and q in series and v in series:
-            pose, known = series[q][:, :_POSE], series.get(std)
+            pose = series[q][:, :_POSE]
+            known = series.get(std)
             spread = np.zeros(_SIX**2) if known is None else _covariance(pose, known)
             states = (*head, VEHICLE, pose, spread, series[v][:, :_SIX], np.zeros(_SIX**2))
             yield Topic(name=f"/{name}", kind="nav_msgs/Odometry", parts=states)
     if meta.joints and (positions := run_meta.joint_positions(series, meta)) is not None:
-        n, given = len(meta.joints), (positions, series.get("v"), series.get("torque"))
+        n = len(meta.joints)
+        given = (positions, series.get("v"), series.get("torque"))
         numbers = [np.empty(0) if one is None else one[:, -n:] for one in given]
         listed = [part for values in numbers for part in (_count(values.shape[-1]), values)]
-        yield Topic(name="/joint_states", kind="sensor_msgs/JointState", parts=(*head, _count(n), *meta.joints, *listed))
+        yield Topic(
+            name="/joint_states",
+            kind="sensor_msgs/JointState",
+            parts=(*head, _count(n), *meta.joints, *listed),
+        )
     for name in _WRENCHES:
         if floating and name in series:
-            yield Topic(name=f"/{name}", kind="geometry_msgs/WrenchStamped", parts=(stamps(t), VEHICLE, series[name][:, :_SIX]))
+            yield Topic(
+                name=f"/{name}",
+                kind="geometry_msgs/WrenchStamped",
+                parts=(stamps(t), VEHICLE, series[name][:, :_SIX]),
+            )
 
 
 def _transforms(when: np.ndarray, poses: Mapping[str, np.ndarray]) -> list[Part]:
-    return [_count(len(poses)), *(part for frame, pose in poses.items() for part in (when, WORLD, frame, pose))]
+    return [
+        _count(len(poses)),
+        *(part for frame, pose in poses.items() for part in (when, WORLD, frame, pose)),
+    ]
 
 
 def _covariance(poses: np.ndarray, std: np.ndarray) -> np.ndarray:
-    """(n, 36) along the axes of W, of deviations (n, 6...) along those of W, and for the attitude of B, at poses (n, 7)."""
+    """(n, 36) along the axes of W, of deviations (n, 6...) along those of W, and for the attitude
+    of B, at poses (n, 7).
+    """
     from scipy.spatial.transform import Rotation
 
     axes = np.tile(np.eye(_SIX), (len(std), 1, 1))
@@ -268,7 +356,9 @@ def _covariance(poses: np.ndarray, std: np.ndarray) -> np.ndarray:
 
 def log_messages(meta: Any) -> list[tuple[float, bytes]]:
     """List events, alarms and faults of a run in order of time, each with its time [s]."""
-    events = [(e.t, _INFO, f"{e.source} to {e.target}: {e.reason}") for e in getattr(meta, "events", ())]
+    events = [
+        (e.t, _INFO, f"{e.source} to {e.target}: {e.reason}") for e in getattr(meta, "events", ())
+    ]
     alarms = [(alarm.t, _WARN, alarm.text) for alarm in getattr(meta, "alarms", ())]
     faults = [(fault.t, _ERROR, fault.text) for fault in getattr(meta, "faults", ())]
     entries = sorted([*events, *alarms, *faults], key=lambda entry: entry[0])
@@ -277,18 +367,28 @@ def log_messages(meta: Any) -> list[tuple[float, bytes]]:
 
 def _log_message(t: float, level: int, text: str) -> bytes:
     when = stamps(np.array([round(1e9 * t)]))
-    return cdr_messages(1, (when, np.array([level], dtype="u1"), "", text, "", "", _count(0))).tobytes()
+    return cdr_messages(
+        1, (when, np.array([level], dtype="u1"), "", text, "", "", _count(0))
+    ).tobytes()
 
 
-# An MCAP file of a record: every series tick by tick, and what ROS 2 and Foxglove know by themselves; it comes back.
+# An MCAP file of a record: every series tick by tick, and what ROS 2 and Foxglove know by
+# themselves; it comes back.
 
-VERSION, _WITH_PROTOBUF = "2", "1"
+VERSION = "2"
+_WITH_PROTOBUF = "1"
 """Of the files: that which is written, and the older one, which is read too."""
-_KEY, _SERIES, _BLOCK = "uvms_ocp", "/series/", 4096
+_KEY = "uvms_ocp"
+_SERIES = "/series/"
+_BLOCK = 4096
 
 
-def to_mcap(series: Mapping[str, np.ndarray], meta: Any, path: Path, urdf: str | None = None) -> None:
-    """Write what `from_mcap` reads as the same; series: (n, ...) each [unit of it]. Raises `NotInstalled` and `OutputError`."""
+def to_mcap(
+    series: Mapping[str, np.ndarray], meta: Any, path: Path, urdf: str | None = None
+) -> None:
+    """Write what `from_mcap` reads as the same; series: (n, ...) each [unit of it]. Raises
+    `NotInstalled` and `OutputError`.
+    """
     require_mcap()
     from mcap.writer import Writer
 
@@ -299,9 +399,14 @@ def to_mcap(series: Mapping[str, np.ndarray], meta: Any, path: Path, urdf: str |
         writer = Writer(file)
         writer.start(profile="ros2", library=f"uvms_ocp {VERSION}")
         writer.add_metadata(_KEY, {"version": VERSION, "meta": run_meta.write_meta(meta)})
-        found = [*(_of_series(name, array, meta) for name, array in series.items()), *topics(series, meta, times, urdf)]
+        found = [
+            *(_of_series(name, array, meta) for name, array in series.items()),
+            *topics(series, meta, times, urdf),
+        ]
         channels = [(_channel(writer, topic), topic) for topic in found]
-        log = _channel(writer, Topic(name="/log", kind="rcl_interfaces/Log", parts=())) if said else 0
+        log = (
+            _channel(writer, Topic(name="/log", kind="rcl_interfaces/Log", parts=())) if said else 0
+        )
         for first in range(0, len(t), _BLOCK):
             rows = slice(first, first + _BLOCK)
             encoded = [(channel, topic.messages(rows)) for channel, topic in channels]
@@ -326,7 +431,11 @@ def _of_series(name: str, array: np.ndarray, meta: Any) -> Topic:
     names, flat = flat_columns(name, array, meta, alone="value")
     kind, stored = _KINDS[array.dtype.kind]
     fields = field_names([column.removeprefix(f"{name}.") for column in names])
-    about = {"dtype": array.dtype.str, "columns": "\n".join(names), "units": "\n".join(column_units(name, flat.shape[1], meta))}
+    about = {
+        "dtype": array.dtype.str,
+        "columns": "\n".join(names),
+        "units": "\n".join(column_units(name, flat.shape[1], meta)),
+    }
     return Topic(
         name=f"{_SERIES}{name}",
         kind=f"uvms_ocp/{field_names([name])[0]}",
@@ -337,13 +446,25 @@ def _of_series(name: str, array: np.ndarray, meta: Any) -> Topic:
 
 
 def from_mcap(path: Path) -> tuple[dict[str, np.ndarray], Any]:
-    """Series by name and metadata of a file of `to_mcap`. Raises `InvalidInput` for another file, and `NotInstalled`."""
+    """Series by name and metadata of a file of `to_mcap`. Raises `InvalidInput` for another file,
+    and `NotInstalled`.
+    """
     require_mcap()
     from google.protobuf.message import DecodeError
     from mcap.exceptions import McapError
     from zstandard import ZstdError
 
-    damage = (McapError, DecodeError, ZstdError, OSError, ValueError, KeyError, TypeError, struct.error, MemoryError)
+    damage = (
+        McapError,
+        DecodeError,
+        ZstdError,
+        OSError,
+        ValueError,
+        KeyError,
+        TypeError,
+        struct.error,
+        MemoryError,
+    )
     with as_input_errors(path, *damage):
         require_regular_file(path)
         return _read(path)
@@ -353,15 +474,28 @@ def _read(path: Path) -> tuple[dict[str, np.ndarray], Any]:
     from mcap_protobuf.decoder import DecoderFactory
 
     own = _metadata(path)
-    if (version := own.get("version")) not in (VERSION, _WITH_PROTOBUF):
-        raise InvalidInput(f"{path}: no record of version {VERSION} or {_WITH_PROTOBUF}; give a file that Record.to_mcap wrote")
-    found, metadata, decoders = defaultdict(list), {}, DecoderFactory()
+    version = own.get("version")
+    if version not in (VERSION, _WITH_PROTOBUF):
+        raise InvalidInput(
+            f"{path}: no record of version {VERSION} or {_WITH_PROTOBUF}; give a file that"
+            " Record.to_mcap wrote"
+        )
+    found = defaultdict(list)
+    metadata = {}
+    decoders = DecoderFactory()
     for schema, channel, message in mcap_messages(path):
         if "series" in channel.metadata:
             metadata[channel.metadata["series"]] = channel.metadata
-            decode = bytes if version == VERSION else decoders.decoder_for(channel.message_encoding, schema)
+            decode = (
+                bytes
+                if version == VERSION
+                else decoders.decoder_for(channel.message_encoding, schema)
+            )
             found[channel.metadata["series"]].append(decode(message.data))
-    series = {name: values_of(rows, metadata[name]["dtype"], int(metadata[name]["axes"])) for name, rows in found.items()}
+    series = {
+        name: values_of(rows, metadata[name]["dtype"], int(metadata[name]["axes"]))
+        for name, rows in found.items()
+    }
     return series, run_meta.read_meta(own["meta"])
 
 
@@ -371,4 +505,6 @@ def _metadata(path: Path) -> Mapping[str, str]:
 
     with path.open("rb") as file:
         reader = SeekingReader(file, record_size_limit=path.stat().st_size)
-        return next((dict(entry.metadata) for entry in reader.iter_metadata() if entry.name == _KEY), {})
+        return next(
+            (dict(entry.metadata) for entry in reader.iter_metadata() if entry.name == _KEY), {}
+        )

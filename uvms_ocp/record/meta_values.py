@@ -13,7 +13,8 @@ from pydantic import Field, FiniteFloat, model_validator
 
 from uvms_ocp.model_errors import FileModel, one_line_errors
 
-# An obstacle as plain values, as files and records keep it; `uvms_ocp.robot.shapes.obstacles` builds its shape.
+# An obstacle as plain values, as files and records keep it; `uvms_ocp.robot.shapes.obstacles`
+# builds its shape.
 
 _MESH = "mesh"
 N_SIZES: Mapping[str, int] = MappingProxyType(
@@ -21,7 +22,9 @@ N_SIZES: Mapping[str, int] = MappingProxyType(
 )
 """How many sizes a shape has."""
 FARTHEST = 1e5
-"""[m] from the origin, and of a size: farther away single precision, which meshes are kept in, loses centimetres."""
+"""[m] from the origin, and of a size: farther away single precision, which meshes are kept in,
+loses centimetres.
+"""
 _Metres = Annotated[FiniteFloat, Field(ge=-FARTHEST, le=FARTHEST)]
 Triple = tuple[FiniteFloat, FiniteFloat, FiniteFloat]
 Point = tuple[_Metres, _Metres, _Metres]
@@ -34,8 +37,9 @@ class ObstacleMeta(FileModel):
     name: Annotated[str, Field(min_length=1)]
     shape: Literal["sphere", "capsule", "cylinder", "cone", "box", "ellipsoid", "mesh"]
     size: tuple[Annotated[FiniteFloat, Field(gt=0.0, le=FARTHEST)], ...] = ()
-    """[m] (radius) of a sphere, (radius, length) of a capsule, cylinder or cone along z, (x, y, z) of a box, half axes of an
-    ellipsoid; a capsule's length is that of its straight part."""
+    """[m] (radius) of a sphere, (radius, length) of a capsule, cylinder or cone along z, (x, y, z)
+    of a box, half axes of an ellipsoid; a capsule's length is that of its straight part.
+    """
     vertices: tuple[Point, ...] = ()
     """(n, 3) [m] of a mesh, in its own frame."""
     triangles: tuple[tuple[int, int, int], ...] = ()
@@ -48,10 +52,17 @@ class ObstacleMeta(FileModel):
     @model_validator(mode="after")
     def _has_its_sizes(self) -> ObstacleMeta:
         if len(self.size) != N_SIZES[self.shape]:
-            raise ValueError(f"a {self.shape} has {N_SIZES[self.shape]} sizes, not {len(self.size)}")
+            raise ValueError(
+                f"a {self.shape} has {N_SIZES[self.shape]} sizes, not {len(self.size)}"
+            )
         corners = [corner for triangle in self.triangles for corner in triangle]
-        if (self.shape == _MESH) != bool(corners) or not all(0 <= corner < len(self.vertices) for corner in corners):
-            raise ValueError("a mesh, and only a mesh, has triangles, with indices from 0 below the number of vertices")
+        if (self.shape == _MESH) != bool(corners) or not all(
+            0 <= corner < len(self.vertices) for corner in corners
+        ):
+            raise ValueError(
+                "a mesh, and only a mesh, has triangles, with indices from 0 below the number of"
+                " vertices"
+            )
         return self
 
 
@@ -59,30 +70,46 @@ class ObstacleMeta(FileModel):
 
 PLANTS = ("dynamic", "kinematic")
 """Plants of the toolkit, by name."""
-DONE, ABORT = "done", "abort"
+DONE = "done"
+ABORT = "abort"
 """Where a mission ends: as wanted, or given up."""
-OWN_QUANTITIES = ("mission.time", "phase.time", "phase.visits", "vehicle.load", "mission.energy", "phase.energy")
-"""Quantities that no task measures, for conditions: time since the start of the mission [s], time since the start of the phase
-[s], how often the phase has begun, this time included, the net weight [N] that thrusters bear beyond the robot's own, negative
-where something lifts, and the electrical energy [J] of thrusters and joints since the start of the mission and of the phase. Load
-and energy are as the controller of forces finds them, 0 without one."""
+OWN_QUANTITIES = (
+    "mission.time",
+    "phase.time",
+    "phase.visits",
+    "vehicle.load",
+    "mission.energy",
+    "phase.energy",
+)
+"""Quantities that no task measures, for conditions: time since the start of the mission [s], time
+since the start of the phase [s], how often the phase has begun, this time included, the net weight
+[N] that thrusters bear beyond the robot's own, negative where something lifts, and the electrical
+energy [J] of thrusters and joints since the start of the mission and of the phase. Load and energy
+are as the controller of forces finds them, 0 without one.
+"""
 ENERGIES = OWN_QUANTITIES[4:]
 LARGEST = 1e30
-"""What reports and figures reckon with: its square is finite, and single precision, which scenes are kept in, holds it."""
+"""What reports and figures reckon with: its square is finite, and single precision, which scenes
+are kept in, holds it.
+"""
 Number = Annotated[FiniteFloat, Field(ge=-LARGEST, le=LARGEST)]
 UNIT_NORM_TOLERANCE = 1e-3
 """By how much the norm of a stored unit quaternion may differ from 1."""
 
 
 class MetaValue(FileModel, ser_json_inf_nan="constants"):
-    """Base of all: unknown keys are refused, nothing can be changed, and infinity and NaN survive the way through JSON."""
+    """Base of all: unknown keys are refused, nothing can be changed, and infinity and NaN survive
+    the way through JSON.
+    """
 
 
 class RobotFilesMeta(MetaValue):
     """Where the files of a robot of one's own were, and all that they say beside the URDF."""
 
     urdf: Annotated[str, Field(max_length=4096)] | None
-    """Relative to where the record was made, or folder and name alone; `None`: that of the library's robot of this name."""
+    """Relative to where the record was made, or folder and name alone; `None`: that of the
+    library's robot of this name.
+    """
     description: str
     """JSON of hydrodynamics.yaml, with what was given in its place."""
 
@@ -163,7 +190,9 @@ class FaultMeta(MetaValue):
     @model_validator(mode="after")
     def _lasts(self) -> FaultMeta:
         if self.end is not None and not self.t < self.end:
-            raise ValueError(f"the fault {self.text[:60]!r} ends at {self.end:g} s, not after {self.t:g} s")
+            raise ValueError(
+                f"the fault {self.text[:60]!r} ends at {self.end:g} s, not after {self.t:g} s"
+            )
         return self
 
 
@@ -194,7 +223,9 @@ class LevelMeta(MetaValue):
 
 
 class LimitsMeta(MetaValue):
-    """Limits of a robot, infinite where there is none; positions are of the joints, all else of the vehicle's axes too."""
+    """Limits of a robot, infinite where there is none; positions are of the joints, all else of the
+    vehicle's axes too.
+    """
 
     position_lower: tuple[float, ...]
     """(n_joints,) [rad or m]"""
@@ -223,7 +254,8 @@ class LimitsMeta(MetaValue):
 class AxisLimitsMeta(MetaValue):
     """Limits of the planned axes, by the series that they bound, where they hold all the way.
 
-    The vehicle's limits are along its own axes: infinite for x, y and z where it looks along none of them or turns.
+    The vehicle's limits are along its own axes: infinite for x, y and z where it looks along none
+    of them or turns.
     """
 
     x_rate: tuple[float, ...]
@@ -246,7 +278,9 @@ class FrameMeta(MetaValue):
     @model_validator(mode="after")
     def _turns(self) -> FrameMeta:
         if abs((norm := math.hypot(*self.pose[3:])) - 1.0) > UNIT_NORM_TOLERANCE:
-            raise ValueError(f"the quaternion of a pose, its last four numbers, has norm 1, not {norm:g}")
+            raise ValueError(
+                f"the quaternion of a pose, its last four numbers, has norm 1, not {norm:g}"
+            )
         return self
 
 

@@ -1,4 +1,6 @@
-"""Replace all results of a command in a folder at once: claimed and checked before the work, whole or as before after it."""
+"""Replace all results of a command in a folder at once: claimed and checked before the work, whole
+or as before after it.
+"""
 
 from __future__ import annotations
 
@@ -16,7 +18,15 @@ from pydantic import AfterValidator, BaseModel, Field, ValidationError
 from uvms_ocp.checks import checked
 from uvms_ocp.errors import InvalidInput, OutputError, UvmsError
 from uvms_ocp.model_errors import FileModel, one_line
-from uvms_ocp.record.durable_files import discard, locked, remove_empty, replacing, sync_folders, sync_tree, write_durably
+from uvms_ocp.record.durable_files import (
+    discard,
+    locked,
+    remove_empty,
+    replacing,
+    sync_folders,
+    sync_tree,
+    write_durably,
+)
 
 # What a command of ours wrote into a folder, by which it is known again.
 
@@ -28,7 +38,11 @@ RECORD = "record.npz"  # of a run or of a plan
 def _inner(name: str) -> str:
     """A name that stays inside its folder, on every system."""
     parts = name.split("/")
-    if not all(parts) or {".", "..", STORE} & set(parts) or any(sign in name for sign in '\\:\0\n"'):
+    if (
+        not all(parts)
+        or {".", "..", STORE} & set(parts)
+        or any(sign in name for sign in '\\:\0\n"')
+    ):
         raise ValueError("allowed: a path inside the folder, such as figures/path.png")
     return name
 
@@ -54,17 +68,22 @@ class Manifest(FileModel, strict=True):
 
 
 def read_as(kind: type[Model], path: Path) -> Model | None:
-    """A file of `STORE`; None where there is none. Raises `InvalidInput` for one that we did not write so, `OutputError`
-    for one that cannot be read."""
+    """A file of `STORE`; None where there is none. Raises `InvalidInput` for one that we did not
+    write so, `OutputError` for one that cannot be read.
+    """
     try:
         return kind.model_validate_json(path.read_bytes())
     except (FileNotFoundError, NotADirectoryError):
         return None
     except OSError as error:
-        raise OutputError(f"{path}: cannot read it ({error.strerror}); choose another folder") from error
+        raise OutputError(
+            f"{path}: cannot read it ({error.strerror}); choose another folder"
+        ) from error
     except ValidationError as error:
         given = f"{path}: damaged ({one_line(error, kind)})"
-        raise InvalidInput(f"{given}; move its folder {STORE} and the results beside it away") from error
+        raise InvalidInput(
+            f"{given}; move its folder {STORE} and the results beside it away"
+        ) from error
 
 
 def parents_of(names: Iterable[str]) -> set[str]:
@@ -84,14 +103,22 @@ def fingerprint(path: Path) -> Fingerprint:
 
 
 def is_same(path: Path, known: Fingerprint | None) -> bool:
-    """Return whether a regular file with those contents is there. Raises `OSError` where it cannot be read."""
+    """Return whether a regular file with those contents is there. Raises `OSError` where it cannot
+    be read.
+    """
     status = _status(path)
-    if status is None or known is None or not stat.S_ISREG(status.st_mode) or status.st_size != known.size:
+    if (
+        status is None
+        or known is None
+        or not stat.S_ISREG(status.st_mode)
+        or status.st_size != known.size
+    ):
         return False
     return fingerprint(path) == known
 
 
-# What stands in the way of writing: files of others, changed files, links that lead out of the folder.
+# What stands in the way of writing: files of others, changed files, links that lead out of the
+# folder.
 
 _ADVICE = "move it away or choose another folder"
 
@@ -108,14 +135,17 @@ def require_own_files(target: Path, names: Iterable[str], manifest: Manifest) ->
 
 
 def require_inside(target: Path, names: Iterable[str]) -> None:
-    """Raise `InvalidInput` where the way to one of `names` leads out of `target`, is none or cannot be written."""
+    """Raise `InvalidInput` where the way to one of `names` leads out of `target`, is none or cannot
+    be written.
+    """
     _require_writable(target)
     for folder in sorted(parents_of(names)):
         _require_real_folder(target / folder, target)
 
 
 def _require_real_folder(folder: Path, target: Path) -> None:
-    if (status := _status(folder)) is None:
+    status = _status(folder)
+    if status is None:
         return
     if stat.S_ISLNK(status.st_mode):
         raise InvalidInput(f"{folder}: a link, which is not followed; {_ADVICE}")
@@ -128,11 +158,14 @@ def _require_real_folder(folder: Path, target: Path) -> None:
 
 def _require_writable(folder: Path) -> None:
     if not os.access(folder, os.W_OK | os.X_OK):
-        raise InvalidInput(f"{folder}: cannot write there (read-only folder); choose another folder")
+        raise InvalidInput(
+            f"{folder}: cannot write there (read-only folder); choose another folder"
+        )
 
 
 def _require_free(place: Path, known: Fingerprint | None) -> None:
-    if (status := _status(place)) is None:
+    status = _status(place)
+    if status is None:
         return
     if known is None:
         raise InvalidInput(f"{place}: not written by an earlier command; {_ADVICE}")
@@ -149,7 +182,8 @@ def _status(path: Path) -> os.stat_result | None:
         return None
 
 
-# The replacement of all files of a folder, in steps that can be completed or undone from wherever they were cut off.
+# The replacement of all files of a folder, in steps that can be completed or undone from wherever
+# they were cut off.
 
 
 class Journal(FileModel, strict=True):
@@ -160,24 +194,34 @@ class Journal(FileModel, strict=True):
 
 
 class Replacement:
-    """Replace the files of `target` as a whole. All methods are for the one process that holds the lock."""
+    """Replace the files of `target` as a whole. All methods are for the one process that holds the
+    lock.
+    """
 
     def __init__(self, target: Path) -> None:
-        self.target, self.store = target, target / STORE
-        self.new, self._old = self.store / "new", self.store / "old"  # where the new files wait, and the old ones are kept
-        self._manifest, self._journal = self.store / "manifest.json", self.store / "journal.json"
+        self.target = target
+        self.store = target / STORE
+        # where the new files wait, and the old ones are kept
+        self.new = self.store / "new"
+        self._old = self.store / "old"
+        self._manifest = self.store / "manifest.json"
+        self._journal = self.store / "journal.json"
         self._undoing = self.store / "undoing.json"
 
     def manifest(self) -> Manifest:
-        """Return the manifest of what is there. Raises `InvalidInput` for one that cannot be read."""
+        """Return the manifest of what is there. Raises `InvalidInput` for one that cannot be
+        read.
+        """
         return read_as(Manifest, self._manifest) or Manifest()
 
     @contextmanager
     def staged(self, keep: Iterable[str] = ()) -> Iterator[Path]:
-        """Give an empty folder; the files written there then take the place of all earlier ones of ours.
+        """Give an empty folder; the files written there then take the place of all earlier ones of
+        ours.
 
-        keep: names of earlier ones that stay beside them. On any error the folder is as before. Raises `OutputError` where
-        the disk refuses, and `InvalidInput` for what has come to stand in the way.
+        keep: names of earlier ones that stay beside them. On any error the folder is as before.
+        Raises `OutputError` where the disk refuses, and `InvalidInput` for what has come to stand
+        in the way.
         """
         try:
             with as_output_errors(self.target):
@@ -206,17 +250,25 @@ class Replacement:
     def commit(self) -> None:
         """Put the new files into their places and remove the old ones that have no successor.
 
-        Raises `InvalidInput` for what stands in the way and `OSError` where the disk refuses, with all as it was before.
+        Raises `InvalidInput` for what stands in the way and `OSError` where the disk refuses, with
+        all as it was before.
         """
-        manifest, names = self.manifest(), names_below(self.new)
+        manifest = self.manifest()
+        names = names_below(self.new)
         require_own_files(self.target, names, manifest)
         after = Manifest(files={name: fingerprint(self.new / name) for name in names})
         # What the user removed is not ours any more.
-        before = manifest.model_copy(update={"files": {n: f for n, f in manifest.files.items() if self._is_there(n)}})
+        before = manifest.model_copy(
+            update={"files": {n: f for n, f in manifest.files.items() if self._is_there(n)}}
+        )
         needed = parents_of(names)
-        made = {folder for folder in needed if not self._is_there(folder)} | (needed & before.folders)
+        made = {folder for folder in needed if not self._is_there(folder)} | (
+            needed & before.folders
+        )
         sync_tree(self.new)
-        journal = Journal(before=before, after=after.model_copy(update={"folders": frozenset(made)}))
+        journal = Journal(
+            before=before, after=after.model_copy(update={"folders": frozenset(made)})
+        )
         write_durably(self._journal, journal.model_dump_json())
         self._complete_or_undo(journal)
         with suppress(OSError):  # which the next command does
@@ -224,11 +276,14 @@ class Replacement:
             self._clear()
 
     def recover(self) -> None:
-        """Complete the replacement of a command that was cut off, or undo it where the disk refuses; remove what it left.
+        """Complete the replacement of a command that was cut off, or undo it where the disk
+        refuses; remove what it left.
 
-        Raises `InvalidInput` for what stands in the way, and `OSError` where that or the removal fails.
+        Raises `InvalidInput` for what stands in the way, and `OSError` where that or the removal
+        fails.
         """
-        if (undoing := read_as(Journal, self._undoing)) is not None:
+        undoing = read_as(Journal, self._undoing)
+        if undoing is not None:
             self._undo(undoing)
         elif (journal := read_as(Journal, self._journal)) is not None:
             if self.manifest() != journal.after or names_below(self.new):
@@ -259,7 +314,8 @@ class Replacement:
         before, after = journal.before, journal.after
         self._require_unchanged(journal)
         for name in after.files:
-            # The old file stays in its place until the new one takes it, so that a reader always finds one.
+            # The old file stays in its place until the new one takes it, so that a reader always
+            # finds one.
             if (self.new / name).exists():
                 place = self.target / name
                 place.parent.mkdir(parents=True, exist_ok=True)
@@ -278,7 +334,8 @@ class Replacement:
 
     def _keep(self, name: str) -> None:
         """A second name for the old file, or where the file system has no links, another."""
-        place, kept = self.target / name, self._old / name
+        place = self.target / name
+        kept = self._old / name
         if kept.exists() or not place.exists():
             return
         kept.parent.mkdir(parents=True, exist_ok=True)
@@ -300,13 +357,23 @@ class Replacement:
         sync_folders([self.target, *(self.target / name for name in parents_of(before.files))])
 
     def _require_unchanged(self, journal: Journal) -> None:
-        """Raise `InvalidInput` where the place of a file that still waits was taken while nobody was at it."""
-        before, after = journal.before.files, journal.after.files
+        """Raise `InvalidInput` where the place of a file that still waits was taken while nobody
+        was at it.
+        """
+        before = journal.before.files
+        after = journal.after.files
         require_inside(self.target, [*before, *after])
         for name in after:
             place = self.target / name
-            if (self.new / name).exists() and self._is_there(name) and not is_same(place, before.get(name)):
-                raise InvalidInput(f"{place}: in the way of a file that a command cut off is to put there; move it away")
+            if (
+                (self.new / name).exists()
+                and self._is_there(name)
+                and not is_same(place, before.get(name))
+            ):
+                raise InvalidInput(
+                    f"{place}: in the way of a file that a command cut off is to put there; move it"
+                    " away"
+                )
 
     def _remains(self) -> list[Path]:
         return [self.new, self._old, *self.store.glob("*.tmp")]
@@ -315,20 +382,26 @@ class Replacement:
         return os.path.lexists(self.target / name)
 
 
-# A folder for the results of one command: checked and locked before the work, replaced whole after it.
+# A folder for the results of one command: checked and locked before the work, replaced whole after
+# it.
 
 
 @contextmanager
 def claim_folder(target: Path, names: Collection[str]) -> Iterator[Replacement]:
-    """The folder `target` for one command that may write files of these `names`, such as ``figures/path.png``.
+    """The folder `target` for one command that may write files of these `names`, such as
+    ``figures/path.png``.
 
-    Completes or undoes first what a command that was cut off left. Raises `InvalidInput` for what stands in the way, and
-    `OutputError` where the folder cannot be written or another command is at it: before the work begins.
+    Completes or undoes first what a command that was cut off left. Raises `InvalidInput` for what
+    stands in the way, and `OutputError` where the folder cannot be written or another command is at
+    it: before the work begins.
     """
     replacement = Replacement(target=target)
     with ExitStack() as stack:
         with as_output_errors(target):
-            stack.callback(remove_empty, [folder for folder in (target, *target.parents) if not folder.exists()])
+            stack.callback(
+                remove_empty,
+                [folder for folder in (target, *target.parents) if not folder.exists()],
+            )
             target.mkdir(parents=True, exist_ok=True)
             stack.enter_context(locked(replacement.store))
             replacement.recover()
@@ -340,7 +413,8 @@ def claim_folder(target: Path, names: Collection[str]) -> Iterator[Replacement]:
 def recover_folder(folder: Path) -> None:
     """Before `folder` is read: complete or undo what a command that was cut off left there.
 
-    Raises `OutputError` where that cannot be done, or is being done, and `InvalidInput` for what stands in the way.
+    Raises `OutputError` where that cannot be done, or is being done, and `InvalidInput` for what
+    stands in the way.
     """
     replacement = Replacement(target=folder)
     if not replacement.is_unfinished():
@@ -356,7 +430,9 @@ def recover_folder(folder: Path) -> None:
 
 @contextmanager
 def as_output_errors(target: Path, advice: str = "choose another folder") -> Iterator[None]:
-    """Raise what the system refuses in the block as an `OutputError` of a file or folder; errors of ours pass."""
+    """Raise what the system refuses in the block as an `OutputError` of a file or folder; errors of
+    ours pass.
+    """
     try:
         yield
     except UvmsError:
@@ -368,6 +444,8 @@ def as_output_errors(target: Path, advice: str = "choose another folder") -> Ite
 
 @contextmanager
 def whole_file(path: Path, advice: str = "choose another place") -> Iterator[BinaryIO]:
-    """An empty file that takes the place of `path` as `replacing` has it. Raises `OutputError` where the disk refuses."""
+    """An empty file that takes the place of `path` as `replacing` has it. Raises `OutputError`
+    where the disk refuses.
+    """
     with as_output_errors(path, advice), replacing(path) as file:
         yield file

@@ -1,4 +1,6 @@
-"""Time series of one run: recorded row by row, then frozen, checked, saved and loaded without pickle."""
+"""Time series of one run: recorded row by row, then frozen, checked, saved and loaded without
+pickle.
+"""
 
 from __future__ import annotations
 
@@ -18,7 +20,16 @@ from uvms_ocp.model_errors import printable
 from uvms_ocp.record import display, durable_files, mcap, output, row_rates, tables
 from uvms_ocp.record.meta_values import LARGEST, UNIT_NORM_TOLERANCE, LimitsMeta
 from uvms_ocp.record.row_files import META, append_rows, forget, parts, read_row_files
-from uvms_ocp.record.run_meta import MIN_TICK, VEHICLE_Q, VEHICLE_V, PlanMeta, RunMeta, is_floating, read_meta, write_meta
+from uvms_ocp.record.run_meta import (
+    MIN_TICK,
+    VEHICLE_Q,
+    VEHICLE_V,
+    PlanMeta,
+    RunMeta,
+    is_floating,
+    read_meta,
+    write_meta,
+)
 from uvms_ocp.record.tables import SERIES, Series, meaning_of, unit_of
 from uvms_ocp.record.untrusted import SMALL, as_input_errors, read_arrays, read_text
 from uvms_ocp.types import Positive
@@ -31,7 +42,17 @@ _LOAD = ("load_weight", "load_weight_error", "load_mass", "load_mass_error")
 """(n,) real numbers, or (n, n_tools) of several tools."""
 _COLUMNS = ("altimeter_range", "altimeter_std", "joint_energy", "tick_time", "controller_time")
 """(n,) real numbers."""
-_TABLES = ("q", "v", "command", "activations", "activity", "residual", "quantities", "disturbance", "q_std")
+_TABLES = (
+    "q",
+    "v",
+    "command",
+    "activations",
+    "activity",
+    "residual",
+    "quantities",
+    "disturbance",
+    "q_std",
+)
 _PLANT_TABLES = ("thrust", "asked_thrust", "torque", "thruster_energy", "clearance", "current")
 MEASURED = tuple(name for name in SERIES if name.startswith("measured_"))
 """Series of readings, each with when it was taken; NaN at ticks without a new one."""
@@ -39,7 +60,9 @@ _REAL = (*_COLUMNS, *_LOAD, *_TABLES, *_PLANT_TABLES, *PLANNED, *MEASURED)
 _UNKNOWN = ("thruster_energy", "load_mass", *MEASURED)
 """Where NaN means that it is not known."""
 _ENDLESS = ("altimeter_range", "altimeter_std", "activity", "residual", "quantities")
-"""Where infinity too may stand, such as for a range without an echo, and at ticks whose input the solver refused."""
+"""Where infinity too may stand, such as for a range without an echo, and at ticks whose input the
+solver refused.
+"""
 _RENAMED = {
     "q_measured": "q_estimated",
     "v_measured": "v_estimated",
@@ -54,7 +77,9 @@ _WORST_HEALTH = 2
 
 
 def check_series(series: Series, meta: RunMeta | PlanMeta) -> None:
-    """Raise `InvalidInput` where the series of a file are not what `Record` promises, or do not fit the metadata."""
+    """Raise `InvalidInput` where the series of a file are not what `Record` promises, or do not fit
+    the metadata.
+    """
     if "t" not in series:
         raise InvalidInput("no series 't'")
     _check_times(series["t"])
@@ -62,16 +87,28 @@ def check_series(series: Series, meta: RunMeta | PlanMeta) -> None:
         _check_kind(name, array, series["t"])
     for name, (least, most) in _widths(series, meta).items():
         if name in series and not least <= series[name].shape[1] <= most:
-            columns = f"{least}" if most == least else f"{least} or more" if most == np.inf else f"{least} to {most:g}"
+            columns = (
+                f"{least}"
+                if most == least
+                else f"{least} or more"
+                if most == np.inf
+                else f"{least} to {most:g}"
+            )
             shape = series[name].shape
-            raise InvalidInput(f"series {name!r} has shape {shape}; its metadata allow {shape[0]} rows of {columns}")
+            raise InvalidInput(
+                f"series {name!r} has shape {shape}; its metadata allow {shape[0]} rows of"
+                f" {columns}"
+            )
     _check_counts(series, meta)
     if "q" in series and is_floating(series, meta):
         for q, times in parts(series["q"], series["t"]):
             right = np.abs(np.linalg.norm(q[:, 3:VEHICLE_Q], axis=1) - 1.0) <= UNIT_NORM_TOLERANCE
             if not right.all():
                 when = _first_wrong(times, right)
-                raise InvalidInput(f"series 'q' has a quaternion, columns 3 to 6, whose norm is not 1 at t = {when:g} s")
+                raise InvalidInput(
+                    "series 'q' has a quaternion, columns 3 to 6, whose norm is not 1 at t ="
+                    f" {when:g} s"
+                )
     _check_health(series, meta)
     if isinstance(meta, RunMeta):
         _check_start_and_events(series["t"], meta)
@@ -80,15 +117,28 @@ def check_series(series: Series, meta: RunMeta | PlanMeta) -> None:
 def _check_times(t: np.ndarray) -> None:
     right = t.dtype == np.float64 and t.ndim == 1 and t.size and (np.abs(t) <= LARGEST).all()
     if not right or (np.diff(t) < MIN_TICK).any():
-        raise InvalidInput(f"times t of shape {t.shape}; allowed: one or more [s], finite, each later than the one before")
+        raise InvalidInput(
+            f"times t of shape {t.shape}; allowed: one or more [s], finite, each later than the one"
+            " before"
+        )
 
 
 def _check_kind(name: str, array: np.ndarray, t: np.ndarray) -> None:
-    """Raise `InvalidInput` for the wrong shape or type, and for what is not finite but is always known."""
-    allowed = (1,) if name in (*_COLUMNS, "saturated", "brakes") else (2,) if name in _REAL and name not in _LOAD else (1, 2)
+    """Raise `InvalidInput` for the wrong shape or type, and for what is not finite but is always
+    known.
+    """
+    allowed = (
+        (1,)
+        if name in (*_COLUMNS, "saturated", "brakes")
+        else (2,)
+        if name in _REAL and name not in _LOAD
+        else (1, 2)
+    )
     if array.ndim not in allowed or len(array) != len(t) or array.dtype.kind == "U":
         wanted = f"{len(t)} rows of numbers" if allowed == (2,) else f"numbers for {len(t)} times"
-        raise InvalidInput(f"series {name!r} is {array.dtype} of shape {array.shape}; allowed: {wanted}")
+        raise InvalidInput(
+            f"series {name!r} is {array.dtype} of shape {array.shape}; allowed: {wanted}"
+        )
     if name in _REAL and array.dtype != np.float64:
         raise InvalidInput(f"series {name!r} is {array.dtype}; allowed: float64")
     if name in _REAL:
@@ -98,12 +148,24 @@ def _check_kind(name: str, array: np.ndarray, t: np.ndarray) -> None:
 
 def _check_sizes(name: str, array: np.ndarray, t: np.ndarray) -> None:
     there = np.isfinite(array)
-    allowed = np.isnan(array) if name in _UNKNOWN else ~there if name in _ENDLESS else np.zeros_like(there)
+    allowed = (
+        np.isnan(array)
+        if name in _UNKNOWN
+        else ~there
+        if name in _ENDLESS
+        else np.zeros_like(there)
+    )
     if not (there | allowed).all():
-        raise InvalidInput(f"series {name!r} has NaN or infinity at t = {_first_wrong(t, there | allowed):g} s; record it anew")
+        raise InvalidInput(
+            f"series {name!r} has NaN or infinity at t = {_first_wrong(t, there | allowed):g} s;"
+            " record it anew"
+        )
     small = ~there | (np.abs(array) <= LARGEST)
     if not small.all():
-        raise InvalidInput(f"series {name!r} is larger than {LARGEST:g} at t = {_first_wrong(t, small):g} s; record it anew")
+        raise InvalidInput(
+            f"series {name!r} is larger than {LARGEST:g} at t = {_first_wrong(t, small):g} s;"
+            " record it anew"
+        )
 
 
 def _first_wrong(t: np.ndarray, right: np.ndarray) -> float:
@@ -113,10 +175,24 @@ def _first_wrong(t: np.ndarray, right: np.ndarray) -> float:
 def _widths(series: Series, meta: RunMeta | PlanMeta) -> dict[str, tuple[float, float]]:
     """The fewest and the most columns of each series that has some."""
     rows = sum(level.rows for level in meta.levels)
-    exact = {"activations": len(meta.tasks), "activity": rows, "residual": rows, "quantities": len(meta.quantities)}
-    exact |= {"current": 3, **{name: len(SERIES[name].columns) for name in MEASURED if "@" not in "".join(SERIES[name].columns)}}
+    exact = {
+        "activations": len(meta.tasks),
+        "activity": rows,
+        "residual": rows,
+        "quantities": len(meta.quantities),
+    }
+    exact |= {
+        "current": 3,
+        **{
+            name: len(SERIES[name].columns)
+            for name in MEASURED
+            if "@" not in "".join(SERIES[name].columns)
+        },
+    }
     if isinstance(meta, PlanMeta):
-        exact |= {name: len(meta.axes) for name in PLANNED} | {"clearance": len(meta.clearance_groups)}
+        exact |= {name: len(meta.axes) for name in PLANNED} | {
+            "clearance": len(meta.clearance_groups)
+        }
     if meta.limits is not None:
         _check_limits(meta.limits, floating=is_floating(series, meta))
         exact["torque"] = len(meta.limits.effort)
@@ -124,8 +200,11 @@ def _widths(series: Series, meta: RunMeta | PlanMeta) -> dict[str, tuple[float, 
 
 
 def _motion_widths(series: Series, meta: RunMeta | PlanMeta) -> dict[str, tuple[float, float]]:
-    """Columns of q and of series with one for each velocity; q has more than v where a turn takes several numbers."""
-    joints, floating = len(meta.joints), is_floating(series, meta)
+    """Columns of q and of series with one for each velocity; q has more than v where a turn takes
+    several numbers.
+    """
+    joints = len(meta.joints)
+    floating = is_floating(series, meta)
     n_v: tuple[float, float] = (joints + (VEHICLE_V if floating else 0), np.inf)
     if meta.limits is not None:
         n_v = (max(n_v[0], len(meta.limits.velocity)), len(meta.limits.velocity))
@@ -133,36 +212,58 @@ def _motion_widths(series: Series, meta: RunMeta | PlanMeta) -> dict[str, tuple[
         n_v = (series["v"].shape[1],) * 2
     least = n_v[0] + (VEHICLE_Q - VEHICLE_V if floating else 0)
     found = {"q": (least, np.inf)} | dict.fromkeys(("v", "command", "disturbance", "q_std"), n_v)
-    for rate, name, vehicle in (("v", "joint_velocities", VEHICLE_V), ("q", "joint_positions", VEHICLE_Q)):
+    for rate, name, vehicle in (
+        ("v", "joint_velocities", VEHICLE_V),
+        ("q", "joint_positions", VEHICLE_Q),
+    ):
         if rate in series:  # and the time
-            found[f"measured_{name}"] = (series[rate].shape[1] - (vehicle if floating else 0) + 1,) * 2
+            found[f"measured_{name}"] = (
+                series[rate].shape[1] - (vehicle if floating else 0) + 1,
+            ) * 2
     return found
 
 
 def _check_limits(limits: LimitsMeta, *, floating: bool) -> None:
     vehicle = VEHICLE_V if floating else 0
     if len(limits.velocity) - len(limits.position_lower) != vehicle:
-        given = f"{len(limits.velocity)} limits of velocity and {len(limits.position_lower)} of position"
+        given = (
+            f"{len(limits.velocity)} limits of velocity and {len(limits.position_lower)} of"
+            " position"
+        )
         raise InvalidInput(f"{given}; allowed: {vehicle} more of velocity, those of the vehicle")
 
 
 def _check_counts(series: Series, meta: RunMeta | PlanMeta) -> None:
-    counted = {"phase": len(meta.phases)} | ({"status": len(meta.statuses)} if isinstance(meta, RunMeta) else {})
+    counted = {"phase": len(meta.phases)} | (
+        {"status": len(meta.statuses)} if isinstance(meta, RunMeta) else {}
+    )
     for name, n in counted.items():
         if name in series:
             values = series[name]
-            if values.dtype.kind not in "iu" or values.ndim != 1 or values.min() < 0 or values.max() >= n:
-                raise InvalidInput(f"series {name!r} counts what the metadata do not have; allowed: whole numbers below {n}")
+            if (
+                values.dtype.kind not in "iu"
+                or values.ndim != 1
+                or values.min() < 0
+                or values.max() >= n
+            ):
+                raise InvalidInput(
+                    f"series {name!r} counts what the metadata do not have; allowed: whole numbers"
+                    f" below {n}"
+                )
 
 
 def _check_health(series: Series, meta: RunMeta | PlanMeta) -> None:
     if "health" not in series:
         return
-    values, n = series["health"], len(meta.channels) if isinstance(meta, RunMeta) else 0
+    values = series["health"]
+    n = len(meta.channels) if isinstance(meta, RunMeta) else 0
     columns = values.ndim == 2 and values.shape[1] == n and values.dtype.kind in "iu"
     if not columns or (values.size and not 0 <= values.min() <= values.max() <= _WORST_HEALTH):
         given = f"series 'health' is {values.dtype} of shape {values.shape}"
-        raise InvalidInput(f"{given}; allowed: whole numbers from 0 to {_WORST_HEALTH}, a column for each of {n} channels")
+        raise InvalidInput(
+            f"{given}; allowed: whole numbers from 0 to {_WORST_HEALTH}, a column for each of {n}"
+            " channels"
+        )
 
 
 def _check_start_and_events(t: np.ndarray, meta: RunMeta) -> None:
@@ -170,7 +271,10 @@ def _check_start_and_events(t: np.ndarray, meta: RunMeta) -> None:
         raise InvalidInput(f"a run that begins at t = {t[0]:g} s; allowed: 0 s")
     for event in meta.events:
         if not t[0] <= event.t <= t[-1]:
-            raise InvalidInput(f"an event at {event.t:g} s; allowed: {t[0]:g} to {t[-1]:g} s, the times of the record")
+            raise InvalidInput(
+                f"an event at {event.t:g} s; allowed: {t[0]:g} to {t[-1]:g} s, the times of the"
+                " record"
+            )
 
 
 # The time series of one run: filled row by row, then frozen, saved and loaded without pickle.
@@ -193,14 +297,21 @@ class Record(display.TableDisplay):
         return len(self.series["t"])
 
     def _table(self) -> display.SmallTable:
-        t, meta = self.series["t"], self.meta
+        t = self.series["t"]
+        meta = self.meta
         span = f"{t[0]:g} to {t[-1]:g} s" if len(t) else "no time"
-        ending = "" if meta.kind != "run" else ", completed" if meta.completed else ", not completed"
+        ending = (
+            "" if meta.kind != "run" else ", completed" if meta.completed else ", not completed"
+        )
         return display.SmallTable(
-            title=f"Record of a {meta.kind}, {meta.scenario}, {meta.robot}: {len(t)} rows, {span}{ending}",
+            title=(
+                f"Record of a {meta.kind}, {meta.scenario}, {meta.robot}: {len(t)} rows,"
+                f" {span}{ending}"
+            ),
             head=("series", "shape", "unit", "meaning"),
             rows=tuple(
-                (name, str(array.shape), unit_of(name, meta=meta), meaning_of(name)) for name, array in self.series.items()
+                (name, str(array.shape), unit_of(name, meta=meta), meaning_of(name))
+                for name, array in self.series.items()
             ),
         )
 
@@ -224,51 +335,70 @@ class Record(display.TableDisplay):
     def run_meta(self) -> RunMeta:
         """`meta` of a run. Raises `InvalidInput` for a plan."""
         if self.meta.kind != "run":
-            raise InvalidInput(f"this record is of a plan ({self.meta.scenario}); give that of a run")
+            raise InvalidInput(
+                f"this record is of a plan ({self.meta.scenario}); give that of a run"
+            )
         return self.meta
 
     @property
     def plan_meta(self) -> PlanMeta:
         """`meta` of a plan. Raises `InvalidInput` for a run."""
         if self.meta.kind != "plan":
-            raise InvalidInput(f"this record is of a run ({self.meta.scenario}); give that of a plan")
+            raise InvalidInput(
+                f"this record is of a run ({self.meta.scenario}); give that of a plan"
+            )
         return self.meta
 
     def save(self, path: Path | str) -> None:
-        """Write one ``.npz`` file; arrays stay arrays, `meta` becomes a JSON string. A file of that name is replaced as a whole.
+        """Write one ``.npz`` file; arrays stay arrays, `meta` becomes a JSON string. A file of that
+        name is replaced as a whole.
 
-        Series that take more than 64 MB together are not packed, nor are those that it makes hardly smaller.
+        Series that take more than 64 MB together are not packed, nor are those that it makes hardly
+        smaller.
         """
         # Level 1 is the quickest: slower ones save one or two per cent.
-        text, small = np.array(write_meta(self.meta)), sum(array.nbytes for array in self.series.values()) <= SMALL
-        with durable_files.replacing(Path(path)) as new, ZipFile(new, "w", compresslevel=1) as archive:
+        text = np.array(write_meta(self.meta))
+        small = sum(array.nbytes for array in self.series.values()) <= SMALL
+        with (
+            durable_files.replacing(Path(path)) as new,
+            ZipFile(new, "w", compresslevel=1) as archive,
+        ):
             for name, array in {_META_KEY: text, **self.series}.items():
                 whole = np.atleast_1d(array)
                 archive.compression = ZIP_DEFLATED if small and _packs_well(whole) else ZIP_STORED
                 with archive.open(f"{name}.npy", "w", force_zip64=True) as file:
-                    header = np.lib.format.header_data_from_array_1_0(array) | {"fortran_order": False}
+                    header = np.lib.format.header_data_from_array_1_0(array) | {
+                        "fortran_order": False
+                    }
                     np.lib.format.write_array_header_1_0(file, header)
                     for (rows,) in parts(whole):
                         file.write(rows.tobytes())
 
     def to_dataframe(self) -> Any:
-        """A pandas.DataFrame, one row per tick; `uvms_ocp.record.tables.SERIES` says what the columns are.
+        """A pandas.DataFrame, one row per tick; `uvms_ocp.record.tables.SERIES` says what the
+        columns are.
 
         Raises `NotInstalled` without pandas, as do the files below.
         """
         return tables.to_dataframe(self.series, self.meta)
 
     def to_csv(self, path: Path | str) -> None:
-        """Write the table of `to_dataframe`, every number in full. Raises `OutputError`, `NotInstalled`."""
+        """Write the table of `to_dataframe`, every number in full. Raises `OutputError`,
+        `NotInstalled`.
+        """
         tables.to_csv(self.series, self.meta, Path(path))
 
     def to_parquet(self, path: Path | str) -> None:
-        """Write a file that `from_parquet` reads as the same record. Raises `OutputError`, `NotInstalled`."""
+        """Write a file that `from_parquet` reads as the same record. Raises `OutputError`,
+        `NotInstalled`.
+        """
         tables.to_parquet(self.series, self.meta, Path(path))
 
     @staticmethod
     def from_parquet(path: Path | str) -> Record:
-        """Read a file of `to_parquet`. Raises `InvalidInput` for another or a damaged one, and `NotInstalled`."""
+        """Read a file of `to_parquet`. Raises `InvalidInput` for another or a damaged one, and
+        `NotInstalled`.
+        """
         return _fitting(*tables.from_parquet(Path(path)))
 
     def to_mcap(
@@ -279,67 +409,98 @@ class Record(display.TableDisplay):
         rate: Positive | None = None,
         urdf: Path | str | None = None,
     ) -> None:
-        """Write a file that ROS 2 and Foxglove open, and `from_mcap` reads as the same record, or the part that was chosen.
+        """Write a file that ROS 2 and Foxglove open, and `from_mcap` reads as the same record, or
+        the part that was chosen.
 
-        series: names of those to write beside ``t``, by default all. rate [Hz]: of rows, by default of ticks; the last is there.
-        Of fewer rows ``meta.dt`` is the mean period, and each has the newest ``measured_`` reading since the one before.
-        urdf: file of the robot's description, such as ``robot.urdf``, which goes onto ``/robot_description``.
-        Raises `NameNotFound` for a series that there is not, `InvalidInput` for such a file, `OutputError`, `NotInstalled`.
+        series: names of those to write beside ``t``, by default all. rate [Hz]: of rows, by default
+        of ticks; the last is there. Of fewer rows ``meta.dt`` is the mean period, and each has the
+        newest ``measured_`` reading since the one before. urdf: file of the robot's description,
+        such as ``robot.urdf``, which goes onto ``/robot_description``. Raises `NameNotFound` for a
+        series that there is not, `InvalidInput` for such a file, `OutputError`, `NotInstalled`.
 
-        ``/tf`` has the poses of vehicle, its estimate and tool, ``/tf_static`` those of goals, ``/odometry`` and
-        ``/odometry_estimated`` pose and velocity, ``/joint_states`` what a URDF moves by, ``/wrench`` and others the forces,
-        ``/log`` phases, alarms and faults, all by types of ROS 2, and ``/series/...`` every series by a type of its own.
+        ``/tf`` has the poses of vehicle, its estimate and tool, ``/tf_static`` those of goals,
+        ``/odometry`` and ``/odometry_estimated`` pose and velocity, ``/joint_states`` what a URDF
+        moves by, ``/wrench`` and others the forces, ``/log`` phases, alarms and faults, all by
+        types of ROS 2, and ``/series/...`` every series by a type of its own.
         """
         for name in series or ():
             require_known("series", name, self.series)
-        t, wanted = self.series["t"], self.series if series is None else ("t", *series)
+        t = self.series["t"]
+        wanted = self.series if series is None else ("t", *series)
         due = np.arange(len(t)) if rate is None else np.floor((t - t[:1]) * rate + _ROUNDING)
-        rows = np.unique([*np.unique(due, return_index=True)[1], len(t) - 1])  # the last has what the run came to
+        rows = np.unique(
+            [*np.unique(due, return_index=True)[1], len(t) - 1]
+        )  # the last has what the run came to
         chosen = {name: array[rows] for name, array in self.series.items() if name in wanted}
-        chosen |= {name: row_rates.newest_readings(self.series[name], rows) for name in chosen.keys() & {*MEASURED}}
-        period = {"dt": float(np.ptp(t)) / (len(rows) - 1)} if self.meta.kind == "run" and 1 < len(rows) < len(t) else {}
+        chosen |= {
+            name: row_rates.newest_readings(self.series[name], rows)
+            for name in chosen.keys() & {*MEASURED}
+        }
+        period = (
+            {"dt": float(np.ptp(t)) / (len(rows) - 1)}
+            if self.meta.kind == "run" and 1 < len(rows) < len(t)
+            else {}
+        )
         with as_input_errors(Path(urdf or "")):
             text = None if urdf is None else read_text(Path(urdf), SMALL)
         mcap.to_mcap(chosen, self.meta.model_copy(update=period), Path(path), text)
 
     @staticmethod
     def from_mcap(path: Path | str) -> Record:
-        """Read a file of `to_mcap`. Raises `InvalidInput` for another or a damaged one, and `NotInstalled`."""
+        """Read a file of `to_mcap`. Raises `InvalidInput` for another or a damaged one, and
+        `NotInstalled`.
+        """
         return _fitting(*mcap.from_mcap(Path(path)))
 
     @staticmethod
     def load(path: Path | str, only: Sequence[str] | None = None) -> Record:
-        """Read a file written by `save`, of this version or an older one, or that in the folder of a command's results.
+        """Read a file written by `save`, of this version or an older one, or that in the folder of
+        a command's results.
 
-        only: series that are wanted, all by default. The file alone is read: `uvms_ocp.record.output.recover_folder` looks
-        after its folder. Or, of a folder, what the rows of a run are written to while it goes on, see `Scenario.run`: of one
-        that was cut off, those that there are. Series of more than 1 MB that are not packed, and those of a folder of rows,
-        are mapped: they are read from the disk as they are looked at.
+        only: series that are wanted, all by default. The file alone is read:
+        `uvms_ocp.record.output.recover_folder` looks after its folder. Or, of a folder, what the
+        rows of a run are written to while it goes on, see `Scenario.run`: of one that was cut off,
+        those that there are. Series of more than 1 MB that are not packed, and those of a folder of
+        rows, are mapped: they are read from the disk as they are looked at.
 
-        Raises `InvalidInput`, in one line, for what is no such file, is damaged or too large, and for series that do not fit
-        each other, their times or the metadata.
+        Raises `InvalidInput`, in one line, for what is no such file, is damaged or too large, and
+        for series that do not fit each other, their times or the metadata.
         """
         try:
             if (described := Path(path, META)).is_file():
                 with as_input_errors(Path(path)):
-                    return _fitting(meta=read_text(described, 16 << 20), series=read_row_files(Path(path)))  # which may grow
+                    return _fitting(
+                        meta=read_text(described, 16 << 20), series=read_row_files(Path(path))
+                    )  # which may grow
             path = held if (held := Path(path, output.RECORD)).is_file() else path
-            wanted = None if only is None else {"t", _META_KEY, *only, *(old for old, new in _RENAMED.items() if new in only)}
+            wanted = (
+                None
+                if only is None
+                else {"t", _META_KEY, *only, *(old for old, new in _RENAMED.items() if new in only)}
+            )
             arrays = _renamed(read_arrays(path, wanted))
             return _fitting(arrays, _text_of(arrays))
         except InvalidInput as error:
-            raise InvalidInput(f"{printable(path)}: not a record written by uvms_ocp: {error}") from error
+            raise InvalidInput(
+                f"{printable(path)}: not a record written by uvms_ocp: {error}"
+            ) from error
 
 
 def _packs_well(array: np.ndarray) -> bool:
-    """Check whether packing saves a sixth of rows sampled from end to end: numbers of many digits lose less, and take longest."""
+    """Check whether packing saves a sixth of rows sampled from end to end: numbers of many digits
+    lose less, and take longest.
+    """
     some = array[:: 1 + len(array) // 64].tobytes()
     return 6 * len(zlib.compress(some, 1)) < 5 * len(some)
 
 
 def _fitting(series: Mapping[str, np.ndarray], meta: RunMeta | PlanMeta | str) -> Record:
-    """The record of a file. Raises `InvalidInput` for series that do not fit each other or the metadata, and no metadata."""
-    record = Record(series=_renamed(series), meta=read_meta(meta) if isinstance(meta, str) else meta)
+    """The record of a file. Raises `InvalidInput` for series that do not fit each other or the
+    metadata, and no metadata.
+    """
+    record = Record(
+        series=_renamed(series), meta=read_meta(meta) if isinstance(meta, str) else meta
+    )
     check_series(record.series, record.meta)
     return record
 
@@ -354,16 +515,21 @@ def _text_of(arrays: dict[str, np.ndarray]) -> str:
     if _META_KEY not in arrays:
         if {"breaks", "coefficients"} <= arrays.keys() or "summary" in arrays:
             raise InvalidInput("a plan's trajectory; give the record.npz beside it")
-        raise InvalidInput(f"no series {_META_KEY!r}; give the record.npz that `run` or `plan` wrote")
+        raise InvalidInput(
+            f"no series {_META_KEY!r}; give the record.npz that `run` or `plan` wrote"
+        )
     text = arrays.pop(_META_KEY)
     if text.dtype.kind != "U" or text.shape != ():
-        raise InvalidInput(f"metadata of shape {text.shape} and type {text.dtype}; allowed: one text")
+        raise InvalidInput(
+            f"metadata of shape {text.shape} and type {text.dtype}; allowed: one text"
+        )
     return str(text)
 
 
 @checked
 def quantity(record: Record, name: str, of: str = "quantities") -> np.ndarray | None:
-    """The series (n,) of a measured quantity such as ``T.position_error``; `None` where no task measures it.
+    """The series (n,) of a measured quantity such as ``T.position_error``; `None` where no task
+    measures it.
 
     of: which series of the record has it, such as ``quantities_most``.
     """
@@ -377,14 +543,21 @@ def keeps_every_tick(record: Record) -> bool:
 
 
 def require_every_tick(record: Record) -> RunMeta:
-    """Return the metadata of a run whose every tick has a row. Raises `InvalidInput` for other records."""
+    """Return the metadata of a run whose every tick has a row. Raises `InvalidInput` for other
+    records.
+    """
     if not keeps_every_tick(record):
-        raise InvalidInput(f"record of {record.meta.scenario} with fewer rows than ticks; record it with every tick")
+        raise InvalidInput(
+            f"record of {record.meta.scenario} with fewer rows than ticks; record it with every"
+            " tick"
+        )
     return record.run_meta
 
 
 class Recorder:
-    """Collects rows of equal structure in a block of memory, and from there, series by series, in memory or in files."""
+    """Collects rows of equal structure in a block of memory, and from there, series by series, in
+    memory or in files.
+    """
 
     def __init__(
         self,
@@ -393,12 +566,17 @@ class Recorder:
         news: Callable[[], RunMeta | PlanMeta | None] = lambda: None,
         every: int = 1,
     ) -> None:
-        """capacity: rows of the block. folder: a new one, for the files; raises `OutputError` for one that is there.
+        """capacity: rows of the block. folder: a new one, for the files; raises `OutputError` for
+        one that is there.
 
-        news: gives the metadata that the folder has beside them, `None` where they are as before. every: of how many rows that
-        are appended one is kept, as by `thinned_rows`; the first of all, and the last of all and of each phase are.
+        news: gives the metadata that the folder has beside them, `None` where they are as before.
+        every: of how many rows that are appended one is kept, as by `thinned_rows`; the first of
+        all, and the last of all and of each phase are.
         """
-        self._capacity, self._folder, self._news, self._every = -(-capacity // every) * every, folder, news, every
+        self._capacity = -(-capacity // every) * every
+        self._folder = folder
+        self._news = news
+        self._every = every
         if folder is not None and folder.exists():
             raise OutputError(f"{folder} is there already; give a folder that is not there yet")
         self._n = self._kept = self._written = 0
@@ -411,8 +589,8 @@ class Recorder:
     def append(self, row: Mapping[str, Any]) -> None:
         """Add one row.
 
-        Raises `InvalidInput` for one with other series than the first, and `OutputError` where the disk refuses; shapes must
-        fit those of the first.
+        Raises `InvalidInput` for one with other series than the first, and `OutputError` where the
+        disk refuses; shapes must fit those of the first.
         """
         if not self._block:
             self._begin(row)
@@ -421,13 +599,17 @@ class Recorder:
         except KeyError:
             values = ()
         if len(values) != len(row):
-            raise InvalidInput(f"row of {', '.join(row)}; give {', '.join(self._block)}, as in the first one")
+            raise InvalidInput(
+                f"row of {', '.join(row)}; give {', '.join(self._block)}, as in the first one"
+            )
         for memory, value in zip(self._block.values(), values, strict=True):
             memory[self.place] = value
         self.filled(1)
 
     def block(self, row: Mapping[str, Any]) -> Mapping[str, np.ndarray]:
-        """Memory (capacity, ...) of series, for rows such as this, to be written to from `place` on."""
+        """Memory (capacity, ...) of series, for rows such as this, to be written to from `place`
+        on.
+        """
         if not self._block:
             self._begin(row)
         return self._block
@@ -444,8 +626,11 @@ class Recorder:
 
     def filled(self, n: int) -> None:
         """Add so many rows, at most `room`, that were written into the block."""
-        first, self._n = self._n == 0 and n > 0, self._n + n
-        if self.place == self._capacity or (first and self._every > 1):  # rows end spans of ticks, the first its own
+        first = self._n == 0 and n > 0
+        self._n = self._n + n
+        if self.place == self._capacity or (
+            first and self._every > 1
+        ):  # rows end spans of ticks, the first its own
             self._keep()
 
     def __contains__(self, name: str) -> bool:
@@ -467,10 +652,15 @@ class Recorder:
         if self._folder:
             return read_row_files(self._folder)
         found = ((name, kind, memory.getvalue()) for name, (kind, memory) in self._memory.items())
-        return {name: np.frombuffer(data, kind.dtype).reshape(self._written, *kind.shape[1:]) for name, kind, data in found}
+        return {
+            name: np.frombuffer(data, kind.dtype).reshape(self._written, *kind.shape[1:])
+            for name, kind, data in found
+        }
 
     def _keep(self) -> None:
-        """Bring the rows of the block to where they stay, and then what is new to be said of them."""
+        """Bring the rows of the block to where they stay, and then what is new to be said of
+        them.
+        """
         n = self._n - self._kept
         rows = {name: memory[:n] for name, memory in self._block.items() if n}
         if self._every > 1 and n:
@@ -478,17 +668,26 @@ class Recorder:
             ends = np.flatnonzero(np.diff(rows.get("phase", np.zeros(n))))
             rows = row_rates.thinned_rows(rows, np.unique([*due, *ends, n - 1]))
         if self._folder:
-            with output.as_output_errors(self._folder, "make room; what was written before can be read"):
+            with output.as_output_errors(
+                self._folder, "make room; what was written before can be read"
+            ):
                 self._folder.mkdir(parents=True, exist_ok=self._kept > 0)
                 append_rows(self._folder, rows, self._written)
-                if (meta := self._news()) is not None:
+                meta = self._news()
+                if meta is not None:
                     durable_files.write_durably(self._folder / META, write_meta(meta))
         for name, part in rows.items() if self._folder is None else ():
-            self._memory.setdefault(name, (part[:0].copy(), BytesIO()))[1].write(np.ascontiguousarray(part).data)
-        self._kept, self._written = self._n, self._written + len(next(iter(rows.values()), ()))
+            self._memory.setdefault(name, (part[:0].copy(), BytesIO()))[1].write(
+                np.ascontiguousarray(part).data
+            )
+        self._kept = self._n
+        self._written = self._written + len(next(iter(rows.values()), ()))
 
     def _begin(self, row: Mapping[str, Any]) -> None:
         kinds = {name: np.asarray(value) for name, value in row.items()}
-        self._block = {name: np.empty((self._capacity, *kind.shape), kind.dtype) for name, kind in kinds.items()}
+        self._block = {
+            name: np.empty((self._capacity, *kind.shape), kind.dtype)
+            for name, kind in kinds.items()
+        }
         # A getter of one name would give its value in place of a tuple.
         self._pick = itemgetter(*kinds) if len(kinds) > 1 else lambda row: (row[next(iter(kinds))],)

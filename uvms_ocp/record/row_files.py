@@ -1,8 +1,10 @@
-"""Write the rows of a run to the disk while it goes on, and read series without taking the memory for all of them.
+"""Write the rows of a run to the disk while it goes on, and read series without taking the memory
+for all of them.
 
-A folder has one ``.npy`` file for every series, which grows, and ``meta.json``. NumPy's own format is written as fast as memory
-is copied, needs no index at its end that a kill would leave out, and is mapped when it is read; one file for each series, so
-that what reads a few of them leaves the others on the disk. Parquet and MCAP give none of these three.
+A folder has one ``.npy`` file for every series, which grows, and ``meta.json``. NumPy's own format
+is written as fast as memory is copied, needs no index at its end that a kill would leave out, and
+is mapped when it is read; one file for each series, so that what reads a few of them leaves the
+others on the disk. Parquet and MCAP give none of these three.
 """
 
 from __future__ import annotations
@@ -22,7 +24,9 @@ _PART = 16 << 20  # [bytes] of rows that are looked at together
 
 
 def append_rows(folder: Path, rows: Mapping[str, np.ndarray], first: int) -> None:
-    """Write rows (n, ...) of every series after the first ones, or make the files. Raises `OSError`."""
+    """Write rows (n, ...) of every series after the first ones, or make the files. Raises
+    `OSError`.
+    """
     for k, (name, part) in enumerate(rows.items()):
         path = folder / f"{k:03d}.{quote(name, safe='')}.npy"
         if not first:
@@ -32,21 +36,34 @@ def append_rows(folder: Path, rows: Mapping[str, np.ndarray], first: int) -> Non
             file.seek(0, 2)
             rest = memoryview(part.tobytes())
             while rest:
-                rest = rest[file.write(rest) :]  # which writes less on a full disk, and refuses the rest
+                rest = rest[
+                    file.write(rest) :
+                ]  # which writes less on a full disk, and refuses the rest
             file.seek(0)  # last, so that a header never says more than there is
-            head = {"descr": part.dtype.str, "fortran_order": False, "shape": (first + len(part), *part.shape[1:])}
+            head = {
+                "descr": part.dtype.str,
+                "fortran_order": False,
+                "shape": (first + len(part), *part.shape[1:]),
+            }
             np.lib.format.write_array_header_1_0(file, head)
 
 
 def read_row_files(folder: Path) -> dict[str, np.ndarray]:
-    """Series (n, ...) by name, mapped, with the rows that all of them have. Raises `OSError` and `ValueError`."""
-    found = {unquote(path.stem.partition(".")[2]): np.load(path, "r") for path in sorted(folder.glob("*.npy"))}
+    """Series (n, ...) by name, mapped, with the rows that all of them have. Raises `OSError` and
+    `ValueError`.
+    """
+    found = {
+        unquote(path.stem.partition(".")[2]): np.load(path, "r")
+        for path in sorted(folder.glob("*.npy"))
+    }
     n = min(map(len, found.values()), default=0)
     return {name: array[:n] for name, array in found.items()}
 
 
 def parts(*arrays: np.ndarray, rows: int = 0) -> Iterator[tuple[np.ndarray, ...]]:
-    """The same rows of arrays (n, ...), so many at a time, by default 16 MB; of mapped ones, no others stay in memory."""
+    """The same rows of arrays (n, ...), so many at a time, by default 16 MB; of mapped ones, no
+    others stay in memory.
+    """
     rows = rows or max(1, _PART // max(1, *(array[:1].nbytes for array in arrays)))
     for first in range(0, len(arrays[0]), rows):
         yield tuple(array[first : first + rows] for array in arrays)
@@ -54,7 +71,9 @@ def parts(*arrays: np.ndarray, rows: int = 0) -> Iterator[tuple[np.ndarray, ...]
 
 
 def forget(arrays: Iterable[np.ndarray]) -> None:
-    """Give back the memory of mapped arrays, whose values are read from their files when they are needed again."""
+    """Give back the memory of mapped arrays, whose values are read from their files when they are
+    needed again.
+    """
     for mapped in map(memory_of, arrays):
         if isinstance(mapped, mmap.mmap) and hasattr(mmap, "MADV_DONTNEED"):
             mapped.madvise(mmap.MADV_DONTNEED)

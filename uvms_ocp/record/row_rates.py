@@ -1,4 +1,6 @@
-"""Fewer rows than ticks: what each keeps of the ticks since the row before, so that no peak and no sum is lost."""
+"""Fewer rows than ticks: what each keeps of the ticks since the row before, so that no peak and no
+sum is lost.
+"""
 
 from __future__ import annotations
 
@@ -6,8 +8,20 @@ from collections.abc import Mapping
 
 import numpy as np
 
-EXTREMES = ("q", "v", "thrust", "torque", "contact", "quantities", "altimeter_range", "tick_time", "controller_time")
-"""Series whose least and largest values since the row before are kept in fewer rows, as ``_least`` and ``_most``."""
+EXTREMES = (
+    "q",
+    "v",
+    "thrust",
+    "torque",
+    "contact",
+    "quantities",
+    "altimeter_range",
+    "tick_time",
+    "controller_time",
+)
+"""Series whose least and largest values since the row before are kept in fewer rows, as ``_least``
+and ``_most``.
+"""
 MEANS = ("v", "saturated")
 """Series of whose sizes the mean since the row before is kept, as ``_mean``."""
 WORST = ("status", "health", "saturated", "freshness")
@@ -15,14 +29,21 @@ WORST = ("status", "health", "saturated", "freshness")
 
 
 def newest_readings(rows: np.ndarray, last: np.ndarray) -> np.ndarray:
-    """Newest of readings (n, ...), NaN without one, of the ticks up to each of the `last` (k,) and after the one before."""
-    newest = np.maximum.accumulate(np.where(np.isfinite(rows[:, -1]), np.arange(len(rows)), -1))[last]
+    """Newest of readings (n, ...), NaN without one, of the ticks up to each of the `last` (k,) and
+    after the one before.
+    """
+    newest = np.maximum.accumulate(np.where(np.isfinite(rows[:, -1]), np.arange(len(rows)), -1))[
+        last
+    ]
     return np.where((newest > np.r_[-1, last[:-1]])[:, None], rows[newest], np.nan)
 
 
 def thinned_rows(rows: Mapping[str, np.ndarray], last: np.ndarray) -> dict[str, np.ndarray]:
-    """One row for the ticks up to each of the `last` (k,), in order, after the one before; rows (n, ...) of ticks by series."""
-    first, found = np.r_[0, last[:-1] + 1], dict[str, np.ndarray]()
+    """One row for the ticks up to each of the `last` (k,), in order, after the one before; rows (n,
+    ...) of ticks by series.
+    """
+    first = np.r_[0, last[:-1] + 1]
+    found = dict[str, np.ndarray]()
     for name, part in rows.items():
         found[name] = part[last]
         if name in WORST:
@@ -30,7 +51,10 @@ def thinned_rows(rows: Mapping[str, np.ndarray], last: np.ndarray) -> dict[str, 
         if name.startswith("measured_"):
             found[name] = newest_readings(part, last)
         if name in EXTREMES:
-            found[f"{name}_least"], found[f"{name}_most"] = np.fmin.reduceat(part, first), np.fmax.reduceat(part, first)
+            found[f"{name}_least"], found[f"{name}_most"] = (
+                np.fmin.reduceat(part, first),
+                np.fmax.reduceat(part, first),
+            )
         if name in MEANS:
             sums = np.add.reduceat(np.abs(part * 1.0), first)
             found[f"{name}_mean"] = (sums.T / (last - first + 1)).T

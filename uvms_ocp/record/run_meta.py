@@ -1,4 +1,5 @@
-"""Metadata of a record beside its series, `RunMeta` of a run or `PlanMeta` of a plan, and their JSON form.
+"""Metadata of a record beside its series, `RunMeta` of a run or `PlanMeta` of a plan, and their
+JSON form.
 
 Values that cannot be changed. What a robot, a mission or a method does not have is `None` or empty.
 """
@@ -45,9 +46,13 @@ class RecordMeta(TableDisplay, meta_values.MetaValue):
     joints: tuple[str, ...]
     """Names in the order of q."""
     endless: tuple[str, ...] = ()
-    """Joints that turn without end, each (cos, sin) in q; older records lack them. See `joint_positions`."""
+    """Joints that turn without end, each (cos, sin) in q; older records lack them. See
+    `joint_positions`.
+    """
     sliding: tuple[str, ...] | None = None
-    """Joints that slide, in m and N; all others turn, in rad and N m. `None` in older records, which do not say."""
+    """Joints that slide, in m and N; all others turn, in rad and N m. `None` in older records,
+    which do not say.
+    """
     tools: tuple[str, ...] = ()
     """Frames of the tools, of which the first is also called ``tool``; empty in older records."""
     thrusters: tuple[str, ...] = ()
@@ -70,20 +75,28 @@ class RecordMeta(TableDisplay, meta_values.MetaValue):
 
     @model_validator(mode="after")
     def _has_names_of_one_meaning(self) -> RecordMeta:
-        meta_values.require_unique("phases", [meta_values.DONE, meta_values.ABORT, *(phase.name for phase in self.phases)])
+        meta_values.require_unique(
+            "phases", [meta_values.DONE, meta_values.ABORT, *(phase.name for phase in self.phases)]
+        )
         meta_values.require_unique("tasks", (task.name for task in self.tasks))
         meta_values.require_unique("quantities", self.quantities)
         return self
 
     def _table(self) -> SmallTable:
         values = {name: getattr(self, name) for name in type(self).model_fields}
-        rows = ((name, format_value(_by_name(value))) for name, value in values.items() if value not in ("", (), None))
+        rows = (
+            (name, format_value(_by_name(value)))
+            for name, value in values.items()
+            if value not in ("", (), None)
+        )
         return SmallTable(title=f"{type(self).__name__} of {self.scenario}", rows=tuple(rows))
 
 
 def _by_name(value: Any) -> Any:
     """Values of many fields by their names; those without one are counted."""
-    if not (isinstance(value, tuple) and any(isinstance(item, meta_values.MetaValue) for item in value)):
+    if not (
+        isinstance(value, tuple) and any(isinstance(item, meta_values.MetaValue) for item in value)
+    ):
         return value
     return tuple(getattr(item, "name", {}) for item in value)
 
@@ -107,7 +120,9 @@ class RunMeta(RecordMeta):
     completed: bool
     """True where every phase came to its end."""
     stopped: Literal["", "stopped", "diverged", "cut off"] = ""
-    """Why it ended early: by hand, by motion beyond what a record holds, or with its program; empty where it did not."""
+    """Why it ended early: by hand, by motion beyond what a record holds, or with its program; empty
+    where it did not.
+    """
     pending: str = ""
     """Conditions that an incomplete mission still waited for."""
     abort_phase: str = ""
@@ -121,9 +136,13 @@ class RunMeta(RecordMeta):
     true_quantities: tuple[meta_values.QuantityMeta, ...] = ()
     """At the true state at the end."""
     sensors_allow: tuple[meta_values.QuantityMeta, ...] = ()
-    """Standard deviations of the estimate at the end, as far as the noise of the sensors tells; none with ideal sensors."""
+    """Standard deviations of the estimate at the end, as far as the noise of the sensors tells;
+    none with ideal sensors.
+    """
     spreads: tuple[meta_values.QuantityMeta, ...] = ()
-    """Standard deviations of the estimate at the end, as the estimator gave them; none in older records."""
+    """Standard deviations of the estimate at the end, as the estimator gave them; none in older
+    records.
+    """
     statuses: tuple[str, ...] = ()
     """Words for the numbers of the series ``status``."""
     seed: int = 0
@@ -137,14 +156,20 @@ class RunMeta(RecordMeta):
     def _fits_together(self) -> RunMeta:
         """Channels have names of one meaning, and events lead from phase to phase."""
         meta_values.require_unique("channels", self.channels)
-        known, here, t = {phase.name for phase in self.phases}, self.phases[0].name, -meta_values.LARGEST
+        known = {phase.name for phase in self.phases}
+        here = self.phases[0].name
+        t = -meta_values.LARGEST
         ended = {meta_values.DONE, meta_values.ABORT}
         for event in self.events:
             if event.source != here or here in ended or event.target not in known | ended:
                 way = f"from {event.source[:60]!r} to {event.target[:60]!r}"
-                raise ValueError(f"an event at {event.t:g} s leads {way}; the mission was in {here[:60]!r}")
+                raise ValueError(
+                    f"an event at {event.t:g} s leads {way}; the mission was in {here[:60]!r}"
+                )
             if event.t <= t:
-                raise ValueError(f"an event at {event.t:g} s after one at {t:g} s; events stand in order of time")
+                raise ValueError(
+                    f"an event at {event.t:g} s after one at {t:g} s; events stand in order of time"
+                )
             here, t = event.target, event.t
         return self
 
@@ -154,11 +179,15 @@ class RunMeta(RecordMeta):
         return {item.name: item.value for item in self.sensors_allow}
 
     def spread(self, name: str) -> float | None:
-        """The standard deviation [m] or [rad] of ``task.quantity`` at the end, by the estimator; `None` if it gave none."""
+        """The standard deviation [m] or [rad] of ``task.quantity`` at the end, by the estimator;
+        `None` if it gave none.
+        """
         return next((item.value for item in self.spreads if item.name == name), None)
 
     def true_quantity(self, name: str) -> float | None:
-        """The value of ``task.quantity`` at the true state at the end, in its unit [m] or [rad]; `None` if not measured."""
+        """The value of ``task.quantity`` at the true state at the end, in its unit [m] or [rad];
+        `None` if not measured.
+        """
         return next((item.value for item in self.true_quantities if item.name == name), None)
 
 
@@ -183,38 +212,49 @@ class PlanMeta(RecordMeta):
     @model_validator(mode="after")
     def _limits_each_axis(self) -> PlanMeta:
         n = len(self.axes)
-        if any(limits is not None and len(limits) != n for limits in (self.axis_limits.x_rate, self.axis_limits.x_acceleration)):
+        if any(
+            limits is not None and len(limits) != n
+            for limits in (self.axis_limits.x_rate, self.axis_limits.x_acceleration)
+        ):
             raise ValueError(f"axis_limits have one number for each of {n} axes")
         meta_values.require_unique("axes", self.axes)
         return self
 
 
 def is_floating(series: Mapping[str, Any], meta: RunMeta | PlanMeta) -> bool:
-    """Return whether q begins with the pose of a vehicle; a plan shows it by its velocities. series: (n, ...) each, by name."""
+    """Return whether q begins with the pose of a vehicle; a plan shows it by its velocities.
+    series: (n, ...) each, by name.
+    """
     if isinstance(meta, RunMeta):
         return meta.floating
     return "v" in series and series["v"].shape[1] - len(meta.joints) == VEHICLE_V
 
 
 def joint_positions(series: Mapping[str, Any], meta: RunMeta | PlanMeta, name: str = "q") -> Any:
-    """One number per joint (n, n_joints) [rad or m], without jumps, from the series `q` or `q_estimated` of a record.
+    """One number per joint (n, n_joints) [rad or m], without jumps, from the series `q` or
+    `q_estimated` of a record.
 
     `None` where it has no such series, or joints of several axes. series: (n, ...) each, by name.
     """
     first = VEHICLE_Q if is_floating(series, meta) else 0
     if name not in series or series[name].shape[1] != first + len(meta.joints) + len(meta.endless):
         return None
-    columns, place = [], first
+    columns = []
+    place = first
     for joint in meta.joints:
-        one, place = series[name][:, place], place + 1
+        one = series[name][:, place]
+        place = place + 1
         if joint in meta.endless:
-            one, place = np.unwrap(np.arctan2(series[name][:, place], one)), place + 1
+            one = np.unwrap(np.arctan2(series[name][:, place], one))
+            place = place + 1
         columns.append(one)
     return np.array(columns).reshape(len(columns), len(series[name])).T
 
 
 def joint_errors(series: Mapping[str, Any], meta: RunMeta | PlanMeta) -> Any:
-    """Estimate less truth of each joint (n, n_joints) [rad or m], as `joint_positions`; endless ones the shorter way."""
+    """Estimate less truth of each joint (n, n_joints) [rad or m], as `joint_positions`; endless
+    ones the shorter way.
+    """
     true, measured = (joint_positions(series, meta, name) for name in ("q", "q_estimated"))
     if true is None or measured is None:
         return None
@@ -223,9 +263,14 @@ def joint_errors(series: Mapping[str, Any], meta: RunMeta | PlanMeta) -> Any:
 
 
 def level_rows(meta: RecordMeta) -> list[tuple[str, slice]]:
-    """Return the name of each level, and which columns of `activity` and `residual` are its rows."""
+    """Return the name of each level, and which columns of `activity` and `residual` are its
+    rows.
+    """
     ends = np.cumsum([level.rows for level in meta.levels]).tolist()
-    return [(level.name, slice(end - level.rows, end)) for level, end in zip(meta.levels, ends, strict=True)]
+    return [
+        (level.name, slice(end - level.rows, end))
+        for level, end in zip(meta.levels, ends, strict=True)
+    ]
 
 
 _KINDS: dict[str, type[RunMeta] | type[PlanMeta]] = {"run": RunMeta, "plan": PlanMeta}
@@ -234,7 +279,9 @@ _KINDS: dict[str, type[RunMeta] | type[PlanMeta]] = {"run": RunMeta, "plan": Pla
 @cache
 def packages() -> tuple[meta_values.PackageMeta, ...]:
     """This package, Python and what the numbers depend on."""
-    found = {"uvms_ocp": __version__, "python": platform.python_version()} | {name: version(name) for name in _DEPENDENCIES}
+    found = {"uvms_ocp": __version__, "python": platform.python_version()} | {
+        name: version(name) for name in _DEPENDENCIES
+    }
     return tuple(meta_values.PackageMeta(name=name, version=text) for name, text in found.items())
 
 
@@ -265,19 +312,33 @@ def read_meta(text: str) -> RunMeta | PlanMeta:
 
 def _model(values: dict[str, Any]) -> type[RunMeta] | type[PlanMeta]:
     if values["version"] != VERSION:
-        raise InvalidInput(f"format {short(values['version'])}; this version reads {VERSION} and 0.1: install a newer one")
-    if (kind := str(values.get("kind"))) not in _KINDS:
-        raise InvalidInput(f"a record of neither a run nor a plan, but {short(kind)}; give what `run` or `plan` wrote")
+        raise InvalidInput(
+            f"format {short(values['version'])}; this version reads {VERSION} and 0.1: install a"
+            " newer one"
+        )
+    kind = str(values.get("kind"))
+    if kind not in _KINDS:
+        raise InvalidInput(
+            f"a record of neither a run nor a plan, but {short(kind)}; give what `run` or `plan`"
+            " wrote"
+        )
     return _KINDS[kind]
 
 
 def _from_0_1(values: dict[str, Any]) -> dict[str, Any]:
     """The same in this format; what is damaged stays as it is and is refused later."""
     kind = "run" if "completed" in values else "plan" if "min_clearance" in values else "none"
-    named = {"markers": "position", "frames": "pose", "true_quantities": "value", "versions": "version"}
+    named = {
+        "markers": "position",
+        "frames": "pose",
+        "true_quantities": "value",
+        "versions": "version",
+    }
     lists = {key: _named(values[key], field) for key, field in named.items() if key in values}
     new = {**values, **lists, "kind": kind, "version": VERSION}
-    new["surroundings"] = {key: new.pop(key) for key in meta_values.SurroundingsMeta.model_fields if key in new}
+    new["surroundings"] = {
+        key: new.pop(key) for key in meta_values.SurroundingsMeta.model_fields if key in new
+    }
     if "versions" in new:
         new["packages"] = new.pop("versions")
     if kind == "plan":
@@ -287,7 +348,11 @@ def _from_0_1(values: dict[str, Any]) -> dict[str, Any]:
 
 def _named(values: Any, field: str) -> Any:
     """Entries with a name, from a mapping."""
-    return [{"name": name, field: value} for name, value in values.items()] if isinstance(values, dict) else values
+    return (
+        [{"name": name, field: value} for name, value in values.items()]
+        if isinstance(values, dict)
+        else values
+    )
 
 
 def _nearest(values: Any) -> Any:

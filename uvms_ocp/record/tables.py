@@ -1,4 +1,6 @@
-"""Series as tables: meaning, unit, frame and columns of each, and pandas, CSV and Parquet files of them."""
+"""Series as tables: meaning, unit, frame and columns of each, and pandas, CSV and Parquet files of
+them.
+"""
 
 from __future__ import annotations
 
@@ -16,9 +18,11 @@ from uvms_ocp.errors import InvalidInput, optional_module, require_known
 from uvms_ocp.record import output, row_rates, run_meta
 from uvms_ocp.record.untrusted import DENSEST, SMALL, as_input_errors, require_regular_file
 
-# The one table of series: what each is, its units and frame, and which columns it has; units in figures are from here.
+# The one table of series: what each is, its units and frame, and which columns it has; units in
+# figures are from here.
 
-_FIRST, _SECOND = ("position", "linear", "force"), ("attitude", "angular", "moment")
+_FIRST = ("position", "linear", "force")
+_SECOND = ("attitude", "angular", "moment")
 """Names of the parts that a vehicle has."""
 
 
@@ -30,7 +34,9 @@ class SeriesKind:
     shape: str
     """After the first axis, which is time."""
     units: Mapping[str, str]
-    """By part, such as position, attitude and joints; of the part ``""`` where all columns have one."""
+    """By part, such as position, attitude and joints; of the part ``""`` where all columns have
+    one.
+    """
     frame: str = "-"
     """Frame in which it is expressed."""
     columns: tuple[str, ...] = ()
@@ -44,36 +50,57 @@ class SeriesKind:
 
 def _units(text: str) -> Mapping[str, str]:
     """Parse units by part from a text such as ``position: m; attitude: -``, or one unit for all."""
-    return MappingProxyType({part: unit for part, _, unit in (one.rpartition(": ") for one in text.split("; "))})
+    return MappingProxyType(
+        {part: unit for part, _, unit in (one.rpartition(": ") for one in text.split("; "))}
+    )
 
 
 def _rows(table: str) -> list[list[str]]:
     """Rows of a table beside this file, without its head."""
-    return [*csv.reader((files("uvms_ocp.record") / table).read_text(encoding="utf-8").splitlines())][1:]
+    return [
+        *csv.reader((files("uvms_ocp.record") / table).read_text(encoding="utf-8").splitlines())
+    ][1:]
 
 
 def _described() -> Iterator[list[str]]:
-    """Rows of the table, with those of the series that only records of fewer rows than ticks have."""
+    """Rows of the table, with those of the series that only records of fewer rows than ticks
+    have.
+    """
     for name, meaning, *rest in _rows("series.csv"):
         yield [name, meaning, *rest]
         whats = {"_least": "least", "_most": "largest"} if name in row_rates.EXTREMES else {}
-        for suffix, what in (whats | ({"_mean": "mean size"} if name in row_rates.MEANS else {})).items():
-            yield [name + suffix, f"{what} since the row before, where not every tick has one: {meaning}", *rest]
+        for suffix, what in (
+            whats | ({"_mean": "mean size"} if name in row_rates.MEANS else {})
+        ).items():
+            yield [
+                name + suffix,
+                f"{what} since the row before, where not every tick has one: {meaning}",
+                *rest,
+            ]
 
 
 SERIES: Mapping[str, SeriesKind] = {
-    name: SeriesKind(meaning=meaning, shape=shape, units=_units(units), frame=frame, columns=tuple(columns.split()))
+    name: SeriesKind(
+        meaning=meaning,
+        shape=shape,
+        units=_units(units),
+        frame=frame,
+        columns=tuple(columns.split()),
+    )
     for name, meaning, shape, units, frame, columns in _described()
 }
 """By name. Controllers of one's own may record others."""
 
 
 QUANTITIES: Mapping[str, str] = MappingProxyType(dict(_rows("quantities.csv")))
-"""Units of what our tasks measure, by the name after the task's. Tasks of one's own may measure more."""
+"""Units of what our tasks measure, by the name after the task's. Tasks of one's own may measure
+more.
+"""
 
 
 def unit_of(name: str, part: str = "", meta: Any = None) -> str:
-    """Return the unit of a series, of one of its parts, or of a quantity such as ``T.position_error``; "-" where nobody says.
+    """Return the unit of a series, of one of its parts, or of a quantity such as
+    ``T.position_error``; "-" where nobody says.
 
     meta: of the record, whose joints may all turn or all slide.
     """
@@ -85,7 +112,9 @@ def unit_of(name: str, part: str = "", meta: Any = None) -> str:
 
 
 def of_joints(unit: str, slides: Sequence[bool]) -> str:
-    """Of a unit such as ``rad or m`` what holds for joints that turn or slide; all of it for both, or where nobody says."""
+    """Of a unit such as ``rad or m`` what holds for joints that turn or slide; all of it for both,
+    or where nobody says.
+    """
     turning, _, sliding = unit.partition(" or ")
     return unit if not sliding or len(set(slides)) != 1 else sliding if slides[0] else turning
 
@@ -102,8 +131,14 @@ def meaning_of(name: str) -> str:
 
 
 def column_names(name: str, width: int, meta: Any) -> list[str]:
-    """Names of the columns of a series of that name with so many columns (width); meta: of its record."""
-    return [*meta.quantities] if name == "quantities" else [f"{name}.{column}" for column in _columns(name, width, meta)]
+    """Names of the columns of a series of that name with so many columns (width); meta: of its
+    record.
+    """
+    return (
+        [*meta.quantities]
+        if name == "quantities"
+        else [f"{name}.{column}" for column in _columns(name, width, meta)]
+    )
 
 
 def column_units(name: str, width: int, meta: Any) -> list[str]:
@@ -111,16 +146,27 @@ def column_units(name: str, width: int, meta: Any) -> list[str]:
     if name == "quantities":
         return [unit_of(quantity, meta=meta) for quantity in meta.quantities]
     units = SERIES[name].units if name in SERIES else {"": "-"}
-    columns, unitless = _columns(name, width, meta), {part for joint in meta.endless for part in _circle(joint)}
+    columns = _columns(name, width, meta)
+    unitless = {part for joint in meta.endless for part in _circle(joint)}
     own = {joint: _slides(meta, joint) for joint in meta.joints}
     found = [of_joints(units[_part(column, units)], own.get(column, [])) for column in columns]
-    return ["-" if name in _OF_Q and column in unitless else unit for column, unit in zip(columns, found, strict=True)]
+    return [
+        "-" if name in _OF_Q and column in unitless else unit
+        for column, unit in zip(columns, found, strict=True)
+    ]
 
 
 def _columns(name: str, width: int, meta: Any) -> list[str]:
-    found, words = list[str](), SERIES[name].columns if name in SERIES else ()
+    found = list[str]()
+    words = SERIES[name].columns if name in SERIES else ()
     for word in words:
-        several = _joint_entries(meta) if word == "@entries" else getattr(meta, word[1:], ()) if word[0] == "@" else [word]
+        several = (
+            _joint_entries(meta)
+            if word == "@entries"
+            else getattr(meta, word[1:], ())
+            if word[0] == "@"
+            else [word]
+        )
         found += [getattr(one, "name", one) for one in several]
     if len(found) != width:  # such as a fixed base, whose configuration is its joints
         joints = _joint_entries(meta) if name in _OF_Q else [*meta.joints]
@@ -138,7 +184,11 @@ def _part(column: str, units: Mapping[str, str]) -> str:
 
 def _joint_entries(meta: Any) -> list[str]:
     """What the entries of the joints in q are called: of an endless one there are two."""
-    return [part for name in meta.joints for part in (_circle(name) if name in meta.endless else (name,))]
+    return [
+        part
+        for name in meta.joints
+        for part in (_circle(name) if name in meta.endless else (name,))
+    ]
 
 
 def _circle(name: str) -> tuple[str, str]:
@@ -152,20 +202,27 @@ _TURNING = {"qx", "qy", "qz", "qw", "roll", "pitch", "yaw", "roll_rate", "pitch_
 
 def series_markdown() -> str:
     """The table, for documentation."""
-    rows = (f"| `{name}` | {one.meaning} | {one.shape} | {one.unit} | {one.frame} |" for name, one in SERIES.items())
-    return "\n".join(("| series | meaning | shape | unit | frame |", "|---|---|---|---|---|", *rows))
+    rows = (
+        f"| `{name}` | {one.meaning} | {one.shape} | {one.unit} | {one.frame} |"
+        for name, one in SERIES.items()
+    )
+    return "\n".join(
+        ("| series | meaning | shape | unit | frame |", "|---|---|---|---|---|", *rows)
+    )
 
 
 __doc__ = f"{__doc__}\n\n{series_markdown()}\n"
 
 
-# What a Parquet file says of itself, looked at before any of it is unpacked: a few bytes may stand for gigabytes of rows.
+# What a Parquet file says of itself, looked at before any of it is unpacked: a few bytes may stand
+# for gigabytes of rows.
 
 _NUMBERS = ("is_integer", "is_floating", "is_boolean", "is_timestamp")
 
 
 def require_numbers(file: Any, path: Path, columns: Sequence[str]) -> None:
-    """Raise `InvalidInput` where these columns of a `pyarrow.parquet.ParquetFile` are none of numbers, or far larger than it.
+    """Raise `InvalidInput` where these columns of a `pyarrow.parquet.ParquetFile` are none of
+    numbers, or far larger than it.
 
     Raises `NameNotFound` for a column that there is not.
     """
@@ -177,12 +234,14 @@ def require_numbers(file: Any, path: Path, columns: Sequence[str]) -> None:
         kind = schema.field(name).type
         if not any(getattr(types, test)(kind) for test in _NUMBERS):
             raise InvalidInput(f"{path}: column {name} holds {str(kind)[:60]}; numbers are read")
-    if (size := 8 * file.metadata.num_rows * len(columns)) > max(SMALL, DENSEST * path.stat().st_size):
+    size = 8 * file.metadata.num_rows * len(columns)
+    if size > max(SMALL, DENSEST * path.stat().st_size):
         given = f"{path}: {size / 1e9:.3g} GB of numbers in {path.stat().st_size / 1e6:.3g} MB"
         raise InvalidInput(f"{given}; at most {DENSEST} times a file are read")
 
 
-# A record as a table that other programs read: pandas, Parquet, CSV; Parquet has all of it, and comes back.
+# A record as a table that other programs read: pandas, Parquet, CSV; Parquet has all of it, and
+# comes back.
 
 VERSION = "1"
 """Of the files."""
@@ -195,11 +254,19 @@ Series = Mapping[str, np.ndarray]
 def columns(series: Series, meta: Any) -> dict[str, np.ndarray]:
     """All columns (n,) [unit of their series] by name, in the order of the series."""
     flat = (flat_columns(name, array, meta, alone=name) for name, array in series.items())
-    return {name: values for names, columns in flat for name, values in zip(names, columns.T, strict=True)}
+    return {
+        name: values
+        for names, columns in flat
+        for name, values in zip(names, columns.T, strict=True)
+    }
 
 
-def flat_columns(name: str, array: np.ndarray, meta: Any, *, alone: str) -> tuple[list[str], np.ndarray]:
-    """Names of the columns of a series, `alone` of one without any, and the columns (n, k) of its array (n, ...) [unit of it]."""
+def flat_columns(
+    name: str, array: np.ndarray, meta: Any, *, alone: str
+) -> tuple[list[str], np.ndarray]:
+    """Names of the columns of a series, `alone` of one without any, and the columns (n, k) of its
+    array (n, ...) [unit of it].
+    """
     flat = array.reshape(len(array), -1)
     return column_names(name, flat.shape[1], meta) if array.ndim > 1 else [alone], flat
 
@@ -210,25 +277,35 @@ def to_dataframe(series: Series, meta: Any) -> Any:
 
 
 def to_csv(series: Series, meta: Any, path: Path) -> None:
-    """One line of names, then one per tick, every number in full. Raises `NotInstalled`, and `OutputError` where it cannot."""
+    """One line of names, then one per tick, every number in full. Raises `NotInstalled`, and
+    `OutputError` where it cannot.
+    """
     table = to_dataframe(series, meta)
     with output.whole_file(path) as file:
         table.to_csv(file, index=False)
 
 
 def to_parquet(series: Series, meta: Any, path: Path) -> None:
-    """Columns with unit, frame and meaning, and the metadata of the run: `from_parquet` gives the same record again.
+    """Columns with unit, frame and meaning, and the metadata of the run: `from_parquet` gives the
+    same record again.
 
     Raises `NotInstalled` without pyarrow, and `OutputError` where it cannot be written.
     """
     pa = arrow()
-    fields, arrays = [], []
+    fields = []
+    arrays = []
     for name, array in series.items():
         names, flat = flat_columns(name, array, meta, alone=name)
         units = column_units(name, flat.shape[1], meta)
         for column, unit, values in zip(names, units, flat.T, strict=True):
             arrays.append(pa.array(np.ascontiguousarray(values)))
-            fields.append(pa.field(column, arrays[-1].type, metadata={**series_description(name, array), "unit": unit}))
+            fields.append(
+                pa.field(
+                    column,
+                    arrays[-1].type,
+                    metadata={**series_description(name, array), "unit": unit},
+                )
+            )
     own = {_KEY: VERSION.encode(), b"meta": run_meta.write_meta(meta).encode()}
     table = pa.Table.from_arrays(arrays, schema=pa.schema(fields, metadata=own))
     with output.whole_file(path) as file:
@@ -236,14 +313,19 @@ def to_parquet(series: Series, meta: Any, path: Path) -> None:
 
 
 def from_parquet(path: Path) -> tuple[dict[str, np.ndarray], Any]:
-    """Series by name and metadata of a file of `to_parquet`. Raises `InvalidInput` for another file, `NotInstalled`."""
+    """Series by name and metadata of a file of `to_parquet`. Raises `InvalidInput` for another
+    file, `NotInstalled`.
+    """
     pa = arrow()
     with as_input_errors(path, OSError, KeyError, ValueError, pa.ArrowException):
         require_regular_file(path)
         with pa.parquet.ParquetFile(path) as file:
             own = file.schema_arrow.metadata or {}
             if own.get(_KEY) != VERSION.encode():
-                raise InvalidInput(f"{path}: no record of version {VERSION}; give a file that Record.to_parquet wrote")
+                raise InvalidInput(
+                    f"{path}: no record of version {VERSION}; give a file that Record.to_parquet"
+                    " wrote"
+                )
             require_numbers(file, path, file.schema_arrow.names)
             return _series(file.read()), run_meta.read_meta(own[b"meta"].decode())
 
@@ -257,17 +339,23 @@ def _series(table: Any) -> dict[str, np.ndarray]:
         parts.setdefault(name, []).append(column.to_numpy())
         if metadata[b"axes"] == b"1":
             flat.add(name)
-    return {name: found[0] if name in flat else np.stack(found, axis=1) for name, found in parts.items()}
+    return {
+        name: found[0] if name in flat else np.stack(found, axis=1) for name, found in parts.items()
+    }
 
 
 def series_description(name: str, array: np.ndarray) -> dict[str, str]:
-    """Return the metadata that a file holds of a series of that name; array (n, ...) [unit of it]."""
+    """Return the metadata that a file holds of a series of that name; array (n, ...) [unit of
+    it].
+    """
     kind = SERIES.get(name)
     described = {} if kind is None else {"meaning": kind.meaning, "frame": kind.frame}
     return {"series": name, "axes": str(array.ndim), **described}
 
 
 def arrow(what: str = "a Parquet file", package: str = CAMPAIGN_EXTRA) -> Any:
-    """The library pyarrow with its Parquet. Raises `NotInstalled` without it: what needs it, and which package brings it."""
+    """The library pyarrow with its Parquet. Raises `NotInstalled` without it: what needs it, and
+    which package brings it.
+    """
     optional_module("pyarrow.parquet", what, package)
     return optional_module("pyarrow", what, package)

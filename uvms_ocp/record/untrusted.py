@@ -1,4 +1,6 @@
-"""Read files that anyone may have written, text, YAML, XML and arrays, within bounds of size, depth and number."""
+"""Read files that anyone may have written, text, YAML, XML and arrays, within bounds of size, depth
+and number.
+"""
 
 from __future__ import annotations
 
@@ -36,10 +38,14 @@ from uvms_ocp.model_errors import one_line
 
 
 @contextmanager
-def as_input_errors(path: Path, *kinds: type[Exception], what: str = "cannot be read", advice: str = "") -> Iterator[None]:
-    """Raise what reading a file raises in the block as an `InvalidInput` with the file's name; other errors of ours pass.
+def as_input_errors(
+    path: Path, *kinds: type[Exception], what: str = "cannot be read", advice: str = ""
+) -> Iterator[None]:
+    """Raise what reading a file raises in the block as an `InvalidInput` with the file's name;
+    other errors of ours pass.
 
-    kinds: of exceptions; by default all, for libraries that say anything to bytes that nobody meant. advice: at the end.
+    kinds: of exceptions; by default all, for libraries that say anything to bytes that nobody
+    meant. advice: at the end.
     """
     try:
         yield
@@ -61,7 +67,9 @@ _READ: ContextVar[list[Path] | None] = ContextVar("record_files_read", default=N
 
 @contextmanager
 def record_files_read() -> Iterator[list[Path]]:
-    """Inside, the list that is given grows by every file that is read here: what the results depend on."""
+    """Inside, the list that is given grows by every file that is read here: what the results depend
+    on.
+    """
     found: list[Path] = []
     token = _READ.set(found)
     try:
@@ -72,12 +80,15 @@ def record_files_read() -> Iterator[list[Path]]:
 
 def note_file_read(path: Path) -> None:
     """Flags to read a file, also one that others open."""
-    if (found := _READ.get()) is not None:
+    found = _READ.get()
+    if found is not None:
         found.append(path.resolve())
 
 
 def require_regular_file(path: Path) -> None:
-    """Raise `InvalidInput` for a folder, a device or a pipe; what does not exist is for `open` to tell."""
+    """Raise `InvalidInput` for a folder, a device or a pipe; what does not exist is for `open` to
+    tell.
+    """
     if path.exists() and not path.is_file():
         raise InvalidInput("no file but a folder or a device")
 
@@ -85,7 +96,8 @@ def require_regular_file(path: Path) -> None:
 def read_text(path: Path, largest: int) -> str:
     """The text of a file of at most ``largest`` [B].
 
-    Raises `OSError`, and `InvalidInput` in one line for what is no file, larger, or no text in UTF-8.
+    Raises `OSError`, and `InvalidInput` in one line for what is no file, larger, or no text in
+    UTF-8.
     """
     return _decoded(_content(path, largest), "UTF-8")
 
@@ -106,37 +118,59 @@ def _decoded(content: bytes, encoding: str) -> str:
     except UnicodeDecodeError as error:
         raise InvalidInput(f"no text in {encoding}: {error.reason} at byte {error.start}") from None
     except LookupError:
-        raise InvalidInput(f"encoding {encoding!r}, which is not known; save the file as UTF-8") from None
+        raise InvalidInput(
+            f"encoding {encoding!r}, which is not known; save the file as UTF-8"
+        ) from None
 
 
-# Arrays of an ``.npz`` file whose sizes are known before anything of them is read, and of which nothing is executed.
+# Arrays of an ``.npz`` file whose sizes are known before anything of them is read, and of which
+# nothing is executed.
 
 DENSEST = 400
 """[B/B] of all arrays of a file over the file, where they are more than `SMALL`.
 
-A longer run makes a larger file, so that no length of it is refused; what a few bytes unpack to is. Motion packs 2 to 4
-times. A robot that stands still packs 144 times and not much more: every tick has its time and two readings of a clock,
-8 B after packing, beside 2 kB that hardly take any. Zeros alone pack 1,032 times, by other methods of the archive 10,000.
+A longer run makes a larger file, so that no length of it is refused; what a few bytes unpack to is.
+Motion packs 2 to 4 times. A robot that stands still packs 144 times and not much more: every tick
+has its time and two readings of a clock, 8 B after packing, beside 2 kB that hardly take any. Zeros
+alone pack 1,032 times, by other methods of the archive 10,000.
 """
 SMALL = 64 << 20
 """[B] of arrays that fit into any memory, however few bytes they come from."""
 _MOST = 256  # arrays
-_LARGE = 1 << 20  # [B] of an array that is mapped where it was not packed, and of what is read at a time
+_LARGE = (
+    1 << 20
+)  # [B] of an array that is mapped where it was not packed, and of what is read at a time
 _LENGTHS = 26  # [B] of the header of a member before those of its name and of what else there is
 _SUFFIX = ".npy"
 _KINDS = "fiubU"  # numbers and text: no objects, which would be unpickled
 _DAMAGE = (
     *(OSError, EOFError, BadZipFile, zlib.error, LZMAError, struct.error),  # of the archive
-    *(ValueError, TypeError, SyntaxError, TokenError, OverflowError, MemoryError, Warning),  # of a header
-    *(KeyError, AttributeError, IndexError, NotImplementedError, RuntimeError),  # what zipfile says to invented bytes
+    *(
+        ValueError,
+        TypeError,
+        SyntaxError,
+        TokenError,
+        OverflowError,
+        MemoryError,
+        Warning,
+    ),  # of a header
+    *(
+        KeyError,
+        AttributeError,
+        IndexError,
+        NotImplementedError,
+        RuntimeError,
+    ),  # what zipfile says to invented bytes
 )
 
 
-def read_arrays(path: Path | str, wanted: Collection[str] | None = None) -> Mapping[str, np.ndarray]:
+def read_arrays(
+    path: Path | str, wanted: Collection[str] | None = None
+) -> Mapping[str, np.ndarray]:
     """Every array of the file by its name, or those that are wanted, read-only.
 
-    Raises `InvalidInput` in one line for what is no such file, is damaged, declares more than it holds or, for its size,
-    more than is ever written, or holds objects.
+    Raises `InvalidInput` in one line for what is no such file, is damaged, declares more than it
+    holds or, for its size, more than is ever written, or holds objects.
     """
     source = Path(path)
     require_regular_file(source)
@@ -144,14 +178,23 @@ def read_arrays(path: Path | str, wanted: Collection[str] | None = None) -> Mapp
         with warnings.catch_warnings(), source.open("rb") as file, ZipFile(file) as archive:
             warnings.simplefilter("error")  # numpy's, of headers that it has to guess at
             members = _members(archive, source.stat().st_size)
-            chosen = {name: one for name, one in members.items() if wanted is None or name in wanted}
-            large = any(one.compress_type == ZIP_STORED and one.file_size > _LARGE for one in chosen.values())
+            chosen = {
+                name: one for name, one in members.items() if wanted is None or name in wanted
+            }
+            large = any(
+                one.compress_type == ZIP_STORED and one.file_size > _LARGE
+                for one in chosen.values()
+            )
             whole = np.memmap(file, np.uint8, "r") if large else None
-            return MappingProxyType({name: _array(archive, member, name, whole) for name, member in chosen.items()})
+            return MappingProxyType(
+                {name: _array(archive, member, name, whole) for name, member in chosen.items()}
+            )
     except InvalidInput:
         raise
     except FileNotFoundError as error:
-        raise InvalidInput("No such file or directory; give the path of a file that is there") from error
+        raise InvalidInput(
+            "No such file or directory; give the path of a file that is there"
+        ) from error
     except _DAMAGE as error:
         text = (getattr(error, "strerror", None) or str(error) or type(error).__name__)[:200]
         raise InvalidInput(" ".join(f"damaged, or no .npz file ({text})".split())) from error
@@ -164,7 +207,8 @@ def _members(archive: ZipFile, size: int) -> dict[str, ZipInfo]:
     for member in listed:
         if not member.filename.endswith(_SUFFIX):
             raise InvalidInput(f"{member.filename[:60]!r} in it is no array")
-    if (total := sum(member.file_size for member in listed)) > max(SMALL, DENSEST * size):
+    total = sum(member.file_size for member in listed)
+    if total > max(SMALL, DENSEST * size):
         given = f"{total / 1e9:.3g} GB of arrays in {size / 1e6:.3g} MB"
         raise InvalidInput(f"{given}; at most {DENSEST} times a file are read")
     members = {member.filename.removesuffix(_SUFFIX): member for member in listed}
@@ -176,15 +220,21 @@ def _members(archive: ZipFile, size: int) -> dict[str, ZipInfo]:
 def _array(archive: ZipFile, member: ZipInfo, name: str, whole: np.ndarray | None) -> np.ndarray:
     with archive.open(member) as file:
         version = np.lib.format.read_magic(file)
-        read = {(1, 0): np.lib.format.read_array_header_1_0, (2, 0): np.lib.format.read_array_header_2_0}
+        read = {
+            (1, 0): np.lib.format.read_array_header_1_0,
+            (2, 0): np.lib.format.read_array_header_2_0,
+        }
         if version not in read:
             raise InvalidInput(f"arrays of format {version}; 1.0 and 2.0 are read")
         shape, fortran, dtype = read[version](file)
-        first, there = file.tell(), member.file_size - file.tell()
+        first = file.tell()
+        there = member.file_size - file.tell()
         if dtype.kind not in _KINDS:
             raise InvalidInput(f"{name!r} holds {dtype}; numbers and text are read")
         if min(shape, default=1) < 0 or math.prod(shape) * dtype.itemsize != there:
-            raise InvalidInput(f"{name!r} declares {dtype} of shape {_short(shape)}, but holds {there} bytes")
+            raise InvalidInput(
+                f"{name!r} declares {dtype} of shape {_short(shape)}, but holds {there} bytes"
+            )
         mapped = whole is not None and member.compress_type == ZIP_STORED and there >= _LARGE
         while mapped and file.read(_LARGE):  # to its end, where its checksum is looked at
             pass
@@ -206,7 +256,9 @@ def _short(shape: tuple[int, ...]) -> str:
 
 
 def json_object(text: str, what: str = "a text", allowed: str = "an object") -> dict[str, Any]:
-    """Parse a JSON text that is an object. Raises `InvalidInput` for another; what, allowed: words of the message."""
+    """Parse a JSON text that is an object. Raises `InvalidInput` for another; what, allowed: words
+    of the message.
+    """
     try:
         values = json.loads(text)
     except (ValueError, RecursionError) as error:
@@ -258,20 +310,29 @@ _ENCODING = re.compile(
 
 
 def read_xml_text(path: Path) -> str:
-    """The text of an XML file in the encoding that it declares, in UTF-8 or UTF-16 where it declares none.
+    """The text of an XML file in the encoding that it declares, in UTF-8 or UTF-16 where it
+    declares none.
 
-    Raises `OSError`, and `InvalidInput` in one line for what is no file, no text in that encoding or too large.
+    Raises `OSError`, and `InvalidInput` in one line for what is no file, no text in that encoding
+    or too large.
     """
     content = _content(path, LARGEST_XML)
     declared = _ENCODING.match(content)
-    encoding = declared[1].decode() if declared else "UTF-16" if content[:2] in (BOM_UTF16_LE, BOM_UTF16_BE) else "UTF-8"
+    encoding = (
+        declared[1].decode()
+        if declared
+        else "UTF-16"
+        if content[:2] in (BOM_UTF16_LE, BOM_UTF16_BE)
+        else "UTF-8"
+    )
     return _decoded(content, encoding)
 
 
 def read_xml(path: Path | str) -> ElementTree.Element:
     """The root element of a file.
 
-    Raises `OSError`, and `InvalidInput` in one line for what is no file, no XML or beyond the bounds.
+    Raises `OSError`, and `InvalidInput` in one line for what is no file, no XML or beyond the
+    bounds.
     """
     parser = ElementTree.XMLParser(target=_Bounded())
     try:
@@ -282,13 +343,16 @@ def read_xml(path: Path | str) -> ElementTree.Element:
     return root
 
 
-# YAML as plain values: bounded in size, depth and number, so that no file takes long or much memory.
+# YAML as plain values: bounded in size, depth and number, so that no file takes long or much
+# memory.
 
 _M = TypeVar("_M", bound=BaseModel)
 LARGEST_YAML = 16 << 20
 """[B] of a file."""
 MOST_VALUES = 500_000
-"""In a file, keys included, each counted as often as anchors repeat it; a mesh of 60,000 triangles."""
+"""In a file, keys included, each counted as often as anchors repeat it; a mesh of 60,000
+triangles.
+"""
 DEEPEST_YAML = 32
 _LONGEST_NUMBER = 100  # characters
 _INTEGER = "tag:yaml.org,2002:int"
@@ -307,7 +371,9 @@ class BoundedLoader(yaml.SafeLoader):
 
     def compose_node(self, parent: Node | None, index: Any) -> Node | None:
         """One value with all that is in it. Raises `ComposerError` beyond the bounds."""
-        alias, event, before = self.check_event(AliasEvent), self.peek_event(), self._values
+        alias = self.check_event(AliasEvent)
+        event = self.peek_event()
+        before = self._values
         self._require(self._depth < DEEPEST_YAML, f"deeper than {DEEPEST_YAML} levels", event)
         self._depth += 1
         node = super().compose_node(parent, index)
@@ -318,7 +384,9 @@ class BoundedLoader(yaml.SafeLoader):
         else:
             self._values += 1
             self._sizes[id(node)] = self._values - before
-        self._require(self._values <= self.most_values, f"more than {self.most_values} values", event)
+        self._require(
+            self._values <= self.most_values, f"more than {self.most_values} values", event
+        )
         if isinstance(node, ScalarNode) and node.tag == _INTEGER:
             text = f"a number of {len(node.value)} characters; at most {_LONGEST_NUMBER} are read"
             self._require(len(node.value) <= _LONGEST_NUMBER, text, event)
@@ -331,11 +399,20 @@ class BoundedLoader(yaml.SafeLoader):
 
 
 def read_yaml(path: Path | str, loader: Any = BoundedLoader) -> object:
-    """The content of a file. Raises `OSError`, or `ValueError` in one line for what is no YAML or beyond the bounds."""
+    """The content of a file. Raises `OSError`, or `ValueError` in one line for what is no YAML or
+    beyond the bounds.
+    """
     text = read_text(Path(path), LARGEST_YAML)
     try:
         return deepcopy(_parsed(text, loader))
-    except (yaml.YAMLError, ValueError, TypeError, OverflowError, AttributeError, LookupError) as error:
+    except (
+        yaml.YAMLError,
+        ValueError,
+        TypeError,
+        OverflowError,
+        AttributeError,
+        LookupError,
+    ) as error:
         # The constructors of PyYAML raise the latter for a date such as 2001-99-99.
         raise ValueError(" ".join(f"not valid YAML: {error}".split())[:400]) from None
 
@@ -344,7 +421,9 @@ _parsed = lru_cache(maxsize=4)(yaml.load)
 
 
 def read_yaml_as(path: Path, model: type[_M]) -> _M:
-    """The content of a file as a model. Raises `InvalidInput` in one line, with the file's name, for what is none."""
+    """The content of a file as a model. Raises `InvalidInput` in one line, with the file's name,
+    for what is none.
+    """
     try:
         return model.model_validate(read_yaml(path))
     except (OSError, ValueError) as error:

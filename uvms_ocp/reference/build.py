@@ -1,4 +1,6 @@
-"""Build the reference: pages of all packages by pdoc, pages of theory, and tables with formulas and links."""
+"""Build the reference: pages of all packages by pdoc, pages of theory, and tables with formulas and
+links.
+"""
 
 from __future__ import annotations
 
@@ -34,23 +36,38 @@ from uvms_ocp.robot.description import RobotDescription
 
 
 def generated_pages() -> dict[str, str]:
-    """Markdown by the name of the page: the texts in ``generated/``, with what the code says in its places."""
+    """Markdown by the name of the page: the texts in ``generated/``, with what the code says in its
+    places.
+    """
     codes = " ".join((cli.__doc__ or "").partition("Exit codes: ")[2].split())
     every = _all(("uvms-ocp",), typer.main.get_command(app))
     said = {
         "robot_files": {"fields": _schema(RobotDescription)},
-        "identification_settings": {"fields": _schema(settings.CalibrationSettings), "quantities": _quantities()},
+        "identification_settings": {
+            "fields": _schema(settings.CalibrationSettings),
+            "quantities": _quantities(),
+        },
         "series": {"table": series_markdown()},
-        "channels": {"table": _channels(), "mapping": _fields(reading.ChannelMapping.model_json_schema())},
+        "channels": {
+            "table": _channels(),
+            "mapping": _fields(reading.ChannelMapping.model_json_schema()),
+        },
         "statuses": {"tables": "\n\n".join(_statuses())},
-        "commands": {"codes": codes, "commands": "\n\n".join(_command(path, command) for path, command in every)},
+        "commands": {
+            "codes": codes,
+            "commands": "\n\n".join(_command(path, command) for path, command in every),
+        },
     }
-    return {name: text.format(**said[name]) for name, text in _pages_of("generated", [*said]).items()}
+    return {
+        name: text.format(**said[name]) for name, text in _pages_of("generated", [*said]).items()
+    }
 
 
 def _table(head: tuple[str, ...], rows: Iterable[tuple[str, ...]]) -> str:
     plain = [[" ".join(cell.replace("|", "\\|").split()) for cell in row] for row in rows]
-    return "\n".join("| " + " | ".join(cells) + " |" for cells in (head, ("---",) * len(head), *plain))
+    return "\n".join(
+        "| " + " | ".join(cells) + " |" for cells in (head, ("---",) * len(head), *plain)
+    )
 
 
 def _statuses() -> Iterator[str]:
@@ -66,7 +83,13 @@ def _statuses() -> Iterator[str]:
 def _channels() -> str:
     taken = {True: "a command, held", False: "measured, interpolated"}
     rows = (
-        (f"`{name}`", ", ".join(kind.columns) or "one for each", kind.unit, kind.frame or "-", taken[kind.command])
+        (
+            f"`{name}`",
+            ", ".join(kind.columns) or "one for each",
+            kind.unit,
+            kind.frame or "-",
+            taken[kind.command],
+        )
         for name, kind in recording.CHANNEL_KINDS.items()
     )
     return _table(("channel", "columns", "unit", "frame", "between samples"), rows)
@@ -79,17 +102,26 @@ def _schema(model: type[BaseModel]) -> str:
 
 
 def _quantities() -> str:
-    units = ((f"`{name}`", one.unit, ", ".join(filter(None, one.coordinates.names)) or "-") for name, one in _learnable().items())
+    units = (
+        (f"`{name}`", one.unit, ", ".join(filter(None, one.coordinates.names)) or "-")
+        for name, one in _learnable().items()
+    )
     return _table(("quantity", "unit", "coordinates, for `free`"), units)
 
 
 def _learnable() -> Mapping[str, parameters.Quantity]:
     """Of any vehicle: of actuators that have names of their own, coordinates are those."""
     body: dict[str, Any] = {"mass": 1.0, "centre_of_mass": np.zeros(3), "inertia": np.eye(3)}
-    water: dict[str, Any] = dict.fromkeys(("added_mass", "linear_drag", "quadratic_drag"), np.eye(6))
-    start = parameters.NominalParameters(**body, **water, volume=1.0, centre_of_buoyancy=np.zeros(3))
+    water: dict[str, Any] = dict.fromkeys(
+        ("added_mass", "linear_drag", "quadratic_drag"), np.eye(6)
+    )
+    start = parameters.NominalParameters(
+        **body, **water, volume=1.0, centre_of_buoyancy=np.zeros(3)
+    )
     actuators = parameters.ActuatorModel(names=("thrusters",))
-    return parameters.vehicle_declaration(start, np.array([-np.ones(3), np.ones(3)]), actuators).quantities
+    return parameters.vehicle_declaration(
+        start, np.array([-np.ones(3), np.ones(3)]), actuators
+    ).quantities
 
 
 def _fields(part: dict[str, Any]) -> str:
@@ -101,7 +133,9 @@ def _fields(part: dict[str, Any]) -> str:
     for name, field in part["properties"].items():
         default = f"`{field['default']}`" if field.get("default") is not None else "-"
         kept = "needed" if name in needed else default
-        rows.append((f"`{name}`", _type_of(field), kept, " ".join(field.get("description", "").split())))
+        rows.append(
+            (f"`{name}`", _type_of(field), kept, " ".join(field.get("description", "").split()))
+        )
     return text + "\n\n" + _table(("field", "type", "default", "meaning"), rows)
 
 
@@ -115,7 +149,9 @@ def _type_of(field: dict[str, Any]) -> str:
         return ", ".join(f"`{value}`" for value in field.get("enum", [field.get("const")]))
     if field.get("type") == "array":
         items = field.get("items", (field.get("prefixItems") or [{}])[0])
-        return f"list of {field.get('maxItems', '') or ''} {_type_of(items or {})}".replace("  ", " ")
+        return f"list of {field.get('maxItems', '') or ''} {_type_of(items or {})}".replace(
+            "  ", " "
+        )
     if isinstance(field.get("additionalProperties"), dict):
         return f"by name: {_type_of(field['additionalProperties'])}"
     signs = {"exclusiveMinimum": ">", "minimum": "≥", "exclusiveMaximum": "<", "maximum": "≤"}
@@ -133,12 +169,21 @@ def _all(path: tuple[str, ...], command: Any) -> Iterator[tuple[tuple[str, ...],
 
 
 def _command(path: tuple[str, ...], command: Any) -> str:
-    arguments = [_value_of(parameter) for parameter in command.params if parameter.param_type_name != "option"]
+    arguments = [
+        _value_of(parameter)
+        for parameter in command.params
+        if parameter.param_type_name != "option"
+    ]
     options = ["[OPTIONS]"] if len(arguments) < len(command.params) else []
     text = (command.help or "").partition("\f")[0]
-    rows = ((_name_of(parameter), str(getattr(parameter, "help", "") or "")) for parameter in command.params)
+    rows = (
+        (_name_of(parameter), str(getattr(parameter, "help", "") or ""))
+        for parameter in command.params
+    )
     table = _table(("name", "meaning"), rows) if command.params else ""
-    return f"## {' '.join(path)}\n\n    {' '.join((*path, *options, *arguments))}\n\n{text}\n\n{table}"
+    return (
+        f"## {' '.join(path)}\n\n    {' '.join((*path, *options, *arguments))}\n\n{text}\n\n{table}"
+    )
 
 
 def _value_of(parameter: Any) -> str:
@@ -152,7 +197,8 @@ def _name_of(parameter: Any) -> str:
     return f"`{', '.join([*parameter.opts, *parameter.secondary_opts])}{value}`"
 
 
-# Which modules the reference documents: rooms with what they export, and what docstrings and theory refer to.
+# Which modules the reference documents: rooms with what they export, and what docstrings and theory
+# refer to.
 
 ROOT = Path(__file__).resolve().parents[1]
 _APART = ("robots", "templates", "reference", "cli")
@@ -161,14 +207,28 @@ CITED = re.compile(r"`(uvms_ocp(?:\.\w+)+)`")
 
 
 def exported_names(init: Path) -> tuple[str, ...]:
-    """The names that a room passes on, by ``from x import Y as Y`` in its ``__init__.py`` or the stub beside it."""
-    texts = [path.read_text(encoding="utf-8") for path in (init, init.with_suffix(".pyi")) if path.exists()]
-    imports = (node for text in texts for node in ast.walk(ast.parse(text)) if isinstance(node, ast.ImportFrom))
-    return tuple(alias.name for node in imports for alias in node.names if alias.asname == alias.name)
+    """The names that a room passes on, by ``from x import Y as Y`` in its ``__init__.py`` or the
+    stub beside it.
+    """
+    texts = [
+        path.read_text(encoding="utf-8")
+        for path in (init, init.with_suffix(".pyi"))
+        if path.exists()
+    ]
+    imports = (
+        node
+        for text in texts
+        for node in ast.walk(ast.parse(text))
+        if isinstance(node, ast.ImportFrom)
+    )
+    return tuple(
+        alias.name for node in imports for alias in node.names if alias.asname == alias.name
+    )
 
 
 def documented_modules(pages: str) -> tuple[str, ...]:
-    """Rooms that export something, and all modules that their docstrings, those of the modules so found, and `pages` refer to.
+    """Rooms that export something, and all modules that their docstrings, those of the modules so
+    found, and `pages` refer to.
 
     Each room gets its exports as ``__all__``, which is how the generator knows them.
     """
@@ -178,8 +238,13 @@ def documented_modules(pages: str) -> tuple[str, ...]:
         names = exported_names(init)
         if names and not set(_APART) & set(parts):
             room = importlib.import_module(".".join(("uvms_ocp", *parts)))
-            things = {name: getattr(room, name) for name in names}  # loaded now, where the room loads them when asked
-            vars(room).update(things, __all__=[name for name, thing in things.items() if not inspect.ismodule(thing)])
+            things = {
+                name: getattr(room, name) for name in names
+            }  # loaded now, where the room loads them when asked
+            vars(room).update(
+                things,
+                __all__=[name for name, thing in things.items() if not inspect.ismodule(thing)],
+            )
             found[room.__name__] = None
     waiting = [*found, *_modules_of(pages)]
     while waiting:
@@ -195,7 +260,9 @@ def _modules_of(text: str) -> list[str]:
 
 
 def place_of(name: str) -> tuple[ModuleType, str]:
-    """The module of a name in full, and the rest of it. Raises `NameNotFound` where there is no such thing."""
+    """The module of a name in full, and the rest of it. Raises `NameNotFound` where there is no
+    such thing.
+    """
     parts = name.split(".")
     n = next(k for k in range(len(parts), 0, -1) if _is_module(".".join(parts[:k])))
     module = importlib.import_module(".".join(parts[:n]))
@@ -203,7 +270,9 @@ def place_of(name: str) -> tuple[ModuleType, str]:
     for part in parts[n:]:
         fields = getattr(thing, "__annotations__", {})
         if not hasattr(thing, part) and part not in fields:
-            raise NameNotFound(f"name in {'.'.join(parts[:n])}", part, [key for key in dir(thing) if key[0] != "_"])
+            raise NameNotFound(
+                f"name in {'.'.join(parts[:n])}", part, [key for key in dir(thing) if key[0] != "_"]
+            )
         thing = getattr(thing, part, None)
     return module, ".".join(parts[n:])
 
@@ -216,9 +285,13 @@ def _is_module(name: str) -> bool:
 
 
 def address_of(name: str, modules: Collection[str]) -> str:
-    """Where the reference has a name in full, from its top folder: on the page of its module. Raises `NameNotFound`."""
+    """Where the reference has a name in full, from its top folder: on the page of its module.
+    Raises `NameNotFound`.
+    """
     module, rest = place_of(name)
-    page = f"{module.__name__.replace('.', '/')}.html" if module.__name__ in modules else "index.html"
+    page = (
+        f"{module.__name__.replace('.', '/')}.html" if module.__name__ in modules else "index.html"
+    )
     return f"{page}#{rest}" if rest else page
 
 
@@ -232,14 +305,20 @@ Contents = dict[str, list[tuple[str, str]]]
 
 
 def body_of(text: str, modules: Collection[str]) -> str:
-    """The HTML of a page in Markdown. Raises `NameNotFound` for a name that is cited and is not there."""
+    """The HTML of a page in Markdown. Raises `NameNotFound` for a name that is cited and is not
+    there.
+    """
     from pdoc.render_helpers import to_html
 
     formulas: list[str] = []
     for pattern, display in ((_DISPLAY, "block"), (_INLINE, "inline")):
         text = pattern.sub(lambda found, how=display: _mark(formulas, found[1], how), text)  # type: ignore[misc]
-    text = CITED.sub(lambda f: f"[`{f[1].removeprefix('uvms_ocp.')}`]({address_of(f[1], modules)})", text)
-    html = str(to_html(re.sub(r"\((\w+)\.md\)", r"(\1.html)", text)))  # links between pages, which sites of sources follow too
+    text = CITED.sub(
+        lambda f: f"[`{f[1].removeprefix('uvms_ocp.')}`]({address_of(f[1], modules)})", text
+    )
+    html = str(
+        to_html(re.sub(r"\((\w+)\.md\)", r"(\1.html)", text))
+    )  # links between pages, which sites of sources follow too
     return re.sub(r"formula(\d+)mark", lambda found: formulas[int(found[1])], html)
 
 
@@ -255,7 +334,9 @@ def page_of(title: str, body: str, contents: Contents) -> str:
     """A whole page in the look of those that the generator makes."""
     from pdoc.render import env
 
-    page, css = ((_ASSETS / name).read_text(encoding="utf-8") for name in ("page.html.jinja2", "page.css"))
+    page, css = (
+        (_ASSETS / name).read_text(encoding="utf-8") for name in ("page.html.jinja2", "page.css")
+    )
     return str(env.from_string(page).render(title=title, body=body, contents=contents, css=css))
 
 
@@ -264,7 +345,8 @@ def title_of(text: str) -> str:
     return text.splitlines()[0].lstrip("# ").strip()
 
 
-# The whole reference: pages of all rooms by pdoc, pages of theory and tables, and one that leads to all of them.
+# The whole reference: pages of all rooms by pdoc, pages of theory and tables, and one that leads to
+# all of them.
 
 ORDER = (
     *("notation", "motion", "thrusters", "tasks", "hierarchy", "tick", "missions", "force"),
@@ -291,37 +373,55 @@ def guide_pages() -> dict[str, str]:
 
 
 def _pages_of(folder: str, names: Sequence[str]) -> dict[str, str]:
-    return {name: (files("uvms_ocp.reference") / folder / f"{name}.md").read_text(encoding="utf-8") for name in names}
+    return {
+        name: (files("uvms_ocp.reference") / folder / f"{name}.md").read_text(encoding="utf-8")
+        for name in names
+    }
 
 
 @checked
 def build_reference(folder: Path | str) -> Path:
     """Write the reference into a folder, which it makes; returns its first page.
 
-    Raises `InvalidInput` where the generator is not installed, where it warns,
-    `NameNotFound` for names that are cited and are not there, and `OutputError` where the folder cannot be written.
+    Raises `InvalidInput` where the generator is not installed, where it warns, `NameNotFound` for
+    names that are cited and are not there, and `OutputError` where the folder cannot be written.
     """
     try:
         import latex2mathml.converter  # noqa: F401 - only whether it is there
         import pdoc.render
     except ImportError as error:
-        raise InvalidInput(f'{error.name} is not installed; run: pip install "uvms-ocp[reference]"') from error
+        raise InvalidInput(
+            f'{error.name} is not installed; run: pip install "uvms-ocp[reference]"'
+        ) from error
     folder = Path(folder)
-    written = {"Guide": guide_pages(), "Theory": theory_pages(), "Files and commands": generated_pages()}
-    modules = documented_modules("\n".join(text for pages in written.values() for text in pages.values()))
+    written = {
+        "Guide": guide_pages(),
+        "Theory": theory_pages(),
+        "Files and commands": generated_pages(),
+    }
+    modules = documented_modules(
+        "\n".join(text for pages in written.values() for text in pages.values())
+    )
     pdoc.render.configure(docformat="markdown", show_source=True, search=True)
     try:
         with warnings.catch_warnings(record=True) as warned:
             warnings.simplefilter("always")
             pdoc.pdoc(*_asked_for(modules), output_directory=folder)
-        for path in folder.rglob("*.html"):  # classes name their private bases, which have no place to lead to
+        for path in folder.rglob(
+            "*.html"
+        ):  # classes name their private bases, which have no place to lead to
             text = _PRIVATE.sub(r"\1", path.read_text(encoding="utf-8"))
             path.write_text(text.replace("PydanticUndefined", "needed"), encoding="utf-8")
         _write_pages(folder, written, modules)
     except OSError as error:
-        raise OutputError(f"{folder}: cannot be written ({error}); choose another folder") from error
-    if wrong := [str(item.message).splitlines()[0] for item in warned]:
-        raise InvalidInput(f"the reference has {len(wrong)} faults: {'; '.join(wrong[:_MOST_FAULTS])}")
+        raise OutputError(
+            f"{folder}: cannot be written ({error}); choose another folder"
+        ) from error
+    wrong = [str(item.message).splitlines()[0] for item in warned]
+    if wrong:
+        raise InvalidInput(
+            f"the reference has {len(wrong)} faults: {'; '.join(wrong[:_MOST_FAULTS])}"
+        )
     return folder / "index.html"
 
 
@@ -333,15 +433,24 @@ def _asked_for(modules: tuple[str, ...]) -> Iterator[str]:
             yield name
 
 
-def _write_pages(folder: Path, written: dict[str, dict[str, str]], modules: tuple[str, ...]) -> None:
+def _write_pages(
+    folder: Path, written: dict[str, dict[str, str]], modules: tuple[str, ...]
+) -> None:
     contents: Contents = {
-        heading: [(f"{name}.html", title_of(text)) for name, text in pages.items()] for heading, pages in written.items()
+        heading: [(f"{name}.html", title_of(text)) for name, text in pages.items()]
+        for heading, pages in written.items()
     }
-    contents["Python"] = [(f"{name.replace('.', '/')}.html", name.removeprefix("uvms_ocp.")) for name in modules]
+    contents["Python"] = [
+        (f"{name.replace('.', '/')}.html", name.removeprefix("uvms_ocp.")) for name in modules
+    ]
     made = {name: text for pages in written.values() for name, text in pages.items()}
     found = [(f"{name}.html", title_of(text), text) for name, text in made.items()]
     (folder / "pages.js").write_text(f"window.pages = {json.dumps(found)};\n", encoding="utf-8")
     for name, text in made.items():
-        (folder / f"{name}.html").write_text(page_of(title_of(text), body_of(text, modules), contents), encoding="utf-8")
+        (folder / f"{name}.html").write_text(
+            page_of(title_of(text), body_of(text, modules), contents), encoding="utf-8"
+        )
     first = (files("uvms_ocp.reference") / "theory" / "first_page.md").read_text(encoding="utf-8")
-    (folder / "index.html").write_text(page_of("uvms_ocp", body_of(first, modules), contents), encoding="utf-8")
+    (folder / "index.html").write_text(
+        page_of("uvms_ocp", body_of(first, modules), contents), encoding="utf-8"
+    )

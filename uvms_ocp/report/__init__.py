@@ -1,4 +1,6 @@
-"""Metrics and reports of one run, read from its `Record` alone, of two runs side by side, and of plans."""
+"""Metrics and reports of one run, read from its `Record` alone, of two runs side by side, and of
+plans.
+"""
 
 import lazy_loader
 

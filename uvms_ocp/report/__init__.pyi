@@ -1,5 +1,13 @@
-from .comparison import compare as compare, transition_series as transition_series, transition_table as transition_table
-from .metrics import max_velocity_step as max_velocity_step, quantity as quantity, resources as resources
+from .comparison import (
+    compare as compare,
+    transition_series as transition_series,
+    transition_table as transition_table,
+)
+from .metrics import (
+    max_velocity_step as max_velocity_step,
+    quantity as quantity,
+    resources as resources,
+)
 from .planned_motion import (
     motion_record as motion_record,
     ocp_record as ocp_record,

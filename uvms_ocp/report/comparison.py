@@ -19,27 +19,41 @@ from uvms_ocp.report import metrics
 
 @checked
 def compare(first: Record, second: Record) -> TableRows:
-    """Rows with the keys ``figure``, ``first``, ``second`` and ``change`` [%], `None` where one record lacks it.
+    """Rows with the keys ``figure``, ``first``, ``second`` and ``change`` [%], `None` where one
+    record lacks it.
 
     Raises `InvalidInput` for a run against a plan.
     """
     kinds = first.meta.kind, second.meta.kind
     if kinds[0] != kinds[1]:
-        raise InvalidInput(f"the first is a {kinds[0]}, the second a {kinds[1]}; give two runs or two plans")
+        raise InvalidInput(
+            f"the first is a {kinds[0]}, the second a {kinds[1]}; give two runs or two plans"
+        )
     figures = _run_figures if kinds[0] == "run" else _plan_figures
-    one, other = dict(figures(first)), dict(figures(second))
+    one = dict(figures(first))
+    other = dict(figures(second))
     rows = ((name, one.get(name), other.get(name)) for name in one | other)
-    return TableRows({"figure": name, "first": a, "second": b, "change": _change(a, b)} for name, a, b in rows)
+    return TableRows(
+        {"figure": name, "first": a, "second": b, "change": _change(a, b)} for name, a, b in rows
+    )
 
 
 def _run_figures(record: Record) -> Iterator[tuple[str, Any]]:
     meta = record.run_meta
     yield "completed", meta.completed
     yield "phases", " ".join(row["phase"] for row in metrics.resources(record)[:-1])
-    yield from ((name, value) for name, value in metrics.resources(record)[-1].items() if name != "phase")
-    yield "tool_position_error_m", metrics.none_if_nan(meta.true_quantity(f"{meta.tool_task}.position_error"))
+    yield from (
+        (name, value) for name, value in metrics.resources(record)[-1].items() if name != "phase"
+    )
+    yield (
+        "tool_position_error_m",
+        metrics.none_if_nan(meta.true_quantity(f"{meta.tool_task}.position_error")),
+    )
     estimated = metrics.quantities_at(record, float(record["t"][-1]))
-    yield "estimated_tool_position_error_m", metrics.none_if_nan(estimated.get(f"{meta.tool_task}.position_error"))
+    yield (
+        "estimated_tool_position_error_m",
+        metrics.none_if_nan(estimated.get(f"{meta.tool_task}.position_error")),
+    )
     yield "tool_position_bound_m", metrics.error_bound(record, f"{meta.tool_task}.position_error")
     yield "sensors_allow_tool_position_m", meta.allowance.get(f"{meta.tool_task}.position_error")
     yield "largest_tilt_rad", metrics.largest_tilt(record)
@@ -51,7 +65,10 @@ def _plan_figures(record: Record) -> Iterator[tuple[str, Any]]:
     yield "duration_s", float(record["t"][-1] - record["t"][0])
     axes = [i for i, name in enumerate(record.plan_meta.axes) if name in ("x", "y", "z")]
     yield "path_length_m", metrics.path_length(record["x"][:, axes])
-    spent = (np.sum(record[e][-1]) if e in record.series else np.nan for e in ("thruster_energy", "joint_energy"))
+    spent = (
+        np.sum(record[e][-1]) if e in record.series else np.nan
+        for e in ("thruster_energy", "joint_energy")
+    )
     thrusters, joints = (metrics.none_if_nan(float(total)) for total in spent)
     yield "thruster_energy_j", thrusters
     yield "joint_energy_j", joints
@@ -62,7 +79,11 @@ def _plan_figures(record: Record) -> Iterator[tuple[str, Any]]:
 
 
 def _change(a: Any, b: Any) -> float | None:
-    return None if isinstance(a, (bool, str)) or a is None or b is None or a == 0 else 100.0 * (b - a) / abs(a)
+    return (
+        None
+        if isinstance(a, (bool, str)) or a is None or b is None or a == 0
+        else 100.0 * (b - a) / abs(a)
+    )
 
 
 # How smoothly a run changes from phase to phase, and what the higher levels pay for it.
@@ -74,17 +95,21 @@ _NOT_ABOVE = (",AD]", ",O]")  # labels of actions and of what is optimised
 
 @checked
 def transition_series(record: Record) -> dict[str, np.ndarray]:
-    """Series over time ``t`` (n,) [s] of the commanded velocity, and the times ``changes`` (k,) [s] of phase changes.
+    """Series over time ``t`` (n,) [s] of the commanded velocity, and the times ``changes`` (k,) [s]
+    of phase changes.
 
-    ``step`` (n,): largest change of any axis since the tick before, as a share of its acceleration limit times dt.
-    ``jerk`` (n,) [m/s3, rad/s3]: largest second difference of any axis. ``lost`` (n,) [m/s, rad/s]: largest norm, over
-    the tasks that are fully on and of a class above the actions, of what the task misses of the rate that the
-    acceleration limits let it reach. Raises `InvalidInput` for a plan, without limits, or with fewer
-    rows than ticks.
+    ``step`` (n,): largest change of any axis since the tick before, as a share of its acceleration
+    limit times dt. ``jerk`` (n,) [m/s3, rad/s3]: largest second difference of any axis. ``lost``
+    (n,) [m/s, rad/s]: largest norm, over the tasks that are fully on and of a class above the
+    actions, of what the task misses of the rate that the acceleration limits let it reach. Raises
+    `InvalidInput` for a plan, without limits, or with fewer rows than ticks.
     """
     if record.meta.limits is None:
-        raise InvalidInput("this record tells no limits; shares of the acceleration limits need them")
-    dt, limits = require_every_tick(record).dt, np.array(record.meta.limits.acceleration)
+        raise InvalidInput(
+            "this record tells no limits; shares of the acceleration limits need them"
+        )
+    dt = require_every_tick(record).dt
+    limits = np.array(record.meta.limits.acceleration)
     change = np.diff(record["command"], axis=0, prepend=0.0)
     limited = limits > 0.0  # what may not move at all has no share
     second = np.diff(change, axis=0, prepend=0.0)
@@ -100,7 +125,8 @@ def transition_series(record: Record) -> dict[str, np.ndarray]:
 
 @checked
 def transition_table(records: Mapping[str, Record]) -> list[dict[str, Any]]:
-    """One row per run and phase change, and one per run for all ticks: largest step, jerk and loss, root mean square jerk.
+    """One row per run and phase change, and one per run for all ticks: largest step, jerk and loss,
+    root mean square jerk.
 
     A change lasts `WINDOW`; its time, like that of the whole run, is in the column ``t_s``.
     """
@@ -108,11 +134,14 @@ def transition_table(records: Mapping[str, Record]) -> list[dict[str, Any]]:
 
 
 def _rows(name: str, record: Record) -> list[dict[str, Any]]:
-    series, phases = transition_series(record), [phase.name for phase in record.meta.phases]
+    series = transition_series(record)
+    phases = [phase.name for phase in record.meta.phases]
     t = series["t"]
     windows = [(float(start), (t >= start) & (t < start + WINDOW)) for start in series["changes"]]
     first = [int(np.argmax(rows)) for _, rows in windows]
-    labels = ["-".join(phases[record["phase"][row]] for row in (start - 1, start)) for start in first]
+    labels = [
+        "-".join(phases[record["phase"][row]] for row in (start - 1, start)) for start in first
+    ]
     spans = [*zip(labels, windows, strict=True), ("all", (float(t[-1]), np.full(len(t), True)))]
     return [
         {
@@ -129,10 +158,16 @@ def _rows(name: str, record: Record) -> list[dict[str, Any]]:
 
 
 def _lost(record: Record) -> np.ndarray:
-    above = {task.name: k for k, task in enumerate(record.meta.tasks) if not task.label.endswith(_NOT_ABOVE)}
+    above = {
+        task.name: k
+        for k, task in enumerate(record.meta.tasks)
+        if not task.label.endswith(_NOT_ABOVE)
+    }
     lost = np.zeros(len(record))
     for name, rows in level_rows(record.meta):
         if name in above:
             on = record["activations"][:, above[name]] >= 1.0
-            lost = np.maximum(lost, np.where(on, np.linalg.norm(record["residual"][:, rows], axis=1), 0.0))
+            lost = np.maximum(
+                lost, np.where(on, np.linalg.norm(record["residual"][:, rows], axis=1), 0.0)
+            )
     return lost

@@ -11,10 +11,23 @@ import pinocchio as pin
 from uvms_ocp.checks import checked
 from uvms_ocp.ocp.plan import OcpStatus, axis_series, motion_series
 from uvms_ocp.ocp.request import OcpRequest, OcpResult
-from uvms_ocp.planning import CoalDistances, CollisionPlan, PlanRequest, PlanResult, ToolGoal, clearance_along
+from uvms_ocp.planning import (
+    CoalDistances,
+    CollisionPlan,
+    PlanRequest,
+    PlanResult,
+    ToolGoal,
+    clearance_along,
+)
 from uvms_ocp.planning.request import curve_limits
 from uvms_ocp.planning.scene import CollisionScene, NearestPair
-from uvms_ocp.record.meta_values import AxisLimitsMeta, ClearanceMeta, FrameMeta, PhaseMeta, SurroundingsMeta
+from uvms_ocp.record.meta_values import (
+    AxisLimitsMeta,
+    ClearanceMeta,
+    FrameMeta,
+    PhaseMeta,
+    SurroundingsMeta,
+)
 from uvms_ocp.record.record import PLANNED, Record
 from uvms_ocp.record.run_meta import PlanMeta, packages, versions
 from uvms_ocp.robot import kinematics, loading, thrusters
@@ -46,25 +59,43 @@ class PlannedMotion:
         return self.scene.nearest(self.t, self.distances)
 
     def goal_pose(self) -> pin.SE3 | None:
-        """X_WF at the end, of the frame that has a goal, else of the tool; `None` without such a frame."""
+        """X_WF at the end, of the frame that has a goal, else of the tool; `None` without such a
+        frame.
+        """
         robot, goal = self.request.robot, self.request.goal
         frame = goal.frame if isinstance(goal, ToolGoal) else _TOOL
-        return kinematics.Kinematics(robot, self.q[-1]).pose(frame) if robot.has_frame(frame) else None
+        return (
+            kinematics.Kinematics(robot, self.q[-1]).pose(frame) if robot.has_frame(frame) else None
+        )
 
     def tool_error(self) -> dict[str, float] | None:
-        """Distance [m] and angle [rad] of the frame from its goal at the end; `None` for the goal of a posture."""
-        goal, X_WF = self.request.goal, self.goal_pose()
+        """Distance [m] and angle [rad] of the frame from its goal at the end; `None` for the goal
+        of a posture.
+        """
+        goal = self.request.goal
+        X_WF = self.goal_pose()
         if X_WF is None or not isinstance(goal, ToolGoal):
             return None
         posed = goal.target if isinstance(goal.target, pin.SE3) else None
-        error = {"position_m": float(np.linalg.norm(X_WF.translation - (goal.target if posed is None else posed.translation)))}
+        error = {
+            "position_m": float(
+                np.linalg.norm(
+                    X_WF.translation - (goal.target if posed is None else posed.translation)
+                )
+            )
+        }
         if posed is not None:
-            error["orientation_rad"] = float(np.linalg.norm(pin.log3(X_WF.rotation.T @ posed.rotation)))
+            error["orientation_rad"] = float(
+                np.linalg.norm(pin.log3(X_WF.rotation.T @ posed.rotation))
+            )
         return error
 
     def clearance_series(self) -> dict[str, Array]:
-        """``clearance`` (n, n_groups) [m] and ``quantities`` (n, 1) [m] of a record; none where nothing can meet."""
-        d, groups = self.distances, self.scene.groups()
+        """``clearance`` (n, n_groups) [m] and ``quantities`` (n, 1) [m] of a record; none where
+        nothing can meet.
+        """
+        d = self.distances
+        groups = self.scene.groups()
         if not groups:
             return {}
         smallest = [d[:, pairs].min(axis=1) for pairs in groups.values()]
@@ -76,40 +107,63 @@ def _request_entries(request: PlanRequest | OcpRequest) -> dict[str, Any]:
     return {
         "robot": request.robot.name,
         "links_without_shape": list(collision_model.links_without_shape(request.robot)),
-        "obstacles": [item.model_dump(mode="json") for item in obstacles.describe_obstacles(request.obstacles)],
+        "obstacles": [
+            item.model_dump(mode="json") for item in obstacles.describe_obstacles(request.obstacles)
+        ],
         "clearance_wanted_m": request.clearance,
-        "link_clearance_wanted_m": request.clearance if request.link_clearance is None else request.link_clearance,
+        "link_clearance_wanted_m": request.clearance
+        if request.link_clearance is None
+        else request.link_clearance,
         "versions": versions(packages()),
     }
 
 
-def nearest_entries(nearest: NearestPair | None, motion: PlannedMotion | OcpResult) -> dict[str, Any]:
-    """The smallest distance in a report, and that to each obstacle and between links; `None` where nothing is measured."""
+def nearest_entries(
+    nearest: NearestPair | None, motion: PlannedMotion | OcpResult
+) -> dict[str, Any]:
+    """The smallest distance in a report, and that to each obstacle and between links; `None` where
+    nothing is measured.
+    """
     if nearest is None:
-        return dict.fromkeys(("min_clearance_m", "min_clearance_at_s", "min_clearance_between", "clearances_m"))
+        return dict.fromkeys(
+            ("min_clearance_m", "min_clearance_at_s", "min_clearance_between", "clearances_m")
+        )
     return {
         "min_clearance_m": nearest.distance if np.isfinite(nearest.distance) else None,
         "min_clearance_at_s": nearest.time,
         "min_clearance_between": nearest.pair,
-        "clearances_m": {name: float(motion.distances[:, pairs].min()) for name, pairs in motion.scene.groups().items()},
+        "clearances_m": {
+            name: float(motion.distances[:, pairs].min())
+            for name, pairs in motion.scene.groups().items()
+        },
     }
 
 
 def plan_meta(
-    motion: PlannedMotion, *, scenario: str, axis_limits: AxisLimitsMeta, breaks: tuple[float, ...], nearest: NearestPair
+    motion: PlannedMotion,
+    *,
+    scenario: str,
+    axis_limits: AxisLimitsMeta,
+    breaks: tuple[float, ...],
+    nearest: NearestPair,
 ) -> PlanMeta:
     """Describe a planned motion as the metadata of its record.
 
-    breaks [s] are where the pieces of its trajectory meet; `nearest` is the smallest distance that the method met.
+    breaks [s] are where the pieces of its trajectory meet; `nearest` is the smallest distance that
+    the method met.
     """
-    request, scene, X_WF = motion.request, motion.scene, motion.goal_pose()
+    request = motion.request
+    scene = motion.scene
+    X_WF = motion.goal_pose()
     return PlanMeta(
         scenario=scenario,
         **loading.robot_meta(request.robot),
         phases=(PhaseMeta(name="plan"),),
         quantities=("plan.clearance",) if scene.n_pairs else (),
         surroundings=SurroundingsMeta(
-            frames=() if X_WF is None else (FrameMeta(name="goal", pose=tuple(pin.SE3ToXYZQUAT(X_WF).tolist())),),
+            frames=()
+            if X_WF is None
+            else (FrameMeta(name="goal", pose=tuple(pin.SE3ToXYZQUAT(X_WF).tolist())),),
             obstacles=obstacles.describe_obstacles(request.obstacles),
         ),
         packages=packages(),
@@ -119,7 +173,9 @@ def plan_meta(
         clearance_wanted=request.clearance,
         link_clearance_wanted=request.link_clearance,
         clearance_groups=tuple(scene.groups()),
-        min_clearance=ClearanceMeta(t=nearest.time, distance=nearest.distance, between=nearest.pair) if scene.n_pairs else None,
+        min_clearance=ClearanceMeta(t=nearest.time, distance=nearest.distance, between=nearest.pair)
+        if scene.n_pairs
+        else None,
     )
 
 
@@ -149,10 +205,12 @@ def plan_report(result: PlanResult) -> dict[str, Any]:
 
 
 def _of_plan(result: PlanResult, plan: CollisionPlan) -> dict[str, Any]:
-    curve, motion = plan.trajectory, _curve_motion(result, plan.trajectory)
+    curve = plan.trajectory
+    motion = _curve_motion(result, plan.trajectory)
     ends = curve.evaluate([curve.start, curve.end])
     # Largest velocities and accelerations by their limits; 0 where there is no limit.
-    robot, shares = result.request.robot, curve_limits(result.scene.coordinates, ends).ratios(curve)
+    robot = result.request.robot
+    shares = curve_limits(result.scene.coordinates, ends).ratios(curve)
     names = (*thrusters.AXES[: robot.n_vehicle], *robot.joint_names)
     return {
         "start": ends[0].tolist(),
@@ -160,7 +218,8 @@ def _of_plan(result: PlanResult, plan: CollisionPlan) -> dict[str, Any]:
         "duration_s": curve.duration,
         "piece_durations_s": curve.durations.tolist(),
         "limit_ratios": {
-            rate: dict(zip(names, share.tolist(), strict=True)) for rate, share in zip(_RATES, shares[:2], strict=True)
+            rate: dict(zip(names, share.tolist(), strict=True))
+            for rate, share in zip(_RATES, shares[:2], strict=True)
         },
         **nearest_entries(_nearest(plan, motion), motion),
         "n_samples_certified": plan.clearance.n_samples,
@@ -173,12 +232,15 @@ def _of_plan(result: PlanResult, plan: CollisionPlan) -> dict[str, Any]:
 
 @checked
 def motion_record(result: PlanResult, plan: CollisionPlan) -> Record:
-    """The planned motion: series t (n,) [s], q (n, n_q), v (n, n_v), x, its rates up to the snap, and clearance.
+    """The planned motion: series t (n,) [s], q (n, n_q), v (n, n_v), x, its rates up to the snap,
+    and clearance.
 
-    ``x``, ``x_rate``, ``x_acceleration``, ``x_jerk`` and ``x_snap`` are (n, n_axes); ``clearance`` (n, n_groups) is the
-    smallest distance to each obstacle and between links, as `PlanMeta.clearance_groups` names them.
+    ``x``, ``x_rate``, ``x_acceleration``, ``x_jerk`` and ``x_snap`` are (n, n_axes); ``clearance``
+    (n, n_groups) is the smallest distance to each obstacle and between links, as
+    `PlanMeta.clearance_groups` names them.
     """
-    curve, planned = plan.trajectory, result.scene.coordinates
+    curve = plan.trajectory
+    planned = result.scene.coordinates
     motion = _curve_motion(result, curve)
     x = [curve.evaluate(motion.t, order) for order in range(len(PLANNED))]
     limits = planned.rate_limits(x[0])
@@ -192,7 +254,9 @@ def motion_record(result: PlanResult, plan: CollisionPlan) -> Record:
     meta = plan_meta(
         motion,
         scenario=f"plan, {plan.status.value}",
-        axis_limits=AxisLimitsMeta(x_rate=tuple(limits[0].tolist()), x_acceleration=tuple(limits[1].tolist())),
+        axis_limits=AxisLimitsMeta(
+            x_rate=tuple(limits[0].tolist()), x_acceleration=tuple(limits[1].tolist())
+        ),
         breaks=tuple(curve.breaks.tolist()),
         nearest=_nearest(plan, motion),
     )
@@ -215,15 +279,20 @@ def _nearest(plan: CollisionPlan, motion: PlannedMotion) -> NearestPair:
 
 _TOUCHING = "two shapes touch: add way for them, move the goal, or plan a curve"
 _ADVICE = {  # where a request has other means than a problem
-    OcpStatus.UNFINISHED: "the solver stopped early: give a longer duration, a nearer goal or fewer steps, or raise time_limit"
+    OcpStatus.UNFINISHED: (
+        "the solver stopped early: give a longer duration, a nearer goal or fewer steps, or raise"
+        " time_limit"
+    )
 }
 
 
 @checked
 def ocp_report(result: OcpResult) -> dict[str, Any]:
-    """The content of ``report.json``: lengths in m, angles in rad, times in s, energy in J, thrust in N.
+    """The content of ``report.json``: lengths in m, angles in rad, times in s, energy in J, thrust
+    in N.
 
-    What is measured along the motion is `None` where the plan is not usable: no motion is there to measure.
+    What is measured along the motion is `None` where the plan is not usable: no motion is there to
+    measure.
     """
     request, plan = result.request, result.plan
     summary = plan.summary()
@@ -252,18 +321,27 @@ def ocp_report(result: OcpResult) -> dict[str, Any]:
 
 @checked
 def ocp_record(result: OcpResult) -> Record:
-    """The planned motion: t (n,) [s], q (n, n_q), v (n, n_v), axes ``x`` and their rates, clearance, and efforts.
+    """The planned motion: t (n,) [s], q (n, n_q), v (n, n_v), axes ``x`` and their rates,
+    clearance, and efforts.
 
-    ``thrust`` and ``torque`` are those of the steps, ``thruster_energy`` and ``joint_energy`` what was taken so far [J].
-    ``clearance`` (n, n_groups) is the smallest distance to each obstacle and between links.
+    ``thrust`` and ``torque`` are those of the steps, ``thruster_energy`` and ``joint_energy`` what
+    was taken so far [J]. ``clearance`` (n, n_groups) is the smallest distance to each obstacle and
+    between links.
     """
-    motion, plan, robot = _ocp_motion(result), result.plan, result.request.robot
+    motion = _ocp_motion(result)
+    plan = result.plan
+    robot = result.request.robot
     series = motion_series(robot, plan.trajectory, plan.powers(), motion.t, motion.q)
-    series |= axis_series(result.scene.coordinates, result.coordinates, series["v"]) | motion.clearance_series()
+    series |= (
+        axis_series(result.scene.coordinates, result.coordinates, series["v"])
+        | motion.clearance_series()
+    )
     meta = plan_meta(
         motion,
         scenario=f"plan by optimal control, {result.plan.status.value}",
-        axis_limits=AxisLimitsMeta(x_rate=tuple(result.scene.coordinates.rate_limits(result.coordinates)[0].tolist())),
+        axis_limits=AxisLimitsMeta(
+            x_rate=tuple(result.scene.coordinates.rate_limits(result.coordinates)[0].tolist())
+        ),
         breaks=(0.0, result.plan.duration),
         nearest=motion.nearest,
     )
@@ -272,4 +350,6 @@ def ocp_record(result: OcpResult) -> Record:
 
 def _ocp_motion(result: OcpResult) -> PlannedMotion:
     t, q = result.samples
-    return PlannedMotion(request=result.request, scene=result.scene, t=t, q=q, distances=result.distances)
+    return PlannedMotion(
+        request=result.request, scene=result.scene, t=t, q=q, distances=result.distances
+    )

@@ -16,17 +16,24 @@ from uvms_ocp.record.run_meta import RunMeta, level_rows, versions
 from uvms_ocp.report import metrics
 from uvms_ocp.solvers.hierarchy.solution import Status
 
-# What phases ended on: the estimate that they went by, the truth, and what the sensors allow to know.
+# What phases ended on: the estimate that they went by, the truth, and what the sensors allow to
+# know.
 
 
 def goal_table(record: Record) -> list[dict[str, Any]]:
     """One row per error that had to fall below a limit for a phase to end, in order of time.
 
-    ``estimated`` and ``true`` at that moment, `None` where not known, and the ``limit`` [m] or [rad]; ``sensors_allow`` is the
-    standard deviation of the estimate that the sensors allow, `None` where they are ideal or it is not known; ``met`` is judged
-    by the truth, `None` where that is not known. No rows of older records, which do not tell what ended a phase.
+    ``estimated`` and ``true`` at that moment, `None` where not known, and the ``limit`` [m] or
+    [rad]; ``sensors_allow`` is the standard deviation of the estimate that the sensors allow,
+    `None` where they are ideal or it is not known; ``met`` is judged by the truth, `None` where
+    that is not known. No rows of older records, which do not tell what ended a phase.
     """
-    return [row for event in record.run_meta.events if event.target != ABORT for row in _rows(record, event)]
+    return [
+        row
+        for event in record.run_meta.events
+        if event.target != ABORT
+        for row in _rows(record, event)
+    ]
 
 
 def _rows(record: Record, event: EventMeta) -> list[dict[str, Any]]:
@@ -58,8 +65,21 @@ _PROGRESS = 0.02  # share of what is missing that must have been gained in the w
 
 
 _CUT_OFF = "the program ended before the run, of which later rows are missing"
-_STOPPED = {"stopped": "by hand", "diverged": "the plant's motion grew beyond what a record holds", "cut off": _CUT_OFF}
-ENDS = ("completed", "ended too early", "aborted", "given up", "swinging", "slow", "stalled", *_STOPPED)
+_STOPPED = {
+    "stopped": "by hand",
+    "diverged": "the plant's motion grew beyond what a record holds",
+    "cut off": _CUT_OFF,
+}
+ENDS = (
+    "completed",
+    "ended too early",
+    "aborted",
+    "given up",
+    "swinging",
+    "slow",
+    "stalled",
+    *_STOPPED,
+)
 """Kinds of ends of a mission."""
 
 
@@ -67,26 +87,37 @@ ENDS = ("completed", "ended too early", "aborted", "given up", "swinging", "slow
 def cause_of_end(record: Record) -> dict[str, str]:
     """``kind``: one of `ENDS`; ``text``: one sentence with the figures.
 
-    A mission has ended too early where it is complete by the estimate and a true error is over its limit. One that is aborted
-    names what sent it into its abort phase, or ended it; one that swings by how much, how fast, and whether it grows; one that
-    swings, is slow or stalled the last alarm, if there was any.
+    A mission has ended too early where it is complete by the estimate and a true error is over its
+    limit. One that is aborted names what sent it into its abort phase, or ended it; one that swings
+    by how much, how fast, and whether it grows; one that swings, is slow or stalled the last alarm,
+    if there was any.
 
     Raises `InvalidInput` for the record of a plan.
     """
     meta = record.run_meta
     if meta.completed and (missed := ended_prematurely(record)):
-        return {"kind": "ended too early", "text": f"complete by the estimate; {'; '.join(map(_missed, missed))}"}
+        return {
+            "kind": "ended too early",
+            "text": f"complete by the estimate; {'; '.join(map(_missed, missed))}",
+        }
     if meta.completed:
         return {"kind": "completed", "text": "every phase came to its end"}
     if meta.stopped:
-        return {"kind": meta.stopped, "text": f"{_STOPPED[meta.stopped]}; {_unfinished(record)['text']}"}
-    if (cause := _aborted(meta)) is not None:
+        return {
+            "kind": meta.stopped,
+            "text": f"{_STOPPED[meta.stopped]}; {_unfinished(record)['text']}",
+        }
+    cause = _aborted(meta)
+    if cause is not None:
         return cause
     if meta.events and meta.events[-1].target == ABORT:
         return {"kind": "given up", "text": meta.events[-1].reason}
     cause = _unfinished(record)
-    if swinging := metrics.swings(record):
-        kind = "swinging" if _explains(record, {swing.what for swing in swinging}) else cause["kind"]
+    swinging = metrics.swings(record)
+    if swinging:
+        kind = (
+            "swinging" if _explains(record, {swing.what for swing in swinging}) else cause["kind"]
+        )
         cause = {"kind": kind, "text": f"{cause['text']}; {', '.join(map(str, swinging))}"}
     alarms = [f"; last alarm at {alarm.t:.1f} s: {alarm.text}" for alarm in meta.alarms[-1:]]
     return {**cause, "text": "".join([cause["text"], *alarms])}
@@ -97,35 +128,70 @@ def _aborted(meta: RunMeta) -> dict[str, str] | None:
     entered = next((event for event in meta.events if event.target == meta.abort_phase), None)
     last = meta.events[-1] if meta.events else None
     if entered is None:
-        direct = last is not None and meta.abort_phase and last.target == ABORT and not last.conditions
-        return {"kind": "aborted", "text": f"{last.reason}, too little is known to climb"} if last and direct else None
-    ended = last.reason if last is not None and last.target == ABORT else f"time is over, {meta.pending}"
+        direct = (
+            last is not None and meta.abort_phase and last.target == ABORT and not last.conditions
+        )
+        return (
+            {"kind": "aborted", "text": f"{last.reason}, too little is known to climb"}
+            if last and direct
+            else None
+        )
+    ended = (
+        last.reason
+        if last is not None and last.target == ABORT
+        else f"time is over, {meta.pending}"
+    )
     return {"kind": "aborted", "text": f"{entered.reason}; phase {meta.abort_phase}: {ended}"}
 
 
 def _missed(row: dict[str, Any]) -> str:
-    allowed = "" if row["sensors_allow"] is None else f", and the sensors allow {row['sensors_allow']:.2g}"
+    allowed = (
+        ""
+        if row["sensors_allow"] is None
+        else f", and the sensors allow {row['sensors_allow']:.2g}"
+    )
     estimated = "-" if row["estimated"] is None else f"{row['estimated']:.3g}"
     was = f"estimated at {estimated} but truly {row['true']:.3g}"
-    return f"phase {row['phase']}: {row['quantity']} was {was} against a limit of {row['limit']:g}{allowed}"
+    return (
+        f"phase {row['phase']}: {row['quantity']} was {was} against a limit of"
+        f" {row['limit']:g}{allowed}"
+    )
 
 
 def _unfinished(record: Record) -> dict[str, str]:
     """Describe what the last phase waited for, and whether it was coming."""
     phase = record.meta.phases[int(record["phase"][-1])].name
-    if not (waiting := _waiting(record, phase)):
-        return {"kind": "slow", "text": f"phase {phase}: its conditions hold, but not yet for long enough"}
-    if unknown := [item.quantity for item in waiting if np.isnan(_trend(record, item)[0])]:
-        return {"kind": "stalled", "text": f"phase {phase}: {unknown[0]} is not known, and its condition not met"}
-    item, now, gained = min(((item, *_trend(record, item)) for item in waiting), key=lambda trend: trend[2])
+    waiting = _waiting(record, phase)
+    if not waiting:
+        return {
+            "kind": "slow",
+            "text": f"phase {phase}: its conditions hold, but not yet for long enough",
+        }
+    unknown = [item.quantity for item in waiting if np.isnan(_trend(record, item)[0])]
+    if unknown:
+        return {
+            "kind": "stalled",
+            "text": f"phase {phase}: {unknown[0]} is not known, and its condition not met",
+        }
+    item, now, gained = min(
+        ((item, *_trend(record, item)) for item in waiting), key=lambda trend: trend[2]
+    )
     what = f"phase {phase}: {item.quantity} = {now:.4g} against a limit of {item.limit:g}"
     if gained > _PROGRESS:
-        return {"kind": "slow", "text": f"{what} was still improving, by {100 * gained:.0f} % in the last 5 s"}
-    return {"kind": "stalled", "text": f"{what} has stopped improving; {_obstruction(record, item.quantity)}"}
+        return {
+            "kind": "slow",
+            "text": f"{what} was still improving, by {100 * gained:.0f} % in the last 5 s",
+        }
+    return {
+        "kind": "stalled",
+        "text": f"{what} has stopped improving; {_obstruction(record, item.quantity)}",
+    }
 
 
 def _explains(record: Record, swinging: set[str]) -> bool:
-    """Judge whether swings keep a mission from its end: of the vehicle, or of every error that the last phase waits for."""
+    """Judge whether swings keep a mission from its end: of the vehicle, or of every error that the
+    last phase waits for.
+    """
     phase = record.run_meta.phases[int(record["phase"][-1])].name
     waiting = {item.quantity for item in _waiting(record, phase)}
     return not swinging.isdisjoint({"roll", "pitch"}) or waiting <= swinging
@@ -136,7 +202,11 @@ def _waiting(record: Record, phase: str) -> list[ThresholdMeta]:
     own = [item for item in record.meta.thresholds if item.phase == phase]
     forward = [item for item in own if item.sign == "<" or item.quantity in OWN_QUANTITIES]
     now = {item.quantity: quantity(record, item.quantity) for item in forward}
-    return [one for one in forward if (x := now[one.quantity]) is None or (x[-1] < one.limit) != (one.sign == "<")]
+    return [
+        one
+        for one in forward
+        if (x := now[one.quantity]) is None or (x[-1] < one.limit) != (one.sign == "<")
+    ]
 
 
 def _trend(record: Record, condition: ThresholdMeta) -> tuple[float, float]:
@@ -144,7 +214,8 @@ def _trend(record: Record, condition: ThresholdMeta) -> tuple[float, float]:
     series = quantity(record, condition.quantity)
     values = np.zeros(1) if series is None else series
     n = min(len(values), max(2, round(_WINDOW / record.run_meta.dt)))
-    before, now = float(values[-n]), float(values[-1])
+    before = float(values[-n])
+    now = float(values[-1])
     falls = 1.0 if condition.sign == "<" else -1.0
     return now, falls * (before - now) / max(falls * (before - condition.limit), 1e-12)
 
@@ -152,17 +223,29 @@ def _trend(record: Record, condition: ThresholdMeta) -> tuple[float, float]:
 def _obstruction(record: Record, name: str) -> str:
     """Tasks that rank above the one that waits and are active, and drives at their limits."""
     tasks = [task.name for task in record.meta.tasks]
-    if (waiting := name.rpartition(".")[0]) not in tasks:
+    waiting = name.rpartition(".")[0]
+    if waiting not in tasks:
         return "no task of the record measures it"
     own = tasks.index(waiting)
-    activity, levels = record["activity"][-1], level_rows(record.meta)
-    active = [task for task, rows in levels if task in tasks[:own] and activity[rows].max(initial=0.0) > 0]
+    activity = record["activity"][-1]
+    levels = level_rows(record.meta)
+    active = [
+        task for task, rows in levels if task in tasks[:own] and activity[rows].max(initial=0.0) > 0
+    ]
     above = f"active above it: {', '.join(active)}" if active else "nothing above it is active"
     n = max(1, round(_WINDOW / record.run_meta.dt))
-    full = float(np.mean(metrics.mean_sizes(record, "saturated", slice(-n, None)))) if "saturated" in record.series else 0.0
+    full = (
+        float(np.mean(metrics.mean_sizes(record, "saturated", slice(-n, None))))
+        if "saturated" in record.series
+        else 0.0
+    )
     damped = record.run_meta.statuses[int(record["status"][-1])] == Status.REGULARISED.value
     limits = f"; thrusters at their limits {100 * full:.0f} % of the time" if full > 0.05 else ""
-    return above + limits + ("; near a singularity Icat goes on with less damping and threshold" if damped else "")
+    return (
+        above
+        + limits
+        + ("; near a singularity Icat goes on with less damping and threshold" if damped else "")
+    )
 
 
 # What the controller has learnt of the load at a tool.
@@ -170,35 +253,51 @@ def _obstruction(record: Record, name: str) -> str:
 
 @checked
 def load_estimates(record: Record) -> dict[str, dict[str, float | None]]:
-    """By tool at the end of a run: net weight [N] and mass [kg], with standard errors; empty where nothing was to be learnt.
+    """By tool at the end of a run: net weight [N] and mass [kg], with standard errors; empty where
+    nothing was to be learnt.
 
     The mass is `None` while it is undetermined.
     """
     if "load_weight" not in record.series:
         return {}
     units = {"weight": "n", "weight_error": "n", "mass": "kg", "mass_error": "kg"}
-    last = {f"{name}_{unit}": np.atleast_1d(record[f"load_{name}"][-1]).tolist() for name, unit in units.items()}
+    last = {
+        f"{name}_{unit}": np.atleast_1d(record[f"load_{name}"][-1]).tolist()
+        for name, unit in units.items()
+    }
     rows = zip(record.meta.tools or ("tool",), *last.values(), strict=False)
-    return {tool: dict(zip(last, map(metrics.none_if_nan, values), strict=True)) for tool, *values in rows}
+    return {
+        tool: dict(zip(last, map(metrics.none_if_nan, values), strict=True))
+        for tool, *values in rows
+    }
 
 
 def format_load(load: dict[str, float | None], tool: str) -> str:
     """In words; load [N, kg]: one of `load_estimates`."""
-    mass = "undetermined" if load["mass_kg"] is None else f"{load['mass_kg']:.2f} kg +- {load['mass_error_kg']:.2f}"
-    return f"load at {tool}: net weight {load['weight_n']:.1f} N +- {load['weight_error_n']:.1f}, mass {mass}"
+    mass = (
+        "undetermined"
+        if load["mass_kg"] is None
+        else f"{load['mass_kg']:.2f} kg +- {load['mass_error_kg']:.2f}"
+    )
+    return (
+        f"load at {tool}: net weight {load['weight_n']:.1f} N +- {load['weight_error_n']:.1f}, mass"
+        f" {mass}"
+    )
 
 
 # How each sensor fared in a run.
 
-_SUSPECT, _LOST = 1, 2
+_SUSPECT = 1
+_LOST = 2
 
 
 @checked
 def sensor_health(record: Record) -> list[dict[str, Any]]:
-    """One row per channel: ``channel``, ``suspect_s``, ``lost_s``, ``first_s`` and ``why``, what was first said against it.
+    """One row per channel: ``channel``, ``suspect_s``, ``lost_s``, ``first_s`` and ``why``, what
+    was first said against it.
 
-    The last two are `None` and empty where it was always good. Empty for records without the series ``health``. Raises
-    `InvalidInput` for the record of a plan.
+    The last two are `None` and empty where it was always good. Empty for records without the series
+    ``health``. Raises `InvalidInput` for the record of a plan.
     """
     meta = record.run_meta
     if "health" not in record.series:
@@ -207,9 +306,15 @@ def sensor_health(record: Record) -> list[dict[str, Any]]:
     for channel, codes in zip(meta.channels, record["health"].T, strict=True):
         suspect, lost = (meta.dt * int((codes == code).sum()) for code in (_SUSPECT, _LOST))
         first = float(record["t"][np.argmax(codes != 0)]) if codes.any() else None
-        texts = [alarm.text for alarm in meta.alarms if first is not None and alarm.t >= first - 1e-9]
-        why = next((text for text in texts if text.startswith(f"{channel} ")), "").partition(": ")[2]
-        rows.append({"channel": channel, "suspect_s": suspect, "lost_s": lost, "first_s": first, "why": why})
+        texts = [
+            alarm.text for alarm in meta.alarms if first is not None and alarm.t >= first - 1e-9
+        ]
+        why = next((text for text in texts if text.startswith(f"{channel} ")), "").partition(": ")[
+            2
+        ]
+        rows.append(
+            {"channel": channel, "suspect_s": suspect, "lost_s": lost, "first_s": first, "why": why}
+        )
     return rows
 
 
@@ -220,50 +325,78 @@ _SETTLING = 0.5  # [s] after the start of a phase, before its drift counts
 
 
 class RunSummary(TableDisplay, dict[str, Any]):
-    """Figures of a run by name, as in ``report.json``; shown as one page: how it ended, its phases, errors and alarms."""
+    """Figures of a run by name, as in ``report.json``; shown as one page: how it ended, its phases,
+    errors and alarms.
+    """
 
     __slots__ = ()
 
     def _table(self) -> SmallTable:
-        columns: tuple[str, ...] = ("name", "start_s", "end_s", "energy_j", "path_length_m", "reason")
+        columns: tuple[str, ...] = (
+            "name",
+            "start_s",
+            "end_s",
+            "energy_j",
+            "path_length_m",
+            "reason",
+        )
         rows = [tuple(cell(phase[name]) for name in columns) for phase in self["phases"]]
         if self["repeated"]:
             columns = tuple(self["repeated"][0])
             rows = [tuple(map(cell, phase.values())) for phase in self["repeated"]]
         shown = ("energy_", "tool_", "largest_", "min_")
-        rows += [(name, cell(value)) for name, value in self.items() if name.startswith(shown) and value is not None]
-        errors = [(f"{tool}: {what} error", cell(error)) for tool, own in self["tools"].items() for what, error in own.items()]
+        rows += [
+            (name, cell(value))
+            for name, value in self.items()
+            if name.startswith(shown) and value is not None
+        ]
+        errors = [
+            (f"{tool}: {what} error", cell(error))
+            for tool, own in self["tools"].items()
+            for what, error in own.items()
+        ]
         rows += errors if len(self["tools"]) > 1 else []
         rows += [("alarm", cell(alarm["t"]), alarm["text"]) for alarm in self["alarms"]]
         title = f"{self['scenario']}, {self['robot']}: {self['cause']['kind']}"
-        return SmallTable(title=title, words=self["cause"]["text"], head=("phase", *columns[1:]), rows=tuple(rows))
+        return SmallTable(
+            title=title, words=self["cause"]["text"], head=("phase", *columns[1:]), rows=tuple(rows)
+        )
 
 
 @checked
 def summarize(record: Record) -> RunSummary:
-    """The content of ``report.json``; `None` where a figure does not apply to the run or is not known. Tool errors are
-    true ones, with what the mission went by beside them: those of the first tool, and of all of them in ``tools`` by name.
+    """The content of ``report.json``; `None` where a figure does not apply to the run or is not
+    known. Tool errors are true ones, with what the mission went by beside them: those of the first
+    tool, and of all of them in ``tools`` by name.
 
-    Lengths in m, angles in rad, times in s unless the key says otherwise. Raises `InvalidInput` for the record of a plan, and
-    for one without a series that is needed.
+    Lengths in m, angles in rad, times in s unless the key says otherwise. Raises `InvalidInput` for
+    the record of a plan, and for one without a series that is needed.
     """
     try:
         return RunSummary(_figures(record))
     except NameNotFound as error:
-        raise InvalidInput(f"part of a record: no series {error.given!r}; give one with all series") from None
+        raise InvalidInput(
+            f"part of a record: no series {error.given!r}; give one with all series"
+        ) from None
 
 
 def _figures(record: Record) -> dict[str, Any]:
-    meta, task = record.run_meta, record.run_meta.tool_task
+    meta = record.run_meta
+    task = record.run_meta.tool_task
     estimated = _none_if_nan(metrics.quantities_at(record, float(record["t"][-1])))
-    errors = [(what, unit, f"{task}.{what}_error") for what, unit in zip(_OF_A_TOOL, ("m", "rad"), strict=True)]
+    errors = [
+        (what, unit, f"{task}.{what}_error")
+        for what, unit in zip(_OF_A_TOOL, ("m", "rad"), strict=True)
+    ]
     return {
         **{name: getattr(meta, name) for name in ("scenario", "robot", "plant", "solver")},
         **{part: getattr(meta, part) or None for part in ("controller", "estimator", "sensors")},
         "completed": meta.completed,
         "pending": meta.pending,
         "cause": cause_of_end(record),
-        "ended_too_early": sorted({row["phase"] for row in ended_prematurely(record)}) if meta.completed else [],
+        "ended_too_early": sorted({row["phase"] for row in ended_prematurely(record)})
+        if meta.completed
+        else [],
         "goals": goal_table(record),
         "swings": [asdict(swing) for swing in metrics.swings(record)],
         "passed_rates": metrics.passed_rates(record),
@@ -280,12 +413,27 @@ def _figures(record: Record) -> dict[str, Any]:
         "load": next(iter((loads := load_estimates(record)).values()), None),
         "loads": loads,
         "alarms": [alarm.model_dump() for alarm in meta.alarms],
-        **{f"tool_{what}_error_{unit}": metrics.none_if_nan(meta.true_quantity(error)) for what, unit, error in errors},
-        **{f"estimated_tool_{what}_error_{unit}": estimated.get(error) for what, unit, error in errors},
-        **{f"tool_{what}_bound_{unit}": metrics.error_bound(record, error) for what, unit, error in errors},
-        **{f"sensors_allow_tool_{what}_{unit}": meta.allowance.get(error) for what, unit, error in errors},
+        **{
+            f"tool_{what}_error_{unit}": metrics.none_if_nan(meta.true_quantity(error))
+            for what, unit, error in errors
+        },
+        **{
+            f"estimated_tool_{what}_error_{unit}": estimated.get(error)
+            for what, unit, error in errors
+        },
+        **{
+            f"tool_{what}_bound_{unit}": metrics.error_bound(record, error)
+            for what, unit, error in errors
+        },
+        **{
+            f"sensors_allow_tool_{what}_{unit}": meta.allowance.get(error)
+            for what, unit, error in errors
+        },
         "tools": {
-            one.tool: {what: metrics.none_if_nan(meta.true_quantity(f"{one.name}.{what}_error")) for what in _OF_A_TOOL}
+            one.tool: {
+                what: metrics.none_if_nan(meta.true_quantity(f"{one.name}.{what}_error"))
+                for what in _OF_A_TOOL
+            }
             for one in meta.tasks
             if one.tool
         },
@@ -296,7 +444,9 @@ def _figures(record: Record) -> dict[str, Any]:
         "max_velocity_step": metrics.max_velocity_step(record),
         "failed_ticks": metrics.failed_ticks(record),
         "tick_us": _percentiles_us(record, "tick_time"),
-        "controller_us": _percentiles_us(record, "controller_time") if "controller_time" in record.series else None,
+        "controller_us": _percentiles_us(record, "controller_time")
+        if "controller_time" in record.series
+        else None,
         "wall_s": meta.wall_s,
         "simulated_s": float(record["t"][-1]),
         "versions": versions(meta.packages),
@@ -305,17 +455,25 @@ def _figures(record: Record) -> dict[str, Any]:
 
 @checked
 def phase_table(record: Record) -> list[dict[str, Any]]:
-    """One row per phase that was entered, in order of time: name, title, start, end, reason, errors at its end.
+    """One row per phase that was entered, in order of time: name, title, start, end, reason, errors
+    at its end.
 
-    ``final_errors`` are those that the mission went by, ``true_errors`` the true ones, empty in older records.
+    ``final_errors`` are those that the mission went by, ``true_errors`` the true ones, empty in
+    older records.
     """
     meta = record.run_meta
     entered = [event for event in meta.events if event.target not in (DONE, ABORT)]
     starts = [0.0, *(event.t for event in entered)]
     names = [meta.phases[0].name, *(event.target for event in entered)]
     ends = [*(event.t for event in meta.events), float(record["t"][-1])]
-    truths = [*(event.truth for event in meta.events), {item.name: item.value for item in meta.true_quantities}]
-    reasons = [*(event.reason for event in meta.events), f"time is over, waiting for: {meta.pending}"]
+    truths = [
+        *(event.truth for event in meta.events),
+        {item.name: item.value for item in meta.true_quantities},
+    ]
+    reasons = [
+        *(event.reason for event in meta.events),
+        f"time is over, waiting for: {meta.pending}",
+    ]
     phases = {phase.name: phase for phase in meta.phases}
     return [
         {
@@ -330,7 +488,9 @@ def phase_table(record: Record) -> list[dict[str, Any]]:
             "sensors_allow": meta.allowance,
             **metrics.figures_between(record, start, end),
         }
-        for name, start, end, reason, truth in zip(names, starts, ends, reasons, truths, strict=False)
+        for name, start, end, reason, truth in zip(
+            names, starts, ends, reasons, truths, strict=False
+        )
     ]
 
 
@@ -340,7 +500,9 @@ def _none_if_nan(quantities: dict[str, float]) -> dict[str, float | None]:
 
 def _drift_in_last_phase(record: Record) -> float | None:
     phase, t = record["phase"], record["t"]
-    start = len(phase) - int(np.argmax(phase[::-1] != phase[-1])) if (phase != phase[-1]).any() else 0
+    start = (
+        len(phase) - int(np.argmax(phase[::-1] != phase[-1])) if (phase != phase[-1]).any() else 0
+    )
     settled = t >= t[start] + _SETTLING
     if not settled.any() or not record.run_meta.floating or not keeps_every_tick(record):
         return None
@@ -350,5 +512,8 @@ def _drift_in_last_phase(record: Record) -> float | None:
 
 def _percentiles_us(record: Record, name: str) -> dict[str, float]:
     """Percentiles of the rows, and the largest of all ticks."""
-    (p50, p99), top = np.percentile(record[name], [50, 99]), record[metrics.extremes_of(record, name)[-1]].max()
+    (p50, p99), top = (
+        np.percentile(record[name], [50, 99]),
+        record[metrics.extremes_of(record, name)[-1]].max(),
+    )
     return {"p50": 1e6 * float(p50), "p99": 1e6 * float(p99), "max": 1e6 * float(top)}

@@ -1,6 +1,7 @@
 """Make robots from robots: mount an arm on a vehicle, take it off, trim with floats and ballast.
 
-Trim is the static balance of weight and buoyancy; `rotation_at_rest` the attitude that a vehicle comes to by itself.
+Trim is the static balance of weight and buoyancy; `rotation_at_rest` the attitude that a vehicle
+comes to by itself.
 """
 
 from __future__ import annotations
@@ -17,7 +18,15 @@ import pinocchio as pin
 from uvms_ocp.checks import checked
 from uvms_ocp.errors import InvalidInput
 from uvms_ocp.robot import coefficients, loading, roles, thrusters
-from uvms_ocp.robot.description import Cylinder, LinkDescription, Pose, RobotDescription, TrimBody, Vector3, checked_copy
+from uvms_ocp.robot.description import (
+    Cylinder,
+    LinkDescription,
+    Pose,
+    RobotDescription,
+    TrimBody,
+    Vector3,
+    checked_copy,
+)
 from uvms_ocp.robot.robot import Robot
 from uvms_ocp.robot.urdf import UrdfModels
 from uvms_ocp.types import Range
@@ -27,31 +36,54 @@ from uvms_ocp.types import Range
 _SMALLEST = 1e-4  # [m]; flatter links displace no water worth counting
 
 # Turns the cylinder's z axis to x, y, z.
-_ALONG: tuple[Vector3, Vector3, Vector3] = ((0.0, np.pi / 2, 0.0), (-np.pi / 2, 0.0, 0.0), (0.0, 0.0, 0.0))
+_ALONG: tuple[Vector3, Vector3, Vector3] = (
+    (0.0, np.pi / 2, 0.0),
+    (-np.pi / 2, 0.0, 0.0),
+    (0.0, 0.0, 0.0),
+)
 
 
 def cylinders_around_links(robot: Robot) -> dict[str, LinkDescription]:
-    """Return one cylinder per frame that carries collision shapes (visual ones where there are none).
+    """Return one cylinder per frame that carries collision shapes (visual ones where there are
+    none).
 
-    The cylinder lies along the longest side of the box around the link's shapes; its diameter is the mean of the
-    other two sides. It overestimates the volume of hollow or bent links: give measured data where there are any.
+    The cylinder lies along the longest side of the box around the link's shapes; its diameter is
+    the mean of the other two sides. It overestimates the volume of hollow or bent links: give
+    measured data where there are any.
     """
     shapes = robot.collision_model if robot.collision_model.ngeoms else robot.visual_model
-    names = [robot.model.frames[i].name for i in dict.fromkeys(shape.parentFrame for shape in shapes.geometryObjects)]
+    names = [
+        robot.model.frames[i].name
+        for i in dict.fromkeys(shape.parentFrame for shape in shapes.geometryObjects)
+    ]
     cylinders = {name: cylinder_in(box_around(robot.model, shapes, name)) for name in names}
-    return {name: LinkDescription(cylinder=cylinder) for name, cylinder in cylinders.items() if cylinder}
+    return {
+        name: LinkDescription(cylinder=cylinder) for name, cylinder in cylinders.items() if cylinder
+    }
 
 
-def box_around(model: pin.Model, shapes: pin.GeometryModel, frame: str, *, joint: int | None = None) -> np.ndarray:
+def box_around(
+    model: pin.Model, shapes: pin.GeometryModel, frame: str, *, joint: int | None = None
+) -> np.ndarray:
     """Corners (2, 3) [m] of the box around the shapes of a link, in its frame; nan without shapes.
 
     joint: take the shapes of all links that this joint carries.
     """
     index = model.getFrameId(frame)
     X_JF = model.frames[index].placement
-    own = [s for s in shapes.geometryObjects if (s.parentFrame == index if joint is None else s.parentJoint == joint)]
-    corners = [X_JF.actInv(s.placement.act(corner)) for s in own for corner in box_corners(s.geometry)]
-    return np.array([np.min(corners, axis=0), np.max(corners, axis=0)]) if corners else np.full((2, 3), np.nan)
+    own = [
+        s
+        for s in shapes.geometryObjects
+        if (s.parentFrame == index if joint is None else s.parentJoint == joint)
+    ]
+    corners = [
+        X_JF.actInv(s.placement.act(corner)) for s in own for corner in box_corners(s.geometry)
+    ]
+    return (
+        np.array([np.min(corners, axis=0), np.max(corners, axis=0)])
+        if corners
+        else np.full((2, 3), np.nan)
+    )
 
 
 def box_corners(geometry: coal.CollisionGeometry) -> np.ndarray:
@@ -62,7 +94,9 @@ def box_corners(geometry: coal.CollisionGeometry) -> np.ndarray:
 
 
 def cylinder_in(corners: np.ndarray) -> Cylinder | None:
-    """The cylinder along the longest side of a box with corners (n, 3) [m]; `None` for a flat one."""
+    """The cylinder along the longest side of a box with corners (n, 3) [m]; `None` for a flat
+    one.
+    """
     low, high = corners.min(axis=0), corners.max(axis=0)
     sides = high - low
     axis = int(np.argmax(sides))
@@ -70,7 +104,9 @@ def cylinder_in(corners: np.ndarray) -> Cylinder | None:
     if not radius >= _SMALLEST:
         return None
     x, y, z = (0.5 * (low + high)).tolist()
-    return Cylinder(radius=radius, length=float(sides[axis]), pose=Pose(position=(x, y, z), rpy=_ALONG[axis]))
+    return Cylinder(
+        radius=radius, length=float(sides[axis]), pose=Pose(position=(x, y, z), rpy=_ALONG[axis])
+    )
 
 
 # Vehicles and arms as parts: join an arm to a vehicle, or take it off.
@@ -88,22 +124,29 @@ def mount(
 ) -> Robot:
     """Return the vehicle with the arm's base at ``X_BA`` in B.
 
-    Frames and joints of the arm get ``prefix`` (default: the arm's name and an underscore), so that a second arm
-    can be mounted too. ``flange`` is an arm frame, named without prefix, at which the frames ``flange`` and
-    ``tool`` are added. The water on the arm is ``links`` by the arm's frame names, or that of its description,
-    or else the cylinder rule on the boxes around its shapes. The trim stays as it is, see ``trimmed``.
+    Frames and joints of the arm get ``prefix`` (default: the arm's name and an underscore), so that
+    a second arm can be mounted too. ``flange`` is an arm frame, named without prefix, at which the
+    frames ``flange`` and ``tool`` are added. The water on the arm is ``links`` by the arm's frame
+    names, or that of its description, or else the cylinder rule on the boxes around its shapes. The
+    trim stays as it is, see ``trimmed``.
 
     Raises ``InvalidInput`` for parts that do not fit and ``FrameNotFound``.
     """
     if not vehicle.n_vehicle:
-        raise InvalidInput(f"vehicle {vehicle.name!r} has a fixed base; load it with base='free_flyer'")
+        raise InvalidInput(
+            f"vehicle {vehicle.name!r} has a fixed base; load it with base='free_flyer'"
+        )
     if arm.n_vehicle:
         raise InvalidInput(f"arm {arm.name!r} has a free-flying base; load it with base='fixed'")
     prefix = f"{arm.name}_" if prefix is None else prefix
     joined = _joined(vehicle, _prefixed(arm, prefix), X_BA)
     if flange is not None:
         _add_tool(vehicle, joined.model, prefix + arm.model.frames[arm.frame_id(flange)].name)
-    return loading.robot_of(joined, _joined_description(vehicle.description, arm, links, prefix), f"{vehicle.name}+{arm.name}")
+    return loading.robot_of(
+        joined,
+        _joined_description(vehicle.description, arm, links, prefix),
+        f"{vehicle.name}+{arm.name}",
+    )
 
 
 @checked
@@ -113,18 +156,25 @@ def without_arm(robot: Robot) -> Robot:
     Raises ``InvalidInput`` for a fixed base.
     """
     if not robot.n_vehicle:
-        raise InvalidInput(f"robot {robot.name!r} has a fixed base; only a free-flyer has a vehicle")
+        raise InvalidInput(
+            f"robot {robot.name!r} has a fixed base; only a free-flyer has a vehicle"
+        )
     kept = {frame.name for frame in robot.model.frames if frame.parentJoint <= 1}
     before = robot.description
     links = {name: link for name, link in before.links.items() if name in kept}
     trim = tuple(body for body in before.trim if body.link in kept)
-    sensors = {key: name if (name := getattr(before, key)) in kept else None for key in ("altimeter", "dvl")}
+    sensors = {
+        key: name if (name := getattr(before, key)) in kept else None
+        for key in ("altimeter", "dvl")
+    }
     alone = checked_copy(before, joints={}, links=links, trim=trim, tool=None, **sensors)
     return loading.robot_of(_base_only(robot), alone, robot.name)
 
 
 def _prefixed(arm: Robot, prefix: str) -> UrdfModels:
-    model, visual, collision = arm.model.copy(), arm.visual_model.copy(), arm.collision_model.copy()
+    model = arm.model.copy()
+    visual = arm.visual_model.copy()
+    collision = arm.collision_model.copy()
     for i in range(1, model.nframes):
         model.frames[i].name = prefix + model.frames[i].name
     for i in range(1, model.njoints):
@@ -137,21 +187,29 @@ def _prefixed(arm: Robot, prefix: str) -> UrdfModels:
 def _joined(vehicle: Robot, arm: UrdfModels, X_BA: pin.SE3) -> UrdfModels:
     _check_names(vehicle, arm.model)
     base = vehicle.frame_id("base_link")
-    model, visual = pin.appendModel(vehicle.model, arm.model, vehicle.visual_model, arm.visual, base, X_BA)
-    _, collision = pin.appendModel(vehicle.model, arm.model, vehicle.collision_model, arm.collision, base, X_BA)
+    model, visual = pin.appendModel(
+        vehicle.model, arm.model, vehicle.visual_model, arm.visual, base, X_BA
+    )
+    _, collision = pin.appendModel(
+        vehicle.model, arm.model, vehicle.collision_model, arm.collision, base, X_BA
+    )
     return UrdfModels(name=vehicle.name, model=model, visual=visual, collision=collision)
 
 
 def _check_names(vehicle: Robot, arm: pin.Model) -> None:
     clashes = sorted(set(vehicle.frame_names) & {frame.name for frame in arm.frames[1:]})
     if clashes:
-        raise InvalidInput(f"vehicle and arm both have {', '.join(clashes[:5])}; give another prefix")
+        raise InvalidInput(
+            f"vehicle and arm both have {', '.join(clashes[:5])}; give another prefix"
+        )
 
 
 def _add_tool(vehicle: Robot, model: pin.Model, at: str) -> None:
     taken = [name for name in ("flange", "tool") if vehicle.has_frame(name)]
     if taken:
-        raise InvalidInput(f"vehicle {vehicle.name!r} already has {', '.join(taken)}; use the arm's frames by name")
+        raise InvalidInput(
+            f"vehicle {vehicle.name!r} already has {', '.join(taken)}; use the arm's frames by name"
+        )
     if model.existFrame("tool"):  # of the arm alone
         model.frames[model.getFrameId("tool")].name = "tool_of_arm"
     for name in ("flange", "tool"):
@@ -163,27 +221,44 @@ def _joined_description(
 ) -> RobotDescription:
     before = arm.description
     water = links or before.links or cylinders_around_links(arm)
-    trim = (body.model_copy(update={"name": prefix + body.name, "link": prefix + body.link}) for body in before.trim)
+    trim = (
+        body.model_copy(update={"name": prefix + body.name, "link": prefix + body.link})
+        for body in before.trim
+    )
     return checked_copy(
         vehicle,
-        joints={**vehicle.joints, **{prefix + name: joint for name, joint in before.joints.items()}},
+        joints={
+            **vehicle.joints,
+            **{prefix + name: joint for name, joint in before.joints.items()},
+        },
         links={**vehicle.links, **{prefix + name: link for name, link in water.items()}},
         trim=(*vehicle.trim, *trim),
-        tool=(*roles.tools_of(vehicle), *(prefix + tool for tool in roles.tools_of(before))) or None,
+        tool=(*roles.tools_of(vehicle), *(prefix + tool for tool in roles.tools_of(before)))
+        or None,
     )
 
 
 def _base_only(robot: Robot) -> UrdfModels:
     model = pin.Model()
     model.name = robot.model.name
-    model.addJoint(0, pin.JointModelFreeFlyer(), robot.model.jointPlacements[1], robot.model.names[1])
+    model.addJoint(
+        0, pin.JointModelFreeFlyer(), robot.model.jointPlacements[1], robot.model.names[1]
+    )
     model.appendBodyToJoint(1, robot.model.inertias[1], pin.SE3.Identity())
     old_to_new = {0: 0}
     for i, frame in enumerate(robot.model.frames):
         if i > 0 and frame.parentJoint <= 1:
-            copy = pin.Frame(frame.name, frame.parentJoint, old_to_new[frame.parentFrame], frame.placement, frame.type)
+            copy = pin.Frame(
+                frame.name,
+                frame.parentJoint,
+                old_to_new[frame.parentFrame],
+                frame.placement,
+                frame.type,
+            )
             old_to_new[i] = model.addFrame(copy, False)
-    visual, collision = (_shapes_on(shapes, old_to_new) for shapes in (robot.visual_model, robot.collision_model))
+    visual, collision = (
+        _shapes_on(shapes, old_to_new) for shapes in (robot.visual_model, robot.collision_model)
+    )
     return UrdfModels(name=robot.name, model=model, visual=visual, collision=collision)
 
 
@@ -205,26 +280,40 @@ _HEIGHT = 0.1  # [m] floats above, ballast below the origin, for stability
 
 
 def static_residual(robot: Robot, q: np.ndarray) -> tuple[float, np.ndarray]:
-    """Return the net upward force [N] and the moment (3,) [N m] about the origin of B, in W, at rest at q (n_q,) [m, rad]."""
+    """Return the net upward force [N] and the moment (3,) [N m] about the origin of B, in W, at
+    rest at q (n_q,) [m, rad].
+    """
     arms, lift = lifts(robot, q)
     return float(lift.sum()), np.array([arms[:, 1] @ lift, -arms[:, 0] @ lift, 0.0])
 
 
 def lifts(robot: Robot, q: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return where buoyancy and weight act, arms (n, 3) [m] from the origin of B, in W, and how much each lifts (n,) [N].
+    """Return where buoyancy and weight act, arms (n, 3) [m] from the origin of B, in W, and how
+    much each lifts (n,) [N].
 
     At q (n_q,) [m, rad]; weight lifts less than nothing.
     """
     data = robot.model.createData()
     pin.framesForwardKinematics(robot.model, data, q)
-    density, inertias = robot.description.water_density, robot.model.inertias
+    density = robot.description.water_density
+    inertias = robot.model.inertias
     loads = [
-        *((data.oMf[robot.frame_id(link.frame)].act(link.centre_of_buoyancy), density * link.volume)
-          for link in robot.hydrodynamics),
-        *((data.oMi[i].act(inertias[i].lever), -inertias[i].mass) for i in range(1, robot.model.njoints)),
-    ]  # fmt: skip
+        *(
+            (
+                data.oMf[robot.frame_id(link.frame)].act(link.centre_of_buoyancy),
+                density * link.volume,
+            )
+            for link in robot.hydrodynamics
+        ),
+        *(
+            (data.oMi[i].act(inertias[i].lever), -inertias[i].mass)
+            for i in range(1, robot.model.njoints)
+        ),
+    ]
     arms = np.array([point for point, _ in loads]) - q[:3]
-    return arms, float(np.linalg.norm(robot.model.gravity.linear)) * np.array([mass for _, mass in loads])
+    return arms, float(np.linalg.norm(robot.model.gravity.linear)) * np.array(
+        [mass for _, mass in loads]
+    )
 
 
 def without_trim(robot: Robot) -> Robot:
@@ -237,11 +326,15 @@ def without_trim(robot: Robot) -> Robot:
 
 
 def with_trim(robot: Robot, bodies: Iterable[TrimBody]) -> Robot:
-    """Return a copy that carries these floats and weights too. Raises ``FrameNotFound`` and ``InvalidInput``."""
+    """Return a copy that carries these floats and weights too. Raises ``FrameNotFound`` and
+    ``InvalidInput``.
+    """
     added = tuple(bodies)
     for body in added:
         robot.frame_id(body.link)
-    return _retrimmed(robot, loading.with_bodies(robot.model, added), (*robot.description.trim, *added))
+    return _retrimmed(
+        robot, loading.with_bodies(robot.model, added), (*robot.description.trim, *added)
+    )
 
 
 _Station = Annotated[float, Range(-50.0, 50.0)]  # [m], as positions in robot files
@@ -249,15 +342,20 @@ _Station = Annotated[float, Range(-50.0, 50.0)]  # [m], as positions in robot fi
 
 @checked
 def trimmed(robot: Robot, *, bow: _Station, stern: _Station) -> Robot:
-    """Return a copy that floats level and neutral with its arm stowed, by one body at ``bow`` and one at ``stern``.
+    """Return a copy that floats level and neutral with its arm stowed, by one body at ``bow`` and
+    one at ``stern``.
 
-    bow, stern: x in ``base_link`` [m]. Lift comes from foam of 200 kg/m3, weight from lead. Raises ``InvalidInput``
-    for a fixed base and for stations that are less than 1 cm apart.
+    bow, stern: x in ``base_link`` [m]. Lift comes from foam of 200 kg/m3, weight from lead. Raises
+    ``InvalidInput`` for a fixed base and for stations that are less than 1 cm apart.
     """
     if not robot.n_vehicle:
-        raise InvalidInput(f"robot {robot.name!r} has a fixed base; only a free-flyer can be trimmed")
+        raise InvalidInput(
+            f"robot {robot.name!r} has a fixed base; only a free-flyer can be trimmed"
+        )
     if bow - stern < 0.01:
-        raise InvalidInput(f"bow {bow} m, stern {stern} m; allowed: bow at least 0.01 m ahead of stern")
+        raise InvalidInput(
+            f"bow {bow} m, stern {stern} m; allowed: bow at least 0.01 m ahead of stern"
+        )
     return with_trim(robot, _trim_bodies(robot, bow, stern))
 
 
@@ -274,16 +372,28 @@ def _trim_bodies(robot: Robot, bow: float, stern: float) -> list[TrimBody]:
 
 
 def trim_body(name: str, x: float, y: float, lift: float, robot: Robot) -> TrimBody:
-    """Return a float of foam, or ballast of lead, at x [m], y [m] in ``base_link`` with a lift [N] in the robot's water."""
+    """Return a float of foam, or ballast of lead, at x [m], y [m] in ``base_link`` with a lift [N]
+    in the robot's water.
+    """
     material = _FOAM if lift > 0.0 else _LEAD
     gravity = float(np.linalg.norm(robot.model.gravity.linear))
     volume = lift / (gravity * (robot.description.water_density - material))
-    return TrimBody(name=name, position=(x, y, float(np.copysign(_HEIGHT, lift))), mass=material * volume, volume=volume)
+    return TrimBody(
+        name=name,
+        position=(x, y, float(np.copysign(_HEIGHT, lift))),
+        mass=material * volume,
+        volume=volume,
+    )
 
 
 def _retrimmed(robot: Robot, model: pin.Model, trim: tuple[TrimBody, ...]) -> Robot:
     description: RobotDescription = checked_copy(robot.description, trim=trim)
-    return replace(robot, model=model, description=description, hydrodynamics=coefficients.links_in_water(description))
+    return replace(
+        robot,
+        model=model,
+        description=description,
+        hydrodynamics=coefficients.links_in_water(description),
+    )
 
 
 # The attitude that a vehicle comes to by itself about the axes that no thruster drives.
@@ -296,8 +406,9 @@ _FAINT = 0.1  # [N m] of righting moment, below which weight and buoyancy leave 
 def up_at_rest(robot: Robot, q: np.ndarray) -> np.ndarray:
     """Return the direction (3,) that is up, in B, once a vehicle that was level has come to rest.
 
-    q (n_q,) [m, rad] gives the posture of the arm. Thrusters keep the axes that they drive; about the others weight and
-    buoyancy turn the vehicle to where they do no more work. ``(0, 0, 1)``, level, where every such axis is driven.
+    q (n_q,) [m, rad] gives the posture of the arm. Thrusters keep the axes that they drive; about
+    the others weight and buoyancy turn the vehicle to where they do no more work. ``(0, 0, 1)``,
+    level, where every such axis is driven.
     """
     arms, lift = lifts(robot, robot.configuration(joints=robot.joint_values(q)))
     righting = arms.T @ lift  # [N m] with the vehicle level, when W and B have the same axes
@@ -312,12 +423,16 @@ def up_at_rest(robot: Robot, q: np.ndarray) -> np.ndarray:
 def rotation_at_rest(robot: Robot, q: np.ndarray) -> np.ndarray:
     """Return R_WB (3, 3) without yaw of the attitude of `up_at_rest`, for q (n_q,) [m, rad]."""
     up = up_at_rest(robot, q)
-    R: np.ndarray = pin.rpy.rpyToMatrix(float(np.arctan2(up[1], up[2])), float(-np.arcsin(up[0])), 0.0)
+    R: np.ndarray = pin.rpy.rpyToMatrix(
+        float(np.arctan2(up[1], up[2])), float(-np.arcsin(up[0])), 0.0
+    )
     return R
 
 
 def _turned(up: np.ndarray, axis: int, righting: np.ndarray) -> np.ndarray:
-    """After a turn about one axis of B, until buoyancy is straight above weight as seen along that axis."""
+    """After a turn about one axis of B, until buoyancy is straight above weight as seen along that
+    axis.
+    """
     across = np.arange(3) != axis
     pull = float(np.linalg.norm(righting[across]))
     if pull < _FAINT:

@@ -1,8 +1,8 @@
 """Compute the coefficients of links from a robot's description: shape rules, floats and ballast.
 
-The shape rules are strip theory: the displaced mass as lateral added mass, and drag on the frontal area;
-integrated along the shape they give the rotational terms. They are estimates for slender links, not
-measurements.
+The shape rules are strip theory: the displaced mass as lateral added mass, and drag on the frontal
+area; integrated along the shape they give the rotational terms. They are estimates for slender
+links, not measurements.
 """
 
 from __future__ import annotations
@@ -18,11 +18,13 @@ from uvms_ocp.robot import description as data
 from uvms_ocp.robot.hydrodynamics import LinkHydrodynamics
 
 
-def links_in_water(description: data.RobotDescription, density: float | None = None) -> tuple[LinkHydrodynamics, ...]:
+def links_in_water(
+    description: data.RobotDescription, density: float | None = None
+) -> tuple[LinkHydrodynamics, ...]:
     """Coefficients of every wet link of a description, in forward-left-up axes.
 
-    density [kg/m3] is what the shape rules use, default the description's. Floats and ballast add their
-    volume to their link.
+    density [kg/m3] is what the shape rules use, default the description's. Floats and ballast add
+    their volume to their link.
     """
     rho = description.water_density if density is None else density
     description = data.forward_left_up(description)
@@ -34,7 +36,9 @@ def links_in_water(description: data.RobotDescription, density: float | None = N
 
 
 def _link(name: str, link: data.LinkDescription, rho: float) -> LinkHydrodynamics:
-    given = next(way for way in (link.coefficients, link.cylinder, link.box, link.sphere) if way is not None)
+    given = next(
+        way for way in (link.coefficients, link.cylinder, link.box, link.sphere) if way is not None
+    )
     if isinstance(given, data.LinkCoefficients):
         return _from_coefficients(name, given)
     if isinstance(given, data.Cylinder):
@@ -57,10 +61,16 @@ def _from_coefficients(name: str, given: data.LinkCoefficients) -> LinkHydrodyna
 
 def coefficients_of(link: LinkHydrodynamics) -> data.LinkCoefficients:
     """State the coefficients of a link as a robot file would, its matrices in full."""
-    names, position, R = ("added_mass", "linear_drag", "quadratic_drag"), link.X_FL.translation, link.X_FL.rotation
-    matrices: dict[str, Any] = {name: tuple(map(tuple, getattr(link, name).tolist())) for name in names}
+    names = ("added_mass", "linear_drag", "quadratic_drag")
+    position = link.X_FL.translation
+    R = link.X_FL.rotation
+    matrices: dict[str, Any] = {
+        name: tuple(map(tuple, getattr(link, name).tolist())) for name in names
+    }
     return data.LinkCoefficients(
-        pose=data.Pose(position=tuple(position.tolist()), rpy=tuple(pin.rpy.matrixToRpy(R).tolist())),
+        pose=data.Pose(
+            position=tuple(position.tolist()), rpy=tuple(pin.rpy.matrixToRpy(R).tolist())
+        ),
         **matrices,
         drag_by="flow" if link.by_flow else "axes",
         volume=link.volume,
@@ -71,8 +81,10 @@ def coefficients_of(link: LinkHydrodynamics) -> data.LinkCoefficients:
 def _cylinder(name: str, shape: data.Cylinder, rho: float) -> LinkHydrodynamics:
     radius, length = shape.radius, shape.length
     volume = np.pi * radius**2 * length
-    mass, tumbling = rho * volume, rho * volume * length**2 / 12
-    side, end = 2 * radius * length, np.pi * radius**2
+    mass = rho * volume
+    tumbling = rho * volume * length**2 / 12
+    side = 2 * radius * length
+    end = np.pi * radius**2
     turning = _strips(2 * radius, length)
     return _shaped(
         name,
@@ -90,14 +102,25 @@ def _box(name: str, shape: data.Box, rho: float) -> LinkHydrodynamics:
     added = [mass * (a**2 - b**2) ** 2 / (a**2 + b**2) / 12 for a, b in ((y, z), (z, x), (x, y))]
     turning = [_strips(s, a) + _strips(s, b) for s, a, b in ((x, y, z), (y, z, x), (z, x, y))]
     return _shaped(
-        name, shape, volume, added_mass=(mass, mass, mass, *added), areas=rho / 2 * np.array([y * z, z * x, x * y, *turning])
+        name,
+        shape,
+        volume,
+        added_mass=(mass, mass, mass, *added),
+        areas=rho / 2 * np.array([y * z, z * x, x * y, *turning]),
     )
 
 
 def _sphere(name: str, shape: data.Sphere, rho: float) -> LinkHydrodynamics:
-    volume, area = 4 / 3 * np.pi * shape.radius**3, np.pi * shape.radius**2
+    volume = 4 / 3 * np.pi * shape.radius**3
+    area = np.pi * shape.radius**2
     mass = rho * volume / 2
-    return _shaped(name, shape, volume, added_mass=(mass, mass, mass, 0.0, 0.0, 0.0), areas=rho / 2 * np.repeat([area, 0.0], 3))
+    return _shaped(
+        name,
+        shape,
+        volume,
+        added_mass=(mass, mass, mass, 0.0, 0.0, 0.0),
+        areas=rho / 2 * np.repeat([area, 0.0], 3),
+    )
 
 
 def _strips(width: float, length: float) -> float:
@@ -106,7 +129,11 @@ def _strips(width: float, length: float) -> float:
 
 
 def _shaped(
-    name: str, shape: data.Cylinder | data.Box | data.Sphere, volume: float, added_mass: Iterable[float], areas: np.ndarray
+    name: str,
+    shape: data.Cylinder | data.Box | data.Sphere,
+    volume: float,
+    added_mass: Iterable[float],
+    areas: np.ndarray,
 ) -> LinkHydrodynamics:
     return LinkHydrodynamics(
         frame=name,

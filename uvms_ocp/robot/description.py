@@ -1,9 +1,11 @@
-"""Schema and reader of ``robots/<name>/hydrodynamics.yaml``: what a URDF cannot say about a robot under water.
+"""Schema and reader of ``robots/<name>/hydrodynamics.yaml``: what a URDF cannot say about a robot
+under water.
 
 North-east-down data become forward-left-up here, once; nothing after it knows of the other axes.
 
-SI units throughout; angles in rad. Vectors are in the link's own frame, forward-left-up unless the file says
-``convention: NED``. ``RobotDescription.model_json_schema()`` is the same schema for editors and other tools.
+SI units throughout; angles in rad. Vectors are in the link's own frame, forward-left-up unless the
+file says ``convention: NED``. ``RobotDescription.model_json_schema()`` is the same schema for
+editors and other tools.
 """
 
 from __future__ import annotations
@@ -22,13 +24,20 @@ from pydantic import Field, ValidationError, ValidationInfo, field_validator, mo
 from uvms_ocp.errors import InvalidInput, RobotDataError
 from uvms_ocp.model_errors import FileModel, one_line, problems_of
 from uvms_ocp.record.untrusted import BoundedLoader, read_yaml
-from uvms_ocp.robot.hydrodynamics import check_added_mass, check_flow_drag, check_linear_drag, check_quadratic_drag
+from uvms_ocp.robot.hydrodynamics import (
+    check_added_mass,
+    check_flow_drag,
+    check_linear_drag,
+    check_quadratic_drag,
+)
 
 _log = logging.getLogger(__name__)
 
 NonNegative = Annotated[float, Field(ge=0.0)]
 Positive = Annotated[float, Field(gt=0.0)]
-Coordinate = Annotated[float, Field(ge=-50.0, le=50.0)]  # [m]; larger numbers are millimetres by mistake
+Coordinate = Annotated[
+    float, Field(ge=-50.0, le=50.0)
+]  # [m]; larger numbers are millimetres by mistake
 Point = tuple[Coordinate, Coordinate, Coordinate]
 Vector3 = tuple[float, float, float]
 Vector6 = tuple[float, float, float, float, float, float]
@@ -63,7 +72,12 @@ class Pose(_Section):
 
 DragBy = Annotated[
     Literal["axes", "flow"],
-    Field(description="quadratic drag of translation counts the speed along each axis, or of the whole flow: the same on axes"),
+    Field(
+        description=(
+            "quadratic drag of translation counts the speed along each axis, or of the whole flow:"
+            " the same on axes"
+        )
+    ),
 ]
 
 
@@ -157,7 +171,9 @@ class LinkDescription(_Section):
     def _exactly_one_way(self) -> LinkDescription:
         given = [name for name in type(self).model_fields if getattr(self, name) is not None]
         if len(given) != 1:
-            raise ValueError(f"give exactly one of coefficients, cylinder, box, sphere; given: {given}")
+            raise ValueError(
+                f"give exactly one of coefficients, cylinder, box, sphere; given: {given}"
+            )
         return self
 
 
@@ -203,7 +219,9 @@ class Thruster(_Section):
     dead_zone: NonNegative = 0.0
     """commands smaller than this give no thrust [N]"""
     curve: tuple[tuple[float, float], ...] = ()
-    """(command [-], thrust [N]) points, commands increasing, thrust never falling; empty is linear between the limits"""
+    """(command [-], thrust [N]) points, commands increasing, thrust never falling; empty is linear
+    between the limits
+    """
     power: Power | None = None
 
     @field_validator("direction")
@@ -215,14 +233,18 @@ class Thruster(_Section):
 
     @field_validator("curve")
     @classmethod
-    def _curve_increases(cls, value: tuple[tuple[float, float], ...]) -> tuple[tuple[float, float], ...]:
+    def _curve_increases(
+        cls, value: tuple[tuple[float, float], ...]
+    ) -> tuple[tuple[float, float], ...]:
         if not value:
             return value
         (command, thrust), n = np.transpose(value), len(value)
         wrong = np.flatnonzero((np.diff(command) <= 0.0) | (np.diff(thrust) < 0.0))
         if len(wrong):
             given = "curve needs increasing commands and thrust that never falls"
-            raise ValueError(f"{given}; point {wrong[0] + 2}, {list(value[wrong[0] + 1])}, does not")
+            raise ValueError(
+                f"{given}; point {wrong[0] + 2}, {list(value[wrong[0] + 1])}, does not"
+            )
         if n < 2 or thrust[0] == thrust[-1]:
             raise ValueError("curve needs two or more points of different thrust")
         return value
@@ -255,7 +277,9 @@ class JointDescription(_Section):
 
 
 class SensorDescription(_Section):
-    """One channel of the sensors; what is left out is as in `uvms_ocp.robot.signals.SensorSpecs`."""
+    """One channel of the sensors; what is left out is as in
+    `uvms_ocp.robot.signals.SensorSpecs`.
+    """
 
     rate: Positive | None = None
     """[Hz]"""
@@ -283,7 +307,9 @@ class LoadingDescription(_Section):
     meshes: Literal["yes", "no"] = "yes"
     """no: shapes that are meshes are left out"""
     mimic: Literal["coupled", "free", "fixed"] = "coupled"
-    """joints that mimic another one: one with it, of their own, or fixed where its lock, or home, puts them"""
+    """joints that mimic another one: one with it, of their own, or fixed where its lock, or home,
+    puts them
+    """
     lock: dict[str, float] = Field(default={})
     """joints that do not move, with their position [rad or m]"""
     drop: tuple[str, ...] = ()
@@ -324,7 +350,9 @@ class RobotDescription(_Section):
 
     @field_validator("trim", "thrusters")
     @classmethod
-    def _names_are_unique(cls, value: tuple[TrimBody | Thruster, ...]) -> tuple[TrimBody | Thruster, ...]:
+    def _names_are_unique(
+        cls, value: tuple[TrimBody | Thruster, ...]
+    ) -> tuple[TrimBody | Thruster, ...]:
         names = [entry.name for entry in value]
         if len(set(names)) != len(names):
             raise ValueError(f"names must be unique; given: {names}")
@@ -338,7 +366,8 @@ def as_matrix6(value: Vector6 | Matrix6) -> np.ndarray:
 
 
 def symmetric_within_rounding(value: Vector6 | Matrix6) -> Vector6 | Matrix6:
-    """The mean of both halves of a matrix whose entries differ by one unit of their last written digit at most.
+    """The mean of both halves of a matrix whose entries differ by one unit of their last written
+    digit at most.
 
     Other differences are left as they are.
     """
@@ -374,7 +403,8 @@ def checked_copy(description: RobotDescription, **changes: object) -> RobotDescr
 def read_description(path: Path, variant: Path | None = None) -> RobotDescription:
     """Read and validate one YAML file; every mistake is a one-line ``RobotDataError``.
 
-    The keys of ``variant``, a file of the same schema with some of its keys, replace those of the first file.
+    The keys of ``variant``, a file of the same schema with some of its keys, replace those of the
+    first file.
     """
     content = _read_mapping(path)
     if variant is not None:
@@ -385,9 +415,14 @@ def read_description(path: Path, variant: Path | None = None) -> RobotDescriptio
         raise RobotDataError(variant or path, *problems_of(error, RobotDescription)) from None
     for name, link in description.links.items():
         given = content["links"][name].get("coefficients", {}) or {}
-        if link.coefficients and not np.array_equal(given.get("added_mass", (0.0,) * 6), link.coefficients.added_mass):
+        if link.coefficients and not np.array_equal(
+            given.get("added_mass", (0.0,) * 6), link.coefficients.added_mass
+        ):
             _log.warning(
-                "%s: links.%s.coefficients.added_mass: symmetric but for a last digit; the mean of both is taken", path, name
+                "%s: links.%s.coefficients.added_mass: symmetric but for a last digit; the mean of"
+                " both is taken",
+                path,
+                name,
             )
     return description
 
@@ -400,14 +435,20 @@ def _read_mapping(path: Path) -> dict[str, Any]:
     except ValueError as error:
         raise RobotDataError(path, str(error)) from None
     if not isinstance(content, dict):
-        raise RobotDataError(path, "the file must hold keys and values; it is empty or a bare value")
+        raise RobotDataError(
+            path, "the file must hold keys and values; it is empty or a bare value"
+        )
     return content
 
 
 def _overlaid(below: dict[str, Any], above: dict[str, Any]) -> dict[str, Any]:
     merged = dict(below)
     for key, value in above.items():
-        merged[key] = _overlaid(below[key], value) if isinstance(value, dict) and isinstance(below.get(key), dict) else value
+        merged[key] = (
+            _overlaid(below[key], value)
+            if isinstance(value, dict) and isinstance(below.get(key), dict)
+            else value
+        )
     return merged
 
 
@@ -422,20 +463,27 @@ def _mapping_with_unique_keys(loader: _RobotFile, node: yaml.MappingNode) -> dic
     mapping = loader.construct_mapping(node, deep=True)  # refuses keys that cannot be counted
     repeated = sorted(str(key) for key, n in Counter(keys).items() if n > 1)
     if repeated:
-        raise yaml.constructor.ConstructorError(None, None, f"repeated key {repeated[:3]}", node.start_mark)
+        raise yaml.constructor.ConstructorError(
+            None, None, f"repeated key {repeated[:3]}", node.start_mark
+        )
     return mapping
 
 
 def _word(loader: _RobotFile, node: yaml.ScalarNode) -> str:
-    """Read yes, no, true, ... as words: nothing in the file is true or false, and true must not pass as 1.0."""
+    """Read yes, no, true, ... as words: nothing in the file is true or false, and true must not
+    pass as 1.0.
+    """
     return str(loader.construct_scalar(node))
 
 
 _RobotFile.add_constructor("tag:yaml.org,2002:bool", _word)
-_RobotFile.add_constructor(yaml.resolver.BaseResolver.DEFAULT_MAPPING_TAG, _mapping_with_unique_keys)
+_RobotFile.add_constructor(
+    yaml.resolver.BaseResolver.DEFAULT_MAPPING_TAG, _mapping_with_unique_keys
+)
 
 
-# North-east-down data to forward-left-up, once, when a file is read; nothing after it knows of the other axes.
+# North-east-down data to forward-left-up, once, when a file is read; nothing after it knows of the
+# other axes.
 
 # A half turn about x: a rotation, so twists and wrenches turn like any other vectors.
 _TURN6 = np.kron(np.eye(2), np.diag([1.0, -1.0, -1.0]))
@@ -446,7 +494,9 @@ def forward_left_up(description: RobotDescription) -> RobotDescription:
     if description.convention == "FLU":
         return description
     parts = ("links", "trim", "thrusters")
-    return description.model_copy(update={"convention": "FLU"} | {name: _turned(getattr(description, name)) for name in parts})
+    return description.model_copy(
+        update={"convention": "FLU"} | {name: _turned(getattr(description, name)) for name in parts}
+    )
 
 
 _VECTORS = ("position", "rpy", "direction", "centre_of_buoyancy")
@@ -454,7 +504,9 @@ _MATRICES = ("added_mass", "linear_drag", "quadratic_drag")
 
 
 def _turned(value: Any, name: str = "") -> Any:
-    """The value of a key of that name in forward-left-up axes: vectors, matrices, and sections and entries that have some."""
+    """The value of a key of that name in forward-left-up axes: vectors, matrices, and sections and
+    entries that have some.
+    """
     if isinstance(value, _Section):
         return value.model_copy(update={key: _turned(part, key) for key, part in value})
     if isinstance(value, dict):
@@ -464,4 +516,6 @@ def _turned(value: Any, name: str = "") -> Any:
         return (x, -y, -z)
     if name in _MATRICES and np.ndim(value) == 2:
         return tuple(tuple(row) for row in (_TURN6 @ np.array(value) @ _TURN6).tolist())
-    return tuple(map(_turned, value)) if isinstance(value, tuple) and name not in _MATRICES else value
+    return (
+        tuple(map(_turned, value)) if isinstance(value, tuple) and name not in _MATRICES else value
+    )

@@ -22,8 +22,9 @@ from uvms_ocp.types import Positive
 class Dynamics(FieldTable):
     """Equations of motion ``M a + C v + D v + g = tau``; see `SymbolicDynamics` for the terms.
 
-    Water moves as one, or link by link in the order of ``symbolic.links``.
-    Arguments of the wrong shape, and quaternions whose norm is not 1, raise InvalidInput. Not for use from two threads at once.
+    Water moves as one, or link by link in the order of ``symbolic.links``. Arguments of the wrong
+    shape, and quaternions whose norm is not 1, raise InvalidInput. Not for use from two threads at
+    once.
     """
 
     symbolic: SymbolicDynamics
@@ -32,21 +33,31 @@ class Dynamics(FieldTable):
     """Functions by the name of their term, made when first asked for: few callers need them all."""
 
     def __post_init__(self) -> None:
-        len(self.symbolic.links)  # what has no equations is refused here, not when they are asked for
+        len(
+            self.symbolic.links
+        )  # what has no equations is refused here, not when they are asked for
 
-    def inverse_dynamics(self, q: ArrayLike, v: ArrayLike, a: ArrayLike, water: Water = STILL_WATER) -> np.ndarray:
+    def inverse_dynamics(
+        self, q: ArrayLike, v: ArrayLike, a: ArrayLike, water: Water = STILL_WATER
+    ) -> np.ndarray:
         """Generalized force tau (n_v,) [N, N m] for the acceleration a (n_v,) [m/s2, rad/s2].
 
         q (n_q,) [m, rad]; v (n_v,) [m/s, rad/s].
         """
-        return self._evaluate("inverse_dynamics", q, v, a, water.velocity.T, water.acceleration.T)[0]
+        return self._evaluate("inverse_dynamics", q, v, a, water.velocity.T, water.acceleration.T)[
+            0
+        ]
 
-    def forward_dynamics(self, q: ArrayLike, v: ArrayLike, tau: ArrayLike, water: Water = STILL_WATER) -> np.ndarray:
+    def forward_dynamics(
+        self, q: ArrayLike, v: ArrayLike, tau: ArrayLike, water: Water = STILL_WATER
+    ) -> np.ndarray:
         """Acceleration a (n_v,) [m/s2, rad/s2] under the generalized force tau (n_v,) [N, N m].
 
         q (n_q,) [m, rad]; v (n_v,) [m/s, rad/s].
         """
-        return self._evaluate("forward_dynamics", q, v, tau, water.velocity.T, water.acceleration.T)[0]
+        return self._evaluate(
+            "forward_dynamics", q, v, tau, water.velocity.T, water.acceleration.T
+        )[0]
 
     def bias_force(self, q: ArrayLike, v: ArrayLike, water: Water = STILL_WATER) -> np.ndarray:
         """Generalized force (n_v,) [N, N m] for zero acceleration: ``C v + D v + g``.
@@ -56,12 +67,15 @@ class Dynamics(FieldTable):
         return self._evaluate("bias_force", q, v, water.velocity.T, water.acceleration.T)[0]
 
     def mass_matrix(self, q: ArrayLike) -> np.ndarray:
-        """Rigid-body plus added mass M (n_v, n_v) [kg, kg m, kg m2], symmetric, at q (n_q,) [m, rad]."""
+        """Rigid-body plus added mass M (n_v, n_v) [kg, kg m, kg m2], symmetric, at q (n_q,) [m,
+        rad].
+        """
         n_v = self.symbolic.model.nv
         return self._evaluate("mass_matrix", q)[0].reshape(n_v, n_v)
 
     def damping_matrix(self, q: ArrayLike, v: ArrayLike, water: Water = STILL_WATER) -> np.ndarray:
-        """Symmetric part of D(q, v_r) (n_v, n_v) [N/(m/s), N m/(rad/s)]: drag of all links and joint friction.
+        """Symmetric part of D(q, v_r) (n_v, n_v) [N/(m/s), N m/(rad/s)]: drag of all links and
+        joint friction.
 
         q (n_q,) [m, rad]; v (n_v,) [m/s, rad/s].
         """
@@ -76,11 +90,15 @@ class Dynamics(FieldTable):
         return float(self._evaluate("kinetic_energy", q, v)[0][0])
 
     def potential_energy(self, q: ArrayLike) -> float:
-        """Potential energy of weight and buoyancy [J] at q (n_q,) [m, rad], zero at the origin of W."""
+        """Potential energy of weight and buoyancy [J] at q (n_q,) [m, rad], zero at the origin of
+        W.
+        """
         return float(self._evaluate("potential_energy", q)[0][0])
 
     def link_positions(self, q: ArrayLike) -> np.ndarray:
-        """Positions in W (n_links, 3) [m] at which a sheared current acts on the links, at q (n_q,) [m, rad]."""
+        """Positions in W (n_links, 3) [m] at which a sheared current acts on the links, at q (n_q,)
+        [m, rad].
+        """
         return self._evaluate("link_positions", q)[0].reshape(3, -1).T
 
     def _evaluate(self, term: str, q: ArrayLike, *others: ArrayLike) -> tuple[np.ndarray, ...]:
@@ -92,7 +110,9 @@ class Dynamics(FieldTable):
 
 
 _function = lru_cache(maxsize=16)(SymbolicDynamics.function)
-"""One for all `Dynamics` of the same equations, each of which calls it through memory of its own."""
+"""One for all `Dynamics` of the same equations, each of which calls it through memory of its
+own.
+"""
 
 
 @checked

@@ -1,4 +1,6 @@
-"""Compute where the frames of a robot are, how they move, where its altimeter looks, and how far axes can move points."""
+"""Compute where the frames of a robot are, how they move, where its altimeter looks, and how far
+axes can move points.
+"""
 
 from __future__ import annotations
 
@@ -15,7 +17,8 @@ from uvms_ocp.robot.robot import Robot
 
 
 def shape_reach(robot: Robot, shape: pin.GeometryObject) -> np.ndarray:
-    """(n_v,) upper bound on the speed of any point of a shape per unit of each axis, within the joint limits [m, or 1].
+    """(n_v,) upper bound on the speed of any point of a shape per unit of each axis, within the
+    joint limits [m, or 1].
 
     Infinite for what turns a joint that travels without limit.
     """
@@ -23,20 +26,25 @@ def shape_reach(robot: Robot, shape: pin.GeometryObject) -> np.ndarray:
         return np.zeros(robot.n_v)  # a floor has no end
     shape.geometry.computeLocalAABB()
     centre = shape.placement.act(np.array(shape.geometry.aabb_center))
-    return _reach_of_ball(robot, shape.parentJoint, float(np.linalg.norm(centre)) + shape.geometry.aabb_radius)
+    return _reach_of_ball(
+        robot, shape.parentJoint, float(np.linalg.norm(centre)) + shape.geometry.aabb_radius
+    )
 
 
 def point_reach(robot: Robot, frame: str) -> np.ndarray:
     """(n_v,) as `shape_reach`, for the origin of a frame. Raises FrameNotFound."""
     found = robot.model.frames[robot.frame_id(frame)]
-    return _reach_of_ball(robot, found.parentJoint, float(np.linalg.norm(found.placement.translation)))
+    return _reach_of_ball(
+        robot, found.parentJoint, float(np.linalg.norm(found.placement.translation))
+    )
 
 
 def largest_change(reach: np.ndarray, motion: np.ndarray) -> np.ndarray:
-    """Upper bound (..., m) [m] of what moves by at most `reach` (m, n) [m, or 1] per unit of each axis; (...) for one (n,).
+    """Upper bound (..., m) [m] of what moves by at most `reach` (m, n) [m, or 1] per unit of each
+    axis; (...) for one (n,).
 
-    `motion` (..., n) [rad, or m] is how far each axis moves, not negative. An axis that stands still costs nothing, however
-    far it reaches.
+    `motion` (..., n) [rad, or m] is how far each axis moves, not negative. An axis that stands
+    still costs nothing, however far it reaches.
     """
     endless = ~np.isfinite(reach)
     if not endless.any():
@@ -45,7 +53,9 @@ def largest_change(reach: np.ndarray, motion: np.ndarray) -> np.ndarray:
 
 
 def _reach_of_ball(robot: Robot, carrier: int, length: float) -> np.ndarray:
-    """`length` [m] is the radius of a ball around the joint `carrier` that holds all points; it grows to the base."""
+    """`length` [m] is the radius of a ball around the joint `carrier` that holds all points; it
+    grows to the base.
+    """
     reach = np.zeros(robot.n_v)
     while carrier:
         joint = robot.model.joints[carrier]
@@ -53,7 +63,9 @@ def _reach_of_ball(robot: Robot, carrier: int, length: float) -> np.ndarray:
         turns = angular > 0.0
         own = linear.copy()
         own[turns] += angular[turns] * length
-        reach[joint.idx_v : joint.idx_v + joint.nvExtended] += own  # of what mimics, with that of its leader
+        reach[joint.idx_v : joint.idx_v + joint.nvExtended] += (
+            own  # of what mimics, with that of its leader
+        )
         length += _travel(robot, joint, linear)
         length += float(np.linalg.norm(robot.model.jointPlacements[carrier].translation))
         carrier = robot.model.parents[carrier]
@@ -61,23 +73,29 @@ def _reach_of_ball(robot: Robot, carrier: int, length: float) -> np.ndarray:
 
 
 def _speeds(joint: pin.JointModel) -> tuple[np.ndarray, np.ndarray]:
-    """Linear and angular speed (nv,) per unit of each axis; the same at any configuration for the joints of a URDF."""
+    """Linear and angular speed (nv,) per unit of each axis; the same at any configuration for the
+    joints of a URDF.
+    """
     subspace = np.array(joint.createData().S).reshape(6, joint.nvExtended)
     return np.linalg.norm(subspace[:3], axis=0), np.linalg.norm(subspace[3:], axis=0)
 
 
 def _travel(robot: Robot, joint: pin.JointModel, linear: np.ndarray) -> float:
-    """[m] from zero to the farthest corner of the limits of the axes that are `linear`, at that speed per unit."""
+    """[m] from zero to the farthest corner of the limits of the axes that are `linear`, at that
+    speed per unit.
+    """
     moved = np.flatnonzero(linear)
     own = joint.idx_v - robot.n_vehicle + moved
     if (own < 0).any():
         return np.inf
-    lower, upper = robot.limits.position_lower[own], robot.limits.position_upper[own]
+    lower = robot.limits.position_lower[own]
+    upper = robot.limits.position_upper[own]
     offset = 0.0 if joint.nv or not len(moved) else abs(joint.extract().offset)
     return float(np.linalg.norm(linear[moved] * np.maximum(np.abs(lower), np.abs(upper)))) + offset
 
 
-# Where the frames of a robot are, and how they move, at one configuration; and where its altimeter looks.
+# Where the frames of a robot are, and how they move, at one configuration; and where its altimeter
+# looks.
 
 STEEP = 0.1
 """Cosine of a beam's tilt below which its range says nothing about the height."""
@@ -109,12 +127,15 @@ class Kinematics(FieldTable):
         return self._data.oMf[self.robot.frame_id(frame)].copy()
 
     def jacobian(self, frame: str, expressed_in: str = "W") -> np.ndarray:
-        """Jacobian (6, n_v) [-, m] of a frame's velocity in W at the frame's origin, linear rows first.
+        """Jacobian (6, n_v) [-, m] of a frame's velocity in W at the frame's origin, linear rows
+        first.
 
-        expressed_in: "W" for world axes, "B" for those of the vehicle (the world's, if the base is fixed), or
-        the name of a frame for its axes. Raises FrameNotFound.
+        expressed_in: "W" for world axes, "B" for those of the vehicle (the world's, if the base is
+        fixed), or the name of a frame for its axes. Raises FrameNotFound.
         """
-        J = pin.getFrameJacobian(self.robot.model, self._data, self.robot.frame_id(frame), pin.LOCAL_WORLD_ALIGNED)
+        J = pin.getFrameJacobian(
+            self.robot.model, self._data, self.robot.frame_id(frame), pin.LOCAL_WORLD_ALIGNED
+        )
         J = np.reshape(J, (6, self.robot.n_v))  # Pinocchio returns a vector for a single joint
         if expressed_in == "W":
             return J
@@ -141,13 +162,17 @@ class Beam:
 
 
 class AltimeterBeam:
-    """The beam of a robot's range sensor at one configuration after another. Holds working memory: not for two threads."""
+    """The beam of a robot's range sensor at one configuration after another. Holds working memory:
+    not for two threads.
+    """
 
     __slots__ = ("_data", "_frame", "_model")
 
     def __init__(self, robot: Robot, frame: str) -> None:
         """frame: that of the sensor. Raises FrameNotFound."""
-        self._model, self._data, self._frame = robot.model, robot.model.createData(), robot.frame_id(frame)
+        self._model = robot.model
+        self._data = robot.model.createData()
+        self._frame = robot.frame_id(frame)
 
     def at(self, q: np.ndarray) -> Beam:
         """The beam at q (n_q,) [m, rad]."""

@@ -52,15 +52,21 @@ class Joint:
         return self.n_v == 1 and self.n_q == 2
 
     def position(self, q: Array) -> Array:
-        """Its one number [rad or m] at q (n_q,), an array or an expression; of an endless one from -pi to pi.
+        """Its one number [rad or m] at q (n_q,), an array or an expression; of an endless one from
+        -pi to pi.
 
         Raises `InvalidInput` for a joint of several degrees of freedom.
         """
         own = self._own(q)
-        return own[0] if len(own) == 1 else (ca.atan2 if is_symbolic(*own) else np.arctan2)(own[1], own[0])
+        return (
+            own[0]
+            if len(own) == 1
+            else (ca.atan2 if is_symbolic(*own) else np.arctan2)(own[1], own[0])
+        )
 
     def way(self, q: Array, to: Array) -> Array:
-        """How far [rad or m] it is from q (n_q,) to the number `to`: of an endless one the shorter way round.
+        """How far [rad or m] it is from q (n_q,) to the number `to`: of an endless one the shorter
+        way round.
 
         Raises `InvalidInput` for a joint of several degrees of freedom.
         """
@@ -73,7 +79,9 @@ class Joint:
 
     def _own(self, q: Array) -> list[Array]:
         if self.n_v != 1:
-            raise InvalidInput(f"joint {self.name!r} has {self.n_v} degrees of freedom; name joints of one")
+            raise InvalidInput(
+                f"joint {self.name!r} has {self.n_v} degrees of freedom; name joints of one"
+            )
         return [q[i] for i in range(self.idx_q, self.idx_q + self.n_q)]
 
 
@@ -95,23 +103,31 @@ class Limits(FieldTable):
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class PositionLimit:
-    """Positions that stay at or above a bound, and that a robot must therefore be able to stop before."""
+    """Positions that stay at or above a bound, and that a robot must therefore be able to stop
+    before.
+    """
 
     quantity: str
     """Name of the smallest of the positions, as measured."""
     lower: float
     """[m] the bound."""
     values: ca.Function | Callable[[np.ndarray, np.ndarray | None], np.ndarray]
-    """Function of q (n_q,) [m, rad]: the positions (m,) [m]. One that is not CasADi's is told which of them, None for all.
+    """Function of q (n_q,) [m, rad]: the positions (m,) [m]. One that is not CasADi's is told which
+    of them, None for all.
 
-    Kernels measure those of a `CollisionModel` by themselves where they can; Python is asked for any others.
+    Kernels measure those of a `CollisionModel` by themselves where they can; Python is asked for
+    any others.
     """
     n: int = 1
     """M"""
     relative: bool = False
-    """The measured quantity is the truth at the present q; `values` tell how it changes from there."""
+    """The measured quantity is the truth at the present q; `values` tell how it changes from
+    there.
+    """
     reach: np.ndarray
-    """(n_v,) upper bound on the rate of any of the positions per unit of each velocity [m, or 1]."""
+    """(n_v,) upper bound on the rate of any of the positions per unit of each velocity [m, or
+    1].
+    """
 
 
 _SLIDING = ("JointModelPX", "JointModelPY", "JointModelPZ", "JointModelPrismaticUnaligned")
@@ -122,7 +138,14 @@ def joints_of(model: pin.Model, *, free_flyer: bool) -> tuple[Joint, ...]:
     indices = range(2 if free_flyer else 1, model.njoints)
     pairs = ((model.names[i], model.joints[i]) for i in indices if model.joints[i].nv)  # of its own
     return tuple(
-        Joint(name=name, idx_q=own.idx_q, idx_v=own.idx_v, n_q=own.nq, n_v=own.nv, slides=own.shortname() in _SLIDING)
+        Joint(
+            name=name,
+            idx_q=own.idx_q,
+            idx_v=own.idx_v,
+            n_q=own.nq,
+            n_v=own.nv,
+            slides=own.shortname() in _SLIDING,
+        )
         for name, own in pairs
     )
 
@@ -134,17 +157,20 @@ def limits_of(model: pin.Model, description: RobotDescription, joints: tuple[Joi
     limits = Limits(
         position_lower=_position_limit(model.lowerPositionLimit, joints, -np.inf),
         position_upper=_position_limit(model.upperPositionLimit, joints, np.inf),
-        velocity=read_only([*vehicle_velocity, *_or_unlimited(model.upperVelocityLimit[n_vehicle:])]),
+        velocity=read_only(
+            [*vehicle_velocity, *_or_unlimited(model.upperVelocityLimit[n_vehicle:])]
+        ),
         acceleration=read_only([*vehicle_acceleration, *_joint_accelerations(description, joints)]),
         effort=read_only(_or_unlimited(model.upperEffortLimit[n_vehicle:])),
     )
     return _with_assumed(model, joints, limits) if n_vehicle else limits
 
 
-# Joints of a vehicle's arm whose files leave open how fast or how strong they are: without any limit they whirl, and the
-# vehicle with them, as every motion of the arm is then free.
+# Joints of a vehicle's arm whose files leave open how fast or how strong they are: without any
+# limit they whirl, and the vehicle with them, as every motion of the arm is then free.
 
-ASSUMED_VELOCITY, ASSUMED_ACCELERATION = 0.8, 2.0
+ASSUMED_VELOCITY = 0.8
+ASSUMED_ACCELERATION = 2.0
 """[rad/s] and [rad/s2] of the arm in [Gao2022]."""
 _SLIDE = 0.1  # [m] from the axis: what is there moves as far as a joint that slides is taken to
 
@@ -152,24 +178,38 @@ _SLIDE = 0.1  # [m] from the axis: what is there moves as far as a joint that sl
 def held_joints(model: pin.Model, joints: Sequence[Joint]) -> tuple[str, ...]:
     """Names of the joints whose lower limit is the upper one, so that they never move."""
     lower, upper = model.lowerPositionLimit, model.upperPositionLimit
-    return tuple(joint.name for joint in joints if not joint.endless and (lower[joint.q] == upper[joint.q]).all())
+    return tuple(
+        joint.name
+        for joint in joints
+        if not joint.endless and (lower[joint.q] == upper[joint.q]).all()
+    )
 
 
 def open_joints(model: pin.Model, joints: Sequence[Joint]) -> tuple[str, ...]:
     """Names of the joints that move without a limit of velocity or of effort."""
-    held, bounds = held_joints(model, joints), (model.upperVelocityLimit, model.upperEffortLimit)
+    held = held_joints(model, joints)
+    bounds = (model.upperVelocityLimit, model.upperEffortLimit)
     speed, effort = map(_or_unlimited, bounds)
     moving = (joint for joint in joints if joint.name not in held)
-    return tuple(joint.name for joint in moving if np.isinf([speed[joint.v], effort[joint.v]]).any())
+    return tuple(
+        joint.name for joint in moving if np.isinf([speed[joint.v], effort[joint.v]]).any()
+    )
 
 
 def _with_assumed(model: pin.Model, joints: Sequence[Joint], limits: Limits) -> Limits:
-    velocity, acceleration, open_ones = limits.velocity.copy(), limits.acceleration.copy(), open_joints(model, joints)
+    velocity = limits.velocity.copy()
+    acceleration = limits.acceleration.copy()
+    open_ones = open_joints(model, joints)
     for joint in joints:
         if joint.name in open_ones:
             unit = _SLIDE if joint.slides else 1.0
-            for values, assumed in ((velocity, ASSUMED_VELOCITY), (acceleration, ASSUMED_ACCELERATION)):
-                values[joint.v] = np.where(np.isinf(values[joint.v]), unit * assumed, values[joint.v])
+            for values, assumed in (
+                (velocity, ASSUMED_VELOCITY),
+                (acceleration, ASSUMED_ACCELERATION),
+            ):
+                values[joint.v] = np.where(
+                    np.isinf(values[joint.v]), unit * assumed, values[joint.v]
+                )
     return replace(limits, velocity=read_only(velocity), acceleration=read_only(acceleration))
 
 
@@ -187,7 +227,11 @@ def _or_unlimited(limit: np.ndarray) -> np.ndarray:
 
 
 def _joint_accelerations(description: RobotDescription, joints: tuple[Joint, ...]) -> list[float]:
-    stated = {name: entry.acceleration for name, entry in description.joints.items() if entry.acceleration is not None}
+    stated = {
+        name: entry.acceleration
+        for name, entry in description.joints.items()
+        if entry.acceleration is not None
+    }
     return [stated.get(joint.name, np.inf) for joint in joints for _ in range(joint.n_v)]
 
 
@@ -198,12 +242,16 @@ def _position_limit(limit: np.ndarray, joints: tuple[Joint, ...], unlimited: flo
     return read_only(np.where(np.abs(values) > _UNLIMITED, unlimited, values))
 
 
-def home_of(model: pin.Model, description: RobotDescription, joints: tuple[Joint, ...], limits: Limits) -> np.ndarray:
+def home_of(
+    model: pin.Model, description: RobotDescription, joints: tuple[Joint, ...], limits: Limits
+) -> np.ndarray:
     """Return the stowed posture (n_joints,) [rad or m], one number per degree of freedom."""
     first = model.nv - len(limits.position_lower)
     lower, upper = limits.position_lower, limits.position_upper
     inside = (lower <= 0.0) & (upper >= 0.0)
-    values = np.where(inside, 0.0, 0.5 * (np.where(inside, 0.0, lower) + np.where(inside, 0.0, upper)))
+    values = np.where(
+        inside, 0.0, 0.5 * (np.where(inside, 0.0, lower) + np.where(inside, 0.0, upper))
+    )
     for joint in joints:
         entry = description.joints.get(joint.name)
         if entry is not None and entry.home is not None:
@@ -211,13 +259,19 @@ def home_of(model: pin.Model, description: RobotDescription, joints: tuple[Joint
     return read_only(values)
 
 
-# The one place where numbers for people, one per degree of freedom of a joint, become entries of q and back: an endless
-# joint is (cos, sin) in q, so that neither sizes nor differences of q are those of the joints.
+# The one place where numbers for people, one per degree of freedom of a joint, become entries of q
+# and back: an endless joint is (cos, sin) in q, so that neither sizes nor differences of q are
+# those of the joints.
 
 
-def from_joint_values(model: pin.Model, values: np.ndarray, q: np.ndarray | None = None) -> np.ndarray:
-    """Return q (n_q,) [m, rad] with its joints at `values` (n_joints,) [rad or m]; the rest as in `q`, default neutral."""
-    first, neutral = model.nv - len(values), pin.neutral(model)
+def from_joint_values(
+    model: pin.Model, values: np.ndarray, q: np.ndarray | None = None
+) -> np.ndarray:
+    """Return q (n_q,) [m, rad] with its joints at `values` (n_joints,) [rad or m]; the rest as in
+    `q`, default neutral.
+    """
+    first = model.nv - len(values)
+    neutral = pin.neutral(model)
     moved = np.asarray(pin.integrate(model, neutral, np.concatenate([np.zeros(first), values])))
     if q is not None and first:
         moved[:7] = q[:7]
@@ -225,10 +279,16 @@ def from_joint_values(model: pin.Model, values: np.ndarray, q: np.ndarray | None
 
 
 def bounded_joints(joints: Sequence[Joint], limits: Limits) -> list[tuple[Joint, float, float]]:
-    """Joints of one degree of freedom with a limit, with their lower and upper position [rad or m], one may be inf."""
+    """Joints of one degree of freedom with a limit, with their lower and upper position [rad or m],
+    one may be inf.
+    """
     first = joints[0].idx_v if joints else 0
     found = (
-        (joint, float(limits.position_lower[joint.idx_v - first]), float(limits.position_upper[joint.idx_v - first]))
+        (
+            joint,
+            float(limits.position_lower[joint.idx_v - first]),
+            float(limits.position_upper[joint.idx_v - first]),
+        )
         for joint in joints
         if joint.n_q == joint.n_v == 1
     )

@@ -27,7 +27,15 @@ from uvms_ocp.record.meta_values import RobotFilesMeta
 from uvms_ocp.record.untrusted import note_file_read
 from uvms_ocp.robot import coefficients, description as descriptions
 from uvms_ocp.robot.description import RobotDescription
-from uvms_ocp.robot.limits import ASSUMED_ACCELERATION, ASSUMED_VELOCITY, held_joints, home_of, joints_of, limits_of, open_joints
+from uvms_ocp.robot.limits import (
+    ASSUMED_ACCELERATION,
+    ASSUMED_VELOCITY,
+    held_joints,
+    home_of,
+    joints_of,
+    limits_of,
+    open_joints,
+)
 from uvms_ocp.robot.robot import Robot, with_moved_frame
 from uvms_ocp.robot.roles import ALTIMETER, BASE, DVL, TOOL, tools_of, with_roles
 from uvms_ocp.robot.urdf import UrdfModels, UrdfReading, models_and_notes
@@ -56,7 +64,9 @@ def robot_folder(name: str) -> Path:
 
 
 def list_variants(name: str) -> tuple[str, ...]:
-    """Return the names of the other published data sets of a robot, sorted; ``load_robot(name, variant=...)``."""
+    """Return the names of the other published data sets of a robot, sorted; ``load_robot(name,
+    variant=...)``.
+    """
     return tuple(sorted(path.stem for path in (robot_folder(name) / "variants").glob("*.yaml")))
 
 
@@ -67,7 +77,8 @@ def variant_file(name: str, variant: str) -> Path:
 
 
 def example_robot_data() -> Path:
-    """Return the folder of the package example-robot-data, which holds ``robots/<maker>_description``.
+    """Return the folder of the package example-robot-data, which holds
+    ``robots/<maker>_description``.
 
     Raises ``InvalidInput`` telling how to install it.
     """
@@ -79,48 +90,81 @@ def example_robot_data() -> Path:
     raise InvalidInput('example-robot-data is not installed; run: pip install "uvms-ocp[robots]"')
 
 
-# What the files of a robot leave open, and what comes of it: valid files whose gaps a user has to know of.
+# What the files of a robot leave open, and what comes of it: valid files whose gaps a user has to
+# know of.
 
 _ROUNDING = 1e-9  # relative, of masses that are added and taken away again
 _SINGULAR = 1e-13  # relative to the largest eigenvalue
 
 
 def unknowns(model: pin.Model, description: RobotDescription) -> Iterator[tuple[str, str]]:
-    """Subject and one sentence for everything that stays unknown or is left out. model: without trim bodies."""
+    """Subject and one sentence for everything that stays unknown or is left out. model: without
+    trim bodies.
+    """
     dry = links_without_water(model, description)
     if description.links and dry:
-        yield ("water", f"no water acts on link {', '.join(dry)}: give each an entry in links, {{coefficients: {{}}}} if dry")
+        yield (
+            "water",
+            (
+                f"no water acts on link {', '.join(dry)}: give each an entry in links,"
+                " {coefficients: {}} if dry"
+            ),
+        )
     elif description.base == "free_flyer" and not description.links:
         yield "water", "no link is in water: give a hydrodynamics.yaml with links"
     floats = description.base == "free_flyer"
     joints = joints_of(model, free_flyer=floats)
-    if held := held_joints(model, joints):
-        yield "joints", f"joint {', '.join(held)} has no range, lower = upper: it is held there; make it fixed"
+    held = held_joints(model, joints)
+    if held:
+        yield (
+            "joints",
+            f"joint {', '.join(held)} has no range, lower = upper: it is held there; make it fixed",
+        )
     if floats and (open_ones := open_joints(model, joints)):
-        yield ("limits", f"no limit of velocity or effort for joint {', '.join(open_ones)}: {_ASSUMED}; give <limit>")
+        yield (
+            "limits",
+            (
+                f"no limit of velocity or effort for joint {', '.join(open_ones)}: {_ASSUMED}; give"
+                " <limit>"
+            ),
+        )
     unknown = [thruster.name for thruster in description.thrusters if thruster.power is None]
     if unknown:
-        yield "energy", f"no power is given for thruster {', '.join(unknown)}: the energy of the thrusters is not known"
+        yield (
+            "energy",
+            (
+                f"no power is given for thruster {', '.join(unknown)}: the energy of the thrusters"
+                " is not known"
+            ),
+        )
 
 
 _ASSUMED = (
-    f"what is missing is {ASSUMED_VELOCITY:g} rad/s and {ASSUMED_ACCELERATION:g} rad/s2, those of the arm in [Gao2022], with "
-    "motors that bear it"
+    f"what is missing is {ASSUMED_VELOCITY:g} rad/s and {ASSUMED_ACCELERATION:g} rad/s2, those of"
+    " the arm in [Gao2022], with motors that bear it"
 )
 
 
 def links_without_water(model: pin.Model, description: RobotDescription) -> tuple[str, ...]:
-    """Names of the links with a mass that the description does not mention. model: without trim bodies."""
-    return tuple(name for name, mass in link_masses(model).items() if mass > 0.0 and name not in description.links)
+    """Names of the links with a mass that the description does not mention. model: without trim
+    bodies.
+    """
+    return tuple(
+        name
+        for name, mass in link_masses(model).items()
+        if mass > 0.0 and name not in description.links
+    )
 
 
 def link_masses(model: pin.Model) -> dict[str, float]:
     """Mass [kg] by link, as the URDF gives it.
 
-    Pinocchio keeps the mass of a link behind a fixed joint with the frame of that joint, that of the root of a fixed base
-    with the link's own frame, and of a moving link only the sum with all that is fixed to it.
+    Pinocchio keeps the mass of a link behind a fixed joint with the frame of that joint, that of
+    the root of a fixed base with the link's own frame, and of a moving link only the sum with all
+    that is fixed to it.
     """
-    on_frames, masses = np.zeros(model.njoints), {}
+    on_frames = np.zeros(model.njoints)
+    masses = {}
     for frame in model.frames:
         on_frames[frame.parentJoint] += frame.inertia.mass
     for frame in model.frames:
@@ -137,7 +181,8 @@ def link_masses(model: pin.Model) -> dict[str, float]:
 
 
 def joints_without_inertia(model: pin.Model, M: np.ndarray) -> Iterator[str]:
-    """Say, for each joint that a mass matrix M (n_v, n_v) [kg, kg m2] gives nothing to move, which links are behind it.
+    """Say, for each joint that a mass matrix M (n_v, n_v) [kg, kg m2] gives nothing to move, which
+    links are behind it.
 
     Forces then have no acceleration, and nothing can be simulated.
     """
@@ -146,11 +191,16 @@ def joints_without_inertia(model: pin.Model, M: np.ndarray) -> Iterator[str]:
     for index in range(1, model.njoints):
         joint = model.joints[index]
         if empty[joint.idx_v : joint.idx_v + joint.nv].any():
-            links = [frame.name for frame in model.frames if frame.type == pin.FrameType.BODY and frame.parentJoint == index]
+            links = [
+                frame.name
+                for frame in model.frames
+                if frame.type == pin.FrameType.BODY and frame.parentJoint == index
+            ]
             yield f"link {', '.join(links)} behind joint {model.names[index]!r}"
 
 
-# From robot files to a `Robot`: URDF and description are read, checked against each other and joined.
+# From robot files to a `Robot`: URDF and description are read, checked against each other and
+# joined.
 
 _log = logging.getLogger(__name__)
 
@@ -172,25 +222,34 @@ def load_robot(
     altimeter: str | None = None,
     dvl: str | None = None,
 ) -> Robot:
-    """Load a robot by name, or from a URDF file and, if there is one, its hydrodynamics file, or what stands in it.
+    """Load a robot by name, or from a URDF file and, if there is one, its hydrodynamics file, or
+    what stands in it.
 
-    In place of the name, a folder with robot.urdf, or a URDF: with the hydrodynamics.yaml beside it where there is one.
-    ``variant`` is another published data set of a named robot, see ``list_variants``. The others take the place of what the
-    hydrodynamics file says, which is what they are by default: ``base`` is ``free_flyer`` or ``fixed``; ``package_dirs`` are
-    searched for ``package://`` meshes, besides those of the file; ``meshes=False`` leaves out shapes that are meshes. Joints
-    that ``<mimic>`` another one are ``"coupled"``, one joint with it; ``mimic="free"`` makes them joints of their own, with the
-    limits the URDF gives them, ``"fixed"`` keeps them where their leader's lock, or its home, puts them. ``lock`` fixes joints
-    at a position [rad or m], ``drop`` leaves out links with all that hangs on them; what the hydrodynamics file says of what
-    is left out counts for nothing. ``tool``, of several arms one each, ``altimeter`` and ``dvl`` are frames.
+    In place of the name, a folder with robot.urdf, or a URDF: with the hydrodynamics.yaml beside it
+    where there is one. ``variant`` is another published data set of a named robot, see
+    ``list_variants``. The others take the place of what the hydrodynamics file says, which is what
+    they are by default: ``base`` is ``free_flyer`` or ``fixed``; ``package_dirs`` are searched for
+    ``package://`` meshes, besides those of the file; ``meshes=False`` leaves out shapes that are
+    meshes. Joints that ``<mimic>`` another one are ``"coupled"``, one joint with it;
+    ``mimic="free"`` makes them joints of their own, with the limits the URDF gives them,
+    ``"fixed"`` keeps them where their leader's lock, or its home, puts them. ``lock`` fixes joints
+    at a position [rad or m], ``drop`` leaves out links with all that hangs on them; what the
+    hydrodynamics file says of what is left out counts for nothing. ``tool``, of several arms one
+    each, ``altimeter`` and ``dvl`` are frames.
 
-    Raises ``InvalidInput`` for neither or both of name and URDF, another ``mimic``, or a variant without a name,
-    ``NameNotFound`` for an unknown robot or variant, and ``RobotDataError``, with all that is wrong at once, for files that
-    are missing, broken, do not fit each other, or hold numbers that the model built from them has not.
+    Raises ``InvalidInput`` for neither or both of name and URDF, another ``mimic``, or a variant
+    without a name, ``NameNotFound`` for an unknown robot or variant, and ``RobotDataError``, with
+    all that is wrong at once, for files that are missing, broken, do not fit each other, or hold
+    numbers that the model built from them has not.
 
-    What the files leave open, such as links without water and thrusters without power data, is a warning of this module's
-    logger.
+    What the files leave open, such as links without water and thrusters without power data, is a
+    warning of this module's logger.
     """
-    known, file = (hydrodynamics, None) if isinstance(hydrodynamics, RobotDescription) else (None, hydrodynamics)
+    known, file = (
+        (hydrodynamics, None)
+        if isinstance(hydrodynamics, RobotDescription)
+        else (None, hydrodynamics)
+    )
     if name is not None and _is_file(name):
         if urdf is not None:
             raise InvalidInput(f"load_robot: {name} and urdf={urdf}; give one of them")
@@ -199,7 +258,11 @@ def load_robot(
     urdf_path, yaml_path = _paths(name, urdf, file)
     place = urdf_path.parent.resolve() / urdf_path.name  # which packages are seen from, a link too
     others: dict[str, Any] = {"base": base, "tool": tool, "altimeter": altimeter, "dvl": dvl}
-    files = [urdf_path, *filter(None, [yaml_path]), *([variant_file(name, variant)] if name and variant else [])]
+    files = [
+        urdf_path,
+        *filter(None, [yaml_path]),
+        *([variant_file(name, variant)] if name and variant else []),
+    ]
     folders = [*map(os.path.abspath, package_dirs)]
     asked = repr((name, known, variant, others, folders, meshes, mimic, lock, drop, _stamps(files)))
     read = _read.get(asked)
@@ -216,10 +279,14 @@ def load_robot(
     if package_dirs or (yaml_path is not None and yaml_path.parent != urdf_path.parent):
         own = ((yaml_path or urdf_path).parent / folder for folder in description.loading.packages)
         resolved = (folder.resolve() for folder in (*map(Path, folders), *own))
-        loading["packages"] = tuple(os.path.relpath(folder, place.parent) for folder in resolved) or None
+        loading["packages"] = (
+            tuple(os.path.relpath(folder, place.parent) for folder in resolved) or None
+        )
     others["tool"] = tool if tool is None or isinstance(tool, str) else tuple(tool)
     changes = {key: value for key, value in others.items() if value is not None}
-    how = description.loading.model_copy(update={key: value for key, value in loading.items() if value is not None})
+    how = description.loading.model_copy(
+        update={key: value for key, value in loading.items() if value is not None}
+    )
     if how != description.loading:
         changes["loading"] = how
     description = descriptions.checked_copy(description, **changes) if changes else description
@@ -233,14 +300,21 @@ def load_robot(
                 lock=how.lock,
                 drop=how.drop,
                 meshes=how.meshes == "yes",
-                home={name: joint.home for name, joint in description.joints.items() if joint.home is not None},
+                home={
+                    name: joint.home
+                    for name, joint in description.joints.items()
+                    if joint.home is not None
+                },
             ),
         )
     except RobotDataError as error:
         faults.append(error)
     if faults:
         folder = faults[0].path.parent  # whose files need no more than their names
-        named = ((error.path.name if error.path.parent == folder else error.path, error) for error in faults[1:])
+        named = (
+            (error.path.name if error.path.parent == folder else error.path, error)
+            for error in faults[1:]
+        )
         also = (f"{name}: {text}" for name, error in named for text in error.problems)
         raise RobotDataError(faults[0].path, *faults[0].problems, *also)
     robot = assemble(models, description, yaml_path or urdf_path, name)
@@ -252,28 +326,43 @@ def load_robot(
     by_default = name and not changes and hydrodynamics is None and variant is None
     robot = _known(robot if by_default else replace(robot, urdf=place))
     said = [f"{yaml_path or urdf_path}: {text}" for _, text in unknowns(models.model, description)]
-    as_read = [_stamps(_mesh_files(robot)), robot.model.copy(), *(shapes.clone() for shapes in _models(robot)[1:])]
+    as_read = [
+        _stamps(_mesh_files(robot)),
+        robot.model.copy(),
+        *(shapes.clone() for shapes in _models(robot)[1:]),
+    ]
     _open[robot] = as_read, [*(f"{urdf_path}: {note}" for note in notes), *said]
     if not notes:  # such as of a mesh that is missing, and may be there the next time
         _read[asked] = robot
     return _warned(robot)
 
 
-_loaded, _read = WeakSet[Robot](), WeakValueDictionary[str, Robot]()
-_open = WeakKeyDictionary[Robot, tuple[list[Any], list[str]]]()  # its meshes and models as read, and what files leave open
+_loaded = WeakSet[Robot]()
+_read = WeakValueDictionary[str, Robot]()
+_open = WeakKeyDictionary[
+    Robot, tuple[list[Any], list[str]]
+]()  # its meshes and models as read, and what files leave open
 
 
 def _stamps(files: Iterable[Path | str]) -> list[Any]:
     """Return what changes where one of the files does."""
     found = {os.path.abspath(file): os.stat(file) for file in sorted(files) if os.path.isfile(file)}
-    return [(file, one.st_ino, one.st_size, one.st_mtime_ns, one.st_ctime_ns) for file, one in found.items()]
+    return [
+        (file, one.st_ino, one.st_size, one.st_mtime_ns, one.st_ctime_ns)
+        for file, one in found.items()
+    ]
 
 
-_models = attrgetter("model", "visual_model", "collision_model")  # which whoever has the robot can change
+_models = attrgetter(
+    "model", "visual_model", "collision_model"
+)  # which whoever has the robot can change
 
 
 def _mesh_files(robot: Robot) -> set[str]:
-    return {shape.meshPath for shape in (*robot.visual_model.geometryObjects, *robot.collision_model.geometryObjects)}
+    return {
+        shape.meshPath
+        for shape in (*robot.visual_model.geometryObjects, *robot.collision_model.geometryObjects)
+    }
 
 
 def _given_again(robot: Robot, files: Iterable[Path]) -> Robot:
@@ -290,34 +379,55 @@ def _warned(robot: Robot) -> Robot:
 
 
 def _known(robot: Robot) -> Robot:
-    """The same robot as before where files say the same: what was derived and compiled of it once is found again."""
+    """The same robot as before where files say the same: what was derived and compiled of it once
+    is found again.
+    """
     for shape in (*robot.visual_model.geometryObjects, *robot.collision_model.geometryObjects):
         shape.geometry.computeLocalAABB()  # else the first use does, and they differ
-    content = attrgetter("name", "urdf", "model", "visual_model", "collision_model", "description")  # all else follows
+    content = attrgetter(
+        "name", "urdf", "model", "visual_model", "collision_model", "description"
+    )  # all else follows
     known = next((other for other in tuple(_loaded) if content(other) == content(robot)), robot)
     _loaded.add(known)
     return known
 
 
 def robot_meta(robot: Robot) -> dict[str, Any]:
-    """Fields of a record's metadata that say whose it is; of a robot of one's own also how to load it again.
+    """Fields of a record's metadata that say whose it is; of a robot of one's own also how to load
+    it again.
 
-    The path of the URDF is relative to the working directory, those of packages to the URDF; none leads into the home folder.
+    The path of the URDF is relative to the working directory, those of packages to the URDF; none
+    leads into the home folder.
     """
-    files, urdf, loading = None, robot.urdf, robot.description.loading
+    files = None
+    urdf = robot.urdf
+    loading = robot.description.loading
     if urdf is not None or (loading.frames and robot.name in list_robots()):
         library = (robots_folder() / robot.name).resolve() / "robot.urdf"
         seen = (urdf or library).parent
         packages = [_shared((seen / folder).resolve(), seen) for folder in loading.packages]
-        known = descriptions.checked_copy(robot.description, loading=loading.model_dump() | {"packages": packages})
+        known = descriptions.checked_copy(
+            robot.description, loading=loading.model_dump() | {"packages": packages}
+        )
         place = None if urdf is None or urdf == library else _shared(urdf, Path.cwd())
         files = RobotFilesMeta(urdf=place, description=known.model_dump_json(exclude_defaults=True))
-    kinds = {"endless": robot.endless_joints, "sliding": tuple(joint.name for joint in robot.joints if joint.slides)}
-    return {"robot": robot.name, "robot_files": files, "joints": robot.joint_names, "tools": robot.tools, **kinds}
+    kinds = {
+        "endless": robot.endless_joints,
+        "sliding": tuple(joint.name for joint in robot.joints if joint.slides),
+    }
+    return {
+        "robot": robot.name,
+        "robot_files": files,
+        "joints": robot.joint_names,
+        "tools": robot.tools,
+        **kinds,
+    }
 
 
 def _shared(path: Path, here: Path) -> str:
-    """The path as seen from a folder, or its last two names where the way there would name the home folder."""
+    """The path as seen from a folder, or its last two names where the way there would name the home
+    folder.
+    """
     home = Path(os.path.expanduser("~")).resolve()
     if path.is_relative_to(home) and not here.is_relative_to(home):
         return Path(*path.relative_to(home).parts[-2:]).as_posix()
@@ -325,39 +435,57 @@ def _shared(path: Path, here: Path) -> str:
 
 
 def recorded_robot(name: str, files: RobotFilesMeta, folder: Path) -> Robot | None:
-    """The robot that a record in `folder` keeps, of folders above it or the working directory; `None` where it is not there.
+    """The robot that a record in `folder` keeps, of folders above it or the working directory;
+    `None` where it is not there.
 
-    Raises `InvalidInput` in one line for a description that is none of this version, and where another robot is there.
+    Raises `InvalidInput` in one line for a description that is none of this version, and where
+    another robot is there.
     """
-    found, above = None, Path(os.path.abspath(folder))
+    found = None
+    above = Path(os.path.abspath(folder))
     if files.urdf is not None:
-        urdf, nears = Path(files.urdf), (above, *above.parents, Path.cwd())
+        urdf = Path(files.urdf)
+        nears = (above, *above.parents, Path.cwd())
         places = (near / tail for near in nears for tail in (urdf, Path(*urdf.parts[-2:])))
-        found = next((place for place in places if os.path.isfile(place)), None)  # also where a path is too long
+        found = next(
+            (place for place in places if os.path.isfile(place)), None
+        )  # also where a path is too long
         if found is None:
             return None
     try:
         water = RobotDescription.model_validate_json(files.description)
     except ValidationError as error:
         wrong = one_line(error, RobotDescription)
-        raise InvalidInput(f"a record whose description of {name} is not read ({wrong}); give it: --robot DIR") from None
+        raise InvalidInput(
+            f"a record whose description of {name} is not read ({wrong}); give it: --robot DIR"
+        ) from None
     robot = load_robot(name if found is None else None, urdf=found, hydrodynamics=water)
     if robot.name != name:
-        raise InvalidInput(f"a record of {name}, but {found} is {robot.name}; give it: --robot DIR, or show(record, robot)")
+        raise InvalidInput(
+            f"a record of {name}, but {found} is {robot.name}; give it: --robot DIR, or"
+            " show(record, robot)"
+        )
     return robot
 
 
-def robot_called(words: str, hydrodynamics: Path | str | None = None, loading: Mapping[str, Any] | None = None) -> Robot:
-    """The robot of a URDF, a folder with robot.urdf and hydrodynamics.yaml, or a name; with other hydrodynamics if given.
+def robot_called(
+    words: str, hydrodynamics: Path | str | None = None, loading: Mapping[str, Any] | None = None
+) -> Robot:
+    """The robot of a URDF, a folder with robot.urdf and hydrodynamics.yaml, or a name; with other
+    hydrodynamics if given.
 
     loading: other arguments of `load_robot`.
     """
     path = Path(words)
-    return load_robot(path if path.exists() else words, hydrodynamics=hydrodynamics, **(loading or {}))
+    return load_robot(
+        path if path.exists() else words, hydrodynamics=hydrodynamics, **(loading or {})
+    )
 
 
 def files_of(path: Path, hydrodynamics: Path | str | None = None) -> dict[str, Any]:
-    """Arguments of `load_robot` for a URDF or a folder with robot.urdf, and hydrodynamics.yaml beside it if it is there."""
+    """Arguments of `load_robot` for a URDF or a folder with robot.urdf, and hydrodynamics.yaml
+    beside it if it is there.
+    """
     urdf = path / "robot.urdf" if path.is_dir() else path
     beside = urdf.with_name("hydrodynamics.yaml")
     return {"urdf": urdf, "hydrodynamics": hydrodynamics or (beside if beside.is_file() else None)}
@@ -365,12 +493,18 @@ def files_of(path: Path, hydrodynamics: Path | str | None = None) -> dict[str, A
 
 def _is_file(name: str | Path) -> bool:
     path = Path(name)
-    return isinstance(name, Path) or (name not in list_robots() and (path.exists() or name != path.name or path.suffix != ""))
+    return isinstance(name, Path) or (
+        name not in list_robots() and (path.exists() or name != path.name or path.suffix != "")
+    )
 
 
-def _paths(name: str | None, urdf: Path | str | None, hydrodynamics: Path | str | None) -> tuple[Path, Path | None]:
+def _paths(
+    name: str | None, urdf: Path | str | None, hydrodynamics: Path | str | None
+) -> tuple[Path, Path | None]:
     if (name is None) == (urdf is None):
-        raise InvalidInput("load_robot needs either a name or urdf=PATH; list_robots() gives the names")
+        raise InvalidInput(
+            "load_robot needs either a name or urdf=PATH; list_robots() gives the names"
+        )
     given = None if hydrodynamics is None else Path(hydrodynamics)
     if name is None:
         return Path(str(urdf)), given
@@ -384,19 +518,28 @@ def _description(name: str | None, path: Path | None, variant: str | None) -> Ro
     if variant is None:
         return descriptions.read_description(path)
     if name is None:
-        raise InvalidInput(f"variant {variant!r} without a robot's name; variants belong to named robots")
+        raise InvalidInput(
+            f"variant {variant!r} without a robot's name; variants belong to named robots"
+        )
     return descriptions.read_description(path, variant_file(name, variant))
 
 
-def assemble(models: UrdfModels, description: RobotDescription, path: Path, name: str | None = None) -> Robot:
+def assemble(
+    models: UrdfModels, description: RobotDescription, path: Path, name: str | None = None
+) -> Robot:
     """Join the mechanism and its description.
 
-    Raises ``RobotDataError``, which blames the file ``path``, for names, thrusters and a home that do not fit.
+    Raises ``RobotDataError``, which blames the file ``path``, for names, thrusters and a home that
+    do not fit.
     """
     description = _of_what_is_there(descriptions.forward_left_up(description), models)
     model, description = with_roles(models.model, description, path)
     _check_names(model, description, path)
-    robot = robot_of(replace(models, model=with_bodies(model, description.trim)), description, name or models.name)
+    robot = robot_of(
+        replace(models, model=with_bodies(model, description.trim)),
+        description,
+        name or models.name,
+    )
     try:
         robot.configuration()
     except InvalidInput as error:
@@ -406,24 +549,37 @@ def assemble(models: UrdfModels, description: RobotDescription, path: Path, name
 
 def _of_what_is_there(description: RobotDescription, models: UrdfModels) -> RobotDescription:
     """Without what is said of links and joints of the file that are left out."""
-    gone, tools = models.no_links, tools_of(description)
+    gone = models.no_links
+    tools = tools_of(description)
     kept: dict[str, Any] = {
-        key: tuple(p for p in getattr(description, key) if p.link not in gone) for key in ("trim", "thrusters")
+        key: tuple(p for p in getattr(description, key) if p.link not in gone)
+        for key in ("trim", "thrusters")
     }
     kept |= {key: None for key in (BASE, ALTIMETER, DVL) if getattr(description, key) in gone}
-    kept |= {TOOL: tuple(tool for tool in tools if tool not in gone) or None} if gone & set(tools) else {}
+    kept |= (
+        {TOOL: tuple(tool for tool in tools if tool not in gone) or None}
+        if gone & set(tools)
+        else {}
+    )
     for key, out in (("links", gone), ("joints", models.no_joints)):
-        kept[key] = {name: entry for name, entry in getattr(description, key).items() if name not in out}
-    return description.model_copy(update={key: value for key, value in kept.items() if value != getattr(description, key)})
+        kept[key] = {
+            name: entry for name, entry in getattr(description, key).items() if name not in out
+        }
+    return description.model_copy(
+        update={key: value for key, value in kept.items() if value != getattr(description, key)}
+    )
 
 
 def robot_of(models: UrdfModels, description: RobotDescription, name: str) -> Robot:
     """Return the robot of a mechanism that already carries its trim bodies."""
     joints = joints_of(models.model, free_flyer=description.base == "free_flyer")
     limits = limits_of(models.model, description, joints)
-    model, rotors = models.model.copy(), np.zeros(models.model.nv)
+    model = models.model.copy()
+    rotors = np.zeros(models.model.nv)
     for joint in joints:
-        rotors[joint.v] = description.joints.get(joint.name, descriptions.JointDescription()).rotor_inertia
+        rotors[joint.v] = description.joints.get(
+            joint.name, descriptions.JointDescription()
+        ).rotor_inertia
     model.armature = rotors
     return Robot(
         name=name,
@@ -443,7 +599,10 @@ def _check_names(model: pin.Model, description: RobotDescription, path: Path) ->
     wanted = [
         *(("links", link) for link in description.links),
         *((f"trim {body.name!r} link", body.link) for body in description.trim),
-        *((f"thruster {thruster.name!r} link", thruster.link) for thruster in description.thrusters),
+        *(
+            (f"thruster {thruster.name!r} link", thruster.link)
+            for thruster in description.thrusters
+        ),
         *((key, name) for key in (ALTIMETER, DVL) if (name := getattr(description, key))),
     ]
     moving = [joint.name for joint in joints_of(model, free_flyer=description.base == "free_flyer")]
@@ -460,11 +619,16 @@ def _moving_thrusters(model: pin.Model, description: RobotDescription) -> list[s
     carrier = 1 if description.base == "free_flyer" else 0
     allowed = "allowed: links fixed to the vehicle, as gimballed thrusters are not modelled"
     dvl = description.dvl
-    moves = dvl is not None and model.existFrame(dvl) and model.frames[model.getFrameId(dvl)].parentJoint != carrier
+    moves = (
+        dvl is not None
+        and model.existFrame(dvl)
+        and model.frames[model.getFrameId(dvl)].parentJoint != carrier
+    )
     return [f"{DVL}: given {dvl!r}; allowed: links fixed to the vehicle"] * moves + [
         f"thruster {thruster.name!r} link: given {thruster.link!r}; {allowed}"
         for thruster in description.thrusters
-        if model.existFrame(thruster.link) and model.frames[model.getFrameId(thruster.link)].parentJoint != carrier
+        if model.existFrame(thruster.link)
+        and model.frames[model.getFrameId(thruster.link)].parentJoint != carrier
     ]
 
 
@@ -478,6 +642,10 @@ def with_bodies(model: pin.Model, bodies: Sequence[descriptions.TrimBody]) -> pi
 
 
 def trim_inertia(model: pin.Model, body: descriptions.TrimBody) -> tuple[int, pin.Inertia]:
-    """Return the joint that carries a float or ballast, and its point mass in the frame of that joint."""
+    """Return the joint that carries a float or ballast, and its point mass in the frame of that
+    joint.
+    """
     frame = model.frames[model.getFrameId(body.link)]
-    return frame.parentJoint, frame.placement.act(pin.Inertia(body.mass, np.array(body.position), np.zeros((3, 3))))
+    return frame.parentJoint, frame.placement.act(
+        pin.Inertia(body.mass, np.array(body.position), np.zeros((3, 3)))
+    )

@@ -1,6 +1,8 @@
-"""Joints that mimic another one: whom they follow in the end, where that puts them, and models in which they move as one.
+"""Joints that mimic another one: whom they follow in the end, where that puts them, and models in
+which they move as one.
 
-Where joints move as one there is one coordinate of q, and one of v, for all of them: that of the first in Pinocchio's order.
+Where joints move as one there is one coordinate of q, and one of v, for all of them: that of the
+first in Pinocchio's order.
 """
 
 from __future__ import annotations
@@ -15,30 +17,43 @@ from uvms_ocp.robot.urdf_checks import Findings, read_number
 
 Element = ElementTree.Element
 Groups = dict[str, dict[str, tuple[float, float]]]
-"""``multiplier`` and ``offset`` of all joints that move as one, by the name of their leader, which is one of them."""
+"""``multiplier`` and ``offset`` of all joints that move as one, by the name of their leader, which
+is one of them.
+"""
 
 
-def leader_of(findings: Findings, root: Element, joint: Element, given: Collection[str]) -> tuple[Element | None, float, float]:
-    """The joint that one which mimics follows in the end, `None` for none, with ``multiplier`` and ``offset``.
+def leader_of(
+    findings: Findings, root: Element, joint: Element, given: Collection[str]
+) -> tuple[Element | None, float, float]:
+    """The joint that one which mimics follows in the end, `None` for none, with ``multiplier`` and
+    ``offset``.
 
     given: joints that follow none, as it is known where they are.
     """
     leader: Element | None = joint
-    scale, offset, known = 1.0, 0.0, [joint.get("name")]
+    scale = 1.0
+    offset = 0.0
+    known = [joint.get("name")]
     while leader is not None and (mimic := leader.find("mimic")) is not None:
         if leader is not joint and leader.get("name") in given:
             break
-        where, name = f"joint {leader.get('name')!r} mimic", mimic.get("joint", "")
+        where = f"joint {leader.get('name')!r} mimic"
+        name = mimic.get("joint", "")
         offset += scale * _number(findings, mimic, "offset", f"{where} offset", 0.0)
         scale *= _number(findings, mimic, "multiplier", f"{where} multiplier", 1.0)
         leader = None if name in known else root.find(f"joint[@name={name!r}]")
         known.append(name)
         if leader is None:
-            findings.notes.append(f"joint {joint.get('name')!r} mimics {name!r}, which leads nowhere; that is taken as 0")
+            findings.notes.append(
+                f"joint {joint.get('name')!r} mimics {name!r}, which leads nowhere; that is taken"
+                " as 0"
+            )
     return leader, scale, offset
 
 
-def _number(findings: Findings, element: Element | None, key: str, where: str, default: float) -> float:
+def _number(
+    findings: Findings, element: Element | None, key: str, where: str, default: float
+) -> float:
     found = findings.attempt(read_number, findings.path, element, key, where, default)
     return default if found is None else found
 
@@ -48,27 +63,44 @@ def position_of(findings: Findings, joint: Element, given: Mapping[str, float]) 
     name, limit = joint.get("name", ""), joint.find("limit")
     if name in given:
         return given[name]
-    low, up = (_number(findings, limit, key, f"joint {name!r} {key}", 0.0) for key in ("lower", "upper"))
+    low, up = (
+        _number(findings, limit, key, f"joint {name!r} {key}", 0.0) for key in ("lower", "upper")
+    )
     bounded = joint.get("type") in ("revolute", "prismatic") and limit is not None
     return 0.0 if low <= 0.0 <= up or not bounded else (low + up) / 2
 
 
 def coupled(model: pin.Model, groups: Groups) -> pin.Model:
-    """Joints as one with those that they mimic: the first of them, in Pinocchio's order, has the coordinate of all."""
+    """Joints as one with those that they mimic: the first of them, in Pinocchio's order, has the
+    coordinate of all.
+    """
     for leader, group in groups.items():
         first, *others = sorted(group, key=model.getJointId)
         index = {name: model.getJointId(name) for name in group}
         one, lead = model.joints[index[first]], model.joints[index[leader]]
         scale, offset = group[first]
         with np.errstate(over="ignore"):  # of what has no limit
-            bounds = [scale * limit[lead.idx_q] + offset for limit in (model.lowerPositionLimit, model.upperPositionLimit)]
-            speed, effort = abs(scale) * model.upperVelocityLimit[lead.idx_v], model.upperEffortLimit[lead.idx_v] / abs(scale)
-        damping = sum((own / scale) ** 2 * model.damping[model.joints[index[name]].idx_v] for name, (own, _) in group.items())
+            bounds = [
+                scale * limit[lead.idx_q] + offset
+                for limit in (model.lowerPositionLimit, model.upperPositionLimit)
+            ]
+            speed = abs(scale) * model.upperVelocityLimit[lead.idx_v]
+            effort = model.upperEffortLimit[lead.idx_v] / abs(scale)
+        damping = sum(
+            (own / scale) ** 2 * model.damping[model.joints[index[name]].idx_v]
+            for name, (own, _) in group.items()
+        )
         model.lowerPositionLimit[one.idx_q], model.upperPositionLimit[one.idx_q] = sorted(bounds)
-        for values, value in ((model.upperVelocityLimit, speed), (model.upperEffortLimit, effort), (model.damping, damping)):
+        for values, value in (
+            (model.upperVelocityLimit, speed),
+            (model.upperEffortLimit, effort),
+            (model.damping, damping),
+        ):
             values[one.idx_v] = value
         for name in others:
             own, shift = group[name]
             ratio = own / scale
-            model = pin.transformJointIntoMimic(model, index[first], index[name], ratio, shift - ratio * offset)
+            model = pin.transformJointIntoMimic(
+                model, index[first], index[name], ratio, shift - ratio * offset
+            )
     return model

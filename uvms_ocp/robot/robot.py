@@ -1,4 +1,6 @@
-"""The robot as a value: mechanism, shapes, limits, configurations and the description of the water on it."""
+"""The robot as a value: mechanism, shapes, limits, configurations and the description of the water
+on it.
+"""
 
 from __future__ import annotations
 
@@ -26,11 +28,13 @@ _LIMIT_TOLERANCE = 1e-9
 _UNIT_TOLERANCE = 1e-6
 
 
-def _vehicle_part(robot: Robot, position: ArrayLike | None, rpy: ArrayLike | None, quaternion: ArrayLike | None) -> np.ndarray:
+def _vehicle_part(
+    robot: Robot, position: ArrayLike | None, rpy: ArrayLike | None, quaternion: ArrayLike | None
+) -> np.ndarray:
     """[p_WB, quaternion] (7,), or (0,) for a fixed base.
 
-    position (3,) [m]; rpy (3,) [rad] or quaternion (4,) xyzw. Raises `InvalidInput` for both of them, a wrong shape,
-    or any of the three with a fixed base.
+    position (3,) [m]; rpy (3,) [rad] or quaternion (4,) xyzw. Raises `InvalidInput` for both of
+    them, a wrong shape, or any of the three with a fixed base.
     """
     if not robot.n_vehicle:
         if position is not None or rpy is not None or quaternion is not None:
@@ -41,7 +45,8 @@ def _vehicle_part(robot: Robot, position: ArrayLike | None, rpy: ArrayLike | Non
 
 
 def _joint_part(robot: Robot, joints: ArrayLike | Mapping[str, float] | None) -> np.ndarray:
-    """The joint part of q from `joints`: one value per degree of freedom (n_joints,) [rad or m], or by name on ``home``.
+    """The joint part of q from `joints`: one value per degree of freedom (n_joints,) [rad or m], or
+    by name on ``home``.
 
     Raises `InvalidInput` for a wrong shape and `NameNotFound` for an unknown joint.
     """
@@ -66,9 +71,12 @@ def _checked(robot: Robot, q: ArrayLike) -> np.ndarray:
             _check_unit(f"(cos, sin) of joint {joint.name!r}", values[-2:])
             continue
         for i, value in enumerate(values, start=joint.idx_v - robot.n_vehicle):
-            low, high = robot.limits.position_lower[i], robot.limits.position_upper[i]
+            low = robot.limits.position_lower[i]
+            high = robot.limits.position_upper[i]
             if not low - _LIMIT_TOLERANCE <= value <= high + _LIMIT_TOLERANCE:
-                raise InvalidInput(f"joint {joint.name!r}: given {value:.6g}; allowed: {low:.6g} to {high:.6g}")
+                raise InvalidInput(
+                    f"joint {joint.name!r}: given {value:.6g}; allowed: {low:.6g} to {high:.6g}"
+                )
     return array
 
 
@@ -88,10 +96,15 @@ def _check_unit(what: str, values: np.ndarray) -> None:
 
 
 def require_normalized(model: pin.Model, q: ArrayLike) -> None:
-    """Raise `InvalidInput` where q (..., n_q) [m, rad] has a quaternion or (cos, sin) whose norm is not 1, but for NaN."""
+    """Raise `InvalidInput` where q (..., n_q) [m, rad] has a quaternion or (cos, sin) whose norm is
+    not 1, but for NaN.
+    """
     for row in np.reshape(np.asarray(q, dtype=float), (-1, model.nq)):
         if not pin.isNormalized(model, row, _UNIT_TOLERANCE) and np.isfinite(row).all():
-            raise InvalidInput("q has a quaternion, or (cos, sin) of a joint, whose norm is not 1; divide it by its norm")
+            raise InvalidInput(
+                "q has a quaternion, or (cos, sin) of a joint, whose norm is not 1; divide it by"
+                " its norm"
+            )
 
 
 # Moving fixed frames (sensors, tools) of a Pinocchio model without touching the original.
@@ -102,7 +115,9 @@ def check_movable(model: pin.Model, index: int) -> None:
     frame = model.frames[index]
     carrier = model.frames[frame.parentFrame] if frame.type == pin.FrameType.BODY else frame
     if carrier.type == pin.FrameType.JOINT:
-        raise InvalidInput(f"frame {frame.name!r} is a moving link; only frames fixed to a link can be moved")
+        raise InvalidInput(
+            f"frame {frame.name!r} is a moving link; only frames fixed to a link can be moved"
+        )
 
 
 def frames_fixed_to(model: pin.Model, index: int) -> frozenset[int]:
@@ -122,11 +137,15 @@ def shifted_frames(model: pin.Model, moved: frozenset[int], shift: pin.SE3) -> p
         model.frames[i].placement = shift * model.frames[i].placement
     for frame in model.frames:
         if frame.type == pin.FrameType.JOINT and frame.parentFrame in moved:
-            model.jointPlacements[frame.parentJoint] = shift * model.jointPlacements[frame.parentJoint]
+            model.jointPlacements[frame.parentJoint] = (
+                shift * model.jointPlacements[frame.parentJoint]
+            )
     return model
 
 
-def shifted_shapes(shapes: pin.GeometryModel, moved: frozenset[int], shift: pin.SE3) -> pin.GeometryModel:
+def shifted_shapes(
+    shapes: pin.GeometryModel, moved: frozenset[int], shift: pin.SE3
+) -> pin.GeometryModel:
     """Return a copy of the shapes with those on the given frames moved by ``shift``."""
     shapes = shapes.copy()
     for shape in shapes.geometryObjects:
@@ -142,8 +161,9 @@ def shifted_shapes(shapes: pin.GeometryModel, moved: frozenset[int], shift: pin.
 class Robot:
     """A vehicle with an arm, or a fixed-base arm; see `uvms_ocp.robot.loading.load_robot`.
 
-    For a free-flyer ``q`` is Pinocchio's [p_WB, quaternion xyzw, joints] and ``v`` is [v_B, omega_B, joint
-    rates]; W has z up. ``model`` and the geometry models are shared between copies and must not be changed.
+    For a free-flyer ``q`` is Pinocchio's [p_WB, quaternion xyzw, joints] and ``v`` is [v_B,
+    omega_B, joint rates]; W has z up. ``model`` and the geometry models are shared between copies
+    and must not be changed.
     """
 
     name: str
@@ -159,16 +179,26 @@ class Robot:
     hydrodynamics: tuple[LinkHydrodynamics, ...]
     """Links in water; floats and ballast add their volume."""
     urdf: Path | None = None
-    """The file that it was read from, for a robot of one's own or one that is read in another way than by default."""
+    """The file that it was read from, for a robot of one's own or one that is read in another way
+    than by default.
+    """
 
     def __repr__(self) -> str:
         base = "free-flyer" if self.n_vehicle else "fixed base"
-        return f"Robot({self.name!r}, {base}, {self.n_joints} joints, {len(self.description.thrusters)} thrusters)"
+        return (
+            f"Robot({self.name!r}, {base}, {self.n_joints} joints,"
+            f" {len(self.description.thrusters)} thrusters)"
+        )
 
     def _repr_html_(self) -> str:
         limits = zip(self.limits.position_lower, self.limits.position_upper, strict=True)
-        rows = [(joint.name, f"{low:.4g}", f"{high:.4g}") for joint, (low, high) in zip(self.joints, limits, strict=False)]
-        return SmallTable(title=repr(self), head=("joint", "lower", "upper"), rows=tuple(rows)).html()
+        rows = [
+            (joint.name, f"{low:.4g}", f"{high:.4g}")
+            for joint, (low, high) in zip(self.joints, limits, strict=False)
+        ]
+        return SmallTable(
+            title=repr(self), head=("joint", "lower", "upper"), rows=tuple(rows)
+        ).html()
 
     @property
     def n_q(self) -> int:
@@ -208,8 +238,11 @@ class Robot:
 
     @property
     def drawn_shapes(self) -> tuple[pin.GeometryObject, ...]:
-        """Visual shapes, and the collision shapes of links without any, such as those whose meshes are missing."""
-        shapes, solid = self.visual_model.geometryObjects, self.collision_model.geometryObjects
+        """Visual shapes, and the collision shapes of links without any, such as those whose meshes
+        are missing.
+        """
+        shapes = self.visual_model.geometryObjects
+        solid = self.collision_model.geometryObjects
         seen = {shape.parentFrame for shape in shapes}
         return (*shapes, *(shape for shape in solid if shape.parentFrame not in seen))
 
@@ -221,13 +254,23 @@ class Robot:
     @property
     def tools(self) -> tuple[str, ...]:
         """Frames of the tools, of several arms one each; the first is the frame ``tool``."""
-        return roles.tools_of(self.description) or ((roles.TOOL,) if self.has_frame(roles.TOOL) else ())
+        return roles.tools_of(self.description) or (
+            (roles.TOOL,) if self.has_frame(roles.TOOL) else ()
+        )
 
     @checked_on_failure
     def arm_shapes(self, tool: str) -> tuple[str, ...]:
-        """Names of the collision shapes on the joints that move a tool, a frame. Raises `FrameNotFound`."""
-        joints = [*self.model.supports[self.model.frames[self.frame_id(tool)].parentJoint]][2 if self.n_vehicle else 1 :]
-        return tuple(shape.name for shape in self.collision_model.geometryObjects if shape.parentJoint in joints)
+        """Names of the collision shapes on the joints that move a tool, a frame. Raises
+        `FrameNotFound`.
+        """
+        joints = [*self.model.supports[self.model.frames[self.frame_id(tool)].parentJoint]][
+            2 if self.n_vehicle else 1 :
+        ]
+        return tuple(
+            shape.name
+            for shape in self.collision_model.geometryObjects
+            if shape.parentJoint in joints
+        )
 
     @property
     def vehicle_v(self) -> slice:
@@ -236,12 +279,17 @@ class Robot:
 
     @property
     def configuration_bounds(self) -> tuple[np.ndarray, np.ndarray]:
-        """Return limits (n_q,) [m, rad] of q, from below and above; infinite where none holds for one entry alone."""
+        """Return limits (n_q,) [m, rad] of q, from below and above; infinite where none holds for
+        one entry alone.
+        """
         lower, upper = np.full(self.n_q, -np.inf), np.full(self.n_q, np.inf)
         for joint in self.joints:
             if joint.n_q == joint.n_v:
                 own = slice(joint.idx_v - self.n_vehicle, joint.idx_v - self.n_vehicle + joint.n_v)
-                lower[joint.q], upper[joint.q] = self.limits.position_lower[own], self.limits.position_upper[own]
+                lower[joint.q], upper[joint.q] = (
+                    self.limits.position_lower[own],
+                    self.limits.position_upper[own],
+                )
         return lower, upper
 
     @property
@@ -251,7 +299,9 @@ class Robot:
 
     @property
     def joint_q(self) -> slice:
-        """The joints' part of q, where a joint that turns without end has two entries, (cos, sin); see `joint_values`."""
+        """The joints' part of q, where a joint that turns without end has two entries, (cos, sin);
+        see `joint_values`.
+        """
         return slice(7 if self.n_vehicle else 0, self.n_q)
 
     @property
@@ -285,12 +335,15 @@ class Robot:
     def with_frame_pose(self, frame: str, X_parent: pin.SE3) -> Robot:
         """Return a copy whose fixed frame sits at ``X_parent`` in the moving link that carries it.
 
-        Frames, shapes and joints on that frame move along; masses fixed to the moving link stay. The description says so in
-        ``loading.frames``, as may a file. Raises ``InvalidInput`` for a frame that is itself a moving link, and
-        ``FrameNotFound``.
+        Frames, shapes and joints on that frame move along; masses fixed to the moving link stay.
+        The description says so in ``loading.frames``, as may a file. Raises ``InvalidInput`` for a
+        frame that is itself a moving link, and ``FrameNotFound``.
         """
         moved = with_moved_frame(self, frame, X_parent)
-        place = {"position": X_parent.translation.tolist(), "rpy": pin.rpy.matrixToRpy(X_parent.rotation).tolist()}
+        place = {
+            "position": X_parent.translation.tolist(),
+            "rpy": pin.rpy.matrixToRpy(X_parent.rotation).tolist(),
+        }
         before = self.description.loading.model_dump()
         loading = before | {"frames": (*before["frames"], {"frame": frame, **place})}
         return replace(moved, description=checked_copy(self.description, loading=loading))
@@ -301,7 +354,9 @@ class Robot:
         Buoyancy and the added mass of shapes follow it, published coefficients and the trim do not.
         """
         description = checked_copy(self.description, water_density=density)
-        return replace(self, description=description, hydrodynamics=coefficients.links_in_water(description))
+        return replace(
+            self, description=description, hydrodynamics=coefficients.links_in_water(description)
+        )
 
     @checked_on_failure
     def configuration(
@@ -311,32 +366,50 @@ class Robot:
         quaternion: ArrayLike | None = None,
         joints: ArrayLike | Mapping[str, float] | None = None,
     ) -> np.ndarray:
-        """Return a checked q (n_q,); parts left out are zero for the vehicle and ``home`` for the joints.
+        """Return a checked q (n_q,); parts left out are zero for the vehicle and ``home`` for the
+        joints.
 
-        ``position`` (3,) [m] p_WB; ``rpy`` (3,) [rad], R = Rz Ry Rx, or ``quaternion`` (4,) xyzw; ``joints``
-        (n_joints,) [rad or m], or values by name on top of ``home``. Raises ``InvalidInput`` for a wrong shape or what
-        `check_configuration` refuses, and ``NameNotFound`` for an unknown joint.
+        ``position`` (3,) [m] p_WB; ``rpy`` (3,) [rad], R = Rz Ry Rx, or ``quaternion`` (4,) xyzw;
+        ``joints`` (n_joints,) [rad or m], or values by name on top of ``home``. Raises
+        ``InvalidInput`` for a wrong shape or what `check_configuration` refuses, and
+        ``NameNotFound`` for an unknown joint.
         """
-        return _checked(self, np.concatenate([_vehicle_part(self, position, rpy, quaternion), _joint_part(self, joints)]))
+        return _checked(
+            self,
+            np.concatenate(
+                [_vehicle_part(self, position, rpy, quaternion), _joint_part(self, joints)]
+            ),
+        )
 
     @checked_on_failure
     def joint_values(self, q: Annotated[np.ndarray, Shape("self.n_q")]) -> np.ndarray:
-        """Return one number per degree of freedom of the joints (n_joints,) [rad or m] at q (n_q,) [m, rad].
+        """Return one number per degree of freedom of the joints (n_joints,) [rad or m] at q (n_q,)
+        [m, rad].
 
         Those of joints that turn without end are from -pi to pi.
         """
-        return np.asarray(pin.difference(self.model, pin.neutral(self.model), np.asarray(q, dtype=float))[self.n_vehicle :])
+        return np.asarray(
+            pin.difference(self.model, pin.neutral(self.model), np.asarray(q, dtype=float))[
+                self.n_vehicle :
+            ]
+        )
 
     @checked_on_failure
     def with_joint_values(
-        self, q: Annotated[np.ndarray, Shape("self.n_q")], values: Annotated[np.ndarray, Shape("self.n_joints")]
+        self,
+        q: Annotated[np.ndarray, Shape("self.n_q")],
+        values: Annotated[np.ndarray, Shape("self.n_joints")],
     ) -> np.ndarray:
-        """Return q (n_q,) [m, rad] with its joints at `values` (n_joints,) [rad or m], which may be beyond the limits."""
+        """Return q (n_q,) [m, rad] with its joints at `values` (n_joints,) [rad or m], which may be
+        beyond the limits.
+        """
         return from_joint_values(self.model, values, q)
 
     @checked_on_failure
     def check_configuration(self, q: ArrayLike) -> np.ndarray:
-        """Return q (n_q,) [m, rad] as a read-only array. Raises ``InvalidInput`` naming what is wrong."""
+        """Return q (n_q,) [m, rad] as a read-only array. Raises ``InvalidInput`` naming what is
+        wrong.
+        """
         return _checked(self, q)
 
 

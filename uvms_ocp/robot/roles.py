@@ -1,7 +1,9 @@
-"""Find the roles of links, the vehicle's base, tools, altimeter, DVL, propellers and sensors: by structure first, then by name.
+"""Find the roles of links, the vehicle's base, tools, altimeter, DVL, propellers and sensors: by
+structure first, then by name.
 
-Tasks, payloads and figures name roles, ``base_link``, ``tool``, ``altimeter`` and ``dvl``; files name links as they like. A
-robot has a frame for each of its roles, fixed to the link that hydrodynamics.yaml names, or to what is found here.
+Tasks, payloads and figures name roles, ``base_link``, ``tool``, ``altimeter`` and ``dvl``; files
+name links as they like. A robot has a frame for each of its roles, fixed to the link that
+hydrodynamics.yaml names, or to what is found here.
 """
 
 from __future__ import annotations
@@ -16,25 +18,36 @@ import pinocchio as pin
 from uvms_ocp.errors import RobotDataError
 from uvms_ocp.robot.description import RobotDescription
 
-BASE, TOOL, ALTIMETER, DVL = "base_link", "tool", "altimeter", "dvl"
+BASE = "base_link"
+TOOL = "tool"
+ALTIMETER = "altimeter"
+DVL = "dvl"
 CHOOSE = "choose by `tool:` in hydrodynamics.yaml, or --tool LINK"
 
-_OFF_AXIS = 0.1  # of the distance of a body's mass from its axis to what turns about it: propellers are balanced
+# of the distance of a body's mass from its axis to what turns about it: propellers are balanced
+_OFF_AXIS = 0.1
 
 
 def _words(text: str) -> re.Pattern[str]:
-    """Words that stand alone in a name, such as ``dvl`` in ``dvl_link``, or in any part of it where they are long."""
-    alone, anywhere = ([word for word in text.split() if (len(word) > 5) == long] for long in (False, True))
+    """Words that stand alone in a name, such as ``dvl`` in ``dvl_link``, or in any part of it where
+    they are long.
+    """
+    alone, anywhere = (
+        [word for word in text.split() if (len(word) > 5) == long] for long in (False, True)
+    )
     return re.compile(rf"(?<![a-z])({'|'.join(alone)})s?(?![a-z])|{'|'.join(anywhere)}")
 
 
 _STEERS = "rudder fin flap wheel"
 _SENSORS = (
-    "cam camera sonar imu dvl gps usbl ins pressure depth altimeter sensor lidar laser echosounder mbes fls beacon antenna "
-    "optical light lamp led hydrophone magnetometer acoustic modem ping inclinometer compass ctd gyro transducer pinger"
+    "cam camera sonar imu dvl gps usbl ins pressure depth altimeter sensor lidar laser echosounder"
+    " mbes fls beacon antenna optical light lamp led hydrophone magnetometer acoustic modem ping"
+    " inclinometer compass ctd gyro transducer pinger"
 )
 _NAMES: Mapping[str, re.Pattern[str]] = {
-    "propeller": _words(f"prop propeller thruster rotor blade screw fan {_STEERS}"),  # what pushes or steers
+    "propeller": _words(
+        f"prop propeller thruster rotor blade screw fan {_STEERS}"
+    ),  # what pushes or steers
     "fin": _words(_STEERS),
     "sensor": _words(_SENSORS),
     "finger": _words("finger jaw claw knuckle pincer thumb fingertip"),
@@ -54,7 +67,9 @@ class Roles:
     """What links of a mechanism are, as far as the mechanism tells."""
 
     base: str
-    """The link that stands for the vehicle: ``base_link`` where one is fixed to the root, or else the root itself."""
+    """The link that stands for the vehicle: ``base_link`` where one is fixed to the root, or else
+    the root itself.
+    """
     propellers: tuple[str, ...]
     """Joints that turn propellers or fins."""
     sensors: tuple[str, ...]
@@ -64,7 +79,9 @@ class Roles:
     empty: tuple[str, ...]
     """Joints that move nothing with a mass."""
     held: tuple[str, ...]
-    """Joints without range, as none above or below them has: sensors and brackets of some exporters, and no arm."""
+    """Joints without range, as none above or below them has: sensors and brackets of some
+    exporters, and no arm.
+    """
     gimbals: tuple[str, ...]
     """Joints that carry nothing but propellers."""
     tools: tuple[tuple[str, ...], ...]
@@ -85,8 +102,11 @@ def find_roles(model: pin.Model, *, free_flyer: bool) -> Roles:
     """The roles of the links of a model."""
     tree = _LinkTree(model, free_flyer)
     kinds = dict(_kinds(tree))
-    named = {kind: tuple(model.names[j] for j in tree.moving if kinds.get(j) == kind) for kind in _KINDS}
-    arm, links = [j for j in tree.moving if j not in kinds], [tree.name(i) for i in tree.bodies[tree.carrier]]
+    named = {
+        kind: tuple(model.names[j] for j in tree.moving if kinds.get(j) == kind) for kind in _KINDS
+    }
+    arm = [j for j in tree.moving if j not in kinds]
+    links = [tree.name(i) for i in tree.bodies[tree.carrier]]
     ends = [j for j in arm if not any(child in arm for child in tree.children(j))]
     return Roles(
         base=BASE if BASE in links else links[0] if links else "",
@@ -103,10 +123,15 @@ class _LinkTree:
     """Links of a model by the joint that carries them."""
 
     def __init__(self, model: pin.Model, free_flyer: bool) -> None:
-        self.model, self.carrier = model, 1 if free_flyer else 0
+        self.model = model
+        self.carrier = 1 if free_flyer else 0
         self.moving = range(self.carrier + 1, model.njoints)
-        bodies = [(i, frame) for i, frame in enumerate(model.frames) if frame.type == pin.FrameType.BODY]
-        self.bodies = {j: [i for i, frame in bodies if frame.parentJoint == j] for j in range(model.njoints)}
+        bodies = [
+            (i, frame) for i, frame in enumerate(model.frames) if frame.type == pin.FrameType.BODY
+        ]
+        self.bodies = {
+            j: [i for i, frame in bodies if frame.parentJoint == j] for j in range(model.njoints)
+        }
         self.inner = {model.frames[frame.parentFrame].parentFrame for _, frame in bodies}
 
     def name(self, frame: int) -> str:
@@ -130,19 +155,30 @@ class _LinkTree:
 
     def has_range(self, joint: int) -> bool:
         """Check whether a joint can move at all."""
-        own, model = self.model.joints[joint], self.model
+        own = self.model.joints[joint]
+        model = self.model
         q = slice(own.idx_q, own.idx_q + max(own.nq, 1))  # of one that mimics, those of its leader
-        return bool(own.nq != own.nv or (model.lowerPositionLimit[q] < model.upperPositionLimit[q]).any())
+        return bool(
+            own.nq != own.nv or (model.lowerPositionLimit[q] < model.upperPositionLimit[q]).any()
+        )
 
     def is_no_tool(self, frame: int) -> bool:
-        """Check whether a link is a sensor or a finger; the palm that carries fingers is neither."""
+        """Check whether a link is a sensor or a finger; the palm that carries fingers is
+        neither.
+        """
         name = self.name(frame)
-        return is_called("sensor", name) or (is_called("finger", name) and frame not in self.inner and not is_called("tip", name))
+        return is_called("sensor", name) or (
+            is_called("finger", name) and frame not in self.inner and not is_called("tip", name)
+        )
 
     def is_end(self, frame: int) -> bool:
         """Check that no other link is fixed to the link further out, but sensors and fingers."""
-        others = [i for i in self.bodies[self.model.frames[frame].parentJoint] if not self.is_no_tool(i)]
-        return all(self.model.frames[self.model.frames[i].parentFrame].parentFrame != frame for i in others)
+        others = [
+            i for i in self.bodies[self.model.frames[frame].parentJoint] if not self.is_no_tool(i)
+        ]
+        return all(
+            self.model.frames[self.model.frames[i].parentFrame].parentFrame != frame for i in others
+        )
 
 
 def _kinds(tree: _LinkTree) -> Iterator[tuple[int, str]]:
@@ -152,7 +188,9 @@ def _kinds(tree: _LinkTree) -> Iterator[tuple[int, str]]:
         below = [tree.name(i) for k in tree.below(j) for i in tree.bodies[k]]
         if is_called("propeller", *own) and not tree.children(j):
             yield j, "propellers"
-        elif all(is_called("propeller", *tree.names(k)) for k in tree.below(j) if not tree.children(k)):
+        elif all(
+            is_called("propeller", *tree.names(k)) for k in tree.below(j) if not tree.children(k)
+        ):
             yield j, "gimbals"
         elif not any(tree.model.inertias[k].mass for k in tree.below(j)):
             yield j, "empty"
@@ -168,12 +206,19 @@ def _kinds(tree: _LinkTree) -> Iterator[tuple[int, str]]:
 
 def _whirls(tree: _LinkTree, j: int) -> bool:
     """Whether a joint of the vehicle turns one balanced link without end, as a propeller does."""
-    joint, inertia = tree.model.joints[j], tree.model.inertias[j]
-    if tree.model.parents[j] != tree.carrier or tree.carrier == 0 or len(tree.below(j)) > 1 or len(tree.bodies[j]) > 1:
+    joint = tree.model.joints[j]
+    inertia = tree.model.inertias[j]
+    if (
+        tree.model.parents[j] != tree.carrier
+        or tree.carrier == 0
+        or len(tree.below(j)) > 1
+        or len(tree.bodies[j]) > 1
+    ):
         return False
     if joint.nv != 1 or joint.nq != 2:
         return False
-    axis, lever = np.array(joint.createData().S).ravel()[3:], np.asarray(inertia.lever)
+    axis = np.array(joint.createData().S).ravel()[3:]
+    lever = np.asarray(inertia.lever)
     off = float(np.linalg.norm(lever - axis * (axis @ lever)))
     return off <= _OFF_AXIS * max(float(np.linalg.norm(lever)), 0.1)
 
@@ -185,13 +230,16 @@ def _tips(tree: _LinkTree, joint: int) -> tuple[str, ...]:
     return tuple(named if len(named) == 1 else ends)
 
 
-def with_roles(model: pin.Model, description: RobotDescription, path: object) -> tuple[pin.Model, RobotDescription]:
+def with_roles(
+    model: pin.Model, description: RobotDescription, path: object
+) -> tuple[pin.Model, RobotDescription]:
     """The model with a frame for each role, and the description with the names of its frames.
 
     Raises ``RobotDataError``, which blames the file `path`, for roles of links that are not there.
     """
     free_flyer = description.base == "free_flyer"
-    roles, known = find_roles(model, free_flyer=free_flyer), {frame.name for frame in model.frames[1:]}
+    roles = find_roles(model, free_flyer=free_flyer)
+    known = {frame.name for frame in model.frames[1:]}
     stated = {
         BASE: description.base_link,
         TOOL: next(iter(tools_of(description)), None),
@@ -201,7 +249,11 @@ def with_roles(model: pin.Model, description: RobotDescription, path: object) ->
     faults = []
     for key, names in ((BASE, [description.base_link]), (TOOL, tools_of(description))):
         missing = [name for name in names if name is not None and name not in known]
-        advice = f"candidates: {', '.join(roles.candidates) or 'none'}" if key == TOOL else f"the root is {roles.base}"
+        advice = (
+            f"candidates: {', '.join(roles.candidates) or 'none'}"
+            if key == TOOL
+            else f"the root is {roles.base}"
+        )
         faults += [f"{key}: {name!r} is not in the URDF; {advice}" for name in missing]
     if faults:
         raise RobotDataError(str(path), *faults)
@@ -222,8 +274,12 @@ def tools_of(description: RobotDescription) -> tuple[str, ...]:
     return () if tool is None else (tool,) if isinstance(tool, str) else tool
 
 
-def _placed(model: pin.Model, description: RobotDescription, role: str, name: str) -> RobotDescription:
-    """Add a frame for a role to the model; a link of the URDF that has its name gets another one."""
+def _placed(
+    model: pin.Model, description: RobotDescription, role: str, name: str
+) -> RobotDescription:
+    """Add a frame for a role to the model; a link of the URDF that has its name gets another
+    one.
+    """
     if model.existFrame(role):
         other = f"{role}_of_urdf"
         model.frames[model.getFrameId(role)].name = other
@@ -249,7 +305,10 @@ def role_notes(model: pin.Model, description: RobotDescription) -> Iterator[tupl
         yield True, f"base_link: {description.base_link or roles.base}"
     if TOOL in known:
         is_added = model.frames[model.getFrameId(TOOL)].type == pin.FrameType.OP_FRAME
-        yield True, f"tool: {', '.join(tools_of(description)) or (is_added and roles.only_tool) or TOOL}"
+        yield (
+            True,
+            f"tool: {', '.join(tools_of(description)) or (is_added and roles.only_tool) or TOOL}",
+        )
     elif roles.candidates:
         yield False, f"tool: any of {', '.join(roles.candidates)}; {CHOOSE}"
     else:
@@ -258,7 +317,17 @@ def role_notes(model: pin.Model, description: RobotDescription) -> Iterator[tupl
         yield True, f"altimeter: {description.altimeter}"
     elif free_flyer:
         looks = [name for name in known if is_called("altimeter", name)]
-        hint = f"`altimeter: {looks[0]}` takes that link" if looks else "`altimeter: LINK` names the link of one"
-        yield False, f"altimeter: none, so that tasks of the altitude are left out; {hint}, if it looks along its -z"
+        hint = (
+            f"`altimeter: {looks[0]}` takes that link"
+            if looks
+            else "`altimeter: LINK` names the link of one"
+        )
+        yield (
+            False,
+            (
+                f"altimeter: none, so that tasks of the altitude are left out; {hint}, if it looks"
+                " along its -z"
+            ),
+        )
     if free_flyer and description.dvl:
         yield True, f"dvl: {description.dvl}"

@@ -1,6 +1,8 @@
-"""Signals between plant, estimator and controller: `Readings`, `StateEstimate`, `Command`; and the channels of the sensors.
+"""Signals between plant, estimator and controller: `Readings`, `StateEstimate`, `Command`; and the
+channels of the sensors.
 
-Configuration ``q`` and velocity ``v`` follow Pinocchio's free-flyer order, see `uvms_ocp.robot.spatial`.
+Configuration ``q`` and velocity ``v`` follow Pinocchio's free-flyer order, see
+`uvms_ocp.robot.spatial`.
 """
 
 from __future__ import annotations
@@ -45,9 +47,11 @@ class ChannelHealth:
     """[s] since when."""
 
 
-# What flows between plant and controller: `Readings` to an estimator, its `StateEstimate` in, `Command` out.
+# What flows between plant and controller: `Readings` to an estimator, its `StateEstimate` in,
+# `Command` out.
 #
-# Configuration ``q`` and velocity ``v`` follow Pinocchio's free-flyer order, see `uvms_ocp.robot.spatial`.
+# Configuration ``q`` and velocity ``v`` follow Pinocchio's free-flyer order, see
+# `uvms_ocp.robot.spatial`.
 
 Value = TypeVar("Value", float, np.ndarray)
 _Configuration: TypeAlias = Annotated[np.ndarray, Shape("n_q")]
@@ -80,7 +84,9 @@ class Reading(Generic[Value]):
 
 @checked_dataclass(eq=False)
 class Readings:
-    """The last reading of every channel at one tick; `None` before the first and where there is no such sensor."""
+    """The last reading of every channel at one tick; `None` before the first and where there is no
+    such sensor.
+    """
 
     position: Reading[Vector3] | None = None
     """(3,) [m] p_WB"""
@@ -121,7 +127,9 @@ class StateEstimate:
     health: tuple[ChannelHealth, ...] = ()
     """Health of every channel that the robot has; empty where nobody judges."""
     std: _Velocity | None = None
-    """(n_v,) [m, rad] standard deviations of q: position in W, attitude in B, joints; `None` where nobody tells."""
+    """(n_v,) [m, rad] standard deviations of q: position in W, attitude in B, joints; `None` where
+    nobody tells.
+    """
     altimeter_std: float = np.nan
     """[m] standard deviation of `altimeter_range`; nan where it is not known."""
 
@@ -153,10 +161,13 @@ unchecked_reading = unchecked_constructor(Reading)
 unchecked_readings = unchecked_constructor(Readings)
 unchecked_estimate = unchecked_constructor(StateEstimate)
 unchecked_command = unchecked_constructor(Command)
-"""Without a look at their arguments, of arrays that belong to them: for what is made at every tick."""
+"""Without a look at their arguments, of arrays that belong to them: for what is made at every
+tick.
+"""
 
 
-# What the sensors of a robot are like: rates, noise, delays. The simulated sensors and the estimator read the same.
+# What the sensors of a robot are like: rates, noise, delays. The simulated sensors and the
+# estimator read the same.
 
 
 @checked_dataclass()
@@ -176,7 +187,9 @@ class SensorSpec:
 
     def __post_init__(self) -> None:
         if not self.rate > 0:
-            raise InvalidInput(f"sensor rate = {self.rate} Hz; give a number > 0, or inf for once per tick")
+            raise InvalidInput(
+                f"sensor rate = {self.rate} Hz; give a number > 0, or inf for once per tick"
+            )
 
     @property
     def biases(self) -> tuple[float, ...]:
@@ -191,7 +204,9 @@ class SensorSpec:
 
 @checked_dataclass()
 class SensorSpecs:
-    """All channels of `Readings`; `None` where the robot has no such sensor. The noise of the defaults is assumed."""
+    """All channels of `Readings`; `None` where the robot has no such sensor. The noise of the
+    defaults is assumed.
+    """
 
     position: SensorSpec | None = SensorSpec(rate=5.0, sigma=0.02)
     """[m]"""
@@ -222,22 +237,36 @@ UNITS: Mapping[str, str] = {
     "attitude": "rad",
     "angular_velocity": "rad/s",
     "linear_velocity": "m/s",
-} | {"joint_positions": "rad or m", "joint_velocities": "rad/s or m/s", "altimeter_range": "m", "specific_force": "m/s2"}
+} | {
+    "joint_positions": "rad or m",
+    "joint_velocities": "rad/s or m/s",
+    "altimeter_range": "m",
+    "specific_force": "m/s2",
+}
 """Units of the values of each channel."""
 
 ACCELEROMETER = SensorSpec(rate=100.0, sigma=0.02)
 """A usual one for `SensorSpecs.specific_force`, assumed: 2 mm/s2/sqrt(Hz)."""
 
 IDEAL_SENSORS = SensorSpecs(**dict.fromkeys(CHANNELS, SensorSpec()) | {"specific_force": None})
-"""Every channel of the state itself, once per tick, without error or delay; no accelerometer, which nothing needs then."""
+"""Every channel of the state itself, once per tick, without error or delay; no accelerometer, which
+nothing needs then.
+"""
 
 
 @checked
 def robot_sensors(description: RobotDescription) -> SensorSpecs:
     """The channels of a robot: the defaults of `SensorSpecs`, with what its file says of them."""
-    channels = {name: _channel(getattr(SensorSpecs(), name), given) for name, given in description.sensors.items()}
+    channels = {
+        name: _channel(getattr(SensorSpecs(), name), given)
+        for name, given in description.sensors.items()
+    }
     return replace(SensorSpecs(), **channels)
 
 
 def _channel(default: SensorSpec | None, given: SensorDescription | None) -> SensorSpec | None:
-    return None if given is None else replace(default or SensorSpec(), **given.model_dump(exclude_none=True))
+    return (
+        None
+        if given is None
+        else replace(default or SensorSpec(), **given.model_dump(exclude_none=True))
+    )

@@ -1,19 +1,23 @@
-"""Notation, and the maths of rotations and rigid motions for NumPy arrays and CasADi expressions alike.
+"""Notation, and the maths of rotations and rigid motions for NumPy arrays and CasADi expressions
+alike.
 
 Notation (Drake's monogram, ASCII):
 
-- ``W`` world, z up; ``B`` vehicle body, x forward, y left, z up; ``S`` altimeter; ``O`` operational target;
-  ``E`` arm flange; ``T`` tool; ``L`` a link; ``J`` the frame of a joint's child body; ``F`` any frame.
+- ``W`` world, z up; ``B`` vehicle body, x forward, y left, z up; ``S`` altimeter; ``O`` operational
+  target; ``E`` arm flange; ``T`` tool; ``L`` a link; ``J`` the frame of a joint's child body; ``F``
+  any frame.
 - ``X_WB`` pose of B in W, ``R_WB`` its rotation, ``p_WB`` position of B's origin in W [m].
   Adjacent letters match in products: ``X_WT = X_WB @ X_BT``.
-- ``V_WB_B`` twist of B relative to W expressed in B, ``J_WB_B`` its Jacobian. Linear rows first [m/s], then
-  angular [rad/s]. A wrench: force [N], then moment about the origin of its frame [N m].
+- ``V_WB_B`` twist of B relative to W expressed in B, ``J_WB_B`` its Jacobian. Linear rows first
+  [m/s], then angular [rad/s]. A wrench: force [N], then moment about the origin of its frame [N m].
 - Quaternions are xyzw. Roll, pitch, yaw mean ``R = Rz(yaw) Ry(pitch) Rx(roll)`` [Gao2022] eq. (6).
-- ``q, v, a, tau``: configuration, velocity, acceleration and generalized force of the whole system, in
-  Pinocchio's order. Fossen's ``nu, M_A, C_A, D, g`` appear inside hydrodynamics only. Counts are ``n_...``.
+- ``q, v, a, tau``: configuration, velocity, acceleration and generalized force of the whole system,
+  in Pinocchio's order. Fossen's ``nu, M_A, C_A, D, g`` appear inside hydrodynamics only. Counts are
+  ``n_...``.
 
-Every function takes ``numpy`` arrays or ``casadi.SX`` / ``MX`` and answers in kind; ``[any]`` is any unit. Expressions
-stay finite, and so do their derivatives, at zero angle (series) and at the angle pi.
+Every function takes ``numpy`` arrays or ``casadi.SX`` / ``MX`` and answers in kind; ``[any]`` is
+any unit. Expressions stay finite, and so do their derivatives, at zero angle (series) and at the
+angle pi.
 """
 
 from __future__ import annotations
@@ -29,7 +33,9 @@ from uvms_ocp.codegen.elementwise import is_symbolic
 Array = Any
 """``numpy.ndarray``, ``casadi.SX`` or ``casadi.MX``; scalars of these."""
 
-_SERIES_BELOW = 1e-2  # squared angle [rad^2]: five terms are exact to rounding, the closed forms keep 13 digits
+_SERIES_BELOW = (
+    1e-2  # squared angle [rad^2]: five terms are exact to rounding, the closed forms keep 13 digits
+)
 
 _COS = (1.0, -1 / 2, 1 / 24, -1 / 720, 1 / 40320, -1 / 3628800)
 _SINC = (1.0, -1 / 6, 1 / 120, -1 / 5040, 1 / 362880)
@@ -43,8 +49,16 @@ _ATANC = (1.0, -1 / 3, 1 / 5, -1 / 7, 1 / 9, -1 / 11, 1 / 13)
 
 
 def where(condition: Array, if_true: Array, if_false: Array) -> Array:
-    """`if_true` or `if_false`, scalars () [any], by the condition (). Both are evaluated, so both must be finite."""
-    return ca.if_else(condition, if_true, if_false) if is_symbolic(condition) else if_true if condition else if_false
+    """`if_true` or `if_false`, scalars () [any], by the condition (). Both are evaluated, so both
+    must be finite.
+    """
+    return (
+        ca.if_else(condition, if_true, if_false)
+        if is_symbolic(condition)
+        else if_true
+        if condition
+        else if_false
+    )
 
 
 def column(*entries: Array) -> Array:
@@ -55,10 +69,17 @@ def column(*entries: Array) -> Array:
 
 
 def matrix(*rows: Sequence[Array]) -> Array:
-    """Build a matrix from rows of scalars; a literal integer 0 stays a structural zero of an expression."""
+    """Build a matrix from rows of scalars; a literal integer 0 stays a structural zero of an
+    expression.
+    """
     if not any(is_symbolic(*row) for row in rows):
         return np.array(rows, dtype=float)
-    return ca.vertcat(*[ca.horzcat(*[ca.DM(1, 1) if isinstance(x, int) and x == 0 else x for x in row]) for row in rows])
+    return ca.vertcat(
+        *[
+            ca.horzcat(*[ca.DM(1, 1) if isinstance(x, int) and x == 0 else x for x in row])
+            for row in rows
+        ]
+    )
 
 
 def diagonal(entries: Array) -> Array:
@@ -90,7 +111,9 @@ def _horner(x: Array, coefficients: Sequence[float]) -> Array:
     return value
 
 
-def _by_series_near_zero(x: Array, coefficients: Sequence[float], closed: Callable[[Array], Array]) -> Array:
+def _by_series_near_zero(
+    x: Array, coefficients: Sequence[float], closed: Callable[[Array], Array]
+) -> Array:
     """Power series of the squared angle x where it is small, closed form of the angle elsewhere.
 
     The closed form sees 1 where the series is used: a NaN in the branch not taken would survive
@@ -120,8 +143,12 @@ def _sincc_of_squared(x: Array) -> Array:
 
 
 def cotc_of_squared(x: Array) -> Array:
-    """``(1 - t/2 cot(t/2)) / t^2`` of the squared angle x () [rad2], ``x = t^2``, finite up to ``t = pi`` and beyond."""
-    return _by_series_near_zero(x, _COTC, lambda t: (1 - t / 2 * ca.cos(t / 2) / ca.sin(t / 2)) / (t * t))
+    """``(1 - t/2 cot(t/2)) / t^2`` of the squared angle x () [rad2], ``x = t^2``, finite up to ``t
+    = pi`` and beyond.
+    """
+    return _by_series_near_zero(
+        x, _COTC, lambda t: (1 - t / 2 * ca.cos(t / 2) / ca.sin(t / 2)) / (t * t)
+    )
 
 
 # --- quaternions, xyzw ----------------------------------------------------------------------------
@@ -140,25 +167,37 @@ def quaternion_to_matrix(quaternion: Array) -> Array:
 def matrix_to_quaternion(R: Array) -> Array:
     """Unit quaternion (4,) xyzw of a rotation matrix R (3, 3), of either sign.
 
-    The products ``4 q_k q`` are linear in R; the largest of the four ``4 q_k^2`` is at least 1, so that the
-    root and the division are safe at every rotation [Shepperd1978].
+    The products ``4 q_k q`` are linear in R; the largest of the four ``4 q_k^2`` is at least 1, so
+    that the root and the division are safe at every rotation [Shepperd1978].
     """
     xx = 1 + R[0, 0] - R[1, 1] - R[2, 2]
     yy = 1 - R[0, 0] + R[1, 1] - R[2, 2]
     zz = 1 - R[0, 0] - R[1, 1] + R[2, 2]
     ww = 1 + R[0, 0] + R[1, 1] + R[2, 2]
-    xy, xz, yz = R[0, 1] + R[1, 0], R[0, 2] + R[2, 0], R[1, 2] + R[2, 1]
-    xw, yw, zw = R[2, 1] - R[1, 2], R[0, 2] - R[2, 0], R[1, 0] - R[0, 1]
-    by_x, by_y, by_z, by_w = (xx, xy, xz, xw), (xy, yy, yz, yw), (xz, yz, zz, zw), (xw, yw, zw, ww)
-    first, second = _larger(xx, by_x, ww, by_w), _larger(yy, by_y, zz, by_z)
+    xy = R[0, 1] + R[1, 0]
+    xz = R[0, 2] + R[2, 0]
+    yz = R[1, 2] + R[2, 1]
+    xw = R[2, 1] - R[1, 2]
+    yw = R[0, 2] - R[2, 0]
+    zw = R[1, 0] - R[0, 1]
+    by_x = (xx, xy, xz, xw)
+    by_y = (xy, yy, yz, yw)
+    by_z = (xz, yz, zz, zw)
+    by_w = (xw, yw, zw, ww)
+    first = _larger(xx, by_x, ww, by_w)
+    second = _larger(yy, by_y, zz, by_z)
     square, products = _larger(*second, *first)
     scale = 0.5 / ca.sqrt(square)
     return column(*[scale * product for product in products])
 
 
-def _larger(a: Array, row_a: Sequence[Array], b: Array, row_b: Sequence[Array]) -> tuple[Array, tuple[Array, ...]]:
+def _larger(
+    a: Array, row_a: Sequence[Array], b: Array, row_b: Sequence[Array]
+) -> tuple[Array, tuple[Array, ...]]:
     choose_a = a > b
-    return where(choose_a, a, b), tuple(where(choose_a, x, y) for x, y in zip(row_a, row_b, strict=True))
+    return where(choose_a, a, b), tuple(
+        where(choose_a, x, y) for x, y in zip(row_a, row_b, strict=True)
+    )
 
 
 def quaternion_multiply(a: Array, b: Array) -> Array:
@@ -184,9 +223,12 @@ def quaternion_exp(rotation_vector: Array) -> Array:
 
 
 def quaternion_log(quaternion: Array) -> Array:
-    """Rotation vector (3,) [rad] of norm at most pi of a unit quaternion (4,) xyzw of either sign."""
+    """Rotation vector (3,) [rad] of norm at most pi of a unit quaternion (4,) xyzw of either
+    sign.
+    """
     sign = where(quaternion[3] < 0, -1.0, 1.0)
-    cosine, sine2 = sign * quaternion[3], dot(quaternion, quaternion)
+    cosine = sign * quaternion[3]
+    sine2 = dot(quaternion, quaternion)
     near_zero = sine2 < _SERIES_BELOW
     sine = ca.sqrt(where(near_zero, 1.0, sine2))
     safe_cosine = where(near_zero, cosine, 1.0)
@@ -212,7 +254,9 @@ def log3(R: Array) -> Array:
 
 
 def exp6_translation(twist: Array) -> Array:
-    """Translation (3,) [m] after moving for one second with a constant body twist (6,) [m/s, rad/s]."""
+    """Translation (3,) [m] after moving for one second with a constant body twist (6,) [m/s,
+    rad/s].
+    """
     linear, angular = twist[:3], twist[3:]
     x = dot(angular, angular)
     once = cross(angular, linear)
@@ -220,7 +264,9 @@ def exp6_translation(twist: Array) -> Array:
 
 
 def log6_translation(rotation_vector: Array, p: Array) -> Array:
-    """Linear part (3,) [m/s] of the twist whose exponential has the `rotation_vector` (3,) [rad] and translation p (3,) [m]."""
+    """Linear part (3,) [m/s] of the twist whose exponential has the `rotation_vector` (3,) [rad]
+    and translation p (3,) [m].
+    """
     once = cross(rotation_vector, p)
     scale = cotc_of_squared(dot(rotation_vector, rotation_vector))
     return p - once / 2 + scale * cross(rotation_vector, once)

@@ -1,4 +1,6 @@
-"""Rigid bodies and joints as CasADi expressions: poses, twists, wrenches, inertias, and steps on joint manifolds."""
+"""Rigid bodies and joints as CasADi expressions: poses, twists, wrenches, inertias, and steps on
+joint manifolds.
+"""
 
 from __future__ import annotations
 
@@ -12,7 +14,8 @@ import pinocchio as pin
 from uvms_ocp.errors import InvalidInput
 from uvms_ocp.robot import spatial
 
-# Poses, twists, wrenches and inertias of rigid bodies as CasADi expressions, each in its body's own frame.
+# Poses, twists, wrenches and inertias of rigid bodies as CasADi expressions, each in its body's own
+# frame.
 
 _EQUAL = 1e-15  # relative, of the diagonal of an isotropic matrix
 
@@ -51,13 +54,17 @@ class Twist:
     def cross(self, other: Twist) -> Twist:
         """Rate of the other twist when it is carried along by this one."""
         return Twist(
-            linear=spatial.cross(self.angular, other.linear) + spatial.cross(self.linear, other.angular),
+            linear=spatial.cross(self.angular, other.linear)
+            + spatial.cross(self.linear, other.angular),
             angular=spatial.cross(self.angular, other.angular),
         )
 
     def into_child(self, local: SymbolicPose) -> Twist:
         """The twist in the frame of a child body whose pose in this frame is ``local``."""
-        return Twist(linear=local.R.T @ (self.linear + spatial.cross(self.angular, local.p)), angular=local.R.T @ self.angular)
+        return Twist(
+            linear=local.R.T @ (self.linear + spatial.cross(self.angular, local.p)),
+            angular=local.R.T @ self.angular,
+        )
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
@@ -78,7 +85,9 @@ class Wrench:
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class TwistToWrench:
-    """A symmetric matrix (6, 6) ``[[A, B], [B.T, C]]`` from twists to wrenches, blocks (3, 3), linear first."""
+    """A symmetric matrix (6, 6) ``[[A, B], [B.T, C]]`` from twists to wrenches, blocks (3, 3),
+    linear first.
+    """
 
     A: ca.SX
     B: ca.SX
@@ -95,13 +104,17 @@ class TwistToWrench:
 
     def times(self, linear: ca.DM, angular: ca.DM) -> Wrench:
         """Wrenches of twists, one per column."""
-        return Wrench(force=self.A @ linear + self.B @ angular, moment=self.B.T @ linear + self.C @ angular)
+        return Wrench(
+            force=self.A @ linear + self.B @ angular, moment=self.B.T @ linear + self.C @ angular
+        )
 
     def onto_parent(self, local: SymbolicPose) -> TwistToWrench:
         """The same map in the frame of the parent body, in which this body's pose is ``local``."""
-        R, shift = local.R, spatial.skew(local.p)
+        R = local.R
+        shift = spatial.skew(local.p)
         A = self.A if _is_isotropic(self.A) else _symmetric(R @ self.A @ R.T)
-        B, C = R @ self.B @ R.T, _symmetric(R @ self.C @ R.T)
+        B = R @ self.B @ R.T
+        C = _symmetric(R @ self.C @ R.T)
         moved = B - A @ shift
         return TwistToWrench(A=A, B=moved, C=_symmetric(C - B.T @ shift + shift @ moved))
 
@@ -114,15 +127,20 @@ def _is_isotropic(A: ca.SX) -> bool:
     if not A.is_constant():
         return False
     values = np.asarray(ca.DM(A), dtype=float)
-    return bool(np.allclose(values, values[0, 0] * np.eye(3), rtol=0, atol=_EQUAL * abs(values[0, 0])))
+    return bool(
+        np.allclose(values, values[0, 0] * np.eye(3), rtol=0, atol=_EQUAL * abs(values[0, 0]))
+    )
 
 
 def inertial_wrench(inertia: ca.DM, velocity: Twist, acceleration: Twist) -> Wrench:
     """``I a + v x* (I v)`` of a body with a constant 6x6 inertia, all in the frame of the body."""
-    momentum, rate = _times(inertia, velocity), _times(inertia, acceleration)
+    momentum = _times(inertia, velocity)
+    rate = _times(inertia, acceleration)
     return Wrench(
         force=rate.force + spatial.cross(velocity.angular, momentum.force),
-        moment=rate.moment + spatial.cross(velocity.angular, momentum.moment) + spatial.cross(velocity.linear, momentum.force),
+        moment=rate.moment
+        + spatial.cross(velocity.angular, momentum.moment)
+        + spatial.cross(velocity.linear, momentum.force),
     )
 
 
@@ -131,7 +149,8 @@ def _times(inertia: ca.DM, twist: Twist) -> Wrench:
     return Wrench(force=rows[:3], moment=rows[3:])
 
 
-# Joints of a Pinocchio model as CasADi expressions: poses across them, and steps on their manifolds.
+# Joints of a Pinocchio model as CasADi expressions: poses across them, and steps on their
+# manifolds.
 
 _ROUNDING = 1e-14  # entries of constant matrices below this are structural zeros
 
@@ -141,7 +160,9 @@ class JointKind:
     """Terms that differ between joint types, as functions of the joint's own part of q and v."""
 
     pose: Callable[[np.ndarray, ca.SX], tuple[ca.SX, ca.SX]]
-    """Function of S (6, n) and q: R (3, 3) and p (3,) [m] of the child body in the joint's fixed frame."""
+    """Function of S (6, n) and q: R (3, 3) and p (3,) [m] of the child body in the joint's fixed
+    frame.
+    """
     integrate: Callable[[ca.SX, ca.SX], ca.SX]
     """Function of q and v: q after one second of v."""
     difference: Callable[[ca.SX, ca.SX], ca.SX]
@@ -175,13 +196,17 @@ class SymbolicJoint:
 
 
 def sparse(constant: np.ndarray) -> ca.DM:
-    """The constant matrix or vector (...) [any] with rounding errors and zeros removed from its sparsity."""
+    """The constant matrix or vector (...) [any] with rounding errors and zeros removed from its
+    sparsity.
+    """
     return ca.sparsify(ca.DM(np.where(np.abs(constant) < _ROUNDING, 0.0, constant)))
 
 
 def symbolic_joint(model: pin.Model, index: int) -> SymbolicJoint:
     """Read one joint of a model. Raises InvalidInput for a joint type that is not supported."""
-    joint, name, X_PJ = model.joints[index], model.names[index], model.jointPlacements[index]
+    joint = model.joints[index]
+    name = model.names[index]
+    X_PJ = model.jointPlacements[index]
     S = np.asarray(joint.createData().S, dtype=float).reshape(6, joint.nvExtended)
     follows = joint.shortname() == "JointModelMimic"
     return SymbolicJoint(
@@ -199,8 +224,13 @@ def symbolic_joint(model: pin.Model, index: int) -> SymbolicJoint:
 
 
 def _following(joint: pin.JointModelMimic, S: np.ndarray) -> JointKind:
-    """A joint that mimics another one, of one coordinate as it is itself: it moves with that one's q and v, and has none."""
-    own, scaling, offset, nothing = REVOLUTE if S[3:].any() else PRISMATIC, joint.scaling, joint.offset, ca.SX(0, 1)
+    """A joint that mimics another one, of one coordinate as it is itself: it moves with that one's
+    q and v, and has none.
+    """
+    own = REVOLUTE if S[3:].any() else PRISMATIC
+    scaling = joint.scaling
+    offset = joint.offset
+    nothing = ca.SX(0, 1)
     return JointKind(
         pose=lambda S, q: own.pose(S / scaling, scaling * q + offset),
         integrate=lambda q, v: nothing,
@@ -211,7 +241,10 @@ def _following(joint: pin.JointModelMimic, S: np.ndarray) -> JointKind:
 def _kind(shortname: str, joint_name: str) -> JointKind:
     if shortname not in JOINT_KINDS:
         known = ", ".join(name.removeprefix("JointModel") for name in JOINT_KINDS)
-        raise InvalidInput(f"joint {joint_name!r} has type {shortname.removeprefix('JointModel')}; supported: {known}")
+        raise InvalidInput(
+            f"joint {joint_name!r} has type {shortname.removeprefix('JointModel')}; supported:"
+            f" {known}"
+        )
     return JOINT_KINDS[shortname]
 
 
@@ -224,18 +257,29 @@ def _free_flyer_pose(S: np.ndarray, q: ca.SX) -> tuple[ca.SX, ca.SX]:
 
 def _free_flyer_integrate(q: ca.SX, v: ca.SX) -> ca.SX:
     step = spatial.quaternion_exp(v[3:])
-    step *= ca.if_else(step[3] < 0, -1, 1)  # stay in the hemisphere of the old quaternion, as Pinocchio does
+    step *= ca.if_else(
+        step[3] < 0, -1, 1
+    )  # stay in the hemisphere of the old quaternion, as Pinocchio does
     quaternion = _towards_unit(spatial.quaternion_multiply(q[3:], step))
-    return ca.vertcat(q[:3] + spatial.quaternion_to_matrix(q[3:]) @ spatial.exp6_translation(v), quaternion)
+    return ca.vertcat(
+        q[:3] + spatial.quaternion_to_matrix(q[3:]) @ spatial.exp6_translation(v), quaternion
+    )
 
 
 def _free_flyer_difference(q0: ca.SX, q1: ca.SX) -> ca.SX:
-    turn: ca.SX = spatial.quaternion_log(spatial.quaternion_multiply(spatial.quaternion_conjugate(q0[3:]), q1[3:]))
-    return ca.vertcat(spatial.log6_translation(turn, spatial.quaternion_to_matrix(q0[3:]).T @ (q1[:3] - q0[:3])), turn)
+    turn: ca.SX = spatial.quaternion_log(
+        spatial.quaternion_multiply(spatial.quaternion_conjugate(q0[3:]), q1[3:])
+    )
+    return ca.vertcat(
+        spatial.log6_translation(turn, spatial.quaternion_to_matrix(q0[3:]).T @ (q1[:3] - q0[:3])),
+        turn,
+    )
 
 
 def _towards_unit(x: ca.SX) -> ca.SX:
-    """One Newton step of normalisation: rounding errors do not accumulate, and nothing is divided."""
+    """One Newton step of normalisation: rounding errors do not accumulate, and nothing is
+    divided.
+    """
     return x * ((3 - ca.sumsqr(x)) / 2)
 
 
@@ -243,7 +287,9 @@ def _towards_unit(x: ca.SX) -> ca.SX:
 
 
 def _planar_pose(S: np.ndarray, q: ca.SX) -> tuple[ca.SX, ca.SX]:
-    return spatial.matrix((q[2], -q[3], 0), (q[3], q[2], 0), (0, 0, 1)), ca.vertcat(q[0], q[1], ca.SX(1, 1))
+    return spatial.matrix((q[2], -q[3], 0), (q[3], q[2], 0), (0, 0, 1)), ca.vertcat(
+        q[0], q[1], ca.SX(1, 1)
+    )
 
 
 def _planar_integrate(q: ca.SX, v: ca.SX) -> ca.SX:
@@ -253,7 +299,8 @@ def _planar_integrate(q: ca.SX, v: ca.SX) -> ca.SX:
 
 
 def _planar_difference(q0: ca.SX, q1: ca.SX) -> ca.SX:
-    d, angle = q1[:2] - q0[:2], _circle_difference(q0[2:], q1[2:])
+    d = q1[:2] - q0[:2]
+    angle = _circle_difference(q0[2:], q1[2:])
     p = ca.vertcat(q0[2] * d[0] + q0[3] * d[1], q0[2] * d[1] - q0[3] * d[0], 0)
     return ca.vertcat(spatial.log6_translation(ca.vertcat(0, 0, angle), p)[:2], angle)
 
@@ -287,17 +334,33 @@ def _rotation_about(axis: np.ndarray, c: ca.SX, s: ca.SX) -> ca.SX:
     return sparse(outer) + c * sparse(np.eye(3) - outer) + s * sparse(spatial.skew(axis))
 
 
-FREE_FLYER = JointKind(pose=_free_flyer_pose, integrate=_free_flyer_integrate, difference=_free_flyer_difference)
+FREE_FLYER = JointKind(
+    pose=_free_flyer_pose, integrate=_free_flyer_integrate, difference=_free_flyer_difference
+)
 PLANAR = JointKind(pose=_planar_pose, integrate=_planar_integrate, difference=_planar_difference)
 UNBOUNDED = JointKind(pose=_circle_pose, integrate=_circle_integrate, difference=_circle_difference)
-REVOLUTE = JointKind(pose=_revolute_pose, integrate=lambda q, v: q + v, difference=lambda q0, q1: q1 - q0)
+REVOLUTE = JointKind(
+    pose=_revolute_pose, integrate=lambda q, v: q + v, difference=lambda q0, q1: q1 - q0
+)
 PRISMATIC = replace(REVOLUTE, pose=lambda S, q: (ca.SX.eye(3), sparse(S[:3, 0]) * q))
 
 JOINT_KINDS: Mapping[str, JointKind] = {
     "JointModelFreeFlyer": FREE_FLYER,
     "JointModelPlanar": PLANAR,
-    **dict.fromkeys(("JointModelRX", "JointModelRY", "JointModelRZ", "JointModelRevoluteUnaligned"), REVOLUTE),
-    **dict.fromkeys(("JointModelRUBX", "JointModelRUBY", "JointModelRUBZ", "JointModelRevoluteUnboundedUnaligned"), UNBOUNDED),
-    **dict.fromkeys(("JointModelPX", "JointModelPY", "JointModelPZ", "JointModelPrismaticUnaligned"), PRISMATIC),
+    **dict.fromkeys(
+        ("JointModelRX", "JointModelRY", "JointModelRZ", "JointModelRevoluteUnaligned"), REVOLUTE
+    ),
+    **dict.fromkeys(
+        (
+            "JointModelRUBX",
+            "JointModelRUBY",
+            "JointModelRUBZ",
+            "JointModelRevoluteUnboundedUnaligned",
+        ),
+        UNBOUNDED,
+    ),
+    **dict.fromkeys(
+        ("JointModelPX", "JointModelPY", "JointModelPZ", "JointModelPrismaticUnaligned"), PRISMATIC
+    ),
 }
 """Joint types of Pinocchio that have a symbolic form."""

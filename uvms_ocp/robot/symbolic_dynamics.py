@@ -2,7 +2,8 @@
 
 M(q) a + C(q, v_r) v_r + D(q, v_r) v_r + g(q) = tau
 
-M is rigid body plus added mass of every link; velocity and acceleration of the water enter link by link.
+M is rigid body plus added mass of every link; velocity and acceleration of the water enter link by
+link.
 """
 
 from __future__ import annotations
@@ -90,15 +91,16 @@ def wet_link(model: pin.Model, link: water.LinkHydrodynamics, density: float) ->
 #
 #     M(q) a + C(q, v_r) v_r + D(q, v_r) v_r + g(q) = tau
 #
-# M is rigid body plus added mass of every link; velocity and acceleration of the water enter link by link.
+# M is rigid body plus added mass of every link; velocity and acceleration of the water enter link
+# by link.
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False, repr=False)
 class SymbolicDynamics(FieldTable):
     """Dynamics of a kinematic tree with water on some of its links.
 
-    Velocity u and acceleration ``Du_Dt = du/dt + (u . grad) u`` of the water are (3, n_links) in W, one column per link,
-    in the order of ``links``. Raises FrameNotFound and InvalidInput.
+    Velocity u and acceleration ``Du_Dt = du/dt + (u . grad) u`` of the water are (3, n_links) in W,
+    one column per link, in the order of ``links``. Raises FrameNotFound and InvalidInput.
     """
 
     model: pin.Model
@@ -116,26 +118,37 @@ class SymbolicDynamics(FieldTable):
         if not (np.isfinite(self.density) and self.density >= 0.0):
             raise InvalidInput(f"density {self.density} kg/m3 given; allowed: 0 or more")
         if self.damping is not None and np.shape(self.damping) != (self.model.nv,):
-            raise InvalidInput(f"damping of shape {np.shape(self.damping)} given; allowed: ({self.model.nv},)")
+            raise InvalidInput(
+                f"damping of shape {np.shape(self.damping)} given; allowed: ({self.model.nv},)"
+            )
         friction = np.asarray(0.0 if self.damping is None else self.damping)
         if not (np.isfinite(friction).all() and (friction >= 0.0).all()):
-            raise InvalidInput(f"damping {friction.tolist()} given; allowed: finite, 0 or more: less feeds energy")
+            raise InvalidInput(
+                f"damping {friction.tolist()} given; allowed: finite, 0 or more: less feeds energy"
+            )
         self._set(
             symbolic=SymbolicModel(self.model),
             _wet=tuple(wet_link(self.model, link, self.density) for link in self.links),
-            _rigid=(ca.DM(6, 6), *(sparse(inertia.matrix()) for inertia in list(self.model.inertias)[1:])),
+            _rigid=(
+                ca.DM(6, 6),
+                *(sparse(inertia.matrix()) for inertia in list(self.model.inertias)[1:]),
+            ),
         )
 
     def with_coefficients(
-        self, *, rigid: Mapping[int, ca.SX] | None = None, links: Mapping[int, WaterCoefficients] | None = None
+        self,
+        *,
+        rigid: Mapping[int, ca.SX] | None = None,
+        links: Mapping[int, WaterCoefficients] | None = None,
     ) -> SymbolicDynamics:
         """The same equations with expressions in place of numbers.
 
-        rigid: spatial inertias (6, 6) of joint bodies at their joints, by joint. links: what water does to links, by their
-        place in ``links``. What is left out stays.
+        rigid: spatial inertias (6, 6) of joint bodies at their joints, by joint. links: what water
+        does to links, by their place in ``links``. What is left out stays.
         """
         other = copy(self)
-        bodies, wet = dict(enumerate(self._rigid)) | dict(rigid or {}), dict(enumerate(self._wet))
+        bodies = dict(enumerate(self._rigid)) | dict(rigid or {})
+        wet = dict(enumerate(self._wet))
         wet |= {index: replace(wet[index], water=own) for index, own in (links or {}).items()}
         other._set(_rigid=tuple(bodies.values()), _wet=tuple(wet.values()))
         return other
@@ -147,12 +160,16 @@ class SymbolicDynamics(FieldTable):
     # --- expressions ------------------------------------------------------------------------------
 
     def inverse_dynamics(self, q: ca.SX, v: ca.SX, a: ca.SX, u: ca.SX, Du_Dt: ca.SX) -> ca.SX:
-        """Generalized force (n_v,) for the acceleration a: one outward and one inward pass over the tree."""
+        """Generalized force (n_v,) for the acceleration a: one outward and one inward pass over the
+        tree.
+        """
         local = self.symbolic.local_poses(q)
         motions = self.symbolic.body_motions(local, v, a)
         wrenches = [
             inertial_wrench(inertia, velocity, acceleration)
-            for inertia, velocity, acceleration in zip(self._rigid, motions.velocities, motions.accelerations, strict=True)
+            for inertia, velocity, acceleration in zip(
+                self._rigid, motions.velocities, motions.accelerations, strict=True
+            )
         ]
         for index, link in enumerate(self._wet):
             wrenches[link.joint] += self._water_wrench(link, motions, u[:, index], Du_Dt[:, index])
@@ -160,7 +177,9 @@ class SymbolicDynamics(FieldTable):
         return tau if self.damping is None else tau + self.damping * v
 
     def bias_force(self, q: ca.SX, v: ca.SX, u: ca.SX, Du_Dt: ca.SX) -> ca.SX:
-        """Generalized force (n_v,) for zero acceleration: ``C v + D v + g`` and the accelerating water."""
+        """Generalized force (n_v,) for zero acceleration: ``C v + D v + g`` and the accelerating
+        water.
+        """
         return self.inverse_dynamics(q, v, ca.SX(self.model.nv, 1), u, Du_Dt)
 
     def mass_matrix(self, q: ca.SX) -> ca.SX:
@@ -169,33 +188,38 @@ class SymbolicDynamics(FieldTable):
         return M + ca.diag(sparse(np.asarray(self.model.armature)))
 
     def damping_matrix(self, q: ca.SX, v: ca.SX, u: ca.SX) -> ca.SX:
-        """Symmetric part of Fossen's D(q, v_r) with the joint friction (n_v, n_v), for implicit integration.
+        """Symmetric part of Fossen's D(q, v_r) with the joint friction (n_v, n_v), for implicit
+        integration.
 
-        ``v.T D v`` is the dissipated power in still water; with a diagonal quadratic drag D is positive
-        semidefinite, so that ``M + h D`` damps at any step h.
+        ``v.T D v`` is the dissipated power in still water; with a diagonal quadratic drag D is
+        positive semidefinite, so that ``M + h D`` damps at any step h.
         """
         return self._summed_damping(q, v, u, quadratic_factor=1)
 
     def forward_dynamics(self, q: ca.SX, v: ca.SX, tau: ca.SX, u: ca.SX, Du_Dt: ca.SX) -> ca.SX:
         """Acceleration (n_v,) under the generalized force tau.
 
-        For numeric use: differentiate `inverse_dynamics` instead, the derivative of the solution is ten times
-        as long.
+        For numeric use: differentiate `inverse_dynamics` instead, the derivative of the solution is
+        ten times as long.
         """
         D, L_transposed, order = ca.ldl(self.mass_matrix(q), False)
         return ca.ldl_solve(tau - self.bias_force(q, v, u, Du_Dt), D, L_transposed, order)
 
     def drag_slope(self, q: ca.SX, v: ca.SX, u: ca.SX) -> ca.SX:
-        """Derivative (n_v, n_v) of ``D v_r`` and joint friction with respect to v, its symmetric part.
+        """Derivative (n_v, n_v) of ``D v_r`` and joint friction with respect to v, its symmetric
+        part.
 
-        Of drag by the flow twice D, which is the derivative along the flow, and more than that across it. ``M + h drag_slope``
-        makes a step of length h implicit in the drag, so that it cannot overshoot.
+        Of drag by the flow twice D, which is the derivative along the flow, and more than that
+        across it. ``M + h drag_slope`` makes a step of length h implicit in the drag, so that it
+        cannot overshoot.
         """
         return self._summed_damping(q, v, u, quadratic_factor=2)
 
     def kinetic_energy(self, q: ca.SX, v: ca.SX) -> ca.SX:
         """``1/2 v.T M v`` [J], of the bodies and the water they carry along."""
-        motions = self.symbolic.body_motions(self.symbolic.local_poses(q), v, ca.SX(self.model.nv, 1))
+        motions = self.symbolic.body_motions(
+            self.symbolic.local_poses(q), v, ca.SX(self.model.nv, 1)
+        )
         twice = sum(
             ca.bilin(ca.SX(inertia), velocity.stacked(), velocity.stacked())
             for inertia, velocity in zip(self._total_inertias(), motions.velocities, strict=True)
@@ -207,7 +231,9 @@ class SymbolicDynamics(FieldTable):
         poses = self.symbolic.joint_poses(self.symbolic.local_poses(q))
         moment = ca.SX(3, 1)  # sum of mass times position, displaced mass counting negative
         for pose, inertia in zip(poses[1:], self._rigid[1:], strict=True):
-            first = ca.vertcat(inertia[5, 1], inertia[3, 2], inertia[4, 0])  # mass times lever, in the coupling block
+            first = ca.vertcat(
+                inertia[5, 1], inertia[3, 2], inertia[4, 0]
+            )  # mass times lever, in the coupling block
             moment += inertia[0, 0] * pose.p + pose.R @ first
         for link in self._wet:
             moment -= link.water.displaced_mass * link.point(poses, link.water.p_LB)
@@ -219,32 +245,41 @@ class SymbolicDynamics(FieldTable):
         return ca.horzcat(ca.SX(3, 0), *(link.point(poses, ca.DM(3, 1)) for link in self._wet))
 
     def inertias(self) -> list[np.ndarray]:
-        """Rigid-body plus added inertia (6, 6) of every joint body at its joint frame, universe included."""
+        """Rigid-body plus added inertia (6, 6) of every joint body at its joint frame, universe
+        included.
+        """
         return [np.asarray(ca.DM(total)) for total in self._total_inertias()]
 
     def _total_inertias(self) -> list[ca.DM | ca.SX]:
         total = list(self._rigid)
         for link in self._wet:
-            total[link.joint] = total[link.joint] + link.motion_LJ.T @ link.water.added_mass @ link.motion_LJ
+            total[link.joint] = (
+                total[link.joint] + link.motion_LJ.T @ link.water.added_mass @ link.motion_LJ
+            )
         return [sparse(np.asarray(one)) if isinstance(one, ca.DM) else one for one in total]
 
     def _water_wrench(self, link: WetLink, motions: BodyMotions, u: ca.SX, Du_Dt: ca.SX) -> Wrench:
         """Wrench of the link on the water, at the joint that carries it."""
         R_LW = link.R_JL.T @ motions.poses[link.joint].R.T
-        u_L, w_L = R_LW @ u, R_LW @ (Du_Dt - self.model.gravity.linear)
+        u_L = R_LW @ u
+        w_L = R_LW @ (Du_Dt - self.model.gravity.linear)
         nu = link.motion_LJ @ motions.velocities[link.joint].stacked()
         a = link.motion_LJ @ motions.accelerations[link.joint].stacked()
         nu_r = water.relative_velocity(nu, u_L)
         nu_r_dot = water.relative_acceleration(a, nu, u_L, w_L)
         wrench = link.motion_LJ.T @ (
             water.added_mass_wrench(link.water.added_mass, nu_r, nu_r_dot)
-            + water.drag_wrench(link.water.linear_drag, link.water.quadratic_drag, nu_r, link.water.by_flow)
+            + water.drag_wrench(
+                link.water.linear_drag, link.water.quadratic_drag, nu_r, link.water.by_flow
+            )
             - water.pressure_wrench(link.water.displaced_mass, link.water.p_LB, w_L)
         )
         return Wrench(force=wrench[:3], moment=wrench[3:])
 
     def _summed_damping(self, q: ca.SX, v: ca.SX, u: ca.SX, *, quadratic_factor: int) -> ca.SX:
-        """Sum of the links' damping, quadratic drag counting `quadratic_factor` times, and joint friction."""
+        """Sum of the links' damping, quadratic drag counting `quadratic_factor` times, and joint
+        friction.
+        """
         local = self.symbolic.local_poses(q)
         motions = self.symbolic.body_motions(local, v, ca.SX(self.model.nv, 1))
         bodies = [ca.SX(6, 6) for _ in range(self.model.njoints)]
@@ -253,17 +288,28 @@ class SymbolicDynamics(FieldTable):
         D = self.symbolic.congruence(local, bodies)
         return D if self.damping is None else D + ca.diag(ca.SX(self.damping))
 
-    def _link_damping(self, link: WetLink, motions: BodyMotions, u: ca.SX, quadratic_factor: int) -> ca.SX:
+    def _link_damping(
+        self, link: WetLink, motions: BodyMotions, u: ca.SX, quadratic_factor: int
+    ) -> ca.SX:
         """Symmetric part of the link's D(nu_r) (6, 6), at the joint that carries it."""
         u_L = link.R_JL.T @ (motions.poses[link.joint].R.T @ u)
-        nu_r = water.relative_velocity(link.motion_LJ @ motions.velocities[link.joint].stacked(), u_L)
-        D = water.damping_matrix(link.water.linear_drag, quadratic_factor * link.water.quadratic_drag, nu_r, link.water.by_flow)
+        nu_r = water.relative_velocity(
+            link.motion_LJ @ motions.velocities[link.joint].stacked(), u_L
+        )
+        D = water.damping_matrix(
+            link.water.linear_drag,
+            quadratic_factor * link.water.quadratic_drag,
+            nu_r,
+            link.water.by_flow,
+        )
         return link.motion_LJ.T @ ((D + D.T) / 2) @ link.motion_LJ
 
     # --- ready-made functions ---------------------------------------------------------------------
 
     def function(self, term: str) -> ca.Function:
-        """Function of one of the expressions above, such as ``"mass_matrix"``, with the names of its arguments."""
+        """Function of one of the expressions above, such as ``"mass_matrix"``, with the names of
+        its arguments.
+        """
         expression = getattr(self, term)
         x = self._symbols(*signature(expression).parameters)
         return function(term, x, {term: expression(*x.values())})
@@ -277,6 +323,7 @@ class SymbolicDynamics(FieldTable):
             object.__setattr__(self, name, value)
 
     def _symbols(self, *names: str) -> dict[str, ca.SX]:
-        n_v, n_links = self.model.nv, len(self.links)
+        n_v = self.model.nv
+        n_links = len(self.links)
         shapes = {"q": (self.model.nq, 1), "u": (3, n_links), "Du_Dt": (3, n_links)}
         return {name: ca.SX.sym(name, *shapes.get(name, (n_v, 1))) for name in names}

@@ -1,8 +1,8 @@
 """Rigid-body algorithms as CasADi SX expressions, read from a ``pin.Model``.
 
-The pip wheels of Pinocchio carry no CasADi scalar type; these recursions supply it. Pinocchio stays the
-numeric engine, and the oracle of the tests. Expressions keep structural zeros, so that functions built from
-them stay small.
+The pip wheels of Pinocchio carry no CasADi scalar type; these recursions supply it. Pinocchio stays
+the numeric engine, and the oracle of the tests. Expressions keep structural zeros, so that
+functions built from them stay small.
 """
 
 from __future__ import annotations
@@ -16,14 +16,23 @@ import pinocchio as pin
 from uvms_ocp.checks import checked_dataclass
 from uvms_ocp.errors import FrameNotFound, InvalidInput
 from uvms_ocp.robot import spatial
-from uvms_ocp.robot.symbolic_bodies import SymbolicJoint, SymbolicPose, Twist, TwistToWrench, Wrench, sparse, symbolic_joint
+from uvms_ocp.robot.symbolic_bodies import (
+    SymbolicJoint,
+    SymbolicPose,
+    Twist,
+    TwistToWrench,
+    Wrench,
+    sparse,
+    symbolic_joint,
+)
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class BodyMotions:
     """Velocity and acceleration of every joint body, in its own frame; index 0 is the universe.
 
-    ``accelerations`` are spatial, the rates of the components of ``velocities``, relative to free fall.
+    ``accelerations`` are spatial, the rates of the components of ``velocities``, relative to free
+    fall.
     """
 
     poses: tuple[SymbolicPose, ...]
@@ -58,7 +67,8 @@ class SymbolicKinematics:
         return J
 
     def _columns(self, index: int, p_WF: ca.SX) -> ca.SX:
-        joint, pose = self.model.joints[index - 1], self.joint_poses[index]
+        joint = self.model.joints[index - 1]
+        pose = self.joint_poses[index]
         angular = pose.R @ joint.S_angular
         linear = pose.R @ joint.S_linear
         if joint.S_angular.nnz():
@@ -68,10 +78,11 @@ class SymbolicKinematics:
 
 @checked_dataclass(kw_only=False, eq=False)
 class SymbolicModel:
-    """A kinematic tree as CasADi expressions of q (n_q,) [m, rad], v (n_v,) [m/s, rad/s] and a (n_v,) [m/s2, rad/s2].
+    """A kinematic tree as CasADi expressions of q (n_q,) [m, rad], v (n_v,) [m/s, rad/s] and a
+    (n_v,) [m/s2, rad/s2].
 
-    Raises InvalidInput for joint types other than free-flyer, revolute, prismatic, planar and unbounded
-    revolute.
+    Raises InvalidInput for joint types other than free-flyer, revolute, prismatic, planar and
+    unbounded revolute.
     """
 
     model: pin.Model
@@ -79,27 +90,41 @@ class SymbolicModel:
     """Joint i of Pinocchio is ``joints[i - 1]``; the universe has no entry."""
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "joints", tuple(symbolic_joint(self.model, i) for i in range(1, self.model.njoints)))
+        object.__setattr__(
+            self,
+            "joints",
+            tuple(symbolic_joint(self.model, i) for i in range(1, self.model.njoints)),
+        )
 
     # --- kinematics -------------------------------------------------------------------------------
 
     def frame(self, name: str) -> tuple[int, ca.DM, ca.DM]:
-        """Supporting joint of a frame and the frame's placement R_JF, p_JF on it. Raises FrameNotFound."""
+        """Supporting joint of a frame and the frame's placement R_JF, p_JF on it. Raises
+        FrameNotFound.
+        """
         found = find_frame(self.model, name)
-        return found.parentJoint, sparse(found.placement.rotation), sparse(found.placement.translation)
+        return (
+            found.parentJoint,
+            sparse(found.placement.rotation),
+            sparse(found.placement.translation),
+        )
 
     def forward_kinematics(self, q: ca.SX) -> SymbolicKinematics:
         """Poses of all joints at q. Raises InvalidInput, as `local_poses`."""
         return SymbolicKinematics(model=self, joint_poses=self.joint_poses(self.local_poses(q)))
 
     def local_poses(self, q: ca.SX) -> tuple[SymbolicPose, ...]:
-        """Pose of every joint body in its parent body; index 0 is the universe. Raises InvalidInput for a q of another size."""
+        """Pose of every joint body in its parent body; index 0 is the universe. Raises InvalidInput
+        for a q of another size.
+        """
         self._check_rows("q", q, self.model.nq)
         across = (joint.pose(q) for joint in self.joints)
         return (SymbolicPose.identity(), *(SymbolicPose(R=R, p=p) for R, p in across))
 
     def joint_poses(self, local_poses: Sequence[SymbolicPose]) -> tuple[SymbolicPose, ...]:
-        """Pose X_WJ of every joint body; index 0 is the universe. Raises InvalidInput for another number of poses."""
+        """Pose X_WJ of every joint body; index 0 is the universe. Raises InvalidInput for another
+        number of poses.
+        """
         self._check_bodies(local_poses=local_poses)
         poses = [local_poses[0]]
         for joint, local in zip(self.joints, local_poses[1:], strict=True):
@@ -113,7 +138,9 @@ class SymbolicModel:
         """
         self._check_rows("q", q, self.model.nq)
         self._check_rows("v", v, self.model.nv)
-        return ca.vertcat(ca.SX(0, 1), *[joint.kind.integrate(q[joint.q], v[joint.v]) for joint in self.joints])
+        return ca.vertcat(
+            ca.SX(0, 1), *[joint.kind.integrate(q[joint.q], v[joint.v]) for joint in self.joints]
+        )
 
     def difference(self, q0: ca.SX, q1: ca.SX) -> ca.SX:
         """Velocity (n_v,) that moves q0 to q1 in one second; rotations by at most pi.
@@ -122,14 +149,19 @@ class SymbolicModel:
         """
         self._check_rows("q0", q0, self.model.nq)
         self._check_rows("q1", q1, self.model.nq)
-        return ca.vertcat(ca.SX(0, 1), *[joint.kind.difference(q0[joint.q], q1[joint.q]) for joint in self.joints])
+        return ca.vertcat(
+            ca.SX(0, 1), *[joint.kind.difference(q0[joint.q], q1[joint.q]) for joint in self.joints]
+        )
 
     # --- dynamics ---------------------------------------------------------------------------------
 
     def _check_bodies(self, **given: Sequence[object]) -> None:
         for name, values in given.items():
             if len(values) != self.model.njoints:
-                raise InvalidInput(f"{name}: {len(values)} given, {self.model.njoints} wanted: the universe and each joint")
+                raise InvalidInput(
+                    f"{name}: {len(values)} given, {self.model.njoints} wanted: the universe and"
+                    " each joint"
+                )
 
     def body_motions(self, local_poses: Sequence[SymbolicPose], v: ca.SX, a: ca.SX) -> BodyMotions:
         """Velocities and accelerations of all joint bodies: the outward pass.
@@ -140,46 +172,70 @@ class SymbolicModel:
         self._check_rows("v", v, self.model.nv)
         self._check_rows("a", a, self.model.nv)
         velocities = [Twist(linear=ca.SX(3, 1), angular=ca.SX(3, 1))]
-        accelerations = [Twist(linear=ca.SX(sparse(-self.model.gravity.linear)), angular=ca.SX(3, 1))]
+        accelerations = [
+            Twist(linear=ca.SX(sparse(-self.model.gravity.linear)), angular=ca.SX(3, 1))
+        ]
         for joint, local in zip(self.joints, local_poses[1:], strict=True):
             relative = _across(joint, v)
             velocity = velocities[joint.parent].into_child(local) + relative
             carried = accelerations[joint.parent].into_child(local) + _across(joint, a)
             velocities.append(velocity)
             accelerations.append(carried + velocity.cross(relative))
-        return BodyMotions(poses=self.joint_poses(local_poses), velocities=tuple(velocities), accelerations=tuple(accelerations))
+        return BodyMotions(
+            poses=self.joint_poses(local_poses),
+            velocities=tuple(velocities),
+            accelerations=tuple(accelerations),
+        )
 
-    def generalized_force(self, local_poses: Sequence[SymbolicPose], wrenches: Sequence[Wrench]) -> ca.SX:
-        """Generalized force (n_v,) that balances a wrench on every joint body, else InvalidInput: the inward pass."""
+    def generalized_force(
+        self, local_poses: Sequence[SymbolicPose], wrenches: Sequence[Wrench]
+    ) -> ca.SX:
+        """Generalized force (n_v,) that balances a wrench on every joint body, else InvalidInput:
+        the inward pass.
+        """
         self._check_bodies(local_poses=local_poses, wrenches=wrenches)
-        carried, total = list(wrenches), ca.SX(self.model.nv, 1)
+        carried = list(wrenches)
+        total = ca.SX(self.model.nv, 1)
         for index in range(len(self.joints), 0, -1):
-            joint, wrench = self.joints[index - 1], carried[index]
+            joint = self.joints[index - 1]
+            wrench = carried[index]
             total[joint.v] += joint.S_linear.T @ wrench.force + joint.S_angular.T @ wrench.moment
             if joint.parent:
                 carried[joint.parent] += wrench.onto_parent(local_poses[index])
         return total
 
-    def congruence(self, local_poses: Sequence[SymbolicPose], matrices: Sequence[ca.DM | ca.SX]) -> ca.SX:
-        """``sum J_i.T X_i J_i`` (n_v, n_v) over the joint bodies, for symmetric X_i (6, 6) in their frames, else InvalidInput."""
+    def congruence(
+        self, local_poses: Sequence[SymbolicPose], matrices: Sequence[ca.DM | ca.SX]
+    ) -> ca.SX:
+        """``sum J_i.T X_i J_i`` (n_v, n_v) over the joint bodies, for symmetric X_i (6, 6) in their
+        frames, else InvalidInput.
+        """
         self._check_bodies(local_poses=local_poses, matrices=matrices)
         carried = [TwistToWrench.of(matrix) for matrix in matrices]
         total = ca.SX(self.model.nv, self.model.nv)
         for index in range(len(self.joints), 0, -1):
             self._fill_columns(total, index, carried[index], local_poses)
-            if parent := self.joints[index - 1].parent:
+            parent = self.joints[index - 1].parent
+            if parent:
                 carried[parent] += carried[index].onto_parent(local_poses[index])
         return ca.triu2symm(ca.triu(total))
 
-    def _fill_columns(self, total: ca.SX, index: int, carried: TwistToWrench, local: Sequence[SymbolicPose]) -> None:
+    def _fill_columns(
+        self, total: ca.SX, index: int, carried: TwistToWrench, local: Sequence[SymbolicPose]
+    ) -> None:
         joint = self.joints[index - 1]
-        wrench, columns = carried.times(joint.S_linear, joint.S_angular), joint.v
+        wrench = carried.times(joint.S_linear, joint.S_angular)
+        columns = joint.v
         at = index
         while at:
             joint = self.joints[at - 1]
             block = joint.S_linear.T @ wrench.force + joint.S_angular.T @ wrench.moment
-            if joint.v.start <= columns.start:  # the upper triangle alone; of joints that move as one both halves count
-                total[joint.v, columns] += block + block.T if at != index and joint.v == columns else block
+            if (
+                joint.v.start <= columns.start
+            ):  # the upper triangle alone; of joints that move as one both halves count
+                total[joint.v, columns] += (
+                    block + block.T if at != index and joint.v == columns else block
+                )
             else:
                 total[columns, joint.v] += block.T
             wrench = wrench.onto_parent(local[at])
@@ -187,11 +243,15 @@ class SymbolicModel:
 
     def _check_rows(self, name: str, value: ca.SX, n_rows: int) -> None:
         if value.shape != (n_rows, 1):
-            raise InvalidInput(f"{name}: shape {value.shape} given, a column of {n_rows} rows wanted")
+            raise InvalidInput(
+                f"{name}: shape {value.shape} given, a column of {n_rows} rows wanted"
+            )
 
 
 def find_frame(model: pin.Model, name: str) -> pin.Frame:
-    """Frame of a model by name; a body is preferred to a joint of the same name. Raises FrameNotFound."""
+    """Frame of a model by name; a body is preferred to a joint of the same name. Raises
+    FrameNotFound.
+    """
     named = [frame for frame in model.frames if frame.name == name]
     if not named:
         raise FrameNotFound(name, dict.fromkeys(frame.name for frame in model.frames))
@@ -201,7 +261,9 @@ def find_frame(model: pin.Model, name: str) -> pin.Frame:
 def function(name: str, inputs: dict[str, ca.SX], outputs: dict[str, ca.SX]) -> ca.Function:
     """SX function with named, dense inputs and outputs."""
     dense = [ca.densify(value) for value in outputs.values()]
-    return ca.Function(name, list(inputs.values()), dense, list(inputs), list(outputs), {"cse": True})
+    return ca.Function(
+        name, list(inputs.values()), dense, list(inputs), list(outputs), {"cse": True}
+    )
 
 
 def _across(joint: SymbolicJoint, v: ca.SX) -> Twist:

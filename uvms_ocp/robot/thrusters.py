@@ -1,4 +1,6 @@
-"""Compute what a set of thrusters can do: the wrench of each, limits, signals, and unactuated axes."""
+"""Compute what a set of thrusters can do: the wrench of each, limits, signals, and unactuated
+axes.
+"""
 
 from __future__ import annotations
 
@@ -17,12 +19,16 @@ from uvms_ocp.robot.robot import Robot
 AXES = ("surge", "sway", "heave", "roll", "pitch", "yaw")
 """The vehicle's, in the order of v."""
 _ROUNDING = 1e-6  # relative
-_WEAK = 0.1  # of the best driven direction: what rights itself and is driven by less is left to itself
+_WEAK = (
+    0.1  # of the best driven direction: what rights itself and is driven by less is left to itself
+)
 
 
 @checked
 def thruster_matrix(robot: Robot) -> np.ndarray:
-    """Return (6, n_thrusters) [-, m]: wrench per newton on the vehicle about the origin of B, in B, linear rows first."""
+    """Return (6, n_thrusters) [-, m]: wrench per newton on the vehicle about the origin of B, in B,
+    linear rows first.
+    """
     return _columns(robot).copy()
 
 
@@ -40,8 +46,12 @@ def _column(model: pin.Model, thruster: Thruster) -> np.ndarray:
 
 
 def thrust_limits(robot: Robot) -> tuple[np.ndarray, np.ndarray]:
-    """Return lower and upper (n_thrusters,) [N], the thrust limits inside the range of the curve."""
-    lower, upper = np.array([_range(thruster) for thruster in robot.description.thrusters]).reshape(-1, 2).T
+    """Return lower and upper (n_thrusters,) [N], the thrust limits inside the range of the
+    curve.
+    """
+    lower, upper = (
+        np.array([_range(thruster) for thruster in robot.description.thrusters]).reshape(-1, 2).T
+    )
     return lower, upper
 
 
@@ -52,22 +62,29 @@ def _range(thruster: Thruster) -> tuple[float, float]:
 
 
 def power_law(robot: Robot) -> tuple[np.ndarray, np.ndarray]:
-    """Return factor (n_thrusters,) [W/N^exponent], NaN where the file gives none, and exponent (n_thrusters,)."""
+    """Return factor (n_thrusters,) [W/N^exponent], NaN where the file gives none, and exponent
+    (n_thrusters,).
+    """
     powers = [thruster.power for thruster in robot.description.thrusters]
     factor = [power.watts / power.thrust**power.exponent if power else np.nan for power in powers]
     return np.array(factor), np.array([power.exponent if power else 1.0 for power in powers])
 
 
 def electrical_power(thrust: Array, factor: np.ndarray, exponent: np.ndarray) -> ca.SX:
-    """Return the electrical power (n_thrusters,) [W] at a thrust (n_thrusters,) [N], by a `power_law`."""
+    """Return the electrical power (n_thrusters,) [W] at a thrust (n_thrusters,) [N], by a
+    `power_law`.
+    """
     size = ca.fabs(thrust)
     # A call of pow takes five times as long as the square root of the usual exponent.
-    powers = [size[k] * ca.sqrt(size[k]) if e == 1.5 else size[k] ** e for k, e in enumerate(exponent)]
+    powers = [
+        size[k] * ca.sqrt(size[k]) if e == 1.5 else size[k] ** e for k, e in enumerate(exponent)
+    ]
     return ca.DM(factor) * ca.vertcat(ca.SX(0, 1), *powers)
 
 
 def joint_power(tau: Array, rate: Array, efficiency: float) -> Array:
-    """Return the electrical power (n_joints,) [W] of drives, of effort tau [N m or N] and rate [rad/s or m/s], both (n_joints,).
+    """Return the electrical power (n_joints,) [W] of drives, of effort tau [N m or N] and rate
+    [rad/s or m/s], both (n_joints,).
 
     ``|tau rate|`` divided by the efficiency: braking gives nothing back, standing still is free.
     """
@@ -75,8 +92,12 @@ def joint_power(tau: Array, rate: Array, efficiency: float) -> Array:
 
 
 def largest_wrench(robot: Robot) -> np.ndarray:
-    """Return (6,) [N, N m], what all thrusters can give at most axis by axis, ahead and up; 0 where that is rounding."""
-    most = np.abs(thruster_matrix(robot)) @ np.array([t.maximum for t in robot.description.thrusters])
+    """Return (6,) [N, N m], what all thrusters can give at most axis by axis, ahead and up; 0 where
+    that is rounding.
+    """
+    most = np.abs(thruster_matrix(robot)) @ np.array(
+        [t.maximum for t in robot.description.thrusters]
+    )
     return np.asarray(np.where(most > _ROUNDING * most.max(initial=0.0), most, 0.0))
 
 
@@ -86,43 +107,59 @@ def largest_force(robot: Robot) -> np.ndarray:
 
 
 def thrust_of_signals(robot: Robot, signals: np.ndarray) -> np.ndarray:
-    """Return steady thrust (..., n_thrusters) [N] for command signals (..., n_thrusters), by each thruster's curve.
+    """Return steady thrust (..., n_thrusters) [N] for command signals (..., n_thrusters), by each
+    thruster's curve.
 
     Without a curve: linear, -1 and 1 are the limits. Signals beyond the curve give its ends.
     """
     pairs = zip(robot.description.thrusters, np.moveaxis(signals, -1, 0), strict=True)
-    return np.stack([np.interp(signal, *np.transpose(_curve(thruster))) for thruster, signal in pairs], axis=-1)
+    return np.stack(
+        [np.interp(signal, *np.transpose(_curve(thruster))) for thruster, signal in pairs], axis=-1
+    )
 
 
 def curve_of_table(
     signals: np.ndarray, thrust: np.ndarray, voltage: np.ndarray | None = None, at: float = 0.0
 ) -> tuple[tuple[tuple[float, float], ...], float]:
-    """Fit the thrust curve of a table, never falling, and how far [N] measurements lie off it at most.
+    """Fit the thrust curve of a table, never falling, and how far [N] measurements lie off it at
+    most.
 
-    signals: (n,) as they are sent, in any order, each as often as it was measured. thrust: (n,) [N]. voltage: (n,) [V] of each
-    measurement; the curve is that at `at` [V], between those that were measured. Raises InvalidInput for less than two
-    signals, or a voltage outside the table.
+    signals: (n,) as they are sent, in any order, each as often as it was measured. thrust: (n,)
+    [N]. voltage: (n,) [V] of each measurement; the curve is that at `at` [V], between those that
+    were measured. Raises InvalidInput for less than two signals, or a voltage outside the table.
     """
     from scipy.optimize import isotonic_regression
 
     if voltage is not None:
         known = np.unique(voltage)
         if not known[0] <= at <= known[-1]:
-            raise InvalidInput(f"{at:g} V given; allowed: {known[0]:g} to {known[-1]:g} V, which the table has")
-        below, above = known[known <= at][-1], known[known >= at][0]
+            raise InvalidInput(
+                f"{at:g} V given; allowed: {known[0]:g} to {known[-1]:g} V, which the table has"
+            )
+        below = known[known <= at][-1]
+        above = known[known >= at][0]
         share = 0.0 if above == below else (at - below) / (above - below)
-        tables = [_mean_thrust(signals[voltage == one], thrust[voltage == one]) for one in (below, above)]
+        tables = [
+            _mean_thrust(signals[voltage == one], thrust[voltage == one]) for one in (below, above)
+        ]
         each = np.unique(np.concatenate([table[0] for table in tables]))
         low, high = (np.interp(each, *table) for table in tables)
         mean = low + share * (high - low)
     else:
         each, mean = _mean_thrust(signals, thrust)
     if len(each) < 2 or np.ptp(mean) == 0.0:
-        raise InvalidInput(f"{len(each)} different signals given; allowed: two or more, of different thrust")
+        raise InvalidInput(
+            f"{len(each)} different signals given; allowed: two or more, of different thrust"
+        )
     fitted = isotonic_regression(mean.copy(), increasing=bool(mean[-1] > mean[0])).x
     if fitted[-1] < fitted[0]:
-        raise InvalidInput("thrust falls from the lowest to the highest signal; give the opposite of its column, or of its sign")
-    return tuple(zip(each.tolist(), fitted.tolist(), strict=True)), float(np.abs(fitted - mean).max())
+        raise InvalidInput(
+            "thrust falls from the lowest to the highest signal; give the opposite of its column,"
+            " or of its sign"
+        )
+    return tuple(zip(each.tolist(), fitted.tolist(), strict=True)), float(
+        np.abs(fitted - mean).max()
+    )
 
 
 def _mean_thrust(signals: np.ndarray, thrust: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -136,17 +173,21 @@ def _curve(thruster: Thruster) -> tuple[tuple[float, float], ...]:
 
 @lru_cache(maxsize=8)
 def unactuated_axes(robot: Robot) -> tuple[int, ...]:
-    """Return the vehicle axes 0-5 (surge, sway, heave, roll, pitch, yaw) that thrust cannot drive on their own.
+    """Return the vehicle axes 0-5 (surge, sway, heave, roll, pitch, yaw) that thrust cannot drive
+    on their own.
 
-    As many axes as the thruster matrix lacks in rank, those that weigh most in its left null space: where sway brings a
-    little roll along, roll is the one out of reach. Roll and pitch right themselves: they count where they are hardly driven,
-    as by lift thrusters a centimetre from where they are meant to be. Empty for a fixed base.
+    As many axes as the thruster matrix lacks in rank, those that weigh most in its left null space:
+    where sway brings a little roll along, roll is the one out of reach. Roll and pitch right
+    themselves: they count where they are hardly driven, as by lift thrusters a centimetre from
+    where they are meant to be. Empty for a fixed base.
     """
     return unreachable_axes(thruster_matrix(robot)) if robot.n_vehicle else ()
 
 
 def undriven_axes(robot: Robot) -> tuple[int, ...]:
-    """`unactuated_axes` as tasks hear of them: none of a vehicle without thrusters, of which only velocities are asked."""
+    """`unactuated_axes` as tasks hear of them: none of a vehicle without thrusters, of which only
+    velocities are asked.
+    """
     return unactuated_axes(robot) if robot.description.thrusters else ()
 
 
@@ -156,8 +197,11 @@ def unreachable_axes(B: np.ndarray) -> tuple[int, ...]:
 
 
 def _heaviest_axes(null_space: np.ndarray) -> tuple[int, ...]:
-    """Choose as many axes as there are columns, those with the largest entries; of axes equal but for rounding the last."""
-    rest, axes = null_space, []
+    """Choose as many axes as there are columns, those with the largest entries; of axes equal but
+    for rounding the last.
+    """
+    rest = null_space
+    axes = []
     for _ in range(null_space.shape[1]):
         weights = np.linalg.norm(rest, axis=1)
         axes.append(int(np.flatnonzero(weights > (1.0 - _ROUNDING) * weights.max())[-1]))
@@ -167,10 +211,12 @@ def _heaviest_axes(null_space: np.ndarray) -> tuple[int, ...]:
 
 
 def left_null_space(B: np.ndarray) -> np.ndarray:
-    """Return an orthonormal basis (6, n) of the wrenches no thrust contributes to, of B (6, n_thrusters) [-, m].
+    """Return an orthonormal basis (6, n) of the wrenches no thrust contributes to, of B (6,
+    n_thrusters) [-, m].
 
-    Of moments of roll and pitch those, too, that thrust hardly contributes to, see `unactuated_axes`. Moments are divided by
-    the typical lever arm of the layout, so that newtons and newton metres compare.
+    Of moments of roll and pitch those, too, that thrust hardly contributes to, see
+    `unactuated_axes`. Moments are divided by the typical lever arm of the layout, so that newtons
+    and newton metres compare.
     """
     U, s, _ = np.linalg.svd(B / _units(B)[:, None])
     share = np.append(s, np.zeros(len(U) - len(s))) / s.max(initial=1e-300)
@@ -184,12 +230,15 @@ def _units(B: np.ndarray) -> np.ndarray:
 
 
 def free_motions(robot: Robot) -> tuple[np.ndarray, np.ndarray]:
-    """Return the motions (n_v, n) that no thruster works on, and the rows (n, n_v) that measure how much of each there is.
+    """Return the motions (n_v, n) that no thruster works on, and the rows (n, n_v) that measure how
+    much of each there is.
 
-    One for each of `undriven_axes`, with 1 of it and what it takes along: pitch turns about the line on which thrusters push
-    ahead. Thrust cannot feed such a motion, whatever it does, as it feeds an axis that it cannot drive on its own.
+    One for each of `undriven_axes`, with 1 of it and what it takes along: pitch turns about the
+    line on which thrusters push ahead. Thrust cannot feed such a motion, whatever it does, as it
+    feeds an axis that it cannot drive on its own.
     """
-    axes, n = list(undriven_axes(robot)), robot.n_v
+    axes = list(undriven_axes(robot))
+    n = robot.n_v
     motions, measured = np.zeros((n, len(axes))), np.zeros((len(axes), n))
     if axes:
         B = thruster_matrix(robot)
@@ -203,9 +252,11 @@ def free_motions(robot: Robot) -> tuple[np.ndarray, np.ndarray]:
 
 
 def driven_turns(robot: Robot, frame: str) -> tuple[int, ...] | None:
-    """Axes of B (0-2) about which thrusters turn a frame that is fixed to the vehicle; `None` where nothing is missing.
+    """Axes of B (0-2) about which thrusters turn a frame that is fixed to the vehicle; `None` where
+    nothing is missing.
 
-    That is where they drive every axis, and for a frame on an arm, whose joints turn it. Raises `FrameNotFound`.
+    That is where they drive every axis, and for a frame on an arm, whose joints turn it. Raises
+    `FrameNotFound`.
     """
     index = robot.frame_id(frame)
     undriven = undriven_axes(robot)

@@ -1,11 +1,12 @@
 """Read URDF text into Pinocchio models, and check that they hold the numbers of the XML.
 
-urdfdom and Pinocchio leave out what they cannot read, so everything that later results rest on is read a second time,
-from the XML alone, and compared: the tree, inertias, axes, limits, friction and shapes. Fixed joints disappear in the
-model: the links they join are compared as one body.
+urdfdom and Pinocchio leave out what they cannot read, so everything that later results rest on is
+read a second time, from the XML alone, and compared: the tree, inertias, axes, limits, friction and
+shapes. Fixed joints disappear in the model: the links they join are compared as one body.
 
-The XML is checked before Pinocchio sees it, because its parser writes to stderr and its messages do not say
-which element is wrong; and the models are checked against the XML, because it leaves out what it cannot read.
+The XML is checked before Pinocchio sees it, because its parser writes to stderr and its messages do
+not say which element is wrong; and the models are checked against the XML, because it leaves out
+what it cannot read.
 """
 
 from __future__ import annotations
@@ -47,13 +48,17 @@ class _Mount:
     X: pin.SE3
 
 
-def check_agreement(path: Path, root: Element, model: pin.Model, shapes: Sequence[pin.GeometryModel]) -> None:
+def check_agreement(
+    path: Path, root: Element, model: pin.Model, shapes: Sequence[pin.GeometryModel]
+) -> None:
     """Raise ``RobotDataError`` with all numbers of the XML that the model does not have.
 
     shapes: the visual ones, then those for collision.
     """
     findings = urdf_checks.Findings(path)
-    with np.errstate(over="ignore", invalid="ignore"):  # what comes of it is no number, which agrees with nothing
+    with np.errstate(
+        over="ignore", invalid="ignore"
+    ):  # what comes of it is no number, which agrees with nothing
         mounts = _mounts(path, root, model)
         findings.attempt(_check_inertias, path, root, model, mounts)
         for joint in _moving_joints(root):
@@ -68,16 +73,21 @@ def _moving_joints(root: Element) -> list[Element]:
 
 
 def _mounts(path: Path, root: Element, model: pin.Model) -> dict[str, _Mount]:
-    """Place every link on its joint; raises where a joint of the XML is missing in the model or sits elsewhere."""
+    """Place every link on its joint; raises where a joint of the XML is missing in the model or
+    sits elsewhere.
+    """
     below: dict[str, list[Element]] = {}
     for joint in root.findall("joint"):
         below.setdefault(_end(joint, "parent"), []).append(joint)
     children = {_end(joint, "child") for joint in root.findall("joint")}
-    top = next(name for link in root.findall("link") if (name := link.get("name", "")) not in children)
+    top = next(
+        name for link in root.findall("link") if (name := link.get("name", "")) not in children
+    )
     on_free_flyer = model.njoints - 1 - len(_moving_joints(root))
     if on_free_flyer not in (0, 1):
         _refuse(path, "the number of moving joints", len(_moving_joints(root)), model.njoints - 1)
-    mounts, waiting = {top: _Mount(joint=on_free_flyer, X=pin.SE3.Identity())}, [top]
+    mounts = {top: _Mount(joint=on_free_flyer, X=pin.SE3.Identity())}
+    waiting = [top]
     while waiting:
         parent = waiting.pop()
         for joint in below.get(parent, ()):
@@ -92,21 +102,26 @@ def _end(joint: Element, end: str) -> str:
 
 
 def _mount_below(path: Path, joint: Element, parent: _Mount, model: pin.Model) -> _Mount:
-    X, name = parent.X * _origin(path, joint), joint.get("name", "")
+    X = parent.X * _origin(path, joint)
+    name = joint.get("name", "")
     if joint.get("type") == "fixed":
         return _Mount(joint=parent.joint, X=X)
     if not model.existJointName(name):
         _refuse(path, f"joint {name!r}", "a moving joint", "none")
     index = model.getJointId(name)
     _check_equal(path, f"joint {name!r} parent", parent.joint, model.parents[index])
-    _check_close(path, f"joint {name!r} origin", X.homogeneous, model.jointPlacements[index].homogeneous)
+    _check_close(
+        path, f"joint {name!r} origin", X.homogeneous, model.jointPlacements[index].homogeneous
+    )
     return _Mount(joint=index, X=pin.SE3.Identity())
 
 
 def _origin(path: Path, element: Element) -> pin.SE3:
     origin = element.find("origin")
     vectors = (
-        urdf_checks.read_vector(path, origin, key, "origin") if origin is not None and key in origin.attrib else (0.0, 0.0, 0.0)
+        urdf_checks.read_vector(path, origin, key, "origin")
+        if origin is not None and key in origin.attrib
+        else (0.0, 0.0, 0.0)
         for key in ("xyz", "rpy")
     )
     xyz, rpy = map(np.array, vectors)
@@ -126,9 +141,16 @@ def _check_inertias(path: Path, root: Element, model: pin.Model, mounts: dict[st
             stated[mount.joint] += part
             sizes[mount.joint] += np.abs(part)
     for body, matrix, size, inertia in zip(bodies, stated, sizes, model.inertias, strict=True):
-        where, built = f"link {' with '.join(map(repr, body))}", inertia.matrix()
-        for what, block in (("mass", np.s_[:1, :1]), ("mass x centre", np.s_[:3, 3:]), ("inertia", np.s_[3:, 3:])):
-            _check_close(path, f"{where} {what}", matrix[block], built[block], float(size[block].max()))
+        where = f"link {' with '.join(map(repr, body))}"
+        built = inertia.matrix()
+        for what, block in (
+            ("mass", np.s_[:1, :1]),
+            ("mass x centre", np.s_[:3, 3:]),
+            ("inertia", np.s_[3:, 3:]),
+        ):
+            _check_close(
+                path, f"{where} {what}", matrix[block], built[block], float(size[block].max())
+            )
 
 
 def _inertia(path: Path, inertial: Element) -> np.ndarray:
@@ -141,39 +163,55 @@ def _inertia(path: Path, inertial: Element) -> np.ndarray:
 
 
 def _check_joint(path: Path, joint: Element, model: pin.Model) -> None:
-    where, index = f"joint {joint.get('name')!r}", model.getJointId(joint.get("name", ""))
+    where = f"joint {joint.get('name')!r}"
+    index = model.getJointId(joint.get("name", ""))
     built = model.joints[index]
     _check_axis(path, joint, where, model)
     v = slice(built.idx_v, built.idx_v + built.nv)
     for what, value, values in _velocity_numbers(path, joint, model):
         _check_equal(path, f"{where} {what}", np.full(built.nv, value), values[v])
     if joint.get("type") in ("revolute", "prismatic"):
-        for key, positions in (("lower", model.lowerPositionLimit), ("upper", model.upperPositionLimit)):
+        for key, positions in (
+            ("lower", model.lowerPositionLimit),
+            ("upper", model.upperPositionLimit),
+        ):
             limit = urdf_checks.read_number(path, joint.find("limit"), key, key, default=0.0)
             _check_equal(path, f"{where} limit {key}", limit, positions[built.idx_q])
 
 
-def _velocity_numbers(path: Path, joint: Element, model: pin.Model) -> Iterator[tuple[str, float, np.ndarray]]:
+def _velocity_numbers(
+    path: Path, joint: Element, model: pin.Model
+) -> Iterator[tuple[str, float, np.ndarray]]:
     """Limits of a joint per velocity: its name, the number of the XML, the numbers of the model."""
     limit, dynamics = joint.find("limit"), joint.find("dynamics")
     for key, values in (("velocity", model.upperVelocityLimit), ("effort", model.upperEffortLimit)):
         yield f"limit {key}", urdf_checks.read_number(path, limit, key, key, default=np.inf), values
     for key, values in (("damping", model.damping), ("friction", model.upperDryFrictionLimit)):
-        yield f"dynamics {key}", urdf_checks.read_number(path, dynamics, key, key, default=0.0), values
+        yield (
+            f"dynamics {key}",
+            urdf_checks.read_number(path, dynamics, key, key, default=0.0),
+            values,
+        )
 
 
 def _check_axis(path: Path, joint: Element, where: str, model: pin.Model) -> None:
     kind, axis = joint.get("type"), joint.find("axis")
     if kind == "floating":
         return
-    vector = np.array((1.0, 0.0, 0.0) if axis is None else urdf_checks.read_vector(path, axis, "xyz", where))
+    vector = np.array(
+        (1.0, 0.0, 0.0) if axis is None else urdf_checks.read_vector(path, axis, "xyz", where)
+    )
     built = model.joints[model.getJointId(joint.get("name", ""))]
-    last = np.array(built.createData().S).reshape(6, -1)[:, -1]  # of a planar joint: its turn, about the normal of its plane
+    last = np.array(built.createData().S).reshape(6, -1)[
+        :, -1
+    ]  # of a planar joint: its turn, about the normal of its plane
     direction = last[:3] if kind == "prismatic" else last[3:]
     _check_close(path, f"{where} axis", vector / np.linalg.norm(vector), direction)
 
 
-def _check_shapes(path: Path, root: Element, kind: str, geometry: pin.GeometryModel, mounts: dict[str, _Mount]) -> None:
+def _check_shapes(
+    path: Path, root: Element, kind: str, geometry: pin.GeometryModel, mounts: dict[str, _Mount]
+) -> None:
     stated = [
         (f"{link.get('name')}_{i}", element, mounts[link.get("name", "")])
         for link in root.findall("link")
@@ -184,16 +222,22 @@ def _check_shapes(path: Path, root: Element, kind: str, geometry: pin.GeometryMo
         where = f"{kind} shape {name!r}"
         if not geometry.existGeometryName(name):
             _refuse(path, where, "a shape", "none")
-        _check_shape(path, element, mount, geometry.geometryObjects[geometry.getGeometryId(name)], where)
+        _check_shape(
+            path, element, mount, geometry.geometryObjects[geometry.getGeometryId(name)], where
+        )
 
 
-def _check_shape(path: Path, element: Element, mount: _Mount, built: pin.GeometryObject, where: str) -> None:
-    shape, X = element.find("geometry/*"), mount.X * _origin(path, element)
+def _check_shape(
+    path: Path, element: Element, mount: _Mount, built: pin.GeometryObject, where: str
+) -> None:
+    shape = element.find("geometry/*")
+    X = mount.X * _origin(path, element)
     _check_equal(path, f"{where} joint", mount.joint, built.parentJoint)
     _check_close(path, f"{where} origin", X.homogeneous, built.placement.homogeneous)
     if shape is None:
         _refuse(path, where, "nothing", "a shape")
-    stated, sizes = urdf_checks.read_sizes(path, shape, where), _sizes(shape.tag, built)
+    stated = urdf_checks.read_sizes(path, shape, where)
+    sizes = _sizes(shape.tag, built)
     if sizes is None:
         _refuse(path, where, f"a {shape.tag}", type(built.geometry).__name__)
     _check_equal(path, f"{where} {'scale' if shape.tag == 'mesh' else 'size'}", stated, sizes)
@@ -208,7 +252,9 @@ def _sizes(tag: str, built: pin.GeometryObject) -> np.ndarray | None:
         return 2.0 * np.asarray(shape.halfSide)
     if tag == "sphere" and isinstance(shape, coal.Sphere):
         return np.array([shape.radius])
-    if tag == "cylinder" and isinstance(shape, (coal.Cylinder, coal.Capsule)):  # <collision_checking> rounds the ends
+    if tag == "cylinder" and isinstance(
+        shape, (coal.Cylinder, coal.Capsule)
+    ):  # <collision_checking> rounds the ends
         return np.array([shape.radius, 2.0 * shape.halfLength])
     return None
 
@@ -218,16 +264,23 @@ def _check_equal(path: Path, where: str, stated: ArrayLike, built: ArrayLike) ->
         _refuse(path, where, stated, built)
 
 
-def _check_close(path: Path, where: str, stated: np.ndarray, built: np.ndarray, size: float | None = None) -> None:
+def _check_close(
+    path: Path, where: str, stated: np.ndarray, built: np.ndarray, size: float | None = None
+) -> None:
     """size: that of the parts of a sum, which may cancel."""
     # Not "difference > tolerance", which would let NaN pass.
-    if not np.abs(stated - built).max() <= _ROUNDING * (np.abs(stated).max() if size is None else size):
+    if not np.abs(stated - built).max() <= _ROUNDING * (
+        np.abs(stated).max() if size is None else size
+    ):
         _refuse(path, where, stated, built)
 
 
 def _refuse(path: Path, where: str, stated: object, built: object) -> NoReturn:
     file, model = (urdf_checks.quoted(" ".join(str(value).split())) for value in (stated, built))
-    problem = f"{where}: the file says {file}, the model that Pinocchio builds has {model}; write what both agree on"
+    problem = (
+        f"{where}: the file says {file}, the model that Pinocchio builds has {model}; write what"
+        " both agree on"
+    )
     raise RobotDataError(path, problem)
 
 
@@ -255,7 +308,9 @@ class UrdfReading:
     """What of a file becomes part of the robot."""
 
     mimic: Literal["coupled", "free", "fixed"] = "coupled"
-    """Joints that mimic another one: one with it, of their own, or fixed where the leader's lock, or its home, puts them."""
+    """Joints that mimic another one: one with it, of their own, or fixed where the leader's lock,
+    or its home, puts them.
+    """
     home: Mapping[str, float] = field(default_factory=dict)
     """Stowed positions [rad or m] of joints; of others 0, or mid-range where 0 is not allowed."""
     lock: Mapping[str, float] = field(default_factory=dict)
@@ -270,8 +325,11 @@ PLAIN = UrdfReading()
 """Everything, as it stands."""
 
 
-def prepare(path: Path, root: Element, reading: UrdfReading, *, free_flyer: bool) -> tuple[list[str], Groups]:
-    """Leave in the <robot> what is to be read; return notes for the user, and which joints move as one.
+def prepare(
+    path: Path, root: Element, reading: UrdfReading, *, free_flyer: bool
+) -> tuple[list[str], Groups]:
+    """Leave in the <robot> what is to be read; return notes for the user, and which joints move as
+    one.
 
     Raises ``RobotDataError`` with all mistakes.
     """
@@ -292,7 +350,9 @@ def prepare(path: Path, root: Element, reading: UrdfReading, *, free_flyer: bool
     if unread:
         findings.notes.append(f"not read, since it is no part of URDF: {unread}")
     for joint in root.findall("joint[mimic]") if reading.mimic == "free" else ():
-        findings.notes.append(f"joint {joint.get('name')!r} moves on its own, its <mimic> is not kept")
+        findings.notes.append(
+            f"joint {joint.get('name')!r} moves on its own, its <mimic> is not kept"
+        )
     return findings.notes, groups
 
 
@@ -339,24 +399,41 @@ def _drop_floating_root(findings: urdf_checks.Findings, root: Element) -> None:
     tops = [link for link in root.findall("link") if link.get("name") not in children]
     if len(tops) != 1 or len(tops[0]):
         return
-    below = [joint for joint in root.findall("joint") if _end(joint, "parent") == tops[0].get("name")]
+    below = [
+        joint for joint in root.findall("joint") if _end(joint, "parent") == tops[0].get("name")
+    ]
     if len(below) == 1 and below[0].get("type") == "floating":
         root.remove(tops[0])
         root.remove(below[0])
-        world, joint = tops[0].get("name"), below[0].get("name")
-        findings.notes.append(f"joint {joint!r} floats on the empty link {world!r}: both are the free base of the vehicle")
+        world = tops[0].get("name")
+        joint = below[0].get("name")
+        findings.notes.append(
+            f"joint {joint!r} floats on the empty link {world!r}: both are the free base of the"
+            " vehicle"
+        )
 
 
-def _locked(findings: urdf_checks.Findings, root: Element, reading: UrdfReading) -> tuple[dict[str, float], Groups]:
+def _locked(
+    findings: urdf_checks.Findings, root: Element, reading: UrdfReading
+) -> tuple[dict[str, float], Groups]:
     """Positions of the joints that do not move, and joints that move as one."""
-    names = [joint.get("name", "") for joint in root.findall("joint") if joint.get("type") != "fixed"]
+    names = [
+        joint.get("name", "") for joint in root.findall("joint") if joint.get("type") != "fixed"
+    ]
     for name in reading.lock:
         if name not in names:
-            findings.faults.append(f"lock: joint {name!r} does not move in the URDF; allowed: {', '.join(names)}")
-    locked, groups, given = dict(reading.lock), Groups(), {**reading.home, **reading.lock}
+            findings.faults.append(
+                f"lock: joint {name!r} does not move in the URDF; allowed: {', '.join(names)}"
+            )
+    locked = dict(reading.lock)
+    groups = Groups()
+    given = {**reading.home, **reading.lock}
     for joint in root.findall("joint[mimic]") if reading.mimic != "free" else ():
-        leader, scale, offset = leader_of(findings, root, joint, reading.lock if reading.mimic == "coupled" else given)
-        name, lead = joint.get("name", ""), "" if leader is None else leader.get("name", "")
+        leader, scale, offset = leader_of(
+            findings, root, joint, reading.lock if reading.mimic == "coupled" else given
+        )
+        name = joint.get("name", "")
+        lead = "" if leader is None else leader.get("name", "")
         if name in locked:
             continue
         kinds = {joint.get("type"), None if leader is None else leader.get("type")}
@@ -372,29 +449,41 @@ def _locked(findings: urdf_checks.Findings, root: Element, reading: UrdfReading)
 def _lock(path: Path, joint: Element, position: float) -> None:
     """Make a joint a fixed one, at a position [rad or m]."""
     axis = joint.find("axis")
-    vector = np.array((1.0, 0.0, 0.0) if axis is None else urdf_checks.read_vector(path, axis, "xyz", "axis"))
+    vector = np.array(
+        (1.0, 0.0, 0.0) if axis is None else urdf_checks.read_vector(path, axis, "xyz", "axis")
+    )
     along = position * vector / np.linalg.norm(vector)
     slides = joint.get("type") == "prismatic"
-    X = _origin(path, joint) * (pin.SE3(np.eye(3), along) if slides else pin.SE3(pin.exp3(along), np.zeros(3)))
+    X = _origin(path, joint) * (
+        pin.SE3(np.eye(3), along) if slides else pin.SE3(pin.exp3(along), np.zeros(3))
+    )
     for tag in ("origin", "axis", "limit", "dynamics", "mimic", "safety_controller", "calibration"):
         for element in joint.findall(tag):
             joint.remove(element)
     rpy = pin.rpy.matrixToRpy(X.rotation)
-    numbers = {key: " ".join(map(repr, np.asarray(values).tolist())) for key, values in (("xyz", X.translation), ("rpy", rpy))}
+    numbers = {
+        key: " ".join(map(repr, np.asarray(values).tolist()))
+        for key, values in (("xyz", X.translation), ("rpy", rpy))
+    }
     joint.set("type", "fixed")
     ElementTree.SubElement(joint, "origin", numbers)
 
 
-def read_urdf(path: Path, *, free_flyer: bool, reading: UrdfReading = PLAIN, package_dirs: Sequence[Path] = ()) -> UrdfModels:
-    """Read a URDF file; all mistakes in it are one ``RobotDataError``, and so are numbers that get lost.
+def read_urdf(
+    path: Path, *, free_flyer: bool, reading: UrdfReading = PLAIN, package_dirs: Sequence[Path] = ()
+) -> UrdfModels:
+    """Read a URDF file; all mistakes in it are one ``RobotDataError``, and so are numbers that get
+    lost.
 
-    What is left out without harm, such as a picture that is missing, is a warning each, and what the file holds beside a URDF
-    one more, see `uvms_ocp.robot.urdf_checks`.
+    What is left out without harm, such as a picture that is missing, is a warning each, and what
+    the file holds beside a URDF one more, see `uvms_ocp.robot.urdf_checks`.
 
-    ``package://name/...`` is searched as ``<dir>/name/...`` in ``package_dirs`` and in the folders above the
-    file; other mesh paths are relative to the file.
+    ``package://name/...`` is searched as ``<dir>/name/...`` in ``package_dirs`` and in the folders
+    above the file; other mesh paths are relative to the file.
     """
-    models, notes = models_and_notes(path, free_flyer=free_flyer, reading=reading, package_dirs=package_dirs)
+    models, notes = models_and_notes(
+        path, free_flyer=free_flyer, reading=reading, package_dirs=package_dirs
+    )
     for note in notes:
         _log.warning("%s: %s", path, note)
     return models
@@ -403,18 +492,24 @@ def read_urdf(path: Path, *, free_flyer: bool, reading: UrdfReading = PLAIN, pac
 def models_and_notes(
     path: Path, *, free_flyer: bool, reading: UrdfReading, package_dirs: Sequence[Path]
 ) -> tuple[UrdfModels, list[str]]:
-    """Read a URDF as `read_urdf` does, and return its warnings as well. Raises `RobotDataError`, as it does."""
+    """Read a URDF as `read_urdf` does, and return its warnings as well. Raises `RobotDataError`, as
+    it does.
+    """
     root = read_urdf_xml(path)
     links = {link.get("name", "") for link in root.findall("link")}
     joints = {joint.get("name", "") for joint in _moving_joints(root)}
     notes, groups = prepare(path, root, reading, free_flyer=free_flyer)
     findings = urdf_checks.Findings(path)
-    _resolve_meshes(findings, root, (*(folder.resolve() for folder in package_dirs), *path.resolve().parents))
+    _resolve_meshes(
+        findings, root, (*(folder.resolve() for folder in package_dirs), *path.resolve().parents)
+    )
     models = _build(findings, root, free_flyer)
     model = coupled(models.model, groups)
     own = {name for name, joint in zip(model.names, model.joints, strict=True) if joint.nv}
     gone = links - {link.get("name", "") for link in root.findall("link")}
-    models = replace(models, model=model, no_links=frozenset(gone), no_joints=frozenset(joints - own))
+    models = replace(
+        models, model=model, no_links=frozenset(gone), no_joints=frozenset(joints - own)
+    )
     return models, _shown([*notes, *findings.notes])
 
 
@@ -427,7 +522,9 @@ def read_urdf_xml(path: Path) -> Element:
     except InvalidInput as error:
         raise RobotDataError(path, f"not a URDF, {error}") from None
     if root.tag != "robot":
-        raise RobotDataError(path, f"not a URDF, the root element is <{root.tag}>; allowed: <robot>")
+        raise RobotDataError(
+            path, f"not a URDF, the root element is <{root.tag}>; allowed: <robot>"
+        )
     return root
 
 
@@ -450,7 +547,10 @@ def _give_up(findings: urdf_checks.Findings, link: Element, shape: Element, prob
         link.remove(shape)
         findings.notes.append(f"{where}; {_NOT_DRAWN}")
     else:
-        findings.faults.append(f"{where}, and nothing would be told of what the link touches; {_FIND}, or {_DO_WITHOUT}")
+        findings.faults.append(
+            f"{where}, and nothing would be told of what the link touches; {_FIND}, or"
+            f" {_DO_WITHOUT}"
+        )
 
 
 _NOT_DRAWN = "not drawn"
@@ -462,7 +562,8 @@ _MOST_NOTES = 4  # of one kind that are told one by one
 def _shown(notes: Sequence[str]) -> list[str]:
     """Notes as they are told: of many that are not drawn the first, and how many more."""
     undrawn = [note for note in notes if note.endswith(_NOT_DRAWN)]
-    shown, more = undrawn[:_MOST_NOTES], len(undrawn) - _MOST_NOTES
+    shown = undrawn[:_MOST_NOTES]
+    more = len(undrawn) - _MOST_NOTES
     if undrawn:
         shown[-1] += f", and so are {more} more" if more > 0 else ""
         shown[-1] += f"; {_FIND}" if any(" mesh" in note for note in undrawn) else ""
@@ -470,14 +571,22 @@ def _shown(notes: Sequence[str]) -> list[str]:
 
 
 def with_own_meshes(path: Path, package_dirs: Sequence[Path] = ()) -> tuple[str, dict[str, Path]]:
-    """The text of a URDF, for UTF-8, whose meshes stand in ``meshes`` beside it, and which files these are copies of.
+    """The text of a URDF, for UTF-8, whose meshes stand in ``meshes`` beside it, and which files
+    these are copies of.
 
     What is not found is named as it was.
     """
-    text = re.sub(r"""(<\?xml[^>]*\sencoding\s*=\s*)["'][^"'>]*["']""", r'\1"utf-8"', read_xml_text(path), count=1)
+    text = re.sub(
+        r"""(<\?xml[^>]*\sencoding\s*=\s*)["'][^"'>]*["']""",
+        r'\1"utf-8"',
+        read_xml_text(path),
+        count=1,
+    )
     folders = (*(folder.resolve() for folder in package_dirs), *path.resolve().parents)
     copies: dict[str, Path] = {}
-    for given in dict.fromkeys(mesh.get("filename", "") for mesh in read_urdf_xml(path).iter("mesh")):
+    for given in dict.fromkeys(
+        mesh.get("filename", "") for mesh in read_urdf_xml(path).iter("mesh")
+    ):
         found = find_mesh(path, given, folders)
         if found is not None:
             name = f"meshes/{found.name}"
@@ -490,7 +599,9 @@ def with_own_meshes(path: Path, package_dirs: Sequence[Path] = ()) -> tuple[str,
 
 def find_mesh(path: Path, filename: str, folders: Sequence[Path]) -> Path | None:
     """Where a mesh of a URDF at `path` is, `None` for nowhere."""
-    found = next(filter(os.path.isfile, _mesh_candidates(path, filename, folders)), None)  # False for a name that no disk takes
+    found = next(
+        filter(os.path.isfile, _mesh_candidates(path, filename, folders)), None
+    )  # False for a name that no disk takes
     if found is not None:
         note_file_read(found)
     return found
@@ -500,7 +611,11 @@ def _mesh_candidates(path: Path, filename: str, folders: Sequence[Path]) -> list
     scheme, mark, relative = filename.partition("://")
     if mark and scheme in ("package", "model"):
         package, _, inside = relative.partition("/")
-        return [place for folder in folders for place in (folder / relative, *_in_package(folder, package, inside))]
+        return [
+            place
+            for folder in folders
+            for place in (folder / relative, *_in_package(folder, package, inside))
+        ]
     plain = Path(filename.removeprefix("file://"))
     return [path.resolve().parent / plain, *(folder / plain for folder in folders)]
 
@@ -517,12 +632,16 @@ def _in_package(folder: Path, package: str, inside: str) -> list[Path]:
 def _build(findings: urdf_checks.Findings, root: Element, free_flyer: bool) -> UrdfModels:
     path = findings.path
     try:
-        model = pin.buildModelFromXML(_text(root), *([pin.JointModelFreeFlyer()] if free_flyer else []))
+        model = pin.buildModelFromXML(
+            _text(root), *([pin.JointModelFreeFlyer()] if free_flyer else [])
+        )
         shapes = _shapes(model, root)
     except (ValueError, RuntimeError) as error:
         _drop_unreadable_meshes(findings, root)
         if not findings.notes:
-            raise RobotDataError(path, f"Pinocchio refuses it ({' '.join(str(error).split())})") from None
+            raise RobotDataError(
+                path, f"Pinocchio refuses it ({' '.join(str(error).split())})"
+            ) from None
         shapes = _shapes(model, root)
     check_agreement(path, root, model, shapes)
     links = {frame.name for frame in model.frames if frame.type == pin.FrameType.BODY}
@@ -544,11 +663,14 @@ def _shapes(model: pin.Model, root: Element) -> list[pin.GeometryModel]:
 
 
 def _drop_unreadable_meshes(findings: urdf_checks.Findings, root: Element) -> None:
-    """Leave out meshes that coal cannot read, where they are only drawn. Raises ``RobotDataError`` for the others."""
+    """Leave out meshes that coal cannot read, where they are only drawn. Raises ``RobotDataError``
+    for the others.
+    """
     loader = coal.MeshLoader()
     for link, shape in _shapes_of(root):
         for mesh in shape.iter("mesh"):
-            if problem := _unreadable(Path(mesh.get("filename", "")), loader):
+            problem = _unreadable(Path(mesh.get("filename", "")), loader)
+            if problem:
                 _give_up(findings, link, shape, problem)
     findings.refuse()
 
@@ -556,7 +678,10 @@ def _drop_unreadable_meshes(findings: urdf_checks.Findings, root: Element) -> No
 def _unreadable(file: Path, loader: coal.MeshLoader) -> str:
     with suppress(OSError), file.open("rb") as stream:
         if stream.read(len(_LFS)) == _LFS:
-            return f"mesh {file.name!r} is a pointer of Git LFS, without content: `git lfs pull` fetches it"
+            return (
+                f"mesh {file.name!r} is a pointer of Git LFS, without content: `git lfs pull`"
+                " fetches it"
+            )
     try:
         loader.load(str(file), np.ones(3))
     except (ValueError, RuntimeError):

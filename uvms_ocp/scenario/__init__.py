@@ -1,4 +1,6 @@
-"""Scenarios: robot, mission, environment and solver composed, checked, run; ready-made ones, and plans carried out on a plant."""
+"""Scenarios: robot, mission, environment and solver composed, checked, run; ready-made ones, and
+plans carried out on a plant.
+"""
 
 import lazy_loader
 

@@ -12,7 +12,10 @@ from .cases.transit import obstacle_field as obstacle_field, transit as transit
 from .options import RunOptions as RunOptions, activate as activate
 from .plan_replay import ReplayResult as ReplayResult, replay as replay
 from .preflight.checks import check_mission as check_mission
-from .preflight.robot_check import check_robot as check_robot, check_robot_files as check_robot_files
+from .preflight.robot_check import (
+    check_robot as check_robot,
+    check_robot_files as check_robot_files,
+)
 from .preflight.setup import (
     Finding as Finding,
     PreflightReport as PreflightReport,
@@ -20,5 +23,8 @@ from .preflight.setup import (
     Severity as Severity,
     forecast as forecast,
 )
-from .recorded_estimate import RecordedEstimate as RecordedEstimate, estimate_recording as estimate_recording
+from .recorded_estimate import (
+    RecordedEstimate as RecordedEstimate,
+    estimate_recording as estimate_recording,
+)
 from .scenario import Scenario as Scenario, pose_at as pose_at

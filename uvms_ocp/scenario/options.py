@@ -17,18 +17,36 @@ from uvms_ocp.control.velocity.kinematic import HierarchySolver
 from uvms_ocp.errors import InvalidInput, require_known
 from uvms_ocp.mission import Abort, Below, Condition, Mission, Phase, Transition
 from uvms_ocp.record.meta_values import ABORT
-from uvms_ocp.robot import IDEAL_SENSORS, Obstacle, Robot, SensorSpecs, assembly, load_robot, robot_sensors, thrusters
+from uvms_ocp.robot import (
+    IDEAL_SENSORS,
+    Obstacle,
+    Robot,
+    SensorSpecs,
+    assembly,
+    load_robot,
+    robot_sensors,
+    thrusters,
+)
 from uvms_ocp.robot.description import TrimBody
 from uvms_ocp.scenario.scenario import Scenario
 from uvms_ocp.sim import Current, Environment, FlatSeafloor, Seafloor, StillWater, UniformCurrent
 from uvms_ocp.sim.faults import Fault, parse_faults
 from uvms_ocp.solvers.hierarchy.active_set import LexicographicActiveSet
-from uvms_ocp.tasks import Hierarchy, HorizontalAttitude, JointLimits, MinimumAltitude, Task, UnderActuation
+from uvms_ocp.tasks import (
+    Hierarchy,
+    HorizontalAttitude,
+    JointLimits,
+    MinimumAltitude,
+    Task,
+    UnderActuation,
+)
 from uvms_ocp.types import Bound, Count, Finite, Positive
 
 # What every scenario can be told in the same words, and the `Scenario` made of it.
 
-_ROBOT, _SEABED = "girona_maris7_full", -40.0  # [m]
+# [m]
+_ROBOT = "girona_maris7_full"
+_SEABED = -40.0
 Markers = Mapping[str, tuple[float, float, float]]
 _OF_SCENARIO = ("robot", "solver", "plant", "seed", "dt", "duration", "record_rate", "faults")
 """Options that a `Scenario` has under the same names."""
@@ -36,7 +54,9 @@ _OF_SCENARIO = ("robot", "solver", "plant", "seed", "dt", "duration", "record_ra
 
 @checked_dataclass(eq=False)
 class RunOptions:
-    """Options of every scenario. `run_options` makes them from keywords, which may give a robot or a current by less."""
+    """Options of every scenario. `run_options` makes them from keywords, which may give a robot or
+    a current by less.
+    """
 
     robot: Robot = field(default_factory=partial(load_robot, _ROBOT))
     """The machine. As a keyword also the name of one."""
@@ -65,17 +85,25 @@ class RunOptions:
     duration: Bound = 120.0
     """[s] at which an incomplete mission is stopped."""
     record_rate: Positive | None = None
-    """[Hz] of the rows of the record, as near to it as whole ticks allow; by default every tick has one."""
+    """[Hz] of the rows of the record, as near to it as whole ticks allow; by default every tick has
+    one.
+    """
 
     def start(self, X_WB: pin.SE3, joints: ArrayLike | None = None) -> np.ndarray:
-        """Configuration (n_q,) with the vehicle at X_WB; joints (n_joints,) [rad or m], stowed by default.
+        """Configuration (n_q,) with the vehicle at X_WB; joints (n_joints,) [rad or m], stowed by
+        default.
 
         Raises `InvalidInput` outside the joint limits, and for a robot without a vehicle.
         """
         if not self.robot.n_vehicle:
-            raise InvalidInput(f"{self.robot.name}: a fixed base; give a vehicle, or run what `uvms-ocp new-mission` writes")
+            raise InvalidInput(
+                f"{self.robot.name}: a fixed base; give a vehicle, or run what `uvms-ocp"
+                " new-mission` writes"
+            )
         quaternion = pin.Quaternion(X_WB.rotation).coeffs()
-        return self.robot.configuration(position=X_WB.translation, quaternion=quaternion, joints=joints)
+        return self.robot.configuration(
+            position=X_WB.translation, quaternion=quaternion, joints=joints
+        )
 
     def scenario(
         self,
@@ -90,15 +118,18 @@ class RunOptions:
     ) -> Scenario:
         """The scenario of a mission from start (n_q,) [m, rad]; the floor is flat unless given.
 
-        plant_robot: what moves, where it is not the robot that the controller knows. Raises `InvalidInput` and
-        `NameNotFound` as `Scenario` does.
+        plant_robot: what moves, where it is not the robot that the controller knows. Raises
+        `InvalidInput` and `NameNotFound` as `Scenario` does.
         """
-        real, floor = plant_robot or self.robot, seafloor or FlatSeafloor(z=self.seabed)
+        real = plant_robot or self.robot
+        floor = seafloor or FlatSeafloor(z=self.seabed)
         return Scenario(
             **{option: getattr(self, option) for option in _OF_SCENARIO},
             name=name,
             mission=mission,
-            environment=Environment(seafloor=floor, current=self.current, obstacles=tuple(obstacles)),
+            environment=Environment(
+                seafloor=floor, current=self.current, obstacles=tuple(obstacles)
+            ),
             start=start,
             sensors=_sensors(self.robot, self.noise),
             gains=VelocityGains() if self.observer else VelocityGains(observer_vehicle=0.0),
@@ -108,17 +139,26 @@ class RunOptions:
         )
 
 
-def run_options(given: Mapping[str, Any], *, robot: Robot | str = _ROBOT, seabed: float = _SEABED) -> RunOptions:
-    """The options that were given by keyword, `None` for the default; robot and seabed [m] are the scenario's own.
+def run_options(
+    given: Mapping[str, Any], *, robot: Robot | str = _ROBOT, seabed: float = _SEABED
+) -> RunOptions:
+    """The options that were given by keyword, `None` for the default; robot and seabed [m] are the
+    scenario's own.
 
-    Raises `NameNotFound` for an option or a robot that there is not, and `InvalidInput` for a current, a
-    fault or a seed that is none.
+    Raises `NameNotFound` for an option or a robot that there is not, and `InvalidInput` for a
+    current, a fault or a seed that is none.
     """
     known = [item.name for item in fields(RunOptions)]
     for name in given:
         require_known("option of all scenarios", name, known)
-    options = {"robot": robot, "seabed": seabed, **{name: value for name, value in given.items() if value is not None}}
-    machine, current, faults = options.pop("robot"), options.pop("current", None), options.pop("faults", ())
+    options = {
+        "robot": robot,
+        "seabed": seabed,
+        **{name: value for name, value in given.items() if value is not None},
+    }
+    machine = options.pop("robot")
+    current = options.pop("current", None)
+    faults = options.pop("faults", ())
     return RunOptions(
         robot=load_robot(machine) if isinstance(machine, str) else machine,
         current=current_from(current),
@@ -128,21 +168,47 @@ def run_options(given: Mapping[str, Any], *, robot: Robot | str = _ROBOT, seabed
 
 
 def current_from(given: Current | Sequence[float] | None) -> Current:
-    """A current as it is; of a velocity given (3,) [m/s] in W the uniform one, still water for none."""
-    return StillWater() if given is None else UniformCurrent(given) if isinstance(given, Sequence | np.ndarray) else given
+    """A current as it is; of a velocity given (3,) [m/s] in W the uniform one, still water for
+    none.
+    """
+    return (
+        StillWater()
+        if given is None
+        else UniformCurrent(given)
+        if isinstance(given, Sequence | np.ndarray)
+        else given
+    )
 
 
-CHANGEABLE = ("plant", "solver", "current", "seabed", "seed", "noise", "duration", "dt", "record_rate", "faults")
+CHANGEABLE = (
+    "plant",
+    "solver",
+    "current",
+    "seabed",
+    "seed",
+    "noise",
+    "duration",
+    "dt",
+    "record_rate",
+    "faults",
+)
 """Names of the options that `apply_options` takes."""
 
 
 def apply_options(scenario: Scenario, given: Mapping[str, Any]) -> Scenario:
-    """Return the scenario with the options given, some of `CHANGEABLE`, in the words of `run_options`.
+    """Return the scenario with the options given, some of `CHANGEABLE`, in the words of
+    `run_options`.
 
     Raises `InvalidInput` and `NameNotFound` as `run_options` and `Scenario` do.
     """
-    changes = {name: given[name] for name in ("plant", "solver", "seed", "duration", "dt", "record_rate") if name in given}
-    around: dict[str, Any] = {"current": current_from(given["current"])} if "current" in given else {}
+    changes = {
+        name: given[name]
+        for name in ("plant", "solver", "seed", "duration", "dt", "record_rate")
+        if name in given
+    }
+    around: dict[str, Any] = (
+        {"current": current_from(given["current"])} if "current" in given else {}
+    )
     if "seabed" in given:
         around["seafloor"] = FlatSeafloor(z=given["seabed"])
     if "noise" in given:
@@ -171,32 +237,49 @@ def mission_of(
     overrides: Mapping[str, Mapping[str, Any]] | None = None,
     abort: Abort | None = None,
 ) -> Mission:
-    """The mission of these tasks and phases; axes out of the thrusters' reach are reckoned with first, and always.
+    """The mission of these tasks and phases; axes out of the thrusters' reach are reckoned with
+    first, and always.
 
-    order: task names, highest priority first, instead of the order of the classes. overrides: fields of tasks by name.
-    Raises `NameNotFound` for an unknown task or field, and `InvalidInput` for an order that does not name every task.
+    order: task names, highest priority first, instead of the order of the classes. overrides:
+    fields of tasks by name. Raises `NameNotFound` for an unknown task or field, and `InvalidInput`
+    for an order that does not name every task.
     """
-    # Nothing for a robot without thrusters, whose vehicle moves on the kinematic plant alone, on every axis.
+    # Nothing for a robot without thrusters, whose vehicle moves on the kinematic plant alone, on
+    # every axis.
     axes = thrusters.undriven_axes(robot)
     first = [UnderActuation(axes=axes)] if axes else []
     names = tuple(task.name for task in first)
     listed = override([*first, *tasks], overrides) if overrides else [*first, *tasks]
-    mission = Mission(hierarchy=Hierarchy(listed, None if order is None else (*names, *order)), phases=tuple(phases), abort=abort)
+    mission = Mission(
+        hierarchy=Hierarchy(listed, None if order is None else (*names, *order)),
+        phases=tuple(phases),
+        abort=abort,
+    )
     return with_activations(mission, activate(*names))
 
 
 def with_activations(mission: Mission, activations: Mapping[str, float]) -> Mission:
-    """The mission with these activations in every phase that does not set them itself, that of its abort too."""
-    phases = tuple(replace(phase, activations={**activations, **phase.activations}) for phase in mission.all_phases)
+    """The mission with these activations in every phase that does not set them itself, that of its
+    abort too.
+    """
+    phases = tuple(
+        replace(phase, activations={**activations, **phase.activations})
+        for phase in mission.all_phases
+    )
     n = len(mission.phases)
-    return replace(mission, phases=phases[:n], abort=None if mission.abort is None else replace(mission.abort, phase=phases[n]))
+    return replace(
+        mission,
+        phases=phases[:n],
+        abort=None if mission.abort is None else replace(mission.abort, phase=phases[n]),
+    )
 
 
 def abort_phase(*names: str, arrived: float = 0.3, hold: float = 2.0) -> Abort:
-    """A climb to a safe altitude, where it is held: the vehicle by PC, the arm towards the posture of MP, if it is named.
+    """A climb to a safe altitude, where it is held: the vehicle by PC, the arm towards the posture
+    of MP, if it is named.
 
-    names: of the tasks that are on beside PC, such as those that keep the robot safe. arrived [m] and hold [s]: how near to
-    that altitude, and for how long.
+    names: of the tasks that are on beside PC, such as those that keep the robot safe. arrived [m]
+    and hold [s]: how near to that altitude, and for how long.
     """
     there = Below(quantity="PC.position_error", limit=arrived)
     return Abort(phase=phase_of("climb", "abort", ("PC", *names), ABORT, there, hold=hold))
@@ -207,8 +290,17 @@ def activate(*names: str) -> dict[str, float]:
     return dict.fromkeys(names, 1.0)
 
 
-def phase_of(name: str, title: str, on: Sequence[str], to: str, *when: Condition, hold: float = 0.0, **goals: Any) -> Phase:
-    """A phase with these tasks fully on and one way on: to a phase once conditions have held for `hold` [s].
+def phase_of(
+    name: str,
+    title: str,
+    on: Sequence[str],
+    to: str,
+    *when: Condition,
+    hold: float = 0.0,
+    **goals: Any,
+) -> Phase:
+    """A phase with these tasks fully on and one way on: to a phase once conditions have held for
+    `hold` [s].
 
     goals: by task, in place of their own.
     """

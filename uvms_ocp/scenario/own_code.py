@@ -1,4 +1,6 @@
-"""Load a scenario by name or from a user's code, ``file.py``, ``file.py:name`` or ``package.module:name``, which is run."""
+"""Load a scenario by name or from a user's code, ``file.py``, ``file.py:name`` or
+``package.module:name``, which is run.
+"""
 
 from __future__ import annotations
 
@@ -19,10 +21,13 @@ from uvms_ocp.robot.loading import robot_called
 from uvms_ocp.scenario.options import CHANGEABLE, apply_options
 from uvms_ocp.scenario.scenario import Scenario
 
-# What a user has written in Python: ``file.py``, ``file.py:name`` or ``package.module:name``. To load it is to run it.
+# What a user has written in Python: ``file.py``, ``file.py:name`` or ``package.module:name``. To
+# load it is to run it.
 
 _PREFIX = "uvms_own_"  # of modules
-_HELPERS: dict[str, Path] = {}  # modules that files of one's own have imported, with the folder of the file
+_HELPERS: dict[
+    str, Path
+] = {}  # modules that files of one's own have imported, with the folder of the file
 _FOLDERS: set[Path] = set()  # where code of one's own has been loaded from
 
 
@@ -40,17 +45,23 @@ class UserCode:
     def load(self) -> Any:
         """Run the code, and return what is wanted of it.
 
-        Raises `InvalidInput` for code that is not there or fails, in one line with its place, and `NameNotFound` for a name
-        that it does not define.
+        Raises `InvalidInput` for code that is not there or fails, in one line with its place, and
+        `NameNotFound` for a name that it does not define.
         """
         found = self._module()
         if not hasattr(found, self.attribute):
-            own = [name for name, value in vars(found).items() if not name.startswith("_") and not isinstance(value, ModuleType)]
+            own = [
+                name
+                for name, value in vars(found).items()
+                if not name.startswith("_") and not isinstance(value, ModuleType)
+            ]
             raise NameNotFound(f"name in {self.file or self.module}", self.attribute, own)
         return getattr(found, self.attribute)
 
     def called(self, function: Callable[..., Any], **options: Any) -> Any:
-        """Return the result of a function of it. Raises `InvalidInput` where it fails, in one line with its place."""
+        """Return the result of a function of it. Raises `InvalidInput` where it fails, in one line
+        with its place.
+        """
         try:
             return function(**options)
         except UvmsError:
@@ -62,16 +73,22 @@ class UserCode:
         if self.file is None:
             return _imported(self.module)
         if not self.file.is_file():
-            raise InvalidInput(f"{self.file}: there is no such file; give a Python file, or a name of `uvms-ocp list`")
+            raise InvalidInput(
+                f"{self.file}: there is no such file; give a Python file, or a name of `uvms-ocp"
+                " list`"
+            )
         return _of_file(self.file.resolve())
 
 
 @checked
 def own_code(words: str, attribute: str = "scenario") -> UserCode | None:
-    """Where these words point to; `None` for those that are a plain name. attribute: what is wanted unless they say it."""
+    """Where these words point to; `None` for those that are a plain name. attribute: what is wanted
+    unless they say it.
+    """
     place, colon, name = words.rpartition(":")
     if not colon or "/" in name or "\\" in name:
-        place, name = words, ""
+        place = words
+        name = ""
     wanted = name or attribute
     if place.endswith(".py"):
         return UserCode(file=Path(place), attribute=wanted)
@@ -86,8 +103,12 @@ def siblings(folder: Path) -> list[Path]:
 
 
 def _imported(name: str) -> ModuleType:
-    if name.partition(".")[0] in sys.stdlib_module_names:  # in a folder that somebody sent, words such as os:system
-        raise InvalidInput(f"{name}: is of Python itself, and makes no scenario; give a module of your own")
+    if (
+        name.partition(".")[0] in sys.stdlib_module_names
+    ):  # in a folder that somebody sent, words such as os:system
+        raise InvalidInput(
+            f"{name}: is of Python itself, and makes no scenario; give a module of your own"
+        )
     folder = str(Path.cwd())
     if folder not in sys.path:
         sys.path.insert(0, folder)
@@ -96,7 +117,10 @@ def _imported(name: str) -> ModuleType:
     except (Exception, SystemExit) as error:
         missing = error.name if isinstance(error, ModuleNotFoundError) else None
         if missing and (name == missing or name.startswith(f"{missing}.")):
-            text = f"{name}: there is no such module; install it, or give a file such as mission.py:scenario"
+            text = (
+                f"{name}: there is no such module; install it, or give a file such as"
+                " mission.py:scenario"
+            )
             raise InvalidInput(text) from None
         raise _failed(name, error) from error
     _FOLDERS.add(Path(module.__file__ or "").parent)
@@ -127,7 +151,9 @@ def _of_file(path: Path) -> ModuleType:
         raise
     finally:
         sys.path.remove(str(path.parent))
-        _HELPERS.update({new: path.parent for new in set(sys.modules) - before if not new.startswith(_PREFIX)})
+        _HELPERS.update(
+            {new: path.parent for new in set(sys.modules) - before if not new.startswith(_PREFIX)}
+        )
     return module
 
 
@@ -140,8 +166,14 @@ def _drop_helpers(folder: Path) -> None:
 
 
 def own_failure(error: BaseException) -> str:
-    """Describe an error of code of one's own in one line, with the place; empty for one that comes from elsewhere."""
-    own = [frame for frame in traceback.extract_tb(error.__traceback__) if Path(frame.filename).parent in _FOLDERS]
+    """Describe an error of code of one's own in one line, with the place; empty for one that comes
+    from elsewhere.
+    """
+    own = [
+        frame
+        for frame in traceback.extract_tb(error.__traceback__)
+        if Path(frame.filename).parent in _FOLDERS
+    ]
     return f"{own[-1].filename}:{own[-1].lineno}: {_said(error)}" if own else ""
 
 
@@ -161,16 +193,20 @@ def forget_user_code() -> None:
         del sys.modules[name]
 
 
-# A scenario by what a command line says: a name, or code of one's own, with options in the same words.
+# A scenario by what a command line says: a name, or code of one's own, with options in the same
+# words.
 
 
 @checked
-def load_scenario(words: str, options: Mapping[str, Any], makers: Mapping[str, Callable[..., Scenario]]) -> Scenario:
-    """The scenario of these words: one of the `makers` by name, ``file.py``, ``file.py:name`` or ``package.module:name``.
+def load_scenario(
+    words: str, options: Mapping[str, Any], makers: Mapping[str, Callable[..., Scenario]]
+) -> Scenario:
+    """The scenario of these words: one of the `makers` by name, ``file.py``, ``file.py:name`` or
+    ``package.module:name``.
 
-    Code of one's own gives a `Scenario`, or a function that makes one and takes those options that it wants to. robot and
-    hydrodynamics may be names or files. Raises `NameNotFound` for an unknown name, `InvalidInput` for an option that the
-    scenario does not take.
+    Code of one's own gives a `Scenario`, or a function that makes one and takes those options that
+    it wants to. robot and hydrodynamics may be names or files. Raises `NameNotFound` for an unknown
+    name, `InvalidInput` for an option that the scenario does not take.
     """
     code = own_code(words)
     if code is None and words not in makers:
@@ -184,10 +220,14 @@ def load_scenario(words: str, options: Mapping[str, Any], makers: Mapping[str, C
         for name in given:
             if name not in CHANGEABLE:
                 text = f"{words} is a Scenario, whose {name} is fixed"
-                raise InvalidInput(f"{text}; leave the option out, or make it a function that takes {name}")
+                raise InvalidInput(
+                    f"{text}; leave the option out, or make it a function that takes {name}"
+                )
         return apply_options(found, given)
     if not callable(found):
-        raise InvalidInput(f"{words} is a {type(found).__name__}; give a Scenario, or a function that makes one")
+        raise InvalidInput(
+            f"{words} is a {type(found).__name__}; give a Scenario, or a function that makes one"
+        )
     made = code.called(found, **_taken(words, found, given))
     if not isinstance(made, Scenario):
         raise InvalidInput(f"{words} made a {type(made).__name__}; make a Scenario")
@@ -195,7 +235,8 @@ def load_scenario(words: str, options: Mapping[str, Any], makers: Mapping[str, C
 
 
 def with_robot(options: Mapping[str, Any]) -> dict[str, Any]:
-    """The options with the robot of a name, a folder or a URDF, its hydrodynamics file and how it is read, as a `Robot`.
+    """The options with the robot of a name, a folder or a URDF, its hydrodynamics file and how it
+    is read, as a `Robot`.
 
     Raises `InvalidInput` for a hydrodynamics file, or options of loading, without a robot.
     """
@@ -207,7 +248,10 @@ def with_robot(options: Mapping[str, Any]) -> dict[str, Any]:
         text = "give both, --robot the folder or URDF that they are of, or a robot alone"
         raise InvalidInput(f"hydrodynamics {water} without a robot; {text}")
     elif loading:
-        text = "give --robot the folder or URDF that they are of, or write them into its hydrodynamics.yaml"
+        text = (
+            "give --robot the folder or URDF that they are of, or write them into its"
+            " hydrodynamics.yaml"
+        )
         raise InvalidInput(f"{', '.join(loading)} without a robot; {text}")
     return given
 
@@ -220,5 +264,8 @@ def _taken(words: str, maker: Callable[..., Any], given: Mapping[str, Any]) -> M
     for name in given:
         if name not in known:
             takes = f"; it takes {', '.join(known)}" if known else ""
-            raise InvalidInput(f"{words} takes no option {name}{takes}: leave it out, or give the function a **options")
+            raise InvalidInput(
+                f"{words} takes no option {name}{takes}: leave it out, or give the function a"
+                " **options"
+            )
     return given

@@ -1,4 +1,6 @@
-"""Carry out a plan on a plant: open loop, with the forces of the planned motion alone, or with feedback."""
+"""Carry out a plan on a plant: open loop, with the forces of the planned motion alone, or with
+feedback.
+"""
 
 from __future__ import annotations
 
@@ -18,12 +20,22 @@ from uvms_ocp.record.record import Record
 from uvms_ocp.robot import IDEAL_SENSORS, State, Water
 from uvms_ocp.robot.dynamics import Dynamics, robot_dynamics
 from uvms_ocp.scenario.run_metadata import meta_without_mission
-from uvms_ocp.sim import DynamicPlant, Environment, FlatSeafloor, Plant, SensorSuite, closest_approach, simulate
+from uvms_ocp.sim import (
+    DynamicPlant,
+    Environment,
+    FlatSeafloor,
+    Plant,
+    SensorSuite,
+    closest_approach,
+    simulate,
+)
 from uvms_ocp.types import Period
 
 PlantOrEnvironment: TypeAlias = Plant | Environment
 """A plant in any state, or an environment in which the robot starts as the plan does."""
-_DEEP = FlatSeafloor(z=-1e4)  # of plants, whose floor no one tells: the echo of the altimeter is not used
+_DEEP = FlatSeafloor(
+    z=-1e4
+)  # of plants, whose floor no one tells: the echo of the altimeter is not used
 
 
 @checked_dataclass(eq=False)
@@ -31,27 +43,34 @@ class ReplayResult:
     """Record and errors of a plan carried out on a plant."""
 
     record: Record
-    """True states, thrust, torque and energy, tick by tick; figures and scenes take it. An alarm says where the plan goes
-    below the sea floor of an environment."""
+    """True states, thrust, torque and energy, tick by tick; figures and scenes take it. An alarm
+    says where the plan goes below the sea floor of an environment.
+    """
     mismatch: TrackingError
     """Error of the tool, or of the robot's last frame where it has none."""
 
 
 @checked
-def replay(plan: Plan, where: PlantOrEnvironment, *, feedback: bool = True, dt: Period = 1 / 200) -> ReplayResult:
-    """Carry out a plan on a plant, or on a `DynamicPlant` in an environment that starts in the plan's first state.
+def replay(
+    plan: Plan, where: PlantOrEnvironment, *, feedback: bool = True, dt: Period = 1 / 200
+) -> ReplayResult:
+    """Carry out a plan on a plant, or on a `DynamicPlant` in an environment that starts in the
+    plan's first state.
 
-    feedback: of positions and velocities, else the forces of the planned motion alone; by computed torque both. dt [s]:
-    control period.
-    Raises `InvalidInput` for a plan of a wrench: no plant takes one.
+    feedback: of positions and velocities, else the forces of the planned motion alone; by computed
+    torque both. dt [s]: control period. Raises `InvalidInput` for a plan of a wrench: no plant
+    takes one.
     """
     robot, trajectory = plan.robot, plan.trajectory
     if trajectory.has_wrench:
-        raise InvalidInput("a plan with Actuation.WRENCH has no thrust to send; plan with Actuation.THRUSTERS")
+        raise InvalidInput(
+            "a plan with Actuation.WRENCH has no thrust to send; plan with Actuation.THRUSTERS"
+        )
     dynamics = robot_dynamics(robot)
     plant = _plant(plan, where, dynamics) if isinstance(where, Environment) else where
     floor = where.seafloor if isinstance(where, Environment) else _DEEP
-    gains, water = None if feedback else OPEN_LOOP, Water(velocity=np.array(plan.current))
+    gains = None if feedback else OPEN_LOOP
+    water = Water(velocity=np.array(plan.current))
     recorder = simulate(
         plant=plant,
         sensors=SensorSuite(robot, floor, IDEAL_SENSORS).read,
@@ -63,7 +82,10 @@ def replay(plan: Plan, where: PlantOrEnvironment, *, feedback: bool = True, dt: 
     below = _below(plan, where) if isinstance(where, Environment) else ()
     record = _record(plan, recorder.series(), dt, "with feedback" if feedback else "blind", below)
     frame = TOOL if robot.has_frame(TOOL) else "base_link"
-    return ReplayResult(record=record, mismatch=tracking_error(trajectory, record["t"], record["q"], robot=robot, frame=frame))
+    return ReplayResult(
+        record=record,
+        mismatch=tracking_error(trajectory, record["t"], record["q"], robot=robot, frame=frame),
+    )
 
 
 def _plant(plan: Plan, environment: Environment, dynamics: Dynamics) -> DynamicPlant:
@@ -74,20 +96,40 @@ def _plant(plan: Plan, environment: Environment, dynamics: Dynamics) -> DynamicP
 
 
 def _below(plan: Plan, environment: Environment) -> tuple[AlarmMeta, ...]:
-    """Where a plan goes deepest below the floor, if it does: what was flown then says little of the plan."""
-    path, water = plan.trajectory, replace(environment, obstacles=())
+    """Where a plan goes deepest below the floor, if it does: what was flown then says little of the
+    plan.
+    """
+    path = plan.trajectory
+    water = replace(environment, obstacles=())
     found = closest_approach(plan.robot, water, path.q)
     if found.distance >= 0:
         return ()
-    text = f"the plan goes {-found.distance:.2g} m below the sea floor ({found.pair}); keep clear of the floor as of an obstacle"
+    text = (
+        f"the plan goes {-found.distance:.2g} m below the sea floor ({found.pair}); keep clear of"
+        " the floor as of an obstacle"
+    )
     return (AlarmMeta(t=float(path.t[found.row]), text=text),)
 
 
-def _record(plan: Plan, series: dict[str, np.ndarray], dt: float, how: str, alarms: tuple[AlarmMeta, ...] = ()) -> Record:
+def _record(
+    plan: Plan,
+    series: dict[str, np.ndarray],
+    dt: float,
+    how: str,
+    alarms: tuple[AlarmMeta, ...] = (),
+) -> Record:
     """One phase, without tasks: no mission is carried out, but a motion."""
     robot = plan.robot
     plant = "dynamic" if "thrust" in series else "kinematic"
-    known = {"thrusters": robot.thruster_names, "surroundings": plan.surroundings, "plant": plant, "dt": dt, "alarms": alarms}
+    known = {
+        "thrusters": robot.thruster_names,
+        "surroundings": plan.surroundings,
+        "plant": plant,
+        "dt": dt,
+        "alarms": alarms,
+    }
     meta = meta_without_mission(robot, f"plan carried out {how}", "plan", **known)
     tool = {} if not robot.has_frame(TOOL) else {TOOL: tool_series(robot, series["q"])}
-    return Record(series=series | tool | {"phase": np.zeros(len(series["t"]), dtype=np.int64)}, meta=meta)
+    return Record(
+        series=series | tool | {"phase": np.zeros(len(series["t"]), dtype=np.int64)}, meta=meta
+    )

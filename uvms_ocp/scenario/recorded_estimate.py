@@ -1,6 +1,8 @@
-"""Run filter and health monitor over a recording: what they make of its readings, and how well these agree with the filter.
+"""Run filter and health monitor over a recording: what they make of its readings, and how well
+these agree with the filter.
 
-Of a run whose sensors are as the robot's file says, the estimate is that of the run to the last bit.
+Of a run whose sensors are as the robot's file says, the estimate is that of the run to the last
+bit.
 """
 
 from __future__ import annotations
@@ -27,7 +29,13 @@ from uvms_ocp.record.meta_values import AlarmMeta
 from uvms_ocp.record.record import Record, Recorder, require_every_tick
 from uvms_ocp.report.summary import sensor_health
 from uvms_ocp.robot import Command, Robot, SensorSpecs
-from uvms_ocp.robot.signals import CHANNELS, Reading, robot_sensors, unchecked_reading, unchecked_readings
+from uvms_ocp.robot.signals import (
+    CHANNELS,
+    Reading,
+    robot_sensors,
+    unchecked_reading,
+    unchecked_readings,
+)
 from uvms_ocp.scenario.run_metadata import meta_without_mission
 from uvms_ocp.sim import Fault, fault_effects, own_parts, sensors
 from uvms_ocp.types import Period
@@ -42,12 +50,16 @@ class RecordedEstimate(TableDisplay):
     """Estimate over a recording, and how well each channel agrees with it."""
 
     record: Record
-    """The estimate and its standard deviations, as of a run, beside the truth where the recording has it; ``innovation``
-    (n, n_channels): squared, by its covariance and its degrees of freedom, NaN where nothing was compared."""
+    """The estimate and its standard deviations, as of a run, beside the truth where the recording
+    has it; ``innovation`` (n, n_channels): squared, by its covariance and its degrees of freedom,
+    NaN where nothing was compared.
+    """
     channels: tuple[Mapping[str, Any], ...]
     """A row for each, see `estimate_recording`."""
     same: bool | None = None
-    """The estimate equals that which the run recorded, to the last bit; `None` for a recording without an estimate."""
+    """The estimate equals that which the run recorded, to the last bit; `None` for a recording
+    without an estimate.
+    """
 
     def _table(self) -> SmallTable:
         rows = tuple(tuple(map(cell, row.values())) for row in self.channels)
@@ -64,67 +76,134 @@ def estimate_recording(
     faults: tuple[Fault, ...] = (),
     folder: Path | str | None = None,
 ) -> RecordedEstimate:
-    """Estimate the robot's motion from the readings of a recording, as the loop of `Scenario.run` does.
+    """Estimate the robot's motion from the readings of a recording, as the loop of `Scenario.run`
+    does.
 
-    recording: record of a run with noisy sensors, with its commands, or channels of others: of these the filter gets no commands
-    and, at every tick of dt [s], the newest reading. specs: what to expect of the sensors, by default as the robot's file says.
-    faults: of sensors, on top. folder: a new one, to which rows go in place of memory.
+    recording: record of a run with noisy sensors, with its commands, or channels of others: of
+    these the filter gets no commands and, at every tick of dt [s], the newest reading. specs: what
+    to expect of the sensors, by default as the robot's file says. faults: of sensors, on top.
+    folder: a new one, to which rows go in place of memory.
 
-    Of each channel: ``readings`` that arrived, ``delay_s`` by which on average, how many the filter ``compared`` with its
-    prediction and how many of these it ``refused``; ``ratio`` of the size of innovations to the size expected, by medians, 1
-    where sensor, noise and motion are as expected; ``sigma`` [unit of the channel] that is expected, and ``proposed_sigma``,
-    which would explain the innovations were all the sensor's; then the columns of `sensor_health`.
+    Of each channel: ``readings`` that arrived, ``delay_s`` by which on average, how many the filter
+    ``compared`` with its prediction and how many of these it ``refused``; ``ratio`` of the size of
+    innovations to the size expected, by medians, 1 where sensor, noise and motion are as expected;
+    ``sigma`` [unit of the channel] that is expected, and ``proposed_sigma``, which would explain
+    the innovations were all the sensor's; then the columns of `sensor_health`.
 
-    Raises `InvalidInput` for a record without readings, for channels that do not fit the robot, and for other faults.
+    Raises `InvalidInput` for a record without readings, for channels that do not fit the robot, and
+    for other faults.
     """
-    expected, run = specs or robot_sensors(robot.description), recording if isinstance(recording, Record) else None
-    arrivals, n, dt = _sent(recording, robot, expected, dt) if isinstance(recording, Recording) else _recorded(recording, robot)
+    expected = specs or robot_sensors(robot.description)
+    run = recording if isinstance(recording, Record) else None
+    arrivals, n, dt = (
+        _sent(recording, robot, expected, dt)
+        if isinstance(recording, Recording)
+        else _recorded(recording, robot)
+    )
     expected = replace(expected, **{name: None for name in CHANNELS if name not in arrivals})
-    if others := [str(fault) for fault in faults if not fault.location.channel]:
+    others = [str(fault) for fault in faults if not fault.location.channel]
+    if others:
         raise InvalidInput(f"faults {', '.join(others)} of a recording; give those of sensors")
     sources = sensors.sources_of(robot, has_altimeter="altimeter_range" in arrivals)
     struck = sensors.faults_of_channels(robot, faults, {name: sources[name] for name in arrivals})
     arrivals |= {name: _struck(arrivals[name], own, dt) for name, own in struck.items()}
     filtering = estimator.Estimator(robot, expected)
-    guarded, recorder = GuardedEstimator(filtering, robot, expected), Recorder(folder=None if folder is None else Path(folder))
-    channels, command = guarded.monitor.channels, None
-    last, count, late = dict[str, Reading[Any]](), dict.fromkeys(channels, 0), dict.fromkeys(channels, 0.0)
-    numbers, compared = [int(filter_memory.NUMBER[name]) for name in channels], np.full(len(channels), -math.inf)
+    guarded = GuardedEstimator(filtering, robot, expected)
+    recorder = Recorder(folder=None if folder is None else Path(folder))
+    channels = guarded.monitor.channels
+    command = None
+    last = dict[str, Reading[Any]]()
+    count = dict.fromkeys(channels, 0)
+    late = dict.fromkeys(channels, 0.0)
+    numbers = [int(filter_memory.NUMBER[name]) for name in channels]
+    compared = np.full(len(channels), -math.inf)
     stream = heapq.merge(*arrivals.values(), key=itemgetter(0))
     arrived = next(stream, None)
     for k in range(n):
         t = k * dt
         while arrived is not None and arrived[0] <= k:
             _, name, value, stamp = arrived
-            last[name], count[name], late[name] = unchecked_reading(value=value, t=stamp), count[name] + 1, late[name] + t - stamp
+            last[name], count[name], late[name] = (
+                unchecked_reading(value=value, t=stamp),
+                count[name] + 1,
+                late[name] + t - stamp,
+            )
             arrived = next(stream, None)
         estimate = guarded(unchecked_readings(**last), t, command)
         taken, squared, degrees, accepted = filtering.outcomes[numbers].T
         new = taken > compared
         compared = np.where(new, taken, compared)
-        row: dict[str, Any] = {"t": t, "q_estimated": estimate.q, "v_estimated": estimate.v, "q_std": estimate.std}
-        row |= {"altimeter_range": estimate.altimeter_range, "altimeter_std": estimate.altimeter_std}
+        row: dict[str, Any] = {
+            "t": t,
+            "q_estimated": estimate.q,
+            "v_estimated": estimate.v,
+            "q_std": estimate.std,
+        }
+        row |= {
+            "altimeter_range": estimate.altimeter_range,
+            "altimeter_std": estimate.altimeter_std,
+        }
         row |= {"health": np.array([one.trust for one in estimate.health], dtype=np.int8)}
-        row |= {"innovation": np.where(new, squared / np.maximum(degrees, 1.0), math.nan), "refused": new & (accepted == 0.0)}
+        row |= {
+            "innovation": np.where(new, squared / np.maximum(degrees, 1.0), math.nan),
+            "refused": new & (accepted == 0.0),
+        }
         recorder.append(row)
         if run is not None:
             command = Command(v=run.series["command"][k], brakes=bool(run.series["brakes"][k]))
     series = recorder.series()
-    title = f"estimate of {recording.name if isinstance(recording, Recording) else recording.meta.scenario}"
+    title = (
+        "estimate of"
+        f" {recording.name if isinstance(recording, Recording) else recording.meta.scenario}"
+    )
     alarms = tuple(AlarmMeta(t=t, text=text) for t, text in guarded.monitor.alarms)
-    known: dict[str, Any] = {"dt": dt, "channels": channels, "alarms": alarms, "faults": tuple(map(own_parts.fault_meta, faults))}
+    known: dict[str, Any] = {
+        "dt": dt,
+        "channels": channels,
+        "alarms": alarms,
+        "faults": tuple(map(own_parts.fault_meta, faults)),
+    }
     meta = meta_without_mission(robot, title, "recording", plant="recorded", **known)
-    record = Record(series=series if run is None else series | {"q": run["q"], "v": run["v"]}, meta=meta)
+    record = Record(
+        series=series if run is None else series | {"q": run["q"], "v": run["v"]}, meta=meta
+    )
     rows = []
-    of_channels = zip(channels, degrees, sensor_health(record), series["innovation"].T, series["refused"].T, strict=True)
+    of_channels = zip(
+        channels,
+        degrees,
+        sensor_health(record),
+        series["innovation"].T,
+        series["refused"].T,
+        strict=True,
+    )
     for name, freedom, health, squared, refused in of_channels:
-        there, sigma = squared[np.isfinite(squared)], getattr(expected, name).sigma
+        there = squared[np.isfinite(squared)]
+        sigma = getattr(expected, name).sigma
         # The median of chi-squared over its degrees of freedom, by Wilson and Hilferty.
-        ratio = math.sqrt(float(np.median(there)) / (1.0 - 2.0 / (9.0 * freedom)) ** 3) if there.size else None
-        came = {"channel": name, "readings": count[name], "delay_s": late[name] / max(count[name], 1)}
-        used = {"compared": len(there), "refused": int(refused.sum()), "ratio": ratio, "sigma": sigma}
-        rows.append(came | used | {"proposed_sigma": None if ratio is None else sigma * ratio} | health)
-    same = None if run is None else all(np.array_equal(run[name], series[name]) for name in ("q_estimated", "v_estimated"))
+        ratio = (
+            math.sqrt(float(np.median(there)) / (1.0 - 2.0 / (9.0 * freedom)) ** 3)
+            if there.size
+            else None
+        )
+        came = {
+            "channel": name,
+            "readings": count[name],
+            "delay_s": late[name] / max(count[name], 1),
+        }
+        used = {
+            "compared": len(there),
+            "refused": int(refused.sum()),
+            "ratio": ratio,
+            "sigma": sigma,
+        }
+        rows.append(
+            came | used | {"proposed_sigma": None if ratio is None else sigma * ratio} | health
+        )
+    same = (
+        None
+        if run is None
+        else all(np.array_equal(run[name], series[name]) for name in ("q_estimated", "v_estimated"))
+    )
     return RecordedEstimate(record=record, channels=tuple(rows), same=same)
 
 
@@ -132,7 +211,10 @@ def _recorded(record: Record, robot: Robot) -> tuple[dict[str, _Arrivals], int, 
     """Readings of a run by channel, how many ticks it has, and its period [s]."""
     meta = require_every_tick(record)
     if "brakes" not in record.series:
-        raise InvalidInput(f"record of {meta.scenario} without all readings; record it anew, with noise and every tick")
+        raise InvalidInput(
+            f"record of {meta.scenario} without all readings; record it anew, with noise and every"
+            " tick"
+        )
     found = {}
     for name in [name for name in CHANNELS if f"measured_{name}" in record.series]:
         series = record[f"measured_{name}"]
@@ -141,14 +223,28 @@ def _recorded(record: Record, robot: Robot) -> tuple[dict[str, _Arrivals], int, 
     return found, len(record), meta.dt
 
 
-def _sent(recording: Recording, robot: Robot, specs: SensorSpecs, dt: float) -> tuple[dict[str, _Arrivals], int, float]:
+def _sent(
+    recording: Recording, robot: Robot, specs: SensorSpecs, dt: float
+) -> tuple[dict[str, _Arrivals], int, float]:
     """Readings of a recording of others, from the first one on, as `_recorded`."""
     if recording.at_once:
-        raise InvalidInput(f"{recording.name} is of a run, as a table for others; give its record.npz, which has the readings")
-    given = {name: one for name, one in recording.channels.items() if getattr(specs, name, None) is not None}
+        raise InvalidInput(
+            f"{recording.name} is of a run, as a table for others; give its record.npz, which has"
+            " the readings"
+        )
+    given = {
+        name: one
+        for name, one in recording.channels.items()
+        if getattr(specs, name, None) is not None
+    }
     if not {"attitude", "joint_positions"} & given.keys():
-        raise InvalidInput(f"{recording.name} has channels {', '.join(recording.channels)}; an estimate needs attitude or joints")
-    begin, found, n = min(one.undelayed_t[0] for one in given.values()), {}, 0
+        raise InvalidInput(
+            f"{recording.name} has channels {', '.join(recording.channels)}; an estimate needs"
+            " attitude or joints"
+        )
+    begin = min(one.undelayed_t[0] for one in given.values())
+    found = {}
+    n = 0
     for name, one in given.items():
         stamps = one.undelayed_t - begin
         ticks = np.ceil(stamps / dt - _EARLY).astype(np.int64)
@@ -157,19 +253,34 @@ def _sent(recording: Recording, robot: Robot, specs: SensorSpecs, dt: float) -> 
     return found, n, dt
 
 
-def _arriving(name: str, ticks: np.ndarray, values: np.ndarray, stamps: np.ndarray, robot: Robot) -> _Arrivals:
+def _arriving(
+    name: str, ticks: np.ndarray, values: np.ndarray, stamps: np.ndarray, robot: Robot
+) -> _Arrivals:
     shape = sizes_of(robot)[name]
     if values.shape[1] != math.prod(shape):
-        raise InvalidInput(f"{name} of {values.shape[1]} numbers; {robot.name} has {math.prod(shape)}: give the robot recorded")
+        raise InvalidInput(
+            f"{name} of {values.shape[1]} numbers; {robot.name} has {math.prod(shape)}: give the"
+            " robot recorded"
+        )
     return zip(ticks, repeat(name), values if shape else values[:, 0], stamps, strict=False)
 
 
 def _struck(arrivals: _Arrivals, faults: fault_effects.ChannelFaults, dt: float) -> _Arrivals:
     """Readings as faults change them, without those that a newer one has overtaken."""
-    found, newest = list[tuple[int, str, Any, float, float]](), -math.inf
+    found = list[tuple[int, str, Any, float, float]]()
+    newest = -math.inf
     for tick, name, value, taken in arrivals:
-        if (sample := faults(value, taken)) is not None:
-            found.append((tick + math.ceil(sample.extra_delay / dt - _EARLY), name, sample.value, sample.stamp, taken))
+        sample = faults(value, taken)
+        if sample is not None:
+            found.append(
+                (
+                    tick + math.ceil(sample.extra_delay / dt - _EARLY),
+                    name,
+                    sample.value,
+                    sample.stamp,
+                    taken,
+                )
+            )
     for tick, name, value, stamp, taken in sorted(found, key=itemgetter(0)):
         if taken > newest:
             newest = taken

@@ -49,29 +49,45 @@ class RunOutcome:
     wall_s: float
     """[s] that the simulation took."""
     at_events: Iterable[Mapping[str, float]] = repeat({})
-    """The quantities at the end of each phase, event by event [m] or [rad]; empty where they are not known."""
+    """The quantities at the end of each phase, event by event [m] or [rad]; empty where they are
+    not known.
+    """
     std: np.ndarray | None = None
-    """(n_v,) [m, rad] standard deviation of the estimated configuration, where the estimator tells."""
+    """(n_v,) [m, rad] standard deviation of the estimated configuration, where the estimator
+    tells.
+    """
     stopped: Literal["", "stopped", "diverged", "cut off"] = ""
     """As that of `RunMeta`."""
 
 
-_WAY_STEP, _MOST_PLACES = 0.1, 3000  # [s] between places of a goal that moves, and how many there are at most
+# [s] between places of a goal that moves, and how many there are at most
+_WAY_STEP = 0.1
+_MOST_PLACES = 3000
 
 
 def computed_or(instead: _T, name: str, compute: Callable[[], _T]) -> _T:
-    """A value that is computed after a run: where that fails it costs this value, told as a warning, and not the run."""
+    """A value that is computed after a run: where that fails it costs this value, told as a
+    warning, and not the run.
+    """
     try:
         return compute()
     except Exception as error:
-        _log.warning("%s", plain_line(f"not in the record: {name}, {type(error).__name__}: {error}"))
+        _log.warning(
+            "%s", plain_line(f"not in the record: {name}, {type(error).__name__}: {error}")
+        )
         return instead
 
 
 def meta_without_mission(robot: Robot, name: str, phase: str, **known: Any) -> RunMeta:
     """Metadata of a motion of one phase, without tasks. known: other fields of `RunMeta`."""
-    phases, floating = (meta_values.PhaseMeta(name=phase),), bool(robot.n_vehicle)
-    shared: dict[str, Any] = {"packages": packages(), "solver": "none", "floating": floating, "completed": True}
+    phases = (meta_values.PhaseMeta(name=phase),)
+    floating = bool(robot.n_vehicle)
+    shared: dict[str, Any] = {
+        "packages": packages(),
+        "solver": "none",
+        "floating": floating,
+        "completed": True,
+    }
     return RunMeta(scenario=name, **loading.robot_meta(robot), phases=phases, **shared, **known)
 
 
@@ -90,34 +106,54 @@ def run_meta(
 ) -> RunMeta:
     """Metadata of a run of the mission in `setup`.
 
-    parts: names of plant, solver, controller, estimator and sensors. controller, monitor: those that ran, which know what
-    happened.
+    parts: names of plant, solver, controller, estimator and sensors. controller, monitor: those
+    that ran, which know what happened.
     """
-    robot, tasks, phases, state = setup.robot, setup.mission.hierarchy.tasks, setup.mission.all_phases, controller.state
-    alarms, problem = sorted([*monitor.alarms, *controller.watchdog.alarms]), controller.problem
-    rows, limited = zip(problem.names, problem.sizes, strict=True), meta_values.LimitsMeta.model_fields
+    robot = setup.robot
+    tasks = setup.mission.hierarchy.tasks
+    phases = setup.mission.all_phases
+    state = controller.state
+    alarms = sorted([*monitor.alarms, *controller.watchdog.alarms])
+    problem = controller.problem
+    rows = zip(problem.names, problem.sizes, strict=True)
+    limited = meta_values.LimitsMeta.model_fields
     allowed = partial(quantity_stds, setup, ending.q)
 
     def spreads() -> dict[str, float]:
-        """With what no reading can tell: declared constant errors, and what a channel came back elsewhere by."""
+        """With what no reading can tell: declared constant errors, and what a channel came back
+        elsewhere by.
+        """
         unseen = np.hypot(declared_bias(robot, setup.sensors), monitor.unexplained)
         return {} if ending.std is None else allowed(np.hypot(ending.std, unseen))
 
     named = {roles.TOOL: robot.tools[0]} if len(robot.tools) > 1 else {}
-    tools = {task.name: named.get(task.frame, task.frame) for task in tasks if isinstance(task, (ToolPose, ToolPosition))}
+    tools = {
+        task.name: named.get(task.frame, task.frame)
+        for task in tasks
+        if isinstance(task, (ToolPose, ToolPosition))
+    }
     return RunMeta(
         scenario=name,
         **loading.robot_meta(robot),
         thrusters=robot.thruster_names,
-        phases=tuple(meta_values.PhaseMeta(name=one.name, title=one.title, tasks=one.on) for one in phases),
-        tasks=tuple(meta_values.TaskMeta(name=task.name, label=task.label, tool=tools.get(task.name)) for task in tasks),
+        phases=tuple(
+            meta_values.PhaseMeta(name=one.name, title=one.title, tasks=one.on) for one in phases
+        ),
+        tasks=tuple(
+            meta_values.TaskMeta(name=task.name, label=task.label, tool=tools.get(task.name))
+            for task in tasks
+        ),
         tool_task=next(iter(tools), None),
         levels=tuple(meta_values.LevelMeta(name=level, rows=n) for level, n in rows),
         quantities=tuple(problem.quantity_names),
         thresholds=tuple(
-            meta_values.ThresholdMeta(**_condition_fields(one), phase=phase.name) for phase in phases for one in phase.conditions
+            meta_values.ThresholdMeta(**_condition_fields(one), phase=phase.name)
+            for phase in phases
+            for one in phase.conditions
         ),
-        limits=meta_values.LimitsMeta(**{k: tuple(getattr(robot.limits, k).tolist()) for k in limited}),
+        limits=meta_values.LimitsMeta(
+            **{k: tuple(getattr(robot.limits, k).tolist()) for k in limited}
+        ),
         surroundings=_surroundings(setup, markers, ending),
         packages=packages(),
         **parts,
@@ -132,31 +168,50 @@ def run_meta(
         channels=monitor.channels,
         faults=faults,
         true_quantities=_values(ending.quantities),
-        sensors_allow=() if ending.stopped == "cut off" else _values(computed_or({}, "what sensors allow", allowed)),
+        sensors_allow=()
+        if ending.stopped == "cut off"
+        else _values(computed_or({}, "what sensors allow", allowed)),
         spreads=_values(computed_or({}, "spreads", spreads)),
         statuses=tuple(status.value for status in Status),
         seed=seed,
         noise=setup.sensors != IDEAL_SENSORS,
-        planned_energy=energy if isinstance(energy := getattr(controller.guide, "energy", None), float) else None,
+        planned_energy=energy
+        if isinstance(energy := getattr(controller.guide, "energy", None), float)
+        else None,
         wall_s=ending.wall_s,
     )
 
 
-def energy_used(series: Mapping[str, np.ndarray], state: MissionState, t: float) -> dict[str, float]:
-    """Return the `ENERGIES` [J] at t [s] as the plant has them, in a state of the mission; none where it has none."""
+def energy_used(
+    series: Mapping[str, np.ndarray], state: MissionState, t: float
+) -> dict[str, float]:
+    """Return the `ENERGIES` [J] at t [s] as the plant has them, in a state of the mission; none
+    where it has none.
+    """
     if not {"thruster_energy", "joint_energy"} <= series.keys():
         return {}
-    rows = np.searchsorted(series["t"], np.array([t, state.since]) - 1e-9).clip(max=len(series["t"]) - 1)
-    now, before = (float(np.sum(series["thruster_energy"][row]) + series["joint_energy"][row]) for row in rows)
+    rows = np.searchsorted(series["t"], np.array([t, state.since]) - 1e-9).clip(
+        max=len(series["t"]) - 1
+    )
+    now, before = (
+        float(np.sum(series["thruster_energy"][row]) + series["joint_energy"][row]) for row in rows
+    )
     return dict(zip(meta_values.ENERGIES, (now, now - before), strict=True))
 
 
-def _events(controller: KinematicController, ending: RunOutcome) -> tuple[meta_values.EventMeta, ...]:
+def _events(
+    controller: KinematicController, ending: RunOutcome
+) -> tuple[meta_values.EventMeta, ...]:
     found = []
     for e, truth in zip(controller.events, ending.at_events, strict=False):
-        met = [meta_values.MetConditionMeta(**_condition_fields(one), estimated=x) for one, x in e.conditions]
+        met = [
+            meta_values.MetConditionMeta(**_condition_fields(one), estimated=x)
+            for one, x in e.conditions
+        ]
         why: dict[str, Any] = {"conditions": tuple(met), "true_quantities": _values(truth)}
-        found.append(meta_values.EventMeta(t=e.t, source=e.source, target=e.target, reason=e.reason, **why))
+        found.append(
+            meta_values.EventMeta(t=e.t, source=e.source, target=e.target, reason=e.reason, **why)
+        )
     return tuple(found)
 
 
@@ -166,13 +221,19 @@ def _condition_fields(condition: Condition) -> dict[str, Any]:
 
 
 def _values(quantities: Mapping[str, float]) -> tuple[meta_values.QuantityMeta, ...]:
-    return tuple(meta_values.QuantityMeta(name=name, value=value) for name, value in quantities.items())
+    return tuple(
+        meta_values.QuantityMeta(name=name, value=value) for name, value in quantities.items()
+    )
 
 
-def _surroundings(setup: Setup, markers: Markers, ending: RunOutcome) -> meta_values.SurroundingsMeta:
+def _surroundings(
+    setup: Setup, markers: Markers, ending: RunOutcome
+) -> meta_values.SurroundingsMeta:
     return meta_values.SurroundingsMeta(
         frames=tuple(_goal_frames(setup.mission, ending.t)),
-        markers=tuple(meta_values.MarkerMeta(name=name, position=point) for name, point in markers.items()),
+        markers=tuple(
+            meta_values.MarkerMeta(name=name, position=point) for name, point in markers.items()
+        ),
         obstacles=describe_obstacles(setup.environment.obstacles),
         floor_z=setup.floor_at(*_place(setup, setup.start)),
         floor=computed_or(None, "the floor around it", lambda: _relief(setup, markers, ending.q)),
@@ -185,21 +246,41 @@ def _place(setup: Setup, q: np.ndarray) -> np.ndarray:
 
 
 def _goal_frames(mission: Mission, end: float) -> Iterator[meta_values.FrameMeta]:
-    """Goals of all tasks that have a pose for one, those of phases too, with their ways until `end` [s], if they move."""
+    """Goals of all tasks that have a pose for one, those of phases too, with their ways until `end`
+    [s], if they move.
+    """
     t = np.linspace(0.0, end, 2 + min(int(end / _WAY_STEP), _MOST_PLACES))
     for task in mission.hierarchy.tasks:
         if isinstance(task, (PoseTask, ToolPosition)):
-            goals = {None: task.goal} | {one.name: one.goals[task.name] for one in mission.all_phases if task.name in one.goals}
+            goals = {None: task.goal} | {
+                one.name: one.goals[task.name]
+                for one in mission.all_phases
+                if task.name in one.goals
+            }
             for phase, goal in goals.items():
                 name = f"goal of {task.name}" + ("" if phase is None else f" in {phase}")
                 times = t if callable(goal) else t[:1]
-                places = [pin.SE3ToXYZQUAT(evaluate_pose(task.name, goal, k)[0]).tolist() for k in times]
-                way = tuple((k, *place) for k, place in zip(t.tolist(), places, strict=True)) if callable(goal) else ()
+                places = [
+                    pin.SE3ToXYZQUAT(evaluate_pose(task.name, goal, k)[0]).tolist() for k in times
+                ]
+                way = (
+                    tuple((k, *place) for k, place in zip(t.tolist(), places, strict=True))
+                    if callable(goal)
+                    else ()
+                )
                 yield meta_values.FrameMeta(name=name, pose=tuple(places[0]), phase=phase, way=way)
 
 
 def _relief(setup: Setup, markers: Markers, end: np.ndarray) -> meta_values.FloorRelief | None:
-    """The floor around the way from the start to the configuration `end` (n_q,), and around the markers."""
-    points = np.array([*(_place(setup, q) for q in (setup.start, end)), *(point[:2] for point in markers.values())])
-    low, high = points.min(axis=0) - _FLOOR_AROUND, points.max(axis=0) + _FLOOR_AROUND
+    """The floor around the way from the start to the configuration `end` (n_q,), and around the
+    markers.
+    """
+    points = np.array(
+        [
+            *(_place(setup, q) for q in (setup.start, end)),
+            *(point[:2] for point in markers.values()),
+        ]
+    )
+    low = points.min(axis=0) - _FLOOR_AROUND
+    high = points.max(axis=0) + _FLOOR_AROUND
     return floor_relief(setup.environment.seafloor, low, high)

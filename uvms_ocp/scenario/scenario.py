@@ -1,4 +1,6 @@
-"""Scenario: robot, mission, environment, solver and parts composed, checked and simulated into a `Record`."""
+"""Scenario: robot, mission, environment, solver and parts composed, checked and simulated into a
+`Record`.
+"""
 
 from __future__ import annotations
 
@@ -34,10 +36,33 @@ from uvms_ocp.robot.dynamics import cached_dynamics
 from uvms_ocp.scenario.preflight.checks import check_mission
 from uvms_ocp.scenario.preflight.setup import PreflightReport, Setup
 from uvms_ocp.scenario.run_metadata import RunOutcome, computed_or, energy_used, run_meta
-from uvms_ocp.sim import DynamicPlant, Environment, Fault, KinematicPlant, Plant, SensorSuite, own_parts, parse_fault
+from uvms_ocp.sim import (
+    DynamicPlant,
+    Environment,
+    Fault,
+    KinematicPlant,
+    Plant,
+    SensorSuite,
+    own_parts,
+    parse_fault,
+)
 from uvms_ocp.sim.fault_effects import require_possible
-from uvms_ocp.sim.loop import Progress, Sensors, StateEstimator, TickObserver, has_diverged, simulate
-from uvms_ocp.sim.own_parts import part_name, plant_name, require_plant, require_simulated, specs_of, takes_forces
+from uvms_ocp.sim.loop import (
+    Progress,
+    Sensors,
+    StateEstimator,
+    TickObserver,
+    has_diverged,
+    simulate,
+)
+from uvms_ocp.sim.own_parts import (
+    part_name,
+    plant_name,
+    require_plant,
+    require_simulated,
+    specs_of,
+    takes_forces,
+)
 from uvms_ocp.solvers.hierarchy.active_set import LexicographicActiveSet
 from uvms_ocp.types import DAY, Count, Positive
 
@@ -45,7 +70,9 @@ from uvms_ocp.types import DAY, Count, Positive
 
 _OURS = (KinematicController, DynamicController)
 _SILENT = 2.0  # [s] that a run may take without a bar
-_BAR_EVERY, _BAR_TEXT = 40, 60  # ticks between two looks at the mission; letters, whatever a phase is called
+# ticks between two looks at the mission; letters, whatever a phase is called
+_BAR_EVERY = 40
+_BAR_TEXT = 60
 
 
 class MissionController(Protocol):
@@ -79,10 +106,15 @@ class ControllerFactory(PartFactory):
         if type(made) in _OURS:
             return made
         if not callable(made):
-            raise InvalidInput(f"controller made {type(made).__name__}; make a callable (StateEstimate, t) -> Command")
+            raise InvalidInput(
+                f"controller made {type(made).__name__}; make a callable (StateEstimate, t) ->"
+                " Command"
+            )
         n = len(scenario.robot.description.thrusters) if scenario.takes_forces else None
         kinematic = scenario.kinematic_controller()
-        return external.SupervisedController(controller=made, kinematic=kinematic, n_thrusters=n, name=part_name(self.maker))
+        return external.SupervisedController(
+            controller=made, kinematic=kinematic, n_thrusters=n, name=part_name(self.maker)
+        )
 
 
 class EstimatorFactory(PartFactory):
@@ -101,34 +133,57 @@ class EstimatorFactory(PartFactory):
             allowed = "make a callable (Readings, t, command) -> StateEstimate"
             raise InvalidInput(f"estimator made {type(made).__name__}; {allowed}")
         monitor = HealthMonitor(robot, specs, altimeter_frame=scenario.altimeter_frame)
-        return GuardedEstimator(own_parts.watched_estimator(made, robot, part_name(self.maker)), robot, specs, monitor)
+        return GuardedEstimator(
+            own_parts.watched_estimator(made, robot, part_name(self.maker)), robot, specs, monitor
+        )
 
 
 def maker_of(what: str, given: Any) -> Callable[..., Any]:
-    """Return the argument given for a part, also to the scenario that a changed one is made of. Raises `InvalidInput`."""
+    """Return the argument given for a part, also to the scenario that a changed one is made of.
+    Raises `InvalidInput`.
+    """
     if isinstance(given, PartFactory):
         return given.maker
     if not callable(given):
-        raise InvalidInput(f"{what} = {given!r}; give a callable that takes the scenario and makes one")
+        raise InvalidInput(
+            f"{what} = {given!r}; give a callable that takes the scenario and makes one"
+        )
     return given
 
 
 def own_names(parts: Mapping[str, Any], ours: tuple[Callable[..., Any], ...]) -> dict[str, str]:
-    """Names of those parts of a scenario that are not the toolkit's, which are values or made by `ours`."""
-    makers = {what: maker_of(what, part) for what, part in parts.items() if not isinstance(part, str | SensorSpecs)}
+    """Names of those parts of a scenario that are not the toolkit's, which are values or made by
+    `ours`.
+    """
+    makers = {
+        what: maker_of(what, part)
+        for what, part in parts.items()
+        if not isinstance(part, str | SensorSpecs)
+    }
     return {what: part_name(maker) for what, maker in makers.items() if maker not in ours}
 
 
 # Composition root: robot + mission + environment + solver, run into a `Record`.
 
 
-def our_controller(scenario: Scenario, guide: Guide | None = None) -> KinematicController | DynamicController:
+def our_controller(
+    scenario: Scenario, guide: Guide | None = None
+) -> KinematicController | DynamicController:
     """The hierarchy's, fresh."""
     kinematic = scenario.kinematic_controller(guide)
     if not scenario.takes_forces:
         return kinematic
-    options: dict[str, Any] = {"gains": scenario.gains, "sensors": scenario.specs, "load": scenario.load}
-    return DynamicController(robot=scenario.robot, dynamics=cached_dynamics(scenario.robot), kinematic=kinematic, **options)
+    options: dict[str, Any] = {
+        "gains": scenario.gains,
+        "sensors": scenario.specs,
+        "load": scenario.load,
+    }
+    return DynamicController(
+        robot=scenario.robot,
+        dynamics=cached_dynamics(scenario.robot),
+        kinematic=kinematic,
+        **options,
+    )
 
 
 def our_estimator(scenario: Scenario) -> StateEstimator:
@@ -142,9 +197,10 @@ def our_estimator(scenario: Scenario) -> StateEstimator:
 class Scenario(FieldTable):
     """Everything that one simulation needs.
 
-    Raises `InvalidInput` for a start outside the joint limits or below the seafloor, for a bad period, duration, seed or
-    solver, for what makes no part, or for a fault that robot or plant cannot have, `NameNotFound` for an unknown plant and
-    `FrameNotFound` for an unknown altimeter frame. Goals are judged by `check`.
+    Raises `InvalidInput` for a start outside the joint limits or below the seafloor, for a bad
+    period, duration, seed or solver, for what makes no part, or for a fault that robot or plant
+    cannot have, `NameNotFound` for an unknown plant and `FrameNotFound` for an unknown altimeter
+    frame. Goals are judged by `check`.
     """
 
     name: str
@@ -155,21 +211,26 @@ class Scenario(FieldTable):
     """(n_q,) [m, rad] configuration at t = 0, at rest."""
     solver: HierarchySolver = field(default_factory=LexicographicActiveSet)
     plant: str | Callable[..., Any] = "dynamic"
-    """``dynamic``, ``kinematic``, or what makes a plant of a user's own, a `uvms_ocp.sim.PlantMaker`."""
+    """``dynamic``, ``kinematic``, or what makes a plant of a user's own, a
+    `uvms_ocp.sim.PlantMaker`.
+    """
     sensors: SensorSpecs | Callable[..., Any] = IDEAL_SENSORS
     """Specifications of the toolkit's sensors, or a `uvms_ocp.sim.SensorsMaker` for others."""
     real_sensors: SensorSpecs | None = None
     """True specifications, where they differ from those that the estimator has."""
     estimator: Callable[..., Any] = our_estimator
-    """Maker of an estimator for a run, a `uvms_ocp.sim.EstimatorMaker`; by default the toolkit's filter.
+    """Maker of an estimator for a run, a `uvms_ocp.sim.EstimatorMaker`; by default the toolkit's
+    filter.
 
-    ``scenario.estimator()`` calls it, with a monitor around what it makes that keeps from it what cannot be true.
+    ``scenario.estimator()`` calls it, with a monitor around what it makes that keeps from it what
+    cannot be true.
     """
     controller: Callable[..., Any] = our_controller
-    """Maker of a controller for a run: takes the scenario, returns a callable ``(StateEstimate, t) -> Command``.
+    """Maker of a controller for a run: takes the scenario, returns a callable ``(StateEstimate, t)
+    -> Command``.
 
-    ``scenario.controller()`` calls it. By default it makes the hierarchy's, with thrust and torque unless the plant is kinematic;
-    any other is watched by the mission, see `SupervisedController`.
+    ``scenario.controller()`` calls it. By default it makes the hierarchy's, with thrust and torque
+    unless the plant is kinematic; any other is watched by the mission, see `SupervisedController`.
     """
     gains: VelocityGains = field(default_factory=VelocityGains)
     """Gains of the dynamic layer, lowered where sensors are late; the kinematic plant has none."""
@@ -186,13 +247,15 @@ class Scenario(FieldTable):
     duration: float = 120.0
     """[s] at which an incomplete mission is stopped."""
     record_rate: Positive | None = None
-    """[Hz] of the rows of the record, at least 0.1, as near to it as whole ticks allow; by default every tick has one. See
-    `uvms_ocp.record.row_rates`."""
+    """[Hz] of the rows of the record, at least 0.1, as near to it as whole ticks allow; by default
+    every tick has one. See `uvms_ocp.record.row_rates`.
+    """
     markers: Mapping[str, tuple[float, float, float]] = field(default_factory=dict)
     """Points (3,) [m] in W to draw, by name."""
     faults: str | tuple[Fault | Callable[..., Any] | str, ...] = ()
-    """Faults, unknown to controller and pre-flight, or texts as the shell takes them, see `uvms_ocp.sim.parse_fault`; also a
-    user's own, each a `uvms_ocp.sim.FaultMaker`."""
+    """Faults, unknown to controller and pre-flight, or texts as the shell takes them, see
+    `uvms_ocp.sim.parse_fault`; also a user's own, each a `uvms_ocp.sim.FaultMaker`.
+    """
 
     def __post_init__(self) -> None:
         require_plant(self.plant)
@@ -201,25 +264,36 @@ class Scenario(FieldTable):
             if not (np.isfinite(value) and value > 0):
                 raise InvalidInput(f"{name} = {value} s; give a finite time > 0")
         if self.duration < self.dt:
-            raise InvalidInput(f"duration = {self.duration} s; give at least one control period of {self.dt:g} s")
+            raise InvalidInput(
+                f"duration = {self.duration} s; give at least one control period of {self.dt:g} s"
+            )
         if self.duration > DAY:
             raise InvalidInput(f"duration = {self.duration:g} s; give at most {DAY:g} s, a day")
         if self.record_rate is not None and not 0.1 <= self.record_rate < np.inf:
             raise InvalidInput(f"record_rate = {self.record_rate:g} Hz; give 0.1 or more")
         if isinstance(self.solver, type):
-            raise InvalidInput(f"solver = the class {self.solver.__name__}; give a value, {self.solver.__name__}()")
+            raise InvalidInput(
+                f"solver = the class {self.solver.__name__}; give a value, {self.solver.__name__}()"
+            )
         if not hasattr(self.solver, "bind"):
-            raise InvalidInput(f"solver = {self.solver!r}; give a value such as LexicographicActiveSet()")
+            raise InvalidInput(
+                f"solver = {self.solver!r}; give a value such as LexicographicActiveSet()"
+            )
         self._require_start()
         for name, kind in (("controller", ControllerFactory), ("estimator", EstimatorFactory)):
-            object.__setattr__(self, name, kind(maker=maker_of(name, getattr(self, name)), scenario=self))
+            object.__setattr__(
+                self, name, kind(maker=maker_of(name, getattr(self, name)), scenario=self)
+            )
         faults = (self.faults,) if isinstance(self.faults, str) else self.faults
         faults = tuple(parse_fault(fault) if isinstance(fault, str) else fault for fault in faults)
         object.__setattr__(self, "faults", faults)
         for fault in faults:
             own_parts.require_fault(fault)
-        if known := self.toolkit_faults:
-            require_possible(known, self.plant_robot or self.robot, kinematic=self.plant == "kinematic")
+        known = self.toolkit_faults
+        if known:
+            require_possible(
+                known, self.plant_robot or self.robot, kinematic=self.plant == "kinematic"
+            )
             require_simulated(known, self.plant, self.sensors)
             self._sensor_suite()
 
@@ -254,15 +328,23 @@ class Scenario(FieldTable):
     @property
     def own_parts(self) -> dict[str, str]:
         """Names of the parts that are not the toolkit's, by what they are."""
-        parts = {what: getattr(self, what) for what in ("plant", "sensors", "estimator", "controller")}
+        parts = {
+            what: getattr(self, what) for what in ("plant", "sensors", "estimator", "controller")
+        }
         return own_names(parts, (our_estimator, our_controller))
 
     def kinematic_controller(self, guide: Guide | None = None) -> KinematicController:
-        """Its layer of velocities alone, fresh; guide: what stands in for the hierarchy while it lasts."""
-        return KinematicController(robot=self.robot, mission=self.mission, solver=self.solver, dt=self.dt, guide=guide)
+        """Its layer of velocities alone, fresh; guide: what stands in for the hierarchy while it
+        lasts.
+        """
+        return KinematicController(
+            robot=self.robot, mission=self.mission, solver=self.solver, dt=self.dt, guide=guide
+        )
 
     def guided(self, guide: Guide) -> MissionController:
-        """The hierarchy's controller, fresh, with a guide that stands in for the hierarchy while it lasts."""
+        """The hierarchy's controller, fresh, with a guide that stands in for the hierarchy while it
+        lasts.
+        """
         return our_controller(self, guide)
 
     def check(self) -> PreflightReport:
@@ -296,35 +378,53 @@ class Scenario(FieldTable):
     ) -> Record:
         """Simulate until the mission is complete or `duration` is over.
 
-        progress: told of every tick, in place of a bar where somebody looks (`uvms_ocp.progress`). controller: by default a fresh
-        one. observer: called at every tick, see `uvms_ocp.viz.scene.live.live`. folder: a new one, to
-        which rows go every two seconds in place of memory, and whose series are mapped by the record; whatever ends the program,
-        `Record.load` opens it. Ctrl-C, or the stop of a notebook's cell, raises `Interrupted`, whose `result` is the record so
-        far.
+        progress: told of every tick, in place of a bar where somebody looks (`uvms_ocp.progress`).
+        controller: by default a fresh one. observer: called at every tick, see
+        `uvms_ocp.viz.scene.live.live`. folder: a new one, to which rows go every two seconds in
+        place of memory, and whose series are mapped by the record; whatever ends the program,
+        `Record.load` opens it. Ctrl-C, or the stop of a notebook's cell, raises `Interrupted`,
+        whose `result` is the record so far.
 
-        Raises `OutputError` where the folder cannot be written, and `InvalidInput` for more ticks than fit into memory.
+        Raises `OutputError` where the folder cannot be written, and `InvalidInput` for more ticks
+        than fit into memory.
         """
         with raised_outside_casadi():
             controller = controller or self.controller()
             estimator = self.estimator()
             plant, sensors = own_parts.inject_faults(self, self._plant(), self._sensors())
-        parts: dict[str, Any] = {"plant": plant, "sensors": sensors, "estimator": estimator, "controller": controller}
+        parts: dict[str, Any] = {
+            "plant": plant,
+            "sensors": sensors,
+            "estimator": estimator,
+            "controller": controller,
+        }
         presses: list[object] = []
-        with on_interrupt(presses.append), self._bar(progress is None, controller.kinematic) as show:
-            record = self._recorded(parts, {"progress": progress, "observer": observer}, show, presses, folder)
+        with (
+            on_interrupt(presses.append),
+            self._bar(progress is None, controller.kinematic) as show,
+        ):
+            record = self._recorded(
+                parts, {"progress": progress, "observer": observer}, show, presses, folder
+            )
         if presses:
             raise Interrupted(f"stopped by hand at t = {record['t'][-1]:g} s", record)
         return record
 
     @contextmanager
-    def _bar(self, shown: bool, kinematic: KinematicController) -> Iterator[Callable[[float], None]]:
+    def _bar(
+        self, shown: bool, kinematic: KinematicController
+    ) -> Iterator[Callable[[float], None]]:
         """Inside what is yielded is to get times [s] of ticks, for a bar where somebody looks."""
-        with progress_bar(shown=shown, total=self.duration, delay=_SILENT, bar_format="{elapsed} |{bar}| {desc}") as bar:
+        with progress_bar(
+            shown=shown, total=self.duration, delay=_SILENT, bar_format="{elapsed} |{bar}| {desc}"
+        ) as bar:
 
             def show(t: float) -> None:
                 if not bar.disable and round(t / self.dt) % _BAR_EVERY == 0:
                     phase = self.mission.all_phases[kinematic.state.phase]
-                    text = plain_line(f"{phase.name} {phase.title}: {kinematic.pending()}", _BAR_TEXT)
+                    text = plain_line(
+                        f"{phase.name} {phase.title}: {kinematic.pending()}", _BAR_TEXT
+                    )
                     bar.set_description_str(text.ljust(_BAR_TEXT), refresh=False)
                     bar.update(t - bar.n)
 
@@ -338,9 +438,16 @@ class Scenario(FieldTable):
         presses: Sequence[object],
         folder: Path | str | None,
     ) -> Record:
-        """Simulate with these parts, and sum up; each: who is told of every tick; presses: one for each Ctrl-C."""
-        begin, plant, controller, estimator = perf_counter(), parts["plant"], parts["controller"], parts["estimator"]
-        kinematic, seen, own = controller.kinematic, list[int](), self.own_parts
+        """Simulate with these parts, and sum up; each: who is told of every tick; presses: one for
+        each Ctrl-C.
+        """
+        begin = perf_counter()
+        plant = parts["plant"]
+        controller = parts["controller"]
+        estimator = parts["estimator"]
+        kinematic = controller.kinematic
+        seen = list[int]()
+        own = self.own_parts
         names = {
             "plant": plant_name(self.plant),
             "solver": type(self.solver).__name__,
@@ -356,13 +463,29 @@ class Scenario(FieldTable):
             "controller": kinematic,
         }
         every = 1 if self.record_rate is None else max(1, round(1.0 / (self.record_rate * self.dt)))
-        known |= {"seed": self.seed, "markers": self.markers, "monitor": estimator.monitor, "dt": every * self.dt}
-        meta, states = partial(run_meta, **known), list[State]()  # true ones at events
+        known |= {
+            "seed": self.seed,
+            "markers": self.markers,
+            "monitor": estimator.monitor,
+            "dt": every * self.dt,
+        }
+        # true ones at events
+        meta = partial(run_meta, **known)
+        states = list[State]()
 
         def news() -> RunMeta | None:
             """Metadata so far, after an event or an alarm."""
-            before, seen[:] = seen.copy(), map(len, (kinematic.events, estimator.monitor.alarms, kinematic.watchdog.alarms))
-            ending = RunOutcome(q=plant.state.q, t=self.duration, quantities={}, wall_s=perf_counter() - begin, stopped="cut off")
+            before, seen[:] = (
+                seen.copy(),
+                map(len, (kinematic.events, estimator.monitor.alarms, kinematic.watchdog.alarms)),
+            )
+            ending = RunOutcome(
+                q=plant.state.q,
+                t=self.duration,
+                quantities={},
+                wall_s=perf_counter() - begin,
+                stopped="cut off",
+            )
             return None if seen == before or has_diverged(plant.state) else meta(ending=ending)
 
         def watch(t: float, state: State) -> None:
@@ -370,13 +493,24 @@ class Scenario(FieldTable):
                 states.append(state)
             show(t)
 
-        capacity, place = min(512, max(1, round(2.0 / self.dt))), None if folder is None else Path(folder)
+        capacity = min(512, max(1, round(2.0 / self.dt)))
+        place = None if folder is None else Path(folder)
         recorder = Recorder(capacity, place, news, every) if place or every > 1 else None
-        shapes = {} if isinstance(estimator.estimator, PassThrough) else sizes_of(self.robot)  # which repeats its readings
-        kept = {name: math.prod(shapes[name]) for name in estimator.monitor.channels if name in shapes}
+        shapes = (
+            {} if isinstance(estimator.estimator, PassThrough) else sizes_of(self.robot)
+        )  # which repeats its readings
+        kept = {
+            name: math.prod(shapes[name]) for name in estimator.monitor.channels if name in shapes
+        }
         try:
             recorder = simulate(
-                **parts, **each, watch=watch, dt=self.dt, duration=self.duration, kept_readings=kept, recorder=recorder
+                **parts,
+                **each,
+                watch=watch,
+                dt=self.dt,
+                duration=self.duration,
+                kept_readings=kept,
+                recorder=recorder,
             )
         except Interrupted as stop:
             recorder = stop.result
@@ -386,16 +520,24 @@ class Scenario(FieldTable):
 
         def quantities(true: State, t: float, state: MissionState) -> dict[str, float]:
             found: dict[str, float] = computed_or(
-                {}, "true errors", lambda: kinematic.evaluate(self._true_measurement(true), t, state)
+                {},
+                "true errors",
+                lambda: kinematic.evaluate(self._true_measurement(true), t, state),
             )
-            return found | {name: value for name, value in energy_used(flown, state, t).items() if name in found}
+            return found | {
+                name: value for name, value in energy_used(flown, state, t).items() if name in found
+            }
 
         diverged = has_diverged(plant.state)
         last = State(q=recorder.last("q"), v=recorder.last("v")) if diverged else plant.state
         truth = quantities(last, recorder.last("t"), kinematic.state)
-        left = zip(states, kinematic.events, kinematic.left, strict=False)  # with the goals that the phase had when it ended
+        left = zip(
+            states, kinematic.events, kinematic.left, strict=False
+        )  # with the goals that the phase had when it ended
         ends = [quantities(state, event.t, goals) for state, event, goals in left]
-        stopped: Literal["", "stopped", "diverged"] = "diverged" if diverged else "stopped" if presses else ""
+        stopped: Literal["", "stopped", "diverged"] = (
+            "diverged" if diverged else "stopped" if presses else ""
+        )
         ending = RunOutcome(
             q=recorder.last("q"),
             t=recorder.last("t"),
@@ -413,25 +555,41 @@ class Scenario(FieldTable):
         if self.plant == "kinematic":
             return KinematicPlant(self.robot, self.start, self.toolkit_faults)
         real = self.plant_robot or self.robot
-        dynamics, faults = cached_dynamics(real), self.toolkit_faults
-        return DynamicPlant(real, self.start, dynamics=dynamics, environment=self.environment, faults=faults)
+        dynamics = cached_dynamics(real)
+        faults = self.toolkit_faults
+        return DynamicPlant(
+            real, self.start, dynamics=dynamics, environment=self.environment, faults=faults
+        )
 
     def _sensors(self) -> Sensors:
         if isinstance(self.sensors, SensorSpecs):
             return self._sensor_suite().read
-        return own_parts.WatchedSensors(self.sensors(self), self.robot, self.specs, part_name(self.sensors))
+        return own_parts.WatchedSensors(
+            self.sensors(self), self.robot, self.specs, part_name(self.sensors)
+        )
 
     def _sensor_suite(self) -> SensorSuite:
-        floor, specs = self.environment.seafloor, self.real_sensors or self.specs
-        return SensorSuite(self.robot, floor, specs, self.seed, self.altimeter_frame, self.toolkit_faults)
+        floor = self.environment.seafloor
+        specs = self.real_sensors or self.specs
+        return SensorSuite(
+            self.robot, floor, specs, self.seed, self.altimeter_frame, self.toolkit_faults
+        )
 
     def _true_measurement(self, state: State) -> StateEstimate:
-        suite = SensorSuite(self.robot, self.environment.seafloor, IDEAL_SENSORS, altimeter_frame=self.altimeter_frame)
+        suite = SensorSuite(
+            self.robot,
+            self.environment.seafloor,
+            IDEAL_SENSORS,
+            altimeter_frame=self.altimeter_frame,
+        )
         return PassThrough(self.robot, IDEAL_SENSORS)(suite.read(state, 0.0), 0.0)
 
 
 @checked
 def pose_at(position: ArrayLike, rpy: ArrayLike = (0.0, 0.0, 0.0)) -> pin.SE3:
-    """Pose from a position (3,) [m] and rpy (3,) [rad], R = Rz Ry Rx. Raises `InvalidInput` for anything else."""
-    p, angles = finite_array("position", position, (3,)), finite_array("rpy", rpy, (3,))
+    """Pose from a position (3,) [m] and rpy (3,) [rad], R = Rz Ry Rx. Raises `InvalidInput` for
+    anything else.
+    """
+    p = finite_array("position", position, (3,))
+    angles = finite_array("rpy", rpy, (3,))
     return pin.SE3(pin.rpy.rpyToMatrix(angles), p)

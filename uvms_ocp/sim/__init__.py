@@ -1,6 +1,7 @@
 """The simulated water: environment, sensors, plants, faults, the closed loop, and parts of a user.
 
-    record = replace(scenario, plant=DragPlant(0.2), estimator=ComplementaryFilter, controller=Pid).run()
+    record = replace(scenario, plant=DragPlant(0.2), estimator=ComplementaryFilter,
+    controller=Pid).run()
 
 What makes such parts: `uvms_ocp.sim.own_parts`.
 """

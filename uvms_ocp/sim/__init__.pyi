@@ -8,7 +8,11 @@ from .currents import (
     UniformCurrent as UniformCurrent,
     water_at as water_at,
 )
-from .environment import ClosestApproach as ClosestApproach, Environment as Environment, closest_approach as closest_approach
+from .environment import (
+    ClosestApproach as ClosestApproach,
+    Environment as Environment,
+    closest_approach as closest_approach,
+)
 from .faults import Fault as Fault, parse_fault as parse_fault
 from .loop import simulate as simulate
 from .own_parts import (

@@ -16,15 +16,22 @@ from uvms_ocp.record.untrusted import read_arrays
 from uvms_ocp.sim.seafloor import LEVEL_RAY, Points, Seafloor
 from uvms_ocp.types import Array, Finite, Range, Shape, Vector3
 
-_WORD, _NUMBER = re.compile(r"[^\s,;]+"), re.compile(r"[-+]?(\d+\.?\d*|\.\d+)(e[-+]?\d+)?", re.IGNORECASE)
-_FORMS = "give lines x,y,z [m] of a whole grid, as CSV or with blanks between, or an .npz with arrays x (n,), y (m,) and z (m, n)"
+_WORD, _NUMBER = (
+    re.compile(r"[^\s,;]+"),
+    re.compile(r"[-+]?(\d+\.?\d*|\.\d+)(e[-+]?\d+)?", re.IGNORECASE),
+)
+_FORMS = (
+    "give lines x,y,z [m] of a whole grid, as CSV or with blanks between, or an .npz with arrays x"
+    " (n,), y (m,) and z (m, n)"
+)
 
 
 @checked_dataclass(eq=False)
 class Bathymetry(Seafloor):
     """Heights on a grid, bilinear between its points and level with its border beyond it.
 
-    Raises `InvalidInput` unless x and y ascend, with two values or more each, and every height is finite.
+    Raises `InvalidInput` unless x and y ascend, with two values or more each, and every height is
+    finite.
     """
 
     x: Annotated[Array, Shape("n"), Range(open=True)]
@@ -37,17 +44,26 @@ class Bathymetry(Seafloor):
     def __post_init__(self) -> None:
         for name, axis in (("x", self.x), ("y", self.y)):
             if len(axis) < 2 or not (np.diff(axis) > 0).all():
-                raise InvalidInput(f"{name} of a bathymetry, shape {axis.shape}; give two values or more that ascend")
+                raise InvalidInput(
+                    f"{name} of a bathymetry, shape {axis.shape}; give two values or more that"
+                    " ascend"
+                )
 
     @staticmethod
-    def read(path: Path | str, *, origin: tuple[Finite, Finite, Finite] = (0.0, 0.0, 0.0)) -> Bathymetry:
-        """Read a file: lines ``x,y,z`` or ``x y z`` in any order, with or without a title, or NumPy's ``.npz`` with x, y and z.
+    def read(
+        path: Path | str, *, origin: tuple[Finite, Finite, Finite] = (0.0, 0.0, 0.0)
+    ) -> Bathymetry:
+        """Read a file: lines ``x,y,z`` or ``x y z`` in any order, with or without a title, or
+        NumPy's ``.npz`` with x, y and z.
 
-        origin [m]: of W in the coordinates of the file, such as east, north and height of a chart. Raises `InvalidInput` for
-        a file that cannot be read, depths in place of heights, and a grid with holes or points twice.
+        origin [m]: of W in the coordinates of the file, such as east, north and height of a chart.
+        Raises `InvalidInput` for a file that cannot be read, depths in place of heights, and a grid
+        with holes or points twice.
         """
         try:
-            x, y, z = _of_arrays(Path(path)) if Path(path).suffix == ".npz" else _of_lines(Path(path))
+            x, y, z = (
+                _of_arrays(Path(path)) if Path(path).suffix == ".npz" else _of_lines(Path(path))
+            )
         except (OSError, ValueError, KeyError) as error:
             why = " ".join(str(error).split())
             raise InvalidInput(f"{printable(path)}: no bathymetry ({why}); {_FORMS}") from None
@@ -63,7 +79,9 @@ class Bathymetry(Seafloor):
 
     @checked_on_failure
     def ground_at(self, points: Points) -> tuple[np.ndarray, np.ndarray]:
-        """Heights (n,) [m] and unit normals (n, 3) of the floor at points (n, 2) [m], x and y in W."""
+        """Heights (n,) [m] and unit normals (n, 3) of the floor at points (n, 2) [m], x and y in
+        W.
+        """
         heights, slopes = self._surface(points)
         upwards = np.column_stack([-slopes, np.ones(len(points))])
         return heights, upwards / np.linalg.norm(upwards, axis=1)[:, None]
@@ -71,20 +89,32 @@ class Bathymetry(Seafloor):
     @checked_on_failure
     def range_along(self, origin: Vector3, direction: Vector3) -> float:
         # Along a ray the clearance is a parabola between two lines of the grid.
-        descent, above = -float(direction[2]), float(origin[2]) - self.height(float(origin[0]), float(origin[1]))
+        descent = -float(direction[2])
+        above = float(origin[2]) - self.height(float(origin[0]), float(origin[1]))
         if above <= 0:
             return above / descent if descent > LEVEL_RAY else math.nan
         knots = [np.zeros(1)]
         lines = ((self.x, 0), (self.y, 1))
-        knots += [(at - origin[axis]) / direction[axis] for at, axis in lines if abs(direction[axis]) > LEVEL_RAY]
+        knots += [
+            (at - origin[axis]) / direction[axis]
+            for at, axis in lines
+            if abs(direction[axis]) > LEVEL_RAY
+        ]
         if descent > LEVEL_RAY:
             knots.append(np.array([(origin[2] - self.z.min()) / descent + 1.0]))
         s = np.unique(np.concatenate(knots))
         s = s[(s >= 0.0) & (s <= (knots[-1][-1] if descent > LEVEL_RAY else math.inf))]
-        ends, middles = self._clearance(origin, direction, s), self._clearance(origin, direction, (s[1:] + s[:-1]) / 2)
+        ends, middles = (
+            self._clearance(origin, direction, s),
+            self._clearance(origin, direction, (s[1:] + s[:-1]) / 2),
+        )
         u = _first_zero(ends[:-1], middles, ends[1:])
         hits = np.flatnonzero(np.isfinite(u))
-        return float(s[hits[0]] + u[hits[0]] * (s[hits[0] + 1] - s[hits[0]])) if len(hits) else math.nan
+        return (
+            float(s[hits[0]] + u[hits[0]] * (s[hits[0] + 1] - s[hits[0]]))
+            if len(hits)
+            else math.nan
+        )
 
     def _clearance(self, origin: np.ndarray, direction: np.ndarray, s: np.ndarray) -> np.ndarray:
         points = origin + s[:, None] * direction
@@ -92,7 +122,10 @@ class Bathymetry(Seafloor):
 
     def _surface(self, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Heights (n,) [m] and slopes (n, 2) at points (n, 2) [m]."""
-        cells, shares, widths, inside = [], [], [], []
+        cells = []
+        shares = []
+        widths = []
+        inside = []
         for lines, values in zip((self.x, self.y), points.T, strict=True):
             at = np.clip(values, lines[0], lines[-1])
             cell = np.clip(np.searchsorted(lines, at, side="right") - 1, 0, len(lines) - 2)
@@ -102,14 +135,20 @@ class Bathymetry(Seafloor):
             shares.append((at - lines[cell]) / width)
             inside.append(at == values)
         (i, j), (u, v), z = cells, shares, self.z
-        a, b, c, d = z[j, i], z[j, i + 1], z[j + 1, i], z[j + 1, i + 1]
-        east, north = (1 - v) * (b - a) + v * (d - c), (1 - u) * (c - a) + u * (d - b)
+        a = z[j, i]
+        b = z[j, i + 1]
+        c = z[j + 1, i]
+        d = z[j + 1, i + 1]
+        east = (1 - v) * (b - a) + v * (d - c)
+        north = (1 - u) * (c - a) + u * (d - b)
         slopes = np.column_stack([east / widths[0] * inside[0], north / widths[1] * inside[1]])
         return (1 - v) * ((1 - u) * a + u * b) + v * ((1 - u) * c + u * d), slopes
 
 
 def _first_zero(start: np.ndarray, middle: np.ndarray, end: np.ndarray) -> np.ndarray:
-    """First zeros (n,) in [0, 1] of parabolas by their values (n,) at 0, 1/2 and 1, the first > 0; NaN for none."""
+    """First zeros (n,) in [0, 1] of parabolas by their values (n,) at 0, 1/2 and 1, the first > 0;
+    NaN for none.
+    """
     a = 2 * (start + end - 2 * middle)
     b = end - start - a
     with np.errstate(divide="ignore", invalid="ignore"):
@@ -128,12 +167,17 @@ def _of_arrays(path: Path) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
 
 
 def _of_lines(path: Path) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    lines = [line for line in path.read_text(encoding="utf-8-sig").splitlines() if _WORD.search(line)]
+    lines = [
+        line for line in path.read_text(encoding="utf-8-sig").splitlines() if _WORD.search(line)
+    ]
     rows = [_WORD.findall(line) for line in lines]
     if rows and not _NUMBER.fullmatch(rows[0][0]):
         title, *rows = rows
         if "depth" in _last_column(lines[0].lower()):
-            text = "are depths, not heights: change their sign where they count downwards, and call them z"
+            text = (
+                "are depths, not heights: change their sign where they count downwards, and call"
+                " them z"
+            )
             raise InvalidInput(f"{' '.join(title)!r} {text}")
     table = np.array([[float(word) for word in row] for row in rows])
     if table.ndim != 2 or table.shape[1] != 3:
@@ -148,7 +192,9 @@ def _of_lines(path: Path) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
 
 
 def _last_column(title: str) -> str:
-    """Its name, without what stands in brackets; between blanks the last two words, as one may be a unit."""
+    """Its name, without what stands in brackets; between blanks the last two words, as one may be a
+    unit.
+    """
     bare = re.sub(r"\(.*?\)|\[.*?\]", " ", title)
     columns = [name for name in re.split(r"[;,\t]", bare) if name.strip()]
     words = _WORD.findall(bare)

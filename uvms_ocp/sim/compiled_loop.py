@@ -1,4 +1,6 @@
-"""Simulate the closed loop in machine code where all of its parts are the toolkit's: Python looks at events, not at ticks."""
+"""Simulate the closed loop in machine code where all of its parts are the toolkit's: Python looks
+at events, not at ticks.
+"""
 
 from __future__ import annotations
 
@@ -27,11 +29,14 @@ Sources = dict[str, np.ndarray | Elapsed]
 """Where each series of a row is found in memory."""
 Watch = Callable[[float, State], None]
 """Told time [s] and true state after events, and every few ticks."""
-_FLAGS, _CODES = ("brakes", "saturated"), ("health", "thruster_health", "joint_health")
+_FLAGS = ("brakes", "saturated")
+_CODES = ("health", "thruster_health", "joint_health")
 
 
 class CompiledLoop:
-    """Plant, sensors, estimator and controller, whose kernels are called one after the other for many ticks."""
+    """Plant, sensors, estimator and controller, whose kernels are called one after the other for
+    many ticks.
+    """
 
     def __init__(
         self,
@@ -42,31 +47,65 @@ class CompiledLoop:
         dt: float,
     ) -> None:
         """dt [s]: control period."""
-        self._plant, self._sensors, self._estimator, self._controller, self._dt = plant, sensors, estimator, controller, dt
-        robot, width = controller.kinematic.robot, len(sensors.memory.channels[0].value)
+        self._plant = plant
+        self._sensors = sensors
+        self._estimator = estimator
+        self._controller = controller
+        self._dt = dt
+        robot = controller.kinematic.robot
+        width = len(sensors.memory.channels[0].value)
         n_thrusters = len(robot.description.thrusters)
-        sizes = {"n_q": robot.n_q, "n_v": robot.n_v, "n_thrusters": n_thrusters, "n_measured": width + 1}
+        sizes = {
+            "n_q": robot.n_q,
+            "n_v": robot.n_v,
+            "n_thrusters": n_thrusters,
+            "n_measured": width + 1,
+        }
         self.memory = structure_of(kernels.LoopMemory, **sizes)()
         """What the parts tell each other."""
         has_range = getattr(estimator.estimator, "has_range", True)
         numbers = [NUMBER[name] for name in CHANNELS]
-        assign(self.memory, dt=dt, n_vehicle=robot.n_vehicle, number=numbers, has_range=has_range, range=np.nan)
+        assign(
+            self.memory,
+            dt=dt,
+            n_vehicle=robot.n_vehicle,
+            number=numbers,
+            has_range=has_range,
+            range=np.nan,
+        )
         self.steps: Sequence[Step] | None = self._steps()
         """Kernels of a tick with their memories; `None` where Python takes part."""
 
-    def run(self, n_ticks: int, recorder: Recorder, kept: Mapping[str, int], watch: Watch, stops: Sequence[object]) -> None:
+    def run(
+        self,
+        n_ticks: int,
+        recorder: Recorder,
+        kept: Mapping[str, int],
+        watch: Watch,
+        stops: Sequence[object],
+    ) -> None:
         """Run so many ticks, or until the mission is over, the plant diverges, or there are stops.
 
         kept: channels whose new readings are recorded, and how many numbers each has.
         """
-        memory, plant, kinematic, verdicts = self.memory, self._plant, self._controller.kinematic, self._verdicts()
-        sources, steps = self._sources(kept, verdicts), self.steps or ()
+        memory = self.memory
+        plant = self._plant
+        kinematic = self._controller.kinematic
+        verdicts = self._verdicts()
+        sources = self._sources(kept, verdicts)
+        steps = self.steps or ()
         sequence = KernelSequence(steps, _field(memory, "stop"))
-        sequence.write_rows(sources, recorder.block({name: _example(name, source) for name, source in sources.items()}))
-        rows, seen = 0, 0  # written, and ticks that Python has looked at: one more where the last is still to be written
+        sequence.write_rows(
+            sources,
+            recorder.block({name: _example(name, source) for name, source in sources.items()}),
+        )
+        # written, and ticks that Python has looked at: one more where the last is still to be written
+        rows = 0
+        seen = 0
         while rows < n_ticks:
             plant.begin(self._dt)
-            ending, waits = kinematic.state.over or bool(stops), seen > rows
+            ending = kinematic.state.over or bool(stops)
+            waits = seen > rows
             if ending and rows and not waits:
                 break
             most = min(n_ticks - rows, recorder.room, kinematic.quiet_ticks, self._ticks_to_fault())
@@ -90,7 +129,9 @@ class CompiledLoop:
             plant.adopt()
 
     def _look(self, ticks: int, verdicts: Mapping[str, np.ndarray]) -> None:
-        """Have Python note what kernels have done in so many ticks, the verdicts of `_verdicts` included."""
+        """Have Python note what kernels have done in so many ticks, the verdicts of `_verdicts`
+        included.
+        """
         memory, controller = self.memory, self._controller
         if memory.stop == kernels.GO:
             controller.kinematic.look_for_swings(memory.t, ticks)
@@ -99,7 +140,9 @@ class CompiledLoop:
             self._estimator.monitor.publish(memory.t)
         estimate = self._estimator.estimate()
         if isinstance(controller, DynamicController):
-            limited = tuple(i for i in range(controller.memory.allocation.count) if memory.at_limits[i])
+            limited = tuple(
+                i for i in range(controller.memory.allocation.count) if memory.at_limits[i]
+            )
             controller.catch_up(estimate, memory.t, ticks, limited)
         else:
             controller.catch_up(estimate, memory.t, ticks)
@@ -110,58 +153,114 @@ class CompiledLoop:
     def _ticks_to_fault(self) -> int:
         """Ticks in which the plant's faults stay as they are."""
         t = self._plant.memory.t
-        edges = [edge for fault in self._plant.faults for edge in (fault.onset, fault.end) if t < edge < np.inf]
+        edges = [
+            edge
+            for fault in self._plant.faults
+            for edge in (fault.onset, fault.end)
+            if t < edge < np.inf
+        ]
         return max(1, int((min(edges) - t) / self._dt)) if edges else N_DRAWN
 
     def _steps(self) -> Sequence[Step] | None:
-        m, estimator, controller, p = self.memory, self._estimator, self._controller, self._plant.memory
-        monitor, inner, s, c = estimator.monitor, estimator.estimator, self._sensors.memory, controller.kinematic.memory
-        h, u, solving = monitor.memory, estimator.support, controller.kinematic.steps()
+        m = self.memory
+        estimator = self._estimator
+        controller = self._controller
+        p = self._plant.memory
+        monitor = estimator.monitor
+        inner = estimator.estimator
+        s = self._sensors.memory
+        c = controller.kinematic.memory
+        h = monitor.memory
+        u = estimator.support
+        solving = controller.kinematic.steps()
         if solving is None:
             return None
         screen, finish, repeat = monitor.ticks
-        begin = kernels.move_plant if isinstance(controller, DynamicController) else kernels.move_kinematic, kernels.sense
+        begin = (
+            kernels.move_plant
+            if isinstance(controller, DynamicController)
+            else kernels.move_kinematic,
+            kernels.sense,
+        )
         estimating: list[Step]
         if isinstance(inner, Estimator):
             f = inner.structure
             move, sense, feed, note = bind_kernels(
                 (*begin, kernels.feed_filter, kernels.note_estimate), map(type, (m, p, s, h, f))
             )
-            estimating = [(screen, h), (feed, m, s, h, f), (inner.tick, f), (note, m, h, f), (finish, h, u, estimator.outcomes)]
+            estimating = [
+                (screen, h),
+                (feed, m, s, h, f),
+                (inner.tick, f),
+                (note, m, h, f),
+                (finish, h, u, estimator.outcomes),
+            ]
         else:
-            move, sense, ranged = bind_kernels((*begin, kernels.repeat_range), map(type, (m, p, s, h)))
+            move, sense, ranged = bind_kernels(
+                (*begin, kernels.repeat_range), map(type, (m, p, s, h))
+            )
             estimating = [(repeat, h, u, estimator.repeated), (ranged, m, h)]
         prepare, solve = solving
         if isinstance(controller, DynamicController):
             F = controller.memory
             inform, feed_back, ask, give = bind_kernels(
-                (kernels.inform_controller, kernels.feed_back, ask_forces, kernels.command_plant), map(type, (m, h, u, c, F, p))
+                (kernels.inform_controller, kernels.feed_back, ask_forces, kernels.command_plant),
+                map(type, (m, h, u, c, F, p)),
             )
-            controlling = [prepare, (feed_back, m, c, F), solve, (ask, c, F), (controller.force.kernel, F), (give, m, c, F, p)]
+            controlling = [
+                prepare,
+                (feed_back, m, c, F),
+                solve,
+                (ask, c, F),
+                (controller.force.kernel, F),
+                (give, m, c, F, p),
+            ]
         else:
-            inform, give = bind_kernels((kernels.inform_controller, kernels.command_kinematic), map(type, (m, h, u, c, p)))
+            inform, give = bind_kernels(
+                (kernels.inform_controller, kernels.command_kinematic), map(type, (m, h, u, c, p))
+            )
             controlling = [prepare, solve, (give, m, c, p)]
         return [(move, m, p), (sense, m, s, h), *estimating, (inform, m, h, u, c), *controlling]
 
     def _sources(self, kept: Mapping[str, int], verdicts: Mapping[str, np.ndarray]) -> Sources:
-        """Series of a row, in the order of `simulate`. verdicts: as `_verdicts`, which are brought up to date."""
-        memory, kinematic, h = self.memory, self._controller.kinematic, self._estimator.monitor.memory
+        """Series of a row, in the order of `simulate`. verdicts: as `_verdicts`, which are brought
+        up to date.
+        """
+        memory = self.memory
+        kinematic = self._controller.kinematic
+        h = self._estimator.monitor.memory
         assert self.steps is not None
         whole: Any = kinematic.whole
-        tick, whole, names = arrays_of(kinematic.memory), arrays_of(whole), [step[0] for step in self.steps]
+        tick = arrays_of(kinematic.memory)
+        whole = arrays_of(whole)
+        names = [step[0] for step in self.steps]
         first, solver = (names.index(step[0]) for step in kinematic.steps() or ())
         for name, n in kept.items():
             require_kept(name, h.channels[NUMBER[name]].size, n)
-        m, now, measured = arrays_of(memory), arrays_of(h.now), view(memory.measured)
-        found: Sources = {f"measured_{name}": measured[NUMBER[name], : n + 1] for name, n in kept.items()}
+        m = arrays_of(memory)
+        now = arrays_of(h.now)
+        measured = view(memory.measured)
+        found: Sources = {
+            f"measured_{name}": measured[NUMBER[name], : n + 1] for name, n in kept.items()
+        }
         found |= {"brakes": _field(memory, "braked")} if kept else {}
-        found |= {"t": _field(memory, "t"), "q": m.q, "v": m.v, "q_estimated": now.q, "v_estimated": now.v}
+        found |= {
+            "t": _field(memory, "t"),
+            "q": m.q,
+            "v": m.v,
+            "q_estimated": now.q,
+            "v_estimated": now.v,
+        }
         found["altimeter_range"] = view(memory.range)[:1].reshape(())
         if isinstance(self._estimator.estimator, Estimator):
             std = self._estimator.estimator.memory.std[6 - kinematic.robot.n_vehicle :]
             found |= {"q_std": std, "altimeter_std": view(memory.range)[1:].reshape(())}
         found["command"] = tick.command
-        asked = {} if not isinstance(self._controller, DynamicController) else self._controller.force.places()
+        asked = (
+            {}
+            if not isinstance(self._controller, DynamicController)
+            else self._controller.force.places()
+        )
         found |= {"asked_thrust": asked["command"]} if asked else {}
         found |= {"health": view(memory.trusts)[: h.n]} if h.n else {}
         found |= {
@@ -177,7 +276,11 @@ class CompiledLoop:
             "tick_time": Elapsed(first, solver),
         }
         if isinstance(self._controller, DynamicController):
-            forces = {"disturbance": "disturbance", "wrench": "vehicle_force", "unreachable": "unreachable"}
+            forces = {
+                "disturbance": "disturbance",
+                "wrench": "vehicle_force",
+                "unreachable": "unreachable",
+            }
             found |= {name: asked[part] for name, part in forces.items()}
             found["saturated"] = _field(self._controller.memory.allocation, "saturated")
             found |= verdicts
@@ -186,20 +289,39 @@ class CompiledLoop:
 
     def _verdicts(self) -> dict[str, np.ndarray]:
         """Copies of what the monitor of thrusters and joints tells."""
-        monitor = self._controller.monitor if isinstance(self._controller, DynamicController) else None
-        return {} if monitor is None else {name: np.array(value) for name, value in monitor.telemetry().items()}
+        monitor = (
+            self._controller.monitor if isinstance(self._controller, DynamicController) else None
+        )
+        return (
+            {}
+            if monitor is None
+            else {name: np.array(value) for name, value in monitor.telemetry().items()}
+        )
 
 
-def compiled_loop(plant: Any, sensors: Any, estimator: Any, controller: Any, dt: float) -> CompiledLoop | None:
-    """Return the loop of these parts, fresh ones; `None` where one is not the toolkit's, or is to ask Python at every tick."""
+def compiled_loop(
+    plant: Any, sensors: Any, estimator: Any, controller: Any, dt: float
+) -> CompiledLoop | None:
+    """Return the loop of these parts, fresh ones; `None` where one is not the toolkit's, or is to
+    ask Python at every tick.
+    """
     suite: Any = getattr(sensors, "__self__", None)
     learns = getattr(controller, "learner", None) is not None
     kinds = {DynamicController: DynamicPlant, KinematicController: KinematicPlant}
-    ours = kinds.get(type(controller)) is type(plant) and type(suite) is SensorSuite and type(estimator) is GuardedEstimator
+    ours = (
+        kinds.get(type(controller)) is type(plant)
+        and type(suite) is SensorSuite
+        and type(estimator) is GuardedEstimator
+    )
     if not ours or learns or not _fit(plant, suite, estimator, controller):
         return None
-    inner, families = estimator.estimator, {fault.location.family for fault in plant.faults}
-    plain = inner.is_plain if type(inner) is Estimator else type(inner) is PassThrough and estimator.repeated and suite.is_ideal
+    inner = estimator.estimator
+    families = {fault.location.family for fault in plant.faults}
+    plain = (
+        inner.is_plain
+        if type(inner) is Estimator
+        else type(inner) is PassThrough and estimator.repeated and suite.is_ideal
+    )
     if not plain or not families <= ({"thruster"} if type(plant) is DynamicPlant else set()):
         return None
     loop = CompiledLoop(plant, suite, estimator, controller, dt)
@@ -207,13 +329,25 @@ def compiled_loop(plant: Any, sensors: Any, estimator: Any, controller: Any, dt:
 
 
 def _fit(plant: Any, suite: SensorSuite, estimator: GuardedEstimator, controller: Any) -> bool:
-    """Return whether the parts are fresh, of robots of one size: of others Python says what is wrong, tick by tick."""
-    robot, filtered = controller.kinematic.robot, getattr(estimator.estimator, "structure", None)
-    sizes = {(len(part.q), len(part.v)) for part in (plant.memory, suite.memory, estimator.monitor.memory.now)}
+    """Return whether the parts are fresh, of robots of one size: of others Python says what is
+    wrong, tick by tick.
+    """
+    robot = controller.kinematic.robot
+    filtered = getattr(estimator.estimator, "structure", None)
+    sizes = {
+        (len(part.q), len(part.v))
+        for part in (plant.memory, suite.memory, estimator.monitor.memory.now)
+    }
     began = estimator.monitor.memory.started or controller.kinematic.memory.mission.started
-    right = not began and sizes == {(robot.n_q, robot.n_v)} and (filtered is None or filtered.n_joints == robot.n_joints)
+    right = (
+        not began
+        and sizes == {(robot.n_q, robot.n_v)}
+        and (filtered is None or filtered.n_joints == robot.n_joints)
+    )
     forces = isinstance(controller, DynamicController)
-    return right and not (forces and len(plant.memory.asked_thrust) != len(controller.memory.outputs.command))
+    return right and not (
+        forces and len(plant.memory.asked_thrust) != len(controller.memory.outputs.command)
+    )
 
 
 def require_kept(name: str, size: int, n: int) -> None:
@@ -225,7 +359,9 @@ def require_kept(name: str, size: int, n: int) -> None:
 def _field(memory: Any, name: str) -> np.ndarray:
     """A number in a memory as an array () on the same place."""
     kinds = dict(type(memory)._fields_)
-    return np.ctypeslib.as_array((kinds[name] * 1).from_buffer(memory, getattr(type(memory), name).offset)).reshape(())
+    return np.ctypeslib.as_array(
+        (kinds[name] * 1).from_buffer(memory, getattr(type(memory), name).offset)
+    ).reshape(())
 
 
 def _example(name: str, source: np.ndarray | Elapsed) -> Any:

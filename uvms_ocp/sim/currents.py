@@ -1,4 +1,6 @@
-"""Water currents: velocity fields over ground in W, with the derivatives that give the acceleration of the water."""
+"""Water currents: velocity fields over ground in W, with the derivatives that give the acceleration
+of the water.
+"""
 
 from __future__ import annotations
 
@@ -16,15 +18,19 @@ from uvms_ocp.types import DAY, Count, Finite, Positive, Shape
 
 _FASTEST = 10.0  # [m/s] no sea is faster, Saltstraumen included: more is a slip of units
 _BLOCK = 256  # nodes of a gust that are drawn at a time
-_CATMULL_ROM = np.array([[0, 2, 0, 0], [-1, 0, 1, 0], [2, -5, 4, -1], [-1, 3, -3, 1]]) / 2  # of powers, by nodes
+_CATMULL_ROM = (
+    np.array([[0, 2, 0, 0], [-1, 0, 1, 0], [2, -5, 4, -1], [-1, 3, -3, 1]]) / 2
+)  # of powers, by nodes
 
 Points = Annotated[np.ndarray, Shape("n", 3)]
 
 
 class Current(Protocol):
-    """A field of water velocity u. It is asked for u and both its derivatives; `water_at` joins them.
+    """A field of water velocity u. It is asked for u and both its derivatives; `water_at` joins
+    them.
 
-    A class with a `velocity` of its own is neither uniform nor steady until it states so itself, whatever it is made of.
+    A class with a `velocity` of its own is neither uniform nor steady until it states so itself,
+    whatever it is made of.
     """
 
     __slots__ = ()
@@ -42,7 +48,8 @@ class Current(Protocol):
         return False
 
     def uniform_flow(self, t: float) -> np.ndarray | None:
-        """Return velocity [m/s] and its rate [m/s2] (2, 3) in W at time t [s], `None` where they depend on the point.
+        """Return velocity [m/s] and its rate [m/s2] (2, 3) in W at time t [s], `None` where they
+        depend on the point.
 
         Raises `InvalidInput` where `velocity` does.
         """
@@ -69,14 +76,18 @@ class Current(Protocol):
 
 @checked_on_failure
 def water_at(current: Current, p_W: Points, t: float) -> Water:
-    """The water at points p_W (n, 3) [m] and time t [s]: u and its own acceleration ``Du/Dt = du/dt + (u . grad) u``.
+    """The water at points p_W (n, 3) [m] and time t [s]: u and its own acceleration ``Du/Dt = du/dt
+    + (u . grad) u``.
 
-    That is how u changes for a particle of the water, not for a robot that moves through it: nothing where the water
-    flows steadily in parallel layers. `uvms_ocp.robot.hydrodynamics` says what else slopes do, which is neglected.
-    Raises `InvalidInput` where the current does.
+    That is how u changes for a particle of the water, not for a robot that moves through it:
+    nothing where the water flows steadily in parallel layers. `uvms_ocp.robot.hydrodynamics` says
+    what else slopes do, which is neglected. Raises `InvalidInput` where the current does.
     """
     u = current.velocity(p_W, t)
-    return Water(velocity=u, acceleration=current.rate(p_W, t) + (current.gradient(p_W, t) @ u[:, :, None])[:, :, 0])
+    return Water(
+        velocity=u,
+        acceleration=current.rate(p_W, t) + (current.gradient(p_W, t) @ u[:, :, None])[:, :, 0],
+    )
 
 
 @checked_on_failure
@@ -133,9 +144,11 @@ class UniformCurrent(UniformField):
 
 @checked_dataclass(check=checked_on_failure, eq=False)
 class ShearedCurrent(Current):
-    """A steady current that varies with depth: linear between the given heights, constant beyond them.
+    """A steady current that varies with depth: linear between the given heights, constant beyond
+    them.
 
-    Raises `InvalidInput` for heights that do not increase, or velocities that are not finite or faster than any sea.
+    Raises `InvalidInput` for heights that do not increase, or velocities that are not finite or
+    faster than any sea.
     """
 
     z: np.ndarray
@@ -144,24 +157,37 @@ class ShearedCurrent(Current):
     """(k, 3) [m/s] in W at these heights."""
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "z", finite_array("z of a sheared current", self.z, (max(np.size(self.z), 1),)))
+        object.__setattr__(
+            self, "z", finite_array("z of a sheared current", self.z, (max(np.size(self.z), 1),))
+        )
         if (np.diff(self.z) <= 0).any():
-            raise InvalidInput(f"z of a sheared current = {self.z.tolist()} m; give increasing heights")
-        object.__setattr__(self, "velocities", _flow("velocities of a sheared current", self.velocities, (len(self.z), 3)))
+            raise InvalidInput(
+                f"z of a sheared current = {self.z.tolist()} m; give increasing heights"
+            )
+        object.__setattr__(
+            self,
+            "velocities",
+            _flow("velocities of a sheared current", self.velocities, (len(self.z), 3)),
+        )
 
     @staticmethod
     def over_floor(velocity: ArrayLike, *, floor_z: float, thickness: Positive) -> ShearedCurrent:
-        """Power law ``velocity (height / thickness)^(1/7)`` of a turbulent boundary layer, `velocity` (3,) [m/s] above it.
+        """Power law ``velocity (height / thickness)^(1/7)`` of a turbulent boundary layer,
+        `velocity` (3,) [m/s] above it.
 
-        floor_z [m] in W, thickness [m] of the layer. Raises `InvalidInput` for a thickness that is not > 0, and as the
-        class does.
+        floor_z [m] in W, thickness [m] of the layer. Raises `InvalidInput` for a thickness that is
+        not > 0, and as the class does.
         """
         share = np.linspace(0.0, 1.0, 33) ** 3  # dense at the floor, where the profile is steep
         velocity = _flow("velocity of the current", velocity, (3,))
-        return ShearedCurrent(z=floor_z + thickness * share, velocities=np.outer(share ** (1 / 7), velocity))
+        return ShearedCurrent(
+            z=floor_z + thickness * share, velocities=np.outer(share ** (1 / 7), velocity)
+        )
 
     def velocity(self, p_W: Points, t: float) -> np.ndarray:
-        return np.stack([np.interp(p_W[:, 2], self.z, column) for column in self.velocities.T], axis=1)
+        return np.stack(
+            [np.interp(p_W[:, 2], self.z, column) for column in self.velocities.T], axis=1
+        )
 
     def rate(self, p_W: Points, t: float) -> np.ndarray:
         return np.zeros((len(p_W), 3))
@@ -169,7 +195,9 @@ class ShearedCurrent(Current):
     def gradient(self, p_W: Points, t: float) -> np.ndarray:
         beyond = np.zeros((1, 3))
         slopes = np.diff(self.velocities, axis=0) / np.diff(self.z)[:, None]
-        layer = np.searchsorted(self.z, p_W[:, 2], side="right")  # at one of the heights: the layer above
+        layer = np.searchsorted(
+            self.z, p_W[:, 2], side="right"
+        )  # at one of the heights: the layer above
         gradient = np.zeros((len(p_W), 3, 3))
         gradient[:, :, 2] = np.vstack([beyond, slopes, beyond])[layer]
         return gradient
@@ -177,7 +205,9 @@ class ShearedCurrent(Current):
 
 @checked_dataclass(check=checked_on_failure, kw_only=False, eq=False)
 class OnsetCurrent(UniformField):
-    """A uniform current that sets in: from rest to its velocity by a cosine step, as when the tide turns."""
+    """A uniform current that sets in: from rest to its velocity by a cosine step, as when the tide
+    turns.
+    """
 
     value: np.ndarray
     """(3,) [m/s] in W."""
@@ -189,7 +219,8 @@ class OnsetCurrent(UniformField):
     def __init__(self, velocity: ArrayLike, *, start: Finite, rise: Positive) -> None:
         """Velocity (3,) [m/s] once it has set in; start, rise [s] as the fields.
 
-        Raises `InvalidInput` for a velocity that is not finite or faster than any sea, and a rise that is not > 0.
+        Raises `InvalidInput` for a velocity that is not finite or faster than any sea, and a rise
+        that is not > 0.
         """
         object.__setattr__(self, "value", _flow("velocity of the current", velocity, (3,)))
         object.__setattr__(self, "start", float(start))
@@ -218,11 +249,11 @@ def cosine_slope(share: float) -> float:
 class GustyCurrent(Current):
     """A first-order Gauss-Markov process on top of another current, the same everywhere.
 
-    The process is drawn at nodes `step` apart and joined by cubics, so that velocity and rate are continuous. Gusts
-    carry water through a base that varies from place to place, which stays where it is: a vertical one through the
-    layers of a `ShearedCurrent` accelerates the water sideways.
-    A pure function of t >= 0: nodes are drawn in their order whatever the order of the questions, then kept.
-    Raises `InvalidInput` for a sigma below 0 or a time that is not > 0.
+    The process is drawn at nodes `step` apart and joined by cubics, so that velocity and rate are
+    continuous. Gusts carry water through a base that varies from place to place, which stays where
+    it is: a vertical one through the layers of a `ShearedCurrent` accelerates the water sideways. A
+    pure function of t >= 0: nodes are drawn in their order whatever the order of the questions,
+    then kept. Raises `InvalidInput` for a sigma below 0 or a time that is not > 0.
     """
 
     base: Current = field(default_factory=StillWater)
@@ -241,7 +272,9 @@ class GustyCurrent(Current):
     def __post_init__(self) -> None:
         sigma = np.array(self.sigma, dtype=float)
         if sigma.shape not in ((), (3,)) or not (np.isfinite(sigma).all() and (sigma >= 0).all()):
-            raise InvalidInput(f"sigma of a gust = {self.sigma} m/s; give one or three finite numbers >= 0")
+            raise InvalidInput(
+                f"sigma of a gust = {self.sigma} m/s; give one or three finite numbers >= 0"
+            )
         decay = math.exp(-self.step / self.correlation_time)
         object.__setattr__(self, "_path", _Path(np.broadcast_to(sigma, (3,)), decay, self.seed))
 
@@ -259,15 +292,21 @@ class GustyCurrent(Current):
         return self.base.gradient(p_W, t)
 
     def gust(self, t: float) -> np.ndarray:
-        """Velocity [m/s] of the gust alone and its rate [m/s2] (2, 3) at time t [s], from the two nodes on either side.
+        """Velocity [m/s] of the gust alone and its rate [m/s2] (2, 3) at time t [s], from the two
+        nodes on either side.
 
         Raises `InvalidInput` for a time before 0 or after a day.
         """
         if not 0 <= t <= DAY:
-            raise InvalidInput(f"gust at t = {t} s; give a time from 0 to {DAY:g} s, a day: all before it is drawn")
-        k, h = int(t / self.step), self.step
+            raise InvalidInput(
+                f"gust at t = {t} s; give a time from 0 to {DAY:g} s, a day: all before it is drawn"
+            )
+        k = int(t / self.step)
+        h = self.step
         s = t / h - k
-        powers = np.array(((1.0, s, s * s, s * s * s), (0.0, 1.0 / h, 2.0 * s / h, 3.0 * s * s / h)))
+        powers = np.array(
+            ((1.0, s, s * s, s * s * s), (0.0, 1.0 / h, 2.0 * s / h, 3.0 * s * s / h))
+        )
         return powers.dot(_CATMULL_ROM).dot(self._path.nodes(k, k + 4))
 
 
@@ -276,7 +315,8 @@ class _Path:
 
     def __init__(self, sigma: np.ndarray, decay: float, seed: int) -> None:
         self._rng = np.random.default_rng(seed)
-        self._decay, self._kick = decay, sigma * math.sqrt(1 - decay**2)
+        self._decay = decay
+        self._kick = sigma * math.sqrt(1 - decay**2)
         self._nodes = (sigma * self._rng.standard_normal(3))[None, :]
 
     def nodes(self, start: int, end: int) -> np.ndarray:

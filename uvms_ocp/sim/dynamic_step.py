@@ -1,13 +1,15 @@
-"""Semi-implicit Euler step of a robot in water as a CasADi Function, with contact of its hull with the floor; a period of steps.
+"""Semi-implicit Euler step of a robot in water as a CasADi Function, with contact of its hull with
+the floor; a period of steps.
 
-The step is implicit in everything stiff and dissipative: with h the bias force and G the slope of drag, joint friction,
-joint stops and floor contact with respect to velocity,
+The step is implicit in everything stiff and dissipative: with h the bias force and G the slope of
+drag, joint friction, joint stops and floor contact with respect to velocity,
 
     (M + dt G) (v_next - v) = dt (tau + contact + stops - h(q, v)),    q_next = q (+) v_next dt.
 
-Added mass is part of M, so the step stays stable where it exceeds the dry mass; G keeps a coarse step from overshooting
-the drag. First order in dt. A joint that is locked has v_next = 0 in place of its row: the force that holds it is solved
-for, and where it still moved, the first step is the impulse that stops it, which leaves all other momenta as they were.
+Added mass is part of M, so the step stays stable where it exceeds the dry mass; G keeps a coarse
+step from overshooting the drag. First order in dt. A joint that is locked has v_next = 0 in place
+of its row: the force that holds it is solved for, and where it still moved, the first step is the
+impulse that stops it, which leaves all other momenta as they were.
 """
 
 from __future__ import annotations
@@ -21,13 +23,28 @@ import numpy as np
 
 from uvms_ocp.checks import checked_dataclass
 from uvms_ocp.codegen import elementwise
-from uvms_ocp.codegen.kernel_layout import CallbackField, FunctionField, Layout, Sized, Vector, structure_of
-from uvms_ocp.robot import Robot, limits, spatial, symbolic_bodies, symbolic_dynamics, thruster_matrix
+from uvms_ocp.codegen.kernel_layout import (
+    CallbackField,
+    FunctionField,
+    Layout,
+    Sized,
+    Vector,
+    structure_of,
+)
+from uvms_ocp.robot import (
+    Robot,
+    limits,
+    spatial,
+    symbolic_bodies,
+    symbolic_dynamics,
+    thruster_matrix,
+)
 from uvms_ocp.robot.thrusters import joint_power
 from uvms_ocp.sim.thrusters import N_DECAYS, Thrusters
 from uvms_ocp.types import Positive
 
-# Contact of the vehicle's hull with the seafloor: a spring and damper at each corner of its underside.
+# Contact of the vehicle's hull with the seafloor: a spring and damper at each corner of its
+# underside.
 #
 # The floor pushes and never pulls; friction is Coulomb's, regularised below a creeping speed.
 
@@ -47,12 +64,17 @@ class ContactModel:
     creep: Positive = 0.01
     """[m/s] speed below which friction is viscous."""
 
-    def force(self, depth: ca.SX, velocity_W: ca.SX, normal_W: ca.SX, dt: ca.SX) -> tuple[ca.SX, ca.SX]:
-        """Force (3,) [N] in W on a point `depth` [m] below the floor that moves with velocity_W (3,) [m/s], and its slope.
+    def force(
+        self, depth: ca.SX, velocity_W: ca.SX, normal_W: ca.SX, dt: ca.SX
+    ) -> tuple[ca.SX, ca.SX]:
+        """Force (3,) [N] in W on a point `depth` [m] below the floor that moves with velocity_W
+        (3,) [m/s], and its slope.
 
-        The slope (3, 3) [N s/m], minus the derivative with respect to velocity over a step dt [s], makes the step implicit.
+        The slope (3, 3) [N s/m], minus the derivative with respect to velocity over a step dt [s],
+        makes the step implicit.
         """
-        speed, damping = ca.dot(velocity_W, normal_W), self.damping + dt * self.stiffness
+        speed = ca.dot(velocity_W, normal_W)
+        damping = self.damping + dt * self.stiffness
         pressing = ca.if_else(depth > 0, ca.fmax(self.stiffness * depth - damping * speed, 0), 0)
         sliding = velocity_W - speed * normal_W
         grip = self.friction * pressing / ca.sqrt(ca.sumsqr(sliding) + self.creep**2)
@@ -63,14 +85,15 @@ class ContactModel:
 
 # One time step of a robot in water as a CasADi Function.
 #
-# The step is implicit in everything stiff and dissipative: with h the bias force and G the slope of drag, joint friction,
-# joint stops and floor contact with respect to velocity,
+# The step is implicit in everything stiff and dissipative: with h the bias force and G the slope of
+# drag, joint friction, joint stops and floor contact with respect to velocity,
 #
 #     (M + dt G) (v_next - v) = dt (tau + contact + stops - h(q, v)),    q_next = q (+) v_next dt.
 #
-# Added mass is part of M, so the step stays stable where it exceeds the dry mass; G keeps a coarse step from overshooting
-# the drag. First order in dt. A joint that is locked has v_next = 0 in place of its row: the force that holds it is solved
-# for, and where it still moved, the first step is the impulse that stops it, which leaves all other momenta as they were.
+# Added mass is part of M, so the step stays stable where it exceeds the dry mass; G keeps a coarse
+# step from overshooting the drag. First order in dt. A joint that is locked has v_next = 0 in place
+# of its row: the force that holds it is solved for, and where it still moved, the first step is the
+# impulse that stops it, which leaves all other momenta as they were.
 
 CARRIED = ("q", "v", "thrust", "thruster_energy", "joint_energy")
 """State that one step hands to the next."""
@@ -116,58 +139,79 @@ class StepModel:
 def step_function(model: StepModel) -> ca.Function:
     """Function of one step of dt [s], whose first results are the first inputs of the next.
 
-    ``q, v, thrust, thruster_energy, joint_energy, asked_thrust, asked_torque, share, offset, decay, u, Du_Dt, floor_z,
-    floor_normal, brake, dt -> q, v, thrust, thruster_energy, joint_energy, torque, contact``, the names of the first five
-    results with ``_next``.
+    ``q, v, thrust, thruster_energy, joint_energy, asked_thrust, asked_torque, share, offset, decay,
+    u, Du_Dt, floor_z, floor_normal, brake, dt -> q, v, thrust, thruster_energy, joint_energy,
+    torque, contact``, the names of the first five results with ``_next``.
 
-    thrust (n_thrusters,) [N], thruster_energy (n_thrusters,) [J] and joint_energy [J] so far. asked_thrust (n_thrusters,) [N]
-    and asked_torque (n_joints,) [N m or N]: the command; torque is what the motors give of it. share, offset (n_thrusters,)
-    [-, N]: `ThrusterCondition`. decay (n_thrusters, N_DECAYS): `Thrusters.decay`. u (3, n_links) [m/s] and Du_Dt
-    (3, n_links) [m/s2]: water at the links. floor_z (n_points,) [m] and floor_normal (3, n_points): height and normal of
-    the floor below the contact points. brake [N m s/rad]: friction of the brakes on every joint. contact (n_points,) [N]: the
-    vertical force of the floor on each point.
+    thrust (n_thrusters,) [N], thruster_energy (n_thrusters,) [J] and joint_energy [J] so far.
+    asked_thrust (n_thrusters,) [N] and asked_torque (n_joints,) [N m or N]: the command; torque is
+    what the motors give of it. share, offset (n_thrusters,) [-, N]: `ThrusterCondition`. decay
+    (n_thrusters, N_DECAYS): `Thrusters.decay`. u (3, n_links) [m/s] and Du_Dt (3, n_links) [m/s2]:
+    water at the links. floor_z (n_points,) [m] and floor_normal (3, n_points): height and normal of
+    the floor below the contact points. brake [N m s/rad]: friction of the brakes on every joint.
+    contact (n_points,) [N]: the vertical force of the floor on each point.
     """
-    robot, x = model.robot, _inputs(model)
+    robot = model.robot
+    x = _inputs(model)
     torque = elementwise.clipped(x["asked_torque"], -robot.limits.effort, robot.limits.effort)
     target = model.thrusters.target(x["asked_thrust"], x["share"], x["offset"])
     thrust, taken = model.thrusters.step(x["thrust"], target, x["decay"], x["dt"])
     wrench = symbolic_bodies.sparse(thruster_matrix(robot)) @ thrust
     v_next, contact = _velocity(model, x, ca.vertcat(wrench[: robot.n_vehicle], torque))
     q_next = model.dynamics.symbolic.integrate(x["q"], v_next * x["dt"])
-    if robot.n_vehicle:  # whose quaternion keeps norm 1, so that rounding does not add up over a run
+    if (
+        robot.n_vehicle
+    ):  # whose quaternion keeps norm 1, so that rounding does not add up over a run
         q_next = ca.vertcat(q_next[:3], q_next[3:7] / ca.norm_2(q_next[3:7]), q_next[7:])
     power = joint_power(torque, v_next[robot.joint_v], robot.description.joint_efficiency)
     spent = x["joint_energy"] + x["dt"] * ca.sum1(power)
     outputs = [q_next, v_next, thrust, x["thruster_energy"] + taken, spent, torque, contact]
     names = [*(f"{name}_next" for name in CARRIED), "torque", "contact"]
-    return ca.Function("plant_step", [*x.values()], [ca.densify(y) for y in outputs], [*x], names, {"cse": True})
+    return ca.Function(
+        "plant_step", [*x.values()], [ca.densify(y) for y in outputs], [*x], names, {"cse": True}
+    )
 
 
 def _inputs(model: StepModel) -> dict[str, ca.SX]:
-    robot, n_links, n_points = model.robot, len(model.dynamics.links), len(model.points)
+    robot = model.robot
+    n_links = len(model.dynamics.links)
+    n_points = len(model.points)
     n_thrusters = len(model.thrusters.lower)
     sizes = {"q": robot.n_q, "v": robot.n_v, "asked_torque": robot.n_joints, "floor_z": n_points}
     sizes |= {"joint_energy": 1, "brake": 1, "dt": 1}
-    tables = zip(TABLES, ((n_thrusters, N_DECAYS), (3, n_links), (3, n_links), (3, n_points)), strict=True)
+    tables = zip(
+        TABLES, ((n_thrusters, N_DECAYS), (3, n_links), (3, n_links), (3, n_points)), strict=True
+    )
     shapes = {name: (sizes.get(name, n_thrusters), 1) for name in INPUTS} | dict(tables)
     return {name: ca.SX.sym(name, *shapes[name]) for name in INPUTS}
 
 
 def _velocity(model: StepModel, x: Mapping[str, ca.SX], tau: ca.SX) -> tuple[ca.SX, ca.SX]:
-    """Velocity (n_v,) [m/s, rad/s] after the step under the generalized force tau (n_v,), and the contact (n_points,) [N]."""
-    q, v, u, dt = x["q"], x["v"], x["u"], x["dt"]
+    """Velocity (n_v,) [m/s, rad/s] after the step under the generalized force tau (n_v,), and the
+    contact (n_points,) [N].
+    """
+    q = x["q"]
+    v = x["v"]
+    u = x["u"]
+    dt = x["dt"]
     force, slope_stops = _stops(model, q, v, dt)
-    brakes = x["brake"] * ca.vertcat(ca.SX.zeros(model.robot.n_vehicle), ca.SX.ones(model.robot.n_joints))
+    brakes = x["brake"] * ca.vertcat(
+        ca.SX.zeros(model.robot.n_vehicle), ca.SX.ones(model.robot.n_joints)
+    )
     pushes, contact, slope_contact = _contact(model, q, v, x["floor_z"], x["floor_normal"], dt)
     G = model.dynamics.drag_slope(q, v, u) + ca.diag(slope_stops + brakes) + slope_contact
     h = model.dynamics.bias_force(q, v, u, x["Du_Dt"])
-    A, impulse = model.dynamics.mass_matrix(q) + dt * G, dt * (tau + force + contact - brakes * v - h)
+    A = model.dynamics.mass_matrix(q) + dt * G
+    impulse = dt * (tau + force + contact - brakes * v - h)
     return _accelerated(A, v, impulse, model.locked), pushes
 
 
 def _accelerated(A: ca.SX, v: ca.SX, impulse: ca.SX, locked: tuple[int, ...]) -> ca.SX:
-    """V_next (n_v,) of ``A (v_next - v) = impulse`` in the rows that are free, and 0 in the locked ones."""
-    free, held = [i for i in range(v.numel()) if i not in locked], list(locked)
+    """V_next (n_v,) of ``A (v_next - v) = impulse`` in the rows that are free, and 0 in the locked
+    ones.
+    """
+    free = [i for i in range(v.numel()) if i not in locked]
+    held = list(locked)
     if held:
         impulse = impulse[free] + A[free, held] @ v[held]
         A = A[free, free]
@@ -181,7 +225,9 @@ def _accelerated(A: ca.SX, v: ca.SX, impulse: ca.SX, locked: tuple[int, ...]) ->
 
 
 def _stops(model: StepModel, q: ca.SX, v: ca.SX, dt: ca.SX) -> tuple[ca.SX, ca.SX]:
-    """Generalized force (n_v,) [N, N m] of joints beyond their limits, and what it adds to G (n_v,)."""
+    """Generalized force (n_v,) [N, N m] of joints beyond their limits, and what it adds to G
+    (n_v,).
+    """
     force, slope = ca.SX.zeros(model.robot.n_v), ca.SX.zeros(model.robot.n_v)
     k, d = model.stops.stiffness, model.stops.damping
     for joint, lower, upper in limits.bounded_joints(model.robot.joints, model.robot.limits):
@@ -193,10 +239,15 @@ def _stops(model: StepModel, q: ca.SX, v: ca.SX, dt: ca.SX) -> tuple[ca.SX, ca.S
     return force, slope
 
 
-def _contact(model: StepModel, q: ca.SX, v: ca.SX, floor_z: ca.SX, normal: ca.SX, dt: ca.SX) -> tuple[ca.SX, ca.SX, ca.SX]:
-    """Vertical force [N] per point, the generalized force (n_v,) [N, N m] of all, and what they add to G (n_v, n_v)."""
+def _contact(
+    model: StepModel, q: ca.SX, v: ca.SX, floor_z: ca.SX, normal: ca.SX, dt: ca.SX
+) -> tuple[ca.SX, ca.SX, ca.SX]:
+    """Vertical force [N] per point, the generalized force (n_v,) [N, N m] of all, and what they add
+    to G (n_v, n_v).
+    """
     n_v = model.robot.n_v
-    total, slope = ca.SX.zeros(n_v), ca.SX(n_v, n_v)
+    total = ca.SX.zeros(n_v)
+    slope = ca.SX(n_v, n_v)
     if not len(model.points):
         return ca.SX(0, 1), total, slope
     pose = model.dynamics.symbolic.joint_poses(model.dynamics.symbolic.local_poses(q))[1]
@@ -212,11 +263,14 @@ def _contact(model: StepModel, q: ca.SX, v: ca.SX, floor_z: ca.SX, normal: ca.SX
     return ca.vertcat(*vertical), total, slope
 
 
-# A control period of the physical plant: several steps, as a kernel on memory that is written to in place.
+# A control period of the physical plant: several steps, as a kernel on memory that is written to in
+# place.
 
 
 class PlantMemory(Layout):
-    """State of the plant, what acts on it, and the step that moves it; arguments as those of `step_function`, by columns."""
+    """State of the plant, what acts on it, and the step that moves it; arguments as those of
+    `step_function`, by columns.
+    """
 
     step: FunctionField
     sampled: bool
@@ -235,7 +289,9 @@ class PlantMemory(Layout):
     v: Annotated[Vector, Sized("n_v")]
     """(n_v,) [m/s, rad/s]"""
     a: Annotated[Vector, Sized("n_v")]
-    """(n_v,) [m/s2, rad/s2] mean acceleration over the last period, as an accelerometer would integrate it."""
+    """(n_v,) [m/s2, rad/s2] mean acceleration over the last period, as an accelerometer would
+    integrate it.
+    """
     thrust: Annotated[Vector, Sized("n_thrusters")]
     """(n_thrusters,) [N]"""
     thruster_energy: Annotated[Vector, Sized("n_thrusters")]
@@ -319,8 +375,21 @@ def advance_plant(p: PlantMemory) -> None:
 
 def plant_structure(model: StepModel, step: ca.Function) -> type[PlantMemory]:
     """Type of the memory of a plant with this `step_function`."""
-    robot, n, n_points = model.robot, len(model.thrusters.lower), len(model.points)
-    sizes = {"n_q": robot.n_q, "n_v": robot.n_v, "n_thrusters": n, "n_joints": robot.n_joints, "n_decays": n * N_DECAYS}
+    robot = model.robot
+    n = len(model.thrusters.lower)
+    n_points = len(model.points)
+    sizes = {
+        "n_q": robot.n_q,
+        "n_v": robot.n_v,
+        "n_thrusters": n,
+        "n_joints": robot.n_joints,
+        "n_decays": n * N_DECAYS,
+    }
     return structure_of(
-        PlantMemory, step=step, n_water=3 * len(model.dynamics.links), n_points=n_points, n_normals=3 * n_points, **sizes
+        PlantMemory,
+        step=step,
+        n_water=3 * len(model.dynamics.links),
+        n_points=n_points,
+        n_normals=3 * n_points,
+        **sizes,
     )

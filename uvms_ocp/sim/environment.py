@@ -1,4 +1,6 @@
-"""Environment of the robot, floor, water and obstacles: sampled for the plant, and the closest approach to it in a run."""
+"""Environment of the robot, floor, water and obstacles: sampled for the plant, and the closest
+approach to it in a run.
+"""
 
 from __future__ import annotations
 
@@ -26,7 +28,9 @@ from uvms_ocp.types import Positive, Shape
 
 @checked_dataclass(eq=False)
 class Environment:
-    """Everything that is not the robot. Raises `InvalidInput` for two obstacles of the same name."""
+    """Everything that is not the robot. Raises `InvalidInput` for two obstacles of the same
+    name.
+    """
 
     seafloor: Seafloor
     """Everywhere below."""
@@ -39,7 +43,8 @@ class Environment:
         require_distinct_names(self.obstacles)
 
 
-# What the plant feels of its environment at one configuration: water at its links, the floor below its contact points.
+# What the plant feels of its environment at one configuration: water at its links, the floor below
+# its contact points.
 
 _NOWHERE = np.zeros((0, 3))
 _NEAR = 1.0  # [m] above its highest part the floor is looked at anyhow
@@ -47,14 +52,23 @@ _FASTEST = 10.0  # [m/s] no vehicle sinks faster
 
 
 class EnvironmentSampler:
-    """Writes the environment where the plant's kernel reads it. What never changes is written once, by `bind`."""
+    """Writes the environment where the plant's kernel reads it. What never changes is written once,
+    by `bind`.
+    """
 
     _given: Mapping[str, np.ndarray]
 
     def __init__(
-        self, environment: Environment, dynamics: SymbolicDynamics, points: np.ndarray, *, compiled: bool = True
+        self,
+        environment: Environment,
+        dynamics: SymbolicDynamics,
+        points: np.ndarray,
+        *,
+        compiled: bool = True,
     ) -> None:
-        """Points (n_points, 3) [m]: contact points in B. compiled: unless there is no time for that."""
+        """Points (n_points, 3) [m]: contact points in B. compiled: unless there is no time for
+        that.
+        """
         self._environment = environment
         self._n_links = len(dynamics.links)
         self._steady = environment.current.is_steady
@@ -75,7 +89,8 @@ class EnvironmentSampler:
     def bind(self, **given: np.ndarray) -> None:
         """Write from now on into arrays, which the plant reads.
 
-        Those are u (n_links, 3) [m/s], Du_Dt (n_links, 3) [m/s2], floor_z (n_points,) [m] and floor_normal (n_points, 3).
+        Those are u (n_links, 3) [m/s], Du_Dt (n_links, 3) [m/s2], floor_z (n_points,) [m] and
+        floor_normal (n_points, 3).
         """
         self._given = given
         if self._steady:
@@ -84,19 +99,24 @@ class EnvironmentSampler:
             self._sample_floor(np.zeros((len(given["floor_z"]), 3)))
 
     def sample(self, q: np.ndarray, t: float, dt: float) -> None:
-        """Write what there is at configuration q (n_q,) [m, rad] and time t [s], for the next dt [s]."""
+        """Write what there is at configuration q (n_q,) [m, rad] and time t [s], for the next dt
+        [s].
+        """
         sites = _NOWHERE if self._sites is None else self._sites(q)[0].T
         if not self._steady:
             self._sample_water(sites[: self._n_links], t)
         if not self._flat:
             points = sites[self._n_links :]
             if points[:, 2].min() > self._top + _NEAR + _FASTEST * dt:
-                self._given["floor_z"][:] = self._top  # as much out of reach as all that is below it
+                self._given["floor_z"][:] = (
+                    self._top
+                )  # as much out of reach as all that is below it
             else:
                 self._sample_floor(points)
 
     def _sample_water(self, p_W: np.ndarray, t: float) -> None:
-        current, given = self._environment.current, self._given
+        current = self._environment.current
+        given = self._given
         flow = current.uniform_flow(t) if self._uniform else None
         if flow is None:
             water = water_at(current, p_W, t)
@@ -106,11 +126,14 @@ class EnvironmentSampler:
 
     def _sample_floor(self, p_W: np.ndarray) -> None:
         given = self._given
-        given["floor_z"][:], given["floor_normal"][:] = ground_at(self._environment.seafloor, p_W[:, :2])
+        given["floor_z"][:], given["floor_normal"][:] = ground_at(
+            self._environment.seafloor, p_W[:, :2]
+        )
 
 
 def sites_function(dynamics: SymbolicDynamics, points: np.ndarray) -> ca.Function:
-    """Function ``q -> p_W (3, n_links + n_points)`` [m]: the links as `SymbolicDynamics.link_positions`, then the points.
+    """Function ``q -> p_W (3, n_links + n_points)`` [m]: the links as
+    `SymbolicDynamics.link_positions`, then the points.
 
     points (n_points, 3) [m]: contact points in B.
     """
@@ -118,7 +141,9 @@ def sites_function(dynamics: SymbolicDynamics, points: np.ndarray) -> ca.Functio
     columns = [dynamics.link_positions(q)]
     if len(points):
         columns += [q[:3] + quaternion_to_matrix(q[3:7]) @ ca.DM(point) for point in points]
-    return ca.Function("sites", [q], [ca.densify(ca.horzcat(*columns))], ["q"], ["p_W"], {"cse": True})
+    return ca.Function(
+        "sites", [q], [ca.densify(ca.horzcat(*columns))], ["q"], ["p_W"], {"cse": True}
+    )
 
 
 # How near a robot came to the floor, to obstacles and to itself during a run.
@@ -149,22 +174,29 @@ def closest_approach(
     spacing: Positive = 0.25,
     links: Sequence[str] | None = None,
 ) -> ClosestApproach:
-    """The closest approach of the whole robot to the floor and all obstacles over configurations q (n, n_q) [m, rad].
+    """The closest approach of the whole robot to the floor and all obstacles over configurations q
+    (n, n_q) [m, rad].
 
-    floor: count it, which a robot that has landed touches. spacing [m] of the mesh for a floor that is not flat. links: names of
-    the shapes that count, as of an arm (`Robot.arm_shapes`), all by default. Raises `InvalidInput` for others.
+    floor: count it, which a robot that has landed touches. spacing [m] of the mesh for a floor that
+    is not flat. links: names of the shapes that count, as of an arm (`Robot.arm_shapes`), all by
+    default. Raises `InvalidInput` for others.
     """
     require_normalized(robot.model, q)
     track = q[:, :2] if robot.n_vehicle else np.zeros((len(q), 2))
     obstacles = list(environment.obstacles)
     if floor:
-        low, high = track.min(axis=0) - _AROUND, track.max(axis=0) + _AROUND
+        low = track.min(axis=0) - _AROUND
+        high = track.max(axis=0) + _AROUND
         x, y = (0.5 * (low + high)).tolist()
         extent = float((high - low).max())
-        obstacles.append(floor_obstacle(environment.seafloor, centre=(x, y), extent=extent, spacing=spacing))
+        obstacles.append(
+            floor_obstacle(environment.seafloor, centre=(x, y), extent=extent, spacing=spacing)
+        )
     model = CollisionModel(robot, obstacles, self_collision=self_collision, links=links)
     distances = np.array([model.values(row) for row in q]).reshape(len(q), model.n_pairs)
     if not distances.size:
         return ClosestApproach(distance=np.inf, row=0, pair="")
     row, pair = np.unravel_index(int(np.argmin(distances)), distances.shape)
-    return ClosestApproach(distance=float(distances[row, pair]), row=int(row), pair=model.pair_names[pair])
+    return ClosestApproach(
+        distance=float(distances[row, pair]), row=int(row), pair=model.pair_names[pair]
+    )

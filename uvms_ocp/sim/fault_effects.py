@@ -1,4 +1,6 @@
-"""Effects of faults: on samples of sensors, on thrusters, joints and payload, and steps of the current."""
+"""Effects of faults: on samples of sensors, on thrusters, joints and payload, and steps of the
+current.
+"""
 
 from __future__ import annotations
 
@@ -17,7 +19,8 @@ from uvms_ocp.sim.environment import Environment
 from uvms_ocp.sim.faults import Fault
 from uvms_ocp.sim.seafloor import Seafloor, ground_at
 
-# What faults make of the samples of one sensor: another value, another time stamp, a later arrival, or nothing.
+# What faults make of the samples of one sensor: another value, another time stamp, a later arrival,
+# or nothing.
 
 Disturb = Callable[[Any, np.ndarray], Any]
 
@@ -51,10 +54,14 @@ class FaultyChannel:
 class ChannelFaults:
     """All faults of one channel, in their order. Holds what they remember: build one per run."""
 
-    def __init__(self, channel: FaultyChannel, faults: Sequence[Fault], seed: np.random.SeedSequence) -> None:
+    def __init__(
+        self, channel: FaultyChannel, faults: Sequence[Fault], seed: np.random.SeedSequence
+    ) -> None:
         """Raises `InvalidInput` for values or joints that the channel does not have."""
         streams = map(np.random.default_rng, seed.spawn(len(faults)))
-        self._struck = [_struck(channel, fault, rng) for fault, rng in zip(faults, streams, strict=True)]
+        self._struck = [
+            _struck(channel, fault, rng) for fault, rng in zip(faults, streams, strict=True)
+        ]
         self.most_delay = float(sum(fault.values[0] for fault in faults if fault.kind == "late"))
         """[s] by which readings arrive later at most."""
 
@@ -110,13 +117,20 @@ class _Struck:
 def _struck(channel: FaultyChannel, fault: Fault, rng: np.random.Generator) -> _Struck:
     number = fault.location.number
     if number > len(channel.joints):
-        raise InvalidInput(f"{fault}: the robot has {len(channel.joints)} joints; give one of them, from 1")
-    values, errors = slice(None), range(channel.n)
+        raise InvalidInput(
+            f"{fault}: the robot has {len(channel.joints)} joints; give one of them, from 1"
+        )
+    values = slice(None)
+    errors = range(channel.n)
     if number:
         first, joint = channel.joints[0], channel.joints[number - 1]
         errors = range(joint.idx_v - first.idx_v, joint.idx_v - first.idx_v + joint.n_v)
         begin = joint.idx_q - first.idx_q
-        values = slice(begin, begin + joint.n_q) if channel.name == "joint_positions" else slice(errors.start, errors.stop)
+        values = (
+            slice(begin, begin + joint.n_q)
+            if channel.name == "joint_positions"
+            else slice(errors.start, errors.stop)
+        )
     if fault.kind in ("bias", "drift", "stuck") and len(fault.values) not in (1, len(errors)):
         raise InvalidInput(f"{fault}: {len(fault.values)} values; give 1 or {len(errors)}")
     return _Struck(channel=channel, fault=fault, rng=rng, values=values, errors=errors)
@@ -130,8 +144,11 @@ def _stuck(sample: Sample, struck: _Struck) -> Sample:
 
 def _spikes(sample: Sample, struck: _Struck) -> Sample:
     (size, share), rng = struck.fault.values, struck.rng
-    # All three are drawn for every reading, so that another share leaves the others where they were.
-    strikes, sign, component = rng.random(), rng.choice((-1.0, 1.0)), rng.choice(struck.errors)
+    # All three are drawn for every reading, so that another share leaves the others where they
+    # were.
+    strikes = rng.random()
+    sign = rng.choice((-1.0, 1.0))
+    component = rng.choice(struck.errors)
     if strikes >= share:
         return sample
     error = np.zeros(struck.channel.n)
@@ -144,10 +161,14 @@ _EFFECTS: Mapping[str, Callable[[Sample, _Struck], Sample | None]] = {
     "lost": lambda sample, struck: None,
     "nan": lambda sample, struck: struck.with_value(sample, math.nan),
     "bias": lambda sample, struck: struck.disturbed(sample, struck.error()),
-    "drift": lambda sample, struck: struck.disturbed(sample, struck.error() * (sample.stamp - struck.fault.onset)),
+    "drift": lambda sample, struck: struck.disturbed(
+        sample, struck.error() * (sample.stamp - struck.fault.onset)
+    ),
     "stuck": _stuck,
     "spikes": _spikes,
-    "late": lambda sample, struck: replace(sample, extra_delay=sample.extra_delay + struck.fault.values[0]),
+    "late": lambda sample, struck: replace(
+        sample, extra_delay=sample.extra_delay + struck.fault.values[0]
+    ),
     "ahead": lambda sample, struck: replace(sample, stamp=sample.stamp + struck.fault.values[0]),
 }
 """Effects of active faults on a sample, by kind."""
@@ -160,7 +181,9 @@ _SHARES = {"dead": 0.0, "stuck": 0.0, "reversed": -1.0}
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class ThrusterCondition:
-    """Faults of all thrusters of a robot. Their steady thrust is ``share sound + offset``, for that of sound ones."""
+    """Faults of all thrusters of a robot. Their steady thrust is ``share sound + offset``, for that
+    of sound ones.
+    """
 
     share: np.ndarray
     """(n,) 1 sound, less weak, negative reversed, 0 dead or stuck."""
@@ -172,7 +195,9 @@ class ThrusterCondition:
 
 def condition_of(faults: Sequence[Fault], thrust: np.ndarray) -> ThrusterCondition:
     """Compute the state of the thrusters under these faults, thrust (n,) [N] now."""
-    share, offset, dead = np.ones(len(thrust)), np.zeros(len(thrust)), np.zeros(len(thrust), dtype=bool)
+    share = np.ones(len(thrust))
+    offset = np.zeros(len(thrust))
+    dead = np.zeros(len(thrust), dtype=bool)
     for fault in faults:
         if fault.location.family == "thruster":
             k = fault.location.number - 1
@@ -183,9 +208,14 @@ def condition_of(faults: Sequence[Fault], thrust: np.ndarray) -> ThrusterConditi
     return ThrusterCondition(share=share, offset=np.where(dead, 0.0, offset), dead=dead)
 
 
-# Faults of the machine itself: which joints cannot move, what the tool carries, and whether a robot can have them at all.
+# Faults of the machine itself: which joints cannot move, what the tool carries, and whether a robot
+# can have them at all.
 
-_NEED_WATER = {"thruster": "has no thrusters", "current": "feels no current", "payload": "has no mass"}
+_NEED_WATER = {
+    "thruster": "has no thrusters",
+    "current": "feels no current",
+    "payload": "has no mass",
+}
 """Part that the kinematic plant lacks, by the family of a fault's target."""
 
 
@@ -196,7 +226,11 @@ def active_of(faults: Sequence[Fault], t: float) -> tuple[Fault, ...]:
 
 def jammed_axes(robot: Robot, faults: Sequence[Fault]) -> tuple[int, ...]:
     """Entries of v of the joints that cannot move."""
-    joints = [robot.joints[fault.location.number - 1] for fault in faults if fault.location.family == "joint"]
+    joints = [
+        robot.joints[fault.location.number - 1]
+        for fault in faults
+        if fault.location.family == "joint"
+    ]
     return tuple(sorted({axis for joint in joints for axis in range(joint.v.start, joint.v.stop)}))
 
 
@@ -206,20 +240,28 @@ def payloads(faults: Sequence[Fault]) -> tuple[Fault, ...]:
 
 
 def loaded(robot: Robot, carried: Sequence[Fault]) -> Robot:
-    """The robot with these payloads: point masses at the origins of its tools' frames, of the first without a number."""
+    """The robot with these payloads: point masses at the origins of its tools' frames, of the first
+    without a number.
+    """
     bodies = []
     for k, fault in enumerate(carried, start=1):
         mass, volume, *_ = *fault.values, 0.0
-        where: Any = {"link": robot.tools[max(fault.location.number, 1) - 1], "position": (0.0, 0.0, 0.0)}
+        where: Any = {
+            "link": robot.tools[max(fault.location.number, 1) - 1],
+            "position": (0.0, 0.0, 0.0),
+        }
         bodies.append(description.TrimBody(name=f"payload {k}", mass=mass, volume=volume, **where))
     return assembly.with_trim(robot, bodies)
 
 
-def joined_velocity(before: np.ndarray, after: np.ndarray, v: np.ndarray, locked: tuple[int, ...] = ()) -> np.ndarray:
-    """Velocity (n_v,) [m/s, rad/s] once the robot has taken hold of something at rest: ``after v_next = before v``.
+def joined_velocity(
+    before: np.ndarray, after: np.ndarray, v: np.ndarray, locked: tuple[int, ...] = ()
+) -> np.ndarray:
+    """Velocity (n_v,) [m/s, rad/s] once the robot has taken hold of something at rest: ``after
+    v_next = before v``.
 
-    The momentum of the robot is then that of robot and load. before, after: mass matrices (n_v, n_v)
-    [kg, kg m, kg m2]; v (n_v,) [m/s, rad/s]. locked: entries that are and stay at 0.
+    The momentum of the robot is then that of robot and load. before, after: mass matrices (n_v,
+    n_v) [kg, kg m, kg m2]; v (n_v,) [m/s, rad/s]. locked: entries that are and stay at 0.
     """
     import scipy.linalg  # a tenth of a second, for the few that take hold of something
 
@@ -230,17 +272,29 @@ def joined_velocity(before: np.ndarray, after: np.ndarray, v: np.ndarray, locked
 
 
 def require_possible(faults: Sequence[Fault], robot: Robot, *, kinematic: bool) -> None:
-    """Raise `InvalidInput`, in one line, for a fault of what this robot or plant does not have. Sensors look at theirs."""
-    there = {"thruster": len(robot.description.thrusters), "joint": len(robot.joints), "payload": len(robot.tools)}
+    """Raise `InvalidInput`, in one line, for a fault of what this robot or plant does not have.
+    Sensors look at theirs.
+    """
+    there = {
+        "thruster": len(robot.description.thrusters),
+        "joint": len(robot.joints),
+        "payload": len(robot.tools),
+    }
     for fault in faults:
         family, number = fault.location.family, fault.location.number
         if kinematic and family in _NEED_WATER:
-            raise InvalidInput(f"{fault}: the kinematic plant {_NEED_WATER[family]}; use the dynamic plant")
+            raise InvalidInput(
+                f"{fault}: the kinematic plant {_NEED_WATER[family]}; use the dynamic plant"
+            )
         if family == "payload" and not robot.tools:
-            raise InvalidInput(f"{fault}: the robot has no frame 'tool' to carry it; leave the fault out")
+            raise InvalidInput(
+                f"{fault}: the robot has no frame 'tool' to carry it; leave the fault out"
+            )
         if number > there.get(family, number):
             what = {"payload": "tool"}.get(family, family)
-            raise InvalidInput(f"{fault}: the robot has {there[family]} {what}s; give one of them, from 1")
+            raise InvalidInput(
+                f"{fault}: the robot has {there[family]} {what}s; give one of them, from 1"
+            )
 
 
 # Currents that set in while the robot is under way, on top of what flows there anyway.
@@ -248,12 +302,15 @@ def require_possible(faults: Sequence[Fault], robot: Robot, *, kinematic: bool) 
 RISE = 2.0
 """[s] from nothing to the whole step, and back at its end."""
 LAYER = 2.0
-"""[m] above the floor over which the vertical part grows from 0 (assumed): no water flows through the floor."""
+"""[m] above the floor over which the vertical part grows from 0 (assumed): no water flows through
+the floor.
+"""
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class SteppedCurrent(Current):
-    """A current with steps on top, each a cosine in time; their vertical part is a cosine in the height above the floor.
+    """A current with steps on top, each a cosine in time; their vertical part is a cosine in the
+    height above the floor.
 
     The horizontal outflow that the vertical part would bring about above the floor is neglected.
     """
@@ -266,15 +323,18 @@ class SteppedCurrent(Current):
     """Steps of the current."""
 
     def velocity(self, p_W: np.ndarray, t: float) -> np.ndarray:
-        base, step = self.base.velocity(p_W, t), self._step(t)
+        base = self.base.velocity(p_W, t)
+        step = self._step(t)
         return base + self._shape(p_W, step) if step.any() else base
 
     def rate(self, p_W: np.ndarray, t: float) -> np.ndarray:
-        base, slope = self.base.rate(p_W, t), self._sum(t, lambda elapsed: cosine_slope(elapsed / RISE) / RISE)
+        base = self.base.rate(p_W, t)
+        slope = self._sum(t, lambda elapsed: cosine_slope(elapsed / RISE) / RISE)
         return base + self._shape(p_W, slope) if slope.any() else base
 
     def gradient(self, p_W: np.ndarray, t: float) -> np.ndarray:
-        base, vertical = self.base.gradient(p_W, t), self._step(t)[2]
+        base = self.base.gradient(p_W, t)
+        vertical = self._step(t)[2]
         if not vertical:
             return base
         added = np.zeros((len(p_W), 3, 3))
@@ -290,7 +350,10 @@ class SteppedCurrent(Current):
 
     def _sum(self, t: float, growth: Callable[[float], float]) -> np.ndarray:
         """(3,) over all steps, by how each has grown since its onset, and since its end."""
-        parts = [(growth(t - fault.onset) - growth(t - fault.end)) * np.array(fault.values) for fault in self.faults]
+        parts = [
+            (growth(t - fault.onset) - growth(t - fault.end)) * np.array(fault.values)
+            for fault in self.faults
+        ]
         return np.asarray(np.sum(parts, axis=0))
 
     def _shape(self, p_W: np.ndarray, step: np.ndarray) -> np.ndarray:
@@ -307,4 +370,7 @@ def with_steps(environment: Environment, faults: Sequence[Fault]) -> Environment
     own = tuple(fault for fault in faults if fault.location.family == "current")
     if not own:
         return environment
-    return replace(environment, current=SteppedCurrent(base=environment.current, seafloor=environment.seafloor, faults=own))
+    return replace(
+        environment,
+        current=SteppedCurrent(base=environment.current, seafloor=environment.seafloor, faults=own),
+    )

@@ -1,4 +1,6 @@
-"""Faults: targets, kinds and values in one table, the fault as a value, and its notation ``TARGET:KIND=VALUES@ONSET-END``."""
+"""Faults: targets, kinds and values in one table, the fault as a value, and its notation
+``TARGET:KIND=VALUES@ONSET-END``.
+"""
 
 from __future__ import annotations
 
@@ -16,7 +18,8 @@ from uvms_ocp.errors import InvalidInput, NameNotFound, require_known, short
 from uvms_ocp.robot.signals import CHANNELS
 from uvms_ocp.types import DAY, Bound
 
-# Every kind of fault: what it can strike, its values and their ranges. One table for values, text and messages.
+# Every kind of fault: what it can strike, its values and their ranges. One table for values, text
+# and messages.
 
 _LARGEST = 1e6
 _SHORT_NAMES = {"altimeter": "altimeter_range"}
@@ -41,10 +44,17 @@ class ValueRange:
     def holds(self, value: float) -> bool:
         """Check that a value [unit of the value] is allowed."""
         inside = self.lower <= value <= self.upper
-        return inside and not (self.above and value == self.lower) and not (self.below and value == self.upper)
+        return (
+            inside
+            and not (self.above and value == self.lower)
+            and not (self.below and value == self.upper)
+        )
 
     def __str__(self) -> str:
-        ends = f"{'more than ' if self.above else ''}{self.lower:g} to {'less than ' if self.below else ''}{self.upper:g}"
+        ends = (
+            f"{'more than ' if self.above else ''}{self.lower:g} to"
+            f" {'less than ' if self.below else ''}{self.upper:g}"
+        )
         return f"{self.what}, {ends}"
 
 
@@ -75,17 +85,24 @@ class FaultModel:
 
 
 def _families() -> dict[str, dict[str, FaultModel]]:
-    """Kinds in the table ``faults.toml``; encoders have those of sensors that concern the values of a reading."""
+    """Kinds in the table ``faults.toml``; encoders have those of sensors that concern the values of
+    a reading.
+    """
     table = tomllib.loads((files("uvms_ocp.sim") / "faults.toml").read_text(encoding="utf-8"))
     for kind in (kind for kinds in table.values() for kind in kinds.values()):
         kind["values"] = tuple(ValueRange(**one) for one in kind.get("values", ()))
-    found = {family: {name: FaultModel(**kind) for name, kind in kinds.items()} for family, kinds in table.items()}
+    found = {
+        family: {name: FaultModel(**kind) for name, kind in kinds.items()}
+        for family, kinds in table.items()
+    }
     encoder, messages = found.pop("values"), found.pop("messages")
     return {"sensor": encoder | messages, "encoder": encoder, **found}
 
 
 FAMILIES: Mapping[str, Mapping[str, FaultModel]] = _families()
-"""Kinds by the family of their target: a channel, one joint's reading in it, a thruster, a joint, the water, the tool."""
+"""Kinds by the family of their target: a channel, one joint's reading in it, a thruster, a joint,
+the water, the tool.
+"""
 
 _ENCODERS = {"position": "joint_positions", "velocity": "joint_velocities"}
 
@@ -101,12 +118,15 @@ class FaultTarget:
     channel: str = ""
     """One of `CHANNELS`, for sensors and encoders."""
     number: int = 0
-    """Number of a thruster, joint or tool, from 1; 0 of what has none, and of the first tool where none is given."""
+    """Number of a thruster, joint or tool, from 1; 0 of what has none, and of the first tool where
+    none is given.
+    """
 
 
 @lru_cache(maxsize=1024)
 def target_of(name: str) -> FaultTarget:
-    """The target of that name, such as ``altimeter``, ``joint3_position``, ``joint2``, ``current`` or ``payload2``.
+    """The target of that name, such as ``altimeter``, ``joint3_position``, ``joint2``, ``current``
+    or ``payload2``.
 
     Raises `NameNotFound` for any other.
     """
@@ -115,11 +135,15 @@ def target_of(name: str) -> FaultTarget:
         return FaultTarget(name=name, family="sensor", channel=name)
     if name in ("current", "payload"):
         return FaultTarget(name=name, family=name)
-    numbered = re.fullmatch(rf"(thruster|joint|payload)({_COUNTER.pattern})(?:_(position|velocity))?", name)
+    numbered = re.fullmatch(
+        rf"(thruster|joint|payload)({_COUNTER.pattern})(?:_(position|velocity))?", name
+    )
     if numbered is None or (numbered[1] != "joint" and numbered[3]):
         raise NameNotFound("target of a fault", name, fault_targets(name))
     if numbered[3]:
-        return FaultTarget(name=name, family="encoder", channel=_ENCODERS[numbered[3]], number=int(numbered[2]))
+        return FaultTarget(
+            name=name, family="encoder", channel=_ENCODERS[numbered[3]], number=int(numbered[2])
+        )
     return FaultTarget(name=name, family=numbered[1], number=int(numbered[2]))
 
 
@@ -127,7 +151,13 @@ def fault_targets(like: str = "") -> tuple[str, ...]:
     """Names of targets, with the number of the name that they are to be like."""
     found = _COUNTER.search(like)
     k = found[0] if found else "1"
-    numbered = (f"thruster{k}", f"joint{k}", f"joint{k}_position", f"joint{k}_velocity", f"payload{k}")
+    numbered = (
+        f"thruster{k}",
+        f"joint{k}",
+        f"joint{k}_position",
+        f"joint{k}_velocity",
+        f"payload{k}",
+    )
     return (*CHANNELS, *_SHORT_NAMES, *numbered, "current", "payload")
 
 
@@ -147,11 +177,14 @@ _EARLY = 1e-9  # [s] a tick that rounding puts just before a time counts
 class Fault:
     """One fault. `uvms_ocp.sim.faults` has the table of targets, kinds and values.
 
-    Raises `NameNotFound` for an unknown target or kind, and `InvalidInput` for values or times that are impossible.
+    Raises `NameNotFound` for an unknown target or kind, and `InvalidInput` for values or times that
+    are impossible.
     """
 
     target: str
-    """A channel such as ``altimeter``, or ``joint3_position``, ``thruster3``, ``joint2``, ``current``, ``payload2``."""
+    """A channel such as ``altimeter``, or ``joint3_position``, ``thruster3``, ``joint2``,
+    ``current``, ``payload2``.
+    """
     kind: str
     """Kind of fault of that target, such as ``frozen``."""
     values: tuple[float, ...] = ()
@@ -165,13 +198,19 @@ class Fault:
         object.__setattr__(self, "target", target_of(self.target).name)
         for name in ("values", "onset", "end"):  # whole numbers are numbers too
             value = getattr(self, name)
-            object.__setattr__(self, name, tuple(map(float, value)) if name == "values" else float(value))
+            object.__setattr__(
+                self, name, tuple(map(float, value)) if name == "values" else float(value)
+            )
         _require_values(self)
         if not 0.0 <= self.onset <= DAY:
-            raise InvalidInput(f"onset of {self.target}:{self.kind} = {self.onset:g} s; give 0 to {DAY:g} s")
+            raise InvalidInput(
+                f"onset of {self.target}:{self.kind} = {self.onset:g} s; give 0 to {DAY:g} s"
+            )
         if not (self.onset < self.end and (self.end <= DAY or self.end == math.inf)):
             times = f"onset = {self.onset:g} s, end = {self.end:g} s"
-            raise InvalidInput(f"{self.target}:{self.kind} with {times}; give an end after the onset, within a day")
+            raise InvalidInput(
+                f"{self.target}:{self.kind} with {times}; give an end after the onset, within a day"
+            )
 
     def __str__(self) -> str:
         """Return the text that `parse_fault` reads."""
@@ -200,7 +239,8 @@ def plain(number: float) -> str:
 
 
 def _require_values(fault: Fault) -> None:
-    kind, n = kind_of(fault.location, fault.kind), len(fault.values)
+    kind = kind_of(fault.location, fault.kind)
+    n = len(fault.values)
     what = f"{fault.target}:{fault.kind}"
     if not kind.takes(n):
         wanted = "; ".join(map(str, kind.values)) or "none"
@@ -214,7 +254,10 @@ def _require_values(fault: Fault) -> None:
 
 # Faults as text, ``TARGET:KIND=VALUES@ONSET-END``; ``str`` of a fault is the way back.
 
-_FORM = "TARGET:KIND=VALUES@ONSET-END, such as altimeter:frozen@8, position:bias=5,0,0@10-20 or thruster3:dead@20"
+_FORM = (
+    "TARGET:KIND=VALUES@ONSET-END, such as altimeter:frozen@8, position:bias=5,0,0@10-20 or"
+    " thruster3:dead@20"
+)
 _DECIMAL = r"[+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?"
 _TEXT = re.compile(
     r"(?P<target>\w+):(?P<kind>\w+)"
@@ -229,13 +272,15 @@ _LONGEST = 200
 def parse_fault(text: str) -> Fault:
     """The fault that a text describes: without values, onset 0 and no end where these are left out.
 
-    Times in s, values in the units of the kind. Raises `InvalidInput` and `NameNotFound`, in one line.
+    Times in s, values in the units of the kind. Raises `InvalidInput` and `NameNotFound`, in one
+    line.
     """
     found = _TEXT.fullmatch(text.strip()) if len(text) <= _LONGEST else None
     if found is None:
         raise InvalidInput(f"fault {short(text)}; write {_FORM}")
     values = tuple(float(word) for word in found["values"].split(",")) if found["values"] else ()
-    onset, end = float(found["onset"] or 0.0), float(found["end"] or math.inf)
+    onset = float(found["onset"] or 0.0)
+    end = float(found["end"] or math.inf)
     return Fault(target=found["target"], kind=found["kind"], values=values, onset=onset, end=end)
 
 

@@ -42,7 +42,9 @@ MOST_TICKS = 4_000_000
 
 
 def has_diverged(state: State) -> bool:
-    """Judge whether a plant's velocity is no number, or larger than any that a record holds beside its forces and powers."""
+    """Judge whether a plant's velocity is no number, or larger than any that a record holds beside
+    its forces and powers.
+    """
     return not math.hypot(*state.v.tolist()) <= FARTHEST
 
 
@@ -61,29 +63,45 @@ def simulate(
     kept_readings: Mapping[str, Count] | None = None,
     recorder: Recorder | None = None,
 ) -> Recorder:
-    """Run until the command says finished or `duration` [s] is over; one row per tick, before its step.
+    """Run until the command says finished or `duration` [s] is over; one row per tick, before its
+    step.
 
-    dt [s] is the control period. kept_readings: channels whose new readings are recorded, and how many numbers each has; with
-    them goes whether the brakes were locked, so that an estimator can be run again over the record. `progress` is called after
-    every tick with the time and the command, `observer` with the true state too; `watch`, with time and true state, after ticks
-    in which anything happened, and every few others. Where only that looks on, fresh parts of the toolkit run in machine code
-    for many ticks at once (`uvms_ocp.sim.compiled_loop`), with the same numbers. recorder: by default one that keeps all in
-    memory. Where the plant `has_diverged`, the rows before it are what there is.
+    dt [s] is the control period. kept_readings: channels whose new readings are recorded, and how
+    many numbers each has; with them goes whether the brakes were locked, so that an estimator can
+    be run again over the record. `progress` is called after every tick with the time and the
+    command, `observer` with the true state too; `watch`, with time and true state, after ticks in
+    which anything happened, and every few others. Where only that looks on, fresh parts of the
+    toolkit run in machine code for many ticks at once (`uvms_ocp.sim.compiled_loop`), with the same
+    numbers. recorder: by default one that keeps all in memory. Where the plant `has_diverged`, the
+    rows before it are what there is.
 
-    Raises `NameNotFound` for channels that there are not, `InvalidInput` for readings of other sizes and for more ticks than
-    ordinary memory holds, and `Interrupted`, whose result is the recorder, after the tick in which Ctrl-C is pressed.
+    Raises `NameNotFound` for channels that there are not, `InvalidInput` for readings of other
+    sizes and for more ticks than ordinary memory holds, and `Interrupted`, whose result is the
+    recorder, after the tick in which Ctrl-C is pressed.
     """
     if recorder is None and not duration / dt <= MOST_TICKS:
-        given = f"duration = {duration:g} s in ticks of dt = {dt:g} s, whose record takes more than 10 GB of memory"
-        raise InvalidInput(f"{given}; give a folder for it, or at most {MOST_TICKS:,} ticks, {MOST_TICKS * dt:g} s")
+        given = (
+            f"duration = {duration:g} s in ticks of dt = {dt:g} s, whose record takes more than 10"
+            " GB of memory"
+        )
+        raise InvalidInput(
+            f"{given}; give a folder for it, or at most {MOST_TICKS:,} ticks, {MOST_TICKS * dt:g} s"
+        )
     recorder = recorder or Recorder()
-    new, stops = _NewReadings(kept_readings or {}), list[object]()
+    new = _NewReadings(kept_readings or {})
+    stops = list[object]()
     command: Command | None = None
-    n_ticks, single = round(duration / dt) + 1, progress is not None or observer is not None
+    n_ticks = round(duration / dt) + 1
+    single = progress is not None or observer is not None
     quick = None if single else compiled_loop(plant, sensors, estimator, controller, dt)
-    with on_interrupt(stops.append), suppress(Interrupted):  # which a planner within a tick passes on
+    with (
+        on_interrupt(stops.append),
+        suppress(Interrupted),
+    ):  # which a planner within a tick passes on
         if quick is not None:
-            quick.run(n_ticks, recorder, kept_readings or {}, watch or (lambda t, state: None), stops)
+            quick.run(
+                n_ticks, recorder, kept_readings or {}, watch or (lambda t, state: None), stops
+            )
         for k in range(n_ticks if quick is None else 0):
             t = k * dt
             readings = sensors(plant.state, t)
@@ -111,7 +129,10 @@ def simulate(
                 break
     if has_diverged(plant.state):
         when = recorder.last("t")
-        _log.warning("the run ends at t = %g s: after it the plant's motion grew beyond what a record holds", when)
+        _log.warning(
+            "the run ends at t = %g s: after it the plant's motion grew beyond what a record holds",
+            when,
+        )
     if stops and "t" not in recorder:
         raise Stopped
     if stops:
@@ -128,7 +149,9 @@ class _NewReadings:
         for name in widths:
             require_known("channel", name, CHANNELS)
         self._seen: dict[str, Reading[Any] | None] = dict.fromkeys(widths)
-        self._channels = [(f"measured_{name}", name, np.full(width + 1, np.nan)) for name, width in widths.items()]
+        self._channels = [
+            (f"measured_{name}", name, np.full(width + 1, np.nan)) for name, width in widths.items()
+        ]
 
     def __call__(self, readings: Readings) -> dict[str, Any]:
         found = {}
@@ -137,14 +160,21 @@ class _NewReadings:
             if one is None or one is self._seen[channel]:
                 found[name] = none
             else:  # also with the time of an earlier one, as clocks that fail give them
-                self._seen[channel], found[name] = one, np.array([*np.ravel(one.value).tolist(), one.t])
+                self._seen[channel], found[name] = (
+                    one,
+                    np.array([*np.ravel(one.value).tolist(), one.t]),
+                )
                 require_kept(channel, found[name].size - 1, none.size - 1)
         return found
 
 
 def _asked(command: Command, telemetry: Mapping[str, Any], recorder: Recorder) -> np.ndarray | None:
-    """Thrust (n_thrusters,) [N] that a plant with thrusters is asked for; `None` where there is none to ask for."""
-    if command.thrust is None and "asked_thrust" in recorder:  # such as with the last command of a run
+    """Thrust (n_thrusters,) [N] that a plant with thrusters is asked for; `None` where there is
+    none to ask for.
+    """
+    if (
+        command.thrust is None and "asked_thrust" in recorder
+    ):  # such as with the last command of a run
         return np.zeros_like(telemetry["thrust"])
     return command.thrust if "thrust" in telemetry else None
 

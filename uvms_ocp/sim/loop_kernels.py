@@ -1,4 +1,6 @@
-"""Pass signals between plant, sensors, filter, monitor and controller, as kernels: these join the parts of a tick."""
+"""Pass signals between plant, sensors, filter, monitor and controller, as kernels: these join the
+parts of a tick.
+"""
 
 from __future__ import annotations
 
@@ -9,7 +11,14 @@ from uvms_ocp.codegen.kernel_layout import Layout, Sized, Vector
 from uvms_ocp.control.force.dynamic import is_at_limit
 from uvms_ocp.control.force.tick import ForceMemory, hear_forces
 from uvms_ocp.control.velocity.tick_memory import TickMemory
-from uvms_ocp.estimation.filter_memory import N_CHANNELS, N_VEHICLE, RESPONSE_TIME, ChannelIndex, FilterMemory, Part
+from uvms_ocp.estimation.filter_memory import (
+    N_CHANNELS,
+    N_VEHICLE,
+    RESPONSE_TIME,
+    ChannelIndex,
+    FilterMemory,
+    Part,
+)
 from uvms_ocp.estimation.health.channel_state import HealthMemory
 from uvms_ocp.estimation.health.monitor import EstimateSupport
 from uvms_ocp.estimation.vehicle_model import inflate_velocity_variance
@@ -20,10 +29,14 @@ from uvms_ocp.sim.dynamic_step import PlantMemory, advance_plant
 from uvms_ocp.sim.plant import BRAKE_FRICTION, KinematicMemory, advance_kinematic
 from uvms_ocp.sim.sampling import SensorsMemory, read_sensors
 
-GO, LOOK, DIVERGED = 0, 1, 2
+GO = 0
+LOOK = 1
+DIVERGED = 2
 """Why a pass ends: it does not; Python has to look at what happened; there is no state any more."""
 FARTHEST = LARGEST ** (1 / 3)
-"""[m/s, rad/s] Norm of a velocity whose forces and powers, which grow by its square and cube, a record still holds."""
+"""[m/s, rad/s] Norm of a velocity whose forces and powers, which grow by its square and cube, a
+record still holds.
+"""
 
 
 class LoopMemory(Layout):
@@ -50,7 +63,9 @@ class LoopMemory(Layout):
     a: Annotated[Vector, Sized("n_v")]
     """(n_v,) [m/s2, rad/s2] true."""
     measured: Annotated[list[Vector], Sized(N_CHANNELS, "n_measured")]
-    """(9, n_measured) [unit of the channel, s] new readings, each with its time behind it; NaN for none."""
+    """(9, n_measured) [unit of the channel, s] new readings, each with its time behind it; NaN for
+    none.
+    """
     commanded: Annotated[Vector, Sized("n_v")]
     """(n_v,) [m/s, rad/s] in the tick before."""
     response: Annotated[Vector, Sized("n_v")]
@@ -110,7 +125,9 @@ def sense(m: LoopMemory, s: SensorsMemory, h: HealthMemory) -> None:
     s.a[:] = m.a
     read_sensors(s, m.t)
     for k in range(h.n):
-        x, c, row = s.channels[h.order[k]], h.channels[h.order[k]], m.measured[h.order[k]]
+        x = s.channels[h.order[k]]
+        c = h.channels[h.order[k]]
+        row = m.measured[h.order[k]]
         for i in range(c.size + 1):
             row[i] = math.nan
         if x.fresh:
@@ -140,7 +157,8 @@ def feed_filter(m: LoopMemory, s: SensorsMemory, h: HealthMemory, f: FilterMemor
             f.joint_x[j][1] = 0.0
     for k in range(h.n):
         number = h.order[k]
-        x, c = s.channels[number], h.channels[number]
+        x = s.channels[number]
+        c = h.channels[number]
         if x.fresh and not c.behind:
             f.fresh[number] = 1.0
             f.stamp[number] = x.stamp
@@ -212,7 +230,9 @@ def command_plant(m: LoopMemory, c: TickMemory, f: ForceMemory, p: PlantMemory) 
     p.brake = BRAKE_FRICTION if f.locks else 0.0
     if f.allocation.saturated:
         for i in range(n):
-            m.now_at_limits[i] = is_at_limit(f.outputs.command[i], f.allocation.lower[i], f.allocation.upper[i])
+            m.now_at_limits[i] = is_at_limit(
+                f.outputs.command[i], f.allocation.lower[i], f.allocation.upper[i]
+            )
     m.braked = f.locks
     _end_tick(m, c)
     if f.detection.changed or not f.possible:

@@ -1,4 +1,6 @@
-"""Plants: what a command does to the true state. Kinematic, or a robot pushed by thrusters and motors through moving water."""
+"""Plants: what a command does to the true state. Kinematic, or a robot pushed by thrusters and
+motors through moving water.
+"""
 
 from __future__ import annotations
 
@@ -12,7 +14,16 @@ import casadi as ca
 import numpy as np
 
 from uvms_ocp.checks import checked_constructor
-from uvms_ocp.codegen.kernel_layout import CallbackBinding, FunctionField, Layout, Sized, Vector, arrays_of, assign, structure_of
+from uvms_ocp.codegen.kernel_layout import (
+    CallbackBinding,
+    FunctionField,
+    Layout,
+    Sized,
+    Vector,
+    arrays_of,
+    assign,
+    structure_of,
+)
 from uvms_ocp.codegen.kernels import make_memory
 from uvms_ocp.errors import InvalidInput
 from uvms_ocp.robot import Command, Robot, State, SymbolicModel, signals
@@ -34,18 +45,25 @@ class Plant(Protocol):
     """Something with a true state that a command advances; built for one run, at its start."""
 
     state: State
-    """The true one: another value, or other arrays, after each step; with `a` where an accelerometer is among the sensors."""
+    """The true one: another value, or other arrays, after each step; with `a` where an
+    accelerometer is among the sensors.
+    """
 
     def step(self, command: Command, dt: float) -> None:
-        """Advance by dt [s]. The command has thrust and torque where the plant takes forces, the velocity always."""
+        """Advance by dt [s]. The command has thrust and torque where the plant takes forces, the
+        velocity always.
+        """
 
     def telemetry(self) -> dict[str, Any]:
-        """Return quantities beside its state, for the record: numbers and arrays (n,), the same at every tick, empty for none.
+        """Return quantities beside its state, for the record: numbers and arrays (n,), the same at
+        every tick, empty for none.
 
-        Reports and figures know ``thrust`` (n_thrusters,) [N], ``torque`` (n_joints,) [N m], and what was taken so far,
-        ``thruster_energy`` (n_thrusters,) [J], nan where not known, and ``joint_energy`` [J]; a plant tells all four or none.
-        The scene draws ``contact`` (n_points,) [N], of the floor on each of `uvms_ocp.robot.shapes.hull.skid_points`, and
-        ``current`` (3,) [m/s] in W, of the water at the vehicle. Other names of `uvms_ocp.record.tables.SERIES` are taken.
+        Reports and figures know ``thrust`` (n_thrusters,) [N], ``torque`` (n_joints,) [N m], and
+        what was taken so far, ``thruster_energy`` (n_thrusters,) [J], nan where not known, and
+        ``joint_energy`` [J]; a plant tells all four or none. The scene draws ``contact``
+        (n_points,) [N], of the floor on each of `uvms_ocp.robot.shapes.hull.skid_points`, and
+        ``current`` (3,) [m/s] in W, of the water at the vehicle. Other names of
+        `uvms_ocp.record.tables.SERIES` are taken.
         """
 
 
@@ -85,22 +103,33 @@ def advance_kinematic(p: KinematicMemory) -> None:
 
 @checked_constructor
 class KinematicPlant(Plant):
-    """The paper's plant: velocities follow the command at once, except those of joints that are jammed."""
+    """The paper's plant: velocities follow the command at once, except those of joints that are
+    jammed.
+    """
 
     def __init__(self, robot: Robot, q0: np.ndarray, faults: tuple[Fault, ...] = ()) -> None:
         """Q0 (n_q,) [m, rad]: the start. Raises `InvalidInput`, as `Robot.check_configuration`."""
-        self._robot, self.faults = robot, faults
-        structure = structure_of(KinematicMemory, n_q=robot.n_q, n_v=robot.n_v, integrate=_integration(robot))
+        self._robot = robot
+        self.faults = faults
+        structure = structure_of(
+            KinematicMemory, n_q=robot.n_q, n_v=robot.n_v, integrate=_integration(robot)
+        )
         self.memory: KinematicMemory
         """Memory of the kernel."""
         self.memory, (self._advance,) = make_memory(structure, (advance_kinematic,))
         self._arrays = arrays_of(self.memory)
-        self.state = State(q=robot.check_configuration(q0), v=np.zeros(robot.n_v), a=np.zeros(robot.n_v))
+        self.state = State(
+            q=robot.check_configuration(q0), v=np.zeros(robot.n_v), a=np.zeros(robot.n_v)
+        )
 
     def step(self, command: Command, dt: Period) -> None:
         arrays = self._arrays
         arrays.asked[:] = command.v
-        if self.faults and (jammed := effects.jammed_axes(self._robot, effects.active_of(self.faults, self.memory.t))):
+        if self.faults and (
+            jammed := effects.jammed_axes(
+                self._robot, effects.active_of(self.faults, self.memory.t)
+            )
+        ):
             arrays.asked[list(jammed)] = 0.0
         self.begin(dt)
         self._advance(self.memory)
@@ -113,7 +142,9 @@ class KinematicPlant(Plant):
     def adopt(self) -> None:
         """Take the state of the memory for the present one."""
         arrays = self._arrays
-        self.state = signals.unchecked_state(q=arrays.q.copy(), v=arrays.v.copy(), a=arrays.a.copy())
+        self.state = signals.unchecked_state(
+            q=arrays.q.copy(), v=arrays.v.copy(), a=arrays.a.copy()
+        )
 
     def telemetry(self) -> dict[str, Any]:
         """Nothing: the state is all there is."""
@@ -126,17 +157,23 @@ class KinematicPlant(Plant):
 def _integration(robot: Robot) -> ca.Function:
     q, change = ca.SX.sym("q", robot.n_q), ca.SX.sym("change", robot.n_v)
     q_next = SymbolicModel(robot.model).integrate(q, change)
-    if robot.n_vehicle:  # whose quaternion keeps norm 1, so that rounding does not add up over a run
+    if (
+        robot.n_vehicle
+    ):  # whose quaternion keeps norm 1, so that rounding does not add up over a run
         q_next = ca.vertcat(q_next[:3], q_next[3:7] / ca.norm_2(q_next[3:7]), q_next[7:])
     return ca.Function("integrate", [q, change], [ca.densify(q_next)], {"cse": True})
 
 
-# The physical plant: thrusters and motors push a robot through moving water, above a floor that pushes back.
+# The physical plant: thrusters and motors push a robot through moving water, above a floor that
+# pushes back.
 
 
 @lru_cache(maxsize=8)
 def _step(
-    robot: Robot, dynamics: Dynamics, contact: dynamic_step.ContactModel, stops: dynamic_step.JointStops
+    robot: Robot,
+    dynamics: Dynamics,
+    contact: dynamic_step.ContactModel,
+    stops: dynamic_step.JointStops,
 ) -> tuple[dynamic_step.StepModel, ca.Function]:
     """Model of the step and its function, made once for many runs."""
     model = dynamic_step.StepModel(
@@ -152,12 +189,15 @@ def _step(
 
 _TELEMETRY = ("thrust", "torque", "contact", "thruster_energy", "joint_energy")
 _PLANT_FAULTS = ("thruster", "joint", "payload")
-BRAKE_FRICTION = 1e6  # [N m s/rad] of a locked joint, which creeps by less than a milliradian in a minute (assumed)
+# [N m s/rad] of a locked joint, which creeps by less than a milliradian in a minute (assumed)
+BRAKE_FRICTION = 1e6
 
 
 @checked_constructor
 class DynamicPlant(Plant):
-    """Robot, thrusters, water and floor at `max_step` or finer; see `uvms_ocp.sim.dynamic_step` for the equations."""
+    """Robot, thrusters, water and floor at `max_step` or finer; see `uvms_ocp.sim.dynamic_step` for
+    the equations.
+    """
 
     memory: dynamic_step.PlantMemory
     """Memory of the kernel."""
@@ -180,27 +220,37 @@ class DynamicPlant(Plant):
         stops: dynamic_step.JointStops | None = None,
         faults: tuple[Fault, ...] = (),
     ) -> None:
-        """Q0 (n_q,) [m, rad]: the start, at rest. max_step [s]. faults: those of sensors are left out.
+        """Q0 (n_q,) [m, rad]: the start, at rest. max_step [s]. faults: those of sensors are left
+        out.
 
         Raises `InvalidInput` for a max_step that is not > 0, and as `Robot.check_configuration`.
         """
-        self._robot, self._unloaded, self._dynamics, self._max_step = robot, dynamics, dynamics, max_step
+        self._robot = robot
+        self._unloaded = dynamics
+        self._dynamics = dynamics
+        self._max_step = max_step
         self._environment = effects.with_steps(environment, faults)
         parts = contact or dynamic_step.ContactModel(), stops or dynamic_step.JointStops()
         self._model, step = _step(robot, dynamics, *parts)
         self.faults = tuple(fault for fault in faults if fault.location.family in _PLANT_FAULTS)
         self._active: tuple[Fault, ...] = ()
         self._shapes = (len(robot.description.thrusters),), (robot.n_joints,)
-        self.state = State(q=robot.check_configuration(q0), v=np.zeros(robot.n_v), a=np.zeros(robot.n_v))
+        self.state = State(
+            q=robot.check_configuration(q0), v=np.zeros(robot.n_v), a=np.zeros(robot.n_v)
+        )
         self._make(step)
         assign(self.memory, thruster_energy=0.0 * self._model.thrusters.factor, share=1.0)
 
     def _make(self, step: ca.Function, *, compiled: bool = True) -> None:
         """Give the kernel its memory."""
         structure = dynamic_step.plant_structure(self._model, step)
-        self.memory, (self._advance,) = make_memory(structure, (dynamic_step.advance_plant,), compiled=compiled)
+        self.memory, (self._advance,) = make_memory(
+            structure, (dynamic_step.advance_plant,), compiled=compiled
+        )
         self._arrays = arrays = arrays_of(self.memory)
-        surroundings = EnvironmentSampler(self._environment, self._model.dynamics, self._model.points, compiled=compiled)
+        surroundings = EnvironmentSampler(
+            self._environment, self._model.dynamics, self._model.points, compiled=compiled
+        )
         surroundings.bind(
             u=arrays.u.reshape(-1, 3),
             Du_Dt=arrays.Du_Dt.reshape(-1, 3),
@@ -208,12 +258,16 @@ class DynamicPlant(Plant):
             floor_normal=arrays.floor_normal.reshape(-1, 3),
         )
         self.memory.sampled, self._dt = surroundings.changes, 0.0
-        self._sampling = CallbackBinding(self.memory.sample, lambda: surroundings.sample(arrays.q, self.memory.t, self.memory.dt))
+        self._sampling = CallbackBinding(
+            self.memory.sample, lambda: surroundings.sample(arrays.q, self.memory.t, self.memory.dt)
+        )
 
     def step(self, command: Command, dt: Period) -> None:
-        """Advance by dt [s]. Water and floor are sampled once, thrust and motion in steps of at most `max_step`.
+        """Advance by dt [s]. Water and floor are sampled once, thrust and motion in steps of at
+        most `max_step`.
 
-        Raises `InvalidInput` for a command without thrust or torque, or with some that are not finite or of another number.
+        Raises `InvalidInput` for a command without thrust or torque, or with some that are not
+        finite or of another number.
         """
         self._ask(command)
         self.begin(dt)
@@ -221,10 +275,18 @@ class DynamicPlant(Plant):
         self.adopt()
 
     def begin(self, dt: Period) -> None:
-        """Have the kernel go on from the present state, by periods of dt [s], with the faults that there are now."""
-        if self.faults and (active := effects.active_of(self.faults, self.memory.t)) != self._active:
+        """Have the kernel go on from the present state, by periods of dt [s], with the faults that
+        there are now.
+        """
+        if (
+            self.faults
+            and (active := effects.active_of(self.faults, self.memory.t)) != self._active
+        ):
             self._apply_faults(active)
-        self._arrays.q[:], self._arrays.v[:] = self.state.q, self.state.v  # others may have put them there
+        self._arrays.q[:], self._arrays.v[:] = (
+            self.state.q,
+            self.state.v,
+        )  # others may have put them there
         if dt != self._dt:
             self._dt = dt
             n_steps = max(1, math.ceil(dt / self._max_step - 1e-9))
@@ -235,7 +297,9 @@ class DynamicPlant(Plant):
         """Take the state of the memory for the present one. Raises what its environment raises."""
         self._sampling.check()
         arrays = self._arrays
-        self.state = signals.unchecked_state(q=arrays.q.copy(), v=arrays.v.copy(), a=arrays.a.copy())
+        self.state = signals.unchecked_state(
+            q=arrays.q.copy(), v=arrays.v.copy(), a=arrays.a.copy()
+        )
 
     def telemetry(self) -> dict[str, Any]:
         return {name: array.copy()[()] for name, array in self.telemetry_in_memory().items()}
@@ -245,13 +309,18 @@ class DynamicPlant(Plant):
         arrays = self._arrays
         found = {name: getattr(arrays, name) for name in _TELEMETRY}
         found["joint_energy"] = arrays.joint_energy.reshape(())
-        return found | {"current": arrays.u[:3] if len(arrays.u) else np.zeros(3)}  # nothing where no link is in water
+        return found | {
+            "current": arrays.u[:3] if len(arrays.u) else np.zeros(3)
+        }  # nothing where no link is in water
 
     def _ask(self, command: Command) -> None:
         """Write down what the command asks for."""
         thrust, torque = command.thrust, command.torque
         if thrust is None or torque is None:
-            raise InvalidInput("the dynamic plant needs thrust and torque; wrap the controller in a DynamicController")
+            raise InvalidInput(
+                "the dynamic plant needs thrust and torque; wrap the controller in a"
+                " DynamicController"
+            )
         # Limits would hide what is NaN or infinite; its square is no finite number.
         finite = math.isfinite(thrust.dot(thrust) + torque.dot(torque))
         if (thrust.shape, torque.shape) != self._shapes or not finite:
@@ -265,27 +334,34 @@ class DynamicPlant(Plant):
         """Go on with other faults than before."""
         condition = effects.condition_of(active, self._arrays.thrust)
         self._arrays.thrust[condition.dead] = 0.0
-        had, have, locked = effects.payloads(self._active), effects.payloads(active), effects.jammed_axes(self._robot, active)
+        had = effects.payloads(self._active)
+        have = effects.payloads(active)
+        locked = effects.jammed_axes(self._robot, active)
         self._active = active
         if have != had:
             self._carry(had, have)
         if have != had or locked != self._model.locked:
             # Not compiled: a run does not wait for that in its middle.
-            self._model, before = replace(self._model, dynamics=self._dynamics.symbolic, locked=locked), self.memory
+            self._model = replace(self._model, dynamics=self._dynamics.symbolic, locked=locked)
+            before = self.memory
             self._make(dynamic_step.step_function(self._model), compiled=False)
             for name in ("t", "asked_thrust", "asked_torque", "brake", *_TELEMETRY):
                 setattr(self.memory, name, getattr(before, name))
         assign(self.memory, share=condition.share, offset=condition.offset)
 
     def _carry(self, had: tuple[Fault, ...], have: tuple[Fault, ...]) -> None:
-        """Let go of payloads, which take their momentum along, and pick up others, which lay still."""
+        """Let go of payloads, which take their momentum along, and pick up others, which lay
+        still.
+        """
         kept = tuple(fault for fault in had if fault in have)
         before = self._with_payloads(kept)
         self._dynamics = before if have == kept else self._with_payloads(have)
         if have != kept:
             q, v = self.state.q, self.state.v
             matrices = before.mass_matrix(q), self._dynamics.mass_matrix(q)
-            self.state = signals.unchecked_state(q=q, v=effects.joined_velocity(*matrices, v, self._model.locked))
+            self.state = signals.unchecked_state(
+                q=q, v=effects.joined_velocity(*matrices, v, self._model.locked)
+            )
 
     def _with_payloads(self, carried: tuple[Fault, ...]) -> Dynamics:
         return robot_dynamics(effects.loaded(self._robot, carried)) if carried else self._unloaded

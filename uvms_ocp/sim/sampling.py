@@ -1,4 +1,6 @@
-"""Sample the true state by sensors, as kernels: readings at a rate of each, which arrive after its delay, or are lost."""
+"""Sample the true state by sensors, as kernels: readings at a rate of each, which arrive after its
+delay, or are lost.
+"""
 
 from __future__ import annotations
 
@@ -6,14 +8,23 @@ import math
 from enum import IntEnum
 from typing import Annotated
 
-from uvms_ocp.codegen.kernel_layout import CallbackField, FunctionField, Layout, Sized, Vector, zeros
+from uvms_ocp.codegen.kernel_layout import (
+    CallbackField,
+    FunctionField,
+    Layout,
+    Sized,
+    Vector,
+    zeros,
+)
 from uvms_ocp.estimation.filter_memory import N_CHANNELS, ChannelIndex
 from uvms_ocp.estimation.vehicle_model import cross, rotate_back, rotation
 from uvms_ocp.sim.seafloor import LEVEL_RAY
 
 N_DRAWN = 256
 """Errors of a channel that are drawn at once."""
-_EARLY = 1e-9  # of a period or a second: a tick that rounding puts just before a sampling time counts
+_EARLY = (
+    1e-9  # of a period or a second: a tick that rounding puts just before a sampling time counts
+)
 
 
 class Disturbance(IntEnum):
@@ -104,7 +115,9 @@ class SensorsMemory(Layout):
     gravity: Annotated[Vector, Sized(3)]
     """(3,) [m/s2] in W."""
     carried: bool
-    """The Doppler log is not at the origin of B, to which a gyroscope's reading carries its velocity."""
+    """The Doppler log is not at the origin of B, to which a gyroscope's reading carries its
+    velocity.
+    """
     log_at: Annotated[Vector, Sized(3)]
     """(3,) [m] the Doppler log in B."""
     flat: bool
@@ -114,7 +127,9 @@ class SensorsMemory(Layout):
     look: FunctionField
     """Q to `beam`, as that of `AltimeterMemory`."""
     beam: Annotated[Vector, Sized(4)]
-    """(4,) [m] origin in W of the altimeter's beam, and cosine of the angle between it and straight down."""
+    """(4,) [m] origin in W of the altimeter's beam, and cosine of the angle between it and straight
+    down.
+    """
     find_range: CallbackField
     """Of any other floor."""
     range: float
@@ -142,7 +157,9 @@ def read_sensors(s: SensorsMemory, t: float) -> None:
             _take_sample(s, x, t)
         while x.n_waiting > 0 and t >= x.arrival[0] - _EARLY:
             if x.taken[0] > x.newest:  # a newer one may have overtaken it
-                x.newest, x.stamp, x.fresh = x.taken[0], x.stamps[0], True
+                x.newest = x.taken[0]
+                x.stamp = x.stamps[0]
+                x.fresh = True
                 for i in range(x.size):
                     x.value[i] = x.values[0][i]
             x.n_waiting -= 1
@@ -157,7 +174,8 @@ def _take_sample(s: SensorsMemory, x: ChannelSampler, t: float) -> None:
         _disturb(s, x)
     x.lost = x.losses[x.n_used] < x.dropout
     x.n_used += 1
-    x.stamped, x.extra_delay = t, 0.0
+    x.stamped = t
+    x.extra_delay = 0.0
     if x.faulty and not x.lost:
         x.strike()
     if not x.lost:
@@ -186,7 +204,9 @@ def _range(s: SensorsMemory) -> float:
 
 def _carry_velocity(s: SensorsMemory, x: ChannelSampler) -> None:
     """By the error of the gyroscope, if it has read anything."""
-    gyroscope, off, by = s.channels[ChannelIndex.ANGULAR_VELOCITY], zeros(3), zeros(3)
+    gyroscope = s.channels[ChannelIndex.ANGULAR_VELOCITY]
+    off = zeros(3)
+    by = zeros(3)
     if gyroscope.newest > -math.inf:
         for i in range(3):
             off[i] = s.v[3 + i] - gyroscope.value[i]
@@ -196,7 +216,11 @@ def _carry_velocity(s: SensorsMemory, x: ChannelSampler) -> None:
 
 
 def _measure_specific_force(s: SensorsMemory, x: ChannelSampler) -> None:
-    R, spin, turning, turn, weight = zeros(9), zeros(3), zeros(3), zeros(4), zeros(3)
+    R = zeros(9)
+    spin = zeros(3)
+    turning = zeros(3)
+    turn = zeros(4)
+    weight = zeros(3)
     for i in range(4):
         turn[i] = s.q[3 + i]
     for i in range(3):
@@ -224,11 +248,14 @@ def _disturb(s: SensorsMemory, x: ChannelSampler) -> None:
 
 
 def _send(s: SensorsMemory, x: ChannelSampler, t: float) -> None:
-    """Put the sample among those under way; one that a fault makes so late that there is no room any more never arrives."""
+    """Put the sample among those under way; one that a fault makes so late that there is no room
+    any more never arrives.
+    """
     if x.n_waiting == len(x.arrival):
         s.crowded = s.crowded or x.extra_delay == 0.0
         return
-    arrival, place = t + x.delay + x.extra_delay, x.n_waiting
+    arrival = t + x.delay + x.extra_delay
+    place = x.n_waiting
     while place > 0 and x.arrival[place - 1] > arrival:
         _move(x, place - 1, place)
         place -= 1

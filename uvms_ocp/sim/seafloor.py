@@ -1,4 +1,6 @@
-"""Sea floors: a plane, or a height field with smooth protuberances, also as a table of heights, a mesh and an obstacle."""
+"""Sea floors: a plane, or a height field with smooth protuberances, also as a table of heights, a
+mesh and an obstacle.
+"""
 
 from __future__ import annotations
 
@@ -42,7 +44,8 @@ class Seafloor(Protocol):
         """Unit normal (3,) of the floor at (x, y) [m], upwards, in W."""
 
     def range_along(self, origin: Vector3, direction: Vector3) -> float:
-        """Distance [m] from `origin` (3,) [m] along the unit vector `direction` (3,) in W to the floor; nan without a hit.
+        """Distance [m] from `origin` (3,) [m] along the unit vector `direction` (3,) in W to the
+        floor; nan without a hit.
 
         0 or negative where the origin is at or below the floor and the ray points down.
         """
@@ -50,14 +53,19 @@ class Seafloor(Protocol):
 
 @checked_dataclass(check=checked_constructor)
 class FlatSeafloor(Seafloor):
-    """A horizontal plane. Raises `InvalidInput` for a height that is none, or very far from the origin."""
+    """A horizontal plane. Raises `InvalidInput` for a height that is none, or very far from the
+    origin.
+    """
 
     z: float
     """[m] in W."""
 
     def __post_init__(self) -> None:
         if not abs(self.z) <= _DEEPEST:
-            text = f"seafloor at z = {self.z}; give a finite height [m] from -{_DEEPEST:g} to {_DEEPEST:g}"
+            text = (
+                f"seafloor at z = {self.z}; give a finite height [m] from -{_DEEPEST:g} to"
+                f" {_DEEPEST:g}"
+            )
             raise InvalidInput(f"{text}: farther from the origin millimetres are lost")
 
     def height(self, x: float, y: float) -> float:
@@ -67,7 +75,9 @@ class FlatSeafloor(Seafloor):
         return np.array([0.0, 0.0, 1.0])
 
     def ground_at(self, points: Points) -> tuple[np.ndarray, np.ndarray]:
-        """Heights (n,) [m] and unit normals (n, 3) of the floor at points (n, 2) [m], x and y in W."""
+        """Heights (n,) [m] and unit normals (n, 3) of the floor at points (n, 2) [m], x and y in
+        W.
+        """
         normals = np.zeros((len(points), 3))
         normals[:, 2] = 1.0
         return np.full(len(points), self.z), normals
@@ -92,7 +102,9 @@ def ground_at(seafloor: Seafloor, points: Points) -> tuple[np.ndarray, np.ndarra
 
 @checked
 def floor_relief(seafloor: Seafloor, low: Corner, high: Corner) -> FloorRelief | None:
-    """A rectangle of the floor from `low` (2,) to `high` (2,) [m], rounded to a millimetre, for records; `None` for a plane."""
+    """A rectangle of the floor from `low` (2,) to `high` (2,) [m], rounded to a millimetre, for
+    records; `None` for a plane.
+    """
     if isinstance(seafloor, FlatSeafloor):
         return None
     x, y = (np.linspace(a, b, _RELIEF_POINTS) for a, b in zip(low, high, strict=True))
@@ -107,33 +119,47 @@ _FINEST = 3000  # cells a side of a mesh, more than can be drawn
 def floor_mesh(
     seafloor: Seafloor, *, centre: tuple[float, float], extent: Positive, spacing: Positive
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Vertices (n, 3) [m] in W and triangles (m, 3), counter-clockwise from above, of a square of the floor.
+    """Vertices (n, 3) [m] in W and triangles (m, 3), counter-clockwise from above, of a square of
+    the floor.
 
-    centre [m] is x, y of the square, extent [m] its side, spacing [m] the distance between vertices. Raises `InvalidInput`
-    unless 0 < spacing <= extent, and for more than a few thousand cells a side.
+    centre [m] is x, y of the square, extent [m] its side, spacing [m] the distance between
+    vertices. Raises `InvalidInput` unless 0 < spacing <= extent, and for more than a few thousand
+    cells a side.
     """
     if spacing > extent:
-        raise InvalidInput(f"mesh of extent {extent} m and spacing {spacing} m; give 0 < spacing <= extent")
+        raise InvalidInput(
+            f"mesh of extent {extent} m and spacing {spacing} m; give 0 < spacing <= extent"
+        )
     if extent / spacing > _FINEST:
-        raise InvalidInput(f"mesh of extent {extent:g} m and spacing {spacing:g} m; give at most {_FINEST} cells a side")
+        raise InvalidInput(
+            f"mesh of extent {extent:g} m and spacing {spacing:g} m; give at most {_FINEST} cells a"
+            " side"
+        )
     side = np.linspace(-extent / 2, extent / 2, 1 + math.ceil(extent / spacing))
     x, y = (values.ravel() for values in np.meshgrid(centre[0] + side, centre[1] + side))
     z = [seafloor.height(*point) for point in zip(x.tolist(), y.tolist(), strict=True)]
     corner = np.arange(len(x)).reshape(len(side), -1)
-    a, b, c, d = corner[:-1, :-1], corner[:-1, 1:], corner[1:, 1:], corner[1:, :-1]
+    a = corner[:-1, :-1]
+    b = corner[:-1, 1:]
+    c = corner[1:, 1:]
+    d = corner[1:, :-1]
     triangles = np.stack([np.stack([a, b, c], axis=-1), np.stack([a, c, d], axis=-1)])
     return np.stack([x, y, z], axis=1), triangles.reshape(-1, 3)
 
 
 @checked
-def floor_obstacle(seafloor: Seafloor, *, centre: tuple[float, float], extent: Positive, spacing: Positive = 0.25) -> Obstacle:
+def floor_obstacle(
+    seafloor: Seafloor, *, centre: tuple[float, float], extent: Positive, spacing: Positive = 0.25
+) -> Obstacle:
     """A square of the floor as an obstacle named ``seafloor``: a slab if it is flat, else a mesh.
 
     centre, extent, spacing [m] as `floor_mesh` takes them; raises what it raises.
     """
     if isinstance(seafloor, FlatSeafloor):
         middle = np.array([*centre, seafloor.z - 0.5 * _SLAB])
-        return Obstacle(name="seafloor", shape=coal.Box(extent, extent, _SLAB), X_WO=pin.SE3(np.eye(3), middle))
+        return Obstacle(
+            name="seafloor", shape=coal.Box(extent, extent, _SLAB), X_WO=pin.SE3(np.eye(3), middle)
+        )
     vertices, triangles = floor_mesh(seafloor, centre=centre, extent=extent, spacing=spacing)
     return Obstacle(name="seafloor", shape=mesh_shape(vertices, triangles), X_WO=pin.SE3.Identity())
 
@@ -164,7 +190,9 @@ class Relief:
         for name in ("height", "radius"):
             low, high = getattr(self, name)
             if low > high:
-                raise InvalidInput(f"{name} of protuberances = {(low, high)} m; give 0 < lowest <= highest")
+                raise InvalidInput(
+                    f"{name} of protuberances = {(low, high)} m; give 0 < lowest <= highest"
+                )
 
 
 RELIEFS = {
@@ -172,15 +200,18 @@ RELIEFS = {
     "small": Relief(height=(0.3, 1.2), radius=(1.5, 4.0), spacing=4.0),
     "large": Relief(height=(2.0, 6.0), radius=(5.0, 12.0), spacing=12.0),
 }
-"""The floors of [Gao2022] table 2, which names but does not measure them: the figures are assumed."""
+"""The floors of [Gao2022] table 2, which names but does not measure them: the figures are
+assumed.
+"""
 
 
 @checked_dataclass(eq=False)
 class HeightField(Seafloor):
-    """A plane with bumps ``h (1 - (d/r)^2)^3`` where the distance d to the bump's centre is below r.
+    """A plane with bumps ``h (1 - (d/r)^2)^3`` where the distance d to the bump's centre is below
+    r.
 
-    Twice continuously differentiable; overlapping bumps add up. Raises `InvalidInput` for numbers that are not finite,
-    arrays that do not fit together, and heights or radii that are not > 0.
+    Twice continuously differentiable; overlapping bumps add up. Raises `InvalidInput` for numbers
+    that are not finite, arrays that do not fit together, and heights or radii that are not > 0.
     """
 
     z: Finite
@@ -203,22 +234,35 @@ class HeightField(Seafloor):
         low, high = _box(self.centres, self.radii)
         object.__setattr__(self, "_bumps", bumps)
         object.__setattr__(self, "_low", np.array([*low, self.z]))
-        object.__setattr__(self, "_high", np.array([*high, self.z + _highest(self.centres, self.heights, self.radii)]))
+        object.__setattr__(
+            self,
+            "_high",
+            np.array([*high, self.z + _highest(self.centres, self.heights, self.radii)]),
+        )
 
     @staticmethod
     def random(
-        relief: Relief | str, *, z: float, centre: tuple[float, float] = (0.0, 0.0), extent: Positive = 100.0, seed: Count = 0
+        relief: Relief | str,
+        *,
+        z: float,
+        centre: tuple[float, float] = (0.0, 0.0),
+        extent: Positive = 100.0,
+        seed: Count = 0,
     ) -> HeightField:
-        """Protuberances drawn from `relief` (or its name in `RELIEFS`) over a square of side `extent` [m].
+        """Protuberances drawn from `relief` (or its name in `RELIEFS`) over a square of side
+        `extent` [m].
 
-        z [m]: height of the plane between and around them. centre [m]: x, y of the square in W. Raises `NameNotFound` for
-        an unknown name and `InvalidInput` for an extent that is not > 0.
+        z [m]: height of the plane between and around them. centre [m]: x, y of the square in W.
+        Raises `NameNotFound` for an unknown name and `InvalidInput` for an extent that is not > 0.
         """
         if isinstance(relief, str):
             require_known("relief", relief, RELIEFS)
             relief = RELIEFS[relief]
         if extent / relief.spacing > math.sqrt(_MOST_BUMPS):
-            raise InvalidInput(f"extent of a height field = {extent} m; give less: more than {_MOST_BUMPS:,} protuberances")
+            raise InvalidInput(
+                f"extent of a height field = {extent} m; give less: more than {_MOST_BUMPS:,}"
+                " protuberances"
+            )
         rng = np.random.default_rng(seed)
         n = max(1, round((extent / relief.spacing) ** 2))
         return HeightField(
@@ -247,7 +291,9 @@ class HeightField(Seafloor):
 
     @checked_on_failure
     def ground_at(self, points: Points) -> tuple[np.ndarray, np.ndarray]:
-        """Heights (n,) [m] and unit normals (n, 3) of the floor at points (n, 2) [m], x and y in W."""
+        """Heights (n,) [m] and unit normals (n, 3) of the floor at points (n, 2) [m], x and y in
+        W.
+        """
         elevations, slopes = _slopes(self._bumps, points)
         return self.z + elevations, _normals(slopes)
 
@@ -258,13 +304,19 @@ class HeightField(Seafloor):
         above = float(origin[2]) - self.height(float(origin[0]), float(origin[1]))
         if above > 0 and (crossing := self._crossing(origin, direction)) is not None:
             return crossing
-        return (above if above <= 0 else float(origin[2]) - self.z) / descent if descent > LEVEL_RAY else math.nan
+        return (
+            (above if above <= 0 else float(origin[2]) - self.z) / descent
+            if descent > LEVEL_RAY
+            else math.nan
+        )
 
     def _crossing(self, origin: np.ndarray, direction: np.ndarray) -> float | None:
         """Distance [m] at which the ray meets a bump."""
-        # Part of the ray inside the box that holds all bumps, by the slab method; `None` where it misses the box.
+        # Part of the ray inside the box that holds all bumps, by the slab method; `None` where it
+        # misses the box.
         slope = np.where(np.abs(direction) < LEVEL_RAY, LEVEL_RAY, direction)
-        to_low, to_high = (self._low - origin) / slope, (self._high - origin) / slope
+        to_low = (self._low - origin) / slope
+        to_high = (self._high - origin) / slope
         start = max(0.0, float(np.minimum(to_low, to_high).max()))
         end = float(np.maximum(to_low, to_high).min())
         if not start <= end:
@@ -287,7 +339,14 @@ class HeightField(Seafloor):
         hit = int(np.argmax(below))
         return (float(distances[max(hit - 1, 0)]), float(distances[hit])) if below[hit] else None
 
-    def _refined(self, bumps: np.ndarray, origin: np.ndarray, direction: np.ndarray, above: float, below: float) -> float:
+    def _refined(
+        self,
+        bumps: np.ndarray,
+        origin: np.ndarray,
+        direction: np.ndarray,
+        above: float,
+        below: float,
+    ) -> float:
         from scipy.optimize import brentq  # half a second, which few need
 
         (x, y, z), (dx, dy, dz), near = origin.tolist(), direction.tolist(), bumps.T.tolist()
@@ -306,17 +365,22 @@ class HeightField(Seafloor):
 
 def _elevation(bumps: np.ndarray, x: float | np.ndarray, y: float | np.ndarray) -> np.ndarray:
     """Sum of the bumps (4, n) at a point, or (m,) at points whose x and y are columns (m, 1)."""
-    dx, dy = bumps[0] - x, bumps[1] - y
+    dx = bumps[0] - x
+    dy = bumps[1] - y
     rest = np.maximum(1.0 - (dx * dx + dy * dy) * bumps[3], 0.0)
     return (rest * rest * rest) @ bumps[2]
 
 
 def _slopes(bumps: np.ndarray, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Sum (m,) [m] of the bumps (4, n) at points (m, 2) [m], and its gradient (m, 2)."""
-    dx, dy = bumps[0] - points[:, :1], bumps[1] - points[:, 1:]
+    dx = bumps[0] - points[:, :1]
+    dy = bumps[1] - points[:, 1:]
     rest = np.maximum(1.0 - (dx * dx + dy * dy) * bumps[3], 0.0)
-    square, weights = rest * rest, 6.0 * bumps[2] * bumps[3]
-    return (square * rest) @ bumps[2], np.stack([(square * dx) @ weights, (square * dy) @ weights], axis=1)
+    square = rest * rest
+    weights = 6.0 * bumps[2] * bumps[3]
+    return (square * rest) @ bumps[2], np.stack(
+        [(square * dx) @ weights, (square * dy) @ weights], axis=1
+    )
 
 
 def _normals(slopes: np.ndarray) -> np.ndarray:
@@ -326,12 +390,16 @@ def _normals(slopes: np.ndarray) -> np.ndarray:
     return upwards / np.sqrt((upwards * upwards).sum(axis=1))[:, None]
 
 
-def _near_ray(bumps: np.ndarray, origin: np.ndarray, direction: np.ndarray, start: float, end: float) -> np.ndarray:
+def _near_ray(
+    bumps: np.ndarray, origin: np.ndarray, direction: np.ndarray, start: float, end: float
+) -> np.ndarray:
     """Mask (n,) of the bumps above which the ray passes between two distances."""
-    dx, dy = bumps[0] - origin[0], bumps[1] - origin[1]
+    dx = bumps[0] - origin[0]
+    dy = bumps[1] - origin[1]
     sideways = max(direction[0] ** 2 + direction[1] ** 2, LEVEL_RAY**2)
     nearest = np.clip((dx * direction[0] + dy * direction[1]) / sideways, start, end)
-    dx, dy = dx - nearest * direction[0], dy - nearest * direction[1]
+    dx = dx - nearest * direction[0]
+    dy = dy - nearest * direction[1]
     return (dx * dx + dy * dy) * bumps[3] < 1.0
 
 

@@ -32,18 +32,24 @@ from uvms_ocp.types import Count, Shape
 
 _IDEAL = SensorSpec()
 _SCALARS = ("depth", "altimeter_range")
-_QUICKEST, _MOST = 2000.0, 20_000  # [Hz] of ticks, and readings, for which those under way have room
+# [Hz] of ticks, and readings, for which those under way have room
+_QUICKEST = 2000.0
+_MOST = 20_000
 
 Disturb = Callable[[Any, np.ndarray], Any]
 
 
 @checked_constructor
 class Altimeter:
-    """Range along -z of a frame of the robot to the seafloor, without noise. Holds working memory: not for two threads."""
+    """Range along -z of a frame of the robot to the seafloor, without noise. Holds working memory:
+    not for two threads.
+    """
 
     def __init__(self, robot: Robot, seafloor: Seafloor, frame: str = "altimeter") -> None:
         """frame: that of the sensor. Raises `FrameNotFound` for an unknown one."""
-        self.robot, self._seafloor, self._beam = robot, seafloor, AltimeterBeam(robot, frame)
+        self.robot = robot
+        self._seafloor = seafloor
+        self._beam = AltimeterBeam(robot, frame)
 
     def measure(self, q: Annotated[np.ndarray, Shape("self.robot.n_q")]) -> float:
         """Range [m] at configuration q (n_q,) [m, rad]; nan without an echo."""
@@ -58,9 +64,11 @@ class Altimeter:
 
 @checked_constructor
 class SensorSuite:
-    """All sensors of a robot. Holds their last readings: build one per run and read it at increasing times.
+    """All sensors of a robot. Holds their last readings: build one per run and read it at
+    increasing times.
 
-    Every channel has its own random stream, so that changing one leaves the noise of the others as it was.
+    Every channel has its own random stream, so that changing one leaves the noise of the others as
+    it was.
     """
 
     def __init__(
@@ -74,25 +82,47 @@ class SensorSuite:
     ) -> None:
         """altimeter_frame: the one of the robot's description unless given.
 
-        faults: those of other things than sensors are left out. Raises `InvalidInput` for a bias of the wrong length or a fault
-        of a sensor that there is not, and `FrameNotFound` for an unknown altimeter frame.
+        faults: those of other things than sensors are left out. Raises `InvalidInput` for a bias of
+        the wrong length or a fault of a sensor that there is not, and `FrameNotFound` for an
+        unknown altimeter frame.
         """
         specs = specs or SensorSpecs()
-        frame = (altimeter_frame or robot.description.altimeter) if specs.altimeter_range is not None else None
-        sources, has_log = sources_of(robot, has_altimeter=frame is not None), robot.n_vehicle and robot.description.dvl
+        frame = (
+            (altimeter_frame or robot.description.altimeter)
+            if specs.altimeter_range is not None
+            else None
+        )
+        sources = sources_of(robot, has_altimeter=frame is not None)
+        has_log = robot.n_vehicle and robot.description.dvl
         if has_log:
             X_BD = robot.model.frames[robot.frame_id(roles.DVL)].placement
             R_BD = X_BD.rotation.copy()
-            turned = sources["linear_velocity"]._replace(turn=R_BD, disturb=lambda value, error: value + R_BD @ error)
+            turned = sources["linear_velocity"]._replace(
+                turn=R_BD, disturb=lambda value, error: value + R_BD @ error
+            )
             sources["linear_velocity"] = turned
-        present = {name: spec for name in CHANNELS if (spec := getattr(specs, name)) is not None and name in sources}
-        streams = dict(zip(CHANNELS, np.random.SeedSequence(seed).spawn(len(CHANNELS)), strict=True))
+        present = {
+            name: spec
+            for name in CHANNELS
+            if (spec := getattr(specs, name)) is not None and name in sources
+        }
+        streams = dict(
+            zip(CHANNELS, np.random.SeedSequence(seed).spawn(len(CHANNELS)), strict=True)
+        )
         struck = faults_of_channels(robot, faults, {name: sources[name] for name in present}, seed)
         self.memory: SensorsMemory
         """Memory of the kernels."""
-        self.memory, (self._read,) = make_memory(_structure(robot, frame, present, struck), (sampling.read_sensors,))
-        memory, self._bindings = self.memory, list[CallbackBinding]()
-        assign(memory, gravity=robot.model.gravity.linear, n=len(present), order=[NUMBER[name] for name in present])
+        self.memory, (self._read,) = make_memory(
+            _structure(robot, frame, present, struck), (sampling.read_sensors,)
+        )
+        memory = self.memory
+        self._bindings = list[CallbackBinding]()
+        assign(
+            memory,
+            gravity=robot.model.gravity.linear,
+            n=len(present),
+            order=[NUMBER[name] for name in present],
+        )
         if has_log:
             assign(memory, carried=specs.linear_velocity != _IDEAL, log_at=X_BD.translation)
         for sampler in memory.channels:
@@ -101,7 +131,8 @@ class SensorSuite:
         if frame is not None:
             self._look_at(Altimeter(robot, seafloor, frame), seafloor)
         self._channels = [
-            _Channel(memory.channels[NUMBER[name]], name, spec, sources[name], streams[name]) for name, spec in present.items()
+            _Channel(memory.channels[NUMBER[name]], name, spec, sources[name], streams[name])
+            for name, spec in present.items()
         ]
         for channel in self._channels:
             self._bindings += channel.ask_python(struck.get(channel.name))
@@ -113,14 +144,18 @@ class SensorSuite:
     def read(self, state: State, t: float) -> Readings:
         """The last reading of every channel at time t [s], the time of the true `state`.
 
-        Raises `InvalidInput` for a state without the acceleration that an accelerometer needs, and as `check`.
+        Raises `InvalidInput` for a state without the acceleration that an accelerometer needs, and
+        as `check`.
         """
         q, v, a = self._truth
         q[:], v[:] = state.q, state.v
         if state.a is not None:
             a[:] = state.a
         elif self.memory.channels[ChannelIndex.SPECIFIC_FORCE].present:
-            raise InvalidInput("specific_force needs the acceleration of the true state; give State(a=...), as plants do")
+            raise InvalidInput(
+                "specific_force needs the acceleration of the true state; give State(a=...), as"
+                " plants do"
+            )
         self.draw_ahead(1)
         self._read(self.memory, t)
         self.check()
@@ -131,7 +166,9 @@ class SensorSuite:
         return signals.unchecked_readings(**readings)
 
     def draw_ahead(self, n: int) -> None:
-        """Have errors for so many ticks, at most `uvms_ocp.sim.sampling.N_DRAWN`, ready for the kernels."""
+        """Have errors for so many ticks, at most `uvms_ocp.sim.sampling.N_DRAWN`, ready for the
+        kernels.
+        """
         if self._drawn < n:
             self._drawn = sampling.N_DRAWN
             for channel in self._channels:
@@ -139,17 +176,23 @@ class SensorSuite:
         self._drawn -= n
 
     def check(self) -> None:
-        """Raise what was raised as kernels asked Python, and `InvalidInput` where more readings are under way than fit."""
+        """Raise what was raised as kernels asked Python, and `InvalidInput` where more readings are
+        under way than fit.
+        """
         for binding in self._bindings:
             binding.check()
         if self.memory.crowded:
-            given = f"more than {len(self.memory.channels[0].arrival)} readings of one sensor under way"
+            given = (
+                f"more than {len(self.memory.channels[0].arrival)} readings of one sensor under way"
+            )
             raise InvalidInput(f"{given}; give sensors shorter delays, or rates of their own")
 
     def _look_at(self, altimeter: Altimeter, seafloor: Seafloor) -> None:
-        memory, q = self.memory, self._truth[0]
+        memory = self.memory
+        q = self._truth[0]
         if type(seafloor) is FlatSeafloor:
-            memory.flat, memory.floor = True, seafloor.z
+            memory.flat = True
+            memory.floor = seafloor.z
             return
 
         def find() -> None:
@@ -175,17 +218,24 @@ class Source(NamedTuple):
 
 def sources_of(robot: Robot, *, has_altimeter: bool) -> dict[str, Source]:
     """Return what each channel of a robot measures."""
-    joints, rates, n = robot.joint_q, robot.joint_v, robot.n_joints
+    joints = robot.joint_q
+    rates = robot.joint_v
+    n = robot.n_joints
     plain = all(joint.n_q == joint.n_v for joint in robot.joints)
     kinds = sampling.Disturbance
-    bent: dict[str, Any] = {} if plain else {"disturb": _joint_disturbance(robot), "disturbance": kinds.ASKED}
+    bent: dict[str, Any] = (
+        {} if plain else {"disturb": _joint_disturbance(robot), "disturbance": kinds.ASKED}
+    )
     sources = {
         "joint_positions": Source(False, joints.start, joints.stop - joints.start, n, **bent),
         "joint_velocities": Source(True, rates.start, n, n),
     }
     if robot.n_vehicle:
         turn = BufferedFunction(_turn_function())
-        turned: dict[str, Any] = {"disturb": lambda value, error: turn(value, error)[0], "disturbance": kinds.TURNED}
+        turned: dict[str, Any] = {
+            "disturb": lambda value, error: turn(value, error)[0],
+            "disturbance": kinds.TURNED,
+        }
         sources |= {
             "position": Source(False, 0, 3, 3),
             "depth": Source(False, 2, 1, 1, disturb=_add_scalar),
@@ -200,40 +250,68 @@ def sources_of(robot: Robot, *, has_altimeter: bool) -> dict[str, Source]:
 
 
 def _structure(
-    robot: Robot, frame: str | None, present: Mapping[str, SensorSpec], struck: Mapping[str, ChannelFaults]
+    robot: Robot,
+    frame: str | None,
+    present: Mapping[str, SensorSpec],
+    struck: Mapping[str, ChannelFaults],
 ) -> type[SensorsMemory]:
-    late = [spec.delay + (struck[name].most_delay if name in struck else 0.0) for name, spec in present.items()]
+    late = [
+        spec.delay + (struck[name].most_delay if name in struck else 0.0)
+        for name, spec in present.items()
+    ]
     rates = [min(spec.rate, _QUICKEST) for spec in present.values()]
-    room = [2 + min(_MOST, math.ceil(delay * rate)) for delay, rate in zip(late, rates, strict=True)]
+    room = [
+        2 + min(_MOST, math.ceil(delay * rate)) for delay, rate in zip(late, rates, strict=True)
+    ]
     width = max(4, robot.n_joints, robot.joint_q.stop - robot.joint_q.start)
     sizes = {"n_q": robot.n_q, "n_v": robot.n_v, "n_width": width, "n_room": max(room, default=1)}
-    return structure_of(SensorsMemory, turn=_turn_function(), look=echo_sizes(robot, frame)["look"], **sizes)
+    return structure_of(
+        SensorsMemory, turn=_turn_function(), look=echo_sizes(robot, frame)["look"], **sizes
+    )
 
 
 def faults_of_channels(
     robot: Robot, faults: Sequence[Fault], sources: Mapping[str, Source], seed: int = 0
 ) -> dict[str, ChannelFaults]:
-    """Return the faults of sensors by channel, fresh for a run. sources: of the channels that there are, of `sources_of`.
+    """Return the faults of sensors by channel, fresh for a run. sources: of the channels that there
+    are, of `sources_of`.
 
-    Raises `InvalidInput` for a fault of another channel; those of other things than sensors are left out.
+    Raises `InvalidInput` for a fault of another channel; those of other things than sensors are
+    left out.
     """
     found: dict[str, list[Fault]] = {}
     for fault in faults:
         channel = fault.location.channel
         if channel and channel not in sources:
-            raise InvalidInput(f"{fault}: there is no sensor {channel}; there are {', '.join(sources)}")
+            raise InvalidInput(
+                f"{fault}: there is no sensor {channel}; there are {', '.join(sources)}"
+            )
         if channel:
             found.setdefault(channel, []).append(fault)
-    streams = {name: np.random.SeedSequence([seed, int.from_bytes(name.encode(), "big")]) for name in found}
-    return {name: ChannelFaults(_struck(robot, name, sources[name]), own, streams[name]) for name, own in found.items()}
+    streams = {
+        name: np.random.SeedSequence([seed, int.from_bytes(name.encode(), "big")]) for name in found
+    }
+    return {
+        name: ChannelFaults(_struck(robot, name, sources[name]), own, streams[name])
+        for name, own in found.items()
+    }
 
 
 def _struck(robot: Robot, name: str, source: Source) -> FaultyChannel:
     """A channel as its faults need it."""
     neutral = pin.neutral(robot.model)
-    origins = {"attitude": np.array([0.0, 0.0, 0.0, 1.0]), "joint_positions": neutral[robot.joint_q]}
+    origins = {
+        "attitude": np.array([0.0, 0.0, 0.0, 1.0]),
+        "joint_positions": neutral[robot.joint_q],
+    }
     joints = robot.joints if name.startswith("joint_") else ()
-    return FaultyChannel(name=name, disturb=source.disturb, n=source.n_errors, origin=origins.get(name), joints=joints)
+    return FaultyChannel(
+        name=name,
+        disturb=source.disturb,
+        n=source.n_errors,
+        origin=origins.get(name),
+        joints=joints,
+    )
 
 
 def _add_scalar(value: float, error: np.ndarray) -> float:
@@ -249,7 +327,9 @@ def _turn_function() -> ca.Function:
 
 def _joint_disturbance(robot: Robot) -> Disturb:
     """Joints whose configuration is not a vector space (cos, sin) move along their manifold."""
-    model, q, v = robot.model, pin.neutral(robot.model), np.zeros(robot.n_v)
+    model = robot.model
+    q = pin.neutral(robot.model)
+    v = np.zeros(robot.n_v)
 
     def disturb(joints: np.ndarray, error: np.ndarray) -> np.ndarray:
         q[robot.joint_q], v[robot.joint_v] = joints, error
@@ -261,32 +341,69 @@ def _joint_disturbance(robot: Robot) -> Disturb:
 class _Channel:
     """One sensor, between its memory, its random streams, and what Python does of it."""
 
-    __slots__ = ("_errors", "_losses", "_lost", "_noise", "_scalar", "_source", "_spec", "_value", "memory", "name")
+    __slots__ = (
+        "_errors",
+        "_losses",
+        "_lost",
+        "_noise",
+        "_scalar",
+        "_source",
+        "_spec",
+        "_value",
+        "memory",
+        "name",
+    )
 
     def __init__(
-        self, memory: ChannelSampler, name: str, spec: SensorSpec, source: Source, stream: np.random.SeedSequence
+        self,
+        memory: ChannelSampler,
+        name: str,
+        spec: SensorSpec,
+        source: Source,
+        stream: np.random.SeedSequence,
     ) -> None:
         n = source.n_errors
         if len(spec.biases) not in (1, n):
-            raise InvalidInput(f"bias of {name} has {len(spec.biases)} entries; give a number or {n} numbers")
-        self.memory, self.name, self._scalar = memory, name, name in _SCALARS
-        self._spec, self._source = spec, source
-        given = {item: getattr(source, item) for item in ("of_velocity", "first", "size", "disturbance")}
+            raise InvalidInput(
+                f"bias of {name} has {len(spec.biases)} entries; give a number or {n} numbers"
+            )
+        self.memory = memory
+        self.name = name
+        self._scalar = name in _SCALARS
+        self._spec = spec
+        self._source = source
+        given = {
+            item: getattr(source, item) for item in ("of_velocity", "first", "size", "disturbance")
+        }
         given |= {item: getattr(spec, item) for item in ("exact", "rate", "delay", "dropout")}
-        assign(memory, present=True, number=NUMBER[name], n_used=sampling.N_DRAWN, due=-math.inf, **given)
+        assign(
+            memory,
+            present=True,
+            number=NUMBER[name],
+            n_used=sampling.N_DRAWN,
+            due=-math.inf,
+            **given,
+        )
         # Two streams, so that drop-outs leave the noise of the other readings as it was.
         self._noise, self._lost = (np.random.default_rng(child) for child in stream.spawn(2))
-        self._errors, self._losses = view(memory.errors)[:, :n], view(memory.losses)
+        self._errors = view(memory.errors)[:, :n]
+        self._losses = view(memory.losses)
         self._value = view(memory.value)[: source.size]
 
     def draw(self) -> None:
         """Draw errors and losses in place of those that were used."""
-        memory, used = self.memory, self.memory.n_used
-        for numbers, needed in ((self._errors, not memory.exact), (self._losses, memory.dropout > 0.0)):
+        memory = self.memory
+        used = self.memory.n_used
+        for numbers, needed in (
+            (self._errors, not memory.exact),
+            (self._losses, memory.dropout > 0.0),
+        ):
             if needed:
                 numbers[: len(numbers) - used] = numbers[used:].copy()
         if not memory.exact:
-            error = self._noise.standard_normal((used, self._errors.shape[1])) * self._spec.sigma + np.array(self._spec.biases)
+            error = self._noise.standard_normal(
+                (used, self._errors.shape[1])
+            ) * self._spec.sigma + np.array(self._spec.biases)
             turn = self._source.turn
             self._errors[len(self._errors) - used :] = error if turn is None else error @ turn.T
         if memory.dropout > 0.0:
@@ -294,18 +411,29 @@ class _Channel:
         memory.n_used = 0
 
     def ask_python(self, faults: ChannelFaults | None) -> Iterator[CallbackBinding]:
-        """Answer the kernels what they cannot know: how errors act on joints that are no vector space, and what faults do."""
+        """Answer the kernels what they cannot know: how errors act on joints that are no vector
+        space, and what faults do.
+        """
         memory = self.memory
-        sample, error = view(memory.sample)[: memory.size], view(memory.error)[: self._errors.shape[1]]
+        sample = view(memory.sample)[: memory.size]
+        error = view(memory.error)[: self._errors.shape[1]]
 
         def bend() -> None:
             sample[:] = self._source.disturb(sample.copy(), error)
 
         def strike() -> None:
-            found = None if faults is None else faults(sample.item() if self._scalar else sample.copy(), memory.stamped)
+            found = (
+                None
+                if faults is None
+                else faults(sample.item() if self._scalar else sample.copy(), memory.stamped)
+            )
             memory.lost = found is None
             if found is not None:
-                sample[:], memory.stamped, memory.extra_delay = found.value, found.stamp, found.extra_delay
+                sample[:], memory.stamped, memory.extra_delay = (
+                    found.value,
+                    found.stamp,
+                    found.extra_delay,
+                )
 
         if memory.disturbance == sampling.Disturbance.ASKED:
             yield CallbackBinding(memory.disturb, bend)
@@ -315,4 +443,6 @@ class _Channel:
 
     def reading(self) -> Reading[Any]:
         """The one that arrived last."""
-        return signals.unchecked_reading(value=self._value.item() if self._scalar else self._value.copy(), t=self.memory.stamp)
+        return signals.unchecked_reading(
+            value=self._value.item() if self._scalar else self._value.copy(), t=self.memory.stamp
+        )

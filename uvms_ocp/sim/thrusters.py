@@ -1,4 +1,5 @@
-"""Thruster dynamics as CasADi expressions, limits, dead zone, first-order lag and electrical power; power of joint drives.
+"""Thruster dynamics as CasADi expressions, limits, dead zone, first-order lag and electrical power;
+power of joint drives.
 
 Thrust follows the command, clipped to the limits and cut in the dead zone, with the first-order lag
 ``time_constant thrust_dot = target - thrust``, exact for a command held over the step.
@@ -18,7 +19,9 @@ from uvms_ocp.robot.thrusters import electrical_power, power_law, thrust_limits
 
 _NODES, _WEIGHTS = np.polynomial.legendre.leggauss(4)
 N_DECAYS = len(_NODES) + 1
-"""Columns of `Thrusters.decay`: one for each node of the energy integral, and the end of the step."""
+"""Columns of `Thrusters.decay`: one for each node of the energy integral, and the end of the
+step.
+"""
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
@@ -56,7 +59,8 @@ class Thrusters:
     def target(self, asked: Array, share: Array, offset: Array) -> Array:
         """Steady thrust (n,) [N] for a command asked (n,) [N].
 
-        share (n,) and offset (n,) [N]: the condition of the thrusters, as `ThrusterCondition` has it.
+        share (n,) and offset (n,) [N]: the condition of the thrusters, as `ThrusterCondition` has
+        it.
         """
         within = clipped(asked, self.lower, self.upper)
         sound = where(ca.fabs(within) < self.dead_zone, 0.0, within)
@@ -65,9 +69,11 @@ class Thrusters:
     def step(self, thrust: ca.SX, target: ca.SX, decay: ca.SX, dt: ca.SX) -> tuple[ca.SX, ca.SX]:
         """Thrust (n,) [N] after dt [s] and the electrical energy (n,) [J] that this took.
 
-        thrust (n,) [N]: at the beginning. target (n,) [N]: held meanwhile. decay (n, N_DECAYS): `decay` of this dt.
+        thrust (n,) [N]: at the beginning. target (n,) [N]: held meanwhile. decay (n, N_DECAYS):
+        `decay` of this dt.
         """
-        distance, taken = thrust - target, ca.SX.zeros(len(self.lower))
+        distance = thrust - target
+        taken = ca.SX.zeros(len(self.lower))
         for node, weight in enumerate(_WEIGHTS):
             taken += dt * weight / 2 * self.power(target + distance * decay[:, node])
         return target + distance * decay[:, -1], taken
@@ -77,7 +83,8 @@ class Thrusters:
         return electrical_power(thrust, self.factor, self.exponent)
 
     def decay(self, dt: float) -> np.ndarray:
-        """Share (n, N_DECAYS) of the distance to the target that is left at the nodes and at the end of dt [s].
+        """Share (n, N_DECAYS) of the distance to the target that is left at the nodes and at the
+        end of dt [s].
 
         Raises `InvalidInput` for a dt that is not > 0.
         """
@@ -86,4 +93,6 @@ class Thrusters:
         times = np.append(dt * (_NODES + 1.0) / 2.0, dt)
         # No lag: the distance to the command is gone at once.
         lagging = self.time_constant[:, None] > 0.0
-        return np.where(lagging, np.exp(-times / np.where(lagging, self.time_constant[:, None], 1.0)), 0.0)
+        return np.where(
+            lagging, np.exp(-times / np.where(lagging, self.time_constant[:, None], 1.0)), 0.0
+        )

@@ -1,4 +1,6 @@
-"""Solvers of levels, of lexicographic programs and of QPs of stages: pure maths that knows no robot."""
+"""Solvers of levels, of lexicographic programs and of QPs of stages: pure maths that knows no
+robot.
+"""
 
 import lazy_loader
 

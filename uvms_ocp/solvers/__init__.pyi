@@ -2,9 +2,17 @@ from .hierarchy.active_set import LexicographicActiveSet as LexicographicActiveS
 from .hierarchy.cascade import LexicographicQp as LexicographicQp
 from .hierarchy.icat import Icat as Icat
 from .hierarchy.level import Level as Level
-from .hierarchy.solution import Solution as Solution, Status as Status, Tick as Tick, TickResult as TickResult
+from .hierarchy.solution import (
+    Solution as Solution,
+    Status as Status,
+    Tick as Tick,
+    TickResult as TickResult,
+)
 from .nlp.level_solver import NlpOptions as NlpOptions, SqpOptions as SqpOptions
-from .nlp.lexicographic_nlp import LexicographicNlp as LexicographicNlp, LexicographicResult as LexicographicResult
+from .nlp.lexicographic_nlp import (
+    LexicographicNlp as LexicographicNlp,
+    LexicographicResult as LexicographicResult,
+)
 from .nlp.program import (
     LexicographicProgram as LexicographicProgram,
     NlpLevel as NlpLevel,

@@ -1,4 +1,5 @@
-"""Small dense least squares as kernels: least norm of any rank, and bounds by an active set with a weighted norm.
+"""Small dense least squares as kernels: least norm of any rank, and bounds by an active set with a
+weighted norm.
 
 Two strict levels: among the x in [lower, upper] that minimise ``|A x - b|``, the one that minimises
 ``x' diag(weight) x``. The answer is unique. The active set is found on the regularised problem
@@ -13,7 +14,8 @@ from typing import Annotated
 
 from uvms_ocp.codegen.kernel_layout import Layout, Sized, Vector
 
-# Small systems of linear equations, as kernels: positive definite ones, and those of any rank by least residual and norm.
+# Small systems of linear equations, as kernels: positive definite ones, and those of any rank by
+# least residual and norm.
 
 _RANK = 1e-9  # of a row beside those before it, relative to the largest: less is none
 
@@ -61,8 +63,9 @@ def solve_positive(s: LeastSquaresRows, n: int) -> None:
 def least_norm(s: LeastSquaresRows, m: int, n: int) -> None:
     """Y (n,) of least norm among those of least ``|W y - b|``.
 
-    W = L Q with an orthonormal basis Q of its rows, taken in the order of what is left of them; then L z = b by least squares
-    with L = U R. Both by Gram and Schmidt, twice, which is as good as reflections.
+    W = L Q with an orthonormal basis Q of its rows, taken in the order of what is left of them;
+    then L z = b by least squares with L = U R. Both by Gram and Schmidt, twice, which is as good as
+    reflections.
     """
     rank = row_space(s, m, n)
     for k in range(rank):
@@ -96,7 +99,8 @@ def row_space(s: LeastSquaresRows, m: int, n: int) -> int:
             s.basis[k][j] = s.W[row][j] / size
         _orthogonal_to_the_others(s, k, n)
         for i in range(m):
-            # Of rows that are in the basis nothing is left, and what they were before is added where it was taken.
+            # Of rows that are in the basis nothing is left, and what they were before is added
+            # where it was taken.
             along = dot(s.W[i], s.basis[k], n)
             s.L[i][k] = along
             for j in range(n):
@@ -155,9 +159,12 @@ def _row_length(x: Vector, n: int) -> float:
     return math.sqrt(dot(x, x, n))
 
 
-# Bounded least squares whose free directions minimise a weighted norm: small, dense, by an active set, as kernels.
+# Bounded least squares whose free directions minimise a weighted norm: small, dense, by an active
+# set, as kernels.
 
-_EPSILON = 1e-4  # share of the norm while the active set is sought; its square is the loss of wrench
+_EPSILON = (
+    1e-4  # share of the norm while the active set is sought; its square is the loss of wrench
+)
 _TOLERANCE = 1e-9  # of signs, relative
 _SMALLEST = 2.2250738585072014e-308  # that is not rounded
 _ROOM = 8  # variables that a compiled kernel has room for, or a multiple of it
@@ -281,7 +288,9 @@ def _free_ones(p: BoundedProblem) -> int:
 
 
 def _share_of_step(p: BoundedProblem) -> float:
-    """Largest share <= 1 of the step to the optimum that stays inside; the variable that stops it is `blocking`."""
+    """Largest share <= 1 of the step to the optimum that stays inside; the variable that stops it
+    is `blocking`.
+    """
     share = math.inf
     p.blocking = -1
     for j in range(p.columns):
@@ -301,7 +310,8 @@ def _ridge_optimum(p: BoundedProblem) -> None:
     count = 0
     for j in range(p.columns):
         if p.free[j]:
-            rest, column = p.linear[j], 0
+            rest = p.linear[j]
+            column = 0
             for k in range(p.columns):
                 if p.free[k]:
                     p.inner.K[count][column] = p.hessian[j][k]
@@ -318,7 +328,8 @@ def _exact_optimum(p: BoundedProblem) -> None:
     """Free part: least residual, then least norm."""
     count = 0
     for i in range(p.rows):
-        rest, count = p.b[i], 0
+        rest = p.b[i]
+        count = 0
         for j in range(p.columns):
             if p.free[j]:
                 p.inner.W[i][count] = p.M[i][j]
@@ -342,7 +353,9 @@ def _spread(p: BoundedProblem) -> None:
 
 def _most_wrong(p: BoundedProblem) -> int:
     """The fixed variable whose release lowers the cost most; -1 where none does."""
-    worst, most, largest = -1, 0.0, 0.0
+    worst = -1
+    most = 0.0
+    largest = 0.0
     for j in range(p.columns):
         gradient = -p.linear[j]
         for k in range(p.columns):
@@ -360,14 +373,17 @@ def room_for(n: int) -> int:
     return max(_ROOM, -(-n // _ROOM) * _ROOM)
 
 
-# Small linear programs with bounded variables as a kernel: a dense simplex by Bland's rule [Bland1977].
+# Small linear programs with bounded variables as a kernel: a dense simplex by Bland's rule
+# [Bland1977].
 
 _LEAST_PRICE = 1e-9  # of prices and pivots of about 1, and of rows relative to what is in them
 _ROUNDS = 50  # for every variable
 
 
 class LinearProgram(Layout):
-    """The largest ``c' x`` with ``A x = b`` and ``lower <= x <= upper``: m rows and n_x variables, n_all together."""
+    """The largest ``c' x`` with ``A x = b`` and ``lower <= x <= upper``: m rows and n_x variables,
+    n_all together.
+    """
 
     A: Annotated[list[Vector], Sized("m", "n_x")]
     """(m, n_x) """
@@ -395,7 +411,9 @@ def program_sizes(m: int, n: int) -> dict[str, int]:
 
 def solve_program(p: LinearProgram) -> bool:
     """Find x; whether there is any, and its value has an end."""
-    size, missing, n = 1.0, 0.0, len(p.c)
+    size = 1.0
+    missing = 0.0
+    n = len(p.c)
     for i in range(len(p.b)):
         _begin_row(p, i)
         size += abs(p.b[i]) + p.x[n + i]
@@ -410,8 +428,11 @@ def solve_program(p: LinearProgram) -> bool:
 
 
 def _begin_row(p: LinearProgram, i: int) -> None:
-    """All variables at their lower bound, and what is missing in a row the only one to rest on, at its cost."""
-    n, rest = len(p.c), p.b[i]
+    """All variables at their lower bound, and what is missing in a row the only one to rest on, at
+    its cost.
+    """
+    n = len(p.c)
+    rest = p.b[i]
     for j in range(n):
         p.x[j], p.cost[j], p.basic[j] = p.lower[j], 0.0, False
         rest -= p.A[i][j] * p.x[j]
@@ -464,13 +485,18 @@ def _price(p: LinearProgram, j: int) -> float:
 
 
 def _move(p: LinearProgram, entering: int, up: float) -> bool:
-    """A variable as far as the others let it; whether anything stops it. Of those that do, the first leaves the basis."""
-    step, leaving = p.upper[entering] - p.lower[entering], -1
+    """A variable as far as the others let it; whether anything stops it. Of those that do, the
+    first leaves the basis.
+    """
+    step = p.upper[entering] - p.lower[entering]
+    leaving = -1
     for i in range(len(p.b)):
         rate = -up * p.tableau[i][entering]
         k = p.basis[i]
         if abs(rate) > _LEAST_PRICE:
-            room = max((p.upper[k] - p.x[k]) / rate if rate > 0.0 else (p.lower[k] - p.x[k]) / rate, 0.0)
+            room = max(
+                (p.upper[k] - p.x[k]) / rate if rate > 0.0 else (p.lower[k] - p.x[k]) / rate, 0.0
+            )
             first = room == step and leaving >= 0 and k < p.basis[max(leaving, 0)]
             if room < step or first:
                 step = room

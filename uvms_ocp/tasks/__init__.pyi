@@ -1,8 +1,16 @@
 from .activation import SmoothActivation as SmoothActivation
 from .altitude import LandingAltitude as LandingAltitude, MinimumAltitude as MinimumAltitude
-from .attitude import Alignment as Alignment, FieldOfView as FieldOfView, HorizontalAttitude as HorizontalAttitude
+from .attitude import (
+    Alignment as Alignment,
+    FieldOfView as FieldOfView,
+    HorizontalAttitude as HorizontalAttitude,
+)
 from .clearance import Clearance as Clearance
-from .joints import JointLimits as JointLimits, JointTracking as JointTracking, Manipulability as Manipulability
+from .joints import (
+    JointLimits as JointLimits,
+    JointTracking as JointTracking,
+    Manipulability as Manipulability,
+)
 from .pose import (
     NullVelocity as NullVelocity,
     ToolPose as ToolPose,

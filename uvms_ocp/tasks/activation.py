@@ -29,8 +29,13 @@ class SmoothActivation:
     """[unit of x]"""
 
     def __post_init__(self) -> None:
-        if not is_symbolic(self.start) and not (math.isfinite(self.start) and math.isfinite(self.end) and self.start < self.end):
-            raise InvalidInput(f"SmoothActivation({self.start}, {self.end}): start and end must be finite and start < end")
+        if not is_symbolic(self.start) and not (
+            math.isfinite(self.start) and math.isfinite(self.end) and self.start < self.end
+        ):
+            raise InvalidInput(
+                f"SmoothActivation({self.start}, {self.end}): start and end must be finite and"
+                " start < end"
+            )
 
     def increasing(self, x: ca.SX | float) -> ca.SX:
         """0 where x [its unit] is below `start`, 1 where it is above `end`."""
@@ -38,37 +43,50 @@ class SmoothActivation:
         return 0.5 - 0.5 * ca.cos(math.pi * phase)
 
     def decreasing(self, x: ca.SX | float) -> ca.SX:
-        """1 where x [its unit] is below `start`, 0 where it is above `end`: the mirror of `increasing`."""
+        """1 where x [its unit] is below `start`, 0 where it is above `end`: the mirror of
+        `increasing`.
+        """
         return 1 - self.increasing(x)
 
 
-# Bounds on velocity that keep a position inside its limit, and references that keep their direction.
+# Bounds on velocity that keep a position inside its limit, and references that keep their
+# direction.
 
 ENDLESS = 1e6
-"""[m, rad; 1/s^2 of each] Stands in for what has no limit, such as an acceleration or a reach: its product with 0 is 0."""
+"""[m, rad; 1/s^2 of each] Stands in for what has no limit, such as an acceleration or a reach: its
+product with 0 is 0.
+"""
 
 
-def approach_speed(distance: ca.SX, *, gain: float, deceleration: float | ca.SX, dt: float, saturation: float) -> ca.SX:
-    """Largest speed towards a limit that is `distance` away; negative (retreat) where the limit is already passed.
+def approach_speed(
+    distance: ca.SX, *, gain: float, deceleration: float | ca.SX, dt: float, saturation: float
+) -> ca.SX:
+    """Largest speed towards a limit that is `distance` away; negative (retreat) where the limit is
+    already passed.
 
-    The smaller of a velocity damper ``gain * distance`` and the speed from which a full stop at `deceleration`
-    still fits: in sampled time the stop after speed s takes at most ``s dt + s^2 / (2 a)``. If s keeps that inequality,
-    s - a dt keeps it one tick later, so a hierarchy with acceleration limits on top can always obey.
+    The smaller of a velocity damper ``gain * distance`` and the speed from which a full stop at
+    `deceleration` still fits: in sampled time the stop after speed s takes at most ``s dt + s^2 /
+    (2 a)``. If s keeps that inequality, s - a dt keeps it one tick later, so a hierarchy with
+    acceleration limits on top can always obey.
 
-    distance [m or rad] any shape; gain [1/s]; deceleration [m/s2 or rad/s2]; dt [s]; saturation [m/s or rad/s] caps both
-    directions.
+    distance [m or rad] any shape; gain [1/s]; deceleration [m/s2 or rad/s2]; dt [s]; saturation
+    [m/s or rad/s] caps both directions.
     """
     damper = ca.fmin(ca.fmax(gain * distance, -saturation), saturation)
     return ca.fmin(damper, stopping_speed(distance, deceleration=deceleration, dt=dt))
 
 
 def stopping_speed(distance: Array, *, deceleration: Array, dt: float) -> Array:
-    """Largest speed from which a full stop within `distance` is possible in sampled time; 0 beyond the limit.
+    """Largest speed from which a full stop within `distance` is possible in sampled time; 0 beyond
+    the limit.
 
-    Of expressions, or of arrays: distance (..., m) [m or rad]; deceleration (m,) [m/s2 or rad/s2]; dt [s].
+    Of expressions, or of arrays: distance (..., m) [m or rad]; deceleration (m,) [m/s2 or rad/s2];
+    dt [s].
     """
     symbolic = is_symbolic(distance, deceleration)
-    sqrt, larger, smaller = (ca.sqrt, ca.fmax, ca.fmin) if symbolic else (np.sqrt, np.maximum, np.minimum)
+    sqrt, larger, smaller = (
+        (ca.sqrt, ca.fmax, ca.fmin) if symbolic else (np.sqrt, np.maximum, np.minimum)
+    )
     deceleration = larger(smaller(deceleration, ENDLESS), 1 / ENDLESS)
     return deceleration * (sqrt(dt**2 + 2 * larger(distance, 0) / deceleration) - dt)
 
@@ -79,6 +97,8 @@ def saturate(x: ca.SX, limit: float) -> ca.SX:
 
 
 def row_acceleration(J: ca.SX, limit: np.ndarray) -> ca.SX:
-    """Rate of change (m,) of ``J v`` along each row's own gradient, as the first axis reaches its limit (n_v,) [m/s2, rad/s2]."""
+    """Rate of change (m,) of ``J v`` along each row's own gradient, as the first axis reaches its
+    limit (n_v,) [m/s2, rad/s2].
+    """
     effort = functools.reduce(ca.fmax, ca.horzsplit(ca.fabs(J) @ ca.diag(ca.DM(1 / limit))))
     return ca.sum2(J**2) / ca.fmax(effort, 1 / ENDLESS)

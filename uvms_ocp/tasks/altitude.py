@@ -11,12 +11,23 @@ from uvms_ocp.checks import checked_dataclass
 from uvms_ocp.errors import InvalidInput
 from uvms_ocp.robot import Robot, SymbolicModel, kinematics, limits
 from uvms_ocp.tasks.activation import SmoothActivation, saturate
-from uvms_ocp.tasks.task import Residual, Rows, Task, TaskClass, TickSymbols, bounded_residual, equality_rows, zero_residual
+from uvms_ocp.tasks.task import (
+    Residual,
+    Rows,
+    Task,
+    TaskClass,
+    TickSymbols,
+    bounded_residual,
+    equality_rows,
+    zero_residual,
+)
 from uvms_ocp.types import Finite, Positive
 
 
 def altitude_of(symbols: TickSymbols, frame: str) -> ca.SX:
-    """Altitude [m] of the altimeter above the floor: the z component of its beam in W ([Gao2022] eq. 16)."""
+    """Altitude [m] of the altimeter above the floor: the z component of its beam in W ([Gao2022]
+    eq. 16).
+    """
     R_WS, _ = symbols.kinematics.pose(frame)
     return R_WS[2, 2] * symbols.altimeter_range
 
@@ -30,7 +41,10 @@ def altimeter_of(task: str, symbols: TickSymbols, frame: str | None) -> str:
     """The frame given, or the robot's altimeter; raises `InvalidInput` where there is none."""
     found = frame or symbols.robot.description.altimeter
     if found is None:
-        raise InvalidInput(f"{task}: the robot has no altimeter; name its frame in the YAML (altimeter: FRAME) or as frame=")
+        raise InvalidInput(
+            f"{task}: the robot has no altimeter; name its frame in the YAML (altimeter: FRAME) or"
+            " as frame="
+        )
     return found
 
 
@@ -68,7 +82,9 @@ class MinimumAltitude(Task):
 
     def residual(self, symbols: TickSymbols, parameters: ca.SX) -> Residual:
         """Altitude >= `threshold` [m]."""
-        return bounded_residual(altitude_of(symbols, altimeter_of(self.name, symbols, self.frame)), lower=self.threshold)
+        return bounded_residual(
+            altitude_of(symbols, altimeter_of(self.name, symbols, self.frame)), lower=self.threshold
+        )
 
     def position_limit(self, robot: Robot) -> limits.PositionLimit:
         """The altimeter stays at `threshold`; the floor is taken as level around the robot."""
@@ -83,7 +99,8 @@ class MinimumAltitude(Task):
 
     def rows(self, symbols: TickSymbols, parameters: ca.SX) -> Rows:
         frame = altimeter_of(self.name, symbols, self.frame)
-        h, row = altitude_of(symbols, frame), altitude_row(symbols, frame)
+        h = altitude_of(symbols, frame)
+        row = altitude_row(symbols, frame)
         bell = SmoothActivation(self.threshold, self.threshold + self.margin)
         return Rows(
             jacobian=row,
@@ -120,9 +137,13 @@ class LandingAltitude(Task):
 
     def residual(self, symbols: TickSymbols, parameters: ca.SX) -> Residual:
         """``landing_distance + safeguard - altitude`` = 0 [m]."""
-        return zero_residual(self.rest_altitude - altitude_of(symbols, altimeter_of(self.name, symbols, self.frame)))
+        return zero_residual(
+            self.rest_altitude - altitude_of(symbols, altimeter_of(self.name, symbols, self.frame))
+        )
 
     def rows(self, symbols: TickSymbols, parameters: ca.SX) -> Rows:
         frame = altimeter_of(self.name, symbols, self.frame)
         rate = saturate(self.gain * self.residual(symbols, parameters).value, self.saturation)
-        return equality_rows(altitude_row(symbols, frame), rate, {"altitude": altitude_of(symbols, frame)})
+        return equality_rows(
+            altitude_row(symbols, frame), rate, {"altitude": altitude_of(symbols, frame)}
+        )

@@ -1,7 +1,8 @@
 """Attitude tasks: horizontal attitude (HA), alignment with a target (AT), field of view (FV).
 
-Where the thrusters leave an axis of the vehicle to itself, an angle is measured and asked for in the plane in which what is
-driven turns it, and translation turns nothing: the strict hierarchy would meet the row by whatever is left, and flee.
+Where the thrusters leave an axis of the vehicle to itself, an angle is measured and asked for in
+the plane in which what is driven turns it, and translation turns nothing: the strict hierarchy
+would meet the row by whatever is left, and flee.
 """
 
 from __future__ import annotations
@@ -23,15 +24,19 @@ from uvms_ocp.types import Positive
 
 _SINE_FLOOR = 1e-9  # below this sine of the angle the rotation axis comes from the fallback
 _ROUNDING = 1e-3  # [rad] below which the smooth angle of a residual flattens out
-_PARALLEL = 1e-6  # sine of the angle between an axis and what turns the vehicle below which it is not turned
-_IN_PLANE = 1e-3  # share of a direction in the plane in which an axis is turned, below which there is no angle in it
+# sine of the angle between an axis and what turns the vehicle below which it is not turned
+_PARALLEL = 1e-6
+# share of a direction in the plane in which an axis is turned, below which there is no angle in it
+_IN_PLANE = 1e-3
 _OVERHEAD = 1e-3  # [m] horizontal distance below which the direction to a target is undefined
 
 
 def misalignment(a: ca.SX, b: ca.SX, fallback: ca.SX) -> tuple[ca.SX, ca.SX]:
-    """Angle theta [rad] in [0, pi] and unit axis n (3,) of the rotation that takes unit vector a to unit vector b.
+    """Angle theta [rad] in [0, pi] and unit axis n (3,) of the rotation that takes unit vector a to
+    unit vector b.
 
-    Where a and b are parallel the axis is `fallback`, so that theta = pi can be left and theta = 0 is no 0 / 0.
+    Where a and b are parallel the axis is `fallback`, so that theta = pi can be left and theta = 0
+    is no 0 / 0.
     """
     normal = ca.cross(a, b)
     sine = ca.norm_2(normal)
@@ -61,7 +66,8 @@ class AngleTask(Task):
         return 1.0, 0.0, 0.0
 
     def turning_directions(self, robot: Robot) -> np.ndarray | None:
-        """(3, k) unit vectors in B, perpendicular to the axis, towards which it is turned; `None` where that is everywhere.
+        """(3, k) unit vectors in B, perpendicular to the axis, towards which it is turned; `None`
+        where that is everywhere.
 
         Raises `FrameNotFound`.
         """
@@ -74,12 +80,15 @@ class AngleTask(Task):
         return None if directions.shape[1] == 2 else directions
 
     def _turn(self, symbols: TickSymbols, b: ca.SX, fallback: ca.SX) -> tuple[ca.SX, ca.SX]:
-        """Angle [rad] and axis (3,) in W of the rotation towards b (3,) as far as that is driven, as of `misalignment`.
+        """Angle [rad] and axis (3,) in W of the rotation towards b (3,) as far as that is driven,
+        as of `misalignment`.
 
-        Both are 0 where b has no part in the plane in which the axis is turned; where nothing turns it the axis (3,) is.
+        Both are 0 where b has no part in the plane in which the axis is turned; where nothing turns
+        it the axis (3,) is.
         """
         R_WF, _ = symbols.kinematics.pose(self.frame)
-        a, directions = R_WF @ ca.DM(self.watched_axis), self.turning_directions(symbols.robot)
+        a = R_WF @ ca.DM(self.watched_axis)
+        directions = self.turning_directions(symbols.robot)
         if directions is None:
             return misalignment(a, b, fallback)
         if not directions.shape[1]:
@@ -93,19 +102,26 @@ class AngleTask(Task):
         return ca.if_else(seen, ca.atan2(ca.fabs(aside), ahead), 0), ca.if_else(seen, n, 0)
 
     def _angle_residual(self, a: ca.SX, b: ca.SX) -> Residual:
-        """Chord between unit vectors, ``2 sin(theta / 2)``: smooth at theta = 0 and steep where theta is large."""
+        """Chord between unit vectors, ``2 sin(theta / 2)``: smooth at theta = 0 and steep where
+        theta is large.
+        """
         chord = ca.sqrt(ca.sumsqr(a - b) + _ROUNDING**2)
         return bounded_residual(chord, upper=float(np.hypot(2 * np.sin(self.aim / 2), _ROUNDING)))
 
-    def _angle_rows(self, symbols: TickSymbols, theta: ca.SX, row: ca.SX, quantities: dict[str, ca.SX]) -> Rows:
+    def _angle_rows(
+        self, symbols: TickSymbols, theta: ca.SX, row: ca.SX, quantities: dict[str, ca.SX]
+    ) -> Rows:
         """Rows that hold d theta / dt = `row` @ v at a rate that brings theta inside `aim`.
 
-        What translation and axes that nobody drives make of it comes as it is measured, and is not asked for.
+        What translation and axes that nobody drives make of it comes as it is measured, and is not
+        asked for.
         """
-        given, directions = ca.SX(0), self.turning_directions(symbols.robot)
+        given = ca.SX(0)
+        directions = self.turning_directions(symbols.robot)
         if directions is not None and not directions.shape[1]:
             theta = ca.SX(0)  # a row that nothing moves asks for nothing
-        if undriven := thrusters.undriven_axes(symbols.robot):
+        undriven = thrusters.undriven_axes(symbols.robot)
+        if undriven:
             others = sorted({0, 1, 2, *undriven})
             given = row[:, others] @ symbols.velocity[others]
             row = ca.SX(row)
@@ -124,7 +140,8 @@ class AngleTask(Task):
 class HorizontalAttitude(AngleTask):
     """HA: the body z axis stays vertical. Row ``-n . omega`` ([Gao2022], horizontal attitude).
 
-    The quantity ``tilt`` is the whole angle, also where a part of it is left to weight and buoyancy.
+    The quantity ``tilt`` is the whole angle, also where a part of it is left to weight and
+    buoyancy.
     """
 
     name: str = "HA"
@@ -148,7 +165,9 @@ class HorizontalAttitude(AngleTask):
         up = ca.SX([0, 0, 1])
         tilt, _ = misalignment(R_WB[:, 2], up, R_WB[:, 0])
         theta, n = self._turn(symbols, up, R_WB[:, 0])
-        return self._angle_rows(symbols, theta, -n.T @ symbols.kinematics.jacobian(self.frame)[3:, :], {"tilt": tilt})
+        return self._angle_rows(
+            symbols, theta, -n.T @ symbols.kinematics.jacobian(self.frame)[3:, :], {"tilt": tilt}
+        )
 
     @property
     def watched_axis(self) -> tuple[float, float, float]:
@@ -157,7 +176,9 @@ class HorizontalAttitude(AngleTask):
 
 @checked_dataclass(eq=False)
 class TargetTask(AngleTask):
-    """Shared part of tasks that turn an axis towards a point. Raises `InvalidInput` for a goal that is no position."""
+    """Shared part of tasks that turn an axis towards a point. Raises `InvalidInput` for a goal that
+    is no position.
+    """
 
     goal: VectorGoal
     """(3,) [m] target position in W."""
@@ -165,7 +186,9 @@ class TargetTask(AngleTask):
     def __post_init__(self) -> None:
         value, _ = evaluate_vector(self.name, self.goal, 0.0)
         if value.shape != (3,):
-            raise InvalidInput(f"{self.name}: goal of shape {value.shape}; give a position (3,) in W")
+            raise InvalidInput(
+                f"{self.name}: goal of shape {value.shape}; give a position (3,) in W"
+            )
 
     def n_parameters(self, robot: Robot) -> int:
         return 6
@@ -174,20 +197,30 @@ class TargetTask(AngleTask):
         return np.concatenate(evaluate_vector(self.name, self.goal, t))
 
     def _target_rows(
-        self, symbols: TickSymbols, d: ca.SX, across: ca.SX, fallback: ca.SX, speed: ca.SX, others: dict[str, ca.SX], name: str
+        self,
+        symbols: TickSymbols,
+        d: ca.SX,
+        across: ca.SX,
+        fallback: ca.SX,
+        speed: ca.SX,
+        others: dict[str, ca.SX],
+        name: str,
     ) -> Rows:
         """Rows for the way d (3,) [m] to the target, which translation turns by ``across @ v / |d|^2``, across (3, 3) [m].
 
-        speed (3,) [m/s]: of the target. others: quantities beside the angle, which is called `name`. At d = 0 nothing is asked.
+        speed (3,) [m/s]: of the target. others: quantities beside the angle, which is called
+        `name`. At d = 0 nothing is asked.
         """
         J = symbols.kinematics.jacobian(self.frame)
         near = ca.norm_2(d) < _OVERHEAD
         distance = ca.fmax(ca.norm_2(d), _OVERHEAD)
         theta, n = self._turn(symbols, d / distance, fallback)
         turning = across / distance**2
-        row, angle = -n.T @ (J[3:, :] + turning @ J[:3, :]), ca.if_else(near, 0, theta)
+        row = -n.T @ (J[3:, :] + turning @ J[:3, :])
+        angle = ca.if_else(near, 0, theta)
         rows = self._angle_rows(symbols, angle, ca.if_else(near, 0, row), {name: angle, **others})
-        # A moving target turns the line of sight by itself: that part of d theta / dt is not ours to choose.
+        # A moving target turns the line of sight by itself: that part of d theta / dt is not ours
+        # to choose.
         drift = ca.if_else(near, 0, n.T @ turning @ speed)
         return replace(rows, rate=rows.rate - drift, upper=rows.upper - drift)
 
@@ -213,15 +246,20 @@ class Alignment(TargetTask):
     """[rad]"""
 
     def residual(self, symbols: TickSymbols, parameters: ca.SX) -> Residual:
-        """Angle to the target's horizontal direction <= `aim` [rad]; free below or above the target."""
+        """Angle to the target's horizontal direction <= `aim` [rad]; free below or above the
+        target.
+        """
         R_WB, p_WB = symbols.kinematics.pose(self.frame)
         d = ca.vertcat(parameters[:2] - p_WB[:2], 0)
         return self._angle_residual(R_WB[:, 0], d / ca.sqrt(ca.sumsqr(d) + _OVERHEAD**2))
 
     def rows(self, symbols: TickSymbols, parameters: ca.SX) -> Rows:
         d = ca.vertcat(parameters[:2] - symbols.kinematics.pose(self.frame)[1][:2], 0)
-        across, others = spatial.skew(d) @ ca.diag(ca.SX([1, 1, 0])), {"overhead": ca.norm_2(d) < _OVERHEAD}
-        return self._target_rows(symbols, d, across, ca.SX([0, 0, 1]), parameters[3:], others, "misalignment")
+        across = spatial.skew(d) @ ca.diag(ca.SX([1, 1, 0]))
+        others = {"overhead": ca.norm_2(d) < _OVERHEAD}
+        return self._target_rows(
+            symbols, d, across, ca.SX([0, 0, 1]), parameters[3:], others, "misalignment"
+        )
 
 
 @checked_dataclass(eq=False)
@@ -260,17 +298,30 @@ class FieldOfView(TargetTask):
         """Angle to the point <= `aim` [rad]; free at the camera itself."""
         R_WC, p_WC = symbols.kinematics.pose(self.frame)
         d = parameters[:3] - p_WC
-        return self._angle_residual(R_WC @ ca.DM(self.axis), d / ca.sqrt(ca.sumsqr(d) + _OVERHEAD**2))
+        return self._angle_residual(
+            R_WC @ ca.DM(self.axis), d / ca.sqrt(ca.sumsqr(d) + _OVERHEAD**2)
+        )
 
     def rows(self, symbols: TickSymbols, parameters: ca.SX) -> Rows:
         R_WC, p_WC = symbols.kinematics.pose(self.frame)
-        d, fallback = parameters[:3] - p_WC, _perpendicular(R_WC, self.axis)
-        return self._target_rows(symbols, d, spatial.skew(d), fallback, parameters[3:], {"distance": ca.norm_2(d)}, "angle")
+        d = parameters[:3] - p_WC
+        fallback = _perpendicular(R_WC, self.axis)
+        return self._target_rows(
+            symbols,
+            d,
+            spatial.skew(d),
+            fallback,
+            parameters[3:],
+            {"distance": ca.norm_2(d)},
+            "angle",
+        )
 
 
 def _in_vehicle(robot: Robot, frame: str, axis: tuple[float, float, float]) -> np.ndarray:
     """(3,) in B of an axis of a frame that is fixed to the vehicle."""
-    return np.asarray(robot.model.frames[robot.frame_id(frame)].placement.rotation @ np.asarray(axis))
+    return np.asarray(
+        robot.model.frames[robot.frame_id(frame)].placement.rotation @ np.asarray(axis)
+    )
 
 
 def _perpendicular(R_WC: ca.SX, axis: tuple[float, float, float]) -> ca.SX:

@@ -21,8 +21,8 @@ from uvms_ocp.types import Positive
 class Clearance(Task):
     """CL: the nearest pairs of shapes stay `threshold` apart, one row per pair.
 
-    Distances and gradients are numbers, of `model`. Raises `InvalidInput` for a number that is not positive or a model without
-    pairs.
+    Distances and gradients are numbers, of `model`. Raises `InvalidInput` for a number that is not
+    positive or a model without pairs.
     """
 
     equality: ClassVar[bool] = False
@@ -44,7 +44,9 @@ class Clearance(Task):
     """See `nearest_pairs`."""
 
     def __post_init__(self) -> None:
-        pairs = NearestPairs(task=self.name, model=self.model, n=self.n_nearest, threshold=self.threshold)
+        pairs = NearestPairs(
+            task=self.name, model=self.model, n=self.n_nearest, threshold=self.threshold
+        )
         object.__setattr__(self, "_pairs", pairs)
 
     @property
@@ -55,7 +57,13 @@ class Clearance(Task):
     def position_limit(self, robot: Robot) -> PositionLimit:
         """Every pair stays `threshold` apart, also those beyond the `n_nearest`."""
         model = self.model
-        return PositionLimit(quantity="clearance", lower=self.threshold, values=model.values, n=model.n_pairs, reach=model.reach)
+        return PositionLimit(
+            quantity="clearance",
+            lower=self.threshold,
+            values=model.values,
+            n=model.n_pairs,
+            reach=model.reach,
+        )
 
     def n_parameters(self, robot: Robot) -> int:
         return self._pairs.n_parameters
@@ -68,8 +76,16 @@ class Clearance(Task):
         bell = SmoothActivation(self.threshold, self.threshold + self.margin)
         return Rows(
             jacobian=pairs.jacobian,
-            rate=ca.vertcat(*(saturate(self.gain * (bell.end - pairs.distance[k]), self.saturation) for k in range(n))),
-            lower=-ca.fmin(symbols.approach(self, pairs.distance - self.threshold, pairs.jacobian), pairs.closing),
+            rate=ca.vertcat(
+                *(
+                    saturate(self.gain * (bell.end - pairs.distance[k]), self.saturation)
+                    for k in range(n)
+                )
+            ),
+            lower=-ca.fmin(
+                symbols.approach(self, pairs.distance - self.threshold, pairs.jacobian),
+                pairs.closing,
+            ),
             upper=ca.SX.inf(n),
             activation=ca.vertcat(*(bell.decreasing(pairs.distance[k]) for k in range(n))),
             quantities={"clearance": pairs.smallest},

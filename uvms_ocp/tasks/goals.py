@@ -33,10 +33,16 @@ class EndingReference(Protocol):
 
 
 def evaluate_vector(name: str, goal: VectorGoal, t: float) -> tuple[np.ndarray, np.ndarray]:
-    """Value (n,) and rate (n,) [its unit / s] of a vector goal at time t [s]; raises `InvalidInput` where not finite."""
-    value, rate = goal(t) if callable(goal) else (np.asarray(goal, dtype=float), np.zeros(np.shape(goal)))
+    """Value (n,) and rate (n,) [its unit / s] of a vector goal at time t [s]; raises `InvalidInput`
+    where not finite.
+    """
+    value, rate = (
+        goal(t) if callable(goal) else (np.asarray(goal, dtype=float), np.zeros(np.shape(goal)))
+    )
     if not _finite(value, rate):
-        raise InvalidInput(f"{name}: goal {value} with rate {rate} at t = {t} s; give finite numbers")
+        raise InvalidInput(
+            f"{name}: goal {value} with rate {rate} at t = {t} s; give finite numbers"
+        )
     return np.asarray(value, dtype=float), np.asarray(rate, dtype=float)
 
 
@@ -47,9 +53,14 @@ def evaluate_pose(name: str, goal: PoseGoal, t: float) -> tuple[pin.SE3, np.ndar
     """
     pose, rate = goal(t) if callable(goal) else (goal, np.zeros(6))
     if not isinstance(pose, pin.SE3):
-        raise InvalidInput(f"{name}: goal of type {type(pose).__name__}; give a pinocchio.SE3 or a function of time")
+        raise InvalidInput(
+            f"{name}: goal of type {type(pose).__name__}; give a pinocchio.SE3 or a function of"
+            " time"
+        )
     if not _finite(pose.translation, pose.rotation, rate):
-        raise InvalidInput(f"{name}: goal at t = {t} s is not finite; give finite numbers, at most {LARGEST:g}")
+        raise InvalidInput(
+            f"{name}: goal at t = {t} s is not finite; give finite numbers, at most {LARGEST:g}"
+        )
     return pose, np.asarray(rate, dtype=float)
 
 

@@ -14,7 +14,16 @@ from uvms_ocp.errors import InvalidInput
 from uvms_ocp.robot import Robot, SymbolicModel, limits
 from uvms_ocp.tasks.activation import SmoothActivation, approach_speed, saturate
 from uvms_ocp.tasks.goals import VectorGoal, evaluate_vector
-from uvms_ocp.tasks.task import Residual, Rows, Task, TaskClass, TickSymbols, bounded_residual, equality_rows, zero_residual
+from uvms_ocp.tasks.task import (
+    Residual,
+    Rows,
+    Task,
+    TaskClass,
+    TickSymbols,
+    bounded_residual,
+    equality_rows,
+    zero_residual,
+)
 from uvms_ocp.types import Positive
 
 _SINGULAR = 1e-12  # keeps the square root of the manipulability differentiable at singular postures
@@ -24,9 +33,10 @@ _SINGULAR = 1e-12  # keeps the square root of the manipulability differentiable 
 class JointLimits(Task):
     """JL: every bounded joint stays inside its range, one row per joint ([Gao2022] Case 2).
 
-    The range is that of the robot's limits without `guard` on each side, in the hierarchy and over a horizon alike. The
-    activation rises over its last `margin`, and the rate leads back from there. Raises `InvalidInput` for a guard that is
-    negative, and for a guard and a margin of 0.5 or more together.
+    The range is that of the robot's limits without `guard` on each side, in the hierarchy and over
+    a horizon alike. The activation rises over its last `margin`, and the rate leads back from
+    there. Raises `InvalidInput` for a guard that is negative, and for a guard and a margin of 0.5
+    or more together.
     """
 
     equality: ClassVar[bool] = False
@@ -59,26 +69,38 @@ class JointLimits(Task):
         return lower + guard, upper - guard
 
     def rows(self, symbols: TickSymbols, parameters: ca.SX) -> Rows:
-        joints = [one for one in limits.bounded_joints(symbols.robot.joints, symbols.robot.limits) if np.isfinite(one[1:]).all()]
+        joints = [
+            one
+            for one in limits.bounded_joints(symbols.robot.joints, symbols.robot.limits)
+            if np.isfinite(one[1:]).all()
+        ]
         rows = [self._joint_row(symbols, joint, lower, upper) for joint, lower, upper in joints]
-        rate, lower, upper, activation, margin = (_column_of(row[k] for row in rows) for k in range(5))
+        rate, lower, upper, activation, margin = (
+            _column_of(row[k] for row in rows) for k in range(5)
+        )
         return Rows(
             jacobian=symbols.velocity_rows([joint.idx_v for joint, _, _ in joints]),
             rate=rate,
             lower=lower,
             upper=upper,
             activation=activation,
-            quantities={"margin": ca.mmin(margin)} if any(lower < upper for _, lower, upper in joints) else {},
+            quantities={"margin": ca.mmin(margin)}
+            if any(lower < upper for _, lower, upper in joints)
+            else {},
         )
 
-    def _joint_row(self, symbols: TickSymbols, joint: limits.Joint, lower: float, upper: float) -> tuple[ca.SX, ...]:
+    def _joint_row(
+        self, symbols: TickSymbols, joint: limits.Joint, lower: float, upper: float
+    ) -> tuple[ca.SX, ...]:
         """Rate, lower, upper, activation and distance to the nearer limit of one joint."""
-        q, margin = joint.position(symbols.q), self.margin * (upper - lower)
+        q = joint.position(symbols.q)
+        margin = self.margin * (upper - lower)
         if lower == upper:  # it is held there, also by solvers that know no limits of velocity
             rate = saturate(self.gain * (lower - q), self.saturation)
             return rate, rate, rate, ca.SX(1), ca.SX.inf()
         low, high = self._kept(lower, upper)
-        bell_low, bell_high = SmoothActivation(low, low + margin), SmoothActivation(high - margin, high)
+        bell_low = SmoothActivation(low, low + margin)
+        bell_high = SmoothActivation(high - margin, high)
         back = ca.if_else(q < bell_low.end, bell_low.end - q, ca.fmin(bell_high.start - q, 0))
         return (
             saturate(self.gain * back, self.saturation),
@@ -102,8 +124,8 @@ class JointLimits(Task):
 class JointTracking(Task):
     """MP: chosen joints follow a trajectory or hold a preferred posture ([Gao2022] Case 2).
 
-    A joint that turns without end goes the shorter way round. Raises `InvalidInput` for a goal that does not give each joint
-    one number, and in `rows` for a joint of several degrees of freedom.
+    A joint that turns without end goes the shorter way round. Raises `InvalidInput` for a goal that
+    does not give each joint one number, and in `rows` for a joint of several degrees of freedom.
     """
 
     name: str = "MP"
@@ -120,7 +142,10 @@ class JointTracking(Task):
     def __post_init__(self) -> None:
         value, _ = evaluate_vector(self.name, self.goal, 0.0)
         if value.shape != (len(self.joints),):
-            raise InvalidInput(f"{self.name}: goal of shape {value.shape} for {len(self.joints)} joints; give one each")
+            raise InvalidInput(
+                f"{self.name}: goal of shape {value.shape} for {len(self.joints)} joints; give one"
+                " each"
+            )
 
     def n_parameters(self, robot: Robot) -> int:
         return 2 * len(self.joints)
@@ -132,21 +157,29 @@ class JointTracking(Task):
         """The way of the chosen joints to the goal = 0 [rad or m]."""
         joints = [symbols.robot.joint(name) for name in self.joints]
         goals = ca.vertsplit(parameters[: len(joints)])
-        return zero_residual(_column_of(joint.way(symbols.q, goal) for joint, goal in zip(joints, goals, strict=True)))
+        return zero_residual(
+            _column_of(
+                joint.way(symbols.q, goal) for joint, goal in zip(joints, goals, strict=True)
+            )
+        )
 
     def rows(self, symbols: TickSymbols, parameters: ca.SX) -> Rows:
         joints = [symbols.robot.joint(name) for name in self.joints]
         error = self.residual(symbols, parameters).value
         rate = parameters[len(joints) :] + saturate(self.gain * error, self.saturation)
-        return equality_rows(symbols.velocity_rows([joint.idx_v for joint in joints]), rate, {"posture_error": ca.norm_2(error)})
+        return equality_rows(
+            symbols.velocity_rows([joint.idx_v for joint in joints]),
+            rate,
+            {"posture_error": ca.norm_2(error)},
+        )
 
 
 @checked_dataclass(eq=False)
 class Manipulability(Task):
     """MU: the manipulability ``mu = sqrt(det(J J'))`` of the arm stays away from 0.
 
-    J is the Jacobian of `frame` with the joints alone that move it; its rows raise `InvalidInput` where none does. Rate
-    ``gain (target - mu)``. For six revolute joints mu is in [m^3].
+    J is the Jacobian of `frame` with the joints alone that move it; its rows raise `InvalidInput`
+    where none does. Rate ``gain (target - mu)``. For six revolute joints mu is in [m^3].
     """
 
     equality: ClassVar[bool] = False
@@ -178,15 +211,22 @@ class Manipulability(Task):
 
 
 def manipulability(symbols: TickSymbols, frame: str) -> ca.SX:
-    """sqrt(det(J J')) of the Jacobian (6, n) at `frame` of the joints that move it; of J' J where these are fewer than 6.
+    """sqrt(det(J J')) of the Jacobian (6, n) at `frame` of the joints that move it; of J' J where
+    these are fewer than 6.
 
     Raises `InvalidInput` where no joint with a range moves it.
     """
-    robot, J = symbols.robot, symbols.kinematics.jacobian(frame)
+    robot = symbols.robot
+    J = symbols.kinematics.jacobian(frame)
     held = [robot.joint(name).idx_v for name in limits.held_joints(robot.model, robot.joints)]
-    moving = [k for k in range(robot.n_vehicle, robot.n_v) if k not in held and not J[:, k].is_zero()]
+    moving = [
+        k for k in range(robot.n_vehicle, robot.n_v) if k not in held and not J[:, k].is_zero()
+    ]
     if not moving:
-        raise InvalidInput(f"manipulability of {frame!r}: no joint with a range moves it; give one on an arm, as its tool")
+        raise InvalidInput(
+            f"manipulability of {frame!r}: no joint with a range moves it; give one on an arm, as"
+            " its tool"
+        )
     J = J[:, moving]
     gram = J @ J.T if J.shape[1] >= 6 else J.T @ J
     pivots, _, _ = ca.ldl(gram + _SINGULAR * ca.SX.eye(gram.shape[0]), False)
@@ -194,8 +234,11 @@ def manipulability(symbols: TickSymbols, frame: str) -> ca.SX:
 
 
 def _arm_gradient(symbols: TickSymbols, scalar: ca.SX) -> ca.SX:
-    """Row (1, n_v) of a scalar that depends on the joints of the arm: its rate per velocity, on the manifold of q."""
-    q, model = symbols.q, SymbolicModel(symbols.robot.model)
+    """Row (1, n_v) of a scalar that depends on the joints of the arm: its rate per velocity, on the
+    manifold of q.
+    """
+    q = symbols.q
+    model = SymbolicModel(symbols.robot.model)
     v = ca.SX.sym("v", symbols.robot.n_v)
     steps = ca.substitute(ca.jacobian(model.integrate(q, v), v), v, ca.SX.zeros(symbols.robot.n_v))
     joints = symbols.robot.joint_q  # the rest of q may be an expression, as at a mean attitude
@@ -205,5 +248,7 @@ def _arm_gradient(symbols: TickSymbols, scalar: ca.SX) -> ca.SX:
 
 
 def _column_of(entries: Iterable[ca.SX]) -> ca.SX:
-    """A column (n,) of scalar expressions, also where there are none: (0, 1), and not CasADi's (0, 0)."""
+    """A column (n,) of scalar expressions, also where there are none: (0, 1), and not CasADi's (0,
+    0).
+    """
     return ca.vertcat(ca.SX(0, 1), *entries)

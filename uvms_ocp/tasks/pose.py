@@ -1,4 +1,6 @@
-"""Tasks on poses and velocities: vehicle pose (PC), tool pose (T) and position, null velocity (NR), under-actuation."""
+"""Tasks on poses and velocities: vehicle pose (PC), tool pose (T) and position, null velocity (NR),
+under-actuation.
+"""
 
 from __future__ import annotations
 
@@ -14,7 +16,15 @@ from uvms_ocp.robot import spatial, symbolic_bodies, thrusters
 from uvms_ocp.robot.robot import Robot
 from uvms_ocp.tasks.activation import saturate
 from uvms_ocp.tasks.goals import PoseGoal, evaluate_pose
-from uvms_ocp.tasks.task import Residual, Rows, Task, TaskClass, TickSymbols, equality_rows, zero_residual
+from uvms_ocp.tasks.task import (
+    Residual,
+    Rows,
+    Task,
+    TaskClass,
+    TickSymbols,
+    equality_rows,
+    zero_residual,
+)
 from uvms_ocp.types import Positive
 
 # Pose tasks: vehicle pose (PC), tool pose (T), tool position.
@@ -26,9 +36,10 @@ _N_POSE = 12 + 6  # p (3), R column by column (9), rate (6)
 class PoseTask(Task):
     """A frame F reaches a pose and follows it ([Gao2022] eqs 28-33, and the tool's CartError).
 
-    Rows: twist of F in W at its origin, linear rows first. Rate: feed-forward plus ``[gain_linear (p_goal - p);
-    gain_angular log3(R_goal R')]``, each half saturated with its direction kept. Where F is fixed to a vehicle whose thrusters
-    do not drive every axis, the angular rows and the orientation error are those about the axes of B that they drive.
+    Rows: twist of F in W at its origin, linear rows first. Rate: feed-forward plus ``[gain_linear
+    (p_goal - p); gain_angular log3(R_goal R')]``, each half saturated with its direction kept.
+    Where F is fixed to a vehicle whose thrusters do not drive every axis, the angular rows and the
+    orientation error are those about the axes of B that they drive.
     """
 
     frame: str
@@ -56,11 +67,16 @@ class PoseTask(Task):
     def residual(self, symbols: TickSymbols, parameters: ca.SX) -> Residual:
         """``[p_goal - p; log3(R_goal R')]`` = 0, [m] and [rad]."""
         R_WF, p_WF = symbols.kinematics.pose(self.frame)
-        return zero_residual(ca.vertcat(parameters[:3] - p_WF, spatial.log3(ca.reshape(parameters[3:12], 3, 3) @ R_WF.T)))
+        return zero_residual(
+            ca.vertcat(
+                parameters[:3] - p_WF, spatial.log3(ca.reshape(parameters[3:12], 3, 3) @ R_WF.T)
+            )
+        )
 
     def rows(self, symbols: TickSymbols, parameters: ca.SX) -> Rows:
         error_linear, error_angular = ca.vertsplit(self.residual(symbols, parameters).value, 3)
-        jacobian, ahead = symbols.kinematics.jacobian(self.frame), parameters[12:]
+        jacobian = symbols.kinematics.jacobian(self.frame)
+        ahead = parameters[12:]
         turns = thrusters.driven_turns(symbols.robot, self.frame)
         if turns is not None:
             about = symbols.R_WB[:, list(turns)].T
@@ -136,7 +152,11 @@ class ToolPosition(Task):
     def rows(self, symbols: TickSymbols, parameters: ca.SX) -> Rows:
         error = self.residual(symbols, parameters).value
         rate = parameters[3:] + saturate(self.gain * error, self.saturation)
-        return equality_rows(symbols.kinematics.jacobian(self.frame)[:3, :], rate, {"position_error": ca.norm_2(error)})
+        return equality_rows(
+            symbols.kinematics.jacobian(self.frame)[:3, :],
+            rate,
+            {"position_error": ca.norm_2(error)},
+        )
 
 
 def pose_parameters(pose: pin.SE3, rate: np.ndarray) -> np.ndarray:
@@ -183,7 +203,8 @@ class NullVelocity(VehicleVelocity):
 class UnderActuation(VehicleVelocity):
     """Axes without thrust keep their measured velocity, so that the other rows reckon with it.
 
-    Of all that no thruster drives these are the motions that no thruster works on, see `uvms_ocp.robot.thrusters.free_motions`.
+    Of all that no thruster drives these are the motions that no thruster works on, see
+    `uvms_ocp.robot.thrusters.free_motions`.
     """
 
     name: str = "UA"

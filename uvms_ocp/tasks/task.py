@@ -1,7 +1,9 @@
-"""Tasks as rows of the velocity hierarchy, written once as CasADi expressions ([Gao2022] section 3), and their order.
+"""Tasks as rows of the velocity hierarchy, written once as CasADi expressions ([Gao2022] section
+3), and their order.
 
-The rows serve both kinds of solver: the regularised pseudo-inverse reads ``rate`` and ``activation``, the strict hierarchy
-``lower`` and ``upper`` (`uvms_ocp.solvers.hierarchy.level`). `Residual` is the same task over a horizon.
+The rows serve both kinds of solver: the regularised pseudo-inverse reads ``rate`` and
+``activation``, the strict hierarchy ``lower`` and ``upper`` (`uvms_ocp.solvers.hierarchy.level`).
+`Residual` is the same task over a horizon.
 """
 
 from __future__ import annotations
@@ -26,7 +28,8 @@ from uvms_ocp.tasks.activation import approach_speed, row_acceleration
 
 # Distances that a task asks to be measured: those of the pairs of shapes that come nearest.
 #
-# They have no symbolic form, so they enter a tick as numbers. The task says what it needs, the control layer measures it.
+# They have no symbolic form, so they enter a tick as numbers. The task says what it needs, the
+# control layer measures it.
 
 FAR = 1e3
 """[m], [m/s] stands for distances and speeds that limit nothing."""
@@ -41,7 +44,9 @@ class PairSymbols:
     distance: ca.SX
     """(m,) [m] smallest distance of each pair on the way to rest."""
     closing: ca.SX
-    """(m,) [m/s] speed of approach whose stop just leaves the threshold; `FAR` where the pair is nearest now."""
+    """(m,) [m/s] speed of approach whose stop just leaves the threshold; `FAR` where the pair is
+    nearest now.
+    """
     jacobian: ca.SX
     """(m, n_v) [-, m] gradient of each distance at the place where it is smallest."""
 
@@ -50,8 +55,8 @@ class PairSymbols:
 class NearestPairs:
     """The pairs of shapes that come nearest on the way to rest. Raises `InvalidInput` for none.
 
-    What is measured of them are the last `n_parameters` parameters of a task that asks for them: `symbols` reads them in
-    its rows, `far_away` stands for them in its reference.
+    What is measured of them are the last `n_parameters` parameters of a task that asks for them:
+    `symbols` reads them in its rows, `far_away` stands for them in its reference.
     """
 
     task: str
@@ -67,7 +72,10 @@ class NearestPairs:
         if self.n < 1:
             raise InvalidInput(f"{self.task}: n_nearest = {self.n}; give 1 or more")
         if self.model.n_pairs < 1:
-            raise InvalidInput(f"{self.task}: a collision model without pairs; give obstacles or self_collision=True")
+            raise InvalidInput(
+                f"{self.task}: a collision model without pairs; give obstacles or"
+                " self_collision=True"
+            )
 
     @property
     def n_rows(self) -> int:
@@ -79,7 +87,9 @@ class NearestPairs:
         """Length of the vector that `parameters` returns."""
         return 1 + self.n_rows * (2 + self.model.n_v)
 
-    def parameters(self, *, smallest: float, distance: np.ndarray, closing: np.ndarray, gradient: np.ndarray) -> np.ndarray:
+    def parameters(
+        self, *, smallest: float, distance: np.ndarray, closing: np.ndarray, gradient: np.ndarray
+    ) -> np.ndarray:
         """Return the measured quantities of `PairSymbols` as one vector (n_parameters,).
 
         smallest [m], distance (m,) [m], closing (m,) [m/s], gradient (m, n_v) [-, m].
@@ -89,11 +99,17 @@ class NearestPairs:
     def far_away(self) -> np.ndarray:
         """Parameters (n_parameters,) of pairs that are far away and do not move."""
         far = np.full(self.n_rows, FAR)
-        return self.parameters(smallest=FAR, distance=far, closing=far, gradient=np.zeros((self.n_rows, self.model.n_v)))
+        return self.parameters(
+            smallest=FAR,
+            distance=far,
+            closing=far,
+            gradient=np.zeros((self.n_rows, self.model.n_v)),
+        )
 
     def symbols(self, parameters: ca.SX) -> PairSymbols:
         """The same from the parameters of a task, which end with what is measured."""
-        n, own = self.n_rows, parameters[-self.n_parameters :]
+        n = self.n_rows
+        own = parameters[-self.n_parameters :]
         return PairSymbols(
             smallest=own[0],
             distance=own[1 : 1 + n],
@@ -102,15 +118,18 @@ class NearestPairs:
         )
 
 
-# A task: rows ``y`` of the velocity hierarchy, written once as CasADi expressions ([Gao2022] section 3).
+# A task: rows ``y`` of the velocity hierarchy, written once as CasADi expressions ([Gao2022]
+# section 3).
 #
-# Every task turns the symbols of one tick into `Rows`. The rows serve both kinds of solver: the regularised
-# pseudo-inverse reads ``rate`` and ``activation``, the strict hierarchy ``lower`` and ``upper``
-# (`uvms_ocp.solvers.hierarchy.level`). `Residual` is the same task over a horizon.
+# Every task turns the symbols of one tick into `Rows`. The rows serve both kinds of solver: the
+# regularised pseudo-inverse reads ``rate`` and ``activation``, the strict hierarchy ``lower`` and
+# ``upper`` (`uvms_ocp.solvers.hierarchy.level`). `Residual` is the same task over a horizon.
 
 
 class TaskClass(enum.IntEnum):
-    """Classes of tasks; the smaller value has the higher priority ([Gao2022] section 'Task planning')."""
+    """Classes of tasks; the smaller value has the higher priority ([Gao2022] section 'Task
+    planning').
+    """
 
     CONSTRAINT = 0
     SAFETY = 1
@@ -151,9 +170,17 @@ class TickSymbols:
         return self.kinematics.joint_poses[1].R
 
     def approach(self, task: Any, distance: ca.SX, row: ca.SX) -> ca.SX:
-        """Evaluate `approach_speed` of a task towards a limit whose distance [m or rad] changes by `row` (m, n_v)."""
+        """Evaluate `approach_speed` of a task towards a limit whose distance [m or rad] changes by
+        `row` (m, n_v).
+        """
         deceleration = row_acceleration(row, self.robot.limits.acceleration)
-        return approach_speed(distance, gain=task.gain, deceleration=deceleration, dt=self.dt, saturation=task.saturation)
+        return approach_speed(
+            distance,
+            gain=task.gain,
+            deceleration=deceleration,
+            dt=self.dt,
+            saturation=task.saturation,
+        )
 
 
 @checked_dataclass(eq=False)
@@ -180,9 +207,11 @@ class Rows:
 
 @checked_dataclass(eq=False)
 class Residual:
-    """Rows that a task sets on a state: `value` within ``[lower, upper]``; an equality has lower = upper.
+    """Rows that a task sets on a state: `value` within ``[lower, upper]``; an equality has lower =
+    upper.
 
-    Smooth in the state, so that it can be optimised over a horizon; `Rows` are its velocity-level counterpart.
+    Smooth in the state, so that it can be optimised over a horizon; `Rows` are its velocity-level
+    counterpart.
     """
 
     value: ca.SX
@@ -201,7 +230,8 @@ class Residual:
 class Task(ABC):
     """Base of all tasks. Fields of every task can be changed with `dataclasses.replace`.
 
-    Gains, saturations and margins that are not > 0, and goals that are not finite, raise `InvalidInput`.
+    Gains, saturations and margins that are not > 0, and goals that are not finite, raise
+    `InvalidInput`.
     """
 
     name: str
@@ -217,17 +247,22 @@ class Task(ABC):
 
     @property
     def rest_altitude(self) -> float:
-        """[m] at which a task that reads the altimeter lets nothing sink; it stands in until the first echo has come."""
+        """[m] at which a task that reads the altimeter lets nothing sink; it stands in until the
+        first echo has come.
+        """
         return 0.0
 
     @property
     def nearest_pairs(self) -> NearestPairs | None:
-        """The distances that this task asks to be measured at every tick, if any: the last of its parameters."""
+        """The distances that this task asks to be measured at every tick, if any: the last of its
+        parameters.
+        """
         return None
 
     @property
     def is_constant(self) -> bool:
-        """True where `reference` is the same at all times, so that a phase asks for it once: without a goal that moves.
+        """True where `reference` is the same at all times, so that a phase asks for it once:
+        without a goal that moves.
 
         Never of a class of one's own that has its own `reference`.
         """
@@ -235,15 +270,20 @@ class Task(ABC):
 
     @property
     def follows_goal_alone(self) -> bool:
-        """True where `reference` depends on the goal alone: everywhere but in a user's class that overrides it."""
+        """True where `reference` depends on the goal alone: everywhere but in a user's class that
+        overrides it.
+        """
         return type(self).reference.__module__.startswith("uvms_ocp.")
 
     @abstractmethod
     def rows(self, symbols: TickSymbols, parameters: ca.SX) -> Rows:
-        """The rows of this task; `parameters` (n_parameters,) are its reference, ending with the `nearest_pairs` it has."""
+        """The rows of this task; `parameters` (n_parameters,) are its reference, ending with the
+        `nearest_pairs` it has.
+        """
 
     def residual(self, symbols: TickSymbols, parameters: ca.SX) -> Residual:
-        """The error or quantity that this task keeps at a value or in a range, for planning over a horizon.
+        """The error or quantity that this task keeps at a value or in a range, for planning over a
+        horizon.
 
         Raises `InvalidInput` for a task that exists at velocity level only.
         """
@@ -260,13 +300,18 @@ class Task(ABC):
 
     @checked_on_failure
     def reference(self, t: float) -> np.ndarray:
-        """Goal at time t [s] as a parameter vector (n_parameters,); for `nearest_pairs`, that nothing is near."""
+        """Goal at time t [s] as a parameter vector (n_parameters,); for `nearest_pairs`, that
+        nothing is near.
+        """
         return np.zeros(0)
 
     def with_goal(self, goal: Any) -> Task:
         """This task with another goal; raises `InvalidInput` where the task has none."""
         if "goal" not in {item.name for item in fields(self)}:
-            raise InvalidInput(f"{self.name}: {type(self).__name__} has no goal to replace; drop it from the phase's goals")
+            raise InvalidInput(
+                f"{self.name}: {type(self).__name__} has no goal to replace; drop it from the"
+                " phase's goals"
+            )
         return replace(self, goal=goal)  # type: ignore[call-arg]
 
     @property
@@ -276,10 +321,17 @@ class Task(ABC):
 
 
 @checked
-def equality_rows(jacobian: ca.SX, rate: ca.SX, quantities: Mapping[str, ca.SX] | None = None) -> Rows:
+def equality_rows(
+    jacobian: ca.SX, rate: ca.SX, quantities: Mapping[str, ca.SX] | None = None
+) -> Rows:
     """Rows that ask for ``jacobian @ v = rate``, always active inside."""
     return Rows(
-        jacobian=jacobian, rate=rate, lower=rate, upper=rate, activation=ca.SX.ones(rate.shape), quantities=quantities or {}
+        jacobian=jacobian,
+        rate=rate,
+        lower=rate,
+        upper=rate,
+        activation=ca.SX.ones(rate.shape),
+        quantities=quantities or {},
     )
 
 
@@ -303,9 +355,10 @@ def bounded_residual(value: ca.SX, *, lower: float = -np.inf, upper: float = np.
 class Hierarchy(TableDisplay):
     """Tasks from the highest priority to the lowest.
 
-    Without `order` the classes decide (`TaskClass`), ties keep the given order. `order` names every task once, highest
-    first, and overrides the classes. Raises `InvalidInput` for what is not a task, duplicate names or an incomplete order,
-    and `NameNotFound` for a name in it that no task has.
+    Without `order` the classes decide (`TaskClass`), ties keep the given order. `order` names every
+    task once, highest first, and overrides the classes. Raises `InvalidInput` for what is not a
+    task, duplicate names or an incomplete order, and `NameNotFound` for a name in it that no task
+    has.
     """
 
     __slots__ = ("tasks",)
@@ -313,16 +366,29 @@ class Hierarchy(TableDisplay):
     def __init__(self, tasks: Sequence[Task], order: Sequence[str] | None = None) -> None:
         for task in tasks:
             if not isinstance(task, Task):
-                raise InvalidInput(f"{task!r} is not a task; give values such as HorizontalAttitude()")
+                raise InvalidInput(
+                    f"{task!r} is not a task; give values such as HorizontalAttitude()"
+                )
         names = [task.name for task in tasks]
         duplicates = sorted({name for name in names if names.count(name) > 1})
         if duplicates:
-            raise InvalidInput(f"tasks share the name {', '.join(duplicates)}; give each its own `name`")
-        self.tasks = tuple(sorted(tasks, key=lambda task: task.task_class)) if order is None else _ordered(tasks, order)
+            raise InvalidInput(
+                f"tasks share the name {', '.join(duplicates)}; give each its own `name`"
+            )
+        self.tasks = (
+            tuple(sorted(tasks, key=lambda task: task.task_class))
+            if order is None
+            else _ordered(tasks, order)
+        )
 
     def _table(self) -> SmallTable:
-        rows = tuple((str(k + 1), task.name, task.label, type(task).__name__) for k, task in enumerate(self.tasks))
-        return SmallTable(title="Hierarchy, highest priority first", head=("", "task", "type", "class"), rows=rows)
+        rows = tuple(
+            (str(k + 1), task.name, task.label, type(task).__name__)
+            for k, task in enumerate(self.tasks)
+        )
+        return SmallTable(
+            title="Hierarchy, highest priority first", head=("", "task", "type", "class"), rows=rows
+        )
 
     @property
     def names(self) -> tuple[str, ...]:

@@ -12,4 +12,7 @@ from uvms_ocp.trajectories.min_snap import (
     scale_to_limits as scale_to_limits,
     trapezoidal_times as trapezoidal_times,
 )
-from uvms_ocp.trajectories.polynomial import PiecewisePolynomial as PiecewisePolynomial, concatenate as concatenate
+from uvms_ocp.trajectories.polynomial import (
+    PiecewisePolynomial as PiecewisePolynomial,
+    concatenate as concatenate,
+)

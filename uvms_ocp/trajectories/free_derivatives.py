@@ -1,13 +1,15 @@
-"""Minimum-derivative trajectories in the free derivatives of their nodes, in time linear in the pieces.
+"""Minimum-derivative trajectories in the free derivatives of their nodes, in time linear in the
+pieces.
 
-A piece of degree 2k - 1 is fixed by its value and first k - 1 derivatives at both ends, the *end data*
-``z = [p(0), p'(0), ..., p(1), p'(1), ...]`` (2k,). Derivatives are per unit-interval time, so an end derivative of
-order d in real time is multiplied by duration^d. All matrices are.
+A piece of degree 2k - 1 is fixed by its value and first k - 1 derivatives at both ends, the *end
+data* ``z = [p(0), p'(0), ..., p(1), p'(1), ...]`` (2k,). Derivatives are per unit-interval time, so
+an end derivative of order d in real time is multiplied by duration^d. All matrices are.
 
-Unknowns are the derivatives 0 .. k-1 of the curve at its nodes that nobody has fixed ([Gao2022] eq. (78)). The cost
-is a sum over pieces of quadratic forms of their end data, so its matrix is block tridiagonal: a banded Cholesky
-factor, shared by all axes. Internally time is divided by the geometric mean of the durations and derivatives are
-scaled per node, so that conditioning does not depend on the unit of time.
+Unknowns are the derivatives 0 .. k-1 of the curve at its nodes that nobody has fixed ([Gao2022] eq.
+(78)). The cost is a sum over pieces of quadratic forms of their end data, so its matrix is block
+tridiagonal: a banded Cholesky factor, shared by all axes. Internally time is divided by the
+geometric mean of the durations and derivatives are scaled per node, so that conditioning does not
+depend on the unit of time.
 
 `[axis]` is the unit of an axis, such as m or rad; derivatives of order d are [axis/s^d].
 """
@@ -38,7 +40,9 @@ def hermite_matrix(k: int) -> Array:
 
 @lru_cache
 def hermite_cost(k: int) -> Array:
-    """(2k, 2k), positive semi-definite: end data -> integral of the squared k-th derivative, [Gao2022] eq. (61)."""
+    """(2k, 2k), positive semi-definite: end data -> integral of the squared k-th derivative,
+    [Gao2022] eq. (61).
+    """
     to_coefficients = _inverse(_end_data_matrix(k))
     return _rounded(to_coefficients.T @ _monomial_cost(k) @ to_coefficients)
 
@@ -51,7 +55,9 @@ def monomial_cost(k: int) -> Array:
 
 def monomial_row(u: float, derivative: int, n_coefficients: int) -> Array:
     """(n_coefficients,) the derivative-th derivative of ``1, u, u^2, ...`` at u."""
-    return np.array([_falling(i, derivative) * u ** max(i - derivative, 0) for i in range(n_coefficients)])
+    return np.array(
+        [_falling(i, derivative) * u ** max(i - derivative, 0) for i in range(n_coefficients)]
+    )
 
 
 def basis(u: Array, derivative: int, k: int) -> Array:
@@ -70,7 +76,12 @@ def _end_data_matrix(k: int) -> _Rational:
 
 def _monomial_cost(k: int) -> _Rational:
     n = 2 * k
-    return np.array([[Fraction(_falling(i, k) * _falling(j, k), max(i + j - n + 1, 1)) for j in range(n)] for i in range(n)])
+    return np.array(
+        [
+            [Fraction(_falling(i, k) * _falling(j, k), max(i + j - n + 1, 1)) for j in range(n)]
+            for i in range(n)
+        ]
+    )
 
 
 def _inverse(matrix: _Rational) -> _Rational:
@@ -116,15 +127,22 @@ def pieces_of(durations: Array, k: int) -> Pieces:
     node[0], node[-1] = tau[0], tau[-1]
     np.sqrt(tau[1:] * tau[:-1], out=node[1:-1])
     scale = np.concatenate([_powers(tau / node[:-1], k), _powers(tau / node[1:], k)])[..., None]
-    return Pieces(k=k, unit=unit, durations=tau, node_times=node, scale=scale, weight=tau[:, None] ** (1 - 2 * k))
+    return Pieces(
+        k=k,
+        unit=unit,
+        durations=tau,
+        node_times=node,
+        scale=scale,
+        weight=tau[:, None] ** (1 - 2 * k),
+    )
 
 
 def solve_free(pieces: Pieces, values: Array, fixed: Mask) -> Array:
     """Fill the free derivatives with their optimal values.
 
-    values (k, n + 1, n_axes) [axis/s^d]: derivatives at the nodes, of which those not fixed are a starting guess. fixed
-    (k, n + 1): True where the derivative keeps its value. Raises `InvalidInput` where the fixed derivatives do not determine
-    the curve.
+    values (k, n + 1, n_axes) [axis/s^d]: derivatives at the nodes, of which those not fixed are a
+    starting guess. fixed (k, n + 1): True where the derivative keeps its value. Raises
+    `InvalidInput` where the fixed derivatives do not determine the curve.
     """
     free_rows = np.flatnonzero(~fixed.all(axis=1))
     if free_rows.size == 0:
@@ -132,14 +150,18 @@ def solve_free(pieces: Pieces, values: Array, fixed: Mask) -> Array:
     node_scale = _powers(pieces.node_times * pieces.unit, pieces.k)[..., None]
     scaled = values * node_scale
     factor = _factorised(_band(pieces, free_rows, ~fixed[free_rows]), 2 * free_rows.size - 1)
-    scaled[free_rows] -= _back_substituted(factor, _gradient(pieces, scaled)[free_rows] * ~fixed[free_rows, :, None])
+    scaled[free_rows] -= _back_substituted(
+        factor, _gradient(pieces, scaled)[free_rows] * ~fixed[free_rows, :, None]
+    )
     return np.where(fixed[..., None], values, scaled / node_scale)
 
 
 def end_data(pieces: Pieces, values: Array) -> Array:
-    """(2k, n, n_axes) [axis] end data of every piece from node derivatives: values (k, n + 1, n_axes) [axis/s^d].
+    """(2k, n, n_axes) [axis] end data of every piece from node derivatives: values (k, n + 1,
+    n_axes) [axis/s^d].
 
-    Positions are relative to the start of the piece: the cost does not see where it is, rounding does.
+    Positions are relative to the start of the piece: the cost does not see where it is, rounding
+    does.
     """
     tau = _powers(pieces.durations * pieces.unit, pieces.k)[..., None]
     return _relative(values, tau, tau)
@@ -148,10 +170,13 @@ def end_data(pieces: Pieces, values: Array) -> Array:
 def coefficients(pieces: Pieces, data: Array, values: Array) -> Array:
     """(2k, n, n_axes) [axis] unit-interval coefficients of every piece, read-only.
 
-    data (2k, n, n_axes) [axis]: as of `end_data`; values (k, n + 1, n_axes) [axis/s^d]: of the nodes.
+    data (2k, n, n_axes) [axis]: as of `end_data`; values (k, n + 1, n_axes) [axis/s^d]: of the
+    nodes.
     """
     result = np.empty(data.shape)
-    np.matmul(hermite_matrix(pieces.k), data.reshape(len(data), -1), out=result.reshape(len(data), -1))
+    np.matmul(
+        hermite_matrix(pieces.k), data.reshape(len(data), -1), out=result.reshape(len(data), -1)
+    )
     result[0] += values[0, :-1]
     result.flags.writeable = False
     return result
@@ -167,13 +192,15 @@ def piece_costs(pieces: Pieces, data: Array) -> Array:
 
 
 def cost_slopes(pieces: Pieces, values: Array) -> tuple[Array, Array]:
-    """Partial derivatives of the cost: by duration (n,) [axis^2/s^2k], and by node derivative
-    (k, n + 1, n_axes) [axis/s^(2k - 1 - d)], at node derivatives: values (k, n + 1, n_axes) [axis/s^d].
+    """Partial derivatives of the cost: by duration (n,) [axis^2/s^2k], and by node derivative (k, n
+    + 1, n_axes) [axis/s^(2k - 1 - d)], at node derivatives: values (k, n + 1, n_axes) [axis/s^d].
 
-    At the optimum the slope by every free derivative is zero, so these are also the total derivatives of the
-    optimal cost by the durations and by the fixed derivatives (envelope theorem).
+    At the optimum the slope by every free derivative is zero, so these are also the total
+    derivatives of the optimal cost by the durations and by the fixed derivatives (envelope
+    theorem).
     """
-    k, h = pieces.k, (pieces.durations * pieces.unit)[:, None]
+    k = pieces.k
+    h = (pieces.durations * pieces.unit)[:, None]
     data = end_data(pieces, values)
     slope = 2.0 * h ** (1 - 2 * k) * _times(hermite_cost(k), data)
     order = np.tile(np.arange(k), 2)[:, None, None]
@@ -190,7 +217,9 @@ def _powers(x: Array, k: int) -> Array:
 
 
 def _relative(values: Array, left: Array, right: Array) -> Array:
-    """(2k, n, n_axes) values at both ends of each piece, scaled by left and right (k, n, 1), from its start."""
+    """(2k, n, n_axes) values at both ends of each piece, scaled by left and right (k, n, 1), from
+    its start.
+    """
     k, n_nodes, n_axes = values.shape
     data = np.empty((2 * k, n_nodes - 1, n_axes))
     np.multiply(values[1:, :-1], left[1:], out=data[1:k])
@@ -214,18 +243,26 @@ def onto_nodes(by_end: Array, k: int) -> Array:
 
 def _gradient(pieces: Pieces, scaled: Array) -> Array:
     """(k, n + 1, n_axes) half the gradient of the cost by the scaled node derivatives."""
-    slope = _times(hermite_cost(pieces.k), _relative(scaled, pieces.scale[: pieces.k], pieces.scale[pieces.k :]))
+    slope = _times(
+        hermite_cost(pieces.k),
+        _relative(scaled, pieces.scale[: pieces.k], pieces.scale[pieces.k :]),
+    )
     slope *= pieces.scale
     slope *= pieces.weight
     return onto_nodes(slope, pieces.k)
 
 
 def _band(pieces: Pieces, rows: Indices, free: Mask) -> Array:
-    """(n + 1, b, 2b) lower band of half the Hessian: entry [i, c, r] is A[ib + c + r, ib + c]; b = rows.size."""
-    k, b, cost = pieces.k, rows.size, hermite_cost(pieces.k)
+    """(n + 1, b, 2b) lower band of half the Hessian: entry [i, c, r] is A[ib + c + r, ib + c]; b =
+    rows.size.
+    """
+    k = pieces.k
+    b = rows.size
+    cost = hermite_cost(pieces.k)
     left = pieces.scale[rows, :, 0] * free[:, :-1]
     right = pieces.scale[rows + k, :, 0] * free[:, 1:]
-    weighted_left, weighted_right = left * pieces.weight[:, 0], right * pieces.weight[:, 0]
+    weighted_left = left * pieces.weight[:, 0]
+    weighted_right = right * pieces.weight[:, 0]
     band = np.zeros((free.shape[1], b, 2 * b))
     for c in range(b):
         for a in range(c, b):
@@ -244,7 +281,10 @@ def _factorised(band: Array, width: int) -> Array:
     factor, info = lapack.dpbtrf(stacked, lower=1, overwrite_ab=1)
     if info:
         node = (info - 1) // band.shape[1]
-        raise InvalidInput(f"the curve is not determined at way point {node}; fix more derivatives at its ends or way points.")
+        raise InvalidInput(
+            f"the curve is not determined at way point {node}; fix more derivatives at its ends or"
+            " way points."
+        )
     return factor
 
 

@@ -1,12 +1,12 @@
 """Minimum-snap (jerk, acceleration, ...) trajectories through way points, [Gao2022] eqs (59)-(75).
 
-`min_snap` solves for the free derivatives; `min_snap_qp` states the same problem as a QP in coefficients, which takes
-bounds too.
+`min_snap` solves for the free derivatives; `min_snap_qp` states the same problem as a QP in
+coefficients, which takes bounds too.
 
 `[axis]` is the unit of an axis, such as m or rad; derivatives of order d are [axis/s^d].
 
-Slower than the free-derivative form and used to check it; it takes bounds on derivatives at way points as well.
-`[axis]` is the unit of an axis, such as m or rad.
+Slower than the free-derivative form and used to check it; it takes bounds on derivatives at way
+points as well. `[axis]` is the unit of an axis, such as m or rad.
 """
 
 from __future__ import annotations
@@ -26,12 +26,14 @@ from uvms_ocp.trajectories import free_derivatives
 from uvms_ocp.trajectories.polynomial import PiecewisePolynomial
 from uvms_ocp.types import Array, Count, Finite, Mask, Positive, Range, Shape, read_only
 
-# What a minimum-snap curve must obey besides its way points and times, checked and laid out node by node.
+# What a minimum-snap curve must obey besides its way points and times, checked and laid out node by
+# node.
 
 
 @checked_dataclass(eq=False)
 class Boundary:
-    """Derivatives 1, 2, ... at both ends: a number for all of them (0 is rest), rows (n_given, n_axes), or None (free).
+    """Derivatives 1, 2, ... at both ends: a number for all of them (0 is rest), rows (n_given,
+    n_axes), or None (free).
 
     Rows give velocity, acceleration, ... in this order; derivatives beyond the last row are free.
     """
@@ -58,7 +60,8 @@ class Constraint:
 
 @checked_dataclass(eq=False)
 class CurveSpecification:
-    """Order of the derivative that is minimised, and conditions at the way points besides their positions.
+    """Order of the derivative that is minimised, and conditions at the way points besides their
+    positions.
 
     Raises `InvalidInput` for a derivative below 1.
     """
@@ -76,7 +79,9 @@ class CurveSpecification:
 
     def __post_init__(self) -> None:
         if self.derivative < 1:
-            raise InvalidInput(f"derivative is {self.derivative}; allowed is 1 or more (4 is snap).")
+            raise InvalidInput(
+                f"derivative is {self.derivative}; allowed is 1 or more (4 is snap)."
+            )
 
 
 MINIMUM_SNAP = CurveSpecification()
@@ -99,12 +104,15 @@ class NodeProblem:
         return self.values.shape[0]
 
 
-def node_problem(waypoints: ArrayLike, times: ArrayLike, specification: CurveSpecification) -> NodeProblem:
+def node_problem(
+    waypoints: ArrayLike, times: ArrayLike, specification: CurveSpecification
+) -> NodeProblem:
     """Lay out per node what is fixed.
 
-    waypoints (n + 1, n_axes) [axis]: positions, (n + 1,) for one axis. times (n + 1,) [s]: increasing. Raises `InvalidInput`
-    as `checked_waypoints` and `checked_times`, for a boundary of the wrong shape or not finite, and for a free position or
-    constraint that does not exist or contradicts another.
+    waypoints (n + 1, n_axes) [axis]: positions, (n + 1,) for one axis. times (n + 1,) [s]:
+    increasing. Raises `InvalidInput` as `checked_waypoints` and `checked_times`, for a boundary of
+    the wrong shape or not finite, and for a free position or constraint that does not exist or
+    contradicts another.
     """
     points = checked_waypoints(waypoints, dwell=specification.dwell)
     knots = checked_times(times, points.shape[0])
@@ -114,7 +122,10 @@ def node_problem(waypoints: ArrayLike, times: ArrayLike, specification: CurveSpe
     fixed[0] = True
     for node in specification.free_positions:
         if not -knots.size <= node < knots.size:
-            raise InvalidInput(f"the position of way point {node} is to be free; allowed are {-knots.size} to {knots.size - 1}.")
+            raise InvalidInput(
+                f"the position of way point {node} is to be free; allowed are {-knots.size} to"
+                f" {knots.size - 1}."
+            )
         fixed[0, node] = False
     _set_end(values[1:, 0], fixed[1:, 0], specification.boundary.start, "start")
     _set_end(values[1:, -1], fixed[1:, -1], specification.boundary.end, "end")
@@ -126,25 +137,32 @@ def node_problem(waypoints: ArrayLike, times: ArrayLike, specification: CurveSpe
 def checked_waypoints(waypoints: ArrayLike, *, dwell: bool = False) -> Array:
     """(n + 1, n_axes) [axis] from waypoints (n + 1, n_axes), or (n + 1,) for one axis [axis].
 
-    Raises `InvalidInput` for another shape, fewer than two, numbers that are not finite, and, unless ``dwell``, for
-    consecutive ones that are equal.
+    Raises `InvalidInput` for another shape, fewer than two, numbers that are not finite, and,
+    unless ``dwell``, for consecutive ones that are equal.
     """
     points = np.asarray(waypoints, dtype=float)
     points = points[:, None] if points.ndim == 1 else points
     if points.ndim != 2 or points.shape[0] < 2 or points.shape[1] < 1:
-        raise InvalidInput(f"way points have shape {points.shape}; allowed is (n, n_axes) with n >= 2.")
+        raise InvalidInput(
+            f"way points have shape {points.shape}; allowed is (n, n_axes) with n >= 2."
+        )
     if not np.isfinite(points).all():
         index = int(np.argmin(np.isfinite(points).all(axis=1)))
         raise InvalidInput(f"way point {index} is {points[index]}; it must be finite.")
     equal = (points[1:] == points[:-1]).all(axis=1)
     if not dwell and equal.any():
         index = int(np.argmax(equal))
-        raise InvalidInput(f"way points {index} and {index + 1} are equal; remove one, or give dwell=True to wait there.")
+        raise InvalidInput(
+            f"way points {index} and {index + 1} are equal; remove one, or give dwell=True to wait"
+            " there."
+        )
     return points
 
 
 def checked_times(times: ArrayLike, n: int) -> Array:
-    """Times (n,) [s], read-only. Raises `InvalidInput` for another shape, and where they are not finite or do not increase."""
+    """Times (n,) [s], read-only. Raises `InvalidInput` for another shape, and where they are not
+    finite or do not increase.
+    """
     knots = read_only(times, np.float64)
     if knots.shape != (n,):
         raise InvalidInput(f"times have shape {knots.shape}; {n} way points need ({n},) [s].")
@@ -154,7 +172,9 @@ def checked_times(times: ArrayLike, n: int) -> Array:
     wrong = knots[1:] <= knots[:-1]
     if wrong.any():
         index = int(np.argmax(wrong)) + 1
-        raise InvalidInput(f"time {index} is {knots[index]} after {knots[index - 1]}; times must increase [s].")
+        raise InvalidInput(
+            f"time {index} is {knots[index]} after {knots[index - 1]}; times must increase [s]."
+        )
     return knots
 
 
@@ -163,9 +183,16 @@ def _set_end(values: Array, fixed: Mask, given: ArrayLike | None, name: str) -> 
         return
     rows = np.asarray(given, dtype=float)
     n_given = values.shape[0] if rows.ndim == 0 else rows.shape[0]
-    if rows.ndim not in (0, 2) or n_given > values.shape[0] or (rows.ndim and rows.shape[1] != values.shape[1]):
+    if (
+        rows.ndim not in (0, 2)
+        or n_given > values.shape[0]
+        or (rows.ndim and rows.shape[1] != values.shape[1])
+    ):
         wrong = f"the {name} boundary has shape {rows.shape}"
-        raise InvalidInput(f"{wrong}; allowed is a number or (n_given, {values.shape[1]}) with n_given <= {values.shape[0]}.")
+        raise InvalidInput(
+            f"{wrong}; allowed is a number or (n_given, {values.shape[1]}) with n_given <="
+            f" {values.shape[0]}."
+        )
     values[:n_given] = rows
     fixed[:n_given] = True
 
@@ -175,15 +202,24 @@ def _set_constraint(values: Array, fixed: Mask, constraint: Constraint, index: i
     node, d = constraint.node, constraint.derivative
     if not -n_nodes <= node < n_nodes or not 1 <= d < k:
         wrong = f"constraint {index} is on derivative {d} of way point {node}"
-        raise InvalidInput(f"{wrong}; allowed are derivatives 1 to {k - 1} of way points {-n_nodes} to {n_nodes - 1}.")
+        raise InvalidInput(
+            f"{wrong}; allowed are derivatives 1 to {k - 1} of way points {-n_nodes} to"
+            f" {n_nodes - 1}."
+        )
     axes = list(range(n_axes) if constraint.axes is None else constraint.axes)
     if not set(axes) <= set(range(n_axes)):
-        raise InvalidInput(f"constraint {index} is on axes {axes}; there are axes 0 to {n_axes - 1}.")
+        raise InvalidInput(
+            f"constraint {index} is on axes {axes}; there are axes 0 to {n_axes - 1}."
+        )
     given = np.asarray(constraint.value, dtype=float)
     if given.shape not in ((), (len(axes),)):
-        raise InvalidInput(f"constraint {index} has value {given}; allowed is a number or one per axis.")
+        raise InvalidInput(
+            f"constraint {index} has value {given}; allowed is a number or one per axis."
+        )
     if np.any(fixed[d, node, axes] & (values[d, node, axes] != given)):
-        raise InvalidInput(f"constraint {index} contradicts another on derivative {d} of way point {node}.")
+        raise InvalidInput(
+            f"constraint {index} contradicts another on derivative {d} of way point {node}."
+        )
     values[d, node, axes] = given
     fixed[d, node, axes] = True
 
@@ -199,7 +235,9 @@ class CostGradients:
     waypoints: Array
     """(n + 1, n_axes) [axis/s^(2k - 1)] by the position of each way point."""
     node_derivatives: Array
-    """(k, n + 1, n_axes) [axis/s^(2k - 1 - d)] by every derivative at every way point; zero where it is free."""
+    """(k, n + 1, n_axes) [axis/s^(2k - 1 - d)] by every derivative at every way point; zero where
+    it is free.
+    """
 
 
 @checked_dataclass(eq=False, repr=False)
@@ -213,20 +251,30 @@ class MinSnap(FieldTable):
     """[axis^2/s^(2k - 1)] Integral of the squared k-th derivative, summed over the axes."""
 
     def gradients(self) -> CostGradients:
-        """Compute the gradients of the optimal cost in the data; linear in the number of pieces (envelope theorem)."""
-        pieces = free_derivatives.pieces_of(self.trajectory.durations, self.node_derivatives.shape[0])
+        """Compute the gradients of the optimal cost in the data; linear in the number of pieces
+        (envelope theorem).
+        """
+        pieces = free_derivatives.pieces_of(
+            self.trajectory.durations, self.node_derivatives.shape[0]
+        )
         by_duration, by_node = free_derivatives.cost_slopes(pieces, self.node_derivatives)
         by_time = np.concatenate([[0.0], by_duration]) - np.concatenate([by_duration, [0.0]])
-        return CostGradients(times=by_time, durations=by_duration, waypoints=by_node[0], node_derivatives=by_node)
+        return CostGradients(
+            times=by_time, durations=by_duration, waypoints=by_node[0], node_derivatives=by_node
+        )
 
 
 @checked
-def min_snap(waypoints: ArrayLike, times: ArrayLike, specification: CurveSpecification = MINIMUM_SNAP) -> MinSnap:
-    """Minimise the integral of the squared derivative through way points, in time linear in their number.
+def min_snap(
+    waypoints: ArrayLike, times: ArrayLike, specification: CurveSpecification = MINIMUM_SNAP
+) -> MinSnap:
+    """Minimise the integral of the squared derivative through way points, in time linear in their
+    number.
 
-    waypoints (n + 1, n_axes) [axis]: positions, (n + 1,) for one axis. times (n + 1,) [s]: increasing. specification: which
-    derivative, and what holds besides; by default snap, from rest to rest. Raises `InvalidInput` as `node_problem`,
-    where too little is fixed to determine the curve, and where rounding decides it, as by pieces too short beside the others.
+    waypoints (n + 1, n_axes) [axis]: positions, (n + 1,) for one axis. times (n + 1,) [s]:
+    increasing. specification: which derivative, and what holds besides; by default snap, from rest
+    to rest. Raises `InvalidInput` as `node_problem`, where too little is fixed to determine the
+    curve, and where rounding decides it, as by pieces too short beside the others.
     """
     found, problem, pieces = _least(waypoints, times, specification)
     _require_accurate(found, problem, pieces)
@@ -244,23 +292,45 @@ def _least(
 _ACCURACY = 1e-4  # relative, of the cost
 
 
-def _require_accurate(found: MinSnap, problem: NodeProblem, pieces: free_derivatives.Pieces) -> None:
-    """Where the slope by all that is free vanishes, the cost is half the sum of slope times value over what is fixed."""
-    values, durations = found.node_derivatives, np.diff(problem.times)
+def _require_accurate(
+    found: MinSnap, problem: NodeProblem, pieces: free_derivatives.Pieces
+) -> None:
+    """Where the slope by all that is free vanishes, the cost is half the sum of slope times value
+    over what is fixed.
+    """
+    values = found.node_derivatives
+    durations = np.diff(problem.times)
     own = ((free_derivatives.cost_slopes(pieces, values)[1] * values)[problem.fixed]).sum() / 2.0
     # What an ordinary piece costs by itself stands in for the cost where that is next to nothing.
-    usual = np.median((np.diff(values[0], axis=0) ** 2).sum(axis=1) / durations ** (2 * problem.k - 1)) * durations.size
+    usual = (
+        np.median((np.diff(values[0], axis=0) ** 2).sum(axis=1) / durations ** (2 * problem.k - 1))
+        * durations.size
+    )
     if not abs(found.cost - own) <= _ACCURACY * max(found.cost, usual):
         short = int(np.argmin(durations))
-        wrong = f"way points {short} and {short + 1} are {durations[short]:.3g} s apart, of {durations.sum():.3g} s in all"
-        raise InvalidInput(f"{wrong}: rounding decides the curve; merge way points that nearly coincide, or give them more time.")
+        wrong = (
+            f"way points {short} and {short + 1} are {durations[short]:.3g} s apart, of"
+            f" {durations.sum():.3g} s in all"
+        )
+        raise InvalidInput(
+            f"{wrong}: rounding decides the curve; merge way points that nearly coincide, or give"
+            " them more time."
+        )
 
 
 def solution_of(times: Array, pieces: free_derivatives.Pieces, values: Array) -> MinSnap:
-    """The trajectory through node derivatives: values (k, n + 1, n_axes) [axis/s^d] at times (n + 1,) [s]."""
+    """The trajectory through node derivatives: values (k, n + 1, n_axes) [axis/s^d] at times (n +
+    1,) [s].
+    """
     data = free_derivatives.end_data(pieces, values)
-    trajectory = PiecewisePolynomial(breaks=times, coefficients=free_derivatives.coefficients(pieces, data, values))
-    return MinSnap(trajectory=trajectory, node_derivatives=values, cost=float(free_derivatives.piece_costs(pieces, data).sum()))
+    trajectory = PiecewisePolynomial(
+        breaks=times, coefficients=free_derivatives.coefficients(pieces, data, values)
+    )
+    return MinSnap(
+        trajectory=trajectory,
+        node_derivatives=values,
+        cost=float(free_derivatives.piece_costs(pieces, data).sum()),
+    )
 
 
 def _solved(problem: NodeProblem, pieces: free_derivatives.Pieces) -> Array:
@@ -268,7 +338,9 @@ def _solved(problem: NodeProblem, pieces: free_derivatives.Pieces) -> Array:
         return free_derivatives.solve_free(pieces, problem.values, problem.fixed[:, :, 0])
     values = problem.values.copy()
     for axes in _axes_with_one_pattern(problem.fixed):
-        values[:, :, axes] = free_derivatives.solve_free(pieces, values[:, :, axes], problem.fixed[:, :, axes[0]])
+        values[:, :, axes] = free_derivatives.solve_free(
+            pieces, values[:, :, axes], problem.fixed[:, :, axes[0]]
+        )
     return values
 
 
@@ -280,7 +352,8 @@ def _axes_with_one_pattern(fixed: Mask) -> Iterator[list[int]]:
     yield from groups.values()
 
 
-# The same minimum-derivative problem as an equality-constrained QP in coefficients, [Gao2022] eqs (74)-(75).
+# The same minimum-derivative problem as an equality-constrained QP in coefficients, [Gao2022] eqs
+# (74)-(75).
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
@@ -299,49 +372,74 @@ class Bound:
 
 @checked
 def min_snap_qp(
-    waypoints: ArrayLike, times: ArrayLike, specification: CurveSpecification = MINIMUM_SNAP, *, bounds: Sequence[Bound] = ()
+    waypoints: ArrayLike,
+    times: ArrayLike,
+    specification: CurveSpecification = MINIMUM_SNAP,
+    *,
+    bounds: Sequence[Bound] = (),
 ) -> MinSnap:
-    """Solve as ``min_snap`` by CasADi's QP solver ``qrqp``: waypoints (n + 1, n_axes) [axis] at times (n + 1,) [s].
+    """Solve as ``min_snap`` by CasADi's QP solver ``qrqp``: waypoints (n + 1, n_axes) [axis] at
+    times (n + 1,) [s].
 
-    Raises `InvalidInput` as ``min_snap``, for a bound that does not exist, and where the solver finds no solution, as with
-    bounds that contradict each other.
+    Raises `InvalidInput` as ``min_snap``, for a bound that does not exist, and where the solver
+    finds no solution, as with bounds that contradict each other.
     """
     problem = node_problem(waypoints, times, specification)
     qp = _Qp(problem.k, np.diff(problem.times), bounds)
     values = np.stack([qp.solve(problem, axis) for axis in range(problem.values.shape[2])], axis=2)
-    return solution_of(problem.times, free_derivatives.pieces_of(np.diff(problem.times), problem.k), values)
+    return solution_of(
+        problem.times, free_derivatives.pieces_of(np.diff(problem.times), problem.k), values
+    )
 
 
 _QUIET = dict.fromkeys(("print_header", "print_iter", "print_info", "error_on_fail"), False)
 
 
 class _Qp:
-    """Matrices of one axis: unknowns are the unit-interval coefficients of all pieces, time in units of ``unit``."""
+    """Matrices of one axis: unknowns are the unit-interval coefficients of all pieces, time in
+    units of ``unit``.
+    """
 
     def __init__(self, k: int, durations: Array, bounds: Sequence[Bound]) -> None:
-        self.k, self.n = k, durations.size
+        self.k = k
+        self.n = durations.size
         self.unit = float(np.exp(np.mean(np.log(durations))))
         self.tau = durations / self.unit
         self.bounds = bounds
-        self.H = ca.diagcat(*[ca.DM(2.0 * t ** (1 - 2 * k) * free_derivatives.monomial_cost(k)) for t in self.tau])
+        self.H = ca.diagcat(
+            *[ca.DM(2.0 * t ** (1 - 2 * k) * free_derivatives.monomial_cost(k)) for t in self.tau]
+        )
         self.A = self._rows()
-        self.solver = ca.conic("min_snap", "qrqp", {"h": self.H.sparsity(), "a": self.A.sparsity()}, _QUIET)
+        self.solver = ca.conic(
+            "min_snap", "qrqp", {"h": self.H.sparsity(), "a": self.A.sparsity()}, _QUIET
+        )
 
     def solve(self, problem: NodeProblem, axis: int) -> Array:
         """(k, n + 1) optimal node derivatives of one axis."""
         lower, upper = self._limits(problem.values[:, :, axis], problem.fixed[:, :, axis])
         solution = self.solver(h=self.H, g=0, a=self.A, lba=lower, uba=upper)
         if not self.solver.stats()["success"]:
-            raise InvalidInput(f"the QP of axis {axis} has no solution; check its bounds and constraints.")
+            raise InvalidInput(
+                f"the QP of axis {axis} has no solution; check its bounds and constraints."
+            )
         coefficients = np.asarray(solution["x"]).reshape(self.n, 2 * self.k)
         ends = np.asarray(self.A[: self.k * (self.n + 1), :] @ ca.DM(coefficients.ravel()))
         nodes = ends.reshape(self.n + 1, self.k).T / self.unit ** np.arange(self.k)[:, None]
         return np.where(problem.fixed[:, :, axis], problem.values[:, :, axis], nodes)
 
     def _rows(self) -> ca.DM:
-        """Derivatives 0 .. k - 1 at every node (end of the last piece for the last), then their continuity."""
-        rows = [ca.DM(np.stack([free_derivatives.monomial_row(u, d, 2 * self.k) for d in range(self.k)])) for u in (0.0, 1.0)]
-        starts, ends = ([ca.sparsify(ca.diag(t ** -np.arange(self.k)) @ own) for t in self.tau] for own in rows)
+        """Derivatives 0 .. k - 1 at every node (end of the last piece for the last), then their
+        continuity.
+        """
+        rows = [
+            ca.DM(
+                np.stack([free_derivatives.monomial_row(u, d, 2 * self.k) for d in range(self.k)])
+            )
+            for u in (0.0, 1.0)
+        ]
+        starts, ends = (
+            [ca.sparsify(ca.diag(t ** -np.arange(self.k)) @ own) for t in self.tau] for own in rows
+        )
         nodes = ca.diagcat(*starts[:-1], ca.vertcat(starts[-1], ends[-1]))
         if self.n == 1:
             return nodes
@@ -354,18 +452,33 @@ class _Qp:
         lower, upper = np.where(fixed, values, -np.inf), np.where(fixed, values, np.inf)
         for index, bound in enumerate(self.bounds):
             if not 0 <= bound.derivative < self.k or not -self.n - 1 <= bound.node <= self.n:
-                wrong = f"bound {index} is on derivative {bound.derivative} of way point {bound.node}"
-                raise InvalidInput(f"{wrong}; allowed are derivatives 0 to {self.k - 1} of way points 0 to {self.n}.")
-            lower[bound.derivative, bound.node] = max(lower[bound.derivative, bound.node], bound.lower)
-            upper[bound.derivative, bound.node] = min(upper[bound.derivative, bound.node], bound.upper)
+                wrong = (
+                    f"bound {index} is on derivative {bound.derivative} of way point {bound.node}"
+                )
+                raise InvalidInput(
+                    f"{wrong}; allowed are derivatives 0 to {self.k - 1} of way points 0 to"
+                    f" {self.n}."
+                )
+            lower[bound.derivative, bound.node] = max(
+                lower[bound.derivative, bound.node], bound.lower
+            )
+            upper[bound.derivative, bound.node] = min(
+                upper[bound.derivative, bound.node], bound.upper
+            )
         crossed = (lower > upper).any(axis=0)
         if crossed.any():
-            raise InvalidInput(f"the bounds of way point {int(np.argmax(crossed))} leave no solution; relax one.")
+            raise InvalidInput(
+                f"the bounds of way point {int(np.argmax(crossed))} leave no solution; relax one."
+            )
         continuous = np.zeros(self.k * (self.n - 1))
-        return (np.concatenate([(lower * scale).T.ravel(), continuous]), np.concatenate([(upper * scale).T.ravel(), continuous]))
+        return (
+            np.concatenate([(lower * scale).T.ravel(), continuous]),
+            np.concatenate([(upper * scale).T.ravel(), continuous]),
+        )
 
 
-# Choose the times of way points: trapezoidal guess, scaling to limits, and the optimum of time plus snap.
+# Choose the times of way points: trapezoidal guess, scaling to limits, and the optimum of time plus
+# snap.
 
 _LARGEST_WEIGHT = 1e12  # beyond it the optimal durations are lost in rounding
 
@@ -389,16 +502,22 @@ class MotionLimits:
             limit = np.array(getattr(self, name), dtype=float)
             if limit.ndim > 1 or not np.all(limit > 0.0):
                 axis = int(np.argmin(np.atleast_1d(limit > 0.0)))
-                raise InvalidInput(f"the {name} limit of axis {axis} is {limit.flat[axis]}; it must be positive.")
+                raise InvalidInput(
+                    f"the {name} limit of axis {axis} is {limit.flat[axis]}; it must be positive."
+                )
             limit.flags.writeable = False
             object.__setattr__(self, name, limit)
 
     def rows(self, n_axes: Count) -> Array:
-        """(3, n_axes) [axis/s^d] limits of derivatives d = 1, 2, 3. Raises `InvalidInput` where they are of other shape."""
+        """(3, n_axes) [axis/s^d] limits of derivatives d = 1, 2, 3. Raises `InvalidInput` where
+        they are of other shape.
+        """
         given = (np.asarray(self.velocity), np.asarray(self.acceleration), np.asarray(self.jerk))
         for name, limit in zip(("velocity", "acceleration", "jerk"), given, strict=True):
             if limit.shape not in ((), (n_axes,)):
-                raise InvalidInput(f"the {name} limit has shape {limit.shape}; allowed is () or ({n_axes},).")
+                raise InvalidInput(
+                    f"the {name} limit has shape {limit.shape}; allowed is () or ({n_axes},)."
+                )
         return np.stack([np.broadcast_to(limit, (n_axes,)) for limit in given])
 
     def ratios(self, trajectory: PiecewisePolynomial) -> Array:
@@ -412,31 +531,40 @@ class MotionLimits:
 
 @checked
 def trapezoidal_times(waypoints: ArrayLike, limits: MotionLimits) -> Array:
-    """(n + 1,) [s] times at which every leg, from rest to rest, lasts as long as its slowest axis needs.
+    """(n + 1,) [s] times at which every leg, from rest to rest, lasts as long as its slowest axis
+    needs.
 
-    waypoints (n + 1, n_axes) [axis], (n + 1,) for one axis. An axis needs a trapezoidal velocity profile within its velocity
-    and acceleration limits. Raises `InvalidInput` for way points as `checked_waypoints`, and for an axis that moves without
-    a finite limit.
+    waypoints (n + 1, n_axes) [axis], (n + 1,) for one axis. An axis needs a trapezoidal velocity
+    profile within its velocity and acceleration limits. Raises `InvalidInput` for way points as
+    `checked_waypoints`, and for an axis that moves without a finite limit.
     """
     points = checked_waypoints(waypoints)
     velocity, acceleration = limits.rows(points.shape[1])[:2]
     distance = np.abs(np.diff(points, axis=0))
     unlimited = (distance > 0.0).any(axis=0) & np.isinf(velocity) & np.isinf(acceleration)
     if unlimited.any():
-        raise InvalidInput(f"axis {int(np.argmax(unlimited))} moves without a finite velocity or acceleration limit.")
-    return np.concatenate([[0.0], np.cumsum(np.max(_trapezoid(distance, velocity, acceleration), axis=1))])
+        raise InvalidInput(
+            f"axis {int(np.argmax(unlimited))} moves without a finite velocity or acceleration"
+            " limit."
+        )
+    return np.concatenate(
+        [[0.0], np.cumsum(np.max(_trapezoid(distance, velocity, acceleration), axis=1))]
+    )
 
 
 @checked
 def scale_to_limits(trajectory: PiecewisePolynomial, limits: MotionLimits) -> PiecewisePolynomial:
-    """The same path as fast as a uniform change of time allows: the largest ratio to a limit becomes 1.
+    """The same path as fast as a uniform change of time allows: the largest ratio to a limit
+    becomes 1.
 
-    A trajectory that starts or ends in motion changes its end velocities with it. Raises `InvalidInput`
-    where no finite limit concerns an axis that moves.
+    A trajectory that starts or ends in motion changes its end velocities with it. Raises
+    `InvalidInput` where no finite limit concerns an axis that moves.
     """
     factor = float(np.max(limits.ratios(trajectory) ** (1.0 / np.array([1.0, 2.0, 3.0])[:, None])))
     if factor == 0.0:
-        raise InvalidInput("no finite limit concerns an axis that moves; give a limit, or keep the given times.")
+        raise InvalidInput(
+            "no finite limit concerns an axis that moves; give a limit, or keep the given times."
+        )
     return trajectory.scaled(factor)
 
 
@@ -450,19 +578,23 @@ def optimal_times(
     tolerance: Positive = 1e-9,
     max_iterations: int = 500,
 ) -> MinSnap:
-    """Minimise ``time_weight * total time + cost`` over the durations and all free derivatives together.
+    """Minimise ``time_weight * total time + cost`` over the durations and all free derivatives
+    together.
 
-    The derivatives are eliminated exactly for each set of durations, whose gradient is then linear in time; what is
-    left is a smooth problem in the logarithms of the durations, solved by L-BFGS.
+    The derivatives are eliminated exactly for each set of durations, whose gradient is then linear
+    in time; what is left is a smooth problem in the logarithms of the durations, solved by L-BFGS.
 
-    waypoints (n + 1, n_axes) [axis]; times (n + 1,) [s]: first guess; time_weight [axis^2/s^2k]: k_T, the cost of one second;
-    tolerance: largest slope of the cost, as a share of its first value, by the logarithm of a duration. Raises
-    `InvalidInput` as ``min_snap``, and for a time weight that is not positive.
+    waypoints (n + 1, n_axes) [axis]; times (n + 1,) [s]: first guess; time_weight [axis^2/s^2k]:
+    k_T, the cost of one second; tolerance: largest slope of the cost, as a share of its first
+    value, by the logarithm of a duration. Raises `InvalidInput` as ``min_snap``, and for a time
+    weight that is not positive.
     """
     from scipy.optimize import minimize  # half a second, which few need
 
     if not 0.0 < time_weight <= _LARGEST_WEIGHT:
-        raise InvalidInput(f"time_weight is {time_weight}; it must be positive, and at most {_LARGEST_WEIGHT:g}.")
+        raise InvalidInput(
+            f"time_weight is {time_weight}; it must be positive, and at most {_LARGEST_WEIGHT:g}."
+        )
     if not np.size(times):
         raise InvalidInput("times are empty; give one for each way point.")
     start = float(np.asarray(times, dtype=float).flat[0])
@@ -471,11 +603,16 @@ def optimal_times(
         return start + np.concatenate([[0.0], np.cumsum(np.exp(log_durations))])
 
     def objective(log_durations: Array) -> tuple[float, Array]:
-        found, h = _least(waypoints, knots(log_durations), specification)[0], np.exp(log_durations)
-        return float(time_weight * h.sum() + found.cost), (time_weight + found.gradients().durations) * h
+        found = _least(waypoints, knots(log_durations), specification)[0]
+        h = np.exp(log_durations)
+        return float(time_weight * h.sum() + found.cost), (
+            time_weight + found.gradients().durations
+        ) * h
 
     guess = min_snap(waypoints, times, specification)
-    x = np.log(guess.trajectory.durations * _best_stretch(guess, time_weight, specification.derivative))
+    x = np.log(
+        guess.trajectory.durations * _best_stretch(guess, time_weight, specification.derivative)
+    )
     scale = objective(x)[0]
     result = minimize(
         lambda y: tuple(part / scale for part in objective(y)),
@@ -500,4 +637,6 @@ def _best_stretch(guess: MinSnap, time_weight: float, k: int) -> float:
     """Uniform stretch that is optimal from rest to rest, where k_T T = (2k - 1) cost."""
     if guess.cost == 0.0:
         return 1.0
-    return float(((2 * k - 1) * guess.cost / (time_weight * guess.trajectory.duration)) ** (1.0 / (2 * k)))
+    return float(
+        ((2 * k - 1) * guess.cost / (time_weight * guess.trajectory.duration)) ** (1.0 / (2 * k))
+    )

@@ -1,8 +1,8 @@
 """Piecewise polynomials in time, of any degree and any number of axes.
 
-Each piece is written in its own unit interval, ``u = (t - breaks[j]) / durations[j]``: powers of absolute time lose
-all digits for very long or very short pieces. `[axis]` is the unit of an axis, such as m or rad,
-derivatives of order d are [axis/s^d].
+Each piece is written in its own unit interval, ``u = (t - breaks[j]) / durations[j]``: powers of
+absolute time lose all digits for very long or very short pieces. `[axis]` is the unit of an axis,
+such as m or rad, derivatives of order d are [axis/s^d].
 """
 
 from __future__ import annotations
@@ -29,18 +29,23 @@ _EXTREMUM_GRID = np.linspace(0.0, 1.0, 65)
 
 @checked_dataclass(slots=False, eq=False, repr=False)
 class PiecewisePolynomial(FieldTable):
-    """A curve ``t -> R^n_axes`` made of polynomials; as a callable it is a ``Reference``, ``t -> (value, rate)``.
+    """A curve ``t -> R^n_axes`` made of polynomials; as a callable it is a ``Reference``, ``t ->
+    (value, rate)``.
 
-    Raises `InvalidInput` for wrong shapes, NaN, or breaks that do not increase (the first offending index is named).
+    Raises `InvalidInput` for wrong shapes, NaN, or breaks that do not increase (the first offending
+    index is named).
     """
 
     breaks: Array
     """(n_pieces + 1,) [s] strictly increasing times at which the pieces begin and end."""
     coefficients: Array
-    """(degree + 1, n_pieces, n_axes) [axis] of ascending powers of the unit-interval time of each piece."""
+    """(degree + 1, n_pieces, n_axes) [axis] of ascending powers of the unit-interval time of each
+    piece.
+    """
 
     def __post_init__(self) -> None:
-        breaks, coefficients = read_only(self.breaks, np.float64), read_only(self.coefficients, np.float64)
+        breaks = read_only(self.breaks, np.float64)
+        coefficients = read_only(self.coefficients, np.float64)
         _check_breaks(breaks)
         _check_coefficients(coefficients, breaks.size - 1)
         object.__setattr__(self, "breaks", breaks)
@@ -80,7 +85,9 @@ class PiecewisePolynomial(FieldTable):
 
     @checked_on_failure
     def __call__(self, t: float) -> tuple[Array, Array]:
-        """Value (n_axes,) [axis] and rate (n_axes,) [axis/s] at t [s]; outside of its times the curve rests at its ends."""
+        """Value (n_axes,) [axis] and rate (n_axes,) [axis/s] at t [s]; outside of its times the
+        curve rests at its ends.
+        """
         inside = min(max(t, self.start), self.end)
         piece = min(int(np.searchsorted(self.breaks, inside, side="right")) - 1, self.n_pieces - 1)
         duration = self.breaks[piece + 1] - self.breaks[piece]
@@ -90,75 +97,114 @@ class PiecewisePolynomial(FieldTable):
 
     @checked_on_failure
     def evaluate(self, t: ArrayLike, derivative: Count = 0) -> Array:
-        """The derivative-th derivative (..., n_axes) [axis/s^derivative] at times t (...) [s], clipped to the ends."""
+        """The derivative-th derivative (..., n_axes) [axis/s^derivative] at times t (...) [s],
+        clipped to the ends.
+        """
         times = np.clip(np.asarray(t, dtype=float), self.start, self.end)
         piece = np.clip(np.searchsorted(self.breaks, times, side="right") - 1, 0, self.n_pieces - 1)
         u = (times - self.breaks[piece]) / self.durations[piece]
         scaled = _differentiated(self.coefficients, derivative)
-        return polyval(u[..., None], scaled[:, piece], tensor=False) / self.durations[piece][..., None] ** derivative
+        return (
+            polyval(u[..., None], scaled[:, piece], tensor=False)
+            / self.durations[piece][..., None] ** derivative
+        )
 
     def derivative(self, order: Count = 1) -> PiecewisePolynomial:
         """The order-th time derivative as a curve of its own."""
         scale = self.durations[:, None] ** -order
-        return PiecewisePolynomial(breaks=self.breaks, coefficients=_differentiated(self.coefficients, order) * scale)
+        return PiecewisePolynomial(
+            breaks=self.breaks, coefficients=_differentiated(self.coefficients, order) * scale
+        )
 
     def sample(self, period: Positive, derivatives: Count = 0) -> tuple[Array, Array]:
-        """Times (n,) [s] every ``period`` [s], end included, and values (n, derivatives + 1, n_axes) [axis/s^d]."""
+        """Times (n,) [s] every ``period`` [s], end included, and values (n, derivatives + 1,
+        n_axes) [axis/s^d].
+        """
         n = max(int(np.ceil(self.duration / period - 1e-9)), 1) + 1
         times = np.minimum(self.start + period * np.arange(n), self.end)
         return times, np.stack([self.evaluate(times, d) for d in range(derivatives + 1)], axis=1)
 
     def jumps(self, derivative: Count) -> Array:
-        """(n_pieces - 1, n_axes) [axis/s^derivative] value just after minus just before each inner break."""
+        """(n_pieces - 1, n_axes) [axis/s^derivative] value just after minus just before each inner
+        break.
+        """
         scaled = _differentiated(self.coefficients, derivative)
         rate = self.durations[:, None] ** -derivative
         return scaled[0, 1:] * rate[1:] - scaled[:, :-1].sum(axis=0) * rate[:-1]
 
     def peak(self, derivative: Count = 0) -> Array:
-        """(n_axes,) [axis/s^derivative] largest absolute value of the derivative-th derivative over the whole curve."""
-        return np.max(_unit_peaks(_differentiated(self.coefficients, derivative)) / self.durations[:, None] ** derivative, axis=0)
+        """(n_axes,) [axis/s^derivative] largest absolute value of the derivative-th derivative over
+        the whole curve.
+        """
+        return np.max(
+            _unit_peaks(_differentiated(self.coefficients, derivative))
+            / self.durations[:, None] ** derivative,
+            axis=0,
+        )
 
     def scaled(self, factor: Positive) -> PiecewisePolynomial:
         """The same path, ``factor`` times slower, with the same start time."""
-        return PiecewisePolynomial(breaks=self.start + factor * (self.breaks - self.start), coefficients=self.coefficients)
+        return PiecewisePolynomial(
+            breaks=self.start + factor * (self.breaks - self.start), coefficients=self.coefficients
+        )
 
     def shifted(self, delay: Finite) -> PiecewisePolynomial:
-        """The same curve, ``delay`` [s] later. Raises `InvalidInput` where no clock could tell its breaks apart."""
+        """The same curve, ``delay`` [s] later. Raises `InvalidInput` where no clock could tell its
+        breaks apart.
+        """
         breaks = self.breaks + delay
         if not (np.diff(breaks) > 0.0).all():
-            raise InvalidInput(f"delay = {delay} s; give less: at so late a time the breaks cannot be told apart")
+            raise InvalidInput(
+                f"delay = {delay} s; give less: at so late a time the breaks cannot be told apart"
+            )
         return PiecewisePolynomial(breaks=breaks, coefficients=self.coefficients)
 
     def axes(self, indices: Sequence[int]) -> PiecewisePolynomial:
         """The curve of the chosen axes only. Raises `InvalidInput` for none."""
         if not len(indices):
             raise InvalidInput("indices = (); give at least one axis")
-        return PiecewisePolynomial(breaks=self.breaks, coefficients=self.coefficients[:, :, list(indices)])
+        return PiecewisePolynomial(
+            breaks=self.breaks, coefficients=self.coefficients[:, :, list(indices)]
+        )
 
-    def table(self, period: float, derivatives: Count = 4, names: Sequence[str] | None = None) -> tuple[tuple[str, ...], Array]:
+    def table(
+        self, period: float, derivatives: Count = 4, names: Sequence[str] | None = None
+    ) -> tuple[tuple[str, ...], Array]:
         """Column names and rows ``t, d0_axis0, d0_axis1, ..., d1_axis0, ...`` every ``period`` [s].
 
-        ``names`` (n_axes,) take the place of ``axis0, axis1, ...``. Raises `InvalidInput` for another number of them, and as
-        `sample`.
+        ``names`` (n_axes,) take the place of ``axis0, axis1, ...``. Raises `InvalidInput` for
+        another number of them, and as `sample`.
         """
         times, values = self.sample(period, derivatives)
         axes = [f"axis{axis}" for axis in range(self.n_axes)] if names is None else names
         if len(axes) != self.n_axes:
-            raise InvalidInput(f"{len(axes)} names given for {self.n_axes} axes; give one for each.")
+            raise InvalidInput(
+                f"{len(axes)} names given for {self.n_axes} axes; give one for each."
+            )
         columns = [f"d{d}_{axis}" for d in range(derivatives + 1) for axis in axes]
         return ("t", *columns), np.column_stack([times, values.reshape(times.size, -1)])
 
-    def to_csv(self, path: Path | str, period: float, derivatives: Count = 4, names: Sequence[str] | None = None) -> None:
+    def to_csv(
+        self,
+        path: Path | str,
+        period: float,
+        derivatives: Count = 4,
+        names: Sequence[str] | None = None,
+    ) -> None:
         """Write ``table``, with a row every ``period`` [s], as comma-separated text.
 
         Raises `OutputError` where the file cannot be written, `InvalidInput` as ``table``.
         """
         columns, rows = self.table(period, derivatives, names)
         with as_output_errors(Path(path), "choose another place"):
-            np.savetxt(path, rows, delimiter=",", header=",".join(columns), comments="", fmt="%.17g")
+            np.savetxt(
+                path, rows, delimiter=",", header=",".join(columns), comments="", fmt="%.17g"
+            )
 
     def to_numpy(self, path: Path | str) -> None:
-        """Write breaks and coefficients to one ``.npz`` file, without loss. Raises `OutputError` where that fails."""
+        """Write breaks and coefficients to one ``.npz`` file, without loss. Raises `OutputError`
+        where that fails.
+        """
         with as_output_errors(Path(path), "choose another place"):
             np.savez(path, breaks=self.breaks, coefficients=self.coefficients)
 
@@ -171,42 +217,59 @@ class PiecewisePolynomial(FieldTable):
                 raise InvalidInput("a record; give the plan.npz beside it")
             missing = [name for name in ("breaks", "coefficients") if name not in arrays]
             if missing or len(arrays) > 2:
-                raise InvalidInput(f"it holds {', '.join(sorted(arrays)[:5])}; allowed: breaks and coefficients")
+                raise InvalidInput(
+                    f"it holds {', '.join(sorted(arrays)[:5])}; allowed: breaks and coefficients"
+                )
             return PiecewisePolynomial(**arrays)
         except ValueError as error:
-            raise InvalidInput(f"{printable(path)}: not a trajectory written by to_numpy ({error}).") from error
+            raise InvalidInput(
+                f"{printable(path)}: not a trajectory written by to_numpy ({error})."
+            ) from error
 
 
 @checked
 def concatenate(curves: Sequence[PiecewisePolynomial]) -> PiecewisePolynomial:
-    """One curve after the other, each shifted to begin where the one before ends; lower degrees are padded.
+    """One curve after the other, each shifted to begin where the one before ends; lower degrees are
+    padded.
 
-    Raises `InvalidInput` for no curve, or numbers of axes that differ (the offending index is named).
+    Raises `InvalidInput` for no curve, or numbers of axes that differ (the offending index is
+    named).
     """
     if not curves:
         raise InvalidInput("no curve to concatenate; give at least one.")
     for index, curve in enumerate(curves):
         if curve.n_axes != curves[0].n_axes:
-            raise InvalidInput(f"curve {index} has {curve.n_axes} axes; curve 0 has {curves[0].n_axes}.")
+            raise InvalidInput(
+                f"curve {index} has {curve.n_axes} axes; curve 0 has {curves[0].n_axes}."
+            )
     degree = max(curve.degree for curve in curves)
     durations = np.concatenate([curve.durations for curve in curves])
     breaks = curves[0].start + np.concatenate([[0.0], np.cumsum(durations)])
-    padded = [np.pad(curve.coefficients, ((0, degree - curve.degree), (0, 0), (0, 0))) for curve in curves]
+    padded = [
+        np.pad(curve.coefficients, ((0, degree - curve.degree), (0, 0), (0, 0))) for curve in curves
+    ]
     return PiecewisePolynomial(breaks=breaks, coefficients=np.concatenate(padded, axis=1))
 
 
 def _check_breaks(breaks: Array) -> None:
     if breaks.ndim != 1 or breaks.size < 2:
-        raise InvalidInput(f"breaks have shape {breaks.shape}; allowed is (n_pieces + 1,) with n_pieces >= 1.")
+        raise InvalidInput(
+            f"breaks have shape {breaks.shape}; allowed is (n_pieces + 1,) with n_pieces >= 1."
+        )
     wrong = ~(np.diff(breaks) > 0.0)
     if wrong.any() or not np.isfinite(breaks).all():
         index = int(np.argmax(wrong)) + 1 if wrong.any() else int(np.argmin(np.isfinite(breaks)))
-        raise InvalidInput(f"break {index} is {breaks[index]}; breaks must be finite and increase [s].")
+        raise InvalidInput(
+            f"break {index} is {breaks[index]}; breaks must be finite and increase [s]."
+        )
 
 
 def _check_coefficients(coefficients: Array, n_pieces: int) -> None:
     if coefficients.ndim != 3 or coefficients.shape[1] != n_pieces or 0 in coefficients.shape:
-        raise InvalidInput(f"coefficients have shape {coefficients.shape}; allowed is (degree + 1, {n_pieces}, n_axes).")
+        raise InvalidInput(
+            f"coefficients have shape {coefficients.shape}; allowed is (degree + 1, {n_pieces},"
+            " n_axes)."
+        )
     # The sum is finite in all but a few cases where each term is, and needs no memory.
     if not np.isfinite(coefficients.sum()) and not np.isfinite(coefficients).all():
         index = int(np.argmin(np.isfinite(coefficients).all(axis=(0, 2))))
@@ -214,7 +277,8 @@ def _check_coefficients(coefficients: Array, n_pieces: int) -> None:
 
 
 def _horner_with_rate(coefficients: Array, u: float) -> tuple[Array, Array]:
-    value, rate = coefficients[-1], np.zeros(coefficients.shape[1])
+    value = coefficients[-1]
+    rate = np.zeros(coefficients.shape[1])
     for row in coefficients[-2::-1]:
         rate = rate * u + value
         value = value * u + row
@@ -226,19 +290,26 @@ def _differentiated(coefficients: Array, order: int) -> Array:
         return coefficients
     if order >= coefficients.shape[0]:
         return np.zeros((1, *coefficients.shape[1:]))
-    falling = np.array([factorial(i) / factorial(i - order) for i in range(order, coefficients.shape[0])])
+    falling = np.array(
+        [factorial(i) / factorial(i - order) for i in range(order, coefficients.shape[0])]
+    )
     return coefficients[order:] * falling[:, None, None]
 
 
 def _unit_peaks(coefficients: Array) -> Array:
-    """(n_pieces, n_axes) largest absolute value in the unit interval: best of a grid, then Newton on the slope."""
+    """(n_pieces, n_axes) largest absolute value in the unit interval: best of a grid, then Newton
+    on the slope.
+    """
     values = np.abs(polyval(_EXTREMUM_GRID[:, None, None], coefficients[:, None], tensor=False))
     best = np.take_along_axis(values, np.argmax(values, axis=0)[None], axis=0)[0]
     u = _EXTREMUM_GRID[np.argmax(values, axis=0)]
-    slope, curvature = _differentiated(coefficients, 1), _differentiated(coefficients, 2)
+    slope = _differentiated(coefficients, 1)
+    curvature = _differentiated(coefficients, 2)
     for _ in range(3):
         second = polyval(u, curvature, tensor=False)
-        step = np.divide(polyval(u, slope, tensor=False), second, out=np.zeros_like(u), where=second != 0.0)
+        step = np.divide(
+            polyval(u, slope, tensor=False), second, out=np.zeros_like(u), where=second != 0.0
+        )
         u = np.clip(u - np.clip(step, -1 / 64, 1 / 64), 0.0, 1.0)
         best = np.maximum(best, np.abs(polyval(u, coefficients, tensor=False)))
     return best

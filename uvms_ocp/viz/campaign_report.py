@@ -17,22 +17,30 @@ from uvms_ocp.record.display import cell
 from uvms_ocp.types import Mask, Shape
 from uvms_ocp.viz import style
 
-# Figures of many runs: how sure the rate is, how runs end, how figures of merit spread, what they depend on.
+# Figures of many runs: how sure the rate is, how runs end, how figures of merit spread, what they
+# depend on.
 
 _Success = Annotated[Mask, Shape("n")]
 _COLUMNS = 3
 _MOST = 12  # bars
 _LONGEST = 60
 _LARGEST = 1e300  # drawn: a spread of twice this is still finite
-# Spread over size below which a column is drawn as a constant: 30 bins need more digits than doubles have.
+# Spread over size below which a column is drawn as a constant: 30 bins need more digits than
+# doubles have.
 _CONSTANT = 1e-9
 
 
 @style.styled
 def figure_rate(
-    success: _Success, interval: tuple[float, float], *, fig: style.Given = None, width: style.Width = "page"
+    success: _Success,
+    interval: tuple[float, float],
+    *,
+    fig: style.Given = None,
+    width: style.Width = "page",
 ) -> Figure:
-    """Draw the share of successes over the number of runs; success (n,) of all runs in their order, interval of the whole."""
+    """Draw the share of successes over the number of runs; success (n,) of all runs in their order,
+    interval of the whole.
+    """
     figure = style.titled(2.4, "Success rate, and its 95 % interval at the end", fig, width)
     axis = figure.subplots()
     n = np.arange(1, len(success) + 1)
@@ -49,16 +57,26 @@ def figure_outcomes(outcomes: Sequence[Mapping[str, Any]]) -> Figure:
     figure = style.RecordFigure(figsize=(style.WIDTH, 0.7 + 0.28 * len(rows)))
     axis = figure.subplots()
     shares = np.array([100 * row["share"] for row in rows])
-    errors = np.array([[100 * (row["share"] - row["lower"]), 100 * (row["upper"] - row["share"])] for row in rows]).T
+    errors = np.array(
+        [[100 * (row["share"] - row["lower"]), 100 * (row["upper"] - row["share"])] for row in rows]
+    ).T
     colors = [style.GREEN if row["outcome"] == "completed" else style.VERMILLION for row in rows]
-    axis.barh([style.label_text(row["outcome"], _LONGEST) for row in rows], shares, xerr=np.maximum(errors, 0.0), color=colors)
+    axis.barh(
+        [style.label_text(row["outcome"], _LONGEST) for row in rows],
+        shares,
+        xerr=np.maximum(errors, 0.0),
+        color=colors,
+    )
     axis.set(xlabel="share of runs [%], with 95 % intervals", xlim=(0, 100))
     return figure
 
 
 def _bin_edges(values: np.ndarray) -> np.ndarray:
-    """Divide the range of finite values (n,) into 30 bins that differ in double precision, also where all are one number."""
-    lower, upper = float(values.min()), float(values.max())
+    """Divide the range of finite values (n,) into 30 bins that differ in double precision, also
+    where all are one number.
+    """
+    lower = float(values.min())
+    upper = float(values.max())
     size = max(abs(lower), abs(upper))
     if size > 1e-290 and upper - lower > _CONSTANT * size:
         return np.histogram_bin_edges(values, bins=30)
@@ -68,9 +86,14 @@ def _bin_edges(values: np.ndarray) -> np.ndarray:
 
 @style.styled
 def figure_spread(
-    values: Mapping[str, np.ndarray], success: _Success, *, fig: style.Given = None, width: style.Width = "page"
+    values: Mapping[str, np.ndarray],
+    success: _Success,
+    *,
+    fig: style.Given = None,
+    width: style.Width = "page",
 ) -> Figure:
-    """Draw histograms of figures of merit, values (n,) [unit in the name] by name, NaN where a run has none; success (n,).
+    """Draw histograms of figures of merit, values (n,) [unit in the name] by name, NaN where a run
+    has none; success (n,).
 
     Values beyond 1e300 are left out as infinite ones are: their spread is no number.
     Raises `InvalidInput` for columns of another length.
@@ -90,7 +113,13 @@ def figure_spread(
         known = np.abs(values[name]) <= _LARGEST
         edges = _bin_edges(values[name][known])
         parts = [values[name][known & success], values[name][known & ~success]]
-        axis.hist(parts, bins=edges, stacked=True, color=[style.GREEN, style.VERMILLION], label=["success", "failure"])
+        axis.hist(
+            parts,
+            bins=edges,
+            stacked=True,
+            color=[style.GREEN, style.VERMILLION],
+            label=["success", "failure"],
+        )
         axis.set_xlabel(style.label_text(name))
     for axis in axes[len(names) :]:
         axis.set_axis_off()
@@ -100,12 +129,20 @@ def figure_spread(
 
 @style.styled
 def figure_sensitivity(rows: Sequence[Mapping[str, Any]], figure_name: str) -> Figure:
-    """PAWN indices of one figure by parameter, beside what a number of no effect would have; rows as the report has them."""
-    own = sorted((row for row in rows if row["figure"] == figure_name), key=lambda row: row["pawn"])[-_MOST:]
+    """PAWN indices of one figure by parameter, beside what a number of no effect would have; rows
+    as the report has them.
+    """
+    own = sorted(
+        (row for row in rows if row["figure"] == figure_name), key=lambda row: row["pawn"]
+    )[-_MOST:]
     figure = style.RecordFigure(figsize=(style.WIDTH, 0.8 + 0.28 * len(own)))
     axis = figure.subplots()
     colors = [style.ORANGE if row["pawn"] > row["pawn_floor"] else style.FADED for row in own]
-    axis.barh([style.label_text(row["parameter"], _LONGEST) for row in own], [row["pawn"] for row in own], color=colors)
+    axis.barh(
+        [style.label_text(row["parameter"], _LONGEST) for row in own],
+        [row["pawn"] for row in own],
+        color=colors,
+    )
     if own:
         axis.axvline(own[0]["pawn_floor"], color=style.THRESHOLD, lw=0.9, ls=(0, (5, 3)))
     axis.set_xlabel(f"PAWN index of {figure_name} [-]; left of the dashed line nothing is told")
@@ -115,19 +152,33 @@ def figure_sensitivity(rows: Sequence[Mapping[str, Any]], figure_name: str) -> F
 # The report of a campaign as one page of HTML, which needs no network.
 
 _FIGURE = '<figure><img alt="{}" src="data:image/png;base64,{}"></figure>'
-_TEXTS = ("campaign", "success_text", "finished", "runs", "sampler", "seed", "package", "worst_first")
+_TEXTS = (
+    "campaign",
+    "success_text",
+    "finished",
+    "runs",
+    "sampler",
+    "seed",
+    "package",
+    "worst_first",
+)
 """Keys of the report that the template shows unchanged."""
 
 
 def report_page(report: Mapping[str, Any], figures: Mapping[str, bytes]) -> str:
     """A page of a report, with PNG figures by their titles."""
-    parameters = [{"parameter": name, "distribution": text} for name, text in report["parameters"].items()]
+    parameters = [
+        {"parameter": name, "distribution": text} for name, text in report["parameters"].items()
+    ]
     folder = Path(__file__).parent
     return Template((folder / "campaign.html").read_text(encoding="utf-8")).substitute(
         {name: escape(str(report[name])) for name in _TEXTS},
         style=(folder / "campaign.css").read_text(encoding="utf-8"),
         counted=escape("; ".join(report["criterion"])),
-        figures="".join(_FIGURE.format(escape(name), base64.b64encode(png).decode("ascii")) for name, png in figures.items()),
+        figures="".join(
+            _FIGURE.format(escape(name), base64.b64encode(png).decode("ascii"))
+            for name, png in figures.items()
+        ),
         outcomes=_table(report["outcomes"]),
         causes=_table(report["causes"], "No run failed."),
         distributions=_table(report["distributions"], "No run has a figure of merit."),
@@ -144,11 +195,20 @@ def _table(rows: Sequence[Mapping[str, Any]], empty: str = "", code: Sequence[st
         return f"<p>{escape(empty)}</p>"
     columns = list(dict.fromkeys(name for row in rows for name in row))
     head = "".join(f"<th>{escape(name.replace('_', ' '))}</th>" for name in columns)
-    body = "".join(f"<tr>{''.join(_cell(row.get(name), name in code) for name in columns)}</tr>" for row in rows)
+    body = "".join(
+        f"<tr>{''.join(_cell(row.get(name), name in code) for name in columns)}</tr>"
+        for row in rows
+    )
     return f"<table><tr>{head}</tr>{body}</table>"
 
 
 def _cell(value: Any, is_code: bool) -> str:
     text = escape(value if isinstance(value, str) else cell(value))
     is_number = isinstance(value, int | float) and text != cell(None)
-    return f"<td><code>{text}</code></td>" if is_code else f'<td class="n">{text}</td>' if is_number else f"<td>{text}</td>"
+    return (
+        f"<td><code>{text}</code></td>"
+        if is_code
+        else f'<td class="n">{text}</td>'
+        if is_number
+        else f"<td>{text}</td>"
+    )

@@ -25,22 +25,32 @@ _SMOOTHNESS = {
 
 @style.styled
 def figure_joint_comparison(
-    records: Mapping[str, Record], phase: str = "D", *, fig: style.Given = None, width: style.Width = "page"
+    records: Mapping[str, Record],
+    phase: str = "D",
+    *,
+    fig: style.Given = None,
+    width: style.Width = "page",
 ) -> Figure:
-    """Positions of all joints during the last stay in a phase, for runs by name, over time since its start.
+    """Positions of all joints during the last stay in a phase, for runs by name, over time since
+    its start.
 
-    Raises `NameNotFound` where a run has no such phase, and `InvalidInput` for no runs, and for runs that do not have the
-    same joints, of one axis each.
+    Raises `NameNotFound` where a run has no such phase, and `InvalidInput` for no runs, and for
+    runs that do not have the same joints, of one axis each.
     """
     joints = _joints_of(records)
-    title = f"Joint positions in phase {style.label_text(phase)} [{unit_of('q', 'joints', next(iter(records.values())).meta)}]"
+    title = (
+        f"Joint positions in phase {style.label_text(phase)}"
+        f" [{unit_of('q', 'joints', next(iter(records.values())).meta)}]"
+    )
     figure, axes = style.stacked(len(joints), 0.6, title, fig, width)
     for (_, record), color in zip(records.items(), _COLORS, strict=False):
         spans = {span.name: span for span in series.phase_spans(record)}
         require_known("phase", phase, spans)
         span = spans[phase]
         rows = (record["t"] >= span.start) & (record["t"] <= span.end)
-        for axis, column in zip(axes, joint_positions(record.series, record.meta)[rows].T, strict=True):
+        for axis, column in zip(
+            axes, joint_positions(record.series, record.meta)[rows].T, strict=True
+        ):
             axis.plot(record["t"][rows] - span.start, column, color=color, lw=1.0)
     for axis, name in zip(axes, joints, strict=True):
         axis.set_ylabel(style.label_text(name), rotation=0, ha="right", va="center")
@@ -52,41 +62,68 @@ def figure_joint_comparison(
 def _name_runs(figure: Figure, names: Iterable[str]) -> None:
     """Add the legend of runs, a colour each."""
     shown = zip(names, _COLORS, strict=False)
-    style.heading_legend(figure, [Line2D([], [], color=color, label=style.label_text(name)) for name, color in shown])
+    style.heading_legend(
+        figure, [Line2D([], [], color=color, label=style.label_text(name)) for name, color in shown]
+    )
 
 
 def _joints_of(records: Mapping[str, Record]) -> tuple[str, ...]:
     """The names that all records have for the columns of their joints."""
-    shown = [(record.meta.joints, joint_positions(record.series, record.meta)) for record in records.values()]
+    shown = [
+        (record.meta.joints, joint_positions(record.series, record.meta))
+        for record in records.values()
+    ]
     named = {() if positions is None else joints for joints, positions in shown}
     if len(named) != 1 or () in named:
-        raise InvalidInput(f"records = {len(records)} runs; give one or more with the same joints, of one axis each")
+        raise InvalidInput(
+            f"records = {len(records)} runs; give one or more with the same joints, of one axis"
+            " each"
+        )
     return named.pop()
 
 
 @style.styled
-def figure_paths(paths: Mapping[str, np.ndarray], *, fig: style.Given = None, width: style.Width = "page") -> Figure:
-    """Draw from above and from the side `paths` (n, 3) [m] in W by name, such as a tool's planned and tracked one."""
+def figure_paths(
+    paths: Mapping[str, np.ndarray], *, fig: style.Given = None, width: style.Width = "page"
+) -> Figure:
+    """Draw from above and from the side `paths` (n, 3) [m] in W by name, such as a tool's planned
+    and tracked one.
+    """
     figure = style.titled(3.3, "Paths", fig, width)
     views = style.abreast(figure)
     for axis, (i, j) in zip(views, style.VIEWS.values(), strict=True):
         for k, (name, path) in enumerate(paths.items()):
-            color, label = _COLORS[k % len(_COLORS)], style.label_text(name)
-            axis.plot(path[:, i], path[:, j], color=color, ls="-" if k else "--", label=label, zorder=3 - k)
+            color = _COLORS[k % len(_COLORS)]
+            label = style.label_text(name)
+            axis.plot(
+                path[:, i],
+                path[:, j],
+                color=color,
+                ls="-" if k else "--",
+                label=label,
+                zorder=3 - k,
+            )
             axis.plot(path[0, i], path[0, j], "o", color=color, ms=4)
             axis.plot(path[-1, i], path[-1, j], "*", color=color, ms=8)
-    ends = [Line2D([], [], color=style.BLACK, ls="", marker=mark, label=text) for mark, text in (("o", "start"), ("*", "end"))]
+    ends = [
+        Line2D([], [], color=style.BLACK, ls="", marker=mark, label=text)
+        for mark, text in (("o", "start"), ("*", "end"))
+    ]
     style.heading_legend(figure, [*views[0].get_lines()[::3], *ends])
     return figure
 
 
 @style.styled
 def figure_transitions(
-    runs: Mapping[str, Mapping[str, np.ndarray]], *, fig: style.Given = None, width: style.Width = "page"
+    runs: Mapping[str, Mapping[str, np.ndarray]],
+    *,
+    fig: style.Given = None,
+    width: style.Width = "page",
 ) -> Figure:
     """How smoothly runs change phase; thin lines: changes.
 
-    runs: by name, the series (n,) [s, -, m/s3 or rad/s3, m/s or rad/s] that `uvms_ocp.report.transition_series` gives.
+    runs: by name, the series (n,) [s, -, m/s3 or rad/s3, m/s or rad/s] that
+    `uvms_ocp.report.transition_series` gives.
     """
     figure, axes = style.stacked(3, 1.5, "Smoothness of phase changes", fig, width)
     for (_, run), color in zip(runs.items(), _COLORS, strict=False):

@@ -1,4 +1,6 @@
-"""Figures of an identification: measured against predicted, residuals, whiteness, intervals, profiles, recordings left out."""
+"""Figures of an identification: measured against predicted, residuals, whiteness, intervals,
+profiles, recordings left out.
+"""
 
 from __future__ import annotations
 
@@ -16,7 +18,8 @@ from uvms_ocp.identification.uncertainty import CHANNELS, INTERVAL, LEAST_P, Whi
 from uvms_ocp.identification.validation import SCORED, HeldOutRecording, Profile, errors
 from uvms_ocp.viz import series, style
 
-# What speaks for and against a calibration: residuals and whether they are white, profiles, recordings that were left out.
+# What speaks for and against a calibration: residuals and whether they are white, profiles,
+# recordings that were left out.
 
 _UNITS = ("m/s", "rad/s", "-")
 """Of what the three sensors show."""
@@ -31,7 +34,9 @@ def figure_residuals(one: Comparison) -> Figure:
     tests = {each.channel: each for each in one.whiteness}
     title = f"{style.label_text(one.name)}: what the search has left, and its autocorrelation"
     figure = style.titled(0.95 * len(CHANNELS) + 0.6, title)
-    grid = figure.subplots(len(CHANNELS), 2, sharex="col", squeeze=False, gridspec_kw={"width_ratios": (3, 1)})
+    grid = figure.subplots(
+        len(CHANNELS), 2, sharex="col", squeeze=False, gridspec_kw={"width_ratios": (3, 1)}
+    )
     for i, (name, (over_time, over_lags)) in enumerate(zip(CHANNELS, grid, strict=True)):
         sensor, column = divmod(i, 3)
         left = one.residuals.rows[sensor][:, column] - one.residuals.measured[sensor][:, column]
@@ -56,9 +61,13 @@ def _correlation(axis: Axes, one: Whiteness) -> None:
 
 @style.styled
 def figure_profiles(profiles: Sequence[Profile]) -> Figure:
-    """Roots of the deviance with each number held, and the straight line that standard errors take for them."""
+    """Roots of the deviance with each number held, and the straight line that standard errors take
+    for them.
+    """
     n_rows = -(-len(profiles) // _COLUMNS)
-    figure = style.titled(1.5 * n_rows + 0.7, "Root of the deviance, a number held (grey: by standard errors)")
+    figure = style.titled(
+        1.5 * n_rows + 0.7, "Root of the deviance, a number held (grey: by standard errors)"
+    )
     axes = figure.subplots(n_rows, _COLUMNS, sharex=True, sharey=True, squeeze=False).ravel()
     for axis, one in zip(axes, profiles, strict=False):
         _profile(axis, one)
@@ -69,20 +78,30 @@ def figure_profiles(profiles: Sequence[Profile]) -> Figure:
 
 
 def _profile(axis: Axes, one: Profile) -> None:
-    number, color = one.number, style.VERMILLION if one.differs else style.BLUE
+    number = one.number
+    color = style.VERMILLION if one.differs else style.BLUE
     for end in (-INTERVAL, INTERVAL):
         axis.axhline(end, color=style.THRESHOLD, lw=0.7, ls=(0, (5, 3)))
-    straight, found = ((np.array(ends) - number.value) / number.sigma for ends in (number.interval, one.values))
+    straight, found = (
+        (np.array(ends) - number.value) / number.sigma for ends in (number.interval, one.values)
+    )
     axis.plot(straight, (-INTERVAL, INTERVAL), color=style.FADED, lw=2.5)
     axis.plot(found, one.roots, color=color, lw=1.0, marker="o", ms=3)
-    axis.set_title(f"{style.label_text(number.name)}\n{number.value:.4g} ± {number.sigma:.2g}", fontsize=style.points(7))
+    axis.set_title(
+        f"{style.label_text(number.name)}\n{number.value:.4g} ± {number.sigma:.2g}",
+        fontsize=style.points(7),
+    )
 
 
 @style.styled
 def figure_left_out(found: Sequence[HeldOutRecording]) -> Figure:
-    """Errors of predictions of recordings that were left out, medians over them, beside those that know less."""
+    """Errors of predictions of recordings that were left out, medians over them, beside those that
+    know less.
+    """
     asked = sorted({each.asked for one in found for each in one.horizons})
-    figure = style.titled(4.6, "Recordings that were left out: errors by horizon; taller bars are cut")
+    figure = style.titled(
+        4.6, "Recordings that were left out: errors by horizon; taller bars are cut"
+    )
     axes = figure.subplots(2, 4).ravel()
     for i, (axis, name) in enumerate(zip(axes, SCORED, strict=False)):
         _bars(axis, found, asked, i)
@@ -94,17 +113,33 @@ def figure_left_out(found: Sequence[HeldOutRecording]) -> Figure:
 
 
 def _bars(axis: Axes, found: Sequence[HeldOutRecording], asked: Sequence[float], i: int) -> None:
-    if not (names := list(next((each.by for one in found for each in one.horizons), ()))):
+    names = list(next((each.by for one in found for each in one.horizons), ()))
+    if not names:
         return
-    chosen = [[each for one in found for each in one.horizons if each.asked == horizon] for horizon in asked]
-    heights = np.array([[np.median([errors(each.by[name])[i] for each in some]) for some in chosen] for name in names])
+    chosen = [
+        [each for one in found for each in one.horizons if each.asked == horizon]
+        for horizon in asked
+    ]
+    heights = np.array(
+        [
+            [np.median([errors(each.by[name])[i] for each in some]) for some in chosen]
+            for name in names
+        ]
+    )
     for k, name in enumerate(names):
-        axis.bar(np.arange(len(asked)) + 0.2 * (k - 1.5), heights[k], 0.2, color=_PREDICTORS[k], label=name)
+        axis.bar(
+            np.arange(len(asked)) + 0.2 * (k - 1.5),
+            heights[k],
+            0.2,
+            color=_PREDICTORS[k],
+            label=name,
+        )
     axis.set_ylim(0.0, _ROOM * max(heights[0].max(), heights[2:].max()))
     axis.set_xticks(np.arange(len(asked)), [f"{horizon:g} s" for horizon in asked])
 
 
-# A calibration to look at: measured against predicted, what is left, how sure its numbers are, and what others predict.
+# A calibration to look at: measured against predicted, what is left, how sure its numbers are, and
+# what others predict.
 
 _PARTS = ("linear", "angular")
 """Of the velocity, as the sensors measure them."""
@@ -112,15 +147,24 @@ _WIDEST = 100.0  # [%] of an interval that is drawn: beyond it nothing is known
 
 
 def write_identification_figures(one: Calibration, folder: Path | str) -> list[Path]:
-    """Write PNG files into the folder: two for each recording, one for all numbers, and those of what was asked for besides."""
+    """Write PNG files into the folder: two for each recording, one for all numbers, and those of
+    what was asked for besides.
+    """
     folder = Path(folder)
     paths = [style.save_figure(figure_intervals(one), folder / "intervals.png")]
-    kinds: dict[str, Callable[[Comparison], Figure]] = {"predicted": figure_predicted, "residuals": figure_residuals}
+    kinds: dict[str, Callable[[Comparison], Figure]] = {
+        "predicted": figure_predicted,
+        "residuals": figure_residuals,
+    }
     for k, each in enumerate(one.comparisons):
-        paths += [style.save_figure(draw(each), folder / f"{kind}_{k}.png") for kind, draw in kinds.items()]
+        paths += [
+            style.save_figure(draw(each), folder / f"{kind}_{k}.png")
+            for kind, draw in kinds.items()
+        ]
     if one.profiles:
         paths.append(style.save_figure(figure_profiles(one.profiles), folder / "profiles.png"))
-    if long_enough := [each for each in one.left_out if each.horizons]:
+    long_enough = [each for each in one.left_out if each.horizons]
+    if long_enough:
         paths.append(style.save_figure(figure_left_out(long_enough), folder / "left_out.png"))
     return paths
 
@@ -128,7 +172,9 @@ def write_identification_figures(one: Calibration, folder: Path | str) -> list[P
 @style.styled
 def figure_predicted(one: Comparison) -> Figure:
     """Velocities, roll and pitch, measured and predicted from commands alone."""
-    figure, axes = style.stacked(len(AXES) + 2, 1.0, f"{style.label_text(one.name)}: measured and predicted")
+    figure, axes = style.stacked(
+        len(AXES) + 2, 1.0, f"{style.label_text(one.name)}: measured and predicted"
+    )
     for i, (axis, name) in enumerate(zip(axes, AXES, strict=False)):
         sensor, column = divmod(i, 3)
         axis.set_ylabel(series.axis_label(name, "v", _PARTS[sensor]))
@@ -142,21 +188,39 @@ def figure_predicted(one: Comparison) -> Figure:
     return figure
 
 
-def _draw(axis: Axes, one: Comparison, sensor: int, column: Callable[[np.ndarray], np.ndarray]) -> None:
+def _draw(
+    axis: Axes, one: Comparison, sensor: int, column: Callable[[np.ndarray], np.ndarray]
+) -> None:
     last = one.calibrated
     drawn = (("before", one.before), ("at rest in balance", one.balance), ("calibrated", last))
-    axis.plot(last.t[sensor], column(last.measured[sensor]), color=style.BLACK, lw=0.7, label="measured")
-    for (name, predicted), color in zip(drawn, (style.FADED, style.GREEN, style.VERMILLION), strict=True):
-        axis.plot(predicted.t[sensor], column(predicted.rows[sensor]), color=color, lw=0.9, label=name)
+    axis.plot(
+        last.t[sensor], column(last.measured[sensor]), color=style.BLACK, lw=0.7, label="measured"
+    )
+    for (name, predicted), color in zip(
+        drawn, (style.FADED, style.GREEN, style.VERMILLION), strict=True
+    ):
+        axis.plot(
+            predicted.t[sensor], column(predicted.rows[sensor]), color=color, lw=0.9, label=name
+        )
 
 
 @style.styled
 def figure_intervals(one: Calibration) -> Figure:
-    """Intervals of 95 %, relative to the sizes of numbers; those that are not determined are faded."""
+    """Intervals of 95 %, relative to the sizes of numbers; those that are not determined are
+    faded.
+    """
     numbers = one.numbers
-    axis = (figure := style.titled(0.17 * len(numbers) + 1.0, "Half widths of 95 % intervals")).subplots()
-    widths = [min(100.0 * INTERVAL * each.sigma / max(each.size, 1e-300), _WIDEST) for each in numbers]
-    axis.barh(np.arange(len(numbers)), widths, color=[style.BLUE if each.determined else style.FADED for each in numbers])
+    axis = (
+        figure := style.titled(0.17 * len(numbers) + 1.0, "Half widths of 95 % intervals")
+    ).subplots()
+    widths = [
+        min(100.0 * INTERVAL * each.sigma / max(each.size, 1e-300), _WIDEST) for each in numbers
+    ]
+    axis.barh(
+        np.arange(len(numbers)),
+        widths,
+        color=[style.BLUE if each.determined else style.FADED for each in numbers],
+    )
     axis.set_yticks(np.arange(len(numbers)), [style.label_text(each.name) for each in numbers])
     axis.set_ylim(len(numbers) - 0.4, -0.6)
     axis.set_xlabel(f"[%] of the number's size, cut off at {_WIDEST:.0f}; grey: not determined")

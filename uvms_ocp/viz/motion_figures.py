@@ -14,7 +14,14 @@ from uvms_ocp.record import meta_values, run_meta, tables
 from uvms_ocp.record.record import Record
 from uvms_ocp.robot.shapes.obstacles import build_obstacle
 from uvms_ocp.viz import style
-from uvms_ocp.viz.series import PhaseSpan, axis_label, axis_names, floor_heights, has_vehicle, phase_spans
+from uvms_ocp.viz.series import (
+    PhaseSpan,
+    axis_label,
+    axis_names,
+    floor_heights,
+    has_vehicle,
+    phase_spans,
+)
 
 # What a mission on the physical plant cost: thrust, torque, power, tracking and disturbance.
 
@@ -24,8 +31,12 @@ _TRACKED = {"velocity": "linear", "rate": "angular"}
 
 
 @style.styled
-def figure_efforts(record: Record, *, fig: style.Given = None, width: style.Width = "page") -> Figure | None:
-    """Thrust of every thruster, or the planned wrench, torque of every joint, and the energy taken so far."""
+def figure_efforts(
+    record: Record, *, fig: style.Given = None, width: style.Width = "page"
+) -> Figure | None:
+    """Thrust of every thruster, or the planned wrench, torque of every joint, and the energy taken
+    so far.
+    """
     draw = next((drawn for name, drawn in _PUSHES.items() if name in record.series), None)
     if draw is None or "joint_energy" not in record.series:
         return None
@@ -43,24 +54,41 @@ def figure_efforts(record: Record, *, fig: style.Given = None, width: style.Widt
 def _thrust(record: Record, axes: Sequence[Axes]) -> None:
     names = tables.column_names("thrust", record["thrust"].shape[1], record.meta)
     for i, (name, thrust) in enumerate(zip(names, record["thrust"].T, strict=True)):
-        axes[0].plot(record["t"], thrust, **style.line_style(i), lw=0.8, label=style.label_text(name.partition(".")[2], _LEGEND))
+        axes[0].plot(
+            record["t"],
+            thrust,
+            **style.line_style(i),
+            lw=0.8,
+            label=style.label_text(name.partition(".")[2], _LEGEND),
+        )
     axes[0].set_ylabel(axis_label("thrust", "thrust"))
 
 
 def _wrench(record: Record, axes: Sequence[Axes]) -> None:
-    for axis, part, values in zip(axes, _PARTS, np.hsplit(record["wrench"], len(_PARTS)), strict=True):
+    for axis, part, values in zip(
+        axes, _PARTS, np.hsplit(record["wrench"], len(_PARTS)), strict=True
+    ):
         for color, name, column in zip(style.AXES_XYZ, "xyz", values.T, strict=True):
             axis.plot(record["t"], column, color=color, lw=0.8, label=name)
         axis.set_ylabel(axis_label(part, "wrench", part))
 
 
-_PUSHES: Mapping[str, Callable[[Record, Sequence[Axes]], None]] = {"thrust": _thrust, "wrench": _wrench}
+_PUSHES: Mapping[str, Callable[[Record, Sequence[Axes]], None]] = {
+    "thrust": _thrust,
+    "wrench": _wrench,
+}
 
 
 def _torque(record: Record, axis: Axes) -> None:
     names = axis_names(record, record["torque"].shape[1])
     for i, (name, torque) in enumerate(zip(names, record["torque"].T, strict=True)):
-        axis.plot(record["t"], torque, **style.line_style(i), lw=0.8, label=style.label_text(name, _LEGEND))
+        axis.plot(
+            record["t"],
+            torque,
+            **style.line_style(i),
+            lw=0.8,
+            label=style.label_text(name, _LEGEND),
+        )
     axis.set_ylabel(axis_label("torque", "torque", meta=record.meta))
 
 
@@ -73,18 +101,27 @@ def _energy(record: Record, axis: Axes) -> None:
 
 
 @style.styled
-def figure_tracking(record: Record, *, fig: style.Given = None, width: style.Width = "page") -> Figure | None:
-    """How well the vehicle follows its reference velocity, and the force that the observer holds responsible."""
+def figure_tracking(
+    record: Record, *, fig: style.Given = None, width: style.Width = "page"
+) -> Figure | None:
+    """How well the vehicle follows its reference velocity, and the force that the observer holds
+    responsible.
+    """
     if "disturbance" not in record.series or not has_vehicle(record):
         return None
-    t, error = record["t"], record["v"] - record["command"]
+    t = record["t"]
+    error = record["v"] - record["command"]
     figure, axes = style.stacked(3, 1.5, "Velocity tracking and estimated disturbance", fig, width)
-    for i, (color, names) in enumerate(zip(style.AXES_XYZ, ("surge, roll", "sway, pitch", "heave, yaw"), strict=True)):
+    for i, (color, names) in enumerate(
+        zip(style.AXES_XYZ, ("surge, roll", "sway, pitch", "heave, yaw"), strict=True)
+    ):
         linear, angular = names.split(", ")
         axes[0].plot(t, 1e3 * error[:, i], color=color, lw=0.9, label=linear)
         axes[1].plot(t, 1e3 * error[:, 3 + i], color=color, lw=0.9, label=angular)
         axes[2].plot(t, record["disturbance"][:, i], color=color, lw=0.9, label=linear)
-    velocity, rate = (axis_label(f"{what} error", "v", part, "m") for what, part in _TRACKED.items())
+    velocity, rate = (
+        axis_label(f"{what} error", "v", part, "m") for what, part in _TRACKED.items()
+    )
     labels = (velocity, rate, axis_label("disturbance", "disturbance", "force"))
     for axis, label in zip(axes, labels, strict=True):
         axis.set_ylabel(label)
@@ -107,8 +144,12 @@ _LEAST_SPAN = 0.02  # [m/s, rad/s] of a velocity panel
 
 
 @style.styled
-def figure_velocities(record: Record, *, fig: style.Given = None, width: style.Width = "page") -> Figure | None:
-    """Linear and angular velocity of the vehicle in B, whole run and a zoom on every change of phase."""
+def figure_velocities(
+    record: Record, *, fig: style.Given = None, width: style.Width = "page"
+) -> Figure | None:
+    """Linear and angular velocity of the vehicle in B, whole run and a zoom on every change of
+    phase.
+    """
     if not has_vehicle(record):
         return None
     spans = phase_spans(record)
@@ -138,7 +179,9 @@ def _whole_run(parent: Figure, record: Record) -> None:
     style.mark_time(axes, record)
 
 
-def _zooms(parent: Figure, record: Record, changes: Sequence[float], spans: Sequence[PhaseSpan]) -> None:
+def _zooms(
+    parent: Figure, record: Record, changes: Sequence[float], spans: Sequence[PhaseSpan]
+) -> None:
     grid = parent.subplots(2, len(changes), sharex="col", squeeze=False)
     for column, change in enumerate(changes):
         for axis, (part, label, names) in zip(grid[:, column], _VELOCITY_PANELS, strict=True):
@@ -156,17 +199,27 @@ def _zooms(parent: Figure, record: Record, changes: Sequence[float], spans: Sequ
         grid[1, column].set_xlabel(axis_label("time", "t"))
 
 
-def _velocity_lines(axis: Axes, record: Record, part: slice, names: Sequence[str], around: float | None = None) -> None:
-    t, v = record["t"], record["v"][:, part]
+def _velocity_lines(
+    axis: Axes, record: Record, part: slice, names: Sequence[str], around: float | None = None
+) -> None:
+    t = record["t"]
+    v = record["v"][:, part]
     shown = np.ones(len(t), dtype=bool) if around is None else np.abs(t - around) <= _ZOOM
-    for values, name, color, dashes in zip(v[shown].T, names, style.AXES_XYZ, style.DASHES, strict=True):
+    for values, name, color, dashes in zip(
+        v[shown].T, names, style.AXES_XYZ, style.DASHES, strict=True
+    ):
         axis.plot(t[shown], values, color=color, ls=dashes, label=name, lw=1.2)
 
 
 @style.styled
-def figure_joints(record: Record, *, fig: style.Given = None, width: style.Width = "page") -> Figure | None:
-    """Joint positions and velocities, with limits where the record gives them; one small panel per joint."""
-    names, values = record.meta.joints, run_meta.joint_positions(record.series, record.meta)
+def figure_joints(
+    record: Record, *, fig: style.Given = None, width: style.Width = "page"
+) -> Figure | None:
+    """Joint positions and velocities, with limits where the record gives them; one small panel per
+    joint.
+    """
+    names = record.meta.joints
+    values = run_meta.joint_positions(record.series, record.meta)
     n = len(names)
     if not names or values is None:
         return None
@@ -178,7 +231,10 @@ def figure_joints(record: Record, *, fig: style.Given = None, width: style.Width
     for axis, name in zip(grid[:, 0], names, strict=True):
         axis.set_ylabel(style.label_text(name), rotation=0, ha="right", va="center")
     for axis, what, name in zip(grid[0], ("position", "velocity"), "qv", strict=True):
-        axis.set_title(axis_label(what, name, "joints", meta=record.meta).replace(" [", "\n["), pad=1 + style.space_above(record))
+        axis.set_title(
+            axis_label(what, name, "joints", meta=record.meta).replace(" [", "\n["),
+            pad=1 + style.space_above(record),
+        )
     for axis in grid[-1]:
         axis.set_xlabel(axis_label("time", "t"))
     for column in grid.T:
@@ -189,13 +245,19 @@ def figure_joints(record: Record, *, fig: style.Given = None, width: style.Width
 
 def _joint_bounds(record: Record, n: int) -> tuple[list[np.ndarray], list[np.ndarray]]:
     """Bounds (n,) of positions and of velocities; none where the record tells no limits."""
-    if (limits := record.meta.limits) is None:
+    limits = record.meta.limits
+    if limits is None:
         return [], []
     velocity = np.array(limits.velocity)[-n:]
-    return [np.array(limits.position_lower)[-n:], np.array(limits.position_upper)[-n:]], [velocity, -velocity]
+    return [np.array(limits.position_lower)[-n:], np.array(limits.position_upper)[-n:]], [
+        velocity,
+        -velocity,
+    ]
 
 
-def _joint_column(axes: Sequence[Axes], record: Record, values: np.ndarray, bounds: Sequence[np.ndarray]) -> None:
+def _joint_column(
+    axes: Sequence[Axes], record: Record, values: np.ndarray, bounds: Sequence[np.ndarray]
+) -> None:
     for i, axis in enumerate(axes):
         axis.plot(record["t"], values[:, i], color=style.LINES[i % len(style.LINES)])
         for bound in bounds:
@@ -206,14 +268,19 @@ def _joint_column(axes: Sequence[Axes], record: Record, values: np.ndarray, boun
 # Figure of the vehicle's path over the floor.
 
 _SAND = "#8C6D46"
-_OBSTACLE, _OBSTACLE_EDGE = "#D9B48F", "#8A5A2B"
+_OBSTACLE = "#D9B48F"
+_OBSTACLE_EDGE = "#8A5A2B"
 _ENTRY = 1.4  # [in] of the legend
 _DIRECTIONS = 48  # that an outline is found in
 
 
 @style.styled
-def figure_path(record: Record, *, fig: style.Given = None, width: style.Width = "page") -> Figure | None:
-    """The vehicle's path from above and from the side, coloured by phase, with the markers and obstacles of the scenario."""
+def figure_path(
+    record: Record, *, fig: style.Given = None, width: style.Width = "page"
+) -> Figure | None:
+    """The vehicle's path from above and from the side, coloured by phase, with the markers and
+    obstacles of the scenario.
+    """
     if not has_vehicle(record):
         return None
     figure = style.titled(3.3, "Path of the vehicle", fig, width)
@@ -223,9 +290,15 @@ def figure_path(record: Record, *, fig: style.Given = None, width: style.Width =
         axis.margins(0.14)
     side = views[-1]
     _draw_floor(side, record)
-    named = {line.get_label(): line for line in side.get_lines() if not str(line.get_label()).startswith("_")}
+    named = {
+        line.get_label(): line
+        for line in side.get_lines()
+        if not str(line.get_label()).startswith("_")
+    }
     abreast = max(1, int(style.inches(figure) / style.points(_ENTRY)))
-    figure.legend(handles=list(named.values()), loc="outside lower center", ncols=min(len(named), abreast))
+    figure.legend(
+        handles=list(named.values()), loc="outside lower center", ncols=min(len(named), abreast)
+    )
     return figure
 
 
@@ -239,7 +312,8 @@ def _draw_floor(axis: Axes, record: Record) -> None:
 
 
 def _path_panel(axis: Axes, record: Record, i: int, j: int) -> None:
-    t, p = record["t"], record["q"][:, :3]
+    t = record["t"]
+    p = record["q"][:, :3]
     for span in phase_spans(record):
         part = (t >= span.start) & (t <= span.end)
         color = style.LINES[span.index % len(style.LINES)]
@@ -247,17 +321,37 @@ def _path_panel(axis: Axes, record: Record, i: int, j: int) -> None:
     axis.plot(p[0, i], p[0, j], "o", color=style.BLACK, ms=4)
     for item in record.meta.surroundings.obstacles:
         outline = obstacle_outline(item, i, j)
-        axis.fill(*outline.T, facecolor=_OBSTACLE, edgecolor=_OBSTACLE_EDGE, lw=0.8, alpha=0.55, zorder=1)
+        axis.fill(
+            *outline.T, facecolor=_OBSTACLE, edgecolor=_OBSTACLE_EDGE, lw=0.8, alpha=0.55, zorder=1
+        )
         below = outline[:, 0].mean(), outline[:, 1].min()
-        style.note(axis, style.label_text(item.name, 16), below, (0, -2), ha="center", va="top", fontsize=style.points(6.5))
-    for k, marker in enumerate(record.meta.surroundings.markers):  # above and below in turn: those of two tools are near
+        style.note(
+            axis,
+            style.label_text(item.name, 16),
+            below,
+            (0, -2),
+            ha="center",
+            va="top",
+            fontsize=style.points(6.5),
+        )
+    for k, marker in enumerate(
+        record.meta.surroundings.markers
+    ):  # above and below in turn: those of two tools are near
         place = marker.position[i], marker.position[j]
         axis.plot(*place, "*", color=style.BLACK, ms=7)
-        style.note(axis, style.label_text(marker.name), place, (5, 4 - 13 * (k % 2)), fontsize=style.points(7))
+        style.note(
+            axis,
+            style.label_text(marker.name),
+            place,
+            (5, 4 - 13 * (k % 2)),
+            fontsize=style.points(7),
+        )
 
 
 def obstacle_outline(data: meta_values.ObstacleMeta, i: int, j: int) -> np.ndarray:
-    """Corners (n, 2) [m] of what an obstacle covers, seen along the axis of W that is neither i nor j; of a mesh its hull."""
+    """Corners (n, 2) [m] of what an obstacle covers, seen along the axis of W that is neither i nor
+    j; of a mesh its hull.
+    """
     from scipy.spatial import ConvexHull  # a quarter of a second, which few need
 
     points = _surface_points(data, i, j)[:, [i, j]]
@@ -265,7 +359,9 @@ def obstacle_outline(data: meta_values.ObstacleMeta, i: int, j: int) -> np.ndarr
 
 
 def _surface_points(data: meta_values.ObstacleMeta, i: int, j: int) -> np.ndarray:
-    """Points (n, 3) [m] in W, the farthest of the obstacle in every direction of the plane of axes i and j among them."""
+    """Points (n, 3) [m] in W, the farthest of the obstacle in every direction of the plane of axes
+    i and j among them.
+    """
     item = build_obstacle(data)
     R, p = item.X_WO.rotation, item.X_WO.translation
     if data.vertices:
@@ -275,4 +371,6 @@ def _surface_points(data: meta_values.ObstacleMeta, i: int, j: int) -> np.ndarra
     directions[:, i], directions[:, j] = np.cos(angle), np.sin(angle)
     towards = directions @ R  # in the frame of the shape
     support = support_of(item.shape, -towards, np.zeros((_DIRECTIONS, 3)))
-    return np.asarray((support.centres + support.radius * towards[:, None]).reshape(-1, 3) @ R.T + p)
+    return np.asarray(
+        (support.centres + support.radius * towards[:, None]).reshape(-1, 3) @ R.T + p
+    )

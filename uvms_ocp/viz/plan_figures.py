@@ -17,26 +17,44 @@ from uvms_ocp.record.record import Record
 from uvms_ocp.viz import motion_figures, style
 from uvms_ocp.viz.series import axis_label, require_rows
 
-_ROWS = {"x": "position", "x_rate": "velocity", "x_acceleration": "acceleration", "x_jerk": "jerk", "x_snap": "snap"}
+_ROWS = {
+    "x": "position",
+    "x_rate": "velocity",
+    "x_acceleration": "acceleration",
+    "x_jerk": "jerk",
+    "x_snap": "snap",
+}
 _FAR = 0.5  # [m] farther than this needs no look
 _VEHICLE = ("x", "y", "z", "roll", "pitch", "yaw")
 
 
 @style.styled
-def figure_vehicle_motion(record: Record, *, fig: style.Given = None, width: style.Width = "page") -> Figure | None:
+def figure_vehicle_motion(
+    record: Record, *, fig: style.Given = None, width: style.Width = "page"
+) -> Figure | None:
     """Planned vehicle axes from position to snap; `None` where none is planned."""
-    return _motion(record, _VEHICLE, ("position", "attitude"), "Planned motion of the vehicle", (fig, width))
+    return _motion(
+        record, _VEHICLE, ("position", "attitude"), "Planned motion of the vehicle", (fig, width)
+    )
 
 
 @style.styled
-def figure_joint_motion(record: Record, *, fig: style.Given = None, width: style.Width = "page") -> Figure | None:
+def figure_joint_motion(
+    record: Record, *, fig: style.Given = None, width: style.Width = "page"
+) -> Figure | None:
     """Planned joints from position to snap; `None` where none is planned."""
-    return _motion(record, record.meta.joints, ("joints",), "Planned motion of the joints", (fig, width))
+    return _motion(
+        record, record.meta.joints, ("joints",), "Planned motion of the joints", (fig, width)
+    )
 
 
 @style.styled
-def figure_clearance(record: Record, *, fig: style.Given = None, width: style.Width = "page") -> Figure | None:
-    """Distance from each obstacle and between links along the path, and the clearance that was wanted."""
+def figure_clearance(
+    record: Record, *, fig: style.Given = None, width: style.Width = "page"
+) -> Figure | None:
+    """Distance from each obstacle and between links along the path, and the clearance that was
+    wanted.
+    """
     if "clearance" not in record.series or not record["clearance"].shape[1]:
         return None
     d, meta = record["clearance"], record.plan_meta
@@ -49,7 +67,8 @@ def figure_clearance(record: Record, *, fig: style.Given = None, width: style.Wi
         style.threshold(axis, of_links, f"wanted {of_links:g} m between links", 0.5)
     if meta.min_clearance is not None:
         _mark_least(axis, meta.min_clearance)
-    top, bottom = min(float(d.max()), max(_FAR, 5.0 * wanted)), min(float(d.min()), 0.0)
+    top = min(float(d.max()), max(_FAR, 5.0 * wanted))
+    bottom = min(float(d.min()), 0.0)
     top = max(top, wanted, of_links or 0.0)
     axis.set_ylim(1.1 * bottom - 0.03 * top, 1.05 * top)
     axis.axhspan(axis.get_ylim()[0], 0.0, color=style.VERMILLION, alpha=0.15, lw=0)
@@ -60,11 +79,14 @@ def figure_clearance(record: Record, *, fig: style.Given = None, width: style.Wi
 
 
 def _mark_least(axis: Axes, nearest: meta_values.ClearanceMeta) -> None:
-    """A dot at the smallest distance, with the two shapes, written towards the middle of the panel."""
+    """A dot at the smallest distance, with the two shapes, written towards the middle of the
+    panel.
+    """
     when, least = nearest.t, nearest.distance
     left = when < axis.get_xlim()[1] / 2.0
     axis.plot(when, least, "o", color=style.BLACK, ms=4, clip_on=False, zorder=3)
-    offset, side = (5 if left else -5, -4), "left" if left else "right"
+    offset = (5 if left else -5, -4)
+    side = "left" if left else "right"
     text = plain_line(f"{least:.3g} m, {nearest.between}", 80)
     style.note(axis, text, (when, least), offset, ha=side, va="top", fontsize=style.points(7))
 
@@ -77,25 +99,43 @@ PLAN_FIGURES: Mapping[str, Callable[..., Figure | None]] = style.by_name(_ALL)
 @checked
 def write_plan_figures(record: Record, folder: Path | str) -> tuple[Path, ...]:
     """Write every figure that the plan can fill as PNG; returns the paths. Raises `OutputError`."""
-    drawn = {name: figure for name, draw in PLAN_FIGURES.items() if (figure := draw(record)) is not None}
-    return tuple(style.save_figure(figure, Path(folder) / f"{name}.png") for name, figure in drawn.items())
+    drawn = {
+        name: figure for name, draw in PLAN_FIGURES.items() if (figure := draw(record)) is not None
+    }
+    return tuple(
+        style.save_figure(figure, Path(folder) / f"{name}.png") for name, figure in drawn.items()
+    )
 
 
-def _motion(record: Record, names: Collection[str], parts: Sequence[str], title: str, page: style.Page) -> Figure | None:
-    """One row per derivative that is recorded, one line per axis; each with its limit where it has one and comes near it."""
+def _motion(
+    record: Record, names: Collection[str], parts: Sequence[str], title: str, page: style.Page
+) -> Figure | None:
+    """One row per derivative that is recorded, one line per axis; each with its limit where it has
+    one and comes near it.
+    """
     if "x" not in record.series:
         return None
     planned = record.plan_meta.axes
-    if not (wanted := [i for i, name in enumerate(planned) if name in names]):
+    wanted = [i for i, name in enumerate(planned) if name in names]
+    if not wanted:
         return None
     rows = [(series, label) for series, label in _ROWS.items() if series in record.series]
     figure, axes = style.stacked(len(rows), 1.25, title, *page)
     for row, (series, label) in zip(axes, rows, strict=True):
         for k, i in enumerate(wanted):
-            row.plot(record["t"], record[series][:, i], **style.line_style(k), label=style.label_text(planned[i], 10))
-        row.set_ylabel(f"{label}\n[{', '.join(tables.unit_of(series, part, record.meta) for part in parts)}]")
+            row.plot(
+                record["t"],
+                record[series][:, i],
+                **style.line_style(k),
+                label=style.label_text(planned[i], 10),
+            )
+        row.set_ylabel(
+            f"{label}\n[{', '.join(tables.unit_of(series, part, record.meta) for part in parts)}]"
+        )
         _draw_limits(row, record, series, wanted)
-    axes[0].legend(ncols=len(wanted), loc="lower center", bbox_to_anchor=(0.5, 1.0), fontsize=style.points(7))
+    axes[0].legend(
+        ncols=len(wanted), loc="lower center", bbox_to_anchor=(0.5, 1.0), fontsize=style.points(7)
+    )
     _mark_breaks(axes, record)
     return figure
 
@@ -116,7 +156,9 @@ def _draw_limits(row: Axes, record: Record, series: str, wanted: list[int]) -> N
 
 
 def _mark_breaks(axes: list[Axes], record: Record) -> None:
-    """Thin lines where the pieces of the trajectory meet. Raises `InvalidInput` where there is nothing to draw."""
+    """Thin lines where the pieces of the trajectory meet. Raises `InvalidInput` where there is
+    nothing to draw.
+    """
     require_rows(record)
     for axis in axes:
         for t in record.plan_meta.breaks[1:-1]:

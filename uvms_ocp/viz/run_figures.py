@@ -20,9 +20,23 @@ from uvms_ocp.ocp.plan import Plan
 from uvms_ocp.record.record import Record
 from uvms_ocp.record.run_meta import joint_errors
 from uvms_ocp.viz import style, task_figures as tasks
-from uvms_ocp.viz.motion_figures import figure_efforts, figure_joints, figure_path, figure_tracking, figure_velocities
+from uvms_ocp.viz.motion_figures import (
+    figure_efforts,
+    figure_joints,
+    figure_path,
+    figure_tracking,
+    figure_velocities,
+)
 from uvms_ocp.viz.plan_figures import PLAN_FIGURES
-from uvms_ocp.viz.series import axis_label, axis_names, has_vehicle, intervals_of, phase_spans, require_rows, thinned
+from uvms_ocp.viz.series import (
+    axis_label,
+    axis_names,
+    has_vehicle,
+    intervals_of,
+    phase_spans,
+    require_rows,
+    thinned,
+)
 
 # How well the estimator knew where the robot was, and how well it said so.
 
@@ -30,12 +44,18 @@ _SHOWN = 98.0  # [%] of the ticks whose bands fit; before the first readings the
 
 
 @style.styled
-def figure_estimate(record: Record, *, fig: style.Given = None, width: style.Width = "page") -> Figure | None:
-    """Errors of position, attitude and joints, estimate less truth, within two standard deviations that the filter gives."""
+def figure_estimate(
+    record: Record, *, fig: style.Given = None, width: style.Width = "page"
+) -> Figure | None:
+    """Errors of position, attitude and joints, estimate less truth, within two standard deviations
+    that the filter gives.
+    """
     panels = _panels(record) if {"q", "q_estimated", "q_std"} <= record.series.keys() else []
     if not panels:
         return None
-    figure, axes = style.stacked(len(panels), 1.5, "Estimate less truth, and two standard deviations", fig, width)
+    figure, axes = style.stacked(
+        len(panels), 1.5, "Estimate less truth, and two standard deviations", fig, width
+    )
     for axis, (label, names, colors, errors, spreads) in zip(axes, panels, strict=True):
         _draw(axis, record["t"], names, colors, errors, spreads)
         axis.set_ylabel(label)
@@ -48,11 +68,14 @@ _Panel = tuple[str, Sequence[str], Sequence[str], np.ndarray, np.ndarray]
 
 
 def _panels(record: Record) -> list[_Panel]:
-    q, measured, spread = record["q"], record["q_estimated"], record["q_std"]
+    q = record["q"]
+    measured = record["q_estimated"]
+    spread = record["q_std"]
     found: list[_Panel] = []
     if has_vehicle(record):
         position, attitude = (axis_label(what, name, what, "m") for what, name in _VEHICLE)
-        place, turn = 1e3 * (measured - q)[:, :3], 1e3 * _turns(q[:, 3:7], measured[:, 3:7])
+        place = 1e3 * (measured - q)[:, :3]
+        turn = 1e3 * _turns(q[:, 3:7], measured[:, 3:7])
         found = [
             (position, ("x", "y", "z"), style.AXES_XYZ, place, 1e3 * spread[:, :3]),
             (attitude, ("roll", "pitch", "yaw"), style.AXES_XYZ, turn, 1e3 * spread[:, 3:6]),
@@ -62,25 +85,48 @@ def _panels(record: Record) -> list[_Panel]:
     if n and spread.shape[1] >= n:
         names = [style.label_text(name, 10) for name in axis_names(record, n)]
         colors = [style.LINES[i % len(style.LINES)] for i in range(n)]
-        found.append((axis_label("joints", "q", "joints", "m", record.meta), names, colors, 1e3 * errors, 1e3 * spread[:, -n:]))
+        found.append(
+            (
+                axis_label("joints", "q", "joints", "m", record.meta),
+                names,
+                colors,
+                1e3 * errors,
+                1e3 * spread[:, -n:],
+            )
+        )
     return found
 
 
 def _turns(true: np.ndarray, measured: np.ndarray) -> np.ndarray:
-    """(n, 3) [rad] the small rotation in B from the true attitude to the measured one; quaternions (n, 4) xyzw."""
-    v, w, vm, wm = true[:, :3], true[:, 3:], measured[:, :3], measured[:, 3:]
-    vector, scalar = w * vm - wm * v - np.cross(v, vm), w * wm + (v * vm).sum(axis=1, keepdims=True)
+    """(n, 3) [rad] the small rotation in B from the true attitude to the measured one; quaternions
+    (n, 4) xyzw.
+    """
+    v = true[:, :3]
+    w = true[:, 3:]
+    vm = measured[:, :3]
+    wm = measured[:, 3:]
+    vector = w * vm - wm * v - np.cross(v, vm)
+    scalar = w * wm + (v * vm).sum(axis=1, keepdims=True)
     return np.asarray(2.0 * np.sign(scalar) * vector)
 
 
 def _draw(
-    axis: Axes, t: np.ndarray, names: Sequence[str], colors: Sequence[str], errors: np.ndarray, spreads: np.ndarray
+    axis: Axes,
+    t: np.ndarray,
+    names: Sequence[str],
+    colors: Sequence[str],
+    errors: np.ndarray,
+    spreads: np.ndarray,
 ) -> None:
     for i, (name, color) in enumerate(zip(names, colors, strict=True)):
         axis.plot(t, errors[:, i], color=color, lw=0.9, label=name)
         for sign in (-2.0, 2.0):
             axis.plot(t, sign * spreads[:, i], color=color, lw=0.6, ls=":")
-    largest = max(float(np.percentile(2.0 * spreads, _SHOWN)), float(np.percentile(np.abs(errors), _SHOWN)), 1e-9)
+    largest = max(
+        float(np.percentile(2.0 * spreads, _SHOWN)),
+        float(np.percentile(np.abs(errors), _SHOWN)),
+        1e-9,
+    )
     axis.set_ylim(-1.2 * largest, 1.2 * largest)
     style.legend_beside(axis)
 
@@ -94,12 +140,20 @@ _LINE = 0.17  # [in] of text
 
 
 @style.styled
-def figure_health(record: Record, *, fig: style.Given = None, width: style.Width = "page") -> Figure | None:
-    """One bar over time per channel, green where it was good, and below the bars what was said against channels."""
+def figure_health(
+    record: Record, *, fig: style.Given = None, width: style.Width = "page"
+) -> Figure | None:
+    """One bar over time per channel, green where it was good, and below the bars what was said
+    against channels.
+    """
     if record.meta.kind != "run" or "health" not in record.series or not record.meta.channels:
         return None
-    t, names, alarms = record["t"], record.meta.channels, _alarm_lines(record)
-    figure = style.titled(1.0 + 0.26 * len(names) + _LINE * len(alarms), "Health of the sensors", fig, width)
+    t = record["t"]
+    names = record.meta.channels
+    alarms = _alarm_lines(record)
+    figure = style.titled(
+        1.0 + 0.26 * len(names) + _LINE * len(alarms), "Health of the sensors", fig, width
+    )
     axis = figure.subplots()
     for row, codes in enumerate(record["health"].T):
         # A piece for every stay in one state.
@@ -120,8 +174,14 @@ def figure_health(record: Record, *, fig: style.Given = None, width: style.Width
 
 def _alarm_lines(record: Record) -> list[str]:
     """The first alarms on channels, a line each."""
-    alarms = [alarm for alarm in record.run_meta.alarms if alarm.text.partition(" ")[0] in record.run_meta.channels]
-    lines = [style.label_text(f"{alarm.t:.2f} s  {alarm.text}", 110) for alarm in alarms[:_MOST_WORDS]]
+    alarms = [
+        alarm
+        for alarm in record.run_meta.alarms
+        if alarm.text.partition(" ")[0] in record.run_meta.channels
+    ]
+    lines = [
+        style.label_text(f"{alarm.t:.2f} s  {alarm.text}", 110) for alarm in alarms[:_MOST_WORDS]
+    ]
     rest = len(alarms) - len(lines)
     return [*lines, f"and {rest} more"] if rest else lines
 
@@ -130,7 +190,9 @@ def _alarm_lines(record: Record) -> list[str]:
 
 
 @style.styled
-def figure_tick_time(record: Record, *, fig: style.Given = None, width: style.Width = "page") -> Figure | None:
+def figure_tick_time(
+    record: Record, *, fig: style.Given = None, width: style.Width = "page"
+) -> Figure | None:
     """How long one control tick took, over time and as a distribution."""
     if "tick_time" not in record.series:
         return None
@@ -139,17 +201,25 @@ def figure_tick_time(record: Record, *, fig: style.Given = None, width: style.Wi
     over_time, spread = figure.subplots(1, 2, sharey=True, width_ratios=(3, 1))
     style.logarithmic(over_time)
     over_time.plot(record["t"], tick, ".", ms=1.4, color=style.BLUE, rasterized=True)
-    over_time.set(xlabel=axis_label("time", "t"), ylabel=axis_label("tick", "tick_time", prefix="µ"))
-    period, edges = 1e6 * record.run_meta.dt, np.geomspace(tick.min(), tick.max() * 1.01, 50)
+    over_time.set(
+        xlabel=axis_label("time", "t"), ylabel=axis_label("tick", "tick_time", prefix="µ")
+    )
+    period = 1e6 * record.run_meta.dt
+    edges = np.geomspace(tick.min(), tick.max() * 1.01, 50)
     spread.hist(tick, bins=edges, orientation="horizontal", histtype="stepfilled", color=style.BLUE)
     spread.set_xlabel("ticks")
     lines = []
     for share, color in ((50, style.BLACK), (99, style.VERMILLION)):
         value = float(np.percentile(tick, share))
         label = f"p{share}  {value:.0f} µs"
-        lines += [axis.axhline(value, color=color, lw=0.9, ls="--", label=label) for axis in (over_time, spread)][1:]
+        lines += [
+            axis.axhline(value, color=color, lw=0.9, ls="--", label=label)
+            for axis in (over_time, spread)
+        ][1:]
     style.threshold(over_time, period, "control period")
-    over_time.set_ylim(top=3.0 * max(period, float(tick.max())))  # room for its name below those of the phases
+    over_time.set_ylim(
+        top=3.0 * max(period, float(tick.max()))
+    )  # room for its name below those of the phases
     style.heading_legend(figure, lines)
     style.mark_time([over_time], record)
     return figure
@@ -159,9 +229,28 @@ def figure_tick_time(record: Record, *, fig: style.Given = None, width: style.Wi
 #
 # Each ``figure_*`` returns a Matplotlib figure, or `None` where the record lacks what it shows.
 
-_OF_ERRORS = (tasks.figure_errors, tasks.figure_misalignment, tasks.figure_altitude, tasks.figure_tool_error)
-_OF_MOTION = (figure_velocities, figure_joints, figure_path, figure_efforts, figure_tracking, figure_estimate)
-_ALL = (*_OF_ERRORS, tasks.figure_activations, tasks.figure_quantities, *_OF_MOTION, figure_health, figure_tick_time)
+_OF_ERRORS = (
+    tasks.figure_errors,
+    tasks.figure_misalignment,
+    tasks.figure_altitude,
+    tasks.figure_tool_error,
+)
+_OF_MOTION = (
+    figure_velocities,
+    figure_joints,
+    figure_path,
+    figure_efforts,
+    figure_tracking,
+    figure_estimate,
+)
+_ALL = (
+    *_OF_ERRORS,
+    tasks.figure_activations,
+    tasks.figure_quantities,
+    *_OF_MOTION,
+    figure_health,
+    figure_tick_time,
+)
 FIGURES: Mapping[str, Callable[..., Figure | None]] = style.by_name(_ALL)
 
 
@@ -169,11 +258,14 @@ Format = Literal["png", "pdf", "svg"]
 
 
 @checked
-def write_figures(record: Record, folder: Path | str, format: Format = "png", *, width: style.Width = "page") -> tuple[Path, ...]:
-    """Write every figure that the record can fill as ``folder/<name>.png``, or in another format; returns the paths written.
+def write_figures(
+    record: Record, folder: Path | str, format: Format = "png", *, width: style.Width = "page"
+) -> tuple[Path, ...]:
+    """Write every figure that the record can fill as ``folder/<name>.png``, or in another format;
+    returns the paths written.
 
-    width: of a page or a column of a journal, or [in]. Raises `InvalidInput` for a record with fewer than two rows and
-    `OutputError` where the folder cannot be written.
+    width: of a page or a column of a journal, or [in]. Raises `InvalidInput` for a record with
+    fewer than two rows and `OutputError` where the folder cannot be written.
     """
     require_rows(record)
     record = thinned(record)
@@ -182,9 +274,15 @@ def write_figures(record: Record, folder: Path | str, format: Format = "png", *,
 
 
 def write_figure(
-    record: Record, name: str, folder: Path | str, format: Format = "png", width: style.Width = "page"
+    record: Record,
+    name: str,
+    folder: Path | str,
+    format: Format = "png",
+    width: style.Width = "page",
 ) -> Path | None:
-    """Write one of `FIGURES`, or of a plan's; `None` where the record cannot fill it. Raises as `write_figures`."""
+    """Write one of `FIGURES`, or of a plan's; `None` where the record cannot fill it. Raises as
+    `write_figures`.
+    """
     figure = {**PLAN_FIGURES, **FIGURES}[name](record, width=width)
     return None if figure is None else style.save_figure(figure, Path(folder) / f"{name}.{format}")
 
@@ -206,26 +304,38 @@ def plot(
 def plot(what: Plan | Record, *, width: style.Width = "page") -> style.Figures: ...
 @checked
 def plot(
-    what: Plan | Record, *names: _Names, ax: style.Panels = None, fig: style.Given = None, width: style.Width = "page"
+    what: Plan | Record,
+    *names: _Names,
+    ax: style.Panels = None,
+    fig: style.Given = None,
+    width: style.Width = "page",
 ) -> Figure | style.Figures:
     """Every figure that a run or a plan can fill, or one with a panel for each of the names.
 
-    names: quantities such as ``T.position_error``, series such as ``thrust``, columns such as ``q.z``, or lists of them; see
-    `figure_of`, which tells what it raises. Raises `InvalidInput` for what is no name.
-    ax, fig: axes of the caller's, one for each name, or a figure or subfigure, drawn on in the caller's style; by default
-    a figure of our own, of the width of a page or a column of a journal, or [in].
+    names: quantities such as ``T.position_error``, series such as ``thrust``, columns such as
+    ``q.z``, or lists of them; see `figure_of`, which tells what it raises. Raises `InvalidInput`
+    for what is no name. ax, fig: axes of the caller's, one for each name, or a figure or subfigure,
+    drawn on in the caller's style; by default a figure of our own, of the width of a page or a
+    column of a journal, or [in].
     """
     record = thinned(what if isinstance(what, Record) else what.to_record())
     if names or ax is not None or fig is not None:
         return tasks.figure_of(record, *_each(names), ax=ax, fig=fig, width=width)
     draws = PLAN_FIGURES if record.meta.kind == "plan" else FIGURES
-    return style.Figures(figure for draw in draws.values() if (figure := draw(record, width=width)) is not None)
+    return style.Figures(
+        figure for draw in draws.values() if (figure := draw(record, width=width)) is not None
+    )
 
 
 def _each(names: Sequence[_Names]) -> list[str]:
     """One by one. Raises `InvalidInput` for what is no name."""
-    found: list[Any] = [one for name in names for one in (name if isinstance(name, tuple | list) else [name])]
+    found: list[Any] = [
+        one for name in names for one in (name if isinstance(name, tuple | list) else [name])
+    ]
     wrong = [repr(one) for one in found if not isinstance(one, str)]
     if wrong or not found:
-        raise InvalidInput(f"plot of {', '.join(wrong) or 'no name on ax or fig'}; give names such as 'q', 'T.position_error'")
+        raise InvalidInput(
+            f"plot of {', '.join(wrong) or 'no name on ax or fig'}; give names such as 'q',"
+            " 'T.position_error'"
+        )
     return found

@@ -1,4 +1,6 @@
-"""Read from a `Record` what figures and scenes draw: phases, faults, quantities, rows of tasks, vehicle and joint parts."""
+"""Read from a `Record` what figures and scenes draw: phases, faults, quantities, rows of tasks,
+vehicle and joint parts.
+"""
 
 from __future__ import annotations
 
@@ -15,7 +17,17 @@ from uvms_ocp.record.record import Record, quantity as quantity
 
 _LONGEST = 60  # letters of what is written on a line
 RUN_NAMES = (
-    *("errors", "misalignment", "altitude", "tool_error", "activations", "quantities", "velocities", "joints", "path"),
+    *(
+        "errors",
+        "misalignment",
+        "altitude",
+        "tool_error",
+        "activations",
+        "quantities",
+        "velocities",
+        "joints",
+        "path",
+    ),
     *("efforts", "tracking", "estimate", "health", "tick_time"),
 )
 PLAN_NAMES = ("vehicle_motion", "joint_motion", "clearance", "efforts")
@@ -56,16 +68,27 @@ class FaultSpan:
 def fault_spans(record: Record) -> tuple[FaultSpan, ...]:
     """Faults of a run that began before its end; none of a plan."""
     last = float(record["t"][-1])
-    ends = ((one, last if one.end is None else min(one.end, last)) for one in getattr(record.meta, "faults", ()) if one.t <= last)
-    return tuple(FaultSpan(name=one.text.partition("@")[0], start=one.t, end=end, ended=end < last) for one, end in ends)
+    ends = (
+        (one, last if one.end is None else min(one.end, last))
+        for one in getattr(record.meta, "faults", ())
+        if one.t <= last
+    )
+    return tuple(
+        FaultSpan(name=one.text.partition("@")[0], start=one.t, end=end, ended=end < last)
+        for one, end in ends
+    )
 
 
 def axis_label(text: str, name: str, part: str = "", prefix: str = "", meta: Any = None) -> str:
-    """Return the label of an axis: a text, and the unit of a series, of one of its parts, or of a quantity; prefix: such as m.
+    """Return the label of an axis: a text, and the unit of a series, of one of its parts, or of a
+    quantity; prefix: such as m.
 
     meta: of the record, as in `unit_of`.
     """
-    return f"{text} [{' or '.join(prefix + unit for unit in tables.unit_of(name, part, meta).split(' or '))}]"
+    return (
+        f"{text}"
+        f" [{' or '.join(prefix + unit for unit in tables.unit_of(name, part, meta).split(' or '))}]"
+    )
 
 
 def estimate_suffix(record: Record) -> str:
@@ -79,23 +102,42 @@ def require_rows(record: Record) -> None:
         raise InvalidInput(f"record has {len(record)} rows; at least 2 are needed to draw it")
 
 
-_LONG, _STRETCHES = 50_000, 4096  # rows from which on not all are drawn; a page is 1,300 dots wide
-_AS_THEY_ARE = ("t", "phase", "q", "q_estimated", "q_std", "v", "v_estimated", "command", "tick_time", "tool")
+# rows from which on not all are drawn; a page is 1,300 dots wide
+_LONG = 50_000
+_STRETCHES = 4096
+_AS_THEY_ARE = (
+    "t",
+    "phase",
+    "q",
+    "q_estimated",
+    "q_std",
+    "v",
+    "v_estimated",
+    "command",
+    "tick_time",
+    "tool",
+)
 
 
 def thinned(record: Record) -> Record:
-    """Two rows for each of 4,096 stretches of a record that has very many: the least and the largest value of every column.
+    """Two rows for each of 4,096 stretches of a record that has very many: the least and the
+    largest value of every column.
 
-    Of what is taken from one another, or counted, they are rows of the record: of state, estimate, command and times. What is
-    shorter than half a stretch, such as a short phase, is in none of them.
+    Of what is taken from one another, or counted, they are rows of the record: of state, estimate,
+    command and times. What is shorter than half a stretch, such as a short phase, is in none of
+    them.
     """
     if len(record) <= _LONG:
         return record
     step = -(-len(record) // _STRETCHES)
-    starts, series = np.arange(0, len(record), step), dict[str, np.ndarray]()
+    starts = np.arange(0, len(record), step)
+    series = dict[str, np.ndarray]()
     rows = np.append(np.stack([starts, starts + step // 2], axis=1).ravel()[:-1], len(record) - 1)
     for name in record.series:
-        ends = ((np.fmin.reduce(part), np.fmax.reduce(part)) for (part,) in row_files.parts(record[name], rows=step))
+        ends = (
+            (np.fmin.reduce(part), np.fmax.reduce(part))
+            for (part,) in row_files.parts(record[name], rows=step)
+        )
         series[name] = record[name][rows] if name in _AS_THEY_ARE else np.concatenate([*ends])
     return Record(series=series, meta=record.meta)
 
@@ -107,13 +149,21 @@ def phase_spans(record: Record) -> tuple[PhaseSpan, ...]:
     Raises `InvalidInput` where there is nothing to draw.
     """
     require_rows(record)
-    t, codes = record["t"], record["phase"] if "phase" in record.series else np.zeros(len(record), dtype=int)
-    spans = [(record.meta.phases[code], code, float(t[i]), float(t[j])) for i, j, code in intervals_of(codes)]
-    return tuple(PhaseSpan(index=k, name=one.name, title=one.title, start=a, end=b) for one, k, a, b in spans)
+    t = record["t"]
+    codes = record["phase"] if "phase" in record.series else np.zeros(len(record), dtype=int)
+    spans = [
+        (record.meta.phases[code], code, float(t[i]), float(t[j]))
+        for i, j, code in intervals_of(codes)
+    ]
+    return tuple(
+        PhaseSpan(index=k, name=one.name, title=one.title, start=a, end=b) for one, k, a, b in spans
+    )
 
 
 def intervals_of(codes: np.ndarray) -> Iterator[tuple[int, int, int]]:
-    """Stretches of equal codes (n,): where each begins, where the next one does, or the last row, and its code."""
+    """Stretches of equal codes (n,): where each begins, where the next one does, or the last row,
+    and its code.
+    """
     first = np.flatnonzero(np.diff(codes, prepend=-1))
     for i, j in zip(first, [*first[1:], len(codes) - 1], strict=True):
         yield int(i), int(j), int(codes[i])
@@ -125,13 +175,21 @@ def thresholds(record: Record, name: str) -> tuple[float, ...]:
 
 
 def threshold_text(record: Record, name: str, limit: float) -> str:
-    """Say what a limit [unit of the quantity] on a quantity is for: the phases that it ends, and which of them is the abort."""
+    """Say what a limit [unit of the quantity] on a quantity is for: the phases that it ends, and
+    which of them is the abort.
+    """
     meta = record.meta
-    found = {item.phase for item in meta.thresholds if item.quantity == name and item.limit == limit}
+    found = {
+        item.phase for item in meta.thresholds if item.quantity == name and item.limit == limit
+    }
     phases = [phase.name for phase in meta.phases if phase.name in found]
     abort = meta.abort_phase if meta.kind == "run" else None
     names = ["abort" if phase == abort else f"phase {phase}" for phase in phases]
-    return plain_line(f"threshold {limit:g}, {', '.join(names)}", _LONGEST) if names else f"threshold {limit:g}"
+    return (
+        plain_line(f"threshold {limit:g}, {', '.join(names)}", _LONGEST)
+        if names
+        else f"threshold {limit:g}"
+    )
 
 
 def task_gate(record: Record, task: str) -> np.ndarray | None:
@@ -142,11 +200,20 @@ def task_gate(record: Record, task: str) -> np.ndarray | None:
 
 def task_activity(record: Record, task: str) -> np.ndarray | None:
     """Activation (n, rows) of a task's rows; `None` where the task has no level."""
-    return next((record["activity"][:, rows] for name, rows in run_meta.level_rows(record.meta) if name == task), None)
+    return next(
+        (
+            record["activity"][:, rows]
+            for name, rows in run_meta.level_rows(record.meta)
+            if name == task
+        ),
+        None,
+    )
 
 
 def axis_names(record: Record, n: int) -> list[str]:
-    """Names of n rows or axes: the joints where there is one for each, which a joint of several axes has not."""
+    """Names of n rows or axes: the joints where there is one for each, which a joint of several
+    axes has not.
+    """
     joints = record.meta.joints
     return list(joints) if n == len(joints) else [str(k + 1) for k in range(n)]
 
@@ -157,11 +224,15 @@ def has_vehicle(record: Record) -> bool:
 
 
 def floor_heights(record: Record, points: np.ndarray) -> np.ndarray | None:
-    """Height (n,) [m] of the floor at points (n, 2) [m] in W; `None` where the record knows no floor."""
+    """Height (n,) [m] of the floor at points (n, 2) [m] in W; `None` where the record knows no
+    floor.
+    """
     relief, plane = record.meta.surroundings.floor, record.meta.surroundings.floor_z
     if relief is not None:
         from scipy.interpolate import RegularGridInterpolator
 
         grid = RegularGridInterpolator((relief.x, relief.y), np.transpose(relief.z))
-        return np.asarray(grid(np.clip(points, (relief.x[0], relief.y[0]), (relief.x[-1], relief.y[-1]))))
+        return np.asarray(
+            grid(np.clip(points, (relief.x[0], relief.y[0]), (relief.x[-1], relief.y[-1])))
+        )
     return None if plane is None else np.full(len(points), plane)

@@ -1,7 +1,8 @@
-"""One look for all figures: colours that colour-blind readers can tell apart, phase bands, marks of faults, no pyplot.
+"""One look for all figures: colours that colour-blind readers can tell apart, phase bands, marks of
+faults, no pyplot.
 
-A figure is one of our own, drawn wholly in this look, or, with ``fig`` or ``ax``, part of one of the caller's, with the
-caller's fonts, sizes and papers.
+A figure is one of our own, drawn wholly in this look, or, with ``fig`` or ``ax``, part of one of
+the caller's, with the caller's fonts, sizes and papers.
 """
 
 from __future__ import annotations
@@ -46,12 +47,16 @@ NARROW = 5.0  # [in] below it views stand one below the other
 _FONT = 8.5  # [points] of the style, that sizes are given for
 
 Width: TypeAlias = Literal["page", "column"] | Annotated[float, Range(1.0, 100.0)]
-"""Width of a figure that is not the caller's: of a page or a column of a journal, or a number [in]."""
+"""Width of a figure that is not the caller's: of a page or a column of a journal, or a number
+[in].
+"""
 Given: TypeAlias = Figure | SubFigure | None
 """A figure of the caller's, or a part of one, to draw on."""
 Page: TypeAlias = tuple[Given, Width]
 Panels: TypeAlias = Any
-"""Axes of the caller's, or several: a sequence, or an array as `matplotlib.pyplot.subplots` gives."""
+"""Axes of the caller's, or several: a sequence, or an array as `matplotlib.pyplot.subplots`
+gives.
+"""
 
 # [Okabe2008], without the yellow that vanishes on white.
 LINES = ("#0072B2", "#D55E00", "#009E73", "#E69F00", "#CC79A7", "#56B4E9", "#000000")
@@ -61,12 +66,22 @@ THRESHOLD = "#555555"
 FADED = "#AEB4B9"
 DASHES: tuple[Any, ...] = ("-", (0, (5, 1.5)), (0, (4, 1.5, 1, 1.5)))
 _TALLEST = 9  # entries of a column of a legend
-_FEW, _MANY = 12, 60  # stays in phases that are each named, however short; and that no lines part, which were a grey page
+# stays in phases that are each named, however short; and that no lines part, which were a grey page
+_FEW = 12
+_MANY = 60
 _LEFT = 0.775  # share of a figure's width that one panel has before labels are laid out
 _LETTER = 0.055  # [in] mean width of a letter in a phase's label
 _HANDLE = 5  # letters that the line before a legend's text takes
-_BANDS = ((BLUE, 0.09), (ORANGE, 0.12), (GREEN, 0.1), (PINK, 0.16), ("#808080", 0.12))  # on light and dark paper
-_TEXT, _LINE_ON_DARK = 4.5, 3.0  # least contrasts to the paper, those of the WCAG
+_BANDS = (
+    (BLUE, 0.09),
+    (ORANGE, 0.12),
+    (GREEN, 0.1),
+    (PINK, 0.16),
+    ("#808080", 0.12),
+)  # on light and dark paper
+# least contrasts to the paper, those of the WCAG
+_TEXT = 4.5
+_LINE_ON_DARK = 3.0
 
 _RAISED = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 
@@ -94,7 +109,9 @@ class _PlainPowers(LogFormatterSciNotation):
 
 
 class RecordFigure(Figure):
-    """A Matplotlib figure that no pyplot window manager knows, in this style alone; notebooks show it as PNG."""
+    """A Matplotlib figure that no pyplot window manager knows, in this style alone; notebooks show
+    it as PNG.
+    """
 
     def __init__(self, **options: Any) -> None:
         super().__init__(dpi=DPI, layout="constrained", **options)
@@ -107,7 +124,9 @@ class RecordFigure(Figure):
             super().draw(renderer)
 
     def savefig(self, *args: Any, **options: Any) -> None:
-        """Write a file as `matplotlib.figure.Figure.savefig` does, whatever the caller's style says of files."""
+        """Write a file as `matplotlib.figure.Figure.savefig` does, whatever the caller's style says
+        of files.
+        """
         with context(_STYLE):
             super().savefig(*args, **options)
 
@@ -120,7 +139,10 @@ class Figures(tuple[Figure, ...]):
 
     def _repr_html_(self) -> str:
         pictures = (b64encode(png_of(figure)).decode("ascii") for figure in self)
-        return "".join(f'<img src="data:image/png;base64,{picture}" style="max-width:100%"><br>' for picture in pictures)
+        return "".join(
+            f'<img src="data:image/png;base64,{picture}" style="max-width:100%"><br>'
+            for picture in pictures
+        )
 
 
 def png_of(figure: Figure, dpi: int = DPI) -> bytes:
@@ -131,15 +153,17 @@ def png_of(figure: Figure, dpi: int = DPI) -> bytes:
 
 
 def styled(draw: Callable[P, R]) -> Callable[P, R]:
-    """Check the arguments of `draw`, and run it under this module's settings, after which the caller's are back.
+    """Check the arguments of `draw`, and run it under this module's settings, after which the
+    caller's are back.
 
-    On a figure of the caller's, given as ``fig`` or by its ``ax``, it runs under the caller's settings. What comes of it raises
-    `InvalidInput` for an ``ax`` that is none.
+    On a figure of the caller's, given as ``fig`` or by its ``ax``, it runs under the caller's
+    settings. What comes of it raises `InvalidInput` for an ``ax`` that is none.
     """
 
     @wraps(draw)
     def wrapper(*args: P.args, **kwargs: P.kwargs) -> R:
-        ax, given = kwargs.get("ax"), cast(Given, kwargs.get("fig"))
+        ax = kwargs.get("ax")
+        given = cast(Given, kwargs.get("fig"))
         if ax is not None and given is None:
             given = _flat(ax)[0].figure
         before = set() if given is None else set(_artists(given))
@@ -158,13 +182,21 @@ def by_name(draws: Sequence[Callable[..., R]]) -> Mapping[str, Callable[..., R]]
 
 
 def _make_legible(figure: Figure, before: set[Artist]) -> None:
-    """Turn texts, and lines on dark paper, towards black or white as far as they need; names are no formulas."""
+    """Turn texts, and lines on dark paper, towards black or white as far as they need; names are no
+    formulas.
+    """
     sheet = _on(to_rgba(figure.figure.get_facecolor()), np.ones(3))
     for artist in {one for one in _artists(figure) if isinstance(one, Text | Line2D)} - before:
         paper = sheet if artist.axes is None else _on(to_rgba(artist.axes.get_facecolor()), sheet)
         if isinstance(artist, Text):
             artist.set_parse_math(False)
-            artist.set_color(legible(artist.get_color(), (paper,) if artist.get_bbox_patch() else (sheet, paper), _TEXT))
+            artist.set_color(
+                legible(
+                    artist.get_color(),
+                    (paper,) if artist.get_bbox_patch() else (sheet, paper),
+                    _TEXT,
+                )
+            )
         elif _luminance(paper) < _MIDDLE:
             artist.set_color(legible(artist.get_color(), (paper,), _LINE_ON_DARK))
 
@@ -187,7 +219,9 @@ _TO_LUMINANCE = np.array([0.2126, 0.7152, 0.0722])
 
 def _luminance(rgb: np.ndarray) -> float:
     """Relative luminance [-] of a colour in sRGB (3,), as WCAG 2 defines it."""
-    return float(np.where(rgb <= 0.04045, rgb / 12.92, ((rgb + 0.055) / 1.055) ** 2.4) @ _TO_LUMINANCE)
+    return float(
+        np.where(rgb <= 0.04045, rgb / 12.92, ((rgb + 0.055) / 1.055) ** 2.4) @ _TO_LUMINANCE
+    )
 
 
 def contrast(one: np.ndarray, other: np.ndarray) -> float:
@@ -197,14 +231,22 @@ def contrast(one: np.ndarray, other: np.ndarray) -> float:
 
 
 def legible(color: Any, papers: Sequence[np.ndarray], least: float) -> np.ndarray:
-    """The colour (3,), or the nearest towards black or white whose contrast to papers in sRGB (3,) is at least so much.
+    """The colour (3,), or the nearest towards black or white whose contrast to papers in sRGB (3,)
+    is at least so much.
 
-    A grey of too little contrast becomes as light as it is dark first, since what is fainter has to stay so.
+    A grey of too little contrast becomes as light as it is dark first, since what is fainter has to
+    stay so.
     """
     rgb, end = np.array(to_rgb(color)), np.full(3, float(_luminance(papers[0]) < _MIDDLE))
     grey = [1.0 - rgb] if np.ptp(rgb) < _GREY else []
-    shades = [rgb, *grey, *((1.0 - share) * rgb + share * end for share in np.linspace(0.05, 0.95, 19))]
-    return next((one for one in shades if min(contrast(one, paper) for paper in papers) >= least), end)
+    shades = [
+        rgb,
+        *grey,
+        *((1.0 - share) * rgb + share * end for share in np.linspace(0.05, 0.95, 19)),
+    ]
+    return next(
+        (one for one in shades if min(contrast(one, paper) for paper in papers) >= least), end
+    )
 
 
 def points(size: float) -> float:
@@ -218,9 +260,11 @@ def inches(figure: Figure) -> float:
 
 
 def titled(height: float, title: str, fig: Given = None, width: Width = "page") -> Figure:
-    """An empty figure of a height [in], on a page with its title on the left; or the caller's, without.
+    """An empty figure of a height [in], on a page with its title on the left; or the caller's,
+    without.
 
-    A caller's that is empty too gets the constrained layout, unless it has an engine or margins of its own.
+    A caller's that is empty too gets the constrained layout, unless it has an engine or margins of
+    its own.
     """
     if fig is not None:
         page = fig.figure
@@ -239,7 +283,9 @@ VIEWS = {"from above": (0, 1), "from the side": (0, 2)}
 
 
 def abreast(figure: Figure) -> list[Axes]:
-    """The two `VIEWS` beside each other, in a column one below the other; of one scale in both directions."""
+    """The two `VIEWS` beside each other, in a column one below the other; of one scale in both
+    directions.
+    """
     wide = inches(figure) > NARROW
     if not wide and isinstance(figure, RecordFigure):
         figure.set_figheight(1.6 * figure.get_figheight())
@@ -261,7 +307,9 @@ def note(axis: Axes, text: str, place: Any, offset: tuple[float, float], **look:
     axis.annotate(text, place, xytext=offset, textcoords="offset points", **look)
 
 
-def stacked(n_rows: int, height: float, title: str, fig: Given = None, width: Width = "page") -> tuple[Figure, list[Axes]]:
+def stacked(
+    n_rows: int, height: float, title: str, fig: Given = None, width: Width = "page"
+) -> tuple[Figure, list[Axes]]:
     """`n_rows` panels over one time axis; `height` [in] of one panel."""
     figure = titled(height * n_rows + 0.55, title, fig, width)
     axes = figure.subplots(n_rows, 1, sharex=True, squeeze=False)[:, 0]
@@ -278,32 +326,44 @@ def _flat(ax: Panels) -> list[Axes]:
 
 
 def panels(ax: Panels, n: int, fig: Given) -> tuple[Figure, list[Axes]]:
-    """The caller's axes and their figure. Raises `InvalidInput` where there are not n, or there is a figure besides."""
+    """The caller's axes and their figure. Raises `InvalidInput` where there are not n, or there is
+    a figure besides.
+    """
     axes = _flat(ax)
     if len(axes) != n or fig is not None:
         both = " and fig" if fig is not None else ""
-        raise InvalidInput(f"ax of {len(axes)} axes{both} for {n} names; give one for each name, or fig alone")
+        raise InvalidInput(
+            f"ax of {len(axes)} axes{both} for {n} names; give one for each name, or fig alone"
+        )
     for axis in axes:
         axis.set_xlabel(axis_label("time", "t"))
     return cast(Figure, axes[0].figure), axes
 
 
 def label_text(name: str, longest: int = 32) -> str:
-    """A name as a label of at most so many letters, and not of the kind that Matplotlib keeps out of legends."""
+    """A name as a label of at most so many letters, and not of the kind that Matplotlib keeps out
+    of legends.
+    """
     label = plain_line(name, longest)
     return f" {label}" if label.startswith("_") else label
 
 
-_QUICKLY: dict[str, Any] = {".png": {"pil_kwargs": {"compress_level": 1}}}  # in a third of the time, a sixth larger
+_QUICKLY: dict[str, Any] = {
+    ".png": {"pil_kwargs": {"compress_level": 1}}
+}  # in a third of the time, a sixth larger
 
 
 def save_figure(figure: Figure, path: Path) -> Path:
-    """Write a PNG, PDF or SVG, as its name ends, and the folders that it needs; returns its path. Raises `OutputError`."""
+    """Write a PNG, PDF or SVG, as its name ends, and the folders that it needs; returns its path.
+    Raises `OutputError`.
+    """
     engine = figure.get_layout_engine()
     try:
         with as_output_errors(path), context(_STYLE):
             path.parent.mkdir(parents=True, exist_ok=True)
-            if engine is not None:  # left to find the places of artists itself, Matplotlib draws all of it once more
+            if (
+                engine is not None
+            ):  # left to find the places of artists itself, Matplotlib draws all of it once more
                 engine.execute(figure)
             figure.set_layout_engine(None)
             figure.savefig(path, dpi=DPI, **_QUICKLY.get(path.suffix.lower(), {}))
@@ -318,25 +378,48 @@ def heading_legend(figure: Figure, handles: Sequence[Line2D]) -> None:
 
 
 def legend_beside(axis: Axes) -> None:
-    """One entry below the other to the right of the panel, where it covers nothing; none where nothing is named."""
-    if not (n := len(axis.get_legend_handles_labels()[0])):
+    """One entry below the other to the right of the panel, where it covers nothing; none where
+    nothing is named.
+    """
+    n = len(axis.get_legend_handles_labels()[0])
+    if not n:
         return
-    axis.legend(loc="center left", bbox_to_anchor=(1.0, 0.5), ncols=1 + (n - 1) // _TALLEST, fontsize=points(6.5))
+    axis.legend(
+        loc="center left",
+        bbox_to_anchor=(1.0, 0.5),
+        ncols=1 + (n - 1) // _TALLEST,
+        fontsize=points(6.5),
+    )
 
 
-def shade_phases(axes: Sequence[Axes], spans: Sequence[PhaseSpan], *, named: bool = True, beside: int = 0) -> None:
-    """Colour the phases behind every panel and name them above the first; beside: letters next to panels, but for legends."""
+def shade_phases(
+    axes: Sequence[Axes], spans: Sequence[PhaseSpan], *, named: bool = True, beside: int = 0
+) -> None:
+    """Colour the phases behind every panel and name them above the first; beside: letters next to
+    panels, but for legends.
+    """
     for axis in axes:
         for span in spans:
-            axis.axvspan(span.start, span.end, color=_BANDS[span.index % len(_BANDS)], lw=0, zorder=-2)
+            axis.axvspan(
+                span.start, span.end, color=_BANDS[span.index % len(_BANDS)], lw=0, zorder=-2
+            )
         for span in spans[1:] if len(spans) <= _MANY else ():
             axis.axvline(span.start, color="#9AA3AB", lw=0.6, zorder=-1)
         axis.set_xlim(spans[0].start, spans[-1].end)
     if named:
-        of_figure = axes[0].get_position().width / _LEFT  # with what is beside it, before all is laid out
-        texts = [text.get_text() for axis in axes if (legend := axis.get_legend()) for text in legend.get_texts()]
+        of_figure = (
+            axes[0].get_position().width / _LEFT
+        )  # with what is beside it, before all is laid out
+        texts = [
+            text.get_text()
+            for axis in axes
+            if (legend := axis.get_legend())
+            for text in legend.get_texts()
+        ]
         beside += max((len(text) + _HANDLE for text in texts), default=0)
-        _name_phases(axes[0], spans, 0.88 * inches(axes[0].figure) * of_figure - points(_LETTER) * beside)
+        _name_phases(
+            axes[0], spans, 0.88 * inches(axes[0].figure) * of_figure - points(_LETTER) * beside
+        )
 
 
 def _name_phases(axis: Axes, spans: Sequence[PhaseSpan], width: float) -> None:
@@ -346,9 +429,18 @@ def _name_phases(axis: Axes, spans: Sequence[PhaseSpan], width: float) -> None:
         room = scale * (span.end - span.start) / points(_LETTER)
         if room < 2.0 and len(spans) > _FEW:
             continue
-        text = span.label if len(span.label) + 1 < room else plain_line(span.name, max(2, int(room)))
+        text = (
+            span.label if len(span.label) + 1 < room else plain_line(span.name, max(2, int(room)))
+        )
         look = {"ha": "center", "va": "bottom", "fontsize": points(7.5), "color": "#333333"}
-        note(axis, text, ((span.start + span.end) / 2, 1.0), (0, 3), xycoords=("data", "axes fraction"), **look)
+        note(
+            axis,
+            text,
+            ((span.start + span.end) / 2, 1.0),
+            (0, 3),
+            xycoords=("data", "axes fraction"),
+            **look,
+        )
 
 
 def logarithmic(axis: Axes) -> None:
@@ -359,21 +451,33 @@ def logarithmic(axis: Axes) -> None:
 
 
 def threshold(axis: Axes, value: float, text: str, place: float = 0.0) -> None:
-    """A dashed line at `value` [unit of the axis], with its meaning written on it at that share of its length."""
+    """A dashed line at `value` [unit of the axis], with its meaning written on it at that share of
+    its length.
+    """
     axis.axhline(value, color=THRESHOLD, lw=0.9, ls=(0, (5, 3)), zorder=1.5)
-    paper = {"facecolor": axis.get_facecolor(), "alpha": 0.8, "lw": 0, "pad": 0.6}  # over curves that run through the text
+    paper = {
+        "facecolor": axis.get_facecolor(),
+        "alpha": 0.8,
+        "lw": 0,
+        "pad": 0.6,
+    }  # over curves that run through the text
     look = {"ha": "left", "va": "bottom", "fontsize": points(7), "color": THRESHOLD, "bbox": paper}
     note(axis, text, (place, value), (4, 2), xycoords=("axes fraction", "data"), **look)
 
 
-# What lies behind the curves of every figure over time: the phases of the mission, and what went wrong on purpose.
+# What lies behind the curves of every figure over time: the phases of the mission, and what went
+# wrong on purpose.
 
-_ABOVE_PHASES, _LINE = 13, 8  # [points]
+# [points]
+_ABOVE_PHASES = 13
+_LINE = 8
 _LONGEST = 40  # letters of what one moment is marked with
 
 
 def mark_time(axes: Sequence[Axes], record: Record, *, named: bool = True, beside: int = 0) -> None:
-    """Phases and faults on every panel, named on the first unless told otherwise; beside: as of `shade_phases`."""
+    """Phases and faults on every panel, named on the first unless told otherwise; beside: as of
+    `shade_phases`.
+    """
     shade_phases(axes, phase_spans(record), named=named, beside=beside)
     begun: dict[float, list[str]] = {}
     for fault in fault_spans(record):
@@ -392,9 +496,12 @@ def space_above(record: Record) -> float:
 
 
 def _name(axis: Axes, start: float, text: str, line: int) -> None:
-    """Above the names of the phases, from its onset on or up to it; each a line higher than the one before."""
+    """Above the names of the phases, from its onset on or up to it; each a line higher than the one
+    before.
+    """
     begin, end = axis.get_xlim()
     late = start - begin > 0.5 * (end - begin)
-    offset, side = (-3 if late else 3, _ABOVE_PHASES + _LINE * line), "right" if late else "left"
+    offset = (-3 if late else 3, _ABOVE_PHASES + _LINE * line)
+    side = "right" if late else "left"
     look = {"ha": side, "va": "bottom", "fontsize": points(6.5), "color": VERMILLION}
     note(axis, text, (start, 1.0), offset, xycoords=("data", "axes fraction"), **look)

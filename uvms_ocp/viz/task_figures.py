@@ -1,4 +1,6 @@
-"""Figures of tasks: errors and other measured quantities, and activations ([Gao2022] figures 5-10)."""
+"""Figures of tasks: errors and other measured quantities, and activations ([Gao2022] figures
+5-10).
+"""
 
 from __future__ import annotations
 
@@ -28,8 +30,12 @@ _LOG_FLOOR = 1e-9  # [m, rad] below this an error is rounding
 
 
 @style.styled
-def figure_errors(record: Record, task: str = "PC", *, fig: style.Given = None, width: style.Width = "page") -> Figure | None:
-    """Position and orientation error of the vehicle to its way point; faded while the task is off."""
+def figure_errors(
+    record: Record, task: str = "PC", *, fig: style.Given = None, width: style.Width = "page"
+) -> Figure | None:
+    """Position and orientation error of the vehicle to its way point; faded while the task is
+    off.
+    """
     return _pose_error_figure(record, {task: ""}, "Vehicle: error to the way point", (fig, width))
 
 
@@ -37,7 +43,8 @@ def figure_errors(record: Record, task: str = "PC", *, fig: style.Given = None, 
 def figure_tool_error(
     record: Record, task: str | None = None, *, fig: style.Given = None, width: style.Width = "page"
 ) -> Figure | None:
-    """Position and orientation error of the tool, of several by their names; faded while the task is off.
+    """Position and orientation error of the tool, of several by their names; faded while the task
+    is off.
 
     task: one of them; left out: all of the record.
     """
@@ -47,12 +54,17 @@ def figure_tool_error(
 
 
 def _tool_tasks(record: Record) -> dict[str, str]:
-    """The tool of each task of one, by the name of the task; without a name where there is one alone."""
-    tools, first = {task.name: task.tool for task in record.meta.tasks if task.tool}, record.meta.tool_task
+    """The tool of each task of one, by the name of the task; without a name where there is one
+    alone.
+    """
+    tools = {task.name: task.tool for task in record.meta.tasks if task.tool}
+    first = record.meta.tool_task
     return tools if len(tools) > 1 else {} if first is None else {first: ""}
 
 
-def _pose_error_figure(record: Record, tasks: Mapping[str, str], title: str, page: style.Page) -> Figure | None:
+def _pose_error_figure(
+    record: Record, tasks: Mapping[str, str], title: str, page: style.Page
+) -> Figure | None:
     shown = (("position", style.BLUE), ("orientation", style.VERMILLION))
     rows = [
         (f"{task}.{what}_error", f"{style.label_text(tool, 16)}\n{what} error".lstrip(), color)
@@ -63,10 +75,15 @@ def _pose_error_figure(record: Record, tasks: Mapping[str, str], title: str, pag
 
 
 def _quantity_figure(
-    record: Record, rows: Sequence[tuple[str, str, str]], title: str, panel: _Panel, page: style.Page
+    record: Record,
+    rows: Sequence[tuple[str, str, str]],
+    title: str,
+    panel: _Panel,
+    page: style.Page,
 ) -> Figure | None:
     """One panel per row (quantity, label, colour) that the record has."""
-    if not (known := [row for row in rows if quantity(record, row[0]) is not None]):
+    known = [row for row in rows if quantity(record, row[0]) is not None]
+    if not known:
         return None
     figure, axes = style.stacked(len(known), 1.75, title + recorded.estimate_suffix(record), *page)
     for axis, (name, label, color) in zip(axes, known, strict=True):
@@ -74,14 +91,19 @@ def _quantity_figure(
         axis.set_ylabel(recorded.axis_label(label, name, meta=record.meta))
     style.mark_time(axes, record)
     active = Line2D([], [], color=style.BLACK, label="task active")
-    style.heading_legend(figure, [active, Line2D([], [], color=style.FADED, lw=0.9, label="task off")])
+    style.heading_legend(
+        figure, [active, Line2D([], [], color=style.FADED, lw=0.9, label="task off")]
+    )
     return figure
 
 
 def _panel(axis: Axes, record: Record, name: str, color: str) -> np.ndarray:
-    """Draw a quantity, faded while its task is off; returns its values (k,) while the task is on."""
+    """Draw a quantity, faded while its task is off; returns its values (k,) while the task is
+    on.
+    """
     gate = recorded.task_gate(record, name.rpartition(".")[0])
-    values, on = _required(record, name), (np.ones(len(record), dtype=bool) if gate is None else gate > 0)
+    values = _required(record, name)
+    on = np.ones(len(record), dtype=bool) if gate is None else gate > 0
     axis.plot(record["t"], values, color=color, alpha=0.35, lw=0.9)
     axis.plot(record["t"], np.where(on, values, np.nan), color=color)
     _mark_thresholds(axis, record, name)
@@ -94,7 +116,9 @@ def _mark_thresholds(axis: Axes, record: Record, name: str) -> None:
 
 
 def _logarithmic_panel(axis: Axes, record: Record, name: str, color: str) -> None:
-    """Logarithmic, because convergence is exponential; an exact start does not stretch the axis; linear where all is 0."""
+    """Logarithmic, because convergence is exponential; an exact start does not stretch the axis;
+    linear where all is 0.
+    """
     if not (_required(record, name) > 0.0).any():
         _linear_panel(axis, record, name, color)
         return
@@ -102,7 +126,9 @@ def _logarithmic_panel(axis: Axes, record: Record, name: str, color: str) -> Non
     active = active[np.isfinite(active)]
     style.logarithmic(axis)
     if len(active):
-        lowest = min([*recorded.thresholds(record, name), float(np.percentile(active, 5)), float(active[-1])])
+        lowest = min(
+            [*recorded.thresholds(record, name), float(np.percentile(active, 5)), float(active[-1])]
+        )
         axis.set_ylim(bottom=max(lowest, _LOG_FLOOR) / 2)
 
 
@@ -117,30 +143,56 @@ def _required(record: Record, name: str) -> np.ndarray:
 
 
 @style.styled
-def figure_misalignment(record: Record, *, fig: style.Given = None, width: style.Width = "page") -> Figure | None:
-    """Angle between the vehicle's x axis and the horizontal direction to the target (AT), and tilt (HA)."""
+def figure_misalignment(
+    record: Record, *, fig: style.Given = None, width: style.Width = "page"
+) -> Figure | None:
+    """Angle between the vehicle's x axis and the horizontal direction to the target (AT), and tilt
+    (HA).
+    """
     rows = (("AT.misalignment", "misalignment", style.GREEN), ("HA.tilt", "tilt", style.ORANGE))
-    title = "Vehicle: tilt" if quantity(record, "AT.misalignment") is None else "Vehicle: alignment with the target, and tilt"
+    title = (
+        "Vehicle: tilt"
+        if quantity(record, "AT.misalignment") is None
+        else "Vehicle: alignment with the target, and tilt"
+    )
     return _quantity_figure(record, rows, title, _linear_panel, (fig, width))
 
 
 @style.styled
-def figure_altitude(record: Record, *, fig: style.Given = None, width: style.Width = "page") -> Figure | None:
-    """Altitude above the floor with the thresholds on it, and a closer view where it comes near; `None` without an echo."""
-    name = next((n for n in ("LA.altitude", "MAC.altitude") if np.isfinite(_required(record, n)).any()), None)
+def figure_altitude(
+    record: Record, *, fig: style.Given = None, width: style.Width = "page"
+) -> Figure | None:
+    """Altitude above the floor with the thresholds on it, and a closer view where it comes near;
+    `None` without an echo.
+    """
+    name = next(
+        (n for n in ("LA.altitude", "MAC.altitude") if np.isfinite(_required(record, n)).any()),
+        None,
+    )
     if name is None:
         return None
-    t, altitude = record["t"], _required(record, name)
+    t = record["t"]
+    altitude = _required(record, name)
     altitude = np.where(np.isfinite(altitude), altitude, np.nan)
-    highest, limits = float(np.nanmax(altitude)), recorded.thresholds(record, name)
+    highest = float(np.nanmax(altitude))
+    limits = recorded.thresholds(record, name)
     near = 2.5 * max([*limits, float(np.nanmin(altitude))])
-    figure, axes = style.stacked(2 if near < highest else 1, 1.75, "Altitude of the altimeter above the floor", fig, width)
+    figure, axes = style.stacked(
+        2 if near < highest else 1, 1.75, "Altitude of the altimeter above the floor", fig, width
+    )
     for axis in axes:
         axis.plot(t, altitude, color=style.BLUE, label="altitude")
         for limit in limits:
             style.threshold(axis, limit, f"landed below {limit:g} m")
     lowest = int(np.nanargmin(altitude))
-    axes[-1].plot(t[lowest], altitude[lowest], "v", color=style.VERMILLION, ms=5, label=f"lowest: {altitude[lowest]:.3f} m")
+    axes[-1].plot(
+        t[lowest],
+        altitude[lowest],
+        "v",
+        color=style.VERMILLION,
+        ms=5,
+        label=f"lowest: {altitude[lowest]:.3f} m",
+    )
     label = recorded.axis_label("altitude", name)
     axes[0].set(ylabel=label, ylim=(0, 1.05 * max([*limits, highest, 0.1])))
     if len(axes) > 1:
@@ -152,34 +204,58 @@ def figure_altitude(record: Record, *, fig: style.Given = None, width: style.Wid
 
 
 @style.styled
-def figure_quantities(record: Record, *, fig: style.Given = None, width: style.Width = "page") -> Figure | None:
-    """Draw what the tasks measure and no other figure shows, own tasks included; `None` where there is nothing."""
+def figure_quantities(
+    record: Record, *, fig: style.Given = None, width: style.Width = "page"
+) -> Figure | None:
+    """Draw what the tasks measure and no other figure shows, own tasks included; `None` where there
+    is nothing.
+    """
     tasks = (*_tool_tasks(record), "PC", "AT", "HA", "LA", "MAC")
     rows = [
         (name, f"{style.label_text(name, 24)}\n", style.BLUE)
         for name in record.meta.quantities
         if not (name.rpartition(".")[0] in tasks and name.rpartition(".")[2] in _ELSEWHERE)
     ]
-    return _quantity_figure(record, rows[:_MOST_PANELS], "Quantities of other tasks", _panel, (fig, width))
+    return _quantity_figure(
+        record, rows[:_MOST_PANELS], "Quantities of other tasks", _panel, (fig, width)
+    )
 
 
 @style.styled
 def figure_of(
-    record: Record, name: str, *names: str, ax: style.Panels = None, fig: style.Given = None, width: style.Width = "page"
+    record: Record,
+    name: str,
+    *names: str,
+    ax: style.Panels = None,
+    fig: style.Given = None,
+    width: style.Width = "page",
 ) -> Figure:
-    """One panel for each of the names: a quantity such as ``T.position_error``, a series such as ``thrust``, or a column ``q.z``.
+    """One panel for each of the names: a quantity such as ``T.position_error``, a series such as
+    ``thrust``, or a column ``q.z``.
 
-    ax: of the caller's, as many as names, instead of fig. Raises `NameNotFound` for what the record has not, and
-    `InvalidInput` where it has nothing to draw, and for another number of axes.
+    ax: of the caller's, as many as names, instead of fig. Raises `NameNotFound` for what the record
+    has not, and `InvalidInput` where it has nothing to draw, and for another number of axes.
     """
     recorded.require_rows(record)
     names = (name, *names)
     curves = [_curves(record, name) for name in names]
-    title = ", ".join(style.label_text(name) for name in names[:4]) + recorded.estimate_suffix(record)
-    figure, axes = style.stacked(len(names), 1.75, title, fig, width) if ax is None else style.panels(ax, len(names), fig)
+    title = ", ".join(style.label_text(name) for name in names[:4]) + recorded.estimate_suffix(
+        record
+    )
+    figure, axes = (
+        style.stacked(len(names), 1.75, title, fig, width)
+        if ax is None
+        else style.panels(ax, len(names), fig)
+    )
     for axis, one, (lines, unit) in zip(axes, names, curves, strict=True):
         for k, (label, values) in enumerate(lines.items()):
-            axis.plot(record["t"], values, **style.line_style(k), lw=1.1, label=style.label_text(label, 20))
+            axis.plot(
+                record["t"],
+                values,
+                **style.line_style(k),
+                lw=1.1,
+                label=style.label_text(label, 20),
+            )
         _mark_thresholds(axis, record, one)
         axis.set_ylabel(f"{style.label_text(one, 24)}\n[{unit}]")
         if len(lines) > 1:
@@ -194,12 +270,21 @@ def _curves(record: Record, name: str) -> tuple[dict[str, np.ndarray], str]:
     if name in record.meta.quantities or (name in names and record[name].ndim == 1):
         return {name: record[name]}, tables.unit_of(name, meta=record.meta)
     if name in names:
-        labels = (label.removeprefix(f"{name}.") for label in tables.column_names(name, record[name].shape[1], record.meta))
-        return dict(zip(labels, record[name].T, strict=True)), tables.unit_of(name, meta=record.meta)
+        labels = (
+            label.removeprefix(f"{name}.")
+            for label in tables.column_names(name, record[name].shape[1], record.meta)
+        )
+        return dict(zip(labels, record[name].T, strict=True)), tables.unit_of(
+            name, meta=record.meta
+        )
     found = _columns(record, [key for key in names if record[key].ndim == _A_TABLE])
     if name not in found:
-        of_series = (column for column, (series, _, _) in found.items() if series == name.partition(".")[0])
-        raise NameNotFound("quantity, series or column", name, [*record.meta.quantities, *names, *of_series])
+        of_series = (
+            column for column, (series, _, _) in found.items() if series == name.partition(".")[0]
+        )
+        raise NameNotFound(
+            "quantity, series or column", name, [*record.meta.quantities, *names, *of_series]
+        )
     series, column, unit = found[name]
     return {name: record[series][:, column]}, unit
 
@@ -211,7 +296,11 @@ def _columns(record: Record, names: Sequence[str]) -> dict[str, tuple[str, int, 
         label: (name, k, unit)
         for name, width in widths.items()
         for k, (label, unit) in enumerate(
-            zip(tables.column_names(name, width, record.meta), tables.column_units(name, width, record.meta), strict=True)
+            zip(
+                tables.column_names(name, width, record.meta),
+                tables.column_units(name, width, record.meta),
+                strict=True,
+            )
         )
     }
 
@@ -220,12 +309,20 @@ def _columns(record: Record, names: Sequence[str]) -> dict[str, tuple[str, int, 
 
 
 @style.styled
-def figure_activations(record: Record, *, fig: style.Given = None, width: style.Width = "page") -> Figure | None:
-    """One small panel per task: activation of its rows (internal bell x phase) under the phase's own activation."""
-    tasks = [task for task in record.meta.tasks if recorded.task_activity(record, task.name) is not None]
+def figure_activations(
+    record: Record, *, fig: style.Given = None, width: style.Width = "page"
+) -> Figure | None:
+    """One small panel per task: activation of its rows (internal bell x phase) under the phase's
+    own activation.
+    """
+    tasks = [
+        task for task in record.meta.tasks if recorded.task_activity(record, task.name) is not None
+    ]
     if not tasks:
         return None
-    figure, axes = style.stacked(len(tasks), 0.56, "Activation of the tasks, highest priority on top", fig, width)
+    figure, axes = style.stacked(
+        len(tasks), 0.56, "Activation of the tasks, highest priority on top", fig, width
+    )
     for axis, task in zip(axes, tasks, strict=True):
         _activation_panel(axis, record, task)
     style.mark_time(axes, record, beside=9)
@@ -234,12 +331,16 @@ def figure_activations(record: Record, *, fig: style.Given = None, width: style.
 
 
 def _activation_panel(axis: Axes, record: Record, task: meta_values.TaskMeta) -> None:
-    t, rows, gate = record["t"], recorded.task_activity(record, task.name), recorded.task_gate(record, task.name)
+    t = record["t"]
+    rows = recorded.task_activity(record, task.name)
+    gate = recorded.task_gate(record, task.name)
     if rows is None or gate is None:
         return
     _draw_activation(axis, t, rows, gate)
     axis.grid(visible=False, axis="y")
-    axis.set_ylabel(style.label_text(task.name), rotation=0, ha="right", va="center", fontweight="bold")
+    axis.set_ylabel(
+        style.label_text(task.name), rotation=0, ha="right", va="center", fontweight="bold"
+    )
     look = {"xycoords": "axes fraction", "va": "center", "fontsize": style.points(6.5)}
     style.note(axis, style.label_text(task.label), (1.008, 0.5), (0, 0), **look)
 
@@ -248,12 +349,16 @@ def _activation_panel(axis: Axes, record: Record, task: meta_values.TaskMeta) ->
 def figure_row_activations(
     record: Record, task: str = "JL", *, fig: style.Given = None, width: style.Width = "page"
 ) -> Figure | None:
-    """Activation of every row of a task, such as each joint of JL; `None` where the task has no level."""
+    """Activation of every row of a task, such as each joint of JL; `None` where the task has no
+    level.
+    """
     rows = recorded.task_activity(record, task)
     if rows is None or not rows.shape[1]:
         return None
     n = rows.shape[1]
-    figure, axes = style.stacked(n, 0.5, f"Activation of the rows of {style.label_text(task)}", fig, width)
+    figure, axes = style.stacked(
+        n, 0.5, f"Activation of the rows of {style.label_text(task)}", fig, width
+    )
     names = [task] if n == 1 and len(record.meta.joints) != 1 else recorded.axis_names(record, n)
     gate = recorded.task_gate(record, task)
     for axis, name, row in zip(axes, names, rows.T, strict=True):
@@ -275,4 +380,6 @@ def _draw_activation(axis: Axes, t: np.ndarray, rows: np.ndarray, gate: np.ndarr
 def _legend(figure: Figure) -> None:
     """Add the legend of the two lines of a panel of activations."""
     rows = Line2D([], [], color=style.BLUE, lw=0.9, label="rows: own bell × phase")
-    style.heading_legend(figure, [rows, Line2D([], [], color=style.VERMILLION, lw=0.9, ls="--", label="phase")])
+    style.heading_legend(
+        figure, [rows, Line2D([], [], color=style.VERMILLION, lw=0.9, ls="--", label="phase")]
+    )

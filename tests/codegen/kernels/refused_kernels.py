@@ -91,7 +91,8 @@ def copying_to_an_unknown_length(m: Small, x: Vector) -> None:
 
 def of_swapped_names(m: Small) -> float:
     """has to give values that depend on nothing that it changes"""
-    a, b = m.x, 2.0
+    a = m.x
+    b = 2.0
     a, b = b, a
     return a - b
 

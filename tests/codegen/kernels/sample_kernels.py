@@ -6,7 +6,14 @@ import math
 from enum import IntEnum
 from typing import Annotated, Any
 
-from uvms_ocp.codegen.kernel_layout import CallbackField, FunctionField, Layout, Sized, Vector, zeros
+from uvms_ocp.codegen.kernel_layout import (
+    CallbackField,
+    FunctionField,
+    Layout,
+    Sized,
+    Vector,
+    zeros,
+)
 
 LIMIT = 0.75
 
@@ -110,7 +117,8 @@ def halvings(x: float) -> int:
 
 def tick(m: Memory, x: float, quiet: bool) -> float:
     """All of it."""
-    total, s = 0.0, 0.0
+    total = 0.0
+    s = 0.0
     medians = zeros(4)
     m.before[:] = m.out
     for i in range(len(m.windows)):

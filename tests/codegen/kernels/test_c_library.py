@@ -24,15 +24,23 @@ def run_c(folder: Path, sources: dict[str, str]) -> list[float]:
         (folder / name).write_text(text)
     program = folder / "program"
     built = [COMPILER, *STRICT, "-o", program, *(folder / name for name in sources), "-lm"]
-    subprocess.run([str(part) for part in built], check=True, capture_output=True, text=True, timeout=100.0)
-    said = subprocess.run([str(program)], check=True, capture_output=True, text=True, timeout=100.0).stdout
+    subprocess.run(
+        [str(part) for part in built], check=True, capture_output=True, text=True, timeout=100.0
+    )
+    said = subprocess.run(
+        [str(program)], check=True, capture_output=True, text=True, timeout=100.0
+    ).stdout
     return [float(line) for line in said.split()]
 
 
 def pendulum() -> ca.Function:
     x, push = ca.SX.sym("x", 2), ca.SX.sym("push")
     rate = ca.vertcat(x[1], push - ca.sin(x[0]))
-    return ca.Function("pendulum", [x, push], [rate, ca.densify(ca.jacobian(rate, x)), x[1] ** 2 / 2 - ca.cos(x[0])])
+    return ca.Function(
+        "pendulum",
+        [x, push],
+        [rate, ca.densify(ca.jacobian(rate, x)), x[1] ** 2 / 2 - ca.cos(x[0])],
+    )
 
 
 @needs_compiler

@@ -1,4 +1,6 @@
-"""Kernels whose library is kept are not written as C again, unless something that they are made of has changed."""
+"""Kernels whose library is kept are not written as C again, unless something that they are made of
+has changed.
+"""
 
 from __future__ import annotations
 
@@ -65,7 +67,9 @@ def _loaded(folder: Path, **numbers: float) -> ModuleType:
 
 @pytest.fixture
 def load(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Callable[..., ModuleType]:
-    """Modules of other numbers in folders of their own, so that none has the byte code of another."""
+    """Modules of other numbers in folders of their own, so that none has the byte code of
+    another.
+    """
     monkeypatch.setattr(sys, "dont_write_bytecode", True)
     monkeypatch.setenv("UVMS_OCP_CACHE", str(tmp_path / "cache"))
     monkeypatch.syspath_prepend(tmp_path)
@@ -85,14 +89,18 @@ def _expected(**numbers: float) -> float:
     return n["factor"] * (n["gain"] * 1.5) + n["shift"] + n["member"]
 
 
-def test_what_is_kept_is_not_written_as_c_again(load: Callable[..., ModuleType], monkeypatch: pytest.MonkeyPatch) -> None:
+def test_what_is_kept_is_not_written_as_c_again(
+    load: Callable[..., ModuleType], monkeypatch: pytest.MonkeyPatch
+) -> None:
     assert _stepped(load()) == _expected()
     monkeypatch.setattr(kernels, "c_program", None)
     assert _stepped(load()) == _expected()
 
 
 @pytest.mark.parametrize("change", OTHERS, ids=lambda change: next(iter(change)))
-def test_whatever_a_kernel_is_made_of_makes_another(load: Callable[..., ModuleType], change: dict[str, float]) -> None:
+def test_whatever_a_kernel_is_made_of_makes_another(
+    load: Callable[..., ModuleType], change: dict[str, float]
+) -> None:
     before = program_content([load().step])
     assert _stepped(load()) == _expected()
     assert program_content([load(**change).step]) != before
@@ -100,7 +108,10 @@ def test_whatever_a_kernel_is_made_of_makes_another(load: Callable[..., ModuleTy
     assert _stepped(load()) == _expected()
 
 
-@pytest.mark.parametrize(("module", "name"), [("kept_calling", "GAIN"), ("kept_calling", "SHIFT"), ("kept_numbers", "Kind")])
+@pytest.mark.parametrize(
+    ("module", "name"),
+    [("kept_calling", "GAIN"), ("kept_calling", "SHIFT"), ("kept_numbers", "Kind")],
+)
 def test_a_value_that_is_replaced_in_a_running_program_makes_another(
     load: Callable[..., ModuleType], monkeypatch: pytest.MonkeyPatch, module: str, name: str
 ) -> None:
@@ -112,14 +123,18 @@ def test_a_value_that_is_replaced_in_a_running_program_makes_another(
     assert program_content([step]) != before
 
 
-def test_wide_kernels_are_others(load: Callable[..., ModuleType], monkeypatch: pytest.MonkeyPatch) -> None:
+def test_wide_kernels_are_others(
+    load: Callable[..., ModuleType], monkeypatch: pytest.MonkeyPatch
+) -> None:
     step = load().step
     before = program_content([step])
     monkeypatch.setattr("uvms_ocp.codegen.kernel_program.WIDE", {step})
     assert program_content([step]) != before
 
 
-def test_a_file_that_was_edited_under_a_loaded_kernel_makes_another(load: Callable[..., ModuleType], tmp_path: Path) -> None:
+def test_a_file_that_was_edited_under_a_loaded_kernel_makes_another(
+    load: Callable[..., ModuleType], tmp_path: Path
+) -> None:
     module = load()
     before = program_content([module.step])
     (tmp_path / "kept_called.py").write_text(CALLED.format(factor=123.0), encoding="utf-8")
@@ -128,7 +143,9 @@ def test_a_file_that_was_edited_under_a_loaded_kernel_makes_another(load: Callab
     assert "123.0" in "".join(c_program([module.step], [structure_of(module.Pair)]))
 
 
-def test_a_library_that_is_gone_is_made_again(load: Callable[..., ModuleType], tmp_path: Path) -> None:
+def test_a_library_that_is_gone_is_made_again(
+    load: Callable[..., ModuleType], tmp_path: Path
+) -> None:
     assert _stepped(load()) == _expected()
     for path in (tmp_path / "cache").iterdir():
         path.unlink()
@@ -153,7 +170,11 @@ print(sha256(program_content([tick.begin_force, tick.force_step]).encode()).hexd
 """
     found = {
         subprocess.run(
-            [sys.executable, "-c", code], env=os.environ | {"PYTHONHASHSEED": seed}, capture_output=True, text=True, check=True
+            [sys.executable, "-c", code],
+            env=os.environ | {"PYTHONHASHSEED": seed},
+            capture_output=True,
+            text=True,
+            check=True,
         ).stdout
         for seed in ("1", "2", "3")
     }

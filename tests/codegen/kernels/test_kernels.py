@@ -44,9 +44,12 @@ def test_python_and_c_give_the_same_bits(n: int) -> None:
     structure = structure_of(Memory, n=n)
     (in_c,) = bind_kernels((tick,), (structure,))
     assert in_c is not tick
-    mine, other, draw = structure(), structure(), np.random.default_rng(n)
+    mine = structure()
+    other = structure()
+    draw = np.random.default_rng(n)
     for _ in range(500):
-        x, quiet = float(draw.choice([0.0, 0.75, -0.75, *draw.normal(0.0, 3.0, 3)])), bool(draw.random() < 0.3)
+        x = float(draw.choice([0.0, 0.75, -0.75, *draw.normal(0.0, 3.0, 3)]))
+        quiet = bool(draw.random() < 0.3)
         assert in_c(mine, x, quiet) == tick(other, x, quiet)
     np.testing.assert_array_equal(_numbers(mine), _numbers(other))
     assert mine.windows[0].count == 500
@@ -71,7 +74,9 @@ def test_kernels_call_smooth_functions() -> None:
         memory.x[0] = 1.0
     for push in (0.3, -2.0, 0.0):
         assert in_c(mine, push, 50) == pytest.approx(in_python(other, push, 50), abs=1e-12)
-    assert list(mine.slope) == pytest.approx([0.0, -np.cos(mine.x[0] - 0.01 * mine.rate[0]), 1.0, 0.0], abs=1e-12)
+    assert list(mine.slope) == pytest.approx(
+        [0.0, -np.cos(mine.x[0] - 0.01 * mine.rate[0]), 1.0, 0.0], abs=1e-12
+    )
 
 
 def test_two_functions_of_one_form_are_not_mixed_up() -> None:
@@ -87,7 +92,9 @@ def test_two_functions_of_one_form_are_not_mixed_up() -> None:
 
 @pytest.mark.parametrize("compiled", IN_C_AND_PYTHON)
 def test_a_layout_of_nothing_but_numbers_is_a_vector_of_them(compiled: bool) -> None:
-    memory, (roots,) = make_memory(structure_of(Roots, root=_ROOT), (take_roots,), compiled=compiled)
+    memory, (roots,) = make_memory(
+        structure_of(Roots, root=_ROOT), (take_roots,), compiled=compiled
+    )
     memory.given.first[0], memory.given.rest[:] = 4.0, [9.0, 16.0, 25.0]
     roots(memory)
     assert (*memory.told.first, *memory.told.rest) == (2.0, 3.0, 4.0, 5.0)
@@ -128,7 +135,9 @@ def test_sizes_of_a_layout_are_those_of_its_parts() -> None:
     memory = structure_of(Memory, n=5)()
     assert (len(memory.windows), len(memory.double[0]), len(memory.windows[4].values)) == (5, 3, 7)
     assert structure_of(Memory, n=5) is structure_of(Memory, n=5)
-    with pytest.raises(InvalidInput, match=r"Memory\.windows needs 'n', which is not given; given: \[\]"):
+    with pytest.raises(
+        InvalidInput, match=r"Memory\.windows needs 'n', which is not given; given: \[\]"
+    ):
         structure_of(Memory)
 
 

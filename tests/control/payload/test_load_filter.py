@@ -1,4 +1,6 @@
-"""Laws of the filter of a load, on disturbances made up for it: what it may know, and when it forgets."""
+"""Laws of the filter of a load, on disturbances made up for it: what it may know, and when it
+forgets.
+"""
 
 from __future__ import annotations
 
@@ -29,9 +31,16 @@ WEIGHT_COLUMN = np.array([0.0, 0.1, -1.0, 0.3, 0.8, 0.9])
 
 
 def look(
-    *, weight: float, mass: float = 0.0, flow: np.ndarray | float = 0.0, turn: float = 0.0, acceleration: float = 0.0
+    *,
+    weight: float,
+    mass: float = 0.0,
+    flow: np.ndarray | float = 0.0,
+    turn: float = 0.0,
+    acceleration: float = 0.0,
 ) -> LoadSample:
-    """At what a load and a current do exactly; turn: of the column of the weight, as the arm moves."""
+    """At what a load and a current do exactly; turn: of the column of the weight, as the arm
+    moves.
+    """
     column = WEIGHT_COLUMN + turn * np.array([0.0, 0.0, 0.0, -0.3, 0.5, -0.4])
     resists = acceleration * np.array([-1.0, 0.5, 0.1, 0.2, 0.3, -0.5])
     drag = SLOPES @ np.broadcast_to(flow, 3)
@@ -81,10 +90,18 @@ def test_loads_of_two_tools_are_told_apart_by_their_arms() -> None:
     """Of which one alone accelerates: the mass of the other stays unknown."""
     found = LoadFilter(SETTINGS, LIMIT, BANDWIDTH, 2)
     for k in range(300):
-        first, second = look(weight=20.0, mass=2.0, acceleration=np.sin(0.3 * k)), look(weight=0.0, turn=1.5)
+        first = look(weight=20.0, mass=2.0, acceleration=np.sin(0.3 * k))
+        second = look(weight=0.0, turn=1.5)
         disturbance = first.disturbance - 8.0 * second.weight[:, 0]
-        weight, mass = np.hstack([first.weight, second.weight]), np.hstack([first.mass, second.mass])
-        found.update(replace(first, disturbance=disturbance, weight=weight, mass=mass, velocity=np.zeros((3, 2))))
+        weight, mass = (
+            np.hstack([first.weight, second.weight]),
+            np.hstack([first.mass, second.mass]),
+        )
+        found.update(
+            replace(
+                first, disturbance=disturbance, weight=weight, mass=mass, velocity=np.zeros((3, 2))
+            )
+        )
     for place, true in enumerate((20.0, 2.0, -8.0)):
         assert abs(found.x[place] - true) < 2.0 * found.error(place) < 4.0
     assert found.error(3) == pytest.approx(SETTINGS.mass)
@@ -102,7 +119,8 @@ def test_another_load_is_learnt_as_if_nothing_had_been_known() -> None:
 
 
 def test_an_axis_that_tells_nothing_is_not_listened_to() -> None:
-    true, usable = look(weight=20.0), np.array([True, True, True, True, True, False])
+    true = look(weight=20.0)
+    usable = np.array([True, True, True, True, True, False])
     wrong = replace(true, disturbance=np.where(usable, true.disturbance, -50.0), usable=usable)
     assert abs(fed([wrong] * 200).x[WEIGHT] - 20.0) < 0.5
 
@@ -115,20 +133,31 @@ def test_standard_errors_do_not_fall_below_what_the_model_lacks_for_long() -> No
 
 
 def test_a_covariance_stays_one() -> None:
-    found = fed([look(weight=20.0, mass=2.0, acceleration=np.sin(0.3 * k), turn=np.sin(0.1 * k)) for k in range(500)])
+    found = fed(
+        [
+            look(weight=20.0, mass=2.0, acceleration=np.sin(0.3 * k), turn=np.sin(0.1 * k))
+            for k in range(500)
+        ]
+    )
     np.testing.assert_allclose(found.P, found.P.T, atol=1e-9 * np.abs(found.P).max())
     assert np.linalg.eigvalsh(found.P).min() > 0.0
 
 
 @pytest.mark.parametrize("bandwidth", [0.3, 1.0])
 def test_noise_of_a_slow_observer_counts_as_many_looks_as_it_is_alike_for(bandwidth: float) -> None:
-    """By the integral of the correlation of what comes out of the observer, where white noise goes in."""
-    dt, force = 0.005, ca.SX.sym("force")
+    """By the integral of the correlation of what comes out of the observer, where white noise goes
+    in.
+    """
+    dt = 0.005
+    force = ca.SX.sym("force")
     before = ForceResponse(estimate=ca.SX.sym("estimate"), innovation=ca.SX.sym("innovation"))
     law = ObserverLaw(bandwidth=np.array([bandwidth]), limit=np.ones(1), dt=dt)
     after = law.response(before, ca.SX(1.0), force, ca.SX(1.0))
-    tick = ca.Function("tick", [before.estimate, before.innovation, force], [after.estimate, after.innovation])
-    now, pulse = (0.0, 0.0), []
+    tick = ca.Function(
+        "tick", [before.estimate, before.innovation, force], [after.estimate, after.innovation]
+    )
+    now = (0.0, 0.0)
+    pulse = []
     for k in range(round(15.0 / bandwidth / dt)):
         now = tick(*now, float(k == 0))
         pulse.append(float(now[0]))
@@ -137,7 +166,9 @@ def test_noise_of_a_slow_observer_counts_as_many_looks_as_it_is_alike_for(bandwi
     np.testing.assert_allclose(found._colour * SETTINGS.period, alike, rtol=0.02)
 
 
-@pytest.mark.parametrize(("name", "value"), [("period", 0.0), ("mass", np.inf), ("drag", 1.5), ("weight", -1.0)])
+@pytest.mark.parametrize(
+    ("name", "value"), [("period", 0.0), ("mass", np.inf), ("drag", 1.5), ("weight", -1.0)]
+)
 def test_settings_that_cannot_be_are_refused(name: str, value: float) -> None:
     with pytest.raises(InvalidInput, match=f"LoadLearning: {name} = {value}; give a number "):
         LoadLearning(**{name: value})

@@ -10,7 +10,13 @@ import pinocchio as pin
 import pytest
 
 from uvms_ocp.control.force.observer import ObserverLaw, ObserverState
-from uvms_ocp.control.payload import COLUMNS, LOAD_FRAME, current_force, load_force, response_function
+from uvms_ocp.control.payload import (
+    COLUMNS,
+    LOAD_FRAME,
+    current_force,
+    load_force,
+    response_function,
+)
 from uvms_ocp.robot.assembly import with_trim
 from uvms_ocp.robot.description import TrimBody
 from uvms_ocp.robot.dynamics import Dynamics, robot_dynamics
@@ -29,15 +35,21 @@ def dynamics(name: str) -> Dynamics:
 
 def scene(robot: Robot, seed: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     rng = np.random.default_rng(seed)
-    q = pin.integrate(robot.model, np.array(robot.configuration()), 0.5 * rng.normal(size=robot.n_v))
+    q = pin.integrate(
+        robot.model, np.array(robot.configuration()), 0.5 * rng.normal(size=robot.n_v)
+    )
     return q, 0.3 * rng.normal(size=robot.n_v), 0.5 * rng.normal(size=robot.n_v)
 
 
-def tool_acceleration(robot: Robot, q: np.ndarray, v: np.ndarray, a: np.ndarray, tool: str) -> np.ndarray:
+def tool_acceleration(
+    robot: Robot, q: np.ndarray, v: np.ndarray, a: np.ndarray, tool: str
+) -> np.ndarray:
     data = robot.model.createData()
     pin.forwardKinematics(robot.model, data, q, v, a)
     frame = robot.frame_id(tool)
-    return pin.getFrameClassicalAcceleration(robot.model, data, frame, pin.LOCAL_WORLD_ALIGNED).linear
+    return pin.getFrameClassicalAcceleration(
+        robot.model, data, frame, pin.LOCAL_WORLD_ALIGNED
+    ).linear
 
 
 TOOLS = [*((name, LOAD_FRAME) for name in ROBOTS), ("bluerov2_two_alpha5", "starboard_tool")]
@@ -48,14 +60,17 @@ TOOLS = [*((name, LOAD_FRAME) for name in ROBOTS), ("bluerov2_two_alpha5", "star
 def test_a_load_changes_the_dynamics_by_its_weight_and_by_what_its_mass_resists(
     name: str, tool: str, mass: float, volume: float
 ) -> None:
-    robot, plain = load_robot(name), dynamics(name)
+    robot = load_robot(name)
+    plain = dynamics(name)
     body = TrimBody(name="load", link=tool, position=(0.0, 0.0, 0.0), mass=mass, volume=volume)
     heavy = robot_dynamics(with_trim(robot, [body]))
     gravity = float(np.linalg.norm(robot.model.gravity.linear))
     weight = (mass - robot.description.water_density * volume) * gravity
     for seed in range(3):
         q, v, a = scene(robot, seed)
-        columns = load_force(plain.symbolic, ca.SX(q), ca.SX(tool_acceleration(robot, q, v, a, tool)), tool)
+        columns = load_force(
+            plain.symbolic, ca.SX(q), ca.SX(tool_acceleration(robot, q, v, a, tool)), tool
+        )
         pushed = np.array(ca.DM(columns)) @ [weight, mass]
         lacking = plain.inverse_dynamics(q, v, a) - heavy.inverse_dynamics(q, v, a)
         np.testing.assert_allclose(pushed, lacking, atol=1e-9 * np.abs(lacking).max())
@@ -67,34 +82,50 @@ def test_a_current_pushes_as_the_drag_of_the_model_says(name: str) -> None:
     flow = np.array([0.2, -0.1, 0.05])
     columns = np.array(ca.DM(current_force(plain.symbolic, ca.SX(q), ca.SX(v), ca.SX(flow))))
     pushed = columns @ [1.0, *flow]
-    lacking = plain.inverse_dynamics(q, v, a) - plain.inverse_dynamics(q, v, a, Water(velocity=flow))
+    lacking = plain.inverse_dynamics(q, v, a) - plain.inverse_dynamics(
+        q, v, a, Water(velocity=flow)
+    )
     np.testing.assert_allclose(pushed, lacking, atol=1e-9 * np.abs(lacking).max())
 
 
 def test_an_observer_answers_forces_as_its_response_says() -> None:
-    """Of different bandwidths on vehicle and joints, while the robot moves and with it the mass matrix."""
-    robot, model = load_robot("bluerov2_alpha5"), dynamics("bluerov2_alpha5")
+    """Of different bandwidths on vehicle and joints, while the robot moves and with it the mass
+    matrix.
+    """
+    robot = load_robot("bluerov2_alpha5")
+    model = dynamics("bluerov2_alpha5")
     bandwidth = np.repeat([3.0, 4.0], [robot.n_vehicle, robot.n_joints])
     law = ObserverLaw(bandwidth=bandwidth, limit=np.full(robot.n_v, 1e3), dt=DT)
-    observe, response = observer_function(law, model, robot), response_function(model.symbolic, law.response)
-    tool = ca.Function("tool", [x := ca.SX.sym("q", robot.n_q)], [load_force(model.symbolic, x, ca.SX(3, 1))[:, 0]])
+    observe = observer_function(law, model, robot)
+    response = response_function(model.symbolic, law.response)
+    tool = ca.Function(
+        "tool", [x := ca.SX.sym("q", robot.n_q)], [load_force(model.symbolic, x, ca.SX(3, 1))[:, 0]]
+    )
     (q, v, _), ones, zeros = scene(robot, 5), np.ones(robot.n_v), np.zeros(3)
-    known, answer = [np.zeros(robot.n_v), v, 1.0], 2 * [np.zeros((robot.n_v, COLUMNS + 2))]
+    known = [np.zeros(robot.n_v), v, 1.0]
+    answer = 2 * [np.zeros((robot.n_v, COLUMNS + 2))]
     for _ in range(400):
         push = 5.0 * np.array(tool(q)).ravel()
         tau = model.inverse_dynamics(q, v, -0.5 * v) - push
         known = [*observe(q, v, tau, *known)]
         answer = [*response(q, v, zeros, zeros, ones, *answer)]
-        q, v = pin.integrate(robot.model, q, DT * v), v - 0.5 * DT * v
-    found, expected = np.array(known[0]).ravel(), 5.0 * np.array(answer[0])[:, 1]
+        q = pin.integrate(robot.model, q, DT * v)
+        v = v - 0.5 * DT * v
+    found = np.array(known[0]).ravel()
+    expected = 5.0 * np.array(answer[0])[:, 1]
     np.testing.assert_allclose(found, expected, atol=1e-9 * np.abs(expected).max())
     assert np.abs(expected - push).max() > 1e-4 * np.abs(push).max()
 
 
 def observer_function(law: ObserverLaw, model: Dynamics, robot: Robot) -> ca.Function:
-    q, n = ca.SX.sym("q", robot.n_q), robot.n_v
+    q = ca.SX.sym("q", robot.n_q)
+    n = robot.n_v
     v, tau, estimate, v_hat = (ca.SX.sym(name, n) for name in ("v", "tau", "estimate", "v_hat"))
     follows = ca.SX.sym("follows")
     before = ObserverState(estimate=estimate, lead=ca.SX(n, 1), v_hat=v_hat, follows=follows)
     after = law.after(before, model.symbolic, q, v, tau, ca.SX.ones(n))
-    return ca.Function("observer", [q, v, tau, estimate, v_hat, follows], [after.estimate, after.v_hat, after.follows])
+    return ca.Function(
+        "observer",
+        [q, v, tau, estimate, v_hat, follows],
+        [after.estimate, after.v_hat, after.follows],
+    )

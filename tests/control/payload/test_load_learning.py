@@ -52,8 +52,11 @@ def at(found: list[LoadEstimate], t: float) -> LoadEstimate:
 @pytest.mark.parametrize("rough", [False, True])
 @pytest.mark.parametrize("payload", TWO_KG)
 @pytest.mark.parametrize("robot", ROBOTS)
-def test_after_30_s_the_net_weight_of_two_kilograms_is_known_within_a_tenth(robot: str, payload: str, rough: bool) -> None:
-    load, true = at(learnt(robot, payload, rough=rough), 30.0), TWO_KG[payload]
+def test_after_30_s_the_net_weight_of_two_kilograms_is_known_within_a_tenth(
+    robot: str, payload: str, rough: bool
+) -> None:
+    load = at(learnt(robot, payload, rough=rough), 30.0)
+    true = TWO_KG[payload]
     assert abs(load.weight - true) < 0.1 * true
     assert abs(load.weight - true) < 2.0 * load.weight_error
 
@@ -62,15 +65,20 @@ def test_after_30_s_the_net_weight_of_two_kilograms_is_known_within_a_tenth(robo
 @pytest.mark.parametrize("robot", ROBOTS)
 def test_a_mass_is_undetermined_until_the_robot_has_accelerated(robot: str) -> None:
     found = learnt(robot, "float", rough=False)
-    still, moved = at(found, 30.0), found[-1]
+    still = at(found, 30.0)
+    moved = found[-1]
     assert isnan(still.mass)
     assert abs(moved.mass - 2.0) < 2.0 * moved.mass_error < 1.0
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("robot", ROBOTS)
-def test_with_noise_in_a_gusty_current_the_mass_is_within_its_interval_once_it_is_determined(robot: str) -> None:
-    found = [load for load in learnt(robot, "load", rough=True)[:: round(1 / DT)] if not isnan(load.mass)]
+def test_with_noise_in_a_gusty_current_the_mass_is_within_its_interval_once_it_is_determined(
+    robot: str,
+) -> None:
+    found = [
+        load for load in learnt(robot, "load", rough=True)[:: round(1 / DT)] if not isnan(load.mass)
+    ]
     assert found
     assert all(abs(load.mass - 2.0) < 2.0 * load.mass_error for load in found)
 
@@ -87,7 +95,9 @@ def test_without_a_payload_nothing_is_learnt_beyond_its_interval(robot: str) -> 
 def runs() -> dict[str, Record]:
     """Of one mission with two kilograms, by what is made of the load."""
     kinds = {"none": None, "learnt": LoadLearning(feed_forward=False), "carried": LoadLearning()}
-    plain = reach(payload=TrimBody(name="load", link="tool", position=(0.0, 0.0, 0.0), mass=2.0, volume=0.0))
+    plain = reach(
+        payload=TrimBody(name="load", link="tool", position=(0.0, 0.0, 0.0), mass=2.0, volume=0.0)
+    )
     return {name: replace(plain, load=load).run() for name, load in kinds.items()}
 
 
@@ -105,7 +115,8 @@ def test_a_weight_that_follows_the_arm_disturbs_the_vehicle_less(runs: dict[str,
 
 
 def test_the_record_has_the_load_and_the_report_tells_it(runs: dict[str, Record]) -> None:
-    record, report = runs["carried"], summarize(runs["carried"])
+    record = runs["carried"]
+    report = summarize(runs["carried"])
     for name in ("weight", "weight_error", "mass", "mass_error"):
         assert record[f"load_{name}"].shape == record["t"].shape
     assert report["load"]["weight_n"] == pytest.approx(2.0 * 9.81, rel=0.1)
@@ -115,10 +126,17 @@ def test_the_record_has_the_load_and_the_report_tells_it(runs: dict[str, Record]
 
 @pytest.mark.slow
 def test_two_tools_have_a_load_each() -> None:
-    found = reach(robot="bluerov2_two_alpha5", learn_load=True, faults=("payload2:mass=1@0",), duration=5.0).run()
+    found = reach(
+        robot="bluerov2_two_alpha5", learn_load=True, faults=("payload2:mass=1@0",), duration=5.0
+    ).run()
     report = summarize(found)
     assert found["load_weight"].shape == (len(found), 2)
-    assert found.to_dataframe().columns.isin(["load_weight.port_tool", "load_weight.starboard_tool"]).sum() == 2
+    assert (
+        found.to_dataframe()
+        .columns.isin(["load_weight.port_tool", "load_weight.starboard_tool"])
+        .sum()
+        == 2
+    )
     assert [*report["loads"]] == ["port_tool", "starboard_tool"]
     assert report["load"] == report["loads"]["port_tool"]
     for tool, weight in (("port_tool", 0.0), ("starboard_tool", 9.81)):
@@ -128,7 +146,11 @@ def test_two_tools_have_a_load_each() -> None:
 
 def test_pre_flight_says_what_is_learnt_and_where_nothing_can_be() -> None:
     def said(**options: object) -> list[str]:
-        return [item.text for item in reach(learn_load=True, **options).check().findings if item.check == "load"]
+        return [
+            item.text
+            for item in reach(learn_load=True, **options).check().findings
+            if item.check == "load"
+        ]
 
     assert "is learnt" in said()[0]
     assert "use the dynamic plant" in said(plant="kinematic")[0]
@@ -150,7 +172,9 @@ LEARNERS = {
 def test_pre_flight_and_controller_agree_on_who_can_learn_a_load(options: dict[str, Any]) -> None:
     # The mission is that of a robot with a tool: only who learns is another.
     scenario = reach(learn_load=True, observer=options.get("observer", True))
-    robot = load_robot(name) if isinstance(name := options.get("robot", scenario.robot), str) else name
+    robot = (
+        load_robot(name) if isinstance(name := options.get("robot", scenario.robot), str) else name
+    )
     setup = replace(scenario.setup(), robot=robot, start=np.array(robot.configuration()))
     (finding,) = check_load(setup)
     refusal = refused(robot, scenario)
@@ -162,7 +186,12 @@ def refused(robot: Robot, scenario: Scenario) -> str:
     """By our controller of this robot, if it is, and with which words."""
     options: dict[str, Any] = {"gains": scenario.gains, "load": scenario.load}
     try:
-        DynamicController(robot=robot, dynamics=robot_dynamics(robot), kinematic=scenario.kinematic_controller(), **options)
+        DynamicController(
+            robot=robot,
+            dynamics=robot_dynamics(robot),
+            kinematic=scenario.kinematic_controller(),
+            **options,
+        )
     except UvmsError as error:
         return str(error)
     return ""
@@ -175,9 +204,14 @@ def test_a_controller_that_learns_a_load_has_no_form_in_c(tmp_path: Path) -> Non
 
 def test_a_measurement_that_is_no_number_is_forgotten() -> None:
     controller = reach(learn_load=True).controller()
-    robot, learner = controller.kinematic.robot, controller.learner
-    q, v, estimate = np.array(robot.configuration()), np.zeros(robot.n_v), np.zeros(robot.n_v)
-    share, nothing, spoilt = np.ones(robot.n_v), np.full(robot.n_v, np.nan), 301
+    robot = controller.kinematic.robot
+    learner = controller.learner
+    q = np.array(robot.configuration())
+    v = np.zeros(robot.n_v)
+    estimate = np.zeros(robot.n_v)
+    share = np.ones(robot.n_v)
+    nothing = np.full(robot.n_v, np.nan)
+    spoilt = 301
     for k in range(800):
         learner.carry(q, nothing if k == spoilt else v, estimate)
         if k != spoilt:  # where no force was possible

@@ -1,4 +1,6 @@
-"""Ways in which one channel fails, as functions of its right reading and the time, with a memory of their own."""
+"""Ways in which one channel fails, as functions of its right reading and the time, with a memory of
+their own.
+"""
 
 from __future__ import annotations
 
@@ -128,16 +130,25 @@ DEFECTS: dict[str, Callable[[str], Corrupt]] = {
 
 
 def told_on_a_way(
-    guard: Callable[[Readings, float, Command], StateEstimate], robot: Robot, suite: SensorSuite, channel: str, defect: str
+    guard: Callable[[Readings, float, Command], StateEstimate],
+    robot: Robot,
+    suite: SensorSuite,
+    channel: str,
+    defect: str,
 ) -> list[StateEstimate]:
     """Of a robot that moves on straight, with a defect of one channel after 2 s."""
-    corrupt, told = DEFECTS[defect](channel), []
-    q, v = robot.configuration(position=(0.0, 0.0, -36.0)), np.full(robot.n_v, 0.01)
+    corrupt = DEFECTS[defect](channel)
+    told = []
+    q = robot.configuration(position=(0.0, 0.0, -36.0))
+    v = np.full(robot.n_v, 0.01)
     for k in range(200):
-        readings, t = suite.read(State(q=q, v=v), k * DT), k * DT
+        readings = suite.read(State(q=q, v=v), k * DT)
+        t = k * DT
         q = np.concatenate([q[:3] + DT * v[:3], q[3:]])
         bad = t > 2.0 and getattr(readings, channel) is not None
-        told.append(guard(with_defect(readings, channel, corrupt, t) if bad else readings, t, Command(v=v)))
+        told.append(
+            guard(with_defect(readings, channel, corrupt, t) if bad else readings, t, Command(v=v))
+        )
     return told
 
 

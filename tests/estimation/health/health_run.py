@@ -1,4 +1,6 @@
-"""A robot that sways above a floor, its sensors, a defect for some seconds, and what the guarded estimator makes of it."""
+"""A robot that sways above a floor, its sensors, a defect for some seconds, and what the guarded
+estimator makes of it.
+"""
 
 from __future__ import annotations
 
@@ -45,17 +47,36 @@ class HealthRun:
         seed: int = 0,
         asked: Motion | None = None,
     ) -> None:
-        """spoil: what happens to the readings on their way. asked: the commanded velocity, the true one unless given."""
-        specs, motion = specs or SensorSpecs(), motion or swaying(robot)
-        suite, q = SensorSuite(robot, floor, specs, seed=seed), robot.configuration(position=(0.0, 0.0, start_z))
+        """spoil: what happens to the readings on their way. asked: the commanded velocity, the true
+        one unless given.
+        """
+        specs = specs or SensorSpecs()
+        motion = motion or swaying(robot)
+        suite = SensorSuite(robot, floor, specs, seed=seed)
+        q = robot.configuration(position=(0.0, 0.0, start_z))
         self.guard = GuardedEstimator(Estimator(robot, specs), robot, specs)
-        self.t, rows, command = dt * np.arange(round(duration / dt)), [], None
+        self.t = dt * np.arange(round(duration / dt))
+        rows = []
+        command = None
         for t in self.t:
             v = motion(t)
             a = (motion(t + _H) - motion(t - _H)) / (2 * _H)
             m = self.guard(spoil(suite.read(State(q=q, v=v, a=a), t), t), t, command)
-            rows.append((q, m.q, v, m.v, m.std, m.altimeter_range, m.age, m.joint_age, [h.trust for h in m.health]))
-            command, q = Command(v=(asked or motion)(t + dt)), pin.integrate(robot.model, q, motion(t + dt / 2) * dt)
+            rows.append(
+                (
+                    q,
+                    m.q,
+                    v,
+                    m.v,
+                    m.std,
+                    m.altimeter_range,
+                    m.age,
+                    m.joint_age,
+                    [h.trust for h in m.health],
+                )
+            )
+            command = Command(v=(asked or motion)(t + dt))
+            q = pin.integrate(robot.model, q, motion(t + dt / 2) * dt)
         columns = [np.array(column) for column in zip(*rows, strict=True)]
         self.q, self.q_estimated, self.v, self.v_estimated, self.std = columns[:5]
         self.range, self.age, self.joint_age, self.trust = columns[5:]

@@ -12,7 +12,10 @@ from uvms_ocp.robot.signals import State
 from uvms_ocp.scenario.cases import case1
 from uvms_ocp.sim import SensorSuite
 
-SILENCE, END, DT = 3.0, 13.0, 1 / 50  # [s]
+# [s]
+SILENCE = 3.0
+END = 13.0
+DT = 1 / 50
 
 
 def test_without_fixes_and_dvl_an_acceleration_that_was_wrong_leads_nowhere() -> None:
@@ -22,15 +25,22 @@ def test_without_fixes_and_dvl_an_acceleration_that_was_wrong_leads_nowhere() ->
     inner = estimator.estimator
     assert isinstance(inner, Estimator)
     sensors = SensorSuite(robot, scenario.environment.seafloor, scenario.sensors, seed=3)
-    rest, speeds, there = State(q=scenario.start, v=np.zeros(robot.n_v), a=np.zeros(robot.n_v)), list[float](), True
+    rest = State(q=scenario.start, v=np.zeros(robot.n_v), a=np.zeros(robot.n_v))
+    speeds = list[float]()
+    there = True
     for k in range(round(END / DT)):
-        t, there = k * DT, k * DT < SILENCE
+        t = k * DT
+        there = k * DT < SILENCE
         readings = sensors.read(rest, t)
-        measurement = estimator(readings if there else replace(readings, position=None, linear_velocity=None), t)
+        measurement = estimator(
+            readings if there else replace(readings, position=None, linear_velocity=None), t
+        )
         if there:
             inner.memory.x[Part.ACCELERATION : Part.SPIN] = 2.0, 0.0, 0.0
         speeds.append(float(np.linalg.norm(measurement.v[:3])))
     assert max(speeds) < 4.0
     assert speeds[-1] < 1.0
-    back = [estimator(sensors.read(rest, END + k * DT), END + k * DT) for k in range(round(5.0 / DT))][-1]
+    back = [
+        estimator(sensors.read(rest, END + k * DT), END + k * DT) for k in range(round(5.0 / DT))
+    ][-1]
     assert np.linalg.norm(back.q[:3] - scenario.start[:3]) < 0.1

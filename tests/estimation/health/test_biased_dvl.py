@@ -10,7 +10,9 @@ from health_run import HealthRun, between
 from uvms_ocp.robot.loading import load_robot
 from uvms_ocp.robot.signals import Readings, Trust
 
-ONSET, END = 3.0, 15.0  # [s]
+# [s]
+ONSET = 3.0
+END = 15.0
 EDGE = 0.31  # [m/s]: errors of the estimate bring some readings inside of the gate
 
 
@@ -27,18 +29,30 @@ def biased(by: float, since: float):
 
 @pytest.mark.parametrize("dt", [1 / 20, 1 / 50])
 @pytest.mark.parametrize(("bias", "seed"), [(0.15, 0), (0.26, 3), (0.3, 0)])
-def test_a_step_of_the_dvl_is_no_acceleration_that_goes_on(bias: float, seed: int, dt: float) -> None:
-    """The first reading of a bias made an acceleration, and the second was refused as it did not agree with that: 1.8 m/s."""
+def test_a_step_of_the_dvl_is_no_acceleration_that_goes_on(
+    bias: float, seed: int, dt: float
+) -> None:
+    """The first reading of a bias made an acceleration, and the second was refused as it did not
+    agree with that: 1.8 m/s.
+    """
     robot = load_robot("girona_maris7")
     still = np.zeros(robot.n_v)
-    run = HealthRun(robot, duration=5.0, dt=dt, spoil=biased(bias, 2.0), motion=lambda t: still, seed=seed)
-    assert np.abs(run.v_estimated[run.t > 2.0, :3]).max() < 4.0 * bias  # twice as large until the second reading
+    run = HealthRun(
+        robot, duration=5.0, dt=dt, spoil=biased(bias, 2.0), motion=lambda t: still, seed=seed
+    )
+    assert (
+        np.abs(run.v_estimated[run.t > 2.0, :3]).max() < 4.0 * bias
+    )  # twice as large until the second reading
 
 
 @pytest.mark.parametrize("dt", [1 / 20, pytest.param(1 / 200, marks=pytest.mark.slow)])
 @pytest.mark.parametrize(("reach", "frequency"), [(0.5, 2.0), (0.7, 1.4), (1.0, 1.0)])
-def test_fixes_follow_a_vehicle_without_a_dvl_that_accelerates_as_it_can(reach: float, frequency: float, dt: float) -> None:
-    """Sound fixes were refused as the velocity was thought to be known: wrong by 3 m/s, the position by 2.8 m."""
+def test_fixes_follow_a_vehicle_without_a_dvl_that_accelerates_as_it_can(
+    reach: float, frequency: float, dt: float
+) -> None:
+    """Sound fixes were refused as the velocity was thought to be known: wrong by 3 m/s, the
+    position by 2.8 m.
+    """
     robot = load_robot("girona_maris7")
     along = np.eye(robot.n_v)[0]
 
@@ -46,17 +60,23 @@ def test_fixes_follow_a_vehicle_without_a_dvl_that_accelerates_as_it_can(reach: 
         return along * reach * np.sin(frequency * max(t - ONSET, 0.0))
 
     silent = between("linear_velocity", "lost", 1.0, END)
-    run = HealthRun(robot, duration=END - 3.0, dt=dt, spoil=silent, motion=moves, asked=lambda t: 0.0 * along)
+    run = HealthRun(
+        robot, duration=END - 3.0, dt=dt, spoil=silent, motion=moves, asked=lambda t: 0.0 * along
+    )
     assert (run.of("position") == Trust.GOOD).all()
     assert np.abs(run.q_estimated - run.q)[:, :3].max() < 0.3
     assert np.abs(run.v_estimated - run.v)[:, :3].max() < 1.0
 
 
 @pytest.mark.parametrize("seed", range(2))
-def test_fixes_carry_the_velocity_of_a_robot_whose_dvl_is_biased_by_as_much_as_its_gate(seed: int) -> None:
+def test_fixes_carry_the_velocity_of_a_robot_whose_dvl_is_biased_by_as_much_as_its_gate(
+    seed: int,
+) -> None:
     robot = load_robot("girona_maris7")
     still = np.zeros(robot.n_v)
-    run = HealthRun(robot, duration=END, spoil=biased(EDGE, ONSET), motion=lambda t: still, seed=seed)
+    run = HealthRun(
+        robot, duration=END, spoil=biased(EDGE, ONSET), motion=lambda t: still, seed=seed
+    )
     assert run.first_bad("linear_velocity", ONSET) < 1.0
     assert (run.of("position") == Trust.GOOD).all()
     assert np.abs(run.v_estimated[run.t > ONSET, :3]).max() < 0.8

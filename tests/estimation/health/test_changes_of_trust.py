@@ -14,7 +14,9 @@ from uvms_ocp.robot.loading import load_robot
 from uvms_ocp.robot.signals import Reading, Readings, SensorSpecs, Trust
 
 ONSET = 1.0  # [s]
-DRIFTS = {  # per second of a channel, what tells the same, which part of v, and how long it takes until trust has changed
+# per second of a channel, what tells the same, which part of v, and how long it takes until trust
+# has changed
+DRIFTS = {
     "linear_velocity": (0.12, "position", slice(0, 3), 3.6),
     "position": (0.2, "position", slice(0, 3), 3.6),
     "angular_velocity": (0.08, "attitude", slice(3, 6), 6.6),
@@ -24,10 +26,13 @@ DRIFTS = {  # per second of a channel, what tells the same, which part of v, and
 
 @pytest.mark.parametrize("dt", [1 / 20, 1 / 50, pytest.param(1 / 200, marks=pytest.mark.slow)])
 @pytest.mark.parametrize("channel", DRIFTS)
-def test_no_velocity_is_corrected_by_more_than_its_error_and_the_noise_of_two_readings(channel: str, dt: float) -> None:
+def test_no_velocity_is_corrected_by_more_than_its_error_and_the_noise_of_two_readings(
+    channel: str, dt: float
+) -> None:
     """A doubted DVL left a velocity behind that the next fix changed by 2.4 m/s in a tick."""
     rate, witness, part, lasts = DRIFTS[channel]
-    robot, spec = load_robot("girona_maris7"), getattr(SensorSpecs(), witness)
+    robot = load_robot("girona_maris7")
+    spec = getattr(SensorSpecs(), witness)
     still = np.zeros(robot.n_v)
 
     def drifting(readings: Readings, t: float) -> Readings:
@@ -49,11 +54,18 @@ def test_no_velocity_is_corrected_by_more_than_its_error_and_the_noise_of_two_re
 
 
 def test_a_velocity_whose_readings_end_leaves_the_position_as_sure_as_it_was() -> None:
-    """It was right until then: with as much doubt as of a velocity that proves wrong, a depth that is read was unknown by 3 m."""
+    """It was right until then: with as much doubt as of a velocity that proves wrong, a depth that
+    is read was unknown by 3 m.
+    """
     ends = [between(channel, "lost", 2.0, 9.0) for channel in ("linear_velocity", "position")]
     run = HealthRun(
-        load_robot("girona_maris7"), duration=4.0, spoil=lambda readings, t: ends[0](ends[1](readings, t), t), dt=0.02
+        load_robot("girona_maris7"),
+        duration=4.0,
+        spoil=lambda readings, t: ends[0](ends[1](readings, t), t),
+        dt=0.02,
     )
     std = run.std[:, :3]
-    assert np.diff(std, axis=0).max() < (EXPOSED + EXPOSED * 1.0) * 0.02  # a tick with velocity and a second of acceleration
+    assert (
+        np.diff(std, axis=0).max() < (EXPOSED + EXPOSED * 1.0) * 0.02
+    )  # a tick with velocity and a second of acceleration
     assert std[:, 2].max() < 0.1

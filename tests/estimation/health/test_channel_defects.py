@@ -1,4 +1,6 @@
-"""Every way to fail, of every channel: seen soon, named, harmless for the rest, and over when it is over."""
+"""Every way to fail, of every channel: seen soon, named, harmless for the rest, and over when it is
+over.
+"""
 
 from __future__ import annotations
 
@@ -13,11 +15,16 @@ from uvms_ocp.robot.loading import load_robot
 from uvms_ocp.robot.robot import Robot
 from uvms_ocp.robot.signals import SensorSpecs, Trust
 
-START, END, DURATION = 4.0, 6.5, 10.0  # [s]
+# [s]
+START = 4.0
+END = 6.5
+DURATION = 10.0
 PERIODS = {name: 1.0 / getattr(SensorSpecs(), name).rate for name in STEPS}
 SEEN = {name: max(0.1, 6.5 * period) for name, period in PERIODS.items()}
 """[s] in which a defect is seen: six readings, or a tenth of a second."""
-OVER = 2.0  # [s] after a sound reading in which a channel is good again: a second to agree, one without complaint
+# [s] after a sound reading in which a channel is good again: a second to agree, one without
+# complaint
+OVER = 2.0
 
 
 @pytest.fixture(scope="module")
@@ -25,14 +32,22 @@ def robot() -> Robot:
     return load_robot("girona_maris7")
 
 
-@pytest.fixture(scope="module", params=[(name, defect) for name in STEPS for defect in DEFECTS], ids=" ".join)
+@pytest.fixture(
+    scope="module", params=[(name, defect) for name in STEPS for defect in DEFECTS], ids=" ".join
+)
 def case(request: pytest.FixtureRequest, robot: Robot) -> tuple[str, str, HealthRun]:
     name, defect = request.param
-    return name, defect, HealthRun(robot, duration=DURATION, spoil=between(name, defect, START, END))
+    return (
+        name,
+        defect,
+        HealthRun(robot, duration=DURATION, spoil=between(name, defect, START, END)),
+    )
 
 
 @pytest.mark.slow
-def test_a_defect_is_seen_soon_named_and_over_when_it_is_over(case: tuple[str, str, HealthRun]) -> None:
+def test_a_defect_is_seen_soon_named_and_over_when_it_is_over(
+    case: tuple[str, str, HealthRun],
+) -> None:
     name, _, run = case
     assert (run.of(name)[run.t < START] == Trust.GOOD).all()
     assert run.first_bad(name, START) <= SEEN[name]
@@ -42,7 +57,9 @@ def test_a_defect_is_seen_soon_named_and_over_when_it_is_over(case: tuple[str, s
     assert any(text.startswith(f"{name} good again") for text in texts)
 
 
-def test_a_defect_leaves_the_estimate_finite_and_the_others_flowing(case: tuple[str, str, HealthRun]) -> None:
+def test_a_defect_leaves_the_estimate_finite_and_the_others_flowing(
+    case: tuple[str, str, HealthRun],
+) -> None:
     name, _, run = case
     assert np.isfinite(run.q_estimated).all()
     assert np.isfinite(run.v_estimated).all()
@@ -55,7 +72,9 @@ def test_a_defect_leaves_the_estimate_finite_and_the_others_flowing(case: tuple[
 
 @pytest.mark.parametrize("name", STEPS)
 def test_one_value_that_is_no_number_is_named_and_forgotten(robot: Robot, name: str) -> None:
-    run = HealthRun(robot, duration=6.0, spoil=between(name, "nan", 3.0, 3.0 + 1.01 * PERIODS[name]))
+    run = HealthRun(
+        robot, duration=6.0, spoil=between(name, "nan", 3.0, 3.0 + 1.01 * PERIODS[name])
+    )
     assert np.isfinite(run.q_estimated).all()
     assert run.age[run.t > 0.5].max() <= 0.45
     assert run.of(name)[-1] == Trust.GOOD
@@ -64,7 +83,9 @@ def test_one_value_that_is_no_number_is_named_and_forgotten(robot: Robot, name: 
 
 @pytest.mark.parametrize("sign", [1.0, -1.0])
 def test_spikes_of_fifty_metres_leave_five_centimetres(robot: Robot, sign: float) -> None:
-    run = HealthRun(robot, duration=10.0, spoil=between("position", "spikes", 3.0, 8.0), seed=int(sign > 0))
+    run = HealthRun(
+        robot, duration=10.0, spoil=between("position", "spikes", 3.0, 8.0), seed=int(sign > 0)
+    )
     assert np.linalg.norm(run.q_estimated[:, :3] - run.q[:, :3], axis=1)[run.t > 3.0].max() < 0.05
 
 

@@ -1,4 +1,6 @@
-"""What the altimeter says against how the vehicle moves: stuck values are not believed, steps of the floor are, in the end."""
+"""What the altimeter says against how the vehicle moves: stuck values are not believed, steps of
+the floor are, in the end.
+"""
 
 from __future__ import annotations
 
@@ -32,7 +34,8 @@ def sinking(robot: Robot, after: float = 3.0):
 
 def noisy_stuck(value: float, start: float) -> Spoil:
     """A range with noise that knows no floor."""
-    rng, seen = np.random.default_rng(0), [0.0, value]
+    rng = np.random.default_rng(0)
+    seen = [0.0, value]
 
     def spoil(readings: Readings, t: float) -> Readings:
         reading = readings.altimeter_range
@@ -52,8 +55,12 @@ def _with(readings: Readings, value: float) -> Readings:
 
 @pytest.mark.parametrize("start", [2.0, 5.0])
 @pytest.mark.parametrize("defect", ["frozen", "stuck", "jump", "spikes", "noisy"])
-def test_an_altimeter_that_lies_never_shows_more_water_than_the_descent_leaves(robot: Robot, defect: str, start: float) -> None:
-    spoil = noisy_stuck(100.0, start) if defect == "noisy" else between(NAME, defect, start, math.inf)
+def test_an_altimeter_that_lies_never_shows_more_water_than_the_descent_leaves(
+    robot: Robot, defect: str, start: float
+) -> None:
+    spoil = (
+        noisy_stuck(100.0, start) if defect == "noisy" else between(NAME, defect, start, math.inf)
+    )
     run = HealthRun(robot, duration=12.0, spoil=spoil, motion=sinking(robot))
     true = run.q[:, 2] - run.q[0, 2] + run.range[run.t > 1.5][0]
     known = np.isfinite(run.range) & (run.t > 1.5)
@@ -63,7 +70,9 @@ def test_an_altimeter_that_lies_never_shows_more_water_than_the_descent_leaves(r
         assert math.isnan(run.range[-1])
 
 
-def test_a_range_that_stays_the_same_with_noise_is_lost_once_the_vehicle_sinks(robot: Robot) -> None:
+def test_a_range_that_stays_the_same_with_noise_is_lost_once_the_vehicle_sinks(
+    robot: Robot,
+) -> None:
     hovering = HealthRun(robot, duration=2.0, motion=sinking(robot)).range[-1]
     run = HealthRun(robot, duration=9.0, spoil=noisy_stuck(hovering, 2.0), motion=sinking(robot))
     assert (run.of(NAME)[run.t < 3.5] == Trust.GOOD).all()
@@ -76,7 +85,9 @@ class Cliff(Seafloor):
     """Two planes."""
 
     def __init__(self, low: float, high: float, edge: float) -> None:
-        self._low, self._high, self._edge = low, high, edge
+        self._low = low
+        self._high = high
+        self._edge = edge
 
     def height(self, x: float, y: float) -> float:
         return self._high if x < self._edge else self._low
@@ -94,7 +105,9 @@ def cruising(robot: Robot, climb: float):
 
 
 def test_a_floor_that_rises_at_once_is_believed_at_once(robot: Robot) -> None:
-    run = HealthRun(robot, duration=8.0, floor=Cliff(-38.0, -40.0, 1.6), motion=cruising(robot, 0.0))
+    run = HealthRun(
+        robot, duration=8.0, floor=Cliff(-38.0, -40.0, 1.6), motion=cruising(robot, 0.0)
+    )
     after = (run.t > 4.4) & (run.t < 5.0)
     assert np.abs(run.range[after] - run.range[run.t < 3.9][-1] + 2.0).max() < 0.05
     assert run.first_bad(NAME, 4.0) < 0.5
@@ -102,8 +115,12 @@ def test_a_floor_that_rises_at_once_is_believed_at_once(robot: Robot) -> None:
 
 
 @pytest.mark.parametrize("climb", [0.15, -0.15])
-def test_a_floor_that_falls_at_once_is_believed_when_the_vehicle_has_moved_vertically(robot: Robot, climb: float) -> None:
-    run = HealthRun(robot, duration=12.0, floor=Cliff(-43.0, -38.0, 1.6), motion=cruising(robot, climb))
+def test_a_floor_that_falls_at_once_is_believed_when_the_vehicle_has_moved_vertically(
+    robot: Robot, climb: float
+) -> None:
+    run = HealthRun(
+        robot, duration=12.0, floor=Cliff(-43.0, -38.0, 1.6), motion=cruising(robot, climb)
+    )
     before = run.range[(run.t > 2.0) & (run.t < 3.9)].max()
     unproven = (run.t > 4.0) & (run.t < 7.0) & np.isfinite(run.range)
     assert run.range[unproven].max() < before + 0.1
@@ -112,14 +129,20 @@ def test_a_floor_that_falls_at_once_is_believed_when_the_vehicle_has_moved_verti
 
 
 def test_the_farther_the_vehicle_goes_the_more_a_floor_may_have_fallen(robot: Robot) -> None:
-    run = HealthRun(robot, duration=8.0, floor=Cliff(-40.0, -38.0, 1.6), motion=cruising(robot, 0.0))
+    run = HealthRun(
+        robot, duration=8.0, floor=Cliff(-40.0, -38.0, 1.6), motion=cruising(robot, 0.0)
+    )
     assert run.first_bad(NAME, 4.0) < 0.5
     assert run.of(NAME)[-1] == Trust.GOOD
 
 
 def test_a_fish_below_the_vehicle_is_forgotten(robot: Robot) -> None:
     def fish(readings: Readings, t: float) -> Readings:
-        return _with(readings, 0.5) if 3.0 <= t < 3.1 and readings.altimeter_range is not None else readings
+        return (
+            _with(readings, 0.5)
+            if 3.0 <= t < 3.1 and readings.altimeter_range is not None
+            else readings
+        )
 
     run = HealthRun(robot, duration=6.0, spoil=fish, motion=lambda t: np.zeros(robot.n_v))
     assert run.range[(run.t > 3.0) & (run.t < 3.1)].min() < 0.6
@@ -131,7 +154,9 @@ def test_a_fish_below_the_vehicle_is_forgotten(robot: Robot) -> None:
 @pytest.mark.parametrize("seed", [0, 1])
 def test_rough_floors_raise_no_alarm(robot: Robot, relief: str, seed: int) -> None:
     floor = HeightField.random(relief, z=-45.0, extent=30.0, seed=seed)
-    run = HealthRun(robot, duration=20.0, floor=floor, motion=cruising(robot, 0.02), dt=0.02, seed=seed)
+    run = HealthRun(
+        robot, duration=20.0, floor=floor, motion=cruising(robot, 0.02), dt=0.02, seed=seed
+    )
     assert run.guard.monitor.alarms == []
     assert np.isfinite(run.range[run.t > 0.5]).all()
 

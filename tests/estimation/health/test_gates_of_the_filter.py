@@ -1,4 +1,6 @@
-"""What an estimator with gates of its own tells of its readings, and joints that do not do as they are told."""
+"""What an estimator with gates of its own tells of its readings, and joints that do not do as they
+are told.
+"""
 
 from __future__ import annotations
 
@@ -30,17 +32,24 @@ def robot() -> Robot:
 class Gated(Estimator):
     """Refuses, it says, position fixes of some time."""
 
-    def __call__(self, readings: Readings, t: float, command: Command | None = None) -> StateEstimate:
-        measurement, fix = super().__call__(readings, t, command), readings.position
+    def __call__(
+        self, readings: Readings, t: float, command: Command | None = None
+    ) -> StateEstimate:
+        measurement = super().__call__(readings, t, command)
+        fix = readings.position
         self.outcomes[:] = math.nan
         if fix is not None:
             self.outcomes[NUMBER["position"]] = fix.t, 75.0, 3.0, not 2.0 <= fix.t < 5.0
         return measurement
 
 
-def test_readings_that_the_filter_refuses_make_a_channel_suspect_then_lost_and_good_again(robot: Robot) -> None:
-    suite, guard = SensorSuite(robot, FLOOR), GuardedEstimator(Gated(robot), robot)
-    state, trust = State(q=robot.configuration(position=(0, 0, -36)), v=np.zeros(robot.n_v)), {}
+def test_readings_that_the_filter_refuses_make_a_channel_suspect_then_lost_and_good_again(
+    robot: Robot,
+) -> None:
+    suite = SensorSuite(robot, FLOOR)
+    guard = GuardedEstimator(Gated(robot), robot)
+    state = State(q=robot.configuration(position=(0, 0, -36)), v=np.zeros(robot.n_v))
+    trust = {}
     for k in range(800):
         measurement = guard(suite.read(state, k * DT), k * DT)
         trust[round(k * DT, 2)] = next(h for h in measurement.health if h.channel == "position")
@@ -53,13 +62,17 @@ def test_readings_that_the_filter_refuses_make_a_channel_suspect_then_lost_and_g
 
 
 @pytest.mark.parametrize("ideal", [True, False])
-def test_encoders_that_stand_still_while_joints_are_asked_to_move_are_frozen(robot: Robot, ideal: bool) -> None:
+def test_encoders_that_stand_still_while_joints_are_asked_to_move_are_frozen(
+    robot: Robot, ideal: bool
+) -> None:
     specs = {"specs": IDEAL_SENSORS} if ideal else {}
     suite = SensorSuite(robot, FLOOR, **specs)
     inner = PassThrough(robot) if ideal else Estimator(robot)
-    guard, asked = GuardedEstimator(inner, robot, **specs), np.zeros(robot.n_v)
+    guard = GuardedEstimator(inner, robot, **specs)
+    asked = np.zeros(robot.n_v)
     asked[robot.joint_v] = 0.2
-    state, first = State(q=robot.configuration(position=(0, 0, -36)), v=np.zeros(robot.n_v)), None
+    state = State(q=robot.configuration(position=(0, 0, -36)), v=np.zeros(robot.n_v))
+    first = None
     for k in range(60):
         readings = suite.read(state, k * DT)
         first = first or readings
@@ -73,7 +86,8 @@ def test_encoders_that_stand_still_while_joints_are_asked_to_move_are_frozen(rob
 
 
 def test_locked_joints_are_not_asked_to_move(robot: Robot) -> None:
-    suite, guard = SensorSuite(robot, FLOOR, IDEAL_SENSORS), GuardedEstimator(PassThrough(robot), robot, IDEAL_SENSORS)
+    suite = SensorSuite(robot, FLOOR, IDEAL_SENSORS)
+    guard = GuardedEstimator(PassThrough(robot), robot, IDEAL_SENSORS)
     state = State(q=robot.configuration(position=(0, 0, -36)), v=np.zeros(robot.n_v))
     for k in range(100):
         guard(suite.read(state, k * DT), k * DT, Command(v=np.full(robot.n_v, 0.2), brakes=True))
@@ -81,7 +95,8 @@ def test_locked_joints_are_not_asked_to_move(robot: Robot) -> None:
 
 
 def test_nothing_but_nonsense_from_the_start_gives_no_measurement_and_no_end(robot: Robot) -> None:
-    suite, guard = SensorSuite(robot, FLOOR, IDEAL_SENSORS), GuardedEstimator(PassThrough(robot), robot, IDEAL_SENSORS)
+    suite = SensorSuite(robot, FLOOR, IDEAL_SENSORS)
+    guard = GuardedEstimator(PassThrough(robot), robot, IDEAL_SENSORS)
     state = State(q=robot.configuration(position=(0, 0, -36)), v=np.zeros(robot.n_v))
     for k in range(50):
         readings = suite.read(state, k * DT)

@@ -24,7 +24,8 @@ START = 2.0  # [s]
 @pytest.fixture(scope="module")
 def record() -> Record:
     """A piece of Case 1 whose altimeter freezes."""
-    corrupt, sound = frozen("altimeter_range"), SensorSuite.read
+    corrupt = frozen("altimeter_range")
+    sound = SensorSuite.read
 
     def read(self: SensorSuite, state: State, t: float) -> Readings:
         readings = sound(self, state, t)
@@ -37,12 +38,16 @@ def record() -> Record:
 
 
 @long_without_compiler
-def test_record_report_and_figure_name_the_channel_and_say_why(record: Record, tmp_path: Path) -> None:
+def test_record_report_and_figure_name_the_channel_and_say_why(
+    record: Record, tmp_path: Path
+) -> None:
     column = record.run_meta.channels.index("altimeter_range")
     first = record["t"][np.argmax(record["health"][:, column] > 0)]
     assert START < first < START + 0.7
     assert not np.delete(record["health"], column, axis=1).any()
-    told = [alarm.text for alarm in record.run_meta.alarms if alarm.text.startswith("altimeter_range")]
+    told = [
+        alarm.text for alarm in record.run_meta.alarms if alarm.text.startswith("altimeter_range")
+    ]
     assert told[0].startswith("altimeter_range suspect: the same value ")
     assert told[1].startswith("altimeter_range lost: the same value ")
     rows = {row["channel"]: row for row in sensor_health(record)}
@@ -78,7 +83,9 @@ def test_a_record_without_health_has_none(record: Record) -> None:
         lambda health: health.astype(float),
     ],
 )
-def test_wrong_series_of_health_are_refused_in_one_line(record: Record, tmp_path: Path, spoil) -> None:
+def test_wrong_series_of_health_are_refused_in_one_line(
+    record: Record, tmp_path: Path, spoil
+) -> None:
     wrong = replace(record, series={**record.series, "health": spoil(record["health"])})
     wrong.save(tmp_path / "record.npz")
     with pytest.raises(InvalidInput, match="health") as error:

@@ -1,4 +1,6 @@
-"""What the monitor computes, in C as in Python, and the parts of it that have a law of their own."""
+"""What the monitor computes, in C as in Python, and the parts of it that have a law of their
+own.
+"""
 
 from __future__ import annotations
 
@@ -35,7 +37,13 @@ from uvms_ocp.estimation.health.plausibility import (
     slot_at,
     small_rotation,
 )
-from uvms_ocp.estimation.health.redundancy import SampleRing, append_value, mean_time, median_of, value_at
+from uvms_ocp.estimation.health.redundancy import (
+    SampleRing,
+    append_value,
+    mean_time,
+    median_of,
+    value_at,
+)
 from uvms_ocp.estimation.vehicle_model import multiply
 from uvms_ocp.robot.loading import load_robot
 from uvms_ocp.robot.robot import Robot
@@ -49,7 +57,9 @@ def robot() -> Robot:
     return load_robot("girona_maris7")
 
 
-def _guarded(robot: Robot, channel: str, defect: str, *, compiled: bool) -> tuple[HealthMonitor, list[Any]]:
+def _guarded(
+    robot: Robot, channel: str, defect: str, *, compiled: bool
+) -> tuple[HealthMonitor, list[Any]]:
     """A robot that moves on straight, with a defect after a while."""
     monitor = HealthMonitor(robot, compiled=compiled)
     guard = GuardedEstimator(Estimator(robot), robot, monitor=monitor)
@@ -63,7 +73,9 @@ CASES = dict(zip(STEPS, ["jump", "bias", "late", "nan", "bias", "frozen", "jump"
 @needs_compiler
 @pytest.mark.parametrize(("channel", "defect"), CASES.items(), ids=CASES)
 def test_c_and_python_tell_the_same(robot: Robot, channel: str, defect: str) -> None:
-    (in_c, told), (in_python, same) = (_guarded(robot, channel, defect, compiled=compiled) for compiled in (True, False))
+    (in_c, told), (in_python, same) = (
+        _guarded(robot, channel, defect, compiled=compiled) for compiled in (True, False)
+    )
     assert in_c.alarms == in_python.alarms
     assert in_c.alarms
     assert bytes(in_c.memory) == bytes(in_python.memory)
@@ -76,11 +88,14 @@ def _array(values: np.ndarray) -> Any:
 
 
 @pytest.mark.parametrize("dt", [0.001, 0.005, 0.1])
-def test_the_estimate_nearest_to_a_time_is_found_for_as_long_as_any_reading_takes(dt: float) -> None:
+def test_the_estimate_nearest_to_a_time_is_found_for_as_long_as_any_reading_takes(
+    dt: float,
+) -> None:
     structure = structure_of(EstimateHistory, n_q=1, n_v=1, n_estimates=256)
     history = structure()
     add, find = bind_kernels((remember, slot_at), (structure, type(history.kept[0])))
-    history.length, history.spacing = 2.0, 2.0 / 254
+    history.length = 2.0
+    history.spacing = 2.0 / 254
     assert find(history, 0.0) == -1
     times = dt * np.arange(round(5.0 / dt))
     for t in times:
@@ -97,21 +112,31 @@ def test_the_estimate_nearest_to_a_time_is_found_for_as_long_as_any_reading_take
 
 
 def test_a_trail_has_the_medians_means_and_values_of_numpy() -> None:
-    structure, draw = structure_of(SampleRing), np.random.default_rng(0)
-    trail, t, x = structure(), np.cumsum(draw.random(150)), draw.normal(size=150)
-    add, median, mean, value = bind_kernels((append_value, median_of, mean_time, value_at), (structure,))
+    structure = structure_of(SampleRing)
+    draw = np.random.default_rng(0)
+    trail = structure()
+    t = np.cumsum(draw.random(150))
+    x = draw.normal(size=150)
+    add, median, mean, value = bind_kernels(
+        (append_value, median_of, mean_time, value_at), (structure,)
+    )
     for time, number in zip(t, x, strict=True):
         add(trail, time, _array(np.array([0.0, number])), 2)
-    t, x = t[-64:], x[-64:]
+    t = t[-64:]
+    x = x[-64:]
     for start, n in ((0, 1), (3, 12), (40, 24), (0, 64), (5, 7)):
-        assert median(trail, 1, start, n) == pytest.approx(np.median(x[start : start + n]), rel=1e-14)
+        assert median(trail, 1, start, n) == pytest.approx(
+            np.median(x[start : start + n]), rel=1e-14
+        )
         assert mean(trail, start, n) == pytest.approx(t[start : start + n].mean(), rel=1e-14)
     for at in np.linspace(t[0] - 1.0, t[-1] + 1.0, 57):
         assert value(trail, 1, at) == pytest.approx(np.interp(at, t, x), rel=1e-12)
 
 
 def test_turns_are_those_of_rotation_matrices() -> None:
-    product, turn_by, rotate, angle = bind_kernels((multiply, small_rotation, turn, angle_between), ())
+    product, turn_by, rotate, angle = bind_kernels(
+        (multiply, small_rotation, turn, angle_between), ()
+    )
     by, more, out, vector = (_array(np.zeros(n)) for n in (4, 4, 4, 3))
     turn_by(_array(np.array([0.01, 0.0, 0.0])), 1.0, by)
     turn_by(_array(np.array([0.01, 0.0, 0.0])), -2.0, more)
@@ -123,12 +148,17 @@ def test_turns_are_those_of_rotation_matrices() -> None:
 
 
 def test_spots_beyond_those_that_fit_push_the_oldest_out_and_one_is_never_forgotten() -> None:
-    structure, spot = structure_of(FloorPoints), structure_of(FloorPoint)
-    add, older, place, keep = bind_kernels((append_floor_point, forget_older, slot_of, keep_alone), (structure, spot))
+    structure = structure_of(FloorPoints)
+    spot = structure_of(FloorPoint)
+    add, older, place, keep = bind_kernels(
+        (append_floor_point, forget_older, slot_of, keep_alone), (structure, spot)
+    )
     spots = structure()
     for t in range(200):
         add(spots, spot(t=float(t)))
-    assert [spots.kept[place(spots, k)].t for k in range(spots.count)] == list(range(200 - MAX_FLOOR_POINTS, 200))
+    assert [spots.kept[place(spots, k)].t for k in range(spots.count)] == list(
+        range(200 - MAX_FLOOR_POINTS, 200)
+    )
     older(spots, 190.0)
     assert [spots.kept[place(spots, k)].t for k in range(spots.count)] == list(range(190, 200))
     older(spots, 1000.0)
@@ -138,9 +168,13 @@ def test_spots_beyond_those_that_fit_push_the_oldest_out_and_one_is_never_forgot
 
 
 def test_a_floor_may_rise_with_the_way_and_more_along_a_beam_that_tilts() -> None:
-    structure, spot = structure_of(FloorPoints), structure_of(FloorPoint)
-    add, step, may = bind_kernels((append_floor_point, floor_step, height_allowance), (structure, spot))
-    spots, old = structure(), spot(x=0.0, z=-40.0, sensor_z=-36.0)
+    structure = structure_of(FloorPoints)
+    spot = structure_of(FloorPoint)
+    add, step, may = bind_kernels(
+        (append_floor_point, floor_step, height_allowance), (structure, spot)
+    )
+    spots = structure()
+    old = spot(x=0.0, z=-40.0, sensor_z=-36.0)
     add(spots, old)
     for x, z, sensor_x, rise in [
         (1.0, -39.1, 1.0, 0.0),
@@ -148,7 +182,9 @@ def test_a_floor_may_rise_with_the_way_and_more_along_a_beam_that_tilts() -> Non
         (0.0, -40.05, 0.0, 0.0),
         (0.0, -41.0, 0.0, -1.0),
     ]:
-        assert step(spots, spot(x=x, z=z, sensor_x=sensor_x, sensor_z=-36.0), 0.1, 1.0) == pytest.approx(rise)
+        assert step(
+            spots, spot(x=x, z=z, sensor_x=sensor_x, sensor_z=-36.0), 0.1, 1.0
+        ) == pytest.approx(rise)
     straight, tilted = (spot(x=2.0, z=-42.0, sensor_x=x, sensor_z=-36.0) for x in (2.0, 1.0))
     assert may(straight, old, 1.0) == pytest.approx(2.0)
     assert may(tilted, old, 1.0) > 2.0 * (1.0 + 4.0 / 6.0) / 2.0

@@ -1,4 +1,6 @@
-"""What a channel jumped by that was refused and is used again is told once, and kept for the bound of the error."""
+"""What a channel jumped by that was refused and is used again is told once, and kept for the bound
+of the error.
+"""
 
 from __future__ import annotations
 
@@ -15,7 +17,9 @@ from uvms_ocp.robot.loading import load_robot
 from uvms_ocp.robot.robot import Robot
 from uvms_ocp.robot.signals import Reading, Readings
 
-ONSET, END = 3.0, 12.0  # [s]
+# [s]
+ONSET = 3.0
+END = 12.0
 STEPS = {"attitude": 0.08, "joint_positions": 0.1}  # [rad]
 
 
@@ -31,18 +35,29 @@ def stepped(channel: str, reading: Reading[np.ndarray]) -> np.ndarray:
     return np.asarray(reading.value) + STEPS[channel] * (np.arange(len(reading.value)) == 1)
 
 
-def spoiled(channel: str, of: Callable[[Reading[np.ndarray], float], np.ndarray | None]) -> Callable[[Readings, float], Readings]:
+def spoiled(
+    channel: str, of: Callable[[Reading[np.ndarray], float], np.ndarray | None]
+) -> Callable[[Readings, float], Readings]:
     """Readings of a channel with another value, where `of` gives one."""
 
     def spoil(readings: Readings, t: float) -> Readings:
         reading = getattr(readings, channel)
         value = None if reading is None else of(reading, reading.t)
-        return readings if value is None else replace(readings, **{channel: Reading(value=value, t=reading.t)})
+        return (
+            readings
+            if value is None
+            else replace(readings, **{channel: Reading(value=value, t=reading.t)})
+        )
 
     return spoil
 
 
-def flown(robot: Robot, channel: str, dt: float, of: Callable[[Reading[np.ndarray], float], np.ndarray | None]) -> HealthRun:
+def flown(
+    robot: Robot,
+    channel: str,
+    dt: float,
+    of: Callable[[Reading[np.ndarray], float], np.ndarray | None],
+) -> HealthRun:
     still = np.zeros(robot.n_v)
     return HealthRun(robot, duration=END, dt=dt, spoil=spoiled(channel, of), motion=lambda t: still)
 
@@ -90,7 +105,13 @@ def test_what_comes_back_where_it_was_is_no_step(channel: str, robot: Robot) -> 
 
 def test_a_step_is_told_once(robot: Robot) -> None:
     def of(reading: Reading[np.ndarray], t: float) -> np.ndarray | None:
-        return np.full(4, math.nan) if 8.0 <= t < 8.5 else stepped("attitude", reading) if t >= ONSET else None
+        return (
+            np.full(4, math.nan)
+            if 8.0 <= t < 8.5
+            else stepped("attitude", reading)
+            if t >= ONSET
+            else None
+        )
 
     run = flown(robot, "attitude", 0.02, of)
     assert len(told(run)) == 1

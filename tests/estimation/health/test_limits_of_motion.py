@@ -1,4 +1,6 @@
-"""Whatever a robot may do by its limits, or does not do although it is told to, no sound sensor is doubted for it."""
+"""Whatever a robot may do by its limits, or does not do although it is told to, no sound sensor is
+doubted for it.
+"""
 
 from __future__ import annotations
 
@@ -43,7 +45,8 @@ def rest(robot: Robot) -> Motion:
     return lambda t: np.zeros(robot.n_v)
 
 
-VEHICLE, JOINTS = slice(0, 6), slice(6, None)
+VEHICLE = slice(0, 6)
+JOINTS = slice(6, None)
 
 
 @pytest.mark.parametrize("axes", [VEHICLE, JOINTS], ids=["vehicle", "joints"])
@@ -67,8 +70,12 @@ ALL_LATE = SensorSpecs(
 
 
 @pytest.mark.parametrize("axes", [slice(3, 4), slice(5, 6), JOINTS], ids=str)
-def test_motion_that_nobody_asked_for_is_believed_of_late_sensors_too(robot: Robot, axes: slice) -> None:
-    run = HealthRun(robot, duration=6.0, motion=shuttling(robot, axes), asked=rest(robot), specs=ALL_LATE)
+def test_motion_that_nobody_asked_for_is_believed_of_late_sensors_too(
+    robot: Robot, axes: slice
+) -> None:
+    run = HealthRun(
+        robot, duration=6.0, motion=shuttling(robot, axes), asked=rest(robot), specs=ALL_LATE
+    )
     assert run.guard.monitor.alarms == []
 
 
@@ -89,19 +96,27 @@ def test_commands_that_nobody_follows_make_no_sensor_suspect(robot: Robot, axes:
 def test_joints_that_stop_at_once_make_no_encoder_suspect(robot: Robot, told: bool) -> None:
     """A jam, brakes or a stop; whether the command goes on or not."""
     moving = braking(robot, JOINTS)
-    run = HealthRun(robot, duration=4.0, motion=moving, asked=moving if told else (lambda t: moving(0.0)))
+    run = HealthRun(
+        robot, duration=4.0, motion=moving, asked=moving if told else (lambda t: moving(0.0))
+    )
     late = [text for t, text in run.guard.monitor.alarms if "does not change" not in text]
     assert late == []
     assert np.abs(run.v_estimated[-20:, JOINTS]).max() < 0.1
 
 
 @pytest.mark.parametrize("size", [0.05, 0.1, 0.2])
-def test_a_biased_gyro_is_named_and_the_attitude_neither_lost_nor_led_astray(robot: Robot, size: float) -> None:
+def test_a_biased_gyro_is_named_and_the_attitude_neither_lost_nor_led_astray(
+    robot: Robot, size: float
+) -> None:
     def biased(readings: Readings, t: float) -> Readings:
         def add(reading, now):
             return type(reading)(value=reading.value + np.array([0.0, 0.0, size]), t=reading.t)
 
-        return with_defect(readings, "angular_velocity", add, t) if t >= 3.0 and readings.angular_velocity else readings
+        return (
+            with_defect(readings, "angular_velocity", add, t)
+            if t >= 3.0 and readings.angular_velocity
+            else readings
+        )
 
     run = HealthRun(robot, duration=12.0, spoil=biased)
     assert run.first_bad("angular_velocity", 3.0) < 1.0
@@ -113,17 +128,28 @@ def test_a_biased_gyro_is_named_and_the_attitude_neither_lost_nor_led_astray(rob
 
 
 @pytest.mark.parametrize(("axis", "fast"), [(3, 12.0), (8, 100.0)], ids=["vehicle", "joint"])
-def test_what_gravity_and_motors_do_beyond_what_is_planned_is_believed(robot: Robot, axis: int, fast: float) -> None:
-    """Unasked, in every second for 40 ms at `fast` [rad/s2], and back: as a load falls, or a thruster blows."""
+def test_what_gravity_and_motors_do_beyond_what_is_planned_is_believed(
+    robot: Robot, axis: int, fast: float
+) -> None:
+    """Unasked, in every second for 40 ms at `fast` [rad/s2], and back: as a load falls, or a
+    thruster blows.
+    """
     away = np.zeros(robot.n_v)
     away[axis] = fast
-    pulse = [0.0, 0.04, 0.12, 0.16, 1.0], [0.0, 0.04, -0.04, 0.0, 0.0]  # [s] and, per unit, how fast it then is
-    run = HealthRun(robot, duration=4.0, motion=lambda t: away * np.interp(t % 1.0, *pulse), asked=rest(robot))
+    pulse = (
+        [0.0, 0.04, 0.12, 0.16, 1.0],
+        [0.0, 0.04, -0.04, 0.0, 0.0],
+    )  # [s] and, per unit, how fast it then is
+    run = HealthRun(
+        robot, duration=4.0, motion=lambda t: away * np.interp(t % 1.0, *pulse), asked=rest(robot)
+    )
     assert run.guard.monitor.alarms == []
 
 
 def test_a_motion_that_grows_by_a_third_at_every_tick_is_believed(robot: Robot) -> None:
-    """A chain of light links that whips: faster than any limit, but never faster than it has begun."""
+    """A chain of light links that whips: faster than any limit, but never faster than it has
+    begun.
+    """
 
     def whip(t: float) -> np.ndarray:
         v = np.zeros(robot.n_v)
@@ -136,31 +162,47 @@ def test_a_motion_that_grows_by_a_third_at_every_tick_is_believed(robot: Robot) 
 
 
 def test_encoders_are_believed_again_once_brakes_hold_the_arm(robot: Robot) -> None:
-    """What they missed is not carried on with the last velocity, away from all that they can read."""
-    guard, fallen = GuardedEstimator(Estimator(robot, SensorSpecs()), robot, SensorSpecs()), np.zeros(robot.n_v)
+    """What they missed is not carried on with the last velocity, away from all that they can
+    read.
+    """
+    guard = GuardedEstimator(Estimator(robot, SensorSpecs()), robot, SensorSpecs())
+    fallen = np.zeros(robot.n_v)
     fallen[8] = 3.0
-    suite, fell = SensorSuite(robot, FLOOR), 0.0
+    suite = SensorSuite(robot, FLOOR)
+    fell = 0.0
     for k in range(400):
         t = 0.01 * k
         fell += 0.01 * (share := np.interp(t, [1.0, 1.3, 1.5, 1.51], [0.0, 1.0, 1.0, 0.0]))
-        q = pin.integrate(robot.model, robot.configuration(position=(0.0, 0.0, -36.0)), fell * fallen)
+        q = pin.integrate(
+            robot.model, robot.configuration(position=(0.0, 0.0, -36.0)), fell * fallen
+        )
         readings = suite.read(State(q=q, v=share * fallen), t)
         silent = replace(readings, joint_positions=None) if 1.5 <= t < 1.9 else readings
         measurement = guard(silent, t, Command(v=np.zeros(robot.n_v), brakes=t >= 1.51))
-    assert {item.channel: item.trust for item in guard.monitor.health}["joint_positions"] is Trust.GOOD
+    assert {item.channel: item.trust for item in guard.monitor.health}[
+        "joint_positions"
+    ] is Trust.GOOD
     assert np.abs(measurement.q - q)[robot.joint_q].max() < 0.01
 
 
 @pytest.mark.parametrize(("dt", "size"), [(1 / 20, 0.1), (1 / 50, 0.04), (1 / 200, 0.04)])
 def test_spikes_of_an_encoder_are_no_motion(robot: Robot, dt: float, size: float) -> None:
-    """What is granted to a jolt does not grow with a slow tick: the joint was believed to turn at the size over the tick."""
+    """What is granted to a jolt does not grow with a slow tick: the joint was believed to turn at
+    the size over the tick.
+    """
     rng = np.random.default_rng(2)
 
     def spoil(readings: Readings, t: float) -> Readings:
         def add(reading, now):
-            return replace(reading, value=reading.value + size * (np.arange(len(reading.value)) == 2))
+            return replace(
+                reading, value=reading.value + size * (np.arange(len(reading.value)) == 2)
+            )
 
-        return with_defect(readings, "joint_positions", add, t) if t > 1.0 and rng.uniform() < 0.05 else readings
+        return (
+            with_defect(readings, "joint_positions", add, t)
+            if t > 1.0 and rng.uniform() < 0.05
+            else readings
+        )
 
     run = HealthRun(robot, duration=6.0, dt=dt, spoil=spoil, motion=rest(robot))
     assert np.abs(run.q_estimated - run.q)[:, robot.joint_q].max() < 0.2 * size

@@ -18,7 +18,14 @@ from uvms_ocp.estimation.health.plausibility import RepetitionMemory, init_repet
 from uvms_ocp.estimation.health.tuning import Complaint
 from uvms_ocp.robot.loading import load_robot
 from uvms_ocp.robot.robot import Robot
-from uvms_ocp.robot.signals import ACCELEROMETER, IDEAL_SENSORS, Command, SensorSpec, SensorSpecs, State
+from uvms_ocp.robot.signals import (
+    ACCELEROMETER,
+    IDEAL_SENSORS,
+    Command,
+    SensorSpec,
+    SensorSpecs,
+    State,
+)
 from uvms_ocp.scenario.cases.case1 import case1
 from uvms_ocp.sim.currents import GustyCurrent, UniformCurrent
 from uvms_ocp.sim.sensors import SensorSuite
@@ -42,18 +49,24 @@ def robot() -> Robot:
     return load_robot("girona_maris7")
 
 
-@pytest.mark.parametrize("specs", [SensorSpecs(), LATE, LOSSY, ALL], ids=["usual", "late", "lossy", "all"])
+@pytest.mark.parametrize(
+    "specs", [SensorSpecs(), LATE, LOSSY, ALL], ids=["usual", "late", "lossy", "all"]
+)
 @pytest.mark.parametrize("seed", [0, 1])
-def test_a_swaying_robot_with_sound_sensors_raises_no_alarm(robot: Robot, specs: SensorSpecs, seed: int) -> None:
+def test_a_swaying_robot_with_sound_sensors_raises_no_alarm(
+    robot: Robot, specs: SensorSpecs, seed: int
+) -> None:
     assert HealthRun(robot, duration=15.0, specs=specs, seed=seed).guard.monitor.alarms == []
 
 
 @pytest.mark.parametrize("moving", [False, True])
 def test_sound_readings_pass_as_they_are(robot: Robot, moving: bool) -> None:
-    suite, bare = SensorSuite(robot, FLOOR, seed=2), Estimator(robot)
+    suite = SensorSuite(robot, FLOOR, seed=2)
+    bare = Estimator(robot)
     guarded = GuardedEstimator(Estimator(robot), robot)
     v = swaying(robot)(1.0) if moving else np.zeros(robot.n_v)
-    q, command = robot.configuration(position=(0.0, 0.0, -36.0)), Command(v=np.zeros(robot.n_v))
+    q = robot.configuration(position=(0.0, 0.0, -36.0))
+    command = Command(v=np.zeros(robot.n_v))
     for k in range(600):
         readings = suite.read(State(q=q, v=np.zeros(robot.n_v)), k * 0.005)
         a, b = (estimator(readings, k * 0.005, command) for estimator in (bare, guarded))
@@ -67,7 +80,9 @@ def test_sound_readings_pass_as_they_are(robot: Robot, moving: bool) -> None:
 
 @long_without_compiler
 @pytest.mark.parametrize("plant", ["kinematic", "dynamic"])
-def test_ideal_sensors_give_the_run_that_they_gave_without_a_monitor(monkeypatch: pytest.MonkeyPatch, plant: str) -> None:
+def test_ideal_sensors_give_the_run_that_they_gave_without_a_monitor(
+    monkeypatch: pytest.MonkeyPatch, plant: str
+) -> None:
     scenario = case1(plant=plant, duration=1.5, dt=0.02)
     watched = scenario.run()
     monkeypatch.setattr(GuardedEstimator, "__call__", lambda self, *args: self.estimator(*args))
@@ -88,7 +103,8 @@ def test_case1_with_noise_in_gusts_raises_no_alarm() -> None:
 
 def _repeats(sigma: float, readings: Iterable[np.ndarray]) -> list[bool]:
     """Which readings (3,) make a sensor with noise sigma count as frozen."""
-    memory, why = structure_of(RepetitionMemory, n_width=4)(), structure_of(Complaint)()
+    memory = structure_of(RepetitionMemory, n_width=4)()
+    why = structure_of(Complaint)()
     (look,) = bind_kernels((repeated,), (type(memory), type(why)))
     init_repetitions(memory, sigma, size=3, each=True)
     return [bool(look(memory, (ctypes.c_double * 3)(*reading), why)) for reading in readings]
@@ -96,9 +112,11 @@ def _repeats(sigma: float, readings: Iterable[np.ndarray]) -> list[bool]:
 
 @pytest.mark.parametrize("quantum", [0.0, 0.02, 0.25, 1.0, 3.0, 30.0])
 def test_a_robot_at_rest_with_coarse_sensors_does_not_count_as_frozen(quantum: float) -> None:
-    rng, sigma = np.random.default_rng(3), 0.01
+    rng = np.random.default_rng(3)
+    sigma = 0.01
     moved = np.minimum(np.arange(4000), 300)[:, None] * 0.3 * sigma  # moves, then rests
-    values, step = moved + sigma * rng.standard_normal((4000, 3)), quantum * sigma
+    values = moved + sigma * rng.standard_normal((4000, 3))
+    step = quantum * sigma
     assert not any(_repeats(sigma, values if quantum == 0.0 else step * np.round(values / step)))
 
 

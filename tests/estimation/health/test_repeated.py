@@ -1,4 +1,6 @@
-"""Readings that are taken for the truth go through the monitor in one kernel: the same comes of it as of two."""
+"""Readings that are taken for the truth go through the monitor in one kernel: the same comes of it
+as of two.
+"""
 
 from __future__ import annotations
 
@@ -19,23 +21,30 @@ from uvms_ocp.robot.robot import Robot
 from uvms_ocp.robot.signals import IDEAL_SENSORS, Command, Readings, SensorSpec, StateEstimate
 from uvms_ocp.sim.sensors import SensorSuite
 
-SPECS = replace(IDEAL_SENSORS, joint_positions=SensorSpec(rate=50.0), position=SensorSpec(rate=5.0, delay=0.1))
+SPECS = replace(
+    IDEAL_SENSORS, joint_positions=SensorSpec(rate=50.0), position=SensorSpec(rate=5.0, delay=0.1)
+)
 
 
 class InOneKernel:
-    """Guarded pass-through whose ticks are one kernel, as in the compiled loop, once every channel has been read."""
+    """Guarded pass-through whose ticks are one kernel, as in the compiled loop, once every channel
+    has been read.
+    """
 
     def __init__(self, robot: Robot) -> None:
-        self.guard, self._complete = GuardedEstimator(PassThrough(robot, SPECS), robot, SPECS), False
+        self.guard = GuardedEstimator(PassThrough(robot, SPECS), robot, SPECS)
+        self._complete = False
 
     def __call__(self, readings: Readings, t: float, command: Command) -> StateEstimate:
         if not self._complete:
             estimate = self.guard(readings, t, command)
             self._complete = estimate.age < np.inf
             return estimate
-        monitor, memory = self.guard.monitor, self.guard.monitor.memory
+        monitor = self.guard.monitor
+        memory = self.guard.monitor.memory
         fresh, _ = monitor._ingest(readings)
-        memory.tick_t, memory.moving = t, monitor._is_moved(command)
+        memory.tick_t = t
+        memory.moving = monitor._is_moved(command)
         monitor.ticks[2](memory, self.guard.support, self.guard.repeated)
         monitor._use(fresh)
         if memory.n_changed:
@@ -46,14 +55,21 @@ class InOneKernel:
 def _told(in_one: bool, channel: str, defect: str) -> tuple[list[StateEstimate], HealthMonitor]:
     """What is measured of a robot on its way, with a defect after a while."""
     robot = load_robot("girona_maris7")
-    one, suite = InOneKernel(robot), SensorSuite(robot, FLOOR, SPECS)
-    return told_on_a_way(one if in_one else one.guard, robot, suite, channel, defect), one.guard.monitor
+    one = InOneKernel(robot)
+    suite = SensorSuite(robot, FLOOR, SPECS)
+    return told_on_a_way(
+        one if in_one else one.guard, robot, suite, channel, defect
+    ), one.guard.monitor
 
 
 @pytest.mark.parametrize("defect", ["jump", "nan", "frozen", "late"])
-@pytest.mark.parametrize("channel", ["position", "attitude", "joint_positions", "linear_velocity", "altimeter_range"])
+@pytest.mark.parametrize(
+    "channel", ["position", "attitude", "joint_positions", "linear_velocity", "altimeter_range"]
+)
 def test_one_kernel_tells_what_two_do(channel: str, defect: str) -> None:
-    (once, watched), (twice, watched_too) = (_told(in_one, channel, defect) for in_one in (True, False))
+    (once, watched), (twice, watched_too) = (
+        _told(in_one, channel, defect) for in_one in (True, False)
+    )
     assert watched.alarms == watched_too.alarms
     for monitor in (watched, watched_too):
         assign(monitor.memory, tick_t=0.0, moving=False, n_changed=0)  # which only kernels read

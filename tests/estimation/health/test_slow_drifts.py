@@ -1,4 +1,6 @@
-"""Drifts that no single reading shows are found by what another channel integrates to, and blamed on the right one."""
+"""Drifts that no single reading shows are found by what another channel integrates to, and blamed
+on the right one.
+"""
 
 from __future__ import annotations
 
@@ -14,7 +16,9 @@ from uvms_ocp.robot.loading import load_robot
 from uvms_ocp.robot.robot import Robot
 from uvms_ocp.robot.signals import Reading, Readings, SensorSpec, SensorSpecs, Trust
 
-ONSET, END = 3.0, 28.0  # [s]
+# [s]
+ONSET = 3.0
+END = 28.0
 
 
 def drifting(channel: str, rate: np.ndarray | float):
@@ -24,9 +28,16 @@ def drifting(channel: str, rate: np.ndarray | float):
             return readings
         off = np.asarray(rate) * (reading.t - ONSET)
         turned = channel == "attitude"
-        value = (pin.Quaternion(reading.value) * pin.Quaternion(pin.exp3(off))).coeffs() if turned else reading.value + off
+        value = (
+            (pin.Quaternion(reading.value) * pin.Quaternion(pin.exp3(off))).coeffs()
+            if turned
+            else reading.value + off
+        )
         fields = {name: getattr(readings, name) for name in Readings.__dataclass_fields__}
-        return Readings(**fields | {channel: Reading(value=value if np.ndim(value) else float(value), t=reading.t)})
+        return Readings(
+            **fields
+            | {channel: Reading(value=value if np.ndim(value) else float(value), t=reading.t)}
+        )
 
     return spoil
 
@@ -46,22 +57,36 @@ def _robot() -> Robot:
         ("attitude", (0.0, 0.0, 0.01), 20.0, {"depth"}),
     ],
 )
-def test_a_slow_drift_is_found(channel: str, rate: np.ndarray | float, within: float, others: set[str], robot: Robot) -> None:
+def test_a_slow_drift_is_found(
+    channel: str, rate: np.ndarray | float, within: float, others: set[str], robot: Robot
+) -> None:
     """Before, only what drifts by more than a decimetre per second, or jumps, was."""
     still = np.zeros(robot.n_v)
-    run = HealthRun(robot, duration=END, spoil=drifting(channel, np.asarray(rate)), motion=lambda t: still, dt=0.02)
+    run = HealthRun(
+        robot,
+        duration=END,
+        spoil=drifting(channel, np.asarray(rate)),
+        motion=lambda t: still,
+        dt=0.02,
+    )
     assert run.first_bad(channel, ONSET) < within
     assert all((run.of(name) == Trust.GOOD).all() for name in others)
     assert run.last_bad(channel) > END - 0.1
 
 
 @pytest.mark.parametrize("sways", [False, True])
-@pytest.mark.parametrize(("channel", "rate", "within"), [("joint_positions", 0.004, 5.0), ("joint_velocities", 4e-4, 16.0)])
+@pytest.mark.parametrize(
+    ("channel", "rate", "within"),
+    [("joint_positions", 0.004, 5.0), ("joint_velocities", 4e-4, 16.0)],
+)
 def test_an_encoder_is_checked_by_the_rate_of_its_joint(
     channel: str, rate: float, within: float, sways: bool, robot: Robot
 ) -> None:
-    """Where the robot has sensors of both: an encoder that drifted was the truth, and the tool ended 0.17 m off."""
-    specs, still = replace(SensorSpecs(), joint_velocities=SensorSpec(rate=200.0, sigma=2e-3)), np.zeros(robot.n_v)
+    """Where the robot has sensors of both: an encoder that drifted was the truth, and the tool
+    ended 0.17 m off.
+    """
+    specs = replace(SensorSpecs(), joint_velocities=SensorSpec(rate=200.0, sigma=2e-3))
+    still = np.zeros(robot.n_v)
     run = HealthRun(
         robot,
         duration=24.0,
@@ -70,9 +95,16 @@ def test_an_encoder_is_checked_by_the_rate_of_its_joint(
         dt=0.02,
         specs=specs,
     )
-    assert all(run.first_bad(name, ONSET) < within for name in ("joint_positions", "joint_velocities"))
-    assert any("encoder and rate of joint3 disagree" in text for _, text in run.guard.monitor.alarms)
-    assert all((run.of(name) == Trust.GOOD).all() for name in ("position", "attitude", "linear_velocity", "depth"))
+    assert all(
+        run.first_bad(name, ONSET) < within for name in ("joint_positions", "joint_velocities")
+    )
+    assert any(
+        "encoder and rate of joint3 disagree" in text for _, text in run.guard.monitor.alarms
+    )
+    assert all(
+        (run.of(name) == Trust.GOOD).all()
+        for name in ("position", "attitude", "linear_velocity", "depth")
+    )
 
 
 RATES = {
@@ -86,8 +118,12 @@ RATES = {
 @pytest.mark.parametrize("sways", [False, True])
 @pytest.mark.parametrize("kind", RATES)
 def test_sound_encoders_and_rates_are_believed(kind: str, sways: bool, robot: Robot) -> None:
-    """What rates integrate to is known as well as they are: noise of 0.02 rad/s alone ended missions."""
-    specs, before, still = replace(SensorSpecs(), joint_velocities=RATES[kind]), deque(maxlen=2), np.zeros(robot.n_v)
+    """What rates integrate to is known as well as they are: noise of 0.02 rad/s alone ended
+    missions.
+    """
+    specs = replace(SensorSpecs(), joint_velocities=RATES[kind])
+    before = deque(maxlen=2)
+    still = np.zeros(robot.n_v)
 
     def spoil(readings: Readings, t: float) -> Readings:
         rates = readings.joint_velocities
@@ -98,7 +134,9 @@ def test_sound_encoders_and_rates_are_believed(kind: str, sways: bool, robot: Ro
 
     for seed in range(2):
         motion = None if sways else lambda t: still
-        run = HealthRun(robot, duration=42.0, dt=0.02, specs=specs, spoil=spoil, motion=motion, seed=seed)
+        run = HealthRun(
+            robot, duration=42.0, dt=0.02, specs=specs, spoil=spoil, motion=motion, seed=seed
+        )
         assert not any("encoder and rate" in text for _, text in run.guard.monitor.alarms)
 
 
@@ -109,8 +147,12 @@ def test_sound_sensors_of_a_robot_that_sways_are_believed(seed: int, robot: Robo
 
 
 def test_fixes_carry_the_height_while_depths_drift(robot: Robot) -> None:
-    """Depths that the filter had refused for a while were taken for a surprise of the vehicle, and moved velocity and height."""
+    """Depths that the filter had refused for a while were taken for a surprise of the vehicle, and
+    moved velocity and height.
+    """
     still = np.zeros(robot.n_v)
-    run = HealthRun(robot, duration=END, spoil=drifting("depth", 0.03), motion=lambda t: still, dt=0.02)
+    run = HealthRun(
+        robot, duration=END, spoil=drifting("depth", 0.03), motion=lambda t: still, dt=0.02
+    )
     assert np.abs(run.q_estimated[:, 2] - run.q[:, 2]).max() < 0.15
     assert np.abs(run.v_estimated[run.t > 1.0, :3]).max() < 0.1

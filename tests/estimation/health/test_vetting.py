@@ -16,7 +16,14 @@ from uvms_ocp.estimation.filter_memory import NUMBER
 from uvms_ocp.estimation.health.monitor import HealthMonitor
 from uvms_ocp.robot.loading import load_robot
 from uvms_ocp.robot.robot import Robot
-from uvms_ocp.robot.signals import IDEAL_SENSORS, Reading, Readings, SensorSpec, State, StateEstimate
+from uvms_ocp.robot.signals import (
+    IDEAL_SENSORS,
+    Reading,
+    Readings,
+    SensorSpec,
+    State,
+    StateEstimate,
+)
 from uvms_ocp.sim.sensors import SensorSuite
 
 DT = 0.01
@@ -29,19 +36,27 @@ def robot() -> Robot:
 
 
 class Vetting:
-    """A robot at rest with ideal sensors and a DVL with noise, of whose readings some are replaced."""
+    """A robot at rest with ideal sensors and a DVL with noise, of whose readings some are
+    replaced.
+    """
 
     def __init__(self, robot: Robot) -> None:
         self.state = State(q=robot.configuration(position=(0.0, 0.0, -36.0)), v=np.zeros(robot.n_v))
-        self.suite, self.monitor = SensorSuite(robot, FLOOR, SPECS), HealthMonitor(robot, SPECS)
-        self.t, self.given = -DT, Readings()
+        self.suite = SensorSuite(robot, FLOOR, SPECS)
+        self.monitor = HealthMonitor(robot, SPECS)
+        self.t = -DT
+        self.given = Readings()
 
     def step(self, **other: Reading[Any] | None) -> Readings:
         """What is left of the readings of the next tick, with others in their place."""
         self.t += DT
-        self.given = replace_unchecked(self.suite.read(self.state, self.t), **other)  # arrays of any shape too
+        self.given = replace_unchecked(
+            self.suite.read(self.state, self.t), **other
+        )  # arrays of any shape too
         vetted = self.monitor.screen(self.given, self.t)
-        self.monitor.judge(StateEstimate(q=self.state.q, v=self.state.v, altimeter_range=4.0), self.t)
+        self.monitor.judge(
+            StateEstimate(q=self.state.q, v=self.state.v, altimeter_range=4.0), self.t
+        )
         return vetted
 
 
@@ -53,7 +68,9 @@ def vetting(robot: Robot) -> Vetting:
     return vetting
 
 
-def test_in_place_of_a_refused_reading_the_filter_sees_the_last_one_that_was_used(vetting: Vetting) -> None:
+def test_in_place_of_a_refused_reading_the_filter_sees_the_last_one_that_was_used(
+    vetting: Vetting,
+) -> None:
     sound = vetting.given
     vetted = vetting.step(depth=Reading(value=math.nan, t=vetting.t + DT))
     assert vetted.depth is sound.depth
@@ -68,12 +85,16 @@ def test_a_reading_that_is_withdrawn_stays(vetting: Vetting) -> None:
 
 
 def test_a_second_value_of_the_same_time_is_not_looked_at(vetting: Vetting) -> None:
-    sound, other = vetting.given, Reading(value=-35.9, t=vetting.t)
+    sound = vetting.given
+    other = Reading(value=-35.9, t=vetting.t)
     assert vetting.step(depth=other).depth is sound.depth
 
 
 def test_a_channel_that_the_robot_does_not_have_is_not_passed_on(vetting: Vetting) -> None:
-    assert vetting.step(specific_force=Reading(value=np.zeros(3), t=vetting.t + DT)).specific_force is None
+    assert (
+        vetting.step(specific_force=Reading(value=np.zeros(3), t=vetting.t + DT)).specific_force
+        is None
+    )
 
 
 def test_lists_and_whole_numbers_are_values_too(vetting: Vetting) -> None:
@@ -98,11 +119,15 @@ def test_lists_and_whole_numbers_are_values_too(vetting: Vetting) -> None:
         ("depth", -30.0, "6 m off the estimate, allowed 0.1"),
     ],
 )
-def test_a_value_that_cannot_be_is_refused_in_these_words(vetting: Vetting, name: str, value: Any, why: str) -> None:
+def test_a_value_that_cannot_be_is_refused_in_these_words(
+    vetting: Vetting, name: str, value: Any, why: str
+) -> None:
     sound = getattr(vetting.given, name)
     vetted = vetting.step(**{name: Reading(value=value, t=vetting.t + DT)})
     assert getattr(vetted, name) is sound
-    assert [text.startswith(f"{name} suspect: {why}") for _, text in vetting.monitor.alarms] == [True]
+    assert [text.startswith(f"{name} suspect: {why}") for _, text in vetting.monitor.alarms] == [
+        True
+    ]
 
 
 @pytest.mark.parametrize(
@@ -113,13 +138,16 @@ def test_a_value_that_cannot_be_is_refused_in_these_words(vetting: Vetting, name
         (-1.0, "a time stamp 1.19 s before that of the reading before"),
     ],
 )
-def test_a_time_stamp_that_cannot_be_is_refused_in_these_words(vetting: Vetting, stamp: float, why: str) -> None:
+def test_a_time_stamp_that_cannot_be_is_refused_in_these_words(
+    vetting: Vetting, stamp: float, why: str
+) -> None:
     vetting.step(depth=Reading(value=-36.0, t=stamp))
     assert [text for _, text in vetting.monitor.alarms] == [f"depth suspect: {why}"]
 
 
 def test_outcomes_of_all_channels_are_those_of_each(robot: Robot) -> None:
-    suite, estimator = SensorSuite(robot, FLOOR), Estimator(robot)
+    suite = SensorSuite(robot, FLOOR)
+    estimator = Estimator(robot)
     outcomes = estimator.outcomes
     state = State(q=robot.configuration(position=(0.0, 0.0, -36.0)), v=np.zeros(robot.n_v))
     for k in range(100):

@@ -1,4 +1,6 @@
-"""Laws of clearance by true shapes: distances as coal measures them, their derivatives, and proof between the nodes."""
+"""Laws of clearance by true shapes: distances as coal measures them, their derivatives, and proof
+between the nodes.
+"""
 
 from __future__ import annotations
 
@@ -65,7 +67,9 @@ def test_the_point_that_is_farthest_against_a_direction_is_in_its_support(kind: 
     normals = np.vstack([drawn / np.linalg.norm(drawn, axis=1)[:, None], np.eye(3), -np.eye(3)])
     support = support_of(SHAPES[kind](), normals, np.zeros((len(normals), 3)))
     lowest = np.einsum("nki,ni->nk", support.centres, normals).min(axis=1) - support.radius
-    np.testing.assert_allclose(lowest, [LOWEST[kind](n, float(np.hypot(n[0], n[1]))) for n in normals], atol=1e-12)
+    np.testing.assert_allclose(
+        lowest, [LOWEST[kind](n, float(np.hypot(n[0], n[1]))) for n in normals], atol=1e-12
+    )
 
 
 @pytest.fixture(scope="module")
@@ -82,43 +86,65 @@ def rows_of(term: ShapeClearance, robot: Robot) -> ca.Function:
     """Rows as a function of q and the parameters."""
     start = State(q=robot.configuration(), v=np.zeros(robot.n_v))
     level = OcpLevel(name="effort", terms=(Effort(),))
-    model = StageModel(single_phase(robot=robot, start=start, duration=1.0, n_steps=1, levels=[level]))
+    model = StageModel(
+        single_phase(robot=robot, start=start, duration=1.0, n_steps=1, levels=[level])
+    )
     p = ca.SX.sym("p", term.n_parameters(robot))
-    return ca.Function("rows", [model.z[model.layout.q], p], [term.residual(model.symbols, p).value])
+    return ca.Function(
+        "rows", [model.z[model.layout.q], p], [term.residual(model.symbols, p).value]
+    )
 
 
 def postures(robot: Robot, n: int, seed: int) -> np.ndarray:
     rng = np.random.default_rng(seed)
     lower, upper = robot.limits.position_lower, robot.limits.position_upper
-    joints = [dict(zip(robot.joint_names, rng.uniform(lower, upper), strict=True)) for _ in range(n)]
-    return np.array([
-        robot.configuration(position=rng.uniform(-0.3, 0.3, 3), rpy=rng.uniform(-0.5, 0.5, 3), joints=one)
-        for one in joints
-    ])  # fmt: skip
+    joints = [
+        dict(zip(robot.joint_names, rng.uniform(lower, upper), strict=True)) for _ in range(n)
+    ]
+    return np.array(
+        [
+            robot.configuration(
+                position=rng.uniform(-0.3, 0.3, 3), rpy=rng.uniform(-0.5, 0.5, 3), joints=one
+            )
+            for one in joints
+        ]
+    )
 
 
 @pytest.mark.parametrize("kind", SHAPES)
-def test_the_least_row_is_the_least_distance_apart_and_in_penetration(robot: Robot, kind: str) -> None:
+def test_the_least_row_is_the_least_distance_apart_and_in_penetration(
+    robot: Robot, kind: str
+) -> None:
     term = clearance(robot, [obstacle("thing", SHAPES[kind](), [0.9, 0.1, -0.5], TILT)])
-    rows, q = rows_of(term, robot), postures(robot, 40, 5)
+    rows = rows_of(term, robot)
+    q = postures(robot, 40, 5)
     n_world = term.n_rows
     parameters, true = term.references([0.0] * len(q), q), term.distances([0.0] * len(q), q)
     of_thing = term.scene.groups()["thing"]
     others = np.setdiff1d(np.arange(term.scene.n_pairs), of_thing)
     values = np.array([np.array(rows(*pair)).ravel() for pair in zip(q, parameters, strict=True)])
-    np.testing.assert_allclose(values[:, :n_world].min(axis=1), true[:, of_thing].min(axis=1), atol=1e-3)
-    np.testing.assert_allclose(values[:, n_world:].min(axis=1), true[:, others].min(axis=1), atol=1e-3)
+    np.testing.assert_allclose(
+        values[:, :n_world].min(axis=1), true[:, of_thing].min(axis=1), atol=1e-3
+    )
+    np.testing.assert_allclose(
+        values[:, n_world:].min(axis=1), true[:, others].min(axis=1), atol=1e-3
+    )
     assert true[:, of_thing].min() < 0.0 < true[:, of_thing].max()
 
 
-def test_rows_of_single_pairs_have_the_distances_of_these_pairs_wherever_the_vehicle_is(robot: Robot) -> None:
+def test_rows_of_single_pairs_have_the_distances_of_these_pairs_wherever_the_vehicle_is(
+    robot: Robot,
+) -> None:
     whole = clearance(robot, [])
     chosen = np.flatnonzero(whole.distances([0.0], robot.configuration()[None])[0] < 0.2)[:4]
     scene = whole.scene.among(chosen)
     term = ShapeClearance(scene=scene, margins=np.zeros(len(chosen)), n_pair_rows=8)
     q = apart(whole, postures(robot, 40, 5))
-    values, parameters = rows_of(term, robot), term.references([0.0] * len(q), q)
-    heights = np.array([np.array(values(*pair)).ravel() for pair in zip(q, parameters, strict=True)])
+    values = rows_of(term, robot)
+    parameters = term.references([0.0] * len(q), q)
+    heights = np.array(
+        [np.array(values(*pair)).ravel() for pair in zip(q, parameters, strict=True)]
+    )
     true = whole.distances([0.0] * len(q), q)[:, chosen]
     np.testing.assert_allclose(heights.reshape(len(q), len(chosen), 8).min(axis=2), true, atol=1e-3)
     assert len(q) > 5
@@ -128,11 +154,15 @@ def test_rows_of_single_pairs_have_the_distances_of_these_pairs_wherever_the_veh
 
 def test_the_derivative_of_a_distance_is_between_those_of_its_least_rows(robot: Robot) -> None:
     """Of one row at a corner, of two where an edge lies along the plane."""
-    term, step, seen = clearance(robot, [obstacle("ball", coal.Sphere(0.2), [0.9, 0.1, -0.5])]), 1e-5, 0
-    rows, of_ball = rows_of(term, robot), term.scene.groups()["ball"]
+    term = clearance(robot, [obstacle("ball", coal.Sphere(0.2), [0.9, 0.1, -0.5])])
+    step = 1e-5
+    seen = 0
+    rows = rows_of(term, robot)
+    of_ball = term.scene.groups()["ball"]
     J = rows.jacobian()
     for q in apart(term, postures(robot, 60, 8))[:12]:
-        p, distances = term.references([0.0], q[None])[0], term.distances([0.0], q[None])[0, of_ball]
+        p = term.references([0.0], q[None])[0]
+        distances = term.distances([0.0], q[None])[0, of_ball]
         heights = np.array(rows(q, p)).ravel()[: term.n_rows]
         slopes = J(q, p, 0.0)[0].full()[: term.n_rows][heights < heights.min() + 1e-5]
         for axis in np.eye(robot.n_v):
@@ -161,7 +191,9 @@ def test_rows_far_from_anything_are_wide_of_their_bounds(robot: Robot) -> None:
 # --- plans ----------------------------------------------------------------------------------------
 
 
-def planar_problem(things: list[Obstacle], *, margin: float = 0.05, n_steps: int = 16) -> tuple[OcpProblem, ShapeClearance]:
+def planar_problem(
+    things: list[Obstacle], *, margin: float = 0.05, n_steps: int = 16
+) -> tuple[OcpProblem, ShapeClearance]:
     """The planar robot moves sideways past what stands there."""
     planar = load_robot("planar5")
     term = clearance(planar, things, margin)
@@ -180,16 +212,24 @@ def planar_problem(things: list[Obstacle], *, margin: float = 0.05, n_steps: int
 
 WAYS = {
     "ball": [obstacle("ball", coal.Sphere(0.3), [2.3, 1.4, 0.0])],
-    "box": [obstacle("box", coal.Box(0.4, 0.5, 1.0), [2.3, 1.3, 0.0], pin.rpy.rpyToMatrix(0.0, 0.0, 0.4))],
+    "box": [
+        obstacle(
+            "box", coal.Box(0.4, 0.5, 1.0), [2.3, 1.3, 0.0], pin.rpy.rpyToMatrix(0.0, 0.0, 0.4)
+        )
+    ],
     "convex mesh": [obstacle("stone", stone(), [2.3, 1.2, 0.0])],
 }
 
 
 @pytest.mark.parametrize("plugin", ["ipopt", "stagewise"])
 @pytest.mark.parametrize("way", WAYS)
-def test_a_plan_keeps_its_margin_between_nodes_too_and_says_what_coal_says(way: str, plugin: str) -> None:
+def test_a_plan_keeps_its_margin_between_nodes_too_and_says_what_coal_says(
+    way: str, plugin: str
+) -> None:
     problem, term = planar_problem(WAYS[way])
-    free = Planner(replace(problem, constraints=(AtRest(),)), NlpOptions(time_limit=600.0, plugin="ipopt")).plan()
+    free = Planner(
+        replace(problem, constraints=(AtRest(),)), NlpOptions(time_limit=600.0, plugin="ipopt")
+    ).plan()
     plan = Planner(problem, NlpOptions(time_limit=600.0, plugin=plugin)).plan()
     assert (free.status, plan.status) == (OcpStatus.SOLVED, OcpStatus.SOLVED)
     assert least(term, free.trajectory) < 0.04
@@ -202,13 +242,21 @@ def test_a_plan_keeps_its_margin_between_nodes_too_and_says_what_coal_says(way: 
 
 def least(term: ShapeClearance, path: Trajectory) -> float:
     t = np.linspace(0.0, path.t[-1], 2000)
-    return float(term.distances(t.tolist(), SteppedMotion(term=term, trajectory=path).configurations(t)).min())
+    return float(
+        term.distances(
+            t.tolist(), SteppedMotion(term=term, trajectory=path).configurations(t)
+        ).min()
+    )
 
 
 @pytest.mark.parametrize("n_steps", [4, 8])
 @pytest.mark.parametrize("way", WAYS)
-def test_a_plan_tells_by_how_much_it_misses_its_margin_between_nodes(way: str, n_steps: int) -> None:
-    """Of steps in which a link turns far, tighter nodes do not help, and a short dip is found as well."""
+def test_a_plan_tells_by_how_much_it_misses_its_margin_between_nodes(
+    way: str, n_steps: int
+) -> None:
+    """Of steps in which a link turns far, tighter nodes do not help, and a short dip is found as
+    well.
+    """
     problem, term = planar_problem(WAYS[way], n_steps=n_steps)
     plan = Planner(problem, NlpOptions(time_limit=600.0, plugin="stagewise")).plan()
     missed = max(0.05 - least(term, plan.trajectory), 0.0)
@@ -224,7 +272,9 @@ def test_a_motion_through_a_thin_wall_between_two_nodes_is_not_certified(speed: 
     free = Planner(replace(problem, constraints=(AtRest(),))).plan().trajectory
     hop = np.array([[0.0, 0, 0, 0, 0], [9.0, 0, 0, 0, 0]])
     inputs = {"a": np.zeros((1, 5)), "thrust": free.thrust[:1], "torque": free.torque[:1]}
-    path = replace(free, t=np.array([0.0, 1.0]), q=hop, v=speed * np.repeat(hop[1:], 2, axis=0), **inputs)
+    path = replace(
+        free, t=np.array([0.0, 1.0]), q=hop, v=speed * np.repeat(hop[1:], 2, axis=0), **inputs
+    )
     assert term.distances([0.0, 1.0], hop).min() > 0.1
     report = certificate(term, path)
     assert not report.collision_free
@@ -237,7 +287,14 @@ def test_bounds_of_a_turning_vehicle_hold_for_every_point_of_it(robot: Robot) ->
     q = robot.configuration(rpy=(0.2, -0.3, 0.5))
     v, a = rng.normal(size=(2, robot.n_v)), rng.normal(size=(1, robot.n_v))
     end = pin.integrate(robot.model, q, 0.8 * v[0] + 0.32 * a[0])
-    path = Trajectory(t=np.array([0.0, 0.8]), q=np.array([q, end]), v=v, a=a, thrust=np.zeros((1, 8)), torque=np.zeros((1, 7)))
+    path = Trajectory(
+        t=np.array([0.0, 0.8]),
+        q=np.array([q, end]),
+        v=v,
+        a=a,
+        thrust=np.zeros((1, 8)),
+        torque=np.zeros((1, 7)),
+    )
     motion = SteppedMotion(term=term, trajectory=path)
     middle, half = np.linspace(0.1, 0.7, 13), np.full(13, 0.1)
     bound = motion.bounds(middle, half) @ term.scene.reach.T
@@ -250,20 +307,32 @@ def test_bounds_of_a_turning_vehicle_hold_for_every_point_of_it(robot: Robot) ->
 
 def test_a_straight_steady_motion_goes_as_far_as_its_bounds() -> None:
     planar = load_robot("planar5")
-    term, speed = clearance(planar, [obstacle("ball", coal.Sphere(0.2), [9.0, 0.0, 0.0])]), np.linspace(0.1, 0.5, 5)
+    term = clearance(planar, [obstacle("ball", coal.Sphere(0.2), [9.0, 0.0, 0.0])])
+    speed = np.linspace(0.1, 0.5, 5)
     ways = {"q": np.outer([0.0, 2.0], speed), "v": np.tile(speed, (2, 1)), "a": np.zeros((1, 5))}
-    path = Trajectory(t=np.array([0.0, 2.0]), **ways, thrust=np.zeros((1, 0)), torque=np.zeros((1, 5)))
-    bounds = SteppedMotion(term=term, trajectory=path).bounds(np.array([0.5, 1.0]), np.array([0.25, 1.0]))
+    path = Trajectory(
+        t=np.array([0.0, 2.0]), **ways, thrust=np.zeros((1, 0)), torque=np.zeros((1, 5))
+    )
+    bounds = SteppedMotion(term=term, trajectory=path).bounds(
+        np.array([0.5, 1.0]), np.array([0.25, 1.0])
+    )
     np.testing.assert_allclose(bounds, np.outer([0.25, 1.0], speed), atol=1e-12)
 
 
 def test_a_straight_steady_motion_of_a_vehicle_is_bounded_by_its_speed(robot: Robot) -> None:
     term = clearance(robot, [obstacle("ball", coal.Sphere(0.2), [9.0, 0.1, -0.5])])
-    q, v = robot.configuration(rpy=(0.2, -0.3, 0.5)), np.zeros((2, robot.n_v))
+    q = robot.configuration(rpy=(0.2, -0.3, 0.5))
+    v = np.zeros((2, robot.n_v))
     v[:, :3] = 0.3, -0.4, 1.2
-    path = {"q": np.array([q, pin.integrate(robot.model, q, 2.0 * v[0])]), "v": v, "a": np.zeros((1, robot.n_v))}
+    path = {
+        "q": np.array([q, pin.integrate(robot.model, q, 2.0 * v[0])]),
+        "v": v,
+        "a": np.zeros((1, robot.n_v)),
+    }
     inputs = {"thrust": np.zeros((1, 8)), "torque": np.zeros((1, 7))}
-    motion = SteppedMotion(term=term, trajectory=Trajectory(t=np.array([0.0, 2.0]), **path, **inputs))
+    motion = SteppedMotion(
+        term=term, trajectory=Trajectory(t=np.array([0.0, 2.0]), **path, **inputs)
+    )
     bounds = motion.bounds(np.array([1.0]), np.array([0.5]))
     np.testing.assert_allclose(bounds[0], [0.5 * 1.3, *np.zeros(robot.n_v - 1)], atol=1e-12)
 
@@ -292,10 +361,13 @@ def test_links_of_one_robot_stay_apart() -> None:
 
 def test_a_soft_level_gives_way_to_what_is_above_and_yields_to_nothing_below() -> None:
     problem, term = planar_problem(WAYS["ball"], margin=0.3)
-    without, soft = (OcpLevel(name="effort", terms=(Effort(),)), OcpLevel(name="clearance", terms=(replace(term, weight=10.0),)))
+    without = OcpLevel(name="effort", terms=(Effort(),))
+    soft = OcpLevel(name="clearance", terms=(replace(term, weight=10.0),))
     above = replace(problem, levels=(problem.levels[0], soft, without), constraints=(AtRest(),))
     plain = replace(problem, constraints=(AtRest(),))
-    wide, narrow = (Planner(one, NlpOptions(time_limit=600.0)).plan(diagnose=False) for one in (above, plain))
+    wide, narrow = (
+        Planner(one, NlpOptions(time_limit=600.0)).plan(diagnose=False) for one in (above, plain)
+    )
     assert wide.levels[0].residual < 1e-3
     assert least(term, wide.trajectory) > least(term, narrow.trajectory) + 0.05
 
@@ -303,9 +375,18 @@ def test_a_soft_level_gives_way_to_what_is_above_and_yields_to_nothing_below() -
 def test_an_obstacle_that_moves_is_where_it_is_at_the_time_of_the_node() -> None:
     problem, term = planar_problem([obstacle("ball", coal.Sphere(0.3), [2.0, 9.0, 0.0])])
     still = Planner(problem, NlpOptions(time_limit=600.0)).plan()
-    meeting = Kinematics(problem.robot, still.trajectory.q[8]).pose("tool").translation + np.array([0.0, 0.25, 0.0])
-    coming = replace(term, moving={"ball": lambda t: pin.SE3(np.eye(3), meeting + max(0.0, 3.0 - 0.5 * t) * np.eye(3)[1])})
-    plan = Planner(replace(problem, constraints=(AtRest(), coming)), NlpOptions(time_limit=600.0)).plan()
+    meeting = Kinematics(problem.robot, still.trajectory.q[8]).pose("tool").translation + np.array(
+        [0.0, 0.25, 0.0]
+    )
+    coming = replace(
+        term,
+        moving={
+            "ball": lambda t: pin.SE3(np.eye(3), meeting + max(0.0, 3.0 - 0.5 * t) * np.eye(3)[1])
+        },
+    )
+    plan = Planner(
+        replace(problem, constraints=(AtRest(), coming)), NlpOptions(time_limit=600.0)
+    ).plan()
     assert plan.status is OcpStatus.SOLVED
     assert least(coming, still.trajectory) < 0.0
     assert least(coming, plan.trajectory) > 0.05 - 1e-3
@@ -319,7 +400,10 @@ def test_a_start_in_penetration_is_named_by_its_depth_and_pair() -> None:
     distances = term.distances([0.0], problem.start.q[None])[0]
     nearest = int((term.margins - distances).argmax())
     assert plan.reason.startswith("clearance is broken by ")
-    assert f"({term.scene.pairs[nearest].name}: {distances[nearest]:.4g} m apart, margin 0.05 m)" in plan.reason
+    assert (
+        f"({term.scene.pairs[nearest].name}: {distances[nearest]:.4g} m apart, margin 0.05 m)"
+        in plan.reason
+    )
     assert not plan.certified_free
 
 
@@ -331,7 +415,11 @@ def test_mistakes_are_refused_in_one_line(robot: Robot) -> None:
     with pytest.raises(InvalidInput, match="give one that plans all axes"):
         ShapeClearance(scene=level, margins=np.zeros(level.n_pairs))
     with pytest.raises(NameNotFound, match="moving obstacle"):
-        ShapeClearance(scene=scene, margins=np.zeros(scene.n_pairs), moving={"whale": lambda t: pin.SE3.Identity()})
+        ShapeClearance(
+            scene=scene,
+            margins=np.zeros(scene.n_pairs),
+            moving={"whale": lambda t: pin.SE3.Identity()},
+        )
 
 
 def test_the_term_counts_what_it_is_asked() -> None:

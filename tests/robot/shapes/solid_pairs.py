@@ -50,13 +50,18 @@ class SolidPair:
         sizes = distance_sizes(self.model, n_solids=2, n_pairs=1)
         self.memory: Any
         self.memory, kernels = make_memory(
-            structure_of(DistanceMemory, **sizes), (chosen_distances, chosen_gradients), compiled=compiled
+            structure_of(DistanceMemory, **sizes),
+            (chosen_distances, chosen_gradients),
+            compiled=compiled,
         )
         self._distances, self._gradients = kernels
         self.memory.n_chosen = 1
 
     def take(self, first: Any, second: Any) -> None:
-        shapes = [pin.GeometryObject("", i + 1, pin.SE3.Identity(), shape) for i, shape in enumerate((first, second))]
+        shapes = [
+            pin.GeometryObject("", i + 1, pin.SE3.Identity(), shape)
+            for i, shape in enumerate((first, second))
+        ]
         write_distances(self.memory, self.model, shapes, [(0, 1)])
 
     def at(self, X_1: pin.SE3, X_2: pin.SE3) -> Found:
@@ -76,15 +81,20 @@ class SolidPair:
 
 def by_coal(first: Any, X_1: pin.SE3, second: Any, X_2: pin.SE3) -> float:
     request = coal.DistanceRequest()
-    request.gjk_tolerance, request.gjk_max_iterations = 1e-9, 512
-    request.epa_tolerance, request.epa_max_iterations = 1e-9, 512
+    request.gjk_tolerance = 1e-9
+    request.gjk_max_iterations = 512
+    request.epa_tolerance = 1e-9
+    request.epa_max_iterations = 512
     poses = [coal.Transform3s(X.rotation, X.translation) for X in (X_1, X_2)]
     return float(coal.distance(first, poses[0], second, poses[1], request, coal.DistanceResult()))
 
 
 def random_pose(rng: np.random.Generator, spread: float) -> pin.SE3:
     quaternion = rng.normal(size=4)
-    return pin.SE3(pin.Quaternion(quaternion / np.linalg.norm(quaternion)).matrix(), spread * rng.normal(size=3))
+    return pin.SE3(
+        pin.Quaternion(quaternion / np.linalg.norm(quaternion)).matrix(),
+        spread * rng.normal(size=3),
+    )
 
 
 def height(kind: str, size: np.ndarray, d: np.ndarray) -> float:

@@ -16,7 +16,12 @@ from uvms_ocp.codegen.kernels import make_memory
 from uvms_ocp.errors import InvalidInput
 from uvms_ocp.robot.robot import Robot
 from uvms_ocp.robot.shapes import collision_model as compiled_pairs
-from uvms_ocp.robot.shapes.collision_model import CoalPairs, CollisionModel, self_pairs, shapes_among
+from uvms_ocp.robot.shapes.collision_model import (
+    CoalPairs,
+    CollisionModel,
+    self_pairs,
+    shapes_among,
+)
 from uvms_ocp.robot.shapes.distance_kernels import DistanceMemory, distance_sizes
 from uvms_ocp.robot.shapes.obstacles import mesh_shape, obstacle
 
@@ -24,10 +29,13 @@ ROCKS = (
     obstacle("ball", coal.Sphere(0.4), (1.6, 0.4, -0.3)),
     obstacle("pillar", coal.Capsule(0.2, 2.0), (-1.8, 0.3, 0.4)),
     obstacle("pipe", coal.Cylinder(0.3, 1.0), (0.3, 1.9, 0.0), pin.rpy.rpyToMatrix(0.4, 0.2, 0.0)),
-    obstacle("wreck", coal.Box(0.8, 0.5, 0.6), (0.2, -1.9, -0.5), pin.rpy.rpyToMatrix(0.1, 0.5, 0.3)),
+    obstacle(
+        "wreck", coal.Box(0.8, 0.5, 0.6), (0.2, -1.9, -0.5), pin.rpy.rpyToMatrix(0.1, 0.5, 0.3)
+    ),
 )
 PYRAMID = mesh_shape(
-    np.array([[-1.0, -1, 0], [1, -1, 0], [0, 1, 0], [0, 0, 1]]), np.array([[0, 2, 1], [0, 1, 3], [1, 2, 3], [2, 0, 3]])
+    np.array([[-1.0, -1, 0], [1, -1, 0], [0, 1, 0], [0, 0, 1]]),
+    np.array([[0, 2, 1], [0, 1, 3], [1, 2, 3], [2, 0, 3]]),
 )
 MESH = obstacle("rubble", PYRAMID, (0.0, 0.0, -2.5))
 
@@ -44,15 +52,21 @@ def configurations(robot: Robot, n: int = 25) -> list[np.ndarray]:
 
 
 def oracle(robot: Robot, obstacles: tuple[uo.Obstacle, ...]) -> CoalPairs:
-    geometry, n = shapes_among(robot, obstacles), robot.collision_model.ngeoms
+    geometry = shapes_among(robot, obstacles)
+    n = robot.collision_model.ngeoms
     pairs = [(o, i) for o in range(n, geometry.ngeoms) for i in range(n)]
     return CoalPairs(robot.model, geometry, pairs + self_pairs(robot))
 
 
 @needs_compiler
 @pytest.mark.parametrize("obstacles", [ROCKS, (*ROCKS, MESH)], ids=["rocks", "with a mesh"])
-def test_distances_and_gradients_are_those_of_coal(robot: Robot, obstacles: tuple[uo.Obstacle, ...]) -> None:
-    model, by_coal, alike, total = CollisionModel(robot, obstacles), oracle(robot, obstacles), 0, 0
+def test_distances_and_gradients_are_those_of_coal(
+    robot: Robot, obstacles: tuple[uo.Obstacle, ...]
+) -> None:
+    model = CollisionModel(robot, obstacles)
+    by_coal = oracle(robot, obstacles)
+    alike = 0
+    total = 0
     everything = np.arange(model.n_pairs)
     for q in configurations(robot):
         found = model.distances(q)
@@ -60,10 +74,13 @@ def test_distances_and_gradients_are_those_of_coal(robot: Robot, obstacles: tupl
         apart = np.flatnonzero(expected > 0.0)
         np.testing.assert_allclose(found.value[apart], expected[apart], rtol=0, atol=1e-6)
         same = np.abs(found.gradient - by_coal.gradients(q, everything)).max(axis=1)[apart] < 1e-3
-        alike, total = alike + int(same.sum()), total + len(same)
+        alike = alike + int(same.sum())
+        total = total + len(same)
         some = everything[::-3]
         np.testing.assert_allclose(model.values(q, some), found.value[some], rtol=0, atol=1e-9)
-        np.testing.assert_allclose(model.distances(q, some).gradient, found.gradient[some], rtol=0, atol=1e-9)
+        np.testing.assert_allclose(
+            model.distances(q, some).gradient, found.gradient[some], rtol=0, atol=1e-9
+        )
     assert alike >= 0.98 * total
 
 
@@ -72,16 +89,28 @@ def test_shapes_without_a_form_in_c_are_named(robot: Robot) -> None:
     model = CollisionModel(robot, [*ROCKS, MESH, cone])
     assert model.without_c_form == ("rubble", "cone")
     assert model.by_coal
-    memory = structure_of(DistanceMemory, **distance_sizes(robot.model, n_solids=model.n_solids, n_pairs=model.n_pairs))()
-    with pytest.raises(InvalidInput, match="shapes rubble, cone have no form in C; give spheres, capsules"):
+    memory = structure_of(
+        DistanceMemory,
+        **distance_sizes(robot.model, n_solids=model.n_solids, n_pairs=model.n_pairs),
+    )()
+    with pytest.raises(
+        InvalidInput, match="shapes rubble, cone have no form in C; give spheres, capsules"
+    ):
         model.write(memory)
     clear = CollisionModel(robot, ROCKS)
     assert clear.without_c_form == ()
-    clear.write(structure_of(DistanceMemory, **distance_sizes(robot.model, n_solids=clear.n_solids, n_pairs=clear.n_pairs))())
+    clear.write(
+        structure_of(
+            DistanceMemory,
+            **distance_sizes(robot.model, n_solids=clear.n_solids, n_pairs=clear.n_pairs),
+        )()
+    )
 
 
 @needs_compiler
-def test_without_a_compiler_coal_measures_the_same(robot: Robot, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_without_a_compiler_coal_measures_the_same(
+    robot: Robot, monkeypatch: pytest.MonkeyPatch
+) -> None:
     compiled = CollisionModel(robot, ROCKS)
     monkeypatch.setattr(compiled_pairs, "make_memory", partial(make_memory, compiled=False))
     model = CollisionModel(robot, ROCKS)

@@ -1,4 +1,6 @@
-"""Distances of solids in machine code: against coal, against directions tried at random, and against their own gradients."""
+"""Distances of solids in machine code: against coal, against directions tried at random, and
+against their own gradients.
+"""
 
 from __future__ import annotations
 
@@ -28,10 +30,14 @@ def sizes(rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
 
 @pytest.mark.parametrize(("one", "other"), PAIRS)
 def test_solids_apart_are_as_far_as_coal_says(pair: SolidPair, one: str, other: str) -> None:
-    rng, apart = np.random.default_rng(1), 0
+    rng = np.random.default_rng(1)
+    apart = 0
     while apart < 300:
-        first, second = (KINDS[kind](size) for kind, size in zip((one, other), sizes(rng), strict=True))
-        X_1, X_2 = random_pose(rng, 0.0), random_pose(rng, rng.choice([0.3, 1.0, 5.0]))
+        first, second = (
+            KINDS[kind](size) for kind, size in zip((one, other), sizes(rng), strict=True)
+        )
+        X_1 = random_pose(rng, 0.0)
+        X_2 = random_pose(rng, rng.choice([0.3, 1.0, 5.0]))
         expected = by_coal(first, X_1, second, X_2)
         if expected > 0.0:
             pair.take(first, second)
@@ -41,13 +47,20 @@ def test_solids_apart_are_as_far_as_coal_says(pair: SolidPair, one: str, other: 
 
 @pytest.mark.slow
 @pytest.mark.parametrize(("one", "other"), PAIRS)
-def test_solids_that_overlap_part_after_their_depth_and_along_no_direction_before(pair: SolidPair, one: str, other: str) -> None:
-    """coal's own depth is that of some direction, not always of the shallowest, and at times none."""
-    rng, overlapping = np.random.default_rng(2), 0
+def test_solids_that_overlap_part_after_their_depth_and_along_no_direction_before(
+    pair: SolidPair, one: str, other: str
+) -> None:
+    """coal's own depth is that of some direction, not always of the shallowest, and at times
+    none.
+    """
+    rng = np.random.default_rng(2)
+    overlapping = 0
     while overlapping < 200:
         size_1, size_2 = sizes(rng)
-        first, second = KINDS[one](size_1), KINDS[other](size_2)
-        X_1, X_2 = random_pose(rng, 0.0), random_pose(rng, rng.choice([1e-3, 0.1, 0.3]))
+        first = KINDS[one](size_1)
+        second = KINDS[other](size_2)
+        X_1 = random_pose(rng, 0.0)
+        X_2 = random_pose(rng, rng.choice([1e-3, 0.1, 0.3]))
         pair.take(first, second)
         found = pair.at(X_1, X_2)
         if found.distance > 0.0:
@@ -58,41 +71,63 @@ def test_solids_that_overlap_part_after_their_depth_and_along_no_direction_befor
         assert by_coal(first, X_1, second, moved) == pytest.approx(0.0, abs=EXACT)
         directions = rng.normal(size=(200, 3))
         for n in directions / np.linalg.norm(directions, axis=1)[:, None]:
-            reach = height(one, size_1, X_1.rotation.T @ n) + height(other, size_2, X_2.rotation.T @ n)
+            reach = height(one, size_1, X_1.rotation.T @ n) + height(
+                other, size_2, X_2.rotation.T @ n
+            )
             assert found.distance >= n @ (X_2.translation - X_1.translation) - reach - EXACT
 
 
 @pytest.mark.parametrize(("one", "other"), PAIRS)
 def test_gradients_equal_finite_differences(pair: SolidPair, one: str, other: str) -> None:
-    """Of solids apart, and, as exactly as a depth is, overlapping; but for those whose nearest features change in between."""
-    rng, right = np.random.default_rng(3), 0
+    """Of solids apart, and, as exactly as a depth is, overlapping; but for those whose nearest
+    features change in between.
+    """
+    rng = np.random.default_rng(3)
+    right = 0
     for _ in range(100):
         pair.take(*(KINDS[kind](size) for kind, size in zip((one, other), sizes(rng), strict=True)))
-        q = np.concatenate([pin.SE3ToXYZQUAT(random_pose(rng, spread)) for spread in (0.0, rng.choice([0.2, 1.0]))])
-        v, found = rng.normal(size=12), pair.at_q(q)
+        q = np.concatenate(
+            [pin.SE3ToXYZQUAT(random_pose(rng, spread)) for spread in (0.0, rng.choice([0.2, 1.0]))]
+        )
+        v = rng.normal(size=12)
+        found = pair.at_q(q)
         step, within = (1e-6, 1e-4) if found.distance > 1e-3 else (2e-4, 5e-3)
-        ahead, behind = (pair.at_q(pin.integrate(pair.model, q, sign * step * v)).distance for sign in (1.0, -1.0))
+        ahead, behind = (
+            pair.at_q(pin.integrate(pair.model, q, sign * step * v)).distance
+            for sign in (1.0, -1.0)
+        )
         right += abs(found.gradient @ v - (ahead - behind) / (2 * step)) < within
     assert right >= 97
 
 
 @pytest.mark.parametrize(("one", "other"), PAIRS)
-def test_the_same_two_solids_are_as_far_the_other_way_round(pair: SolidPair, one: str, other: str) -> None:
+def test_the_same_two_solids_are_as_far_the_other_way_round(
+    pair: SolidPair, one: str, other: str
+) -> None:
     rng = np.random.default_rng(4)
     for _ in range(100):
-        first, second = (KINDS[kind](size) for kind, size in zip((one, other), sizes(rng), strict=True))
-        X_1, X_2 = random_pose(rng, 0.3), random_pose(rng, rng.choice([0.1, 1.0]))
+        first, second = (
+            KINDS[kind](size) for kind, size in zip((one, other), sizes(rng), strict=True)
+        )
+        X_1 = random_pose(rng, 0.3)
+        X_2 = random_pose(rng, rng.choice([0.1, 1.0]))
         pair.take(first, second)
         there = pair.at(X_1, X_2)
         pair.take(second, first)
         back = pair.at(X_2, X_1)
-        assert back.distance == pytest.approx(there.distance, abs=1e-10 if there.distance > 0.0 else 2e-7)
+        assert back.distance == pytest.approx(
+            there.distance, abs=1e-10 if there.distance > 0.0 else 2e-7
+        )
         if there.distance > 1e-3:
             np.testing.assert_allclose(back.normal, -there.normal, atol=2e-5)
 
 
-UPRIGHT, LYING = np.eye(3), pin.rpy.rpyToMatrix(0.0, np.pi / 2, 0.0)
-BOX, CYLINDER, CAPSULE, BALL = (coal.Box(1.0, 1.0, 1.0), coal.Cylinder(0.1, 1.0), coal.Capsule(0.1, 1.0), coal.Sphere(0.5))
+UPRIGHT = np.eye(3)
+LYING = pin.rpy.rpyToMatrix(0.0, np.pi / 2, 0.0)
+BOX = coal.Box(1.0, 1.0, 1.0)
+CYLINDER = coal.Cylinder(0.1, 1.0)
+CAPSULE = coal.Capsule(0.1, 1.0)
+BALL = coal.Sphere(0.5)
 SPECIAL = {
     "boxes that touch": (BOX, BOX, UPRIGHT, (1.0, 0.0, 0.0), 0.0),
     "boxes face to face": (BOX, BOX, UPRIGHT, (1.25, 0.5, 0.0), 0.25),
@@ -111,7 +146,13 @@ SPECIAL = {
     "a ball in the middle of a cylinder": (CYLINDER, BALL, UPRIGHT, (0.0, 0.0, 0.0), -0.6),
     "a ball in the middle of a ball": (BALL, BALL, UPRIGHT, (0.0, 0.0, 0.0), -1.0),
     "a ball that touches a corner": (BOX, BALL, UPRIGHT, (0.8, 0.9, 0.5), 0.0),
-    "a small box in a large floor": (coal.Box(40.0, 40.0, 1.0), BOX, UPRIGHT, (3.0, 2.0, 0.9), -0.1),
+    "a small box in a large floor": (
+        coal.Box(40.0, 40.0, 1.0),
+        BOX,
+        UPRIGHT,
+        (3.0, 2.0, 0.9),
+        -0.1,
+    ),
 }
 
 
@@ -125,9 +166,12 @@ def test_special_places_have_the_distance_that_one_can_see(pair: SolidPair, name
 
 
 @needs_compiler
-@pytest.mark.parametrize(("one", "other"), [("capsule", "box"), ("cylinder", "cylinder"), ("box", "cylinder")])
+@pytest.mark.parametrize(
+    ("one", "other"), [("capsule", "box"), ("cylinder", "cylinder"), ("box", "cylinder")]
+)
 def test_python_and_c_find_the_same_bits(pair: SolidPair, one: str, other: str) -> None:
-    slow, rng = SolidPair(compiled=False), np.random.default_rng(6)
+    slow = SolidPair(compiled=False)
+    rng = np.random.default_rng(6)
     for spread in (0.02, 0.3, 1.0):
         solids = [KINDS[kind](size) for kind, size in zip((one, other), sizes(rng), strict=True)]
         poses = random_pose(rng, 0.0), random_pose(rng, spread)
@@ -142,7 +186,8 @@ def test_python_and_c_find_the_same_bits(pair: SolidPair, one: str, other: str) 
 
 
 def test_the_bound_by_the_direction_found_last_is_below_the_distance(pair: SolidPair) -> None:
-    rng, tight = np.random.default_rng(7), 0
+    rng = np.random.default_rng(7)
+    tight = 0
     for kinds in PAIRS:
         pair.take(*(KINDS[kind](size) for kind, size in zip(kinds, sizes(rng), strict=True)))
         q = np.concatenate([pin.SE3ToXYZQUAT(random_pose(rng, spread)) for spread in (0.0, 1.0)])

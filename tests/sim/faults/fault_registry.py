@@ -16,10 +16,23 @@ VALUES = {
     "stuck": "=0.4",
     "ahead": "=2.5",
 }
-SENSORS = {channel: [f"{channel}:{kind}{values}" for kind, values in VALUES.items()] for channel in CHANNELS}
+SENSORS = {
+    channel: [f"{channel}:{kind}{values}" for kind, values in VALUES.items()]
+    for channel in CHANNELS
+}
 """By channel."""
-ENCODERS = [f"joint3_{what}:{kind}{VALUES[kind]}" for what in ("position", "velocity") for kind in FAMILIES["encoder"]]
-THRUSTERS = ["thruster3:dead", "thruster3:stuck", "thruster3:stuck=20", "thruster3:weak=0.25", "thruster3:reversed"]
+ENCODERS = [
+    f"joint3_{what}:{kind}{VALUES[kind]}"
+    for what in ("position", "velocity")
+    for kind in FAMILIES["encoder"]
+]
+THRUSTERS = [
+    "thruster3:dead",
+    "thruster3:stuck",
+    "thruster3:stuck=20",
+    "thruster3:weak=0.25",
+    "thruster3:reversed",
+]
 MACHINE = [*THRUSTERS, "joint2:jam", "payload:mass=2", "payload:mass=2,0.0005", "payload1:mass=2"]
 WATER = ["current:step=1,0.5,0", "current:step=0.2,0,-1"]
 ALL = [*(text for texts in SENSORS.values() for text in texts), *ENCODERS, *MACHINE, *WATER]

@@ -11,7 +11,8 @@ from uvms_ocp.sim.fault_effects import LAYER, RISE, with_steps
 from uvms_ocp.sim.faults import parse_faults
 from uvms_ocp.sim.seafloor import FlatSeafloor, HeightField, Seafloor
 
-FLAT, ROUGH = FlatSeafloor(z=-40.0), HeightField.random("large", z=-40.0, extent=30.0, seed=2)
+FLAT = FlatSeafloor(z=-40.0)
+ROUGH = HeightField.random("large", z=-40.0, extent=30.0, seed=2)
 LAYERED = ShearedCurrent(z=[-42.0, -30.0], velocities=[[0.1, 0.0, 0.02], [0.3, 0.1, 0.02]])
 TEXTS = ("current:step=1,0,0@10", "current:step=0.2,0,-1@10", "current:step=0.2,0.1,0.5@10-11.5")
 CASES = {
@@ -39,7 +40,9 @@ def _current(request: pytest.FixtureRequest) -> Current:
 
 def points_above(floor: Seafloor) -> np.ndarray:
     lift = np.random.default_rng(2).uniform(0.05, 2.0 * LAYER, len(POINTS))
-    return np.array([[x, y, floor.height(x, y) + h] for (x, y, _), h in zip(POINTS, lift, strict=True)])
+    return np.array(
+        [[x, y, floor.height(x, y) + h] for (x, y, _), h in zip(POINTS, lift, strict=True)]
+    )
 
 
 def test_rate_is_the_derivative_of_the_velocity_over_time(current: Current) -> None:
@@ -52,14 +55,23 @@ def test_rate_is_the_derivative_of_the_velocity_over_time(current: Current) -> N
 @pytest.mark.parametrize("floor", [FLAT, ROUGH], ids=["flat", "rough"])
 @pytest.mark.parametrize("text", TEXTS)
 def test_gradient_and_acceleration_are_those_of_the_velocity(text: str, floor: Seafloor) -> None:
-    """A rough floor is made of cells, at whose edges its slope jumps: points near them are left out."""
-    current, h, places = stepped(text, floor, LAYERED), 1e-5, points_above(floor)
+    """A rough floor is made of cells, at whose edges its slope jumps: points near them are left
+    out.
+    """
+    current = stepped(text, floor, LAYERED)
+    h = 1e-5
+    places = points_above(floor)
     if floor is ROUGH:
-        nearby = np.array([[floor.normal(x + a, y + b) for a in (-h, h) for b in (-h, h)] for x, y, _ in places])
+        nearby = np.array(
+            [[floor.normal(x + a, y + b) for a in (-h, h) for b in (-h, h)] for x, y, _ in places]
+        )
         places = places[np.ptp(nearby, axis=1).max(axis=1) < 1e-4]
         assert len(places) > 5
     for t in TIMES:
-        slopes = [(current.velocity(places + h * e, t) - current.velocity(places - h * e, t)) / (2 * h) for e in np.eye(3)]
+        slopes = [
+            (current.velocity(places + h * e, t) - current.velocity(places - h * e, t)) / (2 * h)
+            for e in np.eye(3)
+        ]
         np.testing.assert_allclose(current.gradient(places, t), np.stack(slopes, axis=2), atol=1e-4)
         water = water_at(current, places, t)
         ahead, behind = (places + sign * h * water.velocity for sign in (1, -1))
@@ -73,7 +85,9 @@ def test_nothing_flows_before_the_onset_that_did_not_flow_anyway(name: str) -> N
     current = stepped(text, floor, base)
     for t in (0.0, 5.0, 9.999, 10.0):
         for field in ("velocity", "rate", "gradient"):
-            np.testing.assert_array_equal(getattr(current, field)(POINTS, t), getattr(base, field)(POINTS, t))
+            np.testing.assert_array_equal(
+                getattr(current, field)(POINTS, t), getattr(base, field)(POINTS, t)
+            )
 
 
 def test_the_whole_step_flows_once_it_has_risen_and_nothing_once_it_has_fallen() -> None:

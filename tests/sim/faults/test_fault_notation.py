@@ -31,15 +31,23 @@ def test_printing_and_parsing_are_inverse(text: str, when: str) -> None:
 
 
 @SAME
-@given(offset=st.lists(NUMBERS, min_size=1, max_size=4), onset=TIMES, lasts=st.one_of(st.none(), st.floats(1e-3, 1e3)))
-def test_no_number_is_lost_on_the_way_through_text(offset: list[float], onset: float, lasts: float | None) -> None:
+@given(
+    offset=st.lists(NUMBERS, min_size=1, max_size=4),
+    onset=TIMES,
+    lasts=st.one_of(st.none(), st.floats(1e-3, 1e3)),
+)
+def test_no_number_is_lost_on_the_way_through_text(
+    offset: list[float], onset: float, lasts: float | None
+) -> None:
     end = math.inf if lasts is None else onset + lasts
     fault = Fault(target="position", kind="bias", values=tuple(offset), onset=onset, end=end)
     assert parse_fault(str(fault)) == fault
 
 
 def test_short_forms_mean_the_same() -> None:
-    assert parse_fault("altimeter:frozen@8") == Fault(target="altimeter_range", kind="frozen", onset=8)
+    assert parse_fault("altimeter:frozen@8") == Fault(
+        target="altimeter_range", kind="frozen", onset=8
+    )
     assert parse_fault(" depth:lost ") == Fault(target="depth", kind="lost")
     assert parse_faults(["depth:lost", Fault(target="joint2", kind="jam")]) == (
         parse_fault("depth:lost@0"),
@@ -49,7 +57,13 @@ def test_short_forms_mean_the_same() -> None:
 
 def test_a_fault_is_there_from_its_onset_until_before_its_end() -> None:
     fault = parse_fault("depth:lost@1-2")
-    assert [fault.active(t) for t in (0.0, 0.999, 1.0, 1.5, 1.999, 2.0, 9.0)] == [False, False, *[True] * 3, False, False]
+    assert [fault.active(t) for t in (0.0, 0.999, 1.0, 1.5, 1.999, 2.0, 9.0)] == [
+        False,
+        False,
+        *[True] * 3,
+        False,
+        False,
+    ]
     assert parse_fault("depth:lost@1").active(1e6)
     assert fault.active(0.1 + 0.2 + 0.7 - 1e-12)  # rounding
 
@@ -73,14 +87,29 @@ def test_a_fault_is_there_from_its_onset_until_before_its_end() -> None:
         ("altimeter:bias=１@8", "write TARGET:KIND=VALUES@ONSET-END"),
         ("x" * 1000, "write TARGET:KIND=VALUES@ONSET-END"),
         ("altimeter:frozen=1@8", "altimeter_range:frozen with 1 values; give none"),
-        ("depth:spikes=1", "give size [unit of the channel], more than 0 to 1e+06; share of the readings [-]"),
-        ("depth:spikes=1,1.5", "depth:spikes with the value 1.5; give share of the readings [-], more than 0 to 1"),
+        (
+            "depth:spikes=1",
+            "give size [unit of the channel], more than 0 to 1e+06; share of the readings [-]",
+        ),
+        (
+            "depth:spikes=1,1.5",
+            "depth:spikes with the value 1.5; give share of the readings [-], more than 0 to 1",
+        ),
         ("depth:late=0", "give extra delay [s], more than 0 to 1000"),
         ("thruster3:weak=1", "give share [-], 0 to less than 1"),
-        ("payload:mass", "give mass [kg], more than 0 to 10000; displaced volume [m3], 0 to 10, the first 1 of them"),
+        (
+            "payload:mass",
+            (
+                "give mass [kg], more than 0 to 10000; displaced volume [m3], 0 to 10, the first 1"
+                " of them"
+            ),
+        ),
         ("current:step=1,0", "current:step with 2 values; give velocity in W [m/s], -10 to 10"),
         ("depth:lost@-1", "onset of depth:lost = -1 s; give 0 to 86400 s"),
-        ("depth:lost@2-1", "depth:lost with onset = 2 s, end = 1 s; give an end after the onset, within a day"),
+        (
+            "depth:lost@2-1",
+            "depth:lost with onset = 2 s, end = 1 s; give an end after the onset, within a day",
+        ),
     ],
 )
 def test_what_is_no_fault_is_refused_in_one_line(text: str, told: str) -> None:

@@ -1,4 +1,6 @@
-"""Whole runs with faults: the same until the onset, told in the record, refused where they cannot be."""
+"""Whole runs with faults: the same until the onset, told in the record, refused where they cannot
+be.
+"""
 
 from __future__ import annotations
 
@@ -44,7 +46,9 @@ def test_runs_are_the_same_to_the_last_bit_until_the_onset(sound: tuple[Scenario
         record = replace(scenario, faults=parse_faults([f"{text}@{ONSET}"])).run()
         rows = round(ONSET / scenario.dt)
         for name in set(before.series) - set(SECRETS):
-            np.testing.assert_array_equal(record[name][:rows], before[name][:rows], err_msg=f"{text} {name}")
+            np.testing.assert_array_equal(
+                record[name][:rows], before[name][:rows], err_msg=f"{text} {name}"
+            )
         assert not np.array_equal(record["q"], before["q"]), text
         assert [fault.text for fault in record.run_meta.faults] == [f"{text}@{ONSET}"]
 
@@ -52,13 +56,20 @@ def test_runs_are_the_same_to_the_last_bit_until_the_onset(sound: tuple[Scenario
 @long_without_compiler
 def test_the_same_faults_and_seed_give_the_same_run() -> None:
     faults = ("linear_velocity:spikes=1,0.5@0.2", "thruster3:stuck@0.3")
-    first, second = (case1(noise=True, dt=0.02, duration=1.0, faults=faults).run() for _ in range(2))
+    first, second = (
+        case1(noise=True, dt=0.02, duration=1.0, faults=faults).run() for _ in range(2)
+    )
     np.testing.assert_array_equal(first["q"], second["q"])
 
 
 @long_without_compiler
 def test_the_record_and_the_report_tell_what_went_wrong(tmp_path: Path) -> None:
-    scenario = case1(plant="kinematic", dt=0.02, duration=0.2, faults=("altimeter:frozen@0.1", "joint2:jam@0.05-0.1"))
+    scenario = case1(
+        plant="kinematic",
+        dt=0.02,
+        duration=0.2,
+        faults=("altimeter:frozen@0.1", "joint2:jam@0.05-0.1"),
+    )
     scenario.run().save(tmp_path / "record.npz")
     record = Record.load(tmp_path / "record.npz")
     frozen, jammed = record.run_meta.faults
@@ -87,7 +98,9 @@ def test_a_run_without_faults_tells_none() -> None:
         ("position:bias=1,2", {}, "2 values; give 1 or 3"),
     ],
 )
-def test_a_scenario_refuses_what_cannot_fail(text: str, options: dict[str, object], told: str) -> None:
+def test_a_scenario_refuses_what_cannot_fail(
+    text: str, options: dict[str, object], told: str
+) -> None:
     with pytest.raises(InvalidInput, match=told):
         case1(faults=(text,), **options)
 
@@ -109,6 +122,7 @@ def test_what_sensors_allow_is_told_of_a_run_that_ends_with_a_joint_beyond_its_l
 @long_without_compiler
 def test_an_encoder_that_sticks_takes_no_joint_past_its_limits() -> None:
     scenario = case1(noise=True, dt=0.02, duration=4.0, faults=("joint3_position:stuck=0.3@0.1",))
-    q, limits = scenario.run()["q"][:, scenario.robot.joint_q], scenario.robot.limits
+    q = scenario.run()["q"][:, scenario.robot.joint_q]
+    limits = scenario.robot.limits
     assert (q <= limits.position_upper + 2e-3).all()
     assert (q >= limits.position_lower - 2e-3).all()

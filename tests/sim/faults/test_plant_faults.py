@@ -25,7 +25,9 @@ from uvms_ocp.sim.plant import DynamicPlant, KinematicPlant
 from uvms_ocp.sim.seafloor import FlatSeafloor
 
 DEEP = Environment(seafloor=FlatSeafloor(z=-1000.0))
-DT, ONSET, END = 0.02, 0.4, 1.0
+DT = 0.02
+ONSET = 0.4
+END = 1.0
 
 
 @pytest.fixture(scope="module", name="robot")
@@ -39,17 +41,26 @@ dynamics_of = cache(robot_dynamics)
 def plant_of(robot: Robot, *texts: str, max_step: float = 5e-3) -> DynamicPlant:
     q = robot.configuration(joints=0.2 + robot.home)
     faults = parse_faults(texts)
-    return DynamicPlant(robot, q, dynamics=dynamics_of(robot), environment=DEEP, max_step=max_step, faults=faults)
+    return DynamicPlant(
+        robot, q, dynamics=dynamics_of(robot), environment=DEEP, max_step=max_step, faults=faults
+    )
 
 
 def working(robot: Robot, k: int) -> Command:
     """Thrust and torque that change all the time."""
-    n, t = len(robot.description.thrusters), k * DT
+    n = len(robot.description.thrusters)
+    t = k * DT
     thrust = 15.0 * np.sin(t + np.arange(n)) + 10.0
-    return Command(v=np.zeros(robot.n_v), thrust=thrust, torque=3.0 * np.cos(2.0 * t + np.arange(robot.n_joints)))
+    return Command(
+        v=np.zeros(robot.n_v),
+        thrust=thrust,
+        torque=3.0 * np.cos(2.0 * t + np.arange(robot.n_joints)),
+    )
 
 
-def carry_on(plant: DynamicPlant, robot: Robot, ticks: range, told: Callable[[int], None] = lambda k: None) -> None:
+def carry_on(
+    plant: DynamicPlant, robot: Robot, ticks: range, told: Callable[[int], None] = lambda k: None
+) -> None:
     for k in ticks:
         plant.step(working(robot, k), DT)
         told(k + 1)
@@ -72,7 +83,8 @@ def row_of(plant: DynamicPlant) -> dict[str, np.ndarray]:
 @pytest.mark.parametrize("text", [*MACHINE, *WATER])
 def test_nothing_changes_before_the_onset(text: str, robot: Robot) -> None:
     plant = plant_of(robot, f"{text}@{ONSET}")
-    rows, first = [row_of(plant)], round(ONSET / DT)
+    rows = [row_of(plant)]
+    first = round(ONSET / DT)
     carry_on(plant, robot, range(25), lambda k: rows.append(row_of(plant)))
     for sound, faulty in zip(sound_rows()[: first + 1], rows[: first + 1], strict=True):
         for name, value in sound.items():
@@ -84,8 +96,11 @@ def test_nothing_changes_before_the_onset(text: str, robot: Robot) -> None:
 @pytest.mark.parametrize("text", [*MACHINE, *WATER])
 def test_the_machine_is_as_before_after_the_end(text: str, robot: Robot) -> None:
     """From the same state on, it moves as one that never had the fault."""
-    sound, faulty = plant_of(robot), plant_of(robot, f"{text}@{ONSET}-{END}")
-    carry_on(faulty, robot, range(180))  # a current takes 2 s to fall, a thruster some of its time constants
+    sound = plant_of(robot)
+    faulty = plant_of(robot, f"{text}@{ONSET}-{END}")
+    carry_on(
+        faulty, robot, range(180)
+    )  # a current takes 2 s to fall, a thruster some of its time constants
     carry_on(sound, robot, range(180))
     np.testing.assert_allclose(sound.telemetry()["thrust"], faulty.telemetry()["thrust"], atol=1e-3)
     sound.state = faulty.state
@@ -96,15 +111,21 @@ def test_the_machine_is_as_before_after_the_end(text: str, robot: Robot) -> None
 
 def thrusts(robot: Robot, *texts: str, ticks: int = 60) -> np.ndarray:
     """(ticks, n) [N]"""
-    plant, rows = plant_of(robot, *texts), []
+    plant = plant_of(robot, *texts)
+    rows = []
     carry_on(plant, robot, range(ticks), lambda k: rows.append(plant.telemetry()["thrust"]))
     return np.array(rows)
 
 
 def test_a_dead_thruster_gives_no_thrust_and_takes_no_power(robot: Robot) -> None:
-    plant, energies = plant_of(robot, f"thruster3:dead@{ONSET}"), []
-    carry_on(plant, robot, range(40), lambda k: energies.append(plant.telemetry()["thruster_energy"]))
-    sound, faulty, first = thrusts(robot), thrusts(robot, f"thruster3:dead@{ONSET}"), round(ONSET / DT)
+    plant = plant_of(robot, f"thruster3:dead@{ONSET}")
+    energies = []
+    carry_on(
+        plant, robot, range(40), lambda k: energies.append(plant.telemetry()["thruster_energy"])
+    )
+    sound = thrusts(robot)
+    faulty = thrusts(robot, f"thruster3:dead@{ONSET}")
+    first = round(ONSET / DT)
     assert (faulty[first:, 2] == 0.0).all()
     assert np.ptp([row[2] for row in energies[first - 1 :]]) == 0.0
     others = np.arange(8) != 2
@@ -112,18 +133,24 @@ def test_a_dead_thruster_gives_no_thrust_and_takes_no_power(robot: Robot) -> Non
 
 
 def test_a_stuck_thruster_stays_at_its_thrust(robot: Robot) -> None:
-    faulty, first = thrusts(robot, f"thruster3:stuck@{ONSET}"), round(ONSET / DT)
+    faulty = thrusts(robot, f"thruster3:stuck@{ONSET}")
+    first = round(ONSET / DT)
     np.testing.assert_allclose(faulty[first:, 2], faulty[first - 1, 2], rtol=1e-12)
 
 
 def test_a_stuck_thruster_goes_to_the_thrust_that_is_given_as_far_as_it_can(robot: Robot) -> None:
     assert thrusts(robot, "thruster3:stuck=-20", ticks=200)[-1, 2] == pytest.approx(-20.0, abs=1e-6)
-    assert thrusts(robot, "thruster3:stuck=9e4", ticks=200)[-1, 2] == pytest.approx(robot.description.thrusters[2].maximum)
+    assert thrusts(robot, "thruster3:stuck=9e4", ticks=200)[-1, 2] == pytest.approx(
+        robot.description.thrusters[2].maximum
+    )
 
 
-@pytest.mark.parametrize(("text", "share"), [("thruster3:weak=0.25", 0.25), ("thruster3:reversed", -1.0)])
+@pytest.mark.parametrize(
+    ("text", "share"), [("thruster3:weak=0.25", 0.25), ("thruster3:reversed", -1.0)]
+)
 def test_a_weak_or_reversed_thruster_gives_its_share(text: str, share: float, robot: Robot) -> None:
-    sound, faulty = thrusts(robot), thrusts(robot, text)
+    sound = thrusts(robot)
+    faulty = thrusts(robot, text)
     np.testing.assert_allclose(faulty[:, 2], share * sound[:, 2], atol=1e-9)
 
 
@@ -134,40 +161,61 @@ def test_only_a_stuck_thruster_goes_on_with_what_it_gave(kind: str) -> None:
 
 
 def test_several_faults_of_a_thruster_add_up(robot: Robot) -> None:
-    sound, faulty = thrusts(robot), thrusts(robot, "thruster3:weak=0.25", "thruster3:reversed", "thruster5:dead")
+    sound = thrusts(robot)
+    faulty = thrusts(robot, "thruster3:weak=0.25", "thruster3:reversed", "thruster5:dead")
     np.testing.assert_allclose(faulty[:, 2], -0.25 * sound[:, 2], atol=1e-9)
     assert not faulty[:, 4].any()
 
 
 def test_a_jammed_joint_stands_still_and_the_others_move(robot: Robot) -> None:
-    plant, rows, rates = plant_of(robot, f"joint2:jam@{ONSET}"), [], []
+    plant = plant_of(robot, f"joint2:jam@{ONSET}")
+    rows = []
+    rates = []
     carry_on(plant, robot, range(20))
     here = plant.state.q[robot.joint_q][1]
-    carry_on(plant, robot, range(20, 60), lambda k: (rows.append(plant.state.q[robot.joint_q]), rates.append(plant.state.v)))
+    carry_on(
+        plant,
+        robot,
+        range(20, 60),
+        lambda k: (rows.append(plant.state.q[robot.joint_q]), rates.append(plant.state.v)),
+    )
     assert {row[1] for row in rows} == {here}
     assert {rate[7] for rate in rates} == {0.0}
     assert (np.ptp(np.delete(rows, 1, axis=1), axis=0) > 1e-4).all()
 
 
-def test_a_jam_is_the_motion_of_a_robot_whose_joint_is_held_by_the_force_it_takes(robot: Robot) -> None:
-    """The constraint force, found by another way: the one that makes the acceleration of the joint zero."""
-    plant, dynamics = plant_of(robot, "joint2:jam", max_step=1e-5), dynamics_of(robot)
-    q, v = plant.state.q, np.r_[0.1, -0.05, 0.02, 0.05, 0.02, -0.1, 0.3, 0.0, -0.2, 0.1, 0.2, -0.1, 0.3]
+def test_a_jam_is_the_motion_of_a_robot_whose_joint_is_held_by_the_force_it_takes(
+    robot: Robot,
+) -> None:
+    """The constraint force, found by another way: the one that makes the acceleration of the joint
+    zero.
+    """
+    plant = plant_of(robot, "joint2:jam", max_step=1e-5)
+    dynamics = dynamics_of(robot)
+    q = plant.state.q
+    v = np.r_[0.1, -0.05, 0.02, 0.05, 0.02, -0.1, 0.3, 0.0, -0.2, 0.1, 0.2, -0.1, 0.3]
     plant.state = dataclasses.replace(plant.state, v=v)
     command = Command(v=v, thrust=np.zeros(8), torque=np.linspace(-2.0, 2.0, 7))
     plant.step(command, 1e-4)
     tau = np.r_[np.zeros(6), command.torque]
-    free, unit = dynamics.forward_dynamics(q, v, tau), np.eye(robot.n_v)[7]
+    free = dynamics.forward_dynamics(q, v, tau)
+    unit = np.eye(robot.n_v)[7]
     pull = dynamics.forward_dynamics(q, v, tau + unit) - free
     expected = free - free[7] / pull[7] * pull
-    np.testing.assert_allclose((plant.state.v - v) / 1e-4, expected, atol=2e-2 * np.abs(expected).max())
+    np.testing.assert_allclose(
+        (plant.state.v - v) / 1e-4, expected, atol=2e-2 * np.abs(expected).max()
+    )
 
 
-def test_a_jam_that_stops_a_moving_joint_keeps_all_other_momenta_and_takes_energy(robot: Robot) -> None:
-    plant, dynamics = plant_of(robot, "joint2:jam", max_step=1e-9), dynamics_of(robot)
+def test_a_jam_that_stops_a_moving_joint_keeps_all_other_momenta_and_takes_energy(
+    robot: Robot,
+) -> None:
+    plant = plant_of(robot, "joint2:jam", max_step=1e-9)
+    dynamics = dynamics_of(robot)
     v = np.linspace(-0.3, 0.4, robot.n_v)
     plant.state = dataclasses.replace(plant.state, v=v)
-    q, M = plant.state.q, dynamics.mass_matrix(plant.state.q)
+    q = plant.state.q
+    M = dynamics.mass_matrix(plant.state.q)
     plant.step(Command(v=v, thrust=np.zeros(8), torque=np.zeros(7)), 1e-9)
     assert plant.state.v[7] == 0.0
     others = np.arange(robot.n_v) != 7
@@ -178,8 +226,11 @@ def test_a_jam_that_stops_a_moving_joint_keeps_all_other_momenta_and_takes_energ
 def test_the_energy_of_an_unforced_robot_with_a_jammed_joint_never_rises(robot: Robot) -> None:
     rises = []
     for step in (4e-3, 1e-3):
-        plant, dynamics = plant_of(robot, "joint2:jam", "joint4:jam@1", max_step=step), dynamics_of(robot)
-        plant.state = dataclasses.replace(plant.state, v=0.3 * np.random.default_rng(5).normal(size=robot.n_v))
+        plant = plant_of(robot, "joint2:jam", "joint4:jam@1", max_step=step)
+        dynamics = dynamics_of(robot)
+        plant.state = dataclasses.replace(
+            plant.state, v=0.3 * np.random.default_rng(5).normal(size=robot.n_v)
+        )
         energies = []
         for _ in range(300):
             plant.step(Command(v=np.zeros(robot.n_v), thrust=np.zeros(8), torque=np.zeros(7)), DT)
@@ -203,7 +254,8 @@ def test_a_jammed_joint_stands_still_on_the_kinematic_plant_too(robot: Robot) ->
 
 
 def test_picking_up_a_payload_at_rest_keeps_the_momentum(robot: Robot) -> None:
-    heavy, v = robot_dynamics(loaded(robot, parse_faults(["payload:mass=2"]))), np.linspace(-0.3, 0.4, robot.n_v)
+    heavy = robot_dynamics(loaded(robot, parse_faults(["payload:mass=2"])))
+    v = np.linspace(-0.3, 0.4, robot.n_v)
     plant = plant_of(robot, "payload:mass=2", max_step=1e-9)
     plant.state = dataclasses.replace(plant.state, v=v)
     q = plant.state.q
@@ -217,15 +269,20 @@ def test_momentum_in_the_world_is_that_of_robot_and_payload_together() -> None:
     """Without water: the centre of mass of both moves on as before."""
     girona = load_robot("girona_maris7_full")
     model = loaded(girona, parse_faults(["payload:mass=20"])).model
-    v, q = np.linspace(-0.3, 0.4, girona.n_v), girona.configuration(joints=0.2 + girona.home)
+    v = np.linspace(-0.3, 0.4, girona.n_v)
+    q = girona.configuration(joints=0.2 + girona.home)
     light, heavy = (pin.crba(m, m.createData(), q) for m in (girona.model, model))
     joined = joined_velocity(light, heavy, v)
-    momenta = [pin.computeCentroidalMomentum(m, m.createData(), q, w).linear for m, w in ((girona.model, v), (model, joined))]
+    momenta = [
+        pin.computeCentroidalMomentum(m, m.createData(), q, w).linear
+        for m, w in ((girona.model, v), (model, joined))
+    ]
     np.testing.assert_allclose(momenta[0], momenta[1], rtol=1e-9)
 
 
 def test_a_payload_weighs_what_its_volume_does_not_bear(robot: Robot) -> None:
-    still, q = np.zeros(robot.n_v), robot.configuration()
+    still = np.zeros(robot.n_v)
+    q = robot.configuration()
     lift = {}
     for text in ("payload:mass=2", "payload:mass=2,0.001"):
         bias = robot_dynamics(loaded(robot, parse_faults([text]))).bias_force(q, still)
@@ -239,16 +296,23 @@ def test_a_payload_weighs_what_its_volume_does_not_bear(robot: Robot) -> None:
 def test_a_payload_hangs_at_the_tool_of_its_number(k: int) -> None:
     both = load_robot("bluerov2_two_alpha5")
     model = loaded(both, parse_faults([f"payload{k}:mass=2"])).model
-    q, data = both.configuration(), [both.model.createData(), model.createData()]
-    centres = [pin.centerOfMass(m, one, q) for m, one in zip((both.model, model), data, strict=True)]
+    q = both.configuration()
+    data = [both.model.createData(), model.createData()]
+    centres = [
+        pin.centerOfMass(m, one, q) for m, one in zip((both.model, model), data, strict=True)
+    ]
     masses = [pin.computeTotalMass(m) for m in (both.model, model)]
     added = (masses[1] * centres[1] - masses[0] * centres[0]) / (masses[1] - masses[0])
-    np.testing.assert_allclose(added, Kinematics(both, q).pose(both.tools[k - 1]).translation, atol=1e-9)
+    np.testing.assert_allclose(
+        added, Kinematics(both, q).pose(both.tools[k - 1]).translation, atol=1e-9
+    )
 
 
 def test_a_payload_that_is_let_go_takes_its_momentum_along(robot: Robot) -> None:
-    short, command = 1e-6, Command(v=np.zeros(robot.n_v), thrust=np.zeros(8), torque=np.zeros(7))
-    plant, v = plant_of(robot, f"payload:mass=2@0-{short}"), np.linspace(-0.3, 0.4, robot.n_v)
+    short = 1e-6
+    command = Command(v=np.zeros(robot.n_v), thrust=np.zeros(8), torque=np.zeros(7))
+    plant = plant_of(robot, f"payload:mass=2@0-{short}")
+    v = np.linspace(-0.3, 0.4, robot.n_v)
     plant.step(command, short)
     plant.state = dataclasses.replace(plant.state, v=v)
     plant.step(command, short)
@@ -266,7 +330,9 @@ def test_a_payload_that_is_let_go_takes_its_momentum_along(robot: Robot) -> None
         ("current:step=1,0,0", True, "the kinematic plant feels no current; use the dynamic plant"),
     ],
 )
-def test_what_robot_or_plant_do_not_have_cannot_fail(text: str, kinematic: bool, told: str, robot: Robot) -> None:
+def test_what_robot_or_plant_do_not_have_cannot_fail(
+    text: str, kinematic: bool, told: str, robot: Robot
+) -> None:
     with pytest.raises(InvalidInput) as error:
         require_possible(parse_faults([text]), robot, kinematic=kinematic)
     assert str(error.value) == f"{parse_faults([text])[0]}: {told}"
@@ -274,4 +340,8 @@ def test_what_robot_or_plant_do_not_have_cannot_fail(text: str, kinematic: bool,
 
 def test_an_arm_without_a_tool_frame_carries_nothing() -> None:
     with pytest.raises(InvalidInput, match="the robot has no frame 'tool' to carry it"):
-        require_possible(parse_faults(["payload:mass=2"]), without_arm(load_robot("bluerov2_alpha5")), kinematic=False)
+        require_possible(
+            parse_faults(["payload:mass=2"]),
+            without_arm(load_robot("bluerov2_alpha5")),
+            kinematic=False,
+        )

@@ -1,4 +1,6 @@
-"""Laws of sensor faults: what each kind does to the readings, nothing before its onset, nothing after its end."""
+"""Laws of sensor faults: what each kind does to the readings, nothing before its onset, nothing
+after its end.
+"""
 
 from __future__ import annotations
 
@@ -21,7 +23,12 @@ from uvms_ocp.sim.faults import parse_faults
 from uvms_ocp.sim.seafloor import FlatSeafloor
 from uvms_ocp.sim.sensors import SensorSuite
 
-DT, RATE, DELAY, ONSET, END, DURATION = 0.01, 20.0, 0.03, 1.0, 2.0, 3.5
+DT = 0.01
+RATE = 20.0
+DELAY = 0.03
+ONSET = 1.0
+END = 2.0
+DURATION = 3.5
 SPEC = SensorSpec(rate=RATE, sigma=0.01, delay=DELAY)
 SPECS = SensorSpecs(**dict.fromkeys(CHANNELS, SPEC))
 SENSOR_TEXTS = [text for texts in SENSORS.values() for text in texts] + ENCODERS
@@ -37,12 +44,22 @@ def channel_of(text: str) -> str:
     return parse_fault(text).location.channel
 
 
-def readings(robot: Robot, texts: list[str], channel: str, *, duration: float = DURATION, specs: SensorSpecs = SPECS) -> Series:
+def readings(
+    robot: Robot,
+    texts: list[str],
+    channel: str,
+    *,
+    duration: float = DURATION,
+    specs: SensorSpecs = SPECS,
+) -> Series:
     """Of one channel at every tick, while the robot moves."""
     suite = SensorSuite(robot, FlatSeafloor(z=-40.0), specs, seed=3, faults=parse_faults(texts))
     start = robot.configuration(position=(1.0, 2.0, -36.0), rpy=(0.1, -0.06, 0.5))
     v = np.linspace(0.01, 0.02, robot.n_v)
-    states = (State(q=pin.integrate(robot.model, start, v * k * DT), v=v * k, a=v / DT) for k in range(round(duration / DT)))
+    states = (
+        State(q=pin.integrate(robot.model, start, v * k * DT), v=v * k, a=v / DT)
+        for k in range(round(duration / DT))
+    )
     return [getattr(suite.read(state, k * DT), channel) for k, state in enumerate(states)]
 
 
@@ -87,9 +104,13 @@ def test_other_channels_do_not_notice(text: str, robot: Robot) -> None:
     assert all(same(a, b) for a, b in zip(sound, faulty, strict=True))
 
 
-def sound_and_struck(robot: Robot, channel: str, kind: str) -> list[tuple[Reading[Any], Reading[Any]]]:
+def sound_and_struck(
+    robot: Robot, channel: str, kind: str
+) -> list[tuple[Reading[Any], Reading[Any]]]:
     """Pairs of readings that were taken at the same time while the fault was there."""
-    sound, faulty = (readings(robot, texts, channel) for texts in ([], [f"{channel}:{kind}@{ONSET}-{END}"]))
+    sound, faulty = (
+        readings(robot, texts, channel) for texts in ([], [f"{channel}:{kind}@{ONSET}-{END}"])
+    )
     pairs = list(zip(struck(sound), struck(faulty), strict=True))
     assert len(pairs) == round(RATE * (END - ONSET))
     assert all(a.t == b.t for a, b in pairs)
@@ -98,7 +119,9 @@ def sound_and_struck(robot: Robot, channel: str, kind: str) -> list[tuple[Readin
 
 @pytest.mark.parametrize("channel", CHANNELS)
 def test_frozen_repeats_the_last_value_with_new_stamps(channel: str, robot: Robot) -> None:
-    last = [reading for reading in fresh(readings(robot, [], channel)) if reading.t < ONSET - 1e-9][-1]
+    last = [reading for reading in fresh(readings(robot, [], channel)) if reading.t < ONSET - 1e-9][
+        -1
+    ]
     for a, b in sound_and_struck(robot, channel, "frozen"):
         np.testing.assert_array_equal(b.value, last.value)
         assert not np.array_equal(a.value, b.value)
@@ -138,11 +161,16 @@ def test_bias_may_be_given_for_each_component(robot: Robot) -> None:
 @pytest.mark.slow
 @pytest.mark.parametrize("channel", CHANNELS)
 def test_spikes_are_as_large_and_as_frequent_as_asked_for(channel: str, robot: Robot) -> None:
-    share, size, specs = 0.3, 0.7, replace(SPECS, **{channel: SensorSpec(rate=100.0, sigma=0.01)})
+    share = 0.3
+    size = 0.7
+    specs = replace(SPECS, **{channel: SensorSpec(rate=100.0, sigma=0.01)})
     sound, faulty = (
-        fresh(readings(robot, texts, channel, duration=20.0, specs=specs)) for texts in ([], [f"{channel}:spikes={size},{share}"])
+        fresh(readings(robot, texts, channel, duration=20.0, specs=specs))
+        for texts in ([], [f"{channel}:spikes={size},{share}"])
     )
-    errors = np.array([error_of(channel, robot, a.value, b.value) for a, b in zip(sound, faulty, strict=True)])
+    errors = np.array(
+        [error_of(channel, robot, a.value, b.value) for a, b in zip(sound, faulty, strict=True)]
+    )
     norms = np.linalg.norm(errors, axis=1)
     spiked = norms > 1e-12
     np.testing.assert_allclose(norms[spiked], size, atol=1e-9)
@@ -150,14 +178,20 @@ def test_spikes_are_as_large_and_as_frequent_as_asked_for(channel: str, robot: R
     assert (np.count_nonzero(np.abs(errors) > 1e-9, axis=1) <= 1).all()
     assert (errors.max(axis=0) > 0.5 * size).all()
     assert (errors.min(axis=0) < -0.5 * size).all()
-    again = fresh(readings(robot, [f"{channel}:spikes={size},{share}"], channel, duration=20.0, specs=specs))
+    again = fresh(
+        readings(robot, [f"{channel}:spikes={size},{share}"], channel, duration=20.0, specs=specs)
+    )
     assert all(same(a, b) for a, b in zip(faulty, again, strict=True))
 
 
 @pytest.mark.parametrize("channel", CHANNELS)
-def test_late_readings_arrive_when_promised_and_tell_when_they_were_taken(channel: str, robot: Robot) -> None:
+def test_late_readings_arrive_when_promised_and_tell_when_they_were_taken(
+    channel: str, robot: Robot
+) -> None:
     extra = 0.2
-    sound, faulty = (readings(robot, texts, channel) for texts in ([], [f"{channel}:late={extra}@{ONSET}"]))
+    sound, faulty = (
+        readings(robot, texts, channel) for texts in ([], [f"{channel}:late={extra}@{ONSET}"])
+    )
     taken = {reading.t: reading for reading in fresh(sound)}
     for k, reading in enumerate(faulty):
         t = k * DT
@@ -169,7 +203,9 @@ def test_late_readings_arrive_when_promised_and_tell_when_they_were_taken(channe
 
 
 def test_a_reading_that_was_overtaken_is_not_delivered_any_more(robot: Robot) -> None:
-    taken = [reading.t for reading in fresh(readings(robot, [f"depth:late=1@{ONSET}-{END}"], "depth"))]
+    taken = [
+        reading.t for reading in fresh(readings(robot, [f"depth:late=1@{ONSET}-{END}"], "depth"))
+    ]
     assert taken == sorted(taken)
 
 
@@ -182,7 +218,9 @@ def test_stuck_reads_one_value(channel: str, robot: Robot) -> None:
 
 @pytest.mark.parametrize("channel", CHANNELS)
 def test_a_clock_that_is_ahead_stamps_readings_with_the_future(channel: str, robot: Robot) -> None:
-    sound, faulty = (fresh(readings(robot, texts, channel)) for texts in ([], [f"{channel}:ahead=2.5@{ONSET}"]))
+    sound, faulty = (
+        fresh(readings(robot, texts, channel)) for texts in ([], [f"{channel}:ahead=2.5@{ONSET}"])
+    )
     for a, b in zip(sound, faulty, strict=True):
         assert b.t == pytest.approx(a.t + (2.5 if a.t >= ONSET - 1e-9 else 0.0))
         np.testing.assert_array_equal(a.value, b.value)
@@ -191,7 +229,9 @@ def test_a_clock_that_is_ahead_stamps_readings_with_the_future(channel: str, rob
 @pytest.mark.parametrize("text", ENCODERS)
 def test_a_single_encoder_leaves_the_others_alone(text: str, robot: Robot) -> None:
     channel = channel_of(text)
-    sound, faulty = (struck(readings(robot, texts, channel)) for texts in ([], [f"{text}@{ONSET}-{END}"]))
+    sound, faulty = (
+        struck(readings(robot, texts, channel)) for texts in ([], [f"{text}@{ONSET}-{END}"])
+    )
     differs = np.array([a.value != b.value for a, b in zip(sound, faulty, strict=True)])
     assert differs[:, 2].any()
     assert not np.delete(differs, 2, axis=1).any()
@@ -204,7 +244,11 @@ def test_faults_of_one_channel_act_one_after_the_other(robot: Robot) -> None:
 
 def test_joints_that_are_no_vector_space_stay_on_their_manifold() -> None:
     robot = load_robot("bluerov2_alpha5")
-    for text in ("joint_positions:bias=0.3@0", "joint_positions:stuck=0.4@0", "joint1_position:spikes=1,1@0"):
+    for text in (
+        "joint_positions:bias=0.3@0",
+        "joint_positions:stuck=0.4@0",
+        "joint1_position:spikes=1,1@0",
+    ):
         value = fresh(readings(robot, [text], "joint_positions"))[-1].value
         q = robot.configuration().copy()
         q[robot.joint_q] = value
@@ -214,7 +258,10 @@ def test_joints_that_are_no_vector_space_stay_on_their_manifold() -> None:
 @pytest.mark.parametrize(
     ("text", "told"),
     [
-        ("joint_velocities:frozen", "there is no sensor joint_velocities; there are position, depth"),
+        (
+            "joint_velocities:frozen",
+            "there is no sensor joint_velocities; there are position, depth",
+        ),
         ("joint9_position:frozen", "the robot has 7 joints; give one of them, from 1"),
         ("position:bias=1,2", "position:bias=1,2@0: 2 values; give 1 or 3"),
         ("joint3_position:stuck=1,2", "2 values; give 1 or 1"),

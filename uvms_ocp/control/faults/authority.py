@@ -1,4 +1,6 @@
-"""Control authority: the largest force along each axis that the remaining thrusters can give while the others are balanced."""
+"""Control authority: the largest force along each axis that the remaining thrusters can give while
+the others are balanced.
+"""
 
 from __future__ import annotations
 
@@ -11,11 +13,18 @@ import numpy as np
 from uvms_ocp.codegen.kernel_layout import Layout, Sized, Vector, view
 from uvms_ocp.control.faults.verdicts import ThrusterEffectiveness, effective_thrust
 from uvms_ocp.robot.thrusters import AXES
-from uvms_ocp.solvers.bounded_least_squares import LinearProgram, program_sizes, solve_program, value_of
+from uvms_ocp.solvers.bounded_least_squares import (
+    LinearProgram,
+    program_sizes,
+    solve_program,
+    value_of,
+)
 
 _GONE = 0.02  # share of the reach of sound thrusters that counts as none
 _LEAST = 0.05  # share that a mission needs on the axes that nothing else holds
-_ROLL, _PITCH = 3, 4  # and nothing between them, where the righting moment may do
+# and nothing between them, where the righting moment may do
+_ROLL = 3
+_PITCH = 4
 
 
 class AuthorityMemory(Layout):
@@ -47,14 +56,20 @@ def judge_authority(a: AuthorityMemory, e: ThrusterEffectiveness) -> None:
     a.program.upper[:n] = a.upper[:n]
     _reach_out(a, False)
     for i in range(n):
-        a.program.lower[i] = min(effective_thrust(e, i, a.lower[i]), effective_thrust(e, i, a.upper[i]))
-        a.program.upper[i] = max(effective_thrust(e, i, a.lower[i]), effective_thrust(e, i, a.upper[i]))
+        a.program.lower[i] = min(
+            effective_thrust(e, i, a.lower[i]), effective_thrust(e, i, a.upper[i])
+        )
+        a.program.upper[i] = max(
+            effective_thrust(e, i, a.lower[i]), effective_thrust(e, i, a.upper[i])
+        )
     _reach_out(a, True)
     _conclude_authority(a)
 
 
 def _reach_out(a: AuthorityMemory, trimmed: bool) -> None:
-    """Along all axes within the limits of the program; trimmed: of what is left, from the wrench that holds the robot still."""
+    """Along all axes within the limits of the program; trimmed: of what is left, from the wrench
+    that holds the robot still.
+    """
     for axis in range(6):
         for way in range(2):
             most = _largest_along(a, axis, way, trimmed)
@@ -65,11 +80,13 @@ def _reach_out(a: AuthorityMemory, trimmed: bool) -> None:
 
 
 def _largest_along(a: AuthorityMemory, axis: int, way: int, trimmed: bool) -> float:
-    """Largest x with ``matrix T + s = trim + way x e``, T within its limits, s within what the water balances.
+    """Largest x with ``matrix T + s = trim + way x e``, T within its limits, s within what the
+    water balances.
 
     way: 0 down the axis, 1 up. NaN where there is none.
     """
-    p, n = a.program, len(a.lower)
+    p = a.program
+    n = len(a.lower)
     for k in range(6):
         _write_balance(a, k, k == axis and _ROLL <= axis <= _PITCH, trimmed)
     p.A[axis][n + 6] = 1.0 - 2.0 * way
@@ -81,7 +98,8 @@ def _largest_along(a: AuthorityMemory, axis: int, way: int, trimmed: bool) -> fl
 
 def _write_balance(a: AuthorityMemory, k: int, own: bool, trimmed: bool) -> None:
     """Compute the reach on axis k; own: by the thrusters alone, whatever the water balances."""
-    p, n = a.program, len(a.lower)
+    p = a.program
+    n = len(a.lower)
     for i in range(len(p.c)):
         p.A[k][i] = a.matrix[k][i] if i < n else 0.0
     p.A[k][n + k] = 1.0
@@ -91,7 +109,9 @@ def _write_balance(a: AuthorityMemory, k: int, own: bool, trimmed: bool) -> None
 
 
 def _conclude_authority(a: AuthorityMemory) -> None:
-    """Return whether the robot can be held still, and pushed either way on every axis that the water does not hold."""
+    """Return whether the robot can be held still, and pushed either way on every axis that the
+    water does not hold.
+    """
     a.holds = True
     enough = True
     for axis in range(6):
@@ -107,13 +127,17 @@ class Authority:
     """Along each axis of B, from the wrench that holds the robot still."""
 
     reach: np.ndarray
-    """(6, 2) [N, N m] largest additional force down and up the axis, the other axes balanced; NaN where it cannot even hold."""
+    """(6, 2) [N, N m] largest additional force down and up the axis, the other axes balanced; NaN
+    where it cannot even hold.
+    """
     sound: np.ndarray
     """(6, 2) [N, N m] the same of sound thrusters."""
     holds: bool
     """The robot can be held still."""
     can_go_on: bool
-    """The robot can be held still and pushed either way on every axis that the water does not hold."""
+    """The robot can be held still and pushed either way on every axis that the water does not
+    hold.
+    """
 
     @property
     def lost(self) -> tuple[str, ...]:
@@ -123,7 +147,11 @@ class Authority:
     @property
     def one_sided(self) -> tuple[str, ...]:
         """Axes along which there is force one way only."""
-        return tuple(axis for axis, gone in zip(AXES, self._gone(), strict=True) if gone.any() and not gone.all())
+        return tuple(
+            axis
+            for axis, gone in zip(AXES, self._gone(), strict=True)
+            if gone.any() and not gone.all()
+        )
 
     def __str__(self) -> str:
         """Describe the authority in one line."""
@@ -133,7 +161,11 @@ class Authority:
         parts += [f"{axis} can be driven one way only" for axis in self.one_sided]
         parts += [
             f"{axis} {100 * share:.0f} %"
-            for axis, share in zip(AXES, np.min(self.reach / np.maximum(self.sound, np.finfo(float).tiny), axis=1), strict=True)
+            for axis, share in zip(
+                AXES,
+                np.min(self.reach / np.maximum(self.sound, np.finfo(float).tiny), axis=1),
+                strict=True,
+            )
             if axis not in (*self.lost, *self.one_sided) and share < 0.95
         ]
         return f"left of the reach: {', '.join(parts)}" if parts else "nothing is out of reach"

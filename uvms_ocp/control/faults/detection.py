@@ -1,4 +1,6 @@
-"""Detect faults of thrusters and joints, and the authority that is left without them: one look after the other, as kernels."""
+"""Detect faults of thrusters and joints, and the authority that is left without them: one look
+after the other, as kernels.
+"""
 
 from __future__ import annotations
 
@@ -13,7 +15,9 @@ from uvms_ocp.control.faults.verdicts import ThrusterEffectiveness
 # The wrench that holds the robot still, averaged once it has settled after a fault.
 
 
-_WAIT = 6.0  # [s] from a verdict to the judgement on what can still be reached, of the wrench that was needed in the second half
+# [s] from a verdict to the judgement on what can still be reached, of the wrench that was needed in
+# the second half
+_WAIT = 6.0
 
 
 class WrenchBalance(Layout):
@@ -31,7 +35,9 @@ class WrenchBalance(Layout):
 
 
 def begin_wrench_balance(b: WrenchBalance, t: float) -> None:
-    """Anew, at time t [s]; infinity where what was seen is not to be trusted: from the next look on."""
+    """Anew, at time t [s]; infinity where what was seen is not to be trusted: from the next look
+    on.
+    """
     b.began = t
     b.count = 0
     for k in range(6):
@@ -57,7 +63,9 @@ def update_wrench_balance(b: WrenchBalance, wrench: Vector, t: float) -> bool:
 
 _MEMORY = 2.0  # [s] of the way that a joint was asked to go
 _MOVED = 0.1  # share of that way which counts as having moved
-_JAM_TRAVEL = 0.05  # [rad or m] that a joint is asked to go, and does not, before it counts as jammed
+_JAM_TRAVEL = (
+    0.05  # [rad or m] that a joint is asked to go, and does not, before it counts as jammed
+)
 _JAM_EFFORT = 0.2  # share of its effort that must resist it
 _JAM_TIME = 0.5  # [s] for which it stands still all the time
 
@@ -79,7 +87,9 @@ class JointFaultMemory(Layout):
     moved: Annotated[Vector, Sized("n_joints")]
     """(n_joints,) [rad or m] likewise."""
     since: Annotated[Vector, Sized("n_joints")]
-    """(n_joints,) [s] from which on it stands and resists; infinity where it does not. Of what is jammed it stays."""
+    """(n_joints,) [s] from which on it stands and resists; infinity where it does not. Of what is
+    jammed it stays.
+    """
     jammed: Annotated[list[bool], Sized("n_joints")]
     """(n_joints,)"""
     found: Annotated[list[bool], Sized("n_joints")]
@@ -97,14 +107,17 @@ def reset_joints(w: JointFaultMemory) -> None:
             w.since[j] = math.inf
 
 
-def detect_joint_faults(w: JointFaultMemory, way: Vector, q: Vector, resistance: Vector, t: float) -> bool:
-    """Take in the way (n_joints,) [rad or m] asked since the last look, and q (n_joints,) [rad or m] where they are, by the way
-    they went, at time t [s].
+def detect_joint_faults(
+    w: JointFaultMemory, way: Vector, q: Vector, resistance: Vector, t: float
+) -> bool:
+    """Take in the way (n_joints,) [rad or m] asked since the last look, and q (n_joints,) [rad or
+    m] where they are, by the way they went, at time t [s].
 
-    resistance (n_joints,) [N m or N]: what the observer finds to act on the joints beside motors and model. Whether any was
-    found jammed.
+    resistance (n_joints,) [N m or N]: what the observer finds to act on the joints beside motors
+    and model. Whether any was found jammed.
     """
-    keep, any_found = math.exp(-(t - w.t) / _MEMORY), False
+    keep = math.exp(-(t - w.t) / _MEMORY)
+    any_found = False
     for j in range(w.count):
         w.found[j] = False
         if w.started:
@@ -135,7 +148,9 @@ _TILT = 0.1  # [rad] in which the righting moment may balance what thrusters no 
 
 
 class FaultDetection(Layout):
-    """Memory of fault detection: one sample of the actuators, the samples before, and the verdicts."""
+    """Memory of fault detection: one sample of the actuators, the samples before, and the
+    verdicts.
+    """
 
     # given
     q: Annotated[Vector, Sized("n_q")]
@@ -172,7 +187,9 @@ class FaultDetection(Layout):
     step: Annotated[Vector, Sized("n_joints")]
     """(n_joints,) [rad or m] from there."""
     gone: Annotated[Vector, Sized("n_joints")]
-    """(n_joints,) [rad or m] that the joints went so far; some turn without end, and are no numbers."""
+    """(n_joints,) [rad or m] that the joints went so far; some turn without end, and are no
+    numbers.
+    """
     asked_way: Annotated[Vector, Sized("n_joints")]
     """(n_joints,) [rad or m] since the last look."""
     resistance: Annotated[Vector, Sized("n_joints")]
@@ -211,7 +228,9 @@ def detect_faults(m: FaultDetection, t: float) -> bool:
     _go_on(m)
     if not m.encoders_trusted:
         reset_joints(m.joints)
-    m.jam = m.encoders_trusted and detect_joint_faults(m.joints, m.asked_way, m.gone, m.resistance, t)
+    m.jam = m.encoders_trusted and detect_joint_faults(
+        m.joints, m.asked_way, m.gone, m.resistance, t
+    )
     suspect = m.thrusters.suspect
     m.thruster = detect_thruster_faults(m.thrusters, m.effectiveness, m.residual, m.asked, t)
     m.judgement = _judge(m, t)
@@ -234,7 +253,9 @@ def _go_on(m: FaultDetection) -> None:
 
 
 def _judge(m: FaultDetection, t: float) -> bool:
-    """Judge the authority once the robot has settled after a verdict; return whether it was judged now."""
+    """Judge the authority once the robot has settled after a verdict; return whether it was judged
+    now.
+    """
     if m.thruster >= 0:
         begin_wrench_balance(m.wrench_balance, t)
         m.wrench_balance.runs = True
@@ -250,7 +271,9 @@ def _judge(m: FaultDetection, t: float) -> bool:
 
 
 def _find_trim(m: FaultDetection) -> None:
-    """The wrench that holds the robot still, and moments of weight and buoyancy within the allowed tilt from level."""
+    """The wrench that holds the robot still, and moments of weight and buoyancy within the allowed
+    tilt from level.
+    """
     m.tilted[: len(m.q)] = m.q[: len(m.q)]
     _tilt(m, 0, 0.0)
     m.weight(m.tilted, m.upright)

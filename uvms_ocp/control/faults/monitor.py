@@ -16,15 +16,24 @@ from uvms_ocp.robot.robot import Robot
 from uvms_ocp.robot.symbolic_dynamics import SymbolicDynamics
 from uvms_ocp.robot.thrusters import thrust_limits, thruster_matrix
 
-_FORCE_SCALE = 0.02  # change of the residual force that counts as one, share of what all thrusters together give on that axis
-_MOMENT_SCALE = 0.005  # of moments, of which water and loads make less for their force than thrusters do
+# change of the residual force that counts as one, share of what all thrusters together give on that
+# axis
+_FORCE_SCALE = 0.02
+_MOMENT_SCALE = (
+    0.005  # of moments, of which water and loads make less for their force than thrusters do
+)
 
 
 def detection_sizes(
     robot: Robot, symbolic: SymbolicDynamics, tuning: verdicts.ActuatorHealthTuning, period: float
 ) -> dict[str, Any]:
     """Return the sizes of a `FaultDetection` and its functions; period [s] of its samples."""
-    sizes = {"n_q": robot.n_q, "n_v": robot.n_v, "n_joints": robot.n_joints, "n_tilted": max(robot.n_q, 7)}
+    sizes = {
+        "n_q": robot.n_q,
+        "n_v": robot.n_v,
+        "n_joints": robot.n_joints,
+        "n_tilted": max(robot.n_q, 7),
+    }
     return sizes | {
         "n_looks": window_capacity(tuning, period),
         **authority.authority_sizes(len(robot.description.thrusters)),
@@ -48,11 +57,21 @@ def write_detection(
     dt: float,
 ) -> None:
     """Initialise a `FaultDetection`; bandwidth [rad/s] of the observer; dt [s] of a tick."""
-    matrix, limits = thruster_matrix(robot), thrust_limits(robot)
-    memory.dt, memory.n_vehicle, memory.thruster = dt, robot.n_vehicle, -1
+    matrix = thruster_matrix(robot)
+    limits = thrust_limits(robot)
+    memory.dt = dt
+    memory.n_vehicle = robot.n_vehicle
+    memory.thruster = -1
     assign(memory.effectiveness, share=1.0)
     assign(memory.authority, matrix=matrix, lower=limits[0], upper=limits[1])
-    write_thruster_watch(memory.thrusters, matrix, *limits, tuning=tuning, bandwidth=bandwidth, period=residual_filter.every * dt)
+    write_thruster_watch(
+        memory.thrusters,
+        matrix,
+        *limits,
+        tuning=tuning,
+        bandwidth=bandwidth,
+        period=residual_filter.every * dt,
+    )
     write_joint_watch(memory.joints, robot.limits.effort)
 
 
@@ -68,12 +87,23 @@ def write_thruster_watch(
 ) -> None:
     """Initialise a `ThrusterWatch` of sound thrusters.
 
-    matrix (6, n) [N/N, N m/N]; lower, upper (n,) [N] limits; bandwidth [rad/s] of the residual; period [s] of samples.
+    matrix (6, n) [N/N, N m/N]; lower, upper (n,) [N] limits; bandwidth [rad/s] of the residual;
+    period [s] of samples.
     """
-    assign(watch, suspect=-1, last=-1, settling=tuning.settling, lower=lower, upper=upper, since=math.nan)
+    assign(
+        watch,
+        suspect=-1,
+        last=-1,
+        settling=tuning.settling,
+        lower=lower,
+        upper=upper,
+        since=math.nan,
+    )
     watch.fault_fit.bandwidth = bandwidth
     reach = np.abs(matrix) @ np.maximum(upper, -lower)
-    scale = np.maximum(np.repeat([_FORCE_SCALE, _MOMENT_SCALE], 3) * reach, 1e-6 * reach.max(initial=1.0))
+    scale = np.maximum(
+        np.repeat([_FORCE_SCALE, _MOMENT_SCALE], 3) * reach, 1e-6 * reach.max(initial=1.0)
+    )
     directions = matrix / scale[:, None]
     assign(
         watch.window,
@@ -112,7 +142,11 @@ def joint_verdicts(watch: JointFaultMemory) -> list[verdicts.JointVerdict]:
     """Return the verdict of a `JointWatch` on each joint."""
     sound = verdicts.JointVerdict()
     return [
-        verdicts.JointVerdict(health=verdicts.ActuatorHealth.FAULTY, kind=verdicts.FaultKind.JAMMED, since=watch.since[j])
+        verdicts.JointVerdict(
+            health=verdicts.ActuatorHealth.FAULTY,
+            kind=verdicts.FaultKind.JAMMED,
+            since=watch.since[j],
+        )
         if watch.jammed[j]
         else sound
         for j in range(watch.count)
@@ -124,9 +158,18 @@ def _window_length(tuning: verdicts.ActuatorHealthTuning, period: float) -> int:
 
 
 def _weight_function(robot: Robot, symbolic: SymbolicDynamics) -> ca.Function:
-    q, rest, still = ca.SX.sym("q", robot.n_q), ca.SX(robot.n_v, 1), ca.SX(3, len(symbolic.links))
-    tau, n = symbolic.inverse_dynamics(q, rest, rest, still, still), robot.n_vehicle
-    return ca.Function("weight", [q], [ca.cse(ca.densify(ca.vertcat(tau[:n, :], ca.SX.zeros(6 - n))))], ["q"], ["wrench"])
+    q = ca.SX.sym("q", robot.n_q)
+    rest = ca.SX(robot.n_v, 1)
+    still = ca.SX(3, len(symbolic.links))
+    tau = symbolic.inverse_dynamics(q, rest, rest, still, still)
+    n = robot.n_vehicle
+    return ca.Function(
+        "weight",
+        [q],
+        [ca.cse(ca.densify(ca.vertcat(tau[:n, :], ca.SX.zeros(6 - n))))],
+        ["q"],
+        ["wrench"],
+    )
 
 
 def _joint_way_function(robot: Robot, symbolic: SymbolicDynamics) -> ca.Function:
@@ -138,9 +181,13 @@ def _joint_way_function(robot: Robot, symbolic: SymbolicDynamics) -> ca.Function
 class ActuatorMonitor:
     """Report the verdicts of a `FaultDetection`, and log alarms."""
 
-    def __init__(self, robot: Robot, memory: FaultDetection, alarms: list[tuple[float, str]]) -> None:
+    def __init__(
+        self, robot: Robot, memory: FaultDetection, alarms: list[tuple[float, str]]
+    ) -> None:
         """memory: the `FaultDetection`; alarms: time [s] and text of each, appended to."""
-        self._robot, self._memory, self.alarms = robot, memory, alarms
+        self._robot = robot
+        self._memory = memory
+        self.alarms = alarms
         self.thrusters: list[verdicts.ThrusterVerdict] = []
         """Verdicts on each."""
         self.joints: list[verdicts.JointVerdict] = []
@@ -152,7 +199,9 @@ class ActuatorMonitor:
 
     @property
     def faulty(self) -> str:
-        """All that is faulty, in a few words, such as ``thruster3 dead, joint2 jammed``; nothing where nothing is."""
+        """All that is faulty, in a few words, such as ``thruster3 dead, joint2 jammed``; nothing
+        where nothing is.
+        """
         kinds = {f"thruster{k}": one.kind for k, one in enumerate(self.thrusters, start=1)}
         kinds |= {f"joint{k}": one.kind for k, one in enumerate(self.joints, start=1)}
         return ", ".join(f"{name} {kind.word}" for name, kind in kinds.items() if kind)
@@ -160,28 +209,45 @@ class ActuatorMonitor:
     def update(self, t: float) -> None:
         """Take over what detection at time t [s] has changed, and log alarms."""
         self._refresh()
-        names, thrusters, i = self._robot.joint_names, self._robot.description.thrusters, self._memory.thruster
+        names = self._robot.joint_names
+        thrusters = self._robot.description.thrusters
+        i = self._memory.thruster
         for j in range(len(self.joints)):
             if self._memory.joints.found[j]:
-                self.alarms.append((t, f"joint{j + 1} jammed ({names[j]}): pushed, and does not move; the others do without it"))
+                self.alarms.append(
+                    (
+                        t,
+                        (
+                            f"joint{j + 1} jammed ({names[j]}): pushed, and does not move; the"
+                            " others do without it"
+                        ),
+                    )
+                )
         if i >= 0:
-            self.alarms.append((t, verdicts.thruster_alarm(i + 1, thrusters[i].name, self.thrusters[i])))
+            self.alarms.append(
+                (t, verdicts.thruster_alarm(i + 1, thrusters[i].name, self.thrusters[i]))
+            )
         if self._memory.judgement:
             self.authority = authority.authority_in(self._memory.authority)
             end = "" if self.authority.can_go_on else "; the mission cannot go on"
             self.alarms.append((t, f"without {self.faulty}: {self.authority}{end}"))
 
     def telemetry(self) -> dict[str, Any]:
-        """For the record: shares (n_thrusters,), constants (n_thrusters,) [N], verdicts as whole numbers."""
+        """For the record: shares (n_thrusters,), constants (n_thrusters,) [N], verdicts as whole
+        numbers.
+        """
         return self._telemetry
 
     def _refresh(self) -> None:
-        memory, n = self._memory, len(self._robot.description.thrusters)
+        memory = self._memory
+        n = len(self._robot.description.thrusters)
         self.thrusters = thruster_verdicts(memory.thrusters, memory.effectiveness, n)
         self.joints = joint_verdicts(memory.joints)
         self._telemetry = {
             "thruster_share": np.array(memory.effectiveness.share[:n]),
             "thruster_constant": np.array(memory.effectiveness.constant[:n]),
-            "thruster_health": np.array([verdict.health for verdict in self.thrusters], dtype=np.int8),
+            "thruster_health": np.array(
+                [verdict.health for verdict in self.thrusters], dtype=np.int8
+            ),
             "joint_health": np.array([verdict.health for verdict in self.joints], dtype=np.int8),
         }

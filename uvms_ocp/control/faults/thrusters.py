@@ -1,11 +1,12 @@
 """Detect, isolate and classify thruster faults from the residual wrench, as kernels.
 
-The residual wrench is what the disturbance observer finds beyond model and commands. Thruster i that gives
-``(1 - theta) T_i + c`` in place of T_i leaves ``b_i (c - theta T_i)`` in the residual: along one known direction, as its command
-goes, and at the same time. Water, loads and the floor push along others, and what is asked follows them late, so that little of
-what they do is explained by any thruster, and about as much by several. The ratio of what is left is that of likelihoods of an
-additive fault of unknown size (generalized likelihood ratio test, [Willsky1976]). A thruster is faulty once it has explained
-nearly all changes, and no other thruster as well, look after look.
+The residual wrench is what the disturbance observer finds beyond model and commands. Thruster i
+that gives ``(1 - theta) T_i + c`` in place of T_i leaves ``b_i (c - theta T_i)`` in the residual:
+along one known direction, as its command goes, and at the same time. Water, loads and the floor
+push along others, and what is asked follows them late, so that little of what they do is explained
+by any thruster, and about as much by several. The ratio of what is left is that of likelihoods of
+an additive fault of unknown size (generalized likelihood ratio test, [Willsky1976]). A thruster is
+faulty once it has explained nearly all changes, and no other thruster as well, look after look.
 """
 
 from __future__ import annotations
@@ -16,19 +17,28 @@ from typing import Annotated
 from uvms_ocp.codegen.kernel_layout import Layout, Sized, Vector, zeros
 from uvms_ocp.control.faults.verdicts import ActuatorHealth, FaultKind, ThrusterEffectiveness
 
-# Which thruster the residual wrench of the last seconds blames: how much of its changes the thrust asked of it explains.
+# Which thruster the residual wrench of the last seconds blames: how much of its changes the thrust
+# asked of it explains.
 #
-# Thruster i that gives ``(1 - theta) T_i + c`` in place of T_i leaves ``b_i (c - theta T_i)`` in the residual: along one known
-# direction, as its command goes, and at the same time. Water, loads and the floor push along others, and what is asked
-# follows them late, so that little of what they do is explained by any thruster, and about as much by several. The ratio of
-# what is left is that of likelihoods of an additive fault of unknown size ([Willsky1976]).
+# Thruster i that gives ``(1 - theta) T_i + c`` in place of T_i leaves ``b_i (c - theta T_i)`` in
+# the residual: along one known direction, as its command goes, and at the same time. Water, loads
+# and the floor push along others, and what is asked follows them late, so that little of what they
+# do is explained by any thruster, and about as much by several. The ratio of what is left is that
+# of likelihoods of an additive fault of unknown size ([Willsky1976]).
 
 _TINY_CHANGE = 1e-12
-_LEAST_CHANGE = 1.5  # root mean square of the changes, in their scales, below which nothing is looked for
-_PRECEDES = 1.25  # times as much as it leaves unexplained must be left where commands are taken a moment later
-_LEAST, _MOST = 0.25, 3.5  # theta; a thruster that sticks far from what is asked looks like more than 2 at first
+_LEAST_CHANGE = (
+    1.5  # root mean square of the changes, in their scales, below which nothing is looked for
+)
+# times as much as it leaves unexplained must be left where commands are taken a moment later
+_PRECEDES = 1.25
+# theta; a thruster that sticks far from what is asked looks like more than 2 at first
+_LEAST = 0.25
+_MOST = 3.5
 LATE = 2  # looks by which what is measured of the motion may lag what is asked, at most
-EARLY = 4  # looks by which what is asked lags what pushes, where it only answers it; and half of them
+EARLY = (
+    4  # looks by which what is asked lags what pushes, where it only answers it; and half of them
+)
 
 
 class IsolationWindow(Layout):
@@ -85,19 +95,27 @@ def isolate_fault(w: IsolationWindow) -> None:
         total = _changes(w, first, n)
         if total >= n * (_LEAST_CHANGE * _LEAST_CHANGE):
             best = _lead(w, total, first, n)
-            if w.explained >= w.least_explained and w.lead >= w.least_lead and _precedes(w, best, total, first, n):
+            if (
+                w.explained >= w.least_explained
+                and w.lead >= w.least_lead
+                and _precedes(w, best, total, first, n)
+            ):
                 w.thruster = best
 
 
 def _precedes(w: IsolationWindow, best: int, total: float, first: int, n: int) -> bool:
-    """Return whether what a thruster is asked comes before the changes, and does not answer them."""
+    """Return whether what a thruster is asked comes before the changes, and does not answer
+    them.
+    """
     answers = max(_explained(w, best, first + EARLY // 2, n), _explained(w, best, first + EARLY, n))
     return total - answers >= _PRECEDES * (1.0 - w.explained) * total
 
 
 def _lead(w: IsolationWindow, total: float, first: int, n: int) -> int:
     """The thruster that explains most, at the delay at which any does."""
-    most, best, delay = -1.0, 0, 0
+    most = -1.0
+    best = 0
+    delay = 0
     for late in range(LATE + 1):
         for i in range(len(w.square)):
             explained = _explained(w, i, first - late, n)
@@ -105,7 +123,8 @@ def _lead(w: IsolationWindow, total: float, first: int, n: int) -> int:
                 most = explained
                 best = i
                 delay = late
-    left, second = max(total - most, _TINY_CHANGE * total), 0.0
+    left = max(total - most, _TINY_CHANGE * total)
+    second = 0.0
     for i in range(len(w.square)):
         second = max(second, _explained(w, i, first - delay, n) if i != best else 0.0)
     w.explained = 1.0 - left / total
@@ -114,8 +133,11 @@ def _lead(w: IsolationWindow, total: float, first: int, n: int) -> int:
 
 
 def _changes(w: IsolationWindow, first: int, n: int) -> float:
-    """Sum of squares of the changes of the residual in n looks, which are laid out along all directions."""
-    mean, total = zeros(6), 0.0
+    """Sum of squares of the changes of the residual in n looks, which are laid out along all
+    directions.
+    """
+    mean = zeros(6)
+    total = 0.0
     for k in range(6):
         for j in range(n):
             mean[k] += w.seen[(first + j) % len(w.time)][k]
@@ -133,8 +155,12 @@ def _changes(w: IsolationWindow, first: int, n: int) -> float:
 
 
 def _explained(w: IsolationWindow, i: int, first: int, n: int) -> float:
-    """Compute the share of the sum of squares that the commands of thruster i explain in n samples."""
-    mean, size, along = 0.0, 0.0, 0.0
+    """Compute the share of the sum of squares that the commands of thruster i explain in n
+    samples.
+    """
+    mean = 0.0
+    size = 0.0
+    along = 0.0
     for j in range(n):
         mean += w.asked[(first + j) % len(w.time)][i]
     mean /= n
@@ -147,11 +173,13 @@ def _explained(w: IsolationWindow, i: int, first: int, n: int) -> float:
     return theta * theta * size if _LEAST < theta < _MOST else 0.0
 
 
-# In which manner a thruster fails, and since when: every onset of late, against a share and against no answer at all.
+# In which manner a thruster fails, and since when: every onset of late, against a share and against
+# no answer at all.
 
 _AFTER = 6  # looks that an onset must be back at least
 _TINY_SCATTER = 1e-12
-_REVERSED = 0.5  # share, the other way, from which a thruster counts as reversed; one that sticks may look like less
+# share, the other way, from which a thruster counts as reversed; one that sticks may look like less
+_REVERSED = 0.5
 _NOTHING = 0.3  # share below which a thruster is dead, not weak
 _STUCK = 0.1  # of what a dead thruster would leave unexplained
 
@@ -241,7 +269,8 @@ def _try_onset(m: FaultFit, k: int) -> None:
 
 def _scatter(y: Vector, n: int) -> float:
     """Sum of squares of what is not the mean."""
-    mean, total = 0.0, 0.0
+    mean = 0.0
+    total = 0.0
     for j in range(n):
         mean += y[j] / n
     for j in range(n):
@@ -250,7 +279,10 @@ def _scatter(y: Vector, n: int) -> float:
 
 
 def _try_line(f: LineFit, n: int, onset: float) -> None:
-    mean_x, mean_y, size, along = 0.0, 0.0, 0.0, 0.0
+    mean_x = 0.0
+    mean_y = 0.0
+    size = 0.0
+    along = 0.0
     for j in range(n):
         mean_x += f.x[j] / n
         mean_y += f.y[j] / n
@@ -270,12 +302,16 @@ def _try_line(f: LineFit, n: int, onset: float) -> None:
         f.onset = onset
 
 
-# Thrusters that do not give what they are asked, found in the residual wrench and named, as kernels.
+# Thrusters that do not give what they are asked, found in the residual wrench and named, as
+# kernels.
 #
-# The residual wrench is what the disturbance observer finds beyond model and commands. A thruster is faulty once its
-# asked thrust has explained nearly all changes of it, and no other thruster as well, look after look.
+# The residual wrench is what the disturbance observer finds beyond model and commands. A thruster
+# is faulty once its asked thrust has explained nearly all changes of it, and no other thruster as
+# well, look after look.
 
-_CLEAR_LEAD = 16.0  # lead from which on a look counts fully; those of a smaller one count by its square
+_CLEAR_LEAD = (
+    16.0  # lead from which on a look counts fully; those of a smaller one count by its square
+)
 _LOOKS = 8.0  # in a row that must agree
 _SOUND_SHARE = 0.75  # of its command that a sound thruster gives at least, else it is weak
 _STUCK_SIGMAS = 4.0  # standard deviations from which on a constant thrust is told from none
@@ -314,9 +350,13 @@ class ThrusterFaultMemory(Layout):
     """(n_thrusters,) [s] likewise."""
 
 
-def detect_thruster_faults(w: ThrusterFaultMemory, e: ThrusterEffectiveness, residual: Vector, asked: Vector, t: float) -> int:
-    """Take in the residual (6,) [N, N m] at time t [s], and the thrust asked (n_thrusters,) [N] that it tells of, of thrusters
-    that all follow; the thruster that was found faulty now, and whose effect is changed, or -1."""
+def detect_thruster_faults(
+    w: ThrusterFaultMemory, e: ThrusterEffectiveness, residual: Vector, asked: Vector, t: float
+) -> int:
+    """Take in the residual (6,) [N, N m] at time t [s], and the thrust asked (n_thrusters,) [N]
+    that it tells of, of thrusters that all follow; the thruster that was found faulty now, and
+    whose effect is changed, or -1.
+    """
     if not w.started:
         _restart(w, t)
     if t < w.quiet_until:
@@ -350,7 +390,9 @@ def _mark(w: ThrusterFaultMemory) -> None:
 
 
 def _conclude_fault(w: ThrusterFaultMemory, e: ThrusterEffectiveness, t: float) -> int:
-    """The verdict, unless so little is missing that it does no harm, and what comes of commands from now on."""
+    """The verdict, unless so little is missing that it does no harm, and what comes of commands
+    from now on.
+    """
     i = w.last
     _select_thruster(w, i)
     classify_fault(w.fault_fit)
@@ -386,7 +428,9 @@ def _select_thruster(w: ThrusterFaultMemory, i: int) -> None:
 
 def _constant(w: ThrusterFaultMemory, i: int) -> float:
     """Thrust [N] at which it is stuck; 0 where that cannot be told from none."""
-    lower, upper, constant = w.lower[i], w.upper[i], w.fault_fit.constant
+    lower = w.lower[i]
+    upper = w.upper[i]
+    constant = w.fault_fit.constant
     possible = _BEYOND * lower <= constant <= _BEYOND * upper
     clear = abs(constant) > max(_STUCK_SIGMAS * w.fault_fit.sigma, _STUCK_SHARE * upper)
     return min(max(constant, lower), upper) if possible and clear else 0.0

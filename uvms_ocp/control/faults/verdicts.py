@@ -1,4 +1,6 @@
-"""Verdicts on thrusters and joints, the thresholds they rest on, and the effectiveness of the thrusters."""
+"""Verdicts on thrusters and joints, the thresholds they rest on, and the effectiveness of the
+thrusters.
+"""
 
 from __future__ import annotations
 
@@ -19,7 +21,9 @@ from uvms_ocp.types import Positive, Range
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class ThrusterEffectiveness(Layout):
-    """Thrust in the water is ``share * asked + constant``, of numbers and of CasADi expressions alike."""
+    """Thrust in the water is ``share * asked + constant``, of numbers and of CasADi expressions
+    alike.
+    """
 
     share: Annotated[Array, Sized("n_thrusters")]
     """(n_thrusters,): 1 is sound, 0 dead or stuck, below 0 reversed."""
@@ -41,12 +45,16 @@ class ThrusterEffectiveness(Layout):
         return self.share * asked + self.constant
 
     def asked(self, given: Array) -> Array:
-        """Invert the effectiveness: command (n_thrusters,) [N] for a thrust (n_thrusters,) [N]; 0 of what does not follow."""
+        """Invert the effectiveness: command (n_thrusters,) [N] for a thrust (n_thrusters,) [N]; 0
+        of what does not follow.
+        """
         return where(self.works, (given - self.constant) / where(self.works, self.share, 1.0), 0.0)
 
 
 def effective_thrust(e: ThrusterEffectiveness, i: int, asked: float) -> float:
-    """Compute the thrust [N] of thruster i for that asked [N], as `ThrusterEffectiveness.given` does. A kernel."""
+    """Compute the thrust [N] of thruster i for that asked [N], as `ThrusterEffectiveness.given`
+    does. A kernel.
+    """
     return e.share[i] * asked + e.constant[i]
 
 
@@ -110,11 +118,17 @@ def thruster_alarm(number: int, name: str, verdict: ThrusterVerdict) -> str:
     """One line on a faulty thruster, counted from 1 as in faults that are asked for."""
     who = f"thruster{number} {verdict.kind.word} ({name})"
     if verdict.kind is FaultKind.STUCK:
-        return f"{who}: gives {verdict.constant:.0f} N whatever it is asked; taken out, the others make up for it"
+        return (
+            f"{who}: gives {verdict.constant:.0f} N whatever it is asked; taken out, the others"
+            " make up for it"
+        )
     given = f"{who}: gives {100 * verdict.share:.0f} % of what it is asked"
     if verdict.kind is FaultKind.DEAD:
         return f"{given}; taken out"
-    return f"{given}; {'driven the other way' if verdict.kind is FaultKind.REVERSED else 'asked for more'}"
+    return (
+        f"{given};"
+        f" {'driven the other way' if verdict.kind is FaultKind.REVERSED else 'asked for more'}"
+    )
 
 
 # How much has to be seen before a thruster or a joint is called faulty.
@@ -122,22 +136,30 @@ def thruster_alarm(number: int, name: str, verdict: ThrusterVerdict) -> str:
 
 @checked_dataclass()
 class ActuatorHealthTuning:
-    """Tuning of `ActuatorMonitor`. Raises `InvalidInput` for a number not > 0, and a share of 1 or more."""
+    """Tuning of `ActuatorMonitor`. Raises `InvalidInput` for a number not > 0, and a share of 1 or
+    more.
+    """
 
     sample_time: Positive = 0.1
     """[s] between two looks at the residual wrench."""
     window: Positive = 4.0
-    """[s] of the residual in which a culprit is looked for, and twice that in which its onset is."""
+    """[s] of the residual in which a culprit is looked for, and twice that in which its onset
+    is.
+    """
     explained: Annotated[float, Range(0.0, 1.0, open=True)] = 0.8
-    """share of the changes that the fault of a thruster must explain: in Case 1 without one 0.7 was seen at most, 0.9 for
-    a while where the model of the water is wrong by a fifth."""
+    """share of the changes that the fault of a thruster must explain: in Case 1 without one 0.7 was
+    seen at most, 0.9 for a while where the model of the water is wrong by a fifth.
+    """
     lead: Positive = 4.0
-    """times as much as it leaves unexplained must be left by the next best: 2.7 and 9.6 were seen there."""
+    """times as much as it leaves unexplained must be left by the next best: 2.7 and 9.6 were seen
+    there.
+    """
     settling: Positive = 1.5
     """[s] after a start or a verdict that are not looked at."""
 
 
-# What is taken in at every tick between two looks: what was asked, as late as the residual tells of it.
+# What is taken in at every tick between two looks: what was asked, as late as the residual tells of
+# it.
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
@@ -164,7 +186,8 @@ class ResidualFilter:
     def after(self, before: FilteredCommands, thrust: Array, reference: Array) -> FilteredCommands:
         """A tick later.
 
-        thrust (n_thrusters,) [N] asked of thrusters that all follow; reference (n_v,) [m/s, rad/s] of the velocity.
+        thrust (n_thrusters,) [N] asked of thrusters that all follow; reference (n_v,) [m/s, rad/s]
+        of the velocity.
         """
         ticks = before.ticks + 1.0
         return FilteredCommands(
@@ -174,6 +197,10 @@ class ResidualFilter:
         )
 
 
-def residual_filter_for(tuning: ActuatorHealthTuning, *, bandwidth: float, dt: float) -> ResidualFilter:
+def residual_filter_for(
+    tuning: ActuatorHealthTuning, *, bandwidth: float, dt: float
+) -> ResidualFilter:
     """Bandwidth [rad/s] of the residual; dt [s] of a tick."""
-    return ResidualFilter(share=1.0 - math.exp(-bandwidth * dt), every=max(1, round(tuning.sample_time / dt)))
+    return ResidualFilter(
+        share=1.0 - math.exp(-bandwidth * dt), every=max(1, round(tuning.sample_time / dt))
+    )

@@ -1,7 +1,9 @@
-"""Thrust allocation: from the wrench a controller asks for to commands inside the limits of every thruster that works.
+"""Thrust allocation: from the wrench a controller asks for to commands inside the limits of every
+thruster that works.
 
-Of a thruster that is dead or stuck nothing is asked, of a weak one more, of a reversed one the opposite; the thrust of a stuck
-one is compensated. Thrusters are first-order lags, which commands are ahead of.
+Of a thruster that is dead or stuck nothing is asked, of a weak one more, of a reversed one the
+opposite; the thrust of a stuck one is compensated. Thrusters are first-order lags, which commands
+are ahead of.
 """
 
 from __future__ import annotations
@@ -20,7 +22,12 @@ from uvms_ocp.codegen.elementwise import Array, clipped, where
 from uvms_ocp.codegen.kernel_layout import Layout, Sized, Vector, assign, structure_of
 from uvms_ocp.codegen.kernels import bind_kernels
 from uvms_ocp.control.faults.verdicts import ThrusterEffectiveness
-from uvms_ocp.control.force.minimum_power import LimitedThrustMemory, limited_thrust, minimum_power, prepare_minimum_power
+from uvms_ocp.control.force.minimum_power import (
+    LimitedThrustMemory,
+    limited_thrust,
+    minimum_power,
+    prepare_minimum_power,
+)
 from uvms_ocp.errors import InvalidInput
 from uvms_ocp.robot.description import Power, Thruster
 from uvms_ocp.robot.robot import Robot
@@ -28,17 +35,21 @@ from uvms_ocp.robot.thrusters import thrust_limits, thruster_matrix
 from uvms_ocp.solvers.bounded_least_squares import dot, room_for
 from uvms_ocp.types import Array as Numbers, Range, Shape
 
-# A wrench shared out among the thrusters that follow, as kernels: what is stuck is a known wrench that is made up for.
+# A wrench shared out among the thrusters that follow, as kernels: what is stuck is a known wrench
+# that is made up for.
 #
-# Of what is dead or stuck nothing is asked, of what is weak so much, of what is reversed the other way. The thrust is that in
-# the water: a weak thruster takes the power of what it is asked, which is more.
+# Of what is dead or stuck nothing is asked, of what is weak so much, of what is reversed the other
+# way. The thrust is that in the water: a weak thruster takes the power of what it is asked, which
+# is more.
 
 LARGEST_WRENCH = 1e12
 """[N, N m] that any part of a wrench may be."""
 
 
 class AllocationMemory(Layout):
-    """Memory of an `Allocation`, whose fields are described there. Room for n thrusters, of which `count` are there."""
+    """Memory of an `Allocation`, whose fields are described there. Room for n thrusters, of which
+    `count` are there.
+    """
 
     count: int
     matrix: Annotated[list[Vector], Sized("m", "n")]
@@ -97,7 +108,9 @@ def apply_effectiveness(a: AllocationMemory) -> None:
 
 
 def allocate_thrust(a: AllocationMemory) -> bool:
-    """Find the thrust for the wrench; whether that is a number, and one whose square is: if not, there is none."""
+    """Find the thrust for the wrench; whether that is a number, and one whose square is: if not,
+    there is none.
+    """
     finite = True
     for k in range(len(a.matrix)):
         finite = finite and abs(a.wrench[k]) < LARGEST_WRENCH
@@ -111,7 +124,9 @@ def allocate_thrust(a: AllocationMemory) -> bool:
 
 def _keep(a: AllocationMemory, i: int, to: int) -> None:
     """Thruster i, which follows."""
-    left, share, size = a.left, a.share[i], abs(a.share[i])
+    left = a.left
+    share = a.share[i]
+    size = abs(a.share[i])
     a.place[to] = i
     for k in range(len(a.matrix)):
         left.powers.matrix[k][to] = a.matrix[k][i]
@@ -129,7 +144,8 @@ def _to_all(a: AllocationMemory) -> None:
     for j in range(a.left.powers.count):
         a.thrust[a.place[j]] += a.left.thrust[j]
     for k in range(len(a.matrix)):
-        reached, within = 0.0, 0.0
+        reached = 0.0
+        within = 0.0
         for j in range(a.left.powers.count):
             reached += a.left.powers.matrix[k][j] * a.left.thrust[j]
             within += a.left.powers.matrix[k][j] * a.left.within[j]
@@ -157,7 +173,8 @@ class AllocationResult:
 
 @checked_dataclass(checked_constructor, eq=False)
 class Allocation:
-    """Thrust of n thrusters for a wrench on the vehicle: bounded weighted least squares, then least power.
+    """Thrust of n thrusters for a wrench on the vehicle: bounded weighted least squares, then least
+    power.
 
     Minimises ``|diag(wrench_weight) (B thrust - wrench)|`` inside the limits; among equal wrenches it minimises
     the electrical power, to about 1e-4 of it. See `allocation_of` for a robot's. Raises `InvalidInput` for numbers
@@ -175,8 +192,12 @@ class Allocation:
     power_exponent: Annotated[Numbers, Shape("n"), Range(1.0, 3.0)]
     """(n,)"""
     dead_zone: Annotated[Numbers, Shape("n"), Range(0.0, LARGEST_WRENCH)]
-    """(n,) [N]: smaller thrust cannot be commanded; it becomes 0 or the edge, whichever is nearer."""
-    wrench_weight: Annotated[Numbers, Shape(6), Range(0.0, open=True)] = field(default_factory=lambda: np.ones(6))
+    """(n,) [N]: smaller thrust cannot be commanded; it becomes 0 or the edge, whichever is
+    nearer.
+    """
+    wrench_weight: Annotated[Numbers, Shape(6), Range(0.0, open=True)] = field(
+        default_factory=lambda: np.ones(6)
+    )
     """(6,) [1/N, 1/(N m)]: what to give up first when not everything can be reached."""
     effectiveness: ThrusterEffectiveness | None = None
     """Effectiveness; a thruster that follows no command is left out. `None`: all are sound."""
@@ -187,15 +208,20 @@ class Allocation:
 
     def __post_init__(self) -> None:
         structure = structure_of(AllocationMemory, **allocation_sizes(len(self.lower)))
-        apply, allocate = bind_kernels((apply_effectiveness, allocate_thrust), (structure,), compiled=self.compiled)
+        apply, allocate = bind_kernels(
+            (apply_effectiveness, allocate_thrust), (structure,), compiled=self.compiled
+        )
         object.__setattr__(self, "memory", structure())
         object.__setattr__(self, "_allocate", allocate)
         self.write(self.memory)
         apply(self.memory)
 
     def write(self, memory: AllocationMemory) -> None:
-        """Write this allocation into an `AllocationMemory` with the `allocation_sizes` of its thrusters."""
-        n, effectiveness = len(self.lower), self.effectiveness or ThrusterEffectiveness.sound(len(self.lower))
+        """Write this allocation into an `AllocationMemory` with the `allocation_sizes` of its
+        thrusters.
+        """
+        n = len(self.lower)
+        effectiveness = self.effectiveness or ThrusterEffectiveness.sound(len(self.lower))
         assign(memory, count=n, share=effectiveness.share, constant=effectiveness.constant)
         assign(memory, **{name: getattr(self, name) for name in _ARRAYS})
 
@@ -210,8 +236,14 @@ class Allocation:
         memory = self.memory
         memory.wrench[:] = w.tolist()
         if not self._allocate(memory):
-            raise InvalidInput(f"wrench {w} given; allowed: six finite numbers below {LARGEST_WRENCH:g} [N, N m]")
-        found = (np.array(memory.thrust[: memory.count]), np.array(memory.reached), np.array(memory.unreachable))
+            raise InvalidInput(
+                f"wrench {w} given; allowed: six finite numbers below {LARGEST_WRENCH:g} [N, N m]"
+            )
+        found = (
+            np.array(memory.thrust[: memory.count]),
+            np.array(memory.reached),
+            np.array(memory.unreachable),
+        )
         return AllocationResult(*found, bool(memory.saturated))
 
 
@@ -220,15 +252,26 @@ def allocation_sizes(n: int) -> dict[str, int]:
     return {"m": 6, "n": room_for(n)}
 
 
-_ARRAYS = ("matrix", "lower", "upper", "power_factor", "power_exponent", "dead_zone", "wrench_weight")
+_ARRAYS = (
+    "matrix",
+    "lower",
+    "upper",
+    "power_factor",
+    "power_exponent",
+    "dead_zone",
+    "wrench_weight",
+)
 
 
-def allocation_of(robot: Robot, *, force_weight: float = 1.0, moment_weight: float = 1.0, compiled: bool = True) -> Allocation:
+def allocation_of(
+    robot: Robot, *, force_weight: float = 1.0, moment_weight: float = 1.0, compiled: bool = True
+) -> Allocation:
     """Return the allocation of a robot's thrusters.
 
-    When the limits bind, the acceleration that is given up is least in the norm of the kinetic energy (Gauss's principle of
-    least constraint), axis by axis and without added mass: a newton metre turns a small hull more than a newton moves it.
-    force_weight and moment_weight [-] say what to give up besides. compiled: as `Allocation` has it.
+    When the limits bind, the acceleration that is given up is least in the norm of the kinetic
+    energy (Gauss's principle of least constraint), axis by axis and without added mass: a newton
+    metre turns a small hull more than a newton moves it. force_weight and moment_weight [-] say
+    what to give up besides. compiled: as `Allocation` has it.
     """
     thrusters = robot.description.thrusters
     lower, upper = thrust_limits(robot)
@@ -246,7 +289,9 @@ def allocation_of(robot: Robot, *, force_weight: float = 1.0, moment_weight: flo
 
 
 def _least_constraint(robot: Robot) -> np.ndarray:
-    """Weights (6,) [-, 1/m] of forces and moments: 1 over the radius of gyration about each axis, of all bodies at home."""
+    """Weights (6,) [-, 1/m] of forces and moments: 1 over the radius of gyration about each axis,
+    of all bodies at home.
+    """
     if not robot.n_vehicle:
         return np.ones(6)
     inertia = np.diag(pin.crba(robot.model, robot.model.createData(), robot.configuration()))[:6]
@@ -258,7 +303,9 @@ def _powers(thrusters: tuple[Thruster, ...]) -> list[Power]:
     if len(powers) == len(thrusters):
         return powers
     # Without data for all, full thrust costs the same for each.
-    return [Power(thrust=max(thruster.maximum, -thruster.minimum), watts=1.0) for thruster in thrusters]
+    return [
+        Power(thrust=max(thruster.maximum, -thruster.minimum), watts=1.0) for thruster in thrusters
+    ]
 
 
 # First-order thrusters, and the thrust command that makes them faster than their lag.
@@ -280,7 +327,8 @@ class ThrusterLag:
     """(n,) [N] smaller thrust cannot be commanded."""
 
     def command(self, thrust: Array, wanted: Array, hurry: Array) -> Array:
-        """Command (n,) [N] that brings thrust (n,) [N] to the wanted one (n,) [N]; hurry (): ahead of the lag.
+        """Command (n,) [N] that brings thrust (n,) [N] to the wanted one (n,) [N]; hurry (): ahead
+        of the lag.
 
         What would lead into a dead zone is the wanted thrust itself, which is 0 or beyond it.
         """
@@ -294,7 +342,9 @@ class ThrusterLag:
 
 
 def thruster_lag(robot: Robot, *, lead: float, dt: float) -> ThrusterLag:
-    """Return the lag of a robot's thrusters; lead: driven so many times faster than their lag. dt [s]: control period."""
+    """Return the lag of a robot's thrusters; lead: driven so many times faster than their lag. dt
+    [s]: control period.
+    """
     time_constants = np.array([thruster.time_constant for thruster in robot.description.thrusters])
     lower, upper = thrust_limits(robot)
     return ThrusterLag(

@@ -1,4 +1,6 @@
-"""Computed-torque control: the forces of a planned motion, corrected by feedback of positions and velocities."""
+"""Computed-torque control: the forces of a planned motion, corrected by feedback of positions and
+velocities.
+"""
 
 from __future__ import annotations
 
@@ -33,7 +35,9 @@ class Actuators:
     """Thrusters and joint motors of a robot. Holds their modelled state: build one per run."""
 
     def __init__(self, robot: Robot, *, lead: float, dt: float) -> None:
-        """lead: thrusters are driven this many times faster than their lag. dt [s]: control period."""
+        """lead: thrusters are driven this many times faster than their lag. dt [s]: control
+        period.
+        """
         self._robot = robot
         self._allocation = allocation_of(robot)
         self._lag = thruster_lag(robot, lead=lead, dt=dt)
@@ -42,29 +46,39 @@ class Actuators:
 
     @property
     def force(self) -> np.ndarray:
-        """Generalized force (n_v,) [N, N m] now: thrusters as they follow their commands, motors as last asked."""
+        """Generalized force (n_v,) [N, N m] now: thrusters as they follow their commands, motors as
+        last asked.
+        """
         wrench = self._allocation.matrix @ self._thrust
         return np.concatenate([wrench[: self._robot.n_vehicle], self._torque])
 
     def realize(self, tau: np.ndarray) -> RealizedForce:
         """Limit tau (n_v,) [N, N m]."""
-        n, limit = self._robot.n_vehicle, self._robot.limits.effort
+        n = self._robot.n_vehicle
+        limit = self._robot.limits.effort
         wrench = np.zeros(6)
         wrench[:n] = tau[self._robot.vehicle_v]
         torque = np.clip(tau[self._robot.joint_v], -limit, limit)
         result = self._allocation.allocate(wrench)
-        return RealizedForce(allocation=result, torque=torque, force=np.concatenate([result.reached[:n], torque]))
+        return RealizedForce(
+            allocation=result, torque=torque, force=np.concatenate([result.reached[:n], torque])
+        )
 
     def drive(self, realized: RealizedForce) -> np.ndarray:
-        """Command (n_thrusters,) [N] of the thrusters for a tick, through their lag, ahead of it."""
+        """Command (n_thrusters,) [N] of the thrusters for a tick, through their lag, ahead of
+        it.
+        """
         command = self._lag.command(self._thrust, realized.allocation.thrust, True)
-        self._thrust, self._torque = self._lag.after(self._thrust, command), realized.torque
+        self._thrust = self._lag.after(self._thrust, command)
+        self._torque = realized.torque
         return np.asarray(command)
 
 
 @checked_dataclass()
 class TrackingGains:
-    """Gains of the closed loop's position and velocity errors. Raises `InvalidInput` for a gain below 0 or a lead below 1."""
+    """Gains of the closed loop's position and velocity errors. Raises `InvalidInput` for a gain
+    below 0 or a lead below 1.
+    """
 
     vehicle_stiffness: Magnitude = 1.0
     """[1/s^2]"""
@@ -78,17 +92,29 @@ class TrackingGains:
     """Thrusters are driven this many times faster than their lag."""
 
 
-OPEN_LOOP = TrackingGains(vehicle_stiffness=0, vehicle_damping=0, joints_stiffness=0, joints_damping=0)
+OPEN_LOOP = TrackingGains(
+    vehicle_stiffness=0, vehicle_damping=0, joints_stiffness=0, joints_damping=0
+)
 """No feedback."""
 
 
 class ComputedTorque:
     """The law of one robot. Holds the modelled state of its actuators: build one per run."""
 
-    def __init__(self, robot: Robot, dynamics: Dynamics, *, dt: float, gains: TrackingGains | None, water: Water) -> None:
+    def __init__(
+        self,
+        robot: Robot,
+        dynamics: Dynamics,
+        *,
+        dt: float,
+        gains: TrackingGains | None,
+        water: Water,
+    ) -> None:
         """Dt [s]: control period. water: as far as the controller knows it."""
         chosen = gains or TrackingGains()
-        self._robot, self._dynamics, self._water = robot, dynamics, water
+        self._robot = robot
+        self._dynamics = dynamics
+        self._water = water
         self._open = chosen == OPEN_LOOP
         n, m = robot.n_vehicle, robot.n_joints
         self._K_p = np.repeat([chosen.vehicle_stiffness, chosen.joints_stiffness], [n, m])
@@ -101,9 +127,16 @@ class ComputedTorque:
         return self._actuators.force
 
     def command(
-        self, state: State, *, q: np.ndarray, v: np.ndarray, a: np.ndarray, disturbance: np.ndarray | float = 0.0
+        self,
+        state: State,
+        *,
+        q: np.ndarray,
+        v: np.ndarray,
+        a: np.ndarray,
+        disturbance: np.ndarray | float = 0.0,
     ) -> Command:
-        """Command for a measured state and the planned q (n_q,) [m, rad], v (n_v,) [m/s, rad/s] and a (n_v,) [m/s2, rad/s2].
+        """Command for a measured state and the planned q (n_q,) [m, rad], v (n_v,) [m/s, rad/s] and
+        a (n_v,) [m/s2, rad/s2].
 
         disturbance (n_v,) [N, N m]: force to work against.
         """
@@ -111,4 +144,6 @@ class ComputedTorque:
         wanted = a + self._K_p * pin.difference(self._robot.model, at.q, q) + self._K_d * (v - at.v)
         tau = self._dynamics.inverse_dynamics(at.q, at.v, wanted, self._water) - disturbance
         realized = self._actuators.realize(tau)
-        return signals.unchecked_command(v=v, thrust=self._actuators.drive(realized), torque=realized.torque)
+        return signals.unchecked_command(
+            v=v, thrust=self._actuators.drive(realized), torque=realized.torque
+        )

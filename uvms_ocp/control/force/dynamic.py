@@ -1,4 +1,6 @@
-"""Dynamic control layer: forces and torques that make the robot follow reference velocities ([Gao2022] figure 4)."""
+"""Dynamic control layer: forces and torques that make the robot follow reference velocities
+([Gao2022] figure 4).
+"""
 
 from __future__ import annotations
 
@@ -6,7 +8,13 @@ from functools import lru_cache
 
 import numpy as np
 
-from uvms_ocp.checks import checked, checked_constructor, checked_dataclass, replace_unchecked, unchecked_constructor
+from uvms_ocp.checks import (
+    checked,
+    checked_constructor,
+    checked_dataclass,
+    replace_unchecked,
+    unchecked_constructor,
+)
 from uvms_ocp.control.faults.monitor import ActuatorMonitor
 from uvms_ocp.control.faults.verdicts import ActuatorHealthTuning, residual_filter_for
 from uvms_ocp.control.force import allocation, tick_functions, velocity_law
@@ -36,7 +44,8 @@ def is_at_limit(thrust: float, lower: float, upper: float) -> bool:
 
 @checked_dataclass()
 class VelocityGains:
-    """Gains of the velocity loop, in units of the closed loop: the model takes care of mass and water.
+    """Gains of the velocity loop, in units of the closed loop: the model takes care of mass and
+    water.
 
     Raises `InvalidInput` for a gain below 0 or a lead below 1.
     """
@@ -59,10 +68,11 @@ class VelocityGains:
 
 @checked_constructor
 class DynamicController(TableDisplay):
-    """Tracks the velocities of a kinematic layer: a callable ``(StateEstimate, t) -> Command`` with thrust and torque.
+    """Tracks the velocities of a kinematic layer: a callable ``(StateEstimate, t) -> Command`` with
+    thrust and torque.
 
-    The force of `VelocityLaw` less the disturbance of an `ObserverLaw`, shared out by an `Allocation`; thrusters are inverted
-    through their lag.
+    The force of `VelocityLaw` less the disturbance of an `ObserverLaw`, shared out by an
+    `Allocation`; thrusters are inverted through their lag.
     """
 
     def __init__(
@@ -78,27 +88,40 @@ class DynamicController(TableDisplay):
     ) -> None:
         """health: thresholds of the search for faulty thrusters and joints; `None` turns it off.
 
-        sensors: what is known of their delays, by which the loops are slower than `gains`; not late unless given.
-        load: how what the tool carries is learnt; `None` learns nothing. Raises `InvalidInput` for a vehicle without
-        thrusters and for learning without the observer, or where an axis bears no force or any; `FrameNotFound` for learning
-        without a tool.
+        sensors: what is known of their delays, by which the loops are slower than `gains`; not late
+        unless given. load: how what the tool carries is learnt; `None` learns nothing. Raises
+        `InvalidInput` for a vehicle without thrusters and for learning without the observer, or
+        where an axis bears no force or any; `FrameNotFound` for learning without a tool.
         """
         if robot.n_vehicle and not robot.description.thrusters:
-            raise InvalidInput(f"robot {robot.name!r} has no thrusters; give some in its YAML, or use the kinematic plant")
+            raise InvalidInput(
+                f"robot {robot.name!r} has no thrusters; give some in its YAML, or use the"
+                " kinematic plant"
+            )
         self.kinematic = kinematic
         gains = gains or VelocityGains()
         self._robot = robot
         late = velocity_law.DeadTimes() if sensors is None else velocity_law.dead_times(sensors)
-        derating = velocity_law.bandwidth_derating(late, vehicle=gains.vehicle, joints=gains.joints, dt=kinematic.dt)
+        derating = velocity_law.bandwidth_derating(
+            late, vehicle=gains.vehicle, joints=gains.joints, dt=kinematic.dt
+        )
         laws = _laws(robot, dynamics, gains, health, derating, kinematic.dt)
         self._tick = ForceTick(laws)
         self.memory = memory = self._tick.memory
         """Memory of the force layer, a `ForceMemory`."""
         # Parts of it are made anew whenever they are asked for.
         self._detection, self._allocation = memory.detection, memory.allocation
-        self.monitor = None if laws.search is None else ActuatorMonitor(robot, self._detection, kinematic.watchdog.alarms)
-        """Monitor of thrusters and joints; `None` where it is off, and without the observer, whose findings it reads."""
-        self._fault, self._fault_summary, self._jammed = "", "", tuple[int, ...]()
+        self.monitor = (
+            None
+            if laws.search is None
+            else ActuatorMonitor(robot, self._detection, kinematic.watchdog.alarms)
+        )
+        """Monitor of thrusters and joints; `None` where it is off, and without the observer, whose
+        findings it reads.
+        """
+        self._fault = ""
+        self._fault_summary = ""
+        self._jammed = tuple[int, ...]()
         self._at_limits = ""
         self.learner = None if load is None else _learner(laws, load)
         """Learner of the tool's load; `None` where nothing is learnt."""
@@ -106,7 +129,9 @@ class DynamicController(TableDisplay):
     def __call__(self, measurement: StateEstimate, t: float) -> Command:
         """The command for the tick at time t [s]."""
         tick = self.kinematic.observe(measurement, t)
-        sound, command, bounds = tick.measurement, self.kinematic.command(tick), tick.restriction
+        sound = tick.measurement
+        command = self.kinematic.command(tick)
+        bounds = tick.restriction
         share = 1.0 if self.kinematic.guide is None else self.kinematic.guide.bandwidth
         self._tick.give(sound.q, sound.v, command, (share * bounds.feedback, bounds.joint_feedback))
         encoders_trusted = not bounds.distrusted or bounds.distrusted.isdisjoint(_ENCODERS)
@@ -121,7 +146,9 @@ class DynamicController(TableDisplay):
         return self._tick
 
     @checked
-    def catch_up(self, measurement: StateEstimate, t: float, ticks: int, at_limits: tuple[int, ...]) -> None:
+    def catch_up(
+        self, measurement: StateEstimate, t: float, ticks: int, at_limits: tuple[int, ...]
+    ) -> None:
         """Take note of what kernels alone have done, as `KinematicController.catch_up`.
 
         at_limits: which thrusters were at their limits when they last were, up to the tick before.
@@ -129,13 +156,26 @@ class DynamicController(TableDisplay):
         self._tick.require_possible()
         self._name_thrusters(at_limits)
         met = self.kinematic.memory.distress  # the force layer in the tick before
-        self.kinematic.catch_up(measurement, t, ticks, self._feedback(bool(met.short), met.push, met.spent))
+        self.kinematic.catch_up(
+            measurement, t, ticks, self._feedback(bool(met.short), met.push, met.spent)
+        )
         if self._detection.changed and self.monitor is not None:
             self._update_monitor(self.monitor, t)
 
     def _feedback(self, short: bool, push: float, spent: float) -> ActuationFeedback:
-        fault, known, jammed, limited = self._fault, self._fault_summary, self._jammed, self._at_limits
-        return _feedback(short=short, push=push, spent=spent, fault=fault, fault_summary=known, jammed=jammed, at_limits=limited)
+        fault = self._fault
+        known = self._fault_summary
+        jammed = self._jammed
+        limited = self._at_limits
+        return _feedback(
+            short=short,
+            push=push,
+            spent=spent,
+            fault=fault,
+            fault_summary=known,
+            jammed=jammed,
+            at_limits=limited,
+        )
 
     def _name_thrusters(self, at_limits: tuple[int, ...]) -> None:
         self._at_limits = ", ".join(f"thruster{number + 1}" for number in at_limits)
@@ -144,28 +184,42 @@ class DynamicController(TableDisplay):
         values = {
             "bandwidth borne by the vehicle [-]": self.memory.bandwidth_share,
             "bandwidth borne by the joints [-]": self.memory.joint_bandwidth_share,
-            "faults of thrusters and joints": "not searched for" if self.monitor is None else self._fault_summary or "none found",
+            "faults of thrusters and joints": "not searched for"
+            if self.monitor is None
+            else self._fault_summary or "none found",
             "load of the tool": "not learnt" if self.learner is None else "learnt",
         }
         below = self.kinematic._table()
         return SmallTable(title=type(self).__name__, rows=(*below.rows, *rows_of(values)))
 
     def _ticked(self, sound: StateEstimate, t: float, encoders_trusted: bool) -> list[np.ndarray]:
-        """Run the force tick, with what is learnt of the load; return the parts of `ForceOutputs`."""
+        """Run the force tick, with what is learnt of the load; return the parts of
+        `ForceOutputs`.
+        """
         if self.learner is None:
             return self._tick.step(t, sound.joint_age, encoders_trusted)
         self.learner.carry(sound.q, sound.v, self._tick.state.estimate)
-        outputs, observed = self._tick.step(t, sound.joint_age, encoders_trusted), self._tick.observed
+        outputs, observed = (
+            self._tick.step(t, sound.joint_age, encoders_trusted),
+            self._tick.observed,
+        )
         self.learner.learn(sound.q, sound.v, observed.estimate, observed.share, self._tick.observes)
         return outputs
 
     def _to_command(self, command: Command, outputs: list[np.ndarray]) -> Command:
-        """Make the command of these outputs, and feed the layer below back what the thrusters met."""
+        """Make the command of these outputs, and feed the layer below back what the thrusters
+        met.
+        """
         thrust, torque, disturbance, wrench, unreachable, push = outputs
-        a, short = self._allocation, bool(self._allocation.saturated)
+        a = self._allocation
+        short = bool(self._allocation.saturated)
         if short:
-            self._name_thrusters(tuple(i for i in range(a.count) if is_at_limit(thrust[i], a.lower[i], a.upper[i])))
-        self.kinematic.on_actuation_feedback(self._feedback(short, push.item(), self._tick.state.spent.item()))
+            self._name_thrusters(
+                tuple(i for i in range(a.count) if is_at_limit(thrust[i], a.lower[i], a.upper[i]))
+            )
+        self.kinematic.on_actuation_feedback(
+            self._feedback(short, push.item(), self._tick.state.spent.item())
+        )
         telemetry = {
             **command.telemetry,
             "disturbance": disturbance,
@@ -175,7 +229,13 @@ class DynamicController(TableDisplay):
             **({} if self.monitor is None else self.monitor.telemetry()),
             **({} if self.learner is None else self.learner.telemetry()),
         }
-        return replace_unchecked(command, thrust=thrust, torque=torque, brakes=bool(self.memory.locks), telemetry=telemetry)
+        return replace_unchecked(
+            command,
+            thrust=thrust,
+            torque=torque,
+            brakes=bool(self.memory.locks),
+            telemetry=telemetry,
+        )
 
     def _update_monitor(self, monitor: ActuatorMonitor, t: float) -> None:
         """Report what fault detection found at time t [s], and leave jammed joints alone."""
@@ -183,7 +243,9 @@ class DynamicController(TableDisplay):
         monitor.update(t)
         if detection.jam or detection.thruster >= 0:
             n = self._robot.n_vehicle
-            self._jammed = tuple(n + j for j in range(detection.joints.count) if detection.joints.jammed[j])
+            self._jammed = tuple(
+                n + j for j in range(detection.joints.count) if detection.joints.jammed[j]
+            )
             self._fault_summary = monitor.faulty
             if self.learner is not None:
                 self.learner.leave(self._jammed)
@@ -199,8 +261,11 @@ def _laws(
     derating: velocity_law.BandwidthDerating,
     dt: float,
 ) -> tick_functions.ForceLaws:
-    """Return the laws of a robot, one object for many runs, so that what is derived from them is made once; dt [s]."""
-    search, observed = health if gains.observer_vehicle and robot.n_vehicle else None, derating.vehicle * gains.observer_vehicle
+    """Return the laws of a robot, one object for many runs, so that what is derived from them is
+    made once; dt [s].
+    """
+    search = health if gains.observer_vehicle and robot.n_vehicle else None
+    observed = derating.vehicle * gains.observer_vehicle
     return tick_functions.ForceLaws(
         robot=robot,
         velocity=velocity_law.VelocityLaw(
@@ -213,7 +278,9 @@ def _laws(
         lift=float(thrusters.largest_wrench(robot)[2]),
         derating=derating,
         observer=_observer_law(robot, gains, dt),
-        residual_filter=None if search is None else residual_filter_for(search, bandwidth=observed, dt=dt),
+        residual_filter=None
+        if search is None
+        else residual_filter_for(search, bandwidth=observed, dt=dt),
         search=search,
     )
 
@@ -222,8 +289,19 @@ def _learner(laws: tick_functions.ForceLaws, settings: LoadLearning) -> LoadLear
     observer = laws.observer
     require_learnable(laws.robot, observed=observer is not None)
     assert observer is not None
-    tools, limit, bandwidth, dt = laws.robot.tools, observer.limit, observer.bandwidth, observer.dt
-    return LoadLearner(laws.velocity.dynamics, observer.response, settings, tools=tools, limit=limit, bandwidth=bandwidth, dt=dt)
+    tools = laws.robot.tools
+    limit = observer.limit
+    bandwidth = observer.bandwidth
+    dt = observer.dt
+    return LoadLearner(
+        laws.velocity.dynamics,
+        observer.response,
+        settings,
+        tools=tools,
+        limit=limit,
+        bandwidth=bandwidth,
+        dt=dt,
+    )
 
 
 def _per_axis(robot: Robot, vehicle: float, joints: float) -> np.ndarray:
@@ -234,14 +312,20 @@ def _observer_law(robot: Robot, gains: VelocityGains, dt: float) -> ObserverLaw 
     if not gains.observer_vehicle:
         return None
     return ObserverLaw(
-        bandwidth=_per_axis(robot, gains.observer_vehicle, gains.observer_joints or gains.observer_vehicle),
+        bandwidth=_per_axis(
+            robot, gains.observer_vehicle, gains.observer_joints or gains.observer_vehicle
+        ),
         limit=thrusters.largest_force(robot),
         dt=dt,
     )
 
 
 def observer_of(
-    robot: Robot, dynamics: Dynamics, gains: VelocityGains, dt: float, current: np.ndarray | None = None
+    robot: Robot,
+    dynamics: Dynamics,
+    gains: VelocityGains,
+    dt: float,
+    current: np.ndarray | None = None,
 ) -> DisturbanceObserver | None:
     """The observer that `gains` ask for, at control period dt [s]; None where its bandwidth is 0.
 

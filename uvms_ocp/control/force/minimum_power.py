@@ -64,7 +64,9 @@ def prepare_minimum_power(p: PowerMemory) -> None:
 
 
 def minimum_power(p: PowerMemory, wrench: Vector, thrust: Vector) -> None:
-    """Find the thrust (n,) [N] for a wrench (6,) [N, N m]: that of the inverse, moved in the null space of the matrix."""
+    """Find the thrust (n,) [N] for a wrench (6,) [N, N m]: that of the inverse, moved in the null
+    space of the matrix.
+    """
     for i in range(p.count):
         thrust[i] = bounded_least_squares.dot(p.inverse[i], wrench, len(p.matrix))
     for _ in range(_STEPS if p.n_spare > 0 else 0):
@@ -95,17 +97,21 @@ def _invert(p: PowerMemory, k: int) -> None:
 
 
 def _find_spare(p: PowerMemory) -> None:
-    """Choose thrusters one by one, always that of which most is neither in the rows of the matrix nor spare yet."""
+    """Choose thrusters one by one, always that of which most is neither in the rows of the matrix
+    nor spare yet.
+    """
     for row in range(len(p.matrix)):
         p.inner.W[row][: p.count] = p.matrix[row][: p.count]
     rank = bounded_least_squares.row_space(p.inner, len(p.matrix), p.count)
     p.n_spare = 0
     while p.n_spare < p.count - rank:
-        best, most = 0, -1.0
+        best = 0
+        most = -1.0
         for i in range(p.count):
             rest = _rest(p, rank, i)
             if rest > most:
-                best, most = i, rest
+                best = i
+                most = rest
         _add_spare(p, rank, best)
 
 
@@ -169,7 +175,9 @@ _EXACT = 1e-9  # relative loss of wrench that counts as none
 
 
 class LimitedThrustMemory(Layout):
-    """Memory of bounded minimum-power allocation, with the fields of `Allocation`. Room for n thrusters."""
+    """Memory of bounded minimum-power allocation, with the fields of `Allocation`. Room for n
+    thrusters.
+    """
 
     powers: PowerMemory
     problem: bounded_least_squares.BoundedProblem
@@ -191,7 +199,8 @@ class LimitedThrustMemory(Layout):
 
 def limited_thrust(p: LimitedThrustMemory) -> bool:
     """Find the thrust; whether the limits keep the wrench from being reached."""
-    n, inside = p.problem.columns, True
+    n = p.problem.columns
+    inside = True
     for i in range(n):
         p.thrust[i] = p.unbounded[i]
         inside = inside and p.lower[i] <= p.unbounded[i] <= p.upper[i]
@@ -205,7 +214,8 @@ def limited_thrust(p: LimitedThrustMemory) -> bool:
 
 def _bounded(p: LimitedThrustMemory) -> None:
     """Inside the limits: of least quadratic power, then step by step of least power."""
-    n, before = p.problem.columns, zeros(len(p.thrust))
+    n = p.problem.columns
+    before = zeros(len(p.thrust))
     p.problem.weight[:n] = p.powers.quadratic[:n]
     p.problem.lower[:n] = p.lower[:n]
     p.problem.upper[:n] = p.upper[:n]
@@ -214,7 +224,8 @@ def _bounded(p: LimitedThrustMemory) -> None:
         before[:n] = p.thrust[:n]
         _touch(p)
         _solve(p, True)
-        moved, most = 0.0, 0.0
+        moved = 0.0
+        most = 0.0
         for i in range(n):
             moved = max(moved, abs(p.thrust[i] - before[i]))
             most = max(most, p.powers.largest[i])
@@ -224,11 +235,15 @@ def _bounded(p: LimitedThrustMemory) -> None:
 
 def _touch(p: LimitedThrustMemory) -> None:
     for i in range(p.problem.columns):
-        p.problem.weight[i] = majorizing_weight(p.powers.factor[i], p.powers.exponent[i], p.powers.largest[i], p.thrust[i])
+        p.problem.weight[i] = majorizing_weight(
+            p.powers.factor[i], p.powers.exponent[i], p.powers.largest[i], p.thrust[i]
+        )
 
 
 def _solve(p: LimitedThrustMemory, started: bool) -> None:
-    """The thrust for the weights and limits in the problem; started: from the thrust that there is."""
+    """The thrust for the weights and limits in the problem; started: from the thrust that there
+    is.
+    """
     n = p.problem.columns
     for k in range(p.problem.rows):
         p.problem.b[k] = p.powers.wrench_weight[k] * p.wrench[k]
@@ -242,9 +257,11 @@ def _solve(p: LimitedThrustMemory, started: bool) -> None:
 
 def _loses(p: LimitedThrustMemory) -> bool:
     """Return whether the wrench is another one than that of the unbounded thrust."""
-    lost, wanted = 0.0, 0.0
+    lost = 0.0
+    wanted = 0.0
     for k in range(p.problem.rows):
-        difference, whole = 0.0, 0.0
+        difference = 0.0
+        whole = 0.0
         for i in range(p.problem.columns):
             difference += p.powers.matrix[k][i] * (p.thrust[i] - p.unbounded[i])
             whole += p.powers.matrix[k][i] * p.unbounded[i]
@@ -269,7 +286,8 @@ def _fix_inside_dead_zones(p: LimitedThrustMemory) -> bool:
     """At the nearest thrust that can be commanded; whether there was any that was not yet fixed."""
     found = False
     for i in range(p.problem.columns):
-        size, edge = abs(p.thrust[i]), p.dead_zone[i]
+        size = abs(p.thrust[i])
+        edge = p.dead_zone[i]
         if 0.0 < size < edge and p.problem.lower[i] < p.problem.upper[i]:
             nearest = min(max(math.copysign(edge, p.thrust[i]), p.lower[i]), p.upper[i])
             rounded = nearest if size > 0.5 * edge and abs(nearest) >= edge else 0.0

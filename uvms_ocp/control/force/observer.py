@@ -1,4 +1,6 @@
-"""Disturbance observer: the generalized force that the model does not explain, such as a current or a payload."""
+"""Disturbance observer: the generalized force that the model does not explain, such as a current or
+a payload.
+"""
 
 from __future__ import annotations
 
@@ -24,7 +26,8 @@ class ObserverDynamics(Protocol):
         """M (n_v, n_v) [kg, kg m, kg m2] at q (n_q,) [m, rad]."""
 
     def forward_dynamics(self, q: ca.SX, v: ca.SX, tau: ca.SX, u: ca.SX, Du_Dt: ca.SX) -> ca.SX:
-        """Acceleration (n_v,) [m/s2, rad/s2] under tau (n_v,) [N, N m] at q (n_q,) [m, rad] and v (n_v,) [m/s, rad/s].
+        """Acceleration (n_v,) [m/s2, rad/s2] under tau (n_v,) [N, N m] at q (n_q,) [m, rad] and v
+        (n_v,) [m/s, rad/s].
 
         u (3, n_links) [m/s] and Du_Dt (3, n_links) [m/s2]: of the water at the links, in W.
         """
@@ -46,11 +49,12 @@ class ObserverState:
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class ObserverLaw:
-    """Luenberger observer of ``M a + h = tau + d`` with d constant, driven by the measured velocity.
+    """Luenberger observer of ``M a + h = tau + d`` with d constant, driven by the measured
+    velocity.
 
-    v_hat follows the model, the innovation ``v - v_hat`` corrects it with 2 w and d with w^2 M: both poles at -w. Where axes have
-    other bandwidths, what couples two of them goes by the lower. Raises `InvalidInput` for a bandwidth that is not between 0
-    and 1 / dt.
+    v_hat follows the model, the innovation ``v - v_hat`` corrects it with 2 w and d with w^2 M:
+    both poles at -w. Where axes have other bandwidths, what couples two of them goes by the lower.
+    Raises `InvalidInput` for a bandwidth that is not between 0 and 1 / dt.
     """
 
     bandwidth: Array
@@ -63,7 +67,9 @@ class ObserverLaw:
     def __post_init__(self) -> None:
         w, dt = self.bandwidth, self.dt
         if not (np.isfinite(w).all() and (w > 0).all() and (w * dt < 1).all()):
-            raise InvalidInput(f"observer bandwidth {w} rad/s; give values between 0 and 1 / dt = {1 / dt:g}")
+            raise InvalidInput(
+                f"observer bandwidth {w} rad/s; give values between 0 and 1 / dt = {1 / dt:g}"
+            )
 
     def after(
         self,
@@ -77,9 +83,9 @@ class ObserverLaw:
     ) -> ObserverState:
         """After a tick with measured q (n_q,) [m, rad] and v (n_v,) [m/s, rad/s].
 
-        tau (n_v,) [N, N m] has acted since the last one. share (n_v,): of the bandwidth, as much as v bears now.
-        Drag is that of the measured velocity in a current (3,) [m/s] in W, by default none: what it damps is no
-        disturbance, and must not be compensated.
+        tau (n_v,) [N, N m] has acted since the last one. share (n_v,): of the bandwidth, as much as
+        v bears now. Drag is that of the measured velocity in a current (3,) [m/s] in W, by default
+        none: what it damps is no disturbance, and must not be compensated.
         """
         w = self.bandwidth * share
         v_hat = ca.if_else(before.follows, before.v_hat, v)
@@ -93,23 +99,29 @@ class ObserverLaw:
         v_hat = v_hat + self.dt * body.forward_dynamics(q, v, corrected, water, still)
         return ObserverState(estimate=estimate, lead=push / w, v_hat=v_hat, follows=ca.SX(1.0))
 
-    def response(self, before: ForceResponse, M: ca.SX, force: ca.SX, share: ca.SX) -> ForceResponse:
-        """Propagate the response of the estimate to forces (n_v, k) [N, N m], each by itself, by one tick.
+    def response(
+        self, before: ForceResponse, M: ca.SX, force: ca.SX, share: ca.SX
+    ) -> ForceResponse:
+        """Propagate the response of the estimate to forces (n_v, k) [N, N m], each by itself, by
+        one tick.
 
-        An observer is linear in what disturbs it, until its limit. M (n_v, n_v) [kg, kg m, kg m2]; share (n_v,) as above.
+        An observer is linear in what disturbs it, until its limit. M (n_v, n_v) [kg, kg m, kg m2];
+        share (n_v,) as above.
         """
         w = self.bandwidth * share
         D, L_transposed, order = ca.ldl(M, False)
         estimate = before.estimate + self.dt * _coupled(M, w**2) @ before.innovation
-        drift = ca.ldl_solve(force - estimate - 2 * _coupled(M, w) @ before.innovation, D, L_transposed, order)
+        drift = ca.ldl_solve(
+            force - estimate - 2 * _coupled(M, w) @ before.innovation, D, L_transposed, order
+        )
         return ForceResponse(estimate=estimate, innovation=before.innovation + self.dt * drift)
 
 
 def _coupled(M: ca.SX, gain: ca.SX) -> ca.SX:
     """Return M (n, n) with each entry times the lower of the gains (n,) of its two axes.
 
-    What acts on the faster of two axes then shows as no push on the slower one, and a wrong velocity of the slower one drives
-    the faster one by the lower gain alone.
+    What acts on the faster of two axes then shows as no push on the slower one, and a wrong
+    velocity of the slower one drives the faster one by the lower gain alone.
     """
     return M * ca.fmin(ca.repmat(gain, 1, gain.numel()), ca.repmat(gain.T, gain.numel(), 1))
 
@@ -123,27 +135,47 @@ def limited(y: ca.SX, limit: np.ndarray) -> ca.SX:
 class DisturbanceObserver:
     """An observer that is called at every tick. Holds what it knows: build one per run.
 
-    What it keeps from tick to tick is the acceleration that the disturbance makes, not the force: where joint axes come into
-    line a motion is left with hardly any inertia, and what was a good force in the last configuration would throw it about.
+    What it keeps from tick to tick is the acceleration that the disturbance makes, not the force:
+    where joint axes come into line a motion is left with hardly any inertia, and what was a good
+    force in the last configuration would throw it about.
     """
 
-    def __init__(self, law: ObserverLaw, body: ObserverDynamics, n_q: int, current: np.ndarray | None = None) -> None:
+    def __init__(
+        self, law: ObserverLaw, body: ObserverDynamics, n_q: int, current: np.ndarray | None = None
+    ) -> None:
         """n_q: entries of q. current (3,) [m/s] in W: as far as it is known, and no disturbance."""
         n = len(law.bandwidth)
-        q, (v, tau, kept, v_hat) = ca.SX.sym("q", n_q), (ca.SX.sym(name, n) for name in ("v", "tau", "kept", "v_hat"))
-        follows, M = ca.SX.sym("follows"), body.mass_matrix(q)
+        q, (v, tau, kept, v_hat) = (
+            ca.SX.sym("q", n_q),
+            (ca.SX.sym(name, n) for name in ("v", "tau", "kept", "v_hat")),
+        )
+        follows = ca.SX.sym("follows")
+        M = body.mass_matrix(q)
         before = ObserverState(estimate=M @ kept, lead=ca.SX(n, 1), v_hat=v_hat, follows=follows)
-        after = law.after(before, body, q, v, tau, ca.SX.ones(n), None if current is None else ca.DM(current))
+        after = law.after(
+            before, body, q, v, tau, ca.SX.ones(n), None if current is None else ca.DM(current)
+        )
         D, L_transposed, order = ca.ldl(M, False)
-        outputs = [after.estimate, ca.ldl_solve(after.estimate, D, L_transposed, order), after.v_hat]
-        self._function = BufferedFunction(ca.Function("observer", [q, v, tau, kept, v_hat, follows], ca.cse(outputs)))
-        self.estimate, self._kept, self._v_hat, self._follows = np.zeros(n), np.zeros(n), np.zeros(n), np.zeros(1)
+        outputs = [
+            after.estimate,
+            ca.ldl_solve(after.estimate, D, L_transposed, order),
+            after.v_hat,
+        ]
+        self._function = BufferedFunction(
+            ca.Function("observer", [q, v, tau, kept, v_hat, follows], ca.cse(outputs))
+        )
+        self.estimate = np.zeros(n)
+        self._kept = np.zeros(n)
+        self._v_hat = np.zeros(n)
+        self._follows = np.zeros(1)
 
     def update(self, q: np.ndarray, v: np.ndarray, tau: np.ndarray) -> np.ndarray:
         """D (n_v,) [N, N m] after a tick, as `ObserverLaw.after` has it.
 
         q (n_q,) [m, rad], v (n_v,) [m/s, rad/s], tau (n_v,) [N, N m].
         """
-        self.estimate, self._kept, self._v_hat = self._function(q, v, tau, self._kept, self._v_hat, self._follows)
+        self.estimate, self._kept, self._v_hat = self._function(
+            q, v, tau, self._kept, self._v_hat, self._follows
+        )
         self._follows[0] = 1.0
         return self.estimate

@@ -1,4 +1,6 @@
-"""One tick of the force layer in order, as one kernel: from a reference velocity to thrust and torque."""
+"""One tick of the force layer in order, as one kernel: from a reference velocity to thrust and
+torque.
+"""
 
 from __future__ import annotations
 
@@ -8,11 +10,21 @@ from typing import Any
 
 import numpy as np
 
-from uvms_ocp.codegen.kernel_layout import FunctionField, Layout, arrays_of, column_view, structure_of
+from uvms_ocp.codegen.kernel_layout import (
+    FunctionField,
+    Layout,
+    arrays_of,
+    column_view,
+    structure_of,
+)
 from uvms_ocp.codegen.kernels import make_memory
 from uvms_ocp.control.faults.detection import FaultDetection, detect_faults, pause_detection
 from uvms_ocp.control.faults.monitor import detection_sizes, write_detection
-from uvms_ocp.control.faults.verdicts import ActuatorHealthTuning, ThrusterEffectiveness, effective_thrust
+from uvms_ocp.control.faults.verdicts import (
+    ActuatorHealthTuning,
+    ThrusterEffectiveness,
+    effective_thrust,
+)
 from uvms_ocp.control.force import allocation as thrust_allocation, tick_functions
 from uvms_ocp.control.velocity.tick import is_blind, is_stopped
 from uvms_ocp.control.velocity.tick_memory import TickMemory
@@ -20,21 +32,27 @@ from uvms_ocp.errors import InvalidInput
 from uvms_ocp.estimation.degraded_modes import CHANNELS, ENCODERS
 from uvms_ocp.robot.signals import Command, Trust
 
-_ENCODER_SILENCE = 0.1  # [s] after which joints are no longer fed back; a joint falls faster than a vehicle drifts
+_ENCODER_SILENCE = (
+    0.1  # [s] after which joints are no longer fed back; a joint falls faster than a vehicle drifts
+)
 
 
 class ForceMemory(Layout):
     """Memory of a tick: functions, inputs, state and outputs."""
 
     transfer: FunctionField
-    """Function of `transfer_function`; the next three as `observe_function`, `control_function` and `command_function` do."""
+    """Function of `transfer_function`; the next three as `observe_function`, `control_function` and
+    `command_function` do.
+    """
     observe: FunctionField
     control: FunctionField
     command: FunctionField
     watched: bool
     """Faulty thrusters and joints are searched for."""
     bandwidth_share: float
-    """Largest share of their bandwidth that the loops of the vehicle may use, less than 1 where sensors are late."""
+    """Largest share of their bandwidth that the loops of the vehicle may use, less than 1 where
+    sensors are late.
+    """
     joint_bandwidth_share: float
     """The same for the joints."""
     joints_late: float
@@ -74,17 +92,20 @@ class ForceMemory(Layout):
 def begin_force(m: ForceMemory) -> None:
     """Initialise the memory: all thrusters are sound."""
     for i in range(len(m.state.share)):
-        m.state.share[i] = m.bandwidth_share if i < m.detection.n_vehicle else m.joint_bandwidth_share
+        m.state.share[i] = (
+            m.bandwidth_share if i < m.detection.n_vehicle else m.joint_bandwidth_share
+        )
     for i in range(m.allocation.count):
         m.detection.effectiveness.share[i] = 1.0
     apply_detected_effectiveness(m)
 
 
 def force_step(m: ForceMemory) -> bool:
-    """Run one tick and return whether its force is finite and below `LARGEST_WRENCH`; if not, outputs and state stay.
+    """Run one tick and return whether its force is finite and below `LARGEST_WRENCH`; if not,
+    outputs and state stay.
 
-    On an axis that is not to be trusted feed-forward goes on alone: feedback from a frozen velocity would accelerate the robot
-    without end.
+    On an axis that is not to be trusted feed-forward goes on alone: feedback from a frozen velocity
+    would accelerate the robot without end.
     """
     m.inputs.feedback[0] = min(m.inputs.feedback[0], m.bandwidth_share)
     m.inputs.joint_feedback[0] = min(m.inputs.joint_feedback[0], m.joint_bandwidth_share)
@@ -110,10 +131,14 @@ def force_step(m: ForceMemory) -> bool:
 
 
 def apply_detected_effectiveness(m: ForceMemory) -> None:
-    """Adopt the effectiveness that fault detection found: thrust that was missing has been taken for water so far."""
+    """Adopt the effectiveness that fault detection found: thrust that was missing has been taken
+    for water so far.
+    """
     for i in range(m.allocation.count):
         thrust = m.observed.thrust[i]
-        lost = effective_thrust(m.effectiveness, i, thrust) - effective_thrust(m.detection.effectiveness, i, thrust)
+        lost = effective_thrust(m.effectiveness, i, thrust) - effective_thrust(
+            m.detection.effectiveness, i, thrust
+        )
         for k in range(m.detection.n_vehicle):
             m.observed.estimate[k] += m.allocation.matrix[k][i] * lost
         m.effectiveness.share[i] = m.detection.effectiveness.share[i]
@@ -121,7 +146,8 @@ def apply_detected_effectiveness(m: ForceMemory) -> None:
         m.allocation.share[i] = m.effectiveness.share[i]
         m.allocation.constant[i] = m.effectiveness.constant[i]
     thrust_allocation.apply_effectiveness(m.allocation)
-    # Jammed joints are left to their brakes: nothing is compensated on axes that do not move, and they have not been moving.
+    # Jammed joints are left to their brakes: nothing is compensated on axes that do not move, and
+    # they have not been moving.
     for j in range(m.detection.joints.count):
         if m.detection.joints.jammed[j]:
             k = m.detection.n_vehicle + j
@@ -150,7 +176,9 @@ def _detect_faults(m: ForceMemory) -> None:
 
 
 def _write_observation(m: ForceMemory) -> bool:
-    """Write the observation for fault detection; return whether it is finite: a nan would never leave its filters."""
+    """Write the observation for fault detection; return whether it is finite: a nan would never
+    leave its filters.
+    """
     finite = True
     m.detection.encoders_trusted = m.encoders_trusted
     for k in range(len(m.inputs.q)):
@@ -160,7 +188,9 @@ def _write_observation(m: ForceMemory) -> bool:
         m.detection.residual[k] = m.observed.estimate[k] + m.observed.lead[k]
         m.detection.disturbance[k] = m.observed.estimate[k]
         m.detection.way[k] = m.observed.way[k]
-        finite = finite and math.isfinite(m.detection.residual[k]) and math.isfinite(m.detection.way[k])
+        finite = (
+            finite and math.isfinite(m.detection.residual[k]) and math.isfinite(m.detection.way[k])
+        )
     n = m.allocation.count
     m.detection.asked[:n] = m.observed.asked[:n]
     return finite
@@ -222,19 +252,29 @@ class ForceTick:
         )
         self.inputs: tick_functions.ForceInputs = arrays_of(self.memory.inputs)
         """Inputs of the next tick."""
-        parts = {name: getattr(self.memory.inputs, name) for name in tick_functions.ForceInputs.__dataclass_fields__}
-        self._flags = tick_functions.ForceInputs(**parts)  # of ctypes, which take single numbers sooner than NumPy
+        parts = {
+            name: getattr(self.memory.inputs, name)
+            for name in tick_functions.ForceInputs.__dataclass_fields__
+        }
+        self._flags = tick_functions.ForceInputs(
+            **parts
+        )  # of ctypes, which take single numbers sooner than NumPy
         self.observed: tick_functions.ForceState = arrays_of(self.memory.observed)
         """State of the last tick after its observer."""
         self.state: tick_functions.ForceState = arrays_of(self.memory.state)
         """State that the next tick starts from."""
         self._outputs = column_view(self.memory.outputs)
-        self._places = tuple(tick_functions.column_places(tick_functions.ForceOutputs, laws.sizes).values())
+        self._places = tuple(
+            tick_functions.column_places(tick_functions.ForceOutputs, laws.sizes).values()
+        )
         self._write(laws)
         begin(self.memory)
 
-    def give(self, q: np.ndarray, v: np.ndarray, command: Command, feedback: tuple[float, float]) -> None:
-        """Set the inputs: q (n_q,) [m, rad] and v (n_v,) [m/s, rad/s] as estimated, and the command of velocities.
+    def give(
+        self, q: np.ndarray, v: np.ndarray, command: Command, feedback: tuple[float, float]
+    ) -> None:
+        """Set the inputs: q (n_q,) [m, rad] and v (n_v,) [m/s, rad/s] as estimated, and the command
+        of velocities.
 
         feedback: of vehicle and joints, as in `ForceInputs`.
         """
@@ -245,24 +285,34 @@ class ForceTick:
         flags.hold[0], flags.stop[0] = command.hold, command.stop
         self.memory.brakes = command.brakes
 
-    def step(self, t: float, joint_age: float = 0.0, encoders_trusted: bool = True) -> list[np.ndarray]:
+    def step(
+        self, t: float, joint_age: float = 0.0, encoders_trusted: bool = True
+    ) -> list[np.ndarray]:
         """Run the tick at time t [s] and return the parts of `ForceOutputs`, which the caller owns.
 
-        joint_age [s] and encoders_trusted: as `ForceMemory` has them. Raises `InvalidInput` for a force that is not finite, or
-        that is beyond `LARGEST_WRENCH`.
+        joint_age [s] and encoders_trusted: as `ForceMemory` has them. Raises `InvalidInput` for a
+        force that is not finite, or that is beyond `LARGEST_WRENCH`.
         """
         memory = self.memory
-        memory.t, memory.joint_age, memory.encoders_trusted = t, joint_age, encoders_trusted
+        memory.t = t
+        memory.joint_age = joint_age
+        memory.encoders_trusted = encoders_trusted
         self.kernel(memory)
         self.require_possible()
         outputs = self._outputs.copy()
         return [outputs[place] for place in self._places]
 
     def require_possible(self) -> None:
-        """Raise `InvalidInput` for a force of the last tick that is not finite, or that is beyond `LARGEST_WRENCH`."""
+        """Raise `InvalidInput` for a force of the last tick that is not finite, or that is beyond
+        `LARGEST_WRENCH`.
+        """
         if not self.memory.possible:
-            force, largest = np.array(self.memory.desired.force), thrust_allocation.LARGEST_WRENCH
-            raise InvalidInput(f"a motion that needs the force {force} [N, N m]; give one of finite forces below {largest:g}")
+            force = np.array(self.memory.desired.force)
+            largest = thrust_allocation.LARGEST_WRENCH
+            raise InvalidInput(
+                f"a motion that needs the force {force} [N, N m]; give one of finite forces below"
+                f" {largest:g}"
+            )
 
     def places(self) -> dict[str, np.ndarray]:
         """Parts of `ForceOutputs` by name, in memory."""
@@ -272,25 +322,41 @@ class ForceTick:
     @property
     def observes(self) -> bool:
         """The last tick was given velocities that the observer may learn from."""
-        flags, without_joints = self._flags, not self.memory.detection.joints.count
+        flags = self._flags
+        without_joints = not self.memory.detection.joints.count
         return not (flags.hold[0] or flags.stop[0]) and (without_joints or bool(flags.joints[0]))
 
     def _write(self, laws: tick_functions.ForceLaws) -> None:
-        memory, robot, derating = self.memory, laws.robot, laws.derating
+        memory = self.memory
+        robot = laws.robot
+        derating = laws.derating
         memory.bandwidth_share, memory.joint_bandwidth_share = derating.vehicle, derating.joints
         memory.joints_late = derating.joints_late
         thrust_allocation.allocation_of(robot).write(memory.allocation)
         memory.detection.n_vehicle, memory.detection.joints.count = robot.n_vehicle, robot.n_joints
-        if laws.search is not None and laws.residual_filter is not None and laws.observer is not None:
-            memory.watched, bandwidth = True, derating.vehicle * float(laws.observer.bandwidth[0])
-            write_detection(memory.detection, robot, laws.search, laws.residual_filter, bandwidth=bandwidth, dt=laws.velocity.dt)
+        if (
+            laws.search is not None
+            and laws.residual_filter is not None
+            and laws.observer is not None
+        ):
+            memory.watched = True
+            bandwidth = derating.vehicle * float(laws.observer.bandwidth[0])
+            write_detection(
+                memory.detection,
+                robot,
+                laws.search,
+                laws.residual_filter,
+                bandwidth=bandwidth,
+                dt=laws.velocity.dt,
+            )
 
 
 @lru_cache(maxsize=8)
 def _sizes(laws: tick_functions.ForceLaws) -> dict[str, Any]:
     """Return the sizes and functions of a `ForceMemory`."""
     period = laws.velocity.dt * (laws.residual_filter.every if laws.residual_filter else 1)
-    symbolic, search = laws.velocity.dynamics, laws.search or ActuatorHealthTuning()
+    symbolic = laws.velocity.dynamics
+    search = laws.search or ActuatorHealthTuning()
     return {
         **detection_sizes(laws.robot, symbolic, search, period),
         **thrust_allocation.allocation_sizes(len(laws.robot.description.thrusters)),

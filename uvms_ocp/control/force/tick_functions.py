@@ -1,8 +1,9 @@
 """Smooth parts of a tick of the force layer: four CasADi functions on columns of numbers.
 
-`transfer_function` changes the bandwidth, `observe_function` finds the disturbance, `control_function` the force for the
-reference, and `command_function` the commands of thrusters and motors, with the allocation of thrust before it. The state of a
-tick goes in and comes out; nothing else is remembered.
+`transfer_function` changes the bandwidth, `observe_function` finds the disturbance,
+`control_function` the force for the reference, and `command_function` the commands of thrusters and
+motors, with the allocation of thrust before it. The state of a tick goes in and comes out; nothing
+else is remembered.
 """
 
 from __future__ import annotations
@@ -20,7 +21,12 @@ import numpy as np
 from uvms_ocp.codegen.casadi_code import with_numbers
 from uvms_ocp.codegen.elementwise import Array
 from uvms_ocp.codegen.kernel_layout import Layout, Sized, declared_sizes
-from uvms_ocp.control.faults.verdicts import ActuatorHealthTuning, FilteredCommands, ResidualFilter, ThrusterEffectiveness
+from uvms_ocp.control.faults.verdicts import (
+    ActuatorHealthTuning,
+    FilteredCommands,
+    ResidualFilter,
+    ThrusterEffectiveness,
+)
 from uvms_ocp.control.force.allocation import ThrusterLag
 from uvms_ocp.control.force.observer import ObserverLaw, ObserverState, limited
 from uvms_ocp.control.force.velocity_law import BandwidthDerating, VelocityLaw
@@ -66,7 +72,9 @@ class ForceInputs(Layout):
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class ForceState(Layout):
-    """State carried from tick to tick: all of it 0 before the first one, but the share, which is 1."""
+    """State carried from tick to tick: all of it 0 before the first one, but the share, which is
+    1.
+    """
 
     thrust: Annotated[Array, Sized("n_thrusters")]
     """(n_thrusters,) [N] modelled, of thrusters that all follow their commands."""
@@ -95,7 +103,9 @@ class ForceState(Layout):
     watch: Annotated[Array, Sized(1)]
     """(1,) a `MonitorStep`."""
     spent: Annotated[Array, Sized(1)]
-    """(1,) [J] electrical, of thrusters as modelled and of joints as asked; NaN where a thruster's power is not given."""
+    """(1,) [J] electrical, of thrusters as modelled and of joints as asked; NaN where a thruster's
+    power is not given.
+    """
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
@@ -119,7 +129,9 @@ class AllocatedThrust(Layout):
     thrust: Annotated[Array, Sized("n_thrusters")]
     """(n_thrusters,) [N]"""
     reached: Annotated[Array, Sized(6)]
-    """(6,) [N, N m] as far as the limits allow: what a dead zone holds back winds up until it is passed."""
+    """(6,) [N, N m] as far as the limits allow: what a dead zone holds back winds up until it is
+    passed.
+    """
     unreachable: Annotated[Array, Sized(6)]
     """(6,) [N, N m]"""
 
@@ -139,7 +151,9 @@ class ForceOutputs(Layout):
     unreachable: Annotated[Array, Sized(6)]
     """(6,) [N, N m] part of it that the thrusters cannot give."""
     push: Annotated[Array, Sized(1)]
-    """(1,) upward part of the disturbance, as a share of the largest lift of the thrusters; 0 where none lifts."""
+    """(1,) upward part of the disturbance, as a share of the largest lift of the thrusters; 0 where
+    none lifts.
+    """
 
 
 def column_sizes(robot: Robot) -> dict[str, int]:
@@ -154,8 +168,11 @@ def column_sizes(robot: Robot) -> dict[str, int]:
 
 
 def column_places(parts: type[Layout], sizes: Mapping[str, int]) -> dict[str, slice]:
-    """Return the slice of each part of a column, by name. As in memory, an empty part takes one number."""
-    places, at = {}, 0
+    """Return the slice of each part of a column, by name. As in memory, an empty part takes one
+    number.
+    """
+    places = {}
+    at = 0
     for name, size in declared_sizes(parts, sizes).items():
         places[name] = slice(at, at + size)
         at += max(1, size)
@@ -170,11 +187,15 @@ def parts_of(parts: type[Parts], sizes: Mapping[str, int], column: Array) -> Par
 def column_of(parts: Any) -> ca.SX:
     """Stack all parts, which are expressions, into one column."""
     columns = [getattr(parts, part.name) for part in fields(parts)]
-    return ca.densify(ca.vertcat(*(column if column.numel() else ca.SX(1, 1) for column in columns)))
+    return ca.densify(
+        ca.vertcat(*(column if column.numel() else ca.SX(1, 1) for column in columns))
+    )
 
 
 _EASE = 1.0  # [s] in which the bandwidth of the velocity loop changes
-_FULL = 0.95  # share, of the bandwidth that the sensors allow, that the observer needs for its findings to be judged
+# share, of the bandwidth that the sensors allow, that the observer needs for its findings to be
+# judged
+_FULL = 0.95
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
@@ -194,7 +215,9 @@ class ForceLaws:
     search: ActuatorHealthTuning | None = None
     """For faulty thrusters and joints, with what is taken in; `None` for none."""
     gains: ca.SX = field(default_factory=partial(ca.SX, 0, 1))
-    """Gains that are symbols, the last input of functions that are made of these laws; none where all are numbers."""
+    """Gains that are symbols, the last input of functions that are made of these laws; none where
+    all are numbers.
+    """
 
     @property
     def sizes(self) -> dict[str, int]:
@@ -209,33 +232,64 @@ class ForceLaws:
 
 def with_gains(make: Callable[[ForceLaws], ca.Function], laws: ForceLaws) -> ca.Function:
     """The function that `make` makes of the laws, whose code is the same for all gains."""
-    velocity, observer, values = laws.velocity, copy(laws.observer), [laws.velocity.K_p, laws.velocity.reset]
+    velocity = laws.velocity
+    observer = copy(laws.observer)
+    values = [laws.velocity.K_p, laws.velocity.reset]
     values += [] if observer is None else [observer.bandwidth]
     gains = ca.SX.sym("gains", laws.robot.n_v, len(values))
     K_p, reset, *bandwidth = ca.horzsplit(gains)
     if bandwidth:
         object.__setattr__(observer, "bandwidth", bandwidth[0])
-    symbolic = replace(laws, velocity=replace(velocity, K_p=K_p, reset=reset), observer=observer, gains=ca.vec(gains))
+    symbolic = replace(
+        laws,
+        velocity=replace(velocity, K_p=K_p, reset=reset),
+        observer=observer,
+        gains=ca.vec(gains),
+    )
     return with_numbers(make(symbolic), np.concatenate(values).tolist())
 
 
 def transfer_function(laws: ForceLaws) -> ca.Function:
-    """Make ``inputs, state -> transferred``: shares of the bandwidth a tick nearer to what is asked, without a bump."""
+    """Make ``inputs, state -> transferred``: shares of the bandwidth a tick nearer to what is
+    asked, without a bump.
+    """
     x, (inputs, state) = _symbols(laws, inputs=ForceInputs, state=ForceState)
     gain = min(1.0, laws.velocity.dt / _EASE)
-    share = state.share + gain * (_by_part(laws, inputs.feedback, inputs.joint_feedback) - state.share)
-    integral = laws.velocity.bumpless(inputs.q, inputs.reference, state.integral, share, state.share)
+    share = state.share + gain * (
+        _by_part(laws, inputs.feedback, inputs.joint_feedback) - state.share
+    )
+    integral = laws.velocity.bumpless(
+        inputs.q, inputs.reference, state.integral, share, state.share
+    )
     transferred = column_of(replace(state, share=share, integral=integral))
-    return ca.Function("transfer", list(x.values()), [ca.cse(transferred)], list(x), ["transferred"])
+    return ca.Function(
+        "transfer", list(x.values()), [ca.cse(transferred)], list(x), ["transferred"]
+    )
 
 
 def observe_function(laws: ForceLaws) -> ca.Function:
-    """Make ``inputs, effectiveness, state -> observed``: the state after the observer, before this tick's commands."""
-    x, (inputs, effectiveness, state) = _symbols(laws, inputs=ForceInputs, effectiveness=ThrusterEffectiveness, state=ForceState)
-    observed = replace(state, integral=_by_part(laws, ca.if_else(inputs.stop, 0.0, state.integral), state.integral))
-    observed = observed if laws.observer is None else _observed(laws, laws.observer, inputs, effectiveness, observed)
-    observed = observed if laws.residual_filter is None else _taken_in(laws, laws.residual_filter, inputs, observed)
-    return ca.Function("observe", list(x.values()), [ca.cse(column_of(observed))], list(x), ["observed"])
+    """Make ``inputs, effectiveness, state -> observed``: the state after the observer, before this
+    tick's commands.
+    """
+    x, (inputs, effectiveness, state) = _symbols(
+        laws, inputs=ForceInputs, effectiveness=ThrusterEffectiveness, state=ForceState
+    )
+    observed = replace(
+        state, integral=_by_part(laws, ca.if_else(inputs.stop, 0.0, state.integral), state.integral)
+    )
+    observed = (
+        observed
+        if laws.observer is None
+        else _observed(laws, laws.observer, inputs, effectiveness, observed)
+    )
+    observed = (
+        observed
+        if laws.residual_filter is None
+        else _taken_in(laws, laws.residual_filter, inputs, observed)
+    )
+    return ca.Function(
+        "observe", list(x.values()), [ca.cse(column_of(observed))], list(x), ["observed"]
+    )
 
 
 def control_function(laws: ForceLaws) -> ca.Function:
@@ -243,11 +297,21 @@ def control_function(laws: ForceLaws) -> ca.Function:
     x, (inputs, observed) = _symbols(laws, inputs=ForceInputs, observed=ForceState)
     trusted = _by_part(laws, 1.0 - inputs.hold, inputs.joints)
     error = ca.if_else(trusted, inputs.reference - inputs.v, 0.0)
-    before = ca.if_else(_by_part(laws, ca.SX(1.0), inputs.joints), observed.before, inputs.reference)  # brakes stop at once
+    before = ca.if_else(
+        _by_part(laws, ca.SX(1.0), inputs.joints), observed.before, inputs.reference
+    )  # brakes stop at once
     motions, measured = map(symbolic_bodies.sparse, thrusters.free_motions(laws.robot))
-    error, before = error - motions @ (measured @ error), before + motions @ (measured @ (inputs.reference - before))
-    tau = laws.velocity.force(inputs.q, inputs.reference, before, error, observed.integral, observed.share) - observed.estimate
-    if motions.shape[1]:  # they are as all other forces have it, and what that takes of driven axes is fed forward
+    error = error - motions @ (measured @ error)
+    before = before + motions @ (measured @ (inputs.reference - before))
+    tau = (
+        laws.velocity.force(
+            inputs.q, inputs.reference, before, error, observed.integral, observed.share
+        )
+        - observed.estimate
+    )
+    if motions.shape[
+        1
+    ]:  # they are as all other forces have it, and what that takes of driven axes is fed forward
         moved = laws.velocity.dynamics.mass_matrix(inputs.q) @ motions
         tau -= moved @ ca.solve(motions.T @ moved, motions.T @ tau)
     force = _by_part(laws, ca.if_else(inputs.stop, 0.0, tau), tau)
@@ -258,20 +322,30 @@ def control_function(laws: ForceLaws) -> ca.Function:
         wrench=ca.vertcat(force[:n, :], ca.SX.zeros(6 - n)),
         torque=limited(force[n:, :], laws.robot.limits.effort),
     )
-    return ca.Function("control", list(x.values()), [ca.cse(column_of(desired))], list(x), ["desired"])
+    return ca.Function(
+        "control", list(x.values()), [ca.cse(column_of(desired))], list(x), ["desired"]
+    )
 
 
 def command_function(laws: ForceLaws) -> ca.Function:
-    """Make ``inputs, effectiveness, observed, desired, allocated -> state, outputs``, with the state of the next tick."""
+    """Make ``inputs, effectiveness, observed, desired, allocated -> state, outputs``, with the
+    state of the next tick.
+    """
     kinds: dict[str, type[Any]] = {"inputs": ForceInputs, "effectiveness": ThrusterEffectiveness}
     kinds |= {"observed": ForceState, "desired": DesiredForce, "allocated": AllocatedThrust}
     x, (inputs, effectiveness, observed, desired, allocated) = _symbols(laws, **kinds)
     n = laws.robot.n_vehicle
     reached = ca.vertcat(allocated.reached[:n], desired.torque)
-    command = laws.lag.command(observed.thrust, effectiveness.asked(allocated.thrust), 1.0 - inputs.stop)
+    command = laws.lag.command(
+        observed.thrust, effectiveness.asked(allocated.thrust), 1.0 - inputs.stop
+    )
     thrust = laws.lag.after(observed.thrust, command)
-    power = thrusters.electrical_power((observed.thrust + thrust) / 2.0, *thrusters.power_law(laws.robot))
-    drives = thrusters.joint_power(desired.torque, inputs.reference[n:, :], laws.robot.description.joint_efficiency)
+    power = thrusters.electrical_power(
+        (observed.thrust + thrust) / 2.0, *thrusters.power_law(laws.robot)
+    )
+    drives = thrusters.joint_power(
+        desired.torque, inputs.reference[n:, :], laws.robot.description.joint_efficiency
+    )
     state = replace(
         observed,
         thrust=thrust,
@@ -286,18 +360,37 @@ def command_function(laws: ForceLaws) -> ca.Function:
         disturbance=observed.estimate,
         vehicle_force=desired.force[:n, :],
         unreachable=allocated.unreachable,
-        push=ca.dot(_up(inputs.q), observed.estimate[:3]) / laws.lift if n and laws.lift > 0.0 else ca.SX(1, 1),
+        push=ca.dot(_up(inputs.q), observed.estimate[:3]) / laws.lift
+        if n and laws.lift > 0.0
+        else ca.SX(1, 1),
     )
-    return ca.Function("command", list(x.values()), [column_of(state), column_of(outputs)], list(x), ["state", "outputs"])
+    return ca.Function(
+        "command",
+        list(x.values()),
+        [column_of(state), column_of(outputs)],
+        list(x),
+        ["state", "outputs"],
+    )
 
 
 def _observed(
-    laws: ForceLaws, law: ObserverLaw, inputs: ForceInputs, effectiveness: ThrusterEffectiveness, observed: ForceState
+    laws: ForceLaws,
+    law: ObserverLaw,
+    inputs: ForceInputs,
+    effectiveness: ThrusterEffectiveness,
+    observed: ForceState,
 ) -> ForceState:
-    """Update the observer; where the velocity is not trusted, keep the estimate, or zero it where the robot is stopped."""
+    """Update the observer; where the velocity is not trusted, keep the estimate, or zero it where
+    the robot is stopped.
+    """
     wrench = ca.mtimes(laws.matrix, effectiveness.given(observed.thrust))
     force = ca.vertcat(wrench[: laws.robot.n_vehicle], observed.torque)
-    before = ObserverState(estimate=observed.estimate, lead=observed.lead, v_hat=observed.v_hat, follows=observed.follows)
+    before = ObserverState(
+        estimate=observed.estimate,
+        lead=observed.lead,
+        v_hat=observed.v_hat,
+        follows=observed.follows,
+    )
     found = law.after(before, laws.velocity.dynamics, inputs.q, inputs.v, force, observed.share)
     held = partial(ca.if_else, inputs.hold)
     return replace(
@@ -309,10 +402,16 @@ def _observed(
     )
 
 
-def _taken_in(laws: ForceLaws, residual_filter: ResidualFilter, inputs: ForceInputs, observed: ForceState) -> ForceState:
-    """Filter the commands for the monitor while everything is fed back with nearly the full bandwidth."""
+def _taken_in(
+    laws: ForceLaws, residual_filter: ResidualFilter, inputs: ForceInputs, observed: ForceState
+) -> ForceState:
+    """Filter the commands for the monitor while everything is fed back with nearly the full
+    bandwidth.
+    """
     joints = inputs.joints if laws.robot.n_joints else 1.0
-    watches = ca.logic_and(ca.logic_and(1.0 - inputs.hold, joints), observed.share[0] >= _FULL * laws.derating.vehicle)
+    watches = ca.logic_and(
+        ca.logic_and(1.0 - inputs.hold, joints), observed.share[0] >= _FULL * laws.derating.vehicle
+    )
     before = FilteredCommands(thrust=observed.asked, way=observed.way, ticks=observed.ticks)
     after = residual_filter.after(before, observed.thrust, observed.before)
     when = partial(ca.if_else, watches)
@@ -328,9 +427,12 @@ def _taken_in(laws: ForceLaws, residual_filter: ResidualFilter, inputs: ForceInp
 
 def _symbols(laws: ForceLaws, **kinds: type[Any]) -> tuple[dict[str, ca.SX], tuple[Any, ...]]:
     """Return symbolic columns by name, and the parts of each."""
-    columns, parts = {}, []
+    columns = {}
+    parts = []
     for name, kind in kinds.items():
-        columns[name] = ca.SX.sym(name, sum(max(1, size) for size in declared_sizes(kind, laws.sizes).values()))
+        columns[name] = ca.SX.sym(
+            name, sum(max(1, size) for size in declared_sizes(kind, laws.sizes).values())
+        )
         parts.append(parts_of(kind, laws.sizes, columns[name]))
     if laws.gains.numel():
         columns["gains"] = laws.gains
@@ -338,10 +440,16 @@ def _symbols(laws: ForceLaws, **kinds: type[Any]) -> tuple[dict[str, ca.SX], tup
 
 
 def _by_part(laws: ForceLaws, vehicle: ca.SX, joints: ca.SX) -> ca.SX:
-    """Join values of the vehicle's axes and of the joints to (n_v,); either may be one number for all."""
+    """Join values of the vehicle's axes and of the joints to (n_v,); either may be one number for
+    all.
+    """
     n_v, n = laws.robot.n_v, laws.robot.n_vehicle
-    vehicle, joints = (ca.repmat(part, n_v) if part.is_scalar() else part for part in (vehicle, joints))
-    return ca.vertcat(vehicle[:n, :], joints[n:, :])  # one entry, sliced without its other axis, would become a row
+    vehicle, joints = (
+        ca.repmat(part, n_v) if part.is_scalar() else part for part in (vehicle, joints)
+    )
+    return ca.vertcat(
+        vehicle[:n, :], joints[n:, :]
+    )  # one entry, sliced without its other axis, would become a row
 
 
 def _up(q: ca.SX) -> ca.SX:

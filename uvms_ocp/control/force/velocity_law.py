@@ -1,4 +1,6 @@
-"""Velocity law: model-based feed-forward and PI with anti-windup, and the derating of its bandwidth for dead time."""
+"""Velocity law: model-based feed-forward and PI with anti-windup, and the derating of its bandwidth
+for dead time.
+"""
 
 from __future__ import annotations
 
@@ -14,18 +16,23 @@ from uvms_ocp.robot.signals import SensorSpec, SensorSpecs
 from uvms_ocp.robot.symbolic_dynamics import SymbolicDynamics
 
 _MOST_DEAD = 0.2
-"""bandwidth times dead time: with observer and estimator in the loop, that of Case 1 holds at 0.2 and breaks at 0.3."""
+"""bandwidth times dead time: with observer and estimator in the loop, that of Case 1 holds at 0.2
+and breaks at 0.3.
+"""
 _NOTHING = 1e-12  # stiffness that counts as none
 CONTROLLER_DEAD_TIME = 1.5
-"""control periods of dead time beside that of the sensors: half a one, as commands are held, and one that nobody told of."""
+"""control periods of dead time beside that of the sensors: half a one, as commands are held, and
+one that nobody told of.
+"""
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class VelocityLaw:
     """``tau = M (a_ref + K_p (e + i)) + D i + h(q, v_ref)`` with ``i = reset * int e``.
 
-    D in the integral part: without it, axes with much drag are left with a slow tail. Drag in h is that of the
-    reference: fed back from the measured velocity it destabilises the loop wherever the model has too much of it.
+    D in the integral part: without it, axes with much drag are left with a slow tail. Drag in h is
+    that of the reference: fed back from the measured velocity it destabilises the loop wherever the
+    model has too much of it.
     """
 
     dynamics: SymbolicDynamics
@@ -36,10 +43,14 @@ class VelocityLaw:
     dt: float
     """[s]"""
 
-    def force(self, q: ca.SX, v: ca.SX, before: ca.SX, error: ca.SX, integral: ca.SX, share: ca.SX) -> ca.SX:
-        """Generalized force (n_v,) [N, N m] at q (n_q,) [m, rad] for the reference v (n_v,) [m/s, rad/s], which was `before`.
+    def force(
+        self, q: ca.SX, v: ca.SX, before: ca.SX, error: ca.SX, integral: ca.SX, share: ca.SX
+    ) -> ca.SX:
+        """Generalized force (n_v,) [N, N m] at q (n_q,) [m, rad] for the reference v (n_v,) [m/s,
+        rad/s], which was `before`.
 
-        error (n_v,) [m/s, rad/s] of the velocity, integral (n_v,) [m, rad] of it; share (n_v,) of the bandwidth.
+        error (n_v,) [m/s, rad/s] of the velocity, integral (n_v,) [m, rad] of it; share (n_v,) of
+        the bandwidth.
         """
         still = ca.SX(3, len(self.dynamics.links))
         lasting = share * self.reset * integral
@@ -48,19 +59,24 @@ class VelocityLaw:
         return self.dynamics.inverse_dynamics(q, v, a, still, still) + ca.mtimes(damping, lasting)
 
     def bumpless(self, q: ca.SX, v: ca.SX, integral: ca.SX, share: ca.SX, before: ca.SX) -> ca.SX:
-        """Bumpless transfer: the integral (n_v,) [m, rad] that each axis keeps its lasting force with at another share.
+        """Bumpless transfer: the integral (n_v,) [m, rad] that each axis keeps its lasting force
+        with at another share.
 
         q, v and share as in `force`; before (n_v,): the share so far.
         """
         damping = self.dynamics.damping_matrix(q, v, ca.SX(3, len(self.dynamics.links)))
         drag = ca.diag(damping) / ca.diag(self.dynamics.mass_matrix(q))
-        stiffness, stiffness_before = (part * (part * self.K_p + drag) + _NOTHING for part in (share, before))
+        stiffness, stiffness_before = (
+            part * (part * self.K_p + drag) + _NOTHING for part in (share, before)
+        )
         return integral * stiffness_before / stiffness
 
     def integrated(self, integral: ca.SX, error: ca.SX, wanted: ca.SX, reached: ca.SX) -> ca.SX:
-        """The integral (n_v,) [m, rad] a tick later; error (n_v,) [m/s, rad/s], forces (n_v,) [N, N m].
+        """The integral (n_v,) [m, rad] a tick later; error (n_v,) [m/s, rad/s], forces (n_v,) [N, N
+        m].
 
-        Conditional integration: an axis whose force falls short does not wind up further in that direction.
+        Conditional integration: an axis whose force falls short does not wind up further in that
+        direction.
         """
         short = wanted - reached
         winding = ca.logic_and(ca.fabs(short) > 1e-6 * (1 + ca.fabs(wanted)), short * error > 0)
@@ -90,48 +106,70 @@ class BandwidthDerating:
 
 
 def dead_times(specs: SensorSpecs) -> DeadTimes:
-    """Dead times of the fastest velocity sensors; fixes give the linear one where there is no DVL."""
+    """Dead times of the fastest velocity sensors; fixes give the linear one where there is no
+    DVL.
+    """
     linear = _soonest(specs.linear_velocity or specs.position)
     turning = _soonest(specs.angular_velocity, specs.attitude)
     joints = _soonest(specs.joint_velocities, specs.joint_positions)
     return DeadTimes(vehicle=max(linear, turning), turning=turning, joints=joints)
 
 
-def bandwidth_derating(late: DeadTimes, *, vehicle: float, joints: float, dt: float) -> BandwidthDerating:
-    """Compute the derating of loops with bandwidths vehicle [1/s] and joints [1/s], closed once in dt [s]."""
-    shares = (_share(vehicle, late.vehicle + CONTROLLER_DEAD_TIME * dt), _share(joints, late.joints + CONTROLLER_DEAD_TIME * dt))
+def bandwidth_derating(
+    late: DeadTimes, *, vehicle: float, joints: float, dt: float
+) -> BandwidthDerating:
+    """Compute the derating of loops with bandwidths vehicle [1/s] and joints [1/s], closed once in
+    dt [s].
+    """
+    shares = (
+        _share(vehicle, late.vehicle + CONTROLLER_DEAD_TIME * dt),
+        _share(joints, late.joints + CONTROLLER_DEAD_TIME * dt),
+    )
     return BandwidthDerating(vehicle=shares[0], joints=shares[1], joints_late=late.joints)
 
 
-def largest_dead_time(stiffness: np.ndarray, *, bandwidth: float, reset: float, observer: float) -> float:
-    """Dead time [s] from which loops swing that carry weight and buoyancy of a late configuration; inf where they never do.
+def largest_dead_time(
+    stiffness: np.ndarray, *, bandwidth: float, reset: float, observer: float
+) -> float:
+    """Dead time [s] from which loops swing that carry weight and buoyancy of a late configuration;
+    inf where they never do.
 
-    stiffness (n, n) [1/s2]: ``M^-1 dg/dq`` of the axes that are late. bandwidth, reset [1/s] and observer [rad/s]: of them.
-    Prediction at the last known velocity misses what has accelerated since, so that an axis that would fall with exp(p t) is
-    no longer caught from about ``p T = 1.3`` on, and one that would swing with w is driven from about ``w T = 1.9`` on.
+    stiffness (n, n) [1/s2]: ``M^-1 dg/dq`` of the axes that are late. bandwidth, reset [1/s] and
+    observer [rad/s]: of them. Prediction at the last known velocity misses what has accelerated
+    since, so that an axis that would fall with exp(p t) is no longer caught from about ``p T =
+    1.3`` on, and one that would swing with w is driven from about ``w T = 1.9`` on.
     """
     most = np.linalg.eigvals(stiffness).real
-    falling, swinging = _stiffness_limits(*((reset / bandwidth, observer / bandwidth) if bandwidth else (0.0, 0.0)))
+    falling, swinging = _stiffness_limits(
+        *((reset / bandwidth, observer / bandwidth) if bandwidth else (0.0, 0.0))
+    )
     steepest = max(most.min(initial=0.0) / falling, most.max(initial=0.0) / swinging)
     return 1.0 / math.sqrt(steepest) if steepest > 0.0 else math.inf
 
 
 @lru_cache(maxsize=8)
 def _stiffness_limits(reset: float, observer: float) -> tuple[float, float]:
-    """Least (< 0) and largest (> 0) stiffness, times the dead time squared, with all the bandwidth k that is borne.
+    """Least (< 0) and largest (> 0) stiffness, times the dead time squared, with all the bandwidth
+    k that is borne.
 
-    reset and observer: shares of the bandwidth. With z = s T and Q = (w / (z + w))^2 of the observer, the loop is
-    ``(1 - Q) (z^2 + mu (1 - (1 + z) e^-z)) + (k (1 + r / z) + Q z) z e^-z = 0``: on its border z is imaginary and mu is real.
-    Where there is no border below zero, nothing that falls is caught.
+    reset and observer: shares of the bandwidth. With z = s T and Q = (w / (z + w))^2 of the
+    observer, the loop is ``(1 - Q) (z^2 + mu (1 - (1 + z) e^-z)) + (k (1 + r / z) + Q z) z e^-z =
+    0``: on its border z is imaginary and mu is real. Where there is no border below zero, nothing
+    that falls is caught.
     """
     z = 1j * np.linspace(1e-2, 2 * np.pi, 20_000)
-    k, r, w, late = _MOST_DEAD, _MOST_DEAD * reset, _MOST_DEAD * observer, np.exp(-z)
+    k = _MOST_DEAD
+    r = _MOST_DEAD * reset
+    w = _MOST_DEAD * observer
+    late = np.exp(-z)
     rest = 1 - (w / (z + w)) ** 2
     feedback = (k * (1 + r / z) + (1 - rest) * z) * z * late
     mu = -(z**2 + feedback / rest) / (1 - (1 + z) * late)
     border = mu.real[:-1][np.diff(np.sign(mu.imag)) != 0]
     falling, swinging = border[border < 0], border[border > 0]
-    return float(falling.max()) if len(falling) else -_NOTHING, float(swinging.min(initial=math.inf))
+    return float(falling.max()) if len(falling) else -_NOTHING, float(
+        swinging.min(initial=math.inf)
+    )
 
 
 def _soonest(*specs: SensorSpec | None) -> float:

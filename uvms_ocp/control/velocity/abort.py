@@ -53,7 +53,9 @@ def aim_ascent(m: AscentMemory, q: Vector, floor: float) -> None:
         m.goal[i] = 0.0
     m.goal[0] = m.place[0]
     m.goal[1] = m.place[1]
-    m.goal[2] = max(m.place[2], floor + m.altitude) if math.isfinite(floor) else m.place[2] + m.altitude
+    m.goal[2] = (
+        max(m.place[2], floor + m.altitude) if math.isfinite(floor) else m.place[2] + m.altitude
+    )
     m.goal[3] = math.cos(yaw)
     m.goal[4] = math.sin(yaw)
     m.goal[6] = -m.goal[4]
@@ -62,12 +64,16 @@ def aim_ascent(m: AscentMemory, q: Vector, floor: float) -> None:
 
 
 def ascent_sizes(robot: Robot, mission: Mission, altimeter: str | None) -> dict[str, ca.Function]:
-    """Return the sizes of an `AscentMemory`, and what tells how low the robot is; nothing ascends without an abort phase.
+    """Return the sizes of an `AscentMemory`, and what tells how low the robot is; nothing ascends
+    without an abort phase.
 
     altimeter: its frame.
     """
     frame = None if mission.abort is None else mission.ascent_frame
-    return {"pose": _climb_frame(robot, frame), "lowest": lowest_point(robot, fallbacks.UNSEEN_SLOPE, altimeter)}
+    return {
+        "pose": _climb_frame(robot, frame),
+        "lowest": lowest_point(robot, fallbacks.UNSEEN_SLOPE, altimeter),
+    }
 
 
 @lru_cache(maxsize=8)
@@ -77,7 +83,9 @@ def _climb_frame(robot: Robot, frame: str | None) -> ca.Function:
     R_WF, p_WF = ca.SX.eye(3), ca.SX.zeros(3)
     if frame is not None:
         R_WF, p_WF = SymbolicModel(robot.model).forward_kinematics(q).pose(frame)
-    return ca.Function("climb_frame", [q], [ca.densify(p_WF), ca.densify(ca.vec(R_WF))], {"cse": True})
+    return ca.Function(
+        "climb_frame", [q], [ca.densify(p_WF), ca.densify(ca.vec(R_WF))], {"cse": True}
+    )
 
 
 def ascent_goal(memory: AscentMemory) -> pin.SE3:
@@ -102,7 +110,9 @@ class ActuationFeedback:
     at_limits: str = ""
     """Thrusters that were at their limits when they last did."""
     push: float = 0.0
-    """Upward force on the vehicle that the model does not know, as a share of the largest of the thrusters."""
+    """Upward force on the vehicle that the model does not know, as a share of the largest of the
+    thrusters.
+    """
     spent: float = 0.0
     """[J] Electrical energy used so far; NaN where it is not known."""
     fault: str = ""
@@ -129,7 +139,9 @@ class AbortReason(IntEnum):
 
 
 class AbortMemory(Layout):
-    """Memory of the abort monitor: its thresholds, the feedback of the force layer, and since when [s] each holds."""
+    """Memory of the abort monitor: its thresholds, the feedback of the force layer, and since when
+    [s] each holds.
+    """
 
     aborts: bool
     """There is an abort phase."""
@@ -177,24 +189,42 @@ class AbortMemory(Layout):
     began: float
     """[s] start of the phase that `best` belongs to."""
     best: Annotated[Vector, Sized("n_quantities")]
-    """(n_quantities,) [unit of the quantity] the least that was missing to its limit in this phase."""
+    """(n_quantities,) [unit of the quantity] the least that was missing to its limit in this
+    phase.
+    """
 
 
 def abort_reason(
-    d: AbortMemory, m: MissionMemory, t: float, gates: Vector, quantities: Vector, hopeless: bool, ended: bool, clearance: float
+    d: AbortMemory,
+    m: MissionMemory,
+    t: float,
+    gates: Vector,
+    quantities: Vector,
+    hopeless: bool,
+    ended: bool,
+    clearance: float,
 ) -> int:
-    """Why the mission is to be given up at t [s], a `Why`. A kernel. clearance [m]: above the floor, NaN for unknown.
+    """Why the mission is to be given up at t [s], a `Why`. A kernel. clearance [m]: above the
+    floor, NaN for unknown.
 
-    gates, quantities [in their units], NaN where not known. hopeless: the thrust is cut, and somebody has judged why.
-    ended: by what the sensors told.
+    gates, quantities [in their units], NaN where not known. hopeless: the thrust is cut, and
+    somebody has judged why. ended: by what the sensors told.
     """
     d.pushed = d.aborts and d.push > d.contact and _is_high(d, gates)
     if not d.aborts:
         return AbortReason.FAULT if d.fault else AbortReason.NOTHING
     if m.given_up:
-        return AbortReason.LATE if t - m.since > d.time_limit else (AbortReason.HOPELESS if hopeless else AbortReason.NOTHING)
+        return (
+            AbortReason.LATE
+            if t - m.since > d.time_limit
+            else (AbortReason.HOPELESS if hopeless else AbortReason.NOTHING)
+        )
     if hopeless or ended or d.fault:
-        return AbortReason.HOPELESS if hopeless else (AbortReason.ENDED if ended else AbortReason.FAULT)
+        return (
+            AbortReason.HOPELESS
+            if hopeless
+            else (AbortReason.ENDED if ended else AbortReason.FAULT)
+        )
     d.sunk_since = _since(clearance < -d.sunk, d.sunk_since, t)
     if t - d.sunk_since > _SUNK_AFTER:
         return AbortReason.FLOOR
@@ -225,11 +255,15 @@ def _is_high(d: AbortMemory, gates: Vector) -> bool:
 
 
 def _runs_away(d: AbortMemory, m: MissionMemory, t: float, quantities: Vector) -> bool:
-    """Return whether an error that the phase waits for has grown for too long, and none fallen, at the thrusters' limits."""
-    grown, fallen = False, m.since != d.began or math.isnan(d.runaway_since)
+    """Return whether an error that the phase waits for has grown for too long, and none fallen, at
+    the thrusters' limits.
+    """
+    grown = False
+    fallen = m.since != d.began or math.isnan(d.runaway_since)
     for i in range(m.first[m.phase], m.end[m.phase]):
         for k in range(m.first_condition[i], m.end_condition[i]):
-            now, held = quantities[m.quantity[k]], d.held[m.quantity[k]]
+            now = quantities[m.quantity[k]]
+            held = d.held[m.quantity[k]]
             if m.below[k] != 0 and not now < m.limit[k]:
                 grown = grown or now > (1.0 + _GROWTH) * held
                 fallen = fallen or not now >= (1.0 - _PROGRESS) * held
@@ -247,7 +281,8 @@ def _runs_away(d: AbortMemory, m: MissionMemory, t: float, quantities: Vector) -
 
 
 def _progresses(d: AbortMemory, m: MissionMemory, quantities: Vector) -> bool:
-    """Return whether something that the phase waits for to fall has come nearer to its limit, or nothing is missing.
+    """Return whether something that the phase waits for to fall has come nearer to its limit, or
+    nothing is missing.
 
     A phase that time or energy alone ends, wherever that leads, does not stall.
     """
@@ -256,7 +291,8 @@ def _progresses(d: AbortMemory, m: MissionMemory, quantities: Vector) -> bool:
         d.stall_since = math.nan
         for i in range(len(d.best)):
             d.best[i] = math.inf
-    waiting, nearer = False, False
+    waiting = False
+    nearer = False
     for i in range(m.first[m.phase], m.end[m.phase]):
         timed = True
         for k in range(m.first_condition[i], m.end_condition[i]):
@@ -272,43 +308,85 @@ def _progresses(d: AbortMemory, m: MissionMemory, quantities: Vector) -> bool:
 
 
 class AbortMonitor:
-    """Why the mission is to be given up, asked at every tick. Remembers since when: build one per run."""
+    """Why the mission is to be given up, asked at every tick. Remembers since when: build one per
+    run.
+    """
 
     def __init__(self, mission: Mission, memory: AbortMemory) -> None:
         """memory: of the kernel, which is set up."""
-        self._mission, self._memory = mission, memory
+        self._mission = mission
+        self._memory = memory
         abort = mission.abort
         high = [isinstance(task, MinimumAltitude) for task in mission.hierarchy.tasks]
         assign(memory, aborts=abort is not None, began=-math.inf, high=high)
-        memory.sunk_since = memory.contact_since = memory.thrust_since = memory.stall_since = memory.runaway_since = math.nan
-        copied = ("time_limit", "stall_after", "thrust_after", "runaway_after", "contact", "contact_after", "sunk")
+        memory.sunk_since = memory.contact_since = memory.thrust_since = memory.stall_since = (
+            memory.runaway_since
+        ) = math.nan
+        copied = (
+            "time_limit",
+            "stall_after",
+            "thrust_after",
+            "runaway_after",
+            "contact",
+            "contact_after",
+            "sunk",
+        )
         assign(memory, **{name: getattr(abort, name) for name in copied if abort is not None})
 
     def on_actuation_feedback(self, feedback: ActuationFeedback) -> None:
         """Take over the feedback of the force layer."""
         memory = self._memory
-        memory.short, memory.push, memory.fault = feedback.short, feedback.push, bool(feedback.fault)
+        memory.short = feedback.short
+        memory.push = feedback.push
+        memory.fault = bool(feedback.fault)
         memory.spent = feedback.spent
 
-    def describe(self, why: AbortReason, tick: TickInputs, quantities: Mapping[str, float], feedback: ActuationFeedback) -> str:
-        """Describe the reason that the kernel found at a tick, from the quantities [in their units]."""
-        abort, less = self._mission.abort, tick.restriction
+    def describe(
+        self,
+        why: AbortReason,
+        tick: TickInputs,
+        quantities: Mapping[str, float],
+        feedback: ActuationFeedback,
+    ) -> str:
+        """Describe the reason that the kernel found at a tick, from the quantities [in their
+        units].
+        """
+        abort = self._mission.abort
+        less = tick.restriction
         if why is AbortReason.NOTHING or why is AbortReason.FAULT or abort is None:
             return feedback.fault if why is AbortReason.FAULT else ""
         lift = f"{100 * feedback.push:.0f} % of the thrusters' lift"
-        pending, which = self._mission.pending(tick.mission, quantities), f" ({feedback.at_limits})" * bool(feedback.at_limits)
+        pending = self._mission.pending(tick.mission, quantities)
+        which = f" ({feedback.at_limits})" * bool(feedback.at_limits)
         texts = {
-            AbortReason.CONTACT: f"contact or rising water: pushed up by {lift} for {abort.contact_after:g} s",
-            AbortReason.FLOOR: f"hull or arm {abort.sunk:g} m in the floor that the altimeter shows, or deeper",
+            AbortReason.CONTACT: (
+                f"contact or rising water: pushed up by {lift} for {abort.contact_after:g} s"
+            ),
+            AbortReason.FLOOR: (
+                f"hull or arm {abort.sunk:g} m in the floor that the altimeter shows, or deeper"
+            ),
             AbortReason.LATE: f"{abort.time_limit:g} s were not enough for it",
-            AbortReason.HOPELESS: (less.abort or degraded_modes.describe_channels(less.lost)) if tick.stopped else "",
+            AbortReason.HOPELESS: (
+                (less.abort or degraded_modes.describe_channels(less.lost)) if tick.stopped else ""
+            ),
             AbortReason.ENDED: less.abort,
-            AbortReason.RUNAWAY: f"runaway: {pending}, and farther than"
-            f" {abort.runaway_after:g} s ago, with thrusters at their limits{which}",
-            AbortReason.THRUST: f"thrust: the thrusters have been at their limits for {abort.thrust_after:g} s{which}",
+            AbortReason.RUNAWAY: (
+                f"runaway: {pending}, and farther than"
+                f" {abort.runaway_after:g} s ago, with thrusters at their limits{which}"
+            ),
+            AbortReason.THRUST: (
+                f"thrust: the thrusters have been at their limits for {abort.thrust_after:g}"
+                f" s{which}"
+            ),
         }
-        words = texts.get(why, f"stall: {pending}, no nearer for {abort.stall_after:g} s{_held_back(less.bad)}")
-        return f"{words}; {feedback.fault_summary}" if words and feedback.fault_summary not in words else words
+        words = texts.get(
+            why, f"stall: {pending}, no nearer for {abort.stall_after:g} s{_held_back(less.bad)}"
+        )
+        return (
+            f"{words}; {feedback.fault_summary}"
+            if words and feedback.fault_summary not in words
+            else words
+        )
 
 
 def _held_back(bad: Sequence[signals.ChannelHealth]) -> str:
@@ -319,4 +397,7 @@ def _held_back(bad: Sequence[signals.ChannelHealth]) -> str:
     if not whys:
         return ""
     causes = ", ".join(f"{why} ({', '.join(channels)})" for why, channels in whys.items())
-    return f"; sensors that are not good end no phase: {causes}; see to them, or to what the robot's file says of them"
+    return (
+        f"; sensors that are not good end no phase: {causes}; see to them, or to what the robot's"
+        " file says of them"
+    )

@@ -1,8 +1,10 @@
-"""Brake: the stop of the robot along a straight line of velocities, and lower speeds in degraded modes.
+"""Brake: the stop of the robot along a straight line of velocities, and lower speeds in degraded
+modes.
 
-All axes slow down in proportion, as fast as the first of them can: what glides along an obstacle goes on gliding along it until
-it stands, while axes that stop one after the other would swing into it. Lower speeds keep the direction, and so all priorities;
-neither changes a velocity by more than the acceleration limits allow.
+All axes slow down in proportion, as fast as the first of them can: what glides along an obstacle
+goes on gliding along it until it stands, while axes that stop one after the other would swing into
+it. Lower speeds keep the direction, and so all priorities; neither changes a velocity by more than
+the acceleration limits allow.
 """
 
 from __future__ import annotations
@@ -22,8 +24,8 @@ from uvms_ocp.tasks.activation import ENDLESS, stopping_speed
 
 # How a robot comes to rest: all axes slow down in proportion, as fast as the first of them can.
 #
-# What glides along an obstacle goes on gliding along it until it stands, while axes that stop one after the other would
-# swing into it.
+# What glides along an obstacle goes on gliding along it until it stands, while axes that stop one
+# after the other would swing into it.
 
 _AT_REST = 1e-12  # [s] to rest
 NONE = -1
@@ -31,7 +33,9 @@ NONE = -1
 
 
 class StopMemory(Layout):
-    """Where a robot is on its way to rest, and how far it may go before limits are to be looked at."""
+    """Where a robot is on its way to rest, and how far it may go before limits are to be looked
+    at.
+    """
 
     step: FunctionField
     """Q, v and the time to rest from it [s], to q one tick on and v then."""
@@ -62,7 +66,9 @@ class StopMemory(Layout):
 
 
 def time_to_rest(acceleration: Vector, v: Vector, n: int) -> float:
-    """[s] that the slowest of n axes needs to rest from v [m/s, rad/s] at its `acceleration` [m/s2, rad/s2]. A kernel."""
+    """[s] that the slowest of n axes needs to rest from v [m/s, rad/s] at its `acceleration` [m/s2,
+    rad/s2]. A kernel.
+    """
     time = 0.0
     for i in range(n):
         time = max(time, abs(v[i]) / acceleration[i])
@@ -93,7 +99,9 @@ def step_stop(m: StopMemory) -> None:
 
 
 def advance_stop(m: StopMemory) -> int:
-    """Ticks until a limit may be reached, which one that is, or `NONE` where the robot rests before. A kernel."""
+    """Ticks until a limit may be reached, which one that is, or `NONE` where the robot rests
+    before. A kernel.
+    """
     while True:
         for k in range(m.n_limits):
             if m.room[k] < 0.0:
@@ -102,7 +110,8 @@ def advance_stop(m: StopMemory) -> int:
             return NONE
         step_stop(m)
         for k in range(m.n_limits):
-            reach, way = m.reach[k], 0.0
+            reach = m.reach[k]
+            way = 0.0
             for i in range(len(m.v)):
                 way += reach[i] * abs(m.velocity[i])
             m.room[k] -= way * m.dt
@@ -123,28 +132,40 @@ def finite_acceleration(robot: Robot) -> np.ndarray:
 def _functions(robot: Robot, dt: float) -> tuple[ca.Function, ca.Function]:
     """Q, v, time to rest -> q one tick on, v then; and v alone, at q."""
     acceleration = finite_acceleration(robot)
-    q, v, time = ca.SX.sym("q", robot.n_q), ca.SX.sym("v", robot.n_v), ca.SX.sym("time")
+    q = ca.SX.sym("q", robot.n_q)
+    v = ca.SX.sym("v", robot.n_v)
+    time = ca.SX.sym("time")
     moved = ca.densify(SymbolicModel(robot.model).integrate(q, v * dt))
     step = [moved, _slower(robot, acceleration, dt, moved, v, time)]
     alone = [_slower(robot, acceleration, dt, q, v, time)]
-    return ca.Function("step_to_rest", [q, v, time], step, {"cse": True}), ca.Function("slower", [q, v, time], alone)
+    return ca.Function("step_to_rest", [q, v, time], step, {"cse": True}), ca.Function(
+        "slower", [q, v, time], alone
+    )
 
 
-def _slower(robot: Robot, acceleration: np.ndarray, dt: float, q: ca.SX, v: ca.SX, time: ca.SX) -> ca.SX:
-    """v one tick nearer to rest: in proportion, where no joint has to brake harder before its limit."""
+def _slower(
+    robot: Robot, acceleration: np.ndarray, dt: float, q: ca.SX, v: ca.SX, time: ca.SX
+) -> ca.SX:
+    """v one tick nearer to rest: in proportion, where no joint has to brake harder before its
+    limit.
+    """
     slower = ca.if_else(time > dt, v * (1.0 - dt / time), 0.0 * v)
     for joint, lower, upper in limits.bounded_joints(robot.joints, robot.limits):
         i, at = joint.idx_v, joint.position(q)
-        down, up = (stopping_speed(room, deceleration=acceleration[i], dt=dt) for room in (at - lower, upper - at))
+        down, up = (
+            stopping_speed(room, deceleration=acceleration[i], dt=dt)
+            for room in (at - lower, upper - at)
+        )
         slower[i] = ca.fmax(ca.fmin(slower[i], up), -down)
     reach = ca.DM(acceleration * dt)
     return ca.densify(ca.fmax(ca.fmin(slower, v + reach), v - reach))
 
 
-# Less than the hierarchy asks for: slower, no descent, the arm held; never by more than the acceleration limits allow.
+# Less than the hierarchy asks for: slower, no descent, the arm held; never by more than the
+# acceleration limits allow.
 #
-# Kernels. Slower keeps the direction, and so all priorities; joints that are held brake as fast as they can; what sinks is
-# lifted straight up.
+# Kernels. Slower keeps the direction, and so all priorities; joints that are held brake as fast as
+# they can; what sinks is lifted straight up.
 
 _ZERO_SPEED = 1e-12  # [m/s, rad/s]
 
@@ -161,11 +182,19 @@ class SpeedLimitMemory(Layout):
 
 
 def limit_speed(
-    m: SpeedLimitMemory, less: RestrictionMemory, beam: AltimeterMemory, q: Vector, previous: Vector, pace: float, v: Vector
+    m: SpeedLimitMemory,
+    less: RestrictionMemory,
+    beam: AltimeterMemory,
+    q: Vector,
+    previous: Vector,
+    pace: float,
+    v: Vector,
 ) -> float:
-    """Makes of the velocity v [m/s, rad/s] that is wanted the one for this tick, and returns the pace that it is at.
+    """Makes of the velocity v [m/s, rad/s] that is wanted the one for this tick, and returns the
+    pace that it is at.
 
-    q [m, rad]: now. previous [m/s, rad/s]: of the tick before, which was at `pace` of what was wanted then.
+    q [m, rad]: now. previous [m/s, rad/s]: of the tick before, which was at `pace` of what was
+    wanted then.
     """
     found = _pace(m, less.speed, v, previous, pace)
     for i in range(len(m.step)):
@@ -177,12 +206,18 @@ def limit_speed(
     return found
 
 
-def _pace(m: SpeedLimitMemory, speed: float, wanted: Vector, previous: Vector, pace: float) -> float:
-    """Approach the speed as far as the acceleration limits allow in this tick; they always allow to keep the pace."""
-    low, high = 0.0, 1.0
+def _pace(
+    m: SpeedLimitMemory, speed: float, wanted: Vector, previous: Vector, pace: float
+) -> float:
+    """Approach the speed as far as the acceleration limits allow in this tick; they always allow to
+    keep the pace.
+    """
+    low = 0.0
+    high = 1.0
     for i in range(len(m.step)):
         if abs(wanted[i]) > _ZERO_SPEED:
-            down, up = (previous[i] - m.step[i]) / wanted[i], (previous[i] + m.step[i]) / wanted[i]
+            down = (previous[i] - m.step[i]) / wanted[i]
+            up = (previous[i] + m.step[i]) / wanted[i]
             low = max(low, min(down, up))
             high = min(high, max(down, up))
     return min(max(speed, min(low, pace)), max(high, pace))
@@ -195,7 +230,10 @@ def _within(m: SpeedLimitMemory, v: Vector, previous: Vector) -> None:
 
 def _lift(beam: AltimeterMemory, q: Vector, v: Vector, n: int) -> None:
     """Neither vehicle nor altimeter sinks."""
-    x, y, z, w = q[3], q[4], q[5], q[6]
+    x = q[3]
+    y = q[4]
+    z = q[5]
+    w = q[6]
     up = zeros(3)
     up[0] = 2.0 * z * x - 2.0 * y * w
     up[1] = 2.0 * z * y + 2.0 * x * w

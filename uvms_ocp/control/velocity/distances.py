@@ -1,7 +1,8 @@
 """Distances of the pairs of shapes that come nearest on the way to rest, for tasks, as kernels.
 
-Distance and gradient are those of the place on the way where the pair is nearest: on a curved path, or with a face that turns,
-that is nearer than the gradient of here and now tells. The speed is the one whose stop just leaves the threshold.
+Distance and gradient are those of the place on the way where the pair is nearest: on a curved path,
+or with a face that turns, that is nearer than the gradient of here and now tells. The speed is the
+one whose stop just leaves the threshold.
 """
 
 from __future__ import annotations
@@ -11,7 +12,13 @@ from typing import Annotated
 
 from uvms_ocp.codegen.kernel_layout import CallbackField, FunctionField, Layout, Sized, Vector
 from uvms_ocp.control.velocity.braking import time_to_rest
-from uvms_ocp.robot.shapes.distance_kernels import DistanceMemory, distance_lower_bound, distance_of, pair_gradient, place_solids
+from uvms_ocp.robot.shapes.distance_kernels import (
+    DistanceMemory,
+    distance_lower_bound,
+    distance_of,
+    pair_gradient,
+    place_solids,
+)
 from uvms_ocp.tasks.task import FAR
 
 N_PLACES = 4
@@ -39,7 +46,9 @@ class PairsMemory(Layout):
     counts: Annotated[list[int], Sized("n_pairs")]
     """(n_pairs,) which are asked for."""
     value: Annotated[Vector, Sized("n_pairs")]
-    """(n_pairs,) [m] distances of those where they were asked for last, or what they are not below."""
+    """(n_pairs,) [m] distances of those where they were asked for last, or what they are not
+    below.
+    """
     lowest: Annotated[Vector, Sized("n_pairs")]
     """(n_pairs,) [m] smallest on the way; infinite of those that cannot come near."""
     bounded: Annotated[list[int], Sized("n_pairs")]
@@ -57,7 +66,9 @@ class PairsMemory(Layout):
 
 
 class NearestMemory(Layout):
-    """Nearest pairs of all tasks, and the stop along which they are measured: all axes slow down in proportion."""
+    """Nearest pairs of all tasks, and the stop along which they are measured: all axes slow down in
+    proportion.
+    """
 
     n_asking: int
     """Tasks that ask."""
@@ -76,7 +87,9 @@ class NearestMemory(Layout):
     way: Annotated[Vector, Sized("n_v")]
     """(n_v,) [m, rad] to a place."""
     ask: CallbackField
-    """The distances of `asked` at the place `at` of pairs that count; of those chosen whose worst it is the gradients."""
+    """The distances of `asked` at the place `at` of pairs that count; of those chosen whose worst
+    it is the gradients.
+    """
     asked: int
     """Index in `pairs`."""
     at: int
@@ -85,12 +98,16 @@ class NearestMemory(Layout):
     """Gradients are asked for, not distances."""
 
 
-def place_along_stop(m: NearestMemory, q: Vector, v: Vector, acceleration: Vector, dt: float) -> None:
-    """Places on the way to rest from q [m, rad] with v [m/s, rad/s], by `acceleration` [m/s2, rad/s2]. A kernel.
+def place_along_stop(
+    m: NearestMemory, q: Vector, v: Vector, acceleration: Vector, dt: float
+) -> None:
+    """Places on the way to rest from q [m, rad] with v [m/s, rad/s], by `acceleration` [m/s2,
+    rad/s2]. A kernel.
 
     dt [s]: of a tick, within which a robot rests; infinite: nothing but q is looked at.
     """
-    length, place = 0.5 * time_to_rest(acceleration, v, len(m.velocity)), m.place[0]
+    length = 0.5 * time_to_rest(acceleration, v, len(m.velocity))
+    place = m.place[0]
     m.moves = length >= dt
     place[:] = q
     m.velocity[:] = v
@@ -103,7 +120,9 @@ def place_along_stop(m: NearestMemory, q: Vector, v: Vector, acceleration: Vecto
 
 
 def measure_pairs(m: NearestMemory, k: int, values: Vector) -> None:
-    """Write the distances of a task into the parameters [their units] of all, as `NearestPairs.parameters`. A kernel."""
+    """Write the distances of a task into the parameters [their units] of all, as
+    `NearestPairs.parameters`. A kernel.
+    """
     p = m.pairs[k]
     m.asked = k
     _look_around(m, p)
@@ -127,7 +146,9 @@ def _look_around(m: NearestMemory, p: PairsMemory) -> None:
 
 
 def _look_at(m: NearestMemory, p: PairsMemory, place: int, limit: float) -> None:
-    """Distances at a place; of a pair that is beyond the limit [m] there, or was nearer before, a bound says as much."""
+    """Distances at a place; of a pair that is beyond the limit [m] there, or was nearer before, a
+    bound says as much.
+    """
     if not p.in_c:
         _ask_at(m, place, False)
         return
@@ -151,7 +172,9 @@ def _ask_at(m: NearestMemory, place: int, of_gradients: bool) -> None:
 
 
 def _choose_nearest(p: PairsMemory) -> None:
-    """The pairs of the smallest distances, in their order; where they stand, those are measured that only a bound is known of."""
+    """The pairs of the smallest distances, in their order; where they stand, those are measured
+    that only a bound is known of.
+    """
     for i in range(p.n_pairs):
         p.taken[i] = 0
     for row in range(p.n):
@@ -174,7 +197,8 @@ def _lowest_left(p: PairsMemory) -> int:
 
 def _follow_the_way(m: NearestMemory, p: PairsMemory) -> None:
     """The smallest distance of each pair that may become one of the nearest."""
-    limit, way = p.lowest[p.chosen[p.n - 1]], _approach(m, p)
+    limit = p.lowest[p.chosen[p.n - 1]]
+    way = _approach(m, p)
     for i in range(p.n_pairs):
         p.counts[i] = p.lowest[i] <= limit + way
         if p.counts[i] == 0 or p.bounded[i] != 0:
@@ -221,8 +245,11 @@ def _measure_gradients(m: NearestMemory, p: PairsMemory, place: int) -> None:
 
 
 def _write_row(m: NearestMemory, p: PairsMemory, row: int, values: Vector) -> None:
-    pair, gradient, speed = p.chosen[row], p.gradient[row], 0.0
-    closing, place = FAR, p.worst[p.chosen[row]]
+    pair = p.chosen[row]
+    gradient = p.gradient[row]
+    speed = 0.0
+    closing = FAR
+    place = p.worst[p.chosen[row]]
     for i in range(len(m.velocity)):
         speed += gradient[i] * m.velocity[i]
         values[p.first + 1 + 2 * p.n + i * p.n + row] = gradient[i]

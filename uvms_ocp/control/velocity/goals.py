@@ -1,4 +1,6 @@
-"""Parameters of all tasks at one tick: goals of the phase, moving goals as samples, and the distances that tasks ask for."""
+"""Parameters of all tasks at one tick: goals of the phase, moving goals as samples, and the
+distances that tasks ask for.
+"""
 
 from __future__ import annotations
 
@@ -12,7 +14,15 @@ from typing import Annotated, Any
 import casadi as ca
 import numpy as np
 
-from uvms_ocp.codegen.kernel_layout import CallbackBinding, Layout, Sized, Vector, doubles, structure_of, view
+from uvms_ocp.codegen.kernel_layout import (
+    CallbackBinding,
+    Layout,
+    Sized,
+    Vector,
+    doubles,
+    structure_of,
+    view,
+)
 from uvms_ocp.control.velocity.abort import AscentMemory
 from uvms_ocp.control.velocity.distances import NearestMemory, measure_pairs, place_along_stop
 from uvms_ocp.mission.mission import Mission, is_constant
@@ -24,7 +34,8 @@ from uvms_ocp.tasks.activation import ENDLESS
 from uvms_ocp.tasks.goals import EndingReference
 from uvms_ocp.tasks.task import NearestPairs, Task
 
-# Goals that move and come to rest, as samples: what a kernel can follow without the function that they came from.
+# Goals that move and come to rest, as samples: what a kernel can follow without the function that
+# they came from.
 
 _MOST = 20_000  # samples: 100 s at 200 Hz; a longer goal is asked at every tick
 
@@ -51,7 +62,9 @@ class TracksMemory(Layout):
     """(n_table,) [their units] the parameters of a sample after those of the one before."""
 
 
-def follow_tracks(m: TracksMemory, phase: int, of_phase: float, elapsed: float, values: Vector) -> None:
+def follow_tracks(
+    m: TracksMemory, phase: int, of_phase: float, elapsed: float, values: Vector
+) -> None:
     """The parameters [their units] of all tasks whose goal in a phase moves. A kernel.
 
     of_phase, elapsed: [s] since the start of the phase, and of the mission.
@@ -65,7 +78,8 @@ def _sample(m: TracksMemory, k: int, t: float, values: Vector) -> None:
     """Between two samples in proportion."""
     ticks = min(max(0.0, t / m.dt), float(m.last[k]))
     before = min(int(ticks), m.last[k] - 1)
-    share, at = ticks - before, m.first[k] + before * m.width[k]
+    share = ticks - before
+    at = m.first[k] + before * m.width[k]
     for i in range(m.width[k]):
         now, then = m.table[at + i], m.table[at + m.width[k] + i]
         values[m.place[k] + i] = now + share * (then - now)
@@ -89,7 +103,9 @@ def tracks_of(mission: Mission, dt: float) -> tuple[Track, ...]:
     """Sample all goals that move and rest in the end, every dt [s]."""
     found = []
     for phase in range(len(mission.all_phases)):
-        for index, (task, (reference, own)) in enumerate(zip(mission.tasks_of(phase), mission.references_of(phase), strict=True)):
+        for index, (task, (reference, own)) in enumerate(
+            zip(mission.tasks_of(phase), mission.references_of(phase), strict=True)
+        ):
             n = _length(task, dt)
             if n and not mission.has_ascent_goal(phase, index):
                 samples = np.array([reference(k * dt) for k in range(n + 1)])
@@ -100,36 +116,54 @@ def tracks_of(mission: Mission, dt: float) -> tuple[Track, ...]:
 def _length(task: Task, dt: float) -> int:
     """The first sample at which the goal of a task surely rests; 0 where its goal is no track."""
     goal = getattr(task, "goal", None)
-    if not (isinstance(goal, EndingReference) and task.follows_goal_alone and task.nearest_pairs is None):
+    if not (
+        isinstance(goal, EndingReference) and task.follows_goal_alone and task.nearest_pairs is None
+    ):
         return 0
     ticks = goal.end / dt if isinstance(goal.end, float) else math.inf
     return math.ceil(max(0.0, ticks)) + 1 if ticks < _MOST else 0
 
 
 def track_sizes(tracks: Sequence[Track]) -> dict[str, int]:
-    """Return the sizes of a `TracksMemory`. Tables of nearly one size have the same, so that few are compiled."""
+    """Return the sizes of a `TracksMemory`. Tables of nearly one size have the same, so that few
+    are compiled.
+    """
     n = sum(track.samples.size for track in tracks)
     return {"n_tracks": len(tracks), "n_table": 1 << (n - 1).bit_length() if n else 0}
 
 
-def write_tracks(memory: TracksMemory, tracks: Sequence[Track], places: Sequence[slice], dt: float) -> None:
-    """Into a `TracksMemory`. places: of the tasks among the parameters of all; dt [s]: between samples."""
+def write_tracks(
+    memory: TracksMemory, tracks: Sequence[Track], places: Sequence[slice], dt: float
+) -> None:
+    """Into a `TracksMemory`. places: of the tasks among the parameters of all; dt [s]: between
+    samples.
+    """
     memory.dt, memory.n_tracks, table = dt, len(tracks), view(memory.table)
-    for k, (track, end) in enumerate(zip(tracks, accumulate(track.samples.size for track in tracks), strict=True)):
-        memory.phase[k], memory.of_phase[k], memory.place[k] = track.phase, track.of_phase, places[track.task].start
+    for k, (track, end) in enumerate(
+        zip(tracks, accumulate(track.samples.size for track in tracks), strict=True)
+    ):
+        memory.phase[k], memory.of_phase[k], memory.place[k] = (
+            track.phase,
+            track.of_phase,
+            places[track.task].start,
+        )
         memory.last[k], memory.width[k] = len(track.samples) - 1, track.samples.shape[1]
         memory.first[k] = end - track.samples.size
         table[memory.first[k] : end] = track.samples.ravel()
 
 
-# Parameters of tasks at one tick: their references, ending with the distances that some of them ask for.
+# Parameters of tasks at one tick: their references, ending with the distances that some of them ask
+# for.
 #
-# A task on distances asks for `uvms_ocp.tasks.task.NearestPairs`; they are measured here, on the way to rest. Goals that
-# are still are in memory, for a kernel to take; those that move are asked at every tick.
+# A task on distances asks for `uvms_ocp.tasks.task.NearestPairs`; they are measured here, on the
+# way to rest. Goals that are still are in memory, for a kernel to take; those that move are asked
+# at every tick.
 
 
 class GoalsMemory(Layout):
-    """Parameters of all tasks, one after the other, and those that they have in each phase while nothing moves or is near."""
+    """Parameters of all tasks, one after the other, and those that they have in each phase while
+    nothing moves or is near.
+    """
 
     of_phase: Annotated[list[Vector], Sized("n_phases", "n_parameters")]
     """(n_phases, n_parameters) [their units]"""
@@ -142,7 +176,9 @@ class GoalsMemory(Layout):
 
 
 def load_goals(g: GoalsMemory, m: MissionMemory, ascent: AscentMemory, t: float) -> None:
-    """Load the goals of the phase at t [s]; the abort phase ascends to where its beginning aimed. A kernel."""
+    """Load the goals of the phase at t [s]; the abort phase ascends to where its beginning aimed. A
+    kernel.
+    """
     goals = g.of_phase[m.phase]
     g.values[:] = goals
     follow_tracks(g.tracks, m.phase, t - m.since, t - m.began, g.values)
@@ -166,11 +202,16 @@ class _Asked:
 
 
 class MissionParameters:
-    """Goals of all tasks in a `GoalsMemory`: those that its kernel cannot evaluate are asked of the tasks, tick by tick."""
+    """Goals of all tasks in a `GoalsMemory`: those that its kernel cannot evaluate are asked of the
+    tasks, tick by tick.
+    """
 
-    def __init__(self, mission: Mission, memory: GoalsMemory, tracks: Sequence[Track], dt: float) -> None:
+    def __init__(
+        self, mission: Mission, memory: GoalsMemory, tracks: Sequence[Track], dt: float
+    ) -> None:
         """memory: a `GoalsMemory`, which is set up. tracks: those of the mission, every dt [s]."""
-        self._mission, self._values = mission, view(memory.values)
+        self._mission = mission
+        self._values = view(memory.values)
         self._places = places_of(mission)
         for phase in range(len(mission.all_phases)):
             goals = [reference(0.0) for reference, _ in mission.references_of(phase)]
@@ -192,54 +233,89 @@ class MissionParameters:
 
 def asked_in_phases(mission: Mission, tracks: Sequence[Track]) -> list[tuple[_Asked, ...]]:
     """List by phase the goals that are neither still nor of the ascent nor on a track."""
-    tracked, places = {(track.phase, track.task) for track in tracks}, places_of(mission)
+    tracked = {(track.phase, track.task) for track in tracks}
+    places = places_of(mission)
     return [_asked_in(mission, phase, tracked, places) for phase in range(len(mission.all_phases))]
 
 
-def _asked_in(mission: Mission, phase: int, tracked: Collection[tuple[int, int]], places: Sequence[slice]) -> tuple[_Asked, ...]:
+def _asked_in(
+    mission: Mission, phase: int, tracked: Collection[tuple[int, int]], places: Sequence[slice]
+) -> tuple[_Asked, ...]:
     found = []
-    for i, (task, (reference, own)) in enumerate(zip(mission.tasks_of(phase), mission.references_of(phase), strict=True)):
-        if not (is_constant(reference) or mission.has_ascent_goal(phase, i) or (phase, i) in tracked):
-            place, pairs = places[i], task.nearest_pairs
+    for i, (task, (reference, own)) in enumerate(
+        zip(mission.tasks_of(phase), mission.references_of(phase), strict=True)
+    ):
+        if not (
+            is_constant(reference) or mission.has_ascent_goal(phase, i) or (phase, i) in tracked
+        ):
+            place = places[i]
+            pairs = task.nearest_pairs
             end = place.stop - (0 if pairs is None else pairs.n_parameters)
-            found.append(_Asked(name=task.name, place=slice(place.start, end), reference=reference, of_phase=own))
+            found.append(
+                _Asked(
+                    name=task.name, place=slice(place.start, end), reference=reference, of_phase=own
+                )
+            )
     return tuple(found)
 
 
 def distance_tasks(mission: Mission) -> list[tuple[int, int, NearestPairs]]:
-    """Tasks that ask for distances: index, where its parameters end among those of all, its pairs."""
+    """Tasks that ask for distances: index, where its parameters end among those of all, its
+    pairs.
+    """
     found = zip(mission.hierarchy.tasks, places_of(mission), strict=True)
-    return [(i, place.stop, task.nearest_pairs) for i, (task, place) in enumerate(found) if task.nearest_pairs is not None]
+    return [
+        (i, place.stop, task.nearest_pairs)
+        for i, (task, place) in enumerate(found)
+        if task.nearest_pairs is not None
+    ]
 
 
 def places_of(mission: Mission) -> list[slice]:
     """Return the place of each task's parameters, highest priority first, among those of all."""
-    ends = np.cumsum([0, *(len(reference(0.0)) for reference, _ in mission.references_of(0))]).tolist()
+    ends = np.cumsum(
+        [0, *(len(reference(0.0)) for reference, _ in mission.references_of(0))]
+    ).tolist()
     return [slice(start, end) for start, end in pairwise(ends)]
 
 
 class DistanceProvider:
-    """Distances in a `NearestMemory` for the tasks that ask, by `CollisionModel` where kernels cannot measure."""
+    """Distances in a `NearestMemory` for the tasks that ask, by `CollisionModel` where kernels
+    cannot measure.
+    """
 
-    def __init__(self, memory: NearestMemory, asking: Sequence[tuple[int, int, NearestPairs]], robot: Robot | None) -> None:
-        """memory: of the `nearest_sizes`, which is set up. asking: index of each task, where its parameters end, its pairs.
+    def __init__(
+        self,
+        memory: NearestMemory,
+        asking: Sequence[tuple[int, int, NearestPairs]],
+        robot: Robot | None,
+    ) -> None:
+        """memory: of the `nearest_sizes`, which is set up. asking: index of each task, where its
+        parameters end, its pairs.
 
         robot: whose pairs kernels measure, where they can.
         """
-        self._memory, self._places = memory, view(memory.place)
+        self._memory = memory
+        self._places = view(memory.place)
         self._models = [pairs.model for _, _, pairs in asking]
         memory.n_asking = len(asking)
         self.answer = CallbackBinding(memory.ask, self._look)
         for p, (task, end, pairs) in zip(memory.pairs, asking, strict=False):
-            p.task, p.first, p.n, p.n_pairs = task, end - pairs.n_parameters, pairs.n_rows, pairs.model.n_pairs
-            p.threshold, p.in_c = pairs.threshold, in_c(pairs.model, robot)
+            p.task = task
+            p.first = end - pairs.n_parameters
+            p.n = pairs.n_rows
+            p.n_pairs = pairs.model.n_pairs
+            p.threshold = pairs.threshold
+            p.in_c = in_c(pairs.model, robot)
             if p.in_c:
                 pairs.model.write(p.distances)
             view(p.reach)[:] = np.where(np.isfinite(pairs.model.reach), pairs.model.reach, np.inf)
 
     def _look(self) -> None:
         memory = self._memory
-        p, model, where = memory.pairs[memory.asked], self._models[memory.asked], self._places[memory.at]
+        p = memory.pairs[memory.asked]
+        model = self._models[memory.asked]
+        where = self._places[memory.at]
         if memory.of_gradients:
             chosen = view(p.chosen)[: p.n]
             rows = np.flatnonzero(view(p.worst)[chosen] == memory.at)
@@ -249,8 +325,11 @@ class DistanceProvider:
             view(p.value)[rows] = model.values(where, rows if memory.at else None)
 
 
-def nearest_sizes(robot: Robot | None, asking: Sequence[NearestPairs], n_q: int, n_v: int) -> dict[str, Any]:
-    """Return the sizes of a `NearestMemory` for q (n_q,) and v (n_v,), but for the `distance_layout_sizes`.
+def nearest_sizes(
+    robot: Robot | None, asking: Sequence[NearestPairs], n_q: int, n_v: int
+) -> dict[str, Any]:
+    """Return the sizes of a `NearestMemory` for q (n_q,) and v (n_v,), but for the
+    `distance_layout_sizes`.
 
     Without a robot nothing moves.
     """
@@ -272,7 +351,12 @@ def _stay(n_q: int, n_v: int) -> ca.Function:
 @lru_cache(maxsize=8)
 def _integrate(robot: Robot) -> ca.Function:
     q, way = ca.SX.sym("q", robot.n_q), ca.SX.sym("way", robot.n_v)
-    return ca.Function("displaced", [q, way], [ca.densify(SymbolicModel(robot.model).integrate(q, way))], {"cse": True})
+    return ca.Function(
+        "displaced",
+        [q, way],
+        [ca.densify(SymbolicModel(robot.model).integrate(q, way))],
+        {"cse": True},
+    )
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
@@ -287,34 +371,64 @@ class StoppingMotion:
 
 
 def mission_parameters(
-    mission: Mission, state: MissionState, t: float, *, gates: np.ndarray, q: np.ndarray, motion: StoppingMotion | None
+    mission: Mission,
+    state: MissionState,
+    t: float,
+    *,
+    gates: np.ndarray,
+    q: np.ndarray,
+    motion: StoppingMotion | None,
 ) -> np.ndarray:
     """Parameters (n_parameters,) [their units] of all tasks at t [s], in any state.
 
-    gates (n_tasks,): of then. Nothing is measured for tasks that are off, and stay off. q (n_q,) [m, rad]: as measured.
-    motion: where it could come near a limit.
+    gates (n_tasks,): of then. Nothing is measured for tasks that are off, and stay off. q (n_q,)
+    [m, rad]: as measured. motion: where it could come near a limit.
     """
-    found = zip(mission.tasks_of(state.phase), mission.references(state, t), mission.idle(state, gates), strict=True)
-    return np.concatenate([goal if off else task_parameters(task, goal, q, motion) for task, goal, off in found])
+    found = zip(
+        mission.tasks_of(state.phase),
+        mission.references(state, t),
+        mission.idle(state, gates),
+        strict=True,
+    )
+    return np.concatenate(
+        [goal if off else task_parameters(task, goal, q, motion) for task, goal, off in found]
+    )
 
 
-def task_parameters(task: Task, reference: np.ndarray, q: np.ndarray, motion: StoppingMotion | None = None) -> np.ndarray:
-    """A task's reference (n_parameters,) [its units], at its end the distances that it asks for at q (n_q,) [m, rad]."""
+def task_parameters(
+    task: Task, reference: np.ndarray, q: np.ndarray, motion: StoppingMotion | None = None
+) -> np.ndarray:
+    """A task's reference (n_parameters,) [its units], at its end the distances that it asks for at
+    q (n_q,) [m, rad].
+    """
     pairs = task.nearest_pairs
     if pairs is None:
         return reference
     return np.concatenate([reference[: -pairs.n_parameters], measured_distances(pairs, q, motion)])
 
 
-def measured_distances(pairs: NearestPairs, q: np.ndarray, motion: StoppingMotion | None = None) -> np.ndarray:
-    """Measure at q (n_q,) [m, rad] and on the way to rest, as one vector (`NearestPairs.parameters`)."""
-    robot, n_v = None if motion is None else motion.robot, pairs.model.n_v
-    sizes = {**nearest_sizes(robot, [pairs], len(q), n_v), **distance_layout_sizes([pairs.model], None)}
+def measured_distances(
+    pairs: NearestPairs, q: np.ndarray, motion: StoppingMotion | None = None
+) -> np.ndarray:
+    """Measure at q (n_q,) [m, rad] and on the way to rest, as one vector
+    (`NearestPairs.parameters`).
+    """
+    robot = None if motion is None else motion.robot
+    n_v = pairs.model.n_v
+    sizes = {
+        **nearest_sizes(robot, [pairs], len(q), n_v),
+        **distance_layout_sizes([pairs.model], None),
+    }
     memory = structure_of(NearestMemory, **sizes)()
-    measuring, values = (DistanceProvider(memory, [(0, pairs.n_parameters, pairs)], None), doubles(np.zeros(pairs.n_parameters)))
-    v, acceleration, dt = np.zeros(n_v), np.ones(n_v), np.inf
+    measuring = DistanceProvider(memory, [(0, pairs.n_parameters, pairs)], None)
+    values = doubles(np.zeros(pairs.n_parameters))
+    v = np.zeros(n_v)
+    acceleration = np.ones(n_v)
+    dt = np.inf
     if motion is not None:
-        v, acceleration, dt = motion.v, np.minimum(motion.robot.limits.acceleration, ENDLESS), motion.dt
+        v = motion.v
+        acceleration = np.minimum(motion.robot.limits.acceleration, ENDLESS)
+        dt = motion.dt
     place_along_stop(memory, doubles(q), doubles(v), doubles(acceleration), dt)
     measure_pairs(memory, 0, values)
     measuring.answer.check()

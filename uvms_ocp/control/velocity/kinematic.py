@@ -15,14 +15,24 @@ from uvms_ocp.checks import checked, checked_on_failure, replace_unchecked, unch
 from uvms_ocp.codegen.kernel_layout import arrays_of
 from uvms_ocp.codegen.kernels import bind_memory
 from uvms_ocp.control.velocity import goals as task_goals, levels, tick as velocity_tick, viability
-from uvms_ocp.control.velocity.abort import AbortMonitor, AbortReason, ActuationFeedback, ascent_goal
+from uvms_ocp.control.velocity.abort import (
+    AbortMonitor,
+    AbortReason,
+    ActuationFeedback,
+    ascent_goal,
+)
 from uvms_ocp.control.velocity.tick_memory import altimeter_of, inputs_of, tick_memory
 from uvms_ocp.control.velocity.tick_state import TickInputs
 from uvms_ocp.errors import InvalidInput
 from uvms_ocp.estimation import degraded_modes
 from uvms_ocp.estimation.fallbacks import Freshness, LastFloorRange, LastValidEstimate, Watchdog
 from uvms_ocp.mission import Below, Event, Mission, MissionState
-from uvms_ocp.mission.progress import is_over, state_after_abort, state_after_transition, write_state
+from uvms_ocp.mission.progress import (
+    is_over,
+    state_after_abort,
+    state_after_transition,
+    write_state,
+)
 from uvms_ocp.record.display import SmallTable, TableDisplay, rows_of
 from uvms_ocp.record.swings import SwingWatch
 from uvms_ocp.robot.robot import Robot
@@ -40,7 +50,9 @@ class GuideOutput:
     """Output of a guide at a tick."""
 
     v: np.ndarray | None
-    """(n_v,) [m/s, rad/s] in place of what the hierarchy commands; `None` once and for all after it is left to that."""
+    """(n_v,) [m/s, rad/s] in place of what the hierarchy commands; `None` once and for all after it
+    is left to that.
+    """
     why: str = ""
     """Why it is left, at the tick where that happens."""
 
@@ -50,9 +62,13 @@ class Guide(Protocol):
 
     @property
     def bandwidth(self) -> float:
-        """Share of the usual feedback of velocities that suffices: a planned motion needs little."""
+        """Share of the usual feedback of velocities that suffices: a planned motion needs
+        little.
+        """
 
-    def __call__(self, tick: TickInputs, feedback: ActuationFeedback, waiting: Callable[[], str]) -> GuideOutput:
+    def __call__(
+        self, tick: TickInputs, feedback: ActuationFeedback, waiting: Callable[[], str]
+    ) -> GuideOutput:
         """waiting: describes what the mission waits for; feedback: of the force layer."""
 
 
@@ -72,9 +88,9 @@ class HierarchySolver(Protocol):
 class KinematicController(TableDisplay):
     """Runs a mission: a callable ``(StateEstimate, t) -> Command``.
 
-    One tick: `observe` what is known, solve the hierarchy, keep what a stop can keep, advance the mission, `command`. Holds
-    the mission's state and the last motion; `events` is the log of transitions. Build one per run, which begins with its first
-    tick, whatever the clock shows.
+    One tick: `observe` what is known, solve the hierarchy, keep what a stop can keep, advance the
+    mission, `command`. Holds the mission's state and the last motion; `events` is the log of
+    transitions. Build one per run, which begins with its first tick, whatever the clock shows.
     """
 
     def __init__(
@@ -89,24 +105,43 @@ class KinematicController(TableDisplay):
     ) -> None:
         """Dt [s]: control period. guide: what stands in for the hierarchy while it lasts.
 
-        Raises `InvalidInput` where it is not > 0, and what `build_levels` and `Mission.check_quantities` raise.
+        Raises `InvalidInput` where it is not > 0, and what `build_levels` and
+        `Mission.check_quantities` raise.
         """
-        self.robot, self.mission, self.dt, self.guide = robot, mission, dt, guide
-        self.problem: levels.LevelsProblem = levels.build_levels(robot, mission.hierarchy, dt, mission.beside_tasks)
+        self.robot = robot
+        self.mission = mission
+        self.dt = dt
+        self.guide = guide
+        self.problem: levels.LevelsProblem = levels.build_levels(
+            robot, mission.hierarchy, dt, mission.beside_tasks
+        )
         mission.check_quantities(self.problem.quantity_names)
         self.events: list[Event] = []
         self.left: list[MissionState] = []
         """Where the mission was at each event, just before."""
         self.watchdog = watchdog or Watchdog()
-        names, tasks = self.problem.quantity_names, mission.hierarchy.tasks
-        guards, tracks = viability.position_guards(robot, tasks, names), task_goals.tracks_of(mission, dt)
+        names = self.problem.quantity_names
+        tasks = mission.hierarchy.tasks
+        guards = viability.position_guards(robot, tasks, names)
+        tracks = task_goals.tracks_of(mission, dt)
         asking = task_goals.distance_tasks(mission)
         pairs = [pairs for _, _, pairs in asking]
         nearest = task_goals.nearest_sizes(robot, pairs, robot.n_q, robot.n_v)
-        room = distance_layout_sizes([*viability.models_of(guards), *(asked.model for asked in pairs)], robot)
-        sizes = {**viability.viability_sizes(robot, guards, dt), **task_goals.track_sizes(tracks), **nearest, **room}
+        room = distance_layout_sizes(
+            [*viability.models_of(guards), *(asked.model for asked in pairs)], robot
+        )
+        sizes = {
+            **viability.viability_sizes(robot, guards, dt),
+            **task_goals.track_sizes(tracks),
+            **nearest,
+            **room,
+        }
         memory = tick_memory(robot, mission, self.problem, self.watchdog, sizes)
-        core = solver.core(self.problem.function.size2_out(0), self.problem.sizes) if isinstance(solver, CompiledSolver) else None
+        core = (
+            solver.core(self.problem.function.size2_out(0), self.problem.sizes)
+            if isinstance(solver, CompiledSolver)
+            else None
+        )
         self.whole = velocity_tick.velocity_controller(memory, self.problem, core)
         """A `VelocityController` around `memory`; `None` where Python calls the solver."""
         self.memory = memory = memory if self.whole is None else self.whole.tick
@@ -114,8 +149,12 @@ class KinematicController(TableDisplay):
         self._arrays = arrays_of(memory)
         self._parameters = task_goals.MissionParameters(mission, memory.goals, tracks, dt)
         self._measuring = task_goals.DistanceProvider(memory.nearest, asking, robot)
-        self.prepare, self._take = bind_memory(memory, (velocity_tick.prepare_tick, velocity_tick.commit_velocity))
-        self._finish = self._finish_by(solver) if self.whole is None else velocity_tick.finish_in_c(self.whole)
+        self.prepare, self._take = bind_memory(
+            memory, (velocity_tick.prepare_tick, velocity_tick.commit_velocity)
+        )
+        self._finish = (
+            self._finish_by(solver) if self.whole is None else velocity_tick.finish_in_c(self.whole)
+        )
         self._guarding = viability.ViabilitySetup(robot, guards, dt, memory.rule)
         self._sound = LastValidEstimate(robot, memory.sound)
         self._echo = LastFloorRange(robot, altimeter_of(robot, tasks), memory.beam)
@@ -127,7 +166,11 @@ class KinematicController(TableDisplay):
         self._bad: list[ChannelHealth] = []
         """Channels of the last verdicts that are not good, searched only where these are new."""
         self._waited = [
-            {names.index(item.quantity): (item.quantity, item.limit) for item in phase.conditions if isinstance(item, Below)}
+            {
+                names.index(item.quantity): (item.quantity, item.limit)
+                for item in phase.conditions
+                if isinstance(item, Below)
+            }
             for phase in mission.all_phases
         ]
         self._swings = SwingWatch(dt, floating=bool(robot.n_vehicle))
@@ -137,7 +180,11 @@ class KinematicController(TableDisplay):
         self._progress.started = False
 
     def _table(self) -> SmallTable:
-        values = {"robot": self.robot.name, **self.mission.describe(self._state), "period [s]": self.dt}
+        values = {
+            "robot": self.robot.name,
+            **self.mission.describe(self._state),
+            "period [s]": self.dt,
+        }
         return SmallTable(title=type(self).__name__, rows=rows_of(values))
 
     @property
@@ -151,7 +198,9 @@ class KinematicController(TableDisplay):
         return self._named(self._arrays.last_phase_quantities)
 
     def steps(self) -> list[tuple[Any, ...]] | None:
-        """The kernels of a tick with their memories, the second one solves the hierarchy; `None` where Python takes part."""
+        """The kernels of a tick with their memories, the second one solves the hierarchy; `None`
+        where Python takes part.
+        """
         if self.whole is None or self.guide is not None or any(self._parameters.asked):
             return None
         return [(self.prepare, self.memory), (velocity_tick.solve_in_c(self.whole), self.whole)]
@@ -159,7 +208,9 @@ class KinematicController(TableDisplay):
     @property
     def without_c_form(self) -> dict[str, str]:
         """Names of tasks that Python is asked about wherever kernels run, and for what."""
-        return viability.without_c_form(self.robot, self.mission, self.dt, self.problem.quantity_names)
+        return viability.without_c_form(
+            self.robot, self.mission, self.dt, self.problem.quantity_names
+        )
 
     @property
     def kinematic(self) -> KinematicController:
@@ -173,11 +224,16 @@ class KinematicController(TableDisplay):
 
     @checked_on_failure
     def observe(self, measurement: StateEstimate, t: float) -> TickInputs:
-        """Begin a tick at time t [s]: what is missing of the measurement is replaced by its last value."""
-        started, memory, arrays = perf_counter(), self.memory, self._arrays
+        """Begin a tick at time t [s]: what is missing of the measurement is replaced by its last
+        value.
+        """
+        started = perf_counter()
+        memory = self.memory
+        arrays = self._arrays
         self._sound.check(measurement)
         arrays.q[:], arrays.v[:] = measurement.q, measurement.v
-        memory.t, memory.altimeter_range = t, measurement.altimeter_range
+        memory.t = t
+        memory.altimeter_range = measurement.altimeter_range
         memory.age, memory.joint_age = measurement.age, measurement.joint_age
         self._hear(measurement.health)
         bad = self._bad
@@ -190,13 +246,23 @@ class KinematicController(TableDisplay):
         return self._inputs(self._sound.substitute(measurement), t, started)
 
     def _inputs(self, measurement: StateEstimate, t: float, started: float) -> TickInputs:
-        """Inputs of the tick as kernels have left them; what changes of restriction and freshness is judged."""
-        memory, arrays, bad = self.memory, self._arrays, self._bad
-        restriction = self._restricted(bad) if bad or self._restriction is not degraded_modes.FREE else degraded_modes.FREE
+        """Inputs of the tick as kernels have left them; what changes of restriction and freshness
+        is judged.
+        """
+        memory = self.memory
+        arrays = self._arrays
+        bad = self._bad
+        restriction = (
+            self._restricted(bad)
+            if bad or self._restriction is not degraded_modes.FREE
+            else degraded_modes.FREE
+        )
         freshness = _FRESHNESS[memory.freshness]
         if freshness is not self.watchdog.verdict:
             lost = ", ".join(item.channel for item in self._restriction.lost)
-            channel = degraded_modes.ALTIMETER if memory.echo_is_oldest else measurement.oldest or lost
+            channel = (
+                degraded_modes.ALTIMETER if memory.echo_is_oldest else measurement.oldest or lost
+            )
             self.watchdog.judge(memory.oldest, t, channel)
         return _tick_state(
             begin=started,
@@ -213,7 +279,8 @@ class KinematicController(TableDisplay):
     @checked_on_failure
     def on_actuation_feedback(self, feedback: ActuationFeedback) -> None:
         """Take in what the force layer meets."""
-        self._feedback, self._jammed = feedback, feedback.jammed
+        self._feedback = feedback
+        self._jammed = feedback.jammed
 
     @checked_on_failure
     def command(self, tick: TickInputs) -> Command:
@@ -236,8 +303,15 @@ class KinematicController(TableDisplay):
         return command if self.guide is None else self._guided(self.guide, tick, command)
 
     @checked_on_failure
-    def catch_up(self, measurement: StateEstimate, t: float, ticks: int, feedback: ActuationFeedback | None = None) -> None:
-        """Take note of what kernels alone have done for so many ticks, the last with this measurement at t [s].
+    def catch_up(
+        self,
+        measurement: StateEstimate,
+        t: float,
+        ticks: int,
+        feedback: ActuationFeedback | None = None,
+    ) -> None:
+        """Take note of what kernels alone have done for so many ticks, the last with this
+        measurement at t [s].
 
         feedback: of the force layer in the tick before that.
         """
@@ -253,20 +327,28 @@ class KinematicController(TableDisplay):
 
     def _hear(self, health: tuple[ChannelHealth, ...]) -> None:
         if health is not self._health:
-            self._health, self._bad = health, degraded_modes.degraded_channels(health)
+            self._health = health
+            self._bad = degraded_modes.degraded_channels(health)
 
     def _settle(self, tick: TickInputs, ticks: int) -> None:
-        """Log swings and events once kernels have finished the tick, so many after the last that was settled."""
+        """Log swings and events once kernels have finished the tick, so many after the last that
+        was settled.
+        """
         self.look_for_swings(tick.t, ticks)
         if self.memory.eventful:
             self._advance(tick)
 
     def look_for_swings(self, t: float, ticks: int) -> None:
-        """Log swings at time t [s], so many ticks after the last look: all there is to do where kernels alone met nothing new."""
+        """Log swings at time t [s], so many ticks after the last look: all there is to do where
+        kernels alone met nothing new.
+        """
         self._measuring.answer.check()
         self._guarding.answer.check()
-        phase, arrays = self._state.phase, self._arrays
-        for swing in self._swings.after(phase, arrays.q, arrays.phase_quantities, self._waited[phase], ticks):
+        phase = self._state.phase
+        arrays = self._arrays
+        for swing in self._swings.after(
+            phase, arrays.q, arrays.phase_quantities, self._waited[phase], ticks
+        ):
             self.watchdog.alarms.append((t, str(swing)))
 
     def _guided(self, guide: Guide, tick: TickInputs, command: Command) -> Command:
@@ -286,50 +368,77 @@ class KinematicController(TableDisplay):
         inputs = inputs_of(self._arrays, arrays_of(self.memory.goals))
         solve = tick.adopt(*inputs) if isinstance(tick, InPlaceTick) else partial(tick, *inputs)
         (finish,) = bind_memory(self.memory, (velocity_tick.finish_tick,))
-        return velocity_tick.finish_by(solve, partial(finish, self.memory), self._arrays, self.memory)
+        return velocity_tick.finish_by(
+            solve, partial(finish, self.memory), self._arrays, self.memory
+        )
 
     @checked_on_failure
     def follow(self, command: Command) -> None:
-        """Take what somebody else commands for the velocity of this tick. Raises `InvalidInput` for one of another size."""
+        """Take what somebody else commands for the velocity of this tick. Raises `InvalidInput` for
+        one of another size.
+        """
         if command.v.shape != self._arrays.command.shape:
             raise InvalidInput(f"command.v has shape {command.v.shape}; give ({self.robot.n_v},)")
         self.memory.wanted[:], self.memory.wanted_pace = command.v.tolist(), 1.0
         self._take(self.memory)
 
     def pending(self) -> str:
-        """Describe what the current phase waits for, with the last values, and which channels hold it back."""
-        waits, bad = self.mission.pending(self.state, self.quantities), self._restriction.bad
-        return waits if self.state.over or not bad else f"{waits}; {degraded_modes.describe_channels(bad)}"
+        """Describe what the current phase waits for, with the last values, and which channels hold
+        it back.
+        """
+        waits = self.mission.pending(self.state, self.quantities)
+        bad = self._restriction.bad
+        return (
+            waits
+            if self.state.over or not bad
+            else f"{waits}; {degraded_modes.describe_channels(bad)}"
+        )
 
-    def evaluate(self, measurement: StateEstimate, t: float, state: MissionState | None = None) -> dict[str, float]:
-        """All quantities at a measurement at time t [s], such as the true state after a run; the mission stays where it is.
+    def evaluate(
+        self, measurement: StateEstimate, t: float, state: MissionState | None = None
+    ) -> dict[str, float]:
+        """All quantities at a measurement at time t [s], such as the true state after a run; the
+        mission stays where it is.
 
-        An altitude is NaN unless the echo of the measurement itself tells it. state: where the mission was then, for the goals of
-        another phase than the present one.
+        An altitude is NaN unless the echo of the measurement itself tells it. state: where the
+        mission was then, for the goals of another phase than the present one.
         """
         state = state or self.state
-        (echo, known), gates, q = self._echo.at(measurement), self.mission.activations(state, t), measurement.q
-        moves = (
-            task_goals.StoppingMotion(robot=self.robot, v=self._arrays.command.copy(), dt=self.dt) if self.memory.near else None
+        (echo, known), gates, q = (
+            self._echo.at(measurement),
+            self.mission.activations(state, t),
+            measurement.q,
         )
-        parameters = task_goals.mission_parameters(self.mission, state, t, gates=gates, q=q, motion=moves)
+        moves = (
+            task_goals.StoppingMotion(robot=self.robot, v=self._arrays.command.copy(), dt=self.dt)
+            if self.memory.near
+            else None
+        )
+        parameters = task_goals.mission_parameters(
+            self.mission, state, t, gates=gates, q=q, motion=moves
+        )
         motion = self._arrays.passive, self._arrays.command / self.memory.pace, self._arrays.change
         outputs = self.problem.function(q, measurement.v, *motion, echo, parameters, gates)
         quantities = np.array(outputs[self.problem.function.index_out("quantities")]).ravel()
         rests = self.problem.rests_on[degraded_modes.ALTIMETER]
         unknown = [velocity_tick.is_unknown(measurement.age, bool(of), known) for of in rests]
-        return {**self._named(np.where(unknown, np.nan, quantities)), **self.mission.own_quantities(state, t)}
+        return {
+            **self._named(np.where(unknown, np.nan, quantities)),
+            **self.mission.own_quantities(state, t),
+        }
 
     def _restricted(self, bad: list[ChannelHealth]) -> degraded_modes.Restriction:
         """Read the restriction that the kernel has found."""
-        found, before = self.memory.restriction, self._restriction
+        found = self.memory.restriction
+        before = self._restriction
         if not (bad == list(before.bad) and before.abort == "" and not found.ended):
             self._restriction = degraded_modes.read_restriction(found, bad)
         return self._restriction
 
     def _feel(self) -> None:
         """Write the feedback of the force layer for the kernels."""
-        changed, self._applied_feedback = self._jammed != self._applied_feedback.jammed, self._feedback
+        changed = self._jammed != self._applied_feedback.jammed
+        self._applied_feedback = self._feedback
         self._distress.on_actuation_feedback(self._feedback)
         if changed:
             for axis in range(self.robot.n_v):
@@ -337,12 +446,17 @@ class KinematicController(TableDisplay):
 
     def _advance(self, tick: TickInputs) -> None:
         """Advance the mission as the kernels found, and log the event."""
-        memory, state, quantities = self.memory, self._state, self._named(self._arrays.phase_quantities)
-        phases, known = self.mission.all_phases, memory.mission
+        memory = self.memory
+        state = self._state
+        quantities = self._named(self._arrays.phase_quantities)
+        phases = self.mission.all_phases
+        known = memory.mission
         if memory.why:
             why = self._distress.describe(AbortReason(memory.why), tick, quantities, self._feedback)
             goals = () if is_over(known) else self.mission.ascent_goals(ascent_goal(memory.ascent))
-            went: tuple[MissionState, Event | None] = state_after_abort(phases, state, known, tick.t, why, goals)
+            went: tuple[MissionState, Event | None] = state_after_abort(
+                phases, state, known, tick.t, why, goals
+            )
         else:
             went = state_after_transition(phases, state, known, memory.due, tick.t, quantities)
         self._state, event = went
@@ -354,9 +468,21 @@ class KinematicController(TableDisplay):
         return dict(zip(self.problem.quantity_names, quantities.tolist(), strict=True))
 
 
-def _telemetry(tick: TickInputs, solved: velocity_tick.Solved, quantities: np.ndarray, share: float) -> dict[str, Any]:
+def _telemetry(
+    tick: TickInputs, solved: velocity_tick.Solved, quantities: np.ndarray, share: float
+) -> dict[str, Any]:
     """For the record."""
     status, residual, activity, solve_time = solved
-    telemetry = {"phase": tick.mission.phase, "activations": tick.gates, "activity": activity, "residual": residual}
-    telemetry |= {"quantities": quantities, "status": status, "viable_share": share, "solve_time": solve_time}
+    telemetry = {
+        "phase": tick.mission.phase,
+        "activations": tick.gates,
+        "activity": activity,
+        "residual": residual,
+    }
+    telemetry |= {
+        "quantities": quantities,
+        "status": status,
+        "viable_share": share,
+        "solve_time": solve_time,
+    }
     return telemetry | {"freshness": int(tick.freshness), "tick_time": perf_counter() - tick.begin}

@@ -1,8 +1,10 @@
-"""Build the levels of the hierarchy as one CasADi function: limits, tasks, jerk limits and minimum velocity.
+"""Build the levels of the hierarchy as one CasADi function: limits, tasks, jerk limits and minimum
+velocity.
 
-The acceleration limits alone let a velocity turn from full acceleration to full braking within one tick, and a strict hierarchy
-does so wherever it pays. References are therefore approached with an acceleration that falls to 0, and a level of its own bounds
-the jerk of each axis. That level is below the tasks that keep the robot safe: braking for the sake of a limit is never eased.
+The acceleration limits alone let a velocity turn from full acceleration to full braking within one
+tick, and a strict hierarchy does so wherever it pays. References are therefore approached with an
+acceleration that falls to 0, and a level of its own bounds the jerk of each axis. That level is
+below the tasks that keep the robot safe: braking for the sake of a limit is never eased.
 """
 
 from __future__ import annotations
@@ -20,7 +22,14 @@ import numpy as np
 
 from uvms_ocp.checks import checked, checked_dataclass
 from uvms_ocp.codegen.casadi_code import with_numbers
-from uvms_ocp.control.velocity.swing import N_PASSIVE, countered_rows, lean_of, lean_rows, mean_attitude, swinging_axes
+from uvms_ocp.control.velocity.swing import (
+    N_PASSIVE,
+    countered_rows,
+    lean_of,
+    lean_rows,
+    mean_attitude,
+    swinging_axes,
+)
 from uvms_ocp.record.meta_values import OWN_QUANTITIES
 from uvms_ocp.robot import Robot, SymbolicModel, symbolic_bodies, thrusters
 from uvms_ocp.robot.limits import bounded_joints
@@ -31,29 +40,36 @@ from uvms_ocp.types import Keyed, Period
 
 # Accelerations that rise and fall instead of jumping.
 #
-# The acceleration limits alone let a velocity turn from full acceleration to full braking within one tick, and a strict
-# hierarchy does so wherever it pays. Two things ease it: references are approached with an acceleration that falls to 0, and
-# a level of its own bounds the change of acceleration of each axis. That level is below the tasks that keep the robot safe:
-# braking for the sake of a limit is never eased.
+# The acceleration limits alone let a velocity turn from full acceleration to full braking within
+# one tick, and a strict hierarchy does so wherever it pays. Two things ease it: references are
+# approached with an acceleration that falls to 0, and a level of its own bounds the change of
+# acceleration of each axis. That level is below the tasks that keep the robot safe: braking for the
+# sake of a limit is never eased.
 
-_RISE = 0.07  # [s] from rest to the acceleration limit: short enough for what gates ask for (0.2 s, half of it at work)
+# [s] from rest to the acceleration limit: short enough for what gates ask for (0.2 s, half of it at
+# work)
+_RISE = 0.07
 _FALL = 0.1  # [s] from the acceleration limit to a reference; longer, so that the axes can follow
 _LITTLE = 0.05  # acceleration of a row over that of the row that the same axes move most
 _NOTHING = 1e-12  # keeps the division by a change of zero finite
 
 
 def jerk_limit_rows(symbols: TickSymbols, previous: ca.SX, change: ca.SX) -> Rows:
-    """Each axis changes by what it changed by in the tick before, give or take what its jerk allows.
+    """Each axis changes by what it changed by in the tick before, give or take what its jerk
+    allows.
 
-    previous (n_v,) [m/s, rad/s]: commanded in the tick before; change (n_v,) [m/s, rad/s]: of it since the tick before that.
-    Not read by the regularised pseudo-inverse.
+    previous (n_v,) [m/s, rad/s]: commanded in the tick before; change (n_v,) [m/s, rad/s]: of it
+    since the tick before that. Not read by the regularised pseudo-inverse.
     """
-    dt, n_v = symbols.dt, symbols.robot.n_v
+    dt = symbols.dt
+    n_v = symbols.robot.n_v
     jerk = ca.DM(symbols.robot.limits.acceleration) / _RISE
-    # An axis that was braked to a standstill stays there: what is left of the braking must not push it backwards.
+    # An axis that was braked to a standstill stays there: what is left of the braking must not push
+    # it backwards.
     falling = stopping_speed(ca.fabs(previous), deceleration=jerk, dt=dt) * dt
     most = falling + ca.if_else(change * previous > 0, ca.inf, 0)
-    held, free = previous + ca.fmin(ca.fmax(change, -most), most), symbolic_bodies.sparse(unlimited_axes(symbols.robot))
+    held = previous + ca.fmin(ca.fmax(change, -most), most)
+    free = symbolic_bodies.sparse(unlimited_axes(symbols.robot))
     return Rows(
         jacobian=ca.SX.eye(n_v),
         rate=ca.SX.zeros(n_v),
@@ -64,14 +80,17 @@ def jerk_limit_rows(symbols: TickSymbols, previous: ca.SX, change: ca.SX) -> Row
 
 
 def unlimited_axes(robot: Robot) -> np.ndarray:
-    """Return (n_v,) infinity for axes that no thruster drives, and that heed no limit; 0 for the others."""
+    """Return (n_v,) infinity for axes that no thruster drives, and that heed no limit; 0 for the
+    others.
+    """
     found = np.zeros(robot.n_v)
     found[list(thrusters.undriven_axes(robot))] = np.inf
     return found
 
 
 def smooth_share(wanted: ca.SX, acceleration: ca.SX, dt: float) -> ca.SX:
-    """Share (m,) of the changes `wanted` (m,) [any/s] that rates can make in this tick, so as to arrive smoothly.
+    """Share (m,) of the changes `wanted` (m,) [any/s] that rates can make in this tick, so as to
+    arrive smoothly.
 
     acceleration (m,) [any/s2]: largest of each rate. dt [s].
     """
@@ -79,12 +98,15 @@ def smooth_share(wanted: ca.SX, acceleration: ca.SX, dt: float) -> ca.SX:
 
 
 def common_share(wanted: ca.SX, acceleration: ca.SX, dt: float) -> ca.SX:
-    """Shares (m,) of rows that change in proportion: the least of `smooth_share` over those that the axes can move.
+    """Shares (m,) of rows that change in proportion: the least of `smooth_share` over those that
+    the axes can move.
 
-    A row that they move by little, beside the row that they move most, as in a singular posture, has its own share: in
-    proportion to it none would move. wanted (m,) [any/s]; acceleration (m,) [any/s2]; dt [s].
+    A row that they move by little, beside the row that they move most, as in a singular posture,
+    has its own share: in proportion to it none would move. wanted (m,) [any/s]; acceleration (m,)
+    [any/s2]; dt [s].
     """
-    share, excess = _share(wanted, acceleration, dt), _excess(wanted, acceleration, dt)
+    share = _share(wanted, acceleration, dt)
+    excess = _excess(wanted, acceleration, dt)
     moved = acceleration > _LITTLE * ca.mmax(acceleration)
     # One root for all of them.
     least = ca.mmin(ca.if_else(moved, share, ca.inf))
@@ -93,7 +115,8 @@ def common_share(wanted: ca.SX, acceleration: ca.SX, dt: float) -> ca.SX:
 
 
 def falling_share(wanted: ca.SX, acceleration: ca.SX, dt: float) -> ca.SX:
-    """Limit the share like `smooth_share`, for the acceleration limit itself: it falls to 0 on the last part of the way.
+    """Limit the share like `smooth_share`, for the acceleration limit itself: it falls to 0 on the
+    last part of the way.
 
     wanted (m,) [any/s]; acceleration (m,) [any/s2]; dt [s].
     """
@@ -111,41 +134,61 @@ def _excess(wanted: ca.SX, acceleration: ca.SX, dt: float) -> ca.SX:
 
 
 def _falling(excess: ca.SX) -> ca.SX:
-    """`stopping_speed` at that jerk of what is wanted, over what is wanted: without a difference of nearly equal numbers."""
+    """`stopping_speed` at that jerk of what is wanted, over what is wanted: without a difference of
+    nearly equal numbers.
+    """
     return 2 / (1 + ca.sqrt(1 + excess))
 
 
-# References that the acceleration limits can follow, so that tasks change smoothly in a strict hierarchy.
+# References that the acceleration limits can follow, so that tasks change smoothly in a strict
+# hierarchy.
 
 
-def reachable_rows(rows: Rows, *, equality: bool, eased: bool, symbols: TickSymbols, previous: ca.SX, gate: ca.SX) -> Rows:
-    """The rows with bounds that can be followed from the previous velocity (n_v,) [m/s, rad/s], and with the gate in them.
+def reachable_rows(
+    rows: Rows, *, equality: bool, eased: bool, symbols: TickSymbols, previous: ca.SX, gate: ca.SX
+) -> Rows:
+    """The rows with bounds that can be followed from the previous velocity (n_v,) [m/s, rad/s], and
+    with the gate in them.
 
-    A row asks for no more change of its rate per tick than its least-norm motion gives within the acceleration
-    limits. Otherwise every degree of freedom that moves the row would join in at its limit, whatever it was meant for.
-    Rows of an equality change in proportion, so that where they settle does not depend on the limits. Accelerations towards
-    references and bounds fall to 0 on the way; those away from a bound that is broken do so only where `eased`.
+    A row asks for no more change of its rate per tick than its least-norm motion gives within the
+    acceleration limits. Otherwise every degree of freedom that moves the row would join in at its
+    limit, whatever it was meant for. Rows of an equality change in proportion, so that where they
+    settle does not depend on the limits. Accelerations towards references and bounds fall to 0 on
+    the way; those away from a bound that is broken do so only where `eased`.
 
-    The gate acts as `uvms_ocp.solvers.hierarchy.level` says. The range of a row is what the limits let one tick change of
-    its rate: bounds that are farther away than that are kept by the limits themselves.
+    The gate acts as `uvms_ocp.solvers.hierarchy.level` says. The range of a row is what the limits
+    let one tick change of its rate: bounds that are farther away than that are kept by the limits
+    themselves.
     """
     if not rows.n_rows:
         return rows
-    dt, limits = symbols.dt, symbols.robot.limits
-    present, acceleration = rows.jacobian @ previous, row_acceleration(rows.jacobian, limits.acceleration)
+    dt = symbols.dt
+    limits = symbols.robot.limits
+    present = rows.jacobian @ previous
+    acceleration = row_acceleration(rows.jacobian, limits.acceleration)
     if equality:
         wanted = rows.rate - present
         lower = upper = present + common_share(wanted, acceleration, dt) * wanted
     else:
-        lower = rows.lower if _is_endless(rows.lower) else present - _way(present - rows.lower, acceleration, dt, eased)
-        upper = rows.upper if _is_endless(rows.upper) else present + _way(rows.upper - present, acceleration, dt, eased)
+        lower = (
+            rows.lower
+            if _is_endless(rows.lower)
+            else present - _way(present - rows.lower, acceleration, dt, eased)
+        )
+        upper = (
+            rows.upper
+            if _is_endless(rows.upper)
+            else present + _way(rows.upper - present, acceleration, dt, eased)
+        )
         if not (_is_endless(rows.lower) or _is_endless(rows.upper)):
-            # The way back from one bound may be longer than what is left, eased, of the way to the other one.
+            # The way back from one bound may be longer than what is left, eased, of the way to the
+            # other one.
             far = ca.fmin(lower, upper), ca.fmax(lower, upper)
             lower = ca.if_else(present > rows.upper, far[0], lower)
             upper = ca.if_else(present < rows.lower, far[1], upper)
     step = np.minimum(np.minimum(limits.acceleration * dt, 2 * limits.velocity), ENDLESS)
-    gates, reach = ca.repmat(gate, rows.n_rows, 1), ca.fabs(rows.jacobian) @ ca.DM(step)
+    gates = ca.repmat(gate, rows.n_rows, 1)
+    reach = ca.fabs(rows.jacobian) @ ca.DM(step)
     lower, upper = widen_bounds(rows.jacobian, lower, upper, gates, reach)
     return replace(rows, lower=lower, upper=upper)
 
@@ -156,22 +199,41 @@ def _is_endless(bound: ca.SX) -> bool:
 
 
 def _way(room: ca.SX, acceleration: ca.SX, dt: float, eased: bool) -> ca.SX:
-    """How far (m,) rates may go in this tick towards bounds that leave them this room (m,); negative: have to come back."""
+    """How far (m,) rates may go in this tick towards bounds that leave them this room (m,);
+    negative: have to come back.
+    """
     near = ca.fmin(room, ENDLESS)
     ahead = ca.if_else(room < ENDLESS, near * falling_share(near, acceleration, dt), ca.inf)
-    back = near * smooth_share(near, acceleration, dt) if eased else ca.fmax(near, -acceleration * dt)
+    back = (
+        near * smooth_share(near, acceleration, dt) if eased else ca.fmax(near, -acceleration * dt)
+    )
     return ca.if_else(room > 0, ahead, back)
 
 
-# From tasks to the levels of one tick: a CasADi Function that stacks limits, tasks, easing and minimum velocity.
+# From tasks to the levels of one tick: a CasADi Function that stacks limits, tasks, easing and
+# minimum velocity.
 
-LIMITS, JERK_LIMIT, REST, LEAN = "limits", "easing", "rest", "lean"
-"""Names of levels beside tasks: the first, the one below the tasks that keep the robot safe, the last, and above the second that
-of `lean_rows` where a vehicle swings."""
+LIMITS = "limits"
+JERK_LIMIT = "easing"
+REST = "rest"
+LEAN = "lean"
+"""Names of levels beside tasks: the first, the one below the tasks that keep the robot safe, the
+last, and above the second that of `lean_rows` where a vehicle swings.
+"""
 _SPEED = "vehicle.speed"
 _AS_PARAMETERS = ("goal", "model")
 """Fields of tasks that their rows know by numbers only."""
-_INPUTS = ("q", "velocity", "passive", "previous", "change", "altimeter_range", "parameters", "gates", "numbers")
+_INPUTS = (
+    "q",
+    "velocity",
+    "passive",
+    "previous",
+    "change",
+    "altimeter_range",
+    "parameters",
+    "gates",
+    "numbers",
+)
 
 
 @checked_dataclass(eq=False)
@@ -179,11 +241,13 @@ class LevelsProblem:
     """The levels of a tick, ready for a solver's ``bind``."""
 
     function: ca.Function
-    """(q, velocity, passive, previous, change, altimeter_range, parameters, gates) ->
-    (J, lower, upper, rate, activation, gate, quantities, activity), rows of all levels stacked; `passive` is as `N_PASSIVE` of
-    `uvms_ocp.control.velocity.swing` says, `previous` is the velocity commanded one tick before, `change` its difference from
-    that of the tick before it; the parameters are those of all tasks, one after the other
-    (`uvms_ocp.control.velocity.goals`). The gate is 0 or 1: what lies between is in the bounds."""
+    """(q, velocity, passive, previous, change, altimeter_range, parameters, gates) -> (J, lower,
+    upper, rate, activation, gate, quantities, activity), rows of all levels stacked; `passive` is
+    as `N_PASSIVE` of `uvms_ocp.control.velocity.swing` says, `previous` is the velocity commanded
+    one tick before, `change` its difference from that of the tick before it; the parameters are
+    those of all tasks, one after the other (`uvms_ocp.control.velocity.goals`). The gate is 0 or 1:
+    what lies between is in the bounds.
+    """
     names: tuple[str, ...]
     """Sizes of the levels."""
     sizes: tuple[int, ...]
@@ -191,19 +255,28 @@ class LevelsProblem:
     quantity_names: tuple[str, ...]
     """``task.quantity``, and what is beside them, in the order of the output `quantities`."""
     rests_on: Mapping[str, np.ndarray]
-    """(n_quantities,) by channel of `Readings`: which of them it tells, and are unknown without it."""
+    """(n_quantities,) by channel of `Readings`: which of them it tells, and are unknown without
+    it.
+    """
     step: np.ndarray
-    """(n_v,) [m/s, rad/s] largest change of each velocity in one tick; infinite where the acceleration has no limit."""
+    """(n_v,) [m/s, rad/s] largest change of each velocity in one tick; infinite where the
+    acceleration has no limit.
+    """
 
 
 @checked
-def build_levels(robot: Robot, hierarchy: Hierarchy, dt: Period, beside_tasks: Sequence[str] = ()) -> LevelsProblem:
-    """Stack the velocity limits of `robot`, the tasks of `hierarchy` and minimum velocity, for control period dt [s].
+def build_levels(
+    robot: Robot, hierarchy: Hierarchy, dt: Period, beside_tasks: Sequence[str] = ()
+) -> LevelsProblem:
+    """Stack the velocity limits of `robot`, the tasks of `hierarchy` and minimum velocity, for
+    control period dt [s].
 
-    beside_tasks: more quantities that are to be measured, as `Mission.beside_tasks` names them: of `OWN_QUANTITIES`, which the
-    tick writes, ``vehicle.depth`` [m] of B below the origin of W, ``vehicle.speed`` [m/s] of B in W; others are left out.
+    beside_tasks: more quantities that are to be measured, as `Mission.beside_tasks` names them: of
+    `OWN_QUANTITIES`, which the tick writes, ``vehicle.depth`` [m] of B below the origin of W,
+    ``vehicle.speed`` [m/s] of B in W; others are left out.
 
-    Raises `FrameNotFound` or `NameNotFound` where a task names a frame or joint that the robot does not have.
+    Raises `FrameNotFound` or `NameNotFound` where a task names a frame or joint that the robot does
+    not have.
     """
     key = tuple(_expression_key(task, robot) for task in hierarchy.tasks)
     numbers = tuple(getattr(task, name) for task in hierarchy.tasks for name in numbers_of(task))
@@ -211,7 +284,8 @@ def build_levels(robot: Robot, hierarchy: Hierarchy, dt: Period, beside_tasks: S
 
 
 def _expression_key(task: Task, robot: Robot) -> Hashable:
-    """All that the rows of a task depend on: its fields, but for goals, shapes and numbers, which are parameters.
+    """All that the rows of a task depend on: its fields, but for goals, shapes and numbers, which
+    are parameters.
 
     Equal to none where that cannot be known, as of a user's code.
     """
@@ -229,13 +303,20 @@ def _is_ours(task: Task) -> bool:
 
 
 def numbers_of(task: Task) -> list[str]:
-    """Fields that are real numbers, which rows take as symbols alike; of a user's code, which may not, none."""
-    return [item.name for item in fields(task) if item.type in ("Positive", "Finite", "float")] if _is_ours(task) else []
+    """Fields that are real numbers, which rows take as symbols alike; of a user's code, which may
+    not, none.
+    """
+    return (
+        [item.name for item in fields(task) if item.type in ("Positive", "Finite", "float")]
+        if _is_ours(task)
+        else []
+    )
 
 
 def _with_symbols(tasks: Sequence[Task], numbers: ca.SX) -> Hierarchy:
     """The tasks with `numbers` in place of their own."""
-    changed, symbols = [copy(task) for task in tasks], iter(ca.vertsplit(numbers))
+    changed = [copy(task) for task in tasks]
+    symbols = iter(ca.vertsplit(numbers))
     for task in changed:
         for name in numbers_of(task):
             object.__setattr__(task, name, next(symbols))
@@ -244,23 +325,32 @@ def _with_symbols(tasks: Sequence[Task], numbers: ca.SX) -> Hierarchy:
 
 @lru_cache(maxsize=8)
 def _levels_with(numbers: tuple[float, ...], *given: Any) -> LevelsProblem:
-    """The `_known_levels` at these numbers [as the fields of tasks], which no graph and no code is made for."""
+    """The `_known_levels` at these numbers [as the fields of tasks], which no graph and no code is
+    made for.
+    """
     known = _known_levels(*given)
     return replace(known, function=with_numbers(known.function, numbers))
 
 
 @lru_cache(maxsize=8)
-def _known_levels(robot: Robot, given: Keyed, dt: float, beside_tasks: tuple[str, ...]) -> LevelsProblem:
-    """Make them once for all runs of a robot and its tasks; the last input of the function are the numbers of tasks."""
-    symbols, numbers = tick_symbols(robot, dt), ca.SX.sym("numbers", sum(len(numbers_of(task)) for task in given.value.tasks))
+def _known_levels(
+    robot: Robot, given: Keyed, dt: float, beside_tasks: tuple[str, ...]
+) -> LevelsProblem:
+    """Make them once for all runs of a robot and its tasks; the last input of the function are the
+    numbers of tasks.
+    """
+    symbols = tick_symbols(robot, dt)
+    numbers = ca.SX.sym("numbers", sum(len(numbers_of(task)) for task in given.value.tasks))
     hierarchy = _with_symbols(given.value.tasks, numbers)
     previous, change = ca.SX.sym("previous", robot.n_v), ca.SX.sym("change", robot.n_v)
     parameters = ca.SX.sym("parameters", sum(task.n_parameters(robot) for task in hierarchy.tasks))
     gates, passive = ca.SX.sym("gates", len(hierarchy.tasks)), ca.SX.sym("passive", N_PASSIVE)
-    tasks, leaning = _task_rows(robot, hierarchy, symbols, parameters), list[_Level]()
+    tasks = _task_rows(robot, hierarchy, symbols, parameters)
+    leaning = list[_Level]()
     if swinging_axes(robot):
         still = mean_attitude(symbols, passive)
-        lean, means = lean_of(still, passive), _task_rows(robot, hierarchy, still, parameters)
+        lean = lean_of(still, passive)
+        means = _task_rows(robot, hierarchy, still, parameters)
         leaning += [_Level(LEAN, lean_rows(still, lean))] if robot.n_joints else []
         tasks = [
             rows if _is_safety(task) else countered_rows(rows, mean, symbols, passive, lean)
@@ -284,11 +374,25 @@ def _known_levels(robot: Robot, given: Keyed, dt: float, beside_tasks: tuple[str
         for task, rows in zip(hierarchy.tasks, tasks, strict=True)
         for name, value in rows.quantities.items()
     }
-    quantities |= {name: value for name, value in _beside_tasks(symbols).items() if name in beside_tasks}
-    inputs = [symbols.q, symbols.velocity, passive, previous, change, symbols.altimeter_range, parameters, gates, numbers]
+    quantities |= {
+        name: value for name, value in _beside_tasks(symbols).items() if name in beside_tasks
+    }
+    inputs = [
+        symbols.q,
+        symbols.velocity,
+        passive,
+        previous,
+        change,
+        symbols.altimeter_range,
+        parameters,
+        gates,
+        numbers,
+    ]
     outputs = _stacked(levels, quantities)
     return LevelsProblem(
-        function=ca.Function("levels", inputs, [*outputs.values()], list(_INPUTS), [*outputs], {"cse": True}),
+        function=ca.Function(
+            "levels", inputs, [*outputs.values()], list(_INPUTS), [*outputs], {"cse": True}
+        ),
         names=tuple(level.name for level in levels),
         sizes=tuple(level.rows.n_rows for level in levels),
         quantity_names=tuple(quantities),
@@ -317,11 +421,15 @@ def _is_safety(task: Task) -> bool:
 def _reachable(task: Task, rows: Rows, symbols: TickSymbols, previous: ca.SX, gate: ca.SX) -> Rows:
     """Bounds that keep the robot safe are followed as fast as the acceleration limits allow."""
     eased = task.equality or not _is_safety(task)
-    return reachable_rows(rows, equality=task.equality, eased=eased, symbols=symbols, previous=previous, gate=gate)
+    return reachable_rows(
+        rows, equality=task.equality, eased=eased, symbols=symbols, previous=previous, gate=gate
+    )
 
 
 def _stacked(levels: Sequence[_Level], quantities: dict[str, ca.SX]) -> dict[str, ca.SX]:
-    """Dense outputs of the levels function; a gate between 0 and 1 is already part of the bounds."""
+    """Dense outputs of the levels function; a gate between 0 and 1 is already part of the
+    bounds.
+    """
     gate = ca.vertcat(*(ca.repmat(level.gate, level.rows.n_rows, 1) for level in levels))
     rows = [level.rows for level in levels]
     activity = ca.vertcat(*(r.activation for r in rows)) * gate
@@ -338,9 +446,15 @@ def _stacked(levels: Sequence[_Level], quantities: dict[str, ca.SX]) -> dict[str
     return {name: ca.densify(value) for name, value in outputs.items()}
 
 
-def _rests_on(symbols: TickSymbols, tasks: Sequence[Task], quantities: dict[str, ca.SX]) -> dict[str, np.ndarray]:
-    """Return which quantities depend on each channel; what is measured of distances depends on the whole configuration."""
-    robot, q, values = symbols.robot, symbols.q, ca.vertcat(ca.SX(0, 1), *quantities.values())
+def _rests_on(
+    symbols: TickSymbols, tasks: Sequence[Task], quantities: dict[str, ca.SX]
+) -> dict[str, np.ndarray]:
+    """Return which quantities depend on each channel; what is measured of distances depends on the
+    whole configuration.
+    """
+    robot = symbols.robot
+    q = symbols.q
+    values = ca.vertcat(ca.SX(0, 1), *quantities.values())
     measured = {task.name for task in tasks if task.nearest_pairs is not None}
     near = np.array([name.rpartition(".")[0] in measured for name in quantities], dtype=bool)
     n = 7 if robot.n_vehicle else 0
@@ -352,7 +466,10 @@ def _rests_on(symbols: TickSymbols, tasks: Sequence[Task], quantities: dict[str,
 
 def _depends(values: ca.SX, on: ca.SX) -> np.ndarray:
     """Which of the values (m,) depend on any of the symbols."""
-    return np.array([bool(on.numel()) and ca.depends_on(value, on) for value in ca.vertsplit(values)], dtype=bool)
+    return np.array(
+        [bool(on.numel()) and ca.depends_on(value, on) for value in ca.vertsplit(values)],
+        dtype=bool,
+    )
 
 
 def tick_symbols(robot: Robot, dt: float) -> TickSymbols:
@@ -368,16 +485,20 @@ def tick_symbols(robot: Robot, dt: float) -> TickSymbols:
     )
 
 
-def _task_rows(robot: Robot, hierarchy: Hierarchy, symbols: TickSymbols, parameters: ca.SX) -> list[Rows]:
+def _task_rows(
+    robot: Robot, hierarchy: Hierarchy, symbols: TickSymbols, parameters: ca.SX
+) -> list[Rows]:
     ends = np.cumsum([0, *(task.n_parameters(robot) for task in hierarchy.tasks)]).tolist()
     spans = zip(hierarchy.tasks, ends[:-1], ends[1:], strict=True)
     return [task.rows(symbols, parameters[start:end]) for task, start, end in spans]
 
 
 def _limit_rows(symbols: TickSymbols, previous: ca.SX) -> Rows:
-    """Velocity and position limits, reached no faster than the acceleration limits allow from the previous velocity.
+    """Velocity and position limits, reached no faster than the acceleration limits allow from the
+    previous velocity.
 
-    Joints keep a speed from which they can still stop before their limit. Not read by the regularised pseudo-inverse.
+    Joints keep a speed from which they can still stop before their limit. Not read by the
+    regularised pseudo-inverse.
     """
     robot = symbols.robot
     reach = ca.DM(robot.limits.acceleration * symbols.dt)
@@ -387,7 +508,8 @@ def _limit_rows(symbols: TickSymbols, previous: ca.SX) -> Rows:
         braking = {"deceleration": float(robot.limits.acceleration[i]), "dt": symbols.dt}
         lower[i] = ca.fmax(lower[i], -stopping_speed(q - q_lower, **braking))
         upper[i] = ca.fmin(upper[i], stopping_speed(q_upper - q, **braking))
-    zeros, free = ca.SX.zeros(robot.n_v), symbolic_bodies.sparse(unlimited_axes(robot))
+    zeros = ca.SX.zeros(robot.n_v)
+    free = symbolic_bodies.sparse(unlimited_axes(robot))
     return Rows(
         jacobian=ca.SX.eye(robot.n_v),
         rate=zeros,
@@ -398,7 +520,11 @@ def _limit_rows(symbols: TickSymbols, previous: ca.SX) -> Rows:
 
 
 def _rest_rows(symbols: TickSymbols, previous: ca.SX) -> Rows:
-    """Minimise the remaining velocity ([Gao2022] Table 3, last row), coming to rest in proportion."""
+    """Minimise the remaining velocity ([Gao2022] Table 3, last row), coming to rest in
+    proportion.
+    """
     n_v = symbols.robot.n_v
     rows = equality_rows(ca.SX.eye(n_v), ca.SX.zeros(n_v))
-    return reachable_rows(rows, equality=True, eased=True, symbols=symbols, previous=previous, gate=ca.SX(1))
+    return reachable_rows(
+        rows, equality=True, eased=True, symbols=symbols, previous=previous, gate=ca.SX(1)
+    )

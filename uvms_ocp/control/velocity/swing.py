@@ -1,8 +1,9 @@
 """Tasks on top of a vehicle that swings: roll and pitch that no thruster drives.
 
-A velocity that follows a free axis at its own frequency drives it: by feedback, which lags by a quarter of a period, more than
-water damps it. So tasks are asked for at the attitude about which the vehicle swings, and what it swings by is left to the joints
-alone, with a lead that damps it. Where the arm leans out, the vehicle leans after it, by a load as much again: rows hold that.
+A velocity that follows a free axis at its own frequency drives it: by feedback, which lags by a
+quarter of a period, more than water damps it. So tasks are asked for at the attitude about which
+the vehicle swings, and what it swings by is left to the joints alone, with a lead that damps it.
+Where the arm leans out, the vehicle leans after it, by a load as much again: rows hold that.
 """
 
 from __future__ import annotations
@@ -18,28 +19,39 @@ from uvms_ocp.tasks.activation import ENDLESS, approach_speed, row_acceleration
 from uvms_ocp.tasks.task import Rows, TickSymbols
 
 N_PASSIVE = 4
-"""Rotation of the vehicle from its mean (3,) [rad], 0 about driven axes; weight [N] at the tool that the model does not know."""
+"""Rotation of the vehicle from its mean (3,) [rad], 0 about driven axes; weight [N] at the tool
+that the model does not know.
+"""
 _FREE = 6  # axes of a vehicle that can swing
-_SLOWEST, _QUICKEST = 0.3, 6.0  # [rad/s] of a swing
+# [rad/s] of a swing
+_SLOWEST = 0.3
+_QUICKEST = 6.0
 _LEAD = 0.5  # of the swing's frequency, by which joints are ahead of it
 _MEMORY = 8.0  # over the swing's frequency [s]: in which its mean is learnt
 _JOINT_SHARE = 0.5  # of the velocity limits of the joints, for countering a swing
 _SINGULAR = 0.05  # of the largest lever of the joints, below which they meet no row
 _SOFT = 0.1  # of the righting moment upright, below which a lean is not followed any more
-_LARGEST_LEAN = 0.7  # [rad] that joints may bring about; from 0.9 on heavy loads in a current swing for ever
+_LARGEST_LEAN = (
+    0.7  # [rad] that joints may bring about; from 0.9 on heavy loads in a current swing for ever
+)
 _LEAN_GAIN = 0.3  # of the swing's frequency
 _NOTHING = 1e-12  # keeps divisions by nothing finite
 
 
 def swinging_axes(robot: Robot) -> list[int]:
     """Return roll and pitch (3, 4), as far as no thruster drives them."""
-    return [axis for axis in thrusters.undriven_axes(robot) if axis in (3, 4)] if robot.n_vehicle == _FREE else []
+    return (
+        [axis for axis in thrusters.undriven_axes(robot) if axis in (3, 4)]
+        if robot.n_vehicle == _FREE
+        else []
+    )
 
 
 def _swinging_motions(robot: Robot) -> ca.DM:
     """Return the `free_motions` about the swinging axes (n_v, n), each as quick as its rotation.
 
-    That rotation is what swings, not the momentum in it: of that a vehicle has some that goes on steadily, and does not turn.
+    That rotation is what swings, not the momentum in it: of that a vehicle has some that goes on
+    steadily, and does not turn.
     """
     swinging = [thrusters.undriven_axes(robot).index(axis) for axis in swinging_axes(robot)]
     return symbolic_bodies.sparse(thrusters.free_motions(robot)[0][:, swinging])
@@ -47,11 +59,20 @@ def _swinging_motions(robot: Robot) -> ca.DM:
 
 @lru_cache(maxsize=8)
 def swing_frequency(robot: Robot) -> float:
-    """Return the slowest [rad/s] of the free axes upright with the arm stowed, within what can be countered."""
-    axes, q = swinging_axes(robot), robot.configuration()
+    """Return the slowest [rad/s] of the free axes upright with the arm stowed, within what can be
+    countered.
+    """
+    axes = swinging_axes(robot)
+    q = robot.configuration()
     M = dynamics.cached_dynamics(robot).mass_matrix(q)[np.ix_(axes, axes)]
     K = np.array(_balance(robot)(q, 0.0)[0])[:, axes]
-    return float(np.clip(np.sqrt(max(np.linalg.eigvals(np.linalg.solve(M, K)).real.min(), 0.0)), _SLOWEST, _QUICKEST))
+    return float(
+        np.clip(
+            np.sqrt(max(np.linalg.eigvals(np.linalg.solve(M, K)).real.min(), 0.0)),
+            _SLOWEST,
+            _QUICKEST,
+        )
+    )
 
 
 def memory_time(robot: Robot) -> float:
@@ -60,22 +81,32 @@ def memory_time(robot: Robot) -> float:
 
 
 def mean_attitude(symbols: TickSymbols, passive: ca.SX) -> TickSymbols:
-    """Return the symbols at rest in the motions that swing, at their mean; passive (4,): see `N_PASSIVE`."""
-    robot, axes = symbols.robot, swinging_axes(symbols.robot)
-    motions, model = _swinging_motions(robot), SymbolicModel(robot.model)
+    """Return the symbols at rest in the motions that swing, at their mean; passive (4,): see
+    `N_PASSIVE`.
+    """
+    robot = symbols.robot
+    axes = swinging_axes(symbols.robot)
+    motions = _swinging_motions(robot)
+    model = SymbolicModel(robot.model)
     velocity = symbols.velocity - motions @ symbols.velocity[axes]
     q = model.integrate(symbols.q, -motions @ passive[[axis - 3 for axis in axes]])
-    q[robot.joint_q] = symbols.q[robot.joint_q]  # as symbols, which tasks differentiate by, of endless joints too
+    q[robot.joint_q] = symbols.q[
+        robot.joint_q
+    ]  # as symbols, which tasks differentiate by, of endless joints too
     return replace(symbols, kinematics=model.forward_kinematics(q), q=q, velocity=velocity)
 
 
-def countered_rows(rows: Rows, mean: Rows, symbols: TickSymbols, passive: ca.SX, lean: Lean) -> Rows:
-    """Return the rows of a task with the rates that it asks for at the mean attitude, the swing countered by joints alone.
+def countered_rows(
+    rows: Rows, mean: Rows, symbols: TickSymbols, passive: ca.SX, lean: Lean
+) -> Rows:
+    """Return the rows of a task with the rates that it asks for at the mean attitude, the swing
+    countered by joints alone.
 
-    What they cannot follow is left, in phase: the share that they counter is the same for all of them. passive (4,): see
-    `N_PASSIVE`; lean: of `lean_of`.
+    What they cannot follow is left, in phase: the share that they counter is the same for all of
+    them. passive (4,): see `N_PASSIVE`; lean: of `lean_of`.
     """
-    robot, axes = symbols.robot, swinging_axes(symbols.robot)
+    robot = symbols.robot
+    axes = swinging_axes(symbols.robot)
     free = rows.jacobian @ _swinging_motions(robot)
     J = ca.SX(rows.jacobian)
     J[:, axes] -= free
@@ -83,12 +114,17 @@ def countered_rows(rows: Rows, mean: Rows, symbols: TickSymbols, passive: ca.SX,
         J[:, robot.n_vehicle :] += free @ lean.slope
     limit = ca.diag(ca.DM(np.minimum(robot.limits.velocity[robot.joint_v], ENDLESS)))
     arm = rows.jacobian[:, robot.n_vehicle :] @ limit
-    ahead = symbols.velocity[axes] - _LEAD * swing_frequency(robot) * passive[[axis - 3 for axis in axes]]
+    ahead = (
+        symbols.velocity[axes]
+        - _LEAD * swing_frequency(robot) * passive[[axis - 3 for axis in axes]]
+    )
     least = (_SINGULAR * ca.norm_fro(arm)) ** 2 + _NOTHING
     share = -arm.T @ ca.solve(arm @ arm.T + least * ca.SX.eye(rows.n_rows), free @ ahead)
     most = ca.fmax(_JOINT_SHARE, ca.mmax(ca.fabs(share))) if robot.n_joints else 1
     met = J[:, robot.n_vehicle :] @ limit @ share * _JOINT_SHARE / most
-    return replace(rows, jacobian=J, rate=mean.rate + met, lower=mean.lower + met, upper=mean.upper + met)
+    return replace(
+        rows, jacobian=J, rate=mean.rate + met, lower=mean.lower + met, upper=mean.upper + met
+    )
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
@@ -102,15 +138,20 @@ class Lean:
 
 
 def lean_of(symbols: TickSymbols, passive: ca.SX) -> Lean:
-    """Return the balance of weight, buoyancy and the weight at the tool, less where the vehicle hardly rights itself.
+    """Return the balance of weight, buoyancy and the weight at the tool, less where the vehicle
+    hardly rights itself.
 
     symbols: of `mean_attitude`; passive (4,): see `N_PASSIVE`.
     """
-    robot, axes = symbols.robot, swinging_axes(symbols.robot)
+    robot = symbols.robot
+    axes = swinging_axes(symbols.robot)
     slope, moment = _balance(robot)(symbols.q, passive[3])
-    K, upright = slope[:, axes], np.array(_balance(robot)(robot.configuration(), 0.0)[0])[:, axes]
+    K = slope[:, axes]
+    upright = np.array(_balance(robot)(robot.configuration(), 0.0)[0])[:, axes]
     least = (_SOFT * np.linalg.norm(upright)) ** 2 + _NOTHING
-    found = -K.T @ ca.solve(K @ K.T + least * ca.SX.eye(len(axes)), ca.horzcat(slope[:, robot.n_vehicle :], moment))
+    found = -K.T @ ca.solve(
+        K @ K.T + least * ca.SX.eye(len(axes)), ca.horzcat(slope[:, robot.n_vehicle :], moment)
+    )
     return Lean(slope=found[:, :-1], offset=found[:, -1])
 
 
@@ -119,9 +160,13 @@ def lean_rows(symbols: TickSymbols, lean: Lean) -> Rows:
 
     symbols: of `mean_attitude`; lean: of `lean_of`.
     """
-    robot, axes = symbols.robot, swinging_axes(symbols.robot)
+    robot = symbols.robot
+    axes = swinging_axes(symbols.robot)
     up = symbols.R_WB[2, :]
-    angle = ca.vertcat(ca.atan2(up[1], up[2]), ca.atan2(-up[0], up[2]))[[axis - 3 for axis in axes]] + lean.offset
+    angle = (
+        ca.vertcat(ca.atan2(up[1], up[2]), ca.atan2(-up[0], up[2]))[[axis - 3 for axis in axes]]
+        + lean.offset
+    )
     J = ca.horzcat(ca.SX(len(axes), robot.n_vehicle), lean.slope)
     bound = partial(
         approach_speed,
@@ -131,14 +176,25 @@ def lean_rows(symbols: TickSymbols, lean: Lean) -> Rows:
         saturation=ENDLESS,
     )
     zeros = ca.SX.zeros(len(axes))
-    return Rows(jacobian=J, rate=zeros, lower=-bound(_LARGEST_LEAN + angle), upper=bound(_LARGEST_LEAN - angle), activation=zeros)
+    return Rows(
+        jacobian=J,
+        rate=zeros,
+        lower=-bound(_LARGEST_LEAN + angle),
+        upper=bound(_LARGEST_LEAN - angle),
+        activation=zeros,
+    )
 
 
 @lru_cache(maxsize=8)
 def _balance(robot: Robot) -> ca.Function:
-    """Make ``q (n_q,), weight [N] -> (n_swinging, n_v), (n_swinging,)``: slope of the moments about the free axes, and these."""
-    model, axes = SymbolicModel(robot.model), swinging_axes(robot)
-    q, weight, step = ca.SX.sym("q", robot.n_q), ca.SX.sym("weight"), ca.SX.sym("step", robot.n_v)
+    """Make ``q (n_q,), weight [N] -> (n_swinging, n_v), (n_swinging,)``: slope of the moments about
+    the free axes, and these.
+    """
+    model = SymbolicModel(robot.model)
+    axes = swinging_axes(robot)
+    q = ca.SX.sym("q", robot.n_q)
+    weight = ca.SX.sym("weight")
+    step = ca.SX.sym("step", robot.n_v)
     moved = model.integrate(q, step)
     energy = dynamics.cached_dynamics(robot).symbolic.potential_energy(moved)
     if robot.tools:

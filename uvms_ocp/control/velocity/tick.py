@@ -1,4 +1,6 @@
-"""One tick of the velocity layer in order: `before` the hierarchy, the hierarchy itself, `after` it."""
+"""One tick of the velocity layer in order: `before` the hierarchy, the hierarchy itself, `after`
+it.
+"""
 
 from __future__ import annotations
 
@@ -17,16 +19,25 @@ from uvms_ocp.control.velocity.goals import load_goals
 from uvms_ocp.control.velocity.levels import LevelsProblem
 from uvms_ocp.control.velocity.tick_memory import TickMemory
 from uvms_ocp.estimation.degraded_modes import restrict
-from uvms_ocp.estimation.fallbacks import Freshness, echo_range, freshness_of, hold_last_valid, point_altimeter
+from uvms_ocp.estimation.fallbacks import (
+    Freshness,
+    echo_range,
+    freshness_of,
+    hold_last_valid,
+    point_altimeter,
+)
 from uvms_ocp.mission import progress
 from uvms_ocp.robot.signals import Trust
 from uvms_ocp.solvers.hierarchy.solution import Status, TickResult, dense
 
 _SPARE = 1.3  # times the error of the velocity, which still grows as it is seen
 _FASTER = 0.2  # share of its velocity limit that a joint leaves at most
-_NOTICED, _FORGOTTEN = 0.04, 5.0  # [s] in which it is learnt that a joint goes faster than commanded, and that it does no more
+# [s] in which it is learnt that a joint goes faster than commanded, and that it does no more
+_NOTICED = 0.04
+_FORGOTTEN = 5.0
 
-# One tick of the kinematic layer but for the hierarchy: what is known, `before` it, and what comes of it, `after`.
+# One tick of the kinematic layer but for the hierarchy: what is known, `before` it, and what comes
+# of it, `after`.
 #
 # Between the two the hierarchy is solved.
 
@@ -41,7 +52,9 @@ def _begin(m: TickMemory) -> None:
 
 
 def _follow_swing(m: TickMemory) -> None:
-    """Separate what swings from its mean, and smooth the weight that the force layer finds at the tool."""
+    """Separate what swings from its mean, and smooth the weight that the force layer finds at the
+    tool.
+    """
     gain = m.rule.stop.dt / m.swing_memory
     for k in range(3):
         if m.swings[k] != 0:
@@ -50,7 +63,9 @@ def _follow_swing(m: TickMemory) -> None:
 
 
 def prepare_tick(m: TickMemory) -> None:
-    """Prepare a tick: replace what is missing of the estimate, and evaluate restriction, quantities and gates."""
+    """Prepare a tick: replace what is missing of the estimate, and evaluate restriction, quantities
+    and gates.
+    """
     hold_last_valid(m.sound, m.t, m.q, m.v, m.age, m.joint_age)
     m.age = m.sound.age
     m.joint_age = m.sound.joint_age
@@ -60,11 +75,16 @@ def prepare_tick(m: TickMemory) -> None:
     load_goals(m.goals, m.mission, m.ascent, m.t)
     restrict(m.restriction, m.t, m.altitude_matters)
     distrusted = _doubts_altimeter(m)
-    lowest, lower = 0.0, False
+    lowest = 0.0
+    lower = False
     for i in range(len(m.gates)):
         if m.restriction.no_descent and m.lands[i] != 0:
             m.gates[i] = 0.0
-        if m.reads_altitude[i] != 0 and m.gates[i] > 0.0 and (not lower or m.rest_altitude[i] < lowest):
+        if (
+            m.reads_altitude[i] != 0
+            and m.gates[i] > 0.0
+            and (not lower or m.rest_altitude[i] < lowest)
+        ):
             lowest = m.rest_altitude[i]
             lower = True
     m.echo[0] = echo_range(m.beam, m.t, m.altimeter_range, lowest, distrusted)
@@ -84,19 +104,24 @@ def prepare_tick(m: TickMemory) -> None:
 
 def _measure_distances(m: TickMemory) -> None:
     """For tasks that are on or begin; on the way to rest where that could come near a limit."""
-    target, looked = m.mission.targets[m.mission.phase], False
+    target = m.mission.targets[m.mission.phase]
+    looked = False
     for k in range(m.nearest.n_asking):
         i = m.nearest.pairs[k].task
         if target[i] != 0.0 or m.gates[i] != 0.0:
             if not looked:
                 least = m.rule.stop.dt if m.near else math.inf
-                distances.place_along_stop(m.nearest, m.q, m.command, m.rule.stop.acceleration, least)
+                distances.place_along_stop(
+                    m.nearest, m.q, m.command, m.rule.stop.acceleration, least
+                )
                 looked = True
             distances.measure_pairs(m.nearest, k, m.goals.values)
 
 
 def finish_tick(m: TickMemory) -> None:
-    """Finish a tick once the hierarchy is solved: outputs, velocity, and the mission's next state."""
+    """Finish a tick once the hierarchy is solved: outputs, velocity, and the mission's next
+    state.
+    """
     _report(m)
     if m.holds:
         _come_to_rest(m)
@@ -111,14 +136,17 @@ def finish_tick(m: TickMemory) -> None:
 
 def _check_mission(m: TickMemory) -> None:
     """Go on with the mission, or give it up."""
-    less, stopped = m.restriction, is_stopped(m)
+    less = m.restriction
+    stopped = is_stopped(m)
     hopeless = stopped and (less.ended or less.any_lost)
     clearance = math.nan
     if m.distress.aborts:  # nothing else asks for it
         m.lowest(m.q, m.height)
         unseen = m.holds or _doubts_altimeter(m) or not m.altitude_valid
         clearance = math.nan if unseen else m.height[0] - m.beam.floor
-    m.why = abort.abort_reason(m.distress, m.mission, m.t, m.gates, m.phase_quantities, hopeless, less.ended, clearance)
+    m.why = abort.abort_reason(
+        m.distress, m.mission, m.t, m.gates, m.phase_quantities, hopeless, less.ended, clearance
+    )
     if m.why != abort.AbortReason.NOTHING:
         m.eventful = True
         if not m.mission.given_up:
@@ -155,7 +183,8 @@ def commit_velocity(m: TickMemory) -> None:
 
 
 def is_unknown(age: float, of_altitude: bool, altitude_valid: bool) -> bool:
-    """Return whether a quantity is NaN: before the first measurement, and where its altitude is a fallback.
+    """Return whether a quantity is NaN: before the first measurement, and where its altitude is a
+    fallback.
 
     age [s]: of the measurement.
     """
@@ -165,9 +194,12 @@ def is_unknown(age: float, of_altitude: bool, altitude_valid: bool) -> bool:
 def _report(m: TickMemory) -> None:
     """Update the quantities.
 
-    Phases are told less: nothing that rests on a channel that is not good, but in the abort phase the best there is.
+    Phases are told less: nothing that rests on a channel that is not good, but in the abort phase
+    the best there is.
     """
-    progress.measure_own(m.mission, m.t, 0.0 - m.distress.push * m.lift, m.distress.spent, m.quantities)
+    progress.measure_own(
+        m.mission, m.t, 0.0 - m.distress.push * m.lift, m.distress.spent, m.quantities
+    )
     of_altitude = m.rests_on[m.altimeter]
     for i in range(len(m.quantities)):
         unknown = is_unknown(m.age, of_altitude[i] != 0, m.altitude_valid)
@@ -176,7 +208,11 @@ def _report(m: TickMemory) -> None:
     for k in range(len(m.channel)):
         channel = m.rests_on[k]
         for i in range(len(m.quantities)):
-            if m.restriction.level[m.channel[k]] != Trust.GOOD and channel[i] != 0 and not m.mission.given_up:
+            if (
+                m.restriction.level[m.channel[k]] != Trust.GOOD
+                and channel[i] != 0
+                and not m.mission.given_up
+            ):
                 m.phase_quantities[i] = math.nan
     for i in range(len(m.quantities)):
         if not m.holds:
@@ -200,22 +236,33 @@ def _choose(m: TickMemory) -> None:
     m.place[:] = m.q
     _wanted_velocity(m)
     m.near = viability.may_reach_limit(m.rule, m.wanted, m.gates, m.quantities)
-    m.share = viability.enforce_viability(m.rule, m.q, m.command, m.wanted, m.gates, m.quantities) if m.near else 1.0
+    m.share = (
+        viability.enforce_viability(m.rule, m.q, m.command, m.wanted, m.gates, m.quantities)
+        if m.near
+        else 1.0
+    )
     commit_velocity(m)
 
 
 def _wanted_velocity(m: TickMemory) -> None:
-    """The velocity that the tasks ask for, within what the limits of each axis and the restrictions leave."""
+    """The velocity that the tasks ask for, within what the limits of each axis and the restrictions
+    leave.
+    """
     m.wanted_pace = m.pace
     if m.usable:
         _shorten(m)
         if m.restriction.any_bad or m.pace != 1.0:
-            m.wanted_pace = braking.limit_speed(m.speed_limit, m.restriction, m.beam, m.q, m.command, m.pace, m.wanted)
+            m.wanted_pace = braking.limit_speed(
+                m.speed_limit, m.restriction, m.beam, m.q, m.command, m.pace, m.wanted
+            )
     else:
         for i in range(len(m.wanted)):  # one tick nearer to rest
-            m.wanted[i] = m.command[i] - min(max(m.command[i], -m.speed_limit.step[i]), m.speed_limit.step[i])
+            m.wanted[i] = m.command[i] - min(
+                max(m.command[i], -m.speed_limit.step[i]), m.speed_limit.step[i]
+            )
     for i in range(len(m.wanted)):
-        # From rest at every tick: the hierarchy counts on no more than one tick's acceleration of such a joint.
+        # From rest at every tick: the hierarchy counts on no more than one tick's acceleration of
+        # such a joint.
         if m.jammed[i] != 0:
             m.wanted[i] = 0.0
 
@@ -223,15 +270,20 @@ def _wanted_velocity(m: TickMemory) -> None:
 def _shorten(m: TickMemory) -> None:
     """The solver's velocity, shortened to the velocity limits with its direction kept.
 
-    Joints leave what they have lately been faster by than commanded, so that they keep their limits themselves: each for itself,
-    or one that is driven by the vehicle's drag would slow the whole mission. What lags behind as they brake is not that, nor
-    what moves them at rest.
+    Joints leave what they have lately been faster by than commanded, so that they keep their limits
+    themselves: each for itself, or one that is driven by the vehicle's drag would slow the whole
+    mission. What lags behind as they brake is not that, nor what moves them at rest.
     """
-    excess, dt = 1.0, m.rule.stop.dt
+    excess = 1.0
+    dt = m.rule.stop.dt
     for i in range(len(m.solved)):
         if m.is_joint[i] != 0:
             ahead = m.command[i] * (m.v[i] - m.command[i]) > 0.0
-            faster = min(_SPARE * abs(m.v[i] - m.command[i]), _FASTER * m.velocity_limit[i]) if ahead else 0.0
+            faster = (
+                min(_SPARE * abs(m.v[i] - m.command[i]), _FASTER * m.velocity_limit[i])
+                if ahead
+                else 0.0
+            )
             if m.command[i] * m.change[i] < 0.0:
                 faster = min(faster, m.faster[i])
             gain = min(1.0, dt / (_NOTICED if faster > m.faster[i] else _FORGOTTEN))
@@ -242,7 +294,8 @@ def _shorten(m: TickMemory) -> None:
         m.wanted[i] = min(max(m.solved[i] / excess, -most), most)
 
 
-# The hierarchy solved between `before` and `after`, in machine code: levels, solver, and what comes of it.
+# The hierarchy solved between `before` and `after`, in machine code: levels, solver, and what comes
+# of it.
 
 
 class VelocityController(Layout):
@@ -277,10 +330,31 @@ class VelocityController(Layout):
 
 def solve(c: VelocityController) -> int:
     """Solve the hierarchy and finish the tick; return the code of the `Status`. A kernel."""
-    m, J, low, up, rate, on, gate = c.tick, c.jacobian, c.lower, c.upper, c.rate, c.activation, c.gate
+    m = c.tick
+    J = c.jacobian
+    low = c.lower
+    up = c.upper
+    rate = c.rate
+    on = c.activation
+    gate = c.gate
     goals = m.goals.values
     c.levels(
-        m.q, m.v, m.passive, m.previous, m.change, m.echo, goals, m.gates, J, low, up, rate, on, gate, m.quantities, c.activity
+        m.q,
+        m.v,
+        m.passive,
+        m.previous,
+        m.change,
+        m.echo,
+        goals,
+        m.gates,
+        J,
+        low,
+        up,
+        rate,
+        on,
+        gate,
+        m.quantities,
+        c.activity,
     )
     c.solver(J, low, up, rate, on, gate, c.state, m.solved, c.new_state, c.report, c.residual)
     c.state[:] = c.new_state
@@ -296,24 +370,39 @@ def solve_and_finish(c: VelocityController) -> int:
     return status
 
 
-def velocity_controller(tick: TickMemory, problem: LevelsProblem, core: ca.Function | None) -> VelocityController | None:
-    """A `VelocityController` whose tick is a copy of this one; `None` without a core, as `CompiledSolver.core` gives it."""
+def velocity_controller(
+    tick: TickMemory, problem: LevelsProblem, core: ca.Function | None
+) -> VelocityController | None:
+    """A `VelocityController` whose tick is a copy of this one; `None` without a core, as
+    `CompiledSolver.core` gives it.
+    """
     if core is None:
         return None
-    levels, rows = dense(problem.function), problem.sizes
+    levels = dense(problem.function)
+    rows = problem.sizes
     sizes = {"n_rows": sum(rows), "n_entries": levels.numel_out(0), "n_statuses": len(Status)}
     activity = levels.numel_out(levels.n_out() - 1)
-    kind = structure_of(VelocityController, tick=type(tick), levels=levels, solver=core, n_activity=activity, **sizes)
+    kind = structure_of(
+        VelocityController,
+        tick=type(tick),
+        levels=levels,
+        solver=core,
+        n_activity=activity,
+        **sizes,
+    )
     memory = kind()
     memory.tick = tick
     memory.usable[:] = [status.usable for status in Status]
     return memory
 
 
-# The second half of a tick as a thing to call: the solver and what follows, in one call of machine code or one by one.
+# The second half of a tick as a thing to call: the solver and what follows, in one call of machine
+# code or one by one.
 
 Solved = tuple[int, np.ndarray, np.ndarray, float]
-"""Code of the `Status`, residual (n_rows,) [m/s, rad/s], activity (n_activity,), time [s] of the solver or of both."""
+"""Code of the `Status`, residual (n_rows,) [m/s, rad/s], activity (n_activity,), time [s] of the
+solver or of both.
+"""
 _STATUS_CODE = {status: code for code, status in enumerate(Status)}
 
 
@@ -326,7 +415,8 @@ def solve_in_c(whole: VelocityController) -> Callable[[VelocityController], int]
 def finish_in_c(whole: VelocityController) -> Callable[[], Solved]:
     """On a `VelocityController`."""
     run = solve_in_c(whole)
-    residual, activity = view(whole.residual), view(whole.activity)
+    residual = view(whole.residual)
+    activity = view(whole.activity)
 
     def call() -> Solved:
         begin = perf_counter()

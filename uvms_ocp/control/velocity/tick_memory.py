@@ -8,7 +8,14 @@ from typing import Annotated, Any
 
 import numpy as np
 
-from uvms_ocp.codegen.kernel_layout import FunctionField, Layout, Sized, Vector, assign, structure_of
+from uvms_ocp.codegen.kernel_layout import (
+    FunctionField,
+    Layout,
+    Sized,
+    Vector,
+    assign,
+    structure_of,
+)
 from uvms_ocp.control.velocity import abort, braking, distances, levels, swing, viability
 from uvms_ocp.control.velocity.goals import GoalsMemory
 from uvms_ocp.estimation.degraded_modes import ALTIMETER, CHANNELS, RestrictionMemory, write_modes
@@ -19,7 +26,8 @@ from uvms_ocp.robot.robot import Robot
 from uvms_ocp.robot.thrusters import largest_wrench
 from uvms_ocp.tasks.task import Task
 
-# The memory of one tick of the kinematic layer: where the mission is, what is known, and what comes of it.
+# The memory of one tick of the kinematic layer: where the mission is, what is known, and what comes
+# of it.
 
 
 class TickMemory(Layout):
@@ -42,7 +50,9 @@ class TickMemory(Layout):
     lowest: FunctionField
     """Q to `height`."""
     height: Annotated[Vector, Sized(1)]
-    """(1,) [m] z in W of the lowest of hull, joints and tools, over a floor that falls from below the altimeter on."""
+    """(1,) [m] z in W of the lowest of hull, joints and tools, over a floor that falls from below
+    the altimeter on.
+    """
     ascent: abort.AscentMemory
     """Where the abort phase leads to."""
     goals: GoalsMemory
@@ -72,7 +82,9 @@ class TickMemory(Layout):
     t: float
     """[s] time of the tick."""
     q: Annotated[Vector, Sized("n_q")]
-    """(n_q,) [m, rad] measured; where that is not sound, the last that was, and so the next three."""
+    """(n_q,) [m, rad] measured; where that is not sound, the last that was, and so the next
+    three.
+    """
     v: Annotated[Vector, Sized("n_v")]
     """(n_v,) [m/s, rad/s] of the same."""
     altimeter_range: float
@@ -114,7 +126,9 @@ class TickMemory(Layout):
     previous: Annotated[Vector, Sized("n_v")]
     """(n_v,) [m/s, rad/s] commanded in the last tick, at full pace."""
     change: Annotated[Vector, Sized("n_v")]
-    """(n_v,) [m/s, rad/s] of that since the tick before it: a change of pace is none of the hierarchy's, and not to be eased."""
+    """(n_v,) [m/s, rad/s] of that since the tick before it: a change of pace is none of the
+    hierarchy's, and not to be eased.
+    """
 
     # of the hierarchy
     solved: Annotated[Vector, Sized("n_v")]
@@ -158,13 +172,19 @@ class TickMemory(Layout):
 
 
 def tick_memory(
-    robot: Robot, mission: Mission, problem: levels.LevelsProblem, watchdog: Watchdog, sizes: Mapping[str, Any]
+    robot: Robot,
+    mission: Mission,
+    problem: levels.LevelsProblem,
+    watchdog: Watchdog,
+    sizes: Mapping[str, Any],
 ) -> TickMemory:
-    """A `TickMemory` at rest, before the first measurement; what tells of distress, echoes, limits and goals is not in it yet.
+    """A `TickMemory` at rest, before the first measurement; what tells of distress, echoes, limits
+    and goals is not in it yet.
 
     sizes: as `viability_sizes` and `track_sizes` tell them.
     """
-    tasks, names = mission.hierarchy.tasks, problem.quantity_names
+    tasks = mission.hierarchy.tasks
+    names = problem.quantity_names
     known = {
         **sizes,
         "n_tasks": len(tasks),
@@ -180,7 +200,9 @@ def tick_memory(
     write_modes(memory.restriction)
     memory.ascent.altitude = math.nan if mission.abort is None else mission.abort.altitude
     is_joint = np.arange(robot.n_v) >= robot.n_vehicle
-    assign(memory.speed_limit, step=problem.step, is_joint=is_joint, has_vehicle=bool(robot.n_vehicle))
+    assign(
+        memory.speed_limit, step=problem.step, is_joint=is_joint, has_vehicle=bool(robot.n_vehicle)
+    )
     assign(
         memory,
         hold_after=watchdog.hold_after,
@@ -205,8 +227,19 @@ def tick_memory(
 
 
 def inputs_of(tick: Any, goals: Any) -> tuple[np.ndarray, ...]:
-    """Inputs of the levels function, in its order; tick, goals: `arrays_of` a `TickMemory` and of its goals."""
-    return (tick.q, tick.v, tick.passive, tick.previous, tick.change, tick.echo, goals.values, tick.gates)
+    """Inputs of the levels function, in its order; tick, goals: `arrays_of` a `TickMemory` and of
+    its goals.
+    """
+    return (
+        tick.q,
+        tick.v,
+        tick.passive,
+        tick.previous,
+        tick.change,
+        tick.echo,
+        goals.values,
+        tick.gates,
+    )
 
 
 def altimeter_of(robot: Robot, tasks: Sequence[Task]) -> str | None:

@@ -1,4 +1,6 @@
-"""Inputs of one tick of the velocity layer: the estimate, the altitude, the mission and what is restricted."""
+"""Inputs of one tick of the velocity layer: the estimate, the altitude, the mission and what is
+restricted.
+"""
 
 from __future__ import annotations
 
@@ -23,8 +25,9 @@ class TickInputs:
     measurement: StateEstimate
     """With finite q and v: the newest that is sound."""
     echo: float
-    """[m] range of the altimeter that tasks act on: carried along with the motion where there is no echo, cautious before the
-    first one."""
+    """[m] range of the altimeter that tasks act on: carried along with the motion where there is no
+    echo, cautious before the first one.
+    """
     altitude_valid: bool
     """An echo supports it, of now or of not too long ago."""
     mission: MissionState
@@ -44,4 +47,6 @@ class TickInputs:
     @property
     def stopped(self) -> bool:
         """Nothing can be known any more: no thrust."""
-        return self.freshness is Freshness.LOST or (bool(self.restriction.abort) and not self.restriction.can_ascend)
+        return self.freshness is Freshness.LOST or (
+            bool(self.restriction.abort) and not self.restriction.can_ascend
+        )

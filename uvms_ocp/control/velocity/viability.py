@@ -1,8 +1,8 @@
 """Viability rule: accept a velocity only if a full stop from it respects every limit on positions.
 
-A velocity that is refused gives way to the one nearest to it, on the way to the stop's own next velocity, from which the stop is
-clear. That next velocity was part of the stop that the tick before accepted, so that from a viable state there is always an
-answer, whatever the hierarchy asks for.
+A velocity that is refused gives way to the one nearest to it, on the way to the stop's own next
+velocity, from which the stop is clear. That next velocity was part of the stop that the tick before
+accepted, so that from a viable state there is always an answer, whatever the hierarchy asks for.
 """
 
 from __future__ import annotations
@@ -17,18 +17,37 @@ from typing import Annotated, Any
 import casadi as ca
 import numpy as np
 
-from uvms_ocp.codegen.kernel_layout import CallbackBinding, CallbackField, FunctionField, Layout, Sized, Vector, assign, view
+from uvms_ocp.codegen.kernel_layout import (
+    CallbackBinding,
+    CallbackField,
+    FunctionField,
+    Layout,
+    Sized,
+    Vector,
+    assign,
+    view,
+)
 from uvms_ocp.control.velocity import braking, goals
 from uvms_ocp.mission.mission import Mission
 from uvms_ocp.robot.limits import PositionLimit
 from uvms_ocp.robot.robot import Robot
-from uvms_ocp.robot.shapes.collision_model import CollisionModel, in_c, without_c_form as not_measured
-from uvms_ocp.robot.shapes.distance_kernels import DistanceMemory, distance_lower_bound, distance_of, place_solids
+from uvms_ocp.robot.shapes.collision_model import (
+    CollisionModel,
+    in_c,
+    without_c_form as not_measured,
+)
+from uvms_ocp.robot.shapes.distance_kernels import (
+    DistanceMemory,
+    distance_lower_bound,
+    distance_of,
+    place_solids,
+)
 from uvms_ocp.solvers.bounded_least_squares import dot
 from uvms_ocp.tasks.activation import ENDLESS
 from uvms_ocp.tasks.task import Task
 
-# The viability rule: a velocity is accepted only if a full stop from it respects every limit on positions.
+# The viability rule: a velocity is accepted only if a full stop from it respects every limit on
+# positions.
 
 _HALVINGS = 5
 
@@ -41,7 +60,9 @@ class ViabilityMemory(Layout):
     smooth: FunctionField
     """Q to the positions that have an expression, those of the first limits."""
     ask: CallbackField
-    """Where they have none, and are no distances: the positions of the limit `asked` at `place` that count."""
+    """Where they have none, and are no distances: the positions of the limit `asked` at `place`
+    that count.
+    """
     asked: int
     place: Annotated[Vector, Sized("n_q")]
     """(n_q,) [m, rad]"""
@@ -78,7 +99,9 @@ class ViabilityMemory(Layout):
     counts: Annotated[list[int], Sized("n_positions")]
     """(n_positions,) which of them may come to their limit."""
     floor: Annotated[Vector, Sized("n_positions")]
-    """(n_positions,) [m] that each stays at or above, over its limit: 0, or where the stop leads, if that is below."""
+    """(n_positions,) [m] that each stays at or above, over its limit: 0, or where the stop leads,
+    if that is below.
+    """
     slower: Annotated[Vector, Sized("n_v")]
     """(n_v,) [m/s, rad/s] one tick nearer to rest."""
     mixed: Annotated[Vector, Sized("n_v")]
@@ -86,16 +109,21 @@ class ViabilityMemory(Layout):
 
 
 def may_reach_limit(m: ViabilityMemory, v: Vector, gates: Vector, quantities: Vector) -> bool:
-    """Return whether some position may come to a limit that counts until the robot rests from v [m/s, rad/s]. A kernel.
+    """Return whether some position may come to a limit that counts until the robot rests from v
+    [m/s, rad/s]. A kernel.
 
-    gates of tasks, quantities [in their units] as measured. Leaves what each axis moves at most, and which limits it is.
+    gates of tasks, quantities [in their units] as measured. Leaves what each axis moves at most,
+    and which limits it is.
     """
-    any_near, n = False, len(m.travel)
+    any_near = False
+    n = len(m.travel)
     time = braking.time_to_rest(m.stop.acceleration, v, n)
     for i in range(n):
         m.travel[i] = abs(v[i]) * (m.stop.dt + 0.5 * time)
     for k in range(m.n_limits):
-        m.near[k] = gates[m.task[k]] > 0 and quantities[m.quantity[k]] - m.lower[k] <= _farthest(m, k)
+        m.near[k] = gates[m.task[k]] > 0 and quantities[m.quantity[k]] - m.lower[k] <= _farthest(
+            m, k
+        )
         any_near = any_near or m.near[k] != 0
     return any_near
 
@@ -106,17 +134,25 @@ def _farthest(m: ViabilityMemory, k: int) -> float:
 
 
 def enforce_viability(
-    m: ViabilityMemory, q: Vector, previous: Vector, wanted: Vector, gates: Vector, quantities: Vector
+    m: ViabilityMemory,
+    q: Vector,
+    previous: Vector,
+    wanted: Vector,
+    gates: Vector,
+    quantities: Vector,
 ) -> float:
-    """Makes of the velocity `wanted` [m/s, rad/s] the one for this tick, and returns the share that is left of it. A kernel.
+    """Makes of the velocity `wanted` [m/s, rad/s] the one for this tick, and returns the share that
+    is left of it. A kernel.
 
-    The rest is slowing down. q [m, rad]: now. previous [m/s, rad/s]: of the tick before. gates: a limit counts while its
-    task is on at all. quantities [in their units]: as measured at q. A position that the stop from `previous` would not keep
-    either may fall as far as it does there, no farther.
+    The rest is slowing down. q [m, rad]: now. previous [m/s, rad/s]: of the tick before. gates: a
+    limit counts while its task is on at all. quantities [in their units]: as measured at q. A
+    position that the stop from `previous` would not keep either may fall as far as it does there,
+    no farther.
     """
     braking.slow_down(m.stop, q, previous, m.slower)
     for i in range(len(m.mixed)):
-        # Of every mixture of the two: it may be as fast as the one and need as long to rest as the other.
+        # Of every mixture of the two: it may be as fast as the one and need as long to rest as the
+        # other.
         m.mixed[i] = max(abs(wanted[i]), abs(m.slower[i]))
     if not may_reach_limit(m, m.mixed, gates, quantities):
         return 1.0
@@ -132,7 +168,9 @@ def enforce_viability(
 
 
 def _select_near(m: ViabilityMemory, q: Vector, quantities: Vector) -> None:
-    """Take the limits that are near as they are at q [m, rad], with the positions that may come to them."""
+    """Take the limits that are near as they are at q [m, rad], with the positions that may come to
+    them.
+    """
     for k in range(m.n_limits):
         if m.near[k] != 0:
             for i in range(m.first[k], m.end[k]):
@@ -144,7 +182,8 @@ def _select_near(m: ViabilityMemory, q: Vector, quantities: Vector) -> None:
 
 def _measure(m: ViabilityMemory, k: int, measured: float) -> None:
     """Room [m] before a limit from what is measured [m], and the positions that may come to it."""
-    lowest, way = math.inf, _farthest(m, k)
+    lowest = math.inf
+    way = _farthest(m, k)
     for i in range(m.first[k], m.end[k]):
         lowest = min(lowest, m.position[i])
     m.room[k] = measured - m.lower[k]
@@ -154,7 +193,9 @@ def _measure(m: ViabilityMemory, k: int, measured: float) -> None:
 
 
 def _look_at(m: ViabilityMemory, k: int, q: Vector) -> None:
-    """The positions of a limit at q [m, rad], of those that count at least; of distances a bound from below."""
+    """The positions of a limit at q [m, rad], of those that count at least; of distances a bound
+    from below.
+    """
     if m.pairs[k] != braking.NONE:
         _look_at_pairs(m, k, q)
         return
@@ -175,14 +216,17 @@ def _look_at_pairs(m: ViabilityMemory, k: int, q: Vector) -> None:
 
 
 def _height(m: ViabilityMemory, k: int, i: int, enough: float) -> float:
-    """[m] of a position over its limit, as last looked at; where that is `enough` [m], no less than that."""
+    """[m] of a position over its limit, as last looked at; where that is `enough` [m], no less than
+    that.
+    """
     if m.pairs[k] != braking.NONE and not m.position[i] - m.base[k] >= enough:
         m.position[i] = distance_of(m.distances[m.pairs[k]], i - m.first[k])
     return m.position[i] - m.base[k]
 
 
 def _is_clear(m: ViabilityMemory, q: Vector, v: Vector) -> bool:
-    """Return whether the stop from v [m/s, rad/s] keeps all positions that count at or above their floors, at every tick.
+    """Return whether the stop from v [m/s, rad/s] keeps all positions that count at or above their
+    floors, at every tick.
 
     Ticks that no position can have reached its floor at since it was last looked at are passed over
     (conservative advancement).
@@ -201,7 +245,9 @@ def _is_clear(m: ViabilityMemory, q: Vector, v: Vector) -> bool:
 
 
 def _slack(m: ViabilityMemory, k: int) -> float:
-    """[m] by which the positions of a limit that count are above their floors, as last looked at."""
+    """[m] by which the positions of a limit that count are above their floors, as last looked
+    at.
+    """
     slack = math.inf
     for i in range(m.first[k], m.end[k]):
         if m.counts[i] != 0:
@@ -234,11 +280,15 @@ def _interpolate(m: ViabilityMemory, wanted: Vector, share: float) -> None:
 
 
 def _largest_share(m: ViabilityMemory, q: Vector, wanted: Vector) -> float:
-    """Find the share of `wanted` [m/s, rad/s] from which the stop is clear, by halving; 0 is known to be clear."""
+    """Find the share of `wanted` [m/s, rad/s] from which the stop is clear, by halving; 0 is known
+    to be clear.
+    """
     _interpolate(m, wanted, 1.0)
     if _is_clear(m, q, m.mixed):
         return 1.0
-    low, high, left = 0.0, 1.0, _HALVINGS
+    low = 0.0
+    high = 1.0
+    left = _HALVINGS
     while left > 0:
         left -= 1
         middle = 0.5 * (low + high)
@@ -250,7 +300,8 @@ def _largest_share(m: ViabilityMemory, q: Vector, wanted: Vector) -> float:
     return low
 
 
-# The limits on positions of a hierarchy, in the memory of the viability rule, and the rule as a thing to call.
+# The limits on positions of a hierarchy, in the memory of the viability rule, and the rule as a
+# thing to call.
 #
 # And what of a mission has no form in C, where limits are much of it.
 
@@ -279,31 +330,60 @@ class PositionGuard:
     def model(self) -> CollisionModel | None:
         """Whose distances the positions are, where they are."""
         values = self.limit.values
-        owner = values.__self__ if isinstance(values, MethodType) and not self.limit.relative else None
+        owner = (
+            values.__self__ if isinstance(values, MethodType) and not self.limit.relative else None
+        )
         return owner if isinstance(owner, CollisionModel) and values == owner.values else None
 
 
-def position_guards(robot: Robot, tasks: Sequence[Task], quantity_names: Sequence[str]) -> tuple[PositionGuard, ...]:
-    """The limits that `tasks` stand for, those with an expression first; quantity_names: of the vector, "task.quantity"."""
-    found = [(k, task, limit) for k, task in enumerate(tasks) if (limit := task.position_limit(robot)) is not None]
+def position_guards(
+    robot: Robot, tasks: Sequence[Task], quantity_names: Sequence[str]
+) -> tuple[PositionGuard, ...]:
+    """The limits that `tasks` stand for, those with an expression first; quantity_names: of the
+    vector, "task.quantity".
+    """
+    found = [
+        (k, task, limit)
+        for k, task in enumerate(tasks)
+        if (limit := task.position_limit(robot)) is not None
+    ]
     found.sort(key=lambda item: not isinstance(item[2].values, ca.Function))
     firsts = np.cumsum([0, *(limit.n for _, _, limit in found)])
     return tuple(
-        PositionGuard(limit=limit, task=k, quantity=quantity_names.index(f"{task.name}.{limit.quantity}"), first=int(first))
+        PositionGuard(
+            limit=limit,
+            task=k,
+            quantity=quantity_names.index(f"{task.name}.{limit.quantity}"),
+            first=int(first),
+        )
         for (k, task, limit), first in zip(found, firsts, strict=False)
     )
 
 
-def without_c_form(robot: Robot, mission: Mission, dt: float, quantity_names: Sequence[str]) -> dict[str, str]:
-    """Names of tasks that Python is asked about wherever kernels run, and for what; dt [s]: control period.
+def without_c_form(
+    robot: Robot, mission: Mission, dt: float, quantity_names: Sequence[str]
+) -> dict[str, str]:
+    """Names of tasks that Python is asked about wherever kernels run, and for what; dt [s]: control
+    period.
 
     Told without a controller, for which something would have to be compiled.
     """
     tasks = mission.hierarchy.tasks
-    found = {item.name: _MOVES for phase in goals.asked_in_phases(mission, goals.tracks_of(mission, dt)) for item in phase}
-    limits = {guard.task: _refusal(guard, robot) for guard in position_guards(robot, tasks, quantity_names)}
-    distances = {task: not_measured(pairs.model, robot) for task, _, pairs in goals.distance_tasks(mission)}
-    reasons = [(tasks[task].name, why) for known in (limits, distances) for task, why in known.items()]
+    found = {
+        item.name: _MOVES
+        for phase in goals.asked_in_phases(mission, goals.tracks_of(mission, dt))
+        for item in phase
+    }
+    limits = {
+        guard.task: _refusal(guard, robot)
+        for guard in position_guards(robot, tasks, quantity_names)
+    }
+    distances = {
+        task: not_measured(pairs.model, robot) for task, _, pairs in goals.distance_tasks(mission)
+    }
+    reasons = [
+        (tasks[task].name, why) for known in (limits, distances) for task, why in known.items()
+    ]
     return found | {name: why for name, why in reasons if why}
 
 
@@ -311,7 +391,11 @@ def _refusal(guard: PositionGuard, robot: Robot) -> str:
     """Why it is; empty where it is not."""
     if guard.model is not None:
         return not_measured(guard.model, robot)
-    return "" if isinstance(guard.limit.values, ca.Function) else "a limit on positions without an expression"
+    return (
+        ""
+        if isinstance(guard.limit.values, ca.Function)
+        else "a limit on positions without an expression"
+    )
 
 
 def models_of(guards: Sequence[PositionGuard]) -> list[CollisionModel]:
@@ -320,7 +404,9 @@ def models_of(guards: Sequence[PositionGuard]) -> list[CollisionModel]:
 
 
 def viability_sizes(robot: Robot, guards: Sequence[PositionGuard], dt: float) -> dict[str, Any]:
-    """Return the sizes of a `ViabilityMemory` at control period dt [s], but for the `distance_layout_sizes` of its guards."""
+    """Return the sizes of a `ViabilityMemory` at control period dt [s], but for the
+    `distance_layout_sizes` of its guards.
+    """
     values = (guard.limit.values for guard in guards)
     return {
         "n_distances": sum(in_c(model, robot) for model in models_of(guards)),
@@ -335,30 +421,53 @@ def viability_sizes(robot: Robot, guards: Sequence[PositionGuard], dt: float) ->
 def _positions(robot: Robot, values: tuple[ca.Function, ...]) -> ca.Function:
     """Q to the positions of limits that have an expression."""
     q = ca.SX.sym("q", robot.n_q)
-    return ca.Function("positions", [q], [ca.densify(ca.vertcat(ca.SX(0, 1), *(one(q) for one in values)))], {"cse": True})
+    return ca.Function(
+        "positions",
+        [q],
+        [ca.densify(ca.vertcat(ca.SX(0, 1), *(one(q) for one in values)))],
+        {"cse": True},
+    )
 
 
 class ViabilitySetup:
-    """Write a robot and its limits into a `ViabilityMemory`; return the guards of limits without expression."""
+    """Write a robot and its limits into a `ViabilityMemory`; return the guards of limits without
+    expression.
+    """
 
-    def __init__(self, robot: Robot, guards: Sequence[PositionGuard], dt: float, memory: ViabilityMemory) -> None:
-        """Dt [s]: control period. memory: of the `viability_sizes` of the guards, which is set up."""
-        self._guards, self._memory = guards, memory
-        self._robot, self._n_distances = robot, 0
-        self._place, self._position, self._counts = map(view, (memory.place, memory.position, memory.counts))
+    def __init__(
+        self, robot: Robot, guards: Sequence[PositionGuard], dt: float, memory: ViabilityMemory
+    ) -> None:
+        """Dt [s]: control period. memory: of the `viability_sizes` of the guards, which is set
+        up.
+        """
+        self._guards = guards
+        self._memory = memory
+        self._robot = robot
+        self._n_distances = 0
+        self._place, self._position, self._counts = map(
+            view, (memory.place, memory.position, memory.counts)
+        )
         self.answer = CallbackBinding(memory.ask, self._look)
         memory.n_limits = len(guards)
-        assign(memory.stop, dt=dt, acceleration=braking.finite_acceleration(robot), n_limits=len(guards))
+        assign(
+            memory.stop,
+            dt=dt,
+            acceleration=braking.finite_acceleration(robot),
+            n_limits=len(guards),
+        )
         for k, guard in enumerate(guards):
             self._write(k, guard)
 
     def _write(self, k: int, guard: PositionGuard) -> None:
-        memory, limit = self._memory, guard.limit
+        memory = self._memory
+        limit = guard.limit
         memory.lower[k], memory.relative[k] = limit.lower, limit.relative
         memory.task[k], memory.quantity[k] = guard.task, guard.quantity
         memory.first[k], memory.end[k] = guard.positions.start, guard.positions.stop
         memory.pairs[k] = self._measured_by(guard.model)
-        memory.asks[k] = memory.pairs[k] == braking.NONE and not isinstance(limit.values, ca.Function)
+        memory.asks[k] = memory.pairs[k] == braking.NONE and not isinstance(
+            limit.values, ca.Function
+        )
         view(memory.stop.reach)[k] = np.fmin(limit.reach, ENDLESS)
 
     def _measured_by(self, model: CollisionModel | None) -> int:
@@ -372,4 +481,6 @@ class ViabilitySetup:
     def _look(self) -> None:
         guard = self._guards[self._memory.asked]
         rows = np.flatnonzero(self._counts[guard.positions])
-        self._position[guard.positions][rows] = guard.limit.values(self._place, None if len(rows) == guard.limit.n else rows)
+        self._position[guard.positions][rows] = guard.limit.values(
+            self._place, None if len(rows) == guard.limit.n else rows
+        )

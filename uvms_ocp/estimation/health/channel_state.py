@@ -1,7 +1,9 @@
-"""State of the health monitor, and the trust in one channel: from complaints, silence and the time without either.
+"""State of the health monitor, and the trust in one channel: from complaints, silence and the time
+without either.
 
-A complaint makes a channel suspect for `HealthTuning.clean` seconds; silence makes it suspect and then lost, and so do readings
-that are all refused. A reading that is used ends the loss; nothing is lost for good.
+A complaint makes a channel suspect for `HealthTuning.clean` seconds; silence makes it suspect and
+then lost, and so do readings that are all refused. A reading that is used ends the loss; nothing is
+lost for good.
 """
 
 from __future__ import annotations
@@ -16,17 +18,26 @@ from uvms_ocp.codegen.kernel_layout import Layout, Sized, Vector, structure_of
 from uvms_ocp.estimation.filter_memory import JOLTS, N_CHANNELS, NUMBER
 from uvms_ocp.estimation.health import plausibility, redundancy
 from uvms_ocp.estimation.health.floor import POSITION, FloorMemory, init_floor
-from uvms_ocp.estimation.health.tuning import Complaint, HealthTuning, Reason, copy_complaint, set_complaint
+from uvms_ocp.estimation.health.tuning import (
+    Complaint,
+    HealthTuning,
+    Reason,
+    copy_complaint,
+    set_complaint,
+)
 from uvms_ocp.robot.robot import Robot
 from uvms_ocp.robot.signals import SensorSpec, Trust
 from uvms_ocp.types import Array
 
-# All that the monitor knows, as layouts that kernels work on: one part per channel, and what channels share.
+# All that the monitor knows, as layouts that kernels work on: one part per channel, and what
+# channels share.
 
 N_ESTIMATES = 1024
 """that are remembered: five seconds of ticks of 5 ms; shorter ticks are not all kept."""
 TOO_LATE = 2.0
-"""[s] beyond its delay after which a reading is not used: half the length of a vehicle at its usual speed."""
+"""[s] beyond its delay after which a reading is not used: half the length of a vehicle at its usual
+speed.
+"""
 
 
 class ChannelMemory(Layout):
@@ -76,7 +87,9 @@ class ChannelMemory(Layout):
     refused_at: float
     """[s] when a reading was last refused, by whomever."""
     impossible_at: float
-    """[s] when one was last refused before the filter saw it: one that could not be, whatever else is wrong."""
+    """[s] when one was last refused before the filter saw it: one that could not be, whatever else
+    is wrong.
+    """
     bad_at: float
     """[s] when something last spoke against the channel."""
     excluded_until: float
@@ -101,13 +114,17 @@ class ChannelMemory(Layout):
     repeats: plausibility.RepetitionMemory
     # What came back elsewhere.
     off: float
-    """[unit of the channel] of the newest reading from the estimate, -1 where they were not compared."""
+    """[unit of the channel] of the newest reading from the estimate, -1 where they were not
+    compared.
+    """
     explained: float
     """[unit of the channel] of it, by noise and by how far the robot may have moved unforeseen."""
     refused_off: float
     """[unit of the channel] that of the last refused reading, 0 where it was explained."""
     jump: float
-    """[unit of the channel] by which two readings in a row were off alike since the last one that was used."""
+    """[unit of the channel] by which two readings in a row were off alike since the last one that
+    was used.
+    """
     shift: float
     """[unit of the channel] by which the channel came back elsewhere since it was good last."""
     unexplained: float
@@ -180,7 +197,9 @@ _PERIODS_TO_LOSE = 8.0  # of silence, or of nothing but refused readings
 
 
 def accept(c: ChannelMemory, t: float) -> None:
-    """The filter may see the newest reading at time t [s]; where it has a gate of its own, its outcome is waited for."""
+    """The filter may see the newest reading at time t [s]; where it has a gate of its own, its
+    outcome is waited for.
+    """
     c.used = c.stamp
     c.empty = c.behind = False
     if not c.gated:
@@ -189,7 +208,9 @@ def accept(c: ChannelMemory, t: float) -> None:
 
 def accept_empty(c: ChannelMemory) -> None:
     """The sensor works but has nothing to tell, such as an echo that does not come back."""
-    c.used, c.empty, c.behind = c.stamp, True, False
+    c.used = c.stamp
+    c.empty = True
+    c.behind = False
 
 
 def reject(c: ChannelMemory, why: Complaint, t: float) -> None:
@@ -207,7 +228,8 @@ def suspect(c: ChannelMemory, why: Complaint, t: float) -> None:
 
 
 def exclude(c: ChannelMemory, why: Complaint, t: float, clean: float) -> bool:
-    """Something speaks against all readings of the channel at time t [s]: none is used for clean [s] after it.
+    """Something speaks against all readings of the channel at time t [s]: none is used for clean
+    [s] after it.
 
     Returns whether that is news.
     """
@@ -222,11 +244,14 @@ def is_excluded(c: ChannelMemory, t: float) -> bool:
     return t <= c.excluded_until
 
 
-def update_gate_outcome(m: HealthMemory, channel: int, squared: float, degrees: float, accepted: bool, t: float) -> None:
+def update_gate_outcome(
+    m: HealthMemory, channel: int, squared: float, degrees: float, accepted: bool, t: float
+) -> None:
     """The outcome of the filter's own gate on a reading of a channel, at time t [s].
 
-    squared: its innovation, normalised and squared, of `degrees` of freedom. The gate is narrow enough to refuse a
-    sound reading now and then: refusals count as silence, and give it their reason.
+    squared: its innovation, normalised and squared, of `degrees` of freedom. The gate is narrow
+    enough to refuse a sound reading now and then: refusals count as silence, and give it their
+    reason.
     """
     c = m.channels[channel]
     c.gated = True
@@ -241,9 +266,14 @@ def update_trust(m: HealthMemory, c: ChannelMemory) -> bool:
     """Look at the clock. Returns whether the verdict changed."""
     if math.isnan(c.used_at):
         c.used_at = m.t
-    quiet, period = m.t - c.used_at, max(c.period, m.dt)
+    quiet = m.t - c.used_at
+    period = max(c.period, m.dt)
     trust = _by_silence(c, quiet, period)
-    if c.gated and c.refused_at >= m.t - _LEAST_TO_LOSE - period and (_is_suspect(m, c.rival) or _is_suspect(m, c.other_rival)):
+    if (
+        c.gated
+        and c.refused_at >= m.t - _LEAST_TO_LOSE - period
+        and (_is_suspect(m, c.rival) or _is_suspect(m, c.other_rival))
+    ):
         trust = min(trust, int(Trust.SUSPECT))
     if trust != Trust.GOOD:
         _be_silent(c, quiet, m.t, trust != c.trust)
@@ -264,7 +294,8 @@ def _mark_used(c: ChannelMemory, t: float) -> None:
             c.shift = max(c.shift, min(c.jump, 2.0 * c.off))
             c.unexplained = max(c.unexplained, c.shift)
         c.refused_off = c.jump = 0.0
-        c.taken, c.used_at = c.used, t
+        c.taken = c.used
+        c.used_at = t
 
 
 def _mark_refused(c: ChannelMemory, t: float) -> None:
@@ -283,17 +314,29 @@ def _by_silence(c: ChannelMemory, quiet: float, period: float) -> int:
     patience = c.delay + period * c.losses
     lost = patience + max(_LEAST_TO_LOSE, _PERIODS_TO_LOSE * period)
     suspect = patience + max(LEAST_TO_SUSPECT, _PERIODS_TO_SUSPECT * period)
-    return int(Trust.LOST) if quiet > lost and not c.empty else int(Trust.SUSPECT) if quiet > suspect else int(Trust.GOOD)
+    return (
+        int(Trust.LOST)
+        if quiet > lost and not c.empty
+        else int(Trust.SUSPECT)
+        if quiet > suspect
+        else int(Trust.GOOD)
+    )
 
 
 def _be_silent(c: ChannelMemory, quiet: float, t: float, anew: bool) -> None:
     """anew: the verdict changes, and its reason gets new figures."""
     code = c.complaint.code
-    if code == Reason.NONE or c.bad_at < t - quiet or (anew and (code == Reason.SILENT or code == Reason.NO_ECHO)):
+    if (
+        code == Reason.NONE
+        or c.bad_at < t - quiet
+        or (anew and (code == Reason.SILENT or code == Reason.NO_ECHO))
+    ):
         if c.gated and c.refused_at >= t - quiet:
             copy_complaint(c.complaint, c.refusal)
         else:
-            set_complaint(c.complaint, int(Reason.NO_ECHO) if c.empty else int(Reason.SILENT), quiet, 0.0)
+            set_complaint(
+                c.complaint, int(Reason.NO_ECHO) if c.empty else int(Reason.SILENT), quiet, 0.0
+            )
     c.bad_at = t
 
 
@@ -305,16 +348,22 @@ def _is_suspect(m: HealthMemory, channel: int) -> bool:
 
 _SIGMAS = 8.0  # of the channel's noise, which noise passes once in 1e15 readings
 # How wrong an estimate can be beyond noise, of a robot that manoeuvres in gusts.
-_POSITION_DRIFT = 0.05  # [m/s] of a position that a DVL carries, or of a depth that anything does: its bias, and the attitude's
+# [m/s] of a position that a DVL carries, or of a depth that anything does: its bias, and the
+# attitude's
+_POSITION_DRIFT = 0.05
 _ATTITUDE = 0.05  # [rad]
-_ATTITUDE_DRIFT = 0.002  # [rad/s] of an attitude that a gyro carries: its bias, once it is estimated
+_ATTITUDE_DRIFT = (
+    0.002  # [rad/s] of an attitude that a gyro carries: its bias, once it is estimated
+)
 _VELOCITY = 0.25  # [m/s]: a vehicle that accelerates with 1 m/s2 between two readings of a DVL
 _VELOCITY_DRIFT = 0.02  # [m/s2] of a velocity that position fixes carry
 _RATE = 0.2  # [rad/s] of the vehicle: a blow
 _RATE_DRIFT = 0.1  # [rad/s2] of a rate that attitudes carry
 _JOINTS = 0.05  # [rad or m] of joint positions
 _JOINT_RATE = 0.5  # [rad/s or m/s] of joint velocities: a joint that meets its stop
-_ENCODER_TRAVEL = 0.02  # [rad or m] that is asked of a joint while its encoder does not change by a bit
+_ENCODER_TRAVEL = (
+    0.02  # [rad or m] that is asked of a joint while its encoder does not change by a bit
+)
 _BRISK = 1.5  # by how much water and blows move a vehicle faster than it can by itself
 _ANY = 1e12  # [unit of the channel] growth of what has no limits
 _FASTEST = 10.0  # [rad/s or m/s] of a joint without limits
@@ -331,7 +380,9 @@ _RIVALS = {
 """Channels that may be why the estimate does not agree with one."""
 
 
-def health_memory(robot: Robot, specs: Mapping[str, SensorSpec], tuning: HealthTuning) -> HealthMemory:
+def health_memory(
+    robot: Robot, specs: Mapping[str, SensorSpec], tuning: HealthTuning
+) -> HealthMemory:
     """A `HealthMemory`; specs: of every channel that the robot has."""
     made = structure_of(
         HealthMemory,
@@ -342,13 +393,17 @@ def health_memory(robot: Robot, specs: Mapping[str, SensorSpec], tuning: HealthT
         n_estimates=N_ESTIMATES,
     )()
     made.n, made.order[: len(specs)] = len(specs), [int(NUMBER[name]) for name in specs]
-    made.clean, made.clock, made.late = tuning.clean, tuning.clock, tuning.late
+    made.clean = tuning.clean
+    made.clock = tuning.clock
+    made.late = tuning.late
     made.history.length = max((spec.delay for spec in specs.values()), default=0.0) + TOO_LATE
     made.history.spacing = made.history.length / (N_ESTIMATES - 2)
     for number in range(N_CHANNELS):
         c = made.channels[number]
         c.number, c.rival, c.other_rival, c.gate.by, c.gate.or_by = number, -1, -1, -1, -1
-        c.used = c.refused_at = c.impossible_at = c.bad_at = c.excluded_until = c.compared_at = -math.inf
+        c.used = c.refused_at = c.impossible_at = c.bad_at = c.excluded_until = (
+            c.compared_at
+        ) = -math.inf
         c.taken = c.used_at = math.nan
     for name, spec in specs.items():
         _set_channel(made.channels[NUMBER[name]], robot, name, spec)
@@ -356,30 +411,53 @@ def health_memory(robot: Robot, specs: Mapping[str, SensorSpec], tuning: HealthT
     delay = specs["joint_positions"].delay if "joint_positions" in specs else 0.0
     fastest = np.minimum(robot.limits.velocity[robot.joint_v], _FASTEST)
     made.encoders.allowed[: robot.n_joints] = (_ENCODER_TRAVEL + delay * fastest).tolist()
-    made.encoders.n = robot.n_joints if _is_plain(robot) and robot.n_joints == len(robot.joint_names) else 0
-    bias = dict.fromkeys(sizes_of(robot), 0.0) | {name: max(map(abs, spec.biases)) for name, spec in specs.items()}
+    made.encoders.n = (
+        robot.n_joints if _is_plain(robot) and robot.n_joints == len(robot.joint_names) else 0
+    )
+    bias = dict.fromkeys(sizes_of(robot), 0.0) | {
+        name: max(map(abs, spec.biases)) for name, spec in specs.items()
+    }
     noise = {name: bias[name] + (specs[name].sigma if name in specs else 0.0) for name in bias}
     redundancy.init_comparisons(made.velocity, made.rate, made.depth, made.encoder, noise, bias)
     made.encoder.n = made.encoders.n
-    init_floor(made.floor, specs["altimeter_range"].sigma if "altimeter_range" in specs else 0.0, tuning)
+    init_floor(
+        made.floor, specs["altimeter_range"].sigma if "altimeter_range" in specs else 0.0, tuning
+    )
     return made
 
 
 def sizes_of(robot: Robot) -> dict[str, tuple[int, ...]]:
     """The shape of the value of each channel."""
-    n, joints = robot.joint_q.stop - robot.joint_q.start, robot.n_joints
-    vehicle = {"position": (3,), "depth": (), "attitude": (4,), "angular_velocity": (3,), "linear_velocity": (3,)}
-    return vehicle | {"specific_force": (3,), "joint_positions": (n,), "joint_velocities": (joints,), "altimeter_range": ()}
+    n = robot.joint_q.stop - robot.joint_q.start
+    joints = robot.n_joints
+    vehicle = {
+        "position": (3,),
+        "depth": (),
+        "attitude": (4,),
+        "angular_velocity": (3,),
+        "linear_velocity": (3,),
+    }
+    return vehicle | {
+        "specific_force": (3,),
+        "joint_positions": (n,),
+        "joint_velocities": (joints,),
+        "altimeter_range": (),
+    }
 
 
 def _set_channel(c: ChannelMemory, robot: Robot, name: str, spec: SensorSpec) -> None:
-    c.present, c.size = True, math.prod(sizes_of(robot)[name])
-    c.delay, c.period, c.losses = spec.delay, 1.0 / spec.rate, math.inf if spec.dropout >= 1.0 else 0.0
+    c.present = True
+    c.size = math.prod(sizes_of(robot)[name])
+    c.delay = spec.delay
+    c.period = 1.0 / spec.rate
+    c.losses = math.inf if spec.dropout >= 1.0 else 0.0
     if 0.0 < spec.dropout < 1.0:  # so many readings in a row such a sensor loses by chance
         c.losses = math.log(plausibility.CHANCE) / math.log(spec.dropout)
     c.rival, c.other_rival = _two(_RIVALS.get(name, ()))
     plain = not name.startswith("joint") or _is_plain(robot)
-    plausibility.init_repetitions(c.repeats, spec.sigma, size=c.size, each=plain and name not in _WHOLE)
+    plausibility.init_repetitions(
+        c.repeats, spec.sigma, size=c.size, each=plain and name not in _WHOLE
+    )
 
 
 def _is_plain(robot: Robot) -> bool:
@@ -393,19 +471,28 @@ def _two(names: tuple[str, ...]) -> tuple[int, int]:
     return first, second
 
 
-def _set_gates(memory: HealthMemory, robot: Robot, specs: Mapping[str, SensorSpec], tuning: HealthTuning) -> None:
+def _set_gates(
+    memory: HealthMemory, robot: Robot, specs: Mapping[str, SensorSpec], tuning: HealthTuning
+) -> None:
     """The gate of each channel that has one, by what the robot's limits allow."""
     allowed = _joint_gates(robot) | (_vehicle_gates(robot, tuning) if robot.n_vehicle else {})
     for name, spec in specs.items():
         if name not in allowed or (spec.exact and name in _RATES):
             continue
-        gate, of = memory.channels[NUMBER[name]].gate, allowed[name]
-        gate.exists, gate.channel, gate.size = True, int(NUMBER[name]), memory.channels[NUMBER[name]].size
-        gate.start, gate.supported, gate.alone, gate.most = of.start, of.supported, of.alone, math.inf
+        gate = memory.channels[NUMBER[name]].gate
+        of = allowed[name]
+        gate.exists = True
+        gate.channel = int(NUMBER[name])
+        gate.size = memory.channels[NUMBER[name]].size
+        gate.start = of.start
+        gate.supported = of.supported
+        gate.alone = of.alone
+        gate.most = math.inf
         gate.noise = _SIGMAS * spec.sigma + max(map(abs, spec.biases))
         gate.base = of.base + gate.noise + _unforeseen(of, spec, specs)
         gate.by, gate.or_by = _two(of.by)
-        gate.jolt, gate.rates = JOLTS[NUMBER[name]], robot.joint_v.start if name == "joint_positions" else -1
+        gate.jolt = JOLTS[NUMBER[name]]
+        gate.rates = robot.joint_v.start if name == "joint_positions" else -1
     if robot.n_vehicle:
         v, w = _brisk(robot.limits.velocity)
         memory.channels[NUMBER["angular_velocity"]].gate.most = 4 * w + _RATE
@@ -430,8 +517,8 @@ class _Allowed(NamedTuple):
 def _unforeseen(of: _Allowed, spec: SensorSpec, specs: Mapping[str, SensorSpec]) -> float:
     """Compute how far the robot may have moved unknown to the estimate when the reading was taken.
 
-    A late reading meets an estimate of its time that had been carried on by itself for as long, at worst with full acceleration
-    the other way.
+    A late reading meets an estimate of its time that had been carried on by itself for as long, at
+    worst with full acceleration the other way.
     """
     blind = min([spec.delay, *(specs[name].delay for name in of.by if name in specs)])
     moved = min(of.alone * blind, of.pull * blind**2) if of.pull < math.inf else of.alone * blind
@@ -453,13 +540,19 @@ def _vehicle_gates(robot: Robot, tuning: HealthTuning) -> dict[str, _Allowed]:
 
 def _brisk(limits: Array) -> tuple[float, float]:
     """Norms of the linear and the angular limits (n_v,) of a vehicle in water."""
-    linear, angular = (_BRISK * float(np.linalg.norm(_finite(limits[part]))) for part in (slice(0, 3), slice(3, 6)))
+    linear, angular = (
+        _BRISK * float(np.linalg.norm(_finite(limits[part]))) for part in (slice(0, 3), slice(3, 6))
+    )
     return linear, angular
 
 
 def _joint_gates(robot: Robot) -> dict[str, _Allowed]:
-    v, a = (_finite(limit[robot.joint_v]) for limit in (robot.limits.velocity, robot.limits.acceleration))
-    fastest, quickest = _BRISK * float(v.max(initial=0.0)), _BRISK * float(a.max(initial=0.0))
+    v, a = (
+        _finite(limit[robot.joint_v])
+        for limit in (robot.limits.velocity, robot.limits.acceleration)
+    )
+    fastest = _BRISK * float(v.max(initial=0.0))
+    quickest = _BRISK * float(a.max(initial=0.0))
     return {
         "joint_positions": _Allowed(robot.joint_q.start, _JOINTS, fastest, fastest, (), quickest),
         "joint_velocities": _Allowed(robot.joint_v.start, _JOINT_RATE, quickest, quickest, ()),

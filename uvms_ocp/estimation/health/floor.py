@@ -1,9 +1,10 @@
 """Check altimeter echoes against the floor seen so far and the motion of the vehicle.
 
-Every echo is compared with the floor that echoes showed nearby. A floor that is nearer is accepted at once, as the safe case.
-One that is farther away is accepted when echoes have agreed with each other for a while in which the vehicle moved vertically,
-as an altimeter that is stuck shows a floor that follows the vehicle, and horizontally, as floors do not sink. The floor that was
-seen before is kept beside a new one, and accepted again after a few echoes.
+Every echo is compared with the floor that echoes showed nearby. A floor that is nearer is accepted
+at once, as the safe case. One that is farther away is accepted when echoes have agreed with each
+other for a while in which the vehicle moved vertically, as an altimeter that is stuck shows a floor
+that follows the vehicle, and horizontally, as floors do not sink. The floor that was seen before is
+kept beside a new one, and accepted again after a few echoes.
 """
 
 from __future__ import annotations
@@ -90,11 +91,13 @@ def copy_floor_points(to: FloorPoints, other: FloorPoints) -> None:
 
 
 def floor_step(accepted: FloorPoints, new: FloorPoint, base: float, slope: float) -> float:
-    """Return by how much [m] the floor would rise from the known spot that fits least to a new one; 0 where all fit.
+    """Return by how much [m] the floor would rise from the known spot that fits least to a new one;
+    0 where all fit.
 
     base [m]: that is nothing. slope: of the steepest floor.
     """
-    worst, worst_excess = 0.0, 0.0
+    worst = 0.0
+    worst_excess = 0.0
     for k in range(accepted.count):
         old = accepted.kept[slot_of(accepted, k)]
         beyond = abs(new.z - old.z) - base
@@ -107,12 +110,15 @@ def floor_step(accepted: FloorPoints, new: FloorPoint, base: float, slope: float
 
 
 def height_allowance(new: FloorPoint, old: FloorPoint, slope: float) -> float:
-    """Return by how much [m] the floor may rise or fall from an old spot to a new one; slope: of the steepest floor.
+    """Return by how much [m] the floor may rise or fall from an old spot to a new one; slope: of
+    the steepest floor.
 
-    A beam that goes deeper than the old spot has passed its level at a point near it or far from it: from there on both
-    fall, and meet the later, the more the beam tilts.
+    A beam that goes deeper than the old spot has passed its level at a point near it or far from
+    it: from there on both fall, and meet the later, the more the beam tilts.
     """
-    dx, dy, fall = new.x - new.sensor_x, new.y - new.sensor_y, new.sensor_z - new.z
+    dx = new.x - new.sensor_x
+    dy = new.y - new.sensor_y
+    fall = new.sensor_z - new.z
     share = min(1.0, (new.sensor_z - old.z) / fall) if fall > 0.0 and new.sensor_z > old.z else 1.0
     away = slope * _length(new.sensor_x + share * dx - old.x, new.sensor_y + share * dy - old.y)
     return away if share == 1.0 else away / (1.0 - min(slope * (_length(dx, dy) / fall), _STEEPEST))
@@ -120,7 +126,8 @@ def height_allowance(new: FloorPoint, old: FloorPoint, slope: float) -> float:
 
 def vertical_travel(s: FloorPoints) -> float:
     """[m] between the lowest and the highest place of the sensor."""
-    lowest, highest = math.inf, -math.inf
+    lowest = math.inf
+    highest = -math.inf
     for k in range(s.count):
         spot = s.kept[slot_of(s, k)]
         lowest = min(lowest, spot.lowest)
@@ -145,18 +152,25 @@ def _copy_spot(to: FloorPoint, new: FloorPoint) -> None:
 
 # Whether an echo of the altimeter fits the motion of the vehicle and what the floor did so far.
 #
-# Every echo is compared with the floor that echoes showed nearby. A floor that is nearer is believed at once, as the safe case.
-# One that is farther away is believed when echoes have agreed with each other for a while in which the vehicle moved
-# vertically, as an altimeter that is stuck shows a floor that follows the vehicle, and horizontally, as floors do not sink. The
-# floor that was known before is kept beside a new one, and believed again after a few echoes.
+# Every echo is compared with the floor that echoes showed nearby. A floor that is nearer is
+# believed at once, as the safe case. One that is farther away is believed when echoes have agreed
+# with each other for a while in which the vehicle moved vertically, as an altimeter that is stuck
+# shows a floor that follows the vehicle, and horizontally, as floors do not sink. The floor that
+# was known before is kept beside a new one, and believed again after a few echoes.
 
 POSITION = 0.1
-"""[m] by which position, depth and floor may be wrong of a robot that manoeuvres in gusts, beside noise."""
+"""[m] by which position, depth and floor may be wrong of a robot that manoeuvres in gusts, beside
+noise.
+"""
 _SIGMAS = 8.0
 _MEMORY = 60.0  # [s] for which an echo tells of the floor where it was taken
 _SPACING = max(0.5, _MEMORY / (MAX_FLOOR_POINTS - 2))  # [s] between the echoes that are kept
-_STEP_TIME = 2.0  # [s] for which echoes from a floor that is farther away agree before they are believed: twenty at 10 Hz
-_STEP_TRAVEL = 0.2  # [m] of vertical motion in that time, which a value that is stuck does not follow; ten times the noise
+# [s] for which echoes from a floor that is farther away agree before they are believed: twenty at
+# 10 Hz
+_STEP_TIME = 2.0
+# [m] of vertical motion in that time, which a value that is stuck does not follow; ten times the
+# noise
+_STEP_TRAVEL = 0.2
 _STEP_WAY = 0.3  # [m] of horizontal motion after which there may be another floor
 _RETURN = 3  # echoes in a row from a floor known before that bring it back
 
@@ -181,12 +195,17 @@ class FloorMemory(Layout):
 
 def init_floor(memory: FloorMemory, sigma: float, tuning: HealthTuning) -> None:
     """Prepare a `FloorMemory`; sigma [m]: noise of the altimeter."""
-    memory.base, memory.slope, memory.relief = POSITION + _SIGMAS * sigma, tuning.slope, tuning.relief
+    memory.base = POSITION + _SIGMAS * sigma
+    memory.slope = tuning.slope
+    memory.relief = tuning.relief
 
 
 def accept_echo(w: FloorMemory, why: Complaint) -> bool:
-    """Return whether to believe the echo from `here`, in order of time; what speaks against it otherwise, or all the same."""
-    oldest, found = w.here.t - _MEMORY, w.candidates
+    """Return whether to believe the echo from `here`, in order of time; what speaks against it
+    otherwise, or all the same.
+    """
+    oldest = w.here.t - _MEMORY
+    found = w.candidates
     forget_older(w.accepted, oldest)
     forget_older(w.before, oldest)
     if found.count > 1 and found.kept[found.first].t < oldest:
@@ -210,7 +229,10 @@ def accept_echo(w: FloorMemory, why: Complaint) -> bool:
 
 def _accept(w: FloorMemory) -> None:
     accepted = w.accepted
-    if accepted.count == 0 or w.here.t - accepted.kept[slot_of(accepted, accepted.count - 1)].t >= _SPACING:
+    if (
+        accepted.count == 0
+        or w.here.t - accepted.kept[slot_of(accepted, accepted.count - 1)].t >= _SPACING
+    ):
         append_floor_point(accepted, w.here)
     w.candidates.count = w.returned = 0
 
@@ -227,7 +249,9 @@ def _as_before(w: FloorMemory, step: float, why: Complaint) -> bool:
 
 
 def _farther(w: FloorMemory, step: float, why: Complaint) -> bool:
-    if w.candidates.count > 0 and not abs(w.here.z - w.candidates.kept[w.candidates.first].z) <= _tolerance(w):
+    if w.candidates.count > 0 and not abs(
+        w.here.z - w.candidates.kept[w.candidates.first].z
+    ) <= _tolerance(w):
         w.candidates.count = 0
     _add_candidate(w)
     if _is_proven(w, -step):
@@ -256,7 +280,9 @@ def _add_candidate(w: FloorMemory) -> None:
 
 
 def _is_proven(w: FloorMemory, step: float) -> bool:
-    """Return whether the vehicle has moved as one does above a floor that is a step [m] farther away, and above another place."""
+    """Return whether the vehicle has moved as one does above a floor that is a step [m] farther
+    away, and above another place.
+    """
     accepted, found = w.accepted, w.candidates
     if w.here.t - found.kept[found.first].t < _STEP_TIME or step > w.relief:
         return False

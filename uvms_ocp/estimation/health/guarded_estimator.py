@@ -1,4 +1,6 @@
-"""Guard an estimator by a health monitor: it sees screened readings, and its estimate carries the health of the channels."""
+"""Guard an estimator by a health monitor: it sees screened readings, and its estimate carries the
+health of the channels.
+"""
 
 from __future__ import annotations
 
@@ -15,7 +17,14 @@ from uvms_ocp.estimation.filter_memory import NUMBER
 from uvms_ocp.estimation.health import monitor as health_monitor
 from uvms_ocp.record.display import SmallTable, TableDisplay, format_value, rows_of
 from uvms_ocp.robot.robot import Robot
-from uvms_ocp.robot.signals import ChannelHealth, Command, Readings, SensorSpecs, StateEstimate, unchecked_estimate
+from uvms_ocp.robot.signals import (
+    ChannelHealth,
+    Command,
+    Readings,
+    SensorSpecs,
+    StateEstimate,
+    unchecked_estimate,
+)
 from uvms_ocp.types import Array
 
 _NAMES: dict[int, str] = {number: name for name, number in NUMBER.items()}
@@ -24,14 +33,17 @@ _OUTCOMES = 4 * len(NUMBER)  # numbers that a filter tells of its channels
 
 @runtime_checkable
 class GatedEstimator(Protocol):
-    """An estimator with gates of its own, which also finds rates from attitudes where there is no gyro."""
+    """An estimator with gates of its own, which also finds rates from attitudes where there is no
+    gyro.
+    """
 
     @property
     def outcomes(self) -> Array:
-        """(9, 4) [s, -, -, -] of the newest reading of each channel that was compared with the estimate, changed in place.
+        """(9, 4) [s, -, -, -] of the newest reading of each channel that was compared with the
+        estimate, changed in place.
 
-        When it was taken, its normalised innovation squared, the degrees of freedom of that, and 1 if it was fused; nan before
-        the first. In the order of `filter.memory.Channel`.
+        When it was taken, its normalised innovation squared, the degrees of freedom of that, and 1
+        if it was fused; nan before the first. In the order of `filter.memory.Channel`.
         """
 
     def inflate_velocity_variance(self, *, rests: bool = False) -> None:
@@ -40,10 +52,11 @@ class GatedEstimator(Protocol):
 
 @checked_constructor
 class GuardedEstimator(TableDisplay):
-    """Estimator, guarded: a callable ``(Readings, t, command) -> StateEstimate`` around another one. Build one per run.
+    """Estimator, guarded: a callable ``(Readings, t, command) -> StateEstimate`` around another
+    one. Build one per run.
 
-    `StateEstimate.age` counts channels that q and v rest on, as far as no fallback replaces them (`support.fallback_sensors`); a
-    lost altimeter gives no range.
+    `StateEstimate.age` counts channels that q and v rest on, as far as no fallback replaces them
+    (`support.fallback_sensors`); a lost altimeter gives no range.
     """
 
     def __init__(
@@ -55,11 +68,20 @@ class GuardedEstimator(TableDisplay):
     ) -> None:
         """specs: those that the estimator expects. monitor: one for them unless given."""
         specs = specs or SensorSpecs()
-        self.estimator, self.monitor = estimator, monitor or health_monitor.HealthMonitor(robot, specs)
+        self.estimator = estimator
+        self.monitor = monitor or health_monitor.HealthMonitor(robot, specs)
         exact = isinstance(estimator, PassThrough)
         # One of a class of its own may do more than to repeat.
-        plain = estimator if isinstance(estimator, PassThrough) and type(estimator) is PassThrough else None
-        self.repeated = health_monitor.pass_through_memory(plain) if plain is not None and self.monitor.repeats else None
+        plain = (
+            estimator
+            if isinstance(estimator, PassThrough) and type(estimator) is PassThrough
+            else None
+        )
+        self.repeated = (
+            health_monitor.pass_through_memory(plain)
+            if plain is not None and self.monitor.repeats
+            else None
+        )
         self._has_all_channels = not exact
         self._gating = estimator if isinstance(estimator, GatedEstimator) else None
         gating = self._gating is not None
@@ -68,35 +90,65 @@ class GuardedEstimator(TableDisplay):
         self.support = health_monitor.support_of(self._needed, others, exact=exact, gating=gating)
         """Memory of the kernels, as `repeated` and `outcomes`."""
         numbers = np.zeros(_OUTCOMES) if self._gating is None else self._gating.outcomes.reshape(-1)
-        self.outcomes = (ctypes.c_double * numbers.size).from_buffer(numbers.data)  # the same memory, as kernels take it
+        self.outcomes = (ctypes.c_double * numbers.size).from_buffer(
+            numbers.data
+        )  # the same memory, as kernels take it
         self._nothing = unchecked_estimate(
-            q=robot.configuration(), v=np.zeros(robot.n_v), altimeter_range=math.nan, age=math.inf, joint_age=math.inf
+            q=robot.configuration(),
+            v=np.zeros(robot.n_v),
+            altimeter_range=math.nan,
+            age=math.inf,
+            joint_age=math.inf,
         )
 
-    def __call__(self, readings: Readings, t: float, command: Command | None = None) -> StateEstimate:
-        """The measurement at time t [s]; `command` has been acting since the last call. Raises what the estimator raises."""
+    def __call__(
+        self, readings: Readings, t: float, command: Command | None = None
+    ) -> StateEstimate:
+        """The measurement at time t [s]; `command` has been acting since the last call. Raises what
+        the estimator raises.
+        """
         monitor = self.monitor
         screened = monitor.screen(readings, t, command)
         if not self._has_all_channels and not self._begin(screened):
             return replace_unchecked(self._nothing, health=monitor.judge(self._nothing, t))
-        if self._gating is not None and (monitor.memory.exposed or monitor.memory.velocity_unobserved):
+        if self._gating is not None and (
+            monitor.memory.exposed or monitor.memory.velocity_unobserved
+        ):
             self._gating.inflate_velocity_variance(rests=bool(monitor.memory.velocity_unobserved))
         measured = self.estimator(screened, t, command)
         health = monitor.finish(measured, self.support, self.outcomes, t)
-        return self._with_support(measured.q, measured.v, measured.altimeter_range, health, measured.std, measured.altimeter_std)
+        return self._with_support(
+            measured.q,
+            measured.v,
+            measured.altimeter_range,
+            health,
+            measured.std,
+            measured.altimeter_std,
+        )
 
     def estimate(self) -> StateEstimate:
         """Return what the kernels have left in memory at a tick."""
-        now, found = self.monitor.memory.now, self.estimator
+        now = self.monitor.memory.now
+        found = self.estimator
         if isinstance(found, Estimator):
             made = found.estimate()
-            return self._with_support(made.q, made.v, made.altimeter_range, self.monitor.health, made.std, made.altimeter_std)
+            return self._with_support(
+                made.q,
+                made.v,
+                made.altimeter_range,
+                self.monitor.health,
+                made.std,
+                made.altimeter_std,
+            )
         echo = self.monitor.memory.channels[NUMBER["altimeter_range"]].used_value[0]
         return self._with_support(np.array(now.q), np.array(now.v), echo, self.monitor.health)
 
     def _table(self) -> SmallTable:
         watched = {one.channel: one.trust.name.lower() for one in self.monitor.health}
-        return SmallTable(title=type(self).__name__, rows=rows_of({"estimator": format_value(self.estimator), **watched}))
+        return SmallTable(
+            title=type(self).__name__,
+            rows=rows_of({"estimator": format_value(self.estimator), **watched}),
+        )
 
     def _with_support(
         self,
@@ -123,7 +175,9 @@ class GuardedEstimator(TableDisplay):
         )
 
     def _begin(self, readings: Readings) -> bool:
-        """Return whether every channel has a reading that a pass-through needs; what is there once remains."""
+        """Return whether every channel has a reading that a pass-through needs; what is there once
+        remains.
+        """
         asked = (*self._needed, *({"altimeter_range"} & set(self.monitor.channels)))
         self._has_all_channels = all(getattr(readings, name) is not None for name in asked)
         return self._has_all_channels

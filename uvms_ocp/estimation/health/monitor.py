@@ -1,4 +1,6 @@
-"""Monitor the health of all channels: screen readings before the filter, and judge every channel after it."""
+"""Monitor the health of all channels: screen readings before the filter, and judge every channel
+after it.
+"""
 
 from __future__ import annotations
 
@@ -19,7 +21,17 @@ from uvms_ocp.estimation.health import channel_state, plausibility, screening
 from uvms_ocp.estimation.health.tuning import HealthTuning, Reason, ReasonTexts
 from uvms_ocp.robot import signals
 from uvms_ocp.robot.robot import Robot
-from uvms_ocp.robot.signals import CHANNELS, UNITS, ChannelHealth, Command, Reading, Readings, SensorSpecs, StateEstimate, Trust
+from uvms_ocp.robot.signals import (
+    CHANNELS,
+    UNITS,
+    ChannelHealth,
+    Command,
+    Reading,
+    Readings,
+    SensorSpecs,
+    StateEstimate,
+    Trust,
+)
 from uvms_ocp.types import Array
 
 # Which channel stands in for which, how long, and how old that makes a measurement.
@@ -63,43 +75,60 @@ class EstimateSupport(Layout):
 def fallback_sensors(*, gyro_from_attitude: bool) -> dict[str, FallbackSensor]:
     """Return the fallback of each channel, by the channel that is missing.
 
-    Depth is replaced by the z of position and joint velocities by the change of joint positions, always: nobody needs them.
-    Encoders and the altimeter are replaced by nothing. A DVL replaces the position for as long as a mission allows
-    (`uvms_ocp.estimation.degraded_modes`). gyro_from_attitude: the estimator finds rates from attitudes alone.
+    Depth is replaced by the z of position and joint velocities by the change of joint positions,
+    always: nobody needs them. Encoders and the altimeter are replaced by nothing. A DVL replaces
+    the position for as long as a mission allows (`uvms_ocp.estimation.degraded_modes`).
+    gyro_from_attitude: the estimator finds rates from attitudes alone.
     """
     gyro = {"angular_velocity": FallbackSensor("attitude", math.inf)} if gyro_from_attitude else {}
     return gyro | {
         "position": FallbackSensor("linear_velocity", math.inf),
         "linear_velocity": FallbackSensor("position", math.inf),
-        "attitude": FallbackSensor("angular_velocity", 10.0),  # by then 0.01 rad at a drift of 1e-3 rad/s
+        "attitude": FallbackSensor(
+            "angular_velocity", 10.0
+        ),  # by then 0.01 rad at a drift of 1e-3 rad/s
     }
 
 
 def supporting_channels(robot: Robot, specs: SensorSpecs, *, rates: bool) -> tuple[str, ...]:
-    """Return the channels that q and v rest on. rates: joint velocities are not found from positions.
+    """Return the channels that q and v rest on. rates: joint velocities are not found from
+    positions.
 
     The altitude has a state of its own: its range is nan without an echo.
     """
-    wanted = ((*_VEHICLE,) if robot.n_vehicle else ()) + JOINT_CHANNELS + (("joint_velocities",) if rates else ())
+    wanted = (
+        ((*_VEHICLE,) if robot.n_vehicle else ())
+        + JOINT_CHANNELS
+        + (("joint_velocities",) if rates else ())
+    )
     return tuple(name for name in wanted if getattr(specs, name) is not None)
 
 
-def support_of(needed: tuple[str, ...], fallback: Mapping[str, FallbackSensor], *, exact: bool, gating: bool) -> EstimateSupport:
-    """Make the `EstimateSupport` of an estimator that takes readings for the truth (exact), or has gates (gating)."""
+def support_of(
+    needed: tuple[str, ...], fallback: Mapping[str, FallbackSensor], *, exact: bool, gating: bool
+) -> EstimateSupport:
+    """Make the `EstimateSupport` of an estimator that takes readings for the truth (exact), or has
+    gates (gating).
+    """
     made = structure_of(EstimateSupport)()
-    made.exact, made.gating, made.n = exact, gating, len(needed)
+    made.exact = exact
+    made.gating = gating
+    made.n = len(needed)
     made.needed[: len(needed)] = [int(NUMBER[name]) for name in needed]
     made.fallback[:] = [-1] * N_CHANNELS
     for name, other in fallback.items():
-        made.fallback[NUMBER[name]], made.max_duration[NUMBER[name]] = int(NUMBER[other.channel]), other.max_duration
+        made.fallback[NUMBER[name]], made.max_duration[NUMBER[name]] = (
+            int(NUMBER[other.channel]),
+            other.max_duration,
+        )
     return made
 
 
 def update_age(m: channel_state.HealthMemory, s: EstimateSupport) -> None:
     """Update the age of the least supported channel, and that of the joints.
 
-    A channel without readings counts as old as its fallback, and ages from when that falls silent too or has replaced it for
-    as long as it can.
+    A channel without readings counts as old as its fallback, and ages from when that falls silent
+    too or has replaced it for as long as it can.
     """
     joints = m.channels[ChannelIndex.JOINT_POSITIONS].taken
     s.joint_age = math.inf if math.isnan(joints) else m.t - min(joints, m.t)
@@ -109,7 +138,8 @@ def update_age(m: channel_state.HealthMemory, s: EstimateSupport) -> None:
         number = s.needed[k]
         own = _supported_until(m, s, number)
         if math.isnan(own):
-            s.oldest, s.age = number, math.inf
+            s.oldest = number
+            s.age = math.inf
             return
         if own < oldest:
             oldest = own
@@ -119,13 +149,20 @@ def update_age(m: channel_state.HealthMemory, s: EstimateSupport) -> None:
 
 def _supported_until(m: channel_state.HealthMemory, s: EstimateSupport, number: int) -> float:
     """Return until when [s] readings support a channel, nan before its first one."""
-    own, other = m.channels[number].taken, s.fallback[number]
+    own = m.channels[number].taken
+    other = s.fallback[number]
     by = m.channels[other].taken if other >= 0 else math.nan
-    return own if math.isnan(own) or math.isnan(by) else max(own, min(by, own + s.max_duration[number]))
+    return (
+        own
+        if math.isnan(own) or math.isnan(by)
+        else max(own, min(by, own + s.max_duration[number]))
+    )
 
 
 def update_echo(m: channel_state.HealthMemory, s: EstimateSupport) -> None:
-    """Update whether the altitude is supported: estimators predict it while the altimeter is suspect; a raw echo ages at once."""
+    """Update whether the altitude is supported: estimators predict it while the altimeter is
+    suspect; a raw echo ages at once.
+    """
     c = m.channels[ChannelIndex.ALTIMETER_RANGE]
     old = s.exact and m.t - c.taken > channel_state.LEAST_TO_SUSPECT
     s.echo = not c.present or (not old and c.trust != Trust.LOST)
@@ -144,17 +181,20 @@ class PassThroughMemory(Layout):
 
 def pass_through_memory(estimator: PassThrough) -> PassThroughMemory:
     """Make the `PassThroughMemory` of an estimator."""
-    made, n = structure_of(PassThroughMemory)(), len(estimator.q_channels)
+    made = structure_of(PassThroughMemory)()
+    n = len(estimator.q_channels)
     made.n = n
     made.of_q[:n], made.of_v[:n] = (
-        [int(NUMBER[name]) for name in names] for names in (estimator.q_channels, estimator.v_channels)
+        [int(NUMBER[name]) for name in names]
+        for names in (estimator.q_channels, estimator.v_channels)
     )
     return made
 
 
 def repeat(m: channel_state.HealthMemory, r: PassThroughMemory) -> None:
     """Copy the readings in use into `now`. A kernel."""
-    at, there = 0, 0
+    at = 0
+    there = 0
     for k in range(r.n):
         c = m.channels[r.of_q[k]]
         for i in range(c.size):
@@ -166,7 +206,8 @@ def repeat(m: channel_state.HealthMemory, r: PassThroughMemory) -> None:
             there += 1
 
 
-# Monitor the health of all channels: screen readings before the filter, and judge every channel after it.
+# Monitor the health of all channels: screen readings before the filter, and judge every channel
+# after it.
 
 
 class ChannelBuffer:
@@ -174,20 +215,29 @@ class ChannelBuffer:
 
     __slots__ = ("_scalar", "_shape", "_texts", "_value", "memory", "seen", "used")
 
-    def __init__(self, memory: channel_state.ChannelMemory, shape: tuple[int, ...], texts: ReasonTexts) -> None:
+    def __init__(
+        self, memory: channel_state.ChannelMemory, shape: tuple[int, ...], texts: ReasonTexts
+    ) -> None:
         """memory: a `ChannelMemory`. shape: of a right value."""
-        self.memory, self._shape, self._texts = memory, shape, texts
+        self.memory = memory
+        self._shape = shape
+        self._texts = texts
         self._scalar = shape == ()
         self._value = np.ctypeslib.as_array(memory.value)[: memory.size]
         self.seen: Reading[Any] | None = None
         """The newest."""
         self.used: Reading[Any] | None = None
-        """The last reading that was not refused, which the filter sees; it may state that there is nothing to read."""
+        """The last reading that was not refused, which the filter sees; it may state that there is
+        nothing to read.
+        """
 
     def ingest(self, reading: Reading[Any]) -> None:
         """Write a new reading into the memory of the kernels."""
-        self.seen, memory, value = reading, self.memory, reading.value
-        memory.stamp, memory.fresh = reading.t, True
+        self.seen = reading
+        memory = self.memory
+        value = reading.value
+        memory.stamp = reading.t
+        memory.fresh = True
         if self._scalar and isinstance(value, float):
             self._value[0] = value
         elif value.__class__ is np.ndarray and value.shape == self._shape:
@@ -210,7 +260,9 @@ _LONGEST_UNOBSERVED = 1.0  # [s] for which a velocity may be carried on by itsel
 def screen(m: channel_state.HealthMemory, t: float, moving: bool) -> None:
     """Screen the fresh readings at time t [s]; moving: there was a command, and no brakes."""
     m.dt = max(t - m.t, 0.0) if m.started else 0.0
-    m.t, m.started, m.exposed = t, True, False
+    m.t = t
+    m.started = True
+    m.exposed = False
     plausibility.integrate_command(m.encoders, moving, m.dt)
     m.n_behind = 0
     for k in range(m.n):
@@ -219,19 +271,29 @@ def screen(m: channel_state.HealthMemory, t: float, moving: bool) -> None:
             _screen_newest(m, c)
         if c.behind:
             m.n_behind += 1
-    # Whether neither fixes nor a DVL have observed the velocity for a while, since that was last so.
-    last = max(_last_observed(m.channels[ChannelIndex.POSITION]), _last_observed(m.channels[ChannelIndex.LINEAR_VELOCITY]))
-    m.velocity_unobserved = last > -math.inf and m.t - max(last, m.unobserved_at) > _LONGEST_UNOBSERVED
+    # Whether neither fixes nor a DVL have observed the velocity for a while, since that was last
+    # so.
+    last = max(
+        _last_observed(m.channels[ChannelIndex.POSITION]),
+        _last_observed(m.channels[ChannelIndex.LINEAR_VELOCITY]),
+    )
+    m.velocity_unobserved = (
+        last > -math.inf and m.t - max(last, m.unobserved_at) > _LONGEST_UNOBSERVED
+    )
     m.unobserved_at = t if m.velocity_unobserved else m.unobserved_at
 
 
 def _last_observed(c: channel_state.ChannelMemory) -> float:
-    """Return the time [s] of the last reading in use, -inf before the first and without the channel."""
+    """Return the time [s] of the last reading in use, -inf before the first and without the
+    channel.
+    """
     return -math.inf if not c.present or math.isnan(c.taken) else c.taken
 
 
 def judge(m: channel_state.HealthMemory, t: float, is_estimated: bool) -> int:
-    """Update the trust in every channel at time t [s]; is_estimated: `now` is one. Returns how many verdicts changed."""
+    """Update the trust in every channel at time t [s]; is_estimated: `now` is one. Returns how many
+    verdicts changed.
+    """
     m.t, m.now.t = t, t
     if is_estimated:
         plausibility.remember(m.history, m.now)
@@ -243,7 +305,8 @@ def judge(m: channel_state.HealthMemory, t: float, is_estimated: bool) -> int:
 
 
 def finish(m: channel_state.HealthMemory, s: EstimateSupport, outcomes: Vector, t: float) -> int:
-    """Take the filter's outcomes (36,), four numbers per channel, the support of its estimate `now`, and judge.
+    """Take the filter's outcomes (36,), four numbers per channel, the support of its estimate
+    `now`, and judge.
 
     t [s] is the time of the tick. Returns how many verdicts changed.
     """
@@ -262,7 +325,9 @@ def finish_tick(m: channel_state.HealthMemory, s: EstimateSupport, outcomes: Vec
     m.n_changed = finish(m, s, outcomes, m.tick_t)
 
 
-def screen_and_finish_tick(m: channel_state.HealthMemory, s: EstimateSupport, r: PassThroughMemory) -> None:
+def screen_and_finish_tick(
+    m: channel_state.HealthMemory, s: EstimateSupport, r: PassThroughMemory
+) -> None:
     """`screen_tick`, and `finish_tick` of the readings that are used, taken for the truth."""
     screen(m, m.tick_t, m.moving)
     repeat(m, r)
@@ -277,9 +342,11 @@ def _update_all_trust(m: channel_state.HealthMemory, s: EstimateSupport, t: floa
 
 
 def _screen_newest(m: channel_state.HealthMemory, c: channel_state.ChannelMemory) -> None:
-    c.fresh, c.behind = False, True
+    c.fresh = False
+    c.behind = True
     if not c.started or c.stamp != c.seen:
-        c.started, c.seen = True, c.stamp
+        c.started = True
+        c.seen = c.stamp
         _screen_new(m, c)
     c.misshapen = 0
     if not c.behind:
@@ -287,7 +354,9 @@ def _screen_newest(m: channel_state.HealthMemory, c: channel_state.ChannelMemory
 
 
 def _screen_new(m: channel_state.HealthMemory, c: channel_state.ChannelMemory) -> None:
-    slot, barred, b = plausibility.slot_at(m.history, c.stamp), channel_state.is_excluded(c, m.t), m.belief
+    slot = plausibility.slot_at(m.history, c.stamp)
+    barred = channel_state.is_excluded(c, m.t)
+    b = m.belief
     screening.screen_reading(m, c, slot)
     if not b.used:
         channel_state.reject(c, b.why, m.t)
@@ -297,8 +366,11 @@ def _screen_new(m: channel_state.HealthMemory, c: channel_state.ChannelMemory) -
         channel_state.accept(c, m.t)
     if b.used and b.why.code != Reason.NONE:
         channel_state.suspect(c, b.why, m.t)
-    # Fixes are heard even where the estimate contradicts them, as it may err, and so is a DVL that insists.
-    is_compared = b.used or (b.sane and (barred or c.number == ChannelIndex.POSITION or screening.is_persistent(c)))
+    # Fixes are heard even where the estimate contradicts them, as it may err, and so is a DVL that
+    # insists.
+    is_compared = b.used or (
+        b.sane and (barred or c.number == ChannelIndex.POSITION or screening.is_persistent(c))
+    )
     if is_compared and slot >= 0 and not screening.is_empty(c):
         screening.compare(m, c, m.history.kept[slot])
 
@@ -307,10 +379,13 @@ def _update_all_outcomes(m: channel_state.HealthMemory, outcomes: Vector) -> Non
     """Use every outcome once."""
     for k in range(m.n):
         number = m.order[k]
-        c, at = m.channels[number], _N_OUTCOME * number
+        c = m.channels[number]
+        at = _N_OUTCOME * number
         if outcomes[at] > c.compared_at:
             c.compared_at = outcomes[at]
-            channel_state.update_gate_outcome(m, number, outcomes[at + 1], outcomes[at + 2], outcomes[at + 3] > 0.0, m.t)
+            channel_state.update_gate_outcome(
+                m, number, outcomes[at + 1], outcomes[at + 2], outcomes[at + 3] > 0.0, m.t
+            )
 
 
 _health = unchecked_constructor(ChannelHealth)
@@ -323,7 +398,8 @@ _JOINTS = ("joint_positions", "joint_velocities")
 class HealthMonitor:
     """Monitor of the health of all channels. Holds their state: build one per run.
 
-    Each tick: `screen` the readings, run the filter on the rest, and `judge`, with the outcomes of its gates `finish`.
+    Each tick: `screen` the readings, run the filter on the rest, and `judge`, with the outcomes of
+    its gates `finish`.
     """
 
     def __init__(
@@ -334,24 +410,36 @@ class HealthMonitor:
         altimeter_frame: str | None = None,
         compiled: bool = True,
     ) -> None:
-        """specs: the noise, rates and delays to expect. altimeter_frame: the one of the robot's description unless given.
+        """specs: the noise, rates and delays to expect. altimeter_frame: the one of the robot's
+        description unless given.
 
-        compiled: in C where there is a compiler; the verdicts are the same without. Raises `FrameNotFound` for an unknown
-        altimeter frame.
+        compiled: in C where there is a compiler; the verdicts are the same without. Raises
+        `FrameNotFound` for an unknown altimeter frame.
         """
-        specs, self.tuning = specs or SensorSpecs(), tuning or HealthTuning()
+        specs = specs or SensorSpecs()
+        self.tuning = tuning or HealthTuning()
         frame = altimeter_frame or robot.description.altimeter
         present = {name: getattr(specs, name) for name in _present(robot, specs, frame)}
         self.memory = memory = channel_state.health_memory(robot, present, self.tuning)
         """Memory of the kernels, a `HealthMemory`."""
         structures = (type(memory), structure_of(EstimateSupport), structure_of(PassThroughMemory))
         kernels = (screen, judge, finish, screen_tick, finish_tick, screen_and_finish_tick)
-        self._screen, self._judge, self._finish, *self.ticks = bind_kernels(kernels, structures, compiled=compiled)
+        self._screen, self._judge, self._finish, *self.ticks = bind_kernels(
+            kernels, structures, compiled=compiled
+        )
         """`screen_tick`, `finish_tick` and `screen_and_finish_tick`."""
-        shapes, self._texts = channel_state.sizes_of(robot), ReasonTexts(robot.joint_names)
-        self._buffers = {name: ChannelBuffer(memory.channels[NUMBER[name]], shapes[name], self._texts) for name in present}
+        shapes = channel_state.sizes_of(robot)
+        self._texts = ReasonTexts(robot.joint_names)
+        self._buffers = {
+            name: ChannelBuffer(memory.channels[NUMBER[name]], shapes[name], self._texts)
+            for name in present
+        }
         self._places = tuple(self._buffers.get(name) for name in CHANNELS)
-        self._beam = AltimeterMount(robot, frame, memory.now) if "altimeter_range" in present and frame else None
+        self._beam = (
+            AltimeterMount(robot, frame, memory.now)
+            if "altimeter_range" in present and frame
+            else None
+        )
         self._joint_q, self._joint_v = robot.joint_q, robot.joint_v
         self._q, self._v = np.ctypeslib.as_array(memory.now.q), np.ctypeslib.as_array(memory.now.v)
         self._rates = np.ctypeslib.as_array(memory.encoders.rates)[: robot.n_joints]
@@ -373,13 +461,16 @@ class HealthMonitor:
 
     @property
     def unexplained(self) -> Array:
-        """(n_v,) [m, rad] by which q may be off since readings were refused and came back elsewhere."""
+        """(n_v,) [m, rad] by which q may be off since readings were refused and came back
+        elsewhere.
+        """
         vehicle = ("position",) * 3 + ("attitude",) * 3 if len(self._v) > len(self._rates) else ()
         names = (*vehicle, *("joint_positions",) * len(self._rates))
         return np.array([self.memory.channels[NUMBER[name]].unexplained for name in names])
 
     def screen(self, readings: Readings, t: float, command: Command | None = None) -> Readings:
-        """Screen readings at time t [s]: a refused one is replaced by the last of its channel that was used.
+        """Screen readings at time t [s]: a refused one is replaced by the last of its channel that
+        was used.
 
         `command` has been acting since the last call.
         """
@@ -388,7 +479,9 @@ class HealthMonitor:
         self._use(fresh)
         if not self.memory.n_behind and not strange:
             return readings
-        return signals.unchecked_readings(**{name: buffer.used for name, buffer in self._buffers.items()})
+        return signals.unchecked_readings(
+            **{name: buffer.used for name, buffer in self._buffers.items()}
+        )
 
     @property
     def repeats(self) -> bool:
@@ -396,8 +489,11 @@ class HealthMonitor:
         return self._beam is None or not self._beam.moves
 
     def _ingest(self, readings: Readings) -> tuple[list[ChannelBuffer], bool]:
-        """Return the channels with new readings, and whether a channel is given that is not to be, or missing where one was."""
-        fresh, strange = [], False
+        """Return the channels with new readings, and whether a channel is given that is not to be,
+        or missing where one was.
+        """
+        fresh = []
+        strange = False
         for reading, buffer in zip(_all(readings), self._places, strict=True):
             if buffer is None:
                 strange = strange or reading is not None
@@ -423,7 +519,9 @@ class HealthMonitor:
                 buffer.used = buffer.seen
 
     def judge(self, measurement: StateEstimate, t: float) -> tuple[ChannelHealth, ...]:
-        """Judge all channels at time t [s], with the estimate that the filter made of the readings."""
+        """Judge all channels at time t [s], with the estimate that the filter made of the
+        readings.
+        """
         is_estimated = measurement.age < math.inf
         if is_estimated:
             self._note(measurement)
@@ -432,12 +530,17 @@ class HealthMonitor:
         return self._health
 
     def finish(
-        self, measurement: StateEstimate, support: EstimateSupport, outcomes: ctypes.Array[ctypes.c_double], t: float
+        self,
+        measurement: StateEstimate,
+        support: EstimateSupport,
+        outcomes: ctypes.Array[ctypes.c_double],
+        t: float,
     ) -> tuple[ChannelHealth, ...]:
-        """Judge all channels after the filter's gates, and find the age of what supports the estimate.
+        """Judge all channels after the filter's gates, and find the age of what supports the
+        estimate.
 
-        support: an `EstimateSupport`, which then has the ages. outcomes (36,) [s, -, -, -]: `GatedEstimator.outcomes`. t [s]
-        is the time of the tick.
+        support: an `EstimateSupport`, which then has the ages. outcomes (36,) [s, -, -, -]:
+        `GatedEstimator.outcomes`. t [s] is the time of the tick.
         """
         self._note(measurement)
         if self._finish(self.memory, support, outcomes, t):
@@ -451,13 +554,19 @@ class HealthMonitor:
 
     def publish(self, t: float) -> None:
         """Publish the verdicts that changed at time t [s], and log alarms."""
-        changed = {name: buffer.memory for name, buffer in self._buffers.items() if buffer.memory.changed}
+        changed = {
+            name: buffer.memory for name, buffer in self._buffers.items() if buffer.memory.changed
+        }
         verdicts = {
-            name: _health(channel=name, trust=Trust(c.trust), why=self._texts.of(name, c.complaint), since=t)
+            name: _health(
+                channel=name, trust=Trust(c.trust), why=self._texts.of(name, c.complaint), since=t
+            )
             for name, c in changed.items()
         }
         self._health = tuple(verdicts.get(verdict.channel, verdict) for verdict in self._health)
-        self.alarms += [(t, _describe(verdict, changed[name].shift)) for name, verdict in verdicts.items()]
+        self.alarms += [
+            (t, _describe(verdict, changed[name].shift)) for name, verdict in verdicts.items()
+        ]
 
 
 def _present(robot: Robot, specs: SensorSpecs, altimeter_frame: str | None) -> list[str]:
@@ -471,5 +580,7 @@ def _describe(verdict: ChannelHealth, shift: float) -> str:
     word = verdict.trust.name.lower()
     if verdict.why:
         return f"{verdict.channel} {word}: {verdict.why}"
-    elsewhere = f", {shift:.2g} {UNITS[verdict.channel]} from where it was before" if shift > 0.0 else ""
+    elsewhere = (
+        f", {shift:.2g} {UNITS[verdict.channel]} from where it was before" if shift > 0.0 else ""
+    )
     return f"{verdict.channel} {word} again{elsewhere}"

@@ -1,4 +1,6 @@
-"""Check one reading by itself and against the estimate of its time: sanity, time stamps, plausibility gates."""
+"""Check one reading by itself and against the estimate of its time: sanity, time stamps,
+plausibility gates.
+"""
 
 from __future__ import annotations
 
@@ -28,7 +30,9 @@ def small_rotation(by: Vector, share: float, out: Vector) -> None:
 
 
 def rotate(q: Vector, by: Vector, out: Vector) -> None:
-    """Out (3,) becomes the vector `by` (3,) turned by the quaternion at entries 3 to 6 of q; another array than `by`."""
+    """Out (3,) becomes the vector `by` (3,) turned by the quaternion at entries 3 to 6 of q;
+    another array than `by`.
+    """
     u = zeros(3)
     u[0] = 2.0 * (q[4] * by[2] - q[5] * by[1])
     u[1] = 2.0 * (q[5] * by[0] - q[3] * by[2])
@@ -40,7 +44,8 @@ def rotate(q: Vector, by: Vector, out: Vector) -> None:
 
 def angle_between(a: Vector, b: Vector) -> float:
     """[rad] by which the rotations a (4,) and b (4,) differ."""
-    back, between = zeros(4), zeros(4)
+    back = zeros(4)
+    between = zeros(4)
     back[:4] = b[:4]
     conjugate(back)
     multiply(a, back, between)
@@ -94,7 +99,8 @@ def slot_at(h: EstimateHistory, t: float) -> int:
     """Where the estimate is kept that was made nearest to time t [s]; -1 before the first."""
     if h.count == 0:
         return -1
-    low, high = 0, h.count - 1
+    low = 0
+    high = h.count - 1
     if t >= _time(h, high):
         low = high
     while high - low > 1:
@@ -134,13 +140,17 @@ def is_nonsense(channel: int, value: Vector, size: int, why: Complaint) -> bool:
     if channel == ChannelIndex.ALTIMETER_RANGE and value[0] < 0.0:
         return set_complaint(why, Reason.RANGE, value[0], 0.0)
     for i in range(size):
-        if not math.isfinite(value[i]) and not (channel == ChannelIndex.ALTIMETER_RANGE and math.isnan(value[i])):
+        if not math.isfinite(value[i]) and not (
+            channel == ChannelIndex.ALTIMETER_RANGE and math.isnan(value[i])
+        ):
             return set_complaint(why, Reason.NO_NUMBER, 0.0, 0.0)
     return channel == ChannelIndex.ATTITUDE and _is_no_rotation(value, why)
 
 
 def is_mistimed(stamp: float, last: float, t: float, clock: float, why: Complaint) -> bool:
-    """Return whether a time stamp [s] cannot be, after the `last` [s] one that was used and at time t [s]; clock [s] of grace."""
+    """Return whether a time stamp [s] cannot be, after the `last` [s] one that was used and at time
+    t [s]; clock [s] of grace.
+    """
     if stamp > t + clock:
         set_complaint(why, Reason.FUTURE, stamp - t, 0.0)
     elif stamp < last:
@@ -150,14 +160,19 @@ def is_mistimed(stamp: float, last: float, t: float, clock: float, why: Complain
 
 def _is_no_rotation(value: Vector, why: Complaint) -> bool:
     squared = value[0] * value[0] + value[1] * value[1] + value[2] * value[2] + value[3] * value[3]
-    return False if abs(squared - 1.0) <= 2.0 * _UNIT else set_complaint(why, Reason.LENGTH, math.sqrt(squared), 0.0)
+    return (
+        False
+        if abs(squared - 1.0) <= 2.0 * _UNIT
+        else set_complaint(why, Reason.LENGTH, math.sqrt(squared), 0.0)
+    )
 
 
 # Whether a reading can be true, given where the robot was estimated to be when it was taken.
 
 
 class PlausibilityGate(Layout):
-    """Gate of plausibility: how far a reading may differ from the estimate, at once and for every second without any.
+    """Gate of plausibility: how far a reading may differ from the estimate, at once and for every
+    second without any.
 
     It grows with that time without end, so that it never shuts a channel out for good.
     """
@@ -180,7 +195,9 @@ class PlausibilityGate(Layout):
     jolt: float
     """[unit of the channel / s2, or of a rate's / s] as in the memory of the filter."""
     rates: int
-    """Where the rates of the joints whose positions it is for begin in v, -1 for another channel."""
+    """Where the rates of the joints whose positions it is for begin in v, -1 for another
+    channel.
+    """
     by: int
     """A channel that carries the estimate, -1 for none."""
     or_by: int
@@ -191,20 +208,29 @@ class PlausibilityGate(Layout):
 
 def motion_within(g: PlausibilityGate, estimate: PastEstimate, time: float) -> float:
     """Return how far [unit of the channel] the robot may move unforeseen within a time [s]."""
-    rate, short = g.alone, min(time, JOLT_TIME)
+    rate = g.alone
+    short = min(time, JOLT_TIME)
     for i in range(g.rates, len(estimate.v) if g.rates >= 0 else -1):
-        rate = max(rate, 2.0 * abs(estimate.v[i]))  # what is known to move faster than it should, and faster yet
+        rate = max(
+            rate, 2.0 * abs(estimate.v[i])
+        )  # what is known to move faster than it should, and faster yet
     return rate * time + g.jolt * (short if orders_of(g.channel) == 1 else short * short / 2.0)
 
 
 def is_impossible(g: PlausibilityGate, value: Vector, why: Complaint) -> bool:
-    """Return whether no robot of this kind can ever read the value (size,) [unit of the channel]."""
+    """Return whether no robot of this kind can ever read the value (size,) [unit of the
+    channel].
+    """
     if not (g.exists and math.isfinite(g.most)):
         return False
     squared = 0.0
     for i in range(g.size):
         squared += value[i] * value[i]
-    return False if math.sqrt(squared) <= g.most else set_complaint(why, Reason.LARGE, math.sqrt(squared), g.most)
+    return (
+        False
+        if math.sqrt(squared) <= g.most
+        else set_complaint(why, Reason.LARGE, math.sqrt(squared), g.most)
+    )
 
 
 def error_of(g: PlausibilityGate, value: Vector, estimate: PastEstimate) -> float:
@@ -217,11 +243,17 @@ def error_of(g: PlausibilityGate, value: Vector, estimate: PastEstimate) -> floa
         return distance(g, value, estimate.q)
     if g.channel == ChannelIndex.JOINT_POSITIONS:
         return _largest(g, value, estimate.q)
-    return _largest(g, value, estimate.v) if g.channel == ChannelIndex.JOINT_VELOCITIES else distance(g, value, estimate.v)
+    return (
+        _largest(g, value, estimate.v)
+        if g.channel == ChannelIndex.JOINT_VELOCITIES
+        else distance(g, value, estimate.v)
+    )
 
 
 def distance(g: PlausibilityGate, value: Vector, estimated: Vector) -> float:
-    """Return how far a value (size,) [unit of the channel] is from that of q or v, in which its gate knows its place."""
+    """Return how far a value (size,) [unit of the channel] is from that of q or v, in which its
+    gate knows its place.
+    """
     squared = 0.0
     for i in range(g.size):
         by = value[i] - estimated[g.start + i]
@@ -238,10 +270,11 @@ def _largest(g: PlausibilityGate, value: Vector, estimated: Vector) -> float:
 
 # Whether a sensor repeats itself although it has noise: it is frozen.
 #
-# A sensor repeats a value by chance where its resolution is no finer than its noise. All its changes are multiples of its
-# resolution, whose upper bound is their greatest common measure; so the chance p of one repetition is at most that of noise
-# staying within it, and n repetitions speak against the sensor where p^n is below a chance that one does not expect to
-# meet. A sensor at rest whose resolution is much coarser than its noise has p near 1 and never alarms; nor does one
+# A sensor repeats a value by chance where its resolution is no finer than its noise. All its
+# changes are multiples of its resolution, whose upper bound is their greatest common measure; so
+# the chance p of one repetition is at most that of noise staying within it, and n repetitions speak
+# against the sensor where p^n is below a chance that one does not expect to meet. A sensor at rest
+# whose resolution is much coarser than its noise has p near 1 and never alarms; nor does one
 # without noise.
 
 _SHARE = 0.5  # of the noise that a sensor is said to have, which it is taken to have at least
@@ -252,7 +285,9 @@ _NEVER = 1e-300
 
 
 CHANCE = 1e-9
-"""That noise repeats a value, or losses a silence, by themselves; 1e8 readings fit into a hundred hours of gyro."""
+"""That noise repeats a value, or losses a silence, by themselves; 1e8 readings fit into a hundred
+hours of gyro.
+"""
 
 
 class RepetitionMemory(Layout):
@@ -268,7 +303,9 @@ class RepetitionMemory(Layout):
     """Components."""
     started: bool
     finest: float
-    """[unit of the channel] greatest common measure of all changes so far; no finer than `_FINE` of the noise."""
+    """[unit of the channel] greatest common measure of all changes so far; no finer than `_FINE` of
+    the noise.
+    """
     last: Annotated[Vector, Sized("n_width")]
     """(n_width,) [unit of the channel] the newest value, `size` numbers."""
     runs: Annotated[list[int], Sized("n_width")]
@@ -277,15 +314,21 @@ class RepetitionMemory(Layout):
 
 def init_repetitions(memory: RepetitionMemory, sigma: float, *, size: int, each: bool) -> None:
     """Prepare a `RepetitionMemory`: noise sigma [unit of the channel] of size components."""
-    memory.noise, memory.each, memory.chance = _SHARE * sigma, each, math.log(CHANCE)
-    memory.size, memory.finest = size, math.inf
+    memory.noise = _SHARE * sigma
+    memory.each = each
+    memory.chance = math.log(CHANCE)
+    memory.size = size
+    memory.finest = math.inf
 
 
 def repeated(r: RepetitionMemory, value: Vector, why: Complaint) -> bool:
-    """Return whether the channel counts as frozen, by its newest value (size,) [unit of the channel]."""
+    """Return whether the channel counts as frozen, by its newest value (size,) [unit of the
+    channel].
+    """
     if r.noise == 0.0:
         return False
-    fresh, same = not r.started, False
+    fresh = not r.started
+    same = False
     refine = r.finest > _ENOUGH * r.noise
     for i in range(r.size):
         if fresh:
@@ -303,7 +346,9 @@ def repeated(r: RepetitionMemory, value: Vector, why: Complaint) -> bool:
 
 
 def _too_often(r: RepetitionMemory, why: Complaint) -> bool:
-    worst, most, together = 0, r.runs[0], r.runs[0]
+    worst = 0
+    most = r.runs[0]
+    together = r.runs[0]
     for i in range(1, r.size):
         if r.runs[i] > most:
             worst = i
@@ -311,7 +356,9 @@ def _too_often(r: RepetitionMemory, why: Complaint) -> bool:
         together = min(together, r.runs[i])
     if most < _LEAST or not _unlikely(r, most, together):
         return False
-    return set_complaint(why, Reason.REPEATED, most + 1, 0 if together >= _LEAST or r.size == 1 else worst + 1)
+    return set_complaint(
+        why, Reason.REPEATED, most + 1, 0 if together >= _LEAST or r.size == 1 else worst + 1
+    )
 
 
 def _unlikely(r: RepetitionMemory, most: int, together: int) -> bool:
@@ -323,7 +370,9 @@ def _unlikely(r: RepetitionMemory, most: int, together: int) -> bool:
 
 
 def _common(measure: float, step: float, tolerance: float) -> float:
-    """The greatest common measure of two lengths > 0, by Euclid, not below the tolerance; inf is a multiple of all."""
+    """The greatest common measure of two lengths > 0, by Euclid, not below the tolerance; inf is a
+    multiple of all.
+    """
     while step > tolerance:
         rest = abs(math.remainder(measure, step)) if math.isfinite(measure) else 0.0
         measure = step
@@ -333,8 +382,9 @@ def _common(measure: float, step: float, tolerance: float) -> float:
 
 # Encoders that do not change by a bit while their joints are asked to move.
 #
-# This holds for exact and for coarse encoders too: a joint that follows its command changes them. Joints with locked brakes
-# are not asked to move, and robots whose joints have several numbers each are not judged.
+# This holds for exact and for coarse encoders too: a joint that follows its command changes them.
+# Joints with locked brakes are not asked to move, and robots whose joints have several numbers each
+# are not judged.
 
 
 class EncoderMemory(Layout):
@@ -343,7 +393,9 @@ class EncoderMemory(Layout):
     n: int
     """Joints, 0 where they are not judged."""
     allowed: Annotated[Vector, Sized("n_joints")]
-    """(n_joints,) [rad or m] that may be asked: some travel, and what encoders are late by at full speed."""
+    """(n_joints,) [rad or m] that may be asked: some travel, and what encoders are late by at full
+    speed.
+    """
     rates: Annotated[Vector, Sized("n_joints")]
     """(n_joints,) [rad/s or m/s] that have been asked since the last tick."""
     asked: Annotated[Vector, Sized("n_joints")]
@@ -361,7 +413,8 @@ def integrate_command(e: EncoderMemory, moving: bool, dt: float) -> None:
 
 def stands_still(e: EncoderMemory, value: Vector, why: Complaint) -> bool:
     """Return whether an encoder counts as frozen, by the newest value (n_joints,) [rad or m]."""
-    worst, excess = 0, 0.0
+    worst = 0
+    excess = 0.0
     for i in range(e.n):
         if e.started and value[i] != e.last[i]:
             e.asked[i] = 0.0

@@ -1,4 +1,6 @@
-"""Compare redundant channels over a few seconds: DVL and position, gyro and attitude, rates and encoders, and depths."""
+"""Compare redundant channels over a few seconds: DVL and position, gyro and attitude, rates and
+encoders, and depths.
+"""
 
 from __future__ import annotations
 
@@ -68,7 +70,8 @@ def median_of(s: SampleRing, i: int, start: int, n: int) -> float:
     """Return the slot of number i of n entries from `start` on."""
     x = zeros(LONGEST)
     for k in range(n):
-        value, place = s.value[ring_slot(s, start + k)][i], k
+        value = s.value[ring_slot(s, start + k)][i]
+        place = k
         while place > 0 and x[place - 1] > value:
             x[place] = x[place - 1]
             place -= 1
@@ -77,12 +80,16 @@ def median_of(s: SampleRing, i: int, start: int, n: int) -> float:
 
 
 def value_at(s: SampleRing, i: int, t: float) -> float:
-    """Number i at time t [s], straight between entries, the oldest before them and the newest after."""
+    """Number i at time t [s], straight between entries, the oldest before them and the newest
+    after.
+    """
     after = s.count - 1
     while after > 0 and time_at(s, after - 1) > t:
         after -= 1
-    old, new = s.value[ring_slot(s, max(after - 1, 0))][i], s.value[ring_slot(s, after)][i]
-    from_t, to_t = time_at(s, max(after - 1, 0)), time_at(s, after)
+    old = s.value[ring_slot(s, max(after - 1, 0))][i]
+    new = s.value[ring_slot(s, after)][i]
+    from_t = time_at(s, max(after - 1, 0))
+    to_t = time_at(s, after)
     if t >= to_t or to_t == from_t:
         return new
     return old if t <= from_t else (new - old) / (to_t - from_t) * (t - from_t) + old
@@ -93,15 +100,30 @@ def value_at(s: SampleRing, i: int, t: float) -> float:
 _GAP = 2.0  # [s] of silence after which a comparison begins anew
 _SIGMAS = 8.0
 _SPACING = 0.1  # [s] between readings that are compared: more tell no more
-_DRIFT_SPAN, _DRIFT = 3.0, 0.04  # [s], [m/s]: a bias that a vehicle may have
-_LONG_SPAN, _LONG_LEAST, _LONG_SPACING = 20.0, 6.0, 0.4  # [s] in which slow drifts are looked for
+# [s], [m/s]: a bias that a vehicle may have
+_DRIFT_SPAN = 3.0
+_DRIFT = 0.04
+# [s] in which slow drifts are looked for
+_LONG_SPAN = 20.0
+_LONG_LEAST = 6.0
+_LONG_SPACING = 0.4
 _MEDIAN = 1.25  # times the standard deviation of a mean: that of a median
-_SLOW_DRIFT, _OBLIQUE = 0.01, 0.03  # [m/s] a bias that a DVL may have, and share of the way by which its axes and scale err
+# [m/s] a bias that a DVL may have, and share of the way by which its axes and scale err
+_SLOW_DRIFT = 0.01
+_OBLIQUE = 0.03
 _SLOW_TURN = 0.005  # [rad/s]: a bias that a gyro may have
 _BLIND = 1.2  # [s] without a velocity, in which a vehicle may have gone anywhere
-_TURN_SPAN, _TURN = 1.0, 0.03  # [s], [rad/s]
-_FIRST, _LAST, _DEPTH = 10, 5, 0.05  # fixes, fixes, [m]
-_ENCODER_SPAN, _SLOW_JOINT, _RATE_DELAY = 10.0, 0.001, 0.05  # [s] between marks, [rad/s] a bias, [s] that a rate may be late
+# [s], [rad/s]
+_TURN_SPAN = 1.0
+_TURN = 0.03
+# fixes, fixes, [m]
+_FIRST = 10
+_LAST = 5
+_DEPTH = 0.05
+# [s] between marks, [rad/s] a bias, [s] that a rate may be late
+_ENCODER_SPAN = 10.0
+_SLOW_JOINT = 0.001
+_RATE_DELAY = 0.05
 _RATE_SIGMAS = 5.0  # of the way that rates integrate to, beside what its bias may make of it
 
 
@@ -117,7 +139,9 @@ class DriftWindow(Layout):
     tolerance: float
     """[m/s] of a drift."""
     share: float
-    """Share of the way travelled by which the integrated velocity may err besides: its axes and scale."""
+    """Share of the way travelled by which the integrated velocity may err besides: its axes and
+    scale.
+    """
     noise: float
     """[m] standard deviation of a difference."""
     samples: SampleRing
@@ -125,7 +149,9 @@ class DriftWindow(Layout):
 
 
 class VelocityAgainstPosition(Layout):
-    """The way between two position fixes, or depths, against the velocity of the DVL, integrated over the same time."""
+    """The way between two position fixes, or depths, against the velocity of the DVL, integrated
+    over the same time.
+    """
 
     t: float
     """[s] of the last velocity."""
@@ -161,7 +187,9 @@ class RateAgainstAttitude(Layout):
     slow_offsets: SampleRing
     """The same over a longer time."""
     quick_rate: float
-    """[rad/s] at which they turned apart, by the last attitude, over a short time; 0 where they agree."""
+    """[rad/s] at which they turned apart, by the last attitude, over a short time; 0 where they
+    agree.
+    """
     slow_rate: float
     """[rad/s] the same over a longer one."""
 
@@ -184,7 +212,9 @@ class DepthAgainstPosition(Layout):
 
 
 class RateAgainstEncoder(Layout):
-    """The way of each joint by its encoder against its rate, integrated, since one of two marks, 10 to 20 s ago."""
+    """The way of each joint by its encoder against its rate, integrated, since one of two marks, 10
+    to 20 s ago.
+    """
 
     n: int
     """Joints, 0 where they are not judged."""
@@ -201,13 +231,17 @@ class RateAgainstEncoder(Layout):
     way: Annotated[Vector, Sized("n_joints")]
     """(n_joints,) [rad or m] integrated rates."""
     variance: Annotated[Vector, Sized("n_joints")]
-    """(n_joints,) [rad2 or m2] of the way, by how much each rate lies off those before and after it."""
+    """(n_joints,) [rad2 or m2] of the way, by how much each rate lies off those before and after
+    it.
+    """
     older_t: float
     """[s] of the mark that is compared with."""
     newer_t: float
     """[s] of the next one, -inf before the first."""
     older: Annotated[list[Vector], Sized("n_joints", 4)]
-    """(n_joints, 4) at the mark: offset of the encoder, way, what a late rate makes of it [rad or m], and variance."""
+    """(n_joints, 4) at the mark: offset of the encoder, way, what a late rate makes of it [rad or
+    m], and variance.
+    """
     newer: Annotated[list[Vector], Sized("n_joints", 4)]
     """(n_joints, 4) at the next one."""
     worst: int
@@ -225,17 +259,27 @@ def init_comparisons(
     bias: dict[str, float],
 ) -> None:
     """Prepare all four; noise and bias [unit of the channel] of each channel."""
-    fix, turn = noise["position"], math.sqrt(2.0) * noise["attitude"]
+    fix = noise["position"]
+    turn = math.sqrt(2.0) * noise["attitude"]
     quick, slow = velocity.quick, velocity.slow
-    quick.span, quick.least, quick.spacing = _DRIFT_SPAN + 0.5, _DRIFT_SPAN, _SPACING
+    quick.span = _DRIFT_SPAN + 0.5
+    quick.least = _DRIFT_SPAN
+    quick.spacing = _SPACING
     quick.tolerance = _DRIFT + _SIGMAS * math.sqrt(2.0) * fix / _DRIFT_SPAN
     for window, sigma in ((slow, fix), (velocity.depth, noise["depth"])):
-        window.span, window.least, window.spacing = _LONG_SPAN, _LONG_LEAST, _LONG_SPACING
-        window.tolerance, window.share, window.noise = _SLOW_DRIFT + bias["linear_velocity"], _OBLIQUE, sigma
+        window.span = _LONG_SPAN
+        window.least = _LONG_LEAST
+        window.spacing = _LONG_SPACING
+        window.tolerance = _SLOW_DRIFT + bias["linear_velocity"]
+        window.share = _OBLIQUE
+        window.noise = sigma
     rate.tolerance = _TURN + _SIGMAS * turn / _TURN_SPAN
     rate.slow_tolerance = _SLOW_TURN + bias["angular_velocity"] + _SIGMAS * turn / _LONG_SPAN
-    depth.tolerance = _DEPTH + _SIGMAS * math.hypot(fix, noise["depth"]) * math.sqrt(1.0 / _FIRST + 1.0 / _LAST)
-    encoder.tolerance, encoder.noise = _SLOW_JOINT + bias["joint_velocities"], _SIGMAS * math.sqrt(2.0) * noise["joint_positions"]
+    depth.tolerance = _DEPTH + _SIGMAS * math.hypot(fix, noise["depth"]) * math.sqrt(
+        1.0 / _FIRST + 1.0 / _LAST
+    )
+    encoder.tolerance = _SLOW_JOINT + bias["joint_velocities"]
+    encoder.noise = _SIGMAS * math.sqrt(2.0) * noise["joint_positions"]
     velocity.t = rate.t = depth.t = encoder.t = encoder.newer_t = -math.inf
     rate.turn[3] = 1.0
 
@@ -258,11 +302,13 @@ def update_velocity(d: VelocityAgainstPosition, v_W: Vector, t: float) -> None:
 
 
 def compare_place(d: VelocityAgainstPosition, value: Vector, t: float, first: int) -> bool:
-    """A fix (3,) [m] in W at time t [s] is compared, in `quick` and `slow`, or a depth (1,) [m], in `depth`; whether it could be.
+    """A fix (3,) [m] in W at time t [s] is compared, in `quick` and `slow`, or a depth (1,) [m], in
+    `depth`; whether it could be.
 
     first: the axis that the value begins with, 0 of a fix and 2 of a depth.
     """
-    offset, known = zeros(4), abs(t - d.t) <= _GAP and d.ways.count > 0 and t >= time_at(d.ways, 0)
+    offset = zeros(4)
+    known = abs(t - d.t) <= _GAP and d.ways.count > 0 and t >= time_at(d.ways, 0)
     for i in range(first, 3):
         offset[i] = value[i - first] - _way_at(d, i, t) if known else 0.0
     offset[3] = d.way[3]
@@ -285,15 +331,18 @@ def _append_offset(w: DriftWindow, offset: Vector, t: float, known: bool) -> Non
 
 
 def drift_rate(w: DriftWindow, first: int) -> float:
-    """How fast [m/s] the two of a window drift apart along axes `first` to 2; 0 where they agree, or too little is known.
+    """How fast [m/s] the two of a window drift apart along axes `first` to 2; 0 where they agree,
+    or too little is known.
 
-    Thirds of the span are compared by their medians, which fixes that are far off now and then do not move.
+    Thirds of the span are compared by their medians, which fixes that are far off now and then do
+    not move.
     """
     found = w.samples
     n = found.count // 3
     if n == 0 or span_of(found) < w.least:
         return 0.0
-    time, squared = mean_time(found, found.count - n, n) - mean_time(found, 0, n), 0.0
+    time = mean_time(found, found.count - n, n) - mean_time(found, 0, n)
+    squared = 0.0
     for i in range(first, 3):
         change = median_of(found, i, found.count - n, n) - median_of(found, i, 0, n)
         squared += change * change
@@ -303,7 +352,9 @@ def drift_rate(w: DriftWindow, first: int) -> float:
 
 
 def _way_at(d: VelocityAgainstPosition, i: int, t: float) -> float:
-    """[m] along axis i by the DVL until time t [s], which a late fix was taken at some readings ago."""
+    """[m] along axis i by the DVL until time t [s], which a late fix was taken at some readings
+    ago.
+    """
     return d.way[i] + (t - d.t) * d.velocity[i] if t >= d.t else value_at(d.ways, i, t)
 
 
@@ -323,12 +374,15 @@ def update_rate(d: RateAgainstAttitude, omega: Vector, t: float) -> None:
 
 
 def compare_turns(d: RateAgainstAttitude, quaternion: Vector, t: float) -> None:
-    """Find the rates at which the two turn apart, by the attitude quaternion (4,), xyzw, at time t [s]."""
+    """Find the rates at which the two turn apart, by the attitude quaternion (4,), xyzw, at time t
+    [s].
+    """
     d.quick_rate = d.slow_rate = 0.0
     if not abs(t - d.t) <= _GAP:
         d.offsets.count = d.slow_offsets.count = 0
         return
-    turned, offset = zeros(4), zeros(4)
+    turned = zeros(4)
+    offset = zeros(4)
     _turn_on(d, d.rate, t - d.t, turned)
     conjugate(turned)
     multiply(quaternion, turned, offset)
@@ -336,7 +390,9 @@ def compare_turns(d: RateAgainstAttitude, quaternion: Vector, t: float) -> None:
     d.slow_rate = _turn_in(d.slow_offsets, offset, t, _LONG_SPAN, _LONG_SPACING, d.slow_tolerance)
 
 
-def _turn_in(found: SampleRing, offset: Vector, t: float, least: float, spacing: float, tolerance: float) -> float:
+def _turn_in(
+    found: SampleRing, offset: Vector, t: float, least: float, spacing: float, tolerance: float
+) -> float:
     """[rad/s] over `least` [s]; 0 before, and where it is within the tolerance [rad/s]."""
     if found.count > 0 and t - time_at(found, found.count - 1) < spacing:
         return 0.0
@@ -346,7 +402,10 @@ def _turn_in(found: SampleRing, offset: Vector, t: float, least: float, spacing:
     span = span_of(found)
     if span < least - 1e-6:
         return 0.0
-    rate = angle_between(found.value[found.first], found.value[ring_slot(found, found.count - 1)]) / span
+    rate = (
+        angle_between(found.value[found.first], found.value[ring_slot(found, found.count - 1)])
+        / span
+    )
     return rate if rate > tolerance else 0.0
 
 
@@ -359,11 +418,14 @@ def _turn_on(d: RateAgainstAttitude, rate: Vector, dt: float, out: Vector) -> No
 
 def update_depth(d: DepthAgainstPosition, z: float, t: float) -> None:
     """The depth z [m] at time t [s]."""
-    d.depth, d.t = z, t
+    d.depth = z
+    d.t = t
 
 
 def depth_difference(d: DepthAgainstPosition, z: float, climb: float, t: float) -> float:
-    """Return by how much [m] the two differ, by the z [m] of a fix at time t [s] and the climb [m/s]; 0 where they agree."""
+    """Return by how much [m] the two differ, by the z [m] of a fix at time t [s] and the climb
+    [m/s]; 0 where they agree.
+    """
     if not abs(t - d.t) <= _GAP:
         return 0.0
     difference = z - d.depth - (t - d.t) * climb
@@ -395,25 +457,39 @@ def update_joint_rates(d: RateAgainstEncoder, rates: Vector, t: float) -> None:
 
 
 def is_adrift(d: RateAgainstEncoder, value: Vector, t: float) -> bool:
-    """Return whether the encoder of a joint, `worst`, drifts from its rate, by values (n_joints,) [rad or m] at time t [s]."""
+    """Return whether the encoder of a joint, `worst`, drifts from its rate, by values (n_joints,)
+    [rad or m] at time t [s].
+    """
     if not abs(t - d.t) <= _BLIND:
         d.newer_t = -math.inf
         return False
-    first, due, excess = d.newer_t == -math.inf, t - d.newer_t >= _ENCODER_SPAN, 0.0
+    first = d.newer_t == -math.inf
+    due = t - d.newer_t >= _ENCODER_SPAN
+    excess = 0.0
     if due:
         d.older_t = t if first else d.newer_t
         d.newer_t = t
     for i in range(d.n):
-        mark, late, offset = d.older[i], _RATE_DELAY * abs(d.rate[i]), value[i] - d.way[i] - (t - d.t) * d.rate[i]
+        mark = d.older[i]
+        late = _RATE_DELAY * abs(d.rate[i])
+        offset = value[i] - d.way[i] - (t - d.t) * d.rate[i]
         if due and not first:
             mark[:4] = d.newer[i][:4]
         if due:
-            d.newer[i][0], d.newer[i][1], d.newer[i][2], d.newer[i][3] = offset, d.way[i], late, d.variance[i]
+            d.newer[i][0], d.newer[i][1], d.newer[i][2], d.newer[i][3] = (
+                offset,
+                d.way[i],
+                late,
+                d.variance[i],
+            )
         if first:
             mark[:4] = d.newer[i][:4]
-        change, span = abs(offset - mark[0]), t - d.older_t
+        change = abs(offset - mark[0])
+        span = t - d.older_t
         allowed = d.tolerance * span + _OBLIQUE * abs(d.way[i] - mark[1]) + late + mark[2] + d.noise
         beyond = change - allowed - _RATE_SIGMAS * math.sqrt(d.variance[i] - mark[3])
         if span >= _LONG_LEAST and beyond > excess:
-            d.worst, d.drift, excess = i, change / span, beyond
+            d.worst = i
+            d.drift = change / span
+            excess = beyond
     return excess > 0.0

@@ -1,4 +1,6 @@
-"""Screen every new reading before the filter sees it, and decide which of two channels that disagree is at fault."""
+"""Screen every new reading before the filter sees it, and decide which of two channels that
+disagree is at fault.
+"""
 
 from __future__ import annotations
 
@@ -7,7 +9,14 @@ import math
 from uvms_ocp.codegen.kernel_layout import Vector, zeros
 from uvms_ocp.estimation.filter_memory import ChannelIndex, orders_of
 from uvms_ocp.estimation.health import floor, plausibility, redundancy
-from uvms_ocp.estimation.health.channel_state import TOO_LATE, ChannelMemory, HealthMemory, ScreeningResult, exclude, suspect
+from uvms_ocp.estimation.health.channel_state import (
+    TOO_LATE,
+    ChannelMemory,
+    HealthMemory,
+    ScreeningResult,
+    exclude,
+    suspect,
+)
 from uvms_ocp.estimation.health.tuning import Complaint, Reason, set_complaint
 from uvms_ocp.robot import kinematics, signals
 
@@ -16,7 +25,9 @@ from uvms_ocp.robot import kinematics, signals
 # Sense, time stamp, repetition, and what the estimate at the time of the reading allows.
 
 _CONFIRMED = 5
-"""Readings in a row that must agree before one that does not is refused: an estimate is made of those before."""
+"""Readings in a row that must agree before one that does not is refused: an estimate is made of
+those before.
+"""
 _STUBBORN = 3
 """Readings in a row that were refused: by then it is no spike."""
 _NEXT = 1.5
@@ -24,7 +35,9 @@ _NEXT = 1.5
 
 
 def screen_reading(m: HealthMemory, c: ChannelMemory, slot: int) -> None:
-    """Screen the newest reading of a channel, into `belief`; slot of the estimate of its time, -1 for none."""
+    """Screen the newest reading of a channel, into `belief`; slot of the estimate of its time, -1
+    for none.
+    """
     b = m.belief
     c.off = -1.0
     b.sane = not (_means_nothing(m, c, b.why) or _cannot_be(m, c, b.why))
@@ -61,12 +74,18 @@ def _cannot_be(m: HealthMemory, c: ChannelMemory, why: Complaint) -> bool:
         return set_complaint(why, Reason.TOO_LATE, late, 0.0)
     if is_empty(c):
         return False
-    if c.number == ChannelIndex.JOINT_POSITIONS and plausibility.stands_still(m.encoders, c.value, why):
+    if c.number == ChannelIndex.JOINT_POSITIONS and plausibility.stands_still(
+        m.encoders, c.value, why
+    ):
         return True
-    return plausibility.repeated(c.repeats, c.value, why) or plausibility.is_impossible(c.gate, c.value, why)
+    return plausibility.repeated(c.repeats, c.value, why) or plausibility.is_impossible(
+        c.gate, c.value, why
+    )
 
 
-def _compare_with_estimate(m: HealthMemory, c: ChannelMemory, estimate: plausibility.PastEstimate, b: ScreeningResult) -> None:
+def _compare_with_estimate(
+    m: HealthMemory, c: ChannelMemory, estimate: plausibility.PastEstimate, b: ScreeningResult
+) -> None:
     if c.number == ChannelIndex.ALTIMETER_RANGE:
         b.used = _is_floor(m, c, estimate, b.why)
     elif c.gate.exists and not _agrees(m, c, estimate, b.why):
@@ -75,12 +94,18 @@ def _compare_with_estimate(m: HealthMemory, c: ChannelMemory, estimate: plausibi
             c.agreed, b.why.code = 0, Reason.NONE
 
 
-def _agrees(m: HealthMemory, c: ChannelMemory, estimate: plausibility.PastEstimate, why: Complaint) -> bool:
+def _agrees(
+    m: HealthMemory, c: ChannelMemory, estimate: plausibility.PastEstimate, why: Complaint
+) -> bool:
     gate = c.gate
     carried = _is_good(m, gate.by) or _is_good(m, gate.or_by)
     rate = gate.supported if carried else gate.alone
-    growth, away = 0.0 if math.isnan(c.taken) else rate * max(c.stamp - c.taken, 0.0), abs(c.stamp - estimate.t)
-    error, moved = plausibility.error_of(gate, c.value, estimate), plausibility.motion_within(gate, estimate, away)
+    growth = 0.0 if math.isnan(c.taken) else rate * max(c.stamp - c.taken, 0.0)
+    away = abs(c.stamp - estimate.t)
+    error, moved = (
+        plausibility.error_of(gate, c.value, estimate),
+        plausibility.motion_within(gate, estimate, away),
+    )
     c.off = error if orders_of(c.number) > 1 else -1.0  # rates leave no place behind
     c.explained = gate.noise + max(growth, moved)
     if carried and is_persistent(c):
@@ -96,7 +121,8 @@ def _agrees(m: HealthMemory, c: ChannelMemory, estimate: plausibility.PastEstima
 
 
 def _goes_on(c: ChannelMemory) -> bool:
-    """Return whether a DVL goes on from its last reading, which was used: then it is the estimate that is off.
+    """Return whether a DVL goes on from its last reading, which was used: then it is the estimate
+    that is off.
 
     A step of a velocity is an acceleration to the filter until the next reading ends it.
     """
@@ -107,18 +133,26 @@ def _goes_on(c: ChannelMemory) -> bool:
 def is_persistent(c: ChannelMemory) -> bool:
     """Return whether a DVL insists on what cannot be.
 
-    While fixes carry the velocity it is taken again at half its gate: one reading of a biased one that noise brings just
-    inside would move velocity and acceleration, and all that follows from them.
+    While fixes carry the velocity it is taken again at half its gate: one reading of a biased one
+    that noise brings just inside would move velocity and acceleration, and all that follows from
+    them.
     """
     return c.number == ChannelIndex.LINEAR_VELOCITY and c.off_in_a_row >= _STUBBORN
 
 
 def _is_good(m: HealthMemory, channel: int) -> bool:
-    return channel >= 0 and m.channels[channel].present and m.channels[channel].trust == signals.Trust.GOOD
+    return (
+        channel >= 0
+        and m.channels[channel].present
+        and m.channels[channel].trust == signals.Trust.GOOD
+    )
 
 
-def _is_floor(m: HealthMemory, c: ChannelMemory, estimate: plausibility.PastEstimate, why: Complaint) -> bool:
-    up, at = zeros(3), zeros(3)
+def _is_floor(
+    m: HealthMemory, c: ChannelMemory, estimate: plausibility.PastEstimate, why: Complaint
+) -> bool:
+    up = zeros(3)
+    at = zeros(3)
     plausibility.rotate(estimate.q, estimate.beam_up, up)
     plausibility.rotate(estimate.q, estimate.beam_at, at)
     if up[2] <= kinematics.STEEP:
@@ -127,10 +161,20 @@ def _is_floor(m: HealthMemory, c: ChannelMemory, estimate: plausibility.PastEsti
     return floor.accept_echo(m.floor, why)
 
 
-def _place(here: floor.FloorPoint, c: ChannelMemory, estimate: plausibility.PastEstimate, up: Vector, at: Vector) -> None:
-    """Find the spot of the floor of an echo: up and at [m], axis and place of the altimeter, are in W, seen from the vehicle."""
-    here.t, here.sensor_x = c.stamp, estimate.q[0] + at[0]
-    here.sensor_y, here.sensor_z = estimate.q[1] + at[1], estimate.q[2] + at[2]
+def _place(
+    here: floor.FloorPoint,
+    c: ChannelMemory,
+    estimate: plausibility.PastEstimate,
+    up: Vector,
+    at: Vector,
+) -> None:
+    """Find the spot of the floor of an echo: up and at [m], axis and place of the altimeter, are in
+    W, seen from the vehicle.
+    """
+    here.t = c.stamp
+    here.sensor_x = estimate.q[0] + at[0]
+    here.sensor_y = estimate.q[1] + at[1]
+    here.sensor_z = estimate.q[2] + at[2]
     here.x = here.sensor_x - c.value[0] * up[0]
     here.y = here.sensor_y - c.value[0] * up[1]
     here.z = here.sensor_z - c.value[0] * up[2]
@@ -142,7 +186,9 @@ _RECENT = 10.0  # [s] for which a refused reading speaks against its channel whe
 
 
 def compare(m: HealthMemory, c: ChannelMemory, estimate: plausibility.PastEstimate) -> None:
-    """The newest reading of a channel with what others tell of the same; the estimate is that of when it was taken."""
+    """The newest reading of a channel with what others tell of the same; the estimate is that of
+    when it was taken.
+    """
     why = m.belief.why
     if c.number == ChannelIndex.POSITION:
         _compare_fix(m, c, estimate, why)
@@ -159,7 +205,9 @@ def compare(m: HealthMemory, c: ChannelMemory, estimate: plausibility.PastEstima
         _compare_attitude(m, c, why)
     elif c.number == ChannelIndex.JOINT_VELOCITIES:
         redundancy.update_joint_rates(m.encoder, c.value, c.stamp)
-    elif c.number == ChannelIndex.JOINT_POSITIONS and redundancy.is_adrift(m.encoder, c.value, c.stamp):
+    elif c.number == ChannelIndex.JOINT_POSITIONS and redundancy.is_adrift(
+        m.encoder, c.value, c.stamp
+    ):
         set_complaint(why, Reason.ENCODER_DRIFT, m.encoder.worst, m.encoder.drift)
         _suspect_likelier(m, ChannelIndex.JOINT_POSITIONS, ChannelIndex.JOINT_VELOCITIES, -1)
 
@@ -173,17 +221,24 @@ def _compare_attitude(m: HealthMemory, c: ChannelMemory, why: Complaint) -> None
         _suspect_likelier(m, ChannelIndex.ATTITUDE, ChannelIndex.ANGULAR_VELOCITY, likely)
 
 
-def _compare_fix(m: HealthMemory, c: ChannelMemory, estimate: plausibility.PastEstimate, why: Complaint) -> None:
+def _compare_fix(
+    m: HealthMemory, c: ChannelMemory, estimate: plausibility.PastEstimate, why: Complaint
+) -> None:
     velocity, depth = m.channels[ChannelIndex.LINEAR_VELOCITY], m.channels[ChannelIndex.DEPTH]
     v_W = zeros(3)
     known = redundancy.compare_place(m.velocity, c.value, c.stamp, 0)
-    quick, slow = redundancy.drift_rate(m.velocity.quick, 0), redundancy.drift_rate(m.velocity.slow, 0)
+    quick, slow = (
+        redundancy.drift_rate(m.velocity.quick, 0),
+        redundancy.drift_rate(m.velocity.slow, 0),
+    )
     plausibility.rotate(estimate.q, estimate.v, v_W)
     by = redundancy.depth_difference(m.depth, c.value[2], v_W[2], c.stamp)
     if known and quick > 0.0:
         set_complaint(why, Reason.DRIFT, quick, 0.0)
-        # The DVL is not used until it agrees again, as the filter cannot find out by itself; unless fixes jumped.
-        guilty, other = _is_guilty(m, c), _is_guilty(m, velocity)
+        # The DVL is not used until it agrees again, as the filter cannot find out by itself; unless
+        # fixes jumped.
+        guilty = _is_guilty(m, c)
+        other = _is_guilty(m, velocity)
         if velocity.present and (other or not guilty) and exclude(velocity, why, m.t, m.clean):
             m.exposed = True
         if guilty == other and slow > 0.0:
@@ -197,7 +252,11 @@ def _compare_fix(m: HealthMemory, c: ChannelMemory, estimate: plausibility.PastE
             _suspect_likelier(m, ChannelIndex.POSITION, ChannelIndex.LINEAR_VELOCITY, -1)
     if by > 0.0:
         set_complaint(why, Reason.DEPTH, by, 0.0)
-        if not _agrees_with_velocity(m, depth) and redundancy.drift_rate(m.velocity.slow, 2) == 0.0 and known:
+        if (
+            not _agrees_with_velocity(m, depth)
+            and redundancy.drift_rate(m.velocity.slow, 2) == 0.0
+            and known
+        ):
             exclude(depth, why, m.t, m.clean)
         else:
             _suspect_likelier(m, ChannelIndex.DEPTH, ChannelIndex.POSITION, -1)
@@ -205,10 +264,17 @@ def _compare_fix(m: HealthMemory, c: ChannelMemory, estimate: plausibility.PastE
 
 def _compare_depth(m: HealthMemory, c: ChannelMemory, why: Complaint) -> None:
     """Where depths drift from what the DVL tells, and fixes do not, they are not used."""
-    rate = redundancy.drift_rate(m.velocity.depth, 2) if redundancy.compare_place(m.velocity, c.value, c.stamp, 2) else 0.0
+    rate = (
+        redundancy.drift_rate(m.velocity.depth, 2)
+        if redundancy.compare_place(m.velocity, c.value, c.stamp, 2)
+        else 0.0
+    )
     if rate > 0.0:
         set_complaint(why, Reason.DEPTH_DRIFT, rate, 0.0)
-        if m.channels[ChannelIndex.POSITION].present and redundancy.drift_rate(m.velocity.slow, 2) == 0.0:
+        if (
+            m.channels[ChannelIndex.POSITION].present
+            and redundancy.drift_rate(m.velocity.slow, 2) == 0.0
+        ):
             exclude(c, why, m.t, m.clean)
         else:
             suspect(c, why, m.t)
@@ -219,16 +285,22 @@ def _agrees_with_velocity(m: HealthMemory, depth: ChannelMemory) -> bool:
 
 
 def _suspect_likelier(m: HealthMemory, first: int, second: int, likely: int) -> None:
-    """Doubt the one of the two whose readings were refused not long ago; otherwise the likely one, -1 for both.
+    """Doubt the one of the two whose readings were refused not long ago; otherwise the likely one,
+    -1 for both.
 
-    Where a rate drifts from attitudes or fixes it is the rate that is biased: those jump, which is refused.
+    Where a rate drifts from attitudes or fixes it is the rate that is biased: those jump, which is
+    refused.
     """
-    one, other, why = m.channels[first], m.channels[second], m.belief.why
+    one = m.channels[first]
+    other = m.channels[second]
+    why = m.belief.why
     one_guilty = _is_guilty(m, one) != _is_guilty(m, other)
     by_likelihood = not one_guilty and likely >= 0 and m.channels[likely].present
     if one.present and (_is_guilty(m, one) if one_guilty else not by_likelihood or likely == first):
         suspect(one, why, m.t)
-    if other.present and (_is_guilty(m, other) if one_guilty else not by_likelihood or likely == second):
+    if other.present and (
+        _is_guilty(m, other) if one_guilty else not by_likelihood or likely == second
+    ):
         suspect(other, why, m.t)
 
 

@@ -19,23 +19,30 @@ from uvms_ocp.types import Positive
 
 @checked_dataclass()
 class HealthTuning:
-    """What robot, water and floor make possible. Raises `InvalidInput` for a number that is not finite and > 0."""
+    """What robot, water and floor make possible. Raises `InvalidInput` for a number that is not
+    finite and > 0.
+    """
 
     clean: Positive = 1.0
     """[s] without complaint after which a channel is good again: five readings of a 5 Hz sensor."""
     clock: Positive = 0.001
-    """[s] by which a time stamp may lie in the future: what clocks that are kept together differ by."""
+    """[s] by which a time stamp may lie in the future: what clocks that are kept together differ
+    by.
+    """
     late: Positive = 0.02
     """[s] beyond its delay after which a reading is late: 2 cm at 1 m/s."""
     current: Positive = 1.0
     """[m/s] of water, which moves a vehicle beyond its own velocity limits."""
     slope: Positive = 3.0
-    """Slope of a floor; the steepest way over 1350 lines across floors with large protuberances is 2.8."""
+    """Slope of a floor; the steepest way over 1350 lines across floors with large protuberances is
+    2.8.
+    """
     relief: Positive = 10.0
     """[m] of the highest step of a floor: nearly twice the highest of large protuberances."""
 
 
-# Why a channel is not good: codes and the numbers that their texts need, for kernels, and the texts, for people.
+# Why a channel is not good: codes and the numbers that their texts need, for kernels, and the
+# texts, for people.
 
 
 class Reason(IntEnum):
@@ -82,8 +89,12 @@ class Complaint(Layout):
 
 
 def set_complaint(why: Complaint, code: int, first: float, second: float) -> bool:
-    """Set all of it, and return True: there is a complaint. first, second [of the text of the `Reason` code]."""
-    why.code, why.first, why.second = code, first, second
+    """Set all of it, and return True: there is a complaint. first, second [of the text of the
+    `Reason` code].
+    """
+    why.code = code
+    why.first = first
+    why.second = second
     return True
 
 
@@ -92,7 +103,9 @@ def copy_complaint(to: Complaint, other: Complaint) -> None:
     set_complaint(to, other.code, other.first, other.second)
 
 
-_TEXTS: dict[str, str] = tomllib.loads((files("uvms_ocp.estimation.health") / "reasons.toml").read_text(encoding="utf-8"))
+_TEXTS: dict[str, str] = tomllib.loads(
+    (files("uvms_ocp.estimation.health") / "reasons.toml").read_text(encoding="utf-8")
+)
 
 
 class ReasonTexts:
@@ -118,9 +131,14 @@ class ReasonTexts:
         if why.code == Reason.STILL:
             return f"{self._joints[int(a)]} does not change while {b:.2g} were asked of it"
         if why.code == Reason.ENCODER_DRIFT:
-            return f"encoder and rate of {self._joints[int(a)]} disagree by {b:.2g} {UNITS['joint_velocities']}"
+            return (
+                f"encoder and rate of {self._joints[int(a)]} disagree by {b:.2g}"
+                f" {UNITS['joint_velocities']}"
+            )
         if why.code == Reason.LARGE:
             return f"{a:.3g} {UNITS[channel]}, more than the {b:.2g} that can be"
         if why.code == Reason.OFF:
             return f"{a:.3g} {UNITS[channel]} off the estimate, allowed {b:.2g}"
-        return _TEXTS[Reason(why.code).name.lower()].format(a=a, b=b, component=f", component {b:.0f}" if b else "")
+        return _TEXTS[Reason(why.code).name.lower()].format(
+            a=a, b=b, component=f", component {b:.0f}" if b else ""
+        )

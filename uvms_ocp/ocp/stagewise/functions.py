@@ -1,10 +1,13 @@
-"""Compiled functions of single steps: motion, rows of limits and terms, and their dense derivatives along states and controls.
+"""Compiled functions of single steps: motion, rows of limits and terms, and their dense derivatives
+along states and controls.
 
-State: the displacement of q in its tangent space (n_v,) [m, rad], v [m/s, rad/s] and, where durations are free, the length
-of the step h [s]. Controls: the acceleration a [m/s2, rad/s2], and the thrust that cancels out. Forces follow from both.
+State: the displacement of q in its tangent space (n_v,) [m, rad], v [m/s, rad/s] and, where
+durations are free, the length of the step h [s]. Controls: the acceleration a [m/s2, rad/s2], and
+the thrust that cancels out. Forces follow from both.
 
-Rows come in groups, each an output of its own, so that a level takes what it needs: what is held (limits of forces and
-constraints first, then each level above), and the residuals whose half square is the cost of each level.
+Rows come in groups, each an output of its own, so that a level takes what it needs: what is held
+(limits of forces and constraints first, then each level above), and the residuals whose half square
+is the cost of each level.
 """
 
 from __future__ import annotations
@@ -33,7 +36,9 @@ class Tangent:
         self.model = model
         self.free = model.problem.free_time
         """The length of the step is a state."""
-        self.n_v, self.n_x, self.n_u = model.layout.n_v, 2 * model.layout.n_v + self.free, model.layout.n_v + model.layout.n_null
+        self.n_v = model.layout.n_v
+        self.n_x = 2 * model.layout.n_v + self.free
+        self.n_u = model.layout.n_v + model.layout.n_null
         self.controls = slice(model.layout.a.start, model.layout.n_z)
         """Range of the controls in z."""
         self.symbolic = SymbolicModel(model.robot.model)
@@ -41,37 +46,56 @@ class Tangent:
     @cached_property
     def _turned(self) -> ca.SX:
         """(n_q, n_v) derivative of q along its tangent space."""
-        z, d = self.model.z, ca.SX.sym("d", self.n_v)
+        z = self.model.z
+        d = ca.SX.sym("d", self.n_v)
         moved = self.symbolic.integrate(z[self.model.layout.q], d)
         return ca.sparsify(ca.substitute(ca.jacobian(moved, d), d, ca.SX.zeros(self.n_v)))
 
     @property
     def content(self) -> str:
         """Hash of the robot's motion and forces, which stands for all that is derived from them."""
-        m, z_next, x = self.model, ca.SX.sym("z_next", self.model.layout.n_z), ca.SX.sym("x", self.n_x + self.n_u)
+        m = self.model
+        z_next = ca.SX.sym("z_next", self.model.layout.n_z)
+        x = ca.SX.sym("x", self.n_x + self.n_u)
 
         def made() -> str:
-            return content_of([m.z, z_next, x], [m.midpoint, self.motion(z_next), self.moved(x)], m.layout, m.content)
+            return content_of(
+                [m.z, z_next, x],
+                [m.midpoint, self.motion(z_next), self.moved(x)],
+                m.layout,
+                m.content,
+            )
 
         return stage.kept_content(Keyed((*m.kind, self.free), made))
 
     @cached_property
     def force_slope(self) -> ca.SX:
-        """(n_v, n_x + n_u) derivative of forces as symbols: what terms make of forces and slopes is short, whatever the robot."""
+        """(n_v, n_x + n_u) derivative of forces as symbols: what terms make of forces and slopes is
+        short, whatever the robot.
+        """
         return ca.SX.sym("slope", self.forces[1].sparsity_out(1))
 
     @cached_property
     def forces(self) -> tuple[ca.Function, ca.Function]:
-        """``z, water -> forces`` (n_v,) [N, N m], and ``z, water -> forces, force_slope``: of the robot, for all terms."""
-        m, of, inputs = self.model, self.content, [self.model.z, self.model.water]
+        """``z, water -> forces`` (n_v,) [N, N m], and ``z, water -> forces, force_slope``: of the
+        robot, for all terms.
+        """
+        m = self.model
+        of = self.content
+        inputs = [self.model.z, self.model.water]
         return (
             compile_made("forces", of, lambda: (inputs, [ca.densify(m.required_force)])),
-            compile_made("forces_linear", of, lambda: (inputs, [ca.densify(m.required_force), self.jacobian(m.required_force)])),
+            compile_made(
+                "forces_linear",
+                of,
+                lambda: (inputs, [ca.densify(m.required_force), self.jacobian(m.required_force)]),
+            ),
         )
 
     def jacobian(self, rows: ca.SX, *, controls: bool = True) -> ca.SX:
         """(m, n_x + n_u) derivative of rows (m,) in z; (m, n_x) without the controls."""
-        own, through = self._along(ca.jacobian(rows, self.model.z), controls), ca.jacobian(rows, self.model.force)
+        own = self._along(ca.jacobian(rows, self.model.z), controls)
+        through = ca.jacobian(rows, self.model.force)
         return own + through @ self.force_slope[:, : own.shape[1]] if through.nnz() else own
 
     def _along(self, slope: ca.SX, controls: bool) -> ca.SX:
@@ -83,7 +107,8 @@ class Tangent:
         return ca.horzcat(*parts)
 
     def curvature(self, value: ca.SX, *, controls: bool = True) -> ca.SX:
-        """(n, n) second derivative of a scalar in z along states and controls: of geodesics, hence symmetric.
+        """(n, n) second derivative of a scalar in z along states and controls: of geodesics, hence
+        symmetric.
 
         What forces bend is not in it, see `step_curvature`.
         """
@@ -103,35 +128,51 @@ class Tangent:
 
         def made() -> tuple[list[ca.SX], list[ca.SX]]:
             middle, z, (bent, slope, H) = self.model.midpoint, self.model.z, self.model.bent
-            z_next, costates, D = ca.SX.sym("z_next", z.shape), ca.SX.sym("costates", self.n_x), self.jacobian(middle)
+            z_next = ca.SX.sym("z_next", z.shape)
+            costates = ca.SX.sym("costates", self.n_x)
+            D = self.jacobian(middle)
             # Derivatives of what is weighted leave the weights as they are, which are symbols.
-            H = D.T @ H @ D + self.curvature(ca.dot(slope, middle) + ca.dot(costates, self.motion(z_next)))
+            H = D.T @ H @ D + self.curvature(
+                ca.dot(slope, middle) + ca.dot(costates, self.motion(z_next))
+            )
             return [z, z_next, costates, bent], [ca.tril(H)]
 
         return compile_made("step_curvature", self.content, made)
 
     def motion(self, z_next: ca.SX) -> ca.SX:
-        """Return by how much the state after a step is ahead of that of z_next (n_z,), in its tangent space (n_x,)."""
-        z, layout, model = self.model.z, self.model.layout, self.model
-        q, v, h, a = z[layout.q], z[layout.v], z[layout.h], z[layout.a]
+        """Return by how much the state after a step is ahead of that of z_next (n_z,), in its
+        tangent space (n_x,).
+        """
+        z = self.model.z
+        layout = self.model.layout
+        model = self.model
+        q = z[layout.q]
+        v = z[layout.v]
+        h = z[layout.h]
+        a = z[layout.a]
         ahead = self.symbolic.difference(z_next[layout.q], model.moved(q, v, a, h))
         parts = [ahead, v + h * a - z_next[layout.v]]
         return ca.vertcat(*parts, *([h - z_next[layout.h]] if self.free else []))
 
     def moved(self, x: ca.SX) -> ca.SX:
         """Z (n_z,) after the displacement x (n_x + n_u,) of its states and controls."""
-        z, layout, n = self.model.z, self.model.layout, self.n_v
+        z = self.model.z
+        layout = self.model.layout
+        n = self.n_v
         q = self.symbolic.integrate(z[layout.q], x[:n])
         h = z[layout.h] + (x[2 * n] if self.free else 0)
         return ca.vertcat(q, z[layout.v] + x[n : 2 * n], h, z[self.controls] + x[self.n_x :])
 
 
-# Compiled functions of single steps: motion, rows of limits and terms, and their dense derivatives, row after row.
+# Compiled functions of single steps: motion, rows of limits and terms, and their dense derivatives,
+# row after row.
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class ForceRows:
-    """Forces that must stay within limits, in shares of them; last the wrench that no thruster makes, which must be 0."""
+    """Forces that must stay within limits, in shares of them; last the wrench that no thruster
+    makes, which must be 0.
+    """
 
     rows: ca.SX
     """(m,) """
@@ -150,7 +191,9 @@ class HeldRows:
     rows: ca.SX
     """(m,) """
     numbers: np.ndarray
-    """(n,) rows of the block that they are: the last n of them; residuals of costs are all of their level's."""
+    """(n,) rows of the block that they are: the last n of them; residuals of costs are all of their
+    level's.
+    """
 
     @property
     def n(self) -> int:
@@ -160,41 +203,69 @@ class HeldRows:
 class BlockFunctions:
     """Rows of one `TermBlock`, at the steps of a phase or at its end."""
 
-    def __init__(self, *, block: TermBlock, tangent: Tangent, forces: ForceRows | None, extra: int = 0) -> None:
-        """forces: at steps only. extra: columns of zeros behind those of the state, where the stage has controls and the rows
-        have not.
+    def __init__(
+        self, *, block: TermBlock, tangent: Tangent, forces: ForceRows | None, extra: int = 0
+    ) -> None:
+        """forces: at steps only. extra: columns of zeros behind those of the state, where the stage
+        has controls and the rows have not.
         """
-        self.block, self.tangent, self.forces, self.extra = block, tangent, forces, extra
-        rows, levels = block.rows, range(len(block.rows.errors))
-        self.held = (_group(rows, CONSTRAINT, [] if forces is None else [forces.rows]), *(_group(rows, i, []) for i in levels))
-        """Constraints, then the rows of each level; those of the last are never held, and have no derivatives."""
-        self.errors = tuple(HeldRows(rows=rows.errors[i], numbers=np.flatnonzero(rows.level == i)) for i in levels)
+        self.block = block
+        self.tangent = tangent
+        self.forces = forces
+        self.extra = extra
+        rows = block.rows
+        levels = range(len(block.rows.errors))
+        self.held = (
+            _group(rows, CONSTRAINT, [] if forces is None else [forces.rows]),
+            *(_group(rows, i, []) for i in levels),
+        )
+        """Constraints, then the rows of each level; those of the last are never held, and have no
+        derivatives.
+        """
+        self.errors = tuple(
+            HeldRows(rows=rows.errors[i], numbers=np.flatnonzero(rows.level == i)) for i in levels
+        )
         """Residual groups of each level."""
         groups = [group.rows for group in (*self.errors, *self.held)]
         self.forced = ca.depends_on(ca.vertcat(*groups), tangent.model.force)
         """Rows depend on forces."""
-        self.errors_forced = tuple(ca.depends_on(group.rows, tangent.model.force) for group in self.errors)
+        self.errors_forced = tuple(
+            ca.depends_on(group.rows, tangent.model.force) for group in self.errors
+        )
         """So do the residuals of each level."""
         sizes = [group.numel() for group in groups]
-        self._content = content_of(self._inputs[:-1], groups, tangent.content, sizes, forces is not None, extra)
+        self._content = content_of(
+            self._inputs[:-1], groups, tangent.content, sizes, forces is not None, extra
+        )
         self.values = self._function("values", lambda: groups)
         """``z, parameters, water, forces, force_slope -> errors..., held...``"""
-        self.linear = self._function("linear", lambda: [*groups[:-1], *(self._jacobian(group) for group in groups[:-1])])
-        """The same without the last, then their Jacobians (n_z, m): columns are rows, so that in memory row follows row."""
+        self.linear = self._function(
+            "linear", lambda: [*groups[:-1], *(self._jacobian(group) for group in groups[:-1])]
+        )
+        """The same without the last, then their Jacobians (n_z, m): columns are rows, so that in
+        memory row follows row.
+        """
 
     @cached_property
     def weights(self) -> ca.Function | None:
-        """``z, parameters, water, forces, force_slope, multipliers of rows that may be held, of residuals -> weights`` of forces.
+        """``z, parameters, water, forces, force_slope, multipliers of rows that may be held, of
+        residuals -> weights`` of forces.
 
         None where rows have no forces.
         """
         value, y, e = self._weighted
         forced = ca.depends_on(value, self.tangent.model.force)
-        return self._function("weights", lambda: [self.tangent.weights(value)], y, e) if forced else None
+        return (
+            self._function("weights", lambda: [self.tangent.weights(value)], y, e)
+            if forced
+            else None
+        )
 
     @cached_property
     def curvature(self) -> ca.Function:
-        """``z, parameters, water, forces, force_slope, multipliers of held rows, of residuals, step curvature -> H``."""
+        """``z, parameters, water, forces, force_slope, multipliers of held rows, of residuals, step
+        curvature -> H``.
+        """
         value, y, e = self._weighted
         bent = ca.SX.sym("bent", self.tangent.step_curvature.sparsity_out(0))
 
@@ -220,14 +291,25 @@ class BlockFunctions:
         return ca.dot(y, held) + ca.dot(e, errors), y, e
 
     def _jacobian(self, rows: ca.SX) -> ca.SX:
-        return ca.horzcat(self.tangent.jacobian(rows, controls=self.forces is not None), ca.SX(rows.numel(), self.extra)).T
+        return ca.horzcat(
+            self.tangent.jacobian(rows, controls=self.forces is not None),
+            ca.SX(rows.numel(), self.extra),
+        ).T
 
     @property
     def _inputs(self) -> list[ca.SX]:
         model = self.tangent.model
-        return [model.z, self.block.rows.parameters, model.water, model.force, self.tangent.force_slope]
+        return [
+            model.z,
+            self.block.rows.parameters,
+            model.water,
+            model.force,
+            self.tangent.force_slope,
+        ]
 
-    def _function(self, kind: str, outputs: Callable[[], Sequence[ca.SX]], *more: ca.SX) -> ca.Function:
+    def _function(
+        self, kind: str, outputs: Callable[[], Sequence[ca.SX]], *more: ca.SX
+    ) -> ca.Function:
         def made() -> tuple[list[ca.SX], list[ca.SX]]:
             return [*self._inputs, *more], [ca.densify(one) for one in outputs()]
 
@@ -240,13 +322,17 @@ def _group(rows: TermRows, level: int, before: Sequence[ca.SX]) -> HeldRows:
 
 
 def chosen(rows: ca.SX, numbers: np.ndarray) -> ca.SX:
-    """Rows numbered `numbers` (n,) of rows (m,); none of them where an index of CasADi would mean all."""
+    """Rows numbered `numbers` (n,) of rows (m,); none of them where an index of CasADi would mean
+    all.
+    """
     return ca.vertcat(ca.SX(0, 1), *(rows[i] for i in numbers.tolist()))
 
 
 def force_rows(model: stage.StageModel) -> ForceRows:
     """Return the rows of the thrusters and joints that have limits."""
-    actuators, limited, n = model.actuators, model.problem.limited, model.robot.n_vehicle
+    actuators = model.actuators
+    limited = model.problem.limited
+    n = model.robot.n_vehicle
     shares = ca.vertcat(*model.inputs)
     lower = np.concatenate([actuators.thrust_lower, -actuators.torque_limit])
     upper = np.concatenate([actuators.thrust_upper, actuators.torque_limit])
@@ -262,18 +348,35 @@ def force_rows(model: stage.StageModel) -> ForceRows:
 
 
 def motion_functions(tangent: Tangent) -> tuple[ca.Function, ca.Function, ca.Function]:
-    """``z, z_next -> b`` (n_x,), ``z, z_next -> b, F'`` with the derivative F (n_x, n_x + n_u), and ``z, x, u, share -> z`` moved
-    by that share of a step x (n_x,), u (n_u,)."""
-    x, u, share = ca.SX.sym("x", tangent.n_x), ca.SX.sym("u", tangent.n_u), ca.SX.sym("share")
-    z, z_next = tangent.model.z, ca.SX.sym("z_next", tangent.model.layout.n_z)
-    of, ahead = tangent.content, cache(partial(tangent.motion, z_next))
+    """``z, z_next -> b`` (n_x,), ``z, z_next -> b, F'`` with the derivative F (n_x, n_x + n_u), and
+    ``z, x, u, share -> z`` moved by that share of a step x (n_x,), u (n_u,).
+    """
+    x = ca.SX.sym("x", tangent.n_x)
+    u = ca.SX.sym("u", tangent.n_u)
+    share = ca.SX.sym("share")
+    z = tangent.model.z
+    z_next = ca.SX.sym("z_next", tangent.model.layout.n_z)
+    of = tangent.content
+    ahead = cache(partial(tangent.motion, z_next))
     return (
         compile_made("motion", of, lambda: ([z, z_next], [ca.densify(ahead())])),
-        compile_made("motion_linear", of, lambda: ([z, z_next], [*map(ca.densify, (ahead(), tangent.jacobian(ahead()).T))])),
-        compile_made("moved", of, lambda: ([z, x, u, share], [tangent.moved(share * ca.vertcat(x, u))])),
+        compile_made(
+            "motion_linear",
+            of,
+            lambda: ([z, z_next], [*map(ca.densify, (ahead(), tangent.jacobian(ahead()).T))]),
+        ),
+        compile_made(
+            "moved", of, lambda: ([z, x, u, share], [tangent.moved(share * ca.vertcat(x, u))])
+        ),
     )
 
 
-def compile_made(name: str, content: str, made: Callable[[], tuple[Sequence[ca.SX], Sequence[ca.SX]]]) -> ca.Function:
-    """Compile the function of the inputs and outputs that are made of a content, unless that was done before."""
-    return compiled_from(name, content, lambda: ca.Function(name, *made(), {"cse": True}), __file__, stage.__file__)
+def compile_made(
+    name: str, content: str, made: Callable[[], tuple[Sequence[ca.SX], Sequence[ca.SX]]]
+) -> ca.Function:
+    """Compile the function of the inputs and outputs that are made of a content, unless that was
+    done before.
+    """
+    return compiled_from(
+        name, content, lambda: ca.Function(name, *made(), {"cse": True}), __file__, stage.__file__
+    )

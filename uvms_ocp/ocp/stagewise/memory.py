@@ -1,7 +1,8 @@
 """Numbers and ranges of a horizon, stage after stage, at the current point: shared by all levels.
 
-A turn takes no time. There the rows count that end a phase, and the length of the steps of the next phase is chosen: as a
-control, so that it is a state of the steps that follow and couples nothing else.
+A turn takes no time. There the rows count that end a phase, and the length of the steps of the next
+phase is chosen: as a control, so that it is a state of the steps that follow and couples nothing
+else.
 """
 
 from __future__ import annotations
@@ -45,53 +46,78 @@ class Stage:
 
 def horizon_stages(problem: OcpProblem) -> tuple[Stage, ...]:
     """The stages of a problem, the last node last."""
-    starts, n = problem.starts_of_phases().tolist(), len(problem.phases)
+    starts = problem.starts_of_phases().tolist()
+    n = len(problem.phases)
     stages: list[Stage] = []
     for i in range(n):
         if i or problem.free_time:
             stages.append(Stage(node=starts[i], block=n + i - 1 if i else None, starts_phase=i))
-        stages += [Stage(node=node, block=i, place=node - starts[i], step=True) for node in range(starts[i], starts[i + 1])]
+        stages += [
+            Stage(node=node, block=i, place=node - starts[i], step=True)
+            for node in range(starts[i], starts[i + 1])
+        ]
     return (*stages, Stage(node=starts[n], block=2 * n - 1))
 
 
-# Where the numbers of a horizon are, stage after stage, at the point that is looked at: shared by all levels.
+# Where the numbers of a horizon are, stage after stage, at the point that is looked at: shared by
+# all levels.
 
 
 class StageMemory:
-    """Points, parameters, rows and gaps of all stages, and the calls that move points and find values there."""
+    """Points, parameters, rows and gaps of all stages, and the calls that move points and find
+    values there.
+    """
 
     def __init__(self, whole: Transcription) -> None:
         """whole: numbers parameters, variables and rows."""
         problem = whole.problem
-        self.whole, self.stages, self.n_levels = whole, horizon_stages(problem), len(problem.levels)
+        self.whole = whole
+        self.stages = horizon_stages(problem)
+        self.n_levels = len(problem.levels)
         self.tangent = functions.Tangent(model=StageModel(problem, eliminated=True))
         self.forces = functions.force_rows(self.tangent.model)
         self.functions = self._block_functions()
         self.steps = np.array([i for i, stage in enumerate(self.stages) if stage.step])
-        n, layout = len(self.stages), self.tangent.model.layout
+        n = len(self.stages)
+        layout = self.tangent.model.layout
         self.z, self.z_from = np.zeros((n, layout.n_z)), np.zeros((n, layout.n_z))
-        self.n_u = tuple(self.tangent.n_u if stage.step else int(self.tangent.free) for stage in self.stages[:-1])
+        self.n_u = tuple(
+            self.tangent.n_u if stage.step else int(self.tangent.free) for stage in self.stages[:-1]
+        )
         """(n - 1,) controls of each stage but the last."""
         self.step = np.zeros(n * self.tangent.n_x + sum(self.n_u))
         """States and controls, stage after stage, as those of a QP."""
         self.share, self.water = np.ones(1), np.zeros((len(self.steps), 3))
-        self.force, self.force_slope = np.zeros((n, layout.n_v)), np.zeros((n, self.tangent.force_slope.nnz()))
+        self.force, self.force_slope = (
+            np.zeros((n, layout.n_v)),
+            np.zeros((n, self.tangent.force_slope.nnz())),
+        )
         self.gaps = np.zeros((n - 1, self.tangent.n_x))
         """Defects: by how much each stage ends ahead of the next."""
-        self.parameters = [np.zeros((len(one.block.nodes), one.block.rows.n_parameters)) for one in self.functions]
+        self.parameters = [
+            np.zeros((len(one.block.nodes), one.block.rows.n_parameters)) for one in self.functions
+        ]
         self.thrust = np.zeros((len(self.steps), self.tangent.model.actuators.matrix.shape[1]))
         self.torque = np.zeros((len(self.steps), problem.robot.n_joints))
         self.group_sizes = [[group.n for group in self.groups(stage)] for stage in self.stages]
         """Rows of each stage that may be held, group by group."""
         sizes = [sum(own) for own in self.group_sizes]
         self.held = np.zeros(sum(sizes))
-        """Rows that may be held, stage after stage: limits of forces, constraints, then those of all levels."""
-        self.held_parts = [_split(part, own) for part, own in zip(_split(self.held, sizes), self.group_sizes, strict=True)]
+        """Rows that may be held, stage after stage: limits of forces, constraints, then those of
+        all levels.
+        """
+        self.held_parts = [
+            _split(part, own)
+            for part, own in zip(_split(self.held, sizes), self.group_sizes, strict=True)
+        ]
         self._residuals = [self._level_rows(i) for i in range(self.n_levels)]
         self.motion, self.motion_linear, moved = functions.motion_functions(self.tangent)
-        calls, none, n_x = BoundCalls(), np.zeros(self.tangent.n_u), self.tangent.n_x
+        calls = BoundCalls()
+        none = np.zeros(self.tangent.n_u)
+        n_x = self.tangent.n_x
         for i, own in enumerate(_split(self.step, [n_x + n_u for n_u in (*self.n_u, 0)])):
-            x, u = own[:n_x], own[n_x:] if self.stages[i].step else none
+            x = own[:n_x]
+            u = own[n_x:] if self.stages[i].step else none
             calls.add(moved, [self.z_from[i], x, u, self.share], [self.z[i]])
         self.evaluate, self.move, self.find_inputs = self._evaluation(), calls, self._inputs()
 
@@ -111,10 +137,18 @@ class StageMemory:
         stage = self.stages[i]
         assert stage.block is not None
         water = self.water[min(stage.node, len(self.water) - 1)]
-        return [self.z[i], self.parameters[stage.block][stage.place], water, self.force[i], self.force_slope[i]]
+        return [
+            self.z[i],
+            self.parameters[stage.block][stage.place],
+            water,
+            self.force[i],
+            self.force_slope[i],
+        ]
 
     def add_forces(self, calls: BoundCalls, *, linear: bool) -> None:
-        """Add calls that find the forces, and their slopes, of all stages whose rows depend on them."""
+        """Add calls that find the forces, and their slopes, of all stages whose rows depend on
+        them.
+        """
         for i, stage in enumerate(self.stages):
             function = self.function(stage)
             if function is not None and function.forced:
@@ -122,11 +156,15 @@ class StageMemory:
                 calls.add(self.tangent.forces[linear], [z, water], found[: 1 + linear])
 
     def _block_functions(self) -> tuple[functions.BlockFunctions, ...]:
-        problem, free = self.whole.problem, self.tangent.free
+        problem = self.whole.problem
+        free = self.tangent.free
         n = len(problem.phases)
         return tuple(
             functions.BlockFunctions(
-                block=block, tangent=self.tangent, forces=self.forces if i < n else None, extra=int(free and n <= i < 2 * n - 1)
+                block=block,
+                tangent=self.tangent,
+                forces=self.forces if i < n else None,
+                extra=int(free and n <= i < 2 * n - 1),
             )
             for i, block in enumerate(eliminated_blocks(self.whole.blocks, self.tangent.model))
         )
@@ -160,12 +198,19 @@ class StageMemory:
 
     def row_memory(self, i: int) -> list[Array]:
         """Results of the functions of rows at stage i: residuals, then rows that may be held."""
-        return [*(self.residual_parts(level)[i] for level in range(self.n_levels)), *self.held_parts[i]]
+        return [
+            *(self.residual_parts(level)[i] for level in range(self.n_levels)),
+            *self.held_parts[i],
+        ]
 
     def _inputs(self) -> BoundCalls:
-        calls, model = BoundCalls(), self.tangent.model
-        inputs, outputs = [model.z, model.force], [ca.densify(one) for one in model.inputs]
-        function = functions.compile_made("inputs", content_of(inputs, outputs), lambda: (inputs, outputs))
+        calls = BoundCalls()
+        model = self.tangent.model
+        inputs = [model.z, model.force]
+        outputs = [ca.densify(one) for one in model.inputs]
+        function = functions.compile_made(
+            "inputs", content_of(inputs, outputs), lambda: (inputs, outputs)
+        )
         for k, i in enumerate(self.steps):
             calls.add(self.tangent.forces[0], [self.z[i], self.water[k]], [self.force[i]])
         for k, i in enumerate(self.steps):
@@ -185,35 +230,54 @@ class StageVariables:
     """Reads and writes `StageMemory.z`."""
 
     def __init__(self, memory: StageMemory) -> None:
-        self._memory, self._variables = memory, memory.whole.variables
+        self._memory = memory
+        self._variables = memory.whole.variables
         self._nodes = np.array([stage.node for stage in memory.stages])
         self._ends = np.array([stage.starts_phase is not None for stage in memory.stages])
 
     def set_parameters(self, p: Array) -> None:
         """P (n_p,) [unit of the parameter]: those of `Transcription.parameters`."""
-        memory, layout = self._memory, self._memory.whole.parameter_layout
+        memory = self._memory
+        layout = self._memory.whole.parameter_layout
         memory.water[...] = p[layout.water].reshape(-1, 3)
         for own, place in zip(memory.parameters, layout.terms, strict=True):
             own[...] = p[place].reshape(own.shape)
 
     def read(self, x: Array, p: Array) -> None:
-        """Take variables x (n_x,) [unit of x], with the start and the lengths of steps of p (n_p,) [unit of the parameter]."""
-        memory, variables, layout = self._memory, self._variables, self._memory.tangent.model.layout
-        source, n, N = variables.model.layout, variables.n_step, variables.N
-        steps, column = x[: N * n].reshape(N, n), variables.columns(0)
-        memory.z[:, : layout.h] = np.vstack([steps[:, : source.h], x[N * n : N * n + source.h]])[self._nodes]
+        """Take variables x (n_x,) [unit of x], with the start and the lengths of steps of p (n_p,)
+        [unit of the parameter].
+        """
+        memory = self._memory
+        variables = self._variables
+        layout = self._memory.tangent.model.layout
+        source = variables.model.layout
+        n = variables.n_step
+        N = variables.N
+        steps = x[: N * n].reshape(N, n)
+        column = variables.columns(0)
+        memory.z[:, : layout.h] = np.vstack([steps[:, : source.h], x[N * n : N * n + source.h]])[
+            self._nodes
+        ]
         h = steps[:, column[source.h]] if variables.free else p[memory.whole.parameter_layout.steps]
         memory.z[memory.steps, layout.h] = h
         memory.z[memory.steps, layout.a] = steps[:, column[source.a]]
         if source.n_thrust:
-            memory.z[memory.steps, layout.null] = steps[:, column[source.thrust]] @ memory.tangent.model.actuators.null
+            memory.z[memory.steps, layout.null] = (
+                steps[:, column[source.thrust]] @ memory.tangent.model.actuators.null
+            )
         memory.z[self._nodes == 0, : layout.h] = p[memory.whole.parameter_layout.start]
 
     def write(self) -> Array:
         """Variables (n_x,) [unit of x] of the points."""
-        memory, variables, layout = self._memory, self._variables, self._memory.tangent.model.layout
-        target, n, N = variables.model.layout, variables.n_step, variables.N
-        x, z, column = np.zeros(variables.n_x), memory.z[memory.steps], variables.columns(0)
+        memory = self._memory
+        variables = self._variables
+        layout = self._memory.tangent.model.layout
+        target = variables.model.layout
+        n = variables.n_step
+        N = variables.N
+        x = np.zeros(variables.n_x)
+        z = memory.z[memory.steps]
+        column = variables.columns(0)
         steps = x[: N * n].reshape(N, n)
         steps[:, : target.h], steps[:, column[target.a]] = z[:, : layout.h], z[:, layout.a]
         x[N * n : N * n + target.h] = memory.z[-1, : layout.h]
@@ -222,7 +286,10 @@ class StageVariables:
             x[N * n + target.h] = z[-1, layout.h]
         if target.n_thrust + target.n_torque:
             memory.find_inputs()
-            steps[:, column[target.thrust]], steps[:, column[target.torque]] = memory.thrust, memory.torque
+            steps[:, column[target.thrust]], steps[:, column[target.torque]] = (
+                memory.thrust,
+                memory.torque,
+            )
         return x
 
 
@@ -234,35 +301,50 @@ class StageRanges:
 
     def __init__(self, places: StageIndices, bounds: RowBounds, level: int, held: Indices) -> None:
         """level: those above it are held, as `bounds` has it. held (m,): the rows of its QP."""
-        self._memory, whole = places.memory, places.memory.whole
-        layout, levels = whole.row_layout, whole.ranges().levels
+        self._memory = places.memory
+        whole = places.memory.whole
+        layout = whole.row_layout
+        levels = whole.ranges().levels
         raw = np.full((2, layout.n_rows + 1), [[-np.inf], [np.inf]])
         above = [(layout.constraints, slice(0, len(layout.constraints)))]
         above += [(layout.levels[i], levels[i].frozen) for i in range(level)]
         for rows, own in above:
             raw[0, rows], raw[1, rows] = bounds.lower[own], bounds.upper[own]
-        forces, z = [places.force_lower, places.force_upper], places.z_ranges(bounds.x_lower, bounds.x_upper)
+        forces = [places.force_lower, places.force_upper]
+        z = places.z_ranges(bounds.x_lower, bounds.x_upper)
         self._own = np.flatnonzero(np.isfinite(z).any(axis=0))
         """(m,) numbers of the variables that have ranges."""
-        self._held, self._at = held, places.z[self._own]
-        gaps, rows = np.zeros((2, self._memory.gaps.size)), np.where(places.raw >= 0, raw[:, places.raw], forces)[:, held]
+        self._held = held
+        self._at = places.z[self._own]
+        gaps = np.zeros((2, self._memory.gaps.size))
+        rows = np.where(places.raw >= 0, raw[:, places.raw], forces)[:, held]
         self._ends = np.hstack([gaps, rows, z[:, self._own]])
-        """(2, n) lower and upper ends of gaps, which are to be 0, then of rows, then of variables."""
+        """(2, n) lower and upper ends of gaps, which are to be 0, then of rows, then of
+        variables.
+        """
         self._rows = slice(gaps.shape[1], gaps.shape[1] + len(held))
 
     def _values(self) -> Array:
         memory = self._memory
-        return np.concatenate([memory.gaps.reshape(-1), memory.held[self._held], memory.z.reshape(-1)[self._at]])
+        return np.concatenate(
+            [memory.gaps.reshape(-1), memory.held[self._held], memory.z.reshape(-1)[self._at]]
+        )
 
     def excess(self) -> Array:
-        """Return how far gaps, rows and variables (n,) are outside at the point in the memory; NaN where one is."""
+        """Return how far gaps, rows and variables (n,) are outside at the point in the memory; NaN
+        where one is.
+        """
         y = self._values()
         return np.maximum(np.maximum(self._ends[0] - y, y - self._ends[1]), 0.0)
 
     def write(self, flat: Mapping[str, Array]) -> None:
-        """Write gaps, and ranges of the step from the point in the memory, into the arrays of a QP."""
+        """Write gaps, and ranges of the step from the point in the memory, into the arrays of a
+        QP.
+        """
         y = self._values()
-        left, first, end = self._ends - y, self._rows.start, self._rows.stop
+        left = self._ends - y
+        first = self._rows.start
+        end = self._rows.stop
         flat["b"][:] = y[:first]
         flat["lower"][:], flat["upper"][:] = left[:, first:end]
         flat["z_lower"][self._own], flat["z_upper"][self._own] = left[:, end:]
@@ -273,17 +355,23 @@ class StageIndices:
 
     def __init__(self, memory: StageMemory) -> None:
         self.memory = memory
-        self.raw = np.concatenate([np.zeros(0, dtype=int), *[self._row_numbers(i) for i in range(len(memory.stages))]])
+        self.raw = np.concatenate(
+            [np.zeros(0, dtype=int), *[self._row_numbers(i) for i in range(len(memory.stages))]]
+        )
         """(n,) raw row of each row that may be held; -1 for limits of forces."""
         forces = memory.forces
-        self.force_lower, self.force_upper = np.full(len(self.raw), -np.inf), np.full(len(self.raw), np.inf)
+        self.force_lower, self.force_upper = (
+            np.full(len(self.raw), -np.inf),
+            np.full(len(self.raw), np.inf),
+        )
         self.force_lower[self.raw < 0] = np.tile(forces.lower, len(memory.steps))
         self.force_upper[self.raw < 0] = np.tile(forces.upper, len(memory.steps))
         self.z, self._x = self._variables()
         self._force_x = self._inputs()
 
     def _row_numbers(self, i: int) -> Array:
-        memory, stage = self.memory, self.memory.stages[i]
+        memory = self.memory
+        stage = self.memory.stages[i]
         function = memory.function(stage)
         if function is None:
             return np.zeros(0, dtype=int)
@@ -293,20 +381,31 @@ class StageIndices:
         return np.concatenate([forces, *(own[group.numbers] for group in function.held)])
 
     def _variables(self) -> tuple[Array, Array]:
-        """Place of each variable of the QP in the points, and in x; where it has no range the latter is -1."""
-        memory, tangent, layout = self.memory, self.memory.tangent, self.memory.tangent.model.layout
-        variables, robot = memory.whole.variables, memory.whole.problem.robot
+        """Place of each variable of the QP in the points, and in x; where it has no range the
+        latter is -1.
+        """
+        memory = self.memory
+        tangent = self.memory.tangent
+        layout = self.memory.tangent.model.layout
+        variables = memory.whole.variables
+        robot = memory.whole.problem.robot
         straight = np.full(tangent.n_v, -1)
         for joint in robot.joints:
             if joint.n_q == joint.n_v:
-                straight[joint.idx_v : joint.idx_v + joint.n_v] = np.arange(joint.q.start, joint.q.stop)
+                straight[joint.idx_v : joint.idx_v + joint.n_v] = np.arange(
+                    joint.q.start, joint.q.stop
+                )
         state = np.concatenate([straight, np.arange(layout.v.start, layout.v.stop)])
-        places, numbers = [], []
+        places = []
+        numbers = []
         for i, stage in enumerate(memory.stages):
-            columns, n_z = variables.columns(stage.node), memory.z.shape[1]
+            columns = variables.columns(stage.node)
+            n_z = memory.z.shape[1]
             own = np.concatenate([state, np.full(int(tangent.free), -1)])
             if stage.step:
-                own = np.concatenate([own, np.arange(layout.a.start, layout.a.stop), np.full(layout.n_null, -1)])
+                own = np.concatenate(
+                    [own, np.arange(layout.a.start, layout.a.stop), np.full(layout.n_null, -1)]
+                )
             used = own >= 0 if stage.starts_phase is None else np.zeros(len(own), dtype=bool)
             places.append(np.where(own >= 0, i * n_z + own, 0))
             numbers.append(np.where(used, columns[np.maximum(own, 0)], -1))
@@ -316,24 +415,35 @@ class StageIndices:
         return np.concatenate(places), np.concatenate(numbers)
 
     def _inputs(self) -> Array:
-        """Place in x of the thrust or torque of each row of forces, step after step; -1 where it has none."""
-        memory, variables = self.memory, self.memory.whole.variables
-        layout, own = variables.model.layout, memory.forces.inputs
+        """Place in x of the thrust or torque of each row of forces, step after step; -1 where it
+        has none.
+        """
+        memory = self.memory
+        variables = self.memory.whole.variables
+        layout = variables.model.layout
+        own = memory.forces.inputs
         if not layout.n_thrust + layout.n_torque:
             return np.full(len(own) * len(memory.steps), -1)
-        first = [variables.columns(memory.stages[i].node)[layout.thrust.start] for i in memory.steps]
+        first = [
+            variables.columns(memory.stages[i].node)[layout.thrust.start] for i in memory.steps
+        ]
         return np.concatenate([np.where(own >= 0, place + own, -1) for place in first])
 
     def program_multipliers(self, rows: Indices, found: FlatSolution) -> tuple[Array, Array]:
-        """Multipliers (n_x,) [1/unit of x] of bounds and (n_rows,) [1/unit of the row] of rows; 0 of laws, which nobody loosens.
+        """Multipliers (n_x,) [1/unit of x] of bounds and (n_rows,) [1/unit of the row] of rows; 0
+        of laws, which nobody loosens.
 
         rows (m,): which of those that may be held are in the QP that was solved.
         """
-        whole, y = self.memory.whole, np.zeros(len(self.raw))
-        layout, levels = whole.row_layout, whole.ranges().levels
+        whole = self.memory.whole
+        y = np.zeros(len(self.raw))
+        layout = whole.row_layout
+        levels = whole.ranges().levels
         y[rows] = found.y[: len(rows)]
         # What has no place is written behind the last one.
-        x, raw, kept = np.zeros(whole.n_x + 1), np.zeros(layout.n_rows + 1), np.zeros(whole.ranges().n_rows)
+        x = np.zeros(whole.n_x + 1)
+        raw = np.zeros(layout.n_rows + 1)
+        kept = np.zeros(whole.ranges().n_rows)
         x[self._x], x[self._force_x] = found.y[len(rows) :], y[self.raw < 0]
         x[whole.variables.columns(0)[: whole.model.layout.h]] = 0.0
         raw[self.raw] = y
@@ -345,4 +455,6 @@ class StageIndices:
     def z_ranges(self, x_lower: Array, x_upper: Array) -> Array:
         """(2, n) of bounds x_lower and x_upper (n_x,) [unit of x]."""
         none = self._x < 0
-        return np.array([np.where(none, -np.inf, x_lower[self._x]), np.where(none, np.inf, x_upper[self._x])])
+        return np.array(
+            [np.where(none, -np.inf, x_lower[self._x]), np.where(none, np.inf, x_upper[self._x])]
+        )

@@ -1,4 +1,6 @@
-"""The program of a transcription, solved stage by stage: to convergence, or by lexicographic SQP in real time."""
+"""The program of a transcription, solved stage by stage: to convergence, or by lexicographic SQP in
+real time.
+"""
 
 from __future__ import annotations
 
@@ -9,13 +11,25 @@ from functools import cached_property
 import numpy as np
 
 from uvms_ocp.codegen.buffered import calls_library
-from uvms_ocp.codegen.compile import finish_compiling, has_compiler, start_beside, waits_for_compiler
+from uvms_ocp.codegen.compile import (
+    finish_compiling,
+    has_compiler,
+    start_beside,
+    waits_for_compiler,
+)
 from uvms_ocp.errors import InvalidInput
 from uvms_ocp.ocp.problem import HessianKind, OcpProblem
 from uvms_ocp.ocp.stagewise.memory import StageIndices, StageMemory, StageRanges, StageVariables
 from uvms_ocp.ocp.stagewise.sqp import SqpOutcome, StageLevelQp, StageSqp
 from uvms_ocp.ocp.transcription.transcription import Transcription
-from uvms_ocp.solvers.nlp.level_solver import STAGEWISE, Deadline, NlpOptions, NlpOutcome, NlpPoint, SolveMonitor
+from uvms_ocp.solvers.nlp.level_solver import (
+    STAGEWISE,
+    Deadline,
+    NlpOptions,
+    NlpOutcome,
+    NlpPoint,
+    SolveMonitor,
+)
 from uvms_ocp.solvers.nlp.program import LexicographicProgram, NlpStatus, RowBounds, RowRanges
 from uvms_ocp.solvers.nlp.real_time_sqp import LevelMerit, SqpPoint
 from uvms_ocp.solvers.stage_qp.compiled import qp_library
@@ -27,7 +41,9 @@ from uvms_ocp.types import Array
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class StagewisePoint(NlpPoint):
-    """With the QP that ended there, whose multipliers are those by the rows and variables of the program."""
+    """With the QP that ended there, whose multipliers are those by the rows and variables of the
+    program.
+    """
 
     solution: FlatSolution | None = None
 
@@ -40,7 +56,9 @@ class StagewiseLevels:
 
     def __init__(self, memory: StageMemory, options: StageQpOptions = _SQP_QP_OPTIONS) -> None:
         """options: of the QPs."""
-        self.memory, self._point, self._options = memory, StageVariables(memory), options
+        self.memory = memory
+        self._point = StageVariables(memory)
+        self._options = options
         self._levels: dict[int, StageLevelQp] = {}
         self._raw = np.zeros(memory.whole.row_layout.n_rows + 1)
 
@@ -51,13 +69,17 @@ class StagewiseLevels:
         return self._levels[index]
 
     def rows_at(self, x: Array, p: Array) -> tuple[Array, ...]:
-        """Rows of every level at x (n_x,) [unit of x], with parameters p (n_p,) [unit of the parameter]."""
+        """Rows of every level at x (n_x,) [unit of x], with parameters p (n_p,) [unit of the
+        parameter].
+        """
         self.go_to(x, p)
         self.memory.evaluate()
         return self.rows()
 
     def go_to(self, x: Array, p: Array) -> None:
-        """Take variables x (n_x,) [unit of x] and parameters p (n_p,) [unit of the parameter] into the memory."""
+        """Take variables x (n_x,) [unit of x] and parameters p (n_p,) [unit of the parameter] into
+        the memory.
+        """
         self._point.set_parameters(p)
         self._point.read(x, p)
 
@@ -75,8 +97,9 @@ class StagewiseLevels:
         return StageRanges(self._places, bounds, level, self.level(level).held)
 
     def multipliers(self, level: int, solution: FlatSolution) -> tuple[Array, Array]:
-        """Return multipliers by the last QP of a level: of bounds (n_x,) [1/unit of x] and rows (n_rows,) [1/unit of the row]
-        of the program."""
+        """Return multipliers by the last QP of a level: of bounds (n_x,) [1/unit of x] and rows
+        (n_rows,) [1/unit of the row] of the program.
+        """
         return self._places.program_multipliers(self.level(level).held, solution)
 
     @cached_property
@@ -87,29 +110,51 @@ class StagewiseLevels:
 class StageLevelSolver:
     """One level; call it as `uvms_ocp.solvers.nlp.level_solver.LevelSolver`."""
 
-    def __init__(self, levels: StagewiseLevels, index: int, options: NlpOptions, deadline: Deadline, watch: SolveMonitor) -> None:
-        self._levels, self._index, self._options = levels, index, options
-        self._deadline, self._watch = deadline, watch
+    def __init__(
+        self,
+        levels: StagewiseLevels,
+        index: int,
+        options: NlpOptions,
+        deadline: Deadline,
+        watch: SolveMonitor,
+    ) -> None:
+        self._levels = levels
+        self._index = index
+        self._options = options
+        self._deadline = deadline
+        self._watch = watch
 
     def fits(self, point: NlpPoint) -> bool:
         """True for a start with as many variables and rows as the program has."""
-        whole, rows = self._levels.memory.whole, point.row_multipliers
+        whole = self._levels.memory.whole
+        rows = point.row_multipliers
         return len(point.x) == whole.n_x and (rows is None or len(rows) == whole.ranges().n_rows)
 
     def __call__(self, start: NlpPoint, p: Array, bounds: RowBounds) -> NlpOutcome:
-        """Solve from `start`, warm if it has a QP, with parameters p (n_p,) [unit of the parameter]."""
+        """Solve from `start`, warm if it has a QP, with parameters p (n_p,) [unit of the
+        parameter].
+        """
         if self._deadline.over:
-            return NlpOutcome(point=start, status=NlpStatus.TIME_LIMIT, iterations=0, violation=np.inf)
+            return NlpOutcome(
+                point=start, status=NlpStatus.TIME_LIMIT, iterations=0, violation=np.inf
+            )
         self._levels.go_to(start.x, p)
         level, ranges = self._levels.level(self._index), self._levels.ranges(bounds, self._index)
         warm = start.solution if isinstance(start, StagewisePoint) else None
         warm = warm if warm is not None and warm.shape == level.shape else None
-        return self._outcome(StageSqp(level, ranges, self._options, self._deadline, self._watch).run(warm), start)
+        return self._outcome(
+            StageSqp(level, ranges, self._options, self._deadline, self._watch).run(warm), start
+        )
 
     def _outcome(self, end: SqpOutcome, start: NlpPoint) -> NlpOutcome:
         x = self._levels.variables()
         if not np.isfinite(x).all():
-            return NlpOutcome(point=start, status=NlpStatus.NOT_A_NUMBER, iterations=end.iterations, violation=np.inf)
+            return NlpOutcome(
+                point=start,
+                status=NlpStatus.NOT_A_NUMBER,
+                iterations=end.iterations,
+                violation=np.inf,
+            )
         return NlpOutcome(
             point=self._point(x, end.solution),
             usable=end.violation <= self._options.feasibility,
@@ -130,17 +175,20 @@ class StageLevelSolver:
 
 # Rough: steps are searched along, and made again at the next tick.
 _REAL_TIME_QP_OPTIONS = StageQpOptions(tolerance=3e-4)
-_BRIEF = 6  # iterations, after which a QP is given up that may be: those that it takes more have up to 25
+# iterations, after which a QP is given up that may be: those that it takes more have up to 25
+_BRIEF = 6
 _WEIGHTS = (1e2, 1e4, 1e8)
 """[1/unit of the row^2] Least, first and largest weight of rows of levels above."""
 
 
 class StagewiseLevelModel:
-    """A `uvms_ocp.solvers.nlp.real_time_sqp.LevelModel` on the memory of a horizon, whose points are those of all stages.
+    """A `uvms_ocp.solvers.nlp.real_time_sqp.LevelModel` on the memory of a horizon, whose points
+    are those of all stages.
 
-    QPs start from the last one of their level: the bounds that are reached are mostly the same. Frozen rows are kept by a weight,
-    with which the last QP would have missed them by an eighth of the tolerance: where limits bind there is often no motion that
-    keeps them as they are, and of slabs it would be guessed in vain which sides are reached. Levels below the first whose
+    QPs start from the last one of their level: the bounds that are reached are mostly the same.
+    Frozen rows are kept by a weight, with which the last QP would have missed them by an eighth of
+    the tolerance: where limits bind there is often no motion that keeps them as they are, and of
+    slabs it would be guessed in vain which sides are reached. Levels below the first whose
     residuals have no forces take the slopes of forces from where the first was linearised.
     """
 
@@ -148,8 +196,10 @@ class StagewiseLevelModel:
 
     def __init__(self, memory: StageMemory, tolerance: float) -> None:
         """Tolerance [unit of the row]: by which the norm of frozen rows may rise."""
-        self._levels, self._memory = StagewiseLevels(memory, _REAL_TIME_QP_OPTIONS), memory
-        self._tolerance, self._kept = tolerance, [_WEIGHTS[1]] * memory.n_levels
+        self._levels = StagewiseLevels(memory, _REAL_TIME_QP_OPTIONS)
+        self._memory = memory
+        self._tolerance = tolerance
+        self._kept = [_WEIGHTS[1]] * memory.n_levels
         """And the weight [1/unit of the row^2] by which each level keeps those above."""
         self._last: dict[int, WarmStart] = {}
         """Where the next QP of each level starts."""
@@ -165,16 +215,22 @@ class StagewiseLevelModel:
         self._memory.evaluate()
         return self._point()
 
-    def step(self, level: int, point: SqpPoint, bounds: RowBounds, damping: float) -> NlpStatus | None:
+    def step(
+        self, level: int, point: SqpPoint, bounds: RowBounds, damping: float
+    ) -> NlpStatus | None:
         """Solve the QP of a level as `LevelModel.step`; damping [1/unit of z^2]."""
-        memory, own = self._memory, self._levels.level(level)
+        memory = self._memory
+        own = self._levels.level(level)
         memory.z[:] = point.x.reshape(memory.z.shape)
         memory.z_from[:] = memory.z
         (own.relinearize if level else own.linearize)()
         if not np.isfinite(memory.residuals(level)).all():
             return NlpStatus.NOT_A_NUMBER
-        before, ranges, near = self._ranges, self._ranges_of(bounds, level), self._last.get(level)
-        # A second step of a level, which mends the first, is welcome, but not at the price of many iterations.
+        before = self._ranges
+        ranges = self._ranges_of(bounds, level)
+        near = self._last.get(level)
+        # A second step of a level, which mends the first, is welcome, but not at the price of many
+        # iterations.
         own.most = _BRIEF if level and self._ranges is before else None
         solution = own.solve(ranges, damping, 0.0, near, kept=self._kept[level])
         if not solution.status.usable:
@@ -203,7 +259,8 @@ class StagewiseLevelModel:
         return self._levels.variables()
 
     def _point(self) -> SqpPoint:
-        memory, rows = self._memory, self._levels.rows()
+        memory = self._memory
+        rows = self._levels.rows()
         assert self._own_ranges is not None
         pairs = zip(memory.whole.ranges().levels, rows, strict=True)
         residuals = [float(np.linalg.norm(level.distance(y))) for level, y in pairs]
@@ -211,7 +268,10 @@ class StagewiseLevelModel:
         return SqpPoint(
             x=memory.z.ravel().copy(),
             rows=rows,
-            merit=LevelMerit(violation=violation if np.isfinite(violation) else np.inf, residuals=np.array(residuals)),
+            merit=LevelMerit(
+                violation=violation if np.isfinite(violation) else np.inf,
+                residuals=np.array(residuals),
+            ),
         )
 
 
@@ -219,22 +279,33 @@ class StagewiseLevelModel:
 
 
 class StagewiseProgram:
-    """Program that `LexicographicNlp` solves stage by stage; its variables, parameters and rows are numbered as in the sparse
-    program.
+    """Program that `LexicographicNlp` solves stage by stage; its variables, parameters and rows are
+    numbered as in the sparse program.
 
     Compiled where there is a compiler. Not for use from two threads at once.
     """
 
     def __init__(self, whole: Transcription) -> None:
-        """Raises `InvalidInput` for what couples all stages: a level above others with `relax`; and for a start that is free."""
+        """Raises `InvalidInput` for what couples all stages: a level above others with `relax`; and
+        for a start that is free.
+        """
         relaxed = _relaxed(whole.problem)
         if relaxed:
-            raise InvalidInput(f"level {relaxed[0]!r} has relax; plugin 'stagewise' takes none: leave it out, or use 'ipopt'")
+            raise InvalidInput(
+                f"level {relaxed[0]!r} has relax; plugin 'stagewise' takes none: leave it out, or"
+                " use 'ipopt'"
+            )
         if not whole.problem.fixed_start:
-            raise InvalidInput("start_freedom is given; plugin 'stagewise' starts at the start: leave it out, or use 'ipopt'")
+            raise InvalidInput(
+                "start_freedom is given; plugin 'stagewise' starts at the start: leave it out, or"
+                " use 'ipopt'"
+            )
         if has_compiler():
-            start_beside(qp_library)  # what all programs share, before the functions of this one take all processors
-        self._whole, self.levels = whole, StagewiseLevels(StageMemory(whole))
+            start_beside(
+                qp_library
+            )  # what all programs share, before the functions of this one take all processors
+        self._whole = whole
+        self.levels = StagewiseLevels(StageMemory(whole))
         if whole.problem.hessian is HessianKind.EXACT:
             self.levels.memory.compile_curvature()
         if has_compiler():
@@ -257,32 +328,50 @@ class StagewiseProgram:
         """Parameters."""
         return self._whole.parameter_layout.n
 
-    def solvers(self, options: NlpOptions, deadline: Deadline, watch: SolveMonitor) -> Sequence[StageLevelSolver]:
+    def solvers(
+        self, options: NlpOptions, deadline: Deadline, watch: SolveMonitor
+    ) -> Sequence[StageLevelSolver]:
         """One for each level."""
-        return [StageLevelSolver(self.levels, i, options, deadline, watch) for i in range(self.levels.memory.n_levels)]
+        return [
+            StageLevelSolver(self.levels, i, options, deadline, watch)
+            for i in range(self.levels.memory.n_levels)
+        ]
 
     def level_model(self, tolerance: float) -> StagewiseLevelModel:
         """Its levels for steps in real time; tolerance as `StagedProgram` has it."""
         return StagewiseLevelModel(self.levels.memory, tolerance)
 
     def rows_at(self, x: Array, p: Array) -> tuple[Array, ...]:
-        """Rows of every level at x (n_x,) [unit of x], with parameters p (n_p,) [unit of the parameter]."""
+        """Rows of every level at x (n_x,) [unit of x], with parameters p (n_p,) [unit of the
+        parameter].
+        """
         return self.levels.rows_at(x, p)
 
     def violation(self, x: Array, p: Array, bounds: RowBounds) -> float:
-        """Return by how much x (n_x,) [unit of x] breaks bounds and constraints; p (n_p,) [unit of the parameter]."""
+        """Return by how much x (n_x,) [unit of x] breaks bounds and constraints; p (n_p,) [unit of
+        the parameter].
+        """
         self.levels.rows_at(x, p)
         return float(self.levels.ranges(bounds, 0).excess().max(initial=0.0))
 
 
 def program_for(plugin: str, whole: Transcription) -> LexicographicProgram | StagewiseProgram:
-    """The program of a transcription as a solver of that name takes it. Raises `InvalidInput` as `StagewiseProgram` does."""
+    """The program of a transcription as a solver of that name takes it. Raises `InvalidInput` as
+    `StagewiseProgram` does.
+    """
     return StagewiseProgram(whole) if plugin == STAGEWISE else whole.program
 
 
 def stagewise_or(other: str, problem: OcpProblem) -> str:
-    """Return the name of the solver stage by stage where it takes a problem and there is a compiler, else the other."""
-    coupled = bool(_relaxed(problem)) or problem.periodic or problem.limits_total or not problem.fixed_start
+    """Return the name of the solver stage by stage where it takes a problem and there is a
+    compiler, else the other.
+    """
+    coupled = (
+        bool(_relaxed(problem))
+        or problem.periodic
+        or problem.limits_total
+        or not problem.fixed_start
+    )
     return STAGEWISE if has_compiler() and not coupled else other
 
 

@@ -1,7 +1,8 @@
-"""Sequential quadratic programming over stages: Gauss-Newton steps where they work, a filter line search where not.
+"""Sequential quadratic programming over stages: Gauss-Newton steps where they work, a filter line
+search where not.
 
-A QP that no step can fulfil gives the step that breaks its rows least, in sum: the way to a point that keeps them, or,
-where that does not help either, the proof that no small change does.
+A QP that no step can fulfil gives the step that breaks its rows least, in sum: the way to a point
+that keeps them, or, where that does not help either, the proof that no small change does.
 """
 
 from __future__ import annotations
@@ -17,7 +18,15 @@ from uvms_ocp.ocp.problem import HessianKind
 from uvms_ocp.ocp.stagewise.memory import StageMemory, StageRanges
 from uvms_ocp.solvers import NlpOptions, NlpStatus, StageQpSolver
 from uvms_ocp.solvers.nlp.level_solver import Deadline, IterationReport, SolveMonitor
-from uvms_ocp.solvers.stage_qp.problem import FlatSolution, StageQp, StageQpOptions, StageQpStatus, StageShape, WarmStart, leading
+from uvms_ocp.solvers.stage_qp.problem import (
+    FlatSolution,
+    StageQp,
+    StageQpOptions,
+    StageQpStatus,
+    StageShape,
+    WarmStart,
+    leading,
+)
 from uvms_ocp.types import Array
 
 # Multipliers that bend the QP of the next iteration.
@@ -27,7 +36,8 @@ class Multipliers:
     """Multipliers of one level, where the functions of curvature read them."""
 
     def __init__(self, memory: StageMemory, level: int) -> None:
-        n, levels = len(memory.stages), range(memory.n_levels)
+        n = len(memory.stages)
+        levels = range(memory.n_levels)
         sizes = [[len(memory.residual_parts(i)[k]) for i in levels] for k in range(n)]
         self.costates = np.zeros((n, memory.tangent.n_x))
         """Costates of the step that leads away from each stage."""
@@ -40,7 +50,9 @@ class Multipliers:
         """A residual is its own multiplier; those of other levels are 0."""
         self._own = [
             (whole[sum(own[:level]) : sum(own[: level + 1])], part)
-            for whole, own, part in zip(self.residuals, sizes, memory.residual_parts(level), strict=True)
+            for whole, own, part in zip(
+                self.residuals, sizes, memory.residual_parts(level), strict=True
+            )
         ]
 
     def update(self, found: FlatSolution) -> None:
@@ -55,7 +67,8 @@ class StageLevelQp:
     """Linearised at `StageMemory.z`; the QP moves from there."""
 
     def __init__(self, memory: StageMemory, level: int, options: StageQpOptions) -> None:
-        self.memory, self.level = memory, level
+        self.memory = memory
+        self.level = level
         self.shape = StageShape(
             n_x=(memory.tangent.n_x,) * len(memory.stages),
             n_u=memory.n_u,
@@ -63,16 +76,21 @@ class StageLevelQp:
             n_c=tuple(sum(own[: level + 1]) for own in memory.group_sizes),
         )
         self.qp, self._solver = StageQp(self.shape), StageQpSolver(self.shape, options)
-        self.held, self._bends = leading(map(sum, memory.group_sizes), self.shape.n_c), False
+        self.held = leading(map(sum, memory.group_sizes), self.shape.n_c)
+        self._bends = False
         """Rows (m,) that may be held and are rows of the QP, and whether it has curvature."""
         self.most: int | None = None
         """Iterations of a QP that is given up then, unexplained; None: those of the options."""
         self.multipliers = Multipliers(memory, level)
         groups = [group for own in memory.group_sizes for group in enumerate(own[: level + 1])]
-        self._above = np.concatenate([np.zeros(0, dtype=bool), *(np.full(n, i > 0) for i, n in groups)])
+        self._above = np.concatenate(
+            [np.zeros(0, dtype=bool), *(np.full(n, i > 0) for i, n in groups)]
+        )
         """(m,) True for rows of the QP that belong to levels above."""
         self.linearize = self._linearization(slopes=True)
-        self.relinearize = self._linearization(slopes=any(one.errors_forced[level] for one in memory.functions))
+        self.relinearize = self._linearization(
+            slopes=any(one.errors_forced[level] for one in memory.functions)
+        )
         """The same with slopes of forces that are near, where they matter to limits alone."""
         self.qp.fix_initial_state(np.zeros(self.shape.n_x[0]))
 
@@ -81,12 +99,18 @@ class StageLevelQp:
 
         Without `slopes` of forces those that were found last remain.
         """
-        memory, calls = self.memory, BoundCalls()
+        memory = self.memory
+        calls = BoundCalls()
         for i, stage in enumerate(memory.stages):
             if stage.step:
-                calls.add(memory.motion_linear, [memory.z[i], memory.z[i + 1]], [memory.gaps[i], self.qp.dynamics[i]])
+                calls.add(
+                    memory.motion_linear,
+                    [memory.z[i], memory.z[i + 1]],
+                    [memory.gaps[i], self.qp.dynamics[i]],
+                )
             elif i + 1 < len(memory.stages):
-                F, n = self.qp.dynamics[i], self.memory.tangent.n_x
+                F = self.qp.dynamics[i]
+                n = self.memory.tangent.n_x
                 F[...] = np.eye(*F.shape)
                 if self.memory.tangent.free:
                     F[n - 1, n - 1 :] = (0.0, 1.0)
@@ -94,13 +118,22 @@ class StageLevelQp:
         for i, stage in enumerate(memory.stages):
             function = memory.function(stage)
             if function is not None:
-                calls.add(function.linear, memory.arguments(i), [*memory.row_memory(i)[:-1], *self._jacobians(i)])
+                calls.add(
+                    function.linear,
+                    memory.arguments(i),
+                    [*memory.row_memory(i)[:-1], *self._jacobians(i)],
+                )
         return calls
 
     def _jacobians(self, i: int) -> list[Array | None]:
-        """Return the arrays that the functions of rows at stage i write: of residuals, then of rows that may be held."""
-        n_levels, first = self.memory.n_levels, 0
-        found: list[Array | None] = [self.qp.J[i] if level == self.level else None for level in range(n_levels)]
+        """Return the arrays that the functions of rows at stage i write: of residuals, then of rows
+        that may be held.
+        """
+        n_levels = self.memory.n_levels
+        first = 0
+        found: list[Array | None] = [
+            self.qp.J[i] if level == self.level else None for level in range(n_levels)
+        ]
         for group in self.memory.groups(self.memory.stages[i])[: self.level + 1]:
             found.append(self.qp.C[i][first : first + group.n])
             first += group.n
@@ -109,25 +142,44 @@ class StageLevelQp:
     @cached_property
     def _curve(self) -> BoundCalls:
         """Function by function as well, at the point where forces were linearised."""
-        memory, own, calls = self.memory, self.multipliers, BoundCalls()
-        found = [(i, function) for i, stage in enumerate(memory.stages) if (function := memory.function(stage)) is not None]
-        tangent, n = memory.tangent, len(memory.stages)
+        memory = self.memory
+        own = self.multipliers
+        calls = BoundCalls()
+        found = [
+            (i, function)
+            for i, stage in enumerate(memory.stages)
+            if (function := memory.function(stage)) is not None
+        ]
+        tangent = memory.tangent
+        n = len(memory.stages)
         sizes = tangent.n_v, tangent.step_curvature.numel_in(3), tangent.step_curvature.nnz_out(0)
         weights, bent, steps = (np.zeros((n, m)) for m in sizes)
-        weighted, none = [(i, function.weights) for i, function in found if function.weights is not None], np.zeros(tangent.n_x)
+        weighted = [(i, function.weights) for i, function in found if function.weights is not None]
+        none = np.zeros(tangent.n_x)
         for i, function in weighted:
             calls.add(function, [*memory.arguments(i), own.rows[i], own.residuals[i]], [weights[i]])
         for i, _ in weighted:
-            calls.add(tangent.model.bend, [memory.z[i, : tangent.model.n_motion], memory.arguments(i)[2], weights[i]], [bent[i]])
+            calls.add(
+                tangent.model.bend,
+                [memory.z[i, : tangent.model.n_motion], memory.arguments(i)[2], weights[i]],
+                [bent[i]],
+            )
         for i in (i for i, function in found if function.bends):
-            after, costates = memory.z[min(i + 1, n - 1)], own.costates[i] if memory.stages[i].step else none
+            after = memory.z[min(i + 1, n - 1)]
+            costates = own.costates[i] if memory.stages[i].step else none
             calls.add(tangent.step_curvature, [memory.z[i], after, costates, bent[i]], [steps[i]])
         for i, function in found:
-            calls.add(function.curvature, [*memory.arguments(i), own.rows[i], own.residuals[i], steps[i]], [self.qp.H[i]])
+            calls.add(
+                function.curvature,
+                [*memory.arguments(i), own.rows[i], own.residuals[i], steps[i]],
+                [self.qp.H[i]],
+            )
         return calls
 
     def set_curvature(self, last: FlatSolution | None) -> None:
-        """Curvature with the multipliers of the last QP; none without one, and for Gauss and Newton."""
+        """Curvature with the multipliers of the last QP; none without one, and for Gauss and
+        Newton.
+        """
         bends = last is not None and self.memory.whole.problem.hessian is HessianKind.EXACT
         if last is not None and bends:
             self.multipliers.update(last)
@@ -144,19 +196,29 @@ class StageLevelQp:
         return float(r @ r) / 2
 
     def solve(
-        self, ranges: StageRanges, damping: float, give: float, near: WarmStart | None, *, rough: float = 0.0, kept: float = 0.0
+        self,
+        ranges: StageRanges,
+        damping: float,
+        give: float,
+        near: WarmStart | None,
+        *,
+        rough: float = 0.0,
+        kept: float = 0.0,
     ) -> FlatSolution:
         """The step, with damping [1/unit of z^2]; it stands in the memory too.
 
-        give [1/unit of the row], kept [1/unit of the row^2]: what it costs to miss levels above, and the square. near: where the
-        QP starts. rough: how exact it is at least, where that is less than the tolerance asks for. Only what no curvature bends
-        is explained where it fails.
+        give [1/unit of the row], kept [1/unit of the row^2]: what it costs to miss levels above,
+        and the square. near: where the QP starts. rough: how exact it is at least, where that is
+        less than the tolerance asks for. Only what no curvature bends is explained where it fails.
         """
         flat = self.qp.flat
         flat["damping"][:], flat["l1"][self._above], flat["l2"][self._above] = damping, give, kept
         self._load(ranges)
-        tolerance, explained = max(rough, self._solver.options.tolerance), not (self._bends or self.most)
-        found = self._solver.solve_flat(self.qp, near, tolerance=tolerance, max_iterations=self.most, explained=explained)
+        tolerance = max(rough, self._solver.options.tolerance)
+        explained = not (self._bends or self.most)
+        found = self._solver.solve_flat(
+            self.qp, near, tolerance=tolerance, max_iterations=self.most, explained=explained
+        )
         self.memory.step[:] = found.z
         return found
 
@@ -170,7 +232,9 @@ class StageLevelQp:
         ranges.write(self.qp.flat)
 
     def error(self, ranges: StageRanges, found: FlatSolution) -> float:
-        """Return the error of the optimality conditions at the present linearisation, with the multipliers of the last QP."""
+        """Return the error of the optimality conditions at the present linearisation, with the
+        multipliers of the last QP.
+        """
         self._load(ranges)
         return self._solver.error(self.qp, found.warm_start())
 
@@ -182,7 +246,8 @@ class StageLevelQp:
         return self._solver.steepest(self.qp)
 
 
-# Which points are accepted: those that no point seen before beats in cost and violation alike [Waechter2006].
+# Which points are accepted: those that no point seen before beats in cost and violation alike
+# [Waechter2006].
 
 _SHARE = 1e-5  # of the violation by which one of both must become less
 _ARMIJO = 1e-4  # of the descent that the slope promises
@@ -216,12 +281,16 @@ class Filter:
 
     def accepts(self, trial: FilterMerit, here: FilterMerit, slope: float, share: float) -> bool:
         """Check whether a `share` of a step may be taken along which the cost has the `slope`."""
-        if not (trial.violation <= self.most and all(_better(trial, entry) for entry in self.entries)):
+        if not (
+            trial.violation <= self.most and all(_better(trial, entry) for entry in self.entries)
+        ):
             return False
         rounding = 1e-13 * max(1.0, abs(here.cost))
         if self.descends(here, slope, share):
             return trial.cost <= here.cost + _ARMIJO * share * slope + rounding
-        return _better(trial, here) or (trial.violation <= 1e-12 and trial.cost <= here.cost + rounding)
+        return _better(trial, here) or (
+            trial.violation <= 1e-12 and trial.cost <= here.cost + rounding
+        )
 
     def descends(self, here: FilterMerit, slope: float, share: float) -> bool:
         """Check whether a share of a step along the slope is taken for descent of the cost."""
@@ -231,17 +300,26 @@ class Filter:
 
 
 def _better(trial: FilterMerit, entry: FilterMerit) -> bool:
-    return trial.violation <= (1 - _SHARE) * entry.violation or trial.cost <= entry.cost - _SHARE * entry.violation
+    return (
+        trial.violation <= (1 - _SHARE) * entry.violation
+        or trial.cost <= entry.cost - _SHARE * entry.violation
+    )
 
 
-# Sequential quadratic programming over stages: full steps of Gauss and Newton where they work, a filter where not.
+# Sequential quadratic programming over stages: full steps of Gauss and Newton where they work, a
+# filter where not.
 
 _SMALLEST_SHARE = 1e-7
-_MORE, _LESS = 10.0, 4.0  # by how much damping grows, and by how much it falls
+# by how much damping grows, and by how much it falls
+_MORE = 10.0
+_LESS = 4.0
 _KEPT = 0.25  # share of a violation down to which a step has to bring it for less damping
-_DAMPED, _IDLE = 1e-6, 1e-5  # [1/unit of z^2] from where it grows, and where steps do not lower the cost
+# [1/unit of z^2] from where it grows, and where steps do not lower the cost
+_DAMPED = 1e-6
+_IDLE = 1e-5
 _NOTHING = 0.1  # share of the tolerance of a residual's norm that is not worth a step
-_STEEP = 100.0  # largest entry of the gradient at the start up to which errors are not scaled, as in IPOPT
+# largest entry of the gradient at the start up to which errors are not scaled, as in IPOPT
+_STEEP = 100.0
 _GIVE = 1e4
 _MODELS = (
     (1e-9, True, np.inf),
@@ -251,12 +329,19 @@ _MODELS = (
     (1e-4, False, _GIVE),
     (1e-2, False, _GIVE),
 )
-"""Damping [1/unit of z^2], whether the cost has the curvature of constraints, and what it costs to miss levels above
-[1/unit of the row]; the next where one fails."""
-_PATIENCE, _DIGITS = 15, 1e-5  # iterations of the last level before a gain of this share of its cost is none
-_MENDS, _STIFF = 3, 1e6  # ways back to the rows, and what makes them short [1/unit of z^2]
+"""Damping [1/unit of z^2], whether the cost has the curvature of constraints, and what it costs to
+miss levels above [1/unit of the row]; the next where one fails.
+"""
+# iterations of the last level before a gain of this share of its cost is none
+_PATIENCE = 15
+_DIGITS = 1e-5
+# ways back to the rows, and what makes them short [1/unit of z^2]
+_MENDS = 3
+_STIFF = 1e6
 _LOUDEST = 1e4  # times the first violation
-_ROUGHLY, _ROUGHEST = 0.1, 1e-2  # tolerance of a QP, of how far its point is from the optimum, and at most
+# tolerance of a QP, of how far its point is from the optimum, and at most
+_ROUGHLY = 0.1
+_ROUGHEST = 1e-2
 _NEARER = 0.5  # times the violation at which curvature was not convex, from where it may be
 _FEW_DIGITS = 1e-2  # convergence from which on curvature takes more time than it saves
 _NO_HELP = 1e-6  # share of the violation that a step must take away to count as a help
@@ -279,15 +364,28 @@ class StageSqp:
     """One solve of one level, from the point in the memory."""
 
     def __init__(
-        self, level: StageLevelQp, ranges: StageRanges, options: NlpOptions, deadline: Deadline, watch: SolveMonitor
+        self,
+        level: StageLevelQp,
+        ranges: StageRanges,
+        options: NlpOptions,
+        deadline: Deadline,
+        watch: SolveMonitor,
     ) -> None:
-        self._level, self._ranges, self._options, self._deadline, self._watch = level, ranges, options, deadline, watch
+        self._level = level
+        self._ranges = ranges
+        self._options = options
+        self._deadline = deadline
+        self._watch = watch
         self._memory = level.memory
         self._solution: FlatSolution | None = None
         self._filter = Filter(first=0.0, most=np.inf)
-        self._steepest, self._worst, self._count = 0.0, np.inf, 0
+        self._steepest = 0.0
+        self._worst = np.inf
+        self._count = 0
         self._best = (True, np.inf), self._memory.z.copy()
-        self._model, self._damping, self._refused = int(options.convergence >= _FEW_DIGITS), 0.0, np.inf
+        self._model = int(options.convergence >= _FEW_DIGITS)
+        self._damping = 0.0
+        self._refused = np.inf
         # What levels above leave open, those below decide: no step goes far there.
         self._least = _DAMPED if level.level + 1 < level.memory.n_levels else 0.0
 
@@ -296,7 +394,8 @@ class StageSqp:
         self._level.linearize()
         here = self._merit()
         self._steepest = self._level.steepest()
-        self._filter, self._solution = Filter(first=here.violation, most=self._most(here)), warm
+        self._filter = Filter(first=here.violation, most=self._most(here))
+        self._solution = warm
         if warm is not None and self._is_optimal(warm):
             return self._end(NlpStatus.SOLVED, 0)
         for iteration in range(self._options.max_iterations):
@@ -306,7 +405,10 @@ class StageSqp:
             if self._deadline.over or self._watch.should_stop:
                 self._memory.z[:] = self._best[1]
                 self._memory.evaluate()
-                return self._end(NlpStatus.INTERRUPTED if self._watch.should_stop else NlpStatus.TIME_LIMIT, iteration)
+                return self._end(
+                    NlpStatus.INTERRUPTED if self._watch.should_stop else NlpStatus.TIME_LIMIT,
+                    iteration,
+                )
             status, here = self._iterate(here)
             if status is not None:
                 self._report_iteration(iteration + 1, here)
@@ -319,7 +421,11 @@ class StageSqp:
         if key < self._best[0]:
             self._best = key, self._memory.z.copy()
         level = self._memory.whole.problem.levels[self._level.level].name
-        self._watch.report(IterationReport(level=level, iteration=iteration, residual=here.residual, violation=self._worst))
+        self._watch.report(
+            IterationReport(
+                level=level, iteration=iteration, residual=here.residual, violation=self._worst
+            )
+        )
 
     @property
     def _scale(self) -> float:
@@ -327,7 +433,9 @@ class StageSqp:
         return max(1.0, self._steepest / _STEEP)
 
     def _most(self, here: FilterMerit) -> float:
-        """Below levels that are held where they were left no violation comes in: there may be no way back."""
+        """Below levels that are held where they were left no violation comes in: there may be no
+        way back.
+        """
         if self._level.level and here.violation <= self._options.feasibility:
             return self._options.feasibility
         return _LOUDEST * max(1.0, here.violation)
@@ -342,12 +450,16 @@ class StageSqp:
         if not solution.status.usable:
             return NlpStatus.STALLED, here
         slope = solution.products.slope
-        if solution.products.change <= self._options.convergence * self._scale and self._is_kept(here):
+        if solution.products.change <= self._options.convergence * self._scale and self._is_kept(
+            here
+        ):
             return NlpStatus.SOLVED, here
         if self._is_flat(here, slope):
             kept = self._is_kept(here)
             self._level.linearize()
-            return NlpStatus.SOLVED if kept and self._is_optimal(solution) else NlpStatus.INEXACT, self._merit()
+            return NlpStatus.SOLVED if kept and self._is_optimal(
+                solution
+            ) else NlpStatus.INEXACT, self._merit()
         status, here = self._search(here, slope)
         return (NlpStatus.SOLVED if status is None and self._is_optimal(solution) else status), here
 
@@ -358,30 +470,44 @@ class StageSqp:
         return self._level.error(self._ranges, found) <= self._options.convergence * self._scale
 
     def _is_flat(self, here: FilterMerit, slope: float) -> bool:
-        """No step promises what is worth one: of a level that others follow, what its tolerance would notice.
+        """No step promises what is worth one: of a level that others follow, what its tolerance
+        would notice.
 
-        The last level gets some iterations first: where curvature is left out that matters, more would bring no more digits.
+        The last level gets some iterations first: where curvature is left out that matters, more
+        would bring no more digits.
         """
         if self._least:
-            kept, worth = 0.1 * self._options.feasibility, _NOTHING * self._options.tolerance * here.residual
+            kept = 0.1 * self._options.feasibility
+            worth = _NOTHING * self._options.tolerance * here.residual
         else:
-            kept, worth = self._options.feasibility, _DIGITS * here.cost
-        return bool((self._least or self._count > _PATIENCE) and self._worst <= kept and -slope <= worth)
+            kept = self._options.feasibility
+            worth = _DIGITS * here.cost
+        return bool(
+            (self._least or self._count > _PATIENCE) and self._worst <= kept and -slope <= worth
+        )
 
     def _solved(self) -> FlatSolution:
-        """Solve the first model of the cost that is convex where the constraints leave freedom: that of the last, or coarser
-        ones.
+        """Solve the first model of the cost that is convex where the constraints leave freedom:
+        that of the last, or coarser ones.
 
-        Where curvature makes none, that of Gauss and Newton takes the place; where that leaves directions open, steps are damped.
+        Where curvature makes none, that of Gauss and Newton takes the place; where that leaves
+        directions open, steps are damped.
         """
         last = self._solution
-        # Tolerance of a QP: as little of rows as the point breaks, and of the gradient as the last step has changed. Where little
-        # is broken but much missed of the gradient, steps along weak curvature would break rows again.
+        # Tolerance of a QP: as little of rows as the point breaks, and of the gradient as the last
+        # step has changed. Where little is broken but much missed of the gradient, steps along weak
+        # curvature would break rows again.
         changed = 1.0 if last is None else last.products.change / max(self._steepest, 1e-300)
-        near, solution, rough = self._near(), None, min(_ROUGHLY * min(self._worst, changed), _ROUGHEST)
+        near = self._near()
+        solution = None
+        rough = min(_ROUGHLY * min(self._worst, changed), _ROUGHEST)
         for damping, curved, give in _MODELS[self._model :]:
             # Curvature is hardly more convex than when it was last found not to be.
-            if curved and give == np.inf and self._worst > max(_NEARER * self._refused, self._options.feasibility):
+            if (
+                curved
+                and give == np.inf
+                and self._worst > max(_NEARER * self._refused, self._options.feasibility)
+            ):
                 continue
             self._level.set_curvature(last if curved else None)
             damping += self._least + self._damping
@@ -398,10 +524,13 @@ class StageSqp:
     def _near(self) -> WarmStart | None:
         """Return the start of QPs: the last one, if it has an optimum."""
         last = self._solution
-        return last.warm_start() if last is not None and last.status is StageQpStatus.SOLVED else None
+        return (
+            last.warm_start() if last is not None and last.status is StageQpStatus.SOLVED else None
+        )
 
     def _search(self, here: FilterMerit, slope: float) -> tuple[NlpStatus | None, FilterMerit]:
-        share, before = 1.0, self._worst
+        share = 1.0
+        before = self._worst
         while share > _SMALLEST_SHARE:
             trial = self._mended(self._tried(share), share)
             if self._filter.accepts(trial, here, slope, share):
@@ -409,8 +538,9 @@ class StageSqp:
                     self._filter.entries.append(here)
                 if share < 1.0:
                     self._level.linearize()
-                # Steps that had to be cut short were too long where nothing but damping makes them shorter, and so are those that
-                # leave the rows as broken as they were before, and more so idle ones, with which no cost falls.
+                # Steps that had to be cut short were too long where nothing but damping makes them
+                # shorter, and so are those that leave the rows as broken as they were before, and
+                # more so idle ones, with which no cost falls.
                 idle = -slope <= _DIGITS * here.cost
                 kept = self._options.feasibility
                 if share < 1.0 or (idle and self._worst > max(before, kept)):
@@ -420,12 +550,17 @@ class StageSqp:
                 return None, trial
             share /= 2
         self._back()
-        return NlpStatus.INEXACT if self._worst <= self._options.feasibility else NlpStatus.STALLED, here
+        return (
+            NlpStatus.INEXACT if self._worst <= self._options.feasibility else NlpStatus.STALLED,
+            here,
+        )
 
     def _mended(self, trial: FilterMerit, share: float) -> FilterMerit:
-        """The point after a share of the step, brought back by the shortest ways to rows that it breaks by too much.
+        """The point after a share of the step, brought back by the shortest ways to rows that it
+        breaks by too much.
 
-        Rows that are held bend: without it steps along them are as short as the root of what may be broken.
+        Rows that are held bend: without it steps along them are as short as the root of what may be
+        broken.
         """
         if trial.violation <= self._filter.most:
             return trial
@@ -439,11 +574,16 @@ class StageSqp:
         return trial
 
     def _restored(self, here: FilterMerit, most: float) -> FilterMerit:
-        """Restore feasibility by short steps, until no more than `most` is broken in sum, or they do not help."""
+        """Restore feasibility by short steps, until no more than `most` is broken in sum, or they
+        do not help.
+        """
         near = self._near()
         for _ in range(_MENDS):
             self._memory.z_from[:] = self._memory.z
-            if not (here.violation > most and self._level.solve(self._ranges, _STIFF, np.inf, near).status.usable):
+            if not (
+                here.violation > most
+                and self._level.solve(self._ranges, _STIFF, np.inf, near).status.usable
+            ):
                 break
             trial = self._tried(1.0)
             if not trial.violation < here.violation:
@@ -452,21 +592,30 @@ class StageSqp:
             here = trial
         return here
 
-    def _restore(self, here: FilterMerit, solution: FlatSolution) -> tuple[NlpStatus | None, FilterMerit]:
+    def _restore(
+        self, here: FilterMerit, solution: FlatSolution
+    ) -> tuple[NlpStatus | None, FilterMerit]:
         """Towards the constraints, whatever it costs."""
-        gain, least, share = here.violation - float(np.abs(solution.excess(self._level.qp)).sum()), _NO_HELP * here.violation, 1.0
+        gain = here.violation - float(np.abs(solution.excess(self._level.qp)).sum())
+        least = _NO_HELP * here.violation
+        share = 1.0
         while gain > least and share > _SMALLEST_SHARE:
             trial = self._tried(share)
             if trial.violation <= here.violation - 0.1 * share * gain:
                 if share < 1.0:
                     self._level.linearize()
-                return None if here.violation - trial.violation > least else NlpStatus.INFEASIBLE, trial
+                return (
+                    None if here.violation - trial.violation > least else NlpStatus.INFEASIBLE,
+                    trial,
+                )
             share /= 2
         self._back()
         return NlpStatus.INFEASIBLE, here
 
     def _tried(self, share: float) -> FilterMerit:
-        """Return the merit of the point at a share of the step; a full step, which is mostly taken, is linearised at once."""
+        """Return the merit of the point at a share of the step; a full step, which is mostly taken,
+        is linearised at once.
+        """
         self._memory.share[0] = share
         self._memory.move()
         if share == 1.0:
@@ -476,7 +625,9 @@ class StageSqp:
         return self._merit()
 
     def _is_kept(self, here: FilterMerit) -> bool:
-        """Check whether all rows are kept after the last step; where rounding makes that worse it is not taken."""
+        """Check whether all rows are kept after the last step; where rounding makes that worse it
+        is not taken.
+        """
         before = self._worst
         self._memory.share[0] = 1.0
         self._memory.move()
@@ -497,9 +648,17 @@ class StageSqp:
 
     def _end(self, status: NlpStatus, iterations: int) -> SqpOutcome:
         here = self._merit()
-        # What levels above lose by rounding, and by steps that were taken while little was broken, is given back.
+        # What levels above lose by rounding, and by steps that were taken while little was broken,
+        # is given back.
         if self._level.level and self._worst <= self._options.feasibility:
             self._restored(here, self._options.convergence)
             self._merit()
-        cost, solution = self._level.cost, self._solution
-        return SqpOutcome(status=status, iterations=iterations, violation=self._worst, cost=cost, solution=solution)
+        cost = self._level.cost
+        solution = self._solution
+        return SqpOutcome(
+            status=status,
+            iterations=iterations,
+            violation=self._worst,
+            cost=cost,
+            solution=solution,
+        )

@@ -1,4 +1,5 @@
-"""Number the variables, parameters and rows of the NLP, among them those that tie the ends of the horizon.
+"""Number the variables, parameters and rows of the NLP, among them those that tie the ends of the
+horizon.
 
 dynamics      step by step: the next state, then the forces where they are variables
     start         the first state, and the last one where the motion is periodic
@@ -28,10 +29,17 @@ from uvms_ocp.ocp.problem import HessianKind, OcpProblem
 from uvms_ocp.ocp.terms import Term
 from uvms_ocp.ocp.trajectory import Trajectory, has_thrusters, unchecked_trajectory
 from uvms_ocp.ocp.transcription.stage import Derivatives, StageModel, derivatives
-from uvms_ocp.ocp.transcription.term_rows import CONSTRAINT, ReusedProblem, TermBlock, TermNodes, TermNumbers
+from uvms_ocp.ocp.transcription.term_rows import (
+    CONSTRAINT,
+    ReusedProblem,
+    TermBlock,
+    TermNodes,
+    TermNumbers,
+)
 from uvms_ocp.robot import State, SymbolicModel
 
-# The variables of the NLP: those of step after step, then the state of the last node; units are those of z.
+# The variables of the NLP: those of step after step, then the state of the last node; units are
+# those of z.
 
 
 class NodeVariables(NamedTuple):
@@ -47,7 +55,9 @@ class NodeVariables(NamedTuple):
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class VariableLayout:
-    """Layout of the entries of z of every node in the variables x (n_x,); converts trajectories to variables."""
+    """Layout of the entries of z of every node in the variables x (n_x,); converts trajectories to
+    variables.
+    """
 
     model: StageModel
 
@@ -99,9 +109,13 @@ class VariableLayout:
         return BufferedFunction(self.model.inputs_function.map(self.N))
 
     def nodes(self, x: ca.MX, h: ca.MX) -> NodeVariables:
-        """Columns of the variables x (n_x,); h (N,) [s]: lengths of the steps where they are no variables."""
-        layout, n = self.model.layout, self.N * self.n_step
-        W, end = ca.reshape(x[:n], self.n_step, self.N), x[n:]
+        """Columns of the variables x (n_x,); h (N,) [s]: lengths of the steps where they are no
+        variables.
+        """
+        layout = self.model.layout
+        n = self.N * self.n_step
+        W = ca.reshape(x[:n], self.n_step, self.N)
+        end = x[n:]
         return NodeVariables(
             steps=W if self.free else ca.vertcat(W[: layout.h, :], h.T, W[layout.h :, :]),
             last=ca.vertcat(end, ca.MX.zeros(layout.n_z - self.n_state)),
@@ -109,8 +123,12 @@ class VariableLayout:
         )
 
     def bounds(self, problem: OcpProblem) -> tuple[np.ndarray, np.ndarray]:
-        """Bounds (n_x,) of the variables: limits of the robot, durations of a problem of the same shape."""
-        low, up, used = np.empty(self.n_x), np.empty(self.n_x), self.all_columns >= 0
+        """Bounds (n_x,) of the variables: limits of the robot, durations of a problem of the same
+        shape.
+        """
+        low = np.empty(self.n_x)
+        up = np.empty(self.n_x)
+        used = self.all_columns >= 0
         for values, bound in zip((low, up), self._step_bounds(), strict=True):
             values[self.all_columns[used]] = np.broadcast_to(bound, used.shape)[used]
         if self.free:
@@ -131,12 +149,17 @@ class VariableLayout:
             low[h], up[h] = (shortest - slack) / phase.n_steps, (longest + slack) / phase.n_steps
 
     def _step_bounds(self) -> tuple[np.ndarray, np.ndarray]:
-        robot, layout, actuators = self.model.robot, self.model.layout, self.model.actuators
+        robot = self.model.robot
+        layout = self.model.layout
+        actuators = self.model.actuators
         lower, upper = np.full(layout.n_z, -np.inf), np.full(layout.n_z, np.inf)
         if not self.model.problem.limited:
             return lower, upper
         lower[layout.q], upper[layout.q] = robot.configuration_bounds
-        for part, limit in ((layout.v, robot.limits.velocity), (layout.a, robot.limits.acceleration)):
+        for part, limit in (
+            (layout.v, robot.limits.velocity),
+            (layout.a, robot.limits.acceleration),
+        ):
             lower[part], upper[part] = -limit, limit
         lower[layout.thrust], upper[layout.thrust] = actuators.thrust_lower, actuators.thrust_upper
         lower[layout.torque], upper[layout.torque] = -actuators.torque_limit, actuators.torque_limit
@@ -148,26 +171,44 @@ class VariableLayout:
         Raises `InvalidInput` for a trajectory of another number of steps.
         """
         if len(trajectory.a) != self.N:
-            raise InvalidInput(f"the guess has {len(trajectory.a)} steps; give one of {self.N}, such as `through` makes")
+            raise InvalidInput(
+                f"the guess has {len(trajectory.a)} steps; give one of {self.N}, such as `through`"
+                " makes"
+            )
         actuators = self.model.actuators
-        shares = (trajectory.thrust / actuators.thrust_unit, trajectory.torque / actuators.torque_unit)
-        steps = np.hstack([np.diff(trajectory.t)[:, None], trajectory.a, *(shares if self.model.has_force_variables else ())])
+        shares = (
+            trajectory.thrust / actuators.thrust_unit,
+            trajectory.torque / actuators.torque_unit,
+        )
+        steps = np.hstack(
+            [
+                np.diff(trajectory.t)[:, None],
+                trajectory.a,
+                *(shares if self.model.has_force_variables else ()),
+            ]
+        )
         Z = np.hstack([trajectory.q, trajectory.v, np.vstack([steps, steps[-1:]])])
-        x, used = np.zeros(self.n_x), self.all_columns >= 0
+        x = np.zeros(self.n_x)
+        used = self.all_columns >= 0
         x[self.all_columns[used]] = Z[used]
         return x
 
     def unpack(self, x: np.ndarray, problem: OcpProblem) -> Trajectory:
-        """The trajectory of variables x (n_x,) [unit of x]; where durations are fixed, with those of the problem.
+        """The trajectory of variables x (n_x,) [unit of x]; where durations are fixed, with those
+        of the problem.
 
-        Numbers that are not finite stay so: the status of a result says whether they are, and receding horizon goes by it.
+        Numbers that are not finite stay so: the status of a result says whether they are, and
+        receding horizon goes by it.
         """
         layout, actuators = self.model.layout, self.model.actuators
-        Z, used = np.zeros((self.N + 1, layout.n_z)), self.all_columns >= 0
+        Z = np.zeros((self.N + 1, layout.n_z))
+        used = self.all_columns >= 0
         Z[used] = x[self.all_columns[used]]
         steps = Z[:-1, layout.h] if self.free else np.diff(problem.nominal_times())
         Z[:-1, layout.h] = steps
-        thrust, torque = (part.reshape(-1, self.N).T for part in self._inputs(Z[:-1].T, problem.currents.T))
+        thrust, torque = (
+            part.reshape(-1, self.N).T for part in self._inputs(Z[:-1].T, problem.currents.T)
+        )
         parts = {
             "t": np.concatenate([[0.0], np.cumsum(steps)]),
             "q": Z[:, layout.q].copy(),
@@ -181,7 +222,8 @@ class VariableLayout:
         return unchecked_trajectory(**parts, of_wrench=not has_thrusters(self.model.problem))
 
 
-# The parameters of the NLP, in this order: start, currents, lengths of the steps, and those of all terms in their units.
+# The parameters of the NLP, in this order: start, currents, lengths of the steps, and those of all
+# terms in their units.
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
@@ -215,15 +257,19 @@ class ParameterLayout:
 
         near (n_nodes, n_q) [m, rad], tightened (n_nodes, ...) [unit of the row].
         """
-        nominal, state = given.problem.nominal_times(), start or given.problem.start
-        times, rate = t0 + nominal, 1.0 / nominal[-1]
+        nominal = given.problem.nominal_times()
+        state = start or given.problem.start
+        times = t0 + nominal
+        rate = 1.0 / nominal[-1]
         about = np.tile(state.q, (len(times), 1)) if near is None else near
         parts = [state.q, state.v, given.problem.currents.ravel(), np.diff(nominal)]
         for block, numbers in zip(self.blocks, given.numbers, strict=True):
             own = block.nodes
             extra = {term: more[own] for term, more in (tightened or {}).items()}
             active = ((own > 0) | (not given.problem.fixed_start)).tolist()
-            nodes = TermNodes(times=times[own].tolist(), active=active, q=about[own], tightened=extra)
+            nodes = TermNodes(
+                times=times[own].tolist(), active=active, q=about[own], tightened=extra
+            )
             parts.append(numbers.parameters(nodes, rate))
         return np.concatenate(parts)
 
@@ -231,20 +277,28 @@ class ParameterLayout:
 def parameter_layout(problem: OcpProblem, blocks: tuple[TermBlock, ...]) -> ParameterLayout:
     """Place the parameters of a problem whose terms are `blocks`."""
     sizes = [block.rows.n_parameters * len(block.nodes) for block in blocks]
-    ends = np.cumsum([0, problem.robot.n_q + problem.robot.n_v, 3 * problem.n_steps, problem.n_steps, *sizes]).tolist()
+    ends = np.cumsum(
+        [0, problem.robot.n_q + problem.robot.n_v, 3 * problem.n_steps, problem.n_steps, *sizes]
+    ).tolist()
     start, water, steps, *places = (slice(first, stop) for first, stop in pairwise(ends))
-    return ParameterLayout(blocks=blocks, start=start, water=water, steps=steps, terms=tuple(places))
+    return ParameterLayout(
+        blocks=blocks, start=start, water=water, steps=steps, terms=tuple(places)
+    )
 
 
-# Rows that tie the ends of the horizon: the first state is given, or near the given one, and may be the last one too.
+# Rows that tie the ends of the horizon: the first state is given, or near the given one, and may be
+# the last one too.
 
-START, PERIODIC = "start", "periodic"
+START = "start"
+PERIODIC = "periodic"
 """Names of the rows, in reports."""
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class BoundaryRows:
-    """Rows of the first and the last state ``[q_0, v_0, q_N, v_N]``; the given state ``[q, v]`` is their parameter."""
+    """Rows of the first and the last state ``[q_0, v_0, q_N, v_N]``; the given state ``[q, v]`` is
+    their parameter.
+    """
 
     functions: Derivatives
     lower: np.ndarray
@@ -258,18 +312,25 @@ class BoundaryRows:
 
 
 def boundary(model: StageModel) -> BoundaryRows:
-    """Build the boundary rows of the model's problem: `OcpProblem.start_freedom` and `OcpProblem.periodic`."""
-    problem, n = model.problem, model.layout.h
+    """Build the boundary rows of the model's problem: `OcpProblem.start_freedom` and
+    `OcpProblem.periodic`.
+    """
+    problem = model.problem
+    n = model.layout.h
     first, last, given = (ca.SX.sym(name, n) for name in ("first", "last", "given"))
     parts = [(START, *_given(model, first, given))]
-    if problem.periodic:  # by axes: the integration keeps the norm of a quaternion, which needs no row
+    if (
+        problem.periodic
+    ):  # by axes: the integration keeps the norm of a quaternion, which needs no row
         closed = _difference(model, first, last)
         parts.append((PERIODIC, closed, np.zeros(closed.numel())))
     rows = ca.vertcat(*(rows for _, rows, _ in parts))
     width = np.concatenate([width for _, _, width in parts])
     residuals = None if problem.hessian is HessianKind.EXACT else ()
     return BoundaryRows(
-        functions=derivatives("boundary", ca.vertcat(first, last), given, rows, residuals=residuals),
+        functions=derivatives(
+            "boundary", ca.vertcat(first, last), given, rows, residuals=residuals
+        ),
         lower=-width,
         upper=width,
         names=tuple(name for name, part, _ in parts for _ in range(part.numel())),
@@ -284,7 +345,11 @@ def _given(model: StageModel, first: ca.SX, given: ca.SX) -> tuple[ca.SX, np.nda
         rows = first - given
         return rows, np.zeros(rows.numel())
     parts = [slice(3, 7)] if model.robot.n_vehicle else []
-    parts += [slice(joint.q.stop - 2, joint.q.stop) for joint in model.robot.joints if joint.n_q > joint.n_v]
+    parts += [
+        slice(joint.q.stop - 2, joint.q.stop)
+        for joint in model.robot.joints
+        if joint.n_q > joint.n_v
+    ]
     norms = ca.vertcat(ca.SX(0, 1), *(ca.sumsqr(first[part]) - 1 for part in parts))
     rows = ca.vertcat(_difference(model, given, first), norms)
     return rows, np.concatenate([freedom, np.zeros(norms.numel())])
@@ -292,11 +357,13 @@ def _given(model: StageModel, first: ca.SX, given: ca.SX) -> tuple[ca.SX, np.nda
 
 def _difference(model: StageModel, one: ca.SX, other: ca.SX) -> ca.SX:
     """(2 n_v,) from one state to another."""
-    n, tree = model.robot.n_q, SymbolicModel(model.robot.model)
+    n = model.robot.n_q
+    tree = SymbolicModel(model.robot.model)
     return ca.vertcat(tree.difference(one[:n], other[:n]), other[n:] - one[n:])
 
 
-# The raw rows of a horizon, all numbered here: where each group of them is, and what every single row is.
+# The raw rows of a horizon, all numbered here: where each group of them is, and what every single
+# row is.
 
 FIXED = ("motion", "forces", START, "equal steps")
 """Names of rows that are laws, not wishes."""
@@ -336,27 +403,38 @@ class RowLayout:
     levels: tuple[np.ndarray, ...]
     """(m,) rows of each level, in ascending order."""
     held: tuple[np.ndarray, ...]
-    """(m,) rows that keep what each level has reached: its own, or its cost where the level may be relaxed."""
+    """(m,) rows that keep what each level has reached: its own, or its cost where the level may be
+    relaxed.
+    """
 
     @property
     def n_rows(self) -> int:
         return len(self.names)
 
-    def bounds(self, numbers: Sequence[TermNumbers], longest: float) -> tuple[np.ndarray, np.ndarray]:
-        """Bounds (n_rows,) [unit of the row] with those of another problem of the same shape, block by block.
+    def bounds(
+        self, numbers: Sequence[TermNumbers], longest: float
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Bounds (n_rows,) [unit of the row] with those of another problem of the same shape, block
+        by block.
 
         longest [s]: of all steps together.
         """
-        lower, upper = self.lower.copy(), self.upper.copy()
+        lower = self.lower.copy()
+        upper = self.upper.copy()
         upper[self.total] = longest
         for rows, own in zip(self.terms, numbers, strict=True):
             lower[rows], upper[rows] = own.lower, own.upper
         return lower, upper
 
 
-def row_layout(problem: OcpProblem, blocks: Sequence[TermBlock], ends: BoundaryRows, *, n_forces: int) -> RowLayout:
-    """Number the rows of a problem whose terms are `blocks`; n_forces: rows of forces in the dynamics of each step."""
-    N, n_state = problem.n_steps, problem.robot.n_q + problem.robot.n_v
+def row_layout(
+    problem: OcpProblem, blocks: Sequence[TermBlock], ends: BoundaryRows, *, n_forces: int
+) -> RowLayout:
+    """Number the rows of a problem whose terms are `blocks`; n_forces: rows of forces in the
+    dynamics of each step.
+    """
+    N = problem.n_steps
+    n_state = problem.robot.n_q + problem.robot.n_v
     names = N * (*FIXED[:1] * n_state, *FIXED[1:2] * n_forces)
     groups = [
         _group(names, np.repeat(np.arange(N), n_state + n_forces)),
@@ -367,7 +445,9 @@ def row_layout(problem: OcpProblem, blocks: Sequence[TermBlock], ends: BoundaryR
         _costs(problem),
     ]
     stops = np.cumsum([0, *(len(group.names) for group in groups)])
-    dynamics, start, equal_steps, total, *terms, costs = (np.arange(first, stop) for first, stop in pairwise(stops))
+    dynamics, start, equal_steps, total, *terms, costs = (
+        np.arange(first, stop) for first, stop in pairwise(stops)
+    )
     level = np.concatenate([group.level for group in groups])
     of_levels = tuple(np.flatnonzero(level == i) for i in range(len(problem.levels)))
     return RowLayout(
@@ -375,14 +455,22 @@ def row_layout(problem: OcpProblem, blocks: Sequence[TermBlock], ends: BoundaryR
         start=start,
         equal_steps=equal_steps,
         total=total,
-        terms=tuple(rows.reshape(len(block.nodes), -1) for rows, block in zip(terms, blocks, strict=True)),
+        terms=tuple(
+            rows.reshape(len(block.nodes), -1) for rows, block in zip(terms, blocks, strict=True)
+        ),
         costs=costs,
         n_state=n_state,
-        **{name: np.concatenate([getattr(group, name) for group in groups]) for name in ("stage", "lower", "upper")},
+        **{
+            name: np.concatenate([getattr(group, name) for group in groups])
+            for name in ("stage", "lower", "upper")
+        },
         names=tuple(name for group in groups for name in group.names),
         constraints=np.flatnonzero(level == CONSTRAINT),
         levels=of_levels,
-        held=tuple(costs[i : i + 1] if item.relax is not None else of_levels[i] for i, item in enumerate(problem.levels)),
+        held=tuple(
+            costs[i : i + 1] if item.relax is not None else of_levels[i]
+            for i, item in enumerate(problem.levels)
+        ),
     )
 
 
@@ -399,17 +487,28 @@ class _Group:
 
 
 def _group(
-    names: tuple[str, ...], stage: ArrayLike, level: ArrayLike = CONSTRAINT, lower: ArrayLike = 0.0, upper: ArrayLike = 0.0
+    names: tuple[str, ...],
+    stage: ArrayLike,
+    level: ArrayLike = CONSTRAINT,
+    lower: ArrayLike = 0.0,
+    upper: ArrayLike = 0.0,
 ) -> _Group:
     """Make a group; a single number holds for all of its rows."""
     whole = {"level": level, "stage": stage, "lower": lower, "upper": upper}
-    return _Group(names=names, **{name: np.broadcast_to(value, len(names)) for name, value in whole.items()})
+    return _Group(
+        names=names, **{name: np.broadcast_to(value, len(names)) for name, value in whole.items()}
+    )
 
 
 def _ends(problem: OcpProblem, ends: BoundaryRows) -> _Group:
     """Rows that tie both ends come last."""
     closed = np.array([name == PERIODIC for name in ends.names], dtype=bool)
-    return _group(ends.names, np.where(closed, problem.n_steps + _START, _START), lower=ends.lower, upper=ends.upper)
+    return _group(
+        ends.names,
+        np.where(closed, problem.n_steps + _START, _START),
+        lower=ends.lower,
+        upper=ends.upper,
+    )
 
 
 def _equal_steps(problem: OcpProblem) -> _Group:
@@ -420,18 +519,28 @@ def _equal_steps(problem: OcpProblem) -> _Group:
 
 
 def _total(problem: OcpProblem) -> _Group:
-    return _group((TOTAL,) * int(problem.limits_total), problem.n_steps + _START, lower=-np.inf, upper=problem.longest)
+    return _group(
+        (TOTAL,) * int(problem.limits_total),
+        problem.n_steps + _START,
+        lower=-np.inf,
+        upper=problem.longest,
+    )
 
 
 def _costs(problem: OcpProblem) -> _Group:
-    return _group(tuple(f"cost of {level.name}" for level in problem.levels), problem.n_steps + 1, _DROPPED)
+    return _group(
+        tuple(f"cost of {level.name}" for level in problem.levels), problem.n_steps + 1, _DROPPED
+    )
 
 
 def _terms(block: TermBlock, *, fixed_start: bool) -> _Group:
     """A state that is given is not asked for anything."""
-    rows, n = block.rows, len(block.nodes)
+    rows = block.rows
+    n = len(block.nodes)
     level = np.tile(rows.level, (n, 1))
     if fixed_start:
         level[(block.nodes == 0)[:, None] & rows.state_only] = _DROPPED
     lower, upper = np.tile([rows.own.lower, rows.own.upper], n)
-    return _group(n * rows.names, np.repeat(block.nodes + 0.5, rows.n_rows), level.ravel(), lower, upper)
+    return _group(
+        n * rows.names, np.repeat(block.nodes + 0.5, rows.n_rows), level.ravel(), lower, upper
+    )

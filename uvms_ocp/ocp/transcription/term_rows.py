@@ -1,8 +1,8 @@
 """Rows, costs and parameters of all terms that count at one kind of node.
 
-Their functions have the parameters ``[active, 1 / time, roots of weights, lower, upper, goals of all terms]``. `active` is 0
-where the state is given, at the very first node, and 1 elsewhere; `time` [s] is the nominal one of the horizon; bounds
-that there are not stand as 0.
+Their functions have the parameters ``[active, 1 / time, roots of weights, lower, upper, goals of
+all terms]``. `active` is 0 where the state is given, at the very first node, and 1 elsewhere;
+`time` [s] is the nominal one of the horizon; bounds that there are not stand as 0.
 """
 
 from __future__ import annotations
@@ -73,14 +73,21 @@ class TermNumbers:
     def parameters(self, nodes: TermNodes, rate: float) -> np.ndarray:
         """Parameters of nodes, one node after the other; rate [1/s]: 1 / time."""
         bounds = [np.where(np.isfinite(bound), bound, 0.0) for bound in (self.lower, self.upper)]
-        n, fixed = len(nodes.active), np.concatenate([[rate], self.roots, *bounds])
+        n = len(nodes.active)
+        fixed = np.concatenate([[rate], self.roots, *bounds])
         goals = [_goals(term, nodes) for term in self.terms]
-        parts = [np.reshape(nodes.active, (n, 1)), np.tile(fixed, (n, 1)), *(np.reshape(goal, (n, -1)) for goal in goals)]
+        parts = [
+            np.reshape(nodes.active, (n, 1)),
+            np.tile(fixed, (n, 1)),
+            *(np.reshape(goal, (n, -1)) for goal in goals),
+        ]
         return np.asarray(np.hstack(parts, dtype=float).ravel())
 
 
 def _goals(term: Term, nodes: TermNodes) -> np.ndarray:
-    """References of a term, node by node where it does not look at the motion: that leaves out the check of all times."""
+    """References of a term, node by node where it does not look at the motion: that leaves out the
+    check of all times.
+    """
     if type(term).references is Term.references:
         return np.array([*map(unchecked_method(term.reference), nodes.times)])
     return term.references(nodes.times, nodes.q, nodes.tightened.get(term))
@@ -132,12 +139,23 @@ class TermRows:
         residuals = None if self.model.problem.hessian is HessianKind.EXACT else self.errors
         # Terms of forces hold the equations of motion where forces are no variables.
         make = derivatives if self.model.has_force_variables else self.model.derivatives
-        return make(self.name, self.model.z, self.parameters, self.rows, costs=self.costs, residuals=residuals)
+        return make(
+            self.name,
+            self.model.z,
+            self.parameters,
+            self.rows,
+            costs=self.costs,
+            residuals=residuals,
+        )
 
     @cached_property
     def value(self) -> ca.Function:
         """``z, parameters, water -> rows``, without derivatives and not compiled."""
-        return ca.Function(f"{self.name}_rows", [self.model.z, self.parameters, self.model.water], [ca.densify(self.rows)])
+        return ca.Function(
+            f"{self.name}_rows",
+            [self.model.z, self.parameters, self.model.water],
+            [ca.densify(self.rows)],
+        )
 
     @property
     def n_rows(self) -> int:
@@ -145,7 +163,12 @@ class TermRows:
 
     @property
     def n_parameters(self) -> int:
-        return _N_COMMON + len(self.members) + 2 * self.n_rows + sum(member.goals.numel() for member in self.members)
+        return (
+            _N_COMMON
+            + len(self.members)
+            + 2 * self.n_rows
+            + sum(member.goals.numel() for member in self.members)
+        )
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
@@ -162,16 +185,29 @@ def term_blocks(model: StageModel) -> tuple[TermBlock, ...]:
     nodes, phases = model.problem.starts_of_phases(), model.problem.phases
     spans = [np.arange(first, end) for first, end in pairwise(nodes)]
     entry = cache(partial(_entry, model))  # a term is asked for its rows once, wherever it counts
-    paths, ends = [], []
+    paths = []
+    ends = []
     for i, phase in enumerate(phases):
-        on_path, at_end = ([entry(place) for place in _places(model.problem, phase, at_end=end)] for end in (False, True))
-        paths.append(TermBlock(rows=_term_rows(model, on_path, f"path_{i}", on_path=True), nodes=spans[i]))
-        ends.append(TermBlock(rows=_term_rows(model, at_end, f"end_{i}", on_path=False), nodes=nodes[i + 1 : i + 2]))
+        on_path, at_end = (
+            [entry(place) for place in _places(model.problem, phase, at_end=end)]
+            for end in (False, True)
+        )
+        paths.append(
+            TermBlock(rows=_term_rows(model, on_path, f"path_{i}", on_path=True), nodes=spans[i])
+        )
+        ends.append(
+            TermBlock(
+                rows=_term_rows(model, at_end, f"end_{i}", on_path=False),
+                nodes=nodes[i + 1 : i + 2],
+            )
+        )
     return (*paths, *ends)
 
 
 def eliminated_blocks(blocks: Sequence[TermBlock], model: StageModel) -> tuple[TermBlock, ...]:
-    """The same in the symbols of a model with forces `eliminated`: terms are asked for their rows once."""
+    """The same in the symbols of a model with forces `eliminated`: terms are asked for their rows
+    once.
+    """
     if not blocks[0].rows.model.has_force_variables:  # rows hold the equations of motion instead
         return term_blocks(model)
     z = ca.vertcat(model.z[: model.n_motion], *model.inputs)
@@ -184,20 +220,36 @@ def _rows_at(own: TermRows, z: ca.SX, model: StageModel) -> TermRows:
 
 
 def _places(problem: OcpProblem, phase: OcpPhase, *, at_end: bool) -> list[int]:
-    """Return the places, among all terms of a problem, of those that count on the path of a phase, or at its end."""
-    return [place for place, term in enumerate(problem.terms) if counts(problem, term, phase, at_end=at_end)]
+    """Return the places, among all terms of a problem, of those that count on the path of a phase,
+    or at its end.
+    """
+    return [
+        place
+        for place, term in enumerate(problem.terms)
+        if counts(problem, term, phase, at_end=at_end)
+    ]
 
 
 def _entry(model: StageModel, place: int) -> TermEntry:
-    problem, term = model.problem, model.problem.terms[place]
-    levels = [CONSTRAINT] * len(problem.constraints) + [i for i, level in enumerate(problem.levels) for _ in level.terms]
+    problem = model.problem
+    term = model.problem.terms[place]
+    levels = [CONSTRAINT] * len(problem.constraints) + [
+        i for i, level in enumerate(problem.levels) for _ in level.terms
+    ]
     goals = ca.SX.sym("goals", term.n_parameters(model.robot))
-    return TermEntry(place=place, level=levels[place], term=term, residual=residual_of(model, term, goals), goals=goals)
+    return TermEntry(
+        place=place,
+        level=levels[place],
+        term=term,
+        residual=residual_of(model, term, goals),
+        goals=goals,
+    )
 
 
 def residual_of(model: StageModel, term: Term, goals: ca.SX) -> Residual:
-    """Build the residual of a term with parameters `goals` (n,). Raises `InvalidInput` for whatever its own code raises, by
-    its name."""
+    """Build the residual of a term with parameters `goals` (n,). Raises `InvalidInput` for whatever
+    its own code raises, by its name.
+    """
     try:
         return term.residual(model.symbols, goals)
     except UvmsError:
@@ -208,16 +260,23 @@ def residual_of(model: StageModel, term: Term, goals: ca.SX) -> Residual:
         raise InvalidInput(f"{given}; mend it, its cause is chained") from error
 
 
-def _term_rows(model: StageModel, members: Sequence[TermEntry], name: str, *, on_path: bool) -> TermRows:
+def _term_rows(
+    model: StageModel, members: Sequence[TermEntry], name: str, *, on_path: bool
+) -> TermRows:
     """Costs on the path are integrals, as shares of the nominal time of the horizon."""
     own = term_numbers([member.term for member in members], [member.residual for member in members])
-    kinds, m = row_kinds(own.lower, own.upper), len(own.lower)
+    kinds = row_kinds(own.lower, own.upper)
+    m = len(own.lower)
     common, roots = ca.SX.sym("common", _N_COMMON), ca.SX.sym("root", len(members))
     lower, upper = ca.SX.sym("lower", m), ca.SX.sym("upper", m)
     s = ca.vertcat(common, roots, lower, upper, *(member.goals for member in members))
-    rows = ca.vertcat(ca.SX(0, 1), *[roots[i] * member.residual.value for i, member in enumerate(members)])
+    rows = ca.vertcat(
+        ca.SX(0, 1), *[roots[i] * member.residual.value for i, member in enumerate(members)]
+    )
     share = model.z[model.layout.h] * common[1] if on_path else ca.SX(1)
-    costs, errors = _costs(len(model.problem.levels), members, (rows, lower, upper, kinds), share, common[0])
+    costs, errors = _costs(
+        len(model.problem.levels), members, (rows, lower, upper, kinds), share, common[0]
+    )
     each_row = [member for member in members for _ in range(member.residual.n_rows)]
     return TermRows(
         name=name,
@@ -236,9 +295,15 @@ def _term_rows(model: StageModel, members: Sequence[TermEntry], name: str, *, on
 
 
 def _costs(
-    n_levels: int, members: Sequence[TermEntry], parts: tuple[ca.SX, ca.SX, ca.SX, RowKinds], share: ca.SX, active: ca.SX
+    n_levels: int,
+    members: Sequence[TermEntry],
+    parts: tuple[ca.SX, ca.SX, ca.SX, RowKinds],
+    share: ca.SX,
+    active: ca.SX,
 ) -> tuple[ca.SX, list[ca.SX]]:
-    """Cost of every level (n_levels,), and the vectors whose half squares they are. parts: rows, lower, upper, kinds."""
+    """Cost of every level (n_levels,), and the vectors whose half squares they are. parts: rows,
+    lower, upper, kinds.
+    """
     costs = [ca.SX(0) for _ in range(n_levels)]
     errors = [ca.SX(0, 1) for _ in range(n_levels)]
     ends = np.cumsum([0, *(member.residual.n_rows for member in members)]).tolist()
@@ -247,7 +312,9 @@ def _costs(
             scale = share * (active if member.term.state_only else 1)
             rows, lower, upper, kinds = (part[first:stop] for part in parts)
             costs[member.level] += scale * half_square(rows, lower, upper, kinds)
-            errors[member.level] = ca.vertcat(errors[member.level], ca.sqrt(scale) * signed_excess(rows, lower, upper, kinds))
+            errors[member.level] = ca.vertcat(
+                errors[member.level], ca.sqrt(scale) * signed_excess(rows, lower, upper, kinds)
+            )
     return ca.vertcat(*costs), errors
 
 
@@ -271,13 +338,17 @@ class ReusedProblem:
 
 
 def fit_problem(model: StageModel, blocks: Sequence[TermBlock], given: OcpProblem) -> ReusedProblem:
-    """The numbers of a problem for the program of `blocks`; raises `InvalidInput` for a problem of another shape."""
+    """The numbers of a problem for the program of `blocks`; raises `InvalidInput` for a problem of
+    another shape.
+    """
     built = model.problem
     if given is built:
         return ReusedProblem(problem=built, numbers=tuple(block.rows.own for block in blocks))
     _require_same_fields("the problem", built, given)
     _require_same_parts(built, given)
-    return ReusedProblem(problem=given, numbers=tuple(_numbers(model, block.rows, given) for block in blocks))
+    return ReusedProblem(
+        problem=given, numbers=tuple(_numbers(model, block.rows, given) for block in blocks)
+    )
 
 
 def _require_same_parts(built: OcpProblem, given: OcpProblem) -> None:
@@ -299,7 +370,9 @@ def _require_same_parts(built: OcpProblem, given: OcpProblem) -> None:
 def _require_same_fields(place: str, built: object, given: object) -> None:
     for field in fields(built):  # type: ignore[arg-type]
         if field.name not in _VARYING[type(built)]:
-            _require_equal(place, field.name, getattr(built, field.name), getattr(given, field.name))
+            _require_equal(
+                place, field.name, getattr(built, field.name), getattr(given, field.name)
+            )
 
 
 def _require_equal(place: str, name: str, built: object, given: object) -> None:
@@ -307,19 +380,29 @@ def _require_equal(place: str, name: str, built: object, given: object) -> None:
         found = ", ".join(_differences(built, given, name))
         raise InvalidInput(f"{place} differs in {found} from the planner's: build a new Planner")
     if not _same(built, given):
-        raise InvalidInput(f"{place} has {name} = {given}, the planner was built for {built}: build a new Planner")
+        raise InvalidInput(
+            f"{place} has {name} = {given}, the planner was built for {built}: build a new Planner"
+        )
 
 
-def _require_as_many(place: str, name: str, built: Sequence[object], given: Sequence[object]) -> None:
+def _require_as_many(
+    place: str, name: str, built: Sequence[object], given: Sequence[object]
+) -> None:
     if len(built) != len(given):
-        raise InvalidInput(f"{place} has {len(given)} {name}, the planner was built for {len(built)}: build a new Planner")
+        raise InvalidInput(
+            f"{place} has {len(given)} {name}, the planner was built for {len(built)}: build a new"
+            " Planner"
+        )
 
 
 def _numbers(model: StageModel, rows: TermRows, given: OcpProblem) -> TermNumbers:
     terms = [given.terms[member.place] for member in rows.members]
     if all(term is member.term for member, term in zip(rows.members, terms, strict=True)):
         return rows.own
-    return term_numbers(terms, [_residual(model, member, term) for member, term in zip(rows.members, terms, strict=True)])
+    return term_numbers(
+        terms,
+        [_residual(model, member, term) for member, term in zip(rows.members, terms, strict=True)],
+    )
 
 
 def _residual(model: StageModel, member: TermEntry, term: Term) -> Residual:
@@ -331,14 +414,24 @@ def _residual(model: StageModel, member: TermEntry, term: Term) -> Residual:
         raise _other(model, member, term)
     given = residual_of(model, term, member.goals)
     same_kinds = row_kinds(built.lower, built.upper).same(row_kinds(given.lower, given.upper))
-    if not (same_kinds and _same_expression(built.value, given.value, model.z, model.water, member.goals)):
+    if not (
+        same_kinds
+        and _same_expression(built.value, given.value, model.z, model.water, member.goals)
+    ):
         raise _other(model, member, term)
     return given
 
 
 def _role(model: StageModel, term: Term) -> tuple[object, ...]:
     """Return the key that decides where the rows of a term are, and their names."""
-    return term.name, term.at, term.phase, term.state_only, term.is_goal, term.n_parameters(model.robot)
+    return (
+        term.name,
+        term.at,
+        term.phase,
+        term.state_only,
+        term.is_goal,
+        term.n_parameters(model.robot),
+    )
 
 
 def _same_expression(one: ca.SX, other: ca.SX, *symbols: ca.SX) -> bool:
@@ -349,18 +442,27 @@ def _same_expression(one: ca.SX, other: ca.SX, *symbols: ca.SX) -> bool:
 
 
 def _other(model: StageModel, member: TermEntry, given: Term) -> InvalidInput:
-    place = "constraints" if member.level == CONSTRAINT else f"level {model.problem.levels[member.level].name!r}"
+    place = (
+        "constraints"
+        if member.level == CONSTRAINT
+        else f"level {model.problem.levels[member.level].name!r}"
+    )
     found = ", ".join(_differences(member.term, given))
-    return InvalidInput(f"{place}: term {given.name!r} differs in {found} from the planner's: build a new Planner")
+    return InvalidInput(
+        f"{place}: term {given.name!r} differs in {found} from the planner's: build a new Planner"
+    )
 
 
 def _differences(built: object, given: object, path: str = "") -> Iterator[str]:
-    """Names of what differs: fields, those of fields in their fields too, and whatever else an instance carries."""
+    """Names of what differs: fields, those of fields in their fields too, and whatever else an
+    instance carries.
+    """
     if type(built) is not type(given):
         yield f"{path or 'kind'} ({type(given).__name__}, not {type(built).__name__})"
         return
     for attribute in {**_attributes(built), **_attributes(given)}:
-        one, other = getattr(built, attribute, None), getattr(given, attribute, None)
+        one = getattr(built, attribute, None)
+        other = getattr(given, attribute, None)
         name = f"{path}.{attribute}" if path else attribute
         if is_dataclass(one) and one is not other:
             yield from _differences(one, other, name)
@@ -369,7 +471,9 @@ def _differences(built: object, given: object, path: str = "") -> Iterator[str]:
 
 
 def _attributes(value: object) -> dict[str, None]:
-    """Names of all that an instance carries: a user's class need not be a dataclass all the way down."""
+    """Names of all that an instance carries: a user's class need not be a dataclass all the way
+    down.
+    """
     slots = (name for kind in type(value).__mro__ for name in _slots(kind))
     own = [*(field.name for field in fields(value)), *slots, *getattr(value, "__dict__", ())]  # type: ignore[arg-type]
     return dict.fromkeys(name for name in own if hasattr(value, name))
@@ -377,7 +481,11 @@ def _attributes(value: object) -> dict[str, None]:
 
 def _slots(kind: type) -> tuple[str, ...]:
     slots = kind.__dict__.get("__slots__", ())
-    return tuple(name for name in ((slots,) if isinstance(slots, str) else slots) if not name.startswith("__"))
+    return tuple(
+        name
+        for name in ((slots,) if isinstance(slots, str) else slots)
+        if not name.startswith("__")
+    )
 
 
 def _same(one: object, other: object) -> bool:
@@ -387,5 +495,9 @@ def _same(one: object, other: object) -> bool:
         return len(one) == len(other) and all(_same(a, b) for a, b in zip(one, other, strict=True))
     if isinstance(one, np.ndarray) or isinstance(other, np.ndarray):
         return bool(np.array_equal(one, other))  # type: ignore[arg-type]
-    same = type(one) is type(other) and not any(_differences(one, other)) if is_dataclass(one) else one == other
+    same = (
+        type(one) is type(other) and not any(_differences(one, other))
+        if is_dataclass(one)
+        else one == other
+    )
     return bool(same)

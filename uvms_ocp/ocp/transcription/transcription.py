@@ -1,8 +1,8 @@
 """Multiple shooting on the manifold: an optimal control problem becomes a sparse lexicographic NLP.
 
-Step functions are mapped over the horizon and their nonzeros are placed into the large matrices, so that the
-derivatives of a horizon cost as much as those of its steps, and nothing is differentiated twice. Variables and rows are
-ordered step by step, as structure-exploiting solvers want them.
+Step functions are mapped over the horizon and their nonzeros are placed into the large matrices, so
+that the derivatives of a horizon cost as much as those of its steps, and nothing is differentiated
+twice. Variables and rows are ordered step by step, as structure-exploiting solvers want them.
 """
 
 from __future__ import annotations
@@ -24,7 +24,13 @@ from uvms_ocp.ocp.transcription import layout as layouts, term_rows
 from uvms_ocp.ocp.transcription.stage import Derivatives, StageModel
 from uvms_ocp.robot.signals import State
 from uvms_ocp.solvers.nlp.level_solver import STAGEWISE
-from uvms_ocp.solvers.nlp.program import LevelNlp, LevelRows, LexicographicProgram, RowRanges, nlp_functions
+from uvms_ocp.solvers.nlp.program import (
+    LevelNlp,
+    LevelRows,
+    LexicographicProgram,
+    RowRanges,
+    nlp_functions,
+)
 
 # Placing nonzeros into large sparse matrices, as CasADi MX.
 
@@ -41,9 +47,13 @@ class Entries:
     """(n,) """
 
     def selected(self, position: np.ndarray, none: int) -> Entries:
-        """The same with row i moved to entry i of position (n_rows,); those moved to `none` count for nothing."""
+        """The same with row i moved to entry i of position (n_rows,); those moved to `none` count
+        for nothing.
+        """
         rows = position[self.rows]
-        return Entries(values=self.values, rows=rows, columns=np.where(rows == none, -1, self.columns))
+        return Entries(
+            values=self.values, rows=rows, columns=np.where(rows == none, -1, self.columns)
+        )
 
 
 def assemble(entries: Sequence[Entries], shape: tuple[int, int]) -> ca.MX:
@@ -58,14 +68,22 @@ def assemble(entries: Sequence[Entries], shape: tuple[int, int]) -> ca.MX:
 
 
 def upper_triangle(entries: Sequence[Entries], n: int) -> ca.MX:
-    """The upper triangle of the square matrix (n, n) of all entries, which add up where they share a place."""
-    rows, columns = (np.concatenate([getattr(item, name) for item in entries]) for name in ("rows", "columns"))
+    """The upper triangle of the square matrix (n, n) of all entries, which add up where they share
+    a place.
+    """
+    rows, columns = (
+        np.concatenate([getattr(item, name) for item in entries]) for name in ("rows", "columns")
+    )
     kept = np.flatnonzero((rows >= 0) & (columns >= 0) & (rows <= columns))
     places, target = np.unique(columns[kept].astype(np.int64) * n + rows[kept], return_inverse=True)
     # One product instead of sums of large matrices, each of which would be gone through anew.
-    sums = ca.DM.triplet(target.tolist(), kept.tolist(), ca.DM.ones(len(kept)), len(places), len(rows))
+    sums = ca.DM.triplet(
+        target.tolist(), kept.tolist(), ca.DM.ones(len(kept)), len(places), len(rows)
+    )
     sparsity = ca.Sparsity.triplet(n, n, (places % n).tolist(), (places // n).tolist())
-    return ca.MX(sparsity, ca.densify(sums @ ca.vertcat(*(ca.densify(item.values) for item in entries))))
+    return ca.MX(
+        sparsity, ca.densify(sums @ ca.vertcat(*(ca.densify(item.values) for item in entries)))
+    )
 
 
 # Rows and costs of a whole horizon with their derivatives, made of the functions of its steps.
@@ -73,7 +91,9 @@ def upper_triangle(entries: Sequence[Entries], n: int) -> ca.MX:
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class Block:
-    """Rows of one kind: functions of one node, what they are called with at all of them, and where their rows are."""
+    """Rows of one kind: functions of one node, what they are called with at all of them, and where
+    their rows are.
+    """
 
     functions: Derivatives
     Z: ca.MX
@@ -88,11 +108,19 @@ class Block:
     def mapped(self, function: ca.Function, *more: ca.MX) -> ca.MX:
         """Outputs (m, n) of a function at all nodes."""
         n = len(self.columns)
-        return function.map(n)(self.Z, self.S, *[item if item.shape[1] == n else ca.repmat(item, 1, n) for item in more])
+        return function.map(n)(
+            self.Z,
+            self.S,
+            *[item if item.shape[1] == n else ca.repmat(item, 1, n) for item in more],
+        )
 
     def hessian(self, sigma: ca.MX, lam: ca.MX) -> Entries:
-        """Entries of the second derivative of ``sigma' costs + lam' rows``, as far as it has costs; lam (m, n)."""
-        values = self.mapped(self.functions.hessian, sigma[: self.functions.costs.numel_out(0)], lam)
+        """Entries of the second derivative of ``sigma' costs + lam' rows``, as far as it has costs;
+        lam (m, n).
+        """
+        values = self.mapped(
+            self.functions.hessian, sigma[: self.functions.costs.numel_out(0)], lam
+        )
         return _placed(values, self.functions.hessian_sparsity, self.columns, self.columns)
 
 
@@ -144,14 +172,21 @@ class Horizon:
     @cached_property
     def costs(self) -> ca.MX:
         """(n_levels,)"""
-        return sum((ca.sum2(block.mapped(block.functions.costs)) for block in self.blocks), ca.MX.zeros(self.n_levels))
+        return sum(
+            (ca.sum2(block.mapped(block.functions.costs)) for block in self.blocks),
+            ca.MX.zeros(self.n_levels),
+        )
 
     def _gradient(self, sigma: ca.MX) -> ca.MX:
         """Gradient (n_x,) of ``sigma' costs``."""
         total = ca.MX.zeros(self.n_x)
         for block in self.blocks:
             values = ca.vec(block.mapped(block.functions.gradient, sigma))
-            entries = Entries(values=values, rows=block.columns.ravel(), columns=np.where(block.columns.ravel() >= 0, 0, -1))
+            entries = Entries(
+                values=values,
+                rows=block.columns.ravel(),
+                columns=np.where(block.columns.ravel() >= 0, 0, -1),
+            )
             total += ca.densify(assemble([entries], (self.n_x, 1)))
         return total
 
@@ -164,14 +199,17 @@ class Horizon:
             if sparsity.nnz():
                 nonzeros = block.mapped(block.functions.jacobian)
                 if block is self.dynamics:
-                    sign = np.where(np.array(sparsity.get_triplet()[0]) < self.layout.n_state, -1.0, 1.0)
+                    sign = np.where(
+                        np.array(sparsity.get_triplet()[0]) < self.layout.n_state, -1.0, 1.0
+                    )
                     nonzeros *= ca.repmat(ca.DM(sign), 1, len(block.columns))
                 entries.append(_placed(nonzeros, sparsity, block.numbers, block.columns))
         return entries
 
     def _linear_entries(self) -> Entries:
         """Ones and minus ones: the next state, equal steps, all steps."""
-        n, layout = self.layout.n_state, self.layout
+        n = self.layout.n_state
+        layout = self.layout
         h = self.columns[:-1, self.model.layout.h]
         groups = [(layout.dynamics[:, :n].ravel(), self.columns[1:, :n].ravel(), 1.0)]
         if len(layout.equal_steps):
@@ -180,20 +218,31 @@ class Horizon:
             groups.append((np.repeat(layout.total, len(h)), h, 1.0))
         rows, columns, _ = zip(*groups, strict=True)
         values = np.concatenate([np.full(len(numbers), value) for numbers, _, value in groups])
-        return Entries(values=ca.MX(ca.DM(values)), rows=np.concatenate(rows), columns=np.concatenate(columns))
+        return Entries(
+            values=ca.MX(ca.DM(values)), rows=np.concatenate(rows), columns=np.concatenate(columns)
+        )
 
     def _hessian(self, sigma: ca.MX, lam: ca.MX) -> list[Entries]:
         """Entries of the second derivative of ``sigma' costs + lam' raw``, which add up."""
-        n, entries = self.layout.n_state, []
+        n = self.layout.n_state
+        entries = []
         for block in (self.dynamics, self.ends, *self.blocks):
             if block.functions.hessian_sparsity.nnz():
                 own = ca.reshape(lam[block.numbers.ravel().tolist()], *block.numbers.T.shape)
-                entries.append(block.hessian(sigma, ca.vertcat(-own[:n, :], own[n:, :]) if block is self.dynamics else own))
+                entries.append(
+                    block.hessian(
+                        sigma,
+                        ca.vertcat(-own[:n, :], own[n:, :]) if block is self.dynamics else own,
+                    )
+                )
         return entries
 
     def derivative_functions(self, index: int, raw_rows: np.ndarray) -> dict[str, ca.Function]:
-        """Build the functions that IPOPT needs, of the cost of one level and of the rows numbered raw_rows (m,)."""
-        only, values = ca.DM(np.eye(self.n_levels)[index]), [self.costs[index], self.rows[raw_rows.tolist()]]
+        """Build the functions that IPOPT needs, of the cost of one level and of the rows numbered
+        raw_rows (m,).
+        """
+        only = ca.DM(np.eye(self.n_levels)[index])
+        values = [self.costs[index], self.rows[raw_rows.tolist()]]
         lam_f, lam_g = ca.MX.sym("lam_f"), ca.MX.sym("lam_g", len(raw_rows))
         position = np.full(self.layout.n_rows, len(raw_rows))
         position[raw_rows] = np.arange(len(raw_rows))
@@ -201,7 +250,9 @@ class Horizon:
         sigma = lam[self.layout.costs.tolist()] + lam_f * only
         J = assemble(self._rows_of(raw_rows, position), (len(raw_rows), self.n_x))
         H = upper_triangle(self._hessian(sigma, lam), self.n_x)
-        return nlp_functions([self.x, self.p], values, [lam_f, lam_g], (self._gradient(ca.MX(only)), J, H))
+        return nlp_functions(
+            [self.x, self.p], values, [lam_f, lam_g], (self._gradient(ca.MX(only)), J, H)
+        )
 
     def _rows_of(self, raw_rows: np.ndarray, position: np.ndarray) -> list[Entries]:
         """Entries of the chosen rows, renumbered; frozen costs add one dense row each."""
@@ -210,16 +261,22 @@ class Horizon:
             if position[raw] < len(raw_rows):
                 one = ca.MX(ca.DM(np.eye(self.n_levels)[level]))
                 row = np.full(self.n_x, position[raw])
-                chosen.append(Entries(values=self._gradient(one), rows=row, columns=np.arange(self.n_x)))
+                chosen.append(
+                    Entries(values=self._gradient(one), rows=row, columns=np.arange(self.n_x))
+                )
         return chosen
 
 
 def horizon(
-    variables: layouts.VariableLayout, parameters: layouts.ParameterLayout, layout: layouts.RowLayout, ends: layouts.BoundaryRows
+    variables: layouts.VariableLayout,
+    parameters: layouts.ParameterLayout,
+    layout: layouts.RowLayout,
+    ends: layouts.BoundaryRows,
 ) -> Horizon:
     """Symbols of the variables and parameters of a problem, and its rows in them."""
     x, p = ca.MX.sym("x", variables.n_x), ca.MX.sym("p", parameters.n)
-    nodes, n = variables.nodes(x, p[parameters.steps]), layout.n_state
+    nodes = variables.nodes(x, p[parameters.steps])
+    n = layout.n_state
     columns = variables.all_columns
     every = ca.horzcat(nodes.steps, nodes.last)
     blocks = tuple(
@@ -230,7 +287,9 @@ def horizon(
             columns=columns[block.nodes],
             numbers=numbers,
         )
-        for block, own, numbers in zip(parameters.blocks, parameters.terms, layout.terms, strict=True)
+        for block, own, numbers in zip(
+            parameters.blocks, parameters.terms, layout.terms, strict=True
+        )
     )
     return Horizon(
         model=variables.model,
@@ -257,10 +316,16 @@ def horizon(
     )
 
 
-def _placed(nonzeros: ca.MX, sparsity: ca.Sparsity, numbers: np.ndarray, columns: np.ndarray) -> Entries:
-    """Nonzeros (nnz, n) of the same small matrix at n nodes, whose rows and columns are numbered (n, ...) in the whole."""
+def _placed(
+    nonzeros: ca.MX, sparsity: ca.Sparsity, numbers: np.ndarray, columns: np.ndarray
+) -> Entries:
+    """Nonzeros (nnz, n) of the same small matrix at n nodes, whose rows and columns are numbered
+    (n, ...) in the whole.
+    """
     rows, places = (np.array(i, dtype=int) for i in sparsity.get_triplet())
-    return Entries(values=ca.vec(nonzeros), rows=numbers[:, rows].ravel(), columns=columns[:, places].ravel())
+    return Entries(
+        values=ca.vec(nonzeros), rows=numbers[:, rows].ravel(), columns=columns[:, places].ravel()
+    )
 
 
 # Multiple shooting on the manifold: an optimal control problem becomes a sparse lexicographic NLP.
@@ -269,16 +334,23 @@ _ROUNDING = 1e-9  # violation of a constraint at the start that is none
 
 
 class Transcription:
-    """The NLP of a problem, kept for all problems of its shape; see `uvms_ocp.ocp.transcription.term_rows`.
+    """The NLP of a problem, kept for all problems of its shape; see
+    `uvms_ocp.ocp.transcription.term_rows`.
 
-    It keeps memory from call to call: whoever shares it between threads holds `turn` meanwhile, as planners do.
-    Methods that take a problem raise `InvalidInput` for one of another shape; by default it is the one that was built in.
+    It keeps memory from call to call: whoever shares it between threads holds `turn` meanwhile, as
+    planners do. Methods that take a problem raise `InvalidInput` for one of another shape; by
+    default it is the one that was built in.
     """
 
-    def __init__(self, problem: OcpProblem, *, plugin: str = "ipopt", like: Transcription | None = None) -> None:
+    def __init__(
+        self, problem: OcpProblem, *, plugin: str = "ipopt", like: Transcription | None = None
+    ) -> None:
         """like: of another problem, whose dynamics serve here too where they are the same."""
-        self.problem, self.plugin = problem, plugin
-        self.model: StageModel = StageModel(problem, like=None if like is None else like.model, compiled=plugin != STAGEWISE)
+        self.problem = problem
+        self.plugin = plugin
+        self.model: StageModel = StageModel(
+            problem, like=None if like is None else like.model, compiled=plugin != STAGEWISE
+        )
         self.blocks = term_rows.term_blocks(self.model)
         self.variables = layouts.VariableLayout(model=self.model)
         self._own_bounds = self.variables.bounds(problem)
@@ -287,7 +359,9 @@ class Transcription:
         if plugin == STAGEWISE and (ends.coupled or problem.limits_total):
             what = "a periodic motion ties its ends" if ends.coupled else "`longest` ties all steps"
             raise InvalidInput(f"{plugin} goes from step to step, {what}: use plugin='ipopt'")
-        self.row_layout = layouts.row_layout(problem, self.blocks, ends, n_forces=self.model.n_forces)
+        self.row_layout = layouts.row_layout(
+            problem, self.blocks, ends, n_forces=self.model.n_forces
+        )
         self._own = self._last = term_rows.fit_problem(self.model, self.blocks, problem)
         self.turn = RLock()
         """Lock of the thread that plans."""
@@ -300,13 +374,15 @@ class Transcription:
 
     @cached_property
     def _horizon(self) -> Horizon:
-        """Made where it is asked for: a solver that goes from step to step has functions of its own, and only a diagnosis asks
-        for these, uncompiled as its clock runs.
+        """Made where it is asked for: a solver that goes from step to step has functions of its
+        own, and only a diagnosis asks for these, uncompiled as its clock runs.
         """
         return horizon(self.variables, self.parameter_layout, self.row_layout, self._ends)
 
     def _fitted(self, problem: OcpProblem | None) -> term_rows.ReusedProblem:
-        """Every method of a plan asks for that of the same problem, and for that of the one that was built in."""
+        """Every method of a plan asks for that of the same problem, and for that of the one that
+        was built in.
+        """
         if problem is None or problem is self.problem:
             return self._own
         if problem is not self._last.problem:
@@ -324,16 +400,23 @@ class Transcription:
     ) -> np.ndarray:
         """Parameters (n_p,).
 
-        t0 [s]: time of the first node, for goals that move. start: instead of the problem's, such as a measured one,
-        which may be slightly outside the joint limits. near (n_nodes, n_q) [m, rad]: configurations of the nodes where
-        terms that follow the guess are written, the start by default, and tightened (n_nodes, ...) [unit of the row] by
-        how much more each of these keeps.
+        t0 [s]: time of the first node, for goals that move. start: instead of the problem's, such
+        as a measured one, which may be slightly outside the joint limits. near (n_nodes, n_q) [m,
+        rad]: configurations of the nodes where terms that follow the guess are written, the start
+        by default, and tightened (n_nodes, ...) [unit of the row] by how much more each of these
+        keeps.
         """
-        return self.parameter_layout.values(self._fitted(problem), t0=t0, start=start, near=near, tightened=tightened)
+        return self.parameter_layout.values(
+            self._fitted(problem), t0=t0, start=start, near=near, tightened=tightened
+        )
 
     def bounds(self, problem: OcpProblem | None = None) -> tuple[np.ndarray, np.ndarray]:
         """Bounds (n_x,) of the variables: limits of the robot, durations."""
-        return self._own_bounds if problem is None or not problem.free_time else self.variables.bounds(problem)
+        return (
+            self._own_bounds
+            if problem is None or not problem.free_time
+            else self.variables.bounds(problem)
+        )
 
     def ranges(self, problem: OcpProblem | None = None) -> RowRanges:
         """Return the target ranges of the rows."""
@@ -345,7 +428,9 @@ class Transcription:
         return self._ranges(self._own)
 
     def pack(self, trajectory: Trajectory) -> np.ndarray:
-        """Variables (n_x,) of a trajectory; times are taken as they are where durations are free."""
+        """Variables (n_x,) of a trajectory; times are taken as they are where durations are
+        free.
+        """
         return self.variables.pack(trajectory)
 
     def unpack(self, x: np.ndarray, problem: OcpProblem | None = None) -> Trajectory:
@@ -358,7 +443,9 @@ class Transcription:
         return ca.Function("constraints", [self._horizon.x, self._horizon.p], [rows])
 
     def row_functions(self, raw_rows: np.ndarray) -> dict[str, ca.Function]:
-        """``nlp_g``, ``nlp_jac_g`` and ``nlp_hess_l`` of the rows numbered raw_rows (m,), as IPOPT asks for them."""
+        """``nlp_g``, ``nlp_jac_g`` and ``nlp_hess_l`` of the rows numbered raw_rows (m,), as IPOPT
+        asks for them.
+        """
         return self._horizon.derivative_functions(0, raw_rows)
 
     @cached_property
@@ -366,15 +453,21 @@ class Transcription:
         return ca.Function("costs", [self._horizon.x, self._horizon.p], [self._horizon.costs])
 
     def costs(self, x: np.ndarray, p: np.ndarray) -> np.ndarray:
-        """Cost (n_levels,) of every level at x (n_x,) [unit of x], with parameters p (n_p,) [unit of the parameter]."""
+        """Cost (n_levels,) of every level at x (n_x,) [unit of x], with parameters p (n_p,) [unit
+        of the parameter].
+        """
         return np.array(self._costs(x, p)).ravel()
 
-    def violations(self, x: np.ndarray, p: np.ndarray, problem: OcpProblem | None = None) -> dict[str, float]:
-        """Largest violation [unit of the row] of every group of constraints at x (n_x,) [unit of x].
+    def violations(
+        self, x: np.ndarray, p: np.ndarray, problem: OcpProblem | None = None
+    ) -> dict[str, float]:
+        """Largest violation [unit of the row] of every group of constraints at x (n_x,) [unit of
+        x].
 
         p (n_p,) [unit of the parameter]: see `parameters`.
         """
-        g, rows = np.array(self._constraint_values(x, p)).ravel(), self.row_layout.constraints
+        g = np.array(self._constraint_values(x, p)).ravel()
+        rows = self.row_layout.constraints
         ranges = self.ranges(problem)
         broken = interval_excess(g, ranges.lower, ranges.upper)
         worst: dict[str, float] = {}
@@ -385,13 +478,20 @@ class Transcription:
 
     def obstruction(self, problem: OcpProblem) -> tuple[str, float] | None:
         """Constraint along the path that the start itself breaks, and by how much."""
-        of_state = (self.blocks[0].rows.level == term_rows.CONSTRAINT) & self.blocks[0].rows.state_only
+        of_state = (self.blocks[0].rows.level == term_rows.CONSTRAINT) & self.blocks[
+            0
+        ].rows.state_only
         if not (problem.fixed_start and of_state.any()):
             return None
-        rows, numbers = self.blocks[0].rows, self._fitted(problem).numbers[0]  # the steps of the first phase
+        # the steps of the first phase
+        rows = self.blocks[0].rows
+        numbers = self._fitted(problem).numbers[0]
         z, s = self._at_start(problem, numbers)
-        broken = interval_excess(np.array(rows.value(z, s, problem.currents[0])).ravel(), numbers.lower, numbers.upper)
-        # What is no number is nothing that another start would mend: solvers meet it, and their verdict names it.
+        broken = interval_excess(
+            np.array(rows.value(z, s, problem.currents[0])).ravel(), numbers.lower, numbers.upper
+        )
+        # What is no number is nothing that another start would mend: solvers meet it, and their
+        # verdict names it.
         broken[~of_state | np.isnan(broken)] = 0.0
         if not broken.any() or broken.max() < _ROUNDING:
             return None
@@ -401,29 +501,47 @@ class Transcription:
         """Terms whose rows, or their slopes, are no numbers at the start."""
         names: dict[str, None] = {}
         for block, numbers in zip(self.blocks, self._fitted(problem).numbers, strict=True):
-            functions, at = block.rows.functions, self._at_start(problem, numbers)
+            functions = block.rows.functions
+            at = self._at_start(problem, numbers)
             slopes = np.array(functions.jacobian(*at)).ravel()
             wrong = set(np.flatnonzero(np.isnan(np.array(functions.value(*at)).ravel())).tolist())
-            wrong |= set(np.array(functions.jacobian_sparsity.row(), dtype=int)[~np.isfinite(slopes)].tolist())
+            wrong |= set(
+                np.array(functions.jacobian_sparsity.row(), dtype=int)[
+                    ~np.isfinite(slopes)
+                ].tolist()
+            )
             names |= dict.fromkeys(block.rows.names[row] for row in sorted(wrong))
         return list(names)
 
-    def _at_start(self, problem: OcpProblem, numbers: term_rows.TermNumbers) -> tuple[np.ndarray, np.ndarray]:
+    def _at_start(
+        self, problem: OcpProblem, numbers: term_rows.TermNumbers
+    ) -> tuple[np.ndarray, np.ndarray]:
         """Z (n_z,) of the start without inputs, and the parameters of terms with these numbers."""
         z = np.zeros(self.model.layout.n_z)
         z[self.model.layout.q], z[self.model.layout.v] = problem.start.q, problem.start.v
-        here = term_rows.TermNodes(times=[0.0], active=[False], q=problem.start.q[None], tightened={})
+        here = term_rows.TermNodes(
+            times=[0.0], active=[False], q=problem.start.q[None], tightened={}
+        )
         return z, numbers.parameters(here, 1.0)
 
     @cached_property
     def program(self) -> LexicographicProgram:
         """The lexicographic program, with derivatives."""
-        layout, x, p = self.row_layout, self._horizon.x, self._horizon.p
-        numbered, ranges = np.concatenate([layout.constraints, *layout.held]), self._own_ranges
-        y = [self._horizon.rows[rows.tolist()] if len(rows) else ca.MX(0, 1) for rows in layout.levels]
+        layout = self.row_layout
+        x = self._horizon.x
+        p = self._horizon.p
+        numbered = np.concatenate([layout.constraints, *layout.held])
+        ranges = self._own_ranges
+        y = [
+            self._horizon.rows[rows.tolist()] if len(rows) else ca.MX(0, 1)
+            for rows in layout.levels
+        ]
         return LexicographicProgram(
             ranges=ranges,
-            nlps=tuple(self._level_nlp(i, numbered[: level.frozen.start]) for i, level in enumerate(ranges.levels)),
+            nlps=tuple(
+                self._level_nlp(i, numbered[: level.frozen.start])
+                for i, level in enumerate(ranges.levels)
+            ),
             values=ca.Function("values", [x, p], y),
         )
 
@@ -433,8 +551,16 @@ class Transcription:
         ends = np.cumsum([len(layout.constraints), *(len(rows) for rows in layout.held)]).tolist()
         return RowRanges(
             levels=tuple(
-                LevelRows(name=level.name, lower=lower[rows], upper=upper[rows], relax=level.relax, frozen=slice(first, stop))
-                for level, rows, first, stop in zip(given.problem.levels, layout.levels, ends[:-1], ends[1:], strict=True)
+                LevelRows(
+                    name=level.name,
+                    lower=lower[rows],
+                    upper=upper[rows],
+                    relax=level.relax,
+                    frozen=slice(first, stop),
+                )
+                for level, rows, first, stop in zip(
+                    given.problem.levels, layout.levels, ends[:-1], ends[1:], strict=True
+                )
             ),
             lower=lower[layout.constraints],
             upper=upper[layout.constraints],
@@ -442,6 +568,12 @@ class Transcription:
 
     def _level_nlp(self, index: int, numbered: np.ndarray) -> LevelNlp:
         order = np.argsort(self.row_layout.stage[numbered], kind="stable")
-        raw_rows, whole = numbered[order], self._horizon
-        nlp = {"x": whole.x, "p": whole.p, "f": whole.costs[index], "g": whole.rows[raw_rows.tolist()]}
+        raw_rows = numbered[order]
+        whole = self._horizon
+        nlp = {
+            "x": whole.x,
+            "p": whole.p,
+            "f": whole.costs[index],
+            "g": whole.rows[raw_rows.tolist()],
+        }
         return LevelNlp(nlp=nlp, rows=order, functions=whole.derivative_functions(index, raw_rows))

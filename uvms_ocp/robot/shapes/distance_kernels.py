@@ -1,15 +1,17 @@
-"""Signed distances of all pairs of spheres, capsules, cylinders and boxes in machine code; coal is their oracle.
+"""Signed distances of all pairs of spheres, capsules, cylinders and boxes in machine code; coal is
+their oracle.
 
-A layout that is to measure distances has a field ``DistanceMemory``; what `structure_of` needs for it is
-`distance_sizes`, and `CollisionModel.write` writes into it what never changes. Then, in a kernel of one's own:
+A layout that is to measure distances has a field ``DistanceMemory``; what `structure_of` needs for
+it is `distance_sizes`, and `CollisionModel.write` writes into it what never changes. Then, in a
+kernel of one's own:
 
     chosen_distances(m.distances, m.q)          # m.distances.value[k] [m] of the chosen pairs, at q
     value = distance_of(m.distances, k)         # of one pair, after `place_solids(m.distances, m.q)`
     bound = distance_lower_bound(m.distances, k)      # no more than that, by what was found last: ten times as fast
     pair_gradient(m.distances, k, row)          # (n_v,) rate of the distance of the pair measured last, per unit of velocity
 
-Bounded: a pair takes at most `ROUNDS` differences of its solids, and where they overlap `GROWTH` more, and `ROUNDS` for each
-look at how they part.
+Bounded: a pair takes at most `ROUNDS` differences of its solids, and where they overlap `GROWTH`
+more, and `ROUNDS` for each look at how they part.
 """
 
 from __future__ import annotations
@@ -65,8 +67,12 @@ def is_ball(s: gjk.Solid) -> bool:
 
 
 def separate_solids(m: gjk.RelativePlacement, a: gjk.Solid, b: gjk.Solid) -> None:
-    """Take B away from A along the normal; what is nearest then parts last, and tells the direction again. A kernel."""
-    p, n, distance = zeros(3), zeros(3), m.distance
+    """Take B away from A along the normal; what is nearest then parts last, and tells the direction
+    again. A kernel.
+    """
+    p = zeros(3)
+    n = zeros(3)
+    distance = m.distance
     for i in range(3):
         p[i] = m.p[i]
         n[i] = m.normal[i]
@@ -82,7 +88,9 @@ def separate_solids(m: gjk.RelativePlacement, a: gjk.Solid, b: gjk.Solid) -> Non
 # Distances of all pairs of a collision model in machine code, for programs that embed them.
 
 _NOTHING = 1e-5
-"""[-, m] rate of an axis that does not change a distance, but for what a search that ends leaves: a hierarchy would heed it."""
+"""[-, m] rate of an axis that does not change a distance, but for what a search that ends leaves: a
+hierarchy would heed it.
+"""
 
 
 class SolidPair(Layout):
@@ -109,7 +117,9 @@ class DistanceMemory(Layout):
     twists: Annotated[Vector, Sized("n_twists")]
     """(6 n_axes,) of each axis of a joint, at the origin of W: linear [m, or 1], angular [1]."""
     axes: Annotated[list[int], Sized("n_axes")]
-    """(n_axes,) which velocity turns or shifts the axis: of joints that mimic others it is the same one."""
+    """(n_axes,) which velocity turns or shifts the axis: of joints that mimic others it is the same
+    one.
+    """
     n_solids: int
     solids: Annotated[list[gjk.Solid], Sized("n_solids")]
     """(n_solids,)"""
@@ -154,19 +164,24 @@ def place_solids(m: DistanceMemory, q: Vector) -> None:
 
 def place_solid(s: gjk.Solid, placements: Vector) -> None:
     """One of a joint. A kernel."""
-    R, p, first = zeros(9), zeros(3), 12 * s.joint
+    R = zeros(9)
+    p = zeros(3)
+    first = 12 * s.joint
     for i in range(9):
         R[i] = placements[first + i]
     gjk.rotated(R, s.p_JS, p)
     for i in range(3):
         s.p[i] = placements[first + 9 + i] + p[i]
         for j in range(3):
-            s.R[3 * i + j] = R[3 * i] * s.R_JS[j] + R[3 * i + 1] * s.R_JS[3 + j] + R[3 * i + 2] * s.R_JS[6 + j]
+            s.R[3 * i + j] = (
+                R[3 * i] * s.R_JS[j] + R[3 * i + 1] * s.R_JS[3 + j] + R[3 * i + 2] * s.R_JS[6 + j]
+            )
 
 
 def distance_of(m: DistanceMemory, k: int) -> float:
     """Signed distance [m] of pair k, as its solids are placed. A kernel."""
-    pair, meeting = m.pairs[k], m.meeting
+    pair = m.pairs[k]
+    meeting = m.meeting
     a, b = m.solids[pair.first], m.solids[pair.second]
     measure_solids(meeting, m.hull, a, b)
     gjk.rotated(a.R, meeting.normal, pair.normal)
@@ -178,8 +193,12 @@ def distance_of(m: DistanceMemory, k: int) -> float:
 
 
 def distance_lower_bound(m: DistanceMemory, k: int) -> float:
-    """No more than the distance [m] of pair k: that along the direction found last, or of the balls around. A kernel."""
-    pair, way, turned = m.pairs[k], zeros(3), zeros(3)
+    """No more than the distance [m] of pair k: that along the direction found last, or of the balls
+    around. A kernel.
+    """
+    pair = m.pairs[k]
+    way = zeros(3)
+    turned = zeros(3)
     a, b = m.solids[pair.first], m.solids[pair.second]
     gjk.subtract(b.p, a.p, way)
     found = math.sqrt(gjk.dot(way, way)) - a.size - b.size
@@ -192,16 +211,23 @@ def distance_lower_bound(m: DistanceMemory, k: int) -> float:
 
 
 def pair_gradient(m: DistanceMemory, k: int, row: Vector) -> None:
-    """Rate (n_v,) [-, m] of the distance of pair k per unit of each velocity, where it was measured last. A kernel."""
-    pair, moment, n_v = m.pairs[k], zeros(3), len(m.gradient[0])
+    """Rate (n_v,) [-, m] of the distance of pair k per unit of each velocity, where it was measured
+    last. A kernel.
+    """
+    pair = m.pairs[k]
+    moment = zeros(3)
+    n_v = len(m.gradient[0])
     n, x = pair.normal, pair.at
     gjk.cross(x, n, moment)
     for i in range(n_v):
         row[i] = 0.0
     for k_axis in range(len(m.axes)):
-        sign, i = m.moves[pair.second][k_axis] - m.moves[pair.first][k_axis], m.axes[k_axis]
+        sign = m.moves[pair.second][k_axis] - m.moves[pair.first][k_axis]
+        i = m.axes[k_axis]
         for c in range(3):
-            row[i] += sign * (n[c] * m.twists[6 * k_axis + c] + moment[c] * m.twists[6 * k_axis + 3 + c])
+            row[i] += sign * (
+                n[c] * m.twists[6 * k_axis + c] + moment[c] * m.twists[6 * k_axis + 3 + c]
+            )
     for i in range(n_v):
         if abs(row[i]) < _NOTHING:
             row[i] = 0.0
@@ -218,7 +244,9 @@ def has_kernel(shape: coal.CollisionGeometry) -> bool:
 
 
 def distance_sizes(model: pin.Model, *, n_solids: int, n_pairs: int) -> dict[str, Any]:
-    """Sizes for `structure_of` a layout with a `DistanceMemory` of at most that many solids and pairs."""
+    """Sizes for `structure_of` a layout with a `DistanceMemory` of at most that many solids and
+    pairs.
+    """
     places = _places(model)
     return {
         "places": places,
@@ -232,21 +260,31 @@ def distance_sizes(model: pin.Model, *, n_solids: int, n_pairs: int) -> dict[str
 
 
 def write_distances(
-    memory: DistanceMemory, model: pin.Model, shapes: Sequence[pin.GeometryObject], pairs: Sequence[tuple[int, int]]
+    memory: DistanceMemory,
+    model: pin.Model,
+    shapes: Sequence[pin.GeometryObject],
+    pairs: Sequence[tuple[int, int]],
 ) -> None:
-    """Into a `DistanceMemory`: pairs of the shapes, by index, which have a form in C as far as they are used."""
+    """Into a `DistanceMemory`: pairs of the shapes, by index, which have a form in C as far as they
+    are used.
+    """
     used = sorted({k for pair in pairs for k in pair})
     places = {k: i for i, k in enumerate(used)}
-    memory.n_solids, memory.n_pairs = len(used), len(pairs)
+    memory.n_solids = len(used)
+    memory.n_pairs = len(pairs)
     joints = list(enumerate(model.joints))[1:]
-    columns = [(joint, one.idx_v + k) for joint, one in joints for k in range(one.nvExtended)]  # of what mimics, its leader's
+    columns = [
+        (joint, one.idx_v + k) for joint, one in joints for k in range(one.nvExtended)
+    ]  # of what mimics, its leader's
     memory.axes[:] = [axis for _, axis in columns]
     for k, i in places.items():
         _write_solid(memory.solids[i], shapes[k])
         carriers = list(model.supports[shapes[k].parentJoint])
         memory.moves[i][:] = [int(joint in carriers) for joint, _ in columns]
     for pair, (first, second) in zip(memory.pairs, pairs, strict=False):
-        pair.first, pair.second, pair.known = places[first], places[second], False
+        pair.first = places[first]
+        pair.second = places[second]
+        pair.known = False
 
 
 def _write_solid(solid: gjk.Solid, shape: pin.GeometryObject) -> None:
@@ -254,7 +292,8 @@ def _write_solid(solid: gjk.Solid, shape: pin.GeometryObject) -> None:
     solid.half[:], solid.disk, solid.ball = half, disk, ball
     solid.size = float(np.hypot(np.hypot(half[0], half[1]) + disk, half[2])) + ball
     solid.joint = int(shape.parentJoint) - 1
-    R, p = shape.placement.rotation.ravel().tolist(), shape.placement.translation.tolist()
+    R = shape.placement.rotation.ravel().tolist()
+    p = shape.placement.translation.tolist()
     solid.R_JS[:], solid.p_JS[:], solid.R[:], solid.p[:] = R, p, R, p
 
 
@@ -272,12 +311,18 @@ def _sums(shape: Any) -> tuple[list[float], float, float]:
 
 @lru_cache(maxsize=8)
 def _places(model: pin.Model) -> ca.Function:
-    """Q -> placements of joints, row after row, and twists of axes at the origin of W, column after column."""
-    q, symbolic = ca.SX.sym("q", model.nq), symbolic_model.SymbolicModel(model)
+    """Q -> placements of joints, row after row, and twists of axes at the origin of W, column after
+    column.
+    """
+    q = ca.SX.sym("q", model.nq)
+    symbolic = symbolic_model.SymbolicModel(model)
     poses = symbolic.forward_kinematics(q).joint_poses[1:]
     placements = [ca.vertcat(ca.vec(ca.densify(pose.R).T), pose.p) for pose in poses]
     twists = [_twists(joint, pose) for joint, pose in zip(symbolic.joints, poses, strict=True)]
-    found = {"placements": ca.vertcat(*placements), "twists": ca.vec(ca.densify(ca.horzcat(*twists)))}
+    found = {
+        "placements": ca.vertcat(*placements),
+        "twists": ca.vec(ca.densify(ca.horzcat(*twists))),
+    }
     return symbolic_model.function("places", {"q": q}, found)
 
 

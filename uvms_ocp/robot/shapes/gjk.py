@@ -2,8 +2,8 @@
 
 A solid is a box, a disk across the z axis and a ball, added up (Minkowski sum).
 
-The search is that of [Gilbert1988] (GJK), on boxes and disks; balls are added to what it finds. It remembers nothing, so that
-the same configuration always gives the same distances.
+The search is that of [Gilbert1988] (GJK), on boxes and disks; balls are added to what it finds. It
+remembers nothing, so that the same configuration always gives the same distances.
 """
 
 from __future__ import annotations
@@ -17,9 +17,11 @@ from uvms_ocp.codegen.kernel_layout import Layout, Sized, Vector, zeros
 
 
 class Solid(Layout):
-    """A sphere is a ball, a capsule a segment and a ball, a cylinder a segment and a disk, a box itself.
+    """A sphere is a ball, a capsule a segment and a ball, a cylinder a segment and a disk, a box
+    itself.
 
-    Each looks the same from either side of its middle, and none has both a disk and a box that is wider than a segment.
+    Each looks the same from either side of its middle, and none has both a disk and a box that is
+    wider than a segment.
     """
 
     half: Annotated[Vector, Sized(3)]
@@ -43,7 +45,9 @@ class Solid(Layout):
 
 
 def farthest(s: Solid, d: Vector, point: Vector) -> None:
-    """The point (3,) [m] of box and disk that is farthest along d (3,), in the solid's frame. A kernel."""
+    """The point (3,) [m] of box and disk that is farthest along d (3,), in the solid's frame. A
+    kernel.
+    """
     across = math.sqrt(d[0] * d[0] + d[1] * d[1])
     share = s.disk / across if across > 0.0 else 0.0
     point[0] = math.copysign(s.half[0], d[0]) + share * d[0]
@@ -52,7 +56,9 @@ def farthest(s: Solid, d: Vector, point: Vector) -> None:
 
 
 def nearest_point(s: Solid, x: Vector, point: Vector) -> None:
-    """The point (3,) [m] of box and disk that is nearest to x (3,) [m], in the solid's frame. A kernel."""
+    """The point (3,) [m] of box and disk that is nearest to x (3,) [m], in the solid's frame. A
+    kernel.
+    """
     for i in range(3):
         point[i] = min(s.half[i], max(-s.half[i], x[i]))
     across = math.sqrt(x[0] * x[0] + x[1] * x[1])
@@ -105,7 +111,8 @@ def cross(x: Vector, y: Vector, z: Vector) -> None:
     z[2] = x[0] * y[1] - x[1] * y[0]
 
 
-# Up to four points of the difference of two solids, and the point of their hull nearest to the origin.
+# Up to four points of the difference of two solids, and the point of their hull nearest to the
+# origin.
 
 FAR = 1e300
 """[m2] what `squared` is of points that are no numbers."""
@@ -158,7 +165,9 @@ def try_faces(s: Simplex) -> None:
 
 def try_edge(s: Simplex, i: int, j: int) -> None:
     """Between two points. A kernel."""
-    e, wi, wj = zeros(3), s.w[i], s.w[j]
+    e = zeros(3)
+    wi = s.w[i]
+    wj = s.w[j]
     subtract(wj, wi, e)
     length = dot(e, e)
     if length > 0.0:
@@ -169,12 +178,19 @@ def try_edge(s: Simplex, i: int, j: int) -> None:
 
 def try_face(s: Simplex, i: int, j: int, k: int) -> None:
     """Between three points. A kernel."""
-    e, f, normal, turned = zeros(3), zeros(3), zeros(3), zeros(3)
-    wi, wj, wk = s.w[i], s.w[j], s.w[k]
+    e = zeros(3)
+    f = zeros(3)
+    normal = zeros(3)
+    turned = zeros(3)
+    wi = s.w[i]
+    wj = s.w[j]
+    wk = s.w[k]
     subtract(wj, wi, e)
     subtract(wk, wi, f)
     cross(e, f, normal)
-    area, x, y = dot(normal, normal), -1.0, -1.0
+    area = dot(normal, normal)
+    x = -1.0
+    y = -1.0
     if area > 0.0:
         cross(f, wi, turned)
         x = dot(normal, turned) / area
@@ -189,8 +205,13 @@ def try_face(s: Simplex, i: int, j: int, k: int) -> None:
 
 
 def offer_point(s: Simplex, i: int, j: int, k: int, x: float, y: float) -> None:
-    """Take the point w_i + x (w_j - w_i) + y (w_k - w_i), x and y, if it is the nearest so far. A kernel."""
-    v, wi, wj, wk = zeros(3), s.w[i], s.w[j], s.w[k]
+    """Take the point w_i + x (w_j - w_i) + y (w_k - w_i), x and y, if it is the nearest so far. A
+    kernel.
+    """
+    v = zeros(3)
+    wi = s.w[i]
+    wj = s.w[j]
+    wk = s.w[k]
     for c in range(3):
         v[c] = wi[c] + x * (wj[c] - wi[c]) + y * (wk[c] - wi[c])
     squared = dot(v, v)
@@ -206,8 +227,13 @@ def offer_point(s: Simplex, i: int, j: int, k: int, x: float, y: float) -> None:
 
 
 def holds_origin(s: Simplex) -> bool:
-    """Check that the origin is inside of the four points, which is not so where they lie in a plane. A kernel."""
-    e, f, g, turned = zeros(3), zeros(3), zeros(3), zeros(3)
+    """Check that the origin is inside of the four points, which is not so where they lie in a
+    plane. A kernel.
+    """
+    e = zeros(3)
+    f = zeros(3)
+    g = zeros(3)
+    turned = zeros(3)
     subtract(s.w[1], s.w[0], e)
     subtract(s.w[2], s.w[0], f)
     subtract(s.w[3], s.w[0], g)
@@ -223,7 +249,9 @@ def holds_origin(s: Simplex) -> bool:
 
 
 def keep_nearest(s: Simplex) -> None:
-    """Drop the points that the nearest one does not lie between; `lot` are the shares of those that stay. A kernel."""
+    """Drop the points that the nearest one does not lie between; `lot` are the shares of those that
+    stay. A kernel.
+    """
     n = 0
     for m in range(3):
         if s.lot[m] > 0.0:
@@ -237,7 +265,9 @@ def keep_nearest(s: Simplex) -> None:
 
 
 def keep_last(s: Simplex, others: bool) -> None:
-    """Count the point behind the last one; without the others, which first ones that are no corners give way to. A kernel."""
+    """Count the point behind the last one; without the others, which first ones that are no corners
+    give way to. A kernel.
+    """
     if not others:
         s.a[0][:] = s.a[s.n]
         s.b[0][:] = s.b[s.n]
@@ -246,15 +276,17 @@ def keep_last(s: Simplex, others: bool) -> None:
     s.n += 1
 
 
-# Two solids that meet: where one is as the other sees it, and the nearest points of both while they are apart.
+# Two solids that meet: where one is as the other sees it, and the nearest points of both while they
+# are apart.
 #
-# The search is that of [Gilbert1988] (GJK), on boxes and disks; balls are added to what it finds. It remembers nothing, so that
-# the same configuration always gives the same distances.
+# The search is that of [Gilbert1988] (GJK), on boxes and disks; balls are added to what it finds.
+# It remembers nothing, so that the same configuration always gives the same distances.
 
 ROUNDS = 128
 """Bound of a search; what it found is then what is told."""
 _TURNS = 3  # of nearest points, after which most pairs are almost done
-_EXACT = 1e-12  # of the distance, by which none can be smaller: its square root is what the normal is wrong by
+# of the distance, by which none can be smaller: its square root is what the normal is wrong by
+_EXACT = 1e-12
 _STALLS = 4  # rounds without a gain, after which rounding is all that is left
 TOUCHING = 1e-9
 """[m] nearer solids count as overlapping, as rounding is all that is left of a direction."""
@@ -287,7 +319,9 @@ def place_relative(m: RelativePlacement, a: Solid, b: Solid) -> None:
 
 def begin_search(m: RelativePlacement, a: Solid, b: Solid) -> None:
     """One point of each, which lie near each other: nearest to the other's, in turn. A kernel."""
-    x, y, s = zeros(3), zeros(3), m.simplex
+    x = zeros(3)
+    y = zeros(3)
+    s = m.simplex
     x[:3] = m.p[:3]
     for _ in range(_TURNS):
         nearest_point(a, x, s.a[0])
@@ -303,7 +337,8 @@ def begin_search(m: RelativePlacement, a: Solid, b: Solid) -> None:
 
 def place_difference(m: RelativePlacement, k: int) -> None:
     """The difference of the k-th points. A kernel."""
-    there, s = zeros(3), m.simplex
+    there = zeros(3)
+    s = m.simplex
     rotated(m.R, s.b[k], there)
     for i in range(3):
         s.w[k][i] = s.a[k][i] - m.p[i] - there[i]
@@ -311,7 +346,8 @@ def place_difference(m: RelativePlacement, k: int) -> None:
 
 def add_support(m: RelativePlacement, a: Solid, b: Solid, d: Vector) -> None:
     """The points of A and B whose difference is farthest along d (3,). A kernel."""
-    s, back = m.simplex, zeros(3)
+    s = m.simplex
+    back = zeros(3)
     farthest(a, d, s.a[s.n])
     turned_back(m.R, d, back)
     for i in range(3):
@@ -322,8 +358,12 @@ def add_support(m: RelativePlacement, a: Solid, b: Solid, d: Vector) -> None:
 
 
 def search_apart(m: RelativePlacement, a: Solid, b: Solid) -> bool:
-    """Check that A and B are apart; if so, write their distance, normal and nearest points. A kernel."""
-    s, before, stalled = m.simplex, math.inf, 0
+    """Check that A and B are apart; if so, write their distance, normal and nearest points. A
+    kernel.
+    """
+    s = m.simplex
+    before = math.inf
+    stalled = 0
     begin_search(m, a, b)
     for k in range(ROUNDS):
         find_nearest(s)
@@ -341,8 +381,11 @@ def search_apart(m: RelativePlacement, a: Solid, b: Solid) -> bool:
 
 
 def write_support(m: RelativePlacement, a: Solid, b: Solid) -> None:
-    """Write the points that are farthest towards the origin behind those of the simplex, without counting them. A kernel."""
-    s, away = m.simplex, zeros(3)
+    """Write the points that are farthest towards the origin behind those of the simplex, without
+    counting them. A kernel.
+    """
+    s = m.simplex
+    away = zeros(3)
     for i in range(3):
         away[i] = -s.v[i]
     add_support(m, a, b, away)

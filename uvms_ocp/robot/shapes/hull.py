@@ -1,4 +1,6 @@
-"""Hull of a vehicle: the box around its collision shapes, and the height of the lowest point of a robot."""
+"""Hull of a vehicle: the box around its collision shapes, and the height of the lowest point of a
+robot.
+"""
 
 from __future__ import annotations
 
@@ -13,7 +15,8 @@ from uvms_ocp.robot.robot import Robot
 
 
 def skid_points(robot: Robot) -> np.ndarray:
-    """Lower corners (4, 3) [m] of the box around the vehicle's collision shapes, in the frame of the vehicle.
+    """Lower corners (4, 3) [m] of the box around the vehicle's collision shapes, in the frame of
+    the vehicle.
 
     (0, 3) for a robot with a fixed base or without collision shapes on its vehicle.
     """
@@ -26,7 +29,9 @@ def skid_points(robot: Robot) -> np.ndarray:
 
 
 def lowest_link(robot: Robot) -> str:
-    """Name of the link of the vehicle whose collision shape reaches lowest in its frame; it has one."""
+    """Name of the link of the vehicle whose collision shape reaches lowest in its frame; it has
+    one.
+    """
     shape = min(_hull(robot), key=lambda shape: float(_box_corners(shape)[:, 2].min()))
     return str(robot.model.frames[shape.parentFrame].name)
 
@@ -39,14 +44,18 @@ def _hull(robot: Robot) -> list[pin.GeometryObject]:
 
 def _box_corners(shape: pin.GeometryObject) -> np.ndarray:
     """Corners (8, 3) [m] of a shape's own bounding box, in the frame of the vehicle."""
-    return np.asarray(assembly.box_corners(shape.geometry) @ shape.placement.rotation.T + shape.placement.translation)
+    return np.asarray(
+        assembly.box_corners(shape.geometry) @ shape.placement.rotation.T
+        + shape.placement.translation
+    )
 
 
 @lru_cache(maxsize=8)
 def lowest_point(robot: Robot, slope: float = 0.0, altimeter: str | None = None) -> ca.Function:
     """Q to the z [m] in W of the lowest of the hull's corners, the joints of the arm and the tools.
 
-    slope: of a floor that falls from below the altimeter, a frame, on, by which those beside it count as higher.
+    slope: of a floor that falls from below the altimeter, a frame, on, by which those beside it
+    count as higher.
     """
     q = ca.SX.sym("q", robot.n_q)
     kinematics = symbolic_model.SymbolicModel(robot.model).forward_kinematics(q)
@@ -59,4 +68,6 @@ def lowest_point(robot: Robot, slope: float = 0.0, altimeter: str | None = None)
     if altimeter is not None and robot.has_frame(altimeter):
         centre = kinematics.pose(altimeter)[1]
         heights = [point[2] + slope * ca.norm_2(point[:2] - centre[:2]) for point in points]
-    return ca.Function("lowest_point", [q], [ca.densify(ca.mmin(ca.vertcat(ca.inf, *heights)))], {"cse": True})
+    return ca.Function(
+        "lowest_point", [q], [ca.densify(ca.mmin(ca.vertcat(ca.inf, *heights)))], {"cse": True}
+    )

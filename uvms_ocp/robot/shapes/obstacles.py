@@ -1,10 +1,13 @@
-"""Obstacles: solid shapes that stand in the water, from code, a YAML file or words of a command line, and back to data.
+"""Obstacles: solid shapes that stand in the water, from code, a YAML file or words of a command
+line, and back to data.
 
     obstacles:
       - {name: pile, shape: cylinder, size: [0.2, 3.0], position: [1.5, 0.0, 0.0]}
-      - {name: crate, shape: box, size: [0.4, 0.4, 0.8], position: [2.0, 1.0, -0.5], rpy: [0.0, 0.0, 0.3]}
+      - {name: crate, shape: box, size: [0.4, 0.4, 0.8], position: [2.0, 1.0, -0.5], rpy: [0.0, 0.0,
+        0.3]}
 
-The entries are the fields of `uvms_ocp.record.meta_values.ObstacleMeta`, by which records and files know an obstacle.
+The entries are the fields of `uvms_ocp.record.meta_values.ObstacleMeta`, by which records and files
+know an obstacle.
 """
 
 from __future__ import annotations
@@ -31,7 +34,9 @@ from uvms_ocp.types import Finite, Range, Shape
 
 @checked_dataclass(eq=False)
 class Obstacle:
-    """A coal shape at a fixed pose in W. Raises `InvalidInput` for an empty name or a pose that is not finite."""
+    """A coal shape at a fixed pose in W. Raises `InvalidInput` for an empty name or a pose that is
+    not finite.
+    """
 
     name: str
     shape: coal.CollisionGeometry
@@ -48,7 +53,9 @@ Numbers = Annotated[ArrayLike, Range(open=True)]
 
 
 @checked
-def obstacle(name: str, shape: coal.CollisionGeometry, position: Numbers, rotation: Numbers | None = None) -> Obstacle:
+def obstacle(
+    name: str, shape: coal.CollisionGeometry, position: Numbers, rotation: Numbers | None = None
+) -> Obstacle:
     """An obstacle at `position` (3,) [m] p_WO with `rotation` (3, 3) R_WO, identity by default.
 
     Raises `InvalidInput` for other shapes and what `Obstacle` refuses.
@@ -56,7 +63,9 @@ def obstacle(name: str, shape: coal.CollisionGeometry, position: Numbers, rotati
     p = np.asarray(position, dtype=float)
     R = np.eye(3) if rotation is None else np.asarray(rotation, dtype=float)
     if p.shape != (3,) or R.shape != (3, 3):
-        raise InvalidInput(f"obstacle {name!r} has position {p} and rotation {R.tolist()}; give (3,) and (3, 3)")
+        raise InvalidInput(
+            f"obstacle {name!r} has position {p} and rotation {R.tolist()}; give (3,) and (3, 3)"
+        )
     return Obstacle(name=name, shape=shape, X_WO=pin.SE3(R, p))
 
 
@@ -70,13 +79,18 @@ def seafloor(height: Finite) -> Obstacle:
 def mesh_shape(
     vertices: Annotated[np.ndarray, Shape("n", 3)], triangles: Annotated[np.ndarray, Shape("m", 3)]
 ) -> coal.BVHModelOBBRSS:
-    """Coal shape of a surface, such as `uvms_ocp.sim.floor_mesh` gives, for clearances and drawings.
+    """Coal shape of a surface, such as `uvms_ocp.sim.floor_mesh` gives, for clearances and
+    drawings.
 
-    vertices (n, 3) [m]; triangles (m, 3) indices of vertices. Raises `InvalidInput` for indices of no vertex.
+    vertices (n, 3) [m]; triangles (m, 3) indices of vertices. Raises `InvalidInput` for indices of
+    no vertex.
     """
     vertices, triangles = np.asarray(vertices, dtype=float), np.asarray(triangles, dtype=np.int64)
     if not (triangles.size and triangles.min() >= 0 and triangles.max() < len(vertices)):
-        raise InvalidInput(f"a mesh of {len(vertices)} vertices needs triangles with indices from 0 below that number")
+        raise InvalidInput(
+            f"a mesh of {len(vertices)} vertices needs triangles with indices from 0 below that"
+            " number"
+        )
     shape = coal.BVHModelOBBRSS()
     shape.beginModel(len(triangles), len(vertices))
     shape.addVertices(vertices)
@@ -91,7 +105,9 @@ def mesh_shape(
 _MESH = "mesh"
 _EXAMPLE = "obstacles: [{name: ball, shape: sphere, size: [0.3], position: [1.0, 0.0, 0.0]}]"
 _KINDS = (coal.Sphere, coal.Capsule, coal.Cylinder, coal.Cone, coal.Box, coal.Ellipsoid)
-_SHAPES: Mapping[str, Callable[..., coal.ShapeBase]] = {kind.__name__.lower(): kind for kind in _KINDS}
+_SHAPES: Mapping[str, Callable[..., coal.ShapeBase]] = {
+    kind.__name__.lower(): kind for kind in _KINDS
+}
 
 
 class ObstacleFile(FileModel):
@@ -102,23 +118,30 @@ class ObstacleFile(FileModel):
 
 @checked
 def read_obstacles(path: Path | str) -> tuple[Obstacle, ...]:
-    """Read a file of obstacles. Raises ``InvalidInput`` naming the file and the entry that is wrong."""
+    """Read a file of obstacles. Raises ``InvalidInput`` naming the file and the entry that is
+    wrong.
+    """
     try:
         content = read_yaml(path)
         if not isinstance(content, dict) or "obstacles" not in content:
-            raise InvalidInput(f"{printable(path)}: holds no obstacles; give a mapping such as {_EXAMPLE}")
+            raise InvalidInput(
+                f"{printable(path)}: holds no obstacles; give a mapping such as {_EXAMPLE}"
+            )
         return tuple(map(build_obstacle, ObstacleFile.model_validate(content).obstacles))
     except InvalidInput:
         raise
     except ValidationError as error:
         raise InvalidInput(f"{printable(path)}: {_first(error)}") from error
     except (OSError, ValueError) as error:
-        raise InvalidInput(f"{printable(path)}: cannot be read as YAML ({' '.join(str(error).split())})") from error
+        raise InvalidInput(
+            f"{printable(path)}: cannot be read as YAML ({' '.join(str(error).split())})"
+        ) from error
 
 
 @checked
 def parse_obstacle(shape: str, words: str, name: str) -> Obstacle:
-    """An obstacle from its position and sizes, numbers with commas or blanks between: ``"X,Y,Z,R"`` for a sphere.
+    """An obstacle from its position and sizes, numbers with commas or blanks between: ``"X,Y,Z,R"``
+    for a sphere.
 
     Raises ``NameNotFound`` for an unknown shape, and ``InvalidInput``
     for words that are not numbers, too many or too few, or a size that is not positive.
@@ -130,7 +153,10 @@ def parse_obstacle(shape: str, words: str, name: str) -> Obstacle:
     except ValueError:
         numbers = []
     if len(numbers) != wanted:
-        raise InvalidInput(f"{shape} {words!r}: give {wanted} numbers, the position and the size, such as 1,0,0.5,0.3")
+        raise InvalidInput(
+            f"{shape} {words!r}: give {wanted} numbers, the position and the size, such as"
+            " 1,0,0.5,0.3"
+        )
     try:
         data = {"name": name, "shape": shape, "size": numbers[3:], "position": numbers[:3]}
         return build_obstacle(ObstacleMeta.model_validate(data))
@@ -150,7 +176,8 @@ def build_obstacle(data: ObstacleMeta) -> Obstacle:
 
 @checked
 def describe_obstacle(item: Obstacle) -> ObstacleMeta | None:
-    """The data from which `build_obstacle` makes the obstacle again, a convex shape as the mesh of its surface.
+    """The data from which `build_obstacle` makes the obstacle again, a convex shape as the mesh of
+    its surface.
 
     `None` for a shape without an end, such as a plane.
     """
@@ -158,18 +185,23 @@ def describe_obstacle(item: Obstacle) -> ObstacleMeta | None:
     if form is None:
         return None
     rpy = pin.rpy.matrixToRpy(item.X_WO.rotation)
-    return ObstacleMeta(name=item.name, position=item.X_WO.translation.tolist(), rpy=rpy.tolist(), **form)
+    return ObstacleMeta(
+        name=item.name, position=item.X_WO.translation.tolist(), rpy=rpy.tolist(), **form
+    )
 
 
 def describe_obstacles(obstacles: Iterable[Obstacle]) -> tuple[ObstacleMeta, ...]:
     """The obstacles that have an end, as a record keeps them."""
-    return tuple(described for item in obstacles if (described := describe_obstacle(item)) is not None)
+    return tuple(
+        described for item in obstacles if (described := describe_obstacle(item)) is not None
+    )
 
 
 def require_distinct_names(obstacles: Sequence[Obstacle]) -> None:
     """Raise `InvalidInput` where two obstacles share a name."""
     names = [item.name for item in obstacles]
-    if twice := [name for name in names if names.count(name) > 1]:
+    twice = [name for name in names if names.count(name) > 1]
+    if twice:
         raise InvalidInput(f"two obstacles are called {twice[0]!r}; give each a name of its own")
 
 
@@ -182,7 +214,11 @@ def _form(shape: coal.CollisionGeometry) -> dict[str, Any] | None:
         from scipy.spatial import ConvexHull  # a quarter of a second, which few need
 
         points = shape.points()  # coal gives the corners only
-        return {"shape": _MESH, "vertices": points.tolist(), "triangles": ConvexHull(points).simplices.tolist()}
+        return {
+            "shape": _MESH,
+            "vertices": points.tolist(),
+            "triangles": ConvexHull(points).simplices.tolist(),
+        }
     kinds = (name for name, kind in _SHAPES.items() if isinstance(shape, kind))  # type: ignore[arg-type]
     return next(({"shape": name, "size": _size(shape)} for name in kinds), None)
 
@@ -192,7 +228,9 @@ def _size(shape: Any) -> list[float]:
         return [2 * float(half) for half in shape.halfSide]
     if isinstance(shape, coal.Ellipsoid):
         return [float(radius) for radius in shape.radii]
-    return [shape.radius] if isinstance(shape, coal.Sphere) else [shape.radius, 2 * shape.halfLength]
+    return (
+        [shape.radius] if isinstance(shape, coal.Sphere) else [shape.radius, 2 * shape.halfLength]
+    )
 
 
 def _first(error: ValidationError) -> str:

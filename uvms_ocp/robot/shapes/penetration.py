@@ -1,10 +1,12 @@
-"""Penetration depth of two overlapping solids, as kernels: separating axes, then an expanding polytope where they are curved.
+"""Penetration depth of two overlapping solids, as kernels: separating axes, then an expanding
+polytope where they are curved.
 
-Without disks these are all (separating axes, [Ericson2005] 4.4.1); with one disk and a point besides, the way outward of the
-axis of the disk is left; for the rest they are where `hull` begins.
+Without disks these are all (separating axes, [Ericson2005] 4.4.1); with one disk and a point
+besides, the way outward of the axis of the disk is left; for the rest they are where `hull` begins.
 
-Expanding polytope: what its nearest face and the difference there leave open is certain not to be missed. Faces are turned
-away from the middle of the difference, which is always inside, as both solids look the same from either side.
+Expanding polytope: what its nearest face and the difference there leave open is certain not to be
+missed. Faces are turned away from the middle of the difference, which is always inside, as both
+solids look the same from either side.
 """
 
 from __future__ import annotations
@@ -13,12 +15,23 @@ import math
 from typing import Annotated
 
 from uvms_ocp.codegen.kernel_layout import Layout, Sized, Vector, zeros
-from uvms_ocp.robot.shapes.gjk import RelativePlacement, Solid, add_support, cross, dot, height, subtract, turned_back
+from uvms_ocp.robot.shapes.gjk import (
+    RelativePlacement,
+    Solid,
+    add_support,
+    cross,
+    dot,
+    height,
+    subtract,
+    turned_back,
+)
 
-# How deep solids overlap along directions that may be the shallowest: those of their faces and edges.
+# How deep solids overlap along directions that may be the shallowest: those of their faces and
+# edges.
 #
-# Without disks these are all (separating axes, [Ericson2005] 4.4.1); with one disk and a point besides, the way outward of the
-# axis of the disk is left; for the rest they are where `hull` begins.
+# Without disks these are all (separating axes, [Ericson2005] 4.4.1); with one disk and a point
+# besides, the way outward of the axis of the disk is left; for the rest they are where `hull`
+# begins.
 
 _PARALLEL = 1e-20  # squared sine of edges that span no face
 
@@ -33,7 +46,9 @@ def try_axes(m: RelativePlacement, a: Solid, b: Solid) -> None:
 
 def try_face_and_edges(m: RelativePlacement, a: Solid, b: Solid, i: int) -> None:
     """Along the i-th axes of both, and across that of A and any of B. A kernel."""
-    along, other, both = zeros(3), zeros(3), zeros(3)
+    along = zeros(3)
+    other = zeros(3)
+    both = zeros(3)
     along[i] = 1.0
     try_axis(m, a, b, along)
     for j in range(3):
@@ -47,7 +62,8 @@ def try_face_and_edges(m: RelativePlacement, a: Solid, b: Solid, i: int) -> None
 
 def try_outward(m: RelativePlacement, a: Solid, b: Solid) -> None:
     """Try the directions from the z axis of either to the middle of the other. A kernel."""
-    out, z = zeros(3), zeros(3)
+    out = zeros(3)
+    z = zeros(3)
     out[:2] = m.p[:2]
     try_axis(m, a, b, out)
     for k in range(3):
@@ -59,8 +75,11 @@ def try_outward(m: RelativePlacement, a: Solid, b: Solid) -> None:
 
 
 def try_axis(m: RelativePlacement, a: Solid, b: Solid, d: Vector) -> None:
-    """Take d (3,), of any length, if the solids overlap less along it than along what was taken before. A kernel."""
-    n, length = zeros(3), math.sqrt(dot(d, d))
+    """Take d (3,), of any length, if the solids overlap less along it than along what was taken
+    before. A kernel.
+    """
+    n = zeros(3)
+    length = math.sqrt(dot(d, d))
     if not length * length > _PARALLEL:
         return
     side = 1.0 if dot(d, m.p) >= 0.0 else -1.0
@@ -79,10 +98,12 @@ def distance_along(m: RelativePlacement, a: Solid, b: Solid, n: Vector) -> float
     return dot(n, m.p) - height(a, n) - height(b, back)
 
 
-# How deep two solids overlap whose difference is curved: a polytope inside of it grows where it is nearest to the origin.
+# How deep two solids overlap whose difference is curved: a polytope inside of it grows where it is
+# nearest to the origin.
 #
-# Expanding polytope: what its nearest face and the difference there leave open is certain not to be missed. Faces are turned
-# away from the middle of the difference, which is always inside, as both solids look the same from either side.
+# Expanding polytope: what its nearest face and the difference there leave open is certain not to be
+# missed. Faces are turned away from the middle of the difference, which is always inside, as both
+# solids look the same from either side.
 
 GROWTH = 96
 """Points that a polytope grows by at most."""
@@ -129,7 +150,9 @@ def expand_polytope(h: Hull, m: RelativePlacement, a: Solid, b: Solid) -> None:
 
 
 def write_polytope_support(h: Hull, m: RelativePlacement, a: Solid, b: Solid, d: Vector) -> None:
-    """Write the point that is farthest along d (3,) behind the others, without counting it. A kernel."""
+    """Write the point that is farthest along d (3,) behind the others, without counting it. A
+    kernel.
+    """
     m.simplex.n = 0
     add_support(m, a, b, d)
     m.simplex.n = 0
@@ -146,8 +169,13 @@ def nearest_face(h: Hull) -> int:
 
 
 def enclose(h: Hull, m: RelativePlacement, a: Solid, b: Solid) -> None:
-    """Begin with three points that lie in different directions from the middle, and those opposite. A kernel."""
-    d, first, second, least = zeros(3), zeros(3), zeros(3), zeros(3)
+    """Begin with three points that lie in different directions from the middle, and those opposite.
+    A kernel.
+    """
+    d = zeros(3)
+    first = zeros(3)
+    second = zeros(3)
+    least = zeros(3)
     h.n = 0
     h.n_faces = 0
     d[0] = 1.0
@@ -166,7 +194,9 @@ def enclose(h: Hull, m: RelativePlacement, a: Solid, b: Solid) -> None:
 
 
 def add_opposite(h: Hull, m: RelativePlacement, a: Solid, b: Solid, d: Vector, u: Vector) -> None:
-    """Two points, farthest along d (3,) and against it, and from the middle to the first, u (3,) [m]. A kernel."""
+    """Two points, farthest along d (3,) and against it, and from the middle to the first, u (3,)
+    [m]. A kernel.
+    """
     write_polytope_support(h, m, a, b, d)
     for i in range(3):
         u[i] = h.w[h.n][i] + m.p[i]
@@ -176,7 +206,10 @@ def add_opposite(h: Hull, m: RelativePlacement, a: Solid, b: Solid, d: Vector, u
 
 def add_face(h: Hull, m: RelativePlacement, i: int, j: int, k: int) -> None:
     """Between three points, outward. A kernel."""
-    e, f, n, new = zeros(3), zeros(3), h.normal[h.n_faces], h.n_faces
+    e = zeros(3)
+    f = zeros(3)
+    n = h.normal[h.n_faces]
+    new = h.n_faces
     subtract(h.w[j], h.w[i], e)
     subtract(h.w[k], h.w[i], f)
     h.face[new][0] = i
@@ -205,7 +238,9 @@ def remove_visible_faces(h: Hull) -> None:
 
 
 def toggle_edge(h: Hull, i: int, j: int) -> None:
-    """An edge of a face that goes, which is of the hole unless the other face goes too. A kernel."""
+    """An edge of a face that goes, which is of the hole unless the other face goes too. A
+    kernel.
+    """
     for k in range(h.n_edges):
         if (h.edge[k][0] == i and h.edge[k][1] == j) or (h.edge[k][0] == j and h.edge[k][1] == i):
             h.n_edges -= 1
@@ -227,7 +262,9 @@ def drop_face(h: Hull, k: int) -> None:
 
 
 def fill_hole(h: Hull, m: RelativePlacement) -> bool:
-    """Faces from the edges of the hole to the new point; false where there is no room for them. A kernel."""
+    """Faces from the edges of the hole to the new point; false where there is no room for them. A
+    kernel.
+    """
     if h.n_faces + h.n_edges > FACES or h.n_edges < 3 or h.n + 1 >= POINTS:
         return False
     for k in range(h.n_edges):

@@ -28,9 +28,12 @@ _ALL = (
 
 def _signature_of(scenario: Callable[..., Any]) -> Signature:
     """With the options of all scenarios in the place of ``**options``, for help and completion."""
-    own, shared = signature(scenario), signature(RunOptions).parameters
+    own = signature(scenario)
+    shared = signature(RunOptions).parameters
     kept = [each for each in own.parameters.values() if each.kind is not each.VAR_KEYWORD]
-    more = [each.replace(default=None) for name, each in shared.items() if name not in own.parameters]
+    more = [
+        each.replace(default=None) for name, each in shared.items() if name not in own.parameters
+    ]
     return own.replace(parameters=[*kept, *more])
 
 

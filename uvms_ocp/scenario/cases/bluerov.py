@@ -13,7 +13,14 @@ from uvms_ocp.checks import checked
 from uvms_ocp.mission.phase import Below
 from uvms_ocp.record.meta_values import DONE
 from uvms_ocp.robot import Kinematics, load_robot
-from uvms_ocp.scenario.options import SAFETY, abort_phase, approach_phase, mission_of, phase_of, run_options
+from uvms_ocp.scenario.options import (
+    SAFETY,
+    abort_phase,
+    approach_phase,
+    mission_of,
+    phase_of,
+    run_options,
+)
 from uvms_ocp.scenario.scenario import Scenario, pose_at
 from uvms_ocp.tasks import FieldOfView, JointTracking, ToolPosition, VehiclePose
 from uvms_ocp.types import Period, Point, Positive, Range
@@ -30,12 +37,14 @@ def reach(
     tolerance: Positive = 0.01,
     **options: Any,
 ) -> Scenario:
-    """A small floating vehicle with a four-joint arm brings its tool to a position: approach, then reach.
+    """A small floating vehicle with a four-joint arm brings its tool to a position: approach, then
+    reach.
 
-    The tool stays within tolerance [m] of the target (3,) [m] in W for 1 s; vehicle and arm reach together, the pose
-    of the vehicle comes second. variant: of the water on the plant's vehicle, such as another published set of drag; the
-    controller keeps the nominal one. target: by default drawn from `seed`, 2 to 4 m from the start. start: X_WB.
-    options: those of `RunOptions`; the robot is bluerov2_alpha5, the floor at -10 m.
+    The tool stays within tolerance [m] of the target (3,) [m] in W for 1 s; vehicle and arm reach
+    together, the pose of the vehicle comes second. variant: of the water on the plant's vehicle,
+    such as another published set of drag; the controller keeps the nominal one. target: by default
+    drawn from `seed`, 2 to 4 m from the start. start: X_WB. options: those of `RunOptions`; the
+    robot is bluerov2_alpha5, the floor at -10 m.
 
     Raises `UvmsError` where a name is unknown or a number is impossible.
     """
@@ -43,8 +52,14 @@ def reach(
     robot = run.robot
     origin = start or pose_at((0.0, 0.0, -5.0))
     rng = np.random.default_rng(run.seed)
-    azimuth, distance, drop = rng.uniform(-np.pi, np.pi), rng.uniform(2.0, 4.0), rng.uniform(0.5, 1.5)
-    drawn = origin.translation + distance * np.array([np.cos(azimuth), np.sin(azimuth), 0.0]) - [0.0, 0.0, drop]
+    azimuth = rng.uniform(-np.pi, np.pi)
+    distance = rng.uniform(2.0, 4.0)
+    drop = rng.uniform(0.5, 1.5)
+    drawn = (
+        origin.translation
+        + distance * np.array([np.cos(azimuth), np.sin(azimuth), 0.0])
+        - [0.0, 0.0, drop]
+    )
     point = drawn if target is None else np.asarray(target, dtype=float)
     q0 = run.start(origin)
     way_point = pose_facing(origin, point, Kinematics(robot, q0))
@@ -54,7 +69,9 @@ def reach(
     reaching = phase_of("B", "reach", ("JL", "MAC", "HA", "TP", "PC", "MP"), DONE, there, hold=1.0)
     return run.scenario(
         name="reach",
-        mission=mission_of(robot, tasks, (approach_phase(), reaching), abort=abort_phase("JL", "MAC", "HA", "MP")),
+        mission=mission_of(
+            robot, tasks, (approach_phase(), reaching), abort=abort_phase("JL", "MAC", "HA", "MP")
+        ),
         start=q0,
         plant_robot=None if variant is None else load_robot(robot.name, variant=variant),
         markers={"target": tuple(point), "way point": tuple(way_point.translation)},
@@ -62,7 +79,9 @@ def reach(
 
 
 def pose_facing(origin: pin.SE3, target: np.ndarray, start: Kinematics) -> pin.SE3:
-    """Vehicle pose, level and facing the target (3,) [m] in W, from which the tool at its present posture is just there."""
+    """Vehicle pose, level and facing the target (3,) [m] in W, from which the tool at its present
+    posture is just there.
+    """
     p_BT = start.pose("base_link").actInv(start.pose("tool").translation)
     d = target - origin.translation
     R_WB = pin.rpy.rpyToMatrix(0.0, 0.0, float(np.arctan2(d[1], d[0])))
@@ -74,7 +93,9 @@ def pose_facing(origin: pin.SE3, target: np.ndarray, start: Kinematics) -> pin.S
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class Circle:
-    """A point that goes around a circle in a vertical plane, starting and ending at rest at its top: a `Reference`."""
+    """A point that goes around a circle in a vertical plane, starting and ending at rest at its
+    top: a `Reference`.
+    """
 
     centre: np.ndarray
     """(3,) [m] in W."""
@@ -111,12 +132,14 @@ def bluerov_inspection(
     turning: Period = 24.0,
     **options: Any,
 ) -> Scenario:
-    """Valve turning by a BlueROV2 with a four-joint arm: approach, hold, follow a circular tool path.
+    """Valve turning by a BlueROV2 with a four-joint arm: approach, hold, follow a circular tool
+    path.
 
-    The tool goes turns times around a circle of radius [m] about the valve, target (3,) [m] in W, within turning [s]
-    and stays within 0.02 m of it all the time, while the valve stays within 0.4 rad of the axis of a camera on the
-    vehicle that is tilted towards the stowed tool. Vehicle and arm move together; the pose of the vehicle comes last.
-    With noise the tolerance is 0.06 m. options: those of `RunOptions`; the robot is bluerov2_alpha5, the floor at -10 m.
+    The tool goes turns times around a circle of radius [m] about the valve, target (3,) [m] in W,
+    within turning [s] and stays within 0.02 m of it all the time, while the valve stays within 0.4
+    rad of the axis of a camera on the vehicle that is tilted towards the stowed tool. Vehicle and
+    arm move together; the pose of the vehicle comes last. With noise the tolerance is 0.06 m.
+    options: those of `RunOptions`; the robot is bluerov2_alpha5, the floor at -10 m.
 
     Raises `UvmsError` where a name is unknown or a number is impossible.
     """
@@ -126,19 +149,33 @@ def bluerov_inspection(
     q0 = run.start(origin)
     start = Kinematics(run.robot, q0)
     way_point = pose_facing(origin, centre, start)
-    circle = Circle(centre=centre, across=way_point.rotation[:, 1], radius=radius, turns=turns, duration=turning)
+    circle = Circle(
+        centre=centre, across=way_point.rotation[:, 1], radius=radius, turns=turns, duration=turning
+    )
     # Direction of the tool, from the vehicle and in its frame.
     p_BT = start.pose("base_link").actInv(start.pose("tool").translation)
     x, y, z = (p_BT / np.linalg.norm(p_BT)).tolist()
-    posture = VehiclePose(goal=way_point), JointTracking(joints=run.robot.joint_names, goal=run.robot.home)
-    tasks = [*SAFETY, FieldOfView(goal=centre, axis=(x, y, z)), ToolPosition(goal=circle(0.0)[0]), *posture]
+    posture = (
+        VehiclePose(goal=way_point),
+        JointTracking(joints=run.robot.joint_names, goal=run.robot.home),
+    )
+    tasks = [
+        *SAFETY,
+        FieldOfView(goal=centre, axis=(x, y, z)),
+        ToolPosition(goal=circle(0.0)[0]),
+        *posture,
+    ]
     there = Below(quantity="TP.position_error", limit=0.06 if run.noise else 0.02)
-    on, near = ("JL", "MAC", "HA", "FV", "TP", "PC", "MP"), replace(there, limit=there.limit / 2)
+    on = ("JL", "MAC", "HA", "FV", "TP", "PC", "MP")
+    near = replace(there, limit=there.limit / 2)
     turn = phase_of("C", "turn", on, DONE, there, hold=turning + 1.0, TP=circle)
     phases = (approach_phase(), phase_of("B", "hold", on, "C", near, hold=1.0), turn)
     return run.scenario(
         name="bluerov_inspection",
         mission=mission_of(run.robot, tasks, phases, abort=abort_phase("JL", "MAC", "HA", "MP")),
         start=q0,
-        markers={"valve": tuple(centre.tolist()), "way point": tuple(way_point.translation.tolist())},
+        markers={
+            "valve": tuple(centre.tolist()),
+            "way point": tuple(way_point.translation.tolist()),
+        },
     )

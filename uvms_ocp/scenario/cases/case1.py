@@ -1,4 +1,6 @@
-"""Case 1 of the paper, way point, alignment, landing, tool frame, and its variants: current drift, priority swap, two targets."""
+"""Case 1 of the paper, way point, alignment, landing, tool frame, and its variants: current drift,
+priority swap, two targets.
+"""
 
 from __future__ import annotations
 
@@ -16,7 +18,14 @@ from uvms_ocp.errors import InvalidInput
 from uvms_ocp.mission.phase import Above, Below, Phase, Transition
 from uvms_ocp.record.meta_values import DONE
 from uvms_ocp.robot import Kinematics, Robot
-from uvms_ocp.scenario.options import SAFETY, abort_phase, mission_of, override, phase_of, run_options
+from uvms_ocp.scenario.options import (
+    SAFETY,
+    abort_phase,
+    mission_of,
+    override,
+    phase_of,
+    run_options,
+)
 from uvms_ocp.scenario.preflight.reachability import ArmReach, ReachResult
 from uvms_ocp.scenario.scenario import Scenario, pose_at
 from uvms_ocp.sim.currents import OnsetCurrent
@@ -31,7 +40,9 @@ from uvms_ocp.types import Finite, Magnitude, Point
 _N_POSTURE_JOINTS = 4  # MP holds the last four joints ([Gao2022] Case 2)
 _DISTANCE = 1.4  # [m] of the way point from the target, horizontally
 _REACHING = 0.55  # of its length, by which the arm bridges it
-_ASIDE = 0.15  # [rad] from the bow to the tool's goal, for an arm that straight ahead is at the end of its first joint
+# [rad] from the bow to the tool's goal, for an arm that straight ahead is at the end of its first
+# joint
+_ASIDE = 0.15
 
 
 @checked_dataclass()
@@ -55,7 +66,9 @@ class Thresholds:
 
     @staticmethod
     def suggested(*, plant: str, noise: bool) -> Thresholds:
-        """The paper's on the kinematic plant; a real hull touches down earlier, and noise hides millimetres."""
+        """The paper's on the kinematic plant; a real hull touches down earlier, and noise hides
+        millimetres.
+        """
         landing = 0.17 if plant == "kinematic" else 0.2
         tool = (5e-3, 1e-2) if noise else (1e-3, 1e-3)
         return Thresholds(landing_altitude=landing, tool_position=tool[0], tool_orientation=tool[1])
@@ -76,29 +89,40 @@ def case1(
 ) -> Scenario:
     """Way point, alignment, landing, tool frame ([Gao2022] Case 1, Tables 3 and 4).
 
-    An arm that is shorter than the paper's has its way point as much nearer to the target, and one of less than six joints,
-    which meets no pose from where the vehicle stands, brings its tool to the position alone; beside the target, where straight
-    ahead its first joint is at a limit.
+    An arm that is shorter than the paper's has its way point as much nearer to the target, and one
+    of less than six joints, which meets no pose from where the vehicle stands, brings its tool to
+    the position alone; beside the target, where straight ahead its first joint is at a limit.
 
-    start, way_point: X_WB. posture (n_joints,) [rad]: joints at the start, the stowed posture by default. target (3,) [m]
-    in W: where AT points. tool_goal: X_WT or a motion of it, at the target with the tool pointing down by default. tasks:
-    field overrides by task name, such as ``{"PC": {"gain_linear": 0.3}}``. order: task names, highest priority first,
-    instead of the order of the classes. options: those of `RunOptions`.
+    start, way_point: X_WB. posture (n_joints,) [rad]: joints at the start, the stowed posture by
+    default. target (3,) [m] in W: where AT points. tool_goal: X_WT or a motion of it, at the target
+    with the tool pointing down by default. tasks: field overrides by task name, such as ``{"PC":
+    {"gain_linear": 0.3}}``. order: task names, highest priority first, instead of the order of the
+    classes. options: those of `RunOptions`.
 
-    Raises `UvmsError` where a name is unknown or a number is impossible, and `InvalidInput` where no joint moves a tool.
+    Raises `UvmsError` where a name is unknown or a number is impossible, and `InvalidInput` where
+    no joint moves a tool.
     """
     run = run_options(options)
     origin = start or pose_at((8.5, 38.5, -36.0), (0.0, -0.06, 0.5))
     point, default = np.asarray(target, dtype=float), np.array([10.8, 37.45, -38.0])
     share, carried, aside = _scaled_to_arm(run.robot)
-    goal = way_point or pose_at(tuple(default - (1.0 - share) * (default - point)), (0.0, -0.06, 0.5))
+    goal = way_point or pose_at(
+        tuple(default - (1.0 - share) * (default - point)), (0.0, -0.06, 0.5)
+    )
     tool = tool_goal or pose_at(_beside(point, goal, aside), (np.pi, 0.0, 0.0))
     limits = thresholds or Thresholds.suggested(plant=run.plant, noise=run.noise)
     listed = case1_tasks(run.robot, goal, point, tool, carried)
     phases = case1_phases(limits, pose=any(isinstance(task, ToolPose) for task in listed))
     return run.scenario(
         name="case1",
-        mission=mission_of(run.robot, listed, phases, order=order, overrides=tasks, abort=abort_phase("JL", "MAC", "HA", "MP")),
+        mission=mission_of(
+            run.robot,
+            listed,
+            phases,
+            order=order,
+            overrides=tasks,
+            abort=abort_phase("JL", "MAC", "HA", "MP"),
+        ),
         start=run.start(origin, carried if posture is None else posture),
         markers={"target": tuple(point), "way point": tuple(goal.translation)},
     )
@@ -106,36 +130,55 @@ def case1(
 
 @checked
 def case1_unreachable(**options: Any) -> Scenario:
-    """Case 1 with a way point from which, once landed, the arm stays 0.2 to 0.4 m short of its target.
+    """Case 1 with a way point from which, once landed, the arm stays 0.2 to 0.4 m short of its
+    target.
 
     Pre-flight refuses it and suggests a way point that is near enough. Options as for `case1`.
     """
-    return replace(case1(**{"way_point": pose_at((10.2, 37.5, -38.0), (0.0, -0.06, 0.5)), **options}), name="case1_unreachable")
+    return replace(
+        case1(**{"way_point": pose_at((10.2, 37.5, -38.0), (0.0, -0.06, 0.5)), **options}),
+        name="case1_unreachable",
+    )
 
 
 def _scaled_to_arm(robot: Robot) -> tuple[np.ndarray, np.ndarray, float]:
-    """Shares (3,) of the way from the paper's way point to its target for a robot's own arm, its posture and a bearing.
+    """Shares (3,) of the way from the paper's way point to its target for a robot's own arm, its
+    posture and a bearing.
 
-    Shares are at most 1. The posture (n_joints,) [rad or m] is the stowed one, of an arm that is too short one that is carried
-    ahead, where it has nothing in its way from a vehicle on the floor; at the bearing [rad] from the bow at which its first
-    joint is off its limits. Raises `InvalidInput` where no joint moves a tool.
+    Shares are at most 1. The posture (n_joints,) [rad or m] is the stowed one, of an arm that is
+    too short one that is carried ahead, where it has nothing in its way from a vehicle on the
+    floor; at the bearing [rad] from the bow at which its first joint is off its limits. Raises
+    `InvalidInput` where no joint moves a tool.
     """
     joints = _tool_joints(robot)
     if not joints:
-        raise InvalidInput(f"{robot.name} has no tool that joints move; allowed: a robot with an arm, or a scenario without tool")
+        raise InvalidInput(
+            f"{robot.name} has no tool that joints move; allowed: a robot with an arm, or a"
+            " scenario without tool"
+        )
     start = Kinematics(robot, robot.configuration())
     places = [*(start.pose(joint).translation for joint in joints), start.pose("tool").translation]
     reach = float(sum(np.linalg.norm(end - begin) for begin, end in pairwise(places)))
     share = min(1.0, (places[0][0] + _REACHING * reach) / _DISTANCE)
-    posture, bearing, height, near = robot.home.copy(), 0.0, float(places[0][2]), [robot.home]
+    posture = robot.home.copy()
+    bearing = 0.0
+    height = float(places[0][2])
+    near = [robot.home]
     if share < 1.0:
-        arm, own = ArmReach(robot, "tool", rotation_weight=0.0), [robot.joint_names.index(joint) for joint in joints]
+        arm = ArmReach(robot, "tool", rotation_weight=0.0)
+        own = [robot.joint_names.index(joint) for joint in joints]
         found: dict[float, ReachResult] = {}
         for angle in (0.0, _ASIDE, -_ASIDE):
             ahead = share * _DISTANCE * np.array([np.cos(angle), np.sin(angle)])
             found[angle] = arm.solve(pin.SE3.Identity(), pose_at((*ahead, height)), near)
             near.append(found[angle].joints)
-        bearing = max(found, key=lambda angle: (found[angle].reached, min(_spare(robot, found[angle].joints)[own[0]], _ASIDE)))
+        bearing = max(
+            found,
+            key=lambda angle: (
+                found[angle].reached,
+                min(_spare(robot, found[angle].joints)[own[0]], _ASIDE),
+            ),
+        )
         posture[own] = found[bearing].joints[own]
     return np.array([share, share, 1.0]), posture, bearing
 
@@ -146,7 +189,9 @@ def _spare(robot: Robot, joints: np.ndarray) -> np.ndarray:
 
 
 def _beside(target: np.ndarray, way_point: pin.SE3, bearing: float) -> Point:
-    """The target (3,) [m], or where it would be if it were at a bearing [rad] from the bow that points to it."""
+    """The target (3,) [m], or where it would be if it were at a bearing [rad] from the bow that
+    points to it.
+    """
     way = target - way_point.translation
     x, y, z = target + (pin.rpy.rpyToMatrix(0.0, 0.0, bearing) @ way - way)
     return float(x), float(y), float(z)
@@ -155,18 +200,40 @@ def _beside(target: np.ndarray, way_point: pin.SE3, bearing: float) -> Point:
 def _tool_joints(robot: Robot) -> list[str]:
     """Joints that move the tool against the vehicle, from the first on."""
     model = robot.model
-    moving = model.supports[model.frames[robot.frame_id("tool")].parentJoint] if robot.has_frame("tool") else ()
+    moving = (
+        model.supports[model.frames[robot.frame_id("tool")].parentJoint]
+        if robot.has_frame("tool")
+        else ()
+    )
     return [model.names[joint] for joint in moving if model.names[joint] in robot.joint_names]
 
 
 def case1_tasks(
-    robot: Robot, way_point: pin.SE3, target: np.ndarray, tool_goal: pin.SE3 | PoseReference, posture: np.ndarray
+    robot: Robot,
+    way_point: pin.SE3,
+    target: np.ndarray,
+    tool_goal: pin.SE3 | PoseReference,
+    posture: np.ndarray,
 ) -> list[Task]:
-    """[Gao2022] Table 3, for the goals X_WB, target (3,) [m] in W and X_WT, and a posture (n_joints,) [rad or m]."""
+    """[Gao2022] Table 3, for the goals X_WB, target (3,) [m] in W and X_WT, and a posture
+    (n_joints,) [rad or m].
+    """
     wrist = robot.joint_names[-_N_POSTURE_JOINTS:]
-    tool = ToolPose(goal=tool_goal) if len(_tool_joints(robot)) >= 6 else ToolPosition(name="T", goal=tool_goal)
+    tool = (
+        ToolPose(goal=tool_goal)
+        if len(_tool_joints(robot)) >= 6
+        else ToolPosition(name="T", goal=tool_goal)
+    )
     held = JointTracking(joints=wrist, goal=posture[-_N_POSTURE_JOINTS:])
-    return [NullVelocity(), *SAFETY, Alignment(goal=target), LandingAltitude(), VehiclePose(goal=way_point), tool, held]
+    return [
+        NullVelocity(),
+        *SAFETY,
+        Alignment(goal=target),
+        LandingAltitude(),
+        VehiclePose(goal=way_point),
+        tool,
+        held,
+    ]
 
 
 def case1_phases(thresholds: Thresholds, *, pose: bool = True) -> tuple[Phase, ...]:
@@ -181,8 +248,23 @@ def case1_phases(thresholds: Thresholds, *, pose: bool = True) -> tuple[Phase, .
     return (
         phase_of("A", "way point", ("JL", "MAC", "HA", "PC", "MP"), "B", arrived),
         phase_of("B", "alignment", ("JL", "MAC", "HA", "AT", "MP"), "C", aligned),
-        phase_of("C", "landing", ("JL", "HA", "AT", "LA", "MP"), "D", landed, aligned, hold=thresholds.landing_hold),
-        phase_of("D", "tool frame", ("NR", "JL", "HA", "T", "MP"), DONE, *reached[: 1 + pose], hold=thresholds.tool_hold),
+        phase_of(
+            "C",
+            "landing",
+            ("JL", "HA", "AT", "LA", "MP"),
+            "D",
+            landed,
+            aligned,
+            hold=thresholds.landing_hold,
+        ),
+        phase_of(
+            "D",
+            "tool frame",
+            ("NR", "JL", "HA", "T", "MP"),
+            DONE,
+            *reached[: 1 + pose],
+            hold=thresholds.tool_hold,
+        ),
     )
 
 
@@ -193,18 +275,28 @@ ADRIFT = Above(quantity="PC.horizontal_error", limit=0.5, release=0.4)  # [m] of
 
 @checked
 def current_drift(*, back_steps: bool = True, retries: int = 3, **options: Any) -> Scenario:
-    """Case 1 in a current that sets in during phase D and pushes the vehicle off, for null velocity is not position.
+    """Case 1 in a current that sets in during phase D and pushes the vehicle off, for null velocity
+    is not position.
 
-    With back-steps the manager sees the vehicle adrift, returns to A and completes D at the second attempt, in the
-    current. Without them the vehicle ends more than 0.3 m off its place and the tool never reaches the target. The
-    velocity loop is a plain one, slow to reset and without observer: the default one drifts less than the arm can make
-    up for. retries: how often D may be left for A. Other options as for `case1`.
+    With back-steps the manager sees the vehicle adrift, returns to A and completes D at the second
+    attempt, in the current. Without them the vehicle ends more than 0.3 m off its place and the
+    tool never reaches the target. The velocity loop is a plain one, slow to reset and without
+    observer: the default one drifts less than the arm can make up for. retries: how often D may be
+    left for A. Other options as for `case1`.
     """
-    scenario = case1(**{"current": OnsetCurrent((-0.75, 0.2, 0.0), start=40.0, rise=1.0), "duration": 150.0, **options})
+    scenario = case1(
+        **{
+            "current": OnsetCurrent((-0.75, 0.2, 0.0), start=40.0, rise=1.0),
+            "duration": 150.0,
+            **options,
+        }
+    )
     if back_steps:
         phases = tuple(with_back_step(phase, retries) for phase in scenario.mission.phases)
         scenario = replace(scenario, mission=replace(scenario.mission, phases=phases))
-    return replace(scenario, name="current_drift", gains=VelocityGains(vehicle_reset=0.2, observer_vehicle=0.0))
+    return replace(
+        scenario, name="current_drift", gains=VelocityGains(vehicle_reset=0.2, observer_vehicle=0.0)
+    )
 
 
 def with_back_step(phase: Phase, retries: int) -> Phase:
@@ -218,18 +310,26 @@ def with_back_step(phase: Phase, retries: int) -> Phase:
 
 @checked
 def priority_swap(*, swapped: bool = True, **options: Any) -> Scenario:
-    """Case 1 with a way point whose attitude is pitched by 0.3 rad, and PC above HA ([Gao2022], after Table 3).
+    """Case 1 with a way point whose attitude is pitched by 0.3 rad, and PC above HA ([Gao2022],
+    after Table 3).
 
-    Swapped, the vehicle follows the way point's attitude and tilts by more than 0.1 rad; in the right order HA keeps
-    the tilt below 0.1 rad. Both reach the target. Other options as for `case1`.
+    Swapped, the vehicle follows the way point's attitude and tilts by more than 0.1 rad; in the
+    right order HA keeps the tilt below 0.1 rad. Both reach the target. Other options as for
+    `case1`.
     """
     scenario = case1(**options)
     hierarchy = scenario.mission.hierarchy
     exchanged = {"HA": "PC", "PC": "HA"} if swapped else {}
     order = [exchanged.get(name, name) for name in hierarchy.names]
-    pitched = {"goal": pose_at(scenario.markers["way point"], (0.0, -0.3, 0.5))} if options.get("way_point") is None else {}
+    pitched = (
+        {"goal": pose_at(scenario.markers["way point"], (0.0, -0.3, 0.5))}
+        if options.get("way_point") is None
+        else {}
+    )
     tasks = override(list(hierarchy.tasks), {"PC": pitched})
-    scenario = replace(scenario, mission=replace(scenario.mission, hierarchy=Hierarchy(tasks, order)))
+    scenario = replace(
+        scenario, mission=replace(scenario.mission, hierarchy=Hierarchy(tasks, order))
+    )
     return replace(scenario, name="priority_swap")
 
 
@@ -239,29 +339,44 @@ _APPROACH = np.array([-1.4025, 0.0752, 1.886])  # [m] from a target to its way p
 
 
 @checked
-def two_targets(*, second: Point = (13.6, 36.2, -39.886), second_yaw: Finite = -0.7, **options: Any) -> Scenario:
-    """Case 1 twice: tool pose 1, then the vehicle takes off, moves 1.8 m, lands again and reaches tool pose 2.
+def two_targets(
+    *, second: Point = (13.6, 36.2, -39.886), second_yaw: Finite = -0.7, **options: Any
+) -> Scenario:
+    """Case 1 twice: tool pose 1, then the vehicle takes off, moves 1.8 m, lands again and reaches
+    tool pose 2.
 
-    second (3,) [m]: the second target in W, second_yaw [rad]: the heading of the vehicle at its way point. Phases are
-    A1 to D1 and A2 to D2, over one hierarchy; goals belong to the phases. Both tool errors end below the thresholds of
-    `case1`, whose options apply. Raises `InvalidInput` where no joint moves a tool.
+    second (3,) [m]: the second target in W, second_yaw [rad]: the heading of the vehicle at its way
+    point. Phases are A1 to D1 and A2 to D2, over one hierarchy; goals belong to the phases. Both
+    tool errors end below the thresholds of `case1`, whose options apply. Raises `InvalidInput`
+    where no joint moves a tool.
     """
     scenario = case1(**{"duration": 240.0, **options})
     target = np.asarray(second, dtype=float)
     turn = pin.rpy.rpyToMatrix(0.0, 0.0, second_yaw)
     share, _, aside = _scaled_to_arm(scenario.robot)
     way_point = pose_at(tuple(target + turn @ (share * _APPROACH)), (0.0, -0.06, second_yaw))
-    goals = {"PC": way_point, "AT": target, "T": pose_at(_beside(target, way_point, aside), (np.pi, 0.0, second_yaw))}
+    goals = {
+        "PC": way_point,
+        "AT": target,
+        "T": pose_at(_beside(target, way_point, aside), (np.pi, 0.0, second_yaw)),
+    }
     once = scenario.mission.phases
     again = [replace(phase, goals=goals) for phase in once]
     phases = (*_renamed(once, "1", after="A2"), *_renamed(again, "2", after=DONE))
     markers = {**scenario.markers, "second target": tuple(target.tolist())}
-    return replace(scenario, name="two_targets", mission=replace(scenario.mission, phases=phases), markers=markers)
+    return replace(
+        scenario,
+        name="two_targets",
+        mission=replace(scenario.mission, phases=phases),
+        markers=markers,
+    )
 
 
 def _renamed(phases: Sequence[Phase], suffix: str, after: str) -> Iterator[Phase]:
     """Phases whose names end in `suffix`; the last leads on to `after`."""
     names = {DONE: after, **{phase.name: phase.name + suffix for phase in phases}}
     for phase in phases:
-        exits = tuple(replace(transition, to=names[transition.to]) for transition in phase.transitions)
+        exits = tuple(
+            replace(transition, to=names[transition.to]) for transition in phase.transitions
+        )
         yield replace(phase, name=names[phase.name], transitions=exits)

@@ -1,4 +1,6 @@
-"""Check altitudes of way points, landing, goals and start, and that the robot is free of obstacles where phases begin and end."""
+"""Check altitudes of way points, landing, goals and start, and that the robot is free of obstacles
+where phases begin and end.
+"""
 
 from __future__ import annotations
 
@@ -11,14 +13,24 @@ import pinocchio as pin
 from uvms_ocp.robot.kinematics import STEEP, AltimeterBeam
 from uvms_ocp.robot.shapes.hull import lowest_link, skid_points
 from uvms_ocp.scenario.preflight.reachability import goals_of
-from uvms_ocp.scenario.preflight.setup import Finding, Setup, Severity, Visit, main_path, points_on_ball, threshold_of
+from uvms_ocp.scenario.preflight.setup import (
+    Finding,
+    Setup,
+    Severity,
+    Visit,
+    main_path,
+    points_on_ball,
+    threshold_of,
+)
 from uvms_ocp.sim.environment import closest_approach
 from uvms_ocp.tasks import HorizontalAttitude, LandingAltitude, MinimumAltitude, goals
 from uvms_ocp.tasks.pose import PoseTask, ToolPosition, VehiclePose
 
-# Checks on heights: way points against the minimum altitude, landing against it, goals, and the start.
+# Checks on heights: way points against the minimum altitude, landing against it, goals, and the
+# start.
 
-MINIMUM_ALTITUDE, ECHO = "minimum altitude", "echo"
+MINIMUM_ALTITUDE = "minimum altitude"
+ECHO = "echo"
 
 
 def check_altitude(setup: Setup, visits: Sequence[Visit]) -> Iterator[Finding]:
@@ -30,25 +42,36 @@ def check_altitude(setup: Setup, visits: Sequence[Visit]) -> Iterator[Finding]:
         minimum = visit.active(MinimumAltitude)
         if minimum is None:
             continue
-        if (task := visit.active(VehiclePose)) is not None:
+        task = visit.active(VehiclePose)
+        if task is not None:
             yield from _way_point(setup, visit, task, minimum)
-        if (landing := visit.active(LandingAltitude)) is not None:
+        landing = visit.active(LandingAltitude)
+        if landing is not None:
             yield from _landing(visit, landing, minimum)
 
 
 def check_echo(setup: Setup) -> Iterator[Finding]:
-    """Findings on phases that go by an altitude which no echo tells: without an altimeter, or at the start."""
+    """Findings on phases that go by an altitude which no echo tells: without an altimeter, or at
+    the start.
+    """
     tasks = {task.name for task in setup.mission.hierarchy.tasks if task.needs_altimeter}
     blind = setup.altimeter_frame is None or setup.sensors.altimeter_range is None
     for index in main_path(setup.mission.phases) if blind else [0]:
         phase = setup.mission.phases[index]
         on = sorted(tasks.intersection(phase.on))
-        awaited = {condition.quantity for condition in phase.conditions if condition.quantity.rpartition(".")[0] in tasks}
+        awaited = {
+            condition.quantity
+            for condition in phase.conditions
+            if condition.quantity.rpartition(".")[0] in tasks
+        }
         if not (on or awaited):
             continue
         names = ", ".join([*on, *sorted(awaited)])
         if blind:
-            text = f"{names}: there is no altimeter, so that no altitude is ever known; give one, or do without"
+            text = (
+                f"{names}: there is no altimeter, so that no altitude is ever known; give one, or"
+                " do without"
+            )
             yield (Severity.ERROR if on else Severity.WARNING).finding(ECHO, text, phase.name)
         else:
             yield from _silent_start(setup, phase.name, names)
@@ -56,26 +79,46 @@ def check_echo(setup: Setup) -> Iterator[Finding]:
 
 def _silent_start(setup: Setup, phase: str, names: str) -> Iterator[Finding]:
     beam = AltimeterBeam(setup.robot, setup.altimeter_frame or "").at(setup.start)
-    if beam.cosine > STEEP and math.isfinite(setup.environment.seafloor.range_along(beam.origin, beam.direction)):
+    if beam.cosine > STEEP and math.isfinite(
+        setup.environment.seafloor.range_along(beam.origin, beam.direction)
+    ):
         return
     tilt = math.acos(max(-1.0, min(1.0, beam.cosine)))
-    why = f"the altimeter looks {tilt:.2f} rad away from straight down, at most {math.acos(STEEP):.2f} rad tells an altitude"
-    silent = f"{names}: the start has no echo ({why if beam.cosine <= STEEP else 'the floor returns none'})"
-    then = "nothing sinks, no condition on altitude is met, and a task on it soon makes the robot hold; start elsewhere"
+    why = (
+        f"the altimeter looks {tilt:.2f} rad away from straight down, at most"
+        f" {math.acos(STEEP):.2f} rad tells an altitude"
+    )
+    silent = (
+        f"{names}: the start has no echo"
+        f" ({why if beam.cosine <= STEEP else 'the floor returns none'})"
+    )
+    then = (
+        "nothing sinks, no condition on altitude is met, and a task on it soon makes the robot"
+        " hold; start elsewhere"
+    )
     yield Severity.WARNING.finding(ECHO, f"{silent}; until one comes {then}", phase, tilt_rad=tilt)
 
 
 def check_goals(setup: Setup) -> Iterator[Finding]:
-    """Findings on goals of vehicle or tool that lie below the floor, one for each phase and task."""
+    """Findings on goals of vehicle or tool that lie below the floor, one for each phase and
+    task.
+    """
     for index, phase in enumerate(setup.mission.phases):
         for task in setup.mission.tasks_of(index):
             if isinstance(task, (PoseTask, ToolPosition)) and task.name in phase.on:
                 points = [goal.translation for goal in goals_of(setup, task.name, task.goal)]
                 floors = [setup.floor_at(x, y) for x, y, _ in points]
-                depth, z, floor = max((floor - p[2], p[2], floor) for p, floor in zip(points, floors, strict=True))
+                depth, z, floor = max(
+                    (floor - p[2], p[2], floor) for p, floor in zip(points, floors, strict=True)
+                )
                 if depth >= 0:
-                    text = f"the goal of {task.name}, z = {z:g} m, is {depth:.2f} m below the seafloor, z = {floor:g} m"
-                    yield Severity.ERROR.finding("goal", f"{text}; raise it", phase.name, below_floor_m=floor - float(z))
+                    text = (
+                        f"the goal of {task.name}, z = {z:g} m, is {depth:.2f} m below the"
+                        f" seafloor, z = {floor:g} m"
+                    )
+                    yield Severity.ERROR.finding(
+                        "goal", f"{text}; raise it", phase.name, below_floor_m=floor - float(z)
+                    )
 
 
 def _start(setup: Setup, first: Visit) -> Iterator[Finding]:
@@ -86,16 +129,24 @@ def _start(setup: Setup, first: Visit) -> Iterator[Finding]:
         text = f"the altimeter starts {-altitude:.2f} m inside the floor; raise the start"
         yield Severity.ERROR.finding("start", text, altitude_m=altitude)
     elif minimum is not None and altitude < minimum.threshold:
-        text = f"the start is at an altitude of {altitude:.2f} m, below {minimum.name}'s {minimum.threshold:g} m"
+        text = (
+            f"the start is at an altitude of {altitude:.2f} m, below {minimum.name}'s"
+            f" {minimum.threshold:g} m"
+        )
         yield Severity.WARNING.finding("start", text, altitude_m=altitude)
     attitude = first.active(HorizontalAttitude)
     tilt = math.acos(min(1.0, float(pin.Quaternion(setup.start[3:7]).matrix()[2, 2])))
     if attitude is not None and tilt > attitude.activation.end:
-        text = f"the vehicle starts with a tilt of {tilt:.2f} rad, outside {attitude.name}'s {attitude.activation.end:g} rad"
+        text = (
+            f"the vehicle starts with a tilt of {tilt:.2f} rad, outside {attitude.name}'s"
+            f" {attitude.activation.end:g} rad"
+        )
         yield Severity.WARNING.finding("start", text, tilt_rad=tilt)
 
 
-def _way_point(setup: Setup, visit: Visit, task: VehiclePose, minimum: MinimumAltitude) -> Iterator[Finding]:
+def _way_point(
+    setup: Setup, visit: Visit, task: VehiclePose, minimum: MinimumAltitude
+) -> Iterator[Finding]:
     """How far the minimum altitude holds the vehicle above its way point."""
     goal, _ = goals.evaluate_pose(task.name, task.goal, 0.0)
     radius = threshold_of(visit.phase, f"{task.name}.position_error")
@@ -103,15 +154,25 @@ def _way_point(setup: Setup, visit: Visit, task: VehiclePose, minimum: MinimumAl
     if gap <= 0:
         return
     first = next(t.name for t in visit.tasks if t in (task, minimum))
-    figures = {"kept_away_m": gap, "ball_m": radius, "altitude_at_way_point_m": minimum.threshold - gap}
+    figures = {
+        "kept_away_m": gap,
+        "ball_m": radius,
+        "altitude_at_way_point_m": minimum.threshold - gap,
+    }
     if first == task.name:
-        text = f"{task.name} ranks above {minimum.name} and breaks the minimum altitude by {gap:.2f} m at its way point"
+        text = (
+            f"{task.name} ranks above {minimum.name} and breaks the minimum altitude by {gap:.2f} m"
+            " at its way point"
+        )
         yield Severity.WARNING.finding(MINIMUM_ALTITUDE, text, visit.phase.name, **figures)
         return
     shut = radius is not None and _least_gap(setup, goal, minimum, radius) > 0
     altitudes = f"altitude {minimum.threshold - gap:.2f} m, minimum {minimum.threshold:g} m"
     text = f"{minimum.name} keeps the vehicle {gap:.2f} m above its way point ({altitudes})"
-    outside = f", outside the ball of {radius or 0:g} m that ends the phase; raise the way point by {gap:.2f} m"
+    outside = (
+        f", outside the ball of {radius or 0:g} m that ends the phase; raise the way point by"
+        f" {gap:.2f} m"
+    )
     severity = Severity.ERROR if shut else Severity.WARNING
     yield severity.finding(MINIMUM_ALTITUDE, text + outside * shut, visit.phase.name, **figures)
 
@@ -125,7 +186,9 @@ def _altitude(setup: Setup, X_WB: pin.SE3) -> float:
 
 
 def _least_gap(setup: Setup, goal: pin.SE3, minimum: MinimumAltitude, radius: float) -> float:
-    """The least distance [m] by which the minimum altitude shuts the vehicle out, over the ball around a way point."""
+    """The least distance [m] by which the minimum altitude shuts the vehicle out, over the ball
+    around a way point.
+    """
     top = pin.SE3(goal.rotation, goal.translation + np.array([0.0, 0.0, radius]))
     rim = (pin.SE3(goal.rotation, point) for point in points_on_ball(goal.translation, radius))
     return float(np.min([minimum.threshold - _altitude(setup, pose) for pose in (top, *rim)]))
@@ -134,8 +197,13 @@ def _least_gap(setup: Setup, goal: pin.SE3, minimum: MinimumAltitude, radius: fl
 def _landing(visit: Visit, landing: LandingAltitude, minimum: MinimumAltitude) -> Iterator[Finding]:
     aim = landing.rest_altitude
     if aim < minimum.threshold:
-        text = f"{landing.name} aims at {aim:.2f} m while {minimum.name} keeps {minimum.threshold:g} m; switch one off"
-        yield Severity.ERROR.finding("contradiction", text, visit.phase.name, aim_m=aim, minimum_m=minimum.threshold)
+        text = (
+            f"{landing.name} aims at {aim:.2f} m while {minimum.name} keeps {minimum.threshold:g}"
+            " m; switch one off"
+        )
+        yield Severity.ERROR.finding(
+            "contradiction", text, visit.phase.name, aim_m=aim, minimum_m=minimum.threshold
+        )
 
 
 # Check: the hull does not start in the floor, which would throw it out.
@@ -144,13 +212,18 @@ _SUNK = 0.02  # [m] that what stands on the floor may be in it
 
 
 def check_hull(setup: Setup) -> Iterator[Finding]:
-    """An error where the underside of the hull, as the plant has it, starts in the floor; names the link that is lowest."""
+    """An error where the underside of the hull, as the plant has it, starts in the floor; names the
+    link that is lowest.
+    """
     X_WB = pin.XYZQUATToSE3(np.asarray(setup.start[:7]))
     points = [X_WB.act(point) for point in skid_points(setup.robot)]
     depth = max((setup.floor_at(x, y) - z for x, y, z in points), default=0.0)
     if depth > _SUNK:
         severity = Severity.ERROR if setup.with_forces else Severity.WARNING
-        text = f"the hull starts {depth:.2f} m inside the floor, lowest with link {lowest_link(setup.robot)}; raise the start"
+        text = (
+            f"the hull starts {depth:.2f} m inside the floor, lowest with link"
+            f" {lowest_link(setup.robot)}; raise the start"
+        )
         yield severity.finding("start", text, depth_m=depth)
 
 
@@ -160,20 +233,27 @@ OBSTACLES = "obstacles"
 
 
 def check_obstacles(setup: Setup, visits: Sequence[Visit]) -> Iterator[Finding]:
-    """An error for each place at which a shape of the robot, its joints as at the start, would be inside an obstacle.
+    """An error for each place at which a shape of the robot, its joints as at the start, would be
+    inside an obstacle.
 
-    The way between these places is not looked at: whether it is free, the clearance task and a plan have to see to.
+    The way between these places is not looked at: whether it is free, the clearance task and a plan
+    have to see to.
     """
     if not setup.environment.obstacles:
         return
     yield from _touching(setup, setup.start, "the start", "")
     for visit in visits:
         q = visit.stances[0].configuration(setup)
-        yield from _touching(setup, q, "the place where the vehicle is likeliest to stop", visit.phase.name)
+        yield from _touching(
+            setup, q, "the place where the vehicle is likeliest to stop", visit.phase.name
+        )
 
 
 def _touching(setup: Setup, q: np.ndarray, place: str, phase: str) -> Iterator[Finding]:
     closest = closest_approach(setup.robot, setup.environment, q[None], floor=False)
     if closest.distance <= 0:
-        text = f"{place} is in collision, {closest.pair} by {-closest.distance:.2f} m; move it or the obstacle"
+        text = (
+            f"{place} is in collision, {closest.pair} by {-closest.distance:.2f} m; move it or the"
+            " obstacle"
+        )
         yield Severity.ERROR.finding(OBSTACLES, text, phase, depth_m=-closest.distance)

@@ -1,4 +1,6 @@
-"""Run every check of a mission before it begins: structure, freedom of tasks, accuracy of sensors, and those beside this file."""
+"""Run every check of a mission before it begins: structure, freedom of tasks, accuracy of sensors,
+and those beside this file.
+"""
 
 from __future__ import annotations
 
@@ -15,8 +17,21 @@ from uvms_ocp.record.meta_values import DONE, ENERGIES
 from uvms_ocp.robot import IDEAL_SENSORS, Kinematics, assembly, loading, spatial
 from uvms_ocp.robot.dynamics import cached_dynamics
 from uvms_ocp.scenario.preflight import forces, reachability
-from uvms_ocp.scenario.preflight.altitude import check_altitude, check_echo, check_goals, check_hull, check_obstacles
-from uvms_ocp.scenario.preflight.setup import Finding, PreflightReport, Setup, Severity, Visit, forecast
+from uvms_ocp.scenario.preflight.altitude import (
+    check_altitude,
+    check_echo,
+    check_goals,
+    check_hull,
+    check_obstacles,
+)
+from uvms_ocp.scenario.preflight.setup import (
+    Finding,
+    PreflightReport,
+    Setup,
+    Severity,
+    Visit,
+    forecast,
+)
 from uvms_ocp.tasks.pose import PoseTask, ToolPosition
 from uvms_ocp.tasks.task import TaskClass
 
@@ -29,7 +44,9 @@ _ACTING = (TaskClass.PREREQUISITE, TaskClass.ACTION)
 def check_structure(mission: Mission) -> Iterator[Finding]:
     """Findings on phases that nothing leads to, that nothing ends, or in which nothing acts."""
     for name in mission.unreachable_phases():
-        yield Severity.WARNING.finding("phases", f"no transition leads to phase {name!r}; add one or drop the phase", name)
+        yield Severity.WARNING.finding(
+            "phases", f"no transition leads to phase {name!r}; add one or drop the phase", name
+        )
     for name in mission.phases_without_exit():
         text = f"the mission cannot end from phase {name!r}; add a transition towards {DONE!r}"
         yield Severity.ERROR.finding("phases", text, name)
@@ -37,32 +54,51 @@ def check_structure(mission: Mission) -> Iterator[Finding]:
         active = [task for task in mission.hierarchy.tasks if task.name in phase.on]
         # Constraints, safety and preferences that it does not wait for move nothing on purpose.
         if not any(task.task_class in _ACTING or phase.waits_for(task.name) for task in active):
-            text = f"phase {phase.name!r} has no acting task switched on; nothing would happen in it"
+            text = (
+                f"phase {phase.name!r} has no acting task switched on; nothing would happen in it"
+            )
             yield Severity.ERROR.finding(CHECK, text, phase.name)
         for condition in phase.conditions:  # what is to fall needs the task that makes it fall
             task = condition.quantity.rpartition(".")[0]
-            if isinstance(condition, Below) and len(phase.transitions) < 2 and task in {*mission.hierarchy.names} - {*phase.on}:
-                text = f"phase {phase.name!r} waits for {condition.quantity}, but task {task} is off in it"
+            if (
+                isinstance(condition, Below)
+                and len(phase.transitions) < 2
+                and task in {*mission.hierarchy.names} - {*phase.on}
+            ):
+                text = (
+                    f"phase {phase.name!r} waits for {condition.quantity}, but task {task} is off"
+                    " in it"
+                )
                 yield Severity.WARNING.finding(CHECK, text, phase.name)
     used = {name for phase in mission.all_phases for name in phase.on}
     for name in mission.hierarchy.names:
         if name not in used:
-            yield Severity.WARNING.finding(CHECK, f"task {name} is never switched on; use it or drop it")
+            yield Severity.WARNING.finding(
+                CHECK, f"task {name} is never switched on; use it or drop it"
+            )
 
 
 # Check: the sensors can tell whether the thresholds of a mission are met.
 
-_PARTS = {"position_error": np.s_[:3], "horizontal_error": np.s_[:2], "orientation_error": np.s_[3:]}
+_PARTS = {
+    "position_error": np.s_[:3],
+    "horizontal_error": np.s_[:2],
+    "orientation_error": np.s_[3:],
+}
 
 
 def quantity_stds(setup: Setup, q: np.ndarray, std: np.ndarray | None = None) -> dict[str, float]:
-    """Compute the achievable standard deviation [m] or [rad] of each ``task.quantity`` at q (n_q,) [m, rad].
+    """Compute the achievable standard deviation [m] or [rad] of each ``task.quantity`` at q (n_q,)
+    [m, rad].
 
-    Of the distances and angles of frames from their goals, the root of the sum of the variances of their axes, from `std`
-    (n_v,) [m, rad], that of the configuration as in `StateEstimate.std`, or from `std_at_rest`. Empty with ideal sensors,
-    which allow everything. Joints may be beyond their limits, where a fault has pushed them.
+    Of the distances and angles of frames from their goals, the root of the sum of the variances of
+    their axes, from `std` (n_v,) [m, rad], that of the configuration as in `StateEstimate.std`, or
+    from `std_at_rest`. Empty with ideal sensors, which allow everything. Joints may be beyond their
+    limits, where a fault has pushed them.
     """
-    tasks = [task for task in setup.mission.hierarchy.tasks if isinstance(task, (PoseTask, ToolPosition))]
+    tasks = [
+        task for task in setup.mission.hierarchy.tasks if isinstance(task, (PoseTask, ToolPosition))
+    ]
     if setup.sensors == IDEAL_SENSORS or not tasks:
         return {}
     unlimited = np.full(setup.robot.n_joints, np.inf)
@@ -88,58 +124,115 @@ def check_accuracy(setup: Setup) -> Iterator[Finding]:
         for condition in sorted(set(phase.conditions), key=lambda item: item.quantity):
             sigma = allowed.get(condition.quantity, 0.0)
             if isinstance(condition, Below) and condition.limit < sigma:
-                known = f"the sensors tell it to {sigma:.2g} only (one standard deviation): the phase may end early, or never"
+                known = (
+                    f"the sensors tell it to {sigma:.2g} only (one standard deviation): the phase"
+                    " may end early, or never"
+                )
                 asked = f"{condition.quantity} < {condition.limit:g} is asked for"
                 text = f"{asked}, but {known}; raise the limit or take better sensors"
-                yield Severity.WARNING.finding("accuracy", text, phase.name, limit=condition.limit, sensors_allow=sigma)
+                yield Severity.WARNING.finding(
+                    "accuracy", text, phase.name, limit=condition.limit, sensors_allow=sigma
+                )
 
 
 # All checks of a mission before it begins.
 
 _RANK = 1e-6  # singular values below it count as zero
 _ASSUMPTIONS = {
-    "plant": "forces, floor and obstacles are judged by the robot's files, which it may not follow; no part of an export",
+    "plant": (
+        "forces, floor and obstacles are judged by the robot's files, which it may not follow; no"
+        " part of an export"
+    ),
     "sensors": "accuracy is judged by their specs; no part of an export",
-    "estimator": "accuracy is judged by the toolkit's filter; no part of an export, which begins at its measurements",
-    "controller": "the mission is judged as the hierarchy would fly it; it has no form in C, so that it cannot be exported",
+    "estimator": (
+        "accuracy is judged by the toolkit's filter; no part of an export, which begins at its"
+        " measurements"
+    ),
+    "controller": (
+        "the mission is judged as the hierarchy would fly it; it has no form in C, so that it"
+        " cannot be exported"
+    ),
 }
 """Checks that a user's own part is left out of, by the kind of part."""
 
 
 @checked
 def check_mission(setup: Setup) -> PreflightReport:
-    """Every check on a mission; see `PreflightReport`. Raises what `build_levels` raises for unknown names."""
-    problem = levels.build_levels(setup.robot, setup.mission.hierarchy, setup.dt, setup.mission.beside_tasks)
+    """Every check on a mission; see `PreflightReport`. Raises what `build_levels` raises for
+    unknown names.
+    """
+    problem = levels.build_levels(
+        setup.robot, setup.mission.hierarchy, setup.dt, setup.mission.beside_tasks
+    )
     setup.mission.check_quantities(problem.quantity_names)
     if not setup.robot.n_vehicle:
-        findings = [*check_structure(setup.mission), *check_echo(setup), *check_goals(setup), *check_accuracy(setup)]
-        return PreflightReport(findings=(*findings, *forces.check_delays(setup), *_check_wherever(setup)))
+        findings = [
+            *check_structure(setup.mission),
+            *check_echo(setup),
+            *check_goals(setup),
+            *check_accuracy(setup),
+        ]
+        return PreflightReport(
+            findings=(*findings, *forces.check_delays(setup), *_check_wherever(setup))
+        )
     visits = forecast(setup)
-    findings = [*check_structure(setup.mission), *check_echo(setup), *check_altitude(setup, visits), *check_goals(setup)]
-    findings += [*check_hull(setup), *check_obstacles(setup, visits), *check_freedom(setup, visits, problem)]
-    for check in (forces.check_forces, forces.check_depth, forces.check_undriven, forces.check_rest):
+    findings = [
+        *check_structure(setup.mission),
+        *check_echo(setup),
+        *check_altitude(setup, visits),
+        *check_goals(setup),
+    ]
+    findings += [
+        *check_hull(setup),
+        *check_obstacles(setup, visits),
+        *check_freedom(setup, visits, problem),
+    ]
+    for check in (
+        forces.check_forces,
+        forces.check_depth,
+        forces.check_undriven,
+        forces.check_rest,
+    ):
         findings += check(setup, visits)
-    findings += [*check_accuracy(setup), *forces.check_delays(setup, visits), *_check_wherever(setup)]
+    findings += [
+        *check_accuracy(setup),
+        *forces.check_delays(setup, visits),
+        *_check_wherever(setup),
+    ]
     return PreflightReport(findings=(*findings, *reachability.check_tool(setup, visits)))
 
 
 def _check_wherever(setup: Setup) -> Iterator[Finding]:
     """Findings that hold wherever the mission leads."""
-    for check in (check_unspecified, check_inertia, check_own_parts, check_energy, forces.check_load):
+    for check in (
+        check_unspecified,
+        check_inertia,
+        check_own_parts,
+        check_energy,
+        forces.check_load,
+    ):
         yield from check(setup)
 
 
 def check_unspecified(setup: Setup) -> Iterator[Finding]:
     """Find numbers that the robot's files leave open and the plant takes for 0."""
     if setup.with_forces:
-        for subject, text in loading.unknowns(assembly.without_trim(setup.robot).model, setup.robot.description):
+        for subject, text in loading.unknowns(
+            assembly.without_trim(setup.robot).model, setup.robot.description
+        ):
             yield Severity.WARNING.finding(subject, text)
 
 
 def check_energy(setup: Setup) -> Iterator[Finding]:
     """Find phases that wait for an energy that nobody knows."""
-    silent = [thruster.name for thruster in setup.robot.description.thrusters if thruster.power is None]
-    why = f"no power is given for thruster {', '.join(silent)}; give it in hydrodynamics.yaml" if silent else ""
+    silent = [
+        thruster.name for thruster in setup.robot.description.thrusters if thruster.power is None
+    ]
+    why = (
+        f"no power is given for thruster {', '.join(silent)}; give it in hydrodynamics.yaml"
+        if silent
+        else ""
+    )
     why = why if setup.with_forces else "the kinematic plant uses none; use the dynamic plant"
     for phase in setup.mission.all_phases if why else ():
         for condition in phase.conditions:
@@ -151,8 +244,12 @@ def check_energy(setup: Setup) -> Iterator[Finding]:
 def check_inertia(setup: Setup) -> Iterator[Finding]:
     """Find joints that have nothing to move, whose acceleration under a force is not defined."""
     if setup.with_forces and "plant" not in setup.own_parts:
-        for whose in loading.joints_without_inertia(setup.robot.model, cached_dynamics(setup.robot).mass_matrix(setup.start)):
-            text = f"no inertia about its axis: {whose}; give an <inertial>, or make the joint fixed"
+        for whose in loading.joints_without_inertia(
+            setup.robot.model, cached_dynamics(setup.robot).mass_matrix(setup.start)
+        ):
+            text = (
+                f"no inertia about its axis: {whose}; give an <inertial>, or make the joint fixed"
+            )
             yield Severity.ERROR.finding("inertia", text)
 
 
@@ -162,8 +259,12 @@ def check_own_parts(setup: Setup) -> Iterator[Finding]:
         yield Severity.NOTE.finding("parts", f"{what} {name} is your own: {_ASSUMPTIONS[what]}")
 
 
-def check_freedom(setup: Setup, visits: Sequence[Visit], problem: levels.LevelsProblem) -> Iterator[Finding]:
-    """Equality tasks of one phase must leave each other room: one that has no freedom left acts in name only."""
+def check_freedom(
+    setup: Setup, visits: Sequence[Visit], problem: levels.LevelsProblem
+) -> Iterator[Finding]:
+    """Equality tasks of one phase must leave each other room: one that has no freedom left acts in
+    name only.
+    """
     for visit in visits:
         J = _jacobians(setup, problem, visit.stances[0].configuration(setup))
         N = np.eye(setup.robot.n_v)
@@ -172,10 +273,17 @@ def check_freedom(setup: Setup, visits: Sequence[Visit], problem: levels.LevelsP
                 continue
             rows = J[task.name]
             if task.task_class < TaskClass.OPTIMIZATION and _rank(rows) and not _rank(rows @ N):
-                names = ", ".join(other.name for other in visit.tasks if other.equality and other is not task)
-                text = f"{task.name} is on but has no freedom left below the other equality tasks ({names}); switch one off"
+                names = ", ".join(
+                    other.name for other in visit.tasks if other.equality and other is not task
+                )
+                text = (
+                    f"{task.name} is on but has no freedom left below the other equality tasks"
+                    f" ({names}); switch one off"
+                )
                 awaited = visit.phase.waits_for(task.name)
-                yield (Severity.ERROR if awaited else Severity.WARNING).finding("contradiction", text, visit.phase.name)
+                yield (Severity.ERROR if awaited else Severity.WARNING).finding(
+                    "contradiction", text, visit.phase.name
+                )
             N = N - np.linalg.pinv(rows @ N, rcond=_RANK) @ rows @ N
 
 
@@ -185,9 +293,17 @@ def _rank(rows: np.ndarray) -> int:
 
 def _jacobians(setup: Setup, problem: levels.LevelsProblem, q: np.ndarray) -> dict[str, np.ndarray]:
     """Jacobian of each level at q."""
-    n_v, n_tasks = setup.robot.n_v, len(setup.mission.hierarchy.tasks)
-    parameters = np.concatenate([goals.task_parameters(task, task.reference(0.0), q) for task in setup.mission.hierarchy.tasks])
+    n_v = setup.robot.n_v
+    n_tasks = len(setup.mission.hierarchy.tasks)
+    parameters = np.concatenate(
+        [
+            goals.task_parameters(task, task.reference(0.0), q)
+            for task in setup.mission.hierarchy.tasks
+        ]
+    )
     zeros = np.zeros(n_v)
-    outputs = problem.function(q, zeros, np.zeros(swing.N_PASSIVE), zeros, zeros, 10.0, parameters, np.ones(n_tasks))
+    outputs = problem.function(
+        q, zeros, np.zeros(swing.N_PASSIVE), zeros, zeros, 10.0, parameters, np.ones(n_tasks)
+    )
     J = np.array(outputs[problem.function.index_out("J")])
     return dict(zip(problem.names, np.split(J, np.cumsum(problem.sizes)[:-1]), strict=True))

@@ -1,4 +1,6 @@
-"""Check thrust, torque and attitude at rest, delays that the loops can bear, and whether the load can be learnt."""
+"""Check thrust, torque and attitude at rest, delays that the loops can bear, and whether the load
+can be learnt.
+"""
 
 from __future__ import annotations
 
@@ -15,24 +17,36 @@ from uvms_ocp.control.payload import require_learnable
 from uvms_ocp.errors import UvmsError
 from uvms_ocp.robot.assembly import rotation_at_rest, static_residual
 from uvms_ocp.robot.dynamics import Dynamics, cached_dynamics, robot_dynamics
-from uvms_ocp.robot.thrusters import AXES, driven_turns, free_motions, unactuated_axes, undriven_axes
+from uvms_ocp.robot.thrusters import (
+    AXES,
+    driven_turns,
+    free_motions,
+    unactuated_axes,
+    undriven_axes,
+)
 from uvms_ocp.scenario.preflight.reachability import ArmReach, goals_of
 from uvms_ocp.scenario.preflight.setup import Finding, Setup, Severity, Visit, threshold_of
 from uvms_ocp.sim.currents import water_at
 from uvms_ocp.tasks import attitude, goals
 from uvms_ocp.tasks.pose import NullVelocity, PoseTask, ToolPose, ToolPosition, VehiclePose
 
-# Checks: thrusters and motors can hold the robot still in the current and move it against that, and where they cannot
-# hold its attitude, how far it will tilt.
+# Checks: thrusters and motors can hold the robot still in the current and move it against that, and
+# where they cannot hold its attitude, how far it will tilt.
 
 FORCES = "forces"
 _TIMES = np.linspace(0.0, 120.0, 9)  # [s] at which a current that varies is sampled
 _FULL = 0.8  # share of a limit above which holding still is called tight
 _TILTED = 0.1  # [rad] that is worth a word where no task asks for a level vehicle
 _SHORT = 1e-3  # [N, N m] of force missing that counts
-_GIVES_WAY = 5e-3  # [m/s, rad/s] at which drag makes up for what is missing, and which is not worth a refusal: 0.3 m in a minute
+# [m/s, rad/s] at which drag makes up for what is missing, and which is not worth a refusal: 0.3 m
+# in a minute
+_GIVES_WAY = 5e-3
 _UNDRIVEN = "axes without thrust"
-_SWAY, _HEAVE, _LINEAR, _YAW = 1, 2, 3, 5  # axes of the vehicle: up, how many are lengths, and the heading
+# axes of the vehicle: up, how many are lengths, and the heading
+_SWAY = 1
+_HEAVE = 2
+_LINEAR = 3
+_YAW = 5
 _ASKEW = 0.4  # [rad] of another rotation that a free one takes along
 _WHERE = ("ahead of or behind", "beside", "above or below")
 _ADRIFT = 0.5  # [N] out of trim: against a drag of 100 N/(m/s) 0.3 m in a minute
@@ -55,14 +69,20 @@ class DriveLoad:
 
 
 def check_forces(setup: Setup, visits: Sequence[Visit]) -> Iterator[Finding]:
-    """The largest load over all phases of holding still, and of moving as fast as the way point task asks.
+    """The largest load over all phases of holding still, and of moving as fast as the way point
+    task asks.
 
     A current on a plant without water is a finding of its own.
     """
     if not setup.with_forces:
-        speed = max(float(np.linalg.norm(setup.environment.current.velocity(setup.start[None, :3], t))) for t in _TIMES)
+        speed = max(
+            float(np.linalg.norm(setup.environment.current.velocity(setup.start[None, :3], t)))
+            for t in _TIMES
+        )
         if speed > 0:
-            text = f"the kinematic plant ignores the current of {speed:.2g} m/s; use the dynamic plant"
+            text = (
+                f"the kinematic plant ignores the current of {speed:.2g} m/s; use the dynamic plant"
+            )
             yield Severity.WARNING.finding(FORCES, text, current_m_s=speed)
     if not (setup.with_forces and setup.robot.description.thrusters):
         return
@@ -75,8 +95,12 @@ def check_forces(setup: Setup, visits: Sequence[Visit]) -> Iterator[Finding]:
         if task is None or load.missing > _SHORT:
             continue
         speed = min(float(setup.robot.limits.velocity[:3].min()), task.saturation_linear)
-        if (short := _hold(setup, dynamics, visit, speed=speed).missing) > _SHORT:
-            text = f"thrust is short by {short:.2g} N against the current at full speed: the approach is slower"
+        short = _hold(setup, dynamics, visit, speed=speed).missing
+        if short > _SHORT:
+            text = (
+                f"thrust is short by {short:.2g} N against the current at full speed: the approach"
+                " is slower"
+            )
             yield Severity.WARNING.finding(FORCES, text, visit.phase.name)
 
 
@@ -85,11 +109,21 @@ def _force_finding(visit: Visit, load: DriveLoad) -> Finding:
     if load.missing > _SHORT or load.torque > 1.0:
         more = f"{load.axes or 'nothing'} more than the thrusters give"
         text = f"to hold still takes {more} and {100 * load.torque:.0f} % of the joint torque"
-        slowly = f"; the vehicle gives way by at most {1e3 * _GIVES_WAY:.0f} mm/s or mrad/s, until its drag makes up for that"
-        text += "; wait for less current, trim the robot, or take a stronger one" if load.drifts else slowly
+        slowly = (
+            f"; the vehicle gives way by at most {1e3 * _GIVES_WAY:.0f} mm/s or mrad/s, until its"
+            " drag makes up for that"
+        )
+        text += (
+            "; wait for less current, trim the robot, or take a stronger one"
+            if load.drifts
+            else slowly
+        )
         severity = Severity.ERROR if load.drifts or load.torque > 1.0 else Severity.WARNING
     else:
-        text = f"to hold still takes {100 * load.thrust:.0f} % of the thrust and {100 * load.torque:.0f} % of the joint torque"
+        text = (
+            f"to hold still takes {100 * load.thrust:.0f} % of the thrust and"
+            f" {100 * load.torque:.0f} % of the joint torque"
+        )
         severity = Severity.WARNING if max(load.thrust, load.torque) > _FULL else Severity.NOTE
     return severity.finding(FORCES, text, visit.phase.name, **figures)
 
@@ -97,34 +131,57 @@ def _force_finding(visit: Visit, load: DriveLoad) -> Finding:
 def _hold(setup: Setup, dynamics: Dynamics, visit: Visit, speed: float = 0.0) -> DriveLoad:
     """The largest load over the times; `speed` [m/s] is over ground, against the current."""
     q = visit.stances[0].configuration(setup)
-    allocation = allocation_of(setup.robot, compiled=False)  # what is refused is refused before anything is compiled
+    allocation = allocation_of(
+        setup.robot, compiled=False
+    )  # what is refused is refused before anything is compiled
     still = np.zeros(setup.robot.n_v)
-    times = {_forces(setup, dynamics, q, t, speed, still).tobytes(): t for t in _TIMES}.values()  # one in a steady current
-    loads = [_load(setup, allocation, partial(_forces, setup, dynamics, q, t, speed)) for t in times]
+    times = {
+        _forces(setup, dynamics, q, t, speed, still).tobytes(): t for t in _TIMES
+    }.values()  # one in a steady current
+    loads = [
+        _load(setup, allocation, partial(_forces, setup, dynamics, q, t, speed)) for t in times
+    ]
     return max(loads, key=lambda load: (load.missing, load.thrust))
 
 
-def _forces(setup: Setup, dynamics: Dynamics, q: np.ndarray, t: float, speed: float, v: np.ndarray) -> np.ndarray:
-    """Generalized force (n_v,) at a steady velocity (n_v,) over ground, in water that is faster by `speed`."""
+def _forces(
+    setup: Setup, dynamics: Dynamics, q: np.ndarray, t: float, speed: float, v: np.ndarray
+) -> np.ndarray:
+    """Generalized force (n_v,) at a steady velocity (n_v,) over ground, in water that is faster by
+    `speed`.
+    """
     water = water_at(setup.environment.current, dynamics.link_positions(q), t)
     size = np.linalg.norm(water.velocity, axis=1, keepdims=True)
     faster = replace(water, velocity=water.velocity * (1.0 + speed / np.maximum(size, 1e-9)))
     return dynamics.inverse_dynamics(q, v, np.zeros(setup.robot.n_v), faster)
 
 
-def _load(setup: Setup, allocation: Allocation, forces: Callable[[np.ndarray], np.ndarray]) -> DriveLoad:
+def _load(
+    setup: Setup, allocation: Allocation, forces: Callable[[np.ndarray], np.ndarray]
+) -> DriveLoad:
     """Load of holding still; forces (n_v,) [N, N m] are those of a velocity (n_v,) [m/s, rad/s]."""
-    robot, v = setup.robot, np.zeros(setup.robot.n_v)
+    robot = setup.robot
+    v = np.zeros(setup.robot.n_v)
     tau = forces(v)
     result = allocation.allocate(tau[robot.vehicle_v])
     actuated = [axis for axis in range(6) if axis not in unactuated_axes(robot)]
     missing = float(np.linalg.norm(result.unreachable[actuated])) if result.saturated else 0.0
     v[actuated] = -_GIVES_WAY * result.unreachable[actuated] / max(missing, 1e-9)
-    left = allocation.allocate(forces(v)[robot.vehicle_v]).unreachable if missing > _SHORT else result.unreachable
+    left = (
+        allocation.allocate(forces(v)[robot.vehicle_v]).unreachable
+        if missing > _SHORT
+        else result.unreachable
+    )
     shares = [(abs(result.unreachable[k]), k) for k in actuated] if result.saturated else []
-    short = [(f"{force:.0f}" if force >= 1.0 else f"{force:.1g}", k) for force, k in shares if force > _SHORT]
+    short = [
+        (f"{force:.0f}" if force >= 1.0 else f"{force:.1g}", k)
+        for force, k in shares
+        if force > _SHORT
+    ]
     axes = [f"{force} N{' m' if k >= _LINEAR else ''} of {AXES[k]}" for force, k in short]
-    limits = np.array([max(thruster.maximum, -thruster.minimum) for thruster in robot.description.thrusters])
+    limits = np.array(
+        [max(thruster.maximum, -thruster.minimum) for thruster in robot.description.thrusters]
+    )
     return DriveLoad(
         thrust=float(np.max(np.abs(result.thrust) / limits)),
         torque=float(np.max(np.abs(tau[robot.joint_v]) / robot.limits.effort, initial=0.0)),
@@ -135,68 +192,127 @@ def _load(setup: Setup, allocation: Allocation, forces: Callable[[np.ndarray], n
 
 
 def check_depth(setup: Setup, visits: Sequence[Visit]) -> Iterator[Finding]:
-    """Errors where nothing moves the vehicle along an axis: it keeps its place there, or, out of trim, does not."""
+    """Errors where nothing moves the vehicle along an axis: it keeps its place there, or, out of
+    trim, does not.
+    """
     still = [axis for axis in unactuated_axes(setup.robot) if axis < _LINEAR]
     if not (setup.with_forces and setup.robot.description.thrusters and still):
         return
     lift, _ = static_residual(setup.robot, setup.start)
     if _HEAVE in still and abs(lift) > _ADRIFT:
-        text = f"the vehicle is {abs(lift):.2g} N too {'light' if lift > 0 else 'heavy'}, and no thruster holds its depth"
+        text = (
+            f"the vehicle is {abs(lift):.2g} N too {'light' if lift > 0 else 'heavy'}, and no"
+            " thruster holds its depth"
+        )
         yield Severity.ERROR.finding(FORCES, f"{text}: trim it", lift_N=lift)
-    for visit, begin in zip(visits, [setup.start[:_LINEAR], *(visit.stances[0].position for visit in visits)], strict=False):
+    for visit, begin in zip(
+        visits,
+        [setup.start[:_LINEAR], *(visit.stances[0].position for visit in visits)],
+        strict=False,
+    ):
         task = visit.active(VehiclePose)
         limit = None if task is None else threshold_of(visit.phase, f"{task.name}.position_error")
         if task is None or limit is None:
             continue
-        goal, alignment = goals_of(setup, task.name, task.goal)[-1], visit.active(attitude.Alignment)
+        goal = goals_of(setup, task.name, task.goal)[-1]
+        alignment = visit.active(attitude.Alignment)
         bow = goal.rotation
         if alignment is not None:  # which turns it there
             x, y, _ = goals.evaluate_vector(alignment.name, alignment.goal, 0.0)[0] - begin
             bow = pin.rpy.rpyToMatrix(0.0, 0.0, float(np.arctan2(y, x)))
         ways = np.abs(bow.T @ (goal.translation - begin))
         axis = max(still, key=lambda axis: ways[axis])
-        flow = np.array([setup.environment.current.velocity(goal.translation[None], t)[0] for t in _TIMES])
+        flow = np.array(
+            [setup.environment.current.velocity(goal.translation[None], t)[0] for t in _TIMES]
+        )
         speed = min(float(setup.robot.limits.velocity[:_LINEAR].max()), task.saturation_linear)
         adrift = np.abs(flow @ bow).max(axis=0) * float(np.linalg.norm(ways)) / speed
         adrift[_SWAY] *= alignment is None  # it keeps its bow on the goal meanwhile
         carried = max(still, key=lambda axis: adrift[axis])
         if adrift[carried] > limit:
             way = f"{adrift[carried]:.2f} m along {AXES[carried]}, and no thruster drives that"
-            cure = "turn its bow there with an Alignment" if carried == _SWAY else "wait for less of it"
+            cure = (
+                "turn its bow there with an Alignment"
+                if carried == _SWAY
+                else "wait for less of it"
+            )
             text = f"the current carries the vehicle {way}, until {task.name} is there; {cure}"
-            yield Severity.ERROR.finding(FORCES, text, visit.phase.name, adrift_m=float(adrift[carried]))
+            yield Severity.ERROR.finding(
+                FORCES, text, visit.phase.name, adrift_m=float(adrift[carried])
+            )
         if ways[axis] > limit:
-            text = f"{task.name} waits for a goal {ways[axis]:.2f} m {_WHERE[axis]} where the vehicle is then"
-            text += f", and no thruster drives {AXES[axis]}; give it thrust there, or goals where the other axes lead"
+            text = (
+                f"{task.name} waits for a goal {ways[axis]:.2f} m {_WHERE[axis]} where the vehicle"
+                " is then"
+            )
+            text += (
+                f", and no thruster drives {AXES[axis]}; give it thrust there, or goals where the"
+                " other axes lead"
+            )
             yield Severity.ERROR.finding(FORCES, text, visit.phase.name, way_m=float(ways[axis]))
 
 
 def check_undriven(setup: Setup, visits: Sequence[Visit]) -> Iterator[Finding]:
-    """Tell once which axes no thruster drives, and which tasks ask for less for it; an error where a phase waits for nothing."""
+    """Tell once which axes no thruster drives, and which tasks ask for less for it; an error where
+    a phase waits for nothing.
+    """
     undriven = undriven_axes(setup.robot)
     turns = ", ".join(AXES[axis] for axis in undriven if axis >= 3)
     less: dict[str, None] = {}
     for visit in visits:
         for task in visit.tasks:
-            if not (turns and isinstance(task, attitude.AngleTask | PoseTask)) or driven_turns(setup.robot, task.frame) is None:
+            if (
+                not (turns and isinstance(task, attitude.AngleTask | PoseTask))
+                or driven_turns(setup.robot, task.frame) is None
+            ):
                 continue
-            directions = task.turning_directions(setup.robot) if isinstance(task, attitude.AngleTask) else None
+            directions = (
+                task.turning_directions(setup.robot)
+                if isinstance(task, attitude.AngleTask)
+                else None
+            )
             if directions is None or directions.shape[1]:
-                less |= {task.name: None} if isinstance(task, PoseTask) or directions is not None else {}
+                less |= (
+                    {task.name: None}
+                    if isinstance(task, PoseTask) or directions is not None
+                    else {}
+                )
                 continue
-            awaited = any(threshold_of(visit.phase, f"{task.name}.{name}") for name in ("misalignment", "angle"))
-            text = f"{task.name} is on but left out: no thruster drives {turns}, and no other axis turns {task.frame} to its goal"
-            yield (Severity.ERROR if awaited else Severity.WARNING).finding(_UNDRIVEN, f"{text}; switch it off", visit.phase.name)
+            awaited = any(
+                threshold_of(visit.phase, f"{task.name}.{name}")
+                for name in ("misalignment", "angle")
+            )
+            text = (
+                f"{task.name} is on but left out: no thruster drives {turns}, and no other axis"
+                f" turns {task.frame} to its goal"
+            )
+            yield (Severity.ERROR if awaited else Severity.WARNING).finding(
+                _UNDRIVEN, f"{text}; switch it off", visit.phase.name
+            )
     if less:
-        text = f"no thruster drives {', '.join(AXES[axis] for axis in undriven)}: {', '.join(less)} ask for the other axes alone"
+        text = (
+            f"no thruster drives {', '.join(AXES[axis] for axis in undriven)}: {', '.join(less)}"
+            " ask for the other axes alone"
+        )
         yield Severity.NOTE.finding(_UNDRIVEN, text)
     for axis, motion in zip(undriven, free_motions(setup.robot)[0].T, strict=True):
         others = {AXES[k]: abs(float(motion[k])) for k in range(_LINEAR, 6) if k != axis}
         largest = max(others, key=lambda name: others[name])
-        if setup.with_forces and less and axis >= _LINEAR and (axis == _YAW or others[largest] > _ASKEW):
-            why = f"which takes {others[largest]:.1f} rad of {largest} along for each of its own: they are no two axes"
+        if (
+            setup.with_forces
+            and less
+            and axis >= _LINEAR
+            and (axis == _YAW or others[largest] > _ASKEW)
+        ):
+            why = (
+                f"which takes {others[largest]:.1f} rad of {largest} along for each of its own:"
+                " they are no two axes"
+            )
             why = "and nothing rights it: the vehicle turns as it likes" if axis == _YAW else why
-            text = f"no thruster drives {AXES[axis]}, {why}; place thrusters elsewhere, or give it more of them"
+            text = (
+                f"no thruster drives {AXES[axis]}, {why}; place thrusters elsewhere, or give it"
+                " more of them"
+            )
             yield Severity.ERROR.finding(_UNDRIVEN, text)
 
 
@@ -209,16 +325,33 @@ def check_rest(setup: Setup, visits: Sequence[Visit]) -> Iterator[Finding]:
         return
     R = rotation_at_rest(setup.robot, setup.start)
     tilt, (roll, pitch, _) = np.arccos(np.clip(R[2, 2], -1.0, 1.0)), pin.rpy.matrixToRpy(R)
-    on = [(visit.phase, task) for visit in visits if (task := visit.active(attitude.HorizontalAttitude)) is not None]
-    missed = [(phase, task) for phase, task in on if tilt > task.activation.end]  # in which it lets the vehicle be
-    waiting = [(phase, task) for phase, task in missed if (threshold_of(phase, f"{task.name}.tilt") or np.inf) < tilt]
-    text, name = f"will rest at roll {np.rad2deg(roll):.0f} deg, pitch {np.rad2deg(pitch):.0f} deg", ""
+    on = [
+        (visit.phase, task)
+        for visit in visits
+        if (task := visit.active(attitude.HorizontalAttitude)) is not None
+    ]
+    missed = [
+        (phase, task) for phase, task in on if tilt > task.activation.end
+    ]  # in which it lets the vehicle be
+    waiting = [
+        (phase, task)
+        for phase, task in missed
+        if (threshold_of(phase, f"{task.name}.tilt") or np.inf) < tilt
+    ]
+    text = f"will rest at roll {np.rad2deg(roll):.0f} deg, pitch {np.rad2deg(pitch):.0f} deg"
+    name = ""
     for phase, task in (waiting or missed)[:1]:
-        text, name = f"{text}: {task.name} is on, and its goal, a tilt of {task.aim:.2g} rad, is missed", phase.name
+        text = f"{text}: {task.name} is on, and its goal, a tilt of {task.aim:.2g} rad, is missed"
+        name = phase.name
     if missed or tilt > _TILTED:
-        text = f"where no thruster drives it the vehicle {text}; trim the robot (`check-robot` tells by what)"
+        text = (
+            f"where no thruster drives it the vehicle {text}; trim the robot (`check-robot` tells"
+            " by what)"
+        )
         figures = {"roll_rad": float(roll), "pitch_rad": float(pitch), "tilt_rad": float(tilt)}
-        yield (Severity.ERROR if waiting else Severity.WARNING).finding("attitude at rest", text, name, **figures)
+        yield (Severity.ERROR if waiting else Severity.WARNING).finding(
+            "attitude at rest", text, name, **figures
+        )
 
 
 # Check: the loops bear what the sensors are late by, with the weight and buoyancy that they carry.
@@ -241,54 +374,89 @@ class DelayedAxes:
 
 
 def check_delays(setup: Setup, visits: Sequence[Visit] = ()) -> Iterator[Finding]:
-    """One finding at most: of the axes, and of the posture foreseen, that bear least of what they are late by.
+    """One finding at most: of the axes, and of the posture foreseen, that bear least of what they
+    are late by.
 
     A DVL may be as late as it will: it tells of nothing that weight or buoyancy depends on.
     """
     late = [one for one in _late(setup) if one.delay > 0.0]
     if not (late and setup.with_forces) or "controller" in setup.own_parts:
         return
-    own, stiffness = (CONTROLLER_DEAD_TIME * setup.dt, [(phase, _stiffness(setup, q)) for phase, q in _postures(setup, visits)])
-    found = [(largest_dead_time(S[one.axes, one.axes], **one.loop), phase, one) for phase, S in stiffness for one in late]
+    own = CONTROLLER_DEAD_TIME * setup.dt
+    stiffness = [(phase, _stiffness(setup, q)) for phase, q in _postures(setup, visits)]
+    found = [
+        (largest_dead_time(S[one.axes, one.axes], **one.loop), phase, one)
+        for phase, S in stiffness
+        for one in late
+    ]
     borne, phase, worst = min(found, key=lambda entry: entry[0] / (entry[2].delay + own))
     if worst.delay + own > borne / _SPARE:
-        bears, allowed = max(borne - own, 0.0), max(borne / _SPARE - own, 0.0)
-        text = f"{worst.what} {worst.delay:.3g} s late, allowed {allowed:.2g} s: loops that carry the weight by where it was"
+        bears = max(borne - own, 0.0)
+        allowed = max(borne / _SPARE - own, 0.0)
+        text = (
+            f"{worst.what} {worst.delay:.3g} s late, allowed {allowed:.2g} s: loops that carry the"
+            " weight by where it was"
+        )
         text += f" swing from {bears:.2g} s on; take quicker ones, or a posture in better balance"
         figures = {"delay_s": worst.delay, "allowed_s": allowed, "swings_from_s": bears}
-        yield (Severity.ERROR if worst.delay > bears else Severity.WARNING).finding(DELAYS, text, phase, **figures)
+        yield (Severity.ERROR if worst.delay > bears else Severity.WARNING).finding(
+            DELAYS, text, phase, **figures
+        )
 
 
 def _late(setup: Setup) -> Iterator[DelayedAxes]:
     """Where both are late, what is between them is known to neither."""
-    times, robot, gains = dead_times(setup.sensors), setup.robot, setup.gains
+    times = dead_times(setup.sensors)
+    robot = setup.robot
+    gains = setup.gains
     observer = (gains.observer_joints or gains.observer_vehicle) if gains.observer_vehicle else 0.0
     joints = {"bandwidth": gains.joints, "reset": gains.joints_reset, "observer": observer}
-    vehicle = {"bandwidth": gains.vehicle, "reset": gains.vehicle_reset, "observer": gains.observer_vehicle}
+    vehicle = {
+        "bandwidth": gains.vehicle,
+        "reset": gains.vehicle_reset,
+        "observer": gains.observer_vehicle,
+    }
     if robot.n_joints:
         yield DelayedAxes(what="encoders are", axes=robot.joint_v, delay=times.joints, loop=joints)
     if robot.n_vehicle:
-        yield DelayedAxes(what="gyro and attitude are", axes=robot.vehicle_v, delay=times.turning, loop=vehicle)
+        yield DelayedAxes(
+            what="gyro and attitude are", axes=robot.vehicle_v, delay=times.turning, loop=vehicle
+        )
     if robot.n_joints and robot.n_vehicle:
-        yield DelayedAxes(what="attitude and encoders are", axes=slice(None), delay=min(times.turning, times.joints), loop=joints)
+        yield DelayedAxes(
+            what="attitude and encoders are",
+            axes=slice(None),
+            delay=min(times.turning, times.joints),
+            loop=joints,
+        )
 
 
 def _postures(setup: Setup, visits: Sequence[Visit]) -> Iterator[tuple[str, np.ndarray]]:
-    """Map phases to q (n_q,) [m, rad] at the start and wherever a tool has to reach from a vehicle that stands still."""
+    """Map phases to q (n_q,) [m, rad] at the start and wherever a tool has to reach from a vehicle
+    that stands still.
+    """
     yield "", setup.start
     joints = setup.robot.joint_values(setup.start)
     for visit in visits:
         task = visit.active(ToolPose) or visit.active(ToolPosition)
         if task is not None and visit.active(NullVelocity) is not None:
             arm = ArmReach.of_task(setup, task)
-            stance, goal = visit.stances[0], goals_of(setup, task.name, task.goal)[0]
+            stance = visit.stances[0]
+            goal = goals_of(setup, task.name, task.goal)[0]
             joints = arm.solve(stance.X_WB, goal, (joints,)).joints
-            yield visit.phase.name, setup.robot.with_joint_values(stance.configuration(setup), joints)
+            yield (
+                visit.phase.name,
+                setup.robot.with_joint_values(stance.configuration(setup), joints),
+            )
 
 
 def _stiffness(setup: Setup, q: np.ndarray) -> np.ndarray:
-    """(n_v, n_v) [1/s2] acceleration per displacement from q (n_q,) [m, rad] by which weight and buoyancy bring it back."""
-    dynamics, model, still = cached_dynamics(setup.robot), setup.robot.model, np.zeros(setup.robot.n_v)
+    """(n_v, n_v) [1/s2] acceleration per displacement from q (n_q,) [m, rad] by which weight and
+    buoyancy bring it back.
+    """
+    dynamics = cached_dynamics(setup.robot)
+    model = setup.robot.model
+    still = np.zeros(setup.robot.n_v)
 
     def force(step: np.ndarray) -> np.ndarray:
         return dynamics.inverse_dynamics(pin.integrate(model, q, step), still, still)
@@ -303,18 +471,27 @@ _CHECK = "load"
 
 
 def check_load(setup: Setup) -> Iterator[Finding]:
-    """Where it is to be learnt: an error where our controller would refuse, and what comes of it elsewhere."""
+    """Where it is to be learnt: an error where our controller would refuse, and what comes of it
+    elsewhere.
+    """
     if setup.load_bandwidth is None:
         return
-    learnt = "the load at the tool is learnt: its net weight from forces, its mass once the tool accelerates"
-    severity, text = Severity.NOTE, learnt
+    learnt = (
+        "the load at the tool is learnt: its net weight from forces, its mass once the tool"
+        " accelerates"
+    )
+    severity = Severity.NOTE
+    text = learnt
     if not setup.with_forces:
-        severity, text = Severity.WARNING, "the kinematic plant carries no load, and none is learnt; use the dynamic plant"
+        severity = Severity.WARNING
+        text = "the kinematic plant carries no load, and none is learnt; use the dynamic plant"
     elif "controller" in setup.own_parts:
-        severity, text = Severity.WARNING, "a controller of your own learns no load by itself; the toolkit's does"
+        severity = Severity.WARNING
+        text = "a controller of your own learns no load by itself; the toolkit's does"
     else:
         try:
             require_learnable(setup.robot, observed=bool(setup.load_bandwidth))
         except UvmsError as error:
-            severity, text = Severity.ERROR, str(error)
+            severity = Severity.ERROR
+            text = str(error)
     yield severity.finding(_CHECK, text)

@@ -1,4 +1,6 @@
-"""Check that the tool reaches its goal from wherever the vehicle may stand: inverse kinematics of the arm from many starts."""
+"""Check that the tool reaches its goal from wherever the vehicle may stand: inverse kinematics of
+the arm from many starts.
+"""
 
 from __future__ import annotations
 
@@ -24,7 +26,10 @@ from uvms_ocp.tasks.pose import NullVelocity, ToolPose, ToolPosition, VehiclePos
 REACHED = 1e-3  # [m, rad] what counts as reached: the thresholds at which a tool task ends
 _MARGIN = 1e-3  # share of the range by which starts keep away from the limits
 _LEAN_STEP = 1e-5  # [rad or m] of the difference quotients of the attitude at rest
-_STARTS, _ITERATIONS, _DAMPING, _CONVERGED = 12, 60, 1e-3, 1e-9
+_STARTS = 12
+_ITERATIONS = 60
+_DAMPING = 1e-3
+_CONVERGED = 1e-9
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
@@ -48,31 +53,63 @@ class ReachResult:
 
 
 class ArmReach:
-    """Searches postures within the joint limits for a frame to meet a pose, from many starts (Levenberg-Marquardt).
+    """Searches postures within the joint limits for a frame to meet a pose, from many starts
+    (Levenberg-Marquardt).
 
-    The error is that of a tool task: metres and radians count the same. rotation_weight: 0 leaves orientation free.
-    leans: the vehicle comes to rest in the roll and pitch that no thruster drives, with the arm as it is.
+    The error is that of a tool task: metres and radians count the same. rotation_weight: 0 leaves
+    orientation free. leans: the vehicle comes to rest in the roll and pitch that no thruster
+    drives, with the arm as it is.
     """
 
-    def __init__(self, robot: Robot, frame: str, *, seed: int = 0, rotation_weight: float = 1.0, leans: bool = False) -> None:
-        self._robot, self._frame, self._weight, self._leans = robot, robot.frame_id(frame), rotation_weight, leans
+    def __init__(
+        self,
+        robot: Robot,
+        frame: str,
+        *,
+        seed: int = 0,
+        rotation_weight: float = 1.0,
+        leans: bool = False,
+    ) -> None:
+        self._robot = robot
+        self._frame = robot.frame_id(frame)
+        self._weight = rotation_weight
+        self._leans = leans
         self._data = robot.model.createData()
         limits = robot.limits
         self._lower = np.where(np.isfinite(limits.position_lower), limits.position_lower, -np.pi)
         self._upper = np.where(np.isfinite(limits.position_upper), limits.position_upper, np.pi)
         rng = np.random.default_rng(seed)
-        self._starts = [self._lower + (self._upper - self._lower) * rng.random(robot.n_joints) for _ in range(_STARTS)]
+        self._starts = [
+            self._lower + (self._upper - self._lower) * rng.random(robot.n_joints)
+            for _ in range(_STARTS)
+        ]
 
     @classmethod
-    def of_task(cls, setup: Setup, task: ToolPose | ToolPosition, *, turned: bool = False) -> ArmReach:
-        """For the frame of a task, with its orientation free where the task, or `turned`, leaves it."""
+    def of_task(
+        cls, setup: Setup, task: ToolPose | ToolPosition, *, turned: bool = False
+    ) -> ArmReach:
+        """For the frame of a task, with its orientation free where the task, or `turned`, leaves
+        it.
+        """
         leans = setup.with_forces and bool(swinging_axes(setup.robot))
-        return cls(setup.robot, task.frame, rotation_weight=float(isinstance(task, ToolPose) and not turned), leans=leans)
+        return cls(
+            setup.robot,
+            task.frame,
+            rotation_weight=float(isinstance(task, ToolPose) and not turned),
+            leans=leans,
+        )
 
-    def solve(self, X_WB: pin.SE3, goal: pin.SE3, near: Sequence[np.ndarray] = (), n_random: int | None = None) -> ReachResult:
+    def solve(
+        self,
+        X_WB: pin.SE3,
+        goal: pin.SE3,
+        near: Sequence[np.ndarray] = (),
+        n_random: int | None = None,
+    ) -> ReachResult:
         """The best posture for the vehicle at X_WB and the goal X_WF.
 
-        `near` are further starts (n_joints,) [rad or m], tried first; `n_random` is how many of its own follow, default all.
+        `near` are further starts (n_joints,) [rad or m], tried first; `n_random` is how many of its
+        own follow, default all.
         """
         best: ReachResult | None = None
         for start in (*near, *self._starts[:n_random]):
@@ -83,20 +120,30 @@ class ArmReach:
         return self._reach(X_WB, goal, 0.5 * (self._lower + self._upper)) if best is None else best
 
     def _from(self, X_WB: pin.SE3, goal: pin.SE3, start: np.ndarray) -> ReachResult:
-        """With the rotation weighed lightly first: it finds its way around more obstacles than the full error."""
+        """With the rotation weighed lightly first: it finds its way around more obstacles than the
+        full error.
+        """
         x = start
         for weight in (0.1 * self._weight, self._weight) if self._weight else (0.0,):
             x = self._minimise(X_WB, goal, x, weight)
         return self._reach(X_WB, goal, x)
 
-    def _minimise(self, X_WB: pin.SE3, goal: pin.SE3, start: np.ndarray, weight: float) -> np.ndarray:
-        """Levenberg-Marquardt; joints at a limit that a step would push beyond it stand still, others stop there."""
-        weights, damping, lower, upper = np.repeat([1.0, weight], 3), _DAMPING, self._lower, self._upper
+    def _minimise(
+        self, X_WB: pin.SE3, goal: pin.SE3, start: np.ndarray, weight: float
+    ) -> np.ndarray:
+        """Levenberg-Marquardt; joints at a limit that a step would push beyond it stand still,
+        others stop there.
+        """
+        weights = np.repeat([1.0, weight], 3)
+        damping = _DAMPING
+        lower = self._lower
+        upper = self._upper
         span = _MARGIN * (upper - lower)
         x = np.clip(start, lower + span, upper - span)
         error, slope = self._error(X_WB, goal, x)
         for _ in range(_ITERATIONS):
-            r, J = weights * error, weights[:, None] * slope
+            r = weights * error
+            J = weights[:, None] * slope
             gradient = J.T @ r
             free = ~(((x <= lower) & (gradient > 0.0)) | ((x >= upper) & (gradient < 0.0)))
             if not free.any():
@@ -110,14 +157,19 @@ class ArmReach:
             if gained <= 0.0:
                 (error, slope), damping = before, 4.0 * damping
             else:
-                x, damping = tried, max(0.2 * damping, _CONVERGED)
+                x = tried
+                damping = max(0.2 * damping, _CONVERGED)
             if abs(gained) < _CONVERGED * (r @ r) or np.abs(step).max() < _CONVERGED:
                 break
         return x
 
-    def _error(self, X_WB: pin.SE3, goal: pin.SE3, joints: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    def _error(
+        self, X_WB: pin.SE3, goal: pin.SE3, joints: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray]:
         """Error (6,) of the frame, frame minus goal, and its derivative (6, n_joints)."""
-        model, data, R_WB = self._robot.model, self._data, X_WB.rotation
+        model = self._robot.model
+        data = self._data
+        R_WB = X_WB.rotation
         lean = self._rest(joints) if self._leans else np.eye(3)
         q = pin.neutral(model)
         if self._robot.n_vehicle:
@@ -128,10 +180,15 @@ class ArmReach:
         J = slope[:, self._robot.joint_v]
         if self._leans:
             inwards = np.copysign(_LEAN_STEP, 0.5 * (self._lower + self._upper) - joints)
-            moved = (self._rest(np.clip(joints + step, self._lower, self._upper)) for step in np.diag(inwards))
+            moved = (
+                self._rest(np.clip(joints + step, self._lower, self._upper))
+                for step in np.diag(inwards)
+            )
             J = J + slope[:, 3:6] @ np.column_stack([pin.log3(lean.T @ R) for R in moved]) / inwards
         R = X_WF.rotation @ goal.rotation.T
-        return np.concatenate([X_WF.translation - goal.translation, pin.log3(R)]), np.vstack([J[:3], pin.Jlog3(R).T @ J[3:]])
+        return np.concatenate([X_WF.translation - goal.translation, pin.log3(R)]), np.vstack(
+            [J[:3], pin.Jlog3(R).T @ J[3:]]
+        )
 
     def _rest(self, joints: np.ndarray) -> np.ndarray:
         return rotation_at_rest(self._robot, self._robot.configuration(joints=joints))
@@ -151,7 +208,9 @@ CHECK = "reachability"
 _N_TIMES = 5  # samples of a goal that moves
 _STEP = 0.05  # [m] between suggested way points
 _FARTHEST = 2.0  # [m] from the way point given
-_N_NEAR, _N_FEW = 3, 4  # starts from solved neighbours, and random ones beside them
+# starts from solved neighbours, and random ones beside them
+_N_NEAR = 3
+_N_FEW = 4
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
@@ -171,16 +230,24 @@ class ReachShortfall:
 def check_tool(setup: Setup, visits: Sequence[Visit]) -> Iterator[Finding]:
     """One finding per tool task that has to be fulfilled while the vehicle stands still.
 
-    A note where the goal is reached from every stance, a warning where it is from the likely ones, else an error.
+    A note where the goal is reached from every stance, a warning where it is from the likely ones,
+    else an error.
     """
     for visit in visits:
         task = visit.active(ToolPose) or visit.active(ToolPosition)
-        if task is not None and visit.active(NullVelocity) is not None and visit.phase.waits_for(task.name):
+        if (
+            task is not None
+            and visit.active(NullVelocity) is not None
+            and visit.phase.waits_for(task.name)
+        ):
             yield _finding(setup, visit, task)
 
 
 def distances_missing(
-    robot_reach: ArmReach, stances: Sequence[Stance], goals: Sequence[pin.SE3], stop_at: float = np.inf
+    robot_reach: ArmReach,
+    stances: Sequence[Stance],
+    goals: Sequence[pin.SE3],
+    stop_at: float = np.inf,
 ) -> ReachShortfall:
     """The distances missing from every stance; ends early where one exceeds `stop_at` [m]."""
     found: list[ReachResult] = []
@@ -188,11 +255,17 @@ def distances_missing(
     for stance in stances:
         for goal in goals:
             near = [reach.joints for reach in sorted(found, key=_cost)[:_N_NEAR]]
-            found.append(robot_reach.solve(stance.X_WB, goal, near, n_random=_N_FEW if near else None))
+            found.append(
+                robot_reach.solve(stance.X_WB, goal, near, n_random=_N_FEW if near else None)
+            )
             likely += found[-1:] if stance.likely else []
         if found[-1].position > stop_at:
             break
-    return ReachShortfall(best=min(found, key=_cost), worst=max(found, key=_cost), likely=max(likely or found, key=_cost))
+    return ReachShortfall(
+        best=min(found, key=_cost),
+        worst=max(found, key=_cost),
+        likely=max(likely or found, key=_cost),
+    )
 
 
 _cost = attrgetter("cost")
@@ -204,24 +277,41 @@ def _finding(setup: Setup, visit: Visit, task: ToolPose | ToolPosition) -> Findi
     distances = distances_missing(arm, visit.stances, goals)
     figures: dict[str, Any] = distances.figures()
     if distances.worst.reached:
-        text = f"{task.name}: the goal is reached from all {len(visit.stances)} foreseen vehicle positions"
+        text = (
+            f"{task.name}: the goal is reached from all {len(visit.stances)} foreseen vehicle"
+            " positions"
+        )
         return Severity.NOTE.finding(CHECK, text, visit.phase.name, **figures)
     turned = distances
     if isinstance(task, ToolPose):
         turned = distances_missing(ArmReach.of_task(setup, task, turned=True), visit.stances, goals)
-    figures |= {f"missing_{name}_with_free_orientation_m": getattr(turned, name).position for name in ("best", "worst")}
+    figures |= {
+        f"missing_{name}_with_free_orientation_m": getattr(turned, name).position
+        for name in ("best", "worst")
+    }
     suggestion = _suggestion(setup, arm, visit, goals)
     advice = "no way point towards it helps: move the goal or use another arm"
     if suggestion is not None:
         figures["suggested_way_point"] = [round(float(x), 3) for x in suggestion]
         advice = "try the way point ({:.2f}, {:.2f}, {:.2f})".format(*suggestion)
     elif isinstance(task, ToolPose) and turned.likely.position < REACHED:
-        advice = "its position alone is reached: ask for that, by ToolPosition, or use an arm of more joints"
-    best, worst = (f"{one.position:.3f} m ({one.orientation:.2f} rad)" for one in (distances.best, distances.worst))
+        advice = (
+            "its position alone is reached: ask for that, by ToolPosition, or use an arm of more"
+            " joints"
+        )
+    best, worst = (
+        f"{one.position:.3f} m ({one.orientation:.2f} rad)"
+        for one in (distances.best, distances.worst)
+    )
     from_likely = ", though it reaches it from the likely ones" if distances.likely.reached else ""
-    missed = f"the arm misses the goal by {best} at best and {worst} at worst over the vehicle positions foreseen"
+    missed = (
+        f"the arm misses the goal by {best} at best and {worst} at worst over the vehicle positions"
+        " foreseen"
+    )
     text = f"{task.name}: {missed}{from_likely}; {advice}"
-    return (Severity.WARNING if distances.likely.reached else Severity.ERROR).finding(CHECK, text, visit.phase.name, **figures)
+    return (Severity.WARNING if distances.likely.reached else Severity.ERROR).finding(
+        CHECK, text, visit.phase.name, **figures
+    )
 
 
 def goals_of(setup: Setup, name: str, goal: PoseGoal) -> list[pin.SE3]:
@@ -232,8 +322,12 @@ def goals_of(setup: Setup, name: str, goal: PoseGoal) -> list[pin.SE3]:
     return [evaluate_pose(name, goal, t)[0] for t in np.linspace(0.0, setup.duration, _N_TIMES)]
 
 
-def _suggestion(setup: Setup, arm: ArmReach, visit: Visit, goals: Sequence[pin.SE3]) -> np.ndarray | None:
-    """Position (3,) of the nearest way point on the line to the goal from which everything is reached."""
+def _suggestion(
+    setup: Setup, arm: ArmReach, visit: Visit, goals: Sequence[pin.SE3]
+) -> np.ndarray | None:
+    """Position (3,) of the nearest way point on the line to the goal from which everything is
+    reached.
+    """
     source = _last_way_point(setup, visit)
     if source is None:
         return None
@@ -254,12 +348,18 @@ def _suggestion(setup: Setup, arm: ArmReach, visit: Visit, goals: Sequence[pin.S
 def _last_way_point(setup: Setup, visit: Visit) -> tuple[int, VehiclePose] | None:
     """Index of the last phase before `visit` with a way point, and its task."""
     before = takewhile(lambda earlier: earlier.index != visit.index, forecast(setup))
-    found = [(one.index, task) for one in before if (task := one.active(VehiclePose)) is not None and not callable(task.goal)]
+    found = [
+        (one.index, task)
+        for one in before
+        if (task := one.active(VehiclePose)) is not None and not callable(task.goal)
+    ]
     return found[-1] if found else None
 
 
 def _reached_from(setup: Setup, arm: ArmReach, visit: Visit, goals: Sequence[pin.SE3]) -> bool:
     stances = next(later.stances for later in forecast(setup) if later.index == visit.index)
     goal = goals[0].translation
-    farthest_first = sorted(stances, key=lambda stance: -float(np.linalg.norm(goal - stance.position)))
+    farthest_first = sorted(
+        stances, key=lambda stance: -float(np.linalg.norm(goal - stance.position))
+    )
     return distances_missing(arm, farthest_first, goals, stop_at=REACHED).worst.reached

@@ -1,4 +1,6 @@
-"""Check a robot's inertias, trim, thrusters, limits, frames and shapes, which a valid file can still get wrong."""
+"""Check a robot's inertias, trim, thrusters, limits, frames and shapes, which a valid file can
+still get wrong.
+"""
 
 from __future__ import annotations
 
@@ -27,8 +29,14 @@ _RANK_TOLERANCE = 1e-6  # relative to the largest singular value
 _WITHIN = 0.9  # of the hull, for trim
 _HAND = 0.1  # [m]
 _TRIANGLE_TOLERANCE = 1e-3  # relative; published inertias are rounded
-_LIMITING = "give vehicle_limits and joints in hydrodynamics.yaml, velocity and effort of joints in <limit> of the URDF"
-_ALONE = "the file has links alone: a variant belongs over a whole file; identify writes that beside it, hydrodynamics.yaml"
+_LIMITING = (
+    "give vehicle_limits and joints in hydrodynamics.yaml, velocity and effort of joints in <limit>"
+    " of the URDF"
+)
+_ALONE = (
+    "the file has links alone: a variant belongs over a whole file; identify writes that beside it,"
+    " hydrodynamics.yaml"
+)
 
 
 class RobotVerdict(Enum):
@@ -66,26 +74,41 @@ class RobotReport:
     @property
     def advice(self) -> str:
         """Advice for the next step."""
-        number = {verdict: sum(finding.verdict is verdict for finding in self.findings) for verdict in RobotVerdict}
-        if errors := number[RobotVerdict.ERROR]:
+        number = {
+            verdict: sum(finding.verdict is verdict for finding in self.findings)
+            for verdict in RobotVerdict
+        }
+        errors = number[RobotVerdict.ERROR]
+        if errors:
             return f"not usable: mend what is called error ({errors}), and check again"
-        begin = "next: `uvms-ocp new-mission FILE.py --robot DIR` writes a mission of it, `uvms-ocp show` draws it"
+        begin = (
+            "next: `uvms-ocp new-mission FILE.py --robot DIR` writes a mission of it, `uvms-ocp"
+            " show` draws it"
+        )
         warnings = number[RobotVerdict.WARNING]
-        more = f", with {warnings} to look at: what is called warning says how to mend it" if warnings else ""
+        more = (
+            f", with {warnings} to look at: what is called warning says how to mend it"
+            if warnings
+            else ""
+        )
         return f"usable{more}; {begin}"
 
 
 @checked
-def check_robot_files(path: Path | str, hydrodynamics: Path | str | None = None, **loading: Any) -> RobotReport:
+def check_robot_files(
+    path: Path | str, hydrodynamics: Path | str | None = None, **loading: Any
+) -> RobotReport:
     """Load a URDF, or a folder with ``robot.urdf`` and ``hydrodynamics.yaml``, and check the robot.
 
-    loading: further options of `load_robot`. Files that cannot be loaded give a report with all that is wrong with them;
-    raises ``InvalidInput`` for options that do not exist.
+    loading: further options of `load_robot`. Files that cannot be loaded give a report with all
+    that is wrong with them; raises ``InvalidInput`` for options that do not exist.
     """
     try:
         robot = load_robot(Path(path), hydrodynamics=hydrodynamics, **loading)
     except RobotDataError as error:
-        return RobotReport(name=Path(path).name, findings=tuple(_error("files", text) for text in error.lines))
+        return RobotReport(
+            name=Path(path).name, findings=tuple(_error("files", text) for text in error.lines)
+        )
     return check_robot(robot)
 
 
@@ -96,10 +119,16 @@ def check_robot(robot: Robot) -> RobotReport:
         *_inertias(robot),
         _mass_matrix(robot),
         *_limits(robot),
-        *((_good if good else _warning)("frames", text) for good, text in roles.role_notes(robot.model, robot.description)),
+        *(
+            (_good if good else _warning)("frames", text)
+            for good, text in roles.role_notes(robot.model, robot.description)
+        ),
         *_shapes(robot),
         *_water(robot),
-        *(_warning(*gap) for gap in unknowns(assembly.without_trim(robot).model, robot.description)),
+        *(
+            _warning(*gap)
+            for gap in unknowns(assembly.without_trim(robot).model, robot.description)
+        ),
     )
     return RobotReport(name=robot.name, findings=findings)
 
@@ -108,7 +137,9 @@ def _finding(verdict: RobotVerdict, subject: str, text: str) -> RobotFinding:
     return RobotFinding(subject=subject, verdict=verdict, text=text)
 
 
-_good, _warning, _error = (partial(_finding, one) for one in (RobotVerdict.GOOD, RobotVerdict.WARNING, RobotVerdict.ERROR))
+_good, _warning, _error = (
+    partial(_finding, one) for one in (RobotVerdict.GOOD, RobotVerdict.WARNING, RobotVerdict.ERROR)
+)
 
 
 def _inertias(robot: Robot) -> Iterator[RobotFinding]:
@@ -117,39 +148,74 @@ def _inertias(robot: Robot) -> Iterator[RobotFinding]:
     massless = [_body(robot, i) for i in moving if inertias[i].mass == 0.0]
     principal = {i: np.linalg.eigvalsh(inertias[i].inertia) for i in moving}
     most = 1.0 + _TRIANGLE_TOLERANCE
-    impossible = [i for i, (a, b, c) in principal.items() if not (a >= -1e-12 and c <= (a + b) * most + 1e-12)]
+    impossible = [
+        i for i, (a, b, c) in principal.items() if not (a >= -1e-12 and c <= (a + b) * most + 1e-12)
+    ]
     if massless:
-        yield _warning("inertias", f"no mass in link {', '.join(massless)}; give links there an <inertial>")
+        yield _warning(
+            "inertias", f"no mass in link {', '.join(massless)}; give links there an <inertial>"
+        )
     for i in impossible:
         moments = " ".join(f"{moment:.4g}" for moment in principal[i])
         allowed = "none exceeds the sum of the others; mend <inertia>"
-        yield _error("inertias", f"link {_body(robot, i)}: principal moments {moments} kg m2; allowed: {allowed}")
+        yield _error(
+            "inertias",
+            f"link {_body(robot, i)}: principal moments {moments} kg m2; allowed: {allowed}",
+        )
     if not massless and not impossible:
-        yield _good("inertias", f"{robot.model.njoints - 1} moving bodies, {sum(i.mass for i in inertias):.6g} kg")
+        yield _good(
+            "inertias",
+            f"{robot.model.njoints - 1} moving bodies, {sum(i.mass for i in inertias):.6g} kg",
+        )
 
 
 def _body(robot: Robot, joint: int) -> str:
     """Names of the links that a joint of the model carries."""
-    names = [frame.name for frame in robot.model.frames if frame.parentJoint == joint and frame.type == pin.FrameType.BODY]
-    more = f" and what is fixed to it ({', '.join(names[1:4])}{', ...' if len(names) > 4 else ''})" if names[1:] else ""
+    names = [
+        frame.name
+        for frame in robot.model.frames
+        if frame.parentJoint == joint and frame.type == pin.FrameType.BODY
+    ]
+    more = (
+        f" and what is fixed to it ({', '.join(names[1:4])}{', ...' if len(names) > 4 else ''})"
+        if names[1:]
+        else ""
+    )
     return f"{names[0]!r}{more}" if names else f"behind joint {robot.model.names[joint]!r}"
 
 
 def _mass_matrix(robot: Robot) -> RobotFinding:
     M = pin.crba(robot.model, robot.model.createData(), np.array(robot.configuration()))
     M = np.triu(M) + np.triu(M, 1).T
-    if empty := list(joints_without_inertia(robot.model, M)):
+    empty = list(joints_without_inertia(robot.model, M))
+    if empty:
         whose = "; ".join(empty)
-        fixed = "fix the joint: `lock: {JOINT: 0}` in loading of hydrodynamics.yaml, or --lock JOINT"
-        return _error("mass matrix", f"no inertia about its axis: {whose}; give an <inertial>, or {fixed}")
+        fixed = (
+            "fix the joint: `lock: {JOINT: 0}` in loading of hydrodynamics.yaml, or --lock JOINT"
+        )
+        return _error(
+            "mass matrix", f"no inertia about its axis: {whose}; give an <inertial>, or {fixed}"
+        )
     smallest = float(np.linalg.eigvalsh(M).min())
     text = f"smallest eigenvalue of the mass matrix {smallest:.3g}"
-    return _good("mass matrix", text) if smallest > 0.0 else _error("mass matrix", f"{text}; give inertias to the links")
+    return (
+        _good("mass matrix", text)
+        if smallest > 0.0
+        else _error("mass matrix", f"{text}; give inertias to the links")
+    )
 
 
 def _limits(robot: Robot) -> Iterator[RobotFinding]:
-    named = {"velocity": robot.limits.velocity, "acceleration": robot.limits.acceleration, "effort": robot.limits.effort}
-    unlimited = [f"{np.isinf(values).sum()} of {len(values)} {name}" for name, values in named.items() if np.isinf(values).any()]
+    named = {
+        "velocity": robot.limits.velocity,
+        "acceleration": robot.limits.acceleration,
+        "effort": robot.limits.effort,
+    }
+    unlimited = [
+        f"{np.isinf(values).sum()} of {len(values)} {name}"
+        for name, values in named.items()
+        if np.isinf(values).any()
+    ]
     if unlimited:
         yield _warning("limits", f"unlimited: {', '.join(unlimited)}; {_LIMITING}")
     else:
@@ -158,9 +224,16 @@ def _limits(robot: Robot) -> Iterator[RobotFinding]:
 
 def _shapes(robot: Robot) -> Iterator[RobotFinding]:
     for kind, shapes in (("visual", robot.visual_model), ("collision", robot.collision_model)):
-        meshes = sum(bool(shape.meshPath and Path(shape.meshPath).is_file()) for shape in shapes.geometryObjects)
+        meshes = sum(
+            bool(shape.meshPath and Path(shape.meshPath).is_file())
+            for shape in shapes.geometryObjects
+        )
         text = f"{shapes.ngeoms} {kind} shapes, {meshes} of them meshes, all found"
-        yield _good("shapes", text) if shapes.ngeoms else _warning("shapes", f"no {kind} shapes; give <{kind}>")
+        yield (
+            _good("shapes", text)
+            if shapes.ngeoms
+            else _warning("shapes", f"no {kind} shapes; give <{kind}>")
+        )
     unshaped = links_without_shape(robot)
     if unshaped and robot.collision_model.ngeoms:
         text = f"{', '.join(unshaped)}: nothing is told of what they touch; give them <collision>"
@@ -188,16 +261,20 @@ def _trim(robot: Robot) -> RobotFinding:
 
 def _trim_advice(robot: Robot, force: float, moment: np.ndarray) -> str:
     link = next(frame.name for frame in robot.model.frames if frame.type == pin.FrameType.BODY)
-    bodies, own = trim_bodies(robot, force, moment), robot.description.trim
+    bodies = trim_bodies(robot, force, moment)
+    own = robot.description.trim
     parts = [
-        f"a {body.name.partition('_')[0]} of {abs(lift):.3g} N at x = {body.position[0]:.3g} m, y = {body.position[1]:.3g} m"
+        f"a {body.name.partition('_')[0]} of {abs(lift):.3g} N at x = {body.position[0]:.3g} m, y ="
+        f" {body.position[1]:.3g} m"
         for body, lift in bodies
     ]
     entries = [
         {key: _rounded(value) for key, value in body.model_dump().items()}
         for body in (*own, *(body.model_copy(update={"link": link}) for body, _ in bodies))
     ]
-    text = yaml.safe_dump(entries, default_flow_style=True, width=math.inf, sort_keys=False, allow_unicode=True).strip()
+    text = yaml.safe_dump(
+        entries, default_flow_style=True, width=math.inf, sort_keys=False, allow_unicode=True
+    ).strip()
     more = " in place of what stands there" if own else ""
     return f"{' and '.join(parts)} of {link} would trim it{more}; trim: {text}"
 
@@ -209,18 +286,24 @@ def _rounded(value: Any) -> Any:
     return float(f"{value:.5g}") if isinstance(value, float) else value
 
 
-def trim_bodies(robot: Robot, force: float, moment: np.ndarray) -> list[tuple[description.TrimBody, float]]:
-    """Return floats and ballast that cancel a force [N] upwards and a moment (3,) [N m] in W, and what each lifts [N].
+def trim_bodies(
+    robot: Robot, force: float, moment: np.ndarray
+) -> list[tuple[description.TrimBody, float]]:
+    """Return floats and ballast that cancel a force [N] upwards and a moment (3,) [N m] in W, and
+    what each lifts [N].
 
     One where that lies within the hull, else two at its ends in the direction of the moment.
     """
-    lift, lever = -force, np.array([moment[1], -moment[0]])
+    lift = -force
+    lever = np.array([moment[1], -moment[0]])
     low, high = _hull(robot)
     taken = [body.name for body in robot.description.trim]
 
     def body(name: str, place: np.ndarray, lift: float) -> tuple[description.TrimBody, float]:
         name = f"{'float' if lift > 0.0 else 'ballast'}{name}"
-        name = next(free for free in chain([name], (f"{name}_{k}" for k in count(1))) if free not in taken)
+        name = next(
+            free for free in chain([name], (f"{name}_{k}" for k in count(1))) if free not in taken
+        )
         x, y = place + 0.0  # no zero with a sign
         return assembly.trim_body(name, float(x), float(y), lift, robot), lift
 
@@ -235,18 +318,29 @@ def trim_bodies(robot: Robot, force: float, moment: np.ndarray) -> list[tuple[de
 
 
 def _hull(robot: Robot) -> tuple[np.ndarray, np.ndarray]:
-    """Corners (2,) [m] of the vehicle's collision shapes and thrusters, x and y in B, with the origin between them."""
-    model, points = robot.collision_model, [np.zeros(3)]
+    """Corners (2,) [m] of the vehicle's collision shapes and thrusters, x and y in B, with the
+    origin between them.
+    """
+    model = robot.collision_model
+    points = [np.zeros(3)]
     for shape in model.geometryObjects:
         if shape.parentJoint == 1:
-            points += [shape.placement.act(corner) for corner in assembly.box_corners(shape.geometry)]
+            points += [
+                shape.placement.act(corner) for corner in assembly.box_corners(shape.geometry)
+            ]
     points += [np.array(thruster.position) for thruster in robot.description.thrusters]
     return _WITHIN * np.min(points, axis=0)[:2], _WITHIN * np.max(points, axis=0)[:2]
 
 
 def _reach(along: np.ndarray, low: np.ndarray, high: np.ndarray) -> float:
-    """Distance [m] from the origin of B to the border of the hull; a hand's breadth where it has none."""
-    ends = [r / a for r, a in zip(np.where(along > 0.0, high, low), along, strict=True) if abs(a) > _RANK_TOLERANCE]
+    """Distance [m] from the origin of B to the border of the hull; a hand's breadth where it has
+    none.
+    """
+    ends = [
+        r / a
+        for r, a in zip(np.where(along > 0.0, high, low), along, strict=True)
+        if abs(a) > _RANK_TOLERANCE
+    ]
     return max(min(ends), _HAND)
 
 
@@ -258,7 +352,10 @@ def _thrusters(robot: Robot) -> RobotFinding:
         return _warning("thrusters", f"{text}; {_ALONE}" if alone else text)
     U, singular, _ = np.linalg.svd(matrix)
     rank = int((singular > _RANK_TOLERANCE * singular[0]).sum())
-    text = f"{matrix.shape[1]} thrusters, rank {rank}, singular values {' '.join(f'{s:.3g}' for s in singular)}"
+    text = (
+        f"{matrix.shape[1]} thrusters, rank {rank}, singular values"
+        f" {' '.join(f'{s:.3g}' for s in singular)}"
+    )
     if rank == 6:
         return _good("thrusters", text)
     lost = [thrusters.AXES[int(np.argmax(np.abs(column)))] for column in U.T[rank:]]

@@ -1,4 +1,6 @@
-"""Inputs and results of pre-flight checks: the mission before it begins, forecast of its phases, findings, report."""
+"""Inputs and results of pre-flight checks: the mission before it begins, forecast of its phases,
+findings, report.
+"""
 
 from __future__ import annotations
 
@@ -43,7 +45,9 @@ class Severity(enum.Enum):
 
 @checked_dataclass()
 class Finding:
-    """One result of one check, in one sentence, with its figures (lengths in m, angles in rad, forces in N)."""
+    """One result of one check, in one sentence, with its figures (lengths in m, angles in rad,
+    forces in N).
+    """
 
     severity: Severity
     check: str
@@ -61,15 +65,29 @@ class PreflightReport(TableDisplay):
 
     def __post_init__(self) -> None:
         order = list(Severity)
-        object.__setattr__(self, "findings", tuple(sorted(self.findings, key=lambda finding: order.index(finding.severity))))
+        object.__setattr__(
+            self,
+            "findings",
+            tuple(sorted(self.findings, key=lambda finding: order.index(finding.severity))),
+        )
 
     def _table(self) -> SmallTable:
         verdict = "accepted" if self.accepted else "refused"
-        before, head = [(item.severity.value, item.phase, item.check) for item in self.findings], ("severity", "phase", "check")
-        width = max(WIDTH - sum(2 + max(map(len, column)) for column in zip(head, *before, strict=True)) - 2, 30)
+        before = [(item.severity.value, item.phase, item.check) for item in self.findings]
+        head = ("severity", "phase", "check")
+        width = max(
+            WIDTH
+            - sum(2 + max(map(len, column)) for column in zip(head, *before, strict=True))
+            - 2,
+            30,
+        )
         texts = [textwrap.wrap(item.text, width) or [""] for item in self.findings]
         pairs = zip(before, texts, strict=True)
-        rows = tuple((*(cells if k == 0 else ("", "", "")), line) for cells, text in pairs for k, line in enumerate(text))
+        rows = tuple(
+            (*(cells if k == 0 else ("", "", "")), line)
+            for cells, text in pairs
+            for k, line in enumerate(text)
+        )
         return SmallTable(title=f"Pre-flight: {verdict}", head=(*head, "finding"), rows=rows)
 
     @property
@@ -92,7 +110,12 @@ class PreflightReport(TableDisplay):
     def to_dict(self) -> dict[str, Any]:
         """JSON values only."""
         rows = [
-            {"severity": one.severity.value, "check": one.check, "phase": one.phase, "text": one.text}
+            {
+                "severity": one.severity.value,
+                "check": one.check,
+                "phase": one.phase,
+                "text": one.text,
+            }
             | {"figures": dict(one.figures)}
             for one in self.findings
         ]
@@ -129,7 +152,9 @@ class Setup:
     gains: VelocityGains = field(default_factory=VelocityGains)
     """Gains of the loops, before they are lowered for sensors that are late."""
     load_bandwidth: Finite | None = None
-    """[rad/s] of the observer from which the controller is to learn what the tool carries; `None` where it is not to."""
+    """[rad/s] of the observer from which the controller is to learn what the tool carries; `None`
+    where it is not to.
+    """
 
     def floor_at(self, x: float, y: float) -> float:
         """Height [m] of the floor in W at x [m], y [m]."""
@@ -143,13 +168,21 @@ class Setup:
         return frame_pose(self.robot, q, self.altimeter_frame)
 
     def altimeter_height(self) -> float:
-        """Height [m] of the altimeter above the vehicle's origin while the vehicle rests as thrusters and water leave it."""
+        """Height [m] of the altimeter above the vehicle's origin while the vehicle rests as
+        thrusters and water leave it.
+        """
         place: np.ndarray = self.altimeter_pose(self.robot.configuration()).translation
-        return float(assembly.rotation_at_rest(self.robot, self.start)[2] @ place if self.with_forces else place[2])
+        return float(
+            assembly.rotation_at_rest(self.robot, self.start)[2] @ place
+            if self.with_forces
+            else place[2]
+        )
 
 
 def frame_pose(robot: Robot, q: np.ndarray, frame: str) -> pin.SE3:
-    """X_WF of a frame at q (n_q,) [m, rad], which may be outside the limits. Raises `FrameNotFound`."""
+    """X_WF of a frame at q (n_q,) [m, rad], which may be outside the limits. Raises
+    `FrameNotFound`.
+    """
     data = robot.model.createData()
     pin.forwardKinematics(robot.model, data, q)
     return pin.updateFramePlacement(robot.model, data, robot.frame_id(frame)).copy()
@@ -188,7 +221,9 @@ class Stance:
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class Visit:
-    """One phase on the way, with the stances that the vehicle may have at its end; the first is the likeliest."""
+    """One phase on the way, with the stances that the vehicle may have at its end; the first is the
+    likeliest.
+    """
 
     index: int
     phase: Phase
@@ -218,12 +253,17 @@ def forecast(setup: Setup) -> list[Visit]:
 
 
 def main_path(phases: Sequence[Phase]) -> list[int]:
-    """Indices of the phases from the first on, by the first transition of each that leads to a new one."""
+    """Indices of the phases from the first on, by the first transition of each that leads to a new
+    one.
+    """
     names = [phase.name for phase in phases]
-    path, index = [0], 0
+    path = [0]
+    index = 0
     while True:
         targets = [transition.to for transition in phases[index].transitions]
-        fresh = [names.index(name) for name in targets if name in names and names.index(name) not in path]
+        fresh = [
+            names.index(name) for name in targets if name in names and names.index(name) not in path
+        ]
         if DONE in targets or not fresh:
             return path
         index = fresh[0]
@@ -231,8 +271,14 @@ def main_path(phases: Sequence[Phase]) -> list[int]:
 
 
 def threshold_of(phase: Phase, quantity: str) -> float | None:
-    """The threshold [m] or [rad] below which `quantity` must fall to leave the phase; `None` where it does not matter."""
-    awaited = (condition for condition in phase.conditions if isinstance(condition, Below) and condition.quantity == quantity)
+    """The threshold [m] or [rad] below which `quantity` must fall to leave the phase; `None` where
+    it does not matter.
+    """
+    awaited = (
+        condition
+        for condition in phase.conditions
+        if isinstance(condition, Below) and condition.quantity == quantity
+    )
     return min((condition.limit for condition in awaited), default=None)
 
 
@@ -251,19 +297,30 @@ def _stances_after(setup: Setup, visit: Visit) -> tuple[Stance, ...]:
     stances = visit.stances
     if visit.active(NullVelocity) is not None:
         return stances
-    if (pose := visit.active(VehiclePose)) is not None:
+    pose = visit.active(VehiclePose)
+    if pose is not None:
         goal, _ = goals.evaluate_pose(pose.name, pose.goal, 0.0)
         radius = threshold_of(visit.phase, f"{pose.name}.position_error") or 0.0
-        stances = stances_at_way_point(goal, radius, origin=stances[0].position, towards=_next_target(setup, visit))
-    if (alignment := visit.active(Alignment)) is not None:
+        stances = stances_at_way_point(
+            goal, radius, origin=stances[0].position, towards=_next_target(setup, visit)
+        )
+    alignment = visit.active(Alignment)
+    if alignment is not None:
         target, _ = goals.evaluate_vector(alignment.name, alignment.goal, 0.0)
         walks = not thrusters.undriven_axes(setup.robot)
         stances = tuple(_aligned(stance, target, walks=walks) for stance in stances)
-    if (landing := visit.active(LandingAltitude)) is not None:
+    landing = visit.active(LandingAltitude)
+    if landing is not None:
         altitude = threshold_of(visit.phase, f"{landing.name}.altitude") or landing.rest_altitude
         height = setup.altimeter_height()
-        places = [(x, y, setup.floor_at(x, y) + altitude - height) for x, y, _ in (s.position for s in stances)]
-        stances = tuple(replace(stance, position=np.array(place)) for stance, place in zip(stances, places, strict=True))
+        places = [
+            (x, y, setup.floor_at(x, y) + altitude - height)
+            for x, y, _ in (s.position for s in stances)
+        ]
+        stances = tuple(
+            replace(stance, position=np.array(place))
+            for stance, place in zip(stances, places, strict=True)
+        )
     return stances
 
 
@@ -274,8 +331,9 @@ def stances_at_way_point(
 
     The first is where the straight way from `origin` (3,) [m] in W enters it.
 
-    Likely are those too to either side of it, as currents and obstacles bend the way. Then come, merely possible, the
-    centre and the rim, which begins in the direction of `towards` (3,) [m] in W.
+    Likely are those too to either side of it, as currents and obstacles bend the way. Then come,
+    merely possible, the centre and the rim, which begins in the direction of `towards` (3,) [m] in
+    W.
     """
     yaw = float(pin.rpy.matrixToRpy(goal.rotation)[2])
     offset = origin - goal.translation
@@ -290,16 +348,23 @@ def stances_at_way_point(
 
 
 def _next_target(setup: Setup, visit: Visit) -> np.ndarray | None:
-    """Target of the alignment of this mission, towards and away from which reach is best and worst."""
-    alignment = next((task for task in setup.mission.tasks_of(visit.index) if isinstance(task, Alignment)), None)
-    return None if alignment is None else goals.evaluate_vector(alignment.name, alignment.goal, 0.0)[0]
+    """Target of the alignment of this mission, towards and away from which reach is best and
+    worst.
+    """
+    alignment = next(
+        (task for task in setup.mission.tasks_of(visit.index) if isinstance(task, Alignment)), None
+    )
+    return (
+        None if alignment is None else goals.evaluate_vector(alignment.name, alignment.goal, 0.0)[0]
+    )
 
 
 def _aligned(stance: Stance, target: np.ndarray, *, walks: bool) -> Stance:
     """After turning to a target by the least motion: part of the turn is a walk around the target.
 
-    With d the distance, ``d theta = -(d psi + ds / d)`` and the least ``d psi^2 + ds^2`` share the angle as
-    d^2 : 1 between turning and walking. A vehicle that does not drive every axis turns on the spot.
+    With d the distance, ``d theta = -(d psi + ds / d)`` and the least ``d psi^2 + ds^2`` share the
+    angle as d^2 : 1 between turning and walking. A vehicle that does not drive every axis turns on
+    the spot.
     """
     offset = stance.position[:2] - target[:2]
     d = float(np.linalg.norm(offset))
@@ -309,4 +374,8 @@ def _aligned(stance: Stance, target: np.ndarray, *, walks: bool) -> Stance:
     theta = math.remainder(bearing - stance.yaw, 2 * math.pi)
     walk = -theta / (d**2 + 1.0) if walks else 0.0
     R = pin.rpy.rpyToMatrix(0.0, 0.0, walk)[:2, :2]
-    return replace(stance, position=np.array([*(target[:2] + R @ offset), stance.position[2]]), yaw=bearing + walk)
+    return replace(
+        stance,
+        position=np.array([*(target[:2] + R @ offset), stance.position[2]]),
+        yaw=bearing + walk,
+    )

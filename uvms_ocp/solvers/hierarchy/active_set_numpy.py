@@ -1,9 +1,12 @@
-"""Lexicographic least squares by active sets, short and slow: the oracle of the solver in C, and in its place without a compiler.
+"""Lexicographic least squares by active sets, short and slow: the oracle of the solver in C, and in
+its place without a compiler.
 
-A hierarchy of equalities is solved level by level in the null space of the levels above; rows that the step towards that optimum
-meets become active, and the one whose multiplier has the wrong sign at the first level that has any is dropped. Where the result
-of a run from a warm start is not certified, the next starts cold; then every level is solved on its own with those above held,
-ordinarily and with more care; then fewer levels. Where nothing is certified the best velocity counts, by levels in their order.
+A hierarchy of equalities is solved level by level in the null space of the levels above; rows that
+the step towards that optimum meets become active, and the one whose multiplier has the wrong sign
+at the first level that has any is dropped. Where the result of a run from a warm start is not
+certified, the next starts cold; then every level is solved on its own with those above held,
+ordinarily and with more care; then fewer levels. Where nothing is certified the best velocity
+counts, by levels in their order.
 
 `[rate]` is the unit of a row, `[velocity]` that of an entry of v.
 """
@@ -19,7 +22,12 @@ import numpy as np
 
 from uvms_ocp.codegen.elementwise import interval_distance
 from uvms_ocp.solvers.hierarchy import tolerances
-from uvms_ocp.solvers.hierarchy.certificate import NO_NEGLIGIBLE_ROWS, NormalRows, normal_certificate, normal_rows
+from uvms_ocp.solvers.hierarchy.certificate import (
+    NO_NEGLIGIBLE_ROWS,
+    NormalRows,
+    normal_certificate,
+    normal_rows,
+)
 from uvms_ocp.solvers.hierarchy.level import is_valid, residual, row_slices, widen_bounds
 from uvms_ocp.solvers.hierarchy.solution import Status
 from uvms_ocp.types import Array, Indices, Mask
@@ -49,11 +57,15 @@ class PivotRules(NamedTuple):
 
 
 ORDINARY = PivotRules(tolerances.RANK_TOLERANCE, tolerances.RANK_NOISE, tolerances.MULTIPLIER)
-CAREFUL = PivotRules(tolerances.CAREFUL_RANK, tolerances.CAREFUL_NOISE, tolerances.CAREFUL_MULTIPLIER)
+CAREFUL = PivotRules(
+    tolerances.CAREFUL_RANK, tolerances.CAREFUL_NOISE, tolerances.CAREFUL_MULTIPLIER
+)
 
 
 class _Block(NamedTuple):
-    """Active rows of one level, pivots first, in the coordinates of the factorisation, of which those above take `column`."""
+    """Active rows of one level, pivots first, in the coordinates of the factorisation, of which
+    those above take `column`.
+    """
 
     rows: Indices
     T: Array
@@ -62,7 +74,9 @@ class _Block(NamedTuple):
 
 
 class _Rule(IntEnum):
-    """Choice of the row to drop: the worst, the first (which ends most cycles), or the first and never again (which ends all)."""
+    """Choice of the row to drop: the worst, the first (which ends most cycles), or the first and
+    never again (which ends all).
+    """
 
     GREEDY = 0
     BLAND = 1
@@ -73,30 +87,44 @@ class _ActiveSet:
     """One run of the method: M rows in normal units, n velocities."""
 
     def __init__(self, rows: NormalRows, active_set: Array, rules: PivotRules) -> None:
-        self.A, self.lower, self.upper, self.rules = rows.J, rows.lower, rows.upper, rules
-        self.levels, self.norm = list(row_slices(rows.sizes)), np.sqrt((rows.J * rows.J).sum(axis=1))
+        self.A = rows.J
+        self.lower = rows.lower
+        self.upper = rows.upper
+        self.rules = rules
+        self.levels = list(row_slices(rows.sizes))
+        self.norm = np.sqrt((rows.J * rows.J).sum(axis=1))
         bounds = np.abs([rows.lower, rows.upper])
-        self.tolerance = tolerances.FEASIBLE * (self.norm + np.where(bounds < tolerances.ENDLESS, bounds, 0.0).max(axis=0))
+        self.tolerance = tolerances.FEASIBLE * (
+            self.norm + np.where(bounds < tolerances.ENDLESS, bounds, 0.0).max(axis=0)
+        )
         """(M,) by how much a row may be violated."""
         self.state = np.sign(active_set)
         """(M,) `RowState` of each row."""
-        self.state[((self.state > 0) & (rows.upper == np.inf)) | ((self.state < 0) & (rows.lower == -np.inf))] = FREE
+        self.state[
+            ((self.state > 0) & (rows.upper == np.inf))
+            | ((self.state < 0) & (rows.lower == -np.inf))
+        ] = FREE
         # A flag of equality must never be inherited: the row may have become an inequality.
         self.state[rows.lower >= rows.upper] = EQUAL
         self.tabu = np.zeros(len(rows.J), dtype=bool)
         """(M,) rows that must not be dropped any more."""
         self.v = self.target = np.zeros(rows.J.shape[1])
         """(n,) where the run is, and the optimum of the active rows."""
-        self.slack, self.blocks = np.zeros(len(rows.J)), list[_Block]()
+        self.slack = np.zeros(len(rows.J))
+        self.blocks = list[_Block]()
         """(M,) by how much active rows miss their bound there, and these rows level by level."""
 
     def solve(self, left: int) -> tuple[Array, int]:
         """The optimum (n,), and the iterations that it took, `left` at most."""
         self._solve_equalities()
-        self.v, dropped, stalled, rule = self.target, -1, 0, _Rule.GREEDY
+        self.v = self.target
+        dropped = -1
+        stalled = 0
+        rule = _Rule.GREEDY
         above, below = self._violated(self.v)
         self.state[above], self.state[below] = UPPER, LOWER
-        pending, budget = bool((above | below).any()), tolerances.iteration_budget(len(self.A))
+        pending = bool((above | below).any())
+        budget = tolerances.iteration_budget(len(self.A))
         most = min(budget.most_iterations, left)
         for iteration in range(1, most + 1):
             if pending:
@@ -104,10 +132,12 @@ class _ActiveSet:
                 moved, blocked = self._step()
                 stalled += not moved
                 if moved and rule is not _Rule.TABU:
-                    stalled, rule = 0, _Rule.GREEDY
+                    stalled = 0
+                    rule = _Rule.GREEDY
                     self.tabu[:] = False
                 elif not moved and blocked == dropped >= 0:
-                    # A row that blocks at once where it was dropped was dropped for rounding: it stays.
+                    # A row that blocks at once where it was dropped was dropped for rounding: it
+                    # stays.
                     self.tabu[blocked] = True
                 dropped = -1
                 if blocked >= 0:
@@ -124,28 +154,45 @@ class _ActiveSet:
 
     def _violated(self, v: Array) -> tuple[Mask, Mask]:
         """(M,) free rows above their upper bound at v, and below their lower one."""
-        y, free = self.A @ v, self.state == FREE
+        y = self.A @ v
+        free = self.state == FREE
         return free & (y > self.upper + self.tolerance), free & (y < self.lower - self.tolerance)
 
     def _solve_equalities(self) -> None:
-        """Least squares of the active rows, level by level in the null space of those above, of least norm."""
+        """Least squares of the active rows, level by level in the null space of those above, of
+        least norm.
+        """
         from scipy.linalg import qr
 
         n = self.A.shape[1]
-        Q, y, column, smallest = np.eye(n), np.zeros(n), 0, 1.0
-        self.slack, self.blocks = np.zeros(len(self.A)), list[_Block]()
+        Q = np.eye(n)
+        y = np.zeros(n)
+        column = 0
+        smallest = 1.0
+        self.slack = np.zeros(len(self.A))
+        self.blocks = list[_Block]()
         for level in self.levels:
-            rows, rank = level.start + np.flatnonzero((self.state[level] != FREE) & (self.norm[level] > 0.0)), 0
+            rows = level.start + np.flatnonzero(
+                (self.state[level] != FREE) & (self.norm[level] > 0.0)
+            )
+            rank = 0
             if rows.size and column < n:
-                turn, R, order = qr((self.A[rows] @ Q[:, column:] / self.norm[rows, None]).T, pivoting=True)
+                turn, R, order = qr(
+                    (self.A[rows] @ Q[:, column:] / self.norm[rows, None]).T, pivoting=True
+                )
                 for part in np.abs(np.diag(R)):
                     if part <= max(self.rules.rank_tolerance, self.rules.rank_noise / smallest):
                         break
-                    smallest, rank = float(min(smallest, part)), rank + 1
+                    smallest = float(min(smallest, part))
+                    rank = rank + 1
                 rows, Q[:, column:] = rows[order], Q[:, column:] @ turn
-            T, end = self.A[rows] @ Q, column + rank
+            T = self.A[rows] @ Q
+            end = column + rank
             T[:rank, end:] = 0.0
-            missed = np.where(self.state[rows] == LOWER, self.lower[rows], self.upper[rows]) - T[:, :column] @ y[:column]
+            missed = (
+                np.where(self.state[rows] == LOWER, self.lower[rows], self.upper[rows])
+                - T[:, :column] @ y[:column]
+            )
             if rank:
                 orthogonal, R = np.linalg.qr(T[:, column:end])
                 y[column:end] = np.linalg.solve(R, orthogonal.T @ missed)
@@ -156,48 +203,75 @@ class _ActiveSet:
         self.target = Q @ y
 
     def _step(self) -> tuple[bool, int]:
-        """Go to `target` until a free row blocks, which becomes active; whether v moved, and that row or -1."""
+        """Go to `target` until a free row blocks, which becomes active; whether v moved, and that
+        row or -1.
+        """
         above, below = self._violated(self.target)
-        blocking, before = np.flatnonzero(above | below), self.v
+        blocking = np.flatnonzero(above | below)
+        before = self.v
         row = -1
         if blocking.size == 0:
             self.v = self.target
         else:
-            y, end = (self.A @ self.v)[blocking], (self.A @ self.target)[blocking]
+            y = (self.A @ self.v)[blocking]
+            end = (self.A @ self.target)[blocking]
             limit = np.where(above, self.upper, self.lower)[blocking]
             outside = np.where(above[blocking], y >= limit, y <= limit)
             length = np.where(outside, 0.0, (limit - y) / np.where(outside, 1.0, end - y))
             row = int(blocking[np.argmin(length)])
             self.v = self.v + min(1.0, max(0.0, float(length.min()))) * (self.target - self.v)
             self.state[row] = UPPER if above[row] else LOWER
-        return bool(np.abs(self.v - before).max() > tolerances.MOVED * max(1.0, np.abs(self.v).max())), row
+        return bool(
+            np.abs(self.v - before).max() > tolerances.MOVED * max(1.0, np.abs(self.v).max())
+        ), row
 
     def _wrong_row(self, rule: _Rule) -> int:
-        """The row to drop by its multiplier at the first level where the sign of one is wrong; -1 where all signs hold."""
+        """The row to drop by its multiplier at the first level where the sign of one is wrong; -1
+        where all signs hold.
+        """
         decided = np.zeros(len(self.A), dtype=bool)
         for k, own in enumerate(self.blocks):
-            slack, multiplier = self.slack[own.rows], np.zeros(len(self.A))
-            # A slack that an exact solution could not tell from zero decides nothing for the levels below.
-            significant = np.abs(slack) > tolerances.SIGNIFICANT / tolerances.FEASIBLE * self.tolerance[own.rows]
+            slack = self.slack[own.rows]
+            multiplier = np.zeros(len(self.A))
+            # A slack that an exact solution could not tell from zero decides nothing for the levels
+            # below.
+            significant = (
+                np.abs(slack)
+                > tolerances.SIGNIFICANT / tolerances.FEASIBLE * self.tolerance[own.rows]
+            )
             if not significant.any():
                 continue
-            multiplier[own.rows[significant]], g = slack[significant], slack @ own.T[:, : own.column]
+            multiplier[own.rows[significant]], g = (
+                slack[significant],
+                slack @ own.T[:, : own.column],
+            )
             for rows, T, column, rank in reversed(self.blocks[:k]):
                 if rank:
                     own_part = np.linalg.solve(T[:rank, column : column + rank].T, -g[column:])
                     multiplier[rows[:rank]], g = own_part, g[:column] + own_part @ T[:rank, :column]
-            value = np.where((self.state == EQUAL) | decided, 0.0, multiplier * self.state * self.norm)
-            least = max(self.rules.multiplier * float(np.abs(slack) @ self.norm[own.rows]), tolerances.WRONG)
+            value = np.where(
+                (self.state == EQUAL) | decided, 0.0, multiplier * self.state * self.norm
+            )
+            least = max(
+                self.rules.multiplier * float(np.abs(slack) @ self.norm[own.rows]), tolerances.WRONG
+            )
             decided |= value > least
             wrong = (value < -least) & ~self.tabu
             if wrong.any():
-                return int(np.argmin(np.where(wrong, value, 0.0)) if rule is _Rule.GREEDY else np.argmax(wrong))
+                return int(
+                    np.argmin(np.where(wrong, value, 0.0))
+                    if rule is _Rule.GREEDY
+                    else np.argmax(wrong)
+                )
         return -1
 
 
-def lexicographic_least_squares(rows: NormalRows, active_set: Array, rules: PivotRules, left: int) -> tuple[Array, Array, int]:
-    """W (n,) in normal units, active set (M,) and number of iterations, `left` at most, of one run, which does not judge its own
-    result; active_set (M,): `RowState` of each row to start with."""
+def lexicographic_least_squares(
+    rows: NormalRows, active_set: Array, rules: PivotRules, left: int
+) -> tuple[Array, Array, int]:
+    """W (n,) in normal units, active set (M,) and number of iterations, `left` at most, of one run,
+    which does not judge its own result; active_set (M,): `RowState` of each row to start with.
+    """
     run = _ActiveSet(rows, active_set, rules)
     w, iterations = run.solve(left)
     return w, run.state, iterations
@@ -220,21 +294,31 @@ class SolvedRows:
 
 
 @np.errstate(over="ignore", invalid="ignore")  # what overflows ends without a certificate
-def solve_levels(J: Array, lower: Array, upper: Array, gate: Array, active_set: Array, sizes: Sequence[int]) -> SolvedRows:
-    """Solve levels: J (M, n) [rate/velocity], lower and upper (M,) [rate], gate and active_set (M,).
+def solve_levels(
+    J: Array, lower: Array, upper: Array, gate: Array, active_set: Array, sizes: Sequence[int]
+) -> SolvedRows:
+    """Solve levels: J (M, n) [rate/velocity], lower and upper (M,) [rate], gate and active_set
+    (M,).
 
     sizes: rows of each level.
     """
     if not is_valid(J, lower, upper, gate):
         v, nothing = np.zeros(J.shape[1]), np.zeros(len(lower))
-        return SolvedRows(v=v, active_set=nothing, status=Status.INVALID_INPUT, residual=nothing.copy(), iterations=0)
+        return SolvedRows(
+            v=v,
+            active_set=nothing,
+            status=Status.INVALID_INPUT,
+            residual=nothing.copy(),
+            iterations=0,
+        )
     rows = normal_rows(J, *widen_bounds(J, lower, upper, gate), sizes)
     # No run gets hold of what is lost.
     attempts = _Attempts(replace(rows, lost=NO_NEGLIGIBLE_ROWS))
     status = attempts.solve(active_set)
     v = attempts.w * rows.velocity
     if not _is_finite(v):
-        v, status = np.zeros_like(v), Status.INEXACT
+        v = np.zeros_like(v)
+        status = Status.INEXACT
     return SolvedRows(
         v=v,
         active_set=attempts.active_set,
@@ -245,10 +329,13 @@ def solve_levels(J: Array, lower: Array, upper: Array, gate: Array, active_set: 
 
 
 class _Attempts:
-    """All runs of one call, and the best result so far: w (n,) in normal units, and its active set (M,)."""
+    """All runs of one call, and the best result so far: w (n,) in normal units, and its active set
+    (M,).
+    """
 
     def __init__(self, rows: NormalRows) -> None:
-        self.rows, self.left = rows, tolerances.iteration_budget(len(rows.J)).most_of_all
+        self.rows = rows
+        self.left = tolerances.iteration_budget(len(rows.J)).most_of_all
         self.w, self.active_set = np.zeros(rows.J.shape[1]), np.zeros(len(rows.J))
         self._levels = [own for own in row_slices(rows.sizes) if own.stop > own.start]
         self._missed: Array | None = None
@@ -263,7 +350,9 @@ class _Attempts:
         found = self._by_levels(ORDINARY) or self._by_levels(CAREFUL) or self._by_fewer_levels()
         return Status.CASCADED if found else Status.INEXACT
 
-    def _run(self, rows: NormalRows, active_set: Array | None = None, rules: PivotRules = ORDINARY) -> tuple[Array, Array]:
+    def _run(
+        self, rows: NormalRows, active_set: Array | None = None, rules: PivotRules = ORDINARY
+    ) -> tuple[Array, Array]:
         start = np.zeros(len(rows.J)) if active_set is None else active_set
         w, reached, iterations = lexicographic_least_squares(rows, start, rules, self.left)
         self.left -= iterations
@@ -276,15 +365,23 @@ class _Attempts:
             if self.left <= 0:
                 break
             # Rows above may miss their bounds as much as at w, and those below are free.
-            y, free, above = self.rows.J @ w, self._without(own.stop), np.arange(len(self.rows.J)) < own.start
+            y = self.rows.J @ w
+            free = self._without(own.stop)
+            above = np.arange(len(self.rows.J)) < own.start
             lower = np.where(above, np.minimum(y, self.rows.lower), free.lower)
             upper = np.where(above, np.maximum(y, self.rows.upper), free.upper)
             found, _ = self._run(replace(free, lower=lower, upper=upper), rules=rules)
             y = self.rows.J @ found
-            if _is_finite(found) and ((y >= lower - self._near) & (y <= upper + self._near))[above].all():
+            if (
+                _is_finite(found)
+                and ((y >= lower - self._near) & (y <= upper + self._near))[above].all()
+            ):
                 w = found
-        y, near = self.rows.J @ w, self._near
-        touched = np.where(y >= self.rows.upper - near, 1.0, np.where(y <= self.rows.lower + near, -1.0, 0.0))
+        y = self.rows.J @ w
+        near = self._near
+        touched = np.where(
+            y >= self.rows.upper - near, 1.0, np.where(y <= self.rows.lower + near, -1.0, 0.0)
+        )
         return self._is_proven(w, touched) or self._is_proven(*self._run(self.rows, touched, rules))
 
     def _by_fewer_levels(self) -> bool:
@@ -301,20 +398,29 @@ class _Attempts:
     def _without(self, end: int) -> NormalRows:
         """The rows before `end`; the others are free."""
         given = np.arange(len(self.rows.J)) < end
-        lower, upper = np.where(given, self.rows.lower, -np.inf), np.where(given, self.rows.upper, np.inf)
+        lower, upper = (
+            np.where(given, self.rows.lower, -np.inf),
+            np.where(given, self.rows.upper, np.inf),
+        )
         return replace(self.rows, lower=lower, upper=upper)
 
     def _is_proven(self, w: Array, active_set: Array) -> bool:
-        """Check whether a result is certified; else keep it if it is the best so far: at the first level that differs by more
-        than rounding."""
+        """Check whether a result is certified; else keep it if it is the best so far: at the first
+        level that differs by more than rounding.
+        """
         if not _is_finite(w):
             return False
         slack = interval_distance(self.rows.J @ w, self.rows.lower, self.rows.upper)
-        missed, best = np.array([np.linalg.norm(slack[own]) for own in self._levels]), self._missed
+        missed = np.array([np.linalg.norm(slack[own]) for own in self._levels])
+        best = self._missed
         proven = normal_certificate(self.rows, w) <= tolerances.CERTIFIED
-        differ = np.flatnonzero(False if best is None else np.abs(missed - best) > tolerances.TIED * (1.0 + best))
+        differ = np.flatnonzero(
+            False if best is None else np.abs(missed - best) > tolerances.TIED * (1.0 + best)
+        )
         if proven or best is None or (len(differ) and missed[differ[0]] < best[differ[0]]):
-            self.w, self.active_set, self._missed = w, active_set, missed
+            self.w = w
+            self.active_set = active_set
+            self._missed = missed
         return proven
 
 

@@ -1,4 +1,5 @@
-"""Strict hierarchy as a cascade of quadratic programs ([Kanoun2011], [Escande2014]) inside one CasADi Function.
+"""Strict hierarchy as a cascade of quadratic programs ([Kanoun2011], [Escande2014]) inside one
+CasADi Function.
 
 A bound cascade survives a plugin that breaks down in the middle of a tick.
 """
@@ -19,7 +20,13 @@ from numpy.typing import ArrayLike
 
 from uvms_ocp.checks import checked_dataclass, checked_on_failure
 from uvms_ocp.codegen.buffered import BufferedFunction
-from uvms_ocp.codegen.elementwise import interval_distance, interval_excess, logical_or, row_sums, where
+from uvms_ocp.codegen.elementwise import (
+    interval_distance,
+    interval_excess,
+    logical_or,
+    row_sums,
+    where,
+)
 from uvms_ocp.errors import InvalidInput, NameNotFound, plain_line
 from uvms_ocp.solvers.hierarchy import solution, tolerances
 from uvms_ocp.solvers.hierarchy.active_set_numpy import RowState, solve_levels
@@ -34,13 +41,15 @@ _INVALID = 2
 _RANK_TOLERANCE = 1e-10
 # A level whose rows are violated by less needs no program.
 _SATISFIED = 1e-12
-# Rows violated by less may be so for want of accuracy; held as inequalities they lose nothing at an optimum.
+# Rows violated by less may be so for want of accuracy; held as inequalities they lose nothing at an
+# optimum.
 _VIOLATED = 1e-6
 # Rows nearer to a bound, relative to the size of theirs, may be held by it.
 _HELD = 1e-6
 # Residual of the optimality conditions, relative to the size of the gradient.
 _STATIONARY = 3e-9
-_NOTHING, _SATISFIED_CASE = 0, 1
+_NOTHING = 0
+_SATISFIED_CASE = 1
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
@@ -76,10 +85,22 @@ class _LevelSymbols:
 
     def inputs(self, v: ca.MX | None = None) -> list[ca.MX]:
         held = self.held
-        return [held.J, held.lower, held.upper, held.fixed, self.J, self.lower, self.upper, self.v if v is None else v, self.P]
+        return [
+            held.J,
+            held.lower,
+            held.upper,
+            held.fixed,
+            self.J,
+            self.lower,
+            self.upper,
+            self.v if v is None else v,
+            self.P,
+        ]
 
 
-def sanitised(J: ca.MX, lower: ca.MX, upper: ca.MX, gate: ca.MX) -> tuple[ca.MX, ca.MX, ca.MX, ca.MX]:
+def sanitised(
+    J: ca.MX, lower: ca.MX, upper: ca.MX, gate: ca.MX
+) -> tuple[ca.MX, ca.MX, ca.MX, ca.MX]:
     """Valid (1,), then J and the gated bounds, which are harmless where the input is not valid."""
     valid = is_valid(J, lower, upper, gate)
     J = ca.if_else(valid, J, ca.MX.zeros(J.shape))
@@ -87,7 +108,9 @@ def sanitised(J: ca.MX, lower: ca.MX, upper: ca.MX, gate: ca.MX) -> tuple[ca.MX,
     return valid, J, low, up
 
 
-def outcome(valid: ca.MX, v: ca.MX, inexact: ca.MX, J: ca.MX, lower: ca.MX, upper: ca.MX, gate: ca.MX) -> tuple[ca.MX, ca.MX]:
+def outcome(
+    valid: ca.MX, v: ca.MX, inexact: ca.MX, J: ca.MX, lower: ca.MX, upper: ca.MX, gate: ca.MX
+) -> tuple[ca.MX, ca.MX]:
     """Status (0 solved, 1 inexact, 2 invalid input) and residual (M,)."""
     missed = ca.if_else(valid, residual(J, v, lower, upper, gate), ca.MX.zeros(gate.shape))
     return ca.if_else(valid, inexact, _INVALID), missed
@@ -95,7 +118,9 @@ def outcome(valid: ca.MX, v: ca.MX, inexact: ca.MX, J: ca.MX, lower: ca.MX, uppe
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class LevelStep:
-    """Functions of one level: (held J, lower, upper, fixed, J, lower, upper, v, P) -> (v, P, failed)."""
+    """Functions of one level: (held J, lower, upper, fixed, J, lower, upper, v, P) -> (v, P,
+    failed).
+    """
 
     solve: ca.Function
     """V at the optimum of the level."""
@@ -105,16 +130,23 @@ class LevelStep:
     """Its memory holds the active set of the last call."""
 
 
-def cascade(steps: Sequence[LevelStep], J: ca.MX, lower: ca.MX, upper: ca.MX) -> tuple[ca.MX, ca.MX]:
+def cascade(
+    steps: Sequence[LevelStep], J: ca.MX, lower: ca.MX, upper: ca.MX
+) -> tuple[ca.MX, ca.MX]:
     """V (n,) and 1 if any level is inexact, from one step per level that has rows."""
     n = J.shape[1]
-    v, P, inexact = ca.MX.zeros(n), ca.MX.eye(n), ca.MX.zeros(1)
+    v = ca.MX.zeros(n)
+    P = ca.MX.eye(n)
+    inexact = ca.MX.zeros(1)
     held = _Held(J=ca.MX(0, n), lower=ca.MX(0, 1), upper=ca.MX(0, 1), fixed=ca.MX(0, 1))
     for step in steps:
         rows = slice(held.J.shape[0], held.J.shape[0] + step.solve.size1_in(4))
-        own = _LevelSymbols(held=held, J=J[rows, :], lower=lower[rows], upper=upper[rows], v=v, P=ca.densify(P))
+        own = _LevelSymbols(
+            held=held, J=J[rows, :], lower=lower[rows], upper=upper[rows], v=v, P=ca.densify(P)
+        )
         v, P, failed = step.solve.call(own.inputs())
-        held, inexact = _extended(own, v), ca.fmax(inexact, failed)
+        held = _extended(own, v)
+        inexact = ca.fmax(inexact, failed)
     return v, inexact
 
 
@@ -123,13 +155,17 @@ def level_step(settings: LexicographicQp, n: int, held: int, size: int) -> Level
 
     Raises `InvalidInput` for a plugin that takes no such program.
     """
-    name, symbols = f"level_{held}", _level_symbols(n, held, size)
-    inputs, zero = symbols.inputs(), ca.MX.zeros(1)
+    name = f"level_{held}"
+    symbols = _level_symbols(n, held, size)
+    inputs = symbols.inputs()
+    zero = ca.MX.zeros(1)
     nothing = ca.Function(f"{name}_nothing", inputs, [symbols.v, symbols.P, zero])
     projector = _projector(symbols, symbols.v)
     satisfied = ca.Function(f"{name}_satisfied", inputs, [symbols.v, projector, zero])
     conic = _conic(settings, name, symbols)
-    choice = ca.Function.conditional(f"{name}_case", [nothing, satisfied], _programs(settings, name, conic, symbols))
+    choice = ca.Function.conditional(
+        f"{name}_case", [nothing, satisfied], _programs(settings, name, conic, symbols)
+    )
     return LevelStep(
         solve=ca.Function(name, inputs, choice.call([_case(symbols), *inputs])),
         give_up=ca.Function(f"{name}_kept", inputs, [symbols.v, projector, ca.MX.ones(1)]),
@@ -138,7 +174,8 @@ def level_step(settings: LexicographicQp, n: int, held: int, size: int) -> Level
 
 
 def fixed_rows(y: Any, lower: Any, upper: Any) -> Any:
-    """True for rows that cannot move any more at y (m,) [rate]: equalities, and rows that had to be violated.
+    """True for rows that cannot move any more at y (m,) [rate]: equalities, and rows that had to be
+    violated.
 
     lower and upper (m,) [rate].
     """
@@ -147,20 +184,31 @@ def fixed_rows(y: Any, lower: Any, upper: Any) -> Any:
 
 def _level_symbols(n: int, held: int, size: int) -> _LevelSymbols:
     shapes = {"J": (size, n), "lower": (size, 1), "upper": (size, 1), "v": (n, 1), "P": (n, n)}
-    above = {name: ca.MX.sym(f"held_{name}", held, n if name == "J" else 1) for name in ("J", "lower", "upper", "fixed")}
-    return _LevelSymbols(held=_Held(**above), **{name: ca.MX.sym(name, *shape) for name, shape in shapes.items()})
+    above = {
+        name: ca.MX.sym(f"held_{name}", held, n if name == "J" else 1)
+        for name in ("J", "lower", "upper", "fixed")
+    }
+    return _LevelSymbols(
+        held=_Held(**above), **{name: ca.MX.sym(name, *shape) for name, shape in shapes.items()}
+    )
 
 
 def _case(symbols: _LevelSymbols) -> ca.MX:
-    """_NOTHING where no program could change v, _SATISFIED_CASE where v is optimal but P may shrink, else 2."""
+    """_NOTHING where no program could change v, _SATISFIED_CASE where v is optimal but P may
+    shrink, else 2.
+    """
     free = ca.norm_inf(symbols.J @ symbols.P) > _RANK_TOLERANCE * ca.norm_inf(symbols.J)
-    satisfied = ca.norm_inf(interval_distance(symbols.J @ symbols.v, symbols.lower, symbols.upper)) <= _SATISFIED
+    satisfied = (
+        ca.norm_inf(interval_distance(symbols.J @ symbols.v, symbols.lower, symbols.upper))
+        <= _SATISFIED
+    )
     unchanged = ca.if_else(ca.sum1(symbols.lower >= symbols.upper) > 0, _SATISFIED_CASE, _NOTHING)
     return ca.if_else(free, ca.if_else(satisfied, unchanged, 2), _NOTHING)
 
 
 def _extended(own: _LevelSymbols, v: ca.MX) -> _Held:
-    y, held = own.J @ v, own.held
+    y = own.J @ v
+    held = own.held
     return _Held(
         J=ca.vertcat(held.J, own.J),
         lower=ca.vertcat(held.lower, ca.fmin(own.lower, y)),
@@ -171,7 +219,8 @@ def _extended(own: _LevelSymbols, v: ca.MX) -> _Held:
 
 def _projector(own: _LevelSymbols, v: ca.MX) -> ca.MX:
     """P without the directions of the rows that are fixed at v."""
-    P, fixed = own.P, fixed_rows(own.J @ v, own.lower, own.upper)
+    P = own.P
+    fixed = fixed_rows(own.J @ v, own.lower, own.upper)
     for i in range(own.J.shape[0]):
         a = own.J[i, :].T
         # Applied twice, so that what earlier rows have removed stays removed to rounding.
@@ -182,7 +231,9 @@ def _projector(own: _LevelSymbols, v: ca.MX) -> ca.MX:
     return P
 
 
-def _programs(settings: LexicographicQp, name: str, solver: ca.Function, symbols: _LevelSymbols) -> ca.Function:
+def _programs(
+    settings: LexicographicQp, name: str, solver: ca.Function, symbols: _LevelSymbols
+) -> ca.Function:
     inputs = symbols.inputs()
     step = ca.Function(f"{name}_given_up", inputs, [symbols.v, ca.MX.ones(1)])
     for _ in range(settings.attempts):
@@ -208,9 +259,15 @@ def _conic(settings: LexicographicQp, name: str, symbols: _LevelSymbols) -> ca.F
 
 
 def _attempt(
-    settings: LexicographicQp, name: str, solver: ca.Function, symbols: _LevelSymbols, otherwise: ca.Function
+    settings: LexicographicQp,
+    name: str,
+    solver: ca.Function,
+    symbols: _LevelSymbols,
+    otherwise: ca.Function,
 ) -> ca.Function:
-    """One program; ``otherwise`` continues from its result if that is not verified to be optimal."""
+    """One program; ``otherwise`` continues from its result if that is not verified to be
+    optimal.
+    """
     v, multipliers = _program(settings, solver, symbols)
     v = ca.if_else(_is_acceptable(settings, symbols, v), v, symbols.v)
     # Where rounding alone made the program look worse, its multipliers verify the former v.
@@ -221,10 +278,13 @@ def _attempt(
     return ca.Function(f"{name}_try", inputs, choice.call([verified, *symbols.inputs(v)]))
 
 
-def _program(settings: LexicographicQp, solver: ca.Function, symbols: _LevelSymbols) -> tuple[ca.MX, ca.MX]:
+def _program(
+    settings: LexicographicQp, solver: ca.Function, symbols: _LevelSymbols
+) -> tuple[ca.MX, ca.MX]:
     """V, and the multipliers of the rows of the levels above."""
     size, n = symbols.J.shape
-    JP, y = symbols.J @ symbols.P, symbols.J @ symbols.v
+    JP = symbols.J @ symbols.P
+    y = symbols.J @ symbols.v
     equal = symbols.lower >= symbols.upper
     E = ca.repmat(equal, 1, n) * JP
     target = ca.if_else(equal, symbols.lower - y, 0)
@@ -234,21 +294,33 @@ def _program(settings: LexicographicQp, solver: ca.Function, symbols: _LevelSymb
     solution = solver(
         h=ca.diagcat(curvature, ca.MX.eye(size)),
         g=ca.vertcat(-(E.T @ target), ca.MX.zeros(size)),
-        a=ca.densify(ca.vertcat(ca.horzcat(held_JP, ca.MX.zeros(held, size)), ca.horzcat(JP, ca.MX(-ca.DM.eye(size))))),
+        a=ca.densify(
+            ca.vertcat(
+                ca.horzcat(held_JP, ca.MX.zeros(held, size)),
+                ca.horzcat(JP, ca.MX(-ca.DM.eye(size))),
+            )
+        ),
         lba=ca.vertcat(held_lower, where(equal, -ca.inf, symbols.lower - y)),
         uba=ca.vertcat(held_upper, where(equal, ca.inf, symbols.upper - y)),
     )
-    return symbols.v + symbols.P @ solution["x"][:n], solution["lam_a"][:held] if held else ca.MX(0, 1)
+    return symbols.v + symbols.P @ solution["x"][:n], solution["lam_a"][:held] if held else ca.MX(
+        0, 1
+    )
 
 
 def _held_rows(symbols: _LevelSymbols) -> tuple[ca.MX, ca.MX, ca.MX]:
     held = symbols.held
-    JP, y = held.J @ symbols.P, held.J @ symbols.v
+    JP = held.J @ symbols.P
+    y = held.J @ symbols.v
     if held.J.shape[0] == 0:
         return JP, y, y
     moves = ca.sum2(JP**2) > _RANK_TOLERANCE**2 * ca.sum2(held.J**2)
     dropped = ca.logic_or(held.fixed, ca.logic_not(moves))
-    return JP, where(dropped, -ca.inf, ca.fmin(held.lower - y, 0)), where(dropped, ca.inf, ca.fmax(held.upper - y, 0))
+    return (
+        JP,
+        where(dropped, -ca.inf, ca.fmin(held.lower - y, 0)),
+        where(dropped, ca.inf, ca.fmax(held.upper - y, 0)),
+    )
 
 
 def _is_acceptable(settings: LexicographicQp, symbols: _LevelSymbols, v: ca.MX) -> ca.MX:
@@ -272,7 +344,8 @@ def _is_optimal(symbols: _LevelSymbols, v: ca.MX, multipliers: ca.MX) -> ca.MX:
     stationary = ca.norm_2(symbols.P.T @ (symbols.J.T @ slack + held.J.T @ multipliers)) <= scale
     if held.J.shape[0] == 0:
         return stationary
-    y, far = held.J @ v, 1e6
+    y = held.J @ v
+    far = 1e6
     above = ca.fmax(multipliers, 0) * ca.fmin(ca.fmax(held.upper - y, 0), far)
     below = ca.fmax(-multipliers, 0) * ca.fmin(ca.fmax(y - held.lower, 0), far)
     return ca.logic_and(stationary, ca.norm_inf(above + below) <= scale)
@@ -287,24 +360,36 @@ _INEXACT = 1
 class QpTick:
     """The whole cascade in one Function; level by level where a plugin reports an error.
 
-    CasADi abandons a Function as soon as a plugin inside it fails, and a plugin such as qpOASES that failed once
-    on a warm start fails from then on, until its memory is replaced: a memory that is checked out and not released is
-    never handed to the cascade again, and CasADi frees it with the Function. The same cures a plugin that reports success but
-    whose warm start no longer leads to the optimum, as after a jump to another problem.
+    CasADi abandons a Function as soon as a plugin inside it fails, and a plugin such as qpOASES
+    that failed once on a warm start fails from then on, until its memory is replaced: a memory that
+    is checked out and not released is never handed to the cascade again, and CasADi frees it with
+    the Function. The same cures a plugin that reports success but whose warm start no longer leads
+    to the optimum, as after a jump to another problem.
     """
 
     __slots__ = ("_certified", "_fresh", "_levels", "_sizes", "_steps", "_tick", "_width")
 
     def __init__(
-        self, tick: ca.Function, levels: ca.Function, steps: Sequence[LevelStep], sizes: Sequence[int], *, certified: bool
+        self,
+        tick: ca.Function,
+        levels: ca.Function,
+        steps: Sequence[LevelStep],
+        sizes: Sequence[int],
+        *,
+        certified: bool,
     ) -> None:
-        r"""tick: inputs -> v, status, residual, \*extras. sizes: rows of each level; steps: of those that have rows.
+        r"""tick: inputs -> v, status, residual, \*extras. sizes: rows of each level; steps: of
+        those that have rows.
 
         levels: inputs -> J, lower, upper (gated), J, lower, upper, gate (as given), \*extras.
         """
-        self._tick, self._levels = BufferedFunction(tick), BufferedFunction(levels)
-        self._steps, self._sizes, self._width = steps, tuple(sizes), levels.size2_out(0)
-        self._certified, self._fresh = certified, False
+        self._tick = BufferedFunction(tick)
+        self._levels = BufferedFunction(levels)
+        self._steps = steps
+        self._sizes = tuple(sizes)
+        self._width = levels.size2_out(0)
+        self._certified = certified
+        self._fresh = False
         with contextlib.redirect_stdout(io.StringIO()):
             self._set_up()
 
@@ -315,7 +400,8 @@ class QpTick:
         with contextlib.redirect_stdout(io.StringIO()):
             outputs = self._tick(*inputs)
             if self._tick.failed or (outputs[1][0] == _INEXACT and not self._fresh):
-                # On fresh plugins first, then level by level, where a level that still fails keeps v.
+                # On fresh plugins first, then level by level, where a level that still fails keeps
+                # v.
                 for step in self._steps:
                     step.conic.checkout()
                 self._set_up()
@@ -329,22 +415,39 @@ class QpTick:
             v, status, missed = self._certify(v, missed, inputs)
         elif status is solution.Status.SOLVED:
             status = solution.Status.INEXACT
-        return solution.tick_result(v=v, status=status, residual=missed, extras=tuple(extras), solve_time=perf_counter() - start)
+        return solution.tick_result(
+            v=v,
+            status=status,
+            residual=missed,
+            extras=tuple(extras),
+            solve_time=perf_counter() - start,
+        )
 
-    def _certify(self, v: Array, missed: Array, inputs: Sequence[ArrayLike]) -> tuple[Array, solution.Status, Array]:
-        """Exact only if that is certified, whatever the programs say of themselves; else by the rows that they hold.
+    def _certify(
+        self, v: Array, missed: Array, inputs: Sequence[ArrayLike]
+    ) -> tuple[Array, solution.Status, Array]:
+        """Exact only if that is certified, whatever the programs say of themselves; else by the
+        rows that they hold.
 
-        Those are nearly the active set of the optimum, from which `active_set_numpy.solve_levels` takes an iteration or two.
+        Those are nearly the active set of the optimum, from which `active_set_numpy.solve_levels`
+        takes an iteration or two.
         """
         J, low, up, given, lower, upper, gate = self._levels(*inputs)[:7]
-        J, given = J.reshape(-1, len(v)), given.reshape(-1, len(v))
+        J = J.reshape(-1, len(v))
+        given = given.reshape(-1, len(v))
         rows = normal_rows(J, low, up, self._sizes)
         if normal_certificate(rows, v / rows.velocity) <= tolerances.CERTIFIED:
             return v, solution.Status.SOLVED, missed
         near = _HELD * (1.0 + np.abs(J).sum(axis=1))
-        held = (J @ v >= up - near) * float(RowState.UPPER) + (J @ v <= low + near) * float(RowState.LOWER)
+        held = (J @ v >= up - near) * float(RowState.UPPER) + (J @ v <= low + near) * float(
+            RowState.LOWER
+        )
         polished = solve_levels(given, lower, upper, gate, held, self._sizes)
-        return (polished.v, polished.status, polished.residual) if polished.status.exact else (v, solution.Status.INEXACT, missed)
+        return (
+            (polished.v, polished.status, polished.residual)
+            if polished.status.exact
+            else (v, solution.Status.INEXACT, missed)
+        )
 
     def _set_up(self) -> None:
         for step in self._steps:
@@ -353,9 +456,14 @@ class QpTick:
     def _stepwise(self, inputs: Sequence[ArrayLike]) -> tuple[Array, ...]:
         J, low, up, J_given, lower, upper, gate, *extras = self._levels(*inputs)
         n = self._width
-        J, J_given = J.reshape(-1, n), J_given.reshape(-1, n)
-        v, P, inexact, held = np.zeros(n), np.eye(n), 0.0, 0
-        bounds, fixed = (low.copy(), up.copy()), np.zeros(len(low))
+        J = J.reshape(-1, n)
+        J_given = J_given.reshape(-1, n)
+        v = np.zeros(n)
+        P = np.eye(n)
+        inexact = 0.0
+        held = 0
+        bounds = (low.copy(), up.copy())
+        fixed = np.zeros(len(low))
         for step in self._steps:
             rows = slice(held, held + step.solve.size1_in(4))
             above = (J[:held], bounds[0][:held], bounds[1][:held], fixed[:held])
@@ -363,7 +471,8 @@ class QpTick:
             y = J[rows] @ v
             fixed[rows] = fixed_rows(y, low[rows], up[rows])
             bounds[0][rows], bounds[1][rows] = np.minimum(low[rows], y), np.maximum(up[rows], y)
-            inexact, held = max(inexact, float(failed[0])), rows.stop
+            inexact = max(inexact, float(failed[0]))
+            held = rows.stop
         return (v, np.array([inexact]), residual(J_given, v, lower, upper, gate), *extras)
 
 
@@ -387,11 +496,12 @@ _DEFAULTS: dict[str, dict[str, object]] = {
 class LexicographicQp:
     """Each level minimises its own slack subject to the optimal slack of all levels above it.
 
-    What the plugin's programs do not reach to the certificate, the active set that they end with does: from it
-    `LexicographicActiveSet` takes an iteration or two. So results are exact where its own are, whatever the plugin.
+    What the plugin's programs do not reach to the certificate, the active set that they end with
+    does: from it `LexicographicActiveSet` takes an iteration or two. So results are exact where its
+    own are, whatever the plugin.
 
-    What a gate between 0 and 1 does is said in `uvms_ocp.solvers.hierarchy.level`. Raises `InvalidInput` for a number out of
-    its range.
+    What a gate between 0 and 1 does is said in `uvms_ocp.solvers.hierarchy.level`. Raises
+    `InvalidInput` for a number out of its range.
     """
 
     plugin: str = "qpoases"
@@ -399,14 +509,17 @@ class LexicographicQp:
     options: Mapping[str, object] = field(default_factory=dict)
     """Options of the plugin, on top of our defaults."""
     proximal: Positive = 1e-10
-    """Weight of the distance to the velocity of the levels above, relative to the mean square of the rows: it makes each
-    program strictly convex."""
+    """Weight of the distance to the velocity of the levels above, relative to the mean square of
+    the rows: it makes each program strictly convex.
+    """
     tolerance: Positive = 1e-9
     """Largest accepted violation of a higher level, relative to its row."""
     attempts: AtLeastOne = 3
     """Programs per level at most; a further one starts where the last one ended."""
     certified: bool = True
-    """Certify every result, which takes longer than the solution; else no result is called exact."""
+    """Certify every result, which takes longer than the solution; else no result is called
+    exact.
+    """
 
     def __post_init__(self) -> None:
         """Raises `NameNotFound` for an unknown plugin."""
@@ -419,34 +532,58 @@ class LexicographicQp:
         return solution.timed_solution(levels, partial(solution.solve_stacked, self.bind))
 
     def bind(self, levels_function: ca.Function, sizes: Sequence[int]) -> solution.Tick:
-        """One Function of ``levels_function`` and the cascade; outputs beyond the six of ``Level`` are extras."""
+        """One Function of ``levels_function`` and the cascade; outputs beyond the six of ``Level``
+        are extras.
+        """
         solution.check_levels_function(levels_function, sizes)
-        inputs, names = solution.dense_inputs(levels_function), levels_function.name_in()
+        inputs = solution.dense_inputs(levels_function)
+        names = levels_function.name_in()
         J, lower, upper, _, _, gate, *extras = solution.dense_outputs(levels_function, inputs)
         # Some plugins print a banner through Python's stdout when they are created.
         with contextlib.redirect_stdout(io.StringIO()):
             above = np.cumsum([0, *sizes])
-            steps = [level_step(self, J.shape[1], int(above[k]), size) for k, size in enumerate(sizes) if size]
+            steps = [
+                level_step(self, J.shape[1], int(above[k]), size)
+                for k, size in enumerate(sizes)
+                if size
+            ]
         valid, J_safe, low, up = sanitised(J, lower, upper, gate)
         v, inexact = cascade(steps, J_safe, low, up)
         status, residual = outcome(valid, v, inexact, J, lower, upper, gate)
-        outputs, raw = [v, status, residual, *extras], [J_safe, low, up, J, lower, upper, gate, *extras]
-        tick = ca.Function("tick", inputs, outputs, names, [f"out_{i}" for i in range(len(outputs))])
+        outputs = [v, status, residual, *extras]
+        raw = [J_safe, low, up, J, lower, upper, gate, *extras]
+        tick = ca.Function(
+            "tick", inputs, outputs, names, [f"out_{i}" for i in range(len(outputs))]
+        )
         levels = ca.Function("levels", inputs, raw, names, [f"out_{i}" for i in range(len(raw))])
         return QpTick(tick, levels, steps, sizes, certified=self.certified)
 
 
 @cache
 def conic_plugins() -> tuple[str, ...]:
-    """Names of the conic plugins of this CasADi that can be loaded, and take a dense quadratic program as they are."""
+    """Names of the conic plugins of this CasADi that can be loaded, and take a dense quadratic
+    program as they are.
+    """
     entries = str(ca.CasadiMeta.plugins()).split(";")
-    names = sorted(entry.removeprefix("Conic::") for entry in entries if entry.startswith("Conic::"))
-    return tuple(name for name in names if name not in _OF_STAGES and _exists(name) and _takes_dense_programs(name))
+    names = sorted(
+        entry.removeprefix("Conic::") for entry in entries if entry.startswith("Conic::")
+    )
+    return tuple(
+        name
+        for name in names
+        if name not in _OF_STAGES and _exists(name) and _takes_dense_programs(name)
+    )
 
 
 def _takes_dense_programs(plugin: str) -> bool:
-    with contextlib.suppress(RuntimeError), contextlib.redirect_stdout(io.StringIO()), contextlib.redirect_stderr(io.StringIO()):
-        ca.conic("probe", plugin, dict.fromkeys("ha", ca.Sparsity.dense(2, 2)), _DEFAULTS.get(plugin, {}))
+    with (
+        contextlib.suppress(RuntimeError),
+        contextlib.redirect_stdout(io.StringIO()),
+        contextlib.redirect_stderr(io.StringIO()),
+    ):
+        ca.conic(
+            "probe", plugin, dict.fromkeys("ha", ca.Sparsity.dense(2, 2)), _DEFAULTS.get(plugin, {})
+        )
         return True
     return False
 

@@ -1,9 +1,11 @@
-"""Check lexicographic optimality independently of the solver: a proven bound of what every level is short of.
+"""Check lexicographic optimality independently of the solver: a proven bound of what every level is
+short of.
 
-Rows are first scaled to normal units (`normal_rows`); scaling.c and certificate.c are the twins in C.
+Rows are first scaled to normal units (`normal_rows`); scaling.c and certificate.c are the twins in
+C.
 
-All divisors are powers of two, so that nothing is rounded. `[rate]` is the unit of a row, `[velocity]` that of an entry
-of v; in normal units both are 1.
+All divisors are powers of two, so that nothing is rounded. `[rate]` is the unit of a row,
+`[velocity]` that of an entry of v; in normal units both are 1.
 
 Let f_k(y) be the Euclidean norm of the distances of the rows of level k from their bounds, `a_i` its rows, and v the
 velocity found. The levels above are held at the residuals found: row i of them at most as far beyond either bound as it is
@@ -12,9 +14,11 @@ with ``|p| <= 1``, any multipliers ``x_j >= 0`` of the held rows and ``r = sum p
 where x_j belongs to its upper bound and minus the row where to its lower one, and gap_j >= 0 the distance of v from
 that bound, as held:
 
-    f_k(v) - f_k(y) <= f_k(v) - sum p_i d_i + sum x_j gap_j + sum_c (r_c > 0 ? r_c down_c : -r_c up_c)
+    f_k(v) - f_k(y) <= f_k(v) - sum p_i d_i + sum x_j gap_j + sum_c (r_c > 0 ? r_c down_c : -r_c
+    up_c)
 
-for every such y, where d_i is ``a_i v`` minus the upper bound of row i where p_i > 0, minus the lower one where p_i < 0.
+for every such y, where d_i is ``a_i v`` minus the upper bound of row i where p_i > 0, minus the
+lower one where p_i < 0.
 
 **Proof.** The distance s_i(y) of row i from its interval, negative below it, is at least ``a_i y - upper_i`` and at most
 ``a_i y - lower_i`` everywhere. So ``f_k(y) = |s(y)| >= sum p_i s_i(y) >= sum p_i d_i + sum p_i a_i (y - v)``. The last sum
@@ -44,12 +48,15 @@ from uvms_ocp.solvers.hierarchy import tolerances
 from uvms_ocp.solvers.hierarchy.level import Level, row_slices, stack, widen_bounds
 from uvms_ocp.types import Array, Mask
 
-# Rows in normal units: every level divided by its largest row, velocities by their size; scaling.c is the twin in C.
+# Rows in normal units: every level divided by its largest row, velocities by their size; scaling.c
+# is the twin in C.
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class VelocityBox:
-    """Velocities that the rows of the first level with one entry span: the velocity limits, where there are any."""
+    """Velocities that the rows of the first level with one entry span: the velocity limits, where
+    there are any.
+    """
 
     lower: Array
     """(n,) in normal units, -inf where no row is bounded on both sides."""
@@ -69,7 +76,8 @@ class NegligibleRows:
     """(k,) [rate]"""
 
     def are_missed(self, v: Array, velocity: float) -> bool:
-        """Check whether one of them could be noticeably nearer to its bounds than at v (n,) [velocity].
+        """Check whether one of them could be noticeably nearer to its bounds than at v (n,)
+        [velocity].
 
         velocity [velocity]: the size of velocities.
         """
@@ -77,7 +85,9 @@ class NegligibleRows:
             return False
         missed = np.abs(interval_distance(self.J @ v, self.lower, self.upper))
         nearer = np.minimum(missed, tolerances.REACH * velocity * _norms(self.J))
-        return bool((nearer > np.maximum(tolerances.UNNOTICED, tolerances.CERTIFIED * missed)).any())
+        return bool(
+            (nearer > np.maximum(tolerances.UNNOTICED, tolerances.CERTIFIED * missed)).any()
+        )
 
 
 NO_NEGLIGIBLE_ROWS = NegligibleRows(J=np.zeros((0, 0)), lower=np.zeros(0), upper=np.zeros(0))
@@ -103,34 +113,45 @@ class NormalRows:
     velocity: float
     """[velocity] v = velocity w."""
     unit: float
-    """Unit of rates: the largest rate that any row asks for over the largest row of all levels, at most 1. It is less where
-    rows that are small beside others ask for large velocities."""
+    """Unit of rates: the largest rate that any row asks for over the largest row of all levels, at
+    most 1. It is less where rows that are small beside others ask for large velocities.
+    """
     lost: NegligibleRows
     """Rows that are 0 in `J` and were not."""
 
     def levels(self) -> list[Level]:
         """The rows as levels, for a solver."""
-        return [Level(jacobian=self.J[r], lower=self.lower[r], upper=self.upper[r]) for r in row_slices(self.sizes)]
+        return [
+            Level(jacobian=self.J[r], lower=self.lower[r], upper=self.upper[r])
+            for r in row_slices(self.sizes)
+        ]
 
 
 @np.errstate(over="ignore", invalid="ignore")  # what overflows is never called exact
 def normal_rows(J: Array, lower: Array, upper: Array, sizes: Sequence[int]) -> NormalRows:
-    """Normalise J (M, n) [rate/velocity] and gated bounds lower and upper (M,) [rate]; sizes: rows of each level.
+    """Normalise J (M, n) [rate/velocity] and gated bounds lower and upper (M,) [rate]; sizes: rows
+    of each level.
 
-    The size of velocities is the largest that a row asks for, or what the box of the first level allows if that is less.
+    The size of velocities is the largest that a row asks for, or what the box of the first level
+    allows if that is less.
     """
     norm = _norms(J)
     largest = norm.max(initial=0.0)
     real = norm > tolerances.VANISHED * largest
-    level = np.array([_power(norm[rows][real[rows]].max(initial=0.0)) for rows in row_slices(sizes)])
-    divisor, lost = np.repeat(level, sizes), ~real & (norm > 0.0)
+    level = np.array(
+        [_power(norm[rows][real[rows]].max(initial=0.0)) for rows in row_slices(sizes)]
+    )
+    divisor = np.repeat(level, sizes)
+    lost = ~real & (norm > 0.0)
     lost_rows = NegligibleRows(J=J[lost], lower=lower[lost], upper=upper[lost])
     asked = _asked(lower, upper, real) / largest if largest > 0.0 else 0.0
     J = np.where(real[:, None], J / divisor[:, None], 0.0)
-    lower, upper = lower / divisor, upper / divisor
+    lower = lower / divisor
+    upper = upper / divisor
     first = next((size for size in sizes if size), 0)
     box = _box(J[:first], lower[:first], upper[:first])
-    size, allowed = _asked(lower, upper, real), float(np.maximum(-box.lower, box.upper).max())
+    size = _asked(lower, upper, real)
+    allowed = float(np.maximum(-box.lower, box.upper).max())
     velocity = _power(min(size, allowed) if allowed > 0.0 else size)
     box = VelocityBox(lower=box.lower / velocity, upper=box.upper / velocity)
     return NormalRows(
@@ -173,7 +194,8 @@ def _box(J: Array, lower: Array, upper: Array) -> VelocityBox:
     return VelocityBox(lower=low, upper=up)
 
 
-# Independent check of lexicographic optimality: a proven bound of what every level is short of; certificate.c is the twin in C.
+# Independent check of lexicographic optimality: a proven bound of what every level is short of;
+# certificate.c is the twin in C.
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
@@ -189,7 +211,8 @@ class _Region:
 
 
 def certificate(levels: Sequence[Level], v: ArrayLike, radius: ArrayLike | None = None) -> float:
-    """Largest entry [rate] of `level_excesses`: no level can be improved by more without worsening one above it.
+    """Largest entry [rate] of `level_excesses`: no level can be improved by more without worsening
+    one above it.
 
     v (n,) [velocity]; radius () or (n,) [velocity]. Raises `InvalidInput` as that.
     """
@@ -198,7 +221,8 @@ def certificate(levels: Sequence[Level], v: ArrayLike, radius: ArrayLike | None 
 
 @np.errstate(over="ignore", invalid="ignore")  # what overflows has no certificate
 def level_excesses(levels: Sequence[Level], v: ArrayLike, radius: ArrayLike | None = None) -> Array:
-    """(levels,) [rate] by how much at most each level's residual norm at v (n,) [velocity] is above its least.
+    """(levels,) [rate] by how much at most each level's residual norm at v (n,) [velocity] is above
+    its least.
 
     That least is over all y with ``|y - v| <= radius``, () or (n,) [velocity], entry by entry, that leave every row of the
     levels above at the residual it has at v or nearer to its bounds. Without a radius y is anywhere in the box that rows of
@@ -206,8 +230,8 @@ def level_excesses(levels: Sequence[Level], v: ArrayLike, radius: ArrayLike | No
     could improve a level, all of the level's residual counts. All entries of the first level itself, whose rows may contradict
     the box that they span, get about twice the velocity that the rows ask for; the levels below are held in it.
 
-    inf where v is not finite or too large to tell. Raises `InvalidInput` for a v or radius of the wrong shape, or a radius
-    that is not positive.
+    inf where v is not finite or too large to tell. Raises `InvalidInput` for a v or radius of the
+    wrong shape, or a radius that is not positive.
     """
     rows = stack(levels)
     low, up = widen_bounds(rows.jacobian, rows.lower, rows.upper, rows.gate)
@@ -217,12 +241,18 @@ def level_excesses(levels: Sequence[Level], v: ArrayLike, radius: ArrayLike | No
     normal = replace(normal, J=rows.jacobian / np.repeat(normal.level, rows.sizes)[:, None])
     w = v / normal.velocity
     if radius is None:
-        region = replace(_default_region(normal, w), endless=np.isinf(normal.box.lower) | np.isinf(normal.box.upper))
+        region = replace(
+            _default_region(normal, w),
+            endless=np.isinf(normal.box.lower) | np.isinf(normal.box.upper),
+        )
         excesses = _excesses(normal, w, region, first=_beyond_box(region))
     else:
         given = np.asarray(radius, dtype=np.float64)
         if given.shape not in ((), v.shape) or not ((given > 0.0) & (given < np.inf)).all():
-            raise InvalidInput(f"radius = {given}; give one finite velocity > 0 for all entries of v, or {len(v)} of them")
+            raise InvalidInput(
+                f"radius = {given}; give one finite velocity > 0 for all entries of v, or {len(v)}"
+                " of them"
+            )
         reach = np.broadcast_to(given, v.shape) / normal.velocity
         region = _Region(down=reach, up=reach, endless=np.zeros(len(v), dtype=bool))
         excesses = _excesses(normal, w, region, first=region)
@@ -231,19 +261,25 @@ def level_excesses(levels: Sequence[Level], v: ArrayLike, radius: ArrayLike | No
 
 @np.errstate(over="ignore", invalid="ignore")
 def normal_certificate(rows: NormalRows, w: Array) -> float:
-    """Largest excess of any level at w (n,) over its residual or ``rows.unit``: what a status goes by.
+    """Largest excess of any level at w (n,) over its residual or ``rows.unit``: what a status goes
+    by.
 
-    The larger of both counts. The region is the default one, but no farther from w than ``tolerances.REACH``. inf where rows
-    that count as nothing are missed.
+    The larger of both counts. The region is the default one, but no farther from w than
+    ``tolerances.REACH``. inf where rows that count as nothing are missed.
     """
     if rows.lost.are_missed(w * rows.velocity, rows.velocity):
         return np.inf
-    region, reach = _default_region(rows, w), tolerances.REACH
+    region = _default_region(rows, w)
+    reach = tolerances.REACH
     region = replace(region, down=np.minimum(region.down, reach), up=np.minimum(region.up, reach))
     excesses = _excesses(rows, w, region, first=_beyond_box(region))
     slack = interval_distance(rows.J @ w, rows.lower, rows.upper)
     sizes = np.array([_length(slack[own]) for own in row_slices(rows.sizes)])
-    return float((excesses / np.maximum(sizes, rows.unit)).max(initial=0.0)) if np.isfinite(excesses).all() else np.inf
+    return (
+        float((excesses / np.maximum(sizes, rows.unit)).max(initial=0.0))
+        if np.isfinite(excesses).all()
+        else np.inf
+    )
 
 
 def _checked_velocity(v: ArrayLike, n: int) -> Array:
@@ -261,11 +297,19 @@ def _default_region(rows: NormalRows, w: Array) -> _Region:
     reach = tolerances.REACH
     boxed = (rows.box.lower > -np.inf) & (rows.box.upper < np.inf)
     down, up = np.maximum(w - rows.box.lower, 0.0), np.maximum(rows.box.upper - w, 0.0)
-    return _Region(down=np.where(boxed, down, reach), up=np.where(boxed, up, reach), endless=np.zeros(len(w), dtype=bool))
+    return _Region(
+        down=np.where(boxed, down, reach),
+        up=np.where(boxed, up, reach),
+        endless=np.zeros(len(w), dtype=bool),
+    )
 
 
 def _beyond_box(region: _Region) -> _Region:
-    return replace(region, down=np.maximum(region.down, tolerances.REACH), up=np.maximum(region.up, tolerances.REACH))
+    return replace(
+        region,
+        down=np.maximum(region.down, tolerances.REACH),
+        up=np.maximum(region.up, tolerances.REACH),
+    )
 
 
 def _excesses(rows: NormalRows, w: Array, region: _Region, *, first: _Region) -> Array:
@@ -273,7 +317,12 @@ def _excesses(rows: NormalRows, w: Array, region: _Region, *, first: _Region) ->
     if not np.isfinite(w).all():
         return np.full(len(rows.sizes), np.inf)
     found = _found(rows, w, region)
-    excesses = np.array([_level_excess(found, own, region if own.start else first) for own in row_slices(rows.sizes)])
+    excesses = np.array(
+        [
+            _level_excess(found, own, region if own.start else first)
+            for own in row_slices(rows.sizes)
+        ]
+    )
     return np.where(np.isfinite(excesses), excesses, np.inf)
 
 
@@ -296,7 +345,8 @@ class _Found:
 
 
 def _found(rows: NormalRows, w: Array, region: _Region) -> _Found:
-    y, far = rows.J @ w, _length(w) + _length(np.maximum(region.down, region.up))
+    y = rows.J @ w
+    far = _length(w) + _length(np.maximum(region.down, region.up))
     noise = np.asarray(tolerances.ROUNDING * len(w) * np.linalg.norm(rows.J, axis=1) * far)
     return _Found(
         J=rows.J,
@@ -315,23 +365,29 @@ def _level_excess(found: _Found, own: slice, region: _Region) -> float:
     p = found.slack[own] / size
     gradient, held, gap, noise = p @ found.J[own], *_held(found, own.start)
     x = _multipliers(held, gap, gradient, np.maximum(region.down, region.up))
-    r, rounding = gradient + x @ held, float(x @ noise)
+    r = gradient + x @ held
+    rounding = float(x @ noise)
     if (np.abs(r[region.endless]) > tolerances.CERTIFIED).any():
         return size
     bound = float(x @ gap + np.abs(r) @ np.where(r > 0.0, region.down, region.up))
-    return min(size, bound + rounding if rounding > tolerances.RESOLVED * max(size, found.unit) else bound)
+    return min(
+        size, bound + rounding if rounding > tolerances.RESOLVED * max(size, found.unit) else bound
+    )
 
 
 def _held(found: _Found, above: int) -> tuple[Array, Array, Array]:
     """Rows c (k, n) of the levels above, their gaps (k,) and noise (k,): ``c (y - v) <= gap``."""
-    rows, noise = found.J[:above], found.noise[:above]
+    rows = found.J[:above]
+    noise = found.noise[:above]
     c, gap = np.concatenate([rows, -rows]), np.concatenate([found.up[:above], found.down[:above]])
     useful = np.isfinite(gap) & c.any(axis=1)
     return c[useful], gap[useful], np.concatenate([noise, noise])[useful]
 
 
 def _multipliers(c: Array, gap: Array, gradient: Array, reach: Array) -> Array:
-    """X >= 0 (k,) for which both the gradient left and the gaps are small, in the sense of least squares."""
+    """X >= 0 (k,) for which both the gradient left and the gaps are small, in the sense of least
+    squares.
+    """
     from scipy.optimize import nnls  # half a second, which few need
 
     if len(c) == 0:

@@ -1,4 +1,6 @@
-"""Solvers of hierarchies whose core is one function in machine code, and what binds it to the function of the levels."""
+"""Solvers of hierarchies whose core is one function in machine code, and what binds it to the
+function of the levels.
+"""
 
 from __future__ import annotations
 
@@ -22,12 +24,16 @@ STATUSES = tuple(solution.Status)
 """Statuses by their codes, which a core gives."""
 
 PythonSolver = Callable[..., Sequence[Array]]
-"""(J (M, n), lower, upper, rate, activation, gate, state) -> v, state, report, residual, as a core has them."""
+"""(J (M, n), lower, upper, rate, activation, gate, state) -> v, state, report, residual, as a core
+has them.
+"""
 
 
 def texts_of(*names: str) -> list[str]:
     """Return the texts of files of C beside this one."""
-    return [(files("uvms_ocp.solvers.hierarchy") / name).read_text(encoding="utf-8") for name in names]
+    return [
+        (files("uvms_ocp.solvers.hierarchy") / name).read_text(encoding="utf-8") for name in names
+    ]
 
 
 def report(status: solution.Status, iterations: int = 0) -> Array:
@@ -43,26 +49,41 @@ def preamble(n: int, sizes: Sequence[int]) -> str:
     filled = [size for size in sizes if size]
     rows = {"N": n, "M": sum(filled), "L": len(filled), "LEVEL_SIZES": ", ".join(map(str, filled))}
     codes = ", ".join(f"{status.name} = {code}" for code, status in enumerate(STATUSES))
-    return f"#include <math.h>\n#include <string.h>\n\n{WIDE_MACROS}\n{c_macros(rows)}\nenum {{ {codes} }};\n"
+    return (
+        f"#include <math.h>\n#include <string.h>\n\n{WIDE_MACROS}\n{c_macros(rows)}\nenum {{"
+        f" {codes} }};\n"
+    )
 
 
 class CoreTick:
-    """One function of the levels and the solver, which starts from the state that the tick before has left."""
+    """One function of the levels and the solver, which starts from the state that the tick before
+    has left.
+    """
 
     __slots__ = ("_in_python", "_levels", "_state", "_tick", "_width")
 
-    def __init__(self, tick: ca.Function | None, levels: ca.Function, in_python: PythonSolver) -> None:
-        r"""tick: of `CompiledSolver.function`. levels: inputs -> J, lower, upper, rate, activation, gate, \*extras."""
+    def __init__(
+        self, tick: ca.Function | None, levels: ca.Function, in_python: PythonSolver
+    ) -> None:
+        r"""tick: of `CompiledSolver.function`. levels: inputs -> J, lower, upper, rate, activation,
+        gate, \*extras.
+        """
         self._tick = None if tick is None else BufferedFunction(tick)
-        self._levels, self._in_python, self._width = BufferedFunction(levels), in_python, levels.size2_out(0)
+        self._levels = BufferedFunction(levels)
+        self._in_python = in_python
+        self._width = levels.size2_out(0)
         self._state = np.zeros(levels.size1_out(0))
 
     def reset(self) -> None:
-        """Forget the state, which of the strict solver is its active set: the next tick starts cold."""
+        """Forget the state, which of the strict solver is its active set: the next tick starts
+        cold.
+        """
         self._state[:] = 0.0
 
     def adopt(self, *inputs: Array) -> Callable[[], solution.TickResult]:
-        """The call with these arrays, (m,) or (m, n) [any], as they are then, without copies. No other call comes after it."""
+        """The call with these arrays, (m,) or (m, n) [any], as they are then, without copies. No
+        other call comes after it.
+        """
         if self._tick is None:
             return partial(self, *inputs)
         self._tick.adopt(*inputs, self._state)
@@ -74,7 +95,9 @@ class CoreTick:
         if self._tick is not None:
             return self._finish(self._tick(*inputs, self._state), start)
         J, *rows = self._levels(*inputs)
-        return self._finish([*self._in_python(J.reshape(-1, self._width), *rows[:5], self._state), *rows[5:]], start)
+        return self._finish(
+            [*self._in_python(J.reshape(-1, self._width), *rows[:5], self._state), *rows[5:]], start
+        )
 
     def _evaluated(self, tick: BufferedFunction) -> solution.TickResult:
         """Evaluate with the adopted inputs."""
@@ -86,16 +109,26 @@ class CoreTick:
         v, state, report, missed, *extras = results
         self._state[:] = state
         status = STATUSES[int(report[0])]
-        return solution.tick_result(v=v, status=status, residual=missed, extras=tuple(extras), solve_time=perf_counter() - start)
+        return solution.tick_result(
+            v=v,
+            status=status,
+            residual=missed,
+            extras=tuple(extras),
+            solve_time=perf_counter() - start,
+        )
 
 
 class CompiledSolver:
-    """Base of the solvers that run a core in C where there is a compiler, and the same method in NumPy otherwise."""
+    """Base of the solvers that run a core in C where there is a compiler, and the same method in
+    NumPy otherwise.
+    """
 
     compiled: bool
 
     def core_source(self, n: int, sizes: Sequence[int]) -> str:
-        """C99 source of the core, as an external function of CasADi, for n velocities and levels of ``sizes`` rows."""
+        """C99 source of the core, as an external function of CasADi, for n velocities and levels of
+        ``sizes`` rows.
+        """
         raise NotImplementedError
 
     def in_python(self, n: int, sizes: Sequence[int]) -> PythonSolver:
@@ -104,20 +137,26 @@ class CompiledSolver:
 
     @checked_on_failure
     def solve(self, levels: Sequence[Level]) -> solution.Solution:
-        """Solve from a cold start. Raises `InvalidInput` where ``levels`` is empty or of mixed width."""
+        """Solve from a cold start. Raises `InvalidInput` where ``levels`` is empty or of mixed
+        width.
+        """
         return solution.timed_solution(levels, partial(solution.solve_stacked, self._bind_cold))
 
     def bind(self, levels_function: ca.Function, sizes: Sequence[int]) -> CoreTick:
-        """One Function of ``levels_function`` and the solver; outputs beyond the six of ``Level`` are extras."""
+        """One Function of ``levels_function`` and the solver; outputs beyond the six of ``Level``
+        are extras.
+        """
         solution.check_levels_function(levels_function, sizes)
         if self.compiled:
             levels_function = compile_function(levels_function)
         in_python = self.in_python(levels_function.size2_out(0), sizes)
-        return CoreTick(self.function(levels_function, sizes), solution.dense(levels_function), in_python)
+        return CoreTick(
+            self.function(levels_function, sizes), solution.dense(levels_function), in_python
+        )
 
     def core(self, n: int, sizes: Sequence[int]) -> ca.Function | None:
-        """(J, lower, upper, rate, activation, gate, state) -> v, state, report, residual, in machine code; None where that
-        cannot be.
+        """(J, lower, upper, rate, activation, gate, state) -> v, state, report, residual, in
+        machine code; None where that cannot be.
 
         n: velocities. sizes: rows of each level.
         """
@@ -135,17 +174,30 @@ class CompiledSolver:
     def function(self, levels_function: ca.Function, sizes: Sequence[int]) -> ca.Function | None:
         """(inputs, state) -> v, state, report, residual, *extras: pure, for ``map`` and export.
 
-        ``report`` is [place of the ``Status`` among all of them, iterations]; v is 0 where the input is invalid.
-        None where the solver cannot be compiled.
+        ``report`` is [place of the ``Status`` among all of them, iterations]; v is 0 where the
+        input is invalid. None where the solver cannot be compiled.
         """
         core = self.core(levels_function.size2_out(0), sizes)
         if core is None:
             return None
-        inputs, names = solution.dense_inputs(levels_function), levels_function.name_in()
+        inputs = solution.dense_inputs(levels_function)
+        names = levels_function.name_in()
         outputs = solution.dense_outputs(levels_function, inputs)
         state = ca.MX.sym("state", outputs[0].shape[0])
-        labels = ["v", "state_out", "report", "residual", *(f"extra_{i}" for i in range(len(outputs) - 6))]
-        return ca.Function("tick", [*inputs, state], [*core(*outputs[:6], state), *outputs[6:]], [*names, "state"], labels)
+        labels = [
+            "v",
+            "state_out",
+            "report",
+            "residual",
+            *(f"extra_{i}" for i in range(len(outputs) - 6)),
+        ]
+        return ca.Function(
+            "tick",
+            [*inputs, state],
+            [*core(*outputs[:6], state), *outputs[6:]],
+            [*names, "state"],
+            labels,
+        )
 
 
 @lru_cache(maxsize=64)

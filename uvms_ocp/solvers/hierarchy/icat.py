@@ -1,6 +1,7 @@
 """Regularised task-priority pseudo-inverse with activation functions ([SimettiCasalino2016]).
 
-In C where there is a compiler, in NumPy otherwise. `[rate]` is the unit of a row, `[velocity]` that of an entry of v.
+In C where there is a compiler, in NumPy otherwise. `[rate]` is the unit of a row, `[velocity]` that
+of an entry of v.
 """
 
 from __future__ import annotations
@@ -24,10 +25,11 @@ from uvms_ocp.types import Array, Positive, Shape
 class Icat(core.CompiledSolver):
     """[Gao2022] eq. (27): a fold over the levels, reading ``rate`` and ``activation`` only.
 
-    Priorities hold up to the regularisation and while no activation is between 0 and 1; acceleration limits are not kept. With
-    the published numbers an arm that is nearly straight stops centimetres short of what it can reach: with a damping of 1e-8 and
-    a threshold of 1e-4 it goes on as far as damped least squares, and joints change their rate three to six times as quickly.
-    Raises `InvalidInput` for a number that is not positive and finite.
+    Priorities hold up to the regularisation and while no activation is between 0 and 1;
+    acceleration limits are not kept. With the published numbers an arm that is nearly straight
+    stops centimetres short of what it can reach: with a damping of 1e-8 and a threshold of 1e-4 it
+    goes on as far as damped least squares, and joints change their rate three to six times as
+    quickly. Raises `InvalidInput` for a number that is not positive and finite.
     """
 
     damping: Positive = 1e-4
@@ -41,20 +43,47 @@ class Icat(core.CompiledSolver):
 
     def core_source(self, n: int, sizes: Sequence[int]) -> str:
         """C99 source of the solver as an external function of CasADi; needs libm only."""
-        numbers = {"damping": self.damping, "threshold": self.threshold, "weight": self.weight, "pi": math.pi}
+        numbers = {
+            "damping": self.damping,
+            "threshold": self.threshold,
+            "weight": self.weight,
+            "pi": math.pi,
+        }
         macros = c_macros({**numbers, "LARGEST": tolerances.LARGEST, "ENDLESS": tolerances.ENDLESS})
-        return "\n".join([core.preamble(n, sizes), macros, *core.texts_of("interface.c", "symmetric.c", "icat.c")])
+        return "\n".join(
+            [
+                core.preamble(n, sizes),
+                macros,
+                *core.texts_of("interface.c", "symmetric.c", "icat.c"),
+            ]
+        )
 
     def in_python(self, n: int, sizes: Sequence[int]) -> core.PythonSolver:
         """Return the same in NumPy, for any numbers."""
 
         @np.errstate(over="ignore", invalid="ignore")
-        def solve(J: Array, lower: Array, upper: Array, rate: Array, activation: Array, gate: Array, state: Array) -> list[Array]:
+        def solve(
+            J: Array,
+            lower: Array,
+            upper: Array,
+            rate: Array,
+            activation: Array,
+            gate: Array,
+            state: Array,
+        ) -> list[Array]:
             # Comparisons with NaN are false.
-            valid = all((np.abs(one) < tolerances.LARGEST).all() for one in (J, activation)) and np.isfinite(rate).all()
+            valid = (
+                all((np.abs(one) < tolerances.LARGEST).all() for one in (J, activation))
+                and np.isfinite(rate).all()
+            )
             v = self.velocity(J, rate, activation, sizes) if valid else np.full(n, np.inf)
             if (np.abs(v) < tolerances.ENDLESS).all():
-                return [v, state, core.report(Status.REGULARISED), residual(J, v, lower, upper, gate)]
+                return [
+                    v,
+                    state,
+                    core.report(Status.REGULARISED),
+                    residual(J, v, lower, upper, gate),
+                ]
             return [np.zeros(n), state, core.report(Status.INVALID_INPUT), np.zeros(len(state))]
 
         return solve
@@ -67,12 +96,15 @@ class Icat(core.CompiledSolver):
         activation: Annotated[Array, Shape("m")],
         sizes: Sequence[int],
     ) -> Array:
-        """(n,) [velocity] from J (M, n) [rate/velocity], rate (M,) [rate] and activation (M,), all finite.
+        """(n,) [velocity] from J (M, n) [rate/velocity], rate (M,) [rate] and activation (M,), all
+        finite.
 
         Raises `InvalidInput` for sizes of levels that do not add up to M.
         """
         if sum(sizes) != len(J):
-            raise InvalidInput(f"sizes = {sizes} of levels; give some that add up to the {len(J)} rows of J")
+            raise InvalidInput(
+                f"sizes = {sizes} of levels; give some that add up to the {len(J)} rows of J"
+            )
         rho, Q = np.zeros(J.shape[1]), np.eye(J.shape[1])
         for rows in row_slices(sizes):
             # Without an active row the step is the identity, exactly.
@@ -93,7 +125,9 @@ class Icat(core.CompiledSolver):
         return rho + Q_J2 @ ((X @ J1) @ (rate - J @ rho)), Q - Q_J2 @ X
 
     def _regularised(self, M: Array) -> Array:
-        """Pseudo-inverse of a symmetric positive semi-definite matrix: s -> s / (s^2 + bell(s) damping)."""
+        """Pseudo-inverse of a symmetric positive semi-definite matrix: s -> s / (s^2 + bell(s)
+        damping).
+        """
         s, U = np.linalg.eigh(M)
         s = np.maximum(s, 0.0)
         bell = np.where(s < self.threshold, 0.5 * np.cos(np.pi * s / self.threshold) + 0.5, 0.0)

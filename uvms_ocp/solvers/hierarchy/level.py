@@ -12,7 +12,14 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from uvms_ocp.checks import checked_dataclass, checked_on_failure
-from uvms_ocp.codegen.elementwise import Array as ArrayOrExpression, all_entries, interval_distance, logical_and, row_sums, where
+from uvms_ocp.codegen.elementwise import (
+    Array as ArrayOrExpression,
+    all_entries,
+    interval_distance,
+    logical_and,
+    row_sums,
+    where,
+)
 from uvms_ocp.errors import InvalidInput
 from uvms_ocp.record.display import FieldTable
 from uvms_ocp.solvers.hierarchy import tolerances
@@ -25,7 +32,8 @@ from uvms_ocp.types import Array
 class Level(FieldTable):
     """Rows ``lower <= jacobian @ v <= upper`` of one priority; an equality has ``lower == upper``.
 
-    Every field but ``jacobian`` may be omitted or given as a scalar for all rows; arrays are read-only.
+    Every field but ``jacobian`` may be omitted or given as a scalar for all rows; arrays are
+    read-only.
     """
 
     jacobian: Array
@@ -37,9 +45,13 @@ class Level(FieldTable):
     rate: Array
     """(m,) [rate] reference of ``Icat``, default 0 clipped into [lower, upper]."""
     activation: Array
-    """(m,) weight in [0, 1] for ``Icat``, default 1 for equalities and where 0 is out of bounds, else 0."""
+    """(m,) weight in [0, 1] for ``Icat``, default 1 for equalities and where 0 is out of bounds,
+    else 0.
+    """
     gate: Array
-    """(m,) 0 removes a row, 1 keeps it exactly, between see `gated_rows`; default 1; read by the strict solvers."""
+    """(m,) 0 removes a row, 1 keeps it exactly, between see `gated_rows`; default 1; read by the
+    strict solvers.
+    """
     name: str
     """Used in error messages only."""
 
@@ -54,18 +66,23 @@ class Level(FieldTable):
         gate: ArrayLike = 1.0,
         name: str = "",
     ) -> None:
-        """Check and store jacobian (m, n) [rate/velocity]; lower, upper and rate () or (m,) [rate]; activation and gate () or
-        (m,).
+        """Check and store jacobian (m, n) [rate/velocity]; lower, upper and rate () or (m,) [rate];
+        activation and gate () or (m,).
 
         Raises `InvalidInput` naming the level and the field that is wrong.
         """
         J = _numbers(name, "jacobian", jacobian)
         if J.ndim != 2 or J.shape[1] == 0:
-            raise InvalidInput(f"{_label(name, 'jacobian')} has shape {J.shape}; give (m, n) with n >= 1")
+            raise InvalidInput(
+                f"{_label(name, 'jacobian')} has shape {J.shape}; give (m, n) with n >= 1"
+            )
         if not np.isfinite(J).all():
-            raise InvalidInput(f"{_label(name, 'jacobian')} contains an infinite value; give finite numbers")
+            raise InvalidInput(
+                f"{_label(name, 'jacobian')} contains an infinite value; give finite numbers"
+            )
         m = len(J)
-        low, up = _rows(name, "lower", lower, m), _rows(name, "upper", upper, m)
+        low = _rows(name, "lower", lower, m)
+        up = _rows(name, "upper", upper, m)
         _check_order(name, low, up)
         neutral = np.clip(np.zeros(m), low, up)
         needed = np.where((neutral != 0.0) | (low == up), 1.0, 0.0)
@@ -74,7 +91,9 @@ class Level(FieldTable):
             "lower": low,
             "upper": up,
             "rate": neutral if rate is None else _finite(name, "rate", rate, m),
-            "activation": needed if activation is None else _fraction(name, "activation", activation, m),
+            "activation": needed
+            if activation is None
+            else _fraction(name, "activation", activation, m),
             "gate": _fraction(name, "gate", gate, m),
         }
         for field, value in fields.items():
@@ -114,13 +133,20 @@ class Stack:
 
 
 def stack(levels: Sequence[Level]) -> Stack:
-    """The levels in their order. Raises `InvalidInput` where there are none or their numbers of columns differ."""
+    """The levels in their order. Raises `InvalidInput` where there are none or their numbers of
+    columns differ.
+    """
     if not levels:
-        raise InvalidInput("levels is empty; give at least one Level, its columns tell the number of velocities")
+        raise InvalidInput(
+            "levels is empty; give at least one Level, its columns tell the number of velocities"
+        )
     n = levels[0].n_velocities
     for index, level in enumerate(levels):
         if level.n_velocities != n:
-            given = f"{_label(level.name, 'jacobian')} (number {index}) has {level.n_velocities} columns"
+            given = (
+                f"{_label(level.name, 'jacobian')} (number {index}) has {level.n_velocities}"
+                " columns"
+            )
             raise InvalidInput(f"{given}; the first level has {n}, give all levels the same")
     rows = ("jacobian", "lower", "upper", "rate", "activation", "gate")
     stacked = {name: np.concatenate([getattr(level, name) for level in levels]) for name in rows}
@@ -143,7 +169,9 @@ def _numbers(name: str, field: str, value: ArrayLike) -> Array:
     try:
         array = np.array(value, dtype=np.float64)
     except (TypeError, ValueError):
-        raise InvalidInput(f"{_label(name, field)} is not numeric; give an array of numbers") from None
+        raise InvalidInput(
+            f"{_label(name, field)} is not numeric; give an array of numbers"
+        ) from None
     if np.isnan(array).any():
         raise InvalidInput(f"{_label(name, field)} contains NaN; give numbers")
     return array
@@ -152,7 +180,9 @@ def _numbers(name: str, field: str, value: ArrayLike) -> Array:
 def _rows(name: str, field: str, value: ArrayLike, m: int) -> Array:
     array = _numbers(name, field, value)
     if array.ndim > 1 or (array.ndim == 1 and array.shape != (m,)):
-        raise InvalidInput(f"{_label(name, field)} has shape {array.shape}; give a scalar or ({m},)")
+        raise InvalidInput(
+            f"{_label(name, field)} has shape {array.shape}; give a scalar or ({m},)"
+        )
     return np.array(np.broadcast_to(array, m))
 
 
@@ -166,7 +196,9 @@ def _finite(name: str, field: str, value: ArrayLike, m: int) -> Array:
 def _fraction(name: str, field: str, value: ArrayLike, m: int) -> Array:
     array = _rows(name, field, value, m)
     if ((array < 0.0) | (array > 1.0)).any():
-        raise InvalidInput(f"{_label(name, field)} spans [{array.min():g}, {array.max():g}]; give values in [0, 1]")
+        raise InvalidInput(
+            f"{_label(name, field)} spans [{array.min():g}, {array.max():g}]; give values in [0, 1]"
+        )
     return array
 
 
@@ -179,7 +211,8 @@ def _check_order(name: str, lower: Array, upper: Array) -> None:
         raise InvalidInput(f"{given}; give lower <= upper, and infinity only outwards")
 
 
-# Rows ``lower <= J v <= upper`` with gates, for NumPy arrays and CasADi expressions alike; scaling.c is the twin in C.
+# Rows ``lower <= J v <= upper`` with gates, for NumPy arrays and CasADi expressions alike;
+# scaling.c is the twin in C.
 #
 # What a gate g means, for `Level`, missions, the controller and what is exported from it:
 #
@@ -191,21 +224,28 @@ def _check_order(name: str, lower: Array, upper: Array) -> None:
 # - The range is ``sum |J_row|``, that of J v for |v| <= 1, where nothing is said; in the controller it is what the limits let
 #   one tick change, so that it is accelerations that grow and fade.
 #
-# A fractional gate that is held is a tolerance, not a weight: weights do not move the optimum of a strict hierarchy. A gate
-# scales the activation for `Icat`, which weighs. `[rate]` is the unit of a row, `[velocity]` that of an entry of v.
+# A fractional gate that is held is a tolerance, not a weight: weights do not move the optimum of a
+# strict hierarchy. A gate scales the activation for `Icat`, which weighs. `[rate]` is the unit of a
+# row, `[velocity]` that of an entry of v.
 
 
 def is_valid(
-    J: ArrayOrExpression, lower: ArrayOrExpression, upper: ArrayOrExpression, gate: ArrayOrExpression
+    J: ArrayOrExpression,
+    lower: ArrayOrExpression,
+    upper: ArrayOrExpression,
+    gate: ArrayOrExpression,
 ) -> ArrayOrExpression:
-    """True if a solver can take the rows: J of sensible size, an interval for every row, gates in [0, 1]; no NaN.
+    """True if a solver can take the rows: J of sensible size, an interval for every row, gates in
+    [0, 1]; no NaN.
 
     J (M, n) [rate/velocity]; lower and upper (M,) [rate]; gate (M,).
     """
     # Comparisons with NaN are false.
     ordered = logical_and(lower <= upper, logical_and(lower < np.inf, upper > -np.inf))
     gated = logical_and(gate >= 0.0, gate <= 1.0)
-    return logical_and(all_entries(abs(J) < tolerances.LARGEST), all_entries(logical_and(ordered, gated)))
+    return logical_and(
+        all_entries(abs(J) < tolerances.LARGEST), all_entries(logical_and(ordered, gated))
+    )
 
 
 def widen_bounds(
@@ -228,7 +268,11 @@ def widen_bounds(
 
 
 def residual(
-    J: ArrayOrExpression, v: ArrayOrExpression, lower: ArrayOrExpression, upper: ArrayOrExpression, gate: ArrayOrExpression
+    J: ArrayOrExpression,
+    v: ArrayOrExpression,
+    lower: ArrayOrExpression,
+    upper: ArrayOrExpression,
+    gate: ArrayOrExpression,
 ) -> ArrayOrExpression:
     """Signed distance (M,) [rate] of ``J v`` to [lower, upper] as given, 0 where the gate is 0.
 

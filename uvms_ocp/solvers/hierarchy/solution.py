@@ -23,45 +23,53 @@ from uvms_ocp.solvers.hierarchy.certificate import certificate
 from uvms_ocp.solvers.hierarchy.level import Level, residual, stack
 from uvms_ocp.types import Array, Shape
 
-# What a hierarchy solver returns; `[rate]` is the unit of a row, `[velocity]` that of an entry of v.
+# What a hierarchy solver returns; `[rate]` is the unit of a row, `[velocity]` that of an entry of
+# v.
 
 
 class Status(AdvisedStatus):
     """Outcome of a solve."""
 
     SOLVED = "solved", "nothing to do"
-    COLD_STARTED = ("solved from a cold start", "nothing to do; the active set of the previous call was of no use")
-    CASCADED = ("solved level by level", "nothing to do, unless it is frequent: then look for nearly dependent rows")
+    COLD_STARTED = (
+        "solved from a cold start",
+        "nothing to do; the active set of the previous call was of no use",
+    )
+    CASCADED = (
+        "solved level by level",
+        "nothing to do, unless it is frequent: then look for nearly dependent rows",
+    )
     INEXACT = (
         "inexact",
         (
-            "a level was left at the best velocity found for the levels above it; look for nearly dependent rows "
-            "or rows of very different scale, or choose another solver"
+            "a level was left at the best velocity found for the levels above it; look for nearly"
+            " dependent rows or rows of very different scale, or choose another solver"
         ),
     )
     INVALID_INPUT = (
         "invalid input",
         (
-            "the levels contain NaN, an entry of a Jacobian of 1e15 and more, or lower > upper, so v is zero; check the "
-            "measurements and references of this tick"
+            "the levels contain NaN, an entry of a Jacobian of 1e15 and more, or lower > upper, so"
+            " v is zero; check the measurements and references of this tick"
         ),
     )
     REGULARISED = (
         "regularised",
         (
-            "nothing to do, if a compromise will do: the velocity is smooth and near the optimum of the levels, never at it; "
-            "for the optimum choose another solver"
+            "nothing to do, if a compromise will do: the velocity is smooth and near the optimum of"
+            " the levels, never at it; for the optimum choose another solver"
         ),
     )
 
     @property
     def exact(self) -> bool:
-        """True if every level is at its lexicographic optimum: `certificate.normal_certificate` has proven it to 1e-7.
+        """True if every level is at its lexicographic optimum: `certificate.normal_certificate` has
+        proven it to 1e-7.
 
-        That is of rows as doubles know them: what rounding leaves open of nearly dependent ones is in the proof from 1e-3 on
-        (`tolerances.RESOLVED`). Rows below 1e-13 of the largest one of all levels count as nothing (`tolerances.VANISHED`):
-        nothing is exact where one of them could be
-        nearer to its bounds by more than 1e-12 (`tolerances.UNNOTICED`).
+        That is of rows as doubles know them: what rounding leaves open of nearly dependent ones is
+        in the proof from 1e-3 on (`tolerances.RESOLVED`). Rows below 1e-13 of the largest one of
+        all levels count as nothing (`tolerances.VANISHED`): nothing is exact where one of them
+        could be nearer to its bounds by more than 1e-12 (`tolerances.UNNOTICED`).
         """
         return self in (Status.SOLVED, Status.COLD_STARTED, Status.CASCADED)
 
@@ -91,17 +99,23 @@ class Solution(FieldTable):
         return np.array([math.hypot(*residual) for residual in self.residuals])
 
     def certificate(self, levels: Sequence[Level], radius: ArrayLike | None = None) -> float:
-        """Bound by how much [rate] any level exceeds its optimum, proven; see ``certificate.level_excesses``.
+        """Bound by how much [rate] any level exceeds its optimum, proven; see
+        ``certificate.level_excesses``.
 
-        radius () or (n,) [velocity]: how far the least is looked for, by default in the velocity limits of the first level.
-        Raises `InvalidInput` for a radius that is not positive.
+        radius () or (n,) [velocity]: how far the least is looked for, by default in the velocity
+        limits of the first level. Raises `InvalidInput` for a radius that is not positive.
         """
         return certificate(levels, self.v, radius)
 
 
 def row_residuals(levels: Sequence[Level], v: Array) -> tuple[Array, ...]:
-    """Signed distance of ``J v`` to [lower, upper] at v (n,) [velocity], (m,) [rate] per level; 0 where the gate is 0."""
-    return tuple(read_only(residual(level.jacobian, v, level.lower, level.upper, level.gate)) for level in levels)
+    """Signed distance of ``J v`` to [lower, upper] at v (n,) [velocity], (m,) [rate] per level; 0
+    where the gate is 0.
+    """
+    return tuple(
+        read_only(residual(level.jacobian, v, level.lower, level.upper, level.gate))
+        for level in levels
+    )
 
 
 def read_only(array: Array) -> Array:
@@ -128,7 +142,9 @@ class TickResult:
     residual: Annotated[Array, Shape("M")]
     """(M,) [rate] signed distance of J v to [lower, upper], 0 where the gate is 0."""
     extras: tuple[Array, ...]
-    """(m,) or (m, n) [any] outputs of the levels' Function after the six of the levels, in its order."""
+    """(m,) or (m, n) [any] outputs of the levels' Function after the six of the levels, in its
+    order.
+    """
     solve_time: float
     """[s], evaluation of the levels included."""
 
@@ -141,7 +157,9 @@ class Tick(Protocol):
     """A solver bound to a Function that computes the levels."""
 
     def __call__(self, *inputs: ArrayLike) -> TickResult:
-        """Inputs in the order of the levels' Function. Raises `InvalidInput` for a wrong number or shape."""
+        """Inputs in the order of the levels' Function. Raises `InvalidInput` for a wrong number or
+        shape.
+        """
 
 
 @runtime_checkable
@@ -149,16 +167,24 @@ class InPlaceTick(Tick, Protocol):
     """One that can read its inputs where they are."""
 
     def adopt(self, *inputs: Array) -> Callable[[], TickResult]:
-        """The call with these arrays, (m,) or (m, n) [any], as they are then, without copies. No other call comes after it."""
+        """The call with these arrays, (m,) or (m, n) [any], as they are then, without copies. No
+        other call comes after it.
+        """
 
 
 def check_levels_function(levels: ca.Function, sizes: Sequence[int]) -> None:
-    """Raises `InvalidInput` unless ``levels`` starts with ``LEVEL_OUTPUTS`` and has the rows of ``sizes``."""
+    """Raises `InvalidInput` unless ``levels`` starts with ``LEVEL_OUTPUTS`` and has the rows of
+    ``sizes``.
+    """
     given = tuple(levels.name_out()[: len(LEVEL_OUTPUTS)])
     if given != LEVEL_OUTPUTS:
-        raise InvalidInput(f"levels function returns {given}; its first outputs must be {LEVEL_OUTPUTS}")
+        raise InvalidInput(
+            f"levels function returns {given}; its first outputs must be {LEVEL_OUTPUTS}"
+        )
     if levels.size1_out(0) != sum(sizes) or any(size < 0 for size in sizes):
-        raise InvalidInput(f"sizes {tuple(sizes)} sum to {sum(sizes)}; the levels have {levels.size1_out(0)} rows")
+        raise InvalidInput(
+            f"sizes {tuple(sizes)} sum to {sum(sizes)}; the levels have {levels.size1_out(0)} rows"
+        )
 
 
 def dense_inputs(function: ca.Function) -> list[ca.MX]:
@@ -175,7 +201,13 @@ def dense_outputs(function: ca.Function, symbols: Sequence[ca.MX]) -> list[ca.MX
 def dense(function: ca.Function) -> ca.Function:
     """``function`` with the same names and dense inputs and outputs."""
     inputs = dense_inputs(function)
-    return ca.Function(function.name(), inputs, dense_outputs(function, inputs), function.name_in(), function.name_out())
+    return ca.Function(
+        function.name(),
+        inputs,
+        dense_outputs(function, inputs),
+        function.name_in(),
+        function.name_out(),
+    )
 
 
 # Levels given as numbers: what `solve` of every solver does with them.
@@ -183,22 +215,28 @@ def dense(function: ca.Function) -> ca.Function:
 _solution = unchecked_constructor(Solution)
 
 Bind = Callable[[ca.Function, Sequence[int]], Tick]
-# Calls of one shape share one tick and its memory, and plugins share Python's stdout. Re-entrant, since the tick of one solver
-# may fall back on another.
+# Calls of one shape share one tick and its memory, and plugins share Python's stdout. Re-entrant,
+# since the tick of one solver may fall back on another.
 _ONE_AT_A_TIME = threading.RLock()
 
 
-def timed_solution(levels: Sequence[Level], velocity: Callable[[Sequence[Level]], tuple[Array, Status]]) -> Solution:
+def timed_solution(
+    levels: Sequence[Level], velocity: Callable[[Sequence[Level]], tuple[Array, Status]]
+) -> Solution:
     """The solution that ``velocity`` finds, as v (n,) and status, with residuals and time."""
     start = perf_counter()
     v, status = velocity(levels)
-    return _solution(v=v, status=status, residuals=row_residuals(levels, v), solve_time=perf_counter() - start)
+    return _solution(
+        v=v, status=status, residuals=row_residuals(levels, v), solve_time=perf_counter() - start
+    )
 
 
 def solve_stacked(bind: Bind, levels: Sequence[Level]) -> tuple[Array, Status]:
-    """V (n,) and status, from a tick whose inputs are the stacked levels; it is bound once for all calls of one shape.
+    """V (n,) and status, from a tick whose inputs are the stacked levels; it is bound once for all
+    calls of one shape.
 
-    ``bind`` is a method of a solver. Raises `InvalidInput` where ``levels`` is empty or of mixed width.
+    ``bind`` is a method of a solver. Raises `InvalidInput` where ``levels`` is empty or of mixed
+    width.
     """
     rows = stack(levels)
     tick = _stack_tick(bind, rows.jacobian.shape[1], rows.sizes)
@@ -211,4 +249,6 @@ def solve_stacked(bind: Bind, levels: Sequence[Level]) -> tuple[Array, Status]:
 def _stack_tick(bind: Bind, n: int, sizes: tuple[int, ...]) -> Tick:
     symbols = [ca.MX.sym(name, sum(sizes), n if name == "J" else 1) for name in LEVEL_OUTPUTS]
     names = list(LEVEL_OUTPUTS)
-    return bind(ca.Function("levels", symbols, symbols, [f"{name}_in" for name in names], names), sizes)
+    return bind(
+        ca.Function("levels", symbols, symbols, [f"{name}_in" for name in names], names), sizes
+    )

@@ -1,4 +1,6 @@
-"""Solve one NLP of a lexicographic program, built once with a cold and a warm start; report progress and stop on request."""
+"""Solve one NLP of a lexicographic program, built once with a cold and a warm start; report
+progress and stop on request.
+"""
 
 from __future__ import annotations
 
@@ -16,31 +18,47 @@ import numpy as np
 from uvms_ocp.checks import checked_dataclass
 from uvms_ocp.errors import InvalidInput, NameNotFound, require_known
 from uvms_ocp.interrupts import on_interrupt
-from uvms_ocp.solvers.nlp.program import LevelNlp, LexicographicProgram, NlpStatus, RowBounds, status_of
+from uvms_ocp.solvers.nlp.program import (
+    LevelNlp,
+    LexicographicProgram,
+    NlpStatus,
+    RowBounds,
+    status_of,
+)
 from uvms_ocp.types import DAY, AtLeastOne, Magnitude, Positive
 
 # How the NLPs of a lexicographic program are solved.
 
-AUTO, IPOPT, STAGEWISE = "auto", "ipopt", "stagewise"
+AUTO = "auto"
+IPOPT = "ipopt"
+STAGEWISE = "stagewise"
 PLUGINS = (AUTO, IPOPT, STAGEWISE)
 
 
 @checked_dataclass(eq=False)
 class NlpOptions:
-    """Options of the NLP solver. Raises `NameNotFound` for another plugin, `InvalidInput` for a number out of its range."""
+    """Options of the NLP solver. Raises `NameNotFound` for another plugin, `InvalidInput` for a
+    number out of its range.
+    """
 
     plugin: str = AUTO
-    """``ipopt``, or ``stagewise`` for problems over a horizon. ``auto`` is ``stagewise`` where that takes a problem
-    and there is a compiler, with ``ipopt`` where it does not come to an end; and ``ipopt`` for all other programs."""
+    """``ipopt``, or ``stagewise`` for problems over a horizon. ``auto`` is ``stagewise`` where that
+    takes a problem and there is a compiler, with ``ipopt`` where it does not come to an end; and
+    ``ipopt`` for all other programs.
+    """
     tolerance: Magnitude = 1e-6
-    """Allowed rise of the residual of a solved level, as a norm. With 0 rows of equalities are frozen as equality
-    constraints: not for levels whose rows contradict each other, where no constraint qualification holds."""
+    """Allowed rise of the residual of a solved level, as a norm. With 0 rows of equalities are
+    frozen as equality constraints: not for levels whose rows contradict each other, where no
+    constraint qualification holds.
+    """
     convergence: Positive = 1e-8
     """Largest error of the optimality conditions, as the plugin scales them."""
     max_iterations: AtLeastOne = 150
     """For every NLP."""
     time_limit: Positive = DAY
-    """[s] for all NLPs together; by default iterations end them, however busy the machine is. Iterations are not cut short."""
+    """[s] for all NLPs together; by default iterations end them, however busy the machine is.
+    Iterations are not cut short.
+    """
     anticipate: bool = True
     """Try the lowest level first, with all levels above met in full."""
     barrier: Positive = 1e-2
@@ -75,9 +93,20 @@ def solver_options(options: NlpOptions, *, warm: bool) -> dict[str, Any]:
 
 
 _PUSHES = [
-    f"warm_start_{what}" for what in ("bound_push", "mult_bound_push", "slack_bound_push", "bound_frac", "slack_bound_frac")
+    f"warm_start_{what}"
+    for what in (
+        "bound_push",
+        "mult_bound_push",
+        "slack_bound_push",
+        "bound_frac",
+        "slack_bound_frac",
+    )
 ]
-_WARM: dict[str, Any] = {"warm_start_init_point": "yes", "mu_init": 1e-6, **dict.fromkeys(_PUSHES, 1e-9)}
+_WARM: dict[str, Any] = {
+    "warm_start_init_point": "yes",
+    "mu_init": 1e-6,
+    **dict.fromkeys(_PUSHES, 1e-9),
+}
 
 
 # How real-time SQP makes a step.
@@ -91,28 +120,40 @@ SPARSE_PLUGIN = QP_PLUGINS[0]
 class SqpOptions:
     """Options of a step, and of the decision for another one.
 
-    Raises `NameNotFound` for another plugin, `InvalidInput` for one that this CasADi lacks, or a number that is not positive.
+    Raises `NameNotFound` for another plugin, `InvalidInput` for one that this CasADi lacks, or a
+    number that is not positive.
     """
 
     plugin: str | None = None
-    """``stagewise``, the fastest, and ``hpipm`` know horizons only; ``proxqp`` and ``piqp`` take any program. None: for `Nmpc`
-    ``stagewise`` where there is a C compiler and no level above the last has `relax`; else ``hpipm``."""
+    """``stagewise``, the fastest, and ``hpipm`` know horizons only; ``proxqp`` and ``piqp`` take
+    any program. None: for `Nmpc` ``stagewise`` where there is a C compiler and no level above the
+    last has `relax`; else ``hpipm``.
+    """
     max_steps: AtLeastOne = 3
     """For every solve."""
     accuracy: Positive = 1e-2
-    """Largest violation of scaled rows with which a point counts as usable, and no further step is made."""
+    """Largest violation of scaled rows with which a point counts as usable, and no further step is
+    made.
+    """
     tolerance: Positive = 1e-3
     """Allowed rise of the norm of a level's residual for the sake of all levels below."""
     damping: Positive = 1e-6
-    """[1/unit of x^2] Added to the diagonal of the Hessian, so that what no term determines does not move."""
+    """[1/unit of x^2] Added to the diagonal of the Hessian, so that what no term determines does
+    not move.
+    """
     proximal: Positive = 1e-4
-    """[1/unit of x^2] Least weight of the distance from where the levels above left the point; see `ProximalWeights`."""
+    """[1/unit of x^2] Least weight of the distance from where the levels above left the point; see
+    `ProximalWeights`.
+    """
 
     def __post_init__(self) -> None:
         if self.plugin not in (None, *QP_PLUGINS, STAGEWISE):
             raise NameNotFound("QP solver", str(self.plugin), (*QP_PLUGINS, STAGEWISE))
         if self.plugin in QP_PLUGINS and not ca.has_conic(self.plugin):
-            raise InvalidInput(f"this CasADi has no QP solver {self.plugin!r}; give another of {', '.join(QP_PLUGINS)}")
+            raise InvalidInput(
+                f"this CasADi has no QP solver {self.plugin!r}; give another of"
+                f" {', '.join(QP_PLUGINS)}"
+            )
 
 
 # Who looks on while a program is solved, and may stop it: a callback, and Ctrl-C.
@@ -147,8 +188,12 @@ class SolveMonitor:
 
     @contextmanager
     def running(self, progress: Progress | None) -> Iterator[None]:
-        """Guard one solve: Ctrl-C stops it, a second one breaks it off. Raises what `progress` raised, once the solver is out."""
-        self.stopped, self._error, self._progress = False, None, progress
+        """Guard one solve: Ctrl-C stops it, a second one breaks it off. Raises what `progress`
+        raised, once the solver is out.
+        """
+        self.stopped = False
+        self._error = None
+        self._progress = progress
         with on_interrupt(self._stop):
             yield
         if self._error is not None:
@@ -170,15 +215,21 @@ class SolveMonitor:
             self._error = error
 
     def _stop(self, _: FrameType | None) -> None:
-        """Python's own answer to Ctrl-C comes in the midst of the solver's callback, where nobody catches it."""
+        """Python's own answer to Ctrl-C comes in the midst of the solver's callback, where nobody
+        catches it.
+        """
         self.stopped = True
 
 
 class BestIterate:
-    """The best iterate of one NLP: one that keeps the bounds and has the least cost, else the one that breaks them least."""
+    """The best iterate of one NLP: one that keeps the bounds and has the least cost, else the one
+    that breaks them least.
+    """
 
     def __init__(self, bounds: RowBounds, rows: np.ndarray, feasibility: float) -> None:
-        """Track rows numbered `rows` (m,); feasibility: violation up to which the bounds count as kept."""
+        """Track rows numbered `rows` (m,); feasibility: violation up to which the bounds count as
+        kept.
+        """
         # Chosen once: it is looked at every iteration.
         self._bounds = replace(bounds, lower=bounds.lower[rows], upper=bounds.upper[rows])
         self._feasibility = feasibility
@@ -193,11 +244,15 @@ class BestIterate:
         key = (0.0, cost) if violation <= self._feasibility else (1.0, violation)
         self.iterations += 1
         if key < self._key and np.isfinite(x).all():
-            self._key, self.x, self.cost, self.violation = key, x, cost, violation
+            self._key = key
+            self.x = x
+            self.cost = cost
+            self.violation = violation
         return violation
 
 
-# One NLP of a lexicographic program: built once with a cold and a warm start, called again and again.
+# One NLP of a lexicographic program: built once with a cold and a warm start, called again and
+# again.
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
@@ -238,7 +293,8 @@ class Deadline:
     """A time after which no further iteration begins; shared by all NLPs of a solve."""
 
     def __init__(self, clock: Callable[[], float] = perf_counter) -> None:
-        self._clock, self._end = clock, np.inf
+        self._clock = clock
+        self._end = np.inf
 
     def set(self, seconds: float) -> None:
         """It is over in `seconds` [s] from now."""
@@ -253,13 +309,23 @@ class LevelSolver:
     """The NLP of one level."""
 
     def __init__(
-        self, program: LexicographicProgram, index: int, options: NlpOptions, deadline: Deadline, watch: SolveMonitor
+        self,
+        program: LexicographicProgram,
+        index: int,
+        options: NlpOptions,
+        deadline: Deadline,
+        watch: SolveMonitor,
     ) -> None:
-        self._watch, name = watch, program.ranges.levels[index].name
-        self._options, self._deadline, self._n_rows = options, deadline, program.ranges.n_rows
+        self._watch = watch
+        name = program.ranges.levels[index].name
+        self._options = options
+        self._deadline = deadline
+        self._n_rows = program.ranges.n_rows
         self._nlp: LevelNlp = program.nlps[index]
         self._stop = _Stop(self._nlp, name, deadline, watch)
-        self._cold, self._warm = (self._solver(f"level_{index}", warm=warm) for warm in (False, True))
+        self._cold, self._warm = (
+            self._solver(f"level_{index}", warm=warm) for warm in (False, True)
+        )
 
     def fits(self, point: NlpPoint) -> bool:
         """True for a start with as many variables and rows as this program has."""
@@ -267,13 +333,22 @@ class LevelSolver:
         return len(point.x) == self._nlp.nlp["x"].numel() and n_rows == self._n_rows
 
     def __call__(self, start: NlpPoint, p: np.ndarray, bounds: RowBounds) -> NlpOutcome:
-        """Solve from `start`, warm if it has multipliers, with parameters p (n_p,) [unit of the parameter]."""
+        """Solve from `start`, warm if it has multipliers, with parameters p (n_p,) [unit of the
+        parameter].
+        """
         rows = self._nlp.rows
         if self._deadline.over:
-            return NlpOutcome(point=start, status=NlpStatus.TIME_LIMIT, iterations=0, violation=np.inf)
+            return NlpOutcome(
+                point=start, status=NlpStatus.TIME_LIMIT, iterations=0, violation=np.inf
+            )
         solver = self._warm if start.warm else self._cold
         best = self._stop.best = BestIterate(bounds, rows, self._options.feasibility)
-        arguments: dict[str, Any] = {"x0": start.x, "p": p, "lbx": bounds.x_lower, "ubx": bounds.x_upper}
+        arguments: dict[str, Any] = {
+            "x0": start.x,
+            "p": p,
+            "lbx": bounds.x_lower,
+            "ubx": bounds.x_upper,
+        }
         arguments |= {"lbg": bounds.lower[rows], "ubg": bounds.upper[rows]}
         if start.row_multipliers is not None:
             arguments |= {"lam_x0": start.x_multipliers, "lam_g0": start.row_multipliers[rows]}
@@ -284,12 +359,18 @@ class LevelSolver:
         stats = solver.stats()
         iterations = int(stats.get("iter_count", 0))
         if not all(np.isfinite(solution[name]).all() for name in ("x", "g")):
-            return NlpOutcome(point=start, status=NlpStatus.NOT_A_NUMBER, iterations=iterations, violation=np.inf)
+            return NlpOutcome(
+                point=start, status=NlpStatus.NOT_A_NUMBER, iterations=iterations, violation=np.inf
+            )
         multipliers = np.zeros(self._n_rows)
         multipliers[rows] = np.nan_to_num(solution["lam_g"])
         violation = bounds.violation(solution["x"], solution["g"], rows)
         return NlpOutcome(
-            point=NlpPoint(x=solution["x"], x_multipliers=np.nan_to_num(solution["lam_x"]), row_multipliers=multipliers),
+            point=NlpPoint(
+                x=solution["x"],
+                x_multipliers=np.nan_to_num(solution["lam_x"]),
+                row_multipliers=multipliers,
+            ),
             usable=violation <= self._options.feasibility,
             status=status_of(stats),
             iterations=iterations,
@@ -310,22 +391,40 @@ class LevelSolver:
         )
 
     def _solver(self, name: str, *, warm: bool) -> ca.Function:
-        options: dict[str, Any] = {"print_time": False, "error_on_fail": False, "cache": dict(self._nlp.functions)}
+        options: dict[str, Any] = {
+            "print_time": False,
+            "error_on_fail": False,
+            "cache": dict(self._nlp.functions),
+        }
         options |= dict.fromkeys(("calc_lam_p", "calc_lam_x", "calc_f", "calc_g"), False)
-        options |= {IPOPT: solver_options(self._options, warm=warm), "iteration_callback": self._stop}
+        options |= {
+            IPOPT: solver_options(self._options, warm=warm),
+            "iteration_callback": self._stop,
+        }
         return ca.nlpsol(name, IPOPT, dict(self._nlp.nlp), options)
 
 
 class _Stop(ca.Callback):  # type: ignore[misc]  # CasADi has no types
-    """Called by the NLP solver after each iteration: not 0 once the deadline is over, or whoever looks on wants no more."""
+    """Called by the NLP solver after each iteration: not 0 once the deadline is over, or whoever
+    looks on wants no more.
+    """
 
     def __init__(self, nlp: LevelNlp, name: str, deadline: Deadline, watch: SolveMonitor) -> None:
         ca.Callback.__init__(self)
-        self._name, self._deadline, self._watch = name, deadline, watch
+        self._name = name
+        self._deadline = deadline
+        self._watch = watch
         self.best: BestIterate | None = None
         """Best iterate of the present call."""
         n, m, n_p = (nlp.nlp[key].numel() for key in ("x", "g", "p"))
-        self._sizes: Mapping[str, int] = {"x": n, "f": 1, "g": m, "lam_x": n, "lam_g": m, "lam_p": n_p}
+        self._sizes: Mapping[str, int] = {
+            "x": n,
+            "f": 1,
+            "g": m,
+            "lam_x": n,
+            "lam_g": m,
+            "lam_p": n_p,
+        }
         self.construct("stop", {})
 
     def get_n_in(self) -> int:
@@ -339,8 +438,15 @@ class _Stop(ca.Callback):  # type: ignore[misc]  # CasADi has no types
 
     def eval(self, arguments: list[ca.DM]) -> list[float]:
         if self.best is not None:
-            x, f, g = arguments[0].full().ravel(), float(arguments[1]), arguments[2].full().ravel()
-            violation, residual = self.best.update(x, f, g), math.sqrt(max(2 * f, 0.0))
+            x = arguments[0].full().ravel()
+            f = float(arguments[1])
+            g = arguments[2].full().ravel()
+            violation = self.best.update(x, f, g)
+            residual = math.sqrt(max(2 * f, 0.0))
             iteration = self.best.iterations - 1
-            self._watch.report(IterationReport(level=self._name, iteration=iteration, residual=residual, violation=violation))
+            self._watch.report(
+                IterationReport(
+                    level=self._name, iteration=iteration, residual=residual, violation=violation
+                )
+            )
         return [float(self._deadline.over or self._watch.should_stop)]

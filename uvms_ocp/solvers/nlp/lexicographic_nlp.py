@@ -1,13 +1,15 @@
-"""Lexicographic nonlinear optimisation: level by level, what a level has reached is kept by all levels below.
+"""Lexicographic nonlinear optimisation: level by level, what a level has reached is kept by all
+levels below.
 
-The scalar constraint "cost no worse than before" has a zero gradient at a least-squares optimum, so that no constraint
-qualification holds there. The rows of a solved level are frozen instead, within a tolerance: this keeps its cost, and
-the next NLP stays regular. Where rows freeze more than they need to (other rows with the same cost) the result is still
-one that no level above is asked to pay for.
+The scalar constraint "cost no worse than before" has a zero gradient at a least-squares optimum, so
+that no constraint qualification holds there. The rows of a solved level are frozen instead, within
+a tolerance: this keeps its cost, and the next NLP stays regular. Where rows freeze more than they
+need to (other rows with the same cost) the result is still one that no level above is asked to pay
+for.
 
-Anticipation: the lowest level is tried first, with every level above required to be met in full. No level can do better
-than a cost of zero, so if that NLP is feasible its solution is the answer, for the price of one solve. Otherwise the
-levels are solved in order.
+Anticipation: the lowest level is tried first, with every level above required to be met in full. No
+level can do better than a cost of zero, so if that NLP is feasible its solution is the answer, for
+the price of one solve. Otherwise the levels are solved in order.
 """
 
 from __future__ import annotations
@@ -62,8 +64,12 @@ class NlpSolver(Protocol):
     def fits(self, point: level_solver.NlpPoint) -> bool:
         """True for a start of this program."""
 
-    def __call__(self, start: level_solver.NlpPoint, p: np.ndarray, bounds: nlp.RowBounds) -> level_solver.NlpOutcome:
-        """Solve from `start`, warm if it has multipliers, with parameters p (n_p,) [unit of the parameter]."""
+    def __call__(
+        self, start: level_solver.NlpPoint, p: np.ndarray, bounds: nlp.RowBounds
+    ) -> level_solver.NlpOutcome:
+        """Solve from `start`, warm if it has multipliers, with parameters p (n_p,) [unit of the
+        parameter].
+        """
 
 
 @runtime_checkable
@@ -83,15 +89,22 @@ class SelfSolving(Protocol):
         """Parameters."""
 
     def solvers(
-        self, options: level_solver.NlpOptions, deadline: level_solver.Deadline, watch: level_solver.SolveMonitor
+        self,
+        options: level_solver.NlpOptions,
+        deadline: level_solver.Deadline,
+        watch: level_solver.SolveMonitor,
     ) -> Sequence[NlpSolver]:
         """One for each level, which tell `watch` every iteration and end where it wants no more."""
 
     def rows_at(self, x: np.ndarray, p: np.ndarray) -> tuple[np.ndarray, ...]:
-        """Rows y of every level at x (n_x,) [unit of x], with parameters p (n_p,) [unit of the parameter]."""
+        """Rows y of every level at x (n_x,) [unit of x], with parameters p (n_p,) [unit of the
+        parameter].
+        """
 
     def violation(self, x: np.ndarray, p: np.ndarray, bounds: nlp.RowBounds) -> float:
-        """Return by how much x (n_x,) [unit of x] breaks bounds and constraints; p (n_p,) [unit of the parameter]."""
+        """Return by how much x (n_x,) [unit of x] breaks bounds and constraints; p (n_p,) [unit of
+        the parameter].
+        """
 
 
 @checked
@@ -101,19 +114,32 @@ class LexicographicNlp:
     Raises `InvalidInput` for plugin ``stagewise`` and a program that is not one of stages.
     """
 
-    def __init__(self, program: nlp.LexicographicProgram | SelfSolving, options: level_solver.NlpOptions | None = None) -> None:
+    def __init__(
+        self,
+        program: nlp.LexicographicProgram | SelfSolving,
+        options: level_solver.NlpOptions | None = None,
+    ) -> None:
         self.program = program
         given = options or level_solver.NlpOptions()
-        self.options = replace(given, plugin=level_solver.IPOPT) if given.plugin == level_solver.AUTO else given
+        self.options = (
+            replace(given, plugin=level_solver.IPOPT)
+            if given.plugin == level_solver.AUTO
+            else given
+        )
         self.deadline, self.watch = level_solver.Deadline(), level_solver.SolveMonitor()
         self.levels = self._solvers(program)
 
     def _solvers(self, program: nlp.LexicographicProgram | SelfSolving) -> Sequence[NlpSolver]:
         if isinstance(program, nlp.LexicographicProgram):
             if self.options.plugin == level_solver.STAGEWISE:
-                raise InvalidInput("plugin 'stagewise' solves problems over a horizon; give 'ipopt'")
+                raise InvalidInput(
+                    "plugin 'stagewise' solves problems over a horizon; give 'ipopt'"
+                )
             levels = range(len(program.nlps))
-            return [level_solver.LevelSolver(program, i, self.options, self.deadline, self.watch) for i in levels]
+            return [
+                level_solver.LevelSolver(program, i, self.options, self.deadline, self.watch)
+                for i in levels
+            ]
         return program.solvers(self.options, self.deadline, self.watch)
 
     def solve(
@@ -127,21 +153,34 @@ class LexicographicNlp:
         time_limit: Bound | None = None,
         progress: level_solver.Progress | None = None,
     ) -> LexicographicResult:
-        """Solve from a start that is a guess (n,) [unit of x], cold, or an earlier result, warm in primal and dual variables.
+        """Solve from a start that is a guess (n,) [unit of x], cold, or an earlier result, warm in
+        primal and dual variables.
 
-        p (n_p,) [unit of the parameter]; x_lower and x_upper (n,), or one for all variables [unit of x]; ranges: instead of
-        the program's, of the same kinds; time_limit [s]: at most that of the options, which is the default. progress:
-        told every iteration. Ctrl-C ends the solve at the best point so far. Raises `InvalidInput` for a
-        start or parameters that are not finite, and for a result of another program.
+        p (n_p,) [unit of the parameter]; x_lower and x_upper (n,), or one for all variables [unit
+        of x]; ranges: instead of the program's, of the same kinds; time_limit [s]: at most that of
+        the options, which is the default. progress: told every iteration. Ctrl-C ends the solve at
+        the best point so far. Raises `InvalidInput` for a start or parameters that are not finite,
+        and for a result of another program.
         """
         begin = perf_counter()
         points = self._starts(start)
         parameters = np.zeros(0) if p is None else np.asarray(p, dtype=float)
         if not np.isfinite(parameters).all():
             raise InvalidInput("parameters have NaN or infinite entries; give finite numbers")
-        limit = self.options.time_limit if time_limit is None else min(time_limit, self.options.time_limit)
+        limit = (
+            self.options.time_limit
+            if time_limit is None
+            else min(time_limit, self.options.time_limit)
+        )
         given = ranges or self.program.ranges
-        run = _Run(self, given.levels, points, parameters, nlp.row_bounds(given, x_lower, x_upper, len(points[0].x)), begin)
+        run = _Run(
+            self,
+            given.levels,
+            points,
+            parameters,
+            nlp.row_bounds(given, x_lower, x_upper, len(points[0].x)),
+            begin,
+        )
         # An anticipation that fails must leave time for the levels in their order.
         self.deadline.set(limit / 2)
         with self.watch.running(progress):
@@ -151,8 +190,12 @@ class LexicographicNlp:
 
     def _starts(self, start: np.ndarray | LexicographicResult) -> tuple[level_solver.NlpPoint, ...]:
         if isinstance(start, LexicographicResult):
-            if not all(level.fits(point) for level, point in zip(self.levels, start.points, strict=False)):
-                raise InvalidInput("the earlier result is one of another program; give a guess instead")
+            if not all(
+                level.fits(point) for level, point in zip(self.levels, start.points, strict=False)
+            ):
+                raise InvalidInput(
+                    "the earlier result is one of another program; give a guess instead"
+                )
             return start.points
         x = np.asarray(start, dtype=float)
         if not np.isfinite(x).all():
@@ -160,7 +203,9 @@ class LexicographicNlp:
         return tuple(level_solver.NlpPoint(x=x) for _ in self.levels)
 
     def rows_at(self, x: nlp.Variables, p: nlp.Parameters) -> tuple[np.ndarray, ...]:
-        """Rows y of every level at x (n,) [unit of x], with parameters p (n_p,) [unit of the parameter]."""
+        """Rows y of every level at x (n,) [unit of x], with parameters p (n_p,) [unit of the
+        parameter].
+        """
         return self.program.rows_at(x, p)
 
 
@@ -176,8 +221,12 @@ class _Run:
         bounds: nlp.RowBounds,
         begin: float,
     ) -> None:
-        self._nlp, self._levels, self._begin = solver, levels, begin
-        self._points, self._p, self._bounds = points, p, bounds
+        self._nlp = solver
+        self._levels = levels
+        self._begin = begin
+        self._points = points
+        self._p = p
+        self._bounds = bounds
         self._tolerance = solver.options.tolerance
         self._spent = 0  # iterations of an anticipation that failed
 
@@ -197,12 +246,21 @@ class _Run:
             return self._stopped(outcome) if self._nlp.watch.should_stop else None
         statuses = (nlp.NlpStatus.SOLVED,) * len(above)
         points = (outcome.point,) * len(self._levels)
-        return self._result(outcome, (*statuses, outcome.status), (*(0,) * len(above), outcome.iterations), points, True)
+        return self._result(
+            outcome,
+            (*statuses, outcome.status),
+            (*(0,) * len(above), outcome.iterations),
+            points,
+            True,
+        )
 
     def in_order(self) -> LexicographicResult:
         """Level by level. A level that fails leaves those below it out."""
-        bounds, best = self._bounds, None
-        statuses, iterations, points = [], [], list(self._points)
+        bounds = self._bounds
+        best = None
+        statuses = []
+        iterations = []
+        points = list(self._points)
         for index, level in enumerate(self._levels):
             outcome = self._nlp.levels[index](self._start(index, best), self._p, bounds)
             stalled = outcome.status.optimal and not outcome.usable
@@ -214,25 +272,39 @@ class _Run:
                 break
             if index + 1 < len(self._levels):
                 y = self._nlp.program.rows_at(best.point.x, self._p)[index]
-                bounds = bounds.with_rows(level.frozen, level.frozen_bounds(y, best.cost, self._tolerance))
+                bounds = bounds.with_rows(
+                    level.frozen, level.frozen_bounds(y, best.cost, self._tolerance)
+                )
         left = len(self._levels) - len(statuses)
-        statuses += [nlp.NlpStatus.TIME_LIMIT if self._nlp.deadline.over else nlp.NlpStatus.SKIPPED] * left
+        statuses += [
+            nlp.NlpStatus.TIME_LIMIT if self._nlp.deadline.over else nlp.NlpStatus.SKIPPED
+        ] * left
         iterations += [0] * left
         iterations[0] += self._spent
         assert best is not None  # as there is one level at least
         return self._result(best, tuple(statuses), tuple(iterations), tuple(points), False)
 
     def _stopped(self, outcome: level_solver.NlpOutcome) -> LexicographicResult:
-        """Return the result of a solve stopped by hand before the first level was solved: no level is held."""
+        """Return the result of a solve stopped by hand before the first level was solved: no level
+        is held.
+        """
         left = len(self._levels) - 1
         statuses = (nlp.NlpStatus.INTERRUPTED, *(nlp.NlpStatus.SKIPPED,) * left)
-        reached = replace(outcome, violation=self._nlp.program.violation(outcome.point.x, self._p, self._bounds))
+        reached = replace(
+            outcome, violation=self._nlp.program.violation(outcome.point.x, self._p, self._bounds)
+        )
         points = (level_solver.NlpPoint(x=outcome.point.x),) * (left + 1)
         return self._result(reached, statuses, (outcome.iterations, *(0,) * left), points, False)
 
     def _start(self, index: int, best: level_solver.NlpOutcome | None) -> level_solver.NlpPoint:
-        """A warm start of this level if there is one; otherwise where the level above ended, cold."""
-        return self._points[index] if best is None or self._points[index].warm else level_solver.NlpPoint(x=best.point.x)
+        """A warm start of this level if there is one; otherwise where the level above ended,
+        cold.
+        """
+        return (
+            self._points[index]
+            if best is None or self._points[index].warm
+            else level_solver.NlpPoint(x=best.point.x)
+        )
 
     def _result(
         self,

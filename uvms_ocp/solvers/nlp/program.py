@@ -1,12 +1,13 @@
-"""Lexicographic nonlinear programs as data: shared constraints, levels of least squares in order, bounds, and outcomes.
+"""Lexicographic nonlinear programs as data: shared constraints, levels of least squares in order,
+bounds, and outcomes.
 
 Level k minimises ``1/2 |y_k - clip(y_k, lower_k, upper_k)|^2``, the squared distance of its rows to their range, while
 the rows of the levels above stay where those levels left them. All rows of the program are numbered once: first
 the constraints, then those that freeze level 0, level 1 and so on. Bounds and multipliers use that numbering at every
 level, so that they carry over.
 
-Variables and rows may have any units. Scale rows to the order of 1: those of a level add up as squares, and one tolerance
-holds for all, so that costs, norms and violations are ``.
+Variables and rows may have any units. Scale rows to the order of 1: those of a level add up as
+squares, and one tolerance holds for all, so that costs, norms and violations are ``.
 """
 
 from __future__ import annotations
@@ -31,16 +32,41 @@ from uvms_ocp.types import Bound, Positive, Range, Shape
 class NlpStatus(AdvisedStatus):
     """Outcome of one level.
 
-    INFEASIBLE: at a point from which no small step brings the constraints any nearer. Farther away others may keep them.
+    INFEASIBLE: at a point from which no small step brings the constraints any nearer. Farther away
+    others may keep them.
     """
 
     SOLVED = "solved", "nothing to do"
-    INEXACT = ("inexact", "the level is at a minimum to reduced accuracy only; scale its rows, or loosen the tolerance")
-    STALLED = ("stalled", "no further progress before the constraints were kept; give another guess, or loosen the limits")
-    INFEASIBLE = ("infeasible", "no point keeps the constraints near the guess; loosen the limits, or give another guess")
-    ITERATION_LIMIT = "iteration limit", "the level did not converge; raise max_iterations, or give a better guess"
-    TIME_LIMIT = ("time limit", "the time was over; raise time_limit, shorten the horizon, or start from the last solution")
-    NOT_A_NUMBER = ("not a number", "an expression is not finite at some point; look for divisions by zero, or move the guess")
+    INEXACT = (
+        "inexact",
+        (
+            "the level is at a minimum to reduced accuracy only; scale its rows, or loosen the"
+            " tolerance"
+        ),
+    )
+    STALLED = (
+        "stalled",
+        (
+            "no further progress before the constraints were kept; give another guess, or loosen"
+            " the limits"
+        ),
+    )
+    INFEASIBLE = (
+        "infeasible",
+        "no point keeps the constraints near the guess; loosen the limits, or give another guess",
+    )
+    ITERATION_LIMIT = (
+        "iteration limit",
+        "the level did not converge; raise max_iterations, or give a better guess",
+    )
+    TIME_LIMIT = (
+        "time limit",
+        "the time was over; raise time_limit, shorten the horizon, or start from the last solution",
+    )
+    NOT_A_NUMBER = (
+        "not a number",
+        "an expression is not finite at some point; look for divisions by zero, or move the guess",
+    )
     INTERRUPTED = "interrupted", "stopped by hand at the best point so far; go on from there"
     SKIPPED = "skipped", "a level above it failed; see that level"
 
@@ -50,7 +76,9 @@ class NlpStatus(AdvisedStatus):
         return self in (NlpStatus.SOLVED, NlpStatus.INEXACT)
 
 
-_TABLE = (files("uvms_ocp.solvers.nlp") / "return_statuses.csv").read_text(encoding="utf-8").splitlines()
+_TABLE = (
+    (files("uvms_ocp.solvers.nlp") / "return_statuses.csv").read_text(encoding="utf-8").splitlines()
+)
 _STATUSES = {row["return_status"]: NlpStatus[row["status"]] for row in csv.DictReader(_TABLE)}
 """Return statuses of IPOPT, and those that CasADi has for all solvers, with ours."""
 
@@ -58,10 +86,13 @@ _STATUSES = {row["return_status"]: NlpStatus[row["status"]] for row in csv.DictR
 def status_of(stats: Mapping[str, Any]) -> NlpStatus:
     """Status of the last call of a CasADi ``nlpsol``, from its ``stats()``."""
     named = _STATUSES.get(str(stats.get("return_status")))
-    return named or _STATUSES.get(str(stats.get("unified_return_status")), NlpStatus.ITERATION_LIMIT)
+    return named or _STATUSES.get(
+        str(stats.get("unified_return_status")), NlpStatus.ITERATION_LIMIT
+    )
 
 
-# A lexicographic nonlinear program as data: shared constraints, and levels of least squares in order.
+# A lexicographic nonlinear program as data: shared constraints, and levels of least squares in
+# order.
 
 _SLACK = 1e-6  # of inequality rows that are frozen exactly: they still need an inside
 
@@ -82,8 +113,10 @@ class NlpLevel:
     upper: Bound | Annotated[np.ndarray, Range()] = 0.0
     """(m,), or one for all rows [unit of the row]."""
     relax: Positive | None = None
-    """None freezes the rows of the level; a share such as 0.01 freezes its cost at ``(1 + relax)`` times the best, which
-    leaves lower levels some freedom below costs that fix every variable, such as energy."""
+    """None freezes the rows of the level; a share such as 0.01 freezes its cost at ``(1 + relax)``
+    times the best, which leaves lower levels some freedom below costs that fix every variable, such
+    as energy.
+    """
     name: str = ""
     """Used in error messages; default its number."""
 
@@ -92,7 +125,8 @@ class NlpLevel:
 class LevelRows:
     """Rows of one level, and the rows of the program that freeze it.
 
-    Raises `InvalidInput` for bounds that are NaN or in the wrong order, and for a share that is not positive.
+    Raises `InvalidInput` for bounds that are NaN or in the wrong order, and for a share that is not
+    positive.
     """
 
     name: str
@@ -107,29 +141,49 @@ class LevelRows:
     """Rows of the program that freeze the level."""
 
     def __post_init__(self) -> None:
-        if np.isnan(self.lower).any() or np.isnan(self.upper).any() or (self.lower > self.upper).any():
-            raise InvalidInput(f"level {self.name!r}: bounds are NaN or lower > upper; give lower <= upper")
+        if (
+            np.isnan(self.lower).any()
+            or np.isnan(self.upper).any()
+            or (self.lower > self.upper).any()
+        ):
+            raise InvalidInput(
+                f"level {self.name!r}: bounds are NaN or lower > upper; give lower <= upper"
+            )
         if self.relax is not None and not (np.isfinite(self.relax) and self.relax > 0):
-            raise InvalidInput(f"level {self.name!r}: relax = {self.relax}; give None or a share > 0")
+            raise InvalidInput(
+                f"level {self.name!r}: relax = {self.relax}; give None or a share > 0"
+            )
 
     def distance(self, y: np.ndarray) -> np.ndarray:
         """Signed distance (m,) of the rows y (m,) [unit of the row] to their range."""
         return np.asarray(interval_distance(y, self.lower, self.upper))
 
     def kept(self, norm: float, tolerance: float) -> float:
-        """Largest norm of the residual with which a level that has reached `norm` keeps it; tolerance."""
-        return norm + tolerance if self.relax is None else float(((1 + self.relax) * norm**2 + 2 * tolerance) ** 0.5)
+        """Largest norm of the residual with which a level that has reached `norm` keeps it;
+        tolerance.
+        """
+        return (
+            norm + tolerance
+            if self.relax is None
+            else float(((1 + self.relax) * norm**2 + 2 * tolerance) ** 0.5)
+        )
 
-    def frozen_bounds(self, y: np.ndarray, cost: float, tolerance: float) -> tuple[np.ndarray, np.ndarray]:
-        """Bounds of the rows that keep the level where it is, at y (m,) [unit of the row] and `cost`.
+    def frozen_bounds(
+        self, y: np.ndarray, cost: float, tolerance: float
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Bounds of the rows that keep the level where it is, at y (m,) [unit of the row] and
+        `cost`.
 
-        `tolerance`: by which the norm of its residual may rise. The rows get half of it, the solver's own accuracy the
-        rest.
+        `tolerance`: by which the norm of its residual may rise. The rows get half of it, the
+        solver's own accuracy the rest.
         """
         if self.relax is None:
             equal = (self.lower == self.upper) if tolerance == 0 else np.zeros(len(y), dtype=bool)
             slack = np.where(equal, 0.0, tolerance / (2 * max(len(y), 1) ** 0.5) or _SLACK)
-            low, up = np.where(equal, y, np.minimum(self.lower, y)), np.where(equal, y, np.maximum(self.upper, y))
+            low, up = (
+                np.where(equal, y, np.minimum(self.lower, y)),
+                np.where(equal, y, np.maximum(self.upper, y)),
+            )
             return low - slack, up + slack
         return np.array([-np.inf]), np.array([(1 + self.relax) * cost + tolerance])
 
@@ -143,19 +197,27 @@ class LevelNlp:
     rows: np.ndarray
     """(n_g,) which rows of the program those of g are."""
     functions: Mapping[str, ca.Function] = field(default_factory=dict)
-    """Derivative functions by the names the NLP solver asks for (``nlp_jac_g``, ...), as far as there are any."""
+    """Derivative functions by the names the NLP solver asks for (``nlp_jac_g``, ...), as far as
+    there are any.
+    """
 
 
 def nlp_functions(
-    variables: Sequence[ca.MX], values: Sequence[ca.MX], lam: Sequence[ca.MX], derivatives: tuple[ca.MX, ca.MX, ca.MX]
+    variables: Sequence[ca.MX],
+    values: Sequence[ca.MX],
+    lam: Sequence[ca.MX],
+    derivatives: tuple[ca.MX, ca.MX, ca.MX],
 ) -> dict[str, ca.Function]:
-    """Functions of an NLP with variables x (n,) and p (n_p,) and values f () and g (m,), as IPOPT asks for them.
+    """Functions of an NLP with variables x (n,) and p (n_p,) and values f () and g (m,), as IPOPT
+    asks for them.
 
-    lam: symbols for the multipliers of f and g. derivatives: gradient (n,) of f, Jacobian (m, n) of g, Hessian (n, n) of
-    ``lam_f f + lam_g' g``, the upper triangle.
+    lam: symbols for the multipliers of f and g. derivatives: gradient (n,) of f, Jacobian (m, n) of
+    g, Hessian (n, n) of ``lam_f f + lam_g' g``, the upper triangle.
     """
     (f, g), (gradient, J, H) = values, derivatives
-    primal, dual, everything = ["x", "p"], ["x", "p", "lam_f", "lam_g"], [*variables, *lam]
+    primal = ["x", "p"]
+    dual = ["x", "p", "lam_f", "lam_g"]
+    everything = [*variables, *lam]
     slope = lam[0] * gradient + J.T @ lam[1]
     functions = (
         ca.Function("nlp_f", variables, [f], primal, ["f"]),
@@ -164,7 +226,9 @@ def nlp_functions(
         ca.Function("nlp_jac_g", variables, [g, J], primal, ["g", "jac_g_x"]),
         ca.Function("nlp_hess_l", everything, [H], dual, ["triu_hess_gamma_x_x"]),
         # Asked for at construction, never called: multipliers of parameters are off.
-        ca.Function("nlp_grad", everything, [f, g, slope, ca.MX(*variables[1].shape)], dual, _GRADIENTS),
+        ca.Function(
+            "nlp_grad", everything, [f, g, slope, ca.MX(*variables[1].shape)], dual, _GRADIENTS
+        ),
     )
     return {function.name(): function for function in functions}
 
@@ -174,7 +238,9 @@ _GRADIENTS = ["f", "g", "grad_gamma_x", "grad_gamma_p"]
 
 @checked_dataclass(eq=False)
 class RowRanges:
-    """Target ranges of the rows of a program; a program that is kept may be solved with others of the same `RowKinds`."""
+    """Target ranges of the rows of a program; a program that is kept may be solved with others of
+    the same `RowKinds`.
+    """
 
     levels: tuple[LevelRows, ...]
     """Levels from the highest to the lowest."""
@@ -211,15 +277,24 @@ class LexicographicProgram:
         return int(self.values.size1_in(1))
 
     def rows_at(
-        self, x: Annotated[np.ndarray, Shape("self.n_x")], p: Annotated[np.ndarray, Shape("self.n_p")]
+        self,
+        x: Annotated[np.ndarray, Shape("self.n_x")],
+        p: Annotated[np.ndarray, Shape("self.n_p")],
     ) -> tuple[np.ndarray, ...]:
-        """Rows y of every level at x (n,) [unit of x], with parameters p (n_p,) [unit of the parameter]."""
+        """Rows y of every level at x (n,) [unit of x], with parameters p (n_p,) [unit of the
+        parameter].
+        """
         return tuple(np.array(y).ravel() for y in self.values.call([x, p]))
 
     def violation(
-        self, x: Annotated[np.ndarray, Shape("self.n_x")], p: Annotated[np.ndarray, Shape("self.n_p")], bounds: RowBounds
+        self,
+        x: Annotated[np.ndarray, Shape("self.n_x")],
+        p: Annotated[np.ndarray, Shape("self.n_p")],
+        bounds: RowBounds,
     ) -> float:
-        """Return by how much x (n_x,) [unit of x] breaks bounds and constraints; p (n_p,) [unit of the parameter]."""
+        """Return by how much x (n_x,) [unit of x] breaks bounds and constraints; p (n_p,) [unit of
+        the parameter].
+        """
         first = self.nlps[0]
         g = ca.Function("g", [first.nlp["x"], first.nlp["p"]], [first.nlp["g"]])(x, p)
         return bounds.violation(x, np.array(g).ravel(), first.rows)
@@ -242,17 +317,25 @@ class RowKinds:
 
     def same(self, other: RowKinds) -> bool:
         """True where all rows are of the same kind."""
-        return all(np.array_equal(getattr(self, kind), getattr(other, kind)) for kind in ("equal", "below", "above"))
+        return all(
+            np.array_equal(getattr(self, kind), getattr(other, kind))
+            for kind in ("equal", "below", "above")
+        )
 
 
 def row_kinds(lower: np.ndarray, upper: np.ndarray) -> RowKinds:
     """Kinds of rows with the bounds lower and upper (m,) [unit of the row]."""
     equal = lower == upper
-    return RowKinds(equal=equal, below=np.isfinite(lower) & ~equal, above=np.isfinite(upper) & ~equal)
+    return RowKinds(
+        equal=equal, below=np.isfinite(lower) & ~equal, above=np.isfinite(upper) & ~equal
+    )
 
 
-def signed_excess(y: Expression, lower: Expression, upper: Expression, kinds: RowKinds) -> Expression:
-    """Signed distance (m,) to the range; unlike `intervals.distance` without a kink where lower = upper.
+def signed_excess(
+    y: Expression, lower: Expression, upper: Expression, kinds: RowKinds
+) -> Expression:
+    """Signed distance (m,) to the range; unlike `intervals.distance` without a kink where lower =
+    upper.
 
     y, lower and upper (m,) [unit of the row]; a bound that `kinds` has not is not looked at.
     """
@@ -269,7 +352,9 @@ def half_square(y: Expression, lower: Expression, upper: Expression, kinds: RowK
 
     y, lower and upper (m,) [unit of the row]; a bound that `kinds` has not is not looked at.
     """
-    equal, above, below = (np.flatnonzero(kind).tolist() for kind in (kinds.equal, kinds.above, kinds.below))
+    equal, above, below = (
+        np.flatnonzero(kind).tolist() for kind in (kinds.equal, kinds.above, kinds.below)
+    )
     total = ca.sumsqr(y[equal] - lower[equal])
     for i in above:
         total += ca.fmax(y[i] - upper[i], 0) ** 2
@@ -288,19 +373,23 @@ def lexicographic_program(
     g_lower: Annotated[np.ndarray, Range()] | Bound = 0.0,
     g_upper: Annotated[np.ndarray, Range()] | Bound = 0.0,
 ) -> LexicographicProgram:
-    """Program of a few expressions in x (n,): levels from the highest to the lowest, subject to g in its bounds.
+    """Program of a few expressions in x (n,): levels from the highest to the lowest, subject to g
+    in its bounds.
 
-    g_lower and g_upper (n_constraints,), or one for all constraints [unit of the row]. Raises `InvalidInput` without levels,
-    and for bounds that do not fit.
+    g_lower and g_upper (n_constraints,), or one for all constraints [unit of the row]. Raises
+    `InvalidInput` without levels, and for bounds that do not fit.
     """
     if not levels:
         raise InvalidInput("a lexicographic program needs levels; give at least one")
     parameters = type(x).sym("p", 0) if p is None else p
     constraints = type(x)(0, 1) if g is None else g
-    rows, first = [], int(constraints.numel())
+    rows = []
+    first = int(constraints.numel())
     for name, bound in (("g_lower", g_lower), ("g_upper", g_upper)):
         if np.shape(bound) not in ((), (first,)):
-            raise InvalidInput(f"{name} has shape {np.shape(bound)}; give one number, or ({first},)")
+            raise InvalidInput(
+                f"{name} has shape {np.shape(bound)}; give one number, or ({first},)"
+            )
     for i, level in enumerate(levels):
         rows.append(_level_rows(level, i, first))
         first = rows[-1].frozen.stop
@@ -308,12 +397,22 @@ def lexicographic_program(
         half_square(level.y, ca.DM(row.lower), ca.DM(row.upper), row_kinds(row.lower, row.upper))
         for level, row in zip(levels, rows, strict=True)
     ]
-    freezing = [level.y if level.relax is None else cost for level, cost in zip(levels, costs, strict=True)]
+    freezing = [
+        level.y if level.relax is None else cost for level, cost in zip(levels, costs, strict=True)
+    ]
     nlps = []
     for i, cost in enumerate(costs):
         stacked = ca.vertcat(constraints, *freezing[:i])
-        nlps.append(LevelNlp(nlp={"x": x, "p": parameters, "f": cost, "g": stacked}, rows=np.arange(stacked.numel())))
-    lower, upper = (np.broadcast_to(np.asarray(bound, dtype=float), constraints.numel()) for bound in (g_lower, g_upper))
+        nlps.append(
+            LevelNlp(
+                nlp={"x": x, "p": parameters, "f": cost, "g": stacked},
+                rows=np.arange(stacked.numel()),
+            )
+        )
+    lower, upper = (
+        np.broadcast_to(np.asarray(bound, dtype=float), constraints.numel())
+        for bound in (g_lower, g_upper)
+    )
     return LexicographicProgram(
         ranges=RowRanges(levels=tuple(rows), lower=lower, upper=upper),
         nlps=tuple(nlps),
@@ -337,7 +436,9 @@ def _level_rows(level: NlpLevel, index: int, first: int) -> LevelRows:
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class RowBounds:
-    """Bounds of the variables and of all rows of the program; rows of levels that are not frozen yet are infinite."""
+    """Bounds of the variables and of all rows of the program; rows of levels that are not frozen
+    yet are infinite.
+    """
 
     x_lower: np.ndarray
     """(n_x,) [unit of x]"""
@@ -349,27 +450,44 @@ class RowBounds:
     """(n_rows,) [unit of the row]"""
 
     def with_rows(self, rows: slice, bounds: tuple[np.ndarray, np.ndarray]) -> RowBounds:
-        """The same with other bounds, lower and upper (m,) [unit of the row], for the given rows."""
-        lower, upper = self.lower.copy(), self.upper.copy()
+        """The same with other bounds, lower and upper (m,) [unit of the row], for the given
+        rows.
+        """
+        lower = self.lower.copy()
+        upper = self.upper.copy()
         lower[rows], upper[rows] = bounds
         return replace(self, lower=lower, upper=upper)
 
     def violation(self, x: np.ndarray, g: np.ndarray, rows: np.ndarray | slice) -> float:
-        """Largest violation at x (n_x,) [unit of x], where the rows numbered `rows` (m,) are g (m,) [unit of the row]."""
+        """Largest violation at x (n_x,) [unit of x], where the rows numbered `rows` (m,) are g (m,)
+        [unit of the row].
+        """
         broken = interval_excess(g, self.lower[rows], self.upper[rows]).max(initial=0.0)
         return float(max(broken, interval_excess(x, self.x_lower, self.x_upper).max(initial=0.0)))
 
 
-def row_bounds(ranges: RowRanges, x_lower: np.ndarray | float, x_upper: np.ndarray | float, n_x: int) -> RowBounds:
-    """Bounds with no level frozen; x_lower and x_upper (n_x,), or one for all variables [unit of x].
+def row_bounds(
+    ranges: RowRanges, x_lower: np.ndarray | float, x_upper: np.ndarray | float, n_x: int
+) -> RowBounds:
+    """Bounds with no level frozen; x_lower and x_upper (n_x,), or one for all variables [unit of
+    x].
 
     Raises `InvalidInput` for bounds that are NaN or that no x keeps.
     """
     for name, bound in (("x_lower", x_lower), ("x_upper", x_upper)):
         if np.isnan(np.asarray(bound, dtype=float)).any():
-            raise InvalidInput(f"{name} has NaN; give numbers, or an infinity where there is no bound")
-    if (np.less_equal(x_upper, -np.inf) | np.greater_equal(x_lower, np.inf) | np.greater(x_lower, x_upper)).any():
-        raise InvalidInput("x_lower and x_upper exclude every x; give x_lower <= x_upper, and infinity only outwards")
+            raise InvalidInput(
+                f"{name} has NaN; give numbers, or an infinity where there is no bound"
+            )
+    if (
+        np.less_equal(x_upper, -np.inf)
+        | np.greater_equal(x_lower, np.inf)
+        | np.greater(x_lower, x_upper)
+    ).any():
+        raise InvalidInput(
+            "x_lower and x_upper exclude every x; give x_lower <= x_upper, and infinity only"
+            " outwards"
+        )
     lower, upper = np.full(ranges.n_rows, -np.inf), np.full(ranges.n_rows, np.inf)
     m = len(ranges.lower)
     lower[:m], upper[:m] = ranges.lower, ranges.upper

@@ -1,14 +1,18 @@
-"""Sequential quadratic programming for control in real time: few steps, each of them complete, QPs by CasADi.
+"""Sequential quadratic programming for control in real time: few steps, each of them complete, QPs
+by CasADi.
 
-An interior-point solver of NLPs that is stopped early stands somewhere between its start and the constraints. A QP that
-is solved to its end obeys the linearised constraints, all of them: from a start near the solution, such as the last one
-moved on in time, one step is nearly feasible and nearly optimal (real-time iteration [Diehl2005]).
+An interior-point solver of NLPs that is stopped early stands somewhere between its start and the
+constraints. A QP that is solved to its end obeys the linearised constraints, all of them: from a
+start near the solution, such as the last one moved on in time, one step is nearly feasible and
+nearly optimal (real-time iteration [Diehl2005]).
 
-Within one step levels take their turns. Each is linearised where those above it left the point, so that a level also mends
-what curvature did to the constraints, and keeps their rows as they truly are there. The first takes its step whole; those
-below are damped and searched along, and none of them takes what costs a level above more than the tolerance. Where a whole
-step would, because rows above are curved, a second one from its end brings them back [Fletcher1982], and both are taken if
-they lead further than the share that is allowed. A level whose QP fails, or for which no time is left, stays where it is.
+Within one step levels take their turns. Each is linearised where those above it left the point, so
+that a level also mends what curvature did to the constraints, and keeps their rows as they truly
+are there. The first takes its step whole; those below are damped and searched along, and none of
+them takes what costs a level above more than the tolerance. Where a whole step would, because rows
+above are curved, a second one from its end brings them back [Fletcher1982], and both are taken if
+they lead further than the share that is allowed. A level whose QP fails, or for which no time is
+left, stays where it is.
 """
 
 from __future__ import annotations
@@ -28,7 +32,8 @@ from uvms_ocp.solvers.nlp.level_solver import SPARSE_PLUGIN, STAGEWISE, SqpOptio
 from uvms_ocp.solvers.nlp.lexicographic_nlp import SelfSolving
 from uvms_ocp.types import Bound
 
-# Which share of a level's step is taken: the rule by which no level loses what it had for the sake of one below.
+# Which share of a level's step is taken: the rule by which no level loses what it had for the sake
+# of one below.
 
 SHARES = (1.0, 1 / 2, 1 / 4, 1 / 8, 1 / 16)
 """Tried one after the other."""
@@ -60,13 +65,19 @@ class Acceptance:
 
 
 def acceptance(
-    levels: Sequence[nlp.LevelRows], reached: Sequence[float], here: LevelMerit, *, accuracy: float, tolerance: float
+    levels: Sequence[nlp.LevelRows],
+    reached: Sequence[float],
+    here: LevelMerit,
+    *,
+    accuracy: float,
+    tolerance: float,
 ) -> Acceptance:
-    """For the step of the level after those that have `reached` their residuals, from a point with merit `here`.
+    """For the step of the level after those that have `reached` their residuals, from a point with
+    merit `here`.
 
-    Constraints may be broken by `accuracy`, or as much as they are here; residuals may rise by `tolerance`, those of
-    the levels above by no more than that from where their own turn left them, however many levels follow. The first level
-    pays whatever a guess lacks that breaks constraints.
+    Constraints may be broken by `accuracy`, or as much as they are here; residuals may rise by
+    `tolerance`, those of the levels above by no more than that from where their own turn left them,
+    however many levels follow. The first level pays whatever a guess lacks that breaks constraints.
     """
     above = [level.kept(norm, tolerance) for level, norm in zip(levels, reached, strict=False)]
     mending = not above and here.violation > accuracy
@@ -76,7 +87,8 @@ def acceptance(
 
 # Weights that keep the step of a level near the point at which its rows were linearised.
 
-_RISE, _FALL = 5.0, 0.5
+_RISE = 5.0
+_FALL = 0.5
 _MOST = 3e3  # times the least
 
 
@@ -96,7 +108,9 @@ class ProximalWeights:
     def adapt(self, level: int, share: float) -> None:
         """After `share` of the level's step could be taken."""
         least = self._least[level]
-        self._now[level] = np.clip((_FALL if share == 1 else _RISE) * self._now[level], least, _MOST * least)
+        self._now[level] = np.clip(
+            (_FALL if share == 1 else _RISE) * self._now[level], least, _MOST * least
+        )
 
 
 # One step of a lexicographic program: its levels take their turns.
@@ -107,7 +121,10 @@ class TimeBudget:
 
     def __init__(self, limit: float, clock: Callable[[], float]) -> None:
         """Limit [s] from now."""
-        self._limit, self._clock, self._begin, self._solved = limit, clock, clock(), 0
+        self._limit = limit
+        self._clock = clock
+        self._begin = clock()
+        self._solved = 0
 
     def count(self) -> None:
         """One more QP was solved."""
@@ -138,7 +155,9 @@ class SqpPoint:
 
     def after_level(self) -> SqpPoint:
         """The same once the next level has had its turn here."""
-        return replace(self, reached=(*self.reached, float(self.merit.residuals[len(self.reached)])))
+        return replace(
+            self, reached=(*self.reached, float(self.merit.residuals[len(self.reached)]))
+        )
 
 
 class LevelModel(Protocol):
@@ -148,11 +167,17 @@ class LevelModel(Protocol):
     """Allowed rise of the norm of frozen rows in a QP; 0 where it bears dependent equalities."""
 
     def begin(self, x: np.ndarray, p: np.ndarray, bounds: nlp.RowBounds) -> SqpPoint:
-        """The point of variables x (n_x,) [unit of x]; p (n_p,) [unit of the parameter] holds from now on."""
+        """The point of variables x (n_x,) [unit of x]; p (n_p,) [unit of the parameter] holds from
+        now on.
+        """
         ...
 
-    def step(self, level: int, point: SqpPoint, bounds: nlp.RowBounds, damping: float) -> nlp.NlpStatus | None:
-        """Find the step of a level from a point, and why there is none; damping [1/unit of x^2]: weight of its square."""
+    def step(
+        self, level: int, point: SqpPoint, bounds: nlp.RowBounds, damping: float
+    ) -> nlp.NlpStatus | None:
+        """Find the step of a level from a point, and why there is none; damping [1/unit of x^2]:
+        weight of its square.
+        """
         ...
 
     def moved(self, share: float) -> SqpPoint:
@@ -168,11 +193,16 @@ class LexicographicSqp:
     """Lexicographic SQP on one program; the weights of its levels are carried from step to step."""
 
     def __init__(self, model: LevelModel, options: SqpOptions, n_levels: int) -> None:
-        self._model, self._options = model, options
+        self._model = model
+        self._options = options
         self._weights = ProximalWeights(n_levels, options.proximal)
 
     def step(
-        self, guess: SqpPoint, levels: tuple[nlp.LevelRows, ...], bounds: nlp.RowBounds, budget: TimeBudget
+        self,
+        guess: SqpPoint,
+        levels: tuple[nlp.LevelRows, ...],
+        bounds: nlp.RowBounds,
+        budget: TimeBudget,
     ) -> tuple[SqpPoint, nlp.NlpStatus | None]:
         """Make one step from a guess; return the point reached, and why there is none."""
         guess = replace(guess, reached=())
@@ -193,56 +223,89 @@ class LexicographicSqp:
         return point, None
 
     def _first_searched(self, guess: SqpPoint, levels: tuple[nlp.LevelRows, ...]) -> SqpPoint:
-        """Return the first point that the rule allows, or, because a guess must be left, the one of least violation."""
-        rule, tried = self._rule(guess, levels), []
+        """Return the first point that the rule allows, or, because a guess must be left, the one of
+        least violation.
+        """
+        rule = self._rule(guess, levels)
+        tried = []
         for share in SHARES:
             tried.append(self._model.moved(share))
             if rule.allows(tried[-1].merit):
                 return tried[-1]
         return min(tried, key=lambda point: point.merit.violation)
 
-    def _turn(self, point: SqpPoint, levels: tuple[nlp.LevelRows, ...], bounds: nlp.RowBounds) -> SqpPoint:
+    def _turn(
+        self, point: SqpPoint, levels: tuple[nlp.LevelRows, ...], bounds: nlp.RowBounds
+    ) -> SqpPoint:
         """Move the point by the step of the next level."""
         i = len(point.reached)
         failure = self._model.step(i, point, bounds, self._options.damping + self._weights[i])
-        share, found = (0.0, point) if failure is not None else self._searched(point, levels, bounds)
+        share, found = (
+            (0.0, point) if failure is not None else self._searched(point, levels, bounds)
+        )
         self._weights.adapt(i, share)
         return found
 
-    def _searched(self, point: SqpPoint, levels: tuple[nlp.LevelRows, ...], bounds: nlp.RowBounds) -> tuple[float, SqpPoint]:
-        """The share of the step that is taken, and where it leads: the largest that is allowed, or all of it, mended."""
-        rule, i = self._rule(point, levels), len(point.reached)
+    def _searched(
+        self, point: SqpPoint, levels: tuple[nlp.LevelRows, ...], bounds: nlp.RowBounds
+    ) -> tuple[float, SqpPoint]:
+        """The share of the step that is taken, and where it leads: the largest that is allowed, or
+        all of it, mended.
+        """
+        rule = self._rule(point, levels)
+        i = len(point.reached)
         tried = [self._model.moved(1.0)]
         while not rule.allows(tried[-1].merit) and len(tried) < len(SHARES):
             tried.append(self._model.moved(SHARES[len(tried)]))
-        share, found = (SHARES[len(tried) - 1], tried[-1]) if rule.allows(tried[-1].merit) else (0.0, point)
+        share, found = (
+            (SHARES[len(tried) - 1], tried[-1]) if rule.allows(tried[-1].merit) else (0.0, point)
+        )
         if share < 1.0:
             mended = self._mended(tried[0], i, bounds)
             if rule.allows(mended.merit) and mended.merit.residuals[i] <= found.merit.residuals[i]:
-                share, found = 1.0, mended
+                share = 1.0
+                found = mended
         return share, replace(found, reached=point.reached)
 
     def _mended(self, whole: SqpPoint, level: int, bounds: nlp.RowBounds) -> SqpPoint:
-        """A whole step, and one more, which brings back what curvature did to the rows above: a second-order correction."""
-        failure = self._model.step(level, whole, bounds, self._options.damping + self._weights[level])
+        """A whole step, and one more, which brings back what curvature did to the rows above: a
+        second-order correction.
+        """
+        failure = self._model.step(
+            level, whole, bounds, self._options.damping + self._weights[level]
+        )
         return whole if failure is not None else self._model.moved(1.0)
 
     def _rule(self, point: SqpPoint, levels: tuple[nlp.LevelRows, ...]) -> Acceptance:
         options = self._options
-        return acceptance(levels, point.reached, point.merit, accuracy=options.accuracy, tolerance=options.tolerance)
+        return acceptance(
+            levels,
+            point.reached,
+            point.merit,
+            accuracy=options.accuracy,
+            tolerance=options.tolerance,
+        )
 
-    def _frozen(self, level: nlp.LevelRows, point: SqpPoint) -> tuple[slice, tuple[np.ndarray, np.ndarray]]:
-        """Rows that keep the level that had the last turn where that has left it, and their bounds."""
+    def _frozen(
+        self, level: nlp.LevelRows, point: SqpPoint
+    ) -> tuple[slice, tuple[np.ndarray, np.ndarray]]:
+        """Rows that keep the level that had the last turn where that has left it, and their
+        bounds.
+        """
         i = len(point.reached) - 1
-        return level.frozen, level.frozen_bounds(point.rows[i], point.reached[i] ** 2 / 2, self._model.slack)
+        return level.frozen, level.frozen_bounds(
+            point.rows[i], point.reached[i] ** 2 / 2, self._model.slack
+        )
 
 
-# The QP of one level at a point: least squares of its rows, subject to linearised constraints and rows of the levels above.
+# The QP of one level at a point: least squares of its rows, subject to linearised constraints and
+# rows of the levels above.
 
 _FUNCTIONS = ("nlp_g", "nlp_grad_f", "nlp_jac_g", "nlp_hess_l")
 _OPTIONS: dict[str, dict[str, object]] = {
-    # Starts are near the solution: a small barrier saves two of nine iterations. Frozen rows leave slabs so thin that the
-    # QPs of lower levels take up to 30. With its own 1e8 in the place of infinite bounds hpipm ends far from the solution.
+    # Starts are near the solution: a small barrier saves two of nine iterations. Frozen rows leave
+    # slabs so thin that the QPs of lower levels take up to 30. With its own 1e8 in the place of
+    # infinite bounds hpipm ends far from the solution.
     "hpipm": {"inf": 1e6, "hpipm": {"mu0": 1e-2, "iter_max": 60}},
     "proxqp": {"proxqp": {"eps_abs": 1e-7}},
     # With less regularisation factors of long horizons are noise.
@@ -256,16 +319,26 @@ class LevelQp:
     def __init__(self, level: nlp.LevelNlp, index: int, options: SqpOptions) -> None:
         missing = [name for name in _FUNCTIONS if name not in level.functions]
         if missing:
-            raise InvalidInput(f"the program has no derivatives {', '.join(missing)}; transcribe it for IPOPT")
+            raise InvalidInput(
+                f"the program has no derivatives {', '.join(missing)}; transcribe it for IPOPT"
+            )
         self._rows = level.rows
-        n, m = level.nlp["x"].numel(), len(level.rows)
-        x, p, damping = ca.MX.sym("x", n), ca.MX.sym("p", level.nlp["p"].numel()), ca.MX.sym("damping")
+        n = level.nlp["x"].numel()
+        m = len(level.rows)
+        x = ca.MX.sym("x", n)
+        p = ca.MX.sym("p", level.nlp["p"].numel())
+        damping = ca.MX.sym("damping")
         _, gradient = level.functions["nlp_grad_f"](x, p)
         g, A = level.functions["nlp_jac_g"](x, p)
-        H = ca.triu2symm(level.functions["nlp_hess_l"](x, p, 1, ca.MX.zeros(m))) + damping * ca.MX.eye(n)
+        H = ca.triu2symm(
+            level.functions["nlp_hess_l"](x, p, 1, ca.MX.zeros(m))
+        ) + damping * ca.MX.eye(n)
         self._linearize = ca.Function(f"linear_{index}", [x, p, damping], [gradient, H, g, A])
-        shape, plugin = {"h": H.sparsity(), "a": A.sparsity()}, options.plugin or SPARSE_PLUGIN
-        self._qp = ca.conic(f"qp_{index}", plugin, shape, {"error_on_fail": False, **_OPTIONS[plugin]})
+        shape = {"h": H.sparsity(), "a": A.sparsity()}
+        plugin = options.plugin or SPARSE_PLUGIN
+        self._qp = ca.conic(
+            f"qp_{index}", plugin, shape, {"error_on_fail": False, **_OPTIONS[plugin]}
+        )
 
     def step(
         self, x: np.ndarray, p: np.ndarray, bounds: nlp.RowBounds, damping: float
@@ -275,7 +348,8 @@ class LevelQp:
         p (n_p,) [unit of the parameter]. damping [1/unit of x^2]: weight of the square of the step.
         """
         slope, H, g, A = self._linearize.call([x, p, damping])
-        gradient, rows = np.array(slope).ravel(), np.array(g).ravel()
+        gradient = np.array(slope).ravel()
+        rows = np.array(g).ravel()
         if not (np.isfinite(rows).all() and np.isfinite(gradient).all()):
             return np.zeros_like(x), nlp.NlpStatus.NOT_A_NUMBER
         solution = self._qp(
@@ -297,21 +371,30 @@ class LevelQp:
 
 
 class SparseLevels:
-    """A `LevelModel`; its QPs are built once, here. Raises `InvalidInput` for a program without derivative functions."""
+    """A `LevelModel`; its QPs are built once, here. Raises `InvalidInput` for a program without
+    derivative functions.
+    """
 
     def __init__(self, program: nlp.LexicographicProgram, options: SqpOptions) -> None:
-        self._program, self.slack = program, options.tolerance
+        self._program = program
+        self.slack = options.tolerance
         self._qps = [LevelQp(level, i, options) for i, level in enumerate(program.nlps)]
-        self._p, self._from, self._step = np.zeros(program.n_p), np.zeros(program.n_x), np.zeros(program.n_x)
+        self._p = np.zeros(program.n_p)
+        self._from = np.zeros(program.n_x)
+        self._step = np.zeros(program.n_x)
         self._bounds = nlp.row_bounds(program.ranges, -np.inf, np.inf, program.n_x)
 
     def begin(self, x: np.ndarray, p: np.ndarray, bounds: nlp.RowBounds) -> SqpPoint:
         """Begin as `LevelModel.begin`; x (n_x,) [unit of x], p (n_p,) [unit of the parameter]."""
-        self._p, self._bounds = p, bounds
-        self._from, self._step = x, np.zeros_like(x)
+        self._p = p
+        self._bounds = bounds
+        self._from = x
+        self._step = np.zeros_like(x)
         return self.moved(0.0)
 
-    def step(self, level: int, point: SqpPoint, bounds: nlp.RowBounds, damping: float) -> nlp.NlpStatus | None:
+    def step(
+        self, level: int, point: SqpPoint, bounds: nlp.RowBounds, damping: float
+    ) -> nlp.NlpStatus | None:
         """Solve the QP of a level as `LevelModel.step`; damping [1/unit of x^2]."""
         self._from = point.x
         self._step, failure = self._qps[level].step(point.x, self._p, bounds, damping)
@@ -319,15 +402,22 @@ class SparseLevels:
 
     def moved(self, share: float) -> SqpPoint:
         """Return the point after a share of the step, as `LevelModel.moved`."""
-        x, first = self._from + share * self._step, self._program.nlps[0]
+        x = self._from + share * self._step
+        first = self._program.nlps[0]
         rows = tuple(np.array(y).ravel() for y in self._program.values.call([x, self._p]))
         residuals = [self._residual(i, x, y) for i, y in enumerate(rows)]
-        violation = self._bounds.violation(x, np.array(first.functions["nlp_g"](x, self._p)).ravel(), first.rows)
-        merit = LevelMerit(violation=violation if np.isfinite(violation) else np.inf, residuals=np.array(residuals))
+        violation = self._bounds.violation(
+            x, np.array(first.functions["nlp_g"](x, self._p)).ravel(), first.rows
+        )
+        merit = LevelMerit(
+            violation=violation if np.isfinite(violation) else np.inf, residuals=np.array(residuals)
+        )
         return SqpPoint(x=x, rows=rows, merit=merit)
 
     def _residual(self, i: int, x: np.ndarray, y: np.ndarray) -> float:
-        """Norm of the rows of level i, or that of its cost where the cost is what is kept: there rows may weigh differently."""
+        """Norm of the rows of level i, or that of its cost where the cost is what is kept: there
+        rows may weigh differently.
+        """
         level = self._program.ranges.levels[i]
         if level.relax is None:
             return float(np.linalg.norm(level.distance(y)))
@@ -344,7 +434,9 @@ class SparseLevels:
 
 @checked_dataclass(eq=False)
 class SqpResult:
-    """The best point of all steps: the first that keeps the constraints, or else the one that breaks them least."""
+    """The best point of all steps: the first that keeps the constraints, or else the one that
+    breaks them least.
+    """
 
     x: np.ndarray
     """(n,) [unit of x] finite."""
@@ -357,8 +449,9 @@ class SqpResult:
     solve_time: float
     """[s] by the clock that was given."""
     reached: tuple[float, ...] = ()
-    """(n,) norm of the residual of each level after its own turn in the step that led to x; levels below may have raised
-    it by `SqpOptions.tolerance`, and levels that had no turn are missing."""
+    """(n,) norm of the residual of each level after its own turn in the step that led to x; levels
+    below may have raised it by `SqpOptions.tolerance`, and levels that had no turn are missing.
+    """
 
 
 @runtime_checkable
@@ -372,7 +465,9 @@ class StagedProgram(SelfSolving, Protocol):
 def _model(program: nlp.LexicographicProgram | StagedProgram, options: SqpOptions) -> LevelModel:
     if isinstance(program, nlp.LexicographicProgram):
         if options.plugin == STAGEWISE:
-            raise InvalidInput("the program has no stages; transcribe it stage by stage, or give another plugin")
+            raise InvalidInput(
+                "the program has no stages; transcribe it stage by stage, or give another plugin"
+            )
         return SparseLevels(program, options)
     return program.level_model(options.tolerance)
 
@@ -381,12 +476,15 @@ def _model(program: nlp.LexicographicProgram | StagedProgram, options: SqpOption
 class RealTimeSqp:
     """Steps of one program: its QPs are built once, here.
 
-    Raises `InvalidInput` for a program without derivative functions, and for one that has no stages where the options ask for
-    them. The Hessian must not be indefinite: Gauss-Newton.
+    Raises `InvalidInput` for a program without derivative functions, and for one that has no stages
+    where the options ask for them. The Hessian must not be indefinite: Gauss-Newton.
     """
 
-    def __init__(self, program: nlp.LexicographicProgram | StagedProgram, options: SqpOptions | None = None) -> None:
-        self.program, self.options = program, options or SqpOptions()
+    def __init__(
+        self, program: nlp.LexicographicProgram | StagedProgram, options: SqpOptions | None = None
+    ) -> None:
+        self.program = program
+        self.options = options or SqpOptions()
         self._model = _model(program, self.options)
         self._turns = LexicographicSqp(self._model, self.options, len(program.ranges.levels))
 
@@ -400,15 +498,21 @@ class RealTimeSqp:
         time_limit: Bound = np.inf,
         clock: Callable[[], float] = perf_counter,
     ) -> SqpResult:
-        """Make one step from x (n,) [unit of x], and more while the constraints are broken and `time_limit` [s] allows
-        another.
+        """Make one step from x (n,) [unit of x], and more while the constraints are broken and
+        `time_limit` [s] allows another.
 
-        p (n_p,) [unit of the parameter]; x_lower and x_upper (n,), or one for all variables [unit of x].
+        p (n_p,) [unit of the parameter]; x_lower and x_upper (n,), or one for all variables [unit
+        of x].
         """
-        budget, ranges = TimeBudget(time_limit, clock), self.program.ranges
+        budget = TimeBudget(time_limit, clock)
+        ranges = self.program.ranges
         bounds = nlp.row_bounds(ranges, x_lower, x_upper, len(x))
-        best, violation, reached = None, np.inf, tuple[float, ...]()
-        status, steps, point = nlp.NlpStatus.ITERATION_LIMIT, 0, self._model.begin(x, p, bounds)
+        best = None
+        violation = np.inf
+        reached = tuple[float, ...]()
+        status = nlp.NlpStatus.ITERATION_LIMIT
+        steps = 0
+        point = self._model.begin(x, p, bounds)
         while steps < self.options.max_steps:
             point, failure = self._turns.step(point, ranges.levels, bounds, budget)
             steps += 1
@@ -416,7 +520,9 @@ class RealTimeSqp:
                 status = failure
                 break
             if point.merit.violation < violation:
-                best, violation, reached = point, point.merit.violation, point.reached
+                best = point
+                violation = point.merit.violation
+                reached = point.reached
             if violation <= self.options.accuracy:
                 status = nlp.NlpStatus.SOLVED
                 break

@@ -1,4 +1,6 @@
-"""Convex QPs of stages by an interior point around a Riccati recursion, in C; by PIQP without a compiler."""
+"""Convex QPs of stages by an interior point around a Riccati recursion, in C; by PIQP without a
+compiler.
+"""
 
 import lazy_loader
 

@@ -10,7 +10,13 @@ from typing import Any
 
 import numpy as np
 
-from uvms_ocp.codegen.compile import WIDE_MACROS, c_macros, compile_library, constants_of, loaded_library
+from uvms_ocp.codegen.compile import (
+    WIDE_MACROS,
+    c_macros,
+    compile_library,
+    constants_of,
+    loaded_library,
+)
 from uvms_ocp.solvers.stage_qp import problem, tolerances
 from uvms_ocp.types import Array
 
@@ -21,11 +27,34 @@ _FLAGS = ("-O2", "-ftree-vectorize", "-std=c99")
 _STATUSES = tuple(problem.StageQpStatus)
 _SIZES = ("n_x", "n_u", "n_r", "n_c")
 _PLACES = ("x", "z", "r", "c", "F", "J", "H", "C", "T")
-_DATA = {"dynamics": "dynamics", "offset": "b", "rows": "J", "residual": "r", "hessian": "H", "gradient": "g"}
+_DATA = {
+    "dynamics": "dynamics",
+    "offset": "b",
+    "rows": "J",
+    "residual": "r",
+    "hessian": "H",
+    "gradient": "g",
+}
 _DATA |= {"damping": "damping", "constraints": "C"}
-_STAGE_WORK = ("fixed", "Q", "q", "L", "inverse", "first", "column", "entry", "W", "two", "v", "list")
+_STAGE_WORK = (
+    "fixed",
+    "Q",
+    "q",
+    "L",
+    "inverse",
+    "first",
+    "column",
+    "entry",
+    "W",
+    "two",
+    "v",
+    "list",
+)
 _TABLE = ("bound", "side", "elastic", "equal", "target", "l1", "l2", "compliance", "norm")
-_BOUNDS = {name: name.removeprefix("c_") for name in ("lower", "upper", "c_l1", "c_l2", "z_lower", "z_upper", "z_l1", "z_l2")}
+_BOUNDS = {
+    name: name.removeprefix("c_")
+    for name in ("lower", "upper", "c_l1", "c_l2", "z_lower", "z_upper", "z_l1", "z_l2")
+}
 _HELD = ("loose", "active", "no_side", "held_equal", "held_target")
 _WORK = ("elasticity", "point", "best", "step", "affine", "trial")
 _DIRECTION = ("weight", "soft", "left", "gap", "pull", "rhs", "t_side", "t_elastic")
@@ -36,13 +65,19 @@ def _fields(kind: type[Any], *names: str) -> tuple[tuple[str, Any], ...]:
     return tuple((name, kind) for name in names)
 
 
-_pointers, _numbers, _integers = (partial(_fields, kind) for kind in (ctypes.c_void_p, ctypes.c_double, ctypes.c_int))
+_pointers, _numbers, _integers = (
+    partial(_fields, kind) for kind in (ctypes.c_void_p, ctypes.c_double, ctypes.c_int)
+)
 
 
 class _Stages(ctypes.Structure):
     """Mirror of `Stages` in riccati.c."""
 
-    _fields_ = (*_integers("N", "squares"), *_pointers(*_SIZES, *_PLACES, *_DATA, *_STAGE_WORK), *_numbers("most", "least"))
+    _fields_ = (
+        *_integers("N", "squares"),
+        *_pointers(*_SIZES, *_PLACES, *_DATA, *_STAGE_WORK),
+        *_numbers("most", "least"),
+    )
 
 
 class _Residuals(ctypes.Structure):
@@ -50,7 +85,16 @@ class _Residuals(ctypes.Structure):
 
     _fields_ = (
         *_pointers(*_RESIDUALS),
-        *_numbers("stationarity", "primal", "complementarity", "steepest", "gradient", "variable", "linear", "worst"),
+        *_numbers(
+            "stationarity",
+            "primal",
+            "complementarity",
+            "steepest",
+            "gradient",
+            "variable",
+            "linear",
+            "worst",
+        ),
         ("along", ctypes.c_double * 3),
     )
 
@@ -65,7 +109,15 @@ class _Problem(ctypes.Structure):
         ("now", _Residuals),
         ("other", _Residuals),
         *_numbers("curvature", "tolerance", "warm_mu", "cold_mu", "slow", "share"),
-        *_integers("n_bounded", "max_iterations", "iterations", "corrections", "status", "start", "is_elastic"),
+        *_integers(
+            "n_bounded",
+            "max_iterations",
+            "iterations",
+            "corrections",
+            "status",
+            "start",
+            "is_elastic",
+        ),
     )
 
 
@@ -73,14 +125,21 @@ class CompiledCore:
     """The solver of one shape."""
 
     def __init__(self, library: ctypes.CDLL, shape: problem.StageShape) -> None:
-        n, m, n_x = sum(shape.n_z), sum(shape.n_c), sum(shape.n_x)
-        M, self._library, self._shape = m + n, library, shape
+        n = sum(shape.n_z)
+        m = sum(shape.n_c)
+        n_x = sum(shape.n_x)
+        M = m + n
+        self._library = library
+        self._shape = shape
         self._problem = _Problem(M=M, m=m, n=n, n_x=n_x)
         self._problem.stages.N = shape.N
         # What ctypes only knows the address of.
-        self._indices, self._stage_work = _indices(shape), _stage_work(shape)
-        self._work, self._table = _work(n, m, n_x), _table(n, m)
-        # Variables, costates, multipliers of equalities, then slacks and multipliers of both sides of each row.
+        self._indices = _indices(shape)
+        self._stage_work = _stage_work(shape)
+        self._work = _work(n, m, n_x)
+        self._table = _table(n, m)
+        # Variables, costates, multipliers of equalities, then slacks and multipliers of both sides
+        # of each row.
         self._parts = problem.parts(self._work["point"], (n, n_x, M, 2 * M, 2 * M))
         self._near = self._work["point"][: n + n_x + M]
         self._work["loose"][:] = problem.undetermined_variables(shape)
@@ -93,20 +152,31 @@ class CompiledCore:
         _point(self._problem.other, self._other)
 
     def run(
-        self, qp: problem.StageQp, table: problem.RowTable, z: Array, options: problem.StageQpOptions, *, phase_one: bool
+        self,
+        qp: problem.StageQp,
+        table: problem.RowTable,
+        z: Array,
+        options: problem.StageQpOptions,
+        *,
+        phase_one: bool,
     ) -> problem.FlatSolution:
-        """Run from z (n,) [unit of z] with the rows of a table: without the cost in phase one, else with steps that are damped in
-        directions without curvature."""
+        """Run from z (n,) [unit of z] with the rows of a table: without the cost in phase one, else
+        with steps that are damped in directions without curvature.
+        """
         self._load(qp, options)
         for name, array in self._table.items():
             array[:] = np.ravel(getattr(table, name).T)
         self._stage_work["fixed"][:], self._work["point"][:] = table.fixed, 0.0
         self._parts[0][:] = z
-        self._problem.start = int(problem.StartMode.EQUALITIES if phase_one else problem.StartMode.COLD)
+        self._problem.start = int(
+            problem.StartMode.EQUALITIES if phase_one else problem.StartMode.COLD
+        )
         self._library.solve_qp(ctypes.byref(self._problem), int(phase_one), int(not phase_one))
         return self._end(qp)
 
-    def solve(self, qp: problem.StageQp, options: problem.StageQpOptions, near: problem.WarmStart | None) -> problem.FlatSolution:
+    def solve(
+        self, qp: problem.StageQp, options: problem.StageQpOptions, near: problem.WarmStart | None
+    ) -> problem.FlatSolution:
         """Solve as `SparseCore.solve`."""
         self._load(qp, options)
         if near is not None:
@@ -129,7 +199,9 @@ class CompiledCore:
         """Return the stationarity error as `SparseCore.stationarity`."""
         self._load(qp, None)
         stages, m = ctypes.byref(self._problem.stages), ctypes.c_int(self._problem.m)
-        return float(self._library.stationarity(stages, _address(near.costate), _address(near.y), m))
+        return float(
+            self._library.stationarity(stages, _address(near.costate), _address(near.y), m)
+        )
 
     def _load(self, qp: problem.StageQp, options: problem.StageQpOptions | None) -> None:
         memory = self._problem
@@ -152,11 +224,17 @@ class CompiledCore:
             costate=costate.copy(),
             y=y,
             value=self._now["value"].copy(),
-            kkt=problem.kkt_residual(stationarity=now.stationarity, primal=now.primal, complementarity=now.complementarity),
+            kkt=problem.kkt_residual(
+                stationarity=now.stationarity,
+                primal=now.primal,
+                complementarity=now.complementarity,
+            ),
             worst=now.worst,
             iterations=memory.iterations,
             shape=self._shape,
-            products=problem.ResidualProducts(*now.along) if memory.stages.squares else self.products(qp, z),
+            products=problem.ResidualProducts(*now.along)
+            if memory.stages.squares
+            else self.products(qp, z),
         )
 
 
@@ -181,21 +259,36 @@ def qp_library() -> ctypes.CDLL | None:
 
 
 def core_source() -> str:
-    """C99 source of the solver, for all shapes: `solve_qp` of iteration.c; needs libm only and allocates nothing."""
+    """C99 source of the solver, for all shapes: `solve_qp` of iteration.c; needs libm only and
+    allocates nothing.
+    """
     folder = files("uvms_ocp.solvers.stage_qp")
     texts = (folder.joinpath(name).read_text(encoding="utf-8") for name in _SOURCES)
     codes = ", ".join(f"{status.name} = {code}" for code, status in enumerate(_STATUSES))
     starts = ", ".join(f"START_{start.name} = {start.value}" for start in problem.StartMode)
-    return "\n".join([_HEAD, c_macros(constants_of(tolerances)), f"enum {{ {codes} }};\nenum {{ {starts} }};", *texts])
+    return "\n".join(
+        [
+            _HEAD,
+            c_macros(constants_of(tolerances)),
+            f"enum {{ {codes} }};\nenum {{ {starts} }};",
+            *texts,
+        ]
+    )
 
 
 def _indices(shape: problem.StageShape) -> dict[str, Any]:
-    n_x, n_z, n_r, n_c = shape.n_x, shape.n_z, shape.n_r, shape.n_c
+    n_x = shape.n_x
+    n_z = shape.n_z
+    n_r = shape.n_r
+    n_c = shape.n_c
     products = {"F": (n_x[1:], n_z), "J": (n_r, n_z), "H": (n_z, n_z), "C": (n_c, n_z)}
     sizes = {"x": n_x, "z": n_z, "r": n_r, "c": n_c, "T": [n * (n + 1) // 2 for n in n_z]}
     sizes |= {name: [m * n for m, n in zip(*pair, strict=False)] for name, pair in products.items()}
     given = {name: np.array((*getattr(shape, name), 0), dtype=np.int32) for name in _SIZES}
-    return {**given, **{name: np.array(problem.offsets(size), dtype=np.int32) for name, size in sizes.items()}}
+    return {
+        **given,
+        **{name: np.array(problem.offsets(size), dtype=np.int32) for name, size in sizes.items()},
+    }
 
 
 def padded(n: int) -> int:
@@ -204,12 +297,31 @@ def padded(n: int) -> int:
 
 
 def _stage_work(shape: problem.StageShape) -> dict[str, Any]:
-    n, most, triangles = sum(shape.n_z), padded(max(shape.n_z)), sum(n * (n + 1) // 2 for n in shape.n_z)
+    n, most, triangles = (
+        sum(shape.n_z),
+        padded(max(shape.n_z)),
+        sum(n * (n + 1) // 2 for n in shape.n_z),
+    )
     entries = sum(m * n for m, n in zip(shape.n_x[1:], shape.n_z, strict=False))
-    sizes = {"fixed": n, "Q": triangles, "q": n, "L": triangles, "inverse": n, "entry": entries, "two": 2 * most**2}
-    sizes |= {"W": 2 * padded(max(shape.n_x)) * most, "v": most, "list": 14 * max(*shape.n_r, *shape.n_c)}
+    sizes = {
+        "fixed": n,
+        "Q": triangles,
+        "q": n,
+        "L": triangles,
+        "inverse": n,
+        "entry": entries,
+        "two": 2 * most**2,
+    }
+    sizes |= {
+        "W": 2 * padded(max(shape.n_x)) * most,
+        "v": most,
+        "list": 14 * max(*shape.n_r, *shape.n_c),
+    }
     numbers = {name: np.zeros(size + 4) for name, size in sizes.items()} | {"fixed": np.zeros(n)}
-    return numbers | {"first": np.zeros(sum(shape.n_x) + 1, dtype=np.int32), "column": np.zeros(entries, dtype=np.int32)}
+    return numbers | {
+        "first": np.zeros(sum(shape.n_x) + 1, dtype=np.int32),
+        "column": np.zeros(entries, dtype=np.int32),
+    }
 
 
 def _work(n: int, m: int, n_x: int) -> dict[str, Any]:
@@ -222,10 +334,21 @@ def _work(n: int, m: int, n_x: int) -> dict[str, Any]:
 
 
 def _table(n: int, m: int) -> dict[str, Array]:
-    return {name: np.zeros((2 if name in ("bound", "side", "elastic") else 1) * (m + n)) for name in _TABLE}
+    return {
+        name: np.zeros((2 if name in ("bound", "side", "elastic") else 1) * (m + n))
+        for name in _TABLE
+    }
 
 
 def _residuals(n: int, m: int, n_x: int) -> dict[str, Array]:
     M = m + n
-    sizes = {"grad": n, "held": n, "defect": n_x, "value": M, "row": 2 * M, "equal": M, "dual": 2 * M}
+    sizes = {
+        "grad": n,
+        "held": n,
+        "defect": n_x,
+        "value": M,
+        "row": 2 * M,
+        "equal": M,
+        "dual": 2 * M,
+    }
     return {name: np.zeros(size) for name, size in sizes.items()}

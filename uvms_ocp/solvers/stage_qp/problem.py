@@ -1,4 +1,6 @@
-"""Convex QPs of stages as arrays written in place, the options of their solver, and their solutions."""
+"""Convex QPs of stages as arrays written in place, the options of their solver, and their
+solutions.
+"""
 
 from __future__ import annotations
 
@@ -16,16 +18,19 @@ from uvms_ocp.codegen.elementwise import interval_distance
 from uvms_ocp.errors import AdvisedStatus, InvalidInput
 from uvms_ocp.types import Array, Bound, Indices, Mask, Positive, Range
 
-# The numbers of a QP of stages, in arrays that are made once and written into, and how many there are.
+# The numbers of a QP of stages, in arrays that are made once and written into, and how many there
+# are.
 
 _BEYOND = 4  # numbers that compiled code may read after the end
 
 
 @checked_dataclass()
 class StageShape:
-    """N + 1 stages: N with states and controls, a last one with states only. Sizes may differ from stage to stage.
+    """N + 1 stages: N with states and controls, a last one with states only. Sizes may differ from
+    stage to stage.
 
-    Raises `InvalidInput` for lists of other lengths, negative sizes, and a horizon in which nothing varies.
+    Raises `InvalidInput` for lists of other lengths, negative sizes, and a horizon in which nothing
+    varies.
     """
 
     n_x: tuple[int, ...]
@@ -41,7 +46,9 @@ class StageShape:
         for name, length in (("n_x", self.N + 1), ("n_r", self.N + 1), ("n_c", self.N + 1)):
             if len(getattr(self, name)) != length:
                 given = len(getattr(self, name))
-                raise InvalidInput(f"{name} of {given} stages and n_u of {self.N}; give one stage more than in n_u")
+                raise InvalidInput(
+                    f"{name} of {given} stages and n_u of {self.N}; give one stage more than in n_u"
+                )
         if min((*self.n_x, *self.n_u, *self.n_r, *self.n_c)) < 0:
             raise InvalidInput("a stage has a negative size; give sizes >= 0")
         if sum(self.n_z) == 0:
@@ -69,9 +76,13 @@ def offsets(sizes: Iterable[int]) -> list[int]:
 
 
 def leading(sizes: Iterable[int], counts: Iterable[int]) -> Indices:
-    """Return where the first few numbers, as many as its count says, of each part of such `sizes` are in one array."""
+    """Return where the first few numbers, as many as its count says, of each part of such `sizes`
+    are in one array.
+    """
     firsts = zip(offsets(sizes), counts, strict=False)
-    return np.concatenate([np.zeros(0, dtype=int), *(first + np.arange(count) for first, count in firsts)])
+    return np.concatenate(
+        [np.zeros(0, dtype=int), *(first + np.arange(count) for first, count in firsts)]
+    )
 
 
 @lru_cache(maxsize=256)
@@ -90,18 +101,22 @@ class StageQp:
     """Min sum_k 1/2 |J_k z_k + r_k|^2 + 1/2 z_k' H_k z_k + g_k' z_k + 1/2 z_k' diag(damping_k) z_k, z_k = (x_k, u_k), with
     x_{k+1} = A_k x_k + B_k u_k + b_k, lower_k <= C_k z_k <= upper_k, z_lower_k <= z_k <= z_upper_k.
 
-    Every attribute below is a tuple with a view per stage; write with ``qp.A[k][:] = ...``. The views of one name lie one after
-    the other in ``qp.flat[name]``, row-major; A and B are columns of ``dynamics`` (n_x[k+1], n_z[k]). A cost that is not convex
-    is noticed while solving. Bounds may be infinite, and equal: an equality, or a fixed variable. A state x_0 that is given is
-    one whose bounds are equal (`fix_initial_state`).
+    Every attribute below is a tuple with a view per stage; write with ``qp.A[k][:] = ...``. The
+    views of one name lie one after the other in ``qp.flat[name]``, row-major; A and B are columns
+    of ``dynamics`` (n_x[k+1], n_z[k]). A cost that is not convex is noticed while solving. Bounds
+    may be infinite, and equal: an equality, or a fixed variable. A state x_0 that is given is one
+    whose bounds are equal (`fix_initial_state`).
 
-    A row of constraints or a bound is soft where its ``l1`` is finite: it may be missed by e >= 0 on either side, which costs
-    ``l1 e + l2 e^2 / 2``. All are hard at first: ``l1`` is infinite.
+    A row of constraints or a bound is soft where its ``l1`` is finite: it may be missed by e >= 0
+    on either side, which costs ``l1 e + l2 e^2 / 2``. All are hard at first: ``l1`` is infinite.
     """
 
     def __init__(self, shape: StageShape) -> None:
         self.shape = shape
-        n_z, n_x, n_r, n_c = shape.n_z, shape.n_x, shape.n_r, shape.n_c
+        n_z = shape.n_z
+        n_x = shape.n_x
+        n_r = shape.n_r
+        n_c = shape.n_c
         steps = list(zip(n_x[1:], n_z, strict=False))
         self.flat: dict[str, Array] = {}
         self.dynamics = self._matrices("dynamics", steps)
@@ -124,17 +139,25 @@ class StageQp:
         """(n_z,)"""
         self.C = self._matrices("C", list(zip(n_c, n_z, strict=True)))
         """(n_c, n_z)"""
-        self.lower, self.upper = self._vectors("lower", n_c, -np.inf), self._vectors("upper", n_c, np.inf)
+        self.lower, self.upper = (
+            self._vectors("lower", n_c, -np.inf),
+            self._vectors("upper", n_c, np.inf),
+        )
         """(n_c,)"""
         self.l1, self.l2 = self._vectors("l1", n_c, np.inf), self._vectors("l2", n_c)
         """(n_c,)"""
-        self.z_lower, self.z_upper = self._vectors("z_lower", n_z, -np.inf), self._vectors("z_upper", n_z, np.inf)
+        self.z_lower, self.z_upper = (
+            self._vectors("z_lower", n_z, -np.inf),
+            self._vectors("z_upper", n_z, np.inf),
+        )
         """(n_z,)"""
         self.z_l1, self.z_l2 = self._vectors("z_l1", n_z, np.inf), self._vectors("z_l2", n_z)
         """(n_z,)"""
 
     def fix_initial_state(self, x: Array) -> None:
-        """Begin the horizon at x (n,) [unit of x], n the states of the first stage. Raises `InvalidInput` for another shape."""
+        """Begin the horizon at x (n,) [unit of x], n the states of the first stage. Raises
+        `InvalidInput` for another shape.
+        """
         if np.shape(x) != (self.shape.n_x[0],):
             raise InvalidInput(f"x of shape {np.shape(x)}; give ({self.shape.n_x[0]},)")
         self.z_lower[0][: self.shape.n_x[0]] = x
@@ -154,8 +177,15 @@ def is_valid(qp: StageQp) -> bool:
     flat = qp.flat
     bounds = ("lower", "upper", "l1", "z_lower", "z_upper", "z_l1")
     numbers = all(np.isfinite(array).all() for name, array in flat.items() if name not in bounds)
-    sides = all((flat[f"{z}lower"] < np.inf).all() and (flat[f"{z}upper"] > -np.inf).all() for z in ("", "z_"))
-    return numbers and sides and all((flat[name] >= 0.0).all() for name in ("l1", "l2", "z_l1", "z_l2"))
+    sides = all(
+        (flat[f"{z}lower"] < np.inf).all() and (flat[f"{z}upper"] > -np.inf).all()
+        for z in ("", "z_")
+    )
+    return (
+        numbers
+        and sides
+        and all((flat[name] >= 0.0).all() for name in ("l1", "l2", "z_l1", "z_l2"))
+    )
 
 
 # How exactly a QP of stages is solved.
@@ -163,17 +193,23 @@ def is_valid(qp: StageQp) -> bool:
 
 @checked_dataclass(eq=False)
 class StageQpOptions:
-    """Raises `InvalidInput` for numbers that are not positive and finite, and more than 10,000 iterations."""
+    """Raises `InvalidInput` for numbers that are not positive and finite, and more than 10,000
+    iterations.
+    """
 
     tolerance: Positive = 1e-9
     """Tolerance of the KKT conditions, relative to the largest term in them."""
     max_iterations: Annotated[int, Range(1, 10_000)] = 60
     """Factors of one run; a QP that one run does not solve takes two more."""
     warm_mu: Positive = 1e-6
-    """Complementarity at a warm start, relative to the largest curvature: a squared distance to bounds."""
+    """Complementarity at a warm start, relative to the largest curvature: a squared distance to
+    bounds.
+    """
     cold_mu: Positive = 0.1
-    """Complementarity at a cold start, relative to what missed bounds cost by curvature and gradient. With more of it QPs in
-    which many bounds are reached take fewer factors, and those without a point are told later."""
+    """Complementarity at a cold start, relative to what missed bounds cost by curvature and
+    gradient. With more of it QPs in which many bounds are reached take fewer factors, and those
+    without a point are told later.
+    """
     compiled: bool = True
     """False keeps to PIQP, which solves the same QPs without warm starts."""
 
@@ -185,14 +221,20 @@ class StageQpStatus(AdvisedStatus):
     """Outcome of one QP."""
 
     SOLVED = "solved", "nothing to do"
-    INEXACT = "inexact", "the KKT conditions hold to a thousand times the tolerance only; scale the rows"
+    INEXACT = (
+        "inexact",
+        "the KKT conditions hold to a thousand times the tolerance only; scale the rows",
+    )
     INFEASIBLE = "infeasible", "no point keeps the constraints; loosen them, or make rows soft"
     UNBOUNDED = "unbounded", "the cost falls without end; add damping, or bounds"
     NOT_CONVEX = "not convex", "a Hessian is indefinite; use Gauss-Newton, or add damping"
     ITERATION_LIMIT = "iteration limit", "raise max_iterations, or scale the rows"
     NOT_A_NUMBER = (
         "not a number",
-        "an entry of the QP is not finite, a bound endless on the wrong side, or slack rewarded; look where it comes from",
+        (
+            "an entry of the QP is not finite, a bound endless on the wrong side, or slack"
+            " rewarded; look where it comes from"
+        ),
     )
 
     @property
@@ -217,8 +259,8 @@ class KktResidual:
 class StageQpSolution:
     """Point and multipliers; tuples have an entry per stage, views of arrays of their own.
 
-    Lagrangian: ``cost + costate_{k+1}' (A x + B u + b - x_{k+1}) + y' C z + y_z' z``: a multiplier is positive at an upper bound
-    and negative at a lower one.
+    Lagrangian: ``cost + costate_{k+1}' (A x + B u + b - x_{k+1}) + y' C z + y_z' z``: a multiplier
+    is positive at an upper bound and negative at a lower one.
     """
 
     status: StageQpStatus
@@ -261,8 +303,8 @@ class WarmStart:
 class FlatSolution:
     """A `StageQpSolution` in arrays with stage after stage, for who solves one QP after the other.
 
-    As one run ends its status is SOLVED, NOT_CONVEX, NOT_A_NUMBER, ITERATION_LIMIT, or UNBOUNDED where steps are, which proves
-    nothing.
+    As one run ends its status is SOLVED, NOT_CONVEX, NOT_A_NUMBER, ITERATION_LIMIT, or UNBOUNDED
+    where steps are, which proves nothing.
     """
 
     status: StageQpStatus
@@ -337,7 +379,9 @@ SIGNS = np.array([[1.0], [-1.0]])
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class RowTable:
-    """M rows: those of constraints, stage after stage, then the variables. Arrays (2, M) hold lower and upper sides."""
+    """M rows: those of constraints, stage after stage, then the variables. Arrays (2, M) hold lower
+    and upper sides.
+    """
 
     bound: Array
     """(2, M) [unit of the row] 0 where there is none."""
@@ -354,7 +398,9 @@ class RowTable:
     l2: Array
     """(M,) [1/unit of the row^2] the same."""
     compliance: Array
-    """(M,) [unit of the row^2] of rows that are missed in proportion to their multiplier; 0 of the others."""
+    """(M,) [unit of the row^2] of rows that are missed in proportion to their multiplier; 0 of the
+    others.
+    """
     norm: Array
     """(M,) [unit of the row/unit of z] largest entry of a row, 1 where all are 0."""
     fixed: Mask
@@ -365,25 +411,38 @@ class RowTable:
         return np.where(self.fixed, qp.flat["z_lower"], 0.0)
 
     def violation(self, value: Array) -> float:
-        """Largest [unit of z] of hard rows at the value (M,) [unit of the row] of all, relative to their norm."""
+        """Largest [unit of z] of hard rows at the value (M,) [unit of the row] of all, relative to
+        their norm.
+        """
         hard = self.compliance == 0.0
-        sides = np.where(self.side & ~self.elastic & hard, SIGNS * (self.bound - value), 0.0).max(axis=0, initial=0.0)
+        sides = np.where(self.side & ~self.elastic & hard, SIGNS * (self.bound - value), 0.0).max(
+            axis=0, initial=0.0
+        )
         equal = np.where(self.equal & hard, np.abs(value - self.target), 0.0)
         return float(np.max((sides + equal) / self.norm, initial=0.0))
 
 
 def row_table(qp: StageQp, *, phase_one: bool = False) -> RowTable:
-    """Build the row table of a QP; in phase one all hard rows are elastic, at a cost of 1 for the norm of the row, and soft
-    ones are none."""
+    """Build the row table of a QP; in phase one all hard rows are elastic, at a cost of 1 for the
+    norm of the row, and soft ones are none.
+    """
     flat = qp.flat
-    lower, upper, l1, l2 = (np.concatenate([flat[name], flat[f"z_{name}"]]) for name in ("lower", "upper", "l1", "l2"))
-    n_rows, norm = len(flat["lower"]), np.concatenate([*map(norms, qp.C), np.ones(sum(qp.shape.n_z))])
-    fixed = undetermined_variables(qp.shape) & (flat["z_lower"] == flat["z_upper"]) & (flat["z_l1"] == np.inf)
+    lower, upper, l1, l2 = (
+        np.concatenate([flat[name], flat[f"z_{name}"]]) for name in ("lower", "upper", "l1", "l2")
+    )
+    n_rows = len(flat["lower"])
+    norm = np.concatenate([*map(norms, qp.C), np.ones(sum(qp.shape.n_z))])
+    fixed = (
+        undetermined_variables(qp.shape)
+        & (flat["z_lower"] == flat["z_upper"])
+        & (flat["z_l1"] == np.inf)
+    )
     counts = np.concatenate([np.ones(n_rows, dtype=bool), ~fixed])
     hard = l1 == np.inf
     if phase_one:
         counts &= hard
-        l1, l2 = 1.0 / norm, np.zeros_like(l2)
+        l1 = 1.0 / norm
+        l2 = np.zeros_like(l2)
         hard = np.zeros_like(hard)
     counts &= hard | (l1 > 0.0) | (l2 > 0.0)
     elastic = counts & ~hard & (l1 > 0.0)

@@ -1,10 +1,11 @@
-"""Solve QPs of stages by an interior point [Mehrotra1992]: one factorisation per iteration, and one where no bound is reached.
+"""Solve QPs of stages by an interior point [Mehrotra1992]: one factorisation per iteration, and one
+where no bound is reached.
 
-Where there is a QP nearby, bounds that are reached are guessed from it: they are equalities and all others are none, until both
-prove right [Hintermueller2002].
+Where there is a QP nearby, bounds that are reached are guessed from it: they are equalities and all
+others are none, until both prove right [Hintermueller2002].
 
-A QP that a first run has not solved is looked at again: with its residuals as rows, and for recession directions, along
-which its cost falls without end.
+A QP that a first run has not solved is looked at again: with its residuals as rows, and for
+recession directions, along which its cost falls without end.
 """
 
 from __future__ import annotations
@@ -21,31 +22,41 @@ from uvms_ocp.errors import InvalidInput
 from uvms_ocp.solvers.stage_qp import compiled, problem, sparse_core, tolerances
 from uvms_ocp.types import Array
 
-# A QP with its residuals as rows: where a Hessian is the sum of stiff and weak ones, the weak are lost to rounding.
+# A QP with its residuals as rows: where a Hessian is the sum of stiff and weak ones, the weak are
+# lost to rounding.
 
 _COPIED = ("dynamics", "b", "H", "g", "damping", "z_lower", "z_upper", "z_l1", "z_l2")
 _ROWS = ("C", "lower", "upper", "l1", "l2")
 
 
 def with_residuals_as_rows(qp: problem.StageQp) -> problem.StageQp:
-    """The same QP where every residual is a row behind the others that is missed at the same cost."""
+    """The same QP where every residual is a row behind the others that is missed at the same
+    cost.
+    """
     other = with_rows(qp, qp.J)
     for name in _COPIED:
         other.flat[name][:] = qp.flat[name]
     for k, (J, r) in enumerate(zip(qp.J, qp.r, strict=True)):
-        n, norm = qp.shape.n_c[k], problem.norms(J)
+        n = qp.shape.n_c[k]
+        norm = problem.norms(J)
         other.lower[k][n:] = other.upper[k][n:] = -r / norm
         other.l1[k][n:], other.l2[k][n:] = 0.0, norm**2
     return other
 
 
 def original_rows(shape: problem.StageShape, larger: problem.StageShape) -> Array:
-    """(M,) where the rows and variables of a QP stand among those of one that has more rows behind them in each stage."""
-    return np.concatenate([problem.leading(larger.n_c, shape.n_c), sum(larger.n_c) + np.arange(sum(shape.n_z))])
+    """(M,) where the rows and variables of a QP stand among those of one that has more rows behind
+    them in each stage.
+    """
+    return np.concatenate(
+        [problem.leading(larger.n_c, shape.n_c), sum(larger.n_c) + np.arange(sum(shape.n_z))]
+    )
 
 
 def with_rows(qp: problem.StageQp, rows: Sequence[Array]) -> problem.StageQp:
-    """Its constraints and, without a cost, more `rows` (m, n_z) [any], of largest entry 1, that are to be 0."""
+    """Its constraints and, without a cost, more `rows` (m, n_z) [any], of largest entry 1, that are
+    to be 0.
+    """
     n_c = tuple(n + len(own) for n, own in zip(qp.shape.n_c, rows, strict=True))
     other = problem.StageQp(replace(qp.shape, n_r=(0,) * len(n_c), n_c=n_c))
     for k, (n, own) in enumerate(zip(qp.shape.n_c, rows, strict=True)):
@@ -65,12 +76,17 @@ _SIDES = (("lower", -np.inf), ("upper", np.inf))
 
 def may_be_unbounded(qp: problem.StageQp) -> bool:
     """Check whether some variable has neither curvature of its own nor two bounds."""
-    held = np.isfinite(qp.flat["z_lower"]) & np.isfinite(qp.flat["z_upper"]) & (qp.flat["z_l1"] == np.inf)
+    held = (
+        np.isfinite(qp.flat["z_lower"])
+        & np.isfinite(qp.flat["z_upper"])
+        & (qp.flat["z_l1"] == np.inf)
+    )
     return bool((~held & (qp.flat["damping"] == 0.0)).any())
 
 
 def recession_problem(qp: problem.StageQp) -> problem.StageQp:
-    """The QP whose optimum is the steepest of all ways along which no cost but the linear one changes, and no hard row breaks.
+    """The QP whose optimum is the steepest of all ways along which no cost but the linear one
+    changes, and no hard row breaks.
 
     Ways are a cone, and the optimum is what of the gradient lies in it: 0 where there is none.
     """
@@ -84,7 +100,11 @@ def recession_problem(qp: problem.StageQp) -> problem.StageQp:
     for z in ("", "z_"):
         _make_cone(other, z, steepest)
     bent = qp.flat["damping"] > 0.0
-    other.flat["z_lower"][bent], other.flat["z_upper"][bent], other.flat["z_l1"][bent] = 0.0, 0.0, np.inf
+    other.flat["z_lower"][bent], other.flat["z_upper"][bent], other.flat["z_l1"][bent] = (
+        0.0,
+        0.0,
+        np.inf,
+    )
     return other
 
 
@@ -99,15 +119,22 @@ def _make_cone(other: problem.StageQp, z: str, steepest: float) -> None:
 
 
 def is_recession_direction(other: problem.StageQp, z: tuple[Array, ...]) -> bool:
-    """Check whether the optimum z (n_z,) [unit of z] of `recession_problem` is a recession direction, by its own numbers."""
+    """Check whether the optimum z (n_z,) [unit of z] of `recession_problem` is a recession
+    direction, by its own numbers.
+    """
     longest = max(np.abs(own).max(initial=0.0) for own in z)
     if not 0.0 < longest < np.inf:
         return False
-    way, worst, rise = [own / longest for own in z], 0.0, 0.0
+    way = [own / longest for own in z]
+    worst = 0.0
+    rise = 0.0
     for k, d in enumerate(way):
         missed = interval_excess(other.C[k] @ d, other.lower[k], other.upper[k])
         beyond = interval_excess(d, other.z_lower[k], other.z_upper[k])
-        for l1, by, norm in ((other.l1[k], missed, problem.norms(other.C[k])), (other.z_l1[k], beyond, 1.0)):
+        for l1, by, norm in (
+            (other.l1[k], missed, problem.norms(other.C[k])),
+            (other.z_l1[k], beyond, 1.0),
+        ):
             worst = max(worst, (by / norm)[l1 == np.inf].max(initial=0.0))
             soft = l1 < np.inf
             rise += float(l1[soft] @ by[soft])
@@ -118,9 +145,12 @@ def is_recession_direction(other: problem.StageQp, z: tuple[Array, ...]) -> bool
     return bool(worst <= _EXACT and rise <= -_STEEP)
 
 
-# QPs of stages by an interior point: with a factor per iteration, and one only where no bound is reached.
+# QPs of stages by an interior point: with a factor per iteration, and one only where no bound is
+# reached.
 
-_with = lru_cache(maxsize=64)(lambda options, *given: replace(options, **{k: v for k, v in given if v is not None}))
+_with = lru_cache(maxsize=64)(
+    lambda options, *given: replace(options, **{k: v for k, v in given if v is not None})
+)
 _UNCLEAR = (problem.StageQpStatus.ITERATION_LIMIT, problem.StageQpStatus.UNBOUNDED)
 _MISSED = 1e-5  # relative violation that no point does without
 _ROUGH = 1e-6  # tolerance of phase one
@@ -130,19 +160,29 @@ _ROUGH = 1e-6  # tolerance of phase one
 class StageQpSolver:
     """Solves QPs of one shape, one at a time; memory is made once, here.
 
-    In C where there is a compiler, without holding the interpreter's lock; otherwise by PIQP, which finds the same optimum, and
-    starts every QP anew.
+    In C where there is a compiler, without holding the interpreter's lock; otherwise by PIQP, which
+    finds the same optimum, and starts every QP anew.
     """
 
-    def __init__(self, shape: problem.StageShape, options: problem.StageQpOptions | None = None) -> None:
-        self.shape, self.options = shape, options or problem.StageQpOptions()
+    def __init__(
+        self, shape: problem.StageShape, options: problem.StageQpOptions | None = None
+    ) -> None:
+        self.shape = shape
+        self.options = options or problem.StageQpOptions()
         library = compiled.qp_library() if self.options.compiled else None
-        self._core = sparse_core.SparseCore(shape) if library is None else compiled.CompiledCore(library, shape)
+        self._core = (
+            sparse_core.SparseCore(shape)
+            if library is None
+            else compiled.CompiledCore(library, shape)
+        )
 
-    def solve(self, qp: problem.StageQp, warm: problem.StageQpSolution | None = None) -> problem.StageQpSolution:
+    def solve(
+        self, qp: problem.StageQp, warm: problem.StageQpSolution | None = None
+    ) -> problem.StageQpSolution:
         """The optimum; where there is none, what `StageQpStatus` says. No numbers raise anything.
 
-        warm: the solution of a QP nearby, of the same shape. Raises `InvalidInput` for a QP of another shape.
+        warm: the solution of a QP nearby, of the same shape. Raises `InvalidInput` for a QP of
+        another shape.
         """
         return _split(qp, self.solve_flat(qp, None if warm is None else _near(warm)))
 
@@ -157,12 +197,17 @@ class StageQpSolver:
     ) -> problem.FlatSolution:
         """The same in arrays with stage after stage.
 
-        near: the solution of a QP nearby. tolerance, max_iterations: instead of those of the options. explained: False takes less
-        time where no optimum is found, and does not tell infeasible from unbounded. Raises `InvalidInput` as `solve` does.
+        near: the solution of a QP nearby. tolerance, max_iterations: instead of those of the
+        options. explained: False takes less time where no optimum is found, and does not tell
+        infeasible from unbounded. Raises `InvalidInput` as `solve` does.
         """
         if qp.shape is not self.shape and qp.shape != self.shape:
             raise InvalidInput("the QP has another shape than the solver; make a solver for it")
-        end = self._core.solve(qp, _with(self.options, ("tolerance", tolerance), ("max_iterations", max_iterations)), near)
+        end = self._core.solve(
+            qp,
+            _with(self.options, ("tolerance", tolerance), ("max_iterations", max_iterations)),
+            near,
+        )
         if explained and (end.status in _UNCLEAR or _only_rounding(qp, end)):
             end = self._explain(qp, problem.row_table(qp), end)
         return end
@@ -172,26 +217,39 @@ class StageQpSolver:
         return self._core.steepest(qp)
 
     def error(self, qp: problem.StageQp, near: problem.WarmStart) -> float:
-        """Compute by how much the multipliers of the QP solved last miss the optimality conditions of another one at 0.
+        """Compute by how much the multipliers of the QP solved last miss the optimality conditions
+        of another one at 0.
 
-        Largest entry [1/unit of z] of the gradient of its Lagrangian, or product with what is left to a bound.
+        Largest entry [1/unit of z] of the gradient of its Lagrangian, or product with what is left
+        to a bound.
         """
         counts = np.flatnonzero(near.y)
-        y, flat = near.y[counts], qp.flat
-        lower, upper = (np.concatenate([flat[name], flat[f"z_{name}"]])[counts] for name in ("lower", "upper"))
+        y = near.y[counts]
+        flat = qp.flat
+        lower, upper = (
+            np.concatenate([flat[name], flat[f"z_{name}"]])[counts] for name in ("lower", "upper")
+        )
         left = y * np.where(y > 0.0, upper, lower)
         return max(self._core.stationarity(qp, near), float(np.abs(left).max(initial=0.0)))
 
-    def _explain(self, qp: problem.StageQp, table: problem.RowTable, failed: problem.FlatSolution) -> problem.FlatSolution:
-        """Explain a failed run: phase one finds whether there is a feasible point at all, and where."""
+    def _explain(
+        self, qp: problem.StageQp, table: problem.RowTable, failed: problem.FlatSolution
+    ) -> problem.FlatSolution:
+        """Explain a failed run: phase one finds whether there is a feasible point at all, and
+        where.
+        """
         if failed.worst <= self._inexact and failed.status is problem.StageQpStatus.ITERATION_LIMIT:
             return replace(failed, status=problem.StageQpStatus.INEXACT)
         # With next to no curvature phase one loses digits, and needs few.
         rough = replace(self.options, tolerance=max(self.options.tolerance, _ROUGH))
-        least = self._core.run(qp, problem.row_table(qp, phase_one=True), table.rest(qp), rough, phase_one=True)
+        least = self._core.run(
+            qp, problem.row_table(qp, phase_one=True), table.rest(qp), rough, phase_one=True
+        )
         spent = failed.iterations + least.iterations
         missed = table.violation(_values(qp, least.z))
-        if least.status is problem.StageQpStatus.SOLVED and missed > _MISSED * (1.0 + np.abs(least.z).max()):
+        if least.status is problem.StageQpStatus.SOLVED and missed > _MISSED * (
+            1.0 + np.abs(least.z).max()
+        ):
             return replace(least, status=problem.StageQpStatus.INFEASIBLE, iterations=spent)
         if self._is_unbounded(qp):
             return replace(failed, status=problem.StageQpStatus.UNBOUNDED, iterations=spent)
@@ -207,7 +265,11 @@ class StageQpSolver:
         """Endless steps, and rounding, prove nothing."""
         if best.status is problem.StageQpStatus.SOLVED:
             return best.status
-        status = best.status if best.status is problem.StageQpStatus.NOT_A_NUMBER else problem.StageQpStatus.ITERATION_LIMIT
+        status = (
+            best.status
+            if best.status is problem.StageQpStatus.NOT_A_NUMBER
+            else problem.StageQpStatus.ITERATION_LIMIT
+        )
         return problem.StageQpStatus.INEXACT if best.worst <= self._inexact else status
 
     def _is_unbounded(self, qp: problem.StageQp) -> bool:
@@ -221,19 +283,27 @@ class StageQpSolver:
     def _run_damped(self, qp: problem.StageQp, z: Array) -> problem.FlatSolution:
         """With residuals as rows, and some curvature for directions that have none, from z."""
         other = with_residuals_as_rows(qp)
-        table, own = problem.row_table(other), original_rows(qp.shape, other.shape)
-        end = StageQpSolver(other.shape, self.options)._core.run(other, table, z, self.options, phase_one=False)
+        table = problem.row_table(other)
+        own = original_rows(qp.shape, other.shape)
+        end = StageQpSolver(other.shape, self.options)._core.run(
+            other, table, z, self.options, phase_one=False
+        )
         products = self._core.products(qp, end.z)
         return replace(end, y=end.y[own], value=end.value[own], shape=self.shape, products=products)
 
 
 def _only_rounding(qp: problem.StageQp, end: problem.FlatSolution) -> bool:
     """Check whether a cost that is convex, as a sum of squares, seemed not to be."""
-    return end.status is problem.StageQpStatus.NOT_CONVEX and not qp.flat["H"].any() and bool((qp.flat["damping"] >= 0.0).all())
+    return (
+        end.status is problem.StageQpStatus.NOT_CONVEX
+        and not qp.flat["H"].any()
+        and bool((qp.flat["damping"] >= 0.0).all())
+    )
 
 
 def _split(qp: problem.StageQp, found: problem.FlatSolution) -> problem.StageQpSolution:
-    shape, m = qp.shape, len(qp.flat["lower"])
+    shape = qp.shape
+    m = len(qp.flat["lower"])
     z = problem.parts(found.z, shape.n_z)
     return problem.stage_qp_solution(
         status=found.status,
@@ -252,17 +322,24 @@ def _split(qp: problem.StageQp, found: problem.FlatSolution) -> problem.StageQpS
 
 def _values(qp: problem.StageQp, z: Array) -> Array:
     """(M,) of rows and variables."""
-    return np.concatenate([*(C @ own for C, own in zip(qp.C, problem.parts(z, qp.shape.n_z), strict=True)), z])
+    return np.concatenate(
+        [*(C @ own for C, own in zip(qp.C, problem.parts(z, qp.shape.n_z), strict=True)), z]
+    )
 
 
 def _near(solution: problem.StageQpSolution) -> problem.WarmStart:
     y = np.concatenate([*solution.y, *solution.y_z])
-    return problem.WarmStart(z=np.concatenate(solution.z), costate=np.concatenate(solution.costate), y=y)
+    return problem.WarmStart(
+        z=np.concatenate(solution.z), costate=np.concatenate(solution.costate), y=y
+    )
 
 
 @np.errstate(over="ignore", invalid="ignore")  # of what is not a number there is no cost
 def _cost(qp: problem.StageQp, found: problem.FlatSolution) -> float:
-    r, z, flat, products = qp.flat["r"], found.z, qp.flat, found.products
+    r = qp.flat["r"]
+    z = found.z
+    flat = qp.flat
+    products = found.products
     straight = products.slope + z @ flat["g"]
     bend = sum(own @ H @ own for H, own in zip(qp.H, problem.parts(z, qp.shape.n_z), strict=True))
     return float((r @ r + products.square + bend + z @ (flat["damping"] * z)) / 2 + straight)

@@ -11,11 +11,15 @@ DAMPED = 1e-8
 SMALLEST_CURVATURE = 1e-12
 """Diagonal entry that pivots are compared with, relative to the largest."""
 ELASTICITY = 1e-7
-"""Compliance of equalities in one step, relative to that of the stiffest variable; what it leaves, the next one takes."""
+"""Compliance of equalities in one step, relative to that of the stiffest variable; what it leaves,
+the next one takes.
+"""
 SIDE_ELASTICITY = 1e-5
 """Elasticity of inequalities, relative to the one of equalities."""
 SLOW = 1e-7
-"""Curvature that steps of a second run reckon with in every direction, relative to gradient over variables."""
+"""Curvature that steps of a second run reckon with in every direction, relative to gradient over
+variables.
+"""
 PHASE_ONE = 1e-6
 """Curvature in phase one, beside a cost of 1 for what is missed."""
 TO_BOUNDARY = 0.995
@@ -43,9 +47,13 @@ ROUGHLY = 1e-2
 ROUND = 0.5
 """The same while bounds are still changed."""
 HOPELESSLY = 0.9
-"""Share of what is left above the tolerance, of which less than the rest is taken by a correction that leads nowhere."""
+"""Share of what is left above the tolerance, of which less than the rest is taken by a correction
+that leads nowhere.
+"""
 FINISHED = 1e-5
-"""tolerance above which what an interior point comes close to is not looked for: it keeps off the bounds."""
+"""tolerance above which what an interior point comes close to is not looked for: it keeps off the
+bounds.
+"""
 SHARP = 1e-2
 """Relative to the tolerance: by how much a side must be missed to be held."""
 FAR = 0.5

@@ -1,4 +1,6 @@
-"""Animate the robot, its altimeter's beam and translucent other motions, from records thinned to frames."""
+"""Animate the robot, its altimeter's beam and translucent other motions, from records thinned to
+frames.
+"""
 
 from __future__ import annotations
 
@@ -18,7 +20,8 @@ from uvms_ocp.viz.scene.page import AnimationClip, AnimationTrack, Visualizer, g
 from uvms_ocp.viz.scene.shapes import Y_TO_Z, draw_shape, glow, shifted
 from uvms_ocp.viz.series import phase_spans, require_rows
 
-# The robot and its altimeter's beam, and how they move: the record thinned to the frames of an animation.
+# The robot and its altimeter's beam, and how they move: the record thinned to the frames of an
+# animation.
 
 _MAX_POSES = 25_000  # joints times frames; keeps the page below 5 MB however long the run
 _MISSED = 5e-4  # [m, -]
@@ -42,13 +45,16 @@ class Frames:
 
 
 def frames_of(record: Record, robot: Robot, fps: float) -> Frames:
-    """The frames of an animation of `fps` frames per second [Hz], fewer where the page would grow too large."""
+    """The frames of an animation of `fps` frames per second [Hz], fewer where the page would grow
+    too large.
+    """
     t = record["t"] - record["t"][0]
     n = max(2, min(int(np.ceil(t[-1] * fps)) + 1, _MAX_POSES // robot.model.njoints))
     row = np.unique(np.searchsorted(t, np.linspace(0.0, t[-1], n) - 1e-9))
     data = robot.model.createData()
     names = dict.fromkeys((*robot.tools, *([ALTIMETER] if robot.has_frame(ALTIMETER) else [])))
-    placements, seen = list[Any](), {name: list[Any]() for name in names}
+    placements = list[Any]()
+    seen = {name: list[Any]() for name in names}
     for q in record["q"][row]:
         pin.framesForwardKinematics(robot.model, data, q)
         placements.append([pin.SE3ToXYZQUAT(X) for X in data.oMi])
@@ -58,7 +64,10 @@ def frames_of(record: Record, robot: Robot, fps: float) -> Frames:
         row=row,
         t=t[row],
         placements=np.array(placements),
-        tools={name if len(robot.tools) > 1 else TOOL: np.array(seen[name])[:, :3] for name in robot.tools},
+        tools={
+            name if len(robot.tools) > 1 else TOOL: np.array(seen[name])[:, :3]
+            for name in robot.tools
+        },
         altimeter=np.array(seen[ALTIMETER]) if ALTIMETER in seen else None,
     )
 
@@ -69,15 +78,23 @@ def joint_node(model: pin.Model, joint: int) -> str:
 
 
 def draw_robot(node: Visualizer, robot: Robot, rgba: tuple[float, ...] | None = None) -> None:
-    """All shapes, each below the node of the joint that moves it; rgba (4,) in place of their own colours."""
+    """All shapes, each below the node of the joint that moves it; rgba (4,) in place of their own
+    colours.
+    """
     for i, item in enumerate(robot.drawn_shapes):
-        shape = node[joint_node(robot.model, item.parentJoint)][f"{i:03d} {item.name}".replace("/", "_")]
-        if draw_shape(shape["shape"], item.geometry, np.asarray(item.meshColor if rgba is None else rgba)):
+        shape = node[joint_node(robot.model, item.parentJoint)][
+            f"{i:03d} {item.name}".replace("/", "_")
+        ]
+        if draw_shape(
+            shape["shape"], item.geometry, np.asarray(item.meshColor if rgba is None else rgba)
+        ):
             shape.set_transform(item.placement.homogeneous)
 
 
 def rounded(values: np.ndarray, digits: int = 3) -> Any:
-    """Lists of lists for the page, of so many significant digits; values (...) [any]; `None` for what is not finite."""
+    """Lists of lists for the page, of so many significant digits; values (...) [any]; `None` for
+    what is not finite.
+    """
     if values.ndim:
         return [rounded(value, digits) for value in values]
     return float(f"{values:.{digits}g}") if np.isfinite(values) else None
@@ -94,12 +111,18 @@ def _clip(tracks: list[AnimationTrack], fps: float) -> AnimationClip:
 
 
 def _pose_tracks(time: np.ndarray, poses: np.ndarray) -> list[AnimationTrack]:
-    return [_track("position", "vector3", time, poses[:, :3]), _track("quaternion", "quaternion", time, poses[:, 3:])]
+    return [
+        _track("position", "vector3", time, poses[:, :3]),
+        _track("quaternion", "quaternion", time, poses[:, 3:]),
+    ]
 
 
 def _track(name: str, kind: str, time: np.ndarray, values: np.ndarray) -> AnimationTrack:
-    """Keys that straight lines between the others miss by no more than `_MISSED` are left out [Douglas and Peucker]."""
-    keep, stretches = np.isin(np.arange(len(time)), (0, len(time) - 1)), [(0, len(time) - 1)]
+    """Keys that straight lines between the others miss by no more than `_MISSED` are left out
+    [Douglas and Peucker].
+    """
+    keep = np.isin(np.arange(len(time)), (0, len(time) - 1))
+    stretches = [(0, len(time) - 1)]
     while stretches:
         a, b = stretches.pop()
         share = (time[a + 1 : b, None] - time[a]) / (time[b] - time[a])
@@ -111,18 +134,25 @@ def _track(name: str, kind: str, time: np.ndarray, values: np.ndarray) -> Animat
 
 
 def goal_clips(record: Record, frames: Frames, fps: float) -> Iterator[tuple[str, AnimationClip]]:
-    """How each goal that moves does at `fps` [Hz], by the name of its node; one of a phase waits there for the next visit."""
+    """How each goal that moves does at `fps` [Hz], by the name of its node; one of a phase waits
+    there for the next visit.
+    """
     for i, frame in enumerate(record.meta.surroundings.frames):
         if frame.way:
-            way, elapsed = np.array(frame.way), frames.t
+            way = np.array(frame.way)
+            elapsed = frames.t
             if frame.phase is not None:
                 elapsed = np.zeros(len(frames.t))
                 for span in phase_spans(record):
                     if span.name == frame.phase:
                         begun = frames.t >= span.start
                         elapsed[begun] = np.minimum(frames.t[begun], span.end) - span.start
-            way[1:, 4:] *= np.cumprod(np.sign(np.sum(way[1:, 4:] * way[:-1, 4:], axis=1)))[:, None]  # the short way round
-            poses = np.column_stack([np.interp(elapsed, way[:, 0], column) for column in way[:, 1:].T])
+            way[1:, 4:] *= np.cumprod(np.sign(np.sum(way[1:, 4:] * way[:-1, 4:], axis=1)))[
+                :, None
+            ]  # the short way round
+            poses = np.column_stack(
+                [np.interp(elapsed, way[:, 0], column) for column in way[:, 1:].T]
+            )
             poses[:, 3:] /= np.linalg.norm(poses[:, 3:], axis=1, keepdims=True)
             yield f"frame {i}", _clip(_pose_tracks(frames.t * fps, poses), fps)
 
@@ -134,7 +164,9 @@ def draw_beam(node: Visualizer) -> None:
 
 
 def beam_clip(frames: Frames, reach: np.ndarray, fps: float) -> AnimationClip:
-    """How the beam of `draw_beam` moves at `fps` [Hz]; reach (n,) [m] is its length at each frame."""
+    """How the beam of `draw_beam` moves at `fps` [Hz]; reach (n,) [m] is its length at each
+    frame.
+    """
     length = np.where(np.isfinite(reach), reach, 1e-3)
     scale = np.column_stack([np.ones((len(length), 2)), length])
     time = frames.t * fps
@@ -142,7 +174,8 @@ def beam_clip(frames: Frames, reach: np.ndarray, fps: float) -> AnimationClip:
     return _clip([*tracks, _track("scale", "vector3", time, scale)], fps)
 
 
-# Other motions of the same robot beside the record's: translucent, each in a colour of its own, at the same time.
+# Other motions of the same robot beside the record's: translucent, each in a colour of its own, at
+# the same time.
 
 _COLOURS = ((0.35, 0.85, 1.0), (1.0, 0.6, 0.25), (0.75, 0.6, 1.0), (0.5, 0.95, 0.55))
 OPACITY = 0.32
@@ -162,12 +195,18 @@ class Ghost:
 
 
 def ghosts_of(records: Mapping[str, Record], robot: Robot, fps: float) -> Iterator[Ghost]:
-    """The ghosts of records by name, in frames of `fps` [Hz]. Raises `InvalidInput` for a record of another robot."""
+    """The ghosts of records by name, in frames of `fps` [Hz]. Raises `InvalidInput` for a record of
+    another robot.
+    """
     if len(records) > len(_COLOURS):
-        raise InvalidInput(f"{len(records)} ghosts; give {len(_COLOURS)} at most, more cannot be told apart")
+        raise InvalidInput(
+            f"{len(records)} ghosts; give {len(_COLOURS)} at most, more cannot be told apart"
+        )
     for k, (name, record) in enumerate(records.items()):
         require_fit(record, robot)
-        yield Ghost(name=name, node=f"ghost {k}", rgb=_COLOURS[k], frames=frames_of(record, robot, fps))
+        yield Ghost(
+            name=name, node=f"ghost {k}", rgb=_COLOURS[k], frames=frames_of(record, robot, fps)
+        )
 
 
 def require_fit(record: Record, robot: Robot) -> None:
@@ -175,4 +214,7 @@ def require_fit(record: Record, robot: Robot) -> None:
     require_rows(record)
     if record["q"].shape[1] != robot.n_q:
         given = record["q"].shape[1]
-        raise InvalidInput(f"record has {given} configuration values, {robot.name} has {robot.n_q}; give its own robot")
+        raise InvalidInput(
+            f"record has {given} configuration values, {robot.name} has {robot.n_q}; give its own"
+            " robot"
+        )

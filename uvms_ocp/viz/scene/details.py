@@ -1,4 +1,6 @@
-"""Data that the page's script needs beside meshcat's commands: views, legend, readouts, time line."""
+"""Data that the page's script needs beside meshcat's commands: views, legend, readouts, time
+line.
+"""
 
 from __future__ import annotations
 
@@ -17,7 +19,8 @@ from uvms_ocp.viz.scene import shapes, surroundings
 from uvms_ocp.viz.scene.animation import Frames, Ghost, joint_node, rounded
 from uvms_ocp.viz.series import estimate_suffix, fault_spans, intervals_of, phase_spans
 
-# What the page's script needs beside the commands of meshcat: where to look from, names of places, the floor.
+# What the page's script needs beside the commands of meshcat: where to look from, names of places,
+# the floor.
 
 _FAR = 12.0  # robot sizes; a longer mission opens with the camera on the vehicle
 _LONGEST_SHOW = 60.0  # [s] beyond it playback begins sped up
@@ -26,13 +29,18 @@ _SHORT_WAY = 0.2  # [m] a shorter horizontal way has no direction
 _SPEEDS = (0.25, 1, 2, 5, 10, 20, 50, 100)
 
 
-def page_details(record: Record, robot: Robot, frames: Frames, centre: np.ndarray) -> dict[str, Any]:
+def page_details(
+    record: Record, robot: Robot, frames: Frames, centre: np.ndarray
+) -> dict[str, Any]:
     """JSON values for the page; centre (3,) [m] in W is the origin of its frame."""
-    points, of_robot, duration = surroundings.extent(record, frames), robot_details(robot), float(frames.t[-1])
+    points = surroundings.extent(record, frames)
+    of_robot = robot_details(robot)
+    duration = float(frames.t[-1])
     points = points[:: max(1, len(points) // _MOST_POINTS)] - centre
     fitting = (speed for speed in _SPEEDS if speed >= 1 and duration / speed <= _LONGEST_SHOW)
     far = np.linalg.norm(np.ptp(points, axis=0)) > _FAR * of_robot["size"]
-    # Height [m] of the plane around a floor that is not flat, or of the flat floor, in the frame of the page.
+    # Height [m] of the plane around a floor that is not flat, or of the flat floor, in the frame of
+    # the page.
     relief, plane = record.meta.surroundings.floor, record.meta.surroundings.floor_z
     lowest = plane if relief is None else float(np.min(relief.z))
     return {
@@ -65,7 +73,8 @@ def robot_details(robot: Robot) -> dict[str, Any]:
 
 def _relief(record: Record, centre: np.ndarray) -> dict[str, Any] | None:
     """The floor that is not flat, in the frame of the page."""
-    if (relief := record.meta.surroundings.floor) is None:
+    relief = record.meta.surroundings.floor
+    if relief is None:
         return None
     axes = zip("xyz", (relief.x, relief.y, relief.z), centre, strict=True)
     return {axis: (np.array(points) - middle).round(3).tolist() for axis, points, middle in axes}
@@ -75,12 +84,22 @@ def _robot_size(robot: Robot) -> float:
     """Radius [m] of a ball around the robot's shapes, about its first joint."""
     data = robot.model.createData()
     pin.forwardKinematics(robot.model, data, robot.configuration())
-    centres = [data.oMi[shape.parentJoint].act(shape.placement.translation) for shape in robot.drawn_shapes]
-    return max((float(np.linalg.norm(centre - data.oMi[1].translation)) for centre in centres), default=0.3) + 0.2
+    centres = [
+        data.oMi[shape.parentJoint].act(shape.placement.translation) for shape in robot.drawn_shapes
+    ]
+    return (
+        max(
+            (float(np.linalg.norm(centre - data.oMi[1].translation)) for centre in centres),
+            default=0.3,
+        )
+        + 0.2
+    )
 
 
 def _viewing_direction(record: Record, frames: Frames, *, forward: float) -> list[float]:
-    """Return the direction to look from: the side of the run's horizontal way, `forward` of it and a little above."""
+    """Return the direction to look from: the side of the run's horizontal way, `forward` of it and
+    a little above.
+    """
     way = (surroundings.extent(record, frames)[-1] - frames.placements[0, 1, :3])[:2]
     length = float(np.linalg.norm(way))
     ahead = way / length if length > _SHORT_WAY else np.array([1.0, 0.0])
@@ -93,9 +112,15 @@ def _viewing_direction(record: Record, frames: Frames, *, forward: float) -> lis
 _SCENE = ("meshcat", "scene")
 
 
-def legend(record: Record, trails: list[dict[str, Any]], ghosts: list[Ghost], *, beam: bool) -> list[dict[str, Any]]:
-    """JSON values: rows that show or hide nodes of the scene by their paths; the page adds arrows and witness lines."""
-    rows = [_row(f"path of the {trail['name']}", trail["colour"], trail["path"]) for trail in trails]
+def legend(
+    record: Record, trails: list[dict[str, Any]], ghosts: list[Ghost], *, beam: bool
+) -> list[dict[str, Any]]:
+    """JSON values: rows that show or hide nodes of the scene by their paths; the page adds arrows
+    and witness lines.
+    """
+    rows = [
+        _row(f"path of the {trail['name']}", trail["colour"], trail["path"]) for trail in trails
+    ]
     if beam:
         rows.append(_row("altimeter", "#80ffe6", [*_SCENE, "beam"]))
     if record.meta.surroundings.frames or record.meta.surroundings.markers:
@@ -112,9 +137,15 @@ def _row(label: str, colour: str, path: list[str]) -> dict[str, Any]:
 
 
 def readouts(record: Record, frames: Frames) -> dict[str, Any]:
-    """JSON values: ``times`` (n,) [s] of the frames and a row for each quantity; `None` where it is not known."""
+    """JSON values: ``times`` (n,) [s] of the frames and a row for each quantity; `None` where it is
+    not known.
+    """
     measured = {name: record["quantities"][:, k] for k, name in enumerate(record.meta.quantities)}
-    rows = [readout(name, values[frames.row], record.meta) for name, values in measured.items() if np.isfinite(values).any()]
+    rows = [
+        readout(name, values[frames.row], record.meta)
+        for name, values in measured.items()
+        if np.isfinite(values).any()
+    ]
     return {"times": frames.t.round(3).tolist(), "readouts": rows}
 
 
@@ -122,7 +153,12 @@ def readout(name: str, values: np.ndarray, meta: RecordMeta) -> dict[str, Any]:
     """JSON values: the row of a quantity with its values (n,) [its unit]."""
     task, _, what = name.rpartition(".")
     label = f"{task} {what.replace('_', ' ')}".strip()
-    return {"task": task, "label": label, "unit": unit_of(name, meta=meta).strip("-"), "values": rounded(values)}
+    return {
+        "task": task,
+        "label": label,
+        "unit": unit_of(name, meta=meta).strip("-"),
+        "values": rounded(values),
+    }
 
 
 # What stands on the time line of the page: phases, faults, health of the sensors, alarms.
@@ -134,10 +170,14 @@ def time_line(record: Record) -> dict[str, list[dict[str, Any]]]:
     tasks = {phase.name: list(phase.tasks) for phase in record.meta.phases}
     return {
         "phases": [
-            {"name": s.name, "title": s.title, "index": s.index, "tasks": tasks[s.name]} | _from(s.start, s.end, start)
+            {"name": s.name, "title": s.title, "index": s.index, "tasks": tasks[s.name]}
+            | _from(s.start, s.end, start)
             for s in phase_spans(record)
         ],
-        "faults": [{"name": s.name, "ended": s.ended} | _from(s.start, s.end, start) for s in fault_spans(record)],
+        "faults": [
+            {"name": s.name, "ended": s.ended} | _from(s.start, s.end, start)
+            for s in fault_spans(record)
+        ],
         "health": list(_unhealthy_intervals(record)),
         "alarms": [{"t": a.t - start, "text": a.text} for a in getattr(record.meta, "alarms", ())],
     }
@@ -155,4 +195,6 @@ def _unhealthy_intervals(record: Record) -> Iterator[dict[str, Any]]:
     for channel, codes in zip(record.meta.channels, record["health"].T, strict=True):
         for i, j, code in intervals_of(codes):
             if code:
-                yield {"channel": channel, "state": Trust(code).name.lower()} | _from(float(t[i]), float(t[j]), 0.0)
+                yield {"channel": channel, "state": Trust(code).name.lower()} | _from(
+                    float(t[i]), float(t[j]), 0.0
+                )

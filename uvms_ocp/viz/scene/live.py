@@ -1,7 +1,9 @@
-"""Show a run in the browser while it goes on: the loop publishes the newest state, browsers fetch it frame by frame.
+"""Show a run in the browser while it goes on: the loop publishes the newest state, browsers fetch
+it frame by frame.
 
-A tick pays one assignment, and the wait that keeps the run to the clock. Frames are made by the threads of those who look, of
-whatever is the newest then: slow ones miss some, and none waits for them.
+A tick pays one assignment, and the wait that keeps the run to the clock. Frames are made by the
+threads of those who look, of whatever is the newest then: slow ones miss some, and none waits for
+them.
 """
 
 from __future__ import annotations
@@ -30,36 +32,57 @@ from uvms_ocp.viz.scene import animation, show, surroundings
 from uvms_ocp.viz.scene.details import legend, page_details, readout
 from uvms_ocp.viz.scene.page import CommandLog, ScenePage, asset, build_page, served
 
-# The page of a run that goes on: the scene as the run begins, and what the page's script needs to move it.
+# The page of a run that goes on: the scene as the run begins, and what the page's script needs to
+# move it.
 
 _FPS = 1.0  # [Hz] of the frames of the beginning, of which the first is shown
 
 
 def live_page(record: Record, robot: Robot, height: int) -> ScenePage:
-    """record: how a run of `robot` begins. height [px] of its frame in a notebook. Raises `InvalidInput` as `show`."""
+    """record: how a run of `robot` begins. height [px] of its frame in a notebook. Raises
+    `InvalidInput` as `show`.
+    """
     animation.require_fit(record, robot)
     frames = animation.frames_of(record, robot, _FPS)
-    centre, log = surroundings.middle(record, frames), CommandLog()
+    centre = surroundings.middle(record, frames)
+    log = CommandLog()
     root = show.draw_still(log, robot, list(map(pin.XYZQUATToSE3, frames.placements[0])), centre)
     surroundings.draw_goals(root["goals"], record)
     surroundings.draw_obstacles(root["obstacles"], record)
     log.animate({})
-    nodes = [["meshcat", "scene", "robot", animation.joint_node(robot.model, j)] for j in range(1, robot.model.njoints)]
-    phases = [{"name": p.name, "title": p.title, "tasks": list(p.tasks), "start": 0.0} for p in record.meta.phases]
+    nodes = [
+        ["meshcat", "scene", "robot", animation.joint_node(robot.model, j)]
+        for j in range(1, robot.model.njoints)
+    ]
+    phases = [
+        {"name": p.name, "title": p.title, "tasks": list(p.tasks), "start": 0.0}
+        for p in record.meta.phases
+    ]
     details = page_details(record, robot, frames, centre) | {
         "duration": 0.0,
         "speeds": (),
         "annotations": ["goals"],
         "legend": legend(record, [], [], beam=False),
-        "readouts": [readout(name, np.full(1, np.nan), record.meta) for name in record.meta.quantities],
+        "readouts": [
+            readout(name, np.full(1, np.nan), record.meta) for name in record.meta.quantities
+        ],
         "live": {"nodes": nodes, "phases": phases},
     }
-    return build_page(log, title=f"{record.meta.scenario}: {record.meta.robot}", details=details, height=height, live=True)
+    return build_page(
+        log,
+        title=f"{record.meta.scenario}: {record.meta.robot}",
+        details=details,
+        height=height,
+        live=True,
+    )
 
 
-# A run to look at while it goes on: the loop hands over the newest state, and whoever looks fetches it, frame by frame.
+# A run to look at while it goes on: the loop hands over the newest state, and whoever looks fetches
+# it, frame by frame.
 
-_FRAME_RATE, _NOTEBOOK_RATE = 25.0, 10.0  # [Hz] of frames, by the clock on the wall, and of those that a notebook takes of a run
+# [Hz] of frames, by the clock on the wall, and of those that a notebook takes of a run
+_FRAME_RATE = 25.0
+_NOTEBOOK_RATE = 10.0
 _DIGITS = 7  # more than the 32-bit floats of the page hold
 
 _Moment = tuple[float, State, Command]
@@ -67,9 +90,20 @@ _Moment = tuple[float, State, Command]
 
 
 class LiveView(AbstractContextManager["LiveView"]):
-    """Shows what it is called with: give it to a run as `observer`. Served on the loopback address alone, until it is closed."""
+    """Shows what it is called with: give it to a run as `observer`. Served on the loopback address
+    alone, until it is closed.
+    """
 
-    def __init__(self, robot: Robot, page: ScenePage, q: np.ndarray, goal: pin.SE3, *, speed: float, port: int) -> None:
+    def __init__(
+        self,
+        robot: Robot,
+        page: ScenePage,
+        q: np.ndarray,
+        goal: pin.SE3,
+        *,
+        speed: float,
+        port: int,
+    ) -> None:
         """q (n_q,) [m, rad] and goal X_WT: as `page` shows them. Speed and port as `live` has them.
 
         Raises `OutputError` for a port that is taken.
@@ -78,13 +112,19 @@ class LiveView(AbstractContextManager["LiveView"]):
         """X_WT of the tool's goal, as it was dragged in a notebook."""
         self.on_change: Callable[[LiveView], object] = lambda view: None
         """Called after `q` or `goal` was dragged in a notebook."""
-        self._robot, self._page, self._speed = robot, page, speed
+        self._robot = robot
+        self._page = page
+        self._speed = speed
         self._shown: Any = None
         """Output of the notebook's that shows each next frame, by IPython."""
         self._now: _Moment | np.ndarray = q
-        self._data, self._name = robot.model.createData(), ""
-        self._due = self._began = 0.0  # [s] on the clock: of the next frame in a notebook, and at which the run was at 0
-        self._closed, self._stack = Event(), ExitStack()
+        self._data = robot.model.createData()
+        self._name = ""
+        self._due = self._began = (
+            0.0  # [s] on the clock: of the next frame in a notebook, and at which the run was at 0
+        )
+        self._closed = Event()
+        self._stack = ExitStack()
         self.address = self._stack.enter_context(served(page, port, self.frames))
         """For a browser of this machine."""
 
@@ -95,16 +135,21 @@ class LiveView(AbstractContextManager["LiveView"]):
         self._now = (t, state, command)
         if time.monotonic() >= self._due:
             self._hand_on(1.0 / _NOTEBOOK_RATE)
-        if (early := self._began + t / self._speed - time.monotonic()) > 0.0:
+        early = self._began + t / self._speed - time.monotonic()
+        if early > 0.0:
             time.sleep(early)
 
     @property
     def q(self) -> np.ndarray:
-        """(n_q,) [m, rad] configuration that is shown: of the newest tick, of `display`, or as it was dragged in a notebook."""
+        """(n_q,) [m, rad] configuration that is shown: of the newest tick, of `display`, or as it
+        was dragged in a notebook.
+        """
         return self._now if isinstance(self._now, np.ndarray) else self._now[1].q
 
     def display(self, q: ArrayLike) -> None:
-        """Show the robot in q (n_q,) [m, rad]: for a loop of one's own, which comes to 25 pictures a second at most."""
+        """Show the robot in q (n_q,) [m, rad]: for a loop of one's own, which comes to 25 pictures
+        a second at most.
+        """
         self._now = self._robot.check_configuration(q)
         time.sleep(max(0.0, self._due - time.monotonic()))
         self._hand_on(1.0 / _FRAME_RATE)
@@ -113,12 +158,18 @@ class LiveView(AbstractContextManager["LiveView"]):
         self._due = time.monotonic() + pause
         if self._shown is not None:
             frame = json.dumps(_frame(self._robot, self._data, self._now), allow_nan=False)
-            script = f"document.getElementById('{self._name}')?.contentWindow.postMessage({frame}, '*')"
+            script = (
+                f"document.getElementById('{self._name}')?.contentWindow.postMessage({frame}, '*')"
+            )
             self._shown.update({"application/javascript": script}, raw=True)
 
     def frames(self) -> Iterator[str]:
-        """Yield the messages to a browser as JSON: one after the other as they come, the last one too, until all is closed."""
-        data, shown, closed = self._robot.model.createData(), self._now, False
+        """Yield the messages to a browser as JSON: one after the other as they come, the last one
+        too, until all is closed.
+        """
+        data = self._robot.model.createData()
+        shown = self._now
+        closed = False
         while not closed:
             closed = self._closed.wait(1.0 / _FRAME_RATE)
             if self._now is not shown:
@@ -130,24 +181,39 @@ class LiveView(AbstractContextManager["LiveView"]):
         self._closed.set()
         self._stack.close()
 
-    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None) -> None:
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
         self.close()
 
     def __repr__(self) -> str:
         return f"LiveView({self.address})"
 
     def _ipython_display_(self) -> None:
-        """Show the page, and from then on every tick, by the notebook's own channel: the kernel may be on another machine."""
+        """Show the page, and from then on every tick, by the notebook's own channel: the kernel may
+        be on another machine.
+        """
         from IPython.display import display
 
         self._name = f"live-{uuid4().hex}"
         display({"text/html": self._page.framed(self._name)}, raw=True)
-        self._shown = display({"application/javascript": f"{asset('hear.js')}('{self._name}')"}, raw=True, display_id=True)
+        self._shown = display(
+            {"application/javascript": f"{asset('hear.js')}('{self._name}')"},
+            raw=True,
+            display_id=True,
+        )
         if find_spec("ipywidgets"):
             from ipywidgets import Text
 
-            heard = Text(layout={"display": "none"})  # a script of the notebook's page writes there what was dragged
-            heard.add_class(self._name).observe(lambda change: self._take(json.loads(change["new"])), "value")
+            heard = Text(
+                layout={"display": "none"}
+            )  # a script of the notebook's page writes there what was dragged
+            heard.add_class(self._name).observe(
+                lambda change: self._take(json.loads(change["new"])), "value"
+            )
             display(heard)
 
     def _take(self, dragged: Mapping[str, Any]) -> None:
@@ -157,12 +223,18 @@ class LiveView(AbstractContextManager["LiveView"]):
 
 
 def _frame(robot: Robot, data: pin.Data, now: _Moment | np.ndarray) -> dict[str, Any]:
-    """JSON values: time, a pose for each joint of the model, and what the controller tells of phase and quantities.
+    """JSON values: time, a pose for each joint of the model, and what the controller tells of phase
+    and quantities.
 
     The values of the sliders alone where there is nothing but q (n_q,) [m, rad].
     """
     if isinstance(now, np.ndarray):
-        return {"joints": [show.joint_motion(robot, joint, now)["values"] for joint in range(1, robot.model.njoints)]}
+        return {
+            "joints": [
+                show.joint_motion(robot, joint, now)["values"]
+                for joint in range(1, robot.model.njoints)
+            ]
+        }
     t, state, command = now
     pin.forwardKinematics(robot.model, data, state.q)
     telemetry = command.telemetry
@@ -175,15 +247,20 @@ def _frame(robot: Robot, data: pin.Data, now: _Moment | np.ndarray) -> dict[str,
 
 
 @checked
-def live(what: Scenario | Robot, *, speed: Positive = 1.0, port: Count = 0, height: AtLeastOne = 520) -> LiveView:
-    """A page that shows a run while it goes on, ``scenario.run(observer=live(scenario))``, or a robot that Python moves.
+def live(
+    what: Scenario | Robot, *, speed: Positive = 1.0, port: Count = 0, height: AtLeastOne = 520
+) -> LiveView:
+    """A page that shows a run while it goes on, ``scenario.run(observer=live(scenario))``, or a
+    robot that Python moves.
 
-    ``view = live(scenario)``, ``display(view)`` shows it in a notebook, `height` [px] high, wherever the kernel is, and a run
-    with ``observer=view`` moves it. ``view = live(robot)`` is moved by ``view.display(q)``; in a notebook with `ipywidgets` its
-    links and a goal can be dragged, which ``view.q`` and ``view.goal`` tell, and ``view.on_change = f`` calls ``f(view)`` each
-    time. Other browsers of this machine find it at its ``address``; nobody else is served.
-    speed: times that of the clock, which the run does not overtake; it may be slower. port: 0 for any that is free.
-    The record of the run is the same with and without. Two ticks are run beforehand, to know what is around.
+    ``view = live(scenario)``, ``display(view)`` shows it in a notebook, `height` [px] high,
+    wherever the kernel is, and a run with ``observer=view`` moves it. ``view = live(robot)`` is
+    moved by ``view.display(q)``; in a notebook with `ipywidgets` its links and a goal can be
+    dragged, which ``view.q`` and ``view.goal`` tell, and ``view.on_change = f`` calls ``f(view)``
+    each time. Other browsers of this machine find it at its ``address``; nobody else is served.
+    speed: times that of the clock, which the run does not overtake; it may be slower. port: 0 for
+    any that is free. The record of the run is the same with and without. Two ticks are run
+    beforehand, to know what is around.
 
     Raises `OutputError` for a port that is taken, and as `Scenario.run`.
     """

@@ -1,4 +1,6 @@
-"""HTML page of a meshcat scene without its server; served on the loopback address, or drawn as pictures by Chromium."""
+"""HTML page of a meshcat scene without its server; served on the loopback address, or drawn as
+pictures by Chromium.
+"""
 
 from __future__ import annotations
 
@@ -32,18 +34,24 @@ from uvms_ocp.types import AtLeastOne, Positive
 if TYPE_CHECKING:
     from playwright.sync_api import Browser
 
-# The parts of meshcat that scenes use, imported without the deprecation warning that its unused server raises.
+# The parts of meshcat that scenes use, imported without the deprecation warning that its unused
+# server raises.
 
 with warnings.catch_warnings():
     warnings.simplefilter("ignore", DeprecationWarning)
     from meshcat import geometry as geometry, viewer_assets_path as viewer_assets_path
-    from meshcat.animation import Animation as Animation, AnimationClip as AnimationClip, AnimationTrack as AnimationTrack
+    from meshcat.animation import (
+        Animation as Animation,
+        AnimationClip as AnimationClip,
+        AnimationTrack as AnimationTrack,
+    )
     from meshcat.commands import SetAnimation as SetAnimation
     from meshcat.path import Path as ScenePath
     from meshcat.visualizer import Visualizer as Visualizer
 
 
-# A meshcat scene without meshcat's server: commands are collected here and packed into one HTML page.
+# A meshcat scene without meshcat's server: commands are collected here and packed into one HTML
+# page.
 
 
 @dataclass(kw_only=True, slots=True)
@@ -87,32 +95,53 @@ class ScenePage:
         return self.framed(f"scene-{uuid4().hex}")
 
     def framed(self, name: str) -> str:
-        """Return an iframe of that id with the page; a viewer that the notebook holds already is copied in by a script."""
+        """Return an iframe of that id with the page; a viewer that the notebook holds already is
+        copied in by a script.
+        """
         head, _, rest = self.html.partition(_VIEWER_MARK)
         viewer, _, tail = rest.partition(_VIEWER_MARK)
-        whole, style = not _viewer_in_notebook(), f"width:100%;height:{self.height:d}px;border:none"
-        page = f'srcdoc="{html.escape(self.html)}"' if whole else f'data-page="{html.escape(head + _VIEWER_MARK + tail)}"'
+        whole = not _viewer_in_notebook()
+        style = f"width:100%;height:{self.height:d}px;border:none"
+        page = (
+            f'srcdoc="{html.escape(self.html)}"'
+            if whole
+            else f'data-page="{html.escape(head + _VIEWER_MARK + tail)}"'
+        )
         script = "" if whole else f"<script>{asset('frame.js')}('{name}')</script>"
-        opening = f'<iframe id="{name}" data-viewer="{_digest(viewer)}" sandbox="allow-scripts" style="{style}" {page}>'
+        opening = (
+            f'<iframe id="{name}" data-viewer="{_digest(viewer)}" sandbox="allow-scripts"'
+            f' style="{style}" {page}>'
+        )
         return f"{script}{opening}{self.still}{_WITHOUT_SCRIPTS}</iframe>"
 
 
 _VIEWER_MARK = "<!--viewer-->"
 """Comment before and after the viewer's script, which all pages share."""
-_WITHOUT_SCRIPTS = "A scene is drawn here by scripts, which this notebook may not run: trust it, or run this cell."
-"""Text inside the frame, which a notebook shows that takes frames out of outputs it does not trust."""
+_WITHOUT_SCRIPTS = (
+    "A scene is drawn here by scripts, which this notebook may not run: trust it, or run this cell."
+)
+"""Text inside the frame, which a notebook shows that takes frames out of outputs it does not
+trust.
+"""
 _shown = dict[str, str]()
 """Cells of this kernel's notebook that showed a scene, and by which message they were run then."""
 
 
 def _viewer_in_notebook() -> bool:
-    """Check whether another cell's output holds the viewer: one that is run again has lost its own, and perhaps the viewer."""
-    kernel: Any = getattr(getattr(sys.modules.get("IPython"), "get_ipython", lambda: None)(), "kernel", None)
-    if not hasattr(kernel, "get_parent") or "google.colab" in sys.modules:  # where each cell is a page of its own
+    """Check whether another cell's output holds the viewer: one that is run again has lost its own,
+    and perhaps the viewer.
+    """
+    kernel: Any = getattr(
+        getattr(sys.modules.get("IPython"), "get_ipython", lambda: None)(), "kernel", None
+    )
+    if (
+        not hasattr(kernel, "get_parent") or "google.colab" in sys.modules
+    ):  # where each cell is a page of its own
         return False
     run = kernel.get_parent()
     cell = run.get("metadata", {}).get("cellId") or run.get("content", {}).get("code", "")
-    message, stood = run.get("header", {}).get("msg_id", ""), bool(_shown)
+    message = run.get("header", {}).get("msg_id", "")
+    stood = bool(_shown)
     before, _shown[cell] = _shown.get(cell, message), message
     return stood and before == message
 
@@ -126,13 +155,18 @@ def build_page(
     live: bool = False,
     lines: Sequence[np.ndarray] = (),
 ) -> ScenePage:
-    """Fill the page template with meshcat's viewer, the commands and `details` (JSON values) for the page's script.
+    """Fill the page template with meshcat's viewer, the commands and `details` (JSON values) for
+    the page's script.
 
-    The page's policy lets the viewer and the page's script run, by their hashes, and nothing else, and loads nothing; a live
-    one hears from whoever serves it. lines (n, 3) [m]: the robot, for where scripts do not run.
+    The page's policy lets the viewer and the page's script run, by their hashes, and nothing else,
+    and loads nothing; a live one hears from whoever serves it. lines (n, 3) [m]: the robot, for
+    where scripts do not run.
     """
     details = {"direction": _FROM_THE_SIDE, "close_direction": _FROM_THE_SIDE, **details}
-    scripts = {"VIEWER": _viewer_source(), "SCRIPT": "".join(asset(f"{name}.js") for name in _SCRIPTS)}
+    scripts = {
+        "VIEWER": _viewer_source(),
+        "SCRIPT": "".join(asset(f"{name}.js") for name in _SCRIPTS),
+    }
     parts = {
         **scripts,
         "POLICY": _policy(scripts.values()) + ("; connect-src 'self'" if live else ""),
@@ -143,7 +177,9 @@ def build_page(
     }
     # In one pass, so that no text that is filled in is looked through for marks.
     page = _MARK.sub(lambda mark: parts[mark[1]], asset("page.html"))
-    return ScenePage(html=page, height=height, still=_still(lines, details["direction"]) if lines else "")
+    return ScenePage(
+        html=page, height=height, still=_still(lines, details["direction"]) if lines else ""
+    )
 
 
 _FROM_THE_SIDE = (0.5, -1.0, 0.45)
@@ -155,13 +191,23 @@ def _still(lines: Sequence[np.ndarray], direction: Sequence[float]) -> str:
     right, up = np.array([-y, x, 0.0]), np.array([-x * z, -y * z, x * x + y * y])
     plane = np.stack([right / np.linalg.norm(right), up / -np.linalg.norm(up)], axis=1)
     seen = [line @ plane for line in lines]
-    (left, top), (right_end, bottom) = np.vstack(seen).min(axis=0) - 0.2, np.vstack(seen).max(axis=0) + 0.2
+    (left, top), (right_end, bottom) = (
+        np.vstack(seen).min(axis=0) - 0.2,
+        np.vstack(seen).max(axis=0) + 0.2,
+    )
     path = "".join("M" + "L".join(f"{u:.2f} {v:.2f}" for u, v in line) for line in seen)
-    width, height = right_end - left, bottom - top
-    style = f'fill="none" stroke="#3a7ca5" stroke-width="{0.005 * (width + height):.3f}" stroke-linecap="round"'
+    width = right_end - left
+    height = bottom - top
+    style = (
+        f'fill="none" stroke="#3a7ca5" stroke-width="{0.005 * (width + height):.3f}"'
+        ' stroke-linecap="round"'
+    )
     box = f'width="480" height="270" viewBox="{left:.2f} {top:.2f} {width:.2f} {height:.2f}"'
     image = f'<svg xmlns="http://www.w3.org/2000/svg" {box}><path d="{path}" {style}/></svg>'
-    return f'<img alt="the robot from its side" src="data:image/svg+xml;base64,{base64.b64encode(image.encode()).decode()}"/>'
+    return (
+        '<img alt="the robot from its side"'
+        f' src="data:image/svg+xml;base64,{base64.b64encode(image.encode()).decode()}"/>'
+    )
 
 
 _SCRIPTS = ("stage", "camera", "legend", "time", "arrows", "joints", "drag", "live", "main")
@@ -170,10 +216,15 @@ _MARK = re.compile("__([A-Z]+)__")
 
 
 def _policy(scripts: Iterable[str]) -> str:
-    """Content security policy of the page; meshcat's panels make style sheets, and its textures are data."""
+    """Content security policy of the page; meshcat's panels make style sheets, and its textures are
+    data.
+    """
     hashes = " ".join(f"'sha256-{_digest(text)}'" for text in scripts)
     none = "base-uri 'none'; form-action 'none'"
-    return f"default-src 'none'; script-src {hashes}; style-src 'unsafe-inline'; img-src data: blob:; {none}"
+    return (
+        f"default-src 'none'; script-src {hashes}; style-src 'unsafe-inline'; img-src data: blob:;"
+        f" {none}"
+    )
 
 
 def _digest(text: str) -> str:
@@ -197,7 +248,8 @@ def _data_block(value: object) -> str:
     return json.dumps(finite, allow_nan=False).replace("<", "\\u003c")
 
 
-# One page for the browsers of this machine, and what a live one is told: served on the loopback address alone.
+# One page for the browsers of this machine, and what a live one is told: served on the loopback
+# address alone.
 
 _HOST = "127.0.0.1"
 _MOST_CONNECTIONS = 32
@@ -207,16 +259,20 @@ FRAMES = "/frames"
 
 
 @contextmanager
-def served(page: ScenePage, port: int = 0, frames: Callable[[], Iterator[str]] | None = None) -> Iterator[str]:
+def served(
+    page: ScenePage, port: int = 0, frames: Callable[[], Iterator[str]] | None = None
+) -> Iterator[str]:
     """Serve the page while the context lasts; gives its address. port: 0 for any that is free.
 
-    frames: makes the lines that a live page is told, for each browser in a thread of its own. Raises `OutputError` where the
-    port is taken.
+    frames: makes the lines that a live page is told, for each browser in a thread of its own.
+    Raises `OutputError` where the port is taken.
     """
     try:
         server = _PageServer((_HOST, port), _handler_of(page, frames))
     except (OSError, OverflowError) as error:
-        raise OutputError(f"port {port} of {_HOST} cannot be served ({error}); give another, or 0 for any") from error
+        raise OutputError(
+            f"port {port} of {_HOST} cannot be served ({error}); give another, or 0 for any"
+        ) from error
     thread = Thread(target=server.serve_forever, daemon=True)
     thread.start()
     try:
@@ -253,7 +309,9 @@ class _PageServer(ThreadingHTTPServer):
             super().handle_error(request, client_address)
 
 
-def _handler_of(page: ScenePage, frames: Callable[[], Iterator[str]] | None) -> type[BaseHTTPRequestHandler]:
+def _handler_of(
+    page: ScenePage, frames: Callable[[], Iterator[str]] | None
+) -> type[BaseHTTPRequestHandler]:
     body = page.html.encode()
 
     class Handler(BaseHTTPRequestHandler):
@@ -290,12 +348,17 @@ def _handler_of(page: ScenePage, frames: Callable[[], Iterator[str]] | None) -> 
     return Handler
 
 
-# Pictures of a page, such as the frames of a video: drawn by a Chromium without a window, which playwright drives.
+# Pictures of a page, such as the frames of a video: drawn by a Chromium without a window, which
+# playwright drives.
 
 CHROMIUM = "UVMS_OCP_CHROMIUM"
 """The variable that says where Chromium is, unless it is found by its name."""
 _NAMES = ("chromium", "chromium-browser", "google-chrome")
-_DRAWN_BY_THE_PROCESSOR = ("--use-gl=angle", "--use-angle=swiftshader", "--enable-unsafe-swiftshader")
+_DRAWN_BY_THE_PROCESSOR = (
+    "--use-gl=angle",
+    "--use-angle=swiftshader",
+    "--enable-unsafe-swiftshader",
+)
 _MOST_FRAMES = 100_000
 
 
@@ -305,7 +368,11 @@ def missing() -> str:
         import playwright.sync_api  # noqa: F401 - only whether it is there
     except ImportError:
         return 'playwright is not installed; run: pip install "uvms-ocp[video]"'
-    return f"no {', '.join(_NAMES)} is found; install Chromium, or say where it is by {CHROMIUM}" if _chromium() is None else ""
+    return (
+        f"no {', '.join(_NAMES)} is found; install Chromium, or say where it is by {CHROMIUM}"
+        if _chromium() is None
+        else ""
+    )
 
 
 def _chromium() -> str | None:
@@ -315,11 +382,15 @@ def _chromium() -> str | None:
 @contextmanager
 def browser() -> Iterator[Browser]:
     """A Chromium without a window. Raises `InvalidInput` with what is missing."""
-    if lacking := missing():
+    lacking = missing()
+    if lacking:
         raise InvalidInput(lacking)
     from playwright.sync_api import sync_playwright
 
-    flags = [*_DRAWN_BY_THE_PROCESSOR, *(["--no-sandbox"] if os.geteuid() == 0 else [])]  # root has no sandbox
+    flags = [
+        *_DRAWN_BY_THE_PROCESSOR,
+        *(["--no-sandbox"] if os.geteuid() == 0 else []),
+    ]  # root has no sandbox
     with sync_playwright() as driver:
         chromium = driver.chromium.launch(executable_path=_chromium(), args=flags)
         try:
@@ -340,9 +411,10 @@ def write_frames(
 ) -> tuple[Path, ...]:
     """Write what the page shows as ``00000.png``, ``00001.png`` and so on; returns their paths.
 
-    fps [Hz]: pictures per second of the run. width, height [px]. view: the camera, ``mission``, ``vehicle`` or ``tool``.
-    A video from them: ``ffmpeg -framerate 25 -i %05d.png -pix_fmt yuv420p video.mp4``. Raises `InvalidInput` where playwright
-    or Chromium is missing, or the run is too long for so many pictures, and `OutputError` where the folder cannot be written.
+    fps [Hz]: pictures per second of the run. width, height [px]. view: the camera, ``mission``,
+    ``vehicle`` or ``tool``. A video from them: ``ffmpeg -framerate 25 -i %05d.png -pix_fmt yuv420p
+    video.mp4``. Raises `InvalidInput` where playwright or Chromium is missing, or the run is too
+    long for so many pictures, and `OutputError` where the folder cannot be written.
     """
     folder = Path(folder)
     with browser() as chromium, served(page) as address:
@@ -350,7 +422,9 @@ def write_frames(
         sheet.goto(f"{address}#t=0&view={view}&film")
         duration = float(sheet.evaluate("DETAILS.duration"))
         if duration * fps > _MOST_FRAMES:
-            raise InvalidInput(f"fps = {fps:g} for {duration:g} s; give fewer than {_MOST_FRAMES} pictures")
+            raise InvalidInput(
+                f"fps = {fps:g} for {duration:g} s; give fewer than {_MOST_FRAMES} pictures"
+            )
         with as_output_errors(folder):
             folder.mkdir(parents=True, exist_ok=True)
             paths = [folder / f"{k:05d}.png" for k in range(int(duration * fps) + 1)]

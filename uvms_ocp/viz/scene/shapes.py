@@ -20,7 +20,9 @@ Part = tuple[mg.Geometry, np.ndarray]
 def material(rgba: tuple[float, ...] | np.ndarray, **options: Any) -> mg.MeshPhongMaterial:
     """A softly shining material of colour rgba (4,) from 0 to 1."""
     red, green, blue, alpha = (float(x) for x in rgba)
-    return mg.MeshPhongMaterial(color=_hex(red, green, blue), opacity=alpha, shininess=45, specular=0x333333, **options)
+    return mg.MeshPhongMaterial(
+        color=_hex(red, green, blue), opacity=alpha, shininess=45, specular=0x333333, **options
+    )
 
 
 def _hex(red: float, green: float, blue: float) -> int:
@@ -39,10 +41,14 @@ def glow(rgb: tuple[float, ...], opacity: float) -> mg.MeshBasicMaterial:
 
 
 def draw_shape(node: Visualizer, shape: coal.CollisionGeometry, rgba: np.ndarray) -> bool:
-    """Draw `shape` below `node` in rgba (4,); tells whether meshcat can (half-spaces and planes it cannot)."""
+    """Draw `shape` below `node` in rgba (4,); tells whether meshcat can (half-spaces and planes it
+    cannot).
+    """
     parts = [*_parts(shape)]
     for i, (geometry, pose) in enumerate(parts):
-        node[str(i)].set_object(geometry, material(rgba, flatShading=isinstance(geometry, mg.TriangularMeshGeometry)))
+        node[str(i)].set_object(
+            geometry, material(rgba, flatShading=isinstance(geometry, mg.TriangularMeshGeometry))
+        )
         node[str(i)].set_transform(pose)
     return bool(parts)
 
@@ -56,16 +62,24 @@ def _parts(shape: Any) -> Iterator[Part]:
         yield mg.Cylinder(2 * shape.halfLength, radiusTop=0.0, radiusBottom=shape.radius), Y_TO_Z
     elif isinstance(shape, coal.BVHModelBase):
         # triangles can be indexed but not iterated over
-        faces = [[triangle[i] for i in range(3)] for triangle in map(shape.tri_indices, range(shape.num_tris))]
+        faces = [
+            [triangle[i] for i in range(3)]
+            for triangle in map(shape.tri_indices, range(shape.num_tris))
+        ]
         yield mg.TriangularMeshGeometry(shape.vertices(), faces), np.eye(4)
     elif isinstance(shape, coal.ConvexBase):  # of which coal gives the corners only
         from scipy.spatial import ConvexHull  # a quarter of a second, which few need
 
-        yield mg.TriangularMeshGeometry(shape.points(), ConvexHull(shape.points()).simplices), np.eye(4)
+        yield (
+            mg.TriangularMeshGeometry(shape.points(), ConvexHull(shape.points()).simplices),
+            np.eye(4),
+        )
     if isinstance(shape, coal.Cylinder | coal.Capsule):
         yield mg.Cylinder(2 * shape.halfLength, shape.radius), Y_TO_Z
     if isinstance(shape, coal.Sphere | coal.Capsule):
-        for end in (0.0,) if isinstance(shape, coal.Sphere) else (-shape.halfLength, shape.halfLength):
+        for end in (
+            (0.0,) if isinstance(shape, coal.Sphere) else (-shape.halfLength, shape.halfLength)
+        ):
             yield mg.Sphere(shape.radius), shifted(np.array([0.0, 0.0, end]))
 
 
@@ -77,7 +91,9 @@ def shifted(position: np.ndarray) -> np.ndarray:
 
 
 def draw_triad(node: Visualizer, length: float) -> None:
-    """Three solid arrows, x red, y green, z blue, of `length` [m] (lines are one pixel wide in WebGL)."""
+    """Three solid arrows, x red, y green, z blue, of `length` [m] (lines are one pixel wide in
+    WebGL).
+    """
     for axis, rgb in enumerate(((0.85, 0.15, 0.1), (0.1, 0.65, 0.2), (0.15, 0.35, 0.9))):
         extent = np.full(3, 0.05 * length)
         extent[axis] = length
@@ -86,16 +102,24 @@ def draw_triad(node: Visualizer, length: float) -> None:
 
 
 def tube(points: np.ndarray, radius: float, sides: int = 6) -> mg.TriangularMeshGeometry:
-    """A tube of `radius` [m] along points (n, 3) [m], ordered so that its first 6 * sides * k indices draw k segments."""
+    """A tube of `radius` [m] along points (n, 3) [m], ordered so that its first 6 * sides * k
+    indices draw k segments.
+    """
     rings = (points[:, None] + radius * _rings(points, sides)).reshape(-1, 3)
     corner = np.arange(sides)
     after = (corner + 1) % sides
-    quad = np.stack([corner, after, corner + sides, after, after + sides, corner + sides], axis=-1).reshape(-1, 3)
-    return mg.TriangularMeshGeometry(rings, (quad[None] + sides * np.arange(len(points) - 1)[:, None, None]).reshape(-1, 3))
+    quad = np.stack(
+        [corner, after, corner + sides, after, after + sides, corner + sides], axis=-1
+    ).reshape(-1, 3)
+    return mg.TriangularMeshGeometry(
+        rings, (quad[None] + sides * np.arange(len(points) - 1)[:, None, None]).reshape(-1, 3)
+    )
 
 
 def _rings(points: np.ndarray, sides: int) -> np.ndarray:
-    """Unit circles (n, sides, 3) across the path; their first axis is carried along against twisting."""
+    """Unit circles (n, sides, 3) across the path; their first axis is carried along against
+    twisting.
+    """
     tangent = np.gradient(points, axis=0)
     tangent /= np.maximum(np.linalg.norm(tangent, axis=1, keepdims=True), 1e-12)
     first = np.empty_like(tangent)
@@ -106,4 +130,7 @@ def _rings(points: np.ndarray, sides: int) -> np.ndarray:
         first[i] = axis
     angle = 2 * np.pi * np.arange(sides) / sides
     second = np.cross(tangent, first)
-    return np.cos(angle)[None, :, None] * first[:, None] + np.sin(angle)[None, :, None] * second[:, None]
+    return (
+        np.cos(angle)[None, :, None] * first[:, None]
+        + np.sin(angle)[None, :, None] * second[:, None]
+    )

@@ -15,12 +15,27 @@ from uvms_ocp.ocp.plan import Plan
 from uvms_ocp.record.record import Record
 from uvms_ocp.robot import Robot, list_robots, load_robot, loading
 from uvms_ocp.viz.scene import animation, shapes
-from uvms_ocp.viz.scene.animation import NO_GHOSTS, Frames, Ghost, draw_robot, joint_node, require_fit
+from uvms_ocp.viz.scene.animation import (
+    NO_GHOSTS,
+    Frames,
+    Ghost,
+    draw_robot,
+    joint_node,
+    require_fit,
+)
 from uvms_ocp.viz.scene.details import legend, page_details, readouts, robot_details, time_line
 from uvms_ocp.viz.scene.page import CommandLog, ScenePage, Visualizer, build_page
-from uvms_ocp.viz.scene.surroundings import arrow_groups, draw_goals, draw_obstacles, draw_trails, middle, witness_lines
+from uvms_ocp.viz.scene.surroundings import (
+    arrow_groups,
+    draw_goals,
+    draw_obstacles,
+    draw_trails,
+    middle,
+    witness_lines,
+)
 
-# A robot that stands still in a configuration, and what the page needs to move its joints by sliders.
+# A robot that stands still in a configuration, and what the page needs to move its joints by
+# sliders.
 
 _AROUND = 5.0  # [m] that the vehicle can be moved either way
 _N_FREE = 6
@@ -28,18 +43,29 @@ _STILLS = 8  # about, moments at which the robot is drawn where scripts do not r
 _UNLIMITED = {"turn": np.pi, "slide": 1.0}  # [rad], [m] either way where a joint has no limit
 
 
-def posed_page(robot: Robot, q: np.ndarray, height: int, live: Mapping[str, Any] | None = None) -> ScenePage:
-    """The page of `robot` in the configuration q (n_q,) [m, rad]; height [px] of its frame in a notebook. live: JSON values."""
+def posed_page(
+    robot: Robot, q: np.ndarray, height: int, live: Mapping[str, Any] | None = None
+) -> ScenePage:
+    """The page of `robot` in the configuration q (n_q,) [m, rad]; height [px] of its frame in a
+    notebook. live: JSON values.
+    """
     data = robot.model.createData()
     pin.forwardKinematics(robot.model, data, q)
     places = np.array([X.translation for X in list(data.oMi)[1:]])
-    centre, log = (places.min(axis=0) + places.max(axis=0)) / 2, CommandLog()
+    centre = (places.min(axis=0) + places.max(axis=0)) / 2
+    log = CommandLog()
     draw_still(log, robot, list(data.oMi), centre)
     log.animate({})
     details = robot_details(robot) | {"scenario": robot.name, "points": (places - centre).tolist()}
-    details |= {"joints": [joint_motion(robot, joint, q) for joint in range(1, robot.model.njoints)], "robot": "", "live": live}
+    details |= {
+        "joints": [joint_motion(robot, joint, q) for joint in range(1, robot.model.njoints)],
+        "robot": "",
+        "live": live,
+    }
     lines = _links(robot, np.vstack([centre, places]))
-    return build_page(log, title=robot.name, details=details, height=height, live=live is not None, lines=lines)
+    return build_page(
+        log, title=robot.name, details=details, height=height, live=live is not None, lines=lines
+    )
 
 
 def _links(robot: Robot, places: np.ndarray) -> list[np.ndarray]:
@@ -47,8 +73,12 @@ def _links(robot: Robot, places: np.ndarray) -> list[np.ndarray]:
     return [places[[parent, joint]] for joint, parent in enumerate(robot.model.parents) if parent]
 
 
-def draw_still(log: CommandLog, robot: Robot, placements: Sequence[pin.SE3], centre: np.ndarray) -> Visualizer:
-    """Draw the robot by the placements of its joints; return the root of the scene, whose origin is `centre` (3,) [m] in W."""
+def draw_still(
+    log: CommandLog, robot: Robot, placements: Sequence[pin.SE3], centre: np.ndarray
+) -> Visualizer:
+    """Draw the robot by the placements of its joints; return the root of the scene, whose origin is
+    `centre` (3,) [m] in W.
+    """
     root = log.visualizer()["scene"]
     root.set_transform(shapes.shifted(-centre))
     draw_robot(root["robot"], robot)
@@ -58,8 +88,11 @@ def draw_still(log: CommandLog, robot: Robot, placements: Sequence[pin.SE3], cen
 
 
 def joint_motion(robot: Robot, joint: int, q: np.ndarray) -> dict[str, Any]:
-    """Return the transform of a joint of the model, by number, from its values at q (n_q,) [m, rad]."""
-    model, own = robot.model, robot.model.joints[joint]
+    """Return the transform of a joint of the model, by number, from its values at q (n_q,) [m,
+    rad].
+    """
+    model = robot.model
+    own = robot.model.joints[joint]
     data = own.createData()
     own.calc(data, q)
     return {
@@ -72,27 +105,46 @@ def joint_motion(robot: Robot, joint: int, q: np.ndarray) -> dict[str, Any]:
 
 
 def _motion(robot: Robot, own: Any, data: Any, q: np.ndarray) -> dict[str, Any]:
-    """The kind of a joint, its axis (3,), ranges and values [rad] or [m] at q (n_q,) [m, rad]; `held`: without."""
+    """The kind of a joint, its axis (3,), ranges and values [rad] or [m] at q (n_q,) [m, rad];
+    `held`: without.
+    """
     if own.nv == _N_FREE and robot.n_vehicle:
-        place, turn = data.M.translation, pin.rpy.matrixToRpy(data.M.rotation)
+        place = data.M.translation
+        turn = pin.rpy.matrixToRpy(data.M.rotation)
         ranges = [(x - _AROUND, x + _AROUND) for x in place.tolist()] + [(-np.pi, np.pi)] * 3
         return {"kind": "free", "ranges": ranges, "values": [*place.tolist(), *turn.tolist()]}
     axis = np.asarray(data.S).reshape(6, -1)
     kind, along = ("turn", axis[3:, 0]) if np.abs(axis[3:]).any() else ("slide", axis[:3, 0])
     if not own.nv:  # it mimics another one
-        one, leader = own.extract(), next(joint for joint in robot.model.joints if joint.idx_v == own.idx_v and joint.nv == 1)
+        one = own.extract()
+        leader = next(
+            joint for joint in robot.model.joints if joint.idx_v == own.idx_v and joint.nv == 1
+        )
         follows = [leader.id - 1, one.scaling, one.offset]
-        return {"kind": kind, "axis": (along / one.scaling).tolist(), "values": [0.0], "follows": follows}
+        return {
+            "kind": kind,
+            "axis": (along / one.scaling).tolist(),
+            "values": [0.0],
+            "follows": follows,
+        }
     if own.nv != 1 or (np.abs(axis[:3]).any() and np.abs(axis[3:]).any()):
         return {"kind": "held", "pose": pin.SE3ToXYZQUAT(data.M).tolist(), "values": [0.0]}
-    value = q[own.idx_q] if own.nq == 1 else pin.log3(data.M.rotation) @ along  # an endless turn has two numbers
-    return {"kind": kind, "axis": along.tolist(), "values": [float(value)], "ranges": [_range(robot, own, kind)]}
+    value = (
+        q[own.idx_q] if own.nq == 1 else pin.log3(data.M.rotation) @ along
+    )  # an endless turn has two numbers
+    return {
+        "kind": kind,
+        "axis": along.tolist(),
+        "values": [float(value)],
+        "ranges": [_range(robot, own, kind)],
+    }
 
 
 def _range(robot: Robot, own: Any, kind: str) -> tuple[float, float]:
     """Between the joint's limits [rad] or [m]."""
     k = own.idx_v - robot.n_vehicle
-    lower, upper = float(robot.limits.position_lower[k]), float(robot.limits.position_upper[k])
+    lower = float(robot.limits.position_lower[k])
+    upper = float(robot.limits.position_upper[k])
     wide = _UNLIMITED[kind]
     return lower if np.isfinite(lower) else -wide, upper if np.isfinite(upper) else wide
 
@@ -104,12 +156,17 @@ _MOST_FPS = 1000  # [Hz]
 
 @checked
 def write_scene(
-    record: Record, robot: Robot, path: Path | str, fps: float = 25, *, ghosts: Mapping[str, Record | Plan] = NO_GHOSTS
+    record: Record,
+    robot: Robot,
+    path: Path | str,
+    fps: float = 25,
+    *,
+    ghosts: Mapping[str, Record | Plan] = NO_GHOSTS,
 ) -> Path:
     """Write the animated scene as one HTML file without outside references; returns its path.
 
-    fps [Hz]: frames per second. ghosts, by name: other motions of the robot, drawn translucent beside it. Raises
-    `InvalidInput` as `show`, and `OutputError` where `path` cannot be written.
+    fps [Hz]: frames per second. ghosts, by name: other motions of the robot, drawn translucent
+    beside it. Raises `InvalidInput` as `show`, and `OutputError` where `path` cannot be written.
     """
     return show(record, robot, ghosts=ghosts, fps=fps).write(path)
 
@@ -123,23 +180,35 @@ def show(
     fps: float = 25,
     height: int = 520,
 ) -> ScenePage:
-    """A record or a plan as an animation, a robot with sliders for its joints: a page that notebooks display `height` [px] high.
+    """A record or a plan as an animation, a robot with sliders for its joints: a page that
+    notebooks display `height` [px] high.
 
-    robot_or_q: the robot of a record, by default the one of its files or name, or the configuration q (n_q,) [m, rad] of a robot,
-    at home by default; a plan knows its own robot. ghosts, by name: other motions of the same robot, drawn translucent at
-    the same times, such as another run or the plan that was followed. fps [Hz]: frames per second. Raises `InvalidInput`
-    where a record is not of this robot or has nothing to draw, and for an fps that is not positive.
+    robot_or_q: the robot of a record, by default the one of its files or name, or the configuration
+    q (n_q,) [m, rad] of a robot, at home by default; a plan knows its own robot. ghosts, by name:
+    other motions of the same robot, drawn translucent at the same times, such as another run or the
+    plan that was followed. fps [Hz]: frames per second. Raises `InvalidInput` where a record is not
+    of this robot or has nothing to draw, and for an fps that is not positive.
     """
     if not 0 < fps <= _MOST_FPS:
         raise InvalidInput(f"fps = {fps}; give a number > 0, of {_MOST_FPS} at most")
     if isinstance(what, Robot):
         if ghosts or isinstance(robot_or_q, Robot):
-            raise InvalidInput("a robot alone does not move; give show(robot, q), or a record and its robot")
+            raise InvalidInput(
+                "a robot alone does not move; give show(robot, q), or a record and its robot"
+            )
         return posed_page(what, _configuration(what, robot_or_q), height)
     if isinstance(robot_or_q, np.ndarray):
-        raise InvalidInput("a record and a plan know their configurations; give show(robot, q) for one of your own")
+        raise InvalidInput(
+            "a record and a plan know their configurations; give show(robot, q) for one of your own"
+        )
     robot = what.robot if isinstance(what, Plan) else robot_or_q or robot_of(what)
-    return _page(_record_of(what), robot, {name: _record_of(ghost) for name, ghost in ghosts.items()}, fps, height)
+    return _page(
+        _record_of(what),
+        robot,
+        {name: _record_of(ghost) for name, ghost in ghosts.items()},
+        fps,
+        height,
+    )
 
 
 def _configuration(robot: Robot, q: np.ndarray | None) -> np.ndarray:
@@ -161,7 +230,9 @@ def robot_of(record: Record, folder: Path | None = None) -> Robot:
     robot = None if files is None else loading.recorded_robot(name, files, folder or Path.cwd())
     if robot is None:
         where = f"which is no longer at {files.urdf}" if files else "which does not hold its robot"
-        raise InvalidInput(f"a record of {name}, {where}; give it: --robot DIR, or show(record, robot)")
+        raise InvalidInput(
+            f"a record of {name}, {where}; give it: --robot DIR, or show(record, robot)"
+        )
     return robot
 
 
@@ -169,16 +240,25 @@ def _record_of(what: Record | Plan) -> Record:
     return what.to_record() if isinstance(what, Plan) else what
 
 
-def _page(record: Record, robot: Robot, others: Mapping[str, Record], fps: float, height: int) -> ScenePage:
+def _page(
+    record: Record, robot: Robot, others: Mapping[str, Record], fps: float, height: int
+) -> ScenePage:
     require_fit(record, robot)
-    frames, ghosts = animation.frames_of(record, robot, fps), list(animation.ghosts_of(others, robot, fps))
+    frames = animation.frames_of(record, robot, fps)
+    ghosts = list(animation.ghosts_of(others, robot, fps))
     centre = middle(record, frames)
     log = CommandLog()
     root = log.visualizer()["scene"]
     root.set_transform(shapes.shifted(-centre))  # keeps 32-bit floats exact and the lights near
     trails, beam = _draw(log, root, record, robot, frames, ghosts, fps)
-    of_ghosts = [trail for one in ghosts for trail in draw_trails(root[one.node]["trails"], robot, one.frames, one.rgb)]
-    details = page_details(record, robot, frames, centre) | time_line(record) | readouts(record, frames)
+    of_ghosts = [
+        trail
+        for one in ghosts
+        for trail in draw_trails(root[one.node]["trails"], robot, one.frames, one.rgb)
+    ]
+    details = (
+        page_details(record, robot, frames, centre) | time_line(record) | readouts(record, frames)
+    )
     details |= {
         "trails": trails + of_ghosts,
         "arrows": arrow_groups(record, robot, frames, details["size"]),
@@ -190,11 +270,23 @@ def _page(record: Record, robot: Robot, others: Mapping[str, Record], fps: float
     way = frames.placements[:: max(1, len(frames.t) // 100), 1, :3]
     places = frames.placements[:: max(1, len(frames.t) // _STILLS), :, :3]
     lines = [way, *(line for moment in places for line in _links(robot, moment))]
-    return build_page(log, title=f"{record.meta.scenario}: {record.meta.robot}", details=details, height=height, lines=lines)
+    return build_page(
+        log,
+        title=f"{record.meta.scenario}: {record.meta.robot}",
+        details=details,
+        height=height,
+        lines=lines,
+    )
 
 
 def _draw(
-    log: CommandLog, root: Visualizer, record: Record, robot: Robot, frames: Frames, ghosts: list[Ghost], fps: float
+    log: CommandLog,
+    root: Visualizer,
+    record: Record,
+    robot: Robot,
+    frames: Frames,
+    ghosts: list[Ghost],
+    fps: float,
 ) -> tuple[list[dict[str, Any]], bool]:
     """Everything that meshcat draws and moves; returns the trails, and whether there is a beam."""
     draw_robot(root["robot"], robot)
@@ -202,12 +294,19 @@ def _draw(
         draw_robot(root[ghost.node], robot, (*ghost.rgb, animation.OPACITY))
     draw_goals(root["goals"], record)
     draw_obstacles(root["obstacles"], record)
-    clips: dict[Any, Any] = {root["goals"][name].path: clip for name, clip in animation.goal_clips(record, frames, fps)}
+    clips: dict[Any, Any] = {
+        root["goals"][name].path: clip for name, clip in animation.goal_clips(record, frames, fps)
+    }
     for node, moved in (("robot", frames), *((ghost.node, ghost.frames) for ghost in ghosts)):
-        clips |= {root[node][joint_node(robot.model, j)].path: clip for j, clip in animation.joint_clips(robot, moved, fps)}
+        clips |= {
+            root[node][joint_node(robot.model, j)].path: clip
+            for j, clip in animation.joint_clips(robot, moved, fps)
+        }
     beam = frames.altimeter is not None and "altimeter_range" in record.series
     if beam:
         animation.draw_beam(root["beam"])
-        clips[root["beam"].path] = animation.beam_clip(frames, record["altimeter_range"][frames.row], fps)
+        clips[root["beam"].path] = animation.beam_clip(
+            frames, record["altimeter_range"][frames.row], fps
+        )
     log.animate(clips)
     return draw_trails(root["trails"], robot, frames), beam

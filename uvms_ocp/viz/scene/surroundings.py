@@ -1,4 +1,6 @@
-"""Draw goals, obstacles and trails, arrows of forces, and lines of nearest distance to obstacles."""
+"""Draw goals, obstacles and trails, arrows of forces, and lines of nearest distance to
+obstacles.
+"""
 
 from __future__ import annotations
 
@@ -24,15 +26,24 @@ from uvms_ocp.viz.series import floor_heights
 _TRAIL_STEP = 0.01  # [m] between points of a trail
 _SAME_PLACE = 0.05  # [m]
 Colour = tuple[float, float, float]
-_OWN_TRAILS: tuple[Colour, ...] = ((1.0, 0.82, 0.2), (0.95, 0.25, 0.55), (0.45, 0.95, 0.6), (0.7, 0.6, 1.0))
+_OWN_TRAILS: tuple[Colour, ...] = (
+    (1.0, 0.82, 0.2),
+    (0.95, 0.25, 0.55),
+    (0.45, 0.95, 0.6),
+    (0.7, 0.6, 1.0),
+)
 _MARKERS = ((0.95, 0.3, 0.1), (0.2, 0.85, 0.45), (0.95, 0.85, 0.2), (0.6, 0.4, 0.9))
 _OBSTACLE = np.array([0.85, 0.45, 0.2, 0.55])
 
 
 def extent(record: Record, frames: Frames) -> np.ndarray:
     """Points (n, 3) [m] that the camera must see."""
-    markers = np.array([marker.position for marker in record.meta.surroundings.markers]).reshape(-1, 3)
-    obstacles = np.array([item.position for item in record.meta.surroundings.obstacles]).reshape(-1, 3)
+    markers = np.array([marker.position for marker in record.meta.surroundings.markers]).reshape(
+        -1, 3
+    )
+    obstacles = np.array([item.position for item in record.meta.surroundings.obstacles]).reshape(
+        -1, 3
+    )
     return np.vstack([frames.placements[:, 1:, :3].reshape(-1, 3), obstacles, markers])
 
 
@@ -44,29 +55,47 @@ def middle(record: Record, frames: Frames) -> np.ndarray:
     return np.array([x, y, z if floor is None else floor])
 
 
-def draw_trails(node: Visualizer, robot: Robot, frames: Frames, colour: Colour | None = None) -> list[dict[str, Any]]:
+def draw_trails(
+    node: Visualizer, robot: Robot, frames: Frames, colour: Colour | None = None
+) -> list[dict[str, Any]]:
     """Tubes along the paths of vehicle and tools; the page reveals them up to the time shown.
 
     colour (3,) of all, from 0 to 1; left out: one for each.
     """
     paths = {"vehicle": frames.placements[:, 1, :3]} if robot.n_vehicle else {}
     trails = []
-    for k, (name, points) in enumerate((*paths.items(), *frames.tools.items()), start=1 - len(paths)):
-        rgb, radius = colour or _OWN_TRAILS[min(k, len(_OWN_TRAILS) - 1)], 0.011 if k else 0.018
-        travelled = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(points, axis=0), axis=1))])
+    for k, (name, points) in enumerate(
+        (*paths.items(), *frames.tools.items()), start=1 - len(paths)
+    ):
+        rgb = colour or _OWN_TRAILS[min(k, len(_OWN_TRAILS) - 1)]
+        radius = 0.011 if k else 0.018
+        travelled = np.concatenate(
+            [[0.0], np.cumsum(np.linalg.norm(np.diff(points, axis=0), axis=1))]
+        )
         kept = np.unique(travelled // _TRAIL_STEP, return_index=True)[1]
         if len(kept) > 2:
             own = node[name.replace("/", "_")]
             own.set_object(tube(points[kept], radius), glow(rgb, 1.0))
             path = own.path.lower().strip("/").split("/")
-            trails.append({"name": name, "path": path, "colour": hex_of(rgb), "t": frames.t[kept].round(3).tolist()})
+            trails.append(
+                {
+                    "name": name,
+                    "path": path,
+                    "colour": hex_of(rgb),
+                    "t": frames.t[kept].round(3).tolist(),
+                }
+            )
     return trails
 
 
 def draw_goals(node: Visualizer, record: Record) -> None:
-    """Markers as balls, with a rod to the floor where they are above it, and frames as triads; numbered as in the record."""
+    """Markers as balls, with a rod to the floor where they are above it, and frames as triads;
+    numbered as in the record.
+    """
     for i, marker in enumerate(record.meta.surroundings.markers):
-        rgb, point, own = _MARKERS[i % len(_MARKERS)], np.array(marker.position), node[f"marker {i}"]
+        rgb = _MARKERS[i % len(_MARKERS)]
+        point = np.array(marker.position)
+        own = node[f"marker {i}"]
         own["ball"].set_object(mg.Sphere(0.06), material((*rgb, 0.75)))
         own.set_transform(shifted(point))
         floor = floor_heights(record, point[None, :2])
@@ -81,7 +110,8 @@ def draw_goals(node: Visualizer, record: Record) -> None:
 
 
 def labels(record: Record, centre: np.ndarray) -> list[dict[str, Any]]:
-    """Names of markers, goal frames and obstacles, and where they stand (3,) [m] from centre (3,) [m] in W.
+    """Names of markers, goal frames and obstacles, and where they stand (3,) [m] from centre (3,)
+    [m] in W.
 
     One name for each place; goals that move have none.
     """
@@ -92,7 +122,10 @@ def labels(record: Record, centre: np.ndarray) -> list[dict[str, Any]]:
     named += [(item.name, item.position, "obstacle") for item in around.obstacles]
     for text, place, kind in named:
         position = (np.array(place) - centre).round(4).tolist()
-        if all(np.linalg.norm(np.subtract(position, other["position"])) > _SAME_PLACE for other in found):
+        if all(
+            np.linalg.norm(np.subtract(position, other["position"])) > _SAME_PLACE
+            for other in found
+        ):
             found.append({"text": text, "position": position, "kind": kind})
     return found
 
@@ -100,15 +133,19 @@ def labels(record: Record, centre: np.ndarray) -> list[dict[str, Any]]:
 def draw_obstacles(node: Visualizer, record: Record) -> None:
     """Every obstacle, numbered in the order of the record."""
     for i, data in enumerate(record.meta.surroundings.obstacles):
-        item, own = build_obstacle(data), node[f"{i:03d}"]
+        item = build_obstacle(data)
+        own = node[f"{i:03d}"]
         draw_shape(own["shape"], item.shape, _OBSTACLE)
         own.set_transform(item.X_WO.homogeneous)
 
 
-# Arrows of what pushes the vehicle, in its own frame: thrust, contact with the floor, the current, the disturbance.
+# Arrows of what pushes the vehicle, in its own frame: thrust, contact with the floor, the current,
+# the disturbance.
 
 _LEAST = 1e-6  # [N, N m, m/s] nothing that is smaller throughout has an arrow
-_USUAL, _MOST = 80, 1.6  # [%] of the time the largest is shorter than its share; how much longer than that any is drawn
+# [%] of the time the largest is shorter than its share; how much longer than that any is drawn
+_USUAL = 80
+_MOST = 1.6
 Arrow = tuple[np.ndarray, np.ndarray]
 """Where it begins (3,) [m] in B, and its vectors (n, 3) [its unit] in B."""
 Draw = Callable[[np.ndarray, Robot, Frames, float], Iterator[Arrow]]
@@ -132,13 +169,20 @@ class ArrowKind:
 
 
 def arrow_groups(record: Record, robot: Robot, frames: Frames, size: float) -> list[dict[str, Any]]:
-    """JSON values, a group for each kind that the record has; size [m] of the robot, which lengths go by; peaks are cut.
+    """JSON values, a group for each kind that the record has; size [m] of the robot, which lengths
+    go by; peaks are cut.
 
-    Of each arrow: the point ``at`` (3,) [m] in B where it begins, and ``vectors`` (n, 3) [unit of the group] in B at the frames.
+    Of each arrow: the point ``at`` (3,) [m] in B where it begins, and ``vectors`` (n, 3) [unit of
+    the group] in B at the frames.
     """
     kinds = [kind for kind in _KINDS if kind.series in record.series and robot.n_vehicle]
-    drawn = [(kind, list(kind.draw(record[kind.series][frames.row], robot, frames, size))) for kind in kinds]
-    norms = [np.array([np.linalg.norm(vectors, axis=1) for _, vectors in arrows]) for _, arrows in drawn]
+    drawn = [
+        (kind, list(kind.draw(record[kind.series][frames.row], robot, frames, size)))
+        for kind in kinds
+    ]
+    norms = [
+        np.array([np.linalg.norm(vectors, axis=1) for _, vectors in arrows]) for _, arrows in drawn
+    ]
     return [
         _group(kind, arrows, norm, kind.share * size)
         for (kind, arrows), norm in zip(drawn, norms, strict=True)
@@ -146,7 +190,9 @@ def arrow_groups(record: Record, robot: Robot, frames: Frames, size: float) -> l
     ]
 
 
-def _group(kind: ArrowKind, arrows: list[Arrow], norms: np.ndarray, length: float) -> dict[str, Any]:
+def _group(
+    kind: ArrowKind, arrows: list[Arrow], norms: np.ndarray, length: float
+) -> dict[str, Any]:
     """The values of a group; norms (n_arrows, n) [its unit], length [m] of a usual one."""
     usual = max(float(np.percentile(norms.max(axis=0), _USUAL)), _LEAST)
     return {
@@ -159,7 +205,9 @@ def _group(kind: ArrowKind, arrows: list[Arrow], norms: np.ndarray, length: floa
 
 
 def _thrust(thrust: np.ndarray, robot: Robot, frames: Frames, size: float) -> Iterator[Arrow]:
-    for thruster, direction, values in zip(robot.description.thrusters, thruster_matrix(robot)[:3].T, thrust.T, strict=False):
+    for thruster, direction, values in zip(
+        robot.description.thrusters, thruster_matrix(robot)[:3].T, thrust.T, strict=False
+    ):
         X_BF = robot.model.frames[robot.model.getFrameId(thruster.link)].placement
         yield X_BF.act(np.array(thruster.position)), np.outer(values, direction)
 
@@ -184,27 +232,45 @@ def _in_vehicle(vectors: np.ndarray, frames: Frames) -> np.ndarray:
     return np.array([R_WB.T @ vector for R_WB, vector in zip(turns, vectors, strict=True)])
 
 
-_force, _moment = (partial(ArrowKind, series="disturbance", draw=partial(_disturbance, first)) for first in (0, 3))
+_force, _moment = (
+    partial(ArrowKind, series="disturbance", draw=partial(_disturbance, first)) for first in (0, 3)
+)
 _KINDS = (
-    ArrowKind(label="thrust", unit="N", colour="#b8f23c", share=0.55, series="thrust", draw=_thrust),
-    ArrowKind(label="contact with the floor", unit="N", colour="#ff6b5e", share=0.5, series="contact", draw=_contact),
-    ArrowKind(label="current", unit="m/s", colour="#63e6ff", share=0.7, series="current", draw=_current),
+    ArrowKind(
+        label="thrust", unit="N", colour="#b8f23c", share=0.55, series="thrust", draw=_thrust
+    ),
+    ArrowKind(
+        label="contact with the floor",
+        unit="N",
+        colour="#ff6b5e",
+        share=0.5,
+        series="contact",
+        draw=_contact,
+    ),
+    ArrowKind(
+        label="current", unit="m/s", colour="#63e6ff", share=0.7, series="current", draw=_current
+    ),
     _force(label="disturbance, force", unit="N", colour="#ff7ad9", share=0.8),
     _moment(label="disturbance, moment", unit="N m", colour="#c9a0ff", share=0.6, shown=False),
 )
 
 
-# How near the robot is to each obstacle: the distance, and the line between the two points where they are nearest.
+# How near the robot is to each obstacle: the distance, and the line between the two points where
+# they are nearest.
 
 NEAR = 1.0
 """[m] below which a line is drawn."""
 _MOST_LOOKS = 20_000  # distances of pairs; a longer or fuller run is looked at less often
 
 
-def witness_lines(record: Record, robot: Robot, frames: Frames, centre: np.ndarray) -> dict[str, Any] | None:
-    """JSON values: times ``t`` (n,) [s], and of each obstacle its distances (n,) [m] and lines (n, 6) [m] in the page's frame.
+def witness_lines(
+    record: Record, robot: Robot, frames: Frames, centre: np.ndarray
+) -> dict[str, Any] | None:
+    """JSON values: times ``t`` (n,) [s], and of each obstacle its distances (n,) [m] and lines (n,
+    6) [m] in the page's frame.
 
-    centre (3,) [m] in W is the origin of that frame. `None` without obstacles; a line of six zeros is none to draw.
+    centre (3,) [m] in W is the origin of that frame. `None` without obstacles; a line of six zeros
+    is none to draw.
     """
     obstacles = [build_obstacle(item) for item in record.meta.surroundings.obstacles]
     n_links = robot.collision_model.ngeoms
@@ -213,8 +279,12 @@ def witness_lines(record: Record, robot: Robot, frames: Frames, centre: np.ndarr
     n = max(2, min(len(frames.t), _MOST_LOOKS // (n_links * len(obstacles))))
     looks = np.unique(np.linspace(0, len(frames.t) - 1, n).round().astype(int))
     pairs = [(link, n_links + k) for k in range(len(obstacles)) for link in range(n_links)]
-    scene = collision_model.CoalPairs(robot.model, collision_model.shapes_among(robot, obstacles), pairs)
-    found = np.array([_nearest(scene, q, (len(obstacles), n_links)) for q in record["q"][frames.row[looks]]])
+    scene = collision_model.CoalPairs(
+        robot.model, collision_model.shapes_among(robot, obstacles), pairs
+    )
+    found = np.array(
+        [_nearest(scene, q, (len(obstacles), n_links)) for q in record["q"][frames.row[looks]]]
+    )
     found[..., 1:] -= np.tile(centre, 2)
     lines = np.where(found[..., :1] < NEAR, found[..., 1:], 0.0)
     return {
@@ -223,7 +293,11 @@ def witness_lines(record: Record, robot: Robot, frames: Frames, centre: np.ndarr
         "shown": True,
         "t": frames.t[looks].round(3).tolist(),
         "obstacles": [
-            {"name": item.name, "distance": rounded(found[:, k, 0]), "line": lines[:, k].round(4).tolist()}
+            {
+                "name": item.name,
+                "distance": rounded(found[:, k, 0]),
+                "line": lines[:, k].round(4).tolist(),
+            }
             for k, item in enumerate(record.meta.surroundings.obstacles)
         ],
     }
