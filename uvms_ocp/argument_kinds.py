@@ -88,7 +88,9 @@ class _Pose(Kind):
     converts = True
 
     def converted(self, value: Any, keep: bool) -> Any:
-        return value.copy() if keep else value
+        if keep:
+            return value.copy()
+        return value
 
 
 @dataclass(frozen=True)
@@ -111,7 +113,9 @@ class _Number(Kind):
 
     def converted(self, value: Any, keep: bool) -> Any:
         # NumPy cannot say of a whole number of thirty digits whether it is finite.
-        return float(value) if type(value) is int else value
+        if type(value) is int:
+            return float(value)
+        return value
 
 
 @dataclass(frozen=True)
@@ -178,7 +182,9 @@ class _Numbers(Kind):
     def converted(self, value: Any, keep: bool) -> Any:
         if keep and (self.plain or np.ndim(value)):
             return read_only(value, self.dtype)
-        return np.asarray(value, dtype=self.dtype) if self.plain else value
+        if self.plain:
+            return np.asarray(value, dtype=self.dtype)
+        return value
 
 
 def _array(value: Any) -> np.ndarray | None:
@@ -215,7 +221,9 @@ class _Either(Kind):
         deeper = [
             fault for fault in found if fault.place != place or not fault.found.startswith("=")
         ]
-        return deeper[0] if deeper else super().wrong(place, value)
+        if deeper:
+            return deeper[0]
+        return super().wrong(place, value)
 
     def among(self, value: Any) -> Kind:
         return next((kind.among(value) for kind in self.kinds if kind.holds(value)), Kind())
@@ -289,7 +297,9 @@ class _Several(Kind):
             return tuple(
                 kind.converted(item, keep) for kind, item in zip(self.kinds, value, strict=True)
             )
-        return value if isinstance(value, tuple) else tuple(value)
+        if isinstance(value, tuple):
+            return value
+        return tuple(value)
 
 
 @dataclass(frozen=True)
@@ -386,7 +396,9 @@ def _kind_of(annotation: Any) -> Kind:
         )
     if origin is not None:
         return _generic(origin, arguments)
-    return _kind_of_class(annotation) if isinstance(annotation, type) else Kind()
+    if isinstance(annotation, type):
+        return _kind_of_class(annotation)
+    return Kind()
 
 
 def _hints(thing: Any) -> dict[str, Any]:
@@ -410,11 +422,9 @@ def _annotated(base: Any, *extras: object) -> Kind:
         return _numbers(shape=shape, inside=inside)
     if isinstance(kind, _Numbers):
         return _numbers(dtype=kind.dtype, plain=kind.plain, shape=shape, inside=inside)
-    return (
-        type(kind)(f"{kind.allowed}{inside or ''}", inside=inside)
-        if isinstance(kind, (_Number, _Whole))
-        else kind
-    )
+    if isinstance(kind, (_Number, _Whole)):
+        return type(kind)(f"{kind.allowed}{inside or ''}", inside=inside)
+    return kind
 
 
 def _either(arguments: tuple[Any, ...]) -> Kind:
@@ -485,7 +495,9 @@ def _kind_of_class(cls: type) -> Kind:
     if cls is np.ndarray:
         return _numbers(plain=True)
     if cls in (float, int):
-        return _Number("a number") if cls is float else _Whole("a whole number")
+        if cls is float:
+            return _Number("a number")
+        return _Whole("a whole number")
     if getattr(cls, "_is_protocol", False):
         parents = [base for base in cls.__mro__ if getattr(base, "_is_protocol", False)]
         found = dict.fromkeys(

@@ -60,7 +60,9 @@ def checked(thing: _T) -> _T:
     in one line that names the argument, and of a constructor the value, by its argument `name` or
     `to`; a name that no argument has raises `ArgumentNotFound`, with the nearest.
     """
-    return _checked_class(thing) if isinstance(thing, type) else _before(thing, None)
+    if isinstance(thing, type):
+        return _checked_class(thing)
+    return _before(thing, None)
 
 
 def checked_on_failure(thing: _T) -> _T:
@@ -230,7 +232,9 @@ class _Arguments:
             return args, kwargs
 
         def convert(name: str, value: Any) -> Any:
-            return self._kinds[name].converted(value, keep) if name in self._converting else value
+            if name in self._converting:
+                return self._kinds[name].converted(value, keep)
+            return value
 
         first = tuple(map(convert, self._by_place, args))
         return first + args[len(first) :], {
@@ -280,11 +284,10 @@ def _doubt(function: Callable[..., Any]) -> str:
     """
     doubts = []
     for name, word in function.__annotations__.items():
-        plain, extras = (
-            _plain(word, function.__globals__)
-            if isinstance(word, str) and name != "return"
-            else ("", ())
-        )
+        if isinstance(word, str) and name != "return":
+            plain, extras = _plain(word, function.__globals__)
+        else:
+            plain, extras = ("", ())
         if plain in _CHECKED_BY_CLASS:
             # The one class that is nearly always found is asked for by itself: that takes half the
             # time.
@@ -300,7 +303,10 @@ def _plain(word: str, scope: dict[str, Any]) -> tuple[str, tuple[Any, ...]]:
     an `Annotated`.
     """
     module, _, name = word.rpartition(".")
-    named = getattr(scope.get(module), name, None) if module else scope.get(word)
+    if module:
+        named = getattr(scope.get(module), name, None)
+    else:
+        named = scope.get(word)
     thing = eval(word, scope) if word.startswith("Annotated[") and word.endswith("]") else named
     if get_origin(thing) is not Annotated:
         return word, ()
@@ -427,11 +433,9 @@ def _open(cls: Any) -> type:
 def _field(f: Field[Any]) -> str:
     """Source of its value."""
     name = f.name
-    return (
-        name
-        if f.default_factory is MISSING
-        else f"_make_{name}() if {name} is _default_{name} else {name}"
-    )
+    if f.default_factory is MISSING:
+        return name
+    return f"_make_{name}() if {name} is _default_{name} else {name}"
 
 
 def replace_unchecked(value: _V, /, **changes: Any) -> _V:

@@ -84,7 +84,9 @@ def _keys_of(problem: Any) -> list[str]:
 def printable(key: object) -> str:
     """A key or a path as messages show it: as it is where it fits in a line."""
     key = str(key)
-    return key if key.isprintable() and len(key) <= _LONGEST else short(key)
+    if key.isprintable() and len(key) <= _LONGEST:
+        return key
+    return short(key)
 
 
 def _problem(problem: Any, model: type[BaseModel]) -> str:
@@ -102,7 +104,9 @@ def _advice(path: Sequence[str], model: type[BaseModel]) -> str:
     *section, key = path
     known = sorted(_fields(section, model))
     close = get_close_matches(key, known, n=1)
-    return f"did you mean {close[0]!r}?" if close else f"known here: {', '.join(known)}"
+    if close:
+        return f"did you mean {close[0]!r}?"
+    return f"known here: {', '.join(known)}"
 
 
 def _fields(section: Sequence[str], model: type[BaseModel]) -> dict[str, FieldInfo]:

@@ -49,7 +49,9 @@ class Range:
         if np.isinf(self.low) and np.isinf(self.high):
             return ", finite" if self.open else ", not NaN"
         if np.isinf(self.high):
-            return f" > {self.low:g}, finite" if self.open else f" >= {self.low:g}"
+            if self.open:
+                return f" > {self.low:g}, finite"
+            return f" >= {self.low:g}"
         return (
             f" {'between' if self.open else 'from'} {self.low:g} {'and' if self.open else 'to'}"
             f" {self.high:g}"
@@ -181,7 +183,9 @@ class FrozenDict(dict[Any, Any]):
 
 def frozen_mapping(items: Mapping[Any, Any]) -> FrozenDict:
     """The same entries, for good."""
-    return items if type(items) is FrozenDict else FrozenDict(items)
+    if type(items) is FrozenDict:
+        return items
+    return FrozenDict(items)
 
 
 def read_only(values: ArrayLike, dtype: type | None = None) -> np.ndarray:

@@ -108,13 +108,17 @@ class MissionJob(jobs.CampaignJob):
 
 def built(variations: CodeSource | Sequence[Variation]) -> Sequence[Variation]:
     """The values, of a file loaded once in a process."""
-    return _made(variations) if isinstance(variations, CodeSource) else variations
+    if isinstance(variations, CodeSource):
+        return _made(variations)
+    return variations
 
 
 @lru_cache(maxsize=4)
 def _made(source: CodeSource | Callable[[], Any]) -> Any:
     """Once in a process: what runs share, such as the robot, is then known to be the same."""
-    return source.build() if isinstance(source, CodeSource) else source()
+    if isinstance(source, CodeSource):
+        return source.build()
+    return source()
 
 
 def _packed(record: Record) -> bytes:
@@ -288,7 +292,9 @@ def kept_campaign(folder: Path) -> Campaign:
 
 
 def _gathered(given: Any, options: Mapping[str, Any], attribute: str) -> Any:
-    return CodeSource.gathered(given, options, attribute) if isinstance(given, str) else given
+    if isinstance(given, str):
+        return CodeSource.gathered(given, options, attribute)
+    return given
 
 
 def _identity(source: Any) -> dict[str, Any]:

@@ -129,14 +129,14 @@ class Dispatch:
             self._stop()
 
     def _fill(self, todo: Any) -> None:
-        workers = (
-            self._client.scheduler_info(n_workers=-1)["workers"].values() if self._running else ()
-        )
-        counts = (
-            [worker["nthreads"] for worker in workers]
-            if self._running
-            else self._client.nthreads().values()
-        )
+        if self._running:
+            workers = self._client.scheduler_info(n_workers=-1)["workers"].values()
+        else:
+            workers = ()
+        if self._running:
+            counts = [worker["nthreads"] for worker in workers]
+        else:
+            counts = self._client.nthreads().values()
         threads = max(1, sum(counts))
         while len(self._running) < _AHEAD * threads and (chunk := self._next(todo)):
             self._send(chunk)
@@ -214,11 +214,10 @@ class Dispatch:
             self._suspects.append(chunk[0])
         else:
             outcome = KILLED if isinstance(error, dask().KilledWorker) else ERROR
-            text = (
-                f"the process of the run ended: {error}"
-                if outcome == KILLED
-                else f"{type(error).__name__}: {error}"
-            )
+            if outcome == KILLED:
+                text = f"the process of the run ended: {error}"
+            else:
+                text = f"{type(error).__name__}: {error}"
             self._folder.add(RunResult(row=failed_row(self._work, chunk[0], outcome, text)))
 
     def _give_up(self) -> None:

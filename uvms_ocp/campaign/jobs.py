@@ -210,7 +210,9 @@ def describe(error: BaseException) -> str:
 def _place(error: BaseException) -> str:
     """Return file and line of the innermost call."""
     frames = traceback.extract_tb(error.__traceback__)
-    return f" ({frames[-1].filename.rpartition('/')[2]}:{frames[-1].lineno})" if frames else ""
+    if frames:
+        return f" ({frames[-1].filename.rpartition('/')[2]}:{frames[-1].lineno})"
+    return ""
 
 
 # Figures of merit of one run, a number each: what a campaign has distributions of.
@@ -285,11 +287,10 @@ def run_metrics(scenario: Scenario, record: Record) -> dict[str, float | None]:
     for name, tool in tool_metrics(scenario.robot).items():
         own = next((one.name for one in meta.tasks if one.tool == tool), "")
         error = f"{own}.{kind_of(name).removeprefix('tool_').rpartition('_')[0]}"
-        figures[name] = (
-            _clearance(scenario, record, tool)
-            if kind_of(name) == "clearance_m"
-            else meta.true_quantity(error)
-        )
+        if kind_of(name) == "clearance_m":
+            figures[name] = _clearance(scenario, record, tool)
+        else:
+            figures[name] = meta.true_quantity(error)
     return {
         name: None if figure is None or not np.isfinite(figure) else float(figure)
         for name, figure in figures.items()

@@ -145,11 +145,10 @@ def sensitivity_table(
         return []
     rows = []
     for name in ("success", *jobs.metrics_among(table)):
-        y = (
-            table[name].to_numpy(dtype=float, na_value=np.nan)
-            if name == "success"
-            else jobs.metric_values(table, name)
-        )
+        if name == "success":
+            y = table[name].to_numpy(dtype=float, na_value=np.nan)
+        else:
+            y = jobs.metric_values(table, name)
         known = np.isfinite(y)
         if known.sum() >= _FEWEST and np.ptp(y[known]) > 0.0:
             rows += _of_figure(

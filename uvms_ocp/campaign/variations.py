@@ -283,7 +283,9 @@ def _with_gusts(scenario: Scenario, value: float) -> Scenario:
 def _velocity(scenario: Scenario) -> np.ndarray:
     """(3,) [m/s] of the uniform part."""
     base = _base(scenario)
-    return base.value if isinstance(base, UniformCurrent | OnsetCurrent) else np.zeros(3)
+    if isinstance(base, UniformCurrent | OnsetCurrent):
+        return base.value
+    return np.zeros(3)
 
 
 def _base(scenario: Scenario) -> Current:
@@ -434,7 +436,9 @@ def _with_goal(name: str, axis: int, scenario: Scenario, value: float) -> Scenar
 
 def _shifted(goal: Any, axis: int, value: float) -> Any:
     if not isinstance(goal, pin.SE3):
-        return goal if callable(goal) else goal + value * np.eye(3)[axis]
+        if callable(goal):
+            return goal
+        return goal + value * np.eye(3)[axis]
     if axis < len(_AXES):
         return pin.SE3(goal.rotation, goal.translation + value * np.eye(3)[axis])
     return pin.SE3(pin.rpy.rpyToMatrix(0.0, 0.0, value) @ goal.rotation, goal.translation)
@@ -522,9 +526,10 @@ class Variation:
         object.__setattr__(self, "distribution", distribution_of(self.distribution))
 
     def __str__(self) -> str:
-        own = (
-            "" if self.apply is None else f" by {getattr(self.apply, '__qualname__', 'a function')}"
-        )
+        if self.apply is None:
+            own = ""
+        else:
+            own = f" by {getattr(self.apply, '__qualname__', 'a function')}"
         return f"{self.name}: {self.distribution!r}{own}"
 
 

@@ -246,9 +246,10 @@ def _print_table(
     most: int = _SHOWN,
 ) -> None:
     if rows:
-        part = (
-            f" (the first {most} of {len(rows)}; report.html has all)" if len(rows) > most else ""
-        )
+        if len(rows) > most:
+            part = f" (the first {most} of {len(rows)}; report.html has all)"
+        else:
+            part = ""
         console.print(printing.table_of(title + part, rows[:most], columns))
 
 

@@ -103,7 +103,9 @@ class NewMission:
         """
         R = Kinematics(self.robot, self.robot.configuration()).pose(roles.BASE).rotation
         root = self.robot.frame_names[1]
-        return "" if np.allclose(R, np.eye(3), atol=1e-6) else f"frame={_quoted(root)}"
+        if np.allclose(R, np.eye(3), atol=1e-6):
+            return ""
+        return f"frame={_quoted(root)}"
 
     @property
     def has_forces(self) -> bool:
@@ -207,19 +209,15 @@ class NewMission:
             target[2] for target in targets
         ]
         lowest = min(heights) - _OVER
-        return (
-            min(_FLOOR, float(np.floor(lowest)))
-            if self.robot.n_vehicle
-            else float(np.floor(lowest - 1.0))
-        )
+        if self.robot.n_vehicle:
+            return min(_FLOOR, float(np.floor(lowest)))
+        return float(np.floor(lowest - 1.0))
 
     def _numbered(self, name: str, mark: str = "_") -> list[str]:
         """Names of what there is one of for each tool: the name itself for a single tool."""
-        return (
-            [name]
-            if len(self.tools) == 1
-            else [f"{name}{mark}{k}" for k in range(1, len(self.tools) + 1)]
-        )
+        if len(self.tools) == 1:
+            return [name]
+        return [f"{name}{mark}{k}" for k in range(1, len(self.tools) + 1)]
 
     def _tasks(self) -> Iterator[tuple[str, str]]:
         """Lines, each with the name of its task, if it is one."""
@@ -350,11 +348,10 @@ def loading_line(
     parts = [f'urdf=ROBOT / "{urdf.name}"']
     if water is not None:
         inside = Path(water).resolve().parent == urdf.resolve().parent
-        where = (
-            f"ROBOT / {_quoted(Path(water).name)}"
-            if inside
-            else f"HERE / {_quoted(beside(Path(water)))}"
-        )
+        if inside:
+            where = f"ROBOT / {_quoted(Path(water).name)}"
+        else:
+            where = f"HERE / {_quoted(beside(Path(water)))}"
         parts.append(f"hydrodynamics={where}")
     for key, value in loading.items():
         if key == "package_dirs":

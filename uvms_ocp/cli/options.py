@@ -325,11 +325,9 @@ def _word(name: str, value: Any) -> str:
         return name + "_".join(map(str, value))
     if name in ("robot", "hydrodynamics"):
         return label(str(value))
-    return (
-        label("-".join(f"{key}_{word}" for key, word in value.items()))
-        if name == "loading"
-        else f"{name}{value}"
-    )
+    if name == "loading":
+        return label("-".join(f"{key}_{word}" for key, word in value.items()))
+    return f"{name}{value}"
 
 
 def label(words: str) -> str:

@@ -237,9 +237,10 @@ def _print_motion(console: Console, made: PlanOutput) -> None:
     report = made.report
     if made.record is not None:
         least = report["min_clearance_m"]
-        near = (
-            "" if least is None else f", {least:.3g} m between {report['min_clearance_between']} "
-        )
+        if least is None:
+            near = ""
+        else:
+            near = f", {least:.3g} m between {report['min_clearance_between']} "
         near += "" if least is None else f"at {report['min_clearance_at_s']:.2f} s"
         each = [
             f"{d:.3g} m to {name}"

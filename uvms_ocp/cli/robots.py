@@ -57,11 +57,9 @@ def schema() -> None:
 def _files(robot: str) -> Path:
     """The path as it is where there is one, or else the folder of the robot of that name."""
     path = Path(robot)
-    return (
-        robot_folder(robot)
-        if robot == path.name and not path.suffix and not path.exists()
-        else path
-    )
+    if robot == path.name and not path.suffix and not path.exists():
+        return robot_folder(robot)
+    return path
 
 
 def _print_robot(report: robot_check.RobotReport) -> None:

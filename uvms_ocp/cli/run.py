@@ -245,9 +245,10 @@ def run_and_write(
         with claim.staged(keep=[RECORD]) as staging:
             (staging / "report.json").write_text(json.dumps(report, indent=2) + "\n")
             (staging / "figures").mkdir()
-            ghosts = (
-                {"plan": plan.to_record(scenario)} if plan is not None and SCENE in wanted else None
-            )
+            if plan is not None and SCENE in wanted:
+                ghosts = {"plan": plan.to_record(scenario)}
+            else:
+                ghosts = None
             drawings = drawings_of(record, scenario.robot, staging, wanted, ghosts)
             missing = draw(drawings, console.status("writing report, figures and scene"))
         written = claim.written()
@@ -290,7 +291,10 @@ def _simulate(
     as it came.
     """
     with printing.busy(console, "building the controller"):
-        controller = scenario.controller() if plan is None else plan.controller(scenario)
+        if plan is None:
+            controller = scenario.controller()
+        else:
+            controller = plan.controller(scenario)
     try:
         return scenario.run(None, controller, observer, folder)
     except Interrupted as stop:
@@ -382,9 +386,10 @@ def _print_summary(console: Console, report: dict[str, Any], paths: list[Path]) 
     console.print(printing.table_of("resources", resources, tuple(resources[0])))
     times = report["controller_us"]
     whole = f", whole controller {times['p50']:.0f} us" if times else ""
-    verdict = (
-        "complete" if report["completed"] else plain_line(f"not completed: {report['pending']}")
-    )
+    if report["completed"]:
+        verdict = "complete"
+    else:
+        verdict = plain_line(f"not completed: {report['pending']}")
     tick = (
         f"tick p50 {report['tick_us']['p50']:.0f} us{whole}, largest tilt"
         f" {printing.cell(report['largest_tilt_rad'])} rad"

@@ -40,6 +40,7 @@ from uvms_ocp.scenario.scenario import Scenario
 from uvms_ocp.sim.faults import parse_faults
 
 if TYPE_CHECKING:
+    from uvms_ocp.identification.recording import Recording
     from uvms_ocp.viz.scene.page import ScenePage
 
 # ``check`` and ``mission``: look at a mission without running it.
@@ -174,11 +175,11 @@ def estimate(
     console = console_of(stderr=as_json)
     own = with_robot(opt.given(robot=robot, **files.options)).get("robot")
     is_run = mapping is None and (path.is_dir() or path.suffix == ".npz")
-    given = (
-        Record.load(_file_at(path, (RECORD,), "the folder of a run"))
-        if is_run
-        else read_recordings([path], mapping)[0]
-    )
+    given: Record | Recording
+    if is_run:
+        given = Record.load(_file_at(path, (RECORD,), "the folder of a run"))
+    else:
+        given = read_recordings([path], mapping)[0]
     if own is None:
         if not isinstance(given, Record):
             raise InvalidInput(f"{path} does not say of which robot it is; give --robot")

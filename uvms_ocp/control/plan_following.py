@@ -196,18 +196,18 @@ class PlanGuide:
     def _away(self, error: np.ndarray) -> str:
         beyond = np.abs(error) / self._bounds
         worst = int(np.argmax(beyond))
-        return (
-            f"{abs(error[worst]):.2g} away from it along axis {worst} of the velocities"
-            if beyond[worst] > 1.0
-            else ""
-        )
+        if beyond[worst] > 1.0:
+            return f"{abs(error[worst]):.2g} away from it along axis {worst} of the velocities"
+        return ""
 
     def _too_late(self, waiting: Callable[[], str]) -> str:
         phase = self._phases[self._at]
         if self._clock >= phase.end:
             self._late += self._dt
         name = self._mission.phase_names[phase.phase]
-        return f"phase {name!r} does not end: {waiting()}" if self._late > self._tuning.late else ""
+        if self._late > self._tuning.late:
+            return f"phase {name!r} does not end: {waiting()}"
+        return ""
 
     def _rate(self, tick: TickInputs) -> float:
         """Speed of the plan's clock."""
@@ -217,8 +217,6 @@ class PlanGuide:
         )
         if following.moves and following is not now and self._clock >= now.end:
             return 0.0
-        return (
-            _CATCH_UP
-            if now.moves and self._clock < now.begin + tick.t - tick.mission.since
-            else 1.0
-        )
+        if now.moves and self._clock < now.begin + tick.t - tick.mission.since:
+            return _CATCH_UP
+        return 1.0

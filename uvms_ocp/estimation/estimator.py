@@ -337,11 +337,9 @@ class Estimator(TableDisplay):
         channel.
         """
         t, squared, degrees, accepted = self.memory.outcome[_number(channel)].tolist()
-        return (
-            None
-            if math.isnan(t)
-            else _outcome(t=t, squared=squared, degrees=int(degrees), accepted=bool(accepted))
-        )
+        if math.isnan(t):
+            return None
+        return _outcome(t=t, squared=squared, degrees=int(degrees), accepted=bool(accepted))
 
     @property
     def outcomes(self) -> Array:
@@ -501,7 +499,9 @@ def _taken(spec: SensorSpec, t: float) -> float:
     Losses make it rarer.
     """
     rate = min(spec.rate * (1.0 - spec.dropout), _RATE)
-    return math.floor((t - spec.delay) * rate + 1e-6) / rate if rate > 0.0 else -math.inf
+    if rate > 0.0:
+        return math.floor((t - spec.delay) * rate + 1e-6) / rate
+    return -math.inf
 
 
 def declared_bias(robot: Robot, specs: SensorSpecs) -> np.ndarray:

@@ -98,13 +98,9 @@ def freshness_of(age: float, hold_after: float, stop_after: float) -> int:
     """The `Freshness` of a measurement of `age` [s], by `hold_after` [s] and `stop_after` [s] of a
     `Watchdog`. A kernel.
     """
-    return (
-        Freshness.FRESH
-        if age <= hold_after
-        else Freshness.STALE
-        if age <= stop_after
-        else Freshness.LOST
-    )
+    if age <= hold_after:
+        return Freshness.FRESH
+    return Freshness.STALE if age <= stop_after else Freshness.LOST
 
 
 _TEXTS = {
@@ -194,11 +190,10 @@ class LastValidEstimate:
 
     def __init__(self, robot: Robot, memory: LastValidMemory | None = None) -> None:
         """memory: a `LastValidMemory` of the caller's, who asks the kernel."""
-        self.memory = (
-            structure_of(LastValidMemory, n_q=robot.n_q, n_v=robot.n_v)()
-            if memory is None
-            else memory
-        )
+        if memory is None:
+            self.memory = structure_of(LastValidMemory, n_q=robot.n_q, n_v=robot.n_v)()
+        else:
+            self.memory = memory
         self._last = StateEstimate(
             q=robot.configuration(), v=np.zeros(robot.n_v), altimeter_range=np.nan
         )
@@ -333,11 +328,10 @@ class LastFloorRange:
 
         memory: an `AltimeterMemory` of the caller's, of the `echo_sizes` of the frame.
         """
-        self.memory = (
-            structure_of(AltimeterMemory, **echo_sizes(robot, frame))()
-            if memory is None
-            else memory
-        )
+        if memory is None:
+            self.memory = structure_of(AltimeterMemory, **echo_sizes(robot, frame))()
+        else:
+            self.memory = memory
         self.memory.exists = frame is not None and robot.has_frame(frame)
         self.memory.floor = self.memory.highest = math.nan
 
@@ -347,11 +341,9 @@ class LastFloorRange:
         """
         point_altimeter(self.memory, doubles(measurement.q))
         measured = has_altitude(self.memory, measurement.altimeter_range)
-        return (
-            (measurement.altimeter_range, True)
-            if measured
-            else (range_to_last_floor(self.memory, 0.0), False)
-        )
+        if measured:
+            return (measurement.altimeter_range, True)
+        return (range_to_last_floor(self.memory, 0.0), False)
 
 
 def echo_sizes(robot: Robot, frame: str | None) -> dict[str, Any]:

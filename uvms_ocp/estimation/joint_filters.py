@@ -236,7 +236,9 @@ def _inflate_own(m: FilterMemory, j: int, c: int, variance: float) -> None:
 
 def _is_of(m: FilterMemory, c: int, state: int) -> bool:
     """Return whether a channel sees a state, or saw the clone that it is."""
-    return m.joint_owner[state - 2] == c if state >= 2 else state == c - _FIRST
+    if state >= 2:
+        return m.joint_owner[state - 2] == c
+    return state == c - _FIRST
 
 
 def _correct(m: FilterMemory, j: int, state: int, nu: float, own: float, n: int) -> None:

@@ -65,7 +65,9 @@ def _least(c: int) -> float:
     """[s] between two clones at least: motion is smooth enough in between. Joints have no need to
     save.
     """
-    return _SPACING * filtering.orders_of(c) if c < filtering.N_VEHICLE else 0.0
+    if c < filtering.N_VEHICLE:
+        return _SPACING * filtering.orders_of(c)
+    return 0.0
 
 
 def is_of_now(m: FilterMemory, c: int) -> bool:
@@ -234,13 +236,9 @@ def _corrected_by(c: int) -> int:
         return Part.SPEED
     if c == ChannelIndex.SPECIFIC_FORCE:
         return Part.ACCELERATION
-    return (
-        Part.FLOOR
-        if c == ChannelIndex.ALTIMETER_RANGE
-        else Part.PLACE
-        if c == ChannelIndex.POSITION
-        else Part.PLACE + 2
-    )
+    if c == ChannelIndex.ALTIMETER_RANGE:
+        return Part.FLOOR
+    return Part.PLACE if c == ChannelIndex.POSITION else Part.PLACE + 2
 
 
 def _is_blind(m: FilterMemory, c: int) -> bool:
@@ -499,7 +497,10 @@ def _inflate_surprised(m: FilterMemory, c: int, squared: float) -> None:
     soon.
     """
     time = time_since_accepted(m, c) if filtering.orders_of(c) > 1 else 1.0
-    bias = int(Part.GYRO_BIAS) if c <= ChannelIndex.ANGULAR_VELOCITY else int(Part.DVL_BIAS)
+    if c <= ChannelIndex.ANGULAR_VELOCITY:
+        bias = int(Part.GYRO_BIAS)
+    else:
+        bias = int(Part.DVL_BIAS)
     if c == ChannelIndex.LINEAR_VELOCITY:
         return  # which tells of accelerations, to go on with
     _inflate_own(m, c, squared, 1.0 / time if _is_place(c) and _is_velocity_unseen(m, c) else 0.0)

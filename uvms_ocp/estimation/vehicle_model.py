@@ -441,8 +441,14 @@ def _see(m: FilterMemory, s: PredictedMeasurement, part: int, rate: int) -> None
 
 def _see_in_body(m: FilterMemory, s: PredictedMeasurement, force: bool) -> None:
     """The velocity in B, or the specific force."""
-    own = int(Part.ACCELERATION) if force else int(Part.SPEED)
-    bias = int(Part.FORCE_BIAS) if force else int(Part.DVL_BIAS)
+    if force:
+        own = int(Part.ACCELERATION)
+    else:
+        own = int(Part.SPEED)
+    if force:
+        bias = int(Part.FORCE_BIAS)
+    else:
+        bias = int(Part.DVL_BIAS)
     R = zeros(9)
     v = zeros(3)
     in_B = zeros(3)
@@ -467,9 +473,10 @@ def _see_in_body(m: FilterMemory, s: PredictedMeasurement, force: bool) -> None:
         s.h[i] = in_B[i] + m.x[bias + i]
         s.rate[i] = (0.0 if force else rate[i]) - turning[i]
     size = in_B[0] * in_B[0] + in_B[1] * in_B[1] + in_B[2] * in_B[2]
-    s.rate_variance = (
-        mean_variance(m, Part.SPIN) * size if force else mean_variance(m, Part.ACCELERATION)
-    )
+    if force:
+        s.rate_variance = mean_variance(m, Part.SPIN) * size
+    else:
+        s.rate_variance = mean_variance(m, Part.ACCELERATION)
 
 
 def _see_floor(m: FilterMemory, s: PredictedMeasurement) -> None:

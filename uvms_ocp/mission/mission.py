@@ -113,9 +113,9 @@ _WORDS = (
 
 def _state(name: str, index: int) -> str:
     taken = name.lower() in _WORDS or name.startswith(_NUMBERED)
-    return (
-        name if name.isascii() and name.isidentifier() and not taken else f"{_NUMBERED}{index + 1}"
-    )
+    if name.isascii() and name.isidentifier() and not taken:
+        return name
+    return f"{_NUMBERED}{index + 1}"
 
 
 def _text(text: str) -> str:
@@ -357,11 +357,10 @@ class Mission(TableDisplay):
 
     def describe(self, state: MissionState) -> dict[str, str]:
         """Return tasks, phases and where it is now, each in a few words."""
-        now = (
-            "completed"
-            if state.completed
-            else state.aborted or f"in phase {self.phase_names[state.phase]}"
-        )
+        if state.completed:
+            now = "completed"
+        else:
+            now = state.aborted or f"in phase {self.phase_names[state.phase]}"
         return {
             "tasks": ", ".join(self.hierarchy.names),
             "phases": ", ".join(self.phase_names),

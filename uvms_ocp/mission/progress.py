@@ -120,11 +120,10 @@ def activations_at(m: MissionMemory, t: float, activations: Vector) -> None:
     if 0.0 < passed < m.ramp:
         blend = 0.5 - 0.5 * math.cos(math.pi * (passed / m.ramp))
     for i in range(len(m.activations_before)):
-        activations[i] = (
-            target[i]
-            if passed >= m.ramp
-            else (1.0 - blend) * m.activations_before[i] + blend * target[i]
-        )
+        if passed >= m.ramp:
+            activations[i] = target[i]
+        else:
+            activations[i] = (1.0 - blend) * m.activations_before[i] + blend * target[i]
 
 
 def measure_own(m: MissionMemory, t: float, load: float, spent: float, quantities: Vector) -> None:

@@ -370,7 +370,9 @@ class MissionProblem:
         times = np.arange(0.0, _AHEAD, _LOOK)
         u = np.array([self.current.velocity(p, float(t))[0] for t in times])
         changed = np.linalg.norm(u - u[0], axis=1) > _SAME_WATER
-        return float(times[np.argmax(changed) - 1]) if changed.any() else np.inf
+        if changed.any():
+            return float(times[np.argmax(changed) - 1])
+        return np.inf
 
     def keeping(self, links: Mask) -> MissionProblem:
         """With a constraint on pairs of links (n_pairs,) too."""
@@ -499,9 +501,10 @@ def plan_mission(
     except Interrupted as interrupted:
         stop = interrupted
         plan = interrupted.result
-    proof = (
-        None if posed.shapes is None else surroundings.certify_along(posed.shapes, plan.trajectory)
-    )
+    if posed.shapes is None:
+        proof = None
+    else:
+        proof = surroundings.certify_along(posed.shapes, plan.trajectory)
     status, reason = _verdict(plan, proof, longest)
     phases = _phases(scenario, posed.segments, plan.trajectory.t[posed.problem.starts_of_phases()])
     found = MissionPlan(

@@ -502,7 +502,9 @@ def clearance(scenario: Scenario, margins: Margins) -> ShapeClearance | None:
     kept = np.minimum(
         np.maximum(least, [asked.get(pair.name, 0.0) for pair in scene.pairs]), scene.room
     )
-    return ShapeClearance(scene=scene, margins=kept) if scene.pairs else None
+    if scene.pairs:
+        return ShapeClearance(scene=scene, margins=kept)
+    return None
 
 
 def _links(scene: CollisionScene) -> Mask:

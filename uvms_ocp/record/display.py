@@ -78,7 +78,9 @@ def cell(value: Any) -> str:
     """A value as a table shows it: a number in four digits, a dash for none."""
     if value is None or (isinstance(value, float) and math.isnan(value)):
         return "-"
-    return f"{value:.4g}" if isinstance(value, float) else plain_line(str(value))
+    if isinstance(value, float):
+        return f"{value:.4g}"
+    return plain_line(str(value))
 
 
 def _cut(line: str) -> str:
@@ -166,15 +168,10 @@ def format_value(value: Any) -> str:
     if callable(value) and hasattr(value, "__qualname__"):
         return str(value.__qualname__)
     # Describe it by its own words, where these are few; else by its kind.
-    words = (
-        f"{value:.4g}"
-        if isinstance(value, float)
-        else str(value)
-        if isinstance(value, str)
-        else repr(value)
-    )
-    return (
-        type(value).__name__
-        if "\n" in words or " at 0x" in words or len(words) > _LONGEST
-        else words
-    )
+    if isinstance(value, float):
+        words = f"{value:.4g}"
+    else:
+        words = str(value) if isinstance(value, str) else repr(value)
+    if "\n" in words or " at 0x" in words or len(words) > _LONGEST:
+        return type(value).__name__
+    return words

@@ -314,7 +314,10 @@ def topics(series: Series, meta: Any, t: np.ndarray, urdf: str | None) -> Iterat
         if floating and q in series and v in series:
             pose = series[q][:, :_POSE]
             known = series.get(std)
-            spread = np.zeros(_SIX**2) if known is None else _covariance(pose, known)
+            if known is None:
+                spread = np.zeros(_SIX**2)
+            else:
+                spread = _covariance(pose, known)
             states = (*head, VEHICLE, pose, spread, series[v][:, :_SIX], np.zeros(_SIX**2))
             yield Topic(name=f"/{name}", kind="nav_msgs/Odometry", parts=states)
     if meta.joints and (positions := run_meta.joint_positions(series, meta)) is not None:
@@ -404,9 +407,10 @@ def to_mcap(
             *topics(series, meta, times, urdf),
         ]
         channels = [(_channel(writer, topic), topic) for topic in found]
-        log = (
-            _channel(writer, Topic(name="/log", kind="rcl_interfaces/Log", parts=())) if said else 0
-        )
+        if said:
+            log = _channel(writer, Topic(name="/log", kind="rcl_interfaces/Log", parts=()))
+        else:
+            log = 0
         for first in range(0, len(t), _BLOCK):
             rows = slice(first, first + _BLOCK)
             encoded = [(channel, topic.messages(rows)) for channel, topic in channels]
@@ -486,11 +490,10 @@ def _read(path: Path) -> tuple[dict[str, np.ndarray], Any]:
     for schema, channel, message in mcap_messages(path):
         if "series" in channel.metadata:
             metadata[channel.metadata["series"]] = channel.metadata
-            decode = (
-                bytes
-                if version == VERSION
-                else decoders.decoder_for(channel.message_encoding, schema)
-            )
+            if version == VERSION:
+                decode = bytes
+            else:
+                decode = decoders.decoder_for(channel.message_encoding, schema)
             found[channel.metadata["series"]].append(decode(message.data))
     series = {
         name: values_of(rows, metadata[name]["dtype"], int(metadata[name]["axes"]))

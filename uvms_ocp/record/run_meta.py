@@ -348,11 +348,9 @@ def _from_0_1(values: dict[str, Any]) -> dict[str, Any]:
 
 def _named(values: Any, field: str) -> Any:
     """Entries with a name, from a mapping."""
-    return (
-        [{"name": name, field: value} for name, value in values.items()]
-        if isinstance(values, dict)
-        else values
-    )
+    if isinstance(values, dict):
+        return [{"name": name, field: value} for name, value in values.items()]
+    return values
 
 
 def _nearest(values: Any) -> Any:

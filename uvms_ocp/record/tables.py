@@ -5,7 +5,7 @@ them.
 from __future__ import annotations
 
 import csv
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from importlib.resources import files
 from pathlib import Path
@@ -116,13 +116,17 @@ def of_joints(unit: str, slides: Sequence[bool]) -> str:
     or where nobody says.
     """
     turning, _, sliding = unit.partition(" or ")
-    return unit if not sliding or len(set(slides)) != 1 else sliding if slides[0] else turning
+    if not sliding or len(set(slides)) != 1:
+        return unit
+    return sliding if slides[0] else turning
 
 
 def _slides(meta: Any, *joints: str) -> list[bool]:
     """Whether each of the joints slides, by default of all; empty where a record does not say."""
     sliding = None if meta is None else meta.sliding
-    return [] if sliding is None else [name in sliding for name in joints or meta.joints]
+    if sliding is None:
+        return []
+    return [name in sliding for name in joints or meta.joints]
 
 
 def meaning_of(name: str) -> str:
@@ -134,11 +138,9 @@ def column_names(name: str, width: int, meta: Any) -> list[str]:
     """Names of the columns of a series of that name with so many columns (width); meta: of its
     record.
     """
-    return (
-        [*meta.quantities]
-        if name == "quantities"
-        else [f"{name}.{column}" for column in _columns(name, width, meta)]
-    )
+    if name == "quantities":
+        return [*meta.quantities]
+    return [f"{name}.{column}" for column in _columns(name, width, meta)]
 
 
 def column_units(name: str, width: int, meta: Any) -> list[str]:
@@ -160,13 +162,13 @@ def _columns(name: str, width: int, meta: Any) -> list[str]:
     found = list[str]()
     words = SERIES[name].columns if name in SERIES else ()
     for word in words:
-        several = (
-            _joint_entries(meta)
-            if word == "@entries"
-            else getattr(meta, word[1:], ())
-            if word[0] == "@"
-            else [word]
-        )
+        several: Iterable[Any]
+        if word == "@entries":
+            several = _joint_entries(meta)
+        elif word.startswith("@"):
+            several = getattr(meta, word[1:], ())
+        else:
+            several = [word]
         found += [getattr(one, "name", one) for one in several]
     if len(found) != width:  # such as a fixed base, whose configuration is its joints
         joints = _joint_entries(meta) if name in _OF_Q else [*meta.joints]

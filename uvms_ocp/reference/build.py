@@ -289,9 +289,10 @@ def address_of(name: str, modules: Collection[str]) -> str:
     Raises `NameNotFound`.
     """
     module, rest = place_of(name)
-    page = (
-        f"{module.__name__.replace('.', '/')}.html" if module.__name__ in modules else "index.html"
-    )
+    if module.__name__ in modules:
+        page = f"{module.__name__.replace('.', '/')}.html"
+    else:
+        page = "index.html"
     return f"{page}#{rest}" if rest else page
 
 

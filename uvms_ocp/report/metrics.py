@@ -48,7 +48,9 @@ def largest_or_none(values: np.ndarray | None) -> float | None:
     """Return the largest of the values (n,) [in their unit] that are finite; `None` where none
     is.
     """
-    return None if values is None or np.isnan(values).all() else float(np.nanmax(values))
+    if values is None or np.isnan(values).all():
+        return None
+    return float(np.nanmax(values))
 
 
 def extremes_of(record: Record, name: str) -> tuple[str, ...]:
@@ -63,7 +65,9 @@ def least_altimeter_range(record: Record) -> float | None:
     """Return the smallest range [m] of the altimeter in any tick; `None` without an echo."""
     ranges = record[extremes_of(record, "altimeter_range")[0]]
     known = ranges[np.isfinite(ranges)]
-    return float(known.min()) if known.size else None
+    if known.size:
+        return float(known.min())
+    return None
 
 
 def mean_sizes(record: Record, name: str, index: Any) -> np.ndarray:
@@ -187,7 +191,10 @@ def estimate_table(record: Record) -> list[dict[str, Any]]:
     floating = record.run_meta.floating
     errors = joint_errors({"q": q, "q_estimated": measured}, record.meta)
     n = 0 if errors is None else errors.shape[1]
-    slides = _slides(record.run_meta) if n else np.zeros(0, dtype=bool)
+    if n:
+        slides = _slides(record.run_meta)
+    else:
+        slides = np.zeros(0, dtype=bool)
     kinds = {"joints": ~slides, "sliding joints": slides}
     rows = [
         _row(name, errors[:, of], spread[:, -n:][:, of]) for name, of in kinds.items() if of.any()

@@ -131,25 +131,21 @@ def _aborted(meta: RunMeta) -> dict[str, str] | None:
         direct = (
             last is not None and meta.abort_phase and last.target == ABORT and not last.conditions
         )
-        return (
-            {"kind": "aborted", "text": f"{last.reason}, too little is known to climb"}
-            if last and direct
-            else None
-        )
-    ended = (
-        last.reason
-        if last is not None and last.target == ABORT
-        else f"time is over, {meta.pending}"
-    )
+        if last and direct:
+            return {"kind": "aborted", "text": f"{last.reason}, too little is known to climb"}
+        return None
+    if last is not None and last.target == ABORT:
+        ended = last.reason
+    else:
+        ended = f"time is over, {meta.pending}"
     return {"kind": "aborted", "text": f"{entered.reason}; phase {meta.abort_phase}: {ended}"}
 
 
 def _missed(row: dict[str, Any]) -> str:
-    allowed = (
-        ""
-        if row["sensors_allow"] is None
-        else f", and the sensors allow {row['sensors_allow']:.2g}"
-    )
+    if row["sensors_allow"] is None:
+        allowed = ""
+    else:
+        allowed = f", and the sensors allow {row['sensors_allow']:.2g}"
     estimated = "-" if row["estimated"] is None else f"{row['estimated']:.3g}"
     was = f"estimated at {estimated} but truly {row['true']:.3g}"
     return (
@@ -234,11 +230,10 @@ def _obstruction(record: Record, name: str) -> str:
     ]
     above = f"active above it: {', '.join(active)}" if active else "nothing above it is active"
     n = max(1, round(_WINDOW / record.run_meta.dt))
-    full = (
-        float(np.mean(metrics.mean_sizes(record, "saturated", slice(-n, None))))
-        if "saturated" in record.series
-        else 0.0
-    )
+    if "saturated" in record.series:
+        full = float(np.mean(metrics.mean_sizes(record, "saturated", slice(-n, None))))
+    else:
+        full = 0.0
     damped = record.run_meta.statuses[int(record["status"][-1])] == Status.REGULARISED.value
     limits = f"; thrusters at their limits {100 * full:.0f} % of the time" if full > 0.05 else ""
     return (
@@ -274,11 +269,10 @@ def load_estimates(record: Record) -> dict[str, dict[str, float | None]]:
 
 def format_load(load: dict[str, float | None], tool: str) -> str:
     """In words; load [N, kg]: one of `load_estimates`."""
-    mass = (
-        "undetermined"
-        if load["mass_kg"] is None
-        else f"{load['mass_kg']:.2f} kg +- {load['mass_error_kg']:.2f}"
-    )
+    if load["mass_kg"] is None:
+        mass = "undetermined"
+    else:
+        mass = f"{load['mass_kg']:.2f} kg +- {load['mass_error_kg']:.2f}"
     return (
         f"load at {tool}: net weight {load['weight_n']:.1f} N +- {load['weight_error_n']:.1f}, mass"
         f" {mass}"
@@ -500,9 +494,10 @@ def _none_if_nan(quantities: dict[str, float]) -> dict[str, float | None]:
 
 def _drift_in_last_phase(record: Record) -> float | None:
     phase, t = record["phase"], record["t"]
-    start = (
-        len(phase) - int(np.argmax(phase[::-1] != phase[-1])) if (phase != phase[-1]).any() else 0
-    )
+    if (phase != phase[-1]).any():
+        start = len(phase) - int(np.argmax(phase[::-1] != phase[-1]))
+    else:
+        start = 0
     settled = t >= t[start] + _SETTLING
     if not settled.any() or not record.run_meta.floating or not keeps_every_tick(record):
         return None

@@ -79,11 +79,9 @@ def box_around(
     corners = [
         X_JF.actInv(s.placement.act(corner)) for s in own for corner in box_corners(s.geometry)
     ]
-    return (
-        np.array([np.min(corners, axis=0), np.max(corners, axis=0)])
-        if corners
-        else np.full((2, 3), np.nan)
-    )
+    if corners:
+        return np.array([np.min(corners, axis=0), np.max(corners, axis=0)])
+    return np.full((2, 3), np.nan)
 
 
 def box_corners(geometry: coal.CollisionGeometry) -> np.ndarray:

@@ -43,7 +43,9 @@ def _link(name: str, link: data.LinkDescription, rho: float) -> LinkHydrodynamic
         return _from_coefficients(name, given)
     if isinstance(given, data.Cylinder):
         return _cylinder(name, given, rho)
-    return _box(name, given, rho) if isinstance(given, data.Box) else _sphere(name, given, rho)
+    if isinstance(given, data.Box):
+        return _box(name, given, rho)
+    return _sphere(name, given, rho)
 
 
 def _from_coefficients(name: str, given: data.LinkCoefficients) -> LinkHydrodynamics:

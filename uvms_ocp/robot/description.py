@@ -362,7 +362,9 @@ class RobotDescription(_Section):
 def as_matrix6(value: Vector6 | Matrix6) -> np.ndarray:
     """Return (6, 6) from a diagonal or a full matrix."""
     array = np.array(value, dtype=float)
-    return np.diag(array) if array.ndim == 1 else array
+    if array.ndim == 1:
+        return np.diag(array)
+    return array
 
 
 def symmetric_within_rounding(value: Vector6 | Matrix6) -> Vector6 | Matrix6:
@@ -444,11 +446,10 @@ def _read_mapping(path: Path) -> dict[str, Any]:
 def _overlaid(below: dict[str, Any], above: dict[str, Any]) -> dict[str, Any]:
     merged = dict(below)
     for key, value in above.items():
-        merged[key] = (
-            _overlaid(below[key], value)
-            if isinstance(value, dict) and isinstance(below.get(key), dict)
-            else value
-        )
+        if isinstance(value, dict) and isinstance(below.get(key), dict):
+            merged[key] = _overlaid(below[key], value)
+        else:
+            merged[key] = value
     return merged
 
 
@@ -516,6 +517,6 @@ def _turned(value: Any, name: str = "") -> Any:
         return (x, -y, -z)
     if name in _MATRICES and np.ndim(value) == 2:
         return tuple(tuple(row) for row in (_TURN6 @ np.array(value) @ _TURN6).tolist())
-    return (
-        tuple(map(_turned, value)) if isinstance(value, tuple) and name not in _MATRICES else value
-    )
+    if isinstance(value, tuple) and name not in _MATRICES:
+        return tuple(map(_turned, value))
+    return value

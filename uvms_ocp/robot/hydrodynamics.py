@@ -163,7 +163,9 @@ def amplified_velocity(
     candidates /= np.abs(candidates).max(axis=1, keepdims=True)
     gains = -((candidates @ quadratic_drag) * np.abs(candidates) * candidates).sum(axis=1)
     best = int(np.argmax(gains))
-    return _rounded(candidates[best], linear_drag, quadratic_drag) if gains[best] > 0.0 else None
+    if gains[best] > 0.0:
+        return _rounded(candidates[best], linear_drag, quadratic_drag)
+    return None
 
 
 def _rounded(
@@ -342,11 +344,9 @@ def flow_speeds(nu_r: Array, by_flow: bool) -> Array:
     ``-q_i |u| u_i``: the same on the axes, an ellipsoid between them. Rotation has no flow with a direction: each of its axes
     has its own rate either way.
     """
-    return (
-        abs(nu_r)
-        if not by_flow
-        else column((nu_r[:3].T @ nu_r[:3] + _STILL**2) ** 0.5 + 0 * nu_r[:3], abs(nu_r[3:]))
-    )
+    if not by_flow:
+        return abs(nu_r)
+    return column((nu_r[:3].T @ nu_r[:3] + _STILL**2) ** 0.5 + 0 * nu_r[:3], abs(nu_r[3:]))
 
 
 def damping_matrix(

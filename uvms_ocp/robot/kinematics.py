@@ -146,7 +146,9 @@ class Kinematics(FieldTable):
         """Rotation R_WF of the axes that `jacobian` is expressed in."""
         if name != "B":
             return np.asarray(self._data.oMf[self.robot.frame_id(name)].rotation)
-        return self._data.oMi[1].rotation if self.robot.n_vehicle else np.eye(3)
+        if self.robot.n_vehicle:
+            return np.asarray(self._data.oMi[1].rotation)
+        return np.eye(3)
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)

@@ -58,11 +58,9 @@ class Joint:
         Raises `InvalidInput` for a joint of several degrees of freedom.
         """
         own = self._own(q)
-        return (
-            own[0]
-            if len(own) == 1
-            else (ca.atan2 if is_symbolic(*own) else np.arctan2)(own[1], own[0])
-        )
+        if len(own) == 1:
+            return own[0]
+        return (ca.atan2 if is_symbolic(*own) else np.arctan2)(own[1], own[0])
 
     def way(self, q: Array, to: Array) -> Array:
         """How far [rad or m] it is from q (n_q,) to the number `to`: of an endless one the shorter
@@ -163,7 +161,9 @@ def limits_of(model: pin.Model, description: RobotDescription, joints: tuple[Joi
         acceleration=read_only([*vehicle_acceleration, *_joint_accelerations(description, joints)]),
         effort=read_only(_or_unlimited(model.upperEffortLimit[n_vehicle:])),
     )
-    return _with_assumed(model, joints, limits) if n_vehicle else limits
+    if n_vehicle:
+        return _with_assumed(model, joints, limits)
+    return limits
 
 
 # Joints of a vehicle's arm whose files leave open how fast or how strong they are: without any

@@ -242,7 +242,9 @@ class _Draft:
         sure = [chain[0] for chain in self.roles.tools if len(chain) == 1]
         if "tool" in known and len(self.roles.tools) < 2:
             return ("tool",)
-        return tuple(sure) if len(sure) == len(self.roles.tools) else ()
+        if len(sure) == len(self.roles.tools):
+            return tuple(sure)
+        return ()
 
     @property
     def range_sensor(self) -> str | None:
@@ -298,11 +300,10 @@ class _Draft:
                 " none: no altitude tasks"
             )
         if self.floats and not self.velocity_sensor:
-            which = (
-                f"any of {', '.join(self.logs)}"
-                if self.logs
-                else "no link of the vehicle is called one"
-            )
+            if self.logs:
+                which = f"any of {', '.join(self.logs)}"
+            else:
+                which = "no link of the vehicle is called one"
             yield f"dvl: {which}; --dvl LINK, or `sensors: {{linear_velocity: null}}` for none"
         for names, why in ((self.roles.fingers, _FINGERS), (self.roles.empty, _EMPTY)):
             still = [name for name in names if name in self.reading.lock]
@@ -411,9 +412,9 @@ class _Draft:
             for name, m in link_masses(self.models.model).items()
             if self._carrier(name) == 1 and m > 0.0
         }
-        return (
-            max(on_vehicle, key=lambda name: on_vehicle[name]) if self.floats and on_vehicle else ""
-        )
+        if self.floats and on_vehicle:
+            return max(on_vehicle, key=lambda name: on_vehicle[name])
+        return ""
 
     def _carrier(self, name: str) -> int:
         model = self.models.model
@@ -442,7 +443,10 @@ class _Draft:
             pose=Pose(position=tuple(centre.tolist())),
             drag_by="flow",
         )
-        way = LinkDescription(box=box) if cylinder is None else LinkDescription(cylinder=cylinder)
+        if cylinder is None:
+            way = LinkDescription(box=box)
+        else:
+            way = LinkDescription(cylinder=cylinder)
         (water,) = links_in_water(RobotDescription(links={name: way}, water_density=_WATER))
         sides = " x ".join(f"{side:.3g}" for side in size)
         return {"coefficients": _coefficients(water, mass)}, f"{source}, {sides} m"
@@ -513,7 +517,10 @@ def _as_its_inertia(model: pin.Model, name: str, mass: float) -> np.ndarray:
     a, b, c = np.diag(inertia.inertia)
     squares = 6.0 / max(inertia.mass, 1e-9) * np.array([b + c - a, c + a - b, a + b - c])
     cube = (mass / _WATER) ** (1 / 3)
-    size = np.sqrt(squares) if (squares > 0.0).all() else np.full(3, cube)
+    if (squares > 0.0).all():
+        size = np.sqrt(squares)
+    else:
+        size = np.full(3, cube)
     if np.prod(size) * _WATER > _TOO_LARGE * max(mass, 1.0):
         size = np.full(3, cube)
     return np.array([inertia.lever - size / 2, inertia.lever + size / 2])
@@ -528,9 +535,10 @@ def _motor(model: pin.Model, joint: limits.Joint) -> dict[str, float]:
     )
     if not 0.0 < speed < 10.0:
         return {"acceleration": 1.0}
-    rotor = (
-        {"rotor_inertia": float(f"{_SPIN_UP * effort / speed:.3g}")} if 0.0 < effort < 1e4 else {}
-    )
+    if 0.0 < effort < 1e4:
+        rotor = {"rotor_inertia": float(f"{_SPIN_UP * effort / speed:.3g}")}
+    else:
+        rotor = {}
     return {"acceleration": float(f"{2.0 * speed:.3g}"), **rotor}
 
 

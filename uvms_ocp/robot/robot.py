@@ -40,7 +40,10 @@ def _vehicle_part(
         if position is not None or rpy is not None or quaternion is not None:
             raise InvalidInput(f"robot {robot.name!r} has a fixed base; give joints only")
         return np.zeros(0)
-    p = np.zeros(3) if position is None else finite_array("position", position, (3,))
+    if position is None:
+        p = np.zeros(3)
+    else:
+        p = finite_array("position", position, (3,))
     return np.concatenate([p, _orientation(rpy, quaternion)])
 
 
@@ -85,7 +88,10 @@ def _orientation(rpy: ArrayLike | None, quaternion: ArrayLike | None) -> np.ndar
         raise InvalidInput("give either rpy or quaternion, not both")
     if quaternion is not None:
         return finite_array("quaternion", quaternion, (4,))
-    angles = np.zeros(3) if rpy is None else finite_array("rpy", rpy, (3,))
+    if rpy is None:
+        angles = np.zeros(3)
+    else:
+        angles = finite_array("rpy", rpy, (3,))
     return np.asarray(pin.Quaternion(pin.rpy.rpyToMatrix(angles)).coeffs())
 
 

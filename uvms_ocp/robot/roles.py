@@ -151,7 +151,9 @@ class _LinkTree:
     def above(self, joint: int) -> list[int]:
         """The joints between the vehicle and this one."""
         parent = self.model.parents[joint]
-        return [] if parent <= self.carrier else [parent, *self.above(parent)]
+        if parent <= self.carrier:
+            return []
+        return [parent, *self.above(parent)]
 
     def has_range(self, joint: int) -> bool:
         """Check whether a joint can move at all."""
@@ -249,11 +251,10 @@ def with_roles(
     faults = []
     for key, names in ((BASE, [description.base_link]), (TOOL, tools_of(description))):
         missing = [name for name in names if name is not None and name not in known]
-        advice = (
-            f"candidates: {', '.join(roles.candidates) or 'none'}"
-            if key == TOOL
-            else f"the root is {roles.base}"
-        )
+        if key == TOOL:
+            advice = f"candidates: {', '.join(roles.candidates) or 'none'}"
+        else:
+            advice = f"the root is {roles.base}"
         faults += [f"{key}: {name!r} is not in the URDF; {advice}" for name in missing]
     if faults:
         raise RobotDataError(str(path), *faults)
@@ -271,7 +272,9 @@ def with_roles(
 def tools_of(description: RobotDescription) -> tuple[str, ...]:
     """The tools that a description names."""
     tool = description.tool
-    return () if tool is None else (tool,) if isinstance(tool, str) else tool
+    if tool is None:
+        return ()
+    return (tool,) if isinstance(tool, str) else tool
 
 
 def _placed(
@@ -317,11 +320,10 @@ def role_notes(model: pin.Model, description: RobotDescription) -> Iterator[tupl
         yield True, f"altimeter: {description.altimeter}"
     elif free_flyer:
         looks = [name for name in known if is_called("altimeter", name)]
-        hint = (
-            f"`altimeter: {looks[0]}` takes that link"
-            if looks
-            else "`altimeter: LINK` names the link of one"
-        )
+        if looks:
+            hint = f"`altimeter: {looks[0]}` takes that link"
+        else:
+            hint = "`altimeter: LINK` names the link of one"
         yield (
             False,
             (

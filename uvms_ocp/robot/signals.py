@@ -265,8 +265,6 @@ def robot_sensors(description: RobotDescription) -> SensorSpecs:
 
 
 def _channel(default: SensorSpec | None, given: SensorDescription | None) -> SensorSpec | None:
-    return (
-        None
-        if given is None
-        else replace(default or SensorSpec(), **given.model_dump(exclude_none=True))
-    )
+    if given is None:
+        return None
+    return replace(default or SensorSpec(), **given.model_dump(exclude_none=True))

@@ -52,13 +52,9 @@ def where(condition: Array, if_true: Array, if_false: Array) -> Array:
     """`if_true` or `if_false`, scalars () [any], by the condition (). Both are evaluated, so both
     must be finite.
     """
-    return (
-        ca.if_else(condition, if_true, if_false)
-        if is_symbolic(condition)
-        else if_true
-        if condition
-        else if_false
-    )
+    if is_symbolic(condition):
+        return ca.if_else(condition, if_true, if_false)
+    return if_true if condition else if_false
 
 
 def column(*entries: Array) -> Array:
@@ -84,7 +80,9 @@ def matrix(*rows: Sequence[Array]) -> Array:
 
 def diagonal(entries: Array) -> Array:
     """Square matrix with the entries (n,) [any] on its diagonal."""
-    return ca.diag(entries) if is_symbolic(entries) else np.diag(entries)
+    if is_symbolic(entries):
+        return ca.diag(entries)
+    return np.diag(entries)
 
 
 def dot(a: Array, b: Array) -> Array:

@@ -286,7 +286,9 @@ class SymbolicDynamics(FieldTable):
         for index, link in enumerate(self._wet):
             bodies[link.joint] += self._link_damping(link, motions, u[:, index], quadratic_factor)
         D = self.symbolic.congruence(local, bodies)
-        return D if self.damping is None else D + ca.diag(ca.SX(self.damping))
+        if self.damping is None:
+            return D
+        return D + ca.diag(ca.SX(self.damping))
 
     def _link_damping(
         self, link: WetLink, motions: BodyMotions, u: ca.SX, quadratic_factor: int

@@ -35,7 +35,9 @@ def thruster_matrix(robot: Robot) -> np.ndarray:
 @lru_cache(maxsize=8)
 def _columns(robot: Robot) -> np.ndarray:
     columns = [_column(robot.model, thruster) for thruster in robot.description.thrusters]
-    return np.column_stack(columns) if columns else np.zeros((6, 0))
+    if columns:
+        return np.column_stack(columns)
+    return np.zeros((6, 0))
 
 
 def _column(model: pin.Model, thruster: Thruster) -> np.ndarray:
@@ -181,14 +183,18 @@ def unactuated_axes(robot: Robot) -> tuple[int, ...]:
     themselves: they count where they are hardly driven, as by lift thrusters a centimetre from
     where they are meant to be. Empty for a fixed base.
     """
-    return unreachable_axes(thruster_matrix(robot)) if robot.n_vehicle else ()
+    if robot.n_vehicle:
+        return unreachable_axes(thruster_matrix(robot))
+    return ()
 
 
 def undriven_axes(robot: Robot) -> tuple[int, ...]:
     """`unactuated_axes` as tasks hear of them: none of a vehicle without thrusters, of which only
     velocities are asked.
     """
-    return unactuated_axes(robot) if robot.description.thrusters else ()
+    if robot.description.thrusters:
+        return unactuated_axes(robot)
+    return ()
 
 
 def unreachable_axes(B: np.ndarray) -> tuple[int, ...]:

@@ -98,7 +98,9 @@ def _mounts(path: Path, root: Element, model: pin.Model) -> dict[str, _Mount]:
 
 def _end(joint: Element, end: str) -> str:
     element = joint.find(end)
-    return "" if element is None else element.get("link", "")
+    if element is None:
+        return ""
+    return element.get("link", "")
 
 
 def _mount_below(path: Path, joint: Element, parent: _Mount, model: pin.Model) -> _Mount:

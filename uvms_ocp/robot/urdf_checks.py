@@ -105,9 +105,9 @@ def read_sizes(path: Path, shape: Element, where: str) -> tuple[float, ...]:
     if shape.tag == "box":
         return read_vector(path, shape, "size", where)
     if shape.tag == "mesh":
-        return (
-            read_vector(path, shape, "scale", where) if "scale" in shape.attrib else (1.0, 1.0, 1.0)
-        )
+        if "scale" in shape.attrib:
+            return read_vector(path, shape, "scale", where)
+        return (1.0, 1.0, 1.0)
     return tuple(read_number(path, shape, key, f"{where} {key}") for key in SHAPES[shape.tag])
 
 
@@ -654,11 +654,9 @@ def _meant(word: str, known: Collection[str]) -> list[str]:
     parts = re.split("[_-]", word.lower())
     # A longer word that contains a known one is somebody's own: gear_velocity, loop_joint.
     candidates = sorted(set(known).difference(parts[1:] and parts))
-    return (
-        []
-        if _is_foreign(word)
-        else get_close_matches(word.lower(), candidates, n=1, cutoff=_LIKENESS)
-    )
+    if _is_foreign(word):
+        return []
+    return get_close_matches(word.lower(), candidates, n=1, cutoff=_LIKENESS)
 
 
 def _is_foreign(word: str) -> bool:
@@ -670,7 +668,9 @@ def _is_foreign(word: str) -> bool:
 
 def _unknown(problem: str, meant: list[str], known: Collection[str]) -> str:
     allowed = f"allowed: {', '.join(sorted(known)) or 'none'}"
-    return f"{problem}; did you mean {meant[0]!r}? {allowed}" if meant else f"{problem}; {allowed}"
+    if meant:
+        return f"{problem}; did you mean {meant[0]!r}? {allowed}"
+    return f"{problem}; {allowed}"
 
 
 def _shown(word: str) -> str:

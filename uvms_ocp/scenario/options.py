@@ -171,13 +171,9 @@ def current_from(given: Current | Sequence[float] | None) -> Current:
     """A current as it is; of a velocity given (3,) [m/s] in W the uniform one, still water for
     none.
     """
-    return (
-        StillWater()
-        if given is None
-        else UniformCurrent(given)
-        if isinstance(given, Sequence | np.ndarray)
-        else given
-    )
+    if given is None:
+        return StillWater()
+    return UniformCurrent(given) if isinstance(given, Sequence | np.ndarray) else given
 
 
 CHANGEABLE = (
@@ -219,7 +215,9 @@ def apply_options(scenario: Scenario, given: Mapping[str, Any]) -> Scenario:
 
 
 def _sensors(robot: Robot, noise: bool) -> SensorSpecs:
-    return robot_sensors(robot.description) if noise else IDEAL_SENSORS
+    if noise:
+        return robot_sensors(robot.description)
+    return IDEAL_SENSORS
 
 
 # Parts that scenarios share.

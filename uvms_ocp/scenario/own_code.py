@@ -92,7 +92,9 @@ def own_code(words: str, attribute: str = "scenario") -> UserCode | None:
     wanted = name or attribute
     if place.endswith(".py"):
         return UserCode(file=Path(place), attribute=wanted)
-    return UserCode(module=place, attribute=wanted) if colon and name else None
+    if colon and name:
+        return UserCode(module=place, attribute=wanted)
+    return None
 
 
 def siblings(folder: Path) -> list[Path]:
@@ -174,7 +176,9 @@ def own_failure(error: BaseException) -> str:
         for frame in traceback.extract_tb(error.__traceback__)
         if Path(frame.filename).parent in _FOLDERS
     ]
-    return f"{own[-1].filename}:{own[-1].lineno}: {_said(error)}" if own else ""
+    if own:
+        return f"{own[-1].filename}:{own[-1].lineno}: {_said(error)}"
+    return ""
 
 
 def _said(error: BaseException) -> str:

@@ -95,11 +95,10 @@ def estimate_recording(
     """
     expected = specs or robot_sensors(robot.description)
     run = recording if isinstance(recording, Record) else None
-    arrivals, n, dt = (
-        _sent(recording, robot, expected, dt)
-        if isinstance(recording, Recording)
-        else _recorded(recording, robot)
-    )
+    if isinstance(recording, Recording):
+        arrivals, n, dt = _sent(recording, robot, expected, dt)
+    else:
+        arrivals, n, dt = _recorded(recording, robot)
     expected = replace(expected, **{name: None for name in CHANNELS if name not in arrivals})
     others = [str(fault) for fault in faults if not fault.location.channel]
     if others:
@@ -180,11 +179,10 @@ def estimate_recording(
         there = squared[np.isfinite(squared)]
         sigma = getattr(expected, name).sigma
         # The median of chi-squared over its degrees of freedom, by Wilson and Hilferty.
-        ratio = (
-            math.sqrt(float(np.median(there)) / (1.0 - 2.0 / (9.0 * freedom)) ** 3)
-            if there.size
-            else None
-        )
+        if there.size:
+            ratio = math.sqrt(float(np.median(there)) / (1.0 - 2.0 / (9.0 * freedom)) ** 3)
+        else:
+            ratio = None
         came = {
             "channel": name,
             "readings": count[name],
@@ -199,11 +197,12 @@ def estimate_recording(
         rows.append(
             came | used | {"proposed_sigma": None if ratio is None else sigma * ratio} | health
         )
-    same = (
-        None
-        if run is None
-        else all(np.array_equal(run[name], series[name]) for name in ("q_estimated", "v_estimated"))
-    )
+    if run is None:
+        same = None
+    else:
+        same = all(
+            np.array_equal(run[name], series[name]) for name in ("q_estimated", "v_estimated")
+        )
     return RecordedEstimate(record=record, channels=tuple(rows), same=same)
 
 

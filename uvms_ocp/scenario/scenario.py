@@ -486,7 +486,9 @@ class Scenario(FieldTable):
                 wall_s=perf_counter() - begin,
                 stopped="cut off",
             )
-            return None if seen == before or has_diverged(plant.state) else meta(ending=ending)
+            if seen == before or has_diverged(plant.state):
+                return None
+            return meta(ending=ending)
 
         def watch(t: float, state: State) -> None:
             if len(kinematic.events) > len(states):

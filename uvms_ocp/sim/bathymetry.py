@@ -61,9 +61,10 @@ class Bathymetry(Seafloor):
         with holes or points twice.
         """
         try:
-            x, y, z = (
-                _of_arrays(Path(path)) if Path(path).suffix == ".npz" else _of_lines(Path(path))
-            )
+            if Path(path).suffix == ".npz":
+                x, y, z = _of_arrays(Path(path))
+            else:
+                x, y, z = _of_lines(Path(path))
         except (OSError, ValueError, KeyError) as error:
             why = " ".join(str(error).split())
             raise InvalidInput(f"{printable(path)}: no bathymetry ({why}); {_FORMS}") from None
@@ -110,11 +111,9 @@ class Bathymetry(Seafloor):
         )
         u = _first_zero(ends[:-1], middles, ends[1:])
         hits = np.flatnonzero(np.isfinite(u))
-        return (
-            float(s[hits[0]] + u[hits[0]] * (s[hits[0] + 1] - s[hits[0]]))
-            if len(hits)
-            else math.nan
-        )
+        if len(hits):
+            return float(s[hits[0]] + u[hits[0]] * (s[hits[0] + 1] - s[hits[0]]))
+        return math.nan
 
     def _clearance(self, origin: np.ndarray, direction: np.ndarray, s: np.ndarray) -> np.ndarray:
         points = origin + s[:, None] * direction
@@ -199,4 +198,6 @@ def _last_column(title: str) -> str:
     columns = [name for name in re.split(r"[;,\t]", bare) if name.strip()]
     words = _WORD.findall(bare)
     words = words if len(words) > 2 else _WORD.findall(title)
-    return columns[-1] if len(columns) > 2 else " ".join(words[-2:])
+    if len(columns) > 2:
+        return columns[-1]
+    return " ".join(words[-2:])

@@ -159,7 +159,9 @@ class CompiledLoop:
             for edge in (fault.onset, fault.end)
             if t < edge < np.inf
         ]
-        return max(1, int((min(edges) - t) / self._dt)) if edges else N_DRAWN
+        if edges:
+            return max(1, int((min(edges) - t) / self._dt))
+        return N_DRAWN
 
     def _steps(self) -> Sequence[Step] | None:
         m = self.memory
@@ -256,11 +258,10 @@ class CompiledLoop:
             std = self._estimator.estimator.memory.std[6 - kinematic.robot.n_vehicle :]
             found |= {"q_std": std, "altimeter_std": view(memory.range)[1:].reshape(())}
         found["command"] = tick.command
-        asked = (
-            {}
-            if not isinstance(self._controller, DynamicController)
-            else self._controller.force.places()
-        )
+        if not isinstance(self._controller, DynamicController):
+            asked = {}
+        else:
+            asked = self._controller.force.places()
         found |= {"asked_thrust": asked["command"]} if asked else {}
         found |= {"health": view(memory.trusts)[: h.n]} if h.n else {}
         found |= {
@@ -292,11 +293,9 @@ class CompiledLoop:
         monitor = (
             self._controller.monitor if isinstance(self._controller, DynamicController) else None
         )
-        return (
-            {}
-            if monitor is None
-            else {name: np.array(value) for name, value in monitor.telemetry().items()}
-        )
+        if monitor is None:
+            return {}
+        return {name: np.array(value) for name, value in monitor.telemetry().items()}
 
 
 def compiled_loop(
@@ -317,11 +316,10 @@ def compiled_loop(
         return None
     inner = estimator.estimator
     families = {fault.location.family for fault in plant.faults}
-    plain = (
-        inner.is_plain
-        if type(inner) is Estimator
-        else type(inner) is PassThrough and estimator.repeated and suite.is_ideal
-    )
+    if type(inner) is Estimator:
+        plain = inner.is_plain
+    else:
+        plain = type(inner) is PassThrough and estimator.repeated and suite.is_ideal
     if not plain or not families <= ({"thruster"} if type(plant) is DynamicPlant else set()):
         return None
     loop = CompiledLoop(plant, suite, estimator, controller, dt)

@@ -93,7 +93,9 @@ class _Struck:
         active = self.fault.active(t)
         if not active or self.held is None:
             self.held = sample.value
-        return _EFFECTS[self.fault.kind](sample, self) if active else sample
+        if active:
+            return _EFFECTS[self.fault.kind](sample, self)
+        return sample
 
     def with_value(self, sample: Sample, value: Any) -> Sample:
         """The sample with this value in the part that is struck."""
@@ -126,11 +128,10 @@ def _struck(channel: FaultyChannel, fault: Fault, rng: np.random.Generator) -> _
         first, joint = channel.joints[0], channel.joints[number - 1]
         errors = range(joint.idx_v - first.idx_v, joint.idx_v - first.idx_v + joint.n_v)
         begin = joint.idx_q - first.idx_q
-        values = (
-            slice(begin, begin + joint.n_q)
-            if channel.name == "joint_positions"
-            else slice(errors.start, errors.stop)
-        )
+        if channel.name == "joint_positions":
+            values = slice(begin, begin + joint.n_q)
+        else:
+            values = slice(errors.start, errors.stop)
     if fault.kind in ("bias", "drift", "stuck") and len(fault.values) not in (1, len(errors)):
         raise InvalidInput(f"{fault}: {len(fault.values)} values; give 1 or {len(errors)}")
     return _Struck(channel=channel, fault=fault, rng=rng, values=values, errors=errors)
@@ -325,12 +326,16 @@ class SteppedCurrent(Current):
     def velocity(self, p_W: np.ndarray, t: float) -> np.ndarray:
         base = self.base.velocity(p_W, t)
         step = self._step(t)
-        return base + self._shape(p_W, step) if step.any() else base
+        if step.any():
+            return base + self._shape(p_W, step)
+        return base
 
     def rate(self, p_W: np.ndarray, t: float) -> np.ndarray:
         base = self.base.rate(p_W, t)
         slope = self._sum(t, lambda elapsed: cosine_slope(elapsed / RISE) / RISE)
-        return base + self._shape(p_W, slope) if slope.any() else base
+        if slope.any():
+            return base + self._shape(p_W, slope)
+        return base
 
     def gradient(self, p_W: np.ndarray, t: float) -> np.ndarray:
         base = self.base.gradient(p_W, t)

@@ -72,12 +72,16 @@ class FaultModel:
 
     def takes(self, n: int) -> bool:
         """Check that n values may be given."""
-        return n >= 1 if self.for_each else self.least <= n <= len(self.values)
+        if self.for_each:
+            return n >= 1
+        return self.least <= n <= len(self.values)
 
     @property
     def least(self) -> int:
         """Number of values that must be given."""
-        return len(self.values) if self.fewest is None else self.fewest
+        if self.fewest is None:
+            return len(self.values)
+        return self.fewest
 
     def range_of(self, index: int) -> ValueRange:
         """Allowed range of the value at index."""

@@ -113,7 +113,10 @@ def _begin_tick(m: LoopMemory, q: Vector, v: Vector, a: Vector) -> None:
     square = 0.0
     for i in range(len(m.v)):
         square += m.v[i] * m.v[i]
-    m.stop = int(GO) if math.sqrt(square) <= FARTHEST else int(DIVERGED)
+    if math.sqrt(square) <= FARTHEST:
+        m.stop = int(GO)
+    else:
+        m.stop = int(DIVERGED)
     m.k += 1 if m.started else 0
     m.t = m.k * m.dt
 

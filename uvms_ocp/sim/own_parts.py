@@ -60,7 +60,9 @@ def part_name(maker: Any) -> str:
 
 def plant_name(plant: Any) -> str:
     """Return the name of a plant of the toolkit."""
-    return plant if isinstance(plant, str) else part_name(plant)
+    if isinstance(plant, str):
+        return plant
+    return part_name(plant)
 
 
 def require_plant(plant: Any) -> None:
@@ -76,7 +78,9 @@ def require_plant(plant: Any) -> None:
 
 def takes_forces(plant: Any) -> bool:
     """True for a plant that takes thrust and torque, and not velocities alone."""
-    return plant == "dynamic" if isinstance(plant, str) else bool(plant.takes_forces)
+    if isinstance(plant, str):
+        return plant == "dynamic"
+    return bool(plant.takes_forces)
 
 
 def specs_of(sensors: Any) -> SensorSpecs:

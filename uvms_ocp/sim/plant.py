@@ -364,4 +364,6 @@ class DynamicPlant(Plant):
             )
 
     def _with_payloads(self, carried: tuple[Fault, ...]) -> Dynamics:
-        return robot_dynamics(effects.loaded(self._robot, carried)) if carried else self._unloaded
+        if carried:
+            return robot_dynamics(effects.loaded(self._robot, carried))
+        return self._unloaded

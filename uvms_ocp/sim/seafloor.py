@@ -84,7 +84,9 @@ class FlatSeafloor(Seafloor):
 
     def range_along(self, origin: Vector3, direction: Vector3) -> float:
         descent = -direction.item(2)
-        return (origin.item(2) - self.z) / descent if descent > LEVEL_RAY else math.nan
+        if descent > LEVEL_RAY:
+            return (origin.item(2) - self.z) / descent
+        return math.nan
 
 
 @checked_on_failure
@@ -304,11 +306,9 @@ class HeightField(Seafloor):
         above = float(origin[2]) - self.height(float(origin[0]), float(origin[1]))
         if above > 0 and (crossing := self._crossing(origin, direction)) is not None:
             return crossing
-        return (
-            (above if above <= 0 else float(origin[2]) - self.z) / descent
-            if descent > LEVEL_RAY
-            else math.nan
-        )
+        if descent > LEVEL_RAY:
+            return (above if above <= 0 else float(origin[2]) - self.z) / descent
+        return math.nan
 
     def _crossing(self, origin: np.ndarray, direction: np.ndarray) -> float | None:
         """Distance [m] at which the ray meets a bump."""
@@ -323,7 +323,9 @@ class HeightField(Seafloor):
             return None
         bumps = self._bumps[:, _near_ray(self._bumps, origin, direction, start, end)]
         bracket = self._first_bracket(bumps, origin, direction, start, end)
-        return None if bracket is None else self._refined(bumps, origin, direction, *bracket)
+        if bracket is None:
+            return None
+        return self._refined(bumps, origin, direction, *bracket)
 
     def _first_bracket(
         self, bumps: np.ndarray, origin: np.ndarray, direction: np.ndarray, start: float, end: float
@@ -337,7 +339,9 @@ class HeightField(Seafloor):
         points = origin + distances[:, None] * direction
         below = points[:, 2] <= self.z + _elevation(bumps, points[:, :1], points[:, 1:2])
         hit = int(np.argmax(below))
-        return (float(distances[max(hit - 1, 0)]), float(distances[hit])) if below[hit] else None
+        if below[hit]:
+            return (float(distances[max(hit - 1, 0)]), float(distances[hit]))
+        return None
 
     def _refined(
         self,

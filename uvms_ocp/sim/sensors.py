@@ -87,11 +87,10 @@ class SensorSuite:
         unknown altimeter frame.
         """
         specs = specs or SensorSpecs()
-        frame = (
-            (altimeter_frame or robot.description.altimeter)
-            if specs.altimeter_range is not None
-            else None
-        )
+        if specs.altimeter_range is not None:
+            frame = altimeter_frame or robot.description.altimeter
+        else:
+            frame = None
         sources = sources_of(robot, has_altimeter=frame is not None)
         has_log = robot.n_vehicle and robot.description.dvl
         if has_log:
@@ -422,11 +421,10 @@ class _Channel:
             sample[:] = self._source.disturb(sample.copy(), error)
 
         def strike() -> None:
-            found = (
-                None
-                if faults is None
-                else faults(sample.item() if self._scalar else sample.copy(), memory.stamped)
-            )
+            if faults is None:
+                found = None
+            else:
+                found = faults(sample.item() if self._scalar else sample.copy(), memory.stamped)
             memory.lost = found is None
             if found is not None:
                 sample[:], memory.stamped, memory.extra_delay = (

@@ -375,11 +375,10 @@ class Hierarchy(TableDisplay):
             raise InvalidInput(
                 f"tasks share the name {', '.join(duplicates)}; give each its own `name`"
             )
-        self.tasks = (
-            tuple(sorted(tasks, key=lambda task: task.task_class))
-            if order is None
-            else _ordered(tasks, order)
-        )
+        if order is None:
+            self.tasks = tuple(sorted(tasks, key=lambda task: task.task_class))
+        else:
+            self.tasks = _ordered(tasks, order)
 
     def _table(self) -> SmallTable:
         rows = tuple(

@@ -66,7 +66,9 @@ def basis(u: Array, derivative: int, k: int) -> Array:
 
 
 def _falling(i: int, d: int) -> int:
-    return factorial(i) // factorial(i - d) if i >= d else 0
+    if i >= d:
+        return factorial(i) // factorial(i - d)
+    return 0
 
 
 def _end_data_matrix(k: int) -> _Rational:

@@ -258,7 +258,10 @@ def _check_breaks(breaks: Array) -> None:
         )
     wrong = ~(np.diff(breaks) > 0.0)
     if wrong.any() or not np.isfinite(breaks).all():
-        index = int(np.argmax(wrong)) + 1 if wrong.any() else int(np.argmin(np.isfinite(breaks)))
+        if wrong.any():
+            index = int(np.argmax(wrong)) + 1
+        else:
+            index = int(np.argmin(np.isfinite(breaks)))
         raise InvalidInput(
             f"break {index} is {breaks[index]}; breaks must be finite and increase [s]."
         )

@@ -204,7 +204,10 @@ def _velocity_lines(
 ) -> None:
     t = record["t"]
     v = record["v"][:, part]
-    shown = np.ones(len(t), dtype=bool) if around is None else np.abs(t - around) <= _ZOOM
+    if around is None:
+        shown = np.ones(len(t), dtype=bool)
+    else:
+        shown = np.abs(t - around) <= _ZOOM
     for values, name, color, dashes in zip(
         v[shown].T, names, style.AXES_XYZ, style.DASHES, strict=True
     ):

@@ -284,7 +284,9 @@ def write_figure(
     `write_figures`.
     """
     figure = {**PLAN_FIGURES, **FIGURES}[name](record, width=width)
-    return None if figure is None else style.save_figure(figure, Path(folder) / f"{name}.{format}")
+    if figure is None:
+        return None
+    return style.save_figure(figure, Path(folder) / f"{name}.{format}")
 
 
 _Names = str | Sequence[str]

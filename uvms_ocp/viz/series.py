@@ -185,17 +185,17 @@ def threshold_text(record: Record, name: str, limit: float) -> str:
     phases = [phase.name for phase in meta.phases if phase.name in found]
     abort = meta.abort_phase if meta.kind == "run" else None
     names = ["abort" if phase == abort else f"phase {phase}" for phase in phases]
-    return (
-        plain_line(f"threshold {limit:g}, {', '.join(names)}", _LONGEST)
-        if names
-        else f"threshold {limit:g}"
-    )
+    if names:
+        return plain_line(f"threshold {limit:g}, {', '.join(names)}", _LONGEST)
+    return f"threshold {limit:g}"
 
 
 def task_gate(record: Record, task: str) -> np.ndarray | None:
     """External activation (n,) of a task; `None` for an unknown one."""
     names = [item.name for item in record.meta.tasks]
-    return record["activations"][:, names.index(task)] if task in names else None
+    if task in names:
+        return record["activations"][:, names.index(task)]
+    return None
 
 
 def task_activity(record: Record, task: str) -> np.ndarray | None:
@@ -215,7 +215,9 @@ def axis_names(record: Record, n: int) -> list[str]:
     axes has not.
     """
     joints = record.meta.joints
-    return list(joints) if n == len(joints) else [str(k + 1) for k in range(n)]
+    if n == len(joints):
+        return list(joints)
+    return [str(k + 1) for k in range(n)]
 
 
 def has_vehicle(record: Record) -> bool:
@@ -235,4 +237,6 @@ def floor_heights(record: Record, points: np.ndarray) -> np.ndarray | None:
         return np.asarray(
             grid(np.clip(points, (relief.x[0], relief.y[0]), (relief.x[-1], relief.y[-1])))
         )
-    return None if plane is None else np.full(len(points), plane)
+    if plane is None:
+        return None
+    return np.full(len(points), plane)

@@ -166,7 +166,10 @@ def styled(draw: Callable[P, R]) -> Callable[P, R]:
         given = cast(Given, kwargs.get("fig"))
         if ax is not None and given is None:
             given = _flat(ax)[0].figure
-        before = set() if given is None else set(_artists(given))
+        if given is None:
+            before = set()
+        else:
+            before = set(_artists(given))
         with context(_STYLE if given is None else {}):
             drawn: Any = draw(*args, **kwargs)
             if drawn is not None:
@@ -429,9 +432,10 @@ def _name_phases(axis: Axes, spans: Sequence[PhaseSpan], width: float) -> None:
         room = scale * (span.end - span.start) / points(_LETTER)
         if room < 2.0 and len(spans) > _FEW:
             continue
-        text = (
-            span.label if len(span.label) + 1 < room else plain_line(span.name, max(2, int(room)))
-        )
+        if len(span.label) + 1 < room:
+            text = span.label
+        else:
+            text = plain_line(span.name, max(2, int(room)))
         look = {"ha": "center", "va": "bottom", "fontsize": points(7.5), "color": "#333333"}
         note(
             axis,

@@ -59,7 +59,9 @@ def _tool_tasks(record: Record) -> dict[str, str]:
     """
     tools = {task.name: task.tool for task in record.meta.tasks if task.tool}
     first = record.meta.tool_task
-    return tools if len(tools) > 1 else {} if first is None else {first: ""}
+    if len(tools) > 1:
+        return tools
+    return {} if first is None else {first: ""}
 
 
 def _pose_error_figure(
@@ -139,7 +141,9 @@ def _linear_panel(axis: Axes, record: Record, name: str, color: str) -> None:
 
 def _required(record: Record, name: str) -> np.ndarray:
     values = quantity(record, name)
-    return np.full(len(record), np.nan) if values is None else values
+    if values is None:
+        return np.full(len(record), np.nan)
+    return values
 
 
 @style.styled
@@ -242,11 +246,10 @@ def figure_of(
     title = ", ".join(style.label_text(name) for name in names[:4]) + recorded.estimate_suffix(
         record
     )
-    figure, axes = (
-        style.stacked(len(names), 1.75, title, fig, width)
-        if ax is None
-        else style.panels(ax, len(names), fig)
-    )
+    if ax is None:
+        figure, axes = style.stacked(len(names), 1.75, title, fig, width)
+    else:
+        figure, axes = style.panels(ax, len(names), fig)
     for axis, one, (lines, unit) in zip(axes, names, curves, strict=True):
         for k, (label, values) in enumerate(lines.items()):
             axis.plot(

@@ -93,7 +93,9 @@ def _largest_along(a: AuthorityMemory, axis: int, way: int, trimmed: bool) -> fl
     p.lower[n + 6] = 0.0
     p.upper[n + 6] = math.inf
     p.c[n + 6] = 1.0
-    return value_of(p) if solve_program(p) else math.nan
+    if solve_program(p):
+        return value_of(p)
+    return math.nan
 
 
 def _write_balance(a: AuthorityMemory, k: int, own: bool, trimmed: bool) -> None:
@@ -168,7 +170,9 @@ class Authority:
             )
             if axis not in (*self.lost, *self.one_sided) and share < 0.95
         ]
-        return f"left of the reach: {', '.join(parts)}" if parts else "nothing is out of reach"
+        if parts:
+            return f"left of the reach: {', '.join(parts)}"
+        return "nothing is out of reach"
 
     def _gone(self) -> np.ndarray:
         """(6, 2) which of what sound thrusters reach is out of reach."""

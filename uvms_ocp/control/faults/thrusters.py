@@ -371,7 +371,9 @@ def detect_thruster_faults(
     w.last = w.window.thruster
     if w.last != w.suspect:
         _mark(w)
-    return _conclude_fault(w, e, t) if w.evidence > _LOOKS else -1
+    if w.evidence > _LOOKS:
+        return _conclude_fault(w, e, t)
+    return -1
 
 
 def _restart(w: ThrusterFaultMemory, t: float) -> None:
@@ -433,4 +435,6 @@ def _constant(w: ThrusterFaultMemory, i: int) -> float:
     constant = w.fault_fit.constant
     possible = _BEYOND * lower <= constant <= _BEYOND * upper
     clear = abs(constant) > max(_STUCK_SIGMAS * w.fault_fit.sigma, _STUCK_SHARE * upper)
-    return min(max(constant, lower), upper) if possible and clear else 0.0
+    if possible and clear:
+        return min(max(constant, lower), upper)
+    return 0.0

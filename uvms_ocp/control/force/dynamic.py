@@ -101,7 +101,10 @@ class DynamicController(TableDisplay):
         self.kinematic = kinematic
         gains = gains or VelocityGains()
         self._robot = robot
-        late = velocity_law.DeadTimes() if sensors is None else velocity_law.dead_times(sensors)
+        if sensors is None:
+            late = velocity_law.DeadTimes()
+        else:
+            late = velocity_law.dead_times(sensors)
         derating = velocity_law.bandwidth_derating(
             late, vehicle=gains.vehicle, joints=gains.joints, dt=kinematic.dt
         )
@@ -111,11 +114,10 @@ class DynamicController(TableDisplay):
         """Memory of the force layer, a `ForceMemory`."""
         # Parts of it are made anew whenever they are asked for.
         self._detection, self._allocation = memory.detection, memory.allocation
-        self.monitor = (
-            None
-            if laws.search is None
-            else ActuatorMonitor(robot, self._detection, kinematic.watchdog.alarms)
-        )
+        if laws.search is None:
+            self.monitor = None
+        else:
+            self.monitor = ActuatorMonitor(robot, self._detection, kinematic.watchdog.alarms)
         """Monitor of thrusters and joints; `None` where it is off, and without the observer, whose
         findings it reads.
         """
@@ -332,4 +334,6 @@ def observer_of(
     current (3,) [m/s] in W: as far as it is known.
     """
     law = _observer_law(robot, gains, dt)
-    return None if law is None else DisturbanceObserver(law, dynamics.symbolic, robot.n_q, current)
+    if law is None:
+        return None
+    return DisturbanceObserver(law, dynamics.symbolic, robot.n_q, current)

@@ -144,7 +144,9 @@ def largest_dead_time(
         *((reset / bandwidth, observer / bandwidth) if bandwidth else (0.0, 0.0))
     )
     steepest = max(most.min(initial=0.0) / falling, most.max(initial=0.0) / swinging)
-    return 1.0 / math.sqrt(steepest) if steepest > 0.0 else math.inf
+    if steepest > 0.0:
+        return 1.0 / math.sqrt(steepest)
+    return math.inf
 
 
 @lru_cache(maxsize=8)
@@ -177,4 +179,6 @@ def _soonest(*specs: SensorSpec | None) -> float:
 
 
 def _share(bandwidth: float, late: float) -> float:
-    return min(1.0, _MOST_DEAD / (bandwidth * late)) if bandwidth * late > 0.0 else 1.0
+    if bandwidth * late > 0.0:
+        return min(1.0, _MOST_DEAD / (bandwidth * late))
+    return 1.0

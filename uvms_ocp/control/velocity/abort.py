@@ -53,9 +53,10 @@ def aim_ascent(m: AscentMemory, q: Vector, floor: float) -> None:
         m.goal[i] = 0.0
     m.goal[0] = m.place[0]
     m.goal[1] = m.place[1]
-    m.goal[2] = (
-        max(m.place[2], floor + m.altitude) if math.isfinite(floor) else m.place[2] + m.altitude
-    )
+    if math.isfinite(floor):
+        m.goal[2] = max(m.place[2], floor + m.altitude)
+    else:
+        m.goal[2] = m.place[2] + m.altitude
     m.goal[3] = math.cos(yaw)
     m.goal[4] = math.sin(yaw)
     m.goal[6] = -m.goal[4]
@@ -214,17 +215,13 @@ def abort_reason(
     if not d.aborts:
         return AbortReason.FAULT if d.fault else AbortReason.NOTHING
     if m.given_up:
-        return (
-            AbortReason.LATE
-            if t - m.since > d.time_limit
-            else (AbortReason.HOPELESS if hopeless else AbortReason.NOTHING)
-        )
+        if t - m.since > d.time_limit:
+            return AbortReason.LATE
+        return AbortReason.HOPELESS if hopeless else AbortReason.NOTHING
     if hopeless or ended or d.fault:
-        return (
-            AbortReason.HOPELESS
-            if hopeless
-            else (AbortReason.ENDED if ended else AbortReason.FAULT)
-        )
+        if hopeless:
+            return AbortReason.HOPELESS
+        return AbortReason.ENDED if ended else AbortReason.FAULT
     d.sunk_since = _since(clearance < -d.sunk, d.sunk_since, t)
     if t - d.sunk_since > _SUNK_AFTER:
         return AbortReason.FLOOR
@@ -382,11 +379,9 @@ class AbortMonitor:
         words = texts.get(
             why, f"stall: {pending}, no nearer for {abort.stall_after:g} s{_held_back(less.bad)}"
         )
-        return (
-            f"{words}; {feedback.fault_summary}"
-            if words and feedback.fault_summary not in words
-            else words
-        )
+        if words and feedback.fault_summary not in words:
+            return f"{words}; {feedback.fault_summary}"
+        return words
 
 
 def _held_back(bad: Sequence[signals.ChannelHealth]) -> str:

@@ -121,7 +121,9 @@ def _length(task: Task, dt: float) -> int:
     ):
         return 0
     ticks = goal.end / dt if isinstance(goal.end, float) else math.inf
-    return math.ceil(max(0.0, ticks)) + 1 if ticks < _MOST else 0
+    if ticks < _MOST:
+        return math.ceil(max(0.0, ticks)) + 1
+    return 0
 
 
 def track_sizes(tracks: Sequence[Track]) -> dict[str, int]:

@@ -137,11 +137,10 @@ class KinematicController(TableDisplay):
             **room,
         }
         memory = tick_memory(robot, mission, self.problem, self.watchdog, sizes)
-        core = (
-            solver.core(self.problem.function.size2_out(0), self.problem.sizes)
-            if isinstance(solver, CompiledSolver)
-            else None
-        )
+        if isinstance(solver, CompiledSolver):
+            core = solver.core(self.problem.function.size2_out(0), self.problem.sizes)
+        else:
+            core = None
         self.whole = velocity_tick.velocity_controller(memory, self.problem, core)
         """A `VelocityController` around `memory`; `None` where Python calls the solver."""
         self.memory = memory = memory if self.whole is None else self.whole.tick
@@ -152,9 +151,10 @@ class KinematicController(TableDisplay):
         self.prepare, self._take = bind_memory(
             memory, (velocity_tick.prepare_tick, velocity_tick.commit_velocity)
         )
-        self._finish = (
-            self._finish_by(solver) if self.whole is None else velocity_tick.finish_in_c(self.whole)
-        )
+        if self.whole is None:
+            self._finish = self._finish_by(solver)
+        else:
+            self._finish = velocity_tick.finish_in_c(self.whole)
         self._guarding = viability.ViabilitySetup(robot, guards, dt, memory.rule)
         self._sound = LastValidEstimate(robot, memory.sound)
         self._echo = LastFloorRange(robot, altimeter_of(robot, tasks), memory.beam)
@@ -252,17 +252,17 @@ class KinematicController(TableDisplay):
         memory = self.memory
         arrays = self._arrays
         bad = self._bad
-        restriction = (
-            self._restricted(bad)
-            if bad or self._restriction is not degraded_modes.FREE
-            else degraded_modes.FREE
-        )
+        if bad or self._restriction is not degraded_modes.FREE:
+            restriction = self._restricted(bad)
+        else:
+            restriction = degraded_modes.FREE
         freshness = _FRESHNESS[memory.freshness]
         if freshness is not self.watchdog.verdict:
             lost = ", ".join(item.channel for item in self._restriction.lost)
-            channel = (
-                degraded_modes.ALTIMETER if memory.echo_is_oldest else measurement.oldest or lost
-            )
+            if memory.echo_is_oldest:
+                channel = degraded_modes.ALTIMETER
+            else:
+                channel = measurement.oldest or lost
             self.watchdog.judge(memory.oldest, t, channel)
         return _tick_state(
             begin=started,
@@ -300,7 +300,9 @@ class KinematicController(TableDisplay):
             finished=self._state.over,
             telemetry=_telemetry(tick, solved, arrays.reported.copy(), memory.share),
         )
-        return command if self.guide is None else self._guided(self.guide, tick, command)
+        if self.guide is None:
+            return command
+        return self._guided(self.guide, tick, command)
 
     @checked_on_failure
     def catch_up(
@@ -366,7 +368,10 @@ class KinematicController(TableDisplay):
     def _finish_by(self, solver: HierarchySolver) -> Callable[[], velocity_tick.Solved]:
         tick = solver.bind(self.problem.function, self.problem.sizes)
         inputs = inputs_of(self._arrays, arrays_of(self.memory.goals))
-        solve = tick.adopt(*inputs) if isinstance(tick, InPlaceTick) else partial(tick, *inputs)
+        if isinstance(tick, InPlaceTick):
+            solve = tick.adopt(*inputs)
+        else:
+            solve = partial(tick, *inputs)
         (finish,) = bind_memory(self.memory, (velocity_tick.finish_tick,))
         return velocity_tick.finish_by(
             solve, partial(finish, self.memory), self._arrays, self.memory
@@ -388,11 +393,9 @@ class KinematicController(TableDisplay):
         """
         waits = self.mission.pending(self.state, self.quantities)
         bad = self._restriction.bad
-        return (
-            waits
-            if self.state.over or not bad
-            else f"{waits}; {degraded_modes.describe_channels(bad)}"
-        )
+        if self.state.over or not bad:
+            return waits
+        return f"{waits}; {degraded_modes.describe_channels(bad)}"
 
     def evaluate(
         self, measurement: StateEstimate, t: float, state: MissionState | None = None
@@ -409,11 +412,12 @@ class KinematicController(TableDisplay):
             self.mission.activations(state, t),
             measurement.q,
         )
-        moves = (
-            task_goals.StoppingMotion(robot=self.robot, v=self._arrays.command.copy(), dt=self.dt)
-            if self.memory.near
-            else None
-        )
+        if self.memory.near:
+            moves = task_goals.StoppingMotion(
+                robot=self.robot, v=self._arrays.command.copy(), dt=self.dt
+            )
+        else:
+            moves = None
         parameters = task_goals.mission_parameters(
             self.mission, state, t, gates=gates, q=q, motion=moves
         )

@@ -170,16 +170,14 @@ def reachable_rows(
         wanted = rows.rate - present
         lower = upper = present + common_share(wanted, acceleration, dt) * wanted
     else:
-        lower = (
-            rows.lower
-            if _is_endless(rows.lower)
-            else present - _way(present - rows.lower, acceleration, dt, eased)
-        )
-        upper = (
-            rows.upper
-            if _is_endless(rows.upper)
-            else present + _way(rows.upper - present, acceleration, dt, eased)
-        )
+        if _is_endless(rows.lower):
+            lower = rows.lower
+        else:
+            lower = present - _way(present - rows.lower, acceleration, dt, eased)
+        if _is_endless(rows.upper):
+            upper = rows.upper
+        else:
+            upper = present + _way(rows.upper - present, acceleration, dt, eased)
         if not (_is_endless(rows.lower) or _is_endless(rows.upper)):
             # The way back from one bound may be longer than what is left, eased, of the way to the
             # other one.
@@ -204,9 +202,10 @@ def _way(room: ca.SX, acceleration: ca.SX, dt: float, eased: bool) -> ca.SX:
     """
     near = ca.fmin(room, ENDLESS)
     ahead = ca.if_else(room < ENDLESS, near * falling_share(near, acceleration, dt), ca.inf)
-    back = (
-        near * smooth_share(near, acceleration, dt) if eased else ca.fmax(near, -acceleration * dt)
-    )
+    if eased:
+        back = near * smooth_share(near, acceleration, dt)
+    else:
+        back = ca.fmax(near, -acceleration * dt)
     return ca.if_else(room > 0, ahead, back)
 
 
@@ -294,7 +293,9 @@ def _expression_key(task: Task, robot: Robot) -> Hashable:
     key = (type(task), task.n_parameters(robot), *(getattr(task, name) for name in names))
     with suppress(TypeError):
         hash(key)
-        return key if _is_ours(task) else object()
+        if _is_ours(task):
+            return key
+        return object()
     return object()
 
 
@@ -306,11 +307,9 @@ def numbers_of(task: Task) -> list[str]:
     """Fields that are real numbers, which rows take as symbols alike; of a user's code, which may
     not, none.
     """
-    return (
-        [item.name for item in fields(task) if item.type in ("Positive", "Finite", "float")]
-        if _is_ours(task)
-        else []
-    )
+    if _is_ours(task):
+        return [item.name for item in fields(task) if item.type in ("Positive", "Finite", "float")]
+    return []
 
 
 def _with_symbols(tasks: Sequence[Task], numbers: ca.SX) -> Hierarchy:

@@ -40,11 +40,9 @@ _NOTHING = 1e-12  # keeps divisions by nothing finite
 
 def swinging_axes(robot: Robot) -> list[int]:
     """Return roll and pitch (3, 4), as far as no thruster drives them."""
-    return (
-        [axis for axis in thrusters.undriven_axes(robot) if axis in (3, 4)]
-        if robot.n_vehicle == _FREE
-        else []
-    )
+    if robot.n_vehicle == _FREE:
+        return [axis for axis in thrusters.undriven_axes(robot) if axis in (3, 4)]
+    return []
 
 
 def _swinging_motions(robot: Robot) -> ca.DM:
@@ -77,7 +75,9 @@ def swing_frequency(robot: Robot) -> float:
 
 def memory_time(robot: Robot) -> float:
     """Return the time [s] in which the mean attitude is learnt; infinite where nothing swings."""
-    return _MEMORY / swing_frequency(robot) if swinging_axes(robot) else np.inf
+    if swinging_axes(robot):
+        return _MEMORY / swing_frequency(robot)
+    return np.inf
 
 
 def mean_attitude(symbols: TickSymbols, passive: ca.SX) -> TickSymbols:

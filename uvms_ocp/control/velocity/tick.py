@@ -236,11 +236,12 @@ def _choose(m: TickMemory) -> None:
     m.place[:] = m.q
     _wanted_velocity(m)
     m.near = viability.may_reach_limit(m.rule, m.wanted, m.gates, m.quantities)
-    m.share = (
-        viability.enforce_viability(m.rule, m.q, m.command, m.wanted, m.gates, m.quantities)
-        if m.near
-        else 1.0
-    )
+    if m.near:
+        m.share = viability.enforce_viability(
+            m.rule, m.q, m.command, m.wanted, m.gates, m.quantities
+        )
+    else:
+        m.share = 1.0
     commit_velocity(m)
 
 
@@ -279,11 +280,10 @@ def _shorten(m: TickMemory) -> None:
     for i in range(len(m.solved)):
         if m.is_joint[i] != 0:
             ahead = m.command[i] * (m.v[i] - m.command[i]) > 0.0
-            faster = (
-                min(_SPARE * abs(m.v[i] - m.command[i]), _FASTER * m.velocity_limit[i])
-                if ahead
-                else 0.0
-            )
+            if ahead:
+                faster = min(_SPARE * abs(m.v[i] - m.command[i]), _FASTER * m.velocity_limit[i])
+            else:
+                faster = 0.0
             if m.command[i] * m.change[i] < 0.0:
                 faster = min(faster, m.faster[i])
             gain = min(1.0, dt / (_NOTICED if faster > m.faster[i] else _FORGOTTEN))

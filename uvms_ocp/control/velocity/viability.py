@@ -391,11 +391,9 @@ def _refusal(guard: PositionGuard, robot: Robot) -> str:
     """Why it is; empty where it is not."""
     if guard.model is not None:
         return not_measured(guard.model, robot)
-    return (
-        ""
-        if isinstance(guard.limit.values, ca.Function)
-        else "a limit on positions without an expression"
-    )
+    if isinstance(guard.limit.values, ca.Function):
+        return ""
+    return "a limit on positions without an expression"
 
 
 def models_of(guards: Sequence[PositionGuard]) -> list[CollisionModel]:

@@ -314,13 +314,9 @@ def _by_silence(c: ChannelMemory, quiet: float, period: float) -> int:
     patience = c.delay + period * c.losses
     lost = patience + max(_LEAST_TO_LOSE, _PERIODS_TO_LOSE * period)
     suspect = patience + max(LEAST_TO_SUSPECT, _PERIODS_TO_SUSPECT * period)
-    return (
-        int(Trust.LOST)
-        if quiet > lost and not c.empty
-        else int(Trust.SUSPECT)
-        if quiet > suspect
-        else int(Trust.GOOD)
-    )
+    if quiet > lost and not c.empty:
+        return int(Trust.LOST)
+    return int(Trust.SUSPECT) if quiet > suspect else int(Trust.GOOD)
 
 
 def _be_silent(c: ChannelMemory, quiet: float, t: float, anew: bool) -> None:

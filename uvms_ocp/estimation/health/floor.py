@@ -121,7 +121,9 @@ def height_allowance(new: FloorPoint, old: FloorPoint, slope: float) -> float:
     fall = new.sensor_z - new.z
     share = min(1.0, (new.sensor_z - old.z) / fall) if fall > 0.0 and new.sensor_z > old.z else 1.0
     away = slope * _length(new.sensor_x + share * dx - old.x, new.sensor_y + share * dy - old.y)
-    return away if share == 1.0 else away / (1.0 - min(slope * (_length(dx, dy) / fall), _STEEPEST))
+    if share == 1.0:
+        return away
+    return away / (1.0 - min(slope * (_length(dx, dy) / fall), _STEEPEST))
 
 
 def vertical_travel(s: FloorPoints) -> float:

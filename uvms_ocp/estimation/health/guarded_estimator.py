@@ -77,11 +77,9 @@ class GuardedEstimator(TableDisplay):
             if isinstance(estimator, PassThrough) and type(estimator) is PassThrough
             else None
         )
-        self.repeated = (
-            health_monitor.pass_through_memory(plain)
-            if plain is not None and self.monitor.repeats
-            else None
-        )
+        self.repeated: health_monitor.PassThroughMemory | None = None
+        if plain is not None and self.monitor.repeats:
+            self.repeated = health_monitor.pass_through_memory(plain)
         self._has_all_channels = not exact
         self._gating = estimator if isinstance(estimator, GatedEstimator) else None
         gating = self._gating is not None
@@ -89,7 +87,10 @@ class GuardedEstimator(TableDisplay):
         others = health_monitor.fallback_sensors(gyro_from_attitude=gating)
         self.support = health_monitor.support_of(self._needed, others, exact=exact, gating=gating)
         """Memory of the kernels, as `repeated` and `outcomes`."""
-        numbers = np.zeros(_OUTCOMES) if self._gating is None else self._gating.outcomes.reshape(-1)
+        if self._gating is None:
+            numbers = np.zeros(_OUTCOMES)
+        else:
+            numbers = self._gating.outcomes.reshape(-1)
         self.outcomes = (ctypes.c_double * numbers.size).from_buffer(
             numbers.data
         )  # the same memory, as kernels take it

@@ -152,11 +152,9 @@ def _supported_until(m: channel_state.HealthMemory, s: EstimateSupport, number: 
     own = m.channels[number].taken
     other = s.fallback[number]
     by = m.channels[other].taken if other >= 0 else math.nan
-    return (
-        own
-        if math.isnan(own) or math.isnan(by)
-        else max(own, min(by, own + s.max_duration[number]))
-    )
+    if math.isnan(own) or math.isnan(by):
+        return own
+    return max(own, min(by, own + s.max_duration[number]))
 
 
 def update_echo(m: channel_state.HealthMemory, s: EstimateSupport) -> None:
@@ -435,11 +433,11 @@ class HealthMonitor:
             for name in present
         }
         self._places = tuple(self._buffers.get(name) for name in CHANNELS)
-        self._beam = (
-            AltimeterMount(robot, frame, memory.now)
-            if "altimeter_range" in present and frame
-            else None
-        )
+        self._beam: AltimeterMount | None
+        if "altimeter_range" in present and frame:
+            self._beam = AltimeterMount(robot, frame, memory.now)
+        else:
+            self._beam = None
         self._joint_q, self._joint_v = robot.joint_q, robot.joint_v
         self._q, self._v = np.ctypeslib.as_array(memory.now.q), np.ctypeslib.as_array(memory.now.v)
         self._rates = np.ctypeslib.as_array(memory.encoders.rates)[: robot.n_joints]
@@ -580,7 +578,8 @@ def _describe(verdict: ChannelHealth, shift: float) -> str:
     word = verdict.trust.name.lower()
     if verdict.why:
         return f"{verdict.channel} {word}: {verdict.why}"
-    elsewhere = (
-        f", {shift:.2g} {UNITS[verdict.channel]} from where it was before" if shift > 0.0 else ""
-    )
+    if shift > 0.0:
+        elsewhere = f", {shift:.2g} {UNITS[verdict.channel]} from where it was before"
+    else:
+        elsewhere = ""
     return f"{verdict.channel} {word} again{elsewhere}"

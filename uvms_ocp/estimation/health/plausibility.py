@@ -160,11 +160,9 @@ def is_mistimed(stamp: float, last: float, t: float, clock: float, why: Complain
 
 def _is_no_rotation(value: Vector, why: Complaint) -> bool:
     squared = value[0] * value[0] + value[1] * value[1] + value[2] * value[2] + value[3] * value[3]
-    return (
-        False
-        if abs(squared - 1.0) <= 2.0 * _UNIT
-        else set_complaint(why, Reason.LENGTH, math.sqrt(squared), 0.0)
-    )
+    if abs(squared - 1.0) <= 2.0 * _UNIT:
+        return False
+    return set_complaint(why, Reason.LENGTH, math.sqrt(squared), 0.0)
 
 
 # Whether a reading can be true, given where the robot was estimated to be when it was taken.
@@ -226,11 +224,9 @@ def is_impossible(g: PlausibilityGate, value: Vector, why: Complaint) -> bool:
     squared = 0.0
     for i in range(g.size):
         squared += value[i] * value[i]
-    return (
-        False
-        if math.sqrt(squared) <= g.most
-        else set_complaint(why, Reason.LARGE, math.sqrt(squared), g.most)
-    )
+    if math.sqrt(squared) <= g.most:
+        return False
+    return set_complaint(why, Reason.LARGE, math.sqrt(squared), g.most)
 
 
 def error_of(g: PlausibilityGate, value: Vector, estimate: PastEstimate) -> float:
@@ -243,11 +239,9 @@ def error_of(g: PlausibilityGate, value: Vector, estimate: PastEstimate) -> floa
         return distance(g, value, estimate.q)
     if g.channel == ChannelIndex.JOINT_POSITIONS:
         return _largest(g, value, estimate.q)
-    return (
-        _largest(g, value, estimate.v)
-        if g.channel == ChannelIndex.JOINT_VELOCITIES
-        else distance(g, value, estimate.v)
-    )
+    if g.channel == ChannelIndex.JOINT_VELOCITIES:
+        return _largest(g, value, estimate.v)
+    return distance(g, value, estimate.v)
 
 
 def distance(g: PlausibilityGate, value: Vector, estimated: Vector) -> float:

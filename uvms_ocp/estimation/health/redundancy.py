@@ -76,7 +76,9 @@ def median_of(s: SampleRing, i: int, start: int, n: int) -> float:
             x[place] = x[place - 1]
             place -= 1
         x[place] = value
-    return x[n // 2] if n % 2 == 1 else 0.5 * (x[n // 2 - 1] + x[n // 2])
+    if n % 2 == 1:
+        return x[n // 2]
+    return 0.5 * (x[n // 2 - 1] + x[n // 2])
 
 
 def value_at(s: SampleRing, i: int, t: float) -> float:
@@ -348,14 +350,18 @@ def drift_rate(w: DriftWindow, first: int) -> float:
         squared += change * change
     way = found.value[ring_slot(found, found.count - 1)][3] - found.value[found.first][3]
     allowed = w.tolerance * time + w.share * way + _SIGMAS * _MEDIAN * math.sqrt(2.0 / n) * w.noise
-    return math.sqrt(squared) / time if squared > allowed * allowed else 0.0
+    if squared > allowed * allowed:
+        return math.sqrt(squared) / time
+    return 0.0
 
 
 def _way_at(d: VelocityAgainstPosition, i: int, t: float) -> float:
     """[m] along axis i by the DVL until time t [s], which a late fix was taken at some readings
     ago.
     """
-    return d.way[i] + (t - d.t) * d.velocity[i] if t >= d.t else value_at(d.ways, i, t)
+    if t >= d.t:
+        return d.way[i] + (t - d.t) * d.velocity[i]
+    return value_at(d.ways, i, t)
 
 
 def update_rate(d: RateAgainstAttitude, omega: Vector, t: float) -> None:

@@ -264,11 +264,10 @@ def _compare_fix(
 
 def _compare_depth(m: HealthMemory, c: ChannelMemory, why: Complaint) -> None:
     """Where depths drift from what the DVL tells, and fixes do not, they are not used."""
-    rate = (
-        redundancy.drift_rate(m.velocity.depth, 2)
-        if redundancy.compare_place(m.velocity, c.value, c.stamp, 2)
-        else 0.0
-    )
+    if redundancy.compare_place(m.velocity, c.value, c.stamp, 2):
+        rate = redundancy.drift_rate(m.velocity.depth, 2)
+    else:
+        rate = 0.0
     if rate > 0.0:
         set_complaint(why, Reason.DEPTH_DRIFT, rate, 0.0)
         if (

@@ -61,7 +61,10 @@ def obstacle(
     Raises `InvalidInput` for other shapes and what `Obstacle` refuses.
     """
     p = np.asarray(position, dtype=float)
-    R = np.eye(3) if rotation is None else np.asarray(rotation, dtype=float)
+    if rotation is None:
+        R = np.eye(3)
+    else:
+        R = np.asarray(rotation, dtype=float)
     if p.shape != (3,) or R.shape != (3, 3):
         raise InvalidInput(
             f"obstacle {name!r} has position {p} and rotation {R.tolist()}; give (3,) and (3, 3)"
@@ -228,9 +231,9 @@ def _size(shape: Any) -> list[float]:
         return [2 * float(half) for half in shape.halfSide]
     if isinstance(shape, coal.Ellipsoid):
         return [float(radius) for radius in shape.radii]
-    return (
-        [shape.radius] if isinstance(shape, coal.Sphere) else [shape.radius, 2 * shape.halfLength]
-    )
+    if isinstance(shape, coal.Sphere):
+        return [shape.radius]
+    return [shape.radius, 2 * shape.halfLength]
 
 
 def _first(error: ValidationError) -> str:

@@ -109,15 +109,14 @@ def obstacle_field(
     robot = run.robot
     goal = pose_at((11.0, 0.0, -37.0))
     around = CollisionModel(robot, obstacles, self_collision=False)
-    sc = (
-        [
+    if robot.n_joints:
+        sc = [
             Clearance(
                 name="SC", model=CollisionModel(robot), threshold=_SELF, margin=_SELF, n_nearest=6
             )
         ]
-        if robot.n_joints
-        else []
-    )
+    else:
+        sc = []
     posture = VehiclePose(goal=goal), JointTracking(joints=robot.joint_names, goal=robot.home)
     tasks = [*SAFETY, Clearance(model=around, threshold=min_clearance, n_nearest=6), *sc, *posture]
     on = (

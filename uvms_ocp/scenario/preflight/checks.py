@@ -228,11 +228,10 @@ def check_energy(setup: Setup) -> Iterator[Finding]:
     silent = [
         thruster.name for thruster in setup.robot.description.thrusters if thruster.power is None
     ]
-    why = (
-        f"no power is given for thruster {', '.join(silent)}; give it in hydrodynamics.yaml"
-        if silent
-        else ""
-    )
+    if silent:
+        why = f"no power is given for thruster {', '.join(silent)}; give it in hydrodynamics.yaml"
+    else:
+        why = ""
     why = why if setup.with_forces else "the kinematic plant uses none; use the dynamic plant"
     for phase in setup.mission.all_phases if why else ():
         for condition in phase.conditions:
@@ -288,7 +287,9 @@ def check_freedom(
 
 
 def _rank(rows: np.ndarray) -> int:
-    return int(np.linalg.matrix_rank(rows, tol=_RANK)) if rows.size else 0
+    if rows.size:
+        return int(np.linalg.matrix_rank(rows, tol=_RANK))
+    return 0
 
 
 def _jacobians(setup: Setup, problem: levels.LevelsProblem, q: np.ndarray) -> dict[str, np.ndarray]:

@@ -167,11 +167,10 @@ def _load(
     actuated = [axis for axis in range(6) if axis not in unactuated_axes(robot)]
     missing = float(np.linalg.norm(result.unreachable[actuated])) if result.saturated else 0.0
     v[actuated] = -_GIVES_WAY * result.unreachable[actuated] / max(missing, 1e-9)
-    left = (
-        allocation.allocate(forces(v)[robot.vehicle_v]).unreachable
-        if missing > _SHORT
-        else result.unreachable
-    )
+    if missing > _SHORT:
+        left = allocation.allocate(forces(v)[robot.vehicle_v]).unreachable
+    else:
+        left = result.unreachable
     shares = [(abs(result.unreachable[k]), k) for k in actuated] if result.saturated else []
     short = [
         (f"{force:.0f}" if force >= 1.0 else f"{force:.1g}", k)
@@ -266,11 +265,10 @@ def check_undriven(setup: Setup, visits: Sequence[Visit]) -> Iterator[Finding]:
                 or driven_turns(setup.robot, task.frame) is None
             ):
                 continue
-            directions = (
-                task.turning_directions(setup.robot)
-                if isinstance(task, attitude.AngleTask)
-                else None
-            )
+            if isinstance(task, attitude.AngleTask):
+                directions = task.turning_directions(setup.robot)
+            else:
+                directions = None
             if directions is None or directions.shape[1]:
                 less |= (
                     {task.name: None}

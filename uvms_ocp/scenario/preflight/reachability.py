@@ -117,7 +117,9 @@ class ArmReach:
             best = found if best is None or found.cost < best.cost else best
             if best.reached if self._weight else best.position < REACHED:
                 break
-        return self._reach(X_WB, goal, 0.5 * (self._lower + self._upper)) if best is None else best
+        if best is None:
+            return self._reach(X_WB, goal, 0.5 * (self._lower + self._upper))
+        return best
 
     def _from(self, X_WB: pin.SE3, goal: pin.SE3, start: np.ndarray) -> ReachResult:
         """With the rotation weighed lightly first: it finds its way around more obstacles than the
@@ -170,7 +172,10 @@ class ArmReach:
         model = self._robot.model
         data = self._data
         R_WB = X_WB.rotation
-        lean = self._rest(joints) if self._leans else np.eye(3)
+        if self._leans:
+            lean = self._rest(joints)
+        else:
+            lean = np.eye(3)
         q = pin.neutral(model)
         if self._robot.n_vehicle:
             q[:7] = pin.SE3ToXYZQUAT(pin.SE3(R_WB @ lean, X_WB.translation))

@@ -344,7 +344,9 @@ def stances_at_way_point(
     R = pin.rpy.rpyToMatrix(0.0, 0.0, math.atan2(y, x))
     around = [goal.translation + R @ point for point in points_on_ball(np.zeros(3), radius)]
     possible = [Stance(position=point, yaw=yaw, likely=radius == 0) for point in around]
-    return (*likely, *possible) if radius > 0 else tuple(possible)
+    if radius > 0:
+        return (*likely, *possible)
+    return tuple(possible)
 
 
 def _next_target(setup: Setup, visit: Visit) -> np.ndarray | None:
@@ -354,9 +356,9 @@ def _next_target(setup: Setup, visit: Visit) -> np.ndarray | None:
     alignment = next(
         (task for task in setup.mission.tasks_of(visit.index) if isinstance(task, Alignment)), None
     )
-    return (
-        None if alignment is None else goals.evaluate_vector(alignment.name, alignment.goal, 0.0)[0]
-    )
+    if alignment is None:
+        return None
+    return goals.evaluate_vector(alignment.name, alignment.goal, 0.0)[0]
 
 
 def _aligned(stance: Stance, target: np.ndarray, *, walks: bool) -> Stance:

@@ -97,7 +97,9 @@ def rounded(values: np.ndarray, digits: int = 3) -> Any:
     """
     if values.ndim:
         return [rounded(value, digits) for value in values]
-    return float(f"{values:.{digits}g}") if np.isfinite(values) else None
+    if np.isfinite(values):
+        return float(f"{values:.{digits}g}")
+    return None
 
 
 def joint_clips(robot: Robot, frames: Frames, fps: float) -> Iterator[tuple[int, AnimationClip]]:

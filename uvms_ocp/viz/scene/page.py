@@ -102,11 +102,10 @@ class ScenePage:
         viewer, _, tail = rest.partition(_VIEWER_MARK)
         whole = not _viewer_in_notebook()
         style = f"width:100%;height:{self.height:d}px;border:none"
-        page = (
-            f'srcdoc="{html.escape(self.html)}"'
-            if whole
-            else f'data-page="{html.escape(head + _VIEWER_MARK + tail)}"'
-        )
+        if whole:
+            page = f'srcdoc="{html.escape(self.html)}"'
+        else:
+            page = f'data-page="{html.escape(head + _VIEWER_MARK + tail)}"'
         script = "" if whole else f"<script>{asset('frame.js')}('{name}')</script>"
         opening = (
             f'<iframe id="{name}" data-viewer="{_digest(viewer)}" sandbox="allow-scripts"'
@@ -368,11 +367,11 @@ def missing() -> str:
         import playwright.sync_api  # noqa: F401 - only whether it is there
     except ImportError:
         return 'playwright is not installed; run: pip install "uvms-ocp[video]"'
-    return (
-        f"no {', '.join(_NAMES)} is found; install Chromium, or say where it is by {CHROMIUM}"
-        if _chromium() is None
-        else ""
-    )
+    if _chromium() is None:
+        return (
+            f"no {', '.join(_NAMES)} is found; install Chromium, or say where it is by {CHROMIUM}"
+        )
+    return ""
 
 
 def _chromium() -> str | None:

@@ -214,7 +214,9 @@ def show(
 def _configuration(robot: Robot, q: np.ndarray | None) -> np.ndarray:
     """A checked q (n_q,) [m, rad]; at home where none is given."""
     try:
-        return robot.configuration() if q is None else robot.check_configuration(q)
+        if q is None:
+            return robot.configuration()
+        return robot.check_configuration(q)
     except InvalidInput as error:
         raise InvalidInput(f"robot_or_q: {error}") from error
 
@@ -237,7 +239,9 @@ def robot_of(record: Record, folder: Path | None = None) -> Robot:
 
 
 def _record_of(what: Record | Plan) -> Record:
-    return what.to_record() if isinstance(what, Plan) else what
+    if isinstance(what, Plan):
+        return what.to_record()
+    return what
 
 
 def _page(
