@@ -439,8 +439,8 @@ def _field(f: Field[Any]) -> str:
 
 
 def replace_unchecked(value: _V, /, **changes: Any) -> _V:
-    """A frozen value with other values of some fields, as `dataclasses.replace`, but made as by
-    `trusted`.
+    """Return a frozen value with other values of some fields, as ``dataclasses.replace`` does, but
+    without its checks.
     """
     return _changing(type(value))(value, changes)  # type: ignore[arg-type]
 

@@ -41,7 +41,7 @@ class Range:
         return self.low < value < self.high if self.open else self.low <= value <= self.high
 
     def doubt(self, name: str) -> str:
-        """Source that is true where the number `name` is not inside; `_inf` is infinity."""
+        """Source that is true where the number `name` is not inside; ``_inf`` is infinity."""
         low, high = (repr(float(end)).replace("inf", "_inf") for end in (self.low, self.high))
         return f"not {low} {'<' if self.open else '<='} {name} {'<' if self.open else '<='} {high}"
 

@@ -89,7 +89,7 @@ class Dispatch:
         limit: float = math.inf,
         exclusive: bool = False,
     ) -> None:
-        """client: a `distributed.Client`. limit [s] of a run. exclusive: whether workers have one
+        """client: a ``distributed.Client``. limit [s] of a run. exclusive: whether workers have one
         at a time, alone to blame.
         """
         self._client = client

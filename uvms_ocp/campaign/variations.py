@@ -495,7 +495,8 @@ def available_parameters(scenario: Scenario) -> dict[str, Parameter]:
     goals, own parts.
 
     What concerns the robot and its sensors is the truth that the plant has: the controller goes on
-    with its model. Delays of sensors it knows, but for `unmodelled_delay`.
+    with its model. It knows the delays of its sensors, but not parameters that end in
+    ``unmodelled_delay``.
     """
     return {
         parameter.name: parameter

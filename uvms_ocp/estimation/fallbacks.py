@@ -277,7 +277,7 @@ def point_altimeter(m: AltimeterMemory, q: Vector) -> None:
 def echo_range(
     m: AltimeterMemory, t: float, echo: float, unknown: float, distrusted: bool
 ) -> float:
-    """Compute `LastFloorRange.range` at t [s], of the echo [m] along the beam in memory, or
+    """Compute the range to the floor at t [s], of the echo [m] along the beam in memory, or
     `unknown` [m]. A kernel.
     """
     if distrusted and m.exists:

@@ -231,8 +231,8 @@ def is_floating(series: Mapping[str, Any], meta: RunMeta | PlanMeta) -> bool:
 
 
 def joint_positions(series: Mapping[str, Any], meta: RunMeta | PlanMeta, name: str = "q") -> Any:
-    """One number per joint (n, n_joints) [rad or m], without jumps, from the series `q` or
-    `q_estimated` of a record.
+    """One number per joint (n, n_joints) [rad or m], without jumps, from the series ``q``
+    or ``q_estimated`` of a record.
 
     `None` where it has no such series, or joints of several axes. series: (n, ...) each, by name.
     """

@@ -223,7 +223,7 @@ _NUMBERS = ("is_integer", "is_floating", "is_boolean", "is_timestamp")
 
 
 def require_numbers(file: Any, path: Path, columns: Sequence[str]) -> None:
-    """Raise `InvalidInput` where these columns of a `pyarrow.parquet.ParquetFile` are none of
+    """Raise `InvalidInput` where these columns of a ``pyarrow.parquet.ParquetFile`` are none of
     numbers, or far larger than it.
 
     Raises `NameNotFound` for a column that there is not.

@@ -46,7 +46,7 @@ class FaultyChannel:
     n: int
     """Components of an error."""
     origin: Any = None
-    """Value from which `stuck` counts; zeros unless given."""
+    """Value from which a stuck fault counts; None: zeros."""
     joints: tuple[limits.Joint, ...] = ()
     """Whose readings its parts are, one by one, if any."""
 

@@ -113,7 +113,7 @@ class PlantMaker(Protocol):
     """Maker of a plant, for ``Scenario(plant=...)`` where it is none of the names ``dynamic`` and
     ``kinematic``.
 
-    It may have `simulated_faults`, a tuple of ``thruster``, ``joint``, ``current`` and ``payload``:
+    It may have an attribute ``simulated_faults``, a tuple of ``thruster``, ``joint``, ``current`` and ``payload``:
     the faults that its plant has of itself when `scenario.toolkit_faults` lists them; others are
     refused, those of sensors are none of its business. Campaigns vary `scenario.plant_robot` and
     `scenario.environment`, and of a maker that is a dataclass every float by its name, such as
@@ -158,7 +158,7 @@ class FaultMaker(Protocol):
 class SensorsMaker(Protocol):
     """Maker of sensors, for ``Scenario(sensors=...)`` where it is no `SensorSpecs`.
 
-    It may have `simulated_faults`, a tuple of channels: the faults that its sensors have of
+    It may have an attribute ``simulated_faults``, a tuple of channels: the faults that its sensors have of
     themselves when `scenario.toolkit_faults` lists them; others are refused. Campaigns vary
     `scenario.real_sensors`, the true ones where they differ from `specs`; nominal delays are those
     of the toolkit's sensors alone.

@@ -1,4 +1,4 @@
-"""Goals of tasks: a constant or a `Reference`, any callable ``t -> (value, rate)``.
+"""Goals of tasks: a constant or a reference, any callable ``t -> (value, rate)``.
 
 Trajectories are references. Those that tell their `end` need no Python at work.
 """

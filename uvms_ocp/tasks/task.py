@@ -228,7 +228,7 @@ class Residual:
 
 @checked_dataclass(eq=False)
 class Task(ABC):
-    """Base of all tasks. Fields of every task can be changed with `dataclasses.replace`.
+    """Base of all tasks. Fields of every task can be changed with ``dataclasses.replace``.
 
     Gains, saturations and margins that are not > 0, and goals that are not finite, raise
     `InvalidInput`.

@@ -54,7 +54,7 @@ Given: TypeAlias = Figure | SubFigure | None
 """A figure of the caller's, or a part of one, to draw on."""
 Page: TypeAlias = tuple[Given, Width]
 Panels: TypeAlias = Any
-"""Axes of the caller's, or several: a sequence, or an array as `matplotlib.pyplot.subplots`
+"""Axes of the caller's, or several: a sequence, or an array as ``matplotlib.pyplot.subplots``
 gives.
 """
 
@@ -124,7 +124,7 @@ class RecordFigure(Figure):
             super().draw(renderer)
 
     def savefig(self, *args: Any, **options: Any) -> None:
-        """Write a file as `matplotlib.figure.Figure.savefig` does, whatever the caller's style says
+        """Write a file as ``matplotlib.figure.Figure.savefig`` does, whatever the caller's style says
         of files.
         """
         with context(_STYLE):

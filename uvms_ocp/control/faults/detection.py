@@ -160,9 +160,9 @@ class FaultDetection(Layout):
     disturbance: Annotated[Vector, Sized("n_v")]
     """(n_v,) [N, N m] the same, as it is made up for."""
     asked: Annotated[Vector, Sized("n_thrusters")]
-    """(n_thrusters,) [N] as `Asked.thrust`."""
+    """(n_thrusters,) [N] thrust that was commanded."""
     way: Annotated[Vector, Sized("n_v")]
-    """(n_v,) [m/s, rad/s] as `Asked.way`."""
+    """(n_v,) [m/s, rad/s] velocity that was commanded."""
     encoders_trusted: bool
     """The encoders are to be trusted."""
     # of the robot

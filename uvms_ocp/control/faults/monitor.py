@@ -85,7 +85,7 @@ def write_thruster_watch(
     bandwidth: float,
     period: float,
 ) -> None:
-    """Initialise a `ThrusterWatch` of sound thrusters.
+    """Initialise a `ThrusterFaultMemory` of sound thrusters.
 
     matrix (6, n) [N/N, N m/N]; lower, upper (n,) [N] limits; bandwidth [rad/s] of the residual;
     period [s] of samples.
@@ -117,7 +117,7 @@ def write_thruster_watch(
 
 
 def write_joint_watch(watch: JointFaultMemory, effort: np.ndarray) -> None:
-    """Initialise a `JointWatch` of sound joints; effort (n_joints,) [N m or N] limits."""
+    """Initialise a `JointFaultMemory` of sound joints; effort (n_joints,) [N m or N] limits."""
     assign(watch, count=len(effort), effort=effort, since=math.inf)
 
 
@@ -139,7 +139,7 @@ def thruster_verdicts(
 
 
 def joint_verdicts(watch: JointFaultMemory) -> list[verdicts.JointVerdict]:
-    """Return the verdict of a `JointWatch` on each joint."""
+    """Return the verdict of a `JointFaultMemory` on each joint."""
     sound = verdicts.JointVerdict()
     return [
         verdicts.JointVerdict(

@@ -67,7 +67,7 @@ class AllocationMemory(Layout):
     wrench_weight: Annotated[Vector, Sized("m")]
     """(6,) [1/N, 1/(N m)]"""
     share: Annotated[Vector, Sized("n")]
-    """(n,) as those of `Effect`."""
+    """(n,) [-] of `ThrusterEffectiveness`: thrust that comes, by thrust that is asked for."""
     constant: Annotated[Vector, Sized("n")]
     """(n,) [N]"""
     # found by `apply_effectiveness`

@@ -205,7 +205,7 @@ def abort_reason(
     ended: bool,
     clearance: float,
 ) -> int:
-    """Why the mission is to be given up at t [s], a `Why`. A kernel. clearance [m]: above the
+    """Return the `AbortReason` to give up the mission at t [s]. A kernel. clearance [m]: above the
     floor, NaN for unknown.
 
     gates, quantities [in their units], NaN where not known. hopeless: the thrust is cut, and

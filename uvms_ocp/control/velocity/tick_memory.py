@@ -146,7 +146,7 @@ class TickMemory(Layout):
     last_phase_quantities: Annotated[Vector, Sized("n_quantities")]
     """(n_quantities,) [their units] the same of the last tick that did not hold."""
     why: int
-    """A `Why`."""
+    """`AbortReason` of the mission's end, as a number."""
     due: int
     """The transition of the phase that fires, or `NONE`."""
     eventful: bool

@@ -43,7 +43,7 @@ class GatedEstimator(Protocol):
         estimate, changed in place.
 
         When it was taken, its normalised innovation squared, the degrees of freedom of that, and 1
-        if it was fused; nan before the first. In the order of `filter.memory.Channel`.
+        if it was fused; nan before the first. In the order of `filter_memory.Channel`.
         """
 
     def inflate_velocity_variance(self, *, rests: bool = False) -> None:

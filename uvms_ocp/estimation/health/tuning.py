@@ -124,7 +124,7 @@ class ReasonTexts:
         return self._shapes.index(text) + 1
 
     def of(self, channel: str, why: Any) -> str:
-        """The words of a `Why`."""
+        """Describe a reason that the health memory keeps as numbers."""
         a, b = why.first, why.second
         if why.code == Reason.SHAPE:
             return self._shapes[int(a) - 1]

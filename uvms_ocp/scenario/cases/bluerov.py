@@ -94,7 +94,7 @@ def pose_facing(origin: pin.SE3, target: np.ndarray, start: Kinematics) -> pin.S
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class Circle:
     """A point that goes around a circle in a vertical plane, starting and ending at rest at its
-    top: a `Reference`.
+    top: a reference.
     """
 
     centre: np.ndarray

@@ -255,7 +255,7 @@ def live(
 
     ``view = live(scenario)``, ``display(view)`` shows it in a notebook, `height` [px] high,
     wherever the kernel is, and a run with ``observer=view`` moves it. ``view = live(robot)`` is
-    moved by ``view.display(q)``; in a notebook with `ipywidgets` its links and a goal can be
+    moved by ``view.display(q)``; in a notebook with ``ipywidgets`` its links and a goal can be
     dragged, which ``view.q`` and ``view.goal`` tell, and ``view.on_change = f`` calls ``f(view)``
     each time. Other browsers of this machine find it at its ``address``; nobody else is served.
     speed: times that of the clock, which the run does not overtake; it may be slower. port: 0 for
