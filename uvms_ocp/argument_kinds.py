@@ -217,9 +217,9 @@ class _Either(Kind):
 
     def wrong(self, place: str, value: Any) -> _Violation:
         # An alternative that finds its fault deep inside was the one that was meant.
-        found = [kind.wrong(place, value) for kind in self.kinds]
+        violations = [kind.wrong(place, value) for kind in self.kinds]
         deeper = [
-            fault for fault in found if fault.place != place or not fault.found.startswith("=")
+            fault for fault in violations if fault.place != place or not fault.found.startswith("=")
         ]
         if deeper:
             return deeper[0]
@@ -283,8 +283,8 @@ class _Several(Kind):
 
     def fits(self, value: Any) -> bool:
         numbers = all(isinstance(kind, (_Number, _Whole)) for kind in self.kinds)
-        other = numbers and isinstance(value, (list, np.ndarray)) and getattr(value, "ndim", 1) == 1
-        return (isinstance(value, tuple) or other) and len(value) == len(self.kinds)
+        is_row_of_numbers = numbers and isinstance(value, (list, np.ndarray)) and getattr(value, "ndim", 1) == 1
+        return (isinstance(value, tuple) or is_row_of_numbers) and len(value) == len(self.kinds)
 
     def parts(self, place: str, value: Any) -> Iterable[tuple[str, Kind, Any]]:
         return (
@@ -368,10 +368,10 @@ def kinds_of(function: Callable[..., Any], owner: type | None = None) -> dict[st
     # constructor was made.
     generated = function.__code__.co_filename == "<string>"
     hints = _hints(owner if owner is not None and generated else function)
-    own = inspect.signature(function).parameters
-    if owner is not None and not set(own) - {"self"} <= set(hints):
+    parameters = inspect.signature(function).parameters
+    if owner is not None and not set(parameters) - {"self"} <= set(hints):
         hints |= _hints(function)
-    return {name: _kind_of(hints[name]) for name in own if name in hints}
+    return {name: _kind_of(hints[name]) for name in parameters if name in hints}
 
 
 def _kind_of(annotation: Any) -> Kind:
@@ -390,9 +390,9 @@ def _kind_of(annotation: Any) -> Kind:
     if isinstance(annotation, TypeVar) and annotation.__constraints__:
         return _either(annotation.__constraints__)
     if origin is Literal:
-        known = _is_a(str, int, bytes, type(None))
+        is_literal_type = _is_a(str, int, bytes, type(None))
         return Kind(
-            " or ".join(map(repr, arguments)), lambda value: known(value) and value in arguments
+            " or ".join(map(repr, arguments)), lambda value: is_literal_type(value) and value in arguments
         )
     if origin is not None:
         return _generic(origin, arguments)
@@ -408,10 +408,10 @@ def _hints(thing: Any) -> dict[str, Any]:
 
 
 def _numbers(**what: Any) -> Kind:
-    found = _Numbers(**what)
-    shape = f" {found.shape}" if found.shape else ""
-    content, _ = _OF_TYPE.get(found.dtype, _REAL)
-    return _Numbers(f"an array{shape} of {content}{found.inside or ''}", **what)
+    kind = _Numbers(**settings)
+    shape = f" {kind.shape}" if kind.shape else ""
+    content, _ = _OF_TYPE.get(kind.dtype, _REAL)
+    return _Numbers(f"an array{shape} of {content}{kind.inside or ''}", **settings)
 
 
 def _annotated(base: Any, *extras: object) -> Kind:
@@ -428,19 +428,19 @@ def _annotated(base: Any, *extras: object) -> Kind:
 
 
 def _either(arguments: tuple[Any, ...]) -> Kind:
-    found: list[Kind] = []
+    choices: list[Kind] = []
     if {Path, str} <= set(arguments):
         arguments = tuple(a for a in arguments if a not in (Path, str))
-        found.append(Kind(_PATH, _is_path(Path, str)))
+        choices.append(Kind(_PATH, _is_path(Path, str)))
     if (
         set(arguments) >= _ARRAY_LIKE
     ):  # a union of unions is flat: what numpy calls array-like has come apart
         arguments = tuple(a for a in arguments if a not in _ARRAY_LIKE)
-        found.append(_numbers())
-    found += map(_kind_of, arguments)
-    if len(found) == 1:
-        return found[0]
-    return _Either(" or ".join(dict.fromkeys(kind.allowed for kind in found)), kinds=tuple(found))
+        choices.append(_numbers())
+    choices += map(_kind_of, arguments)
+    if len(choices) == 1:
+        return choices[0]
+    return _Either(" or ".join(dict.fromkeys(kind.allowed for kind in choices)), kinds=tuple(choices))
 
 
 def _generic(origin: Any, arguments: tuple[Any, ...]) -> Kind:
@@ -500,10 +500,10 @@ def _kind_of_class(cls: type) -> Kind:
         return _Whole("a whole number")
     if getattr(cls, "_is_protocol", False):
         parents = [base for base in cls.__mro__ if getattr(base, "_is_protocol", False)]
-        found = dict.fromkeys(
+        members = dict.fromkeys(
             name for base in parents for name in (*vars(base), *inspect.get_annotations(base))
         )
-        names = [name for name in found if not name.startswith("_") or name == "__call__"]
+        names = [name for name in members if not name.startswith("_") or name == "__call__"]
         return Kind(
             f"a value with the methods of {cls.__name__} ({', '.join(names)})",
             lambda value: (

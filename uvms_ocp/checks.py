@@ -108,8 +108,8 @@ def _checked_class(cls: Any, *, late_constructor: bool = False, late_methods: bo
         function = member.__func__ if kind else member
         if inspect.isfunction(function) and _takes_arguments(function):
             late = late_methods or any(
-                getattr(one, _LATE, False)
-                for one in (function, getattr(super(cls, cls), name, None))
+                getattr(method, _LATE, False)
+                for method in (function, getattr(super(cls, cls), name, None))
             )
             after = late_constructor if name == "__init__" else late
             wrapped = (_after if after else _before)(function, cls)
@@ -179,36 +179,36 @@ class _Arguments:
             raise ArgumentNotFound(
                 self.title, unknown, [name for name in self._names if name != "self"]
             )
-        given = dict(zip(self._by_place, args, strict=False)) | kwargs
-        for name, value in given.items():
+        arguments = dict(zip(self._by_place, args, strict=False)) | kwargs
+        for name, value in arguments.items():
             kind = self._kinds.get(name)
             if (
                 kind is not None
                 and not kind.holds(value)
                 and value is not self._parameters[name].default
             ):
-                place, found, allowed = kind.wrong(name, value)
+                place, problem, allowed = kind.wrong(name, value)
                 raise InvalidInput(
-                    f"{self._called(given)}: {' '.join(f'{place} {found}; give {allowed}'.split())}"
+                    f"{self._called(arguments)}: {' '.join(f'{place} {problem}; give {allowed}'.split())}"
                 )
         if self._shaped:
-            self._check_shapes(given)
+            self._check_shapes(arguments)
 
-    def _called(self, given: Mapping[str, Any]) -> str:
+    def _called(self, arguments: Mapping[str, Any]) -> str:
         """The title, of a constructor with the name that it was given: ``Phase 'A'``, ``Transition
         to 'B'``.
         """
         names = [
-            f" {word}{short(given[key])}"
+            f" {word}{short(arguments[key])}"
             for key, word in _NAMING
-            if isinstance(given.get(key), str)
+            if isinstance(arguments.get(key), str)
         ]
         return "".join([self.title, *names[:1]] if self._class else [self.title])
 
-    def _check_shapes(self, given: Mapping[str, Any]) -> None:
-        lengths = dict(given)
+    def _check_shapes(self, arguments: Mapping[str, Any]) -> None:
+        lengths = dict(arguments)
         givers = dict[str, str]()
-        for name, value in given.items():
+        for name, value in arguments.items():
             shape = self._kinds[name].among(value).shape if name in self._shaped else None
             if shape is not None:
                 exact = shape.among(lengths)
@@ -218,7 +218,7 @@ class _Arguments:
                     )
                     fits = f" to go with {' and '.join(others)}" if others else ""
                     raise InvalidInput(
-                        f"{self._called(given)}: {name} has shape {np.shape(value)}; give"
+                        f"{self._called(arguments)}: {name} has shape {np.shape(value)}; give"
                         f" {exact}{fits}"
                     )
                 lengths |= exact.named(value)
@@ -449,10 +449,10 @@ def replace_unchecked(value: _V, /, **changes: Any) -> _V:
 def _changing(cls: Any) -> Callable[[Any, Mapping[str, Any]], Any]:
     """`changed` of one class."""
     names = [f.name for f in fields(cls) if f.init]
-    made = unchecked_constructor(cls)
-    kept = ", ".join(f"{name}=_changes.get({name!r}, _value.{name})" for name in names)
-    space = {"_made": made, "_names": frozenset(names)}
-    exec(_CHANGED.format(kept=kept), space)
+    constructor = unchecked_constructor(cls)
+    arguments = ", ".join(f"{name}=_changes.get({name!r}, _value.{name})" for name in names)
+    space = {"_made": constructor, "_names": frozenset(names)}
+    exec(_CHANGED.format(kept=arguments), space)
     return space["_changed"]  # type: ignore[return-value]
 
 

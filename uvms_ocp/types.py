@@ -88,12 +88,12 @@ class Shape:
         method it is.
         """
         n = len(self._sizes)
-        known = [
+        size_checks = [
             f"{name}.shape[{i - n}] != {size}"
             for i, size in enumerate(self._sizes)
             if isinstance(size, int) or size.startswith("self.")
         ]
-        return " or ".join([f"{name}.ndim {'<' if self._any_before else '!='} {n}", *known])
+        return " or ".join([f"{name}.ndim {'<' if self._any_before else '!='} {n}", *size_checks])
 
     def among(self, arguments: Mapping[str, object]) -> Shape:
         """The shape with the lengths that the arguments of a call tell."""
@@ -121,9 +121,9 @@ class Shape:
         return f"({text}{',' if len(self._sizes) == 1 and not self._any_before else ''})"
 
 
-def _length(name: str, known: Mapping[str, object]) -> int | str:
+def _length(name: str, values: Mapping[str, object]) -> int | str:
     first, *rest = name.split(".")
-    value = known.get(first if rest else f"{_OF}{name}")
+    value = values.get(first if rest else f"{_OF}{name}")
     for part in rest:
         value = getattr(value, part, None)
     return value if isinstance(value, int) else name
@@ -193,10 +193,10 @@ def read_only(values: ArrayLike, dtype: type | None = None) -> np.ndarray:
     unless it is one.
     """
     array = np.asarray(values, dtype=dtype)
-    kept = (base := memory_of(array)) is values or (
+    is_fixed = (base := memory_of(array)) is values or (
         isinstance(base, bytes | mmap) and memoryview(base).readonly
     )
-    if array.flags.writeable or not kept:
+    if array.flags.writeable or not is_fixed:
         array = np.array(array)
         array.flags.writeable = False
     return array

@@ -112,8 +112,8 @@ _WORDS = (
 
 
 def _state(name: str, index: int) -> str:
-    taken = name.lower() in _WORDS or name.startswith(_NUMBERED)
-    if name.isascii() and name.isidentifier() and not taken:
+    is_reserved = name.lower() in _WORDS or name.startswith(_NUMBERED)
+    if name.isascii() and name.isidentifier() and not is_reserved:
         return name
     return f"{_NUMBERED}{index + 1}"
 
@@ -255,7 +255,7 @@ class Mission(TableDisplay):
         # phase's own.
         since = t - state.since
         elapsed = t - state.began
-        return [reference(since if own else elapsed) for reference, own in self.goals(state)]
+        return [reference(since if from_phase_start else elapsed) for reference, from_phase_start in self.goals(state)]
 
     def goals(self, state: MissionState) -> GoalFunctions:
         """Goals of all tasks in a state, highest priority first."""
@@ -292,10 +292,10 @@ class Mission(TableDisplay):
         here.
         """
         names = progress.quantities_read(self.all_phases)
-        found = [math.nan] * len(names)
-        progress.measure_own(self._memory(state), t, math.nan, math.nan, found)
+        values = [math.nan] * len(names)
+        progress.measure_own(self._memory(state), t, math.nan, math.nan, values)
         return {
-            name: value for name, value in zip(names, found, strict=True) if name in OWN_QUANTITIES
+            name: value for name, value in zip(names, values, strict=True) if name in OWN_QUANTITIES
         }
 
     def _memory(self, state: MissionState) -> Any:
@@ -358,13 +358,13 @@ class Mission(TableDisplay):
     def describe(self, state: MissionState) -> dict[str, str]:
         """Return tasks, phases and where it is now, each in a few words."""
         if state.completed:
-            now = "completed"
+            situation = "completed"
         else:
-            now = state.aborted or f"in phase {self.phase_names[state.phase]}"
+            situation = state.aborted or f"in phase {self.phase_names[state.phase]}"
         return {
             "tasks": ", ".join(self.hierarchy.names),
             "phases": ", ".join(self.phase_names),
-            "now": now,
+            "now": situation,
         }
 
     def table(self) -> TableRows:

@@ -53,9 +53,9 @@ class _Threshold:
             math.isfinite(self.release) and not is_met(self.release, self.limit, self.is_below)
         ):
             return
-        least = "at least" if self.is_below else "at most"
+        allowed = "at least" if self.is_below else "at most"
         raise InvalidInput(
-            f"release of {self.quantity} = {self.release}; give {least} the limit {self.limit:g}"
+            f"release of {self.quantity} = {self.release}; give {allowed} the limit {self.limit:g}"
         )
 
     @property
@@ -311,5 +311,5 @@ class Abort:
                 f" {ABORT!r} alone"
             )
         if self.ascent_task not in self.phase.on:
-            given = f"abort: ascent_task = {self.ascent_task!r}, off in phase {self.phase.name!r}"
-            raise InvalidInput(f"{given}; name a task that is on in it")
+            problem = f"abort: ascent_task = {self.ascent_task!r}, off in phase {self.phase.name!r}"
+            raise InvalidInput(f"{problem}; name a task that is on in it")
