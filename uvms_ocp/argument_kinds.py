@@ -283,7 +283,9 @@ class _Several(Kind):
 
     def fits(self, value: Any) -> bool:
         numbers = all(isinstance(kind, (_Number, _Whole)) for kind in self.kinds)
-        is_row_of_numbers = numbers and isinstance(value, (list, np.ndarray)) and getattr(value, "ndim", 1) == 1
+        is_row_of_numbers = (
+            numbers and isinstance(value, (list, np.ndarray)) and getattr(value, "ndim", 1) == 1
+        )
         return (isinstance(value, tuple) or is_row_of_numbers) and len(value) == len(self.kinds)
 
     def parts(self, place: str, value: Any) -> Iterable[tuple[str, Kind, Any]]:
@@ -392,7 +394,8 @@ def _kind_of(annotation: Any) -> Kind:
     if origin is Literal:
         is_literal_type = _is_a(str, int, bytes, type(None))
         return Kind(
-            " or ".join(map(repr, arguments)), lambda value: is_literal_type(value) and value in arguments
+            " or ".join(map(repr, arguments)),
+            lambda value: is_literal_type(value) and value in arguments,
         )
     if origin is not None:
         return _generic(origin, arguments)
@@ -440,7 +443,9 @@ def _either(arguments: tuple[Any, ...]) -> Kind:
     choices += map(_kind_of, arguments)
     if len(choices) == 1:
         return choices[0]
-    return _Either(" or ".join(dict.fromkeys(kind.allowed for kind in choices)), kinds=tuple(choices))
+    return _Either(
+        " or ".join(dict.fromkeys(kind.allowed for kind in choices)), kinds=tuple(choices)
+    )
 
 
 def _generic(origin: Any, arguments: tuple[Any, ...]) -> Kind:

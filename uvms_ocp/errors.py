@@ -42,7 +42,9 @@ class UvmsError(Exception):
         return (_again, (type(self), default[1], self.args), *default[2:])
 
 
-def _again(cls: type[UvmsError], constructor_arguments: tuple[Any, ...], args: tuple[Any, ...]) -> UvmsError:
+def _again(
+    cls: type[UvmsError], constructor_arguments: tuple[Any, ...], args: tuple[Any, ...]
+) -> UvmsError:
     error = cls.__new__(cls, *constructor_arguments)
     error.args = args
     return error

@@ -68,7 +68,9 @@ def _by_key(error: ValidationError) -> dict[str, Any]:
         if key not in problems or len(problem["loc"]) > len(problems[key]["loc"]):
             problems[key] = problem
     # What is wrong inside a value is told by the deepest key.
-    above = {prefix for key in problems for prefix in accumulate(key.split(".")[:-1], "{}.{}".format)}
+    above = {
+        prefix for key in problems for prefix in accumulate(key.split(".")[:-1], "{}.{}".format)
+    }
     return {key: problems[key] for key in problems if key not in above}
 
 
@@ -78,7 +80,10 @@ def _keys_of(problem: Any) -> list[str]:
     # pydantic names the alternative that it tried, in brackets; an unknown key, which comes last,
     # may have some of its own.
     last_key = location[-1:] if problem["type"] == "extra_forbidden" else []
-    return [*(part for part in location[: len(location) - len(last_key)] if "[" not in part), *last_key]
+    return [
+        *(part for part in location[: len(location) - len(last_key)] if "[" not in part),
+        *last_key,
+    ]
 
 
 def printable(key: object) -> str:

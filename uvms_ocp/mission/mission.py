@@ -255,7 +255,10 @@ class Mission(TableDisplay):
         # phase's own.
         since = t - state.since
         elapsed = t - state.began
-        return [reference(since if from_phase_start else elapsed) for reference, from_phase_start in self.goals(state)]
+        return [
+            reference(since if from_phase_start else elapsed)
+            for reference, from_phase_start in self.goals(state)
+        ]
 
     def goals(self, state: MissionState) -> GoalFunctions:
         """Goals of all tasks in a state, highest priority first."""

@@ -71,13 +71,15 @@ def box_around(
     """
     index = model.getFrameId(frame)
     X_JF = model.frames[index].placement
-    own = [
+    frame_shapes = [
         s
         for s in shapes.geometryObjects
         if (s.parentFrame == index if joint is None else s.parentJoint == joint)
     ]
     corners = [
-        X_JF.actInv(s.placement.act(corner)) for s in own for corner in box_corners(s.geometry)
+        X_JF.actInv(s.placement.act(corner))
+        for s in frame_shapes
+        for corner in box_corners(s.geometry)
     ]
     if corners:
         return np.array([np.min(corners, axis=0), np.max(corners, axis=0)])
@@ -157,12 +159,12 @@ def without_arm(robot: Robot) -> Robot:
         raise InvalidInput(
             f"robot {robot.name!r} has a fixed base; only a free-flyer has a vehicle"
         )
-    kept = {frame.name for frame in robot.model.frames if frame.parentJoint <= 1}
+    vehicle_links = {frame.name for frame in robot.model.frames if frame.parentJoint <= 1}
     before = robot.description
-    links = {name: link for name, link in before.links.items() if name in kept}
-    trim = tuple(body for body in before.trim if body.link in kept)
+    links = {name: link for name, link in before.links.items() if name in vehicle_links}
+    trim = tuple(body for body in before.trim if body.link in vehicle_links)
     sensors = {
-        key: name if (name := getattr(before, key)) in kept else None
+        key: name if (name := getattr(before, key)) in vehicle_links else None
         for key in ("altimeter", "dvl")
     }
     alone = checked_copy(before, joints={}, links=links, trim=trim, tool=None, **sensors)
@@ -203,10 +205,10 @@ def _check_names(vehicle: Robot, arm: pin.Model) -> None:
 
 
 def _add_tool(vehicle: Robot, model: pin.Model, at: str) -> None:
-    taken = [name for name in ("flange", "tool") if vehicle.has_frame(name)]
-    if taken:
+    existing = [name for name in ("flange", "tool") if vehicle.has_frame(name)]
+    if existing:
         raise InvalidInput(
-            f"vehicle {vehicle.name!r} already has {', '.join(taken)}; use the arm's frames by name"
+            f"vehicle {vehicle.name!r} already has {', '.join(existing)}; use the arm's frames by name"
         )
     if model.existFrame("tool"):  # of the arm alone
         model.frames[model.getFrameId("tool")].name = "tool_of_arm"
@@ -261,13 +263,13 @@ def _base_only(robot: Robot) -> UrdfModels:
 
 
 def _shapes_on(shapes: pin.GeometryModel, old_to_new: Mapping[int, int]) -> pin.GeometryModel:
-    kept = pin.GeometryModel()
+    remaining = pin.GeometryModel()
     for shape in shapes.geometryObjects:
         if shape.parentFrame in old_to_new:
             copy = shape.copy()
             copy.parentFrame = old_to_new[shape.parentFrame]
-            kept.addGeometryObject(copy)
-    return kept
+            remaining.addGeometryObject(copy)
+    return remaining
 
 
 # Trim: the static balance of weight and buoyancy, and the floats and ballast that make it zero.

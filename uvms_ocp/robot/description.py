@@ -169,10 +169,10 @@ class LinkDescription(_Section):
 
     @model_validator(mode="after")
     def _exactly_one_way(self) -> LinkDescription:
-        given = [name for name in type(self).model_fields if getattr(self, name) is not None]
-        if len(given) != 1:
+        sources = [name for name in type(self).model_fields if getattr(self, name) is not None]
+        if len(sources) != 1:
             raise ValueError(
-                f"give exactly one of coefficients, cylinder, box, sphere; given: {given}"
+                f"give exactly one of coefficients, cylinder, box, sphere; given: {sources}"
             )
         return self
 
@@ -241,10 +241,8 @@ class Thruster(_Section):
         (command, thrust), n = np.transpose(value), len(value)
         wrong = np.flatnonzero((np.diff(command) <= 0.0) | (np.diff(thrust) < 0.0))
         if len(wrong):
-            given = "curve needs increasing commands and thrust that never falls"
-            raise ValueError(
-                f"{given}; point {wrong[0] + 2}, {list(value[wrong[0] + 1])}, does not"
-            )
+            rule = "curve needs increasing commands and thrust that never falls"
+            raise ValueError(f"{rule}; point {wrong[0] + 2}, {list(value[wrong[0] + 1])}, does not")
         if n < 2 or thrust[0] == thrust[-1]:
             raise ValueError("curve needs two or more points of different thrust")
         return value
@@ -416,9 +414,9 @@ def read_description(path: Path, variant: Path | None = None) -> RobotDescriptio
     except ValidationError as error:
         raise RobotDataError(variant or path, *problems_of(error, RobotDescription)) from None
     for name, link in description.links.items():
-        given = content["links"][name].get("coefficients", {}) or {}
+        written = content["links"][name].get("coefficients", {}) or {}
         if link.coefficients and not np.array_equal(
-            given.get("added_mass", (0.0,) * 6), link.coefficients.added_mass
+            written.get("added_mass", (0.0,) * 6), link.coefficients.added_mass
         ):
             _log.warning(
                 "%s: links.%s.coefficients.added_mass: symmetric but for a last digit; the mean of"

@@ -107,18 +107,18 @@ def least_dissipation(linear_drag: np.ndarray) -> tuple[np.ndarray, float]:
     bears no couplings at all.
     """
     S = linear_drag / 2 + linear_drag.T / 2  # halves first: their sum is finite
-    own = np.diag(S)
+    diagonal = np.diag(S)
     couplings = S - np.diag(np.diag(S))
-    worst = int(np.argmin(own))
-    if own[worst] < 0.0 or not couplings.any():
-        return np.eye(6)[worst], float(own[worst])
-    root = np.sqrt(own)
+    worst = int(np.argmin(diagonal))
+    if diagonal[worst] < 0.0 or not couplings.any():
+        return np.eye(6)[worst], float(diagonal[worst])
+    root = np.sqrt(diagonal)
     fed = np.argwhere(np.abs(couplings) > (1.0 + _ROUNDING) * np.outer(root, root))
     if len(fed):  # of these two axes alone; what is left below has couplings of at most 1
-        i, j = sorted(fed[0], key=lambda axis: own[axis])
-        nu = np.eye(6)[i] - np.eye(6)[j] * S[i, j] / max(own[j], abs(S[i, j]))
+        i, j = sorted(fed[0], key=lambda axis: diagonal[axis])
+        nu = np.eye(6)[i] - np.eye(6)[j] * S[i, j] / max(diagonal[j], abs(S[i, j]))
         return nu, float(nu @ S @ nu)
-    units = 1.0 / np.where(own > 0.0, root, 1.0)
+    units = 1.0 / np.where(diagonal > 0.0, root, 1.0)
     values, axes = np.linalg.eigh(units[:, None] * S * units)
     nu = units * axes[:, 0] / np.abs(units * axes[:, 0]).max()
     return nu, float(nu @ S @ nu) if values[0] < -_ROUNDING else 0.0
@@ -407,10 +407,10 @@ def check_added_mass(matrix: np.ndarray, where: str = "") -> None:
 
 def check_linear_drag(matrix: np.ndarray, where: str = "") -> None:
     """Raise `InvalidInput` where linear drag (6, 6) [N/(m/s), N m/(rad/s)] feeds energy."""
-    axis, least = least_dissipation(matrix)
-    if least < 0.0:
+    axis, power = least_dissipation(matrix)
+    if power < 0.0:
         raise InvalidInput(
-            f"{where}{_feeding((axis, -least))}; allowed: no eigenvalue below 0 in its symmetric"
+            f"{where}{_feeding((axis, -power))}; allowed: no eigenvalue below 0 in its symmetric"
             " part"
         )
 
@@ -423,13 +423,13 @@ def check_quadratic_drag(linear: np.ndarray, quadratic: np.ndarray, where: str =
     """
     worst = int(np.argmin(np.diag(quadratic)))
     if quadratic[worst, worst] < 0.0:
-        found = _feeding(amplified_velocity(linear, quadratic, np.eye(6)[worst]))
-        raise InvalidInput(f"{where}{found}; allowed: a diagonal of 0 or more")
+        problem = _feeding(amplified_velocity(linear, quadratic, np.eye(6)[worst]))
+        raise InvalidInput(f"{where}{problem}; allowed: a diagonal of 0 or more")
     factor, d = overload(quadratic)
     if factor > 1.0 + _TOLERANCE:
-        found = _feeding(amplified_velocity(linear, quadratic, d))
+        problem = _feeding(amplified_velocity(linear, quadratic, d))
         raise InvalidInput(
-            f"{where}{found}; allowed: couplings at most {1 / factor:.3g} times as large"
+            f"{where}{problem}; allowed: couplings at most {1 / factor:.3g} times as large"
         )
 
 
@@ -443,8 +443,8 @@ def check_flow_drag(quadratic: np.ndarray, by_flow: bool, where: str = "") -> No
         )
 
 
-def _feeding(known: tuple[np.ndarray, float] | None) -> str:
-    if known is None:
+def _feeding(proof: tuple[np.ndarray, float] | None) -> str:
+    if proof is None:
         return "may feed energy: its diagonal does not outweigh its couplings"
-    nu, power = known
+    nu, power = proof
     return f"feeds {power:.3g} W at nu = ({', '.join(f'{entry:.4g}' for entry in nu)}) m/s, rad/s"

@@ -57,10 +57,12 @@ class Joint:
 
         Raises `InvalidInput` for a joint of several degrees of freedom.
         """
-        own = self._own(q)
-        if len(own) == 1:
-            return own[0]
-        return (ca.atan2 if is_symbolic(*own) else np.arctan2)(own[1], own[0])
+        coordinates = self._own(q)
+        if len(coordinates) == 1:
+            return coordinates[0]
+        return (ca.atan2 if is_symbolic(*coordinates) else np.arctan2)(
+            coordinates[1], coordinates[0]
+        )
 
     def way(self, q: Array, to: Array) -> Array:
         """How far [rad or m] it is from q (n_q,) to the number `to`: of an endless one the shorter
@@ -68,10 +70,10 @@ class Joint:
 
         Raises `InvalidInput` for a joint of several degrees of freedom.
         """
-        own = self._own(q)
-        if len(own) == 1:
-            return to - own[0]
-        (c, s), maths = own, ca if is_symbolic(*own, to) else np
+        coordinates = self._own(q)
+        if len(coordinates) == 1:
+            return to - coordinates[0]
+        (c, s), maths = coordinates, ca if is_symbolic(*coordinates, to) else np
         turn = maths.arctan2 if maths is np else maths.atan2
         return turn(maths.sin(to) * c - maths.cos(to) * s, maths.cos(to) * c + maths.sin(to) * s)
 
@@ -138,13 +140,13 @@ def joints_of(model: pin.Model, *, free_flyer: bool) -> tuple[Joint, ...]:
     return tuple(
         Joint(
             name=name,
-            idx_q=own.idx_q,
-            idx_v=own.idx_v,
-            n_q=own.nq,
-            n_v=own.nv,
-            slides=own.shortname() in _SLIDING,
+            idx_q=joint.idx_q,
+            idx_v=joint.idx_v,
+            n_q=joint.nq,
+            n_v=joint.nv,
+            slides=joint.shortname() in _SLIDING,
         )
-        for name, own in pairs
+        for name, joint in pairs
     )
 
 
@@ -283,7 +285,7 @@ def bounded_joints(joints: Sequence[Joint], limits: Limits) -> list[tuple[Joint,
     one may be inf.
     """
     first = joints[0].idx_v if joints else 0
-    found = (
+    ranges = (
         (
             joint,
             float(limits.position_lower[joint.idx_v - first]),
@@ -292,4 +294,4 @@ def bounded_joints(joints: Sequence[Joint], limits: Limits) -> list[tuple[Joint,
         for joint in joints
         if joint.n_q == joint.n_v == 1
     )
-    return [(joint, low, up) for joint, low, up in found if np.isfinite([low, up]).any()]
+    return [(joint, low, up) for joint, low, up in ranges if np.isfinite([low, up]).any()]

@@ -64,16 +64,16 @@ def find_urdf(place: Path) -> Path:
     """The URDF that is meant by a file or a folder. Raises `InvalidInput` for none or several."""
     if not place.is_dir():
         return place
-    found = sorted(path for path in place.rglob("*.urdf") if path.is_file())
-    if len(found) == 1:
-        return found[0]
-    if not found:
+    urdfs = sorted(path for path in place.rglob("*.urdf") if path.is_file())
+    if len(urdfs) == 1:
+        return urdfs[0]
+    if not urdfs:
         raise InvalidInput(
             f"{place}: holds no .urdf; of a .xacro file give what `xacro FILE.xacro > robot.urdf`"
             " writes"
         )
     raise InvalidInput(
-        f"{place}: holds {len(found)} URDFs; give one of {', '.join(map(str, found[:30]))}"
+        f"{place}: holds {len(urdfs)} URDFs; give one of {', '.join(map(str, urdfs[:30]))}"
     )
 
 
@@ -92,7 +92,7 @@ def propose(
     loading: entries of ``loading`` in hydrodynamics.yaml. Raises ``RobotDataError`` with all that
     is wrong with the file.
     """
-    given = dict(loading or {})
+    settings = dict(loading or {})
     root = read_urdf_xml(urdf)
     followers = [joint.get("name", "") for joint in root.findall("joint[mimic]")]
     endless = [
@@ -100,12 +100,12 @@ def propose(
         for j in root.findall("joint")
         if j.get("type") in ("revolute", "prismatic") and j.find("limit") is None
     ]
-    lock = {**{joint.get("name", ""): 0.0 for joint in endless}, **given.get("lock", {})}
+    lock = {**{joint.get("name", ""): 0.0 for joint in endless}, **settings.get("lock", {})}
     reading = UrdfReading(
         mimic="free",
         lock=lock,
-        drop=tuple(given.get("drop", ())),
-        meshes=given.get("meshes") != "no",
+        drop=tuple(settings.get("drop", ())),
+        meshes=settings.get("meshes") != "no",
     )
     models, reading = _read(urdf, reading, package_dirs)
     floats = base == "free_flyer" or (base is None and _floats(models.model))
@@ -114,7 +114,7 @@ def propose(
             urdf, free_flyer=False, package_dirs=package_dirs, reading=reading
         )
     roles = find_roles(models.model, free_flyer=floats)
-    mimic: Any = given.get("mimic", "coupled")
+    mimic: Any = settings.get("mimic", "coupled")
     led = [mimic.get("joint", "") for mimic in root.findall("joint/mimic")]
     fingers = [name for name in roles.fingers if name not in led or mimic != "coupled"]
     still = (*roles.propellers, *roles.sensors, *fingers, *roles.empty, *roles.held, *roles.gimbals)
@@ -238,9 +238,9 @@ class _Draft:
         """Tools, one for each arm, where that leaves no doubt."""
         if self.tool:
             return self.tool
-        known = [frame.name for frame in self.models.model.frames]
+        frames = [frame.name for frame in self.models.model.frames]
         sure = [chain[0] for chain in self.roles.tools if len(chain) == 1]
-        if "tool" in known and len(self.roles.tools) < 2:
+        if "tool" in frames and len(self.roles.tools) < 2:
             return ("tool",)
         if len(sure) == len(self.roles.tools):
             return tuple(sure)
@@ -458,13 +458,13 @@ class _Draft:
         hull = self.hull
         if not hull:
             return links
-        kept = {
+        unballasted = {
             key: value
             for key, value in links[hull]["coefficients"].items()
             if key not in ("volume", "centre_of_buoyancy")
         }
-        own = {**links, hull: {"coefficients": kept}}
-        bare = checked_copy(robot.description, links=own)
+        trimmed_links = {**links, hull: {"coefficients": unballasted}}
+        bare = checked_copy(robot.description, links=trimmed_links)
         arms, lift = assembly.lifts(
             replace(robot, description=bare, hydrodynamics=links_in_water(bare)),
             robot.configuration(),
@@ -476,11 +476,11 @@ class _Draft:
         gravity = float(np.linalg.norm(robot.model.gravity.linear))
         at[2] = robot.model.inertias[1].lever[2] + _LIFT
         X_BF = robot.model.frames[robot.frame_id(hull)].placement
-        own[hull]["coefficients"] |= {
+        trimmed_links[hull]["coefficients"] |= {
             "volume": float(f"{total / (gravity * _WATER):.6g}"),
             "centre_of_buoyancy": [float(f"{value:.6g}") for value in X_BF.actInv(at)],
         }
-        return own
+        return trimmed_links
 
 
 def _coefficients(water: hydrodynamics.LinkHydrodynamics, mass: float) -> dict[str, Any]:

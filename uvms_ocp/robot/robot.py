@@ -56,8 +56,10 @@ def _joint_part(robot: Robot, joints: ArrayLike | Mapping[str, float] | None) ->
     values = robot.home.copy()
     if isinstance(joints, Mapping):
         for name, value in joints.items():
-            own = robot.joint(name)
-            values[own.idx_v - robot.n_vehicle : own.idx_v - robot.n_vehicle + own.n_v] = value
+            joint = robot.joint(name)
+            values[joint.idx_v - robot.n_vehicle : joint.idx_v - robot.n_vehicle + joint.n_v] = (
+                value
+            )
     elif joints is not None:
         values = finite_array("joints", joints, (robot.n_joints,))
     return from_joint_values(robot.model, values)[robot.joint_q]
@@ -249,8 +251,8 @@ class Robot:
         """
         shapes = self.visual_model.geometryObjects
         solid = self.collision_model.geometryObjects
-        seen = {shape.parentFrame for shape in shapes}
-        return (*shapes, *(shape for shape in solid if shape.parentFrame not in seen))
+        drawn_frames = {shape.parentFrame for shape in shapes}
+        return (*shapes, *(shape for shape in solid if shape.parentFrame not in drawn_frames))
 
     @property
     def thruster_names(self) -> tuple[str, ...]:
@@ -291,10 +293,10 @@ class Robot:
         lower, upper = np.full(self.n_q, -np.inf), np.full(self.n_q, np.inf)
         for joint in self.joints:
             if joint.n_q == joint.n_v:
-                own = slice(joint.idx_v - self.n_vehicle, joint.idx_v - self.n_vehicle + joint.n_v)
+                axes = slice(joint.idx_v - self.n_vehicle, joint.idx_v - self.n_vehicle + joint.n_v)
                 lower[joint.q], upper[joint.q] = (
-                    self.limits.position_lower[own],
-                    self.limits.position_upper[own],
+                    self.limits.position_lower[axes],
+                    self.limits.position_upper[axes],
                 )
         return lower, upper
 

@@ -110,7 +110,7 @@ def find_roles(model: pin.Model, *, free_flyer: bool) -> Roles:
     ends = [j for j in arm if not any(child in arm for child in tree.children(j))]
     return Roles(
         base=BASE if BASE in links else links[0] if links else "",
-        tools=tuple(found for j in ends if (found := _tips(tree, j))),
+        tools=tuple(links_of_tool for j in ends if (links_of_tool := _tips(tree, j))),
         **named,
     )
 
@@ -157,11 +157,14 @@ class _LinkTree:
 
     def has_range(self, joint: int) -> bool:
         """Check whether a joint can move at all."""
-        own = self.model.joints[joint]
+        moving = self.model.joints[joint]
         model = self.model
-        q = slice(own.idx_q, own.idx_q + max(own.nq, 1))  # of one that mimics, those of its leader
+        q = slice(
+            moving.idx_q, moving.idx_q + max(moving.nq, 1)
+        )  # of one that mimics, those of its leader
         return bool(
-            own.nq != own.nv or (model.lowerPositionLimit[q] < model.upperPositionLimit[q]).any()
+            moving.nq != moving.nv
+            or (model.lowerPositionLimit[q] < model.upperPositionLimit[q]).any()
         )
 
     def is_no_tool(self, frame: int) -> bool:
@@ -186,9 +189,9 @@ class _LinkTree:
 def _kinds(tree: _LinkTree) -> Iterator[tuple[int, str]]:
     """Joints that are no part of an arm, with what hangs on them."""
     for j in tree.moving:
-        own = tree.names(j)
+        names = tree.names(j)
         below = [tree.name(i) for k in tree.below(j) for i in tree.bodies[k]]
-        if is_called("propeller", *own) and not tree.children(j):
+        if is_called("propeller", *names) and not tree.children(j):
             yield j, "propellers"
         elif all(
             is_called("propeller", *tree.names(k)) for k in tree.below(j) if not tree.children(k)
@@ -200,7 +203,7 @@ def _kinds(tree: _LinkTree) -> Iterator[tuple[int, str]]:
             yield j, "propellers"
         elif below and all(is_called("sensor", name) for name in below):
             yield j, "sensors"
-        elif is_called("finger", *own):
+        elif is_called("finger", *names):
             yield from ((k, "fingers") for k in tree.below(j))
         elif not any(map(tree.has_range, (*tree.above(j), *tree.below(j)))):
             yield j, "held"
@@ -241,7 +244,7 @@ def with_roles(
     """
     free_flyer = description.base == "free_flyer"
     roles = find_roles(model, free_flyer=free_flyer)
-    known = {frame.name for frame in model.frames[1:]}
+    frames = {frame.name for frame in model.frames[1:]}
     stated = {
         BASE: description.base_link,
         TOOL: next(iter(tools_of(description)), None),
@@ -250,7 +253,7 @@ def with_roles(
     }
     faults = []
     for key, names in ((BASE, [description.base_link]), (TOOL, tools_of(description))):
-        missing = [name for name in names if name is not None and name not in known]
+        missing = [name for name in names if name is not None and name not in frames]
         if key == TOOL:
             advice = f"candidates: {', '.join(roles.candidates) or 'none'}"
         else:
@@ -258,13 +261,13 @@ def with_roles(
         faults += [f"{key}: {name!r} is not in the URDF; {advice}" for name in missing]
     if faults:
         raise RobotDataError(str(path), *faults)
-    if free_flyer and not description.base_link and BASE not in known:
+    if free_flyer and not description.base_link and BASE not in frames:
         stated[BASE] = roles.base
-    if TOOL not in known and not description.tool:
+    if TOOL not in frames and not description.tool:
         stated[TOOL] = roles.only_tool
     model = model.copy()
     for role, name in stated.items():
-        if name and name != role and name in known:
+        if name and name != role and name in frames:
             description = _placed(model, description, role, name)
     return model, description
 
@@ -284,9 +287,12 @@ def _placed(
     one.
     """
     if model.existFrame(role):
-        other = f"{role}_of_urdf"
-        model.frames[model.getFrameId(role)].name = other
-        links = {other if link == role else link: own for link, own in description.links.items()}
+        displaced = f"{role}_of_urdf"
+        model.frames[model.getFrameId(role)].name = displaced
+        links = {
+            displaced if link == role else link: hydrodynamics
+            for link, hydrodynamics in description.links.items()
+        }
         description = description.model_copy(update={"links": links})
     add_frame(model, role, name, pin.FrameType.OP_FRAME)
     return description
@@ -302,11 +308,11 @@ def add_frame(model: pin.Model, name: str, at: str, kind: pin.FrameType) -> None
 def role_notes(model: pin.Model, description: RobotDescription) -> Iterator[tuple[bool, str]]:
     """Whether all is well, and one sentence, for each role. model: with its frames for roles."""
     free_flyer = description.base == "free_flyer"
-    known: Sequence[str] = [frame.name for frame in model.frames[1:]]
+    frames: Sequence[str] = [frame.name for frame in model.frames[1:]]
     roles = find_roles(model, free_flyer=free_flyer)
     if free_flyer:
         yield True, f"base_link: {description.base_link or roles.base}"
-    if TOOL in known:
+    if TOOL in frames:
         is_added = model.frames[model.getFrameId(TOOL)].type == pin.FrameType.OP_FRAME
         yield (
             True,
@@ -319,7 +325,7 @@ def role_notes(model: pin.Model, description: RobotDescription) -> Iterator[tupl
     if free_flyer and description.altimeter:
         yield True, f"altimeter: {description.altimeter}"
     elif free_flyer:
-        looks = [name for name in known if is_called("altimeter", name)]
+        looks = [name for name in frames if is_called("altimeter", name)]
         if looks:
             hint = f"`altimeter: {looks[0]}` takes that link"
         else:

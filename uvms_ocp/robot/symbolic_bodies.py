@@ -227,12 +227,12 @@ def _following(joint: pin.JointModelMimic, S: np.ndarray) -> JointKind:
     """A joint that mimics another one, of one coordinate as it is itself: it moves with that one's
     q and v, and has none.
     """
-    own = REVOLUTE if S[3:].any() else PRISMATIC
+    leader_kind = REVOLUTE if S[3:].any() else PRISMATIC
     scaling = joint.scaling
     offset = joint.offset
     nothing = ca.SX(0, 1)
     return JointKind(
-        pose=lambda S, q: own.pose(S / scaling, scaling * q + offset),
+        pose=lambda S, q: leader_kind.pose(S / scaling, scaling * q + offset),
         integrate=lambda q, v: nothing,
         difference=lambda q0, q1: nothing,
     )
@@ -240,10 +240,10 @@ def _following(joint: pin.JointModelMimic, S: np.ndarray) -> JointKind:
 
 def _kind(shortname: str, joint_name: str) -> JointKind:
     if shortname not in JOINT_KINDS:
-        known = ", ".join(name.removeprefix("JointModel") for name in JOINT_KINDS)
+        supported = ", ".join(name.removeprefix("JointModel") for name in JOINT_KINDS)
         raise InvalidInput(
             f"joint {joint_name!r} has type {shortname.removeprefix('JointModel')}; supported:"
-            f" {known}"
+            f" {supported}"
         )
     return JOINT_KINDS[shortname]
 

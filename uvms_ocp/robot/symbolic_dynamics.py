@@ -146,12 +146,15 @@ class SymbolicDynamics(FieldTable):
         rigid: spatial inertias (6, 6) of joint bodies at their joints, by joint. links: what water
         does to links, by their place in ``links``. What is left out stays.
         """
-        other = copy(self)
+        changed = copy(self)
         bodies = dict(enumerate(self._rigid)) | dict(rigid or {})
         wet = dict(enumerate(self._wet))
-        wet |= {index: replace(wet[index], water=own) for index, own in (links or {}).items()}
-        other._set(_rigid=tuple(bodies.values()), _wet=tuple(wet.values()))
-        return other
+        wet |= {
+            index: replace(wet[index], water=coefficients)
+            for index, coefficients in (links or {}).items()
+        }
+        changed._set(_rigid=tuple(bodies.values()), _wet=tuple(wet.values()))
+        return changed
 
     def joint_of(self, link: int) -> int:
         """Which joint body carries a link, given by its place in ``links``."""
@@ -256,7 +259,10 @@ class SymbolicDynamics(FieldTable):
             total[link.joint] = (
                 total[link.joint] + link.motion_LJ.T @ link.water.added_mass @ link.motion_LJ
             )
-        return [sparse(np.asarray(one)) if isinstance(one, ca.DM) else one for one in total]
+        return [
+            sparse(np.asarray(inertia)) if isinstance(inertia, ca.DM) else inertia
+            for inertia in total
+        ]
 
     def _water_wrench(self, link: WetLink, motions: BodyMotions, u: ca.SX, Du_Dt: ca.SX) -> Wrench:
         """Wrench of the link on the water, at the joint that carries it."""

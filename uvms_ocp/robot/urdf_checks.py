@@ -76,9 +76,9 @@ def read_number(
         return default
     value = to_float(text)
     if math.isnan(value) or (abs(value) > LARGEST and key not in _LIMITS):
-        given = "nothing" if text is None else quoted(text)
+        written = "nothing" if text is None else quoted(text)
         problem = (
-            f"{where}: given {given}; allowed: a finite number in plain digits, nothing after it,"
+            f"{where}: given {written}; allowed: a finite number in plain digits, nothing after it,"
             f" <= {LARGEST:g}"
         )
         raise RobotDataError(path, problem)
@@ -191,11 +191,13 @@ def _settle_visuals(findings: Findings, root: Element) -> None:
 
 def _settle_materials(findings: Findings, root: Element) -> None:
     """Take out the paint that has no colour: what it is on is drawn grey."""
-    own, wanted = (
+    shared_materials, used_materials = (
         root.findall("material"),
         root.findall("link/visual/material"),
     )  # elsewhere it is a simulator's
-    colours = {m.get("name", ""): m for m in reversed([*own, *wanted]) if _is_drawn(m)}
+    colours = {
+        m.get("name", ""): m for m in reversed([*shared_materials, *used_materials]) if _is_drawn(m)
+    }
     colours.pop("", None)
     for parent in (root, *root.findall("link/visual")):
         for material in parent.findall("material"):
@@ -237,12 +239,12 @@ def _drop_twins(findings: Findings, element: Element, where: str) -> None:
     first: dict[str, Element] = {}
     once = _PLACES[element.tag].once if element.tag in _PLACES else ()
     for child in [child for child in element if child.tag in once]:
-        known = first.setdefault(child.tag, child)
-        if known is child:
+        twin = first.setdefault(child.tag, child)
+        if twin is child:
             continue
         texts = {
-            ElementTree.canonicalize(ElementTree.tostring(one), strip_text=True)
-            for one in (known, child)
+            ElementTree.canonicalize(ElementTree.tostring(element_of_tag), strip_text=True)
+            for element_of_tag in (twin, child)
         }
         if len(texts) > 1:
             times = len(element.findall(child.tag))
@@ -291,17 +293,19 @@ def _is_flat(path: Path, shape: Element, where: str) -> bool:
 
 
 def _check_shape(path: Path, shapes: Sequence[Element], where: str) -> None:
-    given = [f"<{element.tag}>" for element in shapes if element.tag in SHAPES]
-    if len(given) > 1:
+    tags = [f"<{element.tag}>" for element in shapes if element.tag in SHAPES]
+    if len(tags) > 1:
         raise RobotDataError(
             path,
-            f"{where} geometry: given {', '.join(given)}; allowed: one shape, for the others get"
+            f"{where} geometry: given {', '.join(tags)}; allowed: one shape, for the others get"
             " lost",
         )
     shape = shapes[0] if shapes else None
     if shape is None or shape.tag not in SHAPES:
-        found = "nothing" if shape is None else f"<{shape.tag}>"
-        raise RobotDataError(path, f"{where} geometry: given {found}; allowed: {', '.join(SHAPES)}")
+        written = "nothing" if shape is None else f"<{shape.tag}>"
+        raise RobotDataError(
+            path, f"{where} geometry: given {written}; allowed: {', '.join(SHAPES)}"
+        )
     sizes = read_sizes(path, shape, f"{where} {shape.tag}")
     if shape.tag == "mesh" and not all(_SCALES[0] <= abs(size) <= _SCALES[1] for size in sizes):
         allowed = f"sizes from {_SCALES[0]:g} to {_SCALES[1]:g}, negative to mirror"
@@ -629,7 +633,7 @@ def _check_attribute(
     path: Path, word: str, place: _Place, present: Collection[str], where: str
 ) -> None:
     parts = re.split("[_-]", word.lower())
-    replaced = [known for known in parts if known in place.attributes and known not in present]
+    replaced = [part for part in parts if part in place.attributes and part not in present]
     meant = replaced or _meant(word, place.attributes)
     if meant or (place.closed and not _is_foreign(word)):
         raise RobotDataError(
@@ -650,10 +654,10 @@ def _check_element(path: Path, word: str, place: _Place, where: str) -> None:
         )
 
 
-def _meant(word: str, known: Collection[str]) -> list[str]:
+def _meant(word: str, allowed: Collection[str]) -> list[str]:
     parts = re.split("[_-]", word.lower())
     # A longer word that contains a known one is somebody's own: gear_velocity, loop_joint.
-    candidates = sorted(set(known).difference(parts[1:] and parts))
+    candidates = sorted(set(allowed).difference(parts[1:] and parts))
     if _is_foreign(word):
         return []
     return get_close_matches(word.lower(), candidates, n=1, cutoff=_LIKENESS)
@@ -666,8 +670,8 @@ def _is_foreign(word: str) -> bool:
     return word.startswith("{")
 
 
-def _unknown(problem: str, meant: list[str], known: Collection[str]) -> str:
-    allowed = f"allowed: {', '.join(sorted(known)) or 'none'}"
+def _unknown(problem: str, meant: list[str], attributes: Collection[str]) -> str:
+    allowed = f"allowed: {', '.join(sorted(attributes)) or 'none'}"
     if meant:
         return f"{problem}; did you mean {meant[0]!r}? {allowed}"
     return f"{problem}; {allowed}"

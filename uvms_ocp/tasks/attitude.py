@@ -99,7 +99,9 @@ class AngleTask(Task):
         is_in_view = ahead**2 + aside**2 > _IN_PLANE**2
         normal = symbols.R_WB @ ca.DM(np.cross(axis, directions[:, 0]))
         n = ca.if_else(aside < 0, -normal, normal)
-        return ca.if_else(is_in_view, ca.atan2(ca.fabs(aside), ahead), 0), ca.if_else(is_in_view, n, 0)
+        return ca.if_else(is_in_view, ca.atan2(ca.fabs(aside), ahead), 0), ca.if_else(
+            is_in_view, n, 0
+        )
 
     def _angle_residual(self, a: ca.SX, b: ca.SX) -> Residual:
         """Chord between unit vectors, ``2 sin(theta / 2)``: smooth at theta = 0 and steep where
@@ -218,7 +220,9 @@ class TargetTask(AngleTask):
         turning = across / distance**2
         row = -n.T @ (J[3:, :] + turning @ J[:3, :])
         angle = ca.if_else(is_overhead, 0, theta)
-        rows = self._angle_rows(symbols, angle, ca.if_else(is_overhead, 0, row), {name: angle, **others})
+        rows = self._angle_rows(
+            symbols, angle, ca.if_else(is_overhead, 0, row), {name: angle, **others}
+        )
         # A moving target turns the line of sight by itself: that part of d theta / dt is not ours
         # to choose.
         drift = ca.if_else(is_overhead, 0, n.T @ turning @ speed)

@@ -300,7 +300,9 @@ def _require_accurate(
     """
     values = curve.node_derivatives
     durations = np.diff(problem.times)
-    boundary_cost = ((free_derivatives.cost_slopes(pieces, values)[1] * values)[problem.fixed]).sum() / 2.0
+    boundary_cost = (
+        ((free_derivatives.cost_slopes(pieces, values)[1] * values)[problem.fixed]).sum() / 2.0
+    )
     # What an ordinary piece costs by itself stands in for the cost where that is next to nothing.
     usual = (
         np.median((np.diff(values[0], axis=0) ** 2).sum(axis=1) / durations ** (2 * problem.k - 1))
@@ -438,7 +440,8 @@ class _Qp:
             for u in (0.0, 1.0)
         ]
         starts, ends = (
-            [ca.sparsify(ca.diag(t ** -np.arange(self.k)) @ unit_rows) for t in self.tau] for unit_rows in rows
+            [ca.sparsify(ca.diag(t ** -np.arange(self.k)) @ unit_rows) for t in self.tau]
+            for unit_rows in rows
         )
         nodes = ca.diagcat(*starts[:-1], ca.vertcat(starts[-1], ends[-1]))
         if self.n == 1:

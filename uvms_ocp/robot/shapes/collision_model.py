@@ -103,13 +103,13 @@ class CoalPairs:
         pin.updateGeometryPlacements(
             self._model, self._data, self._geometry, self._geometry_data, q
         )
-        found = np.array(
+        distances = np.array(
             [
                 pin.computeDistance(self._geometry, self._geometry_data, int(k)).min_distance
                 for k in pairs
             ]
         )
-        return np.where(found < FAILED, 0.0, found)
+        return np.where(distances < FAILED, 0.0, distances)
 
     def gradients(self, q: np.ndarray, pairs: np.ndarray) -> np.ndarray:
         """Gradient (n, n_v) [-, m] of each of the `pairs` (n,); their values were asked for last,
@@ -271,8 +271,8 @@ class CollisionModel:
         `InvalidInput` for a mesh.
         """
         if self.without_c_form:
-            given = f"shapes {', '.join(self.without_c_form)} have no form in C"
-            raise InvalidInput(f"{given}; give spheres, capsules, cylinders and boxes")
+            problem = f"shapes {', '.join(self.without_c_form)} have no form in C"
+            raise InvalidInput(f"{problem}; give spheres, capsules, cylinders and boxes")
         distance_kernels.write_distances(
             memory, self._model, self._geometry.geometryObjects, self._pairs
         )
@@ -283,10 +283,10 @@ class CollisionModel:
 
         Each index once.
         """
-        found = np.empty(self.n_pairs if pairs is None else len(pairs))
+        distances = np.empty(self.n_pairs if pairs is None else len(pairs))
         for engine, rows, places in self._shared(pairs):
-            found[rows] = engine.values(q, places)
-        return found
+            distances[rows] = engine.values(q, places)
+        return distances
 
     def distances(
         self, q: np.ndarray, pairs: Sequence[int] | np.ndarray | None = None
@@ -306,11 +306,11 @@ class CollisionModel:
     ) -> Iterator[tuple[_Engine, np.ndarray | slice, np.ndarray]]:
         """Find which model measures which of the `pairs`: rows here, indices there."""
         for engine, place in self._engines:
-            asked = place if pairs is None else place[np.asarray(pairs, dtype=int)]
+            requested = place if pairs is None else place[np.asarray(pairs, dtype=int)]
             if len(self._engines) == 1:
-                yield engine, slice(None), asked
-            elif len(rows := np.flatnonzero(asked >= 0)):
-                yield engine, rows, asked[rows]
+                yield engine, slice(None), requested
+            elif len(rows := np.flatnonzero(requested >= 0)):
+                yield engine, rows, requested[rows]
 
 
 def _engines(
@@ -410,11 +410,13 @@ def distance_layout_sizes(models: Iterable[CollisionModel], robot: Robot | None)
     """Sizes for `structure_of` layouts with a `DistanceMemory` for any of the models; Python
     measures those not `in_c`.
     """
-    known = list(models)
-    n_pairs = max((model.n_pairs for model in known), default=0)
-    measured = [model.n_solids for model in known if in_c(model, robot)]
+    distinct_models = list(models)
+    n_pairs = max((model.n_pairs for model in distinct_models), default=0)
+    measured = [model.n_solids for model in distinct_models if in_c(model, robot)]
     if robot is None or not measured:
-        n_v = max([model.n_v for model in known] if robot is None else [robot.n_v], default=0)
+        n_v = max(
+            [model.n_v for model in distinct_models] if robot is None else [robot.n_v], default=0
+        )
         # Room for all axes, also where none is looked at: compilers see what a kernel could read.
         return {
             "places": _nothing(),

@@ -150,14 +150,14 @@ def parse_obstacle(shape: str, words: str, name: str) -> Obstacle:
     for words that are not numbers, too many or too few, or a size that is not positive.
     """
     require_known("shape", shape, N_SIZES)
-    wanted = 3 + N_SIZES[shape]
+    n_numbers = 3 + N_SIZES[shape]
     try:
         numbers = [float(word) for word in words.replace(",", " ").split()]
     except ValueError:
         numbers = []
-    if len(numbers) != wanted:
+    if len(numbers) != n_numbers:
         raise InvalidInput(
-            f"{shape} {words!r}: give {wanted} numbers, the position and the size, such as"
+            f"{shape} {words!r}: give {n_numbers} numbers, the position and the size, such as"
             " 1,0,0.5,0.3"
         )
     try:
