@@ -410,7 +410,7 @@ def _hints(thing: Any) -> dict[str, Any]:
     return {}
 
 
-def _numbers(**what: Any) -> Kind:
+def _numbers(**settings: Any) -> Kind:
     kind = _Numbers(**settings)
     shape = f" {kind.shape}" if kind.shape else ""
     content, _ = _OF_TYPE.get(kind.dtype, _REAL)

@@ -22,7 +22,7 @@ def show_progress(shown: bool = True) -> None:
     _wanted[:] = [shown]
 
 
-def progress_bar(*, shown: bool = True, **given: Any) -> Any:
+def progress_bar(*, shown: bool = True, **options: Any) -> Any:
     """Return a bar of tqdm, of which nothing stays; disabled unless shown, and where nobody looks.
     given: see `tqdm.tqdm`.
 

@@ -155,7 +155,7 @@ class SymbolicModel:
 
     # --- dynamics ---------------------------------------------------------------------------------
 
-    def _check_bodies(self, **given: Sequence[object]) -> None:
+    def _check_bodies(self, **sequences: Sequence[object]) -> None:
         for name, values in sequences.items():
             if len(values) != self.model.njoints:
                 raise InvalidInput(
