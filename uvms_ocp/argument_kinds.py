@@ -384,7 +384,8 @@ def _kind_of(annotation: Any) -> Kind:
         return _PLAIN_KINDS[annotation]
     if annotation is ArrayLike:
         return _numbers()
-    origin, arguments = typing.get_origin(annotation), typing.get_args(annotation)
+    origin = typing.get_origin(annotation)
+    arguments = typing.get_args(annotation)
     if origin is Annotated:
         return _annotated(*arguments)
     if origin in (Union, types.UnionType):

@@ -287,7 +287,8 @@ def _doubt(function: Callable[..., Any]) -> str:
         if isinstance(word, str) and name != "return":
             plain, extras = _plain(word, function.__globals__)
         else:
-            plain, extras = ("", ())
+            plain = ""
+            extras = ()
         if plain in _CHECKED_BY_CLASS:
             # The one class that is nearly always found is asked for by itself: that takes half the
             # time.

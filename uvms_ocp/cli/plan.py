@@ -329,8 +329,10 @@ def _print_mission(console: Console, made: PlanOutput) -> None:
 # control.
 
 _PERIOD = 0.02  # [s] between rows of plan.csv
-_CURVE, _OCP = opt.defaults_of(PlanRequest), opt.defaults_of(OcpRequest)
-_MOTION, _AS_WRITTEN = opt.defaults_of(MotionOptions), opt.PlannedRobotFiles()
+_CURVE = opt.defaults_of(PlanRequest)
+_OCP = opt.defaults_of(OcpRequest)
+_MOTION = opt.defaults_of(MotionOptions)
+_AS_WRITTEN = opt.PlannedRobotFiles()
 _Axes = Annotated[
     str, typer.Option(help=f"Planned axes, of {', '.join(AXES)}; level: no roll, no pitch.")
 ]

@@ -213,7 +213,8 @@ class LoadFilter:
         self._heat = _FIRST_NOISE
         # What was missed was missed by what is forgotten now: at least that look is left out.
         self._waits = max(1, round(self._settings.settling / self._settings.period))
-        self.x, self.P = np.zeros_like(self.x), np.diag(self._prior)
+        self.x = np.zeros_like(self.x)
+        self.P = np.diag(self._prior)
         self._last.clear()
 
     def _correct(self, H: np.ndarray, missed: np.ndarray, noise: np.ndarray) -> None:
@@ -312,7 +313,8 @@ def tool_function(body: SymbolicDynamics, tools: Sequence[str] = (LOAD_FRAME,)) 
     """Function ``q, v -> weight, velocity``: `load_force` of 1 N, and the velocity [m/s] in W, a
     column for each of the tools.
     """
-    q, v = ca.SX.sym("q", body.model.nq), ca.SX.sym("v", body.model.nv)
+    q = ca.SX.sym("q", body.model.nq)
+    v = ca.SX.sym("v", body.model.nv)
     kinematics = body.symbolic.forward_kinematics(q)
     velocity = ca.horzcat(*(kinematics.jacobian(tool)[:3, :] @ v for tool in tools))
     weight = ca.horzcat(*(load_force(body, q, ca.SX(3, 1), tool)[:, 0] for tool in tools))
@@ -432,7 +434,8 @@ class LoadLearner:
 
     def _load(self, place: int) -> LoadEstimate:
         weight, mass = self.filter.x[place : place + 2].tolist()
-        weight_error, error = self.filter.error(place), self.filter.error(place + 1)
+        weight_error = self.filter.error(place)
+        error = self.filter.error(place + 1)
         is_accurate = error <= max(_MASS_ERROR, _MASS_SHARE * abs(mass))
         return LoadEstimate(
             weight=weight,
@@ -477,7 +480,8 @@ class LoadLearner:
         trusted. An estimate at its limit tells nothing either.
         """
         if not (sure and (np.abs(estimate) < self._limit).all()):
-            self._ticks, self._innovation[:] = 0, 0.0
+            self._ticks = 0
+            self._innovation[:] = 0.0
             return
         given = (
             q,

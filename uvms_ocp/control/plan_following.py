@@ -211,10 +211,8 @@ class PlanGuide:
 
     def _rate(self, tick: TickInputs) -> float:
         """Speed of the plan's clock."""
-        now, following = (
-            self._phases[self._at],
-            self._phases[min(self._at + 1, len(self._phases) - 1)],
-        )
+        now = self._phases[self._at]
+        following = self._phases[min(self._at + 1, len(self._phases) - 1)]
         if following.moves and following is not now and self._clock >= now.end:
             return 0.0
         if now.moves and self._clock < now.begin + tick.t - tick.mission.since:

@@ -165,7 +165,8 @@ class AltimeterMount:
         q[self._robot.joint_q] = joints
         pin.forwardKinematics(model, self._data, q)
         X_BS = pin.updateFramePlacement(model, self._data, self._frame)
-        memory.beam_at[:], memory.beam_up[:] = X_BS.translation, X_BS.rotation[:, 2]
+        memory.beam_at[:] = X_BS.translation
+        memory.beam_up[:] = X_BS.rotation[:, 2]
 
 
 # Estimate the state of the robot from late and noisy readings, by an error-state Kalman filter.
@@ -403,14 +404,16 @@ class Estimator(TableDisplay):
         for name, reading in zip(CHANNELS, _readings_by_channel(readings), strict=True):
             if reading is None or reading is seen[name] or name in self._refused:
                 continue
-            seen[name], c = reading, NUMBER[name]
+            seen[name] = reading
+            c = NUMBER[name]
             if c < filtering.N_VEHICLE:
                 memory.value[c, : np.size(reading.value)] = reading.value
             else:
                 memory.joint_value[c - filtering.N_VEHICLE] = self._chart.values(
                     name, reading.value
                 )
-            memory.fresh[c], memory.stamp[c] = 1.0, reading.t
+            memory.fresh[c] = 1.0
+            memory.stamp[c] = reading.t
 
     @property
     def is_plain(self) -> bool:
@@ -429,10 +432,8 @@ class Estimator(TableDisplay):
         v = self.memory.joint_x[:, 1]
         q = self._joints = self._chart.configuration()
         if self._n_vehicle:
-            q, v = (
-                np.concatenate([memory.x[Part.PLACE : Part.SPEED], memory.turn, q]),
-                np.concatenate([memory.twist, v]),
-            )
+            q = np.concatenate([memory.x[Part.PLACE : Part.SPEED], memory.turn, q])
+            v = np.concatenate([memory.twist, v])
         echo, echo_std = memory.range.tolist() if self.has_range else (math.nan, math.nan)
         age, joint_age = memory.age.tolist()
         return signals.unchecked_estimate(

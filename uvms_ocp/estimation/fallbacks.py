@@ -157,7 +157,10 @@ def hold_last_valid(
         m.q[:] = q
         m.v[:] = v
         m.since = t
-        m.was[0], m.was[1], m.age, m.joint_age = age, joint_age, age, joint_age
+        m.was[0] = age
+        m.was[1] = joint_age
+        m.age = age
+        m.joint_age = joint_age
         return
     q[: len(m.q)] = m.q[: len(m.q)]
     v[: len(m.v)] = m.v[: len(m.v)]
@@ -284,12 +287,17 @@ def echo_range(
         x = m.beam[0] - m.place[0]
         y = m.beam[1] - m.place[1]
         m.highest += UNSEEN_SLOPE * math.sqrt(x * x + y * y)
-        m.floor, m.place[0], m.place[1] = m.highest, m.beam[0], m.beam[1]
+        m.floor = m.highest
+        m.place[0] = m.beam[0]
+        m.place[1] = m.beam[1]
     if distrusted or not has_altitude(m, echo):
         return range_to_last_floor(m, unknown)
     floor = m.beam[2] - m.beam[3] * echo
     faded = m.highest - _FORGETTING * (t - m.since)
-    m.since, m.floor, m.place[0], m.place[1] = t, floor, m.beam[0], m.beam[1]
+    m.since = t
+    m.floor = floor
+    m.place[0] = m.beam[0]
+    m.place[1] = m.beam[1]
     m.highest = max(floor, faded) if math.isfinite(faded) else floor
     return echo
 
@@ -360,7 +368,8 @@ def _beam(robot: Robot, frame: str | None) -> ca.Function:
     (n_v,) [m, or 1].
     """
     q = ca.SX.sym("q", robot.n_q)
-    beam, height_jacobian = ca.SX.zeros(4), ca.SX.zeros(robot.n_v)
+    beam = ca.SX.zeros(4)
+    height_jacobian = ca.SX.zeros(robot.n_v)
     if frame is not None:
         kinematics = SymbolicModel(robot.model).forward_kinematics(q)
         R_WS, p_WS = kinematics.pose(frame)

@@ -371,15 +371,15 @@ def initialise(
         memory.sigma[NUMBER[name]] = max(0.0 if spec is None else spec.sigma, _SMALLEST_SIGMA)
         memory.period[NUMBER[name]] = 0.0 if spec is None else 1.0 / spec.rate
         memory.lag[NUMBER[name]] = 0.0 if spec is None else spec.delay
-        memory.gate[NUMBER[name]], memory.recovery[NUMBER[name]] = (
-            _GATES[rows_of(NUMBER[name])],
-            _RECOVERY,
-        )
+        memory.gate[NUMBER[name]] = _GATES[rows_of(NUMBER[name])]
+        memory.recovery[NUMBER[name]] = _RECOVERY
     memory.recovery[ChannelIndex.ALTIMETER_RANGE] = _EARLY_STEP
     memory.limit[:] = [*np.repeat(_LIMITS, 3), _FLOOR]
     memory.joint_limit[:] = _JOINT_LIMIT
     memory.gravity[:] = robot.model.gravity.linear
-    memory.beam_up[2], memory.agility[:], memory.jolt[:] = 1.0, _agility(robot), JOLTS
+    memory.beam_up[2] = 1.0
+    memory.agility[:] = _agility(robot)
+    memory.jolt[:] = JOLTS
     structure.floating = robot.n_vehicle > 0
     structure.guided = specs.specific_force is None
     structure.echo_memory = _ECHO_MEMORY
@@ -387,19 +387,15 @@ def initialise(
     structure.jerk_share = 1.0
     noisy = memory.sigma[ChannelIndex.LINEAR_VELOCITY] > _SMALLEST_SIGMA
     structure.least_jerk_share = _LEAST_JERK_SHARE if structure.guided and noisy else 1.0
-    memory.drive[ProcessNoise.JERK], memory.drive[ProcessNoise.ANGULAR_JERK] = (
-        tuning.jerk,
-        tuning.angular_jerk,
-    )
+    memory.drive[ProcessNoise.JERK] = tuning.jerk
+    memory.drive[ProcessNoise.ANGULAR_JERK] = tuning.angular_jerk
     (
         memory.drive[ProcessNoise.GYRO],
         memory.drive[ProcessNoise.DVL],
         memory.drive[ProcessNoise.FORCE],
     ) = BIAS_DRIFTS
-    memory.drive[ProcessNoise.ROUGHNESS], memory.drive[ProcessNoise.SETTLING] = (
-        tuning.floor_roughness,
-        ALTITUDE_DRIFT,
-    )
+    memory.drive[ProcessNoise.ROUGHNESS] = tuning.floor_roughness
+    memory.drive[ProcessNoise.SETTLING] = ALTITUDE_DRIFT
     memory.drive[ProcessNoise.JOINT] = tuning.joint_acceleration
     memory.drive[ProcessNoise.REPLY] = _RESPONSE_UNCERTAINTY * math.sqrt(2.0 * RESPONSE_TIME)
     _set_first(memory, specs, tuning)

@@ -198,7 +198,9 @@ def record_outcome(m: FilterMemory, c: int, squared: float, degrees: int, believ
     """
     outcome = m.outcome[c]
     outcome[0] = m.stamp[c]
-    outcome[1], outcome[2], outcome[3] = squared, degrees, believed
+    outcome[1] = squared
+    outcome[2] = degrees
+    outcome[3] = believed
     if believed:
         m.used[c] = m.stamp[c]
 
@@ -351,7 +353,8 @@ def _set_floor(m: FilterMemory, age: float, n: int) -> None:
         m.P[j][at] = row[j]
     for j in range(at, n):
         m.P[at][j] = row[j]
-    m.P[at][at], m.echo = own + noise * noise + late, m.stamp[c]
+    m.P[at][at] = own + noise * noise + late
+    m.echo = m.stamp[c]
 
 
 def _gate(m: FilterMemory, c: int, slot: int, delta: float) -> None:
@@ -633,7 +636,8 @@ def _clone(m: FilterMemory, c: int) -> None:
         return
     at = MAIN + 3 * slot
     vehicle.predict_measurement(m, c, before)
-    m.owner[slot], m.taken[slot] = c, m.now
+    m.owner[slot] = c
+    m.taken[slot] = m.now
     m.rate_variance[slot] = s.rate_variance
     m.h[slot][:] = s.h
     m.rate[slot][:] = s.rate

@@ -30,10 +30,14 @@ def rotation(q: Vector, R: Vector) -> None:
     y = q[1]
     z = q[2]
     w = q[3]
-    R[0], R[1] = 1.0 - 2.0 * (y * y + z * z), 2.0 * (x * y - w * z)
-    R[2], R[3] = 2.0 * (x * z + w * y), 2.0 * (x * y + w * z)
-    R[4], R[5] = 1.0 - 2.0 * (x * x + z * z), 2.0 * (y * z - w * x)
-    R[6], R[7] = 2.0 * (x * z - w * y), 2.0 * (y * z + w * x)
+    R[0] = 1.0 - 2.0 * (y * y + z * z)
+    R[1] = 2.0 * (x * y - w * z)
+    R[2] = 2.0 * (x * z + w * y)
+    R[3] = 2.0 * (x * y + w * z)
+    R[4] = 1.0 - 2.0 * (x * x + z * z)
+    R[5] = 2.0 * (y * z - w * x)
+    R[6] = 2.0 * (x * z - w * y)
+    R[7] = 2.0 * (y * z + w * x)
     R[8] = 1.0 - 2.0 * (x * x + y * y)
 
 
@@ -56,7 +60,10 @@ def multiply(a: Vector, b: Vector, c: Vector) -> None:
     y = a[3] * b[1] + a[1] * b[3] + a[2] * b[0] - a[0] * b[2]
     z = a[3] * b[2] + a[2] * b[3] + a[0] * b[1] - a[1] * b[0]
     w = a[3] * b[3] - a[0] * b[0] - a[1] * b[1] - a[2] * b[2]
-    c[0], c[1], c[2], c[3] = x, y, z, w
+    c[0] = x
+    c[1] = y
+    c[2] = z
+    c[3] = w
 
 
 def norm(q: Vector) -> float:
@@ -288,8 +295,11 @@ def _diffuse(m: FilterMemory, dt: float, J: Vector) -> None:
     third = zeros(
         9
     )  # covariance (3, 3), row by row, of a value and its derivatives after white noise of the third
-    third[0], third[1] = dt2 * dt2 * dt / 20.0, dt2 * dt2 / 8.0
-    third[2], third[4], third[5] = dt2 * dt / 6.0, dt2 * dt / 3.0, dt2 / 2.0
+    third[0] = dt2 * dt2 * dt / 20.0
+    third[1] = dt2 * dt2 / 8.0
+    third[2] = dt2 * dt / 6.0
+    third[4] = dt2 * dt / 3.0
+    third[5] = dt2 / 2.0
     third[8] = dt
     jerk *= jerk
     spin *= spin
@@ -423,7 +433,8 @@ def _model(m: FilterMemory, s: PredictedMeasurement, c: int) -> None:
             s.h[i] = m.x[Part.PLACE + i]
         _see(m, s, Part.PLACE, Part.SPEED)
     elif c == ChannelIndex.DEPTH:
-        s.h[0], s.rate[0] = m.x[Part.PLACE + 2], m.x[Part.SPEED + 2]
+        s.h[0] = m.x[Part.PLACE + 2]
+        s.rate[0] = m.x[Part.SPEED + 2]
         s.H[0][Part.PLACE + 2] = 1.0
         s.rate_variance = m.P[Part.SPEED + 2][Part.SPEED + 2]
     elif c == ChannelIndex.ALTIMETER_RANGE:
@@ -436,7 +447,8 @@ def _see(m: FilterMemory, s: PredictedMeasurement, part: int, rate: int) -> None
     """A part of the state, whose rate is another one."""
     s.rate_variance = mean_variance(m, rate)
     for i in range(3):
-        s.rate[i], s.H[i][part + i] = m.x[rate + i], 1.0
+        s.rate[i] = m.x[rate + i]
+        s.H[i][part + i] = 1.0
 
 
 def _see_in_body(m: FilterMemory, s: PredictedMeasurement, force: bool) -> None:
@@ -498,8 +510,11 @@ def _see_floor(m: FilterMemory, s: PredictedMeasurement) -> None:
         s.H[0][Part.TURN + i] = arm[i] - (
             altitude / cosine * tilt[i] if abs(cosine) > STEEP else 0.0
         )
-    s.H[0][Part.PLACE + 2], s.H[0][Part.FLOOR], s.h[0] = 1.0, -1.0, altitude
-    s.h[1], s.rate[0] = cosine, m.x[Part.SPEED + 2]
+    s.H[0][Part.PLACE + 2] = 1.0
+    s.H[0][Part.FLOOR] = -1.0
+    s.h[0] = altitude
+    s.h[1] = cosine
+    s.rate[0] = m.x[Part.SPEED + 2]
     s.rate_variance = m.P[Part.SPEED + 2][Part.SPEED + 2]
 
 

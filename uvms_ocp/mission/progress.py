@@ -250,10 +250,8 @@ def write_conditions(memory: MissionMemory, phases: Sequence[Phase], names: Sequ
         memory.first[index] = transitions
         for transition in phase.transitions:
             memory.first_condition[transitions] = conditions
-            memory.hold[transitions], memory.to[transitions] = (
-                transition.hold,
-                leads_to[transition.to],
-            )
+            memory.hold[transitions] = transition.hold
+            memory.to[transitions] = leads_to[transition.to]
             memory.retries[transitions] = -1 if transition.retries is None else transition.retries
             for condition in transition.when:
                 _write_condition(memory, conditions, condition, names)
@@ -266,10 +264,8 @@ def write_conditions(memory: MissionMemory, phases: Sequence[Phase], names: Sequ
 def _write_condition(
     memory: MissionMemory, at: int, condition: Condition, names: Sequence[str]
 ) -> None:
-    memory.quantity[at], memory.below[at] = (
-        names.index(condition.quantity),
-        isinstance(condition, Below),
-    )
+    memory.quantity[at] = names.index(condition.quantity)
+    memory.below[at] = isinstance(condition, Below)
     memory.limit[at] = condition.limit
     memory.release[at] = condition.limit if condition.release is None else condition.release
 

@@ -91,7 +91,8 @@ def largest_tilt(record: Record) -> float | None:
     """Return the largest tilt [rad] while a task on it is on, `None` where it never is; without
     such a task the vehicle's.
     """
-    meta, (*_, most) = record.run_meta, extremes_of(record, "quantities")
+    meta = record.run_meta
+    (*_, most) = extremes_of(record, "quantities")
     tilts = [(k, quantity(record, f"{task.name}.tilt", most)) for k, task in enumerate(meta.tasks)]
     on = [
         np.where(record["activations"][:, k] > 0.0, tilt, np.nan)
@@ -434,7 +435,8 @@ def _joint_margins(record: Record, rows: slice) -> np.ndarray:
     meta = record.run_meta
     if meta.limits is None or joint_positions({"q": record["q"][:1]}, meta) is None:
         return np.empty(0)
-    lower, upper = np.array(meta.limits.position_lower), np.array(meta.limits.position_upper)
+    lower = np.array(meta.limits.position_lower)
+    upper = np.array(meta.limits.position_upper)
     least = [np.full(lower.shape, np.inf)]
     for q in (record[name][rows] for name in extremes_of(record, "q")):
         found = (

@@ -507,8 +507,6 @@ def _drift_in_last_phase(record: Record) -> float | None:
 
 def _percentiles_us(record: Record, name: str) -> dict[str, float]:
     """Percentiles of the rows, and the largest of all ticks."""
-    (p50, p99), top = (
-        np.percentile(record[name], [50, 99]),
-        record[metrics.extremes_of(record, name)[-1]].max(),
-    )
+    (p50, p99) = np.percentile(record[name], [50, 99])
+    top = record[metrics.extremes_of(record, name)[-1]].max()
     return {"p50": 1e6 * float(p50), "p99": 1e6 * float(p99), "max": 1e6 * float(top)}

@@ -97,7 +97,8 @@ def cylinder_in(corners: np.ndarray) -> Cylinder | None:
     """The cylinder along the longest side of a box with corners (n, 3) [m]; `None` for a flat
     one.
     """
-    low, high = corners.min(axis=0), corners.max(axis=0)
+    low = corners.min(axis=0)
+    high = corners.max(axis=0)
     sides = high - low
     axis = int(np.argmax(sides))
     radius = float(np.delete(sides, axis).mean()) / 2.0

@@ -238,7 +238,8 @@ class Thruster(_Section):
     ) -> tuple[tuple[float, float], ...]:
         if not value:
             return value
-        (command, thrust), n = np.transpose(value), len(value)
+        (command, thrust) = np.transpose(value)
+        n = len(value)
         wrong = np.flatnonzero((np.diff(command) <= 0.0) | (np.diff(thrust) < 0.0))
         if len(wrong):
             rule = "curve needs increasing commands and thrust that never falls"
@@ -375,7 +376,8 @@ def symmetric_within_rounding(value: Vector6 | Matrix6) -> Vector6 | Matrix6:
     if array.ndim == 1 or (array == array.T).all():
         return value
     units = np.array([[_last_digit(number) for number in row] for row in array.tolist()])
-    difference, size = np.abs(array - array.T), np.minimum(np.abs(array), np.abs(array.T))
+    difference = np.abs(array - array.T)
+    size = np.minimum(np.abs(array), np.abs(array.T))
     allowed = np.minimum(1.001 * np.maximum(units, units.T), _ROUNDED * size)
     symmetric = np.where(difference <= allowed, array / 2 + array.T / 2, array)
     return tuple(tuple(row) for row in symmetric.tolist())  # type: ignore[return-value]

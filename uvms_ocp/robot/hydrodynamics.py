@@ -331,7 +331,8 @@ def added_mass_wrench(M_A: Array, nu_r: Array, nu_r_dot: Array) -> Array:
     """
     momentum = M_A @ nu_r
     rate = M_A @ nu_r_dot
-    linear, angular = nu_r[:3], nu_r[3:]
+    linear = nu_r[:3]
+    angular = nu_r[3:]
     force = rate[:3] + cross(angular, momentum[:3])
     return column(force, rate[3:] + cross(angular, momentum[3:]) + cross(linear, momentum[:3]))
 

@@ -73,7 +73,8 @@ class Joint:
         coordinates = self._own(q)
         if len(coordinates) == 1:
             return to - coordinates[0]
-        (c, s), maths = coordinates, ca if is_symbolic(*coordinates, to) else np
+        (c, s) = coordinates
+        maths = ca if is_symbolic(*coordinates, to) else np
         turn = maths.arctan2 if maths is np else maths.atan2
         return turn(maths.sin(to) * c - maths.cos(to) * s, maths.cos(to) * c + maths.sin(to) * s)
 

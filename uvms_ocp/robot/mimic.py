@@ -60,7 +60,8 @@ def _number(
 
 def position_of(findings: Findings, joint: Element, held: Mapping[str, float]) -> float:
     """Where a joint is: as given, or else 0, or mid-range."""
-    name, limit = joint.get("name", ""), joint.find("limit")
+    name = joint.get("name", "")
+    limit = joint.find("limit")
     if name in held:
         return held[name]
     low, up = (

@@ -396,10 +396,8 @@ class _Draft:
         for name, mass in link_masses(self.models.model).items():
             on_vehicle = self._carrier(name) <= (1 if self.floats else 0)
             if mass > 0.0 and on_vehicle and name != hull:
-                wet[name], sources[name] = (
-                    {"coefficients": {}},
-                    f"in the box around {hull}" if hull else "does not move",
-                )
+                wet[name] = {"coefficients": {}}
+                sources[name] = f"in the box around {hull}" if hull else "does not move"
             elif mass > 0.0:
                 wet[name], sources[name] = self._by_shape(name, mass, whole=name == hull)
         return wet, sources

@@ -290,14 +290,13 @@ class Robot:
         """Return limits (n_q,) [m, rad] of q, from below and above; infinite where none holds for
         one entry alone.
         """
-        lower, upper = np.full(self.n_q, -np.inf), np.full(self.n_q, np.inf)
+        lower = np.full(self.n_q, -np.inf)
+        upper = np.full(self.n_q, np.inf)
         for joint in self.joints:
             if joint.n_q == joint.n_v:
                 axes = slice(joint.idx_v - self.n_vehicle, joint.idx_v - self.n_vehicle + joint.n_v)
-                lower[joint.q], upper[joint.q] = (
-                    self.limits.position_lower[axes],
-                    self.limits.position_upper[axes],
-                )
+                lower[joint.q] = self.limits.position_lower[axes]
+                upper[joint.q] = self.limits.position_upper[axes]
         return lower, upper
 
     @property

@@ -255,7 +255,8 @@ def exp6_translation(twist: Array) -> Array:
     """Translation (3,) [m] after moving for one second with a constant body twist (6,) [m/s,
     rad/s].
     """
-    linear, angular = twist[:3], twist[3:]
+    linear = twist[:3]
+    angular = twist[3:]
     x = dot(angular, angular)
     once = cross(angular, linear)
     return linear + _cosc_of_squared(x) * once + _sincc_of_squared(x) * cross(angular, once)

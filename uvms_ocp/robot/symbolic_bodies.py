@@ -313,7 +313,8 @@ def _circle_pose(S: np.ndarray, q: ca.SX) -> tuple[ca.SX, ca.SX]:
 
 
 def _circle_integrate(q: ca.SX, v: ca.SX) -> ca.SX:
-    c, s = ca.cos(v), ca.sin(v)
+    c = ca.cos(v)
+    s = ca.sin(v)
     return _towards_unit(ca.vertcat(q[0] * c - q[1] * s, q[1] * c + q[0] * s))
 
 

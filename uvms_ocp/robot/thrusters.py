@@ -246,7 +246,8 @@ def free_motions(robot: Robot) -> tuple[np.ndarray, np.ndarray]:
     """
     axes = list(undriven_axes(robot))
     n = robot.n_v
-    motions, measured = np.zeros((n, len(axes))), np.zeros((len(axes), n))
+    motions = np.zeros((n, len(axes)))
+    measured = np.zeros((len(axes), n))
     if axes:
         B = thruster_matrix(robot)
         units = _units(B)
@@ -254,7 +255,8 @@ def free_motions(robot: Robot) -> tuple[np.ndarray, np.ndarray]:
         null_space = null_space @ np.linalg.inv(null_space[axes])
         null_space[np.abs(null_space) < _ROUNDING] = 0.0
         weighted = null_space.T * units**2
-        motions[:6], measured[:, :6] = null_space, np.linalg.solve(weighted @ null_space, weighted)
+        motions[:6] = null_space
+        measured[:, :6] = np.linalg.solve(weighted @ null_space, weighted)
     return motions, measured
 
 

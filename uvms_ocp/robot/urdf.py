@@ -131,10 +131,12 @@ def _origin(path: Path, element: Element) -> pin.SE3:
 
 
 def _check_inertias(path: Path, root: Element, model: pin.Model, mounts: dict[str, _Mount]) -> None:
-    stated, sizes = np.zeros((model.njoints, 6, 6)), np.zeros((model.njoints, 6, 6))
+    stated = np.zeros((model.njoints, 6, 6))
+    sizes = np.zeros((model.njoints, 6, 6))
     bodies: list[list[str]] = [[] for _ in range(model.njoints)]
     for link in root.findall("link"):
-        name, inertial = link.get("name", ""), link.find("inertial")
+        name = link.get("name", "")
+        inertial = link.find("inertial")
         if inertial is not None:
             mount = mounts[name]
             bodies[mount.joint].append(name)
@@ -185,7 +187,8 @@ def _velocity_numbers(
     path: Path, joint: Element, model: pin.Model
 ) -> Iterator[tuple[str, float, np.ndarray]]:
     """Limits of a joint per velocity: its name, the number of the XML, the numbers of the model."""
-    limit, dynamics = joint.find("limit"), joint.find("dynamics")
+    limit = joint.find("limit")
+    dynamics = joint.find("dynamics")
     for key, values in (("velocity", model.upperVelocityLimit), ("effort", model.upperEffortLimit)):
         yield f"limit {key}", urdf_checks.read_number(path, limit, key, key, default=np.inf), values
     for key, values in (("damping", model.damping), ("friction", model.upperDryFrictionLimit)):
@@ -197,7 +200,8 @@ def _velocity_numbers(
 
 
 def _check_axis(path: Path, joint: Element, where: str, model: pin.Model) -> None:
-    kind, axis = joint.get("type"), joint.find("axis")
+    kind = joint.get("type")
+    axis = joint.find("axis")
     if kind == "floating":
         return
     vector = np.array(

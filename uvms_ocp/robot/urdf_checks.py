@@ -191,10 +191,9 @@ def _settle_visuals(findings: Findings, root: Element) -> None:
 
 def _settle_materials(findings: Findings, root: Element) -> None:
     """Take out the paint that has no colour: what it is on is drawn grey."""
-    shared_materials, used_materials = (
-        root.findall("material"),
-        root.findall("link/visual/material"),
-    )  # elsewhere it is a simulator's
+    # elsewhere it is a simulator's
+    shared_materials = root.findall("material")
+    used_materials = root.findall("link/visual/material")
     colours = {
         m.get("name", ""): m for m in reversed([*shared_materials, *used_materials]) if _is_drawn(m)
     }

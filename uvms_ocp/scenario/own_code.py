@@ -245,7 +245,8 @@ def with_robot(options: Mapping[str, Any]) -> dict[str, Any]:
     Raises `InvalidInput` for a hydrodynamics file, or options of loading, without a robot.
     """
     given = dict(options)
-    water, loading = given.pop("hydrodynamics", None), given.pop("loading", None)
+    water = given.pop("hydrodynamics", None)
+    loading = given.pop("loading", None)
     if isinstance(given.get("robot"), str):
         given["robot"] = robot_called(given["robot"], water, loading)
     elif water is not None:

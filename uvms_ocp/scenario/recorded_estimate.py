@@ -122,11 +122,9 @@ def estimate_recording(
         t = k * dt
         while arrived is not None and arrived[0] <= k:
             _, name, value, stamp = arrived
-            last[name], count[name], late[name] = (
-                unchecked_reading(value=value, t=stamp),
-                count[name] + 1,
-                late[name] + t - stamp,
-            )
+            last[name] = unchecked_reading(value=value, t=stamp)
+            count[name] = count[name] + 1
+            late[name] = late[name] + t - stamp
             arrived = next(stream, None)
         estimate = guarded(unchecked_readings(**last), t, command)
         taken, squared, degrees, accepted = filtering.outcomes[numbers].T
@@ -248,7 +246,8 @@ def _sent(
         stamps = one.undelayed_t - begin
         ticks = np.ceil(stamps / dt - _EARLY).astype(np.int64)
         values = one.of(robot.joint_names, name).values if name.startswith("joint_") else one.values
-        found[name], n = _arriving(name, ticks, values, stamps, robot), max(n, int(ticks[-1]) + 1)
+        found[name] = _arriving(name, ticks, values, stamps, robot)
+        n = max(n, int(ticks[-1]) + 1)
     return found, n, dt
 
 

@@ -102,7 +102,8 @@ class ControllerFactory(PartFactory):
 
     def __call__(self) -> MissionController:
         """A fresh one. Raises `InvalidInput` where the maker makes no callable."""
-        made, scenario = self.maker(self.scenario), self.scenario
+        made = self.maker(self.scenario)
+        scenario = self.scenario
         if type(made) in _OURS:
             return made
         if not callable(made):
@@ -127,7 +128,8 @@ class EstimatorFactory(PartFactory):
 
         Raises `InvalidInput` where the maker makes no callable.
         """
-        made, scenario = self.maker(self.scenario), self.scenario
+        made = self.maker(self.scenario)
+        scenario = self.scenario
         robot, specs = scenario.robot, scenario.specs
         if not callable(made):
             allowed = "make a callable (Readings, t, command) -> StateEstimate"
@@ -475,9 +477,9 @@ class Scenario(FieldTable):
 
         def news() -> RunMeta | None:
             """Metadata so far, after an event or an alarm."""
-            before, seen[:] = (
-                seen.copy(),
-                map(len, (kinematic.events, estimator.monitor.alarms, kinematic.watchdog.alarms)),
+            before = seen.copy()
+            seen[:] = map(
+                len, (kinematic.events, estimator.monitor.alarms, kinematic.watchdog.alarms)
             )
             ending = RunOutcome(
                 q=plant.state.q,

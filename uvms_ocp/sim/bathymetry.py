@@ -16,10 +16,8 @@ from uvms_ocp.record.untrusted import read_arrays
 from uvms_ocp.sim.seafloor import LEVEL_RAY, Points, Seafloor
 from uvms_ocp.types import Array, Finite, Range, Shape, Vector3
 
-_WORD, _NUMBER = (
-    re.compile(r"[^\s,;]+"),
-    re.compile(r"[-+]?(\d+\.?\d*|\.\d+)(e[-+]?\d+)?", re.IGNORECASE),
-)
+_WORD = re.compile(r"[^\s,;]+")
+_NUMBER = re.compile(r"[-+]?(\d+\.?\d*|\.\d+)(e[-+]?\d+)?", re.IGNORECASE)
 _FORMS = (
     "give lines x,y,z [m] of a whole grid, as CSV or with blanks between, or an .npz with arrays x"
     " (n,), y (m,) and z (m, n)"
@@ -105,10 +103,8 @@ class Bathymetry(Seafloor):
             knots.append(np.array([(origin[2] - self.z.min()) / descent + 1.0]))
         s = np.unique(np.concatenate(knots))
         s = s[(s >= 0.0) & (s <= (knots[-1][-1] if descent > LEVEL_RAY else math.inf))]
-        ends, middles = (
-            self._clearance(origin, direction, s),
-            self._clearance(origin, direction, (s[1:] + s[:-1]) / 2),
-        )
+        ends = self._clearance(origin, direction, s)
+        middles = self._clearance(origin, direction, (s[1:] + s[:-1]) / 2)
         u = _first_zero(ends[:-1], middles, ends[1:])
         hits = np.flatnonzero(np.isfinite(u))
         if len(hits):
@@ -133,7 +129,9 @@ class Bathymetry(Seafloor):
             widths.append(width)
             shares.append((at - lines[cell]) / width)
             inside.append(at == values)
-        (i, j), (u, v), z = cells, shares, self.z
+        (i, j) = cells
+        (u, v) = shares
+        z = self.z
         a = z[j, i]
         b = z[j, i + 1]
         c = z[j + 1, i]

@@ -228,7 +228,8 @@ def _stops(model: StepModel, q: ca.SX, v: ca.SX, dt: ca.SX) -> tuple[ca.SX, ca.S
     """Generalized force (n_v,) [N, N m] of joints beyond their limits, and what it adds to G
     (n_v,).
     """
-    force, slope = ca.SX.zeros(model.robot.n_v), ca.SX.zeros(model.robot.n_v)
+    force = ca.SX.zeros(model.robot.n_v)
+    slope = ca.SX.zeros(model.robot.n_v)
     k, d = model.stops.stiffness, model.stops.damping
     for joint, lower, upper in limits.bounded_joints(model.robot.joints, model.robot.limits):
         at = joint.position(q)

@@ -120,7 +120,8 @@ class EnvironmentSampler:
         flow = current.uniform_flow(t) if self._uniform else None
         if flow is None:
             water = water_at(current, p_W, t)
-            given["u"][:], given["Du_Dt"][:] = water.velocity, water.acceleration
+            given["u"][:] = water.velocity
+            given["Du_Dt"][:] = water.acceleration
         else:
             given["u"][:], given["Du_Dt"][:] = flow
 

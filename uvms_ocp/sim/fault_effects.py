@@ -125,7 +125,8 @@ def _struck(channel: FaultyChannel, fault: Fault, rng: np.random.Generator) -> _
     values = slice(None)
     errors = range(channel.n)
     if number:
-        first, joint = channel.joints[0], channel.joints[number - 1]
+        first = channel.joints[0]
+        joint = channel.joints[number - 1]
         errors = range(joint.idx_v - first.idx_v, joint.idx_v - first.idx_v + joint.n_v)
         begin = joint.idx_q - first.idx_q
         if channel.name == "joint_positions":
@@ -144,7 +145,8 @@ def _stuck(sample: Sample, struck: _Struck) -> Sample:
 
 
 def _spikes(sample: Sample, struck: _Struck) -> Sample:
-    (size, share), rng = struck.fault.values, struck.rng
+    (size, share) = struck.fault.values
+    rng = struck.rng
     # All three are drawn for every reading, so that another share leaves the others where they
     # were.
     strikes = rng.random()

@@ -99,7 +99,8 @@ def _families() -> dict[str, dict[str, FaultModel]]:
         family: {name: FaultModel(**kind) for name, kind in kinds.items()}
         for family, kinds in table.items()
     }
-    encoder, messages = found.pop("values"), found.pop("messages")
+    encoder = found.pop("values")
+    messages = found.pop("messages")
     return {"sensor": encoder | messages, "encoder": encoder, **found}
 
 

@@ -160,10 +160,8 @@ class _NewReadings:
             if one is None or one is self._seen[channel]:
                 found[name] = none
             else:  # also with the time of an earlier one, as clocks that fail give them
-                self._seen[channel], found[name] = (
-                    one,
-                    np.array([*np.ravel(one.value).tolist(), one.t]),
-                )
+                self._seen[channel] = one
+                found[name] = np.array([*np.ravel(one.value).tolist(), one.t])
                 require_kept(channel, found[name].size - 1, none.size - 1)
         return found
 
@@ -197,7 +195,8 @@ def _row(
         "altimeter_range": float(measurement.altimeter_range),
     }
     if measurement.std is not None:  # how well the estimate is known, where the estimator tells
-        row["q_std"], row["altimeter_std"] = measurement.std, float(measurement.altimeter_std)
+        row["q_std"] = measurement.std
+        row["altimeter_std"] = float(measurement.altimeter_std)
     row["command"] = command.v
     if asked is not None:
         row["asked_thrust"] = asked

@@ -149,7 +149,8 @@ def sense(m: LoopMemory, s: SensorsMemory, h: HealthMemory) -> None:
 
 def feed_filter(m: LoopMemory, s: SensorsMemory, h: HealthMemory, f: FilterMemory) -> None:
     """Give the filter the command, and the new readings that were not refused."""
-    f.now, f.has_command = m.t, m.started
+    f.now = m.t
+    f.has_command = m.started
     if m.started:
         left = math.exp(-(m.t - f.before) / RESPONSE_TIME)
         for i in range(len(m.response)):

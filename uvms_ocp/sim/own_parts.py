@@ -503,7 +503,8 @@ def require_fault(fault: Any) -> None:
     if isinstance(fault, Fault):
         return
     times: list[Any] = [getattr(fault, name, None) for name in ("onset", "end")]
-    (onset, end), numbers = times, all(isinstance(t, int | float | np.floating) for t in times)
+    (onset, end) = times
+    numbers = all(isinstance(t, int | float | np.floating) for t in times)
     if not (callable(fault) and numbers and 0.0 <= onset < end):
         given = f"faults: {part_name(fault)} with onset = {onset} s, end = {end} s"
         raise InvalidInput(

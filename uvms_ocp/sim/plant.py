@@ -137,7 +137,9 @@ class KinematicPlant(Plant):
 
     def begin(self, dt: Period) -> None:
         """Have the kernel go on from the present state, by periods of dt [s]."""
-        self.memory.dt, self._arrays.q[:], self._arrays.v[:] = dt, self.state.q, self.state.v
+        self.memory.dt = dt
+        self._arrays.q[:] = self.state.q
+        self._arrays.v[:] = self.state.v
 
     def adopt(self) -> None:
         """Take the state of the memory for the present one."""
@@ -155,7 +157,8 @@ class KinematicPlant(Plant):
 
 @lru_cache(maxsize=8)
 def _integration(robot: Robot) -> ca.Function:
-    q, change = ca.SX.sym("q", robot.n_q), ca.SX.sym("change", robot.n_v)
+    q = ca.SX.sym("q", robot.n_q)
+    change = ca.SX.sym("change", robot.n_v)
     q_next = SymbolicModel(robot.model).integrate(q, change)
     if (
         robot.n_vehicle
@@ -257,7 +260,8 @@ class DynamicPlant(Plant):
             floor_z=arrays.floor_z,
             floor_normal=arrays.floor_normal.reshape(-1, 3),
         )
-        self.memory.sampled, self._dt = surroundings.changes, 0.0
+        self.memory.sampled = surroundings.changes
+        self._dt = 0.0
         self._sampling = CallbackBinding(
             self.memory.sample, lambda: surroundings.sample(arrays.q, self.memory.t, self.memory.dt)
         )
@@ -283,10 +287,9 @@ class DynamicPlant(Plant):
             and (active := effects.active_of(self.faults, self.memory.t)) != self._active
         ):
             self._apply_faults(active)
-        self._arrays.q[:], self._arrays.v[:] = (
-            self.state.q,
-            self.state.v,
-        )  # others may have put them there
+        # others may have put them there
+        self._arrays.q[:] = self.state.q
+        self._arrays.v[:] = self.state.v
         if dt != self._dt:
             self._dt = dt
             n_steps = max(1, math.ceil(dt / self._max_step - 1e-9))
@@ -327,7 +330,8 @@ class DynamicPlant(Plant):
             (n,), (m,) = self._shapes
             given = f"thrust {thrust.tolist()} N, torque {torque.tolist()} N m given"
             raise InvalidInput(f"{given}; allowed: {n} and {m} finite numbers")
-        self._arrays.asked_thrust[:], self._arrays.asked_torque[:] = thrust, torque
+        self._arrays.asked_thrust[:] = thrust
+        self._arrays.asked_torque[:] = torque
         self.memory.brake = BRAKE_FRICTION if command.brakes else 0.0
 
     def _apply_faults(self, active: tuple[Fault, ...]) -> None:

@@ -259,7 +259,9 @@ def _send(s: SensorsMemory, x: ChannelSampler, t: float) -> None:
     while place > 0 and x.arrival[place - 1] > arrival:
         _move(x, place - 1, place)
         place -= 1
-    x.arrival[place], x.taken[place], x.stamps[place] = arrival, t, x.stamped
+    x.arrival[place] = arrival
+    x.taken[place] = t
+    x.stamps[place] = x.stamped
     for i in range(x.size):
         x.values[place][i] = x.sample[i]
     x.n_waiting += 1

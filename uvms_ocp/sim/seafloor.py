@@ -353,7 +353,9 @@ class HeightField(Seafloor):
     ) -> float:
         from scipy.optimize import brentq  # half a second, which few need
 
-        (x, y, z), (dx, dy, dz), near = origin.tolist(), direction.tolist(), bumps.T.tolist()
+        (x, y, z) = origin.tolist()
+        (dx, dy, dz) = direction.tolist()
+        near = bumps.T.tolist()
 
         def clearance(s: float) -> float:
             rise = 0.0

@@ -147,7 +147,8 @@ class SensorSuite:
         as `check`.
         """
         q, v, a = self._truth
-        q[:], v[:] = state.q, state.v
+        q[:] = state.q
+        v[:] = state.v
         if state.a is not None:
             a[:] = state.a
         elif self.memory.channels[ChannelIndex.SPECIFIC_FORCE].present:
@@ -319,7 +320,8 @@ def _add_scalar(value: float, error: np.ndarray) -> float:
 
 @lru_cache(maxsize=1)
 def _turn_function() -> ca.Function:
-    quaternion, error = ca.SX.sym("quaternion", 4), ca.SX.sym("error", 3)
+    quaternion = ca.SX.sym("quaternion", 4)
+    error = ca.SX.sym("error", 3)
     turned = spatial.quaternion_multiply(quaternion, spatial.quaternion_exp(error))
     return ca.Function("turn", [quaternion, error], [ca.densify(turned)])
 
@@ -331,7 +333,8 @@ def _joint_disturbance(robot: Robot) -> Disturb:
     v = np.zeros(robot.n_v)
 
     def disturb(joints: np.ndarray, error: np.ndarray) -> np.ndarray:
-        q[robot.joint_q], v[robot.joint_v] = joints, error
+        q[robot.joint_q] = joints
+        v[robot.joint_v] = error
         return pin.integrate(model, q, v)[robot.joint_q]
 
     return disturb
@@ -427,11 +430,9 @@ class _Channel:
                 found = faults(sample.item() if self._scalar else sample.copy(), memory.stamped)
             memory.lost = found is None
             if found is not None:
-                sample[:], memory.stamped, memory.extra_delay = (
-                    found.value,
-                    found.stamp,
-                    found.extra_delay,
-                )
+                sample[:] = found.value
+                memory.stamped = found.stamp
+                memory.extra_delay = found.extra_delay
 
         if memory.disturbance == sampling.Disturbance.ASKED:
             yield CallbackBinding(memory.disturb, bend)

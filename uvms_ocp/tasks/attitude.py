@@ -95,7 +95,8 @@ class AngleTask(Task):
             return misalignment(a, b, fallback)[0], ca.SX.zeros(3)
         axis = _in_vehicle(symbols.robot, self.frame, self.watched_axis)
         across = symbols.R_WB @ ca.DM(directions)
-        ahead, aside = ca.dot(a, b), ca.dot(across, b)
+        ahead = ca.dot(a, b)
+        aside = ca.dot(across, b)
         is_in_view = ahead**2 + aside**2 > _IN_PLANE**2
         normal = symbols.R_WB @ ca.DM(np.cross(axis, directions[:, 0]))
         n = ca.if_else(aside < 0, -normal, normal)

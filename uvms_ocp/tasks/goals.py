@@ -39,7 +39,8 @@ def evaluate_vector(name: str, goal: VectorGoal, t: float) -> tuple[np.ndarray, 
     if callable(goal):
         value, rate = goal(t)
     else:
-        value, rate = (np.asarray(goal, dtype=float), np.zeros(np.shape(goal)))
+        value = np.asarray(goal, dtype=float)
+        rate = np.zeros(np.shape(goal))
     if not _finite(value, rate):
         raise InvalidInput(
             f"{name}: goal {value} with rate {rate} at t = {t} s; give finite numbers"
@@ -55,7 +56,8 @@ def evaluate_pose(name: str, goal: PoseGoal, t: float) -> tuple[pin.SE3, np.ndar
     if callable(goal):
         pose, rate = goal(t)
     else:
-        pose, rate = (goal, np.zeros(6))
+        pose = goal
+        rate = np.zeros(6)
     if not isinstance(pose, pin.SE3):
         raise InvalidInput(
             f"{name}: goal of type {type(pose).__name__}; give a pinocchio.SE3 or a function of"

@@ -126,7 +126,8 @@ def pieces_of(durations: Array, k: int) -> Pieces:
     unit = float(np.exp(np.mean(np.log(durations))))
     tau = durations / unit
     node = np.empty(tau.size + 1)
-    node[0], node[-1] = tau[0], tau[-1]
+    node[0] = tau[0]
+    node[-1] = tau[-1]
     np.sqrt(tau[1:] * tau[:-1], out=node[1:-1])
     scale = np.concatenate([_powers(tau / node[:-1], k), _powers(tau / node[1:], k)])[..., None]
     return Pieces(

@@ -452,7 +452,8 @@ class _Qp:
 
     def _limits(self, values: Array, fixed: Mask) -> tuple[Array, Array]:
         scale = self.unit ** np.arange(self.k)[:, None]
-        lower, upper = np.where(fixed, values, -np.inf), np.where(fixed, values, np.inf)
+        lower = np.where(fixed, values, -np.inf)
+        upper = np.where(fixed, values, np.inf)
         for index, bound in enumerate(self.bounds):
             if not 0 <= bound.derivative < self.k or not -self.n - 1 <= bound.node <= self.n:
                 wrong = (

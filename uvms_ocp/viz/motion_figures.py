@@ -371,7 +371,8 @@ def _surface_points(data: meta_values.ObstacleMeta, i: int, j: int) -> np.ndarra
         return np.asarray(np.array(data.vertices) @ R.T + p)
     angle = np.linspace(0.0, 2 * np.pi, _DIRECTIONS, endpoint=False)
     directions = np.zeros((_DIRECTIONS, 3))
-    directions[:, i], directions[:, j] = np.cos(angle), np.sin(angle)
+    directions[:, i] = np.cos(angle)
+    directions[:, j] = np.sin(angle)
     towards = directions @ R  # in the frame of the shape
     support = support_of(item.shape, -towards, np.zeros((_DIRECTIONS, 3)))
     return np.asarray(

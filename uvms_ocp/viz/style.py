@@ -240,7 +240,8 @@ def legible(color: Any, papers: Sequence[np.ndarray], least: float) -> np.ndarra
     A grey of too little contrast becomes as light as it is dark first, since what is fainter has to
     stay so.
     """
-    rgb, end = np.array(to_rgb(color)), np.full(3, float(_luminance(papers[0]) < _MIDDLE))
+    rgb = np.array(to_rgb(color))
+    end = np.full(3, float(_luminance(papers[0]) < _MIDDLE))
     grey = [1.0 - rgb] if np.ptp(rgb) < _GREY else []
     shades = [
         rgb,

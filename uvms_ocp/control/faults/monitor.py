@@ -173,7 +173,8 @@ def _weight_function(robot: Robot, symbolic: SymbolicDynamics) -> ca.Function:
 
 
 def _joint_way_function(robot: Robot, symbolic: SymbolicDynamics) -> ca.Function:
-    before, q = ca.SX.sym("before", robot.n_q), ca.SX.sym("q", robot.n_q)
+    before = ca.SX.sym("before", robot.n_q)
+    q = ca.SX.sym("q", robot.n_q)
     way = ca.densify(symbolic.symbolic.difference(before, q)[robot.n_vehicle :])
     return ca.Function("joint_way", [before, q], [ca.cse(way)], ["before", "q"], ["way"])
 

@@ -113,7 +113,8 @@ class DynamicController(TableDisplay):
         self.memory = memory = self._tick.memory
         """Memory of the force layer, a `ForceMemory`."""
         # Parts of it are made anew whenever they are asked for.
-        self._detection, self._allocation = memory.detection, memory.allocation
+        self._detection = memory.detection
+        self._allocation = memory.allocation
         if laws.search is None:
             self.monitor = None
         else:
@@ -201,10 +202,8 @@ class DynamicController(TableDisplay):
         if self.learner is None:
             return self._tick.step(t, sound.joint_age, encoders_trusted)
         self.learner.carry(sound.q, sound.v, self._tick.state.estimate)
-        outputs, observed = (
-            self._tick.step(t, sound.joint_age, encoders_trusted),
-            self._tick.observed,
-        )
+        outputs = self._tick.step(t, sound.joint_age, encoders_trusted)
+        observed = self._tick.observed
         self.learner.learn(sound.q, sound.v, observed.estimate, observed.share, self._tick.observes)
         return outputs
 

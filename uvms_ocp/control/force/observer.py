@@ -145,10 +145,8 @@ class DisturbanceObserver:
     ) -> None:
         """n_q: entries of q. current (3,) [m/s] in W: as far as it is known, and no disturbance."""
         n = len(law.bandwidth)
-        q, (v, tau, kept, v_hat) = (
-            ca.SX.sym("q", n_q),
-            (ca.SX.sym(name, n) for name in ("v", "tau", "kept", "v_hat")),
-        )
+        q = ca.SX.sym("q", n_q)
+        (v, tau, kept, v_hat) = (ca.SX.sym(name, n) for name in ("v", "tau", "kept", "v_hat"))
         follows = ca.SX.sym("follows")
         M = body.mass_matrix(q)
         before = ObserverState(estimate=M @ kept, lead=ca.SX(n, 1), v_hat=v_hat, follows=follows)

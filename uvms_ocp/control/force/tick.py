@@ -206,7 +206,8 @@ def _is_possible(m: ForceMemory) -> bool:
 
 # Between the layers of velocities and of forces.
 
-_POSITIONS, _RATES = CHANNELS.index(ENCODERS), CHANNELS.index("joint_velocities")
+_POSITIONS = CHANNELS.index(ENCODERS)
+_RATES = CHANNELS.index("joint_velocities")
 
 
 def ask_forces(c: TickMemory, m: ForceMemory) -> None:
@@ -279,10 +280,13 @@ class ForceTick:
         feedback: of vehicle and joints, as in `ForceInputs`.
         """
         inputs = self.inputs
-        inputs.q[:], inputs.v[:], inputs.reference[:] = q, v, command.v
+        inputs.q[:] = q
+        inputs.v[:] = v
+        inputs.reference[:] = command.v
         flags = self._flags
         flags.feedback[0], flags.joint_feedback[0] = feedback
-        flags.hold[0], flags.stop[0] = command.hold, command.stop
+        flags.hold[0] = command.hold
+        flags.stop[0] = command.stop
         self.memory.brakes = command.brakes
 
     def step(
@@ -330,10 +334,12 @@ class ForceTick:
         memory = self.memory
         robot = laws.robot
         derating = laws.derating
-        memory.bandwidth_share, memory.joint_bandwidth_share = derating.vehicle, derating.joints
+        memory.bandwidth_share = derating.vehicle
+        memory.joint_bandwidth_share = derating.joints
         memory.joints_late = derating.joints_late
         thrust_allocation.allocation_of(robot).write(memory.allocation)
-        memory.detection.n_vehicle, memory.detection.joints.count = robot.n_vehicle, robot.n_joints
+        memory.detection.n_vehicle = robot.n_vehicle
+        memory.detection.joints.count = robot.n_joints
         if (
             laws.search is not None
             and laws.residual_filter is not None

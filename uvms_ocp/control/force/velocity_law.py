@@ -168,7 +168,8 @@ def _stiffness_limits(reset: float, observer: float) -> tuple[float, float]:
     feedback = (k * (1 + r / z) + (1 - rest) * z) * z * late
     mu = -(z**2 + feedback / rest) / (1 - (1 + z) * late)
     border = mu.real[:-1][np.diff(np.sign(mu.imag)) != 0]
-    falling, swinging = border[border < 0], border[border > 0]
+    falling = border[border < 0]
+    swinging = border[border > 0]
     return float(falling.max()) if len(falling) else -_NOTHING, float(
         swinging.min(initial=math.inf)
     )

@@ -81,7 +81,8 @@ def ascent_sizes(robot: Robot, mission: Mission, altimeter: str | None) -> dict[
 def _climb_frame(robot: Robot, frame: str | None) -> ca.Function:
     """Q -> position and rotation of a frame as in `AscentMemory`."""
     q = ca.SX.sym("q", robot.n_q)
-    R_WF, p_WF = ca.SX.eye(3), ca.SX.zeros(3)
+    R_WF = ca.SX.eye(3)
+    p_WF = ca.SX.zeros(3)
     if frame is not None:
         R_WF, p_WF = SymbolicModel(robot.model).forward_kinematics(q).pose(frame)
     return ca.Function(

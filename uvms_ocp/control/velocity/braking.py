@@ -151,7 +151,8 @@ def _slower(
     """
     slower = ca.if_else(time > dt, v * (1.0 - dt / time), 0.0 * v)
     for joint, lower, upper in limits.bounded_joints(robot.joints, robot.limits):
-        i, at = joint.idx_v, joint.position(q)
+        i = joint.idx_v
+        at = joint.position(q)
         down, up = (
             stopping_speed(room, deceleration=acceleration[i], dt=dt)
             for room in (at - lower, upper - at)

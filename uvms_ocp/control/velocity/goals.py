@@ -81,7 +81,8 @@ def _sample(m: TracksMemory, k: int, t: float, values: Vector) -> None:
     share = ticks - before
     at = m.first[k] + before * m.width[k]
     for i in range(m.width[k]):
-        now, then = m.table[at + i], m.table[at + m.width[k] + i]
+        now = m.table[at + i]
+        then = m.table[at + m.width[k] + i]
         values[m.place[k] + i] = now + share * (then - now)
 
 
@@ -140,16 +141,17 @@ def write_tracks(
     """Into a `TracksMemory`. places: of the tasks among the parameters of all; dt [s]: between
     samples.
     """
-    memory.dt, memory.n_tracks, table = dt, len(tracks), view(memory.table)
+    memory.dt = dt
+    memory.n_tracks = len(tracks)
+    table = view(memory.table)
     for k, (track, end) in enumerate(
         zip(tracks, accumulate(track.samples.size for track in tracks), strict=True)
     ):
-        memory.phase[k], memory.of_phase[k], memory.place[k] = (
-            track.phase,
-            track.of_phase,
-            places[track.task].start,
-        )
-        memory.last[k], memory.width[k] = len(track.samples) - 1, track.samples.shape[1]
+        memory.phase[k] = track.phase
+        memory.of_phase[k] = track.of_phase
+        memory.place[k] = places[track.task].start
+        memory.last[k] = len(track.samples) - 1
+        memory.width[k] = track.samples.shape[1]
         memory.first[k] = end - track.samples.size
         table[memory.first[k] : end] = track.samples.ravel()
 
@@ -352,7 +354,8 @@ def _stay(n_q: int, n_v: int) -> ca.Function:
 
 @lru_cache(maxsize=8)
 def _integrate(robot: Robot) -> ca.Function:
-    q, way = ca.SX.sym("q", robot.n_q), ca.SX.sym("way", robot.n_v)
+    q = ca.SX.sym("q", robot.n_q)
+    way = ca.SX.sym("way", robot.n_v)
     return ca.Function(
         "displaced",
         [q, way],

@@ -231,10 +231,12 @@ class KinematicController(TableDisplay):
         memory = self.memory
         arrays = self._arrays
         self._sound.check(measurement)
-        arrays.q[:], arrays.v[:] = measurement.q, measurement.v
+        arrays.q[:] = measurement.q
+        arrays.v[:] = measurement.v
         memory.t = t
         memory.altimeter_range = measurement.altimeter_range
-        memory.age, memory.joint_age = measurement.age, measurement.joint_age
+        memory.age = measurement.age
+        memory.joint_age = measurement.joint_age
         self._hear(measurement.health)
         bad = self._bad
         if bad or self._restriction is not degraded_modes.FREE:
@@ -384,7 +386,8 @@ class KinematicController(TableDisplay):
         """
         if command.v.shape != self._arrays.command.shape:
             raise InvalidInput(f"command.v has shape {command.v.shape}; give ({self.robot.n_v},)")
-        self.memory.wanted[:], self.memory.wanted_pace = command.v.tolist(), 1.0
+        self.memory.wanted[:] = command.v.tolist()
+        self.memory.wanted_pace = 1.0
         self._take(self.memory)
 
     def pending(self) -> str:
@@ -407,11 +410,9 @@ class KinematicController(TableDisplay):
         mission was then, for the goals of another phase than the present one.
         """
         state = state or self.state
-        (echo, known), gates, q = (
-            self._echo.at(measurement),
-            self.mission.activations(state, t),
-            measurement.q,
-        )
+        (echo, known) = self._echo.at(measurement)
+        gates = self.mission.activations(state, t)
+        q = measurement.q
         if self.memory.near:
             moves = task_goals.StoppingMotion(
                 robot=self.robot, v=self._arrays.command.copy(), dt=self.dt

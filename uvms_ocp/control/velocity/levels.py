@@ -341,9 +341,11 @@ def _known_levels(
     symbols = tick_symbols(robot, dt)
     numbers = ca.SX.sym("numbers", sum(len(numbers_of(task)) for task in given.value.tasks))
     hierarchy = _with_symbols(given.value.tasks, numbers)
-    previous, change = ca.SX.sym("previous", robot.n_v), ca.SX.sym("change", robot.n_v)
+    previous = ca.SX.sym("previous", robot.n_v)
+    change = ca.SX.sym("change", robot.n_v)
     parameters = ca.SX.sym("parameters", sum(task.n_parameters(robot) for task in hierarchy.tasks))
-    gates, passive = ca.SX.sym("gates", len(hierarchy.tasks)), ca.SX.sym("passive", N_PASSIVE)
+    gates = ca.SX.sym("gates", len(hierarchy.tasks))
+    passive = ca.SX.sym("passive", N_PASSIVE)
     tasks = _task_rows(robot, hierarchy, symbols, parameters)
     leaning = list[_Level]()
     if swinging_axes(robot):
@@ -501,9 +503,11 @@ def _limit_rows(symbols: TickSymbols, previous: ca.SX) -> Rows:
     """
     robot = symbols.robot
     reach = ca.DM(robot.limits.acceleration * symbols.dt)
-    lower, upper = ca.SX(-robot.limits.velocity), ca.SX(robot.limits.velocity)
+    lower = ca.SX(-robot.limits.velocity)
+    upper = ca.SX(robot.limits.velocity)
     for joint, q_lower, q_upper in bounded_joints(robot.joints, robot.limits):
-        i, q = joint.idx_v, joint.position(symbols.q)
+        i = joint.idx_v
+        q = joint.position(symbols.q)
         braking = {"deceleration": float(robot.limits.acceleration[i]), "dt": symbols.dt}
         lower[i] = ca.fmax(lower[i], -stopping_speed(q - q_lower, **braking))
         upper[i] = ca.fmin(upper[i], stopping_speed(q_upper - q, **braking))

@@ -433,7 +433,8 @@ def finish_by(
 
     def call() -> Solved:
         result = solve()
-        arrays.solved[:], arrays.quantities[:] = result.v, result.extras[0]
+        arrays.solved[:] = result.v
+        arrays.quantities[:] = result.extras[0]
         memory.usable = result.status.usable
         after()
         return _STATUS_CODE[result.status], result.residual, result.extras[1], result.solve_time

@@ -459,9 +459,12 @@ class ViabilitySetup:
     def _write(self, k: int, guard: PositionGuard) -> None:
         memory = self._memory
         limit = guard.limit
-        memory.lower[k], memory.relative[k] = limit.lower, limit.relative
-        memory.task[k], memory.quantity[k] = guard.task, guard.quantity
-        memory.first[k], memory.end[k] = guard.positions.start, guard.positions.stop
+        memory.lower[k] = limit.lower
+        memory.relative[k] = limit.relative
+        memory.task[k] = guard.task
+        memory.quantity[k] = guard.quantity
+        memory.first[k] = guard.positions.start
+        memory.end[k] = guard.positions.stop
         memory.pairs[k] = self._measured_by(guard.model)
         memory.asks[k] = memory.pairs[k] == braking.NONE and not isinstance(
             limit.values, ca.Function

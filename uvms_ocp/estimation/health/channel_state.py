@@ -388,7 +388,8 @@ def health_memory(
         n_width=max(4, *sizes_of(robot)["joint_positions"]),
         n_estimates=N_ESTIMATES,
     )()
-    made.n, made.order[: len(specs)] = len(specs), [int(NUMBER[name]) for name in specs]
+    made.n = len(specs)
+    made.order[: len(specs)] = [int(NUMBER[name]) for name in specs]
     made.clean = tuning.clean
     made.clock = tuning.clock
     made.late = tuning.late
@@ -396,7 +397,11 @@ def health_memory(
     made.history.spacing = made.history.length / (N_ESTIMATES - 2)
     for number in range(N_CHANNELS):
         c = made.channels[number]
-        c.number, c.rival, c.other_rival, c.gate.by, c.gate.or_by = number, -1, -1, -1, -1
+        c.number = number
+        c.rival = -1
+        c.other_rival = -1
+        c.gate.by = -1
+        c.gate.or_by = -1
         c.used = c.refused_at = c.impossible_at = c.bad_at = c.excluded_until = (
             c.compared_at
         ) = -math.inf

@@ -149,7 +149,8 @@ def _copy_spot(to: FloorPoint, new: FloorPoint) -> None:
     to.sensor_x = new.sensor_x
     to.sensor_y = new.sensor_y
     to.sensor_z = new.sensor_z
-    to.lowest, to.highest = new.sensor_z, new.sensor_z
+    to.lowest = new.sensor_z
+    to.highest = new.sensor_z
 
 
 # Whether an echo of the altimeter fits the motion of the vehicle and what the floor did so far.

@@ -117,10 +117,8 @@ def support_of(
     made.needed[: len(needed)] = [int(NUMBER[name]) for name in needed]
     made.fallback[:] = [-1] * N_CHANNELS
     for name, other in fallback.items():
-        made.fallback[NUMBER[name]], made.max_duration[NUMBER[name]] = (
-            int(NUMBER[other.channel]),
-            other.max_duration,
-        )
+        made.fallback[NUMBER[name]] = int(NUMBER[other.channel])
+        made.max_duration[NUMBER[name]] = other.max_duration
     return made
 
 
@@ -292,7 +290,8 @@ def judge(m: channel_state.HealthMemory, t: float, is_estimated: bool) -> int:
     """Update the trust in every channel at time t [s]; is_estimated: `now` is one. Returns how many
     verdicts changed.
     """
-    m.t, m.now.t = t, t
+    m.t = t
+    m.now.t = t
     if is_estimated:
         plausibility.remember(m.history, m.now)
     n = 0
@@ -438,8 +437,10 @@ class HealthMonitor:
             self._beam = AltimeterMount(robot, frame, memory.now)
         else:
             self._beam = None
-        self._joint_q, self._joint_v = robot.joint_q, robot.joint_v
-        self._q, self._v = np.ctypeslib.as_array(memory.now.q), np.ctypeslib.as_array(memory.now.v)
+        self._joint_q = robot.joint_q
+        self._joint_v = robot.joint_v
+        self._q = np.ctypeslib.as_array(memory.now.q)
+        self._v = np.ctypeslib.as_array(memory.now.v)
         self._rates = np.ctypeslib.as_array(memory.encoders.rates)[: robot.n_joints]
         if self._beam is None:
             memory.channels[NUMBER["altimeter_range"]].used_value[0] = math.nan
@@ -546,7 +547,8 @@ class HealthMonitor:
         return self._health
 
     def _note(self, measurement: StateEstimate) -> None:
-        self._q[:], self._v[:] = measurement.q, measurement.v
+        self._q[:] = measurement.q
+        self._v[:] = measurement.v
         if self._beam is not None and self._beam.moves:
             self._beam.place(measurement.q[self._joint_q])
 

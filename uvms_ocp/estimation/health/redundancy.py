@@ -482,12 +482,10 @@ def is_adrift(d: RateAgainstEncoder, value: Vector, t: float) -> bool:
         if due and not first:
             mark[:4] = d.newer[i][:4]
         if due:
-            d.newer[i][0], d.newer[i][1], d.newer[i][2], d.newer[i][3] = (
-                offset,
-                d.way[i],
-                late,
-                d.variance[i],
-            )
+            d.newer[i][0] = offset
+            d.newer[i][1] = d.way[i]
+            d.newer[i][2] = late
+            d.newer[i][3] = d.variance[i]
         if first:
             mark[:4] = d.newer[i][:4]
         change = abs(offset - mark[0])

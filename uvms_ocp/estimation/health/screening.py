@@ -91,7 +91,8 @@ def _compare_with_estimate(
     elif c.gate.exists and not _agrees(m, c, estimate, b.why):
         b.used = c.agreed < _CONFIRMED
         if b.used:
-            c.agreed, b.why.code = 0, Reason.NONE
+            c.agreed = 0
+            b.why.code = Reason.NONE
 
 
 def _agrees(
@@ -102,10 +103,8 @@ def _agrees(
     rate = gate.supported if carried else gate.alone
     growth = 0.0 if math.isnan(c.taken) else rate * max(c.stamp - c.taken, 0.0)
     away = abs(c.stamp - estimate.t)
-    error, moved = (
-        plausibility.error_of(gate, c.value, estimate),
-        plausibility.motion_within(gate, estimate, away),
-    )
+    error = plausibility.error_of(gate, c.value, estimate)
+    moved = plausibility.motion_within(gate, estimate, away)
     c.off = error if orders_of(c.number) > 1 else -1.0  # rates leave no place behind
     c.explained = gate.noise + max(growth, moved)
     if carried and is_persistent(c):
@@ -227,10 +226,8 @@ def _compare_fix(
     velocity, depth = m.channels[ChannelIndex.LINEAR_VELOCITY], m.channels[ChannelIndex.DEPTH]
     v_W = zeros(3)
     known = redundancy.compare_place(m.velocity, c.value, c.stamp, 0)
-    quick, slow = (
-        redundancy.drift_rate(m.velocity.quick, 0),
-        redundancy.drift_rate(m.velocity.slow, 0),
-    )
+    quick = redundancy.drift_rate(m.velocity.quick, 0)
+    slow = redundancy.drift_rate(m.velocity.slow, 0)
     plausibility.rotate(estimate.q, estimate.v, v_W)
     by = redundancy.depth_difference(m.depth, c.value[2], v_W[2], c.stamp)
     if known and quick > 0.0:

@@ -129,7 +129,8 @@ class CoalPairs:
 
     def _gradient(self, pair: int) -> np.ndarray:
         result = self._geometry_data.distanceResults[pair]
-        (nx, ny, nz), (x, y, z) = result.normal, result.getNearestPoint1()
+        (nx, ny, nz) = result.normal
+        (x, y, z) = result.getNearestPoint1()
         wrench = np.array([nx, ny, nz, y * nz - z * ny, z * nx - x * nz, x * ny - y * nx])
         first, second = self._joints[pair]
         row = np.zeros(self._model.nv)
@@ -161,8 +162,10 @@ class CompiledPairs:
         """True where there is a compiler: without, this is slower than coal."""
         distance_kernels.write_distances(self._memory, model, geometry.geometryObjects, pairs)
         self._q: Any = (ctypes.c_double * model.nq)()
-        self._configuration, self._chosen = view(self._q), view(self._memory.chosen)
-        self._value, self._gradient = view(self._memory.value), view(self._memory.gradient)
+        self._configuration = view(self._q)
+        self._chosen = view(self._memory.chosen)
+        self._value = view(self._memory.value)
+        self._gradient = view(self._memory.gradient)
 
     def values(self, q: np.ndarray, pairs: np.ndarray) -> np.ndarray:
         """Distance (n,) [m] of each of the `pairs` (n,) at q (n_q,) [m, rad]."""

@@ -289,12 +289,17 @@ def write_distances(
 
 def _write_solid(solid: gjk.Solid, shape: pin.GeometryObject) -> None:
     half, disk, ball = _sums(shape.geometry)
-    solid.half[:], solid.disk, solid.ball = half, disk, ball
+    solid.half[:] = half
+    solid.disk = disk
+    solid.ball = ball
     solid.size = float(np.hypot(np.hypot(half[0], half[1]) + disk, half[2])) + ball
     solid.joint = int(shape.parentJoint) - 1
     R = shape.placement.rotation.ravel().tolist()
     p = shape.placement.translation.tolist()
-    solid.R_JS[:], solid.p_JS[:], solid.R[:], solid.p[:] = R, p, R, p
+    solid.R_JS[:] = R
+    solid.p_JS[:] = p
+    solid.R[:] = R
+    solid.p[:] = p
 
 
 def _sums(shape: Any) -> tuple[list[float], float, float]:

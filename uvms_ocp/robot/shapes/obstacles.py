@@ -88,7 +88,8 @@ def mesh_shape(
     vertices (n, 3) [m]; triangles (m, 3) indices of vertices. Raises `InvalidInput` for indices of
     no vertex.
     """
-    vertices, triangles = np.asarray(vertices, dtype=float), np.asarray(triangles, dtype=np.int64)
+    vertices = np.asarray(vertices, dtype=float)
+    triangles = np.asarray(triangles, dtype=np.int64)
     if not (triangles.size and triangles.min() >= 0 and triangles.max() < len(vertices)):
         raise InvalidInput(
             f"a mesh of {len(vertices)} vertices needs triangles with indices from 0 below that"

@@ -104,7 +104,8 @@ def case1(
     """
     run = run_options(options)
     origin = start or pose_at((8.5, 38.5, -36.0), (0.0, -0.06, 0.5))
-    point, default = np.asarray(target, dtype=float), np.array([10.8, 37.45, -38.0])
+    point = np.asarray(target, dtype=float)
+    default = np.array([10.8, 37.45, -38.0])
     share, carried, aside = _scaled_to_arm(run.robot)
     goal = way_point or pose_at(
         tuple(default - (1.0 - share) * (default - point)), (0.0, -0.06, 0.5)

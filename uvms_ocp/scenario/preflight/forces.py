@@ -322,7 +322,8 @@ def check_rest(setup: Setup, visits: Sequence[Visit]) -> Iterator[Finding]:
     if not (setup.with_forces and setup.robot.description.thrusters):
         return
     R = rotation_at_rest(setup.robot, setup.start)
-    tilt, (roll, pitch, _) = np.arccos(np.clip(R[2, 2], -1.0, 1.0)), pin.rpy.matrixToRpy(R)
+    tilt = np.arccos(np.clip(R[2, 2], -1.0, 1.0))
+    (roll, pitch, _) = pin.rpy.matrixToRpy(R)
     on = [
         (visit.phase, task)
         for visit in visits

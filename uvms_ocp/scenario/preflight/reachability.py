@@ -157,7 +157,8 @@ class ArmReach:
             error, slope, before = *self._error(X_WB, goal, tried), (error, slope)
             gained = r @ r - (weights * error) @ (weights * error)
             if gained <= 0.0:
-                (error, slope), damping = before, 4.0 * damping
+                (error, slope) = before
+                damping = 4.0 * damping
             else:
                 x = tried
                 damping = max(0.2 * damping, _CONVERGED)

@@ -131,7 +131,8 @@ def _track(name: str, kind: str, time: np.ndarray, values: np.ndarray) -> Animat
         missed = np.abs(values[a] + share * (values[b] - values[a]) - values[a + 1 : b]).max(axis=1)
         if missed.max(initial=0.0) > _MISSED:
             k = a + 1 + int(missed.argmax())
-            keep[k], stretches = True, [*stretches, (a, k), (k, b)]
+            keep[k] = True
+            stretches = [*stretches, (a, k), (k, b)]
     return AnimationTrack(name, kind, frames=time[keep].tolist(), values=values[keep].tolist())
 
 

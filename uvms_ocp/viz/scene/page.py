@@ -141,7 +141,8 @@ def _viewer_in_notebook() -> bool:
     cell = run.get("metadata", {}).get("cellId") or run.get("content", {}).get("code", "")
     message = run.get("header", {}).get("msg_id", "")
     stood = bool(_shown)
-    before, _shown[cell] = _shown.get(cell, message), message
+    before = _shown.get(cell, message)
+    _shown[cell] = message
     return stood and before == message
 
 
@@ -187,13 +188,12 @@ _FROM_THE_SIDE = (0.5, -1.0, 0.45)
 def _still(lines: Sequence[np.ndarray], direction: Sequence[float]) -> str:
     """Draw lines (n, 3) [m], as they are seen from a direction."""
     x, y, z = direction
-    right, up = np.array([-y, x, 0.0]), np.array([-x * z, -y * z, x * x + y * y])
+    right = np.array([-y, x, 0.0])
+    up = np.array([-x * z, -y * z, x * x + y * y])
     plane = np.stack([right / np.linalg.norm(right), up / -np.linalg.norm(up)], axis=1)
     seen = [line @ plane for line in lines]
-    (left, top), (right_end, bottom) = (
-        np.vstack(seen).min(axis=0) - 0.2,
-        np.vstack(seen).max(axis=0) + 0.2,
-    )
+    (left, top) = np.vstack(seen).min(axis=0) - 0.2
+    (right_end, bottom) = np.vstack(seen).max(axis=0) + 0.2
     path = "".join("M" + "L".join(f"{u:.2f} {v:.2f}" for u, v in line) for line in seen)
     width = right_end - left
     height = bottom - top
