@@ -457,7 +457,10 @@ def _generic(origin: Any, arguments: tuple[Any, ...]) -> Kind:
         kinds = tuple(map(_kind_of, arguments))
         return _Several(f"({', '.join(kind.allowed for kind in kinds)})", kinds=kinds)
     if origin is Callable:
-        n = len(arguments[0]) if isinstance(arguments[0], list) else None
+        if isinstance(arguments[0], list):
+            n = len(arguments[0])
+        else:
+            n = None
         return Kind(
             "a function" + ("" if n is None else f" of {n} arguments"),
             lambda value: _is_function(value, n),
@@ -469,7 +472,10 @@ def _generic(origin: Any, arguments: tuple[Any, ...]) -> Kind:
     if origin in (tuple, list, set, frozenset, Sequence, Iterable):
         kind = _kind_of(arguments[0])
         name = "sequence" if origin in (Sequence, Iterable) else origin.__name__
-        each = "" if kind == Kind() else f" of which each is {kind.allowed}"
+        if kind == Kind():
+            each = ""
+        else:
+            each = f" of which each is {kind.allowed}"
         return _Items(f"a {name}{each}", holder=origin, kind=kind)
     if not is_dataclass(origin):
         return _kind_of_class(origin)

@@ -104,7 +104,10 @@ def _checked_class(cls: Any, *, late_constructor: bool = False, late_methods: bo
     for name, member in list(vars(cls).items()):
         if name.startswith("_") and name not in ("__init__", "__call__", "__getitem__"):
             continue
-        kind = type(member) if isinstance(member, (staticmethod, classmethod)) else None
+        if isinstance(member, (staticmethod, classmethod)):
+            kind = type(member)
+        else:
+            kind = None
         function = member.__func__ if kind else member
         if inspect.isfunction(function) and _takes_arguments(function):
             late = late_methods or any(
@@ -209,14 +212,20 @@ class _Arguments:
         lengths = dict(arguments)
         givers = dict[str, str]()
         for name, value in arguments.items():
-            shape = self._kinds[name].among(value).shape if name in self._shaped else None
+            if name in self._shaped:
+                shape = self._kinds[name].among(value).shape
+            else:
+                shape = None
             if shape is not None:
                 exact = shape.among(lengths)
                 if not exact.holds(value):
                     others = dict.fromkeys(
                         givers[length] for length in shape.names if length in givers
                     )
-                    fits = f" to go with {' and '.join(others)}" if others else ""
+                    if others:
+                        fits = f" to go with {' and '.join(others)}"
+                    else:
+                        fits = ""
                     raise InvalidInput(
                         f"{self._called(arguments)}: {name} has shape {np.shape(value)}; give"
                         f" {exact}{fits}"
@@ -308,7 +317,10 @@ def _plain(word: str, scope: dict[str, Any]) -> tuple[str, tuple[Any, ...]]:
         named = getattr(scope.get(module), name, None)
     else:
         named = scope.get(word)
-    thing = eval(word, scope) if word.startswith("Annotated[") and word.endswith("]") else named
+    if word.startswith("Annotated[") and word.endswith("]"):
+        thing = eval(word, scope)
+    else:
+        thing = named
     if get_origin(thing) is not Annotated:
         return word, ()
     base, *extras = get_args(thing)
@@ -363,7 +375,10 @@ def _parameters_of(function: Callable[..., Any]) -> tuple[str, str, dict[str, An
         if by_name and not starred:
             declared.append("*")
         starred = starred or by_name or mark == "*"
-        default = "" if parameter.default is parameter.empty else f"_default_{name}"
+        if parameter.default is parameter.empty:
+            default = ""
+        else:
+            default = f"_default_{name}"
         if default:
             defaults[default] = parameter.default
         declared.append(f"{mark}{name}" + (f"={default}" if default else ""))

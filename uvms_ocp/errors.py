@@ -112,7 +112,10 @@ class RobotDataError(InvalidInput):
         self.path = Path(path)
         self.problems = problems
         n_shown = max(3, sum(length <= _LONGEST for length in accumulate(map(len, problems))))
-        hidden = [f"{len(problems) - n_shown} more"] if len(problems) > n_shown else []
+        if len(problems) > n_shown:
+            hidden = [f"{len(problems) - n_shown} more"]
+        else:
+            hidden = []
         super().__init__(f"{path}: {'; and '.join([*problems[:n_shown], *hidden])}")
 
     @property
@@ -162,7 +165,9 @@ def plain_line(text: str, longest: int | None = None) -> str:
     longest: number of characters after which it is cut.
     """
     plain = " ".join("".join(letter if letter.isprintable() else " " for letter in text).split())
-    return plain if longest is None or len(plain) <= longest else plain[: longest - 1] + "…"
+    if longest is None or len(plain) <= longest:
+        return plain
+    return plain[: longest - 1] + "…"
 
 
 def short(value: object) -> str:
@@ -171,7 +176,9 @@ def short(value: object) -> str:
         text = " ".join(repr(value).split())
     except Exception:
         text = f"a {type(value).__name__}"
-    return text if len(text) <= _SHOWN else f"{text[: _SHOWN - 3]}..."
+    if len(text) <= _SHOWN:
+        return text
+    return f"{text[: _SHOWN - 3]}..."
 
 
 # Outcomes that say what to do about them.

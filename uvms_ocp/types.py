@@ -38,7 +38,9 @@ class Range:
 
     def holds(self, value: float) -> bool:
         """Return whether the value [any] is inside."""
-        return self.low < value < self.high if self.open else self.low <= value <= self.high
+        if self.open:
+            return self.low < value < self.high
+        return self.low <= value <= self.high
 
     def doubt(self, name: str) -> str:
         """Source that is true where the number `name` is not inside; ``_inf`` is infinity."""
@@ -47,7 +49,9 @@ class Range:
 
     def __str__(self) -> str:
         if np.isinf(self.low) and np.isinf(self.high):
-            return ", finite" if self.open else ", not NaN"
+            if self.open:
+                return ", finite"
+            return ", not NaN"
         if np.isinf(self.high):
             if self.open:
                 return f" > {self.low:g}, finite"
@@ -126,7 +130,9 @@ def _length(name: str, values: Mapping[str, object]) -> int | str:
     value = values.get(first if rest else f"{_OF}{name}")
     for part in rest:
         value = getattr(value, part, None)
-    return value if isinstance(value, int) else name
+    if isinstance(value, int):
+        return value
+    return name
 
 
 # Annotations that say more than their type, by name.

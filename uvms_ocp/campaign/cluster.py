@@ -152,7 +152,10 @@ def run_jobs(
     dask(), arrow()
     with ExitStack() as held:
         # Nobody at the address is found out before there is a folder.
-        client = None if scheduler is None else held.enter_context(connected(scheduler, workers))
+        if scheduler is None:
+            client = None
+        else:
+            client = held.enter_context(connected(scheduler, workers))
         folder = held.enter_context(opened(out, identity, sources or {}))
 
         begun = int(np.sum(folder.finished))

@@ -201,7 +201,10 @@ class Dispatch:
         """A task that gave no rows: several runs are tried one by one, one that ended its processes
         is a row.
         """
-        error = future.exception() if future.status == "error" else None
+        if future.status == "error":
+            error = future.exception()
+        else:
+            error = None
         if error is None or len(chunk) > 1:
             self._require_cluster()
             self._alone.extend(chunk)

@@ -306,7 +306,10 @@ def _clearance(scenario: Scenario, record: Record, tool: str | None) -> float | 
     q: Any = record["q"][:: max(1, len(record) // _LOOKS)]
     if not np.isfinite(q).all():
         return None
-    links = None if tool is None else scenario.robot.arm_shapes(tool)
+    if tool is None:
+        links = None
+    else:
+        links = scenario.robot.arm_shapes(tool)
     return closest_approach(
         scenario.robot, scenario.environment, q, floor=False, links=links
     ).distance

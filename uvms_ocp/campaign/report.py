@@ -47,7 +47,9 @@ class Rate:
     @property
     def method(self) -> str:
         """Wilson's interval, or the exact one of Clopper and Pearson where either kind is rare."""
-        return "Clopper-Pearson" if min(self.number, self.runs - self.number) < _FEW else "Wilson"
+        if min(self.number, self.runs - self.number) < _FEW:
+            return "Clopper-Pearson"
+        return "Wilson"
 
     @property
     def interval(self) -> tuple[float, float]:
@@ -163,7 +165,10 @@ def _of_figure(
     known = np.isfinite(y)
     ranks = _ranks(X[known], y[known])
     pawn = _pawn(X[known], y[known])
-    shares = _sobol(y, len(parameters)) if indices else {}
+    if indices:
+        shares = _sobol(y, len(parameters))
+    else:
+        shares = {}
     return [
         {
             "figure": name,
@@ -248,7 +253,10 @@ def parse_bounds(texts: Sequence[str]) -> tuple[MetricBound, ...]:
 def _parse(text: str) -> MetricBound:
     found = re.fullmatch(r"\s*(\w+(?:\[[^\]]*\])?)\s*([<>])\s*([-+.\deE]+)\s*", text)
     try:
-        name, sign, limit = found.groups() if found else ("", "", "")
+        if found:
+            name, sign, limit = found.groups()
+        else:
+            name, sign, limit = ("", "", "")
         value = float(limit)
     except ValueError:
         raise InvalidInput(

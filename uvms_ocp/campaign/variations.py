@@ -291,7 +291,9 @@ def _velocity(scenario: Scenario) -> np.ndarray:
 def _base(scenario: Scenario) -> Current:
     """The current without its gusts."""
     current = scenario.environment.current
-    return current.base if isinstance(current, GustyCurrent) else current
+    if isinstance(current, GustyCurrent):
+        return current.base
+    return current
 
 
 def _flowing(scenario: Scenario, velocity: np.ndarray) -> Scenario:
@@ -571,7 +573,10 @@ def vary(
     own = {v.name: v.apply for v in variations if v.apply is not None}
     for name in [name for name in values if name not in own]:
         require_known("parameter in values", name, known)
-    changed = scenario if seed is None else seeded(scenario, seed)
+    if seed is None:
+        changed = scenario
+    else:
+        changed = seeded(scenario, seed)
     asked = {
         name: parameter.apply
         for name, parameter in known.items()

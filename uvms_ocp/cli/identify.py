@@ -100,7 +100,10 @@ def read_recordings(paths: list[Path], mapping: Path | None) -> list[Recording]:
     """All of them, by one mapping where they need one. Raises InvalidInput, NameNotFound and
     NotInstalled.
     """
-    given = None if mapping is None else read_mapping(mapping)
+    if mapping is None:
+        given = None
+    else:
+        given = read_mapping(mapping)
     return [read_recording(path, given) for path in paths]
 
 

@@ -83,13 +83,19 @@ class NewMission:
         )
         swim = "swim to a way point"
         if not self.robot.n_vehicle:
-            return bring if self.tools else "hold the posture"
-        return f"{swim}, then {bring}" if self.tools else swim
+            if self.tools:
+                return bring
+            return "hold the posture"
+        if self.tools:
+            return f"{swim}, then {bring}"
+        return swim
 
     @property
     def tools(self) -> tuple[str, ...]:
         """Frames of the tools that joints move, or the vehicle."""
-        return self.robot.tools if self.robot.n_joints else ()
+        if self.robot.n_joints:
+            return self.robot.tools
+        return ()
 
     @property
     def held(self) -> Mapping[str, limits.Joint]:
@@ -166,7 +172,9 @@ class NewMission:
         x, _, z = [_START[axis] if axis in self.missing else _WAY_POINT[axis] for axis in range(3)]
         if self.turns_first:
             return (x, _WAY_POINT[1], z), round(float(np.arctan2(_WAY_POINT[1], x)), 3)
-        return ((x, 0.0, z), 0.0) if {0, 1, 2} & set(self.missing) else (_WAY_POINT, _YAW)
+        if {0, 1, 2} & set(self.missing):
+            return ((x, 0.0, z), 0.0)
+        return (_WAY_POINT, _YAW)
 
     def _targets(self, goal: np.ndarray) -> list[tuple[float, ...]]:
         """Positions [m] in W that the tools can reach."""
@@ -241,7 +249,10 @@ class NewMission:
         for name, tool, target in zip(
             self._numbered("TP", ""), self.tools, self._numbered("TARGET"), strict=True
         ):
-            which = "" if len(self.tools) == 1 else f'name="{name}", frame={_quoted(tool)}, '
+            if len(self.tools) == 1:
+                which = ""
+            else:
+                which = f'name="{name}", frame={_quoted(tool)}, '
             yield f"ToolPosition({which}goal=uo.pose_at({target})),", name
         if robot.n_vehicle:
             yield (

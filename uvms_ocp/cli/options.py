@@ -316,7 +316,9 @@ def default_folder(parts: Sequence[str], options: Mapping[str, Any]) -> Path:
 
 def _word(name: str, value: Any) -> str:
     if isinstance(value, bool):
-        return name if value else f"no_{name}"
+        if value:
+            return name
+        return f"no_{name}"
     if name == "faults":
         return "-".join(
             re.sub(r"\W", "_", str(fault).replace("-", "to").replace(".", "p")) for fault in value

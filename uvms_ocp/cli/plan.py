@@ -260,7 +260,10 @@ def _print_motion(console: Console, made: PlanOutput) -> None:
         )
         console.print(plain_line(text), style="yellow")
     if report.get("peak_thrust_n") is not None:
-        energy = "- J (not known)" if report["energy_j"] is None else f"{report['energy_j']:.0f} J"
+        if report["energy_j"] is None:
+            energy = "- J (not known)"
+        else:
+            energy = f"{report['energy_j']:.0f} J"
         console.print(f"{energy}, thrust up to {report['peak_thrust_n']:.0f} N")
 
 
@@ -316,7 +319,10 @@ def _print_mission(console: Console, made: PlanOutput) -> None:
     report = made.report
     if made.save is not None:
         console.print(table_of(f"{report['scenario']} as one problem", report["phases"], _COLUMNS))
-        energy = "- J (not known)" if report["energy_j"] is None else f"{report['energy_j']:.0f} J"
+        if report["energy_j"] is None:
+            energy = "- J (not known)"
+        else:
+            energy = f"{report['energy_j']:.0f} J"
         greedy = f"greedy {report['greedy_duration_s']:.1f} s"
         console.print(
             f"{report['duration_s']:.1f} s ({greedy}), {energy}, thrust up to"

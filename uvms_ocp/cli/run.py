@@ -178,7 +178,10 @@ def run(
     scenario = opt.build_scenario(name, options, solver)
     from uvms_ocp.sim.own_parts import plant_name
 
-    plan = None if follow is None else _plan_of(scenario, follow)
+    if follow is None:
+        plan = None
+    else:
+        plan = _plan_of(scenario, follow)
     parts = (
         opt.label(name),
         plant_name(scenario.plant),
@@ -229,7 +232,9 @@ def run_and_write(
     """
     running = out / RUNNING
     names = (RECORD, "report.json", "scene.html", *(f"figures/{name}.png" for name in RUN_NAMES))
-    wanted = (SCENE, *RUN_NAMES) if drawn is None else tuple(drawn)
+    wanted: tuple[str, ...] = (SCENE, *RUN_NAMES)
+    if drawn is not None:
+        wanted = tuple(drawn)
     with claim_folder(out, names) as claim, drawer(wanted=bool(wanted)) as draw:
         preflight = scenario.check()
         printing.require_accepted(preflight, scenario.name, console, force=force)
@@ -352,7 +357,10 @@ def _write(
     module: str, function: str, record: Record | Path, *given: object, **named: object
 ) -> None:
     """Load what draws, and a record of which the path is given, where it is called."""
-    whole = Record.load(record) if isinstance(record, Path) else record
+    if isinstance(record, Path):
+        whole = Record.load(record)
+    else:
+        whole = record
     getattr(import_module(f"uvms_ocp.viz.{module}"), function)(whole, *given, **named)
 
 
@@ -406,7 +414,10 @@ def _print_summary(console: Console, report: dict[str, Any], paths: list[Path]) 
 def _print_what_went_wrong(console: Console, report: dict[str, Any]) -> None:
     """Faults that were asked for, and what the robot said; a line each."""
     for fault in report["faults"]:
-        until = "" if fault["end"] is None else f" to {fault['end']:g} s"
+        if fault["end"] is None:
+            until = ""
+        else:
+            until = f" to {fault['end']:g} s"
         console.print(f"fault from {fault['t']:g} s{until}: {fault['text']}", style="yellow")
     for alarm in report["alarms"]:
         console.print(plain_line(f"alarm at {alarm['t']:.2f} s: {alarm['text']}"), style="yellow")
@@ -437,7 +448,10 @@ def _active_errors(phase: dict[str, Any]) -> Iterator[str]:
         if task in phase["tasks"] and "error" in quantity:
             allowed = phase["sensors_allow"].get(name)
             true = printing.cell(phase["true_errors"].get(name))
-            beside = "" if allowed is None else f", true {true}, sensors allow {allowed:.2g}"
+            if allowed is None:
+                beside = ""
+            else:
+                beside = f", true {true}, sensors allow {allowed:.2g}"
             yield f"{name} {printing.cell(value)}{beside}"
 
 

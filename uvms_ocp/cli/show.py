@@ -335,7 +335,10 @@ def _file_at(path: Path, names: tuple[str, ...], advice: str) -> Path:
     recover_folder(path if path.is_dir() else path.parent)
     if (path / RUNNING / row_files.META).is_file():
         return path / RUNNING
-    found = [path / name for name in names if (path / name).is_file()] if path.is_dir() else [path]
+    if path.is_dir():
+        found = [path / name for name in names if (path / name).is_file()]
+    else:
+        found = [path]
     if not found:
         raise InvalidInput(f"{path}: holds no {' or '.join(names)}; give {advice}")
     return found[0]

@@ -95,7 +95,10 @@ def require_numbers(
     shape: that it has to have.
     """
     if value is None or value.shape != shape:
-        given = "None" if value is None else f"of shape {value.shape}"
+        if value is None:
+            given = "None"
+        else:
+            given = f"of shape {value.shape}"
     elif value.dtype != float:  # of which the record would keep the whole part alone
         given = f"of type {value.dtype}"
     elif not np.isfinite(value).all():

@@ -460,7 +460,10 @@ class LoadLearner:
         )
         # What is no number would never be forgotten.
         follows = self._ticks > 0 and bool(np.isfinite(self._velocity - was).all())
-        self._acceleration = (self._velocity - was) / self._dt if follows else np.zeros_like(was)
+        if follows:
+            self._acceleration = (self._velocity - was) / self._dt
+        else:
+            self._acceleration = np.zeros_like(was)
         known = [
             load.weight if abs(load.weight) > _CERTAIN * load.weight_error else 0.0
             for load in self.loads

@@ -145,7 +145,9 @@ class PlanGuide:
     @property
     def bandwidth(self) -> float:
         """Bandwidth of the velocity loop, all of it once the plan is left."""
-        return 1.0 if self._left else self._tuning.bandwidth
+        if self._left:
+            return 1.0
+        return self._tuning.bandwidth
 
     def __call__(
         self, tick: TickInputs, feedback: ActuationFeedback, waiting: Callable[[], str]

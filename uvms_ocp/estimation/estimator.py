@@ -79,7 +79,10 @@ def _write_vehicle_outputs(m: filtering.FilterMemory) -> None:
     vehicle_model.predict_measurement(m, ChannelIndex.ALTIMETER_RANGE, filtering.MAIN)
     has_floor = s.h[1] > STEEP and m.now - m.echo <= m.echo_memory
     m.range[0] = s.h[0] / s.h[1] if has_floor else math.nan
-    m.range[1] = math.sqrt(max(s.S[0][0], 0.0)) / s.h[1] if has_floor else math.nan
+    if has_floor:
+        m.range[1] = math.sqrt(max(s.S[0][0], 0.0)) / s.h[1]
+    else:
+        m.range[1] = math.nan
 
 
 # Which channels an estimate needs, and how old they are.
@@ -267,7 +270,10 @@ class Estimator(TableDisplay):
         specs = specs or SensorSpecs()
         tuning = tuning or EstimatorTuning()
         altimeter_frame = altimeter_frame or robot.description.altimeter
-        frame = None if specs.altimeter_range is None or not robot.n_vehicle else altimeter_frame
+        if specs.altimeter_range is None or not robot.n_vehicle:
+            frame = None
+        else:
+            frame = altimeter_frame
         self._n_vehicle = robot.n_vehicle
         self.structure = filtering.filter_memory(robot.n_joints)
         """Memory of the kernels, a `FilterMemory`."""
@@ -278,7 +284,10 @@ class Estimator(TableDisplay):
             memory.needed[NUMBER[name]] = 1.0
         self.has_range = frame is not None
         """There is an altimeter."""
-        self._beam = None if frame is None else AltimeterMount(robot, frame, memory)
+        if frame is None:
+            self._beam = None
+        else:
+            self._beam = AltimeterMount(robot, frame, memory)
         self._chart = JointChart(robot, memory)
         self._joints = self._chart.configuration()
         (self.tick,) = kernels.bind_kernels(
@@ -434,7 +443,10 @@ class Estimator(TableDisplay):
         if self._n_vehicle:
             q = np.concatenate([memory.x[Part.PLACE : Part.SPEED], memory.turn, q])
             v = np.concatenate([memory.twist, v])
-        echo, echo_std = memory.range.tolist() if self.has_range else (math.nan, math.nan)
+        if self.has_range:
+            echo, echo_std = memory.range.tolist()
+        else:
+            echo, echo_std = (math.nan, math.nan)
         age, joint_age = memory.age.tolist()
         return signals.unchecked_estimate(
             q=q,

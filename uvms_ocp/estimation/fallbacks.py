@@ -100,7 +100,9 @@ def freshness_of(age: float, hold_after: float, stop_after: float) -> int:
     """
     if age <= hold_after:
         return Freshness.FRESH
-    return Freshness.STALE if age <= stop_after else Freshness.LOST
+    if age <= stop_after:
+        return Freshness.STALE
+    return Freshness.LOST
 
 
 _TEXTS = {
@@ -298,7 +300,10 @@ def echo_range(
     m.floor = floor
     m.place[0] = m.beam[0]
     m.place[1] = m.beam[1]
-    m.highest = max(floor, faded) if math.isfinite(faded) else floor
+    if math.isfinite(faded):
+        m.highest = max(floor, faded)
+    else:
+        m.highest = floor
     return echo
 
 
@@ -313,7 +318,10 @@ def range_to_last_floor(m: AltimeterMemory, unknown: float) -> float:
     """
     if not m.exists:
         return 0.0
-    height = max(0.0, m.beam[2] - m.floor) if math.isfinite(m.floor) else unknown
+    if math.isfinite(m.floor):
+        height = max(0.0, m.beam[2] - m.floor)
+    else:
+        height = unknown
     return height / math.copysign(max(abs(m.beam[3]), _LEVEL), m.beam[3])
 
 

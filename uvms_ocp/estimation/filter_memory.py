@@ -46,7 +46,9 @@ N_CHANNELS = len(ChannelIndex)
 
 def rows_of(c: int) -> int:
     """Entries of one reading of a channel; of one joint. A kernel, as the next."""
-    return 3 if c <= ChannelIndex.SPECIFIC_FORCE and c != ChannelIndex.DEPTH else 1
+    if c <= ChannelIndex.SPECIFIC_FORCE and c != ChannelIndex.DEPTH:
+        return 3
+    return 1
 
 
 def orders_of(c: int) -> int:
@@ -54,7 +56,9 @@ def orders_of(c: int) -> int:
     if c == ChannelIndex.SPECIFIC_FORCE:
         return 0
     velocity = c == ChannelIndex.ANGULAR_VELOCITY or c == ChannelIndex.LINEAR_VELOCITY
-    return 1 if velocity or c == ChannelIndex.JOINT_VELOCITIES else 2
+    if velocity or c == ChannelIndex.JOINT_VELOCITIES:
+        return 1
+    return 2
 
 
 class Part(IntEnum):
@@ -386,7 +390,10 @@ def initialise(
     structure.echo = -math.inf
     structure.jerk_share = 1.0
     noisy = memory.sigma[ChannelIndex.LINEAR_VELOCITY] > _SMALLEST_SIGMA
-    structure.least_jerk_share = _LEAST_JERK_SHARE if structure.guided and noisy else 1.0
+    if structure.guided and noisy:
+        structure.least_jerk_share = _LEAST_JERK_SHARE
+    else:
+        structure.least_jerk_share = 1.0
     memory.drive[ProcessNoise.JERK] = tuning.jerk
     memory.drive[ProcessNoise.ANGULAR_JERK] = tuning.angular_jerk
     (
@@ -407,7 +414,10 @@ def _agility(robot: Robot) -> np.ndarray:
     """
     limits = 2.0 * np.minimum(robot.limits.acceleration, _MOST_AGILE)
     joint = float(limits[robot.joint_v].max(initial=0.0))
-    linear, angular = (limits[:3].max(), limits[3:6].max()) if robot.n_vehicle else (0.0, 0.0)
+    if robot.n_vehicle:
+        linear, angular = (limits[:3].max(), limits[3:6].max())
+    else:
+        linear, angular = (0.0, 0.0)
     return np.array([angular, angular, linear, linear, linear, linear, linear, joint, joint])
 
 

@@ -123,18 +123,24 @@ def _ingest(m: FilterMemory, c: int) -> None:
 
 def _predicted(m: FilterMemory, j: int, k: int, slot: int) -> float:
     """Return the predicted measurement of channel k at the clone, -1 for now."""
-    return m.joint_x[j][k] if slot < 0 else m.joint_h[j][slot]
+    if slot < 0:
+        return m.joint_x[j][k]
+    return m.joint_h[j][slot]
 
 
 def _rate(m: FilterMemory, j: int, k: int, slot: int) -> float:
     """Return how fast that changes [per s]."""
     now = 0.0 if k != 0 else m.joint_x[j][1]
-    return now if slot < 0 else m.joint_rate[j][slot]
+    if slot < 0:
+        return now
+    return m.joint_rate[j][slot]
 
 
 def _rate_variance(m: FilterMemory, j: int, k: int, slot: int) -> float:
     now = 0.0 if k != 0 else m.joint_P[j][1][1]
-    return now if slot < 0 else m.joint_rate_variance[j][slot]
+    if slot < 0:
+        return now
+    return m.joint_rate_variance[j][slot]
 
 
 def _gate(m: FilterMemory, c: int, slot: int, delta: float) -> None:

@@ -99,7 +99,9 @@ def nearest_clone(m: FilterMemory, c: int, owner: Vector, taken: Vector, slots: 
             nearest = abs(m.stamp[c] - taken[slot])
     if best >= 0:
         reach += m.apart[c]
-    return best if nearest <= reach else NONE
+    if nearest <= reach:
+        return best
+    return NONE
 
 
 def is_due(m: FilterMemory, c: int) -> bool:
@@ -146,7 +148,10 @@ def time_since_accepted(m: FilterMemory, c: int) -> float:
 
     Of depths, since the last of a fix, too: both tell the height.
     """
-    used = max(m.used[c], m.used[ChannelIndex.POSITION]) if c == ChannelIndex.DEPTH else m.used[c]
+    if c == ChannelIndex.DEPTH:
+        used = max(m.used[c], m.used[ChannelIndex.POSITION])
+    else:
+        used = m.used[c]
     return min(filtering.LONGEST_LAG, max(m.stamp[c] - used, 0.0)) + _SURPRISE
 
 
@@ -171,7 +176,9 @@ def jolt_allowance(m: FilterMemory, c: int) -> float:
     """
     grown = _OUTGROWN * m.surprise[c] * math.exp(-(m.stamp[c] - m.used[c]) / _FADING)
     moved = max(grown, _moved(c, m.jolt[c], min(max(m.dt, m.period[c]), filtering.JOLT_TIME)))
-    return moved * moved / 25.0 if m.jolt[c] > 0.0 else 0.0
+    if m.jolt[c] > 0.0:
+        return moved * moved / 25.0
+    return 0.0
 
 
 def _moved(c: int, acceleration: float, time: float) -> float:
@@ -240,7 +247,9 @@ def _corrected_by(c: int) -> int:
         return Part.ACCELERATION
     if c == ChannelIndex.ALTIMETER_RANGE:
         return Part.FLOOR
-    return Part.PLACE if c == ChannelIndex.POSITION else Part.PLACE + 2
+    if c == ChannelIndex.POSITION:
+        return Part.PLACE
+    return Part.PLACE + 2
 
 
 def _is_blind(m: FilterMemory, c: int) -> bool:
@@ -378,7 +387,10 @@ def _gate(m: FilterMemory, c: int, slot: int, delta: float) -> None:
     )
     if believed:
         m.since[c] = math.nan
-        m.surprise[c] = math.sqrt(size) if squared > m.gate[c] else 0.0
+        if squared > m.gate[c]:
+            m.surprise[c] = math.sqrt(size)
+        else:
+            m.surprise[c] = 0.0
         if squared > m.gate[c]:
             _inflate_surprised(m, c, size)
             vehicle.recall_measurement(m, c, slot, vehicle.active(m))
@@ -427,7 +439,10 @@ def _innovation(m: FilterMemory, c: int, delta: float, nu: Vector) -> None:
     for i in range(4):
         error[i] *= scale
     sine = math.sqrt(error[0] * error[0] + error[1] * error[1] + error[2] * error[2])
-    share = 2.0 * math.atan2(sine, error[3]) / sine if sine > 1e-6 else 2.0
+    if sine > 1e-6:
+        share = 2.0 * math.atan2(sine, error[3]) / sine
+    else:
+        share = 2.0
     for i in range(3):
         nu[i] = share * error[i]
 
@@ -499,7 +514,10 @@ def _inflate_surprised(m: FilterMemory, c: int, squared: float) -> None:
     The bias of DVLs is not in doubt by their own readings: fixes are too rough to find it again
     soon.
     """
-    time = time_since_accepted(m, c) if filtering.orders_of(c) > 1 else 1.0
+    if filtering.orders_of(c) > 1:
+        time = time_since_accepted(m, c)
+    else:
+        time = 1.0
     if c <= ChannelIndex.ANGULAR_VELOCITY:
         bias = int(Part.GYRO_BIAS)
     else:
@@ -540,7 +558,10 @@ def _inflate_own(m: FilterMemory, c: int, variance: float, rate: float) -> None:
         if m.owner[slot] == c:
             for i in range(rows):
                 for j in range(rows):
-                    own = 0.0 if i != j else -1.0 if c == ChannelIndex.ALTIMETER_RANGE else 1.0
+                    if i != j:
+                        own = 0.0
+                    else:
+                        own = -1.0 if c == ChannelIndex.ALTIMETER_RANGE else 1.0
                     s.HP[j][MAIN + 3 * slot + i] = R[3 * j + i] if in_body else own
     u = s.HP[0]
     v = s.HP[1]

@@ -85,7 +85,10 @@ def turn_by(q: Vector, by: Vector) -> None:
     squared = by[0] * by[0] + by[1] * by[1] + by[2] * by[2]
     angle = math.sqrt(squared)
     e = zeros(4)
-    share = math.sin(angle / 2.0) / angle if angle > 1e-4 else 0.5 - squared / 48.0
+    if angle > 1e-4:
+        share = math.sin(angle / 2.0) / angle
+    else:
+        share = 0.5 - squared / 48.0
     for i in range(3):
         e[i] = share * by[i]
     e[3] = math.cos(angle / 2.0)
@@ -183,7 +186,9 @@ def response_variance(m: FilterMemory, change: float) -> float:
     to the asked acceleration: a share of a step, however it is divided into ticks.
     """
     drive = m.drive[ProcessNoise.REPLY] * change
-    return drive * drive / m.dt if m.dt > 0.0 else 0.0
+    if m.dt > 0.0:
+        return drive * drive / m.dt
+    return 0.0
 
 
 # The process model: constant jerk, in the W of positions and the B of rotations.

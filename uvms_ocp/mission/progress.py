@@ -136,7 +136,10 @@ def measure_own(m: MissionMemory, t: float, load: float, spent: float, quantitie
     if m.own[1] != NONE:
         quantities[m.own[1]] = t - m.since
     if m.own[2] != NONE:
-        visits = 1.0 if m.phase == 0 or m.given_up else 0.0
+        if m.phase == 0 or m.given_up:
+            visits = 1.0
+        else:
+            visits = 0.0
         for i in range(len(m.to)):
             visits += m.fired[i] if m.to[i] == m.phase else 0.0
         quantities[m.own[2]] = visits

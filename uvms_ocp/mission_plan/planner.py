@@ -577,7 +577,9 @@ class _Search:
             if plan.status.usable:
                 return self._apart(plan, limit)
         quickest = self._plan(self._freely, self._posed, _HURRY, self._posed.guess, DAY)
-        return quickest if quickest.status.usable else plan
+        if quickest.status.usable:
+            return quickest
+        return plan
 
     @cached_property
     def _freely(self) -> Planner:
@@ -594,7 +596,9 @@ class _Search:
         if not easier.status.usable:
             return plan
         other = self._plan(self._freely, posed, MissionWeights(), easier.trajectory, limit)
-        return other if other.status.usable else plan
+        if other.status.usable:
+            return other
+        return plan
 
     def _apart(self, plan: Plan, limit: float) -> Plan:
         """Near a plan, one that keeps links apart, with rows for those alone that come near; else

@@ -119,7 +119,9 @@ def _is_kept(task: Task, asked: Collection[str], before: Collection[str]) -> boo
     one waits for it.
     """
     established = task.name not in asked or task.name in before
-    return established if is_prerequisite(task) else task.task_class <= TaskClass.SAFETY
+    if is_prerequisite(task):
+        return established
+    return task.task_class <= TaskClass.SAFETY
 
 
 def _kept_otherwise(task: Task) -> bool:
@@ -297,7 +299,10 @@ def horizon_segments(
         before = {task.name for task in on if is_prerequisite(task)}
         moving = goals_end_time(phase, on)
         hold = out.hold
-        every = min(step, _FOLLOWED) if moving else step
+        if moving:
+            every = min(step, _FOLLOWED)
+        else:
+            every = step
         begin = greedy.begins[k]
         entered = _entered(greedy, k, kept)
         end = greedy.begins[k + 1]

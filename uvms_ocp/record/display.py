@@ -55,10 +55,16 @@ class SmallTable:
 
     def html(self) -> str:
         """The same as a table; names are text, whatever they hold."""
-        head = f"<thead>{_row('th', self.head)}</thead>" if self.head else ""
+        if self.head:
+            head = f"<thead>{_row('th', self.head)}</thead>"
+        else:
+            head = ""
         rows = "".join(_row("td", row) for row in self._shown())
         rest = "".join(f"<p>{escape(line)}</p>" for line in self._rest())
-        words = f"<p>{escape(plain_line(self.words))}</p>" if self.words else ""
+        if self.words:
+            words = f"<p>{escape(plain_line(self.words))}</p>"
+        else:
+            words = ""
         return f"<b>{escape(self.title)}</b>{words}<table>{head}<tbody>{rows}</tbody></table>{rest}"
 
     def _shown(self) -> Sequence[tuple[str, ...]]:
@@ -66,7 +72,9 @@ class SmallTable:
 
     def _rest(self) -> tuple[str, ...]:
         more = len(self.rows) - _MOST_ROWS
-        return (f"{_GAP}and {more} more",) if more > 0 else ()
+        if more > 0:
+            return (f"{_GAP}and {more} more",)
+        return ()
 
 
 def rows_of(values: Mapping[str, Any]) -> tuple[tuple[str, str], ...]:
@@ -85,7 +93,9 @@ def cell(value: Any) -> str:
 
 def _cut(line: str) -> str:
     plain = "".join(letter if letter.isprintable() else " " for letter in line)
-    return plain if len(plain) <= WIDTH else plain[: WIDTH - 1] + "…"
+    if len(plain) <= WIDTH:
+        return plain
+    return plain[: WIDTH - 1] + "…"
 
 
 def _row(cell: str, row: Sequence[str]) -> str:
@@ -116,7 +126,10 @@ class TableRows(TableDisplay, list[dict[str, Any]]):
     __slots__ = ()
 
     def _table(self) -> SmallTable:
-        head = tuple(self[0]) if self else ()
+        if self:
+            head = tuple(self[0])
+        else:
+            head = ()
         rows = tuple(tuple(cell(row.get(name)) for name in head) for row in self)
         return SmallTable(
             title=f"{len(self)} rows",
@@ -161,7 +174,10 @@ def format_value(value: Any) -> str:
     if isinstance(value, (tuple, list)):
         if any(isinstance(item, Mapping) for item in value):
             return f"{len(value)} rows"
-        more = f" and {len(value) - _FEW} more" if len(value) > _FEW else ""
+        if len(value) > _FEW:
+            more = f" and {len(value) - _FEW} more"
+        else:
+            more = ""
         return (", ".join(map(format_value, value[:_FEW])) or "none") + more
     if isinstance(value, Enum):
         return str(value.value)
@@ -171,7 +187,10 @@ def format_value(value: Any) -> str:
     if isinstance(value, float):
         words = f"{value:.4g}"
     else:
-        words = str(value) if isinstance(value, str) else repr(value)
+        if isinstance(value, str):
+            words = str(value)
+        else:
+            words = repr(value)
     if "\n" in words or " at 0x" in words or len(words) > _LONGEST:
         return type(value).__name__
     return words

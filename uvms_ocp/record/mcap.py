@@ -170,7 +170,10 @@ def cdr_messages(n: int, parts: Iterable[Part]) -> np.ndarray:
     blocks = [np.tile(_HEAD, (n, 1))]
     size = 0
     for part in parts:
-        text = np.frombuffer(part.encode() + b"\0", dtype="u1") if isinstance(part, str) else None
+        if isinstance(part, str):
+            text = np.frombuffer(part.encode() + b"\0", dtype="u1")
+        else:
+            text = None
         for values in (part,) if text is None else (np.array([len(text)], dtype="u4"), text):
             rows = np.broadcast_to(values, (n, np.shape(values)[-1]))
             gap = -size % rows.itemsize if rows.shape[1] else 0
@@ -201,7 +204,10 @@ def field_names(columns: Sequence[str]) -> list[str]:
     found: list[str] = []
     for column in columns:
         plain = re.sub(r"\W+|__+", "_", column, flags=re.ASCII).strip("_")
-        plain = plain if plain[:1].isalpha() else f"c{plain}"
+        if plain[:1].isalpha():
+            plain = plain
+        else:
+            plain = f"c{plain}"
         found.append(plain if plain not in found else f"{plain}_{len(found) + 1}")
     return found
 
@@ -224,7 +230,9 @@ def values_of(messages: Sequence[Any], dtype: str, n_axes: int) -> np.ndarray:
         fields = [field.name for field in messages[0].DESCRIPTOR.fields]
         rows = [[getattr(message, field) for field in fields] for message in messages]
     found = np.array(rows, dtype=stored).astype(wanted)
-    return found[:, 0] if n_axes == 1 else found
+    if n_axes == 1:
+        return found[:, 0]
+    return found
 
 
 # What ROS 2 and Foxglove know by themselves: poses as transforms and odometry, states of joints,

@@ -90,7 +90,10 @@ def check_series(series: Series, meta: RunMeta | PlanMeta) -> None:
             if most == least:
                 columns = f"{least}"
             else:
-                columns = f"{least} or more" if most == np.inf else f"{least} to {most:g}"
+                if most == np.inf:
+                    columns = f"{least} or more"
+                else:
+                    columns = f"{least} to {most:g}"
             shape = series[name].shape
             raise InvalidInput(
                 f"series {name!r} has shape {shape}; its metadata allow {shape[0]} rows of"
@@ -151,7 +154,10 @@ def _check_sizes(name: str, array: np.ndarray, t: np.ndarray) -> None:
     if name in _UNKNOWN:
         allowed = np.isnan(array)
     else:
-        allowed = ~there if name in _ENDLESS else np.zeros_like(there)
+        if name in _ENDLESS:
+            allowed = ~there
+        else:
+            allowed = np.zeros_like(there)
     if not (there | allowed).all():
         raise InvalidInput(
             f"series {name!r} has NaN or infinity at t = {_first_wrong(t, there | allowed):g} s;"
@@ -253,7 +259,10 @@ def _check_health(series: Series, meta: RunMeta | PlanMeta) -> None:
     if "health" not in series:
         return
     values = series["health"]
-    n = len(meta.channels) if isinstance(meta, RunMeta) else 0
+    if isinstance(meta, RunMeta):
+        n = len(meta.channels)
+    else:
+        n = 0
     columns = values.ndim == 2 and values.shape[1] == n and values.dtype.kind in "iu"
     if not columns or (values.size and not 0 <= values.min() <= values.max() <= _WORST_HEALTH):
         given = f"series 'health' is {values.dtype} of shape {values.shape}"
@@ -363,7 +372,10 @@ class Record(display.TableDisplay):
         ):
             for name, array in {_META_KEY: text, **self.series}.items():
                 whole = np.atleast_1d(array)
-                archive.compression = ZIP_DEFLATED if small and _packs_well(whole) else ZIP_STORED
+                if small and _packs_well(whole):
+                    archive.compression = ZIP_DEFLATED
+                else:
+                    archive.compression = ZIP_STORED
                 with archive.open(f"{name}.npy", "w", force_zip64=True) as file:
                     header = np.lib.format.header_data_from_array_1_0(array) | {
                         "fortran_order": False
@@ -442,7 +454,10 @@ class Record(display.TableDisplay):
         else:
             period = {}
         with as_input_errors(Path(urdf or "")):
-            text = None if urdf is None else read_text(Path(urdf), SMALL)
+            if urdf is None:
+                text = None
+            else:
+                text = read_text(Path(urdf), SMALL)
         mcap.to_mcap(chosen, self.meta.model_copy(update=period), Path(path), text)
 
     @staticmethod
@@ -628,7 +643,9 @@ class Recorder:
     @property
     def room(self) -> int:
         """Rows that may be written there before they are `filled` in."""
-        return 1 if self._n == 0 and self._every > 1 else self._capacity - self.place
+        if self._n == 0 and self._every > 1:
+            return 1
+        return self._capacity - self.place
 
     def filled(self, n: int) -> None:
         """Add so many rows, at most `room`, that were written into the block."""

@@ -327,7 +327,10 @@ def _model(values: dict[str, Any]) -> type[RunMeta] | type[PlanMeta]:
 
 def _from_0_1(values: dict[str, Any]) -> dict[str, Any]:
     """The same in this format; what is damaged stays as it is and is refused later."""
-    kind = "run" if "completed" in values else "plan" if "min_clearance" in values else "none"
+    if "completed" in values:
+        kind = "run"
+    else:
+        kind = "plan" if "min_clearance" in values else "none"
     named = {
         "markers": "position",
         "frames": "pose",
@@ -358,4 +361,6 @@ def _nearest(values: Any) -> Any:
     if not (isinstance(values, list) and len(values) == 3):
         return values
     nearest = dict(zip(("t", "distance", "between"), values, strict=True))
-    return None if nearest["distance"] == float("inf") else nearest
+    if nearest["distance"] == float("inf"):
+        return None
+    return nearest

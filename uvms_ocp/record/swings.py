@@ -170,7 +170,10 @@ class SwingWatch:
             return []
         known = np.array(self._errors)
         waiting = {name: (known[:, k], limit) for k, (name, limit) in limits.items()}
-        tilts = tilts_of(np.array(self._q)) if self._floating else {}
+        if self._floating:
+            tilts = tilts_of(np.array(self._q))
+        else:
+            tilts = {}
         new = [
             swing
             for swing in swings_among(waiting, tilts, self._dt)

@@ -107,7 +107,10 @@ def unit_of(name: str, part: str = "", meta: Any = None) -> str:
     if name not in SERIES:
         return of_joints(QUANTITIES.get(name.rpartition(".")[2], "-"), _slides(meta))
     units = SERIES[name].units
-    found = [units[part]] if part in units else [*units.values()]
+    if part in units:
+        found = [units[part]]
+    else:
+        found = [*units.values()]
     return ", ".join(of_joints(unit, _slides(meta)) for unit in found)
 
 
@@ -118,7 +121,9 @@ def of_joints(unit: str, slides: Sequence[bool]) -> str:
     turning, _, sliding = unit.partition(" or ")
     if not sliding or len(set(slides)) != 1:
         return unit
-    return sliding if slides[0] else turning
+    if slides[0]:
+        return sliding
+    return turning
 
 
 def _slides(meta: Any, *joints: str) -> list[bool]:
@@ -131,7 +136,9 @@ def _slides(meta: Any, *joints: str) -> list[bool]:
 
 def meaning_of(name: str) -> str:
     """Return the meaning of a series; empty where nobody says."""
-    return SERIES[name].meaning if name in SERIES else ""
+    if name in SERIES:
+        return SERIES[name].meaning
+    return ""
 
 
 def column_names(name: str, width: int, meta: Any) -> list[str]:
@@ -171,8 +178,14 @@ def _columns(name: str, width: int, meta: Any) -> list[str]:
             several = [word]
         found += [getattr(one, "name", one) for one in several]
     if len(found) != width:  # such as a fixed base, whose configuration is its joints
-        joints = _joint_entries(meta) if name in _OF_Q else [*meta.joints]
-        found = joints if len(joints) == width else [str(k + 1) for k in range(width)]
+        if name in _OF_Q:
+            joints = _joint_entries(meta)
+        else:
+            joints = [*meta.joints]
+        if len(joints) == width:
+            found = joints
+        else:
+            found = [str(k + 1) for k in range(width)]
     return found
 
 
@@ -180,7 +193,13 @@ def _part(column: str, units: Mapping[str, str]) -> str:
     """The part of a series that a column of that name is of."""
     if "" in units:
         return ""
-    family = _FIRST if column in _LINEAR else _SECOND if column in _TURNING else ("joints", column)
+    family: tuple[str, ...]
+    if column in _LINEAR:
+        family = _FIRST
+    elif column in _TURNING:
+        family = _SECOND
+    else:
+        family = ("joints", column)
     return next((part for part in units if part in family), [*units][-1])
 
 

@@ -185,7 +185,10 @@ def read_arrays(
                 one.compress_type == ZIP_STORED and one.file_size > _LARGE
                 for one in chosen.values()
             )
-            whole = np.memmap(file, np.uint8, "r") if large else None
+            if large:
+                whole = np.memmap(file, np.uint8, "r")
+            else:
+                whole = None
             return MappingProxyType(
                 {name: _array(archive, member, name, whole) for name, member in chosen.items()}
             )
@@ -250,8 +253,13 @@ def _array(archive: ZipFile, member: ZipInfo, name: str, whole: np.ndarray | Non
 
 
 def _short(shape: tuple[int, ...]) -> str:
-    text = str(tuple(shape[:4]))[:60] if all(abs(n) < 1 << 63 for n in shape[:4]) else "(too large)"
-    return text if len(shape) <= 4 else f"{text[:-1]}, ...)"
+    if all(abs(n) < 1 << 63 for n in shape[:4]):
+        text = str(tuple(shape[:4]))[:60]
+    else:
+        text = "(too large)"
+    if len(shape) <= 4:
+        return text
+    return f"{text[:-1]}, ...)"
 
 
 # JSON that is an object.

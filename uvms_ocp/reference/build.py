@@ -180,7 +180,10 @@ def _command(path: tuple[str, ...], command: Any) -> str:
         (_name_of(parameter), str(getattr(parameter, "help", "") or ""))
         for parameter in command.params
     )
-    table = _table(("name", "meaning"), rows) if command.params else ""
+    if command.params:
+        table = _table(("name", "meaning"), rows)
+    else:
+        table = ""
     return (
         f"## {' '.join(path)}\n\n    {' '.join((*path, *options, *arguments))}\n\n{text}\n\n{table}"
     )
@@ -193,7 +196,10 @@ def _value_of(parameter: Any) -> str:
 def _name_of(parameter: Any) -> str:
     if parameter.param_type_name != "option":
         return f"`{_value_of(parameter)}`"
-    value = "" if getattr(parameter, "is_flag", False) else f" {_value_of(parameter)}"
+    if getattr(parameter, "is_flag", False):
+        value = ""
+    else:
+        value = f" {_value_of(parameter)}"
     return f"`{', '.join([*parameter.opts, *parameter.secondary_opts])}{value}`"
 
 
@@ -293,7 +299,9 @@ def address_of(name: str, modules: Collection[str]) -> str:
         page = f"{module.__name__.replace('.', '/')}.html"
     else:
         page = "index.html"
-    return f"{page}#{rest}" if rest else page
+    if rest:
+        return f"{page}#{rest}"
+    return page
 
 
 # From Markdown to pages: formulas become MathML, names in full become links to their documentation.

@@ -146,7 +146,10 @@ def _missed(row: dict[str, Any]) -> str:
         allowed = ""
     else:
         allowed = f", and the sensors allow {row['sensors_allow']:.2g}"
-    estimated = "-" if row["estimated"] is None else f"{row['estimated']:.3g}"
+    if row["estimated"] is None:
+        estimated = "-"
+    else:
+        estimated = f"{row['estimated']:.3g}"
     was = f"estimated at {estimated} but truly {row['true']:.3g}"
     return (
         f"phase {row['phase']}: {row['quantity']} was {was} against a limit of"
@@ -208,7 +211,10 @@ def _waiting(record: Record, phase: str) -> list[ThresholdMeta]:
 def _trend(record: Record, condition: ThresholdMeta) -> tuple[float, float]:
     """The value now, and the share of the distance to the limit that the last seconds brought."""
     series = quantity(record, condition.quantity)
-    values = np.zeros(1) if series is None else series
+    if series is None:
+        values = np.zeros(1)
+    else:
+        values = series
     n = min(len(values), max(2, round(_WINDOW / record.run_meta.dt)))
     before = float(values[-n])
     now = float(values[-1])
@@ -228,7 +234,10 @@ def _obstruction(record: Record, name: str) -> str:
     active = [
         task for task, rows in levels if task in tasks[:own] and activity[rows].max(initial=0.0) > 0
     ]
-    above = f"active above it: {', '.join(active)}" if active else "nothing above it is active"
+    if active:
+        above = f"active above it: {', '.join(active)}"
+    else:
+        above = "nothing above it is active"
     n = max(1, round(_WINDOW / record.run_meta.dt))
     if "saturated" in record.series:
         full = float(np.mean(metrics.mean_sizes(record, "saturated", slice(-n, None))))
@@ -299,7 +308,10 @@ def sensor_health(record: Record) -> list[dict[str, Any]]:
     rows = []
     for channel, codes in zip(meta.channels, record["health"].T, strict=True):
         suspect, lost = (meta.dt * int((codes == code).sum()) for code in (_SUSPECT, _LOST))
-        first = float(record["t"][np.argmax(codes != 0)]) if codes.any() else None
+        if codes.any():
+            first = float(record["t"][np.argmax(codes != 0)])
+        else:
+            first = None
         texts = [
             alarm.text for alarm in meta.alarms if first is not None and alarm.t >= first - 1e-9
         ]

@@ -139,7 +139,10 @@ def mount(
         )
     if arm.n_vehicle:
         raise InvalidInput(f"arm {arm.name!r} has a free-flying base; load it with base='fixed'")
-    prefix = f"{arm.name}_" if prefix is None else prefix
+    if prefix is None:
+        prefix = f"{arm.name}_"
+    else:
+        prefix = prefix
     joined = _joined(vehicle, _prefixed(arm, prefix), X_BA)
     if flange is not None:
         _add_tool(vehicle, joined.model, prefix + arm.model.frames[arm.frame_id(flange)].name)

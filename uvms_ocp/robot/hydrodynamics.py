@@ -179,7 +179,9 @@ def _rounded(
     speed = 1.0 if slow + fast < 0.0 else 2.0 * slow / -fast
     nu = np.array([float(f"{speed * entry:.4g}") for entry in nu]) + 0.0  # without -0
     power = -float(nu @ linear @ nu + nu @ quadratic @ (np.abs(nu) * nu))
-    return (nu, power) if power > 0.0 else None
+    if power > 0.0:
+        return (nu, power)
+    return None
 
 
 def _units(quadratic_drag: np.ndarray, least: float) -> np.ndarray:
@@ -258,7 +260,10 @@ class LinkHydrodynamics:
     def __post_init__(self) -> None:
         for name in ("added_mass", "linear_drag", "quadratic_drag"):
             value = getattr(self, name)
-            matrix = np.diag(value) if np.shape(value) == (6,) else value
+            if np.shape(value) == (6,):
+                matrix = np.diag(value)
+            else:
+                matrix = value
             object.__setattr__(self, name, finite_array(f"{self.frame}: {name}", matrix, (6, 6)))
         centre = finite_array(f"{self.frame}: centre_of_buoyancy", self.centre_of_buoyancy, (3,))
         object.__setattr__(self, "centre_of_buoyancy", centre)

@@ -90,7 +90,10 @@ def _travel(robot: Robot, joint: pin.JointModel, linear: np.ndarray) -> float:
         return np.inf
     lower = robot.limits.position_lower[axes]
     upper = robot.limits.position_upper[axes]
-    offset = 0.0 if joint.nv or not len(moved) else abs(joint.extract().offset)
+    if joint.nv or not len(moved):
+        offset = 0.0
+    else:
+        offset = abs(joint.extract().offset)
     return float(np.linalg.norm(linear[moved] * np.maximum(np.abs(lower), np.abs(upper)))) + offset
 
 

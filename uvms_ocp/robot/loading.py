@@ -48,7 +48,9 @@ _PACKAGE = Path(__file__).resolve().parents[1]
 def robots_folder() -> Path:
     """Return the folder that holds one folder per robot."""
     packed = _PACKAGE / "robots"
-    return packed if packed.is_dir() else _PACKAGE.parent / "robots"
+    if packed.is_dir():
+        return packed
+    return _PACKAGE.parent / "robots"
 
 
 def list_robots() -> tuple[str, ...]:
@@ -254,7 +256,10 @@ def load_robot(
         if urdf is not None:
             raise InvalidInput(f"load_robot: {name} and urdf={urdf}; give one of them")
         name, urdf, file = None, *files_of(Path(name), file).values()
-    name = None if name is None else str(name)
+    if name is None:
+        name = None
+    else:
+        name = str(name)
     urdf_path, yaml_path = _paths(name, urdf, file)
     place = urdf_path.parent.resolve() / urdf_path.name  # which packages are seen from, a link too
     others: dict[str, Any] = {"base": base, "tool": tool, "altimeter": altimeter, "dvl": dvl}
@@ -297,14 +302,20 @@ def load_robot(
         loading["packages"] = (
             tuple(os.path.relpath(folder, place.parent) for folder in resolved) or None
         )
-    others["tool"] = tool if tool is None or isinstance(tool, str) else tuple(tool)
+    if tool is None or isinstance(tool, str):
+        others["tool"] = tool
+    else:
+        others["tool"] = tuple(tool)
     changes = {key: value for key, value in others.items() if value is not None}
     settings = description.loading.model_copy(
         update={key: value for key, value in loading.items() if value is not None}
     )
     if settings != description.loading:
         changes["loading"] = settings
-    description = descriptions.checked_copy(description, **changes) if changes else description
+    if changes:
+        description = descriptions.checked_copy(description, **changes)
+    else:
+        description = description
     try:
         models, notes = models_and_notes(
             urdf_path,
@@ -431,7 +442,10 @@ def robot_meta(robot: Robot) -> dict[str, Any]:
         shared_description = descriptions.checked_copy(
             robot.description, loading=loading.model_dump() | {"packages": packages}
         )
-        place = None if urdf is None or urdf == library else _shared(urdf, Path.cwd())
+        if urdf is None or urdf == library:
+            place = None
+        else:
+            place = _shared(urdf, Path.cwd())
         files = RobotFilesMeta(
             urdf=place, description=shared_description.model_dump_json(exclude_defaults=True)
         )
@@ -532,7 +546,10 @@ def _paths(
         raise InvalidInput(
             "load_robot needs either a name or urdf=PATH; list_robots() gives the names"
         )
-    description_path = None if hydrodynamics is None else Path(hydrodynamics)
+    if hydrodynamics is None:
+        description_path = None
+    else:
+        description_path = Path(hydrodynamics)
     if name is None:
         return Path(str(urdf)), description_path
     folder = robot_folder(name)

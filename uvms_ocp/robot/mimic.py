@@ -41,7 +41,10 @@ def leader_of(
         name = mimic.get("joint", "")
         offset += scale * _number(findings, mimic, "offset", f"{where} offset", 0.0)
         scale *= _number(findings, mimic, "multiplier", f"{where} multiplier", 1.0)
-        leader = None if name in visited else root.find(f"joint[@name={name!r}]")
+        if name in visited:
+            leader = None
+        else:
+            leader = root.find(f"joint[@name={name!r}]")
         visited.append(name)
         if leader is None:
             findings.notes.append(
@@ -55,7 +58,9 @@ def _number(
     findings: Findings, element: Element | None, key: str, where: str, default: float
 ) -> float:
     number = findings.attempt(read_number, findings.path, element, key, where, default)
-    return default if number is None else number
+    if number is None:
+        return default
+    return number
 
 
 def position_of(findings: Findings, joint: Element, held: Mapping[str, float]) -> float:
@@ -68,7 +73,9 @@ def position_of(findings: Findings, joint: Element, held: Mapping[str, float]) -
         _number(findings, limit, key, f"joint {name!r} {key}", 0.0) for key in ("lower", "upper")
     )
     bounded = joint.get("type") in ("revolute", "prismatic") and limit is not None
-    return 0.0 if low <= 0.0 <= up or not bounded else (low + up) / 2
+    if low <= 0.0 <= up or not bounded:
+        return 0.0
+    return (low + up) / 2
 
 
 def coupled(model: pin.Model, groups: Groups) -> pin.Model:

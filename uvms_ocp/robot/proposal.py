@@ -259,7 +259,9 @@ class _Draft:
             for i, link in self._links_called("altimeter")
             if data.oMf[i].rotation[2, 2] > _DOWN
         ]
-        return down[0] if len(down) == 1 else None
+        if len(down) == 1:
+            return str(down[0])
+        return None
 
     @property
     def velocity_sensor(self) -> str | None:
@@ -423,7 +425,10 @@ class _Draft:
         inertia.
         """
         model = self.models.model
-        joint = self._carrier(name) if whole else None
+        if whole:
+            joint = self._carrier(name)
+        else:
+            joint = None
         corners = assembly.box_around(model, self.models.collision, name, joint=joint)
         if np.isnan(corners).any():
             corners = assembly.box_around(model, self.models.visual, name, joint=joint)
@@ -435,7 +440,10 @@ class _Draft:
             source = "box with its mass and inertia, as it has no fitting shapes"
         size = np.ptp(corners, axis=0)
         centre = corners.mean(axis=0)
-        cylinder = None if whole else assembly.cylinder_in(corners)
+        if whole:
+            cylinder = None
+        else:
+            cylinder = assembly.cylinder_in(corners)
         box = Box(
             size=tuple(np.maximum(size, 1e-3).tolist()),
             pose=Pose(position=tuple(centre.tolist())),
@@ -599,11 +607,10 @@ def _lines(
         coefficients = link["coefficients"]
         yield f"    coefficients:{'' if coefficients else ' {}'}"
         for key, value in coefficients.items():
-            source = (
-                " # proposed: so that it floats level"
-                if key == "volume" and name == draft.hull
-                else ""
-            )
+            if key == "volume" and name == draft.hull:
+                source = " # proposed: so that it floats level"
+            else:
+                source = ""
             yield f"      {key}: {_flow(value)}{source}"
     if description.thrusters:
         yield (

@@ -221,7 +221,9 @@ class Robot:
     @property
     def n_vehicle(self) -> int:
         """Velocity degrees of freedom of the vehicle: 6, or 0 for a fixed base."""
-        return 6 if self.description.base == "free_flyer" else 0
+        if self.description.base == "free_flyer":
+            return 6
+        return 0
 
     @property
     def n_joints(self) -> int:

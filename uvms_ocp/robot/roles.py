@@ -90,7 +90,9 @@ class Roles:
     @property
     def only_tool(self) -> str | None:
         """The tool where there is no doubt about it."""
-        return self.tools[0][0] if len(self.tools) == 1 and len(self.tools[0]) == 1 else None
+        if len(self.tools) == 1 and len(self.tools[0]) == 1:
+            return self.tools[0][0]
+        return None
 
     @property
     def candidates(self) -> tuple[str, ...]:
@@ -277,7 +279,9 @@ def tools_of(description: RobotDescription) -> tuple[str, ...]:
     tool = description.tool
     if tool is None:
         return ()
-    return (tool,) if isinstance(tool, str) else tool
+    if isinstance(tool, str):
+        return (tool,)
+    return tool
 
 
 def _placed(

@@ -194,7 +194,9 @@ class SensorSpec:
     @property
     def biases(self) -> tuple[float, ...]:
         """`bias` as one value for all components, or one per component."""
-        return self.bias if isinstance(self.bias, tuple) else (self.bias,)
+        if isinstance(self.bias, tuple):
+            return self.bias
+        return (self.bias,)
 
     @property
     def exact(self) -> bool:

@@ -54,7 +54,9 @@ def where(condition: Array, if_true: Array, if_false: Array) -> Array:
     """
     if is_symbolic(condition):
         return ca.if_else(condition, if_true, if_false)
-    return if_true if condition else if_false
+    if condition:
+        return if_true
+    return if_false
 
 
 def column(*entries: Array) -> Array:

@@ -112,7 +112,10 @@ class TwistToWrench:
         """The same map in the frame of the parent body, in which this body's pose is ``local``."""
         R = local.R
         shift = spatial.skew(local.p)
-        A = self.A if _is_isotropic(self.A) else _symmetric(R @ self.A @ R.T)
+        if _is_isotropic(self.A):
+            A = self.A
+        else:
+            A = _symmetric(R @ self.A @ R.T)
         B = R @ self.B @ R.T
         C = _symmetric(R @ self.C @ R.T)
         moved = B - A @ shift

@@ -177,7 +177,9 @@ class SymbolicDynamics(FieldTable):
         for index, link in enumerate(self._wet):
             wrenches[link.joint] += self._water_wrench(link, motions, u[:, index], Du_Dt[:, index])
         tau = self.symbolic.generalized_force(local, wrenches) + self.model.armature * a
-        return tau if self.damping is None else tau + self.damping * v
+        if self.damping is None:
+            return tau
+        return tau + self.damping * v
 
     def bias_force(self, q: ca.SX, v: ca.SX, u: ca.SX, Du_Dt: ca.SX) -> ca.SX:
         """Generalized force (n_v,) for zero acceleration: ``C v + D v + g`` and the accelerating

@@ -228,7 +228,9 @@ def left_null_space(B: np.ndarray) -> np.ndarray:
     U, s, _ = np.linalg.svd(B / _units(B)[:, None])
     share = np.append(s, np.zeros(len(U) - len(s))) / s.max(initial=1e-300)
     null_space, weak = (U[:, share <= tolerance] for tolerance in (_ROUNDING, _WEAK))
-    return weak if {*_heaviest_axes(weak)} <= {*_heaviest_axes(null_space), 3, 4} else null_space
+    if {*_heaviest_axes(weak)} <= {*_heaviest_axes(null_space), 3, 4}:
+        return weak
+    return null_space
 
 
 def _units(B: np.ndarray) -> np.ndarray:

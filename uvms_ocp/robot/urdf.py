@@ -439,7 +439,10 @@ def _locked(
             findings, root, joint, reading.lock if reading.mimic == "coupled" else held
         )
         name = joint.get("name", "")
-        lead = "" if leader is None else leader.get("name", "")
+        if leader is None:
+            lead = ""
+        else:
+            lead = leader.get("name", "")
         if name in locked:
             continue
         kinds = {joint.get("type"), None if leader is None else leader.get("type")}
@@ -447,7 +450,10 @@ def _locked(
         if moves and lead not in locked:
             groups.setdefault(lead, {lead: (1.0, 0.0)})[name] = (scale, offset)
         else:
-            at = 0.0 if leader is None else position_of(findings, leader, held)
+            if leader is None:
+                at = 0.0
+            else:
+                at = position_of(findings, leader, held)
             locked[name] = held.get(name, scale * at + offset)
     return locked, groups
 

@@ -51,7 +51,9 @@ def to_float(text: str | None) -> float:
     if text is None or _DECIMAL.fullmatch(text) is None:
         return math.nan
     value = float(text)
-    return value if math.isfinite(value) else math.nan
+    if math.isfinite(value):
+        return value
+    return math.nan
 
 
 def to_floats(text: str) -> tuple[float, ...]:
@@ -71,12 +73,18 @@ def read_number(
 
     Raises ``RobotDataError`` where it is no number, or left out without a default.
     """
-    text = None if element is None else element.get(key)
+    if element is None:
+        text = None
+    else:
+        text = element.get(key)
     if text is None and default is not None:
         return default
     value = to_float(text)
     if math.isnan(value) or (abs(value) > LARGEST and key not in _LIMITS):
-        written = "nothing" if text is None else quoted(text)
+        if text is None:
+            written = "nothing"
+        else:
+            written = quoted(text)
         problem = (
             f"{where}: given {written}; allowed: a finite number in plain digits, nothing after it,"
             f" <= {LARGEST:g}"
@@ -301,7 +309,10 @@ def _check_shape(path: Path, shapes: Sequence[Element], where: str) -> None:
         )
     shape = shapes[0] if shapes else None
     if shape is None or shape.tag not in SHAPES:
-        written = "nothing" if shape is None else f"<{shape.tag}>"
+        if shape is None:
+            written = "nothing"
+        else:
+            written = f"<{shape.tag}>"
         raise RobotDataError(
             path, f"{where} geometry: given {written}; allowed: {', '.join(SHAPES)}"
         )
@@ -496,7 +507,10 @@ def _check_acyclic(path: Path, parent_of: dict[str | None, str | None]) -> None:
 
 def _linked(path: Path, joint: Element, end: str, links: Collection[str | None]) -> str:
     element = joint.find(end)
-    name = None if element is None else element.get("link")
+    if element is None:
+        name = None
+    else:
+        name = element.get("link")
     if name is None or name not in links:
         raise RobotDataError(
             path, f"joint {joint.get('name')!r}: {end} link {name!r} does not exist"

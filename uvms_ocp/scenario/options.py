@@ -173,7 +173,9 @@ def current_from(given: Current | Sequence[float] | None) -> Current:
     """
     if given is None:
         return StillWater()
-    return UniformCurrent(given) if isinstance(given, Sequence | np.ndarray) else given
+    if isinstance(given, Sequence | np.ndarray):
+        return UniformCurrent(given)
+    return given
 
 
 CHANGEABLE = (
@@ -245,9 +247,15 @@ def mission_of(
     # Nothing for a robot without thrusters, whose vehicle moves on the kinematic plant alone, on
     # every axis.
     axes = thrusters.undriven_axes(robot)
-    first = [UnderActuation(axes=axes)] if axes else []
+    if axes:
+        first = [UnderActuation(axes=axes)]
+    else:
+        first = []
     names = tuple(task.name for task in first)
-    listed = override([*first, *tasks], overrides) if overrides else [*first, *tasks]
+    if overrides:
+        listed = override([*first, *tasks], overrides)
+    else:
+        listed = [*first, *tasks]
     mission = Mission(
         hierarchy=Hierarchy(listed, None if order is None else (*names, *order)),
         phases=tuple(phases),

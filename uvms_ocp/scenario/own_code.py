@@ -268,7 +268,10 @@ def _taken(words: str, maker: Callable[..., Any], given: Mapping[str, Any]) -> M
     known = [parameter.name for parameter in parameters]
     for name in given:
         if name not in known:
-            takes = f"; it takes {', '.join(known)}" if known else ""
+            if known:
+                takes = f"; it takes {', '.join(known)}"
+            else:
+                takes = ""
             raise InvalidInput(
                 f"{words} takes no option {name}{takes}: leave it out, or give the function a"
                 " **options"

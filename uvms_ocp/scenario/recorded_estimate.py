@@ -245,7 +245,10 @@ def _sent(
     for name, one in given.items():
         stamps = one.undelayed_t - begin
         ticks = np.ceil(stamps / dt - _EARLY).astype(np.int64)
-        values = one.of(robot.joint_names, name).values if name.startswith("joint_") else one.values
+        if name.startswith("joint_"):
+            values = one.of(robot.joint_names, name).values
+        else:
+            values = one.values
         found[name] = _arriving(name, ticks, values, stamps, robot)
         n = max(n, int(ticks[-1]) + 1)
     return found, n, dt

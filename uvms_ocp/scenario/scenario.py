@@ -111,7 +111,10 @@ class ControllerFactory(PartFactory):
                 f"controller made {type(made).__name__}; make a callable (StateEstimate, t) ->"
                 " Command"
             )
-        n = len(scenario.robot.description.thrusters) if scenario.takes_forces else None
+        if scenario.takes_forces:
+            n = len(scenario.robot.description.thrusters)
+        else:
+            n = None
         kinematic = scenario.kinematic_controller()
         return external.SupervisedController(
             controller=made, kinematic=kinematic, n_thrusters=n, name=part_name(self.maker)
@@ -464,7 +467,10 @@ class Scenario(FieldTable):
             "faults": tuple(map(own_parts.fault_meta, self.faults)),
             "controller": kinematic,
         }
-        every = 1 if self.record_rate is None else max(1, round(1.0 / (self.record_rate * self.dt)))
+        if self.record_rate is None:
+            every = 1
+        else:
+            every = max(1, round(1.0 / (self.record_rate * self.dt)))
         known |= {
             "seed": self.seed,
             "markers": self.markers,
@@ -498,8 +504,14 @@ class Scenario(FieldTable):
             show(t)
 
         capacity = min(512, max(1, round(2.0 / self.dt)))
-        place = None if folder is None else Path(folder)
-        recorder = Recorder(capacity, place, news, every) if place or every > 1 else None
+        if folder is None:
+            place = None
+        else:
+            place = Path(folder)
+        if place or every > 1:
+            recorder = Recorder(capacity, place, news, every)
+        else:
+            recorder = None
         shapes = (
             {} if isinstance(estimator.estimator, PassThrough) else sizes_of(self.robot)
         )  # which repeats its readings
@@ -533,7 +545,10 @@ class Scenario(FieldTable):
             }
 
         diverged = has_diverged(plant.state)
-        last = State(q=recorder.last("q"), v=recorder.last("v")) if diverged else plant.state
+        if diverged:
+            last = State(q=recorder.last("q"), v=recorder.last("v"))
+        else:
+            last = plant.state
         truth = quantities(last, recorder.last("t"), kinematic.state)
         left = zip(
             states, kinematic.events, kinematic.left, strict=False

@@ -91,7 +91,9 @@ class Bathymetry(Seafloor):
         descent = -float(direction[2])
         above = float(origin[2]) - self.height(float(origin[0]), float(origin[1]))
         if above <= 0:
-            return above / descent if descent > LEVEL_RAY else math.nan
+            if descent > LEVEL_RAY:
+                return above / descent
+            return math.nan
         knots = [np.zeros(1)]
         lines = ((self.x, 0), (self.y, 1))
         knots += [
@@ -195,7 +197,10 @@ def _last_column(title: str) -> str:
     bare = re.sub(r"\(.*?\)|\[.*?\]", " ", title)
     columns = [name for name in re.split(r"[;,\t]", bare) if name.strip()]
     words = _WORD.findall(bare)
-    words = words if len(words) > 2 else _WORD.findall(title)
+    if len(words) > 2:
+        words = words
+    else:
+        words = _WORD.findall(title)
     if len(columns) > 2:
         return columns[-1]
     return " ".join(words[-2:])

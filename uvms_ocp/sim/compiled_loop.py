@@ -323,7 +323,9 @@ def compiled_loop(
     if not plain or not families <= ({"thruster"} if type(plant) is DynamicPlant else set()):
         return None
     loop = CompiledLoop(plant, suite, estimator, controller, dt)
-    return loop if loop.steps is not None and compiles(loop.steps) else None
+    if loop.steps is not None and compiles(loop.steps):
+        return loop
+    return None
 
 
 def _fit(plant: Any, suite: SensorSuite, estimator: GuardedEstimator, controller: Any) -> bool:

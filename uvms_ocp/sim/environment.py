@@ -102,7 +102,10 @@ class EnvironmentSampler:
         """Write what there is at configuration q (n_q,) [m, rad] and time t [s], for the next dt
         [s].
         """
-        sites = _NOWHERE if self._sites is None else self._sites(q)[0].T
+        if self._sites is None:
+            sites = _NOWHERE
+        else:
+            sites = self._sites(q)[0].T
         if not self._steady:
             self._sample_water(sites[: self._n_links], t)
         if not self._flat:
@@ -117,7 +120,10 @@ class EnvironmentSampler:
     def _sample_water(self, p_W: np.ndarray, t: float) -> None:
         current = self._environment.current
         given = self._given
-        flow = current.uniform_flow(t) if self._uniform else None
+        if self._uniform:
+            flow = current.uniform_flow(t)
+        else:
+            flow = None
         if flow is None:
             water = water_at(current, p_W, t)
             given["u"][:] = water.velocity
@@ -183,7 +189,10 @@ def closest_approach(
     default. Raises `InvalidInput` for others.
     """
     require_normalized(robot.model, q)
-    track = q[:, :2] if robot.n_vehicle else np.zeros((len(q), 2))
+    if robot.n_vehicle:
+        track = q[:, :2]
+    else:
+        track = np.zeros((len(q), 2))
     obstacles = list(environment.obstacles)
     if floor:
         low = track.min(axis=0) - _AROUND

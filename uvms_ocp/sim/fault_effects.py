@@ -139,7 +139,10 @@ def _struck(channel: FaultyChannel, fault: Fault, rng: np.random.Generator) -> _
 
 
 def _stuck(sample: Sample, struck: _Struck) -> Sample:
-    zero = 0.0 if np.ndim(sample.value) == 0 else np.zeros_like(sample.value)
+    if np.ndim(sample.value) == 0:
+        zero = 0.0
+    else:
+        zero = np.zeros_like(sample.value)
     origin = zero if struck.channel.origin is None else struck.channel.origin
     return struck.with_value(sample, struck.channel.disturb(origin, struck.error()))
 

@@ -85,7 +85,9 @@ class FaultModel:
 
     def range_of(self, index: int) -> ValueRange:
         """Allowed range of the value at index."""
-        return self.values[0] if self.for_each else self.values[index]
+        if self.for_each:
+            return self.values[0]
+        return self.values[index]
 
 
 def _families() -> dict[str, dict[str, FaultModel]]:
@@ -219,8 +221,14 @@ class Fault:
 
     def __str__(self) -> str:
         """Return the text that `parse_fault` reads."""
-        values = f"={','.join(map(plain, self.values))}" if self.values else ""
-        until = "" if self.end == math.inf else f"-{plain(self.end)}"
+        if self.values:
+            values = f"={','.join(map(plain, self.values))}"
+        else:
+            values = ""
+        if self.end == math.inf:
+            until = ""
+        else:
+            until = f"-{plain(self.end)}"
         return f"{self.target}:{self.kind}{values}@{plain(self.onset)}{until}"
 
     @property
@@ -280,10 +288,16 @@ def parse_fault(text: str) -> Fault:
     Times in s, values in the units of the kind. Raises `InvalidInput` and `NameNotFound`, in one
     line.
     """
-    found = _TEXT.fullmatch(text.strip()) if len(text) <= _LONGEST else None
+    if len(text) <= _LONGEST:
+        found = _TEXT.fullmatch(text.strip())
+    else:
+        found = None
     if found is None:
         raise InvalidInput(f"fault {short(text)}; write {_FORM}")
-    values = tuple(float(word) for word in found["values"].split(",")) if found["values"] else ()
+    if found["values"]:
+        values = tuple(float(word) for word in found["values"].split(","))
+    else:
+        values = ()
     onset = float(found["onset"] or 0.0)
     end = float(found["end"] or math.inf)
     return Fault(target=found["target"], kind=found["kind"], values=values, onset=onset, end=end)

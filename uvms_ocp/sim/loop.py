@@ -93,7 +93,10 @@ def simulate(
     command: Command | None = None
     n_ticks = round(duration / dt) + 1
     single = progress is not None or observer is not None
-    quick = None if single else compiled_loop(plant, sensors, estimator, controller, dt)
+    if single:
+        quick = None
+    else:
+        quick = compiled_loop(plant, sensors, estimator, controller, dt)
     with (
         on_interrupt(stops.append),
         suppress(Interrupted),
@@ -111,7 +114,10 @@ def simulate(
             spent = perf_counter() - begin
             telemetry = plant.telemetry()
             asked = _asked(command, telemetry, recorder)
-            measured = new(readings) | {"brakes": command.brakes} if kept_readings else {}
+            if kept_readings:
+                measured = new(readings) | {"brakes": command.brakes}
+            else:
+                measured = {}
             row = _row(t, plant.state, measurement, command, asked, measured)
             row.setdefault("controller_time", spent)  # one that measures itself knows better
             row.update(telemetry)
@@ -174,7 +180,9 @@ def _asked(command: Command, telemetry: Mapping[str, Any], recorder: Recorder) -
         command.thrust is None and "asked_thrust" in recorder
     ):  # such as with the last command of a run
         return np.zeros_like(telemetry["thrust"])
-    return command.thrust if "thrust" in telemetry else None
+    if "thrust" in telemetry:
+        return command.thrust
+    return None
 
 
 def _row(

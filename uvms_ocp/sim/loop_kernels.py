@@ -213,7 +213,10 @@ def inform_controller(m: LoopMemory, h: HealthMemory, s: EstimateSupport, c: Tic
         channel = h.channels[m.number[k]]
         if channel.present and channel.changed:
             m.since[m.number[k]] = m.t
-        trust = channel.trust if channel.present else int(Trust.GOOD)
+        if channel.present:
+            trust = channel.trust
+        else:
+            trust = int(Trust.GOOD)
         c.restriction.level[k] = trust
         c.restriction.since[k] = m.since[m.number[k]] if trust != Trust.GOOD else 0.0
 

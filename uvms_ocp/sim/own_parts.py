@@ -85,7 +85,9 @@ def takes_forces(plant: Any) -> bool:
 
 def specs_of(sensors: Any) -> SensorSpecs:
     """Return the specifications of the sensors. Raises `InvalidInput` for a maker without."""
-    specs = sensors if isinstance(sensors, SensorSpecs) else getattr(sensors, "specs", None)
+    if isinstance(sensors, SensorSpecs):
+        return sensors
+    specs = getattr(sensors, "specs", None)
     if not isinstance(specs, SensorSpecs):
         allowed = "give it what to expect of them, such as IDEAL_SENSORS"
         raise InvalidInput(f"sensors {part_name(sensors)} have no specs, a SensorSpecs; {allowed}")
@@ -359,7 +361,10 @@ class WatchedPlant(Plant):
                     f"{whose} has {name!r}, which means something else in records; rename it"
                 )
             return array
-        known = array[~np.isnan(array)] if name == _MAYBE_UNKNOWN else array
+        if name == _MAYBE_UNKNOWN:
+            known = array[~np.isnan(array)]
+        else:
+            known = array
         if array.shape != self._shapes[name] or not np.isfinite(known).all():
             found = f"of shape {array.shape}" if array.shape != self._shapes[name] else "not finite"
             raise InvalidInput(
@@ -487,7 +492,10 @@ def inject_faults(scenario: Any, plant: Plant, sensors: Sensors) -> tuple[Plant,
     def read(state: State, t: float) -> Readings:
         readings = sensors(state, t)
         for fault in struck:
-            readings = fault.made.readings(readings, t) if fault.active(t) else readings
+            if fault.active(t):
+                readings = fault.made.readings(readings, t)
+            else:
+                readings = readings
         return readings
 
     names = " and ".join(map(part_name, makers))
@@ -515,7 +523,10 @@ def require_fault(fault: Any) -> None:
 
 def fault_meta(fault: Any) -> FaultMeta:
     """Metadata of a fault for the record."""
-    end = float(fault.end) if np.isfinite(fault.end) else None
+    if np.isfinite(fault.end):
+        end = float(fault.end)
+    else:
+        end = None
     if isinstance(fault, Fault):
         return FaultMeta(
             text=str(fault), target=fault.target, kind=fault.kind, t=fault.onset, end=end

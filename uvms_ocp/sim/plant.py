@@ -359,7 +359,10 @@ class DynamicPlant(Plant):
         """
         kept = tuple(fault for fault in had if fault in have)
         before = self._with_payloads(kept)
-        self._dynamics = before if have == kept else self._with_payloads(have)
+        if have == kept:
+            self._dynamics = before
+        else:
+            self._dynamics = self._with_payloads(have)
         if have != kept:
             q, v = self.state.q, self.state.v
             matrices = before.mass_matrix(q), self._dynamics.mass_matrix(q)

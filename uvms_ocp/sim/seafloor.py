@@ -365,7 +365,9 @@ class HeightField(Seafloor):
             return z + s * dz - self.z - rise
 
         if clearance(above) <= 0 or clearance(below) >= 0:  # the floor is at the end, to rounding
-            return above if clearance(above) <= 0 else below
+            if clearance(above) <= 0:
+                return above
+            return below
         return float(brentq(clearance, above, below, xtol=_RANGE_TOLERANCE))
 
 

@@ -77,7 +77,9 @@ class AngleTask(Task):
         axis = _in_vehicle(robot, self.frame, self.watched_axis)
         U, s, _ = np.linalg.svd(np.cross(np.eye(3)[list(turns)], axis).reshape(-1, 3).T)
         directions = U[:, : int((s > _PARALLEL).sum())]
-        return None if directions.shape[1] == 2 else directions
+        if directions.shape[1] == 2:
+            return None
+        return directions
 
     def _turn(self, symbols: TickSymbols, b: ca.SX, fallback: ca.SX) -> tuple[ca.SX, ca.SX]:
         """Angle [rad] and axis (3,) in W of the rotation towards b (3,) as far as that is driven,

@@ -176,7 +176,11 @@ class PiecewisePolynomial(FieldTable):
         another number of them, and as `sample`.
         """
         times, values = self.sample(period, derivatives)
-        axes = [f"axis{axis}" for axis in range(self.n_axes)] if names is None else names
+        axes: Sequence[str]
+        if names is None:
+            axes = [f"axis{axis}" for axis in range(self.n_axes)]
+        else:
+            axes = names
         if len(axes) != self.n_axes:
             raise InvalidInput(
                 f"{len(axes)} names given for {self.n_axes} axes; give one for each."

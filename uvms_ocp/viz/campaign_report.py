@@ -207,4 +207,6 @@ def _cell(value: Any, is_code: bool) -> str:
     is_number = isinstance(value, int | float) and text != cell(None)
     if is_code:
         return f"<td><code>{text}</code></td>"
-    return f'<td class="n">{text}</td>' if is_number else f"<td>{text}</td>"
+    if is_number:
+        return f'<td class="n">{text}</td>'
+    return f"<td>{text}</td>"

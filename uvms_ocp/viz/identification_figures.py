@@ -55,7 +55,10 @@ def _correlation(axis: Axes, one: Whiteness) -> None:
     axis.vlines(lags[1:], 0.0, one.correlation[1:], color=style.BLUE, lw=1.2)
     axis.set_ylim(-1.05, 1.05)
     color = style.THRESHOLD if one.white else style.VERMILLION
-    p = f"p = {one.p:.2g}" if one.p > LEAST_P else f"p < {LEAST_P:g}"
+    if one.p > LEAST_P:
+        p = f"p = {one.p:.2g}"
+    else:
+        p = f"p < {LEAST_P:g}"
     axis.set_title(f"{p}, {one.inflation:.2g} alike", fontsize=style.points(7), color=color, pad=2)
 
 

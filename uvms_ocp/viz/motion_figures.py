@@ -40,7 +40,10 @@ def figure_efforts(
     draw = next((drawn for name, drawn in _PUSHES.items() if name in record.series), None)
     if draw is None or "joint_energy" not in record.series:
         return None
-    n_pushes = 1 if draw is _thrust else len(_PARTS)
+    if draw is _thrust:
+        n_pushes = 1
+    else:
+        n_pushes = len(_PARTS)
     figure, axes = style.stacked(n_pushes + 2, 1.5, "Forces, torque and energy", fig, width)
     draw(record, axes[:n_pushes])
     _torque(record, axes[-2])
@@ -156,7 +159,10 @@ def figure_velocities(
     changes = [span.start for span in spans[1:]]
     figure = style.titled(3.9 + (2.6 if changes else 0.0), "Vehicle velocity", fig, width)
     changes = changes[: max(1, int(style.inches(figure) / _ZOOM_WIDTH))]
-    parts = figure.subfigures(2, 1, height_ratios=(3.4, 3.0)) if changes else [figure]
+    if changes:
+        parts = figure.subfigures(2, 1, height_ratios=(3.4, 3.0))
+    else:
+        parts = [figure]
     _whole_run(parts[0], record)
     if changes:
         _zooms(parts[1], record, changes, spans)

@@ -93,7 +93,9 @@ def axis_label(text: str, name: str, part: str = "", prefix: str = "", meta: Any
 
 def estimate_suffix(record: Record) -> str:
     """Return the suffix of a measured quantity's name: with noisy sensors it is an estimate."""
-    return " (estimated)" if record.meta.kind == "run" and record.meta.noise else ""
+    if record.meta.kind == "run" and record.meta.noise:
+        return " (estimated)"
+    return ""
 
 
 def require_rows(record: Record) -> None:
@@ -138,7 +140,10 @@ def thinned(record: Record) -> Record:
             (np.fmin.reduce(part), np.fmax.reduce(part))
             for (part,) in row_files.parts(record[name], rows=step)
         )
-        series[name] = record[name][rows] if name in _AS_THEY_ARE else np.concatenate([*ends])
+        if name in _AS_THEY_ARE:
+            series[name] = record[name][rows]
+        else:
+            series[name] = np.concatenate([*ends])
     return Record(series=series, meta=record.meta)
 
 
@@ -150,7 +155,10 @@ def phase_spans(record: Record) -> tuple[PhaseSpan, ...]:
     """
     require_rows(record)
     t = record["t"]
-    codes = record["phase"] if "phase" in record.series else np.zeros(len(record), dtype=int)
+    if "phase" in record.series:
+        codes = record["phase"]
+    else:
+        codes = np.zeros(len(record), dtype=int)
     spans = [
         (record.meta.phases[code], code, float(t[i]), float(t[j]))
         for i, j, code in intervals_of(codes)

@@ -105,7 +105,9 @@ class _PlainPowers(LogFormatterSciNotation):
             return ""
         factor, _, exponent = f"{x:.0e}".partition("e")
         power = "10" + str(int(exponent)).translate(_RAISED)
-        return power if factor == "1" else f"{factor}·{power}"
+        if factor == "1":
+            return power
+        return f"{factor}·{power}"
 
 
 class RecordFigure(Figure):
@@ -174,7 +176,9 @@ def styled(draw: Callable[P, R]) -> Callable[P, R]:
             drawn: Any = draw(*args, **kwargs)
             if drawn is not None:
                 _make_legible(drawn, before)
-        return drawn if given is None or drawn is None else drawn.figure
+        if given is None or drawn is None:
+            return drawn
+        return drawn.figure
 
     return checked(wrapper)
 
@@ -190,7 +194,10 @@ def _make_legible(figure: Figure, before: set[Artist]) -> None:
     """
     sheet = _on(to_rgba(figure.figure.get_facecolor()), np.ones(3))
     for artist in {one for one in _artists(figure) if isinstance(one, Text | Line2D)} - before:
-        paper = sheet if artist.axes is None else _on(to_rgba(artist.axes.get_facecolor()), sheet)
+        if artist.axes is None:
+            paper = sheet
+        else:
+            paper = _on(to_rgba(artist.axes.get_facecolor()), sheet)
         if isinstance(artist, Text):
             artist.set_parse_math(False)
             artist.set_color(
@@ -349,7 +356,9 @@ def label_text(name: str, longest: int = 32) -> str:
     of legends.
     """
     label = plain_line(name, longest)
-    return f" {label}" if label.startswith("_") else label
+    if label.startswith("_"):
+        return f" {label}"
+    return label
 
 
 _QUICKLY: dict[str, Any] = {

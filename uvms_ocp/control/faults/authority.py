@@ -107,7 +107,10 @@ def _write_balance(a: AuthorityMemory, k: int, own: bool, trimmed: bool) -> None
     p.A[k][n + k] = 1.0
     p.upper[n + k] = 0.0 if own else a.righting[k]
     p.lower[n + k] = -p.upper[n + k]
-    p.b[k] = a.trim[k] if trimmed and not own else 0.0
+    if trimmed and not own:
+        p.b[k] = a.trim[k]
+    else:
+        p.b[k] = 0.0
 
 
 def _conclude_authority(a: AuthorityMemory) -> None:

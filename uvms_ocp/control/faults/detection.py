@@ -135,9 +135,15 @@ def _look_at_joint(w: JointFaultMemory, j: int, resistance: float, t: float) -> 
     if w.jammed[j]:
         return
     wanted = abs(w.asked[j])
-    against = -resistance if w.asked[j] > 0.0 else resistance if w.asked[j] < 0.0 else 0.0
+    if w.asked[j] > 0.0:
+        against = -resistance
+    else:
+        against = resistance if w.asked[j] < 0.0 else 0.0
     stands = wanted > _JAM_TRAVEL and abs(w.moved[j]) < _MOVED * wanted
-    w.since[j] = min(w.since[j], t) if stands and against > _JAM_EFFORT * w.effort[j] else math.inf
+    if stands and against > _JAM_EFFORT * w.effort[j]:
+        w.since[j] = min(w.since[j], t)
+    else:
+        w.since[j] = math.inf
     w.found[j] = t - w.since[j] >= _JAM_TIME - 1e-9
     w.jammed[j] = w.found[j]
 
@@ -289,5 +295,8 @@ def _find_trim(m: FaultDetection) -> None:
 def _tilt(m: FaultDetection, axis: int, angle: float) -> None:
     """The quaternion xyzw, from level."""
     for k in range(3):
-        m.tilted[3 + k] = math.sin(0.5 * angle) if k == axis else 0.0
+        if k == axis:
+            m.tilted[3 + k] = math.sin(0.5 * angle)
+        else:
+            m.tilted[3 + k] = 0.0
     m.tilted[6] = math.cos(0.5 * angle)

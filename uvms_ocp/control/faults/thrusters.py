@@ -170,7 +170,9 @@ def _explained(w: IsolationWindow, i: int, first: int, n: int) -> float:
         along += change * w.along[j][i]
     size = max(w.square[i] * size, _TINY_CHANGE)
     theta = -along / size
-    return theta * theta * size if _LEAST < theta < _MOST else 0.0
+    if _LEAST < theta < _MOST:
+        return theta * theta * size
+    return 0.0
 
 
 # In which manner a thruster fails, and since when: every onset of late, against a share and against
@@ -248,7 +250,10 @@ def classify_fault(m: FaultFit) -> None:
     follows = m.stops.least > m.shares.least and not 1.0 - _NOTHING < loss < 1.0 + _REVERSED
     stuck = m.stops.least < _STUCK * m.dead
     m.share = 1.0 - loss if follows else 0.0
-    m.constant = m.stops.best_slope if stuck and not follows else 0.0
+    if stuck and not follows:
+        m.constant = m.stops.best_slope
+    else:
+        m.constant = 0.0
     m.sigma = math.inf if follows else m.stops.best_sigma
     m.onset = m.shares.onset if follows else m.stops.onset
 
@@ -256,7 +261,10 @@ def classify_fault(m: FaultFit) -> None:
 def _try_onset(m: FaultFit, k: int) -> None:
     """At look k."""
     for j in range(m.count):
-        m.faded[j] = math.exp(-m.bandwidth * max(m.time[j] - m.time[k], 0.0)) if j >= k else 1.0
+        if j >= k:
+            m.faded[j] = math.exp(-m.bandwidth * max(m.time[j] - m.time[k], 0.0))
+        else:
+            m.faded[j] = 1.0
         m.lost[j] = m.asked[j] - m.asked[k] * m.faded[j] if m.faded[j] < 1.0 else 0.0
         m.shares.x[j] = -m.lost[j]
         m.shares.y[j] = m.along[j]
@@ -402,7 +410,10 @@ def _conclude_fault(w: ThrusterFaultMemory, e: ThrusterEffectiveness, t: float) 
         w.evidence = 0.0
         return -1
     e.share[i] = e.share[i] * w.fault_fit.share
-    e.constant[i] = 0.0 if e.share[i] != 0.0 else _constant(w, i)
+    if e.share[i] != 0.0:
+        e.constant[i] = 0.0
+    else:
+        e.constant[i] = _constant(w, i)
     w.health[i] = ActuatorHealth.FAULTY
     kind = FaultKind.STUCK if e.constant[i] != 0.0 else FaultKind.DEAD
     if e.share[i] != 0.0:

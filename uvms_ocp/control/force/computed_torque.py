@@ -140,7 +140,10 @@ class ComputedTorque:
 
         disturbance (n_v,) [N, N m]: force to work against.
         """
-        at = signals.unchecked_state(q=q, v=v) if self._open else state
+        if self._open:
+            at = signals.unchecked_state(q=q, v=v)
+        else:
+            at = state
         wanted = a + self._K_p * pin.difference(self._robot.model, at.q, q) + self._K_d * (v - at.v)
         tau = self._dynamics.inverse_dynamics(at.q, at.v, wanted, self._water) - disturbance
         realized = self._actuators.realize(tau)

@@ -126,7 +126,10 @@ class DynamicController(TableDisplay):
         self._fault_summary = ""
         self._jammed = tuple[int, ...]()
         self._at_limits = ""
-        self.learner = None if load is None else _learner(laws, load)
+        if load is None:
+            self.learner = None
+        else:
+            self.learner = _learner(laws, load)
         """Learner of the tool's load; `None` where nothing is learnt."""
 
     def __call__(self, measurement: StateEstimate, t: float) -> Command:
@@ -265,7 +268,10 @@ def _laws(
     """Return the laws of a robot, one object for many runs, so that what is derived from them is
     made once; dt [s].
     """
-    search = health if gains.observer_vehicle and robot.n_vehicle else None
+    if gains.observer_vehicle and robot.n_vehicle:
+        search = health
+    else:
+        search = None
     observed = derating.vehicle * gains.observer_vehicle
     return tick_functions.ForceLaws(
         robot=robot,

@@ -290,7 +290,10 @@ def _fix_inside_dead_zones(p: LimitedThrustMemory) -> bool:
         edge = p.dead_zone[i]
         if 0.0 < size < edge and p.problem.lower[i] < p.problem.upper[i]:
             nearest = min(max(math.copysign(edge, p.thrust[i]), p.lower[i]), p.upper[i])
-            rounded = nearest if size > 0.5 * edge and abs(nearest) >= edge else 0.0
+            if size > 0.5 * edge and abs(nearest) >= edge:
+                rounded = nearest
+            else:
+                rounded = 0.0
             p.problem.lower[i] = rounded
             p.problem.upper[i] = rounded
             found = True

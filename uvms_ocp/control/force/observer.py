@@ -94,7 +94,10 @@ class ObserverLaw:
         push = _coupled(M, w**2) @ innovation
         estimate = limited(before.estimate + self.dt * push, self.limit)
         still = ca.SX(3, len(body.links))
-        water = still if current is None else ca.repmat(ca.SX(current), 1, len(body.links))
+        if current is None:
+            water = still
+        else:
+            water = ca.repmat(ca.SX(current), 1, len(body.links))
         corrected = tau + estimate + 2 * _coupled(M, w) @ innovation
         v_hat = v_hat + self.dt * body.forward_dynamics(q, v, corrected, water, still)
         return ObserverState(estimate=estimate, lead=push / w, v_hat=v_hat, follows=ca.SX(1.0))

@@ -109,7 +109,10 @@ def force_step(m: ForceMemory) -> bool:
     """
     m.inputs.feedback[0] = min(m.inputs.feedback[0], m.bandwidth_share)
     m.inputs.joint_feedback[0] = min(m.inputs.joint_feedback[0], m.joint_bandwidth_share)
-    m.inputs.joints[0] = 0.0 if m.brakes or m.joint_age > _ENCODER_SILENCE + m.joints_late else 1.0
+    if m.brakes or m.joint_age > _ENCODER_SILENCE + m.joints_late:
+        m.inputs.joints[0] = 0.0
+    else:
+        m.inputs.joints[0] = 1.0
     m.locks = m.inputs.joints[0] == 0.0 if m.detection.joints.count > 0 else m.inputs.hold[0] != 0.0
     if _share_changes(m):
         m.transfer(m.inputs, m.state, m.transferred)

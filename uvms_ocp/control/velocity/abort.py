@@ -214,15 +214,21 @@ def abort_reason(
     """
     d.pushed = d.aborts and d.push > d.contact and _is_high(d, gates)
     if not d.aborts:
-        return AbortReason.FAULT if d.fault else AbortReason.NOTHING
+        if d.fault:
+            return AbortReason.FAULT
+        return AbortReason.NOTHING
     if m.given_up:
         if t - m.since > d.time_limit:
             return AbortReason.LATE
-        return AbortReason.HOPELESS if hopeless else AbortReason.NOTHING
+        if hopeless:
+            return AbortReason.HOPELESS
+        return AbortReason.NOTHING
     if hopeless or ended or d.fault:
         if hopeless:
             return AbortReason.HOPELESS
-        return AbortReason.ENDED if ended else AbortReason.FAULT
+        if ended:
+            return AbortReason.ENDED
+        return AbortReason.FAULT
     d.sunk_since = _since(clearance < -d.sunk, d.sunk_since, t)
     if t - d.sunk_since > _SUNK_AFTER:
         return AbortReason.FLOOR
@@ -236,12 +242,16 @@ def abort_reason(
         return AbortReason.RUNAWAY
     waits = not _progresses(d, m, quantities)
     d.stall_since = _since(waits, d.stall_since, t)
-    return AbortReason.STALL if t - d.stall_since > d.stall_after else AbortReason.NOTHING
+    if t - d.stall_since > d.stall_after:
+        return AbortReason.STALL
+    return AbortReason.NOTHING
 
 
 def _since(so: bool, since: float, t: float) -> float:
     """When [s] it began to be so; NaN: nobody knows."""
-    return since if so and not math.isnan(since) else t
+    if so and not math.isnan(since):
+        return since
+    return t
 
 
 def _is_high(d: AbortMemory, gates: Vector) -> bool:
@@ -352,7 +362,9 @@ class AbortMonitor:
         abort = self._mission.abort
         less = tick.restriction
         if why is AbortReason.NOTHING or why is AbortReason.FAULT or abort is None:
-            return feedback.fault if why is AbortReason.FAULT else ""
+            if why is AbortReason.FAULT:
+                return feedback.fault
+            return ""
         lift = f"{100 * feedback.push:.0f} % of the thrusters' lift"
         pending = self._mission.pending(tick.mission, quantities)
         which = f" ({feedback.at_limits})" * bool(feedback.at_limits)

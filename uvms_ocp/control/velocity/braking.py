@@ -199,7 +199,10 @@ def limit_speed(
     """
     found = _pace(m, less.speed, v, previous, pace)
     for i in range(len(m.step)):
-        v[i] = 0.0 if less.joints_held and m.is_joint[i] != 0 else found * v[i]
+        if less.joints_held and m.is_joint[i] != 0:
+            v[i] = 0.0
+        else:
+            v[i] = found * v[i]
     _within(m, v, previous)
     if less.no_descent and m.has_vehicle:
         _lift(beam, q, v, len(m.step))

@@ -458,7 +458,9 @@ class KinematicController(TableDisplay):
         known = memory.mission
         if memory.why:
             why = self._distress.describe(AbortReason(memory.why), tick, quantities, self._feedback)
-            goals = () if is_over(known) else self.mission.ascent_goals(ascent_goal(memory.ascent))
+            goals: tuple[Any, ...] = ()
+            if not is_over(known):
+                goals = self.mission.ascent_goals(ascent_goal(memory.ascent))
             went: tuple[MissionState, Event | None] = state_after_abort(
                 phases, state, known, tick.t, why, goals
             )

@@ -120,7 +120,10 @@ def countered_rows(
     )
     least = (_SINGULAR * ca.norm_fro(arm)) ** 2 + _NOTHING
     share = -arm.T @ ca.solve(arm @ arm.T + least * ca.SX.eye(rows.n_rows), free @ ahead)
-    most = ca.fmax(_JOINT_SHARE, ca.mmax(ca.fabs(share))) if robot.n_joints else 1
+    if robot.n_joints:
+        most = ca.fmax(_JOINT_SHARE, ca.mmax(ca.fabs(share)))
+    else:
+        most = 1
     met = J[:, robot.n_vehicle :] @ limit @ share * _JOINT_SHARE / most
     return replace(
         rows, jacobian=J, rate=mean.rate + met, lower=mean.lower + met, upper=mean.upper + met

@@ -92,7 +92,10 @@ def prepare_tick(m: TickMemory) -> None:
     # Joints that brakes hold are where they were.
     braked = m.restriction.joints_held and math.isfinite(m.age) and m.joint_age >= m.age
     age = 0.0 if braked else m.age
-    echo_age = m.t - m.beam.since if m.altitude_matters and not distrusted else 0.0
+    if m.altitude_matters and not distrusted:
+        echo_age = m.t - m.beam.since
+    else:
+        echo_age = 0.0
     m.echo_is_oldest = echo_age > age
     m.oldest = max(age, echo_age)
     m.freshness = freshness_of(m.oldest, m.hold_after, m.stop_after)

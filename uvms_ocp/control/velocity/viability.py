@@ -330,10 +330,13 @@ class PositionGuard:
     def model(self) -> CollisionModel | None:
         """Whose distances the positions are, where they are."""
         values = self.limit.values
-        owner = (
-            values.__self__ if isinstance(values, MethodType) and not self.limit.relative else None
-        )
-        return owner if isinstance(owner, CollisionModel) and values == owner.values else None
+        if isinstance(values, MethodType) and not self.limit.relative:
+            owner = values.__self__
+        else:
+            owner = None
+        if isinstance(owner, CollisionModel) and values == owner.values:
+            return owner
+        return None
 
 
 def position_guards(

@@ -282,7 +282,10 @@ def update_trust(m: HealthMemory, c: ChannelMemory) -> bool:
     else:
         c.complaint.code = Reason.NONE
     c.changed = trust != c.trust
-    c.shift = 0.0 if c.trust == Trust.GOOD and c.changed else c.shift
+    if c.trust == Trust.GOOD and c.changed:
+        c.shift = 0.0
+    else:
+        c.shift = c.shift
     c.trust = trust
     return c.changed
 
@@ -307,7 +310,10 @@ def _mark_refused(c: ChannelMemory, t: float) -> None:
 
 def _confirm_jump(c: ChannelMemory) -> None:
     """Two readings in a row that are off alike tell it; after a spike it begins anew."""
-    c.jump = max(c.jump, min(c.off, c.refused_off)) if c.off > 0.5 * c.refused_off else 0.0
+    if c.off > 0.5 * c.refused_off:
+        c.jump = max(c.jump, min(c.off, c.refused_off))
+    else:
+        c.jump = 0.0
 
 
 def _by_silence(c: ChannelMemory, quiet: float, period: float) -> int:
@@ -316,7 +322,9 @@ def _by_silence(c: ChannelMemory, quiet: float, period: float) -> int:
     suspect = patience + max(LEAST_TO_SUSPECT, _PERIODS_TO_SUSPECT * period)
     if quiet > lost and not c.empty:
         return int(Trust.LOST)
-    return int(Trust.SUSPECT) if quiet > suspect else int(Trust.GOOD)
+    if quiet > suspect:
+        return int(Trust.SUSPECT)
+    return int(Trust.GOOD)
 
 
 def _be_silent(c: ChannelMemory, quiet: float, t: float, anew: bool) -> None:
@@ -412,9 +420,10 @@ def health_memory(
     delay = specs["joint_positions"].delay if "joint_positions" in specs else 0.0
     fastest = np.minimum(robot.limits.velocity[robot.joint_v], _FASTEST)
     made.encoders.allowed[: robot.n_joints] = (_ENCODER_TRAVEL + delay * fastest).tolist()
-    made.encoders.n = (
-        robot.n_joints if _is_plain(robot) and robot.n_joints == len(robot.joint_names) else 0
-    )
+    if _is_plain(robot) and robot.n_joints == len(robot.joint_names):
+        made.encoders.n = robot.n_joints
+    else:
+        made.encoders.n = 0
     bias = dict.fromkeys(sizes_of(robot), 0.0) | {
         name: max(map(abs, spec.biases)) for name, spec in specs.items()
     }
@@ -522,7 +531,10 @@ def _unforeseen(of: _Allowed, spec: SensorSpec, specs: Mapping[str, SensorSpec])
     worst with full acceleration the other way.
     """
     blind = min([spec.delay, *(specs[name].delay for name in of.by if name in specs)])
-    moved = min(of.alone * blind, of.pull * blind**2) if of.pull < math.inf else of.alone * blind
+    if of.pull < math.inf:
+        moved = min(of.alone * blind, of.pull * blind**2)
+    else:
+        moved = of.alone * blind
     return moved + of.supported * (spec.delay - blind)
 
 

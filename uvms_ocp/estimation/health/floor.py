@@ -119,7 +119,10 @@ def height_allowance(new: FloorPoint, old: FloorPoint, slope: float) -> float:
     dx = new.x - new.sensor_x
     dy = new.y - new.sensor_y
     fall = new.sensor_z - new.z
-    share = min(1.0, (new.sensor_z - old.z) / fall) if fall > 0.0 and new.sensor_z > old.z else 1.0
+    if fall > 0.0 and new.sensor_z > old.z:
+        share = min(1.0, (new.sensor_z - old.z) / fall)
+    else:
+        share = 1.0
     away = slope * _length(new.sensor_x + share * dx - old.x, new.sensor_y + share * dy - old.y)
     if share == 1.0:
         return away

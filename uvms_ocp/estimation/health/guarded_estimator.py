@@ -72,11 +72,10 @@ class GuardedEstimator(TableDisplay):
         self.monitor = monitor or health_monitor.HealthMonitor(robot, specs)
         exact = isinstance(estimator, PassThrough)
         # One of a class of its own may do more than to repeat.
-        plain = (
-            estimator
-            if isinstance(estimator, PassThrough) and type(estimator) is PassThrough
-            else None
-        )
+        if isinstance(estimator, PassThrough) and type(estimator) is PassThrough:
+            plain = estimator
+        else:
+            plain = None
         self.repeated: health_monitor.PassThroughMemory | None = None
         if plain is not None and self.monitor.repeats:
             self.repeated = health_monitor.pass_through_memory(plain)

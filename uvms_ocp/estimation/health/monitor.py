@@ -80,7 +80,10 @@ def fallback_sensors(*, gyro_from_attitude: bool) -> dict[str, FallbackSensor]:
     the position for as long as a mission allows (`uvms_ocp.estimation.degraded_modes`).
     gyro_from_attitude: the estimator finds rates from attitudes alone.
     """
-    gyro = {"angular_velocity": FallbackSensor("attitude", math.inf)} if gyro_from_attitude else {}
+    if gyro_from_attitude:
+        gyro = {"angular_velocity": FallbackSensor("attitude", math.inf)}
+    else:
+        gyro = {}
     return gyro | {
         "position": FallbackSensor("linear_velocity", math.inf),
         "linear_velocity": FallbackSensor("position", math.inf),
@@ -129,7 +132,10 @@ def update_age(m: channel_state.HealthMemory, s: EstimateSupport) -> None:
     too or has replaced it for as long as it can.
     """
     joints = m.channels[ChannelIndex.JOINT_POSITIONS].taken
-    s.joint_age = math.inf if math.isnan(joints) else m.t - min(joints, m.t)
+    if math.isnan(joints):
+        s.joint_age = math.inf
+    else:
+        s.joint_age = m.t - min(joints, m.t)
     s.oldest = -1
     oldest = m.t
     for k in range(s.n):
@@ -255,7 +261,10 @@ _LONGEST_UNOBSERVED = 1.0  # [s] for which a velocity may be carried on by itsel
 
 def screen(m: channel_state.HealthMemory, t: float, moving: bool) -> None:
     """Screen the fresh readings at time t [s]; moving: there was a command, and no brakes."""
-    m.dt = max(t - m.t, 0.0) if m.started else 0.0
+    if m.started:
+        m.dt = max(t - m.t, 0.0)
+    else:
+        m.dt = 0.0
     m.t = t
     m.started = True
     m.exposed = False
@@ -283,7 +292,9 @@ def _last_observed(c: channel_state.ChannelMemory) -> float:
     """Return the time [s] of the last reading in use, -inf before the first and without the
     channel.
     """
-    return -math.inf if not c.present or math.isnan(c.taken) else c.taken
+    if not c.present or math.isnan(c.taken):
+        return -math.inf
+    return c.taken
 
 
 def judge(m: channel_state.HealthMemory, t: float, is_estimated: bool) -> int:

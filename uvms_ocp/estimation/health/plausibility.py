@@ -356,7 +356,10 @@ def _too_often(r: RepetitionMemory, why: Complaint) -> bool:
 
 
 def _unlikely(r: RepetitionMemory, most: int, together: int) -> bool:
-    p = math.erf(r.finest / (2.0 * r.noise)) if math.isfinite(r.finest) else 1.0
+    if math.isfinite(r.finest):
+        p = math.erf(r.finest / (2.0 * r.noise))
+    else:
+        p = 1.0
     one = math.log(max(p, _NEVER))
     if together >= _LEAST and together * r.size * one < r.chance:
         return True
@@ -368,7 +371,10 @@ def _common(measure: float, step: float, tolerance: float) -> float:
     multiple of all.
     """
     while step > tolerance:
-        rest = abs(math.remainder(measure, step)) if math.isfinite(measure) else 0.0
+        if math.isfinite(measure):
+            rest = abs(math.remainder(measure, step))
+        else:
+            rest = 0.0
         measure = step
         step = rest
     return max(measure, tolerance)

@@ -94,7 +94,9 @@ def value_at(s: SampleRing, i: int, t: float) -> float:
     to_t = time_at(s, after)
     if t >= to_t or to_t == from_t:
         return new
-    return old if t <= from_t else (new - old) / (to_t - from_t) * (t - from_t) + old
+    if t <= from_t:
+        return old
+    return (new - old) / (to_t - from_t) * (t - from_t) + old
 
 
 # Channels that tell the same in two ways, compared over a few seconds.
@@ -312,7 +314,10 @@ def compare_place(d: VelocityAgainstPosition, value: Vector, t: float, first: in
     offset = zeros(4)
     known = abs(t - d.t) <= _GAP and d.ways.count > 0 and t >= time_at(d.ways, 0)
     for i in range(first, 3):
-        offset[i] = value[i - first] - _way_at(d, i, t) if known else 0.0
+        if known:
+            offset[i] = value[i - first] - _way_at(d, i, t)
+        else:
+            offset[i] = 0.0
     offset[3] = d.way[3]
     if first == 0:
         _append_offset(d.quick, offset, t, known)
@@ -412,7 +417,9 @@ def _turn_in(
         angle_between(found.value[found.first], found.value[ring_slot(found, found.count - 1)])
         / span
     )
-    return rate if rate > tolerance else 0.0
+    if rate > tolerance:
+        return rate
+    return 0.0
 
 
 def _turn_on(d: RateAgainstAttitude, rate: Vector, dt: float, out: Vector) -> None:
@@ -445,7 +452,9 @@ def depth_difference(d: DepthAgainstPosition, z: float, climb: float, t: float) 
     for i in range(1, _LAST + 1):
         total += d.last[(d.count + i) % _LAST]
     by = abs(total / _LAST - d.first / _FIRST)
-    return by if d.count >= _FIRST + _LAST and by > d.tolerance else 0.0
+    if d.count >= _FIRST + _LAST and by > d.tolerance:
+        return by
+    return 0.0
 
 
 def update_joint_rates(d: RateAgainstEncoder, rates: Vector, t: float) -> None:

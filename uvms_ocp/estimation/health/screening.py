@@ -101,7 +101,10 @@ def _agrees(
     gate = c.gate
     carried = _is_good(m, gate.by) or _is_good(m, gate.or_by)
     rate = gate.supported if carried else gate.alone
-    growth = 0.0 if math.isnan(c.taken) else rate * max(c.stamp - c.taken, 0.0)
+    if math.isnan(c.taken):
+        growth = 0.0
+    else:
+        growth = rate * max(c.stamp - c.taken, 0.0)
     away = abs(c.stamp - estimate.t)
     error = plausibility.error_of(gate, c.value, estimate)
     moved = plausibility.motion_within(gate, estimate, away)
@@ -216,7 +219,10 @@ def _compare_attitude(m: HealthMemory, c: ChannelMemory, why: Complaint) -> None
     quick, slow = m.rate.quick_rate, m.rate.slow_rate
     if quick > 0.0 or slow > 0.0:
         set_complaint(why, Reason.TURN, max(quick, slow), 0.0)
-        likely = int(ChannelIndex.ANGULAR_VELOCITY) if quick > 0.0 else -1
+        if quick > 0.0:
+            likely = int(ChannelIndex.ANGULAR_VELOCITY)
+        else:
+            likely = -1
         _suspect_likelier(m, ChannelIndex.ATTITUDE, ChannelIndex.ANGULAR_VELOCITY, likely)
 
 

@@ -309,7 +309,10 @@ class CollisionModel:
     ) -> Iterator[tuple[_Engine, np.ndarray | slice, np.ndarray]]:
         """Find which model measures which of the `pairs`: rows here, indices there."""
         for engine, place in self._engines:
-            requested = place if pairs is None else place[np.asarray(pairs, dtype=int)]
+            if pairs is None:
+                requested = place
+            else:
+                requested = place[np.asarray(pairs, dtype=int)]
             if len(self._engines) == 1:
                 yield engine, slice(None), requested
             elif len(rows := np.flatnonzero(requested >= 0)):
@@ -395,7 +398,9 @@ def _known(links: Sequence[str] | None, names: Sequence[str]) -> Sequence[str]:
     unknown = sorted(set(links or ()) - set(names))
     if unknown:
         raise InvalidInput(f"shapes {unknown} to check for collision; allowed: {', '.join(names)}")
-    return names if links is None else links
+    if links is None:
+        return names
+    return links
 
 
 # Room for the pairs of collision models in the memories of a tick, whose kernels measure them where
@@ -441,7 +446,9 @@ def without_c_form(model: CollisionModel, robot: Robot | None) -> str:
             f"distances of {', '.join(model.without_c_form)}; spheres, capsules, cylinders and"
             " boxes have"
         )
-    return "" if robot is not None and model.is_of(robot) else "distances of another robot"
+    if robot is not None and model.is_of(robot):
+        return ""
+    return "distances of another robot"
 
 
 @cache

@@ -241,4 +241,6 @@ def _first(error: ValidationError) -> str:
     first = error.errors()[0]
     place = ".".join(str(part) for part in first["loc"])
     text = first["msg"].removeprefix("Value error, ")
-    return f"{place}: {text}" if place else text
+    if place:
+        return f"{place}: {text}"
+    return text

@@ -219,8 +219,14 @@ def add_face(h: Hull, m: RelativePlacement, i: int, j: int, k: int) -> None:
     length = math.sqrt(dot(n, n))
     beyond = dot(n, h.w[i]) + dot(n, m.p)
     for c in range(3):
-        n[c] = math.copysign(1.0, beyond) * n[c] / length if length * length > _FLAT else 0.0
-    h.offset[new] = dot(n, h.w[i]) if length * length > _FLAT else math.inf
+        if length * length > _FLAT:
+            n[c] = math.copysign(1.0, beyond) * n[c] / length
+        else:
+            n[c] = 0.0
+    if length * length > _FLAT:
+        h.offset[new] = dot(n, h.w[i])
+    else:
+        h.offset[new] = math.inf
     h.n_faces += 1
 
 

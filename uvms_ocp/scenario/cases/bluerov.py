@@ -60,7 +60,10 @@ def reach(
         + distance * np.array([np.cos(azimuth), np.sin(azimuth), 0.0])
         - [0.0, 0.0, drop]
     )
-    point = drawn if target is None else np.asarray(target, dtype=float)
+    if target is None:
+        point = drawn
+    else:
+        point = np.asarray(target, dtype=float)
     q0 = run.start(origin)
     way_point = pose_facing(origin, point, Kinematics(robot, q0))
     posture = VehiclePose(goal=way_point), JointTracking(joints=robot.joint_names, goal=robot.home)

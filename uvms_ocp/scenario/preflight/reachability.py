@@ -114,7 +114,10 @@ class ArmReach:
         best: ReachResult | None = None
         for start in (*near, *self._starts[:n_random]):
             found = self._from(X_WB, goal, start)
-            best = found if best is None or found.cost < best.cost else best
+            if best is None or found.cost < best.cost:
+                best = found
+            else:
+                best = best
             if best.reached if self._weight else best.position < REACHED:
                 break
         if best is None:
@@ -359,7 +362,9 @@ def _last_way_point(setup: Setup, visit: Visit) -> tuple[int, VehiclePose] | Non
         for one in before
         if (task := one.active(VehiclePose)) is not None and not callable(task.goal)
     ]
-    return found[-1] if found else None
+    if found:
+        return found[-1]
+    return None
 
 
 def _reached_from(setup: Setup, arm: ArmReach, visit: Visit, goals: Sequence[pin.SE3]) -> bool:

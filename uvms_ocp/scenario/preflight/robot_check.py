@@ -309,7 +309,10 @@ def trim_bodies(
         x, y = place + 0.0  # no zero with a sign
         return assembly.trim_body(name, float(x), float(y), lift, robot), lift
 
-    place = lever / lift if abs(lift) >= FORCE_TOLERANCE else np.full(2, np.inf)
+    if abs(lift) >= FORCE_TOLERANCE:
+        place = lever / lift
+    else:
+        place = np.full(2, np.inf)
     if ((low <= place) & (place <= high)).all():
         return [body("", place, lift)]
     along = lever / np.linalg.norm(lever)

@@ -340,7 +340,10 @@ def stances_at_way_point(
     arrival = offset * min(1.0, radius / max(float(np.linalg.norm(offset)), 1e-9))
     turned = (pin.rpy.rpyToMatrix(0.0, 0.0, angle) @ arrival for angle in (0.0, _BEND, -_BEND))
     likely = [Stance(position=goal.translation + point, yaw=yaw) for point in turned]
-    x, y, _ = np.zeros(3) if towards is None else towards - goal.translation
+    if towards is None:
+        x, y, _ = np.zeros(3)
+    else:
+        x, y, _ = towards - goal.translation
     R = pin.rpy.rpyToMatrix(0.0, 0.0, math.atan2(y, x))
     around = [goal.translation + R @ point for point in points_on_ball(np.zeros(3), radius)]
     possible = [Stance(position=point, yaw=yaw, likely=radius == 0) for point in around]

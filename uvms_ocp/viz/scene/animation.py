@@ -173,7 +173,10 @@ def beam_clip(frames: Frames, reach: np.ndarray, fps: float) -> AnimationClip:
     length = np.where(np.isfinite(reach), reach, 1e-3)
     scale = np.column_stack([np.ones((len(length), 2)), length])
     time = frames.t * fps
-    tracks = [] if frames.altimeter is None else _pose_tracks(time, frames.altimeter)
+    if frames.altimeter is None:
+        tracks = []
+    else:
+        tracks = _pose_tracks(time, frames.altimeter)
     return _clip([*tracks, _track("scale", "vector3", time, scale)], fps)
 
 

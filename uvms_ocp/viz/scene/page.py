@@ -106,7 +106,10 @@ class ScenePage:
             page = f'srcdoc="{html.escape(self.html)}"'
         else:
             page = f'data-page="{html.escape(head + _VIEWER_MARK + tail)}"'
-        script = "" if whole else f"<script>{asset('frame.js')}('{name}')</script>"
+        if whole:
+            script = ""
+        else:
+            script = f"<script>{asset('frame.js')}('{name}')</script>"
         opening = (
             f'<iframe id="{name}" data-viewer="{_digest(viewer)}" sandbox="allow-scripts"'
             f' style="{style}" {page}>'

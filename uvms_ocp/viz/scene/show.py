@@ -201,7 +201,10 @@ def show(
         raise InvalidInput(
             "a record and a plan know their configurations; give show(robot, q) for one of your own"
         )
-    robot = what.robot if isinstance(what, Plan) else robot_or_q or robot_of(what)
+    if isinstance(what, Plan):
+        robot = what.robot
+    else:
+        robot = robot_or_q or robot_of(what)
     return _page(
         _record_of(what),
         robot,
@@ -229,7 +232,10 @@ def robot_of(record: Record, folder: Path | None = None) -> Robot:
     name, files = record.meta.robot, record.meta.robot_files
     if files is None and name in list_robots():
         return load_robot(name)
-    robot = None if files is None else loading.recorded_robot(name, files, folder or Path.cwd())
+    if files is None:
+        robot = None
+    else:
+        robot = loading.recorded_robot(name, files, folder or Path.cwd())
     if robot is None:
         where = f"which is no longer at {files.urdf}" if files else "which does not hold its robot"
         raise InvalidInput(
