@@ -199,9 +199,9 @@ def read_only(values: ArrayLike, dtype: type | None = None) -> np.ndarray:
     unless it is one.
     """
     array = np.asarray(values, dtype=dtype)
-    is_fixed = (base := memory_of(array)) is values or (
-        isinstance(base, bytes | mmap) and memoryview(base).readonly
-    )
+    base = memory_of(array)
+    is_read_only_memory = isinstance(base, bytes | mmap) and memoryview(base).readonly
+    is_fixed = base is values or is_read_only_memory
     if array.flags.writeable or not is_fixed:
         array = np.array(array)
         array.flags.writeable = False

@@ -271,6 +271,7 @@ def run_metrics(scenario: Scenario, record: Record) -> dict[str, float | None]:
     end = float(record["t"][-1])
     spent = metrics.figures_between(record, 0.0, end)
     tilt = quantity(record, "HA.tilt", metrics.extremes_of(record, "quantities")[-1])
+    failed = metrics.failed_ticks(record)
     figures = {
         "duration_s": end,
         "tool_position_error_m": meta.true_quantity(f"{task}.position_error"),
@@ -280,9 +281,7 @@ def run_metrics(scenario: Scenario, record: Record) -> dict[str, float | None]:
         "min_altimeter_m": metrics.least_altimeter_range(record),
         "tilt_rad": metrics.largest_tilt(record) if tilt is None else metrics.largest_or_none(tilt),
         "alarms": float(len(meta.alarms)),
-        "failed_ticks": None
-        if (failed := metrics.failed_ticks(record)) is None
-        else float(sum(failed.values())),
+        "failed_ticks": None if failed is None else float(sum(failed.values())),
     }
     for name, tool in tool_metrics(scenario.robot).items():
         own = next((one.name for one in meta.tasks if one.tool == tool), "")

@@ -440,6 +440,7 @@ def _pairs(a: Any, b: Any) -> dict[str, Any]:
     before, after = (table["success"].to_numpy(dtype=bool) for table in (a, b))
     lost, won = (np.flatnonzero(which) for which in (before & ~after, ~before & after))
     discordant = len(lost) + len(won)
+    differences = [_difference(name, a, b) for name in jobs.metrics_among(a)]
     return {
         "pairs": len(a),
         "both_succeed": int((before & after).sum()),
@@ -449,7 +450,7 @@ def _pairs(a: Any, b: Any) -> dict[str, Any]:
         "first_only_runs": a["run"].to_numpy()[lost[:_MOST_NAMED]].tolist(),
         "second_only_runs": a["run"].to_numpy()[won[:_MOST_NAMED]].tolist(),
         "p_value": float(binomtest(len(won), discordant).pvalue) if discordant else 1.0,
-        "figures": [row for name in jobs.metrics_among(a) if (row := _difference(name, a, b))],
+        "figures": [row for row in differences if row],
     }
 
 

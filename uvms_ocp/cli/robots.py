@@ -133,7 +133,8 @@ def new_robot(
     loading = {
         key: value for key, value in files.loading.items() if key in ("mimic", "lock", "drop")
     }
-    loading |= {} if files.meshes is None else {"meshes": "yes" if files.meshes else "no"}
+    if files.meshes is not None:
+        loading["meshes"] = "yes" if files.meshes else "no"
     found = proposal.propose(
         urdf,
         base=files.base,

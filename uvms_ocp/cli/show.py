@@ -346,8 +346,6 @@ def _file_at(path: Path, names: tuple[str, ...], advice: str) -> Path:
 
 def _name_of(path: Path) -> str:
     """Return the name of a run: that of its folder."""
-    return (
-        (path if path.is_dir() else path.parent if path.stem in ("record", "plan") else path)
-        .resolve()
-        .name
-    )
+    is_file_of_run = not path.is_dir() and path.stem in ("record", "plan")
+    named = path.parent if is_file_of_run else path
+    return named.resolve().name

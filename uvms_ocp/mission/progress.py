@@ -353,11 +353,8 @@ def _after(
     phases: Sequence[Phase], state: MissionState, memory: MissionMemory, reason: str
 ) -> MissionState:
     if is_over(memory):
-        return replace_unchecked(
-            state,
-            completed=bool(memory.completed),
-            aborted=(state.abort_reason or reason) * bool(memory.aborted),
-        )
+        aborted = (state.abort_reason or reason) if memory.aborted else ""
+        return replace_unchecked(state, completed=bool(memory.completed), aborted=aborted)
     counted = {
         (k, i): memory.fired[memory.first[k] + i]
         for k, phase in enumerate(phases)

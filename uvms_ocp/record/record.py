@@ -487,7 +487,8 @@ class Record(display.TableDisplay):
                     return _fitting(
                         meta=read_text(described, 16 << 20), series=read_row_files(Path(path))
                     )  # which may grow
-            path = held if (held := Path(path, output.RECORD)).is_file() else path
+            held = Path(path, output.RECORD)
+            path = held if held.is_file() else path
             if only is None:
                 wanted = None
             else:

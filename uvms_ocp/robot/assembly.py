@@ -167,10 +167,10 @@ def without_arm(robot: Robot) -> Robot:
     before = robot.description
     links = {name: link for name, link in before.links.items() if name in vehicle_links}
     trim = tuple(body for body in before.trim if body.link in vehicle_links)
-    sensors = {
-        key: name if (name := getattr(before, key)) in vehicle_links else None
-        for key in ("altimeter", "dvl")
-    }
+    sensors: dict[str, str | None] = {"altimeter": before.altimeter, "dvl": before.dvl}
+    for key, link in sensors.items():
+        if link not in vehicle_links:
+            sensors[key] = None
     alone = checked_copy(before, joints={}, links=links, trim=trim, tool=None, **sensors)
     return loading.robot_of(_base_only(robot), alone, robot.name)
 

@@ -293,7 +293,8 @@ def load_robot(
         faults.append(error)  # what is wrong with the URDF is told with it
         description = RobotDescription()
     loading: dict[str, Any] = {"mimic": mimic, "lock": lock, "drop": tuple(drop) or None}
-    loading |= {} if meshes is None else {"meshes": "yes" if meshes else "no"}
+    if meshes is not None:
+        loading["meshes"] = "yes" if meshes else "no"
     if package_dirs or (yaml_path is not None and yaml_path.parent != urdf_path.parent):
         described_folders = (
             (yaml_path or urdf_path).parent / folder for folder in description.loading.packages

@@ -348,9 +348,10 @@ class _Draft:
         content |= (
             {"base_link": self.roles.base} if self.floats and self.roles.base != "base_link" else {}
         )
-        content |= (
-            {"tool": self.tools if len(self.tools) > 1 else self.tools[0]} if self.tools else {}
-        )
+        if len(self.tools) == 1:
+            content["tool"] = self.tools[0]
+        elif self.tools:
+            content["tool"] = self.tools
         content |= {"altimeter": self.range_sensor} if self.range_sensor else {}
         content |= {"dvl": self.velocity_sensor} if self.velocity_sensor else {}
         loading = {

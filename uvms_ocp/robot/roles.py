@@ -110,11 +110,12 @@ def find_roles(model: pin.Model, *, free_flyer: bool) -> Roles:
     arm = [j for j in tree.moving if j not in kinds]
     links = [tree.name(i) for i in tree.bodies[tree.carrier]]
     ends = [j for j in arm if not any(child in arm for child in tree.children(j))]
-    return Roles(
-        base=BASE if BASE in links else links[0] if links else "",
-        tools=tuple(links_of_tool for j in ends if (links_of_tool := _tips(tree, j))),
-        **named,
-    )
+    if BASE in links:
+        base = BASE
+    else:
+        base = next(iter(links), "")
+    tools = [_tips(tree, j) for j in ends]
+    return Roles(base=base, tools=tuple(tips for tips in tools if tips), **named)
 
 
 _KINDS = ("propellers", "sensors", "fingers", "empty", "held", "gimbals")

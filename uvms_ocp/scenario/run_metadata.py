@@ -134,6 +134,7 @@ def run_meta(
         for task in tasks
         if isinstance(task, (ToolPose, ToolPosition))
     }
+    energy = getattr(controller.guide, "energy", None)
     return RunMeta(
         scenario=name,
         **loading.robot_meta(robot),
@@ -177,9 +178,7 @@ def run_meta(
         statuses=tuple(status.value for status in Status),
         seed=seed,
         noise=setup.sensors != IDEAL_SENSORS,
-        planned_energy=energy
-        if isinstance(energy := getattr(controller.guide, "energy", None), float)
-        else None,
+        planned_energy=energy if isinstance(energy, float) else None,
         wall_s=ending.wall_s,
     )
 

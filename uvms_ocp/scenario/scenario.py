@@ -555,7 +555,7 @@ class Scenario(FieldTable):
         )  # with the goals that the phase had when it ended
         ends = [quantities(state, event.t, goals) for state, event, goals in left]
         stopped: Literal["", "stopped", "diverged"] = (
-            "diverged" if diverged else "stopped" if presses else ""
+            "diverged" if diverged else ("stopped" if presses else "")
         )
         ending = RunOutcome(
             q=recorder.last("q"),

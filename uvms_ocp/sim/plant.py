@@ -125,11 +125,9 @@ class KinematicPlant(Plant):
     def step(self, command: Command, dt: Period) -> None:
         arrays = self._arrays
         arrays.asked[:] = command.v
-        if self.faults and (
-            jammed := effects.jammed_axes(
-                self._robot, effects.active_of(self.faults, self.memory.t)
-            )
-        ):
+        if self.faults:
+            active = effects.active_of(self.faults, self.memory.t)
+            jammed = effects.jammed_axes(self._robot, active)
             arrays.asked[list(jammed)] = 0.0
         self.begin(dt)
         self._advance(self.memory)

@@ -213,9 +213,8 @@ def figure_intervals(one: Calibration) -> Figure:
     faded.
     """
     numbers = one.numbers
-    axis = (
-        figure := style.titled(0.17 * len(numbers) + 1.0, "Half widths of 95 % intervals")
-    ).subplots()
+    figure = style.titled(0.17 * len(numbers) + 1.0, "Half widths of 95 % intervals")
+    axis = figure.subplots()
     widths = [
         min(100.0 * INTERVAL * each.sigma / max(each.size, 1e-300), _WIDEST) for each in numbers
     ]

@@ -367,7 +367,7 @@ class AbortMonitor:
             return ""
         lift = f"{100 * feedback.push:.0f} % of the thrusters' lift"
         pending = self._mission.pending(tick.mission, quantities)
-        which = f" ({feedback.at_limits})" * bool(feedback.at_limits)
+        which = f" ({feedback.at_limits})" if feedback.at_limits else ""
         texts = {
             AbortReason.CONTACT: (
                 f"contact or rising water: pushed up by {lift} for {abort.contact_after:g} s"

@@ -108,13 +108,15 @@ def quantity_stds(setup: Setup, q: np.ndarray, std: np.ndarray | None = None) ->
     if setup.robot.n_vehicle:  # Jacobians take the velocity of B in B
         R_WB = spatial.quaternion_to_matrix(q[3:7])
         variance[:3, :3] = R_WB.T @ variance[:3, :3] @ R_WB
-    return {
-        f"{task.name}.{name}": float(np.sqrt(np.trace((J @ variance @ J.T)[rows, rows])))
-        for task in tasks
-        for J in [kinematics.jacobian(task.frame)]
-        for name, rows in _PARTS.items()
-        if name == "position_error" or not isinstance(task, ToolPosition)
-    }
+    allowed = {}
+    for task in tasks:
+        J = kinematics.jacobian(task.frame)
+        error_variance = J @ variance @ J.T
+        for name, rows in _PARTS.items():
+            if name == "position_error" or not isinstance(task, ToolPosition):
+                part = error_variance[rows, rows]
+                allowed[f"{task.name}.{name}"] = float(np.sqrt(np.trace(part)))
+    return allowed
 
 
 def check_accuracy(setup: Setup) -> Iterator[Finding]:

@@ -328,7 +328,13 @@ def _handler_of(
                 self._send(frames())
                 return
             found = known and self.path == "/"
-            self.send_response(200 if found else 404 if known else 403)
+            if found:
+                status = 200
+            elif known:
+                status = 404
+            else:
+                status = 403
+            self.send_response(status)
             self.send_header("Content-Type", "text/html; charset=utf-8")
             self.send_header("Content-Length", str(len(body) if found else 0))
             self.end_headers()
