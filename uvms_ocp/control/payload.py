@@ -221,8 +221,8 @@ class LoadFilter:
         S = H @ self.P @ H.T + np.diag(noise)
         K = np.linalg.solve(S, H @ self.P).T
         self.x = self.x + K @ missed
-        kept = np.eye(len(self.x)) - K @ H
-        self.P = kept @ self.P @ kept.T + K @ np.diag(noise) @ K.T
+        remaining = np.eye(len(self.x)) - K @ H
+        self.P = remaining @ self.P @ remaining.T + K @ np.diag(noise) @ K.T
 
 
 def require_limits(limit: np.ndarray) -> int:
@@ -231,9 +231,9 @@ def require_limits(limit: np.ndarray) -> int:
     """
     wrong = np.flatnonzero(~((limit > _NO_FORCE) & (limit < np.inf)))
     if len(wrong):
-        given = f"axes {wrong.tolist()} of {len(limit)} bear no force, or have no limit of it"
+        problem = f"axes {wrong.tolist()} of {len(limit)} bear no force, or have no limit of it"
         raise InvalidInput(
-            f"{given}; a load is learnt in shares of it: give joints an effort, or load=None"
+            f"{problem}; a load is learnt in shares of it: give joints an effort, or load=None"
         )
     return len(limit)
 

@@ -47,12 +47,12 @@ class PlanTracker:
         self._end = float(trajectory.t[-1]) - 0.5 * dt
         self._sound = fallbacks.LastValidEstimate(robot)
 
-    def __call__(self, measurement: StateEstimate, t: float) -> Command:
+    def __call__(self, estimate: StateEstimate, t: float) -> Command:
         """The command for the tick at time t [s] of the trajectory; finished at its end."""
-        measurement = self._sound(measurement, t)
+        estimate = self._sound(estimate, t)
         q, v, a = self._trajectory.state_at(self._model, t)
         command = self._law.command(
-            signals.unchecked_state(q=measurement.q, v=measurement.v), q=q, v=v, a=a
+            signals.unchecked_state(q=estimate.q, v=estimate.v), q=q, v=v, a=a
         )
         return replace_unchecked(command, finished=t > self._end)
 

@@ -213,18 +213,18 @@ class LastValidEstimate:
         if units:
             assign(self.memory, unit=units)
 
-    def __call__(self, measurement: StateEstimate, t: float) -> StateEstimate:
+    def __call__(self, estimate: StateEstimate, t: float) -> StateEstimate:
         """T [s]: time of the tick. Raises `InvalidInput` for a q or v of another robot's size."""
-        self.check(measurement)
-        q = doubles(measurement.q)
-        v = doubles(measurement.v)
-        hold_last_valid(self.memory, t, q, v, measurement.age, measurement.joint_age)
-        return self.substitute(measurement)
+        self.check(estimate)
+        q = doubles(estimate.q)
+        v = doubles(estimate.v)
+        hold_last_valid(self.memory, t, q, v, estimate.age, estimate.joint_age)
+        return self.substitute(estimate)
 
-    def check(self, measurement: StateEstimate) -> None:
+    def check(self, estimate: StateEstimate) -> None:
         """Raise `InvalidInput` for a q or v of another robot's size."""
-        if (measurement.q.shape, measurement.v.shape) != self._shapes:
-            pairs = zip("qv", (measurement.q, measurement.v), self._shapes, strict=True)
+        if (estimate.q.shape, estimate.v.shape) != self._shapes:
+            pairs = zip("qv", (estimate.q, estimate.v), self._shapes, strict=True)
             wrong = [
                 (name, value.shape, right) for name, value, right in pairs if value.shape != right
             ]
@@ -235,20 +235,20 @@ class LastValidEstimate:
                 )
             )
 
-    def substitute(self, measurement: StateEstimate) -> StateEstimate:
+    def substitute(self, estimate: StateEstimate) -> StateEstimate:
         """The measurement that the kernel was asked with, if it is sound, or what stands in for
         it.
         """
         if self.memory.is_valid:
-            self._last = measurement
-            return measurement
+            self._last = estimate
+            return estimate
         return replace_unchecked(
             self._last,
-            altimeter_range=measurement.altimeter_range,
+            altimeter_range=estimate.altimeter_range,
             age=self.memory.age,
-            oldest=measurement.oldest,
+            oldest=estimate.oldest,
             joint_age=self.memory.joint_age,
-            health=measurement.health,
+            health=estimate.health,
         )
 
 
@@ -351,14 +351,14 @@ class LastFloorRange:
         self.memory.exists = frame is not None and robot.has_frame(frame)
         self.memory.floor = self.memory.highest = math.nan
 
-    def at(self, measurement: StateEstimate) -> tuple[float, bool]:
+    def at(self, estimate: StateEstimate) -> tuple[float, bool]:
         """Range [m], always finite, at a measurement that is not remembered, and whether its echo
         tells the altitude.
         """
-        point_altimeter(self.memory, doubles(measurement.q))
-        measured = has_altitude(self.memory, measurement.altimeter_range)
+        point_altimeter(self.memory, doubles(estimate.q))
+        measured = has_altitude(self.memory, estimate.altimeter_range)
         if measured:
-            return (measurement.altimeter_range, True)
+            return (estimate.altimeter_range, True)
         return (range_to_last_floor(self.memory, 0.0), False)
 
 

@@ -82,7 +82,7 @@ class MissionController(Protocol):
     def kinematic(self) -> KinematicController:
         """The layer that knows the mission, its events and its quantities."""
 
-    def __call__(self, measurement: StateEstimate, t: float) -> Command:
+    def __call__(self, estimate: StateEstimate, t: float) -> Command:
         """The command for the tick at time t [s]."""
 
 

@@ -188,7 +188,7 @@ def _asked(command: Command, telemetry: Mapping[str, Any], recorder: Recorder) -
 def _row(
     t: float,
     state: State,
-    measurement: StateEstimate,
+    estimate: StateEstimate,
     command: Command,
     asked: np.ndarray | None,
     measured: Mapping[str, np.ndarray],
@@ -198,18 +198,18 @@ def _row(
         "t": t,
         "q": state.q,
         "v": state.v,
-        "q_estimated": measurement.q,
-        "v_estimated": measurement.v,
-        "altimeter_range": float(measurement.altimeter_range),
+        "q_estimated": estimate.q,
+        "v_estimated": estimate.v,
+        "altimeter_range": float(estimate.altimeter_range),
     }
-    if measurement.std is not None:  # how well the estimate is known, where the estimator tells
-        row["q_std"] = measurement.std
-        row["altimeter_std"] = float(measurement.altimeter_std)
+    if estimate.std is not None:  # how well the estimate is known, where the estimator tells
+        row["q_std"] = estimate.std
+        row["altimeter_std"] = float(estimate.altimeter_std)
     row["command"] = command.v
     if asked is not None:
         row["asked_thrust"] = asked
-    if measurement.health:
-        row["health"] = np.array([channel.trust for channel in measurement.health], dtype=np.int8)
+    if estimate.health:
+        row["health"] = np.array([channel.trust for channel in estimate.health], dtype=np.int8)
     own = len(row)
     row.update(command.telemetry)
     if len(row) != own + len(command.telemetry):

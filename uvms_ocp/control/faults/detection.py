@@ -134,12 +134,12 @@ def detect_joint_faults(
 def _look_at_joint(w: JointFaultMemory, j: int, resistance: float, t: float) -> None:
     if w.jammed[j]:
         return
-    wanted = abs(w.asked[j])
+    commanded_travel = abs(w.asked[j])
     if w.asked[j] > 0.0:
         against = -resistance
     else:
         against = resistance if w.asked[j] < 0.0 else 0.0
-    stands = wanted > _JAM_TRAVEL and abs(w.moved[j]) < _MOVED * wanted
+    stands = commanded_travel > _JAM_TRAVEL and abs(w.moved[j]) < _MOVED * commanded_travel
     if stands and against > _JAM_EFFORT * w.effort[j]:
         w.since[j] = min(w.since[j], t)
     else:
@@ -241,9 +241,9 @@ def detect_faults(m: FaultDetection, t: float) -> bool:
     m.thruster = detect_thruster_faults(m.thrusters, m.effectiveness, m.residual, m.asked, t)
     m.judgement = _judge(m, t)
     m.judged = m.judged or m.judgement
-    found = m.jam or m.thruster >= 0
-    m.changed = found or m.judgement or m.thrusters.suspect != suspect
-    return found
+    is_found = m.jam or m.thruster >= 0
+    m.changed = is_found or m.judgement or m.thrusters.suspect != suspect
+    return is_found
 
 
 def _go_on(m: FaultDetection) -> None:

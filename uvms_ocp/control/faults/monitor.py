@@ -203,8 +203,10 @@ class ActuatorMonitor:
         """All that is faulty, in a few words, such as ``thruster3 dead, joint2 jammed``; nothing
         where nothing is.
         """
-        kinds = {f"thruster{k}": one.kind for k, one in enumerate(self.thrusters, start=1)}
-        kinds |= {f"joint{k}": one.kind for k, one in enumerate(self.joints, start=1)}
+        kinds = {
+            f"thruster{k}": actuator.kind for k, actuator in enumerate(self.thrusters, start=1)
+        }
+        kinds |= {f"joint{k}": actuator.kind for k, actuator in enumerate(self.joints, start=1)}
         return ", ".join(f"{name} {kind.word}" for name, kind in kinds.items() if kind)
 
     def update(self, t: float) -> None:

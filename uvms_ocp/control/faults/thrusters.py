@@ -113,22 +113,22 @@ def _precedes(w: IsolationWindow, best: int, total: float, first: int, n: int) -
 
 def _lead(w: IsolationWindow, total: float, first: int, n: int) -> int:
     """The thruster that explains most, at the delay at which any does."""
-    most = -1.0
+    best_explained = -1.0
     best = 0
     delay = 0
     for late in range(LATE + 1):
         for i in range(len(w.square)):
             explained = _explained(w, i, first - late, n)
-            if explained > most:
-                most = explained
+            if explained > best_explained:
+                best_explained = explained
                 best = i
                 delay = late
-    left = max(total - most, _TINY_CHANGE * total)
+    unexplained = max(total - best_explained, _TINY_CHANGE * total)
     second = 0.0
     for i in range(len(w.square)):
         second = max(second, _explained(w, i, first - delay, n) if i != best else 0.0)
-    w.explained = 1.0 - left / total
-    w.lead = (total - second) / left
+    w.explained = 1.0 - unexplained / total
+    w.lead = (total - second) / unexplained
     return best
 
 
@@ -359,7 +359,11 @@ class ThrusterFaultMemory(Layout):
 
 
 def detect_thruster_faults(
-    w: ThrusterFaultMemory, e: ThrusterEffectiveness, residual: Vector, asked: Vector, t: float
+    w: ThrusterFaultMemory,
+    e: ThrusterEffectiveness,
+    residual: Vector,
+    commanded_thrust: Vector,
+    t: float,
 ) -> int:
     """Take in the residual (6,) [N, N m] at time t [s], and the thrust asked (n_thrusters,) [N]
     that it tells of, of thrusters that all follow; the thruster that was found faulty now, and
@@ -371,7 +375,7 @@ def detect_thruster_faults(
         return -1
     slot = append_sample(w.window, residual, t)
     for i in range(len(w.health)):
-        w.window.asked[slot][i] = e.share[i] * asked[i]
+        w.window.asked[slot][i] = e.share[i] * commanded_thrust[i]
     isolate_fault(w.window)
     again = w.window.thruster >= 0 and w.window.thruster == w.last
     counts = min(w.window.lead / _CLEAR_LEAD, 1.0)

@@ -40,22 +40,24 @@ class ThrusterEffectiveness(Layout):
         """(n_thrusters,) whether anything follows the command at all."""
         return self.share != 0.0
 
-    def given(self, asked: Array) -> Array:
+    def given(self, commanded: Array) -> Array:
         """Thrust in the water (n_thrusters,) [N] for the asked one (n_thrusters,) [N]."""
-        return self.share * asked + self.constant
+        return self.share * commanded + self.constant
 
-    def asked(self, given: Array) -> Array:
+    def asked(self, delivered: Array) -> Array:
         """Invert the effectiveness: command (n_thrusters,) [N] for a thrust (n_thrusters,) [N]; 0
         of what does not follow.
         """
-        return where(self.works, (given - self.constant) / where(self.works, self.share, 1.0), 0.0)
+        return where(
+            self.works, (delivered - self.constant) / where(self.works, self.share, 1.0), 0.0
+        )
 
 
-def effective_thrust(e: ThrusterEffectiveness, i: int, asked: float) -> float:
+def effective_thrust(e: ThrusterEffectiveness, i: int, commanded: float) -> float:
     """Compute the thrust [N] of thruster i for that asked [N], as `ThrusterEffectiveness.given`
     does. A kernel.
     """
-    return e.share[i] * asked + e.constant[i]
+    return e.share[i] * commanded + e.constant[i]
 
 
 # What is known of thrusters and joints: sound, suspect or faulty, and how.
@@ -116,17 +118,17 @@ class JointVerdict:
 
 def thruster_alarm(number: int, name: str, verdict: ThrusterVerdict) -> str:
     """One line on a faulty thruster, counted from 1 as in faults that are asked for."""
-    who = f"thruster{number} {verdict.kind.word} ({name})"
+    thruster = f"thruster{number} {verdict.kind.word} ({name})"
     if verdict.kind is FaultKind.STUCK:
         return (
-            f"{who}: gives {verdict.constant:.0f} N whatever it is asked; taken out, the others"
+            f"{thruster}: gives {verdict.constant:.0f} N whatever it is asked; taken out, the others"
             " make up for it"
         )
-    given = f"{who}: gives {100 * verdict.share:.0f} % of what it is asked"
+    finding = f"{thruster}: gives {100 * verdict.share:.0f} % of what it is asked"
     if verdict.kind is FaultKind.DEAD:
-        return f"{given}; taken out"
+        return f"{finding}; taken out"
     return (
-        f"{given};"
+        f"{finding};"
         f" {'driven the other way' if verdict.kind is FaultKind.REVERSED else 'asked for more'}"
     )
 

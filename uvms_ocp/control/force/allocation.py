@@ -124,18 +124,18 @@ def allocate_thrust(a: AllocationMemory) -> bool:
 
 def _keep(a: AllocationMemory, i: int, to: int) -> None:
     """Thruster i, which follows."""
-    left = a.left
+    remaining = a.left
     share = a.share[i]
     size = abs(a.share[i])
     a.place[to] = i
     for k in range(len(a.matrix)):
-        left.powers.matrix[k][to] = a.matrix[k][i]
-    left.lower[to] = min(share * a.lower[i], share * a.upper[i])
-    left.upper[to] = max(share * a.lower[i], share * a.upper[i])
-    left.dead_zone[to] = a.dead_zone[i] * size
-    left.powers.largest[to] = max(left.upper[to], -left.lower[to])
-    left.powers.factor[to] = a.power_factor[i] / math.exp(a.power_exponent[i] * math.log(size))
-    left.powers.exponent[to] = a.power_exponent[i]
+        remaining.powers.matrix[k][to] = a.matrix[k][i]
+    remaining.lower[to] = min(share * a.lower[i], share * a.upper[i])
+    remaining.upper[to] = max(share * a.lower[i], share * a.upper[i])
+    remaining.dead_zone[to] = a.dead_zone[i] * size
+    remaining.powers.largest[to] = max(remaining.upper[to], -remaining.lower[to])
+    remaining.powers.factor[to] = a.power_factor[i] / math.exp(a.power_exponent[i] * math.log(size))
+    remaining.powers.exponent[to] = a.power_exponent[i]
 
 
 def _to_all(a: AllocationMemory) -> None:
@@ -239,12 +239,12 @@ class Allocation:
             raise InvalidInput(
                 f"wrench {w} given; allowed: six finite numbers below {LARGEST_WRENCH:g} [N, N m]"
             )
-        found = (
+        wrenches = (
             np.array(memory.thrust[: memory.count]),
             np.array(memory.reached),
             np.array(memory.unreachable),
         )
-        return AllocationResult(*found, bool(memory.saturated))
+        return AllocationResult(*wrenches, bool(memory.saturated))
 
 
 def allocation_sizes(n: int) -> dict[str, int]:
@@ -326,15 +326,15 @@ class ThrusterLag:
     dead_zone: np.ndarray
     """(n,) [N] smaller thrust cannot be commanded."""
 
-    def command(self, thrust: Array, wanted: Array, hurry: Array) -> Array:
+    def command(self, thrust: Array, desired: Array, hurry: Array) -> Array:
         """Command (n,) [N] that brings thrust (n,) [N] to the wanted one (n,) [N]; hurry (): ahead
         of the lag.
 
         What would lead into a dead zone is the wanted thrust itself, which is 0 or beyond it.
         """
         lead = where(hurry, self.lead, 1.0)
-        ahead = clipped(thrust + lead * (wanted - thrust), self.lower, self.upper)
-        return where(ahead * ahead < self.dead_zone**2, wanted, ahead)
+        ahead = clipped(thrust + lead * (desired - thrust), self.lower, self.upper)
+        return where(ahead * ahead < self.dead_zone**2, desired, ahead)
 
     def after(self, thrust: Array, command: Array) -> Array:
         """Propagate a thrust (n,) [N] by one tick under a command (n,) [N]."""

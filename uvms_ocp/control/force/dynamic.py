@@ -132,9 +132,9 @@ class DynamicController(TableDisplay):
             self.learner = _learner(laws, load)
         """Learner of the tool's load; `None` where nothing is learnt."""
 
-    def __call__(self, measurement: StateEstimate, t: float) -> Command:
+    def __call__(self, estimate: StateEstimate, t: float) -> Command:
         """The command for the tick at time t [s]."""
-        tick = self.kinematic.observe(measurement, t)
+        tick = self.kinematic.observe(estimate, t)
         sound = tick.measurement
         command = self.kinematic.command(tick)
         bounds = tick.restriction
@@ -153,7 +153,7 @@ class DynamicController(TableDisplay):
 
     @checked
     def catch_up(
-        self, measurement: StateEstimate, t: float, ticks: int, at_limits: tuple[int, ...]
+        self, estimate: StateEstimate, t: float, ticks: int, at_limits: tuple[int, ...]
     ) -> None:
         """Take note of what kernels alone have done, as `KinematicController.catch_up`.
 
@@ -163,14 +163,14 @@ class DynamicController(TableDisplay):
         self._name_thrusters(at_limits)
         met = self.kinematic.memory.distress  # the force layer in the tick before
         self.kinematic.catch_up(
-            measurement, t, ticks, self._feedback(bool(met.short), met.push, met.spent)
+            estimate, t, ticks, self._feedback(bool(met.short), met.push, met.spent)
         )
         if self._detection.changed and self.monitor is not None:
             self._update_monitor(self.monitor, t)
 
     def _feedback(self, short: bool, push: float, spent: float) -> ActuationFeedback:
         fault = self._fault
-        known = self._fault_summary
+        summary = self._fault_summary
         jammed = self._jammed
         limited = self._at_limits
         return _feedback(
@@ -178,7 +178,7 @@ class DynamicController(TableDisplay):
             push=push,
             spent=spent,
             fault=fault,
-            fault_summary=known,
+            fault_summary=summary,
             jammed=jammed,
             at_limits=limited,
         )

@@ -163,8 +163,8 @@ def apply_detected_effectiveness(m: ForceMemory) -> None:
 def _share_changes(m: ForceMemory) -> bool:
     changes = False
     for i in range(len(m.state.share)):
-        asked = m.inputs.feedback[0] if i < m.detection.n_vehicle else m.inputs.joint_feedback[0]
-        changes = changes or m.state.share[i] != asked
+        required = m.inputs.feedback[0] if i < m.detection.n_vehicle else m.inputs.joint_feedback[0]
+        changes = changes or m.state.share[i] != required
     return changes
 
 

@@ -389,14 +389,14 @@ def _observed(
         v_hat=observed.v_hat,
         follows=observed.follows,
     )
-    found = law.after(before, laws.velocity.dynamics, inputs.q, inputs.v, force, observed.share)
+    updated = law.after(before, laws.velocity.dynamics, inputs.q, inputs.v, force, observed.share)
     held = partial(ca.if_else, inputs.hold)
     return replace(
         observed,
-        estimate=held(ca.if_else(inputs.stop, 0.0, observed.estimate), found.estimate),
-        lead=held(observed.lead, found.lead),
-        v_hat=held(observed.v_hat, found.v_hat),
-        follows=held(0.0, found.follows),
+        estimate=held(ca.if_else(inputs.stop, 0.0, observed.estimate), updated.estimate),
+        lead=held(observed.lead, updated.lead),
+        v_hat=held(observed.v_hat, updated.v_hat),
+        follows=held(0.0, updated.follows),
     )
 
 

@@ -256,10 +256,10 @@ def _since(so: bool, since: float, t: float) -> float:
 
 def _is_high(d: AbortMemory, gates: Vector) -> bool:
     """Return whether the robot should be well above the floor."""
-    found = False
+    is_high = False
     for i in range(len(d.high)):
-        found = found or (d.high[i] != 0 and gates[i] != 0.0)
-    return found
+        is_high = is_high or (d.high[i] != 0 and gates[i] != 0.0)
+    return is_high
 
 
 def _runs_away(d: AbortMemory, m: MissionMemory, t: float, quantities: Vector) -> bool:
@@ -270,11 +270,11 @@ def _runs_away(d: AbortMemory, m: MissionMemory, t: float, quantities: Vector) -
     fallen = m.since != d.began or math.isnan(d.runaway_since)
     for i in range(m.first[m.phase], m.end[m.phase]):
         for k in range(m.first_condition[i], m.end_condition[i]):
-            now = quantities[m.quantity[k]]
+            quantity = quantities[m.quantity[k]]
             held = d.held[m.quantity[k]]
-            if m.below[k] != 0 and not now < m.limit[k]:
-                grown = grown or now > (1.0 + _GROWTH) * held
-                fallen = fallen or not now >= (1.0 - _PROGRESS) * held
+            if m.below[k] != 0 and not quantity < m.limit[k]:
+                grown = grown or quantity > (1.0 + _GROWTH) * held
+                fallen = fallen or not quantity >= (1.0 - _PROGRESS) * held
     d.ticks += 1
     d.short_ticks += 1 if d.short else 0
     late = not fallen and t - d.runaway_since > d.runaway_after

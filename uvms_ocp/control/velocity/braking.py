@@ -197,21 +197,21 @@ def limit_speed(
     q [m, rad]: now. previous [m/s, rad/s]: of the tick before, which was at `pace` of what was
     wanted then.
     """
-    found = _pace(m, less.speed, v, previous, pace)
+    pace_taken = _pace(m, less.speed, v, previous, pace)
     for i in range(len(m.step)):
         if less.joints_held and m.is_joint[i] != 0:
             v[i] = 0.0
         else:
-            v[i] = found * v[i]
+            v[i] = pace_taken * v[i]
     _within(m, v, previous)
     if less.no_descent and m.has_vehicle:
         _lift(beam, q, v, len(m.step))
         _within(m, v, previous)
-    return found
+    return pace_taken
 
 
 def _pace(
-    m: SpeedLimitMemory, speed: float, wanted: Vector, previous: Vector, pace: float
+    m: SpeedLimitMemory, speed: float, desired: Vector, previous: Vector, pace: float
 ) -> float:
     """Approach the speed as far as the acceleration limits allow in this tick; they always allow to
     keep the pace.
@@ -219,9 +219,9 @@ def _pace(
     low = 0.0
     high = 1.0
     for i in range(len(m.step)):
-        if abs(wanted[i]) > _ZERO_SPEED:
-            down = (previous[i] - m.step[i]) / wanted[i]
-            up = (previous[i] + m.step[i]) / wanted[i]
+        if abs(desired[i]) > _ZERO_SPEED:
+            down = (previous[i] - m.step[i]) / desired[i]
+            up = (previous[i] + m.step[i]) / desired[i]
             low = max(low, min(down, up))
             high = min(high, max(down, up))
     return min(max(speed, min(low, pace)), max(high, pace))

@@ -81,9 +81,9 @@ def _sample(m: TracksMemory, k: int, t: float, values: Vector) -> None:
     share = ticks - before
     at = m.first[k] + before * m.width[k]
     for i in range(m.width[k]):
-        now = m.table[at + i]
+        sample = m.table[at + i]
         then = m.table[at + m.width[k] + i]
-        values[m.place[k] + i] = now + share * (then - now)
+        values[m.place[k] + i] = sample + share * (then - sample)
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
@@ -102,16 +102,18 @@ class Track:
 
 def tracks_of(mission: Mission, dt: float) -> tuple[Track, ...]:
     """Sample all goals that move and rest in the end, every dt [s]."""
-    found = []
+    tracks = []
     for phase in range(len(mission.all_phases)):
-        for index, (task, (reference, own)) in enumerate(
+        for index, (task, (reference, from_phase_start)) in enumerate(
             zip(mission.tasks_of(phase), mission.references_of(phase), strict=True)
         ):
             n = _length(task, dt)
             if n and not mission.has_ascent_goal(phase, index):
                 samples = np.array([reference(k * dt) for k in range(n + 1)])
-                found.append(Track(phase=phase, task=index, of_phase=own, samples=samples))
-    return tuple(found)
+                tracks.append(
+                    Track(phase=phase, task=index, of_phase=from_phase_start, samples=samples)
+                )
+    return tuple(tracks)
 
 
 def _length(task: Task, dt: float) -> int:
@@ -230,9 +232,9 @@ class MissionParameters:
 
     def ask(self, state: MissionState, t: float) -> None:
         """Complete what the kernel has taken for the tick at t [s]."""
-        for asked in self.asked[state.phase]:
-            goal = asked.reference(t - (state.since if asked.of_phase else state.began))
-            self._values[asked.place] = goal[: asked.place.stop - asked.place.start]
+        for goal_slot in self.asked[state.phase]:
+            goal = goal_slot.reference(t - (state.since if goal_slot.of_phase else state.began))
+            self._values[goal_slot.place] = goal[: goal_slot.place.stop - goal_slot.place.start]
 
 
 def asked_in_phases(mission: Mission, tracks: Sequence[Track]) -> list[tuple[_Asked, ...]]:
@@ -245,8 +247,8 @@ def asked_in_phases(mission: Mission, tracks: Sequence[Track]) -> list[tuple[_As
 def _asked_in(
     mission: Mission, phase: int, tracked: Collection[tuple[int, int]], places: Sequence[slice]
 ) -> tuple[_Asked, ...]:
-    found = []
-    for i, (task, (reference, own)) in enumerate(
+    slots = []
+    for i, (task, (reference, from_phase_start)) in enumerate(
         zip(mission.tasks_of(phase), mission.references_of(phase), strict=True)
     ):
         if not (
@@ -255,22 +257,25 @@ def _asked_in(
             place = places[i]
             pairs = task.nearest_pairs
             end = place.stop - (0 if pairs is None else pairs.n_parameters)
-            found.append(
+            slots.append(
                 _Asked(
-                    name=task.name, place=slice(place.start, end), reference=reference, of_phase=own
+                    name=task.name,
+                    place=slice(place.start, end),
+                    reference=reference,
+                    of_phase=from_phase_start,
                 )
             )
-    return tuple(found)
+    return tuple(slots)
 
 
 def distance_tasks(mission: Mission) -> list[tuple[int, int, NearestPairs]]:
     """Tasks that ask for distances: index, where its parameters end among those of all, its
     pairs.
     """
-    found = zip(mission.hierarchy.tasks, places_of(mission), strict=True)
+    placed_tasks = zip(mission.hierarchy.tasks, places_of(mission), strict=True)
     return [
         (i, place.stop, task.nearest_pairs)
-        for i, (task, place) in enumerate(found)
+        for i, (task, place) in enumerate(placed_tasks)
         if task.nearest_pairs is not None
     ]
 
@@ -389,14 +394,17 @@ def mission_parameters(
     gates (n_tasks,): of then. Nothing is measured for tasks that are off, and stay off. q (n_q,)
     [m, rad]: as measured. motion: where it could come near a limit.
     """
-    found = zip(
+    active_tasks = zip(
         mission.tasks_of(state.phase),
         mission.references(state, t),
         mission.idle(state, gates),
         strict=True,
     )
     return np.concatenate(
-        [goal if off else task_parameters(task, goal, q, motion) for task, goal, off in found]
+        [
+            goal if off else task_parameters(task, goal, q, motion)
+            for task, goal, off in active_tasks
+        ]
     )
 
 

@@ -128,7 +128,7 @@ class KinematicController(TableDisplay):
         pairs = [pairs for _, _, pairs in asking]
         nearest = task_goals.nearest_sizes(robot, pairs, robot.n_q, robot.n_v)
         room = distance_layout_sizes(
-            [*viability.models_of(guards), *(asked.model for asked in pairs)], robot
+            [*viability.models_of(guards), *(nearest_pairs.model for nearest_pairs in pairs)], robot
         )
         sizes = {
             **viability.viability_sizes(robot, guards, dt),
@@ -218,26 +218,26 @@ class KinematicController(TableDisplay):
         return self
 
     @checked_on_failure
-    def __call__(self, measurement: StateEstimate, t: float) -> Command:
+    def __call__(self, estimate: StateEstimate, t: float) -> Command:
         """The command for the tick at time t [s]."""
-        return self.command(self.observe(measurement, t))
+        return self.command(self.observe(estimate, t))
 
     @checked_on_failure
-    def observe(self, measurement: StateEstimate, t: float) -> TickInputs:
+    def observe(self, estimate: StateEstimate, t: float) -> TickInputs:
         """Begin a tick at time t [s]: what is missing of the measurement is replaced by its last
         value.
         """
         started = perf_counter()
         memory = self.memory
         arrays = self._arrays
-        self._sound.check(measurement)
-        arrays.q[:] = measurement.q
-        arrays.v[:] = measurement.v
+        self._sound.check(estimate)
+        arrays.q[:] = estimate.q
+        arrays.v[:] = estimate.v
         memory.t = t
-        memory.altimeter_range = measurement.altimeter_range
-        memory.age = measurement.age
-        memory.joint_age = measurement.joint_age
-        self._hear(measurement.health)
+        memory.altimeter_range = estimate.altimeter_range
+        memory.age = estimate.age
+        memory.joint_age = estimate.joint_age
+        self._hear(estimate.health)
         bad = self._bad
         if bad or self._restriction is not degraded_modes.FREE:
             degraded_modes.write_channels(memory.restriction, bad)
@@ -245,9 +245,9 @@ class KinematicController(TableDisplay):
             self._state = self.mission.start(t)
         self.prepare(memory)
         self._measuring.answer.check()
-        return self._inputs(self._sound.substitute(measurement), t, started)
+        return self._inputs(self._sound.substitute(estimate), t, started)
 
-    def _inputs(self, measurement: StateEstimate, t: float, started: float) -> TickInputs:
+    def _inputs(self, estimate: StateEstimate, t: float, started: float) -> TickInputs:
         """Inputs of the tick as kernels have left them; what changes of restriction and freshness
         is judged.
         """
@@ -264,12 +264,12 @@ class KinematicController(TableDisplay):
             if memory.echo_is_oldest:
                 channel = degraded_modes.ALTIMETER
             else:
-                channel = measurement.oldest or lost
+                channel = estimate.oldest or lost
             self.watchdog.judge(memory.oldest, t, channel)
         return _tick_state(
             begin=started,
             t=t,
-            measurement=measurement,
+            measurement=estimate,
             echo=arrays.echo.item(),
             altitude_valid=bool(memory.altitude_valid),
             mission=self._state,
@@ -309,7 +309,7 @@ class KinematicController(TableDisplay):
     @checked_on_failure
     def catch_up(
         self,
-        measurement: StateEstimate,
+        estimate: StateEstimate,
         t: float,
         ticks: int,
         feedback: ActuationFeedback | None = None,
@@ -321,8 +321,8 @@ class KinematicController(TableDisplay):
         """
         if feedback is not None:
             self.on_actuation_feedback(feedback)
-        self._hear(measurement.health)
-        self._settle(self._inputs(measurement, t, 0.0), ticks)
+        self._hear(estimate.health)
+        self._settle(self._inputs(estimate, t, 0.0), ticks)
 
     @property
     def quiet_ticks(self) -> int:
@@ -401,7 +401,7 @@ class KinematicController(TableDisplay):
         return f"{waits}; {degraded_modes.describe_channels(bad)}"
 
     def evaluate(
-        self, measurement: StateEstimate, t: float, state: MissionState | None = None
+        self, estimate: StateEstimate, t: float, state: MissionState | None = None
     ) -> dict[str, float]:
         """All quantities at a measurement at time t [s], such as the true state after a run; the
         mission stays where it is.
@@ -410,9 +410,9 @@ class KinematicController(TableDisplay):
         mission was then, for the goals of another phase than the present one.
         """
         state = state or self.state
-        (echo, known) = self._echo.at(measurement)
+        (echo, has_echo) = self._echo.at(estimate)
         gates = self.mission.activations(state, t)
-        q = measurement.q
+        q = estimate.q
         if self.memory.near:
             moves = task_goals.StoppingMotion(
                 robot=self.robot, v=self._arrays.command.copy(), dt=self.dt
@@ -423,10 +423,10 @@ class KinematicController(TableDisplay):
             self.mission, state, t, gates=gates, q=q, motion=moves
         )
         motion = self._arrays.passive, self._arrays.command / self.memory.pace, self._arrays.change
-        outputs = self.problem.function(q, measurement.v, *motion, echo, parameters, gates)
+        outputs = self.problem.function(q, estimate.v, *motion, echo, parameters, gates)
         quantities = np.array(outputs[self.problem.function.index_out("quantities")]).ravel()
         rests = self.problem.rests_on[degraded_modes.ALTIMETER]
-        unknown = [velocity_tick.is_unknown(measurement.age, bool(of), known) for of in rests]
+        unknown = [velocity_tick.is_unknown(estimate.age, bool(of), has_echo) for of in rests]
         return {
             **self._named(np.where(unknown, np.nan, quantities)),
             **self.mission.own_quantities(state, t),
@@ -434,10 +434,10 @@ class KinematicController(TableDisplay):
 
     def _restricted(self, bad: list[ChannelHealth]) -> degraded_modes.Restriction:
         """Read the restriction that the kernel has found."""
-        found = self.memory.restriction
+        restriction = self.memory.restriction
         before = self._restriction
-        if not (bad == list(before.bad) and before.abort == "" and not found.ended):
-            self._restriction = degraded_modes.read_restriction(found, bad)
+        if not (bad == list(before.bad) and before.abort == "" and not restriction.ended):
+            self._restriction = degraded_modes.read_restriction(restriction, bad)
         return self._restriction
 
     def _feel(self) -> None:
@@ -455,17 +455,17 @@ class KinematicController(TableDisplay):
         state = self._state
         quantities = self._named(self._arrays.phase_quantities)
         phases = self.mission.all_phases
-        known = memory.mission
+        progress = memory.mission
         if memory.why:
             why = self._distress.describe(AbortReason(memory.why), tick, quantities, self._feedback)
             goals: tuple[Any, ...] = ()
-            if not is_over(known):
+            if not is_over(progress):
                 goals = self.mission.ascent_goals(ascent_goal(memory.ascent))
             went: tuple[MissionState, Event | None] = state_after_abort(
-                phases, state, known, tick.t, why, goals
+                phases, state, progress, tick.t, why, goals
             )
         else:
-            went = state_after_transition(phases, state, known, memory.due, tick.t, quantities)
+            went = state_after_transition(phases, state, progress, memory.due, tick.t, quantities)
         self._state, event = went
         if event is not None:
             self.events.append(event)

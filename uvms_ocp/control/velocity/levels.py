@@ -67,8 +67,8 @@ def jerk_limit_rows(symbols: TickSymbols, previous: ca.SX, change: ca.SX) -> Row
     # An axis that was braked to a standstill stays there: what is left of the braking must not push
     # it backwards.
     falling = stopping_speed(ca.fabs(previous), deceleration=jerk, dt=dt) * dt
-    most = falling + ca.if_else(change * previous > 0, ca.inf, 0)
-    held = previous + ca.fmin(ca.fmax(change, -most), most)
+    largest_change = falling + ca.if_else(change * previous > 0, ca.inf, 0)
+    held = previous + ca.fmin(ca.fmax(change, -largest_change), largest_change)
     free = symbolic_bodies.sparse(unlimited_axes(symbols.robot))
     return Rows(
         jacobian=ca.SX.eye(n_v),
@@ -83,21 +83,21 @@ def unlimited_axes(robot: Robot) -> np.ndarray:
     """Return (n_v,) infinity for axes that no thruster drives, and that heed no limit; 0 for the
     others.
     """
-    found = np.zeros(robot.n_v)
-    found[list(thrusters.undriven_axes(robot))] = np.inf
-    return found
+    unlimited = np.zeros(robot.n_v)
+    unlimited[list(thrusters.undriven_axes(robot))] = np.inf
+    return unlimited
 
 
-def smooth_share(wanted: ca.SX, acceleration: ca.SX, dt: float) -> ca.SX:
+def smooth_share(desired: ca.SX, acceleration: ca.SX, dt: float) -> ca.SX:
     """Share (m,) of the changes `wanted` (m,) [any/s] that rates can make in this tick, so as to
     arrive smoothly.
 
     acceleration (m,) [any/s2]: largest of each rate. dt [s].
     """
-    return ca.fmin(_share(wanted, acceleration, dt), falling_share(wanted, acceleration, dt))
+    return ca.fmin(_share(desired, acceleration, dt), falling_share(desired, acceleration, dt))
 
 
-def common_share(wanted: ca.SX, acceleration: ca.SX, dt: float) -> ca.SX:
+def common_share(desired: ca.SX, acceleration: ca.SX, dt: float) -> ca.SX:
     """Shares (m,) of rows that change in proportion: the least of `smooth_share` over those that
     the axes can move.
 
@@ -105,32 +105,32 @@ def common_share(wanted: ca.SX, acceleration: ca.SX, dt: float) -> ca.SX:
     has its own share: in proportion to it none would move. wanted (m,) [any/s]; acceleration (m,)
     [any/s2]; dt [s].
     """
-    share = _share(wanted, acceleration, dt)
-    excess = _excess(wanted, acceleration, dt)
+    share = _share(desired, acceleration, dt)
+    excess = _excess(desired, acceleration, dt)
     moved = acceleration > _LITTLE * ca.mmax(acceleration)
     # One root for all of them.
-    least = ca.mmin(ca.if_else(moved, share, ca.inf))
-    common = ca.fmin(least, _falling(ca.mmax(ca.if_else(moved, excess, 0))))
+    smallest_share = ca.mmin(ca.if_else(moved, share, ca.inf))
+    common = ca.fmin(smallest_share, _falling(ca.mmax(ca.if_else(moved, excess, 0))))
     return ca.if_else(moved, common, ca.fmin(ca.fmin(share, _falling(excess)), common))
 
 
-def falling_share(wanted: ca.SX, acceleration: ca.SX, dt: float) -> ca.SX:
+def falling_share(desired: ca.SX, acceleration: ca.SX, dt: float) -> ca.SX:
     """Limit the share like `smooth_share`, for the acceleration limit itself: it falls to 0 on the
     last part of the way.
 
     wanted (m,) [any/s]; acceleration (m,) [any/s2]; dt [s].
     """
-    return _falling(_excess(wanted, acceleration, dt))
+    return _falling(_excess(desired, acceleration, dt))
 
 
-def _share(wanted: ca.SX, acceleration: ca.SX, dt: float) -> ca.SX:
-    return acceleration * dt / ca.fmax(ca.fabs(wanted), _NOTHING)
+def _share(desired: ca.SX, acceleration: ca.SX, dt: float) -> ca.SX:
+    return acceleration * dt / ca.fmax(ca.fabs(desired), _NOTHING)
 
 
-def _excess(wanted: ca.SX, acceleration: ca.SX, dt: float) -> ca.SX:
+def _excess(desired: ca.SX, acceleration: ca.SX, dt: float) -> ca.SX:
     """Ratio of the desired change to what the jerk alone allows in one tick."""
     jerk = ca.fmax(ca.fmin(acceleration, ENDLESS), 1 / ENDLESS) / _FALL
-    return 2 * ca.fabs(wanted) / (jerk * dt**2)
+    return 2 * ca.fabs(desired) / (jerk * dt**2)
 
 
 def _falling(excess: ca.SX) -> ca.SX:
@@ -167,8 +167,8 @@ def reachable_rows(
     present = rows.jacobian @ previous
     acceleration = row_acceleration(rows.jacobian, limits.acceleration)
     if equality:
-        wanted = rows.rate - present
-        lower = upper = present + common_share(wanted, acceleration, dt) * wanted
+        desired = rows.rate - present
+        lower = upper = present + common_share(desired, acceleration, dt) * desired
     else:
         if _is_endless(rows.lower):
             lower = rows.lower
@@ -200,12 +200,14 @@ def _way(room: ca.SX, acceleration: ca.SX, dt: float, eased: bool) -> ca.SX:
     """How far (m,) rates may go in this tick towards bounds that leave them this room (m,);
     negative: have to come back.
     """
-    near = ca.fmin(room, ENDLESS)
-    ahead = ca.if_else(room < ENDLESS, near * falling_share(near, acceleration, dt), ca.inf)
+    bounded_room = ca.fmin(room, ENDLESS)
+    ahead = ca.if_else(
+        room < ENDLESS, bounded_room * falling_share(bounded_room, acceleration, dt), ca.inf
+    )
     if eased:
-        back = near * smooth_share(near, acceleration, dt)
+        back = bounded_room * smooth_share(bounded_room, acceleration, dt)
     else:
-        back = ca.fmax(near, -acceleration * dt)
+        back = ca.fmax(bounded_room, -acceleration * dt)
     return ca.if_else(room > 0, ahead, back)
 
 
@@ -288,8 +290,8 @@ def _expression_key(task: Task, robot: Robot) -> Hashable:
 
     Equal to none where that cannot be known, as of a user's code.
     """
-    known = (*_AS_PARAMETERS, *numbers_of(task))
-    names = [item.name for item in fields(task) if item.init and item.name not in known]
+    numeric_fields = (*_AS_PARAMETERS, *numbers_of(task))
+    names = [item.name for item in fields(task) if item.init and item.name not in numeric_fields]
     key = (type(task), task.n_parameters(robot), *(getattr(task, name) for name in names))
     with suppress(TypeError):
         hash(key)
@@ -323,24 +325,26 @@ def _with_symbols(tasks: Sequence[Task], numbers: ca.SX) -> Hierarchy:
 
 
 @lru_cache(maxsize=8)
-def _levels_with(numbers: tuple[float, ...], *given: Any) -> LevelsProblem:
+def _levels_with(numbers: tuple[float, ...], *problem_key: Any) -> LevelsProblem:
     """The `_known_levels` at these numbers [as the fields of tasks], which no graph and no code is
     made for.
     """
-    known = _known_levels(*given)
-    return replace(known, function=with_numbers(known.function, numbers))
+    problem = _known_levels(*problem_key)
+    return replace(problem, function=with_numbers(problem.function, numbers))
 
 
 @lru_cache(maxsize=8)
 def _known_levels(
-    robot: Robot, given: Keyed, dt: float, beside_tasks: tuple[str, ...]
+    robot: Robot, keyed_hierarchy: Keyed, dt: float, beside_tasks: tuple[str, ...]
 ) -> LevelsProblem:
     """Make them once for all runs of a robot and its tasks; the last input of the function are the
     numbers of tasks.
     """
     symbols = tick_symbols(robot, dt)
-    numbers = ca.SX.sym("numbers", sum(len(numbers_of(task)) for task in given.value.tasks))
-    hierarchy = _with_symbols(given.value.tasks, numbers)
+    numbers = ca.SX.sym(
+        "numbers", sum(len(numbers_of(task)) for task in keyed_hierarchy.value.tasks)
+    )
+    hierarchy = _with_symbols(keyed_hierarchy.value.tasks, numbers)
     previous = ca.SX.sym("previous", robot.n_v)
     change = ca.SX.sym("change", robot.n_v)
     parameters = ca.SX.sym("parameters", sum(task.n_parameters(robot) for task in hierarchy.tasks))
@@ -357,17 +361,17 @@ def _known_levels(
             rows if _is_safety(task) else countered_rows(rows, mean, symbols, passive, lean)
             for task, rows, mean in zip(hierarchy.tasks, tasks, means, strict=True)
         ]
-    wanted = [
+    task_levels = [
         _Level(task.name, _reachable(task, rows, symbols, previous, gate), gate)
         for task, rows, gate in zip(hierarchy.tasks, tasks, ca.vertsplit(gates), strict=True)
     ]
     n_safe = len(list(takewhile(_is_safety, hierarchy.tasks)))
     levels = [
         _Level(LIMITS, _limit_rows(symbols, previous)),
-        *wanted[:n_safe],
+        *task_levels[:n_safe],
         *leaning,
         _Level(JERK_LIMIT, jerk_limit_rows(symbols, previous, change)),
-        *wanted[n_safe:],
+        *task_levels[n_safe:],
         _Level(REST, _rest_rows(symbols, previous)),
     ]
     quantities = {

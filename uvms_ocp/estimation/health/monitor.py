@@ -528,20 +528,20 @@ class HealthMonitor:
             if not behind or not buffer.memory.behind:
                 buffer.used = buffer.seen
 
-    def judge(self, measurement: StateEstimate, t: float) -> tuple[ChannelHealth, ...]:
+    def judge(self, estimate: StateEstimate, t: float) -> tuple[ChannelHealth, ...]:
         """Judge all channels at time t [s], with the estimate that the filter made of the
         readings.
         """
-        is_estimated = measurement.age < math.inf
+        is_estimated = estimate.age < math.inf
         if is_estimated:
-            self._note(measurement)
+            self._note(estimate)
         if self._judge(self.memory, t, is_estimated):
             self.publish(t)
         return self._health
 
     def finish(
         self,
-        measurement: StateEstimate,
+        estimate: StateEstimate,
         support: EstimateSupport,
         outcomes: ctypes.Array[ctypes.c_double],
         t: float,
@@ -552,16 +552,16 @@ class HealthMonitor:
         support: an `EstimateSupport`, which then has the ages. outcomes (36,) [s, -, -, -]:
         `GatedEstimator.outcomes`. t [s] is the time of the tick.
         """
-        self._note(measurement)
+        self._note(estimate)
         if self._finish(self.memory, support, outcomes, t):
             self.publish(t)
         return self._health
 
-    def _note(self, measurement: StateEstimate) -> None:
-        self._q[:] = measurement.q
-        self._v[:] = measurement.v
+    def _note(self, estimate: StateEstimate) -> None:
+        self._q[:] = estimate.q
+        self._v[:] = estimate.v
         if self._beam is not None and self._beam.moves:
-            self._beam.place(measurement.q[self._joint_q])
+            self._beam.place(estimate.q[self._joint_q])
 
     def publish(self, t: float) -> None:
         """Publish the verdicts that changed at time t [s], and log alarms."""
